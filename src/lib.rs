@@ -1,0 +1,9 @@
+//! `hapticd`: open, device-agnostic, 6-DoF haptic rendering with the voxmap-pointshell algorithm.
+//!
+//! The rooms, in the order in which the data walks them:
+//!
+//! | room | does |
+//! |---|---|
+//! | [`spatial`] | poses, twists, wrenches, frames, signs: the shared vocabulary |
+
+pub mod spatial;

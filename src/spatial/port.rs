@@ -1,0 +1,85 @@
+//! What crosses between an arm and the renderer: a pose sample one way (a wrench goes the other way).
+
+use super::{Pose, Twist};
+
+/// How a sample came about.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum SampleStatus {
+    /// New since the last tick.
+    #[default]
+    Fresh,
+    /// No new report arrived; the values repeat the last one.
+    Stale,
+    /// The device is gone; the values mean nothing.
+    Lost,
+}
+
+/// The newest state of an arm, as the device layer hands it to the tick. `Copy`, no heap.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DeviceSample {
+    /// Grip pose in the device frame, `device_from_grip`.
+    pub pose: Pose,
+    /// Velocity of the grip point and angular velocity, device axes (`measured_cv`).
+    pub twist: Twist,
+    /// Gripper opening, rad; 0 where the arm has none.
+    pub grip_rad: f64,
+    /// Button states, bit 0 first.
+    pub buttons: u32,
+    /// Counts fresh samples from 1.
+    pub sequence: u64,
+    /// Whether the sample is new.
+    pub status: SampleStatus,
+}
+
+impl Default for DeviceSample {
+    fn default() -> Self {
+        Self { pose: Pose::IDENTITY, twist: Twist::ZERO, grip_rad: 0.0, buttons: 0, sequence: 0, status: SampleStatus::Stale }
+    }
+}
+
+/// A subset of the six axes x y z rx ry rz plus the grip, in the device frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Axes(u8);
+
+impl Axes {
+    /// No axis.
+    pub const NONE: Self = Self(0);
+    /// x, y, z.
+    pub const TRANSLATION: Self = Self(0b000_0111);
+    /// rx, ry, rz.
+    pub const ROTATION: Self = Self(0b011_1000);
+    /// All six, no grip.
+    pub const SIX: Self = Self(0b011_1111);
+    /// The names that profiles use, in bit order.
+    pub const NAMES: [&'static str; 7] = ["x", "y", "z", "rx", "ry", "rz", "grip"];
+
+    /// The axis of that name as a set of one; `None` for an unknown name.
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::NAMES.iter().position(|known| *known == name).map(|bit| Self(1 << bit))
+    }
+
+    /// Both sets together.
+    pub const fn union(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+
+    /// True when every axis of `other` is in `self`.
+    pub const fn contains(self, other: Self) -> bool {
+        self.0 & other.0 == other.0
+    }
+
+    /// True for axis number 0..=6 (x y z rx ry rz grip).
+    pub const fn has(self, axis_idx: usize) -> bool {
+        self.0 >> axis_idx & 1 == 1
+    }
+
+    /// How many axes, the grip included.
+    pub const fn count(self) -> u32 {
+        self.0.count_ones()
+    }
+
+    /// Names of the axes in the set.
+    pub fn names(self) -> impl Iterator<Item = &'static str> {
+        Self::NAMES.into_iter().enumerate().filter(move |(bit, _)| self.has(*bit)).map(|(_, name)| name)
+    }
+}

@@ -1,0 +1,86 @@
+//! Twists and wrenches: the two halves of a power port.
+
+use core::ops::{Add, Mul, Neg, Sub};
+
+use glam::DVec3;
+
+/// Linear velocity of a reference point and angular velocity; the frame is named where it is declared.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Twist {
+    /// m/s
+    pub linear: DVec3,
+    /// rad/s
+    pub angular: DVec3,
+}
+
+impl Twist {
+    /// At rest.
+    pub const ZERO: Self = Self { linear: DVec3::ZERO, angular: DVec3::ZERO };
+
+    /// True when every component is a finite number.
+    pub fn is_finite(self) -> bool {
+        self.linear.is_finite() && self.angular.is_finite()
+    }
+}
+
+/// Force and torque; the frame and the reduction point are named where it is declared.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Wrench {
+    /// N
+    pub force: DVec3,
+    /// N·m
+    pub torque: DVec3,
+}
+
+impl Wrench {
+    /// No force, no torque; every bit zero.
+    pub const ZERO: Self = Self { force: DVec3::ZERO, torque: DVec3::ZERO };
+
+    /// A wrench from its parts.
+    pub const fn new(force: DVec3, torque: DVec3) -> Self {
+        Self { force, torque }
+    }
+
+    /// The same wrench reduced at another point: τ_b = τ_a + (p_a − p_b) × F.
+    pub fn moved(self, from_point: DVec3, to_point: DVec3) -> Self {
+        Self { force: self.force, torque: self.torque + (from_point - to_point).cross(self.force) }
+    }
+
+    /// Power of this wrench on a twist of the same frame and reduction point, W.
+    pub fn power(self, twist: Twist) -> f64 {
+        self.force.dot(twist.linear) + self.torque.dot(twist.angular)
+    }
+
+    /// True when every component is a finite number.
+    pub fn is_finite(self) -> bool {
+        self.force.is_finite() && self.torque.is_finite()
+    }
+}
+
+impl Add for Wrench {
+    type Output = Self;
+    fn add(self, rhs: Self) -> Self {
+        Self { force: self.force + rhs.force, torque: self.torque + rhs.torque }
+    }
+}
+
+impl Sub for Wrench {
+    type Output = Self;
+    fn sub(self, rhs: Self) -> Self {
+        Self { force: self.force - rhs.force, torque: self.torque - rhs.torque }
+    }
+}
+
+impl Neg for Wrench {
+    type Output = Self;
+    fn neg(self) -> Self {
+        Self { force: -self.force, torque: -self.torque }
+    }
+}
+
+impl Mul<f64> for Wrench {
+    type Output = Self;
+    fn mul(self, scale: f64) -> Self {
+        Self { force: self.force * scale, torque: self.torque * scale }
+    }
+}
