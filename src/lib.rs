@@ -5,5 +5,7 @@
 //! | room | does |
 //! |---|---|
 //! | [`spatial`] | poses, twists, wrenches, frames, signs: the shared vocabulary |
+//! | [`mesh`] | files and shapes → triangles |
 
+pub mod mesh;
 pub mod spatial;

@@ -1,0 +1,562 @@
+//! Closest point of a triangle to a point, exact, with the feature of the triangle on which it lies.
+//!
+//! Two methods, as in the paper that this crate follows:
+//! - B, [`TriangleProjector`], used everywhere: a constrained quadratic minimum with seven Karush-Kuhn-Tucker candidates;
+//! - A, [`project_by_voronoi_clamp`], kept as an independent reference: projection on the plane, then a clamp to the boundary.
+//!
+//! Invariant: neither panics nor gives NaN for finite input, however thin the triangle is. Degenerate triangles (collinear or
+//! coincident corners) have no interior: their points lie on edges and vertices.
+//!
+//! # Source
+//! Sagardia2008, section 4 (pointshell generation, methods A and B). The paper gives the problem; the closed forms of the
+//! candidates, the division-free form of the multiplier signs and the care for thin triangles are ours. With
+//! `T(s,t) = B + s E0 + t E1`, `r = B - P`, `a = E0·E0`, `b = E0·E1`, `c = E1·E1`, `d = E0·r`, `e = E1·r`, `Δ = ac - b²`,
+//! `S = be - cd` and `U = bd - ae`, the candidates and their multipliers are
+//!
+//! | candidate | s, t | multipliers ≥ 0 |
+//! |---|---|---|
+//! | interior | S/Δ, U/Δ | none: S ≥ 0, U ≥ 0, S + U ≤ Δ |
+//! | edge t = 0 | -d/a, 0 | λ₂ = -2U/a |
+//! | edge s = 0 | 0, -e/c | λ₁ = -2S/c |
+//! | edge s + t = 1 | (c+e-b-d)/(a-2b+c), 1-s | λ₃ = -2(Δ-S-U)/(a-2b+c) |
+//! | vertex 0 | 0, 0 | λ₁ = 2d, λ₂ = 2e |
+//! | vertex 1 | 1, 0 | λ₃ = -2(a+d), λ₂ = 2(b+e-a-d) |
+//! | vertex 2 | 0, 1 | λ₃ = -2(c+e), λ₁ = 2(b+d-c-e) |
+
+use glam::DVec3;
+
+/// Feature of a triangle on which a closest point lies.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Region {
+    /// Inside the triangle, or on its border by rounding only.
+    Interior,
+    /// On edge k, which runs from corner k to corner k + 1 (modulo 3).
+    Edge(u8),
+    /// At corner k.
+    Vertex(u8),
+}
+
+impl Region {
+    /// True for the interior: the points that phase 1 of the pointshell keeps.
+    pub fn is_interior(self) -> bool {
+        self == Self::Interior
+    }
+}
+
+/// A closest point.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Projection {
+    /// The point of the triangle, same frame and unit as the corners.
+    pub point: DVec3,
+    /// Where on the triangle it lies.
+    pub region: Region,
+    /// Squared distance to the projected point; infinite where the square is out of range.
+    pub distance_squared: f64,
+}
+
+/// Squared sine of the angle at the base corner below which the closed forms lose digits and the careful path is taken.
+///
+/// The rounding error of `S/Δ` grows like ε/sin², so this keeps it near 2e-14. The base corner has the largest angle: only
+/// angles above 174.3° fall below.
+const THIN_SIN_SQUARED: f64 = 1e-2;
+
+/// Squared sine below which the computed normal of a triangle is rounding noise: the triangle is a segment.
+const FLAT_SIN_SQUARED: f64 = 1e-28;
+
+/// Products of four lengths below this are near the underflow of `f64`: the triangle takes the careful path.
+const TINY_FOURTH_POWER: f64 = 1e-200;
+
+/// Method B: one triangle, prepared so that many points can be projected on it cheaply.
+///
+/// The base corner B of the parametrisation is the one with the largest angle (opposite the longest edge), which keeps the
+/// two by two system well conditioned for needle-shaped triangles; regions are reported in the caller's corner order.
+#[derive(Clone, Debug)]
+pub struct TriangleProjector {
+    /// B, B + E0, B + E1: the caller's corners, rotated so that the base corner comes first.
+    corners: [DVec3; 3],
+    edge0: DVec3,
+    edge1: DVec3,
+    a: f64,
+    b: f64,
+    c: f64,
+    delta: f64,
+    inverse_a: f64,
+    inverse_c: f64,
+    inverse_delta: f64,
+    /// 1 / (a - 2b + c), the inverse squared length of the edge opposite B.
+    inverse_opposite: f64,
+    /// Caller's number of each rotated corner, and of the edge that starts there.
+    names: [u8; 3],
+    /// The closed forms may be used.
+    well_shaped: bool,
+}
+
+impl TriangleProjector {
+    /// Prepares a triangle; any three corners will do, degenerate ones included.
+    pub fn new(corners: &[DVec3; 3]) -> Self {
+        let edges_squared = [0, 1, 2].map(|k| (corners[(k + 1) % 3] - corners[k]).length_squared());
+        // Edge k + 1 is opposite corner k. Ties keep the lowest corner, so that the result does not depend on the platform.
+        let mut base = 0;
+        for k in 1..3 {
+            if edges_squared[(k + 1) % 3] > edges_squared[(base + 1) % 3] {
+                base = k;
+            }
+        }
+        let order = [base, (base + 1) % 3, (base + 2) % 3];
+        let corners = order.map(|k| corners[k]);
+        let (edge0, edge1) = (corners[1] - corners[0], corners[2] - corners[0]);
+        let (a, b, c) = (edge0.length_squared(), edge0.dot(edge1), edge1.length_squared());
+        let delta = a * c - b * b;
+        let well_shaped = delta > THIN_SIN_SQUARED * a * c && delta > TINY_FOURTH_POWER && delta.is_finite();
+        Self {
+            corners,
+            edge0,
+            edge1,
+            a,
+            b,
+            c,
+            delta,
+            inverse_a: a.recip(),
+            inverse_c: c.recip(),
+            inverse_delta: delta.recip(),
+            inverse_opposite: (corners[2] - corners[1]).length_squared().recip(),
+            names: order.map(|k| k as u8),
+            well_shaped,
+        }
+    }
+
+    /// Closest point of the triangle to `point`.
+    ///
+    /// Cost: no heap, no square root, at most one multiplication by a stored inverse. A non-finite `point` gives a corner and
+    /// a distance that is not a number.
+    #[inline]
+    pub fn project(&self, point: DVec3) -> Projection {
+        if !self.well_shaped {
+            return self.project_carefully(point);
+        }
+        let Self { a, b, c, delta, .. } = *self;
+        let r = self.corners[0] - point;
+        let (d, e) = (self.edge0.dot(r), self.edge1.dot(r));
+        let (s_delta, t_delta) = (b * e - c * d, b * d - a * e);
+
+        if s_delta >= 0.0 && t_delta >= 0.0 && s_delta + t_delta <= delta {
+            let (s, t) = (s_delta * self.inverse_delta, t_delta * self.inverse_delta);
+            return finish(point, self.corners[0] + self.edge0 * s + self.edge1 * t, Region::Interior);
+        }
+        if t_delta <= 0.0 && d < 0.0 && -d < a {
+            return finish(point, self.corners[0] + self.edge0 * (-d * self.inverse_a), Region::Edge(self.names[0]));
+        }
+        if s_delta <= 0.0 && e < 0.0 && -e < c {
+            return finish(point, self.corners[0] + self.edge1 * (-e * self.inverse_c), Region::Edge(self.names[2]));
+        }
+        // Along the opposite edge the squared distance changes by these amounts at its two ends.
+        let (from_second, from_first) = (c + e - b - d, a + d - b - e);
+        if s_delta + t_delta >= delta && from_second > 0.0 && from_first > 0.0 {
+            // Counted from the nearer corner, so that the result does not leave the edge by cancellation.
+            let s = from_second * self.inverse_opposite;
+            return finish(point, self.corners[2] + (self.corners[1] - self.corners[2]) * s.min(1.0), Region::Edge(self.names[1]));
+        }
+        if d >= 0.0 && e >= 0.0 {
+            return finish(point, self.corners[0], Region::Vertex(self.names[0]));
+        }
+        if a + d <= 0.0 && from_first <= 0.0 {
+            return finish(point, self.corners[1], Region::Vertex(self.names[1]));
+        }
+        if c + e <= 0.0 && from_second <= 0.0 {
+            return finish(point, self.corners[2], Region::Vertex(self.names[2]));
+        }
+        // In exact arithmetic one candidate holds. Rounding can refuse all of them on a border between two regions.
+        self.project_carefully(point)
+    }
+
+    /// The same answer by comparing distances: for thin and degenerate triangles, borders, and overflow.
+    #[cold]
+    fn project_carefully(&self, point: DVec3) -> Projection {
+        let mut best = finish(point, self.corners[0], Region::Vertex(self.names[0]));
+        for k in 0..3 {
+            let next = (k + 1) % 3;
+            let candidate = project_on_segment(self.corners[k], self.corners[next], [self.names[k], self.names[next]], point);
+            if candidate.distance_squared < best.distance_squared {
+                best = candidate;
+            }
+        }
+        let normal = self.edge0.cross(self.edge1);
+        let normal_squared = normal.length_squared();
+        if normal_squared > FLAT_SIN_SQUARED * self.a * self.c && normal_squared > 0.0 {
+            let s_axis = self.edge1.cross(normal) / normal_squared;
+            let t_axis = normal.cross(self.edge0) / normal_squared;
+            let (mut s, mut t, mut foot) = (0.0, 0.0, self.corners[0]);
+            // Two steps of iterative refinement: the first solution of a thin triangle is off by ε·length/thickness along it.
+            for _ in 0..3 {
+                let rest = point - foot;
+                s += s_axis.dot(rest);
+                t += t_axis.dot(rest);
+                foot = self.corners[0] + self.edge0 * s + self.edge1 * t;
+            }
+            if s >= 0.0 && t >= 0.0 && s + t <= 1.0 {
+                let candidate = finish(point, foot, Region::Interior);
+                if candidate.distance_squared <= best.distance_squared {
+                    best = candidate;
+                }
+            }
+        }
+        if best.distance_squared.is_finite() { best } else { self.project_scaled(point) }
+    }
+
+    /// The same problem in units in which nothing overflows.
+    #[cold]
+    fn project_scaled(&self, point: DVec3) -> Projection {
+        let largest =
+            self.corners.iter().fold(point.abs().max_element(), |largest, corner| largest.max(corner.abs().max_element()));
+        let corner = finish(point, self.corners[0], Region::Vertex(self.names[0]));
+        // Below this size a squared distance cannot have overflowed: some input was not a number.
+        if !largest.is_finite() || largest < 1e100 {
+            return corner;
+        }
+        // Halved before the division: the inverse of the largest numbers is not normal.
+        let scale = 0.5 * largest;
+        let mut scaled = Self::new(&self.corners.map(|corner| corner / scale)).project(point / scale);
+        let names = &self.names;
+        scaled.region = match scaled.region {
+            Region::Interior => Region::Interior,
+            Region::Edge(k) => Region::Edge(names[usize::from(k)]),
+            Region::Vertex(k) => Region::Vertex(names[usize::from(k)]),
+        };
+        let limit = DVec3::splat(f64::MAX);
+        Projection {
+            point: (scaled.point * scale).clamp(-limit, limit),
+            region: scaled.region,
+            distance_squared: scaled.distance_squared * scale * scale,
+        }
+    }
+}
+
+/// Method A: projection on the plane of the triangle, then the nearest point of the boundary when that falls outside.
+///
+/// Kept as a reference for [`TriangleProjector`]; thin triangles lose digits here.
+///
+/// # Source
+/// Sagardia2008, section 4, method A.
+pub fn project_by_voronoi_clamp(corners: &[DVec3; 3], point: DVec3) -> Projection {
+    let (edge0, edge1) = (corners[1] - corners[0], corners[2] - corners[0]);
+    let normal = edge0.cross(edge1);
+    let normal_squared = normal.length_squared();
+    let flat = normal_squared <= FLAT_SIN_SQUARED * edge0.length_squared() * edge1.length_squared();
+    let foot = if flat { point } else { point - normal * (normal.dot(point - corners[0]) / normal_squared) };
+
+    let mut best: Option<Projection> = None;
+    for k in 0..3_u8 {
+        let (from, to) = (corners[usize::from(k)], corners[usize::from((k + 1) % 3)]);
+        let outside = flat || (to - from).cross(foot - from).dot(normal) < 0.0;
+        if outside {
+            let candidate = project_on_segment(from, to, [k, (k + 1) % 3], point);
+            if best.is_none_or(|best| candidate.distance_squared < best.distance_squared) {
+                best = Some(candidate);
+            }
+        }
+    }
+    best.unwrap_or_else(|| finish(point, foot, Region::Interior))
+}
+
+/// Closest point of a segment; `names` are the numbers of its two corners, the first also names the edge.
+fn project_on_segment(from: DVec3, to: DVec3, names: [u8; 2], point: DVec3) -> Projection {
+    let edge = to - from;
+    let length_squared = edge.length_squared();
+    let along = edge.dot(point - from);
+    if !(length_squared > 0.0 && along > 0.0) {
+        finish(point, from, Region::Vertex(names[0]))
+    } else if along >= length_squared {
+        finish(point, to, Region::Vertex(names[1]))
+    } else {
+        finish(point, from + edge * (along / length_squared), Region::Edge(names[0]))
+    }
+}
+
+/// A projection with its distance measured at the point that is returned, not taken from the quadratic form.
+#[inline]
+fn finish(point: DVec3, foot: DVec3, region: Region) -> Projection {
+    Projection { point: foot, region, distance_squared: (point - foot).length_squared() }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::hint::black_box;
+    use std::time::Instant;
+
+    use proptest::prelude::*;
+
+    use super::*;
+
+    /// SplitMix64: seeded, so that a failure can be run again.
+    struct Random(u64);
+
+    impl Random {
+        fn bits(&mut self) -> u64 {
+            self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+            let mut bits = self.0;
+            bits = (bits ^ (bits >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+            bits = (bits ^ (bits >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+            bits ^ (bits >> 31)
+        }
+
+        /// Uniform in [-1, 1).
+        fn signed(&mut self) -> f64 {
+            (self.bits() >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
+        }
+
+        fn vector(&mut self) -> DVec3 {
+            DVec3::new(self.signed(), self.signed(), self.signed())
+        }
+
+        /// Between 1 and 10^-digits, evenly in the exponent.
+        fn small(&mut self, digits: f64) -> f64 {
+            10_f64.powf(-digits * (0.5 + 0.5 * self.signed()))
+        }
+    }
+
+    fn random_triangle(random: &mut Random, kind: u64) -> [DVec3; 3] {
+        let first = random.vector();
+        let along = random.vector();
+        let mut corners = match kind % 8 {
+            // Caps: three corners almost on one line, down to a thickness of 1e-14.
+            0 => [first, first + along, first + along * (0.5 + 0.4 * random.signed()) + random.vector() * random.small(14.0)],
+            // Needles: one edge far shorter than the others.
+            1 => [first, first + along, first + along + random.vector() * random.small(14.0)],
+            // Collinear up to the last bit, two equal corners, one point.
+            2 => [first, first + along, first + along * random.signed() * 2.0],
+            3 => [first, first, first + along],
+            4 if kind % 16 == 4 => [first; 3],
+            _ => [first, random.vector(), random.vector()],
+        };
+        corners.rotate_left((random.bits() % 3) as usize);
+        if random.bits() & 1 == 0 {
+            corners.swap(0, 1);
+        }
+        corners
+    }
+
+    fn random_point(random: &mut Random, corners: &[DVec3; 3]) -> DVec3 {
+        let (s, t) = (random.signed() * 1.5 + 0.5, random.signed() * 1.5 + 0.5);
+        let in_plane = corners[0] + (corners[1] - corners[0]) * s + (corners[2] - corners[0]) * t;
+        match random.bits() % 6 {
+            0 => random.vector() * 1e3,
+            1 => in_plane,
+            2 => corners[(random.bits() % 3) as usize],
+            3 => in_plane + random.vector() * random.small(12.0),
+            4 => corners[0] + (corners[1] - corners[0]) * (0.5 + 0.5 * s),
+            _ => random.vector() * 2.0,
+        }
+    }
+
+    /// The smallest distance over the seven candidates, each made feasible first; nothing is shared with the tested code.
+    fn exhaustive_distance(corners: &[DVec3; 3], point: DVec3) -> f64 {
+        let mut smallest = f64::INFINITY;
+        for k in 0..3 {
+            let (from, to) = (corners[k], corners[(k + 1) % 3]);
+            smallest = smallest.min(point.distance(from));
+            let (edge, length) = (to - from, from.distance(to));
+            if length > 0.0 {
+                let share = ((edge / length).dot(point - from) / length).clamp(0.0, 1.0);
+                smallest = smallest.min(point.distance(from + edge * share));
+            }
+        }
+        // Interior, from an orthonormal frame of the plane at every corner in turn: the best of three is good for any shape.
+        for k in 0..3 {
+            let [p, q, r] = [0, 1, 2].map(|j| corners[(k + j) % 3]);
+            let (e0, e1) = (q - p, r - p);
+            let x = e0.normalize_or_zero();
+            let height = e1 - x * x.dot(e1);
+            let height = height - x * x.dot(height);
+            let tall = height.length();
+            if x == DVec3::ZERO || tall < 1e-15 {
+                continue;
+            }
+            let y = height / tall;
+            let mut foot = p;
+            let (mut s, mut t) = (0.0, 0.0);
+            for _ in 0..3 {
+                let rest = point - foot;
+                let dt = y.dot(rest) / tall;
+                t += dt;
+                s += (x.dot(rest) - dt * x.dot(e1)) / e0.length();
+                foot = p + e0 * s + e1 * t;
+            }
+            if s >= 0.0 && t >= 0.0 && s + t <= 1.0 {
+                smallest = smallest.min(point.distance(foot));
+            }
+        }
+        smallest
+    }
+
+    fn scale_of(corners: &[DVec3; 3], distance: f64) -> f64 {
+        let span = (0..3).map(|k| corners[k].distance(corners[(k + 1) % 3])).fold(0.0, f64::max);
+        // Corners of order 1 carry their own rounding, whatever the size of the triangle.
+        distance.max(span).max(1.0)
+    }
+
+    #[test]
+    #[expect(clippy::print_stdout, reason = "reports the margin")]
+    fn acceptance_5_agrees_with_exhaustive_search_and_covers_all_regions() {
+        let mut random = Random(2008);
+        let mut seen = [0_u32; 7];
+        let mut worst: f64 = 0.0;
+        for kind in 0..400_000 {
+            let corners = random_triangle(&mut random, kind);
+            let point = random_point(&mut random, &corners);
+            let found = TriangleProjector::new(&corners).project(point);
+            let distance = found.distance_squared.sqrt();
+            let expected = exhaustive_distance(&corners, point);
+            let error = (distance - expected).abs() / scale_of(&corners, expected);
+            worst = worst.max(error);
+            assert!(error <= 1e-12, "{corners:?} {point:?}: {distance:e} instead of {expected:e}, {:?}", found.region);
+            if kind % 8 > 4 {
+                seen[match found.region {
+                    Region::Interior => 0,
+                    Region::Edge(k) => 1 + usize::from(k),
+                    Region::Vertex(k) => 4 + usize::from(k),
+                }] += 1;
+            }
+        }
+        println!("worst relative error {worst:.2e}, interior/edges/vertices of ordinary triangles {seen:?}");
+        assert!(seen.iter().all(|count| *count > 1000), "{seen:?}");
+    }
+
+    #[test]
+    fn region_names_the_feature_that_holds_the_point() {
+        let mut random = Random(7);
+        for kind in 0..100_000 {
+            let corners = random_triangle(&mut random, kind);
+            let point = random_point(&mut random, &corners);
+            for found in [TriangleProjector::new(&corners).project(point), project_by_voronoi_clamp(&corners, point)] {
+                match found.region {
+                    Region::Vertex(k) => assert_eq!(found.point, corners[usize::from(k)]),
+                    Region::Edge(k) => {
+                        let (from, to) = (corners[usize::from(k)], corners[usize::from((k + 1) % 3)]);
+                        let gap = found.point.distance(from) + found.point.distance(to) - from.distance(to);
+                        assert!(gap.abs() < 1e-14, "{gap:e}");
+                    }
+                    Region::Interior => {}
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn both_methods_agree_on_ordinary_triangles() {
+        let mut random = Random(37);
+        for _ in 0..100_000 {
+            let corners = random_triangle(&mut random, 5);
+            let point = random_point(&mut random, &corners);
+            let (b, a) = (TriangleProjector::new(&corners).project(point), project_by_voronoi_clamp(&corners, point));
+            let scale = scale_of(&corners, b.distance_squared.sqrt());
+            let thin = (corners[1] - corners[0]).cross(corners[2] - corners[0]).length();
+            if thin > 1e-3 {
+                assert!(a.point.distance(b.point) <= 1e-9 * scale, "{corners:?} {point:?}: {a:?} {b:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn known_triangle_gives_each_region() {
+        let corners = [DVec3::ZERO, DVec3::X, DVec3::Y];
+        let projector = TriangleProjector::new(&corners);
+        let cases = [
+            ((0.25, 0.25, 3.0), (0.25, 0.25, 0.0), Region::Interior),
+            ((0.5, -2.0, 1.0), (0.5, 0.0, 0.0), Region::Edge(0)),
+            ((1.0, 1.0, 0.0), (0.5, 0.5, 0.0), Region::Edge(1)),
+            ((-1.0, 0.5, 0.0), (0.0, 0.5, 0.0), Region::Edge(2)),
+            ((-1.0, -1.0, 0.0), (0.0, 0.0, 0.0), Region::Vertex(0)),
+            ((3.0, 0.0, 0.0), (1.0, 0.0, 0.0), Region::Vertex(1)),
+            ((0.0, 5.0, 1.0), (0.0, 1.0, 0.0), Region::Vertex(2)),
+        ];
+        for ((px, py, pz), (fx, fy, fz), region) in cases {
+            let point = DVec3::new(px, py, pz);
+            for found in [projector.project(point), project_by_voronoi_clamp(&corners, point)] {
+                assert_eq!(found.region, region);
+                assert!(found.point.distance(DVec3::new(fx, fy, fz)) < 1e-15);
+                assert!((found.distance_squared - point.distance_squared(found.point)).abs() < 1e-15);
+            }
+        }
+        assert!(Region::Interior.is_interior() && !Region::Edge(0).is_interior());
+    }
+
+    #[test]
+    fn huge_and_tiny_finite_input_never_gives_nan() {
+        let sizes = [0.0, 5e-324, 1e-200, 1e-160, 1e-80, 1.0, 1e80, 1e160, 1e200, 1e300, f64::MAX];
+        let mut random = Random(99);
+        for size in sizes {
+            for distance in sizes {
+                for kind in 0..64 {
+                    let corners =
+                        random_triangle(&mut random, kind).map(|corner| (corner * 0.5).clamp(-DVec3::ONE, DVec3::ONE) * size);
+                    let point = random.vector() * distance;
+                    let found = TriangleProjector::new(&corners).project(point);
+                    assert!(found.point.is_finite() && !found.distance_squared.is_nan(), "{corners:?} {point:?}: {found:?}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn overflowing_coordinates_keep_the_region_names() {
+        let corners = [DVec3::ZERO, DVec3::X * 1e200, DVec3::Y * 1e200];
+        let found = TriangleProjector::new(&corners).project(DVec3::new(0.5e200, -1e200, 0.0));
+        assert_eq!(found.region, Region::Edge(0));
+        assert!((found.point.x - 0.5e200).abs() < 1e186 && found.point.y == 0.0);
+    }
+
+    proptest! {
+        #[test]
+        fn never_panics_on_any_bits(bits in prop::array::uniform12(any::<u64>())) {
+            let number = |k: usize| f64::from_bits(bits[k]);
+            let vector = |k: usize| DVec3::new(number(k), number(k + 1), number(k + 2));
+            let corners = [vector(0), vector(3), vector(6)];
+            let found = TriangleProjector::new(&corners).project(vector(9));
+            if corners.iter().all(|corner| corner.is_finite()) && vector(9).is_finite() {
+                prop_assert!(found.point.is_finite());
+                prop_assert!(!found.distance_squared.is_nan());
+            }
+        }
+
+        #[test]
+        fn closest_point_is_a_fixed_point(
+            corners in prop::array::uniform3(prop::array::uniform3(-1.0..1.0_f64)),
+            point in prop::array::uniform3(-2.0..2.0_f64),
+        ) {
+            let corners = corners.map(DVec3::from_array);
+            let projector = TriangleProjector::new(&corners);
+            let found = projector.project(DVec3::from_array(point));
+            prop_assert!(projector.project(found.point).distance_squared <= 1e-24);
+        }
+    }
+
+    /// Prints the ratio that the paper gives as 0.37; judges nothing, as machines differ.
+    #[test]
+    #[expect(clippy::print_stdout, reason = "the figure is the purpose")]
+    fn acceptance_5_reports_the_time_of_method_b_relative_to_method_a() {
+        let mut random = Random(11);
+        let triangles: Vec<_> = (0..1000).map(|_| random_triangle(&mut random, 5)).collect();
+        let points: Vec<_> = (0..100).map(|_| random.vector() * 1.5).collect();
+        let time = |work: &dyn Fn(&[DVec3; 3]) -> f64| {
+            let runs = (0..5).map(|_| {
+                let start = Instant::now();
+                black_box(triangles.iter().map(work).sum::<f64>());
+                start.elapsed().as_secs_f64()
+            });
+            runs.fold(f64::INFINITY, f64::min)
+        };
+        let a = time(&|corners| points.iter().map(|point| project_by_voronoi_clamp(corners, *point).distance_squared).sum());
+        let b = time(&|corners| {
+            let projector = TriangleProjector::new(corners);
+            points.iter().map(|point| projector.project(*point).distance_squared).sum()
+        });
+        let b_alone =
+            time(&|corners| points.iter().map(|point| TriangleProjector::new(corners).project(*point).distance_squared).sum());
+        println!(
+            "closest point, method B over method A: {:.2} prepared once per triangle, {:.2} prepared for every point ({:.1} ns per point)",
+            b / a,
+            b_alone / a,
+            b * 1e9 / (triangles.len() * points.len()) as f64
+        );
+    }
+}

@@ -1,0 +1,107 @@
+//! Why a mesh file cannot be used: one enum for the whole room.
+
+use std::io;
+use std::path::PathBuf;
+
+/// A mesh file that cannot be used. Messages read well after "failed to load the mesh: "; [`MeshError::hint`] says what to do.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum MeshError {
+    /// No such file.
+    #[error("{}: no such file", path.display())]
+    Missing {
+        /// As given.
+        path: PathBuf,
+    },
+    /// The file is there, but it cannot be read.
+    #[error("{}: cannot be read: {source}", path.display())]
+    Unreadable {
+        /// As given.
+        path: PathBuf,
+        /// What the operating system said.
+        source: io::Error,
+    },
+    /// The extension names no known format.
+    #[error("{}: {}, known: {}", path.display(), what_extension(extension), super::EXTENSIONS.join(", "))]
+    UnknownExtension {
+        /// As given.
+        path: PathBuf,
+        /// Lower case, without the dot; empty when there is none.
+        extension: String,
+    },
+    /// The text or the layout of the file is wrong.
+    #[error("{}{}: {what}", path.display(), at_line(*line))]
+    Parse {
+        /// As given.
+        path: PathBuf,
+        /// Line of the file, from 1, where it is known.
+        line: Option<usize>,
+        /// What is wrong, with the text at that place.
+        what: String,
+    },
+    /// A coordinate is not a number or infinite, in the file or after scaling to metres.
+    #[error("{}{}: vertex {vertex} is not finite", path.display(), at_line(*line))]
+    NonFiniteVertex {
+        /// As given.
+        path: PathBuf,
+        /// Number of the vertex, from 1, in the order of the file (for STL: of the corner).
+        vertex: usize,
+        /// Line of the file, from 1, where it is known.
+        line: Option<usize>,
+    },
+    /// The file is sound and holds no triangle.
+    #[error("{}: no triangles", path.display())]
+    Empty {
+        /// As given.
+        path: PathBuf,
+    },
+    /// A face names a vertex that is not there.
+    #[error("{}{}: face names vertex {index}, the file has {vertices}", path.display(), at_line(*line))]
+    IndexOutOfRange {
+        /// As given.
+        path: PathBuf,
+        /// Line of the file, from 1, where it is known.
+        line: Option<usize>,
+        /// As written: from 1, or negative to count back from the last.
+        index: i64,
+        /// Number of vertices in the file.
+        vertices: usize,
+    },
+    /// The file is shorter than it says.
+    #[error("{}: truncated, {expected_bytes} bytes expected for {triangles} triangles, {found_bytes} found", path.display())]
+    Truncated {
+        /// As given.
+        path: PathBuf,
+        /// Number of triangles that the header announces; 0 when the header itself is cut.
+        triangles: u64,
+        /// Size that follows from it.
+        expected_bytes: u64,
+        /// Size of the file.
+        found_bytes: u64,
+    },
+}
+
+impl MeshError {
+    /// What to do about it, where there is something to say.
+    pub fn hint(&self) -> Option<&'static str> {
+        match self {
+            Self::Missing { .. } => Some("paths in a scene are relative to the scene file"),
+            Self::Unreadable { .. } => Some("check that it is a file and that this user may read it"),
+            Self::UnknownExtension { .. } => Some("export the part as STL or OBJ"),
+            Self::Parse { .. } => Some("export the mesh again, or open and save it in a mesh editor"),
+            Self::NonFiniteVertex { .. } => Some("remove the vertex in a mesh editor, and check `units`"),
+            Self::Empty { .. } => Some("export a surface mesh: points, lines and curves are not rendered"),
+            Self::IndexOutOfRange { .. } => Some("the file is damaged or was cut: export it again"),
+            Self::Truncated { .. } => Some("the file was cut: copy or export it again"),
+        }
+    }
+}
+
+fn what_extension(extension: &str) -> String {
+    if extension.is_empty() { "no mesh extension".to_owned() } else { format!("unknown mesh extension `{extension}`") }
+}
+
+/// The middle of `path:line: message`.
+fn at_line(line: Option<usize>) -> String {
+    line.map(|line| format!(":{line}")).unwrap_or_default()
+}

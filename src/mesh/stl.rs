@@ -1,0 +1,258 @@
+//! STL, binary and text.
+//!
+//! Data in: bytes. Data out: triangles over shared vertices: corners at bitwise equal positions are joined (0 and -0 are equal).
+//! The normals and attributes of the file are not read.
+//!
+//! Which of the two a file is, is decided by its size first: many binary files begin with the word "solid". Cost: one hash
+//! look-up per corner, no allocation per triangle.
+
+use std::path::Path;
+
+use glam::DVec3;
+
+use super::weld::ExactWeld;
+use super::{MeshError, TriangleMesh};
+
+/// Free text and number of triangles.
+const HEADER_BYTES: usize = 84;
+/// Normal, three corners, attribute.
+const TRIANGLE_BYTES: usize = 50;
+
+/// Reads an STL file; `path` is for messages only.
+pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<TriangleMesh, MeshError> {
+    let announced = announced_triangles(bytes);
+    let expected_bytes = announced.map(size_of_triangles);
+    let found_bytes = bytes.len() as u64;
+    if expected_bytes != Some(found_bytes) && looks_like_text(bytes) {
+        return parse_text(bytes, path);
+    }
+    let expected_bytes = expected_bytes.unwrap_or(HEADER_BYTES as u64);
+    let triangles = u64::from(announced.unwrap_or(0));
+    if found_bytes < expected_bytes {
+        return Err(MeshError::Truncated { path: path.to_owned(), triangles, expected_bytes, found_bytes });
+    }
+    // A few bytes of padding are usual; room for more triangles means that the number is wrong.
+    if found_bytes - expected_bytes >= TRIANGLE_BYTES as u64 {
+        let room = (found_bytes - HEADER_BYTES as u64) / TRIANGLE_BYTES as u64;
+        let what = format!("the header announces {triangles} triangles, the file has room for {room}");
+        return Err(MeshError::Parse { path: path.to_owned(), line: None, what });
+    }
+    parse_binary(&bytes[HEADER_BYTES..expected_bytes as usize], path)
+}
+
+fn announced_triangles(bytes: &[u8]) -> Option<u32> {
+    bytes.get(HEADER_BYTES - 4..)?.first_chunk().copied().map(u32::from_le_bytes)
+}
+
+fn size_of_triangles(n_triangles: u32) -> u64 {
+    HEADER_BYTES as u64 + TRIANGLE_BYTES as u64 * u64::from(n_triangles)
+}
+
+/// Begins with "solid", and what follows within the first kilobyte is text that goes on like one.
+fn looks_like_text(bytes: &[u8]) -> bool {
+    let head = bytes.trim_ascii_start();
+    let head = &head[..head.len().min(1024)];
+    let has = |word: &[u8]| head.windows(word.len()).any(|window| window.eq_ignore_ascii_case(word));
+    let begins = head.len() >= 5 && head[..5].eq_ignore_ascii_case(b"solid");
+    begins && !head.contains(&0) && (has(b"facet") || has(b"endsolid") || bytes.len() < HEADER_BYTES)
+}
+
+fn parse_binary(triangles: &[u8], path: &Path) -> Result<TriangleMesh, MeshError> {
+    let n_triangles = triangles.len() / TRIANGLE_BYTES;
+    let mut mesh = Builder::with_triangles(n_triangles, path);
+    for record in triangles.chunks_exact(TRIANGLE_BYTES) {
+        let number = |k: usize| {
+            let at = 12 + 4 * k;
+            f64::from(f32::from_le_bytes([record[at], record[at + 1], record[at + 2], record[at + 3]]))
+        };
+        let corner = |k: usize| DVec3::new(number(3 * k), number(3 * k + 1), number(3 * k + 2));
+        mesh.push([corner(0), corner(1), corner(2)], None)?;
+    }
+    Ok(mesh.finish())
+}
+
+fn parse_text(bytes: &[u8], path: &Path) -> Result<TriangleMesh, MeshError> {
+    let refuse = |line: usize, what: String| MeshError::Parse { path: path.to_owned(), line: Some(line), what };
+    // A triangle of text has about 250 bytes.
+    let mut mesh = Builder::with_triangles(bytes.len() / 250, path);
+    let mut corners = [DVec3::ZERO; 3];
+    let mut n_corners = 0;
+    let (mut in_facet, mut ended, mut last_line) = (false, false, 0);
+    for (line_idx, line) in bytes.split(|byte| *byte == b'\n').enumerate() {
+        let line_number = line_idx + 1;
+        let mut words = line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty());
+        let Some(keyword) = words.next() else { continue };
+        last_line = line_number;
+        let is = |word: &str| keyword.eq_ignore_ascii_case(word.as_bytes());
+        if is("vertex") {
+            let mut number = || std::str::from_utf8(words.next()?).ok()?.parse::<f64>().ok();
+            let (Some(x), Some(y), Some(z)) = (number(), number(), number()) else {
+                return Err(refuse(line_number, format!("a vertex needs three numbers, found `{}`", shown(line))));
+            };
+            if !in_facet || n_corners == 3 {
+                return Err(refuse(line_number, "a facet has three vertices, found a further one".to_owned()));
+            }
+            corners[n_corners] = DVec3::new(x, y, z);
+            n_corners += 1;
+        } else if is("facet") {
+            if in_facet {
+                return Err(refuse(line_number, "a facet begins before the last one has ended".to_owned()));
+            }
+            (in_facet, n_corners) = (true, 0);
+        } else if is("endfacet") {
+            if !in_facet || n_corners != 3 {
+                return Err(refuse(line_number, format!("a facet has three vertices, found {n_corners}")));
+            }
+            mesh.push(corners, Some(line_number))?;
+            (in_facet, n_corners) = (false, 0);
+        } else if is("solid") {
+            ended = false;
+        } else if is("endsolid") {
+            ended = true;
+        } else if !(is("outer") || is("endloop")) {
+            return Err(refuse(line_number, format!("unknown keyword in `{}`", shown(line))));
+        }
+    }
+    // A file cut between two facets would be a part with a hole in it.
+    if in_facet || !ended {
+        return Err(refuse(last_line, "the text ends without `endsolid`, so the file was cut".to_owned()));
+    }
+    Ok(mesh.finish())
+}
+
+/// The beginning of a line, for messages.
+fn shown(line: &[u8]) -> String {
+    String::from_utf8_lossy(line).trim().chars().take(60).collect()
+}
+
+struct Builder<'a> {
+    weld: ExactWeld,
+    triangles: Vec<[u32; 3]>,
+    path: &'a Path,
+}
+
+impl<'a> Builder<'a> {
+    fn with_triangles(n_triangles: usize, path: &'a Path) -> Self {
+        Self { weld: ExactWeld::with_triangles(n_triangles), triangles: Vec::with_capacity(n_triangles), path }
+    }
+
+    fn push(&mut self, corners: [DVec3; 3], line: Option<usize>) -> Result<(), MeshError> {
+        let mut numbers = [0; 3];
+        for (k, corner) in corners.into_iter().enumerate() {
+            if !corner.is_finite() {
+                let vertex = 3 * self.triangles.len() + k + 1;
+                return Err(MeshError::NonFiniteVertex { path: self.path.to_owned(), vertex, line });
+            }
+            numbers[k] = self.weld.insert(corner).ok_or_else(|| MeshError::Parse {
+                path: self.path.to_owned(),
+                line,
+                what: "more than 2^32 vertices".to_owned(),
+            })?;
+        }
+        self.triangles.push(numbers);
+        Ok(())
+    }
+
+    fn finish(self) -> TriangleMesh {
+        TriangleMesh { vertices: self.weld.vertices, triangles: self.triangles }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TETRAHEDRON: [[[f32; 3]; 3]; 4] = [
+        [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]],
+        [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]],
+        [[0.0, -0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]],
+        [[1.0, 0.0, -0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+    ];
+
+    fn binary(header: &str, triangles: &[[[f32; 3]; 3]]) -> Vec<u8> {
+        let mut bytes = header.as_bytes().to_vec();
+        bytes.resize(80, b' ');
+        bytes.extend((triangles.len() as u32).to_le_bytes());
+        for corners in triangles {
+            bytes.extend([0; 12]);
+            bytes.extend(corners.iter().flatten().flat_map(|number| number.to_le_bytes()));
+            bytes.extend([0; 2]);
+        }
+        bytes
+    }
+
+    fn text(triangles: &[[[f32; 3]; 3]]) -> String {
+        let mut text = "solid part facet\n".to_owned();
+        for corners in triangles {
+            text += " facet normal 0 0 0\n  outer loop\n";
+            for [x, y, z] in corners {
+                text += &format!("   vertex {x:e} {y} {z}\r\n");
+            }
+            text += "  endloop\n endfacet\n";
+        }
+        text + "endsolid part\n"
+    }
+
+    fn read(bytes: &[u8]) -> Result<TriangleMesh, MeshError> {
+        parse(bytes, Path::new("part.stl"))
+    }
+
+    #[test]
+    fn binary_and_text_give_the_same_welded_mesh() {
+        let binary = read(&binary("solid but binary", &TETRAHEDRON)).unwrap();
+        let text = read(text(&TETRAHEDRON).as_bytes()).unwrap();
+        assert_eq!(binary.vertices.len(), 4);
+        assert_eq!(binary.vertices, text.vertices);
+        assert_eq!(binary.triangles, text.triangles);
+        let upper = read(self::text(&TETRAHEDRON).to_uppercase().as_bytes()).unwrap();
+        assert_eq!(upper.triangles, text.triangles);
+    }
+
+    #[test]
+    fn truncated_binary_names_both_sizes() {
+        let bytes = binary("solid part", &TETRAHEDRON);
+        let error = read(&bytes[..200]).unwrap_err();
+        assert_eq!(error.to_string(), "part.stl: truncated, 284 bytes expected for 4 triangles, 200 found");
+        let error = read(&bytes[..40]).unwrap_err();
+        assert!(error.to_string().contains("cut"), "{error}");
+        assert!(matches!(read(b"\x01\x02"), Err(MeshError::Truncated { expected_bytes: 84, found_bytes: 2, .. })));
+        assert!(matches!(read(b""), Err(MeshError::Truncated { .. })));
+    }
+
+    #[test]
+    fn padding_is_accepted_and_a_wrong_count_is_not() {
+        let mut bytes = binary("part", &TETRAHEDRON);
+        bytes.extend([0; 49]);
+        assert_eq!(read(&bytes).unwrap().triangles.len(), 4);
+        bytes.push(0);
+        let message = read(&bytes).unwrap_err().to_string();
+        assert_eq!(message, "part.stl: the header announces 4 triangles, the file has room for 5");
+    }
+
+    #[test]
+    fn text_errors_name_the_line() {
+        let message = |text: &str| read(text.as_bytes()).unwrap_err().to_string();
+        let good = text(&TETRAHEDRON);
+        assert_eq!(
+            message(&good.replace("endsolid part\n", "")),
+            "part.stl:29: the text ends without `endsolid`, so the file was cut"
+        );
+        assert_eq!(
+            message("solid a\nfacet normal 0 0 1\nouter loop\nvertex 1 2\n"),
+            "part.stl:4: a vertex needs three numbers, found `vertex 1 2`"
+        );
+        assert_eq!(message("solid a\nfacet\nvertex 0 0 0\nendfacet\n"), "part.stl:4: a facet has three vertices, found 1");
+        assert_eq!(message("solid a\nfacet\nfacet\n"), "part.stl:3: a facet begins before the last one has ended");
+        assert_eq!(message("solid a\nfacets\n"), "part.stl:2: unknown keyword in `facets`");
+        assert_eq!(message("solid a\nvertex 0 0 0\n"), "part.stl:2: a facet has three vertices, found a further one");
+    }
+
+    #[test]
+    fn non_finite_corners_are_named() {
+        let mut triangles = TETRAHEDRON;
+        triangles[2][1][0] = f32::NAN;
+        let error = read(&binary("part", &triangles)).unwrap_err();
+        assert_eq!(error.to_string(), "part.stl: vertex 8 is not finite");
+        assert!(matches!(read(text(&triangles).as_bytes()), Err(MeshError::NonFiniteVertex { vertex: 8, line: Some(22), .. })));
+    }
+}
