@@ -6,6 +6,8 @@
 //! |---|---|
 //! | [`spatial`] | poses, twists, wrenches, frames, signs: the shared vocabulary |
 //! | [`mesh`] | files and shapes → triangles |
+//! | [`voxmap`] | triangles → bricked voxel map: surface, sides, layers, distance, field |
 
 pub mod mesh;
 pub mod spatial;
+pub mod voxmap;

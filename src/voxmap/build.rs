@@ -1,0 +1,138 @@
+//! Triangles in, voxmap out: the stages in order.
+
+use std::time::Instant;
+
+use super::distance::{Distances, Signs};
+use super::field::Field;
+use super::fill::Sides;
+use super::grid::{Grid, GridError};
+use super::layers::Layers;
+use super::leak::{FaceProbe, Leak, MOSTLY_THIN};
+use super::orient::Orientation;
+use super::surface::{Navigation, Surface};
+use crate::mesh::TriangleMesh;
+use crate::mesh::validate::MeshReport;
+
+/// What to build.
+#[derive(Clone, Copy, Debug)]
+pub struct Options {
+    /// s, m.
+    pub voxel_size_m: f64,
+    /// Layers on each side, 1 to 126.
+    pub layers: u32,
+    /// `None` chooses.
+    pub navigation: Option<Navigation>,
+    /// Whether an object that leaks or has no inside keeps what the fill says instead of becoming a thin skin.
+    pub trust_fill: bool,
+}
+
+/// A stage of generation, told to whoever watches.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stage {
+    /// Reading or tessellating, and inspecting.
+    Load,
+    /// Navigation and SAT.
+    Surface,
+    /// Flood fill, leak search, orientation.
+    Fill,
+    /// Layers.
+    Layers,
+    /// Distances and field.
+    Distance,
+    /// Projection of points.
+    Pointshell,
+}
+
+/// Seconds per stage.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Timings {
+    /// Grid set-up.
+    pub init_s: f64,
+    /// Navigation and SAT.
+    pub surface_s: f64,
+    /// Flood fill, leak search, orientation.
+    pub fill_s: f64,
+    /// Layers.
+    pub layers_s: f64,
+    /// Distances and field.
+    pub distance_s: f64,
+}
+
+/// A classified volume: which cells are surface, outside, inside, and how far from the surface.
+#[derive(Debug)]
+pub struct Voxmap {
+    /// Surface voxels.
+    pub surface: Surface,
+    /// Outside and inside.
+    pub sides: Sides,
+    /// Which way each triangle faces.
+    pub orientation: Orientation,
+    /// Layer values.
+    pub layers: Layers,
+    /// The fill did not leak.
+    pub watertight: bool,
+    /// Where it leaked.
+    pub leak: Option<Leak>,
+    /// Share of the surface that is thinner than the voxels resolve.
+    pub thin_share: f64,
+    /// Treated as a thin two-sided skin.
+    pub thin: bool,
+    /// Seconds per stage.
+    pub timings: Timings,
+}
+
+impl Voxmap {
+    /// Classifies the volume of a mesh: surface, fill, leak check, orientation, layers.
+    ///
+    /// # Errors
+    /// A grid that cannot be built. The mesh must not be empty (its bounds would be a point at the origin).
+    pub fn build(
+        mesh: &TriangleMesh,
+        report: &MeshReport,
+        options: &Options,
+        mut watch: impl FnMut(Stage),
+    ) -> Result<Self, GridError> {
+        let mut timings = Timings::default();
+        let mut since = Instant::now();
+        let mut lap = || {
+            let lap_s = since.elapsed().as_secs_f64();
+            since = Instant::now();
+            lap_s
+        };
+        let (low, high) = mesh.bounds().unwrap_or_default();
+        let grid = Grid::around(low, high, options.voxel_size_m, options.layers)?;
+        let navigation = options.navigation.unwrap_or_else(|| Navigation::choose(mesh, &grid));
+        timings.init_s = lap();
+        watch(Stage::Surface);
+        let surface = Surface::mark(mesh, &grid, navigation);
+        timings.surface_s = lap();
+        watch(Stage::Fill);
+        let mut sides = Sides::flood(&surface);
+        let FaceProbe { leak, thin_share } = FaceProbe::new(mesh, report, &surface, &sides);
+        let thin = (leak.is_some() || thin_share > MOSTLY_THIN) && !options.trust_fill;
+        if thin {
+            sides = Sides::without_inside(&surface);
+        }
+        let orientation = Orientation::judge(mesh, report, &surface, &sides);
+        timings.fill_s = lap();
+        watch(Stage::Layers);
+        let layers = Layers::grow(&surface, &sides, options.layers);
+        timings.layers_s = lap();
+        Ok(Self { surface, sides, orientation, layers, watertight: leak.is_none(), leak, thin_share, thin, timings })
+    }
+
+    /// Measures distances and assembles the look-up for the tick. `with_gradients` is needed for `field = "surface-point"`.
+    pub fn field(&mut self, mesh: &TriangleMesh, with_gradients: bool) -> Field {
+        let since = Instant::now();
+        let distances = self.distances(mesh, with_gradients);
+        let field = Field::new(&self.layers, distances, self.thin);
+        self.timings.distance_s = since.elapsed().as_secs_f64();
+        field
+    }
+
+    /// Signed distances at cell centres in the band.
+    pub fn distances(&self, mesh: &TriangleMesh, with_gradients: bool) -> Distances {
+        let signs = if self.thin { Signs::Thin } else { Signs::Solid(&self.orientation) };
+        Distances::measure(mesh, &self.surface, &self.layers, signs, with_gradients)
+    }
+}

@@ -1,0 +1,302 @@
+//! The read-only look-up that the tick uses: depth of a point, and its gradient.
+//!
+//! Data in: a baked map. Data out: V at a point of the map frame (negative outside, 0 on the surface, positive inside).
+//!
+//! Invariant: immutable, and total: any finite point gives a finite answer, a point that is not a number gives NaN (which is no
+//! contact), nothing panics. Cost: one top-grid read plus 1 to 8 reads in one or two bricks.
+
+#![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::indexing_slicing)]
+
+use glam::Vec3;
+
+use super::distance::{Around, Distances};
+use super::grid::{BRICK_CELLS, BRICK_EDGE, Grid};
+use super::layers::{DEEP_INSIDE, FAR_OUTSIDE, Layers};
+
+/// Samples on a brick's edge in the field: its own eight and the next brick's first, so that all corners of an interpolation
+/// cell lie in one brick.
+const APRON_EDGE: usize = BRICK_EDGE + 1;
+/// Samples of a brick in the field.
+const APRON_CELLS: usize = APRON_EDGE * APRON_EDGE * APRON_EDGE;
+
+/// Which formula turns the map into a depth at a point.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum FieldKind {
+    /// V_L: layer value of the voxel plus the tangent-plane term.
+    Layers,
+    /// V_S: signed distance to the tangent plane at the surface point closest to the voxel's centre.
+    SurfacePoint,
+    /// V_I: first-order expansion from the voxel centre towards the point's octant.
+    Octant,
+    /// Eight-corner interpolation; continuous everywhere.
+    #[default]
+    Trilinear,
+}
+
+impl FieldKind {
+    /// The names of the scene file.
+    pub const NAMES: [(&'static str, Self); 4] =
+        [("layers", Self::Layers), ("surface-point", Self::SurfacePoint), ("octant", Self::Octant), ("trilinear", Self::Trilinear)];
+}
+
+/// The sampled field of one object, map frame.
+#[derive(Debug)]
+pub struct Field {
+    /// Lowest corner of cell `[0, 0, 0]`, map frame, m.
+    origin: Vec3,
+    /// s, m.
+    voxel_size_m: f32,
+    brick_dims: [i32; 3],
+    /// `[n_bricks]`, z fastest: slot, or [`FAR_OUTSIDE`], or [`DEEP_INSIDE`].
+    top: Box<[u32]>,
+    /// `[n_slots][9³]`, z fastest, m: signed distance at cell centres, with the next bricks' first samples.
+    distances_m: Vec<[f32; APRON_CELLS]>,
+    /// `[n_slots][8³]`, z fastest.
+    layers: Vec<[i8; BRICK_CELLS]>,
+    /// `[n_slots][8³]`, unit; empty unless `surface-point` is used.
+    gradients: Vec<[Vec3; BRICK_CELLS]>,
+    /// Depth at which the field saturates on both sides, m.
+    band_m: f32,
+    /// Added to every value, m: 0 for a solid, one voxel for a thin skin.
+    skin_m: f32,
+}
+
+impl Field {
+    /// Assembles the look-up from a baked map. Cold.
+    #[expect(clippy::indexing_slicing, reason = "start-up: slots of one map index the arrays of the other")]
+    pub(crate) fn new(layers: &Layers, distances: Distances, thin: bool) -> Self {
+        use rayon::prelude::*;
+        let grid: &Grid = &layers.grid;
+        let voxel_size_m = grid.voxel_size_m as f32;
+        let band_m = (layers.n_layers as f32 + 0.5) * voxel_size_m;
+        let distances_m = layers
+            .bricks
+            .par_iter()
+            .map(|brick| {
+                let around = Around::new(grid, &layers.top, *brick as usize);
+                let mut samples = [0.0; APRON_CELLS];
+                for (idx, sample) in samples.iter_mut().enumerate() {
+                    let relative =
+                        [idx / (APRON_EDGE * APRON_EDGE), idx / APRON_EDGE % APRON_EDGE, idx % APRON_EDGE].map(|i| i as i32);
+                    *sample = match around.entry(relative) {
+                        (FAR_OUTSIDE, _) => -band_m,
+                        (DEEP_INSIDE, _) => band_m,
+                        (slot, inside) => distances.values_m[slot as usize][inside],
+                    };
+                }
+                samples
+            })
+            .collect();
+        Self {
+            origin: grid.origin_m.as_vec3(),
+            voxel_size_m,
+            brick_dims: grid.brick_dims().map(|n| n as i32),
+            top: layers.top.clone().into_boxed_slice(),
+            distances_m,
+            layers: layers.values.clone(),
+            gradients: distances.gradients,
+            band_m,
+            skin_m: if thin { voxel_size_m } else { 0.0 },
+        }
+    }
+
+    /// Voxel edge s, m.
+    pub fn voxel_size_m(&self) -> f32 {
+        self.voxel_size_m
+    }
+
+    /// Lowest corner of cell `[0, 0, 0]`, map frame, m.
+    pub fn origin_map(&self) -> Vec3 {
+        self.origin
+    }
+
+    /// True for a thin two-sided skin: forces then follow −grad V instead of the point's normal.
+    pub fn is_thin(&self) -> bool {
+        self.skin_m > 0.0
+    }
+
+    /// Clearance beyond which the field only says "far", m.
+    pub fn band_m(&self) -> f32 {
+        self.band_m - self.skin_m
+    }
+
+    /// Heap size, bytes.
+    pub fn heap_bytes(&self) -> usize {
+        let Self { origin: _, voxel_size_m: _, brick_dims: _, top, distances_m, layers, gradients, band_m: _, skin_m: _ } = self;
+        size_of_val(&**top) + size_of_val(&**distances_m) + size_of_val(&**layers) + size_of_val(&**gradients)
+    }
+
+    /// V at a point, m. `cells`: the point in cell coordinates; `normal`: the pointshell's inward normal in map axes, read by
+    /// [`FieldKind::Layers`] only.
+    ///
+    /// RT: safe. Saturates at ± the band; −band outside the grid.
+    #[inline]
+    pub fn value(&self, kind: FieldKind, cells: Vec3, normal: Vec3) -> f32 {
+        match kind {
+            FieldKind::Trilinear => self.trilinear(cells),
+            FieldKind::Layers => self.by_layer(cells, normal),
+            FieldKind::SurfacePoint => self.by_surface_point(cells),
+            FieldKind::Octant => self.by_octant(cells),
+        }
+    }
+
+    /// Eight-corner interpolation of the distance at cell centres, m. RT: safe.
+    #[inline]
+    pub fn trilinear(&self, cells: Vec3) -> f32 {
+        let lattice = cells - 0.5;
+        let base = whole(lattice);
+        let t = lattice - to_vec3(base);
+        match self.corners(base) {
+            Corners::Samples(c) => {
+                let z00 = c[0] + (c[1] - c[0]) * t.z;
+                let z01 = c[2] + (c[3] - c[2]) * t.z;
+                let z10 = c[4] + (c[5] - c[4]) * t.z;
+                let z11 = c[6] + (c[7] - c[6]) * t.z;
+                let y0 = z00 + (z01 - z00) * t.y;
+                let y1 = z10 + (z11 - z10) * t.y;
+                (y0 + (y1 - y0) * t.x).clamp(-self.band_m, self.band_m) + self.skin_m
+            }
+            Corners::Uniform(value) => value + self.skin_m,
+        }
+    }
+
+    /// Gradient of [`Self::trilinear`], m/m, map axes; zero where the field is uniform. RT: safe.
+    pub fn gradient(&self, cells: Vec3) -> Vec3 {
+        let lattice = cells - 0.5;
+        let base = whole(lattice);
+        let t = lattice - to_vec3(base);
+        let Corners::Samples(c) = self.corners(base) else { return Vec3::ZERO };
+        let mix = |a: f32, b: f32, t: f32| a + (b - a) * t;
+        let along_x = mix(mix(c[4] - c[0], c[5] - c[1], t.z), mix(c[6] - c[2], c[7] - c[3], t.z), t.y);
+        let along_y = mix(mix(c[2] - c[0], c[3] - c[1], t.z), mix(c[6] - c[4], c[7] - c[5], t.z), t.x);
+        let along_z = mix(mix(c[1] - c[0], c[3] - c[2], t.y), mix(c[5] - c[4], c[7] - c[6], t.y), t.x);
+        Vec3::new(along_x, along_y, along_z) / self.voxel_size_m
+    }
+
+    /// V_L = s·v(C) + n·(C − P).
+    fn by_layer(&self, cells: Vec3, normal: Vec3) -> f32 {
+        let cell = whole(cells);
+        match self.locate(cell) {
+            Located::Cell(slot, inside) => {
+                let layer = self.layers.get(slot).and_then(|brick| brick.get(inside)).copied().unwrap_or(0);
+                let to_center = to_vec3(cell) + 0.5 - cells;
+                let value = self.voxel_size_m * (f32::from(layer) + normal.dot(to_center));
+                value.clamp(-self.band_m, self.band_m) + self.skin_m
+            }
+            Located::Uniform(value) => value + self.skin_m,
+        }
+    }
+
+    /// V_S = w_C + g·(P − C), g the unit gradient at the closest surface point of the voxel.
+    fn by_surface_point(&self, cells: Vec3) -> f32 {
+        let cell = whole(cells);
+        match self.locate(cell) {
+            Located::Cell(slot, inside) => {
+                let gradient = self.gradients.get(slot).and_then(|brick| brick.get(inside)).copied().unwrap_or(Vec3::ZERO);
+                let from_center = cells - to_vec3(cell) - 0.5;
+                let value = self.sample(slot, inside) + self.voxel_size_m * gradient.dot(from_center);
+                value.clamp(-self.band_m, self.band_m) + self.skin_m
+            }
+            Located::Uniform(value) => value + self.skin_m,
+        }
+    }
+
+    /// V_I = w_C + grad_w·(P − C) with one-sided differences towards the octant that holds P.
+    fn by_octant(&self, cells: Vec3) -> f32 {
+        let cell = whole(cells);
+        let center = match self.locate(cell) {
+            Located::Cell(slot, inside) => self.sample(slot, inside),
+            Located::Uniform(value) => return value + self.skin_m,
+        };
+        let from_center = cells - to_vec3(cell) - 0.5;
+        let [x, y, z] = cell;
+        let towards = |along: f32| if along >= 0.0 { 1 } else { -1 };
+        let neighbours = [
+            (from_center.x, [x.saturating_add(towards(from_center.x)), y, z]),
+            (from_center.y, [x, y.saturating_add(towards(from_center.y)), z]),
+            (from_center.z, [x, y, z.saturating_add(towards(from_center.z))]),
+        ];
+        let mut value = center;
+        for (along, neighbour) in neighbours {
+            let beside = match self.locate(neighbour) {
+                Located::Cell(slot, inside) => self.sample(slot, inside),
+                Located::Uniform(value) => value,
+            };
+            // (w_x − w_C)/d_X · along: the sign of d_X and of `along` agree, so the product takes the magnitude.
+            value += (beside - center) * along.abs();
+        }
+        value.clamp(-self.band_m, self.band_m) + self.skin_m
+    }
+
+    fn sample(&self, slot: usize, inside: usize) -> f32 {
+        let index = ((inside >> 6) * APRON_EDGE + (inside >> 3 & 7)) * APRON_EDGE + (inside & 7);
+        self.distances_m.get(slot).and_then(|brick| brick.get(index)).copied().unwrap_or(-self.band_m)
+    }
+
+    /// The eight samples around a lattice cell whose lowest corner is the centre of cell `base`.
+    #[inline]
+    fn corners(&self, base: [i32; 3]) -> Corners {
+        let (slot, inside) = match self.locate(base) {
+            Located::Cell(slot, inside) => (slot, inside),
+            Located::Uniform(value) => return Corners::Uniform(value),
+        };
+        const ROW: usize = APRON_EDGE;
+        const PLANE: usize = APRON_EDGE * APRON_EDGE;
+        let first = (inside >> 6) * PLANE + (inside >> 3 & 7) * ROW + (inside & 7);
+        let brick = self.distances_m.get(slot).and_then(|brick| brick.get(first..));
+        let Some(samples) = brick.and_then(|samples| samples.first_chunk::<{ PLANE + ROW + 2 }>()) else {
+            return Corners::Uniform(-self.band_m);
+        };
+        Corners::Samples([
+            samples[0],
+            samples[1],
+            samples[ROW],
+            samples[ROW + 1],
+            samples[PLANE],
+            samples[PLANE + 1],
+            samples[PLANE + ROW],
+            samples[PLANE + ROW + 1],
+        ])
+    }
+
+    /// Slot and cell number of a cell.
+    #[inline]
+    fn locate(&self, [x, y, z]: [i32; 3]) -> Located {
+        let (bx, by, bz) = (x >> 3, y >> 3, z >> 3);
+        let [nx, ny, nz] = self.brick_dims;
+        if (bx as u32) >= nx as u32 || (by as u32) >= ny as u32 || (bz as u32) >= nz as u32 {
+            return Located::Uniform(-self.band_m);
+        }
+        let brick = (bx as usize * ny as usize + by as usize) * nz as usize + bz as usize;
+        match self.top.get(brick).copied().unwrap_or(FAR_OUTSIDE) {
+            FAR_OUTSIDE => Located::Uniform(-self.band_m),
+            DEEP_INSIDE => Located::Uniform(self.band_m),
+            slot => Located::Cell(slot as usize, ((x & 7) << 6 | (y & 7) << 3 | (z & 7)) as usize),
+        }
+    }
+}
+
+/// Cell that a point lies in: a truncating cast, which is one instruction where `floor` is a function call.
+///
+/// It differs from `floor` between −1 and 0 only, which lands in cell 0: padding, where everything is far outside. Casts saturate:
+/// far points become indices that the range check refuses, NaN becomes 0.
+#[inline]
+fn whole(cells: Vec3) -> [i32; 3] {
+    [cells.x as i32, cells.y as i32, cells.z as i32]
+}
+
+#[inline]
+fn to_vec3([x, y, z]: [i32; 3]) -> Vec3 {
+    Vec3::new(x as f32, y as f32, z as f32)
+}
+
+enum Corners {
+    /// Indexed x·4 + y·2 + z.
+    Samples([f32; 8]),
+    Uniform(f32),
+}
+
+enum Located {
+    Cell(usize, usize),
+    Uniform(f32),
+}
