@@ -7,7 +7,9 @@
 //! | [`spatial`] | poses, twists, wrenches, frames, signs: the shared vocabulary |
 //! | [`mesh`] | files and shapes → triangles |
 //! | [`voxmap`] | triangles → bricked voxel map: surface, sides, layers, distance, field |
+//! | [`pointshell`] | surface voxels → points with inward normals |
 
 pub mod mesh;
+pub mod pointshell;
 pub mod spatial;
 pub mod voxmap;
