@@ -8,7 +8,9 @@
 //! | [`mesh`] | files and shapes → triangles |
 //! | [`voxmap`] | triangles → bricked voxel map: surface, sides, layers, distance, field |
 //! | [`pointshell`] | surface voxels → points with inward normals |
+//! | [`haptics`] | the tick: contact, filter, coupling, limits |
 
+pub mod haptics;
 pub mod mesh;
 pub mod pointshell;
 pub mod spatial;

@@ -1,0 +1,78 @@
+//! Named faults as a `Copy` bit set; their text is made on the cold side.
+
+use core::ops::{BitOr, BitOrAssign};
+
+/// A set of faults. Any of them gives a zero wrench until the operator enables again.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Faults(u32);
+
+impl Faults {
+    /// No fault.
+    pub const NONE: Self = Self(0);
+    /// A sample, a contact wrench or the command was NaN or infinite.
+    pub const NON_FINITE: Self = Self(1);
+    /// The device moved faster than `limits.speed_mm_per_s`.
+    pub const SPEED: Self = Self(1 << 1);
+    /// No fresh sample for longer than the stale limit.
+    pub const STALE: Self = Self(1 << 2);
+    /// The device is gone.
+    pub const DEVICE_LOST: Self = Self(1 << 3);
+    /// The loop was late too often in a row.
+    pub const OVERRUN: Self = Self(1 << 4);
+    /// The sampled pose jumped further in one tick than the arm can move.
+    pub const POSITION_JUMP: Self = Self(1 << 5);
+    /// The servo thread panicked.
+    pub const PANIC: Self = Self(1 << 6);
+    /// The 6×6 step of the implicit coupling had no solution.
+    pub const SOLVER: Self = Self(1 << 7);
+
+    /// Every fault with its name on the wire and in plain words.
+    pub const TABLE: [(Self, &'static str, &'static str); 8] = [
+        (Self::NON_FINITE, "non-finite", "a pose or a force was not a number"),
+        (Self::SPEED, "speed", "the arm moved faster than the speed limit"),
+        (Self::STALE, "stale", "the arm sent no new sample for too long"),
+        (Self::DEVICE_LOST, "disconnected", "the arm is gone"),
+        (Self::OVERRUN, "overrun", "the loop was late too many times in a row"),
+        (Self::POSITION_JUMP, "position-jump", "the sampled pose jumped further than the arm can move in one tick"),
+        (Self::PANIC, "panic", "the servo thread stopped on an internal error"),
+        (Self::SOLVER, "solver", "the coupling step had no solution"),
+    ];
+
+    /// True when no fault is set.
+    pub const fn is_empty(self) -> bool {
+        self.0 == 0
+    }
+
+    /// True when every fault of `other` is set.
+    pub const fn contains(self, other: Self) -> bool {
+        self.0 & other.0 == other.0
+    }
+
+    /// The set as bits, for records.
+    pub const fn bits(self) -> u32 {
+        self.0
+    }
+
+    /// The set with these bits.
+    pub const fn from_bits(bits: u32) -> Self {
+        Self(bits)
+    }
+
+    /// Names of the set faults.
+    pub fn names(self) -> impl Iterator<Item = &'static str> {
+        Self::TABLE.into_iter().filter(move |(fault, ..)| self.contains(*fault)).map(|(_, name, _)| name)
+    }
+}
+
+impl BitOr for Faults {
+    type Output = Self;
+    fn bitor(self, rhs: Self) -> Self {
+        Self(self.0 | rhs.0)
+    }
+}
+
+impl BitOrAssign for Faults {
+    fn bitor_assign(&mut self, rhs: Self) {
+        self.0 |= rhs.0;
+    }
+}

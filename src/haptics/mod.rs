@@ -1,0 +1,28 @@
+//! The hot room: what happens in one millisecond.
+//!
+//! Data in: an immutable [`RenderScene`] and one [`TickInput`]. Data out: one [`TickOutput`]. [`tick`] is pure and total: same
+//! inputs, same bits; no I/O, no allocation, no lock, no panic.
+//!
+//! Invariant: uses only `spatial`, `voxmap::field` and `pointshell::{shell, tree}` (a test reads the `use` lines).
+#![deny(clippy::disallowed_methods, clippy::disallowed_macros, clippy::disallowed_types)]
+#![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::indexing_slicing)]
+
+pub mod contact;
+mod coupling;
+mod faults;
+pub mod filter;
+pub mod limits;
+mod params;
+pub mod passivity;
+mod port;
+pub mod sample;
+pub mod stability;
+mod tick;
+
+pub use coupling::Inertia;
+pub use faults::Faults;
+pub use params::{
+    ContactParameters, CouplingMode, CouplingParameters, FilterParameters, FreeSpace, LimitParameters, Normalization, Parameters,
+    PortParameters, SpringClamp,
+};
+pub use tick::{Drive, DriveRequest, RenderScene, State, TickInput, TickOutput, Tool, tick};

@@ -1,0 +1,152 @@
+//! Everything a scene can set that the tick reads: SI, checked by `config::resolve`.
+
+use glam::DVec3;
+
+use crate::spatial::{Axes, Pose};
+use crate::voxmap::field::FieldKind;
+
+/// How the tool follows the arm.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum CouplingMode {
+    /// Virtual tool with mass, implicit Euler over linearised contact and coupling: stable for every stiffness.
+    #[default]
+    Implicit,
+    /// Virtual tool with mass, semi-implicit Euler; total stiffness is limited to what that step can take.
+    SemiImplicit,
+    /// No virtual tool: the contact wrench goes to the arm, its stiffness limited to what the arm can take.
+    Direct,
+}
+
+/// What contact normalisation does with the sum over points.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Normalization {
+    /// The plain sum of the paper: stiffness grows with contact area.
+    #[default]
+    None,
+    /// McNeely's averaging without its steps: F / max(1, N_eff/10).
+    Average,
+}
+
+/// What the arm feels of the coupling while nothing touches.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum FreeSpace {
+    /// Exactly zero.
+    #[default]
+    Zero,
+    /// The coupling wrench: the virtual tool's inertia is felt.
+    Drag,
+}
+
+/// How the coupling spring is bounded.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum SpringClamp {
+    /// F_max · tanh(k x / F_max), smooth, below the device limit.
+    #[default]
+    Saturate,
+    /// McNeely's rule: |F_spring| ≤ k_T s/2.
+    HalfVoxel,
+}
+
+/// Contact model. Frames: scalars.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ContactParameters {
+    /// Field look-up that gives the depth.
+    pub field: FieldKind,
+    /// Penalty stiffness of one point, N/m.
+    pub stiffness_n_per_m: f64,
+    /// Damping of the virtual tool in contact, as a fraction of critical damping of the summed contact stiffness.
+    pub damping_ratio: f64,
+    /// Normalisation of the sum.
+    pub normalization: Normalization,
+}
+
+/// Virtual coupling between arm and tool.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CouplingParameters {
+    /// Mode.
+    pub mode: CouplingMode,
+    /// k_T, N/m, in world units (after the device's `scale`).
+    pub stiffness_n_per_m: f64,
+    /// k_R, N·m/rad.
+    pub stiffness_nm_per_rad: f64,
+    /// Damping that the arm feels, N·s/m; 0 unless the scene asks for it.
+    pub felt_damping_n_s_per_m: f64,
+    /// Rotational damping that the arm feels, N·m·s/rad.
+    pub felt_damping_nm_s_per_rad: f64,
+    /// Spring bound.
+    pub clamp: SpringClamp,
+    /// Free-space rule.
+    pub free_space: FreeSpace,
+    /// Largest translational stiffness the attached arm can take, N/m; infinite for an ideal arm.
+    pub bound_n_per_m: f64,
+    /// Largest rotational stiffness the attached arm can take, N·m/rad; infinite for an ideal arm.
+    pub bound_nm_per_rad: f64,
+}
+
+/// Dynamic shaping filter.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FilterParameters {
+    /// Stage S: smooth entry weight over the first half voxel of depth.
+    pub spatial: bool,
+    /// Stage D: cut-off range `[f_min, f_max]`, Hz; both infinite switches it off.
+    pub cutoff_hz: [f64; 2],
+}
+
+/// Safety limits on what is written to the arm.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LimitParameters {
+    /// Largest |F|, N: the lower of scene and profile.
+    pub force_n: f64,
+    /// Largest |τ|, N·m: the lower of scene and profile.
+    pub torque_nm: f64,
+    /// Speed of the grip above which the tick faults, m/s.
+    pub speed_m_per_s: f64,
+    /// Largest change of |F|, N/s.
+    pub slew_n_per_s: f64,
+    /// Largest change of |τ|, N·m/s.
+    pub slew_nm_per_s: f64,
+    /// Largest power put into the hand, W.
+    pub power_w: f64,
+    /// Rise time from zero on enable, and fall time on stop, s.
+    pub ramp_s: f64,
+    /// Ticks without a fresh sample before the wrench ramps down.
+    pub stale_ticks_max: u32,
+    /// Ticks without a fresh sample before the tick faults.
+    pub stale_fault_ticks: u32,
+    /// Consecutive over-runs before the tick faults; 0 never.
+    pub overrun_fault_ticks: u32,
+}
+
+/// How device coordinates become world coordinates, and which axes exist.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PortParameters {
+    /// Where the arm stands: `world_from_device`.
+    pub world_from_device: Pose,
+    /// World metres per device metre; forces are not scaled.
+    pub scale: f64,
+    /// Axes the arm senses; an orientation that is not sensed stays at its start value.
+    pub sensed: Axes,
+    /// Axes the arm actuates; the rest of the wrench is dropped and reported.
+    pub actuated: Axes,
+    /// Where the tool stands at enable: `world_from_tool`, tool = mesh file frame.
+    pub start: Pose,
+}
+
+/// All parameters of one scene.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Parameters {
+    /// Tick period T, s.
+    pub period_s: f64,
+    /// Gravity in world axes, m/s²; zero by default.
+    pub gravity_m_per_s2: DVec3,
+    /// Contact model.
+    pub contact: ContactParameters,
+    /// Coupling.
+    pub coupling: CouplingParameters,
+    /// Shaping filter.
+    pub filter: FilterParameters,
+    /// Limits.
+    pub limits: LimitParameters,
+    /// Device port.
+    pub port: PortParameters,
+}

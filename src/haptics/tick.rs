@@ -1,0 +1,359 @@
+//! The one step, in one place: sample check → contact sum → shaping filter → coupling → power → slew → magnitude → finite check.
+//!
+//! ```text
+//!                 Enable and a sound sample                 gain = 1
+//!   Disabled ───────────────────────────────► Enabling ───────────────► Enabled
+//!      ▲  ▲                                      │                        │
+//!      │  │ gain = 0                       Stop  ▼                 Stop   ▼
+//!      │  └─────────────────────────────────  Stopping ◄──────────────────┘
+//!      │ Disable request                         │ any fault, from every state with force
+//!      └───────────────────  Fault ◄─────────────┘
+//! ```
+//! A `Disable` request leads from every state to `Disabled` at once. Force flows in `Enabling`, `Enabled` and `Stopping` only.
+
+use glam::DVec3;
+
+use super::contact::{ContactSum, Obstacle};
+use super::coupling::{Body, Inertia, LinearContact, Pull, Spring};
+use super::filter::{ShapingFilter, Slide};
+use super::limits::{Limiter, Ramp};
+use super::params::{CouplingMode, FreeSpace};
+use super::passivity::EnergyObserver;
+use super::port::Port;
+use super::sample::SampleMonitor;
+use super::{Faults, Parameters};
+use crate::pointshell::shell::Shell;
+use crate::spatial::{DeviceSample, Mat6, Pose, Twist, Wrench};
+
+/// What the supervisor wants of the servo.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum DriveRequest {
+    /// No force. Also acknowledges a fault.
+    #[default]
+    Disable,
+    /// Ramp up and render. After a fault it takes a `Disable` first.
+    Enable,
+    /// Ramp down to zero, then stay disabled.
+    Stop,
+}
+
+/// Where the drive stands (CRTK: DISABLED, ENABLED + is_busy, ENABLED, FAULT).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Drive {
+    /// Zero wrench.
+    #[default]
+    Disabled,
+    /// Ramping up from zero.
+    Enabling,
+    /// Rendering.
+    Enabled,
+    /// Ramping down to zero after a stop request.
+    Stopping,
+    /// Zero wrench until a `Disable` request, then `Enable`.
+    Fault,
+}
+
+/// Everything that enters one tick from outside.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct TickInput {
+    /// Newest device sample.
+    pub sample: DeviceSample,
+    /// What the supervisor wants.
+    pub request: DriveRequest,
+    /// The loop woke up after its deadline had passed.
+    pub overrun: bool,
+}
+
+/// Everything that leaves one tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct TickOutput {
+    /// Wrench to write to the arm (`rendered`): device axes, reduced at the grip point, limited, only actuated axes.
+    pub command_device: Wrench,
+    /// The same before axes that the arm cannot actuate were dropped (`commanded`).
+    pub commanded_device: Wrench,
+    /// Raw contact wrench on the tool, world axes, about the centre of mass, before filter and coupling.
+    pub contact_world: Wrench,
+    /// Pose of the tool (mesh file frame) in the world.
+    pub world_from_tool: Pose,
+    /// Points with V > 0.
+    pub contacts: u32,
+    /// Deepest penetration, m; 0 without contact.
+    pub max_depth_m: f64,
+    /// −max V over all points, clipped at the band, m.
+    pub clearance_m: f64,
+    /// Energy that the arm has taken from the hand since enable, J; negative means that it gave more than it took.
+    pub energy_j: f64,
+    /// State of the drive after this tick.
+    pub drive: Drive,
+    /// Faults that are latched.
+    pub faults: Faults,
+}
+
+/// The tool as the tick sees it.
+#[derive(Debug)]
+pub struct Tool {
+    /// Points and normals about the centre of mass.
+    pub shell: Shell,
+    /// Mass properties.
+    pub inertia: Inertia,
+    /// Centre of mass, which is also the grip point, in the tool frame, m.
+    pub center_of_mass_tool: DVec3,
+}
+
+/// The immutable scene: everything allocated and touched before the first tick.
+#[derive(Debug)]
+pub struct RenderScene {
+    /// Parameters, SI.
+    pub parameters: Parameters,
+    /// The static objects.
+    #[expect(clippy::disallowed_types, reason = "filled on the cold side, never resized")]
+    pub obstacles: Vec<Obstacle>,
+    /// The moving object.
+    pub tool: Tool,
+}
+
+/// What the tick remembers from one call to the next. No heap.
+#[derive(Clone, Debug)]
+pub struct State {
+    drive: Drive,
+    faults: Faults,
+    monitor: SampleMonitor,
+    overruns: u32,
+    port: Port,
+    body: Body,
+    filter: ShapingFilter,
+    /// 0 in free space, 1 in contact, so that the coupling comes in over [`CONTACT_RISE_S`].
+    contact_gain: Ramp,
+    enable_gain: Ramp,
+    limiter: Limiter,
+    energy: EnergyObserver,
+}
+
+/// Time in which the coupling wrench comes in at first contact, s (decision: free space).
+const CONTACT_RISE_S: f64 = 5e-3;
+
+impl State {
+    /// The state before the first tick of `scene`: disabled, the tool at its start pose.
+    pub fn new(scene: &RenderScene) -> Self {
+        Self {
+            drive: Drive::Disabled,
+            faults: Faults::NONE,
+            monitor: SampleMonitor::default(),
+            overruns: 0,
+            port: Port::default(),
+            body: Body { pose: scene.start(), twist: Twist::ZERO },
+            filter: ShapingFilter::default(),
+            contact_gain: Ramp::default(),
+            enable_gain: Ramp::default(),
+            limiter: Limiter::default(),
+            energy: EnergyObserver::default(),
+        }
+    }
+
+    /// Forgets all motion and force; the drive state is the caller's.
+    fn at_rest(&mut self, body: Pose) {
+        self.body = Body { pose: body, twist: Twist::ZERO };
+        self.filter.reset();
+        self.contact_gain.reset();
+        self.enable_gain.reset();
+        self.limiter.reset();
+    }
+
+    fn fail(&mut self, faults: Faults) {
+        self.faults |= faults;
+        if !self.faults.is_empty() {
+            self.drive = Drive::Fault;
+            let body = self.body.pose;
+            self.at_rest(body);
+        }
+    }
+}
+
+impl RenderScene {
+    /// Start pose of the body axes (tool axes at the centre of mass).
+    fn start(&self) -> Pose {
+        self.parameters.port.start * Pose::from_translation(self.tool.center_of_mass_tool)
+    }
+}
+
+/// One step of the loop.
+///
+/// RT: safe. Pure and total: same scene, state and input, same bits; no allocation, no panic. Anything that is not finite gives a
+/// zero wrench and a fault. Cost: one flat traversal of the shell per obstacle plus a 6×6 solve.
+pub fn tick(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOutput {
+    let p = &scene.parameters;
+    let check = state.monitor.check(&input.sample, &p.limits, p.period_s);
+    state.overruns = if input.overrun { state.overruns.saturating_add(1) } else { 0 };
+    let mut faults = check.faults;
+    if p.limits.overrun_fault_ticks > 0 && state.overruns >= p.limits.overrun_fault_ticks {
+        faults |= Faults::OVERRUN;
+    }
+    advance_drive(scene, state, input, faults);
+
+    let contact = ContactSum::flat(&scene.obstacles, &scene.tool.shell, state.body.pose, &p.contact, &p.filter);
+    if !contact.wrench.is_finite() || contact.max_value_m.is_nan() {
+        state.fail(Faults::NON_FINITE);
+    }
+    let moving = matches!(state.drive, Drive::Enabling | Drive::Enabled | Drive::Stopping);
+    let mut commanded_device = Wrench::ZERO;
+    if moving {
+        let target = state.port.target(&input.sample, &p.port, scene.start());
+        let felt = match p.coupling.mode {
+            CouplingMode::Direct => Some(direct(state, &contact, p, target)),
+            CouplingMode::Implicit | CouplingMode::SemiImplicit => coupled(scene, state, &contact, target),
+        };
+        match felt {
+            None => state.fail(Faults::SOLVER),
+            Some(felt_world) => {
+                let up = state.drive != Drive::Stopping && !check.ramp_down;
+                let gain = state.enable_gain.advance(up, p.limits.ramp_s, p.period_s);
+                let wanted = p.port.wrench_device(felt_world);
+                let limited = state.limiter.apply(wanted, input.sample.twist, gain, &p.limits, p.period_s);
+                if limited.finite {
+                    commanded_device = limited.wrench;
+                    state.energy.observe(p.port.actuated_part(commanded_device), input.sample.twist, p.period_s);
+                    state.drive = match state.drive {
+                        Drive::Enabling if gain >= 1.0 => Drive::Enabled,
+                        Drive::Stopping if gain <= 0.0 => Drive::Disabled,
+                        drive => drive,
+                    };
+                } else {
+                    state.fail(Faults::NON_FINITE);
+                }
+            }
+        }
+    }
+    let body_from_tool = Pose::from_translation(-scene.tool.center_of_mass_tool);
+    TickOutput {
+        command_device: p.port.actuated_part(commanded_device),
+        commanded_device,
+        contact_world: contact.wrench,
+        world_from_tool: state.body.pose * body_from_tool,
+        contacts: contact.contacts,
+        max_depth_m: contact.max_value_m.max(0.0),
+        clearance_m: -contact.max_value_m,
+        energy_j: state.energy.energy_j(),
+        drive: state.drive,
+        faults: state.faults,
+    }
+}
+
+/// Follows the supervisor's request; `faults` are those of this tick's sample.
+fn advance_drive(scene: &RenderScene, state: &mut State, input: &TickInput, faults: Faults) {
+    let with_force = matches!(state.drive, Drive::Enabling | Drive::Enabled | Drive::Stopping);
+    if with_force && !faults.is_empty() {
+        state.fail(faults);
+        return;
+    }
+    match (state.drive, input.request) {
+        (_, DriveRequest::Disable) => {
+            let body = state.body.pose;
+            state.at_rest(body);
+            state.drive = Drive::Disabled;
+            state.faults = Faults::NONE;
+        }
+        (Drive::Disabled, DriveRequest::Enable) if !faults.is_empty() => state.fail(faults),
+        // A sample that never came cannot be the zero of the indexing.
+        (Drive::Disabled, DriveRequest::Enable) if input.sample.sequence > 0 => {
+            state.at_rest(scene.start());
+            state.port = Port::indexed(&input.sample);
+            state.energy.reset();
+            state.drive = Drive::Enabling;
+        }
+        (Drive::Enabling | Drive::Enabled, DriveRequest::Stop) => state.drive = Drive::Stopping,
+        _ => {}
+    }
+}
+
+/// Coupling with a virtual tool: steps the body, gives the wrench that the arm feels (world axes, about the grip point).
+fn coupled(scene: &RenderScene, state: &mut State, contact: &ContactSum, target: (Pose, Twist)) -> Option<Wrench> {
+    let p = &scene.parameters;
+    let inertia = &scene.tool.inertia;
+    let radius_m = scene.tool.shell.radius_m();
+    let (target_pose, target_twist) = target;
+    let touching = contact.contacts > 0;
+
+    let damping = Pull::critical_damping(&p.coupling, inertia);
+    let scale = match p.coupling.mode {
+        CouplingMode::SemiImplicit => semi_implicit_share(contact, p, inertia, damping),
+        _ => 1.0,
+    };
+    let raw = contact.wrench * scale;
+    let (along, about) = contact.stiffness.traces();
+    let slide = Slide {
+        speed_m_per_s: slide_speed(contact, state.body.twist),
+        voxel_size_m: contact.voxel_size_m,
+        step_stiffness: scale * p.period_s * p.period_s * (along / inertia.mass_kg).max(about / inertia.least_kg_m2),
+    };
+    let wrench = state.filter.update(raw, slide, touching, &p.filter, p.period_s);
+    let stiffness = Mat6::ZERO.plus_scaled(scale * (1.0 - state.filter.alpha()), &contact.stiffness);
+    let damping_s = if along > 0.0 { 2.0 * p.contact.damping_ratio * (inertia.mass_kg / along).sqrt() } else { 0.0 };
+
+    let spring = |body: Pose| Spring::between(body, target_pose, &p.coupling, &p.limits, contact.voxel_size_m, radius_m);
+    let pull = Pull {
+        spring: spring(state.body.pose),
+        target_twist,
+        weight: p.gravity_m_per_s2 * inertia.mass_kg,
+        damping,
+        period_s: p.period_s,
+    };
+    let linear = LinearContact { wrench, stiffness, damping_s };
+    let twist = match p.coupling.mode {
+        CouplingMode::SemiImplicit => state.body.step_semi_implicit(&pull, &linear, inertia),
+        _ => state.body.step_implicit(&pull, &linear, inertia),
+    }?;
+    state.body = state.body.moved(twist, p.period_s, radius_m, contact.step_limit_m);
+
+    // The spring after the step: what the tool holds on to now is what the hand feels now.
+    let damper = Wrench::new(
+        (state.body.twist.linear - target_twist.linear) * p.coupling.felt_damping_n_s_per_m,
+        (state.body.twist.angular - target_twist.angular) * p.coupling.felt_damping_nm_s_per_rad,
+    );
+    let felt = damper - spring(state.body.pose).wrench;
+    Some(match p.coupling.free_space {
+        FreeSpace::Drag => felt,
+        FreeSpace::Zero => {
+            let gain = state.contact_gain.advance(touching, CONTACT_RISE_S, p.period_s);
+            if touching { felt * gain } else { Wrench::ZERO }
+        }
+    })
+}
+
+/// No virtual tool: the shell stands where the arm is, the arm gets the filtered contact wrench, its stiffness limited to what
+/// the arm can take.
+fn direct(state: &mut State, contact: &ContactSum, p: &Parameters, target: (Pose, Twist)) -> Wrench {
+    let (target_pose, target_twist) = target;
+    let share = within(contact.stiffness.traces(), (p.coupling.bound_n_per_m, p.coupling.bound_nm_per_rad));
+    let slide =
+        Slide { speed_m_per_s: slide_speed(contact, target_twist), voxel_size_m: contact.voxel_size_m, step_stiffness: 0.0 };
+    state.body = Body { pose: target_pose, twist: target_twist };
+    state.filter.update(contact.wrench * share, slide, contact.contacts > 0, &p.filter, p.period_s)
+}
+
+/// The share of the contact stiffness that the semi-implicit step can take beside the coupling spring (algorithms, 7.2).
+fn semi_implicit_share(contact: &ContactSum, p: &Parameters, inertia: &Inertia, damping: (f64, f64)) -> f64 {
+    use super::stability::semi_implicit_max_stiffness;
+    // Half of the bound: it holds for one axis, and contact couples translation and rotation.
+    let room =
+        |mass: f64, damping: f64, spring: f64| (0.5 * semi_implicit_max_stiffness(mass, damping, p.period_s) - spring).max(0.0);
+    within(
+        contact.stiffness.traces(),
+        (
+            room(inertia.mass_kg, damping.0, p.coupling.stiffness_n_per_m),
+            room(inertia.least_kg_m2, damping.1, p.coupling.stiffness_nm_per_rad),
+        ),
+    )
+}
+
+/// The largest factor up to 1 that keeps both stiffnesses within their bounds.
+fn within(stiffness: (f64, f64), bounds: (f64, f64)) -> f64 {
+    let share = |stiffness: f64, bound: f64| if stiffness > bound { bound / stiffness } else { 1.0 };
+    share(stiffness.0, bounds.0).min(share(stiffness.1, bounds.1))
+}
+
+/// Speed of the contact along the surface, m/s: what excites the voxel line that the filter removes.
+fn slide_speed(contact: &ContactSum, tool: Twist) -> f64 {
+    let Some(normal) = contact.wrench.force.try_normalize() else { return 0.0 };
+    let velocity = tool.linear + tool.angular.cross(contact.arm_world);
+    (velocity - normal * velocity.dot(normal)).length()
+}
