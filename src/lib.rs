@@ -9,9 +9,11 @@
 //! | [`voxmap`] | triangles → bricked voxel map: surface, sides, layers, distance, field |
 //! | [`pointshell`] | surface voxels → points with inward normals |
 //! | [`haptics`] | the tick: contact, filter, coupling, limits |
+//! | [`rt`] | every operating-system call of the loop |
 
 pub mod haptics;
 pub mod mesh;
 pub mod pointshell;
+pub mod rt;
 pub mod spatial;
 pub mod voxmap;

@@ -1,0 +1,20 @@
+//! The operating system: every libc call of the program, and everything about time.
+//!
+//! Data in: what the scene asks for (a processor, a priority). Data out: what was obtained, as data; nothing here prints.
+//!
+//! Invariant: outside the byte transports of `device`, only the files of this room hold `unsafe`; each of them opens with a
+//! reason.
+//!
+//! | file | owns |
+//! |---|---|
+//! | [`clock`] | `CLOCK_MONOTONIC`, absolute sleep; real and virtual time behind one trait |
+//! | [`schedule`] | policy, priority, processor, memory lock, stack prefault of one thread |
+//! | [`preflight`] | what the machine offers, row by row, with hints |
+//! | [`signals`] | Ctrl-C, SIGTERM and SIGHUP as messages |
+//! | [`duration`] | durations as people write them |
+
+pub mod clock;
+pub mod duration;
+pub mod preflight;
+pub mod schedule;
+pub mod signals;

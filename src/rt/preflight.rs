@@ -1,0 +1,238 @@
+//! What the machine offers a 1 kHz loop, row by row, before the first tick.
+//!
+//! Data, no text layout: the command line prints the rows, the record keeps them. `enforce` refuses to run when a row failed;
+//! `best-effort` names those rows as what it gave up.
+
+use std::path::Path;
+
+use super::schedule::{MemoryLockRefusal, ThreadRequest, ThreadStanding};
+
+/// How a check ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Outcome {
+    /// As a 1 kHz loop wants it.
+    Passed,
+    /// Not as it wants it.
+    Failed,
+    /// The machine does not say (a virtual machine without a governor, say). Never a reason to refuse.
+    Unknown,
+}
+
+/// One check.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Row {
+    /// What was checked.
+    pub name: &'static str,
+    /// How it ended.
+    pub outcome: Outcome,
+    /// What was found.
+    pub found: String,
+    /// What to do about it; empty when there is nothing to do.
+    pub hint: &'static str,
+}
+
+/// What the kernel says of itself.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct KernelFacts {
+    /// `uname -r`.
+    pub release: String,
+    /// Built with PREEMPT_RT.
+    pub preempt_rt: bool,
+    /// Frequency governor of the servo's processor.
+    pub governor: Option<String>,
+    /// Current clock source.
+    pub clocksource: Option<String>,
+}
+
+impl KernelFacts {
+    /// Reads them for processor `cpu`. RT: start-up only.
+    pub fn read(cpu: usize) -> Self {
+        let version = read_line("/proc/sys/kernel/version").unwrap_or_default();
+        Self {
+            release: read_line("/proc/sys/kernel/osrelease").unwrap_or_default(),
+            preempt_rt: version.contains("PREEMPT_RT") || read_line("/sys/kernel/realtime").as_deref() == Some("1"),
+            governor: read_line(format!("/sys/devices/system/cpu/cpu{cpu}/cpufreq/scaling_governor")),
+            clocksource: read_line("/sys/devices/system/clocksource/clocksource0/current_clocksource"),
+        }
+    }
+}
+
+fn read_line(path: impl AsRef<Path>) -> Option<String> {
+    std::fs::read_to_string(path).ok().map(|text| text.trim().to_owned())
+}
+
+/// The whole report: rows for people, and the facts that summaries repeat.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Report {
+    /// In the order in which they are printed.
+    pub rows: Vec<Row>,
+    /// What the servo thread got.
+    pub standing: ThreadStanding,
+    /// Every page of the process is locked.
+    pub memory_locked: bool,
+    /// The kernel is built with PREEMPT_RT.
+    pub kernel_rt: bool,
+}
+
+impl Report {
+    /// Judges what was asked for against what was obtained.
+    pub fn judge(
+        kernel: &KernelFacts,
+        request: ThreadRequest,
+        standing: ThreadStanding,
+        memory: Result<(), MemoryLockRefusal>,
+    ) -> Self {
+        let rows = vec![
+            kernel_row(kernel),
+            policy_row(request, standing),
+            affinity_row(request, standing),
+            memory_row(memory),
+            governor_row(kernel),
+            clocksource_row(kernel),
+        ];
+        Self { rows, standing, memory_locked: memory.is_ok(), kernel_rt: kernel.preempt_rt }
+    }
+
+    /// The report of a run under the virtual clock: nothing is asked of the scheduler, so nothing can be refused. A loop that never sleeps
+    /// under SCHED_FIFO would only starve its processor.
+    pub fn virtual_clock(kernel: &KernelFacts) -> Self {
+        let rows = vec![Row {
+            name: "clock",
+            outcome: Outcome::Passed,
+            found: "virtual: time is simulated, real-time scheduling is not used".to_owned(),
+            hint: "",
+        }];
+        Self { rows, standing: ThreadStanding::default(), memory_locked: false, kernel_rt: kernel.preempt_rt }
+    }
+
+    /// Rows that failed.
+    pub fn failed(&self) -> impl Iterator<Item = &Row> {
+        self.rows.iter().filter(|row| row.outcome == Outcome::Failed)
+    }
+
+    /// True when no row failed.
+    pub fn passed(&self) -> bool {
+        self.failed().next().is_none()
+    }
+}
+
+fn row(name: &'static str, passed: bool, found: String, hint: &'static str) -> Row {
+    let (outcome, hint) = if passed { (Outcome::Passed, "") } else { (Outcome::Failed, hint) };
+    Row { name, outcome, found, hint }
+}
+
+fn kernel_row(kernel: &KernelFacts) -> Row {
+    let kind = if kernel.preempt_rt { "PREEMPT_RT" } else { "not PREEMPT_RT" };
+    row("kernel", kernel.preempt_rt, format!("{}, {kind}", kernel.release), "boot a kernel built with PREEMPT_RT")
+}
+
+fn policy_row(request: ThreadRequest, standing: ThreadStanding) -> Row {
+    let found = if standing.fifo {
+        format!("SCHED_FIFO, priority {}", standing.priority)
+    } else {
+        format!("time-sharing; SCHED_FIFO was refused ({})", errno_text(standing.schedule_errno))
+    };
+    let passed = standing.fifo && standing.priority == request.priority;
+    row("scheduling", passed, found, "allow it: `* - rtprio 99` in /etc/security/limits.d, or run with CAP_SYS_NICE")
+}
+
+fn affinity_row(request: ThreadRequest, standing: ThreadStanding) -> Row {
+    let found = match standing.cpu {
+        Some(cpu) => format!("pinned to processor {cpu}"),
+        None => format!("processor {} was refused ({})", request.cpu, errno_text(standing.affinity_errno)),
+    };
+    row("affinity", standing.cpu.is_some(), found, "name a processor that exists and that this process may use in [realtime] cpu")
+}
+
+fn memory_row(memory: Result<(), MemoryLockRefusal>) -> Row {
+    let found = match memory {
+        Ok(()) => "every page is locked".to_owned(),
+        Err(MemoryLockRefusal::Limit { bytes }) => format!("not locked; the memlock limit is {} KiB", bytes / 1024),
+        Err(MemoryLockRefusal::Errno(errno)) => format!("not locked ({})", errno_text(errno)),
+    };
+    row("memory", memory.is_ok(), found, "allow it: `* - memlock unlimited` in /etc/security/limits.d, or run with CAP_IPC_LOCK")
+}
+
+fn governor_row(kernel: &KernelFacts) -> Row {
+    match kernel.governor.as_deref() {
+        Some(governor) => {
+            row("governor", governor == "performance", governor.to_owned(), "set the frequency governor to `performance`")
+        }
+        None => Row { name: "governor", outcome: Outcome::Unknown, found: "not reported".to_owned(), hint: "" },
+    }
+}
+
+/// Clock sources that a program can read without a system call.
+const FAST_CLOCKSOURCES: [&str; 3] = ["tsc", "kvm-clock", "arch_sys_counter"];
+
+fn clocksource_row(kernel: &KernelFacts) -> Row {
+    match kernel.clocksource.as_deref() {
+        Some(source) => {
+            row("clock source", FAST_CLOCKSOURCES.contains(&source), source.to_owned(), "choose `tsc` as the kernel's clock source")
+        }
+        None => Row { name: "clock source", outcome: Outcome::Unknown, found: "not reported".to_owned(), hint: "" },
+    }
+}
+
+fn errno_text(errno: i32) -> String {
+    std::io::Error::from_raw_os_error(errno).to_string()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const REQUEST: ThreadRequest = ThreadRequest { cpu: 1, priority: 80 };
+
+    fn tuned() -> KernelFacts {
+        KernelFacts {
+            release: "6.12.0".to_owned(),
+            preempt_rt: true,
+            governor: Some("performance".to_owned()),
+            clocksource: Some("tsc".to_owned()),
+        }
+    }
+
+    fn obtained() -> ThreadStanding {
+        ThreadStanding { fifo: true, priority: 80, cpu: Some(1), ..ThreadStanding::default() }
+    }
+
+    #[test]
+    fn a_tuned_machine_passes_every_row() {
+        let report = Report::judge(&tuned(), REQUEST, obtained(), Ok(()));
+        assert!(report.passed(), "{report:?}");
+        assert!(report.memory_locked && report.kernel_rt);
+    }
+
+    #[test]
+    fn every_refusal_is_a_row_with_a_hint() {
+        let kernel = KernelFacts {
+            preempt_rt: false,
+            governor: Some("powersave".to_owned()),
+            clocksource: Some("hpet".to_owned()),
+            ..tuned()
+        };
+        let standing = ThreadStanding { schedule_errno: 1, affinity_errno: 22, ..ThreadStanding::default() };
+        let report = Report::judge(&kernel, REQUEST, standing, Err(MemoryLockRefusal::Limit { bytes: 65_536 }));
+        let failed: Vec<_> = report.failed().map(|row| row.name).collect();
+        assert_eq!(failed, ["kernel", "scheduling", "affinity", "memory", "governor", "clock source"]);
+        assert!(report.failed().all(|row| !row.hint.is_empty()));
+    }
+
+    #[test]
+    fn what_the_machine_does_not_say_is_not_held_against_it() {
+        let kernel = KernelFacts { governor: None, clocksource: None, ..tuned() };
+        assert!(Report::judge(&kernel, REQUEST, obtained(), Ok(())).passed());
+    }
+
+    #[test]
+    fn a_lower_priority_than_asked_for_fails() {
+        let standing = ThreadStanding { priority: 10, ..obtained() };
+        assert!(!Report::judge(&tuned(), REQUEST, standing, Ok(())).passed());
+    }
+
+    #[test]
+    fn the_facts_of_this_machine_can_be_read() {
+        assert!(!KernelFacts::read(0).release.is_empty());
+    }
+}
