@@ -5,12 +5,16 @@
 //! | room | does |
 //! |---|---|
 //! | [`spatial`] | poses, twists, wrenches, frames, signs: the shared vocabulary |
+//! | [`config`] | TOML scene → checked, SI, typed |
 //! | [`mesh`] | files and shapes → triangles |
 //! | [`voxmap`] | triangles → bricked voxel map: surface, sides, layers, distance, field |
 //! | [`pointshell`] | surface voxels → points with inward normals |
 //! | [`haptics`] | the tick: contact, filter, coupling, limits |
+//! | [`device`] | arms: trait, profiles, the simulated arm |
 //! | [`rt`] | every operating-system call of the loop |
 
+pub mod config;
+pub mod device;
 pub mod haptics;
 pub mod mesh;
 pub mod pointshell;

@@ -1,0 +1,21 @@
+//! Scene files: version → schema (as written) → resolved (checked, SI, typed).
+//!
+//! Data in: a TOML scene and device profiles. Data out: one [`SceneConfig`], or every problem of the first
+//! pass that found any. `document` reads syntax and version, `schema` holds the keys, `resolve` checks and converts.
+//!
+//! Invariant: cold, and silent: problems are returned, `cli` prints them.
+
+pub(crate) mod checks;
+pub(crate) mod document;
+pub(crate) mod problem;
+pub(crate) mod schema;
+
+pub mod bound;
+pub mod poses;
+pub mod resolve;
+
+pub use problem::{ConfigErrors, Problem, ProblemKind};
+pub use resolve::{LoadOptions, SceneConfig, load, load_with};
+
+/// The shipped `config/default.toml`: every key with its default and unit.
+pub const DEFAULT_SCENE: &str = include_str!("../../config/default.toml");

@@ -1,0 +1,148 @@
+//! The one interface between the servo and an arm.
+
+use core::time::Duration;
+
+use crate::spatial::{Axes, DeviceSample, Wrench};
+
+/// Who sets the rate of the exchange with the arm.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Pacing {
+    /// One reply per command; never two commands in flight.
+    #[default]
+    PingPong,
+    /// The arm sends by itself.
+    Stream,
+    /// Reports arrive on change only: no report means unchanged, not stale.
+    Event,
+    /// One state message per message sent, from a service on this machine.
+    Service,
+}
+
+/// Where the bytes of a transport are moved.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum IoPlacement {
+    /// In the servo thread: `read` and `write` never block.
+    #[default]
+    InLoop,
+    /// In a thread of the driver's own (HID, whose write can block): `read` and `write` exchange newest values with it.
+    OwnThread,
+}
+
+/// What wakes the servo for its next tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Wakeup {
+    /// The clock: the servo sleeps to an absolute deadline, then reads. The usual case, and the only one for arms whose
+    /// samples arrive with jitter.
+    #[default]
+    Clock,
+    /// The arm: the servo calls [`Device::wait`], which returns when a sample has come. For arms with a steady rate of their own,
+    /// so that a sample is never up to one period old.
+    Device,
+}
+
+/// What an arm can do. A `Copy` record that does not change while the arm is open.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Capabilities {
+    /// Axes that are measured.
+    pub sensed: Axes,
+    /// Axes with a motor.
+    pub actuated: Axes,
+    /// Who sets the rate.
+    pub pacing: Pacing,
+    /// Where bytes are moved.
+    pub io: IoPlacement,
+    /// What wakes the servo.
+    pub wakeup: Wakeup,
+    /// The arm drops its command when none came for this long; `None`: never, the last command stays on.
+    pub watchdog_ms: Option<u32>,
+    /// After the watchdog tripped, the next command does not enable the motors by itself.
+    pub watchdog_latched: bool,
+    /// The motors keep the last command when the host goes away.
+    pub holds_last_command: bool,
+    /// The position is absolute: homed at power-on, or needs no homing.
+    pub homed: bool,
+    /// A simulated arm: may be enabled without an operator.
+    pub simulated: bool,
+}
+
+/// Why the edge to the arm failed. `Copy`, no text: the cold side writes that.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DeviceError {
+    /// The arm is gone; nothing more will come.
+    Lost,
+    /// A report was short, garbled or failed its check; the last good sample still stands.
+    Packet,
+    /// The command had a component that is not a finite number; a zero command was sent in its place.
+    NonFinite,
+    /// The operating system refused with this errno.
+    Os(i32),
+}
+
+/// An open arm. One owner, one thread: the servo.
+///
+/// # The exchange
+/// Each tick the servo calls, in this order, `wait` (only if [`Capabilities::wakeup`] is [`Wakeup::Device`]), `read` and
+/// `write`. Both rhythms of real arms fit:
+/// - *host-paced* (ping-pong, service): `read` takes the reply to the command of the tick before, `write` sends the next one;
+/// - *device-paced* (stream, event): `read` drains the queue and keeps the newest report, `write` sends whenever the tick is done.
+///
+/// A `write` always follows a successful `read`, so a driver never has two commands in flight. After [`DeviceError::Lost`] the
+/// servo keeps calling; the driver keeps answering `Lost`.
+///
+/// RT: `wait`, `read`, `write` and `stop` run in the servo thread. They do not allocate, lock, print or panic, and make at most
+/// a fixed number of non-blocking system calls.
+pub trait Device: Send {
+    /// What the arm can do.
+    fn capabilities(&self) -> Capabilities;
+
+    /// Waits until a report has come, at most `timeout`; true if one has. Called only for [`Wakeup::Device`], and the one method that
+    /// may sleep. A false answer counts as a missed deadline, and the tick goes on with a stale sample.
+    ///
+    /// # Errors
+    /// [`DeviceError::Lost`] or [`DeviceError::Os`]; the tick goes on and sees the loss in `read`.
+    fn wait(&mut self, timeout: Duration) -> Result<bool, DeviceError> {
+        let _ = timeout;
+        Ok(false)
+    }
+
+    /// The newest sample: grip pose in the device frame. Fresh when a report arrived since the last call, else the last values
+    /// again with status stale.
+    ///
+    /// # Errors
+    /// [`DeviceError::Packet`]: the sample is stale this time. Anything else: the arm is lost.
+    fn read(&mut self) -> Result<DeviceSample, DeviceError>;
+
+    /// Sends a wrench: device axes, reduced at the grip point. The last code before the motors: drops axes without a motor and
+    /// repeats the profile's hard limits, magnitude first and direction kept.
+    ///
+    /// # Errors
+    /// [`DeviceError::NonFinite`]: a zero command went out instead. Anything else: the arm is lost.
+    fn write(&mut self, wrench_device: &Wrench) -> Result<(), DeviceError>;
+
+    /// Sends the zero command, as well as it can: the last thing that happens to an arm, on every way out. Idempotent; may be called at
+    /// any time, after any error and from a drop guard while a panic unwinds, so it must not panic. A driver whose transport can
+    /// lose a frame sends it twice.
+    fn stop(&mut self);
+}
+
+impl<T: Device + ?Sized> Device for Box<T> {
+    fn capabilities(&self) -> Capabilities {
+        (**self).capabilities()
+    }
+
+    fn wait(&mut self, timeout: Duration) -> Result<bool, DeviceError> {
+        (**self).wait(timeout)
+    }
+
+    fn read(&mut self) -> Result<DeviceSample, DeviceError> {
+        (**self).read()
+    }
+
+    fn write(&mut self, wrench_device: &Wrench) -> Result<(), DeviceError> {
+        (**self).write(wrench_device)
+    }
+
+    fn stop(&mut self) {
+        (**self).stop();
+    }
+}

@@ -1,0 +1,26 @@
+//! Arms: what the servo sees of them, and the simulated one.
+//!
+//! Data in: a wrench in device axes, reduced at the grip point. Data out: the newest [`DeviceSample`] of the grip.
+//!
+//! Invariant: never uses `haptics`; a driver knows nothing of scenes. Invariant: everything behind [`Device::read`],
+//! [`Device::write`] and [`Device::stop`] is bounded, does not block and does not allocate.
+//!
+//! | file | owns |
+//! |---|---|
+//! | `driver` | the [`Device`] trait, [`Capabilities`], edge errors |
+//! | [`profile`] | hardware as data |
+//! | [`sim`] | the simulated arm: a plant, a hand, an encoder, faults |
+//! | [`hand`] | where the simulated hand wants to be, over time |
+//! | [`fault`] | the fault grammar (`nan@2s`, `drop=1%`) |
+//! | [`velocity`] | velocity over a time window |
+//!
+//! [`DeviceSample`]: crate::spatial::DeviceSample
+
+mod driver;
+pub mod fault;
+pub mod hand;
+pub mod profile;
+pub mod sim;
+pub mod velocity;
+
+pub use driver::{Capabilities, Device, DeviceError, IoPlacement, Pacing, Wakeup};
