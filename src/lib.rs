@@ -9,6 +9,7 @@
 //! | [`mesh`] | files and shapes → triangles |
 //! | [`voxmap`] | triangles → bricked voxel map: surface, sides, layers, distance, field |
 //! | [`pointshell`] | surface voxels → points with inward normals |
+//! | [`scene`] | everything baked, immutable, in one place |
 //! | [`haptics`] | the tick: contact, filter, coupling, limits |
 //! | [`device`] | arms: trait, profiles, the simulated arm |
 //! | [`rt`] | every operating-system call of the loop |
@@ -19,5 +20,6 @@ pub mod haptics;
 pub mod mesh;
 pub mod pointshell;
 pub mod rt;
+pub mod scene;
 pub mod spatial;
 pub mod voxmap;

@@ -1,0 +1,119 @@
+//! A checked scene in, a baked one out.
+
+use glam::{DMat3, DVec3};
+
+use super::object::{Geometry, SceneError};
+use super::report::{ObjectReport, Role};
+use crate::config::SceneConfig;
+use crate::config::resolve::ToolConfig;
+use crate::haptics::contact::{ContactSum, Obstacle};
+use crate::haptics::{CouplingMode, Inertia, RenderScene, Tool};
+use crate::mesh::mass::MassProperties;
+use crate::pointshell::ShellReport;
+use crate::spatial::Pose;
+use crate::voxmap::field::FieldKind;
+use crate::voxmap::{Options, Stage};
+
+/// What a watcher is told while a scene is baked.
+#[derive(Clone, Copy, Debug)]
+pub struct Event<'a> {
+    /// Object at work.
+    pub name: &'a str,
+    /// Number of the object, from 0.
+    pub object_idx: usize,
+    /// Objects in the scene.
+    pub n_objects: usize,
+    /// Stage that begins.
+    pub stage: Stage,
+}
+
+/// A radius of gyration that no real tool falls below, as a share of its size: keeps the rotational step well-conditioned for
+/// needles, whose moment about their own axis is next to nothing.
+const GYRATION_SHARE: f64 = 0.05;
+
+/// Bakes every object of a scene. Runs on the current rayon pool; the result does not depend on its size.
+///
+/// # Errors
+/// The first object whose mesh cannot be used or whose grid is too large.
+pub fn build(config: &SceneConfig, mut watch: impl FnMut(Event<'_>)) -> Result<(RenderScene, Vec<ObjectReport>), SceneError> {
+    let n_objects = config.statics.len() + 1;
+    let mut reports = Vec::with_capacity(n_objects);
+    let mut obstacles = Vec::with_capacity(config.statics.len());
+    let with_gradients = config.parameters.contact.field == FieldKind::SurfacePoint;
+    for (object_idx, object) in config.statics.iter().enumerate() {
+        let mut tell = |stage| watch(Event { name: &object.name, object_idx, n_objects, stage });
+        tell(Stage::Load);
+        let geometry = Geometry::load(&object.name, Role::Static, &object.source, object.voxel_size_m)?;
+        let options =
+            Options { voxel_size_m: object.voxel_size_m, layers: object.layers, navigation: None, trust_fill: object.trust_fill };
+        let mut map = geometry.voxmap(&options, &mut tell)?;
+        tell(Stage::Distance);
+        let field = geometry.field(&mut map, with_gradients);
+        reports.push(geometry.report(&map, &ShellReport::default()));
+        obstacles.push(Obstacle { field, world_from_map: object.pose });
+    }
+
+    let mut tell = |stage| watch(Event { name: "tool", object_idx: n_objects - 1, n_objects, stage });
+    let ToolConfig { source, voxel_size_m, layers, .. } = &config.tool;
+    tell(Stage::Load);
+    let geometry = Geometry::load("tool", Role::Tool, source, *voxel_size_m)?;
+    let options = Options { voxel_size_m: *voxel_size_m, layers: *layers, navigation: None, trust_fill: false };
+    let map = geometry.voxmap(&options, &mut tell)?;
+    let mass = geometry.mass_properties();
+    let center_of_mass_tool = config.tool.center_of_mass_m.unwrap_or(mass.center_m);
+    tell(Stage::Pointshell);
+    let (shell, shell_report) = geometry.shell(&map, center_of_mass_tool);
+    let mut tool_report = geometry.report(&map, &shell_report);
+    let mut inertia = inertia(&config.tool, &mass, shell.radius_m(), center_of_mass_tool);
+    if config.parameters.coupling.mode == CouplingMode::SemiImplicit {
+        let own = inertia;
+        inertia = own.at_least_for_semi_implicit(&config.parameters.coupling, config.parameters.period_s);
+        if inertia.mass_kg > own.mass_kg {
+            let [needed_g, own_g] = [inertia.mass_kg, own.mass_kg].map(|mass_kg| mass_kg * 1e3);
+            tool_report
+                .warnings
+                .push(format!("the semi-implicit step takes a tool of {needed_g:.1} g for this one of {own_g:.1} g"));
+        }
+        if inertia.least_kg_m2 > own.least_kg_m2 {
+            let [needed, own] = [inertia.least_kg_m2, own.least_kg_m2];
+            tool_report.warnings.push(format!(
+                "the semi-implicit step takes a tool that turns like {needed:.1e} kg·m² for this one of {own:.1e} kg·m²"
+            ));
+        }
+    }
+    let tool = Tool { shell, inertia, center_of_mass_tool };
+    let scene = RenderScene { parameters: config.parameters, obstacles, tool };
+    if let Some(warning) = inside_at_start(&scene) {
+        tool_report.warnings.push(warning);
+    }
+    reports.push(tool_report);
+    Ok((scene, reports))
+}
+
+/// What to say of a tool that stands in an obstacle when the arm is enabled.
+fn inside_at_start(scene: &RenderScene) -> Option<String> {
+    let RenderScene { parameters, obstacles, tool } = scene;
+    let world_from_body = parameters.port.start * Pose::from_translation(tool.center_of_mass_tool);
+    let sum = ContactSum::flat(obstacles, &tool.shell, world_from_body, &parameters.contact, &parameters.filter);
+    // A tenth of a voxel is a tool that was put down, not one that was put inside.
+    (sum.contacts > 0 && sum.max_value_m > 0.1 * sum.voxel_size_m).then(|| {
+        format!(
+            "it starts inside a part, {:.3} mm deep with {} points: move `tool.start_position_mm`",
+            sum.max_value_m * 1e3,
+            sum.contacts
+        )
+    })
+}
+
+/// The tool's inertia: as configured, or from the mesh about the configured centre of mass.
+fn inertia(tool: &ToolConfig, mass: &MassProperties, radius_m: f64, center_of_mass_tool: DVec3) -> Inertia {
+    let shift = mass.center_m - center_of_mass_tool;
+    // Parallel axes, for a centre of mass that is not the mesh's own.
+    let outer = DMat3::from_cols(shift * shift.x, shift * shift.y, shift * shift.z);
+    let about_center = mass.inertia_per_mass + DMat3::IDENTITY * shift.length_squared() - outer;
+    let floor = (GYRATION_SHARE * radius_m).powi(2);
+    let body_kg_m2 = tool.inertia_kg_m2.unwrap_or((about_center + DMat3::IDENTITY * floor) * tool.mass_kg);
+    // The smallest entry of the diagonal: at least the smallest principal moment, equal to it for parts modelled along their axes.
+    let least_kg_m2 = body_kg_m2.x_axis.x.min(body_kg_m2.y_axis.y).min(body_kg_m2.z_axis.z);
+    Inertia { mass_kg: tool.mass_kg, body_kg_m2, least_kg_m2 }
+}

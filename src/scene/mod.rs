@@ -1,0 +1,14 @@
+//! The one door between the cold rooms and the hot ones: a checked scene in, everything baked out.
+//!
+//! Data in: a [`SceneConfig`](crate::config::SceneConfig). Data out: one immutable [`RenderScene`](crate::haptics::RenderScene) with
+//! all memory allocated and touched, and a report on each object.
+//!
+//! Invariant: nothing that the tick reads is created or changed after this room.
+
+mod build;
+mod object;
+mod report;
+
+pub use build::{Event, build};
+pub use object::{Geometry, SceneError};
+pub use report::{LeakReport, ObjectReport, Role, Timings};

@@ -1,0 +1,173 @@
+//! What was built of an object, in the words of `bake --json`.
+
+use serde::Serialize;
+
+use crate::mesh::validate::MeshReport;
+use crate::pointshell::ShellReport;
+use crate::voxmap::Voxmap;
+
+/// What an object is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Role {
+    /// One voxmap of a scene.
+    Static,
+    /// The pointshell of a scene.
+    Tool,
+    /// A mesh on its own: both.
+    Mesh,
+}
+
+/// Where the fill got in.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct LeakReport {
+    /// Centre of the largest hole, mesh frame, m.
+    pub position_m: [f64; 3],
+    /// Diameter of a disc of its area, m.
+    pub size_m: f64,
+}
+
+/// Seconds per stage; 0 for a stage that the role does not need.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct Timings {
+    /// Reading or tessellating, and inspecting.
+    pub load: f64,
+    /// Grid set-up.
+    pub init: f64,
+    /// Navigation and SAT.
+    pub surface: f64,
+    /// Flood fill, leak search, orientation.
+    pub fill: f64,
+    /// Layers.
+    pub layers: f64,
+    /// Distances and field.
+    pub distance: f64,
+    /// Projection and ordering of points.
+    pub pointshell: f64,
+    /// Normals.
+    pub normals: f64,
+    /// All of it.
+    pub total: f64,
+}
+
+/// One object's figures.
+#[derive(Clone, Debug, Serialize)]
+pub struct ObjectReport {
+    /// Name in the scene, or the file name.
+    pub name: String,
+    /// What it is for.
+    pub role: Role,
+    /// Triangles.
+    pub triangles: usize,
+    /// s, m.
+    pub voxel_size_m: f64,
+    /// Lowest corner of cell `[0, 0, 0]`, mesh frame, m.
+    pub origin_m: [f64; 3],
+    /// Voxels per axis.
+    pub dims: [u32; 3],
+    /// Voxels in the box.
+    pub voxels: u64,
+    /// Voxels that the surface touches.
+    pub surface_voxels: u64,
+    /// Voxels that the fill did not reach.
+    pub inside_voxels: u64,
+    /// Voxels that the fill reached.
+    pub outside_voxels: u64,
+    /// Layers on each side.
+    pub layers: u32,
+    /// The fill did not leak.
+    pub watertight: bool,
+    /// `flood`: a solid by the fill; `thin`: a two-sided skin.
+    pub sides: &'static str,
+    /// Where it leaked.
+    pub leak: Option<LeakReport>,
+    /// Edges with one triangle only, after welding.
+    pub open_edges: usize,
+    /// How candidates were walked.
+    pub navigation: &'static str,
+    /// SAT tests spent.
+    pub sat_tests: u64,
+    /// Points of the shell; 0 for a static object.
+    pub points: usize,
+    /// Points found in phase 1.
+    pub phase1_points: usize,
+    /// Points found in phase 2.
+    pub phase2_points: usize,
+    /// Threads of the bake.
+    pub threads: usize,
+    /// Seconds per stage.
+    pub timings_s: Timings,
+    /// What a user should know.
+    pub warnings: Vec<String>,
+}
+
+impl ObjectReport {
+    pub(super) fn new(name: &str, role: Role, mesh: &MeshReport, map: &Voxmap, shell: &ShellReport, load_s: f64) -> Self {
+        let grid = &map.surface.grid;
+        let inside_voxels = map.sides.count_inside(&map.surface);
+        let surface_voxels = map.surface.n_voxels as u64;
+        let mut warnings = mesh.warnings();
+        if let Some(leak) = map.leak {
+            let [x, y, z] = (leak.position_m * 1e3).to_array();
+            let what = if map.thin { "it is treated as a thin two-sided skin" } else { "only what the fill left inside is solid" };
+            warnings.push(format!(
+                "the surface leaks near ({x:.2}, {y:.2}, {z:.2}) mm through a hole of about {:.2} mm: {what}",
+                leak.size_m * 1e3
+            ));
+        }
+        if map.leak.is_none() && map.thin {
+            warnings.push(
+                "thinner than its voxels resolve: it is treated as a two-sided skin of one voxel; a solid needs voxels of less \
+                 than half its thickness"
+                    .to_owned(),
+            );
+        } else if map.leak.is_none() && map.thin_share > 0.02 {
+            warnings.push(format!(
+                "{:.0} % of the surface is thinner than the voxels resolve and will not be felt there; use smaller voxels",
+                100.0 * map.thin_share
+            ));
+        }
+        if map.orientation.n_inverted > 0 {
+            warnings.push(format!("{} triangles face inward; their side was taken from the fill", map.orientation.n_inverted));
+        }
+        let stages = map.timings;
+        let mut timings_s = Timings {
+            load: load_s,
+            init: stages.init_s,
+            surface: stages.surface_s,
+            fill: stages.fill_s,
+            layers: stages.layers_s,
+            distance: stages.distance_s,
+            pointshell: shell.project_s,
+            normals: shell.normals_s,
+            total: 0.0,
+        };
+        let Timings { load, init, surface, fill, layers, distance, pointshell, normals, total: _ } = timings_s;
+        timings_s.total = load + init + surface + fill + layers + distance + pointshell + normals;
+        Self {
+            name: name.to_owned(),
+            role,
+            triangles: mesh.triangles,
+            voxel_size_m: grid.voxel_size_m,
+            origin_m: grid.origin_m.to_array(),
+            dims: grid.dims,
+            voxels: grid.n_cells(),
+            surface_voxels,
+            inside_voxels,
+            outside_voxels: grid.n_cells() - surface_voxels - inside_voxels,
+            layers: map.layers.n_layers,
+            watertight: map.watertight,
+            sides: if map.thin { "thin" } else { "flood" },
+            leak: map.leak.map(|leak| LeakReport { position_m: leak.position_m.to_array(), size_m: leak.size_m }),
+            open_edges: mesh.open_edges,
+            navigation: map.surface.navigation.name(),
+            sat_tests: map.surface.sat_tests,
+            points: shell.points,
+            phase1_points: shell.phase1_points,
+            phase2_points: shell.phase2_points,
+            threads: rayon::current_num_threads(),
+            timings_s,
+            warnings,
+        }
+    }
+}
