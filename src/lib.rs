@@ -13,6 +13,8 @@
 //! | [`haptics`] | the tick: contact, filter, coupling, limits |
 //! | [`device`] | arms: trait, profiles, the simulated arm |
 //! | [`rt`] | every operating-system call of the loop |
+//! | [`servo`] | the 1 kHz loop: wait → read → tick → write → publish |
+//! | [`telemetry`] | records out of the loop → histograms and summaries |
 
 pub mod config;
 pub mod device;
@@ -21,5 +23,7 @@ pub mod mesh;
 pub mod pointshell;
 pub mod rt;
 pub mod scene;
+pub mod servo;
 pub mod spatial;
+pub mod telemetry;
 pub mod voxmap;

@@ -1,0 +1,353 @@
+//! One turn of the loop.
+
+use core::time::Duration;
+use std::sync::Arc;
+
+use rtrb::{Producer, PushError};
+
+use super::{Control, Due, Order, Pace, StopGuard};
+use crate::device::{Capabilities, Device, DeviceError, Wakeup};
+use crate::haptics::{self, Drive, Faults, RenderScene, State, TickInput, TickOutput};
+use crate::rt::clock::{Clock, ClockKind};
+use crate::spatial::{DeviceSample, SampleStatus, Wrench};
+use crate::telemetry::{FlightRecorder, TickRecord};
+
+/// The tick. Always [`haptics::tick`] in the program; tests of the loop bring their own, to panic or fault on demand.
+pub type TickFunction = fn(&RenderScene, &mut State, &TickInput) -> TickOutput;
+
+/// Ticks that are run on a copy of the state before the first real one: enough to touch every page and teach the branch predictors.
+const WARM_UP_TICKS: u32 = 256;
+
+/// How much longer than the ramp a stop may take before the loop ends anyway, s.
+const STOP_GRACE_S: f64 = 0.25;
+
+/// How a run is to end by itself. Counted in ticks, so that two runs under the virtual clock end on the same bit.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct RunPlan {
+    /// From this tick on the loop stops: ramps down, then ends. `None`: until told.
+    pub stop_at_tick: Option<u64>,
+}
+
+/// Why the loop ended.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Ending {
+    /// It has not.
+    #[default]
+    Running,
+    /// Ramped down after a stop, planned or ordered.
+    Stopped,
+    /// A fault; the command had gone to zero.
+    Faulted,
+    /// The ramp-down did not reach zero in its time; the guard wrote the zero.
+    StopTimedOut,
+    /// Ordered to end at once.
+    Quit,
+    /// The tick or the driver panicked.
+    Panicked,
+}
+
+/// Whether there is a next step.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Step {
+    /// There is.
+    Continue,
+    /// There is not; [`ServoLoop::finish`] gives the report.
+    End,
+}
+
+/// What the loop has to say when it is over.
+#[derive(Debug)]
+pub struct LoopReport {
+    /// Ticks done.
+    pub ticks: u64,
+    /// Deadlines that passed without a tick.
+    pub missed_deadlines: u64,
+    /// Records that found the ring full.
+    pub dropped_records: u64,
+    /// Packets that the driver refused.
+    pub packet_errors: u64,
+    /// Every fault of the run.
+    pub faults: Faults,
+    /// Tick of the first fault.
+    pub first_fault_tick: Option<u64>,
+    /// Why it ended.
+    pub ending: Ending,
+    /// What the last tick gave.
+    pub last: TickOutput,
+    /// The last ticks, or those before the first fault.
+    pub flight: FlightRecorder,
+}
+
+/// The loop. Runs in a thread of its own (`daemon`), or step by step in a test.
+///
+/// ```text
+///        ┌────────────────────────────────────────────────────────────────┐
+///        ▼                                                                │
+///  wait ──► read ──► tick ──► write ──► publish ──► ended? ──no───────────┘
+///    │        │ error           │ error                └─yes─► zero command, report
+///    │        └► stale or lost  └► lost: the next tick sees it
+///    └ late: count, skip
+/// ```
+#[derive(Debug)]
+pub struct ServoLoop<D: Device, C: Clock> {
+    scene: Arc<RenderScene>,
+    state: State,
+    tick_function: TickFunction,
+    device: StopGuard<D>,
+    capabilities: Capabilities,
+    clock: C,
+    pace: Pace,
+    start_ns: i64,
+    control: Arc<Control>,
+    plan: RunPlan,
+    records: Producer<TickRecord>,
+    flight: FlightRecorder,
+
+    tick: u64,
+    /// Tick by which a stop or a fault must have led to zero; set when it begins.
+    end_by_tick: Option<u64>,
+    stop_ticks: u64,
+    sample: DeviceSample,
+    /// The arm refused a command: it is lost, whatever it says later.
+    device_lost: bool,
+    missed_deadlines: u64,
+    dropped_records: u64,
+    packet_errors: u64,
+    faults: Faults,
+    first_fault_tick: Option<u64>,
+    ending: Ending,
+    last: TickOutput,
+}
+
+impl<D: Device, C: Clock> ServoLoop<D, C> {
+    /// A loop that is ready to step. Allocates; RT: start-up only.
+    pub fn new(
+        scene: Arc<RenderScene>,
+        device: D,
+        clock: C,
+        control: Arc<Control>,
+        plan: RunPlan,
+        records: Producer<TickRecord>,
+    ) -> Self {
+        let period_s = scene.parameters.period_s;
+        let stop_ticks = ((scene.parameters.limits.ramp_s + STOP_GRACE_S) / period_s).ceil() as u64;
+        let capabilities = device.capabilities();
+        Self {
+            state: State::new(&scene),
+            scene,
+            tick_function: haptics::tick,
+            device: StopGuard::new(device),
+            capabilities,
+            clock,
+            pace: Pace::new(0, (period_s * 1e9).round() as i64),
+            start_ns: 0,
+            control,
+            plan,
+            records,
+            flight: FlightRecorder::new(FlightRecorder::DEFAULT_TICKS),
+            tick: 0,
+            end_by_tick: None,
+            stop_ticks,
+            sample: DeviceSample::default(),
+            device_lost: false,
+            missed_deadlines: 0,
+            dropped_records: 0,
+            packet_errors: 0,
+            faults: Faults::NONE,
+            first_fault_tick: None,
+            ending: Ending::Running,
+            last: TickOutput::default(),
+        }
+    }
+
+    /// The same loop with another tick.
+    #[must_use]
+    pub fn with_tick(mut self, tick_function: TickFunction) -> Self {
+        self.tick_function = tick_function;
+        self
+    }
+
+    /// The arm.
+    pub fn device(&mut self) -> &mut D {
+        &mut self.device
+    }
+
+    /// Runs the tick on a copy of the state, without the arm, then sets the first deadline one period from now. Call once, in the thread of
+    /// the loop, before the first step.
+    pub fn warm_up(&mut self) {
+        let mut rehearsal = self.state.clone();
+        for n in 0..WARM_UP_TICKS {
+            let sample = DeviceSample { sequence: u64::from(n) + 1, status: SampleStatus::Fresh, ..DeviceSample::default() };
+            let input = TickInput { sample, request: Order::Enable.request(), overrun: false };
+            core::hint::black_box((self.tick_function)(&self.scene, &mut rehearsal, &input));
+            core::hint::black_box((self.clock.now_ns(), self.clock.stopwatch_ns()));
+        }
+        self.flight.note(&TickRecord::default());
+        self.flight.clear();
+        self.start_ns = self.clock.now_ns();
+        self.pace = Pace::new(self.start_ns, self.pace.period_ns());
+    }
+
+    /// One turn: wait → read → tick → write → publish. After [`Step::End`] it does nothing more. RT: safe.
+    pub fn step(&mut self) -> Step {
+        if self.ending != Ending::Running {
+            return Step::End;
+        }
+        let order = self.order();
+        if order == Order::Quit {
+            self.device.stop();
+            self.ending = Ending::Quit;
+            return Step::End;
+        }
+
+        let due = self.wait();
+        self.missed_deadlines += due.missed;
+
+        let begin_ns = self.clock.stopwatch_ns();
+        let sample = self.read();
+        let read_ns = self.clock.stopwatch_ns();
+        let input = TickInput { sample, request: order.request(), overrun: due.missed > 0 };
+        let output = (self.tick_function)(&self.scene, &mut self.state, &input);
+        let computed_ns = self.clock.stopwatch_ns();
+        self.write(&output.command_device);
+        let written_ns = self.clock.stopwatch_ns();
+
+        self.last = output;
+        self.publish(&TickRecord {
+            tick: self.tick,
+            time_ns: due.now_ns - self.start_ns,
+            wakeup_ns: due.late_ns,
+            compute_ns: elapsed_ns(read_ns, computed_ns),
+            device_ns: elapsed_ns(begin_ns, read_ns) + elapsed_ns(computed_ns, written_ns),
+            input,
+            output,
+        });
+        self.conclude(order, &output)
+    }
+
+    /// The order of this tick: what the supervisor wants, or the stop that the plan foresees.
+    fn order(&self) -> Order {
+        let order = self.control.order();
+        if !self.faults.is_empty() && order != Order::Quit {
+            // A fault that the tick does not know of, such as a command that the driver refused: no ramp, zero now.
+            return Order::Disable;
+        }
+        let planned_stop = self.plan.stop_at_tick.is_some_and(|stop_at_tick| self.tick >= stop_at_tick);
+        if planned_stop && order != Order::Quit { Order::Stop } else { order }
+    }
+
+    fn wait(&mut self) -> Due {
+        match self.capabilities.wakeup {
+            Wakeup::Clock => self.pace.wait(&mut self.clock),
+            Wakeup::Device => {
+                // Two periods: one late report is a missed deadline, not the end of the loop.
+                let timeout = Duration::from_nanos(self.pace.period_ns().unsigned_abs().saturating_mul(2));
+                // A loss shows again in `read`, which is where it is judged.
+                let _ = self.device.wait(timeout);
+                let now_ns = self.clock.now_ns();
+                self.pace.follow(now_ns)
+            }
+        }
+    }
+
+    fn read(&mut self) -> DeviceSample {
+        match self.device.read() {
+            Ok(sample) => self.sample = sample,
+            Err(DeviceError::Packet | DeviceError::NonFinite) => {
+                self.packet_errors += 1;
+                self.sample.status = SampleStatus::Stale;
+            }
+            Err(DeviceError::Lost | DeviceError::Os(_)) => self.sample.status = SampleStatus::Lost,
+        }
+        if self.device_lost {
+            self.sample.status = SampleStatus::Lost;
+        }
+        self.sample
+    }
+
+    fn write(&mut self, command_device: &Wrench) {
+        match self.device.write(command_device) {
+            Ok(()) => {}
+            // The tick's own finite check comes first, so this is a second net; the driver sent zero.
+            Err(DeviceError::NonFinite) => self.note_faults(Faults::NON_FINITE),
+            Err(DeviceError::Packet) => self.packet_errors += 1,
+            Err(DeviceError::Lost | DeviceError::Os(_)) => self.device_lost = true,
+        }
+    }
+
+    fn publish(&mut self, record: &TickRecord) {
+        self.flight.note(record);
+        let mut record = *record;
+        loop {
+            match self.records.push(record) {
+                Ok(()) => return,
+                // Simulated time can wait for the drain, so that nothing is lost and two runs give the same records. A drain that has
+                // gone will not make room.
+                Err(PushError::Full(back)) if self.clock.kind() == ClockKind::Virtual && !self.records.is_abandoned() => {
+                    record = back;
+                    std::thread::yield_now();
+                }
+                Err(PushError::Full(_)) => {
+                    self.dropped_records += 1;
+                    return;
+                }
+            }
+        }
+    }
+
+    fn note_faults(&mut self, faults: Faults) {
+        if !faults.is_empty() {
+            self.faults |= faults;
+            self.first_fault_tick.get_or_insert(self.tick);
+            self.flight.freeze();
+        }
+    }
+
+    /// Decides whether this was the last tick, and counts it.
+    fn conclude(&mut self, order: Order, output: &TickOutput) -> Step {
+        self.note_faults(output.faults);
+        let faulted = !self.faults.is_empty();
+        if order == Order::Stop || faulted {
+            let end_by_tick = *self.end_by_tick.get_or_insert(self.tick.saturating_add(self.stop_ticks));
+            let at_rest = matches!(output.drive, Drive::Disabled | Drive::Fault) && output.command_device == Wrench::ZERO;
+            if at_rest {
+                self.ending = if faulted { Ending::Faulted } else { Ending::Stopped };
+            } else if self.tick >= end_by_tick {
+                self.ending = if faulted { Ending::Faulted } else { Ending::StopTimedOut };
+            }
+        }
+        self.tick += 1;
+        if self.ending == Ending::Running {
+            Step::Continue
+        } else {
+            self.device.stop();
+            Step::End
+        }
+    }
+
+    /// Takes note of a panic that was caught at the edge of the thread: zero command first, then the fault.
+    pub fn panicked(&mut self) {
+        self.device.stop();
+        self.note_faults(Faults::PANIC);
+        self.ending = Ending::Panicked;
+    }
+
+    /// Ends the loop: the arm hears zero, the ring's producer goes, the report comes out.
+    pub fn finish(self) -> LoopReport {
+        LoopReport {
+            ticks: self.tick,
+            missed_deadlines: self.missed_deadlines,
+            dropped_records: self.dropped_records,
+            packet_errors: self.packet_errors,
+            faults: self.faults,
+            first_fault_tick: self.first_fault_tick,
+            ending: self.ending,
+            last: self.last,
+            flight: self.flight,
+        }
+    }
+}
+
+fn elapsed_ns(from_ns: i64, to_ns: i64) -> u64 {
+    (to_ns - from_ns).max(0).unsigned_abs()
+}

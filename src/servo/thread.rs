@@ -1,0 +1,249 @@
+//! The edge of the servo's thread.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+use super::{LoopReport, ServoLoop, Step};
+use crate::device::Device;
+use crate::rt::clock::Clock;
+
+/// Warms up, then steps to the end. A panic of the tick or the driver ends here: the arm hears zero, and the report names the fault and keeps
+/// the flight recorder.
+pub fn run_to_end<D: Device, C: Clock>(mut servo: ServoLoop<D, C>) -> LoopReport {
+    // Unwind-safe: after a panic only the arm's `stop`, counters and the flight recorder are used, and each of them is whole between any two
+    // statements of `step`.
+    let outcome = catch_unwind(AssertUnwindSafe(|| {
+        servo.warm_up();
+        while servo.step() == Step::Continue {}
+    }));
+    if outcome.is_err() {
+        servo.panicked();
+    }
+    servo.finish()
+}
+
+#[cfg(test)]
+#[expect(clippy::panic, clippy::expect_used, clippy::disallowed_types, reason = "tests panic on purpose and collect")]
+mod tests {
+    use std::sync::Arc;
+    use std::sync::atomic::Ordering;
+
+    use glam::DVec3;
+    use rtrb::{Consumer, RingBuffer};
+
+    use super::*;
+    use crate::device::sim::{SimArm, SimParameters};
+    use crate::device::{Capabilities, Wakeup};
+    use crate::haptics::{Drive, DriveRequest, Faults, RenderScene, State, TickInput, TickOutput};
+    use crate::rt::clock::{RealClock, VirtualClock};
+    use crate::servo::testing::{ArmLog, CountingArm, ScriptedClock, empty_scene};
+    use crate::servo::{Control, Ending, Order, RunPlan, TickFunction};
+    use crate::spatial::{SampleStatus, Wrench};
+    use crate::telemetry::TickRecord;
+
+    /// Pushes with 1 N while enabled; stops at once when told.
+    fn pushing(_: &RenderScene, _: &mut State, input: &TickInput) -> TickOutput {
+        if input.request == DriveRequest::Enable {
+            let command_device = Wrench::new(DVec3::X, DVec3::ZERO);
+            TickOutput { command_device, drive: Drive::Enabled, ..TickOutput::default() }
+        } else {
+            TickOutput::default()
+        }
+    }
+
+    /// Warm-up ticks see sequences from 1 too, but never an over-run; `overrun` marks the ticks of the loop.
+    fn panicking_when_overrun(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOutput {
+        assert!(!input.overrun, "a tick that panics on purpose");
+        pushing(scene, state, input)
+    }
+
+    fn faulting_when_lost(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOutput {
+        if input.sample.status == SampleStatus::Lost {
+            TickOutput { drive: Drive::Fault, faults: Faults::DEVICE_LOST, ..TickOutput::default() }
+        } else {
+            pushing(scene, state, input)
+        }
+    }
+
+    /// Never comes to rest.
+    fn stubborn(_: &RenderScene, _: &mut State, _: &TickInput) -> TickOutput {
+        let command_device = Wrench::new(DVec3::X, DVec3::ZERO);
+        TickOutput { command_device, drive: Drive::Stopping, ..TickOutput::default() }
+    }
+
+    struct Bench<C: Clock> {
+        servo: ServoLoop<CountingArm, C>,
+        records: Consumer<TickRecord>,
+        log: Arc<ArmLog>,
+        control: Arc<Control>,
+    }
+
+    fn bench<C: Clock>(clock: C, arm: CountingArm, stop_at_tick: Option<u64>, ring: usize, tick: TickFunction) -> Bench<C> {
+        let (producer, records) = RingBuffer::new(ring);
+        let control = Arc::new(Control::new(Order::Enable));
+        let log = arm.log.clone();
+        let servo = ServoLoop::new(empty_scene(), arm, clock, control.clone(), RunPlan { stop_at_tick }, producer).with_tick(tick);
+        Bench { servo, records, log, control }
+    }
+
+    #[test]
+    fn the_plan_ends_the_loop_on_its_tick_and_the_arm_hears_zero() {
+        let bench = bench(VirtualClock::default(), CountingArm::default(), Some(50), 64, pushing);
+        let report = run_to_end(bench.servo);
+        assert_eq!((report.ticks, report.ending), (51, Ending::Stopped));
+        assert_eq!((report.missed_deadlines, report.dropped_records), (0, 0));
+        assert!(report.faults.is_empty() && !report.flight.is_frozen());
+        assert_eq!(bench.log.reads.load(Ordering::SeqCst), 51, "warm-up does not touch the arm");
+        assert!(bench.log.stops.load(Ordering::SeqCst) >= 1);
+    }
+
+    #[test]
+    fn a_panic_in_the_tick_leaves_the_arm_with_zero_and_a_named_fault() {
+        let clock = ScriptedClock::late_by(&[0, 0, 0, 5_000_000]);
+        let bench = bench(clock, CountingArm::default(), None, 64, panicking_when_overrun);
+        let report = run_to_end(bench.servo);
+        assert_eq!(report.ending, Ending::Panicked);
+        assert_eq!(report.faults, Faults::PANIC);
+        assert_eq!(report.first_fault_tick, Some(3));
+        assert!(report.flight.is_frozen());
+        assert_eq!(report.flight.records().map(|record| record.tick).collect::<Vec<_>>(), [0, 1, 2]);
+        assert!(bench.log.writes.load(Ordering::SeqCst) == 3 && bench.log.stops.load(Ordering::SeqCst) >= 1);
+        assert!(bench.log.held_force_x() == 0.0);
+    }
+
+    #[test]
+    fn the_guard_alone_stops_the_arm_while_a_panic_unwinds() {
+        let mut bench = bench(VirtualClock::default(), CountingArm::default(), None, 64, pushing);
+        let log = bench.log.clone();
+        let outcome = catch_unwind(AssertUnwindSafe(move || {
+            bench.servo.warm_up();
+            bench.servo.step();
+            assert!(bench.log.held_force_x() > 0.0 && bench.log.stops.load(Ordering::SeqCst) == 0);
+            let _owned = bench.servo;
+            panic!("on purpose");
+        }));
+        assert!(outcome.is_err());
+        assert!(log.held_force_x() == 0.0 && log.stops.load(Ordering::SeqCst) == 1);
+    }
+
+    #[test]
+    fn a_lost_arm_is_a_fault_that_freezes_the_flight_recorder_and_ends_the_loop() {
+        let arm = CountingArm { lost_from_read: Some(30), ..CountingArm::default() };
+        let bench = bench(VirtualClock::default(), arm, None, 64, faulting_when_lost);
+        let report = run_to_end(bench.servo);
+        assert_eq!((report.ending, report.faults), (Ending::Faulted, Faults::DEVICE_LOST));
+        assert_eq!((report.ticks, report.first_fault_tick), (31, Some(30)));
+        assert!(report.flight.is_frozen());
+        let last = report.flight.records().last().expect("records");
+        assert_eq!((last.tick, last.output.faults), (30, Faults::DEVICE_LOST));
+    }
+
+    #[test]
+    fn a_refused_command_makes_the_next_sample_lost() {
+        let arm = CountingArm { refuse_write_from: Some(10), ..CountingArm::default() };
+        let bench = bench(VirtualClock::default(), arm, None, 64, faulting_when_lost);
+        let report = run_to_end(bench.servo);
+        assert_eq!((report.faults, report.first_fault_tick), (Faults::DEVICE_LOST, Some(11)));
+    }
+
+    #[test]
+    fn over_runs_are_counted_told_to_the_tick_and_skipped() {
+        let mut bench = bench(ScriptedClock::late_by(&[0, 2_500_000, 0, 0]), CountingArm::default(), Some(3), 64, pushing);
+        bench.servo.warm_up();
+        while bench.servo.step() == Step::Continue {}
+        let report = bench.servo.finish();
+        assert_eq!((report.ticks, report.missed_deadlines), (4, 2));
+        let mut seen = Vec::new();
+        while let Ok(record) = bench.records.pop() {
+            seen.push((record.time_ns, record.wakeup_ns, record.input.overrun));
+        }
+        let expected = [(1_000_000, 0, false), (4_500_000, 2_500_000, true), (5_000_000, 0, false), (6_000_000, 0, false)];
+        assert_eq!(seen, expected);
+    }
+
+    #[test]
+    fn a_full_ring_drops_and_counts_under_the_real_clock() {
+        let bench = bench(ScriptedClock::default(), CountingArm::default(), Some(19), 8, pushing);
+        let report = run_to_end(bench.servo);
+        assert_eq!((report.ticks, report.dropped_records), (20, 12));
+        assert_eq!(bench.records.slots(), 8);
+        assert_eq!(report.flight.records().count(), 20, "the flight recorder has them all");
+    }
+
+    #[test]
+    fn simulated_time_waits_for_the_drain_and_not_for_one_that_has_gone() {
+        let mut ended = bench(VirtualClock::default(), CountingArm::default(), Some(999), 8, pushing);
+        let drain = std::thread::spawn(move || {
+            let mut n_records = 0;
+            while !ended.records.is_abandoned() || !ended.records.is_empty() {
+                n_records += u64::from(ended.records.pop().is_ok());
+            }
+            n_records
+        });
+        let report = run_to_end(ended.servo);
+        assert_eq!((report.ticks, report.dropped_records), (1000, 0));
+        assert_eq!(drain.join().expect("no panic"), 1000);
+
+        let Bench { servo, records, .. } = bench(VirtualClock::default(), CountingArm::default(), Some(99), 8, pushing);
+        drop(records);
+        assert_eq!(run_to_end(servo).ticks, 100);
+    }
+
+    #[test]
+    fn a_drive_that_will_not_rest_is_ended_after_the_ramp_and_its_grace() {
+        let bench = bench(VirtualClock::default(), CountingArm::default(), Some(10), 1024, stubborn);
+        let report = run_to_end(bench.servo);
+        assert_eq!(report.ending, Ending::StopTimedOut);
+        assert_eq!(report.ticks, 10 + 350 + 1);
+        assert!(bench.log.held_force_x() == 0.0);
+    }
+
+    #[test]
+    fn quit_ends_without_another_tick() {
+        let mut bench = bench(VirtualClock::default(), CountingArm::default(), None, 64, pushing);
+        bench.servo.warm_up();
+        assert_eq!(bench.servo.step(), Step::Continue);
+        bench.control.give(Order::Quit);
+        assert_eq!(bench.servo.step(), Step::End);
+        assert_eq!(bench.servo.step(), Step::End);
+        assert_eq!(bench.log.writes.load(Ordering::SeqCst), 1);
+        assert!(bench.log.held_force_x() == 0.0);
+        assert_eq!(bench.servo.finish().ending, Ending::Quit);
+    }
+
+    #[test]
+    fn an_arm_with_its_own_rate_paces_the_loop() {
+        let capabilities = Capabilities { wakeup: Wakeup::Device, ..Capabilities::default() };
+        let arm = CountingArm { capabilities, ..CountingArm::default() };
+        let bench = bench(ScriptedClock::default(), arm, Some(9), 64, pushing);
+        // The scripted clock stands still, so nothing but the arm can have paced these ticks.
+        assert_eq!(run_to_end(bench.servo).ticks, 10);
+    }
+
+    #[test]
+    fn two_runs_on_the_simulated_arm_give_the_same_records() {
+        let run = || {
+            let (producer, mut records) = RingBuffer::new(4096);
+            let arm = SimArm::new(SimParameters::ideal(1e-3)).expect("valid");
+            let control = Arc::new(Control::new(Order::Enable));
+            let plan = RunPlan { stop_at_tick: Some(2000) };
+            let servo = ServoLoop::new(empty_scene(), arm, VirtualClock::default(), control, plan, producer).with_tick(pushing);
+            let report = run_to_end(servo);
+            let mut seen = Vec::new();
+            while let Ok(record) = records.pop() {
+                seen.push((record.tick, record.time_ns, record.wakeup_ns, record.input, record.output));
+            }
+            (report.ticks, seen)
+        };
+        let (ticks, seen) = run();
+        assert_eq!(ticks, 2001);
+        assert_eq!((ticks, seen), run());
+    }
+
+    #[test]
+    fn the_real_clock_drives_the_same_loop() {
+        let bench = bench(RealClock, CountingArm::default(), Some(200), 1024, pushing);
+        let report = run_to_end(bench.servo);
+        assert_eq!((report.ticks, report.ending), (201, Ending::Stopped));
+        assert!(report.faults.is_empty());
+    }
+}

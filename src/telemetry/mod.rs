@@ -1,0 +1,16 @@
+//! The way out of the loop: records, their ring, the flight recorder, the summary.
+//!
+//! Data in: one [`TickRecord`] per tick through a wait-free ring. Data out: a [`Summary`] with latency histograms, and snapshots for whoever
+//! watches.
+//!
+//! Invariant: never calls into `servo`; everything but [`FlightRecorder::note`] runs on a normal thread.
+
+mod drain;
+mod flight;
+mod record;
+mod summary;
+
+pub use drain::{Drained, Watch, drain};
+pub use flight::FlightRecorder;
+pub use record::TickRecord;
+pub use summary::{Counted, LatencySummary, PoseSummary, RealtimeSummary, Summary, Totals};

@@ -1,0 +1,25 @@
+//! One tick, as it leaves the loop.
+
+use crate::haptics::{TickInput, TickOutput};
+
+/// Everything that entered and left one tick, and how long it took. `Copy`, no heap: it is written in place by the servo.
+///
+/// Input and output are enough to run the tick again and compare bits. The three durations are measurements of this machine and never
+/// enter a tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct TickRecord {
+    /// Counts from 0.
+    pub tick: u64,
+    /// Loop time at which the tick began, ns since the loop began; simulated under the virtual clock.
+    pub time_ns: i64,
+    /// How late the tick began after the deadline that it waited for, ns.
+    pub wakeup_ns: u64,
+    /// Duration of the tick itself, ns.
+    pub compute_ns: u64,
+    /// Duration of reading from and writing to the arm together, ns.
+    pub device_ns: u64,
+    /// What entered.
+    pub input: TickInput,
+    /// What left.
+    pub output: TickOutput,
+}

@@ -1,0 +1,332 @@
+//! What a run came to: latency histograms and extremes, and their JSON form.
+
+use core::time::Duration;
+
+use hdrhistogram::Histogram;
+use serde::Serialize;
+
+use super::TickRecord;
+use crate::haptics::Faults;
+use crate::spatial::{Pose, SampleStatus};
+
+/// Largest latency that is told apart, ns: ten seconds. Longer ones count as this long.
+const LONGEST_NS: u64 = 10_000_000_000;
+/// Significant digits of a latency.
+const LATENCY_DIGITS: u8 = 3;
+
+/// Statistics of a run while it goes on.
+#[derive(Clone, Debug)]
+pub struct Summary {
+    wakeup_ns: Histogram<u64>,
+    compute_ns: Histogram<u64>,
+    device_ns: Histogram<u64>,
+    n_ticks: u64,
+    first_time_ns: i64,
+    last_time_ns: i64,
+    max_force_n: f64,
+    max_torque_nm: f64,
+    max_depth_m: f64,
+    contact_ticks: u64,
+    stale_samples: u64,
+    final_pose: Pose,
+    faults: Faults,
+}
+
+impl Summary {
+    /// Before the first record; allocates all histogram buckets.
+    pub fn new() -> Self {
+        Self {
+            wakeup_ns: latency_histogram(),
+            compute_ns: latency_histogram(),
+            device_ns: latency_histogram(),
+            n_ticks: 0,
+            first_time_ns: 0,
+            last_time_ns: 0,
+            max_force_n: 0.0,
+            max_torque_nm: 0.0,
+            max_depth_m: 0.0,
+            contact_ticks: 0,
+            stale_samples: 0,
+            final_pose: Pose::IDENTITY,
+            faults: Faults::NONE,
+        }
+    }
+
+    /// Takes one record.
+    pub fn add(&mut self, record: &TickRecord) {
+        let output = &record.output;
+        if self.n_ticks == 0 {
+            self.first_time_ns = record.time_ns;
+        }
+        self.n_ticks += 1;
+        self.last_time_ns = record.time_ns;
+        self.wakeup_ns.saturating_record(record.wakeup_ns);
+        self.compute_ns.saturating_record(record.compute_ns);
+        self.device_ns.saturating_record(record.device_ns);
+        self.max_force_n = self.max_force_n.max(output.command_device.force.length());
+        self.max_torque_nm = self.max_torque_nm.max(output.command_device.torque.length());
+        self.max_depth_m = self.max_depth_m.max(output.max_depth_m);
+        self.contact_ticks += u64::from(output.contacts > 0);
+        self.stale_samples += u64::from(record.input.sample.status != SampleStatus::Fresh);
+        self.final_pose = output.world_from_tool;
+        self.faults |= output.faults;
+    }
+
+    /// Records so far.
+    pub fn ticks(&self) -> u64 {
+        self.n_ticks
+    }
+
+    /// The result of a run, from the records and what the servo itself counted.
+    pub fn totals(&self, counted: Counted) -> Totals {
+        let period_s = 1.0 / f64::from(counted.rate_hz);
+        let duration_s = if self.n_ticks == 0 { 0.0 } else { (self.last_time_ns - self.first_time_ns) as f64 * 1e-9 + period_s };
+        Totals {
+            ticks: counted.ticks,
+            duration_s,
+            rate_hz: counted.rate_hz,
+            clock: counted.clock,
+            missed_deadlines: counted.missed_deadlines,
+            dropped_records: counted.dropped_records,
+            stale_samples: self.stale_samples,
+            wakeup_us: LatencySummary::of(&self.wakeup_ns),
+            compute_us: LatencySummary::of(&self.compute_ns),
+            device_us: LatencySummary::of(&self.device_ns),
+            max_force_n: self.max_force_n,
+            max_torque_nm: self.max_torque_nm,
+            max_depth_m: self.max_depth_m,
+            contact_ticks: self.contact_ticks,
+            faults: (self.faults | counted.faults).names().collect(),
+            realtime: counted.realtime,
+            final_pose: PoseSummary::of(self.final_pose),
+        }
+    }
+}
+
+impl Default for Summary {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// What the servo counts itself, as records can be lost.
+#[derive(Clone, Copy, Debug)]
+pub struct Counted {
+    /// Ticks done.
+    pub ticks: u64,
+    /// Configured rate.
+    pub rate_hz: u32,
+    /// Name of the clock.
+    pub clock: &'static str,
+    /// Deadlines that passed without a tick.
+    pub missed_deadlines: u64,
+    /// Records that found the ring full.
+    pub dropped_records: u64,
+    /// Every fault of the run.
+    pub faults: Faults,
+    /// How the loop was scheduled.
+    pub realtime: RealtimeSummary,
+}
+
+/// `wakeup_us`, `compute_us`, `device_us`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct LatencySummary {
+    /// Median, µs.
+    pub p50: f64,
+    /// 99th percentile, µs.
+    pub p99: f64,
+    /// 99.9th percentile, µs.
+    pub p999: f64,
+    /// Largest, µs.
+    pub max: f64,
+}
+
+impl LatencySummary {
+    fn of(histogram_ns: &Histogram<u64>) -> Self {
+        // Divided: 3453 ns is 3.453 µs and not 3.4530000000000003.
+        let us = |ns: u64| ns as f64 / 1e3;
+        Self {
+            p50: us(histogram_ns.value_at_quantile(0.5)),
+            p99: us(histogram_ns.value_at_quantile(0.99)),
+            p999: us(histogram_ns.value_at_quantile(0.999)),
+            max: us(histogram_ns.max()),
+        }
+    }
+}
+
+/// How the loop was scheduled.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct RealtimeSummary {
+    /// `fifo` or `other`.
+    pub policy: &'static str,
+    /// Real-time priority; 0 under `other`.
+    pub priority: u8,
+    /// Processor that the loop was pinned to.
+    pub cpu: Option<usize>,
+    /// Every page was locked.
+    pub memory_locked: bool,
+    /// The kernel is built with PREEMPT_RT.
+    pub kernel_rt: bool,
+}
+
+/// A pose with named quaternion components.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[expect(missing_docs, reason = "the names are the unit and the component")]
+pub struct PoseSummary {
+    pub x_m: f64,
+    pub y_m: f64,
+    pub z_m: f64,
+    pub qx: f64,
+    pub qy: f64,
+    pub qz: f64,
+    pub qw: f64,
+}
+
+impl PoseSummary {
+    fn of(pose: Pose) -> Self {
+        let (position, rotation) = (pose.translation, pose.rotation);
+        Self { x_m: position.x, y_m: position.y, z_m: position.z, qx: rotation.x, qy: rotation.y, qz: rotation.z, qw: rotation.w }
+    }
+}
+
+/// The result of a run: the object of `run --json`.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Totals {
+    /// Ticks done.
+    pub ticks: u64,
+    /// Loop time from the first tick to the end of the last one, s.
+    pub duration_s: f64,
+    /// Configured rate.
+    pub rate_hz: u32,
+    /// `real` or `virtual`.
+    pub clock: &'static str,
+    /// Deadlines that passed without a tick.
+    pub missed_deadlines: u64,
+    /// Records that found the ring full; the extremes below do not know of them.
+    pub dropped_records: u64,
+    /// Ticks without a fresh sample.
+    pub stale_samples: u64,
+    /// Lateness of the ticks.
+    pub wakeup_us: LatencySummary,
+    /// Duration of the ticks.
+    pub compute_us: LatencySummary,
+    /// Duration of reading and writing.
+    pub device_us: LatencySummary,
+    /// Largest |F| of the command.
+    pub max_force_n: f64,
+    /// Largest |τ| of the command.
+    pub max_torque_nm: f64,
+    /// Deepest penetration.
+    pub max_depth_m: f64,
+    /// Ticks with at least one contact.
+    pub contact_ticks: u64,
+    /// Names of the faults.
+    pub faults: Vec<&'static str>,
+    /// How the loop was scheduled.
+    pub realtime: RealtimeSummary,
+    /// Tool in the world at the end.
+    pub final_pose: PoseSummary,
+}
+
+impl Totals {
+    /// The duration as a [`Duration`].
+    pub fn duration(&self) -> Duration {
+        Duration::try_from_secs_f64(self.duration_s).unwrap_or_default()
+    }
+}
+
+fn latency_histogram() -> Histogram<u64> {
+    match Histogram::new_with_bounds(1, LONGEST_NS, LATENCY_DIGITS) {
+        Ok(histogram) => histogram,
+        // True invariant: the bounds are constants of this file that every test run exercises.
+        Err(error) => unreachable!("fixed histogram bounds: {error}"),
+    }
+}
+
+#[cfg(test)]
+#[expect(clippy::float_cmp, reason = "values that are copied, not computed")]
+mod tests {
+    use glam::{DQuat, DVec3};
+
+    use super::*;
+    use crate::haptics::TickOutput;
+    use crate::spatial::Wrench;
+
+    fn counted() -> Counted {
+        Counted {
+            ticks: 3,
+            rate_hz: 1000,
+            clock: "virtual",
+            missed_deadlines: 2,
+            dropped_records: 0,
+            faults: Faults::PANIC,
+            realtime: RealtimeSummary { policy: "other", ..RealtimeSummary::default() },
+        }
+    }
+
+    #[test]
+    fn extremes_counts_and_the_last_pose_are_kept() {
+        let mut summary = Summary::new();
+        for n in 0..3u32 {
+            summary.add(&TickRecord {
+                time_ns: 5_000_000 + i64::from(n) * 1_000_000,
+                wakeup_ns: 1000 * u64::from(n),
+                output: TickOutput {
+                    command_device: Wrench::new(DVec3::new(3.0, 4.0, 0.0) * f64::from(2 - n), DVec3::Z),
+                    contacts: n,
+                    max_depth_m: 1e-4 * f64::from(n),
+                    world_from_tool: Pose::new(DQuat::IDENTITY, DVec3::splat(f64::from(n))),
+                    faults: if n == 1 { Faults::STALE } else { Faults::NONE },
+                    ..TickOutput::default()
+                },
+                ..TickRecord::default()
+            });
+        }
+        let totals = summary.totals(counted());
+        assert_eq!((totals.max_force_n, totals.max_torque_nm, totals.max_depth_m), (10.0, 1.0, 2e-4));
+        assert_eq!((totals.contact_ticks, totals.stale_samples), (2, 3));
+        assert_eq!(totals.final_pose.z_m, 2.0);
+        assert_eq!(totals.faults, ["stale", "panic"]);
+        assert!((totals.duration_s - 0.003).abs() < 1e-12);
+        assert!((totals.wakeup_us.max - 2.0).abs() < 0.01);
+    }
+
+    #[test]
+    fn the_json_object_has_the_keys_of_the_contract() {
+        let json = serde_json::to_value(Summary::new().totals(counted())).expect("plain data");
+        let object = json.as_object().expect("an object");
+        for key in [
+            "ticks",
+            "duration_s",
+            "rate_hz",
+            "missed_deadlines",
+            "wakeup_us",
+            "compute_us",
+            "device_us",
+            "max_force_n",
+            "max_torque_nm",
+            "max_depth_m",
+            "contact_ticks",
+            "faults",
+            "realtime",
+            "final_pose",
+        ] {
+            assert!(object.contains_key(key), "{key}");
+        }
+        let keys = |value: &serde_json::Value| -> Vec<String> {
+            let mut keys: Vec<String> = value.as_object().expect("an object").keys().cloned().collect();
+            keys.sort();
+            keys
+        };
+        assert_eq!(keys(&object["wakeup_us"]), ["max", "p50", "p99", "p999"]);
+        assert_eq!(keys(&object["realtime"]), ["cpu", "kernel_rt", "memory_locked", "policy", "priority"]);
+        assert_eq!(keys(&object["final_pose"]), ["qw", "qx", "qy", "qz", "x_m", "y_m", "z_m"]);
+    }
+
+    #[test]
+    fn a_latency_beyond_the_range_is_counted_as_the_longest() {
+        let mut summary = Summary::new();
+        summary.add(&TickRecord { wakeup_ns: u64::MAX, ..TickRecord::default() });
+        assert!(summary.totals(counted()).wakeup_us.max >= 9.9e6);
+    }
+}
