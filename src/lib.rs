@@ -15,9 +15,14 @@
 //! | [`rt`] | every operating-system call of the loop |
 //! | [`servo`] | the 1 kHz loop: wait → read → tick → write → publish |
 //! | [`telemetry`] | records out of the loop → histograms and summaries |
+//! | [`daemon`] | supervisor: bake, preflight, enable, stop |
+//! | [`cli`] | one file per command; the only printer |
 
+pub mod cli;
 pub mod config;
+pub mod daemon;
 pub mod device;
+pub mod error;
 pub mod haptics;
 pub mod mesh;
 pub mod pointshell;

@@ -1,0 +1,360 @@
+//! `hapticd bake`: generation only, with figures.
+
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use clap::ValueEnum;
+use glam::DVec3;
+use serde::Serialize;
+
+use super::progress::BakeProgress;
+use super::{Talk, check, report, say};
+use crate::config;
+use crate::config::problem::show;
+use crate::config::resolve::MeshSource;
+use crate::error::Exit;
+use crate::mesh::MeshError;
+use crate::pointshell::ply;
+use crate::scene::{self, Event, Geometry, ObjectReport, Role, SceneError};
+use crate::voxmap::grid::GridError;
+use crate::voxmap::surface::Navigation;
+use crate::voxmap::{Options, Stage, npy};
+
+/// Arguments of `hapticd bake`.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Args {
+    /// A scene (.toml), or a mesh (.obj, .stl).
+    #[arg(value_name = "SCENE|MESH")]
+    input: PathBuf,
+    /// Voxel edge, mm (mesh only).
+    #[arg(long, value_name = "S", conflicts_with = "longest_axis_voxels", allow_negative_numbers = true)]
+    voxel_size_mm: Option<f64>,
+    /// Voxels on the longest edge of the mesh's box, instead of a size (mesh only).
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    longest_axis_voxels: Option<u32>,
+    /// Unit of the numbers in the mesh file; required with --voxel-size-mm (mesh only).
+    #[arg(long, value_name = "UNIT")]
+    units: Option<Unit>,
+    /// Layers on each side of the surface (mesh only).
+    #[arg(long, value_name = "L", value_parser = clap::value_parser!(u32).range(2..=60))]
+    layers: Option<u32>,
+    /// How candidates are walked (mesh only).
+    #[arg(long, value_name = "HOW")]
+    navigation: Option<NavigationChoice>,
+    /// What to do with a mesh whose fill leaks: a thin skin (auto), or only what the fill left inside (flood) (mesh only).
+    #[arg(long, value_name = "HOW")]
+    sides: Option<SidesChoice>,
+    /// Threads; all processors if not given.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
+    threads: Option<u32>,
+    /// Write the layer values as int8, shape [nx, ny, nz] (mesh only).
+    #[arg(long, value_name = "F.npy")]
+    voxmap_out: Option<PathBuf>,
+    /// Write the signed distances in metres as float32, NaN beyond the band (mesh only).
+    #[arg(long, value_name = "F.npy")]
+    field_out: Option<PathBuf>,
+    /// Write the points and inward normals as binary PLY, metres (mesh only).
+    #[arg(long, value_name = "F.ply")]
+    pointshell_out: Option<PathBuf>,
+    /// Print exactly one JSON object.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum Unit {
+    M,
+    Mm,
+    Cm,
+    In,
+}
+
+impl Unit {
+    fn metres(self) -> f64 {
+        match self {
+            Self::M => 1.0,
+            Self::Mm => 1e-3,
+            Self::Cm => 1e-2,
+            Self::In => 0.0254,
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum NavigationChoice {
+    PlaneSpan,
+    TwoSided,
+    Auto,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum SidesChoice {
+    Auto,
+    Flood,
+}
+
+/// Layers where none are asked for: the default of the scene file.
+const DEFAULT_LAYERS: u32 = 8;
+
+/// Largest voxel edge: that of the scene file.
+const VOXEL_SIZE_MAX_MM: f64 = 1000.0;
+
+/// Why baking ended early.
+enum Failure {
+    Usage(String),
+    Scene(SceneError),
+    Write(PathBuf, std::io::Error),
+}
+
+impl From<SceneError> for Failure {
+    fn from(error: SceneError) -> Self {
+        Self::Scene(error)
+    }
+}
+
+pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
+    if let Some(n_threads) = args.threads {
+        // The pool of the process: nothing has used it before.
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads as usize).build_global();
+        debug_assert!(pool.is_ok(), "the global pool is built once");
+    }
+    let is_scene = args.input.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("toml"));
+    let outcome = if is_scene { bake_scene(args, talk) } else { bake_mesh(args, talk).map(|()| Exit::Ok) };
+    match outcome {
+        Ok(exit) => exit,
+        Err(Failure::Usage(message)) => {
+            report::error(&message, None, talk);
+            Exit::Usage
+        }
+        Err(Failure::Scene(error)) if is_scene => report::scene_error(&error, talk),
+        Err(Failure::Scene(error)) => mesh_error(args, &error, talk),
+        Err(Failure::Write(path, error)) => {
+            report::error(&format!("cannot write {}: {error}", path.display()), write_hint(&error), talk);
+            Exit::Asset
+        }
+    }
+}
+
+/// A mesh of the command line: no scene that it could be relative to, and flags instead of keys.
+fn mesh_error(args: &Args, error: &SceneError, talk: Talk) -> Exit {
+    match error {
+        SceneError::Mesh { source, .. } => {
+            let hint = if matches!(source, MeshError::Missing { .. }) { None } else { source.hint() };
+            report::error(&source.to_string(), hint, talk);
+            Exit::Asset
+        }
+        SceneError::Grid { source, .. } => {
+            let hint = match (source, args.longest_axis_voxels) {
+                (GridError::TooLarge { .. }, Some(_)) => "ask for fewer --longest-axis-voxels".to_owned(),
+                (GridError::TooLarge { .. }, None) => source.hint().replace("`units`", "--units"),
+                (GridError::VoxelSize(_), _) => source.hint(),
+            };
+            report::error(&format!("{}: {source}", args.input.display()), Some(&hint), talk);
+            Exit::Configuration
+        }
+    }
+}
+
+fn write_hint(error: &std::io::Error) -> Option<&'static str> {
+    match error.kind() {
+        ErrorKind::NotFound => Some("the folder must exist"),
+        ErrorKind::IsADirectory => Some("give a file name, not a folder"),
+        ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem => Some("choose a folder that this user may write to"),
+        _ => None,
+    }
+}
+
+/// What can be known of a file that is yet to be written without touching it.
+fn check_destination(path: &Path) -> Result<(), Failure> {
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let refusal = if path.is_dir() {
+        ErrorKind::IsADirectory
+    } else if !folder.exists() {
+        ErrorKind::NotFound
+    } else if !folder.is_dir() {
+        ErrorKind::NotADirectory
+    } else {
+        return Ok(());
+    };
+    Err(Failure::Write(path.to_owned(), refusal.into()))
+}
+
+fn bake_scene(args: &Args, talk: Talk) -> Result<Exit, Failure> {
+    let mesh_only = [
+        ("--voxel-size-mm", args.voxel_size_mm.is_some()),
+        ("--longest-axis-voxels", args.longest_axis_voxels.is_some()),
+        ("--units", args.units.is_some()),
+        ("--layers", args.layers.is_some()),
+        ("--navigation", args.navigation.is_some()),
+        ("--sides", args.sides.is_some()),
+        ("--voxmap-out", args.voxmap_out.is_some()),
+        ("--field-out", args.field_out.is_some()),
+        ("--pointshell-out", args.pointshell_out.is_some()),
+    ];
+    if let Some((flag, _)) = mesh_only.iter().find(|(_, given)| *given) {
+        return Err(Failure::Usage(format!("{flag} goes with a mesh; a scene says it in its file")));
+    }
+    let config = match config::load(&args.input) {
+        Ok(config) => config,
+        Err(errors) => return Ok(report::config_errors(&errors, talk)),
+    };
+    if talk.verbose > 0 {
+        say::talk(format_args!("{}\n", check::summary(&config)));
+    }
+    let since = Instant::now();
+    let progress = BakeProgress::new(talk);
+    let baked = scene::build(&config, |event| progress.tell(&event));
+    progress.finish();
+    let (_, reports) = baked?;
+    let total_s = since.elapsed().as_secs_f64();
+    report::bake_warnings(&reports, talk);
+    if args.json {
+        #[derive(Serialize)]
+        struct Total {
+            total: f64,
+        }
+        #[derive(Serialize)]
+        struct SceneReport {
+            objects: Vec<ObjectReport>,
+            timings_s: Total,
+            peak_rss_bytes: Option<u64>,
+        }
+        print_json(&SceneReport { objects: reports, timings_s: Total { total: total_s }, peak_rss_bytes: peak_rss_bytes() });
+    } else {
+        reports.iter().for_each(|object| say::result(format_args!("{}", report_text(object))));
+        say::result(format_args!("{} objects in {total_s:.2} s\n", reports.len()));
+    }
+    Ok(Exit::Ok)
+}
+
+fn bake_mesh(args: &Args, talk: Talk) -> Result<(), Failure> {
+    let metres_per_unit = match (args.units, args.voxel_size_mm, args.longest_axis_voxels) {
+        (_, None, None) => return Err(Failure::Usage("a mesh needs --voxel-size-mm S or --longest-axis-voxels N".into())),
+        (None, Some(_), _) => return Err(Failure::Usage("--voxel-size-mm needs --units m|mm|cm|in of the mesh file".into())),
+        (Some(unit), ..) => unit.metres(),
+        (None, None, Some(_)) => 1.0,
+    };
+    if let Some(size_mm) = args.voxel_size_mm.filter(|size_mm| !(*size_mm > 0.0 && *size_mm <= VOXEL_SIZE_MAX_MM)) {
+        return Err(Failure::Usage(format!(
+            "--voxel-size-mm {size_mm}: must be greater than 0 and at most {VOXEL_SIZE_MAX_MM} mm"
+        )));
+    }
+    // Before the work, not after it.
+    for path in [&args.voxmap_out, &args.field_out, &args.pointshell_out].into_iter().flatten() {
+        check_destination(path)?;
+    }
+    let name = args.input.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    let progress = BakeProgress::new(talk);
+    let tell = |stage| progress.tell(&Event { name: &name, object_idx: 0, n_objects: 1, stage });
+
+    tell(Stage::Load);
+    let source = MeshSource::File { path: args.input.clone(), metres_per_unit };
+    let geometry = Geometry::load(&name, Role::Mesh, &source, 0.0)?;
+    let voxel_size_m = match (args.voxel_size_mm, args.longest_axis_voxels) {
+        (Some(size_mm), _) => size_mm * 1e-3,
+        (None, n) => {
+            let extent = geometry.mesh.bounds().map_or(DVec3::ZERO, |(low, high)| high - low);
+            extent.max_element() / f64::from(n.unwrap_or(1))
+        }
+    };
+    let options = Options {
+        voxel_size_m,
+        layers: args.layers.unwrap_or(DEFAULT_LAYERS),
+        navigation: match args.navigation {
+            Some(NavigationChoice::PlaneSpan) => Some(Navigation::PlaneSpan),
+            Some(NavigationChoice::TwoSided) => Some(Navigation::TwoSided),
+            Some(NavigationChoice::Auto) | None => None,
+        },
+        trust_fill: args.sides == Some(SidesChoice::Flood),
+    };
+    let mut map = geometry.voxmap(&options, tell)?;
+    tell(Stage::Distance);
+    if let Some(path) = &args.field_out {
+        let distances = map.distances(&geometry.mesh, false);
+        write(path, |path| npy::write_distances(path, &map.layers, &distances))?;
+    }
+    let field = geometry.field(&mut map, false);
+    tell(Stage::Pointshell);
+    let center_of_mass = geometry.mass_properties().center_m;
+    let (shell, shell_report) = geometry.shell(&map, center_of_mass);
+    if let Some(path) = &args.voxmap_out {
+        write(path, |path| npy::write_layers(path, &map.layers))?;
+    }
+    if let Some(path) = &args.pointshell_out {
+        write(path, |path| ply::write(path, &shell, center_of_mass))?;
+    }
+    progress.finish();
+
+    let object = geometry.report(&map, &shell_report);
+    report::bake_warnings(core::slice::from_ref(&object), talk);
+    if args.json {
+        #[derive(Serialize)]
+        struct MeshReport {
+            #[serde(flatten)]
+            object: ObjectReport,
+            field_bytes: usize,
+            pointshell_bytes: usize,
+            peak_rss_bytes: Option<u64>,
+        }
+        let report = MeshReport {
+            object,
+            field_bytes: field.heap_bytes(),
+            pointshell_bytes: shell.heap_bytes(),
+            peak_rss_bytes: peak_rss_bytes(),
+        };
+        print_json(&report);
+    } else {
+        say::result(format_args!("{}", report_text(&object)));
+    }
+    Ok(())
+}
+
+fn write(path: &Path, export: impl FnOnce(&Path) -> std::io::Result<()>) -> Result<(), Failure> {
+    export(path).map_err(|error| Failure::Write(path.to_owned(), error))
+}
+
+/// One object, in one line of JSON with the keys in the order of the struct.
+fn print_json(report: &impl Serialize) {
+    match serde_json::to_string(report) {
+        Ok(text) => say::result(format_args!("{text}\n")),
+        // True invariant: numbers, names and flags, no map with odd keys.
+        Err(error) => unreachable!("plain data: {error}"),
+    }
+}
+
+/// An object's figures for people.
+pub(super) fn report_text(object: &ObjectReport) -> String {
+    let [nx, ny, nz] = object.dims;
+    let t = &object.timings_s;
+    let mut lines = vec![
+        format!("{} ({} triangles)", object.name, object.triangles),
+        format!("  grid        {nx} x {ny} x {nz} = {} voxels of {} mm", object.voxels, show(object.voxel_size_m * 1e3)),
+        format!(
+            "  voxels      {} surface, {} inside, {} outside, {} layers, {}",
+            object.surface_voxels,
+            object.inside_voxels,
+            object.outside_voxels,
+            object.layers,
+            if object.watertight { "watertight" } else { "leaking" }
+        ),
+        format!("  navigation  {}, {} SAT tests", object.navigation, object.sat_tests),
+    ];
+    if object.points > 0 {
+        lines.push(format!("  points      {} ({} phase 1, {} phase 2)", object.points, object.phase1_points, object.phase2_points));
+    }
+    lines.push(format!(
+        "  seconds     load {:.3}, surface {:.3}, fill {:.3}, layers {:.3}, distance {:.3}, pointshell {:.3}, normals {:.3}, total {:.3}",
+        t.load, t.surface, t.fill, t.layers, t.distance, t.pointshell, t.normals, t.total
+    ));
+    lines.push(String::new());
+    lines.join("\n")
+}
+
+/// Largest resident set of this process so far; `None` where /proc does not say.
+fn peak_rss_bytes() -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
+    let kib: u64 = line.trim().trim_end_matches("kB").trim().parse().ok()?;
+    Some(kib * 1024)
+}

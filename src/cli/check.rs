@@ -1,0 +1,65 @@
+//! `hapticd check`: every configuration pass over each scene; bakes nothing.
+
+use std::path::PathBuf;
+
+use super::{Talk, report, say};
+use crate::config::problem::show;
+use crate::config::{self, SceneConfig};
+use crate::daemon::{PrepareError, inputs};
+use crate::error::Exit;
+use crate::haptics::CouplingMode;
+
+/// Arguments of `hapticd check`.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Args {
+    /// Scene files.
+    #[arg(required = true, value_name = "SCENE")]
+    scenes: Vec<PathBuf>,
+}
+
+pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
+    let mut exit = Exit::Ok;
+    for scene in &args.scenes {
+        let checked = config::load(scene).map_err(PrepareError::Config).and_then(|config| {
+            inputs(&config)?;
+            Ok(config)
+        });
+        match checked {
+            Ok(config) if talk.quiet => drop(config),
+            Ok(config) => say::result(format_args!("ok {}\n", summary(&config))),
+            Err(error) => exit = report::prepare_error(&error, talk),
+        }
+    }
+    exit
+}
+
+/// One line: `scene.toml: "gear", 1 static + tool, sim-sigma7 at 1000 Hz, implicit, 4000 N/m (bound 4000) 1 N·m/rad (bound 1)`.
+pub(super) fn summary(config: &SceneConfig) -> String {
+    let coupling = &config.parameters.coupling;
+    let mode = match coupling.mode {
+        CouplingMode::Implicit => "implicit",
+        CouplingMode::SemiImplicit => "semi-implicit",
+        CouplingMode::Direct => "direct",
+    };
+    // What the arm feels: the contact itself in `direct`, else the coupling; times `scale`.
+    let translation = match coupling.mode {
+        CouplingMode::Direct => config.parameters.contact.stiffness_n_per_m,
+        CouplingMode::Implicit | CouplingMode::SemiImplicit => coupling.stiffness_n_per_m,
+    } * config.parameters.port.scale;
+    let bound = |bound: f64| if bound.is_finite() { format!("bound {}", show(bound)) } else { "no bound".into() };
+    let mut parts = vec![
+        format!("{}: \"{}\"", config.path.display(), config.name),
+        format!("{} static + tool", config.statics.len()),
+        format!("{} at {} Hz", config.device.profile.name, config.rate_hz),
+        mode.to_owned(),
+        format!("{} N/m ({})", show(translation), bound(config.stability.translation.value())),
+    ];
+    if coupling.mode != CouplingMode::Direct {
+        let rotation = coupling.stiffness_nm_per_rad;
+        parts.push(format!("{} N·m/rad ({})", show(rotation), bound(config.stability.rotation.value())));
+    }
+    if config.stability.allow_unstable {
+        parts.push("allow_unstable".to_owned());
+    }
+    parts.join(", ")
+}

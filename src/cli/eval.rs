@@ -1,0 +1,154 @@
+//! `hapticd eval`: the contact wrench at each given tool pose; no device, no time, no filter, no coupling, no limits.
+
+use std::fs::File;
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use clap::ValueEnum;
+
+use super::progress::BakeProgress;
+use super::{Talk, report};
+use crate::config::poses::{self, TimedPose};
+use crate::config::{self, SceneConfig};
+use crate::error::Exit;
+use crate::haptics::contact::{self, ContactSum};
+use crate::haptics::{ContactParameters, FilterParameters, Normalization, RenderScene};
+use crate::scene;
+use crate::spatial::Pose;
+use crate::voxmap::field::FieldKind;
+
+/// Arguments of `hapticd eval`.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Args {
+    /// Scene file.
+    scene: PathBuf,
+    /// Tool poses in the world: CSV with the header t_s,x_m,y_m,z_m,qx,qy,qz,qw.
+    #[arg(long, value_name = "F.csv")]
+    poses: PathBuf,
+    /// Where to write the wrenches: CSV, world axes, torque about the tool frame's origin.
+    #[arg(long, value_name = "F.csv")]
+    out: PathBuf,
+    /// Field look-up instead of the scene's.
+    #[arg(long, value_name = "FIELD")]
+    field: Option<FieldChoice>,
+    /// Apply the scene's contact normalisation.
+    #[arg(long)]
+    normalize: bool,
+    /// List single contacts: CSV of points, normals and depths, world axes.
+    #[arg(long, value_name = "F.csv")]
+    contacts_out: Option<PathBuf>,
+    /// Contacts to list for each pose at most.
+    #[arg(long, value_name = "N", default_value_t = 1000, requires = "contacts_out")]
+    max_contacts: usize,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum FieldChoice {
+    Layers,
+    SurfacePoint,
+    Octant,
+    Trilinear,
+}
+
+impl From<FieldChoice> for FieldKind {
+    fn from(choice: FieldChoice) -> Self {
+        match choice {
+            FieldChoice::Layers => Self::Layers,
+            FieldChoice::SurfacePoint => Self::SurfacePoint,
+            FieldChoice::Octant => Self::Octant,
+            FieldChoice::Trilinear => Self::Trilinear,
+        }
+    }
+}
+
+/// Stage S is part of the shaping filter, which `eval` leaves out.
+const NO_FILTER: FilterParameters = FilterParameters { spatial: false, cutoff_hz: [f64::INFINITY; 2] };
+
+pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
+    let mut config = match config::load(&args.scene) {
+        Ok(config) => config,
+        Err(errors) => return report::config_errors(&errors, talk),
+    };
+    let poses = match poses::read(&args.poses) {
+        Ok(poses) => poses,
+        Err(error) => {
+            report::error(&error.to_string(), None, talk);
+            return Exit::Asset;
+        }
+    };
+    if let Some(field) = args.field {
+        config.parameters.contact.field = field.into();
+    }
+    let progress = BakeProgress::new(talk);
+    let baked = scene::build(&config, |event| progress.tell(&event));
+    progress.finish();
+    let (scene, reports) = match baked {
+        Ok(baked) => baked,
+        Err(error) => return report::scene_error(&error, talk),
+    };
+    report::bake_warnings(&reports, talk);
+
+    let mut parameters = scene.parameters.contact;
+    if !args.normalize {
+        parameters.normalization = Normalization::None;
+    }
+    let written = write_wrenches(&args.out, &scene, &parameters, &poses).map_err(|error| (&args.out, error)).and_then(|()| {
+        let Some(path) = &args.contacts_out else { return Ok(()) };
+        write_contacts(path, &config, &scene, &poses, args.max_contacts).map_err(|error| (path, error))
+    });
+    match written {
+        Ok(()) => Exit::Ok,
+        Err((path, error)) => {
+            report::error(&format!("cannot write {}: {error}", path.display()), None, talk);
+            Exit::Asset
+        }
+    }
+}
+
+/// Body axes (tool axes at the centre of mass) of a tool pose.
+fn body(scene: &RenderScene, world_from_tool: Pose) -> Pose {
+    world_from_tool * Pose::from_translation(scene.tool.center_of_mass_tool)
+}
+
+fn write_wrenches(path: &Path, scene: &RenderScene, parameters: &ContactParameters, poses: &[TimedPose]) -> io::Result<()> {
+    let mut file = BufWriter::new(File::create(path)?);
+    writeln!(file, "t_s,fx_n,fy_n,fz_n,tx_nm,ty_nm,tz_nm,contacts,max_depth_m,clearance_m,query_ns")?;
+    for timed in poses {
+        let world_from_body = body(scene, timed.pose);
+        let since = Instant::now();
+        let sum = ContactSum::flat(&scene.obstacles, &scene.tool.shell, world_from_body, parameters, &NO_FILTER);
+        let query_ns = since.elapsed().as_nanos();
+        let wrench = sum.wrench.moved(world_from_body.translation, timed.pose.translation);
+        let [fx, fy, fz] = wrench.force.to_array();
+        let [tx, ty, tz] = wrench.torque.to_array();
+        let (depth_m, clearance_m) = (sum.max_value_m.max(0.0), -sum.max_value_m);
+        writeln!(file, "{},{fx},{fy},{fz},{tx},{ty},{tz},{},{depth_m},{clearance_m},{query_ns}", timed.time_s, sum.contacts)?;
+    }
+    file.flush()
+}
+
+fn write_contacts(path: &Path, config: &SceneConfig, scene: &RenderScene, poses: &[TimedPose], most: usize) -> io::Result<()> {
+    let mut file = BufWriter::new(File::create(path)?);
+    writeln!(file, "t_s,object,point,x_m,y_m,z_m,nx,ny,nz,depth_m")?;
+    let mut lines = Vec::new();
+    for timed in poses {
+        let world_from_body = body(scene, timed.pose);
+        lines.clear();
+        for (object, obstacle) in config.statics.iter().zip(&scene.obstacles) {
+            let map_from_body = obstacle.world_from_map.inverse() * world_from_body;
+            contact::visit(&obstacle.field, scene.parameters.contact.field, &scene.tool.shell, map_from_body, |touching| {
+                if lines.len() < most {
+                    let [x, y, z] = world_from_body.transform_point(touching.arm_body.as_dvec3()).to_array();
+                    let [nx, ny, nz] = world_from_body.transform_vector(touching.normal_body.as_dvec3()).to_array();
+                    let (point, depth_m) = (touching.point_idx, touching.depth_m);
+                    lines.push(format!("{},{},{point},{x},{y},{z},{nx},{ny},{nz},{depth_m}", timed.time_s, object.name));
+                }
+            });
+        }
+        for line in &lines {
+            writeln!(file, "{line}")?;
+        }
+    }
+    file.flush()
+}

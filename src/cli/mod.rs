@@ -1,0 +1,79 @@
+//! The command line: one file per command. The only room that prints.
+
+mod bake;
+mod check;
+mod eval;
+mod progress;
+mod report;
+mod run;
+mod say;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand, ValueEnum};
+
+use crate::error::Exit;
+
+/// Open, device-agnostic, 6-DoF haptic rendering server.
+#[derive(Debug, Parser)]
+#[command(version, about, max_term_width = 100)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+    #[command(flatten)]
+    talk: Talk,
+}
+
+/// How much to say, and how.
+#[derive(Clone, Copy, Debug, clap::Args)]
+#[command(next_help_heading = "Talk")]
+pub(crate) struct Talk {
+    /// Say more: what the scene resolves to, and what was baked.
+    #[arg(short, long, global = true, action = clap::ArgAction::Count)]
+    pub(crate) verbose: u8,
+    /// Say errors and faults only.
+    #[arg(short, long, global = true, conflicts_with = "verbose")]
+    pub(crate) quiet: bool,
+    /// Colour on stderr and stdout.
+    #[arg(long, global = true, value_name = "WHEN", default_value = "auto")]
+    pub(crate) color: When,
+}
+
+/// When to use colour.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum When {
+    /// On a terminal, unless NO_COLOR is set.
+    Auto,
+    /// Always.
+    Always,
+    /// Never.
+    Never,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Bake a scene and render it on its arm until Ctrl-C.
+    Run(run::Args),
+    /// Generate voxmaps and pointshells only, with figures.
+    Bake(bake::Args),
+    /// Check scenes without baking: reports all problems of a pass together.
+    Check(check::Args),
+    /// Contact wrench at each given tool pose: no device, no time.
+    Eval(eval::Args),
+}
+
+/// Parses the command line, runs the command and gives the process's exit code.
+pub fn main() -> ExitCode {
+    let Cli { command, talk } = Cli::parse();
+    let dispatched = std::panic::catch_unwind(|| match command {
+        Command::Run(args) => run::main(&args, talk),
+        Command::Bake(args) => bake::main(&args, talk),
+        Command::Check(args) => check::main(&args, talk),
+        Command::Eval(args) => eval::main(&args, talk),
+    });
+    let exit = dispatched.unwrap_or_else(|_| {
+        report::error("this is a bug of hapticd: please report it with the lines above and the command line", None, talk);
+        Exit::Internal
+    });
+    say::finish(exit, talk).into()
+}

@@ -1,0 +1,46 @@
+//! Progress of long baking, on a terminal only.
+
+use std::io::IsTerminal;
+use std::time::Duration;
+
+use indicatif::{ProgressBar, ProgressStyle};
+
+use super::Talk;
+use crate::scene::Event;
+use crate::voxmap::Stage;
+
+/// A line on stderr that says which object is at which stage; silent on a pipe and with `--quiet`.
+pub(crate) struct BakeProgress(Option<ProgressBar>);
+
+impl BakeProgress {
+    pub(crate) fn new(talk: Talk) -> Self {
+        let shown = !talk.quiet && std::io::stderr().is_terminal();
+        Self(shown.then(|| {
+            let bar = ProgressBar::new_spinner();
+            if let Ok(style) = ProgressStyle::with_template("{spinner} baking {msg} ({elapsed})") {
+                bar.set_style(style);
+            }
+            bar.enable_steady_tick(Duration::from_millis(100));
+            bar
+        }))
+    }
+
+    pub(crate) fn tell(&self, event: &Event<'_>) {
+        let Some(bar) = &self.0 else { return };
+        let stage = match event.stage {
+            Stage::Load => "mesh",
+            Stage::Surface => "surface voxels",
+            Stage::Fill => "fill",
+            Stage::Layers => "layers",
+            Stage::Distance => "distances",
+            Stage::Pointshell => "pointshell",
+        };
+        bar.set_message(format!("{} ({} of {}): {stage}", event.name, event.object_idx + 1, event.n_objects));
+    }
+
+    pub(crate) fn finish(self) {
+        if let Some(bar) = self.0 {
+            bar.finish_and_clear();
+        }
+    }
+}

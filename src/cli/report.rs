@@ -1,0 +1,72 @@
+//! How every command says what is wrong.
+
+use std::io::IsTerminal;
+
+use super::{Talk, When, say};
+use crate::config::ConfigErrors;
+use crate::daemon::PrepareError;
+use crate::error::Exit;
+use crate::scene::{ObjectReport, SceneError};
+
+/// Prints every problem of a scene on stderr and gives the exit code for it.
+pub(crate) fn config_errors(errors: &ConfigErrors, talk: Talk) -> Exit {
+    for problem in errors.problems() {
+        error(&problem.to_string(), problem.hint().as_deref(), talk);
+    }
+    Exit::Configuration
+}
+
+/// Prints why an object cannot be built and gives the exit code for it: an asset, or a grid that the configuration asks for.
+pub(crate) fn scene_error(problem: &SceneError, talk: Talk) -> Exit {
+    error(&problem.to_string(), problem.hint().as_deref(), talk);
+    match problem {
+        SceneError::Mesh { .. } => Exit::Asset,
+        SceneError::Grid { .. } => Exit::Configuration,
+    }
+}
+
+/// Prints why a scene cannot be rendered and gives the exit code for it.
+pub(crate) fn prepare_error(problem: &PrepareError, talk: Talk) -> Exit {
+    match problem {
+        PrepareError::Config(errors) => config_errors(errors, talk),
+        PrepareError::Scene(problem) => scene_error(problem, talk),
+        PrepareError::Hand(_) | PrepareError::Fault { .. } | PrepareError::Arm(_) => {
+            error(&problem.to_string(), None, talk);
+            Exit::Configuration
+        }
+    }
+}
+
+/// Prints what a user should know of the objects of a scene.
+pub(crate) fn bake_warnings(reports: &[ObjectReport], talk: Talk) {
+    for object in reports {
+        for text in &object.warnings {
+            warning(&format!("{}: {text}", object.name), talk);
+        }
+    }
+}
+
+/// Prints one error with what to do about it.
+pub(crate) fn error(message: &str, hint: Option<&str>, talk: Talk) {
+    let [red, cyan, plain] = if is_coloured(talk) { ["\x1b[1;31m", "\x1b[1;36m", "\x1b[0m"] } else { [""; 3] };
+    say::talk(format_args!("{red}error:{plain} {message}\n"));
+    if let Some(hint) = hint {
+        say::talk(format_args!("  {cyan}hint:{plain} {hint}\n"));
+    }
+}
+
+/// Prints one warning, unless told to be quiet.
+pub(crate) fn warning(message: &str, talk: Talk) {
+    if !talk.quiet {
+        let [yellow, plain] = if is_coloured(talk) { ["\x1b[1;33m", "\x1b[0m"] } else { [""; 2] };
+        say::talk(format_args!("{yellow}warning:{plain} {message}\n"));
+    }
+}
+
+fn is_coloured(talk: Talk) -> bool {
+    match talk.color {
+        When::Always => true,
+        When::Never => false,
+        When::Auto => std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty()),
+    }
+}

@@ -1,0 +1,350 @@
+//! `hapticd run`: bake a scene and render it on its arm.
+
+use std::fmt::Write as _;
+use std::io::IsTerminal as _;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+
+use clap::ValueEnum;
+use crossbeam::channel::Receiver;
+
+use super::progress::BakeProgress;
+use super::{Talk, bake, check, report, say};
+use crate::config::{self, LoadOptions};
+use crate::daemon::{Notice, Outcome, PrepareError, Prepared, RenderJob, RunError, Supervisor, prepare};
+use crate::error::Exit;
+use crate::haptics::Faults;
+use crate::rt::clock::ClockKind;
+use crate::rt::duration;
+use crate::rt::preflight::{self, Report};
+use crate::rt::signals::{SignalError, interrupts};
+use crate::telemetry::{LatencySummary, TickRecord, Totals};
+
+/// Arguments of `hapticd run`.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Args {
+    /// Scene file.
+    scene: PathBuf,
+    /// How long to render before the safe stop, such as 10s, 500ms or 2min [default: until Ctrl-C].
+    #[arg(long, value_name = "TIME", value_parser = duration::parse, allow_hyphen_values = true)]
+    duration: Option<Duration>,
+    /// What to do when a real-time check fails [default: as the scene says].
+    #[arg(long, value_name = "MODE")]
+    realtime: Option<RealtimeMode>,
+    /// Device profile instead of the scene's: a name or a file.
+    #[arg(long, value_name = "PROFILE")]
+    device: Option<String>,
+    /// Time that the run follows; virtual is simulated and as fast as it goes.
+    #[arg(long, value_name = "CLOCK", default_value = "real")]
+    clock: ClockArg,
+    /// Print the result as one JSON object.
+    #[arg(long)]
+    json: bool,
+}
+
+/// What to do when a real-time check fails.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum RealtimeMode {
+    /// Refuse to run.
+    Enforce,
+    /// Run and say what was given up.
+    BestEffort,
+}
+
+/// Time that a run follows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum ClockArg {
+    /// The machine's monotonic clock.
+    Real,
+    /// Simulated time.
+    Virtual,
+}
+
+/// Why a run ended before it began.
+#[derive(Debug)]
+enum Refusal {
+    Prepare(PrepareError),
+    Run(RunError),
+    Signals(SignalError),
+}
+
+pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
+    let overrides = LoadOptions { device: args.device.clone(), enforce: args.realtime.map(|mode| mode == RealtimeMode::Enforce) };
+    let bake = || {
+        let config = config::load_with(&args.scene, &overrides).map_err(PrepareError::Config)?;
+        if talk.verbose > 0 {
+            say::talk(format_args!("{}\n", check::summary(&config)));
+        }
+        let progress = BakeProgress::new(talk);
+        let prepared = prepare(&config, |event| progress.tell(&event));
+        progress.finish();
+        let (prepared, reports) = prepared?;
+        report::bake_warnings(&reports, talk);
+        if talk.verbose > 0 {
+            reports.iter().for_each(|object| say::talk(format_args!("{}", bake::report_text(object))));
+        }
+        Ok(prepared)
+    };
+    match run(args, talk, interrupts, bake) {
+        Ok(outcome) => {
+            say::result(format_args!("{}", result_text(&outcome.totals, args.json)));
+            outcome.exit()
+        }
+        Err(Refusal::Prepare(error)) => report::prepare_error(&error, talk),
+        Err(Refusal::Run(error)) => {
+            let refused = if let RunError::Refused(checks) = &error { Some(checks) } else { None };
+            if let Some(checks) = refused.filter(|_| talk.quiet) {
+                for row in report_lines(checks, true) {
+                    say::talk(format_args!("{row}\n"));
+                }
+            }
+            let hint = refused.map(|_| "--realtime best-effort runs anyway, with the latency that this machine gives");
+            report::error(&error.to_string(), hint, talk);
+            error.exit()
+        }
+        Err(Refusal::Signals(error)) => {
+            report::error(&error.to_string(), None, talk);
+            Exit::Internal
+        }
+    }
+}
+
+fn run(
+    args: &Args,
+    talk: Talk,
+    interrupts: impl FnOnce() -> Result<Receiver<()>, SignalError>,
+    bake: impl FnOnce() -> Result<Prepared, PrepareError>,
+) -> Result<Outcome, Refusal> {
+    let mut screen = Screen::new(talk);
+    let mut supervisor = Supervisor::new(|notice| screen.show(&notice));
+    let prepared = supervisor.bake(bake).map_err(Refusal::Prepare)?;
+    let job = RenderJob {
+        scene: Arc::new(prepared.scene),
+        device: prepared.device,
+        realtime: prepared.realtime,
+        rate_hz: prepared.rate_hz,
+        clock: match args.clock {
+            ClockArg::Real => ClockKind::Real,
+            ClockArg::Virtual => ClockKind::Virtual,
+        },
+        duration: args.duration,
+    };
+    // Only now: until here no force can flow, and Ctrl-C ends a long bake at once as it does everywhere.
+    let interrupts = interrupts().map_err(Refusal::Signals)?;
+    supervisor.render(job, &interrupts).map_err(Refusal::Run)
+}
+
+/// stderr while a run goes on: lines that stay, and on a terminal one status line that is written over.
+struct Screen {
+    quiet: bool,
+    live: bool,
+    /// A status line is on the screen now.
+    status_on: bool,
+}
+
+impl Screen {
+    fn new(talk: Talk) -> Self {
+        Self { quiet: talk.quiet, live: !talk.quiet && std::io::stderr().is_terminal(), status_on: false }
+    }
+
+    fn show(&mut self, notice: &Notice<'_>) {
+        match notice {
+            Notice::Phase(phase) => {
+                if !self.quiet {
+                    self.line(&format!("state: {}", phase.name()));
+                }
+            }
+            Notice::Preflight(report) => {
+                if !self.quiet {
+                    for row in report_lines(report, false) {
+                        self.line(&row);
+                    }
+                }
+            }
+            Notice::Fault(record) => {
+                for line in fault_lines(record) {
+                    self.line(&line);
+                }
+            }
+            Notice::Status(record) => {
+                if self.live {
+                    // Cut at the edge of the terminal: a line that wraps could not be written over.
+                    say::talk(format_args!("\r\x1b[2K\x1b[?7l{}\x1b[?7h", status_text(record)));
+                    self.status_on = true;
+                }
+            }
+        }
+    }
+
+    fn line(&mut self, text: &str) {
+        self.clear_status();
+        say::talk(format_args!("{text}\n"));
+    }
+
+    fn clear_status(&mut self) {
+        if self.status_on {
+            say::talk(format_args!("\r\x1b[2K"));
+            self.status_on = false;
+        }
+    }
+}
+
+fn report_lines(report: &Report, failed_only: bool) -> Vec<String> {
+    let mut lines = Vec::new();
+    for row in &report.rows {
+        let mark = match row.outcome {
+            preflight::Outcome::Passed => "ok",
+            preflight::Outcome::Failed => "FAILED",
+            preflight::Outcome::Unknown => "unknown",
+        };
+        if failed_only && row.outcome != preflight::Outcome::Failed {
+            continue;
+        }
+        lines.push(format!("preflight: {:<12} {mark:<7} {}", row.name, row.found));
+        if !row.hint.is_empty() {
+            lines.push(format!("           {:<12} hint: {}", "", row.hint));
+        }
+    }
+    lines
+}
+
+fn fault_lines(record: &TickRecord) -> impl Iterator<Item = String> {
+    let (faults, tick, time_s) = (record.output.faults, record.tick, record.time_ns as f64 * 1e-9);
+    Faults::TABLE
+        .into_iter()
+        .filter(move |(fault, ..)| faults.contains(*fault))
+        .map(move |(_, name, text)| format!("fault: {name} at {time_s:.3} s (tick {tick}): {text}"))
+}
+
+fn status_text(record: &TickRecord) -> String {
+    let output = &record.output;
+    format!(
+        "tick {:>8}  force {:6.2} N  torque {:6.3} N·m  depth {:6.3} mm  contacts {:>5}  late {:>6.1} µs",
+        record.tick,
+        output.command_device.force.length(),
+        output.command_device.torque.length(),
+        output.max_depth_m * 1e3,
+        output.contacts,
+        record.wakeup_ns as f64 * 1e-3,
+    )
+}
+
+/// What goes to stdout.
+fn result_text(totals: &Totals, json: bool) -> String {
+    if json {
+        return match serde_json::to_string(totals) {
+            Ok(mut text) => {
+                text.push('\n');
+                text
+            }
+            // True invariant: numbers, names and flags, no map with odd keys.
+            Err(error) => unreachable!("plain data: {error}"),
+        };
+    }
+    let mut text = String::new();
+    let mut row = |name: &str, value: std::fmt::Arguments<'_>| {
+        // Writing to a string cannot fail.
+        let _ = writeln!(text, "{name:<18} {value}");
+    };
+    row("ticks", format_args!("{} in {:.3} s at {} Hz ({} clock)", totals.ticks, totals.duration_s, totals.rate_hz, totals.clock));
+    row("missed deadlines", format_args!("{}", totals.missed_deadlines));
+    for (name, latency) in [("wake-up", totals.wakeup_us), ("compute", totals.compute_us), ("device", totals.device_us)] {
+        let LatencySummary { p50, p99, p999, max } = latency;
+        row(name, format_args!("p50 {p50:.1}  p99 {p99:.1}  p99.9 {p999:.1}  max {max:.1} µs"));
+    }
+    row("largest command", format_args!("{:.3} N, {:.4} N·m", totals.max_force_n, totals.max_torque_nm));
+    row("contact", format_args!("{} ticks, deepest {:.4} mm", totals.contact_ticks, totals.max_depth_m * 1e3));
+    let pose = totals.final_pose;
+    row(
+        "tool at the end",
+        format_args!(
+            "[{:.6}, {:.6}, {:.6}] m, xyzw [{:.6}, {:.6}, {:.6}, {:.6}]",
+            pose.x_m, pose.y_m, pose.z_m, pose.qx, pose.qy, pose.qz, pose.qw
+        ),
+    );
+    if totals.stale_samples > 0 {
+        row("stale samples", format_args!("{}", totals.stale_samples));
+    }
+    if totals.dropped_records > 0 {
+        row("dropped records", format_args!("{}: the extremes above do not know of them", totals.dropped_records));
+    }
+    let faults = if totals.faults.is_empty() { "none".to_owned() } else { totals.faults.join(", ") };
+    row("faults", format_args!("{faults}"));
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+    use crossbeam::channel::never;
+
+    use super::*;
+    use crate::cli::When;
+    use crate::config::resolve::RealtimeConfig;
+    use crate::device::sim::{SimArm, SimParameters};
+    use crate::servo::testing::empty_scene;
+
+    #[derive(Debug, Parser)]
+    struct Command {
+        #[command(flatten)]
+        args: Args,
+    }
+
+    fn args(line: &str) -> Result<Args, clap::Error> {
+        Command::try_parse_from(["run"].into_iter().chain(line.split_whitespace())).map(|command| command.args)
+    }
+
+    fn synthetic() -> Prepared {
+        Prepared {
+            scene: Arc::try_unwrap(empty_scene()).expect("not shared"),
+            device: Box::new(SimArm::new(SimParameters::ideal(1e-3)).expect("valid")),
+            realtime: RealtimeConfig { enforce: true, cpu: None, priority: 80 },
+            rate_hz: 1000,
+        }
+    }
+
+    const QUIET: Talk = Talk { verbose: 0, quiet: true, color: When::Never };
+
+    #[test]
+    fn the_command_line_is_read() {
+        let args =
+            args("scene.toml --duration 500ms --realtime best-effort --device sim-touch --clock virtual --json").expect("valid");
+        assert_eq!(args.duration, Some(Duration::from_millis(500)));
+        assert_eq!((args.realtime, args.clock), (Some(RealtimeMode::BestEffort), ClockArg::Virtual));
+        assert_eq!((args.device.as_deref(), args.json), (Some("sim-touch"), true));
+    }
+
+    #[test]
+    fn flags_of_later_versions_and_bare_numbers_are_usage_errors() {
+        for line in
+            ["s.toml --record f.mcap", "s.toml --monitor off", "s.toml --enable", "s.toml --duration 10", "", "s.toml --clock fast"]
+        {
+            let error = args(line).expect_err(line);
+            assert_eq!(error.exit_code(), 2, "{line}");
+        }
+        assert!(args("s.toml --duration 10").expect_err("no unit").to_string().contains("500ms"));
+    }
+
+    #[test]
+    fn a_virtual_run_prints_one_json_object() {
+        let args = args("s.toml --duration 2s --clock virtual --json").expect("valid");
+        let outcome = run(&args, QUIET, || Ok(never()), || Ok(synthetic())).expect("an outcome");
+        assert_eq!(outcome.exit(), Exit::Ok);
+        let text = result_text(&outcome.totals, true);
+        assert_eq!(text.lines().count(), 1);
+        let json: serde_json::Value = serde_json::from_str(&text).expect("json");
+        assert!(json["ticks"].as_u64().expect("a count") > 2000);
+        assert_eq!(json["realtime"]["policy"], "other");
+    }
+
+    #[test]
+    fn the_human_summary_names_what_happened() {
+        let args = args("s.toml --duration 100ms --clock virtual").expect("valid");
+        let outcome = run(&args, QUIET, || Ok(never()), || Ok(synthetic())).expect("an outcome");
+        let text = result_text(&outcome.totals, false);
+        for fragment in ["virtual clock", "missed deadlines", "p99.9", "faults", "none"] {
+            assert!(text.contains(fragment), "{text}");
+        }
+    }
+}

@@ -1,0 +1,28 @@
+//! The supervisor: takes a scene from the file to the arm and back to rest.
+//!
+//! ```text
+//!  ┌──────┐  file read  ┌────────┐  baked  ┌──────────┐  enable  ┌──────────┐  ramp up  ┌─────────┐
+//!  │ Init ├────────────►│ Baking ├────────►│ Disabled ├─────────►│ Enabling ├──────────►│ Enabled │
+//!  └──┬───┘             └───┬────┘         └────┬─────┘          └────┬─────┘           └────┬────┘
+//!     │ 3 configuration     │ 3, 4 asset        │ 5 not homed         │ stop, signal,        │
+//!     │                     │                   │ 6 refused           │ duration             │
+//!     ▼                     ▼                   ▼                     ▼                      ▼
+//!   exit                  exit                exit              ┌──────────┐ ◄───────────────┤
+//!                                                               │ Stopping │ ramp down       │
+//!                                                               └────┬─────┘                 │ any fault, from
+//!                                                                    ▼                       ▼ any state above
+//!                                                               ┌─────────┐             ┌───────┐
+//!                                                  exit 0 ◄─────┤ Stopped │             │ Fault ├──► exit 7
+//!                                                               └─────────┘             └───────┘
+//! ```
+//!
+//! Force flows in Enabling, Enabled and Stopping only. Every way out, drawn or not, passes the servo's stop guard: the last thing that the
+//! arm hears is a zero command.
+//!
+//! Data in: a prepared [`RenderJob`]. Data out: [`Notice`]s while it runs, one [`Outcome`] at the end. Invariant: prints nothing.
+
+mod prepare;
+mod supervisor;
+
+pub use prepare::{PrepareError, Prepared, inputs, prepare};
+pub use supervisor::{Notice, Outcome, Phase, RenderJob, RunError, Supervisor};

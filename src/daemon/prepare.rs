@@ -1,0 +1,137 @@
+//! From a checked scene to a baked one with its arm: where the cold rooms meet.
+
+use glam::DVec3;
+use thiserror::Error;
+
+use crate::config::poses::PoseFileError;
+use crate::config::resolve::{DeviceConfig, RealtimeConfig};
+use crate::config::{ConfigErrors, SceneConfig};
+use crate::device::Device;
+use crate::device::fault::{self, FaultError, FaultPlan};
+use crate::device::hand::{HandPath, Indexing};
+use crate::device::profile::Codec;
+use crate::device::sim::{HandParameters, SimArm, SimError, SimParameters};
+use crate::haptics::{PortParameters, RenderScene};
+use crate::scene::{self, Event, ObjectReport, SceneError};
+
+/// A scene that is ready to be rendered.
+pub struct Prepared {
+    /// Baked, immutable.
+    pub scene: RenderScene,
+    /// The opened arm.
+    pub device: Box<dyn Device>,
+    /// Scheduling.
+    pub realtime: RealtimeConfig,
+    /// Ticks per second.
+    pub rate_hz: u32,
+}
+
+/// Why a scene cannot be rendered.
+#[derive(Debug, Error)]
+pub enum PrepareError {
+    /// The scene file.
+    #[error("{0}")]
+    Config(ConfigErrors),
+    /// A mesh or a grid.
+    #[error("{0}")]
+    Scene(#[from] SceneError),
+    /// The hand file.
+    #[error("{0}")]
+    Hand(#[from] PoseFileError),
+    /// The fault to inject.
+    #[error("device.sim.fault = \"{written}\": {source}")]
+    Fault {
+        /// As written in the scene.
+        written: String,
+        /// Cause.
+        source: FaultError,
+    },
+    /// The simulated arm.
+    #[error("{0}")]
+    Arm(#[from] SimError),
+}
+
+/// Reads what the simulated arm plays: the path of its hand, and its fault. Takes no time and bakes nothing.
+///
+/// # Errors
+/// A hand file or a fault that cannot be used.
+pub fn inputs(config: &SceneConfig) -> Result<(Option<HandPath>, Option<FaultPlan>), PrepareError> {
+    let hand = config.device.hand.as_deref().map(HandPath::read).transpose()?;
+    let fault = config
+        .device
+        .sim
+        .fault
+        .as_ref()
+        .map(|written| fault::parse(written).map_err(|source| PrepareError::Fault { written: written.clone(), source }));
+    Ok((hand, fault.transpose()?))
+}
+
+/// Bakes the scene and opens its arm. What costs nothing is checked before what takes long.
+///
+/// # Errors
+/// A hand file, fault, mesh, grid or arm that cannot be used.
+pub fn prepare(config: &SceneConfig, watch: impl FnMut(Event<'_>)) -> Result<(Prepared, Vec<ObjectReport>), PrepareError> {
+    let (hand, fault) = inputs(config)?;
+    let (scene, mut reports) = scene::build(config, watch)?;
+    if let (Some(path), Some(tool)) = (&hand, reports.last_mut()) {
+        tool.warnings.extend(far_from_start(path, &config.parameters.port));
+    }
+    let port = &config.parameters.port;
+    let period_s = config.parameters.period_s;
+    let mut arm = simulated_arm(&config.device, hand.as_ref(), port, scene.tool.center_of_mass_tool, period_s);
+    arm.fault = fault;
+    let device = Box::new(SimArm::new(arm)?);
+    Ok((Prepared { scene, device, realtime: config.realtime, rate_hz: config.rate_hz }, reports))
+}
+
+/// What to say of a hand that would jerk the arm away from where it stands at enable.
+fn far_from_start(hand: &HandPath, port: &PortParameters) -> Option<String> {
+    let away_mm = (hand.sample(0.0).translation - port.start.translation).length() * 1e3;
+    (away_mm > FAR_FROM_START_MM)
+        .then(|| format!("the hand begins {away_mm:.1} mm away from `tool.start_position_mm` and will pull the arm there at once"))
+}
+
+/// A stretch of the hand's default spring that is a quarter of what a small arm can push, mm.
+const FAR_FROM_START_MM: f64 = 5.0;
+
+/// The profile's simulated arm with the scene's hand.
+fn simulated_arm(
+    device: &DeviceConfig,
+    hand: Option<&HandPath>,
+    port: &PortParameters,
+    center_of_mass_tool: DVec3,
+    period_s: f64,
+) -> SimParameters {
+    let DeviceConfig { profile, sim, .. } = device;
+    let Codec::Sim = profile.codec;
+    let mut plant = profile.plant;
+    plant.delay_ticks = sim.delay_ticks.unwrap_or(plant.delay_ticks);
+    let indexing = Indexing {
+        world_from_device: port.world_from_device,
+        scale: port.scale,
+        start: port.start,
+        grip_tool: center_of_mass_tool,
+    };
+    SimParameters {
+        period_s,
+        plant,
+        hand: sim.hand_present.then(|| HandParameters {
+            stiffness_n_per_m: sim.hand_stiffness_n_per_m,
+            damping_n_s_per_m: sim.hand_damping_n_s_per_m,
+            mass_kg: sim.hand_mass_kg,
+            path: hand.map(|path| path.to_device(indexing)),
+            ..HandParameters::default()
+        }),
+        sensed: profile.sensed,
+        actuated: profile.actuated,
+        force_limit_n: profile.limits.force_n,
+        torque_limit_nm: profile.limits.torque_nm,
+        window_linear_s: profile.velocity_window_ms[0] * 1e-3,
+        window_angular_s: profile.velocity_window_ms[1] * 1e-3,
+        watchdog_ms: profile.link.device_watchdog_ms,
+        holds_last_command: profile.link.holds_last_command,
+        homed: true,
+        fault: None,
+        seed: sim.seed,
+    }
+}
