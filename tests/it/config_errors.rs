@@ -1,0 +1,361 @@
+//! The commonest mistakes in a scene, with the exact words that answer them.
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Output};
+
+use hapticd::config::{self, ConfigErrors, LoadOptions, ProblemKind, SceneConfig};
+use hapticd::haptics::CouplingMode;
+use hapticd::mesh::primitives::Shape;
+
+const SCENE: &str = r#"version = 1
+
+[rendering]
+rate_hz = 1000
+
+[[static]]
+name = "base"
+mesh = "base.obj"
+units = "mm"
+voxel_size_mm = 0.5
+layers = 8
+orientation_xyzw = [0, 0, 0, 1]
+
+[[static]]
+name = "floor"
+shape = { plane_mm = [60, 40] }
+voxel_size_mm = 1
+
+[tool]
+shape = { sphere_mm = 5 }
+voxel_size_mm = 0.5
+start_position_mm = [0, 0, 40]
+
+[device]
+profile = "sim-sigma7"
+"#;
+
+/// Loads a scene from a folder that holds a mesh.
+fn load(scene: &str) -> Result<SceneConfig, ConfigErrors> {
+    load_with(scene, &LoadOptions::default())
+}
+
+fn load_with(scene: &str, options: &LoadOptions) -> Result<SceneConfig, ConfigErrors> {
+    let dir = tempfile::tempdir().unwrap();
+    write_into(dir.path(), scene);
+    config::load_with(&dir.path().join("scene.toml"), options)
+}
+
+fn write_into(dir: &Path, scene: &str) {
+    fs::write(dir.join("base.obj"), "v 0 0 0\n").unwrap();
+    fs::write(dir.join("scene.toml"), scene).unwrap();
+}
+
+/// The message about a scene, without the folder of the test.
+fn refusal(scene: &str) -> String {
+    let dir = tempfile::tempdir().unwrap();
+    write_into(dir.path(), scene);
+    let errors = config::load(&dir.path().join("scene.toml")).unwrap_err();
+    errors.to_string().replace(&format!("{}/", dir.path().display()), "")
+}
+
+/// The scene with one passage replaced.
+fn with(passage: &str, replacement: &str) -> String {
+    assert_eq!(SCENE.matches(passage).count(), 1, "`{passage}` stands once in the scene");
+    SCENE.replace(passage, replacement)
+}
+
+#[test]
+fn the_scene_that_the_mistakes_are_made_in_is_sound() {
+    if let Err(errors) = load(SCENE) {
+        panic!("{errors}");
+    }
+}
+
+macro_rules! mistakes {
+    ($($name:ident: $scene:expr => $message:expr;)+) => { $(
+        #[test]
+        fn $name() {
+            let scene = $scene;
+            assert_eq!(refusal(&scene), $message);
+        }
+    )+ };
+}
+
+mistakes! {
+    malformed_toml: with("units = \"mm\"", "units = \"mm") => r#"error: scene.toml:9: not TOML: invalid basic string, expected `"`"#;
+    a_key_given_twice: with("layers = 8", "layers = 8\nlayers = 9") => "error: scene.toml:12: not TOML: duplicate key";
+    missing_version: with("version = 1\n", "") => r"error: scene.toml: version: missing; this program reads version 1
+  hint: write `version = 1` as the first line";
+    wrong_version: with("version = 1\n", "version = 2\nfuture_key = true\n") => "error: scene.toml:1: version = 2: unknown version; this program reads version 1";
+    unknown_key: with("voxel_size_mm = 0.5\nlayers", "voxelsize_mm = 0.5\nlayers") => r"error: scene.toml:10: static[0].voxelsize_mm = 0.5: unknown key; did you mean `voxel_size_mm`?
+  hint: known here: name, mesh, shape, units, voxel_size_mm, layers, position_mm, orientation_xyzw, movable, sides";
+    unknown_key_like_no_other: with("[rendering]", "[rendering]\ncolour = \"red\"") => r#"error: scene.toml:4: rendering.colour = "red": unknown key
+  hint: known here: rate_hz, coupling, field, gravity_m_per_s2, allow_unstable"#;
+    unknown_table: with("[tool]", "[tol]") => r"error: scene.toml:19: tol: unknown key; did you mean `tool`?
+  hint: known here: version, name, rendering, static, tool, contact, coupling, filter, limits, safety, device, realtime, monitor, sculpt";
+    static_as_a_single_table: "version = 1\n[static]\nname = \"base\"\n".to_owned() => r"error: scene.toml:2: static: must be an array
+  hint: write each static object as its own [[static]] table";
+    wrong_unit: with("units = \"mm\"", "units = \"millimetres\"") => r#"error: scene.toml:9: static[0].units = "millimetres": must be "m", "mm", "cm" or "in"; did you mean `mm`?"#;
+    wrong_type: with("rate_hz = 1000", "rate_hz = \"1 kHz\"") => r#"error: scene.toml:4: rendering.rate_hz = "1 kHz": must be a whole number, 0 or more"#;
+    fraction_where_a_count_is_wanted: with("layers = 8", "layers = 8.5") => "error: scene.toml:11: static[0].layers = 8.5: must be a whole number, 0 or more";
+    position_of_two_numbers: with("[0, 0, 40]", "[0, 40]") => "error: scene.toml:22: tool.start_position_mm = [0, 40]: must be an array of 3 numbers";
+    position_with_a_word: with("[0, 0, 40]", "[0, 0, \"forty\"]") => r#"error: scene.toml:22: tool.start_position_mm[2] = "forty": must be a number"#;
+    orientation_of_five_numbers: with("[0, 0, 0, 1]", "[0, 0, 0, 1, 0]") => "error: scene.toml:12: static[0].orientation_xyzw = [0, 0, 0, 1, 0]: must be an array of 4 numbers";
+    zero_voxel_size: with("voxel_size_mm = 0.5\nlayers", "voxel_size_mm = 0.0\nlayers") => "error: scene.toml:10: static[0].voxel_size_mm = 0.0: must be greater than 0 and at most 1000 mm";
+    negative_voxel_size: with("voxel_size_mm = 1\n", "voxel_size_mm = -1\n") => "error: scene.toml:17: static[1].voxel_size_mm = -1: must be greater than 0 and at most 1000 mm";
+    voxel_size_not_a_number: with("voxel_size_mm = 0.5\nlayers", "voxel_size_mm = nan\nlayers") => "error: scene.toml:10: static[0].voxel_size_mm = nan: must be greater than 0 and at most 1000 mm";
+    voxel_size_in_the_wrong_unit: with("voxel_size_mm = 1\n", "voxel_size_mm = 2500\n") => "error: scene.toml:17: static[1].voxel_size_mm = 2500: must be greater than 0 and at most 1000 mm";
+    missing_tool: SCENE[..SCENE.find("[tool]").unwrap()].to_owned() => "error: scene.toml: tool: missing; give a [tool] table with the moving object: mesh and units, or shape; voxel_size_mm";
+    missing_voxel_size: with("voxel_size_mm = 1\n", "") => "error: scene.toml:14: static[1].voxel_size_mm: missing; give a number: greater than 0 and at most 1000 mm";
+    infinite_position: with("[0, 0, 40]", "[0, 0, inf]") => "error: scene.toml:22: tool.start_position_mm[2] = inf: must be finite";
+    missing_mesh_file: with("base.obj", "bse.obj") => r#"error: scene.toml:8: static[0].mesh = "bse.obj": no such file: bse.obj
+  hint: paths are relative to the file that names them"#;
+    mesh_of_another_format: with("base.obj", "base.step") => r#"error: scene.toml:8: static[0].mesh = "base.step": must be a mesh file whose name ends in .obj or .stl"#;
+    mesh_format_of_a_later_version: with("base.obj", "base.ply") => r#"error: scene.toml:8: static[0].mesh = "base.ply": not available in this version; use a mesh file whose name ends in .obj or .stl"#;
+    missing_units: with("units = \"mm\"\n", "") => r#"error: scene.toml:6: static[0].units: missing; give the unit of the mesh file: "m", "mm", "cm" or "in"
+  hint: a mesh file does not say its unit; a wrong guess is a factor of 1000"#;
+    both_mesh_and_shape: with("units = \"mm\"", "units = \"mm\"\nshape = { sphere_mm = 3 }") => "error: scene.toml:10: static[0].shape = { sphere_mm = 3 }: cannot stand beside static[0].mesh; give exactly one of the two";
+    neither_mesh_nor_shape: with("shape = { plane_mm = [60, 40] }\n", "") => "error: scene.toml:14: static[1].mesh: missing; give a mesh file, or a shape such as shape = { box_mm = [60, 40, 10] }";
+    two_shapes_at_once: with("{ sphere_mm = 5 }", "{ sphere_mm = 5, box_mm = [1, 2, 3] }") => "error: scene.toml:20: tool.shape = { sphere_mm = 5, box_mm = [1, 2, 3] }: must be exactly one of box_mm, sphere_mm, cylinder_mm, cone_mm, capsule_mm, torus_mm and plane_mm";
+    unknown_shape: with("{ sphere_mm = 5 }", "{ spere_mm = 5 }") => r"error: scene.toml:20: tool.shape.spere_mm = 5: unknown key; did you mean `sphere_mm`?
+  hint: known here: box_mm, sphere_mm, cylinder_mm, cone_mm, capsule_mm, torus_mm, plane_mm";
+    shape_as_a_word: with("{ sphere_mm = 5 }", "\"sphere\"") => r#"error: scene.toml:20: tool.shape = "sphere": must be a table with one shape, such as { box_mm = [60, 40, 10] } or { sphere_mm = 8 }"#;
+    flat_box: with("{ sphere_mm = 5 }", "{ box_mm = [20, 20, 0] }") => "error: scene.toml:20: tool.shape.box_mm[2] = 0: must be greater than 0 and at most 1000000 mm";
+    torus_without_a_hole: with("{ sphere_mm = 5 }", "{ torus_mm = [5, 20] }") => "error: scene.toml:20: tool.shape.torus_mm = [5, 20]: must be [R, r] with the tube radius r below the ring radius R";
+    duplicate_names: with("\"floor\"", "\"base\"") => r#"error: scene.toml:15: static[1].name = "base": this name was given before, in line 7; names of static objects must differ"#;
+    layers_out_of_range: with("layers = 8", "layers = 100") => "error: scene.toml:11: static[0].layers = 100: must be a whole number from 1 to 60";
+    tool_with_one_layer: with("[tool]", "[tool]\nlayers = 1") => "error: scene.toml:20: tool.layers = 1: must be a whole number from 2 to 60";
+    quaternion_of_zeros: with("[0, 0, 0, 1]", "[0, 0, 0, 0]") => "error: scene.toml:12: static[0].orientation_xyzw = [0, 0, 0, 0]: must be a unit quaternion [x, y, z, w]; its length is 0, which may be off 1 by at most 0.001";
+    quaternion_in_degrees: with("[0, 0, 0, 1]", "[0, 0, 90, 1]") => "error: scene.toml:12: static[0].orientation_xyzw = [0, 0, 90, 1]: must be a unit quaternion [x, y, z, w]; its length is 90.0056, which may be off 1 by at most 0.001";
+    impossible_inertia: with("[tool]", "[tool]\ninertia_kg_mm2 = [1, 1, 3, 0, 0, 0]") => "error: scene.toml:20: tool.inertia_kg_mm2 = [1, 1, 3, 0, 0, 0]: must be [xx, yy, zz, xy, xz, yz] of a real body: positive, and no principal moment above the sum of the other two";
+    missing_profile: with("sim-sigma7", "sim-sigma") => r#"error: scene.toml:25: device.profile = "sim-sigma": no device profile of this name; did you mean `sim-sigma7`?
+  hint: known profiles: sim-ideal, sim-polhem, sim-premium15-6dof, sim-sigma7, sim-touch; a path has a `/` or ends in .toml"#;
+    missing_profile_file: with("sim-sigma7", "arms/mine.toml") => r#"error: scene.toml:25: device.profile = "arms/mine.toml": no such file: arms/mine.toml
+  hint: paths are relative to the file that names them"#;
+    missing_hand_file: with("profile =", "hand = \"hands/insert.csv\"\nprofile =") => r#"error: scene.toml:25: device.hand = "hands/insert.csv": no such file: hands/insert.csv
+  hint: paths are relative to the file that names them"#;
+    unknown_fault: SCENE.to_owned() + "[device.sim]\nfault = \"unplugged@2s\"\n" => r#"error: scene.toml:27: device.sim.fault = "unplugged@2s": must be "drop", "stall", "nan", "garbage", "unplug", "slow", "stuck", "jump", "truncate", "sign-flip" or "saturate"; did you mean `unplug`?"#;
+    hand_and_no_hand: with("profile =", "hand = \"base.obj\"\nprofile =") + "[device.sim]\nhand = \"none\"\n" => r#"error: scene.toml:28: device.sim.hand = "none": cannot stand beside device.hand; give exactly one of the two"#;
+    unknown_coupling: with("rate_hz = 1000", "coupling = \"implict\"") => r#"error: scene.toml:4: rendering.coupling = "implict": must be "implicit", "semi-implicit", "static" or "direct"; did you mean `implicit`?"#;
+    bad_enum_value_of_another_type: SCENE.to_owned() + "[realtime]\nmode = true\n" => r#"error: scene.toml:27: realtime.mode = true: must be "best-effort" or "enforce""#;
+    stiffness_above_the_bound: SCENE.to_owned() + "[coupling]\ntranslation_n_per_mm = 5\nrotation_nm_per_rad = 1.2\n" => r"error: scene.toml:27: coupling.translation_n_per_mm = 5: the arm would feel 5000 N/m, above its stability bound of 4000 N/m = min(0.8 b / (T/2 + delay), declared 4000) with b = 7.5, T = 1 ms, delay = 1 tick
+  hint: write at most 4 N/mm, leave the key out to get the bound itself, or set rendering.allow_unstable = true
+error: scene.toml:28: coupling.rotation_nm_per_rad = 1.2: the arm would feel 1.2 N·m/rad, above its stability bound of 1 N·m/rad = min(0.8 b / (T/2 + delay), declared 1) with b = 0.001875, T = 1 ms, delay = 1 tick
+  hint: write at most 1 N·m/rad, leave the key out to get the bound itself, or set rendering.allow_unstable = true";
+    stiffness_above_the_bound_of_a_scaled_and_delayed_arm: with("profile =", "world_from_device = { scale = 2 }\nsim = { delay_ticks = 3 }\nprofile =") + "[coupling]\ntranslation_n_per_mm = 2\n" => r"error: scene.toml:29: coupling.translation_n_per_mm = 2: the arm would feel 4000 N/m, above its stability bound of 1714.29 N/m = min(0.8 b / (T/2 + delay), declared 4000) with b = 7.5, T = 1 ms, delay = 3 ticks
+  hint: write at most 0.8571 N/mm, leave the key out to get the bound itself, or set rendering.allow_unstable = true";
+    contact_stiffness_above_the_bound_in_direct_mode: with("rate_hz = 1000", "coupling = \"direct\"") + "[contact]\nstiffness_n_per_mm = 2\n" => r"error: scene.toml:27: contact.stiffness_n_per_mm = 2: the arm would feel 2000 N/m, above its stability bound of 1425.44 N/m = min(0.8 b / (T/2 + delay), declared 4000) with b = 7.5, T = 1 ms, delay = 1 tick + 2.70924 ms of filter
+  hint: write at most 1.425 N/mm, leave the key out to get the bound itself, or set rendering.allow_unstable = true";
+    damping_above_the_profile: SCENE.to_owned() + "[coupling]\ndamping_n_s_per_m = 31\n" => "error: scene.toml:27: coupling.damping_n_s_per_m = 31: must be from 0 to 30 N·s/m: the arm's profile takes 30 at most, and it feels this times scale";
+    cutoff_the_wrong_way_round: SCENE.to_owned() + "[filter]\ncutoff_hz = [300, 50]\n" => "error: scene.toml:27: filter.cutoff_hz = [300, 50]: must be [lowest, highest] in Hz, the lowest first";
+    overrun_of_none: SCENE.to_owned() + "[safety]\noverrun = 0\n" => r#"error: scene.toml:27: safety.overrun = 0: must be a whole number of consecutive missed ticks from 1 to 4294967295, or "off""#;
+    overrun_of_another_word: SCENE.to_owned() + "[safety]\noverrun = \"never\"\n" => r#"error: scene.toml:27: safety.overrun = "never": must be a whole number of consecutive missed ticks or "off""#;
+    several_problems_together: with("layers = 8", "layers = 0").replace("sphere_mm = 5", "sphere_mm = -5").replace("sim-sigma7", "sigma7") => r#"error: scene.toml:11: static[0].layers = 0: must be a whole number from 1 to 60
+error: scene.toml:20: tool.shape.sphere_mm = -5: must be greater than 0 and at most 1000000 mm
+error: scene.toml:25: device.profile = "sigma7": no device profile of this name; did you mean `sim-sigma7`?
+  hint: known profiles: sim-ideal, sim-polhem, sim-premium15-6dof, sim-sigma7, sim-touch; a path has a `/` or ends in .toml"#;
+    several_schema_problems_together: with("layers = 8", "layers = true").replace("sphere_mm", "sfere_mm").replace("profile", "profil") => r#"error: scene.toml:11: static[0].layers = true: must be a whole number, 0 or more
+error: scene.toml:20: tool.shape.sfere_mm = 5: unknown key; did you mean `sphere_mm`?
+  hint: known here: box_mm, sphere_mm, cylinder_mm, cone_mm, capsule_mm, torus_mm, plane_mm
+error: scene.toml:25: device.profil = "sim-sigma7": unknown key; did you mean `profile`?
+  hint: known here: profile, selector, world_from_device, hand, sim"#;
+}
+
+/// Keys and values of a later version exit with 3 and say so; nothing is read and ignored.
+#[test]
+fn what_this_version_lacks_is_refused_by_name() {
+    let scene =
+        SCENE.replace("rate_hz = 1000", "coupling = \"static\"").replace("layers = 8", "sides = \"winding\"\nmovable = true")
+            + r#"selector = "1209:7a01"
+[contact]
+normalize = "cluster"
+friction = { static = 0.25, dynamic = 0.2 }
+braking = true
+damping_n_s_per_m = 1.0
+time_budget_us = 300
+[safety]
+deadman = true
+heartbeat_ms = 500
+[device.sim]
+jitter_us = 20
+[monitor]
+listen = "127.0.0.1:7878"
+[sculpt]
+points = 1000
+"#;
+    let errors = load(&scene).unwrap_err();
+    let keys: Vec<&str> = errors.problems().iter().filter_map(|problem| problem.key.as_deref()).collect();
+    let expected = [
+        "rendering.coupling",
+        "static[0].sides",
+        "static[0].movable",
+        "device.selector",
+        "contact.normalize",
+        "contact.friction",
+        "contact.braking",
+        "contact.damping_n_s_per_m",
+        "contact.time_budget_us",
+        "safety.deadman",
+        "safety.heartbeat_ms",
+        "device.sim.jitter_us",
+        "monitor.listen",
+        "sculpt",
+    ];
+    assert_eq!(keys, expected);
+    for problem in errors.problems() {
+        assert!(matches!(problem.kind, ProblemKind::NotAvailable { .. }), "{problem}");
+        assert!(problem.to_string().contains("not available in this version"), "{problem}");
+    }
+}
+
+/// The shipped reference of keys parses, gives the defaults that it claims, and leaves no key out.
+#[test]
+fn the_default_scene_says_the_truth() {
+    let shipped = load(config::DEFAULT_SCENE).unwrap_or_else(|errors| panic!("{errors}"));
+    let bare = "version = 1\n[[static]]\nname = \"floor\"\nshape = { plane_mm = [60, 40] }\nvoxel_size_mm = 0.5\n\
+                [tool]\nshape = { sphere_mm = 5 }\nvoxel_size_mm = 0.5\n";
+    let bare = load(bare).unwrap_or_else(|errors| panic!("{errors}"));
+    assert_eq!(shipped.parameters, bare.parameters);
+    assert_eq!(shipped.device, bare.device);
+    assert_eq!(shipped.realtime, bare.realtime);
+    assert_eq!(shipped.statics, bare.statics);
+    assert_eq!(shipped.tool, bare.tool);
+
+    // Each table tells its keys when it is asked for one that it does not have.
+    let mut asking = String::from("version = 1\nzz = 0\n[[static]]\nzz = 0\nshape = { zz = 0 }\n");
+    for table in
+        ["rendering", "tool", "contact", "coupling", "filter", "limits", "safety", "device", "device.sim", "realtime", "monitor"]
+    {
+        asking += &format!("[{table}]\nzz = 0\n");
+    }
+    asking += "[device.world_from_device]\nzz = 0\n";
+    let errors = load(&asking).unwrap_err();
+    assert_eq!(errors.problems().len(), 15, "{errors}");
+    let mut keys = BTreeSet::new();
+    for problem in errors.problems() {
+        let ProblemKind::UnknownKey { known, .. } = &problem.kind else { panic!("{problem}") };
+        keys.extend(known.iter().cloned());
+    }
+    let is_word = |character: char| character.is_ascii_alphanumeric() || character == '_';
+    let words: BTreeSet<&str> = config::DEFAULT_SCENE.split(|character| !is_word(character)).collect();
+    let left_out: Vec<&String> = keys.iter().filter(|key| !words.contains(key.as_str())).collect();
+    assert!(left_out.is_empty(), "not in config/default.toml: {left_out:?}");
+}
+
+#[test]
+fn gains_left_out_are_the_bounds_of_the_arm() {
+    let coupling = |scene: &str| load(scene).unwrap_or_else(|errors| panic!("{errors}")).parameters.coupling;
+    let sigma = coupling(SCENE);
+    assert_eq!((sigma.stiffness_n_per_m, sigma.stiffness_nm_per_rad), (4000.0, 1.0));
+    assert_eq!((sigma.bound_n_per_m, sigma.bound_nm_per_rad), (4000.0, 1.0));
+    let ideal = coupling(&with("sim-sigma7", "sim-ideal"));
+    assert_eq!((ideal.stiffness_n_per_m, ideal.stiffness_nm_per_rad), (4000.0, 4.0));
+    assert_eq!((ideal.bound_n_per_m, ideal.bound_nm_per_rad), (f64::INFINITY, f64::INFINITY));
+    // An arm that renders no torque bounds no rotation, and the virtual tool still turns.
+    let touch = load(&with("sim-sigma7", "sim-touch")).unwrap_or_else(|errors| panic!("{errors}")).parameters;
+    assert_eq!((touch.coupling.stiffness_n_per_m, touch.coupling.stiffness_nm_per_rad), (400.0, 4.0));
+    assert!(touch.limits.torque_nm > 0.0);
+    // The arm feels the world's stiffness times the scale.
+    let scaled = coupling(&with("profile =", "world_from_device = { scale = 4.0 }\nprofile ="));
+    assert_eq!((scaled.stiffness_n_per_m, scaled.bound_n_per_m), (1000.0, 1000.0));
+    // Twice the period halves what the arm can take.
+    let slow = coupling(&with("rate_hz = 1000", "rate_hz = 500"));
+    assert!((slow.stiffness_n_per_m - 2000.0).abs() < 1e-9);
+}
+
+#[test]
+fn allow_unstable_lifts_the_bound() {
+    let scene = with("rate_hz = 1000", "allow_unstable = true") + "[coupling]\ntranslation_n_per_mm = 20\n";
+    let config = load(&scene).unwrap_or_else(|errors| panic!("{errors}"));
+    assert_eq!(config.parameters.coupling.stiffness_n_per_m, 20_000.0);
+    assert_eq!(config.parameters.coupling.bound_n_per_m, f64::INFINITY);
+    assert_eq!(config.stability.translation.value(), 4000.0);
+}
+
+#[test]
+fn direct_mode_holds_the_contact_to_the_bound() {
+    let config = load(&with("rate_hz = 1000", "coupling = \"direct\"")).unwrap_or_else(|errors| panic!("{errors}"));
+    let parameters = config.parameters;
+    assert_eq!(parameters.coupling.mode, CouplingMode::Direct);
+    assert_eq!(parameters.contact.stiffness_n_per_m, parameters.coupling.bound_n_per_m);
+    let unfiltered = with("rate_hz = 1000", "coupling = \"direct\"") + "[filter]\ncutoff_hz = \"off\"\n";
+    let config = load(&unfiltered).unwrap_or_else(|errors| panic!("{errors}"));
+    assert_eq!(config.parameters.contact.stiffness_n_per_m, 4000.0);
+}
+
+#[test]
+fn units_become_si() {
+    let scene = with("layers = 8", "layers = 8\nposition_mm = [1, 2, 3]") + "[limits]\nforce_n = 100\nspeed_mm_per_s = 250\n";
+    let config = load(&scene).unwrap_or_else(|errors| panic!("{errors}"));
+    let base = &config.statics[0];
+    assert!((base.voxel_size_m - 5e-4).abs() < 1e-18);
+    assert!((base.pose.translation - glam::DVec3::new(1e-3, 2e-3, 3e-3)).length() < 1e-15);
+    assert!((config.parameters.port.start.translation.z - 0.04).abs() < 1e-15);
+    // A slab thicker than its band of (8 + 1.5) voxels on both faces.
+    let hapticd::config::resolve::MeshSource::Shape(Shape::Plane { thickness_m, .. }) = config.statics[1].source else { panic!() };
+    assert!((thickness_m - 4.0 * 9.5e-3).abs() < 1e-12);
+    let limits = config.parameters.limits;
+    // The profile's force limit is the lower one; slew is that limit within 10 ms.
+    assert_eq!((limits.force_n, limits.speed_m_per_s), (12.0, 0.25));
+    assert!((limits.slew_n_per_s - 1200.0).abs() < 1e-9 && (limits.slew_nm_per_s - 20.0).abs() < 1e-9);
+    assert_eq!((limits.stale_ticks_max, limits.stale_fault_ticks, limits.overrun_fault_ticks), (3, 20, 0));
+}
+
+#[test]
+fn the_command_line_overrides_the_scene() {
+    let options = LoadOptions { device: Some("sim-ideal".into()), enforce: Some(true) };
+    let config = load_with(SCENE, &options).unwrap_or_else(|errors| panic!("{errors}"));
+    assert_eq!(config.device.profile.name, "sim-ideal");
+    assert!(config.realtime.enforce);
+    assert_eq!(config.parameters.limits.overrun_fault_ticks, 20);
+    let options = LoadOptions { device: Some("ideal".into()), enforce: None };
+    let errors = load_with(SCENE, &options).unwrap_err().to_string();
+    assert!(
+        errors.contains("scene.toml: --device = \"ideal\": no device profile of this name; did you mean `sim-ideal`?"),
+        "{errors}"
+    );
+}
+
+fn hapticd(dir: &Path, args: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_hapticd")).current_dir(dir).args(args).output().unwrap()
+}
+
+#[test]
+fn check_prints_results_on_stdout_and_problems_on_stderr() {
+    let dir = tempfile::tempdir().unwrap();
+    write_into(dir.path(), SCENE);
+    fs::write(dir.path().join("wrong.toml"), with("layers = 8", "layers = 0")).unwrap();
+    let ok =
+        "ok scene.toml: \"scene\", 2 static + tool, sim-sigma7 at 1000 Hz, implicit, 4000 N/m (bound 4000), 1 N·m/rad (bound 1)\n";
+
+    let output = hapticd(dir.path(), &["check", "scene.toml"]);
+    assert_eq!(output.status.code(), Some(0));
+    assert_eq!(String::from_utf8_lossy(&output.stdout), ok);
+    assert_eq!(String::from_utf8_lossy(&output.stderr), "");
+
+    let output = hapticd(dir.path(), &["check", "wrong.toml", "scene.toml", "none.toml"]);
+    assert_eq!(output.status.code(), Some(3));
+    assert_eq!(String::from_utf8_lossy(&output.stdout), ok);
+    let errors = "error: wrong.toml:11: static[0].layers = 0: must be a whole number from 1 to 60\n\
+                  error: none.toml: cannot be read: No such file or directory (os error 2)\n";
+    assert_eq!(String::from_utf8_lossy(&output.stderr), errors);
+}
+
+#[test]
+fn a_wrong_command_line_exits_with_2() {
+    let dir = tempfile::tempdir().unwrap();
+    assert_eq!(hapticd(dir.path(), &["check"]).status.code(), Some(2));
+    assert_eq!(hapticd(dir.path(), &["check", "--no-such-flag", "scene.toml"]).status.code(), Some(2));
+}
+
+#[test]
+fn colour_is_given_only_when_asked_for() {
+    let dir = tempfile::tempdir().unwrap();
+    let plain = hapticd(dir.path(), &["check", "none.toml"]);
+    assert!(!plain.stderr.contains(&0x1b));
+    let coloured = hapticd(dir.path(), &["--color", "always", "check", "none.toml"]);
+    assert!(coloured.stderr.contains(&0x1b));
+    assert_eq!(coloured.status.code(), Some(3));
+}

@@ -1,0 +1,256 @@
+//! Acceptance tests 9, 10, 12 and 15 (contact and force), under their numbers.
+
+use glam::{DQuat, DVec3};
+use hapticd::haptics::contact::{ContactSum, Obstacle};
+use hapticd::haptics::filter::{ShapingFilter, Slide};
+use hapticd::haptics::{ContactParameters, FilterParameters, Normalization};
+use hapticd::mesh::primitives::Shape;
+use hapticd::mesh::{TriangleMesh, validate};
+use hapticd::pointshell::{self, shell::Shell};
+use hapticd::spatial::{Pose, Wrench};
+use hapticd::voxmap::field::FieldKind;
+use hapticd::voxmap::{Options, Voxmap};
+
+const STIFFNESS_N_PER_M: f64 = 1000.0;
+const NO_FILTER: FilterParameters = FilterParameters { spatial: false, cutoff_hz: [f64::INFINITY; 2] };
+
+fn contact(field: FieldKind) -> ContactParameters {
+    ContactParameters { field, stiffness_n_per_m: STIFFNESS_N_PER_M, damping_ratio: 0.0, normalization: Normalization::None }
+}
+
+fn build(mesh: &TriangleMesh, voxel_size_m: f64, layers: u32) -> Voxmap {
+    let options = Options { voxel_size_m, layers, navigation: None, trust_fill: false };
+    Voxmap::build(mesh, &validate::inspect(mesh), &options, |_| ()).expect("a grid that fits")
+}
+
+/// An obstacle with its origin at the world's, and the height of the plane through the centres of its top surface voxels.
+fn obstacle(mesh: &TriangleMesh, voxel_size_m: f64) -> (Obstacle, f64) {
+    let mut map = build(mesh, voxel_size_m, 8);
+    let grid = map.surface.grid;
+    let (_, high) = mesh.bounds().expect("not empty");
+    let center_plane_m = grid.origin_m.z + (grid.to_cells(high).z.floor() + 0.5) * voxel_size_m;
+    (Obstacle { field: map.field(mesh, true), world_from_map: Pose::IDENTITY }, center_plane_m)
+}
+
+fn shell(mesh: &TriangleMesh, voxel_size_m: f64) -> Shell {
+    pointshell::build(mesh, &build(mesh, voxel_size_m, 4), DVec3::ZERO).0
+}
+
+fn block(edge_m: f64) -> TriangleMesh {
+    Shape::Box { size_m: DVec3::splat(edge_m) }.tessellate(1e-5)
+}
+
+fn at(x_m: f64, y_m: f64, z_m: f64) -> Pose {
+    Pose::from_translation(DVec3::new(x_m, y_m, z_m))
+}
+
+#[test]
+fn acceptance_9_a_flat_face_gives_stiffness_times_depth_times_area() {
+    const S: f64 = 4e-4;
+    const EDGE: f64 = 0.02;
+    let shell = shell(&block(EDGE), S);
+    let slab = Shape::Plane { x_m: 0.05, y_m: 0.05, thickness_m: 0.02 }.tessellate(1e-5);
+    let (obstacle, center_plane_m) = obstacle(&slab, 5e-4);
+    let obstacles = [obstacle];
+    for kind in [FieldKind::Trilinear, FieldKind::Octant, FieldKind::SurfacePoint, FieldKind::Layers] {
+        // V_L is zero on the plane of the surface voxels' centres, the others on the true surface.
+        let zero_m = if kind == FieldKind::Layers { center_plane_m } else { 0.0 };
+        // V_L of the tilted normals along the face's edges depends on where a point lies in its voxel; it cancels only where the
+        // face stands symmetrically on the grid.
+        let (x_m, y_m) = if kind == FieldKind::Layers { (0.0, 0.0) } else { (1.3e-4, -2.1e-4) };
+        for depth_m in [3e-4, 5e-4, 1e-3, 1.3e-3, 1.6e-3] {
+            let pose = at(x_m, y_m, 0.5 * EDGE + zero_m - depth_m);
+            let sum = ContactSum::flat(&obstacles, &shell, pose, &contact(kind), &NO_FILTER);
+            let expected_n = STIFFNESS_N_PER_M * (EDGE / S).powi(2) * depth_m;
+            let force = sum.wrench.force;
+            let ratio = force.z / expected_n;
+            assert!((ratio - 1.0).abs() <= 0.05, "{kind:?} at {depth_m} m: {ratio}");
+            assert!(force.angle_between(DVec3::Z).to_degrees() < 1.0, "{kind:?} at {depth_m} m: {force}");
+            // Torque about the centre: below what one row of points at the edge would make.
+            assert!(sum.wrench.torque.length() < 0.01 * force.z * EDGE, "{kind:?} at {depth_m} m: {:?}", sum.wrench);
+            // The same sum as a volume: s² Σ d ~ overlap volume.
+            let volume_m3 = S * S * force.z / STIFFNESS_N_PER_M;
+            assert!((volume_m3 / (EDGE * EDGE * depth_m) - 1.0).abs() <= 0.05, "{kind:?}");
+            if kind != FieldKind::Layers {
+                assert!((sum.max_value_m - depth_m).abs() < 1e-6, "{kind:?}: depth {} for {depth_m}", sum.max_value_m);
+            }
+        }
+        // V_L may reach half a voxel's diagonal above its zero plane where a normal is tilted; the others end at the surface.
+        let margin_m = if kind == FieldKind::Layers { 0.5 * 3_f64.sqrt() * 5e-4 } else { 1e-6 };
+        let apart = ContactSum::flat(&obstacles, &shell, at(0.0, 0.0, 0.5 * EDGE + zero_m + margin_m), &contact(kind), &NO_FILTER);
+        assert_eq!((apart.contacts, apart.wrench), (0, Wrench::ZERO), "{kind:?}: exactly zero when nothing touches");
+    }
+}
+
+#[test]
+fn acceptance_9_sideways_forces_cancel_to_rounding_for_a_centred_face() {
+    let shell = shell(&block(0.02), 4e-4);
+    let slab = Shape::Plane { x_m: 0.05, y_m: 0.05, thickness_m: 0.02 }.tessellate(1e-5);
+    let obstacles = [obstacle(&slab, 5e-4).0];
+    for depth_m in [3e-4, 9e-4, 1.6e-3] {
+        let force = ContactSum::flat(&obstacles, &shell, at(0.0, 0.0, 0.01 - depth_m), &contact(FieldKind::Trilinear), &NO_FILTER)
+            .wrench
+            .force;
+        assert!(force.x.abs().max(force.y.abs()) < 1e-3 * force.z, "{force}");
+    }
+}
+
+#[test]
+fn acceptance_10_averaging_divides_by_a_tenth_of_the_contacts_from_ten_on() {
+    let slab = Shape::Plane { x_m: 0.02, y_m: 0.02, thickness_m: 0.02 }.tessellate(1e-5);
+    let obstacles = [obstacle(&slab, 1e-3).0];
+    let averaged = ContactParameters { normalization: Normalization::Average, ..contact(FieldKind::Trilinear) };
+    for (n, factor) in [(5, 1.0), (10, 1.0), (20, 0.5), (100, 0.1)] {
+        let shell = Shell::new(&vec![(DVec3::ZERO, DVec3::Z); n], 1e-3);
+        let pose = at(0.0, 0.0, -5e-4);
+        let plain = ContactSum::flat(&obstacles, &shell, pose, &contact(FieldKind::Trilinear), &NO_FILTER);
+        let scaled = ContactSum::flat(&obstacles, &shell, pose, &averaged, &NO_FILTER);
+        assert_eq!(plain.contacts as usize, n);
+        assert!((plain.wrench.force.z - n as f64 * 0.5).abs() < 1e-4 * n as f64, "{:?}", plain.wrench);
+        assert!((scaled.wrench.force.z / plain.wrench.force.z - factor).abs() < 1e-9, "{n} contacts");
+        assert!((scaled.stiffness.0[2][2] / plain.stiffness.0[2][2] - factor).abs() < 1e-9, "{n} contacts");
+    }
+}
+
+#[test]
+fn acceptance_12_free_space_is_bit_exactly_zero() {
+    let shell = shell(&block(0.01), 5e-4);
+    let obstacles = [obstacle(&block(0.02), 5e-4).0];
+    let mut seed = 5_u64;
+    let mut random = || {
+        seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (seed >> 11) as f64 / (1_u64 << 53) as f64
+    };
+    let (mut apart, mut touching) = (0, 0);
+    for _ in 0..300 {
+        let axis = DVec3::new(random() - 0.5, random() - 0.5, random() - 0.5).normalize();
+        let pose = Pose::new(DQuat::from_axis_angle(axis, 6.0 * random()), axis * (0.012 + 0.02 * random()));
+        let sum = ContactSum::flat(&obstacles, &shell, pose, &contact(FieldKind::Trilinear), &NO_FILTER);
+        assert_eq!(sum.contacts > 0, sum.max_value_m > 0.0, "a contact is a point inside, and nothing else");
+        if sum.max_value_m <= 0.0 {
+            apart += 1;
+            let bits = [sum.wrench.force, sum.wrench.torque].map(|v| v.to_array().map(f64::to_bits));
+            assert_eq!(bits, [[0; 3]; 2]);
+        } else {
+            touching += 1;
+            assert!(sum.wrench.force.length() > 0.0);
+        }
+    }
+    assert!(apart > 50 && touching > 50, "{apart} apart, {touching} touching");
+}
+
+/// A slab whose top face through the origin is tilted by 10° against its own grid, about an axis between x and y.
+fn tilted_slab() -> (TriangleMesh, DVec3) {
+    let tilt = DQuat::from_axis_angle(DVec3::new(0.7, 1.0, 0.0).normalize(), 10_f64.to_radians());
+    let mut mesh = Shape::Plane { x_m: 0.08, y_m: 0.03, thickness_m: 0.02 }.tessellate(1e-5);
+    mesh.vertices.iter_mut().for_each(|vertex| *vertex = tilt * *vertex);
+    (mesh, tilt * DVec3::Z)
+}
+
+#[test]
+fn acceptance_15_continuous_fields_and_the_filter_smooth_a_slide() {
+    const S: f64 = 1e-3;
+    const DEPTH: f64 = 0.8 * S;
+    let (mesh, outward) = tilted_slab();
+    let obstacles = [obstacle(&mesh, S).0];
+    let along = outward.cross(DVec3::Y).normalize() * -1.0;
+    let shell = Shell::new(&[(DVec3::ZERO, outward)], S);
+    // 50 mm/s for one second: 50 voxels.
+    let slide = |kind: FieldKind| -> Vec<f64> {
+        (0..1000)
+            .map(|tick| {
+                let position = along * (-0.025 + 5e-5 * f64::from(tick)) - outward * DEPTH;
+                let sum = ContactSum::flat(&obstacles, &shell, Pose::from_translation(position), &contact(kind), &NO_FILTER);
+                sum.wrench.force.dot(outward)
+            })
+            .collect()
+    };
+    let ripple = |force: &[f64]| {
+        let mean = force.iter().sum::<f64>() / force.len() as f64;
+        (force.iter().map(|f| (f - mean).powi(2)).sum::<f64>() / force.len() as f64).sqrt()
+    };
+    let largest_step = |force: &[f64]| force.windows(2).map(|pair| (pair[1] - pair[0]).abs()).fold(0.0, f64::max);
+
+    let raw = slide(FieldKind::Layers);
+    let jump = largest_step(&raw);
+    assert!(jump <= 0.866 * STIFFNESS_N_PER_M * S, "raw jump {jump} N");
+    assert!(jump > 0.05 * STIFFNESS_N_PER_M * S, "the raw field must show its voxels: {jump} N");
+    for kind in [FieldKind::Octant, FieldKind::Trilinear] {
+        let smooth = slide(kind);
+        assert!(ripple(&smooth) * 10.0 <= ripple(&raw), "{kind:?}: {} against {}", ripple(&smooth), ripple(&raw));
+        // The distance to a plane is linear, so both formulas are exact up to rounding, everywhere on the way.
+        for force in &smooth {
+            assert!((force / (STIFFNESS_N_PER_M * DEPTH) - 1.0).abs() < 0.002, "{kind:?}: {force} N");
+        }
+    }
+
+    // The filter on the raw force: each step at most (1 − α) of what is left, and a lag of α/(1 − α) ticks on a slow ramp.
+    let params = FilterParameters { spatial: true, cutoff_hz: [50.0, 300.0] };
+    let sliding = |speed_m_per_s| Slide { speed_m_per_s, voxel_size_m: S, step_stiffness: 0.0 };
+    let mut filter = ShapingFilter::default();
+    let filtered: Vec<f64> = raw
+        .iter()
+        .map(|force| {
+            filter.update(Wrench::new(outward * *force, DVec3::ZERO), sliding(0.05), true, &params, 1e-3).force.dot(outward)
+        })
+        .collect();
+    let alpha = filter.alpha();
+    assert!((alpha - (-2.0 * core::f64::consts::PI * 50.0 * 1e-3_f64).exp()).abs() < 1e-12, "0.3 · 50 Hz is below f_min");
+    for (tick, pair) in filtered.windows(2).enumerate() {
+        let bound = (1.0 - alpha) * (raw[tick + 1] - pair[0]).abs();
+        assert!((pair[1] - pair[0]).abs() <= bound + 1e-12);
+    }
+    let mut filter = ShapingFilter::default();
+    let slope_n_per_tick = 1e-3;
+    let mut output = 0.0;
+    for tick in 0..2000 {
+        let ramp = Wrench::new(DVec3::Z * (slope_n_per_tick * f64::from(tick)), DVec3::ZERO);
+        output = filter.update(ramp, sliding(0.0), true, &params, 1e-3).force.z;
+    }
+    let lag_ticks = 1999.0 - output / slope_n_per_tick;
+    assert!((lag_ticks - alpha / (1.0 - alpha)).abs() < 1e-6, "{lag_ticks} ticks");
+}
+
+#[test]
+fn a_thin_skin_pushes_out_on_the_side_that_it_was_entered_from() {
+    // A sheet: open, so it is thin by the decision on open objects; one voxel of skin on either side.
+    const S: f64 = 5e-4;
+    let corners = [(-0.01, -0.01), (0.01, -0.01), (0.01, 0.01), (-0.01, 0.01)];
+    let sheet = TriangleMesh {
+        vertices: corners.iter().map(|(x, y)| DVec3::new(*x, *y, 0.0)).collect(),
+        triangles: vec![[0, 1, 2], [0, 2, 3]],
+    };
+    let mut map = build(&sheet, S, 4);
+    assert!(map.thin && !map.watertight);
+    let obstacles = [Obstacle { field: map.field(&sheet, false), world_from_map: Pose::IDENTITY }];
+    for (height_m, normal) in [(0.6 * S, DVec3::Z), (-0.6 * S, DVec3::NEG_Z)] {
+        // The point's own normal is useless here on purpose: the skin's gradient decides.
+        let shell = Shell::new(&[(DVec3::ZERO, DVec3::X)], S);
+        let sum = ContactSum::flat(&obstacles, &shell, at(1e-3, 1e-3, height_m), &contact(FieldKind::Trilinear), &NO_FILTER);
+        assert_eq!(sum.contacts, 1);
+        assert!((sum.max_value_m - 0.4 * S).abs() < 0.02 * S, "{}", sum.max_value_m);
+        assert!(sum.wrench.force.angle_between(normal).to_degrees() < 1.0, "{}", sum.wrench.force);
+    }
+    let shell = Shell::new(&[(DVec3::ZERO, DVec3::X)], S);
+    let apart = ContactSum::flat(&obstacles, &shell, at(0.0, 0.0, 1.2 * S), &contact(FieldKind::Trilinear), &NO_FILTER);
+    assert_eq!(apart.wrench, Wrench::ZERO);
+}
+
+#[test]
+fn a_closed_plate_thinner_than_a_voxel_is_felt_as_a_skin() {
+    const S: f64 = 5e-4;
+    let shell = Shell::new(&[(DVec3::ZERO, DVec3::Z)], S);
+    for thickness_m in [1e-4, 3e-4, 5e-4] {
+        let plate = Shape::Box { size_m: DVec3::new(0.02, 0.02, thickness_m) }.tessellate(1e-5);
+        let mut map = build(&plate, S, 4);
+        assert!(map.thin && map.watertight && map.leak.is_none(), "{thickness_m} m");
+        let obstacles = [Obstacle { field: map.field(&plate, false), world_from_map: Pose::IDENTITY }];
+        let pose = at(1e-3, 1e-3, 0.5 * thickness_m + 0.5 * S);
+        let sum = ContactSum::flat(&obstacles, &shell, pose, &contact(FieldKind::Trilinear), &NO_FILTER);
+        assert!(sum.contacts == 1 && (sum.max_value_m - 0.5 * S).abs() < 0.1 * S, "{thickness_m} m: {}", sum.max_value_m);
+        assert!(sum.wrench.force.angle_between(DVec3::Z).to_degrees() < 1.0);
+    }
+    // Thick enough for cells inside: a solid as before.
+    let plate = Shape::Box { size_m: DVec3::new(0.02, 0.02, 2e-3) }.tessellate(1e-5);
+    assert!(!build(&plate, S, 4).thin);
+}

@@ -1,0 +1,15 @@
+//! One integration binary; a module per concern.
+#![expect(clippy::print_stderr, reason = "tests say what they skip and measure")]
+
+mod architecture;
+mod cli;
+mod config_errors;
+mod contact;
+mod coupling;
+mod data_structures;
+mod determinism;
+mod models;
+mod profiles;
+mod real_scenes;
+mod rig;
+mod scenes;

@@ -1,0 +1,125 @@
+//! Every shipped profile and scene loads, and says what it must.
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use hapticd::config::{self, ProblemKind};
+use hapticd::device::profile::{self, Profile, ProfileError};
+use hapticd::spatial::Axes;
+
+const ROOT: &str = env!("CARGO_MANIFEST_DIR");
+
+fn toml_files(folder: &str) -> Vec<PathBuf> {
+    let entries = match fs::read_dir(Path::new(ROOT).join(folder)) {
+        Ok(entries) => entries,
+        Err(_) => return Vec::new(),
+    };
+    let mut paths: Vec<PathBuf> = entries.map(|entry| entry.unwrap().path()).collect();
+    paths.retain(|path| path.extension().is_some_and(|extension| extension == "toml"));
+    paths.sort();
+    paths
+}
+
+fn shipped() -> Vec<Profile> {
+    profile::names().map(|name| profile::find(name, Path::new("")).unwrap()).collect()
+}
+
+#[test]
+fn every_profile_file_is_embedded_under_its_own_name() {
+    let files: BTreeSet<String> =
+        toml_files("devices").iter().map(|path| path.file_stem().unwrap().to_string_lossy().into_owned()).collect();
+    let embedded: BTreeSet<String> = profile::names().map(str::to_owned).collect();
+    assert_eq!(files, embedded);
+    for path in toml_files("devices") {
+        let name = path.file_stem().unwrap().to_string_lossy().into_owned();
+        let loaded = profile::load(&path).unwrap_or_else(|errors| panic!("{errors}"));
+        assert_eq!(loaded.name, name);
+        assert_eq!(loaded, profile::find(&name, Path::new("")).unwrap());
+    }
+}
+
+/// b = 1.25 K (T/2 + delay T): the declared stiffness meets the stability rule at 1 kHz, and nothing above it does.
+#[test]
+fn simulated_plants_are_consistent_with_what_they_declare() {
+    let period_s = 1e-3;
+    for profile in shipped() {
+        let lag_s = period_s * (0.5 + f64::from(profile.plant.delay_ticks));
+        let pairs = [
+            (profile.limits.stiffness_n_per_m, profile.plant.damping_n_s_per_m),
+            (profile.limits.stiffness_nm_per_rad, profile.plant.damping_nm_s_per_rad),
+        ];
+        for (stiffness, damping) in pairs {
+            if let Some(stiffness) = stiffness {
+                assert!((damping / (1.25 * stiffness * lag_s) - 1.0).abs() < 1e-12, "{}: b = {damping}", profile.name);
+            }
+        }
+    }
+}
+
+#[test]
+fn the_axes_are_those_of_the_products() {
+    let axes = |name: &str| {
+        let profile = profile::find(name, Path::new("")).unwrap();
+        (profile.sensed.count(), profile.actuated.count())
+    };
+    assert_eq!(axes("sim-sigma7"), (7, 7));
+    assert_eq!(axes("sim-premium15-6dof"), (6, 6));
+    assert_eq!(axes("sim-touch"), (6, 3));
+    assert_eq!(axes("sim-polhem"), (6, 3));
+    assert_eq!(axes("sim-ideal"), (6, 6));
+    assert_eq!(profile::find("sim-touch", Path::new("")).unwrap().actuated, Axes::TRANSLATION);
+}
+
+#[test]
+fn every_key_of_a_shipped_profile_has_a_comment_or_names_itself() {
+    for path in toml_files("devices") {
+        for line in fs::read_to_string(&path).unwrap().lines().filter(|line| line.contains(" = ") && !line.starts_with('#')) {
+            let names_itself = ["version", "title", "sensed", "actuated"].iter().any(|key| line.starts_with(key));
+            assert!(line.contains(" # ") || names_itself, "{}: {line}", path.display());
+        }
+    }
+}
+
+#[test]
+fn a_profile_is_found_by_path_from_the_scene() {
+    let found = profile::find("devices/sim-touch.toml", Path::new(ROOT)).unwrap();
+    assert_eq!(found.name, "sim-touch");
+    assert!(matches!(profile::find("./sim-none.toml", Path::new(ROOT)), Err(ProfileError::FileMissing { .. })));
+    let Err(ProfileError::Unknown { nearest, .. }) = profile::find("sim-sigma", Path::new(ROOT)) else { panic!("found") };
+    assert_eq!(nearest.as_deref(), Some("sim-sigma7"));
+}
+
+#[test]
+fn a_profile_of_a_later_codec_is_refused_before_its_tables_are_read() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("woodenhaptics.toml");
+    fs::write(&path, "version = 1\n[device]\ncodec = \"woodenhaptics-hid8\"\n[match]\ntransport = \"hid\"\n").unwrap();
+    let errors = profile::load(&path).unwrap_err();
+    assert_eq!(errors.problems().len(), 1);
+    assert!(matches!(errors.problems()[0].kind, ProblemKind::NotAvailable { .. }), "{errors}");
+}
+
+#[test]
+fn a_wrong_profile_reports_all_its_problems() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("x.toml");
+    let text = fs::read_to_string(Path::new(ROOT).join("devices/sim-touch.toml")).unwrap();
+    let text = text.replace("torque_nm = 0.0", "torque_nm = 0.1").replace("mass_kg = 0.1 ", "mass_kg = -1  ");
+    let text = text.replace("actuated = [\"x\"", "actuated = [\"u\", \"x\"");
+    fs::write(&path, text).unwrap();
+    let errors = profile::load(&path).unwrap_err().to_string().replace(&format!("{}/", dir.path().display()), "");
+    let expected = r#"error: x.toml:12: device.actuated[0] = "u": must be "x", "y", "z", "rx", "ry", "rz" or "grip"
+error: x.toml:22: limits.torque_nm = 0.1: must be 0: device.actuated names none of its axes
+error: x.toml:32: plant.mass_kg = -1: must be finite and greater than 0"#;
+    assert_eq!(errors, expected);
+}
+
+#[test]
+fn every_shipped_scene_loads() {
+    for path in toml_files("config/scenes") {
+        if let Err(errors) = config::load(&path) {
+            panic!("{errors}");
+        }
+    }
+}

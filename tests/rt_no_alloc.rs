@@ -1,0 +1,241 @@
+//! The loop neither allocates nor frees: counted over 10⁵ steps of every shipped scene, and over every coupling, field and injectable fault
+//! on the smallest one.
+#![expect(unsafe_code, reason = "the trait of a global allocator is unsafe")]
+#![expect(clippy::print_stderr, reason = "the long runs say how far they are")]
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use hapticd::config::{self, SceneConfig};
+use hapticd::daemon::prepare;
+use hapticd::haptics::Faults;
+use hapticd::rt::clock::VirtualClock;
+use hapticd::servo::{Control, Order, RunPlan, ServoLoop, Step};
+
+/// Counts what the thread under test does; other threads (and the harness) allocate as they like.
+struct CountingAllocator;
+
+thread_local! {
+    // Constant and without a destructor: reading them allocates nothing.
+    static COUNTING: Cell<bool> = const { Cell::new(false) };
+    static ALLOCATIONS: Cell<u64> = const { Cell::new(0) };
+    static FREES: Cell<u64> = const { Cell::new(0) };
+}
+
+fn count(calls: &'static std::thread::LocalKey<Cell<u64>>) {
+    // A thread that is going away is not the one under test.
+    if COUNTING.try_with(Cell::get).unwrap_or(false) {
+        let _ = calls.try_with(|calls| calls.set(calls.get() + 1));
+    }
+}
+
+// SAFETY: every call is passed on to the system's allocator unchanged.
+unsafe impl GlobalAlloc for CountingAllocator {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        count(&ALLOCATIONS);
+        // SAFETY: the caller's promise, passed on.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        count(&FREES);
+        // SAFETY: the caller's promise, passed on.
+        unsafe { System.dealloc(pointer, layout) }
+    }
+
+    unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
+        count(&ALLOCATIONS);
+        // SAFETY: the caller's promise, passed on.
+        unsafe { System.alloc_zeroed(layout) }
+    }
+
+    unsafe fn realloc(&self, pointer: *mut u8, layout: Layout, new_size: usize) -> *mut u8 {
+        count(&ALLOCATIONS);
+        // SAFETY: the caller's promise, passed on.
+        unsafe { System.realloc(pointer, layout, new_size) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: CountingAllocator = CountingAllocator;
+
+/// Allocations and frees of this thread during `work`.
+fn counted<T>(work: impl FnOnce() -> T) -> (T, u64, u64) {
+    ALLOCATIONS.set(0);
+    FREES.set(0);
+    COUNTING.set(true);
+    let result = work();
+    COUNTING.set(false);
+    (result, ALLOCATIONS.get(), FREES.get())
+}
+
+const TICKS: u64 = 100_000;
+/// Steps between two looks at the ring; it holds as many records.
+const STRIDE: usize = 1000;
+
+fn scenes() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("config/scenes")
+}
+
+/// A shipped scene, with more text before its `[device]` table and other words for some of its own.
+fn scene(name: &str, replacements: &[(&str, &str)]) -> SceneConfig {
+    let mut text = std::fs::read_to_string(scenes().join(name).with_extension("toml")).expect("a shipped scene");
+    for (from, to) in replacements {
+        assert!(text.contains(from), "{name} has no `{from}`");
+        text = text.replace(from, to);
+    }
+    text = text.replace("\"../models/", &format!("\"{}/", scenes().join("../models").display()));
+    text = text.replace("\"hands/", &format!("\"{}/", scenes().join("hands").display()));
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let path = folder.path().join("scene.toml");
+    std::fs::write(&path, text).expect("written");
+    config::load(&path).unwrap_or_else(|errors| panic!("{errors}"))
+}
+
+/// There and back again until the end of the run, so that contact comes and goes all the time.
+fn hand_there_and_back(hand: &Path, folder: &Path) -> PathBuf {
+    let text = std::fs::read_to_string(hand).expect("a hand file");
+    let rows: Vec<(f64, &str)> = text
+        .lines()
+        .skip(1)
+        .filter_map(|line| line.split_once(','))
+        .map(|(time, pose)| (time.parse().expect("a time"), pose))
+        .collect();
+    let end_s = rows.last().expect("rows").0;
+    let mut looped = format!("{}\n", text.lines().next().expect("a header"));
+    let mut start_s = 0.0;
+    while start_s < TICKS as f64 * 1e-3 {
+        for (time_s, pose) in &rows {
+            let _ = writeln!(looped, "{:.3},{pose}", start_s + time_s);
+        }
+        for (time_s, pose) in rows.iter().rev() {
+            let _ = writeln!(looped, "{:.3},{pose}", start_s + 0.005 + 2.0 * end_s - time_s);
+        }
+        start_s += 2.0 * end_s + 0.01;
+    }
+    let path = folder.join("hand.csv");
+    std::fs::write(&path, looped).expect("written");
+    path
+}
+
+/// Steps through a run, counting; returns its faults and how many ticks it had, and how many of them in contact.
+fn step_through(what: &str, mut config: SceneConfig, n_ticks: u64) -> (Faults, u64, u64) {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    config.device.hand = config.device.hand.map(|hand| hand_there_and_back(&hand, folder.path()));
+    let (prepared, _) = prepare(&config, |_| ()).unwrap_or_else(|error| panic!("{what}: {error}"));
+    let (producer, mut consumer) = rtrb::RingBuffer::new(STRIDE);
+    let control = Arc::new(Control::new(Order::Enable));
+    let plan = RunPlan { stop_at_tick: Some(n_ticks) };
+    let mut servo = ServoLoop::new(Arc::new(prepared.scene), prepared.device, VirtualClock::default(), control, plan, producer);
+    servo.warm_up();
+    let (mut ticks, mut touching, mut faults) = (0, 0, Faults::NONE);
+    loop {
+        let (last, allocations, frees) = counted(|| {
+            let mut last = Step::Continue;
+            for _ in 0..STRIDE {
+                last = servo.step();
+                if last == Step::End {
+                    break;
+                }
+            }
+            last
+        });
+        assert_eq!((allocations, frees), (0, 0), "{what}: allocations and frees within {STRIDE} ticks from tick {ticks} on");
+        while let Ok(record) = consumer.pop() {
+            ticks += 1;
+            touching += u64::from(record.output.contacts > 0);
+            faults |= record.output.faults;
+        }
+        if ticks % 20_000 == 0 {
+            eprintln!("{what}: {ticks} of {n_ticks} ticks");
+        }
+        if last == Step::End {
+            eprintln!("{what}: {ticks} ticks, {touching} in contact, faults {:?}", faults.names().collect::<Vec<_>>());
+            return (faults, ticks, touching);
+        }
+    }
+}
+
+fn whole_scene(name: &str) {
+    let (faults, ticks, touching) = step_through(name, scene(name, &[]), TICKS);
+    assert!(faults.is_empty(), "{name}: {:?}", faults.names().collect::<Vec<_>>());
+    assert!(ticks >= TICKS && touching > TICKS / 10, "{name}: {ticks} ticks, {touching} in contact");
+}
+
+#[test]
+fn the_counter_counts() {
+    let ((), allocations, frees) = counted(|| drop(std::hint::black_box(Box::new(1))));
+    assert_eq!((allocations, frees), (1, 1));
+    let (_, allocations, _) = counted(|| {
+        let mut numbers = Vec::with_capacity(1);
+        numbers.extend(std::hint::black_box([1, 2, 3]));
+        numbers
+    });
+    assert_eq!(allocations, 2, "growing counts");
+}
+
+// The three large scenes are tests of their own, so that the harness runs them side by side.
+
+#[test]
+fn peg_in_hole_allocates_nothing() {
+    whole_scene("peg-in-hole");
+}
+
+#[test]
+fn gear_on_shaft_allocates_nothing() {
+    whole_scene("gear-on-shaft");
+}
+
+#[test]
+fn nut_on_bolt_allocates_nothing() {
+    whole_scene("nut-on-bolt");
+}
+
+#[test]
+fn block_on_plane_allocates_nothing_in_any_coupling_and_field() {
+    for coupling in ["implicit", "semi-implicit", "direct"] {
+        for field in ["layers", "surface-point", "octant", "trilinear"] {
+            // The whole length for each coupling with the default field, and for each field with the default coupling.
+            let n_ticks = if coupling == "implicit" || field == "trilinear" { TICKS } else { TICKS / 10 };
+            let what = format!("block-on-plane, {coupling}, {field}");
+            let config = scene(
+                "block-on-plane",
+                &[
+                    ("coupling = \"implicit\"", &format!("coupling = \"{coupling}\"")),
+                    ("field = \"trilinear\"", &format!("field = \"{field}\"\nallow_unstable = true")),
+                ],
+            );
+            let (faults, ticks, touching) = step_through(&what, config, n_ticks);
+            assert!(faults.is_empty() && ticks >= n_ticks && touching > 0, "{what}");
+        }
+    }
+}
+
+#[test]
+fn no_fault_allocates_on_its_way_in() {
+    for (fault, expected) in [
+        ("nan@1200ms", Some(Faults::NON_FINITE)),
+        ("jump@1200ms", Some(Faults::POSITION_JUMP)),
+        ("unplug@1200ms", Some(Faults::DEVICE_LOST)),
+        ("stall@1200ms", Some(Faults::STALE)),
+        ("stuck@1200ms", None),
+        ("drop=5%", None),
+        ("sign-flip@1200ms", None),
+    ] {
+        let with_fault = format!("[device.sim]\nfault = \"{fault}\"\n\n[realtime]");
+        let config = scene("block-on-plane", &[("[realtime]", &with_fault)]);
+        let n_ticks = if expected.is_some() { 5000 } else { TICKS };
+        let (faults, ticks, touching) = step_through(fault, config, n_ticks);
+        assert!(touching > 0, "{fault}: nothing was touched before");
+        if let Some(expected) = expected {
+            assert!(
+                faults.contains(expected) && (1200..1300).contains(&ticks),
+                "{fault}: {:?}",
+                faults.names().collect::<Vec<_>>()
+            );
+        }
+    }
+}
