@@ -1,0 +1,3 @@
+# What CI runs.
+default:
+    .ci/run
