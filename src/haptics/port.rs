@@ -27,12 +27,15 @@ impl Port {
         let axes = port.world_from_device.rotation;
         let moved_device = keep(sample.pose.translation - self.zero.translation, port.sensed, 0);
         let velocity_device = keep(sample.twist.linear, port.sensed, 0);
-        let (turn_world, spin_world) = if port.sensed.contains(Axes::ROTATION) {
-            let turn_device = sample.pose.rotation * self.zero.rotation.conjugate();
-            (axes * turn_device * axes.conjugate(), axes * sample.twist.angular)
+        let turn_device = sample.pose.rotation * self.zero.rotation.conjugate();
+        let turn_device = if port.sensed.contains(Axes::ROTATION) {
+            turn_device
         } else {
-            (DQuat::IDENTITY, DVec3::ZERO)
+            // Some axes only, or none: the part of the rotation vector along them.
+            DQuat::from_scaled_axis(keep(turn_device.to_scaled_axis(), port.sensed, 3))
         };
+        let turn_world = axes * turn_device * axes.conjugate();
+        let spin_world = axes * keep(sample.twist.angular, port.sensed, 3);
         let pose = Pose {
             rotation: (turn_world * start.rotation).normalize(),
             translation: start.translation + axes * moved_device * port.scale,

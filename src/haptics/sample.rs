@@ -44,7 +44,7 @@ impl SampleMonitor {
     /// |---|---|
     /// | device lost | `DEVICE_LOST` at once |
     /// | pose, twist or grip not finite, or the quaternion not of unit length | `NON_FINITE` |
-    /// | speed of the grip above the limit | `SPEED` |
+    /// | speed of the grip above the limit, or a turn of more than 0.5 rad per tick | `SPEED` |
     /// | fresh pose further from the last one than max(5 × speed limit × T, 5 mm) or 0.5 rad, per tick since then | `POSITION_JUMP` |
     /// | more than `stale_ticks_max` ticks without a fresh sample | ramp down |
     /// | more than `stale_fault_ticks` such ticks | `STALE` |
@@ -61,7 +61,7 @@ impl SampleMonitor {
         let sound = is_sound(sample);
         if !sound {
             faults |= Faults::NON_FINITE;
-        } else if sample.twist.linear.length() > limits.speed_m_per_s {
+        } else if sample.twist.linear.length() > limits.speed_m_per_s || sample.twist.angular.length() * period_s > JUMP_TURN_RAD {
             faults |= Faults::SPEED;
         }
         if sample.status == SampleStatus::Fresh {

@@ -23,7 +23,7 @@ use super::port::Port;
 use super::sample::SampleMonitor;
 use super::{Faults, Parameters};
 use crate::pointshell::shell::Shell;
-use crate::spatial::{DeviceSample, Mat6, Pose, Twist, Wrench};
+use crate::spatial::{DeviceSample, Mat6, Pose, SampleStatus, Twist, Wrench};
 
 /// What the supervisor wants of the servo.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -190,31 +190,40 @@ pub fn tick(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOu
     }
     advance_drive(scene, state, input, faults);
 
+    let moving = |state: &State| matches!(state.drive, Drive::Enabling | Drive::Enabled | Drive::Stopping);
+    let target = state.port.target(&input.sample, &p.port, scene.start());
+    if moving(state) && p.coupling.mode == CouplingMode::Direct {
+        // No virtual tool: the shell stands where the arm is now, so contact has no delay of its own.
+        state.body = Body { pose: target.0, twist: target.1 };
+    }
     let contact = ContactSum::flat(&scene.obstacles, &scene.tool.shell, state.body.pose, &p.contact, &p.filter);
     if !contact.wrench.is_finite() || contact.max_value_m.is_nan() {
         state.fail(Faults::NON_FINITE);
     }
-    let moving = matches!(state.drive, Drive::Enabling | Drive::Enabled | Drive::Stopping);
     let mut commanded_device = Wrench::ZERO;
-    if moving {
-        let target = state.port.target(&input.sample, &p.port, scene.start());
+    let mut command_device = Wrench::ZERO;
+    if moving(state) {
         let felt = match p.coupling.mode {
-            CouplingMode::Direct => Some(direct(state, &contact, p, target)),
+            CouplingMode::Direct => Some(direct(state, &contact, p)),
             CouplingMode::Implicit | CouplingMode::SemiImplicit => coupled(scene, state, &contact, target),
         };
         match felt {
             None => state.fail(Faults::SOLVER),
+            Some(_) if !(state.body.pose.is_finite() && state.body.twist.is_finite()) => state.fail(Faults::NON_FINITE),
             Some(felt_world) => {
                 let up = state.drive != Drive::Stopping && !check.ramp_down;
                 let gain = state.enable_gain.advance(up, p.limits.ramp_s, p.period_s);
                 let wanted = p.port.wrench_device(felt_world);
-                let limited = state.limiter.apply(wanted, input.sample.twist, gain, &p.limits, p.period_s);
+                // Only what the motors give has power and is limited; the rest is reported and dropped.
+                let actuated = p.port.actuated_part(wanted);
+                let limited = state.limiter.apply(actuated, input.sample.twist, gain, &p.limits, p.period_s);
                 if limited.finite {
-                    commanded_device = limited.wrench;
-                    state.energy.observe(p.port.actuated_part(commanded_device), input.sample.twist, p.period_s);
+                    command_device = limited.wrench;
+                    commanded_device = limited.wrench + (wanted - actuated) * gain;
+                    state.energy.observe(command_device, input.sample.twist, p.period_s);
                     state.drive = match state.drive {
                         Drive::Enabling if gain >= 1.0 => Drive::Enabled,
-                        Drive::Stopping if gain <= 0.0 => Drive::Disabled,
+                        Drive::Stopping if gain <= 0.0 && command_device == Wrench::ZERO => Drive::Disabled,
                         drive => drive,
                     };
                 } else {
@@ -225,7 +234,7 @@ pub fn tick(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOu
     }
     let body_from_tool = Pose::from_translation(-scene.tool.center_of_mass_tool);
     TickOutput {
-        command_device: p.port.actuated_part(commanded_device),
+        command_device,
         commanded_device,
         contact_world: contact.wrench,
         world_from_tool: state.body.pose * body_from_tool,
@@ -253,8 +262,8 @@ fn advance_drive(scene: &RenderScene, state: &mut State, input: &TickInput, faul
             state.faults = Faults::NONE;
         }
         (Drive::Disabled, DriveRequest::Enable) if !faults.is_empty() => state.fail(faults),
-        // A sample that never came cannot be the zero of the indexing.
-        (Drive::Disabled, DriveRequest::Enable) if input.sample.sequence > 0 => {
+        // A sample that is old, or never came, cannot be the zero of the indexing.
+        (Drive::Disabled, DriveRequest::Enable) if input.sample.status == SampleStatus::Fresh => {
             state.at_rest(scene.start());
             state.port = Port::indexed(&input.sample);
             state.energy.reset();
@@ -321,12 +330,10 @@ fn coupled(scene: &RenderScene, state: &mut State, contact: &ContactSum, target:
 
 /// No virtual tool: the shell stands where the arm is, the arm gets the filtered contact wrench, its stiffness limited to what
 /// the arm can take.
-fn direct(state: &mut State, contact: &ContactSum, p: &Parameters, target: (Pose, Twist)) -> Wrench {
-    let (target_pose, target_twist) = target;
+fn direct(state: &mut State, contact: &ContactSum, p: &Parameters) -> Wrench {
     let share = within(contact.stiffness.traces(), (p.coupling.bound_n_per_m, p.coupling.bound_nm_per_rad));
     let slide =
-        Slide { speed_m_per_s: slide_speed(contact, target_twist), voxel_size_m: contact.voxel_size_m, step_stiffness: 0.0 };
-    state.body = Body { pose: target_pose, twist: target_twist };
+        Slide { speed_m_per_s: slide_speed(contact, state.body.twist), voxel_size_m: contact.voxel_size_m, step_stiffness: 0.0 };
     state.filter.update(contact.wrench * share, slide, contact.contacts > 0, &p.filter, p.period_s)
 }
 

@@ -27,7 +27,8 @@ pub fn normal(mesh: &TriangleMesh, map: &Voxmap, point: &SurfacePoint) -> DVec3 
             }
         }
     }
-    if sum.length() > VANISHING {
+    // In a thin skin both sides are outside: what the sum shows is the grid, not the surface.
+    if !map.thin && sum.length() > VANISHING {
         return sum.normalize();
     }
     let [a, b, c] = mesh.corners(point.triangle_idx as usize);

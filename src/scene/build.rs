@@ -113,7 +113,36 @@ fn inertia(tool: &ToolConfig, mass: &MassProperties, radius_m: f64, center_of_ma
     let about_center = mass.inertia_per_mass + DMat3::IDENTITY * shift.length_squared() - outer;
     let floor = (GYRATION_SHARE * radius_m).powi(2);
     let body_kg_m2 = tool.inertia_kg_m2.unwrap_or((about_center + DMat3::IDENTITY * floor) * tool.mass_kg);
-    // The smallest entry of the diagonal: at least the smallest principal moment, equal to it for parts modelled along their axes.
-    let least_kg_m2 = body_kg_m2.x_axis.x.min(body_kg_m2.y_axis.y).min(body_kg_m2.z_axis.z);
-    Inertia { mass_kg: tool.mass_kg, body_kg_m2, least_kg_m2 }
+    Inertia { mass_kg: tool.mass_kg, body_kg_m2, least_kg_m2: least_eigenvalue(body_kg_m2) }
+}
+
+/// Smallest eigenvalue of a symmetric matrix, by the trigonometric solution of its characteristic cubic.
+fn least_eigenvalue(matrix: DMat3) -> f64 {
+    let mean = (matrix.x_axis.x + matrix.y_axis.y + matrix.z_axis.z) / 3.0;
+    let deviator = matrix - DMat3::IDENTITY * mean;
+    let spread =
+        ((deviator.x_axis.length_squared() + deviator.y_axis.length_squared() + deviator.z_axis.length_squared()) / 6.0).sqrt();
+    if spread <= f64::EPSILON * mean {
+        return mean;
+    }
+    let angle = (0.5 * (deviator * (1.0 / spread)).determinant()).clamp(-1.0, 1.0).acos() / 3.0;
+    mean + 2.0 * spread * (angle + core::f64::consts::TAU / 3.0).cos()
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DQuat;
+
+    use super::*;
+
+    #[test]
+    fn the_least_principal_moment_does_not_depend_on_the_axes() {
+        for moments in [DVec3::new(8.3e-7, 8.4e-5, 8.4e-5), DVec3::new(3e-6, 1e-6, 2e-6), DVec3::splat(1e-5)] {
+            for turn in [DVec3::ZERO, DVec3::new(0.3, -1.2, 0.7), DVec3::new(2.0, 0.1, -0.4)] {
+                let axes = DMat3::from_quat(DQuat::from_scaled_axis(turn));
+                let least = least_eigenvalue(axes * DMat3::from_diagonal(moments) * axes.transpose());
+                assert!((least / moments.min_element() - 1.0).abs() < 1e-9, "{moments} turned by {turn}: {least}");
+            }
+        }
+    }
 }

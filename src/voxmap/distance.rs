@@ -142,7 +142,8 @@ impl<'a> Walk<'a> {
         let mut total = 0;
         for count in &counts {
             starts.push(total);
-            total += count.swap(0, Ordering::Relaxed);
+            // A wrap would mix up triangles; 2³² pairs would be 16 GiB of them.
+            total = u32::checked_add(total, count.swap(0, Ordering::Relaxed)).expect("fewer than 2^32 touching pairs");
         }
         starts.push(total);
         let filled: Vec<AtomicU32> = (0..total).map(|_| AtomicU32::new(NONE)).collect();

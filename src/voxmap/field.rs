@@ -68,7 +68,9 @@ impl Field {
         use rayon::prelude::*;
         let grid: &Grid = &layers.grid;
         let voxel_size_m = grid.voxel_size_m as f32;
-        let band_m = (layers.n_layers as f32 + 0.5) * voxel_size_m;
+        // Cells on the outermost layer are at least this far away, and so is everything beyond: saturating here makes a brick
+        // without band cells and the cells beside it agree.
+        let band_m = (layers.n_layers as f32 - 0.5) * voxel_size_m;
         let distances_m = layers
             .bricks
             .par_iter()

@@ -490,3 +490,44 @@ fn forces_come_back_in_the_axes_of_the_arm() {
         }
     }
 }
+
+#[test]
+fn direct_contact_is_that_of_the_pose_of_the_same_tick() {
+    // A tick of delay that the stability bound does not know of would halve what an arm can take.
+    let direct = coupling_with(|parameters| parameters.coupling.mode = CouplingMode::Direct);
+    let mut arm = Arm::new(scene(direct, cube(), HALF + 1e-3)).ramped();
+    let apart = arm.request(at(0.0, 0.0, 0.0), DriveRequest::Enable);
+    assert!(apart.contacts == 0 && is_zero(apart.command_device));
+    let pressed = arm.request(at(0.0, 0.0, -1.4e-3), DriveRequest::Enable);
+    assert!((pressed.max_depth_m - 4e-4).abs() < 1e-6, "{} m deep", pressed.max_depth_m);
+    assert!(pressed.command_device.force.z > 0.0);
+    assert!((pressed.world_from_tool.translation.z - (HALF - 4e-4)).abs() < 1e-12);
+}
+
+#[test]
+fn power_counts_only_what_has_motors() {
+    // A torque without motors, on a hand that turns against it, must not make room for more power along the force.
+    let arm_of = |actuated: Axes| {
+        let parameters = coupling_with(|parameters| {
+            parameters.limits.power_w = 0.5;
+            parameters.port.actuated = actuated;
+        });
+        let mut arm = Arm::new(scene(parameters, cube(), HALF)).ramped();
+        let mut sample = DeviceSample { pose: at(0.0, 0.0, -2e-3), sequence: 500, status: SampleStatus::Fresh, ..arm.last };
+        let mut largest_n = 0_f64;
+        for spin in [0.0, -30.0] {
+            sample.pose.rotation = DQuat::from_rotation_x(-0.3);
+            sample.twist = Twist { linear: DVec3::Z, angular: DVec3::X * spin };
+            for _ in 0..20 {
+                sample.sequence += 1;
+                let output = arm.give(sample, DriveRequest::Enable);
+                assert!(output.faults.is_empty());
+                let rendered = output.command_device;
+                largest_n = largest_n.max(rendered.force.z);
+                assert!(rendered.power(sample.twist) <= 0.5 + 1e-9, "{rendered:?} gives {} W", rendered.power(sample.twist));
+            }
+        }
+        largest_n
+    };
+    assert!(arm_of(Axes::TRANSLATION) > 0.1, "the limit must be met by a force");
+}

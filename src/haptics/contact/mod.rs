@@ -17,7 +17,7 @@ use super::filter::entry_weight;
 use super::params::{ContactParameters, FilterParameters, Normalization};
 use crate::pointshell::shell::Shell;
 use crate::spatial::{Mat6, Pose, Wrench};
-use crate::voxmap::field::Field;
+use crate::voxmap::field::{Field, FieldKind};
 
 /// A static object as the tick sees it.
 #[derive(Debug)]
@@ -95,8 +95,9 @@ impl ContactSum {
             }));
             sum.max_value_m = sum.max_value_m.max(max_value_m);
             sum.voxel_size_m = sum.voxel_size_m.min(voxel_size_m);
-            // Interpolation may overstate a clearance by at most half the diagonal of a cell.
-            let clearance_m = -max_value_m - 0.5 * 3_f64.sqrt() * voxel_size_m;
+            // Interpolation may overstate a clearance by half the diagonal of a cell, the other look-ups by up to two voxels.
+            let overstated_voxels = if contact.field == FieldKind::Trilinear { 0.5 * 3_f64.sqrt() } else { 2.0 };
+            let clearance_m = -max_value_m - overstated_voxels * voxel_size_m;
             sum.step_limit_m = sum.step_limit_m.min(clearance_m.max(0.5 * voxel_size_m));
             if partial.contacts == 0 {
                 continue;
