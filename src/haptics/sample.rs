@@ -81,11 +81,6 @@ impl SampleMonitor {
         }
         SampleCheck { faults, ramp_down: self.stale_ticks > limits.stale_ticks_max, stale_ticks: self.stale_ticks }
     }
-
-    /// Forgets the last pose and the count: before the first tick after enable, and when the arm was homed or re-zeroed.
-    pub fn reset(&mut self) {
-        *self = Self::default();
-    }
 }
 
 fn is_sound(sample: &DeviceSample) -> bool {

@@ -117,11 +117,6 @@ impl Field {
         self.skin_m > 0.0
     }
 
-    /// Clearance beyond which the field only says "far", m.
-    pub fn band_m(&self) -> f32 {
-        self.band_m - self.skin_m
-    }
-
     /// Heap size, bytes.
     pub fn heap_bytes(&self) -> usize {
         let Self { origin: _, voxel_size_m: _, brick_dims: _, top, distances_m, layers, gradients, band_m: _, skin_m: _ } = self;

@@ -47,20 +47,23 @@ fn every_shipped_scene_has_its_test() {
 fn block_on_plane_slides_on_the_surface_and_lifts_off() {
     let run = run("block-on-plane");
     // The hand wants 8.5 mm while it slides. Look wherever it has been down for a while.
-    let mut sliding = 0;
+    let (mut sliding, mut sum) = (0, DVec3::ZERO);
     for record in &run.records[..run.stop_at_tick] {
         let output = &record.output;
         let height_mm = output.world_from_tool.translation.z / MM;
         assert_within("block", "height", height_mm, 9.9, 15.01);
         if output.contacts > 100 && output.contact_world.force.z > 0.3 {
             sliding += 1;
+            sum += output.contact_world.force;
             assert_within("block", "height while pressed", height_mm, 9.9, 10.0);
             let force = output.contact_world.force;
-            // 14 points on an edge, not symmetric on the grid: the tilted normals of the rim leave up to 3 % sideways.
+            // 14 points on an edge, not symmetric on the grid: the tilted normals of the rim leave some per cent sideways in a light touch;
+            // on the whole of the slide, below, it is under a degree.
             assert!(force.angle_between(DVec3::Z).to_degrees() < 3.0, "tick {}: the plane pushes along {force}", record.tick);
         }
     }
     assert!(sliding > 1000, "{sliding} ticks of sliding");
+    assert!(sum.angle_between(DVec3::Z).to_degrees() < 1.0, "on the whole the plane pushes along {sum}");
     let end = run.final_pose();
     // 0.1 N of friction in the arm hold the hand back by 0.2 mm; the encoder counts in 0.04 mm.
     assert!((end.translation / MM - DVec3::new(10.0, 0.0, 15.0)).length() < 0.24, "{}", end.translation);
