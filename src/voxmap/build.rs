@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use super::distance::{Distances, Signs};
+use super::distance::{Distances, Samples, Signs};
 use super::field::Field;
 use super::fill::Sides;
 use super::grid::{Grid, GridError};
@@ -124,15 +124,18 @@ impl Voxmap {
     /// Measures distances and assembles the look-up for the tick. `with_gradients` is needed for `field = "surface-point"`.
     pub fn field(&mut self, mesh: &TriangleMesh, with_gradients: bool) -> Field {
         let since = Instant::now();
-        let distances = self.distances(mesh, with_gradients);
-        let field = Field::new(&self.layers, distances, self.thin);
+        let samples = Samples::measure(mesh, &self.surface, &self.layers, self.signs(), with_gradients);
+        let field = Field::new(&self.layers, samples, self.thin);
         self.timings.distance_s = since.elapsed().as_secs_f64();
         field
     }
 
     /// Signed distances at cell centres in the band.
     pub fn distances(&self, mesh: &TriangleMesh, with_gradients: bool) -> Distances {
-        let signs = if self.thin { Signs::Thin } else { Signs::Solid(&self.orientation) };
-        Distances::measure(mesh, &self.surface, &self.layers, signs, with_gradients)
+        Distances::measure(mesh, &self.surface, &self.layers, self.signs(), with_gradients)
+    }
+
+    fn signs(&self) -> Signs<'_> {
+        if self.thin { Signs::Thin } else { Signs::Solid(&self.orientation) }
     }
 }

@@ -7,17 +7,13 @@
 
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::indexing_slicing)]
 
+use std::sync::Arc;
+
 use glam::Vec3;
 
-use super::distance::{Around, Distances};
+use super::distance::{APRON_CELLS, APRON_EDGE, Samples, sample_of};
 use super::grid::{BRICK_CELLS, BRICK_EDGE, Grid};
 use super::layers::{DEEP_INSIDE, FAR_OUTSIDE, Layers};
-
-/// Samples on a brick's edge in the field: its own eight and the next brick's first, so that all corners of an interpolation
-/// cell lie in one brick.
-const APRON_EDGE: usize = BRICK_EDGE + 1;
-/// Samples of a brick in the field.
-const APRON_CELLS: usize = APRON_EDGE * APRON_EDGE * APRON_EDGE;
 
 /// Which formula turns the map into a depth at a point.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -51,8 +47,8 @@ pub struct Field {
     top: Box<[u32]>,
     /// `[n_slots][9³]`, z fastest, m: signed distance at cell centres, with the next bricks' first samples.
     distances_m: Vec<[f32; APRON_CELLS]>,
-    /// `[n_slots][8³]`, z fastest.
-    layers: Vec<[i8; BRICK_CELLS]>,
+    /// `[n_slots][8³]`, z fastest; the map's own.
+    layers: Arc<Vec<[i8; BRICK_CELLS]>>,
     /// `[n_slots][8³]`, unit; empty unless `surface-point` is used.
     gradients: Vec<[Vec3; BRICK_CELLS]>,
     /// Depth at which the field saturates on both sides, m.
@@ -63,40 +59,22 @@ pub struct Field {
 
 impl Field {
     /// Assembles the look-up from a baked map. Cold.
-    #[expect(clippy::indexing_slicing, reason = "start-up: slots of one map index the arrays of the other")]
-    pub(crate) fn new(layers: &Layers, distances: Distances, thin: bool) -> Self {
-        use rayon::prelude::*;
+    pub(crate) fn new(layers: &Layers, samples: Samples, thin: bool) -> Self {
         let grid: &Grid = &layers.grid;
         let voxel_size_m = grid.voxel_size_m as f32;
         // Cells on the outermost layer are at least this far away, and so is everything beyond: saturating here makes a brick
         // without band cells and the cells beside it agree.
         let band_m = (layers.n_layers as f32 - 0.5) * voxel_size_m;
-        let distances_m = layers
-            .bricks
-            .par_iter()
-            .map(|brick| {
-                let around = Around::new(grid, &layers.top, *brick as usize);
-                let mut samples = [0.0; APRON_CELLS];
-                for (idx, sample) in samples.iter_mut().enumerate() {
-                    let relative =
-                        [idx / (APRON_EDGE * APRON_EDGE), idx / APRON_EDGE % APRON_EDGE, idx % APRON_EDGE].map(|i| i as i32);
-                    *sample = match around.entry(relative) {
-                        (FAR_OUTSIDE, _) => -band_m,
-                        (DEEP_INSIDE, _) => band_m,
-                        (slot, inside) => distances.values_m[slot as usize][inside],
-                    };
-                }
-                samples
-            })
-            .collect();
+        let Samples { values_m: mut distances_m, gradients } = samples;
+        fill_aprons(layers, band_m, &mut distances_m);
         Self {
             origin: grid.origin_m.as_vec3(),
             voxel_size_m,
             brick_dims: grid.brick_dims().map(|n| n as i32),
             top: layers.top.clone().into_boxed_slice(),
             distances_m,
-            layers: layers.values.clone(),
-            gradients: distances.gradients,
+            layers: Arc::clone(&layers.values),
+            gradients,
             band_m,
             skin_m: if thin { voxel_size_m } else { 0.0 },
         }
@@ -120,7 +98,7 @@ impl Field {
     /// Heap size, bytes.
     pub fn heap_bytes(&self) -> usize {
         let Self { origin: _, voxel_size_m: _, brick_dims: _, top, distances_m, layers, gradients, band_m: _, skin_m: _ } = self;
-        size_of_val(&**top) + size_of_val(&**distances_m) + size_of_val(&**layers) + size_of_val(&**gradients)
+        size_of_val(&**top) + size_of_val(&**distances_m) + size_of_val(&***layers) + size_of_val(&**gradients)
     }
 
     /// V at a point, m. `cells`: the point in cell coordinates; `normal`: the pointshell's inward normal in map axes, read by
@@ -226,8 +204,7 @@ impl Field {
     }
 
     fn sample(&self, slot: usize, inside: usize) -> f32 {
-        let index = ((inside >> 6) * APRON_EDGE + (inside >> 3 & 7)) * APRON_EDGE + (inside & 7);
-        self.distances_m.get(slot).and_then(|brick| brick.get(index)).copied().unwrap_or(-self.band_m)
+        self.distances_m.get(slot).and_then(|brick| brick.get(sample_of(inside))).copied().unwrap_or(-self.band_m)
     }
 
     /// The eight samples around a lattice cell whose lowest corner is the centre of cell `base`.
@@ -270,6 +247,60 @@ impl Field {
             DEEP_INSIDE => Located::Uniform(self.band_m),
             slot => Located::Cell(slot as usize, ((x & 7) << 6 | (y & 7) << 3 | (z & 7)) as usize),
         }
+    }
+}
+
+/// Bricks whose aprons are filled together: the buffer between reading neighbours and writing stays in the cache.
+const APRON_CHUNK: usize = 4096;
+/// Samples of a brick that are its neighbours'.
+const BORROWED: usize = APRON_CELLS - BRICK_CELLS;
+
+/// Where each borrowed sample stands, which of the seven next bricks owns it (bits x, y, z), and its place there.
+const APRON: [(usize, usize, usize); BORROWED] = {
+    let mut apron = [(0, 0, 0); BORROWED];
+    let (mut sample, mut n) = (0, 0);
+    while sample < APRON_CELLS {
+        let place = [sample / (APRON_EDGE * APRON_EDGE), sample / APRON_EDGE % APRON_EDGE, sample % APRON_EDGE];
+        let [x, y, z] = place;
+        let owner = (x / BRICK_EDGE) << 2 | (y / BRICK_EDGE) << 1 | z / BRICK_EDGE;
+        if owner != 0 {
+            let there = ((x % BRICK_EDGE) * APRON_EDGE + y % BRICK_EDGE) * APRON_EDGE + z % BRICK_EDGE;
+            apron[n] = (sample, owner, there);
+            n += 1;
+        }
+        sample += 1;
+    }
+    apron
+};
+
+/// Copies the first samples of the next bricks into each brick. Cold.
+#[expect(clippy::indexing_slicing, reason = "start-up: slots of one map index the arrays of the other")]
+fn fill_aprons(layers: &Layers, band_m: f32, distances_m: &mut [[f32; APRON_CELLS]]) {
+    use rayon::prelude::*;
+    let mut borrowed = vec![[0.0; BORROWED]; APRON_CHUNK.min(distances_m.len())];
+    for first in (0..distances_m.len()).step_by(APRON_CHUNK) {
+        let bricks = &layers.bricks[first..layers.bricks.len().min(first + APRON_CHUNK)];
+        borrowed.par_iter_mut().zip(bricks).with_min_len(16).for_each(|(borrowed, brick)| {
+            let coord = layers.grid.brick_coord(*brick as usize);
+            let outside = [-band_m; APRON_CELLS];
+            let inside = [band_m; APRON_CELLS];
+            let owners: [&[f32; APRON_CELLS]; 8] = core::array::from_fn(|owner| {
+                let offset = [owner >> 2 & 1, owner >> 1 & 1, owner & 1].map(|i| i as i32);
+                match layers.grid.brick_neighbour(coord, offset).map_or(FAR_OUTSIDE, |neighbour| layers.top[neighbour]) {
+                    FAR_OUTSIDE => &outside,
+                    DEEP_INSIDE => &inside,
+                    slot => &distances_m[slot as usize],
+                }
+            });
+            for (value, (_, owner, there)) in borrowed.iter_mut().zip(APRON) {
+                *value = owners[owner][there];
+            }
+        });
+        distances_m[first..].par_iter_mut().zip(&borrowed).with_min_len(16).for_each(|(samples, borrowed)| {
+            for (value, (sample, _, _)) in borrowed.iter().zip(APRON) {
+                samples[sample] = *value;
+            }
+        });
     }
 }
 

@@ -5,6 +5,8 @@
 //! layers. The metric is ours: 26 neighbours, so a cell on layer q is at least (q − ½)·s away from the surface (its Chebyshev
 //! distance in cells is exactly q), which is the bound that culling needs.
 
+use std::sync::Arc;
+
 use rayon::prelude::*;
 
 use super::fill::Sides;
@@ -25,8 +27,8 @@ pub struct Layers {
     pub top: Vec<u32>,
     /// `[n_slots]`, ascending: number of the brick in the grid.
     pub bricks: Vec<u32>,
-    /// `[n_slots][512]`, z fastest: 0 surface, −q outside, +q inside, ±(n_layers + 1) beyond the band.
-    pub values: Vec<[i8; BRICK_CELLS]>,
+    /// `[n_slots][512]`, z fastest: 0 surface, −q outside, +q inside, ±(n_layers + 1) beyond the band. Shared with the field.
+    pub values: Arc<Vec<[i8; BRICK_CELLS]>>,
     /// Layers on each side.
     pub n_layers: u32,
 }
@@ -111,7 +113,7 @@ impl Layers {
         for (slot, brick) in sorted_bricks.iter().enumerate() {
             top[*brick as usize] = slot as u32;
         }
-        Self { grid, top, bricks: sorted_bricks, values: sorted_values, n_layers }
+        Self { grid, top, bricks: sorted_bricks, values: Arc::new(sorted_values), n_layers }
     }
 
     /// Layer value of a cell; cells beyond the grid saturate outside.

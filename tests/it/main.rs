@@ -8,6 +8,7 @@ mod contact;
 mod coupling;
 mod data_structures;
 mod determinism;
+mod distance_error;
 mod models;
 mod profiles;
 mod real_scenes;

@@ -1,0 +1,154 @@
+//! The surface voxels: every triangle that is near one is measured, so nothing is left to chance where it matters most.
+
+use core::sync::atomic::{AtomicU32, Ordering};
+
+use rayon::prelude::*;
+
+use super::patches::{NONE, Patch, Patches};
+use super::simd::{LANES, Machine};
+use crate::voxmap::grid::{BRICK_CELLS, BRICK_EDGE, brick_origin};
+use crate::voxmap::surface::{Mask, Surface, bits};
+
+/// A triangle that touches a voxel comes at least this close to its centre (√3/2), and the nearest does; cells.
+const REACH_CELLS: f32 = 0.8661;
+/// Distances whose squares differ by less than this share, or this much, count as equal: the closest point lies on an edge or
+/// corner that the triangles have in common. Cells² the second.
+const TIE: (f32, f32) = (1.0 + 3e-5, 1e-8);
+/// By so much more squarely must a centre face the plane of a triangle to prefer it to one that ties, cells.
+const FACING_CELLS: f32 = 1e-6;
+
+/// Which patches come near the surface voxels of which brick.
+pub(super) struct Bins {
+    /// `[n_surface_slots + 1]`.
+    starts: Vec<u32>,
+    patches: Vec<u32>,
+}
+
+impl Bins {
+    /// Cost: O(patches), a brick or four each.
+    pub(super) fn new(patches: &Patches, surface: &Surface) -> Self {
+        let counts: Vec<AtomicU32> = surface.bricks.iter().map(|_| AtomicU32::new(0)).collect();
+        let each = |visit: &(dyn Fn(usize, u32) + Sync)| {
+            patches.all.par_iter().enumerate().with_min_len(256).for_each(|(patch_idx, patch)| {
+                each_brick(patch, surface, |slot| visit(slot, patch_idx as u32));
+            });
+        };
+        // Relaxed, here and below: counters need no order among each other; the joins publish them.
+        each(&|slot, _| {
+            counts[slot].fetch_add(1, Ordering::Relaxed);
+        });
+        let mut starts = Vec::with_capacity(counts.len() + 1);
+        let mut total = 0;
+        for count in &counts {
+            starts.push(total);
+            // A wrap would mix up bricks; 2³² pairs would be 16 GiB of them.
+            total = u32::checked_add(total, count.swap(0, Ordering::Relaxed)).expect("fewer than 2^32 pairs of triangle and brick");
+        }
+        starts.push(total);
+        let filled: Vec<AtomicU32> = (0..total).map(|_| AtomicU32::new(NONE)).collect();
+        each(&|slot, patch_idx| {
+            let place = starts[slot] + counts[slot].fetch_add(1, Ordering::Relaxed);
+            filled[place as usize].store(patch_idx, Ordering::Relaxed);
+        });
+        Self { starts, patches: filled.into_iter().map(AtomicU32::into_inner).collect() }
+    }
+
+    /// Patches near a brick, ascending: the order in which threads came does not show.
+    fn sorted(&self, surface_slot: usize) -> Vec<u32> {
+        let mut near = self.patches[self.starts[surface_slot] as usize..self.starts[surface_slot + 1] as usize].to_vec();
+        near.sort_unstable();
+        near
+    }
+}
+
+/// Calls `visit(surface_slot)` for the bricks that a patch may come near.
+fn each_brick(patch: &Patch, surface: &Surface, mut visit: impl FnMut(usize)) {
+    let dims = surface.grid.brick_dims();
+    let edge = BRICK_EDGE as i32;
+    let cells = patch.cells_near(REACH_CELLS);
+    let [xs, ys, zs] = [0, 1, 2].map(|axis| {
+        let (low, high) = (cells[axis].start().div_euclid(edge), cells[axis].end().div_euclid(edge));
+        low.max(0)..=high.min(dims[axis] as i32 - 1)
+    });
+    let is_one = xs.start() == xs.end() && ys.start() == ys.end() && zs.start() == zs.end();
+    let reach = REACH_CELLS + 0.01 + 0.5 * (edge - 1) as f32 * patch.normal().abs().element_sum();
+    for x in xs {
+        for y in ys.clone() {
+            for z in zs.clone() {
+                let Some(slot) = surface.slot(surface.grid.brick_index([x as u32, y as u32, z as u32])) else { continue };
+                let middle = glam::IVec3::new(x, y, z).as_vec3() * edge as f32 + 0.5 * (edge - 1) as f32;
+                if is_one || patch.height_of(middle).abs() <= reach {
+                    visit(slot);
+                }
+            }
+        }
+    }
+}
+
+/// The nearest patch of every surface voxel of a brick.
+pub(super) struct Nearby {
+    pub(super) patch_idx: [u32; BRICK_CELLS],
+    /// Cells².
+    pub(super) squared: [f32; BRICK_CELLS],
+    /// Along the winding normal of the patch that the centre faces most squarely, cells.
+    pub(super) height: [f32; BRICK_CELLS],
+}
+
+impl Nearby {
+    /// Measures the surface voxels of one brick.
+    pub(super) fn measure(machine: Machine, patches: &Patches, bins: &Bins, surface: &Surface, surface_slot: usize) -> Self {
+        let origin = brick_origin(surface.grid.brick_coord(surface.bricks[surface_slot] as usize));
+        let mask = &surface.masks[surface_slot];
+        let mut best =
+            Self { patch_idx: [NONE; BRICK_CELLS], squared: [f32::INFINITY; BRICK_CELLS], height: [0.0; BRICK_CELLS] };
+        let mut cells = [0; BRICK_CELLS];
+        for patch_idx in bins.sorted(surface_slot) {
+            let patch = &patches.all[patch_idx as usize];
+            let n_cells = gather(patch, mask, origin, &mut cells);
+            for batch in cells[..n_cells.next_multiple_of(LANES)].as_chunks::<LANES>().0.iter().enumerate() {
+                let (batch_idx, batch) = batch;
+                let found = machine.broadcast(patch, origin, batch);
+                for lane in 0..LANES.min(n_cells - batch_idx * LANES) {
+                    let cell = batch[lane] as usize;
+                    let (squared, height) = (found.squared[lane], found.height[lane]);
+                    let so_far = best.squared[cell];
+                    if squared > so_far * TIE.0 + TIE.1 {
+                        continue;
+                    }
+                    let is_tie = so_far <= squared * TIE.0 + TIE.1;
+                    if !is_tie || height.abs() > best.height[cell].abs() + FACING_CELLS {
+                        (best.patch_idx[cell], best.height[cell]) = (patch_idx, height);
+                    }
+                    best.squared[cell] = so_far.min(squared);
+                }
+            }
+        }
+        best
+    }
+}
+
+/// Numbers of a mask's cells inside the brick, ascending.
+pub(super) fn cells(mask: &Mask) -> impl Iterator<Item = usize> + '_ {
+    mask.iter().enumerate().flat_map(|(x, word)| bits(*word).map(move |bit| x << 6 | bit as usize))
+}
+
+/// Lists the surface voxels in reach of a patch; returns how many there are.
+fn gather(patch: &Patch, mask: &Mask, origin: [i32; 3], cells: &mut [u32; BRICK_CELLS]) -> usize {
+    let near = patch.cells_near(REACH_CELLS);
+    let last = BRICK_EDGE as i32 - 1;
+    let local = |axis: usize| ((near[axis].start() - origin[axis]).max(0), (near[axis].end() - origin[axis]).min(last));
+    let [xs, ys, zs] = [local(0), local(1), local(2)];
+    if ys.0 > ys.1 || zs.0 > zs.1 {
+        return 0;
+    }
+    let row = (0xff_u64 >> (last - zs.1)) & (0xff << zs.0);
+    let plane = (row * 0x0101_0101_0101_0101) & (u64::MAX >> (8 * (last - ys.1))) & (u64::MAX << (8 * ys.0));
+    let mut n_cells = 0;
+    for x in xs.0..=xs.1 {
+        for bit in bits(mask[x as usize] & plane) {
+            cells[n_cells] = (x as u32) << 6 | bit;
+            n_cells += 1;
+        }
+    }
+    n_cells
+}
