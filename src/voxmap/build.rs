@@ -20,7 +20,7 @@ pub struct Options {
     pub voxel_size_m: f64,
     /// Layers on each side, 1 to 126.
     pub layers: u32,
-    /// `None` chooses.
+    /// `None` takes [`Navigation::AUTO`].
     pub navigation: Option<Navigation>,
     /// Whether an object that leaks or has no inside keeps what the fill says instead of becoming a thin skin.
     pub trust_fill: bool,
@@ -101,7 +101,7 @@ impl Voxmap {
         };
         let (low, high) = mesh.bounds().unwrap_or_default();
         let grid = Grid::around(low, high, options.voxel_size_m, options.layers)?;
-        let navigation = options.navigation.unwrap_or_else(|| Navigation::choose(mesh, &grid));
+        let navigation = options.navigation.unwrap_or(Navigation::AUTO);
         timings.init_s = lap();
         watch(Stage::Surface);
         let surface = Surface::mark(mesh, &grid, navigation);

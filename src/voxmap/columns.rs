@@ -16,7 +16,8 @@
 //! specification, bit for bit; the price of a test falls to two comparisons. A test is still counted for each voxel that the
 //! navigation asks about.
 //!
-//! Cost: about 60 ns per triangle, 20 ns per row and 10 ns per column.
+//! Cost, measured in CPU time of marking as a whole on a busy two-core x86-64: 70 ns per surface voxel where a triangle touches
+//! fifty (scanned figure of 1,024 voxels), 350 ns per triangle that is smaller than a voxel.
 
 use glam::DVec3;
 
@@ -264,15 +265,16 @@ impl Line {
             return Self::Free;
         }
         let slack = slack(extent, largest);
-        // Not a product: of two subnormal numbers it would be zero.
-        let margin = slack / a_t.abs();
+        // Infinite for an axis perpendicular to t.
+        let per_a_t = 1.0 / a_t;
+        let margin = slack * per_a_t.abs();
         if margin > MARGIN_MAX_CELLS {
             let [first, last] = range.map(|t| a_t * (f64::from(t) + 0.5));
             return Self::Flat { a_s, low, high, low_t: first.min(last), high_t: first.max(last), slack };
         }
-        let ends = [low, high].map(|end| (end - 0.5 * a_s) / a_t - 0.5);
+        let ends = [low, high].map(|end| (end - 0.5 * a_s) * per_a_t - 0.5);
         let (first, last) = (lesser(ends[0], ends[1]), greater(ends[0], ends[1]));
-        Self::Slanted(Slanted { slope: -a_s / a_t, at_zero: ends_with_margin(first, last, margin) })
+        Self::Slanted(Slanted { slope: -a_s * per_a_t, at_zero: ends_with_margin(first, last, margin) })
     }
 
     /// Takes away from `reach` what the axis does not accept over `s`.
@@ -355,7 +357,8 @@ impl Plane {
             return Self { slope_u: 0.0, slope_v: 0.0, at_zero: Reach::EVERYWHERE };
         }
         let extent = normal.x.abs() + normal.y.abs() + normal.z.abs();
-        let margin = slack(extent, largest) / normal[w].abs();
+        let per_w = 1.0 / normal[w];
+        let margin = slack(extent, largest) * per_w.abs();
         // The component along w is the largest, so only a normal that underflows is left to the specification.
         if !(margin <= MARGIN_MAX_CELLS) {
             return Self { slope_u: 0.0, slope_v: 0.0, at_zero: Reach { first_certain: f64::INFINITY, ..Reach::EVERYWHERE } };
@@ -364,10 +367,10 @@ impl Plane {
         let half_width = 0.5 * extent;
         let low = lesser(lesser(heights[0], heights[1]), heights[2]) - half_width;
         let high = greater(greater(heights[0], heights[1]), heights[2]) + half_width;
-        let ends = [low, high].map(|end| (end - 0.5 * (normal[u] + normal[v])) / normal[w] - 0.5);
+        let ends = [low, high].map(|end| (end - 0.5 * (normal[u] + normal[v])) * per_w - 0.5);
         Self {
-            slope_u: -normal[u] / normal[w],
-            slope_v: -normal[v] / normal[w],
+            slope_u: -normal[u] * per_w,
+            slope_v: -normal[v] * per_w,
             at_zero: ends_with_margin(lesser(ends[0], ends[1]), greater(ends[0], ends[1]), margin),
         }
     }

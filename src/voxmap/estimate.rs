@@ -6,7 +6,9 @@
 //! `1½·A/s² · (8 + 2L)/8³` of them. Parts that overlap count twice and a surface folded within its own band counts more than it
 //! takes, so both counts are capped by the box. With the counts, the arrays of each stage add up; the largest stage is the peak.
 //!
-//! Measured on the arrays of bunny, shapes and machine parts: within 5 % on large smooth surfaces, within 50 % everywhere.
+//! Measured on a scanned figure of 1,024 voxels and 3,592,616 surface voxels, ±8 layers: 56,095 bricks with surface where these
+//! voxels foretell 56,135, and 168,001 bricks of the band where they foretell 168,404. Coarse grids, edges and corners take more
+//! than that, folds less: the tests hold counts and arrays of small shapes to within a half.
 //!
 //! # Source
 //! The mean number of lattice cells that a convex body touches: rotation sums of intrinsic volumes (Santaló, *Integral Geometry
@@ -82,7 +84,7 @@ pub struct Estimate {
     pub kept_bytes: u64,
 }
 
-/// Surface and layers, per brick of the grid: two top grids that are never held together with the marking's, and bit sets.
+/// Surface and layers, per brick of the grid: the top grid of the layers (that of the marking is gone by then) and bit sets.
 const PER_BRICK: f64 = size_of::<u32>() as f64 + 0.5;
 /// Per brick with surface: mask, outside, ranks, number; the marks of the threads are gone when the rest comes.
 const PER_SURFACE_BRICK: f64 = (2 * size_of::<Mask>() + BRICK_EDGE * size_of::<u32>() + size_of::<u32>()) as f64;

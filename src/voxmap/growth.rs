@@ -4,7 +4,7 @@
 //! works on 64 cells at a time; along x it is done incrementally, one more layer on either side per step. Only marked cells up to
 //! [`REACH`] cells away are seen.
 //!
-//! Cost: about 0.5 µs per brick.
+//! Cost: about 2 µs of CPU time per brick of the band for eight layers, memory traffic included (measured on 168,001 bricks).
 
 use super::grid::{BRICK_CELLS, BRICK_EDGE};
 use super::surface::{FIRST_Z, Mask};
@@ -47,6 +47,8 @@ pub(super) fn distances(around: &[Option<&Mask>; 27], n_layers: u32) -> [i8; BRI
             *column = **own;
         }
     }
+    // Most neighbours hold nothing, and nothing widened is nothing.
+    let held: [bool; 9] = core::array::from_fn(|idx| (0..3).any(|x| around[9 * x + idx].is_some()));
     let mut rows = [0_u64; BRICK_CELLS / 8];
     let mut reached = wide[4];
     spread_rows(&mut rows, &reached, &[0; BRICK_EDGE], 0);
@@ -57,9 +59,11 @@ pub(super) fn distances(around: &[Option<&Mask>; 27], n_layers: u32) -> [i8; BRI
         for (idx, column) in wide.iter_mut().enumerate() {
             widen_x(column, [around[idx], around[9 + idx], around[18 + idx]], layer);
         }
-        let mut now = [0; BRICK_EDGE];
-        let by_y: [Mask; 3] = core::array::from_fn(|y| widen_z(&wide[3 * y], &wide[3 * y + 1], &wide[3 * y + 2], layer));
-        widen_y(&mut now, &by_y, layer);
+        let in_row = |y: usize| {
+            let [before, own, behind] = [0, 1, 2].map(|z| held[3 * y + z].then_some(&wide[3 * y + z]));
+            (before.is_some() || own.is_some() || behind.is_some()).then(|| widen_z([before, own, behind], layer))
+        };
+        let now = widen_y(&[in_row(0), in_row(1), in_row(2)], layer);
         spread_rows(&mut rows, &now, &reached, layer as u8);
         reached = now;
     }
@@ -101,50 +105,69 @@ fn steps(layer: usize) -> impl Iterator<Item = usize> {
     })
 }
 
-/// Widens by `layer` along z: a byte of a word is a row of eight cells, its neighbours' rows are in `before` and `behind`.
+/// Widens by `layer` along z: a byte of a word is a row of eight cells, its neighbours' rows are those before and behind.
 #[inline(always)]
-fn widen_z(before: &Mask, own: &Mask, behind: &Mask, layer: usize) -> Mask {
-    let mut wide = *own;
-    for step in steps(layer) {
-        let (low, high) = (low_z(BRICK_EDGE - step), low_z(BRICK_EDGE - step) << step);
-        for word in &mut wide {
-            *word |= (*word & low) << step | (*word & high) >> step;
+fn widen_z([before, own, behind]: [Option<&Mask>; 3], layer: usize) -> Mask {
+    let mut wide = [0; BRICK_EDGE];
+    if let Some(own) = own {
+        wide = *own;
+        for step in steps(layer) {
+            let (low, high) = (low_z(BRICK_EDGE - step), low_z(BRICK_EDGE - step) << step);
+            for word in &mut wide {
+                *word |= (*word & low) << step | (*word & high) >> step;
+            }
         }
     }
-    let (mut last, mut first) = ([0; BRICK_EDGE], [0; BRICK_EDGE]);
-    for x in 0..BRICK_EDGE {
-        let (mut up, mut down) = (before[x], behind[x]);
-        for (step, keep) in [(1, 7), (2, 6), (4, 4)] {
-            up |= up >> step & low_z(keep);
-            down |= (down & low_z(keep)) << step;
+    // A cell sees the last or the first cells of the neighbour's row: the marks are drawn towards that cell first.
+    if let Some(before) = before {
+        for (word, mut up) in wide.iter_mut().zip(*before) {
+            up |= up >> 1 & low_z(7);
+            up |= up >> 2 & low_z(6);
+            up |= up >> 4 & low_z(4);
+            *word |= up >> (BRICK_EDGE - layer) & low_z(layer);
         }
-        last[x] = up >> (BRICK_EDGE - layer) & low_z(layer);
-        first[x] = (down & low_z(layer)) << (BRICK_EDGE - layer);
     }
-    for x in 0..BRICK_EDGE {
-        wide[x] |= last[x] | first[x];
+    if let Some(behind) = behind {
+        for (word, mut down) in wide.iter_mut().zip(*behind) {
+            down |= (down & low_z(7)) << 1;
+            down |= (down & low_z(6)) << 2;
+            down |= (down & low_z(4)) << 4;
+            *word |= (down & low_z(layer)) << (BRICK_EDGE - layer);
+        }
     }
     wide
 }
 
 /// Widens by `layer` along y: rows are whole bytes.
 #[inline(always)]
-fn widen_y(wide: &mut Mask, [before, own, behind]: &[Mask; 3], layer: usize) {
-    *wide = *own;
-    for step in steps(layer) {
-        for word in wide.iter_mut() {
-            *word |= *word << (8 * step) | *word >> (8 * step);
+fn widen_y([before, own, behind]: &[Option<Mask>; 3], layer: usize) -> Mask {
+    let mut wide = [0; BRICK_EDGE];
+    if let Some(own) = own {
+        wide = *own;
+        for step in steps(layer) {
+            for word in &mut wide {
+                *word |= *word << (8 * step) | *word >> (8 * step);
+            }
         }
     }
-    for x in 0..BRICK_EDGE {
-        let (mut up, mut down) = (before[x], behind[x]);
-        for step in [8, 16, 32] {
-            up |= up >> step;
-            down |= down << step;
+    let outer = 8 * (BRICK_EDGE - layer);
+    if let Some(before) = before {
+        for (word, mut up) in wide.iter_mut().zip(*before) {
+            up |= up >> 8;
+            up |= up >> 16;
+            up |= up >> 32;
+            *word |= up >> outer;
         }
-        let outer = 64 - 8 * layer;
-        wide[x] |= up >> outer | down << outer;
     }
+    if let Some(behind) = behind {
+        for (word, mut down) in wide.iter_mut().zip(*behind) {
+            down |= down << 8;
+            down |= down << 16;
+            down |= down << 32;
+            *word |= down << outer;
+        }
+    }
+    wide
 }
 
 /// A byte for every bit of a byte, 1 where it is set.

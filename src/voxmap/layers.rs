@@ -41,20 +41,26 @@ impl Layers {
     /// Cost: O(band bricks) per round of eight layers.
     pub fn grow(surface: &Surface, sides: &Sides, n_layers: u32) -> Self {
         let grid = surface.grid;
+        let negate = |brick: u32, cells: &mut [i8; BRICK_CELLS]| {
+            growth::negate(cells, &sides.outside_mask(surface, brick as usize));
+        };
         let mut reached = Reached::none(&grid);
         for first_layer in (1..=n_layers).step_by(growth::REACH) {
-            let n_more = (n_layers + 1 - first_layer).min(growth::REACH as u32);
-            reached = if first_layer == 1 {
-                reached.grown(&grid, surface.brick_set(), &surface.bricks, &surface.masks, 0, n_more)
-            } else {
-                let masks: Vec<Mask> = reached.values.par_iter().map(|cells| growth::up_to(cells, first_layer as i8 - 1)).collect();
-                reached.grown(&grid, &reached.index, &reached.bricks, &masks, first_layer - 1, n_more)
+            let n_before = first_layer - 1;
+            let n_more = (n_layers - n_before).min(growth::REACH as u32);
+            let masks: Vec<Mask> = reached.values.par_iter().map(|cells| growth::up_to(cells, n_before as i8)).collect();
+            let seen = match n_before {
+                0 => Seen { index: surface.brick_set(), bricks: &surface.bricks, masks: &surface.masks },
+                _ => Seen { index: &reached.index, bricks: &reached.bricks, masks: &masks },
             };
+            let last = n_before + n_more == n_layers;
+            reached = reached.grown(&grid, &seen, n_before, n_more, |brick, cells| {
+                if last {
+                    negate(brick, cells);
+                }
+            });
         }
-        let Reached { index: _, bricks, mut values } = reached;
-        values.par_iter_mut().zip(&bricks).for_each(|(cells, brick)| {
-            growth::negate(cells, &sides.outside_mask(surface, *brick as usize));
-        });
+        let Reached { index: _, bricks, values } = reached;
         let mut top = vec![DEEP_INSIDE; grid.n_bricks()];
         top.par_chunks_mut(64).enumerate().for_each(|(word, entries)| {
             for bit in bits(sides.outside_bricks(word)) {
@@ -87,6 +93,13 @@ impl Layers {
     }
 }
 
+/// Cells to grow from, sparse.
+struct Seen<'a> {
+    index: &'a BrickSet,
+    bricks: &'a [u32],
+    masks: &'a [Mask],
+}
+
 /// The band after some layers, without sides.
 struct Reached {
     index: BrickSet,
@@ -100,10 +113,17 @@ impl Reached {
         Self { index: BrickSet::new((0..grid.n_bricks().div_ceil(64)).map(|_| 0)), bricks: Vec::new(), values: Vec::new() }
     }
 
-    /// `n_more` layers on top of `n_layers`; `masks` are the cells reached so far, in the bricks of `index`.
-    fn grown(&self, grid: &Grid, index: &BrickSet, bricks: &[u32], masks: &[Mask], n_layers: u32, n_more: u32) -> Self {
+    /// `n_more` layers on top of `n_before`, grown from the cells that were `seen`; `finish` has the last word on a brick's values.
+    fn grown(
+        &self,
+        grid: &Grid,
+        seen: &Seen<'_>,
+        n_before: u32,
+        n_more: u32,
+        finish: impl Fn(u32, &mut [i8; BRICK_CELLS]) + Sync,
+    ) -> Self {
         let mut words = vec![0_u64; grid.n_bricks().div_ceil(64)];
-        for (brick, mask) in bricks.iter().zip(masks) {
+        for (brick, mask) in seen.bricks.iter().zip(seen.masks) {
             let coord = grid.brick_coord(*brick as usize);
             for offset in growth::bricks_within(mask, n_more) {
                 if let Some(neighbour) = grid.brick_neighbour(coord, offset) {
@@ -119,13 +139,14 @@ impl Reached {
                 let coord = grid.brick_coord(*brick as usize);
                 let around: [Option<&Mask>; 27] = core::array::from_fn(|idx| {
                     let neighbour = grid.brick_neighbour(coord, growth::offset(idx))?;
-                    index.slot(neighbour).map(|slot| &masks[slot])
+                    seen.index.slot(neighbour).map(|slot| &seen.masks[slot])
                 });
                 let mut cells = growth::distances(&around, n_more);
-                if n_layers > 0 {
+                if n_before > 0 {
                     let before = self.index.slot(*brick as usize).map(|slot| &self.values[slot]);
-                    growth::stack(&mut cells, before, n_layers as i8);
+                    growth::stack(&mut cells, before, n_before as i8);
                 }
+                finish(*brick, &mut cells);
                 cells
             })
             .collect();
