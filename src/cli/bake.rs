@@ -9,14 +9,15 @@ use glam::DVec3;
 use serde::Serialize;
 
 use super::progress::BakeProgress;
-use super::{Talk, check, report, say};
+use super::{Talk, check, memory, report, say};
 use crate::config;
 use crate::config::problem::show;
 use crate::config::resolve::MeshSource;
 use crate::error::Exit;
 use crate::mesh::MeshError;
 use crate::pointshell::ply;
-use crate::scene::{self, Event, Geometry, ObjectReport, Role, SceneError};
+use crate::scene::{self, Event, Geometry, MemoryPlan, ObjectReport, Role, SceneError};
+use crate::voxmap::estimate::{Estimate, Products};
 use crate::voxmap::grid::GridError;
 use crate::voxmap::surface::Navigation;
 use crate::voxmap::{Options, Stage, npy};
@@ -48,6 +49,9 @@ pub(crate) struct Args {
     /// Threads; all processors if not given.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
     threads: Option<u32>,
+    /// Refuse a bake that would hold more than this, such as 800M, 2GB or 1.5GiB.
+    #[arg(long, value_name = "SIZE", value_parser = memory::parse_size)]
+    max_memory: Option<u64>,
     /// Write the layer values as int8, shape [nx, ny, nz] (mesh only).
     #[arg(long, value_name = "F.npy")]
     voxmap_out: Option<PathBuf>,
@@ -146,9 +150,15 @@ fn mesh_error(args: &Args, error: &SceneError, talk: Talk) -> Exit {
         }
         SceneError::Grid { source, .. } => {
             let hint = match (source, args.longest_axis_voxels) {
-                (GridError::TooLarge { .. }, Some(_)) => "ask for fewer --longest-axis-voxels".to_owned(),
-                (GridError::TooLarge { .. }, None) => source.hint().replace("`units`", "--units"),
-                (GridError::VoxelSize(_), _) => source.hint(),
+                (GridError::TooLarge { .. } | GridError::Surface { .. }, Some(_)) => {
+                    "ask for fewer --longest-axis-voxels".to_owned()
+                }
+                (GridError::TooLarge { .. } | GridError::Surface { .. }, None) => source.hint().replace("`units`", "--units"),
+                (GridError::Memory { asked_m, voxel_size_m: Some(fits_m), .. }, Some(n)) => {
+                    let n_fits = (f64::from(n) * asked_m / fits_m).floor();
+                    format!("use at most --longest-axis-voxels {n_fits}, fewer --layers, or a larger --max-memory")
+                }
+                (GridError::Memory { .. } | GridError::VoxelSize(_), _) => source.hint(),
             };
             report::error(&format!("{}: {source}", args.input.display()), Some(&hint), talk);
             Exit::Configuration
@@ -204,7 +214,9 @@ fn bake_scene(args: &Args, talk: Talk) -> Result<Exit, Failure> {
     }
     let since = Instant::now();
     let progress = BakeProgress::new(talk);
-    let baked = scene::build(&config, |event| progress.tell(&event));
+    let mut tell_memory = |name: &str, estimate: &Estimate| memory::tell(name, estimate, args.max_memory, &progress, talk);
+    let mut plan = MemoryPlan::new(args.max_memory, &mut tell_memory);
+    let baked = scene::build_within(&config, &mut plan, |event| progress.tell(&event));
     progress.finish();
     let (_, reports) = baked?;
     let total_s = since.elapsed().as_secs_f64();
@@ -268,6 +280,9 @@ fn bake_mesh(args: &Args, talk: Talk) -> Result<(), Failure> {
         },
         trust_fill: args.sides == Some(SidesChoice::Flood),
     };
+    let mut tell_memory = |_: &str, estimate: &Estimate| memory::tell(&name, estimate, args.max_memory, &progress, talk);
+    let products = Products { field: true, gradients: false, shell: true };
+    geometry.foresee(&options, products, &mut MemoryPlan::new(args.max_memory, &mut tell_memory))?;
     let mut map = geometry.voxmap(&options, tell)?;
     tell(Stage::Distance);
     if let Some(path) = &args.field_out {

@@ -3,6 +3,7 @@
 mod bake;
 mod check;
 mod eval;
+mod memory;
 mod progress;
 mod report;
 mod run;

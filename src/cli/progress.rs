@@ -38,6 +38,14 @@ impl BakeProgress {
         bar.set_message(format!("{} ({} of {}): {stage}", event.name, event.object_idx + 1, event.n_objects));
     }
 
+    /// Lets someone else write to stderr.
+    pub(crate) fn aside(&self, write: impl FnOnce()) {
+        match &self.0 {
+            Some(bar) => bar.suspend(write),
+            None => write(),
+        }
+    }
+
     pub(crate) fn finish(self) {
         if let Some(bar) = self.0 {
             bar.finish_and_clear();

@@ -10,16 +10,18 @@ use clap::ValueEnum;
 use crossbeam::channel::Receiver;
 
 use super::progress::BakeProgress;
-use super::{Talk, bake, check, report, say};
+use super::{Talk, bake, check, memory, report, say};
 use crate::config::{self, LoadOptions};
-use crate::daemon::{Notice, Outcome, PrepareError, Prepared, RenderJob, RunError, Supervisor, prepare};
+use crate::daemon::{Notice, Outcome, PrepareError, Prepared, RenderJob, RunError, Supervisor, prepare_within};
 use crate::error::Exit;
 use crate::haptics::Faults;
 use crate::rt::clock::ClockKind;
 use crate::rt::duration;
 use crate::rt::preflight::{self, Report};
 use crate::rt::signals::{SignalError, interrupts};
+use crate::scene::MemoryPlan;
 use crate::telemetry::{LatencySummary, TickRecord, Totals};
+use crate::voxmap::estimate::Estimate;
 
 /// Arguments of `hapticd run`.
 #[derive(Debug, clap::Args)]
@@ -38,6 +40,9 @@ pub(crate) struct Args {
     /// Time that the run follows; virtual is simulated and as fast as it goes.
     #[arg(long, value_name = "CLOCK", default_value = "real")]
     clock: ClockArg,
+    /// Refuse a bake that would hold more memory than this, such as 800M, 2GB or 1.5GiB.
+    #[arg(long, value_name = "SIZE", value_parser = memory::parse_size)]
+    max_memory: Option<u64>,
     /// Print the result as one JSON object.
     #[arg(long)]
     json: bool,
@@ -77,7 +82,9 @@ pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
             say::talk(format_args!("{}\n", check::summary(&config)));
         }
         let progress = BakeProgress::new(talk);
-        let prepared = prepare(&config, |event| progress.tell(&event));
+        let mut tell_memory = |name: &str, estimate: &Estimate| memory::tell(name, estimate, args.max_memory, &progress, talk);
+        let mut plan = MemoryPlan::new(args.max_memory, &mut tell_memory);
+        let prepared = prepare_within(&config, &mut plan, |event| progress.tell(&event));
         progress.finish();
         let (prepared, reports) = prepared?;
         report::bake_warnings(&reports, talk);

@@ -12,7 +12,7 @@ use crate::device::hand::{HandPath, Indexing};
 use crate::device::profile::Codec;
 use crate::device::sim::{HandParameters, SimArm, SimError, SimParameters};
 use crate::haptics::{PortParameters, RenderScene};
-use crate::scene::{self, Event, ObjectReport, SceneError};
+use crate::scene::{self, Event, MemoryPlan, ObjectReport, SceneError};
 
 /// A scene that is ready to be rendered.
 pub struct Prepared {
@@ -71,8 +71,20 @@ pub fn inputs(config: &SceneConfig) -> Result<(Option<HandPath>, Option<FaultPla
 /// # Errors
 /// A hand file, fault, mesh, grid or arm that cannot be used.
 pub fn prepare(config: &SceneConfig, watch: impl FnMut(Event<'_>)) -> Result<(Prepared, Vec<ObjectReport>), PrepareError> {
+    prepare_within(config, &mut MemoryPlan::new(None, &mut |_, _| ()), watch)
+}
+
+/// [`prepare`] within a limit of memory.
+///
+/// # Errors
+/// A hand file, fault, mesh, grid or arm that cannot be used, or a bake that would take too much memory.
+pub fn prepare_within(
+    config: &SceneConfig,
+    memory: &mut MemoryPlan<'_>,
+    watch: impl FnMut(Event<'_>),
+) -> Result<(Prepared, Vec<ObjectReport>), PrepareError> {
     let (hand, fault) = inputs(config)?;
-    let (scene, mut reports) = scene::build(config, watch)?;
+    let (scene, mut reports) = scene::build_within(config, memory, watch)?;
     if let (Some(path), Some(tool)) = (&hand, reports.last_mut()) {
         tool.warnings.extend(far_from_start(path, &config.parameters.port));
     }

@@ -2,7 +2,7 @@
 
 use glam::{DMat3, DVec3};
 
-use super::object::{Geometry, SceneError};
+use super::object::{Geometry, MemoryPlan, SceneError};
 use super::report::{ObjectReport, Role};
 use crate::config::SceneConfig;
 use crate::config::resolve::ToolConfig;
@@ -11,6 +11,7 @@ use crate::haptics::{CouplingMode, Inertia, RenderScene, Tool};
 use crate::mesh::mass::MassProperties;
 use crate::pointshell::ShellReport;
 use crate::spatial::Pose;
+use crate::voxmap::estimate::Products;
 use crate::voxmap::field::FieldKind;
 use crate::voxmap::{Options, Stage};
 
@@ -35,7 +36,19 @@ const GYRATION_SHARE: f64 = 0.05;
 ///
 /// # Errors
 /// The first object whose mesh cannot be used or whose grid is too large.
-pub fn build(config: &SceneConfig, mut watch: impl FnMut(Event<'_>)) -> Result<(RenderScene, Vec<ObjectReport>), SceneError> {
+pub fn build(config: &SceneConfig, watch: impl FnMut(Event<'_>)) -> Result<(RenderScene, Vec<ObjectReport>), SceneError> {
+    build_within(config, &mut MemoryPlan::new(None, &mut |_, _| ()), watch)
+}
+
+/// [`build`] within a limit of memory, which is judged for each object after its mesh was read and before the work.
+///
+/// # Errors
+/// The first object whose mesh cannot be used, whose grid is too large or that would take too much memory.
+pub fn build_within(
+    config: &SceneConfig,
+    memory: &mut MemoryPlan<'_>,
+    mut watch: impl FnMut(Event<'_>),
+) -> Result<(RenderScene, Vec<ObjectReport>), SceneError> {
     let n_objects = config.statics.len() + 1;
     let mut reports = Vec::with_capacity(n_objects);
     let mut obstacles = Vec::with_capacity(config.statics.len());
@@ -46,6 +59,7 @@ pub fn build(config: &SceneConfig, mut watch: impl FnMut(Event<'_>)) -> Result<(
         let geometry = Geometry::load(&object.name, Role::Static, &object.source, object.voxel_size_m)?;
         let options =
             Options { voxel_size_m: object.voxel_size_m, layers: object.layers, navigation: None, trust_fill: object.trust_fill };
+        geometry.foresee(&options, Products { field: true, gradients: with_gradients, shell: false }, memory)?;
         let mut map = geometry.voxmap(&options, &mut tell)?;
         tell(Stage::Distance);
         let field = geometry.field(&mut map, with_gradients);
@@ -58,6 +72,7 @@ pub fn build(config: &SceneConfig, mut watch: impl FnMut(Event<'_>)) -> Result<(
     tell(Stage::Load);
     let geometry = Geometry::load("tool", Role::Tool, source, *voxel_size_m)?;
     let options = Options { voxel_size_m: *voxel_size_m, layers: *layers, navigation: None, trust_fill: false };
+    geometry.foresee(&options, Products { field: false, gradients: false, shell: true }, memory)?;
     let map = geometry.voxmap(&options, &mut tell)?;
     let mass = geometry.mass_properties();
     let center_of_mass_tool = config.tool.center_of_mass_m.unwrap_or(mass.center_m);

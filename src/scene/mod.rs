@@ -9,6 +9,6 @@ mod build;
 mod object;
 mod report;
 
-pub use build::{Event, build};
-pub use object::{Geometry, SceneError};
+pub use build::{Event, build, build_within};
+pub use object::{Geometry, MemoryPlan, SceneError};
 pub use report::{LeakReport, ObjectReport, Role, Timings};

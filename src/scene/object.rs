@@ -12,8 +12,9 @@ use crate::mesh::validate::{MeshReport, inspect};
 use crate::mesh::{self, MeshError, TriangleMesh};
 use crate::pointshell::shell::Shell;
 use crate::pointshell::{self, ShellReport};
+use crate::voxmap::estimate::{Estimate, MeshMeasures, Products, voxel_size_within};
 use crate::voxmap::field::Field;
-use crate::voxmap::grid::GridError;
+use crate::voxmap::grid::{Grid, GridError};
 use crate::voxmap::{Options, Stage, Voxmap};
 
 /// Why an object cannot be built.
@@ -47,6 +48,23 @@ impl SceneError {
     }
 }
 
+/// How much memory baking may take, and who is told how much it will.
+pub struct MemoryPlan<'a> {
+    /// Most bytes held at a time, by estimate; `None`: no limit.
+    max_bytes: Option<u64>,
+    /// What the objects done so far keep, by estimate.
+    kept_bytes: u64,
+    tell: &'a mut dyn FnMut(&str, &Estimate),
+}
+
+impl<'a> MemoryPlan<'a> {
+    /// A limit, if any, and what to do with each object's name and estimate before its work begins. The peak includes what the
+    /// objects before it keep.
+    pub fn new(max_bytes: Option<u64>, tell: &'a mut dyn FnMut(&str, &Estimate)) -> Self {
+        Self { max_bytes, kept_bytes: 0, tell }
+    }
+}
+
 /// A tessellation's chord error as a share of the voxel edge, so that the voxel size limits accuracy.
 const CHORD_SHARE: f64 = 0.02;
 
@@ -76,6 +94,35 @@ impl Geometry {
         };
         let inspected = inspect(&mesh);
         Ok(Self { name: name.to_owned(), role, mesh, inspected, load_s: since.elapsed().as_secs_f64() })
+    }
+
+    /// What baking the object will take; refused where that is more than `memory` allows.
+    ///
+    /// # Errors
+    /// A grid that is too large, or too much memory.
+    pub fn foresee(&self, options: &Options, products: Products, memory: &mut MemoryPlan<'_>) -> Result<(), SceneError> {
+        let measures = MeshMeasures::of(&self.mesh);
+        let (low, high) = measures.bounds_m;
+        let grid = |source| SceneError::Grid { name: self.name.clone(), source };
+        let around = Grid::around(low, high, options.voxel_size_m, options.layers).map_err(grid)?;
+        let mut estimate = Estimate::new(&measures, &around, options.layers, products);
+        estimate.peak_bytes += memory.kept_bytes;
+        memory.kept_bytes += estimate.kept_bytes;
+        (memory.tell)(&self.name, &estimate);
+        match memory.max_bytes {
+            Some(max_bytes) if estimate.peak_bytes > max_bytes => {
+                let kept_bytes = memory.kept_bytes - estimate.kept_bytes;
+                let left_bytes = max_bytes.saturating_sub(kept_bytes);
+                let voxel_size_m = voxel_size_within(&measures, options.voxel_size_m, options.layers, products, left_bytes);
+                Err(grid(GridError::Memory {
+                    needed_bytes: estimate.peak_bytes,
+                    max_bytes,
+                    asked_m: options.voxel_size_m,
+                    voxel_size_m,
+                }))
+            }
+            _ => Ok(()),
+        }
     }
 
     /// Classifies the object's volume.

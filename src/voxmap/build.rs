@@ -5,7 +5,7 @@ use std::time::Instant;
 use super::distance::{Distances, Samples, Signs};
 use super::field::Field;
 use super::fill::Sides;
-use super::grid::{Grid, GridError};
+use super::grid::{Grid, GridError, SURFACE_VOXELS_MAX};
 use super::layers::Layers;
 use super::leak::{FaceProbe, Leak, MOSTLY_THIN};
 use super::orient::Orientation;
@@ -20,7 +20,7 @@ pub struct Options {
     pub voxel_size_m: f64,
     /// Layers on each side, 1 to 126.
     pub layers: u32,
-    /// `None` chooses.
+    /// `None` takes [`Navigation::AUTO`].
     pub navigation: Option<Navigation>,
     /// Whether an object that leaks or has no inside keeps what the fill says instead of becoming a thin skin.
     pub trust_fill: bool,
@@ -85,7 +85,7 @@ impl Voxmap {
     /// Classifies the volume of a mesh: surface, fill, leak check, orientation, layers.
     ///
     /// # Errors
-    /// A grid that cannot be built. The mesh must not be empty (its bounds would be a point at the origin).
+    /// A grid that cannot be built, or more surface voxels than can be numbered. The mesh must not be empty (its bounds would be a point at the origin).
     pub fn build(
         mesh: &TriangleMesh,
         report: &MeshReport,
@@ -101,10 +101,16 @@ impl Voxmap {
         };
         let (low, high) = mesh.bounds().unwrap_or_default();
         let grid = Grid::around(low, high, options.voxel_size_m, options.layers)?;
-        let navigation = options.navigation.unwrap_or_else(|| Navigation::choose(mesh, &grid));
+        let navigation = options.navigation.unwrap_or(Navigation::AUTO);
         timings.init_s = lap();
         watch(Stage::Surface);
         let surface = Surface::mark(mesh, &grid, navigation);
+        if surface.n_voxels as u64 > SURFACE_VOXELS_MAX {
+            let n_voxels = surface.n_voxels as u64;
+            // Surface voxels go with the square of the resolution.
+            let coarser = 1.02 * (n_voxels as f64 / SURFACE_VOXELS_MAX as f64).sqrt();
+            return Err(GridError::Surface { n_voxels, voxel_size_m: coarser * options.voxel_size_m });
+        }
         timings.surface_s = lap();
         watch(Stage::Fill);
         let mut sides = Sides::flood(&surface);

@@ -2,17 +2,17 @@
 //!
 //! # Source
 //! Sagardia2008, section 3: flood fill with a LIFO stack from a corner voxel; what is neither reached nor surface is inside.
-//! Connectivity is ours: 6 neighbours, which a supercover surface stops. We flood bricks, not voxels: a brick without surface is
-//! filled at once, a brick with surface by word-wide shifts until nothing changes. The set reached is the same.
+//! Connectivity is ours: 6 neighbours, which a supercover surface stops. We flood bricks, not voxels: bricks without surface by whole
+//! runs along z, 64 to a word; a brick with surface by word-wide shifts until nothing changes. The set reached is the same.
 
+use rayon::prelude::*;
+
+use super::bricks::BrickSet;
 use super::grid::{BRICK_EDGE, Grid};
-use super::surface::{Mask, Surface};
+use super::surface::{FIRST_Z, Mask, Surface, bits};
 
 /// All cells of a brick.
 pub(crate) const FULL: Mask = [u64::MAX; BRICK_EDGE];
-
-/// Every z = 0 cell of one x-layer of a brick.
-const FIRST_Z: u64 = 0x0101_0101_0101_0101;
 
 /// Outside and inside, per brick.
 #[derive(Debug)]
@@ -35,63 +35,99 @@ pub enum Side {
 }
 
 impl Sides {
-    /// Floods from the corner cell `[0, 0, 0]`, which the padding keeps free. Cost: O(bricks + surface bricks · passes).
+    /// Floods from the corner cell `[0, 0, 0]`, which the padding keeps free.
+    ///
+    /// Free bricks are flooded first; then bricks with surface take in what all their neighbours hold, in rounds: each round asks
+    /// the bricks beside which something changed, on the current rayon pool. Cost: O(runs of free bricks + surface bricks ·
+    /// rounds that touch them); measured 52 ms of CPU time for 1.7 M bricks, 56,000 of them with surface, flooded on both sides.
     pub fn flood(surface: &Surface) -> Self {
         let grid = &surface.grid;
         let mut sides = Self {
             outside_bricks: vec![0; grid.n_bricks().div_ceil(64)],
             outside_masks: vec![[0; BRICK_EDGE]; surface.masks.len()],
         };
-        let mut stack = vec![(0_usize, corner_seed())];
-        while let Some((brick, entering)) = stack.pop() {
-            let grown = match surface.slot(brick) {
-                None => {
-                    if sides.is_outside_brick(brick) {
-                        continue;
+        let mut free = FreeBricks::new(grid, surface.brick_set());
+        match surface.slot(0) {
+            None => free.flood(&mut sides.outside_bricks, 0),
+            // It finds the corner in itself.
+            Some(_) => free.beside.push(0),
+        }
+        loop {
+            let mut asked = core::mem::take(&mut free.beside);
+            asked.sort_unstable();
+            asked.dedup();
+            if asked.is_empty() {
+                return sides;
+            }
+            let grown: Vec<(u32, Mask)> = asked
+                .par_iter()
+                .with_min_len(64)
+                .filter_map(|brick| {
+                    let slot = surface.slot(*brick as usize)?;
+                    let mut outside = sides.outside_masks[slot];
+                    let entering = sides.entering(surface, *brick as usize);
+                    spread(&mut outside, &entering, &surface.masks[slot]).then_some((*brick, outside))
+                })
+                .collect();
+            for (brick, outside) in grown {
+                if let Some(slot) = surface.slot(brick as usize) {
+                    sides.outside_masks[slot] = outside;
+                }
+                let coord = grid.brick_coord(brick as usize);
+                for (axis, direction) in FACES {
+                    let mut offset = [0; 3];
+                    offset[axis] = direction;
+                    let Some(neighbour) = grid.brick_neighbour(coord, offset) else { continue };
+                    let crossing = across_face(&outside, axis, direction);
+                    match surface.slot(neighbour) {
+                        None if crossing != [0; BRICK_EDGE] => free.flood(&mut sides.outside_bricks, neighbour),
+                        None => {}
+                        Some(slot) => {
+                            let closed = crossing.iter().zip(&surface.masks[slot]).zip(&sides.outside_masks[slot]);
+                            if closed.into_iter().any(|((cells, surface), outside)| cells & !surface & !outside != 0) {
+                                free.beside.push(neighbour as u32);
+                            }
+                        }
                     }
-                    sides.outside_bricks[brick / 64] |= 1 << (brick % 64);
-                    FULL
-                }
-                Some(slot) => {
-                    let outside = &mut sides.outside_masks[slot];
-                    if !spread(outside, &entering, &surface.masks[slot]) {
-                        continue;
-                    }
-                    *outside
-                }
-            };
-            let coord = grid.brick_coord(brick);
-            for (axis, direction) in (0..3).flat_map(|axis| [(axis, -1), (axis, 1)]) {
-                let mut offset = [0; 3];
-                offset[axis] = direction;
-                let Some(neighbour) = grid.brick_neighbour(coord, offset) else { continue };
-                if surface.slot(neighbour).is_none() && sides.is_outside_brick(neighbour) {
-                    continue;
-                }
-                let crossing = across_face(&grown, axis, direction);
-                if crossing.iter().any(|word| *word != 0) {
-                    stack.push((neighbour, crossing));
                 }
             }
         }
-        sides
+    }
+
+    /// Cells of a brick beside outside cells of its six neighbours, and the corner of the grid.
+    fn entering(&self, surface: &Surface, brick: usize) -> Mask {
+        let coord = surface.grid.brick_coord(brick);
+        let mut entering = [0; BRICK_EDGE];
+        // The corner from which all begins.
+        entering[0] = u64::from(brick == 0);
+        for (axis, direction) in FACES {
+            let mut offset = [0; 3];
+            offset[axis] = -direction;
+            let Some(neighbour) = surface.grid.brick_neighbour(coord, offset) else { continue };
+            let crossing = across_face(&self.outside_mask(surface, neighbour), axis, direction);
+            entering.iter_mut().zip(crossing).for_each(|(word, cells)| *word |= cells);
+        }
+        entering
     }
 
     /// The same map with nothing inside: a thin skin.
     pub(crate) fn without_inside(surface: &Surface) -> Self {
-        let mut sides = Self {
-            outside_bricks: vec![u64::MAX; surface.grid.n_bricks().div_ceil(64)],
+        let n_bricks = surface.grid.n_bricks();
+        let free = |word| within(word, &(0..n_bricks)) & !surface.brick_set().word(word);
+        Self {
+            outside_bricks: (0..n_bricks.div_ceil(64)).map(free).collect(),
             outside_masks: surface.masks.iter().map(|mask| mask.map(|word| !word)).collect(),
-        };
-        for brick in &surface.bricks {
-            sides.outside_bricks[*brick as usize / 64] &= !(1 << (*brick % 64));
         }
-        sides
     }
 
     /// True for a brick without surface that the fill reached.
     pub fn is_outside_brick(&self, brick: usize) -> bool {
         self.outside_bricks[brick / 64] >> (brick % 64) & 1 == 1
+    }
+
+    /// Free bricks that the fill reached among the bricks `64·word..64·(word + 1)`, as bits.
+    pub(super) fn outside_bricks(&self, word: usize) -> u64 {
+        self.outside_bricks[word]
     }
 
     /// Outside cells of any brick.
@@ -124,13 +160,14 @@ impl Sides {
     pub fn count_inside(&self, surface: &Surface) -> u64 {
         let grid = &surface.grid;
         let cells = super::grid::BRICK_CELLS as u64;
-        let uniform =
-            (0..grid.n_bricks()).filter(|brick| surface.slot(*brick).is_none() && !self.is_outside_brick(*brick)).count() as u64;
+        let words = self.outside_bricks.par_iter().enumerate();
+        let held: u64 = words.map(|(word, outside)| u64::from((outside | surface.brick_set().word(word)).count_ones())).sum();
+        let uniform = grid.n_bricks() as u64 - held;
         let mixed: u64 = surface
             .masks
-            .iter()
+            .par_iter()
             .zip(&self.outside_masks)
-            .flat_map(|(surface, outside)| surface.iter().zip(outside))
+            .flat_map_iter(|(surface, outside)| surface.iter().zip(outside))
             .map(|(surface, outside)| u64::from((!(surface | outside)).count_ones()))
             .sum();
         // The padding keeps cells beyond `dims` in the last bricks outside, so no clipping is needed.
@@ -138,10 +175,100 @@ impl Sides {
     }
 }
 
-fn corner_seed() -> Mask {
-    let mut seed = [0; BRICK_EDGE];
-    seed[0] = 1;
-    seed
+/// Each face of a brick, as axis and direction.
+const FACES: [(usize, i32); 6] = [(0, -1), (0, 1), (1, -1), (1, 1), (2, -1), (2, 1)];
+
+/// The flood through bricks without surface.
+struct FreeBricks<'a> {
+    brick_dims: [usize; 3],
+    surface: &'a BrickSet,
+    /// Runs to go on from: bricks of one row along z that are outside.
+    stack: Vec<core::ops::Range<usize>>,
+    /// Bricks with surface beside which something was flooded; with repetitions.
+    beside: Vec<u32>,
+}
+
+impl<'a> FreeBricks<'a> {
+    fn new(grid: &Grid, surface: &'a BrickSet) -> Self {
+        Self { brick_dims: grid.brick_dims().map(|n| n as usize), surface, stack: Vec::new(), beside: Vec::new() }
+    }
+
+    /// Adds to `outside` every free brick that is connected with `seed`, and notes the surface bricks on the way.
+    fn flood(&mut self, outside: &mut [u64], seed: usize) {
+        self.take_run(outside, seed);
+        let [nx, ny, nz] = self.brick_dims;
+        while let Some(run) = self.stack.pop() {
+            let (x, y) = (run.start / (ny * nz), run.start / nz % ny);
+            if x > 0 {
+                self.enter(outside, run.start - ny * nz..run.end - ny * nz);
+            }
+            if x + 1 < nx {
+                self.enter(outside, run.start + ny * nz..run.end + ny * nz);
+            }
+            if y > 0 {
+                self.enter(outside, run.start - nz..run.end - nz);
+            }
+            if y + 1 < ny {
+                self.enter(outside, run.start + nz..run.end + nz);
+            }
+        }
+    }
+
+    /// Takes every run of free bricks that meets `range`, which lies in one row.
+    fn enter(&mut self, outside: &mut [u64], range: core::ops::Range<usize>) {
+        self.note(range.clone());
+        for word in range.start / 64..=(range.end - 1) / 64 {
+            // Again and again: a run that was taken may cover more of this word.
+            while let free @ 1.. = !(outside[word] | self.surface.word(word)) & within(word, &range) {
+                self.take_run(outside, 64 * word + free.trailing_zeros() as usize);
+            }
+        }
+    }
+
+    /// Takes the run of free bricks around a brick; nothing if that is not free.
+    fn take_run(&mut self, outside: &mut [u64], brick: usize) {
+        let row = brick - brick % self.brick_dims[2]..brick - brick % self.brick_dims[2] + self.brick_dims[2];
+        let taken = |outside: &[u64], word: usize| outside[word] | self.surface.word(word);
+        if taken(outside, brick / 64) >> (brick % 64) & 1 == 1 {
+            return;
+        }
+        let mut start = row.start;
+        for word in (row.start / 64..=brick / 64).rev() {
+            let stop = taken(outside, word) & within(word, &(row.start..brick));
+            if stop != 0 {
+                start = 64 * word + 64 - stop.leading_zeros() as usize;
+                break;
+            }
+        }
+        let mut end = row.end;
+        for word in brick / 64..=(row.end - 1) / 64 {
+            let stop = taken(outside, word) & within(word, &(brick..row.end));
+            if stop != 0 {
+                end = 64 * word + stop.trailing_zeros() as usize;
+                break;
+            }
+        }
+        for word in start / 64..=(end - 1) / 64 {
+            outside[word] |= within(word, &(start..end));
+        }
+        self.note(start.max(row.start + 1) - 1..(end + 1).min(row.end));
+        self.stack.push(start..end);
+    }
+
+    /// Notes the surface bricks of a range within a row.
+    fn note(&mut self, range: core::ops::Range<usize>) {
+        for word in range.start / 64..=(range.end - 1) / 64 {
+            self.beside.extend(bits(self.surface.word(word) & within(word, &range)).map(|bit| 64 * word as u32 + bit));
+        }
+    }
+}
+
+/// Bits of word number `word` that stand for members of `range`.
+fn within(word: usize, range: &core::ops::Range<usize>) -> u64 {
+    let from = range.start.saturating_sub(64 * word).min(64);
+    let to = range.end.saturating_sub(64 * word).min(64);
+    let below = |n: usize| if n == 64 { u64::MAX } else { (1 << n) - 1 };
+    below(to) & !below(from)
 }
 
 /// Adds to `outside` what `entering` reaches through free cells; false when nothing is new.

@@ -15,6 +15,18 @@ pub const CELLS_PER_AXIS_MAX: u64 = 32_768;
 /// Bricks up to which the top grid (4 bytes each) stays below half a gigabyte.
 pub const BRICKS_MAX: u64 = 1 << 27;
 
+/// Surface voxels up to which a `u32` numbers them, here and in the pointshell.
+pub const SURFACE_VOXELS_MAX: u64 = u32::MAX as u64;
+
+/// A number of bytes for people, in binary units.
+pub fn show_bytes(bytes: u64) -> String {
+    let bytes = bytes as f64;
+    let (unit, name) =
+        [(1_u64 << 30, "GiB"), (1 << 20, "MiB")].into_iter().find(|(unit, _)| bytes >= *unit as f64).unwrap_or((1 << 10, "KiB"));
+    let value = bytes / unit as f64;
+    if value < 10.0 { format!("{value:.1} {name}") } else { format!("{value:.0} {name}") }
+}
+
 /// A grid that cannot be built.
 #[derive(Debug, Error, PartialEq)]
 pub enum GridError {
@@ -25,6 +37,26 @@ pub enum GridError {
         dims: [u64; 3],
         /// Smallest voxel size that fits, m.
         voxel_size_m: f64,
+    },
+    /// More surface voxels than can be numbered.
+    #[error("{n_voxels} surface voxels are too many (at most {SURFACE_VOXELS_MAX})")]
+    Surface {
+        /// Surface voxels.
+        n_voxels: u64,
+        /// A voxel size with which they can be numbered, m.
+        voxel_size_m: f64,
+    },
+    /// More memory than allowed.
+    #[error("baking takes about {}, more than the {} that are allowed", show_bytes(*needed_bytes), show_bytes(*max_bytes))]
+    Memory {
+        /// Most bytes held at a time, by estimate.
+        needed_bytes: u64,
+        /// Bytes allowed.
+        max_bytes: u64,
+        /// Voxel size asked for, m.
+        asked_m: f64,
+        /// Smallest voxel size that fits, m; `None` where coarser voxels do not help.
+        voxel_size_m: Option<f64>,
     },
     /// Voxel size not a positive number.
     #[error("voxel size must be greater than 0, found {0} m")]
@@ -38,6 +70,11 @@ impl GridError {
             Self::TooLarge { voxel_size_m, .. } => {
                 format!("use a voxel size of at least {} mm, or check `units`", round_up(voxel_size_m * 1e3))
             }
+            Self::Surface { voxel_size_m, .. } => format!("use a voxel size of at least {} mm", round_up(voxel_size_m * 1e3)),
+            Self::Memory { voxel_size_m: Some(voxel_size_m), .. } => {
+                format!("use a voxel size of at least {} mm, fewer layers, or a larger --max-memory", round_up(voxel_size_m * 1e3))
+            }
+            Self::Memory { voxel_size_m: None, .. } => "coarser voxels alone do not help: use a larger --max-memory".to_owned(),
             Self::VoxelSize(_) => "give the edge of a voxel in millimetres, for example 0.5".to_owned(),
         }
     }

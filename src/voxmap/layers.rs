@@ -9,8 +9,10 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
+use super::bricks::BrickSet;
 use super::fill::Sides;
-use super::grid::{BRICK_CELLS, BRICK_EDGE, Grid};
+use super::grid::{BRICK_CELLS, Grid};
+use super::growth;
 use super::surface::{Mask, Surface, bits};
 
 /// Marks a brick of the top grid that holds no band cell and lies outside.
@@ -34,86 +36,43 @@ pub struct Layers {
 }
 
 impl Layers {
-    /// Grows `n_layers` (at most 126) on both sides of the surface. Cost: O(band bricks · layers), word-wide.
+    /// Grows `n_layers` (at most 126) on both sides of the surface.
+    ///
+    /// Each brick of the band is worked out by itself from the 27 bricks around it, on the current rayon pool; the result does
+    /// not depend on the number of threads. A brick looks no further than eight cells, so more layers take further rounds.
+    /// Cost: O(band bricks) per round of eight layers.
     pub fn grow(surface: &Surface, sides: &Sides, n_layers: u32) -> Self {
         let grid = surface.grid;
-        let beyond = n_layers as i8 + 1;
-        // One frontier, reached-mask and value array per slot; `top` finds the slot of a brick.
-        let mut top = vec![FAR_OUTSIDE; grid.n_bricks()];
-        let mut bricks = surface.bricks.clone();
-        let mut frontier = surface.masks.clone();
-        let mut reached = surface.masks.clone();
-        let mut values: Vec<[i8; BRICK_CELLS]> = Vec::with_capacity(bricks.len());
+        let negate = |brick: u32, cells: &mut [i8; BRICK_CELLS]| {
+            growth::negate(cells, &sides.outside_mask(surface, brick as usize));
+        };
+        let mut reached = Reached::none(&grid);
+        for first_layer in (1..=n_layers).step_by(growth::REACH) {
+            let n_before = first_layer - 1;
+            let n_more = (n_layers - n_before).min(growth::REACH as u32);
+            let masks: Vec<Mask> = reached.values.par_iter().map(|cells| growth::up_to(cells, n_before as i8)).collect();
+            let seen = match n_before {
+                0 => Seen { index: surface.brick_set(), bricks: &surface.bricks, masks: &surface.masks },
+                _ => Seen { index: &reached.index, bricks: &reached.bricks, masks: &masks },
+            };
+            let last = n_before + n_more == n_layers;
+            reached = reached.grown(&grid, &seen, n_before, n_more, |brick, cells| {
+                if last {
+                    negate(brick, cells);
+                }
+            });
+        }
+        let Reached { index: _, bricks, values } = reached;
+        let mut top = vec![DEEP_INSIDE; grid.n_bricks()];
+        top.par_chunks_mut(64).enumerate().for_each(|(word, entries)| {
+            for bit in bits(sides.outside_bricks(word)) {
+                entries[bit as usize] = FAR_OUTSIDE;
+            }
+        });
         for (slot, brick) in bricks.iter().enumerate() {
             top[*brick as usize] = slot as u32;
-            let mut cells = unreached(&sides.outside_mask(surface, *brick as usize), beyond);
-            for_each_cell(&surface.masks[slot], |inside| cells[inside] = 0);
-            values.push(cells);
         }
-        let mut active: Vec<u32> = bricks.clone();
-
-        for layer in 1..=n_layers {
-            let mut candidates: Vec<u32> = active
-                .par_iter()
-                .flat_map_iter(|brick| {
-                    let coord = grid.brick_coord(*brick as usize);
-                    let slot = top[*brick as usize] as usize;
-                    neighbours_reached(&frontier[slot])
-                        .filter_map(move |offset| grid.brick_neighbour(coord, offset).map(|n| n as u32))
-                })
-                .collect();
-            candidates.par_sort_unstable();
-            candidates.dedup();
-            let grown: Vec<(u32, Mask)> = candidates
-                .par_iter()
-                .filter_map(|brick| {
-                    let mut new = dilated(&grid, &top, &frontier, *brick as usize);
-                    if let Some(slot) = slot_of(&top, *brick as usize) {
-                        new.iter_mut().zip(&reached[slot]).for_each(|(word, old)| *word &= !old);
-                    }
-                    new.iter().any(|word| *word != 0).then_some((*brick, new))
-                })
-                .collect();
-            for brick in &active {
-                frontier[top[*brick as usize] as usize] = [0; BRICK_EDGE];
-            }
-            active.clear();
-            for (brick, new) in grown {
-                let outside = sides.outside_mask(surface, brick as usize);
-                let slot = slot_of(&top, brick as usize).unwrap_or_else(|| {
-                    let slot = bricks.len();
-                    top[brick as usize] = slot as u32;
-                    bricks.push(brick);
-                    frontier.push([0; BRICK_EDGE]);
-                    reached.push([0; BRICK_EDGE]);
-                    values.push(unreached(&outside, beyond));
-                    slot
-                });
-                for x in 0..BRICK_EDGE {
-                    reached[slot][x] |= new[x];
-                }
-                frontier[slot] = new;
-                let cells = &mut values[slot];
-                for_each_cell(&new, |inside| {
-                    let is_outside = outside[inside >> 6] >> (inside & 63) & 1 == 1;
-                    cells[inside] = if is_outside { -(layer as i8) } else { layer as i8 };
-                });
-                active.push(brick);
-            }
-        }
-
-        // Slots in grid order: the map does not show the order in which bricks were reached.
-        let mut order: Vec<u32> = (0..bricks.len() as u32).collect();
-        order.sort_unstable_by_key(|slot| bricks[*slot as usize]);
-        let sorted_values = order.iter().map(|slot| values[*slot as usize]).collect();
-        let sorted_bricks: Vec<u32> = order.iter().map(|slot| bricks[*slot as usize]).collect();
-        for (brick, entry) in top.iter_mut().enumerate() {
-            *entry = if sides.is_outside_brick(brick) { FAR_OUTSIDE } else { DEEP_INSIDE };
-        }
-        for (slot, brick) in sorted_bricks.iter().enumerate() {
-            top[*brick as usize] = slot as u32;
-        }
-        Self { grid, top, bricks: sorted_bricks, values: Arc::new(sorted_values), n_layers }
+        Self { grid, top, bricks, values: Arc::new(values), n_layers }
     }
 
     /// Layer value of a cell; cells beyond the grid saturate outside.
@@ -132,82 +91,151 @@ impl Layers {
 
     /// Slot of a brick that the band touches.
     pub fn slot(&self, brick: usize) -> Option<usize> {
-        slot_of(&self.top, brick)
+        (self.top[brick] < DEEP_INSIDE).then_some(self.top[brick] as usize)
     }
 }
 
-fn slot_of(top: &[u32], brick: usize) -> Option<usize> {
-    (top[brick] < DEEP_INSIDE).then_some(top[brick] as usize)
+/// Cells to grow from, sparse.
+struct Seen<'a> {
+    index: &'a BrickSet,
+    bricks: &'a [u32],
+    masks: &'a [Mask],
 }
 
-fn unreached(outside: &Mask, beyond: i8) -> [i8; BRICK_CELLS] {
-    let mut cells = [beyond; BRICK_CELLS];
-    for_each_cell(outside, |inside| cells[inside] = -beyond);
-    cells
+/// The band after some layers, without sides.
+struct Reached {
+    index: BrickSet,
+    bricks: Vec<u32>,
+    /// Layers up to the last one grown, and one more for cells not reached.
+    values: Vec<[i8; BRICK_CELLS]>,
 }
 
-fn for_each_cell(mask: &Mask, mut visit: impl FnMut(usize)) {
-    for (x, word) in mask.iter().enumerate() {
-        for bit in bits(*word) {
-            visit(x << 6 | bit as usize);
+impl Reached {
+    fn none(grid: &Grid) -> Self {
+        Self { index: BrickSet::new((0..grid.n_bricks().div_ceil(64)).map(|_| 0)), bricks: Vec::new(), values: Vec::new() }
+    }
+
+    /// `n_more` layers on top of `n_before`, grown from the cells that were `seen`; `finish` has the last word on a brick's values.
+    fn grown(
+        &self,
+        grid: &Grid,
+        seen: &Seen<'_>,
+        n_before: u32,
+        n_more: u32,
+        finish: impl Fn(u32, &mut [i8; BRICK_CELLS]) + Sync,
+    ) -> Self {
+        let mut words = vec![0_u64; grid.n_bricks().div_ceil(64)];
+        for (brick, mask) in seen.bricks.iter().zip(seen.masks) {
+            let coord = grid.brick_coord(*brick as usize);
+            for offset in growth::bricks_within(mask, n_more) {
+                if let Some(neighbour) = grid.brick_neighbour(coord, offset) {
+                    words[neighbour / 64] |= 1 << (neighbour % 64);
+                }
+            }
         }
+        let wider = BrickSet::new(words);
+        let bricks = wider.members();
+        let values = bricks
+            .par_iter()
+            .map(|brick| {
+                let coord = grid.brick_coord(*brick as usize);
+                let around: [Option<&Mask>; 27] = core::array::from_fn(|idx| {
+                    let neighbour = grid.brick_neighbour(coord, growth::offset(idx))?;
+                    seen.index.slot(neighbour).map(|slot| &seen.masks[slot])
+                });
+                let mut cells = growth::distances(&around, n_more);
+                if n_before > 0 {
+                    let before = self.index.slot(*brick as usize).map(|slot| &self.values[slot]);
+                    growth::stack(&mut cells, before, n_before as i8);
+                }
+                finish(*brick, &mut cells);
+                cells
+            })
+            .collect();
+        Self { index: wider, bricks, values }
     }
 }
 
-/// Offsets of the bricks that the cells of a mask have neighbours in, the brick itself included.
-fn neighbours_reached(mask: &Mask) -> impl Iterator<Item = [i32; 3]> + use<> {
-    const FIRST_Y: u64 = 0xff;
-    const LAST_Y: u64 = 0xff << 56;
-    const FIRST_Z: u64 = 0x0101_0101_0101_0101;
-    const LAST_Z: u64 = FIRST_Z << 7;
-    let mask = *mask;
-    (0..27).filter_map(move |idx| {
-        let offset = [idx / 9 - 1, idx / 3 % 3 - 1, idx % 3 - 1];
-        let words = match offset[0] {
-            -1 => &mask[..1],
-            1 => &mask[BRICK_EDGE - 1..],
-            _ => &mask[..],
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::primitives::Shape;
+    use crate::voxmap::surface::Navigation;
+
+    /// Breadth-first over a dense box, 26 neighbours: the definition.
+    fn by_definition(surface: &Surface, sides: &Sides, n_layers: i32) -> Vec<i8> {
+        let [nx, ny, nz] = surface.grid.brick_dims().map(|n| 8 * n as i32);
+        let index = |[x, y, z]: [i32; 3]| ((x * ny + y) * nz + z) as usize;
+        let mut values = vec![n_layers as i8 + 1; (nx * ny * nz) as usize];
+        let mut front: Vec<[i32; 3]> = surface.cells().collect();
+        front.iter().for_each(|cell| values[index(*cell)] = 0);
+        for layer in 1..=n_layers {
+            for [x, y, z] in core::mem::take(&mut front) {
+                for i in 0..27 {
+                    let next = [x + i / 9 - 1, y + i / 3 % 3 - 1, z + i % 3 - 1];
+                    let inside = (0..3).all(|axis| next[axis] >= 0 && next[axis] < [nx, ny, nz][axis]);
+                    if inside && values[index(next)] == n_layers as i8 + 1 {
+                        values[index(next)] = layer as i8;
+                        front.push(next);
+                    }
+                }
+            }
+        }
+        for (brick, cells) in (0..surface.grid.n_bricks()).map(|brick| (brick, sides.outside_mask(surface, brick))) {
+            for inside in (0..BRICK_CELLS).filter(|inside| cells[inside >> 6] >> (inside & 63) & 1 == 1) {
+                let cell = crate::voxmap::grid::cell_of(surface.grid.brick_coord(brick), inside);
+                values[index(cell)] *= -1;
+            }
+        }
+        values
+    }
+
+    #[test]
+    fn layers_equal_their_definition_within_and_beyond_one_round() {
+        let speck = |at: f64| {
+            // A shape that leaves most bricks empty: three specks far apart.
+            let mut mesh = Shape::Sphere { radius_m: 0.4 }.tessellate(0.2);
+            let n = mesh.vertices.len() as u32;
+            for k in 1..3_u32 {
+                let shift = glam::DVec3::new(at, at * 0.4, at * 0.7) * f64::from(k);
+                mesh.vertices.extend_from_within(..n as usize);
+                mesh.vertices.iter_mut().rev().take(n as usize).for_each(|vertex| *vertex += shift);
+                let added: Vec<_> = mesh.triangles.iter().take(mesh.triangles.len() / k as usize).copied().collect();
+                mesh.triangles.extend(added.into_iter().map(|triangle| triangle.map(|vertex| vertex + k * n)));
+            }
+            mesh
         };
-        let y = [FIRST_Y, u64::MAX, LAST_Y][(offset[1] + 1) as usize];
-        let z = [FIRST_Z, u64::MAX, LAST_Z][(offset[2] + 1) as usize];
-        words.iter().any(|word| word & y & z != 0).then_some(offset)
-    })
-}
-
-/// Cells of a brick that have a frontier cell among their 26 neighbours (or are one).
-fn dilated(grid: &Grid, top: &[u32], frontier: &[Mask], brick: usize) -> Mask {
-    let coord = grid.brick_coord(brick);
-    let mut around: [Option<&Mask>; 27] = [None; 27];
-    for (idx, entry) in around.iter_mut().enumerate() {
-        let offset = [idx as i32 / 9 - 1, idx as i32 / 3 % 3 - 1, idx as i32 % 3 - 1];
-        *entry = grid.brick_neighbour(coord, offset).and_then(|n| slot_of(top, n)).map(|slot| &frontier[slot]);
-    }
-    // rows[x][y]: ten cells along z (one before and one after the brick), already spread along z and cut back to eight.
-    let mut rows = [[0_u8; BRICK_EDGE + 2]; BRICK_EDGE + 2];
-    for (x, plane) in rows.iter_mut().enumerate() {
-        let (bx, wx) = split(x);
-        for (y, row) in plane.iter_mut().enumerate() {
-            let (by, wy) = split(y);
-            let byte = |bz: usize| around[bx * 9 + by * 3 + bz].map_or(0, |mask| u32::from((mask[wx] >> (8 * wy)) as u8));
-            let ten = byte(0) >> 7 | byte(1) << 1 | (byte(2) & 1) << 9;
-            *row = ((ten | ten << 1 | ten >> 1) >> 1) as u8;
+        let ball = Shape::Sphere { radius_m: 23.3 }.tessellate(0.1);
+        for mesh in [speck(9.0), speck(31.0), ball] {
+            for n_layers in [1, 2, 5, 7, 8, 9, 17, 30] {
+                let (low, high) = mesh.bounds().expect("not empty");
+                let grid = Grid::around(low, high, 1.0, n_layers).expect("a grid that fits");
+                let surface = Surface::mark(&mesh, &grid, Navigation::TwoSided);
+                let sides = Sides::flood(&surface);
+                let layers = Layers::grow(&surface, &sides, n_layers);
+                let expected = by_definition(&surface, &sides, n_layers as i32);
+                let dims = grid.brick_dims().map(|n| 8 * n as usize);
+                for brick in 0..grid.n_bricks() {
+                    let coord = grid.brick_coord(brick);
+                    let cells: Vec<i8> = (0..BRICK_CELLS)
+                        .map(|inside| {
+                            let [x, y, z] = crate::voxmap::grid::cell_of(coord, inside).map(|i| i as usize);
+                            expected[(x * dims[1] + y) * dims[2] + z]
+                        })
+                        .collect();
+                    let beyond = n_layers as i8 + 1;
+                    match layers.top[brick] {
+                        FAR_OUTSIDE => assert!(cells.iter().all(|value| *value == -beyond), "{coord:?}"),
+                        DEEP_INSIDE => assert!(cells.iter().all(|value| *value == beyond), "{coord:?}"),
+                        slot => {
+                            assert_eq!(layers.values[slot as usize].as_slice(), cells, "{coord:?}, {n_layers} layers");
+                            assert!(cells.iter().any(|value| value.abs() < beyond), "{coord:?} holds no band cell");
+                            assert_eq!(layers.bricks[slot as usize] as usize, brick);
+                        }
+                    }
+                }
+                assert!(layers.bricks.is_sorted());
+            }
         }
-    }
-    let mut mask = [0; BRICK_EDGE];
-    for (x, word) in mask.iter_mut().enumerate() {
-        for y in 0..BRICK_EDGE {
-            let row = (x..x + 3).flat_map(|x| (y..y + 3).map(move |y| (x, y))).fold(0, |all, (x, y)| all | rows[x][y]);
-            *word |= u64::from(row) << (8 * y);
-        }
-    }
-    mask
-}
-
-/// Which neighbour (0 before, 1 own, 2 after) and which row in it the padded index 0..10 means.
-fn split(padded: usize) -> (usize, usize) {
-    match padded {
-        0 => (0, BRICK_EDGE - 1),
-        i if i <= BRICK_EDGE => (1, i - 1),
-        _ => (2, 0),
     }
 }

@@ -9,11 +9,15 @@
 //!
 //! Units and frames: the map frame is the mesh file's own frame in metres; *cells* are continuous grid coordinates.
 
+mod bricks;
 mod build;
+mod columns;
 pub mod distance;
+pub mod estimate;
 pub mod field;
 pub mod fill;
 pub mod grid;
+mod growth;
 pub mod layers;
 pub mod leak;
 pub mod npy;

@@ -820,3 +820,41 @@ fn a_scene_is_baked_into_a_list_of_objects() {
     let ended = hapticd(dir.path(), "bake ok.toml");
     assert!(ended.stdout.contains("base (12 triangles)\n") && ended.stdout.contains("2 objects in "), "{}", ended.stdout);
 }
+
+#[test]
+fn a_bake_beyond_max_memory_is_refused_before_the_work_with_a_size_that_fits() {
+    let dir = folder();
+    for line in ["bake peg.obj --units mm --voxel-size-mm 1 --max-memory 2", "run ok.toml --max-memory lots"] {
+        refuses(dir.path(), line, 2, &["--max-memory", "800M, 2GB or 1.5GiB"]);
+    }
+    let fine = "bake peg.obj --units mm --voxel-size-mm 0.01 --max-memory 20MB";
+    let numbers = ["peg.obj: baking takes about ", "GiB, more than the 19 MiB that are allowed"];
+    refuses(
+        dir.path(),
+        fine,
+        3,
+        &[&numbers[..], &["hint: use a voxel size of at least ", "fewer layers, or a larger --max-memory"]].concat(),
+    );
+    // The advice works when it is copied, and its bake really stays near the limit.
+    let told = hapticd(dir.path(), fine).stderr;
+    let size_mm = told.split("at least ").nth(1).and_then(|rest| rest.split(' ').next()).unwrap();
+    let ended = hapticd(dir.path(), &format!("bake peg.obj --units mm --voxel-size-mm {size_mm} --max-memory 20MB --json"));
+    assert_eq!((ended.code(), ended.stderr.as_str()), (Some(0), ""), "{size_mm}");
+    let json = ended.json();
+    let kept = count(&json, "field_bytes") + count(&json, "pointshell_bytes");
+    assert!(kept < 20_000_000 && kept > 4_000_000, "{kept}");
+    let in_voxels = "bake peg.obj --longest-axis-voxels 3000 --max-memory 20MB";
+    refuses(dir.path(), in_voxels, 3, &["use at most --longest-axis-voxels "]);
+    let told = hapticd(dir.path(), in_voxels).stderr;
+    let n = told.split("--longest-axis-voxels ").nth(1).and_then(|rest| rest.split(',').next()).unwrap();
+    let ended = hapticd(dir.path(), &format!("bake peg.obj --longest-axis-voxels {n} --max-memory 20MB --json"));
+    assert_eq!(ended.code(), Some(0), "{n}: {}", ended.stderr);
+
+    // A scene: judged object by object, in `bake` and in `run`.
+    for command in ["bake", "run"] {
+        refuses(dir.path(), &format!("{command} ok.toml --max-memory 1kB"), 3, &["that are allowed", "hint: ", "--max-memory"]);
+    }
+    let ended = hapticd(dir.path(), "bake -v peg.obj --units mm --voxel-size-mm 1 --max-memory 1G");
+    assert_eq!(ended.code(), Some(0));
+    assert!(ended.stderr.contains("memory: peg takes about "), "{}", ended.stderr);
+}
