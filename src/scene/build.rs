@@ -44,8 +44,7 @@ pub fn build(config: &SceneConfig, mut watch: impl FnMut(Event<'_>)) -> Result<(
         let mut tell = |stage| watch(Event { name: &object.name, object_idx, n_objects, stage });
         tell(Stage::Load);
         let geometry = Geometry::load(&object.name, Role::Static, &object.source, object.voxel_size_m)?;
-        let options =
-            Options { voxel_size_m: object.voxel_size_m, layers: object.layers, navigation: None, trust_fill: object.trust_fill };
+        let options = Options { voxel_size_m: object.voxel_size_m, layers: object.layers, navigation: None, sides: object.sides };
         let mut map = geometry.voxmap(&options, &mut tell)?;
         tell(Stage::Distance);
         let field = geometry.field(&mut map, with_gradients);
@@ -54,10 +53,10 @@ pub fn build(config: &SceneConfig, mut watch: impl FnMut(Event<'_>)) -> Result<(
     }
 
     let mut tell = |stage| watch(Event { name: "tool", object_idx: n_objects - 1, n_objects, stage });
-    let ToolConfig { source, voxel_size_m, layers, .. } = &config.tool;
+    let ToolConfig { source, voxel_size_m, layers, sides, .. } = &config.tool;
     tell(Stage::Load);
     let geometry = Geometry::load("tool", Role::Tool, source, *voxel_size_m)?;
-    let options = Options { voxel_size_m: *voxel_size_m, layers: *layers, navigation: None, trust_fill: false };
+    let options = Options { voxel_size_m: *voxel_size_m, layers: *layers, navigation: None, sides: *sides };
     let map = geometry.voxmap(&options, &mut tell)?;
     let mass = geometry.mass_properties();
     let center_of_mass_tool = config.tool.center_of_mass_m.unwrap_or(mass.center_m);

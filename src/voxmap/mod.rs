@@ -16,9 +16,12 @@ pub mod fill;
 pub mod grid;
 pub mod layers;
 pub mod leak;
+pub mod lid;
 pub mod npy;
 pub mod orient;
 pub mod sat;
+pub mod sides;
 pub mod surface;
+pub mod winding;
 
 pub use build::{Options, Stage, Timings, Voxmap};

@@ -166,9 +166,8 @@ error: scene.toml:25: device.profil = "sim-sigma7": unknown key; did you mean `p
 /// Keys and values of a later version exit with 3 and say so; nothing is read and ignored.
 #[test]
 fn what_this_version_lacks_is_refused_by_name() {
-    let scene =
-        SCENE.replace("rate_hz = 1000", "coupling = \"static\"").replace("layers = 8", "sides = \"winding\"\nmovable = true")
-            + r#"selector = "1209:7a01"
+    let scene = SCENE.replace("rate_hz = 1000", "coupling = \"static\"").replace("layers = 8", "movable = true")
+        + r#"selector = "1209:7a01"
 [contact]
 normalize = "cluster"
 friction = { static = 0.25, dynamic = 0.2 }
@@ -189,7 +188,6 @@ points = 1000
     let keys: Vec<&str> = errors.problems().iter().filter_map(|problem| problem.key.as_deref()).collect();
     let expected = [
         "rendering.coupling",
-        "static[0].sides",
         "static[0].movable",
         "device.selector",
         "contact.normalize",
