@@ -158,6 +158,18 @@ impl Voxmap {
     /// Signed distances at cell centres in the band.
     pub fn distances(&self, mesh: &TriangleMesh, with_gradients: bool) -> Distances {
         let signs = if self.thin { Signs::Thin } else { Signs::Solid(&self.orientation) };
-        Distances::measure(self.mesh(mesh), &self.surface, &self.layers, signs, with_gradients)
+        let mut distances = Distances::measure(self.mesh(mesh), &self.surface, &self.layers, signs, with_gradients);
+        for (cell, is_inside) in self.lidded.iter().flat_map(|lidded| &lidded.near) {
+            let (brick, inside) = self.layers.grid.locate(*cell);
+            let Some(slot) = self.layers.slot(brick).filter(|_| self.surface.contains(*cell)) else { continue };
+            let value = &mut distances.values_m[slot][inside];
+            if (*value > 0.0) != *is_inside {
+                *value = -*value;
+                if let Some(gradients) = distances.gradients.get_mut(slot) {
+                    gradients[inside] = -gradients[inside];
+                }
+            }
+        }
+        distances
     }
 }

@@ -32,7 +32,7 @@ const WITHIN: f64 = 0.3;
 pub(super) const LEAKING: f64 = 0.02;
 /// A winding number is clear when it is this near to a whole number.
 const CLEAR: f64 = 0.1;
-/// Faces that are looked at.
+/// Places that are looked at.
 const N_SAMPLES: usize = 512;
 /// Triangles whose areas are summed by one thread; fixed, so that sums do not depend on the number of threads.
 const CHUNK: usize = 4096;
@@ -40,25 +40,15 @@ const CHUNK: usize = 4096;
 /// Surface with outside on both of its sides from which on the whole object counts as a thin skin.
 pub const MOSTLY_THIN: f64 = 0.5;
 
-/// Faces drawn in proportion to their area, evenly and without chance.
+/// Places on the surface, spread evenly over its area and without chance.
 pub(super) struct FaceSamples<'a> {
     mesh: &'a TriangleMesh,
-    /// Triangle, and how often it was drawn.
-    drawn: Vec<(usize, usize)>,
+    /// Triangle, and place on it, mesh frame, m.
+    drawn: Vec<(usize, DVec3)>,
 }
 
-/// What lies beside a face: the first points off the surface along its normal and against it, mesh frame, m.
-struct Beside {
-    /// How often the face was drawn.
-    weight: usize,
-    points: [(Side, DVec3); 2],
-}
-
-impl Beside {
-    fn is_outside_twice(&self) -> bool {
-        self.points.iter().all(|(side, _)| *side == Side::Outside)
-    }
-}
+/// The first points off the surface along a face's normal and against it, mesh frame, m.
+type Beside = [(Side, DVec3); 2];
 
 /// What the faces of an object say of its fill.
 pub(super) struct FaceProbe<'a> {
@@ -71,7 +61,7 @@ pub(super) struct FaceProbe<'a> {
 }
 
 impl<'a> FaceSamples<'a> {
-    /// Draws some 500 faces. Cost: O(triangles).
+    /// Draws some 500 places. Cost: O(triangles).
     pub(super) fn draw(mesh: &'a TriangleMesh) -> Self {
         let n_triangles = mesh.triangles.len();
         let area = |triangle_idx| {
@@ -91,9 +81,7 @@ impl<'a> FaceSamples<'a> {
                 let mut passed = before;
                 for triangle_idx in chunk(chunk_idx) {
                     let next = (passed + area(triangle_idx)).min(after);
-                    if due(next) > due(passed) {
-                        drawn.push((triangle_idx, due(next) - due(passed)));
-                    }
+                    drawn.extend((due(passed)..due(next)).map(|k| (triangle_idx, place(mesh.corners(triangle_idx), k))));
                     passed = next;
                 }
             }
@@ -102,16 +90,15 @@ impl<'a> FaceSamples<'a> {
         Self { mesh, drawn }
     }
 
-    /// Both sides of the drawn faces, up to three voxels away; faces with surface all the way are left out.
+    /// Both sides of the places, up to three voxels away; places with surface all the way are left out.
     fn beside(&self, surface: &Surface, sides: &Sides) -> Vec<Beside> {
         let grid = &surface.grid;
-        let look = |(triangle_idx, weight): &(usize, usize)| {
+        let look = |(triangle_idx, place): &(usize, DVec3)| {
             let corners = self.mesh.corners(*triangle_idx);
             let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize_or_zero();
-            let center = (corners[0] + corners[1] + corners[2]) / 3.0;
             let first = |direction: DVec3| {
                 let steps = (1..=6).map(|half_voxels| 0.5 * f64::from(half_voxels) * grid.voxel_size_m);
-                steps.map(|step| center + direction * step).find_map(|point| {
+                steps.map(|step| *place + direction * step).find_map(|point| {
                     let cell = grid.to_cells(point).floor();
                     match sides.side(surface, [cell.x as i32, cell.y as i32, cell.z as i32]) {
                         Side::Surface => None,
@@ -119,69 +106,76 @@ impl<'a> FaceSamples<'a> {
                     }
                 })
             };
-            Some(Beside { weight: *weight, points: [first(normal)?, first(-normal)?] })
+            Some([first(normal)?, first(-normal)?])
         };
         self.drawn.iter().filter_map(look).collect()
     }
 
+    fn outside_twice(&self, surface: &Surface, sides: &Sides) -> Vec<Beside> {
+        let mut beside = self.beside(surface, sides);
+        beside.retain(|points| points.iter().all(|(side, _)| *side == Side::Outside));
+        beside
+    }
+
     /// Share of all draws.
-    fn share(&self, weight: usize) -> f64 {
-        let total: usize = self.drawn.iter().map(|(_, weight)| weight).sum();
-        weight as f64 / total.max(1) as f64
+    fn share(&self, count: usize) -> f64 {
+        count as f64 / self.drawn.len().max(1) as f64
     }
 
     /// Looks for a leak. Cost: O(samples); for a mesh that may leak the tree of winding numbers and O(samples) questions to it.
     pub(super) fn probe(&self, report: &MeshReport, surface: &Surface, sides: &Sides) -> FaceProbe<'a> {
-        let mut outside_twice = self.beside(surface, sides);
-        outside_twice.retain(Beside::is_outside_twice);
-        let weight = |of: &[Beside]| of.iter().map(|beside| beside.weight).sum::<usize>();
-        let nothing_to_ask =
-            self.share(weight(&outside_twice)) < LEAKING || report.closed && fills_its_volume(report, surface, sides);
-        if nothing_to_ask {
-            return FaceProbe { leak: None, thin_share: self.share(weight(&outside_twice)), winding: None };
+        let outside_twice = self.outside_twice(surface, sides);
+        let outside_share = self.share(outside_twice.len());
+        if outside_share < LEAKING || report.closed && fills_its_volume(report, surface, sides) {
+            return FaceProbe { leak: None, thin_share: outside_share, winding: None };
         }
         let winding = WindingTree::new(self.mesh);
         let flooded = flooded(&outside_twice, &winding);
-        let flooded_weight: usize = flooded.iter().map(|(weight, _)| weight).sum();
-        let leak = flooded.first().filter(|_| self.share(flooded_weight) >= LEAKING).map(|(_, point)| {
+        let leak = flooded.first().filter(|_| self.share(flooded.len()) >= LEAKING).map(|point| {
             let largest = report.boundary_loops.first().filter(|hole| hole.size_m > surface.grid.voxel_size_m);
             match largest {
                 Some(hole) => Leak { position_m: hole.center_m, size_m: hole.size_m },
                 None => Leak { position_m: *point, size_m: surface.grid.voxel_size_m },
             }
         });
-        FaceProbe { leak, thin_share: self.share(weight(&outside_twice) - flooded_weight), winding: Some(winding) }
+        FaceProbe { leak, thin_share: self.share(outside_twice.len() - flooded.len()), winding: Some(winding) }
     }
 
     /// Shares of the surface with outside on both sides: those within, where the fill got in, and those that are thin.
-    pub(super) fn outside_twice(&self, surface: &Surface, sides: &Sides, winding: &WindingTree<'_>) -> (f64, f64) {
-        let mut outside_twice = self.beside(surface, sides);
-        outside_twice.retain(Beside::is_outside_twice);
-        let all: usize = outside_twice.iter().map(|beside| beside.weight).sum();
-        let flooded: usize = flooded(&outside_twice, winding).iter().map(|(weight, _)| weight).sum();
-        (self.share(flooded), self.share(all - flooded))
+    pub(super) fn flooded_and_thin(&self, surface: &Surface, sides: &Sides, winding: &WindingTree<'_>) -> (f64, f64) {
+        let outside_twice = self.outside_twice(surface, sides);
+        let flooded = flooded(&outside_twice, winding).len();
+        (self.share(flooded), self.share(outside_twice.len() - flooded))
     }
 
-    /// Share of the places beside the surface whose winding number is near a whole number: 1 for closed parts, however they face,
-    /// overlap or repeat; less the larger the holes are that are seen from there. 0 where no place was found.
+    /// Share of the points beside the surface whose winding number is near a whole number: 1 for closed parts, however they face,
+    /// overlap or repeat; less the larger the holes are that are seen from there. 0 where no point was found.
     pub(super) fn clear_share(&self, surface: &Surface, sides: &Sides, winding: &WindingTree<'_>) -> f64 {
         let beside = self.beside(surface, sides);
-        let is_clear = |winding: f64| (winding - winding.round()).abs() < CLEAR;
-        let clear = beside
-            .par_iter()
-            .map(|beside| beside.weight * beside.points.iter().filter(|(_, point)| is_clear(winding.at(*point))).count());
-        let total: usize = beside.iter().map(|beside| 2 * beside.weight).sum();
-        clear.sum::<usize>() as f64 / total.max(1) as f64
+        let clear = beside.par_iter().flatten().filter(|(_, point)| {
+            let winding = winding.at(*point);
+            (winding - winding.round()).abs() < CLEAR
+        });
+        clear.count() as f64 / (2 * beside.len()).max(1) as f64
     }
 }
 
-/// Faces of which one side was flooded although it lies within: how often they were drawn, and the point there.
-fn flooded(outside_twice: &[Beside], winding: &WindingTree<'_>) -> Vec<(usize, DVec3)> {
-    let within = |beside: &Beside| {
-        let (_, point) = beside.points.iter().find(|(_, point)| winding.at(*point).abs() > WITHIN)?;
-        Some((beside.weight, *point))
-    };
-    outside_twice.par_iter().filter_map(within).collect()
+/// The k-th of places that fill a triangle evenly.
+///
+/// # Source
+/// Roberts 2018, "The unreasonable effectiveness of quasirandom sequences": multiples of the plastic number's powers, folded.
+fn place([a, b, c]: [DVec3; 3], k: usize) -> DVec3 {
+    let [mut u, mut v] = [0.754_877_666_246_692_8, 0.569_840_290_998_053_3].map(|step: f64| (0.5 + step * k as f64).fract());
+    if u + v > 1.0 {
+        (u, v) = (1.0 - u, 1.0 - v);
+    }
+    a + (b - a) * u + (c - a) * v
+}
+
+/// Points, one for each place that has one, that were flooded although they lie within.
+fn flooded(outside_twice: &[Beside], winding: &WindingTree<'_>) -> Vec<DVec3> {
+    let within = |(_, point): &&(Side, DVec3)| winding.at(*point).abs() > WITHIN;
+    outside_twice.par_iter().filter_map(|points| points.iter().find(within).map(|(_, point)| *point)).collect()
 }
 
 /// True when the cells inside make up what the mesh's volume leaves beside its surface cells, to a quarter: parts that overlap or

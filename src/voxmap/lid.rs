@@ -10,7 +10,8 @@
 //! Ours. Inside is |winding number| ≥ ½, so that parts may face inward and may overlap. The boundary is drawn as a dual surface:
 //! one corner per lattice cell between eight voxel centres (the mean of the crossings on its edges), one quadrilateral per pair of
 //! neighbours that differ. Such a quadrilateral always cuts the line between the two centres, hence one of the two voxels becomes
-//! surface, and a fill over 6 neighbours cannot pass.
+//! surface, and a fill over 6 neighbours cannot pass. Where a lid ends at the surface, two voxels that differ may still touch in
+//! an edge or a corner; a small patch between them makes one of them surface, as layers need it.
 
 use std::collections::HashMap;
 
@@ -33,14 +34,19 @@ pub struct Lidded {
     pub n_lids: usize,
     /// Area of the lids, m².
     pub area_m2: f64,
+    /// Cells near lids and rims, and whether their centres are inside: what the nearest triangle says at an edge of a lid is chance.
+    pub(super) near: Vec<([i32; 3], bool)>,
 }
 
 /// |winding number| from which a point is inside.
 const INSIDE: f64 = 0.5;
 /// Cells around a rim in which the search for its lid begins: a hole that is closed by the voxels of its rim has none to find.
 const SEED_CELLS: i32 = 2;
-/// Voxels between the edge of a lid and the rim up to which the two are joined.
-const JOIN_VOXELS: f64 = 4.0;
+/// Halvings of the way between two centres, of which one is in a surface voxel, to tell a boundary from the surface: at the surface
+/// the winding number jumps by 1, however short the way.
+const BISECTIONS: u32 = 4;
+/// Change over the shortest way that counts as a jump.
+const JUMP: f64 = 0.6;
 
 /// Closes the holes of a mesh; `None` where there is nothing to close.
 ///
@@ -73,107 +79,48 @@ pub(super) fn close(mesh: &TriangleMesh, report: &MeshReport, surface: &Surface,
         }
         quads.push(quad);
     }
-    let mut triangles: Vec<[u32; 3]> = quads.iter().flat_map(|[a, b, c, d]| [[*a, *b, *c], [*a, *c, *d]]).collect();
-    let mut roots = connected_pieces(vertices.len(), &triangles);
-    roots.sort_unstable();
-    roots.dedup();
-    join(&quads, &rims, JOIN_VOXELS * grid.voxel_size_m, &mut vertices, &mut triangles);
-
-    let lids = TriangleMesh { vertices, triangles };
+    let triangles = quads.iter().flat_map(|[a, b, c, d]| [[*a, *b, *c], [*a, *c, *d]]).collect();
+    let mut lids = TriangleMesh { vertices, triangles };
+    let mut pieces = connected_pieces(lids.vertices.len(), &lids.triangles);
+    pieces.sort_unstable();
+    pieces.dedup();
     let area_m2 = (0..lids.triangles.len())
         .map(|triangle_idx| {
             let [a, b, c] = lids.corners(triangle_idx);
             0.5 * (b - a).cross(c - a).length()
         })
         .sum();
+    for (inside, outside) in &boundary.diagonals(surface) {
+        let first = lids.vertices.len() as u32;
+        lids.vertices.extend(patch(grid, *inside, *outside));
+        lids.triangles.push([first, first + 1, first + 2]);
+    }
     let first = mesh.vertices.len() as u32;
     let mut closed = mesh.clone();
     closed.vertices.extend(lids.vertices);
     closed.triangles.extend(lids.triangles.iter().map(|triangle| triangle.map(|vertex| vertex + first)));
-    Some(Lidded { mesh: closed, n_lids: roots.len(), area_m2 })
+    let mut near: Vec<_> = boundary.known.iter().map(|(cell, winding)| (*cell, winding.abs() >= INSIDE)).collect();
+    near.sort_unstable();
+    Some(Lidded { mesh: closed, n_lids: pieces.len(), area_m2, near })
 }
 
-/// Joins the edges of lids to the rims near them, so that the seam has no gap.
-fn join(quads: &[[u32; 4]], rims: &[[DVec3; 2]], reach_m: f64, vertices: &mut Vec<DVec3>, triangles: &mut Vec<[u32; 3]>) {
-    let directed = |quad: &[u32; 4]| {
-        let [a, b, c, d] = *quad;
-        [(a, b), (b, c), (c, d), (d, a)]
-    };
-    let mut edges: Vec<(u32, u32)> = quads.iter().flat_map(directed).collect();
-    edges.sort_unstable();
-    let free: Vec<(u32, u32)> = edges.iter().filter(|(from, to)| edges.binary_search(&(*to, *from)).is_err()).copied().collect();
-    let mut ends: Vec<u32> = free.iter().flat_map(|(from, to)| [*from, *to]).collect();
-    ends.sort_unstable();
-    ends.dedup();
-    let buckets = RimBuckets::new(rims, reach_m);
-    let feet: Vec<Option<DVec3>> = ends.par_iter().map(|vertex| buckets.nearest(vertices[*vertex as usize])).collect();
-    let numbers: Vec<Option<u32>> = feet
-        .into_iter()
-        .map(|foot| {
-            vertices.push(foot?);
-            Some(vertices.len() as u32 - 1)
-        })
-        .collect();
-    let foot_of = |vertex: u32| ends.binary_search(&vertex).ok().and_then(|end_idx| numbers[end_idx]);
-    for (from, to) in free {
-        // The strip runs along the edge the other way round, as a neighbour does.
-        let (Some(foot_from), Some(foot_to)) = (foot_of(from), foot_of(to)) else { continue };
-        triangles.extend([[to, from, foot_from], [to, foot_from, foot_to]]);
-    }
-}
-
-/// Rims by place, to find those near a point.
-struct RimBuckets<'a> {
-    rims: &'a [[DVec3; 2]],
-    reach_m: f64,
-    buckets: HashMap<[i64; 3], Vec<u32>>,
-}
-
-impl<'a> RimBuckets<'a> {
-    fn new(rims: &'a [[DVec3; 2]], reach_m: f64) -> Self {
-        let mut buckets: HashMap<[i64; 3], Vec<u32>> = HashMap::new();
-        for (rim_idx, rim) in (0_u32..).zip(rims) {
-            for place in along(*rim, reach_m) {
-                let bucket = buckets.entry(Self::place(place, reach_m)).or_default();
-                if bucket.last() != Some(&rim_idx) {
-                    bucket.push(rim_idx);
-                }
-            }
-        }
-        Self { rims, reach_m, buckets }
-    }
-
-    fn place(point: DVec3, reach_m: f64) -> [i64; 3] {
-        (point / reach_m).floor().as_i64vec3().to_array()
-    }
-
-    /// Nearest point of a rim within reach.
-    fn nearest(&self, point: DVec3) -> Option<DVec3> {
-        let [x, y, z] = Self::place(point, self.reach_m);
-        let around = (0..27).map(|idx| [x + idx / 9 - 1, y + idx / 3 % 3 - 1, z + idx % 3 - 1]);
-        let near = around.filter_map(|place| self.buckets.get(&place)).flatten().map(|rim_idx| {
-            let [from, to] = self.rims[*rim_idx as usize];
-            let edge = to - from;
-            let share = (edge.dot(point - from) / edge.length_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
-            from + share * edge
-        });
-        near.min_by(|one, other| one.distance_squared(point).total_cmp(&other.distance_squared(point)))
-            .filter(|foot| foot.distance(point) <= self.reach_m)
-    }
-}
-
-/// Points along an edge, at most half a step apart, both ends included.
-fn along([from, to]: [DVec3; 2], step: f64) -> impl Iterator<Item = DVec3> {
-    let n_steps = (from.distance(to) / (0.5 * step)).ceil().max(1.0) as u32;
+/// Points along an edge, at most half a unit apart, both ends included.
+fn along([from, to]: [DVec3; 2]) -> impl Iterator<Item = DVec3> {
+    let n_steps = (2.0 * from.distance(to)).ceil().max(1.0) as u32;
     (0..=n_steps).map(move |k| from.lerp(to, f64::from(k) / f64::from(n_steps)))
 }
 
+/// The way from a cell to the next along an axis.
+type Step = ([i32; 3], usize);
+
 /// The part of the boundary between inside and outside that lies off the surface.
 struct Boundary {
-    /// |winding number| at the centres of free cells near it.
+    /// Winding number at the centres of cells near it and near the rims.
     known: HashMap<[i32; 3], f64>,
-    /// Neighbours of which one is inside and one is not: the lower cell, and the axis. Ascending.
-    pairs: Vec<([i32; 3], usize)>,
+    /// Where on the way, 0 to 1, the boundary is crossed; `None` where the surface itself lies between.
+    crossings: HashMap<Step, Option<f64>>,
+    /// Steps that cross it. Ascending.
+    pairs: Vec<Step>,
 }
 
 impl Boundary {
@@ -182,60 +129,100 @@ impl Boundary {
         let grid = &surface.grid;
         let mut rim_cells: Vec<[i32; 3]> = rims
             .iter()
-            .flat_map(|rim| along(rim.map(|end| grid.to_cells(end)), 1.0))
+            .flat_map(|rim| along(rim.map(|end| grid.to_cells(end))))
             .map(|point| point.floor().as_ivec3().to_array())
             .collect();
         rim_cells.sort_unstable();
         rim_cells.dedup();
-        let mut wave: Vec<[i32; 3]> = rim_cells
-            .iter()
-            .flat_map(|[x, y, z]| {
-                let reach = -SEED_CELLS..=SEED_CELLS;
-                reach.clone().flat_map(move |dx| {
-                    reach.clone().flat_map({
-                        let reach = reach.clone();
-                        move |dy| reach.clone().map(move |dz| [x + dx, y + dy, z + dz])
-                    })
-                })
-            })
-            .collect();
-        let mut boundary = Self { known: HashMap::new(), pairs: Vec::new() };
+        let n_around = 2 * SEED_CELLS + 1;
+        let around = (0..n_around.pow(3))
+            .map(|idx| [idx / (n_around * n_around), idx / n_around % n_around, idx % n_around].map(|step| step - SEED_CELLS));
+        let mut wave: Vec<[i32; 3]> = rim_cells.iter().flat_map(|cell| around.clone().map(|step| moved(*cell, step))).collect();
+        let mut boundary = Self { known: HashMap::new(), crossings: HashMap::new(), pairs: Vec::new() };
         while !wave.is_empty() {
             wave.sort_unstable();
             wave.dedup();
             let new: Vec<([i32; 3], f64)> = wave
                 .par_iter()
-                .filter(|cell| grid.contains(**cell) && !boundary.known.contains_key(*cell) && !surface.contains(**cell))
-                .map(|cell| (*cell, winding.at(grid.center_map(*cell)).abs()))
+                .filter(|cell| grid.contains(**cell) && !boundary.known.contains_key(*cell))
+                .map(|cell| (*cell, winding.at(grid.center_map(*cell))))
                 .collect();
             boundary.known.extend(new.iter().copied());
-            wave.clear();
-            for (cell, _) in new {
-                for (axis, step) in (0..3).flat_map(|axis| [(axis, 0), (axis, -1)]) {
-                    let mut low = cell;
-                    low[axis] += step;
-                    if boundary.crossing(low, axis).is_some() {
-                        boundary.pairs.push((low, axis));
-                        wave.extend(around_pair(low, axis));
-                    }
-                }
-            }
+            let mut steps: Vec<Step> = new
+                .iter()
+                .flat_map(|(cell, _)| {
+                    (0..3).flat_map(|axis| {
+                        let mut before = *cell;
+                        before[axis] -= 1;
+                        [(*cell, axis), (before, axis)]
+                    })
+                })
+                .collect();
+            steps.sort_unstable();
+            steps.dedup();
+            let crossings: Vec<(Step, Option<f64>)> =
+                steps.into_par_iter().filter_map(|step| Some((step, boundary.cross(surface, winding, step)?))).collect();
+            boundary.crossings.extend(crossings.iter().copied());
+            boundary.pairs.extend(crossings.iter().filter(|(_, share)| share.is_some()).map(|(step, _)| *step));
+            wave = crossings.iter().filter(|(_, share)| share.is_some()).flat_map(|(step, _)| around_step(*step)).collect();
         }
         boundary.pairs.sort_unstable();
-        boundary.pairs.dedup();
         boundary
     }
 
-    fn is_inside(&self, cell: [i32; 3]) -> Option<bool> {
-        self.known.get(&cell).map(|winding| *winding >= INSIDE)
+    /// Neighbours over an edge or a corner, inside and outside, with surface beside them: the boundary may end between them and
+    /// leave the way free. Ascending.
+    fn diagonals(&self, surface: &Surface) -> Vec<([i32; 3], [i32; 3])> {
+        let mut near: Vec<[i32; 3]> = self.pairs.iter().flat_map(|step| around_step(*step)).collect();
+        near.sort_unstable();
+        near.dedup();
+        near.retain(|cell| self.is_inside(*cell) == Some(true) && !surface.contains(*cell));
+        near.par_iter()
+            .flat_map_iter(|cell| {
+                (0..27).filter_map(|idx| {
+                    let offset = [idx / 9 - 1, idx / 3 % 3 - 1, idx % 3 - 1];
+                    let other = moved(*cell, offset);
+                    let is_surface = |part: usize| {
+                        let kept = core::array::from_fn(|axis| if part >> axis & 1 == 1 { offset[axis] } else { 0 });
+                        surface.contains(moved(*cell, kept))
+                    };
+                    let is_free = self.is_inside(other) == Some(false) && !surface.contains(other);
+                    (is_free && (1..7).any(is_surface)).then_some((*cell, other))
+                })
+            })
+            .collect()
     }
 
-    /// Where on the way from a cell to the next along an axis the boundary is crossed, 0 to 1; `None` where it is not.
-    fn crossing(&self, low: [i32; 3], axis: usize) -> Option<f64> {
+    fn is_inside(&self, cell: [i32; 3]) -> Option<bool> {
+        self.known.get(&cell).map(|winding| winding.abs() >= INSIDE)
+    }
+
+    /// Where the boundary is crossed on the way of a step, if it is; `Some(None)` where that is the surface itself.
+    fn cross(&self, surface: &Surface, winding: &WindingTree<'_>, (low, axis): Step) -> Option<Option<f64>> {
         let mut high = low;
         high[axis] += 1;
-        let (from, to) = (*self.known.get(&low)?, *self.known.get(&high)?);
-        ((from >= INSIDE) != (to >= INSIDE)).then(|| ((INSIDE - from) / (to - from)).clamp(0.0, 1.0))
+        let (mut from, mut to) = (*self.known.get(&low)?, *self.known.get(&high)?);
+        if (from.abs() >= INSIDE) == (to.abs() >= INSIDE) {
+            return None;
+        }
+        let (mut near, mut far) = (0.0, 1.0);
+        if surface.contains(low) || surface.contains(high) {
+            let grid = &surface.grid;
+            for _ in 0..BISECTIONS {
+                let middle = 0.5 * (near + far);
+                let at = winding.at(grid.center_map(low) + DVec3::AXES[axis] * (middle * grid.voxel_size_m));
+                if (at.abs() >= INSIDE) == (from.abs() >= INSIDE) {
+                    (near, from) = (middle, at);
+                } else {
+                    (far, to) = (middle, at);
+                }
+            }
+            if (to - from).abs() > JUMP {
+                return Some(None);
+            }
+        }
+        let share = ((INSIDE - from.abs()) / (to.abs() - from.abs())).clamp(0.0, 1.0);
+        Some(Some(near + (far - near) * share))
     }
 
     /// Corner of the boundary in the lattice cell between eight voxel centres, mesh frame, m.
@@ -245,7 +232,7 @@ impl Boundary {
             let mut low = lowest;
             low[(axis + 1) % 3] += k & 1;
             low[(axis + 2) % 3] += k >> 1;
-            if let Some(share) = self.crossing(low, axis) {
+            if let Some(Some(share)) = self.crossings.get(&(low, axis)) {
                 sum += grid.center_map(low) + DVec3::AXES[axis] * (share * grid.voxel_size_m);
                 count += 1.0;
             }
@@ -254,8 +241,25 @@ impl Boundary {
     }
 }
 
-/// The 18 cells of the four lattice cells around a pair of neighbours.
-fn around_pair(low: [i32; 3], axis: usize) -> impl Iterator<Item = [i32; 3]> {
+/// A small face between two cells that touch in an edge or a corner, just within the first and facing the other.
+fn patch(grid: &Grid, from: [i32; 3], to: [i32; 3]) -> [DVec3; 3] {
+    let [from, to] = [from, to].map(|cell| grid.center_map(cell));
+    let way = to - from;
+    let (x_axis, y_axis) = way.normalize().any_orthonormal_pair();
+    let center = from + 0.45 * way;
+    // Counter-clockwise seen from `to`: x × y = way.
+    [0.0, 1.0, 2.0].map(|third| {
+        let angle = third * core::f64::consts::TAU / 3.0;
+        center + 0.3 * grid.voxel_size_m * (x_axis * angle.cos() + y_axis * angle.sin())
+    })
+}
+
+fn moved(cell: [i32; 3], by: [i32; 3]) -> [i32; 3] {
+    core::array::from_fn(|axis| cell[axis] + by[axis])
+}
+
+/// The 18 cells of the four lattice cells around a step.
+fn around_step((low, axis): Step) -> impl Iterator<Item = [i32; 3]> {
     (0..18).map(move |idx| {
         let mut cell = low;
         cell[axis] += idx % 2;

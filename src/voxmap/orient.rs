@@ -53,7 +53,7 @@ impl Orientation {
         let signs: Vec<i8> = if n_outward == 0 || n_inward == 0 {
             // Nobody differs, so there is nothing to vote on.
             vec![default; verdicts.len()]
-        } else if report.inconsistent_edges == 0 {
+        } else if report.inconsistent_edges == 0 && report.duplicate_triangles == 0 {
             let pieces = connected_pieces(mesh.vertices.len(), &mesh.triangles);
             let mut balance = vec![0_i64; mesh.vertices.len()];
             for (piece, verdict) in pieces.iter().zip(&verdicts) {
