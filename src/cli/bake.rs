@@ -19,6 +19,7 @@ use crate::pointshell::ply;
 use crate::scene::{self, Event, Geometry, MemoryPlan, ObjectReport, Role, SceneError};
 use crate::voxmap::estimate::{Estimate, Products};
 use crate::voxmap::grid::GridError;
+use crate::voxmap::sides::SidesRule;
 use crate::voxmap::surface::Navigation;
 use crate::voxmap::{Options, Stage, npy};
 
@@ -43,7 +44,8 @@ pub(crate) struct Args {
     /// How candidates are walked (mesh only).
     #[arg(long, value_name = "HOW")]
     navigation: Option<NavigationChoice>,
-    /// What to do with a mesh whose fill leaks: a thin skin (auto), or only what the fill left inside (flood) (mesh only).
+    /// How inside and outside are told: by the fill, where it leaks by winding numbers or else as a thin skin (auto); only what the
+    /// fill left is inside (flood); with lids on holes (winding); a two-sided skin (thin) (mesh only).
     #[arg(long, value_name = "HOW")]
     sides: Option<SidesChoice>,
     /// Threads; all processors if not given.
@@ -92,10 +94,23 @@ enum NavigationChoice {
     Auto,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+#[derive(Clone, Copy, Debug, ValueEnum)]
 enum SidesChoice {
     Auto,
     Flood,
+    Winding,
+    Thin,
+}
+
+impl From<SidesChoice> for SidesRule {
+    fn from(choice: SidesChoice) -> Self {
+        match choice {
+            SidesChoice::Auto => Self::Auto,
+            SidesChoice::Flood => Self::Flood,
+            SidesChoice::Winding => Self::Winding,
+            SidesChoice::Thin => Self::Thin,
+        }
+    }
 }
 
 /// Layers where none are asked for: the default of the scene file.
@@ -278,7 +293,7 @@ fn bake_mesh(args: &Args, talk: Talk) -> Result<(), Failure> {
             Some(NavigationChoice::TwoSided) => Some(Navigation::TwoSided),
             Some(NavigationChoice::Auto) | None => None,
         },
-        trust_fill: args.sides == Some(SidesChoice::Flood),
+        sides: args.sides.map_or(SidesRule::Auto, SidesRule::from),
     };
     let mut tell_memory = |_: &str, estimate: &Estimate| memory::tell(&name, estimate, args.max_memory, &progress, talk);
     let products = Products { field: true, gradients: false, shell: true };

@@ -21,6 +21,7 @@ use crate::haptics::{
 use crate::mesh::primitives::Shape;
 use crate::spatial::{Axes, Pose};
 use crate::voxmap::field::FieldKind;
+use crate::voxmap::sides::SidesRule;
 
 /// A checked scene.
 #[derive(Clone, Debug, PartialEq)]
@@ -81,8 +82,8 @@ pub struct StaticConfig {
     pub voxel_size_m: f64,
     /// Layers on each side of the surface.
     pub layers: u32,
-    /// `sides = "flood"`: an object that leaks keeps what the fill says instead of becoming a thin skin.
-    pub trust_fill: bool,
+    /// How inside and outside are told.
+    pub sides: SidesRule,
     /// `world_from_map`.
     pub pose: Pose,
 }
@@ -96,6 +97,8 @@ pub struct ToolConfig {
     pub voxel_size_m: f64,
     /// Layers on each side (at least 2, for normals).
     pub layers: u32,
+    /// How inside and outside are told.
+    pub sides: SidesRule,
     /// Mass, kg.
     pub mass_kg: f64,
     /// Centre of mass in the tool frame, m; `None`: from the mesh.
@@ -314,9 +317,6 @@ impl Resolve<'_> {
             checks.not_available("rendering.coupling", "use \"implicit\", \"semi-implicit\" or \"direct\"");
         }
         for (index, object) in scene.statics.iter().enumerate() {
-            if matches!(object.sides, Some(schema::SidesWord::Winding | schema::SidesWord::Thin)) {
-                checks.not_available(&format!("static[{index}].sides"), "use \"auto\" or \"flood\"");
-            }
             if object.movable == Some(true) {
                 checks.not_available(&format!("static[{index}].movable"), "use false");
             }
@@ -360,7 +360,7 @@ impl Resolve<'_> {
             source: self.source(&table, written, voxel_size_m, layers),
             voxel_size_m,
             layers,
-            trust_fill: object.sides == Some(schema::SidesWord::Flood),
+            sides: sides(object.sides),
             pose: Pose::new(
                 self.checks.orientation(&key("orientation_xyzw"), object.orientation_xyzw),
                 self.checks.position(&key("position_mm"), object.position_mm) * MM,
@@ -380,6 +380,7 @@ impl Resolve<'_> {
             source: self.source("tool", written, voxel_size_m, layers),
             voxel_size_m,
             layers,
+            sides: sides(tool.sides),
             mass_kg: self.checks.number("tool.mass_g", tool.mass_g, DEFAULT_TOOL_MASS_G, POSITIVE.to(1e5).unit("g")) * 1e-3,
             center_of_mass_m,
             inertia_kg_m2: self.inertia_kg_m2(tool.inertia_kg_mm2),
@@ -809,6 +810,15 @@ fn stability(
         translation: bound(Axes::TRANSLATION, |p| (p.mass_kg, p.damping_n_s_per_m), |p| p.limits.stiffness_n_per_m),
         rotation: bound(Axes::ROTATION, |p| (p.inertia_kg_m2, p.damping_nm_s_per_rad), |p| p.limits.stiffness_nm_per_rad),
         allow_unstable,
+    }
+}
+
+fn sides(written: Option<schema::SidesWord>) -> SidesRule {
+    match written {
+        Some(schema::SidesWord::Auto) | None => SidesRule::Auto,
+        Some(schema::SidesWord::Flood) => SidesRule::Flood,
+        Some(schema::SidesWord::Winding) => SidesRule::Winding,
+        Some(schema::SidesWord::Thin) => SidesRule::Thin,
     }
 }
 

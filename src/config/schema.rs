@@ -66,6 +66,7 @@ pub(super) struct Tool {
     pub(super) units: Option<UnitWord>,
     pub(super) voxel_size_mm: Option<f64>,
     pub(super) layers: Option<u32>,
+    pub(super) sides: Option<SidesWord>,
     pub(super) mass_g: Option<f64>,
     pub(super) center_of_mass_mm: Option<Numbers<3>>,
     pub(super) inertia_kg_mm2: Option<Numbers<6>>,

@@ -48,6 +48,8 @@ pub struct MeshReport {
     pub non_manifold_edges: usize,
     /// Edges whose two triangles run along them in the same direction: one of the two is inside out.
     pub inconsistent_edges: usize,
+    /// `[open_edges]`: their vertices, in the direction of their triangle; of welded vertices the one that stands for them.
+    pub open_edge_vertices: Vec<[u32; 2]>,
     /// Rims of open edges, largest first.
     pub boundary_loops: Vec<BoundaryLoop>,
     /// Positive when triangles face outward, m³; means little for an open mesh.
@@ -130,6 +132,7 @@ pub fn inspect(mesh: &TriangleMesh) -> MeshReport {
         open_edges: 0,
         non_manifold_edges: 0,
         inconsistent_edges: 0,
+        open_edge_vertices: Vec::new(),
         boundary_loops: Vec::new(),
         signed_volume_m3: 0.0,
         area_m2: 0.0,
@@ -157,7 +160,8 @@ pub fn inspect(mesh: &TriangleMesh) -> MeshReport {
 
     report.duplicate_triangles = drop_duplicates(&mut triangles, mesh.vertices.len());
     let open = count_edges(&triangles, mesh.vertices.len(), &mut report);
-    report.boundary_loops = boundary_loops(open, &mesh.vertices);
+    report.boundary_loops = boundary_loops(&open, &mesh.vertices);
+    report.open_edge_vertices = open;
     report.closed = !mesh.triangles.is_empty() && report.open_edges == 0 && report.non_manifold_edges == 0;
     report
 }
@@ -248,8 +252,8 @@ impl<T: Copy + Default> Buckets<T> {
 /// Where rims touch, the walk takes the edge that turns back most sharply: the two sides of a slit between faces with different
 /// corners then close to a rim without area, instead of two large rims that lie on each other. A walk that meets itself is cut
 /// there, so that holes which touch at a vertex are counted apart; one that ends nowhere is closed by a straight line.
-fn boundary_loops(open: Vec<[u32; 2]>, positions: &[DVec3]) -> Vec<BoundaryLoop> {
-    let mut walks = RimWalks::new(&open, positions);
+fn boundary_loops(open: &[[u32; 2]], positions: &[DVec3]) -> Vec<BoundaryLoop> {
+    let mut walks = RimWalks::new(open, positions);
     let mut place_on_walk = vec![usize::MAX; walks.positions.len()];
     let mut loops = Vec::new();
     for start_idx in 0..walks.edges.len() {

@@ -30,6 +30,7 @@ pub struct ShellReport {
 /// Points are ordered along a Morton curve over their voxels, so that neighbours in memory are neighbours in space. Cost: linear
 /// in the number of points (plus a sort).
 pub fn build(mesh: &TriangleMesh, map: &Voxmap, center_of_mass_tool: DVec3) -> (Shell, ShellReport) {
+    let mesh = map.mesh(mesh);
     let grid = &map.surface.grid;
     let since = Instant::now();
     let mut points = project(mesh, &map.surface);

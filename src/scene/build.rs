@@ -57,8 +57,7 @@ pub fn build_within(
         let mut tell = |stage| watch(Event { name: &object.name, object_idx, n_objects, stage });
         tell(Stage::Load);
         let geometry = Geometry::load(&object.name, Role::Static, &object.source, object.voxel_size_m)?;
-        let options =
-            Options { voxel_size_m: object.voxel_size_m, layers: object.layers, navigation: None, trust_fill: object.trust_fill };
+        let options = Options { voxel_size_m: object.voxel_size_m, layers: object.layers, navigation: None, sides: object.sides };
         geometry.foresee(&options, Products { field: true, gradients: with_gradients, shell: false }, memory)?;
         let mut map = geometry.voxmap(&options, &mut tell)?;
         tell(Stage::Distance);
@@ -68,10 +67,10 @@ pub fn build_within(
     }
 
     let mut tell = |stage| watch(Event { name: "tool", object_idx: n_objects - 1, n_objects, stage });
-    let ToolConfig { source, voxel_size_m, layers, .. } = &config.tool;
+    let ToolConfig { source, voxel_size_m, layers, sides, .. } = &config.tool;
     tell(Stage::Load);
     let geometry = Geometry::load("tool", Role::Tool, source, *voxel_size_m)?;
-    let options = Options { voxel_size_m: *voxel_size_m, layers: *layers, navigation: None, trust_fill: false };
+    let options = Options { voxel_size_m: *voxel_size_m, layers: *layers, navigation: None, sides: *sides };
     geometry.foresee(&options, Products { field: false, gradients: false, shell: true }, memory)?;
     let map = geometry.voxmap(&options, &mut tell)?;
     let mass = geometry.mass_properties();

@@ -11,4 +11,4 @@ mod report;
 
 pub use build::{Event, build, build_within};
 pub use object::{Geometry, MemoryPlan, SceneError};
-pub use report::{LeakReport, ObjectReport, Role, Timings};
+pub use report::{LeakReport, LidsReport, ObjectReport, Role, Timings};

@@ -5,6 +5,8 @@ use serde::Serialize;
 use crate::mesh::validate::MeshReport;
 use crate::pointshell::ShellReport;
 use crate::voxmap::Voxmap;
+use crate::voxmap::leak::MOSTLY_THIN;
+use crate::voxmap::sides::SidesBasis;
 
 /// What an object is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -27,6 +29,15 @@ pub struct LeakReport {
     pub size_m: f64,
 }
 
+/// Lids that close the holes of a mesh.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct LidsReport {
+    /// Connected lids.
+    pub count: usize,
+    /// Their area, m².
+    pub area_m2: f64,
+}
+
 /// Seconds per stage; 0 for a stage that the role does not need.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
 pub struct Timings {
@@ -36,7 +47,7 @@ pub struct Timings {
     pub init: f64,
     /// Navigation and SAT.
     pub surface: f64,
-    /// Flood fill, leak search, orientation.
+    /// Flood fill, leak search, lids, orientation.
     pub fill: f64,
     /// Layers.
     pub layers: f64,
@@ -57,7 +68,7 @@ pub struct ObjectReport {
     pub name: String,
     /// What it is for.
     pub role: Role,
-    /// Triangles.
+    /// Triangles of the mesh, without lids.
     pub triangles: usize,
     /// s, m.
     pub voxel_size_m: f64,
@@ -67,7 +78,7 @@ pub struct ObjectReport {
     pub dims: [u32; 3],
     /// Voxels in the box.
     pub voxels: u64,
-    /// Voxels that the surface touches.
+    /// Voxels that the surface touches, lids included.
     pub surface_voxels: u64,
     /// Voxels that the fill did not reach.
     pub inside_voxels: u64,
@@ -77,8 +88,12 @@ pub struct ObjectReport {
     pub layers: u32,
     /// The fill did not leak.
     pub watertight: bool,
-    /// `flood`: a solid by the fill; `thin`: a two-sided skin.
+    /// `flood`: a solid by the fill; `winding`: by the fill with lids on the holes; `thin`: a two-sided skin.
     pub sides: &'static str,
+    /// Share of the places beside the surface whose winding number is within 0.1 of a whole number; `None` where nobody asked.
+    pub clear_winding_share: Option<f64>,
+    /// Lids on its holes, where there are any.
+    pub lids: Option<LidsReport>,
     /// Where it leaked.
     pub leak: Option<LeakReport>,
     /// Edges with one triangle only, after welding.
@@ -109,13 +124,16 @@ impl ObjectReport {
         let mut warnings = mesh.warnings();
         if let Some(leak) = map.leak {
             let [x, y, z] = (leak.position_m * 1e3).to_array();
-            let what = if map.thin { "it is treated as a thin two-sided skin" } else { "only what the fill left inside is solid" };
+            let what = what_was_done(map);
             warnings.push(format!(
                 "the surface leaks near ({x:.2}, {y:.2}, {z:.2}) mm through a hole of about {:.2} mm: {what}",
                 leak.size_m * 1e3
             ));
         }
-        if map.leak.is_none() && map.thin {
+        if map.basis != SidesBasis::Thin && inside_voxels == 0 {
+            warnings.push("nothing is inside, so it will not be felt; a thin skin would be".to_owned());
+        }
+        if map.leak.is_none() && map.thin && map.thin_share > MOSTLY_THIN {
             warnings.push(
                 "thinner than its voxels resolve: it is treated as a two-sided skin of one voxel; a solid needs voxels of less \
                  than half its thickness"
@@ -157,7 +175,9 @@ impl ObjectReport {
             outside_voxels: grid.n_cells() - surface_voxels - inside_voxels,
             layers: map.layers.n_layers,
             watertight: map.watertight,
-            sides: if map.thin { "thin" } else { "flood" },
+            sides: map.basis.name(),
+            clear_winding_share: map.clear_share,
+            lids: map.lidded.as_ref().map(|lidded| LidsReport { count: lidded.n_lids, area_m2: lidded.area_m2 }),
             leak: map.leak.map(|leak| LeakReport { position_m: leak.position_m.to_array(), size_m: leak.size_m }),
             open_edges: mesh.open_edges,
             navigation: map.surface.navigation.name(),
@@ -169,5 +189,23 @@ impl ObjectReport {
             timings_s,
             warnings,
         }
+    }
+}
+
+/// What became of an object whose fill leaks.
+fn what_was_done(map: &Voxmap) -> String {
+    let clear = map.clear_share.map(|share| format!("{:.0} % of samples", 100.0 * share)).unwrap_or_default();
+    match (map.basis, &map.lidded) {
+        (SidesBasis::Flood, _) => "only what the fill left inside is solid".to_owned(),
+        (SidesBasis::Winding, Some(lidded)) => {
+            let lids = if lidded.n_lids == 1 { "1 lid closes".to_owned() } else { format!("{} lids close", lidded.n_lids) };
+            let area_mm2 = lidded.area_m2 * 1e6;
+            format!("sides were taken from winding numbers, clear at {clear}, and {lids} the holes ({area_mm2:.1} mm²)")
+        }
+        (SidesBasis::Winding, None) => format!("winding numbers, clear at {clear}, found nothing to close"),
+        (SidesBasis::Thin, _) if map.clear_share.is_some() => {
+            format!("it is treated as a thin two-sided skin, because winding numbers are clear at {clear} only")
+        }
+        (SidesBasis::Thin, _) => "it is treated as a thin two-sided skin".to_owned(),
     }
 }

@@ -7,8 +7,10 @@ use super::field::Field;
 use super::fill::Sides;
 use super::grid::{Grid, GridError, SURFACE_VOXELS_MAX};
 use super::layers::Layers;
-use super::leak::{FaceProbe, Leak, MOSTLY_THIN};
+use super::leak::Leak;
+use super::lid::Lidded;
 use super::orient::Orientation;
+use super::sides::{SidesBasis, SidesRule, Verdict};
 use super::surface::{Navigation, Surface};
 use crate::mesh::TriangleMesh;
 use crate::mesh::validate::MeshReport;
@@ -22,8 +24,8 @@ pub struct Options {
     pub layers: u32,
     /// `None` takes [`Navigation::AUTO`].
     pub navigation: Option<Navigation>,
-    /// Whether an object that leaks or has no inside keeps what the fill says instead of becoming a thin skin.
-    pub trust_fill: bool,
+    /// How inside and outside are told.
+    pub sides: SidesRule,
 }
 
 /// A stage of generation, told to whoever watches.
@@ -33,7 +35,7 @@ pub enum Stage {
     Load,
     /// Navigation and SAT.
     Surface,
-    /// Flood fill, leak search, orientation.
+    /// Flood fill, leak search, lids, orientation.
     Fill,
     /// Layers.
     Layers,
@@ -50,7 +52,7 @@ pub struct Timings {
     pub init_s: f64,
     /// Navigation and SAT.
     pub surface_s: f64,
-    /// Flood fill, leak search, orientation.
+    /// Flood fill, leak search, lids, orientation.
     pub fill_s: f64,
     /// Layers.
     pub layers_s: f64,
@@ -61,7 +63,7 @@ pub struct Timings {
 /// A classified volume: which cells are surface, outside, inside, and how far from the surface.
 #[derive(Debug)]
 pub struct Voxmap {
-    /// Surface voxels.
+    /// Surface voxels; those of lids too.
     pub surface: Surface,
     /// Outside and inside.
     pub sides: Sides,
@@ -69,7 +71,9 @@ pub struct Voxmap {
     pub orientation: Orientation,
     /// Layer values.
     pub layers: Layers,
-    /// The fill did not leak.
+    /// How outside and inside were told.
+    pub basis: SidesBasis,
+    /// The fill of the mesh as it is did not leak.
     pub watertight: bool,
     /// Where it leaked.
     pub leak: Option<Leak>,
@@ -77,6 +81,10 @@ pub struct Voxmap {
     pub thin_share: f64,
     /// Treated as a thin two-sided skin.
     pub thin: bool,
+    /// Share of the places beside the surface with a clear winding number; `None` where it was not asked.
+    pub clear_share: Option<f64>,
+    /// The mesh with lids on its holes, where they were needed.
+    pub lidded: Option<Lidded>,
     /// Seconds per stage.
     pub timings: Timings,
 }
@@ -113,24 +121,41 @@ impl Voxmap {
         }
         timings.surface_s = lap();
         watch(Stage::Fill);
-        let mut sides = Sides::flood(&surface);
-        let FaceProbe { leak, thin_share } = FaceProbe::new(mesh, report, &surface, &sides);
-        let thin = (leak.is_some() || thin_share > MOSTLY_THIN) && !options.trust_fill;
-        if thin {
-            sides = Sides::without_inside(&surface);
-        }
-        let orientation = Orientation::judge(mesh, report, &surface, &sides);
+        let verdict = Verdict::reach(mesh, report, surface, options.sides);
+        let Verdict { surface, sides, basis, leak, thin_share, clear_share, lidded } = verdict;
+        let thin = basis == SidesBasis::Thin;
+        let mesh = lidded.as_ref().map_or(mesh, |lidded| &lidded.mesh);
+        let orientation =
+            if thin { Orientation::as_filed(mesh.triangles.len()) } else { Orientation::judge(mesh, report, &surface, &sides) };
         timings.fill_s = lap();
         watch(Stage::Layers);
         let layers = Layers::grow(&surface, &sides, options.layers);
         timings.layers_s = lap();
-        Ok(Self { surface, sides, orientation, layers, watertight: leak.is_none(), leak, thin_share, thin, timings })
+        Ok(Self {
+            surface,
+            sides,
+            orientation,
+            layers,
+            basis,
+            watertight: leak.is_none(),
+            leak,
+            thin_share,
+            thin,
+            clear_share,
+            lidded,
+            timings,
+        })
+    }
+
+    /// The triangles that the surface voxels are of: `mesh`, which the map was built from, or the one with lids instead.
+    pub fn mesh<'a>(&'a self, mesh: &'a TriangleMesh) -> &'a TriangleMesh {
+        self.lidded.as_ref().map_or(mesh, |lidded| &lidded.mesh)
     }
 
     /// Measures distances and assembles the look-up for the tick. `with_gradients` is needed for `field = "surface-point"`.
     pub fn field(&mut self, mesh: &TriangleMesh, with_gradients: bool) -> Field {
         let since = Instant::now();
-        let samples = Samples::measure(mesh, &self.surface, &self.layers, self.signs(), with_gradients);
+        let samples = Samples::measure(self.mesh(mesh), &self.surface, &self.layers, self.signs(), with_gradients);
         let field = Field::new(&self.layers, samples, self.thin);
         self.timings.distance_s = since.elapsed().as_secs_f64();
         field
@@ -138,7 +163,7 @@ impl Voxmap {
 
     /// Signed distances at cell centres in the band.
     pub fn distances(&self, mesh: &TriangleMesh, with_gradients: bool) -> Distances {
-        Distances::measure(mesh, &self.surface, &self.layers, self.signs(), with_gradients)
+        Distances::measure(self.mesh(mesh), &self.surface, &self.layers, self.signs(), with_gradients)
     }
 
     fn signs(&self) -> Signs<'_> {

@@ -20,9 +20,12 @@ pub mod grid;
 mod growth;
 pub mod layers;
 pub mod leak;
+pub mod lid;
 pub mod npy;
 pub mod orient;
 pub mod sat;
+pub mod sides;
 pub mod surface;
+pub mod winding;
 
 pub use build::{Options, Stage, Timings, Voxmap};

@@ -22,6 +22,11 @@ pub struct Orientation {
 }
 
 impl Orientation {
+    /// The winding of the file stands: for a thin skin, which has no inside to face.
+    pub(super) fn as_filed(n_triangles: usize) -> Self {
+        Self { signs: vec![1; n_triangles], n_inverted: 0 }
+    }
+
     /// Probes both sides of every triangle. Where the mesh is consistently wound, the parts of a connected piece outvote those
     /// whose probe went astray in a groove or a thin rib. Cost: O(triangles).
     pub fn judge(mesh: &TriangleMesh, report: &MeshReport, surface: &Surface, sides: &Sides) -> Self {
@@ -42,9 +47,14 @@ impl Orientation {
             0 => default,
             balance => balance.signum() as i8,
         };
-        let default = majority(verdicts.iter().map(|verdict| i64::from(*verdict)).sum(), 1);
-        let signs: Vec<i8> = if report.inconsistent_edges == 0 {
-            let pieces = connected_pieces(mesh);
+        let count = |sign: i8| verdicts.par_iter().filter(|verdict| **verdict == sign).count() as i64;
+        let (n_outward, n_inward) = (count(1), count(-1));
+        let default = majority(n_outward - n_inward, 1);
+        let signs: Vec<i8> = if n_outward == 0 || n_inward == 0 {
+            // Nobody differs, so there is nothing to vote on.
+            vec![default; verdicts.len()]
+        } else if report.inconsistent_edges == 0 && report.duplicate_triangles == 0 {
+            let pieces = connected_pieces(mesh.vertices.len(), &mesh.triangles);
             let mut balance = vec![0_i64; mesh.vertices.len()];
             for (piece, verdict) in pieces.iter().zip(&verdicts) {
                 balance[*piece as usize] += i64::from(*verdict);
@@ -64,8 +74,8 @@ impl Orientation {
 }
 
 /// For each triangle the number of a vertex that stands for its connected piece (union-find over shared vertices).
-fn connected_pieces(mesh: &TriangleMesh) -> Vec<u32> {
-    let mut parent: Vec<u32> = (0..mesh.vertices.len() as u32).collect();
+pub(super) fn connected_pieces(n_vertices: usize, triangles: &[[u32; 3]]) -> Vec<u32> {
+    let mut parent: Vec<u32> = (0..n_vertices as u32).collect();
     fn root(parent: &mut [u32], mut vertex: u32) -> u32 {
         while parent[vertex as usize] != vertex {
             // Halving the path keeps the trees flat.
@@ -74,14 +84,14 @@ fn connected_pieces(mesh: &TriangleMesh) -> Vec<u32> {
         }
         vertex
     }
-    for triangle in &mesh.triangles {
+    for triangle in triangles {
         let [a, b, c] = triangle.map(|vertex| root(&mut parent, vertex));
         let lowest = a.min(b).min(c);
         for other in [a, b, c] {
             parent[other as usize] = lowest;
         }
     }
-    mesh.triangles.iter().map(|triangle| root(&mut parent, triangle[0])).collect()
+    triangles.iter().map(|triangle| root(&mut parent, triangle[0])).collect()
 }
 
 /// First cell that is not surface on the way from a point along a direction, up to three voxels away.

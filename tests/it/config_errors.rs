@@ -8,6 +8,7 @@ use std::process::{Command, Output};
 use hapticd::config::{self, ConfigErrors, LoadOptions, ProblemKind, SceneConfig};
 use hapticd::haptics::CouplingMode;
 use hapticd::mesh::primitives::Shape;
+use hapticd::voxmap::sides::SidesRule;
 
 const SCENE: &str = r#"version = 1
 
@@ -125,6 +126,8 @@ mistakes! {
     flat_box: with("{ sphere_mm = 5 }", "{ box_mm = [20, 20, 0] }") => "error: scene.toml:20: tool.shape.box_mm[2] = 0: must be greater than 0 and at most 1000000 mm";
     torus_without_a_hole: with("{ sphere_mm = 5 }", "{ torus_mm = [5, 20] }") => "error: scene.toml:20: tool.shape.torus_mm = [5, 20]: must be [R, r] with the tube radius r below the ring radius R";
     duplicate_names: with("\"floor\"", "\"base\"") => r#"error: scene.toml:15: static[1].name = "base": this name was given before, in line 7; names of static objects must differ"#;
+    unknown_sides: with("layers = 8", "sides = \"windng\"") => r#"error: scene.toml:11: static[0].sides = "windng": must be "auto", "flood", "winding" or "thin"; did you mean `winding`?"#;
+    sides_of_another_type: with("[tool]", "[tool]\nsides = 1") => r#"error: scene.toml:20: tool.sides = 1: must be "auto", "flood", "winding" or "thin""#;
     layers_out_of_range: with("layers = 8", "layers = 100") => "error: scene.toml:11: static[0].layers = 100: must be a whole number from 1 to 60";
     tool_with_one_layer: with("[tool]", "[tool]\nlayers = 1") => "error: scene.toml:20: tool.layers = 1: must be a whole number from 2 to 60";
     quaternion_of_zeros: with("[0, 0, 0, 1]", "[0, 0, 0, 0]") => "error: scene.toml:12: static[0].orientation_xyzw = [0, 0, 0, 0]: must be a unit quaternion [x, y, z, w]; its length is 0, which may be off 1 by at most 0.001";
@@ -163,12 +166,21 @@ error: scene.toml:25: device.profil = "sim-sigma7": unknown key; did you mean `p
   hint: known here: profile, selector, world_from_device, hand, sim"#;
 }
 
+#[test]
+fn sides_are_told_as_written() {
+    for (word, rule) in SidesRule::NAMES {
+        let sides = format!("sides = \"{word}\"");
+        let scene = with("layers = 8", &sides).replace("[tool]", &format!("[tool]\n{sides}"));
+        let config = load(&scene).unwrap();
+        assert_eq!((config.statics[0].sides, config.statics[1].sides, config.tool.sides), (rule, SidesRule::Auto, rule));
+    }
+}
+
 /// Keys and values of a later version exit with 3 and say so; nothing is read and ignored.
 #[test]
 fn what_this_version_lacks_is_refused_by_name() {
-    let scene =
-        SCENE.replace("rate_hz = 1000", "coupling = \"static\"").replace("layers = 8", "sides = \"winding\"\nmovable = true")
-            + r#"selector = "1209:7a01"
+    let scene = SCENE.replace("rate_hz = 1000", "coupling = \"static\"").replace("layers = 8", "movable = true")
+        + r#"selector = "1209:7a01"
 [contact]
 normalize = "cluster"
 friction = { static = 0.25, dynamic = 0.2 }
@@ -189,7 +201,6 @@ points = 1000
     let keys: Vec<&str> = errors.problems().iter().filter_map(|problem| problem.key.as_deref()).collect();
     let expected = [
         "rendering.coupling",
-        "static[0].sides",
         "static[0].movable",
         "device.selector",
         "contact.normalize",

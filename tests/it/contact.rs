@@ -9,6 +9,7 @@ use hapticd::mesh::{TriangleMesh, validate};
 use hapticd::pointshell::{self, shell::Shell};
 use hapticd::spatial::{Pose, Wrench};
 use hapticd::voxmap::field::FieldKind;
+use hapticd::voxmap::sides::SidesRule;
 use hapticd::voxmap::{Options, Voxmap};
 
 const STIFFNESS_N_PER_M: f64 = 1000.0;
@@ -19,7 +20,7 @@ fn contact(field: FieldKind) -> ContactParameters {
 }
 
 fn build(mesh: &TriangleMesh, voxel_size_m: f64, layers: u32) -> Voxmap {
-    let options = Options { voxel_size_m, layers, navigation: None, trust_fill: false };
+    let options = Options { voxel_size_m, layers, navigation: None, sides: SidesRule::Auto };
     Voxmap::build(mesh, &validate::inspect(mesh), &options, |_| ()).expect("a grid that fits")
 }
 

@@ -15,6 +15,7 @@ use hapticd::mesh::validate;
 use hapticd::pointshell::{self, shell::Shell};
 use hapticd::spatial::{Axes, DeviceSample, Pose, SampleStatus, Twist, Wrench};
 use hapticd::voxmap::field::FieldKind;
+use hapticd::voxmap::sides::SidesRule;
 use hapticd::voxmap::{Options, Voxmap};
 
 use super::rig;
@@ -83,7 +84,7 @@ fn coupling_with(change: impl FnOnce(&mut Parameters)) -> Parameters {
 }
 
 fn build(mesh: &TriangleMesh, voxel_size_m: f64) -> Voxmap {
-    let options = Options { voxel_size_m, layers: 8, navigation: None, trust_fill: false };
+    let options = Options { voxel_size_m, layers: 8, navigation: None, sides: SidesRule::Auto };
     Voxmap::build(mesh, &validate::inspect(mesh), &options, |_| ()).expect("a grid that fits")
 }
 

@@ -7,6 +7,7 @@ use hapticd::pointshell;
 use hapticd::pointshell::project::{SurfacePoint, project};
 use hapticd::voxmap::fill::Side;
 use hapticd::voxmap::grid::Grid;
+use hapticd::voxmap::sides::SidesRule;
 use hapticd::voxmap::surface::{Navigation, Surface, visit_hits};
 use hapticd::voxmap::{Options, Voxmap};
 
@@ -31,7 +32,7 @@ fn sphere_at_offset(radius_in_voxels: f64, offset: DVec3) -> TriangleMesh {
 }
 
 fn build(mesh: &TriangleMesh, voxel_size_m: f64, layers: u32) -> Voxmap {
-    let options = Options { voxel_size_m, layers, navigation: None, trust_fill: false };
+    let options = Options { voxel_size_m, layers, navigation: None, sides: SidesRule::Auto };
     Voxmap::build(mesh, &validate::inspect(mesh), &options, |_| ()).expect("a grid that fits")
 }
 

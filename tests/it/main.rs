@@ -14,3 +14,4 @@ mod profiles;
 mod real_scenes;
 mod rig;
 mod scenes;
+mod sides;
