@@ -140,7 +140,7 @@ fn place(mesh: &TriangleMesh, map: &Voxmap, bins: &Bins, center_of_mass_tool: DV
             }
             for (point, ((site, to), idx)) in points.zip(&mut places) {
                 let arm = grid.origin_m + point.cells * grid.voxel_size_m - center_of_mass_tool;
-                *site = Site { position: arm.as_vec3().to_array(), idx };
+                *site = Site::new(arm.as_vec3(), idx);
                 *to = normal(mesh, map, sums, &point).as_vec3();
                 tally.radius_m = tally.radius_m.max(arm.length());
                 tally.phase2_points += usize::from(point.on_boundary);

@@ -1,6 +1,6 @@
 //! Inward unit normals from the layer values around a point: what the volume says, not what the file says.
 //!
-//! The sums of a whole brick are formed at once from a copy of its layer values with a rim of two: a sum over 5³ values is
+//! The sums of a whole brick are formed at once from a copy of its layer values with a rim: a sum over 5³ values is
 //! three sums over five, and the rows are short integers, so that one instruction does eight cells. All sums are exact.
 //!
 //! # Source
@@ -16,9 +16,13 @@ use crate::voxmap::grid::{BRICK_CELLS, BRICK_EDGE, brick_origin};
 use crate::voxmap::layers::{DEEP_INSIDE, FAR_OUTSIDE, Layers};
 
 /// Cells that a window reaches beyond its middle.
-const RIM: usize = 2;
+const REACH: usize = 2;
+/// Cells around a brick that matter: a point may lie one cell beyond its voxel.
+const RIM: usize = REACH + 1;
 /// Cells on the edge of a brick with its rim.
 const PADDED: usize = BRICK_EDGE + 2 * RIM;
+/// Cells on an edge that the windows about the brick's own cells reach.
+const SUMMED: usize = BRICK_EDGE + 2 * REACH;
 
 /// Eight neighbours along z. At most 127 · 150 = 19,050 per sum, which 16 bits hold.
 type Row = [i16; BRICK_EDGE];
@@ -26,13 +30,18 @@ type Row = [i16; BRICK_EDGE];
 /// Σ v_k (C_k − C_0) for every cell of a brick.
 pub(super) struct BrickSums {
     origin: [i32; 3],
+    values: [[[i16; PADDED]; PADDED]; PADDED],
     /// `[x][y][axis][z]`.
     sums: [[[Row; 3]; BRICK_EDGE]; BRICK_EDGE],
 }
 
 impl Default for BrickSums {
     fn default() -> Self {
-        Self { origin: [i32::MIN / 2; 3], sums: [[[[0; BRICK_EDGE]; 3]; BRICK_EDGE]; BRICK_EDGE] }
+        Self {
+            origin: [i32::MIN / 2; 3],
+            values: [[[0; PADDED]; PADDED]; PADDED],
+            sums: [[[[0; BRICK_EDGE]; 3]; BRICK_EDGE]; BRICK_EDGE],
+        }
     }
 }
 
@@ -41,19 +50,20 @@ impl BrickSums {
     pub(super) fn form(&mut self, layers: &Layers, brick: usize) {
         let coord = layers.grid.brick_coord(brick);
         self.origin = brick_origin(coord);
-        let values = padded(layers, coord);
+        pad(layers, coord, &mut self.values);
         // Along z: the plain sum and the one weighted with −2 … 2.
-        let mut along_z = [[[[0; BRICK_EDGE]; 2]; PADDED]; PADDED];
-        for (plane, values) in along_z.iter_mut().zip(&values) {
-            for (sums, row) in plane.iter_mut().zip(values) {
+        let mut along_z = [[[[0; BRICK_EDGE]; 2]; SUMMED]; SUMMED];
+        for (plane, values) in along_z.iter_mut().zip(&self.values[1..]) {
+            for (sums, row) in plane.iter_mut().zip(&values[1..]) {
+                let at: [Row; 5] = core::array::from_fn(|k| *row[1 + k..].first_chunk().expect("a padded row"));
                 for z in 0..BRICK_EDGE {
-                    sums[0][z] = row[z] + row[z + 1] + row[z + 2] + row[z + 3] + row[z + 4];
-                    sums[1][z] = 2 * (row[z + 4] - row[z]) + (row[z + 3] - row[z + 1]);
+                    sums[0][z] = at[0][z] + at[1][z] + at[2][z] + at[3][z] + at[4][z];
+                    sums[1][z] = 2 * (at[4][z] - at[0][z]) + (at[3][z] - at[1][z]);
                 }
             }
         }
         // Along y: the window slides over rows; weights go to one axis each.
-        let mut along_y = [[[[0; BRICK_EDGE]; 3]; BRICK_EDGE]; PADDED];
+        let mut along_y = [[[[0; BRICK_EDGE]; 3]; BRICK_EDGE]; SUMMED];
         for (plane, rows) in along_y.iter_mut().zip(&along_z) {
             for (y, sums) in plane.iter_mut().enumerate() {
                 let rows: &[_; 5] = window(rows, y);
@@ -69,16 +79,37 @@ impl BrickSums {
         }
     }
 
-    /// Σ v_k (C_k − C_0) around one cell; `None` outside the brick.
+    /// Σ v_k (C_k − C_0) around one cell; `None` more than a cell outside the brick.
+    #[inline]
     fn get(&self, cell: [i32; 3]) -> Option<DVec3> {
-        let [x, y, z] = [0, 1, 2].map(|axis| (cell[axis] - self.origin[axis]) as usize);
-        let sums = self.sums.get(x)?.get(y)?;
-        Some(DVec3::new((*sums[0].get(z)?).into(), (*sums[1].get(z)?).into(), (*sums[2].get(z)?).into()))
+        // One more than the place in the brick; huge below it.
+        let [x, y, z] = [0, 1, 2].map(|axis| (cell[axis] - self.origin[axis] + 1) as usize);
+        let is_own = |i: usize| (1..=BRICK_EDGE).contains(&i);
+        if is_own(x) && is_own(y) && is_own(z) {
+            return Some(DVec3::from_array(self.sums[x - 1][y - 1].map(|sums| sums[z - 1].into())));
+        }
+        (x.max(y).max(z) <= BRICK_EDGE + 1).then(|| self.sum([x, y, z]))
+    }
+
+    /// The sum by its definition over the padded copy, whose cell `first` is the window's lowest: for points just outside the brick.
+    fn sum(&self, first: [usize; 3]) -> DVec3 {
+        let [mut along_x, mut along_y, mut along_z] = [0_i32; 3];
+        for x in 0..5_i32 {
+            for y in 0..5_i32 {
+                let row: &[i16; 5] = window(&self.values[first[0] + x as usize][first[1] + y as usize], first[2]);
+                let [a, b, c, d, e] = row.map(i32::from);
+                let plain = a + b + c + d + e;
+                along_x += (x - 2) * plain;
+                along_y += (y - 2) * plain;
+                along_z += 2 * (e - a) + (d - b);
+            }
+        }
+        DVec3::new(along_x.into(), along_y.into(), along_z.into())
     }
 }
 
 fn window<T>(rows: &[T], first: usize) -> &[T; 5] {
-    rows[first..].first_chunk().expect("five rows from any of the first eight")
+    rows[first..].first_chunk().expect("five values from any place but the last four")
 }
 
 /// Sum of one of the quantities of five rows.
@@ -93,8 +124,8 @@ fn weighted<const N: usize>(rows: &[[Row; N]; 5], of: usize) -> Row {
     core::array::from_fn(|z| 2 * (rows[4][of][z] - rows[0][of][z]) + (rows[3][of][z] - rows[1][of][z]))
 }
 
-/// Layer values of a brick with a rim of two.
-fn padded(layers: &Layers, coord: [u32; 3]) -> [[[i16; PADDED]; PADDED]; PADDED] {
+/// Layer values of a brick with its rim.
+fn pad(layers: &Layers, coord: [u32; 3], values: &mut [[[i16; PADDED]; PADDED]; PADDED]) {
     let grid = &layers.grid;
     let beyond = layers.n_layers as i8 + 1;
     let (outside, inside) = ([-beyond; BRICK_CELLS], [beyond; BRICK_CELLS]);
@@ -106,15 +137,18 @@ fn padded(layers: &Layers, coord: [u32; 3]) -> [[[i16; PADDED]; PADDED]; PADDED]
             Some(slot) => &layers.values[slot as usize],
         }
     });
-    let mut values = [[[0; PADDED]; PADDED]; PADDED];
     for (x, plane) in values.iter_mut().enumerate() {
         let (brick_x, in_x) = split(x);
         for (y, row) in plane.iter_mut().enumerate() {
             let (brick_y, in_y) = split(y);
             let first = (in_x * BRICK_EDGE + in_y) * BRICK_EDGE;
-            let part = |brick_z: usize| &around[brick_x * 9 + brick_y * 3 + brick_z][first..first + BRICK_EDGE];
-            let parts = part(0)[BRICK_EDGE - RIM..].iter().chain(part(1)).chain(&part(2)[..RIM]);
-            row.iter_mut().zip(parts).for_each(|(value, layer)| *value = (*layer).into());
+            let part = |brick_z: usize| -> [i16; BRICK_EDGE] {
+                let cells: &[i8; BRICK_EDGE] = around[brick_x * 9 + brick_y * 3 + brick_z][first..].first_chunk().expect("a row");
+                cells.map(i16::from)
+            };
+            row[..RIM].copy_from_slice(&part(0)[BRICK_EDGE - RIM..]);
+            row[RIM..RIM + BRICK_EDGE].copy_from_slice(&part(1));
+            row[RIM + BRICK_EDGE..].copy_from_slice(&part(2)[..RIM]);
         }
     }
     // The last bricks stick out of the grid, and what they hold there means nothing.
@@ -131,7 +165,6 @@ fn padded(layers: &Layers, coord: [u32; 3]) -> [[[i16; PADDED]; PADDED]; PADDED]
             }
         }
     }
-    values
 }
 
 /// Which brick (0 before, 1 own, 2 after) and which cell in it a padded index means.
@@ -140,7 +173,7 @@ fn split(padded: usize) -> (usize, usize) {
     (shifted / BRICK_EDGE, shifted % BRICK_EDGE)
 }
 
-/// The same sum by its definition, one look-up at a time: for the few points outside the brick of their voxel.
+/// The same sum by its definition, one look-up at a time: for bricks with few points.
 fn sum_by_look_up(layers: &Layers, home: [i32; 3]) -> DVec3 {
     let mut sum = DVec3::ZERO;
     for x in -2..=2_i32 {
@@ -198,7 +231,10 @@ mod tests {
                     assert_eq!(sums.get(cell), Some(sum_by_look_up(&map.layers, cell)), "{layers} layers, {cell:?}");
                 }
                 let [x, y, z] = sums.origin;
-                assert_eq!([sums.get([x - 1, y, z]), sums.get([x, y, z + 8])], [None; 2]);
+                for around in [[x - 1, y, z], [x + 8, y - 1, z + 3], [x - 1, y + 8, z + 8], [x + 4, y + 2, z + 8]] {
+                    assert_eq!(sums.get(around), Some(sum_by_look_up(&map.layers, around)), "{layers} layers, {around:?}");
+                }
+                assert_eq!([sums.get([x - 2, y, z]), sums.get([x, y, z + 9])], [None; 2]);
             }
         }
     }

@@ -9,7 +9,7 @@
 //! keeps the one nearest to the voxel's centre and lets the lowest triangle number win a tie, in both phases, which makes the
 //! result independent of the order of work.
 
-use glam::DVec3;
+use glam::{DVec3, Vec4};
 use rayon::prelude::*;
 
 use super::bins::Bins;
@@ -51,7 +51,7 @@ pub fn project(mesh: &TriangleMesh, surface: &Surface) -> Vec<SurfacePoint> {
 pub(super) struct Scratch {
     /// Phase, then squared distance, then triangle: the smallest key wins, which does both phases and breaks ties.
     keys: [u64; BRICK_CELLS],
-    /// A plane farther than this from a cell's centre, cells, holds nothing better.
+    /// Distance of the best projection inside a triangle, cells, rounded up; infinite where there is none.
     reach: [f32; BRICK_CELLS],
     points: [DVec3; BRICK_CELLS],
 }
@@ -112,20 +112,19 @@ impl Scratch {
         if x.clone().all(|x| mask[x] & in_box == 0) {
             return;
         }
-        let plane = Plane::new(corners);
+        let first = DVec3::new(origin[0].into(), origin[1].into(), origin[2].into()) + 0.5;
+        let planes = Planes::new(corners, first);
         let projector = TriangleProjector::new(corners);
         let mut sat = None;
         for x in x {
             for bit in bits(mask[x] & in_box) {
                 let inside = x << 6 | bit as usize;
                 let local = [x as i32, (bit >> 3) as i32, (bit & 7) as i32];
-                let cell = [origin[0] + local[0], origin[1] + local[1], origin[2] + local[2]];
-                let lowest = DVec3::new(cell[0].into(), cell[1].into(), cell[2].into());
-                let center = lowest + 0.5;
-                let height = plane.height(center);
-                if height > plane.reach || height > f64::from(self.reach[inside]) {
+                if planes.dismiss(local, self.reach[inside]) {
                     continue;
                 }
+                let cell = [origin[0] + local[0], origin[1] + local[1], origin[2] + local[2]];
+                let center = DVec3::new(cell[0].into(), cell[1].into(), cell[2].into()) + 0.5;
                 let projection = projector.project(center);
                 let is_interior = projection.region.is_interior();
                 let distance = u64::from((projection.distance_squared as f32).to_bits()) << 32;
@@ -140,7 +139,7 @@ impl Scratch {
                     self.points[inside] = projection.point;
                     if is_interior {
                         // Rounded up by far more than f32 loses: a tie still meets the comparison of keys.
-                        self.reach[inside] = (projection.distance_squared.sqrt() * (1.0 + 1e-6) + TOLERANCE_CELLS) as f32;
+                        self.reach[inside] = (projection.distance_squared.sqrt() + TOLERANCE_CELLS) as f32;
                     }
                 }
             }
@@ -154,31 +153,51 @@ pub(super) fn cell_range(corners: &[DVec3; 3], axis: usize) -> (i32, i32) {
     (a.min(b).min(c).ceil() as i32 - 1, a.max(b).max(c).floor() as i32)
 }
 
-/// The plane of a triangle, to dismiss cells with one dot product. Never dismisses one that touches and would win.
-struct Plane {
-    normal: DVec3,
-    origin: DVec3,
-    /// Height of a centre above which the voxel does not touch the plane, cells.
-    reach: f64,
+/// Four planes of a triangle, to dismiss cells of a brick: its own, and along each edge the one that stands on it. Never dismisses
+/// a cell that the triangle touches and would win.
+struct Planes {
+    /// Normals by coordinate, and values at the brick's first cell: height above the triangle, then how far beyond each edge.
+    x: Vec4,
+    y: Vec4,
+    z: Vec4,
+    at_first: Vec4,
+    /// Values beyond which a voxel does not touch the triangle.
+    touching: Vec4,
+    /// Values beyond which a voxel's centre does not project inside; the first is what rounding adds to a height.
+    interior: Vec4,
 }
 
-impl Plane {
-    fn new(corners: &[DVec3; 3]) -> Self {
-        let [origin, b, c] = *corners;
-        let (e0, e1) = (b - origin, c - origin);
-        let normal = e0.cross(e1);
+impl Planes {
+    fn new(corners: &[DVec3; 3], first: DVec3) -> Self {
+        let edges = [corners[1] - corners[0], corners[2] - corners[1], corners[0] - corners[2]];
+        let normal = edges[0].cross(edges[1]);
         let length_squared = normal.length_squared();
-        // A thinner triangle's normal is off by more than the tolerance: such a plane says nothing.
-        if length_squared > 1e-8 * e0.length_squared() * e1.length_squared() {
-            let normal = normal / length_squared.sqrt();
-            Self { normal, origin, reach: 0.5 * normal.abs().element_sum() + TOLERANCE_CELLS }
-        } else {
-            Self { normal: DVec3::ZERO, origin, reach: f64::INFINITY }
+        // A thinner triangle's normal is off by more than the tolerance: such planes say nothing.
+        if length_squared.is_nan() || length_squared <= 1e-8 * edges[0].length_squared() * edges[1].length_squared() {
+            let (nothing, all) = (Vec4::ZERO, Vec4::INFINITY);
+            return Self { x: nothing, y: nothing, z: nothing, at_first: nothing, touching: all, interior: all };
         }
+        let normal = normal / length_squared.sqrt();
+        let normals = [normal, edges[0].cross(normal), edges[1].cross(normal), edges[2].cross(normal)];
+        let mut values = [[0.0; 4]; 6];
+        for (k, normal) in normals.iter().enumerate() {
+            let at_first = normal.dot(first - corners[k.saturating_sub(1)]);
+            let extent = normal.abs().element_sum();
+            // Ten times what `f32` loses within a brick, and of a large value outside.
+            let slack = 1e-5 * extent + 1e-6 * at_first.abs();
+            let value = [normal.x, normal.y, normal.z, at_first, 0.5 * extent + slack, slack];
+            (0..6).for_each(|idx| values[idx][k] = value[idx] as f32);
+        }
+        let [x, y, z, at_first, touching, interior] = values.map(Vec4::from_array);
+        Self { x, y, z, at_first, touching, interior }
     }
 
+    /// `reach` is the distance of the best projection inside a triangle so far.
     #[inline]
-    fn height(&self, point: DVec3) -> f64 {
-        self.normal.dot(point - self.origin).abs()
+    fn dismiss(&self, local: [i32; 3], reach: f32) -> bool {
+        let [x, y, z] = local.map(|i| i as f32);
+        let values = self.x * x + self.y * y + self.z * z + self.at_first;
+        let limits = if reach < f32::INFINITY { self.interior + Vec4::new(reach, 0.0, 0.0, 0.0) } else { self.touching };
+        values.cmpgt(limits).any() || values.x < -limits.x
     }
 }

@@ -67,7 +67,7 @@ impl Shell {
     pub(super) fn lay_out(sites: &[Site], normals: &[Vec3], radius_m: f64, voxel_size_m: f64) -> Self {
         let chunks = || sites.par_chunks(LANES);
         Self {
-            positions: chunks().map(|chunk| block(chunk, |site| Vec3::from_array(site.position))).collect(),
+            positions: chunks().map(|chunk| block(chunk, Site::position)).collect(),
             normals: chunks().map(|chunk| block(chunk, |site| normals[site.idx as usize])).collect(),
             tree: Tree::default(),
             n_points: sites.len(),

@@ -176,19 +176,19 @@ impl<'a> Builder<'a> {
     }
 
     fn leaf(&self, block: usize) -> Node {
-        let points = lanes(&self.positions[block]);
+        let points = &self.positions[block];
         let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-        for point in points.iter().filter(|point| !point.is_nan()) {
-            (low, high) = (low.min(*point), high.max(*point));
+        for point in lanes(points).filter(|point| !point.is_nan()) {
+            (low, high) = (low.min(point), high.max(point));
         }
         let ball = enclose(0.5 * (low + high), |from| {
             let mut best = (f64::NEG_INFINITY, from);
-            farthest_of(&points, from, &mut best);
+            farthest_of(points, from, &mut best);
             best
         });
         let mut nearest = (f64::INFINITY, 0);
-        for (point, lane) in points.iter().zip(0..) {
-            let distance_squared = (*point - ball.center).length_squared();
+        for (point, lane) in lanes(points).zip(0..) {
+            let distance_squared = (point - ball.center).length_squared();
             if distance_squared < nearest.0 {
                 nearest = (distance_squared, lane);
             }
@@ -230,7 +230,7 @@ impl<'a> Builder<'a> {
     /// The point below a node that is farthest from a place; leaves out children whose sphere lies nearer than the best so far.
     fn farthest(&self, level: usize, node: usize, from: DVec3, best: &mut (f64, DVec3)) {
         if level == 0 {
-            farthest_of(&lanes(&self.positions[node]), from, best);
+            farthest_of(&self.positions[node], from, best);
             return;
         }
         let children = self.children(level, node);
@@ -250,16 +250,25 @@ impl<'a> Builder<'a> {
     }
 }
 
-fn lanes(block: &Lanes3) -> [DVec3; LANES] {
-    core::array::from_fn(|lane| block.get(lane).as_dvec3())
+fn lanes(block: &Lanes3) -> impl Iterator<Item = DVec3> + '_ {
+    (0..LANES).map(|lane| block.get(lane).as_dvec3())
 }
 
 /// NaN is not farther than anything.
-fn farthest_of(points: &[DVec3; LANES], from: DVec3, best: &mut (f64, DVec3)) {
-    let distances: [f64; LANES] = core::array::from_fn(|lane| (points[lane] - from).length_squared());
-    for (distance_squared, point) in distances.iter().zip(points) {
-        if *distance_squared > best.0 {
-            *best = (*distance_squared, *point);
-        }
+fn farthest_of(block: &Lanes3, from: DVec3, best: &mut (f64, DVec3)) {
+    let Lanes3 { x, y, z } = block;
+    let mut distances = [0.0; LANES];
+    for lane in 0..LANES {
+        let [dx, dy, dz] = [f64::from(x.0[lane]) - from.x, f64::from(y.0[lane]) - from.y, f64::from(z.0[lane]) - from.z];
+        distances[lane] = dx * dx + dy * dy + dz * dz;
+    }
+    // Halving vectorises; most blocks hold nothing farther. Unused lanes come last, and a first argument that is NaN loses.
+    let greater = |a: f64, b: f64| if a > b { a } else { b };
+    let eight: [f64; 8] = core::array::from_fn(|lane| greater(distances[lane + 8], distances[lane]));
+    let four: [f64; 4] = core::array::from_fn(|lane| greater(eight[lane + 4], eight[lane]));
+    let most = greater(greater(four[3], four[1]), greater(four[2], four[0]));
+    if most > best.0 {
+        let lane = distances.iter().position(|distance| *distance == most).unwrap_or(0);
+        *best = (most, block.get(lane).as_dvec3());
     }
 }

@@ -13,3 +13,4 @@ mod profiles;
 mod real_scenes;
 mod rig;
 mod scenes;
+mod tree;
