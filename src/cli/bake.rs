@@ -372,10 +372,13 @@ pub(super) fn report_text(object: &ObjectReport) -> String {
     ];
     if object.points > 0 {
         lines.push(format!("  points      {} ({} phase 1, {} phase 2)", object.points, object.phase1_points, object.phase2_points));
+        let levels: Vec<String> = object.tree_levels.iter().map(|level| level.points.to_string()).collect();
+        let leaf_mm = object.tree_levels.iter().rev().nth(1).map_or(0.0, |level| level.mean_radius_m * 1e3);
+        lines.push(format!("  tree        {} points by level, leaf spheres of {leaf_mm:.3} mm on average", levels.join(", ")));
     }
     lines.push(format!(
-        "  seconds     load {:.3}, surface {:.3}, fill {:.3}, layers {:.3}, distance {:.3}, pointshell {:.3}, normals {:.3}, total {:.3}",
-        t.load, t.surface, t.fill, t.layers, t.distance, t.pointshell, t.normals, t.total
+        "  seconds     load {:.3}, surface {:.3}, fill {:.3}, layers {:.3}, distance {:.3}, pointshell {:.3}, normals {:.3}, tree {:.3}, total {:.3}",
+        t.load, t.surface, t.fill, t.layers, t.distance, t.pointshell, t.normals, t.tree, t.total
     ));
     lines.push(String::new());
     lines.join("\n")

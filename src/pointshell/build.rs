@@ -1,17 +1,22 @@
 //! Voxmap in, pointshell out: the stages in order.
 
-use std::time::Instant;
+use core::ops::Range;
+use std::time::{Duration, Instant};
 
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use super::project::{SurfacePoint, project};
-use super::{normals, shell::Shell};
+use super::bins::Bins;
+use super::cluster::{Site, arrange};
+use super::levels::{LevelReport, levels};
+use super::normals::{BrickSums, normal};
+use super::project::Scratch;
+use super::shell::Shell;
 use crate::mesh::TriangleMesh;
 use crate::voxmap::Voxmap;
 
 /// What was built.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct ShellReport {
     /// Points, one per surface voxel.
     pub points: usize,
@@ -19,52 +24,133 @@ pub struct ShellReport {
     pub phase1_points: usize,
     /// Points on edges and corners, for voxels that phase 1 left empty.
     pub phase2_points: usize,
-    /// Seconds for projection and ordering.
+    /// Levels of the tree, from coarse to fine; the last holds all points.
+    pub tree_levels: Vec<LevelReport>,
+    /// Seconds for projection and layout.
     pub project_s: f64,
     /// Seconds for normals.
     pub normals_s: f64,
+    /// Seconds for the order of the points and the tree over them.
+    pub tree_s: f64,
 }
+
+/// Bricks that one task handles: some thousand points.
+const BRICKS_PER_TASK: usize = 32;
+
+/// Points in a brick below which its normals are looked up one by one.
+const POINTS_WORTH_SUMS: u32 = 6;
 
 /// Builds the shell of an object about `center_of_mass_tool` (tool frame, m).
 ///
-/// Points are ordered along a Morton curve over their voxels, so that neighbours in memory are neighbours in space. Cost: linear
-/// in the number of points (plus a sort).
+/// Points come in the order of the tree's leaves, so that neighbours in memory are neighbours in space. Runs on the current rayon
+/// pool. Cost: linear in the number of points, but for the ordering, which is n log n.
 pub fn build(mesh: &TriangleMesh, map: &Voxmap, center_of_mass_tool: DVec3) -> (Shell, ShellReport) {
     let mesh = map.mesh(mesh);
-    let grid = &map.surface.grid;
-    let since = Instant::now();
-    let mut points = project(mesh, &map.surface);
-    points.par_sort_unstable_by_key(|point| morton(point.cell));
-    let project_s = since.elapsed().as_secs_f64();
-    let since = Instant::now();
-    let placed: Vec<(DVec3, DVec3)> = points
-        .par_iter()
-        .map(|point| {
-            let position_tool = grid.origin_m + point.cells * grid.voxel_size_m;
-            (position_tool - center_of_mass_tool, normals::normal(mesh, map, point))
-        })
-        .collect();
-    let normals_s = since.elapsed().as_secs_f64();
-    let phase2_points = points.iter().filter(|point: &&SurfacePoint| point.on_boundary).count();
-    let report =
-        ShellReport { points: points.len(), phase1_points: points.len() - phase2_points, phase2_points, project_s, normals_s };
-    (Shell::new(&placed, grid.voxel_size_m), report)
+    let voxel_size_m = map.surface.grid.voxel_size_m;
+    let mut since = Instant::now();
+    let mut lap_s = || core::mem::replace(&mut since, Instant::now()).elapsed().as_secs_f64();
+    let bins = Bins::sort(mesh, &map.surface);
+    let sort_s = lap_s();
+    let Placed { mut sites, normals, tally } = place(mesh, map, &bins, center_of_mass_tool);
+    drop(bins);
+    let place_s = lap_s();
+    arrange(&mut sites);
+    let arrange_s = lap_s();
+    let shell = Shell::lay_out(&sites, &normals, tally.radius_m, voxel_size_m);
+    let lay_out_s = lap_s();
+    let shell = shell.with_tree();
+    let tree_levels = levels(&shell);
+    let spheres_s = lap_s();
+
+    // Both are done brick by brick: the time of the pass is shared out as the threads spent it.
+    let normals_s = place_s * tally.in_normals.as_secs_f64() / (tally.in_normals + tally.in_projection).as_secs_f64().max(1e-9);
+    let report = ShellReport {
+        points: sites.len(),
+        phase1_points: sites.len() - tally.phase2_points,
+        phase2_points: tally.phase2_points,
+        tree_levels,
+        project_s: sort_s + (place_s - normals_s) + lay_out_s,
+        normals_s,
+        tree_s: arrange_s + spheres_s,
+    };
+    (shell, report)
 }
 
-/// Interleaves the bits of a cell's coordinates.
-fn morton(cell: [i32; 3]) -> u64 {
-    let spread = |i: i32| {
-        let mut bits = i as u64 & 0x1f_ffff;
-        for (shift, mask) in [
-            (32, 0x001f_0000_0000_ffff),
-            (16, 0x001f_0000_ff00_00ff),
-            (8, 0x100f_00f0_0f00_f00f),
-            (4, 0x10c3_0c30_c30c_30c3),
-            (2, 0x1249_2492_4924_9249),
-        ] {
-            bits = (bits | bits << shift) & mask;
+/// Points in order of rank.
+struct Placed {
+    sites: Vec<Site>,
+    /// Inward unit normals, tool axes.
+    normals: Vec<Vec3>,
+    tally: Tally,
+}
+
+/// What every task adds up; no sum depends on its order.
+#[derive(Clone, Copy, Default)]
+struct Tally {
+    phase2_points: usize,
+    radius_m: f64,
+    in_projection: Duration,
+    in_normals: Duration,
+}
+
+impl Tally {
+    fn plus(self, other: Self) -> Self {
+        Self {
+            phase2_points: self.phase2_points + other.phase2_points,
+            radius_m: self.radius_m.max(other.radius_m),
+            in_projection: self.in_projection + other.in_projection,
+            in_normals: self.in_normals + other.in_normals,
         }
-        bits
+    }
+}
+
+/// A run of bricks and the places of its points.
+struct Task<'a> {
+    slots: Range<usize>,
+    sites: &'a mut [Site],
+    normals: &'a mut [Vec3],
+    first_idx: u32,
+}
+
+/// Projects and turns to a normal every surface voxel, brick by brick while the brick is in cache.
+fn place(mesh: &TriangleMesh, map: &Voxmap, bins: &Bins, center_of_mass_tool: DVec3) -> Placed {
+    let (surface, grid) = (&map.surface, &map.surface.grid);
+    let mut sites: Vec<Site> = rayon::iter::repeat_n(Site::default(), surface.n_voxels).collect();
+    let mut normals: Vec<Vec3> = rayon::iter::repeat_n(Vec3::ZERO, surface.n_voxels).collect();
+    let mut tasks = Vec::with_capacity(surface.bricks.len() / BRICKS_PER_TASK + 1);
+    let (mut sites_left, mut normals_left, mut first_idx) = (&mut sites[..], &mut normals[..], 0);
+    for first in (0..surface.bricks.len()).step_by(BRICKS_PER_TASK) {
+        let slots = first..(first + BRICKS_PER_TASK).min(surface.bricks.len());
+        let n_points: usize = surface.masks[slots.clone()].iter().flatten().map(|word| word.count_ones() as usize).sum();
+        let (sites, normals);
+        (sites, sites_left) = sites_left.split_at_mut(n_points);
+        (normals, normals_left) = normals_left.split_at_mut(n_points);
+        tasks.push(Task { slots, sites, normals, first_idx });
+        first_idx += n_points as u32;
+    }
+    let run = |(scratch, sums): &mut (Scratch, BrickSums), task: Task<'_>| {
+        let mut tally = Tally::default();
+        let mut places = task.sites.iter_mut().zip(task.normals).zip(task.first_idx..);
+        for slot in task.slots {
+            let start = Instant::now();
+            let points = scratch.project(mesh, surface, bins, slot);
+            let projected = Instant::now();
+            let n_points: u32 = surface.masks[slot].iter().map(|word| word.count_ones()).sum();
+            if !map.thin && n_points >= POINTS_WORTH_SUMS {
+                sums.form(&map.layers, surface.bricks[slot] as usize);
+            }
+            for (point, ((site, to), idx)) in points.zip(&mut places) {
+                let arm = grid.origin_m + point.cells * grid.voxel_size_m - center_of_mass_tool;
+                *site = Site::new(arm.as_vec3(), idx);
+                *to = normal(mesh, map, sums, &point).as_vec3();
+                tally.radius_m = tally.radius_m.max(arm.length());
+                tally.phase2_points += usize::from(point.on_boundary);
+            }
+            tally.in_projection += projected - start;
+            tally.in_normals += projected.elapsed();
+        }
+        tally
     };
-    spread(cell[0]) << 2 | spread(cell[1]) << 1 | spread(cell[2])
+    let tally = tasks.into_par_iter().map_init(Default::default, run).reduce(Tally::default, Tally::plus);
+    Placed { sites, normals, tally }
 }

@@ -1,6 +1,10 @@
 //! The pointshell as the tick reads it.
 
 use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+
+use super::cluster::Site;
+use super::tree::Tree;
 
 /// Points in one block: two AVX2 registers, one AVX-512 register, one cache line of `f32`.
 pub const LANES: usize = 16;
@@ -31,7 +35,7 @@ impl Lanes3 {
     }
 }
 
-/// Points and normals of the tool.
+/// Points and normals of the tool, and the tree over them.
 ///
 /// Frame: tool axes, origin at the **centre of mass**, so that an arm r_i is the point itself. Units: m.
 #[derive(Debug)]
@@ -40,29 +44,57 @@ pub struct Shell {
     positions: Vec<Lanes3>,
     /// Same layout: unit normals, pointing **into** the tool.
     normals: Vec<Lanes3>,
+    tree: Tree,
     n_points: usize,
     radius_m: f64,
     voxel_size_m: f64,
 }
 
 impl Shell {
-    /// Lays out points (about the centre of mass, m) and inward unit normals. Cold.
+    /// Lays out points (about the centre of mass, m) and inward unit normals in the order given, which is also that of the tree's
+    /// leaves. Cold.
     pub fn new(points: &[(DVec3, DVec3)], voxel_size_m: f64) -> Self {
         let blocks = |of: fn(&(DVec3, DVec3)) -> DVec3| {
-            let block = |chunk: &[(DVec3, DVec3)]| {
-                let lane =
-                    |axis: usize| Lanes(core::array::from_fn(|lane| chunk.get(lane).map_or(f32::NAN, |p| of(p)[axis] as f32)));
-                Lanes3 { x: lane(0), y: lane(1), z: lane(2) }
-            };
-            points.chunks(LANES).map(block).collect::<Vec<_>>()
+            points.chunks(LANES).map(|chunk| block(chunk, |point| of(point).as_vec3())).collect::<Vec<_>>()
         };
+        let (positions, normals) = (blocks(|point| point.0), blocks(|point| point.1));
+        let tree = Tree::over(&positions, points.len());
+        let radius_m = points.iter().map(|point| point.0.length()).fold(0.0, f64::max);
+        Self { positions, normals, tree, n_points: points.len(), radius_m, voxel_size_m }
+    }
+
+    /// Lays out arranged sites and the normals that their numbers name; the tree is still to come. Cold.
+    pub(super) fn lay_out(sites: &[Site], normals: &[Vec3], radius_m: f64, voxel_size_m: f64) -> Self {
+        let chunks = || sites.par_chunks(LANES);
         Self {
-            positions: blocks(|point| point.0),
-            normals: blocks(|point| point.1),
-            n_points: points.len(),
-            radius_m: points.iter().map(|point| point.0.length()).fold(0.0, f64::max),
+            positions: chunks().map(|chunk| block(chunk, Site::position)).collect(),
+            normals: chunks().map(|chunk| block(chunk, |site| normals[site.idx as usize])).collect(),
+            tree: Tree::default(),
+            n_points: sites.len(),
+            radius_m,
             voxel_size_m,
         }
+    }
+
+    /// The same shell with the tree over it. Cold.
+    pub(super) fn with_tree(mut self) -> Self {
+        self.tree = Tree::over(&self.positions, self.n_points);
+        self
+    }
+
+    /// The tree: spheres around runs of points.
+    pub fn tree(&self) -> &Tree {
+        &self.tree
+    }
+
+    /// Positions, 16 in a block, m; unused lanes of the last block hold NaN.
+    pub fn positions(&self) -> &[Lanes3] {
+        &self.positions
+    }
+
+    /// Inward unit normals, laid out like [`Self::positions`].
+    pub fn normals(&self) -> &[Lanes3] {
+        &self.normals
     }
 
     /// Blocks of positions and of normals, side by side.
@@ -99,7 +131,20 @@ impl Shell {
 
     /// Heap size, bytes.
     pub fn heap_bytes(&self) -> usize {
-        let Self { positions, normals, n_points: _, radius_m: _, voxel_size_m: _ } = self;
-        size_of_val(&**positions) + size_of_val(&**normals)
+        let Self { positions, normals, tree, n_points: _, radius_m: _, voxel_size_m: _ } = self;
+        size_of_val(&**positions) + size_of_val(&**normals) + tree.heap_bytes()
     }
+}
+
+/// One block of up to [`LANES`] vectors, NaN beyond them.
+fn block<T>(chunk: &[T], of: impl Fn(&T) -> Vec3) -> Lanes3 {
+    let mut lanes = [[f32::NAN; LANES]; 3];
+    for (lane, item) in chunk.iter().enumerate() {
+        let vector = of(item);
+        for axis in 0..3 {
+            lanes[axis][lane] = vector[axis];
+        }
+    }
+    let [x, y, z] = lanes.map(Lanes);
+    Lanes3 { x, y, z }
 }

@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use crate::mesh::validate::MeshReport;
-use crate::pointshell::ShellReport;
+use crate::pointshell::{LevelReport, ShellReport};
 use crate::voxmap::Voxmap;
 use crate::voxmap::leak::MOSTLY_THIN;
 use crate::voxmap::sides::SidesBasis;
@@ -53,10 +53,12 @@ pub struct Timings {
     pub layers: f64,
     /// Distances and field.
     pub distance: f64,
-    /// Projection and ordering of points.
+    /// Projection and layout of points.
     pub pointshell: f64,
     /// Normals.
     pub normals: f64,
+    /// Order of the points and the tree over them.
+    pub tree: f64,
     /// All of it.
     pub total: f64,
 }
@@ -108,6 +110,8 @@ pub struct ObjectReport {
     pub phase1_points: usize,
     /// Points found in phase 2.
     pub phase2_points: usize,
+    /// Levels of the point-sphere tree, from coarse to fine; the last holds all points. Empty for a static object.
+    pub tree_levels: Vec<LevelReport>,
     /// Threads of the bake.
     pub threads: usize,
     /// Seconds per stage.
@@ -158,10 +162,11 @@ impl ObjectReport {
             distance: stages.distance_s,
             pointshell: shell.project_s,
             normals: shell.normals_s,
+            tree: shell.tree_s,
             total: 0.0,
         };
-        let Timings { load, init, surface, fill, layers, distance, pointshell, normals, total: _ } = timings_s;
-        timings_s.total = load + init + surface + fill + layers + distance + pointshell + normals;
+        let Timings { load, init, surface, fill, layers, distance, pointshell, normals, tree, total: _ } = timings_s;
+        timings_s.total = load + init + surface + fill + layers + distance + pointshell + normals + tree;
         Self {
             name: name.to_owned(),
             role,
@@ -185,6 +190,7 @@ impl ObjectReport {
             points: shell.points,
             phase1_points: shell.phase1_points,
             phase2_points: shell.phase2_points,
+            tree_levels: shell.tree_levels.clone(),
             threads: rayon::current_num_threads(),
             timings_s,
             warnings,

@@ -1,4 +1,4 @@
-//! Acceptance tests 2, 3, 4, 6 and 7 (data structures), under their numbers.
+//! Acceptance tests 2, 3, 4, 6, 7 and 8 (data structures), under their numbers.
 
 use glam::DVec3;
 use hapticd::mesh::primitives::Shape;
@@ -414,4 +414,27 @@ fn an_open_box_leaks_and_becomes_a_thin_skin_but_a_slit_does_not() {
         soup.triangles.push([first, first + 1, first + 2]);
     }
     assert!(build(&soup, S, 3).watertight);
+}
+
+/// The counts only: how the time grows is a matter of measuring, not of a test.
+#[test]
+fn acceptance_8_half_the_voxel_size_gives_four_times_the_points_and_eight_times_the_voxels() {
+    let mut meshes = vec![
+        ("sphere".to_owned(), sphere(40.0, DVec3::new(0.3, 0.1, 0.7))),
+        ("torus".to_owned(), Shape::Torus { major_m: 0.04, minor_m: 0.012 }.tessellate(1e-5)),
+    ];
+    let wanted = ["factory_gear_medium_space_5e-4.obj", "rocker-arm.obj", "suzanne.obj"];
+    meshes.extend(models::all().into_iter().filter(|(name, _)| wanted.contains(name)).map(|(name, mesh)| (name.to_owned(), mesh)));
+    for (name, mesh) in &meshes {
+        let (low, high) = mesh.bounds().expect("not empty");
+        let coarse_m = (high - low).max_element() / 150.0;
+        let [coarse, fine] = [coarse_m, 0.5 * coarse_m].map(|voxel_size_m| build(mesh, voxel_size_m, 2));
+        let points = |map: &Voxmap| pointshell::build(mesh, map, DVec3::ZERO).1.points as f64;
+        let ratio = points(&fine) / points(&coarse);
+        assert!((ratio / 4.0 - 1.0).abs() <= 0.1, "{name}: {ratio} times the points");
+        // The padding is a matter of layers, not of the object: its volume is what the voxels measure.
+        let voxels = |map: &Voxmap| map.sides.count_inside(&map.surface) as f64 + 0.5 * map.surface.n_voxels as f64;
+        let ratio = voxels(&fine) / voxels(&coarse);
+        assert!((ratio / 8.0 - 1.0).abs() <= 0.05, "{name}: {ratio} times the voxels");
+    }
 }

@@ -15,3 +15,4 @@ mod real_scenes;
 mod rig;
 mod scenes;
 mod sides;
+mod tree;
