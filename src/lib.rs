@@ -16,8 +16,10 @@
 //! | [`servo`] | the 1 kHz loop: wait → read → tick → write → publish |
 //! | [`telemetry`] | records out of the loop → histograms and summaries |
 //! | [`daemon`] | supervisor: bake, preflight, enable, stop |
+//! | [`bench`] | stand-in models and figures of generation |
 //! | [`cli`] | one file per command; the only printer |
 
+pub mod bench;
 pub mod cli;
 pub mod config;
 pub mod daemon;
