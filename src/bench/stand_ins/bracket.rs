@@ -13,14 +13,14 @@ const BORE_CORNERS: usize = 64;
 /// One solid of 7,088 triangles.
 pub(super) fn bracket(random: &mut Random) -> TriangleMesh {
     let DVec3 { x: width, y: depth, z: height } = BOX_MM;
-    // The C in the plane of x and z; the radius that rounds each corner, and points on it. Their sum makes the number of triangles.
+    // The C in the plane of x and z, with no face on a voxel boundary at the sizes of the tables, where it would mark two layers; the radius that rounds each corner, and points on it. Their sum makes the number of triangles.
     let corners = [
         ((0.0, 0.0), 12.0, 43),
         ((width, 0.0), 12.0, 43),
-        ((width, 110.0), 18.0, 43),
-        ((84.0, 110.0), 24.0, 43),
-        ((84.0, 700.0), 24.0, 43),
-        ((200.0, 700.0), 18.0, 43),
+        ((width, 110.7), 18.0, 43),
+        ((85.3, 110.7), 24.0, 43),
+        ((85.3, 701.3), 24.0, 43),
+        ((200.0, 701.3), 18.0, 43),
         ((200.0, height), 12.0, 43),
         ((0.0, height), 12.0, 42),
     ];
