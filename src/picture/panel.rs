@@ -77,9 +77,10 @@ impl Panel {
         let grid = &subject.surface.grid;
         let n_cells = self.n_cells(subject);
         let scale = [0, 1].map(|side| f64::from(self.size[side]) / f64::from(n_cells[side]));
-        // One point for each field of the sheet: the first, and the shell's order does not depend on anything.
+        // The first point of each place on the sheet: the shell's order does not depend on anything.
         let n_columns = self.size[0] / POINT_SPACING + 1;
-        let mut taken = vec![false; (n_columns * (self.size[1] / POINT_SPACING + 1)) as usize];
+        let n_rows = self.size[1] / POINT_SPACING + 1;
+        let mut drawn: Vec<Vec<[f64; 2]>> = vec![Vec::new(); (n_columns * n_rows) as usize];
         let length = (2.2 * scale[0].min(scale[1])).clamp(10.0, 20.0);
         for (position, normal) in subject.shell.points() {
             let cells = grid.to_cells(position.as_dvec3() + subject.center_of_mass_tool);
@@ -88,11 +89,18 @@ impl Panel {
                 continue;
             }
             let on_panel = [cells[self.axes[0]] * scale[0], f64::from(self.size[1]) - cells[self.axes[1]] * scale[1]];
-            let field = on_panel.map(|pixel| pixel as i32 / POINT_SPACING);
-            match taken.get_mut((field[1] * n_columns + field[0]).max(0) as usize) {
-                Some(taken) if !*taken => *taken = true,
-                _ => continue,
+            let field = [0, 1].map(|side| (on_panel[side] as i32 / POINT_SPACING).clamp(0, [n_columns, n_rows][side] - 1));
+            let near = |column: i32, row: i32| {
+                let field = drawn.get((row * n_columns + column) as usize).filter(|_| (0..n_columns).contains(&column) && row >= 0);
+                field
+                    .into_iter()
+                    .flatten()
+                    .any(|other| (other[0] - on_panel[0]).hypot(other[1] - on_panel[1]) < f64::from(POINT_SPACING))
+            };
+            if (-1..=1).any(|dx| (-1..=1).any(|dy| near(field[0] + dx, field[1] + dy))) {
+                continue;
             }
+            drawn[(field[1] * n_columns + field[0]) as usize].push(on_panel);
             let at = [0, 1].map(|side| f64::from(self.corner[side]) + on_panel[side]);
             draw_point(canvas, at, [normal[self.axes[0]], -normal[self.axes[1]]], length);
         }

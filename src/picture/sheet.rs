@@ -42,8 +42,8 @@ const HEADER: f64 = 112.0;
 const LEGEND: f64 = 92.0;
 const COLUMN_GAP: f64 = 96.0;
 const ROW_GAP: f64 = 84.0;
-/// Shortest edge over longest from which on the three cuts stand side by side.
-const STOCKY: f64 = 0.35;
+/// Longest edge over the second from which on a body is drawn along the sheet.
+const LONG: f64 = 1.8;
 
 /// Draws the sheet and writes it as a PNG, at most 1600 pixels wide.
 ///
@@ -69,7 +69,7 @@ fn png(subject: &Subject<'_>) -> io::Result<Vec<u8>> {
     canvas.png()
 }
 
-/// Places three cuts on the sheet. A stocky body has them side by side; a long one has its longest edge to the right in the first,
+/// Places three cuts on the sheet. Most bodies have them side by side; a long one has its longest edge to the right in the first,
 /// the second below and the third beside it, as in a drawing of three views.
 fn panels(subject: &Subject<'_>) -> [Panel; 3] {
     let dims = subject.surface.grid.dims;
@@ -79,22 +79,22 @@ fn panels(subject: &Subject<'_>) -> [Panel; 3] {
     let [a, b, c] = by_length;
     let room = WIDTH - LEFT - RIGHT;
     let cuts = cuts(subject);
-    let is_stocky = extent[c] > STOCKY * extent[a];
-    let (scale, axes) = if is_stocky {
+    let is_long = extent[a] > LONG * extent[b];
+    let (scale, axes) = if !is_long {
         let across = (room - 2.0 * COLUMN_GAP) / (2.0 * extent[0] + extent[1]);
         (across.min(PANELS_HEIGHT / extent[1].max(extent[2])), [[0, 1, 2], [0, 2, 1], [1, 2, 0]])
     } else {
         let across = (room - COLUMN_GAP) / (extent[a] + extent[c]);
         (across.min((PANELS_HEIGHT - ROW_GAP) / (extent[b] + extent[c])), [[a, b, c], [a, c, b], [c, b, a]])
     };
-    let pixels = extent.map(|n_cells| (n_cells * scale).max(PANEL_MIN).round());
+    let pixels = extent.map(|n_cells| (n_cells * scale).max(PANEL_MIN).floor());
     let place = |axes: [usize; 3], left: f64, top: f64| Panel {
         axes,
         cut: cuts[axes[2]],
         corner: [left, top].map(|edge| edge as i32),
         size: [axes[0], axes[1]].map(|axis| pixels[axis] as i32),
     };
-    if is_stocky {
+    if !is_long {
         let tallest = pixels[1].max(pixels[2]);
         let second = LEFT + pixels[0] + COLUMN_GAP;
         [
@@ -132,10 +132,10 @@ fn header(canvas: &mut Canvas, subject: &Subject<'_>) {
     let [nx, ny, nz] = grid.dims;
     canvas.text([LEFT, 40.0], 24.0, Align::Left, INK, &shortened(subject.name, 60));
     let facts = format!(
-        "{nx} \u{d7} {ny} \u{d7} {nz} voxels of {} mm \u{b7} {} on the surface \u{b7} {} points \u{b7} {}",
+        "{nx} \u{d7} {ny} \u{d7} {nz} voxels of {} mm \u{b7} {} of them on the surface, a point in each \u{b7} {} layers \u{b7} {}",
         short(grid.voxel_size_m * 1e3),
         grouped(subject.surface.n_voxels),
-        grouped(subject.shell.len()),
+        subject.layers.n_layers,
         if subject.thin { "two-sided skin" } else { "solid" }
     );
     canvas.text([LEFT, 66.0], 15.0, Align::Left, FAINT, &facts);
@@ -166,7 +166,7 @@ fn legend(canvas: &mut Canvas, subject: &Subject<'_>, top: f64) {
     let sample = [right + 100.0, top + 8.0];
     canvas.block([sample[0] as i32 - 10, top as i32], [44, 16], palette::of_layer(3, subject.layers.n_layers));
     draw_point(canvas, sample, [1.0, 0.0], 18.0);
-    canvas.text([sample[0] + 44.0, top + 13.0], 13.0, Align::Left, INK, "point in the cut, thinned out, with its normal");
+    canvas.text([sample[0] + 44.0, top + 13.0], 13.0, Align::Left, INK, "point in the cut (thinned out) and its normal");
 }
 
 /// Digits in groups of three.
@@ -174,7 +174,7 @@ fn grouped(count: usize) -> String {
     let digits = count.to_string();
     let mut text = String::new();
     for (k, digit) in digits.chars().enumerate() {
-        if k > 0 && (digits.len() - k) % 3 == 0 {
+        if k > 0 && (digits.len() - k).is_multiple_of(3) {
             text.push(',');
         }
         text.push(digit);
