@@ -16,8 +16,11 @@
 //! | [`servo`] | the 1 kHz loop: wait → read → tick → write → publish |
 //! | [`telemetry`] | records out of the loop → histograms and summaries |
 //! | [`daemon`] | supervisor: bake, preflight, enable, stop |
+//! | [`picture`] | cuts through a map with its shell, as PNG |
+//! | [`bench`] | stand-in models and figures of generation |
 //! | [`cli`] | one file per command; the only printer |
 
+pub mod bench;
 pub mod cli;
 pub mod config;
 pub mod daemon;
@@ -25,6 +28,7 @@ pub mod device;
 pub mod error;
 pub mod haptics;
 pub mod mesh;
+pub mod picture;
 pub mod pointshell;
 pub mod rt;
 pub mod scene;

@@ -15,6 +15,7 @@ use crate::config::problem::show;
 use crate::config::resolve::MeshSource;
 use crate::error::Exit;
 use crate::mesh::MeshError;
+use crate::picture::{self, Subject};
 use crate::pointshell::ply;
 use crate::scene::{self, Event, Geometry, MemoryPlan, ObjectReport, Role, SceneError};
 use crate::voxmap::estimate::{Estimate, Products};
@@ -63,6 +64,9 @@ pub(crate) struct Args {
     /// Write the points and inward normals as binary PLY, metres (mesh only).
     #[arg(long, value_name = "F.ply")]
     pointshell_out: Option<PathBuf>,
+    /// Draw three cuts through the map with the shell on them (mesh only).
+    #[arg(long, value_name = "F.png")]
+    picture: Option<PathBuf>,
     /// Print exactly one JSON object.
     #[arg(long)]
     json: bool,
@@ -216,6 +220,7 @@ fn bake_scene(args: &Args, talk: Talk) -> Result<Exit, Failure> {
         ("--voxmap-out", args.voxmap_out.is_some()),
         ("--field-out", args.field_out.is_some()),
         ("--pointshell-out", args.pointshell_out.is_some()),
+        ("--picture", args.picture.is_some()),
     ];
     if let Some((flag, _)) = mesh_only.iter().find(|(_, given)| *given) {
         return Err(Failure::Usage(format!("{flag} goes with a mesh; a scene says it in its file")));
@@ -268,8 +273,13 @@ fn bake_mesh(args: &Args, talk: Talk) -> Result<(), Failure> {
         )));
     }
     // Before the work, not after it.
-    for path in [&args.voxmap_out, &args.field_out, &args.pointshell_out].into_iter().flatten() {
+    for path in [&args.voxmap_out, &args.field_out, &args.pointshell_out, &args.picture].into_iter().flatten() {
         check_destination(path)?;
+    }
+    if let Some(path) = &args.picture
+        && !path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png"))
+    {
+        return Err(Failure::Usage(format!("--picture {}: a picture is a .png", path.display())));
     }
     let name = args.input.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     let progress = BakeProgress::new(talk);
@@ -314,6 +324,17 @@ fn bake_mesh(args: &Args, talk: Talk) -> Result<(), Failure> {
     if let Some(path) = &args.pointshell_out {
         write(path, |path| ply::write(path, &shell, center_of_mass))?;
     }
+    if let Some(path) = &args.picture {
+        let subject = Subject {
+            name: &name,
+            surface: &map.surface,
+            layers: &map.layers,
+            shell: &shell,
+            center_of_mass_tool: center_of_mass,
+            thin: map.thin,
+        };
+        write(path, |path| picture::write(path, &subject))?;
+    }
     progress.finish();
 
     let object = geometry.report(&map, &shell_report);
@@ -345,7 +366,7 @@ fn write(path: &Path, export: impl FnOnce(&Path) -> std::io::Result<()>) -> Resu
 }
 
 /// One object, in one line of JSON with the keys in the order of the struct.
-fn print_json(report: &impl Serialize) {
+pub(super) fn print_json(report: &impl Serialize) {
     match serde_json::to_string(report) {
         Ok(text) => say::result(format_args!("{text}\n")),
         // True invariant: numbers, names and flags, no map with odd keys.

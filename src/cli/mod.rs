@@ -1,6 +1,7 @@
 //! The command line: one file per command. The only room that prints.
 
 mod bake;
+mod bench;
 mod check;
 mod eval;
 mod memory;
@@ -61,6 +62,8 @@ enum Command {
     Check(check::Args),
     /// Contact wrench at each given tool pose: no device, no time.
     Eval(eval::Args),
+    /// Measure, beside the paper's figures and other programs.
+    Bench(bench::Args),
 }
 
 /// Parses the command line, runs the command and gives the process's exit code.
@@ -71,6 +74,7 @@ pub fn main() -> ExitCode {
         Command::Bake(args) => bake::main(&args, talk),
         Command::Check(args) => check::main(&args, talk),
         Command::Eval(args) => eval::main(&args, talk),
+        Command::Bench(args) => bench::main(&args, talk),
     });
     let exit = dispatched.unwrap_or_else(|_| {
         report::error("this is a bug of hapticd: please report it with the lines above and the command line", None, talk);

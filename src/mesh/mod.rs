@@ -16,7 +16,7 @@ pub mod closest_point;
 mod error;
 pub mod mass;
 mod obj;
-mod polygon;
+pub(crate) mod polygon;
 pub mod primitives;
 mod stl;
 pub mod validate;

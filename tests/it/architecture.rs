@@ -4,6 +4,7 @@
 //! |---|---|
 //! | `spatial` | nothing: a leaf |
 //! | `mesh`, `voxmap`, `pointshell` | `spatial` and each other; nothing of scenes, devices, loops or threads |
+//! | `picture`, `bench` | what geometry may, and nobody but `cli` uses them |
 //! | `haptics` | `spatial`, `voxmap::field`, `pointshell::{shell, tree}` |
 //! | `device` | anything but the rooms that render, run or watch |
 //! | `telemetry`, `monitor` | anything but `servo` |
@@ -27,6 +28,9 @@ fn refusal(room: &str, path: &[String]) -> Option<&'static str> {
     if first == "cli" && !matches!(room, "cli" | "main" | "lib") {
         return Some("nobody uses `cli`");
     }
+    if matches!(first, "picture" | "bench") && first != room && !matches!(room, "cli" | "lib") {
+        return Some("nobody but `cli` uses `picture` and `bench`");
+    }
     match room {
         "spatial" if first != "spatial" => Some("`spatial` is a leaf"),
         "haptics" => {
@@ -40,7 +44,7 @@ fn refusal(room: &str, path: &[String]) -> Option<&'static str> {
         }
         "device" if ABOVE_DEVICES.contains(&first) => Some("`device` knows nothing of rendering"),
         "telemetry" | "monitor" if first == "servo" => Some("`telemetry` and `monitor` never call into `servo`"),
-        "mesh" | "voxmap" | "pointshell" if ABOVE_GEOMETRY.contains(&first) => {
+        "mesh" | "voxmap" | "pointshell" | "picture" | "bench" if ABOVE_GEOMETRY.contains(&first) => {
             Some("geometry knows nothing of what it is used for")
         }
         _ => None,
@@ -306,6 +310,9 @@ fn planted_violations_are_caught() {
         ("voxmap/grid.rs", "use crate::config::SceneConfig;", Some("geometry")),
         ("spatial/pose.rs", "use crate::mesh::TriangleMesh;", Some("leaf")),
         ("scene/build.rs", "use crate::cli::Talk;", Some("nobody uses `cli`")),
+        ("voxmap/build.rs", "use crate::picture::Subject;", Some("nobody but `cli`")),
+        ("bench/generation/mod.rs", "use crate::scene::Geometry;", Some("geometry")),
+        ("bench/peers.rs", "use super::process;\nuse crate::voxmap::grid::Grid;", None),
         ("mesh/obj.rs", "fn f() { unsafe { g() } }", Some("`unsafe`")),
         ("mesh/obj.rs", "#![expect(unsafe_code)] // unsafe\nconst X: &str = \"unsafe println!\"; const C: char = '\"';", None),
         ("mesh/obj.rs", "const S: &str = r#\"a \" unsafe\"#; fn f<'a>(x: &'a str) { unsafe {} }", Some("`unsafe`")),

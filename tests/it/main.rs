@@ -2,6 +2,7 @@
 #![expect(clippy::print_stderr, reason = "tests say what they skip and measure")]
 
 mod architecture;
+mod bench;
 mod cli;
 mod config_errors;
 mod contact;

@@ -1,0 +1,41 @@
+//! Cases (f) to (j): pointshells of the paper's three models.
+//!
+//! # Source
+//! Sagardia2008, Table 1: points and seconds of the new method. Their growth is about quadratic; ours has to be linear
+//! (acceptance test 8).
+
+use super::super::process::Resolution;
+use super::super::stand_ins::StandIn;
+use super::super::statistics::growth_exponent;
+use super::super::{BenchError, Row};
+use super::Bench;
+
+const CASES: [(char, StandIn, f64, f64, f64); 5] = [
+    ('f', StandIn::Bracket, 8.0, 10_954.0, 0.631_9),
+    ('g', StandIn::Bracket, 2.0, 182_464.0, 137.412),
+    ('h', StandIn::Brake, 6.0, 7_287.0, 0.446_5),
+    ('i', StandIn::Brake, 1.5, 207_490.0, 302.974),
+    ('j', StandIn::Car, 40.0, 12_161.0, 11.223),
+];
+
+pub(super) fn rows(bench: &mut Bench<'_>) -> Result<Vec<Row>, BenchError> {
+    let cases = if bench.options.quick { &CASES[..1] } else { &CASES };
+    let (mut rows, mut growth) = (Vec::new(), Vec::new());
+    for (name, stand_in, size_mm, paper_points, paper_s) in cases {
+        let group = format!("pointshell {name}: {} at {size_mm} mm", stand_in.name());
+        let mesh = bench.stand_in(*stand_in)?;
+        let bakes = bench.bake(&group, &mesh, Resolution::SizeMm(*size_mm), None)?;
+        let (points, seconds) = (bakes.count("points"), bakes.sum_s(&["pointshell", "normals"]));
+        let rate = points.zip(seconds).map(|(points, seconds)| points / seconds);
+        growth.extend(points.zip(seconds));
+        rows.push(Row { paper: Some(*paper_points), ..Row::new(&group, "points", points, "") });
+        rows.push(Row::new(&group, "points and normals", seconds, "s").beside_paper(*paper_s));
+        rows.push(Row { paper: Some(paper_points / paper_s), ..Row::new(&group, "rate", rate, "points/s") }.at_least(5e6));
+        rows.extend(bakes.stage_s("tree").map(|seconds| Row::new(&group, "tree", seconds, "s")));
+    }
+    let exponent = growth_exponent(&growth);
+    let row = Row::new("pointshell: growth", "p of time ~ points^p over the cases", exponent, "");
+    let paper = growth_exponent(&CASES.map(|(_, _, _, points, seconds)| (points, seconds)));
+    rows.push(Row { paper, ..row });
+    Ok(rows)
+}

@@ -1,0 +1,42 @@
+//! Measuring generation beside the paper and beside other programs.
+//!
+//! [`stand_ins`] makes the models of the paper's tables. [`generation`] bakes them, each bake a process of its own, and puts
+//! the figures into a [`Report`].
+//!
+//! Invariants: cold. Nothing here decides whether a test passes; a target that is missed is a line that says so.
+
+mod export;
+pub mod generation;
+mod peers;
+mod process;
+mod random;
+mod report;
+pub mod stand_ins;
+mod statistics;
+
+use std::path::PathBuf;
+
+use thiserror::Error;
+
+pub use report::{Machine, Report, Row, commit_of};
+
+/// Why a bench ended early.
+#[derive(Debug, Error)]
+pub enum BenchError {
+    /// A process that is measured did not do its work.
+    #[error("{command} failed: {why}")]
+    Process {
+        /// As it was started.
+        command: String,
+        /// What it said last.
+        why: String,
+    },
+    /// A stand-in could not be written.
+    #[error("cannot write {}: {source}", path.display())]
+    Write {
+        /// File or folder.
+        path: PathBuf,
+        /// What the system says.
+        source: std::io::Error,
+    },
+}

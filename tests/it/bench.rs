@@ -1,0 +1,151 @@
+//! `hapticd bench` and `bake --picture` as a stranger meets them.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+use std::process::{Command, Output};
+
+use serde_json::Value;
+
+/// Runs the program in a folder, without any peers or models.
+fn hapticd(folder: &Path, arguments: &[&str]) -> Output {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_hapticd"));
+    command.current_dir(folder).args(arguments).env_remove("HAPTICD_MODELS").env_remove("HAPTICD_PEERS").env("TMPDIR", folder);
+    command.output().unwrap()
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8(bytes.to_vec()).unwrap()
+}
+
+fn keys(value: &Value) -> BTreeSet<&str> {
+    value.as_object().unwrap().keys().map(String::as_str).collect()
+}
+
+#[test]
+fn a_quick_bench_prints_one_object_with_a_row_for_each_figure() {
+    let folder = tempfile::tempdir().unwrap();
+    let ended = hapticd(folder.path(), &["bench", "generation", "--quick", "--json", "--threads", "2"]);
+    assert_eq!(ended.status.code(), Some(0), "{}", text(&ended.stderr));
+    assert!(text(&ended.stderr).contains("run 1"), "progress goes to stderr");
+    let said = text(&ended.stdout);
+    assert_eq!(said.lines().count(), 1, "{said}");
+    let report: Value = serde_json::from_str(&said).unwrap();
+    assert_eq!(keys(&report), BTreeSet::from(["machine", "commit", "rows"]));
+    assert_eq!(keys(&report["machine"]), BTreeSet::from(["cpu", "cores", "kernel", "memory_gib"]));
+    let rows = report["rows"].as_array().unwrap();
+    let expected = ["group", "name", "value", "unit", "target", "met", "paper", "peer", "peer_value", "ratio"];
+    for row in rows {
+        assert_eq!(keys(row), BTreeSet::from(expected), "{row}");
+        assert_eq!(
+            row["met"].is_null(),
+            row["target"].is_null()
+                || (row["value"].is_null() || row["ratio"].is_null() && row["target"].as_str().unwrap().starts_with("ratio")),
+            "{row}"
+        );
+    }
+    let value = |group: &str, name: &str| {
+        let row =
+            rows.iter().find(|row| row["group"].as_str().unwrap().contains(group) && row["name"].as_str().unwrap().contains(name));
+        row.unwrap_or_else(|| panic!("no {name} of {group}"))["value"].as_f64()
+    };
+    assert_eq!(value("settings", "threads"), Some(2.0));
+    for navigation in ["plane-span", "two-sided"] {
+        assert_eq!(value(navigation, "triangles"), Some(7088.0));
+        assert_eq!(value(navigation, "watertight"), Some(1.0));
+        for figure in [
+            "load",
+            "init",
+            "generate",
+            "fill",
+            "layers",
+            "distance",
+            "pointshell",
+            "normals",
+            "all stages",
+            "peak memory",
+            "SAT tests",
+        ] {
+            assert!(value(navigation, figure) > Some(0.0), "{figure} of {navigation}");
+        }
+    }
+    assert!(value("two-sided", "SAT tests") <= value("plane-span", "SAT tests"));
+    let points = value("pointshell f", "points").unwrap();
+    assert!((points / 10_954.0 - 1.0).abs() < 0.2, "{points} points");
+    // The voxel size halves: four times the points.
+    let growth = value("beside twice the size", "points").unwrap();
+    assert!((3.0..5.0).contains(&growth), "{growth}");
+    let bunny = rows.iter().find(|row| row["group"] == "bunny").unwrap();
+    assert!(bunny["value"].is_null() && bunny["name"] == "skipped: HAPTICD_MODELS not set");
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0, "nothing stays in the temporary folder");
+}
+
+#[test]
+fn groups_that_are_not_there_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    for (group, code, fragment) in
+        [("contact", 3, "not available in this version"), ("sculpt", 3, "available: generation"), ("speed", 2, "generation")]
+    {
+        let ended = hapticd(folder.path(), &["bench", group, "--quick"]);
+        assert_eq!(ended.status.code(), Some(code), "{group}");
+        assert!(text(&ended.stderr).contains(fragment) && ended.stdout.is_empty(), "{}", text(&ended.stderr));
+    }
+}
+
+#[test]
+fn a_picture_is_a_png_with_the_surface_on_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let peg = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/models/peg.obj");
+    let peg = peg.to_str().unwrap();
+    let bake = |voxel_size_mm: &str, picture: &str| {
+        hapticd(
+            folder.path(),
+            &["bake", peg, "--units", "mm", "--voxel-size-mm", voxel_size_mm, "--layers", "3", "--json", "--picture", picture],
+        )
+    };
+    for (voxel_size_mm, picture) in [("1", "fine.png"), ("30", "COARSE.PNG")] {
+        let ended = bake(voxel_size_mm, picture);
+        assert_eq!(ended.status.code(), Some(0), "{}", text(&ended.stderr));
+        let pixels = tiny_skia::Pixmap::load_png(folder.path().join(picture)).unwrap();
+        assert!(
+            (900..=1600).contains(&pixels.width()) && (300..=1300).contains(&pixels.height()),
+            "{} x {}",
+            pixels.width(),
+            pixels.height()
+        );
+        let share = |is: fn([u8; 3]) -> bool| {
+            let n = pixels.pixels().iter().filter(|pixel| is([pixel.red(), pixel.green(), pixel.blue()])).count();
+            n as f64 / pixels.pixels().len() as f64
+        };
+        let dark = share(|[red, green, blue]| red < 60 && green < 60 && blue < 60);
+        let blue = share(|[red, _, blue]| i16::from(blue) - i16::from(red) > 60);
+        let orange = share(|[red, _, blue]| i16::from(red) - i16::from(blue) > 60);
+        assert!(dark > 0.01 && blue > 0.02, "{picture}: {dark} dark, {blue} blue");
+        // Voxels larger than the peg have no inside, but the legend has one.
+        assert!(orange > if voxel_size_mm == "1" { 0.05 } else { 0.0005 }, "{picture}: {orange} orange");
+    }
+    let same = || bake("1", "again.png");
+    same();
+    let [first, again] = ["fine.png", "again.png"].map(|name| std::fs::read(folder.path().join(name)).unwrap());
+    assert!(first == again, "the same bake draws the same bytes");
+}
+
+#[test]
+fn a_picture_that_cannot_be_drawn_is_refused_before_the_work() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("part.obj"), "v 0 0 0\nv 9 0 0\nv 0 9 0\nv 0 0 9\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n")
+        .unwrap();
+    std::fs::create_dir(folder.path().join("folder.png")).unwrap();
+    let cases = [
+        ("cut.jpg", 2, "a picture is a .png"),
+        ("none/cut.png", 4, "the folder must exist"),
+        ("folder.png", 4, "give a file name"),
+    ];
+    for (picture, code, fragment) in cases {
+        let ended = hapticd(folder.path(), &["bake", "part.obj", "--units", "mm", "--voxel-size-mm", "1", "--picture", picture]);
+        assert_eq!(ended.status.code(), Some(code), "{picture}: {}", text(&ended.stderr));
+        assert!(text(&ended.stderr).contains(fragment) && ended.stdout.is_empty(), "{picture}: {}", text(&ended.stderr));
+    }
+    let ended = hapticd(folder.path(), &["bake", "scene.toml", "--picture", "cut.png"]);
+    assert_eq!(ended.status.code(), Some(2));
+    assert!(text(&ended.stderr).contains("--picture goes with a mesh"), "{}", text(&ended.stderr));
+}
