@@ -196,11 +196,11 @@ mod tests {
     use crate::mesh::primitives::Shape;
     use crate::mesh::validate::inspect;
     use crate::pointshell;
-    use crate::voxmap::{Options, Voxmap};
+    use crate::voxmap::{Options, SidesRule, Voxmap};
 
     fn sheet(size_m: DVec3, voxel_size_m: f64) -> ([Panel; 3], tiny_skia::Pixmap) {
         let mesh = Shape::Box { size_m }.tessellate(1e-4);
-        let options = Options { voxel_size_m, layers: 3, navigation: None, trust_fill: false };
+        let options = Options { voxel_size_m, layers: 3, navigation: None, sides: SidesRule::Auto };
         let map = Voxmap::build(&mesh, &inspect(&mesh), &options, |_| {}).unwrap();
         let (shell, _) = pointshell::build(&mesh, &map, DVec3::ZERO);
         let subject = Subject {

@@ -5,7 +5,7 @@ use hapticd::mesh::closest_point::TriangleProjector;
 use hapticd::mesh::primitives::Shape;
 use hapticd::mesh::{TriangleMesh, validate};
 use hapticd::voxmap::grid::cell_of;
-use hapticd::voxmap::{Options, Voxmap};
+use hapticd::voxmap::{Options, SidesRule, Voxmap};
 
 use super::models;
 
@@ -90,7 +90,7 @@ struct Errors {
 fn errors(name: &str, mesh: &TriangleMesh, cells_on_longest_axis: f64, layers: u32) -> Errors {
     let (low, high) = mesh.bounds().expect("not empty");
     let voxel_size_m = (high - low).max_element() / cells_on_longest_axis;
-    let options = Options { voxel_size_m, layers, navigation: None, trust_fill: false };
+    let options = Options { voxel_size_m, layers, navigation: None, sides: SidesRule::Auto };
     let map = Voxmap::build(mesh, &validate::inspect(mesh), &options, |_| ()).expect("a grid that fits");
     let distances = map.distances(mesh, false);
     let tree = Tree::new(mesh);

@@ -6,13 +6,13 @@ use hapticd::mesh::{TriangleMesh, validate};
 use hapticd::pointshell::shell::{LANES, Shell};
 use hapticd::pointshell::tree::{CHILDREN, Tree};
 use hapticd::pointshell::{self, ShellReport};
-use hapticd::voxmap::{Options, Voxmap};
+use hapticd::voxmap::{Options, SidesRule, Voxmap};
 use proptest::prelude::*;
 
 use super::models;
 
 fn shell_of(mesh: &TriangleMesh, voxel_size_m: f64) -> (Shell, ShellReport) {
-    let options = Options { voxel_size_m, layers: 3, navigation: None, trust_fill: true };
+    let options = Options { voxel_size_m, layers: 3, navigation: None, sides: SidesRule::Flood };
     let map = Voxmap::build(mesh, &validate::inspect(mesh), &options, |_| ()).expect("a grid that fits");
     pointshell::build(mesh, &map, DVec3::new(1e-3, -2e-3, 5e-4))
 }
