@@ -196,7 +196,8 @@ mod tests {
     use crate::mesh::primitives::Shape;
     use crate::mesh::validate::inspect;
     use crate::pointshell;
-    use crate::voxmap::{Options, SidesRule, Voxmap};
+    use crate::voxmap::sides::SidesRule;
+    use crate::voxmap::{Options, Voxmap};
 
     fn sheet(size_m: DVec3, voxel_size_m: f64) -> ([Panel; 3], tiny_skia::Pixmap) {
         let mesh = Shape::Box { size_m }.tessellate(1e-4);

@@ -212,7 +212,8 @@ mod tests {
     use super::*;
     use crate::mesh::primitives::Shape;
     use crate::mesh::validate::inspect;
-    use crate::voxmap::{Options, SidesRule};
+    use crate::voxmap::Options;
+    use crate::voxmap::sides::SidesRule;
 
     #[test]
     fn the_sums_of_a_brick_are_those_of_the_definition() {

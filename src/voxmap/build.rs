@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use super::distance::{Distances, Samples, Signs};
+use super::distance::{Distances, Samples, Signs, sample_of};
 use super::field::Field;
 use super::fill::Sides;
 use super::grid::{Grid, GridError, SURFACE_VOXELS_MAX};
@@ -155,7 +155,7 @@ impl Voxmap {
     /// Measures distances and assembles the look-up for the tick. `with_gradients` is needed for `field = "surface-point"`.
     pub fn field(&mut self, mesh: &TriangleMesh, with_gradients: bool) -> Field {
         let since = Instant::now();
-        let samples = Samples::measure(self.mesh(mesh), &self.surface, &self.layers, self.signs(), with_gradients);
+        let samples = self.samples(mesh, with_gradients);
         let field = Field::new(&self.layers, samples, self.thin);
         self.timings.distance_s = since.elapsed().as_secs_f64();
         field
@@ -163,10 +163,24 @@ impl Voxmap {
 
     /// Signed distances at cell centres in the band.
     pub fn distances(&self, mesh: &TriangleMesh, with_gradients: bool) -> Distances {
-        Distances::measure(self.mesh(mesh), &self.surface, &self.layers, self.signs(), with_gradients)
+        self.samples(mesh, with_gradients).into()
     }
 
-    fn signs(&self) -> Signs<'_> {
-        if self.thin { Signs::Thin } else { Signs::Solid(&self.orientation) }
+    fn samples(&self, mesh: &TriangleMesh, with_gradients: bool) -> Samples {
+        let signs = if self.thin { Signs::Thin } else { Signs::Solid(&self.orientation) };
+        let mut samples = Samples::measure(self.mesh(mesh), &self.surface, &self.layers, signs, with_gradients);
+        // Beside a lid the winding numbers know the side, not the nearest triangle.
+        for (cell, is_inside) in self.lidded.iter().flat_map(|lidded| &lidded.near) {
+            let (brick, inside) = self.layers.grid.locate(*cell);
+            let Some(slot) = self.layers.slot(brick).filter(|_| self.surface.contains(*cell)) else { continue };
+            let value_m = &mut samples.values_m[slot][sample_of(inside)];
+            if (*value_m > 0.0) != *is_inside {
+                *value_m = -*value_m;
+                if let Some(gradients) = samples.gradients.get_mut(slot) {
+                    gradients[inside] = -gradients[inside];
+                }
+            }
+        }
+        samples
     }
 }

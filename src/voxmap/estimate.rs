@@ -172,8 +172,9 @@ mod tests {
     use crate::mesh::primitives::Shape;
     use crate::mesh::validate::inspect;
     use crate::pointshell;
+    use crate::voxmap::sides::SidesRule;
     use crate::voxmap::surface::visit_hits;
-    use crate::voxmap::{Options, SidesRule, Voxmap};
+    use crate::voxmap::{Options, Voxmap};
 
     /// Both within a factor.
     fn close(estimated: u64, truth: usize, factor: f64) -> bool {

@@ -5,7 +5,8 @@ use hapticd::mesh::closest_point::TriangleProjector;
 use hapticd::mesh::primitives::Shape;
 use hapticd::mesh::{TriangleMesh, validate};
 use hapticd::voxmap::grid::cell_of;
-use hapticd::voxmap::{Options, SidesRule, Voxmap};
+use hapticd::voxmap::sides::SidesRule;
+use hapticd::voxmap::{Options, Voxmap};
 
 use super::models;
 

@@ -6,7 +6,8 @@ use hapticd::mesh::{TriangleMesh, validate};
 use hapticd::pointshell::shell::{LANES, Shell};
 use hapticd::pointshell::tree::{CHILDREN, Tree};
 use hapticd::pointshell::{self, ShellReport};
-use hapticd::voxmap::{Options, SidesRule, Voxmap};
+use hapticd::voxmap::sides::SidesRule;
+use hapticd::voxmap::{Options, Voxmap};
 use proptest::prelude::*;
 
 use super::models;
