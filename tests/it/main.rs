@@ -8,6 +8,7 @@ mod contact;
 mod coupling;
 mod data_structures;
 mod determinism;
+mod fuzz_corpus;
 mod models;
 mod profiles;
 mod real_scenes;
