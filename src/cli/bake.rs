@@ -27,7 +27,7 @@ use crate::voxmap::{Options, Stage, npy};
 /// Arguments of `hapticd bake`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
-    /// A scene (.toml), or a mesh (.obj, .stl).
+    /// A scene (.toml), or a mesh (.obj, .stl, .ply, .gltf, .glb, .3mf).
     #[arg(value_name = "SCENE|MESH")]
     input: PathBuf,
     /// Voxel edge, mm (mesh only).

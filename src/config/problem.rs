@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use super::bound::StiffnessBound;
 use crate::device::fault::FaultError;
+use crate::mesh::EXTENSIONS;
 
 /// Every problem of the first pass that found any, in the order of the file.
 #[derive(Debug)]
@@ -214,7 +215,7 @@ pub enum ProblemKind {
         path: PathBuf,
     },
     /// A mesh of an unknown format.
-    #[error("must be a mesh file whose name ends in .obj or .stl")]
+    #[error("must be a mesh file whose name ends in {}", mesh_endings())]
     MeshFormat,
     /// Two keys that exclude each other.
     #[error("cannot stand beside {other}; give exactly one of the two")]
@@ -286,6 +287,15 @@ pub(crate) fn any_of(words: &[impl AsRef<str>]) -> String {
         Some((last, rest)) if !rest.is_empty() => format!("{} or {last}", rest.join(", ")),
         Some((last, _)) => last.clone(),
         None => String::new(),
+    }
+}
+
+/// The endings of mesh files as a sentence lists them.
+fn mesh_endings() -> String {
+    let endings: Vec<String> = EXTENSIONS.iter().map(|extension| format!(".{extension}")).collect();
+    match &endings[..] {
+        [rest @ .., last] if !rest.is_empty() => format!("{} or {last}", rest.join(", ")),
+        _ => endings.concat(),
     }
 }
 

@@ -18,6 +18,7 @@ use crate::haptics::{
     ContactParameters, CouplingMode, CouplingParameters, FilterParameters, FreeSpace, LimitParameters, Normalization, Parameters,
     PortParameters, SpringClamp,
 };
+use crate::mesh::Format;
 use crate::mesh::primitives::Shape;
 use crate::spatial::{Axes, Pose};
 use crate::voxmap::field::FieldKind;
@@ -448,18 +449,11 @@ impl Resolve<'_> {
     }
 
     fn mesh_path(&mut self, key: &str, written: &str) -> Option<PathBuf> {
-        let extension = Path::new(written).extension().unwrap_or_default().to_string_lossy().to_lowercase();
-        match extension.as_str() {
-            "obj" | "stl" => self.checks.file(key, written, self.dir),
-            "ply" | "gltf" | "glb" => {
-                self.checks.not_available(key, "use a mesh file whose name ends in .obj or .stl");
-                None
-            }
-            _ => {
-                self.checks.refuse(key, ProblemKind::MeshFormat);
-                None
-            }
+        if Format::of(Path::new(written)).is_err() {
+            self.checks.refuse(key, ProblemKind::MeshFormat);
+            return None;
         }
+        self.checks.file(key, written, self.dir)
     }
 
     fn shape(&mut self, key: &str, written: &schema::Shape, voxel_size_m: f64, layers: u32) -> Option<Shape> {

@@ -39,6 +39,16 @@ pub enum MeshError {
         /// What is wrong, with the text at that place.
         what: String,
     },
+    /// The same for a file of numbers, which has no lines.
+    #[error("{}: byte {offset_bytes}: {what}", path.display())]
+    Binary {
+        /// As given.
+        path: PathBuf,
+        /// Where in the file, from 0.
+        offset_bytes: u64,
+        /// What is wrong, with the value at that place.
+        what: String,
+    },
     /// A coordinate is not a number or infinite, in the file or after scaling to metres.
     #[error("{}{}: vertex {vertex} is not finite", path.display(), at_line(*line))]
     NonFiniteVertex {
@@ -48,6 +58,16 @@ pub enum MeshError {
         vertex: usize,
         /// Line of the file, from 1, where it is known.
         line: Option<usize>,
+    },
+    /// A coordinate is so large that it cannot belong to a part.
+    #[error("{}: vertex {vertex} is {distance_m:.1e} m away from the origin", path.display())]
+    FarVertex {
+        /// As given.
+        path: PathBuf,
+        /// Number of the vertex, from 1.
+        vertex: usize,
+        /// Its largest coordinate.
+        distance_m: f64,
     },
     /// The file is sound and holds no triangle.
     #[error("{}: no triangles", path.display())]
@@ -79,6 +99,42 @@ pub enum MeshError {
         /// Size of the file.
         found_bytes: u64,
     },
+    /// The file names its own unit, and the scene or the command line another.
+    #[error("{}: the file says {unit} ({file_metres_per_unit} m), `units` says {metres_per_unit} m", path.display())]
+    UnitConflict {
+        /// As given.
+        path: PathBuf,
+        /// Name of the unit in the file.
+        unit: &'static str,
+        /// Metres in the unit of the file.
+        file_metres_per_unit: f64,
+        /// Metres in the unit asked for.
+        metres_per_unit: f64,
+    },
+    /// Nodes of the file place so many copies of its meshes that they would fill the memory.
+    #[error("{}: copies of its meshes make more than {most} vertices or triangles", path.display())]
+    TooManyCopies {
+        /// As given.
+        path: PathBuf,
+        /// The largest number of either.
+        most: usize,
+    },
+    /// The file needs more memory than is free.
+    #[error("{}: {file_bytes} bytes are too large for the {free_bytes} bytes of free memory", path.display())]
+    TooLarge {
+        /// As given.
+        path: PathBuf,
+        /// Size of the file.
+        file_bytes: u64,
+        /// Memory that the system can give.
+        free_bytes: u64,
+    },
+    /// Another program wrote to the file while it was read.
+    #[error("{}: changed while it was read", path.display())]
+    Changed {
+        /// As given.
+        path: PathBuf,
+    },
 }
 
 impl MeshError {
@@ -88,11 +144,15 @@ impl MeshError {
             Self::Missing { .. } => Some("paths in a scene are relative to the scene file"),
             Self::Unreadable { .. } => Some("check that it is a file and that this user may read it"),
             Self::UnknownExtension { .. } => Some("export the part as STL or OBJ"),
-            Self::Parse { .. } => Some("export the mesh again, or open and save it in a mesh editor"),
-            Self::NonFiniteVertex { .. } => Some("remove the vertex in a mesh editor, and check `units`"),
+            Self::Parse { .. } | Self::Binary { .. } => Some("export the mesh again, or open and save it in a mesh editor"),
+            Self::NonFiniteVertex { .. } | Self::FarVertex { .. } => Some("remove the vertex in a mesh editor, and check `units`"),
             Self::Empty { .. } => Some("export a surface mesh: points, lines and curves are not rendered"),
             Self::IndexOutOfRange { .. } => Some("the file is damaged or was cut: export it again"),
             Self::Truncated { .. } => Some("the file was cut: copy or export it again"),
+            Self::UnitConflict { .. } => Some("set `units` to the unit of the file; export micron and foot as millimetres"),
+            Self::TooManyCopies { .. } => Some("export only the part that is to be felt, or a coarser mesh"),
+            Self::TooLarge { .. } => Some("reduce the mesh: triangles smaller than a voxel add nothing that can be felt"),
+            Self::Changed { .. } => Some("wait until the program that writes the file is done"),
         }
     }
 }

@@ -8,9 +8,10 @@
 //! moment of a tetrahedron, `∫ x xᵀ dV = V/20 (Σ vᵢ vᵢᵀ + (Σ vᵢ)(Σ vᵢ)ᵀ)`.
 
 use glam::{DMat3, DVec3};
+use rayon::prelude::*;
 
-use super::TriangleMesh;
 use super::validate::{MeshReport, inspect};
+use super::{SUM_TRIANGLES, TriangleMesh};
 
 /// Lids on the holes may change the volume by this part of it at most, by a bound, before a shell is the better guess.
 const HOLE_SHARE: f64 = 0.1;
@@ -94,24 +95,30 @@ struct Moments {
 }
 
 impl Moments {
-    fn of(mesh: &TriangleMesh, middle: DVec3, piece: impl Fn([DVec3; 3]) -> Piece) -> Self {
-        let mut sum = Self { second: DMat3::ZERO, ..Default::default() };
-        for triangle_idx in 0..mesh.triangles.len() {
-            let Piece { amount, center, mean_square } = piece(mesh.corners(triangle_idx).map(|corner| corner - middle));
-            sum.amount += amount;
-            sum.first += center * amount;
-            sum.second += mean_square * amount;
-        }
-        sum
+    fn of(mesh: &TriangleMesh, middle: DVec3, piece: impl Fn([DVec3; 3]) -> Piece + Sync) -> Self {
+        let sum_of = |corners: &[[u32; 3]]| {
+            let mut sum = Self { second: DMat3::ZERO, ..Default::default() };
+            for corners in corners {
+                let corners = corners.map(|vertex| mesh.vertices[vertex as usize] - middle);
+                let Piece { amount, center, mean_square } = piece(corners);
+                sum.amount += amount;
+                sum.first += center * amount;
+                sum.second += mean_square * amount;
+            }
+            sum
+        };
+        let sums: Vec<Self> = mesh.triangles.par_chunks(SUM_TRIANGLES).map(sum_of).collect();
+        sums.into_iter().fold(Self { second: DMat3::ZERO, ..Default::default() }, |sum, part| Self {
+            amount: sum.amount + part.amount,
+            first: sum.first + part.first,
+            second: sum.second + part.second,
+        })
     }
 
     /// Without any amount (every triangle degenerate) the centre is the middle of the box and the inertia zero.
     fn finish(self, middle: DVec3) -> MassProperties {
-        let (center, mean_square) = if self.amount == 0.0 {
-            (DVec3::ZERO, DMat3::ZERO)
-        } else {
-            (self.first / self.amount, self.second * self.amount.recip())
-        };
+        let (center, mean_square) =
+            if self.amount == 0.0 { (DVec3::ZERO, DMat3::ZERO) } else { (self.first / self.amount, self.second / self.amount) };
         let spread = mean_square - outer(center);
         let trace = spread.x_axis.x + spread.y_axis.y + spread.z_axis.z;
         MassProperties {

@@ -1,35 +1,96 @@
 //! Triangle meshes: readers, primitive shapes, validation, exact closest points.
 //!
-//! Data in: OBJ and STL files, shape parameters. Data out: one [`TriangleMesh`] in metres, a report on it
-//! ([`validate::inspect`]) and its mass properties ([`mass::mass_properties`]).
+//! Data in: mesh files, shape parameters. Data out: one [`TriangleMesh`] in metres, a report on it ([`validate::inspect`]) and its
+//! mass properties ([`mass::mass_properties`]).
 //!
 //! ```text
-//!  .obj ─► obj ─┐
-//!  .stl ─► stl ─┴► TriangleMesh ─► validate ─► mass
-//!  Shape ─► primitives ─┘    └───► closest_point (asked by the pointshell)
+//!  file ─► source ─┬─► obj, ply, gltf, 3mf ─┐
+//!   (mapped, read) └─► stl ─► weld ─────────┴─► TriangleMesh ─► validate ─► mass
+//!            Shape ─► primitives ───────────────────┘    └────► closest_point (asked by the pointshell)
 //! ```
 //!
+//! | format | read | not read |
+//! |---|---|---|
+//! | OBJ | every group, polygons, negative indices | free-form surfaces |
+//! | STL | text and binary; equal corners are joined | normals, attributes |
+//! | PLY | text and binary of both byte orders, numbers of any type, polygons, `tristrips` | points without faces |
+//! | glTF, GLB | default scene with its transforms; triangles, strips, fans; embedded and external buffers; sparse, quantized | skins, morph targets, Draco and meshopt compression |
+//! | 3MF | what is built, with transforms; the production extension | beam lattices, slices, boolean operations, encryption |
+//!
+//! Coordinates keep the axes of the file, and are multiplied by `units`, whatever a format says of metres; only 3MF names a unit in
+//! the file, which then must be the same.
+//!
 //! Invariants: cold, nothing here runs while forces are rendered. Nothing here repairs a mesh: what is wrong with it is said,
-//! and generation copes. Cost: every step is linear in the file; about a second per million triangles.
+//! and generation copes. No file, however damaged, ends the program: numbers that a file announces are checked against the bytes
+//! that are there before room is made for them. Results do not depend on the number of threads. Cost: every step is linear in the
+//! file; binary STL and the inspection run in parallel.
 
 pub mod closest_point;
+mod edges;
 mod error;
+mod gltf;
 pub mod mass;
 mod obj;
+mod ply;
 pub(crate) mod polygon;
 pub mod primitives;
+mod room;
+mod shards;
+mod source;
 mod stl;
+mod threemf;
 pub mod validate;
 mod weld;
 
 use std::path::Path;
 
 use glam::DVec3;
+use rayon::prelude::*;
 
 pub use error::MeshError;
 
 /// File name extensions that [`load`] reads, lower case.
-pub const EXTENSIONS: &[&str] = &["obj", "stl"];
+pub const EXTENSIONS: &[&str] = &["obj", "stl", "ply", "gltf", "glb", "3mf"];
+
+/// No part is this far from its origin; squares and fifth powers of what is nearer stay far inside the range of `f64`.
+const FARTHEST_M: f64 = 1e9;
+
+/// Sums over triangles are taken in pieces of this many, in parallel, and the pieces added in order: the rounding is then the same
+/// for any number of threads.
+const SUM_TRIANGLES: usize = 1 << 16;
+
+/// A file format. Which of its encodings a file has is found in the file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Format {
+    /// Wavefront OBJ, text.
+    Obj,
+    /// STL, text or binary.
+    Stl,
+    /// PLY, text or binary.
+    Ply,
+    /// glTF 2.0, JSON or binary.
+    Gltf,
+    /// 3MF package.
+    ThreeMf,
+}
+
+impl Format {
+    /// The format that the extension of `path` names, in any case.
+    ///
+    /// # Errors
+    /// [`MeshError::UnknownExtension`].
+    pub fn of(path: &Path) -> Result<Self, MeshError> {
+        let extension = path.extension().map(|extension| extension.to_string_lossy().to_lowercase()).unwrap_or_default();
+        Ok(match extension.as_str() {
+            "obj" => Self::Obj,
+            "stl" => Self::Stl,
+            "ply" => Self::Ply,
+            "gltf" | "glb" => Self::Gltf,
+            "3mf" => Self::ThreeMf,
+            _ => return Err(MeshError::UnknownExtension { path: path.to_owned(), extension }),
+        })
+    }
+}
 
 /// Triangles over shared vertices, metres, in the mesh file's own frame.
 #[derive(Clone, Debug, Default)]
@@ -48,9 +109,13 @@ impl TriangleMesh {
 
     /// Lowest and highest corner of the box around the vertices that triangles use; `None` for an empty mesh.
     pub fn bounds(&self) -> Option<(DVec3, DVec3)> {
-        let mut used = self.triangles.iter().flatten().map(|vertex| self.vertices[*vertex as usize]);
-        let first = used.next()?;
-        Some(used.fold((first, first), |(low, high), vertex| (low.min(vertex), high.max(vertex))))
+        let around = |corners: &[[u32; 3]]| {
+            let mut used = corners.iter().flatten().map(|vertex| self.vertices[*vertex as usize]);
+            let first = used.next()?;
+            Some(used.fold((first, first), |(low, high), vertex| (low.min(vertex), high.max(vertex))))
+        };
+        let boxes: Vec<_> = self.triangles.par_chunks(SUM_TRIANGLES).filter_map(around).collect();
+        boxes.into_iter().reduce(|(low, high), (other_low, other_high)| (low.min(other_low), high.max(other_high)))
     }
 }
 
@@ -62,25 +127,39 @@ impl TriangleMesh {
 /// # Errors
 /// [`MeshError`], naming the path and, where it is known, the line.
 pub fn load(path: &Path, metres_per_unit: f64) -> Result<TriangleMesh, MeshError> {
-    let extension = path.extension().map(|extension| extension.to_string_lossy().to_lowercase()).unwrap_or_default();
-    let parse = match extension.as_str() {
-        "obj" => obj::parse,
-        "stl" => stl::parse,
-        _ => return Err(MeshError::UnknownExtension { path: path.to_owned(), extension }),
-    };
-    let bytes = std::fs::read(path).map_err(|source| match source.kind() {
-        std::io::ErrorKind::NotFound => MeshError::Missing { path: path.to_owned() },
-        _ => MeshError::Unreadable { path: path.to_owned(), source },
-    })?;
-    let mut mesh = parse(&bytes, path)?;
+    let format = Format::of(path)?;
+    let bytes = source::read(path)?;
+    bytes.confirm(parse(&bytes, format, path, metres_per_unit), path)
+}
+
+/// The same for a file whose bytes are at hand. `path` is for messages, and where files that this one names are looked for.
+///
+/// Damaged bytes give an error, never a panic; no allocation is larger than a small multiple of `bytes`.
+///
+/// # Errors
+/// [`MeshError`], naming the path and, where it is known, the line or the byte.
+pub fn parse(bytes: &[u8], format: Format, path: &Path, metres_per_unit: f64) -> Result<TriangleMesh, MeshError> {
+    let mut mesh = match format {
+        Format::Obj => obj::parse(bytes, path),
+        Format::Stl => stl::parse(bytes, path),
+        Format::Ply => ply::parse(bytes, path),
+        Format::Gltf => gltf::parse(bytes, path),
+        Format::ThreeMf => threemf::parse(bytes, path, metres_per_unit),
+    }?;
     if mesh.triangles.is_empty() {
         return Err(MeshError::Empty { path: path.to_owned() });
     }
-    for (vertex_idx, vertex) in mesh.vertices.iter_mut().enumerate() {
+    let wrong = mesh.vertices.par_iter_mut().enumerate().find_map_first(|(vertex_idx, vertex)| {
         *vertex *= metres_per_unit;
-        if !vertex.is_finite() {
-            return Err(MeshError::NonFiniteVertex { path: path.to_owned(), vertex: vertex_idx + 1, line: None });
-        }
+        (!vertex.is_finite() || vertex.abs().max_element() > FARTHEST_M).then_some((vertex_idx, *vertex))
+    });
+    if let Some((vertex_idx, vertex)) = wrong {
+        let (path, vertex_number) = (path.to_owned(), vertex_idx + 1);
+        return Err(if vertex.is_finite() {
+            MeshError::FarVertex { path, vertex: vertex_number, distance_m: vertex.abs().max_element() }
+        } else {
+            MeshError::NonFiniteVertex { path, vertex: vertex_number, line: None }
+        });
     }
     Ok(mesh)
 }
@@ -109,7 +188,10 @@ mod tests {
         };
         assert!(matches!(load(&dir.path().join("none.stl"), 1.0), Err(MeshError::Missing { .. })));
         let error = at("part.step", "");
-        assert!(error.to_string().ends_with("part.step: unknown mesh extension `step`, known: obj, stl"), "{error}");
+        assert!(
+            error.to_string().ends_with("part.step: unknown mesh extension `step`, known: obj, stl, ply, gltf, glb, 3mf"),
+            "{error}"
+        );
         assert!(matches!(at("part", ""), MeshError::UnknownExtension { .. }));
         assert!(matches!(at("empty.obj", "# nothing\n"), MeshError::Empty { .. }));
         assert!(matches!(at("empty.stl", "solid nothing\nendsolid nothing\n"), MeshError::Empty { .. }));
@@ -119,6 +201,120 @@ mod tests {
         let path = dir.path().join("huge.obj");
         std::fs::write(&path, "v 0 0 0\nv 1e308 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
         assert!(matches!(load(&path, 1e3), Err(MeshError::NonFiniteVertex { vertex: 2, .. })));
+    }
+
+    /// The corners of every triangle, in an order that the numbering of vertices does not change.
+    fn corner_set(mesh: &TriangleMesh) -> Vec<[[u64; 3]; 3]> {
+        let mut triangles: Vec<_> = (0..mesh.triangles.len())
+            .map(|k| {
+                let mut corners = mesh.corners(k).map(|corner| corner.to_array().map(f64::to_bits));
+                let first = (0..3).min_by_key(|k| corners[*k]).unwrap();
+                corners.rotate_left(first);
+                corners
+            })
+            .collect();
+        triangles.sort_unstable();
+        triangles
+    }
+
+    #[test]
+    fn the_same_box_in_every_format_is_the_same_box() {
+        use std::fmt::Write as _;
+        use std::io::Write as _;
+        let shape = primitives::Shape::Box { size_m: DVec3::new(10.0, 20.5, 30.25) }.tessellate(1.0);
+        let (vertices, triangles) = (&shape.vertices, &shape.triangles);
+        let mut files: Vec<(&str, Vec<u8>)> = Vec::new();
+
+        let mut obj = String::new();
+        vertices.iter().for_each(|v| writeln!(obj, "v {} {} {}", v.x, v.y, v.z).unwrap());
+        triangles.iter().for_each(|t| writeln!(obj, "f {} {} {}", t[0] + 1, t[1] + 1, t[2] + 1).unwrap());
+        files.push(("box.obj", obj.into_bytes()));
+
+        let mut stl = [&[0_u8; 80][..], &(triangles.len() as u32).to_le_bytes()].concat();
+        let mut text = "solid box\n".to_owned();
+        for k in 0..triangles.len() {
+            stl.extend([0; 12]);
+            text += "facet normal 0 0 0\nouter loop\n";
+            for corner in shape.corners(k) {
+                stl.extend(corner.as_vec3().to_array().iter().flat_map(|number| number.to_le_bytes()));
+                writeln!(text, "vertex {} {} {}", corner.x, corner.y, corner.z).unwrap();
+            }
+            stl.extend([0; 2]);
+            text += "endloop\nendfacet\n";
+        }
+        files.extend([("box.stl", stl), ("text.STL", (text + "endsolid\n").into_bytes())]);
+
+        for (name, encoding) in [("big.ply", "binary_big_endian"), ("little.ply", "binary_little_endian"), ("box.ply", "ascii")] {
+            let mut ply = format!(
+                "ply\nformat {encoding} 1.0\nelement vertex {}\nproperty double x\nproperty double y\nproperty double z\n\
+                 element face {}\nproperty list uchar uint vertex_indices\nend_header\n",
+                vertices.len(),
+                triangles.len()
+            )
+            .into_bytes();
+            let big = encoding == "binary_big_endian";
+            for v in vertices {
+                match encoding {
+                    "ascii" => ply.extend(format!("{} {} {}\n", v.x, v.y, v.z).bytes()),
+                    _ => ply.extend(v.to_array().iter().flat_map(|n| if big { n.to_be_bytes() } else { n.to_le_bytes() })),
+                }
+            }
+            for t in triangles {
+                match encoding {
+                    "ascii" => ply.extend(format!("3 {} {} {}\n", t[0], t[1], t[2]).bytes()),
+                    _ => {
+                        ply.push(3);
+                        ply.extend(t.iter().flat_map(|n| if big { n.to_be_bytes() } else { n.to_le_bytes() }));
+                    }
+                }
+            }
+            files.push((name, ply));
+        }
+
+        let mut buffer: Vec<u8> = vertices.iter().flat_map(|v| v.as_vec3().to_array()).flat_map(f32::to_le_bytes).collect();
+        let n_position_bytes = buffer.len();
+        buffer.extend(triangles.as_flattened().iter().flat_map(|corner| (*corner as u16).to_le_bytes()));
+        let document = |uri: serde_json::Value| {
+            serde_json::json!({
+                "asset": {"version": "2.0"},
+                "nodes": [{"mesh": 0}],
+                "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
+                "accessors": [
+                    {"bufferView": 0, "componentType": 5126, "count": vertices.len(), "type": "VEC3"},
+                    {"bufferView": 0, "byteOffset": n_position_bytes, "componentType": 5123, "count": 3 * triangles.len(), "type": "SCALAR"},
+                ],
+                "bufferViews": [{"buffer": 0, "byteLength": buffer.len()}],
+                "buffers": [{"byteLength": buffer.len(), "uri": uri}],
+            })
+            .to_string()
+            .into_bytes()
+        };
+        let json = document(serde_json::Value::Null);
+        let sizes = [12 + 8 + json.len() + 8 + buffer.len(), json.len(), buffer.len()].map(|size| (size as u32).to_le_bytes());
+        let glb = [b"glTF\x02\0\0\0", &sizes[0][..], &sizes[1], b"JSON", &json, &sizes[2], b"BIN\0", &buffer].concat();
+        files.extend([("box.gltf", document("box.bin".into())), ("box.glb", glb), ("box.bin", buffer.clone())]);
+
+        let mut model = "<model unit=\"millimeter\"><resources><object id=\"1\"><mesh><vertices>".to_owned();
+        vertices.iter().for_each(|v| write!(model, "<vertex x=\"{}\" y=\"{}\" z=\"{}\"/>", v.x, v.y, v.z).unwrap());
+        model += "</vertices><triangles>";
+        triangles.iter().for_each(|t| write!(model, "<triangle v1=\"{}\" v2=\"{}\" v3=\"{}\"/>", t[0], t[1], t[2]).unwrap());
+        model += "</triangles></mesh></object></resources><build><item objectid=\"1\"/></build></model>";
+        let mut archive = zip::ZipWriter::new(std::io::Cursor::new(Vec::new()));
+        archive.start_file("3D/3dmodel.model", zip::write::SimpleFileOptions::default()).unwrap();
+        archive.write_all(model.as_bytes()).unwrap();
+        files.push(("box.3mf", archive.finish().unwrap().into_inner()));
+
+        let dir = tempfile::tempdir().unwrap();
+        files.iter().for_each(|(name, bytes)| std::fs::write(dir.path().join(name), bytes).unwrap());
+        let mut scaled = shape.clone();
+        scaled.vertices.iter_mut().for_each(|vertex| *vertex *= 1e-3);
+        let formats: Vec<&str> = files.iter().map(|(name, _)| *name).filter(|name| *name != "box.bin").collect();
+        for name in &formats {
+            let mesh = load(&dir.path().join(name), 1e-3).unwrap();
+            assert_eq!(corner_set(&mesh), corner_set(&scaled), "{name}");
+        }
+        let ending = |name: &&str| name.rsplit('.').next().unwrap().to_lowercase();
+        assert!(EXTENSIONS.iter().all(|extension| formats.iter().any(|name| ending(name) == *extension)));
     }
 
     proptest::proptest! {

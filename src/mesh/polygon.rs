@@ -1,9 +1,13 @@
 //! Polygons cut into triangles.
 //!
 //! Convex polygons become fans. Others have their ears clipped, because the fan of a hollow polygon leaves it, and a voxel map of
-//! such triangles has walls in the air. Cost: linear for convex polygons, quadratic for usual others.
+//! such triangles has walls in the air. Cost: linear for convex polygons, quadratic for usual others, and bounded for those that
+//! were made to be slow.
 
 use glam::{DVec2, DVec3};
+
+/// Corners looked at per corner of a polygon before the rest of it becomes a fan: usual ones of ten thousand corners need a third.
+const MOST_LOOKS: usize = 1 << 15;
 
 /// Appends triangles that cover `polygon`, in its direction of turning; fewer than three corners give nothing.
 pub(crate) fn triangulate(vertices: &[DVec3], polygon: &[u32], triangles: &mut Vec<[u32; 3]>) {
@@ -34,12 +38,16 @@ pub(crate) fn triangulate(vertices: &[DVec3], polygon: &[u32], triangles: &mut V
         return;
     }
     let mut rest: Vec<usize> = (0..polygon.len()).collect();
-    while rest.len() > 3 {
+    let mut looks = MOST_LOOKS.saturating_mul(polygon.len());
+    while rest.len() > 3 && looks > 0 {
         let n = rest.len();
         let ear = (0..n).find(|k| {
             let (a, b, c) = (rest[(k + n - 1) % n], rest[*k], rest[(k + 1) % n]);
-            turn(a, b, c) > 0.0
+            looks = looks.saturating_sub(1);
+            looks > 0
+                && turn(a, b, c) > 0.0
                 && rest.iter().all(|other| {
+                    looks = looks.saturating_sub(1);
                     let point = flat[*other];
                     // Corners at the same place as the ear's own do not block it: polygons with bridges to holes have such.
                     [a, b, c].iter().any(|own| flat[*own] == point) || !covers([flat[a], flat[b], flat[c]], point)
@@ -50,9 +58,7 @@ pub(crate) fn triangulate(vertices: &[DVec3], polygon: &[u32], triangles: &mut V
         triangles.push([rest[(k + n - 1) % n], rest[k], rest[(k + 1) % n]].map(|corner| polygon[corner]));
         rest.remove(k);
     }
-    if let [a, b, c] = rest[..] {
-        triangles.push([a, b, c].map(|corner| polygon[corner]));
-    }
+    fan(&rest.into_iter().map(|corner| polygon[corner]).collect::<Vec<_>>(), triangles);
 }
 
 fn fan(polygon: &[u32], triangles: &mut Vec<[u32; 3]>) {

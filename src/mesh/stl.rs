@@ -3,14 +3,14 @@
 //! Data in: bytes. Data out: triangles over shared vertices: corners at bitwise equal positions are joined (0 and -0 are equal).
 //! The normals and attributes of the file are not read.
 //!
-//! Which of the two a file is, is decided by its size first: many binary files begin with the word "solid". Cost: one hash
-//! look-up per corner, no allocation per triangle.
+//! Which of the two a file is, is decided by its size first: many binary files begin with the word "solid". Cost: linear, binary
+//! files in parallel; text is read by one thread.
 
 use std::path::Path;
 
-use glam::DVec3;
+use rayon::prelude::*;
 
-use super::weld::ExactWeld;
+use super::weld::weld_exact;
 use super::{MeshError, TriangleMesh};
 
 /// Free text and number of triangles.
@@ -58,24 +58,32 @@ fn looks_like_text(bytes: &[u8]) -> bool {
 }
 
 fn parse_binary(triangles: &[u8], path: &Path) -> Result<TriangleMesh, MeshError> {
-    let n_triangles = triangles.len() / TRIANGLE_BYTES;
-    let mut mesh = Builder::with_triangles(n_triangles, path);
-    for record in triangles.chunks_exact(TRIANGLE_BYTES) {
-        let number = |k: usize| {
-            let at = 12 + 4 * k;
-            f64::from(f32::from_le_bytes([record[at], record[at + 1], record[at + 2], record[at + 3]]))
-        };
-        let corner = |k: usize| DVec3::new(number(3 * k), number(3 * k + 1), number(3 * k + 2));
-        mesh.push([corner(0), corner(1), corner(2)], None)?;
+    let (records, _) = triangles.as_chunks::<TRIANGLE_BYTES>();
+    let corners_of = |triangle_idx: usize| {
+        let record = &records[triangle_idx];
+        // Adding zero turns -0 into 0 and leaves every other number as it is.
+        let number = |at: usize| (f32::from_le_bytes([record[at], record[at + 1], record[at + 2], record[at + 3]]) + 0.0).to_bits();
+        [12, 24, 36].map(|at| [number(at), number(at + 4), number(at + 8)])
+    };
+    let mesh = weld_exact(records.len(), corners_of).ok_or_else(|| too_many(records.len(), path))?;
+    // Vertices are numbered by first use: the first that is not finite belongs to the first such corner.
+    if let Some(wrong) = mesh.vertices.par_iter().position_first(|vertex| !vertex.is_finite()) {
+        let corner = mesh.triangles.as_flattened().iter().position(|vertex| *vertex as usize == wrong).unwrap_or_default();
+        return Err(MeshError::NonFiniteVertex { path: path.to_owned(), vertex: corner + 1, line: None });
     }
-    Ok(mesh.finish())
+    Ok(mesh)
+}
+
+#[cold]
+fn too_many(n_triangles: usize, path: &Path) -> MeshError {
+    let what = format!("{n_triangles} triangles, at most {} can be used", u32::MAX / 3);
+    MeshError::Parse { path: path.to_owned(), line: None, what }
 }
 
 fn parse_text(bytes: &[u8], path: &Path) -> Result<TriangleMesh, MeshError> {
     let refuse = |line: usize, what: String| MeshError::Parse { path: path.to_owned(), line: Some(line), what };
-    // A triangle of text has about 250 bytes.
-    let mut mesh = Builder::with_triangles(bytes.len() / 250, path);
-    let mut corners = [DVec3::ZERO; 3];
+    let mut triangles: Vec<[[u64; 3]; 3]> = Vec::new();
+    let mut corners = [[0; 3]; 3];
     let mut n_corners = 0;
     let (mut in_facet, mut ended, mut last_line) = (false, false, 0);
     for (line_idx, line) in bytes.split(|byte| *byte == b'\n').enumerate() {
@@ -92,7 +100,7 @@ fn parse_text(bytes: &[u8], path: &Path) -> Result<TriangleMesh, MeshError> {
             if !in_facet || n_corners == 3 {
                 return Err(refuse(line_number, "a facet has three vertices, found a further one".to_owned()));
             }
-            corners[n_corners] = DVec3::new(x, y, z);
+            corners[n_corners] = [x, y, z].map(|number| (number + 0.0).to_bits());
             n_corners += 1;
         } else if is("facet") {
             if in_facet {
@@ -103,7 +111,12 @@ fn parse_text(bytes: &[u8], path: &Path) -> Result<TriangleMesh, MeshError> {
             if !in_facet || n_corners != 3 {
                 return Err(refuse(line_number, format!("a facet has three vertices, found {n_corners}")));
             }
-            mesh.push(corners, Some(line_number))?;
+            let is_finite = |corner: &[u64; 3]| corner.iter().all(|bits| f64::from_bits(*bits).is_finite());
+            if let Some(k) = corners.iter().position(|corner| !is_finite(corner)) {
+                let vertex = 3 * triangles.len() + k + 1;
+                return Err(MeshError::NonFiniteVertex { path: path.to_owned(), vertex, line: Some(line_number) });
+            }
+            triangles.push(corners);
             (in_facet, n_corners) = (false, 0);
         } else if is("solid") {
             ended = false;
@@ -117,45 +130,12 @@ fn parse_text(bytes: &[u8], path: &Path) -> Result<TriangleMesh, MeshError> {
     if in_facet || !ended {
         return Err(refuse(last_line, "the text ends without `endsolid`, so the file was cut".to_owned()));
     }
-    Ok(mesh.finish())
+    weld_exact(triangles.len(), |triangle_idx| triangles[triangle_idx]).ok_or_else(|| too_many(triangles.len(), path))
 }
 
 /// The beginning of a line, for messages.
 fn shown(line: &[u8]) -> String {
     String::from_utf8_lossy(line).trim().chars().take(60).collect()
-}
-
-struct Builder<'a> {
-    weld: ExactWeld,
-    triangles: Vec<[u32; 3]>,
-    path: &'a Path,
-}
-
-impl<'a> Builder<'a> {
-    fn with_triangles(n_triangles: usize, path: &'a Path) -> Self {
-        Self { weld: ExactWeld::with_triangles(n_triangles), triangles: Vec::with_capacity(n_triangles), path }
-    }
-
-    fn push(&mut self, corners: [DVec3; 3], line: Option<usize>) -> Result<(), MeshError> {
-        let mut numbers = [0; 3];
-        for (k, corner) in corners.into_iter().enumerate() {
-            if !corner.is_finite() {
-                let vertex = 3 * self.triangles.len() + k + 1;
-                return Err(MeshError::NonFiniteVertex { path: self.path.to_owned(), vertex, line });
-            }
-            numbers[k] = self.weld.insert(corner).ok_or_else(|| MeshError::Parse {
-                path: self.path.to_owned(),
-                line,
-                what: "more than 2^32 vertices".to_owned(),
-            })?;
-        }
-        self.triangles.push(numbers);
-        Ok(())
-    }
-
-    fn finish(self) -> TriangleMesh {
-        TriangleMesh { vertices: self.weld.vertices, triangles: self.triangles }
-    }
 }
 
 #[cfg(test)]

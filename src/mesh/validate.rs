@@ -2,12 +2,14 @@
 //!
 //! Vertices are welded first, within [`WELD_SHARE`] of the diagonal of the bounding box, so that edges are compared as a reader of
 //! the part would: exporters write the same corner once per face. Collapsed and repeated triangles are left out of the count of
-//! edges. Cost: hash look-ups and counting sorts, linear; about a second per million triangles.
+//! edges. Cost: linear, in parallel; edges are matched among neighbours in number, in pieces that the cache holds.
 
 use glam::DVec3;
+use rayon::prelude::*;
 
-use super::TriangleMesh;
+use super::edges::{OddEdges, drop_duplicates, odd_edges};
 use super::weld::weld_within;
+use super::{SUM_TRIANGLES, TriangleMesh};
 
 /// Vertices closer than this part of the diagonal of the bounding box are one.
 pub const WELD_SHARE: f64 = 1e-6;
@@ -141,109 +143,55 @@ pub fn inspect(mesh: &TriangleMesh) -> MeshReport {
     };
     // Volumes are taken from the middle of the box: far from the part, their sum would lose digits.
     let center = 0.5 * (low + high);
+    let sums: Vec<Sums> =
+        mesh.triangles.par_chunks(SUM_TRIANGLES).map(|triangles| Sums::of(triangles, &mesh.vertices, center, &welded)).collect();
     let mut triangles = Vec::with_capacity(mesh.triangles.len());
-    for (triangle_idx, numbers) in mesh.triangles.iter().enumerate() {
-        let [a, b, c] = mesh.corners(triangle_idx).map(|corner| corner - center);
-        let double_area = (b - a).cross(c - a).length();
-        report.area_m2 += 0.5 * double_area;
-        report.signed_volume_m3 += a.dot(b.cross(c)) / 6.0;
-        let numbers = numbers.map(|vertex| welded[vertex as usize]);
-        let collapsed = numbers[0] == numbers[1] || numbers[1] == numbers[2] || numbers[2] == numbers[0];
-        let longest_squared = a.distance_squared(b).max(b.distance_squared(c)).max(c.distance_squared(a));
-        if collapsed || double_area <= FLAT_SHARE * longest_squared {
-            report.degenerate_triangles += 1;
-        }
-        if !collapsed {
-            triangles.push(numbers);
-        }
+    for sums in sums {
+        report.area_m2 += sums.area_m2;
+        report.signed_volume_m3 += sums.signed_volume_m3;
+        report.degenerate_triangles += sums.degenerate_triangles;
+        triangles.extend(sums.not_collapsed);
     }
-
     report.duplicate_triangles = drop_duplicates(&mut triangles, mesh.vertices.len());
-    let open = count_edges(&triangles, mesh.vertices.len(), &mut report);
+    let OddEdges { open, inconsistent, non_manifold } = odd_edges(&triangles, mesh.vertices.len());
+    report.open_edges = open.len();
+    report.inconsistent_edges = inconsistent;
+    report.non_manifold_edges = non_manifold;
     report.boundary_loops = boundary_loops(&open, &mesh.vertices);
     report.open_edge_vertices = open;
     report.closed = !mesh.triangles.is_empty() && report.open_edges == 0 && report.non_manifold_edges == 0;
     report
 }
 
-/// Removes triangles whose corners, in any order, are those of an earlier one; returns how many.
-fn drop_duplicates(triangles: &mut Vec<[u32; 3]>, n_vertices: usize) -> usize {
-    let sorted = |corners: &[u32; 3]| {
-        let mut corners = *corners;
-        corners.sort_unstable();
-        corners
-    };
-    let items = triangles.iter().enumerate().map(|(triangle_idx, corners)| {
-        let [low, middle, high] = sorted(corners);
-        (low, (middle, high, triangle_idx))
-    });
-    let mut repeated = Vec::new();
-    for bucket in Buckets::new(n_vertices, items).iter_mut() {
-        bucket.sort_unstable();
-        let pairs = bucket.windows(2).filter(|pair| (pair[0].0, pair[0].1) == (pair[1].0, pair[1].1));
-        repeated.extend(pairs.map(|pair| pair[1].2));
-    }
-    if !repeated.is_empty() {
-        let mut keep = vec![true; triangles.len()];
-        repeated.iter().for_each(|triangle_idx| keep[*triangle_idx] = false);
-        let mut keep = keep.into_iter();
-        triangles.retain(|_| keep.next().unwrap_or(true));
-    }
-    repeated.len()
+/// What one piece of the triangles adds to the report.
+struct Sums {
+    area_m2: f64,
+    signed_volume_m3: f64,
+    degenerate_triangles: usize,
+    /// Welded corners of the triangles that still have three of them.
+    not_collapsed: Vec<[u32; 3]>,
 }
 
-/// Fills the edge counts of the report and returns the open edges, in the direction of their triangle.
-fn count_edges(triangles: &[[u32; 3]], n_vertices: usize, report: &mut MeshReport) -> Vec<[u32; 2]> {
-    let edges = triangles.iter().flat_map(|[a, b, c]| [(*a, *b), (*b, *c), (*c, *a)]);
-    let items = edges.map(|(from, to)| (from.min(to), (from.max(to), from < to)));
-    let mut open = Vec::new();
-    for (low, bucket) in (0_u32..).zip(Buckets::new(n_vertices, items).iter_mut()) {
-        bucket.sort_unstable();
-        for edge in bucket.chunk_by(|one, other| one.0 == other.0) {
-            match edge {
-                [(high, true)] => open.push([low, *high]),
-                [(high, false)] => open.push([*high, low]),
-                [(_, one), (_, other)] => report.inconsistent_edges += usize::from(one == other),
-                _ => report.non_manifold_edges += 1,
+impl Sums {
+    fn of(triangles: &[[u32; 3]], vertices: &[DVec3], center: DVec3, welded: &[u32]) -> Self {
+        let not_collapsed = Vec::with_capacity(triangles.len());
+        let mut sums = Self { area_m2: 0.0, signed_volume_m3: 0.0, degenerate_triangles: 0, not_collapsed };
+        for numbers in triangles {
+            let [a, b, c] = numbers.map(|vertex| vertices[vertex as usize] - center);
+            let double_area = (b - a).cross(c - a).length();
+            sums.area_m2 += 0.5 * double_area;
+            sums.signed_volume_m3 += a.dot(b.cross(c)) / 6.0;
+            let numbers = numbers.map(|vertex| welded[vertex as usize]);
+            let collapsed = numbers[0] == numbers[1] || numbers[1] == numbers[2] || numbers[2] == numbers[0];
+            let longest_squared = a.distance_squared(b).max(b.distance_squared(c)).max(c.distance_squared(a));
+            if collapsed || double_area <= FLAT_SHARE * longest_squared {
+                sums.degenerate_triangles += 1;
+            }
+            if !collapsed {
+                sums.not_collapsed.push(numbers);
             }
         }
-    }
-    report.open_edges = open.len();
-    open
-}
-
-/// Items sorted into one bucket per vertex: a counting sort, as comparing a hundred million bytes takes its time.
-struct Buckets<T> {
-    /// `[n_vertices + 1]`, where each bucket begins.
-    starts: Vec<usize>,
-    items: Vec<T>,
-}
-
-impl<T: Copy + Default> Buckets<T> {
-    fn new(n_vertices: usize, items: impl Iterator<Item = (u32, T)> + Clone) -> Self {
-        let mut starts = vec![0; n_vertices + 1];
-        for (vertex, _) in items.clone() {
-            starts[vertex as usize + 1] += 1;
-        }
-        for vertex in 0..n_vertices {
-            starts[vertex + 1] += starts[vertex];
-        }
-        let mut next = starts.clone();
-        let mut sorted = vec![T::default(); starts[n_vertices]];
-        for (vertex, item) in items {
-            sorted[next[vertex as usize]] = item;
-            next[vertex as usize] += 1;
-        }
-        Self { starts, items: sorted }
-    }
-
-    fn iter_mut(&mut self) -> impl Iterator<Item = &mut [T]> {
-        let mut rest = &mut self.items[..];
-        self.starts.windows(2).map(move |range| {
-            let (bucket, later) = std::mem::take(&mut rest).split_at_mut(range[1] - range[0]);
-            rest = later;
-            bucket
-        })
+        sums
     }
 }
 

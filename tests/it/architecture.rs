@@ -10,7 +10,7 @@
 //! | `telemetry`, `monitor` | anything but `servo` |
 //! | `cli` | anything; and nobody uses it |
 //!
-//! `unsafe` stands in `rt`, in the two transports and in the SIMD kernel only; only `cli` prints. Tests are exempt.
+//! `unsafe` stands in `rt`, in the two transports, in the SIMD kernel and where mesh files are mapped only; only `cli` prints. Tests are exempt.
 
 use std::path::{Path, PathBuf};
 
@@ -19,7 +19,8 @@ const ABOVE_GEOMETRY: [&str; 10] =
     ["config", "scene", "haptics", "device", "rt", "servo", "telemetry", "daemon", "monitor", "sculpt"];
 const ABOVE_DEVICES: [&str; 6] = ["haptics", "scene", "servo", "telemetry", "daemon", "monitor"];
 /// Prefixes of the files that may hold `unsafe`.
-const UNSAFE_ALLOWED: [&str; 5] = ["rt/", "device/hid", "device/serial", "haptics/contact/simd", "voxmap/distance/simd"];
+const UNSAFE_ALLOWED: [&str; 6] =
+    ["rt/", "device/hid", "device/serial", "haptics/contact/simd", "voxmap/distance/simd", "mesh/source"];
 
 /// Why a file of `room` must not use `path` (from the crate root on); `None` when it may.
 fn refusal(room: &str, path: &[String]) -> Option<&'static str> {

@@ -236,9 +236,12 @@ fn a_mesh_that_cannot_be_used_is_an_asset_error() {
         ("truncated.stl", vec!["truncated, 584 bytes expected for 10 triangles, 87 found", "hint: the file was cut"]),
         (
             "part.step",
-            vec!["error: part.step: unknown mesh extension `step`, known: obj, stl", "hint: export the part as STL or OBJ"],
+            vec![
+                "error: part.step: unknown mesh extension `step`, known: obj, stl, ply, gltf, glb, 3mf",
+                "hint: export the part as STL or OBJ",
+            ],
         ),
-        ("part", vec!["error: part: no mesh extension, known: obj, stl"]),
+        ("part", vec!["error: part: no mesh extension, known: obj, stl, ply, gltf, glb, 3mf"]),
         ("folder.obj", vec!["error: folder.obj: cannot be read: ", "hint: check that it is a file"]),
     ];
     if let Some(name) = unreadable(dir.path()) {

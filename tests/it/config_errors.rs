@@ -113,8 +113,9 @@ mistakes! {
     infinite_position: with("[0, 0, 40]", "[0, 0, inf]") => "error: scene.toml:22: tool.start_position_mm[2] = inf: must be finite";
     missing_mesh_file: with("base.obj", "bse.obj") => r#"error: scene.toml:8: static[0].mesh = "bse.obj": no such file: bse.obj
   hint: paths are relative to the file that names them"#;
-    mesh_of_another_format: with("base.obj", "base.step") => r#"error: scene.toml:8: static[0].mesh = "base.step": must be a mesh file whose name ends in .obj or .stl"#;
-    mesh_format_of_a_later_version: with("base.obj", "base.ply") => r#"error: scene.toml:8: static[0].mesh = "base.ply": not available in this version; use a mesh file whose name ends in .obj or .stl"#;
+    mesh_of_another_format: with("base.obj", "base.step") => r#"error: scene.toml:8: static[0].mesh = "base.step": must be a mesh file whose name ends in .obj, .stl, .ply, .gltf, .glb or .3mf"#;
+    missing_mesh_file_of_another_format: with("base.obj", "base.GLB") => r#"error: scene.toml:8: static[0].mesh = "base.GLB": no such file: base.GLB
+  hint: paths are relative to the file that names them"#;
     missing_units: with("units = \"mm\"\n", "") => r#"error: scene.toml:6: static[0].units: missing; give the unit of the mesh file: "m", "mm", "cm" or "in"
   hint: a mesh file does not say its unit; a wrong guess is a factor of 1000"#;
     both_mesh_and_shape: with("units = \"mm\"", "units = \"mm\"\nshape = { sphere_mm = 3 }") => "error: scene.toml:10: static[0].shape = { sphere_mm = 3 }: cannot stand beside static[0].mesh; give exactly one of the two";

@@ -10,6 +10,7 @@ mod coupling;
 mod data_structures;
 mod determinism;
 mod distance_error;
+mod fuzz_corpus;
 mod models;
 mod profiles;
 mod real_scenes;

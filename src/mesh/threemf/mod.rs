@@ -1,0 +1,217 @@
+//! 3MF: the objects that the package builds, with the transforms of items and components.
+//!
+//! Data in: bytes of the package (a ZIP archive of XML parts). Data out: one mesh. Parts of the production extension are followed;
+//! colours, materials and textures are skipped; an extension that changes the shape (beam lattices, slices, boolean operations) and
+//! that the package requires is refused. Invariants: what is unpacked is bounded by the size of the package, and copies of objects
+//! are counted ([`Room`]).
+//!
+//! # Units and frames
+//! The file names its own unit. It must be the one of `units`: a part that is 25.4 times too large is a danger, not a detail.
+//!
+//! # Source
+//! 3MF Consortium, "3D Manufacturing Format, Core Specification" 1.3, sections 3 and 4; "Production Extension" 1.1.
+
+mod package;
+
+use std::collections::HashMap;
+use std::path::Path;
+
+use glam::{DMat4, DVec3, DVec4};
+use quick_xml::XmlVersion;
+use quick_xml::events::BytesStart;
+
+use self::package::{Element, Package, attribute, part_name, refusal};
+use super::room::Room;
+use super::{MeshError, TriangleMesh};
+
+/// Objects within objects; real files have two or three levels.
+const MOST_LEVELS: usize = 32;
+
+/// Reads a 3MF package; `path` is for messages only.
+pub(super) fn parse(bytes: &[u8], path: &Path, metres_per_unit: f64) -> Result<TriangleMesh, MeshError> {
+    let mut package = Package::open(bytes, path)?;
+    let root = package.model_name()?;
+    let mut parts = HashMap::new();
+    let mut open = vec![root.clone()];
+    while let Some(name) = open.pop() {
+        if !parts.contains_key(&name) {
+            let part = Part::read(&mut package, &name)?;
+            open.extend(part.named_parts().map(str::to_owned));
+            parts.insert(name, part);
+        }
+    }
+    let (unit, file_metres_per_unit) = parts[&root].unit;
+    if (file_metres_per_unit / metres_per_unit - 1.0).abs() > 1e-9 {
+        return Err(MeshError::UnitConflict { path: path.to_owned(), unit, file_metres_per_unit, metres_per_unit });
+    }
+    let mut build = Build { parts: &parts, path, room: Room::of_file(bytes.len()), mesh: TriangleMesh::default() };
+    for item in &parts[&root].items {
+        build.place(item, &root, DMat4::IDENTITY, 0)?;
+    }
+    Ok(build.mesh)
+}
+
+/// One model part of a package.
+struct Part {
+    /// Name of the unit, and metres in it.
+    unit: (&'static str, f64),
+    objects: HashMap<u32, Object>,
+    /// What is built.
+    items: Vec<Placement>,
+}
+
+#[derive(Default)]
+struct Object {
+    mesh: TriangleMesh,
+    components: Vec<Placement>,
+}
+
+/// An object at a place.
+struct Placement {
+    object: u32,
+    /// Name of the part that has the object; `None` for the same one.
+    part: Option<String>,
+    parent_from_object: DMat4,
+}
+
+impl Part {
+    fn read(package: &mut Package<'_>, name: &str) -> Result<Self, MeshError> {
+        let mut part = Self { unit: UNITS[0], objects: HashMap::new(), items: Vec::new() };
+        let mut object: Option<(u32, Object)> = None;
+        package.read(name, |element| {
+            match element {
+                Element::Begin(element) => match (element.local_name().as_ref(), &mut object) {
+                    ("model", _) => {
+                        refuse_unknown_extensions(&element)?;
+                        if let Some(unit) = attribute(&element, "unit")? {
+                            let known = UNITS.iter().find(|(name, _)| *name == unit);
+                            part.unit = *known.ok_or_else(|| format!("unknown unit `{unit:.20}`"))?;
+                        }
+                    }
+                    ("object", None) => object = Some((number(&element, "id")?, Object::default())),
+                    ("object", Some(_)) => return Err("an object inside another".to_owned()),
+                    ("vertex", Some((_, object))) => {
+                        let vertex = DVec3::new(number(&element, "x")?, number(&element, "y")?, number(&element, "z")?);
+                        if !vertex.is_finite() {
+                            return Err(format!("vertex {} is not finite", object.mesh.vertices.len()));
+                        }
+                        object.mesh.vertices.push(vertex);
+                    }
+                    ("triangle", Some((_, object))) => {
+                        object.mesh.triangles.push([number(&element, "v1")?, number(&element, "v2")?, number(&element, "v3")?]);
+                    }
+                    ("component", Some((_, object))) => object.components.push(Placement::read(&element)?),
+                    ("item", None) => part.items.push(Placement::read(&element)?),
+                    _ => {}
+                },
+                Element::End("object") => {
+                    if let Some((id, object)) = object.take() {
+                        let n_vertices = object.mesh.vertices.len();
+                        if let Some(wrong) = object.mesh.triangles.as_flattened().iter().find(|v| **v as usize >= n_vertices) {
+                            return Err(format!(
+                                "object {id}: a triangle names vertex {wrong} (counted from 0), it has {n_vertices}"
+                            ));
+                        }
+                        if part.objects.insert(id, object).is_some() {
+                            return Err(format!("object {id} stands there twice"));
+                        }
+                    }
+                }
+                Element::End(_) => {}
+            }
+            Ok(())
+        })?;
+        Ok(part)
+    }
+
+    fn named_parts(&self) -> impl Iterator<Item = &str> {
+        let components = self.objects.values().flat_map(|object| &object.components);
+        components.chain(&self.items).filter_map(|placement| placement.part.as_deref())
+    }
+}
+
+/// Names of the standard; the first is meant where none is given.
+const UNITS: [(&str, f64); 6] =
+    [("millimeter", 1e-3), ("meter", 1.0), ("centimeter", 1e-2), ("inch", 0.0254), ("foot", 0.3048), ("micron", 1e-6)];
+
+/// Refuses extensions that the package requires and that may change the shape.
+fn refuse_unknown_extensions(model: &BytesStart<'_>) -> Result<(), String> {
+    // Production says in which part an object is; materials say nothing of the shape.
+    const HARMLESS: [&str; 3] = ["/production/", "/material/", "/trianglesets/"];
+    let Some(required) = attribute(model, "requiredextensions")? else { return Ok(()) };
+    for prefix in required.split_whitespace() {
+        let mut namespace = prefix.to_owned();
+        for declared in model.attributes() {
+            let declared = declared.map_err(|error| error.to_string())?;
+            if declared.key.as_ref().strip_prefix("xmlns:") == Some(prefix) {
+                namespace = declared.normalized_value(XmlVersion::Implicit1_0).map_err(|error| error.to_string())?.into_owned();
+            }
+        }
+        if !HARMLESS.iter().any(|harmless| namespace.contains(harmless)) {
+            return Err(format!("needs the extension `{namespace:.80}`, which is not read; export plain meshes"));
+        }
+    }
+    Ok(())
+}
+
+/// A number in an attribute that must be there.
+fn number<T: std::str::FromStr>(element: &BytesStart<'_>, name: &str) -> Result<T, String> {
+    let text = attribute(element, name)?.ok_or_else(|| format!("`{name}` is missing"))?;
+    text.parse().map_err(|_| format!("`{name}` must be a number, found `{text:.40}`"))
+}
+
+impl Placement {
+    fn read(element: &BytesStart<'_>) -> Result<Self, String> {
+        let mut parent_from_object = DMat4::IDENTITY;
+        if let Some(text) = attribute(element, "transform")? {
+            let wrong = || format!("`transform` must be twelve numbers, found `{text:.80}`");
+            let numbers: Vec<f64> = text.split_whitespace().map(str::parse).collect::<Result<_, _>>().map_err(|_| wrong())?;
+            let [columns @ .., origin] = numbers.as_chunks::<3>().0 else { return Err(wrong()) };
+            let ([x, y, z], 12) = (columns, numbers.len()) else { return Err(wrong()) };
+            // The standard writes row vectors: its rows are our columns.
+            let column = |column: &[f64; 3], w: f64| DVec4::new(column[0], column[1], column[2], w);
+            parent_from_object = DMat4::from_cols(column(x, 0.0), column(y, 0.0), column(z, 0.0), column(origin, 1.0));
+        }
+        let part = attribute(element, "path")?.map(|name| part_name(&name));
+        Ok(Self { object: number(element, "objectid")?, part, parent_from_object })
+    }
+}
+
+/// Collects what is built.
+struct Build<'a> {
+    parts: &'a HashMap<String, Part>,
+    path: &'a Path,
+    room: Room,
+    mesh: TriangleMesh,
+}
+
+impl Build<'_> {
+    fn place(&mut self, placement: &Placement, part: &str, world_from_parent: DMat4, level: usize) -> Result<(), MeshError> {
+        let part = placement.part.as_deref().unwrap_or(part);
+        let id = placement.object;
+        let object = self.parts.get(part).and_then(|part| part.objects.get(&id));
+        let object = object.ok_or_else(|| refusal(self.path, format!("{part:.80}: object {id} is not there")))?;
+        if level > MOST_LEVELS {
+            return Err(refusal(self.path, format!("{part:.80}: object {id} is {MOST_LEVELS} levels down, or in a loop")));
+        }
+        let world_from_object = world_from_parent * placement.parent_from_object;
+        let base = self.mesh.vertices.len() as u32;
+        self.room.add(object.mesh.vertices.len(), object.mesh.triangles.len(), self.path)?;
+        for vertex in &object.mesh.vertices {
+            let vertex = world_from_object.transform_point3(*vertex);
+            if !vertex.is_finite() {
+                return Err(refusal(self.path, format!("{part:.80}: object {id} has a vertex that is not finite")));
+            }
+            self.mesh.vertices.push(vertex);
+        }
+        let mirrors = glam::DMat3::from_mat4(world_from_object).determinant() < 0.0;
+        self.mesh.triangles.extend(object.mesh.triangles.iter().map(|corners| {
+            let [a, b, c] = corners.map(|corner| base + corner);
+            if mirrors { [a, c, b] } else { [a, b, c] }
+        }));
+        object.components.iter().try_for_each(|component| self.place(component, part, world_from_object, level + 1))
+    }
+}
+
+#[cfg(test)]
+mod tests;
