@@ -55,7 +55,10 @@ impl BrickSums {
         let mut along_z = [[[[0; BRICK_EDGE]; 2]; SUMMED]; SUMMED];
         for (plane, values) in along_z.iter_mut().zip(&self.values[1..]) {
             for (sums, row) in plane.iter_mut().zip(&values[1..]) {
-                let at: [Row; 5] = core::array::from_fn(|k| *row[1 + k..].first_chunk().expect("a padded row"));
+                let mut at = [[0; BRICK_EDGE]; 5];
+                for (k, at) in at.iter_mut().enumerate() {
+                    at.copy_from_slice(&row[1 + k..1 + k + BRICK_EDGE]);
+                }
                 for z in 0..BRICK_EDGE {
                     sums[0][z] = at[0][z] + at[1][z] + at[2][z] + at[3][z] + at[4][z];
                     sums[1][z] = 2 * (at[4][z] - at[0][z]) + (at[3][z] - at[1][z]);
@@ -73,7 +76,8 @@ impl BrickSums {
         for (x, plane) in self.sums.iter_mut().enumerate() {
             let planes: &[_; 5] = window(&along_y, x);
             for (y, sums) in plane.iter_mut().enumerate() {
-                let rows: [[Row; 3]; 5] = core::array::from_fn(|k| planes[k][y]);
+                let mut rows = [[[0; BRICK_EDGE]; 3]; 5];
+                rows.iter_mut().zip(planes).for_each(|(to, plane)| *to = plane[y]);
                 *sums = [weighted(&rows, 0), plain(&rows, 1), plain(&rows, 2)];
             }
         }
@@ -108,20 +112,29 @@ impl BrickSums {
     }
 }
 
+#[inline(always)]
 fn window<T>(rows: &[T], first: usize) -> &[T; 5] {
     rows[first..].first_chunk().expect("five values from any place but the last four")
 }
 
-/// Sum of one of the quantities of five rows.
-#[inline]
+/// Sum of one of the quantities of five rows. Loops here and below, because a closure per lane is not always inlined.
+#[inline(always)]
 fn plain<const N: usize>(rows: &[[Row; N]; 5], of: usize) -> Row {
-    core::array::from_fn(|z| rows[0][of][z] + rows[1][of][z] + rows[2][of][z] + rows[3][of][z] + rows[4][of][z])
+    let mut sums = rows[0][of];
+    for row in &rows[1..] {
+        sums.iter_mut().zip(&row[of]).for_each(|(sum, value)| *sum += value);
+    }
+    sums
 }
 
 /// The same, weighted with −2, −1, 0, 1, 2.
-#[inline]
+#[inline(always)]
 fn weighted<const N: usize>(rows: &[[Row; N]; 5], of: usize) -> Row {
-    core::array::from_fn(|z| 2 * (rows[4][of][z] - rows[0][of][z]) + (rows[3][of][z] - rows[1][of][z]))
+    let mut sums = [0; BRICK_EDGE];
+    for (z, sum) in sums.iter_mut().enumerate() {
+        *sum = 2 * (rows[4][of][z] - rows[0][of][z]) + (rows[3][of][z] - rows[1][of][z]);
+    }
+    sums
 }
 
 /// Layer values of a brick with its rim.
@@ -142,13 +155,10 @@ fn pad(layers: &Layers, coord: [u32; 3], values: &mut [[[i16; PADDED]; PADDED]; 
         for (y, row) in plane.iter_mut().enumerate() {
             let (brick_y, in_y) = split(y);
             let first = (in_x * BRICK_EDGE + in_y) * BRICK_EDGE;
-            let part = |brick_z: usize| -> [i16; BRICK_EDGE] {
-                let cells: &[i8; BRICK_EDGE] = around[brick_x * 9 + brick_y * 3 + brick_z][first..].first_chunk().expect("a row");
-                cells.map(i16::from)
-            };
-            row[..RIM].copy_from_slice(&part(0)[BRICK_EDGE - RIM..]);
-            row[RIM..RIM + BRICK_EDGE].copy_from_slice(&part(1));
-            row[RIM + BRICK_EDGE..].copy_from_slice(&part(2)[..RIM]);
+            let part = |brick_z: usize| &around[brick_x * 9 + brick_y * 3 + brick_z][first..first + BRICK_EDGE];
+            widen(&mut row[..RIM], &part(0)[BRICK_EDGE - RIM..]);
+            widen(&mut row[RIM..RIM + BRICK_EDGE], part(1));
+            widen(&mut row[RIM + BRICK_EDGE..], &part(2)[..RIM]);
         }
     }
     // The last bricks stick out of the grid, and what they hold there means nothing.
@@ -165,6 +175,11 @@ fn pad(layers: &Layers, coord: [u32; 3], values: &mut [[[i16; PADDED]; PADDED]; 
             }
         }
     }
+}
+
+#[inline(always)]
+fn widen(to: &mut [i16], from: &[i8]) {
+    to.iter_mut().zip(from).for_each(|(to, from)| *to = (*from).into());
 }
 
 /// Which brick (0 before, 1 own, 2 after) and which cell in it a padded index means.

@@ -108,7 +108,7 @@ impl Scratch {
         // Bit y·8 + z: the range of z in one row, repeated for the range of y.
         let row = (0xff_u64 >> (BRICK_EDGE - z.len())) << z.start;
         let rows = (u64::MAX >> (64 - 8 * y.len())) << (8 * y.start);
-        let in_box = row * 0x0101_0101_0101_0101 & rows;
+        let in_box = (row * 0x0101_0101_0101_0101) & rows;
         if x.clone().all(|x| mask[x] & in_box == 0) {
             return;
         }
@@ -172,8 +172,8 @@ impl Planes {
         let edges = [corners[1] - corners[0], corners[2] - corners[1], corners[0] - corners[2]];
         let normal = edges[0].cross(edges[1]);
         let length_squared = normal.length_squared();
-        // A thinner triangle's normal is off by more than the tolerance: such planes say nothing.
-        if length_squared.is_nan() || length_squared <= 1e-8 * edges[0].length_squared() * edges[1].length_squared() {
+        // A thinner triangle's planes, and what its projections call inside, are off by too much to dismiss anything.
+        if length_squared.is_nan() || length_squared <= 1e-4 * edges[0].length_squared() * edges[1].length_squared() {
             let (nothing, all) = (Vec4::ZERO, Vec4::INFINITY);
             return Self { x: nothing, y: nothing, z: nothing, at_first: nothing, touching: all, interior: all };
         }

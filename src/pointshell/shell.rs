@@ -140,9 +140,8 @@ impl Shell {
 fn block<T>(chunk: &[T], of: impl Fn(&T) -> Vec3) -> Lanes3 {
     let mut lanes = [[f32::NAN; LANES]; 3];
     for (lane, item) in chunk.iter().enumerate() {
-        let vector = of(item);
-        for axis in 0..3 {
-            lanes[axis][lane] = vector[axis];
+        for (lanes, coordinate) in lanes.iter_mut().zip(of(item).to_array()) {
+            lanes[lane] = coordinate;
         }
     }
     let [x, y, z] = lanes.map(Lanes);
