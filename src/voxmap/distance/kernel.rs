@@ -43,11 +43,7 @@ const CORNER_CELLS_SQUARED: f32 = 1e-9;
 #[inline(always)]
 pub(super) fn nearest<N: Number>(flat: &Flat<N>, way: [N; 3]) -> Nearest<N> {
     let [r, u] = [flat.right, flat.up];
-    let normal = [
-        r[1].mul(u[2]).sub(r[2].mul(u[1])),
-        r[2].mul(u[0]).sub(r[0].mul(u[2])),
-        r[0].mul(u[1]).sub(r[1].mul(u[0])),
-    ];
+    let normal = [r[1].mul(u[2]).sub(r[2].mul(u[1])), r[2].mul(u[0]).sub(r[0].mul(u[2])), r[0].mul(u[1]).sub(r[1].mul(u[0]))];
     let (x, y, height) = (dot(r, way), dot(u, way), dot(normal, way));
     let beyond = x.sub(x.max(N::splat(0.0)).min(flat.length));
     let base = beyond.mul(beyond).add(y.mul(y));
@@ -55,18 +51,10 @@ pub(super) fn nearest<N: Number>(flat: &Flat<N>, way: [N; 3]) -> Nearest<N> {
     let (from_second, edge_second) = (x.sub(flat.length), apex_x.sub(flat.length));
     let second = segment([from_second, y], [edge_second, apex_y], flat.inverse[0]);
     let third = segment([x, y], flat.apex, flat.inverse[1]);
-    let inside = [
-        y,
-        edge_second.mul(y).sub(apex_y.mul(from_second)),
-        apex_y.mul(x).sub(apex_x.mul(y)),
-    ];
+    let inside = [y, edge_second.mul(y).sub(apex_y.mul(from_second)), apex_y.mul(x).sub(apex_x.mul(y))];
     let in_plane = base.min(second).min(third).zero_where_all_positive(inside);
     let limit = in_plane.mul(N::splat(CORNER_SHARE)).add(N::splat(CORNER_CELLS_SQUARED));
-    Nearest {
-        squared: height.mul(height).add(in_plane),
-        height,
-        on_edge: [[base, limit], [second, limit], [third, limit]],
-    }
+    Nearest { squared: height.mul(height).add(in_plane), height, on_edge: [[base, limit], [second, limit], [third, limit]] }
 }
 
 #[inline(always)]

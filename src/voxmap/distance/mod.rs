@@ -23,8 +23,8 @@ use self::far::{Front, Search};
 use self::near::{Bins, Nearby};
 use self::patches::{NONE, Patches};
 use self::simd::Machine;
-use super::grid::{BRICK_CELLS, BRICK_EDGE, cell_of};
-use super::layers::Layers;
+use super::grid::{BRICK_CELLS, BRICK_EDGE, brick_origin, cell_of};
+use super::layers::{FAR_OUTSIDE, Layers};
 use super::orient::Orientation;
 use super::surface::{Mask, Surface};
 use crate::mesh::TriangleMesh;
@@ -85,13 +85,7 @@ impl Samples {
     ///
     /// Deterministic whatever the number of threads and the processor. Cost: O(triangles + band cells), a few triangle distances
     /// per cell; memory beside the result: a cache line per triangle and two layers of choices.
-    pub(crate) fn measure(
-        mesh: &TriangleMesh,
-        surface: &Surface,
-        layers: &Layers,
-        signs: Signs<'_>,
-        with_gradients: bool,
-    ) -> Self {
+    pub(crate) fn measure(mesh: &TriangleMesh, surface: &Surface, layers: &Layers, signs: Signs<'_>, with_gradients: bool) -> Self {
         Self::measure_on(Machine::best(), mesh, surface, layers, signs, with_gradients)
     }
 
@@ -103,7 +97,8 @@ impl Samples {
         signs: Signs<'_>,
         with_gradients: bool,
     ) -> Self {
-        let stage = Stage { mesh, surface, layers, signs, patches: Patches::new(mesh, &surface.grid), machine };
+        let around = layers.bricks.par_iter().with_min_len(64).map(|brick| around(layers, *brick as usize)).collect();
+        let stage = Stage { mesh, surface, layers, signs, patches: Patches::new(mesh, &surface.grid), around, machine };
         let mut values_m = vec![[0.0; APRON_CELLS]; layers.bricks.len()];
         let mut gradients = vec![[Vec3::ZERO; BRICK_CELLS]; if with_gradients { layers.bricks.len() } else { 0 }];
         let mut front = stage.near(&mut values_m, &mut gradients);
@@ -121,6 +116,8 @@ struct Stage<'a> {
     layers: &'a Layers,
     signs: Signs<'a>,
     patches: Patches,
+    /// `[n_slots]`: entries of the top grid for the brick and those next to it.
+    around: Vec<[u32; 27]>,
     machine: Machine,
 }
 
@@ -132,8 +129,10 @@ impl Stage<'_> {
         let voxel_size_m = surface.grid.voxel_size_m as f32;
         let beyond_m = (layers.n_layers as f32 + 0.5) * voxel_size_m;
         let surface_slot = |slot: usize| surface.slot(layers.bricks[slot] as usize);
-        let masks: Vec<Mask> =
-            (0..layers.bricks.len()).into_par_iter().map(|slot| surface_slot(slot).map_or([0; 8], |slot| surface.masks[slot])).collect();
+        let masks: Vec<Mask> = (0..layers.bricks.len())
+            .into_par_iter()
+            .map(|slot| surface_slot(slot).map_or([0; 8], |slot| surface.masks[slot]))
+            .collect();
         let mut front = Front::new(masks);
         let fill = |samples: &mut [f32; APRON_CELLS], slot: usize| {
             for (row_idx, row) in layers.values[slot].as_chunks::<BRICK_EDGE>().0.iter().enumerate() {
@@ -142,62 +141,67 @@ impl Stage<'_> {
                 samples[first..first + BRICK_EDGE].copy_from_slice(&signed);
             }
         };
-        each_part(&mut front, values_m, gradients, || (), |(), slot, part, samples, mut gradients| {
-            fill(samples, slot);
-            let (Some((mask, found)), Some(surface_slot)) = (part, surface_slot(slot)) else { return };
-            let Nearby { patch_idx, squared, height } = Nearby::measure(self.machine, &self.patches, &bins, surface, surface_slot);
-            for (found, inside) in found.iter_mut().zip(near::cells(mask)) {
-                *found = patch_idx[inside];
-                if *found == NONE {
-                    continue;
-                }
-                let distance = squared[inside].sqrt();
-                let sign = match self.signs {
-                    Signs::Solid(orientation) if distance > ON_SURFACE_CELLS => {
-                        -(height[inside] * orientation.sign(self.patches.triangle(*found)) as f32).signum()
+        each_part(
+            &mut front,
+            values_m,
+            gradients,
+            || (),
+            |(), slot, part, samples, mut gradients| {
+                fill(samples, slot);
+                let (Some((mask, found)), Some(surface_slot)) = (part, surface_slot(slot)) else { return };
+                let Nearby { patch_idx, squared, height } =
+                    Nearby::measure(self.machine, &self.patches, &bins, surface, surface_slot);
+                for (found, inside) in found.iter_mut().zip(near::cells(mask)) {
+                    *found = patch_idx[inside];
+                    if *found == NONE {
+                        continue;
                     }
-                    _ => -1.0,
-                };
-                samples[sample_of(inside)] = sign * distance * voxel_size_m;
-                if let Some(gradients) = gradients.as_deref_mut() {
-                    gradients[inside] = self.gradient(slot, inside, *found, sign);
+                    let distance = squared[inside].sqrt();
+                    let sign = match self.signs {
+                        Signs::Solid(orientation) if distance > ON_SURFACE_CELLS => {
+                            -(height[inside] * orientation.sign(self.patches.triangle(*found)) as f32).signum()
+                        }
+                        _ => -1.0,
+                    };
+                    samples[sample_of(inside)] = sign * distance * voxel_size_m;
+                    if let Some(gradients) = gradients.as_deref_mut() {
+                        gradients[inside] = self.gradient(slot, inside, *found, sign);
+                    }
                 }
-            }
-        });
+            },
+        );
         front
     }
 
     /// Measures a layer next to one that is measured.
-    fn far(
-        &self,
-        layer: i8,
-        inner: &Front,
-        values_m: &mut [[f32; APRON_CELLS]],
-        gradients: &mut [[Vec3; BRICK_CELLS]],
-    ) -> Front {
+    fn far(&self, layer: i8, inner: &Front, values_m: &mut [[f32; APRON_CELLS]], gradients: &mut [[Vec3; BRICK_CELLS]]) -> Front {
         let Self { surface, layers, .. } = *self;
         let voxel_size_m = surface.grid.voxel_size_m as f32;
         let masks = layers.values.par_iter().with_min_len(64).map(|values| self.machine.cells_on_layer(values, layer)).collect();
         let mut front = Front::new(masks);
-        each_part(&mut front, values_m, gradients, || Search::new(self.machine), |search, slot, part, samples, mut gradients| {
-            let Some((mask, found)) = part else { return };
-            let brick = layers.bricks[slot] as usize;
-            search.measure(&self.patches, &surface.grid, &layers.top, brick, mask, inner);
-            for (found, (inside, patch_idx, squared)) in found.iter_mut().zip(search.results()) {
-                *found = patch_idx;
-                if patch_idx == NONE {
-                    continue;
+        each_part(
+            &mut front,
+            values_m,
+            gradients,
+            || Search::new(self.machine),
+            |search, slot, part, samples, mut gradients| {
+                let Some((mask, found)) = part else { return };
+                let brick = layers.bricks[slot] as usize;
+                let origin = brick_origin(surface.grid.brick_coord(brick));
+                search.measure(&self.patches, origin, &self.around[slot], mask, inner, layer == 1);
+                for (found, (inside, patch_idx, squared)) in found.iter_mut().zip(search.results()) {
+                    *found = patch_idx;
+                    let sign = match self.signs {
+                        Signs::Solid(_) if layers.values[slot][inside] > 0 => 1.0,
+                        _ => -1.0,
+                    };
+                    samples[sample_of(inside)] = sign * squared.sqrt() * voxel_size_m;
+                    if let Some(gradients) = gradients.as_deref_mut() {
+                        gradients[inside] = self.gradient(slot, inside, patch_idx, sign);
+                    }
                 }
-                let sign = match self.signs {
-                    Signs::Solid(_) if layers.values[slot][inside] > 0 => 1.0,
-                    _ => -1.0,
-                };
-                samples[sample_of(inside)] = sign * squared.sqrt() * voxel_size_m;
-                if let Some(gradients) = gradients.as_deref_mut() {
-                    gradients[inside] = self.gradient(slot, inside, patch_idx, sign);
-                }
-            }
-        });
+            },
+        );
         front
     }
 
@@ -225,6 +229,15 @@ impl Stage<'_> {
     }
 }
 
+/// Entries of the top grid for a brick and the 26 next to it.
+fn around(layers: &Layers, brick: usize) -> [u32; 27] {
+    let coord = layers.grid.brick_coord(brick);
+    core::array::from_fn(|idx| {
+        let offset = [idx as i32 / 9 - 1, idx as i32 / 3 % 3 - 1, idx as i32 % 3 - 1];
+        layers.grid.brick_neighbour(coord, offset).map_or(FAR_OUTSIDE, |neighbour| layers.top[neighbour])
+    })
+}
+
 /// Calls `work(scratch, slot, part of the front, samples, gradients)` for every slot, in parallel.
 fn each_part<S>(
     front: &mut Front,
@@ -241,13 +254,11 @@ fn each_part<S>(
             .enumerate()
             .for_each_init(scratch, |scratch, (slot, (samples, part))| work(scratch, slot, part, samples, None));
     } else {
-        values_m
-            .par_iter_mut()
-            .zip(gradients)
-            .zip(parts)
-            .enumerate()
-            .for_each_init(scratch, |scratch, (slot, ((samples, gradients), part))| {
+        values_m.par_iter_mut().zip(gradients).zip(parts).enumerate().for_each_init(
+            scratch,
+            |scratch, (slot, ((samples, gradients), part))| {
                 work(scratch, slot, part, samples, Some(gradients));
-            });
+            },
+        );
     }
 }

@@ -99,8 +99,7 @@ impl Nearby {
     pub(super) fn measure(machine: Machine, patches: &Patches, bins: &Bins, surface: &Surface, surface_slot: usize) -> Self {
         let origin = brick_origin(surface.grid.brick_coord(surface.bricks[surface_slot] as usize));
         let mask = &surface.masks[surface_slot];
-        let mut best =
-            Self { patch_idx: [NONE; BRICK_CELLS], squared: [f32::INFINITY; BRICK_CELLS], height: [0.0; BRICK_CELLS] };
+        let mut best = Self { patch_idx: [NONE; BRICK_CELLS], squared: [f32::INFINITY; BRICK_CELLS], height: [0.0; BRICK_CELLS] };
         let mut cells = [0; BRICK_CELLS];
         for patch_idx in bins.sorted(surface_slot) {
             let patch = &patches.all[patch_idx as usize];

@@ -63,12 +63,7 @@ impl Patch {
         // A negative coordinate does not occur: the grid is padded.
         words[0] = anchor.x as u32 | (anchor.y as u32) << 16;
         words[1] = anchor.z as u32 | if is_piece { 3 } else { longest as u32 } << 16;
-        let numbers = [
-            offset.to_array(),
-            right.to_array(),
-            up.to_array(),
-            [length, along, height],
-        ];
+        let numbers = [offset.to_array(), right.to_array(), up.to_array(), [length, along, height]];
         for (word, number) in words[2..14].iter_mut().zip(numbers.as_flattened()) {
             *word = (*number as f32).to_bits();
         }
