@@ -57,10 +57,9 @@ impl Front {
 const FIRST_Y: u64 = 0xff;
 const FIRST_Z: u64 = 0x0101_0101_0101_0101;
 
-/// Neighbours of a cell by how far away they are: across faces, across edges, at corners. Steps in a [`Rimmed`].
-const FACES: [isize; 6] = [-1, 1, -10, 10, -100, 100];
-const EDGES: [isize; 12] = [-110, -90, 90, 110, -101, -99, 99, 101, -11, -9, 9, 11];
-const CORNERS: [isize; 8] = [-111, -109, -91, -89, 89, 91, 109, 111];
+/// Steps in a [`Rimmed`] to the neighbours of a cell.
+const NEIGHBOURS: [isize; 26] =
+    [-111, -110, -109, -101, -100, -99, -91, -90, -89, -11, -10, -9, -1, 1, 9, 10, 11, 89, 90, 91, 99, 100, 101, 109, 110, 111];
 
 /// Patches of the inner layer in a brick and in the rim of one cell around it, ten cells on an edge.
 ///
@@ -116,33 +115,18 @@ impl Rimmed {
         steps.map(|step| self.0[cell.wrapping_add_signed(step) & 1023])
     }
 
-    /// The lowest and the highest patch among the nearest inner neighbours of a cell: across its faces, else across edges, else at
-    /// corners. Mostly they are the same.
+    /// The lowest and the highest patch among the inner neighbours of a cell. Mostly they are the same.
     #[inline]
     fn offers(&self, inside: usize) -> (u32, u32) {
-        let (lowest, highest) = extent(self.around(inside, &FACES));
-        if lowest != NONE {
-            return (lowest, highest);
-        }
-        let (lowest, highest) = extent(self.around(inside, &EDGES));
-        if lowest != NONE {
-            return (lowest, highest);
-        }
-        match extent(self.around(inside, &CORNERS)) {
+        match extent(self.around(inside, &NEIGHBOURS)) {
             (NONE, _) => (0, 0),
             found => found,
         }
     }
 
     /// All that [`Self::offers`] spans.
-    fn each_offer(&self, inside: usize, mut visit: impl FnMut(u32)) {
-        let mut visit_all = |ids: &[u32]| {
-            ids.iter().filter(|id| **id != NONE).for_each(|id| visit(*id));
-            ids.iter().any(|id| *id != NONE)
-        };
-        let _ = visit_all(&self.around(inside, &FACES))
-            || visit_all(&self.around(inside, &EDGES))
-            || visit_all(&self.around(inside, &CORNERS));
+    fn each_offer(&self, inside: usize, visit: impl FnMut(u32)) {
+        self.around(inside, &NEIGHBOURS).into_iter().filter(|id| *id != NONE).for_each(visit);
     }
 }
 
@@ -161,12 +145,9 @@ fn rimmed_cell([x, y, z]: [i32; 3]) -> usize {
 }
 
 /// Patches that a cell remembers having been measured against; older ones may be measured again.
-const REMEMBERED: usize = 4;
+const REMEMBERED: usize = 8;
 /// Steps across edges at most; from a neighbour's closest point it is a voxel's way, so only very fine meshes need many.
 const WALK_STEPS: usize = 64;
-/// Patches at least this high over their longest edge are not left across edges beyond layer 1: some neighbour a voxel away has
-/// met the patch on the other side.
-const WALKED_BELOW_CELLS: f32 = 3.0;
 /// A step must shorten the squared distance by this share.
 const PROGRESS: f32 = 1.0 - 1e-6;
 
@@ -210,15 +191,7 @@ impl Search {
 
     /// Measures the cells of `mask`, which lie in the brick at `origin` one layer out from `inner`. `around`: slots of that brick and
     /// of the 26 next to it.
-    pub(super) fn measure(
-        &mut self,
-        patches: &Patches,
-        origin: [i32; 3],
-        around: &[u32; 27],
-        mask: &Mask,
-        inner: &Front,
-        walk_everywhere: bool,
-    ) {
+    pub(super) fn measure(&mut self, patches: &Patches, origin: [i32; 3], around: &[u32; 27], mask: &Mask, inner: &Front) {
         let rimmed = Rimmed::new(around, inner);
         self.reset(mask);
         // A cell that finds nothing is measured against patch 0, which is as true as any.
@@ -226,7 +199,7 @@ impl Search {
         for place in 0..self.n_cells {
             let (nearest, highest) = rimmed.offers(self.cells[place] as usize);
             self.patch_idx[place] = nearest;
-            self.measured[place] = [nearest, NONE, NONE, NONE];
+            self.measured[place] = [nearest, NONE, NONE, NONE, NONE, NONE, NONE, NONE];
             self.divided[n_divided] = place as u16;
             n_divided += usize::from(highest != nearest);
         }
@@ -236,7 +209,7 @@ impl Search {
             rimmed.each_offer(self.cells[place] as usize, |patch_idx| self.push(&patches.all, origin, place, patch_idx));
         }
         self.flush(&patches.all, origin);
-        self.walk(patches, origin, walk_everywhere);
+        self.walk(patches, origin);
     }
 
     /// Measures every cell against the patch that it starts with.
@@ -312,7 +285,7 @@ impl Search {
     }
 
     /// Steps across the edges on which closest points lie, as long as that leads closer.
-    fn walk(&mut self, patches: &Patches, origin: [i32; 3], everywhere: bool) {
+    fn walk(&mut self, patches: &Patches, origin: [i32; 3]) {
         let mut places = [0_u16; BRICK_CELLS];
         let mut n_places = self.n_cells;
         for step in 0..WALK_STEPS {
@@ -320,7 +293,7 @@ impl Search {
             for idx in 0..n_places {
                 let place = if step == 0 { idx } else { usize::from(places[idx]) };
                 let on_edge = self.on_edge[place];
-                if on_edge == 0 || !everywhere && patches.all[self.patch_idx[place] as usize].number(13) > WALKED_BELOW_CELLS {
+                if on_edge == 0 {
                     continue;
                 }
                 // Until it improves there is nothing more to try.

@@ -188,7 +188,7 @@ impl Stage<'_> {
                 let Some((mask, found)) = part else { return };
                 let brick = layers.bricks[slot] as usize;
                 let origin = brick_origin(surface.grid.brick_coord(brick));
-                search.measure(&self.patches, origin, &self.around[slot], mask, inner, layer == 1);
+                search.measure(&self.patches, origin, &self.around[slot], mask, inner);
                 for (found, (inside, patch_idx, squared)) in found.iter_mut().zip(search.results()) {
                     *found = patch_idx;
                     let sign = match self.signs {
