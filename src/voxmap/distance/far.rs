@@ -2,7 +2,7 @@
 
 use super::patches::{NONE, Patch, Patches};
 use super::simd::{LANES, Machine};
-use crate::voxmap::grid::{BRICK_CELLS, BRICK_EDGE, Grid, brick_origin};
+use crate::voxmap::grid::{BRICK_CELLS, BRICK_EDGE};
 use crate::voxmap::layers::DEEP_INSIDE;
 use crate::voxmap::surface::{Mask, bits};
 
@@ -57,26 +57,29 @@ impl Front {
 const FIRST_Y: u64 = 0xff;
 const FIRST_Z: u64 = 0x0101_0101_0101_0101;
 
+/// Steps in a [`Rimmed`] to the neighbours of a cell.
+const NEIGHBOURS: [isize; 26] =
+    [-111, -110, -109, -101, -100, -99, -91, -90, -89, -11, -10, -9, -1, 1, 9, 10, 11, 89, 90, 91, 99, 100, 101, 109, 110, 111];
+
 /// Patches of the inner layer in a brick and in the rim of one cell around it, ten cells on an edge.
 ///
 /// Longer than 10³ by as much as makes an index that is masked always valid.
 struct Rimmed([u32; 1024]);
 
 impl Rimmed {
-    fn new(grid: &Grid, top: &[u32], brick: usize, inner: &Front) -> Self {
+    fn new(around: &[u32; 27], inner: &Front) -> Self {
         let mut rimmed = Self([NONE; 1024]);
-        let coord = grid.brick_coord(brick);
-        for idx in 0..27 {
-            let offset = [idx / 9 - 1, idx / 3 % 3 - 1, idx % 3 - 1];
-            let Some(slot) = grid.brick_neighbour(coord, offset).map(|neighbour| top[neighbour]).filter(|slot| *slot < DEEP_INSIDE)
-            else {
+        for (idx, slot) in around.iter().enumerate() {
+            if *slot >= DEEP_INSIDE {
                 continue;
-            };
-            let slot = slot as usize;
+            }
+            let slot = *slot as usize;
             let patches = &inner.patches[inner.starts[slot] as usize..inner.starts[slot + 1] as usize];
             if patches.is_empty() {
                 continue;
             }
+            let idx = idx as i32;
+            let offset = [idx / 9 - 1, idx / 3 % 3 - 1, idx % 3 - 1];
             let y = [FIRST_Y << 56, u64::MAX, FIRST_Y][(offset[1] + 1) as usize];
             let z = [FIRST_Z << 7, u64::MAX, FIRST_Z][(offset[2] + 1) as usize];
             let xs = [7..8, 0..8, 0..1][(offset[0] + 1) as usize].clone();
@@ -107,9 +110,33 @@ impl Rimmed {
 
     /// Patches at some of the cells around one.
     #[inline]
-    fn around<const N: usize>(&self, cell: usize, steps: &[isize; N]) -> [u32; N] {
+    fn around<const N: usize>(&self, inside: usize, steps: &[isize; N]) -> [u32; N] {
+        let cell = 111 + (inside >> 6) * 100 + (inside >> 3 & 7) * 10 + (inside & 7);
         steps.map(|step| self.0[cell.wrapping_add_signed(step) & 1023])
     }
+
+    /// The lowest and the highest patch among the inner neighbours of a cell. Mostly they are the same.
+    #[inline]
+    fn offers(&self, inside: usize) -> (u32, u32) {
+        match extent(self.around(inside, &NEIGHBOURS)) {
+            (NONE, _) => (0, 0),
+            found => found,
+        }
+    }
+
+    /// All that [`Self::offers`] spans.
+    fn each_offer(&self, inside: usize, visit: impl FnMut(u32)) {
+        self.around(inside, &NEIGHBOURS).into_iter().filter(|id| *id != NONE).for_each(visit);
+    }
+}
+
+/// Lowest and highest number, [`NONE`] apart; without branches, as they could not be foreseen.
+#[inline]
+fn extent<const N: usize>(ids: [u32; N]) -> (u32, u32) {
+    let lowest = ids.iter().fold(NONE, |lowest, id| lowest.min(*id));
+    // `NONE` is the highest number there is, and 0 when one more.
+    let highest = ids.iter().fold(0, |highest, id| id.wrapping_add(1).max(highest)).wrapping_sub(1);
+    (lowest, highest)
 }
 
 /// Index in a [`Rimmed`] of a cell given relative to the brick; may wrap, as a base for others.
@@ -118,7 +145,7 @@ fn rimmed_cell([x, y, z]: [i32; 3]) -> usize {
 }
 
 /// Patches that a cell remembers having been measured against; older ones may be measured again.
-const REMEMBERED: usize = 4;
+const REMEMBERED: usize = 8;
 /// Steps across edges at most; from a neighbour's closest point it is a voxel's way, so only very fine meshes need many.
 const WALK_STEPS: usize = 64;
 /// A step must shorten the squared distance by this share.
@@ -134,17 +161,14 @@ pub(super) struct Search {
     on_edge: [u8; BRICK_CELLS],
     measured: [[u32; REMEMBERED]; BRICK_CELLS],
     n_measured: [u8; BRICK_CELLS],
+    /// Positions of cells whose neighbours do not agree.
+    divided: [u16; BRICK_CELLS + 1],
     /// Waiting to be measured: position in `cells`, patch.
     queue_cells: [u32; LANES],
     queue_places: [u32; LANES],
     queue_patches: [u32; LANES],
     n_queued: usize,
 }
-
-/// Neighbours of a cell by how far away they are: across faces, across edges, at corners. Steps in a [`Rimmed`].
-const FACES: [isize; 6] = [-1, 1, -10, 10, -100, 100];
-const EDGES: [isize; 12] = [-110, -90, 90, 110, -101, -99, 99, 101, -11, -9, 9, 11];
-const CORNERS: [isize; 8] = [-111, -109, -91, -89, 89, 91, 109, 111];
 
 impl Search {
     pub(super) fn new(machine: Machine) -> Self {
@@ -157,6 +181,7 @@ impl Search {
             on_edge: [0; BRICK_CELLS],
             measured: [[NONE; REMEMBERED]; BRICK_CELLS],
             n_measured: [0; BRICK_CELLS],
+            divided: [0; BRICK_CELLS + 1],
             queue_cells: [0; LANES],
             queue_places: [0; LANES],
             queue_patches: [0; LANES],
@@ -164,41 +189,47 @@ impl Search {
         }
     }
 
-    /// Measures the cells of `mask`, which lie in brick number `brick` one layer out from `inner`.
-    pub(super) fn measure(&mut self, patches: &Patches, grid: &Grid, top: &[u32], brick: usize, mask: &Mask, inner: &Front) {
-        let rimmed = Rimmed::new(grid, top, brick, inner);
-        let origin = brick_origin(grid.brick_coord(brick));
+    /// Measures the cells of `mask`, which lie in the brick at `origin` one layer out from `inner`. `around`: slots of that brick and
+    /// of the 26 next to it.
+    pub(super) fn measure(&mut self, patches: &Patches, origin: [i32; 3], around: &[u32; 27], mask: &Mask, inner: &Front) {
+        let rimmed = Rimmed::new(around, inner);
         self.reset(mask);
+        // A cell that finds nothing is measured against patch 0, which is as true as any.
+        let mut n_divided = 0;
         for place in 0..self.n_cells {
-            let inside = self.cells[place] as usize;
-            let cell = 111 + (inside >> 6) * 100 + (inside >> 3 & 7) * 10 + (inside & 7);
-            let _ = self.offer(&patches.all, origin, place, rimmed.around(cell, &FACES))
-                || self.offer(&patches.all, origin, place, rimmed.around(cell, &EDGES))
-                || self.offer(&patches.all, origin, place, rimmed.around(cell, &CORNERS));
+            let (nearest, highest) = rimmed.offers(self.cells[place] as usize);
+            self.patch_idx[place] = nearest;
+            self.measured[place] = [nearest, NONE, NONE, NONE, NONE, NONE, NONE, NONE];
+            self.divided[n_divided] = place as u16;
+            n_divided += usize::from(highest != nearest);
+        }
+        self.measure_first(&patches.all, origin);
+        for idx in 0..n_divided {
+            let place = usize::from(self.divided[idx]);
+            rimmed.each_offer(self.cells[place] as usize, |patch_idx| self.push(&patches.all, origin, place, patch_idx));
         }
         self.flush(&patches.all, origin);
         self.walk(patches, origin);
     }
 
-    /// Queues what neighbours of a cell have; false when that is nothing.
-    #[inline]
-    fn offer<const N: usize>(&mut self, patches: &[Patch], origin: [i32; 3], place: usize, ids: [u32; N]) -> bool {
-        // Without branches, as they could not be foreseen: the lowest and the highest, which mostly are the same. `NONE` is the
-        // highest number there is, and 0 when one more.
-        let lowest = ids.iter().fold(NONE, |lowest, id| lowest.min(*id));
-        let highest = ids.iter().fold(0, |highest, id| id.wrapping_add(1).max(highest)).wrapping_sub(1);
-        if lowest == NONE {
-            return false;
+    /// Measures every cell against the patch that it starts with.
+    fn measure_first(&mut self, patches: &[Patch], origin: [i32; 3]) {
+        let batches = self.n_cells.div_ceil(LANES);
+        // Lanes behind the last cell repeat it.
+        for place in self.n_cells..batches * LANES {
+            self.cells[place] = self.cells[self.n_cells - 1];
+            self.patch_idx[place] = self.patch_idx[self.n_cells - 1];
         }
-        self.push(patches, origin, place, lowest);
-        if highest != lowest {
-            for id in ids {
-                if id != NONE && id != lowest {
-                    self.push(patches, origin, place, id);
-                }
+        let (cells, ids) = (self.cells.as_chunks::<LANES>().0, self.patch_idx.as_chunks::<LANES>().0);
+        let (squared, on_edge) = (self.squared.as_chunks_mut::<LANES>().0, self.on_edge.as_chunks_mut::<LANES>().0);
+        for batch in 0..batches {
+            let found = self.machine.gathered(patches, &ids[batch], origin, &cells[batch]);
+            squared[batch] = found.squared;
+            for (lane, on_edge) in on_edge[batch].iter_mut().enumerate() {
+                let [a, b, c] = found.on_edge.map(|bits| bits >> lane & 1);
+                *on_edge = a | b << 1 | c << 2;
             }
         }
-        true
     }
 
     fn reset(&mut self, mask: &Mask) {
@@ -209,14 +240,10 @@ impl Search {
                 self.n_cells += 1;
             }
         }
-        self.squared[..self.n_cells].fill(f32::INFINITY);
-        self.patch_idx[..self.n_cells].fill(NONE);
-        self.on_edge[..self.n_cells].fill(0);
-        self.measured[..self.n_cells].fill([NONE; REMEMBERED]);
-        self.n_measured[..self.n_cells].fill(0);
+        self.n_measured[..self.n_cells].fill(1);
     }
 
-    /// Number inside the brick, nearest patch ([`NONE`] if none came by) and squared distance (cells²) of every cell.
+    /// Number inside the brick, nearest patch and squared distance (cells²) of every cell.
     pub(super) fn results(&self) -> impl Iterator<Item = (usize, u32, f32)> + '_ {
         (0..self.n_cells).map(|place| (self.cells[place] as usize, self.patch_idx[place], self.squared[place]))
     }
@@ -259,12 +286,12 @@ impl Search {
 
     /// Steps across the edges on which closest points lie, as long as that leads closer.
     fn walk(&mut self, patches: &Patches, origin: [i32; 3]) {
-        let mut places: [u16; BRICK_CELLS] = core::array::from_fn(|place| place as u16);
+        let mut places = [0_u16; BRICK_CELLS];
         let mut n_places = self.n_cells;
-        for _ in 0..WALK_STEPS {
+        for step in 0..WALK_STEPS {
             let mut n_walking = 0;
             for idx in 0..n_places {
-                let place = usize::from(places[idx]);
+                let place = if step == 0 { idx } else { usize::from(places[idx]) };
                 let on_edge = self.on_edge[place];
                 if on_edge == 0 {
                     continue;

@@ -23,8 +23,8 @@ use self::far::{Front, Search};
 use self::near::{Bins, Nearby};
 use self::patches::{NONE, Patches};
 use self::simd::Machine;
-use super::grid::{BRICK_CELLS, BRICK_EDGE, cell_of};
-use super::layers::Layers;
+use super::grid::{BRICK_CELLS, BRICK_EDGE, brick_origin, cell_of};
+use super::layers::{FAR_OUTSIDE, Layers};
 use super::orient::Orientation;
 use super::surface::{Mask, Surface};
 use crate::mesh::TriangleMesh;
@@ -95,7 +95,8 @@ impl Samples {
         signs: Signs<'_>,
         with_gradients: bool,
     ) -> Self {
-        let stage = Stage { mesh, surface, layers, signs, patches: Patches::new(mesh, &surface.grid), machine };
+        let around = layers.bricks.par_iter().with_min_len(64).map(|brick| around(layers, *brick as usize)).collect();
+        let stage = Stage { mesh, surface, layers, signs, patches: Patches::new(mesh, &surface.grid), around, machine };
         let mut values_m = vec![[0.0; APRON_CELLS]; layers.bricks.len()];
         let mut gradients = vec![[Vec3::ZERO; BRICK_CELLS]; if with_gradients { layers.bricks.len() } else { 0 }];
         let mut front = stage.near(&mut values_m, &mut gradients);
@@ -113,6 +114,8 @@ struct Stage<'a> {
     layers: &'a Layers,
     signs: Signs<'a>,
     patches: Patches,
+    /// `[n_slots]`: entries of the top grid for the brick and those next to it.
+    around: Vec<[u32; 27]>,
     machine: Machine,
 }
 
@@ -182,12 +185,10 @@ impl Stage<'_> {
             |search, slot, part, samples, mut gradients| {
                 let Some((mask, found)) = part else { return };
                 let brick = layers.bricks[slot] as usize;
-                search.measure(&self.patches, &surface.grid, &layers.top, brick, mask, inner);
+                let origin = brick_origin(surface.grid.brick_coord(brick));
+                search.measure(&self.patches, origin, &self.around[slot], mask, inner);
                 for (found, (inside, patch_idx, squared)) in found.iter_mut().zip(search.results()) {
                     *found = patch_idx;
-                    if patch_idx == NONE {
-                        continue;
-                    }
                     let sign = match self.signs {
                         Signs::Solid(_) if layers.values[slot][inside] > 0 => 1.0,
                         _ => -1.0,
@@ -224,6 +225,15 @@ impl Stage<'_> {
         };
         (away * f64::from(sign)).as_vec3()
     }
+}
+
+/// Entries of the top grid for a brick and the 26 next to it.
+fn around(layers: &Layers, brick: usize) -> [u32; 27] {
+    let coord = layers.grid.brick_coord(brick);
+    core::array::from_fn(|idx| {
+        let offset = [idx as i32 / 9 - 1, idx as i32 / 3 % 3 - 1, idx as i32 % 3 - 1];
+        layers.grid.brick_neighbour(coord, offset).map_or(FAR_OUTSIDE, |neighbour| layers.top[neighbour])
+    })
 }
 
 /// Calls `work(scratch, slot, part of the front, samples, gradients)` for every slot, in parallel.
