@@ -360,7 +360,7 @@ impl Plane {
         let per_w = 1.0 / normal[w];
         let margin = slack(extent, largest) * per_w.abs();
         // The component along w is the largest, so only a normal that underflows is left to the specification.
-        if !(margin <= MARGIN_MAX_CELLS) {
+        if margin > MARGIN_MAX_CELLS {
             return Self { slope_u: 0.0, slope_v: 0.0, at_zero: Reach { first_certain: f64::INFINITY, ..Reach::EVERYWHERE } };
         }
         let heights = corners.map(|corner| normal.dot(corner));

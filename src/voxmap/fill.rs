@@ -248,8 +248,8 @@ impl<'a> FreeBricks<'a> {
                 break;
             }
         }
-        for word in start / 64..=(end - 1) / 64 {
-            outside[word] |= within(word, &(start..end));
+        for (word, bricks) in outside.iter_mut().enumerate().take((end - 1) / 64 + 1).skip(start / 64) {
+            *bricks |= within(word, &(start..end));
         }
         self.note(start.max(row.start + 1) - 1..(end + 1).min(row.end));
         self.stack.push(start..end);
