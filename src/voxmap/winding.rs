@@ -6,7 +6,7 @@
 //! # Source
 //! Barill, Dickson, Schmidt, Levin and Jacobson 2018, "Fast winding numbers for soups and clouds": a tree over the triangles,
 //! a Taylor expansion about the area-weighted centre of each node (we use the dipole and two orders more), and the rule that a
-//! node serves from [`BETA`] radii on. Near by: the solid angle of a triangle after van Oosterom and Strackee 1983.
+//! node serves from two radii on. Near by: the solid angle of a triangle after van Oosterom and Strackee 1983.
 //! Ours: a full binary tree over triangles in Morton order, whose layout follows from their number; moments kept as symmetric
 //! tensors (10 + 6 + 3 numbers), which is all that a harmonic kernel sees of them; and combining children by shifting.
 
