@@ -6,7 +6,7 @@
 //! # Source
 //! Barill, Dickson, Schmidt, Levin and Jacobson 2018, "Fast winding numbers for soups and clouds": a tree over the triangles,
 //! a Taylor expansion about the area-weighted centre of each node (we use the dipole and two orders more), and the rule that a
-//! node serves from [`BETA`] radii on. Near by: the solid angle of a triangle after van Oosterom and Strackee 1983.
+//! node serves from two radii on. Near by: the solid angle of a triangle after van Oosterom and Strackee 1983.
 //! Ours: a full binary tree over triangles in Morton order, whose layout follows from their number; moments kept as symmetric
 //! tensors (10 + 6 + 3 numbers), which is all that a harmonic kernel sees of them; and combining children by shifting.
 
@@ -118,7 +118,7 @@ impl<'a> WindingTree<'a> {
 
     /// The winding number at a point of the mesh frame, m. On a triangle: the mean of both sides.
     ///
-    /// Error: against the exact sum at most 0.01, typically 10⁻⁴ (measured by the tests below). Cost: a microsecond or a few.
+    /// Error against the exact sum, by the tests below: at most 0.01, typically 10⁻³. Cost: a few microseconds.
     pub fn at(&self, point: DVec3) -> f64 {
         let local = ((point - self.center_m) * self.per_metre).as_vec3();
         let (mut far, mut near) = (0.0_f32, 0.0);
@@ -383,12 +383,12 @@ mod tests {
             let mut mesh = shape.tessellate(2e-5);
             let (worst, mean) = errors(&mesh, 500);
             println!("{shape:?}: {} triangles, worst {worst:.1e}, mean {mean:.1e}", mesh.triangles.len());
-            assert!(worst < 1e-2 && mean < 1e-3, "{shape:?}: {worst} {mean}");
+            assert!(worst < 1e-2 && mean < 2e-3, "{shape:?}: {worst} {mean}");
             // Open as well: half of the triangles missing, here and there.
             mesh.triangles = mesh.triangles.chunks(64).step_by(2).flatten().copied().collect();
             let (worst, mean) = errors(&mesh, 500);
             println!("  in pieces: worst {worst:.1e}, mean {mean:.1e}");
-            assert!(worst < 1e-2 && mean < 1e-3, "{shape:?} in pieces: {worst} {mean}");
+            assert!(worst < 1e-2 && mean < 2e-3, "{shape:?} in pieces: {worst} {mean}");
         }
     }
 
