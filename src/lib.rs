@@ -17,7 +17,7 @@
 //! | [`telemetry`] | records out of the loop → histograms and summaries |
 //! | [`daemon`] | supervisor: bake, preflight, enable, stop |
 //! | [`picture`] | cuts through a map with its shell, as PNG |
-//! | [`bench`] | stand-in models and figures of generation |
+//! | [`mod@bench`] | stand-in models and figures of generation |
 //! | [`cli`] | one file per command; the only printer |
 
 pub mod bench;

@@ -1,6 +1,6 @@
 //! Pictures of what was baked: three cuts through the map with the shell on them, on one sheet.
 //!
-//! [`sheet`] lays the cuts out, [`panel`] draws one of them, [`palette`] gives layer values their colours, [`canvas`] draws
+//! `sheet` lays the cuts out, `panel` draws one of them, `palette` gives layer values their colours, `canvas` draws
 //! lines and words. Pure Rust with a font of its own: the same picture on every machine.
 //!
 //! Invariants: cold; reads a finished map and changes nothing. Cost: O(pixels + surface voxels + points).

@@ -81,11 +81,11 @@ fn panels(subject: &Subject<'_>) -> [Panel; 3] {
     let cuts = cuts(subject);
     let is_long = extent[a] > LONG * extent[b];
     let (scale, axes) = if !is_long {
-        let across = (room - 2.0 * COLUMN_GAP) / (2.0 * extent[0] + extent[1]);
+        let across = scale_to_fit(&[extent[0], extent[0], extent[1]], room - 2.0 * COLUMN_GAP);
         (across.min(PANELS_HEIGHT / extent[1].max(extent[2])), [[0, 1, 2], [0, 2, 1], [1, 2, 0]])
     } else {
-        let across = (room - COLUMN_GAP) / (extent[a] + extent[c]);
-        (across.min((PANELS_HEIGHT - ROW_GAP) / (extent[b] + extent[c])), [[a, b, c], [a, c, b], [c, b, a]])
+        let across = scale_to_fit(&[extent[a], extent[c]], room - COLUMN_GAP);
+        (across.min(scale_to_fit(&[extent[b], extent[c]], PANELS_HEIGHT - ROW_GAP)), [[a, b, c], [a, c, b], [c, b, a]])
     };
     let pixels = extent.map(|n_cells| (n_cells * scale).max(PANEL_MIN).floor());
     let place = |axes: [usize; 3], left: f64, top: f64| Panel {
@@ -109,6 +109,16 @@ fn panels(subject: &Subject<'_>) -> [Panel; 3] {
             place(axes[2], LEFT + pixels[a] + COLUMN_GAP, HEADER),
         ]
     }
+}
+
+/// Pixels per voxel with which edges fit side by side, the short ones stretched to [`PANEL_MIN`].
+fn scale_to_fit(extents: &[f64], n_pixels: f64) -> f64 {
+    let mut scale = n_pixels / extents.iter().sum::<f64>();
+    for _ in extents {
+        let (short, long): (Vec<f64>, Vec<f64>) = extents.iter().partition(|extent| **extent * scale < PANEL_MIN);
+        scale = (n_pixels - PANEL_MIN * short.len() as f64) / long.iter().sum::<f64>();
+    }
+    scale
 }
 
 /// Per axis the slice nearest to the middle of the grid that holds surface.
