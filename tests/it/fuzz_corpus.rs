@@ -5,6 +5,7 @@ use std::path::Path;
 use hapticd::mesh::Format;
 
 #[path = "../../fuzz/src/lib.rs"]
+#[expect(unreachable_pub, reason = "the file is a crate of its own beside the fuzz targets")]
 mod target;
 
 #[test]

@@ -216,7 +216,7 @@ impl Walk<'_> {
                     triangles.extend(rest.windows(2).map(|pair| [*first, pair[0], pair[1]]));
                 }
             }
-            _ if corners.len() % 3 == 0 => {
+            _ if corners.len().is_multiple_of(3) => {
                 triangles.extend(corners.chunks_exact(3).map(|corner| [corner[0], corner[1], corner[2]]))
             }
             _ => return Err(format!("{} corners are no whole number of triangles", corners.len())),

@@ -159,7 +159,7 @@ fn sparse_and_quantized_positions_are_read() {
 
     // Signed bytes, four apart, as parts of 127.
     let mut quantized = tetrahedron();
-    let bytes: Vec<u8> = VERTICES.iter().flat_map(|[x, y, z]| [*x as u8 * 127, *y as u8 * 0x81, *z as u8, 99]).collect();
+    let bytes: Vec<u8> = VERTICES.iter().flat_map(|[x, y, z]| [*x as u8 * 127, *y as u8, *z as u8, 99]).collect();
     quantized["extensionsRequired"] = json!(["KHR_mesh_quantization", "KHR_materials_unlit"]);
     quantized["buffers"].as_array_mut().unwrap().push(json!({"byteLength": 16, "uri": embedded(&bytes)}));
     quantized["bufferViews"].as_array_mut().unwrap().push(json!({"buffer": 1, "byteLength": 16, "byteStride": 4}));

@@ -117,7 +117,7 @@ fn announced_numbers_are_checked_before_room_is_made() {
     let many = "18446744073709551615";
     assert_eq!(
         message(&header("ascii", many, "0")),
-        format!("part.ply:9: the header announces {many} of `vertex`, the file has room for 0")
+        format!("part.ply:10: the header announces {many} of `vertex`, the file has room for 0")
     );
     let mut bytes = header("binary_little_endian", "1", "4000000000").into_bytes();
     bytes.extend([0; 24]);

@@ -14,6 +14,7 @@
 mod package;
 
 use std::collections::HashMap;
+use std::collections::hash_map::Entry;
 use std::path::Path;
 
 use glam::{DMat4, DVec3, DVec4};
@@ -34,10 +35,10 @@ pub(super) fn parse(bytes: &[u8], path: &Path, metres_per_unit: f64) -> Result<T
     let mut parts = HashMap::new();
     let mut open = vec![root.clone()];
     while let Some(name) = open.pop() {
-        if !parts.contains_key(&name) {
-            let part = Part::read(&mut package, &name)?;
+        if let Entry::Vacant(place) = parts.entry(name) {
+            let part = Part::read(&mut package, place.key())?;
             open.extend(part.named_parts().map(str::to_owned));
-            parts.insert(name, part);
+            place.insert(part);
         }
     }
     let (unit, file_metres_per_unit) = parts[&root].unit;
