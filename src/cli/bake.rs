@@ -5,17 +5,17 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use clap::ValueEnum;
-use glam::DVec3;
 use serde::Serialize;
 
 use super::progress::BakeProgress;
-use super::{Talk, check, report, say};
+use super::{Talk, cache, check, report, say};
 use crate::config;
 use crate::config::problem::show;
 use crate::config::resolve::MeshSource;
 use crate::error::Exit;
 use crate::mesh::MeshError;
 use crate::pointshell::ply;
+use crate::scene::cache::{Baked, Cache, CacheUse, Lookup, Request, Residence, Spacing};
 use crate::scene::{self, Event, Geometry, ObjectReport, Role, SceneError};
 use crate::voxmap::grid::GridError;
 use crate::voxmap::surface::Navigation;
@@ -57,6 +57,8 @@ pub(crate) struct Args {
     /// Write the points and inward normals as binary PLY, metres (mesh only).
     #[arg(long, value_name = "F.ply")]
     pointshell_out: Option<PathBuf>,
+    #[command(flatten)]
+    cache: cache::Args,
     /// Print exactly one JSON object.
     #[arg(long)]
     json: bool,
@@ -203,9 +205,11 @@ fn bake_scene(args: &Args, talk: Talk) -> Result<Exit, Failure> {
         say::talk(format_args!("{}\n", check::summary(&config)));
     }
     let since = Instant::now();
+    let mut cache = args.cache.open(Residence::Mapped, talk);
     let progress = BakeProgress::new(talk);
-    let baked = scene::build(&config, |event| progress.tell(&event));
+    let baked = scene::build_with(&config, &mut cache, |event| progress.tell(&event));
     progress.finish();
+    cache::tell(&mut cache, talk);
     let (_, reports) = baked?;
     let total_s = since.elapsed().as_secs_f64();
     report::bake_warnings(&reports, talk);
@@ -245,48 +249,44 @@ fn bake_mesh(args: &Args, talk: Talk) -> Result<(), Failure> {
         check_destination(path)?;
     }
     let name = args.input.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    let source = MeshSource::File { path: args.input.clone(), metres_per_unit };
+    let request = Request {
+        name: &name,
+        role: Role::Mesh,
+        source: &source,
+        spacing: match (args.voxel_size_mm, args.longest_axis_voxels) {
+            (Some(size_mm), _) => Spacing::Size(size_mm * 1e-3),
+            (None, n) => Spacing::LongestAxis(n.unwrap_or(1)),
+        },
+        layers: args.layers.unwrap_or(DEFAULT_LAYERS),
+        trust_fill: args.sides == Some(SidesChoice::Flood),
+        with_gradients: false,
+        center_of_mass: None,
+    };
+    // The cache has neither layers nor distances by voxel, and a navigation that is asked for is asked for its figures.
+    let navigation = match args.navigation {
+        Some(NavigationChoice::PlaneSpan) => Some(Navigation::PlaneSpan),
+        Some(NavigationChoice::TwoSided) => Some(Navigation::TwoSided),
+        Some(NavigationChoice::Auto) | None => None,
+    };
+    let needs_more = navigation.is_some() || args.voxmap_out.is_some() || args.field_out.is_some() || args.pointshell_out.is_some();
+    let mut cache = if needs_more { Cache::off() } else { args.cache.open(Residence::Mapped, talk) };
     let progress = BakeProgress::new(talk);
     let tell = |stage| progress.tell(&Event { name: &name, object_idx: 0, n_objects: 1, stage });
-
     tell(Stage::Load);
-    let source = MeshSource::File { path: args.input.clone(), metres_per_unit };
-    let geometry = Geometry::load(&name, Role::Mesh, &source, 0.0)?;
-    let voxel_size_m = match (args.voxel_size_mm, args.longest_axis_voxels) {
-        (Some(size_mm), _) => size_mm * 1e-3,
-        (None, n) => {
-            let extent = geometry.mesh.bounds().map_or(DVec3::ZERO, |(low, high)| high - low);
-            extent.max_element() / f64::from(n.unwrap_or(1))
+    let baked = match cache.look_up(&request) {
+        Lookup::Hit(baked) => *baked,
+        Lookup::Bake(slot) => {
+            let mut baked = generate(args, &request, navigation, tell)?;
+            baked.report.cache = slot.cache;
+            cache.store(&slot, &request, &baked);
+            baked
         }
     };
-    let options = Options {
-        voxel_size_m,
-        layers: args.layers.unwrap_or(DEFAULT_LAYERS),
-        navigation: match args.navigation {
-            Some(NavigationChoice::PlaneSpan) => Some(Navigation::PlaneSpan),
-            Some(NavigationChoice::TwoSided) => Some(Navigation::TwoSided),
-            Some(NavigationChoice::Auto) | None => None,
-        },
-        trust_fill: args.sides == Some(SidesChoice::Flood),
-    };
-    let mut map = geometry.voxmap(&options, tell)?;
-    tell(Stage::Distance);
-    if let Some(path) = &args.field_out {
-        let distances = map.distances(&geometry.mesh, false);
-        write(path, |path| npy::write_distances(path, &map.layers, &distances))?;
-    }
-    let field = geometry.field(&mut map, false);
-    tell(Stage::Pointshell);
-    let center_of_mass = geometry.mass_properties().center_m;
-    let (shell, shell_report) = geometry.shell(&map, center_of_mass);
-    if let Some(path) = &args.voxmap_out {
-        write(path, |path| npy::write_layers(path, &map.layers))?;
-    }
-    if let Some(path) = &args.pointshell_out {
-        write(path, |path| ply::write(path, &shell, center_of_mass))?;
-    }
     progress.finish();
+    cache::tell(&mut cache, talk);
 
-    let object = geometry.report(&map, &shell_report);
+    let Baked { field, shell, report: object, .. } = baked;
     report::bake_warnings(core::slice::from_ref(&object), talk);
     if args.json {
         #[derive(Serialize)]
@@ -299,8 +299,8 @@ fn bake_mesh(args: &Args, talk: Talk) -> Result<(), Failure> {
         }
         let report = MeshReport {
             object,
-            field_bytes: field.heap_bytes(),
-            pointshell_bytes: shell.heap_bytes(),
+            field_bytes: field.map_or(0, |field| field.heap_bytes()),
+            pointshell_bytes: shell.map_or(0, |shell| shell.heap_bytes()),
             peak_rss_bytes: peak_rss_bytes(),
         };
         print_json(&report);
@@ -308,6 +308,36 @@ fn bake_mesh(args: &Args, talk: Talk) -> Result<(), Failure> {
         say::result(format_args!("{}", report_text(&object)));
     }
     Ok(())
+}
+
+/// Bakes a mesh on its own and writes the files that are asked for.
+fn generate(args: &Args, request: &Request<'_>, navigation: Option<Navigation>, tell: impl Fn(Stage)) -> Result<Baked, Failure> {
+    let geometry = Geometry::load(request.name, request.role, request.source, request.spacing)?;
+    let options = Options {
+        voxel_size_m: geometry.voxel_size_m(request.spacing),
+        layers: request.layers,
+        navigation,
+        trust_fill: request.trust_fill,
+    };
+    let mut map = geometry.voxmap(&options, &tell)?;
+    tell(Stage::Distance);
+    if let Some(path) = &args.field_out {
+        let distances = map.distances(&geometry.mesh, false);
+        write(path, |path| npy::write_distances(path, &map.layers, &distances))?;
+    }
+    let field = geometry.field(&mut map, request.with_gradients);
+    tell(Stage::Pointshell);
+    let mass = geometry.mass_properties();
+    let center_of_mass = request.center_of_mass.unwrap_or(mass.center_m);
+    let (shell, shell_report) = geometry.shell(&map, center_of_mass);
+    if let Some(path) = &args.voxmap_out {
+        write(path, |path| npy::write_layers(path, &map.layers))?;
+    }
+    if let Some(path) = &args.pointshell_out {
+        write(path, |path| ply::write(path, &shell, center_of_mass))?;
+    }
+    let report = geometry.report(&map, &shell_report);
+    Ok(Baked { field: Some(field), shell: Some(shell), mass: Some(mass), report })
 }
 
 fn write(path: &Path, export: impl FnOnce(&Path) -> std::io::Result<()>) -> Result<(), Failure> {
@@ -342,6 +372,11 @@ pub(super) fn report_text(object: &ObjectReport) -> String {
     ];
     if object.points > 0 {
         lines.push(format!("  points      {} ({} phase 1, {} phase 2)", object.points, object.phase1_points, object.phase2_points));
+    }
+    if object.cache == CacheUse::Hit {
+        lines.push(format!("  seconds     {:.3} from the bake cache", t.load));
+        lines.push(String::new());
+        return lines.join("\n");
     }
     lines.push(format!(
         "  seconds     load {:.3}, surface {:.3}, fill {:.3}, layers {:.3}, distance {:.3}, pointshell {:.3}, normals {:.3}, total {:.3}",

@@ -12,6 +12,7 @@ use crate::device::hand::{HandPath, Indexing};
 use crate::device::profile::Codec;
 use crate::device::sim::{HandParameters, SimArm, SimError, SimParameters};
 use crate::haptics::{PortParameters, RenderScene};
+use crate::scene::cache::Cache;
 use crate::scene::{self, Event, ObjectReport, SceneError};
 
 /// A scene that is ready to be rendered.
@@ -66,13 +67,25 @@ pub fn inputs(config: &SceneConfig) -> Result<(Option<HandPath>, Option<FaultPla
     Ok((hand, fault.transpose()?))
 }
 
-/// Bakes the scene and opens its arm. What costs nothing is checked before what takes long.
+/// Bakes the scene, without a cache, and opens its arm.
+///
+/// # Errors
+/// As [`prepare_with`].
+pub fn prepare(config: &SceneConfig, watch: impl FnMut(Event<'_>)) -> Result<(Prepared, Vec<ObjectReport>), PrepareError> {
+    prepare_with(config, &mut Cache::off(), watch)
+}
+
+/// Bakes the scene or takes it from the cache, and opens its arm. What costs nothing is checked before what takes long.
 ///
 /// # Errors
 /// A hand file, fault, mesh, grid or arm that cannot be used.
-pub fn prepare(config: &SceneConfig, watch: impl FnMut(Event<'_>)) -> Result<(Prepared, Vec<ObjectReport>), PrepareError> {
+pub fn prepare_with(
+    config: &SceneConfig,
+    cache: &mut Cache,
+    watch: impl FnMut(Event<'_>),
+) -> Result<(Prepared, Vec<ObjectReport>), PrepareError> {
     let (hand, fault) = inputs(config)?;
-    let (scene, mut reports) = scene::build(config, watch)?;
+    let (scene, mut reports) = scene::build_with(config, cache, watch)?;
     if let (Some(path), Some(tool)) = (&hand, reports.last_mut()) {
         tool.warnings.extend(far_from_start(path, &config.parameters.port));
     }

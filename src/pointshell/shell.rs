@@ -1,17 +1,22 @@
 //! The pointshell as the tick reads it.
 
+mod file;
+
+use bytemuck::{Pod, Zeroable};
 use glam::{DVec3, Vec3};
+
+use crate::storage::Slab;
 
 /// Points in one block: two AVX2 registers, one AVX-512 register, one cache line of `f32`.
 pub const LANES: usize = 16;
 
 /// One coordinate of [`LANES`] points.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C, align(64))]
 pub struct Lanes(pub [f32; LANES]);
 
 /// Three coordinates of [`LANES`] points.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C, align(64))]
 pub struct Lanes3 {
     /// x of each lane.
@@ -37,9 +42,9 @@ impl Lanes3 {
 #[derive(Debug)]
 pub struct Shell {
     /// `[n_points / 16, rounded up]`, 64-byte aligned: positions, m. Unused lanes of the last block hold NaN, which is no contact.
-    positions: Vec<Lanes3>,
+    positions: Slab<Lanes3>,
     /// Same layout: unit normals, pointing **into** the tool.
-    normals: Vec<Lanes3>,
+    normals: Slab<Lanes3>,
     n_points: usize,
     radius_m: f64,
     voxel_size_m: f64,
@@ -57,8 +62,8 @@ impl Shell {
             points.chunks(LANES).map(block).collect::<Vec<_>>()
         };
         Self {
-            positions: blocks(|point| point.0),
-            normals: blocks(|point| point.1),
+            positions: blocks(|point| point.0).into(),
+            normals: blocks(|point| point.1).into(),
             n_points: points.len(),
             radius_m: points.iter().map(|point| point.0.length()).fold(0.0, f64::max),
             voxel_size_m,
@@ -67,7 +72,7 @@ impl Shell {
 
     /// Blocks of positions and of normals, side by side.
     pub fn blocks(&self) -> impl Iterator<Item = (&Lanes3, &Lanes3)> {
-        self.positions.iter().zip(&self.normals)
+        self.positions.iter().zip(self.normals.iter())
     }
 
     /// Position (about the centre of mass, m) and inward normal of each point.
@@ -97,7 +102,7 @@ impl Shell {
         self.voxel_size_m
     }
 
-    /// Heap size, bytes.
+    /// Size of the arrays, bytes.
     pub fn heap_bytes(&self) -> usize {
         let Self { positions, normals, n_points: _, radius_m: _, voxel_size_m: _ } = self;
         size_of_val(&**positions) + size_of_val(&**normals)

@@ -5,6 +5,7 @@ use std::time::Instant;
 use glam::DVec3;
 use thiserror::Error;
 
+use super::cache::{Baked, Cache, Lookup, Request, Spacing};
 use super::report::{ObjectReport, Role};
 use crate::config::resolve::MeshSource;
 use crate::mesh::mass::{MassProperties, mass_properties_of_inspected};
@@ -47,6 +48,40 @@ impl SceneError {
     }
 }
 
+/// Takes an object from the cache, or bakes it and keeps it there.
+///
+/// # Errors
+/// A mesh that cannot be used, or a grid that is too large.
+pub(super) fn obtain(request: &Request<'_>, cache: &mut Cache, mut tell: impl FnMut(Stage)) -> Result<Baked, SceneError> {
+    tell(Stage::Load);
+    let slot = match cache.look_up(request) {
+        Lookup::Hit(baked) => return Ok(*baked),
+        Lookup::Bake(slot) => slot,
+    };
+    let mut baked = bake(request, tell)?;
+    baked.report.cache = slot.cache;
+    cache.store(&slot, request, &baked);
+    Ok(baked)
+}
+
+fn bake(request: &Request<'_>, mut tell: impl FnMut(Stage)) -> Result<Baked, SceneError> {
+    let geometry = Geometry::load(request.name, request.role, request.source, request.spacing)?;
+    let voxel_size_m = geometry.voxel_size_m(request.spacing);
+    let options = Options { voxel_size_m, layers: request.layers, navigation: None, trust_fill: request.trust_fill };
+    let mut map = geometry.voxmap(&options, &mut tell)?;
+    if request.role == Role::Static {
+        tell(Stage::Distance);
+        let field = geometry.field(&mut map, request.with_gradients);
+        let report = geometry.report(&map, &ShellReport::default());
+        return Ok(Baked { field: Some(field), shell: None, mass: None, report });
+    }
+    let mass = geometry.mass_properties();
+    tell(Stage::Pointshell);
+    let (shell, shell_report) = geometry.shell(&map, request.center_of_mass.unwrap_or(mass.center_m));
+    let report = geometry.report(&map, &shell_report);
+    Ok(Baked { field: None, shell: Some(shell), mass: Some(mass), report })
+}
+
 /// A tessellation's chord error as a share of the voxel edge, so that the voxel size limits accuracy.
 const CHORD_SHARE: f64 = 0.02;
 
@@ -66,16 +101,25 @@ impl Geometry {
     ///
     /// # Errors
     /// A mesh that cannot be used.
-    pub fn load(name: &str, role: Role, source: &MeshSource, voxel_size_m: f64) -> Result<Self, SceneError> {
+    pub fn load(name: &str, role: Role, source: &MeshSource, spacing: Spacing) -> Result<Self, SceneError> {
         let since = Instant::now();
         let mesh = match source {
             MeshSource::File { path, metres_per_unit } => {
                 mesh::load(path, *metres_per_unit).map_err(|source| SceneError::Mesh { name: name.to_owned(), source })?
             }
-            MeshSource::Shape(shape) => shape.tessellate(CHORD_SHARE * voxel_size_m),
+            // The box of a shape hardly depends on how finely it is cut; only a size of voxels can be too fine for a coarse cut.
+            MeshSource::Shape(shape) => match spacing {
+                Spacing::Size(voxel_size_m) => shape.tessellate(CHORD_SHARE * voxel_size_m),
+                Spacing::LongestAxis(_) => shape.tessellate(0.0),
+            },
         };
         let inspected = inspect(&mesh);
         Ok(Self { name: name.to_owned(), role, mesh, inspected, load_s: since.elapsed().as_secs_f64() })
+    }
+
+    /// s, m.
+    pub fn voxel_size_m(&self, spacing: Spacing) -> f64 {
+        spacing.voxel_size_m(self.mesh.bounds().map_or(DVec3::ZERO, |(low, high)| high - low))
     }
 
     /// Classifies the object's volume.

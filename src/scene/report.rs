@@ -1,13 +1,16 @@
 //! What was built of an object, in the words of `bake --json`.
 
-use serde::Serialize;
+use std::borrow::Cow;
 
+use serde::{Deserialize, Serialize};
+
+use super::cache::CacheUse;
 use crate::mesh::validate::MeshReport;
 use crate::pointshell::ShellReport;
 use crate::voxmap::Voxmap;
 
 /// What an object is for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Role {
     /// One voxmap of a scene.
@@ -19,7 +22,7 @@ pub enum Role {
 }
 
 /// Where the fill got in.
-#[derive(Clone, Copy, Debug, Serialize)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub struct LeakReport {
     /// Centre of the largest hole, mesh frame, m.
     pub position_m: [f64; 3],
@@ -27,10 +30,10 @@ pub struct LeakReport {
     pub size_m: f64,
 }
 
-/// Seconds per stage; 0 for a stage that the role does not need.
-#[derive(Clone, Copy, Debug, Default, Serialize)]
+/// Seconds per stage of this run; 0 for a stage that the role does not need, and for all but `load` when the cache had the object.
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub struct Timings {
-    /// Reading or tessellating, and inspecting.
+    /// Reading or tessellating, and inspecting; or finding and reading the object in the cache.
     pub load: f64,
     /// Grid set-up.
     pub init: f64,
@@ -51,7 +54,7 @@ pub struct Timings {
 }
 
 /// One object's figures.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct ObjectReport {
     /// Name in the scene, or the file name.
     pub name: String,
@@ -78,13 +81,13 @@ pub struct ObjectReport {
     /// The fill did not leak.
     pub watertight: bool,
     /// `flood`: a solid by the fill; `thin`: a two-sided skin.
-    pub sides: &'static str,
+    pub sides: Cow<'static, str>,
     /// Where it leaked.
     pub leak: Option<LeakReport>,
     /// Edges with one triangle only, after welding.
     pub open_edges: usize,
     /// How candidates were walked.
-    pub navigation: &'static str,
+    pub navigation: Cow<'static, str>,
     /// SAT tests spent.
     pub sat_tests: u64,
     /// Points of the shell; 0 for a static object.
@@ -93,7 +96,9 @@ pub struct ObjectReport {
     pub phase1_points: usize,
     /// Points found in phase 2.
     pub phase2_points: usize,
-    /// Threads of the bake.
+    /// What the bake cache did.
+    pub cache: CacheUse,
+    /// Threads of this run.
     pub threads: usize,
     /// Seconds per stage.
     pub timings_s: Timings,
@@ -157,14 +162,15 @@ impl ObjectReport {
             outside_voxels: grid.n_cells() - surface_voxels - inside_voxels,
             layers: map.layers.n_layers,
             watertight: map.watertight,
-            sides: if map.thin { "thin" } else { "flood" },
+            sides: if map.thin { "thin" } else { "flood" }.into(),
             leak: map.leak.map(|leak| LeakReport { position_m: leak.position_m.to_array(), size_m: leak.size_m }),
             open_edges: mesh.open_edges,
-            navigation: map.surface.navigation.name(),
+            navigation: map.surface.navigation.name().into(),
             sat_tests: map.surface.sat_tests,
             points: shell.points,
             phase1_points: shell.phase1_points,
             phase2_points: shell.phase2_points,
+            cache: CacheUse::Off,
             threads: rayon::current_num_threads(),
             timings_s,
             warnings,

@@ -60,6 +60,8 @@ pub enum Step {
 pub struct LoopReport {
     /// Ticks done.
     pub ticks: u64,
+    /// When the first tick began, stopwatch time, ns.
+    pub first_tick_ns: Option<i64>,
     /// Deadlines that passed without a tick.
     pub missed_deadlines: u64,
     /// Records that found the ring full.
@@ -115,6 +117,7 @@ pub struct ServoLoop<D: Device, C: Clock> {
     packet_errors: u64,
     faults: Faults,
     first_fault_tick: Option<u64>,
+    first_tick_ns: Option<i64>,
     ending: Ending,
     last: TickOutput,
 }
@@ -155,6 +158,7 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
             packet_errors: 0,
             faults: Faults::NONE,
             first_fault_tick: None,
+            first_tick_ns: None,
             ending: Ending::Running,
             last: TickOutput::default(),
         }
@@ -204,6 +208,7 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
         self.missed_deadlines += due.missed;
 
         let begin_ns = self.clock.stopwatch_ns();
+        self.first_tick_ns.get_or_insert(begin_ns);
         let sample = self.read();
         let read_ns = self.clock.stopwatch_ns();
         let input = TickInput { sample, request: order.request(), overrun: due.missed > 0 };
@@ -341,6 +346,7 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
             packet_errors: self.packet_errors,
             faults: self.faults,
             first_fault_tick: self.first_fault_tick,
+            first_tick_ns: self.first_tick_ns,
             ending: self.ending,
             last: self.last,
             flight: self.flight,

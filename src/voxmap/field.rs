@@ -7,11 +7,14 @@
 
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::indexing_slicing)]
 
+mod file;
+
 use glam::Vec3;
 
 use super::distance::{Around, Distances};
 use super::grid::{BRICK_CELLS, BRICK_EDGE, Grid};
 use super::layers::{DEEP_INSIDE, FAR_OUTSIDE, Layers};
+use crate::storage::Slab;
 
 /// Samples on a brick's edge in the field: its own eight and the next brick's first, so that all corners of an interpolation
 /// cell lie in one brick.
@@ -48,13 +51,13 @@ pub struct Field {
     voxel_size_m: f32,
     brick_dims: [i32; 3],
     /// `[n_bricks]`, z fastest: slot, or [`FAR_OUTSIDE`], or [`DEEP_INSIDE`].
-    top: Box<[u32]>,
+    top: Slab<u32>,
     /// `[n_slots][9³]`, z fastest, m: signed distance at cell centres, with the next bricks' first samples.
-    distances_m: Vec<[f32; APRON_CELLS]>,
+    distances_m: Slab<[f32; APRON_CELLS]>,
     /// `[n_slots][8³]`, z fastest.
-    layers: Vec<[i8; BRICK_CELLS]>,
+    layers: Slab<[i8; BRICK_CELLS]>,
     /// `[n_slots][8³]`, unit; empty unless `surface-point` is used.
-    gradients: Vec<[Vec3; BRICK_CELLS]>,
+    gradients: Slab<[Vec3; BRICK_CELLS]>,
     /// Depth at which the field saturates on both sides, m.
     band_m: f32,
     /// Added to every value, m: 0 for a solid, one voxel for a thin skin.
@@ -71,7 +74,7 @@ impl Field {
         // Cells on the outermost layer are at least this far away, and so is everything beyond: saturating here makes a brick
         // without band cells and the cells beside it agree.
         let band_m = (layers.n_layers as f32 - 0.5) * voxel_size_m;
-        let distances_m = layers
+        let distances_m: Vec<_> = layers
             .bricks
             .par_iter()
             .map(|brick| {
@@ -93,10 +96,10 @@ impl Field {
             origin: grid.origin_m.as_vec3(),
             voxel_size_m,
             brick_dims: grid.brick_dims().map(|n| n as i32),
-            top: layers.top.clone().into_boxed_slice(),
-            distances_m,
-            layers: layers.values.clone(),
-            gradients: distances.gradients,
+            top: layers.top.clone().into(),
+            distances_m: distances_m.into(),
+            layers: layers.values.clone().into(),
+            gradients: distances.gradients.into(),
             band_m,
             skin_m: if thin { voxel_size_m } else { 0.0 },
         }
@@ -117,7 +120,7 @@ impl Field {
         self.skin_m > 0.0
     }
 
-    /// Heap size, bytes.
+    /// Size of the arrays, bytes.
     pub fn heap_bytes(&self) -> usize {
         let Self { origin: _, voxel_size_m: _, brick_dims: _, top, distances_m, layers, gradients, band_m: _, skin_m: _ } = self;
         size_of_val(&**top) + size_of_val(&**distances_m) + size_of_val(&**layers) + size_of_val(&**gradients)
