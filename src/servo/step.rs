@@ -17,6 +17,10 @@ pub type TickFunction = fn(&RenderScene, &mut State, &TickInput) -> TickOutput;
 
 /// Ticks that are run on a copy of the state before the first real one: enough to touch every page and teach the branch predictors.
 const WARM_UP_TICKS: u32 = 256;
+/// No more of them than fit into this, but [`WARM_UP_TICKS_MIN`]: with a large shell the start would wait for nothing but repetition, ns.
+const WARM_UP_NS: i64 = 10_000_000;
+/// At least so many: the first one touches the pages, the others the branches.
+const WARM_UP_TICKS_MIN: u32 = 8;
 
 /// How much longer than the ramp a stop may take before the loop ends anyway, s.
 const STOP_GRACE_S: f64 = 0.25;
@@ -180,7 +184,11 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
     /// the loop, before the first step.
     pub fn warm_up(&mut self) {
         let mut rehearsal = self.state.clone();
+        let begin_ns = self.clock.stopwatch_ns();
         for n in 0..WARM_UP_TICKS {
+            if n >= WARM_UP_TICKS_MIN && self.clock.stopwatch_ns() - begin_ns > WARM_UP_NS {
+                break;
+            }
             let sample = DeviceSample { sequence: u64::from(n) + 1, status: SampleStatus::Fresh, ..DeviceSample::default() };
             let input = TickInput { sample, request: Order::Enable.request(), overrun: false };
             core::hint::black_box((self.tick_function)(&self.scene, &mut rehearsal, &input));

@@ -12,24 +12,20 @@
 //! that is damaged. Checksums are XXH3 with 64 bits: they find accidents, not forgeries. A forged file gives wrong arrays, never an index
 //! out of range: who reads an array checks what it indexes.
 
-use std::fs::File;
 use std::io::{self, Write};
-use std::os::unix::fs::FileExt as _;
 use std::sync::Arc;
 
 use bytemuck::{Pod, Zeroable};
 use thiserror::Error;
 use twox_hash::XxHash3_64;
 
-use super::{Mapping, Slab};
+use super::{Region, Slab};
 
 /// Format of the file; counts up when the head, the table or the meaning of a section changes.
 pub const FORMAT: u32 = 1;
 
 /// Sections start on a multiple of this: a cache line, and the alignment of the pointshell's blocks.
 pub const ALIGNMENT: usize = 64;
-/// More sections than any file has.
-const SECTIONS_MAX: u32 = 64;
 const MAGIC: [u8; 8] = *b"HAPTBAKE";
 const UNITS: [u8; 8] = *b"SI m,kg\n";
 const BYTE_ORDER: u32 = 0x0a0b_0c0d;
@@ -160,49 +156,10 @@ fn head_checksum(head: &Head) -> u64 {
     XxHash3_64::oneshot(&bytemuck::bytes_of(head)[..CHECKSUM_AT])
 }
 
-/// Where the bytes of a file are.
-#[derive(Debug)]
-pub enum Source {
-    /// In memory, as pages of the file: arrays become windows.
-    Mapped(Arc<Mapping>),
-    /// On disk: arrays are read into memory of their own.
-    File(File),
-    /// Somewhere else; for tests of damaged files.
-    Memory(Vec<u8>),
-}
-
-impl Source {
-    fn bytes(&self) -> io::Result<u64> {
-        Ok(match self {
-            Self::Mapped(mapping) => mapping.bytes().len() as u64,
-            Self::File(file) => file.metadata()?.len(),
-            Self::Memory(bytes) => bytes.len() as u64,
-        })
-    }
-
-    /// `n` elements from `offset` on, which the caller has found to lie within the file.
-    fn array<T: Pod>(&self, offset: usize, n: usize) -> Result<Slab<T>, Refusal> {
-        const ELSEWHERE: Refusal = Refusal::Damaged("a section that lies elsewhere");
-        let range = offset..offset + n * size_of::<T>();
-        if let Self::Mapped(mapping) = self {
-            return Slab::mapped(mapping, range).ok_or(ELSEWHERE);
-        }
-        let mut values: Vec<T> = bytemuck::allocation::try_zeroed_vec(n).map_err(|()| io::Error::from(io::ErrorKind::OutOfMemory))?;
-        match self {
-            Self::File(file) => file.read_exact_at(bytemuck::cast_slice_mut(&mut values), offset as u64)?,
-            Self::Memory(bytes) => {
-                bytemuck::cast_slice_mut(&mut values).copy_from_slice(bytes.get(range).ok_or(ELSEWHERE)?);
-            }
-            Self::Mapped(_) => {}
-        }
-        Ok(values.into())
-    }
-}
-
 /// A file whose head and table have been checked.
 #[derive(Debug)]
 pub struct Reader {
-    source: Source,
+    region: Arc<Region>,
     table: Slab<Entry>,
 }
 
@@ -212,17 +169,20 @@ impl core::fmt::Debug for Entry {
     }
 }
 
+/// `n` elements from `offset` on, where they are all there.
+fn window<T: Pod>(region: &Arc<Region>, offset: usize, n: usize) -> Option<Slab<T>> {
+    Slab::window(region, offset..offset.checked_add(n.checked_mul(size_of::<T>())?)?)
+}
+
 impl Reader {
     /// Checks head and table. `key: None` takes any.
     ///
     /// # Errors
-    /// See [`Refusal`]: a file of another version, a damaged one, one that is somebody else's, or one that cannot be read.
-    pub fn new(source: Source, key: Option<Key>, generation: u32) -> Result<Self, Refusal> {
-        let file_bytes = source.bytes()?;
-        if file_bytes < HEAD_BYTES as u64 {
+    /// See [`Refusal`]: a file of another version, a damaged one, or one that is somebody else's.
+    pub fn new(region: Arc<Region>, key: Option<Key>, generation: u32) -> Result<Self, Refusal> {
+        let Some([head]) = window::<Head>(&region, 0, 1).as_deref().map(<[Head; 1]>::try_from).and_then(Result::ok) else {
             return Err(Refusal::Damaged("shorter than its head"));
-        }
-        let head = *source.array::<Head>(0, 1)?.first().ok_or(Refusal::Damaged("no head"))?;
+        };
         if head.magic != MAGIC || head.units != UNITS || head.byte_order != BYTE_ORDER {
             return Err(Refusal::Damaged("not a bake file of this kind of machine"));
         }
@@ -237,20 +197,17 @@ impl Reader {
         if key.is_some_and(|key| key != head.key) {
             return Err(Refusal::Damaged("it belongs to another object"));
         }
-        if head.file_bytes != file_bytes {
+        if head.file_bytes != region.bytes().len() as u64 {
             return Err(Refusal::Damaged("its length"));
         }
         let n_sections = head.n_sections as usize;
-        let table_end = HEAD_BYTES + n_sections * size_of::<Entry>();
-        if head.n_sections > SECTIONS_MAX || ((table_end + size_of::<u64>()) as u64) > file_bytes {
-            return Err(Refusal::Damaged("the table"));
-        }
-        let table = source.array::<Entry>(HEAD_BYTES, n_sections)?;
-        let checksum = source.array::<[u8; 8]>(table_end, 1)?;
-        if checksum.first().copied().map(u64::from_ne_bytes) != Some(XxHash3_64::oneshot(bytemuck::cast_slice(&table))) {
-            return Err(Refusal::Damaged("the table"));
-        }
-        Ok(Self { source, table })
+        let table = window::<Entry>(&region, HEAD_BYTES, n_sections);
+        let checksum = window::<u64>(&region, HEAD_BYTES + n_sections * size_of::<Entry>(), 1);
+        let sound = |table: &Slab<Entry>| {
+            checksum.is_some_and(|checksum| *checksum == [XxHash3_64::oneshot(bytemuck::cast_slice(table))])
+        };
+        let table = table.filter(sound).ok_or(Refusal::Damaged("the table"))?;
+        Ok(Self { region, table })
     }
 
     fn entry(&self, name: &str) -> Option<&Entry> {
@@ -268,18 +225,13 @@ impl Reader {
     /// # Errors
     /// No such section, one of other elements or beyond the end of the file, or one that does not match its checksum.
     pub fn array<T: Pod>(&self, name: &'static str) -> Result<Slab<T>, Refusal> {
-        let damaged = Refusal::Damaged(name);
-        let Some(entry) = self.entry(name) else { return Err(damaged) };
-        let within = entry.offset.checked_add(entry.bytes).is_some_and(|end| self.source.bytes().is_ok_and(|bytes| end <= bytes));
-        let (Ok(offset), Ok(bytes)) = (usize::try_from(entry.offset), usize::try_from(entry.bytes)) else { return Err(damaged) };
-        if !within || entry.element_bytes as usize != size_of::<T>() || !bytes.is_multiple_of(size_of::<T>()) || offset % ALIGNMENT != 0 {
-            return Err(damaged);
-        }
-        let values = self.source.array::<T>(offset, bytes / size_of::<T>())?;
-        if XxHash3_64::oneshot(bytemuck::cast_slice(&values)) != entry.checksum {
-            return Err(damaged);
-        }
-        Ok(values)
+        let checked = |entry: &Entry| {
+            let (offset, n_bytes) = (usize::try_from(entry.offset).ok()?, usize::try_from(entry.bytes).ok()?);
+            let whole = entry.element_bytes as usize == size_of::<T>() && n_bytes.is_multiple_of(size_of::<T>());
+            let values = window::<T>(&self.region, offset, n_bytes / size_of::<T>()).filter(|_| whole)?;
+            (XxHash3_64::oneshot(bytemuck::cast_slice(&values)) == entry.checksum).then_some(values)
+        };
+        self.entry(name).and_then(checked).ok_or(Refusal::Damaged(name))
     }
 
     /// One record.
@@ -292,4 +244,27 @@ impl Reader {
             _ => Err(Refusal::Damaged(name)),
         }
     }
+}
+
+/// Makes length and checksums fit what a file says now, as far as it can be understood: for tests and fuzzing, which want to come past
+/// the checksums.
+pub fn reseal(bytes: &mut [u8]) {
+    let Some(mut head) = bytes.get(..HEAD_BYTES).map(bytemuck::pod_read_unaligned::<Head>) else { return };
+    head.file_bytes = bytes.len() as u64;
+    head.checksum = head_checksum(&head);
+    bytes[..HEAD_BYTES].copy_from_slice(bytemuck::bytes_of(&head));
+    let table_end = HEAD_BYTES.saturating_add((head.n_sections as usize).saturating_mul(size_of::<Entry>()));
+    if bytes.len() < table_end.saturating_add(size_of::<u64>()) {
+        return;
+    }
+    for at in (HEAD_BYTES..table_end).step_by(size_of::<Entry>()) {
+        let mut entry: Entry = bytemuck::pod_read_unaligned(&bytes[at..at + size_of::<Entry>()]);
+        let section = entry.offset.checked_add(entry.bytes).and_then(|end| bytes.get(entry.offset as usize..end as usize));
+        if let Some(section) = section {
+            entry.checksum = XxHash3_64::oneshot(section);
+            bytes[at..at + size_of::<Entry>()].copy_from_slice(bytemuck::bytes_of(&entry));
+        }
+    }
+    let checksum = XxHash3_64::oneshot(&bytes[HEAD_BYTES..table_end]);
+    bytes[table_end..table_end + size_of::<u64>()].copy_from_slice(&checksum.to_ne_bytes());
 }

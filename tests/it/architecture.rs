@@ -2,14 +2,14 @@
 //!
 //! | room | may use |
 //! |---|---|
-//! | `spatial` | nothing: a leaf |
+//! | `spatial`, `storage` | nothing: leaves |
 //! | `mesh`, `voxmap`, `pointshell` | `spatial` and each other; nothing of scenes, devices, loops or threads |
 //! | `haptics` | `spatial`, `voxmap::field`, `pointshell::{shell, tree}` |
 //! | `device` | anything but the rooms that render, run or watch |
 //! | `telemetry`, `monitor` | anything but `servo` |
 //! | `cli` | anything; and nobody uses it |
 //!
-//! `unsafe` stands in `rt`, in the two transports and in the SIMD kernel only; only `cli` prints. Tests are exempt.
+//! `unsafe` stands in `rt`, in the two transports, in the SIMD kernel and in the storage of arrays only; only `cli` prints. Tests are exempt.
 
 use std::path::{Path, PathBuf};
 
@@ -18,7 +18,7 @@ const ABOVE_GEOMETRY: [&str; 10] =
     ["config", "scene", "haptics", "device", "rt", "servo", "telemetry", "daemon", "monitor", "sculpt"];
 const ABOVE_DEVICES: [&str; 6] = ["haptics", "scene", "servo", "telemetry", "daemon", "monitor"];
 /// Prefixes of the files that may hold `unsafe`.
-const UNSAFE_ALLOWED: [&str; 4] = ["rt/", "device/hid", "device/serial", "haptics/contact/simd"];
+const UNSAFE_ALLOWED: [&str; 5] = ["rt/", "device/hid", "device/serial", "haptics/contact/simd", "storage/slab"];
 
 /// Why a file of `room` must not use `path` (from the crate root on); `None` when it may.
 fn refusal(room: &str, path: &[String]) -> Option<&'static str> {
@@ -29,6 +29,7 @@ fn refusal(room: &str, path: &[String]) -> Option<&'static str> {
     }
     match room {
         "spatial" if first != "spatial" => Some("`spatial` is a leaf"),
+        "storage" if first != "storage" => Some("`storage` is a leaf"),
         "haptics" => {
             let allowed = match first {
                 "haptics" | "spatial" => true,
@@ -244,7 +245,7 @@ fn violations(file: &str, text: &str) -> (Vec<String>, Vec<String>) {
     }
     if !UNSAFE_ALLOWED.iter().any(|allowed| file.starts_with(allowed)) {
         for i in places(&code, "unsafe") {
-            broken.push(format!("src/{file}:{}: `unsafe` outside `rt`, the transports and the SIMD kernel", line(i)));
+            broken.push(format!("src/{file}:{}: `unsafe` outside `rt`, the transports, the SIMD kernel and `storage/slab`", line(i)));
         }
     }
     if room != "cli" {
@@ -305,6 +306,7 @@ fn planted_violations_are_caught() {
         ("telemetry/drain.rs", "use crate::servo::Order;", Some("never call into `servo`")),
         ("voxmap/grid.rs", "use crate::config::SceneConfig;", Some("geometry")),
         ("spatial/pose.rs", "use crate::mesh::TriangleMesh;", Some("leaf")),
+        ("storage/slab.rs", "use crate::spatial::Pose;", Some("leaf")),
         ("scene/build.rs", "use crate::cli::Talk;", Some("nobody uses `cli`")),
         ("mesh/obj.rs", "fn f() { unsafe { g() } }", Some("`unsafe`")),
         ("mesh/obj.rs", "#![expect(unsafe_code)] // unsafe\nconst X: &str = \"unsafe println!\"; const C: char = '\"';", None),

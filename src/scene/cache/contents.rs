@@ -1,6 +1,7 @@
 //! What one file of the cache holds.
 
 use std::io::{self, Write};
+use std::sync::Arc;
 
 use bytemuck::{Pod, Zeroable};
 use glam::{DMat3, DVec3};
@@ -9,7 +10,8 @@ use super::GENERATION;
 use crate::mesh::mass::MassProperties;
 use crate::pointshell::shell::Shell;
 use crate::scene::report::{ObjectReport, Role};
-use crate::storage::sections::{Key, Reader, Refusal, Source, Writer};
+use crate::storage::Region;
+use crate::storage::sections::{Key, Reader, Refusal, Writer};
 use crate::voxmap::field::Field;
 
 /// A baked object: what the tick reads of it, and its figures.
@@ -79,12 +81,12 @@ impl Baked {
 ///
 /// # Errors
 /// Everything that is not a sound file of this version.
-pub fn read(bytes: Vec<u8>) -> Result<Baked, Refusal> {
-    take(Source::Memory(bytes), None)
+pub fn read(bytes: &[u8]) -> Result<Baked, Refusal> {
+    take(Region::copy(bytes)?, None)
 }
 
-pub(super) fn take(source: Source, key: Option<Key>) -> Result<Baked, Refusal> {
-    let file = Reader::new(source, key, GENERATION)?;
+pub(super) fn take(region: Arc<Region>, key: Option<Key>) -> Result<Baked, Refusal> {
+    let file = Reader::new(region, key, GENERATION)?;
     let report = serde_json::from_slice(&file.array::<u8>("report")?).map_err(|_| Refusal::Damaged("report"))?;
     let field = Field::is_in(&file).then(|| Field::load(&file)).transpose()?;
     let shell = Shell::is_in(&file).then(|| Shell::load(&file)).transpose()?;

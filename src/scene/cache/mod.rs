@@ -29,8 +29,8 @@ pub use contents::{Baked, read};
 pub use request::{Request, Spacing};
 
 use super::report::{Role, Timings};
-use crate::storage::Mapping;
-use crate::storage::sections::{Key, Refusal, Source};
+use crate::storage::Region;
+use crate::storage::sections::{Key, Refusal};
 
 /// Counts up whenever baking gives other bits than before for the same request. A test holds reference bakes against it.
 pub const GENERATION: u32 = 1;
@@ -151,12 +151,12 @@ impl Cache {
     fn load(&self, path: &Path, key: Key, role: Role) -> Result<Baked, Refusal> {
         let file = File::open(path)?;
         folder::touch(&file);
-        let source = match self.residence {
-            // An empty file cannot be mapped; reading it says what is wrong.
-            Residence::Mapped if file.metadata()?.len() > 0 => Source::Mapped(Mapping::of(&file)?),
-            Residence::Mapped | Residence::Owned => Source::File(file),
+        let region = match self.residence {
+            // An empty file cannot be mapped; a copy of it says what is wrong.
+            Residence::Mapped if file.metadata()?.len() > 0 => Region::map(&file)?,
+            Residence::Mapped | Residence::Owned => Region::read(&file)?,
         };
-        let baked = contents::take(source, Some(key))?;
+        let baked = contents::take(region, Some(key))?;
         if baked.serves(role) { Ok(baked) } else { Err(Refusal::Damaged("its contents")) }
     }
 
