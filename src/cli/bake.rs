@@ -58,7 +58,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "F.ply")]
     pointshell_out: Option<PathBuf>,
     #[command(flatten)]
-    cache: cache::Args,
+    cache: cache::CacheArgs,
     /// Print exactly one JSON object.
     #[arg(long)]
     json: bool,

@@ -7,13 +7,13 @@ use crate::scene::cache::{Cache, Residence};
 
 /// Where baked objects are kept.
 #[derive(Debug, clap::Args)]
-pub(crate) struct Args {
+pub(crate) struct CacheArgs {
     /// Folder of the bake cache, or `off` [default: $XDG_CACHE_HOME/hapticd, or ~/.cache/hapticd].
     #[arg(long, value_name = "DIR|off")]
     cache: Option<PathBuf>,
 }
 
-impl Args {
+impl CacheArgs {
     /// The cache that is asked for, or the user's own.
     pub(crate) fn open(&self, residence: Residence, talk: Talk) -> Cache {
         let folder = match &self.cache {

@@ -43,7 +43,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "N", default_value_t = 1000, requires = "contacts_out")]
     max_contacts: usize,
     #[command(flatten)]
-    cache: cache::Args,
+    cache: cache::CacheArgs,
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]

@@ -42,7 +42,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "CLOCK", default_value = "real")]
     clock: ClockArg,
     #[command(flatten)]
-    cache: cache::Args,
+    cache: cache::CacheArgs,
     /// Print the result as one JSON object.
     #[arg(long)]
     json: bool,

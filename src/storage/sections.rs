@@ -61,6 +61,8 @@ struct Entry {
 }
 
 const HEAD_BYTES: usize = size_of::<Head>();
+/// Where format and generation are, in every format.
+pub const VERSIONS_AT: core::ops::Range<usize> = core::mem::offset_of!(Head, format)..core::mem::offset_of!(Head, n_sections);
 const CHECKSUM_AT: usize = HEAD_BYTES - size_of::<u64>();
 
 /// Why a file is not used.
@@ -213,6 +215,11 @@ impl Reader {
     fn entry(&self, name: &str) -> Option<&Entry> {
         let is_it = |entry: &&Entry| entry.name.strip_prefix(name.as_bytes()).is_some_and(|rest| rest.iter().all(|byte| *byte == 0));
         self.table.iter().find(is_it)
+    }
+
+    /// Name and checksum of every section, as the table has them.
+    pub fn checksums(&self) -> impl Iterator<Item = (String, u64)> + '_ {
+        self.table.iter().map(|entry| (String::from_utf8_lossy(&entry.name).trim_end_matches('\0').to_owned(), entry.checksum))
     }
 
     /// True when there is a section of this name.
