@@ -40,7 +40,8 @@ fn read(bytes: &[u8]) -> bool {
     }
     if let (Some(field), Some(shell)) = (&baked.field, &baked.shell) {
         for kind in kinds {
-            for pose in [Pose::IDENTITY, Pose::from_translation(DVec3::splat(1e-3)), Pose::from_translation(DVec3::splat(f64::MAX))] {
+            for pose in [Pose::IDENTITY, Pose::from_translation(DVec3::splat(1e-3)), Pose::from_translation(DVec3::splat(f64::MAX))]
+            {
                 contact::visit(field, kind, shell, pose, |contact| {
                     assert!((contact.point_idx as usize) < shell.len());
                 });

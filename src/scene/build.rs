@@ -11,8 +11,8 @@ use crate::haptics::contact::{ContactSum, Obstacle};
 use crate::haptics::{CouplingMode, Inertia, RenderScene, Tool};
 use crate::mesh::mass::MassProperties;
 use crate::spatial::Pose;
-use crate::voxmap::field::FieldKind;
 use crate::voxmap::Stage;
+use crate::voxmap::field::FieldKind;
 
 /// What a watcher is told while a scene is baked.
 #[derive(Clone, Copy, Debug)]

@@ -205,15 +205,15 @@ impl Reader {
         let n_sections = head.n_sections as usize;
         let table = window::<Entry>(&region, HEAD_BYTES, n_sections);
         let checksum = window::<u64>(&region, HEAD_BYTES + n_sections * size_of::<Entry>(), 1);
-        let sound = |table: &Slab<Entry>| {
-            checksum.is_some_and(|checksum| *checksum == [XxHash3_64::oneshot(bytemuck::cast_slice(table))])
-        };
+        let sound =
+            |table: &Slab<Entry>| checksum.is_some_and(|checksum| *checksum == [XxHash3_64::oneshot(bytemuck::cast_slice(table))]);
         let table = table.filter(sound).ok_or(Refusal::Damaged("the table"))?;
         Ok(Self { region, table })
     }
 
     fn entry(&self, name: &str) -> Option<&Entry> {
-        let is_it = |entry: &&Entry| entry.name.strip_prefix(name.as_bytes()).is_some_and(|rest| rest.iter().all(|byte| *byte == 0));
+        let is_it =
+            |entry: &&Entry| entry.name.strip_prefix(name.as_bytes()).is_some_and(|rest| rest.iter().all(|byte| *byte == 0));
         self.table.iter().find(is_it)
     }
 

@@ -63,17 +63,23 @@ impl Region {
     }
 }
 
-/// `[len]` of `T`, immutable: a box of its own, or a window into a [`Region`] that lives as long as any window does.
+/// `[len]` of `T`, immutable: a vector, or a window into a [`Region`], that lives as long as anybody needs it.
 ///
-/// Reading costs the same either way: pointer and length are at hand, nothing is looked up. RT: safe.
+/// Reading costs the same either way: pointer and length are at hand, nothing is looked up. A clone is another handle on the same memory.
+/// RT: reading is safe.
 pub struct Slab<T> {
     first: NonNull<T>,
     len: usize,
-    /// `None`: `first` is a boxed slice of this slab's own.
-    region: Option<Arc<Region>>,
+    owner: Owner<T>,
 }
 
-// SAFETY: a slab is a shared, immutable slice of T (and a reference count that is itself thread-safe).
+/// Keeps the memory of a slab; never read through.
+enum Owner<T> {
+    Vector(Arc<Vec<T>>),
+    Region(Arc<Region>),
+}
+
+// SAFETY: a slab is a shared, immutable slice of T and a reference count that is itself thread-safe.
 unsafe impl<T: Send + Sync> Send for Slab<T> {}
 // SAFETY: as above.
 unsafe impl<T: Send + Sync> Sync for Slab<T> {}
@@ -82,15 +88,19 @@ impl<T: Pod> Slab<T> {
     /// A window; `None` when `range` is not within the region, not aligned for `T`, or not a whole number of `T`.
     pub fn window(region: &Arc<Region>, range: Range<usize>) -> Option<Self> {
         let window: &[T] = bytemuck::try_cast_slice(region.bytes().get(range)?).ok()?;
-        Some(Self { first: NonNull::from(window).cast(), len: window.len(), region: Some(region.clone()) })
+        Some(Self { first: NonNull::from(window).cast(), len: window.len(), owner: Owner::Region(region.clone()) })
+    }
+}
+
+impl<T> From<Arc<Vec<T>>> for Slab<T> {
+    fn from(values: Arc<Vec<T>>) -> Self {
+        Self { first: NonNull::from(values.as_slice()).cast(), len: values.len(), owner: Owner::Vector(values) }
     }
 }
 
 impl<T> From<Vec<T>> for Slab<T> {
     fn from(values: Vec<T>) -> Self {
-        let values = Box::leak(values.into_boxed_slice());
-        let len = values.len();
-        Self { first: NonNull::from(values).cast(), len, region: None }
+        Arc::new(values).into()
     }
 }
 
@@ -100,24 +110,24 @@ impl<T> Default for Slab<T> {
     }
 }
 
+impl<T> Clone for Slab<T> {
+    fn clone(&self) -> Self {
+        let owner = match &self.owner {
+            Owner::Vector(values) => Owner::Vector(values.clone()),
+            Owner::Region(region) => Owner::Region(region.clone()),
+        };
+        Self { owner, ..*self }
+    }
+}
+
 impl<T> Deref for Slab<T> {
     type Target = [T];
 
     #[inline]
     fn deref(&self) -> &[T] {
-        // SAFETY: `first` and `len` are those of a slice that was checked when the slab was made. It is alive: a leaked box that only
-        // `drop` takes back, or a window into a region that `self` holds. Nothing writes to it.
+        // SAFETY: `first` and `len` are those of a slice that was there when the slab was made, and still is: of a region, which does not
+        // change, or of a vector in an `Arc`, which hands out no exclusive reference while this is one of its owners.
         unsafe { core::slice::from_raw_parts(self.first.as_ptr(), self.len) }
-    }
-}
-
-impl<T> Drop for Slab<T> {
-    fn drop(&mut self) {
-        if self.region.is_none() {
-            let values = core::ptr::slice_from_raw_parts_mut(self.first.as_ptr(), self.len);
-            // SAFETY: leaked from a box in `From<Vec<T>>`, the only place that makes a slab without a region, and freed only here.
-            drop(unsafe { Box::from_raw(values) });
-        }
     }
 }
 
@@ -143,8 +153,12 @@ mod tests {
     fn owned_values_are_read_and_dropped_once() {
         let witness = Arc::new(());
         let slab = Slab::from(vec![witness.clone(), witness.clone()]);
+        let other = slab.clone();
         assert_eq!((slab.len(), Arc::strong_count(&witness)), (2, 3));
+        assert!(core::ptr::eq(&*slab, &*other), "one memory");
         drop(slab);
+        assert_eq!((other.len(), Arc::strong_count(&witness)), (2, 3));
+        drop(other);
         assert_eq!(Arc::strong_count(&witness), 1);
         assert!(Slab::<u64>::default().is_empty());
     }

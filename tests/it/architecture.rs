@@ -245,7 +245,8 @@ fn violations(file: &str, text: &str) -> (Vec<String>, Vec<String>) {
     }
     if !UNSAFE_ALLOWED.iter().any(|allowed| file.starts_with(allowed)) {
         for i in places(&code, "unsafe") {
-            broken.push(format!("src/{file}:{}: `unsafe` outside `rt`, the transports, the SIMD kernel and `storage/slab`", line(i)));
+            broken
+                .push(format!("src/{file}:{}: `unsafe` outside `rt`, the transports, the SIMD kernel and `storage/slab`", line(i)));
         }
     }
     if room != "cli" {

@@ -178,7 +178,8 @@ fn damages(bytes: &[u8]) -> Vec<Damage> {
     for (what, at) in [("magic", 0), ("units", 9), ("byte order", 17)] {
         flip(what, at, "not a bake file");
     }
-    for (what, at) in [("format", FORMAT_AT), ("generation", GENERATION_AT), ("sections", 28), ("key", 35), ("length", 50), ("checksum", 57)]
+    for (what, at) in
+        [("format", FORMAT_AT), ("generation", GENERATION_AT), ("sections", 28), ("key", 35), ("length", 50), ("checksum", 57)]
     {
         flip(what, at, "the head");
     }
@@ -320,7 +321,8 @@ fn small_files() -> (TempDir, Vec<Vec<u8>>) {
     bake(&config, &dir.path().join("cache"), Residence::Owned);
     let mut all: Vec<Vec<u8>> = files(&dir.path().join("cache")).iter().map(|file| fs::read(file).unwrap()).collect();
     let [one, two] = [&all[0], &all[1]].map(|bytes| read(bytes).unwrap());
-    let both = Baked { field: one.field.or(two.field), shell: one.shell.or(two.shell), mass: one.mass.or(two.mass), report: one.report };
+    let both =
+        Baked { field: one.field.or(two.field), shell: one.shell.or(two.shell), mass: one.mass.or(two.mass), report: one.report };
     assert!(both.serves(Role::Mesh));
     all.push(contents(&both));
     (dir, all)

@@ -343,7 +343,9 @@ fn an_absurd_grid_is_refused_before_it_is_allocated() {
         ("bake peg.obj --units mm --longest-axis-voxels 10000000", "hint: ask for fewer --longest-axis-voxels"),
     ] {
         let limited = format!("ulimit -v 4000000 && exec '{}' {line}", env!("CARGO_BIN_EXE_hapticd"));
-        let ended = Running::start(Command::new("sh").args(["-c", &limited]).current_dir(dir.path()).env("XDG_CACHE_HOME", dir.path())).end();
+        let ended =
+            Running::start(Command::new("sh").args(["-c", &limited]).current_dir(dir.path()).env("XDG_CACHE_HOME", dir.path()))
+                .end();
         assert_eq!(ended.code(), Some(3), "{line}\n{}", ended.stderr);
         assert!(ended.stderr.contains(" voxels is too large (at most 32768 per axis"), "{line}\n{}", ended.stderr);
         assert!(ended.stderr.contains(hint), "{line}\n{}", ended.stderr);
@@ -557,7 +559,8 @@ fn a_background_job_stops_when_asked_and_survives_a_hangup_under_nohup() {
     let dir = folder();
     let ignoring = |signal: &str| {
         let line = format!("trap '' {signal}; exec '{}' run ok.toml --json --realtime best-effort", env!("CARGO_BIN_EXE_hapticd"));
-        let mut running = Running::start(Command::new("sh").args(["-c", &line]).current_dir(dir.path()).env("XDG_CACHE_HOME", dir.path()));
+        let mut running =
+            Running::start(Command::new("sh").args(["-c", &line]).current_dir(dir.path()).env("XDG_CACHE_HOME", dir.path()));
         running.wait_for("state: enabled");
         running
     };
