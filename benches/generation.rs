@@ -12,6 +12,7 @@ use hapticd::pointshell;
 use hapticd::voxmap::fill::Sides;
 use hapticd::voxmap::grid::Grid;
 use hapticd::voxmap::layers::Layers;
+use hapticd::voxmap::sides::SidesRule;
 use hapticd::voxmap::surface::{Navigation, Surface, visit_hits};
 use hapticd::voxmap::{Options, Voxmap};
 
@@ -88,7 +89,7 @@ fn map_and_shell(criterion: &mut Criterion) {
         group.bench_function(BenchmarkId::new("fill", radius_cells), |bencher| bencher.iter(|| Sides::flood(&surface)));
         group
             .bench_function(BenchmarkId::new("layers", radius_cells), |bencher| bencher.iter(|| Layers::grow(&surface, &sides, 8)));
-        let options = Options { voxel_size_m: 1e-3, layers: 8, navigation: None, trust_fill: false };
+        let options = Options { voxel_size_m: 1e-3, layers: 8, navigation: None, sides: SidesRule::Auto };
         let Ok(map) = Voxmap::build(&mesh, &inspect(&mesh), &options, |_| {}) else { continue };
         group.bench_function(BenchmarkId::new("shell", radius_cells), |bencher| {
             bencher.iter(|| pointshell::build(&mesh, &map, DVec3::ZERO));

@@ -5,11 +5,12 @@
 //! | room | does |
 //! |---|---|
 //! | [`spatial`] | poses, twists, wrenches, frames, signs: the shared vocabulary |
+//! | [`storage`] | arrays that are owned or lie in a mapped file; files of them |
 //! | [`config`] | TOML scene → checked, SI, typed |
 //! | [`mesh`] | files and shapes → triangles |
 //! | [`voxmap`] | triangles → bricked voxel map: surface, sides, layers, distance, field |
 //! | [`pointshell`] | surface voxels → points with inward normals |
-//! | [`scene`] | everything baked, immutable, in one place |
+//! | [`scene`] | everything baked or taken from the bake cache, immutable, in one place |
 //! | [`haptics`] | the tick: contact, filter, coupling, limits |
 //! | [`device`] | arms: trait, profiles, the simulated arm |
 //! | [`rt`] | every operating-system call of the loop |
@@ -34,5 +35,6 @@ pub mod rt;
 pub mod scene;
 pub mod servo;
 pub mod spatial;
+pub mod storage;
 pub mod telemetry;
 pub mod voxmap;

@@ -10,9 +10,11 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use hapticd::config::{self, SceneConfig};
-use hapticd::daemon::prepare;
+use hapticd::daemon::prepare_with;
 use hapticd::haptics::Faults;
 use hapticd::rt::clock::VirtualClock;
+use hapticd::scene::BakeMeans;
+use hapticd::scene::cache::{Cache, Residence};
 use hapticd::servo::{Control, Order, RunPlan, ServoLoop, Step};
 
 /// Counts what the thread under test does; other threads (and the harness) allocate as they like.
@@ -122,10 +124,16 @@ fn hand_there_and_back(hand: &Path, folder: &Path) -> PathBuf {
 }
 
 /// Steps through a run, counting; returns its faults and how many ticks it had, and how many of them in contact.
-fn step_through(what: &str, mut config: SceneConfig, n_ticks: u64) -> (Faults, u64, u64) {
+fn step_through(what: &str, config: SceneConfig, n_ticks: u64) -> (Faults, u64, u64) {
+    step_through_with(what, config, &mut Cache::off(), n_ticks)
+}
+
+/// The same, with a bake cache.
+fn step_through_with(what: &str, mut config: SceneConfig, cache: &mut Cache, n_ticks: u64) -> (Faults, u64, u64) {
     let folder = tempfile::tempdir().expect("a temporary folder");
     config.device.hand = config.device.hand.map(|hand| hand_there_and_back(&hand, folder.path()));
-    let (prepared, _) = prepare(&config, |_| ()).unwrap_or_else(|error| panic!("{what}: {error}"));
+    let (prepared, _) =
+        prepare_with(&config, &mut BakeMeans::from(cache), |_| ()).unwrap_or_else(|error| panic!("{what}: {error}"));
     let (producer, mut consumer) = rtrb::RingBuffer::new(STRIDE);
     let control = Arc::new(Control::new(Order::Enable));
     let plan = RunPlan { stop_at_tick: Some(n_ticks) };
@@ -211,6 +219,17 @@ fn block_on_plane_allocates_nothing_in_any_coupling_and_field() {
             let (faults, ticks, touching) = step_through(&what, config, n_ticks);
             assert!(faults.is_empty() && ticks >= n_ticks && touching > 0, "{what}");
         }
+    }
+}
+
+#[test]
+fn a_scene_from_the_cache_allocates_nothing() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    for (what, residence) in [("baked", Residence::Owned), ("read", Residence::Owned), ("mapped", Residence::Mapped)] {
+        let mut cache = Cache::at(folder.path().to_owned(), residence);
+        let (faults, ticks, touching) = step_through_with(what, scene("block-on-plane", &[]), &mut cache, TICKS);
+        assert!(faults.is_empty() && ticks >= TICKS && touching > 0, "{what}");
+        assert_eq!(cache.take_notes(), [""; 0]);
     }
 }
 

@@ -1,7 +1,10 @@
 #![no_main]
 
+#[path = "../src/mesh.rs"]
+mod mesh;
+
 use hapticd::mesh::Format;
 
 libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
-    hapticd_fuzz::mesh(bytes, Format::Obj);
+    mesh::exercise(bytes, Format::Obj);
 });

@@ -91,7 +91,8 @@ pub(super) struct Bake<'a> {
 impl Bake<'_> {
     /// The same program, as a process that bakes this and nothing else.
     pub(super) fn run(&self, program: &Path) -> Result<Ended, BenchError> {
-        let mut flags: Vec<OsString> = vec!["bake".into(), self.mesh.into(), "--json".into(), "--quiet".into()];
+        let mut flags: Vec<OsString> =
+            vec!["bake".into(), self.mesh.into(), "--json".into(), "--quiet".into(), "--cache".into(), "off".into()];
         match self.resolution {
             Resolution::SizeMm(size) => {
                 flags.extend(["--units".into(), "mm".into(), "--voxel-size-mm".into(), size.to_string().into()])

@@ -5,11 +5,10 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use clap::ValueEnum;
-use glam::DVec3;
 use serde::Serialize;
 
 use super::progress::BakeProgress;
-use super::{Talk, check, memory, report, say};
+use super::{Talk, cache, check, memory, report, say};
 use crate::config;
 use crate::config::problem::show;
 use crate::config::resolve::MeshSource;
@@ -17,8 +16,8 @@ use crate::error::Exit;
 use crate::mesh::MeshError;
 use crate::picture::{self, Subject};
 use crate::pointshell::ply;
-use crate::scene::{self, Event, Geometry, MemoryPlan, ObjectReport, Role, SceneError};
-use crate::voxmap::estimate::{Estimate, Products};
+use crate::scene::cache::{Baked, Cache, CacheUse, Lookup, Request, Residence, Spacing};
+use crate::scene::{self, BakeMeans, Event, Geometry, MemoryPlan, ObjectReport, Role, SceneError};
 use crate::voxmap::grid::GridError;
 use crate::voxmap::sides::SidesRule;
 use crate::voxmap::surface::Navigation;
@@ -52,9 +51,8 @@ pub(crate) struct Args {
     /// Threads; all processors if not given.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
     threads: Option<u32>,
-    /// Refuse a bake that would hold more than this, such as 800M, 2GB or 1.5GiB.
-    #[arg(long, value_name = "SIZE", value_parser = memory::parse_size)]
-    max_memory: Option<u64>,
+    #[command(flatten)]
+    memory: memory::MemoryArgs,
     /// Write the layer values as int8, shape [nx, ny, nz] (mesh only).
     #[arg(long, value_name = "F.npy")]
     voxmap_out: Option<PathBuf>,
@@ -67,6 +65,8 @@ pub(crate) struct Args {
     /// Draw three cuts through the map with the shell on them (mesh only).
     #[arg(long, value_name = "F.png")]
     picture: Option<PathBuf>,
+    #[command(flatten)]
+    cache: cache::CacheArgs,
     /// Print exactly one JSON object.
     #[arg(long)]
     json: bool,
@@ -233,11 +233,13 @@ fn bake_scene(args: &Args, talk: Talk) -> Result<Exit, Failure> {
         say::talk(format_args!("{}\n", check::summary(&config)));
     }
     let since = Instant::now();
+    let mut cache = args.cache.open(Residence::Mapped, talk);
     let progress = BakeProgress::new(talk);
-    let mut tell_memory = |name: &str, estimate: &Estimate| memory::tell(name, estimate, args.max_memory, &progress, talk);
-    let mut plan = MemoryPlan::new(args.max_memory, &mut tell_memory);
-    let baked = scene::build_within(&config, &mut plan, |event| progress.tell(&event));
+    let mut means = BakeMeans { cache: &mut cache, memory: args.memory.plan(&progress, talk) };
+    let baked = scene::build_with(&config, &mut means, |event| progress.tell(&event));
+    drop(means);
     progress.finish();
+    cache::tell(&mut cache, talk);
     let (_, reports) = baked?;
     let total_s = since.elapsed().as_secs_f64();
     report::bake_warnings(&reports, talk);
@@ -273,7 +275,8 @@ fn bake_mesh(args: &Args, talk: Talk) -> Result<(), Failure> {
         )));
     }
     // Before the work, not after it.
-    for path in [&args.voxmap_out, &args.field_out, &args.pointshell_out, &args.picture].into_iter().flatten() {
+    let outputs = [&args.voxmap_out, &args.field_out, &args.pointshell_out, &args.picture];
+    for path in outputs.into_iter().flatten() {
         check_destination(path)?;
     }
     if let Some(path) = &args.picture
@@ -282,62 +285,45 @@ fn bake_mesh(args: &Args, talk: Talk) -> Result<(), Failure> {
         return Err(Failure::Usage(format!("--picture {}: a picture is a .png", path.display())));
     }
     let name = args.input.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    let source = MeshSource::File { path: args.input.clone(), metres_per_unit };
+    let request = Request {
+        name: &name,
+        role: Role::Mesh,
+        source: &source,
+        spacing: match (args.voxel_size_mm, args.longest_axis_voxels) {
+            (Some(size_mm), _) => Spacing::Size(size_mm * 1e-3),
+            (None, n) => Spacing::LongestAxis(n.unwrap_or(1)),
+        },
+        layers: args.layers.unwrap_or(DEFAULT_LAYERS),
+        sides: args.sides.map_or(SidesRule::Auto, SidesRule::from),
+        with_gradients: false,
+        center_of_mass: None,
+    };
+    // The cache has neither layers nor distances by voxel, and a navigation that is asked for is asked for its figures.
+    let navigation = match args.navigation {
+        Some(NavigationChoice::PlaneSpan) => Some(Navigation::PlaneSpan),
+        Some(NavigationChoice::TwoSided) => Some(Navigation::TwoSided),
+        Some(NavigationChoice::Auto) | None => None,
+    };
+    let needs_more = navigation.is_some() || outputs.iter().any(|output| output.is_some());
+    let mut cache = if needs_more { Cache::off() } else { args.cache.open(Residence::Mapped, talk) };
     let progress = BakeProgress::new(talk);
     let tell = |stage| progress.tell(&Event { name: &name, object_idx: 0, n_objects: 1, stage });
-
     tell(Stage::Load);
-    let source = MeshSource::File { path: args.input.clone(), metres_per_unit };
-    let geometry = Geometry::load(&name, Role::Mesh, &source, 0.0)?;
-    let voxel_size_m = match (args.voxel_size_mm, args.longest_axis_voxels) {
-        (Some(size_mm), _) => size_mm * 1e-3,
-        (None, n) => {
-            let extent = geometry.mesh.bounds().map_or(DVec3::ZERO, |(low, high)| high - low);
-            extent.max_element() / f64::from(n.unwrap_or(1))
+    let baked = match cache.look_up(&request) {
+        Lookup::Hit(baked) => *baked,
+        Lookup::Bake(slot) => {
+            let mut memory = args.memory.plan(&progress, talk);
+            let mut baked = generate(args, &request, navigation, &mut memory, tell)?;
+            baked.report.cache = slot.cache;
+            cache.store(&slot, &request, &baked);
+            baked
         }
     };
-    let options = Options {
-        voxel_size_m,
-        layers: args.layers.unwrap_or(DEFAULT_LAYERS),
-        navigation: match args.navigation {
-            Some(NavigationChoice::PlaneSpan) => Some(Navigation::PlaneSpan),
-            Some(NavigationChoice::TwoSided) => Some(Navigation::TwoSided),
-            Some(NavigationChoice::Auto) | None => None,
-        },
-        sides: args.sides.map_or(SidesRule::Auto, SidesRule::from),
-    };
-    let mut tell_memory = |_: &str, estimate: &Estimate| memory::tell(&name, estimate, args.max_memory, &progress, talk);
-    let products = Products { field: true, gradients: false, shell: true };
-    geometry.foresee(&options, products, &mut MemoryPlan::new(args.max_memory, &mut tell_memory))?;
-    let mut map = geometry.voxmap(&options, tell)?;
-    tell(Stage::Distance);
-    if let Some(path) = &args.field_out {
-        let distances = map.distances(&geometry.mesh, false);
-        write(path, |path| npy::write_distances(path, &map.layers, &distances))?;
-    }
-    let field = geometry.field(&mut map, false);
-    tell(Stage::Pointshell);
-    let center_of_mass = geometry.mass_properties().center_m;
-    let (shell, shell_report) = geometry.shell(&map, center_of_mass);
-    if let Some(path) = &args.voxmap_out {
-        write(path, |path| npy::write_layers(path, &map.layers))?;
-    }
-    if let Some(path) = &args.pointshell_out {
-        write(path, |path| ply::write(path, &shell, center_of_mass))?;
-    }
-    if let Some(path) = &args.picture {
-        let subject = Subject {
-            name: &name,
-            surface: &map.surface,
-            layers: &map.layers,
-            shell: &shell,
-            center_of_mass_tool: center_of_mass,
-            thin: map.thin,
-        };
-        write(path, |path| picture::write(path, &subject))?;
-    }
     progress.finish();
+    cache::tell(&mut cache, talk);
 
-    let object = geometry.report(&map, &shell_report);
+    let Baked { field, shell, report: object, .. } = baked;
     report::bake_warnings(core::slice::from_ref(&object), talk);
     if args.json {
         #[derive(Serialize)]
@@ -350,8 +336,8 @@ fn bake_mesh(args: &Args, talk: Talk) -> Result<(), Failure> {
         }
         let report = MeshReport {
             object,
-            field_bytes: field.heap_bytes(),
-            pointshell_bytes: shell.heap_bytes(),
+            field_bytes: field.map_or(0, |field| field.heap_bytes()),
+            pointshell_bytes: shell.map_or(0, |shell| shell.heap_bytes()),
             peak_rss_bytes: peak_rss_bytes(),
         };
         print_json(&report);
@@ -359,6 +345,50 @@ fn bake_mesh(args: &Args, talk: Talk) -> Result<(), Failure> {
         say::result(format_args!("{}", report_text(&object)));
     }
     Ok(())
+}
+
+/// Bakes a mesh on its own and writes the files that are asked for.
+fn generate(
+    args: &Args,
+    request: &Request<'_>,
+    navigation: Option<Navigation>,
+    memory: &mut MemoryPlan<'_>,
+    tell: impl Fn(Stage),
+) -> Result<Baked, Failure> {
+    let geometry = Geometry::load(request.name, request.role, request.source, request.spacing)?;
+    let options =
+        Options { voxel_size_m: geometry.voxel_size_m(request.spacing), layers: request.layers, navigation, sides: request.sides };
+    geometry.foresee(&options, request.products(), memory)?;
+    let mut map = geometry.voxmap(&options, &tell)?;
+    tell(Stage::Distance);
+    if let Some(path) = &args.field_out {
+        let distances = map.distances(&geometry.mesh, false);
+        write(path, |path| npy::write_distances(path, &map.layers, &distances))?;
+    }
+    let field = geometry.field(&mut map, request.with_gradients);
+    tell(Stage::Pointshell);
+    let mass = geometry.mass_properties();
+    let center_of_mass = request.center_of_mass.unwrap_or(mass.center_m);
+    let (shell, shell_report) = geometry.shell(&map, center_of_mass);
+    if let Some(path) = &args.voxmap_out {
+        write(path, |path| npy::write_layers(path, &map.layers))?;
+    }
+    if let Some(path) = &args.pointshell_out {
+        write(path, |path| ply::write(path, &shell, center_of_mass))?;
+    }
+    if let Some(path) = &args.picture {
+        let subject = Subject {
+            name: request.name,
+            surface: &map.surface,
+            layers: &map.layers,
+            shell: &shell,
+            center_of_mass_tool: center_of_mass,
+            thin: map.thin,
+        };
+        write(path, |path| picture::write(path, &subject))?;
+    }
+    let report = geometry.report(&map, &shell_report);
+    Ok(Baked { field: Some(field), shell: Some(shell), mass: Some(mass), report })
 }
 
 fn write(path: &Path, export: impl FnOnce(&Path) -> std::io::Result<()>) -> Result<(), Failure> {
@@ -396,6 +426,11 @@ pub(super) fn report_text(object: &ObjectReport) -> String {
         let levels: Vec<String> = object.tree_levels.iter().map(|level| level.points.to_string()).collect();
         let leaf_mm = object.tree_levels.iter().rev().nth(1).map_or(0.0, |level| level.mean_radius_m * 1e3);
         lines.push(format!("  tree        {} points by level, leaf spheres of {leaf_mm:.3} mm on average", levels.join(", ")));
+    }
+    if object.cache == CacheUse::Hit {
+        lines.push(format!("  seconds     {:.3} from the bake cache", t.load));
+        lines.push(String::new());
+        return lines.join("\n");
     }
     lines.push(format!(
         "  seconds     load {:.3}, surface {:.3}, fill {:.3}, layers {:.3}, distance {:.3}, pointshell {:.3}, normals {:.3}, tree {:.3}, total {:.3}",

@@ -8,13 +8,14 @@ use std::time::Instant;
 use clap::ValueEnum;
 
 use super::progress::BakeProgress;
-use super::{Talk, report};
+use super::{Talk, cache, report};
 use crate::config::poses::{self, TimedPose};
 use crate::config::{self, SceneConfig};
 use crate::error::Exit;
 use crate::haptics::contact::{self, ContactSum};
 use crate::haptics::{ContactParameters, FilterParameters, Normalization, RenderScene};
-use crate::scene;
+use crate::scene::cache::Residence;
+use crate::scene::{self, BakeMeans};
 use crate::spatial::Pose;
 use crate::voxmap::field::FieldKind;
 
@@ -41,6 +42,8 @@ pub(crate) struct Args {
     /// Contacts to list for each pose at most.
     #[arg(long, value_name = "N", default_value_t = 1000, requires = "contacts_out")]
     max_contacts: usize,
+    #[command(flatten)]
+    cache: cache::CacheArgs,
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
@@ -80,9 +83,11 @@ pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
     if let Some(field) = args.field {
         config.parameters.contact.field = field.into();
     }
+    let mut cache = args.cache.open(Residence::Mapped, talk);
     let progress = BakeProgress::new(talk);
-    let baked = scene::build(&config, |event| progress.tell(&event));
+    let baked = scene::build_with(&config, &mut BakeMeans::from(&mut cache), |event| progress.tell(&event));
     progress.finish();
+    cache::tell(&mut cache, talk);
     let (scene, reports) = match baked {
         Ok(baked) => baked,
         Err(error) => return report::scene_error(&error, talk),

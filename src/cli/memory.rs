@@ -2,8 +2,25 @@
 
 use super::progress::BakeProgress;
 use super::{Talk, report, say};
+use crate::scene::MemoryPlan;
 use crate::voxmap::estimate::Estimate;
 use crate::voxmap::grid::show_bytes;
+
+/// How much memory baking may take.
+#[derive(Debug, clap::Args)]
+pub(crate) struct MemoryArgs {
+    /// Refuse to bake what would hold more memory than this, such as 800M, 2GB or 1.5GiB. What the bake cache has is not baked.
+    #[arg(long = "max-memory", value_name = "SIZE", value_parser = parse_size)]
+    max_bytes: Option<u64>,
+}
+
+impl MemoryArgs {
+    /// The limit, and what is said of each object before its work begins.
+    pub(crate) fn plan<'a>(&self, progress: &'a BakeProgress, talk: Talk) -> MemoryPlan<'a> {
+        let max_bytes = self.max_bytes;
+        MemoryPlan::new(max_bytes, move |name, estimate| tell(name, estimate, max_bytes, progress, talk))
+    }
+}
 
 /// Estimates from here on are told without being asked for.
 const LARGE_BYTES: u64 = 256 << 20;
@@ -27,7 +44,7 @@ const UNITS: [(&str, f64); 13] = [
 
 /// Reads a size such as `800M`, `2GB` (powers of ten) or `1.5GiB` (powers of two). A bare number is refused: a missing unit is the
 /// mistake that a unit would have caught.
-pub(crate) fn parse_size(text: &str) -> Result<u64, String> {
+fn parse_size(text: &str) -> Result<u64, String> {
     let trimmed = text.trim();
     let size = trimmed.find(|c: char| !(c.is_ascii_digit() || c == '.')).and_then(|unit_at| {
         let (number, unit) = trimmed.split_at(unit_at);
@@ -43,7 +60,7 @@ pub(crate) fn parse_size(text: &str) -> Result<u64, String> {
 
 /// Says what an object will take: when it is much, or when asked to say more. Warns of more than the machine has left, unless a limit
 /// was given.
-pub(crate) fn tell(name: &str, estimate: &Estimate, max_bytes: Option<u64>, progress: &BakeProgress, talk: Talk) {
+fn tell(name: &str, estimate: &Estimate, max_bytes: Option<u64>, progress: &BakeProgress, talk: Talk) {
     if !talk.quiet && (talk.verbose > 0 || estimate.peak_bytes > LARGE_BYTES) {
         progress.aside(|| {
             say::talk(format_args!(

@@ -2,6 +2,7 @@
 
 mod bake;
 mod bench;
+mod cache;
 mod check;
 mod eval;
 mod memory;
@@ -15,6 +16,7 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand, ValueEnum};
 
 use crate::error::Exit;
+use crate::rt::clock::monotonic_ns;
 
 /// Open, device-agnostic, 6-DoF haptic rendering server.
 #[derive(Debug, Parser)]
@@ -68,9 +70,10 @@ enum Command {
 
 /// Parses the command line, runs the command and gives the process's exit code.
 pub fn main() -> ExitCode {
+    let started_ns = monotonic_ns();
     let Cli { command, talk } = Cli::parse();
     let dispatched = std::panic::catch_unwind(|| match command {
-        Command::Run(args) => run::main(&args, talk),
+        Command::Run(args) => run::main(&args, talk, started_ns),
         Command::Bake(args) => bake::main(&args, talk),
         Command::Check(args) => check::main(&args, talk),
         Command::Eval(args) => eval::main(&args, talk),

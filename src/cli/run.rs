@@ -1,5 +1,6 @@
 //! `hapticd run`: bake a scene and render it on its arm.
 
+use std::cell::Cell;
 use std::fmt::Write as _;
 use std::io::IsTerminal as _;
 use std::path::PathBuf;
@@ -8,20 +9,21 @@ use std::time::Duration;
 
 use clap::ValueEnum;
 use crossbeam::channel::Receiver;
+use serde::Serialize;
 
 use super::progress::BakeProgress;
-use super::{Talk, bake, check, memory, report, say};
+use super::{Talk, bake, cache, check, memory, report, say};
 use crate::config::{self, LoadOptions};
-use crate::daemon::{Notice, Outcome, PrepareError, Prepared, RenderJob, RunError, Supervisor, prepare_within};
+use crate::daemon::{Notice, Outcome, PrepareError, Prepared, RenderJob, RunError, Supervisor, prepare_with};
 use crate::error::Exit;
 use crate::haptics::Faults;
-use crate::rt::clock::ClockKind;
+use crate::rt::clock::{ClockKind, monotonic_ns};
 use crate::rt::duration;
 use crate::rt::preflight::{self, Report};
 use crate::rt::signals::{SignalError, interrupts};
-use crate::scene::MemoryPlan;
+use crate::scene::BakeMeans;
+use crate::scene::cache::Residence;
 use crate::telemetry::{LatencySummary, TickRecord, Totals};
-use crate::voxmap::estimate::Estimate;
 
 /// Arguments of `hapticd run`.
 #[derive(Debug, clap::Args)]
@@ -40,9 +42,10 @@ pub(crate) struct Args {
     /// Time that the run follows; virtual is simulated and as fast as it goes.
     #[arg(long, value_name = "CLOCK", default_value = "real")]
     clock: ClockArg,
-    /// Refuse a bake that would hold more memory than this, such as 800M, 2GB or 1.5GiB.
-    #[arg(long, value_name = "SIZE", value_parser = memory::parse_size)]
-    max_memory: Option<u64>,
+    #[command(flatten)]
+    memory: memory::MemoryArgs,
+    #[command(flatten)]
+    cache: cache::CacheArgs,
     /// Print the result as one JSON object.
     #[arg(long)]
     json: bool,
@@ -74,28 +77,45 @@ enum Refusal {
     Signals(SignalError),
 }
 
-pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
+/// How long a run took to begin, s since the first instruction of `main`.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+struct StartTimes {
+    /// The scene was baked, or read from the cache, and the arm open.
+    baked: f64,
+    /// The first tick began; 0 when there was none.
+    first_tick: f64,
+}
+
+pub(crate) fn main(args: &Args, talk: Talk, started_ns: i64) -> Exit {
+    let since_start_s = |ns: i64| (ns - started_ns) as f64 * 1e-9;
+    let baked_s = Cell::new(0.0);
     let overrides = LoadOptions { device: args.device.clone(), enforce: args.realtime.map(|mode| mode == RealtimeMode::Enforce) };
     let bake = || {
         let config = config::load_with(&args.scene, &overrides).map_err(PrepareError::Config)?;
         if talk.verbose > 0 {
             say::talk(format_args!("{}\n", check::summary(&config)));
         }
+        // Owned: nobody may take memory away from the loop.
+        let mut cache = args.cache.open(Residence::Owned, talk);
         let progress = BakeProgress::new(talk);
-        let mut tell_memory = |name: &str, estimate: &Estimate| memory::tell(name, estimate, args.max_memory, &progress, talk);
-        let mut plan = MemoryPlan::new(args.max_memory, &mut tell_memory);
-        let prepared = prepare_within(&config, &mut plan, |event| progress.tell(&event));
+        let mut means = BakeMeans { cache: &mut cache, memory: args.memory.plan(&progress, talk) };
+        let prepared = prepare_with(&config, &mut means, |event| progress.tell(&event));
+        drop(means);
         progress.finish();
+        cache::tell(&mut cache, talk);
         let (prepared, reports) = prepared?;
         report::bake_warnings(&reports, talk);
         if talk.verbose > 0 {
             reports.iter().for_each(|object| say::talk(format_args!("{}", bake::report_text(object))));
         }
+        baked_s.set(since_start_s(monotonic_ns()));
         Ok(prepared)
     };
     match run(args, talk, interrupts, bake) {
         Ok(outcome) => {
-            say::result(format_args!("{}", result_text(&outcome.totals, args.json)));
+            let first_tick = outcome.report.first_tick_ns.map_or(0.0, since_start_s);
+            let start_s = StartTimes { baked: baked_s.get(), first_tick };
+            say::result(format_args!("{}", result_text(&outcome.totals, start_s, args.json)));
             outcome.exit()
         }
         Err(Refusal::Prepare(error)) => report::prepare_error(&error, talk),
@@ -238,9 +258,15 @@ fn status_text(record: &TickRecord) -> String {
 }
 
 /// What goes to stdout.
-fn result_text(totals: &Totals, json: bool) -> String {
+fn result_text(totals: &Totals, start_s: StartTimes, json: bool) -> String {
     if json {
-        return match serde_json::to_string(totals) {
+        #[derive(Serialize)]
+        struct RunReport<'t> {
+            #[serde(flatten)]
+            totals: &'t Totals,
+            start_s: StartTimes,
+        }
+        return match serde_json::to_string(&RunReport { totals, start_s }) {
             Ok(mut text) => {
                 text.push('\n');
                 text
@@ -255,6 +281,7 @@ fn result_text(totals: &Totals, json: bool) -> String {
         let _ = writeln!(text, "{name:<18} {value}");
     };
     row("ticks", format_args!("{} in {:.3} s at {} Hz ({} clock)", totals.ticks, totals.duration_s, totals.rate_hz, totals.clock));
+    row("start", format_args!("baked after {:.3} s, first tick after {:.3} s", start_s.baked, start_s.first_tick));
     row("missed deadlines", format_args!("{}", totals.missed_deadlines));
     for (name, latency) in [("wake-up", totals.wakeup_us), ("compute", totals.compute_us), ("device", totals.device_us)] {
         let LatencySummary { p50, p99, p999, max } = latency;
@@ -338,7 +365,7 @@ mod tests {
         let args = args("s.toml --duration 2s --clock virtual --json").expect("valid");
         let outcome = run(&args, QUIET, || Ok(never()), || Ok(synthetic())).expect("an outcome");
         assert_eq!(outcome.exit(), Exit::Ok);
-        let text = result_text(&outcome.totals, true);
+        let text = result_text(&outcome.totals, StartTimes::default(), true);
         assert_eq!(text.lines().count(), 1);
         let json: serde_json::Value = serde_json::from_str(&text).expect("json");
         assert!(json["ticks"].as_u64().expect("a count") > 2000);
@@ -349,7 +376,7 @@ mod tests {
     fn the_human_summary_names_what_happened() {
         let args = args("s.toml --duration 100ms --clock virtual").expect("valid");
         let outcome = run(&args, QUIET, || Ok(never()), || Ok(synthetic())).expect("an outcome");
-        let text = result_text(&outcome.totals, false);
+        let text = result_text(&outcome.totals, StartTimes::default(), false);
         for fragment in ["virtual clock", "missed deadlines", "p99.9", "faults", "none"] {
             assert!(text.contains(fragment), "{text}");
         }

@@ -24,5 +24,5 @@
 mod prepare;
 mod supervisor;
 
-pub use prepare::{PrepareError, Prepared, inputs, prepare, prepare_within};
+pub use prepare::{PrepareError, Prepared, inputs, prepare, prepare_with};
 pub use supervisor::{Notice, Outcome, Phase, RenderJob, RunError, Supervisor};

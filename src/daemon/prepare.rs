@@ -12,7 +12,8 @@ use crate::device::hand::{HandPath, Indexing};
 use crate::device::profile::Codec;
 use crate::device::sim::{HandParameters, SimArm, SimError, SimParameters};
 use crate::haptics::{PortParameters, RenderScene};
-use crate::scene::{self, Event, MemoryPlan, ObjectReport, SceneError};
+use crate::scene::cache::Cache;
+use crate::scene::{self, BakeMeans, Event, ObjectReport, SceneError};
 
 /// A scene that is ready to be rendered.
 pub struct Prepared {
@@ -66,25 +67,25 @@ pub fn inputs(config: &SceneConfig) -> Result<(Option<HandPath>, Option<FaultPla
     Ok((hand, fault.transpose()?))
 }
 
-/// Bakes the scene and opens its arm. What costs nothing is checked before what takes long.
+/// Bakes the scene, without a cache and whatever memory it takes, and opens its arm.
 ///
 /// # Errors
-/// A hand file, fault, mesh, grid or arm that cannot be used.
+/// As [`prepare_with`].
 pub fn prepare(config: &SceneConfig, watch: impl FnMut(Event<'_>)) -> Result<(Prepared, Vec<ObjectReport>), PrepareError> {
-    prepare_within(config, &mut MemoryPlan::new(None, &mut |_, _| ()), watch)
+    prepare_with(config, &mut BakeMeans::from(&mut Cache::off()), watch)
 }
 
-/// [`prepare`] within a limit of memory.
+/// Bakes the scene or takes it from the cache, and opens its arm. What costs nothing is checked before what takes long.
 ///
 /// # Errors
 /// A hand file, fault, mesh, grid or arm that cannot be used, or a bake that would take too much memory.
-pub fn prepare_within(
+pub fn prepare_with(
     config: &SceneConfig,
-    memory: &mut MemoryPlan<'_>,
+    means: &mut BakeMeans<'_>,
     watch: impl FnMut(Event<'_>),
 ) -> Result<(Prepared, Vec<ObjectReport>), PrepareError> {
     let (hand, fault) = inputs(config)?;
-    let (scene, mut reports) = scene::build_within(config, memory, watch)?;
+    let (scene, mut reports) = scene::build_with(config, means, watch)?;
     if let (Some(path), Some(tool)) = (&hand, reports.last_mut()) {
         tool.warnings.extend(far_from_start(path, &config.parameters.port));
     }

@@ -42,7 +42,7 @@ mod threemf;
 pub mod validate;
 mod weld;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -162,6 +162,20 @@ pub fn parse(bytes: &[u8], format: Format, path: &Path, metres_per_unit: f64) ->
         });
     }
     Ok(mesh)
+}
+
+/// Other files that a mesh file takes its triangles from: the buffers that a glTF file names. Every other format has all in one.
+///
+/// # Errors
+/// [`MeshError`] of a glTF file that cannot be read, or that names what it must not.
+pub fn companions(path: &Path) -> Result<Vec<PathBuf>, MeshError> {
+    match Format::of(path)? {
+        Format::Gltf => {
+            let bytes = source::read(path)?;
+            bytes.confirm(gltf::companions(&bytes, path), path)
+        }
+        Format::Obj | Format::Stl | Format::Ply | Format::ThreeMf => Ok(Vec::new()),
+    }
 }
 
 #[cfg(test)]

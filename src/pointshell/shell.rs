@@ -1,21 +1,25 @@
 //! The pointshell as the tick reads it.
 
+mod file;
+
+use bytemuck::{Pod, Zeroable};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::cluster::Site;
 use super::tree::Tree;
+use crate::storage::Slab;
 
 /// Points in one block: two AVX2 registers, one AVX-512 register, one cache line of `f32`.
 pub const LANES: usize = 16;
 
 /// One coordinate of [`LANES`] points.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C, align(64))]
 pub struct Lanes(pub [f32; LANES]);
 
 /// Three coordinates of [`LANES`] points.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C, align(64))]
 pub struct Lanes3 {
     /// x of each lane.
@@ -41,9 +45,9 @@ impl Lanes3 {
 #[derive(Debug)]
 pub struct Shell {
     /// `[n_points / 16, rounded up]`, 64-byte aligned: positions, m. Unused lanes of the last block hold NaN, which is no contact.
-    positions: Vec<Lanes3>,
+    positions: Slab<Lanes3>,
     /// Same layout: unit normals, pointing **into** the tool.
-    normals: Vec<Lanes3>,
+    normals: Slab<Lanes3>,
     tree: Tree,
     n_points: usize,
     radius_m: f64,
@@ -60,15 +64,15 @@ impl Shell {
         let (positions, normals) = (blocks(|point| point.0), blocks(|point| point.1));
         let tree = Tree::over(&positions, points.len());
         let radius_m = points.iter().map(|point| point.0.length()).fold(0.0, f64::max);
-        Self { positions, normals, tree, n_points: points.len(), radius_m, voxel_size_m }
+        Self { positions: positions.into(), normals: normals.into(), tree, n_points: points.len(), radius_m, voxel_size_m }
     }
 
     /// Lays out arranged sites and the normals that their numbers name; the tree is still to come. Cold.
     pub(super) fn lay_out(sites: &[Site], normals: &[Vec3], radius_m: f64, voxel_size_m: f64) -> Self {
         let chunks = || sites.par_chunks(LANES);
         Self {
-            positions: chunks().map(|chunk| block(chunk, Site::position)).collect(),
-            normals: chunks().map(|chunk| block(chunk, |site| normals[site.idx as usize])).collect(),
+            positions: chunks().map(|chunk| block(chunk, Site::position)).collect::<Vec<_>>().into(),
+            normals: chunks().map(|chunk| block(chunk, |site| normals[site.idx as usize])).collect::<Vec<_>>().into(),
             tree: Tree::default(),
             n_points: sites.len(),
             radius_m,
@@ -99,7 +103,7 @@ impl Shell {
 
     /// Blocks of positions and of normals, side by side.
     pub fn blocks(&self) -> impl Iterator<Item = (&Lanes3, &Lanes3)> {
-        self.positions.iter().zip(&self.normals)
+        self.positions.iter().zip(self.normals.iter())
     }
 
     /// Position (about the centre of mass, m) and inward normal of each point.
@@ -129,7 +133,7 @@ impl Shell {
         self.voxel_size_m
     }
 
-    /// Heap size, bytes.
+    /// Size of the arrays, bytes.
     pub fn heap_bytes(&self) -> usize {
         let Self { positions, normals, tree, n_points: _, radius_m: _, voxel_size_m: _ } = self;
         size_of_val(&**positions) + size_of_val(&**normals) + tree.heap_bytes()

@@ -32,19 +32,23 @@
 //! BarbicJames2008 (nested levels, a sphere around all descendants); Sagardia2019 (bottom-up clusters with a parent point and
 //! minimal spheres, walked breadth-first). The complete 8-ary form over blocks and the representatives are ours.
 
+mod file;
+
 use core::ops::Range;
 
+use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
 use rayon::prelude::*;
 
 use super::shell::{LANES, Lanes3};
 use super::sphere::{Ball, enclose};
+use crate::storage::Slab;
 
 /// Children of a node.
 pub const CHILDREN: usize = 8;
 
 /// The spheres of the children of one node. No padding.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C, align(64))]
 pub struct Spheres {
     /// Centre x, m. Where there are fewer than eight children the rest repeats the last one's centre …
@@ -57,12 +61,35 @@ pub struct Spheres {
     pub radius: [f32; CHILDREN],
 }
 
-/// Where a level lies. No padding.
+/// Where a level lies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(C)]
 struct Level {
     first_block: u32,
     n_nodes: u32,
+}
+
+impl Level {
+    fn n_blocks(self) -> usize {
+        (self.n_nodes as usize).div_ceil(CHILDREN)
+    }
+}
+
+/// The levels of the complete tree over so many points, from coarse to fine.
+fn levels_over(n_points: usize) -> Vec<Level> {
+    // From the leaves up, the root last.
+    let mut counts: Vec<usize> = Vec::new();
+    let mut n_nodes = n_points.div_ceil(LANES);
+    while n_nodes > 0 {
+        counts.push(n_nodes);
+        n_nodes = if n_nodes > 1 { n_nodes.div_ceil(CHILDREN) } else { 0 };
+    }
+    let mut first_block = 0;
+    let levels = counts.into_iter().rev().map(|n_nodes| {
+        let level = Level { first_block, n_nodes: n_nodes as u32 };
+        first_block += level.n_blocks() as u32;
+        level
+    });
+    levels.collect()
 }
 
 /// Spheres around runs of points of a shell. See the module page.
@@ -71,9 +98,9 @@ pub struct Tree {
     /// `[n_levels]`, from coarse to fine; empty without points.
     levels: Vec<Level>,
     /// `[n_blocks]`: the blocks of each level in turn.
-    spheres: Vec<Spheres>,
+    spheres: Slab<Spheres>,
     /// `[n_blocks]`: number of the point that represents each node; the rest of a block repeats the last one.
-    representatives: Vec<[u32; CHILDREN]>,
+    representatives: Slab<[u32; CHILDREN]>,
 }
 
 impl Tree {
@@ -83,26 +110,21 @@ impl Tree {
     pub fn over(positions: &[Lanes3], n_points: usize) -> Self {
         let builder = Builder::build(positions, n_points);
         let n_blocks: usize = builder.levels.iter().map(|nodes| nodes.len().div_ceil(CHILDREN)).sum();
-        let mut tree = Self {
-            levels: Vec::with_capacity(builder.levels.len()),
-            spheres: Vec::with_capacity(n_blocks),
-            representatives: Vec::with_capacity(n_blocks),
-        };
+        let (mut spheres, mut representatives) = (Vec::with_capacity(n_blocks), Vec::with_capacity(n_blocks));
         for nodes in builder.levels.iter().rev() {
-            tree.levels.push(Level { first_block: tree.spheres.len() as u32, n_nodes: nodes.len() as u32 });
             for siblings in nodes.chunks(CHILDREN) {
                 let node = |lane: usize| &siblings[lane.min(siblings.len() - 1)];
                 let centers: [[f32; 3]; CHILDREN] = core::array::from_fn(|lane| node(lane).ball.center.as_vec3().to_array());
-                tree.spheres.push(Spheres {
+                spheres.push(Spheres {
                     x: centers.map(|center| center[0]),
                     y: centers.map(|center| center[1]),
                     z: centers.map(|center| center[2]),
                     radius: core::array::from_fn(|lane| siblings.get(lane).map_or(f32::NEG_INFINITY, |node| node.ball.radius)),
                 });
-                tree.representatives.push(core::array::from_fn(|lane| node(lane).representative));
+                representatives.push(core::array::from_fn(|lane| node(lane).representative));
             }
         }
-        tree
+        Self { levels: levels_over(n_points), spheres: spheres.into(), representatives: representatives.into() }
     }
 
     /// Levels of nodes, 0 the coarsest; none without points.
@@ -138,9 +160,9 @@ impl Tree {
     }
 
     fn blocks(&self, level: usize) -> Range<usize> {
-        let Some(Level { first_block, n_nodes }) = self.levels.get(level) else { return 0..0 };
-        let first = *first_block as usize;
-        first..first + (*n_nodes as usize).div_ceil(CHILDREN)
+        let Some(level) = self.levels.get(level) else { return 0..0 };
+        let first = level.first_block as usize;
+        first..first + level.n_blocks()
     }
 
     /// Heap size, bytes.

@@ -2,18 +2,17 @@
 
 use glam::{DMat3, DVec3};
 
-use super::object::{Geometry, MemoryPlan, SceneError};
+use super::cache::{Baked, Cache, Request, Spacing};
+use super::object::{self, BakeMeans, SceneError};
 use super::report::{ObjectReport, Role};
 use crate::config::SceneConfig;
 use crate::config::resolve::ToolConfig;
 use crate::haptics::contact::{ContactSum, Obstacle};
 use crate::haptics::{CouplingMode, Inertia, RenderScene, Tool};
 use crate::mesh::mass::MassProperties;
-use crate::pointshell::ShellReport;
 use crate::spatial::Pose;
-use crate::voxmap::estimate::Products;
+use crate::voxmap::Stage;
 use crate::voxmap::field::FieldKind;
-use crate::voxmap::{Options, Stage};
 
 /// What a watcher is told while a scene is baked.
 #[derive(Clone, Copy, Debug)]
@@ -32,21 +31,22 @@ pub struct Event<'a> {
 /// needles, whose moment about their own axis is next to nothing.
 const GYRATION_SHARE: f64 = 0.05;
 
-/// Bakes every object of a scene. Runs on the current rayon pool; the result does not depend on its size.
+/// Bakes every object of a scene, without a cache and whatever memory it takes. Runs on the current rayon pool; the result does not depend on its size.
 ///
 /// # Errors
 /// The first object whose mesh cannot be used or whose grid is too large.
 pub fn build(config: &SceneConfig, watch: impl FnMut(Event<'_>)) -> Result<(RenderScene, Vec<ObjectReport>), SceneError> {
-    build_within(config, &mut MemoryPlan::new(None, &mut |_, _| ()), watch)
+    build_with(config, &mut BakeMeans::from(&mut Cache::off()), watch)
 }
 
-/// [`build`] within a limit of memory, which is judged for each object after its mesh was read and before the work.
+/// The same, taking from the cache what it has and giving it what it has not; bit for bit the same scene. Memory is judged for each
+/// object that is baked, after its mesh was read and before the work.
 ///
 /// # Errors
-/// The first object whose mesh cannot be used, whose grid is too large or that would take too much memory.
-pub fn build_within(
+/// As [`build`], and an object that would take too much memory; the cache adds none.
+pub fn build_with(
     config: &SceneConfig,
-    memory: &mut MemoryPlan<'_>,
+    means: &mut BakeMeans<'_>,
     mut watch: impl FnMut(Event<'_>),
 ) -> Result<(RenderScene, Vec<ObjectReport>), SceneError> {
     let n_objects = config.statics.len() + 1;
@@ -54,30 +54,37 @@ pub fn build_within(
     let mut obstacles = Vec::with_capacity(config.statics.len());
     let with_gradients = config.parameters.contact.field == FieldKind::SurfacePoint;
     for (object_idx, object) in config.statics.iter().enumerate() {
-        let mut tell = |stage| watch(Event { name: &object.name, object_idx, n_objects, stage });
-        tell(Stage::Load);
-        let geometry = Geometry::load(&object.name, Role::Static, &object.source, object.voxel_size_m)?;
-        let options = Options { voxel_size_m: object.voxel_size_m, layers: object.layers, navigation: None, sides: object.sides };
-        geometry.foresee(&options, Products { field: true, gradients: with_gradients, shell: false }, memory)?;
-        let mut map = geometry.voxmap(&options, &mut tell)?;
-        tell(Stage::Distance);
-        let field = geometry.field(&mut map, with_gradients);
-        reports.push(geometry.report(&map, &ShellReport::default()));
+        let tell = |stage| watch(Event { name: &object.name, object_idx, n_objects, stage });
+        let request = Request {
+            name: &object.name,
+            role: Role::Static,
+            source: &object.source,
+            spacing: Spacing::Size(object.voxel_size_m),
+            layers: object.layers,
+            sides: object.sides,
+            with_gradients,
+            center_of_mass: None,
+        };
+        let Baked { field, report, .. } = object::obtain(&request, means, tell)?;
+        reports.push(report);
+        let Some(field) = field else { unreachable!("a static object has a field") };
         obstacles.push(Obstacle { field, world_from_map: object.pose });
     }
 
-    let mut tell = |stage| watch(Event { name: "tool", object_idx: n_objects - 1, n_objects, stage });
-    let ToolConfig { source, voxel_size_m, layers, sides, .. } = &config.tool;
-    tell(Stage::Load);
-    let geometry = Geometry::load("tool", Role::Tool, source, *voxel_size_m)?;
-    let options = Options { voxel_size_m: *voxel_size_m, layers: *layers, navigation: None, sides: *sides };
-    geometry.foresee(&options, Products { field: false, gradients: false, shell: true }, memory)?;
-    let map = geometry.voxmap(&options, &mut tell)?;
-    let mass = geometry.mass_properties();
+    let tell = |stage| watch(Event { name: "tool", object_idx: n_objects - 1, n_objects, stage });
+    let request = Request {
+        name: "tool",
+        role: Role::Tool,
+        source: &config.tool.source,
+        spacing: Spacing::Size(config.tool.voxel_size_m),
+        layers: config.tool.layers,
+        sides: config.tool.sides,
+        with_gradients: false,
+        center_of_mass: config.tool.center_of_mass_m,
+    };
+    let Baked { shell, mass, report: mut tool_report, .. } = object::obtain(&request, means, tell)?;
+    let (Some(shell), Some(mass)) = (shell, mass) else { unreachable!("a tool has a shell and a mass") };
     let center_of_mass_tool = config.tool.center_of_mass_m.unwrap_or(mass.center_m);
-    tell(Stage::Pointshell);
-    let (shell, shell_report) = geometry.shell(&map, center_of_mass_tool);
-    let mut tool_report = geometry.report(&map, &shell_report);
     let mut inertia = inertia(&config.tool, &mass, shell.radius_m(), center_of_mass_tool);
     if config.parameters.coupling.mode == CouplingMode::SemiImplicit {
         let own = inertia;

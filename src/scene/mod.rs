@@ -1,4 +1,4 @@
-//! The one door between the cold rooms and the hot ones: a checked scene in, everything baked out.
+//! The one door between the cold rooms and the hot ones: a checked scene in, everything baked, or taken from the bake cache, out.
 //!
 //! Data in: a [`SceneConfig`](crate::config::SceneConfig). Data out: one immutable [`RenderScene`](crate::haptics::RenderScene) with
 //! all memory allocated and touched, and a report on each object.
@@ -6,9 +6,10 @@
 //! Invariant: nothing that the tick reads is created or changed after this room.
 
 mod build;
+pub mod cache;
 mod object;
 mod report;
 
-pub use build::{Event, build, build_within};
-pub use object::{Geometry, MemoryPlan, SceneError};
+pub use build::{Event, build, build_with};
+pub use object::{BakeMeans, Geometry, MemoryPlan, SceneError};
 pub use report::{LeakReport, LidsReport, ObjectReport, Role, Timings};

@@ -5,6 +5,7 @@ use std::time::Instant;
 use glam::DVec3;
 use thiserror::Error;
 
+use super::cache::{Baked, Cache, Lookup, Request, Spacing};
 use super::report::{ObjectReport, Role};
 use crate::config::resolve::MeshSource;
 use crate::mesh::mass::{MassProperties, mass_properties_of_inspected};
@@ -48,21 +49,89 @@ impl SceneError {
     }
 }
 
+/// What a command lends to baking.
+#[derive(Debug)]
+pub struct BakeMeans<'a> {
+    /// What was baked before, and where to keep what is baked now.
+    pub cache: &'a mut Cache,
+    /// How much memory the rest may take.
+    pub memory: MemoryPlan<'a>,
+}
+
+impl<'a> From<&'a mut Cache> for BakeMeans<'a> {
+    /// All the memory that it takes.
+    fn from(cache: &'a mut Cache) -> Self {
+        Self { cache, memory: MemoryPlan::new(None, |_, _| ()) }
+    }
+}
+
 /// How much memory baking may take, and who is told how much it will.
 pub struct MemoryPlan<'a> {
     /// Most bytes held at a time, by estimate; `None`: no limit.
     max_bytes: Option<u64>,
-    /// What the objects done so far keep, by estimate.
+    /// What the objects done so far keep: by estimate, or by their size where the cache had them.
     kept_bytes: u64,
-    tell: &'a mut dyn FnMut(&str, &Estimate),
+    tell: Box<Tell<'a>>,
 }
+
+/// Is told an object's name and what baking it will take.
+type Tell<'a> = dyn FnMut(&str, &Estimate) + 'a;
 
 impl<'a> MemoryPlan<'a> {
     /// A limit, if any, and what to do with each object's name and estimate before its work begins. The peak includes what the
     /// objects before it keep.
-    pub fn new(max_bytes: Option<u64>, tell: &'a mut dyn FnMut(&str, &Estimate)) -> Self {
-        Self { max_bytes, kept_bytes: 0, tell }
+    pub fn new(max_bytes: Option<u64>, tell: impl FnMut(&str, &Estimate) + 'a) -> Self {
+        Self { max_bytes, kept_bytes: 0, tell: Box::new(tell) }
     }
+}
+
+impl core::fmt::Debug for MemoryPlan<'_> {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        let Self { max_bytes, kept_bytes, tell: _ } = self;
+        f.debug_struct("MemoryPlan").field("max_bytes", max_bytes).field("kept_bytes", kept_bytes).finish_non_exhaustive()
+    }
+}
+
+/// Takes an object from the cache, or bakes it and keeps it there. Memory is judged for what is baked only.
+///
+/// # Errors
+/// A mesh that cannot be used, a grid that is too large, or too much memory.
+pub(super) fn obtain(
+    request: &Request<'_>,
+    BakeMeans { cache, memory }: &mut BakeMeans<'_>,
+    mut tell: impl FnMut(Stage),
+) -> Result<Baked, SceneError> {
+    tell(Stage::Load);
+    let slot = match cache.look_up(request) {
+        Lookup::Hit(baked) => {
+            memory.kept_bytes += baked.heap_bytes() as u64;
+            return Ok(*baked);
+        }
+        Lookup::Bake(slot) => slot,
+    };
+    let mut baked = bake(request, memory, tell)?;
+    baked.report.cache = slot.cache;
+    cache.store(&slot, request, &baked);
+    Ok(baked)
+}
+
+fn bake(request: &Request<'_>, memory: &mut MemoryPlan<'_>, mut tell: impl FnMut(Stage)) -> Result<Baked, SceneError> {
+    let geometry = Geometry::load(request.name, request.role, request.source, request.spacing)?;
+    let voxel_size_m = geometry.voxel_size_m(request.spacing);
+    let options = Options { voxel_size_m, layers: request.layers, navigation: None, sides: request.sides };
+    geometry.foresee(&options, request.products(), memory)?;
+    let mut map = geometry.voxmap(&options, &mut tell)?;
+    if request.role == Role::Static {
+        tell(Stage::Distance);
+        let field = geometry.field(&mut map, request.with_gradients);
+        let report = geometry.report(&map, &ShellReport::default());
+        return Ok(Baked { field: Some(field), shell: None, mass: None, report });
+    }
+    let mass = geometry.mass_properties();
+    tell(Stage::Pointshell);
+    let (shell, shell_report) = geometry.shell(&map, request.center_of_mass.unwrap_or(mass.center_m));
+    let report = geometry.report(&map, &shell_report);
+    Ok(Baked { field: None, shell: Some(shell), mass: Some(mass), report })
 }
 
 /// A tessellation's chord error as a share of the voxel edge, so that the voxel size limits accuracy.
@@ -84,13 +153,17 @@ impl Geometry {
     ///
     /// # Errors
     /// A mesh that cannot be used.
-    pub fn load(name: &str, role: Role, source: &MeshSource, voxel_size_m: f64) -> Result<Self, SceneError> {
+    pub fn load(name: &str, role: Role, source: &MeshSource, spacing: Spacing) -> Result<Self, SceneError> {
         let since = Instant::now();
         let mesh = match source {
             MeshSource::File { path, metres_per_unit } => {
                 mesh::load(path, *metres_per_unit).map_err(|source| SceneError::Mesh { name: name.to_owned(), source })?
             }
-            MeshSource::Shape(shape) => shape.tessellate(CHORD_SHARE * voxel_size_m),
+            // The box of a shape hardly depends on how finely it is cut; only a size of voxels can be too fine for a coarse cut.
+            MeshSource::Shape(shape) => match spacing {
+                Spacing::Size(voxel_size_m) => shape.tessellate(CHORD_SHARE * voxel_size_m),
+                Spacing::LongestAxis(_) => shape.tessellate(0.0),
+            },
         };
         let inspected = inspect(&mesh);
         Ok(Self { name: name.to_owned(), role, mesh, inspected, load_s: since.elapsed().as_secs_f64() })
@@ -123,6 +196,11 @@ impl Geometry {
             }
             _ => Ok(()),
         }
+    }
+
+    /// s, m.
+    pub fn voxel_size_m(&self, spacing: Spacing) -> f64 {
+        spacing.voxel_size_m(self.mesh.bounds().map_or(DVec3::ZERO, |(low, high)| high - low))
     }
 
     /// Classifies the object's volume.

@@ -1,7 +1,10 @@
 //! What was built of an object, in the words of `bake --json`.
 
-use serde::Serialize;
+use std::borrow::Cow;
 
+use serde::{Deserialize, Serialize};
+
+use super::cache::CacheUse;
 use crate::mesh::validate::MeshReport;
 use crate::pointshell::{LevelReport, ShellReport};
 use crate::voxmap::Voxmap;
@@ -9,7 +12,7 @@ use crate::voxmap::leak::MOSTLY_THIN;
 use crate::voxmap::sides::SidesBasis;
 
 /// What an object is for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Role {
     /// One voxmap of a scene.
@@ -21,7 +24,7 @@ pub enum Role {
 }
 
 /// Where the fill got in.
-#[derive(Clone, Copy, Debug, Serialize)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub struct LeakReport {
     /// Centre of the largest hole, mesh frame, m.
     pub position_m: [f64; 3],
@@ -30,7 +33,7 @@ pub struct LeakReport {
 }
 
 /// Lids that close the holes of a mesh.
-#[derive(Clone, Copy, Debug, Serialize)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub struct LidsReport {
     /// Connected lids.
     pub count: usize,
@@ -38,10 +41,10 @@ pub struct LidsReport {
     pub area_m2: f64,
 }
 
-/// Seconds per stage; 0 for a stage that the role does not need.
-#[derive(Clone, Copy, Debug, Default, Serialize)]
+/// Seconds per stage of this run; 0 for a stage that the role does not need, and for all but `load` when the cache had the object.
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub struct Timings {
-    /// Reading or tessellating, and inspecting.
+    /// Reading or tessellating, and inspecting; or finding and reading the object in the cache.
     pub load: f64,
     /// Grid set-up.
     pub init: f64,
@@ -64,7 +67,7 @@ pub struct Timings {
 }
 
 /// One object's figures.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct ObjectReport {
     /// Name in the scene, or the file name.
     pub name: String,
@@ -91,7 +94,7 @@ pub struct ObjectReport {
     /// The fill did not leak.
     pub watertight: bool,
     /// `flood`: a solid by the fill; `winding`: by the fill with lids on the holes; `thin`: a two-sided skin.
-    pub sides: &'static str,
+    pub sides: Cow<'static, str>,
     /// Share of the places beside the surface whose winding number is within 0.1 of a whole number; `None` where nobody asked.
     pub clear_winding_share: Option<f64>,
     /// Lids on its holes, where there are any.
@@ -101,7 +104,7 @@ pub struct ObjectReport {
     /// Edges with one triangle only, after welding.
     pub open_edges: usize,
     /// How candidates were walked.
-    pub navigation: &'static str,
+    pub navigation: Cow<'static, str>,
     /// SAT tests spent.
     pub sat_tests: u64,
     /// Points of the shell; 0 for a static object.
@@ -112,7 +115,9 @@ pub struct ObjectReport {
     pub phase2_points: usize,
     /// Levels of the point-sphere tree, from coarse to fine; the last holds all points. Empty for a static object.
     pub tree_levels: Vec<LevelReport>,
-    /// Threads of the bake.
+    /// What the bake cache did.
+    pub cache: CacheUse,
+    /// Threads of this run.
     pub threads: usize,
     /// Seconds per stage.
     pub timings_s: Timings,
@@ -180,17 +185,18 @@ impl ObjectReport {
             outside_voxels: grid.n_cells() - surface_voxels - inside_voxels,
             layers: map.layers.n_layers,
             watertight: map.watertight,
-            sides: map.basis.name(),
+            sides: map.basis.name().into(),
             clear_winding_share: map.clear_share,
             lids: map.lidded.as_ref().map(|lidded| LidsReport { count: lidded.n_lids, area_m2: lidded.area_m2 }),
             leak: map.leak.map(|leak| LeakReport { position_m: leak.position_m.to_array(), size_m: leak.size_m }),
             open_edges: mesh.open_edges,
-            navigation: map.surface.navigation.name(),
+            navigation: map.surface.navigation.name().into(),
             sat_tests: map.surface.sat_tests,
             points: shell.points,
             phase1_points: shell.phase1_points,
             phase2_points: shell.phase2_points,
             tree_levels: shell.tree_levels.clone(),
+            cache: CacheUse::Off,
             threads: rayon::current_num_threads(),
             timings_s,
             warnings,

@@ -17,6 +17,10 @@ pub type TickFunction = fn(&RenderScene, &mut State, &TickInput) -> TickOutput;
 
 /// Ticks that are run on a copy of the state before the first real one: enough to touch every page and teach the branch predictors.
 const WARM_UP_TICKS: u32 = 256;
+/// No more of them than fit into this, but [`WARM_UP_TICKS_MIN`]: with a large shell the start would wait for nothing but repetition, ns.
+const WARM_UP_NS: i64 = 10_000_000;
+/// At least so many: the first one touches the pages, the others the branches.
+const WARM_UP_TICKS_MIN: u32 = 8;
 
 /// How much longer than the ramp a stop may take before the loop ends anyway, s.
 const STOP_GRACE_S: f64 = 0.25;
@@ -60,6 +64,8 @@ pub enum Step {
 pub struct LoopReport {
     /// Ticks done.
     pub ticks: u64,
+    /// When the first tick began, stopwatch time, ns.
+    pub first_tick_ns: Option<i64>,
     /// Deadlines that passed without a tick.
     pub missed_deadlines: u64,
     /// Records that found the ring full.
@@ -115,6 +121,7 @@ pub struct ServoLoop<D: Device, C: Clock> {
     packet_errors: u64,
     faults: Faults,
     first_fault_tick: Option<u64>,
+    first_tick_ns: Option<i64>,
     ending: Ending,
     last: TickOutput,
 }
@@ -155,6 +162,7 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
             packet_errors: 0,
             faults: Faults::NONE,
             first_fault_tick: None,
+            first_tick_ns: None,
             ending: Ending::Running,
             last: TickOutput::default(),
         }
@@ -176,7 +184,11 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
     /// the loop, before the first step.
     pub fn warm_up(&mut self) {
         let mut rehearsal = self.state.clone();
+        let begin_ns = self.clock.stopwatch_ns();
         for n in 0..WARM_UP_TICKS {
+            if n >= WARM_UP_TICKS_MIN && self.clock.stopwatch_ns() - begin_ns > WARM_UP_NS {
+                break;
+            }
             let sample = DeviceSample { sequence: u64::from(n) + 1, status: SampleStatus::Fresh, ..DeviceSample::default() };
             let input = TickInput { sample, request: Order::Enable.request(), overrun: false };
             core::hint::black_box((self.tick_function)(&self.scene, &mut rehearsal, &input));
@@ -204,6 +216,7 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
         self.missed_deadlines += due.missed;
 
         let begin_ns = self.clock.stopwatch_ns();
+        self.first_tick_ns.get_or_insert(begin_ns);
         let sample = self.read();
         let read_ns = self.clock.stopwatch_ns();
         let input = TickInput { sample, request: order.request(), overrun: due.missed > 0 };
@@ -341,6 +354,7 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
             packet_errors: self.packet_errors,
             faults: self.faults,
             first_fault_tick: self.first_fault_tick,
+            first_tick_ns: self.first_tick_ns,
             ending: self.ending,
             last: self.last,
             flight: self.flight,

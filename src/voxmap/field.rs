@@ -7,6 +7,8 @@
 
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::indexing_slicing)]
 
+mod file;
+
 use std::sync::Arc;
 
 use glam::Vec3;
@@ -14,6 +16,7 @@ use glam::Vec3;
 use super::distance::{APRON_CELLS, APRON_EDGE, Samples, sample_of};
 use super::grid::{BRICK_CELLS, BRICK_EDGE, Grid};
 use super::layers::{DEEP_INSIDE, FAR_OUTSIDE, Layers};
+use crate::storage::Slab;
 
 /// Which formula turns the map into a depth at a point.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -44,13 +47,13 @@ pub struct Field {
     voxel_size_m: f32,
     brick_dims: [i32; 3],
     /// `[n_bricks]`, z fastest: slot, or [`FAR_OUTSIDE`], or [`DEEP_INSIDE`].
-    top: Box<[u32]>,
+    top: Slab<u32>,
     /// `[n_slots][9³]`, z fastest, m: signed distance at cell centres, with the next bricks' first samples.
-    distances_m: Vec<[f32; APRON_CELLS]>,
-    /// `[n_slots][8³]`, z fastest; the map's own.
-    layers: Arc<Vec<[i8; BRICK_CELLS]>>,
+    distances_m: Slab<[f32; APRON_CELLS]>,
+    /// `[n_slots][8³]`, z fastest; of a new field the map's own.
+    layers: Slab<[i8; BRICK_CELLS]>,
     /// `[n_slots][8³]`, unit; empty unless `surface-point` is used.
-    gradients: Vec<[Vec3; BRICK_CELLS]>,
+    gradients: Slab<[Vec3; BRICK_CELLS]>,
     /// Depth at which the field saturates on both sides, m.
     band_m: f32,
     /// Added to every value, m: 0 for a solid, one voxel for a thin skin.
@@ -71,10 +74,10 @@ impl Field {
             origin: grid.origin_m.as_vec3(),
             voxel_size_m,
             brick_dims: grid.brick_dims().map(|n| n as i32),
-            top: layers.top.clone().into_boxed_slice(),
-            distances_m,
-            layers: Arc::clone(&layers.values),
-            gradients,
+            top: layers.top.clone().into(),
+            distances_m: distances_m.into(),
+            layers: Arc::clone(&layers.values).into(),
+            gradients: gradients.into(),
             band_m,
             skin_m: if thin { voxel_size_m } else { 0.0 },
         }
@@ -95,10 +98,10 @@ impl Field {
         self.skin_m > 0.0
     }
 
-    /// Heap size, bytes.
+    /// Size of the arrays, bytes.
     pub fn heap_bytes(&self) -> usize {
         let Self { origin: _, voxel_size_m: _, brick_dims: _, top, distances_m, layers, gradients, band_m: _, skin_m: _ } = self;
-        size_of_val(&**top) + size_of_val(&**distances_m) + size_of_val(&***layers) + size_of_val(&**gradients)
+        size_of_val(&**top) + size_of_val(&**distances_m) + size_of_val(&**layers) + size_of_val(&**gradients)
     }
 
     /// V at a point, m. `cells`: the point in cell coordinates; `normal`: the pointshell's inward normal in map axes, read by
@@ -256,13 +259,14 @@ const APRON_CHUNK: usize = 4096;
 const BORROWED: usize = APRON_CELLS - BRICK_CELLS;
 
 /// Where each borrowed sample stands, which of the seven next bricks owns it (bits x, y, z), and its place there.
+#[expect(clippy::indexing_slicing, reason = "worked out by the compiler")]
 const APRON: [(usize, usize, usize); BORROWED] = {
     let mut apron = [(0, 0, 0); BORROWED];
     let (mut sample, mut n) = (0, 0);
     while sample < APRON_CELLS {
         let place = [sample / (APRON_EDGE * APRON_EDGE), sample / APRON_EDGE % APRON_EDGE, sample % APRON_EDGE];
         let [x, y, z] = place;
-        let owner = (x / BRICK_EDGE) << 2 | (y / BRICK_EDGE) << 1 | z / BRICK_EDGE;
+        let owner = 4 * (x / BRICK_EDGE) + 2 * (y / BRICK_EDGE) + z / BRICK_EDGE;
         if owner != 0 {
             let there = ((x % BRICK_EDGE) * APRON_EDGE + y % BRICK_EDGE) * APRON_EDGE + z % BRICK_EDGE;
             apron[n] = (sample, owner, there);

@@ -2,7 +2,7 @@
 //!
 //! | room | may use |
 //! |---|---|
-//! | `spatial` | nothing: a leaf |
+//! | `spatial`, `storage` | nothing: leaves |
 //! | `mesh`, `voxmap`, `pointshell` | `spatial` and each other; nothing of scenes, devices, loops or threads |
 //! | `picture`, `bench` | what geometry may, and nobody but `cli` uses them |
 //! | `haptics` | `spatial`, `voxmap::field`, `pointshell::{shell, tree}` |
@@ -10,7 +10,8 @@
 //! | `telemetry`, `monitor` | anything but `servo` |
 //! | `cli` | anything; and nobody uses it |
 //!
-//! `unsafe` stands in `rt`, in the two transports, in the SIMD kernel and where mesh files are mapped only; only `cli` prints. Tests are exempt.
+//! `unsafe` stands in `rt`, in the two transports, in the two SIMD kernels, where mesh files are mapped and in the storage of arrays only;
+//! only `cli` prints. Tests are exempt.
 
 use std::path::{Path, PathBuf};
 
@@ -19,8 +20,8 @@ const ABOVE_GEOMETRY: [&str; 10] =
     ["config", "scene", "haptics", "device", "rt", "servo", "telemetry", "daemon", "monitor", "sculpt"];
 const ABOVE_DEVICES: [&str; 6] = ["haptics", "scene", "servo", "telemetry", "daemon", "monitor"];
 /// Prefixes of the files that may hold `unsafe`.
-const UNSAFE_ALLOWED: [&str; 6] =
-    ["rt/", "device/hid", "device/serial", "haptics/contact/simd", "voxmap/distance/simd", "mesh/source"];
+const UNSAFE_ALLOWED: [&str; 7] =
+    ["rt/", "device/hid", "device/serial", "haptics/contact/simd", "voxmap/distance/simd", "mesh/source", "storage/slab"];
 
 /// Why a file of `room` must not use `path` (from the crate root on); `None` when it may.
 fn refusal(room: &str, path: &[String]) -> Option<&'static str> {
@@ -34,6 +35,7 @@ fn refusal(room: &str, path: &[String]) -> Option<&'static str> {
     }
     match room {
         "spatial" if first != "spatial" => Some("`spatial` is a leaf"),
+        "storage" if first != "storage" => Some("`storage` is a leaf"),
         "haptics" => {
             let allowed = match first {
                 "haptics" | "spatial" => true,
@@ -249,7 +251,8 @@ fn violations(file: &str, text: &str) -> (Vec<String>, Vec<String>) {
     }
     if !UNSAFE_ALLOWED.iter().any(|allowed| file.starts_with(allowed)) {
         for i in places(&code, "unsafe") {
-            broken.push(format!("src/{file}:{}: `unsafe` outside `rt`, the transports and the SIMD kernel", line(i)));
+            broken
+                .push(format!("src/{file}:{}: `unsafe` outside `rt`, the transports, the SIMD kernel and `storage/slab`", line(i)));
         }
     }
     if room != "cli" {
@@ -310,6 +313,7 @@ fn planted_violations_are_caught() {
         ("telemetry/drain.rs", "use crate::servo::Order;", Some("never call into `servo`")),
         ("voxmap/grid.rs", "use crate::config::SceneConfig;", Some("geometry")),
         ("spatial/pose.rs", "use crate::mesh::TriangleMesh;", Some("leaf")),
+        ("storage/slab.rs", "use crate::spatial::Pose;", Some("leaf")),
         ("scene/build.rs", "use crate::cli::Talk;", Some("nobody uses `cli`")),
         ("voxmap/build.rs", "use crate::picture::Subject;", Some("nobody but `cli`")),
         ("bench/generation/mod.rs", "use crate::scene::Geometry;", Some("geometry")),

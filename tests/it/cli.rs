@@ -158,6 +158,8 @@ impl Drop for Running {
 fn program(dir: &Path) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_hapticd"));
     command.current_dir(dir).env_remove("NO_COLOR").env_remove("CLICOLOR_FORCE").env("RUST_BACKTRACE", "0");
+    // Never the cache of whoever runs the tests.
+    command.env("XDG_CACHE_HOME", dir.join("xdg-cache"));
     command
 }
 
@@ -344,7 +346,9 @@ fn an_absurd_grid_is_refused_before_it_is_allocated() {
         ("bake peg.obj --units mm --longest-axis-voxels 10000000", "hint: ask for fewer --longest-axis-voxels"),
     ] {
         let limited = format!("ulimit -v 4000000 && exec '{}' {line}", env!("CARGO_BIN_EXE_hapticd"));
-        let ended = Running::start(Command::new("sh").args(["-c", &limited]).current_dir(dir.path())).end();
+        let ended =
+            Running::start(Command::new("sh").args(["-c", &limited]).current_dir(dir.path()).env("XDG_CACHE_HOME", dir.path()))
+                .end();
         assert_eq!(ended.code(), Some(3), "{line}\n{}", ended.stderr);
         assert!(ended.stderr.contains(" voxels is too large (at most 32768 per axis"), "{line}\n{}", ended.stderr);
         assert!(ended.stderr.contains(hint), "{line}\n{}", ended.stderr);
@@ -409,7 +413,7 @@ const RUN_KEYS: [&str; 14] = [
     "final_pose",
 ];
 /// Beyond the contract.
-const RUN_KEYS_EXTRA: [&str; 3] = ["clock", "dropped_records", "stale_samples"];
+const RUN_KEYS_EXTRA: [&str; 4] = ["clock", "dropped_records", "stale_samples", "start_s"];
 
 fn assert_run_keys(json: &Value) {
     let documented = set(&RUN_KEYS);
@@ -558,7 +562,8 @@ fn a_background_job_stops_when_asked_and_survives_a_hangup_under_nohup() {
     let dir = folder();
     let ignoring = |signal: &str| {
         let line = format!("trap '' {signal}; exec '{}' run ok.toml --json --realtime best-effort", env!("CARGO_BIN_EXE_hapticd"));
-        let mut running = Running::start(Command::new("sh").args(["-c", &line]).current_dir(dir.path()));
+        let mut running =
+            Running::start(Command::new("sh").args(["-c", &line]).current_dir(dir.path()).env("XDG_CACHE_HOME", dir.path()));
         running.wait_for("state: enabled");
         running
     };

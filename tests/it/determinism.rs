@@ -8,7 +8,7 @@ use super::rig;
 const TICKS: u64 = 3000;
 
 /// Everything of a tick but the times that this machine took, as bits: a NaN is equal to itself, −0 is not 0.
-fn bits(record: &TickRecord) -> Vec<u64> {
+pub(crate) fn bits(record: &TickRecord) -> Vec<u64> {
     let mut bits = Vec::new();
     let mut put = |numbers: &[f64]| bits.extend(numbers.iter().map(|number| number.to_bits()));
     let TickRecord { tick, time_ns, wakeup_ns: _, compute_ns: _, device_ns: _, input, output } = record;

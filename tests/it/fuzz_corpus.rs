@@ -4,28 +4,36 @@ use std::path::Path;
 
 use hapticd::mesh::Format;
 
-#[path = "../../fuzz/src/lib.rs"]
-#[expect(unreachable_pub, reason = "the file is a crate of its own beside the fuzz targets")]
-mod target;
+#[path = "../../fuzz/src/cache.rs"]
+pub(super) mod cache;
+#[path = "../../fuzz/src/mesh.rs"]
+mod mesh;
+
+/// The files of a corpus, by name.
+pub(super) fn corpus(target: &str) -> Vec<(String, Vec<u8>)> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz/corpus").join(target);
+    let entries = std::fs::read_dir(folder).expect(target).map(|entry| entry.expect("an entry").path());
+    let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let mut files: Vec<_> = entries.map(|path| (name(&path), std::fs::read(&path).expect("a file"))).collect();
+    files.sort();
+    files
+}
 
 #[test]
 fn corpora_of_the_mesh_readers_do_no_harm() {
-    let corpus = Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz/corpus");
     let formats =
         [("obj", Format::Obj), ("stl", Format::Stl), ("ply", Format::Ply), ("gltf", Format::Gltf), ("threemf", Format::ThreeMf)];
     for (folder, format) in formats {
         let (mut n_files, mut n_meshes) = (0, 0);
-        for entry in std::fs::read_dir(corpus.join(folder)).expect(folder) {
-            let path = entry.expect("an entry").path();
-            let bytes = std::fs::read(&path).expect("a file");
-            let is_mesh = target::mesh(&bytes, format);
+        for (_, bytes) in corpus(folder) {
+            let is_mesh = mesh::exercise(&bytes, format);
             // Whatever a file is taken for, it does no harm.
             for (_, other) in formats {
-                target::mesh(&bytes, other);
+                mesh::exercise(&bytes, other);
             }
             // And wherever it is cut.
             for length in (0..bytes.len()).step_by(bytes.len() / 64 + 1) {
-                target::mesh(&bytes[..length], format);
+                mesh::exercise(&bytes[..length], format);
             }
             n_files += 1;
             n_meshes += usize::from(is_mesh);
@@ -35,4 +43,19 @@ fn corpora_of_the_mesh_readers_do_no_harm() {
             "{folder}: {n_meshes} meshes in {n_files} files, so the seeds do not reach the readers"
         );
     }
+}
+
+#[test]
+fn the_corpus_of_the_bake_cache_does_no_harm() {
+    let mut sound = Vec::new();
+    for (name, bytes) in corpus("cache") {
+        match cache::exercise(&bytes) {
+            2 => sound.push(name),
+            n => assert_eq!((n, name.as_str()), if name == "other-version" { (1, "other-version") } else { (0, "head") }),
+        }
+        for length in (0..bytes.len()).step_by(bytes.len() / 64 + 1) {
+            cache::exercise(&bytes[..length]);
+        }
+    }
+    assert_eq!(sound, ["mesh", "static-with-gradients", "tool"], "files of an older format do not reach the arrays; see `refresh`");
 }

@@ -2,6 +2,8 @@
 #![expect(clippy::print_stderr, reason = "tests say what they skip and measure")]
 
 mod architecture;
+mod bake_cache;
+mod bake_cache_cli;
 mod bench;
 mod cli;
 mod config_errors;

@@ -4,10 +4,11 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use hapticd::config::{self, SceneConfig};
-use hapticd::daemon::prepare;
+use hapticd::daemon::prepare_with;
 use hapticd::haptics::{Faults, RenderScene};
 use hapticd::rt::clock::VirtualClock;
-use hapticd::scene::ObjectReport;
+use hapticd::scene::cache::Cache;
+use hapticd::scene::{BakeMeans, ObjectReport};
 use hapticd::servo::{Control, Ending, Order, RunPlan, ServoLoop, Step};
 use hapticd::spatial::{Pose, Wrench};
 use hapticd::telemetry::TickRecord;
@@ -78,7 +79,12 @@ pub(crate) fn run(config: &SceneConfig) -> Run {
 
 /// So many ticks, then the safe stop.
 pub(crate) fn run_ticks(config: &SceneConfig, n_ticks: u64) -> Run {
-    let (prepared, reports) = prepare(config, |_| ()).unwrap_or_else(|error| panic!("{error}"));
+    run_ticks_with(config, &mut Cache::off(), n_ticks)
+}
+
+/// The same, with a bake cache.
+pub(crate) fn run_ticks_with(config: &SceneConfig, cache: &mut Cache, n_ticks: u64) -> Run {
+    let (prepared, reports) = prepare_with(config, &mut BakeMeans::from(cache), |_| ()).unwrap_or_else(|error| panic!("{error}"));
     let scene = Arc::new(prepared.scene);
     // Room for all: the virtual clock waits for a drain, and nobody drains here before the end.
     let (producer, mut consumer) = rtrb::RingBuffer::new(n_ticks as usize + 2000);

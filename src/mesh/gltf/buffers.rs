@@ -155,7 +155,7 @@ impl<'a> Buffers<'a> {
                 None => return Err(refuse("has no uri".to_owned())),
                 Some(uri) => match uri.strip_prefix("data:") {
                     Some(data) => Loaded::Inline(inline(data).map_err(refuse)?),
-                    None => Loaded::File(self.beside(uri).map_err(refuse)??),
+                    None => Loaded::File(source::read(&beside(self.path, uri).map_err(refuse)?)?),
                 },
             };
             if (bytes.len() as u64) < buffer.byte_length {
@@ -169,19 +169,27 @@ impl<'a> Buffers<'a> {
         }
         Ok(cell.get().map_or(&[], |bytes| &**bytes))
     }
+}
 
-    /// A file in the folder of this one, or below.
-    fn beside(&self, uri: &str) -> Result<Result<source::Bytes, MeshError>, String> {
-        let shown = || uri.chars().take(60).collect::<String>();
-        let name =
-            percent_encoding::percent_decode_str(uri).decode_utf8().map_err(|_| format!("uri `{}` is not UTF-8", shown()))?;
-        let name = PathBuf::from(name.as_ref());
-        let is_below = name.components().all(|part| matches!(part, Component::Normal(_) | Component::CurDir));
-        if !is_below || uri.contains("://") {
-            return Err(format!("uri `{}` must name a file beside this one", shown()));
-        }
-        Ok(source::read(&self.path.with_file_name(name)))
+/// Paths of the buffers that are files of their own.
+///
+/// # Errors
+/// What is wrong with the first one that may not be read.
+pub(super) fn files(document: &Document, path: &Path) -> Result<Vec<PathBuf>, MeshError> {
+    let uris = document.buffers.iter().filter_map(|buffer| buffer.uri.as_deref()).filter(|uri| !uri.starts_with("data:"));
+    uris.map(|uri| beside(path, uri).map_err(|what| refusal(path, what))).collect()
+}
+
+/// A file in the folder of `path`, or below.
+fn beside(path: &Path, uri: &str) -> Result<PathBuf, String> {
+    let shown = || uri.chars().take(60).collect::<String>();
+    let name = percent_encoding::percent_decode_str(uri).decode_utf8().map_err(|_| format!("uri `{}` is not UTF-8", shown()))?;
+    let name = PathBuf::from(name.as_ref());
+    let is_below = name.components().all(|part| matches!(part, Component::Normal(_) | Component::CurDir));
+    if !is_below || uri.contains("://") {
+        return Err(format!("uri `{}` must name a file beside this one", shown()));
     }
+    Ok(path.with_file_name(name))
 }
 
 fn part_of(bytes: &[u8], offset: u64, length: u64) -> Option<&[u8]> {

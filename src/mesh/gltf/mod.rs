@@ -16,7 +16,7 @@
 mod buffers;
 mod document;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DMat4, DQuat, DVec3};
 
@@ -27,14 +27,7 @@ use super::{MeshError, TriangleMesh, ply};
 
 /// Reads a glTF file of either kind; `path` is for messages, and where further files are looked for.
 pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<TriangleMesh, MeshError> {
-    let (json, binary) = if bytes.starts_with(b"glTF") { parts_of_glb(bytes, path)? } else { (bytes, None) };
-    let document: Document = serde_json::from_slice(json).map_err(|error| {
-        // Lines are of use where the whole file is text.
-        let line = (json.len() == bytes.len()).then_some(error.line());
-        let what = error.to_string();
-        let what = what.split(" at line ").next().unwrap_or(&what).to_owned();
-        MeshError::Parse { path: path.to_owned(), line, what: format!("not a glTF document: {what}") }
-    })?;
+    let (document, binary) = document_of(bytes, path)?;
     if document.asset.version.split('.').next() != Some("2") {
         return Err(refusal(path, format!("version 2 of the format is read, found `{:.20}`", document.asset.version)));
     }
@@ -47,6 +40,24 @@ pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<TriangleMesh, MeshError
     let mut walk = Walk { document: &document, buffers, path, room, mesh: TriangleMesh::default() };
     walk.run()?;
     Ok(walk.mesh)
+}
+
+/// The files beside this one that it names as buffers.
+pub(super) fn companions(bytes: &[u8], path: &Path) -> Result<Vec<PathBuf>, MeshError> {
+    buffers::files(&document_of(bytes, path)?.0, path)
+}
+
+/// The document of a file of either kind, and the binary part of one that has it.
+fn document_of<'a>(bytes: &'a [u8], path: &Path) -> Result<(Document, Option<&'a [u8]>), MeshError> {
+    let (json, binary) = if bytes.starts_with(b"glTF") { parts_of_glb(bytes, path)? } else { (bytes, None) };
+    let document = serde_json::from_slice(json).map_err(|error| {
+        // Lines are of use where the whole file is text.
+        let line = (json.len() == bytes.len()).then_some(error.line());
+        let what = error.to_string();
+        let what = what.split(" at line ").next().unwrap_or(&what).to_owned();
+        MeshError::Parse { path: path.to_owned(), line, what: format!("not a glTF document: {what}") }
+    })?;
+    Ok((document, binary))
 }
 
 #[cold]

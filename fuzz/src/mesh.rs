@@ -1,4 +1,4 @@
-//! What every target does with its bytes. The tests of the program include this file and replay the corpora.
+//! What the targets of the mesh readers do with their bytes. The tests of the program include this file and replay the corpora.
 
 use std::path::Path;
 
@@ -8,7 +8,7 @@ use hapticd::mesh::{self, Format, mass, validate};
 ///
 /// # Panics
 /// When a mesh is larger than its file can fill or when it is not sound.
-pub fn mesh(bytes: &[u8], format: Format) -> bool {
+pub(crate) fn exercise(bytes: &[u8], format: Format) -> bool {
     // Files named by a file are looked for beside it: in a folder that is not there.
     let Ok(mesh) = mesh::parse(bytes, format, Path::new("/nowhere/fuzz"), 1e-3) else { return false };
     // A file that places copies of its parts may ask for as many as the reader allows.

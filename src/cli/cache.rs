@@ -1,0 +1,45 @@
+//! The bake cache on the command line: where it is, and what it has to say.
+
+use std::path::PathBuf;
+
+use super::{Talk, report, say};
+use crate::scene::cache::{Cache, Residence};
+
+/// Where baked objects are kept.
+#[derive(Debug, clap::Args)]
+pub(crate) struct CacheArgs {
+    /// Folder of the bake cache, or `off` [default: $XDG_CACHE_HOME/hapticd, or ~/.cache/hapticd].
+    #[arg(long, value_name = "DIR|off")]
+    cache: Option<PathBuf>,
+}
+
+impl CacheArgs {
+    /// The cache that is asked for, or the user's own.
+    pub(crate) fn open(&self, residence: Residence, talk: Talk) -> Cache {
+        let folder = match &self.cache {
+            Some(off) if off.as_os_str() == "off" => return Cache::off(),
+            Some(folder) => Some(folder.clone()),
+            None => user_folder(),
+        };
+        if let Some(folder) = folder {
+            return Cache::at(folder, residence);
+        }
+        if talk.verbose > 0 {
+            say::talk(format_args!("bake cache: off, as neither XDG_CACHE_HOME nor HOME names a folder\n"));
+        }
+        Cache::off()
+    }
+}
+
+/// As the XDG base directory specification has it: relative paths are ignored.
+fn user_folder() -> Option<PathBuf> {
+    let folder = |variable| std::env::var_os(variable).map(PathBuf::from).filter(|path| path.is_absolute());
+    folder("XDG_CACHE_HOME").or_else(|| Some(folder("HOME")?.join(".cache"))).map(|folder| folder.join("hapticd"))
+}
+
+/// Prints what the cache has to say.
+pub(crate) fn tell(cache: &mut Cache, talk: Talk) {
+    for note in cache.take_notes() {
+        report::warning(&note, talk);
+    }
+}

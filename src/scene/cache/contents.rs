@@ -1,0 +1,115 @@
+//! What one file of the cache holds.
+
+use std::io::{self, Write};
+use std::sync::Arc;
+
+use bytemuck::{Pod, Zeroable};
+use glam::{DMat3, DVec3};
+
+use super::GENERATION;
+use crate::mesh::mass::MassProperties;
+use crate::pointshell::shell::Shell;
+use crate::scene::report::{ObjectReport, Role};
+use crate::storage::Region;
+use crate::storage::sections::{Key, Reader, Refusal, Writer};
+use crate::voxmap::field::Field;
+
+/// A baked object: what the tick reads of it, and its figures.
+#[derive(Debug)]
+pub struct Baked {
+    /// Of a static object.
+    pub field: Option<Field>,
+    /// Of a tool.
+    pub shell: Option<Shell>,
+    /// Of a tool.
+    pub mass: Option<MassProperties>,
+    /// Figures. What depends on the scene (such as where the tool starts) is not in it.
+    pub report: ObjectReport,
+}
+
+#[derive(Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+struct MassRecord {
+    volume_m3: f64,
+    center_m: [f64; 3],
+    inertia_per_mass: [f64; 9],
+    from_surface: u64,
+}
+
+impl Baked {
+    /// True when everything is there that an object of this role needs.
+    pub fn serves(&self, role: Role) -> bool {
+        let (as_static, as_tool) = (self.field.is_some(), self.shell.is_some() && self.mass.is_some());
+        match role {
+            Role::Static => as_static,
+            Role::Tool => as_tool,
+            Role::Mesh => as_static && as_tool,
+        }
+    }
+
+    /// Size of the arrays, bytes.
+    pub fn heap_bytes(&self) -> usize {
+        self.field.as_ref().map_or(0, Field::heap_bytes) + self.shell.as_ref().map_or(0, Shell::heap_bytes)
+    }
+
+    /// Writes the file of this object.
+    ///
+    /// # Errors
+    /// Any error of `out`.
+    pub fn write_to(&self, key: Key, out: &mut impl Write) -> io::Result<()> {
+        let Self { field, shell, mass, report } = self;
+        let report = serde_json::to_vec(report)?;
+        let field_head = field.as_ref().map(Field::head);
+        let shell_head = shell.as_ref().map(Shell::head);
+        let mass = mass.map(|MassProperties { volume_m3, center_m, inertia_per_mass, from_surface }| MassRecord {
+            volume_m3,
+            center_m: center_m.to_array(),
+            inertia_per_mass: inertia_per_mass.to_cols_array(),
+            from_surface: from_surface.into(),
+        });
+        let mut file = Writer::default();
+        file.array("report", &report);
+        if let Some((field, head)) = field.as_ref().zip(field_head.as_ref()) {
+            field.store(head, &mut file);
+        }
+        if let Some((shell, head)) = shell.as_ref().zip(shell_head.as_ref()) {
+            shell.store(head, &mut file);
+        }
+        if let Some(mass) = &mass {
+            file.record("mass", mass);
+        }
+        file.write_to(key, GENERATION, out)
+    }
+}
+
+/// Reads a file of the cache from memory, whatever its key: the door for fuzzing.
+///
+/// # Errors
+/// Everything that is not a sound file of this version.
+pub fn read(bytes: &[u8]) -> Result<Baked, Refusal> {
+    take(Region::copy(bytes)?, None)
+}
+
+pub(super) fn take(region: Arc<Region>, key: Option<Key>) -> Result<Baked, Refusal> {
+    let file = Reader::new(region, key, GENERATION)?;
+    let report = serde_json::from_slice(&file.array::<u8>("report")?).map_err(|_| Refusal::Damaged("report"))?;
+    let field = Field::is_in(&file).then(|| Field::load(&file)).transpose()?;
+    let shell = Shell::is_in(&file).then(|| Shell::load(&file)).transpose()?;
+    let mass = file.has("mass").then(|| file.record("mass").and_then(mass_properties)).transpose()?;
+    Ok(Baked { field, shell, mass, report })
+}
+
+fn mass_properties(record: MassRecord) -> Result<MassProperties, Refusal> {
+    let mass = MassProperties {
+        volume_m3: record.volume_m3,
+        center_m: DVec3::from_array(record.center_m),
+        inertia_per_mass: DMat3::from_cols_array(&record.inertia_per_mass),
+        from_surface: record.from_surface == 1,
+    };
+    let sound = mass.volume_m3 >= 0.0
+        && mass.volume_m3.is_finite()
+        && mass.center_m.is_finite()
+        && mass.inertia_per_mass.is_finite()
+        && record.from_surface <= 1;
+    if sound { Ok(mass) } else { Err(Refusal::Damaged("mass")) }
+}

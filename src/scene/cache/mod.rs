@@ -1,0 +1,180 @@
+//! The bake cache: what generation made of an object, on disk, ready for the tick.
+//!
+//! ```text
+//!  Request ─► recipe ─► key ─► FOLDER/key.bake ──found, sound──► Baked            hit
+//!  (mesh bytes, voxel size, …)        │
+//!                                     └─ none, other version, damaged ─► bake ─► temporary file ─► fsync ─► rename
+//! ```
+//!
+//! One file per object, named by the hash of everything that its contents depend on. Nothing is ever changed in place: a file appears
+//! whole or not at all, whatever kills the process, and two processes that bake the same object write the same bytes. Every byte that is
+//! used is covered by a checksum and every index is checked, so that a file that is damaged, cut off or forged is baked anew and
+//! replaced. A file of an older version is replaced too; one of a newer version is left alone. The cache never makes a command fail:
+//! what went wrong is a [note](Cache::take_notes), and baking goes on without it. Deleting the folder is always safe.
+//!
+//! Invariant: a scene from the cache is the scene that baking gives, bit for bit. [`GENERATION`] stands for that.
+
+mod contents;
+mod folder;
+mod request;
+
+use std::fs::File;
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use serde::{Deserialize, Serialize};
+
+pub use contents::{Baked, read};
+pub use request::{Request, Spacing};
+
+use super::report::{Role, Timings};
+use crate::storage::Region;
+use crate::storage::sections::{Key, Refusal};
+
+/// Counts up whenever baking gives other bits than before for the same request. A test holds reference bakes against it.
+pub const GENERATION: u32 = 1;
+
+/// Bytes that a cache folder may hold; beyond, the files that were not used for longest go.
+const LIMIT_BYTES: u64 = 4 << 30;
+
+/// What the cache did for an object.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum CacheUse {
+    /// Not asked.
+    #[default]
+    Off,
+    /// Nothing was baked.
+    Hit,
+    /// Baked, as there was no file.
+    Miss,
+    /// Baked, as the file was damaged or of another version.
+    Rebaked,
+}
+
+/// Where arrays from the cache are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Residence {
+    /// In the mapped file: no copy, memory that processes share and that the kernel may take back. Somebody who shortens the file ends
+    /// the process: not for a hand.
+    Mapped,
+    /// In memory of the process, which nobody else can touch: for rendering.
+    Owned,
+}
+
+/// The bake cache of a command.
+#[derive(Debug)]
+pub struct Cache {
+    /// `None`: off.
+    folder: Option<PathBuf>,
+    residence: Residence,
+    limit_bytes: u64,
+    /// One refusal is enough for a process.
+    may_write: bool,
+    notes: Vec<String>,
+}
+
+/// What a look-up found.
+#[derive(Debug)]
+pub enum Lookup {
+    /// The object.
+    Hit(Box<Baked>),
+    /// Nothing of use: bake it, and give it to [`Cache::store`] with this.
+    Bake(Slot),
+}
+
+/// The place of an object that is being baked.
+#[derive(Debug)]
+pub struct Slot {
+    /// For the report.
+    pub cache: CacheUse,
+    /// `None`: do not store.
+    key: Option<Key>,
+}
+
+impl Cache {
+    /// A cache that finds nothing and keeps nothing.
+    pub fn off() -> Self {
+        Self { folder: None, residence: Residence::Owned, limit_bytes: LIMIT_BYTES, may_write: false, notes: Vec::new() }
+    }
+
+    /// The cache in a folder, which need not exist yet.
+    pub fn at(folder: PathBuf, residence: Residence) -> Self {
+        Self { folder: Some(folder), residence, may_write: true, ..Self::off() }
+    }
+
+    /// The same with another limit on the folder's size.
+    pub fn with_limit_bytes(self, limit_bytes: u64) -> Self {
+        Self { limit_bytes, ..self }
+    }
+
+    /// What a user should know, in plain words; empties the list.
+    pub fn take_notes(&mut self) -> Vec<String> {
+        core::mem::take(&mut self.notes)
+    }
+
+    /// Looks for an object. Cost: hashing the mesh file and one pass over the cache file.
+    pub fn look_up(&mut self, request: &Request<'_>) -> Lookup {
+        let since = Instant::now();
+        // A mesh that cannot be read is the business of whoever bakes it.
+        let Some((folder, key)) = self.folder.as_ref().zip(request.key()) else {
+            return Lookup::Bake(Slot { cache: CacheUse::Off, key: None });
+        };
+        let path = folder::path(folder, &key);
+        let refusal = match self.load(&path, key, request.role) {
+            Ok(mut baked) => {
+                let load = since.elapsed().as_secs_f64();
+                request.name.clone_into(&mut baked.report.name);
+                baked.report.cache = CacheUse::Hit;
+                baked.report.threads = rayon::current_num_threads();
+                baked.report.timings_s = Timings { load, total: load, ..Timings::default() };
+                return Lookup::Hit(Box::new(baked));
+            }
+            Err(refusal) => refusal,
+        };
+        let name = request.name;
+        let what = match &refusal {
+            Refusal::Io(error) if matches!(error.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => {
+                return Lookup::Bake(Slot { cache: CacheUse::Miss, key: Some(key) });
+            }
+            Refusal::Io(_) => format!("cannot be read ({refusal}): {name} is baked anew"),
+            Refusal::Newer { .. } => format!("was {refusal}: {name} is baked anew and the file left alone"),
+            Refusal::Older { .. } => format!("was {refusal}: {name} is baked anew and the file replaced"),
+            Refusal::Damaged(_) => format!("is {refusal}: {name} is baked anew and the file replaced"),
+        };
+        self.notes.push(format!("the cache file {} {what}", path.display()));
+        let replace = !matches!(refusal, Refusal::Newer { .. });
+        Lookup::Bake(Slot { cache: CacheUse::Rebaked, key: replace.then_some(key) })
+    }
+
+    fn load(&self, path: &Path, key: Key, role: Role) -> Result<Baked, Refusal> {
+        let file = File::open(path)?;
+        folder::touch(&file);
+        let region = match self.residence {
+            // An empty file cannot be mapped; a copy of it says what is wrong.
+            Residence::Mapped if file.metadata()?.len() > 0 => Region::map(&file)?,
+            Residence::Mapped | Residence::Owned => Region::read(&file)?,
+        };
+        let baked = contents::take(region, Some(key))?;
+        if baked.serves(role) { Ok(baked) } else { Err(Refusal::Damaged("its contents")) }
+    }
+
+    /// Keeps a baked object. Never fails: what goes wrong is a note.
+    pub fn store(&mut self, slot: &Slot, request: &Request<'_>, baked: &Baked) {
+        let Some((folder, key)) = self.folder.as_ref().zip(slot.key).filter(|_| self.may_write) else { return };
+        // A mesh file that changed while it was being read may be neither the old one nor the new one.
+        if request.key() != Some(key) {
+            self.notes.push(format!("the mesh of {} changed while it was baked: it is not kept in the bake cache", request.name));
+            return;
+        }
+        if let Err(error) = folder::write(folder, &key, self.limit_bytes, |file| baked.write_to(key, file)) {
+            self.may_write = false;
+            self.notes.push(format!(
+                "the bake cache {} cannot be written ({error}): nothing is kept for the next start; \
+                 make room or choose another folder with --cache DIR, or use --cache off",
+                folder.display()
+            ));
+        }
+    }
+}

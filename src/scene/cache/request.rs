@@ -1,0 +1,108 @@
+//! What an object is baked from, and the key that follows from it.
+
+use std::fmt::Write as _;
+use std::fs::{self, File};
+use std::io::{self, Read as _};
+use std::path::Path;
+
+use glam::DVec3;
+use twox_hash::XxHash3_128;
+
+use crate::config::resolve::MeshSource;
+use crate::mesh;
+use crate::scene::report::Role;
+use crate::storage::sections::Key;
+use crate::voxmap::estimate::Products;
+use crate::voxmap::sides::SidesRule;
+
+/// How large a voxel is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Spacing {
+    /// s, m.
+    Size(f64),
+    /// So many on the longest edge of the mesh's box.
+    LongestAxis(u32),
+}
+
+impl Spacing {
+    /// s of a mesh whose box has these edges, m.
+    pub fn voxel_size_m(self, extent_m: DVec3) -> f64 {
+        match self {
+            Self::Size(voxel_size_m) => voxel_size_m,
+            Self::LongestAxis(n) => extent_m.max_element() / f64::from(n.max(1)),
+        }
+    }
+}
+
+/// Everything that decides what is baked of an object, and its name.
+///
+/// Navigation and number of threads are not here: they change no bit.
+#[derive(Clone, Debug)]
+pub struct Request<'a> {
+    /// For messages and the report.
+    pub name: &'a str,
+    /// Which products are wanted.
+    pub role: Role,
+    /// Geometry.
+    pub source: &'a MeshSource,
+    /// Voxel edge.
+    pub spacing: Spacing,
+    /// Layers on each side.
+    pub layers: u32,
+    /// How inside and outside are told.
+    pub sides: SidesRule,
+    /// The field holds gradients.
+    pub with_gradients: bool,
+    /// Origin of the shell, mesh frame, m; `None`: the mesh's own centre of mass.
+    pub center_of_mass: Option<DVec3>,
+}
+
+impl Request<'_> {
+    /// What is to be baked.
+    pub fn products(&self) -> Products {
+        let Self { role, with_gradients, .. } = *self;
+        Products { field: role != Role::Tool, gradients: with_gradients, shell: role != Role::Static }
+    }
+
+    /// Hash of all that the result depends on; `None` when the mesh file, or one that it takes triangles from, cannot be read. Cost: one
+    /// pass over these files, about 10 GB/s from the page cache, no memory; of glTF also its JSON text.
+    pub fn key(&self) -> Option<Key> {
+        let Self { name: _, role, source, spacing, layers, sides, with_gradients, center_of_mass } = self;
+        let mut recipe = String::new();
+        // Debug of a float prints as many digits as tell it from its neighbours. Writing to a string cannot fail.
+        let _ = match source {
+            MeshSource::File { path, metres_per_unit } => {
+                let format = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
+                let hash = hash_file(path).ok()?;
+                for companion in mesh::companions(path).ok()? {
+                    let _ = write!(recipe, "{:032x} ", hash_file(&companion).ok()?);
+                }
+                write!(recipe, "{format} {hash:032x} in units of {metres_per_unit:?} m")
+            }
+            MeshSource::Shape(shape) => write!(recipe, "{shape:?}"),
+        };
+        let _ = write!(
+            recipe,
+            "\n{role:?}\n{spacing:?}\nlayers {layers}\nsides {sides:?}\ngradients {with_gradients}\nabout {center_of_mass:?}\n"
+        );
+        Some(XxHash3_128::oneshot(recipe.as_bytes()).to_be_bytes())
+    }
+}
+
+fn hash_file(path: &Path) -> io::Result<u128> {
+    // To open a pipe waits for its writer, and a device may have no end.
+    if !fs::metadata(path)?.is_file() {
+        return Err(io::ErrorKind::InvalidInput.into());
+    }
+    let mut file = File::open(path)?;
+    let mut hasher = XxHash3_128::new();
+    let mut buffer = vec![0; 1 << 18];
+    loop {
+        match file.read(&mut buffer) {
+            Ok(0) => return Ok(hasher.finish_128()),
+            Ok(n) => hasher.write(&buffer[..n]),
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+            Err(error) => return Err(error),
+        }
+    }
+}
