@@ -31,7 +31,9 @@ start_position_mm = [0, 0, 30]
 profile = "sim-sigma7"
 "#;
 
-const PART: &str = "v 0 0 0\nv 11.3 0 0\nv 0 9.7 0\nv 1 2 8.1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n";
+/// A block, thick enough for its voxels, so that nothing is warned of.
+const PART: &str = "v 0 0 0\nv 11.3 0 0\nv 11.3 9.7 0\nv 0 9.7 0\nv 0 0 8.1\nv 11.3 0 8.1\nv 11.3 9.7 8.1\nv 0 9.7 8.1\n\
+    f 4 3 2 1\nf 5 6 7 8\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\nf 4 1 5 8\n";
 
 fn folder() -> TempDir {
     let dir = tempfile::tempdir().unwrap();
@@ -148,6 +150,38 @@ fn a_mesh_is_kept_too_unless_more_is_asked_for_than_the_cache_has() {
     let by_number = "bake part.obj --longest-axis-voxels 20 --json";
     assert_eq!(json(&hapticd(dir.path(), by_number))["cache"], "miss");
     assert_eq!(json(&hapticd(dir.path(), by_number))["cache"], "hit");
+}
+
+#[test]
+fn memory_is_judged_for_what_is_baked_and_not_for_what_the_cache_has() {
+    let dir = folder();
+    for line in ["bake scene.toml --json", "bake part.obj --units mm --voxel-size-mm 0.5 --json"] {
+        let limited = format!("{line} --max-memory 10kB");
+        let refused = hapticd(dir.path(), &limited);
+        assert_eq!(refused.status.code(), Some(3), "{}", stderr(&refused));
+        let baked = hapticd(dir.path(), line);
+        assert_eq!((baked.status.code(), stderr(&baked).as_str()), (Some(0), ""));
+        let hit = hapticd(dir.path(), &limited);
+        assert_eq!((hit.status.code(), stderr(&hit).as_str()), (Some(0), ""));
+        let past_the_cache = hapticd(dir.path(), &format!("{limited} --cache off"));
+        assert_eq!(past_the_cache.status.code(), Some(3), "{}", stderr(&past_the_cache));
+    }
+    // What the cache had is held beside what is baked.
+    let warm = hapticd(dir.path(), "run scene.toml --clock virtual --duration 20ms --json --max-memory 10kB");
+    assert!(json(&warm)["ticks"].as_u64() > Some(10));
+    fs::write(dir.path().join("scene.toml"), SCENE.replace("voxel_size_mm = 1.0", "voxel_size_mm = 1.1")).unwrap();
+    let half = hapticd(dir.path(), "run scene.toml --clock virtual --duration 20ms --json --max-memory 500kB");
+    assert_eq!(half.status.code(), Some(3), "the ring alone takes more: {}", stderr(&half));
+    assert!(stderr(&half).contains("tool"), "{}", stderr(&half));
+}
+
+#[test]
+fn a_mesh_without_an_end_is_refused_before_it_is_hashed() {
+    let dir = folder();
+    std::os::unix::fs::symlink("/dev/zero", dir.path().join("endless.obj")).unwrap();
+    let output = hapticd(dir.path(), "bake endless.obj --longest-axis-voxels 20");
+    assert!(!output.status.success() && stderr(&output).contains("a device"), "{}", stderr(&output));
+    assert_eq!(names(&dir.path().join("xdg")), [""; 0]);
 }
 
 #[test]
