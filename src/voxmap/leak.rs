@@ -35,7 +35,7 @@ const CLEAR: f64 = 0.1;
 /// Places that are looked at.
 const N_SAMPLES: usize = 512;
 /// Triangles whose areas are summed by one thread; fixed, so that sums do not depend on the number of threads.
-const CHUNK: usize = 4096;
+const CHUNK: usize = 1024;
 
 /// Surface with outside on both of its sides from which on the whole object counts as a thin skin.
 pub const MOSTLY_THIN: f64 = 0.5;
@@ -51,13 +51,13 @@ pub(super) struct FaceSamples<'a> {
 type Beside = [(Side, DVec3); 2];
 
 /// What the faces of an object say of its fill.
-pub(super) struct FaceProbe<'a> {
+pub(super) struct FaceProbe {
     /// Where the fill got in, if it did.
     pub(super) leak: Option<Leak>,
     /// Share of the surface that is thinner than the voxels resolve: outside on both sides, and rightly so.
     pub(super) thin_share: f64,
     /// Winding numbers, where they had to be asked.
-    pub(super) winding: Option<WindingTree<'a>>,
+    pub(super) winding: Option<WindingTree>,
 }
 
 impl<'a> FaceSamples<'a> {
@@ -74,19 +74,28 @@ impl<'a> FaceSamples<'a> {
         let total: f64 = sums.iter().sum();
         let per_area = if total > 0.0 { N_SAMPLES as f64 / total } else { 0.0 };
         let due = |passed: f64| (passed * per_area + 0.5) as usize;
-        let (mut drawn, mut before) = (Vec::with_capacity(N_SAMPLES), 0.0);
-        for (chunk_idx, sum) in sums.iter().enumerate() {
-            let after = before + sum;
-            if due(after) > due(before) {
-                let mut passed = before;
-                for triangle_idx in chunk(chunk_idx) {
-                    let next = (passed + area(triangle_idx)).min(after);
-                    drawn.extend((due(passed)..due(next)).map(|k| (triangle_idx, place(mesh.corners(triangle_idx), k))));
-                    passed = next;
-                }
-            }
-            before = after;
-        }
+        let befores: Vec<f64> = sums
+            .iter()
+            .scan(0.0, |passed, sum| {
+                let before = *passed;
+                *passed += sum;
+                Some(before)
+            })
+            .collect();
+        let drawn = befores
+            .par_iter()
+            .zip(&sums)
+            .enumerate()
+            .filter(|(_, (before, sum))| due(**before + **sum) > due(**before))
+            .flat_map_iter(|(chunk_idx, (before, sum))| {
+                let (mut passed, after) = (*before, before + sum);
+                chunk(chunk_idx).flat_map(move |triangle_idx| {
+                    let from = due(passed);
+                    passed = (passed + area(triangle_idx)).min(after);
+                    (from..due(passed)).map(move |k| (triangle_idx, place(mesh.corners(triangle_idx), k)))
+                })
+            })
+            .collect();
         Self { mesh, drawn }
     }
 
@@ -123,7 +132,7 @@ impl<'a> FaceSamples<'a> {
     }
 
     /// Looks for a leak. Cost: O(samples); for a mesh that may leak the tree of winding numbers and O(samples) questions to it.
-    pub(super) fn probe(&self, report: &MeshReport, surface: &Surface, sides: &Sides) -> FaceProbe<'a> {
+    pub(super) fn probe(&self, report: &MeshReport, surface: &Surface, sides: &Sides) -> FaceProbe {
         let outside_twice = self.outside_twice(surface, sides);
         let outside_share = self.share(outside_twice.len());
         if outside_share < LEAKING || report.closed && fills_its_volume(report, surface, sides) {
@@ -142,7 +151,7 @@ impl<'a> FaceSamples<'a> {
     }
 
     /// Shares of the surface with outside on both sides: those within, where the fill got in, and those that are thin.
-    pub(super) fn flooded_and_thin(&self, surface: &Surface, sides: &Sides, winding: &WindingTree<'_>) -> (f64, f64) {
+    pub(super) fn flooded_and_thin(&self, surface: &Surface, sides: &Sides, winding: &WindingTree) -> (f64, f64) {
         let outside_twice = self.outside_twice(surface, sides);
         let flooded = flooded(&outside_twice, winding).len();
         (self.share(flooded), self.share(outside_twice.len() - flooded))
@@ -150,7 +159,7 @@ impl<'a> FaceSamples<'a> {
 
     /// Share of the points beside the surface whose winding number is near a whole number: 1 for closed parts, however they face,
     /// overlap or repeat; less the larger the holes are that are seen from there. 0 where no point was found.
-    pub(super) fn clear_share(&self, surface: &Surface, sides: &Sides, winding: &WindingTree<'_>) -> f64 {
+    pub(super) fn clear_share(&self, surface: &Surface, sides: &Sides, winding: &WindingTree) -> f64 {
         let beside = self.beside(surface, sides);
         let clear = beside.par_iter().flatten().filter(|(_, point)| {
             let winding = winding.at(*point);
@@ -173,7 +182,7 @@ fn place([a, b, c]: [DVec3; 3], k: usize) -> DVec3 {
 }
 
 /// Points, one for each place that has one, that were flooded although they lie within.
-fn flooded(outside_twice: &[Beside], winding: &WindingTree<'_>) -> Vec<DVec3> {
+fn flooded(outside_twice: &[Beside], winding: &WindingTree) -> Vec<DVec3> {
     let within = |(_, point): &&(Side, DVec3)| winding.at(*point).abs() > WITHIN;
     outside_twice.par_iter().filter_map(|points| points.iter().find(within).map(|(_, point)| *point)).collect()
 }

@@ -13,12 +13,10 @@
 //! surface, and a fill over 6 neighbours cannot pass. Where a lid ends at the surface, two voxels that differ may still touch in
 //! an edge or a corner; a small patch between them makes one of them surface, as layers need it.
 
-use std::collections::HashMap;
-
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::grid::Grid;
+use super::grid::{BRICK_CELLS, Grid, cell_of};
 use super::orient::connected_pieces;
 use super::surface::Surface;
 use super::winding::WindingTree;
@@ -48,39 +46,23 @@ const BISECTIONS: u32 = 4;
 /// Change over the shortest way that counts as a jump.
 const JUMP: f64 = 0.6;
 
-/// Closes the holes of a mesh; `None` where there is nothing to close.
+/// Closes the holes of a mesh, and marks the lids on its surface; `None` where there is nothing to close.
 ///
 /// The same result whatever the number of threads. Cost: some four winding numbers per cell of the lids, and a hundred per cell
 /// of the rims.
-pub(super) fn close(mesh: &TriangleMesh, report: &MeshReport, surface: &Surface, winding: &WindingTree<'_>) -> Option<Lidded> {
+pub(super) fn close(
+    mesh: &TriangleMesh,
+    report: &MeshReport,
+    surface: &Surface,
+    winding: &WindingTree,
+) -> Option<(Lidded, Surface)> {
     let rims: Vec<[DVec3; 2]> =
         report.open_edge_vertices.iter().map(|edge| edge.map(|vertex| mesh.vertices[vertex as usize])).collect();
     let boundary = Boundary::follow(surface, winding, &rims);
-    if boundary.pairs.is_empty() {
+    if boundary.crossings.is_empty() {
         return None;
     }
-    let grid = &surface.grid;
-    let (mut vertices, mut quads) = (Vec::new(), Vec::with_capacity(boundary.pairs.len()));
-    let mut numbers: HashMap<[i32; 3], u32> = HashMap::new();
-    for (low, axis) in &boundary.pairs {
-        let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
-        let mut quad = [(0, 0), (1, 0), (1, 1), (0, 1)].map(|(back_u, back_v)| {
-            let mut corner = *low;
-            corner[u] -= back_u;
-            corner[v] -= back_v;
-            *numbers.entry(corner).or_insert_with(|| {
-                vertices.push(boundary.corner(grid, corner));
-                vertices.len() as u32 - 1
-            })
-        });
-        if !boundary.is_inside(*low).unwrap_or(false) {
-            // Faces outward, like the mesh is meant to.
-            quad.reverse();
-        }
-        quads.push(quad);
-    }
-    let triangles = quads.iter().flat_map(|[a, b, c, d]| [[*a, *b, *c], [*a, *c, *d]]).collect();
-    let mut lids = TriangleMesh { vertices, triangles };
+    let mut lids = boundary.dual(&surface.grid);
     let mut pieces = connected_pieces(lids.vertices.len(), &lids.triangles);
     pieces.sort_unstable();
     pieces.dedup();
@@ -92,16 +74,16 @@ pub(super) fn close(mesh: &TriangleMesh, report: &MeshReport, surface: &Surface,
         .sum();
     for (inside, outside) in &boundary.diagonals(surface) {
         let first = lids.vertices.len() as u32;
-        lids.vertices.extend(patch(grid, *inside, *outside));
+        lids.vertices.extend(patch(&surface.grid, *inside, *outside));
         lids.triangles.push([first, first + 1, first + 2]);
     }
+    let with_lids = surface.with(&lids);
     let first = mesh.vertices.len() as u32;
     let mut closed = mesh.clone();
     closed.vertices.extend(lids.vertices);
     closed.triangles.extend(lids.triangles.iter().map(|triangle| triangle.map(|vertex| vertex + first)));
-    let mut near: Vec<_> = boundary.known.iter().map(|(cell, winding)| (*cell, winding.abs() >= INSIDE)).collect();
-    near.sort_unstable();
-    Some(Lidded { mesh: closed, n_lids: pieces.len(), area_m2, near })
+    let near = boundary.known.cells().map(|(cell, winding)| (cell, f64::from(winding.abs()) >= INSIDE)).collect();
+    Some((Lidded { mesh: closed, n_lids: pieces.len(), area_m2, near }, with_lids))
 }
 
 /// Points along an edge, at most half a unit apart, both ends included.
@@ -113,19 +95,83 @@ fn along([from, to]: [DVec3; 2]) -> impl Iterator<Item = DVec3> {
 /// The way from a cell to the next along an axis.
 type Step = ([i32; 3], usize);
 
+/// Winding numbers at the centres of some cells, brick by brick.
+struct Known {
+    grid: Grid,
+    /// `[n_bricks of the grid]`: 1 + slot of the brick, or 0.
+    slots: Vec<u32>,
+    /// `[n_slots]`: number of the brick.
+    bricks: Vec<u32>,
+    /// `[n_slots]`: [`Self::UNKNOWN`], [`Self::ASKED`] or the winding number.
+    windings: Vec<[f32; BRICK_CELLS]>,
+}
+
+impl Known {
+    const UNKNOWN: f32 = f32::NAN;
+    const ASKED: f32 = f32::INFINITY;
+
+    /// Cost: 4 bytes per brick of the grid.
+    fn new(grid: &Grid) -> Self {
+        Self { grid: *grid, slots: vec![0; grid.n_bricks()], bricks: Vec::new(), windings: Vec::new() }
+    }
+
+    fn get(&self, cell: [i32; 3]) -> Option<f64> {
+        if !self.grid.contains(cell) {
+            return None;
+        }
+        let (brick, inside) = self.grid.locate(cell);
+        let slot = (self.slots[brick] as usize).checked_sub(1)?;
+        Some(self.windings[slot][inside]).filter(|winding| winding.is_finite()).map(f64::from)
+    }
+
+    fn set(&mut self, cell: [i32; 3], winding: f32) {
+        let (brick, inside) = self.grid.locate(cell);
+        if self.slots[brick] == 0 {
+            self.bricks.push(brick as u32);
+            self.windings.push([Self::UNKNOWN; BRICK_CELLS]);
+            self.slots[brick] = self.bricks.len() as u32;
+        }
+        self.windings[self.slots[brick] as usize - 1][inside] = winding;
+    }
+
+    /// The cells of the grid that nobody asked for before; from now on they are asked for.
+    fn ask(&mut self, cells: impl Iterator<Item = [i32; 3]>) -> Vec<[i32; 3]> {
+        cells
+            .filter(|cell| {
+                if !self.grid.contains(*cell) {
+                    return false;
+                }
+                let (brick, inside) = self.grid.locate(*cell);
+                let slot = self.slots[brick] as usize;
+                let is_new = slot == 0 || self.windings[slot - 1][inside].is_nan();
+                if is_new {
+                    self.set(*cell, Self::ASKED);
+                }
+                is_new
+            })
+            .collect()
+    }
+
+    fn cells(&self) -> impl Iterator<Item = ([i32; 3], f32)> + '_ {
+        self.bricks.iter().zip(&self.windings).flat_map(|(brick, windings)| {
+            let coord = self.grid.brick_coord(*brick as usize);
+            let known = windings.iter().enumerate().filter(|(_, winding)| winding.is_finite());
+            known.map(move |(inside, winding)| (cell_of(coord, inside), *winding))
+        })
+    }
+}
+
 /// The part of the boundary between inside and outside that lies off the surface.
 struct Boundary {
-    /// Winding number at the centres of cells near it and near the rims.
-    known: HashMap<[i32; 3], f64>,
-    /// Where on the way, 0 to 1, the boundary is crossed; `None` where the surface itself lies between.
-    crossings: HashMap<Step, Option<f64>>,
-    /// Steps that cross it. Ascending.
-    pairs: Vec<Step>,
+    /// Winding numbers near it and near the rims.
+    known: Known,
+    /// Steps that cross it, and where on the way, 0 to 1. Ascending.
+    crossings: Vec<(Step, f64)>,
 }
 
 impl Boundary {
     /// Follows the boundary from the rims on.
-    fn follow(surface: &Surface, winding: &WindingTree<'_>, rims: &[[DVec3; 2]]) -> Self {
+    fn follow(surface: &Surface, winding: &WindingTree, rims: &[[DVec3; 2]]) -> Self {
         let grid = &surface.grid;
         let mut rim_cells: Vec<[i32; 3]> = rims
             .iter()
@@ -137,43 +183,69 @@ impl Boundary {
         let n_around = 2 * SEED_CELLS + 1;
         let around = (0..n_around.pow(3))
             .map(|idx| [idx / (n_around * n_around), idx / n_around % n_around, idx % n_around].map(|step| step - SEED_CELLS));
-        let mut wave: Vec<[i32; 3]> = rim_cells.iter().flat_map(|cell| around.clone().map(|step| moved(*cell, step))).collect();
-        let mut boundary = Self { known: HashMap::new(), crossings: HashMap::new(), pairs: Vec::new() };
+        let mut boundary = Self { known: Known::new(grid), crossings: Vec::new() };
+        let mut wave = boundary.known.ask(rim_cells.iter().flat_map(|cell| around.clone().map(|step| moved(*cell, step))));
         while !wave.is_empty() {
-            wave.sort_unstable();
-            wave.dedup();
-            let new: Vec<([i32; 3], f64)> = wave
-                .par_iter()
-                .filter(|cell| grid.contains(**cell) && !boundary.known.contains_key(*cell))
-                .map(|cell| (*cell, winding.at(grid.center_map(*cell))))
-                .collect();
-            boundary.known.extend(new.iter().copied());
-            let mut steps: Vec<Step> = new
-                .iter()
-                .flat_map(|(cell, _)| {
-                    (0..3).flat_map(|axis| {
-                        let mut before = *cell;
-                        before[axis] -= 1;
-                        [(*cell, axis), (before, axis)]
-                    })
-                })
-                .collect();
-            steps.sort_unstable();
-            steps.dedup();
-            let crossings: Vec<(Step, Option<f64>)> =
-                steps.into_par_iter().filter_map(|step| Some((step, boundary.cross(surface, winding, step)?))).collect();
-            boundary.crossings.extend(crossings.iter().copied());
-            boundary.pairs.extend(crossings.iter().filter(|(_, share)| share.is_some()).map(|(step, _)| *step));
-            wave = crossings.iter().filter(|(_, share)| share.is_some()).flat_map(|(step, _)| around_step(*step)).collect();
+            let windings: Vec<f32> = wave.par_iter().map(|cell| winding.at(grid.center_map(*cell)) as f32).collect();
+            let mut differing: Vec<Step> = Vec::new();
+            for (cell, winding) in wave.iter().zip(windings) {
+                boundary.known.set(*cell, winding);
+                // Each step once: when the second of its cells becomes known.
+                differing.extend(steps_of(*cell).filter(|step| boundary.differs(*step)));
+            }
+            let crossed: Vec<(Step, f64)> =
+                differing.into_par_iter().filter_map(|step| Some((step, boundary.cross(surface, winding, step)?))).collect();
+            wave = boundary.known.ask(crossed.iter().flat_map(|(step, _)| around_step(*step)));
+            boundary.crossings.extend(crossed);
         }
-        boundary.pairs.sort_unstable();
+        boundary.crossings.par_sort_unstable_by_key(|(step, _)| *step);
         boundary
+    }
+
+    /// The boundary as triangles that face outward, mesh frame, m.
+    fn dual(&self, grid: &Grid) -> TriangleMesh {
+        // Lattice cells around each crossing, counter-clockwise around its axis.
+        let lattice_cells = |((low, axis), _): &(Step, f64)| {
+            let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
+            [(0, 0), (1, 0), (1, 1), (0, 1)].map(|(back_u, back_v)| {
+                let mut lattice_cell = *low;
+                lattice_cell[u] -= back_u;
+                lattice_cell[v] -= back_v;
+                lattice_cell
+            })
+        };
+        let mut users: Vec<([i32; 3], usize)> = self
+            .crossings
+            .iter()
+            .enumerate()
+            .flat_map(|(crossing_idx, crossing)| lattice_cells(crossing).into_iter().zip(4 * crossing_idx..))
+            .collect();
+        users.par_sort_unstable();
+        let mut vertices = Vec::new();
+        let mut quads = vec![[0_u32; 4]; self.crossings.len()];
+        for users in users.chunk_by(|(one, _), (other, _)| one == other) {
+            let points = users.iter().map(|(_, corner_idx)| {
+                let ((low, axis), share) = self.crossings[corner_idx / 4];
+                grid.center_map(low) + DVec3::AXES[axis] * (share * grid.voxel_size_m)
+            });
+            for (_, corner_idx) in users {
+                quads[corner_idx / 4][corner_idx % 4] = vertices.len() as u32;
+            }
+            vertices.push(points.sum::<DVec3>() / users.len() as f64);
+        }
+        for (quad, ((low, _), _)) in quads.iter_mut().zip(&self.crossings) {
+            if self.is_inside(*low) != Some(true) {
+                quad.reverse();
+            }
+        }
+        let triangles = quads.iter().flat_map(|[a, b, c, d]| [[*a, *b, *c], [*a, *c, *d]]).collect();
+        TriangleMesh { vertices, triangles }
     }
 
     /// Neighbours over an edge or a corner, inside and outside, with surface beside them: the boundary may end between them and
     /// leave the way free. Ascending.
     fn diagonals(&self, surface: &Surface) -> Vec<([i32; 3], [i32; 3])> {
-        let mut near: Vec<[i32; 3]> = self.pairs.iter().flat_map(|step| around_step(*step)).collect();
+        let mut near: Vec<[i32; 3]> = self.crossings.iter().flat_map(|(step, _)| around_step(*step)).collect();
         near.sort_unstable();
         near.dedup();
         near.retain(|cell| self.is_inside(*cell) == Some(true) && !surface.contains(*cell));
@@ -194,17 +266,19 @@ impl Boundary {
     }
 
     fn is_inside(&self, cell: [i32; 3]) -> Option<bool> {
-        self.known.get(&cell).map(|winding| winding.abs() >= INSIDE)
+        self.known.get(cell).map(|winding| winding.abs() >= INSIDE)
     }
 
-    /// Where the boundary is crossed on the way of a step, if it is; `Some(None)` where that is the surface itself.
-    fn cross(&self, surface: &Surface, winding: &WindingTree<'_>, (low, axis): Step) -> Option<Option<f64>> {
-        let mut high = low;
-        high[axis] += 1;
-        let (mut from, mut to) = (*self.known.get(&low)?, *self.known.get(&high)?);
-        if (from.abs() >= INSIDE) == (to.abs() >= INSIDE) {
-            return None;
-        }
+    /// True for a step between cells that are known to be on different sides.
+    fn differs(&self, (low, axis): Step) -> bool {
+        let high = next(low, axis);
+        self.is_inside(low).zip(self.is_inside(high)).is_some_and(|(low, high)| low != high)
+    }
+
+    /// Where on the way of a step between cells that differ the boundary is crossed; `None` where that is the surface itself.
+    fn cross(&self, surface: &Surface, winding: &WindingTree, (low, axis): Step) -> Option<f64> {
+        let high = next(low, axis);
+        let (mut from, mut to) = (self.known.get(low)?, self.known.get(high)?);
         let (mut near, mut far) = (0.0, 1.0);
         if surface.contains(low) || surface.contains(high) {
             let grid = &surface.grid;
@@ -218,26 +292,11 @@ impl Boundary {
                 }
             }
             if (to - from).abs() > JUMP {
-                return Some(None);
+                return None;
             }
         }
         let share = ((INSIDE - from.abs()) / (to.abs() - from.abs())).clamp(0.0, 1.0);
-        Some(Some(near + (far - near) * share))
-    }
-
-    /// Corner of the boundary in the lattice cell between eight voxel centres, mesh frame, m.
-    fn corner(&self, grid: &Grid, lowest: [i32; 3]) -> DVec3 {
-        let (mut sum, mut count) = (DVec3::ZERO, 0.0);
-        for (axis, k) in (0..3).flat_map(|axis| (0..4).map(move |k| (axis, k))) {
-            let mut low = lowest;
-            low[(axis + 1) % 3] += k & 1;
-            low[(axis + 2) % 3] += k >> 1;
-            if let Some(Some(share)) = self.crossings.get(&(low, axis)) {
-                sum += grid.center_map(low) + DVec3::AXES[axis] * (share * grid.voxel_size_m);
-                count += 1.0;
-            }
-        }
-        sum / count
+        Some(near + (far - near) * share)
     }
 }
 
@@ -256,6 +315,21 @@ fn patch(grid: &Grid, from: [i32; 3], to: [i32; 3]) -> [DVec3; 3] {
 
 fn moved(cell: [i32; 3], by: [i32; 3]) -> [i32; 3] {
     core::array::from_fn(|axis| cell[axis] + by[axis])
+}
+
+fn next(cell: [i32; 3], axis: usize) -> [i32; 3] {
+    let mut next = cell;
+    next[axis] += 1;
+    next
+}
+
+/// The six steps from and to a cell.
+fn steps_of(cell: [i32; 3]) -> impl Iterator<Item = Step> {
+    (0..3).flat_map(move |axis| {
+        let mut before = cell;
+        before[axis] -= 1;
+        [(cell, axis), (before, axis)]
+    })
 }
 
 /// The 18 cells of the four lattice cells around a step.

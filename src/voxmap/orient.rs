@@ -96,11 +96,13 @@ pub(super) fn connected_pieces(n_vertices: usize, triangles: &[[u32; 3]]) -> Vec
 
 /// First cell that is not surface on the way from a point along a direction, up to three voxels away.
 fn probe(surface: &Surface, sides: &Sides, from: DVec3, direction: DVec3) -> Option<Side> {
+    let mut asked = None;
     (1..=6).map(|half_voxels| from + direction * (0.5 * f64::from(half_voxels))).find_map(|point| {
-        let cell = point.floor();
-        match sides.side(surface, [cell.x as i32, cell.y as i32, cell.z as i32]) {
-            Side::Surface => None,
-            side => Some(side),
+        let cell = point.floor().as_ivec3();
+        // Half a step often ends in the same cell.
+        if asked.replace(cell) == Some(cell) {
+            return None;
         }
+        Some(sides.side(surface, cell.to_array())).filter(|side| *side != Side::Surface)
     })
 }

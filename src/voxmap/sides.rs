@@ -138,10 +138,9 @@ impl Closed {
         mesh: &TriangleMesh,
         report: &MeshReport,
         open: &Surface,
-        winding: &WindingTree<'_>,
+        winding: &WindingTree,
     ) -> Option<Self> {
-        let lidded = lid::close(mesh, report, open, winding)?;
-        let surface = Surface::mark(&lidded.mesh, &open.grid, open.navigation);
+        let (lidded, surface) = lid::close(mesh, report, open, winding)?;
         let sides = Sides::flood(&surface);
         let (flooded_share, thin_share) = samples.flooded_and_thin(&surface, &sides, winding);
         Some(Self { surface, sides, lidded, thin_share, holds: flooded_share < LEAKING && thin_share <= MOSTLY_THIN })

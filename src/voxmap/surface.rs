@@ -105,6 +105,28 @@ impl Surface {
             })
             .sum();
         let (index, bricks, masks) = marks.into_masks();
+        Self::of_masks(grid, index, bricks, masks, sat_tests, navigation)
+    }
+
+    /// This surface with the voxels that the triangles of `added` touch: what [`Self::mark`] makes of both meshes in one.
+    pub(super) fn with(&self, added: &TriangleMesh) -> Self {
+        let Self { grid, index, navigation, .. } = self;
+        let added = Self::mark(added, grid, *navigation);
+        let words = (0..grid.n_bricks().div_ceil(64)).map(|word| index.word(word) | added.index.word(word));
+        let index = BrickSet::new(words);
+        let bricks = index.members();
+        let mask = |surface: &Self, brick: &u32| surface.slot(*brick as usize).map_or([0; BRICK_EDGE], |slot| surface.masks[slot]);
+        let masks = bricks
+            .par_iter()
+            .map(|brick| {
+                let (one, other) = (mask(self, brick), mask(&added, brick));
+                core::array::from_fn(|x| one[x] | other[x])
+            })
+            .collect();
+        Self::of_masks(grid, index, bricks, masks, self.sat_tests + added.sat_tests, *navigation)
+    }
+
+    fn of_masks(grid: &Grid, index: BrickSet, bricks: Vec<u32>, masks: Vec<Mask>, sat_tests: u64, navigation: Navigation) -> Self {
         let mut n_voxels = 0;
         let ranks = masks
             .iter()

@@ -1,0 +1,385 @@
+//! How often does a surface wind around a point? Exact near by, by expansion far away.
+//!
+//! The generalised winding number is 1 inside a closed surface and 0 outside; where the surface has holes it goes smoothly from one
+//! to the other across them. It asks nothing of the mesh: triangles may be unconnected, repeat or cut each other.
+//!
+//! `moments` builds what a node knows of its triangles, `lanes` asks four nodes or four triangles at once.
+//!
+//! # Source
+//! Barill, Dickson, Schmidt, Levin and Jacobson 2018, "Fast winding numbers for soups and clouds": a tree over the triangles,
+//! a Taylor expansion about the area-weighted centre of each node (we use the dipole and two orders more), and the rule that a
+//! node serves from two radii on. Near by: the solid angle of a triangle after van Oosterom and Strackee 1983.
+//! Ours: a tree of four children per node, halved twice at the median of the longest axis, whose layout follows from the number of
+//! triangles; expansions kept as polynomials of the direction.
+
+mod lanes;
+mod moments;
+
+use core::f64::consts::PI;
+
+use glam::{DVec3, Vec3, Vec4};
+use rayon::prelude::*;
+
+use crate::mesh::TriangleMesh;
+use lanes::{Block, Expansions, WIDTH, Wide};
+use moments::Summary;
+
+/// Radii of a node from which its expansion stands for it.
+const BETA: f64 = 2.0;
+/// Triangles in a leaf, at most, up to what rounding to whole blocks adds.
+const LEAF_TRIANGLES: usize = 16;
+/// Triangles below which a subtree is built by one thread.
+const SERIAL_TRIANGLES: usize = 8192;
+/// Forks that wait to be looked at: three on each level, and a mesh of 2³² triangles has 14 levels.
+const STACK: usize = 64;
+
+/// Winding numbers of one mesh.
+///
+/// Memory: 50 to 200 bytes per triangle for its block, and 432 bytes per fork, one fork per 12 to 48 triangles.
+pub struct WindingTree {
+    /// `[(4^levels − 1) / 3]`, each fork before those below it; coordinates about `center_m`, in units of the half box.
+    forks: Vec<Fork>,
+    /// Triangles of the leaves.
+    blocks: Vec<Block>,
+    center_m: DVec3,
+    per_metre: f64,
+}
+
+/// Four subtrees, asked at once.
+#[derive(Clone)]
+struct Fork {
+    center: Wide,
+    /// Square of the distance from which the expansion serves.
+    far_squared: Vec4,
+    expansions: Expansions,
+    below: [Below; WIDTH],
+}
+
+#[derive(Clone, Copy)]
+enum Below {
+    Fork(u32),
+    Leaf { first_block: u32, n_blocks: u32 },
+}
+
+/// A triangle as it is sorted.
+#[derive(Clone, Copy)]
+struct Item {
+    middle: Vec3,
+    triangle_idx: u32,
+}
+
+impl WindingTree {
+    /// Builds the tree. Runs on the current rayon pool, with the same result whatever its size. Cost: O(n log n) for n triangles.
+    pub fn new(mesh: &TriangleMesh) -> Self {
+        let (low, high) = mesh.bounds().unwrap_or_default();
+        let center_m = 0.5 * (low + high);
+        let half_m = 0.5 * (high - low).max_element();
+        let per_metre = if half_m > 0.0 { half_m.recip() } else { 1.0 };
+        let local = |triangle_idx: u32| mesh.corners(triangle_idx as usize).map(|corner| (corner - center_m) * per_metre);
+        let mut items: Vec<Item> = (0..mesh.triangles.len() as u32)
+            .into_par_iter()
+            .map(|triangle_idx| {
+                let [a, b, c] = local(triangle_idx);
+                Item { middle: ((a + b + c) / 3.0).as_vec3(), triangle_idx }
+            })
+            .collect();
+        let mut levels = 1;
+        while LEAF_TRIANGLES << (2 * levels) < items.len() {
+            levels += 1;
+        }
+        sort(&mut items, 2 * levels);
+        let n_forks = ((1 << (2 * levels)) - 1) / 3;
+        let mut forks = vec![Fork::EMPTY; n_forks];
+        let mut blocks = vec![Block::EMPTY; items.len().div_ceil(WIDTH)];
+        Subtree { forks: &mut forks, first_fork: 0, blocks: &mut blocks, first_block: 0, items: &items }.fill(&local);
+        Self { forks, blocks, center_m, per_metre }
+    }
+
+    /// The winding number at a point of the mesh frame, m. On a triangle: the mean of both sides.
+    ///
+    /// Error against the exact sum, by the tests below: at most 0.01, typically 10⁻³. Cost, measured on one thread over
+    /// 0.7 M triangles with the test profile: 0.7 µs anywhere in the box, 6 µs beside the surface; twice that over 2 M at worst.
+    pub fn at(&self, point: DVec3) -> f64 {
+        let local = (point - self.center_m) * self.per_metre;
+        let place = Wide::splat(local.as_vec3());
+        let (mut far, mut near) = (Vec4::ZERO, Vec4::ZERO);
+        let mut waiting = [0_u32; STACK];
+        let mut n_waiting = 1;
+        while n_waiting > 0 {
+            n_waiting -= 1;
+            let fork = &self.forks[waiting[n_waiting] as usize];
+            let offset = fork.center - place;
+            let distance_squared = offset.dot(offset);
+            let is_far = distance_squared.cmpgt(fork.far_squared);
+            let far_lanes = is_far.bitmask();
+            if far_lanes != 0 {
+                far += Vec4::select(is_far, fork.expansions.solid_angles(offset, distance_squared), Vec4::ZERO);
+            }
+            let mut near_lanes = !far_lanes & 0xf;
+            while near_lanes != 0 {
+                let lane = near_lanes.trailing_zeros() as usize;
+                near_lanes &= near_lanes - 1;
+                match fork.below[lane] {
+                    Below::Fork(fork_idx) => {
+                        waiting[n_waiting] = fork_idx;
+                        n_waiting += 1;
+                    }
+                    Below::Leaf { first_block, n_blocks } => {
+                        // The difference in double: beside a small triangle the digits of its place are not enough.
+                        let offset = Wide::splat((fork.center.lane(lane).as_dvec3() - local).as_vec3());
+                        let blocks = &self.blocks[first_block as usize..(first_block + n_blocks) as usize];
+                        blocks.iter().for_each(|block| near += block.solid_angles(offset));
+                    }
+                }
+            }
+        }
+        f64::from((far + near).element_sum()) / (4.0 * PI)
+    }
+}
+
+impl Fork {
+    /// No triangles: near to everything, and nothing there.
+    const EMPTY: Self = Self {
+        center: Wide::ZERO,
+        far_squared: Vec4::INFINITY,
+        expansions: Expansions::ZERO,
+        below: [Below::Leaf { first_block: 0, n_blocks: 0 }; WIDTH],
+    };
+}
+
+/// How many of `n` triangles go to the lower side: whole blocks.
+fn n_lower(n: usize) -> usize {
+    n.div_ceil(2).next_multiple_of(WIDTH).min(n)
+}
+
+/// Halves the triangles at the median of their longest axis, again and again.
+fn sort(items: &mut [Item], halvings: u32) {
+    let n_lower = n_lower(items.len());
+    if halvings == 0 || n_lower == items.len() {
+        return;
+    }
+    let (low, high) =
+        items.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), item| (low.min(item.middle), high.max(item.middle)));
+    let axis = (high - low).max_position();
+    // A total order, so that which triangles are below does not depend on chance.
+    items.select_nth_unstable_by(n_lower, |one, other| {
+        one.middle[axis].total_cmp(&other.middle[axis]).then(one.triangle_idx.cmp(&other.triangle_idx))
+    });
+    let (lower, upper) = items.split_at_mut(n_lower);
+    if lower.len() > SERIAL_TRIANGLES {
+        rayon::join(|| sort(lower, halvings - 1), || sort(upper, halvings - 1));
+    } else {
+        sort(lower, halvings - 1);
+        sort(upper, halvings - 1);
+    }
+}
+
+/// A part of the tree that is to be filled, and its triangles.
+struct Subtree<'a> {
+    forks: &'a mut [Fork],
+    first_fork: u32,
+    blocks: &'a mut [Block],
+    first_block: u32,
+    items: &'a [Item],
+}
+
+impl<'a> Subtree<'a> {
+    fn fill(self, local: &(impl Fn(u32) -> [DVec3; 3] + Sync)) -> Summary {
+        let Self { forks, first_fork, blocks, first_block, items } = self;
+        let Some((fork, forks)) = forks.split_first_mut() else {
+            // A leaf, whose blocks wait for its centre.
+            let summary = Summary::of_triangles(items.iter().map(|item| local(item.triangle_idx)));
+            let center = summary.center.as_vec3().as_dvec3();
+            for (block, items) in blocks.iter_mut().zip(items.chunks(WIDTH)) {
+                *block = Block::of_triangles(items.iter().map(|item| local(item.triangle_idx).map(|corner| corner - center)));
+            }
+            return summary;
+        };
+        let is_serial = items.len() <= SERIAL_TRIANGLES;
+        let parts = Self { forks, first_fork: first_fork + 1, blocks, first_block, items }.quarters();
+        for (lane, part) in parts.iter().enumerate() {
+            fork.below[lane] = if part.forks.is_empty() {
+                Below::Leaf { first_block: part.first_block, n_blocks: part.blocks.len() as u32 }
+            } else {
+                Below::Fork(part.first_fork)
+            };
+        }
+        let summaries: Vec<Summary> = if is_serial {
+            parts.into_iter().map(|part| part.fill(local)).collect()
+        } else {
+            parts.into_par_iter().map(|part| part.fill(local)).collect()
+        };
+        for (lane, summary) in summaries.iter().enumerate().filter(|(_, summary)| summary.n_triangles > 0) {
+            fork.center.set(lane, summary.center.as_vec3());
+            fork.far_squared[lane] = (BETA * summary.radius).powi(2) as f32;
+            fork.expansions.set(lane, &summary.moments);
+        }
+        Summary::of_parts(&summaries)
+    }
+
+    /// The four parts, forks below the first one shared out evenly.
+    fn quarters(self) -> [Self; WIDTH] {
+        let n_forks = self.forks.len() / WIDTH;
+        let (lower, upper) = self.split(2 * n_forks);
+        let ((a, b), (c, d)) = (lower.split(n_forks), upper.split(n_forks));
+        [a, b, c, d]
+    }
+
+    fn split(self, n_forks: usize) -> (Self, Self) {
+        let (lower_items, items) = self.items.split_at(n_lower(self.items.len()));
+        let n_blocks = lower_items.len().div_ceil(WIDTH);
+        let (lower_blocks, blocks) = self.blocks.split_at_mut(n_blocks);
+        let (lower_forks, forks) = self.forks.split_at_mut(n_forks);
+        let Self { first_fork, first_block, .. } = self;
+        (
+            Self { forks: lower_forks, first_fork, blocks: lower_blocks, first_block, items: lower_items },
+            Self { forks, first_fork: first_fork + n_forks as u32, blocks, first_block: first_block + n_blocks as u32, items },
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::mesh::primitives::Shape;
+
+    fn exact(mesh: &TriangleMesh, point: DVec3) -> f64 {
+        let solid_angles: f64 = (0..mesh.triangles.len())
+            .map(|triangle_idx| {
+                let [a, b, c] = mesh.corners(triangle_idx).map(|corner| corner - point);
+                let (la, lb, lc) = (a.length(), b.length(), c.length());
+                let denominator = la * lb * lc + a.dot(b) * lc + b.dot(c) * la + c.dot(a) * lb;
+                2.0 * a.dot(b.cross(c)).atan2(denominator)
+            })
+            .sum();
+        solid_angles / (4.0 * PI)
+    }
+
+    /// Numbers in −1 … 1, always the same.
+    fn scattered(seed: u64) -> impl FnMut() -> f64 {
+        let mut state = seed;
+        move || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
+        }
+    }
+
+    fn soup(n_triangles: usize, edge: f64, seed: u64) -> TriangleMesh {
+        let mut random = scattered(seed);
+        let mut mesh = TriangleMesh::default();
+        for _ in 0..n_triangles {
+            let mut vector = || DVec3::new(random(), random(), random());
+            let at = vector();
+            let first = mesh.vertices.len() as u32;
+            mesh.vertices.extend([at, at + edge * vector(), at + edge * vector()]);
+            mesh.triangles.push([first, first + 1, first + 2]);
+        }
+        mesh
+    }
+
+    /// Largest and mean error over points in and around the mesh.
+    fn errors(mesh: &TriangleMesh, n_points: usize) -> (f64, f64) {
+        let tree = WindingTree::new(mesh);
+        let (low, high) = mesh.bounds().expect("triangles");
+        let mut random = scattered(7);
+        let (mut worst, mut sum) = (0.0_f64, 0.0);
+        for _ in 0..n_points {
+            let point = 0.5 * (low + high) + 0.6 * (high - low) * DVec3::new(random(), random(), random());
+            let error = (tree.at(point) - exact(mesh, point)).abs();
+            worst = worst.max(error);
+            sum += error;
+        }
+        (worst, sum / n_points as f64)
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+        #[test]
+        fn the_tree_agrees_with_the_exact_sum_over_any_soup(
+            n_triangles in 1_usize..600, edge in 0.01_f64..1.0, seed in any::<u64>(), scale in -3_i32..4, shift in -5.0_f64..5.0,
+        ) {
+            let mut mesh = soup(n_triangles, edge, seed);
+            let scale = 10_f64.powi(scale);
+            mesh.vertices.iter_mut().for_each(|vertex| *vertex = scale * (*vertex + shift));
+            let (worst, _) = errors(&mesh, 20);
+            prop_assert!(worst < 1e-2, "{}", worst);
+        }
+    }
+
+    #[test]
+    #[expect(clippy::print_stdout, reason = "the figures are for a reader")]
+    fn solids_are_told_to_a_thousandth() {
+        let shapes = [
+            Shape::Box { size_m: DVec3::new(0.1, 0.2, 0.3) },
+            Shape::Sphere { radius_m: 0.05 },
+            Shape::Torus { major_m: 0.05, minor_m: 0.02 },
+            Shape::Cone { radius_m: 0.01, height_m: 0.2 },
+        ];
+        for shape in shapes {
+            let mut mesh = shape.tessellate(2e-5);
+            let (worst, mean) = errors(&mesh, 500);
+            println!("{shape:?}: {} triangles, worst {worst:.1e}, mean {mean:.1e}", mesh.triangles.len());
+            assert!(worst < 1e-2 && mean < 2e-3, "{shape:?}: {worst} {mean}");
+            // Open as well: half of the triangles missing, here and there.
+            mesh.triangles = mesh.triangles.chunks(64).step_by(2).flatten().copied().collect();
+            let (worst, mean) = errors(&mesh, 500);
+            println!("  in pieces: worst {worst:.1e}, mean {mean:.1e}");
+            assert!(worst < 1e-2 && mean < 2e-3, "{shape:?} in pieces: {worst} {mean}");
+        }
+    }
+
+    #[test]
+    fn trees_of_few_or_flat_triangles_do_no_harm() {
+        assert_eq!(WindingTree::new(&TriangleMesh::default()).at(DVec3::X), 0.0);
+        let point = TriangleMesh { vertices: vec![DVec3::X; 3], triangles: vec![[0, 1, 2]; 40] };
+        for at in [DVec3::ZERO, DVec3::X, DVec3::NAN] {
+            let winding = WindingTree::new(&point).at(at);
+            assert!(winding == 0.0 || at.is_nan(), "{winding}");
+        }
+        let one = soup(1, 0.5, 3);
+        let near = one.corners(0).iter().sum::<DVec3>() / 3.0 + 1e-9;
+        assert!((WindingTree::new(&one).at(near).abs() - 0.5).abs() < 1e-3);
+    }
+
+    #[test]
+    fn the_same_bits_on_one_and_two_threads() {
+        let mesh = soup(40_000, 0.1, 11);
+        let on = |n_threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads).build().expect("a pool");
+            pool.install(|| {
+                let tree = WindingTree::new(&mesh);
+                let mut random = scattered(5);
+                (0..100).map(|_| tree.at(DVec3::new(random(), random(), random())).to_bits()).collect::<Vec<_>>()
+            })
+        };
+        assert_eq!(on(1), on(2));
+    }
+
+    /// For a reader who wants to know the cost: `--ignored --nocapture`.
+    #[test]
+    #[ignore = "measures time"]
+    #[expect(clippy::print_stdout, reason = "the figures are for a reader")]
+    fn cost() {
+        for chord_m in [1e-6, 6e-8] {
+            let mesh = Shape::Torus { major_m: 0.05, minor_m: 0.02 }.tessellate(chord_m);
+            let since = std::time::Instant::now();
+            let tree = WindingTree::new(&mesh);
+            let build = since.elapsed();
+            let mut random = scattered(5);
+            let points: Vec<DVec3> = (0..20_000).map(|_| 0.07 * DVec3::new(random(), random(), random())).collect();
+            let since = std::time::Instant::now();
+            let sum: f64 = points.iter().map(|point| tree.at(*point)).sum();
+            println!("{} triangles: build {build:.1?}, {:.2?} each, {sum}", mesh.triangles.len(), since.elapsed() / 20_000);
+            let since = std::time::Instant::now();
+            let beside: f64 = (0..20_000)
+                .map(|k| {
+                    let [a, b, c] = mesh.corners((k * 7919) % mesh.triangles.len());
+                    tree.at((a + b + c) / 3.0 + 1e-4)
+                })
+                .sum();
+            println!("  beside the surface {:.2?} each, {beside}", since.elapsed() / 20_000);
+        }
+    }
+}
