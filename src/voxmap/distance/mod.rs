@@ -1,32 +1,36 @@
 //! Signed distance from cell centres to the true surface, in the band.
 //!
-//! In the surface voxels every triangle nearby is measured ([`near`]). From there outward, layer by layer, every cell takes over the
-//! nearest triangles of its inner neighbours and walks across edges to closer ones ([`far`]). What propagates is a choice, not a
-//! value, and every value is an exact point-triangle distance, so no error builds up. Choices are kept for two layers at a time
-//! only; distances go straight to where the tick reads them.
+//! In the surface voxels every triangle nearby is measured. Elsewhere the nearest triangle is searched exactly on a
+//! coarse lattice; the cells between take the choices of the lattice points around them and walk across
+//! edges to closer ones. What is handed on is a choice, not a value: every value is an exact point-triangle distance,
+//! so no error builds up, and no cell waits for another.
 //!
 //! ```text
-//! mesh ─► patches ─► near (layer 0) ─► far (±1, ±2, … ±L) ─► Samples ─► field
-//!            └────────── kernel on simd ──────┘
+//! mesh ─► patches ─┬─► near (surface voxels) ───────────────────────┬─► Samples ─► field
+//!                  └─► tree ─► lattice (¼, ½) ─► group (all cells) ──┘
+//!                        kernel on simd
 //! ```
 
-mod far;
+mod group;
 mod kernel;
+mod lattice;
 mod near;
 mod patches;
 mod simd;
+mod tree;
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use self::far::{Front, Search};
+use self::group::Group;
+use self::lattice::Lattice;
 use self::near::{Bins, Nearby};
 use self::patches::{NONE, Patches};
-use self::simd::Machine;
+use self::simd::{Cube, Machine};
 use super::grid::{BRICK_CELLS, BRICK_EDGE, brick_origin, cell_of};
-use super::layers::{FAR_OUTSIDE, Layers};
+use super::layers::Layers;
 use super::orient::Orientation;
-use super::surface::{Mask, Surface};
+use super::surface::Surface;
 use crate::mesh::TriangleMesh;
 use crate::mesh::closest_point::TriangleProjector;
 
@@ -95,112 +99,109 @@ impl Samples {
         signs: Signs<'_>,
         with_gradients: bool,
     ) -> Self {
-        let around = layers.bricks.par_iter().with_min_len(64).map(|brick| around(layers, *brick as usize)).collect();
-        let stage = Stage { mesh, surface, layers, signs, patches: Patches::new(mesh, &surface.grid), around, machine };
+        let patches = Patches::new(mesh, &surface.grid);
+        let stage = Stage {
+            mesh,
+            surface,
+            layers,
+            signs,
+            bins: Bins::new(&patches, surface),
+            lattice: Lattice::new(&patches, layers, surface.n_voxels, machine),
+            patches: &patches,
+            machine,
+        };
         let mut values_m = vec![[0.0; APRON_CELLS]; layers.bricks.len()];
         let mut gradients = vec![[Vec3::ZERO; BRICK_CELLS]; if with_gradients { layers.bricks.len() } else { 0 }];
-        let mut front = stage.near(&mut values_m, &mut gradients);
-        for layer in 1..=layers.n_layers as i8 {
-            front = stage.far(layer, &front, &mut values_m, &mut gradients);
+        if with_gradients {
+            values_m.par_iter_mut().zip(&mut gradients).enumerate().for_each_init(
+                || Group::new(machine),
+                |group, (slot, (samples, gradients))| {
+                    stage.measure(group, slot, samples, Some(gradients));
+                },
+            );
+        } else {
+            values_m.par_iter_mut().enumerate().with_min_len(16).for_each_init(
+                || Group::new(machine),
+                |group, (slot, samples)| {
+                    stage.measure(group, slot, samples, None);
+                },
+            );
         }
         Self { values_m, gradients }
     }
 }
 
-/// What all passes read.
+/// What every brick reads.
 struct Stage<'a> {
     mesh: &'a TriangleMesh,
     surface: &'a Surface,
     layers: &'a Layers,
     signs: Signs<'a>,
-    patches: Patches,
-    /// `[n_slots]`: entries of the top grid for the brick and those next to it.
-    around: Vec<[u32; 27]>,
+    patches: &'a Patches,
+    bins: Bins,
+    lattice: Lattice<'a>,
     machine: Machine,
 }
 
 impl Stage<'_> {
-    /// Measures layer 0, and sets all other cells to the values beyond the band.
-    fn near(&self, values_m: &mut [[f32; APRON_CELLS]], gradients: &mut [[Vec3; BRICK_CELLS]]) -> Front {
-        let Self { surface, layers, .. } = *self;
-        let bins = Bins::new(&self.patches, surface);
+    /// Measures the cells of one brick.
+    fn measure(
+        &self,
+        group: &mut Group,
+        slot: usize,
+        samples: &mut [f32; APRON_CELLS],
+        mut gradients: Option<&mut [Vec3; BRICK_CELLS]>,
+    ) {
+        let Self { surface, layers, patches, .. } = *self;
+        let (brick, values) = (layers.bricks[slot] as usize, &layers.values[slot]);
         let voxel_size_m = surface.grid.voxel_size_m as f32;
-        let beyond_m = (layers.n_layers as f32 + 0.5) * voxel_size_m;
-        let surface_slot = |slot: usize| surface.slot(layers.bricks[slot] as usize);
-        let masks: Vec<Mask> = (0..layers.bricks.len())
-            .into_par_iter()
-            .map(|slot| surface_slot(slot).map_or([0; 8], |slot| surface.masks[slot]))
-            .collect();
-        let mut front = Front::new(masks);
-        let fill = |samples: &mut [f32; APRON_CELLS], slot: usize| {
-            for (row_idx, row) in layers.values[slot].as_chunks::<BRICK_EDGE>().0.iter().enumerate() {
-                let first = sample_of(row_idx * BRICK_EDGE);
-                let signed = row.map(|layer| if layer < 0 { -beyond_m } else { beyond_m });
-                samples[first..first + BRICK_EDGE].copy_from_slice(&signed);
+        let mut put = |inside: usize, patch_idx: u32, signed_cells: f32| {
+            samples[sample_of(inside)] = signed_cells * voxel_size_m;
+            if let Some(gradients) = gradients.as_deref_mut() {
+                gradients[inside] = self.gradient(slot, inside, patch_idx, if signed_cells > 0.0 { 1.0 } else { -1.0 });
             }
         };
-        each_part(
-            &mut front,
-            values_m,
-            gradients,
-            || (),
-            |(), slot, part, samples, mut gradients| {
-                fill(samples, slot);
-                let (Some((mask, found)), Some(surface_slot)) = (part, surface_slot(slot)) else { return };
-                let Nearby { patch_idx, squared, height } =
-                    Nearby::measure(self.machine, &self.patches, &bins, surface, surface_slot);
-                for (found, inside) in found.iter_mut().zip(near::cells(mask)) {
-                    *found = patch_idx[inside];
-                    if *found == NONE {
-                        continue;
-                    }
-                    let distance = squared[inside].sqrt();
-                    let sign = match self.signs {
-                        Signs::Solid(orientation) if distance > ON_SURFACE_CELLS => {
-                            -(height[inside] * orientation.sign(self.patches.triangle(*found)) as f32).signum()
-                        }
-                        _ => -1.0,
-                    };
-                    samples[sample_of(inside)] = sign * distance * voxel_size_m;
-                    if let Some(gradients) = gradients.as_deref_mut() {
-                        gradients[inside] = self.gradient(slot, inside, *found, sign);
-                    }
+        let beyond = layers.n_layers as i8 + 1;
+        let side = |layer: i8| match self.signs {
+            Signs::Solid(_) if layer > 0 => 1.0,
+            _ => -1.0,
+        };
+        let origin = brick_origin(surface.grid.brick_coord(brick));
+        self.lattice.each_cube(slot, |cube, candidates| {
+            let first = (cube[0] << 7) + (cube[1] << 4) + (cube[2] << 1);
+            let inside: [usize; 8] = core::array::from_fn(|lane| first + (lane >> 2 << 6) + (lane >> 1 & 1) * 8 + (lane & 1));
+            let is_wanted = |lane: usize| values[inside[lane]] != 0 && values[inside[lane]].abs() != beyond;
+            let wanted = (0..8).fold(0, |wanted, lane| wanted | u8::from(is_wanted(lane)) << lane);
+            if wanted == 0 {
+                return;
+            }
+            group.restart(Cube { base: core::array::from_fn(|axis| origin[axis] + 2 * cube[axis] as i32), step: 1 }, wanted);
+            candidates.iter().for_each(|patch_idx| group.consider(*patch_idx));
+            self.lattice.settle(group, patches);
+            for lane in (0..8).filter(|lane| wanted >> lane & 1 == 1) {
+                put(inside[lane], group.nearest.patch_idx[lane], side(values[inside[lane]]) * group.nearest.squared[lane].sqrt());
+            }
+        });
+        if let Some(surface_slot) = surface.slot(brick) {
+            let near = Nearby::measure(self.machine, patches, &self.bins, surface, surface_slot);
+            for inside in near::cells(&surface.masks[surface_slot]) {
+                let (patch_idx, distance) = (near.patch_idx[inside], near.squared[inside].sqrt());
+                if patch_idx == NONE {
+                    continue;
                 }
-            },
-        );
-        front
-    }
-
-    /// Measures a layer next to one that is measured.
-    fn far(&self, layer: i8, inner: &Front, values_m: &mut [[f32; APRON_CELLS]], gradients: &mut [[Vec3; BRICK_CELLS]]) -> Front {
-        let Self { surface, layers, .. } = *self;
-        let voxel_size_m = surface.grid.voxel_size_m as f32;
-        let masks = layers.values.par_iter().with_min_len(64).map(|values| self.machine.cells_on_layer(values, layer)).collect();
-        let mut front = Front::new(masks);
-        each_part(
-            &mut front,
-            values_m,
-            gradients,
-            || Search::new(self.machine),
-            |search, slot, part, samples, mut gradients| {
-                let Some((mask, found)) = part else { return };
-                let brick = layers.bricks[slot] as usize;
-                let origin = brick_origin(surface.grid.brick_coord(brick));
-                search.measure(&self.patches, origin, &self.around[slot], mask, inner);
-                for (found, (inside, patch_idx, squared)) in found.iter_mut().zip(search.results()) {
-                    *found = patch_idx;
-                    let sign = match self.signs {
-                        Signs::Solid(_) if layers.values[slot][inside] > 0 => 1.0,
-                        _ => -1.0,
-                    };
-                    samples[sample_of(inside)] = sign * squared.sqrt() * voxel_size_m;
-                    if let Some(gradients) = gradients.as_deref_mut() {
-                        gradients[inside] = self.gradient(slot, inside, patch_idx, sign);
+                let sign = match self.signs {
+                    Signs::Solid(orientation) if distance > ON_SURFACE_CELLS => {
+                        -(near.height[inside] * orientation.sign(patches.triangle(patch_idx)) as f32).signum()
                     }
-                }
-            },
-        );
-        front
+                    _ => -1.0,
+                };
+                put(inside, patch_idx, sign * distance);
+            }
+        }
+        let beyond_m = (layers.n_layers as f32 + 0.5) * voxel_size_m;
+        for (inside, layer) in values.iter().enumerate().filter(|(_, layer)| layer.abs() == beyond) {
+            samples[sample_of(inside)] = beyond_m.copysign((*layer).into());
+        }
     }
 
     /// Unit direction in which the signed distance of a cell grows: away from the surface on the side of the centre, times the
@@ -224,39 +225,5 @@ impl Stage<'_> {
             }
         };
         (away * f64::from(sign)).as_vec3()
-    }
-}
-
-/// Entries of the top grid for a brick and the 26 next to it.
-fn around(layers: &Layers, brick: usize) -> [u32; 27] {
-    let coord = layers.grid.brick_coord(brick);
-    core::array::from_fn(|idx| {
-        let offset = [idx as i32 / 9 - 1, idx as i32 / 3 % 3 - 1, idx as i32 % 3 - 1];
-        layers.grid.brick_neighbour(coord, offset).map_or(FAR_OUTSIDE, |neighbour| layers.top[neighbour])
-    })
-}
-
-/// Calls `work(scratch, slot, part of the front, samples, gradients)` for every slot, in parallel.
-fn each_part<S>(
-    front: &mut Front,
-    values_m: &mut [[f32; APRON_CELLS]],
-    gradients: &mut [[Vec3; BRICK_CELLS]],
-    scratch: impl Fn() -> S + Sync + Send,
-    work: impl Fn(&mut S, usize, Option<(&Mask, &mut [u32])>, &mut [f32; APRON_CELLS], Option<&mut [Vec3; BRICK_CELLS]>) + Sync + Send,
-) {
-    let parts = front.parts();
-    if gradients.is_empty() {
-        values_m
-            .par_iter_mut()
-            .zip(parts)
-            .enumerate()
-            .for_each_init(scratch, |scratch, (slot, (samples, part))| work(scratch, slot, part, samples, None));
-    } else {
-        values_m.par_iter_mut().zip(gradients).zip(parts).enumerate().for_each_init(
-            scratch,
-            |scratch, (slot, ((samples, gradients), part))| {
-                work(scratch, slot, part, samples, Some(gradients));
-            },
-        );
     }
 }

@@ -15,8 +15,12 @@ use crate::voxmap::grid::Grid;
 
 /// No patch, no triangle.
 pub(super) const NONE: u32 = u32::MAX;
+/// Steps of the curve that orders the patches, per cell.
+const CURVE_STEPS: f32 = 4.0;
 /// Longest edge of a patch, cells.
 const EDGE_MAX_CELLS: f64 = 32.0;
+/// Stands in place of the number of the longest edge in a patch that is a piece of a triangle.
+const IS_PIECE: usize = 3;
 /// Height over the longest edge below which a triangle is a segment, cells; cell coordinates are rounded to a hundredth of it.
 const FLAT_CELLS: f64 = 1e-9;
 
@@ -62,7 +66,7 @@ impl Patch {
         let mut words = [0; 16];
         // A negative coordinate does not occur: the grid is padded.
         words[0] = anchor.x as u32 | (anchor.y as u32) << 16;
-        words[1] = anchor.z as u32 | if is_piece { 3 } else { longest as u32 } << 16;
+        words[1] = anchor.z as u32 | (if is_piece { IS_PIECE } else { longest } as u32) << 16;
         let numbers = [offset.to_array(), right.to_array(), up.to_array(), [length, along, height]];
         for (word, number) in words[2..14].iter_mut().zip(numbers.as_flattened()) {
             *word = (*number as f32).to_bits();
@@ -92,13 +96,24 @@ impl Patch {
 
     /// Cells, per axis, whose centres lie in the patch's box padded by `pad_cells`; may leave the grid.
     pub(super) fn cells_near(&self, pad_cells: f32) -> [RangeInclusive<i32>; 3] {
+        let (low, high) = self.box_at_anchor(pad_cells);
+        let anchor = self.anchor();
+        [0, 1, 2].map(|axis| anchor[axis] + low[axis].ceil() as i32..=anchor[axis] + high[axis].floor() as i32)
+    }
+
+    /// Lowest and highest corner of the patch's box padded by `pad_cells`, relative to the centre of cell 0, cells.
+    pub(super) fn bounds(&self, pad_cells: f32) -> ([f32; 3], [f32; 3]) {
+        let (low, high) = self.box_at_anchor(pad_cells);
+        let anchor = Vec3::from_array(self.anchor().map(|i| i as f32));
+        ((anchor + low).to_array(), (anchor + high).to_array())
+    }
+
+    /// The same relative to the centre of the anchor.
+    fn box_at_anchor(&self, pad_cells: f32) -> (Vec3, Vec3) {
         let (first, right) = (self.vector(2), self.vector(5));
         let second = first + right * self.number(11);
         let apex = first + right * self.number(12) + self.vector(8) * self.number(13);
-        let low = (first.min(second).min(apex) - pad_cells).ceil();
-        let high = (first.max(second).max(apex) + pad_cells).floor();
-        let anchor = self.anchor();
-        [0, 1, 2].map(|axis| anchor[axis] + low[axis] as i32..=anchor[axis] + high[axis] as i32)
+        (first.min(second).min(apex) - pad_cells, first.max(second).max(apex) + pad_cells)
     }
 
     /// Signed distance of a point (cells, relative to the centre of cell 0) to the patch's plane, cells; for culling.
@@ -108,73 +123,115 @@ impl Patch {
     }
 }
 
-/// All patches of a mesh.
+/// All patches of a mesh, in the order of a space-filling curve: what is near in space is near in memory.
 pub(super) struct Patches {
-    /// One per triangle, then the further pieces of those that were cut.
+    /// One per triangle, and more for those that are cut.
     pub(super) all: Vec<Patch>,
-    /// Triangle of each further piece.
-    triangles_of_pieces: Vec<u32>,
-    n_triangles: usize,
-    /// `[n_triangles]`: triangle across the edge that starts at each corner, or [`NONE`].
-    neighbours: Vec<[u32; 3]>,
+    /// `[n_patches]`: the triangle that a patch is or belongs to.
+    triangles: Vec<u32>,
+    /// `[n_patches]`: patch across each edge, counted from the longest; [`NONE`] where there is none or the triangle was cut.
+    across: Vec<[u32; 3]>,
 }
 
 impl Patches {
-    /// Cost: O(triangles), plus the pieces of those that are longer than [`EDGE_MAX_CELLS`].
+    /// Cost: O(triangles) and a parallel sort of them, plus the pieces of those that are longer than [`EDGE_MAX_CELLS`].
     pub(super) fn new(mesh: &TriangleMesh, grid: &Grid) -> Self {
-        let prepare = || {
-            let in_cells = |triangle_idx: usize| mesh.corners(triangle_idx).map(|corner| grid.to_cells(corner));
-            let is_cut = |corners: &[DVec3; 3]| longest_edge(corners).1 > EDGE_MAX_CELLS;
-            let mut all: Vec<Patch> = (0..mesh.triangles.len())
-                .into_par_iter()
-                .map(|triangle_idx| {
-                    let corners = in_cells(triangle_idx);
-                    Patch::new(&corners, is_cut(&corners))
-                })
-                .collect();
-            let cut: Vec<u32> = (0..mesh.triangles.len() as u32)
-                .into_par_iter()
-                .filter(|triangle_idx| all[*triangle_idx as usize].words[1] >> 16 == 3)
-                .collect();
-            let mut triangles_of_pieces = Vec::new();
-            for triangle_idx in cut {
-                let mut rest = vec![in_cells(triangle_idx as usize)];
-                let mut is_first = true;
-                while let Some(corners) = rest.pop() {
-                    let (longest, length) = longest_edge(&corners);
-                    if length > EDGE_MAX_CELLS {
-                        let [from, to, apex] = [0, 1, 2].map(|k| corners[(longest + k) % 3]);
-                        let middle = 0.5 * (from + to);
-                        rest.extend([[from, middle, apex], [middle, to, apex]]);
-                    } else if core::mem::take(&mut is_first) {
-                        all[triangle_idx as usize] = Patch::new(&corners, true);
-                    } else {
-                        all.push(Patch::new(&corners, true));
-                        triangles_of_pieces.push(triangle_idx);
-                    }
-                }
-            }
-            (all, triangles_of_pieces)
-        };
-        let ((all, triangles_of_pieces), neighbours) = rayon::join(prepare, || neighbours(mesh));
-        Self { all, triangles_of_pieces, n_triangles: mesh.triangles.len(), neighbours }
+        let ((pieces, triangles_of_pieces, order), neighbours) = rayon::join(
+            || {
+                let (pieces, triangles) = pieces(mesh, grid);
+                let mut keyed: Vec<(u64, u32)> =
+                    pieces.par_iter().enumerate().map(|(piece, patch)| (curve(patch), piece as u32)).collect();
+                keyed.par_sort_unstable();
+                (pieces, triangles, keyed)
+            },
+            || neighbours(mesh),
+        );
+        let n_triangles = mesh.triangles.len();
+        let triangle_of = |piece: u32| (piece as usize).checked_sub(n_triangles).map_or(piece, |more| triangles_of_pieces[more]);
+        let mut places = vec![NONE; n_triangles];
+        for (place, (_, piece)) in order.iter().enumerate().filter(|(_, (_, piece))| (*piece as usize) < n_triangles) {
+            places[*piece as usize] = place as u32;
+        }
+        let all: Vec<Patch> = order.par_iter().map(|(_, piece)| pieces[*piece as usize]).collect();
+        let triangles = order.par_iter().map(|(_, piece)| triangle_of(*piece)).collect();
+        let across = order
+            .par_iter()
+            .zip(&all)
+            .map(|((_, piece), patch)| match (patch.words[1] >> 16) as usize {
+                IS_PIECE => [NONE; 3],
+                longest => [0, 1, 2].map(|edge| match neighbours[*piece as usize][(longest + edge) % 3] {
+                    NONE => NONE,
+                    triangle_idx => places[triangle_idx as usize],
+                }),
+            })
+            .collect();
+        Self { all, triangles, across }
     }
 
     /// The triangle that a patch is or belongs to.
     pub(super) fn triangle(&self, patch_idx: u32) -> u32 {
-        match (patch_idx as usize).checked_sub(self.n_triangles) {
-            None => patch_idx,
-            Some(piece) => self.triangles_of_pieces[piece],
-        }
+        self.triangles[patch_idx as usize]
     }
 
-    /// The patch across edge `edge` of a patch, counted from its longest; [`NONE`] where there is none or the triangle was cut.
-    pub(super) fn across(&self, patch_idx: u32, edge: usize) -> u32 {
-        match self.all[patch_idx as usize].words[1] >> 16 {
-            3 => NONE,
-            longest => self.neighbours[patch_idx as usize][(longest as usize + edge) % 3],
+    /// The patches across the edges of a patch, from its longest on; [`NONE`] where there is none or the triangle was cut.
+    #[inline]
+    pub(super) fn across(&self, patch_idx: u32) -> &[u32; 3] {
+        &self.across[patch_idx as usize]
+    }
+}
+
+/// One patch per triangle, then the further pieces of those that were cut, and the triangles of these.
+fn pieces(mesh: &TriangleMesh, grid: &Grid) -> (Vec<Patch>, Vec<u32>) {
+    let in_cells = |triangle_idx: usize| mesh.corners(triangle_idx).map(|corner| grid.to_cells(corner));
+    let mut all: Vec<Patch> = (0..mesh.triangles.len())
+        .into_par_iter()
+        .map(|triangle_idx| {
+            let corners = in_cells(triangle_idx);
+            Patch::new(&corners, longest_edge(&corners).1 > EDGE_MAX_CELLS)
+        })
+        .collect();
+    let is_cut = |patch: &Patch| (patch.words[1] >> 16) as usize == IS_PIECE;
+    let cut: Vec<u32> = (0..all.len() as u32).into_par_iter().filter(|triangle_idx| is_cut(&all[*triangle_idx as usize])).collect();
+    let mut triangles = Vec::new();
+    for triangle_idx in cut {
+        let mut rest = vec![in_cells(triangle_idx as usize)];
+        let mut is_first = true;
+        while let Some(corners) = rest.pop() {
+            let (longest, length) = longest_edge(&corners);
+            if length > EDGE_MAX_CELLS {
+                let [from, to, apex] = [0, 1, 2].map(|k| corners[(longest + k) % 3]);
+                let middle = 0.5 * (from + to);
+                rest.extend([[from, middle, apex], [middle, to, apex]]);
+            } else if core::mem::take(&mut is_first) {
+                all[triangle_idx as usize] = Patch::new(&corners, true);
+            } else {
+                all.push(Patch::new(&corners, true));
+                triangles.push(triangle_idx);
+            }
         }
     }
+    (all, triangles)
+}
+
+/// Place of a patch's middle on a space-filling curve (Morton 1966).
+fn curve(patch: &Patch) -> u64 {
+    let (low, high) = patch.bounds(0.0);
+    [0, 1, 2].iter().fold(0, |key, axis| key | spread(((low[*axis] + high[*axis]) * 0.5 * CURVE_STEPS) as u32) << axis)
+}
+
+/// Puts two zero bits between the lowest 21 bits of a number.
+fn spread(number: u32) -> u64 {
+    let mut bits = u64::from(number) & 0x1f_ffff;
+    for (shift, mask) in [
+        (32, 0x001f_0000_0000_ffff),
+        (16, 0x001f_0000_ff00_00ff),
+        (8, 0x100f_00f0_0f00_f00f),
+        (4, 0x10c3_0c30_c30c_30c3),
+        (2, 0x1249_2492_4924_9249),
+    ] {
+        bits = (bits | bits << shift) & mask;
+    }
+    bits
 }
 
 /// Which edge is the longest, and its length.

@@ -7,8 +7,6 @@
 
 use super::kernel::{Flat, Nearest, nearest};
 use super::patches::Patch;
-use crate::voxmap::grid::BRICK_CELLS;
-use crate::voxmap::surface::Mask;
 
 /// Cells measured together.
 pub(super) const LANES: usize = 8;
@@ -36,6 +34,39 @@ pub(super) struct Eight {
     pub(super) on_edge: [u8; 3],
 }
 
+/// A patch must be nearer by this share to replace another: rounding must not decide which of two that tie is found first.
+const NEARER: f32 = 1.0 - 1e-6;
+/// Patches that are further away by no more than this share are as near, for a corner is equally far on all patches around it.
+const PLATEAU: f32 = 1.0 + 1e-5;
+/// The same next to the surface, cells².
+const PLATEAU_CELLS_SQUARED: f32 = 1e-9;
+
+/// Eight cells at the corners of a cube.
+#[derive(Clone, Copy)]
+pub(super) struct Cube {
+    /// The first of them.
+    pub(super) base: [i32; 3],
+    /// From one to the next, cells.
+    pub(super) step: i32,
+}
+
+/// The nearest patches of eight cells so far.
+#[derive(Clone, Copy)]
+pub(super) struct NearestOfEight {
+    /// Cells².
+    pub(super) squared: [f32; LANES],
+    pub(super) patch_idx: [u32; LANES],
+}
+
+/// A patch as seen by eight cells.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Measured {
+    /// Cells².
+    pub(super) squared: [f32; LANES],
+    /// One bit per lane for each edge: the closest point lies on it.
+    pub(super) on_edge: [u8; 3],
+}
+
 /// How lanes are computed.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Machine {
@@ -56,50 +87,64 @@ impl Machine {
         Self::Portable
     }
 
-    /// Eight cells of the brick at `origin`, by their numbers inside, each against the patch of its lane.
+    /// Eight cells at the corners of a cube against one patch, which replaces the nearest of those that it is nearer to. Lane
+    /// x·4 + y·2 + z is the cell `base + step·[x, y, z]`.
     #[inline]
-    pub(super) fn gathered(self, patches: &[Patch], ids: &[u32; LANES], origin: [i32; 3], cells: &[u32; LANES]) -> Eight {
+    pub(super) fn group(self, patch: &Patch, patch_idx: u32, cube: Cube, nearest: &mut NearestOfEight) -> Measured {
         match self {
-            Self::Portable => portable(|lane| &patches[ids[lane] as usize], origin, cells),
+            Self::Portable => {
+                let [x, y, z] = cube.base;
+                let eight = portable(patch, |lane| {
+                    let lane = lane as i32;
+                    [x + cube.step * (lane >> 2), y + cube.step * (lane >> 1 & 1), z + cube.step * (lane & 1)]
+                });
+                for lane in 0..LANES {
+                    if eight.squared[lane] < nearest.squared[lane] * NEARER {
+                        (nearest.squared[lane], nearest.patch_idx[lane]) = (eight.squared[lane], patch_idx);
+                    }
+                }
+                Measured { squared: eight.squared, on_edge: eight.on_edge }
+            }
             #[cfg(target_arch = "x86_64")]
             // SAFETY: the processor has AVX2, by the invariant of the variant.
-            Self::Avx2 => unsafe { avx2::gathered(patches, ids, origin, cells) },
+            Self::Avx2 => unsafe { avx2::group(patch, patch_idx, cube, nearest) },
         }
     }
 
-    /// Eight cells against one patch.
+    /// Cells that are as near to a patch as to their nearest, one bit each.
+    #[inline]
+    pub(super) fn on_plateau(self, squared: &[f32; LANES], nearest: &NearestOfEight) -> u8 {
+        match self {
+            Self::Portable => (0..LANES).fold(0, |near, lane| {
+                near | u8::from(squared[lane] <= nearest.squared[lane] * PLATEAU + PLATEAU_CELLS_SQUARED) << lane
+            }),
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: as above.
+            Self::Avx2 => unsafe { avx2::on_plateau(squared, nearest) },
+        }
+    }
+
+    /// Eight cells of the brick at `origin`, by their numbers inside, against one patch.
     #[inline]
     pub(super) fn broadcast(self, patch: &Patch, origin: [i32; 3], cells: &[u32; LANES]) -> Eight {
         match self {
-            Self::Portable => portable(|_| patch, origin, cells),
+            Self::Portable => portable(patch, |lane| {
+                let inside = cells[lane] as i32;
+                [origin[0] + (inside >> 6), origin[1] + (inside >> 3 & 7), origin[2] + (inside & 7)]
+            }),
             #[cfg(target_arch = "x86_64")]
             // SAFETY: as above.
             Self::Avx2 => unsafe { avx2::broadcast(patch, origin, cells) },
         }
     }
-
-    /// Cells whose layer is ±`layer`.
-    #[inline]
-    pub(super) fn cells_on_layer(self, values: &[i8; BRICK_CELLS], layer: i8) -> Mask {
-        match self {
-            Self::Portable => core::array::from_fn(|x| {
-                let word = &values[x * 64..(x + 1) * 64];
-                word.iter().enumerate().fold(0, |bits, (bit, value)| bits | u64::from(value.abs() == layer) << bit)
-            }),
-            #[cfg(target_arch = "x86_64")]
-            // SAFETY: as above.
-            Self::Avx2 => unsafe { avx2::cells_on_layer(values, layer) },
-        }
-    }
 }
 
-fn portable<'a>(patch_of: impl Fn(usize) -> &'a Patch, origin: [i32; 3], cells: &[u32; LANES]) -> Eight {
+fn portable(patch: &Patch, cell_of: impl Fn(usize) -> [i32; 3]) -> Eight {
     let mut eight = Eight::default();
-    for (lane, inside) in cells.iter().enumerate() {
-        let patch = patch_of(lane);
-        let (anchor, inside) = (patch.anchor(), *inside as i32);
-        let cell = [inside >> 6, inside >> 3 & 7, inside & 7];
-        let way = [0, 1, 2].map(|axis| (origin[axis] + cell[axis] - anchor[axis]) as f32 - patch.number(2 + axis));
+    let anchor = patch.anchor();
+    for lane in 0..LANES {
+        let cell = cell_of(lane);
+        let way = [0, 1, 2].map(|axis| (cell[axis] - anchor[axis]) as f32 - patch.number(2 + axis));
         let Nearest { squared, height, on_edge } = nearest(&Flat::new(core::array::from_fn(|k| patch.number(5 + k))), way);
         (eight.squared[lane], eight.height[lane]) = (squared, height);
         for (bits, [edge, limit]) in eight.on_edge.iter_mut().zip(on_edge) {
@@ -192,23 +237,43 @@ mod avx2 {
     }
 
     #[target_feature(enable = "avx2")]
-    pub(super) fn gathered(patches: &[Patch], ids: &[u32; LANES], origin: [i32; 3], cells: &[u32; LANES]) -> Eight {
-        let rows: [&Patch; LANES] = [
-            &patches[ids[0] as usize],
-            &patches[ids[1] as usize],
-            &patches[ids[2] as usize],
-            &patches[ids[3] as usize],
-            &patches[ids[4] as usize],
-            &patches[ids[5] as usize],
-            &patches[ids[6] as usize],
-            &patches[ids[7] as usize],
+    pub(super) fn group(patch: &Patch, patch_idx: u32, cube: Cube, so_far: &mut NearestOfEight) -> Measured {
+        let (anchor, step) = (patch.anchor(), cube.step);
+        let [x, y, z] = [0, 1, 2].map(|axis| _mm256_set1_epi32(cube.base[axis] - anchor[axis]));
+        let x = _mm256_add_epi32(x, _mm256_setr_epi32(0, 0, 0, 0, step, step, step, step));
+        let y = _mm256_add_epi32(y, _mm256_setr_epi32(0, 0, step, step, 0, 0, step, step));
+        let z = _mm256_add_epi32(z, _mm256_setr_epi32(0, step, 0, step, 0, step, 0, step));
+        let word = |k: usize| _mm256_set1_ps(f32::from_bits(patch.words[k]));
+        let way = [
+            _mm256_sub_ps(_mm256_cvtepi32_ps(x), word(2)),
+            _mm256_sub_ps(_mm256_cvtepi32_ps(y), word(3)),
+            _mm256_sub_ps(_mm256_cvtepi32_ps(z), word(4)),
         ];
-        let [w0, w1, w2, w3] = transposed::<0>(&rows);
-        let [w4, w5, w6, w7] = transposed::<4>(&rows);
-        let [w8, w9, w10, w11] = transposed::<8>(&rows);
-        let [w12, w13, w14, w15] = transposed::<12>(&rows);
-        let way = way([_mm256_castps_si256(w0), _mm256_castps_si256(w1)], [w2, w3, w4], origin, cells);
-        finish(&nearest(&Flat::new([w5, w6, w7, w8, w9, w10, w11, w12, w13, w14, w15]), way))
+        let flat = [word(5), word(6), word(7), word(8), word(9), word(10), word(11), word(12), word(13), word(14), word(15)];
+        let found = nearest(&Flat::new(flat), way);
+        let mut measured = Measured::default();
+        // SAFETY: every array holds eight numbers.
+        unsafe {
+            let squared = _mm256_loadu_ps(so_far.squared.as_ptr());
+            let patches = _mm256_loadu_ps(so_far.patch_idx.as_ptr().cast());
+            let is_nearer = _mm256_cmp_ps::<_CMP_LT_OQ>(found.squared, _mm256_mul_ps(squared, _mm256_set1_ps(NEARER)));
+            let own = _mm256_castsi256_ps(_mm256_set1_epi32(patch_idx as i32));
+            _mm256_storeu_ps(so_far.squared.as_mut_ptr(), _mm256_blendv_ps(squared, found.squared, is_nearer));
+            _mm256_storeu_ps(so_far.patch_idx.as_mut_ptr().cast(), _mm256_blendv_ps(patches, own, is_nearer));
+            _mm256_storeu_ps(measured.squared.as_mut_ptr(), found.squared);
+        }
+        for (bits, [edge, limit]) in measured.on_edge.iter_mut().zip(&found.on_edge) {
+            *bits = _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(*edge, *limit)) as u8;
+        }
+        measured
+    }
+
+    #[target_feature(enable = "avx2")]
+    pub(super) fn on_plateau(squared: &[f32; LANES], so_far: &NearestOfEight) -> u8 {
+        // SAFETY: both arrays hold eight numbers.
+        let (squared, nearest) = unsafe { (_mm256_loadu_ps(squared.as_ptr()), _mm256_loadu_ps(so_far.squared.as_ptr())) };
+        let limit = _mm256_add_ps(_mm256_mul_ps(nearest, _mm256_set1_ps(PLATEAU)), _mm256_set1_ps(PLATEAU_CELLS_SQUARED));
+        _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(squared, limit)) as u8
     }
 
     #[target_feature(enable = "avx2")]
@@ -220,50 +285,6 @@ mod avx2 {
         let [w0, w1, w2, w3, w4, rest @ ..] = words;
         let way = way([_mm256_castps_si256(w0), _mm256_castps_si256(w1)], [w2, w3, w4], origin, cells);
         finish(&nearest(&Flat::new(rest), way))
-    }
-
-    #[target_feature(enable = "avx2")]
-    pub(super) fn cells_on_layer(values: &[i8; BRICK_CELLS], layer: i8) -> Mask {
-        let layer = _mm256_set1_epi8(layer);
-        let mut mask = [0; 8];
-        for (half, values) in values.as_chunks::<32>().0.iter().enumerate() {
-            // SAFETY: 32 bytes are read from an array of 32.
-            let values = unsafe { _mm256_loadu_si256(values.as_ptr().cast()) };
-            let equal = _mm256_movemask_epi8(_mm256_cmpeq_epi8(_mm256_abs_epi8(values), layer));
-            mask[half / 2] |= u64::from(equal as u32) << (32 * (half % 2));
-        }
-        mask
-    }
-
-    /// Words `FIRST` to `FIRST + 3` of eight patches: one register per word.
-    #[target_feature(enable = "avx2")]
-    #[inline]
-    fn transposed<const FIRST: usize>(rows: &[&Patch; LANES]) -> [__m256; 4] {
-        let low01 = _mm256_unpacklo_ps(pair::<FIRST>(rows, 0), pair::<FIRST>(rows, 1));
-        let high01 = _mm256_unpackhi_ps(pair::<FIRST>(rows, 0), pair::<FIRST>(rows, 1));
-        let low23 = _mm256_unpacklo_ps(pair::<FIRST>(rows, 2), pair::<FIRST>(rows, 3));
-        let high23 = _mm256_unpackhi_ps(pair::<FIRST>(rows, 2), pair::<FIRST>(rows, 3));
-        [
-            _mm256_shuffle_ps::<0x44>(low01, low23),
-            _mm256_shuffle_ps::<0xee>(low01, low23),
-            _mm256_shuffle_ps::<0x44>(high01, high23),
-            _mm256_shuffle_ps::<0xee>(high01, high23),
-        ]
-    }
-
-    /// Four words of patch `lane` and the same of patch `lane + 4`.
-    #[target_feature(enable = "avx2")]
-    #[inline]
-    fn pair<const FIRST: usize>(rows: &[&Patch; LANES], lane: usize) -> __m256 {
-        const { assert!(FIRST + 4 <= 16) };
-        // SAFETY: the sixteen words hold four from `FIRST` on.
-        let (low, high) = unsafe {
-            (
-                _mm_loadu_ps(rows[lane].words.as_ptr().add(FIRST).cast()),
-                _mm_loadu_ps(rows[lane + 4].words.as_ptr().add(FIRST).cast()),
-            )
-        };
-        _mm256_insertf128_ps::<1>(_mm256_castps128_ps256(low), high)
     }
 
     /// Ways from first corners to cell centres. Whole cells are subtracted as whole numbers, which is exact.

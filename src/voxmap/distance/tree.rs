@@ -1,0 +1,133 @@
+//! The patches nearest to the cells of a group, searched exactly.
+
+use rayon::prelude::*;
+
+use super::group::Group;
+use super::patches::Patch;
+use super::simd::{LANES, Machine};
+
+/// Added to every box, cells: more than `f32` coordinates are rounded by on the largest grid.
+const SLACK_CELLS: f32 = 0.02;
+/// Nodes that can wait at most: seven siblings on each of the levels that 2³² patches make.
+const WAITING_MAX: usize = 7 * 11 + 1;
+
+/// Eight boxes, coordinate by coordinate, in centre coordinates (the centre of cell `[i, j, k]` is (i, j, k)).
+#[derive(Clone, Copy, Debug)]
+struct Boxes {
+    low: [[f32; LANES]; 3],
+    high: [[f32; LANES]; 3],
+}
+
+impl Boxes {
+    /// Boxes that nothing is in, infinitely far from everything.
+    const EMPTY: Self = Self { low: [[f32::INFINITY; LANES]; 3], high: [[f32::NEG_INFINITY; LANES]; 3] };
+
+    /// For each box the least squared distance of a point that comes closer to it than to its own nearest patch, cells²; infinite
+    /// where none does.
+    #[inline]
+    fn bounds(&self, points: &[[f32; LANES]; 3], nearest: &[f32; LANES]) -> [f32; LANES] {
+        let mut bounds = [f32::INFINITY; LANES];
+        for lane in 0..LANES {
+            for child in 0..LANES {
+                let away = |axis: usize| {
+                    (self.low[axis][child] - points[axis][lane]).max(points[axis][lane] - self.high[axis][child]).max(0.0)
+                };
+                let [x, y, z] = [away(0), away(1), away(2)];
+                let squared = x * x + y * y + z * z;
+                let bound = if squared < nearest[lane] { squared } else { f32::INFINITY };
+                bounds[child] = if bound < bounds[child] { bound } else { bounds[child] };
+            }
+        }
+        bounds
+    }
+
+    /// The box around all eight.
+    fn hull(&self) -> ([f32; 3], [f32; 3]) {
+        let fold = |lanes: &[f32; LANES], start: f32, choose: fn(f32, f32) -> f32| lanes.iter().copied().fold(start, choose);
+        (
+            self.low.each_ref().map(|lanes| fold(lanes, f32::INFINITY, f32::min)),
+            self.high.each_ref().map(|lanes| fold(lanes, f32::NEG_INFINITY, f32::max)),
+        )
+    }
+
+    fn set(&mut self, lane: usize, (low, high): ([f32; 3], [f32; 3])) {
+        for axis in 0..3 {
+            (self.low[axis][lane], self.high[axis][lane]) = (low[axis], high[axis]);
+        }
+    }
+}
+
+/// A complete tree of eight children a node over patches that are in the order of a space-filling curve.
+pub(super) struct PatchTree<'a> {
+    patches: &'a [Patch],
+    machine: Machine,
+    /// Boxes of the leaves, which are eight patches in a row, eight a node; then of those nodes, and so on up to one node.
+    levels: Vec<Vec<Boxes>>,
+}
+
+impl<'a> PatchTree<'a> {
+    /// `patches` in the order of [`Patches`](super::patches::Patches), and not empty. Cost: O(patches); memory about 30 bytes per patch.
+    pub(super) fn new(patches: &'a [Patch], machine: Machine) -> Self {
+        let around = |leaf: &[Patch]| {
+            let mut boxes = Boxes::EMPTY;
+            leaf.iter().enumerate().for_each(|(lane, patch)| boxes.set(lane, patch.bounds(SLACK_CELLS)));
+            boxes.hull()
+        };
+        let mut below: Vec<_> = patches.par_chunks(LANES).map(around).collect();
+        let mut levels = Vec::new();
+        loop {
+            let level: Vec<Boxes> = below
+                .par_chunks(LANES)
+                .map(|children| {
+                    let mut boxes = Boxes::EMPTY;
+                    children.iter().enumerate().for_each(|(lane, child)| boxes.set(lane, *child));
+                    boxes
+                })
+                .collect();
+            below = level.par_iter().map(Boxes::hull).collect();
+            levels.push(level);
+            if below.len() == 1 {
+                return Self { patches, machine, levels };
+            }
+        }
+    }
+
+    /// Finds the nearest patches of all eight cells of a group, whatever it has found before.
+    pub(super) fn search(&self, group: &mut Group) {
+        let points = core::array::from_fn(|axis| {
+            core::array::from_fn(|lane| (group.cube.base[axis] + group.cube.step * (lane as i32 >> (2 - axis) & 1)) as f32)
+        });
+        let mut waiting = [(0.0_f32, 0_u32, 0_u8); WAITING_MAX];
+        waiting[0] = (0.0, 0, self.levels.len() as u8);
+        let mut n_waiting = 1;
+        while n_waiting > 0 {
+            n_waiting -= 1;
+            let (bound, node, height) = waiting[n_waiting];
+            let farthest = group.nearest.squared.iter().fold(0.0_f32, |farthest, squared| farthest.max(*squared));
+            if bound >= farthest {
+                continue;
+            }
+            let Some(level) = usize::from(height).checked_sub(1) else {
+                let first = node as usize * LANES;
+                for (lane, patch) in self.patches[first..self.patches.len().min(first + LANES)].iter().enumerate() {
+                    self.machine.group(patch, (first + lane) as u32, group.cube, &mut group.nearest);
+                }
+                continue;
+            };
+            let bounds = self.levels[level][node as usize].bounds(&points, &group.nearest.squared);
+            let first = n_waiting;
+            for (lane, bound) in bounds.iter().enumerate() {
+                if *bound < f32::INFINITY {
+                    // The nearest last, so that it is the next; equal ones in the order of the tree.
+                    let mut place = n_waiting;
+                    while place > first && waiting[place - 1].0 <= *bound {
+                        waiting[place] = waiting[place - 1];
+                        place -= 1;
+                    }
+                    waiting[place] = (*bound, node * LANES as u32 + lane as u32, level as u8);
+                    n_waiting += 1;
+                }
+            }
+        }
+    }
+}
