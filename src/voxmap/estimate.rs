@@ -90,20 +90,18 @@ const PER_BRICK: f64 = size_of::<u32>() as f64 + 0.5;
 const PER_SURFACE_BRICK: f64 = (2 * size_of::<Mask>() + BRICK_EDGE * size_of::<u32>() + size_of::<u32>()) as f64;
 /// Per brick of the band: layer values and number.
 const PER_BAND_BRICK: f64 = (BRICK_CELLS + size_of::<u32>()) as f64;
-/// Per brick of the band while distances are measured: the distance and the nearest triangle of each cell.
-const MEASURING: f64 = (BRICK_CELLS * (size_of::<f32>() + size_of::<u32>())) as f64;
-/// Per brick of the band: distances between measuring and the field.
-const MEASURED: f64 = (BRICK_CELLS * size_of::<f32>()) as f64;
+/// Per brick of the band while distances are measured: the choices on the lattices and where their neighbours are.
+const MEASURING: f64 = ((64 + 8 + 8) * size_of::<u32>()) as f64;
+/// Per triangle while distances are measured: a patch, what is across its edges, its triangle and its share of the search tree.
+const PATCH: f64 = (64 + 4 * size_of::<u32>() + 30) as f64;
 /// Per brick of the band: gradients.
 const GRADIENTS: f64 = (BRICK_CELLS * size_of::<Vec3>()) as f64;
 /// Per brick of the band: what the field keeps, distances with the neighbours' first samples and layers.
 const FIELD: f64 = ((BRICK_EDGE + 1) * (BRICK_EDGE + 1) * (BRICK_EDGE + 1) * size_of::<f32>() + BRICK_CELLS) as f64;
-/// Per surface voxel while distances are measured: its list of triangles and its seed.
-const LISTING: f64 = (3 * size_of::<u32>()) as f64;
-/// Per point of the shell while it is built: projection, placed point, stored point.
-const POINT: f64 = 120.0;
-/// Per point of the shell: position and normal.
-const POINT_KEPT: f64 = (2 * size_of::<Vec3>()) as f64;
+/// Per point of the shell while it is built: position, place in the order, normal.
+const POINT: f64 = (size_of::<Vec3>() * 2 + size_of::<u32>()) as f64;
+/// Per point of the shell: position, normal and its share of the tree.
+const POINT_KEPT: f64 = (2 * size_of::<Vec3>()) as f64 + 2.0;
 
 impl Estimate {
     /// Takes the counts of `measures` on `grid` together. Cost: constant.
@@ -121,15 +119,15 @@ impl Estimate {
         let map = PER_BRICK * n_bricks + PER_SURFACE_BRICK * surface_bricks + PER_BAND_BRICK * band_bricks;
         let gradients = if products.gradients { GRADIENTS } else { 0.0 };
         let (mut field, mut shell, mut peak) = (0.0, 0.0, mesh + map);
+        // The field shares the layers of the map.
+        let shared = if products.field { BRICK_CELLS as f64 * band_bricks } else { 0.0 };
         if products.field {
             field = (FIELD + gradients) * band_bricks + size_of::<u32>() as f64 * n_bricks;
-            let lists = LISTING * surface_voxels + size_of::<u32>() as f64 * pairs;
-            let measuring = (MEASURING + gradients) * band_bricks + lists;
-            peak = mesh + map + measuring.max(MEASURED * band_bricks + field);
+            peak = mesh + map + field - shared + MEASURING * band_bricks + PATCH * measures.n_triangles as f64;
         }
         if products.shell {
             shell = POINT_KEPT * surface_voxels;
-            peak = peak.max(mesh + map + field + POINT * surface_voxels);
+            peak = peak.max(mesh + map + field - shared + shell + POINT * surface_voxels + size_of::<u32>() as f64 * pairs);
         }
         Self {
             voxels: grid.n_cells(),
@@ -210,17 +208,16 @@ mod tests {
                 }
                 assert!(close(estimate.touching_pairs, pairs, 1.2), "{shape:?} at {cells}: {estimate:?}, {pairs} pairs");
 
-                // Layers and distances stand beside the field while it is assembled.
                 let layers = size_of_val(&*map.layers.values) + size_of_val(&*map.layers.top) + size_of_val(&*map.layers.bricks);
-                let measured = map.layers.bricks.len() * size_of::<[f32; BRICK_CELLS]>();
+                let measuring = map.layers.bricks.len() * 320 + mesh.triangles.len() * 110;
                 let field = map.field(&mesh, false).heap_bytes();
                 let shell = pointshell::build(&mesh, &map, DVec3::ZERO).0.heap_bytes();
+                let mesh_bytes = 2 * size_of_val(&*mesh.vertices) + size_of_val(&*mesh.triangles);
                 assert!(close(estimate.kept_bytes, field + shell, 1.5), "{shape:?} at {cells}: {estimate:?}, {field} + {shell}");
-                let masks = size_of_val(&*map.surface.masks);
-                assert!(
-                    close(estimate.peak_bytes, 2 * masks + layers + measured + field, 1.5),
-                    "{shape:?} at {cells}: {estimate:?}"
-                );
+                let shared = mesh_bytes + 2 * size_of_val(&*map.surface.masks) + layers + field;
+                // The layers are the field's own; points take twice their size while they are put in order.
+                let peak = shared - size_of_val(&*map.layers.values) + measuring.max(2 * shell);
+                assert!(close(estimate.peak_bytes, peak, 1.5), "{shape:?} at {cells}: {estimate:?}, {peak} bytes");
             }
         }
     }

@@ -88,9 +88,10 @@ impl<'a> Lattice<'a> {
         Self { tree, searches_all, half, after }
     }
 
-    /// Finds the nearest patches of a group that has considered those of its cube.
-    pub(super) fn settle(&self, group: &mut Group, patches: &Patches) {
-        settle(group, patches, &self.tree, self.searches_all);
+    /// Finds the nearest patches of a group that has considered those of its cube. `is_next_to_surface`: a search goes no further than a
+    /// voxel or two, and what it finds is what hands feel.
+    pub(super) fn settle(&self, group: &mut Group, patches: &Patches, is_next_to_surface: bool) {
+        settle(group, patches, &self.tree, self.searches_all || is_next_to_surface);
     }
 
     /// Calls `visit(cube, candidates)` for every cube of 2³ cells of a brick, which begins at cell 2·`cube` of the brick: the patches
@@ -100,9 +101,9 @@ impl<'a> Lattice<'a> {
     }
 }
 
-/// Walks, and searches where the walk did not get to its end.
-fn settle(group: &mut Group, patches: &Patches, tree: &PatchTree<'_>, searches_all: bool) {
-    if !group.settle(patches) || searches_all {
+/// Walks, and searches where that is asked for or the walk did not get to its end.
+fn settle(group: &mut Group, patches: &Patches, tree: &PatchTree<'_>, searches: bool) {
+    if !group.settle(patches) || searches {
         tree.search(group);
     }
 }

@@ -177,22 +177,25 @@ impl Stage<'_> {
             }
             group.restart(Cube { base: core::array::from_fn(|axis| origin[axis] + 2 * cube[axis] as i32), step: 1 }, wanted);
             candidates.iter().for_each(|patch_idx| group.consider(*patch_idx));
-            self.lattice.settle(group, patches);
+            let is_next_to_surface = (0..8).any(|lane| values[inside[lane]].abs() == 1);
+            self.lattice.settle(group, patches, is_next_to_surface);
             for lane in (0..8).filter(|lane| wanted >> lane & 1 == 1) {
                 put(inside[lane], group.nearest.patch_idx[lane], side(values[inside[lane]]) * group.nearest.squared[lane].sqrt());
             }
         });
         if let Some(surface_slot) = surface.slot(brick) {
-            let near = Nearby::measure(self.machine, patches, &self.bins, surface, surface_slot);
+            let outward = |patch_idx: u32| match self.signs {
+                Signs::Solid(orientation) => orientation.sign(patches.triangle(patch_idx)) as f32,
+                Signs::Thin => 1.0,
+            };
+            let near = Nearby::measure(self.machine, patches, &self.bins, surface, surface_slot, outward);
             for inside in near::cells(&surface.masks[surface_slot]) {
                 let (patch_idx, distance) = (near.patch_idx[inside], near.squared[inside].sqrt());
                 if patch_idx == NONE {
                     continue;
                 }
                 let sign = match self.signs {
-                    Signs::Solid(orientation) if distance > ON_SURFACE_CELLS => {
-                        -(near.height[inside] * orientation.sign(patches.triangle(patch_idx)) as f32).signum()
-                    }
+                    Signs::Solid(_) if distance > ON_SURFACE_CELLS => -near.height[inside].signum(),
                     _ => -1.0,
                 };
                 put(inside, patch_idx, sign * distance);

@@ -15,7 +15,7 @@ const REACH_CELLS: f32 = 0.8661;
 /// corner that the triangles have in common. Cells² the second.
 const TIE: (f32, f32) = (1.0 + 3e-5, 1e-8);
 /// By so much more squarely must a centre face the plane of a triangle to prefer it to one that ties, cells.
-const FACING_CELLS: f32 = 1e-6;
+const FACING_CELLS: f32 = 1e-4;
 
 /// Which patches come near the surface voxels of which brick.
 pub(super) struct Bins {
@@ -90,32 +90,43 @@ pub(super) struct Nearby {
     pub(super) patch_idx: [u32; BRICK_CELLS],
     /// Cells².
     pub(super) squared: [f32; BRICK_CELLS],
-    /// Along the winding normal of the patch that the centre faces most squarely, cells.
+    /// Along the outward normal of the patch that the centre faces most squarely, cells. Where two faces lie on each other, inside of
+    /// one is inside: parts that touch are one solid.
     pub(super) height: [f32; BRICK_CELLS],
 }
 
 impl Nearby {
-    /// Measures the surface voxels of one brick.
-    pub(super) fn measure(machine: Machine, patches: &Patches, bins: &Bins, surface: &Surface, surface_slot: usize) -> Self {
+    /// Measures the surface voxels of one brick. `outward`: 1 for a patch whose winding normal points out, −1 for one where it points
+    /// in.
+    pub(super) fn measure(
+        machine: Machine,
+        patches: &Patches,
+        bins: &Bins,
+        surface: &Surface,
+        surface_slot: usize,
+        outward: impl Fn(u32) -> f32,
+    ) -> Self {
         let origin = brick_origin(surface.grid.brick_coord(surface.bricks[surface_slot] as usize));
         let mask = &surface.masks[surface_slot];
         let mut best = Self { patch_idx: [NONE; BRICK_CELLS], squared: [f32::INFINITY; BRICK_CELLS], height: [0.0; BRICK_CELLS] };
         let mut cells = [0; BRICK_CELLS];
         for patch_idx in bins.sorted(surface_slot) {
             let patch = &patches.all[patch_idx as usize];
+            let outward = outward(patch_idx);
             let n_cells = gather(patch, mask, origin, &mut cells);
             for batch in cells[..n_cells.next_multiple_of(LANES)].as_chunks::<LANES>().0.iter().enumerate() {
                 let (batch_idx, batch) = batch;
                 let found = machine.broadcast(patch, origin, batch);
                 for lane in 0..LANES.min(n_cells - batch_idx * LANES) {
                     let cell = batch[lane] as usize;
-                    let (squared, height) = (found.squared[lane], found.height[lane]);
+                    let (squared, height) = (found.squared[lane], found.height[lane] * outward);
                     let so_far = best.squared[cell];
                     if squared > so_far * TIE.0 + TIE.1 {
                         continue;
                     }
                     let is_tie = so_far <= squared * TIE.0 + TIE.1;
-                    if !is_tie || height.abs() > best.height[cell].abs() + FACING_CELLS {
+                    let facing = height.abs() - best.height[cell].abs();
+                    if !is_tie || facing > FACING_CELLS || (facing >= -FACING_CELLS && height < best.height[cell]) {
                         (best.patch_idx[cell], best.height[cell]) = (patch_idx, height);
                     }
                     best.squared[cell] = so_far.min(squared);
