@@ -117,8 +117,8 @@ impl Nearby {
             for batch in cells[..n_cells.next_multiple_of(LANES)].as_chunks::<LANES>().0.iter().enumerate() {
                 let (batch_idx, batch) = batch;
                 let found = machine.broadcast(patch, origin, batch);
-                for lane in 0..LANES.min(n_cells - batch_idx * LANES) {
-                    let cell = batch[lane] as usize;
+                for (lane, cell) in batch.iter().enumerate().take(n_cells - batch_idx * LANES) {
+                    let cell = *cell as usize;
                     let (squared, height) = (found.squared[lane], found.height[lane] * outward);
                     let so_far = best.squared[cell];
                     if squared > so_far * TIE.0 + TIE.1 {

@@ -28,14 +28,14 @@ impl Boxes {
     fn bounds(&self, points: &[[f32; LANES]; 3], nearest: &[f32; LANES]) -> [f32; LANES] {
         let mut bounds = [f32::INFINITY; LANES];
         for lane in 0..LANES {
-            for child in 0..LANES {
+            for (child, least) in bounds.iter_mut().enumerate() {
                 let away = |axis: usize| {
                     (self.low[axis][child] - points[axis][lane]).max(points[axis][lane] - self.high[axis][child]).max(0.0)
                 };
                 let [x, y, z] = [away(0), away(1), away(2)];
                 let squared = x * x + y * y + z * z;
                 let bound = if squared < nearest[lane] { squared } else { f32::INFINITY };
-                bounds[child] = if bound < bounds[child] { bound } else { bounds[child] };
+                *least = if bound < *least { bound } else { *least };
             }
         }
         bounds
