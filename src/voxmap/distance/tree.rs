@@ -26,14 +26,19 @@ impl Boxes {
     /// where none does.
     #[inline]
     fn bounds(&self, points: &[[f32; LANES]; 3], nearest: &[f32; LANES]) -> [f32; LANES] {
+        // Comparisons rather than `f32::max`, which minds NaN: eight at a time they are one instruction.
+        let larger = |a: f32, b: f32| if a > b { a } else { b };
         let mut bounds = [f32::INFINITY; LANES];
         for lane in 0..LANES {
-            for (child, least) in bounds.iter_mut().enumerate() {
-                let away = |axis: usize| {
-                    (self.low[axis][child] - points[axis][lane]).max(points[axis][lane] - self.high[axis][child]).max(0.0)
-                };
-                let [x, y, z] = [away(0), away(1), away(2)];
-                let squared = x * x + y * y + z * z;
+            let mut squared = [0.0; LANES];
+            for (axis, lanes) in points.iter().enumerate() {
+                let point = lanes[lane];
+                for (squared, (low, high)) in squared.iter_mut().zip(self.low[axis].iter().zip(&self.high[axis])) {
+                    let away = larger(larger(low - point, point - high), 0.0);
+                    *squared += away * away;
+                }
+            }
+            for (least, squared) in bounds.iter_mut().zip(squared) {
                 let bound = if squared < nearest[lane] { squared } else { f32::INFINITY };
                 *least = if bound < *least { bound } else { *least };
             }
@@ -61,19 +66,14 @@ impl Boxes {
 pub(super) struct PatchTree<'a> {
     patches: &'a [Patch],
     machine: Machine,
-    /// Boxes of the leaves, which are eight patches in a row, eight a node; then of those nodes, and so on up to one node.
+    /// Boxes of the patches, eight in a row a node; then of those nodes, and so on up to one node.
     levels: Vec<Vec<Boxes>>,
 }
 
 impl<'a> PatchTree<'a> {
-    /// `patches` in the order of [`Patches`](super::patches::Patches), and not empty. Cost: O(patches); memory about 30 bytes per patch.
+    /// `patches` in the order of [`Patches`](super::patches::Patches), and not empty. Cost: O(patches); memory 28 bytes per patch.
     pub(super) fn new(patches: &'a [Patch], machine: Machine) -> Self {
-        let around = |leaf: &[Patch]| {
-            let mut boxes = Boxes::EMPTY;
-            leaf.iter().enumerate().for_each(|(lane, patch)| boxes.set(lane, patch.bounds(SLACK_CELLS)));
-            boxes.hull()
-        };
-        let mut below: Vec<_> = patches.par_chunks(LANES).map(around).collect();
+        let mut below: Vec<_> = patches.par_iter().map(|patch| patch.bounds(SLACK_CELLS)).collect();
         let mut levels = Vec::new();
         loop {
             let level: Vec<Boxes> = below
@@ -108,10 +108,7 @@ impl<'a> PatchTree<'a> {
                 continue;
             }
             let Some(level) = usize::from(height).checked_sub(1) else {
-                let first = node as usize * LANES;
-                for (lane, patch) in self.patches[first..self.patches.len().min(first + LANES)].iter().enumerate() {
-                    self.machine.group(patch, (first + lane) as u32, group.cube, &mut group.nearest);
-                }
+                self.machine.group(&self.patches[node as usize], node, group.cube, &mut group.nearest);
                 continue;
             };
             let bounds = self.levels[level][node as usize].bounds(&points, &group.nearest.squared);
