@@ -278,6 +278,12 @@ fn bake_mesh(args: &Args, talk: Talk) -> Result<(), Failure> {
     let outputs = [&args.voxmap_out, &args.field_out, &args.pointshell_out, &args.picture];
     for path in outputs.into_iter().flatten() {
         check_destination(path)?;
+        // Both exist, or one is no file yet: then there is nothing to lose.
+        if let (Ok(output), Ok(input)) = (path.canonicalize(), args.input.canonicalize())
+            && output == input
+        {
+            return Err(Failure::Usage(format!("{} is the mesh itself: name another file to write", path.display())));
+        }
     }
     if let Some(path) = &args.picture
         && !path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png"))

@@ -385,6 +385,17 @@ fn an_output_that_cannot_be_written_is_told_by_name() {
 }
 
 #[test]
+fn a_bake_does_not_overwrite_its_own_mesh() {
+    let dir = folder();
+    let before = std::fs::read(dir.path().join("peg.obj")).unwrap();
+    for flag in ["--voxmap-out", "--field-out", "--pointshell-out"] {
+        let line = format!("bake peg.obj --units mm --voxel-size-mm 1 {flag} ./peg.obj");
+        refuses(dir.path(), &line, 2, &["error: ./peg.obj is the mesh itself"]);
+    }
+    assert_eq!(std::fs::read(dir.path().join("peg.obj")).unwrap(), before);
+}
+
+#[test]
 fn help_is_a_result() {
     let dir = folder();
     for command in ["", "run", "bake", "check", "eval"] {
