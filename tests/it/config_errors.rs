@@ -331,7 +331,12 @@ fn the_command_line_overrides_the_scene() {
 }
 
 fn hapticd(dir: &Path, args: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_hapticd")).current_dir(dir).args(args).output().unwrap()
+    Command::new(env!("CARGO_BIN_EXE_hapticd"))
+        .current_dir(dir)
+        .env("XDG_CACHE_HOME", dir.join("xdg-cache"))
+        .args(args)
+        .output()
+        .unwrap()
 }
 
 #[test]
