@@ -173,6 +173,12 @@ impl Surface {
         Some((self.ranks[slot][word] + within) as usize)
     }
 
+    /// `[8]`: rank of the first surface voxel in each word of a slot's mask, or what it would be.
+    #[inline]
+    pub(super) fn ranks(&self, slot: usize) -> &[u32; BRICK_EDGE] {
+        &self.ranks[slot]
+    }
+
     /// Every surface voxel, in order of rank.
     pub fn cells(&self) -> impl Iterator<Item = [i32; 3]> + '_ {
         self.bricks.iter().zip(&self.masks).flat_map(|(brick, mask)| {
