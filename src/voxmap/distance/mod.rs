@@ -1,12 +1,12 @@
 //! Signed distance from cell centres to the true surface, in the band.
 //!
 //! In the surface voxels every triangle nearby is measured. Elsewhere the nearest triangle is searched exactly on a
-//! coarse lattice; the cells between take the choices of the lattice points around them and walk across
-//! edges to closer ones. What is handed on is a choice, not a value: every value is an exact point-triangle distance,
+//! coarse lattice; the cells between take the choices of the lattice points around them, and of the surface voxels beside them, and
+//! walk across edges to closer ones. What is handed on is a choice, not a value: every value is an exact point-triangle distance,
 //! so no error builds up, and no cell waits for another.
 //!
 //! ```text
-//! mesh ─► patches ─┬─► near (surface voxels) ───────────────────────┬─► Samples ─► field
+//! mesh ─► patches ─┬─► near (surface voxels) ───────────┬───────────┬─► Samples ─► field
 //!                  └─► tree ─► lattice (¼, ½) ─► group (all cells) ──┘
 //!                        kernel on simd
 //! ```
@@ -168,7 +168,8 @@ impl Stage<'_> {
             let first = (cube[0] << 7) + (cube[1] << 4) + (cube[2] << 1);
             let inside: [usize; LANES] = core::array::from_fn(|lane| first + (lane >> 2 << 6) + (lane >> 1 & 1) * 8 + (lane & 1));
             let layers = inside.map(|inside| values[inside]);
-            let bits = |holds: fn(i8, i8) -> bool| (0..LANES).fold(0, |bits, lane| bits | u8::from(holds(layers[lane], beyond)) << lane);
+            let bits =
+                |holds: fn(i8, i8) -> bool| (0..LANES).fold(0, |bits, lane| bits | u8::from(holds(layers[lane], beyond)) << lane);
             let wanted = bits(|layer, beyond| layer != 0 && layer.abs() != beyond);
             if wanted == 0 {
                 return;
