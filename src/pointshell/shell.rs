@@ -37,6 +37,16 @@ impl Lanes3 {
         let at = |lanes: &Lanes| lanes.0.get(lane).copied().unwrap_or(f32::NAN);
         Vec3::new(at(&self.x), at(&self.y), at(&self.z))
     }
+
+    /// Replaces the vector in one lane; does nothing beyond the block.
+    #[inline]
+    pub fn set(&mut self, lane: usize, vector: Vec3) {
+        for (lanes, coordinate) in [&mut self.x, &mut self.y, &mut self.z].into_iter().zip(vector.to_array()) {
+            if let Some(place) = lanes.0.get_mut(lane) {
+                *place = coordinate;
+            }
+        }
+    }
 }
 
 /// Points and normals of the tool, and the tree over them.

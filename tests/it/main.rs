@@ -19,4 +19,5 @@ mod real_scenes;
 mod rig;
 mod scenes;
 mod sides;
+mod traversal;
 mod tree;

@@ -2,18 +2,34 @@
 //!
 //! # Units and frames
 //! Sums are formed in tool axes about the centre of mass, where normals and arms are constants of the shell, and turned to world
-//! axes once per obstacle. `f32` per point, `f64` sums, added in the order of the points: the same bits on every machine.
+//! axes once per obstacle. `f32` per point, `f64` sums in four lanes, added in the order of the points: the same bits on every machine.
+//!
+//! ```text
+//!   flat (specification) ─┐
+//!   traversal ─┬─ all ────┼─► Touched: blocks of the shell and depths ─► sum
+//!              └─ walk ───┘
+//! ```
 //!
 //! # Source
 //! Sagardia2008, section 2 (traverse all points, sum penetration × normal); McNeely1999 (wrench about the centre of mass).
 
+mod budget;
 mod flat;
+mod simd;
+mod sum;
+mod touched;
+mod traversal;
+mod walk;
 
 use glam::DVec3;
 
-pub use flat::{Contact, visit};
+pub use budget::Budget;
+pub use flat::visit;
+pub use simd::Machine;
+pub use touched::{Contact, Touched};
+pub use traversal::{Traversal, Way};
 
-use super::filter::entry_weight;
+use self::sum::{Sums, Weighting};
 use super::params::{ContactParameters, FilterParameters, Normalization};
 use crate::pointshell::shell::Shell;
 use crate::spatial::{Mat6, Pose, Wrench};
@@ -33,7 +49,7 @@ pub struct Obstacle {
 pub struct ContactSum {
     /// Points with V > 0.
     pub contacts: u32,
-    /// Largest V over all points and obstacles, m; −band when everything is far.
+    /// Largest V over all points and obstacles, m; −band when everything is far. See [`Self::of`] for what a walk gives.
     pub max_value_m: f64,
     /// Contact wrench on the tool: stiffness times depths, stage S and normalisation applied where they are on.
     pub wrench: Wrench,
@@ -46,18 +62,10 @@ pub struct ContactSum {
     /// Largest displacement that a point may make in one tick without passing unnoticed through any
     /// obstacle: the proven clearance, or half a voxel near contact, m.
     pub step_limit_m: f64,
-}
-
-/// What one obstacle adds, tool axes, metres instead of newtons (stiffness is multiplied in later).
-#[derive(Clone, Copy, Debug)]
-struct Partial {
-    depth_normal: DVec3,
-    depth_moment: DVec3,
-    stiffness: Mat6,
-    depth: f64,
-    depth_arm: DVec3,
-    effective: f64,
-    contacts: u32,
+    /// Points and spheres that a walk looked at; 0 of the flat traversal, which looks at all points.
+    pub looked_at: u32,
+    /// Points that a budget left out: others stood for them.
+    pub left_out: u32,
 }
 
 impl ContactSum {
@@ -75,8 +83,80 @@ impl ContactSum {
         contact: &ContactParameters,
         filter: &FilterParameters,
     ) -> Self {
-        let stiffness_n_per_m = contact.stiffness_n_per_m;
-        let mut sum = Self {
+        let mut summing = Summing::new(contact, filter, world_from_body);
+        for obstacle in obstacles {
+            let map_from_body = obstacle.world_from_map.inverse() * world_from_body;
+            let by = summing.weighting(obstacle);
+            let mut sums = Sums::ZERO;
+            let max_value_m = flat::blocks(&obstacle.field, contact.field, shell, map_from_body, |touched| {
+                if let Some((positions, normals)) = touched.geometry(&obstacle.field, shell, map_from_body) {
+                    Machine::Portable.add(&mut sums, touched, &positions, &normals, by);
+                }
+            });
+            summing.add(obstacle, &sums, max_value_m);
+        }
+        summing.finish()
+    }
+
+    /// The same by a prepared [`Traversal`], which remembers what cannot touch from one call to the next.
+    ///
+    /// While something touches, and the budget suffices, every bit is that of [`Self::flat`]. While nothing touches, −`max_value_m` of a
+    /// walk is the clearance that it has proven, which is less. `obstacles` and `shell` must be those that the traversal was made for.
+    ///
+    /// RT: safe; allocates nothing.
+    pub fn of(
+        traversal: &mut Traversal,
+        obstacles: &[Obstacle],
+        shell: &Shell,
+        world_from_body: Pose,
+        contact: &ContactParameters,
+        filter: &FilterParameters,
+    ) -> Self {
+        let machine = traversal.machine();
+        let mut summing = Summing::new(contact, filter, world_from_body);
+        traversal.begin();
+        for (obstacle_idx, obstacle) in obstacles.iter().enumerate() {
+            let map_from_body = obstacle.world_from_map.inverse() * world_from_body;
+            let by = summing.weighting(obstacle);
+            let mut sums = Sums::ZERO;
+            let found = traversal.find(obstacle_idx, obstacle, contact.field, shell, map_from_body);
+            for touched in traversal.touched() {
+                if obstacle.field.is_thin() {
+                    if let Some((positions, normals)) = touched.geometry(&obstacle.field, shell, map_from_body) {
+                        machine.add(&mut sums, touched, &positions, &normals, by);
+                    }
+                } else if let (Some(positions), Some(normals)) =
+                    (shell.positions().get(touched.block as usize), shell.normals().get(touched.block as usize))
+                {
+                    machine.add(&mut sums, touched, positions, normals, by);
+                }
+            }
+            summing.add(obstacle, &sums, found.max_value_m);
+            summing.sum.left_out += found.left_out;
+            summing.sum.looked_at += found.looked_at;
+        }
+        summing.finish()
+    }
+}
+
+/// Contacts from which the averaged sum stops growing (McNeely1999: F_tot below ten contacts, F_tot/(N/10) from ten on).
+const AVERAGED_CONTACTS: f64 = 10.0;
+
+/// The sum while obstacles are added.
+struct Summing<'a> {
+    contact: &'a ContactParameters,
+    filter: &'a FilterParameters,
+    world_from_body: Pose,
+    sum: ContactSum,
+    touched_voxel_m: f64,
+    depth: f64,
+    depth_arm: DVec3,
+    effective: f64,
+}
+
+impl<'a> Summing<'a> {
+    fn new(contact: &'a ContactParameters, filter: &'a FilterParameters, world_from_body: Pose) -> Self {
+        let sum = ContactSum {
             contacts: 0,
             max_value_m: f64::NEG_INFINITY,
             wrench: Wrench::ZERO,
@@ -84,34 +164,44 @@ impl ContactSum {
             arm_world: DVec3::ZERO,
             voxel_size_m: f64::INFINITY,
             step_limit_m: f64::INFINITY,
+            looked_at: 0,
+            left_out: 0,
         };
-        let (mut touched_voxel_m, mut depth, mut depth_arm, mut effective) = (f64::INFINITY, 0.0, DVec3::ZERO, 0.0);
-        for obstacle in obstacles {
-            let voxel_size_m = f64::from(obstacle.field.voxel_size_m());
-            let map_from_body = obstacle.world_from_map.inverse() * world_from_body;
-            let mut partial = Partial::NONE;
-            let max_value_m = f64::from(visit(&obstacle.field, contact.field, shell, map_from_body, |touching| {
-                partial.add(touching, voxel_size_m, filter.spatial);
-            }));
-            sum.max_value_m = sum.max_value_m.max(max_value_m);
-            sum.voxel_size_m = sum.voxel_size_m.min(voxel_size_m);
-            // Interpolation may overstate a clearance by half the diagonal of a cell, the other look-ups by up to two voxels.
-            let overstated_voxels = if contact.field == FieldKind::Trilinear { 0.5 * 3_f64.sqrt() } else { 2.0 };
-            let clearance_m = -max_value_m - overstated_voxels * voxel_size_m;
-            sum.step_limit_m = sum.step_limit_m.min(clearance_m.max(0.5 * voxel_size_m));
-            if partial.contacts == 0 {
-                continue;
-            }
-            let rotation = world_from_body.rotation_matrix();
-            sum.contacts += partial.contacts;
-            sum.wrench =
-                sum.wrench + Wrench::new(rotation * partial.depth_normal, rotation * partial.depth_moment) * stiffness_n_per_m;
-            sum.stiffness = sum.stiffness.plus_scaled(stiffness_n_per_m, &partial.stiffness.rotated(rotation));
-            touched_voxel_m = touched_voxel_m.min(voxel_size_m);
-            depth += partial.depth;
-            depth_arm += rotation * partial.depth_arm;
-            effective += partial.effective;
+        let nothing = (f64::INFINITY, 0.0, DVec3::ZERO, 0.0);
+        let (touched_voxel_m, depth, depth_arm, effective) = nothing;
+        Self { contact, filter, world_from_body, sum, touched_voxel_m, depth, depth_arm, effective }
+    }
+
+    fn weighting(&self, obstacle: &Obstacle) -> Weighting {
+        Weighting { voxel_size_m: f64::from(obstacle.field.voxel_size_m()), spatial: self.filter.spatial }
+    }
+
+    /// Adds what was found at an obstacle.
+    fn add(&mut self, obstacle: &Obstacle, sums: &Sums, max_value_m: f32) {
+        let (sum, max_value_m) = (&mut self.sum, f64::from(max_value_m));
+        let voxel_size_m = f64::from(obstacle.field.voxel_size_m());
+        sum.max_value_m = sum.max_value_m.max(max_value_m);
+        sum.voxel_size_m = sum.voxel_size_m.min(voxel_size_m);
+        // Interpolation may overstate a clearance by half the diagonal of a cell, the other look-ups by up to two voxels.
+        let overstated_voxels = if self.contact.field == FieldKind::Trilinear { 0.5 * 3_f64.sqrt() } else { 2.0 };
+        let clearance_m = -max_value_m - overstated_voxels * voxel_size_m;
+        sum.step_limit_m = sum.step_limit_m.min(clearance_m.max(0.5 * voxel_size_m));
+        if sums.contacts == 0 {
+            return;
         }
+        let (rotation, stiffness_n_per_m, total) =
+            (self.world_from_body.rotation_matrix(), self.contact.stiffness_n_per_m, sums.total());
+        sum.contacts += sums.contacts;
+        sum.wrench = sum.wrench + Wrench::new(rotation * total.depth_normal, rotation * total.depth_moment) * stiffness_n_per_m;
+        sum.stiffness = sum.stiffness.plus_scaled(stiffness_n_per_m, &total.stiffness.rotated(rotation));
+        self.touched_voxel_m = self.touched_voxel_m.min(voxel_size_m);
+        self.depth += total.depth;
+        self.depth_arm += rotation * total.depth_arm;
+        self.effective += total.effective;
+    }
+
+    fn finish(self) -> ContactSum {
+        let Self { contact, mut sum, touched_voxel_m, depth, depth_arm, effective, .. } = self;
         if sum.contacts > 0 {
             sum.voxel_size_m = touched_voxel_m;
             sum.arm_world = depth_arm / depth;
@@ -122,38 +212,5 @@ impl ContactSum {
             }
         }
         sum
-    }
-}
-
-/// Contacts from which the averaged sum stops growing (McNeely1999: F_tot below ten contacts, F_tot/(N/10) from ten on).
-const AVERAGED_CONTACTS: f64 = 10.0;
-
-impl Partial {
-    const NONE: Self = Self {
-        depth_normal: DVec3::ZERO,
-        depth_moment: DVec3::ZERO,
-        stiffness: Mat6::ZERO,
-        depth: 0.0,
-        depth_arm: DVec3::ZERO,
-        effective: 0.0,
-        contacts: 0,
-    };
-
-    #[inline]
-    fn add(&mut self, contact: &Contact, voxel_size_m: f64, spatial: bool) {
-        let depth = f64::from(contact.depth_m);
-        let (weight, weight_slope) = if spatial { entry_weight(depth, voxel_size_m) } else { (1.0, 0.0) };
-        let normal = contact.normal_body.as_dvec3();
-        let arm = contact.arm_body.as_dvec3();
-        let moment = arm.cross(normal);
-        self.depth_normal += normal * (depth * weight);
-        self.depth_moment += moment * (depth * weight);
-        // d(d·w)/dd = w + d·w'
-        self.stiffness.add_outer(weight + depth * weight_slope, normal, moment);
-        self.depth += depth;
-        self.depth_arm += arm * depth;
-        // Our smooth count: a contact counts fully from a quarter voxel on, so that normalisation has no steps.
-        self.effective += (4.0 * depth / voxel_size_m).min(1.0);
-        self.contacts += 1;
     }
 }

@@ -1,0 +1,591 @@
+//! Sixteen points, or eight spheres, against a field at once.
+//!
+//! Each kernel is written twice: lane by lane, which is the specification, and with AVX2. Both do the same operations in the same
+//! order with the same rounding (no fused multiply-add), so results do not depend on which of them ran.
+//!
+//! # Measured
+//! The samples of an interpolation cell are fetched as four pairs per point (64-bit gathers): neighbours along z lie side by side.
+//! Most points never come to that, because their brick's ceiling says that they cannot touch.
+
+#![expect(unsafe_code, reason = "AVX2 intrinsics, and the call of code compiled for AVX2 after asking for it")]
+
+use glam::{Mat3, Vec3};
+
+use super::sum::{Four, Sums, Weighting};
+use super::touched::Touched;
+use crate::pointshell::shell::{LANES, Lanes, Lanes3};
+use crate::pointshell::tree::{CHILDREN, Spheres};
+use crate::spatial::Pose;
+use crate::voxmap::field::chart::Chart;
+use crate::voxmap::field::{APRON_CELLS, APRON_EDGE, DEEP_INSIDE, FAR_OUTSIDE, Field};
+
+const ROW: usize = APRON_EDGE;
+const PLANE: usize = APRON_EDGE * APRON_EDGE;
+/// What two interpolations take from a distance: the variance of a corner about the place it is interpolated for is at most ¼ per
+/// axis, and there are three axes and two places; cells².
+const SPREAD_CELLS_SQUARED: f32 = 1.5;
+/// 1/√3, a little less: an interpolation of values that grow by no more than their distance is at most √3 times as steep.
+const LEAST_SLOPE: f32 = 0.577;
+
+/// Where the tool stands on a field's grid: body axes about the centre of mass to cells.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Place {
+    /// Cells per metre, columns are the images of the body axes.
+    pub(super) axes: Mat3,
+    /// The centre of mass, cells.
+    pub(super) origin: Vec3,
+}
+
+impl Place {
+    pub(super) fn new(field: &Field, map_from_body: Pose) -> Self {
+        let per_metre = 1.0 / f64::from(field.voxel_size_m());
+        // The subtraction in f64: what is left is small, whatever the origin.
+        let origin = (map_from_body.translation - field.origin_map().as_dvec3()) * per_metre;
+        Self { axes: (map_from_body.rotation_matrix() * per_metre).as_mat3(), origin: origin.as_vec3() }
+    }
+
+    pub(super) fn is_finite(&self) -> bool {
+        self.axes.is_finite() && self.origin.is_finite()
+    }
+}
+
+/// V of the points of a block.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Depths {
+    /// m; of a point that was not interpolated its brick's ceiling instead, which is no more than the floor asked for.
+    pub(super) depths_m: Lanes,
+    /// One bit per lane: V > 0.
+    pub(super) touching: u16,
+    /// Largest of them, m; lanes that are not a number do not count.
+    pub(super) max_m: f32,
+}
+
+/// How lanes are computed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Machine {
+    /// One after the other.
+    Portable,
+    /// All at once. Made by [`Machine::best`] only, which asks the processor.
+    #[cfg(target_arch = "x86_64")]
+    Avx2(HasAvx2),
+}
+
+/// Proof that the processor has AVX2.
+#[cfg(target_arch = "x86_64")]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct HasAvx2(());
+
+impl Machine {
+    /// The fastest that this processor has.
+    pub fn best() -> Self {
+        #[cfg(target_arch = "x86_64")]
+        if is_x86_feature_detected!("avx2") {
+            return Self::Avx2(HasAvx2(()));
+        }
+        Self::Portable
+    }
+
+    /// Looks up blocks of points one after the other, and tells what it `found` of each. `floor` gives, from the largest V so far,
+    /// the ceiling up to which a point's own V is of no interest. Returns the largest V. RT: safe; allocates nothing.
+    #[inline]
+    pub(super) fn blocks(
+        self,
+        chart: &Chart,
+        place: &Place,
+        positions: &[Lanes3],
+        which: impl Iterator<Item = u32>,
+        floor: impl Fn(f32) -> f32,
+        found: impl FnMut(u32, &Depths),
+    ) -> f32 {
+        match self {
+            Self::Portable => {
+                each(positions, which, floor, found, |positions, floor_m| portable::block(chart, place, positions, floor_m))
+            }
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: the processor has AVX2, of which `HasAvx2` is the proof.
+            Self::Avx2(HasAvx2(())) => unsafe { avx2::blocks(chart, place, positions, which, floor, found) },
+        }
+    }
+
+    /// For each of eight spheres, how far it may move in any way before one of its points can touch, cells; not above 0 when nothing is
+    /// proven. `margin_cells`: what rounding may take. RT: safe.
+    #[inline]
+    pub(super) fn spheres(self, chart: &Chart, place: &Place, spheres: &Spheres, margin_cells: f32) -> [f32; CHILDREN] {
+        match self {
+            Self::Portable => portable::spheres(chart, place, spheres, margin_cells),
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: as above.
+            Self::Avx2(HasAvx2(())) => unsafe { avx2::spheres(chart, place, spheres, margin_cells) },
+        }
+    }
+}
+
+impl Machine {
+    /// Adds a block to the sums.
+    #[inline]
+    pub(super) fn add(self, sums: &mut Sums, touched: &Touched, positions: &Lanes3, normals: &Lanes3, by: Weighting) {
+        match self {
+            Self::Portable => sums.add::<[f64; 4]>(touched, positions, normals, by),
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: as above.
+            Self::Avx2(HasAvx2(())) => unsafe { avx2::add(sums, touched, positions, normals, by) },
+        }
+    }
+}
+
+/// How far a place with this V is from anything with V > 0, cells, by the field itself.
+///
+/// # Source
+/// Ours. Samples are distances, so they differ by no more than they are apart. V at two places are means of such samples, hence
+/// V(b) − V(a) ≤ E|X − Y| ≤ √(E|X − Y|²) = √(|b − a|² + Var X + Var Y), X and Y the corners with their weights; also
+/// V(b) − V(a) ≤ √3·|b − a|, as no partial derivative exceeds 1. The better of the two counts.
+#[inline(always)]
+pub(super) fn free_cells(depth_cells: f32) -> f32 {
+    let by_spread = greater(depth_cells * depth_cells - SPREAD_CELLS_SQUARED, 0.0).sqrt();
+    greater(by_spread, depth_cells * LEAST_SLOPE)
+}
+
+/// The maximum as the instruction has it: the second where either is not a number.
+#[inline(always)]
+fn greater(a: f32, b: f32) -> f32 {
+    if a > b { a } else { b }
+}
+
+#[inline(always)]
+fn lesser(a: f32, b: f32) -> f32 {
+    if a < b { a } else { b }
+}
+
+#[inline(always)]
+fn each(
+    positions: &[Lanes3],
+    which: impl Iterator<Item = u32>,
+    floor: impl Fn(f32) -> f32,
+    mut found: impl FnMut(u32, &Depths),
+    look: impl Fn(&Lanes3, f32) -> Depths,
+) -> f32 {
+    let mut max_m = f32::NEG_INFINITY;
+    for block in which {
+        let Some(points) = positions.get(block as usize) else { continue };
+        let depths = look(points, floor(max_m));
+        max_m = greater(depths.max_m, max_m);
+        found(block, &depths);
+    }
+    max_m
+}
+
+mod portable {
+    use super::*;
+
+    pub(super) fn block(chart: &Chart, place: &Place, positions: &Lanes3, floor_m: f32) -> Depths {
+        let mut depths = Depths { depths_m: Lanes([f32::NEG_INFINITY; LANES]), touching: 0, max_m: f32::NEG_INFINITY };
+        for (lane, depth_m) in depths.depths_m.0.iter_mut().enumerate() {
+            *depth_m = value(chart, place, positions.get(lane), floor_m);
+            depths.touching |= u16::from(*depth_m > 0.0) << lane;
+            depths.max_m = greater(*depth_m, depths.max_m);
+        }
+        depths
+    }
+
+    fn value(chart: &Chart, place: &Place, position: Vec3, floor_m: f32) -> f32 {
+        let lattice = cells(place, position) - 0.5;
+        let base = [lattice.x as i32, lattice.y as i32, lattice.z as i32];
+        let [bx, by, bz] = base.map(|cell| cell >> 3);
+        let [nx, ny, nz] = chart.dims();
+        let outside_m = chart.skin_m() - chart.band_m();
+        if bx as u32 >= nx as u32 || by as u32 >= ny as u32 || bz as u32 >= nz as u32 {
+            return outside_m;
+        }
+        let brick = ((bx * ny + by) * nz + bz) as usize;
+        let ceiling_m = chart.ceilings_m().get(brick).copied().unwrap_or(outside_m);
+        // So written, a lane that is not a number is as good as any other.
+        if ceiling_m <= floor_m {
+            return ceiling_m;
+        }
+        let slot = chart.top().get(brick).copied().unwrap_or(FAR_OUTSIDE);
+        let corners = match slot {
+            FAR_OUTSIDE | DEEP_INSIDE => return ceiling_m,
+            slot => corners(chart, slot, base),
+        };
+        let t = lattice - Vec3::new(base[0] as f32, base[1] as f32, base[2] as f32);
+        mixed(&corners, t).clamp(-chart.band_m(), chart.band_m()) + chart.skin_m()
+    }
+
+    fn cells(place: &Place, position: Vec3) -> Vec3 {
+        let Mat3 { x_axis, y_axis, z_axis } = place.axes;
+        x_axis * position.x + y_axis * position.y + z_axis * position.z + place.origin
+    }
+
+    fn corners(chart: &Chart, slot: u32, [x, y, z]: [i32; 3]) -> [f32; 8] {
+        let first = (x & 7) as usize * PLANE + (y & 7) as usize * ROW + (z & 7) as usize;
+        let brick = chart.samples_m().get(slot as usize).and_then(|brick| brick.get(first..));
+        let Some(samples) = brick.and_then(|samples| samples.first_chunk::<{ PLANE + ROW + 2 }>()) else {
+            return [-chart.band_m(); 8];
+        };
+        [
+            samples[0],
+            samples[1],
+            samples[ROW],
+            samples[ROW + 1],
+            samples[PLANE],
+            samples[PLANE + 1],
+            samples[PLANE + ROW],
+            samples[PLANE + ROW + 1],
+        ]
+    }
+
+    fn mixed(c: &[f32; 8], t: Vec3) -> f32 {
+        let z00 = c[0] + (c[1] - c[0]) * t.z;
+        let z01 = c[2] + (c[3] - c[2]) * t.z;
+        let z10 = c[4] + (c[5] - c[4]) * t.z;
+        let z11 = c[6] + (c[7] - c[6]) * t.z;
+        let y0 = z00 + (z01 - z00) * t.y;
+        let y1 = z10 + (z11 - z10) * t.y;
+        y0 + (y1 - y0) * t.x
+    }
+
+    pub(super) fn spheres(chart: &Chart, place: &Place, spheres: &Spheres, margin_cells: f32) -> [f32; CHILDREN] {
+        let Spheres { x, y, z, radius } = spheres;
+        let mut rooms = [0.0; CHILDREN];
+        for ((((room, x), y), z), radius) in rooms.iter_mut().zip(x).zip(y).zip(z).zip(radius) {
+            *room = sphere(chart, place, Vec3::new(*x, *y, *z)) - (radius / chart.voxel_size_m() + margin_cells);
+        }
+        rooms
+    }
+
+    fn sphere(chart: &Chart, place: &Place, center: Vec3) -> f32 {
+        let lattice = cells(place, center) - 0.5;
+        let dims = chart.dims();
+        // The nearest place on the grid: all that can touch lies there, and the grid is convex.
+        let inside = |at: f32, n: i32| lesser(greater(at, 0.0), (8 * n) as f32);
+        let on_grid = Vec3::new(inside(lattice.x, dims[0]), inside(lattice.y, dims[1]), inside(lattice.z, dims[2]));
+        let away = lattice - on_grid;
+        // The far end belongs to the last cell.
+        let cell_of = |at: f32, n: i32| (at as i32).min(8 * n - 1);
+        let base = [cell_of(on_grid.x, dims[0]), cell_of(on_grid.y, dims[1]), cell_of(on_grid.z, dims[2])];
+        let [bx, by, bz] = base.map(|cell| cell >> 3);
+        let brick = ((bx * dims[1] + by) * dims[2] + bz) as usize;
+        let room = chart.rooms_cells().get(brick).copied().unwrap_or(0.0);
+        let slot = chart.top().get(brick).copied().unwrap_or(DEEP_INSIDE);
+        let value_m = match slot {
+            FAR_OUTSIDE | DEEP_INSIDE => chart.ceilings_m().get(brick).copied().unwrap_or(0.0),
+            slot => {
+                let t = on_grid - Vec3::new(base[0] as f32, base[1] as f32, base[2] as f32);
+                // Beyond the band samples are not distances any more, only no nearer than it.
+                let clamped = corners(chart, slot, base).map(|corner| greater(-chart.band_m(), corner));
+                mixed(&clamped, t) + chart.skin_m()
+            }
+        };
+        let depth_cells = -value_m / chart.voxel_size_m() - chart.jump_cells();
+        let free = greater(room, free_cells(depth_cells));
+        (away.x * away.x + away.y * away.y + away.z * away.z + free * free).sqrt()
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+mod avx2 {
+    use core::arch::x86_64::*;
+
+    use super::*;
+
+    const _: () = assert!(size_of::<[f32; APRON_CELLS]>() == 4 * APRON_CELLS);
+
+    #[target_feature(enable = "avx2")]
+    pub(super) fn blocks(
+        chart: &Chart,
+        place: &Place,
+        positions: &[Lanes3],
+        which: impl Iterator<Item = u32>,
+        floor: impl Fn(f32) -> f32,
+        mut found: impl FnMut(u32, &Depths),
+    ) -> f32 {
+        let (grid, place) = (Grid::new(chart), Axes::new(place));
+        let mut max_m = f32::NEG_INFINITY;
+        for block in which {
+            let Some(points) = positions.get(block as usize) else { continue };
+            let floor_m = _mm256_set1_ps(floor(max_m));
+            let low = half(&grid, &place, [&points.x.0, &points.y.0, &points.z.0].map(|lanes| load(lanes, 0)), floor_m);
+            let high = half(&grid, &place, [&points.x.0, &points.y.0, &points.z.0].map(|lanes| load(lanes, 8)), floor_m);
+            let zero = _mm256_setzero_ps();
+            let touching = |depths| _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_GT_OQ>(depths, zero)) as u16;
+            let mut depths =
+                Depths { depths_m: Lanes([0.0; LANES]), touching: touching(low) | touching(high) << 8, max_m: largest(low, high) };
+            // SAFETY: sixteen numbers, aligned to 64 bytes.
+            unsafe {
+                _mm256_store_ps(depths.depths_m.0.as_mut_ptr(), low);
+                _mm256_store_ps(depths.depths_m.0.as_mut_ptr().add(8), high);
+            }
+            max_m = greater(depths.max_m, max_m);
+            depths.max_m = greater(depths.max_m, f32::NEG_INFINITY);
+            found(block, &depths);
+        }
+        max_m
+    }
+
+    #[target_feature(enable = "avx2")]
+    #[inline]
+    fn load(lanes: &[f32; LANES], from: usize) -> __m256 {
+        debug_assert!(from + 8 <= LANES);
+        // SAFETY: eight of sixteen numbers, from the first or the eighth on.
+        unsafe { _mm256_loadu_ps(lanes.as_ptr().add(from)) }
+    }
+
+    /// Largest lane of two; lanes that are not a number do not count.
+    #[target_feature(enable = "avx2")]
+    #[inline]
+    fn largest(a: __m256, b: __m256) -> f32 {
+        let least = _mm256_set1_ps(f32::NEG_INFINITY);
+        let eight = _mm256_max_ps(a, _mm256_max_ps(b, least));
+        let four = _mm_max_ps(_mm256_castps256_ps128(eight), _mm256_extractf128_ps::<1>(eight));
+        let two = _mm_max_ps(four, _mm_movehl_ps(four, four));
+        _mm_cvtss_f32(_mm_max_ss(two, _mm_shuffle_ps::<1>(two, two)))
+    }
+
+    /// The chart in registers.
+    struct Grid<'a> {
+        chart: &'a Chart,
+        dims: [__m256i; 3],
+        ny: __m256i,
+        nz: __m256i,
+        low: __m256,
+        high: __m256,
+        skin: __m256,
+        outside: __m256,
+    }
+
+    impl<'a> Grid<'a> {
+        #[target_feature(enable = "avx2")]
+        #[inline]
+        fn new(chart: &'a Chart) -> Self {
+            let [nx, ny, nz] = chart.dims();
+            Self {
+                chart,
+                dims: [_mm256_set1_epi32(nx), _mm256_set1_epi32(ny), _mm256_set1_epi32(nz)],
+                ny: _mm256_set1_epi32(ny),
+                nz: _mm256_set1_epi32(nz),
+                low: _mm256_set1_ps(-chart.band_m()),
+                high: _mm256_set1_ps(chart.band_m()),
+                skin: _mm256_set1_ps(chart.skin_m()),
+                outside: _mm256_set1_ps(chart.skin_m() - chart.band_m()),
+            }
+        }
+
+        /// Number of a brick. The product of the sizes fits, by the chart's invariant.
+        #[target_feature(enable = "avx2")]
+        #[inline]
+        fn brick(&self, [bx, by, bz]: [__m256i; 3]) -> __m256i {
+            let plane = _mm256_add_epi32(_mm256_mullo_epi32(bx, self.ny), by);
+            _mm256_add_epi32(_mm256_mullo_epi32(plane, self.nz), bz)
+        }
+
+        /// Corners of interpolation cells, in pairs along z: `(first, second)` of rows 00, 01, 10, 11.
+        ///
+        /// # Safety
+        /// Each slot is below the number of bricks with samples.
+        #[target_feature(enable = "avx2")]
+        #[inline]
+        unsafe fn corners(&self, slots: __m256i, [x, y, z]: [__m256i; 3]) -> [(__m256, __m256); 4] {
+            let seven = _mm256_set1_epi32(7);
+            let (x, y, z) = (_mm256_and_si256(x, seven), _mm256_and_si256(y, seven), _mm256_and_si256(z, seven));
+            // 9·(9·x + y) + z, and 729 per slot.
+            let nine_times = |v: __m256i| _mm256_add_epi32(_mm256_slli_epi32::<3>(v), v);
+            let inside = _mm256_add_epi32(nine_times(_mm256_add_epi32(nine_times(x), y)), z);
+            let first = _mm256_add_epi32(_mm256_mullo_epi32(slots, _mm256_set1_epi32(APRON_CELLS as i32)), inside);
+            // Points 0 1 4 5 | 2 3 6 7: the order that a shuffle of two halves puts right.
+            let first = _mm256_permute4x64_epi64::<0b11_01_10_00>(first);
+            let (early, late) = (_mm256_castsi256_si128(first), _mm256_extracti128_si256::<1>(first));
+            let samples = self.chart.samples_m().as_ptr().cast::<f32>();
+            [0, ROW, PLANE, PLANE + ROW].map(|row| {
+                // SAFETY: x, y, z are at most 7, so the last number read is 7·91 + 91 = 728 of the brick's 729, and by the chart's
+                // invariant slot · 729 + 728 is a sample and an `i32`.
+                let (early, late) = unsafe {
+                    let row = samples.add(row).cast::<i64>();
+                    (_mm256_i32gather_epi64::<4>(row, early), _mm256_i32gather_epi64::<4>(row, late))
+                };
+                let (early, late) = (_mm256_castsi256_ps(early), _mm256_castsi256_ps(late));
+                (_mm256_shuffle_ps::<0b10_00_10_00>(early, late), _mm256_shuffle_ps::<0b11_01_11_01>(early, late))
+            })
+        }
+    }
+
+    /// The place in registers.
+    struct Axes {
+        x: [__m256; 3],
+        y: [__m256; 3],
+        z: [__m256; 3],
+        origin: [__m256; 3],
+    }
+
+    impl Axes {
+        #[target_feature(enable = "avx2")]
+        #[inline]
+        fn new(place: &Place) -> Self {
+            let all = |v: Vec3| [_mm256_set1_ps(v.x), _mm256_set1_ps(v.y), _mm256_set1_ps(v.z)];
+            let Mat3 { x_axis, y_axis, z_axis } = place.axes;
+            Self { x: all(x_axis), y: all(y_axis), z: all(z_axis), origin: all(place.origin) }
+        }
+
+        /// Coordinates on the lattice of cell centres.
+        #[target_feature(enable = "avx2")]
+        #[inline]
+        fn lattice(&self, [x, y, z]: [__m256; 3]) -> [__m256; 3] {
+            let half = _mm256_set1_ps(0.5);
+            [0, 1, 2].map(|k| {
+                let xy = _mm256_add_ps(_mm256_mul_ps(self.x[k], x), _mm256_mul_ps(self.y[k], y));
+                let xyz = _mm256_add_ps(xy, _mm256_mul_ps(self.z[k], z));
+                _mm256_sub_ps(_mm256_add_ps(xyz, self.origin[k]), half)
+            })
+        }
+    }
+
+    /// Interpolation: z, then y, then x.
+    #[target_feature(enable = "avx2")]
+    #[inline]
+    fn mixed([c00, c01, c10, c11]: [(__m256, __m256); 4], [tx, ty, tz]: [__m256; 3]) -> __m256 {
+        let mix = |(a, b): (__m256, __m256), t| _mm256_add_ps(a, _mm256_mul_ps(_mm256_sub_ps(b, a), t));
+        let y0 = mix((mix(c00, tz), mix(c01, tz)), ty);
+        let y1 = mix((mix(c10, tz), mix(c11, tz)), ty);
+        mix((y0, y1), tx)
+    }
+
+    /// V of eight points.
+    #[target_feature(enable = "avx2")]
+    #[inline]
+    fn half(grid: &Grid<'_>, place: &Axes, position: [__m256; 3], floor_m: __m256) -> __m256 {
+        let lattice = place.lattice(position);
+        // What is not a number becomes cell 0; what is too large becomes the least `i32`, which is no brick either.
+        let base = lattice.map(|at| {
+            let is_number = _mm256_castps_si256(_mm256_cmp_ps::<_CMP_ORD_Q>(at, at));
+            _mm256_and_si256(_mm256_cvttps_epi32(at), is_number)
+        });
+        let bricks = base.map(|cell| _mm256_srai_epi32::<3>(cell));
+        // Below the size, and not negative: as unsigned numbers.
+        let [x, y, z] = [0, 1, 2].map(|k| {
+            let last = _mm256_sub_epi32(grid.dims[k], _mm256_set1_epi32(1));
+            _mm256_cmpeq_epi32(_mm256_min_epu32(bricks[k], last), bricks[k])
+        });
+        let on_grid = _mm256_and_si256(_mm256_and_si256(x, y), z);
+        let brick = _mm256_and_si256(grid.brick(bricks), on_grid);
+        // SAFETY: lanes that are not on the grid read entry 0; by the chart's invariant there is one entry per brick.
+        let ceilings = unsafe { _mm256_i32gather_ps::<4>(grid.chart.ceilings_m().as_ptr(), brick) };
+        let ceilings = _mm256_blendv_ps(grid.outside, ceilings, _mm256_castsi256_ps(on_grid));
+        let wanted = _mm256_and_ps(_mm256_cmp_ps::<_CMP_NLE_UQ>(ceilings, floor_m), _mm256_castsi256_ps(on_grid));
+        if _mm256_movemask_ps(wanted) == 0 {
+            return ceilings;
+        }
+        // SAFETY: as above.
+        let slots = unsafe { _mm256_i32gather_epi32::<4>(grid.chart.top().as_ptr().cast(), brick) };
+        // The two marks are −1 and −2 as signed numbers; slots are not negative.
+        let is_slot = _mm256_cmpgt_epi32(slots, _mm256_set1_epi32(-1));
+        let wanted = _mm256_and_ps(wanted, _mm256_castsi256_ps(is_slot));
+        if _mm256_movemask_ps(wanted) == 0 {
+            return ceilings;
+        }
+        let slots = _mm256_and_si256(slots, _mm256_castps_si256(wanted));
+        // SAFETY: a slot of `top`, or 0 where none is wanted; as one is wanted, there are samples.
+        let corners = unsafe { grid.corners(slots, base) };
+        let t = [0, 1, 2].map(|k| _mm256_sub_ps(lattice[k], _mm256_cvtepi32_ps(base[k])));
+        // Limit first: what is not a number stays what it is.
+        let clamped = _mm256_min_ps(grid.high, _mm256_max_ps(grid.low, mixed(corners, t)));
+        _mm256_blendv_ps(ceilings, _mm256_add_ps(clamped, grid.skin), wanted)
+    }
+
+    /// Invariant of every `unsafe` block here: only `add`, which is compiled for AVX2, uses these.
+    impl Four for __m256d {
+        #[inline(always)]
+        fn splat(value: f64) -> Self {
+            // SAFETY: see above; likewise below.
+            unsafe { _mm256_set1_pd(value) }
+        }
+        #[inline(always)]
+        fn add(self, other: Self) -> Self {
+            // SAFETY: as above.
+            unsafe { _mm256_add_pd(self, other) }
+        }
+        #[inline(always)]
+        fn sub(self, other: Self) -> Self {
+            // SAFETY: as above.
+            unsafe { _mm256_sub_pd(self, other) }
+        }
+        #[inline(always)]
+        fn mul(self, other: Self) -> Self {
+            // SAFETY: as above.
+            unsafe { _mm256_mul_pd(self, other) }
+        }
+        #[inline(always)]
+        fn min(self, other: Self) -> Self {
+            // SAFETY: as above.
+            unsafe { _mm256_min_pd(self, other) }
+        }
+        #[inline(always)]
+        fn load(lanes: &[f32; LANES], quarter: usize, wanted: u16) -> Self {
+            debug_assert!(quarter < LANES / 4);
+            // SAFETY: as above; and a quarter of sixteen numbers is four.
+            unsafe {
+                let bits = _mm_setr_epi32(1, 2, 4, 8);
+                let own = _mm_set1_epi32(i32::from(wanted) >> (4 * quarter));
+                let wanted = _mm_castsi128_ps(_mm_cmpeq_epi32(_mm_and_si128(own, bits), bits));
+                _mm256_cvtps_pd(_mm_and_ps(_mm_loadu_ps(lanes.as_ptr().add(4 * (quarter % 4))), wanted))
+            }
+        }
+        #[inline(always)]
+        fn add_to(self, sum: &mut [f64; 4]) {
+            // SAFETY: as above; and four numbers.
+            unsafe { _mm256_storeu_pd(sum.as_mut_ptr(), _mm256_add_pd(_mm256_loadu_pd(sum.as_ptr()), self)) }
+        }
+    }
+
+    #[target_feature(enable = "avx2")]
+    pub(super) fn add(sums: &mut Sums, touched: &Touched, positions: &Lanes3, normals: &Lanes3, by: Weighting) {
+        sums.add::<__m256d>(touched, positions, normals, by);
+    }
+
+    #[target_feature(enable = "avx2")]
+    pub(super) fn spheres(chart: &Chart, place: &Place, spheres: &Spheres, margin_cells: f32) -> [f32; CHILDREN] {
+        let (grid, place) = (Grid::new(chart), Axes::new(place));
+        // SAFETY: eight numbers each.
+        let [x, y, z, radius] = [&spheres.x, &spheres.y, &spheres.z, &spheres.radius].map(|v| unsafe { _mm256_loadu_ps(v.as_ptr()) });
+        let (zero, one) = (_mm256_setzero_ps(), _mm256_set1_epi32(1));
+        let lattice = place.lattice([x, y, z]);
+        let ends = grid.dims.map(|n| _mm256_slli_epi32::<3>(n));
+        // What is not a number becomes 0.
+        let on_grid = [0, 1, 2].map(|k| _mm256_min_ps(_mm256_max_ps(lattice[k], zero), _mm256_cvtepi32_ps(ends[k])));
+        let base = [0, 1, 2].map(|k| _mm256_min_epi32(_mm256_cvttps_epi32(on_grid[k]), _mm256_sub_epi32(ends[k], one)));
+        let brick = grid.brick(base.map(|cell| _mm256_srai_epi32::<3>(cell)));
+        // SAFETY: each is a brick of the grid, and by the chart's invariant there is one entry for it in each array.
+        let (rooms, ceilings, slots) = unsafe {
+            (
+                _mm256_i32gather_ps::<4>(chart.rooms_cells().as_ptr(), brick),
+                _mm256_i32gather_ps::<4>(chart.ceilings_m().as_ptr(), brick),
+                _mm256_i32gather_epi32::<4>(chart.top().as_ptr().cast(), brick),
+            )
+        };
+        let is_slot = _mm256_castsi256_ps(_mm256_cmpgt_epi32(slots, _mm256_set1_epi32(-1)));
+        let mut values = ceilings;
+        if _mm256_movemask_ps(is_slot) != 0 {
+            let slots = _mm256_and_si256(slots, _mm256_castps_si256(is_slot));
+            // SAFETY: a slot of `top`, or 0 beside one.
+            let corners = unsafe { grid.corners(slots, base) };
+            let corners = corners.map(|(a, b)| (_mm256_max_ps(grid.low, a), _mm256_max_ps(grid.low, b)));
+            let t = [0, 1, 2].map(|k| _mm256_sub_ps(on_grid[k], _mm256_cvtepi32_ps(base[k])));
+            values = _mm256_blendv_ps(values, _mm256_add_ps(mixed(corners, t), grid.skin), is_slot);
+        }
+        let size = _mm256_set1_ps(chart.voxel_size_m());
+        let negated = _mm256_xor_ps(values, _mm256_set1_ps(-0.0));
+        let depth = _mm256_sub_ps(_mm256_div_ps(negated, size), _mm256_set1_ps(chart.jump_cells()));
+        let squared = _mm256_sub_ps(_mm256_mul_ps(depth, depth), _mm256_set1_ps(SPREAD_CELLS_SQUARED));
+        let by_spread = _mm256_sqrt_ps(_mm256_max_ps(squared, zero));
+        let free = _mm256_max_ps(by_spread, _mm256_mul_ps(depth, _mm256_set1_ps(LEAST_SLOPE)));
+        let free = _mm256_max_ps(rooms, free);
+        let [x, y, z] = [0, 1, 2].map(|k| {
+            let away = _mm256_sub_ps(lattice[k], on_grid[k]);
+            _mm256_mul_ps(away, away)
+        });
+        let squared = _mm256_add_ps(_mm256_add_ps(_mm256_add_ps(x, y), z), _mm256_mul_ps(free, free));
+        let taken = _mm256_add_ps(_mm256_div_ps(radius, size), _mm256_set1_ps(margin_cells));
+        let mut result = [0.0; CHILDREN];
+        // SAFETY: eight numbers.
+        unsafe { _mm256_storeu_ps(result.as_mut_ptr(), _mm256_sub_ps(_mm256_sqrt_ps(squared), taken)) };
+        result
+    }
+}

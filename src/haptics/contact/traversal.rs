@@ -1,0 +1,117 @@
+//! How a tick finds what touches: everything that can be prepared is, once.
+
+#![expect(clippy::disallowed_types, reason = "sized when the scene is made ready, never resized")]
+
+use super::budget::Budget;
+use super::simd::{Machine, Place};
+use super::touched::Touched;
+use super::walk::{Found, Lists, Walk};
+use super::{Obstacle, flat};
+use crate::pointshell::shell::Shell;
+use crate::spatial::Pose;
+use crate::voxmap::field::FieldKind;
+
+/// Which way a traversal goes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Way {
+    /// Down the tree, past what cannot touch.
+    #[default]
+    Tree,
+    /// Over every point of the shell.
+    Flat,
+}
+
+/// Finds the blocks of a shell that touch an obstacle, tick after tick.
+///
+/// Owns all memory that this takes, and the proofs of earlier ticks. Walks interpolate: with another field than `trilinear` every point
+/// is looked up, as [`flat`] does.
+#[derive(Clone, Debug)]
+pub struct Traversal {
+    machine: Machine,
+    way: Way,
+    budget: Budget,
+    /// Of what is left of it in this tick.
+    left: Budget,
+    /// One per obstacle.
+    walks: Vec<Option<Walk>>,
+    lists: Lists,
+    touched: Vec<Touched>,
+}
+
+impl Traversal {
+    /// Prepares the traversal of a shell against obstacles. Allocates; RT: start-up only.
+    pub fn new(machine: Machine, way: Way, obstacles: &[Obstacle], shell: &Shell) -> Self {
+        Self {
+            machine,
+            way,
+            budget: Budget::Unlimited,
+            left: Budget::Unlimited,
+            walks: obstacles.iter().map(|obstacle| Walk::new(&obstacle.field, shell)).collect(),
+            lists: Lists::new(shell),
+            touched: Vec::with_capacity(shell.positions().len()),
+        }
+    }
+
+    /// Limits what a tick may look at; the flat way knows no limit.
+    pub fn set_budget(&mut self, budget: Budget) {
+        self.budget = budget;
+    }
+
+    /// The limit.
+    pub fn budget(&self) -> Budget {
+        self.budget
+    }
+
+    pub(super) fn machine(&self) -> Machine {
+        self.machine
+    }
+
+    /// A new tick begins.
+    pub(super) fn begin(&mut self) {
+        self.left = self.budget;
+    }
+
+    /// Finds what touches an obstacle; [`Self::touched`] has it until the next call. RT: safe; allocates nothing.
+    pub(super) fn find(
+        &mut self,
+        obstacle_idx: usize,
+        obstacle: &Obstacle,
+        kind: FieldKind,
+        shell: &Shell,
+        map_from_body: Pose,
+    ) -> Found {
+        let Self { machine, way, budget: _, left, walks, lists, touched } = self;
+        touched.clear();
+        let n_obstacles_left = walks.len().saturating_sub(obstacle_idx);
+        let place = Place::new(&obstacle.field, map_from_body);
+        let mut found = Found { max_value_m: f32::NEG_INFINITY, looked_at: 0, left_out: 0 };
+        match walks.get_mut(obstacle_idx).and_then(Option::as_mut) {
+            Some(walk) if kind == FieldKind::Trilinear => {
+                if *way == Way::Tree && place.is_finite() {
+                    found = walk.find(*machine, shell, (&place, map_from_body), left.share(n_obstacles_left), lists, touched);
+                    *left = left.without(found.looked_at);
+                } else {
+                    let all = 0..shell.positions().len() as u32;
+                    // A block that can neither touch nor be the highest so far has nothing to tell.
+                    let floor = |max_m: f32| if max_m < 0.0 { max_m } else { 0.0 };
+                    found.max_value_m = machine.blocks(walk.chart(), &place, shell.positions(), all, floor, |block, depths| {
+                        if depths.touching != 0 {
+                            let (lanes, depths_m) = (depths.touching, depths.depths_m.0);
+                            touched.push(Touched { block, lanes, weight: 1.0, depths_m });
+                        }
+                    });
+                }
+            }
+            _ => {
+                let all = |block: &Touched| touched.push(*block);
+                found.max_value_m = flat::blocks(&obstacle.field, kind, shell, map_from_body, all);
+            }
+        }
+        found
+    }
+
+    /// What touches the obstacle that was asked for last, in the order of the shell; with a budget, points that stand for others first.
+    pub fn touched(&self) -> &[Touched] {
+        &self.touched
+    }
+}
