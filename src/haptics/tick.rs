@@ -13,7 +13,7 @@
 
 use glam::DVec3;
 
-use super::contact::{ContactSum, Obstacle};
+use super::contact::{Budget, ContactSum, Machine, Obstacle, Traversal, Way};
 use super::coupling::{Body, Inertia, LinearContact, Pull, Spring};
 use super::filter::{ShapingFilter, Slide};
 use super::limits::{Limiter, Ramp};
@@ -79,8 +79,10 @@ pub struct TickOutput {
     pub contacts: u32,
     /// Deepest penetration, m; 0 without contact.
     pub max_depth_m: f64,
-    /// −max V over all points, clipped at the band, m.
+    /// How far the tool is proven to be from contact, clipped at the band, m; negative: how deep it is.
     pub clearance_m: f64,
+    /// Points that the contact query's budget left out, which others stood for.
+    pub points_left_out: u32,
     /// Energy that the arm has taken from the hand since enable, J; negative means that it gave more than it took.
     pub energy_j: f64,
     /// State of the drive after this tick.
@@ -112,7 +114,7 @@ pub struct RenderScene {
     pub tool: Tool,
 }
 
-/// What the tick remembers from one call to the next. No heap.
+/// What the tick remembers from one call to the next. Everything it needs is allocated when it is made.
 #[derive(Clone, Debug)]
 pub struct State {
     drive: Drive,
@@ -127,6 +129,7 @@ pub struct State {
     enable_gain: Ramp,
     limiter: Limiter,
     energy: EnergyObserver,
+    traversal: Traversal,
 }
 
 /// Time in which the coupling wrench comes in at first contact, s (decision: free space).
@@ -147,7 +150,14 @@ impl State {
             enable_gain: Ramp::default(),
             limiter: Limiter::default(),
             energy: EnergyObserver::default(),
+            traversal: Traversal::new(Machine::best(), Way::Tree, &scene.obstacles, &scene.tool.shell),
         }
+    }
+
+    /// Limits what the contact query of a tick may look at. It is part of what enters the ticks: a recording that is to be replayed has to
+    /// know it.
+    pub fn set_budget(&mut self, budget: Budget) {
+        self.traversal.set_budget(budget);
     }
 
     /// Forgets all motion and force; the drive state is the caller's.
@@ -179,7 +189,7 @@ impl RenderScene {
 /// One step of the loop.
 ///
 /// RT: safe. Pure and total: same scene, state and input, same bits; no allocation, no panic. Anything that is not finite gives a
-/// zero wrench and a fault. Cost: one flat traversal of the shell per obstacle plus a 6×6 solve.
+/// zero wrench and a fault. Cost: one walk over the shell's tree per obstacle plus a 6×6 solve.
 pub fn tick(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOutput {
     let p = &scene.parameters;
     let check = state.monitor.check(&input.sample, &p.limits, p.period_s);
@@ -196,7 +206,8 @@ pub fn tick(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOu
         // No virtual tool: the shell stands where the arm is now, so contact has no delay of its own.
         state.body = Body { pose: target.0, twist: target.1 };
     }
-    let contact = ContactSum::flat(&scene.obstacles, &scene.tool.shell, state.body.pose, &p.contact, &p.filter);
+    let contact =
+        ContactSum::of(&mut state.traversal, &scene.obstacles, &scene.tool.shell, state.body.pose, &p.contact, &p.filter);
     if !contact.wrench.is_finite() || contact.max_value_m.is_nan() {
         state.fail(Faults::NON_FINITE);
     }
@@ -241,6 +252,7 @@ pub fn tick(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOu
         contacts: contact.contacts,
         max_depth_m: contact.max_value_m.max(0.0),
         clearance_m: -contact.max_value_m,
+        points_left_out: contact.left_out,
         energy_j: state.energy.energy_j(),
         drive: state.drive,
         faults: state.faults,

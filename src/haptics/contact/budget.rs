@@ -1,10 +1,11 @@
 //! How much a walk may look at in one tick, and what it does when that is not enough.
 //!
 //! A budget is a **count**, so that a recording replays bit for bit wherever it runs; whoever has a time to spend turns it into a
-//! count before the first tick. A point counts 1, a block of eight spheres 8.
+//! count before the first tick. A point counts 1, a block of eight spheres
+//! 8, or 1 when all of them are still clear since an earlier tick.
 //!
 //! Where the budget ends, a node is not refined: its representative stands for all points below it, with their number as weight, so the
-//! sum stays comparable. The walk refines level by level, so what is left out is left out at the finest levels; of the level that
+//! sum stays comparable. The walk refines level by level, so what is left out is left out at the finest levels; of a level that
 //! fits in part, evenly spread nodes are refined, and other ones in the next tick.
 
 use crate::pointshell::shell::LANES;
@@ -72,6 +73,9 @@ impl Selection {
     /// True for exactly `n_refined` of the `n_open` nodes.
     #[inline]
     pub(super) fn takes(self, idx: u32) -> bool {
+        if self.n_refined == self.n_open {
+            return true;
+        }
         let at = (u64::from(idx) + self.turn) % self.n_open;
         at * self.n_refined / self.n_open != (at + 1) * self.n_refined / self.n_open
     }

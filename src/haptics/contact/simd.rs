@@ -60,7 +60,8 @@ pub(super) struct Depths {
     pub(super) max_m: f32,
 }
 
-/// How lanes are computed.
+/// How lanes are computed. No intrinsic stands in a closure that is handed to code compiled for any processor: it would be called, not
+/// inlined.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Machine {
     /// One after the other.
@@ -133,7 +134,7 @@ impl Machine {
     }
 }
 
-/// How far a place with this V is from anything with V > 0, cells, by the field itself.
+/// How far a place with V = −`depth_cells` is from anything with V > 0, cells, by the field itself.
 ///
 /// # Source
 /// Ours. Samples are distances, so they differ by no more than they are apart. V at two places are means of such samples, hence
@@ -141,8 +142,9 @@ impl Machine {
 /// V(b) − V(a) ≤ √3·|b − a|, as no partial derivative exceeds 1. The better of the two counts.
 #[inline(always)]
 pub(super) fn free_cells(depth_cells: f32) -> f32 {
-    let by_spread = greater(depth_cells * depth_cells - SPREAD_CELLS_SQUARED, 0.0).sqrt();
-    greater(by_spread, depth_cells * LEAST_SLOPE)
+    let outside_cells = greater(depth_cells, 0.0);
+    let by_spread = greater(outside_cells * outside_cells - SPREAD_CELLS_SQUARED, 0.0).sqrt();
+    greater(by_spread, outside_cells * LEAST_SLOPE)
 }
 
 /// The maximum as the instruction has it: the second where either is not a number.
@@ -304,8 +306,9 @@ mod avx2 {
         for block in which {
             let Some(points) = positions.get(block as usize) else { continue };
             let floor_m = _mm256_set1_ps(floor(max_m));
-            let low = half(&grid, &place, [&points.x.0, &points.y.0, &points.z.0].map(|lanes| load(lanes, 0)), floor_m);
-            let high = half(&grid, &place, [&points.x.0, &points.y.0, &points.z.0].map(|lanes| load(lanes, 8)), floor_m);
+            let Lanes3 { x: Lanes(x), y: Lanes(y), z: Lanes(z) } = points;
+            let low = half(&grid, &place, [load(x, 0), load(y, 0), load(z, 0)], floor_m);
+            let high = half(&grid, &place, [load(x, 8), load(y, 8), load(z, 8)], floor_m);
             let zero = _mm256_setzero_ps();
             let touching = |depths| _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_GT_OQ>(depths, zero)) as u16;
             let mut depths =
@@ -395,7 +398,7 @@ mod avx2 {
             let first = _mm256_permute4x64_epi64::<0b11_01_10_00>(first);
             let (early, late) = (_mm256_castsi256_si128(first), _mm256_extracti128_si256::<1>(first));
             let samples = self.chart.samples_m().as_ptr().cast::<f32>();
-            [0, ROW, PLANE, PLANE + ROW].map(|row| {
+            let row = |row: usize| {
                 // SAFETY: x, y, z are at most 7, so the last number read is 7·91 + 91 = 728 of the brick's 729, and by the chart's
                 // invariant slot · 729 + 728 is a sample and an `i32`.
                 let (early, late) = unsafe {
@@ -404,7 +407,8 @@ mod avx2 {
                 };
                 let (early, late) = (_mm256_castsi256_ps(early), _mm256_castsi256_ps(late));
                 (_mm256_shuffle_ps::<0b10_00_10_00>(early, late), _mm256_shuffle_ps::<0b11_01_11_01>(early, late))
-            })
+            };
+            [row(0), row(ROW), row(PLANE), row(PLANE + ROW)]
         }
     }
 
@@ -430,11 +434,12 @@ mod avx2 {
         #[inline]
         fn lattice(&self, [x, y, z]: [__m256; 3]) -> [__m256; 3] {
             let half = _mm256_set1_ps(0.5);
-            [0, 1, 2].map(|k| {
+            let along = |k: usize| {
                 let xy = _mm256_add_ps(_mm256_mul_ps(self.x[k], x), _mm256_mul_ps(self.y[k], y));
                 let xyz = _mm256_add_ps(xy, _mm256_mul_ps(self.z[k], z));
                 _mm256_sub_ps(_mm256_add_ps(xyz, self.origin[k]), half)
-            })
+            };
+            [along(0), along(1), along(2)]
         }
     }
 
@@ -448,23 +453,38 @@ mod avx2 {
         mix((y0, y1), tx)
     }
 
+    /// Numbers of the bricks, per axis.
+    #[target_feature(enable = "avx2")]
+    #[inline]
+    fn eighths([x, y, z]: [__m256i; 3]) -> [__m256i; 3] {
+        [_mm256_srai_epi32::<3>(x), _mm256_srai_epi32::<3>(y), _mm256_srai_epi32::<3>(z)]
+    }
+
+    #[target_feature(enable = "avx2")]
+    #[inline]
+    fn fractions(at: [__m256; 3], base: [__m256i; 3]) -> [__m256; 3] {
+        let fraction = |k: usize| _mm256_sub_ps(at[k], _mm256_cvtepi32_ps(base[k]));
+        [fraction(0), fraction(1), fraction(2)]
+    }
+
     /// V of eight points.
     #[target_feature(enable = "avx2")]
     #[inline]
     fn half(grid: &Grid<'_>, place: &Axes, position: [__m256; 3], floor_m: __m256) -> __m256 {
         let lattice = place.lattice(position);
         // What is not a number becomes cell 0; what is too large becomes the least `i32`, which is no brick either.
-        let base = lattice.map(|at| {
+        let whole = |at: __m256| {
             let is_number = _mm256_castps_si256(_mm256_cmp_ps::<_CMP_ORD_Q>(at, at));
             _mm256_and_si256(_mm256_cvttps_epi32(at), is_number)
-        });
-        let bricks = base.map(|cell| _mm256_srai_epi32::<3>(cell));
+        };
+        let base = [whole(lattice[0]), whole(lattice[1]), whole(lattice[2])];
+        let bricks = eighths(base);
         // Below the size, and not negative: as unsigned numbers.
-        let [x, y, z] = [0, 1, 2].map(|k| {
+        let within = |k: usize| {
             let last = _mm256_sub_epi32(grid.dims[k], _mm256_set1_epi32(1));
             _mm256_cmpeq_epi32(_mm256_min_epu32(bricks[k], last), bricks[k])
-        });
-        let on_grid = _mm256_and_si256(_mm256_and_si256(x, y), z);
+        };
+        let on_grid = _mm256_and_si256(_mm256_and_si256(within(0), within(1)), within(2));
         let brick = _mm256_and_si256(grid.brick(bricks), on_grid);
         // SAFETY: lanes that are not on the grid read entry 0; by the chart's invariant there is one entry per brick.
         let ceilings = unsafe { _mm256_i32gather_ps::<4>(grid.chart.ceilings_m().as_ptr(), brick) };
@@ -484,7 +504,7 @@ mod avx2 {
         let slots = _mm256_and_si256(slots, _mm256_castps_si256(wanted));
         // SAFETY: a slot of `top`, or 0 where none is wanted; as one is wanted, there are samples.
         let corners = unsafe { grid.corners(slots, base) };
-        let t = [0, 1, 2].map(|k| _mm256_sub_ps(lattice[k], _mm256_cvtepi32_ps(base[k])));
+        let t = fractions(lattice, base);
         // Limit first: what is not a number stays what it is.
         let clamped = _mm256_min_ps(grid.high, _mm256_max_ps(grid.low, mixed(corners, t)));
         _mm256_blendv_ps(ceilings, _mm256_add_ps(clamped, grid.skin), wanted)
@@ -544,14 +564,17 @@ mod avx2 {
     pub(super) fn spheres(chart: &Chart, place: &Place, spheres: &Spheres, margin_cells: f32) -> [f32; CHILDREN] {
         let (grid, place) = (Grid::new(chart), Axes::new(place));
         // SAFETY: eight numbers each.
-        let [x, y, z, radius] = [&spheres.x, &spheres.y, &spheres.z, &spheres.radius].map(|v| unsafe { _mm256_loadu_ps(v.as_ptr()) });
+        let eight = |numbers: &[f32; CHILDREN]| unsafe { _mm256_loadu_ps(numbers.as_ptr()) };
+        let (x, y, z, radius) = (eight(&spheres.x), eight(&spheres.y), eight(&spheres.z), eight(&spheres.radius));
         let (zero, one) = (_mm256_setzero_ps(), _mm256_set1_epi32(1));
         let lattice = place.lattice([x, y, z]);
-        let ends = grid.dims.map(|n| _mm256_slli_epi32::<3>(n));
+        let end = |k: usize| _mm256_slli_epi32::<3>(grid.dims[k]);
         // What is not a number becomes 0.
-        let on_grid = [0, 1, 2].map(|k| _mm256_min_ps(_mm256_max_ps(lattice[k], zero), _mm256_cvtepi32_ps(ends[k])));
-        let base = [0, 1, 2].map(|k| _mm256_min_epi32(_mm256_cvttps_epi32(on_grid[k]), _mm256_sub_epi32(ends[k], one)));
-        let brick = grid.brick(base.map(|cell| _mm256_srai_epi32::<3>(cell)));
+        let clamped = |k: usize| _mm256_min_ps(_mm256_max_ps(lattice[k], zero), _mm256_cvtepi32_ps(end(k)));
+        let on_grid = [clamped(0), clamped(1), clamped(2)];
+        let whole = |k: usize| _mm256_min_epi32(_mm256_cvttps_epi32(on_grid[k]), _mm256_sub_epi32(end(k), one));
+        let base = [whole(0), whole(1), whole(2)];
+        let brick = grid.brick(eighths(base));
         // SAFETY: each is a brick of the grid, and by the chart's invariant there is one entry for it in each array.
         let (rooms, ceilings, slots) = unsafe {
             (
@@ -566,22 +589,25 @@ mod avx2 {
             let slots = _mm256_and_si256(slots, _mm256_castps_si256(is_slot));
             // SAFETY: a slot of `top`, or 0 beside one.
             let corners = unsafe { grid.corners(slots, base) };
-            let corners = corners.map(|(a, b)| (_mm256_max_ps(grid.low, a), _mm256_max_ps(grid.low, b)));
-            let t = [0, 1, 2].map(|k| _mm256_sub_ps(on_grid[k], _mm256_cvtepi32_ps(base[k])));
+            let [c00, c01, c10, c11] = corners;
+            let limited = |(a, b): (__m256, __m256)| (_mm256_max_ps(grid.low, a), _mm256_max_ps(grid.low, b));
+            let corners = [limited(c00), limited(c01), limited(c10), limited(c11)];
+            let t = fractions(on_grid, base);
             values = _mm256_blendv_ps(values, _mm256_add_ps(mixed(corners, t), grid.skin), is_slot);
         }
         let size = _mm256_set1_ps(chart.voxel_size_m());
         let negated = _mm256_xor_ps(values, _mm256_set1_ps(-0.0));
         let depth = _mm256_sub_ps(_mm256_div_ps(negated, size), _mm256_set1_ps(chart.jump_cells()));
+        let depth = _mm256_max_ps(depth, zero);
         let squared = _mm256_sub_ps(_mm256_mul_ps(depth, depth), _mm256_set1_ps(SPREAD_CELLS_SQUARED));
         let by_spread = _mm256_sqrt_ps(_mm256_max_ps(squared, zero));
         let free = _mm256_max_ps(by_spread, _mm256_mul_ps(depth, _mm256_set1_ps(LEAST_SLOPE)));
         let free = _mm256_max_ps(rooms, free);
-        let [x, y, z] = [0, 1, 2].map(|k| {
+        let away = |k: usize| {
             let away = _mm256_sub_ps(lattice[k], on_grid[k]);
             _mm256_mul_ps(away, away)
-        });
-        let squared = _mm256_add_ps(_mm256_add_ps(_mm256_add_ps(x, y), z), _mm256_mul_ps(free, free));
+        };
+        let squared = _mm256_add_ps(_mm256_add_ps(_mm256_add_ps(away(0), away(1)), away(2)), _mm256_mul_ps(free, free));
         let taken = _mm256_add_ps(_mm256_div_ps(radius, size), _mm256_set1_ps(margin_cells));
         let mut result = [0.0; CHILDREN];
         // SAFETY: eight numbers.

@@ -43,6 +43,8 @@ const MARGIN_SHARE: f32 = 1e-6;
 const FORGET_CELLS: f64 = 1024.0;
 /// No proof reaches further, for the same reason, cells.
 const PROOF_CELLS: f32 = 1024.0;
+/// What refining costs is known only afterwards, so a budget that does not suffice in the worst case is asked again.
+const ROUNDS: usize = 6;
 /// A ceiling down here is as good a proof as a sample: points below it are not interpolated, voxels.
 const FLOOR_VOXELS: f32 = 2.0;
 
@@ -189,37 +191,66 @@ impl Walk {
         };
         lists.open.clear();
         lists.open.push(0);
-        let n_levels = self.first_blocks.len();
-        for level in 0..=n_levels {
-            let n_open = lists.open.len() as u32;
-            let n_refined = budget.without(pass.looked_at).refinable(n_open);
-            let selection = Selection::new(n_open, n_refined, self.turn);
-            if n_refined < n_open {
-                self.turn = self.turn.wrapping_add(u64::from(n_refined.max(1)));
-                pass.represent(self, level, selection, lists, touched);
-            }
-            if level < n_levels {
-                lists.next.clear();
-                for (idx, node) in (0_u32..).zip(&lists.open) {
-                    if n_refined == n_open || selection.takes(idx) {
-                        pass.open_children(self, level, *node, &mut lists.next);
-                    }
-                }
-                core::mem::swap(&mut lists.open, &mut lists.next);
-            } else {
-                pass.look_at_leaves(self, selection, n_refined == n_open, &lists.open, touched);
-            }
+        for level in 0..self.first_blocks.len() {
+            self.refine(level, budget, &mut pass, lists);
+            // What could not be refined is represented on the level that it is of.
+            pass.represent(&self.chart, level.checked_sub(1), lists, touched);
+            core::mem::swap(&mut lists.open, &mut lists.next);
         }
+        let n_open = lists.open.len() as u32;
+        let n_refined = budget.without(pass.looked_at).refinable(n_open);
+        let selection = self.select(n_open, n_refined);
+        pass.look_at_leaves(self, selection, &lists.open, touched);
+        retain(&mut lists.open, selection);
+        pass.represent(&self.chart, self.first_blocks.len().checked_sub(1), lists, touched);
         let outside_m = self.chart.skin_m() - self.chart.band_m();
         let voxel_size_m = self.chart.voxel_size_m();
         let bound_m = if pass.max_m > 0.0 { pass.max_m } else { pass.max_m.max(-pass.clear_cells.max(0.0) * voxel_size_m) };
         Found { max_value_m: bound_m.max(outside_m), looked_at: pass.looked_at, left_out: pass.left_out }
     }
 
+    /// Replaces the open nodes by their children that are open, which go to `next`, as far as the budget allows.
+    fn refine(&mut self, level: usize, budget: Budget, pass: &mut Pass<'_>, lists: &mut Lists) {
+        lists.next.clear();
+        for round in 0..ROUNDS {
+            let n_open = lists.open.len() as u32;
+            let n_refined = budget.without(pass.looked_at + lists.next.len() as u32).refinable(n_open);
+            let selection = self.select(n_open, n_refined);
+            for (idx, node) in (0_u32..).zip(&lists.open) {
+                if selection.takes(idx) {
+                    pass.open_children(self, level, *node, &mut lists.next);
+                }
+            }
+            retain(&mut lists.open, selection);
+            if round > 0 && n_refined > 0 {
+                lists.next.sort_unstable();
+            }
+            if lists.open.is_empty() || n_refined == 0 {
+                break;
+            }
+        }
+    }
+
+    fn select(&mut self, n_open: u32, n_refined: u32) -> Selection {
+        if n_refined < n_open {
+            self.turn = self.turn.wrapping_add(u64::from(n_refined.max(1)));
+        }
+        Selection::new(n_open, n_refined, self.turn)
+    }
+
     /// Where the block of eight siblings lies in the arrays.
     fn at(&self, level: usize, block: usize) -> usize {
         self.first_blocks.get(level).map_or(usize::MAX, |first| *first as usize + block)
     }
+}
+
+/// Keeps what was not selected.
+fn retain(open: &mut Vec<u32>, selection: Selection) {
+    let mut idx = 0;
+    open.retain(|_| {
+        idx += 1;
+        !selection.takes(idx - 1)
+    });
 }
 
 fn vec_of(value: f32, n: usize) -> Vec<[f32; CHILDREN]> {
@@ -254,8 +285,11 @@ impl Pass<'_> {
             *left = due - now;
             n_due += u32::from(*due <= soon);
         }
-        self.looked_at += CHILDREN as u32;
-        if n_due > 0 {
+        if n_due == 0 {
+            // One glance at eight numbers.
+            self.looked_at += 1;
+        } else {
+            self.looked_at += CHILDREN as u32;
             let Some(spheres) = self.shell.tree().spheres(level).get(node as usize) else { return };
             let rooms = self.machine.spheres(&walk.chart, self.place, spheres, self.margin_cells);
             for (lane, ((((left, due), room), now), soon)) in (0..).zip(left.iter_mut().zip(due).zip(rooms).zip(now).zip(soon)) {
@@ -282,7 +316,6 @@ impl Pass<'_> {
         &mut self,
         walk: &mut Walk,
         selection: Selection,
-        all: bool,
         open: &[u32],
         touched: &mut Vec<Touched>,
     ) {
@@ -293,7 +326,7 @@ impl Pass<'_> {
         let (along, about) = self.ways[0];
         let margin_cells = self.margin_cells + chart.jump_cells();
         let mut n_looked_at = 0;
-        let leaves = (0_u32..).zip(open).filter(|(idx, _)| all || selection.takes(*idx)).map(|(_, leaf)| *leaf);
+        let leaves = (0_u32..).zip(open).filter(|(idx, _)| selection.takes(*idx)).map(|(_, leaf)| *leaf);
         let found = |leaf: u32, depths: &Depths| {
             n_looked_at += LANES as u32;
             if depths.touching != 0 {
@@ -315,18 +348,16 @@ impl Pass<'_> {
         self.looked_at += n_looked_at;
     }
 
-    /// Lets the representatives of the nodes that are not refined stand for the points below them. `level`: of the children.
-    fn represent(&mut self, walk: &Walk, level: usize, selection: Selection, lists: &mut Lists, touched: &mut Vec<Touched>) {
+    /// Lets the representatives of the open nodes of a level stand for the points below them; without a level, of nothing for all.
+    fn represent(&mut self, chart: &Chart, level: Option<usize>, lists: &mut Lists, touched: &mut Vec<Touched>) {
         let tree = self.shell.tree();
-        let Some(level) = level.checked_sub(1) else {
-            // Not even the root: all is left out.
-            self.left_out = self.shell.len() as u32;
+        let Some(level) = level else {
+            if !lists.open.is_empty() {
+                self.left_out = self.shell.len() as u32;
+            }
             return;
         };
-        for (idx, node) in (0_u32..).zip(&lists.open) {
-            if selection.takes(idx) {
-                continue;
-            }
+        for node in &lists.open {
             let (block, lane) = (*node as usize / CHILDREN, *node as usize % CHILDREN);
             let point = tree.representatives(level).get(block).and_then(|points| points.get(lane));
             let Range { start, end } = tree.points_below(level, *node as usize, self.shell.len());
@@ -337,10 +368,10 @@ impl Pass<'_> {
                 lists.samples.push(self.shell, *point, weight);
             }
             if lists.samples.is_full() {
-                self.max_m = self.max_m.max(lists.samples.look(self.machine, walk.chart(), self.place, touched));
+                self.max_m = self.max_m.max(lists.samples.look(self.machine, chart, self.place, touched));
             }
         }
-        self.max_m = self.max_m.max(lists.samples.look(self.machine, walk.chart(), self.place, touched));
+        self.max_m = self.max_m.max(lists.samples.look(self.machine, chart, self.place, touched));
     }
 }
 
