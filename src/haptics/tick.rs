@@ -206,8 +206,7 @@ pub fn tick(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOu
         // No virtual tool: the shell stands where the arm is now, so contact has no delay of its own.
         state.body = Body { pose: target.0, twist: target.1 };
     }
-    let contact =
-        ContactSum::of(&mut state.traversal, &scene.obstacles, &scene.tool.shell, state.body.pose, &p.contact, &p.filter);
+    let contact = ContactSum::of(&mut state.traversal, &scene.obstacles, &scene.tool.shell, state.body.pose, &p.contact, &p.filter);
     if !contact.wrench.is_finite() || contact.max_value_m.is_nan() {
         state.fail(Faults::NON_FINITE);
     }

@@ -54,7 +54,14 @@ struct Pair {
 }
 
 impl Pair {
-    fn new(name: &str, obstacle: &TriangleMesh, obstacle_voxel_m: f64, tool: &TriangleMesh, tool_voxel_m: f64, sides: SidesRule) -> Self {
+    fn new(
+        name: &str,
+        obstacle: &TriangleMesh,
+        obstacle_voxel_m: f64,
+        tool: &TriangleMesh,
+        tool_voxel_m: f64,
+        sides: SidesRule,
+    ) -> Self {
         let field = build(obstacle, obstacle_voxel_m, 8, sides).field(obstacle, false);
         let (low, high) = tool.bounds().expect("not empty");
         let (shell, _) = pointshell::build(tool, &build(tool, tool_voxel_m, 3, SidesRule::Auto), 0.5 * (low + high));

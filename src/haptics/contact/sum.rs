@@ -58,10 +58,18 @@ impl Sums {
             if touched.lanes >> (APART * quarter) & 15 == 0 {
                 continue;
             }
-            let load = |lanes: &[f32; LANES]| F::load(lanes, quarter, touched.lanes);
-            let depth = load(&touched.depths_m);
-            let normal = [load(&normals.x.0), load(&normals.y.0), load(&normals.z.0)];
-            let arm = [load(&positions.x.0), load(&positions.y.0), load(&positions.z.0)];
+            let wanted = touched.lanes;
+            let depth = F::load(&touched.depths_m, quarter, wanted);
+            let normal = [
+                F::load(&normals.x.0, quarter, wanted),
+                F::load(&normals.y.0, quarter, wanted),
+                F::load(&normals.z.0, quarter, wanted),
+            ];
+            let arm = [
+                F::load(&positions.x.0, quarter, wanted),
+                F::load(&positions.y.0, quarter, wanted),
+                F::load(&positions.z.0, quarter, wanted),
+            ];
             let [[nx, ny, nz], [rx, ry, rz]] = [normal, arm];
             let moment = [ry.mul(nz).sub(rz.mul(ny)), rz.mul(nx).sub(rx.mul(nz)), rx.mul(ny).sub(ry.mul(nx))];
             // Lanes without contact have a depth of 0, and a normal and an arm of 0: whatever their factors are, they add nothing.
@@ -79,26 +87,21 @@ impl Sums {
             let stiffness = slope.mul(stands_for);
             let columns = [nx, ny, nz, moment[0], moment[1], moment[2]];
             let mut sums = self.lanes.iter_mut();
-            let mut put = |value: F| {
-                if let Some(sum) = sums.next() {
-                    value.add_to(sum);
-                }
-            };
             for column in columns {
-                put(force.mul(column));
+                put(&mut sums, force.mul(column));
             }
             for (row, first) in columns.into_iter().enumerate() {
                 let scaled = stiffness.mul(first);
                 for second in columns.into_iter().skip(row) {
-                    put(scaled.mul(second));
+                    put(&mut sums, scaled.mul(second));
                 }
             }
-            put(depth_weighted);
+            put(&mut sums, depth_weighted);
             for arm in arm {
-                put(depth_weighted.mul(arm));
+                put(&mut sums, depth_weighted.mul(arm));
             }
             // Our smooth count: a contact counts fully from a quarter voxel on, so that normalisation has no steps.
-            put(depth.mul(per_quarter_voxel).min(one).mul(stands_for));
+            put(&mut sums, depth.mul(per_quarter_voxel).min(one).mul(stands_for));
         }
     }
 
@@ -122,6 +125,14 @@ impl Sums {
         let depth = next();
         let depth_arm = DVec3::new(next(), next(), next());
         Total { depth_normal, depth_moment, stiffness, depth, depth_arm, effective: next() }
+    }
+}
+
+/// Adds to the next sum. No closure: it could not be compiled for AVX2 apart from what it stands in.
+#[inline(always)]
+fn put<'a, F: Four>(sums: &mut impl Iterator<Item = &'a mut [f64; APART]>, value: F) {
+    if let Some(sum) = sums.next() {
+        value.add_to(sum);
     }
 }
 

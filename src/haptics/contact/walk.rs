@@ -114,9 +114,7 @@ impl Motion {
 
     /// Way of a node's points so far, and after two more ticks like the last, by its reach.
     fn ways(&self) -> [(f32, f32); 2] {
-        [0.0, 2.0].map(|ticks| {
-            ((self.along_cells + ticks * self.step.0) as f32, (self.about_rad + ticks * self.step.1) as f32)
-        })
+        [0.0, 2.0].map(|ticks| ((self.along_cells + ticks * self.step.0) as f32, (self.about_rad + ticks * self.step.1) as f32))
     }
 }
 
@@ -174,8 +172,7 @@ impl Walk {
     ) -> Found {
         self.motion.follow(map_from_body, f64::from(self.chart.voxel_size_m()));
         let whole_way_cells = self.motion.along_cells + self.motion.about_rad * f64::from(self.reach_cells);
-        // So written, a sum that is not a number is forgotten too.
-        if !(whole_way_cells < FORGET_CELLS) {
+        if whole_way_cells.is_nan() || whole_way_cells >= FORGET_CELLS {
             self.forget();
         }
         let mut pass = Pass {
@@ -312,13 +309,7 @@ impl Pass<'_> {
     }
 
     /// Looks at the points of the leaves that are open.
-    fn look_at_leaves(
-        &mut self,
-        walk: &mut Walk,
-        selection: Selection,
-        open: &[u32],
-        touched: &mut Vec<Touched>,
-    ) {
+    fn look_at_leaves(&mut self, walk: &mut Walk, selection: Selection, open: &[u32], touched: &mut Vec<Touched>) {
         let Walk { chart, due_cells, reaches_cells, first_blocks, .. } = walk;
         let first = first_blocks.last().map_or(0, |first| *first as usize);
         let per_voxel = 1.0 / chart.voxel_size_m();

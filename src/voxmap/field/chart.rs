@@ -57,8 +57,7 @@ impl Chart {
         if !fits || skin_m - band_m > 0.0 {
             return None;
         }
-        let looks: Vec<Look> =
-            samples_m.par_iter().with_min_len(64).map(|brick| Look::at(brick, *band_m, *voxel_size_m)).collect();
+        let looks: Vec<Look> = samples_m.par_iter().with_min_len(64).map(|brick| Look::at(brick, *band_m, *voxel_size_m)).collect();
         let margin_m = ROUNDING * (band_m + skin_m);
         let mut ceilings_m: Vec<f32> = top
             .iter()
@@ -217,7 +216,7 @@ fn rooms_cells(ceilings_m: &[f32], dims: [i32; 3]) -> Vec<f32> {
 /// Replaces every line along an axis by a function of itself.
 fn along(values: &mut [u32], n: usize, stride: usize, of: impl Fn(&[u32], usize) -> u32) {
     let mut line = vec![0; n];
-    let firsts = (0..values.len()).filter(|at| at / stride % n == 0).collect::<Vec<_>>();
+    let firsts = (0..values.len()).filter(|at| (at / stride).is_multiple_of(n)).collect::<Vec<_>>();
     for first in firsts {
         for (k, value) in line.iter_mut().enumerate() {
             *value = values.get(first + k * stride).copied().unwrap_or_default();
