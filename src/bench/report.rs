@@ -4,7 +4,7 @@ use core::fmt::Write as _;
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 
 /// What `hapticd bench` found, in the words of `bench --json`.
 #[derive(Debug, Serialize)]
@@ -12,6 +12,8 @@ pub struct Report {
     /// Where it ran.
     pub machine: Machine,
     /// Commit of the checkout that the program stands in, with `-dirty` when files differ from it.
+    /// `None`, outside of one, is written as a word.
+    #[serde(serialize_with = "commit_or_word")]
     pub commit: Option<String>,
     /// One for each line of the printed tables.
     pub rows: Vec<Row>,
@@ -134,6 +136,11 @@ pub fn commit_of(program: &Path) -> Option<String> {
     Some(String::from_utf8(said.stdout).ok()?.trim().to_owned()).filter(|commit| !commit.is_empty())
 }
 
+#[expect(clippy::ref_option, reason = "the signature that serde asks for")]
+fn commit_or_word<S: Serializer>(commit: &Option<String>, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.serialize_str(commit.as_deref().unwrap_or("unknown: not in a git checkout"))
+}
+
 impl Report {
     /// The rows as markdown tables, one for each group, under the facts of the machine.
     pub fn markdown(&self) -> String {
@@ -208,6 +215,8 @@ mod tests {
         let text = Report { machine: Machine::read(), commit: None, rows }.markdown();
         assert_eq!(text.lines().filter(|line| line.starts_with("## ")).count(), 2);
         assert_eq!(text.lines().filter(|line| line.starts_with("| x |") || line.starts_with("| y |")).count(), 2);
+        let json = serde_json::to_value(Report { machine: Machine::read(), commit: None, rows: Vec::new() }).unwrap();
+        assert_eq!(json["commit"], "unknown: not in a git checkout");
         assert!(text.contains("| z | 1.500 | s |") && text.starts_with("cpu "), "{text}");
     }
 }

@@ -35,13 +35,13 @@ pub(crate) struct Args {
     /// Voxels on the longest edge of the mesh's box, instead of a size (mesh only).
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     longest_axis_voxels: Option<u32>,
-    /// Unit of the numbers in the mesh file; required with --voxel-size-mm (mesh only).
+    /// Unit of the numbers in the mesh file; required with --voxel-size-mm, else metres (mesh only).
     #[arg(long, value_name = "UNIT")]
     units: Option<Unit>,
     /// Layers on each side of the surface (mesh only).
     #[arg(long, value_name = "L", value_parser = clap::value_parser!(u32).range(2..=60))]
     layers: Option<u32>,
-    /// How candidates are walked (mesh only).
+    /// How candidates are walked; plane-span and two-sided bake without the cache (mesh only).
     #[arg(long, value_name = "HOW")]
     navigation: Option<NavigationChoice>,
     /// How inside and outside are told: by the fill, where it leaks by winding numbers or else as a thin skin (auto); only what the
@@ -53,7 +53,7 @@ pub(crate) struct Args {
     threads: Option<u32>,
     #[command(flatten)]
     memory: memory::MemoryArgs,
-    /// Write the layer values as int8, shape [nx, ny, nz] (mesh only).
+    /// Write the layer values as int8, shape [nx, ny, nz]; bakes without the cache, as all output files do (mesh only).
     #[arg(long, value_name = "F.npy")]
     voxmap_out: Option<PathBuf>,
     /// Write the signed distances in metres as float32, NaN beyond the band (mesh only).
@@ -313,6 +313,13 @@ fn bake_mesh(args: &Args, talk: Talk) -> Result<(), Failure> {
     };
     let needs_more = navigation.is_some() || outputs.iter().any(|output| output.is_some());
     let mut cache = if needs_more { Cache::off() } else { args.cache.open(Residence::Mapped, talk) };
+    if args.units.is_none() {
+        report::note("the numbers of the mesh file are taken as metres; --units m|mm|cm|in says otherwise", talk);
+    }
+    // JSON has it under "cache".
+    if needs_more && !args.cache.is_off() && !args.json {
+        report::note("baked without the cache, which has neither layers nor distances by voxel nor what a navigation costs", talk);
+    }
     let progress = BakeProgress::new(talk);
     let tell = |stage| progress.tell(&Event { name: &name, object_idx: 0, n_objects: 1, stage });
     tell(Stage::Load);

@@ -14,12 +14,28 @@ pub(crate) struct CacheArgs {
 }
 
 impl CacheArgs {
+    /// Turned off on the command line.
+    pub(crate) fn is_off(&self) -> bool {
+        self.cache.as_ref().is_some_and(|folder| folder.as_os_str() == "off")
+    }
+
     /// The cache that is asked for, or the user's own.
     pub(crate) fn open(&self, residence: Residence, talk: Talk) -> Cache {
+        if self.is_off() {
+            return Cache::off();
+        }
         let folder = match &self.cache {
-            Some(off) if off.as_os_str() == "off" => return Cache::off(),
             Some(folder) => Some(folder.clone()),
-            None => user_folder(),
+            None => {
+                if let Some(relative) = std::env::var_os("XDG_CACHE_HOME").map(PathBuf::from)
+                    && relative.is_relative()
+                    && !relative.as_os_str().is_empty()
+                {
+                    let message = format!("XDG_CACHE_HOME is ignored, as {} is not an absolute path", relative.display());
+                    report::warning(&message, talk);
+                }
+                user_folder()
+            }
         };
         if let Some(folder) = folder {
             return Cache::at(folder, residence);

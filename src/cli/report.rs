@@ -63,6 +63,14 @@ pub(crate) fn warning(message: &str, talk: Talk) {
     }
 }
 
+/// Prints what was assumed, unless told to be quiet.
+pub(crate) fn note(message: &str, talk: Talk) {
+    if !talk.quiet {
+        let [cyan, plain] = if is_coloured(talk) { ["\x1b[1;36m", "\x1b[0m"] } else { [""; 2] };
+        say::talk(format_args!("{cyan}note:{plain} {message}\n"));
+    }
+}
+
 fn is_coloured(talk: Talk) -> bool {
     match talk.color {
         When::Always => true,

@@ -90,11 +90,15 @@ pub(crate) fn main(args: &Args, talk: Talk, started_ns: i64) -> Exit {
     let since_start_s = |ns: i64| (ns - started_ns) as f64 * 1e-9;
     let baked_s = Cell::new(0.0);
     let overrides = LoadOptions { device: args.device.clone(), enforce: args.realtime.map(|mode| mode == RealtimeMode::Enforce) };
+    // Before anything is announced: a scene that cannot be read bakes nothing.
+    let config = match config::load_with(&args.scene, &overrides) {
+        Ok(config) => config,
+        Err(errors) => return report::config_errors(&errors, talk),
+    };
+    if talk.verbose > 0 {
+        say::talk(format_args!("{}\n", check::summary(&config)));
+    }
     let bake = || {
-        let config = config::load_with(&args.scene, &overrides).map_err(PrepareError::Config)?;
-        if talk.verbose > 0 {
-            say::talk(format_args!("{}\n", check::summary(&config)));
-        }
         // Owned: nobody may take memory away from the loop.
         let mut cache = args.cache.open(Residence::Owned, talk);
         let progress = BakeProgress::new(talk);

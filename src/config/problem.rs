@@ -90,6 +90,9 @@ impl Problem {
             ProblemKind::UnknownProfile { known, .. } => {
                 Some(format!("known profiles: {}; a path has a `/` or ends in .toml", known.join(", ")))
             }
+            ProblemKind::IsMesh => {
+                Some("`hapticd bake` takes it as it is; a scene (.toml) names it as `mesh` under [[static]] or [tool]".into())
+            }
             ProblemKind::StiffnessAboveBound { accepted, unit, .. } => Some(format!(
                 "write at most {} {unit}, leave the key out to get the bound itself, or set rendering.allow_unstable = true",
                 round_down(*accepted)
@@ -144,6 +147,9 @@ pub enum ProblemKind {
         /// What the operating system said.
         cause: io::Error,
     },
+    /// A mesh where a scene must be.
+    #[error("this is a mesh file, not a scene")]
+    IsMesh,
     /// The file is not TOML.
     #[error("not TOML: {message}")]
     Syntax {

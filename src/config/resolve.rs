@@ -171,8 +171,11 @@ pub fn load(path: &Path) -> Result<SceneConfig, ConfigErrors> {
 /// # Errors
 /// Every problem of the first pass that found any.
 pub fn load_with(path: &Path, options: &LoadOptions) -> Result<SceneConfig, ConfigErrors> {
-    let text = fs::read_to_string(path)
-        .map_err(|cause| ConfigErrors::new(vec![Problem::of_file(path, ProblemKind::Unreadable { cause })]))?;
+    let of_file = |kind| ConfigErrors::new(vec![Problem::of_file(path, kind)]);
+    if Format::of(path).is_ok() && path.is_file() {
+        return Err(of_file(ProblemKind::IsMesh));
+    }
+    let text = fs::read_to_string(path).map_err(|cause| of_file(ProblemKind::Unreadable { cause }))?;
     let document = Document::parse(path, &text)?;
     let scene: schema::Scene = document.read()?;
     let dir = path.parent().unwrap_or(Path::new(""));

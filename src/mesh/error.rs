@@ -3,6 +3,8 @@
 use std::io;
 use std::path::PathBuf;
 
+use super::Format;
+
 /// A mesh file that cannot be used. Messages read well after "failed to load the mesh: "; [`MeshError::hint`] says what to do.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -28,6 +30,30 @@ pub enum MeshError {
         path: PathBuf,
         /// Lower case, without the dot; empty when there is none.
         extension: String,
+    },
+    /// There is nothing in the file.
+    #[error("{}: no triangles: the file is empty", path.display())]
+    NoBytes {
+        /// As given.
+        path: PathBuf,
+    },
+    /// The file begins like one of another format than its extension names.
+    #[error("{}: this is a file of the format {}, and its name says {}", path.display(), found.name(), named.name())]
+    OtherFormat {
+        /// As given.
+        path: PathBuf,
+        /// What the file is.
+        found: Format,
+        /// What its extension says.
+        named: Format,
+    },
+    /// No triangle of the mesh has an area.
+    #[error("{}: none of the {triangles} triangles has an area", path.display())]
+    NoArea {
+        /// As given.
+        path: PathBuf,
+        /// How many there are.
+        triangles: usize,
     },
     /// The text or the layout of the file is wrong.
     #[error("{}{}: {what}", path.display(), at_line(*line))]
@@ -144,6 +170,9 @@ impl MeshError {
             Self::Missing { .. } => Some("paths in a scene are relative to the scene file"),
             Self::Unreadable { .. } => Some("check that it is a file and that this user may read it"),
             Self::UnknownExtension { .. } => Some("export the part as STL or OBJ"),
+            Self::NoBytes { .. } => Some("copy or export it again: the program that wrote it may have failed"),
+            Self::OtherFormat { found, .. } => Some(found.rename_hint()),
+            Self::NoArea { .. } => Some("export the part as a surface: points and lines written as triangles cannot be felt"),
             Self::Parse { .. } | Self::Binary { .. } => Some("export the mesh again, or open and save it in a mesh editor"),
             Self::NonFiniteVertex { .. } | Self::FarVertex { .. } => Some("remove the vertex in a mesh editor, and check `units`"),
             Self::Empty { .. } => Some("export a surface mesh: points, lines and curves are not rendered"),

@@ -90,6 +90,49 @@ impl Format {
             _ => return Err(MeshError::UnknownExtension { path: path.to_owned(), extension }),
         })
     }
+
+    /// What a file is by its first bytes; `None` where they do not say: binary STL begins with free text, OBJ with anything.
+    fn recognise(bytes: &[u8]) -> Option<Self> {
+        let head = &bytes[..bytes.len().min(1024)];
+        let has = |word: &[u8]| head.windows(word.len()).any(|window| window == word);
+        let text = head.trim_ascii_start();
+        if head.starts_with(b"ply\n") || head.starts_with(b"ply\r") {
+            Some(Self::Ply)
+        } else if head.starts_with(b"glTF") || text.starts_with(b"{") && has(b"\"asset\"") {
+            Some(Self::Gltf)
+        } else if head.starts_with(b"PK\x03\x04") && has(b".model") {
+            Some(Self::ThreeMf)
+        } else if text.starts_with(b"solid") && has(b"facet") && !head.contains(&0) {
+            Some(Self::Stl)
+        } else {
+            // Comments may come first.
+            let mut lines = text.split(|byte| *byte == b'\n').filter(|line| !line.trim_ascii().is_empty() && line[0] != b'#');
+            let is_obj = |line: &[u8]| [&b"v "[..], b"o ", b"g ", b"mtllib "].iter().any(|word| line.starts_with(word));
+            lines.next().is_some_and(is_obj).then_some(Self::Obj)
+        }
+    }
+
+    /// The name that people know it by.
+    fn name(self) -> &'static str {
+        match self {
+            Self::Obj => "OBJ",
+            Self::Stl => "STL",
+            Self::Ply => "PLY",
+            Self::Gltf => "glTF",
+            Self::ThreeMf => "3MF",
+        }
+    }
+
+    /// What to do with a file of this format under another one's extension.
+    fn rename_hint(self) -> &'static str {
+        match self {
+            Self::Obj => "rename it so that it ends in .obj",
+            Self::Stl => "rename it so that it ends in .stl",
+            Self::Ply => "rename it so that it ends in .ply",
+            Self::Gltf => "rename it so that it ends in .gltf or .glb",
+            Self::ThreeMf => "rename it so that it ends in .3mf",
+        }
+    }
 }
 
 /// Triangles over shared vertices, metres, in the mesh file's own frame.
@@ -139,16 +182,25 @@ pub fn load(path: &Path, metres_per_unit: f64) -> Result<TriangleMesh, MeshError
 /// # Errors
 /// [`MeshError`], naming the path and, where it is known, the line or the byte.
 pub fn parse(bytes: &[u8], format: Format, path: &Path, metres_per_unit: f64) -> Result<TriangleMesh, MeshError> {
-    let mut mesh = match format {
+    if bytes.is_empty() {
+        return Err(MeshError::NoBytes { path: path.to_owned() });
+    }
+    let read = match format {
         Format::Obj => obj::parse(bytes, path),
         Format::Stl => stl::parse(bytes, path),
         Format::Ply => ply::parse(bytes, path),
         Format::Gltf => gltf::parse(bytes, path),
         Format::ThreeMf => threemf::parse(bytes, path, metres_per_unit),
-    }?;
-    if mesh.triangles.is_empty() {
-        return Err(MeshError::Empty { path: path.to_owned() });
-    }
+    };
+    let read = match read {
+        Ok(mesh) if mesh.triangles.is_empty() => Err(MeshError::Empty { path: path.to_owned() }),
+        read => read,
+    };
+    let mut mesh = read.map_err(|error| match Format::recognise(bytes) {
+        // Only now: the free text at the head of a binary STL may say anything.
+        Some(found) if found != format => MeshError::OtherFormat { path: path.to_owned(), found, named: format },
+        _ => error,
+    })?;
     let wrong = mesh.vertices.par_iter_mut().enumerate().find_map_first(|(vertex_idx, vertex)| {
         *vertex *= metres_per_unit;
         (!vertex.is_finite() || vertex.abs().max_element() > FARTHEST_M).then_some((vertex_idx, *vertex))
@@ -215,6 +267,32 @@ mod tests {
         let path = dir.path().join("huge.obj");
         std::fs::write(&path, "v 0 0 0\nv 1e308 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
         assert!(matches!(load(&path, 1e3), Err(MeshError::NonFiniteVertex { vertex: 2, .. })));
+    }
+
+    #[test]
+    fn a_wrong_extension_and_an_empty_file_are_named() {
+        let refusal = |bytes: &[u8], name: &str| {
+            let error = parse(bytes, Format::of(Path::new(name)).unwrap(), Path::new(name), 1.0).unwrap_err();
+            (error.to_string(), error.hint().unwrap())
+        };
+        let files: [(&[u8], &str, &str); 6] = [
+            (b"ply\nformat ascii 1.0\nelement vertex 0\nend_header\n", "PLY", ".ply"),
+            (b"glTF\x02\0\0\0", "glTF", ".gltf or .glb"),
+            (b"  {\"asset\": {\"version\": \"2.0\"}}", "glTF", ".gltf or .glb"),
+            (b"PK\x03\x04............3D/3dmodel.model", "3MF", ".3mf"),
+            (b"# by hand\n\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "OBJ", ".obj"),
+            (b"solid part\nfacet normal 0 0 1\nouter loop\n", "STL", ".stl"),
+        ];
+        for (bytes, format, ending) in files {
+            let name = if format == "STL" { "part.obj" } else { "part.stl" };
+            let says = if format == "STL" { "OBJ" } else { "STL" };
+            let expected = format!("{name}: this is a file of the format {format}, and its name says {says}");
+            assert_eq!(refusal(bytes, name), (expected, &*format!("rename it so that it ends in {ending}")));
+        }
+        for extension in EXTENSIONS {
+            let name = format!("part.{extension}");
+            assert_eq!(refusal(b"", &name).0, format!("{name}: no triangles: the file is empty"));
+        }
     }
 
     /// The corners of every triangle, in an order that the numbering of vertices does not change.

@@ -26,6 +26,9 @@ const LONG_M: f64 = 5.0;
 /// A part whose longest edge is shorter than this is more likely a wrong unit.
 const SHORT_M: f64 = 1e-3;
 
+/// What is said of a closed mesh that is inside out.
+pub(crate) const FACES_INWARD: &str = "the triangles face inward";
+
 /// Open edges that follow each other: the rim of a hole, or of a slit between faces that do not match.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BoundaryLoop {
@@ -98,7 +101,7 @@ impl MeshReport {
             };
             warnings.push(format!("{} {edges} open, {width}", self.open_edges));
         } else if self.closed && self.signed_volume_m3 < 0.0 {
-            warnings.push("the triangles face inward".to_owned());
+            warnings.push(FACES_INWARD.to_owned());
         }
         warnings
     }

@@ -166,6 +166,12 @@ impl Geometry {
             },
         };
         let inspected = inspect(&mesh);
+        if let MeshSource::File { path, .. } = source
+            && inspected.degenerate_triangles == inspected.triangles
+        {
+            let source = MeshError::NoArea { path: path.clone(), triangles: inspected.triangles };
+            return Err(SceneError::Mesh { name: name.to_owned(), source });
+        }
         Ok(Self { name: name.to_owned(), role, mesh, inspected, load_s: since.elapsed().as_secs_f64() })
     }
 

@@ -5,7 +5,7 @@ use std::borrow::Cow;
 use serde::{Deserialize, Serialize};
 
 use super::cache::CacheUse;
-use crate::mesh::validate::MeshReport;
+use crate::mesh::validate::{FACES_INWARD, MeshReport};
 use crate::pointshell::{LevelReport, ShellReport};
 use crate::voxmap::Voxmap;
 use crate::voxmap::leak::MOSTLY_THIN;
@@ -155,6 +155,8 @@ impl ObjectReport {
             ));
         }
         if map.orientation.n_inverted > 0 {
+            // Says the same, and more.
+            warnings.retain(|warning| warning != FACES_INWARD);
             warnings.push(format!("{} triangles face inward; their side was taken from the fill", map.orientation.n_inverted));
         }
         let stages = map.timings;

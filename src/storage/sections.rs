@@ -87,6 +87,9 @@ pub enum Refusal {
         /// Generation of the file.
         generation: u32,
     },
+    /// Made on a machine that writes the bytes of a number in the other order.
+    #[error("written on a machine of the other byte order")]
+    Foreign,
     /// Cut off, changed, or not such a file at all; and where that shows.
     #[error("damaged ({0})")]
     Damaged(&'static str),
@@ -185,8 +188,12 @@ impl Reader {
         let Some([head]) = window::<Head>(&region, 0, 1).as_deref().map(<[Head; 1]>::try_from).and_then(Result::ok) else {
             return Err(Refusal::Damaged("shorter than its head"));
         };
+        // Swapped as a whole, and with a checksum that fits, it is no accident.
+        if (head.byte_order, head.checksum) == (BYTE_ORDER.swap_bytes(), head_checksum(&head).swap_bytes()) {
+            return Err(Refusal::Foreign);
+        }
         if head.magic != MAGIC || head.units != UNITS || head.byte_order != BYTE_ORDER {
-            return Err(Refusal::Damaged("not a bake file of this kind of machine"));
+            return Err(Refusal::Damaged("its first bytes are not a bake file's"));
         }
         if head.checksum != head_checksum(&head) {
             return Err(Refusal::Damaged("the head"));
@@ -274,4 +281,30 @@ pub fn reseal(bytes: &mut [u8]) {
     }
     let checksum = XxHash3_64::oneshot(&bytes[HEAD_BYTES..table_end]);
     bytes[table_end..table_end + size_of::<u64>()].copy_from_slice(&checksum.to_ne_bytes());
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_of_the_other_byte_order_is_foreign_and_a_damaged_one_is_not() {
+        let mut file = Writer::default();
+        file.array("numbers", &[1_u32, 2, 3]);
+        let mut bytes = Vec::new();
+        file.write_to([7; 16], 1, &mut bytes).unwrap();
+        let refusal = |bytes: &[u8]| Reader::new(Region::copy(bytes).unwrap(), None, 1).map(|_| ()).unwrap_err();
+        assert!(Reader::new(Region::copy(&bytes).unwrap(), None, 1).is_ok());
+        let mut head: Head = bytemuck::pod_read_unaligned(&bytes[..HEAD_BYTES]);
+        head.byte_order = head.byte_order.swap_bytes();
+        head.format = head.format.swap_bytes();
+        head.generation = head.generation.swap_bytes();
+        head.n_sections = head.n_sections.swap_bytes();
+        head.file_bytes = head.file_bytes.swap_bytes();
+        head.checksum = head_checksum(&head).swap_bytes();
+        bytes[..HEAD_BYTES].copy_from_slice(bytemuck::bytes_of(&head));
+        assert!(matches!(refusal(&bytes), Refusal::Foreign));
+        bytes[40] ^= 1;
+        assert!(matches!(refusal(&bytes), Refusal::Damaged(_)));
+    }
 }

@@ -27,6 +27,13 @@ pub fn show_bytes(bytes: u64) -> String {
     if value < 10.0 { format!("{value:.1} {name}") } else { format!("{value:.0} {name}") }
 }
 
+/// The same in powers of ten, as people write sizes: `20 MB`.
+fn show_decimal_bytes(bytes: u64) -> String {
+    let (unit, name) = [(1e9, "GB"), (1e6, "MB")].into_iter().find(|(unit, _)| bytes as f64 >= *unit).unwrap_or((1e3, "kB"));
+    let value = bytes as f64 / unit;
+    if value < 10.0 { format!("{} {name}", (value * 10.0).round() / 10.0) } else { format!("{value:.0} {name}") }
+}
+
 /// A grid that cannot be built.
 #[derive(Debug, Error, PartialEq)]
 pub enum GridError {
@@ -47,7 +54,10 @@ pub enum GridError {
         voxel_size_m: f64,
     },
     /// More memory than allowed.
-    #[error("baking takes about {}, more than the {} that are allowed", show_bytes(*needed_bytes), show_bytes(*max_bytes))]
+    #[error(
+        "baking takes about {}, more than the {} that are allowed ({} and {})",
+        show_bytes(*needed_bytes), show_bytes(*max_bytes), show_decimal_bytes(*needed_bytes), show_decimal_bytes(*max_bytes)
+    )]
     Memory {
         /// Most bytes held at a time, by estimate.
         needed_bytes: u64,

@@ -12,11 +12,17 @@
 //! neighbours that differ. Such a quadrilateral always cuts the line between the two centres, hence one of the two voxels becomes
 //! surface, and a fill over 6 neighbours cannot pass. Where a lid ends at the surface, two voxels that differ may still touch in
 //! an edge or a corner; a small patch between them makes one of them surface, as layers need it.
+//!
+//! Centres often lie on faces exactly, as parts and grids have the same axes and round sizes. There the winding number is halfway
+//! between the two sides, and rounding would tell which. So it is asked some thousandths of a voxel beside each centre.
+
+mod known;
 
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::grid::{BRICK_CELLS, Grid, cell_of};
+use self::known::Known;
+use super::grid::Grid;
 use super::orient::connected_pieces;
 use super::surface::Surface;
 use super::winding::WindingTree;
@@ -72,18 +78,36 @@ pub(super) fn close(
             0.5 * (b - a).cross(c - a).length()
         })
         .sum();
-    for (inside, outside) in &boundary.diagonals(surface) {
-        let first = lids.vertices.len() as u32;
-        lids.vertices.extend(patch(&surface.grid, *inside, *outside));
-        lids.triangles.push([first, first + 1, first + 2]);
+    let mut with_lids = surface.with(&lids);
+    let mut patches = TriangleMesh::default();
+    for (inside, outside) in &boundary.diagonals(surface, &with_lids) {
+        let first = patches.vertices.len() as u32;
+        patches.vertices.extend(patch(&surface.grid, *inside, *outside));
+        patches.triangles.push([first, first + 1, first + 2]);
     }
-    let with_lids = surface.with(&lids);
-    let first = mesh.vertices.len() as u32;
+    if !patches.triangles.is_empty() {
+        with_lids = with_lids.with(&patches);
+        append(&mut lids, patches);
+    }
     let mut closed = mesh.clone();
-    closed.vertices.extend(lids.vertices);
-    closed.triangles.extend(lids.triangles.iter().map(|triangle| triangle.map(|vertex| vertex + first)));
+    append(&mut closed, lids);
     let near = boundary.known.cells().map(|(cell, winding)| (cell, f64::from(winding.abs()) >= INSIDE)).collect();
     Some((Lidded { mesh: closed, n_lids: pieces.len(), area_m2, near }, with_lids))
+}
+
+fn append(mesh: &mut TriangleMesh, other: TriangleMesh) {
+    let first = mesh.vertices.len() as u32;
+    mesh.vertices.extend(other.vertices);
+    mesh.triangles.extend(other.triangles.into_iter().map(|triangle| triangle.map(|vertex| vertex + first)));
+}
+
+/// Where the winding number of a point is asked, in voxels beside it: along no axis or diagonal, further than single precision blurs
+/// triangles of thousands of voxels, and nearer than any distance that is felt.
+const BESIDE_CELLS: DVec3 = DVec3::new(4.1e-3, 2.7e-3, 3.5e-3);
+
+/// The winding number at, or rather just beside, the centre of a cell or further along an axis, voxels.
+fn winding_at(winding: &WindingTree, grid: &Grid, cell: [i32; 3], further_cells: DVec3) -> f64 {
+    winding.at(grid.center_map(cell) + (further_cells + BESIDE_CELLS) * grid.voxel_size_m)
 }
 
 /// Points along an edge, at most half a unit apart, both ends included.
@@ -94,72 +118,6 @@ fn along([from, to]: [DVec3; 2]) -> impl Iterator<Item = DVec3> {
 
 /// The way from a cell to the next along an axis.
 type Step = ([i32; 3], usize);
-
-/// Winding numbers at the centres of some cells, brick by brick.
-struct Known {
-    grid: Grid,
-    /// `[n_bricks of the grid]`: 1 + slot of the brick, or 0.
-    slots: Vec<u32>,
-    /// `[n_slots]`: number of the brick.
-    bricks: Vec<u32>,
-    /// `[n_slots]`: [`Self::UNKNOWN`], [`Self::ASKED`] or the winding number.
-    windings: Vec<[f32; BRICK_CELLS]>,
-}
-
-impl Known {
-    const UNKNOWN: f32 = f32::NAN;
-    const ASKED: f32 = f32::INFINITY;
-
-    /// Cost: 4 bytes per brick of the grid.
-    fn new(grid: &Grid) -> Self {
-        Self { grid: *grid, slots: vec![0; grid.n_bricks()], bricks: Vec::new(), windings: Vec::new() }
-    }
-
-    fn get(&self, cell: [i32; 3]) -> Option<f64> {
-        if !self.grid.contains(cell) {
-            return None;
-        }
-        let (brick, inside) = self.grid.locate(cell);
-        let slot = (self.slots[brick] as usize).checked_sub(1)?;
-        Some(self.windings[slot][inside]).filter(|winding| winding.is_finite()).map(f64::from)
-    }
-
-    fn set(&mut self, cell: [i32; 3], winding: f32) {
-        let (brick, inside) = self.grid.locate(cell);
-        if self.slots[brick] == 0 {
-            self.bricks.push(brick as u32);
-            self.windings.push([Self::UNKNOWN; BRICK_CELLS]);
-            self.slots[brick] = self.bricks.len() as u32;
-        }
-        self.windings[self.slots[brick] as usize - 1][inside] = winding;
-    }
-
-    /// The cells of the grid that nobody asked for before; from now on they are asked for.
-    fn ask(&mut self, cells: impl Iterator<Item = [i32; 3]>) -> Vec<[i32; 3]> {
-        cells
-            .filter(|cell| {
-                if !self.grid.contains(*cell) {
-                    return false;
-                }
-                let (brick, inside) = self.grid.locate(*cell);
-                let slot = self.slots[brick] as usize;
-                let is_new = slot == 0 || self.windings[slot - 1][inside].is_nan();
-                if is_new {
-                    self.set(*cell, Self::ASKED);
-                }
-                is_new
-            })
-            .collect()
-    }
-
-    fn cells(&self) -> impl Iterator<Item = ([i32; 3], f32)> + '_ {
-        self.bricks.iter().zip(&self.windings).flat_map(|(brick, windings)| {
-            let coord = self.grid.brick_coord(*brick as usize);
-            let known = windings.iter().enumerate().filter(|(_, winding)| winding.is_finite());
-            known.map(move |(inside, winding)| (cell_of(coord, inside), *winding))
-        })
-    }
-}
 
 /// The part of the boundary between inside and outside that lies off the surface.
 struct Boundary {
@@ -186,7 +144,7 @@ impl Boundary {
         let mut boundary = Self { known: Known::new(grid), crossings: Vec::new() };
         let mut wave = boundary.known.ask(rim_cells.iter().flat_map(|cell| around.clone().map(|step| moved(*cell, step))));
         while !wave.is_empty() {
-            let windings: Vec<f32> = wave.par_iter().map(|cell| winding.at(grid.center_map(*cell)) as f32).collect();
+            let windings: Vec<f32> = wave.par_iter().map(|cell| winding_at(winding, grid, *cell, DVec3::ZERO) as f32).collect();
             let mut differing: Vec<Step> = Vec::new();
             for (cell, winding) in wave.iter().zip(windings) {
                 boundary.known.set(*cell, winding);
@@ -226,7 +184,7 @@ impl Boundary {
         for users in users.chunk_by(|(one, _), (other, _)| one == other) {
             let points = users.iter().map(|(_, corner_idx)| {
                 let ((low, axis), share) = self.crossings[corner_idx / 4];
-                grid.center_map(low) + DVec3::AXES[axis] * (share * grid.voxel_size_m)
+                grid.center_map(low) + (DVec3::AXES[axis] * share + BESIDE_CELLS) * grid.voxel_size_m
             });
             for (_, corner_idx) in users {
                 quads[corner_idx / 4][corner_idx % 4] = vertices.len() as u32;
@@ -243,12 +201,12 @@ impl Boundary {
     }
 
     /// Neighbours over an edge or a corner, inside and outside, with surface beside them: the boundary may end between them and
-    /// leave the way free. Ascending.
-    fn diagonals(&self, surface: &Surface) -> Vec<([i32; 3], [i32; 3])> {
+    /// leave the way free. Those that a lid has made surface are not free. Ascending.
+    fn diagonals(&self, surface: &Surface, with_lids: &Surface) -> Vec<([i32; 3], [i32; 3])> {
         let mut near: Vec<[i32; 3]> = self.crossings.iter().flat_map(|(step, _)| around_step(*step)).collect();
         near.sort_unstable();
         near.dedup();
-        near.retain(|cell| self.is_inside(*cell) == Some(true) && !surface.contains(*cell));
+        near.retain(|cell| self.is_inside(*cell) == Some(true) && !with_lids.contains(*cell));
         near.par_iter()
             .flat_map_iter(|cell| {
                 (0..27).filter_map(|idx| {
@@ -258,7 +216,7 @@ impl Boundary {
                         let kept = core::array::from_fn(|axis| if part >> axis & 1 == 1 { offset[axis] } else { 0 });
                         surface.contains(moved(*cell, kept))
                     };
-                    let is_free = self.is_inside(other) == Some(false) && !surface.contains(other);
+                    let is_free = self.is_inside(other) == Some(false) && !with_lids.contains(other);
                     (is_free && (1..7).any(is_surface)).then_some((*cell, other))
                 })
             })
@@ -281,10 +239,9 @@ impl Boundary {
         let (mut from, mut to) = (self.known.get(low)?, self.known.get(high)?);
         let (mut near, mut far) = (0.0, 1.0);
         if surface.contains(low) || surface.contains(high) {
-            let grid = &surface.grid;
             for _ in 0..BISECTIONS {
                 let middle = 0.5 * (near + far);
-                let at = winding.at(grid.center_map(low) + DVec3::AXES[axis] * (middle * grid.voxel_size_m));
+                let at = winding_at(winding, &surface.grid, low, DVec3::AXES[axis] * middle);
                 if (at.abs() >= INSIDE) == (from.abs() >= INSIDE) {
                     (near, from) = (middle, at);
                 } else {

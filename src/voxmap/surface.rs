@@ -173,6 +173,12 @@ impl Surface {
         Some((self.ranks[slot][word] + within) as usize)
     }
 
+    /// `[8]`: rank of the first surface voxel in each word of a slot's mask, or what it would be.
+    #[inline]
+    pub(super) fn ranks(&self, slot: usize) -> &[u32; BRICK_EDGE] {
+        &self.ranks[slot]
+    }
+
     /// Every surface voxel, in order of rank.
     pub fn cells(&self) -> impl Iterator<Item = [i32; 3]> + '_ {
         self.bricks.iter().zip(&self.masks).flat_map(|(brick, mask)| {
@@ -302,6 +308,39 @@ fn add(word: &AtomicU64, cells: u64) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Triangles in the middle of a grid of 40³ cells, some in bricks of their own.
+    fn shards(n: usize, seed: f64) -> TriangleMesh {
+        let number = |k: usize| (seed + 0.618_034 * k as f64).fract();
+        let vertices: Vec<DVec3> = (0..3 * n)
+            .map(|k| DVec3::new(number(3 * k), number(3 * k + 1), number(3 * k + 2)) * if k % 3 == 0 { 36.0 } else { 9.0 })
+            .collect();
+        let vertices =
+            vertices.chunks(3).flat_map(|v| [v[0], v[0] + v[1], v[0] + v[2]].map(|v| v.min(DVec3::splat(40.0)))).collect();
+        TriangleMesh { vertices, triangles: (0..n as u32).map(|k| [3 * k, 3 * k + 1, 3 * k + 2]).collect() }
+    }
+
+    #[test]
+    fn marking_more_is_marking_both_at_once() {
+        let grid = Grid::around(DVec3::ZERO, DVec3::splat(40.0), 1.0, 2).expect("a grid that fits");
+        for (n, n_more) in [(12, 7), (3, 40), (5, 0), (0, 5)] {
+            let (one, more) = (shards(n, 0.1), shards(n_more, 0.7));
+            let mut both = one.clone();
+            let first = both.vertices.len() as u32;
+            both.vertices.extend(&more.vertices);
+            both.triangles.extend(more.triangles.iter().map(|triangle| triangle.map(|vertex| vertex + first)));
+            let added = Surface::mark(&one, &grid, Navigation::TwoSided).with(&more);
+            let at_once = Surface::mark(&both, &grid, Navigation::TwoSided);
+            assert!(n + n_more == 0 || at_once.n_voxels > 0);
+            assert!(n == 0 || n_more == 0 || at_once.n_voxels > Surface::mark(&one, &grid, Navigation::TwoSided).n_voxels);
+            let Surface { grid: _, index: _, bricks, masks, ranks, n_voxels, sat_tests, navigation } = &added;
+            assert_eq!((bricks, masks, ranks), (&at_once.bricks, &at_once.masks, &at_once.ranks));
+            assert_eq!((*n_voxels, *sat_tests, *navigation), (at_once.n_voxels, at_once.sat_tests, at_once.navigation));
+            let cells: Vec<[i32; 3]> = at_once.cells().collect();
+            assert!(cells.iter().enumerate().all(|(rank, cell)| added.rank(*cell) == Some(rank)));
+            assert_eq!(added.index.members(), at_once.index.members());
+        }
+    }
 
     #[test]
     fn a_triangle_large_enough_to_be_shared_marks_the_cells_of_its_walk() {

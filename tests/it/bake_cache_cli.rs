@@ -376,3 +376,25 @@ fn a_damaged_or_foreign_file_is_told_on_stderr_and_baked_anew() {
     assert!(said.contains(": ring is baked anew and the file replaced") && said.contains(": tool is baked anew"), "{said}");
     assert_warm(dir.path(), &dir.path().join("cache"));
 }
+
+#[test]
+fn a_pipe_in_the_cache_is_refused_and_replaced() {
+    let dir = folder();
+    let line = "bake scene.toml --json --cache cache";
+    assert!(hapticd(dir.path(), line).status.success());
+    let file = extension(&dir.path().join("cache"), "bake").remove(0);
+    fs::remove_file(&file).unwrap();
+    assert!(Command::new("mkfifo").arg(&file).status().is_ok_and(|made| made.success()), "mkfifo");
+    // Would wait for a writer for ever.
+    let output = hapticd(dir.path(), line);
+    assert!(output.status.success() && stderr(&output).contains("it is no regular file"), "{}", stderr(&output));
+    assert_warm(dir.path(), &dir.path().join("cache"));
+}
+
+#[test]
+fn advice_on_a_cache_that_cannot_be_written_fits_the_cause() {
+    let dir = folder();
+    fs::write(dir.path().join("file"), "").unwrap();
+    let said = stderr(&hapticd(dir.path(), "bake scene.toml --json --cache file"));
+    assert!(said.contains("move away the file that stands where the folder should be") && !said.contains("make room"), "{said}");
+}

@@ -877,3 +877,74 @@ fn a_bake_beyond_max_memory_is_refused_before_the_work_with_a_size_that_fits() {
     assert_eq!(ended.code(), Some(0));
     assert!(ended.stderr.contains("memory: peg takes about "), "{}", ended.stderr);
 }
+
+/// What somebody meets who does the obvious wrong thing: one message that says what to do instead.
+#[test]
+fn obvious_mistakes_are_named_with_their_remedy() {
+    let dir = folder();
+    let write = |name: &str, bytes: &[u8]| fs::write(dir.path().join(name), bytes).unwrap();
+    write("flat.obj", b"v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n");
+    write(
+        "scan.stl",
+        b"ply\nformat binary_little_endian 1.0\nelement vertex 3\nproperty float x\nend_header\n............................",
+    );
+    let mesh = &["error: peg.obj: this is a mesh file, not a scene", "hint: `hapticd bake` takes it as it is"];
+    for (line, code, fragments) in [
+        ("check peg.obj", 3, &mesh[..]),
+        ("run peg.obj", 3, mesh),
+        (
+            "bake flat.obj --units mm --voxel-size-mm 1",
+            4,
+            &["flat.obj: none of the 1 triangles has an area", "hint: export the part"],
+        ),
+        (
+            "bake scan.stl --units mm --voxel-size-mm 1",
+            4,
+            &["this is a file of the format PLY", "hint: rename it so that it ends in .ply"],
+        ),
+        ("bake peg.obj --units mm --voxel-size-mm 1 --max-memory -5", 2, &["`-5` is not a size"]),
+        ("bake peg.obj --units mm --voxel-size-mm 0.01 --max-memory 20M", 3, &[" GB and 20 MB)"]),
+    ] {
+        refuses(dir.path(), line, code, fragments);
+    }
+    for line in ["run none.toml", "run peg.obj"] {
+        let said = hapticd(dir.path(), line).stderr;
+        assert!(!said.contains("state:"), "nothing was baked: {said}");
+    }
+}
+
+#[test]
+fn what_a_bake_assumes_is_said_once() {
+    let dir = folder();
+    let said = |line: &str| {
+        let ended = hapticd(dir.path(), line);
+        assert_eq!(ended.code(), Some(0), "{line}: {}", ended.stderr);
+        ended.stderr
+    };
+    let metres = "note: the numbers of the mesh file are taken as metres";
+    assert!(said("bake gear12.obj --longest-axis-voxels 20").contains(metres));
+    assert!(!said("bake gear12.obj --longest-axis-voxels 20 --units mm").contains("note:"));
+    let without_cache = "note: baked without the cache";
+    assert!(said("bake peg.obj --units mm --voxel-size-mm 1 --voxmap-out v.npy").contains(without_cache));
+    assert!(!said("bake peg.obj --units mm --voxel-size-mm 1 --voxmap-out v.npy --cache off").contains("note:"));
+    // Inside out: one warning, not two.
+    fs::write(dir.path().join("inward.obj"), "v 0 0 0\nv 12 0 0\nv 0 12 0\nv 0 0 12\nf 1 2 3\nf 1 4 2\nf 2 4 3\nf 3 4 1\n")
+        .unwrap();
+    let warnings = said("bake inward.obj --units mm --voxel-size-mm 0.5");
+    assert_eq!(warnings.matches("face inward").count(), 1, "{warnings}");
+    let ended = Running::start(program(dir.path()).env("XDG_CACHE_HOME", "relative").env_remove("HOME").args([
+        "bake",
+        "gear12.obj",
+        "--units",
+        "mm",
+        "--voxel-size-mm",
+        "1",
+    ]))
+    .end();
+    assert_eq!(
+        ended.stderr.matches("warning: XDG_CACHE_HOME is ignored, as relative is not an absolute path").count(),
+        1,
+        "{}",
+        ended.stderr
+    );
+}

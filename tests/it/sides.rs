@@ -317,3 +317,33 @@ fn a_scan_that_is_open_at_the_bottom_is_a_solid() {
         assert!(!name.contains("bunny") || map.basis != SidesBasis::Thin, "{name}");
     }
 }
+
+/// A cube of 20 mm without its upper face.
+fn tray() -> TriangleMesh {
+    let mut tray = cuboid([20.0; 3], [0.0; 3]);
+    let vertices = tray.vertices.clone();
+    tray.triangles.retain(|corners| corners.iter().any(|vertex| vertices[*vertex as usize].z < 0.0));
+    tray
+}
+
+#[test]
+fn a_lid_is_as_large_as_its_hole() {
+    for voxel_size_mm in [2.0, 1.0, 0.75, 0.5, 0.4, 0.3] {
+        for (pose, mesh) in [("along the grid", tray()), ("turned", turned(tray()))] {
+            let options =
+                Options { voxel_size_m: voxel_size_mm * 1e-3, layers: LAYERS, navigation: None, sides: SidesRule::Winding };
+            let map = Voxmap::build(&mesh, &validate::inspect(&mesh), &options, |_| ()).expect("a grid that fits");
+            let lidded = map.lidded.as_ref().expect("a lid");
+            let area_mm2 = lidded.area_m2 * 1e6;
+            eprintln!("{pose}, voxels of {voxel_size_mm} mm: {} lids, {area_mm2:.1} mm²", lidded.n_lids);
+            assert_eq!(lidded.n_lids, 1, "{pose}, {voxel_size_mm} mm");
+            // The rim's own voxels need no lid: they are a larger part of a hole of ten voxels.
+            let least = if voxel_size_mm > 1.0 { 0.7 } else { 0.8 };
+            assert!((least..1.2).contains(&(area_mm2 / 400.0)), "{pose}, {voxel_size_mm} mm: {area_mm2} mm²");
+            // Nothing stands out of the lid: no voxel lies wholly above the rim.
+            let rim = map.surface.grid.to_cells(DVec3::Z * 10e-3).z;
+            let stands_out = |cell: &[i32; 3]| pose == "along the grid" && f64::from(cell[2]) > rim;
+            assert!(!map.surface.cells().any(|cell| stands_out(&cell)), "{pose}, {voxel_size_mm} mm: a nub");
+        }
+    }
+}

@@ -86,7 +86,10 @@ impl Part {
                         refuse_unknown_extensions(&element)?;
                         if let Some(unit) = attribute(&element, "unit")? {
                             let known = UNITS.iter().find(|(name, _)| *name == unit);
-                            part.unit = *known.ok_or_else(|| format!("unknown unit `{unit:.20}`"))?;
+                            part.unit = *known.ok_or_else(|| {
+                                let names = UNITS.map(|(name, _)| name).join(", ");
+                                format!("a unit is one of {names}: unknown unit `{unit:.20}`")
+                            })?;
                         }
                     }
                     ("object", None) => object = Some((number(&element, "id")?, Object::default())),

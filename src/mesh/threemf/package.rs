@@ -17,6 +17,8 @@ const MOST_UNPACKED_PER_BYTE: u64 = 100;
 pub(super) struct Package<'a> {
     archive: ZipArchive<Cursor<&'a [u8]>>,
     path: &'a Path,
+    /// Bytes of the archive.
+    n_bytes: u64,
     /// Bytes that may still be unpacked, over all parts.
     room: Rc<Cell<u64>>,
 }
@@ -25,8 +27,9 @@ impl<'a> Package<'a> {
     pub(super) fn open(bytes: &'a [u8], path: &'a Path) -> Result<Self, MeshError> {
         let archive = ZipArchive::new(Cursor::new(bytes))
             .map_err(|error| refusal(path, format!("not a 3MF package, or a cut one ({error})")))?;
-        let room = Rc::new(Cell::new((bytes.len() as u64).saturating_mul(MOST_UNPACKED_PER_BYTE)));
-        Ok(Self { archive, path, room })
+        let n_bytes = bytes.len() as u64;
+        let room = Rc::new(Cell::new(n_bytes.saturating_mul(MOST_UNPACKED_PER_BYTE)));
+        Ok(Self { archive, path, n_bytes, room })
     }
 
     /// Name of the part in which the model begins: the one that the package says, or the usual one.
@@ -54,7 +57,8 @@ impl<'a> Package<'a> {
         let path = self.path;
         let refuse = |what: String| refusal(path, format!("{:.80}: {what}", part));
         let file = self.archive.by_name(part).map_err(|error| refuse(error.to_string()))?;
-        let mut reader = Reader::from_reader(BufReader::new(Bounded { inner: file, room: Rc::clone(&self.room) }));
+        let mut reader =
+            Reader::from_reader(BufReader::new(Bounded { inner: file, room: Rc::clone(&self.room), archive_bytes: self.n_bytes }));
         let mut buffer = Vec::new();
         loop {
             buffer.clear();
@@ -67,6 +71,8 @@ impl<'a> Package<'a> {
                 }
                 Ok(Event::End(element)) => visit(Element::End(element.local_name().as_ref())),
                 Ok(_) => Ok(()),
+                // Its own words would be "I/O error", of a file that was read long ago.
+                Err(quick_xml::Error::Io(error)) => Err(error.to_string()),
                 Err(error) => Err(error.to_string()),
             };
             result.map_err(|what| refuse(format!("byte {}: {what}", reader.buffer_position())))?;
@@ -111,13 +117,21 @@ pub(super) fn refusal(path: &Path, what: String) -> MeshError {
 struct Bounded<R> {
     inner: R,
     room: Rc<Cell<u64>>,
+    /// For the message.
+    archive_bytes: u64,
 }
 
 impl<R: Read> Read for Bounded<R> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         let n_bytes = self.inner.read(buffer)?;
         let rest = self.room.get().checked_sub(n_bytes as u64);
-        self.room.set(rest.ok_or_else(|| io::Error::other("the package unpacks to far more than its size, as no model does"))?);
+        self.room.set(rest.ok_or_else(|| {
+            let archive_bytes = self.archive_bytes;
+            io::Error::other(format!(
+                "the package unpacks to far more than its size, as no model does: the limit is {MOST_UNPACKED_PER_BYTE} times its \
+                 {archive_bytes} bytes"
+            ))
+        })?);
         Ok(n_bytes)
     }
 }

@@ -18,8 +18,8 @@ mod contents;
 mod folder;
 mod request;
 
-use std::fs::File;
-use std::io::ErrorKind;
+use std::fs::{self, File};
+use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -33,7 +33,7 @@ use crate::storage::Region;
 use crate::storage::sections::{Key, Refusal};
 
 /// Counts up whenever baking gives other bits than before for the same request. A test holds reference bakes against it.
-pub const GENERATION: u32 = 1;
+pub const GENERATION: u32 = 2;
 
 /// Bytes that a cache folder may hold; beyond, the files that were not used for longest go.
 const LIMIT_BYTES: u64 = 4 << 30;
@@ -140,7 +140,7 @@ impl Cache {
             }
             Refusal::Io(_) => format!("cannot be read ({refusal}): {name} is baked anew"),
             Refusal::Newer { .. } => format!("was {refusal}: {name} is baked anew and the file left alone"),
-            Refusal::Older { .. } => format!("was {refusal}: {name} is baked anew and the file replaced"),
+            Refusal::Older { .. } | Refusal::Foreign => format!("was {refusal}: {name} is baked anew and the file replaced"),
             Refusal::Damaged(_) => format!("is {refusal}: {name} is baked anew and the file replaced"),
         };
         self.notes.push(format!("the cache file {} {what}", path.display()));
@@ -149,6 +149,10 @@ impl Cache {
     }
 
     fn load(&self, path: &Path, key: Key, role: Role) -> Result<Baked, Refusal> {
+        // Asked before opening: to open a pipe waits for its writer, and a device may have no end.
+        if !fs::metadata(path)?.is_file() {
+            return Err(Refusal::Io(io::Error::new(ErrorKind::InvalidInput, "it is no regular file")));
+        }
         let file = File::open(path)?;
         folder::touch(&file);
         let region = match self.residence {
@@ -172,9 +176,21 @@ impl Cache {
             self.may_write = false;
             self.notes.push(format!(
                 "the bake cache {} cannot be written ({error}): nothing is kept for the next start; \
-                 make room or choose another folder with --cache DIR, or use --cache off",
-                folder.display()
+                 {}choose another folder with --cache DIR, or use --cache off",
+                folder.display(),
+                remedy(error.kind())
             ));
         }
+    }
+}
+
+/// What would let the same folder be written, followed by "or"; nothing where that is not known.
+fn remedy(kind: ErrorKind) -> &'static str {
+    match kind {
+        ErrorKind::StorageFull | ErrorKind::QuotaExceeded => "make room, ",
+        ErrorKind::PermissionDenied => "give this user the right to write there, ",
+        ErrorKind::AlreadyExists | ErrorKind::NotADirectory => "move away the file that stands where the folder should be, ",
+        ErrorKind::IsADirectory => "move away the folder that stands where the file should be, ",
+        _ => "",
     }
 }

@@ -47,6 +47,13 @@ impl Group {
         (self.n_tried, self.n_measured, self.is_cut_short) = (0, 0, false);
     }
 
+    /// Leaves the cells that do not count as they are, so that no search goes on for their sake.
+    pub(super) fn only_wanted(&mut self) {
+        for lane in (0..LANES).filter(|lane| self.wanted >> lane & 1 == 0) {
+            self.nearest.squared[lane] = 0.0;
+        }
+    }
+
     /// Puts a patch on the list; [`NONE`] and known ones are let pass.
     #[inline]
     pub(super) fn consider(&mut self, patch_idx: u32) {
@@ -70,7 +77,8 @@ impl Group {
             for idx in round.clone() {
                 let patch_idx = self.tried[idx];
                 let patch = &patches.all[patch_idx as usize];
-                self.found[idx] = self.machine.group(patch, patch_idx, self.cube, &mut self.nearest);
+                // Written in place: a copy of bytes just written one by one would stall the processor.
+                self.machine.group(patch, patch_idx, self.cube, &mut self.nearest, &mut self.found[idx]);
             }
             for idx in round {
                 let Measured { squared, on_edge } = &self.found[idx];

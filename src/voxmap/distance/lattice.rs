@@ -88,23 +88,19 @@ impl<'a> Lattice<'a> {
         Self { tree, searches_all, half, after }
     }
 
-    /// Finds the nearest patches of a group that has considered those of its cube. `is_next_to_surface`: a search goes no further than a
-    /// voxel or two, and what it finds is what hands feel.
-    pub(super) fn settle(&self, group: &mut Group, patches: &Patches, is_next_to_surface: bool) {
-        settle(group, patches, &self.tree, self.searches_all || is_next_to_surface);
+    /// Finds the nearest patches of a group that has considered those on offer: walks, and searches where that is asked for or the walk
+    /// did not get to its end.
+    pub(super) fn settle(&self, group: &mut Group, patches: &Patches) {
+        if !group.settle(patches) || self.searches_all {
+            group.only_wanted();
+            self.tree.search(group);
+        }
     }
 
     /// Calls `visit(cube, candidates)` for every cube of 2³ cells of a brick, which begins at cell 2·`cube` of the brick: the patches
     /// of the lattice points around it, [`NONE`] where there is no point.
     pub(super) fn each_cube(&self, slot: usize, visit: impl FnMut([usize; 3], [u32; 8])) {
         Block::<{ HALF_EDGE + 1 }, 125>::gather(&self.after[slot], |slot| &self.half[slot]).each_cube(visit);
-    }
-}
-
-/// Walks, and searches where that is asked for or the walk did not get to its end.
-fn settle(group: &mut Group, patches: &Patches, tree: &PatchTree<'_>, searches: bool) {
-    if !group.settle(patches) || searches {
-        tree.search(group);
     }
 }
 

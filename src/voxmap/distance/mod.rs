@@ -24,9 +24,9 @@ use rayon::prelude::*;
 
 use self::group::Group;
 use self::lattice::Lattice;
-use self::near::{Bins, Nearby};
+use self::near::{Around, Near};
 use self::patches::{NONE, Patches};
-use self::simd::{Cube, Machine};
+use self::simd::{Cube, LANES, Machine};
 use super::grid::{BRICK_CELLS, BRICK_EDGE, brick_origin, cell_of};
 use super::layers::Layers;
 use super::orient::Orientation;
@@ -100,12 +100,16 @@ impl Samples {
         with_gradients: bool,
     ) -> Self {
         let patches = Patches::new(mesh, &surface.grid);
+        let outward = |patch_idx: u32| match signs {
+            Signs::Solid(orientation) => orientation.sign(patches.triangle(patch_idx)) as f32,
+            Signs::Thin => 1.0,
+        };
         let stage = Stage {
             mesh,
             surface,
             layers,
             signs,
-            bins: Bins::new(&patches, surface),
+            near: Near::new(machine, &patches, surface, outward),
             lattice: Lattice::new(&patches, layers, surface.n_voxels, machine),
             patches: &patches,
             machine,
@@ -114,16 +118,16 @@ impl Samples {
         let mut gradients = vec![[Vec3::ZERO; BRICK_CELLS]; if with_gradients { layers.bricks.len() } else { 0 }];
         if with_gradients {
             values_m.par_iter_mut().zip(&mut gradients).enumerate().for_each_init(
-                || Group::new(machine),
-                |group, (slot, (samples, gradients))| {
-                    stage.measure(group, slot, samples, Some(gradients));
+                || (Group::new(machine), Around::new()),
+                |scratch, (slot, (samples, gradients))| {
+                    stage.measure(scratch, slot, samples, Some(gradients));
                 },
             );
         } else {
             values_m.par_iter_mut().enumerate().with_min_len(16).for_each_init(
-                || Group::new(machine),
-                |group, (slot, samples)| {
-                    stage.measure(group, slot, samples, None);
+                || (Group::new(machine), Around::new()),
+                |scratch, (slot, samples)| {
+                    stage.measure(scratch, slot, samples, None);
                 },
             );
         }
@@ -138,7 +142,7 @@ struct Stage<'a> {
     layers: &'a Layers,
     signs: Signs<'a>,
     patches: &'a Patches,
-    bins: Bins,
+    near: Near,
     lattice: Lattice<'a>,
     machine: Machine,
 }
@@ -147,58 +151,58 @@ impl Stage<'_> {
     /// Measures the cells of one brick.
     fn measure(
         &self,
-        group: &mut Group,
+        (group, around): &mut (Group, Around),
         slot: usize,
         samples: &mut [f32; APRON_CELLS],
         mut gradients: Option<&mut [Vec3; BRICK_CELLS]>,
     ) {
         let Self { surface, layers, patches, .. } = *self;
         let (brick, values) = (layers.bricks[slot] as usize, &layers.values[slot]);
-        let voxel_size_m = surface.grid.voxel_size_m as f32;
-        let mut put = |inside: usize, patch_idx: u32, signed_cells: f32| {
-            samples[sample_of(inside)] = signed_cells * voxel_size_m;
-            if let Some(gradients) = gradients.as_deref_mut() {
-                gradients[inside] = self.gradient(slot, inside, patch_idx, if signed_cells > 0.0 { 1.0 } else { -1.0 });
-            }
-        };
+        let (voxel_size_m, is_solid) = (surface.grid.voxel_size_m as f32, matches!(self.signs, Signs::Solid(_)));
         let beyond = layers.n_layers as i8 + 1;
-        let side = |layer: i8| match self.signs {
-            Signs::Solid(_) if layer > 0 => 1.0,
-            _ => -1.0,
-        };
         let origin = brick_origin(surface.grid.brick_coord(brick));
+        if values.iter().any(|layer| layer.abs() == 1) {
+            around.gather(&self.near, surface, brick);
+        }
         self.lattice.each_cube(slot, |cube, candidates| {
             let first = (cube[0] << 7) + (cube[1] << 4) + (cube[2] << 1);
-            let inside: [usize; 8] = core::array::from_fn(|lane| first + (lane >> 2 << 6) + (lane >> 1 & 1) * 8 + (lane & 1));
-            let is_wanted = |lane: usize| values[inside[lane]] != 0 && values[inside[lane]].abs() != beyond;
-            let wanted = (0..8).fold(0, |wanted, lane| wanted | u8::from(is_wanted(lane)) << lane);
+            let inside: [usize; LANES] = core::array::from_fn(|lane| first + (lane >> 2 << 6) + (lane >> 1 & 1) * 8 + (lane & 1));
+            let layers = inside.map(|inside| values[inside]);
+            let bits = |holds: fn(i8, i8) -> bool| (0..LANES).fold(0, |bits, lane| bits | u8::from(holds(layers[lane], beyond)) << lane);
+            let wanted = bits(|layer, beyond| layer != 0 && layer.abs() != beyond);
             if wanted == 0 {
                 return;
             }
             group.restart(Cube { base: core::array::from_fn(|axis| origin[axis] + 2 * cube[axis] as i32), step: 1 }, wanted);
             candidates.iter().for_each(|patch_idx| group.consider(*patch_idx));
-            let is_next_to_surface = (0..8).any(|lane| values[inside[lane]].abs() == 1);
-            self.lattice.settle(group, patches, is_next_to_surface);
-            for lane in (0..8).filter(|lane| wanted >> lane & 1 == 1) {
-                put(inside[lane], group.nearest.patch_idx[lane], side(values[inside[lane]]) * group.nearest.squared[lane].sqrt());
+            // What hands feel most is not left to the lattice alone.
+            if bits(|layer, _| layer.abs() == 1) != 0 {
+                around.offer(cube, group);
+            }
+            self.lattice.settle(group, patches);
+            // All eight, as that is simpler for the processor; those that are not wanted are overwritten below.
+            let signed_m = self.machine.run(|| {
+                let side = layers.map(|layer| if is_solid && layer > 0 { voxel_size_m } else { -voxel_size_m });
+                core::array::from_fn::<f32, LANES, _>(|lane| side[lane] * group.nearest.squared[lane].sqrt())
+            });
+            for (row, pair) in signed_m.as_chunks::<2>().0.iter().enumerate() {
+                let first = sample_of(inside[2 * row]);
+                samples[first..first + 2].copy_from_slice(pair);
+            }
+            if let Some(gradients) = gradients.as_deref_mut() {
+                for lane in (0..LANES).filter(|lane| wanted >> lane & 1 == 1) {
+                    let is_inside = is_solid && layers[lane] > 0;
+                    gradients[inside[lane]] = self.gradient(slot, inside[lane], group.nearest.patch_idx[lane], is_inside);
+                }
             }
         });
         if let Some(surface_slot) = surface.slot(brick) {
-            let outward = |patch_idx: u32| match self.signs {
-                Signs::Solid(orientation) => orientation.sign(patches.triangle(patch_idx)) as f32,
-                Signs::Thin => 1.0,
-            };
-            let near = Nearby::measure(self.machine, patches, &self.bins, surface, surface_slot, outward);
-            for inside in near::cells(&surface.masks[surface_slot]) {
-                let (patch_idx, distance) = (near.patch_idx[inside], near.squared[inside].sqrt());
-                if patch_idx == NONE {
-                    continue;
+            for (inside, voxel) in near::cells(&surface.masks[surface_slot]).zip(self.near.voxels(surface, surface_slot)) {
+                let signed_cells = if is_solid { voxel.signed_cells } else { -voxel.signed_cells.abs() };
+                samples[sample_of(inside)] = signed_cells * voxel_size_m;
+                if let Some(gradients) = gradients.as_deref_mut().filter(|_| voxel.patch_idx != NONE) {
+                    gradients[inside] = self.gradient(slot, inside, voxel.patch_idx, signed_cells > 0.0);
                 }
-                let sign = match self.signs {
-                    Signs::Solid(_) if distance > ON_SURFACE_CELLS => -near.height[inside].signum(),
-                    _ => -1.0,
-                };
-                put(inside, patch_idx, sign * distance);
             }
         }
         let beyond_m = (layers.n_layers as f32 + 0.5) * voxel_size_m;
@@ -207,9 +211,9 @@ impl Stage<'_> {
         }
     }
 
-    /// Unit direction in which the signed distance of a cell grows: away from the surface on the side of the centre, times the
-    /// sign.
-    fn gradient(&self, slot: usize, inside: usize, patch_idx: u32, sign: f32) -> Vec3 {
+    /// Unit direction in which the signed distance of a cell grows: away from the surface
+    /// inside, towards it outside.
+    fn gradient(&self, slot: usize, inside: usize, patch_idx: u32, is_inside: bool) -> Vec3 {
         let grid = &self.surface.grid;
         let cell = cell_of(grid.brick_coord(self.layers.bricks[slot] as usize), inside);
         let center = DVec3::new(cell[0].into(), cell[1].into(), cell[2].into()) + 0.5;
@@ -227,6 +231,31 @@ impl Stage<'_> {
                 Signs::Thin => normal,
             }
         };
-        (away * f64::from(sign)).as_vec3()
+        if is_inside { away.as_vec3() } else { -away.as_vec3() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::primitives::Shape;
+    use crate::mesh::validate::inspect;
+    use crate::voxmap::sides::SidesRule;
+    use crate::voxmap::{Options, Voxmap};
+
+    #[test]
+    fn every_machine_measures_the_same_bits() {
+        let torus = Shape::Torus { major_m: 8e-3, minor_m: 3e-3 }.tessellate(1e-4);
+        let plate = Shape::Box { size_m: DVec3::new(0.04, 0.03, 0.002) }.tessellate(1e-4);
+        for (mesh, sides) in [(&torus, SidesRule::Auto), (&plate, SidesRule::Auto), (&plate, SidesRule::Thin)] {
+            let options = Options { voxel_size_m: 4e-4, layers: 5, navigation: None, sides };
+            let map = Voxmap::build(mesh, &inspect(mesh), &options, |_| ()).expect("a small grid");
+            let signs = if map.thin { Signs::Thin } else { Signs::Solid(&map.orientation) };
+            let measure = |machine| Samples::measure_on(machine, mesh, &map.surface, &map.layers, signs, true);
+            let (portable, best) = (measure(Machine::Portable), measure(Machine::best()));
+            let bits = |samples: &Samples| samples.values_m.as_flattened().iter().map(|value| value.to_bits()).collect::<Vec<_>>();
+            assert_eq!(bits(&portable), bits(&best));
+            assert_eq!(portable.gradients, best.gradients);
+        }
     }
 }

@@ -1,13 +1,16 @@
-//! The surface voxels: every triangle that is near one is measured, so nothing is left to chance where it matters most.
+//! The surface voxels: every triangle that is near one is measured, so nothing is left to chance where it matters most. The cells
+//! next to them take their choices.
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
 use rayon::prelude::*;
 
+use super::ON_SURFACE_CELLS;
+use super::group::Group;
 use super::patches::{NONE, Patch, Patches};
 use super::simd::{LANES, Machine};
 use crate::voxmap::grid::{BRICK_CELLS, BRICK_EDGE, brick_origin};
-use crate::voxmap::surface::{Mask, Surface, bits};
+use crate::voxmap::surface::{FIRST_Z, Mask, Surface, bits};
 
 /// A triangle that touches a voxel comes at least this close to its centre (√3/2), and the nearest does; cells.
 const REACH_CELLS: f32 = 0.8661;
@@ -18,7 +21,7 @@ const TIE: (f32, f32) = (1.0 + 3e-5, 1e-8);
 const FACING_CELLS: f32 = 1e-4;
 
 /// Which patches come near the surface voxels of which brick.
-pub(super) struct Bins {
+struct Bins {
     /// `[n_surface_slots + 1]`.
     starts: Vec<u32>,
     patches: Vec<u32>,
@@ -26,7 +29,7 @@ pub(super) struct Bins {
 
 impl Bins {
     /// Cost: O(patches), a brick or four each.
-    pub(super) fn new(patches: &Patches, surface: &Surface) -> Self {
+    fn new(patches: &Patches, surface: &Surface) -> Self {
         let counts: Vec<AtomicU32> = surface.bricks.iter().map(|_| AtomicU32::new(0)).collect();
         let each = |visit: &(dyn Fn(usize, u32) + Sync)| {
             patches.all.par_iter().enumerate().with_min_len(256).for_each(|(patch_idx, patch)| {
@@ -85,20 +88,127 @@ fn each_brick(patch: &Patch, surface: &Surface, mut visit: impl FnMut(usize)) {
     }
 }
 
+/// What the surface voxels found.
+pub(super) struct Near {
+    /// Of [`MEASURED_TOGETHER`] bricks each, in order of rank.
+    bricks: Vec<Vec<NearVoxel>>,
+}
+
+/// A surface voxel and the patch nearest to its centre.
+#[derive(Clone, Copy)]
+pub(super) struct NearVoxel {
+    /// [`NONE`] where nothing came near.
+    pub(super) patch_idx: u32,
+    /// Distance to it, cells, 0 without one; negative outside, as if the surface had an inside.
+    pub(super) signed_cells: f32,
+}
+
+/// Bricks that share a list.
+const MEASURED_TOGETHER: usize = 64;
+
+impl Near {
+    /// Measures all surface voxels. `outward`: 1 for a patch whose winding normal points out, −1 for one where it points in.
+    ///
+    /// Cost: O(pairs of a patch and a surface voxel near it).
+    pub(super) fn new(machine: Machine, patches: &Patches, surface: &Surface, outward: impl Fn(u32) -> f32 + Sync) -> Self {
+        let bins = Bins::new(patches, surface);
+        let slots: Vec<usize> = (0..surface.bricks.len()).collect();
+        let list = |slots: &[usize]| {
+            let mut voxels = Vec::with_capacity(slots.iter().map(|slot| n_cells(&surface.masks[*slot])).sum());
+            for slot in slots {
+                let found = Nearby::measure(machine, patches, &bins, surface, *slot, &outward);
+                voxels.extend(cells(&surface.masks[*slot]).map(|inside| found.voxel(inside)));
+            }
+            voxels
+        };
+        Self { bricks: slots.par_chunks(MEASURED_TOGETHER).map(list).collect() }
+    }
+
+    /// The surface voxels of a brick, in order of rank.
+    pub(super) fn voxels(&self, surface: &Surface, surface_slot: usize) -> &[NearVoxel] {
+        let first = (surface.ranks(surface_slot)[0] - surface.ranks(surface_slot - surface_slot % MEASURED_TOGETHER)[0]) as usize;
+        &self.bricks[surface_slot / MEASURED_TOGETHER][first..first + n_cells(&surface.masks[surface_slot])]
+    }
+}
+
+/// The choices of the surface voxels in a brick and one cell around it.
+pub(super) struct Around {
+    /// `[10²]`, y fastest, one bit per z: where surface voxels are.
+    rows: [u16; AROUND_EDGE * AROUND_EDGE],
+    /// `[10³]`, z fastest: the patches of those.
+    patches: [u32; AROUND_EDGE * AROUND_EDGE * AROUND_EDGE],
+}
+
+/// Cells on the edge of a brick and its surroundings.
+const AROUND_EDGE: usize = BRICK_EDGE + 2;
+
+impl Around {
+    pub(super) fn new() -> Self {
+        Self { rows: [0; AROUND_EDGE * AROUND_EDGE], patches: [NONE; AROUND_EDGE * AROUND_EDGE * AROUND_EDGE] }
+    }
+
+    /// Turns to another brick.
+    pub(super) fn gather(&mut self, near: &Near, surface: &Surface, brick: usize) {
+        self.rows.fill(0);
+        let coord = surface.grid.brick_coord(brick);
+        for offset in (0..27).map(|idx| [idx / 9 - 1, idx / 3 % 3 - 1, idx % 3 - 1]) {
+            let neighbour = surface.grid.brick_neighbour(coord, offset);
+            let Some(slot) = neighbour.and_then(|neighbour| surface.slot(neighbour)) else { continue };
+            let (mask, ranks, voxels) = (&surface.masks[slot], surface.ranks(slot), near.voxels(surface, slot));
+            let xs = match offset[0] {
+                -1 => BRICK_EDGE - 1..BRICK_EDGE,
+                0 => 0..BRICK_EDGE,
+                _ => 0..1,
+            };
+            let rows = [0xff << 56, u64::MAX, 0xff][(offset[1] + 1) as usize];
+            let columns = [FIRST_Z << 7, u64::MAX, FIRST_Z][(offset[2] + 1) as usize];
+            let place = |axis: usize, inside: usize| (inside as i32 + offset[axis] * BRICK_EDGE as i32 + 1) as usize;
+            for x in xs {
+                for bit in bits(mask[x] & rows & columns) {
+                    let before = (mask[x] & ((1 << bit) - 1)).count_ones();
+                    let voxel = voxels[(ranks[x] - ranks[0] + before) as usize];
+                    if voxel.patch_idx != NONE {
+                        let row = place(0, x) * AROUND_EDGE + place(1, (bit >> 3) as usize);
+                        let z = place(2, (bit & 7) as usize);
+                        self.rows[row] |= 1 << z;
+                        self.patches[row * AROUND_EDGE + z] = voxel.patch_idx;
+                    }
+                }
+            }
+        }
+    }
+
+    /// Offers a group of 2³ cells, which begins at cell 2·`cube` of the brick, what surface voxels inside and next to it chose.
+    pub(super) fn offer(&self, cube: [usize; 3], group: &mut Group) {
+        let mut last = NONE;
+        for x in 2 * cube[0]..2 * cube[0] + 4 {
+            for y in 2 * cube[1]..2 * cube[1] + 4 {
+                let row = x * AROUND_EDGE + y;
+                for z in bits(u64::from(self.rows[row] >> (2 * cube[2]) & 0xf)) {
+                    let patch_idx = self.patches[row * AROUND_EDGE + 2 * cube[2] + z as usize];
+                    if patch_idx != last {
+                        group.consider(patch_idx);
+                        last = patch_idx;
+                    }
+                }
+            }
+        }
+    }
+}
+
 /// The nearest patch of every surface voxel of a brick.
-pub(super) struct Nearby {
-    pub(super) patch_idx: [u32; BRICK_CELLS],
+struct Nearby {
+    patch_idx: [u32; BRICK_CELLS],
     /// Cells².
-    pub(super) squared: [f32; BRICK_CELLS],
+    squared: [f32; BRICK_CELLS],
     /// Along the outward normal of the patch that the centre faces most squarely, cells. Where two faces lie on each other, inside of
     /// one is inside: parts that touch are one solid.
-    pub(super) height: [f32; BRICK_CELLS],
+    height: [f32; BRICK_CELLS],
 }
 
 impl Nearby {
-    /// Measures the surface voxels of one brick. `outward`: 1 for a patch whose winding normal points out, −1 for one where it points
-    /// in.
-    pub(super) fn measure(
+    /// Measures the surface voxels of one brick.
+    fn measure(
         machine: Machine,
         patches: &Patches,
         bins: &Bins,
@@ -135,6 +245,19 @@ impl Nearby {
         }
         best
     }
+
+    fn voxel(&self, inside: usize) -> NearVoxel {
+        if self.patch_idx[inside] == NONE {
+            return NearVoxel { patch_idx: NONE, signed_cells: 0.0 };
+        }
+        let distance = self.squared[inside].sqrt();
+        let sign = if distance > ON_SURFACE_CELLS { -self.height[inside].signum() } else { -1.0 };
+        NearVoxel { patch_idx: self.patch_idx[inside], signed_cells: sign * distance }
+    }
+}
+
+fn n_cells(mask: &Mask) -> usize {
+    mask.iter().map(|word| word.count_ones() as usize).sum()
 }
 
 /// Numbers of a mask's cells inside the brick, ascending.

@@ -19,8 +19,6 @@ pub(super) const NONE: u32 = u32::MAX;
 const CURVE_STEPS: f32 = 4.0;
 /// Longest edge of a patch, cells.
 const EDGE_MAX_CELLS: f64 = 32.0;
-/// Stands in place of the number of the longest edge in a patch that is a piece of a triangle.
-const IS_PIECE: usize = 3;
 /// Height over the longest edge below which a triangle is a segment, cells; cell coordinates are rounded to a hundredth of it.
 const FLAT_CELLS: f64 = 1e-9;
 
@@ -29,7 +27,7 @@ const FLAT_CELLS: f64 = 1e-9;
 /// | word | content |
 /// |---|---|
 /// | 0, 1 | anchor cell: x in the low, y in the high half of word 0; z in the low half of word 1 |
-/// | 1, high half | which edge of the triangle is the longest; 3 for a piece of a triangle that was cut |
+/// | 1, high half | which edge of the triangle, or of the piece, is the longest |
 /// | 2–4 | first corner minus the anchor's centre |
 /// | 5–7 | `right`: unit vector along the longest edge |
 /// | 8–10 | `up`: unit vector to the apex, square to `right`; `right × up` is the winding normal |
@@ -44,7 +42,7 @@ pub(super) struct Patch {
 
 impl Patch {
     /// Prepares three corners given in cells; any will do.
-    fn new(corners: &[DVec3; 3], is_piece: bool) -> Self {
+    fn new(corners: &[DVec3; 3]) -> Self {
         let edge_squared = |k: usize| (corners[(k + 1) % 3] - corners[k]).length_squared();
         let longest = (1..3).fold(0, |longest, k| if edge_squared(k) > edge_squared(longest) { k } else { longest });
         let [first, second, apex] = [0, 1, 2].map(|k| corners[(longest + k) % 3]);
@@ -66,7 +64,7 @@ impl Patch {
         let mut words = [0; 16];
         // A negative coordinate does not occur: the grid is padded.
         words[0] = anchor.x as u32 | (anchor.y as u32) << 16;
-        words[1] = anchor.z as u32 | (if is_piece { IS_PIECE } else { longest } as u32) << 16;
+        words[1] = anchor.z as u32 | (longest as u32) << 16;
         let numbers = [offset.to_array(), right.to_array(), up.to_array(), [length, along, height]];
         for (word, number) in words[2..14].iter_mut().zip(numbers.as_flattened()) {
             *word = (*number as f32).to_bits();
@@ -74,6 +72,11 @@ impl Patch {
         words[14] = (inverse_square(along - length) as f32).to_bits();
         words[15] = (inverse_square(along) as f32).to_bits();
         Self { words }
+    }
+
+    /// Which edge of the corners is the longest.
+    fn longest(&self) -> usize {
+        (self.words[1] >> 16) as usize
     }
 
     fn vector(&self, first: usize) -> Vec3 {
@@ -129,40 +132,37 @@ pub(super) struct Patches {
     pub(super) all: Vec<Patch>,
     /// `[n_patches]`: the triangle that a patch is or belongs to.
     triangles: Vec<u32>,
-    /// `[n_patches]`: patch across each edge, counted from the longest; [`NONE`] where there is none or the triangle was cut.
+    /// `[n_patches]`: patch across each edge, counted from the longest; [`NONE`] where there is none.
     across: Vec<[u32; 3]>,
 }
 
 impl Patches {
     /// Cost: O(triangles) and a parallel sort of them, plus the pieces of those that are longer than [`EDGE_MAX_CELLS`].
     pub(super) fn new(mesh: &TriangleMesh, grid: &Grid) -> Self {
-        let ((pieces, triangles_of_pieces, order), neighbours) = rayon::join(
+        let ((pieces, order), neighbours) = rayon::join(
             || {
-                let (pieces, triangles) = pieces(mesh, grid);
+                let pieces = Pieces::new(mesh, grid);
                 let mut keyed: Vec<(u64, u32)> =
-                    pieces.par_iter().enumerate().map(|(piece, patch)| (curve(patch), piece as u32)).collect();
+                    pieces.all.par_iter().enumerate().map(|(piece, patch)| (curve(patch), piece as u32)).collect();
                 keyed.par_sort_unstable();
-                (pieces, triangles, keyed)
+                (pieces, keyed)
             },
             || neighbours(mesh),
         );
-        let n_triangles = mesh.triangles.len();
-        let triangle_of = |piece: u32| (piece as usize).checked_sub(n_triangles).map_or(piece, |more| triangles_of_pieces[more]);
-        let mut places = vec![NONE; n_triangles];
-        for (place, (_, piece)) in order.iter().enumerate().filter(|(_, (_, piece))| (*piece as usize) < n_triangles) {
+        let mut places = vec![NONE; pieces.all.len()];
+        for (place, (_, piece)) in order.iter().enumerate() {
             places[*piece as usize] = place as u32;
         }
-        let all: Vec<Patch> = order.par_iter().map(|(_, piece)| pieces[*piece as usize]).collect();
-        let triangles = order.par_iter().map(|(_, piece)| triangle_of(*piece)).collect();
+        let all: Vec<Patch> = order.par_iter().map(|(_, piece)| pieces.all[*piece as usize]).collect();
+        let triangles = order.par_iter().map(|(_, piece)| pieces.triangle(*piece)).collect();
+        let across_pieces = pieces.across(mesh, grid, neighbours);
+        let place = |piece: u32| if piece == NONE { NONE } else { places[piece as usize] };
         let across = order
             .par_iter()
             .zip(&all)
-            .map(|((_, piece), patch)| match (patch.words[1] >> 16) as usize {
-                IS_PIECE => [NONE; 3],
-                longest => [0, 1, 2].map(|edge| match neighbours[*piece as usize][(longest + edge) % 3] {
-                    NONE => NONE,
-                    triangle_idx => places[triangle_idx as usize],
-                }),
+            .map(|((_, piece), patch)| {
+                let across = &across_pieces[*piece as usize];
+                core::array::from_fn(|edge| place(across[(patch.longest() + edge) % 3]))
             })
             .collect();
         Self { all, triangles, across }
@@ -173,44 +173,104 @@ impl Patches {
         self.triangles[patch_idx as usize]
     }
 
-    /// The patches across the edges of a patch, from its longest on; [`NONE`] where there is none or the triangle was cut.
+    /// The patches across the edges of a patch, from its longest on; [`NONE`] where there is none.
     #[inline]
     pub(super) fn across(&self, patch_idx: u32) -> &[u32; 3] {
         &self.across[patch_idx as usize]
     }
 }
 
-/// One patch per triangle, then the further pieces of those that were cut, and the triangles of these.
-fn pieces(mesh: &TriangleMesh, grid: &Grid) -> (Vec<Patch>, Vec<u32>) {
-    let in_cells = |triangle_idx: usize| mesh.corners(triangle_idx).map(|corner| grid.to_cells(corner));
-    let mut all: Vec<Patch> = (0..mesh.triangles.len())
-        .into_par_iter()
-        .map(|triangle_idx| {
-            let corners = in_cells(triangle_idx);
-            Patch::new(&corners, longest_edge(&corners).1 > EDGE_MAX_CELLS)
-        })
-        .collect();
-    let is_cut = |patch: &Patch| (patch.words[1] >> 16) as usize == IS_PIECE;
-    let cut: Vec<u32> = (0..all.len() as u32).into_par_iter().filter(|triangle_idx| is_cut(&all[*triangle_idx as usize])).collect();
-    let mut triangles = Vec::new();
-    for triangle_idx in cut {
-        let mut rest = vec![in_cells(triangle_idx as usize)];
-        let mut is_first = true;
-        while let Some(corners) = rest.pop() {
-            let (longest, length) = longest_edge(&corners);
-            if length > EDGE_MAX_CELLS {
-                let [from, to, apex] = [0, 1, 2].map(|k| corners[(longest + k) % 3]);
-                let middle = 0.5 * (from + to);
-                rest.extend([[from, middle, apex], [middle, to, apex]]);
-            } else if core::mem::take(&mut is_first) {
-                all[triangle_idx as usize] = Patch::new(&corners, true);
-            } else {
-                all.push(Patch::new(&corners, true));
-                triangles.push(triangle_idx);
+/// Triangles, and pieces of those that were cut.
+struct Pieces {
+    /// One per triangle, then the further pieces of those that were cut.
+    all: Vec<Patch>,
+    /// The triangles of these further pieces.
+    triangles: Vec<u32>,
+    /// Every piece of a cut triangle, and its corners in cells.
+    cut: Vec<(u32, [DVec3; 3])>,
+}
+
+impl Pieces {
+    /// Cuts at the middle of the longest edge until none is longer than [`EDGE_MAX_CELLS`].
+    ///
+    /// Whether an edge is cut depends on its length alone, so pieces on both sides of one meet edge to edge.
+    fn new(mesh: &TriangleMesh, grid: &Grid) -> Self {
+        let mut all: Vec<Patch> =
+            (0..mesh.triangles.len()).into_par_iter().map(|triangle_idx| Patch::new(&in_cells(mesh, grid, triangle_idx))).collect();
+        let is_cut = |triangle_idx: &u32| longest_edge(&in_cells(mesh, grid, *triangle_idx as usize)).1 > EDGE_MAX_CELLS;
+        let long: Vec<u32> = (0..all.len() as u32).into_par_iter().filter(is_cut).collect();
+        let (mut triangles, mut cut) = (Vec::new(), Vec::new());
+        for triangle_idx in long {
+            let mut rest = vec![in_cells(mesh, grid, triangle_idx as usize)];
+            let mut is_first = true;
+            while let Some(corners) = rest.pop() {
+                let (longest, length) = longest_edge(&corners);
+                if length > EDGE_MAX_CELLS {
+                    let [from, to, apex] = [0, 1, 2].map(|k| corners[(longest + k) % 3]);
+                    let middle = 0.5 * (from + to);
+                    rest.extend([[from, middle, apex], [middle, to, apex]]);
+                    continue;
+                }
+                let piece = if core::mem::take(&mut is_first) { triangle_idx } else { all.len() as u32 };
+                if piece == triangle_idx {
+                    all[triangle_idx as usize] = Patch::new(&corners);
+                } else {
+                    all.push(Patch::new(&corners));
+                    triangles.push(triangle_idx);
+                }
+                cut.push((piece, corners));
             }
         }
+        Self { all, triangles, cut }
     }
-    (all, triangles)
+
+    /// The triangle that a piece is or belongs to.
+    fn triangle(&self, piece: u32) -> u32 {
+        let n_triangles = self.all.len() - self.triangles.len();
+        (piece as usize).checked_sub(n_triangles).map_or(piece, |more| self.triangles[more])
+    }
+
+    /// The pieces across the edges of each, from those across the edges of the triangles.
+    fn across(&self, mesh: &TriangleMesh, grid: &Grid, neighbours: Vec<[u32; 3]>) -> Vec<[u32; 3]> {
+        let mut across = neighbours;
+        let mut beside: Vec<u32> = Vec::new();
+        across.resize(self.all.len(), [NONE; 3]);
+        for (piece, _) in &self.cut {
+            beside.extend(across[*piece as usize].iter().filter(|neighbour| **neighbour != NONE));
+        }
+        self.cut.iter().for_each(|(piece, _)| across[*piece as usize] = [NONE; 3]);
+        beside.sort_unstable();
+        beside.dedup();
+        let mut is_cut: Vec<u32> = self.cut.iter().map(|(piece, _)| *piece).collect();
+        is_cut.sort_unstable();
+        beside.retain(|triangle_idx| is_cut.binary_search(triangle_idx).is_err());
+        let whole = beside.iter().map(|triangle_idx| (*triangle_idx, in_cells(mesh, grid, *triangle_idx as usize)));
+        // Both ends of an edge, the smaller first; then whose edge it is, and which.
+        let mut edges: Vec<([[u64; 3]; 2], u32, u8)> = Vec::with_capacity(3 * (self.cut.len() + beside.len()));
+        for (piece, corners) in self.cut.iter().copied().chain(whole) {
+            // Zeros have one sign here: coordinates in cells are not negative.
+            let ends = corners.map(|corner| corner.to_array().map(f64::to_bits));
+            for k in 0..3 {
+                let (a, b) = (ends[k], ends[(k + 1) % 3]);
+                edges.push(([a.min(b), a.max(b)], piece, k as u8));
+            }
+        }
+        edges.par_sort_unstable();
+        let mut rest = &*edges;
+        while let [a, b, ..] = rest {
+            let is_pair = a.0 == b.0;
+            if is_pair {
+                across[a.1 as usize][usize::from(a.2)] = b.1;
+                across[b.1 as usize][usize::from(b.2)] = a.1;
+            }
+            rest = &rest[if is_pair { 2 } else { 1 }..];
+        }
+        across
+    }
+}
+
+fn in_cells(mesh: &TriangleMesh, grid: &Grid, triangle_idx: usize) -> [DVec3; 3] {
+    mesh.corners(triangle_idx).map(|corner| grid.to_cells(corner))
 }
 
 /// Place of a patch's middle on a space-filling curve (Morton 1966).
@@ -281,4 +341,25 @@ fn neighbours(mesh: &TriangleMesh) -> Vec<[u32; 3]> {
         first = end as usize;
     }
     neighbours
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::primitives::Shape;
+
+    #[test]
+    fn pieces_of_cut_triangles_meet_edge_to_edge() {
+        let mesh = Shape::Box { size_m: DVec3::new(0.2, 0.1, 0.01) }.tessellate(1e-3);
+        let (low, high) = mesh.bounds().expect("a box has triangles");
+        let grid = Grid::around(low, high, 1e-3, 3).expect("a small grid");
+        let patches = Patches::new(&mesh, &grid);
+        assert!(patches.all.len() > 4 * mesh.triangles.len(), "nothing was cut: {} patches", patches.all.len());
+        for (patch_idx, across) in patches.across.iter().enumerate() {
+            for neighbour in across {
+                assert_ne!(*neighbour, NONE, "patch {patch_idx} of a closed mesh ends in nothing");
+                assert!(patches.across(*neighbour).contains(&(patch_idx as u32)), "{patch_idx} and {neighbour}");
+            }
+        }
+    }
 }

@@ -90,7 +90,14 @@ impl Machine {
     /// Eight cells at the corners of a cube against one patch, which replaces the nearest of those that it is nearer to. Lane
     /// x·4 + y·2 + z is the cell `base + step·[x, y, z]`.
     #[inline]
-    pub(super) fn group(self, patch: &Patch, patch_idx: u32, cube: Cube, nearest: &mut NearestOfEight) -> Measured {
+    pub(super) fn group(
+        self,
+        patch: &Patch,
+        patch_idx: u32,
+        cube: Cube,
+        nearest: &mut NearestOfEight,
+        measured: &mut Measured,
+    ) {
         match self {
             Self::Portable => {
                 let [x, y, z] = cube.base;
@@ -103,11 +110,22 @@ impl Machine {
                         (nearest.squared[lane], nearest.patch_idx[lane]) = (eight.squared[lane], patch_idx);
                     }
                 }
-                Measured { squared: eight.squared, on_edge: eight.on_edge }
+                *measured = Measured { squared: eight.squared, on_edge: eight.on_edge };
             }
             #[cfg(target_arch = "x86_64")]
             // SAFETY: the processor has AVX2, by the invariant of the variant.
-            Self::Avx2 => unsafe { avx2::group(patch, patch_idx, cube, nearest) },
+            Self::Avx2 => unsafe { avx2::group(patch, patch_idx, cube, nearest, measured) },
+        }
+    }
+
+    /// Runs plain code compiled for the processor: the same operations, only more at once.
+    #[inline]
+    pub(super) fn run<R>(self, code: impl FnOnce() -> R) -> R {
+        match self {
+            Self::Portable => code(),
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: as above.
+            Self::Avx2 => unsafe { avx2::run(code) },
         }
     }
 
@@ -237,7 +255,7 @@ mod avx2 {
     }
 
     #[target_feature(enable = "avx2")]
-    pub(super) fn group(patch: &Patch, patch_idx: u32, cube: Cube, so_far: &mut NearestOfEight) -> Measured {
+    pub(super) fn group(patch: &Patch, patch_idx: u32, cube: Cube, so_far: &mut NearestOfEight, measured: &mut Measured) {
         let (anchor, step) = (patch.anchor(), cube.step);
         let [x, y, z] = [0, 1, 2].map(|axis| _mm256_set1_epi32(cube.base[axis] - anchor[axis]));
         let x = _mm256_add_epi32(x, _mm256_setr_epi32(0, 0, 0, 0, step, step, step, step));
@@ -251,7 +269,6 @@ mod avx2 {
         ];
         let flat = [word(5), word(6), word(7), word(8), word(9), word(10), word(11), word(12), word(13), word(14), word(15)];
         let found = nearest(&Flat::new(flat), way);
-        let mut measured = Measured::default();
         // SAFETY: every array holds eight numbers.
         unsafe {
             let squared = _mm256_loadu_ps(so_far.squared.as_ptr());
@@ -265,7 +282,11 @@ mod avx2 {
         for (bits, [edge, limit]) in measured.on_edge.iter_mut().zip(&found.on_edge) {
             *bits = _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(*edge, *limit)) as u8;
         }
-        measured
+    }
+
+    #[target_feature(enable = "avx2")]
+    pub(super) fn run<R>(code: impl FnOnce() -> R) -> R {
+        code()
     }
 
     #[target_feature(enable = "avx2")]

@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 use super::group::Group;
 use super::patches::Patch;
-use super::simd::{LANES, Machine};
+use super::simd::{LANES, Machine, Measured};
 
 /// Added to every box, cells: more than `f32` coordinates are rounded by on the largest grid.
 const SLACK_CELLS: f32 = 0.02;
@@ -24,7 +24,7 @@ impl Boxes {
 
     /// For each box the least squared distance of a point that comes closer to it than to its own nearest patch, cells²; infinite
     /// where none does.
-    #[inline]
+    #[inline(always)]
     fn bounds(&self, points: &[[f32; LANES]; 3], nearest: &[f32; LANES]) -> [f32; LANES] {
         // Comparisons rather than `f32::max`, which minds NaN: eight at a time they are one instruction.
         let larger = |a: f32, b: f32| if a > b { a } else { b };
@@ -100,6 +100,7 @@ impl<'a> PatchTree<'a> {
         let mut waiting = [(0.0_f32, 0_u32, 0_u8); WAITING_MAX];
         waiting[0] = (0.0, 0, self.levels.len() as u8);
         let mut n_waiting = 1;
+        let mut measured = Measured::default();
         while n_waiting > 0 {
             n_waiting -= 1;
             let (bound, node, height) = waiting[n_waiting];
@@ -108,10 +109,11 @@ impl<'a> PatchTree<'a> {
                 continue;
             }
             let Some(level) = usize::from(height).checked_sub(1) else {
-                self.machine.group(&self.patches[node as usize], node, group.cube, &mut group.nearest);
+                self.machine.group(&self.patches[node as usize], node, group.cube, &mut group.nearest, &mut measured);
                 continue;
             };
-            let bounds = self.levels[level][node as usize].bounds(&points, &group.nearest.squared);
+            let boxes = &self.levels[level][node as usize];
+            let bounds = self.machine.run(|| boxes.bounds(&points, &group.nearest.squared));
             let first = n_waiting;
             for (lane, bound) in bounds.iter().enumerate() {
                 if *bound < f32::INFINITY {
