@@ -9,7 +9,7 @@ use std::time::Instant;
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use glam::{DQuat, DVec3};
 use hapticd::haptics::contact::{ContactSum, Machine, Obstacle, Traversal, Way};
-use hapticd::haptics::{ContactParameters, FilterParameters, Normalization};
+use hapticd::haptics::{ContactParameters, FilterParameters, FrictionParameters, Normalization};
 use hapticd::mesh::TriangleMesh;
 use hapticd::mesh::primitives::Shape;
 use hapticd::mesh::validate::inspect;
@@ -24,6 +24,7 @@ const CONTACT: ContactParameters = ContactParameters {
     stiffness_n_per_m: 1000.0,
     damping_ratio: 0.7,
     normalization: Normalization::None,
+    friction: FrictionParameters::NONE,
 };
 const FILTER: FilterParameters = FilterParameters { spatial: true, cutoff_hz: [50.0, 300.0] };
 /// Radius of the tool, a ball, m.

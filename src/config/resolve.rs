@@ -12,11 +12,12 @@ use super::problem::{ConfigErrors, Problem, ProblemKind, nearest};
 use super::schema::{self, Cutoff, Numbers, Overrun};
 use crate::device::fault;
 use crate::device::profile::{self, Plant, Profile, ProfileError};
+use crate::haptics::contact::AVERAGED_CONTACTS;
 use crate::haptics::filter::low_pass_alpha;
 use crate::haptics::stability::SampledWall;
 use crate::haptics::{
-    ContactParameters, CouplingMode, CouplingParameters, FilterParameters, FreeSpace, LimitParameters, Normalization, Parameters,
-    PortParameters, SpringClamp,
+    ContactParameters, CouplingMode, CouplingParameters, FilterParameters, FreeSpace, FrictionParameters, LimitParameters,
+    Normalization, Parameters, PortParameters, SpringClamp,
 };
 use crate::mesh::Format;
 use crate::mesh::primitives::Shape;
@@ -325,13 +326,9 @@ impl Resolve<'_> {
                 checks.not_available(&format!("static[{index}].movable"), "use false");
             }
         }
-        if scene.contact.normalize == Some(schema::NormalizeWord::Cluster) {
-            checks.not_available("contact.normalize", "use \"none\" or \"average\"");
-        }
         if scene.monitor.listen.as_deref().is_some_and(|listen| listen != "off") {
             checks.not_available("monitor.listen", "use \"off\"");
         }
-        checks.later("contact.friction", scene.contact.friction.is_some());
         checks.later("contact.braking", scene.contact.braking.is_some());
         checks.later("contact.damping_n_s_per_m", scene.contact.damping_n_s_per_m.is_some());
         checks.later("contact.time_budget_us", scene.contact.time_budget_us.is_some());
@@ -704,9 +701,22 @@ impl Resolve<'_> {
             ),
             normalization: match written.normalize {
                 Some(schema::NormalizeWord::Average) => Normalization::Average,
-                Some(schema::NormalizeWord::None | schema::NormalizeWord::Cluster) | None => Normalization::None,
+                Some(schema::NormalizeWord::Cluster) => Normalization::Cluster,
+                Some(schema::NormalizeWord::None) | None => Normalization::None,
             },
+            friction: self.friction(written.friction.as_ref(), stiffness_n_per_m),
         }
+    }
+
+    /// No friction unless it is written. One coefficient counts for both.
+    fn friction(&mut self, written: Option<&schema::Friction>, stiffness_n_per_m: f64) -> FrictionParameters {
+        let Some(written) = written else { return FrictionParameters::NONE };
+        let range = Interval::from(0.0).to(5.0);
+        let holding = written.holding.or(written.sliding);
+        let holding = self.checks.number("contact.friction.static", holding, 0.0, range);
+        let sliding = self.checks.number("contact.friction.dynamic", written.sliding, holding, Interval::from(0.0).to(holding));
+        // A face that holds is as stiff along the wall as ten of its points are into it.
+        FrictionParameters { r#static: holding, dynamic: sliding, stiffness_n_per_m: AVERAGED_CONTACTS * stiffness_n_per_m }
     }
 
     fn limits(

@@ -16,6 +16,7 @@ use glam::DVec3;
 use super::contact::{Budget, ContactSum, Machine, Obstacle, Traversal, Way};
 use super::coupling::{Body, Inertia, LinearContact, Pull, Spring};
 use super::filter::{ShapingFilter, Slide};
+use super::friction::{Friction, FrictionWrench};
 use super::limits::{Limiter, Ramp};
 use super::params::{CouplingMode, FreeSpace};
 use super::passivity::EnergyObserver;
@@ -71,7 +72,7 @@ pub struct TickOutput {
     pub command_device: Wrench,
     /// The same before axes that the arm cannot actuate were dropped (`commanded`).
     pub commanded_device: Wrench,
-    /// Raw contact wrench on the tool, world axes, about the centre of mass, before filter and coupling.
+    /// Raw contact wrench on the tool, friction included, world axes, about the centre of mass, before filter and coupling.
     pub contact_world: Wrench,
     /// Pose of the tool (mesh file frame) in the world.
     pub world_from_tool: Pose,
@@ -124,6 +125,7 @@ pub struct State {
     port: Port,
     body: Body,
     filter: ShapingFilter,
+    friction: Friction,
     /// 0 in free space, 1 in contact, so that the coupling comes in over [`CONTACT_RISE_S`].
     contact_gain: Ramp,
     enable_gain: Ramp,
@@ -146,6 +148,7 @@ impl State {
             port: Port::default(),
             body: Body { pose: scene.start(), twist: Twist::ZERO },
             filter: ShapingFilter::default(),
+            friction: Friction::default(),
             contact_gain: Ramp::default(),
             enable_gain: Ramp::default(),
             limiter: Limiter::default(),
@@ -164,6 +167,7 @@ impl State {
     fn at_rest(&mut self, body: Pose) {
         self.body = Body { pose: body, twist: Twist::ZERO };
         self.filter.reset();
+        self.friction.reset();
         self.contact_gain.reset();
         self.enable_gain.reset();
         self.limiter.reset();
@@ -210,12 +214,17 @@ pub fn tick(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOu
     if !contact.wrench.is_finite() || contact.max_value_m.is_nan() {
         state.fail(Faults::NON_FINITE);
     }
+    let rubbing = if moving(state) {
+        state.friction.update(contact.patches(), state.body.pose, &p.contact.friction)
+    } else {
+        FrictionWrench::ZERO
+    };
     let mut commanded_device = Wrench::ZERO;
     let mut command_device = Wrench::ZERO;
     if moving(state) {
         let felt = match p.coupling.mode {
-            CouplingMode::Direct => Some(direct(state, &contact, p)),
-            CouplingMode::Implicit | CouplingMode::SemiImplicit => coupled(scene, state, &contact, target),
+            CouplingMode::Direct => Some(direct(state, &contact, &rubbing, p)),
+            CouplingMode::Implicit | CouplingMode::SemiImplicit => coupled(scene, state, &contact, &rubbing, target),
         };
         match felt {
             None => state.fail(Faults::SOLVER),
@@ -246,7 +255,7 @@ pub fn tick(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOu
     TickOutput {
         command_device,
         commanded_device,
-        contact_world: contact.wrench,
+        contact_world: contact.wrench + rubbing.wrench,
         world_from_tool: state.body.pose * body_from_tool,
         contacts: contact.contacts,
         max_depth_m: contact.max_value_m.max(0.0),
@@ -286,7 +295,13 @@ fn advance_drive(scene: &RenderScene, state: &mut State, input: &TickInput, faul
 }
 
 /// Coupling with a virtual tool: steps the body, gives the wrench that the arm feels (world axes, about the grip point).
-fn coupled(scene: &RenderScene, state: &mut State, contact: &ContactSum, target: (Pose, Twist)) -> Option<Wrench> {
+fn coupled(
+    scene: &RenderScene,
+    state: &mut State,
+    contact: &ContactSum,
+    rubbing: &FrictionWrench,
+    target: (Pose, Twist),
+) -> Option<Wrench> {
     let p = &scene.parameters;
     let inertia = &scene.tool.inertia;
     let radius_m = scene.tool.shell.radius_m();
@@ -295,7 +310,7 @@ fn coupled(scene: &RenderScene, state: &mut State, contact: &ContactSum, target:
 
     let damping = Pull::critical_damping(&p.coupling, inertia);
     let scale = match p.coupling.mode {
-        CouplingMode::SemiImplicit => semi_implicit_share(contact, p, inertia, damping),
+        CouplingMode::SemiImplicit => semi_implicit_share(contact, rubbing, p, inertia, damping),
         _ => 1.0,
     };
     let raw = contact.wrench * scale;
@@ -306,7 +321,9 @@ fn coupled(scene: &RenderScene, state: &mut State, contact: &ContactSum, target:
         step_stiffness: scale * p.period_s * p.period_s * (along / inertia.mass_kg).max(about / inertia.least_kg_m2),
     };
     let wrench = state.filter.update(raw, slide, touching, &p.filter, p.period_s);
-    let stiffness = Mat6::ZERO.plus_scaled(scale * (1.0 - state.filter.alpha()), &contact.stiffness);
+    // Friction is smooth by itself: it goes past the filter.
+    let stiffness =
+        Mat6::ZERO.plus_scaled(scale * (1.0 - state.filter.alpha()), &contact.stiffness).plus_scaled(scale, &rubbing.stiffness);
     let damping_s = if along > 0.0 { 2.0 * p.contact.damping_ratio * (inertia.mass_kg / along).sqrt() } else { 0.0 };
 
     let spring = |body: Pose| Spring::between(body, target_pose, &p.coupling, &p.limits, contact.voxel_size_m, radius_m);
@@ -317,7 +334,7 @@ fn coupled(scene: &RenderScene, state: &mut State, contact: &ContactSum, target:
         damping,
         period_s: p.period_s,
     };
-    let linear = LinearContact { wrench, stiffness, damping_s };
+    let linear = LinearContact { wrench: wrench + rubbing.wrench * scale, stiffness, damping_s };
     let twist = match p.coupling.mode {
         CouplingMode::SemiImplicit => state.body.step_semi_implicit(&pull, &linear, inertia),
         _ => state.body.step_implicit(&pull, &linear, inertia),
@@ -341,21 +358,30 @@ fn coupled(scene: &RenderScene, state: &mut State, contact: &ContactSum, target:
 
 /// No virtual tool: the shell stands where the arm is, the arm gets the filtered contact wrench, its stiffness limited to what
 /// the arm can take.
-fn direct(state: &mut State, contact: &ContactSum, p: &Parameters) -> Wrench {
-    let share = within(contact.stiffness.traces(), (p.coupling.bound_n_per_m, p.coupling.bound_nm_per_rad));
+fn direct(state: &mut State, contact: &ContactSum, rubbing: &FrictionWrench, p: &Parameters) -> Wrench {
+    let share = within(
+        contact.stiffness.plus_scaled(1.0, &rubbing.stiffness).traces(),
+        (p.coupling.bound_n_per_m, p.coupling.bound_nm_per_rad),
+    );
     let slide =
         Slide { speed_m_per_s: slide_speed(contact, state.body.twist), voxel_size_m: contact.voxel_size_m, step_stiffness: 0.0 };
-    state.filter.update(contact.wrench * share, slide, contact.contacts > 0, &p.filter, p.period_s)
+    state.filter.update(contact.wrench * share, slide, contact.contacts > 0, &p.filter, p.period_s) + rubbing.wrench * share
 }
 
 /// The share of the contact stiffness that the semi-implicit step can take beside the coupling spring (algorithms, 7.2).
-fn semi_implicit_share(contact: &ContactSum, p: &Parameters, inertia: &Inertia, damping: (f64, f64)) -> f64 {
+fn semi_implicit_share(
+    contact: &ContactSum,
+    rubbing: &FrictionWrench,
+    p: &Parameters,
+    inertia: &Inertia,
+    damping: (f64, f64),
+) -> f64 {
     use super::stability::semi_implicit_max_stiffness;
     // Half of the bound: it holds for one axis, and contact couples translation and rotation.
     let room =
         |mass: f64, damping: f64, spring: f64| (0.5 * semi_implicit_max_stiffness(mass, damping, p.period_s) - spring).max(0.0);
     within(
-        contact.stiffness.traces(),
+        contact.stiffness.plus_scaled(1.0, &rubbing.stiffness).traces(),
         (
             room(inertia.mass_kg, damping.0, p.coupling.stiffness_n_per_m),
             room(inertia.least_kg_m2, damping.1, p.coupling.stiffness_nm_per_rad),

@@ -183,8 +183,6 @@ fn what_this_version_lacks_is_refused_by_name() {
     let scene = SCENE.replace("rate_hz = 1000", "coupling = \"static\"").replace("layers = 8", "movable = true")
         + r#"selector = "1209:7a01"
 [contact]
-normalize = "cluster"
-friction = { static = 0.25, dynamic = 0.2 }
 braking = true
 damping_n_s_per_m = 1.0
 time_budget_us = 300
@@ -204,8 +202,6 @@ points = 1000
         "rendering.coupling",
         "static[0].movable",
         "device.selector",
-        "contact.normalize",
-        "contact.friction",
         "contact.braking",
         "contact.damping_n_s_per_m",
         "contact.time_budget_us",

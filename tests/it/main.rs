@@ -12,6 +12,7 @@ mod coupling;
 mod data_structures;
 mod determinism;
 mod distance_error;
+mod friction;
 mod fuzz_corpus;
 mod models;
 mod profiles;

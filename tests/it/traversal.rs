@@ -2,7 +2,7 @@
 
 use glam::{DQuat, DVec3};
 use hapticd::haptics::contact::{self, Budget, ContactSum, Machine, Obstacle, Traversal, Way};
-use hapticd::haptics::{ContactParameters, FilterParameters, Normalization};
+use hapticd::haptics::{ContactParameters, FilterParameters, FrictionParameters, Normalization};
 use hapticd::mesh::primitives::Shape;
 use hapticd::mesh::{TriangleMesh, validate};
 use hapticd::pointshell::{self, shell::Shell};
@@ -19,6 +19,7 @@ const CONTACT: ContactParameters = ContactParameters {
     stiffness_n_per_m: 1000.0,
     damping_ratio: 0.0,
     normalization: Normalization::Average,
+    friction: FrictionParameters::NONE,
 };
 
 /// A linear congruential generator; numbers between −1 and 1.

@@ -6,7 +6,7 @@
 //!
 //! ```text
 //!   flat (specification) ─┐
-//!   traversal ─┬─ all ────┼─► Touched: blocks of the shell and depths ─► sum
+//!   traversal ─┬─ all ────┼─► Touched: blocks of the shell and depths ─► sum by face ─► normalisation ─► wrench, patches
 //!              └─ walk ───┘
 //! ```
 //!
@@ -14,6 +14,7 @@
 //! Sagardia2008, section 2 (traverse all points, sum penetration × normal); McNeely1999 (wrench about the centre of mass).
 
 mod budget;
+pub mod faces;
 mod flat;
 mod simd;
 mod sum;
@@ -24,12 +25,14 @@ mod walk;
 use glam::DVec3;
 
 pub use budget::Budget;
+pub use faces::FACES;
 pub use flat::visit;
 pub use simd::Machine;
 pub use touched::{Contact, Touched};
 pub use traversal::{Traversal, Way};
 
-use self::sum::{Sums, Weighting};
+use self::faces::{FaceSet, face_of};
+use self::sum::{Sums, Total, Weighting};
 use super::params::{ContactParameters, FilterParameters, Normalization};
 use crate::pointshell::shell::Shell;
 use crate::spatial::{Mat6, Pose, Wrench};
@@ -42,6 +45,21 @@ pub struct Obstacle {
     pub field: Field,
     /// Where it stands.
     pub world_from_map: Pose,
+}
+
+/// What touches with one face of the tool.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Patch {
+    /// Number of the face.
+    pub face: u8,
+    /// Force that presses it, normalisation included, N.
+    pub force_n: f64,
+    /// Unit direction that pushes the tool out, world axes.
+    pub normal_world: DVec3,
+    /// Depth-weighted middle, relative to the centre of mass, world axes, m.
+    pub arm_world: DVec3,
+    /// Radius of gyration about the normal through the middle, m.
+    pub radius_m: f64,
 }
 
 /// The sum over all contacts of all obstacles, world axes, about the tool's centre of mass.
@@ -66,9 +84,15 @@ pub struct ContactSum {
     pub looked_at: u32,
     /// Points that a budget left out: others stood for them.
     pub left_out: u32,
+    patches: [Option<Patch>; FACES],
 }
 
 impl ContactSum {
+    /// What touches, face by face.
+    pub fn patches(&self) -> impl Iterator<Item = &Patch> {
+        self.patches.iter().flatten()
+    }
+
     /// Traverses the whole shell against every obstacle.
     ///
     /// `world_from_body`: tool axes at the centre of mass. Contact stiffness is the Gauss-Newton form K Σ w wᵀ with
@@ -87,13 +111,17 @@ impl ContactSum {
         for obstacle in obstacles {
             let map_from_body = obstacle.world_from_map.inverse() * world_from_body;
             let by = summing.weighting(obstacle);
-            let mut sums = Sums::ZERO;
+            let mut n_contacts = 0;
             let max_value_m = flat::blocks(&obstacle.field, contact.field, shell, map_from_body, |touched| {
-                if let Some((positions, normals)) = touched.geometry(&obstacle.field, shell, map_from_body) {
-                    Machine::Portable.add(&mut sums, touched, &positions, &normals, by);
+                n_contacts += touched.lanes.count_ones();
+                let face = shell.normals().get(touched.block as usize).map_or(0, face_of);
+                if let (Some((positions, normals)), Some(sums)) =
+                    (touched.geometry(&obstacle.field, shell, map_from_body), summing.face(face))
+                {
+                    Machine::Portable.add(sums, touched, &positions, &normals, by);
                 }
             });
-            summing.add(obstacle, &sums, max_value_m);
+            summing.note(obstacle, n_contacts, max_value_m);
         }
         summing.finish()
     }
@@ -118,99 +146,159 @@ impl ContactSum {
         for (obstacle_idx, obstacle) in obstacles.iter().enumerate() {
             let map_from_body = obstacle.world_from_map.inverse() * world_from_body;
             let by = summing.weighting(obstacle);
-            let mut sums = Sums::ZERO;
             let found = traversal.find(obstacle_idx, obstacle, contact.field, shell, map_from_body);
+            let mut n_contacts = 0;
             for touched in traversal.touched() {
+                n_contacts += touched.lanes.count_ones();
+                let Some(sums) = summing.face(traversal.face(touched.block)) else { continue };
                 if obstacle.field.is_thin() {
                     if let Some((positions, normals)) = touched.geometry(&obstacle.field, shell, map_from_body) {
-                        machine.add(&mut sums, touched, &positions, &normals, by);
+                        machine.add(sums, touched, &positions, &normals, by);
                     }
                 } else if let (Some(positions), Some(normals)) =
                     (shell.positions().get(touched.block as usize), shell.normals().get(touched.block as usize))
                 {
-                    machine.add(&mut sums, touched, positions, normals, by);
+                    machine.add(sums, touched, positions, normals, by);
                 }
             }
-            summing.add(obstacle, &sums, found.max_value_m);
-            summing.sum.left_out += found.left_out;
-            summing.sum.looked_at += found.looked_at;
+            summing.note(obstacle, n_contacts, found.max_value_m);
+            summing.left_out += found.left_out;
+            summing.looked_at += found.looked_at;
         }
         summing.finish()
     }
 }
 
-/// Contacts from which the averaged sum stops growing (McNeely1999: F_tot below ten contacts, F_tot/(N/10) from ten on).
-const AVERAGED_CONTACTS: f64 = 10.0;
+/// Contacts from which an averaged sum stops growing (McNeely1999: F_tot below ten contacts, F_tot/(N/10) from ten on).
+pub const AVERAGED_CONTACTS: f64 = 10.0;
 
-/// The sum while obstacles are added.
+/// The sums while obstacles are added.
 struct Summing<'a> {
     contact: &'a ContactParameters,
     filter: &'a FilterParameters,
     world_from_body: Pose,
-    sum: ContactSum,
+    /// Tool axes; of all obstacles together.
+    faces: [Sums; FACES],
+    touching: FaceSet,
+    contacts: u32,
+    max_value_m: f64,
+    voxel_size_m: f64,
     touched_voxel_m: f64,
-    depth: f64,
-    depth_arm: DVec3,
-    effective: f64,
+    step_limit_m: f64,
+    looked_at: u32,
+    left_out: u32,
 }
 
 impl<'a> Summing<'a> {
     fn new(contact: &'a ContactParameters, filter: &'a FilterParameters, world_from_body: Pose) -> Self {
-        let sum = ContactSum {
+        Self {
+            contact,
+            filter,
+            world_from_body,
+            faces: [Sums::ZERO; FACES],
+            touching: FaceSet::default(),
             contacts: 0,
             max_value_m: f64::NEG_INFINITY,
-            wrench: Wrench::ZERO,
-            stiffness: Mat6::ZERO,
-            arm_world: DVec3::ZERO,
             voxel_size_m: f64::INFINITY,
+            touched_voxel_m: f64::INFINITY,
             step_limit_m: f64::INFINITY,
             looked_at: 0,
             left_out: 0,
-        };
-        let nothing = (f64::INFINITY, 0.0, DVec3::ZERO, 0.0);
-        let (touched_voxel_m, depth, depth_arm, effective) = nothing;
-        Self { contact, filter, world_from_body, sum, touched_voxel_m, depth, depth_arm, effective }
+        }
     }
 
     fn weighting(&self, obstacle: &Obstacle) -> Weighting {
         Weighting { voxel_size_m: f64::from(obstacle.field.voxel_size_m()), spatial: self.filter.spatial }
     }
 
-    /// Adds what was found at an obstacle.
-    fn add(&mut self, obstacle: &Obstacle, sums: &Sums, max_value_m: f32) {
-        let (sum, max_value_m) = (&mut self.sum, f64::from(max_value_m));
+    /// The sums of a face that touches.
+    #[inline]
+    fn face(&mut self, face: u8) -> Option<&mut Sums> {
+        self.touching.insert(face);
+        self.faces.get_mut(usize::from(face))
+    }
+
+    /// Notes what else was found at an obstacle.
+    fn note(&mut self, obstacle: &Obstacle, n_contacts: u32, max_value_m: f32) {
+        let max_value_m = f64::from(max_value_m);
         let voxel_size_m = f64::from(obstacle.field.voxel_size_m());
-        sum.max_value_m = sum.max_value_m.max(max_value_m);
-        sum.voxel_size_m = sum.voxel_size_m.min(voxel_size_m);
+        self.contacts += n_contacts;
+        self.max_value_m = self.max_value_m.max(max_value_m);
+        self.voxel_size_m = self.voxel_size_m.min(voxel_size_m);
         // Interpolation may overstate a clearance by half the diagonal of a cell, the other look-ups by up to two voxels.
         let overstated_voxels = if self.contact.field == FieldKind::Trilinear { 0.5 * 3_f64.sqrt() } else { 2.0 };
         let clearance_m = -max_value_m - overstated_voxels * voxel_size_m;
-        sum.step_limit_m = sum.step_limit_m.min(clearance_m.max(0.5 * voxel_size_m));
-        if sums.contacts == 0 {
-            return;
+        self.step_limit_m = self.step_limit_m.min(clearance_m.max(0.5 * voxel_size_m));
+        if n_contacts > 0 {
+            self.touched_voxel_m = self.touched_voxel_m.min(voxel_size_m);
         }
-        let (rotation, stiffness_n_per_m, total) =
-            (self.world_from_body.rotation_matrix(), self.contact.stiffness_n_per_m, sums.total());
-        sum.contacts += sums.contacts;
-        sum.wrench = sum.wrench + Wrench::new(rotation * total.depth_normal, rotation * total.depth_moment) * stiffness_n_per_m;
-        sum.stiffness = sum.stiffness.plus_scaled(stiffness_n_per_m, &total.stiffness.rotated(rotation));
-        self.touched_voxel_m = self.touched_voxel_m.min(voxel_size_m);
-        self.depth += total.depth;
-        self.depth_arm += rotation * total.depth_arm;
-        self.effective += total.effective;
     }
 
     fn finish(self) -> ContactSum {
-        let Self { contact, mut sum, touched_voxel_m, depth, depth_arm, effective, .. } = self;
-        if sum.contacts > 0 {
-            sum.voxel_size_m = touched_voxel_m;
-            sum.arm_world = depth_arm / depth;
-            if contact.normalization == Normalization::Average {
-                let scale = 1.0 / (effective / AVERAGED_CONTACTS).max(1.0);
-                sum.wrench = sum.wrench * scale;
-                sum.stiffness = Mat6::ZERO.plus_scaled(scale, &sum.stiffness);
+        let rotation = self.world_from_body.rotation_matrix();
+        let stiffness_n_per_m = self.contact.stiffness_n_per_m;
+        let mut totals = [None; FACES];
+        let mut effective = 0.0;
+        for face in self.touching.iter() {
+            if let (Some(total), Some(sums)) = (totals.get_mut(face), self.faces.get(face)) {
+                effective += total.insert(sums.total()).effective;
             }
         }
+        let mut sum = ContactSum {
+            contacts: self.contacts,
+            max_value_m: self.max_value_m,
+            wrench: Wrench::ZERO,
+            stiffness: Mat6::ZERO,
+            arm_world: DVec3::ZERO,
+            voxel_size_m: if self.contacts > 0 { self.touched_voxel_m } else { self.voxel_size_m },
+            step_limit_m: self.step_limit_m,
+            looked_at: self.looked_at,
+            left_out: self.left_out,
+            patches: [None; FACES],
+        };
+        let (mut depth, mut depth_arm) = (0.0, DVec3::ZERO);
+        let (mut force, mut moment, mut stiffness) = (DVec3::ZERO, DVec3::ZERO, Mat6::ZERO);
+        for ((face, total), patch) in totals.iter().enumerate().zip(&mut sum.patches) {
+            let Some(total) = total else { continue };
+            let share = match self.contact.normalization {
+                Normalization::None => 1.0,
+                Normalization::Average => within_ten(effective),
+                Normalization::Cluster => within_ten(total.effective),
+            };
+            force += total.depth_normal * share;
+            moment += total.depth_moment * share;
+            stiffness = stiffness.plus_scaled(share, &total.stiffness);
+            depth += total.depth;
+            depth_arm += total.depth_arm;
+            *patch = Patch::of(face as u8, total, share * stiffness_n_per_m, rotation);
+        }
+        sum.wrench = Wrench::new(rotation * force, rotation * moment) * stiffness_n_per_m;
+        sum.stiffness = Mat6::ZERO.plus_scaled(stiffness_n_per_m, &stiffness.rotated(rotation));
+        if depth > 0.0 {
+            sum.arm_world = rotation * depth_arm / depth;
+        }
         sum
+    }
+}
+
+/// The factor that keeps a sum of so many contacts at what ten of them give.
+fn within_ten(effective: f64) -> f64 {
+    1.0 / (effective / AVERAGED_CONTACTS).max(1.0)
+}
+
+impl Patch {
+    /// From the sums of a face; `None` where it presses nothing.
+    fn of(face: u8, total: &Total, stiffness_n_per_m: f64, rotation: glam::DMat3) -> Option<Self> {
+        let normal = total.depth_normal.try_normalize()?;
+        let arm = total.depth_arm / total.depth;
+        let (along, about) = total.stiffness.traces();
+        let squared = if along > 0.0 { about / along - arm.cross(normal).length_squared() } else { 0.0 };
+        arm.is_finite().then(|| Self {
+            face,
+            force_n: stiffness_n_per_m * total.depth_normal.length(),
+            normal_world: rotation * normal,
+            arm_world: rotation * arm,
+            radius_m: squared.max(0.0).sqrt(),
+        })
     }
 }

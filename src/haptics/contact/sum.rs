@@ -28,12 +28,10 @@ pub(super) trait Four: Copy {
     fn add_to(self, sum: &mut [f64; APART]);
 }
 
-/// What one obstacle adds, tool axes, metres instead of newtons (stiffness is multiplied in later).
+/// What one face adds, tool axes, metres instead of newtons (stiffness is multiplied in later).
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Sums {
     lanes: [[f64; APART]; QUANTITIES],
-    /// Points with V > 0.
-    pub(super) contacts: u32,
 }
 
 /// How a point's depth becomes force.
@@ -45,12 +43,11 @@ pub(super) struct Weighting {
 }
 
 impl Sums {
-    pub(super) const ZERO: Self = Self { lanes: [[0.0; APART]; QUANTITIES], contacts: 0 };
+    pub(super) const ZERO: Self = Self { lanes: [[0.0; APART]; QUANTITIES] };
 
     /// Adds the lanes of a block that touch.
     #[inline(always)]
     pub(super) fn add<F: Four>(&mut self, touched: &Touched, positions: &Lanes3, normals: &Lanes3, by: Weighting) {
-        self.contacts += touched.lanes.count_ones();
         let (one, stands_for) = (F::splat(1.0), F::splat(f64::from(touched.weight)));
         let per_half_voxel = F::splat(2.0 / by.voxel_size_m);
         let per_quarter_voxel = F::splat(4.0 / by.voxel_size_m);
@@ -136,7 +133,7 @@ fn put<'a, F: Four>(sums: &mut impl Iterator<Item = &'a mut [f64; APART]>, value
     }
 }
 
-/// Sums over all contacts of one obstacle.
+/// Sums over all contacts of one face.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Total {
     pub(super) depth_normal: DVec3,

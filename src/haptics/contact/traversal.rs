@@ -3,6 +3,7 @@
 #![expect(clippy::disallowed_types, reason = "sized when the scene is made ready, never resized")]
 
 use super::budget::Budget;
+use super::faces::face_of;
 use super::simd::{Machine, Place};
 use super::touched::Touched;
 use super::walk::{Found, Lists, Walk};
@@ -36,6 +37,8 @@ pub struct Traversal {
     walks: Vec<Option<Walk>>,
     lists: Lists,
     touched: Vec<Touched>,
+    /// `[n_blocks]`: the face of each block of the shell.
+    faces: Vec<u8>,
 }
 
 impl Traversal {
@@ -49,6 +52,7 @@ impl Traversal {
             walks: obstacles.iter().map(|obstacle| Walk::new(&obstacle.field, shell)).collect(),
             lists: Lists::new(shell),
             touched: Vec::with_capacity(shell.positions().len()),
+            faces: shell.normals().iter().map(face_of).collect(),
         }
     }
 
@@ -66,6 +70,12 @@ impl Traversal {
         self.machine
     }
 
+    /// The face of a block.
+    #[inline]
+    pub(super) fn face(&self, block: u32) -> u8 {
+        self.faces.get(block as usize).copied().unwrap_or(0)
+    }
+
     /// A new tick begins.
     pub(super) fn begin(&mut self) {
         self.left = self.budget;
@@ -80,7 +90,7 @@ impl Traversal {
         shell: &Shell,
         map_from_body: Pose,
     ) -> Found {
-        let Self { machine, way, budget: _, left, walks, lists, touched } = self;
+        let Self { machine, way, budget: _, left, walks, lists, touched, faces: _ } = self;
         touched.clear();
         let n_obstacles_left = walks.len().saturating_sub(obstacle_idx);
         let place = Place::new(&obstacle.field, map_from_body);
