@@ -126,6 +126,8 @@ pub struct State {
     body: Body,
     filter: ShapingFilter,
     friction: Friction,
+    /// How far a point of the tool may go in the next tick, m.
+    step_limit_m: f64,
     /// 0 in free space, 1 in contact, so that the coupling comes in over [`CONTACT_RISE_S`].
     contact_gain: Ramp,
     enable_gain: Ramp,
@@ -149,6 +151,7 @@ impl State {
             body: Body { pose: scene.start(), twist: Twist::ZERO },
             filter: ShapingFilter::default(),
             friction: Friction::default(),
+            step_limit_m: 0.0,
             contact_gain: Ramp::default(),
             enable_gain: Ramp::default(),
             limiter: Limiter::default(),
@@ -168,6 +171,7 @@ impl State {
         self.body = Body { pose: body, twist: Twist::ZERO };
         self.filter.reset();
         self.friction.reset();
+        self.step_limit_m = 0.0;
         self.contact_gain.reset();
         self.enable_gain.reset();
         self.limiter.reset();
@@ -207,10 +211,12 @@ pub fn tick(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOu
     let moving = |state: &State| matches!(state.drive, Drive::Enabling | Drive::Enabled | Drive::Stopping);
     let target = state.port.target(&input.sample, &p.port, scene.start());
     if moving(state) && p.coupling.mode == CouplingMode::Direct {
-        // No virtual tool: the shell stands where the arm is now, so contact has no delay of its own.
-        state.body = Body { pose: target.0, twist: target.1 };
+        // No virtual tool: the shell stands where the arm is now, so contact has no delay of its own. Only what is too fast to be
+        // seen in passing is followed more slowly.
+        state.body = state.body.followed(target, scene.tool.shell.radius_m(), state.step_limit_m);
     }
     let contact = ContactSum::of(&mut state.traversal, &scene.obstacles, &scene.tool.shell, state.body.pose, &p.contact, &p.filter);
+    state.step_limit_m = contact.step_limit_m;
     if !contact.wrench.is_finite() || contact.max_value_m.is_nan() {
         state.fail(Faults::NON_FINITE);
     }

@@ -22,3 +22,4 @@ mod scenes;
 mod sides;
 mod traversal;
 mod tree;
+mod tunnelling;
