@@ -173,7 +173,7 @@ impl<'a> Summing<'a> {
     }
 
     fn weighting(&self, obstacle: &Obstacle) -> Weighting {
-        Weighting { voxel_size_m: f64::from(obstacle.field.voxel_size_m()), spatial: self.filter.spatial }
+        Weighting::new(obstacle.field.voxel_size_m(), self.filter.spatial)
     }
 
     /// Adds what was found at an obstacle.

@@ -12,7 +12,7 @@
 
 use glam::{Mat3, Vec3};
 
-use super::sum::{Four, Sums, Weighting};
+use super::sum::{APART, Eight, Sums, Weighting};
 use super::touched::Touched;
 use crate::pointshell::shell::{LANES, Lanes, Lanes3};
 use crate::pointshell::tree::{CHILDREN, Spheres};
@@ -127,7 +127,7 @@ impl Machine {
     #[inline]
     pub(super) fn add(self, sums: &mut Sums, touched: &Touched, positions: &Lanes3, normals: &Lanes3, by: Weighting) {
         match self {
-            Self::Portable => sums.add::<[f64; 4]>(touched, positions, normals, by),
+            Self::Portable => sums.add::<[f32; APART]>(touched, positions, normals, by),
             #[cfg(target_arch = "x86_64")]
             // SAFETY: as above.
             Self::Avx2(HasAvx2(())) => unsafe { avx2::add(sums, touched, positions, normals, by) },
@@ -520,53 +520,53 @@ mod avx2 {
     }
 
     /// Invariant of every `unsafe` block here: only `add`, which is compiled for AVX2, uses these.
-    impl Four for __m256d {
+    impl Eight for __m256 {
         #[inline(always)]
-        fn splat(value: f64) -> Self {
+        fn splat(value: f32) -> Self {
             // SAFETY: see above; likewise below.
-            unsafe { _mm256_set1_pd(value) }
+            unsafe { _mm256_set1_ps(value) }
         }
         #[inline(always)]
         fn add(self, other: Self) -> Self {
             // SAFETY: as above.
-            unsafe { _mm256_add_pd(self, other) }
+            unsafe { _mm256_add_ps(self, other) }
         }
         #[inline(always)]
         fn sub(self, other: Self) -> Self {
             // SAFETY: as above.
-            unsafe { _mm256_sub_pd(self, other) }
+            unsafe { _mm256_sub_ps(self, other) }
         }
         #[inline(always)]
         fn mul(self, other: Self) -> Self {
             // SAFETY: as above.
-            unsafe { _mm256_mul_pd(self, other) }
+            unsafe { _mm256_mul_ps(self, other) }
         }
         #[inline(always)]
         fn min(self, other: Self) -> Self {
             // SAFETY: as above.
-            unsafe { _mm256_min_pd(self, other) }
+            unsafe { _mm256_min_ps(self, other) }
         }
         #[inline(always)]
-        fn load(lanes: &[f32; LANES], quarter: usize, wanted: u16) -> Self {
-            debug_assert!(quarter < LANES / 4);
-            // SAFETY: as above; and a quarter of sixteen numbers is four.
+        fn load(lanes: &[f32; LANES], high: bool, wanted: u16) -> Self {
+            let first = if high { APART } else { 0 };
+            // SAFETY: as above; and half of sixteen numbers is eight.
             unsafe {
-                let bits = _mm_setr_epi32(1, 2, 4, 8);
-                let own = _mm_set1_epi32(i32::from(wanted) >> (4 * quarter));
-                let wanted = _mm_castsi128_ps(_mm_cmpeq_epi32(_mm_and_si128(own, bits), bits));
-                _mm256_cvtps_pd(_mm_and_ps(_mm_loadu_ps(lanes.as_ptr().add(4 * (quarter % 4))), wanted))
+                let bits = _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128);
+                let own = _mm256_set1_epi32(i32::from(wanted) >> first);
+                let wanted = _mm256_castsi256_ps(_mm256_cmpeq_epi32(_mm256_and_si256(own, bits), bits));
+                _mm256_and_ps(_mm256_loadu_ps(lanes.as_ptr().add(first)), wanted)
             }
         }
         #[inline(always)]
-        fn add_to(self, sum: &mut [f64; 4]) {
-            // SAFETY: as above; and four numbers.
-            unsafe { _mm256_storeu_pd(sum.as_mut_ptr(), _mm256_add_pd(_mm256_loadu_pd(sum.as_ptr()), self)) }
+        fn add_to(self, sum: &mut [f32; APART]) {
+            // SAFETY: as above; and eight numbers.
+            unsafe { _mm256_storeu_ps(sum.as_mut_ptr(), _mm256_add_ps(_mm256_loadu_ps(sum.as_ptr()), self)) }
         }
     }
 
     #[target_feature(enable = "avx2")]
     pub(super) fn add(sums: &mut Sums, touched: &Touched, positions: &Lanes3, normals: &Lanes3, by: Weighting) {
-        sums.add::<__m256d>(touched, positions, normals, by);
+        sums.add::<__m256>(touched, positions, normals, by);
     }
 
     #[target_feature(enable = "avx2")]
