@@ -2,7 +2,8 @@
 //!
 //! # Units and frames
 //! Sums are formed in tool axes about the centre of mass, where normals and arms are constants of the shell, and turned to world
-//! axes once per obstacle. `f32` per point, `f64` sums in four lanes, added in the order of the points: the same bits on every machine.
+//! axes once per obstacle. `f32` per point and over a few blocks, `f64` beyond; always added in the order of the blocks: the same
+//! bits on every machine.
 //!
 //! ```text
 //!   flat (specification) ─┐
@@ -120,16 +121,14 @@ impl ContactSum {
             let by = summing.weighting(obstacle);
             let mut sums = Sums::ZERO;
             let found = traversal.find(obstacle_idx, obstacle, contact.field, shell, map_from_body);
-            for touched in traversal.touched() {
-                if obstacle.field.is_thin() {
+            if obstacle.field.is_thin() {
+                for touched in traversal.touched() {
                     if let Some((positions, normals)) = touched.geometry(&obstacle.field, shell, map_from_body) {
                         machine.add(&mut sums, touched, &positions, &normals, by);
                     }
-                } else if let (Some(positions), Some(normals)) =
-                    (shell.positions().get(touched.block as usize), shell.normals().get(touched.block as usize))
-                {
-                    machine.add(&mut sums, touched, positions, normals, by);
                 }
+            } else {
+                machine.add_all(&mut sums, traversal.touched(), (shell.positions(), shell.normals()), by);
             }
             summing.add(obstacle, &sums, found.max_value_m);
             summing.sum.left_out += found.left_out;

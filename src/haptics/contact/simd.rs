@@ -95,7 +95,7 @@ impl Machine {
         chart: &Chart,
         place: &Place,
         positions: &[Lanes3],
-        which: impl Iterator<Item = u32>,
+        which: impl Iterator<Item = u32> + Clone,
         floor: impl Fn(f32) -> f32,
         found: impl FnMut(u32, &Depths),
     ) -> f32 {
@@ -123,6 +123,23 @@ impl Machine {
 }
 
 impl Machine {
+    /// Adds blocks to the sums, whose positions and normals are among these.
+    pub(super) fn add_all(self, sums: &mut Sums, touched: &[Touched], (positions, normals): (&[Lanes3], &[Lanes3]), by: Weighting) {
+        let geometry = |touched: &Touched| Some((positions.get(touched.block as usize)?, normals.get(touched.block as usize)?));
+        match self {
+            Self::Portable => {
+                for touched in touched {
+                    if let Some((positions, normals)) = geometry(touched) {
+                        sums.add::<[f32; APART]>(touched, positions, normals, by);
+                    }
+                }
+            }
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: as above.
+            Self::Avx2(HasAvx2(())) => unsafe { avx2::add_all(sums, touched, geometry, by) },
+        }
+    }
+
     /// Adds a block to the sums.
     #[inline]
     pub(super) fn add(self, sums: &mut Sums, touched: &Touched, positions: &Lanes3, normals: &Lanes3, by: Weighting) {
@@ -298,32 +315,47 @@ mod avx2 {
         chart: &Chart,
         place: &Place,
         positions: &[Lanes3],
-        which: impl Iterator<Item = u32>,
+        which: impl Iterator<Item = u32> + Clone,
         floor: impl Fn(f32) -> f32,
         mut found: impl FnMut(u32, &Depths),
     ) -> f32 {
         let (grid, place) = (Grid::new(chart), Axes::new(place));
         let mut max_m = f32::NEG_INFINITY;
+        let mut soon = which.clone().skip(AHEAD);
         for block in which {
+            if let Some(points) = soon.next().and_then(|block| positions.get(block as usize)) {
+                prefetch(points);
+            }
             let Some(points) = positions.get(block as usize) else { continue };
             let floor_m = _mm256_set1_ps(floor(max_m));
             let Lanes3 { x: Lanes(x), y: Lanes(y), z: Lanes(z) } = points;
-            let low = half(&grid, &place, [load(x, 0), load(y, 0), load(z, 0)], floor_m);
-            let high = half(&grid, &place, [load(x, 8), load(y, 8), load(z, 8)], floor_m);
-            let zero = _mm256_setzero_ps();
-            let touching = |depths| _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_GT_OQ>(depths, zero)) as u16;
-            let mut depths =
-                Depths { depths_m: Lanes([0.0; LANES]), touching: touching(low) | touching(high) << 8, max_m: largest(low, high) };
-            // SAFETY: sixteen numbers, aligned to 64 bytes.
-            unsafe {
-                _mm256_store_ps(depths.depths_m.0.as_mut_ptr(), low);
-                _mm256_store_ps(depths.depths_m.0.as_mut_ptr().add(8), high);
+            let mut depths = Depths { depths_m: Lanes([0.0; LANES]), touching: 0, max_m: f32::NEG_INFINITY };
+            let mut highest = _mm256_set1_ps(f32::NEG_INFINITY);
+            for from in [0, LANES / 2] {
+                let values = eight(&grid, &place, [load(x, from), load(y, from), load(z, from)], floor_m);
+                // The second where either is not a number.
+                highest = _mm256_max_ps(values, highest);
+                let touching = _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_GT_OQ>(values, _mm256_setzero_ps()));
+                depths.touching |= (touching as u16) << from;
+                // SAFETY: eight of sixteen numbers, from the first or the eighth on.
+                unsafe { _mm256_storeu_ps(depths.depths_m.0.as_mut_ptr().add(from), values) };
             }
+            depths.max_m = largest(highest);
             max_m = greater(depths.max_m, max_m);
-            depths.max_m = greater(depths.max_m, f32::NEG_INFINITY);
             found(block, &depths);
         }
         max_m
+    }
+
+    /// Blocks that are fetched before their turn: what lies in the third cache is there in time.
+    const AHEAD: usize = 4;
+
+    #[inline(always)]
+    fn prefetch(Lanes3 { x, y, z }: &Lanes3) {
+        for lanes in [x, y, z] {
+            // SAFETY: SSE is part of every x86-64, and a prefetch reads nothing.
+            unsafe { _mm_prefetch::<_MM_HINT_T0>(lanes.0.as_ptr().cast()) };
+        }
     }
 
     #[target_feature(enable = "avx2")]
@@ -334,12 +366,10 @@ mod avx2 {
         unsafe { _mm256_loadu_ps(lanes.as_ptr().add(from)) }
     }
 
-    /// Largest lane of two; lanes that are not a number do not count.
+    /// Largest lane; none may be not a number.
     #[target_feature(enable = "avx2")]
     #[inline]
-    fn largest(a: __m256, b: __m256) -> f32 {
-        let least = _mm256_set1_ps(f32::NEG_INFINITY);
-        let eight = _mm256_max_ps(a, _mm256_max_ps(b, least));
+    fn largest(eight: __m256) -> f32 {
         let four = _mm_max_ps(_mm256_castps256_ps128(eight), _mm256_extractf128_ps::<1>(eight));
         let two = _mm_max_ps(four, _mm_movehl_ps(four, four));
         _mm_cvtss_f32(_mm_max_ss(two, _mm_shuffle_ps::<1>(two, two)))
@@ -395,18 +425,19 @@ mod avx2 {
             let nine_times = |v: __m256i| _mm256_add_epi32(_mm256_slli_epi32::<3>(v), v);
             let inside = _mm256_add_epi32(nine_times(_mm256_add_epi32(nine_times(x), y)), z);
             let first = _mm256_add_epi32(_mm256_mullo_epi32(slots, _mm256_set1_epi32(APRON_CELLS as i32)), inside);
-            // Points 0 1 4 5 | 2 3 6 7: the order that a shuffle of two halves puts right.
-            let first = _mm256_permute4x64_epi64::<0b11_01_10_00>(first);
-            let (early, late) = (_mm256_castsi256_si128(first), _mm256_extracti128_si256::<1>(first));
+            let mut firsts = [0_i32; 8];
+            // SAFETY: eight numbers.
+            unsafe { _mm256_storeu_si256(firsts.as_mut_ptr().cast(), first) };
             let samples = self.chart.samples_m().as_ptr().cast::<f32>();
             let row = |row: usize| {
                 // SAFETY: x, y, z are at most 7, so the last number read is 7·91 + 91 = 728 of the brick's 729, and by the chart's
-                // invariant slot · 729 + 728 is a sample and an `i32`.
-                let (early, late) = unsafe {
-                    let row = samples.add(row).cast::<i64>();
-                    (_mm256_i32gather_epi64::<4>(row, early), _mm256_i32gather_epi64::<4>(row, late))
+                // invariant slot · 729 + 728 is a sample and an `i32`, and not negative.
+                let pairs = |a: usize, b: usize| unsafe {
+                    let at = |point: usize| samples.add(firsts[point] as usize + row).cast::<f64>().read_unaligned();
+                    _mm_setr_pd(at(a), at(b))
                 };
-                let (early, late) = (_mm256_castsi256_ps(early), _mm256_castsi256_ps(late));
+                let early = _mm256_castpd_ps(_mm256_set_m128d(pairs(4, 5), pairs(0, 1)));
+                let late = _mm256_castpd_ps(_mm256_set_m128d(pairs(6, 7), pairs(2, 3)));
                 (_mm256_shuffle_ps::<0b10_00_10_00>(early, late), _mm256_shuffle_ps::<0b11_01_11_01>(early, late))
             };
             [row(0), row(ROW), row(PLANE), row(PLANE + ROW)]
@@ -471,7 +502,7 @@ mod avx2 {
     /// V of eight points.
     #[target_feature(enable = "avx2")]
     #[inline]
-    fn half(grid: &Grid<'_>, place: &Axes, position: [__m256; 3], floor_m: __m256) -> __m256 {
+    fn eight(grid: &Grid<'_>, place: &Axes, position: [__m256; 3], floor_m: __m256) -> __m256 {
         let lattice = place.lattice(position);
         // What is not a number becomes cell 0; what is too large becomes the least `i32`, which is no brick either.
         let whole = |at: __m256| {
@@ -562,11 +593,40 @@ mod avx2 {
             // SAFETY: as above; and eight numbers.
             unsafe { _mm256_storeu_ps(sum.as_mut_ptr(), _mm256_add_ps(_mm256_loadu_ps(sum.as_ptr()), self)) }
         }
+        #[inline(always)]
+        fn settle(part: &mut [f32; APART], sum: &mut [f64; APART]) {
+            // SAFETY: as above; and two times four numbers.
+            unsafe {
+                let (low, high) = (sum.as_mut_ptr(), sum.as_mut_ptr().add(4));
+                _mm256_storeu_pd(low, _mm256_add_pd(_mm256_loadu_pd(low), _mm256_cvtps_pd(_mm_loadu_ps(part.as_ptr()))));
+                _mm256_storeu_pd(high, _mm256_add_pd(_mm256_loadu_pd(high), _mm256_cvtps_pd(_mm_loadu_ps(part.as_ptr().add(4)))));
+                _mm256_storeu_ps(part.as_mut_ptr(), _mm256_setzero_ps());
+            }
+        }
     }
 
     #[target_feature(enable = "avx2")]
     pub(super) fn add(sums: &mut Sums, touched: &Touched, positions: &Lanes3, normals: &Lanes3, by: Weighting) {
         sums.add::<__m256>(touched, positions, normals, by);
+    }
+
+    #[target_feature(enable = "avx2")]
+    pub(super) fn add_all<'a>(
+        sums: &mut Sums,
+        touched: &[Touched],
+        geometry: impl Fn(&Touched) -> Option<(&'a Lanes3, &'a Lanes3)>,
+        by: Weighting,
+    ) {
+        let mut soon = touched.iter().skip(AHEAD);
+        for touched in touched {
+            if let Some((positions, normals)) = soon.next().and_then(&geometry) {
+                prefetch(positions);
+                prefetch(normals);
+            }
+            if let Some((positions, normals)) = geometry(touched) {
+                sums.add::<__m256>(touched, positions, normals, by);
+            }
+        }
     }
 
     #[target_feature(enable = "avx2")]

@@ -28,6 +28,8 @@ pub(super) trait Eight: Copy {
     fn load(lanes: &[f32; LANES], high: bool, wanted: u16) -> Self;
     /// Adds to a lane sum.
     fn add_to(self, sum: &mut [f32; APART]);
+    /// Moves a part into the sums.
+    fn settle(part: &mut [f32; APART], sum: &mut [f64; APART]);
 }
 
 /// What one obstacle adds, tool axes, metres instead of newtons (stiffness is multiplied in later).
@@ -111,40 +113,37 @@ impl Sums {
         let low = Half::<E>::of(touched, positions, normals, by, false);
         let high = Half::<E>::of(touched, positions, normals, by, true);
         let mut sums = self.part.iter_mut();
-        for (low_column, high_column) in low.columns.into_iter().zip(high.columns) {
-            put(&mut sums, low.force.mul(low_column).add(high.force.mul(high_column)));
-        }
-        for (row, (low_first, high_first)) in low.columns.into_iter().zip(high.columns).enumerate() {
-            let (low_scaled, high_scaled) = (low.stiffness.mul(low_first), high.stiffness.mul(high_first));
-            for (low_second, high_second) in low.columns.into_iter().zip(high.columns).skip(row) {
-                put(&mut sums, low_scaled.mul(low_second).add(high_scaled.mul(high_second)));
-            }
-        }
-        put(&mut sums, low.depth.add(high.depth));
-        for (low_arm, high_arm) in low.arm.into_iter().zip(high.arm) {
-            put(&mut sums, low.depth.mul(low_arm).add(high.depth.mul(high_arm)));
-        }
-        put(&mut sums, low.effective.add(high.effective));
+        let ([a, b, c, d, e, f], [g, h, i, j, k, l]) = (low.columns, high.columns);
+        put(&mut sums, (low.force, high.force), low.columns, high.columns);
+        // Row by row, as loops of a length that the compiler knows.
+        let by_row = |low_first: E, high_first: E| (low.stiffness.mul(low_first), high.stiffness.mul(high_first));
+        put(&mut sums, by_row(a, g), [a, b, c, d, e, f], [g, h, i, j, k, l]);
+        put(&mut sums, by_row(b, h), [b, c, d, e, f], [h, i, j, k, l]);
+        put(&mut sums, by_row(c, i), [c, d, e, f], [i, j, k, l]);
+        put(&mut sums, by_row(d, j), [d, e, f], [j, k, l]);
+        put(&mut sums, by_row(e, k), [e, f], [k, l]);
+        put(&mut sums, by_row(f, l), [f], [l]);
+        put(&mut sums, (E::splat(1.0), E::splat(1.0)), [low.depth], [high.depth]);
+        put(&mut sums, (low.depth, high.depth), low.arm, high.arm);
+        put(&mut sums, (E::splat(1.0), E::splat(1.0)), [low.effective], [high.effective]);
         self.n_blocks_in_part += 1;
         if self.n_blocks_in_part == BLOCKS_PER_PART {
-            self.settle();
+            self.settle::<E>();
         }
     }
 
     /// Adds the part to the sums.
     #[inline(always)]
-    fn settle(&mut self) {
+    fn settle<E: Eight>(&mut self) {
         for (sums, parts) in self.lanes.iter_mut().zip(&mut self.part) {
-            for (sum, part) in sums.iter_mut().zip(parts) {
-                *sum += f64::from(core::mem::take(part));
-            }
+            E::settle(parts, sums);
         }
         self.n_blocks_in_part = 0;
     }
 
     /// The totals.
     pub(super) fn total(mut self) -> Total {
-        self.settle();
+        self.settle::<[f32; APART]>();
         let mut totals = self.lanes.iter().map(|[a, b, c, d, e, f, g, h]| ((a + b) + (c + d)) + ((e + f) + (g + h)));
         let mut next = || totals.next().unwrap_or(0.0);
         let mut vector = || DVec3::new(next(), next(), next());
@@ -166,11 +165,17 @@ impl Sums {
     }
 }
 
-/// Adds to the next sum. No closure: it could not be compiled for AVX2 apart from what it stands in.
+/// Adds factor · column, low and high lanes together, to the next sums. No closure: it could not be compiled for AVX2 apart from what it
+/// stands in.
 #[inline(always)]
-fn put<'a, E: Eight>(sums: &mut impl Iterator<Item = &'a mut [f32; APART]>, value: E) {
-    if let Some(sum) = sums.next() {
-        value.add_to(sum);
+fn put<'a, E: Eight, const N: usize>(
+    sums: &mut impl Iterator<Item = &'a mut [f32; APART]>,
+    (low_factor, high_factor): (E, E),
+    low: [E; N],
+    high: [E; N],
+) {
+    for ((low, high), sum) in low.into_iter().zip(high).zip(sums) {
+        low_factor.mul(low).add(high_factor.mul(high)).add_to(sum);
     }
 }
 
@@ -214,6 +219,12 @@ impl Eight for [f32; APART] {
     #[inline(always)]
     fn add_to(self, sum: &mut [f32; APART]) {
         *sum = Eight::add(*sum, self);
+    }
+    #[inline(always)]
+    fn settle(part: &mut [f32; APART], sum: &mut [f64; APART]) {
+        for (sum, part) in sum.iter_mut().zip(part) {
+            *sum += f64::from(core::mem::take(part));
+        }
     }
 }
 
