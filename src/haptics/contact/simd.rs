@@ -327,12 +327,22 @@ mod avx2 {
                 prefetch(points);
             }
             let Some(points) = positions.get(block as usize) else { continue };
-            let floor_m = _mm256_set1_ps(floor(max_m));
+            let floor_m = floor(max_m);
             let Lanes3 { x: Lanes(x), y: Lanes(y), z: Lanes(z) } = points;
             let mut depths = Depths { depths_m: Lanes([0.0; LANES]), touching: 0, max_m: f32::NEG_INFINITY };
             let mut highest = _mm256_set1_ps(f32::NEG_INFINITY);
-            for from in [0, LANES / 2] {
-                let values = eight(&grid, &place, [load(x, from), load(y, from), load(z, from)], floor_m);
+            let lattice = |from: usize| place.lattice([load(x, from), load(y, from), load(z, from)]);
+            let halves = [lattice(0), lattice(LANES / 2)].map(|lattice| (lattice, whole(lattice)));
+            // Points of a block are neighbours: mostly one brick holds them all, and one load is cheaper than sixteen.
+            let alone = grid.only_brick([halves[0].1, halves[1].1]);
+            let alone = alone.map(|brick| grid.brick_alone(brick, floor_m));
+            for (from, (lattice, base)) in [0, LANES / 2].into_iter().zip(halves) {
+                let values = match alone {
+                    None => grid.eight(lattice, base, _mm256_set1_ps(floor_m)),
+                    Some(Alone::Uniform(value_m)) => _mm256_set1_ps(value_m),
+                    // SAFETY: the offsets are of a brick.
+                    Some(Alone::Samples(samples)) => grid.finished(unsafe { corners(samples.as_ptr(), inside(base)) }, fractions(lattice, base)),
+                };
                 // The second where either is not a number.
                 highest = _mm256_max_ps(values, highest);
                 let touching = _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_GT_OQ>(values, _mm256_setzero_ps()));
@@ -412,36 +422,139 @@ mod avx2 {
             _mm256_add_epi32(_mm256_mullo_epi32(plane, self.nz), bz)
         }
 
-        /// Corners of interpolation cells, in pairs along z: `(first, second)` of rows 00, 01, 10, 11.
+        /// The brick that all points lie in, if there is one.
+        #[target_feature(enable = "avx2")]
+        #[inline]
+        fn only_brick(&self, [low, high]: [[__m256i; 3]; 2]) -> Option<[i32; 3]> {
+            let mut others = _mm256_setzero_si256();
+            let mut brick = [0; 3];
+            for ((low, high), brick) in low.into_iter().zip(high).zip(&mut brick) {
+                let first = _mm256_castsi256_si128(low);
+                let all_first = _mm256_broadcastd_epi32(first);
+                let differing = _mm256_or_si256(_mm256_xor_si256(low, all_first), _mm256_xor_si256(high, all_first));
+                others = _mm256_or_si256(others, differing);
+                *brick = _mm_cvtsi128_si32(first) >> 3;
+            }
+            (_mm256_testz_si256(others, _mm256_set1_epi32(!7)) == 1).then_some(brick)
+        }
+
+        /// What a brick says of points in it, of interest only above the floor.
+        #[inline]
+        fn brick_alone(&self, [bx, by, bz]: [i32; 3], floor_m: f32) -> Alone<'a> {
+            let (chart, [nx, ny, nz]) = (self.chart, self.chart.dims());
+            if bx as u32 >= nx as u32 || by as u32 >= ny as u32 || bz as u32 >= nz as u32 {
+                return Alone::Uniform(chart.skin_m() - chart.band_m());
+            }
+            let brick = ((bx * ny + by) * nz + bz) as usize;
+            let ceiling_m = chart.ceilings_m().get(brick).copied().unwrap_or(f32::INFINITY);
+            let samples = || chart.samples_m().get(chart.top().get(brick).copied()? as usize);
+            if ceiling_m <= floor_m { None } else { samples() }.map_or(Alone::Uniform(ceiling_m), Alone::Samples)
+        }
+
+        /// V of eight points.
+        #[target_feature(enable = "avx2")]
+        #[inline]
+        fn eight(&self, lattice: [__m256; 3], base: [__m256i; 3], floor_m: __m256) -> __m256 {
+            let bricks = eighths(base);
+            // Below the size, and not negative: as unsigned numbers.
+            let within = |k: usize| {
+                let last = _mm256_sub_epi32(self.dims[k], _mm256_set1_epi32(1));
+                _mm256_cmpeq_epi32(_mm256_min_epu32(bricks[k], last), bricks[k])
+            };
+            let on_grid = _mm256_and_si256(_mm256_and_si256(within(0), within(1)), within(2));
+            let brick = _mm256_and_si256(self.brick(bricks), on_grid);
+            // SAFETY: lanes that are not on the grid read entry 0; by the chart's invariant there is one entry per brick.
+            let ceilings = unsafe { _mm256_i32gather_ps::<4>(self.chart.ceilings_m().as_ptr(), brick) };
+            let ceilings = _mm256_blendv_ps(self.outside, ceilings, _mm256_castsi256_ps(on_grid));
+            let wanted = _mm256_and_ps(_mm256_cmp_ps::<_CMP_NLE_UQ>(ceilings, floor_m), _mm256_castsi256_ps(on_grid));
+            if _mm256_movemask_ps(wanted) == 0 {
+                return ceilings;
+            }
+            // SAFETY: as above.
+            let slots = unsafe { _mm256_i32gather_epi32::<4>(self.chart.top().as_ptr().cast(), brick) };
+            // The two marks are −1 and −2 as signed numbers; slots are not negative.
+            let is_slot = _mm256_cmpgt_epi32(slots, _mm256_set1_epi32(-1));
+            let wanted = _mm256_and_ps(wanted, _mm256_castsi256_ps(is_slot));
+            if _mm256_movemask_ps(wanted) == 0 {
+                return ceilings;
+            }
+            let slots = _mm256_and_si256(slots, _mm256_castps_si256(wanted));
+            // SAFETY: a slot of `top`, or 0 where none is wanted; as one is wanted, there are samples.
+            let corners = unsafe { self.corners(slots, base) };
+            _mm256_blendv_ps(ceilings, self.finished(corners, fractions(lattice, base)), wanted)
+        }
+
+        /// Corners of interpolation cells of any bricks.
         ///
         /// # Safety
         /// Each slot is below the number of bricks with samples.
         #[target_feature(enable = "avx2")]
         #[inline]
-        unsafe fn corners(&self, slots: __m256i, [x, y, z]: [__m256i; 3]) -> [(__m256, __m256); 4] {
-            let seven = _mm256_set1_epi32(7);
-            let (x, y, z) = (_mm256_and_si256(x, seven), _mm256_and_si256(y, seven), _mm256_and_si256(z, seven));
-            // 9·(9·x + y) + z, and 729 per slot.
-            let nine_times = |v: __m256i| _mm256_add_epi32(_mm256_slli_epi32::<3>(v), v);
-            let inside = _mm256_add_epi32(nine_times(_mm256_add_epi32(nine_times(x), y)), z);
-            let first = _mm256_add_epi32(_mm256_mullo_epi32(slots, _mm256_set1_epi32(APRON_CELLS as i32)), inside);
-            let mut firsts = [0_i32; 8];
-            // SAFETY: eight numbers.
-            unsafe { _mm256_storeu_si256(firsts.as_mut_ptr().cast(), first) };
-            let samples = self.chart.samples_m().as_ptr().cast::<f32>();
-            let row = |row: usize| {
-                // SAFETY: x, y, z are at most 7, so the last number read is 7·91 + 91 = 728 of the brick's 729, and by the chart's
-                // invariant slot · 729 + 728 is a sample and an `i32`, and not negative.
-                let pairs = |a: usize, b: usize| unsafe {
-                    let at = |point: usize| samples.add(firsts[point] as usize + row).cast::<f64>().read_unaligned();
-                    _mm_setr_pd(at(a), at(b))
-                };
-                let early = _mm256_castpd_ps(_mm256_set_m128d(pairs(4, 5), pairs(0, 1)));
-                let late = _mm256_castpd_ps(_mm256_set_m128d(pairs(6, 7), pairs(2, 3)));
-                (_mm256_shuffle_ps::<0b10_00_10_00>(early, late), _mm256_shuffle_ps::<0b11_01_11_01>(early, late))
-            };
-            [row(0), row(ROW), row(PLANE), row(PLANE + ROW)]
+        unsafe fn corners(&self, slots: __m256i, base: [__m256i; 3]) -> [(__m256, __m256); 4] {
+            let bricks = _mm256_mullo_epi32(slots, _mm256_set1_epi32(APRON_CELLS as i32));
+            // SAFETY: whole bricks, by the caller's word; the sum is an `i32` by the chart's invariant.
+            unsafe { corners(self.chart.samples_m().as_ptr().cast(), _mm256_add_epi32(bricks, inside(base))) }
         }
+
+        /// V from the corners and the place between them.
+        #[target_feature(enable = "avx2")]
+        #[inline]
+        fn finished(&self, corners: [(__m256, __m256); 4], t: [__m256; 3]) -> __m256 {
+            // Limit first: what is not a number stays what it is.
+            let clamped = _mm256_min_ps(self.high, _mm256_max_ps(self.low, mixed(corners, t)));
+            _mm256_add_ps(clamped, self.skin)
+        }
+    }
+
+    /// What one brick says of all points of a block.
+    #[derive(Clone, Copy)]
+    enum Alone<'a> {
+        Uniform(f32),
+        Samples(&'a [f32; APRON_CELLS]),
+    }
+
+    /// Cells. What is not a number becomes cell 0; what is too large becomes the least `i32`, which is in no brick either.
+    #[target_feature(enable = "avx2")]
+    #[inline]
+    fn whole(lattice: [__m256; 3]) -> [__m256i; 3] {
+        let whole = |at: __m256| {
+            let is_number = _mm256_castps_si256(_mm256_cmp_ps::<_CMP_ORD_Q>(at, at));
+            _mm256_and_si256(_mm256_cvttps_epi32(at), is_number)
+        };
+        [whole(lattice[0]), whole(lattice[1]), whole(lattice[2])]
+    }
+
+    /// Number of a cell's first sample within its brick: 9·(9·x + y) + z.
+    #[target_feature(enable = "avx2")]
+    #[inline]
+    fn inside([x, y, z]: [__m256i; 3]) -> __m256i {
+        let seven = _mm256_set1_epi32(7);
+        let (x, y, z) = (_mm256_and_si256(x, seven), _mm256_and_si256(y, seven), _mm256_and_si256(z, seven));
+        let nine_times = |v: __m256i| _mm256_add_epi32(_mm256_slli_epi32::<3>(v), v);
+        _mm256_add_epi32(nine_times(_mm256_add_epi32(nine_times(x), y)), z)
+    }
+
+    /// Corners of interpolation cells, in pairs along z: `(first, second)` of rows 00, 01, 10, 11.
+    ///
+    /// # Safety
+    /// `samples` are whole bricks, and each number is that of a cell's [`inside`] one of them.
+    #[target_feature(enable = "avx2")]
+    #[inline]
+    unsafe fn corners(samples: *const f32, first: __m256i) -> [(__m256, __m256); 4] {
+        let mut firsts = [0_u32; 8];
+        // SAFETY: eight numbers.
+        unsafe { _mm256_storeu_si256(firsts.as_mut_ptr().cast(), first) };
+        let row = |row: usize| {
+            // SAFETY: in a brick x, y, z are at most 7, so the last number read is 7·91 + 91 = 728 of its 729.
+            let pairs = |a: usize, b: usize| unsafe {
+                let at = |point: usize| samples.add(firsts[point] as usize + row).cast::<f64>().read_unaligned();
+                _mm_setr_pd(at(a), at(b))
+            };
+            let early = _mm256_castpd_ps(_mm256_set_m128d(pairs(4, 5), pairs(0, 1)));
+            let late = _mm256_castpd_ps(_mm256_set_m128d(pairs(6, 7), pairs(2, 3)));
+            (_mm256_shuffle_ps::<0b10_00_10_00>(early, late), _mm256_shuffle_ps::<0b11_01_11_01>(early, late))
+        };
+        [row(0), row(ROW), row(PLANE), row(PLANE + ROW)]
     }
 
     /// The place in registers.
@@ -497,57 +610,6 @@ mod avx2 {
     fn fractions(at: [__m256; 3], base: [__m256i; 3]) -> [__m256; 3] {
         let fraction = |k: usize| _mm256_sub_ps(at[k], _mm256_cvtepi32_ps(base[k]));
         [fraction(0), fraction(1), fraction(2)]
-    }
-
-    /// V of eight points.
-    #[target_feature(enable = "avx2")]
-    #[inline]
-    fn eight(grid: &Grid<'_>, place: &Axes, position: [__m256; 3], floor_m: __m256) -> __m256 {
-        let lattice = place.lattice(position);
-        // What is not a number becomes cell 0; what is too large becomes the least `i32`, which is no brick either.
-        let whole = |at: __m256| {
-            let is_number = _mm256_castps_si256(_mm256_cmp_ps::<_CMP_ORD_Q>(at, at));
-            _mm256_and_si256(_mm256_cvttps_epi32(at), is_number)
-        };
-        let base = [whole(lattice[0]), whole(lattice[1]), whole(lattice[2])];
-        let bricks = eighths(base);
-        // Below the size, and not negative: as unsigned numbers.
-        let within = |k: usize| {
-            let last = _mm256_sub_epi32(grid.dims[k], _mm256_set1_epi32(1));
-            _mm256_cmpeq_epi32(_mm256_min_epu32(bricks[k], last), bricks[k])
-        };
-        let on_grid = _mm256_and_si256(_mm256_and_si256(within(0), within(1)), within(2));
-        let brick = _mm256_and_si256(grid.brick(bricks), on_grid);
-        // Points of a block are neighbours: often one brick holds them all, and one load is cheaper than eight.
-        let first = _mm256_castsi256_si128(brick);
-        let alike = _mm256_cmpeq_epi32(brick, _mm256_broadcastd_epi32(first));
-        let ceilings = if _mm256_movemask_epi8(alike) == -1 {
-            let ceiling_m = grid.chart.ceilings_m().get(_mm_cvtsi128_si32(first) as usize).copied();
-            _mm256_set1_ps(ceiling_m.unwrap_or(f32::INFINITY))
-        } else {
-            // SAFETY: lanes that are not on the grid read entry 0; by the chart's invariant there is one entry per brick.
-            unsafe { _mm256_i32gather_ps::<4>(grid.chart.ceilings_m().as_ptr(), brick) }
-        };
-        let ceilings = _mm256_blendv_ps(grid.outside, ceilings, _mm256_castsi256_ps(on_grid));
-        let wanted = _mm256_and_ps(_mm256_cmp_ps::<_CMP_NLE_UQ>(ceilings, floor_m), _mm256_castsi256_ps(on_grid));
-        if _mm256_movemask_ps(wanted) == 0 {
-            return ceilings;
-        }
-        // SAFETY: as above.
-        let slots = unsafe { _mm256_i32gather_epi32::<4>(grid.chart.top().as_ptr().cast(), brick) };
-        // The two marks are −1 and −2 as signed numbers; slots are not negative.
-        let is_slot = _mm256_cmpgt_epi32(slots, _mm256_set1_epi32(-1));
-        let wanted = _mm256_and_ps(wanted, _mm256_castsi256_ps(is_slot));
-        if _mm256_movemask_ps(wanted) == 0 {
-            return ceilings;
-        }
-        let slots = _mm256_and_si256(slots, _mm256_castps_si256(wanted));
-        // SAFETY: a slot of `top`, or 0 where none is wanted; as one is wanted, there are samples.
-        let corners = unsafe { grid.corners(slots, base) };
-        let t = fractions(lattice, base);
-        // Limit first: what is not a number stays what it is.
-        let clamped = _mm256_min_ps(grid.high, _mm256_max_ps(grid.low, mixed(corners, t)));
-        _mm256_blendv_ps(ceilings, _mm256_add_ps(clamped, grid.skin), wanted)
     }
 
     /// Invariant of every `unsafe` block here: only `add`, which is compiled for AVX2, uses these.
