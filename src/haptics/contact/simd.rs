@@ -25,6 +25,8 @@ const PLANE: usize = APRON_EDGE * APRON_EDGE;
 /// What two interpolations take from a distance: the variance of a corner about the place it is interpolated for is at most ¼ per
 /// axis, and there are three axes and two places; cells².
 const SPREAD_CELLS_SQUARED: f32 = 1.5;
+/// A ball of this radius about a place in a brick, and what rounding may add, lie in the brick and its 26 neighbours, cells.
+const AROUND_CELLS: f32 = 8.0;
 /// 1/√3, a little less: an interpolation of values that grow by no more than their distance is at most √3 times as steep.
 const LEAST_SLOPE: f32 = 0.577;
 
@@ -106,6 +108,17 @@ impl Machine {
             #[cfg(target_arch = "x86_64")]
             // SAFETY: the processor has AVX2, of which `HasAvx2` is the proof.
             Self::Avx2(HasAvx2(())) => unsafe { avx2::blocks(chart, place, positions, which, floor, found) },
+        }
+    }
+
+    /// Which of eight spheres may hold a point whose V is above the floor: one bit each. `margin_cells`: what rounding may take. RT: safe.
+    #[inline]
+    pub(super) fn above(self, chart: &Chart, place: &Place, spheres: &Spheres, floor_m: f32, margin_cells: f32) -> u8 {
+        match self {
+            Self::Portable => portable::above(chart, place, spheres, floor_m, margin_cells),
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: as above.
+            Self::Avx2(HasAvx2(())) => unsafe { avx2::above(chart, place, spheres, floor_m, margin_cells) },
         }
     }
 
@@ -273,18 +286,42 @@ mod portable {
         rooms
     }
 
-    fn sphere(chart: &Chart, place: &Place, center: Vec3) -> f32 {
-        let lattice = cells(place, center) - 0.5;
+    pub(super) fn above(chart: &Chart, place: &Place, spheres: &Spheres, floor_m: f32, margin_cells: f32) -> u8 {
+        let Spheres { x, y, z, radius } = spheres;
+        let mut above = 0;
+        for (lane, (((x, y), z), radius)) in x.iter().zip(y).zip(z).zip(radius).enumerate() {
+            let lattice = cells(place, Vec3::new(*x, *y, *z)) - 0.5;
+            let (on_grid, base) = on_grid(chart, lattice);
+            let extent = radius / chart.voxel_size_m() + margin_cells;
+            let around_m = chart.around_m().get(brick_of(chart, base)).copied().unwrap_or(f32::INFINITY);
+            let away = (lattice - on_grid).abs();
+            let off = away.x > extent + 1.0 || away.y > extent + 1.0 || away.z > extent + 1.0;
+            let highest_m = if off { chart.skin_m() - chart.band_m() } else { around_m };
+            above |= u8::from(!(highest_m <= floor_m && (off || extent < AROUND_CELLS))) << lane;
+        }
+        above
+    }
+
+    /// The place of the grid that is nearest to one on the lattice, and its cell: all that can touch lies there, and the grid is convex.
+    fn on_grid(chart: &Chart, lattice: Vec3) -> (Vec3, [i32; 3]) {
         let dims = chart.dims();
-        // The nearest place on the grid: all that can touch lies there, and the grid is convex.
         let inside = |at: f32, n: i32| lesser(greater(at, 0.0), (8 * n) as f32);
         let on_grid = Vec3::new(inside(lattice.x, dims[0]), inside(lattice.y, dims[1]), inside(lattice.z, dims[2]));
-        let away = lattice - on_grid;
         // The far end belongs to the last cell.
         let cell_of = |at: f32, n: i32| (at as i32).min(8 * n - 1);
-        let base = [cell_of(on_grid.x, dims[0]), cell_of(on_grid.y, dims[1]), cell_of(on_grid.z, dims[2])];
-        let [bx, by, bz] = base.map(|cell| cell >> 3);
-        let brick = ((bx * dims[1] + by) * dims[2] + bz) as usize;
+        (on_grid, [cell_of(on_grid.x, dims[0]), cell_of(on_grid.y, dims[1]), cell_of(on_grid.z, dims[2])])
+    }
+
+    fn brick_of(chart: &Chart, base: [i32; 3]) -> usize {
+        let ([bx, by, bz], [_, ny, nz]) = (base.map(|cell| cell >> 3), chart.dims());
+        ((bx * ny + by) * nz + bz) as usize
+    }
+
+    fn sphere(chart: &Chart, place: &Place, center: Vec3) -> f32 {
+        let lattice = cells(place, center) - 0.5;
+        let (on_grid, base) = on_grid(chart, lattice);
+        let away = lattice - on_grid;
+        let brick = brick_of(chart, base);
         let room = chart.rooms_cells().get(brick).copied().unwrap_or(0.0);
         let slot = chart.top().get(brick).copied().unwrap_or(DEEP_INSIDE);
         let value_m = match slot {
@@ -420,6 +457,18 @@ mod avx2 {
         fn brick(&self, [bx, by, bz]: [__m256i; 3]) -> __m256i {
             let plane = _mm256_add_epi32(_mm256_mullo_epi32(bx, self.ny), by);
             _mm256_add_epi32(_mm256_mullo_epi32(plane, self.nz), bz)
+        }
+
+        /// The nearest place on the grid, and its cell. What is not a number becomes 0.
+        #[target_feature(enable = "avx2")]
+        #[inline]
+        fn on_grid(&self, lattice: [__m256; 3]) -> ([__m256; 3], [__m256i; 3]) {
+            let (zero, one) = (_mm256_setzero_ps(), _mm256_set1_epi32(1));
+            let end = |k: usize| _mm256_slli_epi32::<3>(self.dims[k]);
+            let clamped = |k: usize| _mm256_min_ps(_mm256_max_ps(lattice[k], zero), _mm256_cvtepi32_ps(end(k)));
+            let on_grid = [clamped(0), clamped(1), clamped(2)];
+            let whole = |k: usize| _mm256_min_epi32(_mm256_cvttps_epi32(on_grid[k]), _mm256_sub_epi32(end(k), one));
+            (on_grid, [whole(0), whole(1), whole(2)])
         }
 
         /// The brick that all points lie in, if there is one.
@@ -692,19 +741,40 @@ mod avx2 {
     }
 
     #[target_feature(enable = "avx2")]
+    #[inline]
+    fn numbers(numbers: &[f32; CHILDREN]) -> __m256 {
+        // SAFETY: eight numbers.
+        unsafe { _mm256_loadu_ps(numbers.as_ptr()) }
+    }
+
+    #[target_feature(enable = "avx2")]
+    pub(super) fn above(chart: &Chart, place: &Place, spheres: &Spheres, floor_m: f32, margin_cells: f32) -> u8 {
+        let (grid, place) = (Grid::new(chart), Axes::new(place));
+        let lattice = place.lattice([numbers(&spheres.x), numbers(&spheres.y), numbers(&spheres.z)]);
+        let (on_grid, base) = grid.on_grid(lattice);
+        let radius = _mm256_div_ps(numbers(&spheres.radius), _mm256_set1_ps(chart.voxel_size_m()));
+        let extent = _mm256_add_ps(radius, _mm256_set1_ps(margin_cells));
+        // SAFETY: each is a brick of the grid, and by the chart's invariant there is one entry for it.
+        let around = unsafe { _mm256_i32gather_ps::<4>(chart.around_m().as_ptr(), grid.brick(eighths(base))) };
+        // One cell more: casts that round towards zero let the first cell reach out of the grid.
+        let far = _mm256_add_ps(extent, _mm256_set1_ps(1.0));
+        let away = |k: usize| {
+            let away = _mm256_andnot_ps(_mm256_set1_ps(-0.0), _mm256_sub_ps(lattice[k], on_grid[k]));
+            _mm256_cmp_ps::<_CMP_GT_OQ>(away, far)
+        };
+        let off = _mm256_or_ps(_mm256_or_ps(away(0), away(1)), away(2));
+        let highest = _mm256_blendv_ps(around, grid.outside, off);
+        let below = _mm256_cmp_ps::<_CMP_LE_OQ>(highest, _mm256_set1_ps(floor_m));
+        let small = _mm256_or_ps(off, _mm256_cmp_ps::<_CMP_LT_OQ>(extent, _mm256_set1_ps(AROUND_CELLS)));
+        !(_mm256_movemask_ps(_mm256_and_ps(below, small)) as u8)
+    }
+
+    #[target_feature(enable = "avx2")]
     pub(super) fn spheres(chart: &Chart, place: &Place, spheres: &Spheres, margin_cells: f32) -> [f32; CHILDREN] {
         let (grid, place) = (Grid::new(chart), Axes::new(place));
-        // SAFETY: eight numbers each.
-        let eight = |numbers: &[f32; CHILDREN]| unsafe { _mm256_loadu_ps(numbers.as_ptr()) };
-        let (x, y, z, radius) = (eight(&spheres.x), eight(&spheres.y), eight(&spheres.z), eight(&spheres.radius));
-        let (zero, one) = (_mm256_setzero_ps(), _mm256_set1_epi32(1));
-        let lattice = place.lattice([x, y, z]);
-        let end = |k: usize| _mm256_slli_epi32::<3>(grid.dims[k]);
-        // What is not a number becomes 0.
-        let clamped = |k: usize| _mm256_min_ps(_mm256_max_ps(lattice[k], zero), _mm256_cvtepi32_ps(end(k)));
-        let on_grid = [clamped(0), clamped(1), clamped(2)];
-        let whole = |k: usize| _mm256_min_epi32(_mm256_cvttps_epi32(on_grid[k]), _mm256_sub_epi32(end(k), one));
-        let base = [whole(0), whole(1), whole(2)];
+        let (zero, radius) = (_mm256_setzero_ps(), numbers(&spheres.radius));
+        let lattice = place.lattice([numbers(&spheres.x), numbers(&spheres.y), numbers(&spheres.z)]);
+        let (on_grid, base) = grid.on_grid(lattice);
         let brick = grid.brick(eighths(base));
         // SAFETY: each is a brick of the grid, and by the chart's invariant there is one entry for it in each array.
         let (rooms, ceilings, slots) = unsafe {

@@ -156,6 +156,11 @@ impl Walk {
         &self.chart
     }
 
+    /// What rounding may take from a distance at this place, cells.
+    pub(super) fn margin_cells(&self, place: &Place) -> f32 {
+        MARGIN_CELLS + MARGIN_SHARE * (place.origin.abs().element_sum() + self.reach_cells)
+    }
+
     /// Forgets all proofs.
     fn forget(&mut self) {
         self.due_cells.fill([UNKNOWN; CHILDREN]);
@@ -185,7 +190,7 @@ impl Walk {
             place,
             spheres: &[],
             ways: self.motion.ways(),
-            margin_cells: MARGIN_CELLS + MARGIN_SHARE * (place.origin.abs().element_sum() + self.reach_cells),
+            margin_cells: self.margin_cells(place),
             clear_cells: PROOF_CELLS,
             max_m: f32::NEG_INFINITY,
             looked_at: 0,
