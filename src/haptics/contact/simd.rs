@@ -378,7 +378,9 @@ mod avx2 {
                     None => grid.eight(lattice, base, _mm256_set1_ps(floor_m)),
                     Some(Alone::Uniform(value_m)) => _mm256_set1_ps(value_m),
                     // SAFETY: the offsets are of a brick.
-                    Some(Alone::Samples(samples)) => grid.finished(unsafe { corners(samples.as_ptr(), inside(base)) }, fractions(lattice, base)),
+                    Some(Alone::Samples(samples)) => {
+                        grid.finished(unsafe { corners(samples.as_ptr(), inside(base)) }, fractions(lattice, base))
+                    }
                 };
                 // The second where either is not a number.
                 highest = _mm256_max_ps(values, highest);

@@ -2,12 +2,14 @@
 
 #![expect(clippy::disallowed_types, reason = "sized when the scene is made ready, never resized")]
 
+use glam::{DQuat, DVec3};
+
 use super::budget::Budget;
 use super::simd::{Machine, Place};
 use super::touched::Touched;
 use super::walk::{Found, Lists, Walk};
 use super::{Obstacle, flat};
-use crate::pointshell::shell::Shell;
+use crate::pointshell::shell::{LANES, Shell};
 use crate::pointshell::tree::CHILDREN;
 use crate::spatial::Pose;
 use crate::voxmap::field::FieldKind;
@@ -61,6 +63,26 @@ impl Traversal {
     /// The limit.
     pub fn budget(&self) -> Budget {
         self.budget
+    }
+
+    /// Forgets the proofs of earlier ticks.
+    pub(crate) fn forget(&mut self) {
+        self.walks.iter_mut().flatten().for_each(Walk::forget);
+    }
+
+    /// A pose of the shell at which one of its points lies at the surface of an obstacle, another one each `turn`; `None` without a
+    /// surface or a point. Cold.
+    pub(crate) fn overlapping_pose(&self, obstacles: &[Obstacle], shell: &Shell, turn: usize) -> Option<Pose> {
+        let obstacle_idx = turn.checked_rem(obstacles.len())?;
+        let (obstacle, walk) = (obstacles.get(obstacle_idx)?, self.walks.get(obstacle_idx)?.as_ref()?);
+        // Multiples of the golden ratio: spread evenly, however many turns there are.
+        let spread = |stride: f64, n: usize| ((turn as f64 * stride).fract() * n as f64) as usize;
+        let cells = walk.chart().surface_place(spread(0.618_034, walk.chart().top().len()))?;
+        let place_map = obstacle.field.origin_map().as_dvec3() + cells.as_dvec3() * f64::from(obstacle.field.voxel_size_m());
+        let point = spread(0.754_878, shell.len());
+        let arm = shell.positions().get(point / LANES)?.get(point % LANES).as_dvec3();
+        let rotation = DQuat::from_scaled_axis(DVec3::new(1.3, 2.1, 0.7) * turn as f64);
+        Some(Pose::new(rotation, obstacle.world_from_map.transform_point(place_map) - rotation * arm))
     }
 
     pub(super) fn machine(&self) -> Machine {
@@ -122,11 +144,18 @@ fn all(machine: Machine, walk: &Walk, shell: &Shell, place: &Place, touched: &mu
             continue;
         }
         let which = (first..).take(CHILDREN).filter(|block| above >> (block - first) & 1 == 1);
-        let max_m = machine.blocks(chart, place, shell.positions(), which, |max_m| floor(max_m.max(highest_m)), |block, depths| {
-            if depths.touching != 0 {
-                touched.push(Touched { block, lanes: depths.touching, weight: 1.0, depths_m: depths.depths_m.0 });
-            }
-        });
+        let max_m = machine.blocks(
+            chart,
+            place,
+            shell.positions(),
+            which,
+            |max_m| floor(max_m.max(highest_m)),
+            |block, depths| {
+                if depths.touching != 0 {
+                    touched.push(Touched { block, lanes: depths.touching, weight: 1.0, depths_m: depths.depths_m.0 });
+                }
+            },
+        );
         highest_m = highest_m.max(max_m);
     }
     highest_m

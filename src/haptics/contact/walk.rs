@@ -162,7 +162,7 @@ impl Walk {
     }
 
     /// Forgets all proofs.
-    fn forget(&mut self) {
+    pub(super) fn forget(&mut self) {
         self.due_cells.fill([UNKNOWN; CHILDREN]);
         self.motion = Motion { last: self.motion.last, ..Motion::default() };
     }

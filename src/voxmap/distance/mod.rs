@@ -168,7 +168,8 @@ impl Stage<'_> {
             let first = (cube[0] << 7) + (cube[1] << 4) + (cube[2] << 1);
             let inside: [usize; LANES] = core::array::from_fn(|lane| first + (lane >> 2 << 6) + (lane >> 1 & 1) * 8 + (lane & 1));
             let layers = inside.map(|inside| values[inside]);
-            let bits = |holds: fn(i8, i8) -> bool| (0..LANES).fold(0, |bits, lane| bits | u8::from(holds(layers[lane], beyond)) << lane);
+            let bits =
+                |holds: fn(i8, i8) -> bool| (0..LANES).fold(0, |bits, lane| bits | u8::from(holds(layers[lane], beyond)) << lane);
             let wanted = bits(|layer, beyond| layer != 0 && layer.abs() != beyond);
             if wanted == 0 {
                 return;

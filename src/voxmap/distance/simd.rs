@@ -90,14 +90,7 @@ impl Machine {
     /// Eight cells at the corners of a cube against one patch, which replaces the nearest of those that it is nearer to. Lane
     /// x·4 + y·2 + z is the cell `base + step·[x, y, z]`.
     #[inline]
-    pub(super) fn group(
-        self,
-        patch: &Patch,
-        patch_idx: u32,
-        cube: Cube,
-        nearest: &mut NearestOfEight,
-        measured: &mut Measured,
-    ) {
+    pub(super) fn group(self, patch: &Patch, patch_idx: u32, cube: Cube, nearest: &mut NearestOfEight, measured: &mut Measured) {
         match self {
             Self::Portable => {
                 let [x, y, z] = cube.base;

@@ -14,6 +14,7 @@
 //! Ours. The rooms are an exact distance transform by one axis after the other (Felzenszwalb2012's decomposition), its range cut
 //! short.
 
+use glam::Vec3;
 use rayon::prelude::*;
 
 use super::{APRON_CELLS, APRON_EDGE, DEEP_INSIDE, FAR_OUTSIDE, Field};
@@ -127,6 +128,18 @@ impl Chart {
     #[inline]
     pub fn rooms_cells(&self) -> &[f32] {
         &self.rooms_cells
+    }
+
+    /// The middle of the first brick from this one on that the surface may run through, cells; `None` when none does. Cold.
+    pub fn surface_place(&self, from_brick: usize) -> Option<Vec3> {
+        let n_bricks = self.top.len();
+        let runs_through = |brick: &usize| {
+            let slot = self.top.get(*brick).filter(|slot| **slot < DEEP_INSIDE);
+            let samples = slot.and_then(|slot| self.samples_m.get(*slot as usize));
+            samples.is_some_and(|samples| samples.iter().any(|sample| *sample > 0.0) && samples.iter().any(|sample| *sample < 0.0))
+        };
+        let brick = (0..n_bricks).map(|step| (from_brick + step) % n_bricks).find(runs_through)?;
+        Some(Vec3::from_array(coord_of(brick, self.dims).map(|coord| (BRICK_EDGE * coord + BRICK_EDGE / 2) as f32)))
     }
 
     /// Where the field saturates on both sides, m.
