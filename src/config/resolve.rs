@@ -34,6 +34,8 @@ pub struct SceneConfig {
     pub name: String,
     /// Ticks per second.
     pub rate_hz: u32,
+    /// What a contact query may take in one tick, s; `None`: as long as it takes.
+    pub time_budget_s: Option<f64>,
     /// One voxmap each.
     pub statics: Vec<StaticConfig>,
     /// The moving object.
@@ -299,6 +301,14 @@ impl Resolve<'_> {
         let contact = self.contact(&scene.contact, field, mode, &stability, port_scale);
         let limits = self.limits(&scene.limits, &scene.safety, profile.as_ref(), rate_hz, realtime.enforce);
 
+        let time_budget_s = self
+            .checks
+            .optional("contact.time_budget_us", scene.contact.time_budget_us, Interval::from(10.0).to(1e4).unit("µs"))
+            .map(|us| us * 1e-6);
+        if time_budget_s.is_some() && field != FieldKind::Trilinear {
+            self.checks.not_available("contact.time_budget_us", "remove it, or use rendering.field = \"trilinear\"");
+        }
+
         let (profile, tool) = (profile?, tool?);
         let port =
             PortParameters { world_from_device, scale: port_scale, sensed: profile.sensed, actuated: profile.actuated, start };
@@ -306,6 +316,7 @@ impl Resolve<'_> {
             path: path.to_path_buf(),
             name,
             rate_hz,
+            time_budget_s,
             statics,
             tool,
             parameters: Parameters { period_s, gravity_m_per_s2, contact, coupling, filter, limits, port },
@@ -331,7 +342,6 @@ impl Resolve<'_> {
         }
         checks.later("contact.braking", scene.contact.braking.is_some());
         checks.later("contact.damping_n_s_per_m", scene.contact.damping_n_s_per_m.is_some());
-        checks.later("contact.time_budget_us", scene.contact.time_budget_us.is_some());
         checks.later("safety.deadman", scene.safety.deadman.is_some());
         checks.later("safety.heartbeat_ms", scene.safety.heartbeat_ms.is_some());
         checks.later("device.selector", scene.device.selector.is_some());

@@ -95,7 +95,7 @@ pub(super) struct Contact {
     pub(super) friction: Option<Friction>,
     pub(super) braking: Later,
     pub(super) damping_n_s_per_m: Later,
-    pub(super) time_budget_us: Later,
+    pub(super) time_budget_us: Option<f64>,
 }
 
 #[derive(Debug, Default, Deserialize)]

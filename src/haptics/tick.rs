@@ -166,6 +166,20 @@ impl State {
         self.traversal.set_budget(budget);
     }
 
+    /// The limit.
+    pub fn budget(&self) -> Budget {
+        self.traversal.budget()
+    }
+
+    /// One contact query at a pose where the tool overlaps an obstacle, another one each `turn`, as if nothing were known from earlier ones;
+    /// returns what it looked at. To learn what queries cost before the first tick; use a copy of the state.
+    pub fn rehearse(&mut self, scene: &RenderScene, turn: usize) -> u32 {
+        let (p, shell) = (&scene.parameters, &scene.tool.shell);
+        let pose = self.traversal.overlapping_pose(&scene.obstacles, shell, turn).unwrap_or(self.body.pose);
+        self.traversal.forget();
+        ContactSum::of(&mut self.traversal, &scene.obstacles, shell, pose, &p.contact, &p.filter).looked_at
+    }
+
     /// Forgets all motion and force; the drive state is the caller's.
     fn at_rest(&mut self, body: Pose) {
         self.body = Body { pose: body, twist: Twist::ZERO };

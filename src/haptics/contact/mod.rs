@@ -2,7 +2,8 @@
 //!
 //! # Units and frames
 //! Sums are formed in tool axes about the centre of mass, where normals and arms are constants of the shell, and turned to world
-//! axes once per obstacle. `f32` per point, `f64` sums in four lanes, added in the order of the points: the same bits on every machine.
+//! axes once. `f32` per point and over a few blocks, `f64` beyond; always added in the order of the blocks: the same bits on every
+//! machine.
 //!
 //! ```text
 //!   flat (specification) ─┐
@@ -148,17 +149,20 @@ impl ContactSum {
             let by = summing.weighting(obstacle);
             let found = traversal.find(obstacle_idx, obstacle, contact.field, shell, map_from_body);
             let mut n_contacts = 0;
-            for touched in traversal.touched() {
-                n_contacts += touched.lanes.count_ones();
-                let Some(sums) = summing.face(traversal.face(touched.block)) else { continue };
-                if obstacle.field.is_thin() {
-                    if let Some((positions, normals)) = touched.geometry(&obstacle.field, shell, map_from_body) {
-                        machine.add(sums, touched, &positions, &normals, by);
+            // Blocks of one face come mostly one after the other.
+            let kind = |touched: &Touched| (traversal.face(touched.block), touched.bends(&obstacle.field, shell));
+            for run in traversal.touched().chunk_by(|one, other| kind(one) == kind(other)) {
+                let Some((face, bends)) = run.first().map(kind) else { continue };
+                let Some(sums) = summing.face(face) else { continue };
+                n_contacts += run.iter().map(|touched| touched.lanes.count_ones()).sum::<u32>();
+                if bends {
+                    for touched in run {
+                        if let Some((positions, normals)) = touched.geometry(&obstacle.field, shell, map_from_body) {
+                            machine.add(sums, touched, &positions, &normals, by);
+                        }
                     }
-                } else if let (Some(positions), Some(normals)) =
-                    (shell.positions().get(touched.block as usize), shell.normals().get(touched.block as usize))
-                {
-                    machine.add(sums, touched, positions, normals, by);
+                } else {
+                    machine.add_all(sums, run, (shell.positions(), shell.normals()), by);
                 }
             }
             summing.note(obstacle, n_contacts, found.max_value_m);
@@ -208,7 +212,7 @@ impl<'a> Summing<'a> {
     }
 
     fn weighting(&self, obstacle: &Obstacle) -> Weighting {
-        Weighting { voxel_size_m: f64::from(obstacle.field.voxel_size_m()), spatial: self.filter.spatial }
+        Weighting::new(obstacle.field.voxel_size_m(), self.filter.spatial)
     }
 
     /// The sums of a face that touches.

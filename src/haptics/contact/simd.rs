@@ -12,7 +12,7 @@
 
 use glam::{Mat3, Vec3};
 
-use super::sum::{Four, Sums, Weighting};
+use super::sum::{APART, Eight, Sums, Weighting};
 use super::touched::Touched;
 use crate::pointshell::shell::{LANES, Lanes, Lanes3};
 use crate::pointshell::tree::{CHILDREN, Spheres};
@@ -25,6 +25,8 @@ const PLANE: usize = APRON_EDGE * APRON_EDGE;
 /// What two interpolations take from a distance: the variance of a corner about the place it is interpolated for is at most ¼ per
 /// axis, and there are three axes and two places; cells².
 const SPREAD_CELLS_SQUARED: f32 = 1.5;
+/// A ball of this radius about a place in a brick, and what rounding may add, lie in the brick and its 26 neighbours, cells.
+const AROUND_CELLS: f32 = 8.0;
 /// 1/√3, a little less: an interpolation of values that grow by no more than their distance is at most √3 times as steep.
 const LEAST_SLOPE: f32 = 0.577;
 
@@ -95,7 +97,7 @@ impl Machine {
         chart: &Chart,
         place: &Place,
         positions: &[Lanes3],
-        which: impl Iterator<Item = u32>,
+        which: impl Iterator<Item = u32> + Clone,
         floor: impl Fn(f32) -> f32,
         found: impl FnMut(u32, &Depths),
     ) -> f32 {
@@ -106,6 +108,17 @@ impl Machine {
             #[cfg(target_arch = "x86_64")]
             // SAFETY: the processor has AVX2, of which `HasAvx2` is the proof.
             Self::Avx2(HasAvx2(())) => unsafe { avx2::blocks(chart, place, positions, which, floor, found) },
+        }
+    }
+
+    /// Which of eight spheres may hold a point whose V is above the floor: one bit each. `margin_cells`: what rounding may take. RT: safe.
+    #[inline]
+    pub(super) fn above(self, chart: &Chart, place: &Place, spheres: &Spheres, floor_m: f32, margin_cells: f32) -> u8 {
+        match self {
+            Self::Portable => portable::above(chart, place, spheres, floor_m, margin_cells),
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: as above.
+            Self::Avx2(HasAvx2(())) => unsafe { avx2::above(chart, place, spheres, floor_m, margin_cells) },
         }
     }
 
@@ -123,11 +136,28 @@ impl Machine {
 }
 
 impl Machine {
+    /// Adds blocks to the sums, whose positions and normals are among these.
+    pub(super) fn add_all(self, sums: &mut Sums, touched: &[Touched], (positions, normals): (&[Lanes3], &[Lanes3]), by: Weighting) {
+        let geometry = |touched: &Touched| Some((positions.get(touched.block as usize)?, normals.get(touched.block as usize)?));
+        match self {
+            Self::Portable => {
+                for touched in touched {
+                    if let Some((positions, normals)) = geometry(touched) {
+                        sums.add::<[f32; APART]>(touched, positions, normals, by);
+                    }
+                }
+            }
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: as above.
+            Self::Avx2(HasAvx2(())) => unsafe { avx2::add_all(sums, touched, geometry, by) },
+        }
+    }
+
     /// Adds a block to the sums.
     #[inline]
     pub(super) fn add(self, sums: &mut Sums, touched: &Touched, positions: &Lanes3, normals: &Lanes3, by: Weighting) {
         match self {
-            Self::Portable => sums.add::<[f64; 4]>(touched, positions, normals, by),
+            Self::Portable => sums.add::<[f32; APART]>(touched, positions, normals, by),
             #[cfg(target_arch = "x86_64")]
             // SAFETY: as above.
             Self::Avx2(HasAvx2(())) => unsafe { avx2::add(sums, touched, positions, normals, by) },
@@ -256,18 +286,42 @@ mod portable {
         rooms
     }
 
-    fn sphere(chart: &Chart, place: &Place, center: Vec3) -> f32 {
-        let lattice = cells(place, center) - 0.5;
+    pub(super) fn above(chart: &Chart, place: &Place, spheres: &Spheres, floor_m: f32, margin_cells: f32) -> u8 {
+        let Spheres { x, y, z, radius } = spheres;
+        let mut above = 0;
+        for (lane, (((x, y), z), radius)) in x.iter().zip(y).zip(z).zip(radius).enumerate() {
+            let lattice = cells(place, Vec3::new(*x, *y, *z)) - 0.5;
+            let (on_grid, base) = on_grid(chart, lattice);
+            let extent = radius / chart.voxel_size_m() + margin_cells;
+            let around_m = chart.around_m().get(brick_of(chart, base)).copied().unwrap_or(f32::INFINITY);
+            let away = (lattice - on_grid).abs();
+            let off = away.x > extent + 1.0 || away.y > extent + 1.0 || away.z > extent + 1.0;
+            let highest_m = if off { chart.skin_m() - chart.band_m() } else { around_m };
+            above |= u8::from(!(highest_m <= floor_m && (off || extent < AROUND_CELLS))) << lane;
+        }
+        above
+    }
+
+    /// The place of the grid that is nearest to one on the lattice, and its cell: all that can touch lies there, and the grid is convex.
+    fn on_grid(chart: &Chart, lattice: Vec3) -> (Vec3, [i32; 3]) {
         let dims = chart.dims();
-        // The nearest place on the grid: all that can touch lies there, and the grid is convex.
         let inside = |at: f32, n: i32| lesser(greater(at, 0.0), (8 * n) as f32);
         let on_grid = Vec3::new(inside(lattice.x, dims[0]), inside(lattice.y, dims[1]), inside(lattice.z, dims[2]));
-        let away = lattice - on_grid;
         // The far end belongs to the last cell.
         let cell_of = |at: f32, n: i32| (at as i32).min(8 * n - 1);
-        let base = [cell_of(on_grid.x, dims[0]), cell_of(on_grid.y, dims[1]), cell_of(on_grid.z, dims[2])];
-        let [bx, by, bz] = base.map(|cell| cell >> 3);
-        let brick = ((bx * dims[1] + by) * dims[2] + bz) as usize;
+        (on_grid, [cell_of(on_grid.x, dims[0]), cell_of(on_grid.y, dims[1]), cell_of(on_grid.z, dims[2])])
+    }
+
+    fn brick_of(chart: &Chart, base: [i32; 3]) -> usize {
+        let ([bx, by, bz], [_, ny, nz]) = (base.map(|cell| cell >> 3), chart.dims());
+        ((bx * ny + by) * nz + bz) as usize
+    }
+
+    fn sphere(chart: &Chart, place: &Place, center: Vec3) -> f32 {
+        let lattice = cells(place, center) - 0.5;
+        let (on_grid, base) = on_grid(chart, lattice);
+        let away = lattice - on_grid;
+        let brick = brick_of(chart, base);
         let room = chart.rooms_cells().get(brick).copied().unwrap_or(0.0);
         let slot = chart.top().get(brick).copied().unwrap_or(DEEP_INSIDE);
         let value_m = match slot {
@@ -298,32 +352,59 @@ mod avx2 {
         chart: &Chart,
         place: &Place,
         positions: &[Lanes3],
-        which: impl Iterator<Item = u32>,
+        which: impl Iterator<Item = u32> + Clone,
         floor: impl Fn(f32) -> f32,
         mut found: impl FnMut(u32, &Depths),
     ) -> f32 {
         let (grid, place) = (Grid::new(chart), Axes::new(place));
         let mut max_m = f32::NEG_INFINITY;
+        let mut soon = which.clone().skip(AHEAD);
         for block in which {
-            let Some(points) = positions.get(block as usize) else { continue };
-            let floor_m = _mm256_set1_ps(floor(max_m));
-            let Lanes3 { x: Lanes(x), y: Lanes(y), z: Lanes(z) } = points;
-            let low = half(&grid, &place, [load(x, 0), load(y, 0), load(z, 0)], floor_m);
-            let high = half(&grid, &place, [load(x, 8), load(y, 8), load(z, 8)], floor_m);
-            let zero = _mm256_setzero_ps();
-            let touching = |depths| _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_GT_OQ>(depths, zero)) as u16;
-            let mut depths =
-                Depths { depths_m: Lanes([0.0; LANES]), touching: touching(low) | touching(high) << 8, max_m: largest(low, high) };
-            // SAFETY: sixteen numbers, aligned to 64 bytes.
-            unsafe {
-                _mm256_store_ps(depths.depths_m.0.as_mut_ptr(), low);
-                _mm256_store_ps(depths.depths_m.0.as_mut_ptr().add(8), high);
+            if let Some(points) = soon.next().and_then(|block| positions.get(block as usize)) {
+                prefetch(points);
             }
+            let Some(points) = positions.get(block as usize) else { continue };
+            let floor_m = floor(max_m);
+            let Lanes3 { x: Lanes(x), y: Lanes(y), z: Lanes(z) } = points;
+            let mut depths = Depths { depths_m: Lanes([0.0; LANES]), touching: 0, max_m: f32::NEG_INFINITY };
+            let mut highest = _mm256_set1_ps(f32::NEG_INFINITY);
+            let lattice = |from: usize| place.lattice([load(x, from), load(y, from), load(z, from)]);
+            let halves = [lattice(0), lattice(LANES / 2)].map(|lattice| (lattice, whole(lattice)));
+            // Points of a block are neighbours: mostly one brick holds them all, and one load is cheaper than sixteen.
+            let alone = grid.only_brick([halves[0].1, halves[1].1]);
+            let alone = alone.map(|brick| grid.brick_alone(brick, floor_m));
+            for (from, (lattice, base)) in [0, LANES / 2].into_iter().zip(halves) {
+                let values = match alone {
+                    None => grid.eight(lattice, base, _mm256_set1_ps(floor_m)),
+                    Some(Alone::Uniform(value_m)) => _mm256_set1_ps(value_m),
+                    // SAFETY: the offsets are of a brick.
+                    Some(Alone::Samples(samples)) => {
+                        grid.finished(unsafe { corners(samples.as_ptr(), inside(base)) }, fractions(lattice, base))
+                    }
+                };
+                // The second where either is not a number.
+                highest = _mm256_max_ps(values, highest);
+                let touching = _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_GT_OQ>(values, _mm256_setzero_ps()));
+                depths.touching |= (touching as u16) << from;
+                // SAFETY: eight of sixteen numbers, from the first or the eighth on.
+                unsafe { _mm256_storeu_ps(depths.depths_m.0.as_mut_ptr().add(from), values) };
+            }
+            depths.max_m = largest(highest);
             max_m = greater(depths.max_m, max_m);
-            depths.max_m = greater(depths.max_m, f32::NEG_INFINITY);
             found(block, &depths);
         }
         max_m
+    }
+
+    /// Blocks that are fetched before their turn: what lies in the third cache is there in time.
+    const AHEAD: usize = 4;
+
+    #[inline(always)]
+    fn prefetch(Lanes3 { x, y, z }: &Lanes3) {
+        for lanes in [x, y, z] {
+            // SAFETY: SSE is part of every x86-64, and a prefetch reads nothing.
+            unsafe { _mm_prefetch::<_MM_HINT_T0>(lanes.0.as_ptr().cast()) };
+        }
     }
 
     #[target_feature(enable = "avx2")]
@@ -334,12 +415,10 @@ mod avx2 {
         unsafe { _mm256_loadu_ps(lanes.as_ptr().add(from)) }
     }
 
-    /// Largest lane of two; lanes that are not a number do not count.
+    /// Largest lane; none may be not a number.
     #[target_feature(enable = "avx2")]
     #[inline]
-    fn largest(a: __m256, b: __m256) -> f32 {
-        let least = _mm256_set1_ps(f32::NEG_INFINITY);
-        let eight = _mm256_max_ps(a, _mm256_max_ps(b, least));
+    fn largest(eight: __m256) -> f32 {
         let four = _mm_max_ps(_mm256_castps256_ps128(eight), _mm256_extractf128_ps::<1>(eight));
         let two = _mm_max_ps(four, _mm_movehl_ps(four, four));
         _mm_cvtss_f32(_mm_max_ss(two, _mm_shuffle_ps::<1>(two, two)))
@@ -382,35 +461,151 @@ mod avx2 {
             _mm256_add_epi32(_mm256_mullo_epi32(plane, self.nz), bz)
         }
 
-        /// Corners of interpolation cells, in pairs along z: `(first, second)` of rows 00, 01, 10, 11.
+        /// The nearest place on the grid, and its cell. What is not a number becomes 0.
+        #[target_feature(enable = "avx2")]
+        #[inline]
+        fn on_grid(&self, lattice: [__m256; 3]) -> ([__m256; 3], [__m256i; 3]) {
+            let (zero, one) = (_mm256_setzero_ps(), _mm256_set1_epi32(1));
+            let end = |k: usize| _mm256_slli_epi32::<3>(self.dims[k]);
+            let clamped = |k: usize| _mm256_min_ps(_mm256_max_ps(lattice[k], zero), _mm256_cvtepi32_ps(end(k)));
+            let on_grid = [clamped(0), clamped(1), clamped(2)];
+            let whole = |k: usize| _mm256_min_epi32(_mm256_cvttps_epi32(on_grid[k]), _mm256_sub_epi32(end(k), one));
+            (on_grid, [whole(0), whole(1), whole(2)])
+        }
+
+        /// The brick that all points lie in, if there is one.
+        #[target_feature(enable = "avx2")]
+        #[inline]
+        fn only_brick(&self, [low, high]: [[__m256i; 3]; 2]) -> Option<[i32; 3]> {
+            let mut others = _mm256_setzero_si256();
+            let mut brick = [0; 3];
+            for ((low, high), brick) in low.into_iter().zip(high).zip(&mut brick) {
+                let first = _mm256_castsi256_si128(low);
+                let all_first = _mm256_broadcastd_epi32(first);
+                let differing = _mm256_or_si256(_mm256_xor_si256(low, all_first), _mm256_xor_si256(high, all_first));
+                others = _mm256_or_si256(others, differing);
+                *brick = _mm_cvtsi128_si32(first) >> 3;
+            }
+            (_mm256_testz_si256(others, _mm256_set1_epi32(!7)) == 1).then_some(brick)
+        }
+
+        /// What a brick says of points in it, of interest only above the floor.
+        #[inline]
+        fn brick_alone(&self, [bx, by, bz]: [i32; 3], floor_m: f32) -> Alone<'a> {
+            let (chart, [nx, ny, nz]) = (self.chart, self.chart.dims());
+            if bx as u32 >= nx as u32 || by as u32 >= ny as u32 || bz as u32 >= nz as u32 {
+                return Alone::Uniform(chart.skin_m() - chart.band_m());
+            }
+            let brick = ((bx * ny + by) * nz + bz) as usize;
+            let ceiling_m = chart.ceilings_m().get(brick).copied().unwrap_or(f32::INFINITY);
+            let samples = || chart.samples_m().get(chart.top().get(brick).copied()? as usize);
+            if ceiling_m <= floor_m { None } else { samples() }.map_or(Alone::Uniform(ceiling_m), Alone::Samples)
+        }
+
+        /// V of eight points.
+        #[target_feature(enable = "avx2")]
+        #[inline]
+        fn eight(&self, lattice: [__m256; 3], base: [__m256i; 3], floor_m: __m256) -> __m256 {
+            let bricks = eighths(base);
+            // Below the size, and not negative: as unsigned numbers.
+            let within = |k: usize| {
+                let last = _mm256_sub_epi32(self.dims[k], _mm256_set1_epi32(1));
+                _mm256_cmpeq_epi32(_mm256_min_epu32(bricks[k], last), bricks[k])
+            };
+            let on_grid = _mm256_and_si256(_mm256_and_si256(within(0), within(1)), within(2));
+            let brick = _mm256_and_si256(self.brick(bricks), on_grid);
+            // SAFETY: lanes that are not on the grid read entry 0; by the chart's invariant there is one entry per brick.
+            let ceilings = unsafe { _mm256_i32gather_ps::<4>(self.chart.ceilings_m().as_ptr(), brick) };
+            let ceilings = _mm256_blendv_ps(self.outside, ceilings, _mm256_castsi256_ps(on_grid));
+            let wanted = _mm256_and_ps(_mm256_cmp_ps::<_CMP_NLE_UQ>(ceilings, floor_m), _mm256_castsi256_ps(on_grid));
+            if _mm256_movemask_ps(wanted) == 0 {
+                return ceilings;
+            }
+            // SAFETY: as above.
+            let slots = unsafe { _mm256_i32gather_epi32::<4>(self.chart.top().as_ptr().cast(), brick) };
+            // The two marks are −1 and −2 as signed numbers; slots are not negative.
+            let is_slot = _mm256_cmpgt_epi32(slots, _mm256_set1_epi32(-1));
+            let wanted = _mm256_and_ps(wanted, _mm256_castsi256_ps(is_slot));
+            if _mm256_movemask_ps(wanted) == 0 {
+                return ceilings;
+            }
+            let slots = _mm256_and_si256(slots, _mm256_castps_si256(wanted));
+            // SAFETY: a slot of `top`, or 0 where none is wanted; as one is wanted, there are samples.
+            let corners = unsafe { self.corners(slots, base) };
+            _mm256_blendv_ps(ceilings, self.finished(corners, fractions(lattice, base)), wanted)
+        }
+
+        /// Corners of interpolation cells of any bricks.
         ///
         /// # Safety
         /// Each slot is below the number of bricks with samples.
         #[target_feature(enable = "avx2")]
         #[inline]
-        unsafe fn corners(&self, slots: __m256i, [x, y, z]: [__m256i; 3]) -> [(__m256, __m256); 4] {
-            let seven = _mm256_set1_epi32(7);
-            let (x, y, z) = (_mm256_and_si256(x, seven), _mm256_and_si256(y, seven), _mm256_and_si256(z, seven));
-            // 9·(9·x + y) + z, and 729 per slot.
-            let nine_times = |v: __m256i| _mm256_add_epi32(_mm256_slli_epi32::<3>(v), v);
-            let inside = _mm256_add_epi32(nine_times(_mm256_add_epi32(nine_times(x), y)), z);
-            let first = _mm256_add_epi32(_mm256_mullo_epi32(slots, _mm256_set1_epi32(APRON_CELLS as i32)), inside);
-            // Points 0 1 4 5 | 2 3 6 7: the order that a shuffle of two halves puts right.
-            let first = _mm256_permute4x64_epi64::<0b11_01_10_00>(first);
-            let (early, late) = (_mm256_castsi256_si128(first), _mm256_extracti128_si256::<1>(first));
-            let samples = self.chart.samples_m().as_ptr().cast::<f32>();
-            let row = |row: usize| {
-                // SAFETY: x, y, z are at most 7, so the last number read is 7·91 + 91 = 728 of the brick's 729, and by the chart's
-                // invariant slot · 729 + 728 is a sample and an `i32`.
-                let (early, late) = unsafe {
-                    let row = samples.add(row).cast::<i64>();
-                    (_mm256_i32gather_epi64::<4>(row, early), _mm256_i32gather_epi64::<4>(row, late))
-                };
-                let (early, late) = (_mm256_castsi256_ps(early), _mm256_castsi256_ps(late));
-                (_mm256_shuffle_ps::<0b10_00_10_00>(early, late), _mm256_shuffle_ps::<0b11_01_11_01>(early, late))
-            };
-            [row(0), row(ROW), row(PLANE), row(PLANE + ROW)]
+        unsafe fn corners(&self, slots: __m256i, base: [__m256i; 3]) -> [(__m256, __m256); 4] {
+            let bricks = _mm256_mullo_epi32(slots, _mm256_set1_epi32(APRON_CELLS as i32));
+            // SAFETY: whole bricks, by the caller's word; the sum is an `i32` by the chart's invariant.
+            unsafe { corners(self.chart.samples_m().as_ptr().cast(), _mm256_add_epi32(bricks, inside(base))) }
         }
+
+        /// V from the corners and the place between them.
+        #[target_feature(enable = "avx2")]
+        #[inline]
+        fn finished(&self, corners: [(__m256, __m256); 4], t: [__m256; 3]) -> __m256 {
+            // Limit first: what is not a number stays what it is.
+            let clamped = _mm256_min_ps(self.high, _mm256_max_ps(self.low, mixed(corners, t)));
+            _mm256_add_ps(clamped, self.skin)
+        }
+    }
+
+    /// What one brick says of all points of a block.
+    #[derive(Clone, Copy)]
+    enum Alone<'a> {
+        Uniform(f32),
+        Samples(&'a [f32; APRON_CELLS]),
+    }
+
+    /// Cells. What is not a number becomes cell 0; what is too large becomes the least `i32`, which is in no brick either.
+    #[target_feature(enable = "avx2")]
+    #[inline]
+    fn whole(lattice: [__m256; 3]) -> [__m256i; 3] {
+        let whole = |at: __m256| {
+            let is_number = _mm256_castps_si256(_mm256_cmp_ps::<_CMP_ORD_Q>(at, at));
+            _mm256_and_si256(_mm256_cvttps_epi32(at), is_number)
+        };
+        [whole(lattice[0]), whole(lattice[1]), whole(lattice[2])]
+    }
+
+    /// Number of a cell's first sample within its brick: 9·(9·x + y) + z.
+    #[target_feature(enable = "avx2")]
+    #[inline]
+    fn inside([x, y, z]: [__m256i; 3]) -> __m256i {
+        let seven = _mm256_set1_epi32(7);
+        let (x, y, z) = (_mm256_and_si256(x, seven), _mm256_and_si256(y, seven), _mm256_and_si256(z, seven));
+        let nine_times = |v: __m256i| _mm256_add_epi32(_mm256_slli_epi32::<3>(v), v);
+        _mm256_add_epi32(nine_times(_mm256_add_epi32(nine_times(x), y)), z)
+    }
+
+    /// Corners of interpolation cells, in pairs along z: `(first, second)` of rows 00, 01, 10, 11.
+    ///
+    /// # Safety
+    /// `samples` are whole bricks, and each number is that of a cell's [`inside`] one of them.
+    #[target_feature(enable = "avx2")]
+    #[inline]
+    unsafe fn corners(samples: *const f32, first: __m256i) -> [(__m256, __m256); 4] {
+        let mut firsts = [0_u32; 8];
+        // SAFETY: eight numbers.
+        unsafe { _mm256_storeu_si256(firsts.as_mut_ptr().cast(), first) };
+        let row = |row: usize| {
+            // SAFETY: in a brick x, y, z are at most 7, so the last number read is 7·91 + 91 = 728 of its 729.
+            let pairs = |a: usize, b: usize| unsafe {
+                let at = |point: usize| samples.add(firsts[point] as usize + row).cast::<f64>().read_unaligned();
+                _mm_setr_pd(at(a), at(b))
+            };
+            let early = _mm256_castpd_ps(_mm256_set_m128d(pairs(4, 5), pairs(0, 1)));
+            let late = _mm256_castpd_ps(_mm256_set_m128d(pairs(6, 7), pairs(2, 3)));
+            (_mm256_shuffle_ps::<0b10_00_10_00>(early, late), _mm256_shuffle_ps::<0b11_01_11_01>(early, late))
+        };
+        [row(0), row(ROW), row(PLANE), row(PLANE + ROW)]
     }
 
     /// The place in registers.
@@ -468,121 +663,120 @@ mod avx2 {
         [fraction(0), fraction(1), fraction(2)]
     }
 
-    /// V of eight points.
-    #[target_feature(enable = "avx2")]
-    #[inline]
-    fn half(grid: &Grid<'_>, place: &Axes, position: [__m256; 3], floor_m: __m256) -> __m256 {
-        let lattice = place.lattice(position);
-        // What is not a number becomes cell 0; what is too large becomes the least `i32`, which is no brick either.
-        let whole = |at: __m256| {
-            let is_number = _mm256_castps_si256(_mm256_cmp_ps::<_CMP_ORD_Q>(at, at));
-            _mm256_and_si256(_mm256_cvttps_epi32(at), is_number)
-        };
-        let base = [whole(lattice[0]), whole(lattice[1]), whole(lattice[2])];
-        let bricks = eighths(base);
-        // Below the size, and not negative: as unsigned numbers.
-        let within = |k: usize| {
-            let last = _mm256_sub_epi32(grid.dims[k], _mm256_set1_epi32(1));
-            _mm256_cmpeq_epi32(_mm256_min_epu32(bricks[k], last), bricks[k])
-        };
-        let on_grid = _mm256_and_si256(_mm256_and_si256(within(0), within(1)), within(2));
-        let brick = _mm256_and_si256(grid.brick(bricks), on_grid);
-        // Points of a block are neighbours: often one brick holds them all, and one load is cheaper than eight.
-        let first = _mm256_castsi256_si128(brick);
-        let alike = _mm256_cmpeq_epi32(brick, _mm256_broadcastd_epi32(first));
-        let ceilings = if _mm256_movemask_epi8(alike) == -1 {
-            let ceiling_m = grid.chart.ceilings_m().get(_mm_cvtsi128_si32(first) as usize).copied();
-            _mm256_set1_ps(ceiling_m.unwrap_or(f32::INFINITY))
-        } else {
-            // SAFETY: lanes that are not on the grid read entry 0; by the chart's invariant there is one entry per brick.
-            unsafe { _mm256_i32gather_ps::<4>(grid.chart.ceilings_m().as_ptr(), brick) }
-        };
-        let ceilings = _mm256_blendv_ps(grid.outside, ceilings, _mm256_castsi256_ps(on_grid));
-        let wanted = _mm256_and_ps(_mm256_cmp_ps::<_CMP_NLE_UQ>(ceilings, floor_m), _mm256_castsi256_ps(on_grid));
-        if _mm256_movemask_ps(wanted) == 0 {
-            return ceilings;
-        }
-        // SAFETY: as above.
-        let slots = unsafe { _mm256_i32gather_epi32::<4>(grid.chart.top().as_ptr().cast(), brick) };
-        // The two marks are −1 and −2 as signed numbers; slots are not negative.
-        let is_slot = _mm256_cmpgt_epi32(slots, _mm256_set1_epi32(-1));
-        let wanted = _mm256_and_ps(wanted, _mm256_castsi256_ps(is_slot));
-        if _mm256_movemask_ps(wanted) == 0 {
-            return ceilings;
-        }
-        let slots = _mm256_and_si256(slots, _mm256_castps_si256(wanted));
-        // SAFETY: a slot of `top`, or 0 where none is wanted; as one is wanted, there are samples.
-        let corners = unsafe { grid.corners(slots, base) };
-        let t = fractions(lattice, base);
-        // Limit first: what is not a number stays what it is.
-        let clamped = _mm256_min_ps(grid.high, _mm256_max_ps(grid.low, mixed(corners, t)));
-        _mm256_blendv_ps(ceilings, _mm256_add_ps(clamped, grid.skin), wanted)
-    }
-
     /// Invariant of every `unsafe` block here: only `add`, which is compiled for AVX2, uses these.
-    impl Four for __m256d {
+    impl Eight for __m256 {
         #[inline(always)]
-        fn splat(value: f64) -> Self {
+        fn splat(value: f32) -> Self {
             // SAFETY: see above; likewise below.
-            unsafe { _mm256_set1_pd(value) }
+            unsafe { _mm256_set1_ps(value) }
         }
         #[inline(always)]
         fn add(self, other: Self) -> Self {
             // SAFETY: as above.
-            unsafe { _mm256_add_pd(self, other) }
+            unsafe { _mm256_add_ps(self, other) }
         }
         #[inline(always)]
         fn sub(self, other: Self) -> Self {
             // SAFETY: as above.
-            unsafe { _mm256_sub_pd(self, other) }
+            unsafe { _mm256_sub_ps(self, other) }
         }
         #[inline(always)]
         fn mul(self, other: Self) -> Self {
             // SAFETY: as above.
-            unsafe { _mm256_mul_pd(self, other) }
+            unsafe { _mm256_mul_ps(self, other) }
         }
         #[inline(always)]
         fn min(self, other: Self) -> Self {
             // SAFETY: as above.
-            unsafe { _mm256_min_pd(self, other) }
+            unsafe { _mm256_min_ps(self, other) }
         }
         #[inline(always)]
-        fn load(lanes: &[f32; LANES], quarter: usize, wanted: u16) -> Self {
-            debug_assert!(quarter < LANES / 4);
-            // SAFETY: as above; and a quarter of sixteen numbers is four.
+        fn load(lanes: &[f32; LANES], high: bool, wanted: u16) -> Self {
+            let first = if high { APART } else { 0 };
+            // SAFETY: as above; and half of sixteen numbers is eight.
             unsafe {
-                let bits = _mm_setr_epi32(1, 2, 4, 8);
-                let own = _mm_set1_epi32(i32::from(wanted) >> (4 * quarter));
-                let wanted = _mm_castsi128_ps(_mm_cmpeq_epi32(_mm_and_si128(own, bits), bits));
-                _mm256_cvtps_pd(_mm_and_ps(_mm_loadu_ps(lanes.as_ptr().add(4 * (quarter % 4))), wanted))
+                let bits = _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128);
+                let own = _mm256_set1_epi32(i32::from(wanted) >> first);
+                let wanted = _mm256_castsi256_ps(_mm256_cmpeq_epi32(_mm256_and_si256(own, bits), bits));
+                _mm256_and_ps(_mm256_loadu_ps(lanes.as_ptr().add(first)), wanted)
             }
         }
         #[inline(always)]
-        fn add_to(self, sum: &mut [f64; 4]) {
-            // SAFETY: as above; and four numbers.
-            unsafe { _mm256_storeu_pd(sum.as_mut_ptr(), _mm256_add_pd(_mm256_loadu_pd(sum.as_ptr()), self)) }
+        fn add_to(self, sum: &mut [f32; APART]) {
+            // SAFETY: as above; and eight numbers.
+            unsafe { _mm256_storeu_ps(sum.as_mut_ptr(), _mm256_add_ps(_mm256_loadu_ps(sum.as_ptr()), self)) }
+        }
+        #[inline(always)]
+        fn settle(part: &mut [f32; APART], sum: &mut [f64; APART]) {
+            // SAFETY: as above; and two times four numbers.
+            unsafe {
+                let (low, high) = (sum.as_mut_ptr(), sum.as_mut_ptr().add(4));
+                _mm256_storeu_pd(low, _mm256_add_pd(_mm256_loadu_pd(low), _mm256_cvtps_pd(_mm_loadu_ps(part.as_ptr()))));
+                _mm256_storeu_pd(high, _mm256_add_pd(_mm256_loadu_pd(high), _mm256_cvtps_pd(_mm_loadu_ps(part.as_ptr().add(4)))));
+                _mm256_storeu_ps(part.as_mut_ptr(), _mm256_setzero_ps());
+            }
         }
     }
 
     #[target_feature(enable = "avx2")]
     pub(super) fn add(sums: &mut Sums, touched: &Touched, positions: &Lanes3, normals: &Lanes3, by: Weighting) {
-        sums.add::<__m256d>(touched, positions, normals, by);
+        sums.add::<__m256>(touched, positions, normals, by);
+    }
+
+    #[target_feature(enable = "avx2")]
+    pub(super) fn add_all<'a>(
+        sums: &mut Sums,
+        touched: &[Touched],
+        geometry: impl Fn(&Touched) -> Option<(&'a Lanes3, &'a Lanes3)>,
+        by: Weighting,
+    ) {
+        let mut soon = touched.iter().skip(AHEAD);
+        for touched in touched {
+            if let Some((positions, normals)) = soon.next().and_then(&geometry) {
+                prefetch(positions);
+                prefetch(normals);
+            }
+            if let Some((positions, normals)) = geometry(touched) {
+                sums.add::<__m256>(touched, positions, normals, by);
+            }
+        }
+    }
+
+    #[target_feature(enable = "avx2")]
+    #[inline]
+    fn numbers(numbers: &[f32; CHILDREN]) -> __m256 {
+        // SAFETY: eight numbers.
+        unsafe { _mm256_loadu_ps(numbers.as_ptr()) }
+    }
+
+    #[target_feature(enable = "avx2")]
+    pub(super) fn above(chart: &Chart, place: &Place, spheres: &Spheres, floor_m: f32, margin_cells: f32) -> u8 {
+        let (grid, place) = (Grid::new(chart), Axes::new(place));
+        let lattice = place.lattice([numbers(&spheres.x), numbers(&spheres.y), numbers(&spheres.z)]);
+        let (on_grid, base) = grid.on_grid(lattice);
+        let radius = _mm256_div_ps(numbers(&spheres.radius), _mm256_set1_ps(chart.voxel_size_m()));
+        let extent = _mm256_add_ps(radius, _mm256_set1_ps(margin_cells));
+        // SAFETY: each is a brick of the grid, and by the chart's invariant there is one entry for it.
+        let around = unsafe { _mm256_i32gather_ps::<4>(chart.around_m().as_ptr(), grid.brick(eighths(base))) };
+        // One cell more: casts that round towards zero let the first cell reach out of the grid.
+        let far = _mm256_add_ps(extent, _mm256_set1_ps(1.0));
+        let away = |k: usize| {
+            let away = _mm256_andnot_ps(_mm256_set1_ps(-0.0), _mm256_sub_ps(lattice[k], on_grid[k]));
+            _mm256_cmp_ps::<_CMP_GT_OQ>(away, far)
+        };
+        let off = _mm256_or_ps(_mm256_or_ps(away(0), away(1)), away(2));
+        let highest = _mm256_blendv_ps(around, grid.outside, off);
+        let below = _mm256_cmp_ps::<_CMP_LE_OQ>(highest, _mm256_set1_ps(floor_m));
+        let small = _mm256_or_ps(off, _mm256_cmp_ps::<_CMP_LT_OQ>(extent, _mm256_set1_ps(AROUND_CELLS)));
+        !(_mm256_movemask_ps(_mm256_and_ps(below, small)) as u8)
     }
 
     #[target_feature(enable = "avx2")]
     pub(super) fn spheres(chart: &Chart, place: &Place, spheres: &Spheres, margin_cells: f32) -> [f32; CHILDREN] {
         let (grid, place) = (Grid::new(chart), Axes::new(place));
-        // SAFETY: eight numbers each.
-        let eight = |numbers: &[f32; CHILDREN]| unsafe { _mm256_loadu_ps(numbers.as_ptr()) };
-        let (x, y, z, radius) = (eight(&spheres.x), eight(&spheres.y), eight(&spheres.z), eight(&spheres.radius));
-        let (zero, one) = (_mm256_setzero_ps(), _mm256_set1_epi32(1));
-        let lattice = place.lattice([x, y, z]);
-        let end = |k: usize| _mm256_slli_epi32::<3>(grid.dims[k]);
-        // What is not a number becomes 0.
-        let clamped = |k: usize| _mm256_min_ps(_mm256_max_ps(lattice[k], zero), _mm256_cvtepi32_ps(end(k)));
-        let on_grid = [clamped(0), clamped(1), clamped(2)];
-        let whole = |k: usize| _mm256_min_epi32(_mm256_cvttps_epi32(on_grid[k]), _mm256_sub_epi32(end(k), one));
-        let base = [whole(0), whole(1), whole(2)];
+        let (zero, radius) = (_mm256_setzero_ps(), numbers(&spheres.radius));
+        let lattice = place.lattice([numbers(&spheres.x), numbers(&spheres.y), numbers(&spheres.z)]);
+        let (on_grid, base) = grid.on_grid(lattice);
         let brick = grid.brick(eighths(base));
         // SAFETY: each is a brick of the grid, and by the chart's invariant there is one entry for it in each array.
         let (rooms, ceilings, slots) = unsafe {

@@ -1,7 +1,7 @@
 //! The sum over touching blocks, sixteen lanes at a time.
 //!
-//! Four lane sums in `f64` per quantity; points are added in their order, lane n mod 4. One generic source, with an instance that
-//! takes lanes one by one and one that takes four at once; both give the same bits.
+//! A few blocks are added up in `f32`, eight lane sums per quantity (lane n and lane n + 8 of a block together), then these sums in `f64`.
+//! One generic source, with an instance that takes lanes one by one and one that takes eight at once; both give the same bits.
 
 use glam::DVec3;
 
@@ -10,101 +10,137 @@ use crate::pointshell::shell::{LANES, Lanes3};
 use crate::spatial::Mat6;
 
 /// Lanes that are summed apart.
-const APART: usize = 4;
+pub(super) const APART: usize = LANES / 2;
 /// Force, moment, the upper triangle of the stiffness, depth, depth × arm, effective count.
 const QUANTITIES: usize = 3 + 3 + 21 + 1 + 3 + 1;
+/// Blocks that are added up in `f32`: sixteen numbers per lane, which takes no more from them than the rounding of positions does.
+const BLOCKS_PER_PART: u32 = 8;
 
-/// Four numbers.
-pub(super) trait Four: Copy {
-    fn splat(value: f64) -> Self;
+/// Eight numbers.
+pub(super) trait Eight: Copy {
+    fn splat(value: f32) -> Self;
     fn add(self, other: Self) -> Self;
     fn sub(self, other: Self) -> Self;
     fn mul(self, other: Self) -> Self;
     /// The lesser; the second where either is not a number.
     fn min(self, other: Self) -> Self;
-    /// Four of sixteen, from lane 4 · `quarter` on; 0 where the bit of the lane is not set.
-    fn load(lanes: &[f32; LANES], quarter: usize, wanted: u16) -> Self;
+    /// Half of sixteen, the second where `high`; 0 where the bit of the lane is not set.
+    fn load(lanes: &[f32; LANES], high: bool, wanted: u16) -> Self;
     /// Adds to a lane sum.
-    fn add_to(self, sum: &mut [f64; APART]);
+    fn add_to(self, sum: &mut [f32; APART]);
+    /// Moves a part into the sums.
+    fn settle(part: &mut [f32; APART], sum: &mut [f64; APART]);
 }
 
 /// What one face adds, tool axes, metres instead of newtons (stiffness is multiplied in later).
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Sums {
+    part: [[f32; APART]; QUANTITIES],
+    n_blocks_in_part: u32,
     lanes: [[f64; APART]; QUANTITIES],
 }
 
 /// How a point's depth becomes force.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Weighting {
-    pub(super) voxel_size_m: f64,
-    /// Stage S: smooth entry over the first half voxel.
-    pub(super) spatial: bool,
+    per_half_voxel: f32,
+    per_quarter_voxel: f32,
+    spatial: bool,
+}
+
+impl Weighting {
+    /// `spatial`: stage S, smooth entry over the first half voxel.
+    pub(super) fn new(voxel_size_m: f32, spatial: bool) -> Self {
+        Self { per_half_voxel: 2.0 / voxel_size_m, per_quarter_voxel: 4.0 / voxel_size_m, spatial }
+    }
+}
+
+/// What eight lanes add: the columns of w = (n, r × n), and their factors.
+#[derive(Clone, Copy)]
+struct Half<E> {
+    columns: [E; 6],
+    arm: [E; 3],
+    depth: E,
+    force: E,
+    stiffness: E,
+    effective: E,
+}
+
+impl<E: Eight> Half<E> {
+    #[inline(always)]
+    fn of(touched: &Touched, positions: &Lanes3, normals: &Lanes3, by: Weighting, high: bool) -> Self {
+        let wanted = touched.lanes;
+        let (one, stands_for) = (E::splat(1.0), E::splat(touched.weight));
+        let depth = E::load(&touched.depths_m, high, wanted);
+        let (nx, ny, nz) =
+            (E::load(&normals.x.0, high, wanted), E::load(&normals.y.0, high, wanted), E::load(&normals.z.0, high, wanted));
+        let (rx, ry, rz) =
+            (E::load(&positions.x.0, high, wanted), E::load(&positions.y.0, high, wanted), E::load(&positions.z.0, high, wanted));
+        let moment = [ry.mul(nz).sub(rz.mul(ny)), rz.mul(nx).sub(rx.mul(nz)), rx.mul(ny).sub(ry.mul(nx))];
+        // Lanes without contact have a depth of 0, and a normal and an arm of 0: whatever their factors are, they add nothing.
+        let (share, slope) = if by.spatial {
+            // w = t²(3 − 2t), d·w' = 6t²(1 − t), with t = d/(s/2) up to 1: the entry weight of stage S.
+            let t = depth.mul(E::splat(by.per_half_voxel)).min(one);
+            let squared = t.mul(t);
+            let smooth = squared.mul(E::splat(3.0).sub(t.add(t)));
+            (smooth, smooth.add(squared.mul(E::splat(6.0)).mul(one.sub(t))))
+        } else {
+            (one, one)
+        };
+        let depth_weighted = depth.mul(stands_for);
+        Self {
+            columns: [nx, ny, nz, moment[0], moment[1], moment[2]],
+            arm: [rx, ry, rz],
+            depth: depth_weighted,
+            force: depth_weighted.mul(share),
+            stiffness: slope.mul(stands_for),
+            // Our smooth count: a contact counts fully from a quarter voxel on, so that normalisation has no steps.
+            effective: depth.mul(E::splat(by.per_quarter_voxel)).min(one).mul(stands_for),
+        }
+    }
 }
 
 impl Sums {
-    pub(super) const ZERO: Self = Self { lanes: [[0.0; APART]; QUANTITIES] };
+    pub(super) const ZERO: Self = Self { part: [[0.0; APART]; QUANTITIES], n_blocks_in_part: 0, lanes: [[0.0; APART]; QUANTITIES] };
 
     /// Adds the lanes of a block that touch.
     #[inline(always)]
-    pub(super) fn add<F: Four>(&mut self, touched: &Touched, positions: &Lanes3, normals: &Lanes3, by: Weighting) {
-        let (one, stands_for) = (F::splat(1.0), F::splat(f64::from(touched.weight)));
-        let per_half_voxel = F::splat(2.0 / by.voxel_size_m);
-        let per_quarter_voxel = F::splat(4.0 / by.voxel_size_m);
-        for quarter in 0..LANES / APART {
-            if touched.lanes >> (APART * quarter) & 15 == 0 {
-                continue;
-            }
-            let wanted = touched.lanes;
-            let depth = F::load(&touched.depths_m, quarter, wanted);
-            let normal = [
-                F::load(&normals.x.0, quarter, wanted),
-                F::load(&normals.y.0, quarter, wanted),
-                F::load(&normals.z.0, quarter, wanted),
-            ];
-            let arm = [
-                F::load(&positions.x.0, quarter, wanted),
-                F::load(&positions.y.0, quarter, wanted),
-                F::load(&positions.z.0, quarter, wanted),
-            ];
-            let [[nx, ny, nz], [rx, ry, rz]] = [normal, arm];
-            let moment = [ry.mul(nz).sub(rz.mul(ny)), rz.mul(nx).sub(rx.mul(nz)), rx.mul(ny).sub(ry.mul(nx))];
-            // Lanes without contact have a depth of 0, and a normal and an arm of 0: whatever their factors are, they add nothing.
-            let (share, slope) = if by.spatial {
-                // w = t²(3 − 2t), d·w' = 6t²(1 − t), with t = d/(s/2) up to 1: the entry weight of stage S.
-                let t = depth.mul(per_half_voxel).min(one);
-                let squared = t.mul(t);
-                let smooth = squared.mul(F::splat(3.0).sub(t.add(t)));
-                (smooth, smooth.add(squared.mul(F::splat(6.0)).mul(one.sub(t))))
-            } else {
-                (one, one)
-            };
-            let depth_weighted = depth.mul(stands_for);
-            let force = depth_weighted.mul(share);
-            let stiffness = slope.mul(stands_for);
-            let columns = [nx, ny, nz, moment[0], moment[1], moment[2]];
-            let mut sums = self.lanes.iter_mut();
-            for column in columns {
-                put(&mut sums, force.mul(column));
-            }
-            for (row, first) in columns.into_iter().enumerate() {
-                let scaled = stiffness.mul(first);
-                for second in columns.into_iter().skip(row) {
-                    put(&mut sums, scaled.mul(second));
-                }
-            }
-            put(&mut sums, depth_weighted);
-            for arm in arm {
-                put(&mut sums, depth_weighted.mul(arm));
-            }
-            // Our smooth count: a contact counts fully from a quarter voxel on, so that normalisation has no steps.
-            put(&mut sums, depth.mul(per_quarter_voxel).min(one).mul(stands_for));
+    pub(super) fn add<E: Eight>(&mut self, touched: &Touched, positions: &Lanes3, normals: &Lanes3, by: Weighting) {
+        let low = Half::<E>::of(touched, positions, normals, by, false);
+        let high = Half::<E>::of(touched, positions, normals, by, true);
+        let mut sums = self.part.iter_mut();
+        let ([a, b, c, d, e, f], [g, h, i, j, k, l]) = (low.columns, high.columns);
+        put(&mut sums, (low.force, high.force), low.columns, high.columns);
+        // Row by row, as loops of a length that the compiler knows.
+        let by_row = |low_first: E, high_first: E| (low.stiffness.mul(low_first), high.stiffness.mul(high_first));
+        put(&mut sums, by_row(a, g), [a, b, c, d, e, f], [g, h, i, j, k, l]);
+        put(&mut sums, by_row(b, h), [b, c, d, e, f], [h, i, j, k, l]);
+        put(&mut sums, by_row(c, i), [c, d, e, f], [i, j, k, l]);
+        put(&mut sums, by_row(d, j), [d, e, f], [j, k, l]);
+        put(&mut sums, by_row(e, k), [e, f], [k, l]);
+        put(&mut sums, by_row(f, l), [f], [l]);
+        put(&mut sums, (E::splat(1.0), E::splat(1.0)), [low.depth], [high.depth]);
+        put(&mut sums, (low.depth, high.depth), low.arm, high.arm);
+        put(&mut sums, (E::splat(1.0), E::splat(1.0)), [low.effective], [high.effective]);
+        self.n_blocks_in_part += 1;
+        if self.n_blocks_in_part == BLOCKS_PER_PART {
+            self.settle::<E>();
         }
     }
 
+    /// Adds the part to the sums.
+    #[inline(always)]
+    fn settle<E: Eight>(&mut self) {
+        for (sums, parts) in self.lanes.iter_mut().zip(&mut self.part) {
+            E::settle(parts, sums);
+        }
+        self.n_blocks_in_part = 0;
+    }
+
     /// The totals.
-    pub(super) fn total(&self) -> Total {
-        let mut totals = self.lanes.iter().map(|[a, b, c, d]| (a + b) + (c + d));
+    pub(super) fn total(mut self) -> Total {
+        self.settle::<[f32; APART]>();
+        let mut totals = self.lanes.iter().map(|[a, b, c, d, e, f, g, h]| ((a + b) + (c + d)) + ((e + f) + (g + h)));
         let mut next = || totals.next().unwrap_or(0.0);
         let mut vector = || DVec3::new(next(), next(), next());
         let (depth_normal, depth_moment) = (vector(), vector());
@@ -125,11 +161,17 @@ impl Sums {
     }
 }
 
-/// Adds to the next sum. No closure: it could not be compiled for AVX2 apart from what it stands in.
+/// Adds factor · column, low and high lanes together, to the next sums. No closure: it could not be compiled for AVX2 apart from what it
+/// stands in.
 #[inline(always)]
-fn put<'a, F: Four>(sums: &mut impl Iterator<Item = &'a mut [f64; APART]>, value: F) {
-    if let Some(sum) = sums.next() {
-        value.add_to(sum);
+fn put<'a, E: Eight, const N: usize>(
+    sums: &mut impl Iterator<Item = &'a mut [f32; APART]>,
+    (low_factor, high_factor): (E, E),
+    low: [E; N],
+    high: [E; N],
+) {
+    for ((low, high), sum) in low.into_iter().zip(high).zip(sums) {
+        low_factor.mul(low).add(high_factor.mul(high)).add_to(sum);
     }
 }
 
@@ -144,41 +186,48 @@ pub(super) struct Total {
     pub(super) effective: f64,
 }
 
-impl Four for [f64; APART] {
+impl Eight for [f32; APART] {
     #[inline(always)]
-    fn splat(value: f64) -> Self {
+    fn splat(value: f32) -> Self {
         [value; APART]
     }
     #[inline(always)]
     fn add(self, other: Self) -> Self {
-        let ([a, b, c, d], [e, f, g, h]) = (self, other);
-        [a + e, b + f, c + g, d + h]
+        lane_by_lane(self, other, |a, b| a + b)
     }
     #[inline(always)]
     fn sub(self, other: Self) -> Self {
-        let ([a, b, c, d], [e, f, g, h]) = (self, other);
-        [a - e, b - f, c - g, d - h]
+        lane_by_lane(self, other, |a, b| a - b)
     }
     #[inline(always)]
     fn mul(self, other: Self) -> Self {
-        let ([a, b, c, d], [e, f, g, h]) = (self, other);
-        [a * e, b * f, c * g, d * h]
+        lane_by_lane(self, other, |a, b| a * b)
     }
     #[inline(always)]
     fn min(self, other: Self) -> Self {
-        let least = |a: f64, b: f64| if a < b { a } else { b };
-        let ([a, b, c, d], [e, f, g, h]) = (self, other);
-        [least(a, e), least(b, f), least(c, g), least(d, h)]
+        lane_by_lane(self, other, |a, b| if a < b { a } else { b })
     }
     #[inline(always)]
-    fn load(lanes: &[f32; LANES], quarter: usize, wanted: u16) -> Self {
-        core::array::from_fn(|k| {
-            let lane = APART * quarter + k;
-            if wanted >> lane & 1 == 1 { lanes.get(lane).copied().map_or(0.0, f64::from) } else { 0.0 }
-        })
+    fn load(lanes: &[f32; LANES], high: bool, wanted: u16) -> Self {
+        let first = if high { APART } else { 0 };
+        core::array::from_fn(|k| if wanted >> (first + k) & 1 == 1 { lanes.get(first + k).copied().unwrap_or(0.0) } else { 0.0 })
     }
     #[inline(always)]
-    fn add_to(self, sum: &mut [f64; APART]) {
-        *sum = Four::add(*sum, self);
+    fn add_to(self, sum: &mut [f32; APART]) {
+        *sum = Eight::add(*sum, self);
     }
+    #[inline(always)]
+    fn settle(part: &mut [f32; APART], sum: &mut [f64; APART]) {
+        for (sum, part) in sum.iter_mut().zip(part) {
+            *sum += f64::from(core::mem::take(part));
+        }
+    }
+}
+
+#[inline(always)]
+fn lane_by_lane(mut a: [f32; APART], b: [f32; APART], of: impl Fn(f32, f32) -> f32) -> [f32; APART] {
+    for (a, b) in a.iter_mut().zip(b) {
+        *a = of(*a, b);
+    }
+    a
 }

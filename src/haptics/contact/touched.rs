@@ -20,7 +20,8 @@ pub struct Contact {
     pub weight: f32,
     /// Point about the centre of mass, tool axes, m.
     pub arm_body: Vec3,
-    /// Unit direction that pushes the tool out, tool axes: the point's normal, or −grad V of a thin skin.
+    /// Unit direction that pushes the tool out, tool axes: the point's normal, or −grad V where the point lies on an edge of the tool or the
+    /// obstacle is a thin skin.
     pub normal_body: Vec3,
 }
 
@@ -41,22 +42,32 @@ impl Touched {
     /// Lanes in contact, rising.
     #[inline]
     pub fn lanes(&self) -> impl Iterator<Item = usize> + use<> {
-        let mut left = self.lanes;
-        core::iter::from_fn(move || {
-            let lane = left.trailing_zeros() as usize;
-            left &= left.wrapping_sub(1);
-            (lane < LANES).then_some(lane)
-        })
+        lanes_of(self.lanes)
     }
 
-    /// Positions and pushing directions of the block, tool axes; of a thin skin the directions of the lanes in contact are −grad V.
+    /// Lanes in contact whose own normal does not say which way is out.
+    #[inline]
+    fn bent_lanes(&self, field: &Field, shell: &Shell) -> u16 {
+        // A thin skin pushes away from its middle; an edge has no normal of its own, and the mean of those beside it would push along the
+        // wall.
+        if field.is_thin() { self.lanes } else { self.lanes & shell.edges().get(self.block as usize).copied().unwrap_or(0) }
+    }
+
+    /// True when some direction is not the point's own normal.
+    #[inline]
+    pub(super) fn bends(&self, field: &Field, shell: &Shell) -> bool {
+        self.bent_lanes(field, shell) != 0
+    }
+
+    /// Positions and pushing directions of the block, tool axes.
     #[inline]
     pub(super) fn geometry(&self, field: &Field, shell: &Shell, map_from_body: Pose) -> Option<(Lanes3, Lanes3)> {
         let (positions, mut normals) = (*shell.positions().get(self.block as usize)?, *shell.normals().get(self.block as usize)?);
-        if field.is_thin() {
-            let skin = Skin::new(field, map_from_body);
-            for lane in self.lanes() {
-                normals.set(lane, skin.outward(positions.get(lane), normals.get(lane)));
+        let bent = self.bent_lanes(field, shell);
+        if bent != 0 {
+            let wall = Wall::new(field, map_from_body);
+            for lane in lanes_of(bent) {
+                normals.set(lane, wall.outward(positions.get(lane), normals.get(lane)));
             }
         }
         Some((positions, normals))
@@ -78,15 +89,24 @@ impl Touched {
     }
 }
 
-/// Which way is out of a thin skin.
-struct Skin<'a> {
+/// Numbers of the set bits, rising.
+fn lanes_of(mut left: u16) -> impl Iterator<Item = usize> {
+    core::iter::from_fn(move || {
+        let lane = left.trailing_zeros() as usize;
+        left &= left.wrapping_sub(1);
+        (lane < LANES).then_some(lane)
+    })
+}
+
+/// Which way is out of an obstacle.
+struct Wall<'a> {
     field: &'a Field,
     map_axes: Mat3,
     cells_axes: Mat3,
     cells_origin: Vec3,
 }
 
-impl<'a> Skin<'a> {
+impl<'a> Wall<'a> {
     fn new(field: &'a Field, map_from_body: Pose) -> Self {
         let per_metre = 1.0 / f64::from(field.voxel_size_m());
         Self {
@@ -97,7 +117,7 @@ impl<'a> Skin<'a> {
         }
     }
 
-    /// −grad V in tool axes; on the mid-surface, where the gradient vanishes, the point's own normal.
+    /// −grad V in tool axes; where it vanishes, as in the middle of a skin, the point's own normal.
     fn outward(&self, position: Vec3, normal_body: Vec3) -> Vec3 {
         let Mat3 { x_axis, y_axis, z_axis } = self.cells_axes;
         let cells = x_axis * position.x + y_axis * position.y + z_axis * position.z + self.cells_origin;

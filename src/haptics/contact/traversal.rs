@@ -2,13 +2,16 @@
 
 #![expect(clippy::disallowed_types, reason = "sized when the scene is made ready, never resized")]
 
+use glam::{DQuat, DVec3};
+
 use super::budget::Budget;
 use super::faces::face_of;
 use super::simd::{Machine, Place};
 use super::touched::Touched;
 use super::walk::{Found, Lists, Walk};
 use super::{Obstacle, flat};
-use crate::pointshell::shell::Shell;
+use crate::pointshell::shell::{LANES, Shell};
+use crate::pointshell::tree::CHILDREN;
 use crate::spatial::Pose;
 use crate::voxmap::field::FieldKind;
 
@@ -66,6 +69,26 @@ impl Traversal {
         self.budget
     }
 
+    /// Forgets the proofs of earlier ticks.
+    pub(crate) fn forget(&mut self) {
+        self.walks.iter_mut().flatten().for_each(Walk::forget);
+    }
+
+    /// A pose of the shell at which one of its points lies at the surface of an obstacle, another one each `turn`; `None` without a
+    /// surface or a point. Cold.
+    pub(crate) fn overlapping_pose(&self, obstacles: &[Obstacle], shell: &Shell, turn: usize) -> Option<Pose> {
+        let obstacle_idx = turn.checked_rem(obstacles.len())?;
+        let (obstacle, walk) = (obstacles.get(obstacle_idx)?, self.walks.get(obstacle_idx)?.as_ref()?);
+        // Multiples of the golden ratio: spread evenly, however many turns there are.
+        let spread = |stride: f64, n: usize| ((turn as f64 * stride).fract() * n as f64) as usize;
+        let cells = walk.chart().surface_place(spread(0.618_034, walk.chart().top().len()))?;
+        let place_map = obstacle.field.origin_map().as_dvec3() + cells.as_dvec3() * f64::from(obstacle.field.voxel_size_m());
+        let point = spread(0.754_878, shell.len());
+        let arm = shell.positions().get(point / LANES)?.get(point % LANES).as_dvec3();
+        let rotation = DQuat::from_scaled_axis(DVec3::new(1.3, 2.1, 0.7) * turn as f64);
+        Some(Pose::new(rotation, obstacle.world_from_map.transform_point(place_map) - rotation * arm))
+    }
+
     pub(super) fn machine(&self) -> Machine {
         self.machine
     }
@@ -101,15 +124,7 @@ impl Traversal {
                     found = walk.find(*machine, shell, (&place, map_from_body), left.share(n_obstacles_left), lists, touched);
                     *left = left.without(found.looked_at);
                 } else {
-                    let all = 0..shell.positions().len() as u32;
-                    // A block that can neither touch nor be the highest so far has nothing to tell.
-                    let floor = |max_m: f32| if max_m < 0.0 { max_m } else { 0.0 };
-                    found.max_value_m = machine.blocks(walk.chart(), &place, shell.positions(), all, floor, |block, depths| {
-                        if depths.touching != 0 {
-                            let (lanes, depths_m) = (depths.touching, depths.depths_m.0);
-                            touched.push(Touched { block, lanes, weight: 1.0, depths_m });
-                        }
-                    });
+                    found.max_value_m = all(*machine, walk, shell, &place, touched);
                 }
             }
             _ => {
@@ -124,4 +139,34 @@ impl Traversal {
     pub fn touched(&self) -> &[Touched] {
         &self.touched
     }
+}
+
+/// Every block in turn, past those of which one look at their sphere says that they can neither touch nor hold the highest point so far.
+fn all(machine: Machine, walk: &Walk, shell: &Shell, place: &Place, touched: &mut Vec<Touched>) -> f32 {
+    let floor = |max_m: f32| if max_m < 0.0 { max_m } else { 0.0 };
+    let (chart, margin_cells) = (walk.chart(), walk.margin_cells(place));
+    let tree = shell.tree();
+    let leaves = tree.n_levels().checked_sub(1).map_or(&[][..], |last| tree.spheres(last));
+    let mut highest_m = f32::NEG_INFINITY;
+    for (first, spheres) in (0_u32..).step_by(CHILDREN).zip(leaves) {
+        let above = machine.above(chart, place, spheres, floor(highest_m), margin_cells);
+        if above == 0 {
+            continue;
+        }
+        let which = (first..).take(CHILDREN).filter(|block| above >> (block - first) & 1 == 1);
+        let max_m = machine.blocks(
+            chart,
+            place,
+            shell.positions(),
+            which,
+            |max_m| floor(max_m.max(highest_m)),
+            |block, depths| {
+                if depths.touching != 0 {
+                    touched.push(Touched { block, lanes: depths.touching, weight: 1.0, depths_m: depths.depths_m.0 });
+                }
+            },
+        );
+        highest_m = highest_m.max(max_m);
+    }
+    highest_m
 }

@@ -30,7 +30,7 @@ use super::budget::{Budget, Selection};
 use super::simd::{Depths, Machine, Place, free_cells};
 use super::touched::Touched;
 use crate::pointshell::shell::{LANES, Lanes, Lanes3, Shell};
-use crate::pointshell::tree::CHILDREN;
+use crate::pointshell::tree::{CHILDREN, Spheres};
 use crate::spatial::Pose;
 use crate::voxmap::field::Field;
 use crate::voxmap::field::chart::Chart;
@@ -43,6 +43,10 @@ const MARGIN_SHARE: f32 = 1e-6;
 const FORGET_CELLS: f64 = 1024.0;
 /// No proof reaches further, for the same reason, cells.
 const PROOF_CELLS: f32 = 1024.0;
+/// A node of which nothing is known: neither clear nor to be opened unseen.
+const UNKNOWN: f32 = 0.0;
+/// A node that reaches so deep that it stays open is looked at again after a motion of so many cells. Opening one too many costs time only.
+const OPEN_CELLS: f32 = 1.0;
 /// What refining costs is known only afterwards, so a budget that does not suffice in the worst case is asked again.
 const ROUNDS: usize = 6;
 /// A ceiling down here is as good a proof as a sample: points below it are not interpolated, voxels.
@@ -80,7 +84,7 @@ pub(super) struct Walk {
     chart: Arc<Chart>,
     /// `[n_blocks of the tree]`, cells: farthest point of each node from the centre of mass, at most.
     reaches_cells: Arc<Vec<[f32; CHILDREN]>>,
-    /// `[n_blocks of the tree]`, cells: motion up to which a node is clear.
+    /// `[n_blocks of the tree]`, cells: motion up to which a node is clear; or, negative, up to which it is opened without another look.
     due_cells: Vec<[f32; CHILDREN]>,
     /// First block of each level.
     first_blocks: Arc<Vec<u32>>,
@@ -138,7 +142,7 @@ impl Walk {
         }
         (!first_blocks.is_empty()).then(|| Self {
             chart,
-            due_cells: vec_of(f32::NEG_INFINITY, reaches_cells.len()),
+            due_cells: vec_of(UNKNOWN, reaches_cells.len()),
             reaches_cells: Arc::new(reaches_cells),
             first_blocks: Arc::new(first_blocks),
             reach_cells: (shell.radius_m() / voxel_size_m) as f32,
@@ -152,9 +156,14 @@ impl Walk {
         &self.chart
     }
 
+    /// What rounding may take from a distance at this place, cells.
+    pub(super) fn margin_cells(&self, place: &Place) -> f32 {
+        MARGIN_CELLS + MARGIN_SHARE * (place.origin.abs().element_sum() + self.reach_cells)
+    }
+
     /// Forgets all proofs.
-    fn forget(&mut self) {
-        self.due_cells.fill([f32::NEG_INFINITY; CHILDREN]);
+    pub(super) fn forget(&mut self) {
+        self.due_cells.fill([UNKNOWN; CHILDREN]);
         self.motion = Motion { last: self.motion.last, ..Motion::default() };
     }
 
@@ -179,8 +188,9 @@ impl Walk {
             machine,
             shell,
             place,
+            spheres: &[],
             ways: self.motion.ways(),
-            margin_cells: MARGIN_CELLS + MARGIN_SHARE * (place.origin.abs().element_sum() + self.reach_cells),
+            margin_cells: self.margin_cells(place),
             clear_cells: PROOF_CELLS,
             max_m: f32::NEG_INFINITY,
             looked_at: 0,
@@ -209,6 +219,7 @@ impl Walk {
     /// Replaces the open nodes by their children that are open, which go to `next`, as far as the budget allows.
     fn refine(&mut self, level: usize, budget: Budget, pass: &mut Pass<'_>, lists: &mut Lists) {
         lists.next.clear();
+        pass.spheres = pass.shell.tree().spheres(level);
         for round in 0..ROUNDS {
             let n_open = lists.open.len() as u32;
             let n_refined = budget.without(pass.looked_at + lists.next.len() as u32).refinable(n_open);
@@ -259,6 +270,8 @@ struct Pass<'a> {
     machine: Machine,
     shell: &'a Shell,
     place: &'a Place,
+    /// Of the level that is being refined.
+    spheres: &'a [Spheres],
     ways: [(f32, f32); 2],
     margin_cells: f32,
     /// What every node that was left out may still move, at least, cells.
@@ -276,35 +289,27 @@ impl Pass<'_> {
         let at = walk.at(level, node as usize);
         let (Some(due), Some(reaches)) = (walk.due_cells.get_mut(at), walk.reaches_cells.get(at)) else { return };
         let [now, soon] = self.ways.map(|(along, about)| reaches.map(|reach| along + about * reach));
-        let mut left = [0.0; CHILDREN];
         let mut n_due = 0;
-        for (((left, due), now), soon) in left.iter_mut().zip(due.iter()).zip(now).zip(soon) {
-            *left = due - now;
-            n_due += u32::from(*due <= soon);
+        for ((due, now), soon) in due.iter().zip(now).zip(soon) {
+            n_due += u32::from(*due <= soon && *due + now >= 0.0);
         }
-        if n_due == 0 {
-            // One glance at eight numbers.
-            self.looked_at += 1;
-        } else {
-            self.looked_at += CHILDREN as u32;
-            let Some(spheres) = self.shell.tree().spheres(level).get(node as usize) else { return };
+        self.looked_at += 1;
+        if n_due > 0 {
+            self.looked_at += CHILDREN as u32 - 1;
+            let Some(spheres) = self.spheres.get(node as usize) else { return };
             let rooms = self.machine.spheres(&walk.chart, self.place, spheres, self.margin_cells);
-            for (lane, ((((left, due), room), now), soon)) in (0..).zip(left.iter_mut().zip(due).zip(rooms).zip(now).zip(soon)) {
-                if *due > soon {
-                    continue;
-                }
-                if room > 0.0 {
-                    *left = room.min(PROOF_CELLS);
-                    *due = now + *left;
-                } else {
-                    *left = PROOF_CELLS;
-                    *due = f32::NEG_INFINITY;
-                    open.push(node * CHILDREN as u32 + lane);
+            for (((due, room), now), soon) in due.iter_mut().zip(rooms).zip(now).zip(soon) {
+                if *due <= soon {
+                    *due = if room > 0.0 { now + room.min(PROOF_CELLS) } else { -(now + (-room).min(OPEN_CELLS)) };
                 }
             }
         }
-        for left in left {
-            self.clear_cells = self.clear_cells.min(left);
+        for ((lane, due), now) in (0..).zip(due).zip(now) {
+            if *due > now {
+                self.clear_cells = self.clear_cells.min(*due - now);
+            } else {
+                open.push(node * CHILDREN as u32 + lane);
+            }
         }
     }
 

@@ -1,6 +1,7 @@
 //! A field as the contact kernels read it: the same samples, and for each brick what can be said of it without them.
 //!
 //! - **Ceiling**: no interpolated value of the brick is above it. Points whose brick cannot touch are answered without a sample.
+//! - **Ceiling around**: the same of the brick and its 26 neighbours, for whole blocks of points.
 //! - **Room**: how far every place of the brick is from all that can touch, at least. It reaches where the band does not.
 //!
 //! Built once per field when a scene is made ready, from the samples alone. Cost: one pass over them, and O(16) per brick of the
@@ -13,6 +14,7 @@
 //! Ours. The rooms are an exact distance transform by one axis after the other (Felzenszwalb2012's decomposition), its range cut
 //! short.
 
+use glam::Vec3;
 use rayon::prelude::*;
 
 use super::{APRON_CELLS, APRON_EDGE, DEEP_INSIDE, FAR_OUTSIDE, Field};
@@ -27,7 +29,7 @@ const ROUNDING: f32 = 1e-6;
 /// nearest triangle: the side changes without a surface between, cells.
 const JUMP_CELLS: f32 = 0.05;
 
-/// See the module page. Invariant: `dims` are positive, `top`, `ceilings_m` and `rooms_cells` have one entry per brick, every slot
+/// See the module page. Invariant: `dims` are positive, `top`, `ceilings_m`, `around_m` and `rooms_cells` have one entry per brick, every slot
 /// of `top` is one of `samples_m`, and all samples can be counted by an `i32`.
 #[derive(Debug)]
 pub struct Chart {
@@ -35,6 +37,7 @@ pub struct Chart {
     top: Slab<u32>,
     samples_m: Slab<[f32; APRON_CELLS]>,
     ceilings_m: Slab<f32>,
+    around_m: Slab<f32>,
     rooms_cells: Slab<f32>,
     band_m: f32,
     skin_m: f32,
@@ -74,6 +77,7 @@ impl Chart {
                 *ceiling_m = f32::INFINITY;
             }
         }
+        let around_m = around(&ceilings_m, *dims, skin_m - band_m);
         let jump_cells = looks.iter().map(|look| look.steepest_m / voxel_size_m - 1.0).fold(0.0, f32::max);
         Some(Self {
             dims: *dims,
@@ -81,6 +85,7 @@ impl Chart {
             samples_m: samples_m.clone(),
             rooms_cells: rooms_cells.into(),
             ceilings_m: ceilings_m.into(),
+            around_m: around_m.into(),
             band_m: *band_m,
             skin_m: *skin_m,
             voxel_size_m: *voxel_size_m,
@@ -113,10 +118,28 @@ impl Chart {
         &self.ceilings_m
     }
 
+    /// `[n_bricks]`, m: no value in the brick or in one of its 26 neighbours, on the grid or not, is higher.
+    #[inline]
+    pub fn around_m(&self) -> &[f32] {
+        &self.around_m
+    }
+
     /// `[n_bricks]`, cells: from any place in the brick to anything with V > 0, at least.
     #[inline]
     pub fn rooms_cells(&self) -> &[f32] {
         &self.rooms_cells
+    }
+
+    /// The middle of the first brick from this one on that the surface may run through, cells; `None` when none does. Cold.
+    pub fn surface_place(&self, from_brick: usize) -> Option<Vec3> {
+        let n_bricks = self.top.len();
+        let runs_through = |brick: &usize| {
+            let slot = self.top.get(*brick).filter(|slot| **slot < DEEP_INSIDE);
+            let samples = slot.and_then(|slot| self.samples_m.get(*slot as usize));
+            samples.is_some_and(|samples| samples.iter().any(|sample| *sample > 0.0) && samples.iter().any(|sample| *sample < 0.0))
+        };
+        let brick = (0..n_bricks).map(|step| (from_brick + step) % n_bricks).find(runs_through)?;
+        Some(Vec3::from_array(coord_of(brick, self.dims).map(|coord| (BRICK_EDGE * coord + BRICK_EDGE / 2) as f32)))
     }
 
     /// Where the field saturates on both sides, m.
@@ -146,7 +169,7 @@ impl Chart {
 
     /// Size of the arrays that are not the field's own, bytes.
     pub fn heap_bytes(&self) -> usize {
-        size_of_val(&*self.ceilings_m) + size_of_val(&*self.rooms_cells)
+        size_of_val(&*self.ceilings_m) + size_of_val(&*self.around_m) + size_of_val(&*self.rooms_cells)
     }
 }
 
@@ -183,12 +206,29 @@ fn coord_of(brick: usize, [_, ny, nz]: [i32; 3]) -> [usize; 3] {
     [brick / (ny * nz), brick / nz % ny, brick % nz]
 }
 
+/// Length and stride of the lines along z, y and x.
+fn axes(dims: [i32; 3]) -> [(usize, usize); 3] {
+    let [nx, ny, nz] = dims.map(|n| n as usize);
+    [(nz, 1), (ny, nz), (nx, ny * nz)]
+}
+
+/// Largest ceiling among each brick and its 26 neighbours; that of what is not on the grid counts everywhere.
+fn around(ceilings_m: &[f32], dims: [i32; 3], outside_m: f32) -> Vec<f32> {
+    let mut around_m = ceilings_m.to_vec();
+    for (n, stride) in axes(dims) {
+        along(&mut around_m, n, stride, |line, k| {
+            let beside = |k: usize| line.get(k).copied().unwrap_or(outside_m).max(outside_m);
+            beside(k).max(beside(k.wrapping_sub(1))).max(beside(k + 1))
+        });
+    }
+    around_m
+}
+
 /// Gaps between the cube of each brick and those that can touch, cells. As the gap along an axis is one brick less than the difference of the
 /// numbers, it is measured to the bricks that can touch and their 26 neighbours.
 fn rooms_cells(ceilings_m: &[f32], dims: [i32; 3]) -> Vec<f32> {
     const FAR: u32 = ROOM_BRICKS * ROOM_BRICKS;
-    let [_, ny, nz] = dims.map(|n| n as usize);
-    let axes = [(dims[2] as usize, 1), (dims[1] as usize, nz), (dims[0] as usize, ny * nz)];
+    let axes = axes(dims);
     let mut squares: Vec<u32> = ceilings_m.iter().map(|ceiling| if *ceiling > 0.0 { 0 } else { FAR }).collect();
     for (n, stride) in axes {
         along(&mut squares, n, stride, |line, k| {
@@ -214,8 +254,8 @@ fn rooms_cells(ceilings_m: &[f32], dims: [i32; 3]) -> Vec<f32> {
 }
 
 /// Replaces every line along an axis by a function of itself.
-fn along(values: &mut [u32], n: usize, stride: usize, of: impl Fn(&[u32], usize) -> u32) {
-    let mut line = vec![0; n];
+fn along<T: Copy + Default>(values: &mut [T], n: usize, stride: usize, of: impl Fn(&[T], usize) -> T) {
+    let mut line = vec![T::default(); n];
     let firsts = (0..values.len()).filter(|at| (at / stride).is_multiple_of(n)).collect::<Vec<_>>();
     for first in firsts {
         for (k, value) in line.iter_mut().enumerate() {
