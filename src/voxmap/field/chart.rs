@@ -270,6 +270,7 @@ fn along<T: Copy + Default>(values: &mut [T], n: usize, stride: usize, of: impl 
 }
 
 #[cfg(test)]
+#[expect(clippy::expect_used, clippy::indexing_slicing, reason = "test code")]
 mod tests {
     use super::*;
     use crate::mesh::primitives::Shape;

@@ -42,9 +42,10 @@ pub(super) fn blocks(
             let values = match alone {
                 None => grid.eight(lattice, base, _mm256_set1_ps(floor_m)),
                 Some(Alone::Uniform(value_m)) => _mm256_set1_ps(value_m),
-                // SAFETY: the offsets are of a brick.
                 Some(Alone::Samples(samples)) => {
-                    grid.finished(unsafe { corners(samples.as_ptr(), inside(base)) }, fractions(lattice, base))
+                    // SAFETY: one whole brick, and numbers of cells in it.
+                    let corners = unsafe { corners(samples.as_ptr(), inside(base)) };
+                    grid.finished(corners, fractions(lattice, base))
                 }
             };
             // The second where either is not a number.
