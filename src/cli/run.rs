@@ -382,6 +382,19 @@ mod tests {
     }
 
     #[test]
+    fn a_time_budget_is_a_fixed_count_under_the_virtual_clock() {
+        let args = args("s.toml --duration 100ms --clock virtual --json").expect("valid");
+        for (time_budget_s, expected) in [(None, serde_json::Value::Null), (Some(100e-6), 10_000.into())] {
+            let prepared = Prepared { time_budget_s, ..synthetic() };
+            let outcome = run(&args, QUIET, || Ok(never()), || Ok(prepared)).expect("an outcome");
+            let text = result_text(&outcome.totals, StartTimes::default(), true);
+            let json: serde_json::Value = serde_json::from_str(&text).expect("json");
+            assert_eq!(json["contact_budget_points"], expected);
+            assert_eq!(json["points_left_out"], 0);
+        }
+    }
+
+    #[test]
     fn the_human_summary_names_what_happened() {
         let args = args("s.toml --duration 100ms --clock virtual").expect("valid");
         let outcome = run(&args, QUIET, || Ok(never()), || Ok(synthetic())).expect("an outcome");

@@ -1,8 +1,8 @@
 //! From the time that a contact query may take to the count of points that fits into it.
 //!
 //! Runs before the first tick, in the thread of the loop and on its processor: queries of the real scene at poses where the tool overlaps
-//! what stands there, each without anything in the caches and without proofs of an earlier one, so the slowest that can be. The count is
-//! what a slow one of them (nine tenths are faster) would have managed in the time.
+//! what stands there, without the proofs of earlier ones. The count is what a slow one of them (nine tenths are faster) would have managed in
+//! the time.
 //!
 //! Simulated time has no speed: there the count comes from [`NOMINAL_NS_PER_POINT`], the same on every machine.
 

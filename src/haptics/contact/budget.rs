@@ -4,9 +4,10 @@
 //! count before the first tick. A point counts 1, a block of eight spheres
 //! 8, or 1 when all of them are still clear since an earlier tick.
 //!
-//! Where the budget ends, a node is not refined: its representative stands for all points below it, with their number as weight, so the
-//! sum stays comparable. The walk refines level by level, so what is left out is left out at the finest levels; of a level that
-//! fits in part, evenly spread nodes are refined, and other ones in the next tick.
+//! Where the budget ends, a node is not refined: its representative stands for the points below it, for as many as its depth reaches (all,
+//! once it is as deep as the node's sphere is large), so the sum stays comparable, grows without steps and is not overstated. The walk refines level by level, so what is left out is left out at the finest levels; of a level that
+//! fits in part, nodes below which something touched in the last tick are refined first; a quarter is kept for the others, so that new
+//! contacts are found. Among either kind, evenly spread nodes are refined, and other ones in the next tick.
 
 use crate::pointshell::shell::LANES;
 use crate::pointshell::tree::CHILDREN;
@@ -81,7 +82,36 @@ impl Selection {
     }
 }
 
+/// Which nodes of a level are refined, those that are preferred being listed first.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Choice {
+    n_preferred: u32,
+    preferred: Selection,
+    others: Selection,
+}
+
+impl Choice {
+    #[inline]
+    pub(super) fn new(n_open: u32, n_preferred: u32, n_refined: u32, turn: u64) -> Self {
+        let n_others = n_open - n_preferred;
+        let kept = (n_refined / 4).min(n_others);
+        let from_preferred = (n_refined - kept).min(n_preferred);
+        Self {
+            n_preferred,
+            preferred: Selection::new(n_preferred, from_preferred, turn),
+            others: Selection::new(n_others, n_refined - from_preferred, turn),
+        }
+    }
+
+    /// True for exactly `n_refined` of the `n_open` nodes.
+    #[inline]
+    pub(super) fn takes(self, idx: u32) -> bool {
+        if idx < self.n_preferred { self.preferred.takes(idx) } else { self.others.takes(idx - self.n_preferred) }
+    }
+}
+
 #[cfg(test)]
+#[expect(clippy::disallowed_types, clippy::disallowed_macros, clippy::indexing_slicing, reason = "test code")]
 mod tests {
     use super::*;
 
@@ -98,6 +128,20 @@ mod tests {
                 chosen.into_iter().for_each(|idx| taken[idx as usize] += 1);
             }
             assert!(taken.iter().all(|times| *times == n_refined), "{n_open} {n_refined}");
+        }
+    }
+
+    #[test]
+    fn a_choice_takes_as_many_as_asked_the_preferred_first() {
+        for (n_open, n_preferred, n_refined) in
+            [(1, 0, 1), (1, 1, 0), (10, 0, 4), (10, 10, 4), (10, 2, 8), (100, 50, 40), (100, 97, 99)]
+        {
+            let choice = Choice::new(n_open, n_preferred, n_refined, 3);
+            let chosen: Vec<u32> = (0..n_open).filter(|idx| choice.takes(*idx)).collect();
+            assert_eq!(chosen.len() as u32, n_refined);
+            let n_chosen_preferred = chosen.iter().filter(|idx| **idx < n_preferred).count() as u32;
+            assert!(n_chosen_preferred >= n_preferred.min(n_refined - n_refined / 4));
+            assert!(chosen.len() as u32 - n_chosen_preferred >= (n_open - n_preferred).min(n_refined / 4));
         }
     }
 

@@ -26,7 +26,7 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
-use super::budget::{Budget, Selection};
+use super::budget::{Budget, Choice};
 use super::simd::{Depths, Machine, Place, free_cells};
 use super::touched::Touched;
 use crate::pointshell::shell::{LANES, Lanes, Lanes3, Shell};
@@ -88,6 +88,9 @@ pub(super) struct Walk {
     due_cells: Vec<[f32; CHILDREN]>,
     /// First block of each level.
     first_blocks: Arc<Vec<u32>>,
+    /// `[n_blocks of the tree]`: when something below a node touched last; kept while a budget limits the walk.
+    touched_at: Vec<[u32; CHILDREN]>,
+    now: u32,
     reach_cells: f32,
     motion: Motion,
     turn: u64,
@@ -143,6 +146,8 @@ impl Walk {
         (!first_blocks.is_empty()).then(|| Self {
             chart,
             due_cells: vec_of(UNKNOWN, reaches_cells.len()),
+            touched_at: vec_of(0, reaches_cells.len()),
+            now: 1,
             reaches_cells: Arc::new(reaches_cells),
             first_blocks: Arc::new(first_blocks),
             reach_cells: (shell.radius_m() / voxel_size_m) as f32,
@@ -204,12 +209,15 @@ impl Walk {
             pass.represent(&self.chart, level.checked_sub(1), lists, touched);
             core::mem::swap(&mut lists.open, &mut lists.next);
         }
-        let n_open = lists.open.len() as u32;
-        let n_refined = budget.without(pass.looked_at).refinable(n_open);
-        let selection = self.select(n_open, n_refined);
-        pass.look_at_leaves(self, selection, &lists.open, touched);
-        retain(&mut lists.open, selection);
+        let n_refined = budget.without(pass.looked_at).refinable(lists.open.len() as u32);
+        let choice = self.choose(self.first_blocks.len().checked_sub(1), &mut lists.open, n_refined);
+        pass.look_at_leaves(self, choice, &lists.open, touched);
+        retain(&mut lists.open, choice);
         pass.represent(&self.chart, self.first_blocks.len().checked_sub(1), lists, touched);
+        if budget != Budget::Unlimited {
+            self.now = self.now.wrapping_add(1);
+            touched.iter().for_each(|touched| self.mark(touched.block));
+        }
         let outside_m = self.chart.skin_m() - self.chart.band_m();
         let voxel_size_m = self.chart.voxel_size_m();
         let bound_m = if pass.max_m > 0.0 { pass.max_m } else { pass.max_m.max(-pass.clear_cells.max(0.0) * voxel_size_m) };
@@ -223,14 +231,14 @@ impl Walk {
         for round in 0..ROUNDS {
             let n_open = lists.open.len() as u32;
             let n_refined = budget.without(pass.looked_at + lists.next.len() as u32).refinable(n_open);
-            let selection = self.select(n_open, n_refined);
+            let choice = self.choose(level.checked_sub(1), &mut lists.open, n_refined);
             for (idx, node) in (0_u32..).zip(&lists.open) {
-                if selection.takes(idx) {
+                if choice.takes(idx) {
                     pass.open_children(self, level, *node, &mut lists.next);
                 }
             }
-            retain(&mut lists.open, selection);
-            if round > 0 && n_refined > 0 {
+            retain(&mut lists.open, choice);
+            if (round > 0 || n_refined < n_open) && n_refined > 0 {
                 lists.next.sort_unstable();
             }
             if lists.open.is_empty() || n_refined == 0 {
@@ -239,11 +247,35 @@ impl Walk {
         }
     }
 
-    fn select(&mut self, n_open: u32, n_refined: u32) -> Selection {
-        if n_refined < n_open {
-            self.turn = self.turn.wrapping_add(u64::from(n_refined.max(1)));
+    /// Chooses what is refined of the open nodes of a level (without one, of the root); where that is not all, those below which something
+    /// touched are put first.
+    fn choose(&mut self, level: Option<usize>, open: &mut [u32], n_refined: u32) -> Choice {
+        let n_open = open.len() as u32;
+        if n_refined == n_open {
+            return Choice::new(n_open, n_open, n_open, 0);
         }
-        Selection::new(n_open, n_refined, self.turn)
+        self.turn = self.turn.wrapping_add(u64::from(n_refined.max(1)));
+        let touched = |node: u32| {
+            let stamps = level.and_then(|level| self.touched_at.get(self.at(level, node as usize / CHILDREN)));
+            stamps.and_then(|stamps| stamps.get(node as usize % CHILDREN)) == Some(&self.now)
+        };
+        open.sort_unstable_by_key(|node| (!touched(*node), *node));
+        let n_preferred = open.partition_point(|node| touched(*node)) as u32;
+        Choice::new(n_open, n_preferred, n_refined, self.turn)
+    }
+
+    /// Remembers that something touched in a leaf, and so below all nodes above it.
+    fn mark(&mut self, leaf: u32) {
+        let (now, mut node) = (self.now, leaf as usize);
+        for level in (0..self.first_blocks.len()).rev() {
+            let at = self.at(level, node / CHILDREN);
+            let Some(stamp) = self.touched_at.get_mut(at).and_then(|stamps| stamps.get_mut(node % CHILDREN)) else { return };
+            if *stamp == now {
+                return;
+            }
+            *stamp = now;
+            node /= CHILDREN;
+        }
     }
 
     /// Where the block of eight siblings lies in the arrays.
@@ -253,15 +285,15 @@ impl Walk {
 }
 
 /// Keeps what was not selected.
-fn retain(open: &mut Vec<u32>, selection: Selection) {
+fn retain(open: &mut Vec<u32>, choice: Choice) {
     let mut idx = 0;
     open.retain(|_| {
         idx += 1;
-        !selection.takes(idx - 1)
+        !choice.takes(idx - 1)
     });
 }
 
-fn vec_of(value: f32, n: usize) -> Vec<[f32; CHILDREN]> {
+fn vec_of<T: Copy>(value: T, n: usize) -> Vec<[T; CHILDREN]> {
     core::iter::repeat_n([value; CHILDREN], n).collect()
 }
 
@@ -314,7 +346,7 @@ impl Pass<'_> {
     }
 
     /// Looks at the points of the leaves that are open.
-    fn look_at_leaves(&mut self, walk: &mut Walk, selection: Selection, open: &[u32], touched: &mut Vec<Touched>) {
+    fn look_at_leaves(&mut self, walk: &mut Walk, choice: Choice, open: &[u32], touched: &mut Vec<Touched>) {
         let Walk { chart, due_cells, reaches_cells, first_blocks, .. } = walk;
         let first = first_blocks.last().map_or(0, |first| *first as usize);
         let per_voxel = 1.0 / chart.voxel_size_m();
@@ -322,7 +354,7 @@ impl Pass<'_> {
         let (along, about) = self.ways[0];
         let margin_cells = self.margin_cells + chart.jump_cells();
         let mut n_looked_at = 0;
-        let leaves = (0_u32..).zip(open).filter(|(idx, _)| selection.takes(*idx)).map(|(_, leaf)| *leaf);
+        let leaves = (0_u32..).zip(open).filter(|(idx, _)| choice.takes(*idx)).map(|(_, leaf)| *leaf);
         let found = |leaf: u32, depths: &Depths| {
             n_looked_at += LANES as u32;
             if depths.touching != 0 {
@@ -356,12 +388,13 @@ impl Pass<'_> {
         for node in &lists.open {
             let (block, lane) = (*node as usize / CHILDREN, *node as usize % CHILDREN);
             let point = tree.representatives(level).get(block).and_then(|points| points.get(lane));
+            let radius_m = tree.spheres(level).get(block).and_then(|spheres| spheres.radius.get(lane)).copied().unwrap_or(0.0);
             let Range { start, end } = tree.points_below(level, *node as usize, self.shell.len());
             let weight = (end - start) as u32;
             self.looked_at += 1;
             self.left_out += weight - 1;
             if let Some(point) = point {
-                lists.samples.push(self.shell, *point, weight);
+                lists.samples.push(self.shell, Sample { point: *point, n_below: weight, radius_m });
             }
             if lists.samples.is_full() {
                 self.max_m = self.max_m.max(lists.samples.look(self.machine, chart, self.place, touched));
@@ -371,27 +404,42 @@ impl Pass<'_> {
     }
 }
 
+/// A point that stands for those below a node.
+#[derive(Clone, Copy, Debug, Default)]
+struct Sample {
+    point: u32,
+    n_below: u32,
+    radius_m: f32,
+}
+
+impl Sample {
+    /// For how many points it stands: of a node that only just touches, few of the points do.
+    fn weight(self, depth_m: f32) -> f32 {
+        1.0 + self.n_below.saturating_sub(1) as f32 * (depth_m / self.radius_m).clamp(0.0, 1.0)
+    }
+}
+
 /// Single points, gathered into a block.
 #[derive(Clone, Copy, Debug)]
 struct Samples {
     positions: Lanes3,
-    points: [(u32, u32); LANES],
+    points: [Sample; LANES],
     n: usize,
 }
 
 impl Default for Samples {
     fn default() -> Self {
         let none = Lanes([f32::NAN; LANES]);
-        Self { positions: Lanes3 { x: none, y: none, z: none }, points: [(0, 0); LANES], n: 0 }
+        Self { positions: Lanes3 { x: none, y: none, z: none }, points: [Sample::default(); LANES], n: 0 }
     }
 }
 
 impl Samples {
-    fn push(&mut self, shell: &Shell, point: u32, weight: u32) {
-        let (block, lane) = (point as usize / LANES, point as usize % LANES);
+    fn push(&mut self, shell: &Shell, sample: Sample) {
+        let (block, lane) = (sample.point as usize / LANES, sample.point as usize % LANES);
         let (Some(positions), Some(place)) = (shell.positions().get(block), self.points.get_mut(self.n)) else { return };
         self.positions.set(self.n, positions.get(lane));
-        *place = (point, weight);
+        *place = sample;
         self.n += 1;
     }
 
@@ -407,12 +455,12 @@ impl Samples {
         }
         let never = |_| f32::NEG_INFINITY;
         machine.blocks(chart, place, core::slice::from_ref(&positions), core::iter::once(0), never, |_, depths| {
-            for (lane, (point, weight)) in points.into_iter().enumerate().take(n) {
+            for (lane, sample) in points.into_iter().enumerate().take(n) {
                 if depths.touching >> lane & 1 == 1 {
-                    let (block, lane_of_block) = (point / LANES as u32, point % LANES as u32);
+                    let (block, lane_of_block) = (sample.point / LANES as u32, sample.point % LANES as u32);
                     let depth_m = depths.depths_m.0.get(lane).copied().unwrap_or(0.0);
                     let depths_m = [depth_m; LANES];
-                    touched.push(Touched { block, lanes: 1 << lane_of_block, weight: weight as f32, depths_m });
+                    touched.push(Touched { block, lanes: 1 << lane_of_block, weight: sample.weight(depth_m), depths_m });
                 }
             }
         })

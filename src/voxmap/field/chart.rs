@@ -268,3 +268,98 @@ fn along<T: Copy + Default>(values: &mut [T], n: usize, stride: usize, of: impl 
         }
     }
 }
+
+#[cfg(test)]
+#[expect(clippy::expect_used, clippy::indexing_slicing, reason = "test code")]
+mod tests {
+    use super::*;
+    use crate::mesh::primitives::Shape;
+    use crate::mesh::validate::inspect;
+    use crate::voxmap::sides::SidesRule;
+    use crate::voxmap::{Options, Voxmap};
+
+    fn fields() -> Vec<Field> {
+        let ring = Shape::Torus { major_m: 0.02, minor_m: 0.006 }.tessellate(1e-5);
+        let ball = Shape::Sphere { radius_m: 0.015 }.tessellate(1e-5);
+        let built = [(ring, SidesRule::Auto), (ball.clone(), SidesRule::Auto), (ball, SidesRule::Thin)].map(|(mesh, sides)| {
+            let options = Options { voxel_size_m: 5e-4, layers: 6, navigation: None, sides };
+            Voxmap::build(&mesh, &inspect(&mesh), &options, |_| ()).expect("a grid that fits").field(&mesh, false)
+        });
+        built.into()
+    }
+
+    /// Places on and around the grid, cells, by a linear congruential generator.
+    fn places(field: &Field, n: usize) -> Vec<Vec3> {
+        let mut state = 17_u64;
+        let mut number = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 40) as f32 / (1_u64 << 24) as f32
+        };
+        let [x, y, z] = field.brick_dims.map(|n| (8 * n) as f32);
+        (0..n).map(|_| Vec3::new(number(), number(), number()) * (Vec3::new(x, y, z) + 8.0) - 4.0).collect()
+    }
+
+    /// The brick that a place's samples are of, if it is on the grid.
+    fn brick_at(chart: &Chart, cells: Vec3) -> Option<usize> {
+        let lattice = cells - 0.5;
+        let coord = [lattice.x, lattice.y, lattice.z].map(|at| at as i32 >> 3);
+        let on_grid = coord.iter().zip(chart.dims()).all(|(at, n)| (0..n).contains(at));
+        on_grid.then(|| ((coord[0] * chart.dims()[1] + coord[1]) * chart.dims()[2] + coord[2]) as usize)
+    }
+
+    #[test]
+    fn no_value_is_above_its_ceiling_or_the_ceiling_around() {
+        for field in fields() {
+            let chart = Chart::of(&field).expect("a chart");
+            let places = places(&field, 20_000);
+            let mut n_inside = 0;
+            for (place, step) in places.iter().zip(places.iter().rev()) {
+                let value_m = field.trilinear(*place);
+                n_inside += usize::from(value_m > 0.0);
+                let Some(brick) = brick_at(&chart, *place) else { continue };
+                assert!(value_m <= chart.ceilings_m()[brick]);
+                // Less than eight cells away along every axis, on the grid or not.
+                let beside = *place + (*step * 0.37).fract() * 15.9 - 7.95;
+                assert!(field.trilinear(beside) <= chart.around_m()[brick]);
+                assert!(chart.around_m()[brick] >= chart.ceilings_m()[brick]);
+            }
+            assert!(n_inside > 100, "{n_inside}");
+        }
+    }
+
+    #[test]
+    fn no_room_exceeds_the_distance_to_anything_that_touches() {
+        for field in fields() {
+            let chart = Chart::of(&field).expect("a chart");
+            let places = places(&field, 6000);
+            let touching: Vec<Vec3> = places.iter().copied().filter(|place| field.trilinear(*place) > 0.0).collect();
+            let mut largest = 0.0_f32;
+            for place in places {
+                let Some(brick) = brick_at(&chart, place) else { continue };
+                let room = chart.rooms_cells()[brick];
+                largest = largest.max(room);
+                let nearest = touching.iter().map(|other| place.distance(*other)).fold(f32::INFINITY, f32::min);
+                assert!(room <= nearest, "{place}: {room} to {nearest}");
+            }
+            assert!(largest >= 8.0, "some brick has room: {largest}");
+        }
+    }
+
+    #[test]
+    fn what_kernels_index_by_stays_in_bounds() {
+        for field in fields() {
+            let chart = Chart::of(&field).expect("a chart");
+            let n_bricks = chart.dims().iter().product::<i32>() as usize;
+            assert_eq!(
+                [chart.top().len(), chart.ceilings_m().len(), chart.around_m().len(), chart.rooms_cells().len()],
+                [n_bricks; 4]
+            );
+            assert!(chart.top().iter().all(|slot| *slot >= DEEP_INSIDE || (*slot as usize) < chart.samples_m().len()));
+            for from_brick in [0, 1, n_bricks / 2, n_bricks - 1, n_bricks, usize::MAX / 2] {
+                let place = chart.surface_place(from_brick).expect("a surface");
+                assert!(brick_at(&chart, place).is_some());
+                assert!(field.trilinear(place).abs() < 8.0 * chart.voxel_size_m());
+            }
+        }
+    }
+}
