@@ -139,6 +139,9 @@ pub struct State {
 /// Time in which the coupling wrench comes in at first contact, s (decision: free space).
 const CONTACT_RISE_S: f64 = 5e-3;
 
+/// How far the shell may follow the arm in one tick without a virtual tool, voxels.
+const SEEN_VOXELS: f64 = 2.9;
+
 impl State {
     /// The state before the first tick of `scene`: disabled, the tool at its start pose.
     pub fn new(scene: &RenderScene) -> Self {
@@ -230,7 +233,8 @@ pub fn tick(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOu
         state.body = state.body.followed(target, scene.tool.shell.radius_m(), state.step_limit_m);
     }
     let contact = ContactSum::of(&mut state.traversal, &scene.obstacles, &scene.tool.shell, state.body.pose, &p.contact, &p.filter);
-    state.step_limit_m = contact.step_limit_m;
+    // A point that goes no further than this is seen inside of a wall of three voxels.
+    state.step_limit_m = contact.step_limit_m.max(SEEN_VOXELS * contact.voxel_size_m);
     if !contact.wrench.is_finite() || contact.max_value_m.is_nan() {
         state.fail(Faults::NON_FINITE);
     }

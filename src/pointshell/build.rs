@@ -87,8 +87,9 @@ struct Placed {
 }
 
 /// Least cosine between the normal of a point's surroundings and that of its triangle: further apart, the surroundings are bent, by an
-/// edge or by detail finer than the voxels. 15 degrees are more than the noise of either on smooth parts.
-const EDGE_COSINE: f64 = 0.966;
+/// edge or by detail finer than the voxels. Five degrees: flat faces along the grid have none, and what is taken for an edge without being
+/// one costs a look at the obstacle's gradient.
+const EDGE_COSINE: f64 = 0.9962;
 
 /// What every task adds up; no sum depends on its order.
 #[derive(Clone, Copy, Default)]

@@ -241,6 +241,8 @@ impl<'a> Summing<'a> {
     fn finish(self) -> ContactSum {
         let rotation = self.world_from_body.rotation_matrix();
         let stiffness_n_per_m = self.contact.stiffness_n_per_m;
+        // Turned zeros may get a sign; free space is exactly zero.
+        let rotation = if self.contacts > 0 { rotation } else { glam::DMat3::IDENTITY };
         let mut totals = [None; FACES];
         let mut effective = 0.0;
         for face in self.touching.iter() {

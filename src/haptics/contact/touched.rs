@@ -117,10 +117,12 @@ impl<'a> Wall<'a> {
         }
     }
 
-    /// −grad V in tool axes; where it vanishes, as in the middle of a skin, the point's own normal.
+    /// −grad V in tool axes; where it vanishes, as in the middle of a skin, the point's own normal. An edge pushes with the share that its
+    /// mean normal has along the way out: no more than the faces beside it.
     fn outward(&self, position: Vec3, normal_body: Vec3) -> Vec3 {
         let Mat3 { x_axis, y_axis, z_axis } = self.cells_axes;
         let cells = x_axis * position.x + y_axis * position.y + z_axis * position.z + self.cells_origin;
-        (self.map_axes.transpose() * -self.field.gradient(cells)).try_normalize().unwrap_or(normal_body)
+        let Some(out) = (self.map_axes.transpose() * -self.field.gradient(cells)).try_normalize() else { return normal_body };
+        if self.field.is_thin() { out } else { out * out.dot(normal_body).max(0.0) }
     }
 }
