@@ -83,7 +83,7 @@ impl Touched {
                 depth_m: self.depths_m.get(lane).copied().unwrap_or(0.0),
                 weight: self.weight,
                 arm_body: positions.get(lane),
-                normal_body: normals.get(lane),
+                normal_body: normals.get(lane).normalize_or_zero(),
             });
         }
     }
