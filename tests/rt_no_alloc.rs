@@ -9,13 +9,16 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use glam::{DQuat, DVec3};
 use hapticd::config::{self, SceneConfig};
 use hapticd::daemon::prepare_with;
-use hapticd::haptics::Faults;
+use hapticd::haptics::contact::{Budget, ContactSum, Machine, Traversal, Way};
+use hapticd::haptics::{Faults, RenderScene};
 use hapticd::rt::clock::VirtualClock;
 use hapticd::scene::BakeMeans;
 use hapticd::scene::cache::{Cache, Residence};
 use hapticd::servo::{Control, Order, RunPlan, ServoLoop, Step};
+use hapticd::spatial::Pose;
 
 /// Counts what the thread under test does; other threads (and the harness) allocate as they like.
 struct CountingAllocator;
@@ -230,6 +233,35 @@ fn a_scene_from_the_cache_allocates_nothing() {
         let (faults, ticks, touching) = step_through_with(what, scene("block-on-plane", &[]), &mut cache, TICKS);
         assert!(faults.is_empty() && ticks >= TICKS && touching > 0, "{what}");
         assert_eq!(cache.take_notes(), [""; 0]);
+    }
+}
+
+/// The contact query alone, as no scene can drive it: leaping from pose to pose, deep inside, far off, with budgets of all sizes.
+#[test]
+fn no_walk_allocates_whatever_its_pose_and_budget() {
+    let config = scene("block-on-plane", &[]);
+    let (prepared, _) = prepare_with(&config, &mut BakeMeans::from(&mut Cache::off()), |_| ()).expect("a scene");
+    let RenderScene { parameters, obstacles, tool } = &prepared.scene;
+    for (machine, way) in [(Machine::Portable, Way::Tree), (Machine::best(), Way::Tree), (Machine::best(), Way::Flat)] {
+        for budget in [Budget::Unlimited, Budget::Points(0), Budget::Points(100), Budget::Points(1000)] {
+            let mut traversal = Traversal::new(machine, way, obstacles, &tool.shell);
+            traversal.set_budget(budget);
+            let (mut touching, mut left_out) = (0, 0);
+            for turn in 0..500_u32 {
+                let angle = f64::from(turn);
+                let reach_m = if turn % 50 == 49 { 1e9 } else { 0.05 };
+                let place_m = DVec3::new((1.3 * angle).sin(), (2.1 * angle).sin(), (0.7 * angle).sin()) * reach_m;
+                let pose = Pose::new(DQuat::from_scaled_axis(DVec3::new(0.9, 1.7, 0.4) * angle), place_m);
+                let (sum, allocations, frees) = counted(|| {
+                    ContactSum::of(&mut traversal, obstacles, &tool.shell, pose, &parameters.contact, &parameters.filter)
+                });
+                assert_eq!((allocations, frees), (0, 0), "{machine:?}, {way:?}, {budget:?}, {pose:?}");
+                touching += sum.contacts;
+                left_out += sum.left_out;
+            }
+            assert!(touching > 0 || budget == Budget::Points(0), "{machine:?}, {way:?}, {budget:?}");
+            assert_eq!(left_out > 0, way == Way::Tree && budget != Budget::Unlimited, "{machine:?}, {way:?}, {budget:?}");
+        }
     }
 }
 

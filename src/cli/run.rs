@@ -155,6 +155,7 @@ fn run(
         device: prepared.device,
         realtime: prepared.realtime,
         rate_hz: prepared.rate_hz,
+        time_budget_s: prepared.time_budget_s,
         clock: match args.clock {
             ClockArg::Real => ClockKind::Real,
             ClockArg::Virtual => ClockKind::Virtual,
@@ -292,6 +293,9 @@ fn result_text(totals: &Totals, start_s: StartTimes, json: bool) -> String {
         row(name, format_args!("p50 {p50:.1}  p99 {p99:.1}  p99.9 {p999:.1}  max {max:.1} µs"));
     }
     row("largest command", format_args!("{:.3} N, {:.4} N·m", totals.max_force_n, totals.max_torque_nm));
+    if let Some(points) = totals.contact_budget_points {
+        row("contact budget", format_args!("{points} points a tick, at most {} left out", totals.points_left_out));
+    }
     row("contact", format_args!("{} ticks, deepest {:.4} mm", totals.contact_ticks, totals.max_depth_m * 1e3));
     let pose = totals.final_pose;
     row(
@@ -339,6 +343,7 @@ mod tests {
             device: Box::new(SimArm::new(SimParameters::ideal(1e-3)).expect("valid")),
             realtime: RealtimeConfig { enforce: true, cpu: None, priority: 80 },
             rate_hz: 1000,
+            time_budget_s: None,
         }
     }
 
@@ -374,6 +379,19 @@ mod tests {
         let json: serde_json::Value = serde_json::from_str(&text).expect("json");
         assert!(json["ticks"].as_u64().expect("a count") > 2000);
         assert_eq!(json["realtime"]["policy"], "other");
+    }
+
+    #[test]
+    fn a_time_budget_is_a_fixed_count_under_the_virtual_clock() {
+        let args = args("s.toml --duration 100ms --clock virtual --json").expect("valid");
+        for (time_budget_s, expected) in [(None, serde_json::Value::Null), (Some(100e-6), 10_000.into())] {
+            let prepared = Prepared { time_budget_s, ..synthetic() };
+            let outcome = run(&args, QUIET, || Ok(never()), || Ok(prepared)).expect("an outcome");
+            let text = result_text(&outcome.totals, StartTimes::default(), true);
+            let json: serde_json::Value = serde_json::from_str(&text).expect("json");
+            assert_eq!(json["contact_budget_points"], expected);
+            assert_eq!(json["points_left_out"], 0);
+        }
     }
 
     #[test]

@@ -12,11 +12,12 @@ use super::problem::{ConfigErrors, Problem, ProblemKind, nearest};
 use super::schema::{self, Cutoff, Numbers, Overrun};
 use crate::device::fault;
 use crate::device::profile::{self, Plant, Profile, ProfileError};
+use crate::haptics::contact::AVERAGED_CONTACTS;
 use crate::haptics::filter::low_pass_alpha;
 use crate::haptics::stability::SampledWall;
 use crate::haptics::{
-    ContactParameters, CouplingMode, CouplingParameters, FilterParameters, FreeSpace, LimitParameters, Normalization, Parameters,
-    PortParameters, SpringClamp,
+    ContactParameters, CouplingMode, CouplingParameters, FilterParameters, FreeSpace, FrictionParameters, LimitParameters,
+    Normalization, Parameters, PortParameters, SpringClamp,
 };
 use crate::mesh::Format;
 use crate::mesh::primitives::Shape;
@@ -33,6 +34,8 @@ pub struct SceneConfig {
     pub name: String,
     /// Ticks per second.
     pub rate_hz: u32,
+    /// What a contact query may take in one tick, s; `None`: as long as it takes.
+    pub time_budget_s: Option<f64>,
     /// One voxmap each.
     pub statics: Vec<StaticConfig>,
     /// The moving object.
@@ -298,6 +301,14 @@ impl Resolve<'_> {
         let contact = self.contact(&scene.contact, field, mode, &stability, port_scale);
         let limits = self.limits(&scene.limits, &scene.safety, profile.as_ref(), rate_hz, realtime.enforce);
 
+        let time_budget_s = self
+            .checks
+            .optional("contact.time_budget_us", scene.contact.time_budget_us, Interval::from(10.0).to(1e4).unit("µs"))
+            .map(|us| us * 1e-6);
+        if time_budget_s.is_some() && field != FieldKind::Trilinear {
+            self.checks.not_available("contact.time_budget_us", "remove it, or use rendering.field = \"trilinear\"");
+        }
+
         let (profile, tool) = (profile?, tool?);
         let port =
             PortParameters { world_from_device, scale: port_scale, sensed: profile.sensed, actuated: profile.actuated, start };
@@ -305,6 +316,7 @@ impl Resolve<'_> {
             path: path.to_path_buf(),
             name,
             rate_hz,
+            time_budget_s,
             statics,
             tool,
             parameters: Parameters { period_s, gravity_m_per_s2, contact, coupling, filter, limits, port },
@@ -325,16 +337,11 @@ impl Resolve<'_> {
                 checks.not_available(&format!("static[{index}].movable"), "use false");
             }
         }
-        if scene.contact.normalize == Some(schema::NormalizeWord::Cluster) {
-            checks.not_available("contact.normalize", "use \"none\" or \"average\"");
-        }
         if scene.monitor.listen.as_deref().is_some_and(|listen| listen != "off") {
             checks.not_available("monitor.listen", "use \"off\"");
         }
-        checks.later("contact.friction", scene.contact.friction.is_some());
         checks.later("contact.braking", scene.contact.braking.is_some());
         checks.later("contact.damping_n_s_per_m", scene.contact.damping_n_s_per_m.is_some());
-        checks.later("contact.time_budget_us", scene.contact.time_budget_us.is_some());
         checks.later("safety.deadman", scene.safety.deadman.is_some());
         checks.later("safety.heartbeat_ms", scene.safety.heartbeat_ms.is_some());
         checks.later("device.selector", scene.device.selector.is_some());
@@ -704,9 +711,22 @@ impl Resolve<'_> {
             ),
             normalization: match written.normalize {
                 Some(schema::NormalizeWord::Average) => Normalization::Average,
-                Some(schema::NormalizeWord::None | schema::NormalizeWord::Cluster) | None => Normalization::None,
+                Some(schema::NormalizeWord::Cluster) => Normalization::Cluster,
+                Some(schema::NormalizeWord::None) | None => Normalization::None,
             },
+            friction: self.friction(written.friction.as_ref(), stiffness_n_per_m),
         }
+    }
+
+    /// No friction unless it is written. One coefficient counts for both.
+    fn friction(&mut self, written: Option<&schema::Friction>, stiffness_n_per_m: f64) -> FrictionParameters {
+        let Some(written) = written else { return FrictionParameters::NONE };
+        let range = Interval::from(0.0).to(5.0);
+        let holding = written.holding.or(written.sliding);
+        let holding = self.checks.number("contact.friction.static", holding, 0.0, range);
+        let sliding = self.checks.number("contact.friction.dynamic", written.sliding, holding, Interval::from(0.0).to(holding));
+        // A face that holds is as stiff along the wall as ten of its points are into it.
+        FrictionParameters { r#static: holding, dynamic: sliding, stiffness_n_per_m: AVERAGED_CONTACTS * stiffness_n_per_m }
     }
 
     fn limits(

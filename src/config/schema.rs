@@ -92,10 +92,19 @@ pub(super) struct Contact {
     pub(super) stiffness_n_per_mm: Option<f64>,
     pub(super) damping_ratio: Option<f64>,
     pub(super) normalize: Option<NormalizeWord>,
-    pub(super) friction: Later,
+    pub(super) friction: Option<Friction>,
     pub(super) braking: Later,
     pub(super) damping_n_s_per_m: Later,
-    pub(super) time_budget_us: Later,
+    pub(super) time_budget_us: Option<f64>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default, expecting = "a table, written { static = 0.25, dynamic = 0.2 }")]
+pub(super) struct Friction {
+    #[serde(rename = "static")]
+    pub(super) holding: Option<f64>,
+    #[serde(rename = "dynamic")]
+    pub(super) sliding: Option<f64>,
 }
 
 #[derive(Debug, Default, Deserialize)]

@@ -25,6 +25,8 @@ pub struct Prepared {
     pub realtime: RealtimeConfig,
     /// Ticks per second.
     pub rate_hz: u32,
+    /// What a contact query may take, s.
+    pub time_budget_s: Option<f64>,
 }
 
 /// Why a scene cannot be rendered.
@@ -94,7 +96,8 @@ pub fn prepare_with(
     let mut arm = simulated_arm(&config.device, hand.as_ref(), port, scene.tool.center_of_mass_tool, period_s);
     arm.fault = fault;
     let device = Box::new(SimArm::new(arm)?);
-    Ok((Prepared { scene, device, realtime: config.realtime, rate_hz: config.rate_hz }, reports))
+    let SceneConfig { realtime, rate_hz, time_budget_s, .. } = *config;
+    Ok((Prepared { scene, device, realtime, rate_hz, time_budget_s }, reports))
 }
 
 /// What to say of a hand that would jerk the arm away from where it stands at enable.

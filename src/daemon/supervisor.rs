@@ -98,6 +98,8 @@ pub struct RenderJob {
     pub realtime: RealtimeConfig,
     /// Ticks per second, for the summary.
     pub rate_hz: u32,
+    /// What a contact query may take, s; `None`: as long as it takes.
+    pub time_budget_s: Option<f64>,
     /// Which time the run follows.
     pub clock: ClockKind,
     /// Loop time after which the ramp-down begins; `None`: until a signal.
@@ -228,11 +230,11 @@ impl<N: FnMut(Notice<'_>)> Supervisor<N> {
         let servo = match job.clock {
             ClockKind::Real => {
                 let servo = ServoLoop::new(job.scene, job.device, RealClock, control.clone(), plan, producer);
-                spawn_servo(servo, Some(request))?
+                spawn_servo(servo.with_time_budget(job.time_budget_s), Some(request))?
             }
             ClockKind::Virtual => {
                 let servo = ServoLoop::new(job.scene, job.device, VirtualClock::default(), control.clone(), plan, producer);
-                spawn_servo(servo, None)?
+                spawn_servo(servo.with_time_budget(job.time_budget_s), None)?
             }
         };
 
@@ -364,6 +366,7 @@ fn counted(report: &LoopReport, preflight: &Report, rate_hz: u32, clock: ClockKi
         clock: clock.name(),
         missed_deadlines: report.missed_deadlines,
         dropped_records: report.dropped_records,
+        contact_budget_points: report.contact_budget_points,
         faults: report.faults,
         realtime: RealtimeSummary {
             policy: if preflight.standing.fifo { "fifo" } else { "other" },
@@ -408,6 +411,7 @@ mod tests {
             device,
             realtime: RealtimeConfig { enforce: false, cpu: None, priority: 10 },
             rate_hz: 1000,
+            time_budget_s: None,
             clock,
             duration: Some(Duration::from_millis(duration_ms)),
         }

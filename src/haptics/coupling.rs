@@ -182,4 +182,19 @@ impl Body {
         let twist = Twist { linear: twist.linear * scale, angular: twist.angular * scale };
         Self { pose: self.pose.stepped(twist.linear * period_s, twist.angular * period_s), twist }
     }
+
+    /// Stands at `target`, or on the way there where that is further than `step_limit_m` for some point.
+    pub(super) fn followed(&self, (target, twist): (Pose, Twist), radius_m: f64, step_limit_m: f64) -> Self {
+        let (way, turn) = (target.translation - self.pose.translation, self.pose.rotation_to(target));
+        let step_m = way.length() + turn.length() * radius_m;
+        if step_m <= step_limit_m {
+            return Self { pose: target, twist };
+        }
+        let share = step_limit_m / step_m;
+        // A target that is not a number must come through, to be refused.
+        if !share.is_finite() {
+            return Self { pose: target, twist };
+        }
+        Self { pose: self.pose.stepped(way * share, turn * share), twist }
+    }
 }

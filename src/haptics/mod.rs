@@ -11,6 +11,7 @@ pub mod contact;
 mod coupling;
 mod faults;
 pub mod filter;
+mod friction;
 pub mod limits;
 mod params;
 pub mod passivity;
@@ -22,7 +23,7 @@ mod tick;
 pub use coupling::Inertia;
 pub use faults::Faults;
 pub use params::{
-    ContactParameters, CouplingMode, CouplingParameters, FilterParameters, FreeSpace, LimitParameters, Normalization, Parameters,
-    PortParameters, SpringClamp,
+    ContactParameters, CouplingMode, CouplingParameters, FilterParameters, FreeSpace, FrictionParameters, LimitParameters,
+    Normalization, Parameters, PortParameters, SpringClamp,
 };
 pub use tick::{Drive, DriveRequest, RenderScene, State, TickInput, TickOutput, Tool, tick};

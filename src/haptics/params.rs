@@ -25,6 +25,8 @@ pub enum Normalization {
     None,
     /// McNeely's averaging without its steps: F / max(1, N_eff/10).
     Average,
+    /// The same by face of the tool, so that each wall keeps the stiffness of ten points however large the area that touches it.
+    Cluster,
 }
 
 /// What the arm feels of the coupling while nothing touches.
@@ -58,6 +60,29 @@ pub struct ContactParameters {
     pub damping_ratio: f64,
     /// Normalisation of the sum.
     pub normalization: Normalization,
+    /// Friction.
+    pub friction: FrictionParameters,
+}
+
+/// Coulomb friction, see `friction`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FrictionParameters {
+    /// Coefficient up to which a face holds.
+    pub r#static: f64,
+    /// Coefficient at which it slides; not above the other.
+    pub dynamic: f64,
+    /// Stiffness of a face that holds, N/m.
+    pub stiffness_n_per_m: f64,
+}
+
+impl FrictionParameters {
+    /// No friction.
+    pub const NONE: Self = Self { r#static: 0.0, dynamic: 0.0, stiffness_n_per_m: 0.0 };
+
+    /// False when nothing rubs.
+    pub fn acts(&self) -> bool {
+        self.r#static > 0.0 && self.stiffness_n_per_m > 0.0
+    }
 }
 
 /// Virtual coupling between arm and tool.

@@ -13,9 +13,10 @@
 
 use glam::DVec3;
 
-use super::contact::{ContactSum, Obstacle};
+use super::contact::{Budget, ContactSum, Machine, Obstacle, Traversal, Way};
 use super::coupling::{Body, Inertia, LinearContact, Pull, Spring};
 use super::filter::{ShapingFilter, Slide};
+use super::friction::{Friction, FrictionWrench};
 use super::limits::{Limiter, Ramp};
 use super::params::{CouplingMode, FreeSpace};
 use super::passivity::EnergyObserver;
@@ -71,7 +72,7 @@ pub struct TickOutput {
     pub command_device: Wrench,
     /// The same before axes that the arm cannot actuate were dropped (`commanded`).
     pub commanded_device: Wrench,
-    /// Raw contact wrench on the tool, world axes, about the centre of mass, before filter and coupling.
+    /// Raw contact wrench on the tool, friction included, world axes, about the centre of mass, before filter and coupling.
     pub contact_world: Wrench,
     /// Pose of the tool (mesh file frame) in the world.
     pub world_from_tool: Pose,
@@ -79,8 +80,10 @@ pub struct TickOutput {
     pub contacts: u32,
     /// Deepest penetration, m; 0 without contact.
     pub max_depth_m: f64,
-    /// −max V over all points, clipped at the band, m.
+    /// How far the tool is proven to be from contact, clipped at the band, m; negative: how deep it is.
     pub clearance_m: f64,
+    /// Points that the contact query's budget left out, which others stood for.
+    pub points_left_out: u32,
     /// Energy that the arm has taken from the hand since enable, J; negative means that it gave more than it took.
     pub energy_j: f64,
     /// State of the drive after this tick.
@@ -112,7 +115,7 @@ pub struct RenderScene {
     pub tool: Tool,
 }
 
-/// What the tick remembers from one call to the next. No heap.
+/// What the tick remembers from one call to the next. Everything it needs is allocated when it is made.
 #[derive(Clone, Debug)]
 pub struct State {
     drive: Drive,
@@ -122,15 +125,22 @@ pub struct State {
     port: Port,
     body: Body,
     filter: ShapingFilter,
+    friction: Friction,
+    /// How far a point of the tool may go in the next tick, m.
+    step_limit_m: f64,
     /// 0 in free space, 1 in contact, so that the coupling comes in over [`CONTACT_RISE_S`].
     contact_gain: Ramp,
     enable_gain: Ramp,
     limiter: Limiter,
     energy: EnergyObserver,
+    traversal: Traversal,
 }
 
 /// Time in which the coupling wrench comes in at first contact, s (decision: free space).
 const CONTACT_RISE_S: f64 = 5e-3;
+
+/// How far the shell may follow the arm in one tick without a virtual tool, voxels.
+const SEEN_VOXELS: f64 = 2.9;
 
 impl State {
     /// The state before the first tick of `scene`: disabled, the tool at its start pose.
@@ -143,17 +153,42 @@ impl State {
             port: Port::default(),
             body: Body { pose: scene.start(), twist: Twist::ZERO },
             filter: ShapingFilter::default(),
+            friction: Friction::default(),
+            step_limit_m: 0.0,
             contact_gain: Ramp::default(),
             enable_gain: Ramp::default(),
             limiter: Limiter::default(),
             energy: EnergyObserver::default(),
+            traversal: Traversal::new(Machine::best(), Way::Tree, &scene.obstacles, &scene.tool.shell),
         }
+    }
+
+    /// Limits what the contact query of a tick may look at. It is part of what enters the ticks: a recording that is to be replayed has to
+    /// know it.
+    pub fn set_budget(&mut self, budget: Budget) {
+        self.traversal.set_budget(budget);
+    }
+
+    /// The limit.
+    pub fn budget(&self) -> Budget {
+        self.traversal.budget()
+    }
+
+    /// One contact query at a pose where the tool overlaps an obstacle, another one each `turn`, as if nothing were known from earlier ones;
+    /// returns what it looked at. To learn what queries cost before the first tick; use a copy of the state.
+    pub fn rehearse(&mut self, scene: &RenderScene, turn: usize) -> u32 {
+        let (p, shell) = (&scene.parameters, &scene.tool.shell);
+        let pose = self.traversal.overlapping_pose(&scene.obstacles, shell, turn).unwrap_or(self.body.pose);
+        self.traversal.forget();
+        ContactSum::of(&mut self.traversal, &scene.obstacles, shell, pose, &p.contact, &p.filter).looked_at
     }
 
     /// Forgets all motion and force; the drive state is the caller's.
     fn at_rest(&mut self, body: Pose) {
         self.body = Body { pose: body, twist: Twist::ZERO };
         self.filter.reset();
+        self.friction.reset();
+        self.step_limit_m = 0.0;
         self.contact_gain.reset();
         self.enable_gain.reset();
         self.limiter.reset();
@@ -179,7 +214,7 @@ impl RenderScene {
 /// One step of the loop.
 ///
 /// RT: safe. Pure and total: same scene, state and input, same bits; no allocation, no panic. Anything that is not finite gives a
-/// zero wrench and a fault. Cost: one flat traversal of the shell per obstacle plus a 6×6 solve.
+/// zero wrench and a fault. Cost: one walk over the shell's tree per obstacle plus a 6×6 solve.
 pub fn tick(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOutput {
     let p = &scene.parameters;
     let check = state.monitor.check(&input.sample, &p.limits, p.period_s);
@@ -193,19 +228,27 @@ pub fn tick(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOu
     let moving = |state: &State| matches!(state.drive, Drive::Enabling | Drive::Enabled | Drive::Stopping);
     let target = state.port.target(&input.sample, &p.port, scene.start());
     if moving(state) && p.coupling.mode == CouplingMode::Direct {
-        // No virtual tool: the shell stands where the arm is now, so contact has no delay of its own.
-        state.body = Body { pose: target.0, twist: target.1 };
+        // No virtual tool: the shell stands where the arm is now, so contact has no delay of its own. Only what is too fast to be
+        // seen in passing is followed more slowly.
+        state.body = state.body.followed(target, scene.tool.shell.radius_m(), state.step_limit_m);
     }
-    let contact = ContactSum::flat(&scene.obstacles, &scene.tool.shell, state.body.pose, &p.contact, &p.filter);
+    let contact = ContactSum::of(&mut state.traversal, &scene.obstacles, &scene.tool.shell, state.body.pose, &p.contact, &p.filter);
+    // A point that goes no further than this is seen inside of a wall of three voxels.
+    state.step_limit_m = contact.step_limit_m.max(SEEN_VOXELS * contact.voxel_size_m);
     if !contact.wrench.is_finite() || contact.max_value_m.is_nan() {
         state.fail(Faults::NON_FINITE);
     }
+    let rubbing = if moving(state) {
+        state.friction.update(contact.patches(), state.body.pose, &p.contact.friction)
+    } else {
+        FrictionWrench::ZERO
+    };
     let mut commanded_device = Wrench::ZERO;
     let mut command_device = Wrench::ZERO;
     if moving(state) {
         let felt = match p.coupling.mode {
-            CouplingMode::Direct => Some(direct(state, &contact, p)),
-            CouplingMode::Implicit | CouplingMode::SemiImplicit => coupled(scene, state, &contact, target),
+            CouplingMode::Direct => Some(direct(state, &contact, &rubbing, p)),
+            CouplingMode::Implicit | CouplingMode::SemiImplicit => coupled(scene, state, &contact, &rubbing, target),
         };
         match felt {
             None => state.fail(Faults::SOLVER),
@@ -236,11 +279,12 @@ pub fn tick(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOu
     TickOutput {
         command_device,
         commanded_device,
-        contact_world: contact.wrench,
+        contact_world: contact.wrench + rubbing.wrench,
         world_from_tool: state.body.pose * body_from_tool,
         contacts: contact.contacts,
         max_depth_m: contact.max_value_m.max(0.0),
         clearance_m: -contact.max_value_m,
+        points_left_out: contact.left_out,
         energy_j: state.energy.energy_j(),
         drive: state.drive,
         faults: state.faults,
@@ -275,7 +319,13 @@ fn advance_drive(scene: &RenderScene, state: &mut State, input: &TickInput, faul
 }
 
 /// Coupling with a virtual tool: steps the body, gives the wrench that the arm feels (world axes, about the grip point).
-fn coupled(scene: &RenderScene, state: &mut State, contact: &ContactSum, target: (Pose, Twist)) -> Option<Wrench> {
+fn coupled(
+    scene: &RenderScene,
+    state: &mut State,
+    contact: &ContactSum,
+    rubbing: &FrictionWrench,
+    target: (Pose, Twist),
+) -> Option<Wrench> {
     let p = &scene.parameters;
     let inertia = &scene.tool.inertia;
     let radius_m = scene.tool.shell.radius_m();
@@ -284,7 +334,7 @@ fn coupled(scene: &RenderScene, state: &mut State, contact: &ContactSum, target:
 
     let damping = Pull::critical_damping(&p.coupling, inertia);
     let scale = match p.coupling.mode {
-        CouplingMode::SemiImplicit => semi_implicit_share(contact, p, inertia, damping),
+        CouplingMode::SemiImplicit => semi_implicit_share(contact, rubbing, p, inertia, damping),
         _ => 1.0,
     };
     let raw = contact.wrench * scale;
@@ -295,7 +345,9 @@ fn coupled(scene: &RenderScene, state: &mut State, contact: &ContactSum, target:
         step_stiffness: scale * p.period_s * p.period_s * (along / inertia.mass_kg).max(about / inertia.least_kg_m2),
     };
     let wrench = state.filter.update(raw, slide, touching, &p.filter, p.period_s);
-    let stiffness = Mat6::ZERO.plus_scaled(scale * (1.0 - state.filter.alpha()), &contact.stiffness);
+    // Friction is smooth by itself: it goes past the filter.
+    let stiffness =
+        Mat6::ZERO.plus_scaled(scale * (1.0 - state.filter.alpha()), &contact.stiffness).plus_scaled(scale, &rubbing.stiffness);
     let damping_s = if along > 0.0 { 2.0 * p.contact.damping_ratio * (inertia.mass_kg / along).sqrt() } else { 0.0 };
 
     let spring = |body: Pose| Spring::between(body, target_pose, &p.coupling, &p.limits, contact.voxel_size_m, radius_m);
@@ -306,7 +358,7 @@ fn coupled(scene: &RenderScene, state: &mut State, contact: &ContactSum, target:
         damping,
         period_s: p.period_s,
     };
-    let linear = LinearContact { wrench, stiffness, damping_s };
+    let linear = LinearContact { wrench: wrench + rubbing.wrench * scale, stiffness, damping_s };
     let twist = match p.coupling.mode {
         CouplingMode::SemiImplicit => state.body.step_semi_implicit(&pull, &linear, inertia),
         _ => state.body.step_implicit(&pull, &linear, inertia),
@@ -330,21 +382,30 @@ fn coupled(scene: &RenderScene, state: &mut State, contact: &ContactSum, target:
 
 /// No virtual tool: the shell stands where the arm is, the arm gets the filtered contact wrench, its stiffness limited to what
 /// the arm can take.
-fn direct(state: &mut State, contact: &ContactSum, p: &Parameters) -> Wrench {
-    let share = within(contact.stiffness.traces(), (p.coupling.bound_n_per_m, p.coupling.bound_nm_per_rad));
+fn direct(state: &mut State, contact: &ContactSum, rubbing: &FrictionWrench, p: &Parameters) -> Wrench {
+    let share = within(
+        contact.stiffness.plus_scaled(1.0, &rubbing.stiffness).traces(),
+        (p.coupling.bound_n_per_m, p.coupling.bound_nm_per_rad),
+    );
     let slide =
         Slide { speed_m_per_s: slide_speed(contact, state.body.twist), voxel_size_m: contact.voxel_size_m, step_stiffness: 0.0 };
-    state.filter.update(contact.wrench * share, slide, contact.contacts > 0, &p.filter, p.period_s)
+    state.filter.update(contact.wrench * share, slide, contact.contacts > 0, &p.filter, p.period_s) + rubbing.wrench * share
 }
 
 /// The share of the contact stiffness that the semi-implicit step can take beside the coupling spring (algorithms, 7.2).
-fn semi_implicit_share(contact: &ContactSum, p: &Parameters, inertia: &Inertia, damping: (f64, f64)) -> f64 {
+fn semi_implicit_share(
+    contact: &ContactSum,
+    rubbing: &FrictionWrench,
+    p: &Parameters,
+    inertia: &Inertia,
+    damping: (f64, f64),
+) -> f64 {
     use super::stability::semi_implicit_max_stiffness;
     // Half of the bound: it holds for one axis, and contact couples translation and rotation.
     let room =
         |mass: f64, damping: f64, spring: f64| (0.5 * semi_implicit_max_stiffness(mass, damping, p.period_s) - spring).max(0.0);
     within(
-        contact.stiffness.traces(),
+        contact.stiffness.plus_scaled(1.0, &rubbing.stiffness).traces(),
         (
             room(inertia.mass_kg, damping.0, p.coupling.stiffness_n_per_m),
             room(inertia.least_kg_m2, damping.1, p.coupling.stiffness_nm_per_rad),

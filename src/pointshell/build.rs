@@ -51,12 +51,12 @@ pub fn build(mesh: &TriangleMesh, map: &Voxmap, center_of_mass_tool: DVec3) -> (
     let mut lap_s = || core::mem::replace(&mut since, Instant::now()).elapsed().as_secs_f64();
     let bins = Bins::sort(mesh, &map.surface);
     let sort_s = lap_s();
-    let Placed { mut sites, normals, tally } = place(mesh, map, &bins, center_of_mass_tool);
+    let Placed { mut sites, normals, on_edge, tally } = place(mesh, map, &bins, center_of_mass_tool);
     drop(bins);
     let place_s = lap_s();
     arrange(&mut sites);
     let arrange_s = lap_s();
-    let shell = Shell::lay_out(&sites, &normals, tally.radius_m, voxel_size_m);
+    let shell = Shell::lay_out(&sites, &normals, &on_edge, tally.radius_m, voxel_size_m);
     let lay_out_s = lap_s();
     let shell = shell.with_tree();
     let tree_levels = levels(&shell);
@@ -81,8 +81,15 @@ struct Placed {
     sites: Vec<Site>,
     /// Inward unit normals, tool axes.
     normals: Vec<Vec3>,
+    /// The point lies on an edge or a corner.
+    on_edge: Vec<bool>,
     tally: Tally,
 }
+
+/// Least cosine between the normal of a point's surroundings and that of its triangle: further apart, the surroundings are bent, by an
+/// edge or by detail finer than the voxels. Five degrees: flat faces along the grid have none, and what is taken for an edge without being
+/// one costs a look at the obstacle's gradient.
+const EDGE_COSINE: f64 = 0.9962;
 
 /// What every task adds up; no sum depends on its order.
 #[derive(Clone, Copy, Default)]
@@ -109,6 +116,7 @@ struct Task<'a> {
     slots: Range<usize>,
     sites: &'a mut [Site],
     normals: &'a mut [Vec3],
+    on_edge: &'a mut [bool],
     first_idx: u32,
 }
 
@@ -117,20 +125,23 @@ fn place(mesh: &TriangleMesh, map: &Voxmap, bins: &Bins, center_of_mass_tool: DV
     let (surface, grid) = (&map.surface, &map.surface.grid);
     let mut sites: Vec<Site> = rayon::iter::repeat_n(Site::default(), surface.n_voxels).collect();
     let mut normals: Vec<Vec3> = rayon::iter::repeat_n(Vec3::ZERO, surface.n_voxels).collect();
+    let mut on_edge = vec![false; surface.n_voxels];
     let mut tasks = Vec::with_capacity(surface.bricks.len() / BRICKS_PER_TASK + 1);
-    let (mut sites_left, mut normals_left, mut first_idx) = (&mut sites[..], &mut normals[..], 0);
+    let (mut sites_left, mut normals_left, mut edges_left) = (&mut sites[..], &mut normals[..], &mut on_edge[..]);
+    let mut first_idx = 0;
     for first in (0..surface.bricks.len()).step_by(BRICKS_PER_TASK) {
         let slots = first..(first + BRICKS_PER_TASK).min(surface.bricks.len());
         let n_points: usize = surface.masks[slots.clone()].iter().flatten().map(|word| word.count_ones() as usize).sum();
-        let (sites, normals);
+        let (sites, normals, on_edge);
         (sites, sites_left) = sites_left.split_at_mut(n_points);
         (normals, normals_left) = normals_left.split_at_mut(n_points);
-        tasks.push(Task { slots, sites, normals, first_idx });
+        (on_edge, edges_left) = edges_left.split_at_mut(n_points);
+        tasks.push(Task { slots, sites, normals, on_edge, first_idx });
         first_idx += n_points as u32;
     }
     let run = |(scratch, sums): &mut (Scratch, BrickSums), task: Task<'_>| {
         let mut tally = Tally::default();
-        let mut places = task.sites.iter_mut().zip(task.normals).zip(task.first_idx..);
+        let mut places = task.sites.iter_mut().zip(task.normals).zip(task.on_edge).zip(task.first_idx..);
         for slot in task.slots {
             let start = Instant::now();
             let points = scratch.project(mesh, surface, bins, slot);
@@ -139,10 +150,13 @@ fn place(mesh: &TriangleMesh, map: &Voxmap, bins: &Bins, center_of_mass_tool: DV
             if !map.thin && n_points >= POINTS_WORTH_SUMS {
                 sums.form(&map.layers, surface.bricks[slot] as usize);
             }
-            for (point, ((site, to), idx)) in points.zip(&mut places) {
+            for (point, (((site, to), on_edge), idx)) in points.zip(&mut places) {
                 let arm = grid.origin_m + point.cells * grid.voxel_size_m - center_of_mass_tool;
                 *site = Site::new(arm.as_vec3(), idx);
-                *to = normal(mesh, map, sums, &point).as_vec3();
+                let inward = normal(mesh, map, sums, &point);
+                *to = inward.as_vec3();
+                let [a, b, c] = mesh.corners(point.triangle_idx as usize);
+                *on_edge = (b - a).cross(c - a).normalize_or_zero().dot(inward).abs() < EDGE_COSINE;
                 tally.radius_m = tally.radius_m.max(arm.length());
                 tally.phase2_points += usize::from(point.on_boundary);
             }
@@ -152,5 +166,5 @@ fn place(mesh: &TriangleMesh, map: &Voxmap, bins: &Bins, center_of_mass_tool: DV
         tally
     };
     let tally = tasks.into_par_iter().map_init(Default::default, run).reduce(Tally::default, Tally::plus);
-    Placed { sites, normals, tally }
+    Placed { sites, normals, on_edge, tally }
 }

@@ -37,6 +37,16 @@ impl Lanes3 {
         let at = |lanes: &Lanes| lanes.0.get(lane).copied().unwrap_or(f32::NAN);
         Vec3::new(at(&self.x), at(&self.y), at(&self.z))
     }
+
+    /// Replaces the vector in one lane; does nothing beyond the block.
+    #[inline]
+    pub fn set(&mut self, lane: usize, vector: Vec3) {
+        for (lanes, coordinate) in [&mut self.x, &mut self.y, &mut self.z].into_iter().zip(vector.to_array()) {
+            if let Some(place) = lanes.0.get_mut(lane) {
+                *place = coordinate;
+            }
+        }
+    }
 }
 
 /// Points and normals of the tool, and the tree over them.
@@ -48,6 +58,8 @@ pub struct Shell {
     positions: Slab<Lanes3>,
     /// Same layout: unit normals, pointing **into** the tool.
     normals: Slab<Lanes3>,
+    /// `[n_blocks]`, one bit per lane: points on edges and corners.
+    edges: Slab<u16>,
     tree: Tree,
     n_points: usize,
     radius_m: f64,
@@ -56,7 +68,7 @@ pub struct Shell {
 
 impl Shell {
     /// Lays out points (about the centre of mass, m) and inward unit normals in the order given, which is also that of the tree's
-    /// leaves. Cold.
+    /// leaves; none lies on an edge. Cold.
     pub fn new(points: &[(DVec3, DVec3)], voxel_size_m: f64) -> Self {
         let blocks = |of: fn(&(DVec3, DVec3)) -> DVec3| {
             points.chunks(LANES).map(|chunk| block(chunk, |point| of(point).as_vec3())).collect::<Vec<_>>()
@@ -64,15 +76,19 @@ impl Shell {
         let (positions, normals) = (blocks(|point| point.0), blocks(|point| point.1));
         let tree = Tree::over(&positions, points.len());
         let radius_m = points.iter().map(|point| point.0.length()).fold(0.0, f64::max);
-        Self { positions: positions.into(), normals: normals.into(), tree, n_points: points.len(), radius_m, voxel_size_m }
+        let edges = vec![0; positions.len()].into();
+        Self { positions: positions.into(), normals: normals.into(), edges, tree, n_points: points.len(), radius_m, voxel_size_m }
     }
 
-    /// Lays out arranged sites and the normals that their numbers name; the tree is still to come. Cold.
-    pub(super) fn lay_out(sites: &[Site], normals: &[Vec3], radius_m: f64, voxel_size_m: f64) -> Self {
+    /// Lays out arranged sites, and what their numbers name; the tree is still to come. Cold.
+    pub(super) fn lay_out(sites: &[Site], normals: &[Vec3], on_edge: &[bool], radius_m: f64, voxel_size_m: f64) -> Self {
+        let edges =
+            |chunk: &[Site]| (0..).zip(chunk).fold(0, |edges, (lane, site)| edges | u16::from(on_edge[site.idx as usize]) << lane);
         let chunks = || sites.par_chunks(LANES);
         Self {
             positions: chunks().map(|chunk| block(chunk, Site::position)).collect::<Vec<_>>().into(),
             normals: chunks().map(|chunk| block(chunk, |site| normals[site.idx as usize])).collect::<Vec<_>>().into(),
+            edges: chunks().map(edges).collect::<Vec<_>>().into(),
             tree: Tree::default(),
             n_points: sites.len(),
             radius_m,
@@ -99,6 +115,11 @@ impl Shell {
     /// Inward unit normals, laid out like [`Self::positions`].
     pub fn normals(&self) -> &[Lanes3] {
         &self.normals
+    }
+
+    /// Points on edges and corners, where no normal says which way is out: one bit per lane of each block.
+    pub fn edges(&self) -> &[u16] {
+        &self.edges
     }
 
     /// Blocks of positions and of normals, side by side.
@@ -135,8 +156,8 @@ impl Shell {
 
     /// Size of the arrays, bytes.
     pub fn heap_bytes(&self) -> usize {
-        let Self { positions, normals, tree, n_points: _, radius_m: _, voxel_size_m: _ } = self;
-        size_of_val(&**positions) + size_of_val(&**normals) + tree.heap_bytes()
+        let Self { positions, normals, edges, tree, n_points: _, radius_m: _, voxel_size_m: _ } = self;
+        size_of_val(&**positions) + size_of_val(&**normals) + size_of_val(&**edges) + tree.heap_bytes()
     }
 }
 

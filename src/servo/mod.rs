@@ -19,6 +19,7 @@
     clippy::indexing_slicing
 )]
 
+mod calibration;
 mod control;
 mod pace;
 mod step;

@@ -5,8 +5,10 @@ use std::sync::Arc;
 
 use rtrb::{Producer, PushError};
 
+use super::calibration;
 use super::{Control, Due, Order, Pace, StopGuard};
 use crate::device::{Capabilities, Device, DeviceError, Wakeup};
+use crate::haptics::contact::Budget;
 use crate::haptics::{self, Drive, Faults, RenderScene, State, TickInput, TickOutput};
 use crate::rt::clock::{Clock, ClockKind};
 use crate::spatial::{DeviceSample, SampleStatus, Wrench};
@@ -72,6 +74,8 @@ pub struct LoopReport {
     pub dropped_records: u64,
     /// Packets that the driver refused.
     pub packet_errors: u64,
+    /// What a contact query might look at in one tick; `None`: everything. A recording that is to be replayed has to know it.
+    pub contact_budget_points: Option<u32>,
     /// Every fault of the run.
     pub faults: Faults,
     /// Tick of the first fault.
@@ -99,6 +103,7 @@ pub struct ServoLoop<D: Device, C: Clock> {
     scene: Arc<RenderScene>,
     state: State,
     tick_function: TickFunction,
+    time_budget_s: Option<f64>,
     device: StopGuard<D>,
     capabilities: Capabilities,
     clock: C,
@@ -143,6 +148,7 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
             state: State::new(&scene),
             scene,
             tick_function: haptics::tick,
+            time_budget_s: None,
             device: StopGuard::new(device),
             capabilities,
             clock,
@@ -175,6 +181,13 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
         self
     }
 
+    /// The same loop with a limit for the contact query, s; [`Self::warm_up`] turns it into a count.
+    #[must_use]
+    pub fn with_time_budget(mut self, time_budget_s: Option<f64>) -> Self {
+        self.time_budget_s = time_budget_s;
+        self
+    }
+
     /// The arm.
     pub fn device(&mut self) -> &mut D {
         &mut self.device
@@ -183,6 +196,10 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
     /// Runs the tick on a copy of the state, without the arm, then sets the first deadline one period from now. Call once, in the thread of
     /// the loop, before the first step.
     pub fn warm_up(&mut self) {
+        if let Some(time_budget_s) = self.time_budget_s {
+            let budget = calibration::budget(&self.scene, &self.state, &self.clock, time_budget_s);
+            self.state.set_budget(budget);
+        }
         let mut rehearsal = self.state.clone();
         let begin_ns = self.clock.stopwatch_ns();
         for n in 0..WARM_UP_TICKS {
@@ -352,6 +369,10 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
             missed_deadlines: self.missed_deadlines,
             dropped_records: self.dropped_records,
             packet_errors: self.packet_errors,
+            contact_budget_points: match self.state.budget() {
+                Budget::Unlimited => None,
+                Budget::Points(points) => Some(points),
+            },
             faults: self.faults,
             first_fault_tick: self.first_fault_tick,
             first_tick_ns: self.first_tick_ns,

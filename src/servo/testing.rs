@@ -8,8 +8,8 @@ use glam::{DMat3, DVec3};
 
 use crate::device::{Capabilities, Device, DeviceError};
 use crate::haptics::{
-    ContactParameters, CouplingMode, CouplingParameters, FilterParameters, FreeSpace, Inertia, LimitParameters, Normalization,
-    Parameters, PortParameters, RenderScene, SpringClamp, Tool,
+    ContactParameters, CouplingMode, CouplingParameters, FilterParameters, FreeSpace, FrictionParameters, Inertia, LimitParameters,
+    Normalization, Parameters, PortParameters, RenderScene, SpringClamp, Tool,
 };
 use crate::pointshell::shell::Shell;
 use crate::rt::clock::{Clock, ClockKind};
@@ -26,6 +26,7 @@ pub(crate) fn parameters() -> Parameters {
             stiffness_n_per_m: 1000.0,
             damping_ratio: 0.7,
             normalization: Normalization::None,
+            friction: FrictionParameters::NONE,
         },
         coupling: CouplingParameters {
             mode: CouplingMode::Implicit,

@@ -27,6 +27,7 @@ pub struct Summary {
     max_torque_nm: f64,
     max_depth_m: f64,
     contact_ticks: u64,
+    points_left_out: u32,
     stale_samples: u64,
     final_pose: Pose,
     faults: Faults,
@@ -46,6 +47,7 @@ impl Summary {
             max_torque_nm: 0.0,
             max_depth_m: 0.0,
             contact_ticks: 0,
+            points_left_out: 0,
             stale_samples: 0,
             final_pose: Pose::IDENTITY,
             faults: Faults::NONE,
@@ -67,6 +69,7 @@ impl Summary {
         self.max_torque_nm = self.max_torque_nm.max(output.command_device.torque.length());
         self.max_depth_m = self.max_depth_m.max(output.max_depth_m);
         self.contact_ticks += u64::from(output.contacts > 0);
+        self.points_left_out = self.points_left_out.max(output.points_left_out);
         self.stale_samples += u64::from(record.input.sample.status != SampleStatus::Fresh);
         self.final_pose = output.world_from_tool;
         self.faults |= output.faults;
@@ -96,6 +99,8 @@ impl Summary {
             max_torque_nm: self.max_torque_nm,
             max_depth_m: self.max_depth_m,
             contact_ticks: self.contact_ticks,
+            contact_budget_points: counted.contact_budget_points,
+            points_left_out: self.points_left_out,
             faults: (self.faults | counted.faults).names().collect(),
             realtime: counted.realtime,
             final_pose: PoseSummary::of(self.final_pose),
@@ -122,6 +127,8 @@ pub struct Counted {
     pub missed_deadlines: u64,
     /// Records that found the ring full.
     pub dropped_records: u64,
+    /// What a contact query might look at; `None`: everything.
+    pub contact_budget_points: Option<u32>,
     /// Every fault of the run.
     pub faults: Faults,
     /// How the loop was scheduled.
@@ -220,6 +227,10 @@ pub struct Totals {
     pub max_depth_m: f64,
     /// Ticks with at least one contact.
     pub contact_ticks: u64,
+    /// Points that a contact query might look at in one tick, of `contact.time_budget_us`; `None`: as many as it takes.
+    pub contact_budget_points: Option<u32>,
+    /// Most points that this left out in one tick; others stood for them.
+    pub points_left_out: u32,
     /// Names of the faults.
     pub faults: Vec<&'static str>,
     /// How the loop was scheduled.
@@ -259,6 +270,7 @@ mod tests {
             clock: "virtual",
             missed_deadlines: 2,
             dropped_records: 0,
+            contact_budget_points: None,
             faults: Faults::PANIC,
             realtime: RealtimeSummary { policy: "other", ..RealtimeSummary::default() },
         }

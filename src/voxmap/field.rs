@@ -7,15 +7,18 @@
 
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::indexing_slicing)]
 
+pub mod chart;
 mod file;
 
 use std::sync::Arc;
 
 use glam::Vec3;
 
-use super::distance::{APRON_CELLS, APRON_EDGE, Samples, sample_of};
+pub use super::distance::{APRON_CELLS, APRON_EDGE};
+use super::distance::{Samples, sample_of};
 use super::grid::{BRICK_CELLS, BRICK_EDGE, Grid};
-use super::layers::{DEEP_INSIDE, FAR_OUTSIDE, Layers};
+use super::layers::Layers;
+pub use super::layers::{DEEP_INSIDE, FAR_OUTSIDE};
 use crate::storage::Slab;
 
 /// Which formula turns the map into a depth at a point.

@@ -183,11 +183,8 @@ fn what_this_version_lacks_is_refused_by_name() {
     let scene = SCENE.replace("rate_hz = 1000", "coupling = \"static\"").replace("layers = 8", "movable = true")
         + r#"selector = "1209:7a01"
 [contact]
-normalize = "cluster"
-friction = { static = 0.25, dynamic = 0.2 }
 braking = true
 damping_n_s_per_m = 1.0
-time_budget_us = 300
 [safety]
 deadman = true
 heartbeat_ms = 500
@@ -204,11 +201,8 @@ points = 1000
         "rendering.coupling",
         "static[0].movable",
         "device.selector",
-        "contact.normalize",
-        "contact.friction",
         "contact.braking",
         "contact.damping_n_s_per_m",
-        "contact.time_budget_us",
         "safety.deadman",
         "safety.heartbeat_ms",
         "device.sim.jitter_us",
@@ -219,6 +213,23 @@ points = 1000
     for problem in errors.problems() {
         assert!(matches!(problem.kind, ProblemKind::NotAvailable { .. }), "{problem}");
         assert!(problem.to_string().contains("not available in this version"), "{problem}");
+    }
+}
+
+#[test]
+fn a_time_budget_is_read_in_its_range_and_for_the_field_that_can_be_walked() {
+    let with = |budget: &str, field: &str| {
+        load(
+            &(SCENE.replace("rate_hz = 1000", &format!("rate_hz = 1000\nfield = \"{field}\""))
+                + &format!("[contact]\ntime_budget_us = {budget}\n")),
+        )
+    };
+    let budget_s = with("250", "trilinear").expect("valid").time_budget_s.expect("a budget");
+    assert!((budget_s - 250e-6).abs() < 1e-12);
+    for (budget, field) in [("0", "trilinear"), ("1e6", "trilinear"), ("250", "layers")] {
+        let errors = with(budget, field).unwrap_err();
+        assert_eq!(errors.problems().len(), 1, "{errors}");
+        assert_eq!(errors.problems()[0].key.as_deref(), Some("contact.time_budget_us"));
     }
 }
 

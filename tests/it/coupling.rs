@@ -6,8 +6,9 @@ use hapticd::config::LoadOptions;
 use hapticd::daemon::prepare;
 use hapticd::haptics::contact::Obstacle;
 use hapticd::haptics::{
-    ContactParameters, CouplingMode, CouplingParameters, Drive, DriveRequest, Faults, FilterParameters, FreeSpace, Inertia,
-    LimitParameters, Normalization, Parameters, PortParameters, RenderScene, SpringClamp, State, TickInput, TickOutput, Tool, tick,
+    ContactParameters, CouplingMode, CouplingParameters, Drive, DriveRequest, Faults, FilterParameters, FreeSpace,
+    FrictionParameters, Inertia, LimitParameters, Normalization, Parameters, PortParameters, RenderScene, SpringClamp, State,
+    TickInput, TickOutput, Tool, tick,
 };
 use hapticd::mesh::TriangleMesh;
 use hapticd::mesh::primitives::Shape;
@@ -42,6 +43,7 @@ fn parameters() -> Parameters {
             stiffness_n_per_m: 2000.0,
             damping_ratio: 0.7,
             normalization: Normalization::None,
+            friction: FrictionParameters::NONE,
         },
         coupling: CouplingParameters {
             mode: CouplingMode::Implicit,

@@ -2,22 +2,10 @@
 
 use glam::{Mat3, Vec3};
 
+use super::touched::{Contact, Touched};
 use crate::pointshell::shell::{LANES, Lanes3, Shell};
 use crate::spatial::Pose;
 use crate::voxmap::field::{Field, FieldKind};
-
-/// One point in contact.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Contact {
-    /// Number of the point in the shell.
-    pub point_idx: u32,
-    /// V at the point, m, greater than 0.
-    pub depth_m: f32,
-    /// Point about the centre of mass, tool axes, m.
-    pub arm_body: Vec3,
-    /// Unit direction that pushes the tool out, tool axes: the point's normal, or −grad V of a thin skin.
-    pub normal_body: Vec3,
-}
 
 /// Calls `touch` for every point with V > 0, in the order of the points; returns the largest V, m.
 ///
@@ -25,30 +13,34 @@ pub struct Contact {
 /// nothing. RT: safe; O(points), one field look-up each.
 #[inline]
 pub fn visit(field: &Field, kind: FieldKind, shell: &Shell, map_from_body: Pose, mut touch: impl FnMut(&Contact)) -> f32 {
+    blocks(field, kind, shell, map_from_body, |touched| touched.contacts(field, shell, map_from_body, &mut touch))
+}
+
+/// The same, block by block.
+#[inline]
+pub(super) fn blocks(field: &Field, kind: FieldKind, shell: &Shell, map_from_body: Pose, mut touch: impl FnMut(&Touched)) -> f32 {
     let per_metre = 1.0 / f64::from(field.voxel_size_m());
     let map_axes: Mat3 = map_from_body.rotation_matrix().as_mat3();
     let cells_axes: Mat3 = (map_from_body.rotation_matrix() * per_metre).as_mat3();
     // The subtraction in f64: what is left is small, whatever the origin.
     let cells_origin = ((map_from_body.translation - field.origin_map().as_dvec3()) * per_metre).as_vec3();
     let mut max_value = f32::NEG_INFINITY;
-    let mut point_idx = 0;
-    for (positions, normals) in shell.blocks() {
+    let mut n_left = shell.len();
+    for (block, (positions, normals)) in shell.blocks().enumerate() {
         // The transform of a whole block first: it vectorises, the look-ups do not.
         let cells = transformed(positions, cells_axes, cells_origin);
-        for (lane, cells) in cells.into_iter().enumerate() {
-            if point_idx as usize >= shell.len() {
-                return max_value;
-            }
+        let mut touched = Touched { block: block as u32, lanes: 0, weight: 1.0, depths_m: [f32::NEG_INFINITY; LANES] };
+        for (lane, (cells, depth)) in cells.into_iter().zip(&mut touched.depths_m).enumerate().take(n_left) {
             let normal_map = if kind == FieldKind::Layers { map_axes * normals.get(lane) } else { Vec3::ZERO };
             let depth_m = field.value(kind, cells, normal_map);
             max_value = max_value.max(depth_m);
-            if depth_m > 0.0 {
-                let normal_body =
-                    if field.is_thin() { out_of_skin(field, cells, map_axes, normals.get(lane)) } else { normals.get(lane) };
-                touch(&Contact { point_idx, depth_m, arm_body: positions.get(lane), normal_body });
-            }
-            point_idx += 1;
+            *depth = depth_m;
+            touched.lanes |= u16::from(depth_m > 0.0) << lane;
         }
+        if touched.lanes != 0 {
+            touch(&touched);
+        }
+        n_left = n_left.saturating_sub(LANES);
     }
     max_value
 }
@@ -62,9 +54,4 @@ fn transformed(positions: &Lanes3, axes: Mat3, origin: Vec3) -> [Vec3; LANES] {
         *cells = axes.x_axis * x + axes.y_axis * y + axes.z_axis * z + origin;
     }
     cells
-}
-
-/// −grad V of a thin skin in tool axes; on its mid-surface, where the gradient vanishes, the point's own normal.
-fn out_of_skin(field: &Field, cells: Vec3, map_axes: Mat3, normal_body: Vec3) -> Vec3 {
-    (map_axes.transpose() * -field.gradient(cells)).try_normalize().unwrap_or(normal_body)
 }

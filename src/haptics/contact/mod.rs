@@ -2,18 +2,38 @@
 //!
 //! # Units and frames
 //! Sums are formed in tool axes about the centre of mass, where normals and arms are constants of the shell, and turned to world
-//! axes once per obstacle. `f32` per point, `f64` sums, added in the order of the points: the same bits on every machine.
+//! axes once. `f32` per point and over a few blocks, `f64` beyond; always added in the order of the blocks: the same bits on every
+//! machine.
+//!
+//! ```text
+//!   flat (specification) ─┐
+//!   traversal ─┬─ all ────┼─► Touched: blocks of the shell and depths ─► sum by face ─► normalisation ─► wrench, patches
+//!              └─ walk ───┘
+//! ```
 //!
 //! # Source
 //! Sagardia2008, section 2 (traverse all points, sum penetration × normal); McNeely1999 (wrench about the centre of mass).
 
+mod budget;
+pub mod faces;
 mod flat;
+mod simd;
+mod sum;
+mod touched;
+mod traversal;
+mod walk;
 
 use glam::DVec3;
 
-pub use flat::{Contact, visit};
+pub use budget::Budget;
+pub use faces::FACES;
+pub use flat::visit;
+pub use simd::Machine;
+pub use touched::{Contact, Touched};
+pub use traversal::{Traversal, Way};
 
-use super::filter::entry_weight;
+use self::faces::{FaceSet, face_of};
+use self::sum::{Sums, Total, Weighting};
 use super::params::{ContactParameters, FilterParameters, Normalization};
 use crate::pointshell::shell::Shell;
 use crate::spatial::{Mat6, Pose, Wrench};
@@ -28,12 +48,27 @@ pub struct Obstacle {
     pub world_from_map: Pose,
 }
 
+/// What touches with one face of the tool.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Patch {
+    /// Number of the face.
+    pub face: u8,
+    /// Force that presses it, normalisation included, N.
+    pub force_n: f64,
+    /// Unit direction that pushes the tool out, world axes.
+    pub normal_world: DVec3,
+    /// Depth-weighted middle, relative to the centre of mass, world axes, m.
+    pub arm_world: DVec3,
+    /// Radius of gyration about the normal through the middle, m.
+    pub radius_m: f64,
+}
+
 /// The sum over all contacts of all obstacles, world axes, about the tool's centre of mass.
 #[derive(Clone, Copy, Debug)]
 pub struct ContactSum {
     /// Points with V > 0.
     pub contacts: u32,
-    /// Largest V over all points and obstacles, m; −band when everything is far.
+    /// Largest V over all points and obstacles, m; −band when everything is far. See [`Self::of`] for what a walk gives.
     pub max_value_m: f64,
     /// Contact wrench on the tool: stiffness times depths, stage S and normalisation applied where they are on.
     pub wrench: Wrench,
@@ -46,21 +81,19 @@ pub struct ContactSum {
     /// Largest displacement that a point may make in one tick without passing unnoticed through any
     /// obstacle: the proven clearance, or half a voxel near contact, m.
     pub step_limit_m: f64,
-}
-
-/// What one obstacle adds, tool axes, metres instead of newtons (stiffness is multiplied in later).
-#[derive(Clone, Copy, Debug)]
-struct Partial {
-    depth_normal: DVec3,
-    depth_moment: DVec3,
-    stiffness: Mat6,
-    depth: f64,
-    depth_arm: DVec3,
-    effective: f64,
-    contacts: u32,
+    /// Points and spheres that a walk looked at; 0 of the flat traversal, which looks at all points.
+    pub looked_at: u32,
+    /// Points that a budget left out: others stood for them.
+    pub left_out: u32,
+    patches: [Option<Patch>; FACES],
 }
 
 impl ContactSum {
+    /// What touches, face by face.
+    pub fn patches(&self) -> impl Iterator<Item = &Patch> {
+        self.patches.iter().flatten()
+    }
+
     /// Traverses the whole shell against every obstacle.
     ///
     /// `world_from_body`: tool axes at the centre of mass. Contact stiffness is the Gauss-Newton form K Σ w wᵀ with
@@ -75,85 +108,203 @@ impl ContactSum {
         contact: &ContactParameters,
         filter: &FilterParameters,
     ) -> Self {
-        let stiffness_n_per_m = contact.stiffness_n_per_m;
-        let mut sum = Self {
+        let mut summing = Summing::new(contact, filter, world_from_body);
+        for obstacle in obstacles {
+            let map_from_body = obstacle.world_from_map.inverse() * world_from_body;
+            let by = summing.weighting(obstacle);
+            let mut n_contacts = 0;
+            let max_value_m = flat::blocks(&obstacle.field, contact.field, shell, map_from_body, |touched| {
+                n_contacts += touched.lanes.count_ones();
+                let face = shell.normals().get(touched.block as usize).map_or(0, face_of);
+                if let (Some((positions, normals)), Some(sums)) =
+                    (touched.geometry(&obstacle.field, shell, map_from_body), summing.face(face))
+                {
+                    Machine::Portable.add(sums, touched, &positions, &normals, by);
+                }
+            });
+            summing.note(obstacle, n_contacts, max_value_m);
+        }
+        summing.finish()
+    }
+
+    /// The same by a prepared [`Traversal`], which remembers what cannot touch from one call to the next.
+    ///
+    /// While something touches, and the budget suffices, every bit is that of [`Self::flat`]. While nothing touches, −`max_value_m` of a
+    /// walk is the clearance that it has proven, which is less. `obstacles` and `shell` must be those that the traversal was made for.
+    ///
+    /// RT: safe; allocates nothing.
+    pub fn of(
+        traversal: &mut Traversal,
+        obstacles: &[Obstacle],
+        shell: &Shell,
+        world_from_body: Pose,
+        contact: &ContactParameters,
+        filter: &FilterParameters,
+    ) -> Self {
+        let machine = traversal.machine();
+        let mut summing = Summing::new(contact, filter, world_from_body);
+        traversal.begin();
+        for (obstacle_idx, obstacle) in obstacles.iter().enumerate() {
+            let map_from_body = obstacle.world_from_map.inverse() * world_from_body;
+            let by = summing.weighting(obstacle);
+            let found = traversal.find(obstacle_idx, obstacle, contact.field, shell, map_from_body);
+            let mut n_contacts = 0;
+            // Blocks of one face come mostly one after the other.
+            let kind = |touched: &Touched| (traversal.face(touched.block), touched.bends(&obstacle.field, shell));
+            for run in traversal.touched().chunk_by(|one, other| kind(one) == kind(other)) {
+                let Some((face, bends)) = run.first().map(kind) else { continue };
+                let Some(sums) = summing.face(face) else { continue };
+                n_contacts += run.iter().map(|touched| touched.lanes.count_ones()).sum::<u32>();
+                if bends {
+                    for touched in run {
+                        if let Some((positions, normals)) = touched.geometry(&obstacle.field, shell, map_from_body) {
+                            machine.add(sums, touched, &positions, &normals, by);
+                        }
+                    }
+                } else {
+                    machine.add_all(sums, run, (shell.positions(), shell.normals()), by);
+                }
+            }
+            summing.note(obstacle, n_contacts, found.max_value_m);
+            summing.left_out += found.left_out;
+            summing.looked_at += found.looked_at;
+        }
+        summing.finish()
+    }
+}
+
+/// Contacts from which an averaged sum stops growing (McNeely1999: F_tot below ten contacts, F_tot/(N/10) from ten on).
+pub const AVERAGED_CONTACTS: f64 = 10.0;
+
+/// The sums while obstacles are added.
+struct Summing<'a> {
+    contact: &'a ContactParameters,
+    filter: &'a FilterParameters,
+    world_from_body: Pose,
+    /// Tool axes; of all obstacles together.
+    faces: [Sums; FACES],
+    touching: FaceSet,
+    contacts: u32,
+    max_value_m: f64,
+    voxel_size_m: f64,
+    touched_voxel_m: f64,
+    step_limit_m: f64,
+    looked_at: u32,
+    left_out: u32,
+}
+
+impl<'a> Summing<'a> {
+    fn new(contact: &'a ContactParameters, filter: &'a FilterParameters, world_from_body: Pose) -> Self {
+        Self {
+            contact,
+            filter,
+            world_from_body,
+            faces: [Sums::ZERO; FACES],
+            touching: FaceSet::default(),
             contacts: 0,
             max_value_m: f64::NEG_INFINITY,
+            voxel_size_m: f64::INFINITY,
+            touched_voxel_m: f64::INFINITY,
+            step_limit_m: f64::INFINITY,
+            looked_at: 0,
+            left_out: 0,
+        }
+    }
+
+    fn weighting(&self, obstacle: &Obstacle) -> Weighting {
+        Weighting::new(obstacle.field.voxel_size_m(), self.filter.spatial)
+    }
+
+    /// The sums of a face that touches.
+    #[inline]
+    fn face(&mut self, face: u8) -> Option<&mut Sums> {
+        self.touching.insert(face);
+        self.faces.get_mut(usize::from(face))
+    }
+
+    /// Notes what else was found at an obstacle.
+    fn note(&mut self, obstacle: &Obstacle, n_contacts: u32, max_value_m: f32) {
+        let max_value_m = f64::from(max_value_m);
+        let voxel_size_m = f64::from(obstacle.field.voxel_size_m());
+        self.contacts += n_contacts;
+        self.max_value_m = self.max_value_m.max(max_value_m);
+        self.voxel_size_m = self.voxel_size_m.min(voxel_size_m);
+        // Interpolation may overstate a clearance by half the diagonal of a cell, the other look-ups by up to two voxels.
+        let overstated_voxels = if self.contact.field == FieldKind::Trilinear { 0.5 * 3_f64.sqrt() } else { 2.0 };
+        let clearance_m = -max_value_m - overstated_voxels * voxel_size_m;
+        self.step_limit_m = self.step_limit_m.min(clearance_m.max(0.5 * voxel_size_m));
+        if n_contacts > 0 {
+            self.touched_voxel_m = self.touched_voxel_m.min(voxel_size_m);
+        }
+    }
+
+    fn finish(self) -> ContactSum {
+        let rotation = self.world_from_body.rotation_matrix();
+        let stiffness_n_per_m = self.contact.stiffness_n_per_m;
+        // Turned zeros may get a sign; free space is exactly zero.
+        let rotation = if self.contacts > 0 { rotation } else { glam::DMat3::IDENTITY };
+        let mut totals = [None; FACES];
+        let mut effective = 0.0;
+        for face in self.touching.iter() {
+            if let (Some(total), Some(sums)) = (totals.get_mut(face), self.faces.get(face)) {
+                effective += total.insert(sums.total()).effective;
+            }
+        }
+        let mut sum = ContactSum {
+            contacts: self.contacts,
+            max_value_m: self.max_value_m,
             wrench: Wrench::ZERO,
             stiffness: Mat6::ZERO,
             arm_world: DVec3::ZERO,
-            voxel_size_m: f64::INFINITY,
-            step_limit_m: f64::INFINITY,
+            voxel_size_m: if self.contacts > 0 { self.touched_voxel_m } else { self.voxel_size_m },
+            step_limit_m: self.step_limit_m,
+            looked_at: self.looked_at,
+            left_out: self.left_out,
+            patches: [None; FACES],
         };
-        let (mut touched_voxel_m, mut depth, mut depth_arm, mut effective) = (f64::INFINITY, 0.0, DVec3::ZERO, 0.0);
-        for obstacle in obstacles {
-            let voxel_size_m = f64::from(obstacle.field.voxel_size_m());
-            let map_from_body = obstacle.world_from_map.inverse() * world_from_body;
-            let mut partial = Partial::NONE;
-            let max_value_m = f64::from(visit(&obstacle.field, contact.field, shell, map_from_body, |touching| {
-                partial.add(touching, voxel_size_m, filter.spatial);
-            }));
-            sum.max_value_m = sum.max_value_m.max(max_value_m);
-            sum.voxel_size_m = sum.voxel_size_m.min(voxel_size_m);
-            // Interpolation may overstate a clearance by half the diagonal of a cell, the other look-ups by up to two voxels.
-            let overstated_voxels = if contact.field == FieldKind::Trilinear { 0.5 * 3_f64.sqrt() } else { 2.0 };
-            let clearance_m = -max_value_m - overstated_voxels * voxel_size_m;
-            sum.step_limit_m = sum.step_limit_m.min(clearance_m.max(0.5 * voxel_size_m));
-            if partial.contacts == 0 {
-                continue;
-            }
-            let rotation = world_from_body.rotation_matrix();
-            sum.contacts += partial.contacts;
-            sum.wrench =
-                sum.wrench + Wrench::new(rotation * partial.depth_normal, rotation * partial.depth_moment) * stiffness_n_per_m;
-            sum.stiffness = sum.stiffness.plus_scaled(stiffness_n_per_m, &partial.stiffness.rotated(rotation));
-            touched_voxel_m = touched_voxel_m.min(voxel_size_m);
-            depth += partial.depth;
-            depth_arm += rotation * partial.depth_arm;
-            effective += partial.effective;
+        let (mut depth, mut depth_arm) = (0.0, DVec3::ZERO);
+        let (mut force, mut moment, mut stiffness) = (DVec3::ZERO, DVec3::ZERO, Mat6::ZERO);
+        for ((face, total), patch) in totals.iter().enumerate().zip(&mut sum.patches) {
+            let Some(total) = total else { continue };
+            let share = match self.contact.normalization {
+                Normalization::None => 1.0,
+                Normalization::Average => within_ten(effective),
+                Normalization::Cluster => within_ten(total.effective),
+            };
+            force += total.depth_normal * share;
+            moment += total.depth_moment * share;
+            stiffness = stiffness.plus_scaled(share, &total.stiffness);
+            depth += total.depth;
+            depth_arm += total.depth_arm;
+            *patch = Patch::of(face as u8, total, share * stiffness_n_per_m, rotation);
         }
-        if sum.contacts > 0 {
-            sum.voxel_size_m = touched_voxel_m;
-            sum.arm_world = depth_arm / depth;
-            if contact.normalization == Normalization::Average {
-                let scale = 1.0 / (effective / AVERAGED_CONTACTS).max(1.0);
-                sum.wrench = sum.wrench * scale;
-                sum.stiffness = Mat6::ZERO.plus_scaled(scale, &sum.stiffness);
-            }
+        sum.wrench = Wrench::new(rotation * force, rotation * moment) * stiffness_n_per_m;
+        sum.stiffness = Mat6::ZERO.plus_scaled(stiffness_n_per_m, &stiffness.rotated(rotation));
+        if depth > 0.0 {
+            sum.arm_world = rotation * depth_arm / depth;
         }
         sum
     }
 }
 
-/// Contacts from which the averaged sum stops growing (McNeely1999: F_tot below ten contacts, F_tot/(N/10) from ten on).
-const AVERAGED_CONTACTS: f64 = 10.0;
+/// The factor that keeps a sum of so many contacts at what ten of them give.
+fn within_ten(effective: f64) -> f64 {
+    1.0 / (effective / AVERAGED_CONTACTS).max(1.0)
+}
 
-impl Partial {
-    const NONE: Self = Self {
-        depth_normal: DVec3::ZERO,
-        depth_moment: DVec3::ZERO,
-        stiffness: Mat6::ZERO,
-        depth: 0.0,
-        depth_arm: DVec3::ZERO,
-        effective: 0.0,
-        contacts: 0,
-    };
-
-    #[inline]
-    fn add(&mut self, contact: &Contact, voxel_size_m: f64, spatial: bool) {
-        let depth = f64::from(contact.depth_m);
-        let (weight, weight_slope) = if spatial { entry_weight(depth, voxel_size_m) } else { (1.0, 0.0) };
-        let normal = contact.normal_body.as_dvec3();
-        let arm = contact.arm_body.as_dvec3();
-        let moment = arm.cross(normal);
-        self.depth_normal += normal * (depth * weight);
-        self.depth_moment += moment * (depth * weight);
-        // d(d·w)/dd = w + d·w'
-        self.stiffness.add_outer(weight + depth * weight_slope, normal, moment);
-        self.depth += depth;
-        self.depth_arm += arm * depth;
-        // Our smooth count: a contact counts fully from a quarter voxel on, so that normalisation has no steps.
-        self.effective += (4.0 * depth / voxel_size_m).min(1.0);
-        self.contacts += 1;
+impl Patch {
+    /// From the sums of a face; `None` where it presses nothing.
+    fn of(face: u8, total: &Total, stiffness_n_per_m: f64, rotation: glam::DMat3) -> Option<Self> {
+        let normal = total.depth_normal.try_normalize()?;
+        let arm = total.depth_arm / total.depth;
+        let (along, about) = total.stiffness.traces();
+        let squared = if along > 0.0 { about / along - arm.cross(normal).length_squared() } else { 0.0 };
+        arm.is_finite().then(|| Self {
+            face,
+            force_n: stiffness_n_per_m * total.depth_normal.length(),
+            normal_world: rotation * normal,
+            arm_world: rotation * arm,
+            radius_m: squared.max(0.0).sqrt(),
+        })
     }
 }

@@ -23,10 +23,11 @@ impl Shell {
 
     /// Adds the shell to a file.
     pub fn store<'a>(&'a self, head: &'a ShellHead, to: &mut Writer<'a>) {
-        let Self { positions, normals, tree, n_points: _, radius_m: _, voxel_size_m: _ } = self;
+        let Self { positions, normals, edges, tree, n_points: _, radius_m: _, voxel_size_m: _ } = self;
         to.record("shell", head);
         to.array("shell positions", positions);
         to.array("shell normals", normals);
+        to.array("shell edges", edges);
         tree.store(to);
     }
 
@@ -46,6 +47,7 @@ impl Shell {
         let shell = Self {
             positions: from.array("shell positions")?,
             normals: from.array("shell normals")?,
+            edges: from.array("shell edges")?,
             tree: Tree::load(from, n_points)?,
             n_points,
             radius_m,
@@ -55,10 +57,11 @@ impl Shell {
     }
 
     fn is_consistent(&self) -> bool {
-        let Self { positions, normals, tree: _, n_points, radius_m, voxel_size_m } = self;
+        let Self { positions, normals, edges, tree: _, n_points, radius_m, voxel_size_m } = self;
         let unused = (n_points % LANES..LANES).filter(|_| n_points % LANES > 0);
         positions.len() == n_points.div_ceil(LANES)
             && normals.len() == positions.len()
+            && edges.len() == positions.len()
             && positions.last().is_none_or(|last| unused.into_iter().all(|lane| last.get(lane).is_nan()))
             && *radius_m >= 0.0
             && radius_m.is_finite()

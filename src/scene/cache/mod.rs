@@ -33,7 +33,7 @@ use crate::storage::Region;
 use crate::storage::sections::{Key, Refusal};
 
 /// Counts up whenever baking gives other bits than before for the same request. A test holds reference bakes against it.
-pub const GENERATION: u32 = 2;
+pub const GENERATION: u32 = 3;
 
 /// Bytes that a cache folder may hold; beyond, the files that were not used for longest go.
 const LIMIT_BYTES: u64 = 4 << 30;

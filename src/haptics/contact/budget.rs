@@ -1,0 +1,161 @@
+//! How much a walk may look at in one tick, and what it does when that is not enough.
+//!
+//! A budget is a **count**, so that a recording replays bit for bit wherever it runs; whoever has a time to spend turns it into a
+//! count before the first tick. A point counts 1, a block of eight spheres
+//! 8, or 1 when all of them are still clear since an earlier tick.
+//!
+//! Where the budget ends, a node is not refined: its representative stands for the points below it, for as many as its depth reaches (all,
+//! once it is as deep as the node's sphere is large), so the sum stays comparable, grows without steps and is not overstated. The walk refines level by level, so what is left out is left out at the finest levels; of a level that
+//! fits in part, nodes below which something touched in the last tick are refined first; a quarter is kept for the others, so that new
+//! contacts are found. Among either kind, evenly spread nodes are refined, and other ones in the next tick.
+
+use crate::pointshell::shell::LANES;
+use crate::pointshell::tree::CHILDREN;
+
+/// Points that may be looked at in one tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Budget {
+    /// As many as it takes.
+    #[default]
+    Unlimited,
+    /// So many.
+    Points(u32),
+}
+
+impl Budget {
+    /// The share of an obstacle when `n_left` obstacles, this one among them, and what is left are to be divided evenly.
+    #[inline]
+    pub(super) fn share(self, n_left: usize) -> Self {
+        match self {
+            Self::Unlimited => Self::Unlimited,
+            Self::Points(points) => Self::Points(points / u32::try_from(n_left.max(1)).unwrap_or(u32::MAX)),
+        }
+    }
+
+    /// What is left of it.
+    #[inline]
+    pub(super) fn without(self, spent: u32) -> Self {
+        match self {
+            Self::Unlimited => Self::Unlimited,
+            Self::Points(points) => Self::Points(points.saturating_sub(spent)),
+        }
+    }
+
+    /// Of `n_open` nodes, how many may be refined, when every other one still costs its representative and every child that a
+    /// refined one may open too.
+    #[inline]
+    pub(super) fn refinable(self, n_open: u32) -> u32 {
+        match self {
+            Self::Unlimited => n_open,
+            Self::Points(points) => (points.saturating_sub(n_open) / WORST_CASE).min(n_open),
+        }
+    }
+}
+
+/// What refining a node may cost beyond its representative: eight spheres and the representatives of eight children, or sixteen
+/// points, instead of the one point.
+const WORST_CASE: u32 = 15;
+const _: () = assert!(2 * CHILDREN == LANES && WORST_CASE as usize == LANES - 1);
+
+/// Which nodes of a level are refined: evenly spread, other ones from tick to tick.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Selection {
+    n_open: u64,
+    n_refined: u64,
+    turn: u64,
+}
+
+impl Selection {
+    #[inline]
+    pub(super) fn new(n_open: u32, n_refined: u32, turn: u64) -> Self {
+        Self { n_open: u64::from(n_open.max(1)), n_refined: u64::from(n_refined), turn: turn % u64::from(n_open.max(1)) }
+    }
+
+    /// True for exactly `n_refined` of the `n_open` nodes.
+    #[inline]
+    pub(super) fn takes(self, idx: u32) -> bool {
+        if self.n_refined == self.n_open {
+            return true;
+        }
+        let at = (u64::from(idx) + self.turn) % self.n_open;
+        at * self.n_refined / self.n_open != (at + 1) * self.n_refined / self.n_open
+    }
+}
+
+/// Which nodes of a level are refined, those that are preferred being listed first.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Choice {
+    n_preferred: u32,
+    preferred: Selection,
+    others: Selection,
+}
+
+impl Choice {
+    #[inline]
+    pub(super) fn new(n_open: u32, n_preferred: u32, n_refined: u32, turn: u64) -> Self {
+        let n_others = n_open - n_preferred;
+        let kept = (n_refined / 4).min(n_others);
+        let from_preferred = (n_refined - kept).min(n_preferred);
+        Self {
+            n_preferred,
+            preferred: Selection::new(n_preferred, from_preferred, turn),
+            others: Selection::new(n_others, n_refined - from_preferred, turn),
+        }
+    }
+
+    /// True for exactly `n_refined` of the `n_open` nodes.
+    #[inline]
+    pub(super) fn takes(self, idx: u32) -> bool {
+        if idx < self.n_preferred { self.preferred.takes(idx) } else { self.others.takes(idx - self.n_preferred) }
+    }
+}
+
+#[cfg(test)]
+#[expect(clippy::disallowed_types, clippy::disallowed_macros, clippy::indexing_slicing, reason = "test code")]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_selection_takes_as_many_as_asked_evenly_and_everyone_in_turn() {
+        for (n_open, n_refined) in [(1, 0), (1, 1), (7, 3), (100, 1), (100, 99), (1000, 137)] {
+            let mut taken = vec![0_u32; n_open as usize];
+            for turn in 0..u64::from(n_open) {
+                let selection = Selection::new(n_open, n_refined, turn);
+                let chosen: Vec<u32> = (0..n_open).filter(|idx| selection.takes(*idx)).collect();
+                assert_eq!(chosen.len() as u32, n_refined);
+                let gaps = chosen.windows(2).map(|pair| pair[1] - pair[0]);
+                assert!(gaps.clone().max().unwrap_or(0) <= gaps.min().unwrap_or(0) + 1);
+                chosen.into_iter().for_each(|idx| taken[idx as usize] += 1);
+            }
+            assert!(taken.iter().all(|times| *times == n_refined), "{n_open} {n_refined}");
+        }
+    }
+
+    #[test]
+    fn a_choice_takes_as_many_as_asked_the_preferred_first() {
+        for (n_open, n_preferred, n_refined) in
+            [(1, 0, 1), (1, 1, 0), (10, 0, 4), (10, 10, 4), (10, 2, 8), (100, 50, 40), (100, 97, 99)]
+        {
+            let choice = Choice::new(n_open, n_preferred, n_refined, 3);
+            let chosen: Vec<u32> = (0..n_open).filter(|idx| choice.takes(*idx)).collect();
+            assert_eq!(chosen.len() as u32, n_refined);
+            let n_chosen_preferred = chosen.iter().filter(|idx| **idx < n_preferred).count() as u32;
+            assert!(n_chosen_preferred >= n_preferred.min(n_refined - n_refined / 4));
+            assert!(chosen.len() as u32 - n_chosen_preferred >= (n_open - n_preferred).min(n_refined / 4));
+        }
+    }
+
+    #[test]
+    fn a_budget_is_never_exceeded_whatever_opens() {
+        for points in [16, 17, 40, 100, 1000, 12345] {
+            let (mut left, mut n_open) = (points, 1);
+            for _ in 0..8 {
+                let n = Budget::Points(left).refinable(n_open);
+                // All children open.
+                left -= 8 * n + (n_open - n);
+                n_open = 8 * n;
+                assert!(left >= n_open);
+            }
+        }
+    }
+}

@@ -1,0 +1,468 @@
+//! The walk over the point-sphere tree: finds what the flat traversal finds, and leaves out what cannot touch.
+//!
+//! ```text
+//!   level by level, in the order of the nodes:
+//!     still clear since an earlier tick?  ──yes──► skip
+//!     sphere clear of the obstacle?       ──yes──► skip, remember for how long
+//!     budget left?                        ──no───► its representative stands for it
+//!     else                                ───────► its children; of a leaf, its sixteen points
+//! ```
+//! - **Clear** is proven, not guessed: a sphere is left out when its centre is farther from all that can touch than its radius (see
+//!   `Chart` and `simd`), and so are its points, wherever in it they lie.
+//! - **For how long**: the proof holds until the tool has moved by what was to spare. The way that a node's points have gone is at most
+//!   Σ|Δx| + r·Σ|Δθ|, x the centre of mass and r the node's reach about it, both seen from the obstacle. The sums are kept per obstacle, each node
+//!   remembers the value of its own at which it is due.
+//! - **The same bits as the flat traversal**: blocks are reported in the order of the shell, and each block is looked up by the same
+//!   kernel. What is not the same is the largest V while nothing touches: the walk gives what it has proven instead.
+//!
+//! # Source
+//! BarbicJames2008 and Sagardia2019 (breadth-first, prune, time-critical levels); the clearance that is used up by motion:
+//! McNeely2006, BarbicJames2008. The bounds are ours.
+
+#![expect(clippy::disallowed_types, reason = "sized when the scene is made ready, never resized")]
+
+use core::ops::Range;
+use std::sync::Arc;
+
+use glam::DVec3;
+
+use super::budget::{Budget, Choice};
+use super::simd::{Depths, Machine, Place, free_cells};
+use super::touched::Touched;
+use crate::pointshell::shell::{LANES, Lanes, Lanes3, Shell};
+use crate::pointshell::tree::{CHILDREN, Spheres};
+use crate::spatial::Pose;
+use crate::voxmap::field::Field;
+use crate::voxmap::field::chart::Chart;
+
+/// What rounding may take from a clearance, cells: of the sums of motion up to [`FORGET_CELLS`], of a due value, of a position.
+const MARGIN_CELLS: f32 = 2e-3;
+/// The same of a position as a share of how far it lies from the grid's corner.
+const MARGIN_SHARE: f32 = 1e-6;
+/// Motion after which all proofs are forgotten, so that its sum stays exact enough in `f32`, cells.
+const FORGET_CELLS: f64 = 1024.0;
+/// No proof reaches further, for the same reason, cells.
+const PROOF_CELLS: f32 = 1024.0;
+/// A node of which nothing is known: neither clear nor to be opened unseen.
+const UNKNOWN: f32 = 0.0;
+/// A node that reaches so deep that it stays open is looked at again after a motion of so many cells. Opening one too many costs time only.
+const OPEN_CELLS: f32 = 1.0;
+/// What refining costs is known only afterwards, so a budget that does not suffice in the worst case is asked again.
+const ROUNDS: usize = 6;
+/// A ceiling down here is as good a proof as a sample: points below it are not interpolated, voxels.
+const FLOOR_VOXELS: f32 = 2.0;
+
+/// What a walk found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Found {
+    /// Largest V, m; while nothing touches, what the tool may move in any way before anything does, negative.
+    pub(super) max_value_m: f32,
+    /// Points and spheres looked at.
+    pub(super) looked_at: u32,
+    /// Points that others stood for.
+    pub(super) left_out: u32,
+}
+
+/// The lists that all walks share.
+#[derive(Clone, Debug)]
+pub(super) struct Lists {
+    open: Vec<u32>,
+    next: Vec<u32>,
+    samples: Samples,
+}
+
+impl Lists {
+    pub(super) fn new(shell: &Shell) -> Self {
+        let n_leaves = shell.positions().len().max(CHILDREN);
+        Self { open: Vec::with_capacity(n_leaves), next: Vec::with_capacity(n_leaves), samples: Samples::default() }
+    }
+}
+
+/// One obstacle's walk.
+#[derive(Clone, Debug)]
+pub(super) struct Walk {
+    chart: Arc<Chart>,
+    /// `[n_blocks of the tree]`, cells: farthest point of each node from the centre of mass, at most.
+    reaches_cells: Arc<Vec<[f32; CHILDREN]>>,
+    /// `[n_blocks of the tree]`, cells: motion up to which a node is clear; or, negative, up to which it is opened without another look.
+    due_cells: Vec<[f32; CHILDREN]>,
+    /// First block of each level.
+    first_blocks: Arc<Vec<u32>>,
+    /// `[n_blocks of the tree]`: when something below a node touched last; kept while a budget limits the walk.
+    touched_at: Vec<[u32; CHILDREN]>,
+    now: u32,
+    reach_cells: f32,
+    motion: Motion,
+    turn: u64,
+}
+
+/// How far the tool has moved, seen from the obstacle.
+#[derive(Clone, Copy, Debug, Default)]
+struct Motion {
+    last: Option<Pose>,
+    /// Σ|Δx|, cells.
+    along_cells: f64,
+    /// Σ|Δθ|, rad.
+    about_rad: f64,
+    /// The last step of either.
+    step: (f64, f64),
+}
+
+impl Motion {
+    fn follow(&mut self, map_from_body: Pose, voxel_size_m: f64) {
+        let last = self.last.replace(map_from_body);
+        self.step = last.map_or((0.0, 0.0), |last| {
+            let along_m = (map_from_body.translation - last.translation).length();
+            (along_m / voxel_size_m, last.rotation_to(map_from_body).length())
+        });
+        self.along_cells += self.step.0;
+        self.about_rad += self.step.1;
+    }
+
+    /// Way of a node's points so far, and after two more ticks like the last, by its reach.
+    fn ways(&self) -> [(f32, f32); 2] {
+        [0.0, 2.0].map(|ticks| ((self.along_cells + ticks * self.step.0) as f32, (self.about_rad + ticks * self.step.1) as f32))
+    }
+}
+
+impl Walk {
+    /// `None` when the field or the shell is not one that can be walked. Cold.
+    pub(super) fn new(field: &Field, shell: &Shell) -> Option<Self> {
+        let (tree, voxel_size_m) = (shell.tree(), f64::from(field.voxel_size_m()));
+        let chart = Arc::new(Chart::of(field)?);
+        let (mut first_blocks, mut reaches_cells) = (Vec::new(), Vec::new());
+        for level in 0..tree.n_levels() {
+            first_blocks.push(reaches_cells.len() as u32);
+            reaches_cells.extend(tree.spheres(level).iter().map(|spheres| {
+                let centers = spheres.x.iter().zip(&spheres.y).zip(&spheres.z);
+                let mut reaches = [0.0; CHILDREN];
+                for ((reach, ((x, y), z)), radius) in reaches.iter_mut().zip(centers).zip(&spheres.radius) {
+                    let far_m = DVec3::new(f64::from(*x), f64::from(*y), f64::from(*z)).length() + f64::from(*radius);
+                    *reach = (far_m.max(0.0) / voxel_size_m) as f32 * (1.0 + MARGIN_SHARE);
+                }
+                reaches
+            }));
+        }
+        (!first_blocks.is_empty()).then(|| Self {
+            chart,
+            due_cells: vec_of(UNKNOWN, reaches_cells.len()),
+            touched_at: vec_of(0, reaches_cells.len()),
+            now: 1,
+            reaches_cells: Arc::new(reaches_cells),
+            first_blocks: Arc::new(first_blocks),
+            reach_cells: (shell.radius_m() / voxel_size_m) as f32,
+            motion: Motion::default(),
+            turn: 0,
+        })
+    }
+
+    /// The chart that the kernels read.
+    pub(super) fn chart(&self) -> &Chart {
+        &self.chart
+    }
+
+    /// What rounding may take from a distance at this place, cells.
+    pub(super) fn margin_cells(&self, place: &Place) -> f32 {
+        MARGIN_CELLS + MARGIN_SHARE * (place.origin.abs().element_sum() + self.reach_cells)
+    }
+
+    /// Forgets all proofs.
+    pub(super) fn forget(&mut self) {
+        self.due_cells.fill([UNKNOWN; CHILDREN]);
+        self.motion = Motion { last: self.motion.last, ..Motion::default() };
+    }
+
+    /// Appends the blocks that touch, in the order of the shell; with a budget, single points that stand for others among them.
+    ///
+    /// `map_from_body` must be finite. RT: safe; allocates nothing as long as `touched` has room for every block of the shell.
+    pub(super) fn find(
+        &mut self,
+        machine: Machine,
+        shell: &Shell,
+        (place, map_from_body): (&Place, Pose),
+        budget: Budget,
+        lists: &mut Lists,
+        touched: &mut Vec<Touched>,
+    ) -> Found {
+        self.motion.follow(map_from_body, f64::from(self.chart.voxel_size_m()));
+        let whole_way_cells = self.motion.along_cells + self.motion.about_rad * f64::from(self.reach_cells);
+        if whole_way_cells.is_nan() || whole_way_cells >= FORGET_CELLS {
+            self.forget();
+        }
+        let mut pass = Pass {
+            machine,
+            shell,
+            place,
+            spheres: &[],
+            ways: self.motion.ways(),
+            margin_cells: self.margin_cells(place),
+            clear_cells: PROOF_CELLS,
+            max_m: f32::NEG_INFINITY,
+            looked_at: 0,
+            left_out: 0,
+        };
+        lists.open.clear();
+        lists.open.push(0);
+        for level in 0..self.first_blocks.len() {
+            self.refine(level, budget, &mut pass, lists);
+            // What could not be refined is represented on the level that it is of.
+            pass.represent(&self.chart, level.checked_sub(1), lists, touched);
+            core::mem::swap(&mut lists.open, &mut lists.next);
+        }
+        let n_refined = budget.without(pass.looked_at).refinable(lists.open.len() as u32);
+        let choice = self.choose(self.first_blocks.len().checked_sub(1), &mut lists.open, n_refined);
+        pass.look_at_leaves(self, choice, &lists.open, touched);
+        retain(&mut lists.open, choice);
+        pass.represent(&self.chart, self.first_blocks.len().checked_sub(1), lists, touched);
+        if budget != Budget::Unlimited {
+            self.now = self.now.wrapping_add(1);
+            touched.iter().for_each(|touched| self.mark(touched.block));
+        }
+        let outside_m = self.chart.skin_m() - self.chart.band_m();
+        let voxel_size_m = self.chart.voxel_size_m();
+        let bound_m = if pass.max_m > 0.0 { pass.max_m } else { pass.max_m.max(-pass.clear_cells.max(0.0) * voxel_size_m) };
+        Found { max_value_m: bound_m.max(outside_m), looked_at: pass.looked_at, left_out: pass.left_out }
+    }
+
+    /// Replaces the open nodes by their children that are open, which go to `next`, as far as the budget allows.
+    fn refine(&mut self, level: usize, budget: Budget, pass: &mut Pass<'_>, lists: &mut Lists) {
+        lists.next.clear();
+        pass.spheres = pass.shell.tree().spheres(level);
+        for round in 0..ROUNDS {
+            let n_open = lists.open.len() as u32;
+            let n_refined = budget.without(pass.looked_at + lists.next.len() as u32).refinable(n_open);
+            let choice = self.choose(level.checked_sub(1), &mut lists.open, n_refined);
+            for (idx, node) in (0_u32..).zip(&lists.open) {
+                if choice.takes(idx) {
+                    pass.open_children(self, level, *node, &mut lists.next);
+                }
+            }
+            retain(&mut lists.open, choice);
+            if (round > 0 || n_refined < n_open) && n_refined > 0 {
+                lists.next.sort_unstable();
+            }
+            if lists.open.is_empty() || n_refined == 0 {
+                break;
+            }
+        }
+    }
+
+    /// Chooses what is refined of the open nodes of a level (without one, of the root); where that is not all, those below which something
+    /// touched are put first.
+    fn choose(&mut self, level: Option<usize>, open: &mut [u32], n_refined: u32) -> Choice {
+        let n_open = open.len() as u32;
+        if n_refined == n_open {
+            return Choice::new(n_open, n_open, n_open, 0);
+        }
+        self.turn = self.turn.wrapping_add(u64::from(n_refined.max(1)));
+        let touched = |node: u32| {
+            let stamps = level.and_then(|level| self.touched_at.get(self.at(level, node as usize / CHILDREN)));
+            stamps.and_then(|stamps| stamps.get(node as usize % CHILDREN)) == Some(&self.now)
+        };
+        open.sort_unstable_by_key(|node| (!touched(*node), *node));
+        let n_preferred = open.partition_point(|node| touched(*node)) as u32;
+        Choice::new(n_open, n_preferred, n_refined, self.turn)
+    }
+
+    /// Remembers that something touched in a leaf, and so below all nodes above it.
+    fn mark(&mut self, leaf: u32) {
+        let (now, mut node) = (self.now, leaf as usize);
+        for level in (0..self.first_blocks.len()).rev() {
+            let at = self.at(level, node / CHILDREN);
+            let Some(stamp) = self.touched_at.get_mut(at).and_then(|stamps| stamps.get_mut(node % CHILDREN)) else { return };
+            if *stamp == now {
+                return;
+            }
+            *stamp = now;
+            node /= CHILDREN;
+        }
+    }
+
+    /// Where the block of eight siblings lies in the arrays.
+    fn at(&self, level: usize, block: usize) -> usize {
+        self.first_blocks.get(level).map_or(usize::MAX, |first| *first as usize + block)
+    }
+}
+
+/// Keeps what was not selected.
+fn retain(open: &mut Vec<u32>, choice: Choice) {
+    let mut idx = 0;
+    open.retain(|_| {
+        idx += 1;
+        !choice.takes(idx - 1)
+    });
+}
+
+fn vec_of<T: Copy>(value: T, n: usize) -> Vec<[T; CHILDREN]> {
+    core::iter::repeat_n([value; CHILDREN], n).collect()
+}
+
+/// One walk through the tree.
+struct Pass<'a> {
+    machine: Machine,
+    shell: &'a Shell,
+    place: &'a Place,
+    /// Of the level that is being refined.
+    spheres: &'a [Spheres],
+    ways: [(f32, f32); 2],
+    margin_cells: f32,
+    /// What every node that was left out may still move, at least, cells.
+    clear_cells: f32,
+    /// Largest V of the points that were looked at, m.
+    max_m: f32,
+    looked_at: u32,
+    left_out: u32,
+}
+
+impl Pass<'_> {
+    /// Looks at the children of a node, which are a block of the level.
+    #[inline]
+    fn open_children(&mut self, walk: &mut Walk, level: usize, node: u32, open: &mut Vec<u32>) {
+        let at = walk.at(level, node as usize);
+        let (Some(due), Some(reaches)) = (walk.due_cells.get_mut(at), walk.reaches_cells.get(at)) else { return };
+        let [now, soon] = self.ways.map(|(along, about)| reaches.map(|reach| along + about * reach));
+        let mut n_due = 0;
+        for ((due, now), soon) in due.iter().zip(now).zip(soon) {
+            n_due += u32::from(*due <= soon && *due + now >= 0.0);
+        }
+        self.looked_at += 1;
+        if n_due > 0 {
+            self.looked_at += CHILDREN as u32 - 1;
+            let Some(spheres) = self.spheres.get(node as usize) else { return };
+            let rooms = self.machine.spheres(&walk.chart, self.place, spheres, self.margin_cells);
+            for (((due, room), now), soon) in due.iter_mut().zip(rooms).zip(now).zip(soon) {
+                if *due <= soon {
+                    *due = if room > 0.0 { now + room.min(PROOF_CELLS) } else { -(now + (-room).min(OPEN_CELLS)) };
+                }
+            }
+        }
+        for ((lane, due), now) in (0..).zip(due).zip(now) {
+            if *due > now {
+                self.clear_cells = self.clear_cells.min(*due - now);
+            } else {
+                open.push(node * CHILDREN as u32 + lane);
+            }
+        }
+    }
+
+    /// Looks at the points of the leaves that are open.
+    fn look_at_leaves(&mut self, walk: &mut Walk, choice: Choice, open: &[u32], touched: &mut Vec<Touched>) {
+        let Walk { chart, due_cells, reaches_cells, first_blocks, .. } = walk;
+        let first = first_blocks.last().map_or(0, |first| *first as usize);
+        let per_voxel = 1.0 / chart.voxel_size_m();
+        let floor_m = -FLOOR_VOXELS * chart.voxel_size_m();
+        let (along, about) = self.ways[0];
+        let margin_cells = self.margin_cells + chart.jump_cells();
+        let mut n_looked_at = 0;
+        let leaves = (0_u32..).zip(open).filter(|(idx, _)| choice.takes(*idx)).map(|(_, leaf)| *leaf);
+        let found = |leaf: u32, depths: &Depths| {
+            n_looked_at += LANES as u32;
+            if depths.touching != 0 {
+                touched.push(Touched { block: leaf, lanes: depths.touching, weight: 1.0, depths_m: depths.depths_m.0 });
+                return;
+            }
+            let (block, lane) = (first + leaf as usize / CHILDREN, leaf as usize % CHILDREN);
+            let room = free_cells(-depths.max_m * per_voxel) - margin_cells;
+            let due = due_cells.get_mut(block).and_then(|due| due.get_mut(lane));
+            let reach = reaches_cells.get(block).and_then(|reaches| reaches.get(lane));
+            if let (Some(due), Some(reach)) = (due, reach)
+                && room > 0.0
+            {
+                *due = along + about * reach + room.min(PROOF_CELLS);
+            }
+        };
+        let max_m = self.machine.blocks(chart, self.place, self.shell.positions(), leaves, |_| floor_m, found);
+        self.max_m = self.max_m.max(max_m);
+        self.looked_at += n_looked_at;
+    }
+
+    /// Lets the representatives of the open nodes of a level stand for the points below them; without a level, of nothing for all.
+    fn represent(&mut self, chart: &Chart, level: Option<usize>, lists: &mut Lists, touched: &mut Vec<Touched>) {
+        let tree = self.shell.tree();
+        let Some(level) = level else {
+            if !lists.open.is_empty() {
+                self.left_out = self.shell.len() as u32;
+            }
+            return;
+        };
+        for node in &lists.open {
+            let (block, lane) = (*node as usize / CHILDREN, *node as usize % CHILDREN);
+            let point = tree.representatives(level).get(block).and_then(|points| points.get(lane));
+            let radius_m = tree.spheres(level).get(block).and_then(|spheres| spheres.radius.get(lane)).copied().unwrap_or(0.0);
+            let Range { start, end } = tree.points_below(level, *node as usize, self.shell.len());
+            let weight = (end - start) as u32;
+            self.looked_at += 1;
+            self.left_out += weight - 1;
+            if let Some(point) = point {
+                lists.samples.push(self.shell, Sample { point: *point, n_below: weight, radius_m });
+            }
+            if lists.samples.is_full() {
+                self.max_m = self.max_m.max(lists.samples.look(self.machine, chart, self.place, touched));
+            }
+        }
+        self.max_m = self.max_m.max(lists.samples.look(self.machine, chart, self.place, touched));
+    }
+}
+
+/// A point that stands for those below a node.
+#[derive(Clone, Copy, Debug, Default)]
+struct Sample {
+    point: u32,
+    n_below: u32,
+    radius_m: f32,
+}
+
+impl Sample {
+    /// For how many points it stands: of a node that only just touches, few of the points do.
+    fn weight(self, depth_m: f32) -> f32 {
+        1.0 + self.n_below.saturating_sub(1) as f32 * (depth_m / self.radius_m).clamp(0.0, 1.0)
+    }
+}
+
+/// Single points, gathered into a block.
+#[derive(Clone, Copy, Debug)]
+struct Samples {
+    positions: Lanes3,
+    points: [Sample; LANES],
+    n: usize,
+}
+
+impl Default for Samples {
+    fn default() -> Self {
+        let none = Lanes([f32::NAN; LANES]);
+        Self { positions: Lanes3 { x: none, y: none, z: none }, points: [Sample::default(); LANES], n: 0 }
+    }
+}
+
+impl Samples {
+    fn push(&mut self, shell: &Shell, sample: Sample) {
+        let (block, lane) = (sample.point as usize / LANES, sample.point as usize % LANES);
+        let (Some(positions), Some(place)) = (shell.positions().get(block), self.points.get_mut(self.n)) else { return };
+        self.positions.set(self.n, positions.get(lane));
+        *place = sample;
+        self.n += 1;
+    }
+
+    fn is_full(&self) -> bool {
+        self.n == LANES
+    }
+
+    /// Reports those that touch, each as a block with one lane, and starts anew.
+    fn look(&mut self, machine: Machine, chart: &Chart, place: &Place, touched: &mut Vec<Touched>) -> f32 {
+        let Self { positions, points, n } = core::mem::take(self);
+        if n == 0 {
+            return f32::NEG_INFINITY;
+        }
+        let never = |_| f32::NEG_INFINITY;
+        machine.blocks(chart, place, core::slice::from_ref(&positions), core::iter::once(0), never, |_, depths| {
+            for (lane, sample) in points.into_iter().enumerate().take(n) {
+                if depths.touching >> lane & 1 == 1 {
+                    let (block, lane_of_block) = (sample.point / LANES as u32, sample.point % LANES as u32);
+                    let depth_m = depths.depths_m.0.get(lane).copied().unwrap_or(0.0);
+                    let depths_m = [depth_m; LANES];
+                    touched.push(Touched { block, lanes: 1 << lane_of_block, weight: sample.weight(depth_m), depths_m });
+                }
+            }
+        })
+    }
+}

@@ -1,0 +1,365 @@
+//! A field as the contact kernels read it: the same samples, and for each brick what can be said of it without them.
+//!
+//! - **Ceiling**: no interpolated value of the brick is above it. Points whose brick cannot touch are answered without a sample.
+//! - **Ceiling around**: the same of the brick and its 26 neighbours, for whole blocks of points.
+//! - **Room**: how far every place of the brick is from all that can touch, at least. It reaches where the band does not.
+//!
+//! Built once per field when a scene is made ready, from the samples alone. Cost: one pass over them, and O(16) per brick of the
+//! grid. Reading is RT: safe.
+//!
+//! Coordinates are those of the lattice of cell centres: cells minus ½. Brick b of an axis covers 8b … 8b + 8 there, so the eight
+//! samples around a place are always those of its own brick.
+//!
+//! # Source
+//! Ours. The rooms are an exact distance transform by one axis after the other (Felzenszwalb2012's decomposition), its range cut
+//! short.
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::{APRON_CELLS, APRON_EDGE, DEEP_INSIDE, FAR_OUTSIDE, Field};
+use crate::storage::Slab;
+use crate::voxmap::grid::BRICK_EDGE;
+
+/// Rooms are measured up to so many bricks.
+const ROOM_BRICKS: u32 = 16;
+/// What rounding may add to an interpolated value, as a share of the band.
+const ROUNDING: f32 = 1e-6;
+/// Distances of neighbouring samples that differ by this much more than the samples are apart are no accident of the search for the
+/// nearest triangle: the side changes without a surface between, cells.
+const JUMP_CELLS: f32 = 0.05;
+
+/// See the module page. Invariant: `dims` are positive, `top`, `ceilings_m`, `around_m` and `rooms_cells` have one entry per brick, every slot
+/// of `top` is one of `samples_m`, and all samples can be counted by an `i32`.
+#[derive(Debug)]
+pub struct Chart {
+    dims: [i32; 3],
+    top: Slab<u32>,
+    samples_m: Slab<[f32; APRON_CELLS]>,
+    ceilings_m: Slab<f32>,
+    around_m: Slab<f32>,
+    rooms_cells: Slab<f32>,
+    band_m: f32,
+    skin_m: f32,
+    voxel_size_m: f32,
+    jump_cells: f32,
+}
+
+impl Chart {
+    /// Looks a field over; `None` for one that is too large for the kernels' 32-bit indices, or whose outside is inside (a thin skin
+    /// that is thicker than its band). Cold.
+    pub fn of(field: &Field) -> Option<Self> {
+        let Field { brick_dims: dims, top, distances_m: samples_m, band_m, skin_m, voxel_size_m, .. } = field;
+        let n_bricks = dims.iter().try_fold(1_usize, |n, dim| n.checked_mul(usize::try_from(*dim).ok().filter(|dim| *dim > 0)?));
+        let n_slots = samples_m.len();
+        let known = |slot: u32| matches!(slot, FAR_OUTSIDE | DEEP_INSIDE) || (slot as usize) < n_slots;
+        let fits = n_bricks == Some(top.len())
+            && i32::try_from(top.len()).is_ok()
+            && n_slots.checked_mul(APRON_CELLS).is_some_and(|n| i32::try_from(n).is_ok())
+            && top.iter().all(|slot| known(*slot));
+        if !fits || skin_m - band_m > 0.0 {
+            return None;
+        }
+        let looks: Vec<Look> = samples_m.par_iter().with_min_len(64).map(|brick| Look::at(brick, *band_m, *voxel_size_m)).collect();
+        let margin_m = ROUNDING * (band_m + skin_m);
+        let mut ceilings_m: Vec<f32> = top
+            .iter()
+            .map(|slot| match *slot {
+                FAR_OUTSIDE => skin_m - band_m,
+                DEEP_INSIDE => skin_m + band_m,
+                slot => looks.get(slot as usize).map_or(f32::INFINITY, |look| look.highest_m + skin_m + margin_m),
+            })
+            .collect();
+        let rooms_cells = rooms_cells(&ceilings_m, *dims);
+        // Casts that round towards zero let the first cell reach one cell out of the grid, where it extrapolates.
+        for (brick, (ceiling_m, slot)) in ceilings_m.iter_mut().zip(top.iter()).enumerate() {
+            if *slot < DEEP_INSIDE && coord_of(brick, *dims).contains(&0) {
+                *ceiling_m = f32::INFINITY;
+            }
+        }
+        let around_m = around(&ceilings_m, *dims, skin_m - band_m);
+        let jump_cells = looks.iter().map(|look| look.steepest_m / voxel_size_m - 1.0).fold(0.0, f32::max);
+        Some(Self {
+            dims: *dims,
+            top: top.clone(),
+            samples_m: samples_m.clone(),
+            rooms_cells: rooms_cells.into(),
+            ceilings_m: ceilings_m.into(),
+            around_m: around_m.into(),
+            band_m: *band_m,
+            skin_m: *skin_m,
+            voxel_size_m: *voxel_size_m,
+            // A side that changes at a distance h shows as a step of at least 2h less two cells.
+            jump_cells: if jump_cells > JUMP_CELLS { jump_cells + 2.0 } else { jump_cells },
+        })
+    }
+
+    /// Bricks per axis.
+    #[inline]
+    pub fn dims(&self) -> [i32; 3] {
+        self.dims
+    }
+
+    /// `[n_bricks]`, z fastest: slot of the samples, or [`FAR_OUTSIDE`], or [`DEEP_INSIDE`].
+    #[inline]
+    pub fn top(&self) -> &[u32] {
+        &self.top
+    }
+
+    /// `[n_slots][9³]`, z fastest, m, as in the field.
+    #[inline]
+    pub fn samples_m(&self) -> &[[f32; APRON_CELLS]] {
+        &self.samples_m
+    }
+
+    /// `[n_bricks]`, m: no value in the brick is higher; the value itself where the brick has no samples.
+    #[inline]
+    pub fn ceilings_m(&self) -> &[f32] {
+        &self.ceilings_m
+    }
+
+    /// `[n_bricks]`, m: no value in the brick or in one of its 26 neighbours, on the grid or not, is higher.
+    #[inline]
+    pub fn around_m(&self) -> &[f32] {
+        &self.around_m
+    }
+
+    /// `[n_bricks]`, cells: from any place in the brick to anything with V > 0, at least.
+    #[inline]
+    pub fn rooms_cells(&self) -> &[f32] {
+        &self.rooms_cells
+    }
+
+    /// The middle of the first brick from this one on that the surface may run through, cells; `None` when none does. Cold.
+    pub fn surface_place(&self, from_brick: usize) -> Option<Vec3> {
+        let n_bricks = self.top.len();
+        let runs_through = |brick: &usize| {
+            let slot = self.top.get(*brick).filter(|slot| **slot < DEEP_INSIDE);
+            let samples = slot.and_then(|slot| self.samples_m.get(*slot as usize));
+            samples.is_some_and(|samples| samples.iter().any(|sample| *sample > 0.0) && samples.iter().any(|sample| *sample < 0.0))
+        };
+        let brick = (0..n_bricks).map(|step| (from_brick + step) % n_bricks).find(runs_through)?;
+        Some(Vec3::from_array(coord_of(brick, self.dims).map(|coord| (BRICK_EDGE * coord + BRICK_EDGE / 2) as f32)))
+    }
+
+    /// Where the field saturates on both sides, m.
+    #[inline]
+    pub fn band_m(&self) -> f32 {
+        self.band_m
+    }
+
+    /// Added to every sample, m.
+    #[inline]
+    pub fn skin_m(&self) -> f32 {
+        self.skin_m
+    }
+
+    /// Voxel edge, m.
+    #[inline]
+    pub fn voxel_size_m(&self) -> f32 {
+        self.voxel_size_m
+    }
+
+    /// By how much two values may differ beyond their distance, cells: next to nothing for a sound mesh, more where the side changes
+    /// without a surface between.
+    #[inline]
+    pub fn jump_cells(&self) -> f32 {
+        self.jump_cells
+    }
+
+    /// Size of the arrays that are not the field's own, bytes.
+    pub fn heap_bytes(&self) -> usize {
+        size_of_val(&*self.ceilings_m) + size_of_val(&*self.around_m) + size_of_val(&*self.rooms_cells)
+    }
+}
+
+/// What a brick's samples say.
+struct Look {
+    highest_m: f32,
+    /// Largest difference between two neighbours.
+    steepest_m: f32,
+}
+
+impl Look {
+    fn at(brick: &[f32; APRON_CELLS], band_m: f32, voxel_size_m: f32) -> Self {
+        const ROW: usize = APRON_EDGE;
+        const PLANE: usize = APRON_EDGE * APRON_EDGE;
+        // What is not a number is no contact, and ends in no maximum.
+        let clamped = brick.map(|sample| sample.clamp(-band_m, band_m));
+        let highest_m = clamped.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+        let steepest = |step: usize| {
+            let later = clamped.get(step..).unwrap_or(&[]);
+            // Across the end of a row or plane these are no neighbours; the last of each is left out.
+            let pairs = clamped.iter().zip(later).enumerate().filter(|(at, _)| match step {
+                1 => at % ROW != ROW - 1,
+                ROW => at / ROW % ROW != ROW - 1,
+                _ => true,
+            });
+            pairs.map(|(_, (a, b))| (a - b).abs()).fold(voxel_size_m, f32::max)
+        };
+        Self { highest_m, steepest_m: steepest(1).max(steepest(ROW)).max(steepest(PLANE)) }
+    }
+}
+
+fn coord_of(brick: usize, [_, ny, nz]: [i32; 3]) -> [usize; 3] {
+    let (ny, nz) = (ny as usize, nz as usize);
+    [brick / (ny * nz), brick / nz % ny, brick % nz]
+}
+
+/// Length and stride of the lines along z, y and x.
+fn axes(dims: [i32; 3]) -> [(usize, usize); 3] {
+    let [nx, ny, nz] = dims.map(|n| n as usize);
+    [(nz, 1), (ny, nz), (nx, ny * nz)]
+}
+
+/// Largest ceiling among each brick and its 26 neighbours; that of what is not on the grid counts everywhere.
+fn around(ceilings_m: &[f32], dims: [i32; 3], outside_m: f32) -> Vec<f32> {
+    let mut around_m = ceilings_m.to_vec();
+    for (n, stride) in axes(dims) {
+        along(&mut around_m, n, stride, |line, k| {
+            let beside = |k: usize| line.get(k).copied().unwrap_or(outside_m).max(outside_m);
+            beside(k).max(beside(k.wrapping_sub(1))).max(beside(k + 1))
+        });
+    }
+    around_m
+}
+
+/// Gaps between the cube of each brick and those that can touch, cells. As the gap along an axis is one brick less than the difference of the
+/// numbers, it is measured to the bricks that can touch and their 26 neighbours.
+fn rooms_cells(ceilings_m: &[f32], dims: [i32; 3]) -> Vec<f32> {
+    const FAR: u32 = ROOM_BRICKS * ROOM_BRICKS;
+    let axes = axes(dims);
+    let mut squares: Vec<u32> = ceilings_m.iter().map(|ceiling| if *ceiling > 0.0 { 0 } else { FAR }).collect();
+    for (n, stride) in axes {
+        along(&mut squares, n, stride, |line, k| {
+            let beside = |k: usize| line.get(k).copied().unwrap_or(FAR);
+            beside(k).min(beside(k.wrapping_sub(1))).min(beside(k + 1))
+        });
+    }
+    for (n, stride) in axes {
+        along(&mut squares, n, stride, |line, k| {
+            let beside = |k: usize| line.get(k).copied().unwrap_or(FAR);
+            let mut best = beside(k);
+            for away in 1..ROOM_BRICKS {
+                if away * away >= best {
+                    break;
+                }
+                let least = beside(k.wrapping_sub(away as usize)).min(beside(k + away as usize));
+                best = best.min(least + away * away);
+            }
+            best
+        });
+    }
+    squares.into_iter().map(|square| BRICK_EDGE as f32 * (square as f32).sqrt()).collect()
+}
+
+/// Replaces every line along an axis by a function of itself.
+fn along<T: Copy + Default>(values: &mut [T], n: usize, stride: usize, of: impl Fn(&[T], usize) -> T) {
+    let mut line = vec![T::default(); n];
+    let firsts = (0..values.len()).filter(|at| (at / stride).is_multiple_of(n)).collect::<Vec<_>>();
+    for first in firsts {
+        for (k, value) in line.iter_mut().enumerate() {
+            *value = values.get(first + k * stride).copied().unwrap_or_default();
+        }
+        for k in 0..n {
+            if let Some(value) = values.get_mut(first + k * stride) {
+                *value = of(&line, k);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+#[expect(clippy::expect_used, clippy::indexing_slicing, reason = "test code")]
+mod tests {
+    use super::*;
+    use crate::mesh::primitives::Shape;
+    use crate::mesh::validate::inspect;
+    use crate::voxmap::sides::SidesRule;
+    use crate::voxmap::{Options, Voxmap};
+
+    fn fields() -> Vec<Field> {
+        let ring = Shape::Torus { major_m: 0.02, minor_m: 0.006 }.tessellate(1e-5);
+        let ball = Shape::Sphere { radius_m: 0.015 }.tessellate(1e-5);
+        let built = [(ring, SidesRule::Auto), (ball.clone(), SidesRule::Auto), (ball, SidesRule::Thin)].map(|(mesh, sides)| {
+            let options = Options { voxel_size_m: 5e-4, layers: 6, navigation: None, sides };
+            Voxmap::build(&mesh, &inspect(&mesh), &options, |_| ()).expect("a grid that fits").field(&mesh, false)
+        });
+        built.into()
+    }
+
+    /// Places on and around the grid, cells, by a linear congruential generator.
+    fn places(field: &Field, n: usize) -> Vec<Vec3> {
+        let mut state = 17_u64;
+        let mut number = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 40) as f32 / (1_u64 << 24) as f32
+        };
+        let [x, y, z] = field.brick_dims.map(|n| (8 * n) as f32);
+        (0..n).map(|_| Vec3::new(number(), number(), number()) * (Vec3::new(x, y, z) + 8.0) - 4.0).collect()
+    }
+
+    /// The brick that a place's samples are of, if it is on the grid.
+    fn brick_at(chart: &Chart, cells: Vec3) -> Option<usize> {
+        let lattice = cells - 0.5;
+        let coord = [lattice.x, lattice.y, lattice.z].map(|at| at as i32 >> 3);
+        let on_grid = coord.iter().zip(chart.dims()).all(|(at, n)| (0..n).contains(at));
+        on_grid.then(|| ((coord[0] * chart.dims()[1] + coord[1]) * chart.dims()[2] + coord[2]) as usize)
+    }
+
+    #[test]
+    fn no_value_is_above_its_ceiling_or_the_ceiling_around() {
+        for field in fields() {
+            let chart = Chart::of(&field).expect("a chart");
+            let places = places(&field, 20_000);
+            let mut n_inside = 0;
+            for (place, step) in places.iter().zip(places.iter().rev()) {
+                let value_m = field.trilinear(*place);
+                n_inside += usize::from(value_m > 0.0);
+                let Some(brick) = brick_at(&chart, *place) else { continue };
+                assert!(value_m <= chart.ceilings_m()[brick]);
+                // Less than eight cells away along every axis, on the grid or not.
+                let beside = *place + (*step * 0.37).fract() * 15.9 - 7.95;
+                assert!(field.trilinear(beside) <= chart.around_m()[brick]);
+                assert!(chart.around_m()[brick] >= chart.ceilings_m()[brick]);
+            }
+            assert!(n_inside > 100, "{n_inside}");
+        }
+    }
+
+    #[test]
+    fn no_room_exceeds_the_distance_to_anything_that_touches() {
+        for field in fields() {
+            let chart = Chart::of(&field).expect("a chart");
+            let places = places(&field, 6000);
+            let touching: Vec<Vec3> = places.iter().copied().filter(|place| field.trilinear(*place) > 0.0).collect();
+            let mut largest = 0.0_f32;
+            for place in places {
+                let Some(brick) = brick_at(&chart, place) else { continue };
+                let room = chart.rooms_cells()[brick];
+                largest = largest.max(room);
+                let nearest = touching.iter().map(|other| place.distance(*other)).fold(f32::INFINITY, f32::min);
+                assert!(room <= nearest, "{place}: {room} to {nearest}");
+            }
+            assert!(largest >= 8.0, "some brick has room: {largest}");
+        }
+    }
+
+    #[test]
+    fn what_kernels_index_by_stays_in_bounds() {
+        for field in fields() {
+            let chart = Chart::of(&field).expect("a chart");
+            let n_bricks = chart.dims().iter().product::<i32>() as usize;
+            assert_eq!(
+                [chart.top().len(), chart.ceilings_m().len(), chart.around_m().len(), chart.rooms_cells().len()],
+                [n_bricks; 4]
+            );
+            assert!(chart.top().iter().all(|slot| *slot >= DEEP_INSIDE || (*slot as usize) < chart.samples_m().len()));
+            for from_brick in [0, 1, n_bricks / 2, n_bricks - 1, n_bricks, usize::MAX / 2] {
+                let place = chart.surface_place(from_brick).expect("a surface");
+                assert!(brick_at(&chart, place).is_some());
+                assert!(field.trilinear(place).abs() < 8.0 * chart.voxel_size_m());
+            }
+        }
+    }
+}

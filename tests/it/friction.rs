@@ -1,0 +1,173 @@
+//! Friction and normalisation by face: what stands on a slope stays, what slides gains the speed that Coulomb says.
+
+use glam::{DMat3, DQuat, DVec3};
+use hapticd::haptics::contact::{ContactSum, Obstacle};
+use hapticd::haptics::{
+    ContactParameters, CouplingMode, CouplingParameters, Drive, DriveRequest, Faults, FilterParameters, FreeSpace,
+    FrictionParameters, Inertia, LimitParameters, Normalization, Parameters, PortParameters, RenderScene, SpringClamp, State,
+    TickInput, Tool, tick,
+};
+use hapticd::mesh::TriangleMesh;
+use hapticd::mesh::primitives::Shape;
+use hapticd::mesh::validate;
+use hapticd::pointshell::{self, shell::Shell};
+use hapticd::spatial::{Axes, DeviceSample, Pose, SampleStatus};
+use hapticd::voxmap::field::FieldKind;
+use hapticd::voxmap::sides::SidesRule;
+use hapticd::voxmap::{Options, Voxmap};
+
+const T: f64 = 1e-3;
+/// Voxel edge of the slope, m.
+const S: f64 = 5e-4;
+const SLOPE_RAD: f64 = 10.0 * core::f64::consts::PI / 180.0;
+const G: f64 = 9.81;
+const MASS_KG: f64 = 0.1;
+const STIFFNESS_N_PER_M: f64 = 2000.0;
+
+fn build(mesh: &TriangleMesh, voxel_size_m: f64) -> Voxmap {
+    let options = Options { voxel_size_m, layers: 8, navigation: None, sides: SidesRule::Auto };
+    Voxmap::build(mesh, &validate::inspect(mesh), &options, |_| ()).expect("a grid that fits")
+}
+
+fn block(size_m: DVec3) -> Shell {
+    let mesh = Shape::Box { size_m }.tessellate(1e-5);
+    pointshell::build(&mesh, &build(&mesh, 1e-3), DVec3::ZERO).0
+}
+
+/// A slab whose top goes through the origin, turned about y.
+fn slope(angle_rad: f64) -> Obstacle {
+    let slab = Shape::Plane { x_m: 0.08, y_m: 0.08, thickness_m: 0.03 }.tessellate(1e-5);
+    let field = build(&slab, S).field(&slab, false);
+    Obstacle { field, world_from_map: Pose::new(DQuat::from_rotation_y(angle_rad), DVec3::ZERO) }
+}
+
+fn contact(normalization: Normalization, coefficient: f64) -> ContactParameters {
+    ContactParameters {
+        field: FieldKind::Trilinear,
+        stiffness_n_per_m: STIFFNESS_N_PER_M,
+        damping_ratio: 0.7,
+        normalization,
+        friction: FrictionParameters { r#static: coefficient, dynamic: coefficient, stiffness_n_per_m: 10.0 * STIFFNESS_N_PER_M },
+    }
+}
+
+/// A block that nobody holds, on a slope.
+fn scene(coefficient: f64) -> RenderScene {
+    let half_m = 5e-3;
+    let up = DQuat::from_rotation_y(SLOPE_RAD);
+    let inertia_kg_m2 = MASS_KG * (2.0 * half_m) * (2.0 * half_m) / 6.0;
+    let no_limit = f64::INFINITY;
+    RenderScene {
+        parameters: Parameters {
+            period_s: T,
+            gravity_m_per_s2: DVec3::NEG_Z * G,
+            contact: contact(Normalization::Cluster, coefficient),
+            coupling: CouplingParameters {
+                mode: CouplingMode::Implicit,
+                // A hand that is not there.
+                stiffness_n_per_m: 1e-9,
+                stiffness_nm_per_rad: 1e-12,
+                felt_damping_n_s_per_m: 0.0,
+                felt_damping_nm_s_per_rad: 0.0,
+                clamp: SpringClamp::Saturate,
+                free_space: FreeSpace::Zero,
+                bound_n_per_m: no_limit,
+                bound_nm_per_rad: no_limit,
+            },
+            filter: FilterParameters { spatial: true, cutoff_hz: [50.0, 300.0] },
+            limits: LimitParameters {
+                force_n: no_limit,
+                torque_nm: no_limit,
+                speed_m_per_s: 10.0,
+                slew_n_per_s: no_limit,
+                slew_nm_per_s: no_limit,
+                power_w: no_limit,
+                ramp_s: 0.1,
+                stale_ticks_max: 3,
+                stale_fault_ticks: 20,
+                overrun_fault_ticks: 0,
+            },
+            port: PortParameters {
+                world_from_device: Pose::IDENTITY,
+                scale: 1.0,
+                sensed: Axes::SIX,
+                actuated: Axes::SIX,
+                start: Pose::new(up, up * DVec3::Z * half_m),
+            },
+        },
+        obstacles: vec![slope(SLOPE_RAD)],
+        tool: Tool {
+            shell: block(DVec3::splat(2.0 * half_m)),
+            inertia: Inertia { mass_kg: MASS_KG, body_kg_m2: DMat3::IDENTITY * inertia_kg_m2, least_kg_m2: inertia_kg_m2 },
+            center_of_mass_tool: DVec3::ZERO,
+        },
+    }
+}
+
+/// Where the block is after each tick.
+fn slide(scene: &RenderScene, n_ticks: u64) -> impl Iterator<Item = Pose> {
+    let mut state = State::new(scene);
+    (1..=n_ticks).map(move |sequence| {
+        let sample = DeviceSample { sequence, status: SampleStatus::Fresh, ..DeviceSample::default() };
+        let output = tick(scene, &mut state, &TickInput { sample, request: DriveRequest::Enable, overrun: false });
+        assert_eq!(output.faults, Faults::NONE, "tick {sequence}");
+        assert_ne!(output.drive, Drive::Disabled);
+        output.world_from_tool
+    })
+}
+
+#[test]
+fn a_block_on_a_slope_holds_for_ten_minutes() {
+    let scene = scene(0.3);
+    let mut settled = None;
+    let mut farthest_m: f64 = 0.0;
+    for (tick, pose) in slide(&scene, 600_000).enumerate() {
+        if tick == 1000 {
+            settled = Some(pose.translation);
+        }
+        if let Some(from) = settled {
+            farthest_m = farthest_m.max(pose.translation.distance(from));
+        }
+    }
+    assert!(farthest_m < S, "crept by {farthest_m} m, a voxel is {S} m");
+}
+
+#[test]
+fn a_block_that_slides_gains_the_speed_that_coulomb_says() {
+    let coefficient = 0.1;
+    let scene = scene(coefficient);
+    let down = DQuat::from_rotation_y(SLOPE_RAD) * DVec3::X;
+    let gone: Vec<f64> = slide(&scene, 221).map(|pose| pose.translation.dot(down)).collect();
+    let speed = |tick: usize| (gone[tick + 10] - gone[tick - 10]) / (20.0 * T);
+    let measured = (speed(210) - speed(60)) / (150.0 * T);
+    let expected = G * (SLOPE_RAD.sin() - coefficient * SLOPE_RAD.cos());
+    assert!((measured / expected - 1.0).abs() < 0.03, "{measured} m/s², expected {expected}");
+}
+
+#[test]
+fn by_face_the_stiffness_does_not_grow_with_the_area_that_touches() {
+    let floor = [slope(0.0)];
+    let filter = FilterParameters { spatial: true, cutoff_hz: [f64::INFINITY; 2] };
+    let depth_m = 4e-4;
+    for normalization in [Normalization::None, Normalization::Cluster] {
+        let [small, large] = [0.01, 0.03].map(|edge_m| {
+            let at = Pose::from_translation(DVec3::Z * (0.5 * edge_m - depth_m));
+            ContactSum::flat(&floor, &block(DVec3::splat(edge_m)), at, &contact(normalization, 0.0), &filter)
+        });
+        let growth = large.wrench.force.z / small.wrench.force.z;
+        match normalization {
+            Normalization::None => assert!(growth > 7.0, "nine times the area, {growth} times the force"),
+            _ => {
+                let ten_points_n = 10.0 * STIFFNESS_N_PER_M * depth_m;
+                // The rims are faces of their own, and grow until they are ten points strong too.
+                assert!((0.95..1.3).contains(&growth), "{growth} times the force");
+                let tens = large.wrench.force.z / ten_points_n;
+                assert!((0.9..1.7).contains(&tens), "{tens} times what ten points give");
+                let bottom = large.patches().max_by(|a, b| a.force_n.total_cmp(&b.force_n)).expect("a face that touches");
+                assert!(bottom.normal_world.dot(DVec3::Z) > 0.999 && bottom.arm_world.truncate().length() < 1e-3, "{bottom:?}");
+                // A square: edge/√6.
+                assert!((bottom.radius_m / (0.03 / 6_f64.sqrt()) - 1.0).abs() < 0.1, "{bottom:?}");
+            }
+        }
+    }
+}

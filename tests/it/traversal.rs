@@ -1,0 +1,351 @@
+//! Kernels and tree walk against the scalar flat traversal; acceptance tests 16 and 17 under their numbers.
+
+use glam::{DQuat, DVec3};
+use hapticd::haptics::contact::{self, Budget, ContactSum, Machine, Obstacle, Traversal, Way};
+use hapticd::haptics::{ContactParameters, FilterParameters, FrictionParameters, Normalization};
+use hapticd::mesh::primitives::Shape;
+use hapticd::mesh::{TriangleMesh, validate};
+use hapticd::pointshell::{self, shell::Shell};
+use hapticd::spatial::Pose;
+use hapticd::voxmap::field::FieldKind;
+use hapticd::voxmap::sides::SidesRule;
+use hapticd::voxmap::{Options, Voxmap};
+
+use super::models;
+
+const FILTER: FilterParameters = FilterParameters { spatial: true, cutoff_hz: [f64::INFINITY; 2] };
+const CONTACT: ContactParameters = ContactParameters {
+    field: FieldKind::Trilinear,
+    stiffness_n_per_m: 1000.0,
+    damping_ratio: 0.0,
+    normalization: Normalization::Average,
+    friction: FrictionParameters::NONE,
+};
+
+/// A linear congruential generator; numbers between −1 and 1.
+pub(crate) struct Random(pub(crate) u64);
+
+impl Random {
+    pub(crate) fn number(&mut self) -> f64 {
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
+    }
+
+    fn vector(&mut self) -> DVec3 {
+        DVec3::new(self.number(), self.number(), self.number())
+    }
+
+    fn rotation(&mut self) -> DQuat {
+        DQuat::from_scaled_axis(self.vector() * 3.0)
+    }
+}
+
+fn build(mesh: &TriangleMesh, voxel_size_m: f64, layers: u32, sides: SidesRule) -> Voxmap {
+    let options = Options { voxel_size_m, layers, navigation: None, sides };
+    Voxmap::build(mesh, &validate::inspect(mesh), &options, |_| ()).expect("a grid that fits")
+}
+
+struct Pair {
+    name: String,
+    obstacles: Vec<Obstacle>,
+    shell: Shell,
+    /// Half the largest extent of the obstacle, and its middle, m.
+    size_m: f64,
+    middle: DVec3,
+}
+
+impl Pair {
+    fn new(
+        name: &str,
+        obstacle: &TriangleMesh,
+        obstacle_voxel_m: f64,
+        tool: &TriangleMesh,
+        tool_voxel_m: f64,
+        sides: SidesRule,
+    ) -> Self {
+        let field = build(obstacle, obstacle_voxel_m, 8, sides).field(obstacle, false);
+        let (low, high) = tool.bounds().expect("not empty");
+        let (shell, _) = pointshell::build(tool, &build(tool, tool_voxel_m, 3, SidesRule::Auto), 0.5 * (low + high));
+        let (low, high) = obstacle.bounds().expect("not empty");
+        Self {
+            name: name.to_owned(),
+            obstacles: vec![Obstacle { field, world_from_map: Pose::IDENTITY }],
+            shell,
+            size_m: 0.5 * (high - low).max_element(),
+            middle: 0.5 * (low + high),
+        }
+    }
+
+    fn flat(&self, pose: Pose) -> ContactSum {
+        ContactSum::flat(&self.obstacles, &self.shell, pose, &CONTACT, &FILTER)
+    }
+
+    fn by(&self, traversal: &mut Traversal, pose: Pose) -> ContactSum {
+        ContactSum::of(traversal, &self.obstacles, &self.shell, pose, &CONTACT, &FILTER)
+    }
+
+    fn traversal(&self, machine: Machine, way: Way) -> Traversal {
+        Traversal::new(machine, way, &self.obstacles, &self.shell)
+    }
+
+    /// Points in contact by the scalar flat traversal, with their depths as bits.
+    fn contacts(&self, pose: Pose) -> Vec<(u32, u32)> {
+        let mut contacts = Vec::new();
+        let obstacle = &self.obstacles[0];
+        contact::visit(&obstacle.field, FieldKind::Trilinear, &self.shell, obstacle.world_from_map.inverse() * pose, |contact| {
+            contacts.push((contact.point_idx, contact.depth_m.to_bits()));
+        });
+        contacts
+    }
+
+    /// The same of what a traversal found last.
+    fn found(&self, traversal: &Traversal, pose: Pose) -> Vec<(u32, u32)> {
+        let mut contacts = Vec::new();
+        let obstacle = &self.obstacles[0];
+        for touched in traversal.touched() {
+            touched.contacts(&obstacle.field, &self.shell, obstacle.world_from_map.inverse() * pose, |contact| {
+                contacts.push((contact.point_idx, contact.depth_m.to_bits()));
+            });
+        }
+        contacts
+    }
+
+    /// A pose somewhere around the obstacle, in it or just beside it.
+    fn pose(&self, random: &mut Random) -> Pose {
+        let reach = if random.number() > 0.0 { 1.2 } else { 0.4 };
+        Pose::new(random.rotation(), self.middle + random.vector() * (reach * self.size_m + 0.5 * self.shell.radius_m()))
+    }
+}
+
+fn primitives() -> Vec<Pair> {
+    let torus = Shape::Torus { major_m: 0.02, minor_m: 0.006 }.tessellate(1e-5);
+    let block = Shape::Box { size_m: DVec3::new(0.03, 0.02, 0.012) }.tessellate(1e-5);
+    let sphere = Shape::Sphere { radius_m: 0.01 }.tessellate(1e-5);
+    // Without its top: a thin skin.
+    let mut open = block.clone();
+    open.triangles.truncate(open.triangles.len() - 2);
+    vec![
+        Pair::new("sphere in torus", &torus, 5e-4, &sphere, 3e-4, SidesRule::Auto),
+        Pair::new("torus on block", &block, 4e-4, &torus, 5e-4, SidesRule::Auto),
+        Pair::new("sphere on thin block", &block, 5e-4, &sphere, 4e-4, SidesRule::Thin),
+        Pair::new("sphere on open block", &open, 5e-4, &sphere, 4e-4, SidesRule::Winding),
+    ]
+}
+
+/// Every shipped part of the real meshes as an obstacle, each with the next one as the tool, coarse.
+fn real() -> Vec<Pair> {
+    let meshes = models::all();
+    let voxel_m = |mesh: &TriangleMesh, n: f64| mesh.bounds().map(|(low, high)| (high - low).max_element() / n).expect("not empty");
+    (0..meshes.len())
+        .map(|idx| {
+            let ((name, mesh), (_, tool)) = (&meshes[idx], &meshes[(idx + 1) % meshes.len()]);
+            Pair::new(name, mesh, voxel_m(mesh, 90.0), tool, voxel_m(tool, 60.0), SidesRule::Auto)
+        })
+        .collect()
+}
+
+fn sum_bits(sum: &ContactSum) -> Vec<u64> {
+    let mut numbers = Vec::new();
+    numbers.extend(sum.wrench.force.to_array());
+    numbers.extend(sum.wrench.torque.to_array());
+    numbers.extend(sum.stiffness.0.as_flattened());
+    numbers.extend(sum.arm_world.to_array());
+    numbers.extend([sum.voxel_size_m, f64::from(sum.contacts)]);
+    numbers.into_iter().map(f64::to_bits).collect()
+}
+
+/// Poses at which nothing may go wrong, and nothing can be found.
+fn absurd() -> Vec<Pose> {
+    let at = |x: f64, y: f64, z: f64| Pose::from_translation(DVec3::new(x, y, z));
+    let mut poses = vec![at(f64::NAN, f64::NAN, f64::NAN), Pose::new(DQuat::from_xyzw(f64::NAN, 0.0, 0.0, 1.0), DVec3::ZERO)];
+    for far in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, f64::MAX, f64::MIN, 1e30, -1e30, 3e9, -3e9, 2e6, -2e6, 1e3, -1e3] {
+        poses.extend([at(far, 0.0, 0.0), at(0.0, far, 0.0), at(0.0, 0.0, far), at(far, far, far), at(far, -far, 0.0)]);
+    }
+    poses
+}
+
+#[test]
+fn every_kernel_gives_the_bits_of_the_scalar_traversal() {
+    let mut random = Random(4);
+    let mut n_touching = 0;
+    for pair in primitives().into_iter().chain(real()) {
+        let mut traversals = [Machine::Portable, Machine::best()].map(|machine| pair.traversal(machine, Way::Flat));
+        let poses: Vec<Pose> = (0..40).map(|_| pair.pose(&mut random)).chain(absurd()).collect();
+        for pose in poses {
+            let (expected, contacts) = (pair.flat(pose), pair.contacts(pose));
+            n_touching += usize::from(!contacts.is_empty());
+            for traversal in &mut traversals {
+                let sum = pair.by(traversal, pose);
+                let what = format!("{}, {traversal:?}, {pose:?}", pair.name);
+                assert!(pair.found(traversal, pose) == contacts, "{}", pair.name);
+                assert_eq!(sum.max_value_m.to_bits(), expected.max_value_m.to_bits(), "{} {pose:?}", pair.name);
+                assert_eq!(sum.step_limit_m.to_bits(), expected.step_limit_m.to_bits());
+                assert_eq!(sum_bits(&sum), sum_bits(&expected), "{}", &what[..80]);
+            }
+        }
+    }
+    assert!(n_touching > 50, "{n_touching}");
+}
+
+/// What an unlimited walk must give; `sum` is that of the walk.
+fn assert_same(pair: &Pair, traversal: &Traversal, sum: &ContactSum, pose: Pose, when: &str) {
+    let (expected, contacts) = (pair.flat(pose), pair.contacts(pose));
+    assert!(pair.found(traversal, pose) == contacts, "{}, {when}: another contact set", pair.name);
+    assert_eq!(sum_bits(sum), sum_bits(&expected), "{}, {when}", pair.name);
+    if sum.contacts > 0 {
+        assert_eq!(sum.max_value_m.to_bits(), expected.max_value_m.to_bits(), "{}, {when}", pair.name);
+    } else if pose.is_finite() {
+        assert!(sum.max_value_m <= 0.0 && sum.step_limit_m > 0.0, "{}, {when}", pair.name);
+    }
+    assert_eq!(sum.left_out, 0);
+}
+
+#[test]
+fn the_walk_finds_what_the_flat_traversal_finds_at_any_pose() {
+    let mut random = Random(16);
+    for pair in primitives().into_iter().chain(real()) {
+        let mut walks = [Machine::Portable, Machine::best()].map(|machine| pair.traversal(machine, Way::Tree));
+        let (mut n_touching, mut looked_at) = (0, 0);
+        const POSES: usize = 60;
+        let mut poses: Vec<Pose> = (0..POSES).map(|_| pair.pose(&mut random)).chain(absurd()).collect();
+        // Nothing of the absurd must stay behind.
+        poses.push(pair.pose(&mut random));
+        for (idx, pose) in poses.into_iter().enumerate() {
+            let sums = walks.each_mut().map(|walk| pair.by(walk, pose));
+            for (walk, sum) in walks.iter().zip(&sums) {
+                assert_same(&pair, walk, sum, pose, &format!("pose {idx}"));
+            }
+            assert_eq!(sums[0].looked_at, sums[1].looked_at);
+            assert_eq!(sums[0].max_value_m.to_bits(), sums[1].max_value_m.to_bits());
+            if idx < POSES {
+                n_touching += usize::from(sums[0].contacts > 0);
+                looked_at += sums[0].looked_at as usize;
+            }
+        }
+        eprintln!(
+            "{}: {} points, {n_touching} of {POSES} poses touch, {:.1} % looked at",
+            pair.name,
+            pair.shell.len(),
+            100.0 * looked_at as f64 / (POSES * pair.shell.len()) as f64
+        );
+    }
+}
+
+/// A walk that stays where the tool touches now and then: steps of all sizes up to a few voxels, drawn back towards a pose in contact.
+struct Wander {
+    home: Pose,
+    pose: Pose,
+    voxel_m: f64,
+    radius_m: f64,
+    random: Random,
+}
+
+impl Wander {
+    fn new(pair: &Pair, seed: u64) -> Self {
+        let mut random = Random(seed);
+        let home = (0..10_000)
+            .map(|_| pair.pose(&mut random))
+            .find(|pose| (1..pair.shell.len() as u32 / 50).contains(&pair.flat(*pose).contacts))
+            .expect("a pose that touches");
+        let voxel_m = f64::from(pair.obstacles[0].field.voxel_size_m());
+        Self { home, pose: home, voxel_m, radius_m: pair.shell.radius_m(), random }
+    }
+
+    fn step(&mut self) -> Pose {
+        let size_m = self.voxel_m * 10_f64.powf(1.5 * self.random.number() - 1.0);
+        let back = (self.home.translation - self.pose.translation) * 2e-3;
+        let turn_back = self.pose.rotation_to(self.home) * 2e-3;
+        let (along, about) = (self.random.vector() * size_m + back, self.random.vector() * (size_m / self.radius_m) + turn_back);
+        self.pose = self.pose.stepped(along, about);
+        self.pose
+    }
+}
+
+#[test]
+fn acceptance_16_a_budget_is_kept_and_costs_accuracy_in_order() {
+    let pairs = primitives();
+    for (pair, seed) in pairs.iter().zip(0..) {
+        let mut wander = Wander::new(pair, seed);
+        let poses: Vec<Pose> = (0..400).map(|_| wander.step()).collect();
+        let sums_of = |budgets: &[Budget]| -> Vec<ContactSum> {
+            let mut walk = pair.traversal(Machine::best(), Way::Tree);
+            poses
+                .iter()
+                .enumerate()
+                .map(|(idx, pose)| {
+                    walk.set_budget(budgets[idx % budgets.len()]);
+                    pair.by(&mut walk, *pose)
+                })
+                .collect()
+        };
+        let full = sums_of(&[Budget::Unlimited]);
+        let scale = full.iter().map(|sum| sum.wrench.force.length()).sum::<f64>();
+        assert!(scale > 0.0);
+        let mut last_error = 0.0;
+        for share in [1.0, 0.5, 0.25, 0.1] {
+            let budgets: Vec<u32> = full.iter().map(|sum| ((f64::from(sum.looked_at) * share) as u32).max(16)).collect();
+            let sums = sums_of(&budgets.iter().map(|points| Budget::Points(*points)).collect::<Vec<_>>());
+            let again = sums_of(&budgets.iter().map(|points| Budget::Points(*points)).collect::<Vec<_>>());
+            let (mut difference, mut left_out, mut excess) = (0.0, 0_u64, 0.0_f64);
+            for (((sum, again), full), points) in sums.iter().zip(&again).zip(&full).zip(&budgets) {
+                difference += (sum.wrench.force - full.wrench.force).length();
+                left_out += u64::from(sum.left_out);
+                excess = excess.max(f64::from(sum.looked_at) / f64::from(*points));
+                assert_eq!(sum_bits(sum), sum_bits(again), "the same budget, the same bits");
+                assert!(sum.looked_at > 0);
+            }
+            let error = difference / scale;
+            eprintln!(
+                "{}: budget {:.0} %: force error {:.3} %, {:.0} of {} points left out, at most {:.2} of the budget spent",
+                pair.name,
+                100.0 * share,
+                100.0 * error,
+                left_out as f64 / sums.len() as f64,
+                pair.shell.len(),
+                excess
+            );
+            assert!(excess <= 1.1, "{}: {excess} of the budget", pair.name);
+            assert!(error < 1.0, "{}: {error} at {share} of the points", pair.name);
+            assert!(error >= last_error, "{}: {error} after {last_error}", pair.name);
+            assert!(share > 0.5 || (left_out > 0 && error > 0.0), "{}: what was left out is reported", pair.name);
+            last_error = error;
+        }
+    }
+}
+
+/// Steps of the long walk: 10⁶ in all where `HAPTICD_LONG` is set, as in CI.
+fn n_steps() -> usize {
+    if std::env::var_os("HAPTICD_LONG").is_some() { 1_000_000 } else { 60_000 }
+}
+
+#[test]
+fn acceptance_17_what_is_skipped_never_touches() {
+    let mut pairs = primitives();
+    // A quarter of the points will do: the flat traversal beside is what takes the time.
+    let small = Shape::Torus { major_m: 0.006, minor_m: 0.002 }.tessellate(1e-5);
+    let block = Shape::Box { size_m: DVec3::new(0.03, 0.02, 0.012) }.tessellate(1e-5);
+    pairs.push(Pair::new("small torus on block", &block, 4e-4, &small, 4e-4, SidesRule::Auto));
+    let n_pairs = pairs.len();
+    for (pair, seed) in pairs.iter().zip(100..) {
+        let (mut walk, mut wander) = (pair.traversal(Machine::best(), Way::Tree), Wander::new(pair, seed));
+        let (mut n_touching, mut looked_at) = (0, 0_u64);
+        let n_steps = n_steps() / n_pairs;
+        for step in 0..n_steps {
+            let pose = wander.step();
+            let sum = pair.by(&mut walk, pose);
+            // All of the scalar traversal's contacts, and no other: whatever was skipped does not touch.
+            assert_same(pair, &walk, &sum, pose, &format!("step {step}"));
+            n_touching += usize::from(sum.contacts > 0);
+            looked_at += u64::from(sum.looked_at);
+        }
+        let share = looked_at as f64 / (n_steps * pair.shell.len()) as f64;
+        eprintln!(
+            "{}: {} points, {n_touching} of {n_steps} steps touch, {:.1} % looked at",
+            pair.name,
+            pair.shell.len(),
+            100.0 * share
+        );
+        assert!(n_touching > n_steps / 50 && n_touching < n_steps, "{}: {n_touching}", pair.name);
+        assert!(share < 0.8, "{}: {share}", pair.name);
+    }
+}
