@@ -424,7 +424,8 @@ const RUN_KEYS: [&str; 14] = [
     "final_pose",
 ];
 /// Beyond the contract.
-const RUN_KEYS_EXTRA: [&str; 4] = ["clock", "dropped_records", "stale_samples", "start_s"];
+const RUN_KEYS_EXTRA: [&str; 7] =
+    ["clock", "dropped_records", "stale_samples", "start_s", "lowest_energy_j", "passivity_ticks", "delay_ticks"];
 
 fn assert_run_keys(json: &Value) {
     let documented = set(&RUN_KEYS);

@@ -6,8 +6,9 @@ use hapticd::config::LoadOptions;
 use hapticd::daemon::prepare;
 use hapticd::haptics::contact::Obstacle;
 use hapticd::haptics::{
-    ContactParameters, CouplingMode, CouplingParameters, Drive, DriveRequest, Faults, FilterParameters, FreeSpace, Inertia,
-    LimitParameters, Normalization, Parameters, PortParameters, RenderScene, SpringClamp, State, TickInput, TickOutput, Tool, tick,
+    ArmParameters, ContactParameters, CouplingMode, CouplingParameters, Drive, DriveRequest, Faults, FilterParameters, FreeSpace,
+    Inertia, LimitParameters, Normalization, Parameters, PortParameters, RenderScene, SpringClamp, State, TickInput, TickOutput,
+    Tool, tick,
 };
 use hapticd::mesh::TriangleMesh;
 use hapticd::mesh::primitives::Shape;
@@ -74,6 +75,7 @@ fn parameters() -> Parameters {
             actuated: Axes::SIX,
             start: Pose::IDENTITY,
         },
+        arm: ArmParameters::default(),
     }
 }
 

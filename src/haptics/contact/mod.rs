@@ -8,6 +8,7 @@
 //! Sagardia2008, section 2 (traverse all points, sum penetration × normal); McNeely1999 (wrench about the centre of mass).
 
 mod flat;
+pub mod planes;
 
 use glam::DVec3;
 
@@ -26,6 +27,19 @@ pub struct Obstacle {
     pub field: Field,
     /// Where it stands.
     pub world_from_map: Pose,
+}
+
+impl Obstacle {
+    /// Unit direction in world axes in which a contact leaves this obstacle fastest, −grad V; the contact's own normal where the gradient
+    /// vanishes. `world_from_body` is the pose at which the contact was found. RT: safe, O(1).
+    pub fn way_out_world(&self, world_from_body: Pose, contact: &Contact) -> DVec3 {
+        let point_map = self.world_from_map.inverse().transform_point(world_from_body.transform_point(contact.arm_body.as_dvec3()));
+        let cells = (point_map - self.field.origin_map().as_dvec3()) / f64::from(self.field.voxel_size_m());
+        match (-self.field.gradient(cells.as_vec3())).as_dvec3().try_normalize() {
+            Some(normal_map) => self.world_from_map.transform_vector(normal_map),
+            None => world_from_body.transform_vector(contact.normal_body.as_dvec3()),
+        }
+    }
 }
 
 /// The sum over all contacts of all obstacles, world axes, about the tool's centre of mass.
@@ -75,6 +89,18 @@ impl ContactSum {
         contact: &ContactParameters,
         filter: &FilterParameters,
     ) -> Self {
+        Self::flat_with(obstacles, shell, world_from_body, contact, filter, |_, _| ())
+    }
+
+    /// The same, and `also` gets every contact record (tool axes, about the centre of mass) with the number of its obstacle.
+    pub fn flat_with(
+        obstacles: &[Obstacle],
+        shell: &Shell,
+        world_from_body: Pose,
+        contact: &ContactParameters,
+        filter: &FilterParameters,
+        mut also: impl FnMut(usize, &Contact),
+    ) -> Self {
         let stiffness_n_per_m = contact.stiffness_n_per_m;
         let mut sum = Self {
             contacts: 0,
@@ -86,12 +112,13 @@ impl ContactSum {
             step_limit_m: f64::INFINITY,
         };
         let (mut touched_voxel_m, mut depth, mut depth_arm, mut effective) = (f64::INFINITY, 0.0, DVec3::ZERO, 0.0);
-        for obstacle in obstacles {
+        for (obstacle_idx, obstacle) in obstacles.iter().enumerate() {
             let voxel_size_m = f64::from(obstacle.field.voxel_size_m());
             let map_from_body = obstacle.world_from_map.inverse() * world_from_body;
             let mut partial = Partial::NONE;
             let max_value_m = f64::from(visit(&obstacle.field, contact.field, shell, map_from_body, |touching| {
                 partial.add(touching, voxel_size_m, filter.spatial);
+                also(obstacle_idx, touching);
             }));
             sum.max_value_m = sum.max_value_m.max(max_value_m);
             sum.voxel_size_m = sum.voxel_size_m.min(voxel_size_m);
