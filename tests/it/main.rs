@@ -9,6 +9,7 @@ mod cli;
 mod config_errors;
 mod contact;
 mod coupling;
+mod couplings;
 mod data_structures;
 mod determinism;
 mod distance_error;
