@@ -15,6 +15,7 @@ mod distance_error;
 mod fuzz_corpus;
 mod models;
 mod profiles;
+mod quality;
 mod real_scenes;
 mod rig;
 mod scenes;

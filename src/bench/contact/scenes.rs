@@ -70,7 +70,11 @@ fn set(table: &mut Table, key: &str, value: Value) {
 /// The first problem, without the name of a file that is gone soon.
 fn one_line(errors: &str, file: &Path) -> String {
     let first = errors.lines().find(|line| !line.trim().is_empty()).unwrap_or_default();
-    first.replace(&file.display().to_string(), "scene").trim().to_owned()
+    let first = first.trim().trim_start_matches("error: ");
+    first
+        .trim_start_matches(&file.display().to_string())
+        .trim_start_matches(|c: char| c == ':' || c == ' ' || c.is_ascii_digit())
+        .to_owned()
 }
 
 /// What a scene did.
