@@ -225,12 +225,20 @@ impl Bench<'_> {
         for scene in scenes.into_iter().take(if self.options.quick { 1 } else { usize::MAX }) {
             let name = scenes::name(&scene);
             self.tell(&format!("{name}: as shipped and raw"));
-            let direct = self.as_stiff_as_allowed(&scene, raw().into_iter().chain([coupled("direct")]).collect());
             let default = self.played(&scene, &[])?;
             let through_coupling = self.played(&scene, &raw())?.map(|played| Rough::played(&played));
-            let direct = self.played(&scene, &direct)?.map(|played| Rough::played(&played));
+            let direct = self.as_stiff_as_allowed(&scene, raw().into_iter().chain([coupled("direct")]).collect());
+            let direct = Some(self.played(&scene, &direct)?.map(|played| Rough::played(&played)));
             let figures = default.map(|default| SmoothFigures::of(&default, through_coupling, direct));
-            found.push(Smooth { scene: name, figures });
+            found.push(Smooth { scene: name.clone(), figures });
+            // The steps of an encoder, times the stiffness of the coupling, are roughness too, whatever the field.
+            self.tell(&format!("{name}: on the ideal arm, and raw"));
+            let ideal = || [("device.profile", Value::from("sim-ideal"))];
+            let default = self.played(&scene, &ideal())?;
+            let through_coupling = self.played(&scene, &raw().into_iter().chain(ideal()).collect::<Vec<_>>())?;
+            let through_coupling = through_coupling.map(|played| Rough::played(&played));
+            let figures = default.map(|default| SmoothFigures::of(&default, through_coupling, None));
+            found.push(Smooth { scene: format!("{name}, ideal arm"), figures });
         }
         Ok(found)
     }
@@ -360,8 +368,9 @@ struct SmoothFigures {
     same_poses: Rough,
     /// On the hand, raw field through the shipped coupling.
     through_coupling: Tried<Rough>,
-    /// On the hand, raw field, no virtual tool, the stiffest point that the arm takes: the loop of 2008.
-    direct: Tried<Rough>,
+    /// On the hand, raw field, no virtual tool, the stiffest point that the arm takes: the loop of 2008. None on an arm that
+    /// takes every stiffness.
+    direct: Option<Tried<Rough>>,
     /// The most that the shipped filter delays a slow force, s.
     stated_delay_s: f64,
 }
@@ -391,7 +400,7 @@ impl Rough {
 }
 
 impl SmoothFigures {
-    fn of(default: &Played, through_coupling: Tried<Rough>, direct: Tried<Rough>) -> Self {
+    fn of(default: &Played, through_coupling: Tried<Rough>, direct: Option<Tried<Rough>>) -> Self {
         let records = default.before_stop();
         let parameters = &default.scene.parameters;
         let contact = ContactParameters { field: FieldKind::Layers, normalization: Normalization::None, ..parameters.contact };
@@ -424,11 +433,13 @@ impl Smooth {
         let scene = &self.scene;
         let felt = figures.felt;
         let mut rows = vec![Row::new(GROUP, format!("{scene}: largest delay of the filter"), figures.stated_delay_s * 1e3, "ms")];
-        for (name, raw) in [
-            ("raw at the same poses", &Ok(figures.same_poses)),
-            ("raw through the same coupling", &figures.through_coupling),
-            ("raw without a virtual tool", &figures.direct),
-        ] {
+        let same_poses = Ok(figures.same_poses);
+        let beside = [
+            Some(("raw at the same poses", &same_poses)),
+            Some(("raw through the same coupling", &figures.through_coupling)),
+            figures.direct.as_ref().map(|direct| ("raw without a virtual tool", direct)),
+        ];
+        for (name, raw) in beside.into_iter().flatten() {
             let faulted = raw.as_ref().is_ok_and(|raw| raw.faulted);
             let name = if faulted { format!("{name}, which ends in a fault") } else { name.to_owned() };
             let peer =
