@@ -17,6 +17,7 @@ mod friction;
 mod fuzz_corpus;
 mod models;
 mod profiles;
+mod quality;
 mod real_scenes;
 mod rig;
 mod scenes;

@@ -1,12 +1,12 @@
 //! Signed distance from cell centres to the true surface, in the band.
 //!
 //! In the surface voxels every triangle nearby is measured. Elsewhere the nearest triangle is searched exactly on a
-//! coarse lattice; the cells between take the choices of the lattice points around them and walk across
-//! edges to closer ones. What is handed on is a choice, not a value: every value is an exact point-triangle distance,
+//! coarse lattice; the cells between take the choices of the lattice points around them, and of the surface voxels beside them, and
+//! walk across edges to closer ones. What is handed on is a choice, not a value: every value is an exact point-triangle distance,
 //! so no error builds up, and no cell waits for another.
 //!
 //! ```text
-//! mesh ─► patches ─┬─► near (surface voxels) ───────────────────────┬─► Samples ─► field
+//! mesh ─► patches ─┬─► near (surface voxels) ───────────┬───────────┬─► Samples ─► field
 //!                  └─► tree ─► lattice (¼, ½) ─► group (all cells) ──┘
 //!                        kernel on simd
 //! ```
