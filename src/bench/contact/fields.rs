@@ -7,7 +7,7 @@ use super::super::statistics::Spread;
 use super::ripple::ripple_rms;
 use super::scenarios::{Ideal, RATE_HZ, STIFFNESS_N_PER_M, Scenario, VOXEL_M};
 use super::{Csv, Walk, query};
-use crate::haptics::{ContactParameters, FilterParameters, Normalization};
+use crate::haptics::{ContactParameters, FilterParameters, FrictionParameters, Normalization};
 use crate::spatial::Wrench;
 use crate::voxmap::field::FieldKind;
 
@@ -164,7 +164,13 @@ impl Run {
 
 /// A plain contact with this field.
 pub(super) fn contact(field: FieldKind) -> ContactParameters {
-    ContactParameters { field, stiffness_n_per_m: STIFFNESS_N_PER_M, damping_ratio: 0.0, normalization: Normalization::None }
+    ContactParameters {
+        field,
+        stiffness_n_per_m: STIFFNESS_N_PER_M,
+        damping_ratio: 0.0,
+        normalization: Normalization::None,
+        friction: FrictionParameters::NONE,
+    }
 }
 
 impl Measured {
