@@ -207,7 +207,7 @@ fn nut_on_bolt_allocates_nothing() {
 
 #[test]
 fn block_on_plane_allocates_nothing_in_any_coupling_and_field() {
-    for coupling in ["implicit", "semi-implicit", "direct"] {
+    for coupling in ["implicit", "semi-implicit", "static", "constraint", "direct"] {
         for field in ["layers", "surface-point", "octant", "trilinear"] {
             // The whole length for each coupling with the default field, and for each field with the default coupling.
             let n_ticks = if coupling == "implicit" || field == "trilinear" { TICKS } else { TICKS / 10 };

@@ -6,14 +6,17 @@
 //! |---|---|
 //! | `openvdb_level_set` | program: `MESH VOXELS_ON_LONGEST_AXIS BAND RUNS`, prints a line of JSON with `best_s` |
 //! | `voxel_grids.py` | script: `MESH VOXELS_ON_LONGEST_AXIS open3d`, the same |
-//! | `venv/bin/python` | Python with the script's packages; `python3` of the path where it is missing |
+//! | `coal_contacts.py` | script: `A.obj B.obj DX DY DZ` (B moved, m), prints a line of JSON with `median_ms` |
+//! | `parry_contacts` | program: the same |
+//! | `embree_distance.py` | script: `STATIC.obj TOOL.obj DX DY DZ POINTS`, the same |
+//! | `venv/bin/python` | Python with the scripts' packages; `python3` of the path where it is missing |
 //!
 //! Times are the peers' own and leave out reading the mesh.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use super::process;
+use super::process::{self, Ended};
 
 /// A folder of peers, or the reason why there is none.
 #[derive(Debug)]
@@ -23,7 +26,7 @@ pub(super) struct Peers {
 }
 
 /// A program to compare with.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Peer {
     /// OpenVDB's narrow-band level set: signed distance on both sides of the surface.
     OpenVdb {
@@ -32,6 +35,12 @@ pub(super) enum Peer {
     },
     /// Open3D's voxel grid: surface voxels only, no inside, no distance.
     Open3d,
+    /// Coal's bounding volumes: all contacts of two meshes.
+    Coal,
+    /// parry3d: contact manifolds of two meshes.
+    Parry,
+    /// Open3D on Embree: exact signed distances of as many points as our shell has.
+    Embree,
 }
 
 impl Peer {
@@ -39,6 +48,9 @@ impl Peer {
         match self {
             Self::OpenVdb { band } => format!("OpenVDB, band {band}"),
             Self::Open3d => "Open3D, surface only".to_owned(),
+            Self::Coal => "Coal, all contacts".to_owned(),
+            Self::Parry => "parry3d, manifolds".to_owned(),
+            Self::Embree => "Embree, distances of as many points".to_owned(),
         }
     }
 }
@@ -65,10 +77,32 @@ impl Peers {
             }
             Peer::Open3d => {
                 let script = self.file("voxel_grids.py")?;
-                let python = self.file("venv/bin/python").unwrap_or_else(|_| "python3".into());
-                self.measure(&python, |command| command.arg(&script).arg(mesh).args([voxels, "open3d".to_owned()]))
+                self.measure(&self.python(), |command| command.arg(&script).arg(mesh).args([voxels, "open3d".to_owned()]))
             }
+            Peer::Coal | Peer::Parry | Peer::Embree => Err(format!("{} makes no volume", peer.name())),
         }
+    }
+
+    /// Contacts of a tool that is lifted along z with a static mesh, both OBJ files in metres: the peer's own median, ms.
+    pub(super) fn contacts_ms(&self, peer: Peer, fixed: &Path, tool: &Path, lift_m: f64, n_points: usize) -> Result<f64, String> {
+        let place = ["0".to_owned(), "0".to_owned(), lift_m.to_string()];
+        let ended = match peer {
+            Peer::Coal | Peer::Embree => {
+                let script = self.file(if peer == Peer::Coal { "coal_contacts.py" } else { "embree_distance.py" })?;
+                let points = (peer == Peer::Embree).then(|| n_points.to_string());
+                self.ended(&self.python(), |command| command.arg(&script).args([fixed, tool]).args(place).args(points))
+            }
+            Peer::Parry => {
+                let program = self.file("parry_contacts")?;
+                self.ended(&program, |command| command.args([fixed, tool]).args(place))
+            }
+            Peer::OpenVdb { .. } | Peer::Open3d => Err(format!("{} finds no contacts", peer.name())),
+        }?;
+        ended.json["median_ms"].as_f64().ok_or_else(|| format!("no `median_ms` in {}", ended.json))
+    }
+
+    fn python(&self) -> PathBuf {
+        self.file("venv/bin/python").unwrap_or_else(|_| "python3".into())
     }
 
     fn file(&self, name: &str) -> Result<PathBuf, String> {
@@ -78,6 +112,12 @@ impl Peers {
     }
 
     fn measure(&self, program: &Path, arguments: impl FnOnce(&mut Command) -> &mut Command) -> Result<PeerRun, String> {
+        let ended = self.ended(program, arguments)?;
+        let seconds = ended.json["best_s"].as_f64().ok_or_else(|| format!("no `best_s` in {}", ended.json))?;
+        Ok(PeerRun { seconds, peak_mb: ended.peak_rss_bytes.map(|bytes| bytes as f64 * 1e-6) })
+    }
+
+    fn ended(&self, program: &Path, arguments: impl FnOnce(&mut Command) -> &mut Command) -> Result<Ended, String> {
         let all = std::thread::available_parallelism().map_or(1, usize::from);
         // A peer takes every processor that it may use.
         let mut command = if self.n_threads < all {
@@ -87,8 +127,6 @@ impl Peers {
         } else {
             Command::new(program)
         };
-        let ended = process::run(arguments(&mut command)).map_err(|error| error.to_string())?;
-        let seconds = ended.json["best_s"].as_f64().ok_or_else(|| format!("no `best_s` in {}", ended.json))?;
-        Ok(PeerRun { seconds, peak_mb: ended.peak_rss_bytes.map(|bytes| bytes as f64 * 1e-6) })
+        process::run(arguments(&mut command)).map_err(|error| error.to_string())
     }
 }

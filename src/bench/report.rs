@@ -108,6 +108,13 @@ impl Row {
         self.met = self.value.map(|value| value <= most);
         self
     }
+    /// Asks for a value that is no farther from zero.
+    #[must_use]
+    pub fn within(mut self, most: f64) -> Self {
+        self.target = Some(format!("|value| <= {}", figure(most)));
+        self.met = self.value.map(|value| value.abs() <= most);
+        self
+    }
 }
 
 impl Machine {

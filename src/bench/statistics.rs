@@ -1,4 +1,4 @@
-//! Medians and slopes.
+//! Medians, slopes and spreads.
 
 /// The middle value, the mean of the two middle ones for an even number; `None` for nothing.
 pub(super) fn median(values: &[f64]) -> Option<f64> {
@@ -21,6 +21,34 @@ pub(super) fn growth_exponent(points: &[(f64, f64)]) -> Option<f64> {
     (spread > 0.0).then(|| along / spread)
 }
 
+/// Mean, 99 % and largest of some values.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Spread {
+    /// The arithmetic mean.
+    pub mean: f64,
+    /// 99 of 100 values are no larger.
+    pub p99: f64,
+    /// The largest.
+    pub max: f64,
+}
+
+impl Spread {
+    /// `None` for nothing.
+    pub(super) fn of(values: impl Iterator<Item = f64>) -> Option<Self> {
+        let mut sorted: Vec<f64> = values.collect();
+        sorted.sort_by(f64::total_cmp);
+        let max = *sorted.last()?;
+        let p99 = quantile(&sorted, 0.99)?;
+        Some(Self { mean: sorted.iter().sum::<f64>() / sorted.len() as f64, p99, max })
+    }
+}
+
+/// The smallest of some sorted values that a share of them does not exceed; `None` for nothing.
+pub(super) fn quantile(sorted: &[f64], share: f64) -> Option<f64> {
+    let rank = (share * sorted.len() as f64).ceil() as usize;
+    sorted.get(rank.clamp(1, sorted.len().max(1)) - 1).copied()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -34,5 +62,13 @@ mod tests {
         assert!((growth_exponent(&squares).unwrap() - 2.0).abs() < 1e-12);
         assert_eq!(growth_exponent(&[(1.0, 2.0)]), None);
         assert_eq!(growth_exponent(&[(1.0, 2.0), (2.0, 0.0)]), None);
+    }
+    #[test]
+    fn spreads_and_quantiles() {
+        assert_eq!(Spread::of([].into_iter()), None);
+        let spread = Spread::of((1..=200).rev().map(f64::from)).unwrap();
+        assert_eq!(spread, Spread { mean: 100.5, p99: 198.0, max: 200.0 });
+        assert_eq!(quantile(&[1.0, 2.0, 3.0], 0.5), Some(2.0));
+        assert_eq!((quantile(&[4.0], 0.0), quantile(&[4.0], 1.0), quantile(&[], 0.5)), (Some(4.0), Some(4.0), None));
     }
 }

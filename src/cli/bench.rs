@@ -6,15 +6,16 @@ use clap::ValueEnum;
 
 use super::bake::print_json;
 use super::{Talk, report, say};
-use crate::bench::generation::{self, Options};
-use crate::bench::{Machine, Report, commit_of};
+use crate::bench::{BenchError, Machine, Report, Row, commit_of, contact, generation, loops};
 use crate::error::Exit;
 
 /// Arguments of `hapticd bench`.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "HAPTICD_MODELS names a folder with stanford-bunny.obj. HAPTICD_PEERS names a folder with openvdb_level_set, \
-                        voxel_grids.py and venv/bin/python. What is missing is skipped and said."
+    after_help = "HAPTICD_MODELS names a folder with real meshes: stanford-bunny.obj, factory_bolt_m16_tight.obj and others. \
+                        HAPTICD_PEERS names a folder with openvdb_level_set and voxel_grids.py (generation), coal_contacts.py, \
+                        parry_contacts and embree_distance.py (contact), and venv/bin/python for the scripts. `loop` runs \
+                        cyclictest where it is installed. What is missing is skipped and said."
 )]
 pub(crate) struct Args {
     /// What to measure; everything there is if not given.
@@ -29,6 +30,15 @@ pub(crate) struct Args {
     /// Small cases only: does it work, not how fast is it.
     #[arg(long)]
     quick: bool,
+    /// With contact: how right and how smooth forces are, not how fast.
+    #[arg(long)]
+    quality: bool,
+    /// With --quality: write raw results there as CSV files.
+    #[arg(long, value_name = "DIR", requires = "quality")]
+    csv: Option<PathBuf>,
+    /// Folder of the scenes that contact and loop play.
+    #[arg(long, value_name = "DIR", default_value = "config/scenes")]
+    scenes: PathBuf,
     /// Print exactly one JSON object.
     #[arg(long)]
     json: bool,
@@ -48,10 +58,13 @@ enum Group {
 }
 
 pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
-    if let Some(group) = args.group.filter(|group| *group != Group::Generation) {
-        let name = group.to_possible_value().map(|value| value.get_name().to_owned()).unwrap_or_default();
-        report::error(&format!("bench {name}: not available in this version"), Some("available: generation"), talk);
+    if args.group == Some(Group::Sculpt) {
+        report::error("bench sculpt: not available in this version", Some("available: generation, contact, loop"), talk);
         return Exit::Configuration;
+    }
+    if args.quality && args.group != Some(Group::Contact) {
+        report::error("--quality goes with contact", Some("hapticd bench contact --quality"), talk);
+        return Exit::Usage;
     }
     let Ok(program) = std::env::current_exe() else {
         report::error("the path of this program is not known, so it cannot start itself", None, talk);
@@ -61,27 +74,14 @@ pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
     // The pool of the process: nothing has used it before.
     let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads).build_global();
     debug_assert!(pool.is_ok(), "the global pool is built once");
-    let folder = |name: &str| std::env::var_os(name).map(PathBuf::from);
-    let options = Options {
-        n_runs: args.runs.unwrap_or(if args.quick { 1 } else { 3 }) as usize,
-        n_threads,
-        quick: args.quick,
-        models: folder("HAPTICD_MODELS"),
-        peers: folder("HAPTICD_PEERS"),
-        program,
-    };
-    let told = |what: &str| {
-        if !talk.quiet {
-            say::talk(format_args!("{what}\n"));
-        }
-    };
-    match generation::run(&options, told) {
-        Ok(rows) => {
-            let report = Report { machine: Machine::read(), commit: commit_of(&options.program), rows };
+    let commit = commit_of(&program);
+    match measure(args, program, n_threads, talk) {
+        Ok((rows, table)) => {
+            let report = Report { machine: Machine::read(), commit, rows };
             if args.json {
                 print_json(&report);
             } else {
-                say::result(format_args!("{}", report.markdown()));
+                say::result(format_args!("{}{table}", report.markdown()));
             }
             Exit::Ok
         }
@@ -90,4 +90,37 @@ pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
             Exit::Asset
         }
     }
+}
+
+/// The rows of the group, or of all of them, and what goes under their tables.
+fn measure(args: &Args, program: PathBuf, n_threads: usize, talk: Talk) -> Result<(Vec<Row>, String), BenchError> {
+    let told = |what: &str| {
+        if !talk.quiet {
+            say::talk(format_args!("{what}\n"));
+        }
+    };
+    let folder = |name: &str| std::env::var_os(name).map(PathBuf::from);
+    let (models, peers) = (folder("HAPTICD_MODELS"), folder("HAPTICD_PEERS"));
+    let n_runs = args.runs.unwrap_or(if args.quick { 1 } else { 3 }) as usize;
+    let wanted = |group: Group| args.group.is_none_or(|asked| asked == group);
+    let (mut rows, mut table) = (Vec::new(), String::new());
+    if wanted(Group::Generation) {
+        let (program, models, peers) = (program.clone(), models.clone(), peers.clone());
+        rows.extend(generation::run(&generation::Options { n_runs, n_threads, quick: args.quick, models, peers, program }, told)?);
+    }
+    if wanted(Group::Contact) {
+        let (scenes, csv) = (args.scenes.clone(), args.csv.clone());
+        let options = contact::Options { n_runs, quick: args.quick, scenes, csv, models, peers };
+        if args.quality {
+            let (of_quality, choice) = contact::quality(&options, told)?;
+            rows.extend(of_quality);
+            table = choice;
+        } else {
+            rows.extend(contact::speed(&options, told)?);
+        }
+    }
+    if wanted(Group::Loop) {
+        rows.extend(loops::run(&loops::Options { program, quick: args.quick, scenes: args.scenes.clone() }, told)?);
+    }
+    Ok((rows, table))
 }

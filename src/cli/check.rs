@@ -39,12 +39,14 @@ pub(super) fn summary(config: &SceneConfig) -> String {
     let mode = match coupling.mode {
         CouplingMode::Implicit => "implicit",
         CouplingMode::SemiImplicit => "semi-implicit",
+        CouplingMode::Static => "static",
+        CouplingMode::Constraint => "constraint",
         CouplingMode::Direct => "direct",
     };
     // What the arm feels: the contact itself in `direct`, else the coupling; times `scale`.
     let translation = match coupling.mode {
         CouplingMode::Direct => config.parameters.contact.stiffness_n_per_m,
-        CouplingMode::Implicit | CouplingMode::SemiImplicit => coupling.stiffness_n_per_m,
+        _ => coupling.stiffness_n_per_m,
     } * config.parameters.port.scale;
     let bound = |bound: f64| if bound.is_finite() { format!("bound {}", show(bound)) } else { "no bound".into() };
     let mut parts = vec![

@@ -297,6 +297,7 @@ fn result_text(totals: &Totals, start_s: StartTimes, json: bool) -> String {
         row("contact budget", format_args!("{points} points a tick, at most {} left out", totals.points_left_out));
     }
     row("contact", format_args!("{} ticks, deepest {:.4} mm", totals.contact_ticks, totals.max_depth_m * 1e3));
+    row("passivity", format_args!("damped {} ticks, lowest energy {:.4} mJ", totals.passivity_ticks, totals.lowest_energy_j * 1e3));
     let pose = totals.final_pose;
     row(
         "tool at the end",

@@ -16,8 +16,8 @@ use crate::haptics::contact::AVERAGED_CONTACTS;
 use crate::haptics::filter::low_pass_alpha;
 use crate::haptics::stability::SampledWall;
 use crate::haptics::{
-    ContactParameters, CouplingMode, CouplingParameters, FilterParameters, FreeSpace, FrictionParameters, LimitParameters,
-    Normalization, Parameters, PortParameters, SpringClamp,
+    ArmParameters, ContactParameters, CouplingMode, CouplingParameters, FilterParameters, FreeSpace, FrictionParameters,
+    LimitParameters, Normalization, Parameters, PortParameters, SpringClamp,
 };
 use crate::mesh::Format;
 use crate::mesh::primitives::Shape;
@@ -281,7 +281,9 @@ impl Resolve<'_> {
         let mode = match scene.rendering.coupling {
             Some(schema::CouplingWord::SemiImplicit) => CouplingMode::SemiImplicit,
             Some(schema::CouplingWord::Direct) => CouplingMode::Direct,
-            Some(schema::CouplingWord::Implicit | schema::CouplingWord::Static) | None => CouplingMode::Implicit,
+            Some(schema::CouplingWord::Static) => CouplingMode::Static,
+            Some(schema::CouplingWord::Constraint) => CouplingMode::Constraint,
+            Some(schema::CouplingWord::Implicit) | None => CouplingMode::Implicit,
         };
         if mode == CouplingMode::Direct && gravity_m_per_s2 != DVec3::ZERO {
             let accepted = "zero: without a virtual tool, nothing has weight in \"direct\"";
@@ -310,6 +312,7 @@ impl Resolve<'_> {
         }
 
         let (profile, tool) = (profile?, tool?);
+        let arm = arm_parameters(&profile, &stability, port_scale);
         let port =
             PortParameters { world_from_device, scale: port_scale, sensed: profile.sensed, actuated: profile.actuated, start };
         Some(SceneConfig {
@@ -319,7 +322,7 @@ impl Resolve<'_> {
             time_budget_s,
             statics,
             tool,
-            parameters: Parameters { period_s, gravity_m_per_s2, contact, coupling, filter, limits, port },
+            parameters: Parameters { period_s, gravity_m_per_s2, contact, coupling, filter, limits, port, arm },
             device: DeviceConfig { profile, hand, sim },
             realtime,
             stability,
@@ -329,9 +332,6 @@ impl Resolve<'_> {
     /// Keys and values that the format has and this version lacks. Nothing is read and ignored.
     fn later_keys(&mut self, scene: &schema::Scene) {
         let checks = &mut self.checks;
-        if scene.rendering.coupling == Some(schema::CouplingWord::Static) {
-            checks.not_available("rendering.coupling", "use \"implicit\", \"semi-implicit\" or \"direct\"");
-        }
         for (index, object) in scene.statics.iter().enumerate() {
             if object.movable == Some(true) {
                 checks.not_available(&format!("static[{index}].movable"), "use false");
@@ -339,6 +339,9 @@ impl Resolve<'_> {
         }
         if scene.monitor.listen.as_deref().is_some_and(|listen| listen != "off") {
             checks.not_available("monitor.listen", "use \"off\"");
+        }
+        if scene.rendering.coupling == Some(schema::CouplingWord::Constraint) && scene.contact.friction.is_some() {
+            checks.not_available("contact.friction", "leave it out, or use another rendering.coupling");
         }
         checks.later("contact.braking", scene.contact.braking.is_some());
         checks.later("contact.damping_n_s_per_m", scene.contact.damping_n_s_per_m.is_some());
@@ -827,6 +830,28 @@ fn stability(
         translation: bound(Axes::TRANSLATION, |p| (p.mass_kg, p.damping_n_s_per_m), |p| p.limits.stiffness_n_per_m),
         rotation: bound(Axes::ROTATION, |p| (p.inertia_kg_m2, p.damping_nm_s_per_rad), |p| p.limits.stiffness_nm_per_rad),
         allow_unstable,
+    }
+}
+
+/// What the tick knows of the arm: how its stiffness bound falls with delay, and how much damping may be injected.
+fn arm_parameters(profile: &Profile, stability: &StabilityConfig, scale: f64) -> ArmParameters {
+    let StabilityConfig { translation, rotation, allow_unstable } = *stability;
+    let stiffness_lag = |bound: &StiffnessBound| {
+        if bound.declared.is_none() || allow_unstable { f64::INFINITY } else { bound.wall.stiffness_lag() }
+    };
+    let [window_s, window_angular_s] = profile.velocity_window_ms.map(|window_ms| window_ms * 1e-3);
+    // No more than the profile can render, and no more than keeps still an arm without a hand: the velocity that it is
+    // made of is as old as half its window.
+    let injected = |bound: &StiffnessBound, declared: Option<f64>, window_s: f64| match declared {
+        Some(declared) if bound.declared.is_some() => declared.min(bound.wall.injectable_damping(window_s)),
+        _ => 0.0,
+    };
+    ArmParameters {
+        delay_ticks: translation.wall.delay_ticks.max(rotation.wall.delay_ticks),
+        stiffness_lag_n_s_per_m: stiffness_lag(&translation) / scale,
+        stiffness_lag_nm_s_per_rad: stiffness_lag(&rotation),
+        injected_n_s_per_m: injected(&translation, profile.limits.damping_n_s_per_m, window_s),
+        injected_nm_s_per_rad: injected(&rotation, profile.limits.damping_nm_s_per_rad, window_angular_s),
     }
 }
 

@@ -226,7 +226,7 @@ macro_rules! words {
 pub(crate) use words;
 
 words! {
-    CouplingWord { Implicit = "implicit", SemiImplicit = "semi-implicit", Static = "static", Direct = "direct" }
+    CouplingWord { Implicit = "implicit", SemiImplicit = "semi-implicit", Static = "static", Constraint = "constraint", Direct = "direct" }
     FieldWord { Layers = "layers", SurfacePoint = "surface-point", Octant = "octant", Trilinear = "trilinear" }
     UnitWord { Metre = "m", Millimetre = "mm", Centimetre = "cm", Inch = "in" }
     SidesWord { Auto = "auto", Flood = "flood", Winding = "winding", Thin = "thin" }

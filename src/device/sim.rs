@@ -223,6 +223,8 @@ pub struct SimArm {
     window: VelocityWindow,
     last: DeviceSample,
     stuck_at: Option<Pose>,
+    /// Ticks that a command spends in the delay line, which every sample reports.
+    delay_ticks: u32,
 }
 
 impl SimArm {
@@ -298,6 +300,7 @@ impl SimArm {
             window: VelocityWindow::new(parameters.window_linear_s, parameters.window_angular_s, period_s),
             last: DeviceSample::default(),
             stuck_at: None,
+            delay_ticks: plant.delay_ticks,
         })
     }
 
@@ -420,8 +423,15 @@ impl Device for SimArm {
             _ => {}
         }
         let twist = self.window.push(now_s, pose);
-        self.last =
-            DeviceSample { pose, twist, grip_rad: 0.0, buttons: 0, sequence: self.last.sequence + 1, status: SampleStatus::Fresh };
+        self.last = DeviceSample {
+            pose,
+            twist,
+            grip_rad: 0.0,
+            buttons: 0,
+            sequence: self.last.sequence + 1,
+            status: SampleStatus::Fresh,
+            delay_ticks: self.delay_ticks,
+        };
         Ok(self.last)
     }
 

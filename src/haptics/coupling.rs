@@ -53,8 +53,8 @@ pub(super) struct Body {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Spring {
     pub(super) wrench: Wrench,
-    stiffness_n_per_m: f64,
-    stiffness_nm_per_rad: f64,
+    pub(super) stiffness_n_per_m: f64,
+    pub(super) stiffness_nm_per_rad: f64,
 }
 
 impl Spring {

@@ -7,6 +7,8 @@
 #![deny(clippy::disallowed_methods, clippy::disallowed_macros, clippy::disallowed_types)]
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::indexing_slicing)]
 
+mod auto_limit;
+mod constraint;
 pub mod contact;
 mod coupling;
 mod faults;
@@ -15,7 +17,9 @@ mod friction;
 pub mod limits;
 mod params;
 pub mod passivity;
+pub mod passivity_control;
 mod port;
+mod quasi_static;
 pub mod sample;
 pub mod stability;
 mod tick;
@@ -23,7 +27,7 @@ mod tick;
 pub use coupling::Inertia;
 pub use faults::Faults;
 pub use params::{
-    ContactParameters, CouplingMode, CouplingParameters, FilterParameters, FreeSpace, FrictionParameters, LimitParameters,
-    Normalization, Parameters, PortParameters, SpringClamp,
+    ArmParameters, ContactParameters, CouplingMode, CouplingParameters, FilterParameters, FreeSpace, FrictionParameters,
+    LimitParameters, Normalization, Parameters, PortParameters, SpringClamp,
 };
 pub use tick::{Drive, DriveRequest, RenderScene, State, TickInput, TickOutput, Tool, tick};

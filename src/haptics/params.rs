@@ -13,6 +13,10 @@ pub enum CouplingMode {
     Implicit,
     /// Virtual tool with mass, semi-implicit Euler; total stiffness is limited to what that step can take.
     SemiImplicit,
+    /// Virtual tool without mass: each tick one Newton step towards the balance of coupling and contact.
+    Static,
+    /// Virtual tool without mass that stays on the surface: each tick the pose nearest to the arm's that the contact planes allow.
+    Constraint,
     /// No virtual tool: the contact wrench goes to the arm, its stiffness limited to what the arm can take.
     Direct,
 }
@@ -157,6 +161,34 @@ pub struct PortParameters {
     pub start: Pose,
 }
 
+/// What the loop knows of the attached arm itself. The default is an ideal arm: nothing bounds it, nothing is injected.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ArmParameters {
+    /// Delay that the stiffness bounds already allow for, ticks. Only a longer measured one changes anything.
+    pub delay_ticks: u32,
+    /// Stiffness times lag that the arm can take in translation, N·s/m, in world units like the coupling: the stiffness bound is
+    /// this over T/2 + delay. Infinite for an ideal arm.
+    pub stiffness_lag_n_s_per_m: f64,
+    /// The same in rotation, N·m·s/rad.
+    pub stiffness_lag_nm_s_per_rad: f64,
+    /// Largest damping that the passivity controller injects, N·s/m, device units; 0: it only observes.
+    pub injected_n_s_per_m: f64,
+    /// The same in rotation, N·m·s/rad.
+    pub injected_nm_s_per_rad: f64,
+}
+
+impl Default for ArmParameters {
+    fn default() -> Self {
+        Self {
+            delay_ticks: 0,
+            stiffness_lag_n_s_per_m: f64::INFINITY,
+            stiffness_lag_nm_s_per_rad: f64::INFINITY,
+            injected_n_s_per_m: 0.0,
+            injected_nm_s_per_rad: 0.0,
+        }
+    }
+}
+
 /// All parameters of one scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Parameters {
@@ -174,4 +206,6 @@ pub struct Parameters {
     pub limits: LimitParameters,
     /// Device port.
     pub port: PortParameters,
+    /// The arm behind the port.
+    pub arm: ArmParameters,
 }

@@ -142,6 +142,23 @@ impl SampledWall {
         }
     }
 
+    /// Stiffness times lag that the arm can take without virtual damping, 0.8 b in N·s/m: [`stiffness_bound`](Self::stiffness_bound) is
+    /// this over T/2 + t_d + t_f. For the tick, which learns the delay while it runs.
+    pub fn stiffness_lag(&self) -> f64 {
+        MARGIN * self.damping_n_s_per_m
+    }
+
+    /// Largest damping in N·s/m that may be injected for a while, when the velocity it is made of is a difference over `window_s`:
+    /// half of what keeps a free mass from ringing. A velocity n ticks old gives v ← v − (B T/m) v_n, stable for
+    /// B T/m < 2 sin(π/(4n + 2)); n counts the delay and half the window, rounded up.
+    ///
+    /// # Source
+    /// Our derivation: a root on the unit circle at z = e^(iφ) needs (n + ½) φ = π/2.
+    pub fn injectable_damping(&self, window_s: f64) -> f64 {
+        let ticks_old = f64::from(self.delay_ticks) + (0.5 * window_s / self.period_s).ceil();
+        positive_or_zero((core::f64::consts::PI / (4.0 * ticks_old + 2.0)).sin() * self.mass_kg / self.period_s)
+    }
+
     /// Largest B T/m for which 0.8 of the linear rule is safe; between the known delays the next longer one counts.
     fn linear_rule_reach(&self) -> f64 {
         let lag_ticks = f64::from(self.delay_ticks) + alpha_lag_s(self.filter_alpha, 1.0);

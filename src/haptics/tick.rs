@@ -1,4 +1,5 @@
-//! The one step, in one place: sample check → contact sum → shaping filter → coupling → power → slew → magnitude → finite check.
+//! The one step, in one place: sample check → contact sum → shaping filter → coupling → passivity → power → slew → magnitude →
+//! finite check.
 //!
 //! ```text
 //!                 Enable and a sound sample                 gain = 1
@@ -13,15 +14,20 @@
 
 use glam::DVec3;
 
-use super::contact::{Budget, ContactSum, Machine, Obstacle, Traversal, Way};
+use super::auto_limit::LoopDelay;
+use super::constraint::{self, SLOP_VOXELS};
+use super::contact::planes::DeepestContacts;
+use super::contact::{Budget, Contact, ContactSum, Machine, Obstacle, Traversal, Way};
 use super::coupling::{Body, Inertia, LinearContact, Pull, Spring};
 use super::filter::{ShapingFilter, Slide};
 use super::friction::{Friction, FrictionWrench};
 use super::limits::{Limiter, Ramp};
-use super::params::{CouplingMode, FreeSpace};
-use super::passivity::EnergyObserver;
+use super::params::{CouplingMode, CouplingParameters, FreeSpace};
+use super::passivity_control::PassivityController;
 use super::port::Port;
+use super::quasi_static::StaticBalance;
 use super::sample::SampleMonitor;
+use super::stability::filter_delay_s;
 use super::{Faults, Parameters};
 use crate::pointshell::shell::Shell;
 use crate::spatial::{DeviceSample, Mat6, Pose, SampleStatus, Twist, Wrench};
@@ -86,6 +92,10 @@ pub struct TickOutput {
     pub points_left_out: u32,
     /// Energy that the arm has taken from the hand since enable, J; negative means that it gave more than it took.
     pub energy_j: f64,
+    /// The passivity controller damps in this tick.
+    pub passivity_active: bool,
+    /// Longest round trip measured since enable, ticks; 0 where the arm does not measure it.
+    pub delay_ticks: u32,
     /// State of the drive after this tick.
     pub drive: Drive,
     /// Faults that are latched.
@@ -132,8 +142,10 @@ pub struct State {
     contact_gain: Ramp,
     enable_gain: Ramp,
     limiter: Limiter,
-    energy: EnergyObserver,
     traversal: Traversal,
+    passivity: PassivityController,
+    delay: LoopDelay,
+    balance: StaticBalance,
 }
 
 /// Time in which the coupling wrench comes in at first contact, s (decision: free space).
@@ -158,8 +170,10 @@ impl State {
             contact_gain: Ramp::default(),
             enable_gain: Ramp::default(),
             limiter: Limiter::default(),
-            energy: EnergyObserver::default(),
             traversal: Traversal::new(Machine::best(), Way::Tree, &scene.obstacles, &scene.tool.shell),
+            passivity: PassivityController::default(),
+            delay: LoopDelay::default(),
+            balance: StaticBalance::default(),
         }
     }
 
@@ -189,6 +203,7 @@ impl State {
         self.filter.reset();
         self.friction.reset();
         self.step_limit_m = 0.0;
+        self.balance = StaticBalance::default();
         self.contact_gain.reset();
         self.enable_gain.reset();
         self.limiter.reset();
@@ -232,7 +247,15 @@ pub fn tick(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOu
         // seen in passing is followed more slowly.
         state.body = state.body.followed(target, scene.tool.shell.radius_m(), state.step_limit_m);
     }
-    let contact = ContactSum::of(&mut state.traversal, &scene.obstacles, &scene.tool.shell, state.body.pose, &p.contact, &p.filter);
+    let (obstacles, shell, body) = (&scene.obstacles, &scene.tool.shell, state.body.pose);
+    let mut deepest = (p.coupling.mode == CouplingMode::Constraint).then(DeepestContacts::default);
+    let contact = match deepest.as_mut() {
+        Some(deepest) => {
+            let mut also = |obstacle_idx: usize, contact: &Contact| deepest.add(obstacle_idx, contact);
+            ContactSum::of_with(&mut state.traversal, obstacles, shell, body, &p.contact, &p.filter, Some(&mut also))
+        }
+        None => ContactSum::of(&mut state.traversal, obstacles, shell, body, &p.contact, &p.filter),
+    };
     // A point that goes no further than this is seen inside of a wall of three voxels.
     state.step_limit_m = contact.step_limit_m.max(SEEN_VOXELS * contact.voxel_size_m);
     if !contact.wrench.is_finite() || contact.max_value_m.is_nan() {
@@ -246,9 +269,15 @@ pub fn tick(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOu
     let mut commanded_device = Wrench::ZERO;
     let mut command_device = Wrench::ZERO;
     if moving(state) {
+        state.delay.measure(input.sample.delay_ticks, p.period_s);
+        let delay_ticks = input.sample.delay_ticks.max(p.arm.delay_ticks);
+        state.passivity.observe(input.sample.pose, delay_ticks, p.period_s);
+        let filter_lag_s =
+            if p.coupling.mode == CouplingMode::Direct { filter_delay_s(p.filter.cutoff_hz[0], p.period_s) } else { 0.0 };
+        let coupling = state.delay.limited(&p.coupling, &p.arm, filter_lag_s, p.period_s);
         let felt = match p.coupling.mode {
-            CouplingMode::Direct => Some(direct(state, &contact, &rubbing, p)),
-            CouplingMode::Implicit | CouplingMode::SemiImplicit => coupled(scene, state, &contact, &rubbing, target),
+            CouplingMode::Direct => Some(direct(state, &contact, &rubbing, &coupling, p)),
+            _ => coupled(scene, state, (&contact, &rubbing, deepest.as_ref()), &coupling, target),
         };
         match felt {
             None => state.fail(Faults::SOLVER),
@@ -259,11 +288,12 @@ pub fn tick(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOu
                 let wanted = p.port.wrench_device(felt_world);
                 // Only what the motors give has power and is limited; the rest is reported and dropped.
                 let actuated = p.port.actuated_part(wanted);
-                let limited = state.limiter.apply(actuated, input.sample.twist, gain, &p.limits, p.period_s);
+                let damped = state.passivity.damped(actuated, input.sample.twist, &p.arm, &p.limits, p.period_s);
+                let damped = p.port.actuated_part(damped);
+                let limited = state.limiter.apply(damped, input.sample.twist, gain, &p.limits, p.period_s);
                 if limited.finite {
                     command_device = limited.wrench;
                     commanded_device = limited.wrench + (wanted - actuated) * gain;
-                    state.energy.observe(command_device, input.sample.twist, p.period_s);
                     state.drive = match state.drive {
                         Drive::Enabling if gain >= 1.0 => Drive::Enabled,
                         Drive::Stopping if gain <= 0.0 && command_device == Wrench::ZERO => Drive::Disabled,
@@ -275,6 +305,7 @@ pub fn tick(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOu
             }
         }
     }
+    state.passivity.hold(command_device);
     let body_from_tool = Pose::from_translation(-scene.tool.center_of_mass_tool);
     TickOutput {
         command_device,
@@ -285,7 +316,9 @@ pub fn tick(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOu
         max_depth_m: contact.max_value_m.max(0.0),
         clearance_m: -contact.max_value_m,
         points_left_out: contact.left_out,
-        energy_j: state.energy.energy_j(),
+        energy_j: state.passivity.energy_j(),
+        passivity_active: state.passivity.is_active(),
+        delay_ticks: state.delay.worst_ticks(),
         drive: state.drive,
         faults: state.faults,
     }
@@ -310,7 +343,8 @@ fn advance_drive(scene: &RenderScene, state: &mut State, input: &TickInput, faul
         (Drive::Disabled, DriveRequest::Enable) if input.sample.status == SampleStatus::Fresh => {
             state.at_rest(scene.start());
             state.port = Port::indexed(&input.sample);
-            state.energy.reset();
+            state.passivity.reset();
+            state.delay = LoopDelay::starting_at(input.sample.delay_ticks);
             state.drive = Drive::Enabling;
         }
         (Drive::Enabling | Drive::Enabled, DriveRequest::Stop) => state.drive = Drive::Stopping,
@@ -322,18 +356,66 @@ fn advance_drive(scene: &RenderScene, state: &mut State, input: &TickInput, faul
 fn coupled(
     scene: &RenderScene,
     state: &mut State,
-    contact: &ContactSum,
-    rubbing: &FrictionWrench,
+    (contact, rubbing, deepest): (&ContactSum, &FrictionWrench, Option<&DeepestContacts>),
+    coupling: &CouplingParameters,
     target: (Pose, Twist),
 ) -> Option<Wrench> {
     let p = &scene.parameters;
-    let inertia = &scene.tool.inertia;
     let radius_m = scene.tool.shell.radius_m();
     let (target_pose, target_twist) = target;
     let touching = contact.contacts > 0;
 
-    let damping = Pull::critical_damping(&p.coupling, inertia);
-    let scale = match p.coupling.mode {
+    let spring = |body: Pose| Spring::between(body, target_pose, coupling, &p.limits, contact.voxel_size_m, radius_m);
+    let stretched = spring(state.body.pose);
+    let weight = p.gravity_m_per_s2 * scene.tool.inertia.mass_kg;
+    let twist = match (coupling.mode, deepest) {
+        (CouplingMode::Static, _) => {
+            let stiffness = contact.stiffness.plus_scaled(1.0, &rubbing.stiffness);
+            let step = state.balance.step(&stretched, weight, contact.wrench + rubbing.wrench, &stiffness)?;
+            Twist { linear: step.0 / p.period_s, angular: step.1 / p.period_s }
+        }
+        (CouplingMode::Constraint, Some(deepest)) => {
+            let sag_m = weight / coupling.stiffness_n_per_m;
+            let free = (target_pose.translation - state.body.pose.translation + sag_m, state.body.pose.rotation_to(target_pose));
+            let body = state.body.pose;
+            let way_out = |obstacle_idx: usize, contact: &Contact| match scene.obstacles.get(obstacle_idx) {
+                Some(obstacle) => obstacle.way_out_world(body, contact),
+                None => body.transform_vector(contact.normal_body.as_dvec3()),
+            };
+            let step = constraint::step(free, body, coupling, deepest, way_out, SLOP_VOXELS * contact.voxel_size_m)?;
+            Twist { linear: step.0 / p.period_s, angular: step.1 / p.period_s }
+        }
+        _ => step_with_mass(scene, state, (contact, rubbing), coupling, (stretched, target_twist, weight))?,
+    };
+    state.body = state.body.moved(twist, p.period_s, radius_m, contact.step_limit_m);
+
+    // The spring after the step: what the tool holds on to now is what the hand feels now.
+    let damper = Wrench::new(
+        (state.body.twist.linear - target_twist.linear) * coupling.felt_damping_n_s_per_m,
+        (state.body.twist.angular - target_twist.angular) * coupling.felt_damping_nm_s_per_rad,
+    );
+    let felt = damper - spring(state.body.pose).wrench;
+    Some(match coupling.free_space {
+        FreeSpace::Drag => felt,
+        FreeSpace::Zero => {
+            let gain = state.contact_gain.advance(touching, CONTACT_RISE_S, p.period_s);
+            if touching { felt * gain } else { Wrench::ZERO }
+        }
+    })
+}
+
+/// Velocity of a virtual tool with mass after one step. `None` on non-finite input.
+fn step_with_mass(
+    scene: &RenderScene,
+    state: &mut State,
+    (contact, rubbing): (&ContactSum, &FrictionWrench),
+    coupling: &CouplingParameters,
+    (spring, target_twist, weight): (Spring, Twist, DVec3),
+) -> Option<Twist> {
+    let p = &scene.parameters;
+    let inertia = &scene.tool.inertia;
+    let damping = Pull::critical_damping(coupling, inertia);
+    let scale = match coupling.mode {
         CouplingMode::SemiImplicit => semi_implicit_share(contact, rubbing, p, inertia, damping),
         _ => 1.0,
     };
@@ -344,48 +426,32 @@ fn coupled(
         voxel_size_m: contact.voxel_size_m,
         step_stiffness: scale * p.period_s * p.period_s * (along / inertia.mass_kg).max(about / inertia.least_kg_m2),
     };
-    let wrench = state.filter.update(raw, slide, touching, &p.filter, p.period_s);
+    let wrench = state.filter.update(raw, slide, contact.contacts > 0, &p.filter, p.period_s);
     // Friction is smooth by itself: it goes past the filter.
     let stiffness =
         Mat6::ZERO.plus_scaled(scale * (1.0 - state.filter.alpha()), &contact.stiffness).plus_scaled(scale, &rubbing.stiffness);
     let damping_s = if along > 0.0 { 2.0 * p.contact.damping_ratio * (inertia.mass_kg / along).sqrt() } else { 0.0 };
 
-    let spring = |body: Pose| Spring::between(body, target_pose, &p.coupling, &p.limits, contact.voxel_size_m, radius_m);
-    let pull = Pull {
-        spring: spring(state.body.pose),
-        target_twist,
-        weight: p.gravity_m_per_s2 * inertia.mass_kg,
-        damping,
-        period_s: p.period_s,
-    };
+    let pull = Pull { spring, target_twist, weight, damping, period_s: p.period_s };
     let linear = LinearContact { wrench: wrench + rubbing.wrench * scale, stiffness, damping_s };
-    let twist = match p.coupling.mode {
+    match coupling.mode {
         CouplingMode::SemiImplicit => state.body.step_semi_implicit(&pull, &linear, inertia),
         _ => state.body.step_implicit(&pull, &linear, inertia),
-    }?;
-    state.body = state.body.moved(twist, p.period_s, radius_m, contact.step_limit_m);
-
-    // The spring after the step: what the tool holds on to now is what the hand feels now.
-    let damper = Wrench::new(
-        (state.body.twist.linear - target_twist.linear) * p.coupling.felt_damping_n_s_per_m,
-        (state.body.twist.angular - target_twist.angular) * p.coupling.felt_damping_nm_s_per_rad,
-    );
-    let felt = damper - spring(state.body.pose).wrench;
-    Some(match p.coupling.free_space {
-        FreeSpace::Drag => felt,
-        FreeSpace::Zero => {
-            let gain = state.contact_gain.advance(touching, CONTACT_RISE_S, p.period_s);
-            if touching { felt * gain } else { Wrench::ZERO }
-        }
-    })
+    }
 }
 
 /// No virtual tool: the shell stands where the arm is, the arm gets the filtered contact wrench, its stiffness limited to what
 /// the arm can take.
-fn direct(state: &mut State, contact: &ContactSum, rubbing: &FrictionWrench, p: &Parameters) -> Wrench {
+fn direct(
+    state: &mut State,
+    contact: &ContactSum,
+    rubbing: &FrictionWrench,
+    coupling: &CouplingParameters,
+    p: &Parameters,
+) -> Wrench {
     let share = within(
         contact.stiffness.plus_scaled(1.0, &rubbing.stiffness).traces(),
-        (p.coupling.bound_n_per_m, p.coupling.bound_nm_per_rad),
+        (coupling.bound_n_per_m, coupling.bound_nm_per_rad),
     );
     let slide =
         Slide { speed_m_per_s: slide_speed(contact, state.body.twist), voxel_size_m: contact.voxel_size_m, step_stiffness: 0.0 };

@@ -8,8 +8,8 @@ use glam::{DMat3, DVec3};
 
 use crate::device::{Capabilities, Device, DeviceError};
 use crate::haptics::{
-    ContactParameters, CouplingMode, CouplingParameters, FilterParameters, FreeSpace, FrictionParameters, Inertia, LimitParameters,
-    Normalization, Parameters, PortParameters, RenderScene, SpringClamp, Tool,
+    ArmParameters, ContactParameters, CouplingMode, CouplingParameters, FilterParameters, FreeSpace, FrictionParameters, Inertia,
+    LimitParameters, Normalization, Parameters, PortParameters, RenderScene, SpringClamp, Tool,
 };
 use crate::pointshell::shell::Shell;
 use crate::rt::clock::{Clock, ClockKind};
@@ -59,6 +59,7 @@ pub(crate) fn parameters() -> Parameters {
             actuated: Axes::SIX,
             start: Pose::IDENTITY,
         },
+        arm: ArmParameters::default(),
     }
 }
 

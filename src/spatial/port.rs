@@ -29,11 +29,22 @@ pub struct DeviceSample {
     pub sequence: u64,
     /// Whether the sample is new.
     pub status: SampleStatus,
+    /// Measured round trip: ticks from a command to the first sample that can show its force, less the one that every arm takes.
+    /// 0 where the arm does not measure it.
+    pub delay_ticks: u32,
 }
 
 impl Default for DeviceSample {
     fn default() -> Self {
-        Self { pose: Pose::IDENTITY, twist: Twist::ZERO, grip_rad: 0.0, buttons: 0, sequence: 0, status: SampleStatus::Stale }
+        Self {
+            pose: Pose::IDENTITY,
+            twist: Twist::ZERO,
+            grip_rad: 0.0,
+            buttons: 0,
+            sequence: 0,
+            status: SampleStatus::Stale,
+            delay_ticks: 0,
+        }
     }
 }
 

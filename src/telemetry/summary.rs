@@ -28,6 +28,9 @@ pub struct Summary {
     max_depth_m: f64,
     contact_ticks: u64,
     points_left_out: u32,
+    lowest_energy_j: f64,
+    passivity_ticks: u64,
+    delay_ticks: u32,
     stale_samples: u64,
     final_pose: Pose,
     faults: Faults,
@@ -48,6 +51,9 @@ impl Summary {
             max_depth_m: 0.0,
             contact_ticks: 0,
             points_left_out: 0,
+            lowest_energy_j: 0.0,
+            passivity_ticks: 0,
+            delay_ticks: 0,
             stale_samples: 0,
             final_pose: Pose::IDENTITY,
             faults: Faults::NONE,
@@ -70,6 +76,9 @@ impl Summary {
         self.max_depth_m = self.max_depth_m.max(output.max_depth_m);
         self.contact_ticks += u64::from(output.contacts > 0);
         self.points_left_out = self.points_left_out.max(output.points_left_out);
+        self.lowest_energy_j = self.lowest_energy_j.min(output.energy_j);
+        self.passivity_ticks += u64::from(output.passivity_active);
+        self.delay_ticks = self.delay_ticks.max(output.delay_ticks);
         self.stale_samples += u64::from(record.input.sample.status != SampleStatus::Fresh);
         self.final_pose = output.world_from_tool;
         self.faults |= output.faults;
@@ -101,6 +110,9 @@ impl Summary {
             contact_ticks: self.contact_ticks,
             contact_budget_points: counted.contact_budget_points,
             points_left_out: self.points_left_out,
+            lowest_energy_j: self.lowest_energy_j,
+            passivity_ticks: self.passivity_ticks,
+            delay_ticks: self.delay_ticks,
             faults: (self.faults | counted.faults).names().collect(),
             realtime: counted.realtime,
             final_pose: PoseSummary::of(self.final_pose),
@@ -231,6 +243,12 @@ pub struct Totals {
     pub contact_budget_points: Option<u32>,
     /// Most points that this left out in one tick; others stood for them.
     pub points_left_out: u32,
+    /// Lowest energy that the arm has taken from the hand, J: below 0 when it gave more than it took.
+    pub lowest_energy_j: f64,
+    /// Ticks in which the passivity controller injected damping.
+    pub passivity_ticks: u64,
+    /// Longest measured round trip, ticks; 0 where the arm does not measure it.
+    pub delay_ticks: u32,
     /// Names of the faults.
     pub faults: Vec<&'static str>,
     /// How the loop was scheduled.

@@ -81,16 +81,75 @@ fn a_quick_bench_prints_one_object_with_a_row_for_each_figure() {
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0, "nothing stays in the temporary folder");
 }
 
+/// The rows of a bench of the shipped scenes that ended well.
+fn rows_of(folder: &Path, arguments: &[&str]) -> Vec<Value> {
+    let scenes = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/scenes");
+    let ended = hapticd(folder, &[arguments, &["--json", "--quiet", "--scenes", scenes.to_str().unwrap()]].concat());
+    assert_eq!(ended.status.code(), Some(0), "{}", text(&ended.stderr));
+    let report: Value = serde_json::from_str(&text(&ended.stdout)).unwrap();
+    report["rows"].as_array().unwrap().clone()
+}
+
+fn find<'a>(rows: &'a [Value], group: &str, name: &str) -> &'a Value {
+    let found =
+        rows.iter().find(|row| row["group"].as_str().unwrap().starts_with(group) && row["name"].as_str().unwrap().contains(name));
+    found.unwrap_or_else(|| panic!("no {name} of {group}"))
+}
+
+#[test]
+fn a_quick_bench_of_contacts_counts_points_and_says_what_it_skips() {
+    let folder = tempfile::tempdir().unwrap();
+    let rows = rows_of(folder.path(), &["bench", "contact", "--quick"]);
+    assert_eq!(find(&rows, "pin in a bore", "0 % touching: points in contact")["value"], 0.0);
+    assert!(find(&rows, "pin in a bore", "flat, 3 % touching: points in contact")["value"].as_f64() > Some(200.0));
+    assert!(find(&rows, "pin of ", "share")["target"] == "|value| <= 0.1000");
+    let nut = find(&rows, "M16 nut", "skipped");
+    assert!(nut["value"].is_null() && nut["met"].is_null());
+}
+
+#[test]
+fn a_quick_bench_of_quality_writes_its_raw_results() {
+    let folder = tempfile::tempdir().unwrap();
+    let rows = rows_of(folder.path(), &["bench", "contact", "--quality", "--quick", "--csv", "raw"]);
+    for family in ["Q1", "Q2", "Q3"] {
+        assert!(
+            find(&rows, family, "trilinear: ripple")["value"].as_f64() < find(&rows, family, "layers: ripple")["value"].as_f64()
+        );
+    }
+    assert!(find(&rows, "Q1 up a slope", "implicit, trilinear: delay")["value"].is_number());
+    assert!(find(&rows, "smoothness", "block-on-plane: ripple on the hand")["peer_value"].is_number());
+    for (file, columns, least_lines) in [("q1-q3.csv", 18, 48), ("q1-q3-series.csv", 11, 48 * 240), ("q1-couplings.csv", 7, 9000)] {
+        let written = std::fs::read_to_string(folder.path().join("raw").join(file)).unwrap();
+        let commas = |line: &str| line.split('"').step_by(2).map(|part| part.matches(',').count()).sum::<usize>();
+        assert!(written.lines().all(|line| commas(line) == columns - 1), "{file}");
+        assert!(written.lines().count() > least_lines, "{file}: {} lines", written.lines().count());
+    }
+}
+
+#[test]
+fn a_quick_bench_of_the_loop_runs_on_the_real_clock() {
+    let folder = tempfile::tempdir().unwrap();
+    let rows = rows_of(folder.path(), &["bench", "loop", "--quick"]);
+    // A busy machine skips ticks, but not all of them.
+    assert!(find(&rows, "block-on-plane", "ticks")["value"].as_f64() > Some(100.0));
+    assert!(find(&rows, "block-on-plane", "tick compute, p99.9")["value"].as_f64() > Some(0.0));
+    assert!(find(&rows, "block-on-plane", "wake-up, p99")["peer"].as_str().unwrap().starts_with("cyclictest"));
+    let rows = hapticd(folder.path(), &["bench", "loop", "--quick", "--json", "--quiet", "--scenes", "nowhere"]);
+    assert!(text(&rows.stdout).contains("skipped: no scenes in nowhere"));
+}
+
 #[test]
 fn groups_that_are_not_there_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     for (group, code, fragment) in
-        [("contact", 3, "not available in this version"), ("sculpt", 3, "available: generation"), ("speed", 2, "generation")]
+        [("sculpt", 3, "not available in this version"), ("sculpt", 3, "available: generation"), ("speed", 2, "generation")]
     {
         let ended = hapticd(folder.path(), &["bench", group, "--quick"]);
         assert_eq!(ended.status.code(), Some(code), "{group}");
         assert!(text(&ended.stderr).contains(fragment) && ended.stdout.is_empty(), "{}", text(&ended.stderr));
     }
+    let misplaced = hapticd(folder.path(), &["bench", "loop", "--quality", "--quick"]);
+    assert!(misplaced.status.code() == Some(2) && text(&misplaced.stderr).contains("bench contact --quality"));
 }
 
 #[test]

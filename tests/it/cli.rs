@@ -424,8 +424,17 @@ const RUN_KEYS: [&str; 14] = [
     "final_pose",
 ];
 /// Beyond the contract.
-const RUN_KEYS_EXTRA: [&str; 6] =
-    ["clock", "contact_budget_points", "dropped_records", "points_left_out", "stale_samples", "start_s"];
+const RUN_KEYS_EXTRA: [&str; 9] = [
+    "clock",
+    "contact_budget_points",
+    "delay_ticks",
+    "dropped_records",
+    "lowest_energy_j",
+    "passivity_ticks",
+    "points_left_out",
+    "stale_samples",
+    "start_s",
+];
 
 fn assert_run_keys(json: &Value) {
     let documented = set(&RUN_KEYS);

@@ -142,7 +142,7 @@ mistakes! {
   hint: paths are relative to the file that names them"#;
     unknown_fault: SCENE.to_owned() + "[device.sim]\nfault = \"unplugged@2s\"\n" => r#"error: scene.toml:27: device.sim.fault = "unplugged@2s": must be "drop", "stall", "nan", "garbage", "unplug", "slow", "stuck", "jump", "truncate", "sign-flip" or "saturate"; did you mean `unplug`?"#;
     hand_and_no_hand: with("profile =", "hand = \"base.obj\"\nprofile =") + "[device.sim]\nhand = \"none\"\n" => r#"error: scene.toml:28: device.sim.hand = "none": cannot stand beside device.hand; give exactly one of the two"#;
-    unknown_coupling: with("rate_hz = 1000", "coupling = \"implict\"") => r#"error: scene.toml:4: rendering.coupling = "implict": must be "implicit", "semi-implicit", "static" or "direct"; did you mean `implicit`?"#;
+    unknown_coupling: with("rate_hz = 1000", "coupling = \"implict\"") => r#"error: scene.toml:4: rendering.coupling = "implict": must be "implicit", "semi-implicit", "static", "constraint" or "direct"; did you mean `implicit`?"#;
     bad_enum_value_of_another_type: SCENE.to_owned() + "[realtime]\nmode = true\n" => r#"error: scene.toml:27: realtime.mode = true: must be "best-effort" or "enforce""#;
     stiffness_above_the_bound: SCENE.to_owned() + "[coupling]\ntranslation_n_per_mm = 5\nrotation_nm_per_rad = 1.2\n" => r"error: scene.toml:27: coupling.translation_n_per_mm = 5: the arm would feel 5000 N/m, above its stability bound of 4000 N/m = min(0.8 b / (T/2 + delay), declared 4000) with b = 7.5, T = 1 ms, delay = 1 tick
   hint: write at most 4 N/mm, leave the key out to get the bound itself, or set rendering.allow_unstable = true
@@ -180,7 +180,7 @@ fn sides_are_told_as_written() {
 /// Keys and values of a later version exit with 3 and say so; nothing is read and ignored.
 #[test]
 fn what_this_version_lacks_is_refused_by_name() {
-    let scene = SCENE.replace("rate_hz = 1000", "coupling = \"static\"").replace("layers = 8", "movable = true")
+    let scene = SCENE.replace("layers = 8", "movable = true")
         + r#"selector = "1209:7a01"
 [contact]
 braking = true
@@ -198,7 +198,6 @@ points = 1000
     let errors = load(&scene).unwrap_err();
     let keys: Vec<&str> = errors.problems().iter().filter_map(|problem| problem.key.as_deref()).collect();
     let expected = [
-        "rendering.coupling",
         "static[0].movable",
         "device.selector",
         "contact.braking",
@@ -386,4 +385,35 @@ fn colour_is_given_only_when_asked_for() {
     let coloured = hapticd(dir.path(), &["--color", "always", "check", "none.toml"]);
     assert!(coloured.stderr.contains(&0x1b));
     assert_eq!(coloured.status.code(), Some(3));
+}
+
+#[test]
+fn every_coupling_of_the_contract_is_read() {
+    for (word, mode) in [
+        ("implicit", CouplingMode::Implicit),
+        ("semi-implicit", CouplingMode::SemiImplicit),
+        ("static", CouplingMode::Static),
+        ("constraint", CouplingMode::Constraint),
+        ("direct", CouplingMode::Direct),
+    ] {
+        let config = load(&with("rate_hz = 1000", &format!("coupling = \"{word}\""))).unwrap_or_else(|errors| panic!("{errors}"));
+        assert_eq!(config.parameters.coupling.mode, mode);
+    }
+}
+
+#[test]
+fn the_tick_knows_what_the_arm_takes_at_which_delay() {
+    let arm = |scene: &str| load(scene).unwrap_or_else(|errors| panic!("{errors}")).parameters.arm;
+    let sigma = arm(SCENE);
+    // b = 7.5 N·s/m one tick away; the velocity is half of 15 ms and one tick old: sin(π/38) · 0.3 kg / 1 ms < 30 N·s/m.
+    assert_eq!((sigma.delay_ticks, sigma.stiffness_lag_n_s_per_m), (1, 6.0));
+    assert!((sigma.injected_n_s_per_m - 24.77).abs() < 0.01, "{sigma:?}");
+    // The profile declares less than the plant would take.
+    assert_eq!(arm(&with("sim-sigma7", "sim-touch")).injected_n_s_per_m, 4.0);
+    assert_eq!(arm(&with("sim-sigma7", "sim-touch")).injected_nm_s_per_rad, 0.0);
+    assert_eq!(arm(&with("profile =", "world_from_device = { scale = 4.0 }\nprofile =")).stiffness_lag_n_s_per_m, 1.5);
+    let unbounded = f64::INFINITY;
+    assert_eq!(arm(&with("rate_hz = 1000", "allow_unstable = true")).stiffness_lag_n_s_per_m, unbounded);
+    let ideal = arm(&with("sim-sigma7", "sim-ideal"));
+    assert_eq!((ideal.stiffness_lag_n_s_per_m, ideal.injected_n_s_per_m), (unbounded, 0.0));
 }

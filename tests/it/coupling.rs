@@ -6,7 +6,7 @@ use hapticd::config::LoadOptions;
 use hapticd::daemon::prepare;
 use hapticd::haptics::contact::Obstacle;
 use hapticd::haptics::{
-    ContactParameters, CouplingMode, CouplingParameters, Drive, DriveRequest, Faults, FilterParameters, FreeSpace,
+    ArmParameters, ContactParameters, CouplingMode, CouplingParameters, Drive, DriveRequest, Faults, FilterParameters, FreeSpace,
     FrictionParameters, Inertia, LimitParameters, Normalization, Parameters, PortParameters, RenderScene, SpringClamp, State,
     TickInput, TickOutput, Tool, tick,
 };
@@ -76,6 +76,7 @@ fn parameters() -> Parameters {
             actuated: Axes::SIX,
             start: Pose::IDENTITY,
         },
+        arm: ArmParameters::default(),
     }
 }
 

@@ -3,7 +3,7 @@
 use glam::{DMat3, DQuat, DVec3};
 use hapticd::haptics::contact::{ContactSum, Obstacle};
 use hapticd::haptics::{
-    ContactParameters, CouplingMode, CouplingParameters, Drive, DriveRequest, Faults, FilterParameters, FreeSpace,
+    ArmParameters, ContactParameters, CouplingMode, CouplingParameters, Drive, DriveRequest, Faults, FilterParameters, FreeSpace,
     FrictionParameters, Inertia, LimitParameters, Normalization, Parameters, PortParameters, RenderScene, SpringClamp, State,
     TickInput, Tool, tick,
 };
@@ -94,6 +94,7 @@ fn scene(coefficient: f64) -> RenderScene {
                 actuated: Axes::SIX,
                 start: Pose::new(up, up * DVec3::Z * half_m),
             },
+            arm: ArmParameters::default(),
         },
         obstacles: vec![slope(SLOPE_RAD)],
         tool: Tool {

@@ -3,8 +3,9 @@
 use glam::{DMat3, DQuat, DVec3};
 use hapticd::haptics::contact::Obstacle;
 use hapticd::haptics::{
-    ContactParameters, CouplingMode, CouplingParameters, DriveRequest, Faults, FilterParameters, FreeSpace, FrictionParameters,
-    Inertia, LimitParameters, Normalization, Parameters, PortParameters, RenderScene, SpringClamp, State, TickInput, Tool, tick,
+    ArmParameters, ContactParameters, CouplingMode, CouplingParameters, DriveRequest, Faults, FilterParameters, FreeSpace,
+    FrictionParameters, Inertia, LimitParameters, Normalization, Parameters, PortParameters, RenderScene, SpringClamp, State,
+    TickInput, Tool, tick,
 };
 use hapticd::mesh::TriangleMesh;
 use hapticd::mesh::primitives::Shape;
@@ -77,6 +78,7 @@ fn scene(mode: CouplingMode) -> RenderScene {
                 actuated: Axes::SIX,
                 start: Pose::from_translation(DVec3::Z * 0.03),
             },
+            arm: ArmParameters::default(),
         },
         obstacles: vec![Obstacle { field: build(&plate).field(&plate, false), world_from_map: Pose::IDENTITY }],
         tool: Tool {
@@ -110,7 +112,9 @@ fn throw(scene: &RenderScene, velocity: DVec3, spin_rad_per_s: f64, way_m: f64) 
 #[test]
 fn acceptance_14_no_hand_is_fast_enough_to_go_through_a_plate_of_three_voxels() {
     let mut random = Random(14);
-    for mode in [CouplingMode::Implicit, CouplingMode::SemiImplicit, CouplingMode::Direct] {
+    for mode in
+        [CouplingMode::Implicit, CouplingMode::SemiImplicit, CouplingMode::Static, CouplingMode::Constraint, CouplingMode::Direct]
+    {
         let scene = scene(mode);
         for speed_m_per_s in [0.3, 1.0, 5.0, 15.0] {
             for run in 0..12 {

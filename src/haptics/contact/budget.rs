@@ -4,8 +4,8 @@
 //! count before the first tick. A point counts 1, a block of eight spheres
 //! 8, or 1 when all of them are still clear since an earlier tick.
 //!
-//! Where the budget ends, a node is not refined: its representative stands for the points below it, for as many as its depth reaches (all,
-//! once it is as deep as the node's sphere is large), so the sum stays comparable, grows without steps and is not overstated. The walk refines level by level, so what is left out is left out at the finest levels; of a level that
+//! Where the budget ends, a node is not refined: its representative stands for all points below it, with their number as weight, so the
+//! sum stays comparable. The walk refines level by level, so what is left out is left out at the finest levels; of a level that
 //! fits in part, nodes below which something touched in the last tick are refined first; a quarter is kept for the others, so that new
 //! contacts are found. Among either kind, evenly spread nodes are refined, and other ones in the next tick.
 

@@ -17,6 +17,7 @@
 mod budget;
 pub mod faces;
 mod flat;
+pub mod planes;
 mod simd;
 mod sum;
 mod touched;
@@ -46,6 +47,19 @@ pub struct Obstacle {
     pub field: Field,
     /// Where it stands.
     pub world_from_map: Pose,
+}
+
+impl Obstacle {
+    /// Unit direction in world axes in which a contact leaves this obstacle fastest, −grad V; the contact's own normal where the gradient
+    /// vanishes. `world_from_body` is the pose at which the contact was found. RT: safe, O(1).
+    pub fn way_out_world(&self, world_from_body: Pose, contact: &Contact) -> DVec3 {
+        let point_map = self.world_from_map.inverse().transform_point(world_from_body.transform_point(contact.arm_body.as_dvec3()));
+        let cells = (point_map - self.field.origin_map().as_dvec3()) / f64::from(self.field.voxel_size_m());
+        match (-self.field.gradient(cells.as_vec3())).as_dvec3().try_normalize() {
+            Some(normal_map) => self.world_from_map.transform_vector(normal_map),
+            None => world_from_body.transform_vector(contact.normal_body.as_dvec3()),
+        }
+    }
 }
 
 /// What touches with one face of the tool.
@@ -141,6 +155,19 @@ impl ContactSum {
         contact: &ContactParameters,
         filter: &FilterParameters,
     ) -> Self {
+        Self::of_with(traversal, obstacles, shell, world_from_body, contact, filter, None)
+    }
+
+    /// The same, and `also` gets every contact with the number of its obstacle.
+    pub fn of_with(
+        traversal: &mut Traversal,
+        obstacles: &[Obstacle],
+        shell: &Shell,
+        world_from_body: Pose,
+        contact: &ContactParameters,
+        filter: &FilterParameters,
+        mut also: Option<&mut dyn FnMut(usize, &Contact)>,
+    ) -> Self {
         let machine = traversal.machine();
         let mut summing = Summing::new(contact, filter, world_from_body);
         traversal.begin();
@@ -163,6 +190,11 @@ impl ContactSum {
                     }
                 } else {
                     machine.add_all(sums, run, (shell.positions(), shell.normals()), by);
+                }
+            }
+            if let Some(also) = also.as_mut() {
+                for touched in traversal.touched() {
+                    touched.contacts(&obstacle.field, shell, map_from_body, |contact| also(obstacle_idx, contact));
                 }
             }
             summing.note(obstacle, n_contacts, found.max_value_m);

@@ -388,13 +388,12 @@ impl Pass<'_> {
         for node in &lists.open {
             let (block, lane) = (*node as usize / CHILDREN, *node as usize % CHILDREN);
             let point = tree.representatives(level).get(block).and_then(|points| points.get(lane));
-            let radius_m = tree.spheres(level).get(block).and_then(|spheres| spheres.radius.get(lane)).copied().unwrap_or(0.0);
             let Range { start, end } = tree.points_below(level, *node as usize, self.shell.len());
             let weight = (end - start) as u32;
             self.looked_at += 1;
             self.left_out += weight - 1;
             if let Some(point) = point {
-                lists.samples.push(self.shell, Sample { point: *point, n_below: weight, radius_m });
+                lists.samples.push(self.shell, *point, weight);
             }
             if lists.samples.is_full() {
                 self.max_m = self.max_m.max(lists.samples.look(self.machine, chart, self.place, touched));
@@ -404,42 +403,27 @@ impl Pass<'_> {
     }
 }
 
-/// A point that stands for those below a node.
-#[derive(Clone, Copy, Debug, Default)]
-struct Sample {
-    point: u32,
-    n_below: u32,
-    radius_m: f32,
-}
-
-impl Sample {
-    /// For how many points it stands: of a node that only just touches, few of the points do.
-    fn weight(self, depth_m: f32) -> f32 {
-        1.0 + self.n_below.saturating_sub(1) as f32 * (depth_m / self.radius_m).clamp(0.0, 1.0)
-    }
-}
-
 /// Single points, gathered into a block.
 #[derive(Clone, Copy, Debug)]
 struct Samples {
     positions: Lanes3,
-    points: [Sample; LANES],
+    points: [(u32, u32); LANES],
     n: usize,
 }
 
 impl Default for Samples {
     fn default() -> Self {
         let none = Lanes([f32::NAN; LANES]);
-        Self { positions: Lanes3 { x: none, y: none, z: none }, points: [Sample::default(); LANES], n: 0 }
+        Self { positions: Lanes3 { x: none, y: none, z: none }, points: [(0, 0); LANES], n: 0 }
     }
 }
 
 impl Samples {
-    fn push(&mut self, shell: &Shell, sample: Sample) {
-        let (block, lane) = (sample.point as usize / LANES, sample.point as usize % LANES);
+    fn push(&mut self, shell: &Shell, point: u32, weight: u32) {
+        let (block, lane) = (point as usize / LANES, point as usize % LANES);
         let (Some(positions), Some(place)) = (shell.positions().get(block), self.points.get_mut(self.n)) else { return };
         self.positions.set(self.n, positions.get(lane));
-        *place = sample;
+        *place = (point, weight);
         self.n += 1;
     }
 
@@ -455,12 +439,12 @@ impl Samples {
         }
         let never = |_| f32::NEG_INFINITY;
         machine.blocks(chart, place, core::slice::from_ref(&positions), core::iter::once(0), never, |_, depths| {
-            for (lane, sample) in points.into_iter().enumerate().take(n) {
+            for (lane, (point, weight)) in points.into_iter().enumerate().take(n) {
                 if depths.touching >> lane & 1 == 1 {
-                    let (block, lane_of_block) = (sample.point / LANES as u32, sample.point % LANES as u32);
+                    let (block, lane_of_block) = (point / LANES as u32, point % LANES as u32);
                     let depth_m = depths.depths_m.0.get(lane).copied().unwrap_or(0.0);
                     let depths_m = [depth_m; LANES];
-                    touched.push(Touched { block, lanes: 1 << lane_of_block, weight: sample.weight(depth_m), depths_m });
+                    touched.push(Touched { block, lanes: 1 << lane_of_block, weight: weight as f32, depths_m });
                 }
             }
         })

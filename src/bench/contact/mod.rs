@@ -1,0 +1,109 @@
+//! Figures of contact: how right a force is, how it feels through the couplings, how long a query takes.
+//!
+//! | file | owns |
+//! |---|---|
+//! | [`scenarios`] | Q1 to Q3: contacts with a known force |
+//! | [`fields`] | their errors, per field |
+//! | `couplings` | Q1 through the couplings, insertion of a peg, smoothness of the shipped scenes |
+//! | `speed` | time against points, contact share, triangles; the nut on its bolt beside other programs |
+//! | `accuracy` | fields of real meshes beside exact distances |
+//! | `scenes` | scene files with some keys changed, on the virtual clock |
+//! | `fixture`, [`ripple`], `csv` | parts; what is rough; files |
+
+mod accuracy;
+mod couplings;
+mod csv;
+pub mod fields;
+mod fixture;
+pub mod ripple;
+pub mod scenarios;
+mod scenes;
+mod speed;
+
+use std::path::PathBuf;
+
+pub use accuracy::{FieldErrors, field_errors};
+pub use csv::Csv;
+
+use super::export::TemporaryFolder;
+use super::{BenchError, Row};
+use crate::haptics::contact::{ContactSum, Obstacle};
+use crate::haptics::{ContactParameters, FilterParameters};
+use crate::pointshell::shell::Shell;
+use crate::spatial::Pose;
+
+/// What to measure, and with what.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// Runs of a timing; figures are medians.
+    pub n_runs: usize,
+    /// Small cases only.
+    pub quick: bool,
+    /// Folder of the shipped scenes; rows over them are skipped where it has none.
+    pub scenes: PathBuf,
+    /// Where to write raw results; `None`: nowhere.
+    pub csv: Option<PathBuf>,
+    /// Folder of real meshes; without it those rows are skipped.
+    pub models: Option<PathBuf>,
+    /// Folder of peer programs; without it those figures are skipped.
+    pub peers: Option<PathBuf>,
+}
+
+/// How the points of a shell are visited.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Walk {
+    /// All of them.
+    Flat,
+}
+
+impl Walk {
+    const ALL: [Self; 1] = [Self::Flat];
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Flat => "flat",
+        }
+    }
+}
+
+/// The one place in which a contact is asked for.
+#[inline]
+fn query(
+    walk: Walk,
+    obstacles: &[Obstacle],
+    shell: &Shell,
+    world_from_body: Pose,
+    contact: &ContactParameters,
+    filter: &FilterParameters,
+) -> ContactSum {
+    match walk {
+        Walk::Flat => ContactSum::flat(obstacles, shell, world_from_body, contact, filter),
+    }
+}
+
+/// Measures the quality of forces. `tell` hears what is being done. Also gives the table that says what to choose, as markdown.
+///
+/// Cost: a minute or two; quick, some seconds.
+///
+/// # Errors
+/// A part that cannot be baked, or a file that cannot be written. A scene that is not there or that this version lacks is a row
+/// that says so.
+pub fn quality(options: &Options, mut tell: impl FnMut(&str)) -> Result<(Vec<Row>, String), BenchError> {
+    let mut csv = Csv::new(options.csv.clone())?;
+    tell("Q1 to Q3: fields");
+    let measured = fields::measure(&scenarios::all(if options.quick { 240 } else { scenarios::LONGEST_TICKS })?, &mut csv)?;
+    let mut rows = fields::rows(&measured);
+    rows.extend(accuracy::rows(options, &mut tell));
+    let folder = TemporaryFolder::create().map_err(|source| BenchError::Write { path: std::env::temp_dir(), source })?;
+    let (of_couplings, table) = couplings::rows(options, &measured, folder.path(), &mut csv, &mut tell)?;
+    rows.extend(of_couplings);
+    Ok((rows, table))
+}
+
+/// Measures the time of contact queries. `tell` hears what is being done. Cost: minutes, most of them peers; quick, some seconds.
+///
+/// # Errors
+/// A part that cannot be baked. A mesh or a peer that is not there is a row that says so.
+pub fn speed(options: &Options, mut tell: impl FnMut(&str)) -> Result<Vec<Row>, BenchError> {
+    speed::rows(options, &mut tell)
+}

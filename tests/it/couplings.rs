@@ -1,0 +1,399 @@
+//! Every coupling in every situation: free, resting on a plane, pressed into a corner, a peg in its hole; three arms, two hands, more
+//! and less delay. Nothing may shake itself up, sink in or leave the limits.
+
+use std::path::Path;
+
+use glam::DVec3;
+use hapticd::config::SceneConfig;
+use hapticd::config::poses::TimedPose;
+use hapticd::daemon::prepare;
+use hapticd::device::Device;
+use hapticd::device::hand::{GripPath, HandPath, Indexing};
+use hapticd::device::profile::Plant;
+use hapticd::device::sim::{HandParameters, SimArm, SimParameters};
+use hapticd::haptics::filter::low_pass_alpha;
+use hapticd::haptics::stability::SampledWall;
+use hapticd::haptics::{
+    ArmParameters, CouplingMode, Drive, DriveRequest, Faults, FilterParameters, Inertia, RenderScene, State, TickInput, TickOutput,
+    tick,
+};
+use hapticd::spatial::{Axes, Pose};
+
+use super::rig;
+
+const T: f64 = 1e-3;
+/// When the hand has come to its last pose, s.
+const HAND_S: f64 = 0.5;
+const N_TICKS: usize = 1500;
+/// The ticks at the end in which everything has to be at rest.
+const N_REST: usize = 300;
+
+/// Without "semi-implicit": its contact is undamped and rings on a light arm.
+const MODES: [&str; 4] = ["implicit", "static", "constraint", "direct"];
+
+/// Static objects and tool of a situation, and where the hand wants the tool to end.
+struct Situation {
+    name: &'static str,
+    statics: &'static str,
+    tool: &'static str,
+    start_mm: DVec3,
+    end_mm: DVec3,
+    /// Rotation vector of the last pose, rad.
+    turn: DVec3,
+}
+
+const FLOOR: &str = "[[static]]\nname = \"floor\"\nshape = { plane_mm = [40, 40] }\nvoxel_size_mm = 0.5\n";
+const CUBE: &str = "shape = { box_mm = [10, 10, 10] }\nvoxel_size_mm = 1.0\n";
+
+const SITUATIONS: [Situation; 4] = [
+    Situation {
+        name: "free",
+        statics: FLOOR,
+        tool: CUBE,
+        start_mm: DVec3::new(0.0, 0.0, 15.0),
+        end_mm: DVec3::new(5.0, -3.0, 18.0),
+        turn: DVec3::new(0.1, 0.2, -0.1),
+    },
+    Situation {
+        name: "plane",
+        statics: FLOOR,
+        tool: CUBE,
+        start_mm: DVec3::new(0.0, 0.0, 7.0),
+        end_mm: DVec3::new(3.0, 1.0, 3.5),
+        turn: DVec3::ZERO,
+    },
+    Situation {
+        name: "corner",
+        statics: "[[static]]\nname = \"floor\"\nshape = { plane_mm = [40, 40] }\nvoxel_size_mm = 0.5\n\
+                  [[static]]\nname = \"wall x\"\nshape = { box_mm = [6, 30, 12] }\nvoxel_size_mm = 0.5\nposition_mm = [9, 0, 6]\n\
+                  [[static]]\nname = \"wall y\"\nshape = { box_mm = [30, 6, 12] }\nvoxel_size_mm = 0.5\nposition_mm = [0, 9, 6]\n",
+        tool: CUBE,
+        start_mm: DVec3::new(-1.0, -1.5, 7.0),
+        end_mm: DVec3::new(2.0, 2.5, 3.5),
+        turn: DVec3::new(0.03, 0.02, 0.08),
+    },
+    Situation {
+        name: "peg",
+        statics: "[[static]]\nname = \"floor\"\nshape = { plane_mm = [40, 40] }\nvoxel_size_mm = 0.5\n\
+                  [[static]]\nname = \"+x\"\nshape = { box_mm = [6, 22, 12] }\nvoxel_size_mm = 0.4\nposition_mm = [8.1, 0, 6]\n\
+                  [[static]]\nname = \"-x\"\nshape = { box_mm = [6, 22, 12] }\nvoxel_size_mm = 0.4\nposition_mm = [-8.1, 0, 6]\n\
+                  [[static]]\nname = \"+y\"\nshape = { box_mm = [22, 6, 12] }\nvoxel_size_mm = 0.4\nposition_mm = [0, 8.1, 6]\n\
+                  [[static]]\nname = \"-y\"\nshape = { box_mm = [22, 6, 12] }\nvoxel_size_mm = 0.4\nposition_mm = [0, -8.1, 6]\n",
+        tool: "shape = { box_mm = [10, 10, 20] }\nvoxel_size_mm = 1.0\n",
+        start_mm: DVec3::new(0.0, 0.0, 16.0),
+        end_mm: DVec3::new(0.6, -0.4, 8.8),
+        turn: DVec3::new(0.02, 0.0, 0.03),
+    },
+];
+
+/// Hand stiffness N/m, damping N·s/m, mass g.
+const HANDS: [(&str, [f64; 3]); 2] = [("stiff", [2000.0, 20.0, 200.0]), ("loose", [100.0, 1.5, 60.0])];
+
+impl Situation {
+    fn config(&self, mode: &str, profile: &str, hand: [f64; 3], delay_ticks: u32, more: &str) -> SceneConfig {
+        let [stiffness, damping, mass_g] = hand;
+        let start = self.start_mm;
+        rig::written(&format!(
+            "version = 1\n[rendering]\ncoupling = \"{mode}\"\n{statics}[tool]\n{tool}mass_g = 100\nstart_position_mm = [{}, {}, {}]\n\
+             [device]\nprofile = \"{profile}\"\n[device.sim]\nhand_stiffness_n_per_m = {stiffness}\nhand_damping_n_s_per_m = {damping}\n\
+             hand_mass_g = {mass_g}\ndelay_ticks = {delay_ticks}\n{more}",
+            start.x,
+            start.y,
+            start.z,
+            statics = self.statics,
+            tool = self.tool,
+        ))
+    }
+
+    fn bake(&self) -> RenderScene {
+        prepare(&self.config("implicit", "sim-sigma7", HANDS[0].1, 1, ""), |_| ()).expect("prepared").0.scene
+    }
+
+    /// The hand's path: smooth from the start to the end, as timed poses.
+    fn path(&self) -> HandPath {
+        let poses: Vec<TimedPose> = (0..=50)
+            .map(|n| {
+                let share = f64::from(n) / 50.0;
+                let smooth = share * share * (3.0 - 2.0 * share);
+                let position = self.start_mm.lerp(self.end_mm, smooth) * 1e-3;
+                let pose = Pose::new(glam::DQuat::from_scaled_axis(self.turn * smooth), position);
+                TimedPose { time_s: 0.1 + (HAND_S - 0.1) * share, pose, line: n as usize + 1 }
+            })
+            .collect();
+        HandPath::from_poses(&poses, Path::new("hand")).expect("increasing times")
+    }
+
+    fn arm(&self, config: &SceneConfig, scene: &RenderScene) -> SimArm {
+        let (profile, port) = (&config.device.profile, &config.parameters.port);
+        let mut plant = profile.plant;
+        plant.delay_ticks = config.device.sim.delay_ticks.unwrap_or(plant.delay_ticks);
+        let indexing = Indexing {
+            world_from_device: port.world_from_device,
+            scale: port.scale,
+            start: port.start,
+            grip_tool: scene.tool.center_of_mass_tool,
+        };
+        let sim = &config.device.sim;
+        SimArm::new(SimParameters {
+            plant,
+            hand: Some(HandParameters {
+                stiffness_n_per_m: sim.hand_stiffness_n_per_m,
+                damping_n_s_per_m: sim.hand_damping_n_s_per_m,
+                mass_kg: sim.hand_mass_kg,
+                path: Some(self.path().to_device(indexing)),
+                ..HandParameters::default()
+            }),
+            sensed: profile.sensed,
+            actuated: profile.actuated,
+            force_limit_n: profile.limits.force_n,
+            torque_limit_nm: profile.limits.torque_nm,
+            ..SimParameters::ideal(T)
+        })
+        .expect("a hand that the plant can follow")
+    }
+}
+
+/// What one run came to.
+#[derive(Debug)]
+struct Outcome {
+    /// Peak to peak of the force command while at rest, N.
+    ripple_n: f64,
+    /// Peak to peak of the torque command while at rest, N·m.
+    ripple_nm: f64,
+    /// Largest true speed of the grip while at rest, m/s.
+    speed_m_per_s: f64,
+    /// Deepest point ever, and while at rest, m.
+    deepest_m: f64,
+    rest_depth_m: f64,
+    /// Largest |F| of the run, N.
+    force_n: f64,
+    /// Mean |F| at rest, N.
+    rest_force_n: f64,
+    lowest_j: f64,
+    damped_ticks: usize,
+    last: TickOutput,
+    /// Where the arm stands at the end, as a displacement from its zero, m.
+    arm_m: DVec3,
+}
+
+fn run(situation: &Situation, scene: &mut RenderScene, config: &SceneConfig) -> Outcome {
+    let own = scene.tool.inertia;
+    scene.parameters = config.parameters;
+    if config.parameters.coupling.mode == CouplingMode::SemiImplicit {
+        scene.tool.inertia = Inertia::at_least_for_semi_implicit(own, &config.parameters.coupling, T);
+    }
+    let mut arm = situation.arm(config, scene);
+    let mut state = State::new(scene);
+    let mut outputs = Vec::with_capacity(N_TICKS);
+    let mut speeds = Vec::with_capacity(N_TICKS);
+    let limits = config.parameters.limits;
+    for n in 0..N_TICKS {
+        let sample = arm.read().expect("a sample");
+        let output = tick(scene, &mut state, &TickInput { sample, request: DriveRequest::Enable, overrun: false });
+        arm.write(&output.command_device).expect("a finite command");
+        assert_eq!(output.faults, Faults::NONE, "tick {n}: {output:?}");
+        assert!(output.world_from_tool.is_finite() && output.contact_world.is_finite() && output.energy_j.is_finite(), "tick {n}");
+        assert!(output.command_device.force.length() <= limits.force_n * (1.0 + 1e-12), "tick {n}: {output:?}");
+        assert!(output.command_device.torque.length() <= limits.torque_nm * (1.0 + 1e-12), "tick {n}: {output:?}");
+        outputs.push(output);
+        speeds.push(arm.true_twist().linear.length());
+    }
+    scene.tool.inertia = own;
+    let rest = &outputs[N_TICKS - N_REST..];
+    let spread = |of: &dyn Fn(&TickOutput) -> DVec3| {
+        let low = rest.iter().map(of).fold(DVec3::INFINITY, DVec3::min);
+        (rest.iter().map(of).fold(DVec3::NEG_INFINITY, DVec3::max) - low).max_element()
+    };
+    let deepest = |outputs: &[TickOutput]| outputs.iter().map(|output| output.max_depth_m).fold(0.0, f64::max);
+    assert_eq!(outputs[N_TICKS - 1].drive, Drive::Enabled);
+    Outcome {
+        ripple_n: spread(&|output| output.command_device.force),
+        ripple_nm: spread(&|output| output.command_device.torque),
+        speed_m_per_s: speeds[N_TICKS - N_REST..].iter().copied().fold(0.0, f64::max),
+        deepest_m: deepest(&outputs),
+        rest_depth_m: deepest(rest),
+        force_n: outputs.iter().map(|output| output.command_device.force.length()).fold(0.0, f64::max),
+        rest_force_n: rest.iter().map(|output| output.command_device.force.length()).sum::<f64>() / N_REST as f64,
+        lowest_j: outputs.iter().map(|output| output.energy_j).fold(0.0, f64::min),
+        damped_ticks: outputs.iter().filter(|output| output.passivity_active).count(),
+        last: outputs[N_TICKS - 1],
+        arm_m: arm.true_pose().translation,
+    }
+}
+
+/// Runs all of a situation and holds every run against what a coupling promises at rest.
+fn comes_to_rest(situation: &Situation) {
+    let mut scene = situation.bake();
+    let mut n_damped = 0;
+    for mode in MODES {
+        for profile in ["sim-sigma7", "sim-touch", "sim-premium15-6dof"] {
+            for (hand_name, hand) in HANDS {
+                for more_delay in [0, 1, 3] {
+                    let config = situation.config(mode, profile, hand, 1 + more_delay, "");
+                    let outcome = run(situation, &mut scene, &config);
+                    let what = format!("{:6} {mode:13} {profile:18} {hand_name} +{more_delay}", situation.name);
+                    eprintln!("{what}: {outcome}");
+                    outcome.assert_at_rest(&what, situation, &config);
+                    n_damped += outcome.damped_ticks;
+                }
+            }
+        }
+    }
+    eprintln!("{}: {n_damped} ticks damped", situation.name);
+}
+
+impl Outcome {
+    fn assert_at_rest(&self, what: &str, situation: &Situation, config: &SceneConfig) {
+        let (coupling, plant) = (&config.parameters.coupling, &config.device.profile.plant);
+        // An arm that stands between two encoder steps may see either: one step each of up to two axes, and the friction that
+        // holds it there.
+        let ripple_n = 2.0 * plant.encoder_step_m * coupling.stiffness_n_per_m + 0.05;
+        let ripple_nm = 2.0 * plant.encoder_step_rad * coupling.stiffness_nm_per_rad + 0.001;
+        assert!(self.ripple_n <= ripple_n && self.ripple_nm <= ripple_nm, "{what} trembles: {self}, allowed {ripple_n} N");
+        assert!(self.speed_m_per_s < 1e-3, "{what} still moves: {self}");
+        // Judged behind the controller. What is left: encoder steps, and what is owed when contact is left (0.4 mJ at worst).
+        assert!(self.lowest_j > -1e-3, "{what} gave more than it took: {self}");
+        if situation.name == "free" {
+            assert!(self.last.contacts == 0 && self.force_n == 0.0 && self.damped_ticks == 0, "{what}: {self}");
+            return;
+        }
+        assert!(self.last.contacts > 0 && self.rest_force_n > 0.01, "{what} let go: {self}");
+        assert!(self.last.energy_j > 0.0, "{what}: a hand that leans on a spring has put energy into it: {self}");
+        let voxel_m = 5e-4;
+        match coupling.mode {
+            // Never sinks in, however hard it is pressed: a tenth of a voxel, and a voxel's half for one tick on the way.
+            CouplingMode::Constraint => {
+                assert!(self.rest_depth_m < 0.12 * voxel_m && self.deepest_m < 0.5 * voxel_m, "{what} sinks in: {self}");
+            }
+            CouplingMode::Direct => {}
+            _ => assert!(self.deepest_m < voxel_m, "{what} sinks in: {self}"),
+        }
+    }
+}
+
+impl core::fmt::Display for Outcome {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        write!(
+            f,
+            "ripple {:.4} N {:.5} N·m, {:.2} mm/s, deepest {:.3} mm, at rest {:.3} mm, force {:.2} N, at rest {:.2} N with the arm at \
+             {:.3} mm, lowest {:.5} mJ, damped {} ticks",
+            self.ripple_n,
+            self.ripple_nm,
+            self.speed_m_per_s * 1e3,
+            self.deepest_m * 1e3,
+            self.rest_depth_m * 1e3,
+            self.force_n,
+            self.rest_force_n,
+            self.arm_m.z * 1e3,
+            self.lowest_j * 1e3,
+            self.damped_ticks,
+        )
+    }
+}
+
+#[test]
+fn every_coupling_is_nothing_in_free_space() {
+    comes_to_rest(&SITUATIONS[0]);
+}
+
+#[test]
+fn every_coupling_comes_to_rest_on_a_plane() {
+    comes_to_rest(&SITUATIONS[1]);
+}
+
+#[test]
+fn every_coupling_comes_to_rest_in_a_corner() {
+    comes_to_rest(&SITUATIONS[2]);
+}
+
+#[test]
+fn every_coupling_comes_to_rest_with_a_peg_in_its_hole() {
+    comes_to_rest(&SITUATIONS[3]);
+}
+
+/// One axis of an arm without friction or encoder steps on the floor, pressed by a soft hand: what the stability rules are about. The
+/// delay of `extra_ticks` lies between servo and arm; `reported` says whether samples tell of it.
+fn shaken_m(scene: &mut RenderScene, mode: CouplingMode, stiffness: f64, cutoff_hz: f64, extra_ticks: u32, reported: bool) -> f64 {
+    const MASS_KG: f64 = 0.1;
+    const B: f64 = 1.5;
+    const HAND_N_PER_M: f64 = 40.0;
+    let config = SITUATIONS[1].config("implicit", "sim-premium15-6dof", [HAND_N_PER_M, 0.0, 0.0], 0, "");
+    let p = &mut scene.parameters;
+    *p = config.parameters;
+    p.coupling.mode = mode;
+    (p.coupling.stiffness_n_per_m, p.coupling.bound_n_per_m) = (stiffness, stiffness);
+    // In `direct` the wall is the stiffness asked for, from the first micrometre; elsewhere the contact is that of any scene.
+    let direct = mode == CouplingMode::Direct;
+    p.contact.stiffness_n_per_m = if direct { 1e5 } else { 5e3 };
+    p.filter = FilterParameters { spatial: !direct, cutoff_hz: [cutoff_hz; 2] };
+    (p.limits.slew_n_per_s, p.limits.power_w) = (f64::INFINITY, f64::INFINITY);
+    (p.port.sensed, p.port.actuated) = (Axes::TRANSLATION, Axes::TRANSLATION);
+    p.arm = ArmParameters { stiffness_lag_n_s_per_m: 0.8 * B, ..ArmParameters::default() };
+    // It lands slowly, 2 mm below, and then leans on: what is asked is whether contact stays, not how a light arm bounces.
+    let leaning = |time_s: f64, z_m: f64| TimedPose { time_s, pose: Pose::from_translation(DVec3::Z * z_m), line: 1 };
+    let path = [leaning(0.0, 0.0), leaning(0.5, -1.9e-3), leaning(1.5, -2.3e-3), leaning(3.0, -1.2e-2)];
+    let down = HandPath::from_poses(&path, Path::new("hand")).expect("increasing times");
+    let mut arm = SimArm::new(SimParameters {
+        plant: Plant { mass_kg: MASS_KG, damping_n_s_per_m: B, delay_ticks: extra_ticks, ..SimParameters::ideal(T).plant },
+        hand: Some(HandParameters {
+            stiffness_n_per_m: HAND_N_PER_M,
+            damping_n_s_per_m: 0.0,
+            mass_kg: 0.0,
+            path: Some(GripPath::in_device_frame(down)),
+            ..HandParameters::default()
+        }),
+        sensed: Axes::TRANSLATION,
+        actuated: Axes::TRANSLATION,
+        ..SimParameters::ideal(T)
+    })
+    .expect("an arm");
+    let mut state = State::new(scene);
+    let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+    for n in 0..6000 {
+        let mut sample = arm.read().expect("a sample");
+        assert_eq!(sample.delay_ticks, extra_ticks, "the arm measures its own delay");
+        if !reported {
+            sample.delay_ticks = 0;
+        }
+        let output = tick(scene, &mut state, &TickInput { sample, request: DriveRequest::Enable, overrun: false });
+        assert_eq!(output.faults, Faults::NONE);
+        arm.write(&output.command_device).expect("a command");
+        if n >= 5500 {
+            let z_m = arm.true_pose().translation.z;
+            (low, high) = (low.min(z_m), high.max(z_m));
+        }
+    }
+    high - low
+}
+
+#[test]
+fn acceptance_22_the_automatic_limit_keeps_a_delayed_loop_stable() {
+    let situation = &SITUATIONS[1];
+    let mut scene = situation.bake();
+    for mode in [CouplingMode::Direct, CouplingMode::Static, CouplingMode::Constraint, CouplingMode::Implicit] {
+        for cutoff_hz in [f64::INFINITY, 100.0] {
+            // The filter lies in the arm's loop in `direct` only.
+            if cutoff_hz.is_finite() && mode != CouplingMode::Direct {
+                continue;
+            }
+            for extra_ticks in [1, 2, 5] {
+                let wall = SampledWall {
+                    mass_kg: 0.1,
+                    damping_n_s_per_m: 1.5,
+                    wall_damping_n_s_per_m: 0.0,
+                    period_s: T,
+                    delay_ticks: extra_ticks,
+                    filter_alpha: low_pass_alpha(cutoff_hz, T),
+                };
+                // Half above what the delayed arm can take, and fine without the delay.
+                let stiffness = 1.5 * wall.max_stiffness();
+                let unaware_m = shaken_m(&mut scene, mode, stiffness, cutoff_hz, extra_ticks, false);
+                let limited_m = shaken_m(&mut scene, mode, stiffness, cutoff_hz, extra_ticks, true);
+                let what = format!("{mode:?}, {cutoff_hz} Hz, {extra_ticks} ticks, {stiffness:.0} N/m");
+                eprintln!("{what}: without the limit {:.3} mm, with it {:.6} mm", unaware_m * 1e3, limited_m * 1e3);
+                assert!(unaware_m > 1e-4, "{what}: moves by {unaware_m} m without the limit");
+                assert!(limited_m < 1e-5, "{what}: moves by {limited_m} m with it");
+            }
+        }
+    }
+}
