@@ -136,7 +136,10 @@ impl Chart {
         let runs_through = |brick: &usize| {
             let slot = self.top.get(*brick).filter(|slot| **slot < DEEP_INSIDE);
             let samples = slot.and_then(|slot| self.samples_m.get(*slot as usize));
-            samples.is_some_and(|samples| samples.iter().any(|sample| *sample > 0.0) && samples.iter().any(|sample| *sample < 0.0))
+            let side = |of: fn(&f32, &f32) -> bool| {
+                samples.is_some_and(|samples| samples.iter().any(|sample| of(&(sample + self.skin_m), &0.0)))
+            };
+            side(f32::gt) && side(f32::lt)
         };
         let brick = (0..n_bricks).map(|step| (from_brick + step) % n_bricks).find(runs_through)?;
         Some(Vec3::from_array(coord_of(brick, self.dims).map(|coord| (BRICK_EDGE * coord + BRICK_EDGE / 2) as f32)))
@@ -319,7 +322,7 @@ mod tests {
                 let Some(brick) = brick_at(&chart, *place) else { continue };
                 assert!(value_m <= chart.ceilings_m()[brick]);
                 // Less than eight cells away along every axis, on the grid or not.
-                let beside = *place + (*step * 0.37).fract() * 15.9 - 7.95;
+                let beside = *place + (*step * 0.37).fract_gl() * 15.9 - 7.95;
                 assert!(field.trilinear(beside) <= chart.around_m()[brick]);
                 assert!(chart.around_m()[brick] >= chart.ceilings_m()[brick]);
             }
