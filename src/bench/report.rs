@@ -111,7 +111,7 @@ impl Row {
     /// Asks for a value that is no farther from zero.
     #[must_use]
     pub fn within(mut self, most: f64) -> Self {
-        self.target = Some(format!("|value| <= {}", figure(most)));
+        self.target = Some(format!("value within ±{}", figure(most)));
         self.met = self.value.map(|value| value.abs() <= most);
         self
     }

@@ -318,14 +318,13 @@ impl InsertionFigures {
     fn of(played: &Played) -> Self {
         let records = played.before_stop();
         let height = |record: &TickRecord| record.output.world_from_tool.translation.z;
-        let touches = |record: &TickRecord| record.output.contacts > 0;
         let rest = &records[records.len().saturating_sub(900)..];
         Self {
             depth_mm: records.last().map_or(0.0, |record| -height(record) * 1e3),
             inserted_s: records.iter().position(|record| height(record) < Self::NEARLY_DOWN_M).map(|tick| tick as f64 / RATE_HZ),
             peak_n: records.iter().map(|record| commanded(record).length()).fold(0.0, f64::max),
             ripple_n: ripple_over(&windows(records), &records.iter().map(commanded).collect::<Vec<_>>()),
-            changes_at_rest: rest.windows(2).filter(|pair| touches(&pair[0]) != touches(&pair[1])).count(),
+            changes_at_rest: changes(rest),
             faults: if played.faults.is_empty() { String::new() } else { format!("{:?}", played.faults) },
         }
     }
@@ -373,6 +372,8 @@ struct SmoothFigures {
     direct: Option<Tried<Rough>>,
     /// The most that the shipped filter delays a slow force, s.
     stated_delay_s: f64,
+    /// How often contact came or went in the whole run.
+    changes: usize,
 }
 
 /// Roughness of a force in contact.
@@ -418,6 +419,7 @@ impl SmoothFigures {
             same_poses: Rough::of(&windows(records), &at_poses, false),
             through_coupling,
             direct,
+            changes: changes(records),
             stated_delay_s: filter_delay_s(parameters.filter.cutoff_hz[0], parameters.period_s),
         }
     }
@@ -433,6 +435,7 @@ impl Smooth {
         let scene = &self.scene;
         let felt = figures.felt;
         let mut rows = vec![Row::new(GROUP, format!("{scene}: largest delay of the filter"), figures.stated_delay_s * 1e3, "ms")];
+        rows.push(Row::new(GROUP, format!("{scene}: contact came or went, whole run"), figures.changes as f64, ""));
         let same_poses = Ok(figures.same_poses);
         let beside = [
             Some(("raw at the same poses", &same_poses)),
@@ -452,6 +455,12 @@ impl Smooth {
         }
         rows
     }
+}
+
+/// How often contact came or went.
+fn changes(records: &[TickRecord]) -> usize {
+    let touches = |record: &TickRecord| record.output.contacts > 0;
+    records.windows(2).filter(|pair| touches(&pair[0]) != touches(&pair[1])).count()
 }
 
 fn commanded(record: &TickRecord) -> DVec3 {

@@ -12,7 +12,7 @@
 //! Weller2010 (force and torque beside analytic models, in direction and magnitude). Why the force follows the normal: for points of
 //! even density ρ, Σ dᵢ nᵢ is ρ ∮ d n dA = ρ ∫ grad d dV over the overlap (Gauss), so a plane pushes along its normal with k ρ ·
 //! volume and, about a point on the axis through the middle of the overlap, without torque. Shells are not quite even: the same sum
-//! with exact depths, [`Scenario::exact`], says what that costs, and is what sizes of forces are held against.
+//! with exact depths says what that costs, and is what sizes of forces are held against.
 
 use core::f64::consts::{PI, SQRT_2, TAU};
 
