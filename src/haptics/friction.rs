@@ -123,7 +123,6 @@ impl Element {
 }
 
 #[cfg(test)]
-#[expect(clippy::disallowed_macros, reason = "test code")]
 mod tests {
     use glam::DQuat;
 

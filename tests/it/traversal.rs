@@ -314,7 +314,7 @@ fn acceptance_16_a_budget_is_kept_and_costs_accuracy_in_order() {
     }
 }
 
-/// Steps of the long walk: 10⁶ in all where `HAPTICD_LONG` is set, as in CI.
+/// Steps of the long walk: 10⁶ in all where `HAPTICD_LONG` is set; that takes minutes.
 fn n_steps() -> usize {
     if std::env::var_os("HAPTICD_LONG").is_some() { 1_000_000 } else { 60_000 }
 }

@@ -102,6 +102,9 @@ pub struct ContactSum {
     patches: [Option<Patch>; FACES],
 }
 
+/// Gets every contact with the number of its obstacle.
+pub type Also<'a> = dyn FnMut(usize, &Contact) + 'a;
+
 impl ContactSum {
     /// What touches, face by face.
     pub fn patches(&self) -> impl Iterator<Item = &Patch> {
@@ -166,7 +169,7 @@ impl ContactSum {
         world_from_body: Pose,
         contact: &ContactParameters,
         filter: &FilterParameters,
-        mut also: Option<&mut dyn FnMut(usize, &Contact)>,
+        mut also: Option<&mut Also<'_>>,
     ) -> Self {
         let machine = traversal.machine();
         let mut summing = Summing::new(contact, filter, world_from_body);

@@ -28,7 +28,7 @@ pub enum Way {
 /// Finds the blocks of a shell that touch an obstacle, tick after tick.
 ///
 /// Owns all memory that this takes, and the proofs of earlier ticks. Walks interpolate: with another field than `trilinear` every point
-/// is looked up, as [`flat`] does.
+/// is looked up, as `flat` does.
 #[derive(Clone, Debug)]
 pub struct Traversal {
     machine: Machine,
