@@ -33,7 +33,7 @@ pub use simd::Machine;
 pub use touched::{Contact, Touched};
 pub use traversal::{Traversal, Way};
 
-use self::faces::{FaceSet, face_of};
+use self::faces::face_of;
 use self::sum::{Sums, Total, Weighting};
 use super::params::{ContactParameters, FilterParameters, Normalization};
 use crate::pointshell::shell::Shell;
@@ -216,9 +216,8 @@ struct Summing<'a> {
     contact: &'a ContactParameters,
     filter: &'a FilterParameters,
     world_from_body: Pose,
-    /// Tool axes; of all obstacles together.
-    faces: [Sums; FACES],
-    touching: FaceSet,
+    /// Tool axes; of all obstacles together. `None` until a face touches: they are large, and most never do.
+    faces: [Option<Sums>; FACES],
     contacts: u32,
     max_value_m: f64,
     voxel_size_m: f64,
@@ -234,8 +233,7 @@ impl<'a> Summing<'a> {
             contact,
             filter,
             world_from_body,
-            faces: [Sums::ZERO; FACES],
-            touching: FaceSet::default(),
+            faces: [const { None }; FACES],
             contacts: 0,
             max_value_m: f64::NEG_INFINITY,
             voxel_size_m: f64::INFINITY,
@@ -253,8 +251,7 @@ impl<'a> Summing<'a> {
     /// The sums of a face that touches.
     #[inline]
     fn face(&mut self, face: u8) -> Option<&mut Sums> {
-        self.touching.insert(face);
-        self.faces.get_mut(usize::from(face))
+        self.faces.get_mut(usize::from(face)).map(|sums| sums.get_or_insert_with(|| Sums::ZERO))
     }
 
     /// Notes what else was found at an obstacle.
@@ -280,8 +277,8 @@ impl<'a> Summing<'a> {
         let rotation = if self.contacts > 0 { rotation } else { glam::DMat3::IDENTITY };
         let mut totals = [None; FACES];
         let mut effective = 0.0;
-        for face in self.touching.iter() {
-            if let (Some(total), Some(sums)) = (totals.get_mut(face), self.faces.get(face)) {
+        for (total, sums) in totals.iter_mut().zip(self.faces) {
+            if let Some(sums) = sums {
                 effective += total.insert(sums.total()).effective;
             }
         }
