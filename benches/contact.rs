@@ -91,7 +91,7 @@ fn path(height_m: f64) -> Vec<Pose> {
 }
 
 fn tick(traversal: &mut Traversal, obstacles: &[Obstacle], shell: &Shell, pose: Pose) -> ContactSum {
-    ContactSum::of(traversal, obstacles, shell, pose, &CONTACT, &FILTER)
+    ContactSum::of(traversal, obstacles, shell, pose, &CONTACT, &FILTER, None)
 }
 
 /// Median and 99.9th percentile of some rounds on the path, µs, and what the walk looked at.

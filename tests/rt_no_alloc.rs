@@ -253,7 +253,7 @@ fn no_walk_allocates_whatever_its_pose_and_budget() {
                 let place_m = DVec3::new((1.3 * angle).sin(), (2.1 * angle).sin(), (0.7 * angle).sin()) * reach_m;
                 let pose = Pose::new(DQuat::from_scaled_axis(DVec3::new(0.9, 1.7, 0.4) * angle), place_m);
                 let (sum, allocations, frees) = counted(|| {
-                    ContactSum::of(&mut traversal, obstacles, &tool.shell, pose, &parameters.contact, &parameters.filter)
+                    ContactSum::of(&mut traversal, obstacles, &tool.shell, pose, &parameters.contact, &parameters.filter, None)
                 });
                 assert_eq!((allocations, frees), (0, 0), "{machine:?}, {way:?}, {budget:?}, {pose:?}");
                 touching += sum.contacts;

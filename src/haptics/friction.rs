@@ -51,11 +51,6 @@ pub(super) struct Friction {
 }
 
 impl Friction {
-    /// Forgets everything: for a fault, a stop and the first tick after enable.
-    pub(super) fn reset(&mut self) {
-        *self = Self::default();
-    }
-
     /// One tick with the tool at `world_from_body`. `patches`: what touches now, one per face. RT: safe, O(faces).
     pub(super) fn update<'a>(
         &mut self,

@@ -11,6 +11,7 @@ mod auto_limit;
 mod constraint;
 pub mod contact;
 mod coupling;
+mod drive;
 mod faults;
 pub mod filter;
 mod friction;
@@ -20,14 +21,18 @@ pub mod passivity;
 pub mod passivity_control;
 mod port;
 mod quasi_static;
+mod render_scene;
 pub mod sample;
 pub mod stability;
 mod tick;
+mod virtual_tool;
 
 pub use coupling::Inertia;
+pub use drive::{Drive, DriveRequest};
 pub use faults::Faults;
 pub use params::{
     ArmParameters, ContactParameters, CouplingMode, CouplingParameters, FilterParameters, FreeSpace, FrictionParameters,
     LimitParameters, Normalization, Parameters, PortParameters, SpringClamp,
 };
-pub use tick::{Drive, DriveRequest, RenderScene, State, TickInput, TickOutput, Tool, tick};
+pub use render_scene::{RenderScene, Tool};
+pub use tick::{State, TickInput, TickOutput, tick};

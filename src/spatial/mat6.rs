@@ -59,8 +59,19 @@ impl Mat6 {
         Self::from_blocks(turned(0, 0), turned(0, 3), turned(3, 0), turned(3, 3))
     }
 
-    /// Sum of the diagonal of the linear block and of the angular block: upper bounds of their largest eigenvalues when the
-    /// matrix is positive semi-definite.
+    /// Upper bounds of the largest eigenvalues of the linear and of the angular block of a positive semi-definite matrix: trace or largest
+    /// absolute row sum, whichever is less. Exact for one direction along an axis or for any single direction, at most √3 of it for all
+    /// three alike.
+    pub fn bounds(&self) -> (f64, f64) {
+        let bound = |first: usize| {
+            let rows = || self.0[first..first + 3].iter().map(|row| &row[first..first + 3]);
+            let trace: f64 = rows().enumerate().map(|(n, row)| row[n]).sum();
+            rows().map(|row| row.iter().map(|a| a.abs()).sum()).fold(0.0, f64::max).min(trace)
+        };
+        (bound(0), bound(3))
+    }
+
+    /// Sum of the diagonal of the linear block and of the angular block.
     pub fn traces(&self) -> (f64, f64) {
         let a = &self.0;
         (a[0][0] + a[1][1] + a[2][2], a[3][3] + a[4][4] + a[5][5])
@@ -139,6 +150,14 @@ mod tests {
             for _ in 0..8 {
                 let linear = DVec3::new(random(), random(), random());
                 matrix.add_outer(10.0, linear, DVec3::new(random(), random(), random()));
+            }
+            let (along, about) = matrix.bounds();
+            for (row, bound) in [(0, along), (3, about)] {
+                // The largest eigenvalue by power iteration, from below.
+                let block = matrix.block(row, row);
+                let direction = (0..50).fold(DVec3::new(0.6, 0.5, -0.3), |v, _| (block * v).normalize());
+                let largest = direction.dot(block * direction);
+                assert!((largest * (1.0 - 1e-12)..=largest * 1.7321).contains(&bound), "{largest} {bound}");
             }
             let x = (DVec3::new(random(), random(), random()), DVec3::new(random(), random(), random()));
             let (force, torque) = matrix.mul(x.0, x.1);

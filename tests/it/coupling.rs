@@ -477,8 +477,6 @@ fn forces_come_back_in_the_axes_of_the_arm() {
             let rotation = DQuat::from_scaled_axis(axis);
             let p = coupling_with(|p| {
                 p.coupling.mode = mode;
-                // What a semi-implicit step takes whole.
-                p.contact.stiffness_n_per_m = 1000.0;
                 p.port.world_from_device = Pose::new(rotation, DVec3::new(0.2, -0.1, 0.5));
             });
             let mut arm = Arm::new(scene(p, cube(), HALF + 1e-3)).ramped();

@@ -81,7 +81,7 @@ impl Pair {
     }
 
     fn by(&self, traversal: &mut Traversal, pose: Pose) -> ContactSum {
-        ContactSum::of(traversal, &self.obstacles, &self.shell, pose, &CONTACT, &FILTER)
+        ContactSum::of(traversal, &self.obstacles, &self.shell, pose, &CONTACT, &FILTER, None)
     }
 
     fn traversal(&self, machine: Machine, way: Way) -> Traversal {

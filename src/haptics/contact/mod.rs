@@ -148,21 +148,10 @@ impl ContactSum {
     ///
     /// While something touches, and the budget suffices, every bit is that of [`Self::flat`]. While nothing touches, −`max_value_m` of a
     /// walk is the clearance that it has proven, which is less. `obstacles` and `shell` must be those that the traversal was made for.
+    /// `also` gets every contact with the number of its obstacle.
     ///
     /// RT: safe; allocates nothing.
     pub fn of(
-        traversal: &mut Traversal,
-        obstacles: &[Obstacle],
-        shell: &Shell,
-        world_from_body: Pose,
-        contact: &ContactParameters,
-        filter: &FilterParameters,
-    ) -> Self {
-        Self::of_with(traversal, obstacles, shell, world_from_body, contact, filter, None)
-    }
-
-    /// The same, and `also` gets every contact with the number of its obstacle.
-    pub fn of_with(
         traversal: &mut Traversal,
         obstacles: &[Obstacle],
         shell: &Shell,
@@ -270,14 +259,14 @@ impl<'a> Summing<'a> {
         }
     }
 
-    fn finish(self) -> ContactSum {
+    fn finish(&self) -> ContactSum {
         let rotation = self.world_from_body.rotation_matrix();
         let stiffness_n_per_m = self.contact.stiffness_n_per_m;
         // Turned zeros may get a sign; free space is exactly zero.
         let rotation = if self.contacts > 0 { rotation } else { glam::DMat3::IDENTITY };
         let mut totals = [None; FACES];
         let mut effective = 0.0;
-        for (total, sums) in totals.iter_mut().zip(self.faces) {
+        for (total, sums) in totals.iter_mut().zip(&self.faces) {
             if let Some(sums) = sums {
                 effective += total.insert(sums.total()).effective;
             }

@@ -1,0 +1,39 @@
+//! What the tick reads and never writes.
+
+use glam::DVec3;
+
+use super::Parameters;
+use super::contact::Obstacle;
+use super::coupling::Inertia;
+use crate::pointshell::shell::Shell;
+use crate::spatial::Pose;
+
+/// The tool as the tick sees it.
+#[derive(Debug)]
+pub struct Tool {
+    /// Points and normals about the centre of mass.
+    pub shell: Shell,
+    /// Mass properties.
+    pub inertia: Inertia,
+    /// Centre of mass, which is also the grip point, in the tool frame, m.
+    pub center_of_mass_tool: DVec3,
+}
+
+/// The immutable scene: everything allocated and touched before the first tick.
+#[derive(Debug)]
+pub struct RenderScene {
+    /// Parameters, SI.
+    pub parameters: Parameters,
+    /// The static objects.
+    #[expect(clippy::disallowed_types, reason = "filled on the cold side, never resized")]
+    pub obstacles: Vec<Obstacle>,
+    /// The moving object.
+    pub tool: Tool,
+}
+
+impl RenderScene {
+    /// Start pose of the body axes (tool axes at the centre of mass).
+    pub(super) fn start(&self) -> Pose {
+        self.parameters.port.start * Pose::from_translation(self.tool.center_of_mass_tool)
+    }
+}
