@@ -124,10 +124,18 @@ fn errors(name: &str, mesh: &TriangleMesh, cells_on_longest_axis: f64, layers: u
     found
 }
 
-fn check(name: &str, mesh: &TriangleMesh, cells_on_longest_axis: f64, layers: u32) {
+/// Largest mean error and 99th percentile, voxels; ten times less than what is asked for.
+const MEAN: f64 = 0.002;
+const P99: f64 = 0.02;
+
+fn check_within(p99_max: f64, name: &str, mesh: &TriangleMesh, cells_on_longest_axis: f64, layers: u32) {
     let Errors { mean, p99, worst, cells } = errors(name, mesh, cells_on_longest_axis, layers);
     assert!(cells > 1000, "{name}: {cells} cells");
-    assert!(mean <= 0.02 && p99 <= 0.1, "{name}: mean {mean}, p99 {p99}, worst {worst} voxel");
+    assert!(mean <= MEAN && p99 <= p99_max, "{name}: mean {mean}, p99 {p99}, worst {worst} voxel");
+}
+
+fn check(name: &str, mesh: &TriangleMesh, cells_on_longest_axis: f64, layers: u32) {
+    check_within(P99, name, mesh, cells_on_longest_axis, layers);
 }
 
 #[test]
@@ -144,7 +152,9 @@ fn distances_hold_on_meshes_finer_and_coarser_than_the_voxels() {
     let cone = Shape::Cone { radius_m: 0.01, height_m: 0.02 };
     for (name, shape) in [("torus", torus), ("cone", cone)] {
         for chord_m in [1e-7, 1e-6, 1e-4] {
-            check(&format!("{name}, chord {chord_m} m"), &shape.tessellate(chord_m), 60.0, 8);
+            // Facets of several voxels that meet at small angles have ties everywhere inside the torus.
+            let p99_max = if chord_m > 1e-5 { 0.03 } else { P99 };
+            check_within(p99_max, &format!("{name}, chord {chord_m} m"), &shape.tessellate(chord_m), 60.0, 8);
         }
     }
     // Triangles that are cut: sixty voxels and more, and a deep band.
@@ -165,5 +175,5 @@ fn distances_hold_on_a_soup() {
         soup.triangles.push([first, first + 1, first + 2]);
     }
     let Errors { mean, p99, .. } = errors("soup", &soup, 120.0, 8);
-    assert!(mean <= 0.02 && p99 <= 0.1, "mean {mean}, p99 {p99}");
+    assert!(mean <= MEAN && p99 <= P99, "mean {mean}, p99 {p99}");
 }
