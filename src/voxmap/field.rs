@@ -101,6 +101,11 @@ impl Field {
         self.skin_m > 0.0
     }
 
+    /// V of everything outside the grid, m: what every look-up gives there.
+    pub fn outside_m(&self) -> f32 {
+        -self.band_m + self.skin_m
+    }
+
     /// Size of the arrays, bytes.
     pub fn heap_bytes(&self) -> usize {
         let Self { origin: _, voxel_size_m: _, brick_dims: _, top, distances_m, layers, gradients, band_m: _, skin_m: _ } = self;

@@ -17,6 +17,7 @@
 mod budget;
 pub mod faces;
 mod flat;
+pub(in crate::haptics) mod places;
 pub mod planes;
 mod simd;
 mod sum;
@@ -34,6 +35,7 @@ pub use touched::{Contact, Touched};
 pub use traversal::{Traversal, Way};
 
 use self::faces::face_of;
+use self::places::FarSum;
 use self::sum::{Sums, Total, Weighting};
 use super::params::{ContactParameters, FilterParameters, Normalization};
 use crate::pointshell::shell::Shell;
@@ -139,7 +141,7 @@ impl ContactSum {
                     Machine::Portable.add(sums, touched, &positions, &normals, by);
                 }
             });
-            summing.note(obstacle, n_contacts, max_value_m);
+            summing.note(obstacle, n_contacts, max_value_m, 0.0);
         }
         summing.finish()
     }
@@ -162,11 +164,14 @@ impl ContactSum {
     ) -> Self {
         let machine = traversal.machine();
         let mut summing = Summing::new(contact, filter, world_from_body);
-        traversal.begin();
-        for (obstacle_idx, obstacle) in obstacles.iter().enumerate() {
-            let map_from_body = obstacle.world_from_map.inverse() * world_from_body;
+        summing.note_far(traversal.begin(shell, world_from_body, summing.overstated_voxels()));
+        for n in 0..traversal.n_near() {
+            let Some(obstacle_idx) = traversal.places().near(n) else { break };
+            let (Some(obstacle), Some(stand)) = (obstacles.get(obstacle_idx), traversal.places().stand(obstacle_idx)) else { break };
+            let map_from_body = stand.world_from_map.inverse() * world_from_body;
+            let reserve_m = stand.reserve_m;
             let by = summing.weighting(obstacle);
-            let found = traversal.find(obstacle_idx, obstacle, contact.field, shell, map_from_body);
+            let found = traversal.find((n, obstacle_idx), obstacle, contact.field, shell, map_from_body);
             let mut n_contacts = 0;
             // Blocks of one face come mostly one after the other.
             let kind = |touched: &Touched| (traversal.face(touched.block), touched.bends(&obstacle.field, shell));
@@ -189,7 +194,7 @@ impl ContactSum {
                     touched.contacts(&obstacle.field, shell, map_from_body, |contact| also(obstacle_idx, contact));
                 }
             }
-            summing.note(obstacle, n_contacts, found.max_value_m);
+            summing.note(obstacle, n_contacts, found.max_value_m, reserve_m);
             summing.left_out += found.left_out;
             summing.looked_at += found.looked_at;
         }
@@ -243,17 +248,27 @@ impl<'a> Summing<'a> {
         self.faces.get_mut(usize::from(face)).map(|sums| sums.get_or_insert_with(|| Sums::ZERO))
     }
 
+    /// By how much a clearance may be overstated: interpolation by half the diagonal of a cell, the other look-ups by up to two voxels.
+    fn overstated_voxels(&self) -> f64 {
+        if self.contact.field == FieldKind::Trilinear { 0.5 * 3_f64.sqrt() } else { 2.0 }
+    }
+
+    /// Notes the obstacles that need not be asked.
+    fn note_far(&mut self, far: FarSum) {
+        self.max_value_m = self.max_value_m.max(far.max_value_m);
+        self.voxel_size_m = self.voxel_size_m.min(far.voxel_size_m);
+        self.step_limit_m = self.step_limit_m.min(far.step_limit_m);
+    }
+
     /// Notes what else was found at an obstacle.
-    fn note(&mut self, obstacle: &Obstacle, n_contacts: u32, max_value_m: f32) {
+    fn note(&mut self, obstacle: &Obstacle, n_contacts: u32, max_value_m: f32, reserve_m: f64) {
         let max_value_m = f64::from(max_value_m);
         let voxel_size_m = f64::from(obstacle.field.voxel_size_m());
         self.contacts += n_contacts;
         self.max_value_m = self.max_value_m.max(max_value_m);
         self.voxel_size_m = self.voxel_size_m.min(voxel_size_m);
-        // Interpolation may overstate a clearance by half the diagonal of a cell, the other look-ups by up to two voxels.
-        let overstated_voxels = if self.contact.field == FieldKind::Trilinear { 0.5 * 3_f64.sqrt() } else { 2.0 };
-        let clearance_m = -max_value_m - overstated_voxels * voxel_size_m;
-        self.step_limit_m = self.step_limit_m.min(clearance_m.max(0.5 * voxel_size_m));
+        let limit_m = places::step_limit_m(max_value_m, voxel_size_m, self.overstated_voxels(), reserve_m);
+        self.step_limit_m = self.step_limit_m.min(limit_m);
         if n_contacts > 0 {
             self.touched_voxel_m = self.touched_voxel_m.min(voxel_size_m);
         }

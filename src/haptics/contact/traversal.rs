@@ -6,6 +6,7 @@ use glam::{DQuat, DVec3};
 
 use super::budget::Budget;
 use super::faces::face_of;
+use super::places::{FarSum, Places};
 use super::simd::{Machine, Place};
 use super::touched::Touched;
 use super::walk::{Found, Lists, Walk};
@@ -38,6 +39,7 @@ pub struct Traversal {
     left: Budget,
     /// One per obstacle.
     walks: Vec<Option<Walk>>,
+    places: Places,
     lists: Lists,
     touched: Vec<Touched>,
     /// `[n_blocks]`: the face of each block of the shell.
@@ -47,12 +49,14 @@ pub struct Traversal {
 impl Traversal {
     /// Prepares the traversal of a shell against obstacles. Allocates; RT: start-up only.
     pub fn new(machine: Machine, way: Way, obstacles: &[Obstacle], shell: &Shell) -> Self {
+        let walks: Vec<Option<Walk>> = obstacles.iter().map(|obstacle| Walk::new(&obstacle.field, shell)).collect();
         Self {
             machine,
             way,
             budget: Budget::Unlimited,
             left: Budget::Unlimited,
-            walks: obstacles.iter().map(|obstacle| Walk::new(&obstacle.field, shell)).collect(),
+            places: Places::new(obstacles, walks.iter().map(|walk| walk.as_ref().map(Walk::chart))),
+            walks,
             lists: Lists::new(shell),
             touched: Vec::with_capacity(shell.positions().len()),
             faces: shell.normals().iter().map(face_of).collect(),
@@ -69,6 +73,28 @@ impl Traversal {
         self.budget
     }
 
+    /// Whether obstacles far away are passed over. They are, unless it is to be shown that it makes no difference.
+    #[must_use]
+    pub fn with_broad_phase(mut self, on: bool) -> Self {
+        self.places.set_culling(on);
+        self
+    }
+
+    /// How many obstacles the last tick asked; the others are far away.
+    pub fn n_near(&self) -> usize {
+        self.places.n_near()
+    }
+
+    /// Where the obstacles stand.
+    pub(in crate::haptics) fn places(&self) -> &Places {
+        &self.places
+    }
+
+    /// Where the obstacles stand.
+    pub(in crate::haptics) fn places_mut(&mut self) -> &mut Places {
+        &mut self.places
+    }
+
     /// Forgets the proofs of earlier ticks.
     pub(crate) fn forget(&mut self) {
         self.walks.iter_mut().flatten().for_each(Walk::forget);
@@ -79,6 +105,7 @@ impl Traversal {
     pub(crate) fn overlapping_pose(&self, obstacles: &[Obstacle], shell: &Shell, turn: usize) -> Option<Pose> {
         let obstacle_idx = turn.checked_rem(obstacles.len())?;
         let (obstacle, walk) = (obstacles.get(obstacle_idx)?, self.walks.get(obstacle_idx)?.as_ref()?);
+        let world_from_map = self.places.stand(obstacle_idx)?.world_from_map;
         // Multiples of the golden ratio: spread evenly, however many turns there are.
         let spread = |stride: f64, n: usize| ((turn as f64 * stride).fract() * n as f64) as usize;
         let cells = walk.chart().surface_place(spread(0.618_034, walk.chart().top().len()))?;
@@ -86,7 +113,7 @@ impl Traversal {
         let point = spread(0.754_878, shell.len());
         let arm = shell.positions().get(point / LANES)?.get(point % LANES).as_dvec3();
         let rotation = DQuat::from_scaled_axis(DVec3::new(1.3, 2.1, 0.7) * turn as f64);
-        Some(Pose::new(rotation, obstacle.world_from_map.transform_point(place_map) - rotation * arm))
+        Some(Pose::new(rotation, world_from_map.transform_point(place_map) - rotation * arm))
     }
 
     pub(super) fn machine(&self) -> Machine {
@@ -99,23 +126,26 @@ impl Traversal {
         self.faces.get(block as usize).copied().unwrap_or(0)
     }
 
-    /// A new tick begins.
-    pub(super) fn begin(&mut self) {
+    /// A new tick begins, with the tool at this pose. Returns what obstacles far away add.
+    pub(super) fn begin(&mut self, shell: &Shell, world_from_body: Pose, overstated_voxels: f64) -> FarSum {
         self.left = self.budget;
+        self.touched.clear();
+        self.places.look_around(shell, world_from_body, overstated_voxels)
     }
 
-    /// Finds what touches an obstacle; [`Self::touched`] has it until the next call. RT: safe; allocates nothing.
+    /// Finds what touches an obstacle, the n-th of those that are near; [`Self::touched`] has it until the next call. RT: safe; allocates
+    /// nothing.
     pub(super) fn find(
         &mut self,
-        obstacle_idx: usize,
+        (n, obstacle_idx): (usize, usize),
         obstacle: &Obstacle,
         kind: FieldKind,
         shell: &Shell,
         map_from_body: Pose,
     ) -> Found {
-        let Self { machine, way, budget: _, left, walks, lists, touched, faces: _ } = self;
+        let Self { machine, way, budget: _, left, walks, places, lists, touched, faces: _ } = self;
         touched.clear();
-        let n_obstacles_left = walks.len().saturating_sub(obstacle_idx);
+        let n_obstacles_left = places.n_near().saturating_sub(n);
         let place = Place::new(&obstacle.field, map_from_body);
         let mut found = Found { max_value_m: f32::NEG_INFINITY, looked_at: 0, left_out: 0 };
         match walks.get_mut(obstacle_idx).and_then(Option::as_mut) {
