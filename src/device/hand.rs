@@ -45,6 +45,11 @@ impl HandPath {
         Self { times_s: Box::new([0.0]), poses: Box::new([pose]) }
     }
 
+    /// The poses of the file.
+    pub fn poses(&self) -> &[Pose] {
+        &self.poses
+    }
+
     /// The pose at `time_s`. RT: safe; O(log n).
     pub fn sample(&self, time_s: f64) -> Pose {
         // NaN compares false everywhere: it lands on the first pose.

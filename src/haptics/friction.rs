@@ -14,7 +14,7 @@
 
 use glam::{DMat3, DVec3};
 
-use super::contact::{FACES, Patch};
+use super::contact::{Carried, FACES, Patch};
 use super::params::FrictionParameters;
 use crate::spatial::{Mat6, Pose, Wrench};
 
@@ -41,6 +41,8 @@ struct Element {
     stretch: DVec3,
     /// How far it has turned about the normal, rad.
     twist: f64,
+    /// What it touches moved by in this tick.
+    carried: Carried,
 }
 
 /// The elements of all faces, and where the tool was.
@@ -51,6 +53,13 @@ pub(super) struct Friction {
 }
 
 impl Friction {
+    /// Tells, before a tick, how each face is carried by what it touches: only what the tool moves against that stretches.
+    pub(super) fn carry(&mut self, faces: &[Carried; FACES]) {
+        for (element, carried) in self.elements.iter_mut().zip(faces) {
+            element.carried = *carried;
+        }
+    }
+
     /// One tick with the tool at `world_from_body`. `patches`: what touches now, one per face. RT: safe, O(faces).
     pub(super) fn update<'a>(
         &mut self,
@@ -84,9 +93,11 @@ impl Friction {
 impl Element {
     fn pull(&mut self, patch: &Patch, moved_center: DVec3, turned: DVec3, params: &FrictionParameters, sum: &mut FrictionWrench) {
         let (normal, arm) = (patch.normal_world, patch.arm_world);
+        let carried = core::mem::take(&mut self.carried);
         if self.touches {
             // Small steps: the tool moves less than a voxel and a degree in a tick.
-            self.stretch += moved_center + turned.cross(arm);
+            let turned = turned - carried.angular;
+            self.stretch += moved_center - carried.linear + turned.cross(arm) + carried.angular.cross(self.stretch);
             self.twist += turned.dot(normal);
         }
         self.touches = true;

@@ -19,6 +19,7 @@ pub mod limits;
 mod params;
 pub mod passivity;
 pub mod passivity_control;
+pub mod placing;
 mod port;
 mod quasi_static;
 mod render_scene;
@@ -34,5 +35,6 @@ pub use params::{
     ArmParameters, ContactParameters, CouplingMode, CouplingParameters, FilterParameters, FreeSpace, FrictionParameters,
     LimitParameters, Normalization, Parameters, PortParameters, SpringClamp,
 };
+pub use placing::Placement;
 pub use render_scene::{RenderScene, Tool};
 pub use tick::{State, TickInput, TickOutput, tick};

@@ -10,6 +10,8 @@
 //! HannafordRyu2002, one port in impedance form: E_k = E_(k−1) + T (F_k v_k + a_(k−1) v_(k−1)²), a_k = −E_k/(T v_k²). Counting over
 //! displacements, one scalar energy for six axes, the delay line and the forgotten credit are ours.
 
+use glam::DVec3;
+
 use super::params::{ArmParameters, LimitParameters};
 use super::passivity::EnergyObserver;
 use crate::spatial::{Pose, Twist, Wrench};
@@ -24,6 +26,9 @@ const N_HELD: usize = MAX_DELAY_TICKS as usize + 1;
 /// would pay for a minute of trembling.
 const FORGET_AFTER_S: f64 = 0.01;
 
+/// Time in which the work of a moving obstacle may pass to the hand, s: some ticks of coupling and filter, and no more.
+const PASSES_WITHIN_S: f64 = 0.05;
+
 /// Observer and controller of one port. 3 KiB, no heap. Wrench, twist and pose are those of the grip in device axes.
 #[derive(Clone, Debug)]
 pub struct PassivityController {
@@ -36,6 +41,10 @@ pub struct PassivityController {
     last_pose: Option<Pose>,
     quiet_s: f64,
     active: bool,
+    /// Energy that moving obstacles have put in, J.
+    carried_j: f64,
+    /// What of it may still pass, J.
+    allowance_j: f64,
 }
 
 impl Default for PassivityController {
@@ -48,6 +57,8 @@ impl Default for PassivityController {
             last_pose: None,
             quiet_s: 0.0,
             active: false,
+            carried_j: 0.0,
+            allowance_j: 0.0,
         }
     }
 }
@@ -61,9 +72,30 @@ impl PassivityController {
         let before_j = self.observer.energy_j();
         let energy_j = self.observer.observe_held(acted, pose.translation - last.translation, last.rotation_to(pose));
         self.budget_j += energy_j - before_j;
+        let passes_j = self.allowance_j.min(-self.budget_j).max(0.0);
+        self.budget_j += passes_j;
+        self.allowance_j -= passes_j;
         self.quiet_s = if acted == Wrench::ZERO { self.quiet_s + period_s } else { 0.0 };
         if self.quiet_s > FORGET_AFTER_S {
             self.budget_j = self.budget_j.min(0.0);
+        }
+    }
+
+    /// Takes note, before [`observe`](Self::observe), of how obstacles that move carry the port (device axes, m and rad in this tick). An
+    /// obstacle is moved by a power of its own, so what the command of `delay_ticks` ago does over its way may pass to the hand and is no
+    /// debt; and what the hand gives to one that recedes is not there any more. It may pass within [`PASSES_WITHIN_S`] and never becomes a
+    /// credit: an arm that does not give way saves nothing up. RT: safe, O(1).
+    pub fn carry(&mut self, moved: DVec3, turned: DVec3, delay_ticks: u32, period_s: f64) {
+        let acted = self.acted(delay_ticks);
+        let work_j = acted.force.dot(moved) + acted.torque.dot(turned);
+        self.allowance_j *= (1.0 - period_s / PASSES_WITHIN_S).max(0.0);
+        // Written so that a NaN counts for nothing.
+        if work_j > 0.0 && work_j.is_finite() {
+            self.carried_j += work_j;
+            self.allowance_j += work_j;
+        } else if work_j < 0.0 && work_j.is_finite() {
+            self.carried_j += work_j;
+            self.budget_j += work_j;
         }
     }
 
@@ -74,7 +106,7 @@ impl PassivityController {
     /// finite passes through, for the finite check to see.
     pub fn damped(&mut self, wanted: Wrench, twist: Twist, arm: &ArmParameters, limits: &LimitParameters, period_s: f64) -> Wrench {
         self.active = false;
-        let missing_j = period_s * wanted.power(twist) - self.budget_j;
+        let missing_j = period_s * wanted.power(twist) - self.budget_j - self.allowance_j;
         let damper = Wrench::new(twist.linear * -arm.injected_n_s_per_m, twist.angular * -arm.injected_nm_s_per_rad);
         let largest_j = -period_s * damper.power(twist);
         // Written so that a NaN injects nothing.
@@ -103,6 +135,11 @@ impl PassivityController {
         self.observer.energy_j()
     }
 
+    /// Energy that moving obstacles have put in since [`reset`](Self::reset), less what they took, J.
+    pub fn carried_j(&self) -> f64 {
+        self.carried_j
+    }
+
     /// The last [`damped`](Self::damped) injected damping.
     pub fn is_active(&self) -> bool {
         self.active
@@ -122,8 +159,6 @@ impl PassivityController {
 #[cfg(test)]
 #[expect(clippy::indexing_slicing, reason = "test code")]
 mod tests {
-    use glam::DVec3;
-
     use super::*;
     use crate::servo::testing::parameters;
 

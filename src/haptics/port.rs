@@ -51,6 +51,12 @@ impl PortParameters {
         Wrench::new(back * wrench_world.force, back * wrench_world.torque)
     }
 
+    /// The motion of the grip that goes with a small motion of the tool's centre of mass (m, rad; world axes), device axes.
+    pub(super) fn way_device(&self, linear_world: DVec3, angular_world: DVec3) -> (DVec3, DVec3) {
+        let back = self.world_from_device.rotation.conjugate();
+        (back * linear_world / self.scale, back * angular_world)
+    }
+
     /// What is left of a wrench (device axes) on the axes that the arm actuates.
     pub(super) fn actuated_part(&self, wrench: Wrench) -> Wrench {
         Wrench::new(keep(wrench.force, self.actuated, 0), keep(wrench.torque, self.actuated, 3))

@@ -5,6 +5,7 @@ use super::auto_limit::LoopDelay;
 use super::contact::{Budget, ContactSum, Machine, Traversal, Way};
 use super::limits::{Limiter, Ramp};
 use super::params::CouplingMode;
+use super::placing::{Movers, Placement};
 use super::passivity_control::PassivityController;
 use super::port::Port;
 use super::sample::SampleMonitor;
@@ -22,6 +23,8 @@ pub struct TickInput {
     pub request: DriveRequest,
     /// The loop woke up after its deadline had passed.
     pub overrun: bool,
+    /// Where an obstacle is asked to go from the next tick on.
+    pub place: Option<Placement>,
 }
 
 /// Everything that leaves one tick.
@@ -45,6 +48,10 @@ pub struct TickOutput {
     pub points_left_out: u32,
     /// Energy that the arm has taken from the hand since enable, J; negative means that it gave more than it took.
     pub energy_j: f64,
+    /// Energy that moving obstacles have put into the hand through the command since enable, J: `energy_j` may be lower by so much.
+    pub object_work_j: f64,
+    /// Obstacles under way.
+    pub objects_moving: u32,
     /// The passivity controller damps in this tick.
     pub passivity_active: bool,
     /// Longest round trip measured since enable, ticks; 0 where the arm does not measure it.
@@ -63,13 +70,29 @@ pub struct State {
     monitor: SampleMonitor,
     overruns: u32,
     port: Port,
+    /// Where the tool's body axes stood at enable.
+    start: Pose,
+    resume: Option<Resume>,
     tool: VirtualTool,
+    /// Finds what touches, and knows where the obstacles stand.
     traversal: Traversal,
+    movers: Movers,
     delay: LoopDelay,
     passivity: PassivityController,
     enable_gain: Ramp,
     limiter: Limiter,
 }
+
+/// Where the tool is to stand at the next enable.
+#[derive(Clone, Copy, Debug)]
+struct Resume {
+    body: Pose,
+    /// Known after a tick there: nothing is in the way.
+    has_room: Option<bool>,
+}
+
+/// How deep the tool may stand in an obstacle at enable when it stays where it was, voxels: what pressing leaves.
+const RESUME_VOXELS: f64 = 0.5;
 
 impl State {
     /// The state before the first tick of `scene`: disabled, the tool at its start pose.
@@ -80,8 +103,11 @@ impl State {
             monitor: SampleMonitor::default(),
             overruns: 0,
             port: Port::default(),
+            start: scene.start(),
+            resume: None,
             tool: VirtualTool::at(scene.start()),
             traversal: Traversal::new(Machine::best(), Way::Tree, &scene.obstacles, &scene.tool.shell),
+            movers: Movers::new(scene.obstacles.len()),
             delay: LoopDelay::default(),
             passivity: PassivityController::default(),
             enable_gain: Ramp::default(),
@@ -98,6 +124,19 @@ impl State {
     /// The limit.
     pub fn budget(&self) -> Budget {
         self.traversal.budget()
+    }
+
+    /// Lets the tool stand at a pose at the next enable, instead of its start, unless it would stand inside an obstacle there: what a
+    /// scene does that takes the place of another. The arm's pose at that enable is the new zero, as always. RT: safe; before the first tick.
+    pub fn resume_at(&mut self, scene: &RenderScene, world_from_tool: Pose) {
+        let body = world_from_tool * Pose::from_translation(scene.tool.center_of_mass_tool);
+        self.resume = Some(Resume { body, has_room: None });
+        self.tool = VirtualTool::at(body);
+    }
+
+    /// Where an obstacle stands now.
+    pub fn world_from_map(&self, obstacle_idx: usize) -> Option<Pose> {
+        self.traversal.places().stand(obstacle_idx).map(|stand| stand.world_from_map)
     }
 
     /// One contact query at a pose where the tool overlaps an obstacle, another one each `turn`, as if nothing were known from earlier ones;
@@ -138,13 +177,17 @@ pub fn tick(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOu
         faults |= Faults::OVERRUN;
     }
     advance_drive(scene, state, input, faults);
+    state.movers.advance(state.traversal.places_mut(), input.place, state.drive.has_force(), p);
 
-    let target = state.port.target(&input.sample, &p.port, scene.start());
+    let target = state.port.target(&input.sample, &p.port, state.start);
     if state.drive.has_force() && p.coupling.mode == CouplingMode::Direct {
         state.tool.stand_at(target, scene);
     }
     let touch = state.tool.touch(&mut state.traversal, scene);
     let contact = &touch.contact;
+    if let Some(resume) = &mut state.resume {
+        resume.has_room = Some(contact.max_value_m <= RESUME_VOXELS * contact.voxel_size_m);
+    }
     if !contact.wrench.is_finite() || contact.max_value_m.is_nan() {
         state.fail(Faults::NON_FINITE);
     }
@@ -167,6 +210,8 @@ pub fn tick(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOu
         clearance_m: -contact.max_value_m,
         points_left_out: contact.left_out,
         energy_j: state.passivity.energy_j(),
+        object_work_j: state.passivity.carried_j(),
+        objects_moving: state.movers.n_under_way(),
         passivity_active: state.passivity.is_active(),
         delay_ticks: state.delay.worst_ticks(),
         drive: state.drive,
@@ -193,7 +238,10 @@ fn render(
 ) -> Result<Felt, Faults> {
     let (p, sample) = (&scene.parameters, &input.sample);
     state.delay.measure(sample.delay_ticks, p.period_s);
-    state.passivity.observe(sample.pose, sample.delay_ticks.max(p.arm.delay_ticks), p.period_s);
+    let delay_ticks = sample.delay_ticks.max(p.arm.delay_ticks);
+    let (moved, turned) = p.port.way_device(touch.contact.carried.linear, touch.contact.carried.angular);
+    state.passivity.carry(moved, turned, delay_ticks, p.period_s);
+    state.passivity.observe(sample.pose, delay_ticks, p.period_s);
     let filter_lag_s = match p.coupling.mode {
         CouplingMode::Direct => filter_delay_s(p.filter.cutoff_hz[0], p.period_s),
         _ => 0.0,
@@ -201,7 +249,7 @@ fn render(
     let coupling = state.delay.limited(&p.coupling, &p.arm, filter_lag_s, p.period_s);
 
     let rubbing = state.tool.rub(touch, scene);
-    let felt_world = state.tool.follow(scene, touch, &rubbing, &coupling, target).ok_or(Faults::SOLVER)?;
+    let felt_world = state.tool.follow(scene, state.traversal.places(), touch, &rubbing, &coupling, target).ok_or(Faults::SOLVER)?;
     if !state.tool.is_finite() {
         return Err(Faults::NON_FINITE);
     }
@@ -241,9 +289,13 @@ fn advance_drive(scene: &RenderScene, state: &mut State, input: &TickInput, faul
             state.faults = Faults::NONE;
         }
         (Drive::Disabled, DriveRequest::Enable) if !faults.is_empty() => state.fail(faults),
+        // One tick shows whether there is room.
+        (Drive::Disabled, DriveRequest::Enable) if state.resume.is_some_and(|resume| resume.has_room.is_none()) => {}
         // A sample that is old, or never came, cannot be the zero of the indexing.
         (Drive::Disabled, DriveRequest::Enable) if input.sample.status == SampleStatus::Fresh => {
-            state.at_rest(scene.start());
+            let resume = state.resume.take().filter(|resume| resume.has_room == Some(true));
+            state.start = resume.map_or(scene.start(), |resume| resume.body);
+            state.at_rest(state.start);
             state.port = Port::indexed(&input.sample);
             state.passivity.reset();
             state.delay = LoopDelay::starting_at(input.sample.delay_ticks);

@@ -4,8 +4,9 @@ use glam::DVec3;
 
 use super::RenderScene;
 use super::constraint::{self, SLOP_VOXELS};
+use super::contact::places::Places;
 use super::contact::planes::DeepestContacts;
-use super::contact::{Contact, ContactSum, Traversal};
+use super::contact::{Carried, Contact, ContactSum, Traversal};
 use super::coupling::{Body, Inertia, LinearContact, Pull, Spring};
 use super::filter::{ShapingFilter, Slide};
 use super::friction::{Friction, FrictionWrench};
@@ -87,6 +88,9 @@ impl VirtualTool {
 
     /// Friction of what touches.
     pub(super) fn rub(&mut self, touch: &Touch, scene: &RenderScene) -> FrictionWrench {
+        if let Some(faces) = touch.contact.carried_faces() {
+            self.friction.carry(faces);
+        }
         self.friction.update(touch.contact.patches(), self.body.pose, &scene.parameters.contact.friction)
     }
 
@@ -94,6 +98,7 @@ impl VirtualTool {
     pub(super) fn follow(
         &mut self,
         scene: &RenderScene,
+        places: &Places,
         touch: &Touch,
         rubbing: &FrictionWrench,
         coupling: &CouplingParameters,
@@ -115,17 +120,23 @@ impl VirtualTool {
         let twist = match (coupling.mode, deepest) {
             (CouplingMode::Static, _) => {
                 let stiffness = contact.stiffness.plus_scaled(1.0, &rubbing.stiffness);
-                over_a_tick(self.balance.step(&stretched, weight, contact.wrench + rubbing.wrench, &stiffness)?)
+                let met = contact.wrench + rubbing.wrench + pushed(&stiffness, &contact.carried);
+                over_a_tick(self.balance.step(&stretched, weight, met, &stiffness)?)
             }
             (CouplingMode::Constraint, Some(deepest)) => {
                 let sag_m = weight / coupling.stiffness_n_per_m;
                 let body = self.body.pose;
-                let free = (target_pose.translation - body.translation + sag_m, body.rotation_to(target_pose));
-                let way_out = |obstacle_idx: usize, contact: &Contact| match scene.obstacles.get(obstacle_idx) {
-                    Some(obstacle) => obstacle.way_out_world(body, contact),
-                    None => body.transform_vector(contact.normal_body.as_dvec3()),
-                };
-                over_a_tick(constraint::step(free, body, coupling, deepest, way_out, SLOP_VOXELS * contact.voxel_size_m)?)
+                // As seen from what it touches, which may move.
+                let Carried { linear, angular } = contact.carried;
+                let free =
+                    (target_pose.translation - body.translation + sag_m - linear, body.rotation_to(target_pose) - angular);
+                let way_out =
+                    |idx: usize, contact: &Contact| match (scene.obstacles.get(idx), places.stand(idx)) {
+                        (Some(obstacle), Some(stand)) => obstacle.way_out_world(stand.world_from_map, body, contact),
+                        _ => body.transform_vector(contact.normal_body.as_dvec3()),
+                    };
+                let step = constraint::step(free, body, coupling, deepest, way_out, SLOP_VOXELS * contact.voxel_size_m)?;
+                over_a_tick((step.0 + linear, step.1 + angular))
             }
             _ => self.step_with_mass(scene, (contact, rubbing), coupling, (stretched, target_twist, weight))?,
         };
@@ -170,7 +181,9 @@ impl VirtualTool {
         let damping_s = if along > 0.0 { 2.0 * p.contact.damping_ratio * (inertia.mass_kg / along).sqrt() } else { 0.0 };
 
         let pull = Pull { spring, target_twist, weight, damping, period_s: p.period_s };
-        let linear = LinearContact { wrench: wrench + rubbing.wrench * scale, stiffness, damping_s };
+        // What moves towards the tool will push by so much more at the end of the tick, and its damping acts on the speed between them.
+        let pushed = pushed(&stiffness, &contact.carried) * (1.0 + damping_s / p.period_s);
+        let linear = LinearContact { wrench: wrench + rubbing.wrench * scale + pushed, stiffness, damping_s };
         match coupling.mode {
             CouplingMode::SemiImplicit => self.body.step_semi_implicit(&pull, &linear, inertia),
             _ => self.body.step_implicit(&pull, &linear, inertia),
@@ -187,10 +200,18 @@ impl VirtualTool {
 
     /// A share of the contact wrench through the dynamic shaping filter.
     fn shaped(&mut self, contact: &ContactSum, share: f64, step_stiffness: f64, p: &Parameters) -> Wrench {
-        let slide =
-            Slide { speed_m_per_s: slide_speed(contact, self.body.twist), voxel_size_m: contact.voxel_size_m, step_stiffness };
+        let Carried { linear, angular } = contact.carried;
+        let Twist { linear: velocity, angular: spin } = self.body.twist;
+        let against = Twist { linear: velocity - linear / p.period_s, angular: spin - angular / p.period_s };
+        let slide = Slide { speed_m_per_s: slide_speed(contact, against), voxel_size_m: contact.voxel_size_m, step_stiffness };
         self.filter.update(contact.wrench * share, slide, contact.contacts > 0, &p.filter, p.period_s)
     }
+}
+
+/// What a contact stiffness adds to its wrench when what touches moves by so much.
+fn pushed(stiffness: &Mat6, carried: &Carried) -> Wrench {
+    let (force, torque) = stiffness.mul(carried.linear, carried.angular);
+    Wrench::new(force, torque)
 }
 
 /// The share of the contact stiffness that the semi-implicit step can take beside the coupling spring (algorithms, 7.2).

@@ -1,6 +1,7 @@
 //! The loop: wait → read → tick → write → publish, in a thread of its own.
 //!
-//! Data in: an immutable scene, an arm, a clock, one atomic request. Data out: one [`TickRecord`] per tick through a wait-free ring, and one
+//! Data in: an immutable scene (exchanged as a whole when another is offered), poses of movable objects, an arm, a clock, one atomic request.
+//! Data out: one [`TickRecord`] per tick through a wait-free ring, and one
 //! [`LoopReport`] at the end.
 //!
 //! Invariant: between the first and the last [`ServoLoop::step`] nothing here allocates, locks, prints or panics, and the only system
@@ -22,14 +23,19 @@
 mod calibration;
 mod control;
 mod pace;
+mod placing;
 mod step;
 mod stop_guard;
+mod swap;
 #[cfg(test)]
 pub(crate) mod testing;
 mod thread;
 
 pub use control::{Control, Order};
 pub use pace::{Due, Pace};
+pub use placing::{PlaceError, Placer, Wishes};
+use step::STOP_GRACE_S;
 pub use step::{Ending, LoopReport, RunPlan, ServoLoop, Step, TickFunction};
 pub use stop_guard::StopGuard;
+pub use swap::{Refused, Stage, SwapSlot, Swapper};
 pub use thread::run_to_end;

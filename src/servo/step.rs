@@ -5,11 +5,10 @@ use std::sync::Arc;
 
 use rtrb::{Producer, PushError};
 
-use super::calibration;
-use super::{Control, Due, Order, Pace, StopGuard};
+use super::{Control, Due, Order, Pace, Stage, StopGuard, SwapSlot, Wishes};
 use crate::device::{Capabilities, Device, DeviceError, Wakeup};
 use crate::haptics::contact::Budget;
-use crate::haptics::{self, Drive, Faults, RenderScene, State, TickInput, TickOutput};
+use crate::haptics::{self, Drive, DriveRequest, Faults, RenderScene, State, TickInput, TickOutput};
 use crate::rt::clock::{Clock, ClockKind};
 use crate::spatial::{DeviceSample, SampleStatus, Wrench};
 use crate::telemetry::{FlightRecorder, TickRecord};
@@ -25,7 +24,7 @@ const WARM_UP_NS: i64 = 10_000_000;
 const WARM_UP_TICKS_MIN: u32 = 8;
 
 /// How much longer than the ramp a stop may take before the loop ends anyway, s.
-const STOP_GRACE_S: f64 = 0.25;
+pub(super) const STOP_GRACE_S: f64 = 0.25;
 
 /// How a run is to end by itself. Counted in ticks, so that two runs under the virtual clock end on the same bit.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -100,8 +99,8 @@ pub struct LoopReport {
 /// ```
 #[derive(Debug)]
 pub struct ServoLoop<D: Device, C: Clock> {
-    scene: Arc<RenderScene>,
-    state: State,
+    stage: Box<Stage>,
+    swaps: Option<SwapSlot>,
     tick_function: TickFunction,
     time_budget_s: Option<f64>,
     device: StopGuard<D>,
@@ -115,6 +114,8 @@ pub struct ServoLoop<D: Device, C: Clock> {
     flight: FlightRecorder,
 
     tick: u64,
+    /// How many scenes were rendered before this one.
+    scene_idx: u32,
     /// Tick by which a stop or a fault must have led to zero; set when it begins.
     end_by_tick: Option<u64>,
     stop_ticks: u64,
@@ -142,11 +143,12 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
         records: Producer<TickRecord>,
     ) -> Self {
         let period_s = scene.parameters.period_s;
-        let stop_ticks = ((scene.parameters.limits.ramp_s + STOP_GRACE_S) / period_s).ceil() as u64;
+        let stage = Box::new(Stage::new(scene));
         let capabilities = device.capabilities();
         Self {
-            state: State::new(&scene),
-            scene,
+            stop_ticks: stage.stop_ticks(),
+            stage,
+            swaps: None,
             tick_function: haptics::tick,
             time_budget_s: None,
             device: StopGuard::new(device),
@@ -159,8 +161,8 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
             records,
             flight: FlightRecorder::new(FlightRecorder::DEFAULT_TICKS),
             tick: 0,
+            scene_idx: 0,
             end_by_tick: None,
-            stop_ticks,
             sample: DeviceSample::default(),
             device_lost: false,
             missed_deadlines: 0,
@@ -188,6 +190,20 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
         self
     }
 
+    /// The same loop with wishes for the movable objects of its scene.
+    #[must_use]
+    pub fn with_wishes(mut self, wishes: Wishes) -> Self {
+        self.stage.wishes = wishes;
+        self
+    }
+
+    /// The same loop with a slot for other scenes, of the same period and arm.
+    #[must_use]
+    pub fn with_swaps(mut self, swaps: SwapSlot) -> Self {
+        self.swaps = Some(swaps);
+        self
+    }
+
     /// The arm.
     pub fn device(&mut self) -> &mut D {
         &mut self.device
@@ -197,18 +213,17 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
     /// the loop, before the first step.
     pub fn warm_up(&mut self) {
         if let Some(time_budget_s) = self.time_budget_s {
-            let budget = calibration::budget(&self.scene, &self.state, &self.clock, time_budget_s);
-            self.state.set_budget(budget);
+            self.stage.calibrate(&self.clock, time_budget_s);
         }
-        let mut rehearsal = self.state.clone();
+        let mut rehearsal = self.stage.state.clone();
         let begin_ns = self.clock.stopwatch_ns();
         for n in 0..WARM_UP_TICKS {
             if n >= WARM_UP_TICKS_MIN && self.clock.stopwatch_ns() - begin_ns > WARM_UP_NS {
                 break;
             }
             let sample = DeviceSample { sequence: u64::from(n) + 1, status: SampleStatus::Fresh, ..DeviceSample::default() };
-            let input = TickInput { sample, request: Order::Enable.request(), overrun: false };
-            core::hint::black_box((self.tick_function)(&self.scene, &mut rehearsal, &input));
+            let input = TickInput { sample, request: Order::Enable.request(), ..TickInput::default() };
+            core::hint::black_box((self.tick_function)(&self.stage.scene, &mut rehearsal, &input));
             core::hint::black_box((self.clock.now_ns(), self.clock.stopwatch_ns()));
         }
         self.flight.note(&TickRecord::default());
@@ -236,8 +251,11 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
         self.first_tick_ns.get_or_insert(begin_ns);
         let sample = self.read();
         let read_ns = self.clock.stopwatch_ns();
-        let input = TickInput { sample, request: order.request(), overrun: due.missed > 0 };
-        let output = (self.tick_function)(&self.scene, &mut self.state, &input);
+        let swaps = self.swap_is_due(order);
+        let request = if swaps && order == Order::Enable { DriveRequest::Stop } else { order.request() };
+        let place = self.stage.wishes.next(self.tick as f64 * self.stage.scene.parameters.period_s);
+        let input = TickInput { sample, request, overrun: due.missed > 0, place };
+        let output = (self.tick_function)(&self.stage.scene, &mut self.stage.state, &input);
         let computed_ns = self.clock.stopwatch_ns();
         self.write(&output.command_device);
         let written_ns = self.clock.stopwatch_ns();
@@ -245,6 +263,7 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
         self.last = output;
         self.publish(&TickRecord {
             tick: self.tick,
+            scene_idx: self.scene_idx,
             time_ns: due.now_ns - self.start_ns,
             wakeup_ns: due.late_ns,
             compute_ns: elapsed_ns(read_ns, computed_ns),
@@ -252,7 +271,29 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
             input,
             output,
         });
-        self.conclude(order, &output)
+        let step = self.conclude(order, &output);
+        if swaps && step == Step::Continue {
+            self.swap_at_zero(&output);
+        }
+        step
+    }
+
+    /// True when the force is to go to zero for another scene. A stop goes first.
+    fn swap_is_due(&mut self, order: Order) -> bool {
+        let (tick, clock) = (self.tick, self.clock.kind());
+        let may = matches!(order, Order::Enable | Order::Disable) && self.faults.is_empty();
+        may && self.swaps.as_mut().is_some_and(|swaps| swaps.is_due(tick, clock))
+    }
+
+    /// Exchanges the scenes once no force is left. The tool stays where it stands, if there is room in the new scene.
+    fn swap_at_zero(&mut self, output: &TickOutput) {
+        let at_zero = output.drive == Drive::Disabled && output.command_device == Wrench::ZERO && self.faults.is_empty();
+        if at_zero && self.swaps.as_mut().is_some_and(|swaps| swaps.exchange(&mut self.stage)) {
+            let Stage { scene, state, .. } = &mut *self.stage;
+            state.resume_at(scene, output.world_from_tool);
+            self.stop_ticks = self.stage.stop_ticks();
+            self.scene_idx += 1;
+        }
     }
 
     /// The order of this tick: what the supervisor wants, or the stop that the plan foresees.
@@ -369,7 +410,7 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
             missed_deadlines: self.missed_deadlines,
             dropped_records: self.dropped_records,
             packet_errors: self.packet_errors,
-            contact_budget_points: match self.state.budget() {
+            contact_budget_points: match self.stage.state.budget() {
                 Budget::Unlimited => None,
                 Budget::Points(points) => Some(points),
             },

@@ -10,6 +10,8 @@ use crate::haptics::{TickInput, TickOutput};
 pub struct TickRecord {
     /// Counts from 0.
     pub tick: u64,
+    /// Which scene: 0 the first, one more after each swap.
+    pub scene_idx: u32,
     /// Loop time at which the tick began, ns since the loop began; simulated under the virtual clock.
     pub time_ns: i64,
     /// How late the tick began after the deadline that it waited for, ns.

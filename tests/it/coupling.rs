@@ -133,7 +133,7 @@ impl Arm {
     }
 
     fn give(&mut self, sample: DeviceSample, request: DriveRequest) -> TickOutput {
-        tick(&self.scene, &mut self.state, &TickInput { sample, request, overrun: false })
+        tick(&self.scene, &mut self.state, &TickInput { sample, request, overrun: false, place: None })
     }
 
     fn request(&mut self, pose: Pose, request: DriveRequest) -> TickOutput {

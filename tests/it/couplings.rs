@@ -189,7 +189,7 @@ fn run(situation: &Situation, scene: &mut RenderScene, config: &SceneConfig) -> 
     let limits = config.parameters.limits;
     for n in 0..N_TICKS {
         let sample = arm.read().expect("a sample");
-        let output = tick(scene, &mut state, &TickInput { sample, request: DriveRequest::Enable, overrun: false });
+        let output = tick(scene, &mut state, &TickInput { sample, request: DriveRequest::Enable, overrun: false, place: None });
         arm.write(&output.command_device).expect("a finite command");
         assert_eq!(output.faults, Faults::NONE, "tick {n}: {output:?}");
         assert!(output.world_from_tool.is_finite() && output.contact_world.is_finite() && output.energy_j.is_finite(), "tick {n}");
@@ -359,7 +359,7 @@ fn shaken_m(scene: &mut RenderScene, mode: CouplingMode, stiffness: f64, cutoff_
         if !reported {
             sample.delay_ticks = 0;
         }
-        let output = tick(scene, &mut state, &TickInput { sample, request: DriveRequest::Enable, overrun: false });
+        let output = tick(scene, &mut state, &TickInput { sample, request: DriveRequest::Enable, overrun: false, place: None });
         assert_eq!(output.faults, Faults::NONE);
         arm.write(&output.command_device).expect("a command");
         if n >= 5500 {

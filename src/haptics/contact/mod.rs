@@ -47,18 +47,18 @@ use crate::voxmap::field::{Field, FieldKind};
 pub struct Obstacle {
     /// Its field, map frame.
     pub field: Field,
-    /// Where it stands.
+    /// Where it stands until it is asked to go elsewhere.
     pub world_from_map: Pose,
 }
 
 impl Obstacle {
     /// Unit direction in world axes in which a contact leaves this obstacle fastest, −grad V; the contact's own normal where the gradient
-    /// vanishes. `world_from_body` is the pose at which the contact was found. RT: safe, O(1).
-    pub fn way_out_world(&self, world_from_body: Pose, contact: &Contact) -> DVec3 {
-        let point_map = self.world_from_map.inverse().transform_point(world_from_body.transform_point(contact.arm_body.as_dvec3()));
+    /// vanishes. The poses are those at which the contact was found. RT: safe, O(1).
+    pub fn way_out_world(&self, world_from_map: Pose, world_from_body: Pose, contact: &Contact) -> DVec3 {
+        let point_map = world_from_map.inverse().transform_point(world_from_body.transform_point(contact.arm_body.as_dvec3()));
         let cells = (point_map - self.field.origin_map().as_dvec3()) / f64::from(self.field.voxel_size_m());
         match (-self.field.gradient(cells.as_vec3())).as_dvec3().try_normalize() {
-            Some(normal_map) => self.world_from_map.transform_vector(normal_map),
+            Some(normal_map) => world_from_map.transform_vector(normal_map),
             None => world_from_body.transform_vector(contact.normal_body.as_dvec3()),
         }
     }
@@ -101,7 +101,32 @@ pub struct ContactSum {
     pub looked_at: u32,
     /// Points that a budget left out: others stood for them.
     pub left_out: u32,
+    /// How what touches moved in this tick, weighted by depth.
+    pub carried: Carried,
     patches: [Option<Patch>; FACES],
+    /// The same face by face; `None` while nothing that touches moves.
+    carried_faces: Option<[Carried; FACES]>,
+}
+
+/// A small motion in one tick of what the tool touches: its material at the tool's centre of mass goes by `linear` (m), and turns by
+/// `angular` (rad); world axes.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Carried {
+    /// m.
+    pub linear: DVec3,
+    /// rad.
+    pub angular: DVec3,
+}
+
+impl Carried {
+    fn add(&mut self, weight: f64, other: Self) {
+        self.linear += other.linear * weight;
+        self.angular += other.angular * weight;
+    }
+
+    fn scaled(self, share: f64) -> Self {
+        Self { linear: self.linear * share, angular: self.angular * share }
+    }
 }
 
 /// Gets every contact with the number of its obstacle.
@@ -113,7 +138,12 @@ impl ContactSum {
         self.patches.iter().flatten()
     }
 
-    /// Traverses the whole shell against every obstacle.
+    /// How each face is carried by what it touches.
+    pub fn carried_faces(&self) -> Option<&[Carried; FACES]> {
+        self.carried_faces.as_ref()
+    }
+
+    /// Traverses the whole shell against every obstacle, each where it stood at the start.
     ///
     /// `world_from_body`: tool axes at the centre of mass. Contact stiffness is the Gauss-Newton form K Σ w wᵀ with
     /// w = (n, r × n): the depth's gradient is taken as −n, which keeps the matrix positive semi-definite, so the implicit step
@@ -170,6 +200,8 @@ impl ContactSum {
             let (Some(obstacle), Some(stand)) = (obstacles.get(obstacle_idx), traversal.places().stand(obstacle_idx)) else { break };
             let map_from_body = stand.world_from_map.inverse() * world_from_body;
             let reserve_m = stand.reserve_m;
+            let center = world_from_body.translation;
+            let carried = (!stand.moved.is_none()).then(|| Carried { linear: stand.moved.at(center), angular: stand.moved.angular });
             let by = summing.weighting(obstacle);
             let found = traversal.find((n, obstacle_idx), obstacle, contact.field, shell, map_from_body);
             let mut n_contacts = 0;
@@ -177,6 +209,9 @@ impl ContactSum {
             let kind = |touched: &Touched| (traversal.face(touched.block), touched.bends(&obstacle.field, shell));
             for run in traversal.touched().chunk_by(|one, other| kind(one) == kind(other)) {
                 let Some((face, bends)) = run.first().map(kind) else { continue };
+                if let Some(carried) = carried {
+                    summing.carry(face, carried, run);
+                }
                 let Some(sums) = summing.face(face) else { continue };
                 n_contacts += run.iter().map(|touched| touched.lanes.count_ones()).sum::<u32>();
                 if bends {
@@ -195,6 +230,9 @@ impl ContactSum {
                 }
             }
             summing.note(obstacle, n_contacts, found.max_value_m, reserve_m);
+            if reserve_m > 0.0 {
+                traversal.note_pressed((obstacle_idx, obstacle), shell, (world_from_body, map_from_body), found.max_value_m);
+            }
             summing.left_out += found.left_out;
             summing.looked_at += found.looked_at;
         }
@@ -219,6 +257,8 @@ struct Summing<'a> {
     step_limit_m: f64,
     looked_at: u32,
     left_out: u32,
+    /// Σ depth · motion of what is touched by each face.
+    carried: Option<[Carried; FACES]>,
 }
 
 impl<'a> Summing<'a> {
@@ -235,6 +275,17 @@ impl<'a> Summing<'a> {
             step_limit_m: f64::INFINITY,
             looked_at: 0,
             left_out: 0,
+            carried: None,
+        }
+    }
+
+    /// Notes that what these blocks of a face touch has moved.
+    fn carry(&mut self, face: u8, carried: Carried, run: &[Touched]) {
+        let depth_m = |touched: &Touched| touched.lanes().filter_map(|lane| touched.depths_m.get(lane)).sum::<f32>() * touched.weight;
+        let depth_m = run.iter().map(|touched| f64::from(depth_m(touched))).sum();
+        let faces = self.carried.get_or_insert_with(|| [Carried::default(); FACES]);
+        if let Some(sum) = faces.get_mut(usize::from(face)) {
+            sum.add(depth_m, carried);
         }
     }
 
@@ -296,7 +347,9 @@ impl<'a> Summing<'a> {
             step_limit_m: self.step_limit_m,
             looked_at: self.looked_at,
             left_out: self.left_out,
+            carried: Carried::default(),
             patches: [None; FACES],
+            carried_faces: self.carried,
         };
         let (mut depth, mut depth_arm) = (0.0, DVec3::ZERO);
         let (mut force, mut moment, mut stiffness) = (DVec3::ZERO, DVec3::ZERO, Mat6::ZERO);
@@ -318,6 +371,12 @@ impl<'a> Summing<'a> {
         sum.stiffness = Mat6::ZERO.plus_scaled(stiffness_n_per_m, &stiffness.rotated(rotation));
         if depth > 0.0 {
             sum.arm_world = rotation * depth_arm / depth;
+        }
+        if let Some(faces) = sum.carried_faces.as_mut() {
+            for (carried, total) in faces.iter_mut().zip(&totals) {
+                sum.carried.add(1.0 / depth, *carried);
+                *carried = total.map_or(Carried::default(), |total| carried.scaled(1.0 / total.depth));
+            }
         }
         sum
     }

@@ -55,8 +55,8 @@ pub(in crate::haptics) struct Stand {
     pub(in crate::haptics) reserve_m: f64,
     /// Largest V of this tick, m.
     pub(in crate::haptics) max_value_m: f64,
-    /// The deepest contact of this tick, relative to the tool's centre of mass, world axes, m; found only while it moves.
-    pub(in crate::haptics) deepest_world: Option<DVec3>,
+    /// The deepest contact of this tick, in the world, and the unit direction in which it leaves the obstacle; found only while it moves.
+    pub(in crate::haptics) deepest_world: Option<(DVec3, DVec3)>,
     /// False of what cannot be told by its box.
     boxed: bool,
 }

@@ -8,7 +8,7 @@ use super::budget::Budget;
 use super::faces::face_of;
 use super::places::{FarSum, Places};
 use super::simd::{Machine, Place};
-use super::touched::Touched;
+use super::touched::{Contact, Touched};
 use super::walk::{Found, Lists, Walk};
 use super::{Obstacle, flat};
 use crate::pointshell::shell::{LANES, Shell};
@@ -163,6 +163,33 @@ impl Traversal {
             }
         }
         found
+    }
+
+    /// Notes what was found of an obstacle that is under way, for its next step: its largest V and its deepest contact. RT: safe; O(touched).
+    pub(super) fn note_pressed(
+        &mut self,
+        (obstacle_idx, obstacle): (usize, &Obstacle),
+        shell: &Shell,
+        (world_from_body, map_from_body): (Pose, Pose),
+        max_value_m: f32,
+    ) {
+        let mut deepest: Option<Contact> = None;
+        for touched in &self.touched {
+            let depth_m = |touched: &Touched| touched.lanes().filter_map(|lane| touched.depths_m.get(lane)).fold(0.0, |a, b| b.max(a));
+            if deepest.is_none_or(|deepest| depth_m(touched) > deepest.depth_m) {
+                touched.contacts(&obstacle.field, shell, map_from_body, |contact| {
+                    if deepest.is_none_or(|deepest| contact.depth_m > deepest.depth_m) {
+                        deepest = Some(*contact);
+                    }
+                });
+            }
+        }
+        let Some(stand) = self.places.stand_mut(obstacle_idx) else { return };
+        stand.max_value_m = f64::from(max_value_m);
+        stand.deepest_world = deepest.map(|contact| {
+            let point = world_from_body.transform_point(contact.arm_body.as_dvec3());
+            (point, obstacle.way_out_world(stand.world_from_map, world_from_body, &contact))
+        });
     }
 
     /// What touches the obstacle that was asked for last, in the order of the shell; with a budget, points that stand for others first.
