@@ -6,7 +6,7 @@ use super::{Talk, report, say};
 use crate::scene::cache::{Cache, Residence};
 
 /// Where baked objects are kept.
-#[derive(Debug, clap::Args)]
+#[derive(Clone, Debug, clap::Args)]
 pub(crate) struct CacheArgs {
     /// Folder of the bake cache, or `off` [default: $XDG_CACHE_HOME/hapticd, or ~/.cache/hapticd].
     #[arg(long, value_name = "DIR|off")]

@@ -7,7 +7,7 @@ use crate::voxmap::estimate::Estimate;
 use crate::voxmap::grid::show_bytes;
 
 /// How much memory baking may take.
-#[derive(Debug, clap::Args)]
+#[derive(Clone, Debug, clap::Args)]
 pub(crate) struct MemoryArgs {
     /// Refuse to bake what would hold more memory than this, such as 800M, 2GB or 1.5GiB. What the bake cache has is not baked.
     #[arg(long = "max-memory", value_name = "SIZE", value_parser = parse_size, allow_hyphen_values = true)]

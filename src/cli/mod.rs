@@ -5,6 +5,7 @@ mod bench;
 mod cache;
 mod check;
 mod eval;
+mod live;
 mod memory;
 mod progress;
 mod report;

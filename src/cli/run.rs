@@ -12,9 +12,9 @@ use crossbeam::channel::Receiver;
 use serde::Serialize;
 
 use super::progress::BakeProgress;
-use super::{Talk, bake, cache, check, memory, report, say};
+use super::{Talk, bake, cache, check, live, memory, report, say};
 use crate::config::{self, LoadOptions};
-use crate::daemon::{Notice, Outcome, PrepareError, Prepared, RenderJob, RunError, Supervisor, prepare_with};
+use crate::daemon::{Live, Notice, Outcome, PrepareError, Prepared, RenderJob, RunError, Supervisor, prepare_with};
 use crate::error::Exit;
 use crate::haptics::Faults;
 use crate::rt::clock::{ClockKind, monotonic_ns};
@@ -43,6 +43,8 @@ pub(crate) struct Args {
     #[arg(long, value_name = "CLOCK", default_value = "real")]
     clock: ClockArg,
     #[command(flatten)]
+    live: live::LiveArgs,
+    #[command(flatten)]
     memory: memory::MemoryArgs,
     #[command(flatten)]
     cache: cache::CacheArgs,
@@ -67,6 +69,15 @@ enum ClockArg {
     Real,
     /// Simulated time.
     Virtual,
+}
+
+impl ClockArg {
+    fn kind(self) -> ClockKind {
+        match self {
+            Self::Real => ClockKind::Real,
+            Self::Virtual => ClockKind::Virtual,
+        }
+    }
 }
 
 /// Why a run ended before it began.
@@ -95,6 +106,10 @@ pub(crate) fn main(args: &Args, talk: Talk, started_ns: i64) -> Exit {
         Ok(config) => config,
         Err(errors) => return report::config_errors(&errors, talk),
     };
+    let changes = match args.live.check(&config, &overrides, talk) {
+        Ok(changes) => changes,
+        Err(exit) => return exit,
+    };
     if talk.verbose > 0 {
         say::talk(format_args!("{}\n", check::summary(&config)));
     }
@@ -115,12 +130,23 @@ pub(crate) fn main(args: &Args, talk: Talk, started_ns: i64) -> Exit {
         baked_s.set(since_start_s(monotonic_ns()));
         Ok(prepared)
     };
-    match run(args, talk, interrupts, bake) {
+    let (live, under_way) = match changes.begin(&args.cache, &args.memory, args.clock.kind(), talk) {
+        Ok(begun) => begun,
+        Err(error) => {
+            report::error(&format!("cannot start a thread: {error}"), None, talk);
+            return Exit::Internal;
+        }
+    };
+    match run(args, talk, (live, &under_way), interrupts, bake) {
         Ok(outcome) => {
             let first_tick = outcome.report.first_tick_ns.map_or(0.0, since_start_s);
             let start_s = StartTimes { baked: baked_s.get(), first_tick };
-            say::result(format_args!("{}", result_text(&outcome.totals, start_s, args.json)));
-            outcome.exit()
+            let swaps = under_way.reports(&outcome.swaps);
+            say::result(format_args!("{}", result_text(&outcome.totals, start_s, &swaps, args.json)));
+            match (outcome.exit(), under_way.failure(talk)) {
+                (Exit::Ok, Some(failure)) => failure,
+                (exit, _) => exit,
+            }
         }
         Err(Refusal::Prepare(error)) => report::prepare_error(&error, talk),
         Err(Refusal::Run(error)) => {
@@ -144,10 +170,11 @@ pub(crate) fn main(args: &Args, talk: Talk, started_ns: i64) -> Exit {
 fn run(
     args: &Args,
     talk: Talk,
+    (live, under_way): (Live, &live::UnderWay),
     interrupts: impl FnOnce() -> Result<Receiver<()>, SignalError>,
     bake: impl FnOnce() -> Result<Prepared, PrepareError>,
 ) -> Result<Outcome, Refusal> {
-    let mut screen = Screen::new(talk);
+    let mut screen = Screen::new(talk, under_way);
     let mut supervisor = Supervisor::new(|notice| screen.show(&notice));
     let prepared = supervisor.bake(bake).map_err(Refusal::Prepare)?;
     let job = RenderJob {
@@ -156,28 +183,26 @@ fn run(
         realtime: prepared.realtime,
         rate_hz: prepared.rate_hz,
         time_budget_s: prepared.time_budget_s,
-        clock: match args.clock {
-            ClockArg::Real => ClockKind::Real,
-            ClockArg::Virtual => ClockKind::Virtual,
-        },
+        clock: args.clock.kind(),
         duration: args.duration,
     };
     // Only now: until here no force can flow, and Ctrl-C ends a long bake at once as it does everywhere.
     let interrupts = interrupts().map_err(Refusal::Signals)?;
-    supervisor.render(job, &interrupts).map_err(Refusal::Run)
+    supervisor.render_live(job, live, &interrupts).map_err(Refusal::Run)
 }
 
 /// stderr while a run goes on: lines that stay, and on a terminal one status line that is written over.
-struct Screen {
+struct Screen<'a> {
+    under_way: &'a live::UnderWay,
     quiet: bool,
     live: bool,
     /// A status line is on the screen now.
     status_on: bool,
 }
 
-impl Screen {
-    fn new(talk: Talk) -> Self {
-        Self { quiet: talk.quiet, live: !talk.quiet && std::io::stderr().is_terminal(), status_on: false }
+impl<'a> Screen<'a> {
+    fn new(talk: Talk, under_way: &'a live::UnderWay) -> Self {
+        Self { under_way, quiet: talk.quiet, live: !talk.quiet && std::io::stderr().is_terminal(), status_on: false }
     }
 
     fn show(&mut self, notice: &Notice<'_>) {
@@ -192,6 +217,12 @@ impl Screen {
                     for row in report_lines(report, false) {
                         self.line(&row);
                     }
+                }
+            }
+            Notice::Scene(record) => {
+                if !self.quiet {
+                    let (path, at_s) = (self.under_way.scene(record.scene_idx), record.time_ns as f64 * 1e-9);
+                    self.line(&format!("scene: {} from {at_s:.3} s on (tick {})", path.display(), record.tick));
                 }
             }
             Notice::Fault(record) => {
@@ -263,15 +294,16 @@ fn status_text(record: &TickRecord) -> String {
 }
 
 /// What goes to stdout.
-fn result_text(totals: &Totals, start_s: StartTimes, json: bool) -> String {
+fn result_text(totals: &Totals, start_s: StartTimes, swaps: &[live::SwapReport], json: bool) -> String {
     if json {
         #[derive(Serialize)]
         struct RunReport<'t> {
             #[serde(flatten)]
             totals: &'t Totals,
             start_s: StartTimes,
+            swaps: &'t [live::SwapReport],
         }
-        return match serde_json::to_string(&RunReport { totals, start_s }) {
+        return match serde_json::to_string(&RunReport { totals, start_s, swaps }) {
             Ok(mut text) => {
                 text.push('\n');
                 text
@@ -287,6 +319,9 @@ fn result_text(totals: &Totals, start_s: StartTimes, json: bool) -> String {
     };
     row("ticks", format_args!("{} in {:.3} s at {} Hz ({} clock)", totals.ticks, totals.duration_s, totals.rate_hz, totals.clock));
     row("start", format_args!("baked after {:.3} s, first tick after {:.3} s", start_s.baked, start_s.first_tick));
+    for swap in swaps {
+        row("swap", format_args!("{swap}"));
+    }
     row("missed deadlines", format_args!("{}", totals.missed_deadlines));
     for (name, latency) in [("wake-up", totals.wakeup_us), ("compute", totals.compute_us), ("device", totals.device_us)] {
         let LatencySummary { p50, p99, p999, max } = latency;
@@ -298,6 +333,9 @@ fn result_text(totals: &Totals, start_s: StartTimes, json: bool) -> String {
     }
     row("contact", format_args!("{} ticks, deepest {:.4} mm", totals.contact_ticks, totals.max_depth_m * 1e3));
     row("passivity", format_args!("damped {} ticks, lowest energy {:.4} mJ", totals.passivity_ticks, totals.lowest_energy_j * 1e3));
+    if totals.object_work_j > 0.0 {
+        row("moving objects", format_args!("put up to {:.4} mJ into the hand", totals.object_work_j * 1e3));
+    }
     let pose = totals.final_pose;
     row(
         "tool at the end",
@@ -346,6 +384,20 @@ mod tests {
             rate_hz: 1000,
             time_budget_s: None,
         }
+    }
+
+    /// A run in which nothing changes.
+    fn run(
+        args: &Args,
+        talk: Talk,
+        interrupts: impl FnOnce() -> Result<Receiver<()>, SignalError>,
+        bake: impl FnOnce() -> Result<Prepared, PrepareError>,
+    ) -> Result<Outcome, Refusal> {
+        super::run(args, talk, (Live::default(), &live::UnderWay::default()), interrupts, bake)
+    }
+
+    fn result_text(totals: &Totals, start_s: StartTimes, json: bool) -> String {
+        super::result_text(totals, start_s, &[], json)
     }
 
     const QUIET: Talk = Talk { verbose: 0, quiet: true, color: When::Never };

@@ -88,8 +88,10 @@ pub struct StaticConfig {
     pub layers: u32,
     /// How inside and outside are told.
     pub sides: SidesRule,
-    /// `world_from_map`.
+    /// `world_from_map`; of a movable one where it stands at the start.
     pub pose: Pose,
+    /// Its pose may be set while running.
+    pub movable: bool,
 }
 
 /// The tool.
@@ -332,11 +334,6 @@ impl Resolve<'_> {
     /// Keys and values that the format has and this version lacks. Nothing is read and ignored.
     fn later_keys(&mut self, scene: &schema::Scene) {
         let checks = &mut self.checks;
-        for (index, object) in scene.statics.iter().enumerate() {
-            if object.movable == Some(true) {
-                checks.not_available(&format!("static[{index}].movable"), "use false");
-            }
-        }
         if scene.monitor.listen.as_deref().is_some_and(|listen| listen != "off") {
             checks.not_available("monitor.listen", "use \"off\"");
         }
@@ -379,6 +376,7 @@ impl Resolve<'_> {
                 self.checks.orientation(&key("orientation_xyzw"), object.orientation_xyzw),
                 self.checks.position(&key("position_mm"), object.position_mm) * MM,
             ),
+            movable: object.movable.unwrap_or(false),
         }
     }
 

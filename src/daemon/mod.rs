@@ -16,6 +16,9 @@
 //!                                                               └─────────┘             └───────┘
 //! ```
 //!
+//! While it renders, movable objects take poses and a swap goes once around: Enabled, Stopping, Disabled with zero force, where the scenes are
+//! exchanged, Enabling, Enabled. The phases tell it as it is.
+//!
 //! Force flows in Enabling, Enabled and Stopping only. Every way out, drawn or not, passes the servo's stop guard: the last thing that the
 //! arm hears is a zero command.
 //!
@@ -25,4 +28,4 @@ mod prepare;
 mod supervisor;
 
 pub use prepare::{PrepareError, Prepared, inputs, prepare, prepare_with};
-pub use supervisor::{Notice, Outcome, Phase, RenderJob, RunError, Supervisor};
+pub use supervisor::{Live, Notice, Outcome, Phase, RenderJob, RunError, Supervisor};

@@ -15,8 +15,8 @@ use crate::haptics::{Drive, RenderScene};
 use crate::rt::clock::{Clock, ClockKind, RealClock, VirtualClock};
 use crate::rt::preflight::{KernelFacts, Report};
 use crate::rt::schedule::{self, ThreadRequest, ThreadStanding};
-use crate::servo::{Control, Ending, LoopReport, Order, RunPlan, ServoLoop, run_to_end};
-use crate::telemetry::{Counted, Drained, RealtimeSummary, TickRecord, Totals, Watch, drain};
+use crate::servo::{Control, Ending, LoopReport, Order, RunPlan, ServoLoop, SwapSlot, Wishes, run_to_end};
+use crate::telemetry::{Counted, Drained, RealtimeSummary, SwapSummary, TickRecord, Totals, Watch, drain};
 
 /// Records under way between servo and drain: four seconds at 1 kHz.
 const RING_RECORDS: usize = 4096;
@@ -86,6 +86,8 @@ pub enum Notice<'a> {
     Status(&'a TickRecord),
     /// The tick in which a fault appeared.
     Fault(&'a TickRecord),
+    /// The first tick of another scene.
+    Scene(&'a TickRecord),
 }
 
 /// Everything that rendering takes.
@@ -106,9 +108,20 @@ pub struct RenderJob {
     pub duration: Option<Duration>,
 }
 
+/// What may change while a run goes on.
+#[derive(Debug, Default)]
+pub struct Live {
+    /// Poses of movable objects.
+    pub wishes: Wishes,
+    /// Other scenes; the cold end is the caller's.
+    pub swaps: Option<SwapSlot>,
+}
+
 /// How a run ended.
 #[derive(Debug)]
 pub struct Outcome {
+    /// When scenes were swapped.
+    pub swaps: Vec<SwapSummary>,
     /// The result, as `--json` has it.
     pub totals: Totals,
     /// What the servo had to say, with the flight recorder.
@@ -203,12 +216,20 @@ impl<N: FnMut(Notice<'_>)> Supervisor<N> {
         }
     }
 
+    /// Preflight, enable, render, stop, with nothing that changes. See [`Self::render_live`].
+    ///
+    /// # Errors
+    /// As there.
+    pub fn render(&mut self, job: RenderJob, interrupts: &Receiver<()>) -> Result<Outcome, RunError> {
+        self.render_live(job, Live::default(), interrupts)
+    }
+
     /// Preflight, enable, render, stop. Blocks until the arm is at rest; each message of `interrupts` asks for a stop, a second one for a stop
     /// at once.
     ///
     /// # Errors
     /// See [`RunError`]; no tick was rendered then, except under [`RunError::Servo`].
-    pub fn render(&mut self, job: RenderJob, interrupts: &Receiver<()>) -> Result<Outcome, RunError> {
+    pub fn render_live(&mut self, job: RenderJob, live: Live, interrupts: &Receiver<()>) -> Result<Outcome, RunError> {
         let capabilities = job.device.capabilities();
         if !capabilities.homed {
             return Err(RunError::NotHomed);
@@ -230,11 +251,11 @@ impl<N: FnMut(Notice<'_>)> Supervisor<N> {
         let servo = match job.clock {
             ClockKind::Real => {
                 let servo = ServoLoop::new(job.scene, job.device, RealClock, control.clone(), plan, producer);
-                spawn_servo(servo.with_time_budget(job.time_budget_s), Some(request))?
+                spawn_servo(with_live(servo.with_time_budget(job.time_budget_s), live), Some(request))?
             }
             ClockKind::Virtual => {
                 let servo = ServoLoop::new(job.scene, job.device, VirtualClock::default(), control.clone(), plan, producer);
-                spawn_servo(servo.with_time_budget(job.time_budget_s), None)?
+                spawn_servo(with_live(servo.with_time_budget(job.time_budget_s), live), None)?
             }
         };
 
@@ -263,7 +284,7 @@ impl<N: FnMut(Notice<'_>)> Supervisor<N> {
         }
         self.enter(if report.faults.is_empty() { Phase::Stopped } else { Phase::Fault });
         let totals = drained.summary.totals(counted(&report, &preflight, job.rate_hz, job.clock));
-        Ok(Outcome { totals, report, preflight })
+        Ok(Outcome { swaps: drained.summary.swaps().to_vec(), totals, report, preflight })
     }
 
     /// Passes on what is told and turns signals into orders, until the servo thread has ended.
@@ -312,6 +333,7 @@ impl<N: FnMut(Notice<'_>)> Supervisor<N> {
         match watch {
             Watch::Drive(record) => self.enter(Phase::of(record.output.drive)),
             Watch::Fault(record) => (self.notify)(Notice::Fault(record)),
+            Watch::Scene(record) => (self.notify)(Notice::Scene(record)),
             Watch::Snapshot(record) => (self.notify)(Notice::Status(record)),
         }
     }
@@ -329,6 +351,14 @@ impl Drop for QuitOnUnwind<'_> {
             self.control.give(Order::Quit);
             let _ = self.ended.recv_timeout(QUIT_PATIENCE);
         }
+    }
+}
+
+fn with_live<C: Clock>(servo: ServoLoop<Box<dyn Device>, C>, live: Live) -> ServoLoop<Box<dyn Device>, C> {
+    let servo = servo.with_wishes(live.wishes);
+    match live.swaps {
+        Some(swaps) => servo.with_swaps(swaps),
+        None => servo,
     }
 }
 

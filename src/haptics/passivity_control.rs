@@ -26,10 +26,7 @@ const N_HELD: usize = MAX_DELAY_TICKS as usize + 1;
 /// would pay for a minute of trembling.
 const FORGET_AFTER_S: f64 = 0.01;
 
-/// Time in which the work of a moving obstacle may pass to the hand, s: some ticks of coupling and filter, and no more.
-const PASSES_WITHIN_S: f64 = 0.05;
-
-/// Observer and controller of one port. 3 KiB, no heap. Wrench, twist and pose are those of the grip in device axes.
+/// Observer and controller of one port. 6 KiB, no heap. Wrench, twist and pose are those of the grip in device axes.
 #[derive(Clone, Debug)]
 pub struct PassivityController {
     observer: EnergyObserver,
@@ -43,8 +40,10 @@ pub struct PassivityController {
     active: bool,
     /// Energy that moving obstacles have put in, J.
     carried_j: f64,
-    /// What of it may still pass, J.
-    allowance_j: f64,
+    /// What the last [`damped`](PassivityController::damped) added.
+    injected: Wrench,
+    /// `[N_HELD]`, as `held`: the commands without what was injected, which is all that an obstacle can push with.
+    coupled: [Wrench; N_HELD],
 }
 
 impl Default for PassivityController {
@@ -58,7 +57,8 @@ impl Default for PassivityController {
             quiet_s: 0.0,
             active: false,
             carried_j: 0.0,
-            allowance_j: 0.0,
+            injected: Wrench::ZERO,
+            coupled: [Wrench::ZERO; N_HELD],
         }
     }
 }
@@ -72,31 +72,29 @@ impl PassivityController {
         let before_j = self.observer.energy_j();
         let energy_j = self.observer.observe_held(acted, pose.translation - last.translation, last.rotation_to(pose));
         self.budget_j += energy_j - before_j;
-        let passes_j = self.allowance_j.min(-self.budget_j).max(0.0);
-        self.budget_j += passes_j;
-        self.allowance_j -= passes_j;
         self.quiet_s = if acted == Wrench::ZERO { self.quiet_s + period_s } else { 0.0 };
         if self.quiet_s > FORGET_AFTER_S {
             self.budget_j = self.budget_j.min(0.0);
         }
     }
 
-    /// Takes note, before [`observe`](Self::observe), of how obstacles that move carry the port (device axes, m and rad in this tick). An
-    /// obstacle is moved by a power of its own, so what the command of `delay_ticks` ago does over its way may pass to the hand and is no
-    /// debt; and what the hand gives to one that recedes is not there any more. It may pass within [`PASSES_WITHIN_S`] and never becomes a
-    /// credit: an arm that does not give way saves nothing up. RT: safe, O(1).
-    pub fn carry(&mut self, moved: DVec3, turned: DVec3, delay_ticks: u32, period_s: f64) {
-        let acted = self.acted(delay_ticks);
+    /// Takes note, after [`observe`](Self::observe), of how obstacles that move carry the port (device axes, m and rad in this tick).
+    ///
+    /// An obstacle is moved by a power of its own: what the coupling's command of `delay_ticks` ago does over the obstacle's way goes into
+    /// the spring or the hand and is no debt, and what the hand gives to one that recedes is not there any more. It makes a credit of
+    /// `spring_j` at most, what the spring can hold, so that an arm that does not give way saves nothing up; and it never makes a debt.
+    /// RT: safe, O(1).
+    pub fn carry(&mut self, moved: DVec3, turned: DVec3, delay_ticks: u32, spring_j: f64) {
+        let acted = self.of(&self.coupled, delay_ticks);
         let work_j = acted.force.dot(moved) + acted.torque.dot(turned);
-        self.allowance_j *= (1.0 - period_s / PASSES_WITHIN_S).max(0.0);
-        // Written so that a NaN counts for nothing.
-        if work_j > 0.0 && work_j.is_finite() {
-            self.carried_j += work_j;
-            self.allowance_j += work_j;
-        } else if work_j < 0.0 && work_j.is_finite() {
-            self.carried_j += work_j;
-            self.budget_j += work_j;
+        // A NaN counts for nothing.
+        if !work_j.is_finite() {
+            return;
         }
+        self.carried_j += work_j;
+        let carried_j = self.budget_j + work_j;
+        self.budget_j =
+            if work_j > 0.0 { carried_j.min(spring_j).max(self.budget_j) } else { carried_j.max(0.0).min(self.budget_j) };
     }
 
     /// The wrench on the hand, `wanted` plus a damper against `twist` where `wanted` would drive the energy below zero: so much that
@@ -106,7 +104,8 @@ impl PassivityController {
     /// finite passes through, for the finite check to see.
     pub fn damped(&mut self, wanted: Wrench, twist: Twist, arm: &ArmParameters, limits: &LimitParameters, period_s: f64) -> Wrench {
         self.active = false;
-        let missing_j = period_s * wanted.power(twist) - self.budget_j - self.allowance_j;
+        self.injected = Wrench::ZERO;
+        let missing_j = period_s * wanted.power(twist) - self.budget_j;
         let damper = Wrench::new(twist.linear * -arm.injected_n_s_per_m, twist.angular * -arm.injected_nm_s_per_rad);
         let largest_j = -period_s * damper.power(twist);
         // Written so that a NaN injects nothing.
@@ -116,10 +115,11 @@ impl PassivityController {
         self.active = true;
         let damper = damper * (missing_j / largest_j).min(1.0);
         let within = |length: f64, limit: f64| if length > limit { (limit / length).max(0.0) } else { 1.0 };
-        Wrench::new(
-            wanted.force + damper.force * within(damper.force.length(), limits.force_n),
-            wanted.torque + damper.torque * within(damper.torque.length(), limits.torque_nm),
-        )
+        self.injected = Wrench::new(
+            damper.force * within(damper.force.length(), limits.force_n),
+            damper.torque * within(damper.torque.length(), limits.torque_nm),
+        );
+        wanted + self.injected
     }
 
     /// Notes the command that was written. RT: safe.
@@ -127,6 +127,9 @@ impl PassivityController {
         self.newest = (self.newest + 1) % N_HELD;
         if let Some(slot) = self.held.get_mut(self.newest) {
             *slot = command;
+        }
+        if let Some(slot) = self.coupled.get_mut(self.newest) {
+            *slot = command - core::mem::take(&mut self.injected);
         }
     }
 
@@ -151,8 +154,12 @@ impl PassivityController {
     }
 
     fn acted(&self, delay_ticks: u32) -> Wrench {
+        self.of(&self.held, delay_ticks)
+    }
+
+    fn of(&self, ring: &[Wrench; N_HELD], delay_ticks: u32) -> Wrench {
         let back = delay_ticks.min(MAX_DELAY_TICKS) as usize;
-        self.held.get((self.newest + N_HELD - back) % N_HELD).copied().unwrap_or(Wrench::ZERO)
+        ring.get((self.newest + N_HELD - back) % N_HELD).copied().unwrap_or(Wrench::ZERO)
     }
 }
 

@@ -2,7 +2,7 @@
 //!
 //! Data in: at most one [`Placement`] per tick. Data out: the poses of the obstacles, moved a little. A pose is a wish, never a jump:
 //!
-//! - an obstacle follows its target with a lag of [`LAG_S`], along a straight line and the shortest turn of its box's middle;
+//! - an obstacle follows its target as [`FOLLOW_PER_S`] says, along a straight line and the shortest turn of its box's middle;
 //! - no point of its box goes faster than the grip may (`limits.speed`), nor further in one tick than half of what lies between it and
 //!   the tool; a quarter of a voxel is always allowed. What it may go was taken off the tool's step limit the tick before, so that what
 //!   the two do together still cannot be missed;
@@ -14,12 +14,15 @@
 
 #![expect(clippy::disallowed_types, reason = "sized when the scene is made ready, never resized")]
 
+use glam::DVec3;
+
 use super::contact::places::{Move, OWN_SHARE, Places};
 use super::params::Parameters;
 use crate::spatial::Pose;
 
-/// How an obstacle lags behind its target, s: poses that come a hundred times a second make one smooth motion.
-const LAG_S: f64 = 0.01;
+/// An obstacle follows its target like a critically damped spring of this rate, 1/s: it starts and ends without a jerk, poses that come
+/// sixty times a second make one smooth motion, and it lags by 2/rate.
+const FOLLOW_PER_S: f64 = 100.0;
 /// Way that is left at which an obstacle has arrived, voxels.
 const ARRIVED_VOXELS: f64 = 1e-4;
 /// What an obstacle may always go in one tick, voxels.
@@ -100,23 +103,33 @@ fn step(places: &mut Places, target: &Placement, with_force: bool, p: &Parameter
     }
     let clearance_m = -stand.max_value_m - OVERSTATED_VOXELS * stand.voxel_size_m;
     let allowed_m = (OWN_SHARE * clearance_m).max(ALWAYS_VOXELS * stand.voxel_size_m).min(stand.reserve_m);
-    let arrives = way_m <= (ARRIVED_VOXELS * stand.voxel_size_m).min(allowed_m);
-    let mut share = if arrives { 1.0 } else { (p.period_s / (LAG_S + p.period_s)).min(allowed_m / way_m) };
-    let whole = Move { center, linear: way, angular: turn };
+    // Backward Euler on x″ = r² (target − x) − 2 r x′; what it went in the last tick is its velocity.
+    let rate = FOLLOW_PER_S * p.period_s;
+    let followed = |last: DVec3, left: DVec3| (last + left * (rate * rate)) / (1.0 + rate).powi(2);
+    let (mut linear, mut angular) = (followed(stand.moved.linear, way), followed(stand.moved.angular, turn));
+    let step_m = |linear: DVec3, angular: DVec3| linear.length() + angular.length() * stand.reach_m;
+    let arrived_m = (ARRIVED_VOXELS * stand.voxel_size_m).min(allowed_m);
+    let arrives = way_m <= arrived_m && step_m(linear, angular) <= arrived_m;
+    if arrives {
+        (linear, angular) = (way, turn);
+    }
+    // Cut together, and what is cut is not stored.
+    let mut share = (allowed_m / step_m(linear, angular)).min(1.0);
     if let Some((point, way_out)) = stand.deepest_world.filter(|_| with_force) {
-        let deeper_m = share * whole.at(point).dot(way_out);
+        let deeper_m = share * Move { center, linear, angular }.at(point).dot(way_out);
         let room_m = (WAIT_VOXELS * stand.voxel_size_m - stand.max_value_m).max(0.0);
         if deeper_m > room_m {
             share *= room_m / deeper_m;
         }
     }
-    let moved = Move { center, linear: way * share, angular: turn * share };
-    let pose = if share >= 1.0 {
+    let moved = Move { center, linear: linear * share, angular: angular * share };
+    let pose = if arrives && share >= 1.0 {
         to
     } else {
-        let turned = from.stepped(glam::DVec3::ZERO, moved.angular).rotation;
+        let turned = from.stepped(DVec3::ZERO, moved.angular).rotation;
         Pose::new(turned, center + moved.linear - turned * stand.center_map)
     };
-    places.put(obstacle_idx, pose, moved, way_m * share);
+    let moved_m = step_m(moved.linear, moved.angular);
+    places.put(obstacle_idx, pose, moved, moved_m);
     true
 }

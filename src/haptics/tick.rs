@@ -239,9 +239,10 @@ fn render(
     let (p, sample) = (&scene.parameters, &input.sample);
     state.delay.measure(sample.delay_ticks, p.period_s);
     let delay_ticks = sample.delay_ticks.max(p.arm.delay_ticks);
-    let (moved, turned) = p.port.way_device(touch.contact.carried.linear, touch.contact.carried.angular);
-    state.passivity.carry(moved, turned, delay_ticks, p.period_s);
     state.passivity.observe(sample.pose, delay_ticks, p.period_s);
+    let (moved, turned) = p.port.way_device(touch.contact.carried.linear, touch.contact.carried.angular);
+    let spring_j = 0.5 * p.limits.force_n * p.limits.force_n / p.coupling.stiffness_n_per_m;
+    state.passivity.carry(moved, turned, delay_ticks, spring_j);
     let filter_lag_s = match p.coupling.mode {
         CouplingMode::Direct => filter_delay_s(p.filter.cutoff_hz[0], p.period_s),
         _ => 0.0,

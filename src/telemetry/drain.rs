@@ -21,6 +21,8 @@ pub enum Watch {
     Drive(TickRecord),
     /// A fault appeared in this record.
     Fault(TickRecord),
+    /// The first record of another scene.
+    Scene(TickRecord),
     /// The newest record, about ten times a second.
     Snapshot(TickRecord),
 }
@@ -47,7 +49,11 @@ pub fn drain(mut records: Consumer<TickRecord>, mut watch: impl FnMut(Watch)) ->
             summary.add(&record);
             let drive_before = last.map_or(Drive::Disabled, |record| record.output.drive);
             let faults_before = last.is_some_and(|record| !record.output.faults.is_empty());
+            let scene_before = last.map_or(0, |record| record.scene_idx);
             last = Some(record);
+            if record.scene_idx != scene_before {
+                watch(Watch::Scene(record));
+            }
             if record.output.drive != drive_before {
                 watch(Watch::Drive(record));
             }
@@ -96,7 +102,7 @@ mod tests {
         let drained = drain(consumer, |watch| match watch {
             Watch::Drive(record) => told.push((record.tick, "drive")),
             Watch::Fault(record) => told.push((record.tick, "fault")),
-            Watch::Snapshot(_) => {}
+            Watch::Scene(_) | Watch::Snapshot(_) => {}
         });
         assert_eq!(told, [(3, "drive"), (7, "drive"), (7, "fault")]);
         assert_eq!(drained.last.map(|record| record.tick), Some(9));

@@ -34,6 +34,8 @@ pub struct Summary {
     stale_samples: u64,
     final_pose: Pose,
     faults: Faults,
+    object_work_j: f64,
+    swaps: Vec<SwapSummary>,
 }
 
 impl Summary {
@@ -57,6 +59,8 @@ impl Summary {
             stale_samples: 0,
             final_pose: Pose::IDENTITY,
             faults: Faults::NONE,
+            object_work_j: 0.0,
+            swaps: Vec::new(),
         }
     }
 
@@ -82,6 +86,16 @@ impl Summary {
         self.stale_samples += u64::from(record.input.sample.status != SampleStatus::Fresh);
         self.final_pose = output.world_from_tool;
         self.faults |= output.faults;
+        self.object_work_j = self.object_work_j.max(output.object_work_j);
+        if record.scene_idx > self.swaps.last().map_or(0, |swap| swap.scene_idx) {
+            let at_s = record.time_ns as f64 * 1e-9;
+            self.swaps.push(SwapSummary { scene_idx: record.scene_idx, tick: record.tick, at_s });
+        }
+    }
+
+    /// When scenes were swapped.
+    pub fn swaps(&self) -> &[SwapSummary] {
+        &self.swaps
     }
 
     /// Records so far.
@@ -112,6 +126,7 @@ impl Summary {
             points_left_out: self.points_left_out,
             lowest_energy_j: self.lowest_energy_j,
             passivity_ticks: self.passivity_ticks,
+            object_work_j: self.object_work_j,
             delay_ticks: self.delay_ticks,
             faults: (self.faults | counted.faults).names().collect(),
             realtime: counted.realtime,
@@ -124,6 +139,17 @@ impl Default for Summary {
     fn default() -> Self {
         Self::new()
     }
+}
+
+/// One scene that took the place of another.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SwapSummary {
+    /// Number of the scene; the first one, which took nobody's place, is 0.
+    pub scene_idx: u32,
+    /// Its first tick.
+    pub tick: u64,
+    /// Loop time of that tick, s.
+    pub at_s: f64,
 }
 
 /// What the servo counts itself, as records can be lost.
@@ -247,6 +273,8 @@ pub struct Totals {
     pub lowest_energy_j: f64,
     /// Ticks in which the passivity controller injected damping.
     pub passivity_ticks: u64,
+    /// Most energy that moving objects have put into the hand since an enable, J: `lowest_energy_j` may be lower by so much.
+    pub object_work_j: f64,
     /// Longest measured round trip, ticks; 0 where the arm does not measure it.
     pub delay_ticks: u32,
     /// Names of the faults.

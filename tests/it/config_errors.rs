@@ -177,10 +177,16 @@ fn sides_are_told_as_written() {
     }
 }
 
+#[test]
+fn an_object_is_movable_as_written() {
+    let config = load(&SCENE.replacen("layers = 8", "movable = true", 1)).unwrap();
+    assert!(config.statics[0].movable && !config.statics[1].movable);
+}
+
 /// Keys and values of a later version exit with 3 and say so; nothing is read and ignored.
 #[test]
 fn what_this_version_lacks_is_refused_by_name() {
-    let scene = SCENE.replace("layers = 8", "movable = true")
+    let scene = SCENE.to_owned()
         + r#"selector = "1209:7a01"
 [contact]
 braking = true
@@ -198,7 +204,6 @@ points = 1000
     let errors = load(&scene).unwrap_err();
     let keys: Vec<&str> = errors.problems().iter().filter_map(|problem| problem.key.as_deref()).collect();
     let expected = [
-        "static[0].movable",
         "device.selector",
         "contact.braking",
         "contact.damping_n_s_per_m",

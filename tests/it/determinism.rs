@@ -11,7 +11,7 @@ const TICKS: u64 = 3000;
 pub(crate) fn bits(record: &TickRecord) -> Vec<u64> {
     let mut bits = Vec::new();
     let mut put = |numbers: &[f64]| bits.extend(numbers.iter().map(|number| number.to_bits()));
-    let TickRecord { tick, time_ns, wakeup_ns: _, compute_ns: _, device_ns: _, input, output } = record;
+    let TickRecord { tick, time_ns, wakeup_ns: _, compute_ns: _, device_ns: _, input, output, scene_idx } = record;
     let mut pose = |Pose { rotation, translation }: Pose| {
         put(&rotation.to_array());
         put(&translation.to_array());
@@ -25,9 +25,9 @@ pub(crate) fn bits(record: &TickRecord) -> Vec<u64> {
         put(&force.to_array());
         put(&torque.to_array());
     }
-    put(&[output.max_depth_m, output.clearance_m, output.energy_j, input.sample.grip_rad]);
+    put(&[output.max_depth_m, output.clearance_m, output.energy_j, output.object_work_j, input.sample.grip_rad]);
     let (contacts, faults) = (u64::from(output.contacts), u64::from(output.faults.bits()));
-    bits.extend([*tick, time_ns.unsigned_abs(), input.sample.sequence, contacts, faults, output.drive as u64]);
+    bits.extend([*tick, time_ns.unsigned_abs(), input.sample.sequence, contacts, faults, output.drive as u64, u64::from(*scene_idx)]);
     bits
 }
 

@@ -16,6 +16,7 @@ mod distance_error;
 mod friction;
 mod fuzz_corpus;
 mod models;
+mod objects;
 mod profiles;
 mod quality;
 mod real_scenes;

@@ -136,11 +136,6 @@ impl Places {
         self.stands.get_mut(obstacle_idx)
     }
 
-    /// How many there are.
-    pub(in crate::haptics) fn len(&self) -> usize {
-        self.stands.len()
-    }
-
     /// Puts an obstacle to a pose, of which `moved` is what is new; no point of its box goes by more than `way_m`. RT: safe.
     pub(in crate::haptics) fn put(&mut self, obstacle_idx: usize, world_from_map: Pose, moved: Move, way_m: f64) {
         if let (Some(stand), Some(far)) = (self.stands.get_mut(obstacle_idx), self.far.get_mut(obstacle_idx)) {
