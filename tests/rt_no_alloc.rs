@@ -270,7 +270,8 @@ fn moving_objects_and_swapping_scenes_allocate_nothing() {
                 placer = next;
             }
         }
-        let (last, allocations, frees) = counted(|| (0..STRIDE).map(|_| servo.step()).take_while(|step| *step == Step::Continue).count());
+        let (last, allocations, frees) =
+            counted(|| (0..STRIDE).map(|_| servo.step()).take_while(|step| *step == Step::Continue).count());
         assert_eq!((allocations, frees), (0, 0), "round {round}");
         n_swaps += u32::from(swapper.take_back().is_some());
         while let Ok(record) = consumer.pop() {

@@ -102,7 +102,9 @@ impl LiveArgs {
         }
         let wishes = Wishes::new(&objects(scene), None, paths).map_err(|problem| {
             let remedy = match &problem {
-                PlaceError::Unknown { known, .. } if known.is_empty() => Some("no object of the scene is movable; set `movable = true`"),
+                PlaceError::Unknown { known, .. } if known.is_empty() => {
+                    Some("no object of the scene is movable; set `movable = true`")
+                }
                 _ => None,
             };
             report::error(&format!("--move: {}: {problem}", scene.path.display()), remedy, talk);
@@ -153,7 +155,13 @@ pub(crate) struct UnderWay {
 
 impl Changes {
     /// Begins: the thread that bakes the other scenes runs until they are taken, or the loop is over.
-    pub(crate) fn begin(self, cache: &CacheArgs, memory: &MemoryArgs, clock: ClockKind, talk: Talk) -> std::io::Result<(Live, UnderWay)> {
+    pub(crate) fn begin(
+        self,
+        cache: &CacheArgs,
+        memory: &MemoryArgs,
+        clock: ClockKind,
+        talk: Talk,
+    ) -> std::io::Result<(Live, UnderWay)> {
         let (failures, failed) = unbounded();
         let planned = self.swaps.iter().map(|swap| (swap.config.path.clone(), swap.at)).collect();
         let mut swaps = None;

@@ -50,7 +50,9 @@ impl Placement {
     pub fn is_sound(&self) -> bool {
         let Pose { rotation, translation } = self.world_from_map;
         // Written so that a NaN is refused as well.
-        (rotation.length_squared() - 1.0).abs() <= NORM_TOLERANCE && translation.abs().max_element() <= FARTHEST_M && rotation.is_finite()
+        (rotation.length_squared() - 1.0).abs() <= NORM_TOLERANCE
+            && translation.abs().max_element() <= FARTHEST_M
+            && rotation.is_finite()
             && translation.is_finite()
     }
 }

@@ -5,8 +5,8 @@ use super::auto_limit::LoopDelay;
 use super::contact::{Budget, ContactSum, Machine, Traversal, Way};
 use super::limits::{Limiter, Ramp};
 use super::params::CouplingMode;
-use super::placing::{Movers, Placement};
 use super::passivity_control::PassivityController;
+use super::placing::{Movers, Placement};
 use super::port::Port;
 use super::sample::SampleMonitor;
 use super::stability::filter_delay_s;
@@ -250,7 +250,8 @@ fn render(
     let coupling = state.delay.limited(&p.coupling, &p.arm, filter_lag_s, p.period_s);
 
     let rubbing = state.tool.rub(touch, scene);
-    let felt_world = state.tool.follow(scene, state.traversal.places(), touch, &rubbing, &coupling, target).ok_or(Faults::SOLVER)?;
+    let felt_world =
+        state.tool.follow(scene, state.traversal.places(), touch, &rubbing, &coupling, target).ok_or(Faults::SOLVER)?;
     if !state.tool.is_finite() {
         return Err(Faults::NON_FINITE);
     }

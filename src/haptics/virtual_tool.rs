@@ -128,13 +128,11 @@ impl VirtualTool {
                 let body = self.body.pose;
                 // As seen from what it touches, which may move.
                 let Carried { linear, angular } = contact.carried;
-                let free =
-                    (target_pose.translation - body.translation + sag_m - linear, body.rotation_to(target_pose) - angular);
-                let way_out =
-                    |idx: usize, contact: &Contact| match (scene.obstacles.get(idx), places.stand(idx)) {
-                        (Some(obstacle), Some(stand)) => obstacle.way_out_world(stand.world_from_map, body, contact),
-                        _ => body.transform_vector(contact.normal_body.as_dvec3()),
-                    };
+                let free = (target_pose.translation - body.translation + sag_m - linear, body.rotation_to(target_pose) - angular);
+                let way_out = |idx: usize, contact: &Contact| match (scene.obstacles.get(idx), places.stand(idx)) {
+                    (Some(obstacle), Some(stand)) => obstacle.way_out_world(stand.world_from_map, body, contact),
+                    _ => body.transform_vector(contact.normal_body.as_dvec3()),
+                };
                 let step = constraint::step(free, body, coupling, deepest, way_out, SLOP_VOXELS * contact.voxel_size_m)?;
                 over_a_tick((step.0 + linear, step.1 + angular))
             }

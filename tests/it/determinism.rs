@@ -27,7 +27,15 @@ pub(crate) fn bits(record: &TickRecord) -> Vec<u64> {
     }
     put(&[output.max_depth_m, output.clearance_m, output.energy_j, output.object_work_j, input.sample.grip_rad]);
     let (contacts, faults) = (u64::from(output.contacts), u64::from(output.faults.bits()));
-    bits.extend([*tick, time_ns.unsigned_abs(), input.sample.sequence, contacts, faults, output.drive as u64, u64::from(*scene_idx)]);
+    bits.extend([
+        *tick,
+        time_ns.unsigned_abs(),
+        input.sample.sequence,
+        contacts,
+        faults,
+        output.drive as u64,
+        u64::from(*scene_idx),
+    ]);
     bits
 }
 

@@ -175,9 +175,8 @@ fn passing_over_what_is_far_away_changes_no_bit() {
         Shape::Torus { major_m: 0.012, minor_m: 3e-3 },
         Shape::Cylinder { radius_m: 4e-3, height_m: 0.03 },
     ];
-    let obstacles: Vec<Obstacle> = (0..40)
-        .map(|n| obstacle(shapes[n % 4], Pose::new(DQuat::from_scaled_axis(vector() * 3.0), vector() * 0.05)))
-        .collect();
+    let obstacles: Vec<Obstacle> =
+        (0..40).map(|n| obstacle(shapes[n % 4], Pose::new(DQuat::from_scaled_axis(vector() * 3.0), vector() * 0.05))).collect();
     let shell = ball();
     let Parameters { contact, filter, .. } = parameters(CouplingMode::Implicit);
     let (mut n_near, mut n_touching, mut n_free) = (0, 0, 0);
@@ -204,7 +203,10 @@ fn passing_over_what_is_far_away_changes_no_bit() {
                 assert_eq!(bits(culled), bits(flat), "{kind:?}, {way:?}, pose {n}");
                 assert_eq!(bits(whole), bits(flat), "{kind:?}, {way:?}, pose {n}");
                 // The specification looks at every point: no clearance, and no step, is longer than what it gives.
-                assert!(!(culled.max_value_m < flat.max_value_m) && !(culled.step_limit_m > flat.step_limit_m), "{kind:?}, pose {n}");
+                assert!(
+                    !(culled.max_value_m < flat.max_value_m) && !(culled.step_limit_m > flat.step_limit_m),
+                    "{kind:?}, pose {n}"
+                );
                 n_near += with.n_near();
                 n_touching += usize::from(flat.contacts > 0);
                 n_free += usize::from(flat.contacts == 0);
@@ -218,8 +220,7 @@ fn passing_over_what_is_far_away_changes_no_bit() {
 #[test]
 fn an_object_goes_where_it_is_asked_to_and_no_point_of_it_faster_than_it_may() {
     let scene = scene(CouplingMode::Implicit, vec![plate(Pose::IDENTITY)], ball());
-    let corners: Vec<DVec3> =
-        (0..8).map(|n| DVec3::new(f64::from(n & 1) - 0.5, f64::from(n >> 1 & 1) - 0.5, 0.0) * 0.12).collect();
+    let corners: Vec<DVec3> = (0..8).map(|n| DVec3::new(f64::from(n & 1) - 0.5, f64::from(n >> 1 & 1) - 0.5, 0.0) * 0.12).collect();
     let mut play = Play::new(&scene);
     let mut random = Random(3);
     for _ in 0..6 {
@@ -436,7 +437,10 @@ fn play_servo<D: hapticd::device::Device>(
     }
 }
 
-fn servo(text: &str, n_ticks: u64) -> (ServoLoop<Box<dyn hapticd::device::Device>, VirtualClock>, rtrb::Consumer<TickRecord>, Arc<Control>) {
+fn servo(
+    text: &str,
+    n_ticks: u64,
+) -> (ServoLoop<Box<dyn hapticd::device::Device>, VirtualClock>, rtrb::Consumer<TickRecord>, Arc<Control>) {
     let (scene, device) = stage(text);
     let (producer, records) = rtrb::RingBuffer::new(64);
     let control = Arc::new(Control::new(Order::Enable));
@@ -465,7 +469,9 @@ fn a_plate_lifts_the_hand_and_its_work_is_no_debt_of_the_arm() {
     let lowest_j = all.iter().map(|record| record.output.energy_j).fold(0.0, f64::min);
     let balance_j = all.iter().map(|record| record.output.energy_j + record.output.object_work_j).fold(0.0, f64::min);
     let damped = all.iter().filter(|record| record.output.passivity_active).count();
-    eprintln!("lift: {pressed_n:.2} N, lowest energy {lowest_j:.5} J, with the work of the plate {balance_j:.5} J, damped {damped} ticks");
+    eprintln!(
+        "lift: {pressed_n:.2} N, lowest energy {lowest_j:.5} J, with the work of the plate {balance_j:.5} J, damped {damped} ticks"
+    );
     // Without the plate's work the port would count as active for good.
     assert!(lowest_j < -1e-3, "{lowest_j} J: the plate did no work");
     assert!(balance_j > -0.1 * lowest_j.abs(), "{balance_j} J are not the plate's");

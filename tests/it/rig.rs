@@ -5,11 +5,12 @@ use std::sync::Arc;
 
 use hapticd::config::{self, SceneConfig};
 use hapticd::daemon::prepare_with;
+use hapticd::device::hand::HandPath;
 use hapticd::haptics::{Faults, RenderScene};
 use hapticd::rt::clock::VirtualClock;
 use hapticd::scene::cache::Cache;
 use hapticd::scene::{BakeMeans, ObjectReport};
-use hapticd::servo::{Control, Ending, Order, RunPlan, ServoLoop, Step};
+use hapticd::servo::{Control, Ending, Order, RunPlan, ServoLoop, Step, Wishes};
 use hapticd::spatial::{Pose, Wrench};
 use hapticd::telemetry::TickRecord;
 
@@ -82,15 +83,28 @@ pub(crate) fn run_ticks(config: &SceneConfig, n_ticks: u64) -> Run {
     run_ticks_with(config, &mut Cache::off(), n_ticks)
 }
 
+/// The hand's full length and a second more, while objects follow their paths.
+pub(crate) fn run_moving<const N: usize>(config: &SceneConfig, paths: [(&str, HandPath); N]) -> Run {
+    let n_ticks = ((hand_end_s(config) + 1.0) / config.parameters.period_s).round() as u64;
+    let objects: Vec<(String, bool)> = config.statics.iter().map(|object| (object.name.clone(), object.movable)).collect();
+    let paths = paths.map(|(name, path)| (name.to_owned(), path));
+    run_wishing(config, &mut Cache::off(), n_ticks, Wishes::new(&objects, None, paths).expect("movable"))
+}
+
 /// The same, with a bake cache.
 pub(crate) fn run_ticks_with(config: &SceneConfig, cache: &mut Cache, n_ticks: u64) -> Run {
+    run_wishing(config, cache, n_ticks, Wishes::default())
+}
+
+fn run_wishing(config: &SceneConfig, cache: &mut Cache, n_ticks: u64, wishes: Wishes) -> Run {
     let (prepared, reports) = prepare_with(config, &mut BakeMeans::from(cache), |_| ()).unwrap_or_else(|error| panic!("{error}"));
     let scene = Arc::new(prepared.scene);
     // Room for all: the virtual clock waits for a drain, and nobody drains here before the end.
     let (producer, mut consumer) = rtrb::RingBuffer::new(n_ticks as usize + 2000);
     let control = Arc::new(Control::new(Order::Enable));
     let plan = RunPlan { stop_at_tick: Some(n_ticks) };
-    let mut servo = ServoLoop::new(scene.clone(), prepared.device, VirtualClock::default(), control, plan, producer);
+    let mut servo =
+        ServoLoop::new(scene.clone(), prepared.device, VirtualClock::default(), control, plan, producer).with_wishes(wishes);
     servo.warm_up();
     while servo.step() == Step::Continue {}
     let report = servo.finish();

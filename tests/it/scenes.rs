@@ -3,6 +3,7 @@
 use core::f64::consts::PI;
 
 use glam::DVec3;
+use hapticd::device::hand::HandPath;
 use hapticd::spatial::Pose;
 use hapticd::telemetry::TickRecord;
 
@@ -40,7 +41,11 @@ fn every_shipped_scene_has_its_test() {
         .map(|path| path.file_stem().expect("a name").to_string_lossy().into_owned())
         .collect();
     names.sort();
-    assert_eq!(names, ["block-on-plane", "gear-on-shaft", "nut-on-bolt", "peg-in-hole"], "a scene without a test below");
+    assert_eq!(
+        names,
+        ["block-on-lift", "block-on-plane", "gear-on-shaft", "nut-on-bolt", "peg-in-hole"],
+        "a scene without a test below"
+    );
 }
 
 #[test]
@@ -69,6 +74,25 @@ fn block_on_plane_slides_on_the_surface_and_lifts_off() {
     assert!((end.translation / MM - DVec3::new(10.0, 0.0, 15.0)).length() < 0.24, "{}", end.translation);
     assert_within("block", "tilt", tilt_deg(end), 0.0, 0.4);
     assert!(rig::is_bit_zero(run.at_end().output.commanded_device), "lifted off");
+}
+
+#[test]
+fn block_on_lift_goes_up_and_down_with_it_and_lifts_off() {
+    let still = run("block-on-lift");
+    let path = HandPath::read(&rig::folder_of_scenes().join("moves/lift.csv")).expect("the path of the lift");
+    let lifted = rig::run_moving(&rig::load(&rig::shipped("block-on-lift")), [("lift", path)]);
+    lifted.assert_sound("block-on-lift, moving");
+    // At 2.3 s the lift is up, and the block on it.
+    let heights = [&still, &lifted].map(|run| run.records[2300].output.world_from_tool.translation.z / MM);
+    assert_within("block", "height on the lift at rest", heights[0], 9.9, 10.0);
+    assert_within("block", "height on the lift when it is up", heights[1], 13.8, 14.0);
+    for run in [&still, &lifted] {
+        let end = run.final_pose();
+        assert!((end.translation / MM - DVec3::new(10.0, 0.0, 15.0)).length() < 0.24, "{}", end.translation);
+        assert!(rig::is_bit_zero(run.at_end().output.commanded_device), "lifted off");
+    }
+    let work_j = lifted.records.iter().map(|record| record.output.object_work_j).fold(0.0, f64::max);
+    assert!(work_j > 1e-3, "the lift did {work_j} J of work");
 }
 
 #[test]

@@ -6,6 +6,7 @@
 //! | [`fields`] | their errors, per field |
 //! | `couplings` | Q1 through the couplings, insertion of a peg, smoothness of the shipped scenes |
 //! | `speed` | time against points, contact share, triangles; the nut on its bolt beside other programs |
+//! | `many` | time against the number of objects |
 //! | `accuracy` | fields of real meshes beside exact distances |
 //! | `scenes` | scene files with some keys changed, on the virtual clock |
 //! | `fixture`, [`ripple`], `csv` | parts; what is rough; files |
@@ -15,6 +16,7 @@ mod couplings;
 mod csv;
 pub mod fields;
 mod fixture;
+mod many;
 pub mod ripple;
 pub mod scenarios;
 mod scenes;
@@ -105,5 +107,7 @@ pub fn quality(options: &Options, mut tell: impl FnMut(&str)) -> Result<(Vec<Row
 /// # Errors
 /// A part that cannot be baked. A mesh or a peer that is not there is a row that says so.
 pub fn speed(options: &Options, mut tell: impl FnMut(&str)) -> Result<Vec<Row>, BenchError> {
-    speed::rows(options, &mut tell)
+    let mut rows = speed::rows(options, &mut tell)?;
+    rows.extend(many::rows(options, &mut tell)?);
+    Ok(rows)
 }

@@ -197,11 +197,14 @@ impl ContactSum {
         summing.note_far(traversal.begin(shell, world_from_body, summing.overstated_voxels()));
         for n in 0..traversal.n_near() {
             let Some(obstacle_idx) = traversal.places().near(n) else { break };
-            let (Some(obstacle), Some(stand)) = (obstacles.get(obstacle_idx), traversal.places().stand(obstacle_idx)) else { break };
+            let (Some(obstacle), Some(stand)) = (obstacles.get(obstacle_idx), traversal.places().stand(obstacle_idx)) else {
+                break;
+            };
             let map_from_body = stand.world_from_map.inverse() * world_from_body;
             let reserve_m = stand.reserve_m;
             let center = world_from_body.translation;
-            let carried = (!stand.moved.is_none()).then(|| Carried { linear: stand.moved.at(center), angular: stand.moved.angular });
+            let carried =
+                (!stand.moved.is_none()).then(|| Carried { linear: stand.moved.at(center), angular: stand.moved.angular });
             let by = summing.weighting(obstacle);
             let found = traversal.find((n, obstacle_idx), obstacle, contact.field, shell, map_from_body);
             let mut n_contacts = 0;
@@ -281,7 +284,8 @@ impl<'a> Summing<'a> {
 
     /// Notes that what these blocks of a face touch has moved.
     fn carry(&mut self, face: u8, carried: Carried, run: &[Touched]) {
-        let depth_m = |touched: &Touched| touched.lanes().filter_map(|lane| touched.depths_m.get(lane)).sum::<f32>() * touched.weight;
+        let depth_m =
+            |touched: &Touched| touched.lanes().filter_map(|lane| touched.depths_m.get(lane)).sum::<f32>() * touched.weight;
         let depth_m = run.iter().map(|touched| f64::from(depth_m(touched))).sum();
         let faces = self.carried.get_or_insert_with(|| [Carried::default(); FACES]);
         if let Some(sum) = faces.get_mut(usize::from(face)) {

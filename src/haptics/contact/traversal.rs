@@ -175,7 +175,8 @@ impl Traversal {
     ) {
         let mut deepest: Option<Contact> = None;
         for touched in &self.touched {
-            let depth_m = |touched: &Touched| touched.lanes().filter_map(|lane| touched.depths_m.get(lane)).fold(0.0, |a, b| b.max(a));
+            let depth_m =
+                |touched: &Touched| touched.lanes().filter_map(|lane| touched.depths_m.get(lane)).fold(0.0, |a, b| b.max(a));
             if deepest.is_none_or(|deepest| depth_m(touched) > deepest.depth_m) {
                 touched.contacts(&obstacle.field, shell, map_from_body, |contact| {
                     if deepest.is_none_or(|deepest| contact.depth_m > deepest.depth_m) {
