@@ -99,6 +99,7 @@ pub struct LoopReport {
 /// ```
 #[derive(Debug)]
 pub struct ServoLoop<D: Device, C: Clock> {
+    #[expect(clippy::disallowed_types, reason = "made and freed on the cold side, exchanged as a pointer")]
     stage: Box<Stage>,
     swaps: Option<SwapSlot>,
     tick_function: TickFunction,
@@ -143,6 +144,7 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
         records: Producer<TickRecord>,
     ) -> Self {
         let period_s = scene.parameters.period_s;
+        #[expect(clippy::disallowed_types, reason = "start-up")]
         let stage = Box::new(Stage::new(scene));
         let capabilities = device.capabilities();
         Self {

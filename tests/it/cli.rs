@@ -203,6 +203,9 @@ fn a_wrong_command_line_is_a_usage_error() {
         ("run ok.toml --clock fast", &["'fast'", "real, virtual"]),
         ("run ok.toml --record f.mcap", &["'--record'"]),
         ("run ok.toml -q -v", &["--quiet", "--verbose"]),
+        ("run ok.toml --move lift", &["--move", "plate=hands/plate.csv"]),
+        ("run ok.toml --swap b.toml", &["--swap", "b.toml@3s"]),
+        ("run ok.toml --swap b.toml@3", &["--swap", "`3` is not a duration"]),
         ("check", &["<SCENE>"]),
         ("bake peg.obj", &["--voxel-size-mm S or --longest-axis-voxels N"]),
         ("bake peg.obj --voxel-size-mm 0.5", &["--voxel-size-mm needs --units m|mm|cm|in"]),
@@ -223,6 +226,75 @@ fn a_wrong_command_line_is_a_usage_error() {
     ] {
         refuses(dir.path(), line, 2, fragments);
     }
+}
+
+/// Two scenes whose plate moves, one for another arm, one that cannot be baked, and a path of the plate.
+fn folder_of_changes() -> TempDir {
+    let dir = folder();
+    let movable = |object: &str| scene(object, "2.0", "").replace("layers = 4\n[tool]", "layers = 4\nmovable = true\n[tool]");
+    let write = |name: &str, text: &str| fs::write(dir.path().join(name), text).unwrap();
+    write("a.toml", &movable(PLANE));
+    write("b.toml", &movable("shape = { plane_mm = [40.0, 40.0] }"));
+    write("arm.toml", &movable(PLANE).replace("sim-sigma7", "sim-touch"));
+    write("rate.toml", &movable(PLANE).replace("[tool]", "[rendering]\nrate_hz = 500\n[tool]"));
+    write("unbaked.toml", &scene("mesh = \"faceless.obj\"\nunits = \"mm\"", "2.0", ""));
+    write("up.csv", "t_s,x_m,y_m,z_m,qx,qy,qz,qw\n0,0,0,0,0,0,0,1\n0.5,0,0,0.01,0,0,0,1\n");
+    write("bad.csv", "t_s,x_m,y_m,z_m,qx,qy,qz,qw\n0,0,0,0,0,0,0,1\n0.5,0,0,up,0,0,0,1\n");
+    write("far.csv", "t_s,x_m,y_m,z_m,qx,qy,qz,qw\n0,0,0,5e6,0,0,0,1\n");
+    dir
+}
+
+#[test]
+fn a_part_moves_and_scenes_take_each_others_place_while_a_run_goes_on() {
+    let dir = folder_of_changes();
+    let line = "run a.toml --cache off --clock virtual --duration 3s --move base=up.csv --swap b.toml@1s --swap a.toml@2s --json";
+    let [ended, again] = [hapticd(dir.path(), line), hapticd(dir.path(), line)];
+    assert_eq!(ended.code(), Some(0), "{}", ended.stderr);
+    let round = ["stopping", "disabled", "enabling", "enabled"];
+    let states =
+        [&["baking", "disabled", "enabling", "enabled"][..], &round, &round, &["stopping", "disabled", "stopped"]].concat();
+    assert_eq!(ended.states(), states);
+    let json = ended.json();
+    assert!(json["object_work_j"].as_f64() > Some(0.0) && json["missed_deadlines"] == 0);
+    let swaps = json["swaps"].as_array().unwrap();
+    assert_eq!([&swaps[0]["scene"], &swaps[1]["scene"]], ["b.toml", "a.toml"]);
+    for (swap, wanted_s) in swaps.iter().zip([1.0, 2.0]) {
+        assert!(swap["wanted_s"] == wanted_s && swap["tick"].as_f64() > Some(1000.0 * wanted_s), "{swap}");
+        assert!(swap["at_s"].as_f64() < Some(wanted_s + 0.15), "{swap}");
+    }
+    let again = again.json();
+    assert_eq!((&json["swaps"], &json["final_pose"]), (&again["swaps"], &again["final_pose"]), "two runs are the same");
+    assert!(
+        hapticd(dir.path(), "run a.toml --cache off --clock virtual --duration 100ms --json").json()["swaps"]
+            == serde_json::json!([])
+    );
+}
+
+#[test]
+fn what_cannot_change_is_refused_before_anything_is_baked() {
+    let dir = folder_of_changes();
+    for (change, fragments) in [
+        ("--move bose=up.csv", &["a.toml: no object is called `bose`", "known here: base"][..]),
+        ("--move base=none.csv", &["cannot read pose file none.csv", "--move NAME=FILE takes a CSV file"]),
+        ("--move base=bad.csv", &["bad.csv:3: `up` is not a finite number (column z_m)"]),
+        ("--move base=far.csv", &["not a pose that `base` can go to", "within 1 km"]),
+        ("--swap none.toml@1s", &["none.toml"]),
+        ("--swap arm.toml@1s", &["arm.toml: device.profile = \"sim-touch\", but a.toml has \"sim-sigma7\"", "hint: "]),
+        ("--swap rate.toml@1s", &["rate.toml: rendering.rate_hz = 500, but a.toml has 1000"]),
+    ] {
+        refuses(dir.path(), &format!("run a.toml --cache off --clock virtual --duration 1s {change}"), 3, fragments);
+    }
+    refuses(
+        dir.path(),
+        "run ok.toml --cache off --duration 1s --move base=up.csv",
+        3,
+        &["`base` is not movable; set `movable = true`"],
+    );
+    // What only baking shows comes when the run is over, which it does not end.
+    let ended = hapticd(dir.path(), "run a.toml --cache off --clock virtual --duration 2s --swap unbaked.toml@1s --json");
+    assert_eq!(ended.code(), Some(4), "{}", ended.stderr);
+    assert!(ended.stderr.contains("unbaked.toml was not rendered") && ended.stderr.contains("no triangles"), "{}", ended.stderr);
+    assert!(ended.json()["swaps"][0]["tick"].is_null() && ended.json()["ticks"].as_u64() > Some(2000));
 }
 
 #[test]

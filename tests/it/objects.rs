@@ -204,7 +204,7 @@ fn passing_over_what_is_far_away_changes_no_bit() {
                 assert_eq!(bits(whole), bits(flat), "{kind:?}, {way:?}, pose {n}");
                 // The specification looks at every point: no clearance, and no step, is longer than what it gives.
                 assert!(
-                    !(culled.max_value_m < flat.max_value_m) && !(culled.step_limit_m > flat.step_limit_m),
+                    !pose.is_finite() || (culled.max_value_m >= flat.max_value_m && culled.step_limit_m <= flat.step_limit_m),
                     "{kind:?}, pose {n}"
                 );
                 n_near += with.n_near();
@@ -437,10 +437,9 @@ fn play_servo<D: hapticd::device::Device>(
     }
 }
 
-fn servo(
-    text: &str,
-    n_ticks: u64,
-) -> (ServoLoop<Box<dyn hapticd::device::Device>, VirtualClock>, rtrb::Consumer<TickRecord>, Arc<Control>) {
+type Loop = ServoLoop<Box<dyn hapticd::device::Device>, VirtualClock>;
+
+fn servo(text: &str, n_ticks: u64) -> (Loop, rtrb::Consumer<TickRecord>, Arc<Control>) {
     let (scene, device) = stage(text);
     let (producer, records) = rtrb::RingBuffer::new(64);
     let control = Arc::new(Control::new(Order::Enable));

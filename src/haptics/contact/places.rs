@@ -152,8 +152,7 @@ impl Places {
         let center = world_from_body.translation;
         let step_m = self.last.replace(center).map_or(0.0, |last| (center - last).length());
         self.way_m += step_m;
-        // So written, a way that is not a number is forgotten too.
-        if !(self.way_m < FORGET_M) {
+        if self.way_m.is_nan() || self.way_m >= FORGET_M {
             self.way_m = 0.0;
             self.far.iter_mut().for_each(|far| far.due_m = f64::NEG_INFINITY);
         }
