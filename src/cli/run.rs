@@ -301,6 +301,7 @@ fn result_text(totals: &Totals, start_s: StartTimes, swaps: &[live::SwapReport],
             #[serde(flatten)]
             totals: &'t Totals,
             start_s: StartTimes,
+            #[serde(skip_serializing_if = "<[_]>::is_empty")]
             swaps: &'t [live::SwapReport],
         }
         return match serde_json::to_string(&RunReport { totals, start_s, swaps }) {

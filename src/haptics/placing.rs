@@ -26,7 +26,7 @@ const FOLLOW_PER_S: f64 = 100.0;
 /// Way that is left at which an obstacle has arrived, voxels.
 const ARRIVED_VOXELS: f64 = 1e-4;
 /// What an obstacle may always go in one tick, voxels.
-const ALWAYS_VOXELS: f64 = 0.25;
+pub(super) const ALWAYS_VOXELS: f64 = 0.25;
 /// Depth at which an obstacle that presses into the tool waits, voxels.
 const WAIT_VOXELS: f64 = 0.5;
 /// By how much a clearance may be overstated by the worst look-up, voxels.

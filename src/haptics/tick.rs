@@ -183,7 +183,7 @@ pub fn tick(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOu
     if state.drive.has_force() && p.coupling.mode == CouplingMode::Direct {
         state.tool.stand_at(target, scene);
     }
-    let touch = state.tool.touch(&mut state.traversal, scene);
+    let touch = state.tool.touch(&mut state.traversal, scene, state.movers.n_under_way() > 0);
     let contact = &touch.contact;
     if let Some(resume) = &mut state.resume {
         resume.has_room = Some(contact.max_value_m <= RESUME_VOXELS * contact.voxel_size_m);

@@ -12,6 +12,7 @@ use super::filter::{ShapingFilter, Slide};
 use super::friction::{Friction, FrictionWrench};
 use super::limits::Ramp;
 use super::params::{CouplingMode, CouplingParameters, FreeSpace, Parameters};
+use super::placing::ALWAYS_VOXELS;
 use super::quasi_static::StaticBalance;
 use super::stability::semi_implicit_max_stiffness;
 use crate::spatial::{Mat6, Pose, Twist, Wrench};
@@ -70,8 +71,8 @@ impl VirtualTool {
         self.body = self.body.followed(target, scene.tool.shell.radius_m(), self.step_limit_m);
     }
 
-    /// Looks for contact where the tool stands.
-    pub(super) fn touch(&mut self, traversal: &mut Traversal, scene: &RenderScene) -> Touch {
+    /// Looks for contact where the tool stands; `moving`: obstacles are under way.
+    pub(super) fn touch(&mut self, traversal: &mut Traversal, scene: &RenderScene, moving: bool) -> Touch {
         let (p, obstacles, shell, body) = (&scene.parameters, &scene.obstacles, &scene.tool.shell, self.body.pose);
         let mut deepest = (p.coupling.mode == CouplingMode::Constraint).then(DeepestContacts::default);
         let contact = match deepest.as_mut() {
@@ -82,7 +83,8 @@ impl VirtualTool {
             None => ContactSum::of(traversal, obstacles, shell, body, &p.contact, &p.filter, None),
         };
         // A point that goes no further than this is seen inside of a wall of three voxels.
-        self.step_limit_m = contact.step_limit_m.max(SEEN_VOXELS * contact.voxel_size_m);
+        let seen_voxels = if moving { SEEN_VOXELS - ALWAYS_VOXELS } else { SEEN_VOXELS };
+        self.step_limit_m = contact.step_limit_m.max(seen_voxels * contact.voxel_size_m);
         Touch { contact, deepest }
     }
 
@@ -179,12 +181,14 @@ impl VirtualTool {
         let damping_s = if along > 0.0 { 2.0 * p.contact.damping_ratio * (inertia.mass_kg / along).sqrt() } else { 0.0 };
 
         let pull = Pull { spring, target_twist, weight, damping, period_s: p.period_s };
-        // What moves towards the tool will push by so much more at the end of the tick, and its damping acts on the speed between them.
-        let pushed = pushed(&stiffness, &contact.carried) * (1.0 + damping_s / p.period_s);
-        let linear = LinearContact { wrench: wrench + rubbing.wrench * scale + pushed, stiffness, damping_s };
+        let mut linear = LinearContact { wrench: wrench + rubbing.wrench * scale, stiffness, damping_s };
         match coupling.mode {
             CouplingMode::SemiImplicit => self.body.step_semi_implicit(&pull, &linear, inertia),
-            _ => self.body.step_implicit(&pull, &linear, inertia),
+            _ => {
+                // What moves towards the tool will push by so much more at the end of the tick, and damping acts on the speed between both.
+                linear.wrench = linear.wrench + pushed(&linear.stiffness, &contact.carried) * (1.0 + damping_s / p.period_s);
+                self.body.step_implicit(&pull, &linear, inertia)
+            }
         }
     }
 

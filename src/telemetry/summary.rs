@@ -141,6 +141,11 @@ impl Default for Summary {
     }
 }
 
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "as serde asks")]
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
+}
+
 /// One scene that took the place of another.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SwapSummary {
@@ -273,7 +278,9 @@ pub struct Totals {
     pub lowest_energy_j: f64,
     /// Ticks in which the passivity controller injected damping.
     pub passivity_ticks: u64,
-    /// Most energy that moving objects have put into the hand since an enable, J: `lowest_energy_j` may be lower by so much.
+    /// Most energy that moving objects have put into the hand since an enable, J: `lowest_energy_j` may be lower by so much. Left out of
+    /// a report where none has.
+    #[serde(skip_serializing_if = "is_zero")]
     pub object_work_j: f64,
     /// Longest measured round trip, ticks; 0 where the arm does not measure it.
     pub delay_ticks: u32,

@@ -31,9 +31,9 @@ pub(super) fn rows(options: &Options, tell: &mut dyn FnMut(&str)) -> Result<Vec<
     let shell = fixture::shell("a ball", &ball, TOOL_VOXEL_M)?;
     let group = format!("a ball of {} points slides over a slab, other objects far away", shell.len());
     let mut rows = Vec::new();
-    for n_obstacles in if options.quick { &[1, 10][..] } else { &[1, 10, 200] } {
+    for n_obstacles in [1, 10, 200] {
         tell(&format!("{n_obstacles} objects"));
-        let obstacles = scene(*n_obstacles)?;
+        let obstacles = scene(n_obstacles)?;
         let mut times_us = [Vec::new(), Vec::new()];
         let mut near = 0;
         for _ in 0..options.n_runs.max(2) {
