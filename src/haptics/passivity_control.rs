@@ -26,6 +26,11 @@ const N_HELD: usize = MAX_DELAY_TICKS as usize + 1;
 /// would pay for a minute of trembling.
 const FORGET_AFTER_S: f64 = 0.01;
 
+/// Energy that may be owed without consequences, J: contact that ends leaves so much behind.
+const OWED_FREELY_J: f64 = 5e-4;
+/// What is left of the wrench however much is owed: a wall stays a wall.
+const LEAST_SHARE: f64 = 0.25;
+
 /// Observer and controller of one port. 6 KiB, no heap. Wrench, twist and pose are those of the grip in device axes.
 #[derive(Clone, Debug)]
 pub struct PassivityController {
@@ -120,6 +125,14 @@ impl PassivityController {
             damper.torque * within(damper.torque.length(), limits.torque_nm),
         );
         wanted + self.injected
+    }
+
+    /// Share of the wanted wrench that the arm gets while energy is owed: all of it up to [`OWED_FREELY_J`], then less and less, so that
+    /// a loop which cannot be damped (motion below a step of the encoder has no velocity) is weakened instead until it rests. RT: safe.
+    pub fn trusted_share(&self) -> f64 {
+        let over = (-self.budget_j - OWED_FREELY_J) / OWED_FREELY_J;
+        // Written so that a NaN weakens nothing: the finite check sees it elsewhere.
+        if over > 0.0 { (1.0 - over).max(LEAST_SHARE) } else { 1.0 }
     }
 
     /// Notes the command that was written. RT: safe.
@@ -265,6 +278,21 @@ mod tests {
         controller.hold(damped);
         controller.observe(at(1e-3 + speed * PERIOD_S), 0, PERIOD_S);
         assert!(controller.energy_j().abs() < 1e-12, "{} J", controller.energy_j());
+    }
+
+    #[test]
+    fn an_arm_that_gave_too_much_is_weakened_until_it_is_repaid() {
+        let mut controller = PassivityController::default();
+        controller.observe(at(0.0), 0, PERIOD_S);
+        controller.hold(push(1.0));
+        let mut shares = Vec::new();
+        for owed_mj in [0.1, 0.5, 0.6, 0.75, 1.0, 5.0, 0.2] {
+            controller.observe(at(1e-3 * owed_mj), 0, PERIOD_S);
+            shares.push(controller.trusted_share());
+        }
+        for (share, expected) in shares.iter().zip([1.0, 1.0, 0.8, 0.5, 0.25, 0.25, 1.0]) {
+            assert!((share - expected).abs() < 1e-9, "{shares:?}");
+        }
     }
 
     #[test]

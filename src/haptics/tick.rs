@@ -261,7 +261,8 @@ fn render(
     let wanted = p.port.wrench_device(felt_world);
     // Only what the motors give has power and is limited; the rest is reported and dropped.
     let actuated = p.port.actuated_part(wanted);
-    let damped = state.passivity.damped(actuated, sample.twist, &p.arm, &p.limits, p.period_s);
+    let trusted = actuated * state.passivity.trusted_share(&p.arm);
+    let damped = state.passivity.damped(trusted, sample.twist, &p.arm, &p.limits, p.period_s);
     let limited = state.limiter.apply(p.port.actuated_part(damped), sample.twist, gain, &p.limits, p.period_s);
     if !limited.finite {
         return Err(Faults::NON_FINITE);

@@ -8,20 +8,17 @@ use hapticd::config::SceneConfig;
 use hapticd::config::poses::TimedPose;
 use hapticd::daemon::prepare;
 use hapticd::device::Device;
-use hapticd::device::hand::{GripPath, HandPath, Indexing};
+use hapticd::device::hand::{GripPath, HandPath};
 use hapticd::device::profile::Plant;
 use hapticd::device::sim::{HandParameters, SimArm, SimParameters};
 use hapticd::haptics::filter::low_pass_alpha;
 use hapticd::haptics::stability::SampledWall;
-use hapticd::haptics::{
-    ArmParameters, CouplingMode, Drive, DriveRequest, Faults, FilterParameters, Inertia, RenderScene, State, TickInput, TickOutput,
-    tick,
-};
+use hapticd::haptics::{ArmParameters, CouplingMode, DriveRequest, Faults, FilterParameters, RenderScene, State, TickInput, tick};
 use hapticd::spatial::{Axes, Pose};
 
+use super::rest::{self, ARMS, HANDS, MORE_DELAY, OWED_J, Outcome, Still, T};
 use super::rig;
 
-const T: f64 = 1e-3;
 /// When the hand has come to its last pose, s.
 const HAND_S: f64 = 0.5;
 const N_TICKS: usize = 1500;
@@ -86,9 +83,6 @@ const SITUATIONS: [Situation; 4] = [
     },
 ];
 
-/// Hand stiffness N/m, damping N·s/m, mass g.
-const HANDS: [(&str, [f64; 3]); 2] = [("stiff", [2000.0, 20.0, 200.0]), ("loose", [100.0, 1.5, 60.0])];
-
 impl Situation {
     fn config(&self, mode: &str, profile: &str, hand: [f64; 3], delay_ticks: u32, more: &str) -> SceneConfig {
         let [stiffness, damping, mass_g] = hand;
@@ -122,103 +116,6 @@ impl Situation {
             .collect();
         HandPath::from_poses(&poses, Path::new("hand")).expect("increasing times")
     }
-
-    fn arm(&self, config: &SceneConfig, scene: &RenderScene) -> SimArm {
-        let (profile, port) = (&config.device.profile, &config.parameters.port);
-        let mut plant = profile.plant;
-        plant.delay_ticks = config.device.sim.delay_ticks.unwrap_or(plant.delay_ticks);
-        let indexing = Indexing {
-            world_from_device: port.world_from_device,
-            scale: port.scale,
-            start: port.start,
-            grip_tool: scene.tool.center_of_mass_tool,
-        };
-        let sim = &config.device.sim;
-        SimArm::new(SimParameters {
-            plant,
-            hand: Some(HandParameters {
-                stiffness_n_per_m: sim.hand_stiffness_n_per_m,
-                damping_n_s_per_m: sim.hand_damping_n_s_per_m,
-                mass_kg: sim.hand_mass_kg,
-                path: Some(self.path().to_device(indexing)),
-                ..HandParameters::default()
-            }),
-            sensed: profile.sensed,
-            actuated: profile.actuated,
-            force_limit_n: profile.limits.force_n,
-            torque_limit_nm: profile.limits.torque_nm,
-            ..SimParameters::ideal(T)
-        })
-        .expect("a hand that the plant can follow")
-    }
-}
-
-/// What one run came to.
-#[derive(Debug)]
-struct Outcome {
-    /// Peak to peak of the force command while at rest, N.
-    ripple_n: f64,
-    /// Peak to peak of the torque command while at rest, N·m.
-    ripple_nm: f64,
-    /// Largest true speed of the grip while at rest, m/s.
-    speed_m_per_s: f64,
-    /// Deepest point ever, and while at rest, m.
-    deepest_m: f64,
-    rest_depth_m: f64,
-    /// Largest |F| of the run, N.
-    force_n: f64,
-    /// Mean |F| at rest, N.
-    rest_force_n: f64,
-    lowest_j: f64,
-    damped_ticks: usize,
-    last: TickOutput,
-    /// Where the arm stands at the end, as a displacement from its zero, m.
-    arm_m: DVec3,
-}
-
-fn run(situation: &Situation, scene: &mut RenderScene, config: &SceneConfig) -> Outcome {
-    let own = scene.tool.inertia;
-    scene.parameters = config.parameters;
-    if config.parameters.coupling.mode == CouplingMode::SemiImplicit {
-        scene.tool.inertia = Inertia::at_least_for_semi_implicit(own, &config.parameters.coupling, T);
-    }
-    let mut arm = situation.arm(config, scene);
-    let mut state = State::new(scene);
-    let mut outputs = Vec::with_capacity(N_TICKS);
-    let mut speeds = Vec::with_capacity(N_TICKS);
-    let limits = config.parameters.limits;
-    for n in 0..N_TICKS {
-        let sample = arm.read().expect("a sample");
-        let output = tick(scene, &mut state, &TickInput { sample, request: DriveRequest::Enable, overrun: false, place: None });
-        arm.write(&output.command_device).expect("a finite command");
-        assert_eq!(output.faults, Faults::NONE, "tick {n}: {output:?}");
-        assert!(output.world_from_tool.is_finite() && output.contact_world.is_finite() && output.energy_j.is_finite(), "tick {n}");
-        assert!(output.command_device.force.length() <= limits.force_n * (1.0 + 1e-12), "tick {n}: {output:?}");
-        assert!(output.command_device.torque.length() <= limits.torque_nm * (1.0 + 1e-12), "tick {n}: {output:?}");
-        outputs.push(output);
-        speeds.push(arm.true_twist().linear.length());
-    }
-    scene.tool.inertia = own;
-    let rest = &outputs[N_TICKS - N_REST..];
-    let spread = |of: &dyn Fn(&TickOutput) -> DVec3| {
-        let low = rest.iter().map(of).fold(DVec3::INFINITY, DVec3::min);
-        (rest.iter().map(of).fold(DVec3::NEG_INFINITY, DVec3::max) - low).max_element()
-    };
-    let deepest = |outputs: &[TickOutput]| outputs.iter().map(|output| output.max_depth_m).fold(0.0, f64::max);
-    assert_eq!(outputs[N_TICKS - 1].drive, Drive::Enabled);
-    Outcome {
-        ripple_n: spread(&|output| output.command_device.force),
-        ripple_nm: spread(&|output| output.command_device.torque),
-        speed_m_per_s: speeds[N_TICKS - N_REST..].iter().copied().fold(0.0, f64::max),
-        deepest_m: deepest(&outputs),
-        rest_depth_m: deepest(rest),
-        force_n: outputs.iter().map(|output| output.command_device.force.length()).fold(0.0, f64::max),
-        rest_force_n: rest.iter().map(|output| output.command_device.force.length()).sum::<f64>() / N_REST as f64,
-        lowest_j: outputs.iter().map(|output| output.energy_j).fold(0.0, f64::min),
-        damped_ticks: outputs.iter().filter(|output| output.passivity_active).count(),
-        last: outputs[N_TICKS - 1],
-        arm_m: arm.true_pose().translation,
-    }
 }
 
 /// Runs all of a situation and holds every run against what a coupling promises at rest.
@@ -226,11 +123,11 @@ fn comes_to_rest(situation: &Situation) {
     let mut scene = situation.bake();
     let mut n_damped = 0;
     for mode in MODES {
-        for profile in ["sim-sigma7", "sim-touch", "sim-premium15-6dof"] {
+        for profile in ARMS {
             for (hand_name, hand) in HANDS {
-                for more_delay in [0, 1, 3] {
+                for more_delay in MORE_DELAY {
                     let config = situation.config(mode, profile, hand, 1 + more_delay, "");
-                    let outcome = run(situation, &mut scene, &config);
+                    let outcome = rest::play(&mut scene, &config, &situation.path(), N_TICKS, N_REST);
                     let what = format!("{:6} {mode:13} {profile:18} {hand_name} +{more_delay}", situation.name);
                     eprintln!("{what}: {outcome}");
                     outcome.assert_at_rest(&what, situation, &config, hand_name == "loose");
@@ -244,18 +141,11 @@ fn comes_to_rest(situation: &Situation) {
 
 impl Outcome {
     fn assert_at_rest(&self, what: &str, situation: &Situation, config: &SceneConfig, is_loose: bool) {
-        let (coupling, plant) = (&config.parameters.coupling, &config.device.profile.plant);
-        // An arm that stands between two encoder steps may see either: one step each of up to two axes, and the friction that
-        // holds it there.
-        let ripple_n = 2.0 * plant.encoder_step_m * coupling.stiffness_n_per_m + 0.05;
-        let ripple_nm = 2.0 * plant.encoder_step_rad * coupling.stiffness_nm_per_rad + 0.001;
+        let coupling = &config.parameters.coupling;
         // Known, and said in docs/tuning.md: in a tight hole the constraint coupling trembles in a loose hand.
         let is_known = is_loose && situation.name == "peg" && coupling.mode == CouplingMode::Constraint;
-        let (ripple_n, ripple_nm, speed_m_per_s) = if is_known { (0.6, 0.012, 5e-3) } else { (ripple_n, ripple_nm, 1e-3) };
-        assert!(self.ripple_n <= ripple_n && self.ripple_nm <= ripple_nm, "{what} trembles: {self}, allowed {ripple_n} N");
-        assert!(self.speed_m_per_s < speed_m_per_s, "{what} still moves: {self}");
-        // Judged behind the controller. What is left: encoder steps, and what is owed when contact is left (0.4 mJ at worst).
-        assert!(self.lowest_j > if is_known { -3e-3 } else { -1e-3 }, "{what} gave more than it took: {self}");
+        let known = Still { ripple_n: 0.6, ripple_nm: 0.012, speed_m_per_s: 5e-3, owed_j: 3.0 * OWED_J };
+        self.assert_still(what, &if is_known { known } else { Still::on(config) });
         if situation.name == "free" {
             assert!(self.last.contacts == 0 && self.force_n == 0.0 && self.damped_ticks == 0, "{what}: {self}");
             return;
@@ -272,26 +162,6 @@ impl Outcome {
             CouplingMode::Direct => {}
             _ => assert!(self.deepest_m < voxel_m, "{what} sinks in: {self}"),
         }
-    }
-}
-
-impl core::fmt::Display for Outcome {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        write!(
-            f,
-            "ripple {:.4} N {:.5} N·m, {:.2} mm/s, deepest {:.3} mm, at rest {:.3} mm, force {:.2} N, at rest {:.2} N with the arm at \
-             {:.3} mm, lowest {:.5} mJ, damped {} ticks",
-            self.ripple_n,
-            self.ripple_nm,
-            self.speed_m_per_s * 1e3,
-            self.deepest_m * 1e3,
-            self.rest_depth_m * 1e3,
-            self.force_n,
-            self.rest_force_n,
-            self.arm_m.z * 1e3,
-            self.lowest_j * 1e3,
-            self.damped_ticks,
-        )
     }
 }
 
