@@ -18,7 +18,7 @@ use crate::error::Exit;
                         cyclictest where it is installed. What is missing is skipped and said."
 )]
 pub(crate) struct Args {
-    /// What to measure; everything there is if not given.
+    /// What to measure; generation, contact and loop if not given.
     #[arg(value_name = "GROUP")]
     group: Option<Group>,
     /// Runs of each case; figures are medians [default: 3, with --quick 1].
@@ -53,13 +53,15 @@ enum Group {
     Contact,
     /// The 1 kHz loop.
     Loop,
+    /// A million points in a violent hand: ten minutes of simulated time, two of real time. Only when asked for.
+    Torture,
     /// Sculpting.
     Sculpt,
 }
 
 pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
     if args.group == Some(Group::Sculpt) {
-        report::error("bench sculpt: not available in this version", Some("available: generation, contact, loop"), talk);
+        report::error("bench sculpt: not available in this version", Some("available: generation, contact, loop, torture"), talk);
         return Exit::Configuration;
     }
     if args.quality && args.group != Some(Group::Contact) {
@@ -108,9 +110,8 @@ fn measure(args: &Args, program: PathBuf, n_threads: usize, talk: Talk) -> Resul
         let (program, models, peers) = (program.clone(), models.clone(), peers.clone());
         rows.extend(generation::run(&generation::Options { n_runs, n_threads, quick: args.quick, models, peers, program }, told)?);
     }
+    let options = contact::Options { n_runs, quick: args.quick, scenes: args.scenes.clone(), csv: args.csv.clone(), models, peers };
     if wanted(Group::Contact) {
-        let (scenes, csv) = (args.scenes.clone(), args.csv.clone());
-        let options = contact::Options { n_runs, quick: args.quick, scenes, csv, models, peers };
         if args.quality {
             let (of_quality, choice) = contact::quality(&options, told)?;
             rows.extend(of_quality);
@@ -118,6 +119,9 @@ fn measure(args: &Args, program: PathBuf, n_threads: usize, talk: Talk) -> Resul
         } else {
             rows.extend(contact::speed(&options, told)?);
         }
+    }
+    if args.group == Some(Group::Torture) {
+        rows.extend(contact::torture(&options, told)?);
     }
     if wanted(Group::Loop) {
         rows.extend(loops::run(&loops::Options { program, quick: args.quick, scenes: args.scenes.clone() }, told)?);

@@ -4,11 +4,12 @@
 //! added only where the port would otherwise have given the hand more than it took.
 //!
 //! Energy is counted over what is known exactly: the command that acted (held for a tick, `delay` ticks on its way) and the displacement
-//! over which it acted. The velocity, a difference over a window and late, only says which way to damp and how much.
+//! over which it acted. The velocity, a difference over a window and late, only says which way to damp and how much. Where it says nothing,
+//! between two steps of the encoder, an arm that has given too much is weakened instead.
 //!
 //! # Source
 //! HannafordRyu2002, one port in impedance form: E_k = E_(k−1) + T (F_k v_k + a_(k−1) v_(k−1)²), a_k = −E_k/(T v_k²). Counting over
-//! displacements, one scalar energy for six axes, the delay line and the forgotten credit are ours.
+//! displacements, one scalar energy for six axes, the delay line, the forgotten credit and the weakened wrench are ours.
 
 use glam::DVec3;
 
@@ -128,11 +129,13 @@ impl PassivityController {
     }
 
     /// Share of the wanted wrench that the arm gets while energy is owed: all of it up to [`OWED_FREELY_J`], then less and less, so that
-    /// a loop which cannot be damped (motion below a step of the encoder has no velocity) is weakened instead until it rests. RT: safe.
-    pub fn trusted_share(&self) -> f64 {
+    /// a loop which cannot be damped (motion within a step of the encoder has no velocity) is weakened until it rests. An arm that takes
+    /// no damping gets all of it: it is not watched. RT: safe, O(1).
+    pub fn trusted_share(&self, arm: &ArmParameters) -> f64 {
+        let is_watched = arm.injected_n_s_per_m > 0.0 || arm.injected_nm_s_per_rad > 0.0;
         let over = (-self.budget_j - OWED_FREELY_J) / OWED_FREELY_J;
         // Written so that a NaN weakens nothing: the finite check sees it elsewhere.
-        if over > 0.0 { (1.0 - over).max(LEAST_SHARE) } else { 1.0 }
+        if is_watched && over > 0.0 { (1.0 - over).max(LEAST_SHARE) } else { 1.0 }
     }
 
     /// Notes the command that was written. RT: safe.
@@ -288,7 +291,8 @@ mod tests {
         let mut shares = Vec::new();
         for owed_mj in [0.1, 0.5, 0.6, 0.75, 1.0, 5.0, 0.2] {
             controller.observe(at(1e-3 * owed_mj), 0, PERIOD_S);
-            shares.push(controller.trusted_share());
+            shares.push(controller.trusted_share(&injecting(5.0)));
+            assert!(controller.trusted_share(&injecting(0.0)) == 1.0);
         }
         for (share, expected) in shares.iter().zip([1.0, 1.0, 0.8, 0.5, 0.25, 0.25, 1.0]) {
             assert!((share - expected).abs() < 1e-9, "{shares:?}");

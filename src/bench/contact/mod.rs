@@ -7,6 +7,7 @@
 //! | `couplings` | Q1 through the couplings, insertion of a peg, smoothness of the shipped scenes |
 //! | `speed` | time against points, contact share, triangles; the nut on its bolt beside other programs |
 //! | `many` | time against the number of objects |
+//! | `torture` | a million points in a violent hand, every tick judged |
 //! | `accuracy` | fields of real meshes beside exact distances |
 //! | `scenes` | scene files with some keys changed, on the virtual clock |
 //! | `fixture`, [`ripple`], `csv` | parts; what is rough; files |
@@ -21,6 +22,7 @@ pub mod ripple;
 pub mod scenarios;
 mod scenes;
 mod speed;
+mod torture;
 
 use std::path::PathBuf;
 
@@ -110,4 +112,13 @@ pub fn speed(options: &Options, mut tell: impl FnMut(&str)) -> Result<Vec<Row>, 
     let mut rows = speed::rows(options, &mut tell)?;
     rows.extend(many::rows(options, &mut tell)?);
     Ok(rows)
+}
+
+/// Plays a violent hand with a million points, and judges every tick. `tell` hears what is being done. Cost: a quarter of an hour; quick,
+/// half a minute.
+///
+/// # Errors
+/// A scene that cannot be baked or played. A folder without scenes is a row that says so.
+pub fn torture(options: &Options, mut tell: impl FnMut(&str)) -> Result<Vec<Row>, BenchError> {
+    torture::rows(options, &mut tell)
 }
