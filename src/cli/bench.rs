@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::ValueEnum;
 
 use super::bake::print_json;
-use super::{Talk, report, say};
+use super::{Talk, plots, report, say};
 use crate::bench::{BenchError, Machine, Report, Row, commit_of, contact, generation, loops};
 use crate::error::Exit;
 
@@ -18,9 +18,9 @@ use crate::error::Exit;
                         cyclictest where it is installed. What is missing is skipped and said."
 )]
 pub(crate) struct Args {
-    /// What to measure; generation, contact and loop if not given.
+    /// What to measure, one or more; generation, contact and loop if not given.
     #[arg(value_name = "GROUP")]
-    group: Option<Group>,
+    group: Vec<Group>,
     /// Runs of each case; figures are medians [default: 3, with --quick 1].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100))]
     runs: Option<u32>,
@@ -36,6 +36,9 @@ pub(crate) struct Args {
     /// With --quality: write raw results there as CSV files.
     #[arg(long, value_name = "DIR", requires = "quality")]
     csv: Option<PathBuf>,
+    /// With --quality: draw smoothness there, as PNG files.
+    #[arg(long, value_name = "DIR", requires = "quality")]
+    plots: Option<PathBuf>,
     /// Folder of the scenes that contact and loop play.
     #[arg(long, value_name = "DIR", default_value = "config/scenes")]
     scenes: PathBuf,
@@ -60,11 +63,11 @@ enum Group {
 }
 
 pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
-    if args.group == Some(Group::Sculpt) {
+    if args.group.contains(&Group::Sculpt) {
         report::error("bench sculpt: not available in this version", Some("available: generation, contact, loop, torture"), talk);
         return Exit::Configuration;
     }
-    if args.quality && args.group != Some(Group::Contact) {
+    if args.quality && args.group != [Group::Contact] {
         report::error("--quality goes with contact", Some("hapticd bench contact --quality"), talk);
         return Exit::Usage;
     }
@@ -104,7 +107,7 @@ fn measure(args: &Args, program: PathBuf, n_threads: usize, talk: Talk) -> Resul
     let folder = |name: &str| std::env::var_os(name).map(PathBuf::from);
     let (models, peers) = (folder("HAPTICD_MODELS"), folder("HAPTICD_PEERS"));
     let n_runs = args.runs.unwrap_or(if args.quick { 1 } else { 3 }) as usize;
-    let wanted = |group: Group| args.group.is_none_or(|asked| asked == group);
+    let wanted = |group: Group| if args.group.is_empty() { group != Group::Torture } else { args.group.contains(&group) };
     let (mut rows, mut table) = (Vec::new(), String::new());
     if wanted(Group::Generation) {
         let (program, models, peers) = (program.clone(), models.clone(), peers.clone());
@@ -113,14 +116,17 @@ fn measure(args: &Args, program: PathBuf, n_threads: usize, talk: Talk) -> Resul
     let options = contact::Options { n_runs, quick: args.quick, scenes: args.scenes.clone(), csv: args.csv.clone(), models, peers };
     if wanted(Group::Contact) {
         if args.quality {
-            let (of_quality, choice) = contact::quality(&options, told)?;
-            rows.extend(of_quality);
-            table = choice;
+            let quality = contact::quality(&options, told)?;
+            if let Some(folder) = &args.plots {
+                plots::draw(folder, &quality)?;
+            }
+            rows.extend(quality.rows);
+            table = quality.choice;
         } else {
             rows.extend(contact::speed(&options, told)?);
         }
     }
-    if args.group == Some(Group::Torture) {
+    if wanted(Group::Torture) {
         rows.extend(contact::torture(&options, told)?);
     }
     if wanted(Group::Loop) {

@@ -7,6 +7,7 @@ mod check;
 mod eval;
 mod live;
 mod memory;
+mod plots;
 mod progress;
 mod report;
 mod run;

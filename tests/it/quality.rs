@@ -2,11 +2,12 @@
 
 use hapticd::bench::contact::fields::{Depths, Measured, measure};
 use hapticd::bench::contact::scenarios::{self, Ideal};
+use hapticd::bench::contact::sliding::{self, DEPTHS_VOXELS, ripple_percent};
 use hapticd::bench::contact::{Csv, FieldErrors, field_errors};
 use hapticd::mesh::primitives::Shape;
 use hapticd::voxmap::field::FieldKind;
 
-use super::models;
+use super::{models, rig};
 
 /// Bounds: what was measured over whole paths (1,200 ticks), times two to five.
 const TRILINEAR: Depths = Depths::Of(FieldKind::Trilinear, false);
@@ -127,5 +128,28 @@ fn acceptance_19_fields_of_real_meshes_beside_exact_distances() {
         let mesh = hapticd::mesh::load(&folder.join(name), metres_per_unit).expect("a mesh");
         let (low, high) = mesh.bounds().expect("not empty");
         assert_sane(name, told(name, &field_errors(name, &mesh, (high - low).max_element() / 118.0, 1000).expect("baked")));
+    }
+}
+
+/// The force law alone, in every shipped scene. On the hand of a simulated arm the steps of its encoder are the floor: `hapticd bench contact
+/// --quality` has both.
+#[test]
+fn sliding_over_every_shipped_scene_is_ten_times_smoother_than_the_raw_force() {
+    let slides = sliding::slides(&rig::folder_of_scenes(), &DEPTHS_VOXELS[..1]).expect("baked");
+    assert_eq!(slides.len(), 4, "a slide for every shipped scene");
+    for slid in &slides {
+        let [raw, unfiltered, shipped] =
+            [&slid.raw, &slid.unfiltered, &slid.shipped].map(|forces| ripple_percent(forces).expect("a force"));
+        let times = slid.times_smoother().expect("a ripple");
+        let (delay_ms, stated_ms) = (slid.delay_s * 1e3, slid.stated_delay_s * 1e3);
+        eprintln!(
+            "{}: ripple {raw:.3} % raw, {unfiltered:.4} % without the low-pass, {shipped:.4} % as shipped: 1/{times:.0}; late by \
+             {delay_ms:.2} of {stated_ms:.2} ms",
+            slid.scene
+        );
+    }
+    for slid in &slides {
+        assert!(slid.times_smoother() >= Some(10.0), "{}: {:?}", slid.scene, slid.times_smoother());
+        assert!(slid.delay_s > 0.0 && slid.delay_s <= slid.stated_delay_s, "{}: {} s", slid.scene, slid.delay_s);
     }
 }

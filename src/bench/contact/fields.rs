@@ -4,9 +4,10 @@ use std::time::Instant;
 
 use super::super::Row;
 use super::super::statistics::Spread;
+use super::Csv;
 use super::ripple::ripple_rms;
 use super::scenarios::{Ideal, RATE_HZ, STIFFNESS_N_PER_M, Scenario, VOXEL_M};
-use super::{Csv, Walk, query};
+use crate::haptics::contact::ContactSum;
 use crate::haptics::{ContactParameters, FilterParameters, FrictionParameters, Normalization};
 use crate::spatial::Wrench;
 use crate::voxmap::field::FieldKind;
@@ -117,7 +118,7 @@ impl Run {
             let contact = contact(field);
             let filter = FilterParameters { spatial, cutoff_hz: [f64::INFINITY; 2] };
             let since = Instant::now();
-            let sum = query(Walk::Flat, &scenario.obstacles, &scenario.shell, *pose, &contact, &filter);
+            let sum = ContactSum::flat(&scenario.obstacles, &scenario.shell, *pose, &contact, &filter);
             run.query_us.push(since.elapsed().as_secs_f64() * 1e6);
             run.wrenches.push(sum.wrench);
             run.contacts.push(sum.contacts);

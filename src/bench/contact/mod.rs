@@ -5,7 +5,8 @@
 //! | [`scenarios`] | Q1 to Q3: contacts with a known force |
 //! | [`fields`] | their errors, per field |
 //! | `couplings` | Q1 through the couplings, insertion of a peg, smoothness of the shipped scenes |
-//! | `speed` | time against points, contact share, triangles; the nut on its bolt beside other programs |
+//! | [`sliding`] | smoothness of the force law over the shipped scenes |
+//! | `speed`, `nut` | time against points, contact share, triangles; the nut on its bolt beside other programs |
 //! | `many` | time against the number of objects |
 //! | `torture` | a million points in a violent hand, every tick judged |
 //! | `accuracy` | fields of real meshes beside exact distances |
@@ -18,23 +19,24 @@ mod csv;
 pub mod fields;
 mod fixture;
 mod many;
+mod nut;
 pub mod ripple;
 pub mod scenarios;
 mod scenes;
+pub mod sliding;
 mod speed;
 mod torture;
 
 use std::path::PathBuf;
 
 pub use accuracy::{FieldErrors, field_errors};
+pub use couplings::FeltSeries;
 pub use csv::Csv;
 
+use self::sliding::{DEPTHS_VOXELS, Slid};
 use super::export::TemporaryFolder;
 use super::{BenchError, Row};
-use crate::haptics::contact::{ContactSum, Obstacle};
-use crate::haptics::{ContactParameters, FilterParameters};
-use crate::pointshell::shell::Shell;
-use crate::spatial::Pose;
+use crate::scene::cache::{Cache, Residence};
 
 /// What to measure, and with what.
 #[derive(Clone, Debug)]
@@ -53,55 +55,40 @@ pub struct Options {
     pub peers: Option<PathBuf>,
 }
 
-/// How the points of a shell are visited.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Walk {
-    /// All of them.
-    Flat,
+/// What [`quality`] found.
+#[derive(Debug)]
+pub struct Quality {
+    /// Every figure.
+    pub rows: Vec<Row>,
+    /// The table that says what to choose, as markdown.
+    pub choice: String,
+    /// Slides over the shipped scenes at constant depth, for plots.
+    pub slides: Vec<Slid>,
+    /// What a hand feels of them, for plots.
+    pub felt: Vec<FeltSeries>,
 }
 
-impl Walk {
-    const ALL: [Self; 1] = [Self::Flat];
-
-    fn name(self) -> &'static str {
-        match self {
-            Self::Flat => "flat",
-        }
-    }
-}
-
-/// The one place in which a contact is asked for.
-#[inline]
-fn query(
-    walk: Walk,
-    obstacles: &[Obstacle],
-    shell: &Shell,
-    world_from_body: Pose,
-    contact: &ContactParameters,
-    filter: &FilterParameters,
-) -> ContactSum {
-    match walk {
-        Walk::Flat => ContactSum::flat(obstacles, shell, world_from_body, contact, filter),
-    }
-}
-
-/// Measures the quality of forces. `tell` hears what is being done. Also gives the table that says what to choose, as markdown.
+/// Measures the quality of forces. `tell` hears what is being done.
 ///
 /// Cost: a minute or two; quick, some seconds.
 ///
 /// # Errors
 /// A part that cannot be baked, or a file that cannot be written. A scene that is not there or that this version lacks is a row
 /// that says so.
-pub fn quality(options: &Options, mut tell: impl FnMut(&str)) -> Result<(Vec<Row>, String), BenchError> {
+pub fn quality(options: &Options, mut tell: impl FnMut(&str)) -> Result<Quality, BenchError> {
     let mut csv = Csv::new(options.csv.clone())?;
     tell("Q1 to Q3: fields");
     let measured = fields::measure(&scenarios::all(if options.quick { 240 } else { scenarios::LONGEST_TICKS })?, &mut csv)?;
     let mut rows = fields::rows(&measured);
     rows.extend(accuracy::rows(options, &mut tell));
     let folder = TemporaryFolder::create().map_err(|source| BenchError::Write { path: std::env::temp_dir(), source })?;
-    let (of_couplings, table) = couplings::rows(options, &measured, folder.path(), &mut csv, &mut tell)?;
-    rows.extend(of_couplings);
-    Ok((rows, table))
+    let mut cache = Cache::at(folder.path().join("cache"), Residence::Owned);
+    let slides =
+        if options.quick { Vec::new() } else { sliding::slides_with(&options.scenes, &DEPTHS_VOXELS, &mut cache, &mut tell)? };
+    rows.extend(sliding::rows(&slides, &mut csv)?);
+    let felt = couplings::measure(options, &measured, folder.path(), &mut csv, &mut cache, &mut tell)?;
+    rows.extend(felt.rows);
+    Ok(Quality { rows, choice: felt.choice, slides, felt: felt.series })
 }
 
 /// Measures the time of contact queries. `tell` hears what is being done. Cost: minutes, most of them peers; quick, some seconds.

@@ -1,0 +1,68 @@
+//! Plots of `hapticd bench contact --quality`.
+
+use std::path::Path;
+
+use crate::bench::BenchError;
+use crate::bench::contact::Quality;
+use crate::bench::contact::sliding::{DEPTHS_VOXELS, Slid};
+use crate::picture::plot::{self, Chart, Line};
+
+/// Between two ticks, s.
+const STEP_S: f64 = 1e-3;
+/// Ticks of a slide that are drawn: enough to see single voxels.
+const DRAWN_TICKS: usize = 400;
+
+/// Writes `smoothness-force-law.png` and `smoothness-on-the-hand.png`.
+pub(super) fn draw(folder: &Path, quality: &Quality) -> Result<(), BenchError> {
+    let failed = |source| BenchError::Write { path: folder.to_owned(), source };
+    std::fs::create_dir_all(folder).map_err(failed)?;
+    let law: Vec<Chart> =
+        quality.slides.iter().filter(|slid| slid.depth_voxels.total_cmp(&DEPTHS_VOXELS[0]).is_eq()).map(law_chart).collect();
+    plot::write(
+        &folder.join("smoothness-force-law.png"),
+        "Sliding at constant depth over the shipped scenes, 50 mm/s, a quarter of a voxel deep",
+        "force along its mean, % of the mean: what a hand would feel that is moved exactly",
+        &law,
+    )
+    .map_err(failed)?;
+    let hand: Vec<Chart> = quality
+        .felt
+        .iter()
+        .map(|felt| Chart {
+            title: felt.scene.clone(),
+            unit: "N",
+            step_s: STEP_S,
+            lines: vec![
+                Line { name: "raw field of 2008 through the same coupling", values: felt.raw.clone() },
+                Line { name: "as shipped", values: felt.shipped.clone() },
+            ],
+        })
+        .collect();
+    plot::write(
+        &folder.join("smoothness-on-the-hand.png"),
+        "Force on the hand in the shipped scenes, simulated sigma.7-class arm",
+        "a second of the longest contact: steps of the encoder times the stiffness of the coupling are part of both",
+        &hand,
+    )
+    .map_err(failed)
+}
+
+fn law_chart(slid: &Slid) -> Chart {
+    let percent = |forces: &[glam::DVec3]| -> Vec<f64> {
+        let mean = forces.iter().sum::<glam::DVec3>() / forces.len() as f64;
+        forces.iter().take(DRAWN_TICKS).map(|force| 100.0 * force.dot(mean) / mean.length_squared()).collect()
+    };
+    Chart {
+        title: match slid.times_smoother().filter(|times| times.is_finite()) {
+            Some(times) => format!("{}: {times:.0} times smoother", slid.scene),
+            None => format!("{}: without ripple", slid.scene),
+        },
+        unit: "%",
+        step_s: STEP_S,
+        lines: vec![
+            Line { name: "raw, as in 2008", values: percent(&slid.raw) },
+            Line { name: "without the low-pass", values: percent(&slid.unfiltered) },
+            Line { name: "as shipped", values: percent(&slid.shipped) },
+        ],
+    }
+}
