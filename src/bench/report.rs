@@ -179,7 +179,34 @@ impl Report {
                 number(row.ratio)
             );
         }
+        self.targets(&mut text);
         text
+    }
+
+    /// What was asked, in one table: every row with a target that could be judged.
+    fn targets(&self, text: &mut String) {
+        let judged: Vec<(&Row, bool)> = self.rows.iter().filter_map(|row| Some((row, row.met?))).collect();
+        if judged.is_empty() {
+            return;
+        }
+        let n_met = judged.iter().filter(|(_, met)| *met).count();
+        let _ = write!(text, "\n## targets: {n_met} of {} met\n\n", judged.len());
+        text.push_str("| case | figure | target | ours | peer | ratio | met |\n|---|---|---|---:|---:|---:|---|\n");
+        for (row, met) in judged {
+            let number = |value: Option<f64>| value.map(figure).unwrap_or_default();
+            let _ = writeln!(
+                text,
+                "| {} | {} | {} | {} {} | {} | {} | {} |",
+                row.group,
+                row.name,
+                row.target.as_deref().unwrap_or_default(),
+                number(row.value),
+                row.unit,
+                number(row.peer_value.or(row.paper)),
+                number(row.ratio),
+                if met { "yes" } else { "**no**" },
+            );
+        }
     }
 }
 
@@ -206,6 +233,20 @@ mod tests {
         assert_eq!((row.peer.as_deref(), row.peer_value, row.met), (Some("other (skipped: not there)"), None, None));
         assert_eq!(Row::new("a", "rate", None, "1/s").at_least(5.0).met, None);
         assert_eq!(Row::new("a", "rate", 4.0, "1/s").at_most(5.0).met, Some(true));
+    }
+
+    #[test]
+    fn targets_come_again_in_one_table() {
+        let rows = vec![
+            Row::new("a", "fast", 4.0, "s").at_most(5.0),
+            Row::new("b", "slow", 6.0, "s").at_most(5.0),
+            Row::new("b", "not asked", 6.0, "s"),
+            Row::new("b", "not measured", None, "s").at_most(5.0),
+        ];
+        let text = Report { machine: Machine::read(), commit: None, rows }.markdown();
+        let (_, table) = text.split_once("## targets: 1 of 2 met").unwrap();
+        assert_eq!(table.lines().filter(|line| line.contains("<= 5")).count(), 2);
+        assert!(table.contains("| b | slow | value <= 5 | 6 s |  |  | **no** |") && !table.contains("not asked"), "{table}");
     }
 
     #[test]

@@ -118,6 +118,7 @@ impl Summary {
             wakeup_us: LatencySummary::of(&self.wakeup_ns),
             compute_us: LatencySummary::of(&self.compute_ns),
             device_us: LatencySummary::of(&self.device_ns),
+            histograms_us: Histograms { wakeup: bins(&self.wakeup_ns), compute: bins(&self.compute_ns) },
             max_force_n: self.max_force_n,
             max_torque_nm: self.max_torque_nm,
             max_depth_m: self.max_depth_m,
@@ -204,6 +205,30 @@ impl LatencySummary {
     }
 }
 
+/// Ticks by how late they were and how long they took: pairs of an upper bound (1, 2, 5, 10 … µs) and the ticks at or below it and above the
+/// bound before, up to the longest.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Histograms {
+    /// Lateness.
+    pub wakeup: Vec<[u64; 2]>,
+    /// Duration of the tick.
+    pub compute: Vec<[u64; 2]>,
+}
+
+fn bins(histogram_ns: &Histogram<u64>) -> Vec<[u64; 2]> {
+    let bounds_us = (0..=7).flat_map(|power| [1, 2, 5].map(|factor| factor * 10_u64.pow(power)));
+    let mut bins: Vec<[u64; 2]> = bounds_us.map(|bound_us| [bound_us, 0]).collect();
+    for value in histogram_ns.iter_recorded() {
+        let bin = bins.partition_point(|[bound_us, _]| bound_us * 1000 < value.value_iterated_to());
+        if let Some([_, count]) = bins.get_mut(bin) {
+            *count += value.count_at_value();
+        }
+    }
+    let n_used = bins.iter().rposition(|[_, count]| *count > 0).map_or(0, |last| last + 1);
+    bins.truncate(n_used);
+    bins
+}
+
 /// How the loop was scheduled.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct RealtimeSummary {
@@ -262,6 +287,8 @@ pub struct Totals {
     pub compute_us: LatencySummary,
     /// Duration of reading and writing.
     pub device_us: LatencySummary,
+    /// The first two in full.
+    pub histograms_us: Histograms,
     /// Largest |F| of the command.
     pub max_force_n: f64,
     /// Largest |τ| of the command.
@@ -386,6 +413,18 @@ mod tests {
         assert_eq!(keys(&object["wakeup_us"]), ["max", "p50", "p99", "p999"]);
         assert_eq!(keys(&object["realtime"]), ["cpu", "kernel_rt", "memory_locked", "policy", "priority"]);
         assert_eq!(keys(&object["final_pose"]), ["qw", "qx", "qy", "qz", "x_m", "y_m", "z_m"]);
+    }
+
+    #[test]
+    fn every_tick_lies_in_one_bin() {
+        let mut summary = Summary::new();
+        for compute_ns in [0, 900, 1000, 1100, 4_000, 180_000, 190_000, u64::MAX] {
+            summary.add(&TickRecord { compute_ns, ..TickRecord::default() });
+        }
+        let Histograms { wakeup, compute } = summary.totals(counted()).histograms_us;
+        assert_eq!(wakeup, [[1, 8]]);
+        let filled: Vec<[u64; 2]> = compute.into_iter().filter(|[_, count]| *count > 0).collect();
+        assert_eq!(filled, [[1, 3], [2, 1], [5, 1], [200, 2], [20_000_000, 1]]);
     }
 
     #[test]

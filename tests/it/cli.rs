@@ -495,11 +495,12 @@ const RUN_KEYS: [&str; 14] = [
     "final_pose",
 ];
 /// Beyond the contract.
-const RUN_KEYS_EXTRA: [&str; 9] = [
+const RUN_KEYS_EXTRA: [&str; 10] = [
     "clock",
     "contact_budget_points",
     "delay_ticks",
     "dropped_records",
+    "histograms_us",
     "lowest_energy_j",
     "passivity_ticks",
     "points_left_out",
