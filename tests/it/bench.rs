@@ -110,7 +110,7 @@ fn a_quick_bench_of_contacts_counts_points_and_says_what_it_skips() {
 #[test]
 fn a_quick_bench_of_quality_writes_its_raw_results() {
     let folder = tempfile::tempdir().unwrap();
-    let rows = rows_of(folder.path(), &["bench", "contact", "--quality", "--quick", "--csv", "raw"]);
+    let rows = rows_of(folder.path(), &["bench", "contact", "--quality", "--quick", "--csv", "raw", "--plots", "raw"]);
     for family in ["Q1", "Q2", "Q3"] {
         assert!(
             find(&rows, family, "trilinear: ripple")["value"].as_f64() < find(&rows, family, "layers: ripple")["value"].as_f64()
@@ -124,6 +124,20 @@ fn a_quick_bench_of_quality_writes_its_raw_results() {
         assert!(written.lines().all(|line| commas(line) == columns - 1), "{file}");
         assert!(written.lines().count() > least_lines, "{file}: {} lines", written.lines().count());
     }
+}
+
+#[test]
+fn a_quick_torture_judges_every_tick() {
+    let folder = tempfile::tempdir().unwrap();
+    let rows = rows_of(folder.path(), &["bench", "torture", "--quick"]);
+    assert!(find(&rows, "torture", "ticks")["value"].as_f64() >= Some(20_000.0));
+    assert!(find(&rows, "torture", "ticks in contact")["value"].as_f64() > Some(1000.0), "it is violent");
+    assert!(find(&rows, "torture", "largest force")["value"].as_f64() > Some(4.0), "it is violent");
+    // Times of a busy machine aside.
+    for row in rows.iter().filter(|row| row["unit"] != "µs") {
+        assert_ne!(row["met"], false, "{row}");
+    }
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0, "nothing stays in the temporary folder");
 }
 
 #[test]
