@@ -191,17 +191,20 @@ impl Report {
         }
         let n_met = judged.iter().filter(|(_, met)| *met).count();
         let _ = write!(text, "\n## targets: {n_met} of {} met\n\n", judged.len());
-        text.push_str("| case | figure | target | ours | peer | ratio | met |\n|---|---|---|---:|---:|---:|---|\n");
+        text.push_str(
+            "| case | figure | target | ours | beside | its figure | ratio | met |\n|---|---|---|---:|---|---:|---:|---|\n",
+        );
         for (row, met) in judged {
             let number = |value: Option<f64>| value.map(figure).unwrap_or_default();
             let _ = writeln!(
                 text,
-                "| {} | {} | {} | {} {} | {} | {} | {} |",
+                "| {} | {} | {} | {} {} | {} | {} | {} | {} |",
                 row.group,
                 row.name,
                 row.target.as_deref().unwrap_or_default(),
                 number(row.value),
                 row.unit,
+                row.peer.as_deref().or(row.paper.map(|_| "the paper")).unwrap_or_default(),
                 number(row.peer_value.or(row.paper)),
                 number(row.ratio),
                 if met { "yes" } else { "**no**" },
@@ -246,7 +249,7 @@ mod tests {
         let text = Report { machine: Machine::read(), commit: None, rows }.markdown();
         let (_, table) = text.split_once("## targets: 1 of 2 met").unwrap();
         assert_eq!(table.lines().filter(|line| line.contains("<= 5")).count(), 2);
-        assert!(table.contains("| b | slow | value <= 5 | 6 s |  |  | **no** |") && !table.contains("not asked"), "{table}");
+        assert!(table.contains("| b | slow | value <= 5 | 6 s |  |  |  | **no** |") && !table.contains("not asked"), "{table}");
     }
 
     #[test]

@@ -5,7 +5,7 @@ use std::path::Path;
 use crate::bench::BenchError;
 use crate::bench::contact::Quality;
 use crate::bench::contact::sliding::{DEPTHS_VOXELS, Slid};
-use crate::picture::plot::{self, Chart, Line};
+use crate::picture::plot::{self, Chart, Line, Tone};
 
 /// Between two ticks, s.
 const STEP_S: f64 = 1e-3;
@@ -33,8 +33,8 @@ pub(super) fn draw(folder: &Path, quality: &Quality) -> Result<(), BenchError> {
             unit: "N",
             step_s: STEP_S,
             lines: vec![
-                Line { name: "raw field of 2008 through the same coupling", values: felt.raw.clone() },
-                Line { name: "as shipped", values: felt.shipped.clone() },
+                Line { name: "raw field of 2008 through the same coupling", tone: Tone::Orange, values: felt.raw.clone() },
+                Line { name: "as shipped", tone: Tone::Blue, values: felt.shipped.clone() },
             ],
         })
         .collect();
@@ -60,9 +60,9 @@ fn law_chart(slid: &Slid) -> Chart {
         unit: "%",
         step_s: STEP_S,
         lines: vec![
-            Line { name: "raw, as in 2008", values: percent(&slid.raw) },
-            Line { name: "without the low-pass", values: percent(&slid.unfiltered) },
-            Line { name: "as shipped", values: percent(&slid.shipped) },
+            Line { name: "raw, as in 2008", tone: Tone::Orange, values: percent(&slid.raw) },
+            Line { name: "without the low-pass", tone: Tone::Green, values: percent(&slid.unfiltered) },
+            Line { name: "as shipped", tone: Tone::Blue, values: percent(&slid.shipped) },
         ],
     }
 }

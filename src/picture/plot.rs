@@ -6,11 +6,34 @@ use std::path::Path;
 use super::canvas::{Align, Canvas};
 use super::palette::{FAINT, INK, Rgb};
 
+/// Colour of a curve; all kinds of colour vision tell them apart.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Tone {
+    /// What is compared with.
+    Orange,
+    /// In between.
+    Green,
+    /// What it is about.
+    Blue,
+}
+
+impl Tone {
+    fn color(self) -> Rgb {
+        match self {
+            Self::Orange => [224, 122, 32],
+            Self::Green => [120, 170, 110],
+            Self::Blue => [28, 92, 160],
+        }
+    }
+}
+
 /// One curve.
 #[derive(Clone, Debug)]
 pub struct Line {
     /// As in the legend.
     pub name: &'static str,
+    /// Colour.
+    pub tone: Tone,
     /// One for each time step; `NaN` leaves a gap.
     pub values: Vec<f64>,
 }
@@ -24,12 +47,10 @@ pub struct Chart {
     pub unit: &'static str,
     /// Between two values, s.
     pub step_s: f64,
-    /// Drawn in this order, the last on top; at most three.
+    /// Drawn in this order, the last on top.
     pub lines: Vec<Line>,
 }
 
-/// Orange, green, blue, which all kinds of colour vision tell apart.
-const COLORS: [Rgb; 3] = [[224, 122, 32], [120, 170, 110], [28, 92, 160]];
 const WIDTH: f64 = 1400.0;
 const HEADER: f64 = 104.0;
 const ROW: f64 = 300.0;
@@ -53,8 +74,8 @@ fn png(title: &str, note: &str, charts: &[Chart]) -> io::Result<Vec<u8>> {
     canvas.text([36.0, 40.0], 24.0, Align::Left, INK, title);
     canvas.text([36.0, 66.0], 15.0, Align::Left, FAINT, note);
     let mut x = 36.0;
-    for (line, color) in charts.iter().take(1).flat_map(|chart| &chart.lines).zip(COLORS) {
-        canvas.line([x, 86.0], [x + 26.0, 86.0], 3.0, color);
+    for line in charts.iter().take(1).flat_map(|chart| &chart.lines) {
+        canvas.line([x, 86.0], [x + 26.0, 86.0], 3.0, line.tone.color());
         canvas.text([x + 34.0, 91.0], 15.0, Align::Left, INK, line.name);
         x += 34.0 + canvas.text_width(15.0, line.name) + 30.0;
     }
@@ -93,10 +114,10 @@ impl Chart {
         }
         canvas.text([left + width, top + height + 38.0], 13.0, Align::Right, FAINT, "s");
         canvas.text([left, top + height + 38.0], 13.0, Align::Left, FAINT, self.unit);
-        for (line, color) in self.lines.iter().zip(COLORS) {
+        for line in &self.lines {
             for (step, pair) in line.values.windows(2).enumerate() {
                 if pair.iter().all(|value| value.is_finite()) {
-                    canvas.line(at(step as f64, pair[0]), at(step as f64 + 1.0, pair[1]), 1.6, color);
+                    canvas.line(at(step as f64, pair[0]), at(step as f64 + 1.0, pair[1]), 1.6, line.tone.color());
                 }
             }
         }
@@ -135,16 +156,23 @@ mod tests {
 
     #[test]
     fn curves_are_drawn_where_their_values_are() {
-        let lines = vec![Line { name: "high", values: vec![1.0; 50] }, Line { name: "low", values: vec![0.0; 50] }];
+        let lines = vec![
+            Line { name: "high", tone: Tone::Orange, values: vec![1.0; 50] },
+            Line { name: "low", tone: Tone::Blue, values: vec![0.0; 50] },
+        ];
         let chart = Chart { title: "two".to_owned(), unit: "N", step_s: 1e-3, lines };
         let empty = Chart { title: "none".to_owned(), unit: "N", step_s: 1e-3, lines: Vec::new() };
         let pixels = tiny_skia::Pixmap::decode_png(&png("title", "note", &[chart, empty]).unwrap()).unwrap();
         assert_eq!((pixels.width(), pixels.height()), (1400, 404));
         let rows_of = |color: Rgb| -> Vec<u32> {
-            let is = |x: u32, y: u32| pixels.pixel(x, y).is_some_and(|pixel| [pixel.red(), pixel.green(), pixel.blue()] == color);
+            // A line between two rows of pixels is paler in both.
+            let is = |x: u32, y: u32| {
+                let pixel = pixels.pixel(x, y).map(|pixel| [pixel.red(), pixel.green(), pixel.blue()]);
+                pixel.is_some_and(|pixel| pixel.iter().zip(color).map(|(a, b)| a.abs_diff(b)).max() < Some(100))
+            };
             (HEADER as u32..pixels.height()).filter(|y| is(300, *y)).collect()
         };
-        let (high, low) = (rows_of(COLORS[0]), rows_of(COLORS[1]));
+        let (high, low) = (rows_of(Tone::Orange.color()), rows_of(Tone::Blue.color()));
         assert!(!high.is_empty() && !low.is_empty() && high.iter().max() < low.iter().min(), "{high:?} {low:?}");
     }
 }

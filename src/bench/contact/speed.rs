@@ -122,8 +122,8 @@ impl Fit {
             let mut asking = Asking::new(Way::Flat, obstacles, shell);
             for _ in 0..20 {
                 let middle_m = 0.5 * (low_m + high_m);
-                let touching = self.path(middle_m).next().map_or(0, |pose| asking.ask(pose).contacts);
-                if f64::from(touching) < share * shell.len() as f64 { low_m = middle_m } else { high_m = middle_m }
+                let touching = asking.mean_contacts(self.path(middle_m));
+                if touching < share * shell.len() as f64 { low_m = middle_m } else { high_m = middle_m }
             }
         }
         self.path(if share > 0.0 { high_m } else { free_m }).collect()
@@ -151,6 +151,16 @@ impl<'a> Asking<'a> {
     pub(super) fn ask(&mut self, pose: Pose) -> ContactSum {
         let filter = FilterParameters { spatial: true, cutoff_hz: [f64::INFINITY; 2] };
         ContactSum::of(&mut self.traversal, self.obstacles, self.shell, pose, &contact(FieldKind::Trilinear), &filter, None)
+    }
+
+    /// Points in contact on some of the poses of a path, mean: facets of a round part come and go.
+    fn mean_contacts(&mut self, path: impl Iterator<Item = Pose>) -> f64 {
+        let (mut sum, mut n) = (0.0, 0.0);
+        for pose in path.step_by(PATH_TICKS / 8) {
+            sum += f64::from(self.ask(pose).contacts);
+            n += 1.0;
+        }
+        sum / f64::max(n, 1.0)
     }
 
     /// Times of queries along a path, sorted, µs.
@@ -204,7 +214,7 @@ fn points_and_share(fit: Fit, options: &Options, tell: &mut dyn FnMut(&str)) -> 
         for share in SHARES {
             tell(&format!("{}: {} points, {} % touching", fit.name(), shell.len(), 100.0 * share));
             let path = fit.path_at(&obstacles, &shell, share);
-            let touching = path.first().map_or(0, |pose| Asking::new(Way::Flat, &obstacles, &shell).ask(*pose).contacts);
+            let touching = Asking::new(Way::Flat, &obstacles, &shell).mean_contacts(path.iter().copied());
             let percent = format!("{} % touching", 100.0 * share);
             for way in WAYS {
                 let [median_us, p999_us] = percentiles_us(way, &obstacles, &shell, &path, options);
@@ -218,7 +228,7 @@ fn points_and_share(fit: Fit, options: &Options, tell: &mut dyn FnMut(&str)) -> 
                     (Fit::BallOnSlab, Way::Tree) if is_million => [whole.at_most(150.0), slow.at_most(300.0), per_point],
                     _ => [whole, slow, per_point],
                 });
-                rows.push(row("points in contact", f64::from(touching), ""));
+                rows.push(row("points in contact", touching, ""));
             }
             let n_poses = if is_million { 50 } else { path.len() };
             let n_different = n_different(&obstacles, &shell, &path[..n_poses.min(path.len())]);
@@ -271,18 +281,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn shares_are_met_all_along_the_path_and_both_ways_agree() {
+    fn shares_are_met_on_the_path_and_both_ways_agree() {
         for fit in [Fit::PinInBore, Fit::BallOnSlab] {
             let obstacles = [fit.obstacle().unwrap()];
             let shell = fit.tool(8e3).unwrap();
             assert!((shell.len() as f64 / 8e3 - 1.0).abs() < 0.3, "{} points", shell.len());
             for share in SHARES {
                 let path = fit.path_at(&obstacles, &shell, share);
-                let mut asking = Asking::new(Way::Flat, &obstacles, &shell);
-                for pose in path.iter().step_by(37) {
-                    let found = f64::from(asking.ask(*pose).contacts) / shell.len() as f64;
-                    assert!((found == 0.0) == (share == 0.0) && (found - share).abs() < 0.02, "{fit:?}, {share}: {found}");
-                }
+                let found = Asking::new(Way::Flat, &obstacles, &shell).mean_contacts(path.iter().copied()) / shell.len() as f64;
+                assert!((found == 0.0) == (share == 0.0) && (found - share).abs() < 0.01, "{fit:?}, {share}: {found}");
                 assert_eq!(n_different(&obstacles, &shell, &path), 0, "{fit:?}, {share}");
             }
         }
