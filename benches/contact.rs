@@ -25,6 +25,7 @@ const CONTACT: ContactParameters = ContactParameters {
     damping_ratio: 0.7,
     normalization: Normalization::None,
     friction: FrictionParameters::NONE,
+    ..ContactParameters::PLAIN
 };
 const FILTER: FilterParameters = FilterParameters { spatial: true, cutoff_hz: [50.0, 300.0] };
 /// Radius of the tool, a ball, m.

@@ -226,6 +226,18 @@ fn block_on_plane_allocates_nothing_in_any_coupling_and_field() {
 }
 
 #[test]
+fn brakes_and_dampers_allocate_nothing() {
+    for coupling in ["implicit", "semi-implicit"] {
+        let what = format!("block-on-plane, {coupling}, with brakes and dampers");
+        let keys = "[contact]\nbraking = true\ndamping_n_s_per_m = 20";
+        let config =
+            scene("block-on-plane", &[("coupling = \"implicit\"", &format!("coupling = \"{coupling}\"")), ("[contact]", keys)]);
+        let (faults, ticks, touching) = step_through(&what, config, TICKS / 10);
+        assert!(faults.is_empty() && ticks >= TICKS / 10 && touching > 0, "{what}");
+    }
+}
+
+#[test]
 fn a_scene_from_the_cache_allocates_nothing() {
     let folder = tempfile::tempdir().expect("a temporary folder");
     for (what, residence) in [("baked", Residence::Owned), ("read", Residence::Owned), ("mapped", Residence::Mapped)] {

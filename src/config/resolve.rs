@@ -36,6 +36,8 @@ pub struct SceneConfig {
     pub rate_hz: u32,
     /// What a contact query may take in one tick, s; `None`: as long as it takes.
     pub time_budget_s: Option<f64>,
+    /// Points on edges of the tool push the way that the obstacle says.
+    pub knows_edges: bool,
     /// One voxmap each.
     pub statics: Vec<StaticConfig>,
     /// The moving object.
@@ -322,6 +324,7 @@ impl Resolve<'_> {
             name,
             rate_hz,
             time_budget_s,
+            knows_edges: scene.contact.geometric_awareness != Some(schema::AwarenessWord::Off),
             statics,
             tool,
             parameters: Parameters { period_s, gravity_m_per_s2, contact, coupling, filter, limits, port, arm },
@@ -340,8 +343,6 @@ impl Resolve<'_> {
         if scene.rendering.coupling == Some(schema::CouplingWord::Constraint) && scene.contact.friction.is_some() {
             checks.not_available("contact.friction", "leave it out, or use another rendering.coupling");
         }
-        checks.later("contact.braking", scene.contact.braking.is_some());
-        checks.later("contact.damping_n_s_per_m", scene.contact.damping_n_s_per_m.is_some());
         checks.later("safety.deadman", scene.safety.deadman.is_some());
         checks.later("safety.heartbeat_ms", scene.safety.heartbeat_ms.is_some());
         checks.later("device.selector", scene.device.selector.is_some());
@@ -701,6 +702,9 @@ impl Resolve<'_> {
         if is_bounded {
             self.bounded(key, stiffness_n_per_m, &stability.translation, TRANSLATION_UNITS, scale);
         }
+        let range = Interval::from(0.0).to(1e4).unit("N·s/m");
+        let damping_n_s_per_m = self.checks.number("contact.damping_n_s_per_m", written.damping_n_s_per_m, 0.0, range);
+        let braking = written.braking.unwrap_or(false);
         ContactParameters {
             field,
             stiffness_n_per_m,
@@ -716,7 +720,19 @@ impl Resolve<'_> {
                 Some(schema::NormalizeWord::None) | None => Normalization::None,
             },
             friction: self.friction(written.friction.as_ref(), stiffness_n_per_m),
+            damping_n_s_per_m: self.of_a_mass(mode, "contact.damping_n_s_per_m", damping_n_s_per_m, damping_n_s_per_m > 0.0),
+            braking: self.of_a_mass(mode, "contact.braking", braking, braking),
         }
+    }
+
+    /// A value that acts on the velocity of the virtual tool: without mass it has none of its own.
+    fn of_a_mass<T>(&mut self, mode: CouplingMode, key: &str, value: T, acts: bool) -> T {
+        if acts && !mode.has_mass() {
+            let accepted = "left out with this rendering.coupling, whose virtual tool has no mass and so no velocity to take from; \
+                            \"implicit\" and \"semi-implicit\" have one";
+            self.checks.not_accepted(key, accepted);
+        }
+        value
     }
 
     /// No friction unless it is written. One coefficient counts for both.
@@ -838,6 +854,7 @@ fn arm_parameters(profile: &Profile, stability: &StabilityConfig, scale: f64) ->
         if bound.declared.is_none() || allow_unstable { f64::INFINITY } else { bound.wall.stiffness_lag() }
     };
     let [window_s, window_angular_s] = profile.velocity_window_ms.map(|window_ms| window_ms * 1e-3);
+    let period_s = translation.wall.period_s;
     // No more than the profile can render, and no more than keeps still an arm without a hand: the velocity that it is
     // made of is as old as half its window.
     let injected = |bound: &StiffnessBound, declared: Option<f64>, window_s: f64| match declared {
@@ -850,6 +867,8 @@ fn arm_parameters(profile: &Profile, stability: &StabilityConfig, scale: f64) ->
         stiffness_lag_nm_s_per_rad: stiffness_lag(&rotation),
         injected_n_s_per_m: injected(&translation, profile.limits.damping_n_s_per_m, window_s),
         injected_nm_s_per_rad: injected(&rotation, profile.limits.damping_nm_s_per_rad, window_angular_s),
+        velocity_step_m_per_s: profile.plant.encoder_step_m / window_s.max(period_s),
+        velocity_step_rad_per_s: profile.plant.encoder_step_rad / window_angular_s.max(period_s),
     }
 }
 

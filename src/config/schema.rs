@@ -93,8 +93,9 @@ pub(super) struct Contact {
     pub(super) damping_ratio: Option<f64>,
     pub(super) normalize: Option<NormalizeWord>,
     pub(super) friction: Option<Friction>,
-    pub(super) braking: Later,
-    pub(super) damping_n_s_per_m: Later,
+    pub(super) braking: Option<bool>,
+    pub(super) damping_n_s_per_m: Option<f64>,
+    pub(super) geometric_awareness: Option<AwarenessWord>,
     pub(super) time_budget_us: Option<f64>,
 }
 
@@ -230,6 +231,7 @@ words! {
     FieldWord { Layers = "layers", SurfacePoint = "surface-point", Octant = "octant", Trilinear = "trilinear" }
     UnitWord { Metre = "m", Millimetre = "mm", Centimetre = "cm", Inch = "in" }
     SidesWord { Auto = "auto", Flood = "flood", Winding = "winding", Thin = "thin" }
+    AwarenessWord { Edges = "edges", Off = "off" }
     NormalizeWord { None = "none", Average = "average", Cluster = "cluster" }
     ClampWord { Saturate = "saturate", HalfVoxel = "half-voxel" }
     FreeSpaceWord { Zero = "zero", Drag = "drag" }

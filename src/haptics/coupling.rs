@@ -100,6 +100,8 @@ pub(super) struct LinearContact {
     pub(super) stiffness: Mat6,
     /// Contact damping per contact stiffness β, s.
     pub(super) damping_s: f64,
+    /// Dampers beyond that: of the faces that touch, and of the brake; symmetric, positive semi-definite, N·s/m, N·s, N·m·s/rad.
+    pub(super) damping: Option<Mat6>,
 }
 
 /// What pulls and how the step is taken.
@@ -151,10 +153,14 @@ impl Body {
             |linear: f64, angular: f64| Mat6::from_blocks(identity * linear, DMat3::ZERO, DMat3::ZERO, identity * angular);
         let springs = on_diagonal(pull.spring.stiffness_n_per_m, pull.spring.stiffness_nm_per_rad);
         let dampers = on_diagonal(pull.damping.0, pull.damping.1);
-        let system =
+        let mut system =
             mass.plus_scaled(h, &dampers).plus_scaled(h * h, &springs).plus_scaled(h * (h + contact.damping_s), &contact.stiffness);
         // What one more tick at the present velocity adds to spring and contact, and what contact damping takes now.
-        let resisting = Mat6::ZERO.plus_scaled(h, &springs).plus_scaled(h + contact.damping_s, &contact.stiffness);
+        let mut resisting = Mat6::ZERO.plus_scaled(h, &springs).plus_scaled(h + contact.damping_s, &contact.stiffness);
+        if let Some(damping) = &contact.damping {
+            system = system.plus_scaled(h, damping);
+            resisting = resisting.plus_scaled(1.0, damping);
+        }
         let (force, torque) = resisting.mul(self.twist.linear, self.twist.angular);
         let wrench = (pull.wrench(self.twist) + contact.wrench - Wrench::new(force, torque)) * h;
         let (linear, angular) = system.solve_spd(wrench)?;
@@ -162,11 +168,19 @@ impl Body {
     }
 
     /// Semi-implicit Euler: `v ← v + h M⁻¹ W`, then `x ← x + h v`. The caller limits the contact stiffness to what this step can
-    /// take. `None` on a singular inertia or non-finite input. RT: safe.
+    /// take. Dampers of contact act at the end of the step, `(M + h D) v ← M v + h W`: they are stable however large. `None` on a singular
+    /// inertia or non-finite input. RT: safe.
     pub(super) fn step_semi_implicit(&self, pull: &Pull, contact: &LinearContact, inertia: &Inertia) -> Option<Twist> {
         let wrench = pull.wrench(self.twist) + contact.wrench;
         let axes = self.pose.rotation_matrix();
         let inertia_world = axes * inertia.body_kg_m2 * axes.transpose();
+        if let Some(damping) = &contact.damping {
+            let mass = Mat6::from_blocks(DMat3::IDENTITY * inertia.mass_kg, DMat3::ZERO, DMat3::ZERO, inertia_world);
+            let (force, torque) = damping.mul(self.twist.linear, self.twist.angular);
+            let impulse = (wrench - Wrench::new(force, torque)) * pull.period_s;
+            let (linear, angular) = mass.plus_scaled(pull.period_s, damping).solve_spd(impulse)?;
+            return Some(Twist { linear: self.twist.linear + linear, angular: self.twist.angular + angular });
+        }
         let twist = Twist {
             linear: self.twist.linear + wrench.force * (pull.period_s / inertia.mass_kg),
             angular: self.twist.angular + inertia_world.inverse() * wrench.torque * pull.period_s,

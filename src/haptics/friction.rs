@@ -137,7 +137,14 @@ mod tests {
     const PARAMS: FrictionParameters = FrictionParameters { r#static: 0.5, dynamic: 0.4, stiffness_n_per_m: 1e4 };
 
     fn floor(force_n: f64) -> Patch {
-        Patch { face: 3, force_n, normal_world: DVec3::Z, arm_world: DVec3::new(0.0, 0.0, -0.01), radius_m: 0.02 }
+        Patch {
+            face: 3,
+            force_n,
+            normal_world: DVec3::Z,
+            arm_world: DVec3::new(0.0, 0.0, -0.01),
+            radius_m: 0.02,
+            stiffness_n_per_m: 1e4,
+        }
     }
 
     fn at(x_m: f64, turn_rad: f64) -> Pose {

@@ -8,8 +8,10 @@
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::indexing_slicing)]
 
 mod auto_limit;
+mod braking;
 mod constraint;
 pub mod contact;
+mod contact_damping;
 mod coupling;
 mod drive;
 mod faults;

@@ -21,6 +21,13 @@ pub enum CouplingMode {
     Direct,
 }
 
+impl CouplingMode {
+    /// The virtual tool has a mass, and so a velocity of its own.
+    pub fn has_mass(self) -> bool {
+        matches!(self, Self::Implicit | Self::SemiImplicit)
+    }
+}
+
 /// What contact normalisation does with the sum over points.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Normalization {
@@ -66,6 +73,23 @@ pub struct ContactParameters {
     pub normalization: Normalization,
     /// Friction.
     pub friction: FrictionParameters,
+    /// Damping of each face that touches, along its normal, N·s/m; needs a virtual tool with mass.
+    pub damping_n_s_per_m: f64,
+    /// Points ahead of contact brake the virtual tool; needs one with mass.
+    pub braking: bool,
+}
+
+impl ContactParameters {
+    /// Interpolated depths, 1 N/mm, nothing else.
+    pub const PLAIN: Self = Self {
+        field: FieldKind::Trilinear,
+        stiffness_n_per_m: 1000.0,
+        damping_ratio: 0.0,
+        normalization: Normalization::None,
+        friction: FrictionParameters::NONE,
+        damping_n_s_per_m: 0.0,
+        braking: false,
+    };
 }
 
 /// Coulomb friction, see `friction`.
@@ -175,6 +199,10 @@ pub struct ArmParameters {
     pub injected_n_s_per_m: f64,
     /// The same in rotation, N·m·s/rad.
     pub injected_nm_s_per_rad: f64,
+    /// Step of a measured velocity, device units, m/s: one of the encoder over the window. What is below it may be rest, or go the other way.
+    pub velocity_step_m_per_s: f64,
+    /// The same in rotation, rad/s.
+    pub velocity_step_rad_per_s: f64,
 }
 
 impl Default for ArmParameters {
@@ -185,6 +213,8 @@ impl Default for ArmParameters {
             stiffness_lag_nm_s_per_rad: f64::INFINITY,
             injected_n_s_per_m: 0.0,
             injected_nm_s_per_rad: 0.0,
+            velocity_step_m_per_s: 0.0,
+            velocity_step_rad_per_s: 0.0,
         }
     }
 }

@@ -2,6 +2,7 @@
 //! magnitude → finite check.
 
 use super::auto_limit::LoopDelay;
+use super::braking::Braking;
 use super::contact::{Budget, ContactSum, Machine, Traversal, Way};
 use super::limits::{Limiter, Ramp};
 use super::params::CouplingMode;
@@ -77,6 +78,8 @@ pub struct State {
     /// Finds what touches, and knows where the obstacles stand.
     traversal: Traversal,
     movers: Movers,
+    /// Where the scene asks for it.
+    braking: Option<Braking>,
     delay: LoopDelay,
     passivity: PassivityController,
     enable_gain: Ramp,
@@ -108,6 +111,7 @@ impl State {
             tool: VirtualTool::at(scene.start()),
             traversal: Traversal::new(Machine::best(), Way::Tree, &scene.obstacles, &scene.tool.shell),
             movers: Movers::new(scene.obstacles.len()),
+            braking: Braking::of(scene),
             delay: LoopDelay::default(),
             passivity: PassivityController::default(),
             enable_gain: Ramp::default(),
@@ -183,7 +187,8 @@ pub fn tick(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOu
     if state.drive.has_force() && p.coupling.mode == CouplingMode::Direct {
         state.tool.stand_at(target, scene);
     }
-    let touch = state.tool.touch(&mut state.traversal, scene, state.movers.n_under_way() > 0);
+    let moving = state.movers.n_under_way() > 0;
+    let touch = state.tool.touch(&mut state.traversal, state.braking.as_mut(), scene, moving);
     let contact = &touch.contact;
     if let Some(resume) = &mut state.resume {
         resume.has_room = Some(contact.max_value_m <= RESUME_VOXELS * contact.voxel_size_m);

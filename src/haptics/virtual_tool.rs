@@ -3,10 +3,12 @@
 use glam::DVec3;
 
 use super::RenderScene;
+use super::braking::{Brake, Braking};
 use super::constraint::{self, SLOP_VOXELS};
 use super::contact::places::Places;
 use super::contact::planes::DeepestContacts;
-use super::contact::{Carried, Contact, ContactSum, Traversal};
+use super::contact::{Carried, Contact, ContactSum, Patch, Traversal};
+use super::contact_damping;
 use super::coupling::{Body, Inertia, LinearContact, Pull, Spring};
 use super::filter::{ShapingFilter, Slide};
 use super::friction::{Friction, FrictionWrench};
@@ -28,6 +30,7 @@ pub(super) struct Touch {
     pub(super) contact: ContactSum,
     /// For the constraint coupling only.
     deepest: Option<DeepestContacts>,
+    brake: Option<Brake>,
 }
 
 /// Pose, velocity and all memory of force.
@@ -71,8 +74,14 @@ impl VirtualTool {
         self.body = self.body.followed(target, scene.tool.shell.radius_m(), self.step_limit_m);
     }
 
-    /// Looks for contact where the tool stands; `moving`: obstacles are under way.
-    pub(super) fn touch(&mut self, traversal: &mut Traversal, scene: &RenderScene, moving: bool) -> Touch {
+    /// Looks for contact where the tool stands, and with `braking` for what it approaches; `moving`: obstacles are under way.
+    pub(super) fn touch(
+        &mut self,
+        traversal: &mut Traversal,
+        braking: Option<&mut Braking>,
+        scene: &RenderScene,
+        moving: bool,
+    ) -> Touch {
         let (p, obstacles, shell, body) = (&scene.parameters, &scene.obstacles, &scene.tool.shell, self.body.pose);
         let mut deepest = (p.coupling.mode == CouplingMode::Constraint).then(DeepestContacts::default);
         let contact = match deepest.as_mut() {
@@ -85,7 +94,8 @@ impl VirtualTool {
         // A point that goes no further than this is seen inside of a wall of three voxels.
         let seen_voxels = if moving { SEEN_VOXELS - ALWAYS_VOXELS } else { SEEN_VOXELS };
         self.step_limit_m = contact.step_limit_m.max(seen_voxels * contact.voxel_size_m);
-        Touch { contact, deepest }
+        let brake = braking.and_then(|braking| braking.brake(scene, traversal, &self.body, &contact));
+        Touch { contact, deepest, brake }
     }
 
     /// Friction of what touches.
@@ -107,7 +117,7 @@ impl VirtualTool {
         target: (Pose, Twist),
     ) -> Option<Wrench> {
         let p = &scene.parameters;
-        let Touch { contact, deepest } = touch;
+        let Touch { contact, deepest, brake } = touch;
         if coupling.mode == CouplingMode::Direct {
             return Some(self.direct(contact, rubbing, coupling, p));
         }
@@ -138,7 +148,7 @@ impl VirtualTool {
                 let step = constraint::step(free, body, coupling, deepest, way_out, SLOP_VOXELS * contact.voxel_size_m)?;
                 over_a_tick((step.0 + linear, step.1 + angular))
             }
-            _ => self.step_with_mass(scene, (contact, rubbing), coupling, (stretched, target_twist, weight))?,
+            _ => self.step_with_mass(scene, (contact, rubbing, brake.as_ref()), coupling, (stretched, target_twist, weight))?,
         };
         self.body = self.body.moved(twist, p.period_s, radius_m, contact.step_limit_m);
 
@@ -161,7 +171,7 @@ impl VirtualTool {
     fn step_with_mass(
         &mut self,
         scene: &RenderScene,
-        (contact, rubbing): (&ContactSum, &FrictionWrench),
+        (contact, rubbing, brake): (&ContactSum, &FrictionWrench, Option<&Brake>),
         coupling: &CouplingParameters,
         (spring, target_twist, weight): (Spring, Twist, DVec3),
     ) -> Option<Twist> {
@@ -181,15 +191,38 @@ impl VirtualTool {
         let damping_s = if along > 0.0 { 2.0 * p.contact.damping_ratio * (inertia.mass_kg / along).sqrt() } else { 0.0 };
 
         let pull = Pull { spring, target_twist, weight, damping, period_s: p.period_s };
-        let mut linear = LinearContact { wrench: wrench + rubbing.wrench * scale, stiffness, damping_s };
-        match coupling.mode {
-            CouplingMode::SemiImplicit => self.body.step_semi_implicit(&pull, &linear, inertia),
-            _ => {
-                // What moves towards the tool will push by so much more at the end of the tick, and damping acts on the speed between both.
-                linear.wrench = linear.wrench + pushed(&linear.stiffness, &contact.carried) * (1.0 + damping_s / p.period_s);
-                self.body.step_implicit(&pull, &linear, inertia)
-            }
+        let mut wrench = wrench + rubbing.wrench * scale;
+        if coupling.mode != CouplingMode::SemiImplicit {
+            // What moves towards the tool will push by so much more at the end of the tick, and damping acts on the speed between both.
+            wrench = wrench + pushed(&stiffness, &contact.carried) * (1.0 + damping_s / p.period_s);
         }
+        let braking = brake.map(|brake| brake.damping(inertia.mass_kg, p.period_s));
+        let ground = contact.carried.over(p.period_s);
+        let solve = |faces: Option<&Mat6>| {
+            let (mut damping, mut wrench) = (braking, wrench);
+            if let Some(faces) = faces {
+                damping = Some(damping.unwrap_or(Mat6::ZERO).plus_scaled(1.0, faces));
+                let (force, torque) = faces.mul(ground.linear, ground.angular);
+                wrench = wrench + Wrench::new(force, torque);
+            }
+            let linear = LinearContact { wrench, stiffness, damping_s, damping };
+            match coupling.mode {
+                CouplingMode::SemiImplicit => self.body.step_semi_implicit(&pull, &linear, inertia),
+                _ => self.body.step_implicit(&pull, &linear, inertia),
+            }
+        };
+        let undamped = solve(None)?;
+        if contact.contacts == 0 || p.contact.damping_n_s_per_m <= 0.0 {
+            return Some(undamped);
+        }
+        // In an explicit step the faces press as they did at its begin.
+        let spring_s = if coupling.mode == CouplingMode::SemiImplicit { 0.0 } else { p.period_s + damping_s };
+        let patches = contact.patches().map(|patch| Patch { force_n: scale * patch.force_n, ..*patch });
+        // As seen from what the faces touch, which may move.
+        let seen = contact_damping::damped(patches, p.contact.damping_n_s_per_m, spring_s, undamped - ground, |dampers| {
+            solve(Some(dampers)).map(|twist| twist - ground)
+        })?;
+        Some(seen + ground)
     }
 
     /// No virtual tool: the shell stands where the arm is, the arm gets the filtered contact wrench, its stiffness limited to what
@@ -202,9 +235,7 @@ impl VirtualTool {
 
     /// A share of the contact wrench through the dynamic shaping filter.
     fn shaped(&mut self, contact: &ContactSum, share: f64, step_stiffness: f64, p: &Parameters) -> Wrench {
-        let Carried { linear, angular } = contact.carried;
-        let Twist { linear: velocity, angular: spin } = self.body.twist;
-        let against = Twist { linear: velocity - linear / p.period_s, angular: spin - angular / p.period_s };
+        let against = self.body.twist - contact.carried.over(p.period_s);
         let slide = Slide { speed_m_per_s: slide_speed(contact, against), voxel_size_m: contact.voxel_size_m, step_stiffness };
         self.filter.update(contact.wrench * share, slide, contact.contacts > 0, &p.filter, p.period_s)
     }

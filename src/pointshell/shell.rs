@@ -102,6 +102,12 @@ impl Shell {
         self
     }
 
+    /// The same shell, none of its points on an edge. Cold.
+    #[must_use]
+    pub fn without_edges(self) -> Self {
+        Self { edges: vec![0; self.positions.len()].into(), ..self }
+    }
+
     /// The tree: spheres around runs of points.
     pub fn tree(&self) -> &Tree {
         &self.tree

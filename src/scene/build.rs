@@ -84,6 +84,7 @@ pub fn build_with(
     };
     let Baked { shell, mass, report: mut tool_report, .. } = object::obtain(&request, means, tell)?;
     let (Some(shell), Some(mass)) = (shell, mass) else { unreachable!("a tool has a shell and a mass") };
+    let shell = if config.knows_edges { shell } else { shell.without_edges() };
     let center_of_mass_tool = config.tool.center_of_mass_m.unwrap_or(mass.center_m);
     let mut inertia = inertia(&config.tool, &mass, shell.radius_m(), center_of_mass_tool);
     if config.parameters.coupling.mode == CouplingMode::SemiImplicit {

@@ -23,6 +23,20 @@ impl Twist {
     }
 }
 
+impl Add for Twist {
+    type Output = Self;
+    fn add(self, other: Self) -> Self {
+        Self { linear: self.linear + other.linear, angular: self.angular + other.angular }
+    }
+}
+
+impl Sub for Twist {
+    type Output = Self;
+    fn sub(self, other: Self) -> Self {
+        Self { linear: self.linear - other.linear, angular: self.angular - other.angular }
+    }
+}
+
 /// Force and torque; the frame and the reduction point are named where it is declared.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Wrench {

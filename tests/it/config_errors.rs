@@ -188,9 +188,6 @@ fn an_object_is_movable_as_written() {
 fn what_this_version_lacks_is_refused_by_name() {
     let scene = SCENE.to_owned()
         + r#"selector = "1209:7a01"
-[contact]
-braking = true
-damping_n_s_per_m = 1.0
 [safety]
 deadman = true
 heartbeat_ms = 500
@@ -203,21 +200,37 @@ points = 1000
 "#;
     let errors = load(&scene).unwrap_err();
     let keys: Vec<&str> = errors.problems().iter().filter_map(|problem| problem.key.as_deref()).collect();
-    let expected = [
-        "device.selector",
-        "contact.braking",
-        "contact.damping_n_s_per_m",
-        "safety.deadman",
-        "safety.heartbeat_ms",
-        "device.sim.jitter_us",
-        "monitor.listen",
-        "sculpt",
-    ];
+    let expected = ["device.selector", "safety.deadman", "safety.heartbeat_ms", "device.sim.jitter_us", "monitor.listen", "sculpt"];
     assert_eq!(keys, expected);
     for problem in errors.problems() {
         assert!(matches!(problem.kind, ProblemKind::NotAvailable { .. }), "{problem}");
         assert!(problem.to_string().contains("not available in this version"), "{problem}");
     }
+}
+
+/// What takes speed from the virtual tool needs one that has a speed of its own.
+#[test]
+fn brakes_and_dampers_are_for_couplings_with_mass() {
+    let with = |coupling: &str| {
+        let keys = "[contact]\nbraking = true\ndamping_n_s_per_m = 12.5\ngeometric_awareness = \"off\"\nstiffness_n_per_mm = 0.1\n";
+        load(&(SCENE.replace("[rendering]", &format!("[rendering]\ncoupling = \"{coupling}\"")) + keys))
+    };
+    for coupling in ["implicit", "semi-implicit"] {
+        let config = with(coupling).expect("valid");
+        let contact = config.parameters.contact;
+        assert!(contact.braking && contact.damping_n_s_per_m == 12.5 && !config.knows_edges);
+    }
+    for coupling in ["static", "constraint", "direct"] {
+        let errors = with(coupling).unwrap_err();
+        let keys: Vec<&str> = errors.problems().iter().filter_map(|problem| problem.key.as_deref()).collect();
+        assert_eq!(keys, ["contact.braking", "contact.damping_n_s_per_m"], "{errors}");
+        assert!(
+            errors.to_string().contains("has no mass") && errors.to_string().contains("\"semi-implicit\" have one"),
+            "{errors}"
+        );
+    }
+    let plain = load(SCENE).expect("valid");
+    assert!(!plain.parameters.contact.braking && plain.parameters.contact.damping_n_s_per_m == 0.0 && plain.knows_edges);
 }
 
 #[test]

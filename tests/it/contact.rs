@@ -1,4 +1,4 @@
-//! Acceptance tests 9, 10, 12 and 15 (contact and force), under their numbers.
+//! Acceptance tests 9, 10, 12, 15 and 18 (contact and force), under their numbers.
 
 use glam::{DQuat, DVec3};
 use hapticd::haptics::contact::{ContactSum, Obstacle};
@@ -22,6 +22,7 @@ fn contact(field: FieldKind) -> ContactParameters {
         damping_ratio: 0.0,
         normalization: Normalization::None,
         friction: FrictionParameters::NONE,
+        ..ContactParameters::PLAIN
     }
 }
 
@@ -260,4 +261,154 @@ fn a_closed_plate_thinner_than_a_voxel_is_felt_as_a_skin() {
     // Thick enough for cells inside: a solid as before.
     let plate = Shape::Box { size_m: DVec3::new(0.02, 0.02, 2e-3) }.tessellate(1e-5);
     assert!(!build(&plate, S, 4).thin);
+}
+
+/// A contact as the Jacobian of its wrench needs it, world axes, about the centre of mass.
+struct Pushed {
+    arm: DVec3,
+    /// Direction of the push; turns with the tool.
+    normal: DVec3,
+    depth_m: f64,
+    /// grad V.
+    gradient: DVec3,
+}
+
+/// dW/dx of K Σ d n with its moments, rows and columns linear before angular, by the product rule:
+///
+/// ```text
+/// dF/dp = K n gᵀ        dF/dθ = −K n gᵀ [r]× − K d [n]×
+/// dτ/dp = K [r]× n gᵀ   dτ/dθ = −K [r]× n gᵀ [r]× − K d [r]× [n]× + [f]× [r]×
+/// ```
+fn exact_jacobian(contacts: &[Pushed], stiffness_n_per_m: f64) -> [[f64; 6]; 6] {
+    let mut jacobian = [[0.0; 6]; 6];
+    for Pushed { arm, normal, depth_m, gradient } in contacts {
+        let force = *normal * (stiffness_n_per_m * depth_m);
+        for (column, axis) in [DVec3::X, DVec3::Y, DVec3::Z].into_iter().enumerate() {
+            // How the point moves with a shift and with a turn about the axis.
+            for (offset, moved, turned) in [(0, axis, DVec3::ZERO), (3, axis.cross(*arm), axis)] {
+                let force_rate = *normal * (stiffness_n_per_m * gradient.dot(moved)) + turned.cross(force);
+                let arm_rate = if offset == 3 { moved } else { DVec3::ZERO };
+                let torque_rate = arm.cross(force_rate) + arm_rate.cross(force);
+                for row in 0..3 {
+                    jacobian[row][offset + column] += force_rate[row];
+                    jacobian[row + 3][offset + column] += torque_rate[row];
+                }
+            }
+        }
+    }
+    jacobian
+}
+
+/// Central differences of a wrench over shifts of `way_m` and turns of `turn_rad` about the centre of mass.
+fn differences(pose: Pose, way_m: f64, turn_rad: f64, wrench: impl Fn(Pose) -> Wrench) -> [[f64; 6]; 6] {
+    let mut jacobian = [[0.0; 6]; 6];
+    for (column, axis) in [DVec3::X, DVec3::Y, DVec3::Z].into_iter().enumerate() {
+        for (offset, step, linear, angular) in [(0, way_m, axis, DVec3::ZERO), (3, turn_rad, DVec3::ZERO, axis)] {
+            let at = |sign: f64| wrench(pose.stepped(linear * sign * step, angular * sign * step));
+            let rate = (at(1.0) + -at(-1.0)) * (0.5 / step);
+            for row in 0..3 {
+                jacobian[row][offset + column] = rate.force[row];
+                jacobian[row + 3][offset + column] = rate.torque[row];
+            }
+        }
+    }
+    jacobian
+}
+
+/// Reach of the points: turns count by the way of a point so far out, moments by the force there.
+const REACH_M: f64 = 0.01;
+
+/// Largest difference of two Jacobians as a share of the largest entry, in newtons per metre.
+fn apart(one: &[[f64; 6]; 6], other: &[[f64; 6]; 6]) -> f64 {
+    let per_m = |row: usize, column: usize| REACH_M.powi(-i32::from(row >= 3) - i32::from(column >= 3));
+    let entries = || (0..6).flat_map(|row| (0..6).map(move |column| (row, column)));
+    let scale = entries().map(|(row, column)| other[row][column].abs() * per_m(row, column)).fold(0.0, f64::max);
+    let off = entries().map(|(row, column)| (one[row][column] - other[row][column]).abs() * per_m(row, column));
+    off.fold(0.0, f64::max) / scale
+}
+
+/// Where the middle of the ball lies that the points are on, tool axes.
+const OFF_CENTER_M: DVec3 = DVec3::new(4e-3, -3e-3, 0.0);
+const TURN: DVec3 = DVec3::new(0.02, -0.03, 0.4);
+
+/// The tool turned, with the middle of that ball at a place.
+fn ball_at(x_m: f64, y_m: f64, z_m: f64) -> Pose {
+    let turn = DQuat::from_scaled_axis(TURN);
+    Pose::new(turn, DVec3::new(x_m, y_m, z_m) - turn * OFF_CENTER_M)
+}
+
+/// Points on a cap of a ball off the centre of mass, their normals a little off, as those of a shell are.
+fn cap(n: usize, radius_m: f64, reach_rad: f64) -> Vec<(DVec3, DVec3)> {
+    let golden = core::f64::consts::PI * (3.0 - 5_f64.sqrt());
+    let point = |k: usize| {
+        let polar = reach_rad * ((k as f64 + 0.5) / n as f64).sqrt();
+        let (sin, cos) = polar.sin_cos();
+        let around = golden * k as f64;
+        let outward = DVec3::new(sin * around.cos(), sin * around.sin(), -cos);
+        let off = DVec3::new((7.0 * around).sin(), (5.0 * around).cos(), (3.0 * around).sin()) * 0.1;
+        (outward * radius_m + OFF_CENTER_M, (off - outward).normalize())
+    };
+    (0..n).map(point).collect()
+}
+
+/// The formula against a distance that is curved and smooth, in f64: what is left is of second order in the step.
+#[test]
+fn acceptance_18_the_exact_jacobian_is_that_of_finite_differences() {
+    let (center, radius_m) = (DVec3::new(1e-3, -2e-3, -0.02), 0.0185);
+    let points = cap(200, 0.01, 0.25);
+    let push = |pose: Pose| -> Vec<Pushed> {
+        let pushed = |(point, normal): &(DVec3, DVec3)| {
+            let arm = pose.rotation * *point;
+            let from_center = pose.translation + arm - center;
+            let depth_m = radius_m - from_center.length();
+            assert!(depth_m > 1e-4, "away from the kink at zero: {depth_m} m");
+            Pushed { arm, normal: pose.rotation * *normal, depth_m, gradient: -from_center.normalize() }
+        };
+        points.iter().map(pushed).collect()
+    };
+    let wrench = |pose: Pose| {
+        push(pose).iter().fold(Wrench::ZERO, |sum, Pushed { arm, normal, depth_m, .. }| {
+            let force = *normal * (STIFFNESS_N_PER_M * depth_m);
+            sum + Wrench::new(force, arm.cross(force))
+        })
+    };
+    let pose = ball_at(8e-4, -1.5e-3, 7.2e-3);
+    let exact = exact_jacobian(&push(pose), STIFFNESS_N_PER_M);
+    let error = apart(&differences(pose, 2e-7, 2e-5, wrench), &exact);
+    eprintln!("exact Jacobian against differences, f64: {error:.1e}");
+    assert!(error < 1e-6, "{error}");
+}
+
+/// The wrench of the tick, whose depths are of single precision, against the formula on its own contacts; and how far the Gauss-Newton form of
+/// the tick is from it (said in docs/adr/0005).
+#[test]
+fn acceptance_18_the_wrench_of_the_tick_has_that_jacobian_and_gauss_newton_is_near() {
+    let slab = Shape::Plane { x_m: 0.03, y_m: 0.03, thickness_m: 0.02 }.tessellate(1e-5);
+    let obstacles = [obstacle(&slab, 5e-4).0];
+    let field = &obstacles[0].field;
+    let shell = Shell::new(&cap(2000, 0.01, 0.3), 5e-4);
+    let parameters = contact(FieldKind::Trilinear);
+    // Even the outermost point is half a millimetre deep, so none comes or goes.
+    let pose = ball_at(8e-4, -1.5e-3, 8.7e-3);
+    let sum = |pose: Pose| ContactSum::flat(&obstacles, &shell, pose, &parameters, &NO_FILTER);
+    assert_eq!(sum(pose).contacts, 2000);
+    let mut contacts = Vec::new();
+    hapticd::haptics::contact::visit(field, FieldKind::Trilinear, &shell, pose, |contact| {
+        let arm = pose.rotation * contact.arm_body.as_dvec3();
+        let cells = (pose.translation + arm - field.origin_map().as_dvec3()) / f64::from(field.voxel_size_m());
+        contacts.push(Pushed {
+            arm,
+            normal: pose.rotation * contact.normal_body.as_dvec3(),
+            depth_m: f64::from(contact.depth_m),
+            gradient: field.gradient(cells.as_vec3()).as_dvec3(),
+        });
+    });
+    let exact = exact_jacobian(&contacts, STIFFNESS_N_PER_M);
+    let error = apart(&differences(pose, 1e-4, 1e-3, |pose| sum(pose).wrench), &exact);
+    // −K Σ w wᵀ.
+    let gauss_newton = sum(pose).stiffness.0.map(|row| row.map(|entry| -entry));
+    let far = apart(&gauss_newton, &exact);
+    eprintln!("Jacobian of the tick's wrench: {error:.1e} from the exact one; Gauss-Newton: {far:.3}");
+    assert!(error < 2e-5, "{error}");
+    assert!(far < 0.09, "{far}");
 }

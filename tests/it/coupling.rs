@@ -44,6 +44,7 @@ fn parameters() -> Parameters {
             damping_ratio: 0.7,
             normalization: Normalization::None,
             friction: FrictionParameters::NONE,
+            ..ContactParameters::PLAIN
         },
         coupling: CouplingParameters {
             mode: CouplingMode::Implicit,

@@ -16,7 +16,7 @@ use hapticd::haptics::stability::SampledWall;
 use hapticd::haptics::{ArmParameters, CouplingMode, DriveRequest, Faults, FilterParameters, RenderScene, State, TickInput, tick};
 use hapticd::spatial::{Axes, Pose};
 
-use super::rest::{self, ARMS, HANDS, MORE_DELAY, OWED_J, Outcome, Still, T};
+use super::rest::{self, ARMS, HANDS, MORE_DELAY, Outcome, Still, T};
 use super::rig;
 
 /// When the hand has come to its last pose, s.
@@ -120,13 +120,18 @@ impl Situation {
 
 /// Runs all of a situation and holds every run against what a coupling promises at rest.
 fn comes_to_rest(situation: &Situation) {
+    comes_to_rest_with(situation, &MODES, "");
+}
+
+/// The same in some couplings, with more keys.
+fn comes_to_rest_with(situation: &Situation, modes: &[&str], more: &str) {
     let mut scene = situation.bake();
     let mut n_damped = 0;
-    for mode in MODES {
+    for mode in modes {
         for profile in ARMS {
             for (hand_name, hand) in HANDS {
                 for more_delay in MORE_DELAY {
-                    let config = situation.config(mode, profile, hand, 1 + more_delay, "");
+                    let config = situation.config(mode, profile, hand, 1 + more_delay, more);
                     let outcome = rest::play(&mut scene, &config, &situation.path(), N_TICKS, N_REST);
                     let what = format!("{:6} {mode:13} {profile:18} {hand_name} +{more_delay}", situation.name);
                     eprintln!("{what}: {outcome}");
@@ -142,10 +147,7 @@ fn comes_to_rest(situation: &Situation) {
 impl Outcome {
     fn assert_at_rest(&self, what: &str, situation: &Situation, config: &SceneConfig, is_loose: bool) {
         let coupling = &config.parameters.coupling;
-        // Known, and said in docs/tuning.md: in a tight hole the constraint coupling trembles in a loose hand.
-        let is_known = is_loose && situation.name == "peg" && coupling.mode == CouplingMode::Constraint;
-        let known = Still { ripple_n: 0.6, ripple_nm: 0.012, speed_m_per_s: 5e-3, owed_j: 3.0 * OWED_J };
-        self.assert_still(what, &if is_known { known } else { Still::on(config) });
+        self.assert_still(what, &Still::on(config));
         if situation.name == "free" {
             assert!(self.last.contacts == 0 && self.force_n == 0.0 && self.damped_ticks == 0, "{what}: {self}");
             return;
@@ -183,6 +185,24 @@ fn every_coupling_comes_to_rest_in_a_corner() {
 #[test]
 fn every_coupling_comes_to_rest_with_a_peg_in_its_hole() {
     comes_to_rest(&SITUATIONS[3]);
+}
+
+/// Dampers act on the virtual tool; what the arm feels stays as passive as it was.
+#[test]
+fn with_dampers_everything_comes_to_rest_as_well() {
+    for situation in &SITUATIONS {
+        comes_to_rest_with(situation, &["implicit"], "[contact]\ndamping_n_s_per_m = 20\n");
+    }
+}
+
+/// A brake holds the tool back before anything is felt, so the spring is stretched when contact begins; with "drag" the hand has
+/// done that work. The peg is left out: in a gap narrower than a voxel everything is just ahead of contact, and it takes longer to go in than
+/// this test lasts.
+#[test]
+fn with_brakes_everything_comes_to_rest_as_well() {
+    for situation in &SITUATIONS[1..3] {
+        comes_to_rest_with(situation, &["implicit"], "[contact]\nbraking = true\n[coupling]\nfree_space = \"drag\"\n");
+    }
 }
 
 /// One axis of an arm without friction or encoder steps on the floor, pressed by a soft hand: what the stability rules are about. The
@@ -266,7 +286,7 @@ fn acceptance_22_the_automatic_limit_keeps_a_delayed_loop_stable() {
                 let what = format!("{mode:?}, {cutoff_hz} Hz, {extra_ticks} ticks, {stiffness:.0} N/m");
                 eprintln!("{what}: without the limit {:.3} mm, with it {:.6} mm", unaware_m * 1e3, limited_m * 1e3);
                 assert!(unaware_m > 1e-4, "{what}: moves by {unaware_m} m without the limit");
-                assert!(limited_m < 0.05 * unaware_m, "{what}: moves by {limited_m} m with it, {unaware_m} m without");
+                assert!(limited_m < 1e-5, "{what}: moves by {limited_m} m with it");
             }
         }
     }

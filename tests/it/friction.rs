@@ -16,13 +16,15 @@ use hapticd::voxmap::field::FieldKind;
 use hapticd::voxmap::sides::SidesRule;
 use hapticd::voxmap::{Options, Voxmap};
 
-const T: f64 = 1e-3;
+pub(super) const T: f64 = 1e-3;
 /// Voxel edge of the slope, m.
-const S: f64 = 5e-4;
-const SLOPE_RAD: f64 = 10.0 * core::f64::consts::PI / 180.0;
+pub(super) const S: f64 = 5e-4;
+pub(super) const SLOPE_RAD: f64 = 10.0 * core::f64::consts::PI / 180.0;
 const G: f64 = 9.81;
-const MASS_KG: f64 = 0.1;
+pub(super) const MASS_KG: f64 = 0.1;
 const STIFFNESS_N_PER_M: f64 = 2000.0;
+/// Half the edge of the block, m.
+pub(super) const HALF_M: f64 = 5e-3;
 
 fn build(mesh: &TriangleMesh, voxel_size_m: f64) -> Voxmap {
     let options = Options { voxel_size_m, layers: 8, navigation: None, sides: SidesRule::Auto };
@@ -48,12 +50,13 @@ fn contact(normalization: Normalization, coefficient: f64) -> ContactParameters 
         damping_ratio: 0.7,
         normalization,
         friction: FrictionParameters { r#static: coefficient, dynamic: coefficient, stiffness_n_per_m: 10.0 * STIFFNESS_N_PER_M },
+        ..ContactParameters::PLAIN
     }
 }
 
 /// A block that nobody holds, on a slope.
-fn scene(coefficient: f64) -> RenderScene {
-    let half_m = 5e-3;
+pub(super) fn scene(coefficient: f64) -> RenderScene {
+    let half_m = HALF_M;
     let up = DQuat::from_rotation_y(SLOPE_RAD);
     let inertia_kg_m2 = MASS_KG * (2.0 * half_m) * (2.0 * half_m) / 6.0;
     let no_limit = f64::INFINITY;
@@ -106,7 +109,7 @@ fn scene(coefficient: f64) -> RenderScene {
 }
 
 /// Where the block is after each tick.
-fn slide(scene: &RenderScene, n_ticks: u64) -> impl Iterator<Item = Pose> {
+pub(super) fn slide(scene: &RenderScene, n_ticks: u64) -> impl Iterator<Item = Pose> {
     let mut state = State::new(scene);
     (1..=n_ticks).map(move |sequence| {
         let sample = DeviceSample { sequence, status: SampleStatus::Fresh, ..DeviceSample::default() };

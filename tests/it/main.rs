@@ -5,6 +5,7 @@ mod architecture;
 mod bake_cache;
 mod bake_cache_cli;
 mod bench;
+mod braking;
 mod cli;
 mod config_errors;
 mod contact;

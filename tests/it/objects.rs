@@ -63,6 +63,7 @@ fn parameters(mode: CouplingMode) -> Parameters {
             damping_ratio: 0.7,
             normalization: Normalization::None,
             friction: FrictionParameters::NONE,
+            ..ContactParameters::PLAIN
         },
         coupling: CouplingParameters {
             mode,

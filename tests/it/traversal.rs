@@ -20,6 +20,7 @@ const CONTACT: ContactParameters = ContactParameters {
     damping_ratio: 0.0,
     normalization: Normalization::Average,
     friction: FrictionParameters::NONE,
+    ..ContactParameters::PLAIN
 };
 
 /// A linear congruential generator; numbers between −1 and 1.

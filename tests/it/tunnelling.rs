@@ -46,6 +46,7 @@ fn scene(mode: CouplingMode) -> RenderScene {
                 damping_ratio: 0.7,
                 normalization: Normalization::None,
                 friction: FrictionParameters::NONE,
+                ..ContactParameters::PLAIN
             },
             coupling: CouplingParameters {
                 mode,

@@ -171,6 +171,7 @@ pub(super) fn contact(field: FieldKind) -> ContactParameters {
         damping_ratio: 0.0,
         normalization: Normalization::None,
         friction: FrictionParameters::NONE,
+        ..ContactParameters::PLAIN
     }
 }
 

@@ -19,6 +19,7 @@ pub mod faces;
 mod flat;
 pub(in crate::haptics) mod places;
 pub mod planes;
+mod proximity;
 mod simd;
 mod sum;
 mod touched;
@@ -30,6 +31,7 @@ use glam::DVec3;
 pub use budget::Budget;
 pub use faces::FACES;
 pub use flat::visit;
+pub use proximity::Proximity;
 pub use simd::Machine;
 pub use touched::{Contact, Touched};
 pub use traversal::{Traversal, Way};
@@ -39,7 +41,7 @@ use self::places::FarSum;
 use self::sum::{Sums, Total, Weighting};
 use super::params::{ContactParameters, FilterParameters, Normalization};
 use crate::pointshell::shell::Shell;
-use crate::spatial::{Mat6, Pose, Wrench};
+use crate::spatial::{Mat6, Pose, Twist, Wrench};
 use crate::voxmap::field::{Field, FieldKind};
 
 /// A static object as the tick sees it.
@@ -77,6 +79,8 @@ pub struct Patch {
     pub arm_world: DVec3,
     /// Radius of gyration about the normal through the middle, m.
     pub radius_m: f64,
+    /// Stiffness along the normal, N/m.
+    pub stiffness_n_per_m: f64,
 }
 
 /// The sum over all contacts of all obstacles, world axes, about the tool's centre of mass.
@@ -127,6 +131,11 @@ impl Carried {
     fn scaled(self, share: f64) -> Self {
         Self { linear: self.linear * share, angular: self.angular * share }
     }
+
+    /// The velocity of what goes so far in a tick.
+    pub fn over(self, period_s: f64) -> Twist {
+        Twist { linear: self.linear / period_s, angular: self.angular / period_s }
+    }
 }
 
 /// Gets every contact with the number of its obstacle.
@@ -165,10 +174,8 @@ impl ContactSum {
             let max_value_m = flat::blocks(&obstacle.field, contact.field, shell, map_from_body, |touched| {
                 n_contacts += touched.lanes.count_ones();
                 let face = shell.normals().get(touched.block as usize).map_or(0, face_of);
-                if let (Some((positions, normals)), Some(sums)) =
-                    (touched.geometry(&obstacle.field, shell, map_from_body), summing.face(face))
-                {
-                    Machine::Portable.add(sums, touched, &positions, &normals, by);
+                if let (Some(pushes), Some(sums)) = (touched.pushes(&obstacle.field, shell, map_from_body), summing.face(face)) {
+                    Machine::Portable.add(sums, touched, &pushes, by);
                 }
             });
             summing.note(obstacle, n_contacts, max_value_m, 0.0);
@@ -219,8 +226,8 @@ impl ContactSum {
                 n_contacts += run.iter().map(|touched| touched.lanes.count_ones()).sum::<u32>();
                 if bends {
                     for touched in run {
-                        if let Some((positions, normals)) = touched.geometry(&obstacle.field, shell, map_from_body) {
-                            machine.add(sums, touched, &positions, &normals, by);
+                        if let Some(pushes) = touched.pushes(&obstacle.field, shell, map_from_body) {
+                            machine.add(sums, touched, &pushes, by);
                         }
                     }
                 } else {
@@ -404,6 +411,7 @@ impl Patch {
             normal_world: rotation * normal,
             arm_world: rotation * arm,
             radius_m: squared.max(0.0).sqrt(),
+            stiffness_n_per_m: stiffness_n_per_m * total.stiffness.mul(normal, DVec3::ZERO).0.dot(normal),
         })
     }
 }

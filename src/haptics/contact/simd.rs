@@ -15,7 +15,7 @@ mod portable;
 use glam::{Mat3, Vec3};
 
 use super::sum::{APART, Eight, Sums, Weighting};
-use super::touched::Touched;
+use super::touched::{Pushes, Touched};
 use crate::pointshell::shell::{LANES, Lanes, Lanes3};
 use crate::pointshell::tree::{CHILDREN, Spheres};
 use crate::spatial::Pose;
@@ -145,7 +145,7 @@ impl Machine {
             Self::Portable => {
                 for touched in touched {
                     if let Some((positions, normals)) = geometry(touched) {
-                        sums.add::<[f32; APART]>(touched, positions, normals, by);
+                        sums.add::<[f32; APART]>(touched, (positions, normals), None, by);
                     }
                 }
             }
@@ -155,14 +155,14 @@ impl Machine {
         }
     }
 
-    /// Adds a block to the sums.
+    /// Adds a block to the sums, its lanes as they push.
     #[inline]
-    pub(super) fn add(self, sums: &mut Sums, touched: &Touched, positions: &Lanes3, normals: &Lanes3, by: Weighting) {
+    pub(super) fn add(self, sums: &mut Sums, touched: &Touched, pushes: &Pushes, by: Weighting) {
         match self {
-            Self::Portable => sums.add::<[f32; APART]>(touched, positions, normals, by),
+            Self::Portable => sums.add::<[f32; APART]>(touched, (&pushes.positions, &pushes.normals), Some(&pushes.weights), by),
             #[cfg(target_arch = "x86_64")]
             // SAFETY: as above.
-            Self::Avx2(HasAvx2(())) => unsafe { avx2::add(sums, touched, positions, normals, by) },
+            Self::Avx2(HasAvx2(())) => unsafe { avx2::add(sums, touched, pushes, by) },
         }
     }
 }

@@ -6,7 +6,7 @@
 use glam::DVec3;
 
 use super::touched::Touched;
-use crate::pointshell::shell::{LANES, Lanes3};
+use crate::pointshell::shell::{LANES, Lanes, Lanes3};
 use crate::spatial::Mat6;
 
 /// Lanes that are summed apart.
@@ -68,9 +68,13 @@ struct Half<E> {
 
 impl<E: Eight> Half<E> {
     #[inline(always)]
-    fn of(touched: &Touched, positions: &Lanes3, normals: &Lanes3, by: Weighting, high: bool) -> Self {
+    fn of(touched: &Touched, (positions, normals): (&Lanes3, &Lanes3), weights: Option<&Lanes>, by: Weighting, high: bool) -> Self {
         let wanted = touched.lanes;
-        let (one, stands_for) = (E::splat(1.0), E::splat(touched.weight));
+        let (one, counts) = (E::splat(1.0), E::splat(touched.weight));
+        let stands_for = match weights {
+            Some(weights) => E::load(&weights.0, high, wanted),
+            None => counts,
+        };
         let depth = E::load(&touched.depths_m, high, wanted);
         let (nx, ny, nz) =
             (E::load(&normals.x.0, high, wanted), E::load(&normals.y.0, high, wanted), E::load(&normals.z.0, high, wanted));
@@ -95,7 +99,7 @@ impl<E: Eight> Half<E> {
             force: depth_weighted.mul(share),
             stiffness: slope.mul(stands_for),
             // Our smooth count: a contact counts fully from a quarter voxel on, so that normalisation has no steps.
-            effective: depth.mul(E::splat(by.per_quarter_voxel)).min(one).mul(stands_for),
+            effective: depth.mul(E::splat(by.per_quarter_voxel)).min(one).mul(counts),
         }
     }
 }
@@ -103,11 +107,11 @@ impl<E: Eight> Half<E> {
 impl Sums {
     pub(super) const ZERO: Self = Self { part: [[0.0; APART]; QUANTITIES], n_blocks_in_part: 0, lanes: [[0.0; APART]; QUANTITIES] };
 
-    /// Adds the lanes of a block that touch.
+    /// Adds the lanes of a block that touch, each by its own weight where these are given.
     #[inline(always)]
-    pub(super) fn add<E: Eight>(&mut self, touched: &Touched, positions: &Lanes3, normals: &Lanes3, by: Weighting) {
-        let low = Half::<E>::of(touched, positions, normals, by, false);
-        let high = Half::<E>::of(touched, positions, normals, by, true);
+    pub(super) fn add<E: Eight>(&mut self, touched: &Touched, at: (&Lanes3, &Lanes3), weights: Option<&Lanes>, by: Weighting) {
+        let low = Half::<E>::of(touched, at, weights, by, false);
+        let high = Half::<E>::of(touched, at, weights, by, true);
         let mut sums = self.part.iter_mut();
         let ([a, b, c, d, e, f], [g, h, i, j, k, l]) = (low.columns, high.columns);
         put(&mut sums, (low.force, high.force), low.columns, high.columns);

@@ -5,7 +5,7 @@
 
 use glam::{Mat3, Vec3};
 
-use crate::pointshell::shell::{LANES, Lanes3, Shell};
+use crate::pointshell::shell::{LANES, Lanes, Lanes3, Shell};
 use crate::spatial::Pose;
 use crate::voxmap::field::Field;
 
@@ -16,7 +16,7 @@ pub struct Contact {
     pub point_idx: u32,
     /// V at the point, m, greater than 0.
     pub depth_m: f32,
-    /// Points that it stands for: 1, or more where a budget left out others.
+    /// Points that it stands for: 1; more where a budget left out others, less on an edge of the tool.
     pub weight: f32,
     /// Point about the centre of mass, tool axes, m.
     pub arm_body: Vec3,
@@ -59,34 +59,50 @@ impl Touched {
         self.bent_lanes(field, shell) != 0
     }
 
-    /// Positions and pushing directions of the block, tool axes.
+    /// How the lanes of the block push.
     #[inline]
-    pub(super) fn geometry(&self, field: &Field, shell: &Shell, map_from_body: Pose) -> Option<(Lanes3, Lanes3)> {
-        let (positions, mut normals) = (*shell.positions().get(self.block as usize)?, *shell.normals().get(self.block as usize)?);
+    pub(super) fn pushes(&self, field: &Field, shell: &Shell, map_from_body: Pose) -> Option<Pushes> {
+        let block = self.block as usize;
+        let (positions, normals) = (*shell.positions().get(block)?, *shell.normals().get(block)?);
+        let mut pushes = Pushes { positions, normals, weights: Lanes([self.weight; LANES]) };
         let bent = self.bent_lanes(field, shell);
         if bent != 0 {
             let wall = Wall::new(field, map_from_body);
             for lane in lanes_of(bent) {
-                normals.set(lane, wall.outward(positions.get(lane), normals.get(lane)));
+                let (direction, share) = wall.push(positions.get(lane), normals.get(lane));
+                pushes.normals.set(lane, direction);
+                if let Some(weight) = pushes.weights.0.get_mut(lane) {
+                    *weight *= share;
+                }
             }
         }
-        Some((positions, normals))
+        Some(pushes)
     }
 
     /// Tells of each lane in contact.
     #[inline]
     pub fn contacts(&self, field: &Field, shell: &Shell, map_from_body: Pose, mut touch: impl FnMut(&Contact)) {
-        let Some((positions, normals)) = self.geometry(field, shell, map_from_body) else { return };
+        let Some(Pushes { positions, normals, weights }) = self.pushes(field, shell, map_from_body) else { return };
         for lane in self.lanes() {
             touch(&Contact {
                 point_idx: self.block * LANES as u32 + lane as u32,
                 depth_m: self.depths_m.get(lane).copied().unwrap_or(0.0),
-                weight: self.weight,
+                weight: weights.0.get(lane).copied().unwrap_or(0.0),
                 arm_body: positions.get(lane),
                 normal_body: normals.get(lane).normalize_or_zero(),
             });
         }
     }
+}
+
+/// How the sixteen points of a block push.
+pub(super) struct Pushes {
+    /// Tool axes, m.
+    pub(super) positions: Lanes3,
+    /// Unit directions, tool axes.
+    pub(super) normals: Lanes3,
+    /// Points that each stands for.
+    pub(super) weights: Lanes,
 }
 
 /// Numbers of the set bits, rising.
@@ -99,7 +115,7 @@ fn lanes_of(mut left: u16) -> impl Iterator<Item = usize> {
 }
 
 /// Which way is out of an obstacle.
-struct Wall<'a> {
+pub(super) struct Wall<'a> {
     field: &'a Field,
     map_axes: Mat3,
     cells_axes: Mat3,
@@ -107,7 +123,7 @@ struct Wall<'a> {
 }
 
 impl<'a> Wall<'a> {
-    fn new(field: &'a Field, map_from_body: Pose) -> Self {
+    pub(super) fn new(field: &'a Field, map_from_body: Pose) -> Self {
         let per_metre = 1.0 / f64::from(field.voxel_size_m());
         Self {
             field,
@@ -117,12 +133,30 @@ impl<'a> Wall<'a> {
         }
     }
 
-    /// −grad V in tool axes; where it vanishes, as in the middle of a skin, the point's own normal. An edge pushes with the share that its
-    /// mean normal has along the way out: no more than the faces beside it.
-    fn outward(&self, position: Vec3, normal_body: Vec3) -> Vec3 {
+    /// Unit −grad V in tool axes; `None` where it vanishes, as in the middle of a skin.
+    pub(super) fn way_out(&self, position: Vec3) -> Option<Vec3> {
+        self.against(self.field.gradient(self.cells(position)))
+    }
+
+    /// Direction and share with which a point pushes that has no normal of its own. A skin pushes along the way out. So does an edge, along
+    /// that of its surroundings, which does not turn in steps, and with the share that its mean normal has along it: no more than the
+    /// faces beside it. Where there is no way out, the point's own normal.
+    fn push(&self, position: Vec3, normal_body: Vec3) -> (Vec3, f32) {
+        if self.field.is_thin() {
+            return (self.way_out(position).unwrap_or(normal_body), 1.0);
+        }
+        match self.against(self.field.mean_gradient(self.cells(position))) {
+            Some(out) => (out, out.dot(normal_body).max(0.0)),
+            None => (normal_body, 1.0),
+        }
+    }
+
+    fn cells(&self, position: Vec3) -> Vec3 {
         let Mat3 { x_axis, y_axis, z_axis } = self.cells_axes;
-        let cells = x_axis * position.x + y_axis * position.y + z_axis * position.z + self.cells_origin;
-        let Some(out) = (self.map_axes.transpose() * -self.field.gradient(cells)).try_normalize() else { return normal_body };
-        if self.field.is_thin() { out } else { out * out.dot(normal_body).max(0.0) }
+        x_axis * position.x + y_axis * position.y + z_axis * position.z + self.cells_origin
+    }
+
+    fn against(&self, gradient_map: Vec3) -> Option<Vec3> {
+        (self.map_axes.transpose() * -gradient_map).try_normalize()
     }
 }

@@ -128,8 +128,13 @@ impl Motion {
 impl Walk {
     /// `None` when the field or the shell is not one that can be walked. Cold.
     pub(super) fn new(field: &Field, shell: &Shell) -> Option<Self> {
-        let (tree, voxel_size_m) = (shell.tree(), f64::from(field.voxel_size_m()));
-        let chart = Arc::new(Chart::of(field)?);
+        Self::over(Chart::of(field)?, shell)
+    }
+
+    /// The same over a chart that is not just the field's. Cold.
+    pub(super) fn over(chart: Chart, shell: &Shell) -> Option<Self> {
+        let (tree, voxel_size_m) = (shell.tree(), f64::from(chart.voxel_size_m()));
+        let chart = Arc::new(chart);
         let (mut first_blocks, mut reaches_cells) = (Vec::new(), Vec::new());
         for level in 0..tree.n_levels() {
             first_blocks.push(reaches_cells.len() as u32);

@@ -49,7 +49,13 @@ impl Chart {
     /// Looks a field over; `None` for one that is too large for the kernels' 32-bit indices, or whose outside is inside (a thin skin
     /// that is thicker than its band). Cold.
     pub fn of(field: &Field) -> Option<Self> {
-        let Field { brick_dims: dims, top, distances_m: samples_m, band_m, skin_m, voxel_size_m, .. } = field;
+        Self::thicker(field, 0.0)
+    }
+
+    /// The same with every value higher by `by_m`: what is that far from the object touches it. Cold.
+    pub fn thicker(field: &Field, by_m: f32) -> Option<Self> {
+        let Field { brick_dims: dims, top, distances_m: samples_m, band_m, voxel_size_m, .. } = field;
+        let skin_m = &(field.skin_m + by_m);
         let n_bricks = dims.iter().try_fold(1_usize, |n, dim| n.checked_mul(usize::try_from(*dim).ok().filter(|dim| *dim > 0)?));
         let n_slots = samples_m.len();
         let known = |slot: u32| matches!(slot, FAR_OUTSIDE | DEEP_INSIDE) || (slot as usize) < n_slots;

@@ -58,8 +58,8 @@ impl Eight for __m256 {
 }
 
 #[target_feature(enable = "avx2")]
-pub(in super::super) fn add(sums: &mut Sums, touched: &Touched, positions: &Lanes3, normals: &Lanes3, by: Weighting) {
-    sums.add::<__m256>(touched, positions, normals, by);
+pub(in super::super) fn add(sums: &mut Sums, touched: &Touched, pushes: &Pushes, by: Weighting) {
+    sums.add::<__m256>(touched, (&pushes.positions, &pushes.normals), Some(&pushes.weights), by);
 }
 
 #[target_feature(enable = "avx2")]
@@ -76,7 +76,7 @@ pub(in super::super) fn add_all<'a>(
             prefetch(normals);
         }
         if let Some((positions, normals)) = geometry(touched) {
-            sums.add::<__m256>(touched, positions, normals, by);
+            sums.add::<__m256>(touched, (positions, normals), None, by);
         }
     }
 }
