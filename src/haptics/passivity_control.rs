@@ -381,6 +381,61 @@ mod tests {
         }
     }
 
+    /// A spring of 1 kN/m that is pressed by a wall that goes to `wall_m`, while the hand is at `hand_m`; gives the controller after that.
+    fn pushed(steps: impl Iterator<Item = (f64, f64)>) -> PassivityController {
+        let mut controller = PassivityController::default();
+        let mut last_m = 0.0;
+        controller.observe(at(0.0), 0, PERIOD_S);
+        for (wall_m, hand_m) in steps {
+            controller.observe(at(hand_m), 0, PERIOD_S);
+            controller.carry(DVec3::X * (wall_m - last_m), DVec3::ZERO, 0, SPRING_J);
+            last_m = wall_m;
+            controller.hold(push(1000.0 * (wall_m - hand_m)));
+        }
+        controller
+    }
+
+    /// What 10 N hold in it.
+    const SPRING_J: f64 = 0.5 * 10.0 * 0.01;
+
+    #[test]
+    fn the_work_of_a_wall_that_moves_is_no_debt() {
+        // The wall goes ahead by 4 mm, and takes the hand 46 mm along.
+        let way_m = |n: u32| 1e-4 * f64::from(n);
+        let mut controller = pushed((0..500).map(|n| (way_m(n), way_m(n.saturating_sub(40)))));
+        assert!(controller.energy_j() < -0.15, "{} J: the wall did no work", controller.energy_j());
+        // What is left is in the spring.
+        let left_j = controller.energy_j() + controller.carried_j();
+        assert!((left_j - 0.5 * 4.0 * 4e-3).abs() < 1e-3, "{left_j} J");
+        controller.damped(push(1.0), along(0.01), &injecting(5.0), &free(), PERIOD_S);
+        assert!(!controller.is_active(), "nothing is owed");
+        // The same without the wall's account is a debt.
+        let mut blind = PassivityController::default();
+        for n in 0..500_u32 {
+            blind.observe(at(way_m(n.saturating_sub(40))), 0, PERIOD_S);
+            blind.hold(push(1000.0 * (way_m(n) - way_m(n.saturating_sub(40)))));
+        }
+        blind.damped(push(1.0), along(0.01), &injecting(5.0), &free(), PERIOD_S);
+        assert!(blind.is_active());
+    }
+
+    #[test]
+    fn a_wall_makes_no_credit_beyond_what_the_spring_holds_and_no_debt() {
+        // 100 mm against a hand that does not give way, and back again.
+        let mut controller = pushed((0..1000).map(|n| (1e-4 * f64::from(n), 0.0)));
+        let damped = controller.damped(push(1.0), along(1000.0), &injecting(1e9), &free(), PERIOD_S);
+        let taken_j = PERIOD_S * 1000.0 * (1.0 - damped.force.x);
+        assert!((taken_j - (1.0 - SPRING_J)).abs() < 1e-9, "a credit of {} J", 1.0 - taken_j);
+        let mut controller = pushed((0..2000_u32).map(|n| (1e-4 * f64::from(n.min(2000 - n)), 0.0)));
+        controller.damped(push(1e-6), along(1e-9), &injecting(5.0), &free(), PERIOD_S);
+        let damped = controller.damped(push(1.0), along(1.0), &injecting(1e9), &free(), PERIOD_S);
+        assert!(PERIOD_S * (1.0 - damped.force.x) < 2e-3, "a debt without any flow");
+        for nan in [f64::NAN, f64::INFINITY] {
+            controller.carry(DVec3::X * nan, DVec3::ZERO, 0, SPRING_J);
+            assert!(controller.carried_j().is_finite());
+        }
+    }
+
     #[test]
     fn what_is_not_finite_passes_through_and_leaves_no_trace() {
         let mut controller = PassivityController::default();

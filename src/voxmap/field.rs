@@ -9,6 +9,7 @@
 
 pub mod chart;
 mod file;
+mod gradient;
 
 use std::sync::Arc;
 
@@ -162,12 +163,6 @@ impl Field {
         let along_y = mix(mix(c[2] - c[0], c[3] - c[1], t.z), mix(c[6] - c[4], c[7] - c[5], t.z), t.x);
         let along_z = mix(mix(c[1] - c[0], c[3] - c[2], t.y), mix(c[5] - c[4], c[7] - c[6], t.y), t.x);
         Vec3::new(along_x, along_y, along_z) / self.voxel_size_m
-    }
-
-    /// Mean of that gradient over one cell along each axis, m/m: central differences, which have no steps from cell to cell. RT: safe.
-    pub fn mean_gradient(&self, cells: Vec3) -> Vec3 {
-        let along = |axis: Vec3| self.trilinear(cells + 0.5 * axis) - self.trilinear(cells - 0.5 * axis);
-        Vec3::new(along(Vec3::X), along(Vec3::Y), along(Vec3::Z)) / self.voxel_size_m
     }
 
     /// V_L = s·v(C) + n·(C − P).

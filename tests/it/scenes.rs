@@ -43,7 +43,7 @@ fn every_shipped_scene_has_its_test() {
     names.sort();
     assert_eq!(
         names,
-        ["block-on-lift", "block-on-plane", "gear-on-shaft", "nut-on-bolt", "peg-in-hole"],
+        ["block-on-plane", "gear-on-shaft", "lift-with-block", "nut-on-bolt", "peg-in-hole"],
         "a scene without a test below"
     );
 }
@@ -77,11 +77,11 @@ fn block_on_plane_slides_on_the_surface_and_lifts_off() {
 }
 
 #[test]
-fn block_on_lift_goes_up_and_down_with_it_and_lifts_off() {
-    let still = run("block-on-lift");
+fn lift_with_block_goes_up_and_down_with_it_and_lifts_off() {
+    let still = run("lift-with-block");
     let path = HandPath::read(&rig::folder_of_scenes().join("moves/lift.csv")).expect("the path of the lift");
-    let lifted = rig::run_moving(&rig::load(&rig::shipped("block-on-lift")), [("lift", path)]);
-    lifted.assert_sound("block-on-lift, moving");
+    let lifted = rig::run_moving(&rig::load(&rig::shipped("lift-with-block")), [("lift", path)]);
+    lifted.assert_sound("lift-with-block, moving");
     // At 2.3 s the lift is up, and the block on it.
     let heights = [&still, &lifted].map(|run| run.records[2300].output.world_from_tool.translation.z / MM);
     assert_within("block", "height on the lift at rest", heights[0], 9.9, 10.0);
