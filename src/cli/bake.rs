@@ -11,7 +11,7 @@ use super::progress::BakeProgress;
 use super::{Talk, cache, check, memory, report, say};
 use crate::config;
 use crate::config::problem::show;
-use crate::config::resolve::MeshSource;
+use crate::config::scene::MeshSource;
 use crate::error::Exit;
 use crate::mesh::MeshError;
 use crate::picture::{self, Subject};

@@ -363,7 +363,7 @@ mod tests {
 
     use super::*;
     use crate::cli::When;
-    use crate::config::resolve::RealtimeConfig;
+    use crate::config::scene::RealtimeConfig;
     use crate::device::sim::{SimArm, SimParameters};
     use crate::servo::testing::empty_scene;
 

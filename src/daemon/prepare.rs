@@ -4,7 +4,7 @@ use glam::DVec3;
 use thiserror::Error;
 
 use crate::config::poses::PoseFileError;
-use crate::config::resolve::{DeviceConfig, RealtimeConfig};
+use crate::config::scene::{DeviceConfig, RealtimeConfig};
 use crate::config::{ConfigErrors, SceneConfig};
 use crate::device::Device;
 use crate::device::fault::{self, FaultError, FaultPlan};

@@ -8,7 +8,7 @@ use std::time::Instant;
 use crossbeam::channel::{Receiver, Sender, after, bounded, never, select_biased, unbounded};
 use rtrb::RingBuffer;
 
-use crate::config::resolve::RealtimeConfig;
+use crate::config::scene::RealtimeConfig;
 use crate::device::Device;
 use crate::error::Exit;
 use crate::haptics::{Drive, RenderScene};

@@ -6,7 +6,7 @@ use super::cache::{Baked, Cache, Request, Spacing};
 use super::object::{self, BakeMeans, SceneError};
 use super::report::{ObjectReport, Role};
 use crate::config::SceneConfig;
-use crate::config::resolve::ToolConfig;
+use crate::config::scene::ToolConfig;
 use crate::haptics::contact::{ContactSum, Obstacle};
 use crate::haptics::{CouplingMode, Inertia, RenderScene, Tool};
 use crate::mesh::mass::MassProperties;

@@ -7,7 +7,7 @@ use thiserror::Error;
 
 use super::cache::{Baked, Cache, Lookup, Request, Spacing};
 use super::report::{ObjectReport, Role};
-use crate::config::resolve::MeshSource;
+use crate::config::scene::MeshSource;
 use crate::mesh::mass::{MassProperties, mass_properties_of_inspected};
 use crate::mesh::validate::{MeshReport, inspect};
 use crate::mesh::{self, MeshError, TriangleMesh};

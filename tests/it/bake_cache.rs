@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 use hapticd::config::SceneConfig;
-use hapticd::config::resolve::MeshSource;
+use hapticd::config::scene::MeshSource;
 use hapticd::mesh::primitives::Shape;
 use hapticd::scene::cache::{Baked, Cache, CacheUse, GENERATION, Lookup, Request, Residence, Spacing, read};
 use hapticd::scene::{self, BakeMeans, ObjectReport, Role};

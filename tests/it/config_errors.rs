@@ -334,7 +334,7 @@ fn units_become_si() {
     assert!((base.pose.translation - glam::DVec3::new(1e-3, 2e-3, 3e-3)).length() < 1e-15);
     assert!((config.parameters.port.start.translation.z - 0.04).abs() < 1e-15);
     // A slab thicker than its band of (8 + 1.5) voxels on both faces.
-    let hapticd::config::resolve::MeshSource::Shape(Shape::Plane { thickness_m, .. }) = config.statics[1].source else { panic!() };
+    let hapticd::config::scene::MeshSource::Shape(Shape::Plane { thickness_m, .. }) = config.statics[1].source else { panic!() };
     assert!((thickness_m - 4.0 * 9.5e-3).abs() < 1e-12);
     let limits = config.parameters.limits;
     // The profile's force limit is the lower one; slew is that limit within 10 ms.

@@ -8,7 +8,7 @@ use std::path::Path;
 use glam::DVec3;
 use twox_hash::XxHash3_128;
 
-use crate::config::resolve::MeshSource;
+use crate::config::scene::MeshSource;
 use crate::mesh;
 use crate::scene::report::Role;
 use crate::storage::sections::Key;

@@ -1,0 +1,227 @@
+//! The arm: profile, simulation, limits, scheduling, and what it can take.
+
+use std::path::Path;
+
+use super::super::bound::StiffnessBound;
+use super::super::checks::Interval;
+use super::super::problem::{ProblemKind, nearest};
+use super::super::scene::{RealtimeConfig, SimConfig, StabilityConfig};
+use super::super::schema::{self, Overrun};
+use super::{LoadOptions, MM, POSITIVE, Resolve};
+use crate::device::fault;
+use crate::device::profile::{self, Plant, Profile, ProfileError};
+use crate::haptics::stability::SampledWall;
+use crate::haptics::{ArmParameters, LimitParameters};
+use crate::spatial::Axes;
+
+const DEFAULT_PROFILE: &str = "sim-sigma7";
+/// Torque limit of the virtual tool where the arm renders no torque at all, N·m: the coupling still has to turn the tool.
+const UNACTUATED_TORQUE_NM: f64 = 1.0;
+/// Force limit of the virtual tool where the arm renders no force at all, N.
+const UNACTUATED_FORCE_N: f64 = 10.0;
+const DEFAULT_SPEED_MM_PER_S: f64 = 1000.0;
+/// Slew: from zero to the limit in 10 ms (devices reference, safety rule 7).
+const FULL_SLEW_S: f64 = 0.010;
+const DEFAULT_POWER_W: f64 = 5.0;
+const DEFAULT_RAMP_MS: f64 = 100.0;
+const STALE_TICKS_MAX: u32 = 3;
+const STALE_FAULT_S: f64 = 0.020;
+const ENFORCED_OVERRUN_TICKS: u32 = 20;
+const DEFAULT_PRIORITY: u32 = 80;
+const DEFAULT_HAND_N_PER_M: f64 = 500.0;
+const DEFAULT_HAND_N_S_PER_M: f64 = 5.0;
+const DEFAULT_HAND_MASS_G: f64 = 150.0;
+
+/// The faults that a simulated arm can be told to have, before any `@TIME`.
+const FAULT_WORDS: [&str; 11] =
+    ["drop", "stall", "nan", "garbage", "unplug", "slow", "stuck", "jump", "truncate", "sign-flip", "saturate"];
+impl Resolve<'_> {
+    pub(super) fn realtime(&mut self, written: &schema::Realtime, options: &LoadOptions) -> RealtimeConfig {
+        let enforce = options.enforce.unwrap_or(written.mode == Some(schema::RealtimeWord::Enforce));
+        let priority = self.checks.whole("realtime.priority", written.priority, DEFAULT_PRIORITY, 1, 99);
+        let cpu = written.cpu.map(|cpu| self.checks.whole("realtime.cpu", Some(cpu), 0, 0, 1023) as usize);
+        RealtimeConfig { enforce, cpu, priority: u8::try_from(priority).unwrap_or(u8::MAX) }
+    }
+
+    pub(super) fn sim(&mut self, device: &schema::Device) -> SimConfig {
+        let written = &device.sim;
+        let hand_present = written.hand != Some(schema::HandWord::None);
+        if !hand_present && device.hand.is_some() {
+            self.checks.refuse("device.sim.hand", ProblemKind::Exclusive { other: "device.hand".into() });
+        }
+        if let Some(fault) = &written.fault {
+            let word = fault.split(['@', ':', '=', ' ']).next().unwrap_or_default();
+            if !FAULT_WORDS.contains(&word) {
+                let known = FAULT_WORDS.map(str::to_owned).to_vec();
+                self.checks.refuse("device.sim.fault", ProblemKind::UnknownWord { nearest: nearest(word, FAULT_WORDS), known });
+            } else if let Err(error) = fault::parse(fault) {
+                self.checks.refuse("device.sim.fault", ProblemKind::Fault(error));
+            }
+        }
+        let checks = &mut self.checks;
+        let not_negative = Interval::from(0.0);
+        SimConfig {
+            hand_stiffness_n_per_m: checks.number(
+                "device.sim.hand_stiffness_n_per_m",
+                written.hand_stiffness_n_per_m,
+                DEFAULT_HAND_N_PER_M,
+                not_negative.to(1e5).unit("N/m"),
+            ),
+            hand_damping_n_s_per_m: checks.number(
+                "device.sim.hand_damping_n_s_per_m",
+                written.hand_damping_n_s_per_m,
+                DEFAULT_HAND_N_S_PER_M,
+                not_negative.to(1e4).unit("N·s/m"),
+            ),
+            hand_mass_kg: checks.number(
+                "device.sim.hand_mass_g",
+                written.hand_mass_g,
+                DEFAULT_HAND_MASS_G,
+                not_negative.to(1e5).unit("g"),
+            ) * 1e-3,
+            hand_present,
+            delay_ticks: written.delay_ticks.map(|ticks| checks.whole("device.sim.delay_ticks", Some(ticks), 0, 0, 100)),
+            fault: written.fault.clone(),
+            seed: written.seed.unwrap_or(0),
+        }
+    }
+
+    pub(super) fn profile(&mut self, written: &schema::Device, options: &LoadOptions) -> Option<Profile> {
+        let (found, key, shown) = match (&options.device, &written.profile) {
+            (Some(name), _) => (profile::find(name, Path::new("")), "--device", Some(name)),
+            (None, Some(name)) => (profile::find(name, self.dir), "device.profile", None),
+            (None, None) => (profile::find(DEFAULT_PROFILE, self.dir), "device.profile", None),
+        };
+        let kind = match found {
+            Ok(profile) => return Some(profile),
+            Err(ProfileError::Unknown { nearest, known }) => ProblemKind::UnknownProfile { nearest, known },
+            Err(ProfileError::FileMissing { path }) => ProblemKind::FileMissing { path },
+            Err(ProfileError::Invalid(errors)) => {
+                self.checks.append(errors);
+                return None;
+            }
+        };
+        self.checks.refuse_as(key, shown.map(String::as_str), kind);
+        None
+    }
+
+    pub(super) fn scale(&mut self, written: &schema::WorldFromDevice) -> f64 {
+        let interval = POSITIVE.to(1000.0).unit("world metres per device metre");
+        self.checks.number("device.world_from_device.scale", written.scale, 1.0, interval)
+    }
+
+    pub(super) fn limits(
+        &mut self,
+        limits: &schema::Limits,
+        safety: &schema::Safety,
+        profile: Option<&Profile>,
+        rate_hz: u32,
+        enforce: bool,
+    ) -> LimitParameters {
+        let actuated = profile.map_or(Axes::SIX, |profile| profile.actuated);
+        let declared = profile.map(|profile| profile.limits);
+        let force_max =
+            declared.filter(|_| has_any(actuated, Axes::TRANSLATION)).map_or(UNACTUATED_FORCE_N, |limits| limits.force_n);
+        let torque_max =
+            declared.filter(|_| has_any(actuated, Axes::ROTATION)).map_or(UNACTUATED_TORQUE_NM, |limits| limits.torque_nm);
+        let checks = &mut self.checks;
+        let force_n = checks.number("limits.force_n", limits.force_n, force_max, POSITIVE.unit("N")).min(force_max);
+        let torque_nm = checks.number("limits.torque_nm", limits.torque_nm, torque_max, POSITIVE.unit("N·m")).min(torque_max);
+        let overrun_fault_ticks = match safety.overrun {
+            Some(Overrun::Off) => 0,
+            Some(Overrun::Consecutive(count)) => match u32::try_from(count) {
+                Ok(count) if count > 0 => count,
+                _ => {
+                    checks.not_accepted(
+                        "safety.overrun",
+                        "a whole number of consecutive missed ticks from 1 to 4294967295, or \"off\"",
+                    );
+                    0
+                }
+            },
+            None if enforce => ENFORCED_OVERRUN_TICKS,
+            None => 0,
+        };
+        let stale_fault_ticks = ((STALE_FAULT_S * f64::from(rate_hz)).round() as u32).max(STALE_TICKS_MAX + 1);
+        LimitParameters {
+            force_n,
+            torque_nm,
+            speed_m_per_s: checks.number(
+                "limits.speed_mm_per_s",
+                limits.speed_mm_per_s,
+                DEFAULT_SPEED_MM_PER_S,
+                POSITIVE.unit("mm/s"),
+            ) * MM,
+            slew_n_per_s: checks.number("safety.slew_n_per_s", safety.slew_n_per_s, force_n / FULL_SLEW_S, POSITIVE.unit("N/s")),
+            slew_nm_per_s: torque_nm / FULL_SLEW_S,
+            power_w: checks.number("safety.power_w", safety.power_w, DEFAULT_POWER_W, POSITIVE.unit("W")),
+            ramp_s: checks.number("safety.ramp_ms", safety.ramp_ms, DEFAULT_RAMP_MS, POSITIVE.to(10_000.0).unit("ms")) * 1e-3,
+            stale_ticks_max: STALE_TICKS_MAX,
+            stale_fault_ticks,
+            overrun_fault_ticks,
+        }
+    }
+}
+
+/// The bounds of an arm. Axes that render nothing cannot become unstable, so they have none.
+pub(super) fn stability(
+    profile: Option<&Profile>,
+    period_s: f64,
+    delay_ticks: Option<u32>,
+    filter_alpha: f64,
+    allow_unstable: bool,
+) -> StabilityConfig {
+    let bound = |axes: Axes, plant: fn(&Plant) -> (f64, f64), declared: fn(&Profile) -> Option<f64>| match profile {
+        Some(profile) if has_any(profile.actuated, axes) => {
+            let (mass_kg, damping_n_s_per_m) = plant(&profile.plant);
+            let wall = SampledWall {
+                mass_kg,
+                damping_n_s_per_m,
+                wall_damping_n_s_per_m: 0.0,
+                period_s,
+                delay_ticks: delay_ticks.unwrap_or(profile.plant.delay_ticks),
+                filter_alpha,
+            };
+            StiffnessBound { wall, declared: declared(profile) }
+        }
+        _ => StiffnessBound::none(period_s),
+    };
+    StabilityConfig {
+        translation: bound(Axes::TRANSLATION, |p| (p.mass_kg, p.damping_n_s_per_m), |p| p.limits.stiffness_n_per_m),
+        rotation: bound(Axes::ROTATION, |p| (p.inertia_kg_m2, p.damping_nm_s_per_rad), |p| p.limits.stiffness_nm_per_rad),
+        allow_unstable,
+    }
+}
+
+/// What the tick knows of the arm: how its stiffness bound falls with delay, and how much damping may be injected.
+pub(super) fn arm_parameters(profile: &Profile, stability: &StabilityConfig, scale: f64) -> ArmParameters {
+    let StabilityConfig { translation, rotation, allow_unstable } = *stability;
+    let stiffness_lag = |bound: &StiffnessBound| {
+        if bound.declared.is_none() || allow_unstable { f64::INFINITY } else { bound.wall.stiffness_lag() }
+    };
+    let [window_s, window_angular_s] = profile.velocity_window_ms.map(|window_ms| window_ms * 1e-3);
+    let period_s = translation.wall.period_s;
+    // No more than the profile can render, and no more than keeps still an arm without a hand: the velocity that it is
+    // made of is as old as half its window.
+    let injected = |bound: &StiffnessBound, declared: Option<f64>, window_s: f64| match declared {
+        Some(declared) if bound.declared.is_some() => declared.min(bound.wall.injectable_damping(window_s)),
+        _ => 0.0,
+    };
+    ArmParameters {
+        delay_ticks: translation.wall.delay_ticks.max(rotation.wall.delay_ticks),
+        stiffness_lag_n_s_per_m: stiffness_lag(&translation) / scale,
+        stiffness_lag_nm_s_per_rad: stiffness_lag(&rotation),
+        injected_n_s_per_m: injected(&translation, profile.limits.damping_n_s_per_m, window_s),
+        injected_nm_s_per_rad: injected(&rotation, profile.limits.damping_nm_s_per_rad, window_angular_s),
+        velocity_step_m_per_s: profile.plant.encoder_step_m / window_s.max(period_s),
+        velocity_step_rad_per_s: profile.plant.encoder_step_rad / window_angular_s.max(period_s),
+    }
+}
+
+fn has_any(axes: Axes, of: Axes) -> bool {
+    (0..7).any(|axis_idx| axes.has(axis_idx) && of.has(axis_idx))
+}
+
+pub(super) fn or_if_infinite(number: f64, default: f64) -> f64 {
+    if number.is_finite() { number } else { default }
+}

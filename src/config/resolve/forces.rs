@@ -1,0 +1,194 @@
+//! Contact, filter and coupling.
+
+use super::super::bound::StiffnessBound;
+use super::super::checks::Interval;
+use super::super::problem::ProblemKind;
+use super::super::scene::StabilityConfig;
+use super::super::schema::{self, Cutoff, Numbers};
+use super::arm::or_if_infinite;
+use super::{MM, POSITIVE, Resolve};
+use crate::device::profile::Profile;
+use crate::haptics::contact::AVERAGED_CONTACTS;
+use crate::haptics::{
+    ContactParameters, CouplingMode, CouplingParameters, FilterParameters, FreeSpace, FrictionParameters, Normalization,
+    SpringClamp,
+};
+use crate::voxmap::field::FieldKind;
+
+const DEFAULT_CONTACT_N_PER_MM: f64 = 5.0;
+const DEFAULT_DAMPING_RATIO: f64 = 0.7;
+/// Coupling of an arm that bounds nothing: as stiff as the stiffest common arm.
+const UNBOUNDED_N_PER_M: f64 = 4000.0;
+const UNBOUNDED_NM_PER_RAD: f64 = 4.0;
+const DEFAULT_CUTOFF_HZ: [f64; 2] = [50.0, 300.0];
+
+impl Resolve<'_> {
+    pub(super) fn filter(&mut self, written: &schema::Filter) -> FilterParameters {
+        let cutoff_hz = match written.cutoff_hz {
+            None => DEFAULT_CUTOFF_HZ,
+            Some(Cutoff::Off) => [f64::INFINITY; 2],
+            Some(Cutoff::Range(range)) => {
+                let range = self.checks.array("filter.cutoff_hz", Some(Numbers(range)), POSITIVE.unit("Hz"));
+                let range = range.unwrap_or(DEFAULT_CUTOFF_HZ);
+                if range[0] > range[1] {
+                    self.checks.not_accepted("filter.cutoff_hz", "[lowest, highest] in Hz, the lowest first");
+                }
+                range
+            }
+        };
+        FilterParameters { spatial: written.spatial.unwrap_or(true), cutoff_hz }
+    }
+
+    pub(super) fn coupling(
+        &mut self,
+        written: &schema::Coupling,
+        mode: CouplingMode,
+        stability: &StabilityConfig,
+        scale: f64,
+        profile: Option<&Profile>,
+    ) -> CouplingParameters {
+        let StabilityConfig { translation, rotation, allow_unstable } = *stability;
+        let stiffness_n_per_m = match self.checks.optional("coupling.translation_n_per_mm", written.translation_n_per_mm, POSITIVE)
+        {
+            Some(n_per_mm) => n_per_mm / MM,
+            None => or_if_infinite(translation.value() / scale, UNBOUNDED_N_PER_M),
+        };
+        let stiffness_nm_per_rad = match self.checks.optional("coupling.rotation_nm_per_rad", written.rotation_nm_per_rad, POSITIVE)
+        {
+            Some(nm_per_rad) => nm_per_rad,
+            None => or_if_infinite(rotation.value(), UNBOUNDED_NM_PER_RAD),
+        };
+        // In `direct` mode the arm does not feel the coupling.
+        if !allow_unstable && mode != CouplingMode::Direct {
+            self.bounded("coupling.translation_n_per_mm", stiffness_n_per_m, &translation, TRANSLATION_UNITS, scale);
+            self.bounded("coupling.rotation_nm_per_rad", stiffness_nm_per_rad, &rotation, ROTATION_UNITS, 1.0);
+        }
+        let damping = profile.and_then(|profile| profile.limits.damping_n_s_per_m);
+        let damping_rotation = profile.and_then(|profile| profile.limits.damping_nm_s_per_rad);
+        CouplingParameters {
+            mode,
+            stiffness_n_per_m,
+            stiffness_nm_per_rad,
+            felt_damping_n_s_per_m: self.felt_damping(
+                "coupling.damping_n_s_per_m",
+                written.damping_n_s_per_m,
+                damping,
+                "N·s/m",
+                scale,
+            ),
+            felt_damping_nm_s_per_rad: self.felt_damping(
+                "coupling.damping_nm_s_per_rad",
+                written.damping_nm_s_per_rad,
+                damping_rotation,
+                "N·m·s/rad",
+                1.0,
+            ),
+            clamp: match written.clamp {
+                Some(schema::ClampWord::HalfVoxel) => SpringClamp::HalfVoxel,
+                Some(schema::ClampWord::Saturate) | None => SpringClamp::Saturate,
+            },
+            free_space: match written.free_space {
+                Some(schema::FreeSpaceWord::Drag) => FreeSpace::Drag,
+                Some(schema::FreeSpaceWord::Zero) | None => FreeSpace::Zero,
+            },
+            // In world units, like the stiffness that they bound.
+            bound_n_per_m: if allow_unstable { f64::INFINITY } else { translation.value() / scale },
+            bound_nm_per_rad: if allow_unstable { f64::INFINITY } else { rotation.value() },
+        }
+    }
+
+    /// Refuses a stiffness (SI, world) that the arm would feel above its bound.
+    fn bounded(&mut self, key: &str, stiffness: f64, bound: &StiffnessBound, units: StiffnessUnits, scale: f64) {
+        let felt = scale * stiffness;
+        if bound.admits(felt) {
+            return;
+        }
+        let accepted = bound.value() / scale * units.key_per_si;
+        let kind = ProblemKind::StiffnessAboveBound { felt, felt_unit: units.si, bound: *bound, accepted, unit: units.key };
+        self.checks.refuse(key, kind);
+    }
+
+    fn felt_damping(&mut self, key: &str, written: Option<f64>, declared: Option<f64>, unit: &'static str, scale: f64) -> f64 {
+        let damping = self.checks.number(key, written, 0.0, Interval::from(0.0).unit(unit));
+        if let Some(declared) = declared
+            && scale * damping > declared
+        {
+            self.checks.refuse(key, ProblemKind::DampingAboveProfile { accepted: declared / scale, declared, unit });
+        }
+        damping
+    }
+
+    pub(super) fn contact(
+        &mut self,
+        written: &schema::Contact,
+        field: FieldKind,
+        mode: CouplingMode,
+        stability: &StabilityConfig,
+        scale: f64,
+    ) -> ContactParameters {
+        let key = "contact.stiffness_n_per_mm";
+        let is_bounded = mode == CouplingMode::Direct && !stability.allow_unstable;
+        let default = DEFAULT_CONTACT_N_PER_MM / MM;
+        let stiffness_n_per_m = match self.checks.optional(key, written.stiffness_n_per_mm, POSITIVE.to(1e6).unit("N/mm")) {
+            Some(n_per_mm) => n_per_mm / MM,
+            None if is_bounded => default.min(stability.translation.value() / scale),
+            None => default,
+        };
+        if is_bounded {
+            self.bounded(key, stiffness_n_per_m, &stability.translation, TRANSLATION_UNITS, scale);
+        }
+        let range = Interval::from(0.0).to(1e4).unit("N·s/m");
+        let damping_n_s_per_m = self.checks.number("contact.damping_n_s_per_m", written.damping_n_s_per_m, 0.0, range);
+        let braking = written.braking.unwrap_or(false);
+        ContactParameters {
+            field,
+            stiffness_n_per_m,
+            damping_ratio: self.checks.number(
+                "contact.damping_ratio",
+                written.damping_ratio,
+                DEFAULT_DAMPING_RATIO,
+                Interval::from(0.0).to(10.0),
+            ),
+            normalization: match written.normalize {
+                Some(schema::NormalizeWord::Average) => Normalization::Average,
+                Some(schema::NormalizeWord::Cluster) => Normalization::Cluster,
+                Some(schema::NormalizeWord::None) | None => Normalization::None,
+            },
+            friction: self.friction(written.friction.as_ref(), stiffness_n_per_m),
+            damping_n_s_per_m: self.of_a_mass(mode, "contact.damping_n_s_per_m", damping_n_s_per_m, damping_n_s_per_m > 0.0),
+            braking: self.of_a_mass(mode, "contact.braking", braking, braking),
+        }
+    }
+
+    /// A value that acts on the velocity of the virtual tool: without mass it has none of its own.
+    fn of_a_mass<T>(&mut self, mode: CouplingMode, key: &str, value: T, acts: bool) -> T {
+        if acts && !mode.has_mass() {
+            let accepted = "left out with this rendering.coupling, whose virtual tool has no mass and so no velocity to take from; \
+                            \"implicit\" and \"semi-implicit\" have one";
+            self.checks.not_accepted(key, accepted);
+        }
+        value
+    }
+
+    /// No friction unless it is written. One coefficient counts for both.
+    fn friction(&mut self, written: Option<&schema::Friction>, stiffness_n_per_m: f64) -> FrictionParameters {
+        let Some(written) = written else { return FrictionParameters::NONE };
+        let range = Interval::from(0.0).to(5.0);
+        let holding = written.holding.or(written.sliding);
+        let holding = self.checks.number("contact.friction.static", holding, 0.0, range);
+        let sliding = self.checks.number("contact.friction.dynamic", written.sliding, holding, Interval::from(0.0).to(holding));
+        // A face that holds is as stiff along the wall as ten of its points are into it.
+        FrictionParameters { r#static: holding, dynamic: sliding, stiffness_n_per_m: AVERAGED_CONTACTS * stiffness_n_per_m }
+    }
+}
+
+/// Units of a stiffness: inside, and in its key.
+#[derive(Clone, Copy)]
+struct StiffnessUnits {
+    si: &'static str,
+    key: &'static str,
+    key_per_si: f64,
+}
+
+const TRANSLATION_UNITS: StiffnessUnits = StiffnessUnits { si: "N/m", key: "N/mm", key_per_si: MM };
+const ROTATION_UNITS: StiffnessUnits = StiffnessUnits { si: "N·m/rad", key: "N·m/rad", key_per_si: 1.0 };

@@ -1,0 +1,183 @@
+//! Third pass: checks what is written, fills in what is not, and converts to SI.
+
+mod arm;
+mod forces;
+mod objects;
+
+use std::fs;
+use std::path::Path;
+
+use glam::DVec3;
+
+use self::arm::{arm_parameters, stability};
+use super::checks::{Checks, Interval};
+use super::document::Document;
+use super::problem::{ConfigErrors, Problem, ProblemKind};
+use super::scene::{DeviceConfig, SceneConfig};
+use super::schema;
+use crate::haptics::filter::low_pass_alpha;
+use crate::haptics::{CouplingMode, Parameters, PortParameters};
+use crate::mesh::Format;
+use crate::spatial::Pose;
+use crate::voxmap::field::FieldKind;
+
+/// What the command line sets over the scene.
+#[derive(Clone, Debug, Default)]
+pub struct LoadOptions {
+    /// `run --device PROFILE`: instead of `device.profile`; a path is relative to the working directory.
+    pub device: Option<String>,
+    /// `run --realtime MODE`: instead of `realtime.mode`; true for `enforce`.
+    pub enforce: Option<bool>,
+}
+
+/// Loads a scene file through all passes.
+///
+/// # Errors
+/// Every problem of the first pass that found any.
+pub fn load(path: &Path) -> Result<SceneConfig, ConfigErrors> {
+    load_with(path, &LoadOptions::default())
+}
+
+/// Loads a scene file through all passes, with overrides from the command line.
+///
+/// # Errors
+/// Every problem of the first pass that found any.
+pub fn load_with(path: &Path, options: &LoadOptions) -> Result<SceneConfig, ConfigErrors> {
+    let of_file = |kind| ConfigErrors::new(vec![Problem::of_file(path, kind)]);
+    if Format::of(path).is_ok() && path.is_file() {
+        return Err(of_file(ProblemKind::IsMesh));
+    }
+    let text = fs::read_to_string(path).map_err(|cause| of_file(ProblemKind::Unreadable { cause }))?;
+    let document = Document::parse(path, &text)?;
+    let scene: schema::Scene = document.read()?;
+    let dir = path.parent().unwrap_or(Path::new(""));
+    let mut resolve = Resolve { checks: Checks::new(&document), document: &document, dir };
+    let config = resolve.scene(path, scene, options);
+    resolve.checks.finish()?;
+    match config {
+        Some(config) => Ok(config),
+        // What is not there is a problem, so `finish` has returned already.
+        None => Err(ConfigErrors::new(vec![Problem::of_file(
+            path,
+            ProblemKind::Missing { accepted: "a device profile and a tool".into() },
+        )])),
+    }
+}
+
+const DEFAULT_RATE_HZ: u32 = 1000;
+
+const MM: f64 = 1e-3;
+const SIZE_MM: Interval = Interval::above(0.0).to(1e6).unit("mm");
+const POSITIVE: Interval = Interval::above(0.0);
+
+struct Resolve<'d> {
+    checks: Checks<'d>,
+    document: &'d Document<'d>,
+    /// Folder that paths of the scene are relative to.
+    dir: &'d Path,
+}
+
+impl Resolve<'_> {
+    /// `None` without a usable profile or a tool, which is then among the problems.
+    fn scene(&mut self, path: &Path, scene: schema::Scene, options: &LoadOptions) -> Option<SceneConfig> {
+        self.later_keys(&scene);
+        let name = scene.name.unwrap_or_else(|| path.file_stem().unwrap_or_default().to_string_lossy().into_owned());
+        let rate_hz = self.checks.whole("rendering.rate_hz", scene.rendering.rate_hz, DEFAULT_RATE_HZ, 100, 10_000);
+        let period_s = f64::from(rate_hz).recip();
+
+        self.unique_names(&scene.statics);
+        let statics = scene.statics.iter().enumerate().map(|(index, object)| self.static_object(index, object)).collect();
+        let tool_written = scene.tool.as_ref();
+        let tool = tool_written.map(|tool| self.tool(tool));
+        if tool.is_none() {
+            self.checks.missing("tool", "a [tool] table with the moving object: mesh and units, or shape; voxel_size_mm");
+        }
+        let realtime = self.realtime(&scene.realtime, options);
+        let filter = self.filter(&scene.filter);
+        let sim = self.sim(&scene.device);
+        let hand = scene.device.hand.as_deref().and_then(|hand| self.checks.file("device.hand", hand, self.dir));
+        let profile = self.profile(&scene.device, options);
+        let port_scale = self.scale(&scene.device.world_from_device);
+        let world_from_device = Pose::new(
+            self.checks.orientation("device.world_from_device.orientation_xyzw", scene.device.world_from_device.orientation_xyzw),
+            self.checks.position("device.world_from_device.position_mm", scene.device.world_from_device.position_mm) * MM,
+        );
+        let start = Pose::new(
+            self.checks.orientation("tool.start_orientation_xyzw", tool_written.and_then(|tool| tool.start_orientation_xyzw)),
+            self.checks.position("tool.start_position_mm", tool_written.and_then(|tool| tool.start_position_mm)) * MM,
+        );
+        let gravity = Interval::from(-100.0).to(100.0).unit("m/s²");
+        let gravity_m_per_s2 = self
+            .checks
+            .array("rendering.gravity_m_per_s2", scene.rendering.gravity_m_per_s2, gravity)
+            .map_or(DVec3::ZERO, DVec3::from_array);
+
+        // Without a profile, the keys that need one are still checked for themselves, against an arm that bounds nothing.
+        let mode = match scene.rendering.coupling {
+            Some(schema::CouplingWord::SemiImplicit) => CouplingMode::SemiImplicit,
+            Some(schema::CouplingWord::Direct) => CouplingMode::Direct,
+            Some(schema::CouplingWord::Static) => CouplingMode::Static,
+            Some(schema::CouplingWord::Constraint) => CouplingMode::Constraint,
+            Some(schema::CouplingWord::Implicit) | None => CouplingMode::Implicit,
+        };
+        if mode == CouplingMode::Direct && gravity_m_per_s2 != DVec3::ZERO {
+            let accepted = "zero: without a virtual tool, nothing has weight in \"direct\"";
+            self.checks.not_available("rendering.gravity_m_per_s2", accepted);
+        }
+        let allow_unstable = scene.rendering.allow_unstable.unwrap_or(false);
+        // The filter lies in the arm's loop in `direct` only; its lowest cut-off lags most.
+        let filter_alpha = if mode == CouplingMode::Direct { low_pass_alpha(filter.cutoff_hz[0], period_s) } else { 0.0 };
+        let stability = stability(profile.as_ref(), period_s, sim.delay_ticks, filter_alpha, allow_unstable);
+        let coupling = self.coupling(&scene.coupling, mode, &stability, port_scale, profile.as_ref());
+        let field = match scene.rendering.field {
+            Some(schema::FieldWord::Layers) => FieldKind::Layers,
+            Some(schema::FieldWord::SurfacePoint) => FieldKind::SurfacePoint,
+            Some(schema::FieldWord::Octant) => FieldKind::Octant,
+            Some(schema::FieldWord::Trilinear) | None => FieldKind::Trilinear,
+        };
+        let contact = self.contact(&scene.contact, field, mode, &stability, port_scale);
+        let limits = self.limits(&scene.limits, &scene.safety, profile.as_ref(), rate_hz, realtime.enforce);
+
+        let time_budget_s = self
+            .checks
+            .optional("contact.time_budget_us", scene.contact.time_budget_us, Interval::from(10.0).to(1e4).unit("µs"))
+            .map(|us| us * 1e-6);
+        if time_budget_s.is_some() && field != FieldKind::Trilinear {
+            self.checks.not_available("contact.time_budget_us", "remove it, or use rendering.field = \"trilinear\"");
+        }
+
+        let (profile, tool) = (profile?, tool?);
+        let arm = arm_parameters(&profile, &stability, port_scale);
+        let port =
+            PortParameters { world_from_device, scale: port_scale, sensed: profile.sensed, actuated: profile.actuated, start };
+        Some(SceneConfig {
+            path: path.to_path_buf(),
+            name,
+            rate_hz,
+            time_budget_s,
+            knows_edges: scene.contact.geometric_awareness != Some(schema::AwarenessWord::Off),
+            statics,
+            tool,
+            parameters: Parameters { period_s, gravity_m_per_s2, contact, coupling, filter, limits, port, arm },
+            device: DeviceConfig { profile, hand, sim },
+            realtime,
+            stability,
+        })
+    }
+
+    /// Keys and values that the format has and this version lacks. Nothing is read and ignored.
+    fn later_keys(&mut self, scene: &schema::Scene) {
+        let checks = &mut self.checks;
+        if scene.monitor.listen.as_deref().is_some_and(|listen| listen != "off") {
+            checks.not_available("monitor.listen", "use \"off\"");
+        }
+        if scene.rendering.coupling == Some(schema::CouplingWord::Constraint) && scene.contact.friction.is_some() {
+            checks.not_available("contact.friction", "leave it out, or use another rendering.coupling");
+        }
+        checks.later("safety.deadman", scene.safety.deadman.is_some());
+        checks.later("safety.heartbeat_ms", scene.safety.heartbeat_ms.is_some());
+        checks.later("device.selector", scene.device.selector.is_some());
+        checks.later("device.sim.jitter_us", scene.device.sim.jitter_us.is_some());
+        checks.later("sculpt", scene.sculpt.is_some());
+    }
+}

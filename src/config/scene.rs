@@ -1,0 +1,143 @@
+//! A scene as the rest of the program sees it: SI, typed, checked.
+
+use std::path::PathBuf;
+
+use glam::{DMat3, DVec3};
+
+use super::bound::StiffnessBound;
+use crate::device::profile::Profile;
+use crate::haptics::Parameters;
+use crate::mesh::primitives::Shape;
+use crate::spatial::Pose;
+use crate::voxmap::sides::SidesRule;
+
+/// A checked scene.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SceneConfig {
+    /// Path of the scene file.
+    pub path: PathBuf,
+    /// Human name.
+    pub name: String,
+    /// Ticks per second.
+    pub rate_hz: u32,
+    /// What a contact query may take in one tick, s; `None`: as long as it takes.
+    pub time_budget_s: Option<f64>,
+    /// Points on edges of the tool push the way that the obstacle says.
+    pub knows_edges: bool,
+    /// One voxmap each.
+    pub statics: Vec<StaticConfig>,
+    /// The moving object.
+    pub tool: ToolConfig,
+    /// What the tick reads.
+    pub parameters: Parameters,
+    /// The arm.
+    pub device: DeviceConfig,
+    /// Scheduling.
+    pub realtime: RealtimeConfig,
+    /// What the arm can take.
+    pub stability: StabilityConfig,
+}
+
+/// The stability bounds that the scene was held against.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StabilityConfig {
+    /// Translational stiffness that the arm may feel, N/m; the world's stiffness times `scale`.
+    pub translation: StiffnessBound,
+    /// Rotational stiffness that the arm may feel, N·m/rad.
+    pub rotation: StiffnessBound,
+    /// The scene overrides the bounds: nothing is refused and the tick's own bounds are infinite.
+    pub allow_unstable: bool,
+}
+
+/// Where a triangle mesh comes from.
+#[derive(Clone, Debug, PartialEq)]
+pub enum MeshSource {
+    /// A file; `metres_per_unit` scales its numbers.
+    File {
+        /// Absolute, or relative to the working directory.
+        path: PathBuf,
+        /// 1 for m, 1e-3 for mm, 1e-2 for cm, 0.0254 for in.
+        metres_per_unit: f64,
+    },
+    /// A primitive shape.
+    Shape(Shape),
+}
+
+/// A static object.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StaticConfig {
+    /// Name, unique in the scene.
+    pub name: String,
+    /// Geometry.
+    pub source: MeshSource,
+    /// Voxel edge s, m.
+    pub voxel_size_m: f64,
+    /// Layers on each side of the surface.
+    pub layers: u32,
+    /// How inside and outside are told.
+    pub sides: SidesRule,
+    /// `world_from_map`; of a movable one where it stands at the start.
+    pub pose: Pose,
+    /// Its pose may be set while running.
+    pub movable: bool,
+}
+
+/// The tool.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ToolConfig {
+    /// Geometry.
+    pub source: MeshSource,
+    /// Voxel edge s, m: the spacing of the points.
+    pub voxel_size_m: f64,
+    /// Layers on each side (at least 2, for normals).
+    pub layers: u32,
+    /// How inside and outside are told.
+    pub sides: SidesRule,
+    /// Mass, kg.
+    pub mass_kg: f64,
+    /// Centre of mass in the tool frame, m; `None`: from the mesh.
+    pub center_of_mass_m: Option<DVec3>,
+    /// Inertia about the centre of mass in tool axes, kg·m²; `None`: from the mesh.
+    pub inertia_kg_m2: Option<DMat3>,
+}
+
+/// The attached arm.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DeviceConfig {
+    /// The loaded profile.
+    pub profile: Profile,
+    /// Hand path of a simulated arm.
+    pub hand: Option<PathBuf>,
+    /// Overrides of the simulated hand and plant.
+    pub sim: SimConfig,
+}
+
+/// `[device.sim]`: overrides for the simulated arm.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SimConfig {
+    /// Stiffness of the hand, N/m.
+    pub hand_stiffness_n_per_m: f64,
+    /// Damping of the hand, N·s/m.
+    pub hand_damping_n_s_per_m: f64,
+    /// Mass of the hand, kg.
+    pub hand_mass_kg: f64,
+    /// False: nobody holds the arm.
+    pub hand_present: bool,
+    /// Command delay in ticks; `None`: the profile's.
+    pub delay_ticks: Option<u32>,
+    /// Fault to inject, as written (`nan@2s`); `None`: none.
+    pub fault: Option<String>,
+    /// Seed of everything random.
+    pub seed: u64,
+}
+
+/// What the loop asks of the operating system.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RealtimeConfig {
+    /// Refuse to run when a preflight check fails.
+    pub enforce: bool,
+    /// Processor to pin to; `None`: the last one that this process may use.
+    pub cpu: Option<usize>,
+    /// SCHED_FIFO priority.
+    pub priority: u8,
+}
