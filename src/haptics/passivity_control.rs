@@ -136,7 +136,7 @@ impl PassivityController {
         wanted + self.injected
     }
 
-    /// Share of the wanted wrench that the arm gets while energy is owed: all of it up to [`OWED_FREELY_J`], then less and less, so that
+    /// Share of the wanted wrench that the arm gets while energy is owed: all of it up to half a millijoule, then less and less, so that
     /// a loop which cannot be damped (motion within a step of the encoder has no velocity) is weakened until it rests. An arm that takes
     /// no damping gets all of it: it is not watched. RT: safe, O(1).
     pub fn trusted_share(&self, arm: &ArmParameters) -> f64 {

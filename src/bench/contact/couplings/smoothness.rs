@@ -48,9 +48,12 @@ impl Rough {
         Self { ripple_n: ripple_over(windows, forces), mean_n: inside.iter().sum::<f64>() / inside.len().max(1) as f64, faulted }
     }
 
-    fn played(played: &Played) -> Self {
-        let records = played.before_stop();
-        Self::of(&windows(records), &records.iter().map(commanded).collect::<Vec<_>>(), !played.faults.is_empty())
+    /// Of a run in given ticks, as far as it came.
+    fn within(ticks: &[(usize, usize)], played: &Played) -> Self {
+        let forces: Vec<DVec3> = played.before_stop().iter().map(commanded).collect();
+        let ticks: Vec<(usize, usize)> =
+            ticks.iter().map(|(from, to)| (*from, (*to).min(forces.len()))).filter(|(from, to)| from < to).collect();
+        Self::of(&ticks, &forces, !played.faults.is_empty())
     }
 
     fn percent(self) -> Option<f64> {
@@ -73,7 +76,7 @@ impl SmoothFigures {
             })
             .collect();
         Self {
-            felt: Rough::played(default),
+            felt: Rough::within(&windows(records), default),
             same_poses: Rough::of(&windows(records), &at_poses, false),
             through_coupling,
             direct,
@@ -130,9 +133,11 @@ impl Bench<'_> {
             if let (Ok(default), Ok(raw)) = (&default, &raw_played) {
                 series.extend(side_by_side(&name, default, raw));
             }
-            let through_coupling = raw_played.map(|played| Rough::played(&played));
+            // In the same ticks, so that a force which lets go of the wall and comes back is rough too.
+            let ticks = default.as_ref().map(|default| windows(default.before_stop())).unwrap_or_default();
+            let through_coupling = raw_played.map(|played| Rough::within(&ticks, &played));
             let direct = self.as_stiff_as_allowed(&scene, raw().into_iter().chain([coupled("direct")]).collect());
-            let direct = Some(self.played(&scene, &direct)?.map(|played| Rough::played(&played)));
+            let direct = Some(self.played(&scene, &direct)?.map(|played| Rough::within(&ticks, &played)));
             let figures = default.map(|default| SmoothFigures::of(&default, through_coupling, direct));
             found.push(Smooth { scene: name.clone(), figures });
             // The steps of an encoder, times the stiffness of the coupling, are roughness too, whatever the field.
@@ -140,7 +145,8 @@ impl Bench<'_> {
             let ideal = || [("device.profile", Value::from("sim-ideal"))];
             let default = self.played(&scene, &ideal())?;
             let through_coupling = self.played(&scene, &raw().into_iter().chain(ideal()).collect::<Vec<_>>())?;
-            let through_coupling = through_coupling.map(|played| Rough::played(&played));
+            let ticks = default.as_ref().map(|default| windows(default.before_stop())).unwrap_or_default();
+            let through_coupling = through_coupling.map(|played| Rough::within(&ticks, &played));
             let figures = default.map(|default| SmoothFigures::of(&default, through_coupling, None));
             found.push(Smooth { scene: format!("{name}, ideal arm"), figures });
         }
