@@ -168,7 +168,7 @@ mod tests {
             // A line between two rows of pixels is paler in both.
             let is = |x: u32, y: u32| {
                 let pixel = pixels.pixel(x, y).map(|pixel| [pixel.red(), pixel.green(), pixel.blue()]);
-                pixel.is_some_and(|pixel| pixel.iter().zip(color).map(|(a, b)| a.abs_diff(b)).max() < Some(100))
+                pixel.is_some_and(|pixel| pixel.iter().zip(color).map(|(a, b)| a.abs_diff(b)).max() < Some(60))
             };
             (HEADER as u32..pixels.height()).filter(|y| is(300, *y)).collect()
         };
