@@ -2,11 +2,11 @@
 //!
 //! Data in: at most one [`Placement`] per tick. Data out: the poses of the obstacles, moved a little. A pose is a wish, never a jump:
 //!
-//! - an obstacle follows its target as [`FOLLOW_PER_S`] says, along a straight line and the shortest turn of its box's middle;
+//! - an obstacle follows its target as `FOLLOW_PER_S` says, along a straight line and the shortest turn of its box's middle;
 //! - no point of its box goes faster than the grip may (`limits.speed`), nor further in one tick than half of what lies between it and
 //!   the tool; a quarter of a voxel is always allowed. What it may go was taken off the tool's step limit the tick before, so that what
 //!   the two do together still cannot be missed;
-//! - while force flows it goes no deeper into the tool than [`WAIT_VOXELS`]: a tool that is jammed, or an arm that will not give way,
+//! - while force flows it goes no deeper into the tool than `WAIT_VOXELS`: a tool that is jammed, or an arm that will not give way,
 //!   makes it wait, slowing down smoothly. Nothing is passed through, and it goes on when there is room.
 //!
 //! # Source

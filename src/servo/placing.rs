@@ -21,7 +21,7 @@ const RING_WISHES: usize = 64;
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum PlaceError {
     /// No object of the scene is called so.
-    #[error("no object is called `{name}`; known here: {}", known.join(", "))]
+    #[error("no object is called `{name}`; known here: {}", if known.is_empty() { "none".to_owned() } else { known.join(", ") })]
     Unknown {
         /// As asked for.
         name: String,

@@ -27,9 +27,10 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use super::budget::{Budget, Choice};
+use super::samples::Samples;
 use super::simd::{Depths, Machine, Place, free_cells};
 use super::touched::Touched;
-use crate::pointshell::shell::{LANES, Lanes, Lanes3, Shell};
+use crate::pointshell::shell::{LANES, Shell};
 use crate::pointshell::tree::{CHILDREN, Spheres};
 use crate::spatial::Pose;
 use crate::voxmap::field::Field;
@@ -405,53 +406,5 @@ impl Pass<'_> {
             }
         }
         self.max_m = self.max_m.max(lists.samples.look(self.machine, chart, self.place, touched));
-    }
-}
-
-/// Single points, gathered into a block.
-#[derive(Clone, Copy, Debug)]
-struct Samples {
-    positions: Lanes3,
-    points: [(u32, u32); LANES],
-    n: usize,
-}
-
-impl Default for Samples {
-    fn default() -> Self {
-        let none = Lanes([f32::NAN; LANES]);
-        Self { positions: Lanes3 { x: none, y: none, z: none }, points: [(0, 0); LANES], n: 0 }
-    }
-}
-
-impl Samples {
-    fn push(&mut self, shell: &Shell, point: u32, weight: u32) {
-        let (block, lane) = (point as usize / LANES, point as usize % LANES);
-        let (Some(positions), Some(place)) = (shell.positions().get(block), self.points.get_mut(self.n)) else { return };
-        self.positions.set(self.n, positions.get(lane));
-        *place = (point, weight);
-        self.n += 1;
-    }
-
-    fn is_full(&self) -> bool {
-        self.n == LANES
-    }
-
-    /// Reports those that touch, each as a block with one lane, and starts anew.
-    fn look(&mut self, machine: Machine, chart: &Chart, place: &Place, touched: &mut Vec<Touched>) -> f32 {
-        let Self { positions, points, n } = core::mem::take(self);
-        if n == 0 {
-            return f32::NEG_INFINITY;
-        }
-        let never = |_| f32::NEG_INFINITY;
-        machine.blocks(chart, place, core::slice::from_ref(&positions), core::iter::once(0), never, |_, depths| {
-            for (lane, (point, weight)) in points.into_iter().enumerate().take(n) {
-                if depths.touching >> lane & 1 == 1 {
-                    let (block, lane_of_block) = (point / LANES as u32, point % LANES as u32);
-                    let depth_m = depths.depths_m.0.get(lane).copied().unwrap_or(0.0);
-                    let depths_m = [depth_m; LANES];
-                    touched.push(Touched { block, lanes: 1 << lane_of_block, weight: weight as f32, depths_m });
-                }
-            }
-        })
     }
 }

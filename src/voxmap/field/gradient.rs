@@ -1,5 +1,7 @@
 //! The gradient of a field without steps from cell to cell.
 
+#![expect(clippy::indexing_slicing, reason = "three axes in arrays of three")]
+
 use glam::Vec3;
 
 use super::{APRON_EDGE, Field, Located, to_vec3, whole};
@@ -54,6 +56,7 @@ fn along(samples: &[f32], local: [usize; 3], t: [f32; 3], axis: usize) -> Option
 }
 
 #[cfg(test)]
+#[expect(clippy::expect_used, reason = "test code")]
 mod tests {
     use super::*;
     use crate::mesh::primitives::Shape;

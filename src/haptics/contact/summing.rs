@@ -1,0 +1,178 @@
+//! The sum over obstacles while it grows: faces, what was found of each obstacle, normalisation.
+
+use glam::DVec3;
+
+use super::faces::FACES;
+use super::places::{self, FarSum};
+use super::sum::{Sums, Total, Weighting};
+use super::touched::Touched;
+use super::{Carried, ContactSum, Obstacle, Patch};
+use crate::haptics::params::{ContactParameters, FilterParameters, Normalization};
+use crate::spatial::{Mat6, Pose, Wrench};
+use crate::voxmap::field::FieldKind;
+
+/// Contacts from which an averaged sum stops growing (McNeely1999: F_tot below ten contacts, F_tot/(N/10) from ten on).
+pub const AVERAGED_CONTACTS: f64 = 10.0;
+
+/// The sums while obstacles are added.
+pub(super) struct Summing<'a> {
+    contact: &'a ContactParameters,
+    filter: &'a FilterParameters,
+    world_from_body: Pose,
+    /// Tool axes; of all obstacles together. `None` until a face touches: they are large, and most never do.
+    faces: [Option<Sums>; FACES],
+    contacts: u32,
+    max_value_m: f64,
+    voxel_size_m: f64,
+    touched_voxel_m: f64,
+    step_limit_m: f64,
+    pub(super) looked_at: u32,
+    pub(super) left_out: u32,
+    /// Σ depth · motion of what is touched by each face.
+    carried: Option<[Carried; FACES]>,
+}
+
+impl<'a> Summing<'a> {
+    pub(super) fn new(contact: &'a ContactParameters, filter: &'a FilterParameters, world_from_body: Pose) -> Self {
+        Self {
+            contact,
+            filter,
+            world_from_body,
+            faces: [const { None }; FACES],
+            contacts: 0,
+            max_value_m: f64::NEG_INFINITY,
+            voxel_size_m: f64::INFINITY,
+            touched_voxel_m: f64::INFINITY,
+            step_limit_m: f64::INFINITY,
+            looked_at: 0,
+            left_out: 0,
+            carried: None,
+        }
+    }
+
+    /// Notes that what these blocks of a face touch has moved.
+    pub(super) fn carry(&mut self, face: u8, carried: Carried, run: &[Touched]) {
+        let depth_m =
+            |touched: &Touched| touched.lanes().filter_map(|lane| touched.depths_m.get(lane)).sum::<f32>() * touched.weight;
+        let depth_m = run.iter().map(|touched| f64::from(depth_m(touched))).sum();
+        let faces = self.carried.get_or_insert_with(|| [Carried::default(); FACES]);
+        if let Some(sum) = faces.get_mut(usize::from(face)) {
+            sum.add(depth_m, carried);
+        }
+    }
+
+    pub(super) fn weighting(&self, obstacle: &Obstacle) -> Weighting {
+        Weighting::new(obstacle.field.voxel_size_m(), self.filter.spatial)
+    }
+
+    /// The sums of a face that touches.
+    #[inline]
+    pub(super) fn face(&mut self, face: u8) -> Option<&mut Sums> {
+        self.faces.get_mut(usize::from(face)).map(|sums| sums.get_or_insert_with(|| Sums::ZERO))
+    }
+
+    /// By how much a clearance may be overstated: interpolation by half the diagonal of a cell, the other look-ups by up to two voxels.
+    pub(super) fn overstated_voxels(&self) -> f64 {
+        if self.contact.field == FieldKind::Trilinear { 0.5 * 3_f64.sqrt() } else { 2.0 }
+    }
+
+    /// Notes the obstacles that need not be asked.
+    pub(super) fn note_far(&mut self, far: FarSum) {
+        self.max_value_m = self.max_value_m.max(far.max_value_m);
+        self.voxel_size_m = self.voxel_size_m.min(far.voxel_size_m);
+        self.step_limit_m = self.step_limit_m.min(far.step_limit_m);
+    }
+
+    /// Notes what else was found at an obstacle.
+    pub(super) fn note(&mut self, obstacle: &Obstacle, n_contacts: u32, max_value_m: f32, reserve_m: f64) {
+        let max_value_m = f64::from(max_value_m);
+        let voxel_size_m = f64::from(obstacle.field.voxel_size_m());
+        self.contacts += n_contacts;
+        self.max_value_m = self.max_value_m.max(max_value_m);
+        self.voxel_size_m = self.voxel_size_m.min(voxel_size_m);
+        let limit_m = places::step_limit_m(max_value_m, voxel_size_m, self.overstated_voxels(), reserve_m);
+        self.step_limit_m = self.step_limit_m.min(limit_m);
+        if n_contacts > 0 {
+            self.touched_voxel_m = self.touched_voxel_m.min(voxel_size_m);
+        }
+    }
+
+    pub(super) fn finish(&self) -> ContactSum {
+        let rotation = self.world_from_body.rotation_matrix();
+        let stiffness_n_per_m = self.contact.stiffness_n_per_m;
+        // Turned zeros may get a sign; free space is exactly zero.
+        let rotation = if self.contacts > 0 { rotation } else { glam::DMat3::IDENTITY };
+        let mut totals = [None; FACES];
+        let mut effective = 0.0;
+        for (total, sums) in totals.iter_mut().zip(&self.faces) {
+            if let Some(sums) = sums {
+                effective += total.insert(sums.total()).effective;
+            }
+        }
+        let mut sum = ContactSum {
+            contacts: self.contacts,
+            max_value_m: self.max_value_m,
+            wrench: Wrench::ZERO,
+            stiffness: Mat6::ZERO,
+            arm_world: DVec3::ZERO,
+            voxel_size_m: if self.contacts > 0 { self.touched_voxel_m } else { self.voxel_size_m },
+            step_limit_m: self.step_limit_m,
+            looked_at: self.looked_at,
+            left_out: self.left_out,
+            carried: Carried::default(),
+            patches: [None; FACES],
+            carried_faces: self.carried,
+        };
+        let (mut depth, mut depth_arm) = (0.0, DVec3::ZERO);
+        let (mut force, mut moment, mut stiffness) = (DVec3::ZERO, DVec3::ZERO, Mat6::ZERO);
+        for ((face, total), patch) in totals.iter().enumerate().zip(&mut sum.patches) {
+            let Some(total) = total else { continue };
+            let share = match self.contact.normalization {
+                Normalization::None => 1.0,
+                Normalization::Average => within_ten(effective),
+                Normalization::Cluster => within_ten(total.effective),
+            };
+            force += total.depth_normal * share;
+            moment += total.depth_moment * share;
+            stiffness = stiffness.plus_scaled(share, &total.stiffness);
+            depth += total.depth;
+            depth_arm += total.depth_arm;
+            *patch = Patch::of(face as u8, total, share * stiffness_n_per_m, rotation);
+        }
+        sum.wrench = Wrench::new(rotation * force, rotation * moment) * stiffness_n_per_m;
+        sum.stiffness = Mat6::ZERO.plus_scaled(stiffness_n_per_m, &stiffness.rotated(rotation));
+        if depth > 0.0 {
+            sum.arm_world = rotation * depth_arm / depth;
+        }
+        if let Some(faces) = sum.carried_faces.as_mut() {
+            for (carried, total) in faces.iter_mut().zip(&totals) {
+                sum.carried.add(1.0 / depth, *carried);
+                *carried = total.map_or(Carried::default(), |total| carried.scaled(1.0 / total.depth));
+            }
+        }
+        sum
+    }
+}
+
+/// The factor that keeps a sum of so many contacts at what ten of them give.
+fn within_ten(effective: f64) -> f64 {
+    1.0 / (effective / AVERAGED_CONTACTS).max(1.0)
+}
+
+impl Patch {
+    /// From the sums of a face; `None` where it presses nothing.
+    fn of(face: u8, total: &Total, stiffness_n_per_m: f64, rotation: glam::DMat3) -> Option<Self> {
+        let normal = total.depth_normal.try_normalize()?;
+        let arm = total.depth_arm / total.depth;
+        let (along, about) = total.stiffness.traces();
+        let squared = if along > 0.0 { about / along - arm.cross(normal).length_squared() } else { 0.0 };
+        arm.is_finite().then(|| Self {
+            face,
+            force_n: stiffness_n_per_m * total.depth_normal.length(),
+            normal_world: rotation * normal,
+            arm_world: rotation * arm,
+            radius_m: squared.max(0.0).sqrt(),
+            stiffness_n_per_m: stiffness_n_per_m * total.stiffness.mul(normal, DVec3::ZERO).0.dot(normal),
+        })
+    }
+}
