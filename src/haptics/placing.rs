@@ -75,7 +75,7 @@ impl Movers {
         self.under_way.len() as u32
     }
 
-    /// One tick: moves who is under way, then takes a new wish, which is gone after from the next tick on. `with_force`: somebody may be
+    /// One tick: moves who is under way, then takes a new wish, which is followed from the next tick on. `with_force`: somebody may be
     /// pressed. RT: safe; O(obstacles under way).
     pub(super) fn advance(&mut self, places: &mut Places, wish: Option<Placement>, with_force: bool, p: &Parameters) {
         self.under_way.retain(|target| step(places, target, with_force, p));
