@@ -6,16 +6,14 @@ use hapticd::config::LoadOptions;
 use hapticd::daemon::prepare;
 use hapticd::haptics::contact::Obstacle;
 use hapticd::haptics::{
-    ArmParameters, ContactParameters, CouplingMode, CouplingParameters, Drive, DriveRequest, Faults, FilterParameters, FreeSpace,
-    FrictionParameters, Inertia, LimitParameters, Normalization, Parameters, PortParameters, RenderScene, SpringClamp, State,
-    TickInput, TickOutput, Tool, tick,
+    CouplingMode, Drive, DriveRequest, Faults, FreeSpace, Inertia, Parameters, RenderScene, SpringClamp, State, TickInput,
+    TickOutput, Tool, tick,
 };
 use hapticd::mesh::TriangleMesh;
 use hapticd::mesh::primitives::Shape;
 use hapticd::mesh::validate;
 use hapticd::pointshell::{self, shell::Shell};
 use hapticd::spatial::{Axes, DeviceSample, Pose, SampleStatus, Twist, Wrench};
-use hapticd::voxmap::field::FieldKind;
 use hapticd::voxmap::sides::SidesRule;
 use hapticd::voxmap::{Options, Voxmap};
 
@@ -35,50 +33,12 @@ const HALF: f64 = 5e-3;
 
 /// Every limit out of the way: what is seen is the coupling.
 fn parameters() -> Parameters {
-    Parameters {
-        period_s: T,
-        gravity_m_per_s2: DVec3::ZERO,
-        contact: ContactParameters {
-            field: FieldKind::Trilinear,
-            stiffness_n_per_m: 2000.0,
-            damping_ratio: 0.7,
-            normalization: Normalization::None,
-            friction: FrictionParameters::NONE,
-            ..ContactParameters::PLAIN
-        },
-        coupling: CouplingParameters {
-            mode: CouplingMode::Implicit,
-            stiffness_n_per_m: K,
-            stiffness_nm_per_rad: K_R,
-            felt_damping_n_s_per_m: 0.0,
-            felt_damping_nm_s_per_rad: 0.0,
-            clamp: SpringClamp::Saturate,
-            free_space: FreeSpace::Zero,
-            bound_n_per_m: f64::INFINITY,
-            bound_nm_per_rad: f64::INFINITY,
-        },
-        filter: FilterParameters { spatial: true, cutoff_hz: [f64::INFINITY; 2] },
-        limits: LimitParameters {
-            force_n: f64::INFINITY,
-            torque_nm: f64::INFINITY,
-            speed_m_per_s: 10.0,
-            slew_n_per_s: f64::INFINITY,
-            slew_nm_per_s: f64::INFINITY,
-            power_w: f64::INFINITY,
-            ramp_s: RAMP_S,
-            stale_ticks_max: 3,
-            stale_fault_ticks: 20,
-            overrun_fault_ticks: 0,
-        },
-        port: PortParameters {
-            world_from_device: Pose::IDENTITY,
-            scale: 1.0,
-            sensed: Axes::SIX,
-            actuated: Axes::SIX,
-            start: Pose::IDENTITY,
-        },
-        arm: ArmParameters::default(),
-    }
+    let mut p = rig::unlimited();
+    p.contact.stiffness_n_per_m = 2000.0;
+    (p.coupling.stiffness_n_per_m, p.coupling.stiffness_nm_per_rad) = (K, K_R);
+    p.filter.cutoff_hz = [f64::INFINITY; 2];
+    p.limits.ramp_s = RAMP_S;
+    p
 }
 
 fn coupling_with(change: impl FnOnce(&mut Parameters)) -> Parameters {

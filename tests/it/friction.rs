@@ -3,18 +3,19 @@
 use glam::{DMat3, DQuat, DVec3};
 use hapticd::haptics::contact::{ContactSum, Obstacle};
 use hapticd::haptics::{
-    ArmParameters, ContactParameters, CouplingMode, CouplingParameters, Drive, DriveRequest, Faults, FilterParameters, FreeSpace,
-    FrictionParameters, Inertia, LimitParameters, Normalization, Parameters, PortParameters, RenderScene, SpringClamp, State,
-    TickInput, Tool, tick,
+    ContactParameters, Drive, DriveRequest, Faults, FilterParameters, FrictionParameters, Inertia, Normalization, RenderScene,
+    State, TickInput, Tool, tick,
 };
 use hapticd::mesh::TriangleMesh;
 use hapticd::mesh::primitives::Shape;
 use hapticd::mesh::validate;
 use hapticd::pointshell::{self, shell::Shell};
-use hapticd::spatial::{Axes, DeviceSample, Pose, SampleStatus};
+use hapticd::spatial::{DeviceSample, Pose, SampleStatus};
 use hapticd::voxmap::field::FieldKind;
 use hapticd::voxmap::sides::SidesRule;
 use hapticd::voxmap::{Options, Voxmap};
+
+use super::rig;
 
 pub(super) const T: f64 = 1e-3;
 /// Voxel edge of the slope, m.
@@ -59,46 +60,14 @@ pub(super) fn scene(coefficient: f64) -> RenderScene {
     let half_m = HALF_M;
     let up = DQuat::from_rotation_y(SLOPE_RAD);
     let inertia_kg_m2 = MASS_KG * (2.0 * half_m) * (2.0 * half_m) / 6.0;
-    let no_limit = f64::INFINITY;
+    let mut parameters = rig::unlimited();
+    parameters.gravity_m_per_s2 = DVec3::NEG_Z * G;
+    parameters.contact = contact(Normalization::Cluster, coefficient);
+    // A hand that is not there.
+    (parameters.coupling.stiffness_n_per_m, parameters.coupling.stiffness_nm_per_rad) = (1e-9, 1e-12);
+    parameters.port.start = Pose::new(up, up * DVec3::Z * half_m);
     RenderScene {
-        parameters: Parameters {
-            period_s: T,
-            gravity_m_per_s2: DVec3::NEG_Z * G,
-            contact: contact(Normalization::Cluster, coefficient),
-            coupling: CouplingParameters {
-                mode: CouplingMode::Implicit,
-                // A hand that is not there.
-                stiffness_n_per_m: 1e-9,
-                stiffness_nm_per_rad: 1e-12,
-                felt_damping_n_s_per_m: 0.0,
-                felt_damping_nm_s_per_rad: 0.0,
-                clamp: SpringClamp::Saturate,
-                free_space: FreeSpace::Zero,
-                bound_n_per_m: no_limit,
-                bound_nm_per_rad: no_limit,
-            },
-            filter: FilterParameters { spatial: true, cutoff_hz: [50.0, 300.0] },
-            limits: LimitParameters {
-                force_n: no_limit,
-                torque_nm: no_limit,
-                speed_m_per_s: 10.0,
-                slew_n_per_s: no_limit,
-                slew_nm_per_s: no_limit,
-                power_w: no_limit,
-                ramp_s: 0.1,
-                stale_ticks_max: 3,
-                stale_fault_ticks: 20,
-                overrun_fault_ticks: 0,
-            },
-            port: PortParameters {
-                world_from_device: Pose::IDENTITY,
-                scale: 1.0,
-                sensed: Axes::SIX,
-                actuated: Axes::SIX,
-                start: Pose::new(up, up * DVec3::Z * half_m),
-            },
-            arm: ArmParameters::default(),
-        },
+        parameters,
         obstacles: vec![slope(SLOPE_RAD)],
         tool: Tool {
             shell: block(DVec3::splat(2.0 * half_m)),

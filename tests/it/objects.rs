@@ -6,9 +6,8 @@ use glam::{DMat3, DQuat, DVec3};
 use hapticd::daemon::prepare;
 use hapticd::haptics::contact::{ContactSum, Machine, Obstacle, Traversal, Way};
 use hapticd::haptics::{
-    ArmParameters, ContactParameters, CouplingMode, CouplingParameters, Drive, DriveRequest, Faults, FilterParameters, FreeSpace,
-    FrictionParameters, Inertia, LimitParameters, Normalization, Parameters, Placement, PortParameters, RenderScene, SpringClamp,
-    State, TickInput, TickOutput, Tool, tick,
+    ContactParameters, CouplingMode, Drive, DriveRequest, Faults, FrictionParameters, Inertia, LimitParameters, Parameters,
+    Placement, RenderScene, State, TickInput, TickOutput, Tool, tick,
 };
 use hapticd::mesh::TriangleMesh;
 use hapticd::mesh::primitives::Shape;
@@ -16,7 +15,7 @@ use hapticd::mesh::validate;
 use hapticd::pointshell::{self, shell::Shell};
 use hapticd::rt::clock::VirtualClock;
 use hapticd::servo::{Control, Ending, Order, Placer, RunPlan, ServoLoop, Stage, Step, SwapSlot, Wishes};
-use hapticd::spatial::{Axes, DeviceSample, Pose, SampleStatus, Wrench};
+use hapticd::spatial::{DeviceSample, Pose, SampleStatus, Wrench};
 use hapticd::telemetry::TickRecord;
 use hapticd::voxmap::field::FieldKind;
 use hapticd::voxmap::sides::SidesRule;
@@ -53,51 +52,20 @@ fn plate(world_from_map: Pose) -> Obstacle {
 }
 
 fn parameters(mode: CouplingMode) -> Parameters {
-    let no_limit = f64::INFINITY;
-    Parameters {
-        period_s: T,
-        gravity_m_per_s2: DVec3::ZERO,
-        contact: ContactParameters {
-            field: FieldKind::Trilinear,
-            stiffness_n_per_m: 1000.0,
-            damping_ratio: 0.7,
-            normalization: Normalization::None,
-            friction: FrictionParameters::NONE,
-            ..ContactParameters::PLAIN
-        },
-        coupling: CouplingParameters {
-            mode,
-            stiffness_n_per_m: 1000.0,
-            stiffness_nm_per_rad: 0.2,
-            felt_damping_n_s_per_m: 0.0,
-            felt_damping_nm_s_per_rad: 0.0,
-            clamp: SpringClamp::Saturate,
-            free_space: FreeSpace::Zero,
-            bound_n_per_m: no_limit,
-            bound_nm_per_rad: no_limit,
-        },
-        filter: FilterParameters { spatial: true, cutoff_hz: [50.0, 300.0] },
-        limits: LimitParameters {
-            force_n: 10.0,
-            torque_nm: 0.2,
-            speed_m_per_s: 1.0,
-            slew_n_per_s: 1000.0,
-            slew_nm_per_s: 20.0,
-            power_w: 5.0,
-            ramp_s: 0.01,
-            stale_ticks_max: 3,
-            stale_fault_ticks: 20,
-            overrun_fault_ticks: 0,
-        },
-        port: PortParameters {
-            world_from_device: Pose::IDENTITY,
-            scale: 1.0,
-            sensed: Axes::SIX,
-            actuated: Axes::SIX,
-            start: Pose::from_translation(DVec3::Z * 0.03),
-        },
-        arm: ArmParameters::default(),
-    }
+    let mut p = rig::unlimited();
+    p.coupling.mode = mode;
+    p.limits = LimitParameters {
+        force_n: 10.0,
+        torque_nm: 0.2,
+        speed_m_per_s: 1.0,
+        slew_n_per_s: 1000.0,
+        slew_nm_per_s: 20.0,
+        power_w: 5.0,
+        ramp_s: 0.01,
+        ..p.limits
+    };
+    p.port.start = Pose::from_translation(DVec3::Z * 0.03);
+    p
 }
 
 fn scene(mode: CouplingMode, obstacles: Vec<Obstacle>, shell: Shell) -> RenderScene {

@@ -2,20 +2,16 @@
 
 use glam::{DMat3, DQuat, DVec3};
 use hapticd::haptics::contact::Obstacle;
-use hapticd::haptics::{
-    ArmParameters, ContactParameters, CouplingMode, CouplingParameters, DriveRequest, Faults, FilterParameters, FreeSpace,
-    FrictionParameters, Inertia, LimitParameters, Normalization, Parameters, PortParameters, RenderScene, SpringClamp, State,
-    TickInput, Tool, tick,
-};
+use hapticd::haptics::{CouplingMode, DriveRequest, Faults, Inertia, LimitParameters, RenderScene, State, TickInput, Tool, tick};
 use hapticd::mesh::TriangleMesh;
 use hapticd::mesh::primitives::Shape;
 use hapticd::mesh::validate;
 use hapticd::pointshell;
-use hapticd::spatial::{Axes, DeviceSample, Pose, SampleStatus, Twist};
-use hapticd::voxmap::field::FieldKind;
+use hapticd::spatial::{DeviceSample, Pose, SampleStatus, Twist};
 use hapticd::voxmap::sides::SidesRule;
 use hapticd::voxmap::{Options, Voxmap};
 
+use super::rig;
 use super::traversal::Random;
 
 const T: f64 = 1e-3;
@@ -35,52 +31,12 @@ fn scene(mode: CouplingMode) -> RenderScene {
     let ball = Shape::Sphere { radius_m: RADIUS_M }.tessellate(1e-5);
     let shell = pointshell::build(&ball, &build(&ball), DVec3::ZERO).0;
     let least_kg_m2 = 1e-6;
-    let no_limit = f64::INFINITY;
+    let mut parameters = rig::unlimited();
+    parameters.coupling.mode = mode;
+    parameters.limits = LimitParameters { force_n: 10.0, torque_nm: 0.2, speed_m_per_s: 20.0, ramp_s: T, ..parameters.limits };
+    parameters.port.start = Pose::from_translation(DVec3::Z * 0.03);
     RenderScene {
-        parameters: Parameters {
-            period_s: T,
-            gravity_m_per_s2: DVec3::ZERO,
-            contact: ContactParameters {
-                field: FieldKind::Trilinear,
-                stiffness_n_per_m: 1000.0,
-                damping_ratio: 0.7,
-                normalization: Normalization::None,
-                friction: FrictionParameters::NONE,
-                ..ContactParameters::PLAIN
-            },
-            coupling: CouplingParameters {
-                mode,
-                stiffness_n_per_m: 1000.0,
-                stiffness_nm_per_rad: 0.2,
-                felt_damping_n_s_per_m: 0.0,
-                felt_damping_nm_s_per_rad: 0.0,
-                clamp: SpringClamp::Saturate,
-                free_space: FreeSpace::Zero,
-                bound_n_per_m: no_limit,
-                bound_nm_per_rad: no_limit,
-            },
-            filter: FilterParameters { spatial: true, cutoff_hz: [50.0, 300.0] },
-            limits: LimitParameters {
-                force_n: 10.0,
-                torque_nm: 0.2,
-                speed_m_per_s: 20.0,
-                slew_n_per_s: no_limit,
-                slew_nm_per_s: no_limit,
-                power_w: no_limit,
-                ramp_s: T,
-                stale_ticks_max: 3,
-                stale_fault_ticks: 20,
-                overrun_fault_ticks: 0,
-            },
-            port: PortParameters {
-                world_from_device: Pose::IDENTITY,
-                scale: 1.0,
-                sensed: Axes::SIX,
-                actuated: Axes::SIX,
-                start: Pose::from_translation(DVec3::Z * 0.03),
-            },
-            arm: ArmParameters::default(),
-        },
+        parameters,
         obstacles: vec![Obstacle { field: build(&plate).field(&plate, false), world_from_map: Pose::IDENTITY }],
         tool: Tool {
             shell,
