@@ -90,7 +90,13 @@ pub(crate) struct Changes {
 
 impl LiveArgs {
     /// Reads and checks what the arguments name; says what is wrong with it.
-    pub(crate) fn check(&self, scene: &SceneConfig, options: &LoadOptions, talk: Talk) -> Result<Changes, Exit> {
+    pub(crate) fn check(
+        &self,
+        scene: &SceneConfig,
+        options: &LoadOptions,
+        ends: Option<Duration>,
+        talk: Talk,
+    ) -> Result<Changes, Exit> {
         let mut paths = Vec::new();
         for (name, file) in &self.moves {
             let path = HandPath::read(file).map_err(|problem| {
@@ -118,6 +124,11 @@ impl LiveArgs {
                 let message = format!("{}: {key} = {its}, but {} has {ours}", file.display(), scene.path.display());
                 report::error(&message, Some("a scene is swapped for one of the same arm and rate; write the same in both"), talk);
                 return Err(Exit::Configuration);
+            }
+            if let Some(ends) = ends.filter(|ends| at >= ends) {
+                let message = format!("--swap {}: at {at:?}, but the run ends after {ends:?}", file.display());
+                report::error(&message, Some("give a time before the end of --duration"), talk);
+                return Err(Exit::Usage);
             }
             let at_tick = (at.as_secs_f64() / scene.parameters.period_s).round() as u64;
             swaps.push(PlannedSwap { config, at: *at, at_tick });
@@ -219,7 +230,7 @@ impl Baker {
         drop(means);
         cache::tell(&mut cache, self.talk);
         let (scene, reports) = built?;
-        report::bake_warnings(&reports, self.talk);
+        report::bake_warnings_of(&format!("{}: ", config.path.display()), &reports, self.talk);
         Ok(scene)
     }
 }

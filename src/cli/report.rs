@@ -39,9 +39,14 @@ pub(crate) fn prepare_error(problem: &PrepareError, talk: Talk) -> Exit {
 
 /// Prints what a user should know of the objects of a scene.
 pub(crate) fn bake_warnings(reports: &[ObjectReport], talk: Talk) {
+    bake_warnings_of("", reports, talk);
+}
+
+/// The same, of a scene that is to be told from another: `scene` goes before each.
+pub(crate) fn bake_warnings_of(scene: &str, reports: &[ObjectReport], talk: Talk) {
     for object in reports {
         for text in &object.warnings {
-            warning(&format!("{}: {text}", object.name), talk);
+            warning(&format!("{scene}{}: {text}", object.name), talk);
         }
     }
 }

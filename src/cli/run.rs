@@ -106,7 +106,7 @@ pub(crate) fn main(args: &Args, talk: Talk, started_ns: i64) -> Exit {
         Ok(config) => config,
         Err(errors) => return report::config_errors(&errors, talk),
     };
-    let changes = match args.live.check(&config, &overrides, talk) {
+    let changes = match args.live.check(&config, &overrides, args.duration, talk) {
         Ok(changes) => changes,
         Err(exit) => return exit,
     };

@@ -190,6 +190,8 @@ pub fn tick(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOu
     let moving = state.movers.n_under_way() > 0;
     let touch = state.tool.touch(&mut state.traversal, state.braking.as_mut(), scene, moving);
     let contact = &touch.contact;
+    // A tool that only tries where it could stand touches nothing yet.
+    let tries = state.resume.is_some();
     if let Some(resume) = &mut state.resume {
         resume.has_room = Some(contact.max_value_m <= RESUME_VOXELS * contact.voxel_size_m);
     }
@@ -208,11 +210,11 @@ pub fn tick(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOu
     TickOutput {
         command_device: felt.command_device,
         commanded_device: felt.commanded_device,
-        contact_world: contact.wrench + felt.friction_world,
+        contact_world: if tries { Wrench::ZERO } else { contact.wrench + felt.friction_world },
         world_from_tool: state.tool.pose() * body_from_tool,
-        contacts: contact.contacts,
-        max_depth_m: contact.max_value_m.max(0.0),
-        clearance_m: -contact.max_value_m,
+        contacts: if tries { 0 } else { contact.contacts },
+        max_depth_m: if tries { 0.0 } else { contact.max_value_m.max(0.0) },
+        clearance_m: if tries { 0.0 } else { -contact.max_value_m },
         points_left_out: contact.left_out,
         energy_j: state.passivity.energy_j(),
         object_work_j: state.passivity.carried_j(),

@@ -28,6 +28,12 @@ pub enum PlaceError {
         /// Names of the movable objects.
         known: Vec<String>,
     },
+    /// Two paths for one object.
+    #[error("`{name}` is given twice; one path per object")]
+    Twice {
+        /// As asked for.
+        name: String,
+    },
     /// The object stands.
     #[error("`{name}` is not movable; set `movable = true` in its [[static]] table")]
     NotMovable {
@@ -108,11 +114,16 @@ impl Wishes {
         ring: Option<Consumer<Placement>>,
         paths: impl IntoIterator<Item = (String, HandPath)>,
     ) -> Result<Self, PlaceError> {
+        let mut seen = Vec::new();
         let checked = |(name, path): (String, HandPath)| {
             let mut obstacle_idx = placement(objects, &name, Pose::IDENTITY)?.obstacle_idx;
             for pose in path.poses() {
                 obstacle_idx = placement(objects, &name, *pose)?.obstacle_idx;
             }
+            if seen.contains(&obstacle_idx) {
+                return Err(PlaceError::Twice { name });
+            }
+            seen.push(obstacle_idx);
             Ok((obstacle_idx, path))
         };
         Ok(Self { ring, paths: paths.into_iter().map(checked).collect::<Result<_, _>>()?, turn: 0 })

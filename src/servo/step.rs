@@ -248,12 +248,13 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
 
         let due = self.wait();
         self.missed_deadlines += due.missed;
+        // Before the clock of the tick starts: simulated time may wait here for a bake.
+        let swaps = self.swap_is_due(order);
 
         let begin_ns = self.clock.stopwatch_ns();
         self.first_tick_ns.get_or_insert(begin_ns);
         let sample = self.read();
         let read_ns = self.clock.stopwatch_ns();
-        let swaps = self.swap_is_due(order);
         let request = if swaps && order == Order::Enable { DriveRequest::Stop } else { order.request() };
         let place = self.stage.wishes.next(self.tick as f64 * self.stage.scene.parameters.period_s);
         let input = TickInput { sample, request, overrun: due.missed > 0, place };

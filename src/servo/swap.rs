@@ -145,8 +145,12 @@ impl SwapSlot {
             self.waiting = self.offers.pop().ok();
             self.n_offers += usize::from(self.waiting.is_some());
         }
-        // Without room for the old one the new one waits: nothing is ever freed here.
-        self.waiting.as_ref().is_some_and(|stage| tick >= stage.at_tick) && self.returned.slots() > 0
+        let due = self.waiting.as_ref().is_some_and(|stage| tick >= stage.at_tick);
+        // Without room for the old one the new one waits: nothing is ever freed here. Simulated time waits for the room.
+        while due && clock == ClockKind::Virtual && self.returned.slots() == 0 && !self.returned.is_abandoned() {
+            std::thread::yield_now();
+        }
+        due && self.returned.slots() > 0
     }
 
     /// Exchanges the stage that is waiting for the one that is rendered. RT: safe; two pointers.

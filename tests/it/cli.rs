@@ -264,6 +264,11 @@ fn a_part_moves_and_scenes_take_each_others_place_while_a_run_goes_on() {
     }
     let again = again.json();
     assert_eq!((&json["swaps"], &json["final_pose"]), (&again["swaps"], &again["final_pose"]), "two runs are the same");
+    // As fast one after the other as can be.
+    let line =
+        "run a.toml --cache off --clock virtual --duration 1s --swap b.toml@100ms --swap a.toml@100ms --swap b.toml@100ms --json";
+    let fast: Vec<Value> = (0..3).map(|_| hapticd(dir.path(), line).json()["swaps"].clone()).collect();
+    assert!(fast[0][2]["tick"].is_u64() && fast.iter().all(|swaps| *swaps == fast[0]), "{fast:?}");
     // Only what was asked for is reported.
     let plain = hapticd(dir.path(), "run a.toml --cache off --clock virtual --duration 100ms --json").json();
     assert!(plain.get("swaps").is_none() && plain.get("object_work_j").is_none());
@@ -277,12 +282,14 @@ fn what_cannot_change_is_refused_before_anything_is_baked() {
         ("--move base=none.csv", &["cannot read pose file none.csv", "--move NAME=FILE takes a CSV file"]),
         ("--move base=bad.csv", &["bad.csv:3: `up` is not a finite number (column z_m)"]),
         ("--move base=far.csv", &["not a pose that `base` can go to", "within 1 km"]),
+        ("--move base=up.csv --move base=up.csv", &["`base` is given twice"]),
         ("--swap none.toml@1s", &["none.toml"]),
         ("--swap arm.toml@1s", &["arm.toml: device.profile = \"sim-touch\", but a.toml has \"sim-sigma7\"", "hint: "]),
         ("--swap rate.toml@1s", &["rate.toml: rendering.rate_hz = 500, but a.toml has 1000"]),
     ] {
         refuses(dir.path(), &format!("run a.toml --cache off --clock virtual --duration 1s {change}"), 3, fragments);
     }
+    refuses(dir.path(), "run a.toml --cache off --duration 1s --swap b.toml@1s", 2, &["b.toml: at 1s, but the run ends after 1s"]);
     refuses(
         dir.path(),
         "run ok.toml --cache off --duration 1s --move base=up.csv",

@@ -234,6 +234,14 @@ fn brakes_and_dampers_are_for_couplings_with_mass() {
 }
 
 #[test]
+fn friction_wants_a_coefficient() {
+    let errors = load(&(SCENE.to_owned() + "[contact]\nfriction = {}\n")).expect_err("refused");
+    assert_eq!(errors.problems()[0].key.as_deref(), Some("contact.friction"), "{errors}");
+    let one = load(&(SCENE.to_owned() + "[contact]\nfriction = { dynamic = 0.3 }\n")).expect("one counts for both");
+    assert_eq!(one.parameters.contact.friction.r#static, 0.3);
+}
+
+#[test]
 fn a_time_budget_is_read_in_its_range_and_for_the_field_that_can_be_walked() {
     let with = |budget: &str, field: &str| {
         load(

@@ -174,6 +174,9 @@ impl Resolve<'_> {
     fn friction(&mut self, written: Option<&schema::Friction>, stiffness_n_per_m: f64) -> FrictionParameters {
         let Some(written) = written else { return FrictionParameters::NONE };
         let range = Interval::from(0.0).to(5.0);
+        if written.holding.is_none() && written.sliding.is_none() {
+            self.checks.missing("contact.friction", "static, dynamic or both; one counts for both");
+        }
         let holding = written.holding.or(written.sliding);
         let holding = self.checks.number("contact.friction.static", holding, 0.0, range);
         let sliding = self.checks.number("contact.friction.dynamic", written.sliding, holding, Interval::from(0.0).to(holding));
