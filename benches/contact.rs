@@ -9,24 +9,16 @@ use std::time::Instant;
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use glam::{DQuat, DVec3};
 use hapticd::haptics::contact::{ContactSum, Machine, Obstacle, Traversal, Way};
-use hapticd::haptics::{ContactParameters, FilterParameters, FrictionParameters, Normalization};
+use hapticd::haptics::{ContactParameters, FilterParameters};
 use hapticd::mesh::TriangleMesh;
 use hapticd::mesh::primitives::Shape;
 use hapticd::mesh::validate::inspect;
 use hapticd::pointshell::{self, shell::Shell};
 use hapticd::spatial::Pose;
-use hapticd::voxmap::field::FieldKind;
 use hapticd::voxmap::sides::SidesRule;
 use hapticd::voxmap::{Options, Voxmap};
 
-const CONTACT: ContactParameters = ContactParameters {
-    field: FieldKind::Trilinear,
-    stiffness_n_per_m: 1000.0,
-    damping_ratio: 0.7,
-    normalization: Normalization::None,
-    friction: FrictionParameters::NONE,
-    ..ContactParameters::PLAIN
-};
+const CONTACT: ContactParameters = ContactParameters { stiffness_n_per_m: 1000.0, damping_ratio: 0.7, ..ContactParameters::PLAIN };
 const FILTER: FilterParameters = FilterParameters { spatial: true, cutoff_hz: [50.0, 300.0] };
 /// Radius of the tool, a ball, m.
 const RADIUS_M: f64 = 0.046;

@@ -108,6 +108,10 @@ fn measure(args: &Args, program: PathBuf, n_threads: usize, talk: Talk) -> Resul
     let (models, peers) = (folder("HAPTICD_MODELS"), folder("HAPTICD_PEERS"));
     let n_runs = args.runs.unwrap_or(if args.quick { 1 } else { 3 }) as usize;
     let wanted = |group: Group| if args.group.is_empty() { group != Group::Torture } else { args.group.contains(&group) };
+    // A folder that cannot be made is better known before minutes of measuring.
+    if let Some(folder) = &args.plots {
+        plots::make_folder(folder)?;
+    }
     let (mut rows, mut table) = (Vec::new(), String::new());
     if wanted(Group::Generation) {
         let (program, models, peers) = (program.clone(), models.clone(), peers.clone());

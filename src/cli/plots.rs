@@ -12,10 +12,14 @@ const STEP_S: f64 = 1e-3;
 /// Ticks of a slide that are drawn: enough to see single voxels.
 const DRAWN_TICKS: usize = 400;
 
+/// Makes the folder that [`draw`] writes into.
+pub(super) fn make_folder(folder: &Path) -> Result<(), BenchError> {
+    std::fs::create_dir_all(folder).map_err(|source| BenchError::Write { path: folder.to_owned(), source })
+}
+
 /// Writes `smoothness-force-law.png` and `smoothness-on-the-hand.png`.
 pub(super) fn draw(folder: &Path, quality: &Quality) -> Result<(), BenchError> {
     let failed = |source| BenchError::Write { path: folder.to_owned(), source };
-    std::fs::create_dir_all(folder).map_err(failed)?;
     let law: Vec<Chart> =
         quality.slides.iter().filter(|slid| slid.depth_voxels.total_cmp(&DEPTHS_VOXELS[0]).is_eq()).map(law_chart).collect();
     // A quick run slides nothing.

@@ -206,16 +206,19 @@ pub fn tick(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOu
         }
     }
     state.passivity.hold(felt.command_device);
+    let touching = TickOutput {
+        contact_world: contact.wrench + felt.friction_world,
+        contacts: contact.contacts,
+        max_depth_m: contact.max_value_m.max(0.0),
+        clearance_m: -contact.max_value_m,
+        points_left_out: contact.left_out,
+        ..TickOutput::default()
+    };
     let body_from_tool = Pose::from_translation(-scene.tool.center_of_mass_tool);
     TickOutput {
         command_device: felt.command_device,
         commanded_device: felt.commanded_device,
-        contact_world: if tries { Wrench::ZERO } else { contact.wrench + felt.friction_world },
         world_from_tool: state.tool.pose() * body_from_tool,
-        contacts: if tries { 0 } else { contact.contacts },
-        max_depth_m: if tries { 0.0 } else { contact.max_value_m.max(0.0) },
-        clearance_m: if tries { 0.0 } else { -contact.max_value_m },
-        points_left_out: contact.left_out,
         energy_j: state.passivity.energy_j(),
         object_work_j: state.passivity.carried_j(),
         objects_moving: state.movers.n_under_way(),
@@ -223,6 +226,7 @@ pub fn tick(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOu
         delay_ticks: state.delay.worst_ticks(),
         drive: state.drive,
         faults: state.faults,
+        ..if tries { TickOutput::default() } else { touching }
     }
 }
 

@@ -8,27 +8,19 @@ use glam::{DMat3, DVec3};
 
 use crate::device::{Capabilities, Device, DeviceError};
 use crate::haptics::{
-    ArmParameters, ContactParameters, CouplingMode, CouplingParameters, FilterParameters, FreeSpace, FrictionParameters, Inertia,
-    LimitParameters, Normalization, Parameters, PortParameters, RenderScene, SpringClamp, Tool,
+    ArmParameters, ContactParameters, CouplingMode, CouplingParameters, FilterParameters, FreeSpace, Inertia, LimitParameters,
+    Parameters, PortParameters, RenderScene, SpringClamp, Tool,
 };
 use crate::pointshell::shell::Shell;
 use crate::rt::clock::{Clock, ClockKind};
 use crate::spatial::{Axes, DeviceSample, Pose, SampleStatus, Wrench};
-use crate::voxmap::field::FieldKind;
 
 /// Parameters of a 1 kHz scene with nothing in it.
 pub(crate) fn parameters() -> Parameters {
     Parameters {
         period_s: 1e-3,
         gravity_m_per_s2: DVec3::ZERO,
-        contact: ContactParameters {
-            field: FieldKind::Trilinear,
-            stiffness_n_per_m: 1000.0,
-            damping_ratio: 0.7,
-            normalization: Normalization::None,
-            friction: FrictionParameters::NONE,
-            ..ContactParameters::PLAIN
-        },
+        contact: ContactParameters { stiffness_n_per_m: 1000.0, damping_ratio: 0.7, ..ContactParameters::PLAIN },
         coupling: CouplingParameters {
             mode: CouplingMode::Implicit,
             stiffness_n_per_m: 1000.0,

@@ -3,7 +3,7 @@
 use glam::{DQuat, DVec3};
 use hapticd::haptics::contact::{ContactSum, Obstacle};
 use hapticd::haptics::filter::{ShapingFilter, Slide};
-use hapticd::haptics::{ContactParameters, FilterParameters, FrictionParameters, Normalization};
+use hapticd::haptics::{ContactParameters, FilterParameters, Normalization};
 use hapticd::mesh::primitives::Shape;
 use hapticd::mesh::{TriangleMesh, validate};
 use hapticd::pointshell::{self, shell::Shell};
@@ -16,14 +16,7 @@ const STIFFNESS_N_PER_M: f64 = 1000.0;
 const NO_FILTER: FilterParameters = FilterParameters { spatial: false, cutoff_hz: [f64::INFINITY; 2] };
 
 fn contact(field: FieldKind) -> ContactParameters {
-    ContactParameters {
-        field,
-        stiffness_n_per_m: STIFFNESS_N_PER_M,
-        damping_ratio: 0.0,
-        normalization: Normalization::None,
-        friction: FrictionParameters::NONE,
-        ..ContactParameters::PLAIN
-    }
+    ContactParameters { field, stiffness_n_per_m: STIFFNESS_N_PER_M, ..ContactParameters::PLAIN }
 }
 
 fn build(mesh: &TriangleMesh, voxel_size_m: f64, layers: u32) -> Voxmap {

@@ -2,7 +2,7 @@
 
 use glam::{DQuat, DVec3};
 use hapticd::haptics::contact::{self, Budget, ContactSum, Machine, Obstacle, Traversal, Way};
-use hapticd::haptics::{ContactParameters, FilterParameters, FrictionParameters, Normalization};
+use hapticd::haptics::{ContactParameters, FilterParameters, Normalization};
 use hapticd::mesh::primitives::Shape;
 use hapticd::mesh::{TriangleMesh, validate};
 use hapticd::pointshell::{self, shell::Shell};
@@ -14,14 +14,8 @@ use hapticd::voxmap::{Options, Voxmap};
 use super::models;
 
 const FILTER: FilterParameters = FilterParameters { spatial: true, cutoff_hz: [f64::INFINITY; 2] };
-const CONTACT: ContactParameters = ContactParameters {
-    field: FieldKind::Trilinear,
-    stiffness_n_per_m: 1000.0,
-    damping_ratio: 0.0,
-    normalization: Normalization::Average,
-    friction: FrictionParameters::NONE,
-    ..ContactParameters::PLAIN
-};
+const CONTACT: ContactParameters =
+    ContactParameters { stiffness_n_per_m: 1000.0, normalization: Normalization::Average, ..ContactParameters::PLAIN };
 
 /// A linear congruential generator; numbers between −1 and 1.
 pub(crate) struct Random(pub(crate) u64);

@@ -8,7 +8,7 @@ use super::Csv;
 use super::ripple::ripple_rms;
 use super::scenarios::{Ideal, RATE_HZ, STIFFNESS_N_PER_M, Scenario, VOXEL_M};
 use crate::haptics::contact::ContactSum;
-use crate::haptics::{ContactParameters, FilterParameters, FrictionParameters, Normalization};
+use crate::haptics::{ContactParameters, FilterParameters};
 use crate::spatial::Wrench;
 use crate::voxmap::field::FieldKind;
 
@@ -165,14 +165,7 @@ impl Run {
 
 /// A plain contact with this field.
 pub(super) fn contact(field: FieldKind) -> ContactParameters {
-    ContactParameters {
-        field,
-        stiffness_n_per_m: STIFFNESS_N_PER_M,
-        damping_ratio: 0.0,
-        normalization: Normalization::None,
-        friction: FrictionParameters::NONE,
-        ..ContactParameters::PLAIN
-    }
+    ContactParameters { field, stiffness_n_per_m: STIFFNESS_N_PER_M, ..ContactParameters::PLAIN }
 }
 
 impl Measured {
