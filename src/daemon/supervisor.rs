@@ -564,7 +564,7 @@ mod tests {
                 assert!(sample.sequence < 50, "a driver that panics on purpose");
                 Ok(sample)
             }
-            fn write(&mut self, wrench: &crate::spatial::Wrench) -> Result<(), crate::device::DeviceError> {
+            fn write(&mut self, wrench: &crate::spatial::Wrench) -> Result<crate::spatial::Wrench, crate::device::DeviceError> {
                 self.0.write(wrench)
             }
             fn stop(&mut self) {

@@ -113,11 +113,12 @@ pub trait Device: Send {
     fn read(&mut self) -> Result<DeviceSample, DeviceError>;
 
     /// Sends a wrench: device axes, reduced at the grip point. The last code before the motors: drops axes without a motor and
-    /// repeats the profile's hard limits, magnitude first and direction kept.
+    /// repeats the profile's hard limits, magnitude first and direction kept. Answers with the wrench that the motors really make: what is
+    /// left after that and after the common scaling of motors at their limits.
     ///
     /// # Errors
     /// [`DeviceError::NonFinite`]: a zero command went out instead. Anything else: the arm is lost.
-    fn write(&mut self, wrench_device: &Wrench) -> Result<(), DeviceError>;
+    fn write(&mut self, wrench_device: &Wrench) -> Result<Wrench, DeviceError>;
 
     /// Sends the zero command, as well as it can: the last thing that happens to an arm, on every way out. Idempotent; may be called at
     /// any time, after any error and from a drop guard while a panic unwinds, so it must not panic. A driver whose transport can
@@ -138,7 +139,7 @@ impl<T: Device + ?Sized> Device for Box<T> {
         (**self).read()
     }
 
-    fn write(&mut self, wrench_device: &Wrench) -> Result<(), DeviceError> {
+    fn write(&mut self, wrench_device: &Wrench) -> Result<Wrench, DeviceError> {
         (**self).write(wrench_device)
     }
 

@@ -9,6 +9,10 @@
 //! |---|---|
 //! | `driver` | the [`Device`] trait, [`Capabilities`], edge errors |
 //! | [`profile`] | hardware as data |
+//! | [`transport`] | how bytes travel |
+//! | [`protocol`] | what they mean, both sides |
+//! | [`transmission`] | readings into joint angles, joint torques into motor commands |
+//! | [`kinematics`] | joint angles into a pose, a wrench into joint torques |
 //! | [`sim`] | the simulated arm: a plant, a hand, an encoder, faults |
 //! | [`hand`] | where the simulated hand wants to be, over time |
 //! | [`fault`] | the fault grammar (`nan@2s`, `drop=1%`) |
@@ -19,8 +23,12 @@
 mod driver;
 pub mod fault;
 pub mod hand;
+pub mod kinematics;
 pub mod profile;
+pub mod protocol;
 pub mod sim;
+pub mod transmission;
+pub mod transport;
 pub mod velocity;
 
 pub use driver::{Capabilities, Device, DeviceError, IoPlacement, Pacing, Wakeup};

@@ -431,11 +431,12 @@ impl Device for SimArm {
             sequence: self.last.sequence + 1,
             status: SampleStatus::Fresh,
             delay_ticks: self.delay_ticks,
+            ..DeviceSample::default()
         };
         Ok(self.last)
     }
 
-    fn write(&mut self, wrench_device: &Wrench) -> Result<(), DeviceError> {
+    fn write(&mut self, wrench_device: &Wrench) -> Result<Wrench, DeviceError> {
         self.ticks_since_write = 0;
         if !wrench_device.is_finite() {
             self.command = Wrench::ZERO;
@@ -449,7 +450,7 @@ impl Device for SimArm {
         let last_read_s = self.n_reads.saturating_sub(1) as f64 * self.period_s;
         match self.fault_active(last_read_s) {
             Some(FaultKind::Unplug) => Err(DeviceError::Lost),
-            _ => Ok(()),
+            _ => Ok(self.command),
         }
     }
 

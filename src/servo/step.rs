@@ -260,7 +260,7 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
         let input = TickInput { sample, request, overrun: due.missed > 0, place };
         let output = (self.tick_function)(&self.stage.scene, &mut self.stage.state, &input);
         let computed_ns = self.clock.stopwatch_ns();
-        self.write(&output.command_device);
+        let rendered_device = self.write(&output.command_device);
         let written_ns = self.clock.stopwatch_ns();
 
         self.last = output;
@@ -273,6 +273,7 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
             device_ns: elapsed_ns(begin_ns, read_ns) + elapsed_ns(computed_ns, written_ns),
             input,
             output,
+            rendered_device,
         });
         let step = self.conclude(order, &output);
         if swaps && step == Step::Continue {
@@ -339,14 +340,15 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
         self.sample
     }
 
-    fn write(&mut self, command_device: &Wrench) {
+    fn write(&mut self, command_device: &Wrench) -> Wrench {
         match self.device.write(command_device) {
-            Ok(()) => {}
+            Ok(rendered_device) => return rendered_device,
             // The tick's own finite check comes first, so this is a second net; the driver sent zero.
             Err(DeviceError::NonFinite) => self.note_faults(Faults::NON_FINITE),
             Err(DeviceError::Packet) => self.packet_errors += 1,
             Err(DeviceError::Lost | DeviceError::Os(_)) => self.device_lost = true,
         }
+        Wrench::ZERO
     }
 
     fn publish(&mut self, record: &TickRecord) {

@@ -105,13 +105,13 @@ impl Device for CountingArm {
         Ok(DeviceSample { sequence: n_reads + 1, status: SampleStatus::Fresh, ..DeviceSample::default() })
     }
 
-    fn write(&mut self, wrench_device: &Wrench) -> Result<(), DeviceError> {
+    fn write(&mut self, wrench_device: &Wrench) -> Result<Wrench, DeviceError> {
         let n_writes = self.log.writes.fetch_add(1, Ordering::SeqCst);
         if self.refuse_write_from.is_some_and(|first| n_writes >= first) {
             return Err(DeviceError::Os(5));
         }
         self.log.held_bits.store(wrench_device.force.x.to_bits(), Ordering::SeqCst);
-        Ok(())
+        Ok(*wrench_device)
     }
 
     fn stop(&mut self) {

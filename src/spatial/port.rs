@@ -32,6 +32,16 @@ pub struct DeviceSample {
     /// Measured round trip: ticks from a command to the first sample that can show its force, less the one that every arm takes.
     /// 0 where the arm does not measure it.
     pub delay_ticks: u32,
+    /// The arm knows where its zero is; no force before it does.
+    pub homed: bool,
+    /// Reports of the exchange that were short, garbled or failed their check, and were thrown away.
+    pub corrupt_packets: u16,
+    /// Reports that the arm's own counter says were lost before this one.
+    pub lost_packets: u16,
+    /// Error that the arm itself reports; 0: none.
+    pub device_error: u16,
+    /// The thermal model of a motor has reached its limit.
+    pub overheated: bool,
 }
 
 impl Default for DeviceSample {
@@ -44,6 +54,11 @@ impl Default for DeviceSample {
             sequence: 0,
             status: SampleStatus::Stale,
             delay_ticks: 0,
+            homed: true,
+            corrupt_packets: 0,
+            lost_packets: 0,
+            device_error: 0,
+            overheated: false,
         }
     }
 }

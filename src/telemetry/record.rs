@@ -1,6 +1,7 @@
 //! One tick, as it leaves the loop.
 
 use crate::haptics::{TickInput, TickOutput};
+use crate::spatial::Wrench;
 
 /// Everything that entered and left one tick, and how long it took. `Copy`, no heap: it is written in place by the servo.
 ///
@@ -24,4 +25,7 @@ pub struct TickRecord {
     pub input: TickInput,
     /// What left.
     pub output: TickOutput,
+    /// What the motors made of the command (`rendered`): device axes, reduced at the grip point. Torque that the arm has no motors for is
+    /// gone from it, and all of it is smaller where a motor was at its limit.
+    pub rendered_device: Wrench,
 }

@@ -11,7 +11,7 @@ const TICKS: u64 = 3000;
 pub(crate) fn bits(record: &TickRecord) -> Vec<u64> {
     let mut bits = Vec::new();
     let mut put = |numbers: &[f64]| bits.extend(numbers.iter().map(|number| number.to_bits()));
-    let TickRecord { tick, time_ns, wakeup_ns: _, compute_ns: _, device_ns: _, input, output, scene_idx } = record;
+    let TickRecord { tick, time_ns, wakeup_ns: _, compute_ns: _, device_ns: _, input, output, scene_idx, rendered_device } = record;
     let mut pose = |Pose { rotation, translation }: Pose| {
         put(&rotation.to_array());
         put(&translation.to_array());
@@ -21,7 +21,7 @@ pub(crate) fn bits(record: &TickRecord) -> Vec<u64> {
     let Twist { linear, angular } = input.sample.twist;
     put(&linear.to_array());
     put(&angular.to_array());
-    for Wrench { force, torque } in [output.command_device, output.commanded_device, output.contact_world] {
+    for Wrench { force, torque } in [output.command_device, output.commanded_device, output.contact_world, *rendered_device] {
         put(&force.to_array());
         put(&torque.to_array());
     }

@@ -1,0 +1,143 @@
+//! Protocols: what the bytes of an arm mean. Pure encode and decode; no I/O but the start-up dialogue, no clock but the one handed in.
+//!
+//! Each protocol has two sides, in one file: a [`Codec`], which the host speaks, and a [`Firmware`], which answers like the arm does. The
+//! second makes the mock arms of `hapticd mock`, and tests every codec against something that is not itself.
+//!
+//! Units here are those of the wire (counts, mA, degrees): the [transmission](super::transmission) turns them into SI.
+//!
+//! Sources: the maker's published facts only; no code of theirs was read.
+
+use core::time::Duration;
+
+use super::transport::{Frame, Transport, TransportError};
+
+/// Most readings and motors that an arm can have: seven joints and a gripper; a Cartesian pose takes seven.
+pub const MAX_AXES: usize = 8;
+
+/// What one report says, before kinematics.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Report {
+    /// Readings in the units of the wire and the order of the protocol. A counter that the wire cuts to 16 bits is whole again here.
+    /// Arms that report a pose: x, y, z in m, then the orientation x, y, z, w.
+    pub readings: [f64; MAX_AXES],
+    /// Rates of the readings per second, where the arm sends them.
+    pub rates: Option<[f64; MAX_AXES]>,
+    /// Button states, bit 0 first.
+    pub buttons: u32,
+    /// Whether the arm has found its zero; `None` where the protocol does not say.
+    pub homed: Option<bool>,
+    /// Error code of the arm; 0: none.
+    pub error: u32,
+}
+
+impl Default for Report {
+    fn default() -> Self {
+        Self { readings: [0.0; MAX_AXES], rates: None, buttons: 0, homed: None, error: 0 }
+    }
+}
+
+/// What some bytes contained.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Fed {
+    /// Whole, sound reports; the newest of them is [`Codec::newest`].
+    pub reports: u32,
+    /// Reports that were short, long, garbled, or failed their check.
+    pub corrupt: u32,
+    /// Reports that the arm's own counter says were lost before the last one.
+    pub gap: u32,
+    /// Reports that repeat the one before: the arm's counter stood still.
+    pub repeated: u32,
+}
+
+/// Why an arm could not be brought to speak. With text: cold.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum StartError {
+    /// The transport failed.
+    #[error("the link failed at the start: {0:?}")]
+    Transport(TransportError),
+    /// Nothing, or nothing of use, came in time.
+    #[error("{step}: no answer within {} ms{}", .waited.as_millis(), if .seen.is_empty() { String::new() } else { format!("; saw {}", .seen) })]
+    Silent {
+        /// What was asked of the arm.
+        step: &'static str,
+        /// For how long.
+        waited: Duration,
+        /// What came instead, as hex, cut to what fits a line; empty: nothing.
+        seen: String,
+    },
+    /// The arm answered something that rules it out.
+    #[error("{0}")]
+    Refused(String),
+}
+
+/// What the motors are to do, in the units of the wire (mA, N·m, counts), rounded toward zero by the codec where the wire is whole numbers.
+/// Arms that take a wrench: force x, y, z in N, then torque x, y, z in N·m.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct MotorCommand {
+    /// In the order of the protocol.
+    pub motors: [f64; MAX_AXES],
+    /// Force is on: what a protocol with an enable bit or a lamp shows.
+    pub enabled: bool,
+}
+
+/// The host's side of a protocol.
+///
+/// RT: everything but `start` and `finish` is safe: no allocation, no panic on any bytes.
+pub trait Codec: Send {
+    /// The dialogue that leads from an opened link to an arm that sends reports. Cold; may wait. Never lets a motor move.
+    ///
+    /// # Errors
+    /// See [`StartError`].
+    fn start(&mut self, link: &mut dyn Transport) -> Result<(), StartError> {
+        let _ = link;
+        Ok(())
+    }
+
+    /// Takes one report (HID) or any piece of a stream; keeps what is left of an unfinished frame for the next call.
+    fn feed(&mut self, bytes: &[u8]) -> Fed;
+
+    /// The newest sound report; the default one before the first.
+    fn newest(&self) -> &Report;
+
+    /// Writes the frame for a command, whatever else the protocol asks for in each exchange included. Non-finite numbers are zero.
+    fn encode(&mut self, command: &MotorCommand, frame: &mut Frame);
+
+    /// Frame that wakes an arm which has fallen silent, and moves nothing; `false` when the protocol knows none.
+    fn kick(&mut self, frame: &mut Frame) -> bool {
+        self.encode(&MotorCommand::default(), frame);
+        true
+    }
+
+    /// What follows the zero commands when the link is closed for good, such as switching torque off. Cold, short, must not panic.
+    fn finish(&mut self, link: &mut dyn Transport) {
+        let _ = link;
+    }
+}
+
+/// The readings of a simulated arm, as its encoders would give them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ArmReadings {
+    /// As in [`Report::readings`], not yet cut to the wire.
+    pub readings: [f64; MAX_AXES],
+    /// Their rates per second.
+    pub rates: [f64; MAX_AXES],
+    /// Button states.
+    pub buttons: u32,
+    /// The arm has found its zero.
+    pub homed: bool,
+}
+
+/// Frames that an arm sends, in order. Cold: it allocates.
+pub type Outbox = Vec<Vec<u8>>;
+
+/// The arm's side of a protocol: what its firmware does with the bytes of the host.
+pub trait Firmware: Send {
+    /// Takes bytes from the host at `now_s` of the arm's time; answers go to `out`.
+    fn receive(&mut self, bytes: &[u8], now_s: f64, arm: &ArmReadings, out: &mut Outbox);
+
+    /// One period of the arm: reports that it sends by itself, and its watchdog.
+    fn advance(&mut self, now_s: f64, arm: &ArmReadings, out: &mut Outbox);
+
+    /// What the motors are driven with now, as in [`MotorCommand::motors`]; zero where the watchdog, a missing enable or an error says so.
+    fn motors(&self) -> [f64; MAX_AXES];
+}

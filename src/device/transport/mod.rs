@@ -1,0 +1,251 @@
+//! Transports: how bytes reach an arm and come back.
+//!
+//! Data in: whole frames. Data out: reports (HID) or bytes as they come (streams). A transport knows nothing of what they mean.
+//!
+//! Invariant: [`Transport::receive`] and [`Transport::send`] never block and never allocate. Where the system call behind a write can block
+//! (HID), a thread of the transport's own makes it.
+//!
+//! | file | owns |
+//! |---|---|
+//! | `mod` | the trait, and a pair of ends in memory |
+
+use std::collections::VecDeque;
+use std::sync::{Arc, Mutex};
+
+use super::IoPlacement;
+
+/// Longest frame of any protocol, bytes: a RawHID report with its ID is 65, a sync write to seven servos 42, and every packet of a
+/// declarative arm has to fit.
+pub const FRAME_MAX: usize = 256;
+
+/// One frame, or several that go out in one write. `Copy`: encoders fill it in the loop.
+#[derive(Clone, Copy, Debug)]
+pub struct Frame {
+    bytes: [u8; FRAME_MAX],
+    len: usize,
+}
+
+impl Default for Frame {
+    fn default() -> Self {
+        Self { bytes: [0; FRAME_MAX], len: 0 }
+    }
+}
+
+impl Frame {
+    /// Makes it empty.
+    pub fn clear(&mut self) {
+        self.len = 0;
+    }
+
+    /// Appends bytes; false, and nothing appended, when they do not fit.
+    pub fn extend(&mut self, bytes: &[u8]) -> bool {
+        let end = self.len + bytes.len();
+        let Some(room) = self.bytes.get_mut(self.len..end) else { return false };
+        room.copy_from_slice(bytes);
+        self.len = end;
+        true
+    }
+
+    /// Appends one byte; false when it does not fit.
+    pub fn push(&mut self, byte: u8) -> bool {
+        self.extend(&[byte])
+    }
+
+    /// What it holds.
+    pub fn as_slice(&self) -> &[u8] {
+        self.bytes.get(..self.len).unwrap_or_default()
+    }
+
+    /// True when it holds nothing.
+    pub fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+}
+
+/// Why a transport failed. `Copy`, no text: the cold side writes that.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TransportError {
+    /// The other end is gone; nothing more will come.
+    Lost,
+    /// There is no room for the frame; nothing of it was sent.
+    Full,
+    /// The operating system refused with this errno.
+    Os(i32),
+}
+
+/// What a serial adapter can be told beside bytes. Transports without such lines ignore it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Line {
+    /// Forget what was received and not taken.
+    PurgeReceived,
+    /// Forget what was not yet sent.
+    PurgeSent,
+    /// Data terminal ready.
+    Dtr(bool),
+    /// Request to send.
+    Rts(bool),
+    /// Baud rate.
+    Baud(u32),
+    /// How long an FTDI adapter collects bytes before it passes them on, ms.
+    LatencyMs(u8),
+}
+
+/// An open link to an arm.
+///
+/// RT: `receive` and `send` are safe: a bounded number of non-blocking system calls, no allocation, no lock.
+pub trait Transport: Send {
+    /// Takes what has come into `buffer` and says how many bytes: one whole report (HID; a longer one is cut) or what there is of a stream;
+    /// 0 when nothing has come.
+    ///
+    /// # Errors
+    /// [`TransportError::Lost`] or [`TransportError::Os`].
+    fn receive(&mut self, buffer: &mut [u8]) -> Result<usize, TransportError>;
+
+    /// Sends a whole frame in one call. The report ID of HID is its first byte.
+    ///
+    /// # Errors
+    /// See [`TransportError`].
+    fn send(&mut self, frame: &[u8]) -> Result<(), TransportError>;
+
+    /// Sets a line. Cold.
+    ///
+    /// # Errors
+    /// [`TransportError::Lost`] or [`TransportError::Os`].
+    fn line(&mut self, line: Line) -> Result<(), TransportError> {
+        let _ = line;
+        Ok(())
+    }
+
+    /// Where its bytes are moved.
+    fn io(&self) -> IoPlacement {
+        IoPlacement::InLoop
+    }
+}
+
+impl<T: Transport + ?Sized> Transport for Box<T> {
+    fn receive(&mut self, buffer: &mut [u8]) -> Result<usize, TransportError> {
+        (**self).receive(buffer)
+    }
+
+    fn send(&mut self, frame: &[u8]) -> Result<(), TransportError> {
+        (**self).send(frame)
+    }
+
+    fn line(&mut self, line: Line) -> Result<(), TransportError> {
+        (**self).line(line)
+    }
+
+    fn io(&self) -> IoPlacement {
+        (**self).io()
+    }
+}
+
+/// How a [`loopback`] carries what is sent.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Carriage {
+    /// One `receive` takes one frame, as HID does.
+    Reports,
+    /// One `receive` takes whatever bytes there are, as a tty does.
+    Stream,
+}
+
+#[derive(Debug, Default)]
+struct Wire {
+    to_arm: VecDeque<Vec<u8>>,
+    to_host: VecDeque<Vec<u8>>,
+    cut: bool,
+}
+
+/// One end of a link in memory, for tests and for simulated arms that speak a real protocol. Not for a real-time loop: it locks.
+#[derive(Clone, Debug)]
+pub struct LoopbackEnd {
+    wire: Arc<Mutex<Wire>>,
+    carriage: Carriage,
+    is_arm: bool,
+}
+
+/// Two ends of one link: the host's and the arm's.
+pub fn loopback(carriage: Carriage) -> (LoopbackEnd, LoopbackEnd) {
+    let wire = Arc::new(Mutex::new(Wire::default()));
+    (LoopbackEnd { wire: wire.clone(), carriage, is_arm: false }, LoopbackEnd { wire, carriage, is_arm: true })
+}
+
+impl LoopbackEnd {
+    /// Pulls the plug: both ends are lost from now on.
+    pub fn cut(&self) {
+        if let Ok(mut wire) = self.wire.lock() {
+            wire.cut = true;
+        }
+    }
+}
+
+impl Transport for LoopbackEnd {
+    fn receive(&mut self, buffer: &mut [u8]) -> Result<usize, TransportError> {
+        let Ok(mut wire) = self.wire.lock() else { return Err(TransportError::Lost) };
+        if wire.cut {
+            return Err(TransportError::Lost);
+        }
+        let queue = if self.is_arm { &mut wire.to_arm } else { &mut wire.to_host };
+        let mut taken = 0;
+        while let Some(mut frame) = queue.pop_front() {
+            let n = frame.len().min(buffer.len() - taken);
+            buffer[taken..taken + n].copy_from_slice(&frame[..n]);
+            taken += n;
+            match self.carriage {
+                Carriage::Reports => return Ok(taken),
+                Carriage::Stream if n < frame.len() => {
+                    frame.drain(..n);
+                    queue.push_front(frame);
+                    return Ok(taken);
+                }
+                Carriage::Stream => {}
+            }
+        }
+        Ok(taken)
+    }
+
+    fn send(&mut self, frame: &[u8]) -> Result<(), TransportError> {
+        let Ok(mut wire) = self.wire.lock() else { return Err(TransportError::Lost) };
+        if wire.cut {
+            return Err(TransportError::Lost);
+        }
+        let queue = if self.is_arm { &mut wire.to_host } else { &mut wire.to_arm };
+        queue.push_back(frame.to_vec());
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn reports_stay_whole_and_streams_do_not() {
+        let (mut host, mut arm) = loopback(Carriage::Reports);
+        arm.send(&[1, 2, 3]).expect("open");
+        arm.send(&[4]).expect("open");
+        let mut buffer = [0; 8];
+        assert_eq!(host.receive(&mut buffer), Ok(3));
+        assert_eq!(host.receive(&mut buffer), Ok(1));
+        assert_eq!(host.receive(&mut buffer), Ok(0));
+
+        let (mut host, mut arm) = loopback(Carriage::Stream);
+        host.send(&[1, 2, 3]).expect("open");
+        host.send(&[4]).expect("open");
+        let mut small = [0; 2];
+        assert_eq!((arm.receive(&mut small), small), (Ok(2), [1, 2]));
+        assert_eq!((arm.receive(&mut buffer), &buffer[..2]), (Ok(2), &[3, 4][..]));
+        arm.cut();
+        assert_eq!(host.receive(&mut buffer), Err(TransportError::Lost));
+        assert_eq!(host.send(&[1]), Err(TransportError::Lost));
+    }
+
+    #[test]
+    fn a_frame_takes_what_fits() {
+        let mut frame = Frame::default();
+        assert!(frame.is_empty() && frame.extend(&[1; FRAME_MAX - 1]) && frame.push(2));
+        assert!(!frame.push(3) && frame.as_slice().len() == FRAME_MAX);
+        frame.clear();
+        assert!(frame.is_empty());
+    }
+}
