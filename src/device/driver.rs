@@ -120,6 +120,12 @@ pub trait Device: Send {
     /// [`DeviceError::NonFinite`]: a zero command went out instead. Anything else: the arm is lost.
     fn write(&mut self, wrench_device: &Wrench) -> Result<Wrench, DeviceError>;
 
+    /// Told by the servo whether force may flow from the next `write` on, each time that changes. Arms with an enable bit pass it on, and only
+    /// then does gravity compensation push. The default ignores it.
+    fn set_enabled(&mut self, enabled: bool) {
+        let _ = enabled;
+    }
+
     /// Sends the zero command, as well as it can: the last thing that happens to an arm, on every way out. Idempotent; may be called at
     /// any time, after any error and from a drop guard while a panic unwinds, so it must not panic. A driver whose transport can
     /// lose a frame sends it twice.
@@ -141,6 +147,10 @@ impl<T: Device + ?Sized> Device for Box<T> {
 
     fn write(&mut self, wrench_device: &Wrench) -> Result<Wrench, DeviceError> {
         (**self).write(wrench_device)
+    }
+
+    fn set_enabled(&mut self, enabled: bool) {
+        (**self).set_enabled(enabled);
     }
 
     fn stop(&mut self) {

@@ -11,7 +11,7 @@
 //! | `telemetry`, `monitor` | anything but `servo` |
 //! | `cli` | anything; and nobody uses it |
 //!
-//! `unsafe` stands in `rt`, in the two transports, in the two SIMD kernels, where mesh files are mapped and in the storage of arrays only;
+//! `unsafe` stands in `rt`, in the serial transport, in the two SIMD kernels, where mesh files are mapped and in the storage of arrays only;
 //! only `cli` prints. Tests are exempt.
 
 use std::path::{Path, PathBuf};
@@ -23,8 +23,8 @@ const ABOVE_DEVICES: [&str; 6] = ["haptics", "scene", "servo", "telemetry", "dae
 /// The part of `bench` that plays scenes, and so may use what they are made of.
 const BENCH_OF_CONTACT: &str = "bench::contact";
 /// Prefixes of the files that may hold `unsafe`.
-const UNSAFE_ALLOWED: [&str; 7] =
-    ["rt/", "device/hid", "device/serial", "haptics/contact/simd", "voxmap/distance/simd", "mesh/source", "storage/slab"];
+const UNSAFE_ALLOWED: [&str; 6] =
+    ["rt/", "device/transport/serial", "haptics/contact/simd", "voxmap/distance/simd", "mesh/source", "storage/slab"];
 
 /// Why a file of `room` must not use `path` (from the crate root on); `None` when it may.
 fn refusal(room: &str, path: &[String]) -> Option<&'static str> {
