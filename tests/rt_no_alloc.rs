@@ -139,7 +139,7 @@ fn step_through_with(what: &str, mut config: SceneConfig, cache: &mut Cache, n_t
         prepare_with(&config, &mut BakeMeans::from(cache), |_| ()).unwrap_or_else(|error| panic!("{what}: {error}"));
     let (producer, mut consumer) = rtrb::RingBuffer::new(STRIDE);
     let control = Arc::new(Control::new(Order::Enable));
-    let plan = RunPlan { stop_at_tick: Some(n_ticks) };
+    let plan = RunPlan { stop_at_tick: Some(n_ticks), ..RunPlan::default() };
     let mut servo = ServoLoop::new(Arc::new(prepared.scene), prepared.device, VirtualClock::default(), control, plan, producer);
     servo.warm_up();
     let (mut ticks, mut touching, mut faults) = (0, 0, Faults::NONE);
@@ -264,7 +264,7 @@ fn moving_objects_and_swapping_scenes_allocate_nothing() {
     let (mut swapper, slot) = SwapSlot::new(Box::new([]));
     let (producer, mut consumer) = rtrb::RingBuffer::new(STRIDE);
     let control = Arc::new(Control::new(Order::Enable));
-    let plan = RunPlan { stop_at_tick: Some(20_000) };
+    let plan = RunPlan { stop_at_tick: Some(20_000), ..RunPlan::default() };
     let mut servo = ServoLoop::new(Arc::new(prepared.scene), prepared.device, VirtualClock::default(), control, plan, producer)
         .with_wishes(Wishes::new(&objects, Some(ring), []).expect("movable"))
         .with_swaps(slot);

@@ -183,7 +183,7 @@ impl Changes {
             // Not joined: a bake that nobody waits for any more ends with the process.
             std::thread::Builder::new().name("swap".to_owned()).spawn(move || baker.bake_all(self.swaps))?;
         }
-        Ok((Live { wishes: self.wishes, swaps }, UnderWay { failed, planned }))
+        Ok((Live { wishes: self.wishes, swaps, ..Live::default() }, UnderWay { failed, planned }))
     }
 }
 

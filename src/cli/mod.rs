@@ -4,6 +4,7 @@ mod bake;
 mod bench;
 mod cache;
 mod check;
+mod console;
 mod eval;
 mod live;
 mod memory;

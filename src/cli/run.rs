@@ -12,9 +12,9 @@ use crossbeam::channel::Receiver;
 use serde::Serialize;
 
 use super::progress::BakeProgress;
-use super::{Talk, bake, cache, check, live, memory, report, say};
+use super::{Talk, bake, cache, check, console, live, memory, report, say};
 use crate::config::{self, LoadOptions};
-use crate::daemon::{Live, Notice, Outcome, PrepareError, Prepared, RenderJob, RunError, Supervisor, prepare_with};
+use crate::daemon::{Live, Notice, Operator, Outcome, PrepareError, Prepared, RenderJob, RunError, Supervisor, prepare_with};
 use crate::error::Exit;
 use crate::haptics::Faults;
 use crate::rt::clock::{ClockKind, monotonic_ns};
@@ -42,6 +42,13 @@ pub(crate) struct Args {
     /// Time that the run follows; virtual is simulated and as fast as it goes.
     #[arg(long, value_name = "CLOCK", default_value = "real")]
     clock: ClockArg,
+    /// Let force flow on a real arm from the start on; with a deadman, while it is held. Simulated arms need no leave.
+    #[arg(long)]
+    enable: bool,
+    /// Take `enable`, `disable` and `stop` as lines on standard input, and wait for `enable` after a fault instead of ending. The end of the
+    /// input is a stop.
+    #[arg(long)]
+    console: bool,
     #[command(flatten)]
     live: live::LiveArgs,
     #[command(flatten)]
@@ -137,6 +144,15 @@ pub(crate) fn main(args: &Args, talk: Talk, started_ns: i64) -> Exit {
             return Exit::Internal;
         }
     };
+    let orders = match args.console.then(console::orders).transpose() {
+        Ok(orders) => orders,
+        Err(error) => {
+            report::error(&format!("cannot start a thread: {error}"), None, talk);
+            return Exit::Internal;
+        }
+    };
+    let operator = Operator { enables_at_start: args.enable, waits_after_fault: orders.is_some(), orders };
+    let live = Live { operator, ..live };
     match run(args, talk, (live, &under_way), interrupts, bake) {
         Ok(outcome) => {
             let first_tick = outcome.report.first_tick_ns.map_or(0.0, since_start_s);
@@ -156,7 +172,14 @@ pub(crate) fn main(args: &Args, talk: Talk, started_ns: i64) -> Exit {
                     say::talk(format_args!("{row}\n"));
                 }
             }
-            let hint = refused.map(|_| "--realtime best-effort runs anyway, with the latency that this machine gives");
+            let hint = match &error {
+                RunError::Refused(_) => Some("--realtime best-effort runs anyway, with the latency that this machine gives"),
+                RunError::NobodyEnables => Some(
+                    "give --enable to let force flow from the start, or --console to type `enable`; \
+                     `safety.deadman` makes force flow only while a button is held",
+                ),
+                _ => None,
+            };
             report::error(&error.to_string(), hint, talk);
             error.exit()
         }
@@ -329,6 +352,17 @@ fn result_text(totals: &Totals, start_s: StartTimes, swaps: &[live::SwapReport],
         row(name, format_args!("p50 {p50:.1}  p99 {p99:.1}  p99.9 {p999:.1}  max {max:.1} µs"));
     }
     row("largest command", format_args!("{:.3} N, {:.4} N·m", totals.max_force_n, totals.max_torque_nm));
+    let rendered = totals.rendered;
+    if rendered.max_dropped_torque_nm > 0.0 || rendered.max_dropped_force_n > 0.0 || rendered.weakened_ticks > 0 {
+        row("largest rendered", format_args!("{:.3} N, {:.4} N·m", rendered.max_force_n, rendered.max_torque_nm));
+        row(
+            "not rendered",
+            format_args!(
+                "up to {:.3} N and {:.4} N·m without a motor; {} ticks weakened by a motor at its limit",
+                rendered.max_dropped_force_n, rendered.max_dropped_torque_nm, rendered.weakened_ticks
+            ),
+        );
+    }
     if let Some(points) = totals.contact_budget_points {
         row("contact budget", format_args!("{points} points a tick, at most {} left out", totals.points_left_out));
     }
@@ -347,6 +381,9 @@ fn result_text(totals: &Totals, start_s: StartTimes, swaps: &[live::SwapReport],
     );
     if totals.stale_samples > 0 {
         row("stale samples", format_args!("{}", totals.stale_samples));
+    }
+    if totals.corrupt_packets > 0 || totals.lost_packets > 0 {
+        row("packets", format_args!("{} corrupt, {} lost on the way", totals.corrupt_packets, totals.lost_packets));
     }
     if totals.dropped_records > 0 {
         row("dropped records", format_args!("{}: the extremes above do not know of them", totals.dropped_records));
@@ -414,9 +451,7 @@ mod tests {
 
     #[test]
     fn flags_of_later_versions_and_bare_numbers_are_usage_errors() {
-        for line in
-            ["s.toml --record f.mcap", "s.toml --monitor off", "s.toml --enable", "s.toml --duration 10", "", "s.toml --clock fast"]
-        {
+        for line in ["s.toml --record f.mcap", "s.toml --monitor off", "s.toml --duration 10", "", "s.toml --clock fast"] {
             let error = args(line).expect_err(line);
             assert_eq!(error.exit_code(), 2, "{line}");
         }

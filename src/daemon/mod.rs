@@ -28,4 +28,4 @@ mod prepare;
 mod supervisor;
 
 pub use prepare::{PrepareError, Prepared, inputs, prepare, prepare_with};
-pub use supervisor::{Live, Notice, Outcome, Phase, RenderJob, RunError, Supervisor};
+pub use supervisor::{Live, Notice, Operator, OperatorOrder, Outcome, Phase, RenderJob, RunError, Supervisor};

@@ -15,7 +15,7 @@ use crate::haptics::{Drive, RenderScene};
 use crate::rt::clock::{Clock, ClockKind, RealClock, VirtualClock};
 use crate::rt::preflight::{KernelFacts, Report};
 use crate::rt::schedule::{self, ThreadRequest, ThreadStanding};
-use crate::servo::{Control, Ending, LoopReport, Order, RunPlan, ServoLoop, SwapSlot, Wishes, run_to_end};
+use crate::servo::{Control, Ending, LoopReport, Order, RunPlan, ServoLoop, StopGuard, SwapSlot, Wishes, run_to_end};
 use crate::telemetry::{Counted, Drained, RealtimeSummary, SwapSummary, TickRecord, Totals, Watch, drain};
 
 /// Records under way between servo and drain: four seconds at 1 kHz.
@@ -25,6 +25,8 @@ const RING_RECORDS: usize = 4096;
 const STOP_PATIENCE: Duration = Duration::from_secs(2);
 /// The same under the virtual clock, where a tick takes as long as it takes.
 const STOP_PATIENCE_VIRTUAL: Duration = Duration::from_secs(60);
+/// How long an enable stays a disable first, so that the loop has seen it: some tens of ticks.
+const ACKNOWLEDGE: Duration = Duration::from_millis(50);
 /// How long it may take to quit before it is given up.
 const QUIT_PATIENCE: Duration = Duration::from_secs(2);
 
@@ -115,6 +117,30 @@ pub struct Live {
     pub wishes: Wishes,
     /// Other scenes; the cold end is the caller's.
     pub swaps: Option<SwapSlot>,
+    /// Who says when force may flow.
+    pub operator: Operator,
+}
+
+/// What an operator asks for while a run goes on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum OperatorOrder {
+    /// Force on, from zero. After a fault this acknowledges it.
+    Enable,
+    /// Force off, at once.
+    Disable,
+    /// Ramp down and end.
+    Stop,
+}
+
+/// Who says when force may flow. A simulated arm has nobody to hurt and is enabled from the start, whatever stands here.
+#[derive(Debug, Default)]
+pub struct Operator {
+    /// Force flows from the start; with a deadman, while it is held.
+    pub enables_at_start: bool,
+    /// After a fault the loop goes on with zero force and waits for an order; else it ends.
+    pub waits_after_fault: bool,
+    /// Orders as they come; `None`: nobody gives any.
+    pub orders: Option<Receiver<OperatorOrder>>,
 }
 
 /// How a run ended.
@@ -149,9 +175,9 @@ pub enum RunError {
     /// `enforce`, and a preflight check failed. The report was told as a notice.
     #[error("real-time preflight refused: {} check(s) failed and the mode is `enforce`", .0.failed().count())]
     Refused(Report),
-    /// The arm needs homing and this version has no procedure for it.
-    #[error("the arm is not homed, so no force may be rendered; homing is not available in this version")]
-    NotHomed,
+    /// A real arm, and nobody who could let force flow.
+    #[error("this is a real arm, and nobody may let force flow")]
+    NobodyEnables,
     /// A thread could not be started.
     #[error("cannot start a thread: {0}")]
     Thread(#[from] std::io::Error),
@@ -165,7 +191,7 @@ impl RunError {
     pub const fn exit(&self) -> Exit {
         match self {
             Self::Refused(_) => Exit::RealtimeRefused,
-            Self::NotHomed => Exit::Device,
+            Self::NobodyEnables => Exit::Device,
             Self::Thread(_) | Self::Servo(_) => Exit::Internal,
         }
     }
@@ -231,13 +257,20 @@ impl<N: FnMut(Notice<'_>)> Supervisor<N> {
     /// See [`RunError`]; no tick was rendered then, except under [`RunError::Servo`].
     pub fn render_live(&mut self, job: RenderJob, live: Live, interrupts: &Receiver<()>) -> Result<Outcome, RunError> {
         let capabilities = job.device.capabilities();
-        if !capabilities.homed {
-            return Err(RunError::NotHomed);
+        let Operator { enables_at_start, waits_after_fault, orders } = live.operator;
+        let enabled = capabilities.simulated || enables_at_start;
+        if !enabled && orders.is_none() {
+            // Zero on every failed start.
+            drop(StopGuard::new(job.device));
+            return Err(RunError::NobodyEnables);
         }
-        // A simulated arm has nobody to hurt; a real one waits for its operator.
-        let control = Arc::new(Control::new(if capabilities.simulated { Order::Enable } else { Order::Disable }));
+        let control = Arc::new(Control::new(if enabled { Order::Enable } else { Order::Disable }));
         let period_s = job.scene.parameters.period_s;
-        let plan = RunPlan { stop_at_tick: job.duration.map(|duration| (duration.as_secs_f64() / period_s).round() as u64) };
+        let plan = RunPlan {
+            stop_at_tick: job.duration.map(|duration| (duration.as_secs_f64() / period_s).round() as u64),
+            outlives_faults: waits_after_fault,
+        };
+        let live = Live { operator: Operator::default(), ..live };
         let stop_patience = match job.clock {
             ClockKind::Real => STOP_PATIENCE,
             ClockKind::Virtual => STOP_PATIENCE_VIRTUAL,
@@ -276,7 +309,8 @@ impl<N: FnMut(Notice<'_>)> Supervisor<N> {
         let drain_thread = spawn_drain(consumer, events_sender)?;
         servo.go.send(()).map_err(|_| RunError::Servo("ended before it began"))?;
 
-        self.watch_until_ended(&servo, &control, &events, interrupts, stop_patience)?;
+        let orders = orders.unwrap_or_else(never);
+        self.watch_until_ended(&servo, &control, &events, (interrupts, &orders), stop_patience)?;
         let report = servo.thread.join().ok().flatten().ok_or(RunError::Servo("died outside its own net"))?;
         let drained = drain_thread.join().map_err(|_| RunError::Servo("lost its drain"))?;
         for event in events.try_iter() {
@@ -293,12 +327,13 @@ impl<N: FnMut(Notice<'_>)> Supervisor<N> {
         servo: &Servo,
         control: &Control,
         events: &Receiver<Watch>,
-        interrupts: &Receiver<()>,
+        (interrupts, orders): (&Receiver<()>, &Receiver<OperatorOrder>),
         stop_patience: Duration,
     ) -> Result<(), RunError> {
         let mut patience: Receiver<Instant> = never();
+        let mut acknowledged: Receiver<Instant> = never();
         let mut events = events.clone();
-        let mut interrupts = interrupts.clone();
+        let (mut interrupts, mut orders) = (interrupts.clone(), orders.clone());
         loop {
             select_biased! {
                 recv(interrupts) -> message => match message {
@@ -321,6 +356,30 @@ impl<N: FnMut(Notice<'_>)> Supervisor<N> {
                     patience = after(QUIT_PATIENCE);
                 }
                 recv(servo.ended) -> _ => return Ok(()),
+                // A stop under way is not taken back.
+                recv(orders) -> message => match message {
+                    Ok(_) if matches!(control.order(), Order::Stop | Order::Quit) => {}
+                    Ok(OperatorOrder::Enable) => {
+                        // Off first: a fault is acknowledged that way, and force starts from zero.
+                        control.give(Order::Disable);
+                        acknowledged = after(ACKNOWLEDGE);
+                    }
+                    Ok(OperatorOrder::Disable) => {
+                        acknowledged = never();
+                        control.give(Order::Disable);
+                    }
+                    Ok(OperatorOrder::Stop) => {
+                        control.give(Order::Stop);
+                        patience = after(stop_patience);
+                    }
+                    Err(_) => orders = never(),
+                },
+                recv(acknowledged) -> _ => {
+                    acknowledged = never();
+                    if control.order() == Order::Disable {
+                        control.give(Order::Enable);
+                    }
+                }
                 recv(events) -> event => match event {
                     Ok(event) => self.tell(&event),
                     Err(_) => events = never(),
@@ -433,6 +492,7 @@ mod tests {
     use super::*;
     use crate::device::Capabilities;
     use crate::device::sim::{SimArm, SimParameters};
+    use crate::haptics::Faults;
     use crate::servo::testing::{CountingArm, empty_scene};
 
     fn job(device: Box<dyn Device>, clock: ClockKind, duration_ms: u64) -> RenderJob {
@@ -493,6 +553,58 @@ mod tests {
     }
 
     #[test]
+    fn a_real_arm_that_nobody_may_enable_is_refused() {
+        let arm =
+            CountingArm { capabilities: Capabilities { simulated: false, ..Capabilities::default() }, ..CountingArm::default() };
+        let log = arm.log.clone();
+        let refused = Supervisor::new(|_| {}).render(job(Box::new(arm), ClockKind::Virtual, 100), &never());
+        assert!(matches!(refused, Err(RunError::NobodyEnables)));
+        assert_eq!(log.writes.load(core::sync::atomic::Ordering::SeqCst), 0);
+        assert_eq!(log.stops.load(core::sync::atomic::Ordering::SeqCst), 1, "zero on a failed start too");
+    }
+
+    #[test]
+    fn after_a_fault_force_waits_for_the_operator_and_the_run_still_ends_as_faulted() {
+        let arm = CountingArm { lost_from_read: Some(60), back_from_read: Some(120), ..CountingArm::default() };
+        let log = arm.log.clone();
+        let (order, orders) = bounded(4);
+        let live = Live {
+            operator: Operator { enables_at_start: true, waits_after_fault: true, orders: Some(orders) },
+            ..Live::default()
+        };
+        let mut job = job(Box::new(arm), ClockKind::Real, 0);
+        job.duration = None;
+        let wait_for = {
+            let log = log.clone();
+            move |n_reads| {
+                while log.reads.load(core::sync::atomic::Ordering::SeqCst) < n_reads {
+                    std::thread::sleep(Duration::from_millis(1));
+                }
+            }
+        };
+        let operator = std::thread::spawn(move || {
+            wait_for(200);
+            order.send(OperatorOrder::Enable).expect("the supervisor listens");
+            wait_for(400);
+            order.send(OperatorOrder::Stop).expect("the supervisor listens");
+        });
+        let mut phases = Vec::new();
+        let mut supervisor = Supervisor::new(|notice| {
+            if let Notice::Phase(phase) = notice {
+                phases.push(phase);
+            }
+        });
+        let outcome = supervisor.render_live(job, live, &never()).expect("an outcome");
+        operator.join().expect("no panic");
+        assert_eq!((outcome.exit(), outcome.report.ending), (Exit::Fault, Ending::Stopped));
+        assert_eq!(outcome.report.faults, Faults::DEVICE_LOST);
+        let of_interest: Vec<_> = phases.iter().filter(|phase| !matches!(phase, Phase::Stopping)).collect();
+        use Phase::{Disabled, Enabled, Enabling, Fault};
+        // The last one is the phase of a run with a fault in it.
+        assert_eq!(of_interest, [&Enabling, &Fault, &Disabled, &Enabling, &Enabled, &Disabled, &Fault], "{phases:?}");
+    }
+
+    #[test]
     fn an_interrupt_is_a_safe_stop() {
         let (sender, interrupts) = bounded(1);
         let arm = CountingArm {
@@ -517,7 +629,8 @@ mod tests {
 
     #[test]
     fn enforce_refuses_a_machine_that_fails_a_check_before_any_tick() {
-        let arm = CountingArm { capabilities: Capabilities { homed: true, ..Capabilities::default() }, ..CountingArm::default() };
+        let arm =
+            CountingArm { capabilities: Capabilities { simulated: true, ..Capabilities::default() }, ..CountingArm::default() };
         let log = arm.log.clone();
         let mut job = job(Box::new(arm), ClockKind::Real, 100);
         // No machine has this processor, so the affinity row fails everywhere.
@@ -541,14 +654,6 @@ mod tests {
         }));
         assert!(rendered.is_err());
         assert!(log.stops.load(core::sync::atomic::Ordering::SeqCst) >= 1, "zero before the panic goes on");
-    }
-
-    #[test]
-    fn an_arm_that_is_not_homed_gets_no_force() {
-        let error = Supervisor::new(|_| {})
-            .render(job(Box::new(CountingArm::default()), ClockKind::Virtual, 10), &never())
-            .expect_err("not homed");
-        assert_eq!(error.exit(), Exit::Device);
     }
 
     #[test]

@@ -41,7 +41,7 @@ pub enum Drive {
 
 impl Drive {
     /// Force may flow.
-    pub(super) fn has_force(self) -> bool {
+    pub fn has_force(self) -> bool {
         matches!(self, Self::Enabling | Self::Enabled | Self::Stopping)
     }
 }

@@ -31,6 +31,8 @@ pub(super) const STOP_GRACE_S: f64 = 0.25;
 pub struct RunPlan {
     /// From this tick on the loop stops: ramps down, then ends. `None`: until told.
     pub stop_at_tick: Option<u64>,
+    /// A fault does not end the loop: it goes on with zero force until the operator has enabled again or stops it.
+    pub outlives_faults: bool,
 }
 
 /// Why the loop ended.
@@ -121,8 +123,11 @@ pub struct ServoLoop<D: Device, C: Clock> {
     end_by_tick: Option<u64>,
     stop_ticks: u64,
     sample: DeviceSample,
-    /// The arm refused a command: it is lost, whatever it says later.
+    /// The arm refused the last command: the next sample counts as lost, whatever it says.
     device_lost: bool,
+    /// A fault that only the driver knows of, until the operator acknowledges it with a disable. The tick latches its own.
+    driver_fault: bool,
+    enabled: bool,
     missed_deadlines: u64,
     dropped_records: u64,
     packet_errors: u64,
@@ -167,6 +172,8 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
             end_by_tick: None,
             sample: DeviceSample::default(),
             device_lost: false,
+            driver_fault: false,
+            enabled: false,
             missed_deadlines: 0,
             dropped_records: 0,
             packet_errors: 0,
@@ -239,8 +246,8 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
         if self.ending != Ending::Running {
             return Step::End;
         }
-        let order = self.order();
-        if order == Order::Quit {
+        let wanted = self.wanted();
+        if wanted == Order::Quit {
             self.device.stop();
             self.ending = Ending::Quit;
             return Step::End;
@@ -249,17 +256,21 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
         let due = self.wait();
         self.missed_deadlines += due.missed;
         // Before the clock of the tick starts: simulated time may wait here for a bake.
-        let swaps = self.swap_is_due(order);
+        let swaps = self.swap_is_due(wanted);
 
         let begin_ns = self.clock.stopwatch_ns();
         self.first_tick_ns.get_or_insert(begin_ns);
         let sample = self.read();
         let read_ns = self.clock.stopwatch_ns();
-        let request = if swaps && order == Order::Enable { DriveRequest::Stop } else { order.request() };
+        let request = if swaps && wanted == Order::Enable { DriveRequest::Stop } else { self.request(wanted) };
         let place = self.stage.wishes.next(self.tick as f64 * self.stage.scene.parameters.period_s);
         let input = TickInput { sample, request, overrun: due.missed > 0, place };
         let output = (self.tick_function)(&self.stage.scene, &mut self.stage.state, &input);
         let computed_ns = self.clock.stopwatch_ns();
+        if output.drive.has_force() != self.enabled {
+            self.enabled = output.drive.has_force();
+            self.device.set_enabled(self.enabled);
+        }
         let rendered_device = self.write(&output.command_device);
         let written_ns = self.clock.stopwatch_ns();
 
@@ -275,7 +286,7 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
             output,
             rendered_device,
         });
-        let step = self.conclude(order, &output);
+        let step = self.conclude(wanted, &output);
         if swaps && step == Step::Continue {
             self.swap_at_zero(&output);
         }
@@ -283,9 +294,9 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
     }
 
     /// True when the force is to go to zero for another scene. A stop goes first.
-    fn swap_is_due(&mut self, order: Order) -> bool {
+    fn swap_is_due(&mut self, wanted: Order) -> bool {
         let (tick, clock) = (self.tick, self.clock.kind());
-        let may = matches!(order, Order::Enable | Order::Disable) && self.faults.is_empty();
+        let may = matches!(wanted, Order::Enable | Order::Disable) && self.faults.is_empty();
         may && self.swaps.as_mut().is_some_and(|swaps| swaps.is_due(tick, clock))
     }
 
@@ -300,15 +311,19 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
         }
     }
 
-    /// The order of this tick: what the supervisor wants, or the stop that the plan foresees.
-    fn order(&self) -> Order {
+    /// What the supervisor wants, or the stop that the plan foresees.
+    fn wanted(&mut self) -> Order {
         let order = self.control.order();
-        if !self.faults.is_empty() && order != Order::Quit {
-            // A fault that the tick does not know of, such as a command that the driver refused: no ramp, zero now.
-            return Order::Disable;
+        if order == Order::Disable {
+            self.driver_fault = false;
         }
         let planned_stop = self.plan.stop_at_tick.is_some_and(|stop_at_tick| self.tick >= stop_at_tick);
         if planned_stop && order != Order::Quit { Order::Stop } else { order }
+    }
+
+    /// What the tick is told of it: after a fault that it does not know of, such as a command that the driver refused, zero now and no ramp.
+    fn request(&self, wanted: Order) -> DriveRequest {
+        if self.driver_fault { DriveRequest::Disable } else { wanted.request() }
     }
 
     fn wait(&mut self) -> Due {
@@ -327,14 +342,17 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
 
     fn read(&mut self) -> DeviceSample {
         match self.device.read() {
-            Ok(sample) => self.sample = sample,
+            Ok(sample) => {
+                self.packet_errors += u64::from(sample.corrupt_packets);
+                self.sample = sample;
+            }
             Err(DeviceError::Packet | DeviceError::NonFinite) => {
                 self.packet_errors += 1;
                 self.sample.status = SampleStatus::Stale;
             }
             Err(DeviceError::Lost | DeviceError::Os(_)) => self.sample.status = SampleStatus::Lost,
         }
-        if self.device_lost {
+        if core::mem::take(&mut self.device_lost) {
             self.sample.status = SampleStatus::Lost;
         }
         self.sample
@@ -344,7 +362,10 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
         match self.device.write(command_device) {
             Ok(rendered_device) => return rendered_device,
             // The tick's own finite check comes first, so this is a second net; the driver sent zero.
-            Err(DeviceError::NonFinite) => self.note_faults(Faults::NON_FINITE),
+            Err(DeviceError::NonFinite) => {
+                self.driver_fault = true;
+                self.note_faults(Faults::NON_FINITE);
+            }
             Err(DeviceError::Packet) => self.packet_errors += 1,
             Err(DeviceError::Lost | DeviceError::Os(_)) => self.device_lost = true,
         }
@@ -380,10 +401,10 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
     }
 
     /// Decides whether this was the last tick, and counts it.
-    fn conclude(&mut self, order: Order, output: &TickOutput) -> Step {
+    fn conclude(&mut self, wanted: Order, output: &TickOutput) -> Step {
         self.note_faults(output.faults);
-        let faulted = !self.faults.is_empty();
-        if order == Order::Stop || faulted {
+        let faulted = !self.faults.is_empty() && !self.plan.outlives_faults;
+        if wanted == Order::Stop || faulted {
             let end_by_tick = *self.end_by_tick.get_or_insert(self.tick.saturating_add(self.stop_ticks));
             let at_rest = matches!(output.drive, Drive::Disabled | Drive::Fault) && output.command_device == Wrench::ZERO;
             if at_rest {

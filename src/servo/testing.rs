@@ -85,6 +85,8 @@ pub(crate) struct CountingArm {
     pub(crate) log: Arc<ArmLog>,
     pub(crate) capabilities: Capabilities,
     pub(crate) lost_from_read: Option<u64>,
+    /// Back again from this read on.
+    pub(crate) back_from_read: Option<u64>,
     pub(crate) refuse_write_from: Option<u64>,
 }
 
@@ -99,7 +101,8 @@ impl Device for CountingArm {
 
     fn read(&mut self) -> Result<DeviceSample, DeviceError> {
         let n_reads = self.log.reads.fetch_add(1, Ordering::SeqCst);
-        if self.lost_from_read.is_some_and(|first| n_reads >= first) {
+        let back = self.back_from_read.is_some_and(|first| n_reads >= first);
+        if !back && self.lost_from_read.is_some_and(|first| n_reads >= first) {
             return Err(DeviceError::Lost);
         }
         Ok(DeviceSample { sequence: n_reads + 1, status: SampleStatus::Fresh, ..DeviceSample::default() })

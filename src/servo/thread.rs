@@ -81,7 +81,9 @@ mod tests {
         let (producer, records) = RingBuffer::new(ring);
         let control = Arc::new(Control::new(Order::Enable));
         let log = arm.log.clone();
-        let servo = ServoLoop::new(empty_scene(), arm, clock, control.clone(), RunPlan { stop_at_tick }, producer).with_tick(tick);
+        let servo =
+            ServoLoop::new(empty_scene(), arm, clock, control.clone(), RunPlan { stop_at_tick, ..RunPlan::default() }, producer)
+                .with_tick(tick);
         Bench { servo, records, log, control }
     }
 
@@ -225,7 +227,7 @@ mod tests {
             let (producer, mut records) = RingBuffer::new(4096);
             let arm = SimArm::new(SimParameters::ideal(1e-3)).expect("valid");
             let control = Arc::new(Control::new(Order::Enable));
-            let plan = RunPlan { stop_at_tick: Some(2000) };
+            let plan = RunPlan { stop_at_tick: Some(2000), ..RunPlan::default() };
             let servo = ServoLoop::new(empty_scene(), arm, VirtualClock::default(), control, plan, producer).with_tick(pushing);
             let report = run_to_end(servo);
             let mut seen = Vec::new();

@@ -13,4 +13,4 @@ mod summary;
 pub use drain::{Drained, Watch, drain};
 pub use flight::FlightRecorder;
 pub use record::TickRecord;
-pub use summary::{Counted, Histograms, LatencySummary, PoseSummary, RealtimeSummary, Summary, SwapSummary, Totals};
+pub use summary::{Counted, Histograms, LatencySummary, PoseSummary, RealtimeSummary, Rendered, Summary, SwapSummary, Totals};

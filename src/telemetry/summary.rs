@@ -32,6 +32,9 @@ pub struct Summary {
     passivity_ticks: u64,
     delay_ticks: u32,
     stale_samples: u64,
+    rendered: Rendered,
+    corrupt_packets: u64,
+    lost_packets: u64,
     final_pose: Pose,
     faults: Faults,
     object_work_j: f64,
@@ -57,6 +60,9 @@ impl Summary {
             passivity_ticks: 0,
             delay_ticks: 0,
             stale_samples: 0,
+            rendered: Rendered::default(),
+            corrupt_packets: 0,
+            lost_packets: 0,
             final_pose: Pose::IDENTITY,
             faults: Faults::NONE,
             object_work_j: 0.0,
@@ -84,6 +90,9 @@ impl Summary {
         self.passivity_ticks += u64::from(output.passivity_active);
         self.delay_ticks = self.delay_ticks.max(output.delay_ticks);
         self.stale_samples += u64::from(record.input.sample.status != SampleStatus::Fresh);
+        self.rendered.add(record);
+        self.corrupt_packets += u64::from(record.input.sample.corrupt_packets);
+        self.lost_packets += u64::from(record.input.sample.lost_packets);
         self.final_pose = output.world_from_tool;
         self.faults |= output.faults;
         self.object_work_j = self.object_work_j.max(output.object_work_j);
@@ -115,12 +124,15 @@ impl Summary {
             missed_deadlines: counted.missed_deadlines,
             dropped_records: counted.dropped_records,
             stale_samples: self.stale_samples,
+            corrupt_packets: self.corrupt_packets,
+            lost_packets: self.lost_packets,
             wakeup_us: LatencySummary::of(&self.wakeup_ns),
             compute_us: LatencySummary::of(&self.compute_ns),
             device_us: LatencySummary::of(&self.device_ns),
             histograms_us: Histograms { wakeup: bins(&self.wakeup_ns), compute: bins(&self.compute_ns) },
             max_force_n: self.max_force_n,
             max_torque_nm: self.max_torque_nm,
+            rendered: self.rendered,
             max_depth_m: self.max_depth_m,
             contact_ticks: self.contact_ticks,
             contact_budget_points: counted.contact_budget_points,
@@ -244,6 +256,38 @@ pub struct RealtimeSummary {
     pub kernel_rt: bool,
 }
 
+/// What the motors made of the command. An arm with three motors drops the torque, and a motor at its limit weakens all of them together.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Rendered {
+    /// Largest |F| that the motors made, N.
+    pub max_force_n: f64,
+    /// Largest |τ| that the motors made, N·m.
+    pub max_torque_nm: f64,
+    /// Largest torque that was computed for the hand and that no motor makes, N·m.
+    pub max_dropped_torque_nm: f64,
+    /// Largest force that was computed for the hand and that no motor makes, N.
+    pub max_dropped_force_n: f64,
+    /// Ticks in which motors at their limits weakened the command.
+    pub weakened_ticks: u64,
+}
+
+impl Rendered {
+    /// A command counts as weakened below this share of it: above lies rounding to the units of the wire.
+    const WEAKENED: f64 = 0.999;
+
+    fn add(&mut self, record: &TickRecord) {
+        let (rendered, command, commanded) = (record.rendered_device, record.output.command_device, record.output.commanded_device);
+        self.max_force_n = self.max_force_n.max(rendered.force.length());
+        self.max_torque_nm = self.max_torque_nm.max(rendered.torque.length());
+        // Against what the renderer wanted on the axes without a motor; what the motors' limits take is counted apart.
+        self.max_dropped_force_n = self.max_dropped_force_n.max((commanded.force - command.force).length());
+        self.max_dropped_torque_nm = self.max_dropped_torque_nm.max((commanded.torque - command.torque).length());
+        let weakened = rendered.force.length() < Self::WEAKENED * command.force.length()
+            || rendered.torque.length() < Self::WEAKENED * command.torque.length();
+        self.weakened_ticks += u64::from(weakened);
+    }
+}
+
 /// A pose with named quaternion components.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[expect(missing_docs, reason = "the names are the unit and the component")]
@@ -281,6 +325,10 @@ pub struct Totals {
     pub dropped_records: u64,
     /// Ticks without a fresh sample.
     pub stale_samples: u64,
+    /// Reports that were short, garbled or failed their check.
+    pub corrupt_packets: u64,
+    /// Reports that the arm's own counter says were lost.
+    pub lost_packets: u64,
     /// Lateness of the ticks.
     pub wakeup_us: LatencySummary,
     /// Duration of the ticks.
@@ -293,6 +341,8 @@ pub struct Totals {
     pub max_force_n: f64,
     /// Largest |τ| of the command.
     pub max_torque_nm: f64,
+    /// What the motors made of it.
+    pub rendered: Rendered,
     /// Deepest penetration.
     pub max_depth_m: f64,
     /// Ticks with at least one contact.

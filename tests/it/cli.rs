@@ -502,15 +502,18 @@ const RUN_KEYS: [&str; 14] = [
     "final_pose",
 ];
 /// Beyond the contract.
-const RUN_KEYS_EXTRA: [&str; 10] = [
+const RUN_KEYS_EXTRA: [&str; 13] = [
     "clock",
+    "corrupt_packets",
     "contact_budget_points",
     "delay_ticks",
     "dropped_records",
     "histograms_us",
+    "lost_packets",
     "lowest_energy_j",
     "passivity_ticks",
     "points_left_out",
+    "rendered",
     "stale_samples",
     "start_s",
 ];

@@ -412,7 +412,7 @@ fn servo(text: &str, n_ticks: u64) -> (Loop, rtrb::Consumer<TickRecord>, Arc<Con
     let (scene, device) = stage(text);
     let (producer, records) = rtrb::RingBuffer::new(64);
     let control = Arc::new(Control::new(Order::Enable));
-    let plan = RunPlan { stop_at_tick: Some(n_ticks) };
+    let plan = RunPlan { stop_at_tick: Some(n_ticks), ..RunPlan::default() };
     (ServoLoop::new(Arc::new(scene), device, VirtualClock::default(), control.clone(), plan, producer), records, control)
 }
 

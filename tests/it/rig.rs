@@ -147,7 +147,7 @@ fn run_wishing(config: &SceneConfig, cache: &mut Cache, n_ticks: u64, wishes: Wi
     // Room for all: the virtual clock waits for a drain, and nobody drains here before the end.
     let (producer, mut consumer) = rtrb::RingBuffer::new(n_ticks as usize + 2000);
     let control = Arc::new(Control::new(Order::Enable));
-    let plan = RunPlan { stop_at_tick: Some(n_ticks) };
+    let plan = RunPlan { stop_at_tick: Some(n_ticks), ..RunPlan::default() };
     let mut servo =
         ServoLoop::new(scene.clone(), prepared.device, VirtualClock::default(), control, plan, producer).with_wishes(wishes);
     servo.warm_up();

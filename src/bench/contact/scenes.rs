@@ -105,7 +105,7 @@ pub(super) fn play(config: &SceneConfig, cache: &mut Cache, longest_s: f64) -> R
     // Room for all: the virtual clock waits for a drain, and nobody drains here before the end.
     let (producer, mut consumer) = rtrb::RingBuffer::new(n_ticks as usize + 2000);
     let control = Arc::new(Control::new(Order::Enable));
-    let plan = RunPlan { stop_at_tick: Some(n_ticks) };
+    let plan = RunPlan { stop_at_tick: Some(n_ticks), ..RunPlan::default() };
     let servo = ServoLoop::new(scene.clone(), prepared.device, VirtualClock::default(), control, plan, producer);
     let report = run_to_end(servo);
     let mut records = Vec::with_capacity(report.ticks as usize);

@@ -87,7 +87,7 @@ fn play<C: Clock + Send>(
     let locked = is_real && schedule::lock_memory().is_ok();
     let (producer, mut records) = RingBuffer::new(RING_RECORDS);
     let control = Arc::new(Control::new(Order::Enable));
-    let plan = RunPlan { stop_at_tick: Some((long_s / parameters.period_s).round() as u64) };
+    let plan = RunPlan { stop_at_tick: Some((long_s / parameters.period_s).round() as u64), ..RunPlan::default() };
     let servo = ServoLoop::new(Arc::new(prepared.scene), prepared.device, clock, control, plan, producer)
         .with_time_budget(prepared.time_budget_s);
     let mut judge = Judge::new(parameters.limits);

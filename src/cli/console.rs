@@ -1,0 +1,56 @@
+//! `run --console`: an operator who types, or a program that writes lines.
+
+use std::io::BufRead;
+
+use crossbeam::channel::{Receiver, Sender, bounded};
+
+use super::say;
+use crate::daemon::OperatorOrder;
+
+/// What may be typed.
+const WORDS: &str = "enable, disable, stop";
+
+/// Orders from standard input, one word a line, read by a thread of its own. The end of the input is a stop: whoever gave the orders has gone.
+///
+/// # Errors
+/// The thread could not be started.
+pub(super) fn orders() -> Result<Receiver<OperatorOrder>, std::io::Error> {
+    let (sender, receiver) = bounded(16);
+    std::thread::Builder::new().name("console".to_owned()).spawn(move || read(std::io::stdin().lock(), &sender))?;
+    Ok(receiver)
+}
+
+fn read(input: impl BufRead, orders: &Sender<OperatorOrder>) {
+    for line in input.lines() {
+        let Ok(line) = line else { break };
+        let order = match line.trim() {
+            "" => continue,
+            "enable" | "e" => OperatorOrder::Enable,
+            "disable" | "d" => OperatorOrder::Disable,
+            "stop" | "s" => OperatorOrder::Stop,
+            word => {
+                say::talk(format_args!("console: `{word}` is not an order; orders are {WORDS}\n"));
+                continue;
+            }
+        };
+        if orders.send(order).is_err() {
+            return;
+        }
+    }
+    // If the run is over, nobody listens.
+    let _ = orders.send(OperatorOrder::Stop);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn words_become_orders_and_the_end_a_stop() {
+        let (sender, receiver) = bounded(16);
+        read("enable\n\n d \nfaster\ne\n".as_bytes(), &sender);
+        let orders: Vec<_> = receiver.try_iter().collect();
+        use OperatorOrder::{Disable, Enable, Stop};
+        assert_eq!(orders, [Enable, Disable, Enable, Stop]);
+    }
+}
