@@ -6,8 +6,20 @@
 //! Units here are those of the wire (counts, mA, degrees): the [transmission](super::transmission) turns them into SI.
 //!
 //! Sources: the maker's published facts only; no code of theirs was read.
+//!
+//! | file | owns |
+//! |---|---|
+//! | `mod` | both traits and what they exchange |
+//! | [`Protocol`] in `choice` | which protocol, with what a profile supplies |
+//! | [`layout`] | frames described as data |
 
 use core::time::Duration;
+
+mod choice;
+pub mod layout;
+
+pub use choice::{HapiBoard, HapiEncoder, Hid14Carrier, Open6Arm, Protocol, ProtocolError, Servo, ServoModel, Turn};
+pub use layout::PacketLayout;
 
 use super::transport::{Frame, Transport, TransportError};
 
@@ -18,9 +30,10 @@ pub const MAX_AXES: usize = 8;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Report {
     /// Readings in the units of the wire and the order of the protocol. A counter that the wire cuts to 16 bits is whole again here.
-    /// Arms that report a pose: x, y, z in m, then the orientation x, y, z, w.
+    /// Arms that report a pose: x, y, z in m, the orientation x, y, z, w, then the grip in rad.
     pub readings: [f64; MAX_AXES],
-    /// Rates of the readings per second, where the arm sends them.
+    /// Rates of the readings per second, where the arm sends them. Arms that report a pose: velocity in m/s, angular velocity in rad/s, 0, then
+    /// the grip in rad/s.
     pub rates: Option<[f64; MAX_AXES]>,
     /// Button states, bit 0 first.
     pub buttons: u32,
@@ -28,11 +41,13 @@ pub struct Report {
     pub homed: Option<bool>,
     /// Error code of the arm; 0: none.
     pub error: u32,
+    /// [`Codec::sequence`] of the newest command that the arm had taken when it made this report, where it says so: measures the round trip.
+    pub echo: Option<u16>,
 }
 
 impl Default for Report {
     fn default() -> Self {
-        Self { readings: [0.0; MAX_AXES], rates: None, buttons: 0, homed: None, error: 0 }
+        Self { readings: [0.0; MAX_AXES], rates: None, buttons: 0, homed: None, error: 0, echo: None }
     }
 }
 
@@ -99,13 +114,39 @@ pub trait Codec: Send {
     /// The newest sound report; the default one before the first.
     fn newest(&self) -> &Report;
 
-    /// Writes the frame for a command, whatever else the protocol asks for in each exchange included. Non-finite numbers are zero.
+    /// Writes the frame for a command, whatever else the protocol asks for in each exchange included. Non-finite numbers are zero. Leaves the
+    /// frame empty when nothing is to be sent now: a lamp that stays as it is, or [`Self::silence`].
     fn encode(&mut self, command: &MotorCommand, frame: &mut Frame);
 
     /// Frame that wakes an arm which has fallen silent, and moves nothing; `false` when the protocol knows none.
     fn kick(&mut self, frame: &mut Frame) -> bool {
         self.encode(&MotorCommand::default(), frame);
         true
+    }
+
+    /// Sequence number of the last command that was encoded, where the protocol carries one; compare [`Report::echo`].
+    fn sequence(&self) -> Option<u16> {
+        None
+    }
+
+    /// The stream has lost its frames and cannot find them by itself. `Some`: send nothing for this long, throw away what is received, then call
+    /// [`Self::resume`] and send a zero command. Needed a second time without a sound report in between, the arm is lost.
+    fn silence(&self) -> Option<Duration> {
+        None
+    }
+
+    /// Forgets unfinished frames: after [`Self::silence`], and after bytes were thrown away.
+    fn resume(&mut self) {}
+
+    /// Frame that tells the arm what its counters stand at now; `false` when the protocol has none. Motors are off in that exchange.
+    fn set_readings(&mut self, readings: &[f64; MAX_AXES], frame: &mut Frame) -> bool {
+        let _ = (readings, frame);
+        false
+    }
+
+    /// What the arm said of itself at the start, in one line for people. Cold.
+    fn identity(&self) -> Option<String> {
+        None
     }
 
     /// What follows the zero commands when the link is closed for good, such as switching torque off. Cold, short, must not panic.
@@ -132,7 +173,8 @@ pub type Outbox = Vec<Vec<u8>>;
 
 /// The arm's side of a protocol: what its firmware does with the bytes of the host.
 pub trait Firmware: Send {
-    /// Takes bytes from the host at `now_s` of the arm's time; answers go to `out`.
+    /// Takes bytes from the host at `now_s` of the arm's time; answers go to `out`. Of HID: one report as the host wrote it; the 0 before an
+    /// unnumbered one may be there or not. Answers are reports as the host reads them: no ID before unnumbered ones.
     fn receive(&mut self, bytes: &[u8], now_s: f64, arm: &ArmReadings, out: &mut Outbox);
 
     /// One period of the arm: reports that it sends by itself, and its watchdog.

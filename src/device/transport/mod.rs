@@ -84,6 +84,10 @@ pub enum TransportError {
 /// What a serial adapter can be told beside bytes. Transports without such lines ignore it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Line {
+    /// Back to the state after plugging in.
+    Reset,
+    /// 8 data bits, no parity, one stop bit, no flow control.
+    Plain8N1,
     /// Forget what was received and not taken.
     PurgeReceived,
     /// Forget what was not yet sent.
