@@ -13,6 +13,8 @@
 //! | [`protocol`] | what they mean, both sides |
 //! | [`transmission`] | readings into joint angles, joint torques into motor commands |
 //! | [`kinematics`] | joint angles into a pose, a wrench into joint torques |
+//! | `wired` | the driver that joins them: every arm on a wire |
+//! | `round_trip`, `thermal` | how far away the arm is; how hot its motors are |
 //! | [`sim`] | the simulated arm: a plant, a hand, an encoder, faults |
 //! | [`hand`] | where the simulated hand wants to be, over time |
 //! | [`fault`] | the fault grammar (`nan@2s`, `drop=1%`) |
@@ -26,9 +28,15 @@ pub mod hand;
 pub mod kinematics;
 pub mod profile;
 pub mod protocol;
+mod round_trip;
 pub mod sim;
+mod thermal;
 pub mod transmission;
 pub mod transport;
 pub mod velocity;
+mod wired;
 
 pub use driver::{Capabilities, Device, DeviceError, IoPlacement, Pacing, Wakeup};
+pub use round_trip::RoundTrip;
+pub use thermal::Thermal;
+pub use wired::{Connection, Replacements, Timebase, WiredArm, WiredParameters};

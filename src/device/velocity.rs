@@ -49,6 +49,11 @@ impl VelocityWindow {
         }
     }
 
+    /// Forgets every pose: what follows has nothing to do with what was. RT: safe.
+    pub fn restart(&mut self) {
+        (self.n_pushed, self.linear_tail, self.angular_tail) = (0, 0, 0);
+    }
+
     /// Takes the newest pose and gives the twist of the grip in device axes. The first pose gives zero; until a window is full, it is
     /// as short as it is. Times must not run backwards.
     pub fn push(&mut self, time_s: f64, pose: Pose) -> Twist {

@@ -64,6 +64,15 @@ pub struct Fed {
     pub repeated: u32,
 }
 
+impl core::ops::AddAssign for Fed {
+    fn add_assign(&mut self, other: Self) {
+        self.reports = self.reports.saturating_add(other.reports);
+        self.corrupt = self.corrupt.saturating_add(other.corrupt);
+        self.gap = self.gap.saturating_add(other.gap);
+        self.repeated = self.repeated.saturating_add(other.repeated);
+    }
+}
+
 /// Why an arm could not be brought to speak. With text: cold.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum StartError {

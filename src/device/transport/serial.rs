@@ -116,6 +116,9 @@ impl Transport for SerialLink {
         let done = match line {
             Line::PurgeReceived => return termios::tcflush(&self.fd, QueueSelector::IFlush).map_err(lost_or),
             Line::PurgeSent => return termios::tcflush(&self.fd, QueueSelector::OFlush).map_err(lost_or),
+            Line::Reset => return termios::tcflush(&self.fd, QueueSelector::IOFlush).map_err(lost_or),
+            // As it was opened.
+            Line::Plain8N1 => Ok(()),
             Line::Dtr(level) => self.port.write_data_terminal_ready(level),
             Line::Rts(level) => self.port.write_request_to_send(level),
             Line::Baud(baud) => self.port.set_baud_rate(baud),
