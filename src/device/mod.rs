@@ -9,6 +9,7 @@
 //! |---|---|
 //! | `driver` | the [`Device`] trait, [`Capabilities`], edge errors |
 //! | [`profile`] | hardware as data |
+//! | [`nodes`] | hidraw nodes and serial ports of this machine, and which of them is an arm |
 //! | [`transport`] | how bytes travel |
 //! | [`protocol`] | what they mean, both sides |
 //! | [`transmission`] | readings into joint angles, joint torques into motor commands |
@@ -26,6 +27,7 @@ mod driver;
 pub mod fault;
 pub mod hand;
 pub mod kinematics;
+pub mod nodes;
 pub mod profile;
 pub mod protocol;
 mod round_trip;
