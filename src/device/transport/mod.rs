@@ -9,16 +9,23 @@
 //! |---|---|
 //! | `mod` | the trait, and the frame that encoders fill |
 //! | `serial` | ttys: CDC, FTDI, pty |
-//! | `hid` | hidraw nodes, with two threads of its own |
+//! | `hid` | hidraw nodes |
+//! | `usb` | bulk transfers to an FTDI chip (feature `usb`) |
+//! | `threaded` | the two threads of `hid` and `usb`, whose writes can block |
 //! | `memory` | a pair of ends in memory |
 
 mod hid;
 mod memory;
 mod serial;
+mod threaded;
+#[cfg(feature = "usb")]
+mod usb;
 
 pub use hid::{HidLink, HidOpenError};
 pub use memory::{Carriage, LoopbackEnd, loopback};
 pub use serial::{SerialError, SerialLink};
+#[cfg(feature = "usb")]
+pub use usb::{UsbError, UsbLink};
 
 use super::IoPlacement;
 
