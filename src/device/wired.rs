@@ -217,6 +217,11 @@ impl WiredArm {
     /// What the newest report makes of the sample; false when it describes a grip that cannot be.
     fn take_report(&mut self, now_s: f64) -> bool {
         let report = *self.connection.codec.newest();
+        if !report.readings.iter().all(|reading| reading.is_finite()) {
+            // Not a garbled packet but an arm that says so: the tick judges it.
+            self.last.pose.translation = DVec3::NAN;
+            return true;
+        }
         let q = self.parameters.device_from_native;
         let joints = self.parameters.transmission.angles(&report.readings);
         if let Some(asked_for) = self.parameters.kinematics.rate_twist(&joints) {
