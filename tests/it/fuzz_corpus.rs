@@ -8,6 +8,8 @@ use hapticd::mesh::Format;
 pub(super) mod cache;
 #[path = "../../fuzz/src/mesh.rs"]
 mod mesh;
+#[path = "../../fuzz/src/protocol.rs"]
+mod protocol;
 
 /// The files of a corpus, by name.
 pub(super) fn corpus(target: &str) -> Vec<(String, Vec<u8>)> {
@@ -58,4 +60,24 @@ fn the_corpus_of_the_bake_cache_does_no_harm() {
         }
     }
     assert_eq!(sound, ["mesh", "static-with-gradients", "tool"], "files of an older format do not reach the arrays; see `refresh`");
+}
+
+#[test]
+fn the_corpus_of_the_protocols_does_no_harm() {
+    let mut reached = vec![[false; 2]; protocol::N.into()];
+    for (name, bytes) in corpus("protocol") {
+        let n = protocol::exercise(&bytes);
+        if !name.starts_with("found-") {
+            assert!(n > 0, "{name}: nothing was understood, so the seed does not reach behind the framing");
+            reached[usize::from(bytes[0])][usize::from(bytes[1] >> 7)] = true;
+        }
+        // Whichever protocol the bytes are taken for, in whatever pieces, on either side.
+        for number in 0..protocol::N {
+            for pieces in [0, 2, 63, 127, 0x80, 0xFF] {
+                protocol::exercise(&[&[number, pieces], &bytes[2..]].concat());
+            }
+        }
+    }
+    let missing: Vec<_> = (0..protocol::N).filter(|number| !reached[usize::from(*number)][0]).collect();
+    assert!(missing.is_empty(), "no seed for the host of {missing:?}");
 }

@@ -3,7 +3,10 @@
 use core::time::Duration;
 use std::path::PathBuf;
 
-use super::{MAX_AXES, PacketLayout};
+use super::{
+    Codec, Firmware, MAX_AXES, PacketLayout, brackets, declarative, dynamixel, dynamixel_bus, falcon, hapi, hapkit, hid14, open6,
+    open6_arm, polhem, space_mouse, woodenhaptics,
+};
 use crate::device::Pacing;
 use crate::device::transport::Carriage;
 use crate::spatial::Axes;
@@ -294,6 +297,42 @@ impl Protocol {
             Self::Open6(arm) => Some(Duration::from_millis(arm.watchdog_ms.into())),
             Self::Declarative(layout) => layout.watchdog_ms.map(|ms| Duration::from_millis(ms.into())),
             _ => None,
+        }
+    }
+
+    /// The host's side. `carriage`: one of [`Self::carriages`]; only `open6` has a choice.
+    pub fn codec(&self, carriage: Carriage) -> Box<dyn Codec> {
+        match self {
+            Self::WoodenhapticsHid8 => Box::new(woodenhaptics::Host::default()),
+            Self::HaptikfabrikenHid14 { carrier } => Box::new(hid14::Host::new(*carrier)),
+            Self::PolhemAscii64 { cartesian } => Box::new(polhem::Host::new(*cartesian)),
+            Self::HaptikfabrikenBrackets { model } => Box::new(brackets::Host::new(*model)),
+            Self::HapiF32(board) => Box::new(hapi::Host::new(board.clone())),
+            Self::FalconNibble16 { image } => Box::new(falcon::Host::new(image.clone())),
+            Self::HapkitAscii => Box::new(hapkit::Host::default()),
+            Self::SpaceMouse { dead_band } => Box::new(space_mouse::Host::new(*dead_band)),
+            Self::Spacenav => Box::new(space_mouse::SocketHost::default()),
+            Self::Dynamixel2 { servos } => Box::new(dynamixel::Host::new(servos)),
+            Self::Open6(arm) => Box::new(open6::Host::new(arm.clone(), carriage)),
+            Self::Declarative(layout) => Box::new(declarative::Host::new(layout.clone())),
+        }
+    }
+
+    /// The arm's side: what a simulated arm answers with.
+    pub fn firmware(&self, carriage: Carriage) -> Box<dyn Firmware> {
+        match self {
+            Self::WoodenhapticsHid8 => Box::new(woodenhaptics::Arm::default()),
+            Self::HaptikfabrikenHid14 { carrier } => Box::new(hid14::Arm::new(*carrier)),
+            Self::PolhemAscii64 { .. } => Box::new(polhem::Arm::default()),
+            Self::HaptikfabrikenBrackets { model } => Box::new(brackets::Arm::new(*model)),
+            Self::HapiF32(_) => Box::new(hapi::Arm::default()),
+            Self::FalconNibble16 { .. } => Box::new(falcon::Arm::default()),
+            Self::HapkitAscii => Box::new(hapkit::Arm::default()),
+            Self::SpaceMouse { .. } => Box::new(space_mouse::Puck::new(true)),
+            Self::Spacenav => Box::new(space_mouse::SocketPuck::default()),
+            Self::Dynamixel2 { servos } => Box::new(dynamixel_bus::Arm::new(servos)),
+            Self::Open6(arm) => Box::new(open6_arm::Arm::new(arm.clone(), carriage)),
+            Self::Declarative(layout) => Box::new(declarative::Arm::new(layout.clone())),
         }
     }
 

@@ -134,7 +134,7 @@ impl ChecksumKind {
     ];
 
     /// Bytes that it takes.
-    pub const fn len(self) -> usize {
+    pub const fn n_bytes(self) -> usize {
         match self {
             Self::Sum8 | Self::Xor8 | Self::Crc8 => 1,
             Self::Crc16Ccitt | Self::Crc16Modbus => 2,
@@ -252,7 +252,7 @@ impl Number {
     ];
 
     /// Bytes in a body; 0 for text.
-    pub const fn len(self) -> usize {
+    pub const fn n_bytes(self) -> usize {
         match self {
             Self::I8 | Self::U8 => 1,
             Self::I16 | Self::U16 => 2,
@@ -282,7 +282,7 @@ impl Number {
 
 impl Packet {
     /// Bytes of the body, checksum included; of a line, how many numbers.
-    pub fn len(&self) -> usize {
+    pub fn n_bytes(&self) -> usize {
         match &self.framing {
             Framing::Report { len, .. } | Framing::Sync { len, .. } | Framing::Cobs { len } | Framing::Slip { len } => *len,
             Framing::Line(_) => self.fields.len(),
@@ -290,7 +290,7 @@ impl Packet {
     }
 
     fn check(&self, name: &str, is_report: bool) -> Result<(), String> {
-        let checksum_len = self.checksum.map_or(0, |checksum| checksum.kind.len());
+        let checksum_len = self.checksum.map_or(0, |checksum| checksum.kind.n_bytes());
         let is_line = matches!(self.framing, Framing::Line(_));
         if self.fields.is_empty() || self.fields.len() > FIELDS_MAX {
             return Err(format!("{name} has {} fields: 1 to {FIELDS_MAX}", self.fields.len()));
@@ -305,19 +305,22 @@ impl Packet {
             Framing::Sync { sync, .. } if sync.is_empty() || sync.len() > 8 => {
                 return Err(format!("{name} starts with {} sync bytes: 1 to 8", sync.len()));
             }
-            _ if self.len() <= checksum_len || self.len() > BODY_MAX => {
-                return Err(format!("{name} has a body of {} bytes: more than its checksum and at most {BODY_MAX}", self.len()));
+            _ if self.n_bytes() <= checksum_len || self.n_bytes() > BODY_MAX => {
+                return Err(format!(
+                    "{name} has a body of {} bytes: more than its checksum and at most {BODY_MAX}",
+                    self.n_bytes()
+                ));
             }
             _ => {}
         }
         for (idx, field) in self.fields.iter().enumerate() {
             let at = format!("{name}, field {idx}");
-            field.check(&at, is_report)?;
             if matches!(field.number, Number::Text { .. }) != is_line {
                 return Err(format!("{at}: text is for lines, and lines have nothing else"));
             }
-            let room = self.len() - checksum_len;
-            if field.offset >= room || field.number.len() > room - field.offset {
+            field.check(&at, is_report)?;
+            let room = self.n_bytes() - checksum_len;
+            if field.offset >= room || field.number.n_bytes() > room - field.offset {
                 return Err(format!("{at} ends behind the body, which has {room} places for fields"));
             }
             if is_line && self.fields[..idx].iter().any(|other| other.offset == field.offset) {
@@ -387,7 +390,7 @@ impl Field {
             return Err(format!("{at}: {:?} is a whole number", self.role));
         }
         if let Some(mask) = self.mask {
-            let bits = 8 * self.number.len();
+            let bits = 8 * self.number.n_bytes();
             if range.is_none() || bits == 0 || mask == 0 || (bits < 64 && mask >> bits != 0) {
                 return Err(format!("{at}: mask {mask:#x}: bits of a binary whole number of {bits} bits, at least one"));
             }
@@ -400,7 +403,7 @@ impl Field {
             }
         }
         if self.wraps
-            && (!matches!(self.role, Role::Reading(_)) || range.is_none() || self.number.len() == 0 || self.mask.is_some())
+            && (!matches!(self.role, Role::Reading(_)) || range.is_none() || self.number.n_bytes() == 0 || self.mask.is_some())
         {
             return Err(format!("{at}: only a reading that is a whole binary number without a mask wraps"));
         }

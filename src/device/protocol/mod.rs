@@ -11,12 +11,35 @@
 //! |---|---|
 //! | `mod` | both traits and what they exchange |
 //! | [`Protocol`] in `choice` | which protocol, with what a profile supplies |
-//! | [`layout`] | frames described as data |
+//! | [`layout`], `declarative`, `framing` | frames described as data, what speaks them |
+//! | `woodenhaptics`, `hid14`, `polhem`, [`brackets`], `hapi`, `falcon`, `hapkit`, `space_mouse`, `dynamixel` | one protocol each, both sides |
+//! | [`open6`], `open6_arm` | our own protocol, both sides |
+//! | `dynamixel_bus` | the servos of a leader arm |
+//! | `number`, `gather`, `dialogue` | numbers on the wire, unfinished frames, waiting for answers |
 
 use core::time::Duration;
 
+pub mod brackets;
 mod choice;
+mod declarative;
+mod dialogue;
+mod dynamixel;
+mod dynamixel_bus;
+mod falcon;
+mod framing;
+mod gather;
+mod hapi;
+mod hapkit;
+mod hid14;
 pub mod layout;
+mod number;
+pub mod open6;
+mod open6_arm;
+mod polhem;
+mod space_mouse;
+#[cfg(test)]
+mod tests;
+mod woodenhaptics;
 
 pub use choice::{HapiBoard, HapiEncoder, Hid14Carrier, Open6Arm, Protocol, ProtocolError, Servo, ServoModel, Turn};
 pub use layout::PacketLayout;
@@ -130,7 +153,7 @@ pub trait Codec: Send {
     /// Frame that wakes an arm which has fallen silent, and moves nothing; `false` when the protocol knows none.
     fn kick(&mut self, frame: &mut Frame) -> bool {
         self.encode(&MotorCommand::default(), frame);
-        true
+        !frame.is_empty()
     }
 
     /// Sequence number of the last command that was encoded, where the protocol carries one; compare [`Report::echo`].
