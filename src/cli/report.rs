@@ -30,6 +30,10 @@ pub(crate) fn prepare_error(problem: &PrepareError, talk: Talk) -> Exit {
     match problem {
         PrepareError::Config(errors) => config_errors(errors, talk),
         PrepareError::Scene(problem) => scene_error(problem, talk),
+        PrepareError::Open(_) => {
+            error(&problem.to_string(), None, talk);
+            Exit::Device
+        }
         PrepareError::Hand(_) | PrepareError::Fault { .. } | PrepareError::Arm(_) => {
             error(&problem.to_string(), None, talk);
             Exit::Configuration

@@ -13,8 +13,13 @@ use serde::Serialize;
 
 use super::progress::BakeProgress;
 use super::{Talk, bake, cache, check, console, live, memory, report, say};
-use crate::config::{self, LoadOptions};
-use crate::daemon::{Live, Notice, Operator, Outcome, PrepareError, Prepared, RenderJob, RunError, Supervisor, prepare_with};
+use crate::config::{self, LoadOptions, SceneConfig};
+use crate::daemon::{
+    Attached, Live, Notice, Operator, Outcome, PrepareError, Prepared, RenderJob, RunError, Supervisor, prepare_with,
+};
+use crate::device::nodes::Selector;
+use crate::device::open::LinkNews;
+use crate::device::profile::RealArm;
 use crate::error::Exit;
 use crate::haptics::Faults;
 use crate::rt::clock::{ClockKind, monotonic_ns};
@@ -39,6 +44,9 @@ pub(crate) struct Args {
     /// Device profile instead of the scene's: a name or a file.
     #[arg(long, value_name = "PROFILE")]
     device: Option<String>,
+    /// Which of several arms: VID:PID[:SERIAL] in hex, or the path of its node.
+    #[arg(long, value_name = "SELECTOR")]
+    selector: Option<Selector>,
     /// Time that the run follows; virtual is simulated and as fast as it goes.
     #[arg(long, value_name = "CLOCK", default_value = "real")]
     clock: ClockArg,
@@ -107,12 +115,24 @@ struct StartTimes {
 pub(crate) fn main(args: &Args, talk: Talk, started_ns: i64) -> Exit {
     let since_start_s = |ns: i64| (ns - started_ns) as f64 * 1e-9;
     let baked_s = Cell::new(0.0);
-    let overrides = LoadOptions { device: args.device.clone(), enforce: args.realtime.map(|mode| mode == RealtimeMode::Enforce) };
+    let overrides = LoadOptions {
+        device: args.device.clone(),
+        selector: args.selector.clone(),
+        enforce: args.realtime.map(|mode| mode == RealtimeMode::Enforce),
+    };
     // Before anything is announced: a scene that cannot be read bakes nothing.
     let config = match config::load_with(&args.scene, &overrides) {
         Ok(config) => config,
         Err(errors) => return report::config_errors(&errors, talk),
     };
+    if let Some(real) = &config.device.profile.real {
+        if args.clock == ClockArg::Virtual {
+            let hint = "leave out --clock virtual, or name a simulated arm with --device";
+            report::error("a real arm lives in real time", Some(hint), talk);
+            return Exit::Usage;
+        }
+        tell_of_arm(&config, real, talk);
+    }
     let changes = match args.live.check(&config, &overrides, args.duration, talk) {
         Ok(changes) => changes,
         Err(exit) => return exit,
@@ -190,6 +210,37 @@ pub(crate) fn main(args: &Args, talk: Talk, started_ns: i64) -> Exit {
     }
 }
 
+/// What an operator has to know of a real arm before it moves.
+fn tell_of_arm(config: &SceneConfig, real: &RealArm, talk: Talk) {
+    let profile = &config.device.profile;
+    if config.device.hand.is_some() {
+        report::note("the scene's hand is for simulated arms: a real one has yours", talk);
+    }
+    if let Some(instruction) = &real.homing.instruction {
+        report::note(&format!("homing: {instruction}"), talk);
+    }
+    if profile.has_unverified_signs() {
+        let force_n = config.parameters.limits.force_n;
+        report::warning(
+            &format!(
+                "signs not verified: force stays below {force_n} N until the profile says `signs_verified = true` \
+                 (hapticd devices probe {} --sign-check)",
+                profile.name
+            ),
+            talk,
+        );
+    }
+    if profile.is_unidentified() {
+        report::warning(
+            &format!(
+                "not identified: stiffness is bounded by half of the assumed damping (hapticd devices probe {} --identify)",
+                profile.name
+            ),
+            talk,
+        );
+    }
+}
+
 fn run(
     args: &Args,
     talk: Talk,
@@ -198,8 +249,15 @@ fn run(
     bake: impl FnOnce() -> Result<Prepared, PrepareError>,
 ) -> Result<Outcome, Refusal> {
     let mut screen = Screen::new(talk, under_way);
+    let mut live = live;
     let mut supervisor = Supervisor::new(|notice| screen.show(&notice));
     let prepared = supervisor.bake(bake).map_err(Refusal::Prepare)?;
+    if let Some(Attached { node, news }) = prepared.attached {
+        if !talk.quiet {
+            say::talk(format_args!("device: {} is ready\n", node.display()));
+        }
+        live.news = Some(news);
+    }
     let job = RenderJob {
         scene: Arc::new(prepared.scene),
         device: prepared.device,
@@ -246,6 +304,18 @@ impl<'a> Screen<'a> {
                 if !self.quiet {
                     let (path, at_s) = (self.under_way.scene(record.scene_idx), record.time_ns as f64 * 1e-9);
                     self.line(&format!("scene: {} from {at_s:.3} s on (tick {})", path.display(), record.tick));
+                }
+            }
+            Notice::Link(news) => {
+                self.line(&match news {
+                    LinkNews::Lost => "device: gone; looking for it".to_owned(),
+                    LinkNews::Back(node) => format!("device: back at {}; it waits for `enable`", node.display()),
+                    LinkNews::Fails(why) => format!("device: {why}"),
+                });
+            }
+            Notice::Waiting(cause) => {
+                if !self.quiet {
+                    self.line(&format!("no force: {} ({})", cause.name(), cause.advice()));
                 }
             }
             Notice::Fault(record) => {
@@ -418,6 +488,7 @@ mod tests {
         Prepared {
             scene: Arc::try_unwrap(empty_scene()).expect("not shared"),
             device: Box::new(SimArm::new(SimParameters::ideal(1e-3)).expect("valid")),
+            attached: None,
             realtime: RealtimeConfig { enforce: true, cpu: None, priority: 80 },
             rate_hz: 1000,
             time_budget_s: None,

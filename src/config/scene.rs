@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use glam::{DMat3, DVec3};
 
 use super::bound::StiffnessBound;
+use crate::device::nodes::Selector;
 use crate::device::profile::Profile;
 use crate::haptics::Parameters;
 use crate::mesh::primitives::Shape;
@@ -106,6 +107,8 @@ pub struct ToolConfig {
 pub struct DeviceConfig {
     /// The loaded profile.
     pub profile: Profile,
+    /// Which of several real arms; `None`: the only one that fits the profile.
+    pub selector: Option<Selector>,
     /// Hand path of a simulated arm.
     pub hand: Option<PathBuf>,
     /// Overrides of the simulated hand and plant.

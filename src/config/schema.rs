@@ -3,8 +3,10 @@
 //! Every key is optional here: what must be given is said by the third pass, in the words of the scene. `docs` of the keys are in
 //! `config/default.toml`, which a test holds against these tables.
 
+use std::borrow::Cow;
 use std::fmt;
 
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::Deserialize;
 use serde::de::{self, Deserializer, IgnoredAny, SeqAccess, Visitor};
 
@@ -12,10 +14,11 @@ use serde::de::{self, Deserializer, IgnoredAny, SeqAccess, Visitor};
 pub(crate) type Later = Option<IgnoredAny>;
 
 /// The whole file.
-#[derive(Debug, Default, Deserialize)]
+#[derive(Debug, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default, expecting = "a scene")]
 pub(super) struct Scene {
     #[serde(rename = "version")]
+    #[schemars(with = "u32", extend("const" = 1))]
     pub(super) _version: Option<IgnoredAny>,
     pub(super) name: Option<String>,
     pub(super) rendering: Rendering,
@@ -30,10 +33,11 @@ pub(super) struct Scene {
     pub(super) device: Device,
     pub(super) realtime: Realtime,
     pub(super) monitor: Monitor,
+    #[schemars(skip)]
     pub(super) sculpt: Later,
 }
 
-#[derive(Debug, Default, Deserialize)]
+#[derive(Debug, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default, expecting = "a table, written [rendering]")]
 pub(super) struct Rendering {
     pub(super) rate_hz: Option<u32>,
@@ -43,7 +47,7 @@ pub(super) struct Rendering {
     pub(super) allow_unstable: Option<bool>,
 }
 
-#[derive(Debug, Default, Deserialize)]
+#[derive(Debug, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default, expecting = "a table, written [[static]]")]
 pub(super) struct Static {
     pub(super) name: Option<String>,
@@ -58,7 +62,7 @@ pub(super) struct Static {
     pub(super) sides: Option<SidesWord>,
 }
 
-#[derive(Debug, Default, Deserialize)]
+#[derive(Debug, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default, expecting = "a table, written [tool]")]
 pub(super) struct Tool {
     pub(super) mesh: Option<String>,
@@ -74,7 +78,7 @@ pub(super) struct Tool {
     pub(super) start_orientation_xyzw: Option<Numbers<4>>,
 }
 
-#[derive(Debug, Default, Deserialize)]
+#[derive(Debug, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default, expecting = "a table with one shape, such as { box_mm = [60, 40, 10] } or { sphere_mm = 8 }")]
 pub(super) struct Shape {
     pub(super) box_mm: Option<Numbers<3>>,
@@ -86,7 +90,7 @@ pub(super) struct Shape {
     pub(super) plane_mm: Option<Numbers<2>>,
 }
 
-#[derive(Debug, Default, Deserialize)]
+#[derive(Debug, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default, expecting = "a table, written [contact]")]
 pub(super) struct Contact {
     pub(super) stiffness_n_per_mm: Option<f64>,
@@ -99,7 +103,7 @@ pub(super) struct Contact {
     pub(super) time_budget_us: Option<f64>,
 }
 
-#[derive(Debug, Default, Deserialize)]
+#[derive(Debug, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default, expecting = "a table, written { static = 0.25, dynamic = 0.2 }")]
 pub(super) struct Friction {
     #[serde(rename = "static")]
@@ -108,7 +112,7 @@ pub(super) struct Friction {
     pub(super) sliding: Option<f64>,
 }
 
-#[derive(Debug, Default, Deserialize)]
+#[derive(Debug, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default, expecting = "a table, written [coupling]")]
 pub(super) struct Coupling {
     pub(super) translation_n_per_mm: Option<f64>,
@@ -119,14 +123,14 @@ pub(super) struct Coupling {
     pub(super) free_space: Option<FreeSpaceWord>,
 }
 
-#[derive(Debug, Default, Deserialize)]
+#[derive(Debug, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default, expecting = "a table, written [filter]")]
 pub(super) struct Filter {
     pub(super) spatial: Option<bool>,
     pub(super) cutoff_hz: Option<Cutoff>,
 }
 
-#[derive(Debug, Default, Deserialize)]
+#[derive(Debug, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default, expecting = "a table, written [limits]")]
 pub(super) struct Limits {
     pub(super) force_n: Option<f64>,
@@ -134,28 +138,30 @@ pub(super) struct Limits {
     pub(super) speed_mm_per_s: Option<f64>,
 }
 
-#[derive(Debug, Default, Deserialize)]
+#[derive(Debug, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default, expecting = "a table, written [safety]")]
 pub(super) struct Safety {
     pub(super) ramp_ms: Option<f64>,
     pub(super) slew_n_per_s: Option<f64>,
     pub(super) power_w: Option<f64>,
     pub(super) overrun: Option<Overrun>,
-    pub(super) deadman: Later,
+    pub(super) brake_ms: Option<f64>,
+    pub(super) deadman: Option<Deadman>,
+    #[schemars(skip)]
     pub(super) heartbeat_ms: Later,
 }
 
-#[derive(Debug, Default, Deserialize)]
+#[derive(Debug, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default, expecting = "a table, written [device]")]
 pub(super) struct Device {
     pub(super) profile: Option<String>,
-    pub(super) selector: Later,
+    pub(super) selector: Option<String>,
     pub(super) world_from_device: WorldFromDevice,
     pub(super) hand: Option<String>,
     pub(super) sim: Sim,
 }
 
-#[derive(Debug, Default, Deserialize)]
+#[derive(Debug, Default, Deserialize, JsonSchema)]
 #[serde(
     deny_unknown_fields,
     default,
@@ -167,7 +173,7 @@ pub(super) struct WorldFromDevice {
     pub(super) scale: Option<f64>,
 }
 
-#[derive(Debug, Default, Deserialize)]
+#[derive(Debug, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default, expecting = "a table, written [device.sim]")]
 pub(super) struct Sim {
     pub(super) hand: Option<HandWord>,
@@ -177,10 +183,11 @@ pub(super) struct Sim {
     pub(super) delay_ticks: Option<u32>,
     pub(super) fault: Option<String>,
     pub(super) seed: Option<u64>,
+    #[schemars(skip)]
     pub(super) jitter_us: Later,
 }
 
-#[derive(Debug, Default, Deserialize)]
+#[derive(Debug, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default, expecting = "a table, written [realtime]")]
 pub(super) struct Realtime {
     pub(super) mode: Option<RealtimeWord>,
@@ -188,7 +195,7 @@ pub(super) struct Realtime {
     pub(super) priority: Option<u32>,
 }
 
-#[derive(Debug, Default, Deserialize)]
+#[derive(Debug, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default, expecting = "a table, written [monitor]")]
 pub(super) struct Monitor {
     pub(super) listen: Option<String>,
@@ -202,6 +209,21 @@ macro_rules! words {
 
         impl $name {
             const WORDS: &[&str] = &[$($word),+];
+        }
+
+        impl core::fmt::Display for $name {
+            fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+                f.write_str(match self { $(Self::$variant => $word),+ })
+            }
+        }
+
+        impl schemars::JsonSchema for $name {
+            fn schema_name() -> std::borrow::Cow<'static, str> {
+                stringify!($name).into()
+            }
+            fn json_schema(_: &mut schemars::SchemaGenerator) -> schemars::Schema {
+                schemars::json_schema!({ "type": "string", "enum": [$($word),+] })
+            }
         }
 
         impl<'de> serde::Deserialize<'de> for $name {
@@ -266,6 +288,16 @@ impl<'de, const N: usize> Deserialize<'de> for Numbers<N> {
     }
 }
 
+impl<const N: usize> JsonSchema for Numbers<N> {
+    fn schema_name() -> Cow<'static, str> {
+        format!("Numbers{N}").into()
+    }
+
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        json_schema!({ "type": "array", "items": { "type": "number" }, "minItems": N, "maxItems": N })
+    }
+}
+
 /// `filter.cutoff_hz`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Cutoff {
@@ -292,6 +324,52 @@ impl<'de> Deserialize<'de> for Cutoff {
     }
 }
 
+impl JsonSchema for Cutoff {
+    fn schema_name() -> Cow<'static, str> {
+        "Cutoff".into()
+    }
+
+    fn json_schema(generator: &mut SchemaGenerator) -> Schema {
+        json_schema!({ "anyOf": [generator.subschema_for::<Numbers<2>>(), { "const": "off" }] })
+    }
+}
+
+/// `safety.deadman`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Deadman {
+    Off,
+    Button(i64),
+}
+
+impl<'de> Deserialize<'de> for Deadman {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct ButtonOrOff;
+        impl Visitor<'_> for ButtonOrOff {
+            type Value = Deadman;
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("the number of a button or \"off\"")
+            }
+            fn visit_i64<E: de::Error>(self, button: i64) -> Result<Deadman, E> {
+                Ok(Deadman::Button(button))
+            }
+            fn visit_str<E: de::Error>(self, word: &str) -> Result<Deadman, E> {
+                if word == "off" { Ok(Deadman::Off) } else { Err(E::invalid_value(de::Unexpected::Str(word), &self)) }
+            }
+        }
+        deserializer.deserialize_any(ButtonOrOff)
+    }
+}
+
+impl JsonSchema for Deadman {
+    fn schema_name() -> Cow<'static, str> {
+        "Deadman".into()
+    }
+
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        json_schema!({ "anyOf": [{ "type": "integer", "minimum": 0, "maximum": 31 }, { "const": "off" }] })
+    }
+}
+
 /// `safety.overrun`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Overrun {
@@ -315,5 +393,15 @@ impl<'de> Deserialize<'de> for Overrun {
             }
         }
         deserializer.deserialize_any(CountOrOff)
+    }
+}
+
+impl JsonSchema for Overrun {
+    fn schema_name() -> Cow<'static, str> {
+        "Overrun".into()
+    }
+
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        json_schema!({ "anyOf": [{ "type": "integer", "minimum": 1 }, { "const": "off" }] })
     }
 }

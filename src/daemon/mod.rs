@@ -27,5 +27,5 @@
 mod prepare;
 mod supervisor;
 
-pub use prepare::{PrepareError, Prepared, inputs, prepare, prepare_with};
+pub use prepare::{Attached, PrepareError, Prepared, inputs, prepare, prepare_with};
 pub use supervisor::{Live, Notice, Operator, OperatorOrder, Outcome, Phase, RenderJob, RunError, Supervisor};

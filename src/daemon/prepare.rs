@@ -1,5 +1,8 @@
 //! From a checked scene to a baked one with its arm: where the cold rooms meet.
 
+use std::path::PathBuf;
+
+use crossbeam::channel::Receiver;
 use glam::DVec3;
 use thiserror::Error;
 
@@ -9,9 +12,10 @@ use crate::config::{ConfigErrors, SceneConfig};
 use crate::device::Device;
 use crate::device::fault::{self, FaultError, FaultPlan};
 use crate::device::hand::{HandPath, Indexing};
-use crate::device::profile::Codec;
+use crate::device::open::{self, LinkNews, OpenError, OpenOptions};
 use crate::device::sim::{HandParameters, SimArm, SimError, SimParameters};
 use crate::haptics::{PortParameters, RenderScene};
+use crate::rt::schedule::{self, ThreadRequest};
 use crate::scene::cache::Cache;
 use crate::scene::{self, BakeMeans, Event, ObjectReport, SceneError};
 
@@ -21,12 +25,23 @@ pub struct Prepared {
     pub scene: RenderScene,
     /// The opened arm.
     pub device: Box<dyn Device>,
+    /// Where a real arm hangs.
+    pub attached: Option<Attached>,
     /// Scheduling.
     pub realtime: RealtimeConfig,
     /// Ticks per second.
     pub rate_hz: u32,
     /// What a contact query may take, s.
     pub time_budget_s: Option<f64>,
+}
+
+/// Where a real arm hangs.
+#[derive(Debug)]
+pub struct Attached {
+    /// Its node.
+    pub node: PathBuf,
+    /// What becomes of its link.
+    pub news: Receiver<LinkNews>,
 }
 
 /// Why a scene cannot be rendered.
@@ -52,6 +67,9 @@ pub enum PrepareError {
     /// The simulated arm.
     #[error("{0}")]
     Arm(#[from] SimError),
+    /// The real arm.
+    #[error("{0}")]
+    Open(#[from] OpenError),
 }
 
 /// Reads what the simulated arm plays: the path of its hand, and its fault. Takes no time and bakes nothing.
@@ -87,17 +105,44 @@ pub fn prepare_with(
     watch: impl FnMut(Event<'_>),
 ) -> Result<(Prepared, Vec<ObjectReport>), PrepareError> {
     let (hand, fault) = inputs(config)?;
+    let profile = &config.device.profile;
+    let to_open = profile.real.is_some().then(|| open_options(config));
+    if let Some(options) = &to_open {
+        open::look_for(profile, options)?;
+    }
     let (scene, mut reports) = scene::build_with(config, means, watch)?;
     if let (Some(path), Some(tool)) = (&hand, reports.last_mut()) {
         tool.warnings.extend(far_from_start(path, &config.parameters.port));
     }
     let port = &config.parameters.port;
     let period_s = config.parameters.period_s;
-    let mut arm = simulated_arm(&config.device, hand.as_ref(), port, scene.tool.center_of_mass_tool, period_s);
-    arm.fault = fault;
-    let device = Box::new(SimArm::new(arm)?);
+    // Only now: an arm that has been greeted is not to wait for a bake.
+    let (device, attached): (Box<dyn Device>, _) = match &to_open {
+        Some(options) => {
+            let opened = open::open(profile, options)?;
+            (Box::new(opened.arm), Some(Attached { node: opened.path, news: opened.news }))
+        }
+        None => {
+            let mut arm = simulated_arm(&config.device, hand.as_ref(), port, scene.tool.center_of_mass_tool, period_s);
+            arm.fault = fault;
+            (Box::new(SimArm::new(arm)?), None)
+        }
+    };
     let SceneConfig { realtime, rate_hz, time_budget_s, .. } = *config;
-    Ok((Prepared { scene, device, realtime, rate_hz, time_budget_s }, reports))
+    Ok((Prepared { scene, device, attached, realtime, rate_hz, time_budget_s }, reports))
+}
+
+fn open_options(config: &SceneConfig) -> OpenOptions {
+    let RealtimeConfig { cpu, priority, .. } = config.realtime;
+    OpenOptions {
+        selector: config.device.selector.clone(),
+        // Below the servo on its processor: bytes are moved while it sleeps, and never keep it from waking.
+        io_request: Some(ThreadRequest {
+            cpu: cpu.unwrap_or_else(schedule::default_cpu),
+            priority: priority.saturating_sub(1).max(1),
+        }),
+        period_s: config.parameters.period_s,
+    }
 }
 
 /// What to say of a hand that would jerk the arm away from where it stands at enable.
@@ -119,7 +164,6 @@ fn simulated_arm(
     period_s: f64,
 ) -> SimParameters {
     let DeviceConfig { profile, sim, .. } = device;
-    let Codec::Sim = profile.codec;
     let mut plant = profile.plant;
     plant.delay_ticks = sim.delay_ticks.unwrap_or(plant.delay_ticks);
     let indexing = Indexing {

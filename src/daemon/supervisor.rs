@@ -10,8 +10,9 @@ use rtrb::RingBuffer;
 
 use crate::config::scene::RealtimeConfig;
 use crate::device::Device;
+use crate::device::open::LinkNews;
 use crate::error::Exit;
-use crate::haptics::{Drive, RenderScene};
+use crate::haptics::{Drive, OffCause, RenderScene};
 use crate::rt::clock::{Clock, ClockKind, RealClock, VirtualClock};
 use crate::rt::preflight::{KernelFacts, Report};
 use crate::rt::schedule::{self, ThreadRequest, ThreadStanding};
@@ -45,6 +46,8 @@ pub enum Phase {
     Enabled,
     /// Ramping down.
     Stopping,
+    /// A damper without stiffness.
+    Braking,
     /// Zero force after a fault.
     Fault,
     /// At rest, done.
@@ -61,6 +64,7 @@ impl Phase {
             Self::Enabling => "enabling",
             Self::Enabled => "enabled",
             Self::Stopping => "stopping",
+            Self::Braking => "braking",
             Self::Fault => "fault",
             Self::Stopped => "stopped",
         }
@@ -72,6 +76,7 @@ impl Phase {
             Drive::Enabling => Self::Enabling,
             Drive::Enabled => Self::Enabled,
             Drive::Stopping => Self::Stopping,
+            Drive::Braking => Self::Braking,
             Drive::Fault => Self::Fault,
         }
     }
@@ -90,6 +95,10 @@ pub enum Notice<'a> {
     Fault(&'a TickRecord),
     /// The first tick of another scene.
     Scene(&'a TickRecord),
+    /// What became of the link of a real arm.
+    Link(&'a LinkNews),
+    /// Force is wanted and does not flow: something that an operator can mend is in the way.
+    Waiting(OffCause),
 }
 
 /// Everything that rendering takes.
@@ -119,6 +128,8 @@ pub struct Live {
     pub swaps: Option<SwapSlot>,
     /// Who says when force may flow.
     pub operator: Operator,
+    /// What becomes of the link of a real arm.
+    pub news: Option<Receiver<LinkNews>>,
 }
 
 /// What an operator asks for while a run goes on.
@@ -200,6 +211,8 @@ impl RunError {
 /// Owns the phase. Everything it learns goes to `notify`.
 pub struct Supervisor<N: FnMut(Notice<'_>)> {
     phase: Phase,
+    /// Told last.
+    waits_for: OffCause,
     notify: N,
 }
 
@@ -216,7 +229,7 @@ struct Servo {
 impl<N: FnMut(Notice<'_>)> Supervisor<N> {
     /// A supervisor in [`Phase::Init`].
     pub fn new(notify: N) -> Self {
-        Self { phase: Phase::Init, notify }
+        Self { phase: Phase::Init, waits_for: OffCause::None, notify }
     }
 
     /// Where it stands.
@@ -270,7 +283,8 @@ impl<N: FnMut(Notice<'_>)> Supervisor<N> {
             stop_at_tick: job.duration.map(|duration| (duration.as_secs_f64() / period_s).round() as u64),
             outlives_faults: waits_after_fault,
         };
-        let live = Live { operator: Operator::default(), ..live };
+        let news = live.news.unwrap_or_else(never);
+        let live = Live { operator: Operator::default(), news: None, ..live };
         let stop_patience = match job.clock {
             ClockKind::Real => STOP_PATIENCE,
             ClockKind::Virtual => STOP_PATIENCE_VIRTUAL,
@@ -310,7 +324,7 @@ impl<N: FnMut(Notice<'_>)> Supervisor<N> {
         servo.go.send(()).map_err(|_| RunError::Servo("ended before it began"))?;
 
         let orders = orders.unwrap_or_else(never);
-        self.watch_until_ended(&servo, &control, &events, (interrupts, &orders), stop_patience)?;
+        self.watch_until_ended(&servo, &control, &events, (interrupts, &orders, &news), stop_patience)?;
         let report = servo.thread.join().ok().flatten().ok_or(RunError::Servo("died outside its own net"))?;
         let drained = drain_thread.join().map_err(|_| RunError::Servo("lost its drain"))?;
         for event in events.try_iter() {
@@ -327,13 +341,13 @@ impl<N: FnMut(Notice<'_>)> Supervisor<N> {
         servo: &Servo,
         control: &Control,
         events: &Receiver<Watch>,
-        (interrupts, orders): (&Receiver<()>, &Receiver<OperatorOrder>),
+        (interrupts, orders, news): (&Receiver<()>, &Receiver<OperatorOrder>, &Receiver<LinkNews>),
         stop_patience: Duration,
     ) -> Result<(), RunError> {
         let mut patience: Receiver<Instant> = never();
         let mut acknowledged: Receiver<Instant> = never();
         let mut events = events.clone();
-        let (mut interrupts, mut orders) = (interrupts.clone(), orders.clone());
+        let (mut interrupts, mut orders, mut news) = (interrupts.clone(), orders.clone(), news.clone());
         loop {
             select_biased! {
                 recv(interrupts) -> message => match message {
@@ -380,6 +394,10 @@ impl<N: FnMut(Notice<'_>)> Supervisor<N> {
                         control.give(Order::Enable);
                     }
                 }
+                recv(news) -> message => match message {
+                    Ok(message) => (self.notify)(Notice::Link(&message)),
+                    Err(_) => news = never(),
+                },
                 recv(events) -> event => match event {
                     Ok(event) => self.tell(&event),
                     Err(_) => events = never(),
@@ -393,7 +411,13 @@ impl<N: FnMut(Notice<'_>)> Supervisor<N> {
             Watch::Drive(record) => self.enter(Phase::of(record.output.drive)),
             Watch::Fault(record) => (self.notify)(Notice::Fault(record)),
             Watch::Scene(record) => (self.notify)(Notice::Scene(record)),
-            Watch::Snapshot(record) => (self.notify)(Notice::Status(record)),
+            Watch::Snapshot(record) => {
+                let cause = record.output.off_cause;
+                if core::mem::replace(&mut self.waits_for, cause) != cause && !cause.advice().is_empty() {
+                    (self.notify)(Notice::Waiting(cause));
+                }
+                (self.notify)(Notice::Status(record));
+            }
         }
     }
 }

@@ -1,65 +1,105 @@
-//! Faults that a simulated arm can be told to have: `nan@2s`, `drop=1%`, `drop=20%@500ms`.
+//! Faults that a simulated arm can be told to have: `nan@2s`, `drop=1%`, `slow=4ms@500ms`, `unplug@2s+500ms`.
 //!
-//! Grammar: `NAME[=VALUE][@TIME]`. Without a time the fault is there from the start; once there, it stays. Time is the arm's own: one
-//! period per read.
+//! Grammar: `NAME[=VALUE][@START[+LENGTH]]`. Without a start the fault is there from the beginning, without a length it stays. The end of an
+//! `unplug` is the plug going in again. Time is the arm's own: one period per read in the process, its real clock as a mock.
+//!
+//! | fault | simulated arm in the process | mock arm on a real link |
+//! |---|---|---|
+//! | `drop=P%` | a sample does not come | a frame is not sent |
+//! | `stall` | no fresh samples; commands arrive | sends nothing; commands arrive |
+//! | `nan` | x of the position is not a number | a reading is not a number; where the wire has whole numbers, it reads 0 |
+//! | `garbage` | a corrupt packet | random bytes in place of the frame |
+//! | `truncate` | a corrupt packet | the second half of the frame is missing |
+//! | `unplug` | the arm is gone | the node goes away |
+//! | `slow=T` | a sample comes T after it was measured, and none in between | a frame is sent T later |
+//! | `stuck` | the encoders repeat their value while the counter runs on | the same |
+//! | `jump` | x is off by [`JUMP_M`] | the same |
+//! | `sign-flip` | the motors push the wrong way | the same |
+//! | `saturate` | each axis gives [`SATURATED_SHARE`] of the arm's limit at most, and the arm does not say so | the same |
 
 use crate::rt::duration;
 
 /// What goes wrong.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum FaultKind {
-    /// The x position is not a number.
-    Nan,
-    /// The encoders repeat their value while the counter runs on.
-    Stuck,
-    /// The x position is off by [`JUMP_M`].
-    Jump,
-    /// The arm is gone.
-    Unplug,
-    /// No fresh samples.
-    Stall,
     /// Each sample is lost with this probability.
     Drop {
         /// 0..=1
         probability: f64,
     },
+    /// No fresh samples.
+    Stall,
+    /// The x position is not a number.
+    Nan,
+    /// What comes is not a report.
+    Garbage,
+    /// The arm is gone.
+    Unplug,
+    /// Samples come late.
+    Slow {
+        /// By this much, s.
+        delay_s: f64,
+    },
+    /// The encoders repeat their value while the counter runs on.
+    Stuck,
+    /// The x position is off by [`JUMP_M`].
+    Jump,
+    /// Reports end in the middle.
+    Truncate,
     /// The motors push the wrong way.
     SignFlip,
+    /// The motors give [`SATURATED_SHARE`] of the arm's limit per axis at most.
+    Saturate,
 }
 
 /// Size of a counter jump, m: far beyond what an arm moves in a millisecond, within the workspace of every preset.
 pub const JUMP_M: f64 = 0.05;
 
-/// A fault and when it begins. `Copy`: the arm consults it in the loop.
+/// What is left of the motors when they saturate: low enough that ordinary contact runs into it.
+pub const SATURATED_SHARE: f64 = 0.25;
+
+/// Longest delay of `slow`, s: beyond it an arm has stalled.
+pub const SLOWEST_S: f64 = 1.0;
+
+/// A fault and when it is there. `Copy`: the arm consults it in the loop.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FaultPlan {
     /// What.
     pub kind: FaultKind,
     /// From when on, s of the arm's time.
     pub start_s: f64,
+    /// Until when; infinite: for ever.
+    pub end_s: f64,
 }
 
-/// Names that this simulated arm can play.
-const AVAILABLE: &str = "nan, stuck, jump, unplug, stall, drop=P%, sign-flip";
-/// Names of the grammar that need a transport, a motor model or a late reply.
-const NOT_AVAILABLE: [&str; 4] = ["garbage", "truncate", "slow", "saturate"];
+impl FaultPlan {
+    /// What is wrong in the tick at `now_s`. RT: safe.
+    pub fn active(&self, now_s: f64, period_s: f64) -> Option<FaultKind> {
+        // Half a period early: the tick that is nearest to the time asked for.
+        let now_s = now_s + 0.5 * period_s;
+        (now_s >= self.start_s && now_s < self.end_s).then_some(self.kind)
+    }
+}
+
+/// Names of the grammar.
+pub const NAMES: [&str; 11] =
+    ["drop", "stall", "nan", "garbage", "unplug", "slow", "stuck", "jump", "truncate", "sign-flip", "saturate"];
+
+/// Names with the values that two of them take, for people.
+const USAGE: &str = "drop=P%, stall, nan, garbage, unplug, slow=TIME, stuck, jump, truncate, sign-flip, saturate";
 
 /// Why a fault specification was refused.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum FaultError {
     /// Not a name of the grammar.
-    #[error("`{name}` is not a fault: use one of {AVAILABLE}, optionally from a time on, as in nan@2s")]
+    #[error(
+        "`{name}` is not a fault: use one of {USAGE}, optionally from a time on and for how long, as in nan@2s or unplug@2s+500ms"
+    )]
     Unknown {
         /// The name as given.
         name: String,
     },
-    /// A name of the grammar that this arm cannot play.
-    #[error("fault `{name}` is not available in this version for a simulated arm: use one of {AVAILABLE}")]
-    NotAvailable {
-        /// The name as given.
-        name: String,
-    },
-    /// The part after `@` is not a duration.
+    /// The part after `@`, or a length, is not a duration.
     #[error("fault `{name}`: {source}")]
     Time {
         /// Name of the fault.
@@ -70,6 +110,15 @@ pub enum FaultError {
     /// `drop` without a percentage, or one outside 0..=100.
     #[error("fault `drop` needs a share of the samples from 0% to 100%, as in drop=1%")]
     Share,
+    /// `slow` without a delay, or one that is zero or too long.
+    #[error("fault `slow` needs a delay above 0 and up to 1s, as in slow=4ms")]
+    Delay,
+    /// A fault that ends when it begins.
+    #[error("fault `{name}` needs a length above 0, as in {name}@2s+500ms")]
+    Length {
+        /// Name of the fault.
+        name: String,
+    },
     /// A value where none belongs.
     #[error("fault `{name}` takes no value")]
     Value {
@@ -92,29 +141,49 @@ pub fn parse(text: &str) -> Result<FaultPlan, FaultError> {
         None => (what.trim(), None),
     };
     let kind = match name {
+        "drop" => FaultKind::Drop { probability: value.and_then(share).ok_or(FaultError::Share)? },
+        "stall" => FaultKind::Stall,
         "nan" => FaultKind::Nan,
+        "garbage" => FaultKind::Garbage,
+        "unplug" => FaultKind::Unplug,
+        "slow" => FaultKind::Slow { delay_s: value.and_then(delay).ok_or(FaultError::Delay)? },
         "stuck" => FaultKind::Stuck,
         "jump" => FaultKind::Jump,
-        "unplug" => FaultKind::Unplug,
-        "stall" => FaultKind::Stall,
-        "drop" => FaultKind::Drop { probability: value.and_then(share).ok_or(FaultError::Share)? },
+        "truncate" => FaultKind::Truncate,
         "sign-flip" => FaultKind::SignFlip,
-        name if NOT_AVAILABLE.contains(&name) => return Err(FaultError::NotAvailable { name: name.to_owned() }),
+        "saturate" => FaultKind::Saturate,
         name => return Err(FaultError::Unknown { name: name.to_owned() }),
     };
-    if value.is_some() && !matches!(kind, FaultKind::Drop { .. }) {
+    if value.is_some() && !matches!(kind, FaultKind::Drop { .. } | FaultKind::Slow { .. }) {
         return Err(FaultError::Value { name: name.to_owned() });
     }
-    let start_s = match time {
-        Some(time) => duration::parse(time).map_err(|source| FaultError::Time { name: name.to_owned(), source })?.as_secs_f64(),
-        None => 0.0,
+    let seconds = |text: &str| match duration::parse(text) {
+        Ok(time) => Ok(time.as_secs_f64()),
+        Err(source) => Err(FaultError::Time { name: name.to_owned(), source }),
     };
-    Ok(FaultPlan { kind, start_s })
+    let (start_s, end_s) = match time.map(|time| time.split_once('+').map_or((time, None), |(start, length)| (start, Some(length))))
+    {
+        None => (0.0, f64::INFINITY),
+        Some((start, None)) => (seconds(start)?, f64::INFINITY),
+        Some((start, Some(length))) => {
+            let (start_s, length_s) = (seconds(start)?, seconds(length)?);
+            if length_s == 0.0 {
+                return Err(FaultError::Length { name: name.to_owned() });
+            }
+            (start_s, start_s + length_s)
+        }
+    };
+    Ok(FaultPlan { kind, start_s, end_s })
 }
 
 fn share(text: &str) -> Option<f64> {
     let percent: f64 = text.trim().strip_suffix('%')?.trim_end().parse().ok()?;
     (0.0..=100.0).contains(&percent).then_some(percent / 100.0)
+}
+
+fn delay(text: &str) -> Option<f64> {
+    let delay_s = duration::parse(text).ok()?.as_secs_f64();
+    (delay_s > 0.0 && delay_s <= SLOWEST_S).then_some(delay_s)
 }
 
 #[cfg(test)]
@@ -123,18 +192,41 @@ mod tests {
 
     #[test]
     fn the_grammar_is_read() {
-        for (text, kind, start_s) in [
-            ("nan@2s", FaultKind::Nan, 2.0),
-            ("stuck@500ms", FaultKind::Stuck, 0.5),
-            ("jump@2s", FaultKind::Jump, 2.0),
-            ("unplug", FaultKind::Unplug, 0.0),
-            ("stall@1min", FaultKind::Stall, 60.0),
-            ("drop=1%", FaultKind::Drop { probability: 0.01 }, 0.0),
-            ("drop=20%@3s", FaultKind::Drop { probability: 0.2 }, 3.0),
-            ("sign-flip@2s", FaultKind::SignFlip, 2.0),
+        const EVER: f64 = f64::INFINITY;
+        for (text, kind, start_s, end_s) in [
+            ("nan@2s", FaultKind::Nan, 2.0, EVER),
+            ("stuck@500ms", FaultKind::Stuck, 0.5, EVER),
+            ("jump@2s+1ms", FaultKind::Jump, 2.0, 2.001),
+            ("unplug", FaultKind::Unplug, 0.0, EVER),
+            ("unplug@2s+500ms", FaultKind::Unplug, 2.0, 2.5),
+            ("stall@1min", FaultKind::Stall, 60.0, EVER),
+            ("drop=1%", FaultKind::Drop { probability: 0.01 }, 0.0, EVER),
+            ("drop=20%@3s+1s", FaultKind::Drop { probability: 0.2 }, 3.0, 4.0),
+            ("slow=4ms", FaultKind::Slow { delay_s: 0.004 }, 0.0, EVER),
+            ("slow=4ms@1s", FaultKind::Slow { delay_s: 0.004 }, 1.0, EVER),
+            ("garbage@2s", FaultKind::Garbage, 2.0, EVER),
+            ("truncate", FaultKind::Truncate, 0.0, EVER),
+            ("sign-flip@2s", FaultKind::SignFlip, 2.0, EVER),
+            ("saturate@2s", FaultKind::Saturate, 2.0, EVER),
         ] {
-            assert_eq!(parse(text), Ok(FaultPlan { kind, start_s }), "{text}");
+            assert_eq!(parse(text), Ok(FaultPlan { kind, start_s, end_s }), "{text}");
         }
+    }
+
+    #[test]
+    fn every_name_is_in_the_grammar_and_in_its_help() {
+        for name in NAMES {
+            let error = parse(&format!("{name}=?")).expect_err(name).to_string();
+            assert!(!error.contains("is not a fault"), "{error}");
+            assert!(USAGE.contains(name));
+        }
+    }
+
+    #[test]
+    fn a_fault_is_there_from_its_first_tick_to_its_last() {
+        let plan = parse("stall@10ms+5ms").expect("grammar");
+        let active: Vec<u32> = (0..30).filter(|&n| plan.active(f64::from(n) * 1e-3, 1e-3).is_some()).collect();
+        assert_eq!(active, [10, 11, 12, 13, 14]);
     }
 
     #[test]
@@ -142,13 +234,16 @@ mod tests {
         for (text, fragment) in [
             ("melt@2s", "`melt` is not a fault"),
             ("", "is not a fault"),
-            ("slow=4ms", "not available in this version"),
-            ("garbage@2s", "not available in this version"),
+            ("slow", "slow=4ms"),
+            ("slow=2s", "up to 1s"),
+            ("slow=0ms", "above 0"),
             ("drop", "drop=1%"),
             ("drop=101%", "0% to 100%"),
             ("drop=0.5", "0% to 100%"),
             ("drop=nan%", "0% to 100%"),
             ("nan@2", "is not a duration"),
+            ("nan@2s+5", "is not a duration"),
+            ("nan@2s+0s", "nan@2s+500ms"),
             ("nan=3@2s", "takes no value"),
         ] {
             let error = parse(text).expect_err(text).to_string();

@@ -10,6 +10,7 @@
 //! | `driver` | the [`Device`] trait, [`Capabilities`], edge errors |
 //! | [`profile`] | hardware as data |
 //! | [`nodes`] | hidraw nodes and serial ports of this machine, and which of them is an arm |
+//! | [`open`] | from a profile to an open arm, and back to it when it is lost |
 //! | [`transport`] | how bytes travel |
 //! | [`protocol`] | what they mean, both sides |
 //! | [`transmission`] | readings into joint angles, joint torques into motor commands |
@@ -28,6 +29,7 @@ pub mod fault;
 pub mod hand;
 pub mod kinematics;
 pub mod nodes;
+pub mod open;
 pub mod profile;
 pub mod protocol;
 mod round_trip;

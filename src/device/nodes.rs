@@ -1,6 +1,6 @@
 //! The nodes of this machine that an arm may hang on: hidraw and serial ports.
 //!
-//! Data out: [`Node`]s with what USB says of them. Which of them is a certain arm is decided by [`Criteria`], never by a product name alone: names
+//! Data out: [`Node`]s with what USB says of them. Which of them is a certain arm is decided by [`Match`] of its profile, never by a product name alone: names
 //! are empty without access to the node, and siblings share them.
 
 use core::fmt;
@@ -9,6 +9,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use serialport::SerialPortType;
+
+use super::profile::{Match, TransportKind};
 
 /// What kind of node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -187,70 +189,56 @@ impl fmt::Display for Selector {
     }
 }
 
-/// What a node must be to be a certain arm. Empty fields say nothing.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Criteria {
-    /// Kind of node.
-    pub kind: Option<NodeKind>,
-    /// USB vendor.
-    pub vendor_id: Option<u16>,
-    /// USB product.
-    pub product_id: Option<u16>,
-    /// Serial number.
-    pub serial: Option<String>,
-    /// Part of the product's name.
-    pub product: Option<String>,
-    /// USB interface.
-    pub interface: Option<u16>,
-    /// Usage page and usage of one of the collections.
-    pub usage_page: Option<u16>,
-    /// Usage, on that page.
-    pub usage: Option<u16>,
-    /// Part of the stable name.
-    pub by_id: Option<String>,
+impl Selector {
+    /// True for a node that it can mean.
+    pub fn means(&self, node: &Node) -> bool {
+        match self {
+            Self::Usb { vendor_id, product_id, serial } => {
+                (node.vendor_id, node.product_id) == (*vendor_id, *product_id)
+                    && serial.as_ref().is_none_or(|serial| *serial == node.serial)
+            }
+            Self::Path(path) => node.path == *path || node.by_id.as_ref() == Some(path),
+        }
+    }
 }
 
-impl Criteria {
-    /// True for a node that meets all of them.
-    pub fn admit(&self, node: &Node) -> bool {
-        fn meets<T: PartialEq>(wanted: Option<&T>, found: &T) -> bool {
-            wanted.is_none_or(|wanted| wanted == found)
-        }
-        let usage = |(page, usage): &(u16, u16)| meets(self.usage_page.as_ref(), page) && meets(self.usage.as_ref(), usage);
-        let by_id = |part: &String| node.by_id.as_ref().is_some_and(|name| name.to_string_lossy().contains(part.as_str()));
-        meets(self.kind.as_ref(), &node.kind)
-            && meets(self.vendor_id.as_ref(), &node.vendor_id)
-            && meets(self.product_id.as_ref(), &node.product_id)
-            && meets(self.serial.as_ref(), &node.serial)
+impl Match {
+    /// True for a node that can be this arm: everything that is given has to fit. An arm of which neither numbers nor a stable name are given is no
+    /// node by itself; the user has to name it.
+    pub fn admits(&self, node: &Node) -> bool {
+        let numbers = self.ids.is_empty() || self.ids.iter().any(|id| (id.vendor, id.product) == (node.vendor_id, node.product_id));
+        let is_named = !self.ids.is_empty() || self.by_id.is_some();
+        is_named
+            && numbers
+            && self.has_form_of(node)
+            && self.serial.as_ref().is_none_or(|serial| *serial == node.serial)
             && self.product.as_ref().is_none_or(|part| node.product.contains(part.as_str()))
-            && self.interface.is_none_or(|interface| node.interface == Some(interface))
+            && self
+                .by_id
+                .as_ref()
+                .is_none_or(|part| node.by_id.as_ref().is_some_and(|name| name.to_string_lossy().contains(part.as_str())))
+    }
+
+    /// True for a node of the right kind and interface, whoever made it.
+    pub fn has_form_of(&self, node: &Node) -> bool {
+        let kind = match self.transport {
+            TransportKind::Hid => NodeKind::Hid,
+            TransportKind::Serial => NodeKind::Serial,
+            TransportKind::Usb | TransportKind::Socket => return false,
+        };
+        let usage = |(page, usage): &(u16, u16)| {
+            self.usage_page.is_none_or(|wanted| wanted == *page) && self.usage.is_none_or(|wanted| wanted == *usage)
+        };
+        kind == node.kind
             && (self.usage_page.is_none() && self.usage.is_none() || node.usages.iter().any(usage))
-            && self.by_id.as_ref().is_none_or(by_id)
-    }
-
-    /// True when they name a device at all, so that one may be chosen by them.
-    pub fn name_a_device(&self) -> bool {
-        self.vendor_id.is_some() && self.product_id.is_some() || self.by_id.is_some()
-    }
-
-    /// The same, narrowed to what the user selected.
-    #[must_use]
-    pub fn narrowed(&self, selector: &Selector) -> Self {
-        match selector {
-            Selector::Usb { vendor_id, product_id, serial } => Self {
-                vendor_id: Some(*vendor_id),
-                product_id: Some(*product_id),
-                serial: serial.clone().or_else(|| self.serial.clone()),
-                ..self.clone()
-            },
-            Selector::Path(_) => self.clone(),
-        }
+            && self.interface.is_none_or(|interface| node.interface == Some(u16::from(interface)))
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::device::profile::UsbId;
 
     #[test]
     fn selectors_are_read_and_shown() {
@@ -274,18 +262,24 @@ mod tests {
             ..Node::at(Path::new("/dev/hidraw3"))
         };
         let emulated = Node { usages: vec![(0xffc9, 4)], interface: Some(1), ..teensy.clone() };
-        let raw_hid = Criteria {
-            kind: Some(NodeKind::Hid),
-            vendor_id: Some(0x16c0),
-            product_id: Some(0x0486),
+        let raw_hid = Match {
+            transport: TransportKind::Hid,
+            ids: vec![UsbId { vendor: 0x1234, product: 6 }, UsbId { vendor: 0x16c0, product: 0x0486 }],
             usage_page: Some(0xffab),
-            ..Criteria::default()
+            usage: None,
+            interface: None,
+            serial: None,
+            product: None,
+            by_id: None,
+            baud: 0,
         };
-        assert!(raw_hid.name_a_device() && raw_hid.admit(&teensy) && !raw_hid.admit(&emulated));
-        let other = raw_hid.narrowed(&"16c0:0486:77".parse().expect("valid"));
-        assert!(!other.admit(&teensy) && other.admit(&Node { serial: "77".into(), ..teensy.clone() }));
-        assert!(!Criteria { by_id: Some("Teensy".into()), ..Criteria::default() }.admit(&teensy));
-        assert!(!Criteria::default().name_a_device());
+        assert!(raw_hid.admits(&teensy) && !raw_hid.admits(&emulated));
+        assert!(!raw_hid.admits(&Node { kind: NodeKind::Serial, ..teensy.clone() }));
+        assert!(!Match { ids: Vec::new(), ..raw_hid.clone() }.admits(&teensy), "a page alone is no arm");
+        assert!(!Match { by_id: Some("Teensy".into()), ..raw_hid }.admits(&teensy));
+        let of_serial: Selector = "16c0:0486:77".parse().expect("valid");
+        assert!(!of_serial.means(&teensy) && of_serial.means(&Node { serial: "77".into(), ..teensy.clone() }));
+        assert!(Selector::Path("/dev/hidraw3".into()).means(&teensy));
     }
 
     #[test]

@@ -367,6 +367,10 @@ impl Device for WiredArm {
         if self.is_quiet(now_s)? {
             return Ok(self.last);
         }
+        if fed.corrupt > 0 {
+            // Garbled, but an answer: the next command may go.
+            self.owes_reply = false;
+        }
         if fed.reports > 0 {
             self.owes_reply = false;
             self.quiet_before = false;

@@ -25,9 +25,23 @@ impl Faults {
     pub const PANIC: Self = Self(1 << 6);
     /// The 6×6 step of the implicit coupling had no solution.
     pub const SOLVER: Self = Self(1 << 7);
+    /// Fresh samples repeat one pose although the arm was moving.
+    pub const STUCK: Self = Self(1 << 8);
+    /// The loop put more power into the hand than it may, over a window.
+    pub const POWER: Self = Self(1 << 9);
+    /// The arm no longer knows where its zero is.
+    pub const NOT_HOMED: Self = Self(1 << 10);
+    /// Too many packets were short, garbled or failed their check.
+    pub const PROTOCOL: Self = Self(1 << 11);
+    /// The arm itself reports an error.
+    pub const DEVICE_ERROR: Self = Self(1 << 12);
+    /// The arm's counter says that too many samples in a row were lost.
+    pub const SEQUENCE_GAP: Self = Self(1 << 13);
+    /// A motor is too hot.
+    pub const THERMAL: Self = Self(1 << 14);
 
     /// Every fault with its name on the wire and in plain words.
-    pub const TABLE: [(Self, &'static str, &'static str); 8] = [
+    pub const TABLE: [(Self, &'static str, &'static str); 15] = [
         (Self::NON_FINITE, "non-finite", "a pose or a force was not a number"),
         (Self::SPEED, "speed", "the arm moved faster than the speed limit"),
         (Self::STALE, "stale", "the arm sent no new sample for too long"),
@@ -36,6 +50,13 @@ impl Faults {
         (Self::POSITION_JUMP, "position-jump", "the sampled pose jumped further than the arm can move in one tick"),
         (Self::PANIC, "panic", "the servo thread stopped on an internal error"),
         (Self::SOLVER, "solver", "the coupling step had no solution"),
+        (Self::STUCK, "stuck", "the arm was moving, and then its samples repeated one pose for too long"),
+        (Self::POWER, "power", "the arm put more power into the hand than the power limit"),
+        (Self::NOT_HOMED, "not-homed", "the arm lost its zero while force was on"),
+        (Self::PROTOCOL, "protocol", "too many packets of the arm were garbled"),
+        (Self::DEVICE_ERROR, "device-error", "the arm reported an error of its own"),
+        (Self::SEQUENCE_GAP, "sequence-gap", "too many samples in a row were lost on the way"),
+        (Self::THERMAL, "thermal", "a motor of the arm was too hot"),
     ];
 
     /// True when no fault is set.

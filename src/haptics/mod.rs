@@ -13,29 +13,36 @@ mod constraint;
 pub mod contact;
 mod contact_damping;
 mod coupling;
+mod damper;
 mod drive;
 mod faults;
 pub mod filter;
 mod friction;
+mod interlock;
 pub mod limits;
+mod off_cause;
+mod packets;
 mod params;
 pub mod passivity;
 pub mod passivity_control;
 pub mod placing;
 mod port;
+pub mod power_window;
 mod quasi_static;
 mod render_scene;
 pub mod sample;
 pub mod stability;
+pub mod stuck;
 mod tick;
 mod virtual_tool;
 
 pub use coupling::Inertia;
 pub use drive::{Drive, DriveRequest};
 pub use faults::Faults;
+pub use off_cause::OffCause;
 pub use params::{
     ArmParameters, ContactParameters, CouplingMode, CouplingParameters, FilterParameters, FreeSpace, FrictionParameters,
-    LimitParameters, Normalization, Parameters, PortParameters, SpringClamp,
+    LimitParameters, Normalization, Parameters, PortParameters, SafetyParameters, SpringClamp,
 };
 pub use placing::Placement;
 pub use render_scene::{RenderScene, Tool};

@@ -170,6 +170,47 @@ pub struct LimitParameters {
     pub overrun_fault_ticks: u32,
 }
 
+impl LimitParameters {
+    /// Largest force of an arm whose profile says `signs_verified = false`, N: a motor that pushes the wrong way is positive feedback.
+    pub const UNVERIFIED_SIGNS_FORCE_N: f64 = 0.5;
+}
+
+/// What decides whether force may flow at all, next to the limits. The default asks for nothing: every gate is open.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SafetyParameters {
+    /// Number of the button that has to be held for force, 0..=31; `None`: no deadman.
+    pub deadman: Option<u8>,
+    /// Radius of the ball around the device origin within which force may flow, m; infinite: everywhere.
+    pub workspace_radius_m: f64,
+    /// Longest time of braking after too much speed, s.
+    pub brake_s: f64,
+    /// After enable the ramp begins once force and torque have been within this share of their limits (infinite: whatever they are) ...
+    pub engage_share: f64,
+    /// ... for more than so many ticks.
+    pub engage_ticks: u32,
+    /// Window over which the power into the hand is averaged, s. More than the power limit over it is a fault.
+    pub power_window_s: f64,
+    /// Smallest move from one sample to the next after which a pose that repeats is suspicious, m; infinite: never.
+    pub stuck_move_m: f64,
+    /// The same for a turn, rad.
+    pub stuck_turn_rad: f64,
+}
+
+impl Default for SafetyParameters {
+    fn default() -> Self {
+        Self {
+            deadman: None,
+            workspace_radius_m: f64::INFINITY,
+            brake_s: 0.1,
+            engage_share: f64::INFINITY,
+            engage_ticks: 0,
+            power_window_s: 0.05,
+            stuck_move_m: f64::INFINITY,
+            stuck_turn_rad: f64::INFINITY,
+        }
+    }
+}
+
 /// How device coordinates become world coordinates, and which axes exist.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PortParameters {
@@ -234,6 +275,8 @@ pub struct Parameters {
     pub filter: FilterParameters,
     /// Limits.
     pub limits: LimitParameters,
+    /// Gates.
+    pub safety: SafetyParameters,
     /// Device port.
     pub port: PortParameters,
     /// The arm behind the port.

@@ -13,6 +13,7 @@
 
 use glam::DVec3;
 
+use super::damper;
 use super::params::{ArmParameters, LimitParameters};
 use super::passivity::EnergyObserver;
 use crate::spatial::{Pose, Twist, Wrench};
@@ -71,9 +72,10 @@ impl Default for PassivityController {
 
 impl PassivityController {
     /// Counts the energy of the interval that ends with this sample: the displacement since the last one, times the command that was
-    /// written `delay_ticks` before the newest. The first call only takes the pose. RT: safe, O(1).
-    pub fn observe(&mut self, pose: Pose, delay_ticks: u32, period_s: f64) {
-        let Some(last) = self.last_pose.replace(pose) else { return };
+    /// written `delay_ticks` before the newest. The first call only takes the pose. Returns the energy that the command put into the hand
+    /// in that interval, J. RT: safe, O(1).
+    pub fn observe(&mut self, pose: Pose, delay_ticks: u32, period_s: f64) -> f64 {
+        let Some(last) = self.last_pose.replace(pose) else { return 0.0 };
         let acted = self.acted(delay_ticks);
         let before_j = self.observer.energy_j();
         let energy_j = self.observer.observe_held(acted, pose.translation - last.translation, last.rotation_to(pose));
@@ -82,6 +84,7 @@ impl PassivityController {
         if self.quiet_s > FORGET_AFTER_S {
             self.budget_j = self.budget_j.min(0.0);
         }
+        before_j - energy_j
     }
 
     /// Takes note, after [`observe`](Self::observe), of how obstacles that move carry the port (device axes, m and rad in this tick).
@@ -116,10 +119,7 @@ impl PassivityController {
         self.active = false;
         self.injected = Wrench::ZERO;
         let missing_j = period_s * wanted.power(twist) - self.budget_j;
-        let sure = Twist {
-            linear: beyond(twist.linear, arm.velocity_step_m_per_s),
-            angular: beyond(twist.angular, arm.velocity_step_rad_per_s),
-        };
+        let sure = damper::certain(twist, arm);
         let damper = Wrench::new(sure.linear * -arm.injected_n_s_per_m, sure.angular * -arm.injected_nm_s_per_rad);
         let largest_j = -period_s * damper.power(sure);
         // Written so that a NaN injects nothing.
@@ -185,11 +185,6 @@ impl PassivityController {
         let back = delay_ticks.min(MAX_DELAY_TICKS) as usize;
         ring.get((self.newest + N_HELD - back) % N_HELD).copied().unwrap_or(Wrench::ZERO)
     }
-}
-
-/// What is left of each component when it is known only to within `step`. Written so that a NaN stays one.
-fn beyond(velocity: DVec3, step: f64) -> DVec3 {
-    velocity - velocity.clamp(DVec3::splat(-step), DVec3::splat(step))
 }
 
 #[cfg(test)]

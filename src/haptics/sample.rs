@@ -2,7 +2,9 @@
 //!
 //! Data in: one device sample per tick. Data out: faults, and whether the wrench has to ramp down because samples are late.
 
-use super::{Faults, LimitParameters};
+use super::packets::{Link, Packets};
+use super::stuck::StuckWatch;
+use super::{Faults, LimitParameters, OffCause, SafetyParameters};
 use crate::spatial::{DeviceSample, Pose, SampleStatus};
 
 /// A pose may move this many times further between two samples than the speed limit allows. Below the fault for speed lies
@@ -14,7 +16,7 @@ const JUMP_FLOOR_M: f64 = 5e-3;
 
 /// A turn of more than this many radians per tick is a jump: 500 rad/s at 1 kHz, some twenty times what a wrist does, and far less than
 /// the half turn that a flipped frame or a wrong axis order makes. There is no limit of angular speed to derive it from.
-const JUMP_TURN_RAD: f64 = 0.5;
+pub(super) const MOST_TURN_RAD: f64 = 0.5;
 
 /// A quaternion whose squared length is further from 1 is not a rotation; `f32` on the wire stays within 1e-6.
 const NORM_TOLERANCE: f64 = 1e-3;
@@ -24,9 +26,9 @@ const NORM_TOLERANCE: f64 = 1e-3;
 pub struct SampleCheck {
     /// Faults of this sample. With any of them its values are not to be used.
     pub faults: Faults,
-    /// Too many ticks without a fresh sample: the output ramps down until one comes.
-    pub ramp_down: bool,
-    /// Ticks since the last fresh sample; 0 with a fresh one.
+    /// `Stale` or `Protocol`: the output ramps down until samples are good again. `None`: they are.
+    pub ramp_down: OffCause,
+    /// Ticks since the last sample that is worth something; 0 with a fresh one.
     pub stale_ticks: u32,
 }
 
@@ -35,6 +37,8 @@ pub struct SampleCheck {
 pub struct SampleMonitor {
     previous: Option<Pose>,
     stale_ticks: u32,
+    stuck: StuckWatch,
+    packets: Packets,
 }
 
 impl SampleMonitor {
@@ -46,40 +50,80 @@ impl SampleMonitor {
     /// | pose, twist or grip not finite, or the quaternion not of unit length | `NON_FINITE` |
     /// | speed of the grip above the limit, or a turn of more than 0.5 rad per tick | `SPEED` |
     /// | fresh pose further from the last one than max(5 × speed limit × T, 5 mm) or 0.5 rad, per tick since then | `POSITION_JUMP` |
-    /// | more than `stale_ticks_max` ticks without a fresh sample | ramp down |
+    /// | more than `stale_ticks_max` ticks without a fresh sample, or a gap as long in the arm's own count | ramp down |
     /// | more than `stale_fault_ticks` such ticks | `STALE` |
+    /// | `stale_fault_ticks` or more samples lost in one gap of the arm's own count | `SEQUENCE_GAP` |
+    /// | five or more fresh samples that repeat a pose out of a motion ([`stuck`](super::stuck)) | stale from the first repeat |
+    /// | more than `stale_fault_ticks` of them | `STUCK` |
+    /// | more than 5 garbled packets in 100 ms | ramp down |
+    /// | more than 10 | `PROTOCOL` |
+    /// | the arm reports an error | `DEVICE_ERROR` |
+    ///
+    /// Garbled packets are those of this read and count whatever the status is; lost ones count with the fresh sample that shows the gap.
     ///
     /// Whether a fault latches (the drive may be disabled) is the caller's decision. After a jump the new pose is the one to
     /// compare with, so the operator can enable again where the arm is. RT: safe, total on every bit pattern.
-    pub fn check(&mut self, sample: &DeviceSample, limits: &LimitParameters, period_s: f64) -> SampleCheck {
+    pub fn check(
+        &mut self,
+        sample: &DeviceSample,
+        limits: &LimitParameters,
+        safety: &SafetyParameters,
+        period_s: f64,
+    ) -> SampleCheck {
         if sample.status == SampleStatus::Lost {
-            self.previous = None;
-            self.stale_ticks = self.stale_ticks.saturating_add(1);
-            return SampleCheck { faults: Faults::DEVICE_LOST, ramp_down: true, stale_ticks: self.stale_ticks };
+            *self = Self { stale_ticks: self.stale_ticks.saturating_add(1), ..Self::default() };
+            return SampleCheck { faults: Faults::DEVICE_LOST, ramp_down: OffCause::Disconnected, stale_ticks: self.stale_ticks };
         }
         let mut faults = Faults::NONE;
         let sound = is_sound(sample);
         if !sound {
             faults |= Faults::NON_FINITE;
-        } else if sample.twist.linear.length() > limits.speed_m_per_s || sample.twist.angular.length() * period_s > JUMP_TURN_RAD {
+        } else if sample.twist.linear.length() > limits.speed_m_per_s || sample.twist.angular.length() * period_s > MOST_TURN_RAD {
             faults |= Faults::SPEED;
         }
+        if sample.device_error != 0 {
+            faults |= Faults::DEVICE_ERROR;
+        }
+        let link = self.packets.count(sample.corrupt_packets, period_s);
+        if link == Link::Broken {
+            faults |= Faults::PROTOCOL;
+        }
+        // What this tick is worth: a gap that ends now still was one.
+        let worthless_ticks;
         if sample.status == SampleStatus::Fresh {
-            let n_ticks = f64::from(self.stale_ticks.saturating_add(1));
+            let lost_ticks = u32::from(sample.lost_packets);
+            let gap_ticks = self.stale_ticks.max(lost_ticks);
+            let n_ticks = f64::from(gap_ticks.saturating_add(1));
             self.stale_ticks = 0;
-            if sound {
-                if self.previous.is_some_and(|previous| is_jump(previous, sample.pose, n_ticks, limits, period_s)) {
+            if lost_ticks >= limits.stale_fault_ticks {
+                faults |= Faults::SEQUENCE_GAP;
+            }
+            let mut stuck_ticks = 0;
+            if sound && let Some(previous) = self.previous.replace(sample.pose) {
+                stuck_ticks = self.stuck.fresh(previous, sample.pose, n_ticks, safety.stuck_move_m, safety.stuck_turn_rad);
+                if is_jump(previous, sample.pose, n_ticks, limits, period_s) {
                     faults |= Faults::POSITION_JUMP;
                 }
-                self.previous = Some(sample.pose);
             }
+            if stuck_ticks > limits.stale_fault_ticks {
+                faults |= Faults::STUCK;
+            }
+            worthless_ticks = stuck_ticks.max(lost_ticks);
         } else {
             self.stale_ticks = self.stale_ticks.saturating_add(1);
             if self.stale_ticks > limits.stale_fault_ticks {
                 faults |= Faults::STALE;
             }
+            worthless_ticks = self.stale_ticks.max(self.stuck.stale());
         }
-        SampleCheck { faults, ramp_down: self.stale_ticks > limits.stale_ticks_max, stale_ticks: self.stale_ticks }
+        let ramp_down = if worthless_ticks > limits.stale_ticks_max {
+            OffCause::Stale
+        } else if link == Link::Sound {
+            OffCause::None
+        } else {
+            OffCause::Protocol
+        };
+        SampleCheck { faults, ramp_down, stale_ticks: worthless_ticks }
     }
 }
 
@@ -95,7 +139,7 @@ fn is_jump(previous: Pose, pose: Pose, n_ticks: f64, limits: &LimitParameters, p
     // cos of half the turn; q and −q are the same rotation. Normalised, as each of them may be off by the tolerance.
     let norms = (previous.rotation.length_squared() * pose.rotation.length_squared()).sqrt();
     let half_turn_cos = previous.rotation.dot(pose.rotation).abs() / norms;
-    let allowed_half_turn_rad = (0.5 * n_ticks * JUMP_TURN_RAD).min(core::f64::consts::FRAC_PI_2);
+    let allowed_half_turn_rad = (0.5 * n_ticks * MOST_TURN_RAD).min(core::f64::consts::FRAC_PI_2);
     moved_m > allowed_m || half_turn_cos < allowed_half_turn_rad.cos()
 }
 
@@ -129,10 +173,18 @@ mod tests {
         DeviceSample { pose: Pose::from_translation(DVec3::X * x_m), status: SampleStatus::Fresh, ..DeviceSample::default() }
     }
 
+    fn safety() -> SafetyParameters {
+        SafetyParameters { stuck_move_m: 1.2e-4, stuck_turn_rad: 0.018, ..SafetyParameters::default() }
+    }
+
+    fn check(monitor: &mut SampleMonitor, sample: &DeviceSample) -> SampleCheck {
+        monitor.check(sample, &limits(), &safety(), PERIOD_S)
+    }
+
     fn faults_of(sample: &DeviceSample) -> Faults {
         let mut monitor = SampleMonitor::default();
-        monitor.check(&fresh(0.0), &limits(), PERIOD_S);
-        monitor.check(sample, &limits(), PERIOD_S).faults
+        check(&mut monitor, &fresh(0.0));
+        check(&mut monitor, sample).faults
     }
 
     #[test]
@@ -145,7 +197,7 @@ mod tests {
             if tick_idx % 2 == 0 {
                 sample.pose.rotation = -sample.pose.rotation;
             }
-            assert_eq!(monitor.check(&sample, &limits(), PERIOD_S), SampleCheck::default());
+            assert_eq!(check(&mut monitor, &sample), SampleCheck::default());
         }
     }
 
@@ -183,42 +235,98 @@ mod tests {
         assert_eq!(faults_of(&turned(core::f64::consts::PI)), Faults::POSITION_JUMP);
         // The first sample has nothing to jump from, and after a jump the new place is the reference.
         let mut monitor = SampleMonitor::default();
-        assert_eq!(monitor.check(&fresh(3.0), &limits(), PERIOD_S).faults, Faults::NONE);
-        assert_eq!(monitor.check(&fresh(0.0), &limits(), PERIOD_S).faults, Faults::POSITION_JUMP);
-        assert_eq!(monitor.check(&fresh(0.0), &limits(), PERIOD_S).faults, Faults::NONE);
+        assert_eq!(check(&mut monitor, &fresh(3.0)).faults, Faults::NONE);
+        assert_eq!(check(&mut monitor, &fresh(0.0)).faults, Faults::POSITION_JUMP);
+        assert_eq!(check(&mut monitor, &fresh(0.0)).faults, Faults::NONE);
     }
 
     #[test]
     fn a_gap_of_stale_ticks_allows_the_way_that_the_arm_went_meanwhile() {
         let mut monitor = SampleMonitor::default();
-        monitor.check(&fresh(0.0), &limits(), PERIOD_S);
+        check(&mut monitor, &fresh(0.0));
         for _ in 0..2 {
-            monitor.check(&DeviceSample { status: SampleStatus::Stale, ..fresh(0.0) }, &limits(), PERIOD_S);
+            check(&mut monitor, &DeviceSample { status: SampleStatus::Stale, ..fresh(0.0) });
         }
-        assert_eq!(monitor.check(&fresh(14.9e-3), &limits(), PERIOD_S).faults, Faults::NONE);
-        assert_eq!(monitor.check(&fresh(0.0), &limits(), PERIOD_S).faults, Faults::POSITION_JUMP);
+        assert_eq!(check(&mut monitor, &fresh(14.9e-3)).faults, Faults::NONE);
+        assert_eq!(check(&mut monitor, &fresh(0.0)).faults, Faults::POSITION_JUMP);
     }
 
     #[test]
     fn stale_samples_ramp_down_then_fault_and_a_fresh_one_recovers() {
         let mut monitor = SampleMonitor::default();
-        monitor.check(&fresh(0.0), &limits(), PERIOD_S);
+        check(&mut monitor, &fresh(0.0));
         let stale = DeviceSample { status: SampleStatus::Stale, ..fresh(0.0) };
         for tick_idx in 1..=25 {
-            let check = monitor.check(&stale, &limits(), PERIOD_S);
+            let check = check(&mut monitor, &stale);
             assert_eq!(check.stale_ticks, tick_idx);
-            assert_eq!(check.ramp_down, tick_idx > 3);
+            assert_eq!(check.ramp_down, if tick_idx > 3 { OffCause::Stale } else { OffCause::None });
             assert_eq!(check.faults, if tick_idx > 20 { Faults::STALE } else { Faults::NONE });
         }
-        assert_eq!(monitor.check(&fresh(0.0), &limits(), PERIOD_S), SampleCheck::default());
+        assert_eq!(check(&mut monitor, &fresh(0.0)), SampleCheck::default());
     }
 
     #[test]
     fn a_lost_device_faults_at_once_whatever_its_values_are() {
         let mut lost = fresh(f64::NAN);
         lost.status = SampleStatus::Lost;
-        let check = SampleMonitor::default().check(&lost, &limits(), PERIOD_S);
-        assert_eq!((check.faults, check.ramp_down), (Faults::DEVICE_LOST, true));
+        let check = check(&mut SampleMonitor::default(), &lost);
+        assert_eq!((check.faults, check.ramp_down), (Faults::DEVICE_LOST, OffCause::Disconnected));
+    }
+
+    #[test]
+    fn samples_that_the_arm_counts_as_lost_are_stale_ticks_and_many_are_a_fault() {
+        for (lost_packets, ramp_down, faults) in [
+            (3, OffCause::None, Faults::NONE),
+            (4, OffCause::Stale, Faults::NONE),
+            (19, OffCause::Stale, Faults::NONE),
+            (20, OffCause::Stale, Faults::SEQUENCE_GAP),
+            (u16::MAX, OffCause::Stale, Faults::SEQUENCE_GAP),
+        ] {
+            let mut monitor = SampleMonitor::default();
+            check(&mut monitor, &fresh(0.0));
+            // Over a gap of n samples an arm may go n + 1 times as far.
+            let x_m = 4.9e-3 * (f64::from(lost_packets) + 1.0);
+            let found = check(&mut monitor, &DeviceSample { lost_packets, ..fresh(x_m) });
+            assert_eq!(found, SampleCheck { faults, ramp_down, stale_ticks: u32::from(lost_packets) });
+            assert_eq!(check(&mut monitor, &fresh(x_m)), SampleCheck::default());
+            // A late sample repeats what was said before.
+            let late = DeviceSample { lost_packets, status: SampleStatus::Stale, ..fresh(x_m) };
+            assert_eq!(check(&mut monitor, &late).stale_ticks, 1);
+        }
+    }
+
+    #[test]
+    fn garbled_packets_ramp_down_then_fault_whether_or_not_a_sample_came_through() {
+        for status in [SampleStatus::Fresh, SampleStatus::Stale] {
+            let mut monitor = SampleMonitor::default();
+            for n in 1..=11 {
+                let found = check(&mut monitor, &DeviceSample { corrupt_packets: 1, status, ..fresh(0.0) });
+                assert_eq!(found.faults.contains(Faults::PROTOCOL), n == 11, "{n}");
+                assert_eq!(found.ramp_down != OffCause::None, n > 5, "{n}");
+                check(&mut monitor, &fresh(0.0));
+            }
+        }
+    }
+
+    #[test]
+    fn an_error_of_the_arm_is_a_fault_as_long_as_it_lasts() {
+        assert_eq!(faults_of(&DeviceSample { device_error: 3, ..fresh(0.0) }), Faults::DEVICE_ERROR);
+        assert_eq!(faults_of(&DeviceSample { device_error: 3, status: SampleStatus::Stale, ..fresh(0.0) }), Faults::DEVICE_ERROR);
+    }
+
+    #[test]
+    fn a_pose_that_freezes_out_of_a_motion_is_stale_from_its_first_repeat_then_stuck() {
+        let mut monitor = SampleMonitor::default();
+        for n in 0..=5 {
+            assert_eq!(check(&mut monitor, &fresh(2e-4 * f64::from(n))), SampleCheck::default());
+        }
+        for repeat in 1..=30 {
+            let found = check(&mut monitor, &fresh(1e-3));
+            assert_eq!(found.stale_ticks, if repeat < 5 { 0 } else { repeat });
+            assert_eq!(found.ramp_down, if repeat < 5 { OffCause::None } else { OffCause::Stale });
+            assert_eq!(found.faults, if repeat > 20 { Faults::STUCK } else { Faults::NONE });
+        }
+        assert_eq!(check(&mut monitor, &fresh(1.04e-3)), SampleCheck::default());
     }
 
     proptest! {

@@ -1,19 +1,24 @@
 //! The one step, in one place: sample check → contact sum → friction → shaping filter → coupling → passivity → power → slew →
 //! magnitude → finite check.
 
+mod advance;
+
 use super::auto_limit::LoopDelay;
 use super::braking::Braking;
 use super::contact::{Budget, ContactSum, Machine, Traversal, Way};
+use super::damper;
+use super::interlock::{Interlock, is_outside};
 use super::limits::{Limiter, Ramp};
 use super::params::CouplingMode;
 use super::passivity_control::PassivityController;
 use super::placing::{Movers, Placement};
 use super::port::Port;
-use super::sample::SampleMonitor;
+use super::power_window::PowerWindow;
+use super::sample::{SampleCheck, SampleMonitor};
 use super::stability::filter_delay_s;
 use super::virtual_tool::{Touch, VirtualTool};
-use super::{Drive, DriveRequest, Faults, RenderScene};
-use crate::spatial::{DeviceSample, Pose, SampleStatus, Twist, Wrench};
+use super::{Drive, DriveRequest, Faults, OffCause, Parameters, RenderScene};
+use crate::spatial::{DeviceSample, Pose, Twist, Wrench};
 
 /// Everything that enters one tick from outside.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -61,6 +66,8 @@ pub struct TickOutput {
     pub drive: Drive,
     /// Faults that are latched.
     pub faults: Faults,
+    /// Why no force flows, or why it is on its way out; `None` while it flows or ramps up.
+    pub off_cause: OffCause,
 }
 
 /// What the tick remembers from one call to the next. Everything it needs is allocated when it is made.
@@ -69,11 +76,14 @@ pub struct State {
     drive: Drive,
     faults: Faults,
     monitor: SampleMonitor,
+    interlock: Interlock,
     overruns: u32,
     port: Port,
     /// Where the tool's body axes stood at enable.
     start: Pose,
     resume: Option<Resume>,
+    /// Nothing was in the tool's way where it stood in the last tick.
+    has_room: bool,
     tool: VirtualTool,
     /// Finds what touches, and knows where the obstacles stand.
     traversal: Traversal,
@@ -82,6 +92,7 @@ pub struct State {
     braking: Option<Braking>,
     delay: LoopDelay,
     passivity: PassivityController,
+    power: PowerWindow,
     enable_gain: Ramp,
     limiter: Limiter,
 }
@@ -104,16 +115,19 @@ impl State {
             drive: Drive::Disabled,
             faults: Faults::NONE,
             monitor: SampleMonitor::default(),
+            interlock: Interlock::default(),
             overruns: 0,
             port: Port::default(),
             start: scene.start(),
             resume: None,
+            has_room: false,
             tool: VirtualTool::at(scene.start()),
             traversal: Traversal::new(Machine::best(), Way::Tree, &scene.obstacles, &scene.tool.shell),
             movers: Movers::new(scene.obstacles.len()),
             braking: Braking::of(scene),
             delay: LoopDelay::default(),
             passivity: PassivityController::default(),
+            power: PowerWindow::default(),
             enable_gain: Ramp::default(),
             limiter: Limiter::default(),
         }
@@ -163,6 +177,7 @@ impl State {
         self.faults |= faults;
         if !self.faults.is_empty() {
             self.drive = Drive::Fault;
+            self.interlock.fail(self.faults);
             self.at_rest(self.tool.pose());
         }
     }
@@ -174,17 +189,17 @@ impl State {
 /// zero wrench and a fault. Cost: one walk over the shell's tree per obstacle plus a 6×6 solve.
 pub fn tick(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOutput {
     let p = &scene.parameters;
-    let check = state.monitor.check(&input.sample, &p.limits, p.period_s);
+    let check = state.monitor.check(&input.sample, &p.limits, &p.safety, p.period_s);
     state.overruns = if input.overrun { state.overruns.saturating_add(1) } else { 0 };
     let mut faults = check.faults;
     if p.limits.overrun_fault_ticks > 0 && state.overruns >= p.limits.overrun_fault_ticks {
         faults |= Faults::OVERRUN;
     }
-    advance_drive(scene, state, input, faults);
+    advance::advance(scene, state, input, faults);
     state.movers.advance(state.traversal.places_mut(), input.place, state.drive.has_force(), p);
 
     let target = state.port.target(&input.sample, &p.port, state.start);
-    if state.drive.has_force() && p.coupling.mode == CouplingMode::Direct {
+    if state.drive.renders() && p.coupling.mode == CouplingMode::Direct {
         state.tool.stand_at(target, scene);
     }
     let moving = state.movers.n_under_way() > 0;
@@ -192,19 +207,26 @@ pub fn tick(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOu
     let contact = &touch.contact;
     // A tool that only tries where it could stand touches nothing yet.
     let tries = state.resume.is_some();
+    state.has_room = contact.max_value_m <= RESUME_VOXELS * contact.voxel_size_m;
     if let Some(resume) = &mut state.resume {
-        resume.has_room = Some(contact.max_value_m <= RESUME_VOXELS * contact.voxel_size_m);
+        resume.has_room = Some(state.has_room);
     }
     if !contact.wrench.is_finite() || contact.max_value_m.is_nan() {
         state.fail(Faults::NON_FINITE);
     }
-    let mut felt = Felt::default();
-    if state.drive.has_force() {
-        match render(scene, state, &touch, target, input, check.ramp_down) {
-            Ok(rendered) => felt = rendered,
-            Err(faults) => state.fail(faults),
-        }
-    }
+    let ramp_down = match check.ramp_down {
+        OffCause::None if is_outside(&input.sample, &p.safety) => OffCause::Workspace,
+        ramp_down => ramp_down,
+    };
+    let result = match state.drive {
+        Drive::Braking => brake(p, state, input, check),
+        drive if drive.renders() => render(scene, state, &touch, target, input, ramp_down),
+        _ => Ok(Felt::default()),
+    };
+    let felt = result.unwrap_or_else(|faults| {
+        state.fail(faults);
+        Felt::default()
+    });
     state.passivity.hold(felt.command_device);
     let touching = TickOutput {
         contact_world: contact.wrench + felt.friction_world,
@@ -226,6 +248,10 @@ pub fn tick(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOu
         delay_ticks: state.delay.worst_ticks(),
         drive: state.drive,
         faults: state.faults,
+        off_cause: match state.drive {
+            Drive::Enabling | Drive::Enabled => ramp_down,
+            Drive::Disabled | Drive::Stopping | Drive::Braking | Drive::Fault => state.interlock.cause,
+        },
         ..if tries { TickOutput::default() } else { touching }
     }
 }
@@ -245,12 +271,11 @@ fn render(
     touch: &Touch,
     target: (Pose, Twist),
     input: &TickInput,
-    ramp_down: bool,
+    ramp_down: OffCause,
 ) -> Result<Felt, Faults> {
     let (p, sample) = (&scene.parameters, &input.sample);
     state.delay.measure(sample.delay_ticks, p.period_s);
-    let delay_ticks = sample.delay_ticks.max(p.arm.delay_ticks);
-    state.passivity.observe(sample.pose, delay_ticks, p.period_s);
+    let delay_ticks = observe(p, state, sample)?;
     let (moved, turned) = p.port.way_device(touch.contact.carried.linear, touch.contact.carried.angular);
     let spring_j = 0.5 * p.limits.force_n * p.limits.force_n / p.coupling.stiffness_n_per_m;
     state.passivity.carry(moved, turned, delay_ticks, spring_j);
@@ -267,20 +292,31 @@ fn render(
         return Err(Faults::NON_FINITE);
     }
 
-    let up = state.drive != Drive::Stopping && !ramp_down;
-    let gain = state.enable_gain.advance(up, p.limits.ramp_s, p.period_s);
     let wanted = p.port.wrench_device(felt_world);
     // Only what the motors give has power and is limited; the rest is reported and dropped.
     let actuated = p.port.actuated_part(wanted);
+    let engages = state.interlock.engages(actuated, p.limits.force_n, p.limits.torque_nm, &p.safety);
+    let up = state.drive != Drive::Stopping && ramp_down == OffCause::None && engages;
+    let gain = state.enable_gain.advance(up, p.limits.ramp_s, p.period_s);
     let trusted = actuated * state.passivity.trusted_share(&p.arm);
     let damped = state.passivity.damped(trusted, sample.twist, &p.arm, &p.limits, p.period_s);
-    let limited = state.limiter.apply(p.port.actuated_part(damped), sample.twist, gain, &p.limits, p.period_s);
+    let mut ramped = p.port.actuated_part(damped) * gain;
+    if state.drive == Drive::Enabling && engages && actuated != Wrench::ZERO {
+        // While the force rises the hand is steadied. Free space stays free.
+        ramped = ramped + p.port.actuated_part(damper::strongest(sample.twist, &p.arm, 1.0 - gain));
+    }
+    let limited = state.limiter.apply(ramped, sample.twist, 1.0, &p.limits, p.period_s);
     if !limited.finite {
         return Err(Faults::NON_FINITE);
     }
     state.drive = match state.drive {
         Drive::Enabling if gain >= 1.0 => Drive::Enabled,
-        Drive::Stopping if gain <= 0.0 && limited.wrench == Wrench::ZERO => Drive::Disabled,
+        Drive::Stopping if gain <= 0.0 && limited.wrench == Wrench::ZERO => {
+            if !state.interlock.pending.is_empty() {
+                return Err(state.interlock.pending);
+            }
+            Drive::Disabled
+        }
         drive => drive,
     };
     Ok(Felt {
@@ -290,32 +326,37 @@ fn render(
     })
 }
 
-/// Follows the supervisor's request; `faults` are those of this tick's sample.
-fn advance_drive(scene: &RenderScene, state: &mut State, input: &TickInput, faults: Faults) {
-    if state.drive.has_force() && !faults.is_empty() {
-        state.fail(faults);
-        return;
+/// A damper on the arm, without a scene. When the pause is over it fades, and the drive is disabled at zero.
+fn brake(p: &Parameters, state: &mut State, input: &TickInput, check: SampleCheck) -> Result<Felt, Faults> {
+    observe(p, state, &input.sample)?;
+    let is_paused = input.request == DriveRequest::Pause && state.interlock.is_held();
+    let brakes = is_paused || !state.interlock.pending.is_empty();
+    // Old velocities would drive the arm.
+    let wanted = if brakes && check.ramp_down == OffCause::None {
+        p.port.actuated_part(damper::brake(input.sample.twist, &p.arm))
+    } else {
+        Wrench::ZERO
+    };
+    let limited = state.limiter.apply(wanted, input.sample.twist, 1.0, &p.limits, p.period_s);
+    if !limited.finite {
+        return Err(Faults::NON_FINITE);
     }
-    match (state.drive, input.request) {
-        (_, DriveRequest::Disable) => {
-            state.at_rest(state.tool.pose());
-            state.drive = Drive::Disabled;
-            state.faults = Faults::NONE;
-        }
-        (Drive::Disabled, DriveRequest::Enable) if !faults.is_empty() => state.fail(faults),
-        // One tick shows whether there is room.
-        (Drive::Disabled, DriveRequest::Enable) if state.resume.is_some_and(|resume| resume.has_room.is_none()) => {}
-        // A sample that is old, or never came, cannot be the zero of the indexing.
-        (Drive::Disabled, DriveRequest::Enable) if input.sample.status == SampleStatus::Fresh => {
-            let resume = state.resume.take().filter(|resume| resume.has_room == Some(true));
-            state.start = resume.map_or(scene.start(), |resume| resume.body);
-            state.at_rest(state.start);
-            state.port = Port::indexed(&input.sample);
-            state.passivity.reset();
-            state.delay = LoopDelay::starting_at(input.sample.delay_ticks);
-            state.drive = Drive::Enabling;
-        }
-        (Drive::Enabling | Drive::Enabled, DriveRequest::Stop) => state.drive = Drive::Stopping,
-        _ => {}
+    if !brakes && limited.wrench == Wrench::ZERO {
+        state.drive = Drive::Disabled;
     }
+    Ok(Felt { command_device: limited.wrench, commanded_device: limited.wrench, friction_world: Wrench::ZERO })
 }
+
+/// Counts the energy of the tick that ends with this sample. Returns the delay of the command that acted.
+fn observe(p: &Parameters, state: &mut State, sample: &DeviceSample) -> Result<u32, Faults> {
+    let delay_ticks = sample.delay_ticks.max(p.arm.delay_ticks);
+    let given_j = state.passivity.observe(sample.pose, delay_ticks, p.period_s);
+    if state.power.exceeds(given_j, p.limits.power_w, p.safety.power_window_s, p.period_s) {
+        return Err(Faults::POWER);
+    }
+    Ok(delay_ticks)
+}
+
+#[cfg(test)]
+#[expect(clippy::disallowed_types, clippy::expect_used, reason = "test code")]
+mod tests;

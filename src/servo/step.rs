@@ -348,6 +348,7 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
             }
             Err(DeviceError::Packet | DeviceError::NonFinite) => {
                 self.packet_errors += 1;
+                (self.sample.corrupt_packets, self.sample.lost_packets) = (1, 0);
                 self.sample.status = SampleStatus::Stale;
             }
             Err(DeviceError::Lost | DeviceError::Os(_)) => self.sample.status = SampleStatus::Lost,

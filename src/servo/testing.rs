@@ -9,7 +9,7 @@ use glam::{DMat3, DVec3};
 use crate::device::{Capabilities, Device, DeviceError};
 use crate::haptics::{
     ArmParameters, ContactParameters, CouplingMode, CouplingParameters, FilterParameters, FreeSpace, Inertia, LimitParameters,
-    Parameters, PortParameters, RenderScene, SpringClamp, Tool,
+    Parameters, PortParameters, RenderScene, SafetyParameters, SpringClamp, Tool,
 };
 use crate::pointshell::shell::Shell;
 use crate::rt::clock::{Clock, ClockKind};
@@ -45,6 +45,7 @@ pub(crate) fn parameters() -> Parameters {
             stale_fault_ticks: 20,
             overrun_fault_ticks: 0,
         },
+        safety: SafetyParameters::default(),
         port: PortParameters {
             world_from_device: Pose::IDENTITY,
             scale: 1.0,

@@ -34,9 +34,9 @@ pub struct DeviceSample {
     pub delay_ticks: u32,
     /// The arm knows where its zero is; no force before it does.
     pub homed: bool,
-    /// Reports of the exchange that were short, garbled or failed their check, and were thrown away.
+    /// Reports of this read that were short, garbled or failed their check, and were thrown away; also of a read that gives no fresh sample.
     pub corrupt_packets: u16,
-    /// Reports that the arm's own counter says were lost before this one.
+    /// Reports that the arm's own counter says were lost before this one. Means nothing in a stale sample.
     pub lost_packets: u16,
     /// Error that the arm itself reports; 0: none.
     pub device_error: u16,

@@ -388,10 +388,7 @@ fn a_wrong_scene_is_a_configuration_error_of_every_command() {
             scene(PLANE, "2.0", "sim = { fault = \"nan@5\" }\n"),
             &["wrong.toml:14: device.sim.fault = \"nan@5\"", "10s, 500ms or 2min"],
         ),
-        (
-            scene(PLANE, "2.0", "sim = { fault = \"slow@5s\" }\n"),
-            &["wrong.toml:14: device.sim.fault", "not available in this version"],
-        ),
+        (scene(PLANE, "2.0", "sim = { fault = \"slow@5s\" }\n"), &["wrong.toml:14: device.sim.fault", "as in slow=4ms"]),
         (scene(PLANE, "2.0", "sim = { fault = \"drop=200%\" }\n"), &["wrong.toml:14: device.sim.fault", "from 0% to 100%"]),
         (String::new(), &["wrong.toml: version: missing", "hint: write `version = 1`"]),
         ("version = ".to_owned(), &["wrong.toml:1: not TOML"]),

@@ -135,7 +135,7 @@ mistakes! {
     quaternion_in_degrees: with("[0, 0, 0, 1]", "[0, 0, 90, 1]") => "error: scene.toml:12: static[0].orientation_xyzw = [0, 0, 90, 1]: must be a unit quaternion [x, y, z, w]; its length is 90.0056, which may be off 1 by at most 0.001";
     impossible_inertia: with("[tool]", "[tool]\ninertia_kg_mm2 = [1, 1, 3, 0, 0, 0]") => "error: scene.toml:20: tool.inertia_kg_mm2 = [1, 1, 3, 0, 0, 0]: must be [xx, yy, zz, xy, xz, yz] of a real body: positive, and no principal moment above the sum of the other two";
     missing_profile: with("sim-sigma7", "sim-sigma") => r#"error: scene.toml:25: device.profile = "sim-sigma": no device profile of this name; did you mean `sim-sigma7`?
-  hint: known profiles: sim-ideal, sim-polhem, sim-premium15-6dof, sim-sigma7, sim-touch; a path has a `/` or ends in .toml"#;
+  hint: known profiles: hapkit, haply-2diy, haply-2diy-first, haply-2diy-v2, haptikfabriken-aluhaptics2, haptikfabriken-woodenhaptics, leader-arm-6, novint-falcon, open6-hid, open6-serial, polhem-2019, polhem-2020, polhem-2022, polhem-v1, sim-2diy, sim-delta3, sim-desktop, sim-falcon, sim-ideal, sim-inverse3, sim-lambda7, sim-omega3, sim-omega6, sim-omega7, sim-omni, sim-polhem, sim-premium15-6dof, sim-premium30-6dof, sim-sigma7, sim-touch, sim-woodenhaptics, spacemouse, spacenav, vintage-2022, woodenhaptics-2022, woodenhaptics-v15; a path has a `/` or ends in .toml"#;
     missing_profile_file: with("sim-sigma7", "arms/mine.toml") => r#"error: scene.toml:25: device.profile = "arms/mine.toml": no such file: arms/mine.toml
   hint: paths are relative to the file that names them"#;
     missing_hand_file: with("profile =", "hand = \"hands/insert.csv\"\nprofile =") => r#"error: scene.toml:25: device.hand = "hands/insert.csv": no such file: hands/insert.csv
@@ -159,7 +159,7 @@ error: scene.toml:28: coupling.rotation_nm_per_rad = 1.2: the arm would feel 1.2
     several_problems_together: with("layers = 8", "layers = 0").replace("sphere_mm = 5", "sphere_mm = -5").replace("sim-sigma7", "sigma7") => r#"error: scene.toml:11: static[0].layers = 0: must be a whole number from 1 to 60
 error: scene.toml:20: tool.shape.sphere_mm = -5: must be greater than 0 and at most 1000000 mm
 error: scene.toml:25: device.profile = "sigma7": no device profile of this name; did you mean `sim-sigma7`?
-  hint: known profiles: sim-ideal, sim-polhem, sim-premium15-6dof, sim-sigma7, sim-touch; a path has a `/` or ends in .toml"#;
+  hint: known profiles: hapkit, haply-2diy, haply-2diy-first, haply-2diy-v2, haptikfabriken-aluhaptics2, haptikfabriken-woodenhaptics, leader-arm-6, novint-falcon, open6-hid, open6-serial, polhem-2019, polhem-2020, polhem-2022, polhem-v1, sim-2diy, sim-delta3, sim-desktop, sim-falcon, sim-ideal, sim-inverse3, sim-lambda7, sim-omega3, sim-omega6, sim-omega7, sim-omni, sim-polhem, sim-premium15-6dof, sim-premium30-6dof, sim-sigma7, sim-touch, sim-woodenhaptics, spacemouse, spacenav, vintage-2022, woodenhaptics-2022, woodenhaptics-v15; a path has a `/` or ends in .toml"#;
     several_schema_problems_together: with("layers = 8", "layers = true").replace("sphere_mm", "sfere_mm").replace("profile", "profil") => r#"error: scene.toml:11: static[0].layers = true: must be a whole number, 0 or more
 error: scene.toml:20: tool.shape.sfere_mm = 5: unknown key; did you mean `sphere_mm`?
   hint: known here: box_mm, sphere_mm, cylinder_mm, cone_mm, capsule_mm, torus_mm, plane_mm
@@ -189,7 +189,6 @@ fn what_this_version_lacks_is_refused_by_name() {
     let scene = SCENE.to_owned()
         + r#"selector = "1209:7a01"
 [safety]
-deadman = true
 heartbeat_ms = 500
 [device.sim]
 jitter_us = 20
@@ -200,12 +199,37 @@ points = 1000
 "#;
     let errors = load(&scene).unwrap_err();
     let keys: Vec<&str> = errors.problems().iter().filter_map(|problem| problem.key.as_deref()).collect();
-    let expected = ["device.selector", "safety.deadman", "safety.heartbeat_ms", "device.sim.jitter_us", "monitor.listen", "sculpt"];
+    let expected = ["device.selector", "safety.heartbeat_ms", "device.sim.jitter_us", "monitor.listen", "sculpt"];
     assert_eq!(keys, expected);
     for problem in errors.problems() {
         assert!(matches!(problem.kind, ProblemKind::NotAvailable { .. }), "{problem}");
         assert!(problem.to_string().contains("not available in this version"), "{problem}");
     }
+}
+
+/// The gates and the brake of `[safety]`.
+#[test]
+fn safety_keys_are_ranges_and_words() {
+    let with = |keys: &str| load(&format!("{SCENE}[safety]\n{keys}\n"));
+    let safety = |keys: &str| with(keys).unwrap().parameters.safety;
+    let default = safety("");
+    assert_eq!((default.deadman, default.brake_s, default.workspace_radius_m), (None, 0.1, 0.075));
+    assert_eq!(
+        (safety("deadman = \"off\"").deadman, safety("deadman = 0").deadman, safety("deadman = 31").deadman),
+        (None, Some(0), Some(31))
+    );
+    assert_eq!(safety("brake_ms = 0").brake_s, 0.0);
+    for (keys, key) in [
+        ("deadman = 32", "safety.deadman"),
+        ("deadman = -1", "safety.deadman"),
+        ("brake_ms = 101", "safety.brake_ms"),
+        ("brake_ms = -1", "safety.brake_ms"),
+    ] {
+        let errors = with(keys).unwrap_err();
+        assert_eq!(errors.problems().iter().map(|problem| problem.key.as_deref()).collect::<Vec<_>>(), [Some(key)], "{keys}");
+    }
+    let errors = with("deadman = true").unwrap_err().to_string();
+    assert!(errors.contains("the number of a button or \"off\""), "{errors}");
 }
 
 /// What takes speed from the virtual tool needs one that has a speed of its own.
@@ -353,12 +377,12 @@ fn units_become_si() {
 
 #[test]
 fn the_command_line_overrides_the_scene() {
-    let options = LoadOptions { device: Some("sim-ideal".into()), enforce: Some(true) };
+    let options = LoadOptions { device: Some("sim-ideal".into()), enforce: Some(true), ..LoadOptions::default() };
     let config = load_with(SCENE, &options).unwrap_or_else(|errors| panic!("{errors}"));
     assert_eq!(config.device.profile.name, "sim-ideal");
     assert!(config.realtime.enforce);
     assert_eq!(config.parameters.limits.overrun_fault_ticks, 20);
-    let options = LoadOptions { device: Some("ideal".into()), enforce: None };
+    let options = LoadOptions { device: Some("ideal".into()), ..LoadOptions::default() };
     let errors = load_with(SCENE, &options).unwrap_err().to_string();
     assert!(
         errors.contains("scene.toml: --device = \"ideal\": no device profile of this name; did you mean `sim-ideal`?"),

@@ -109,10 +109,10 @@ impl Arm {
         self.request(pose, DriveRequest::Enable)
     }
 
-    /// Enables at the zero pose and waits for the end of the ramp.
+    /// Enables at the zero pose and waits for the end of the ramp; a shipped scene begins it with the fourth tick.
     fn ramped(mut self) -> Self {
         let mut last = TickOutput::default();
-        for _ in 0..=RAMP_TICKS {
+        for _ in 0..=RAMP_TICKS + 3 {
             last = self.enable(Pose::IDENTITY);
         }
         assert_eq!(last.drive, Drive::Enabled);
@@ -394,7 +394,7 @@ fn enabling_anywhere_is_without_force() {
 
 #[test]
 fn torque_that_an_arm_has_no_motors_for_is_reported_and_dropped() {
-    let options = LoadOptions { device: Some("sim-touch".to_owned()), enforce: None };
+    let options = LoadOptions { device: Some("sim-touch".to_owned()), ..LoadOptions::default() };
     let config = config::load_with(&rig::shipped("block-on-plane"), &options).unwrap_or_else(|errors| panic!("{errors}"));
     let (prepared, _) = prepare(&config, |_| ()).expect("prepared");
     let mut arm = Arm::new(prepared.scene).ramped();

@@ -68,6 +68,12 @@ fn the_axes_are_those_of_the_products() {
     assert_eq!(axes("sim-touch"), (6, 3));
     assert_eq!(axes("sim-polhem"), (6, 3));
     assert_eq!(axes("sim-ideal"), (6, 6));
+    assert_eq!(axes("sim-omega7"), (7, 4));
+    assert_eq!(axes("sim-2diy"), (2, 2));
+    assert_eq!(axes("polhem-2022"), (6, 3));
+    assert_eq!(axes("woodenhaptics-v15"), (3, 3));
+    assert_eq!(axes("leader-arm-6"), (6, 6));
+    assert_eq!(axes("spacemouse"), (6, 0));
     assert_eq!(profile::find("sim-touch", Path::new("")).unwrap().actuated, Axes::TRANSLATION);
 }
 
@@ -75,7 +81,7 @@ fn the_axes_are_those_of_the_products() {
 fn every_key_of_a_shipped_profile_has_a_comment_or_names_itself() {
     for path in toml_files("devices") {
         for line in fs::read_to_string(&path).unwrap().lines().filter(|line| line.contains(" = ") && !line.starts_with('#')) {
-            let names_itself = ["version", "title", "sensed", "actuated"].iter().any(|key| line.starts_with(key));
+            let names_itself = ["version", "title", "sensed", "actuated", "instruction"].iter().any(|key| line.starts_with(key));
             assert!(line.contains(" # ") || names_itself, "{}: {line}", path.display());
         }
     }
@@ -91,10 +97,10 @@ fn a_profile_is_found_by_path_from_the_scene() {
 }
 
 #[test]
-fn a_profile_of_a_later_codec_is_refused_before_its_tables_are_read() {
+fn a_profile_of_another_codec_is_refused_before_its_tables_are_read() {
     let dir = tempfile::tempdir().unwrap();
-    let path = dir.path().join("woodenhaptics.toml");
-    fs::write(&path, "version = 1\n[device]\ncodec = \"woodenhaptics-hid8\"\n[match]\ntransport = \"hid\"\n").unwrap();
+    let path = dir.path().join("inverse3.toml");
+    fs::write(&path, "version = 1\n[device]\ncodec = \"haply-service\"\n[service]\nport = 10001\n").unwrap();
     let errors = profile::load(&path).unwrap_err();
     assert_eq!(errors.problems().len(), 1);
     assert!(matches!(errors.problems()[0].kind, ProblemKind::NotAvailable { .. }), "{errors}");

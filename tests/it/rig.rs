@@ -9,7 +9,7 @@ use hapticd::daemon::prepare_with;
 use hapticd::device::hand::HandPath;
 use hapticd::haptics::{
     ArmParameters, ContactParameters, CouplingMode, CouplingParameters, Faults, FilterParameters, FreeSpace, LimitParameters,
-    Parameters, PortParameters, RenderScene, SpringClamp,
+    Parameters, PortParameters, RenderScene, SafetyParameters, SpringClamp,
 };
 use hapticd::rt::clock::VirtualClock;
 use hapticd::scene::cache::Cache;
@@ -51,6 +51,7 @@ pub(crate) fn unlimited() -> Parameters {
             stale_fault_ticks: 20,
             overrun_fault_ticks: 0,
         },
+        safety: SafetyParameters::default(),
         port: PortParameters {
             world_from_device: Pose::IDENTITY,
             scale: 1.0,

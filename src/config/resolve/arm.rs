@@ -6,12 +6,14 @@ use super::super::bound::StiffnessBound;
 use super::super::checks::Interval;
 use super::super::problem::{ProblemKind, nearest};
 use super::super::scene::{RealtimeConfig, SimConfig, StabilityConfig};
-use super::super::schema::{self, Overrun};
+use super::super::schema::{self, Deadman, Overrun};
 use super::{LoadOptions, MM, POSITIVE, Resolve};
 use crate::device::fault;
+use crate::device::nodes::Selector;
 use crate::device::profile::{self, Plant, Profile, ProfileError};
 use crate::haptics::stability::SampledWall;
-use crate::haptics::{ArmParameters, LimitParameters};
+use crate::haptics::stuck;
+use crate::haptics::{ArmParameters, LimitParameters, SafetyParameters};
 use crate::spatial::Axes;
 
 const DEFAULT_PROFILE: &str = "sim-sigma7";
@@ -23,6 +25,13 @@ const DEFAULT_SPEED_MM_PER_S: f64 = 1000.0;
 /// Slew: from zero to the limit in 10 ms (devices reference, safety rule 7).
 const FULL_SLEW_S: f64 = 0.010;
 const DEFAULT_POWER_W: f64 = 5.0;
+/// Window of the fault for power (rule 9).
+const POWER_WINDOW_S: f64 = 0.050;
+/// Longest braking after too much speed, and the default.
+const MOST_BRAKE_MS: f64 = 100.0;
+/// The ramp begins once the wrench was below this share of its limits for more than so many ticks (rule 4).
+const ENGAGE_SHARE: f64 = 0.1;
+const ENGAGE_TICKS: u32 = 3;
 const DEFAULT_RAMP_MS: f64 = 100.0;
 const STALE_TICKS_MAX: u32 = 3;
 const STALE_FAULT_S: f64 = 0.020;
@@ -32,9 +41,6 @@ const DEFAULT_HAND_N_PER_M: f64 = 500.0;
 const DEFAULT_HAND_N_S_PER_M: f64 = 5.0;
 const DEFAULT_HAND_MASS_G: f64 = 150.0;
 
-/// The faults that a simulated arm can be told to have, before any `@TIME`.
-const FAULT_WORDS: [&str; 11] =
-    ["drop", "stall", "nan", "garbage", "unplug", "slow", "stuck", "jump", "truncate", "sign-flip", "saturate"];
 impl Resolve<'_> {
     pub(super) fn realtime(&mut self, written: &schema::Realtime, options: &LoadOptions) -> RealtimeConfig {
         let enforce = options.enforce.unwrap_or(written.mode == Some(schema::RealtimeWord::Enforce));
@@ -51,9 +57,9 @@ impl Resolve<'_> {
         }
         if let Some(fault) = &written.fault {
             let word = fault.split(['@', ':', '=', ' ']).next().unwrap_or_default();
-            if !FAULT_WORDS.contains(&word) {
-                let known = FAULT_WORDS.map(str::to_owned).to_vec();
-                self.checks.refuse("device.sim.fault", ProblemKind::UnknownWord { nearest: nearest(word, FAULT_WORDS), known });
+            if !fault::NAMES.contains(&word) {
+                let known = fault::NAMES.map(str::to_owned).to_vec();
+                self.checks.refuse("device.sim.fault", ProblemKind::UnknownWord { nearest: nearest(word, fault::NAMES), known });
             } else if let Err(error) = fault::parse(fault) {
                 self.checks.refuse("device.sim.fault", ProblemKind::Fault(error));
             }
@@ -105,6 +111,18 @@ impl Resolve<'_> {
         None
     }
 
+    pub(super) fn selector(&mut self, written: &schema::Device, options: &LoadOptions) -> Option<Selector> {
+        if options.selector.is_some() {
+            return options.selector.clone();
+        }
+        let selector = written.selector.as_deref()?.parse();
+        if selector.is_err() {
+            let accepted = "VID:PID or VID:PID:SERIAL in hex, or the path of a node such as /dev/ttyACM0";
+            self.checks.not_accepted("device.selector", accepted);
+        }
+        selector.ok()
+    }
+
     pub(super) fn scale(&mut self, written: &schema::WorldFromDevice) -> f64 {
         let interval = POSITIVE.to(1000.0).unit("world metres per device metre");
         self.checks.number("device.world_from_device.scale", written.scale, 1.0, interval)
@@ -124,6 +142,12 @@ impl Resolve<'_> {
             declared.filter(|_| has_any(actuated, Axes::TRANSLATION)).map_or(UNACTUATED_FORCE_N, |limits| limits.force_n);
         let torque_max =
             declared.filter(|_| has_any(actuated, Axes::ROTATION)).map_or(UNACTUATED_TORQUE_NM, |limits| limits.torque_nm);
+        let (force_max, torque_max) = if profile.is_some_and(Profile::has_unverified_signs) {
+            let capped = force_max.min(LimitParameters::UNVERIFIED_SIGNS_FORCE_N);
+            (capped, torque_max * capped / force_max)
+        } else {
+            (force_max, torque_max)
+        };
         let checks = &mut self.checks;
         let force_n = checks.number("limits.force_n", limits.force_n, force_max, POSITIVE.unit("N")).min(force_max);
         let torque_nm = checks.number("limits.torque_nm", limits.torque_nm, torque_max, POSITIVE.unit("N·m")).min(torque_max);
@@ -161,6 +185,32 @@ impl Resolve<'_> {
             overrun_fault_ticks,
         }
     }
+
+    pub(super) fn safety(&mut self, written: &schema::Safety, profile: Option<&Profile>, period_s: f64) -> SafetyParameters {
+        let deadman = match written.deadman {
+            Some(Deadman::Off) => None,
+            None => profile.and_then(|profile| profile.real.as_ref()).and_then(|real| real.deadman_button),
+            Some(Deadman::Button(number)) => {
+                let button = u8::try_from(number).ok().filter(|button| u32::from(*button) < u32::BITS);
+                if button.is_none() {
+                    self.checks.not_accepted("safety.deadman", "the number of a button from 0 to 31, or \"off\"");
+                }
+                button
+            }
+        };
+        let brake = Interval::from(0.0).to(MOST_BRAKE_MS).unit("ms");
+        let steps = profile.map_or((0.0, 0.0), |profile| (profile.plant.encoder_step_m, profile.plant.encoder_step_rad));
+        SafetyParameters {
+            deadman,
+            workspace_radius_m: profile.map_or(f64::INFINITY, |profile| profile.limits.workspace_radius_m),
+            brake_s: self.checks.number("safety.brake_ms", written.brake_ms, MOST_BRAKE_MS, brake) * 1e-3,
+            engage_share: ENGAGE_SHARE,
+            engage_ticks: ENGAGE_TICKS,
+            power_window_s: POWER_WINDOW_S,
+            stuck_move_m: stuck::least_move_m(steps.0, period_s),
+            stuck_turn_rad: stuck::least_turn_rad(steps.1, period_s),
+        }
+    }
 }
 
 /// The bounds of an arm. Axes that render nothing cannot become unstable, so they have none.
@@ -173,13 +223,14 @@ pub(super) fn stability(
 ) -> StabilityConfig {
     let bound = |axes: Axes, plant: fn(&Plant) -> (f64, f64), declared: fn(&Profile) -> Option<f64>| match profile {
         Some(profile) if has_any(profile.actuated, axes) => {
-            let (mass_kg, damping_n_s_per_m) = plant(&profile.plant);
+            let judged = profile.bound_plant();
+            let (mass_kg, damping_n_s_per_m) = plant(&judged);
             let wall = SampledWall {
                 mass_kg,
                 damping_n_s_per_m,
                 wall_damping_n_s_per_m: 0.0,
                 period_s,
-                delay_ticks: delay_ticks.unwrap_or(profile.plant.delay_ticks),
+                delay_ticks: delay_ticks.unwrap_or(judged.delay_ticks),
                 filter_alpha,
             };
             StiffnessBound { wall, declared: declared(profile) }

@@ -15,6 +15,7 @@ use super::document::Document;
 use super::problem::{ConfigErrors, Problem, ProblemKind};
 use super::scene::{DeviceConfig, SceneConfig};
 use super::schema;
+use crate::device::nodes::Selector;
 use crate::haptics::filter::low_pass_alpha;
 use crate::haptics::{CouplingMode, Parameters, PortParameters};
 use crate::mesh::Format;
@@ -26,6 +27,8 @@ use crate::voxmap::field::FieldKind;
 pub struct LoadOptions {
     /// `run --device PROFILE`: instead of `device.profile`; a path is relative to the working directory.
     pub device: Option<String>,
+    /// `run --selector`: instead of `device.selector`.
+    pub selector: Option<Selector>,
     /// `run --realtime MODE`: instead of `realtime.mode`; true for `enforce`.
     pub enforce: Option<bool>,
 }
@@ -97,6 +100,7 @@ impl Resolve<'_> {
         let sim = self.sim(&scene.device);
         let hand = scene.device.hand.as_deref().and_then(|hand| self.checks.file("device.hand", hand, self.dir));
         let profile = self.profile(&scene.device, options);
+        let selector = self.selector(&scene.device, options);
         let port_scale = self.scale(&scene.device.world_from_device);
         let world_from_device = Pose::new(
             self.checks.orientation("device.world_from_device.orientation_xyzw", scene.device.world_from_device.orientation_xyzw),
@@ -137,6 +141,7 @@ impl Resolve<'_> {
         };
         let contact = self.contact(&scene.contact, field, mode, &stability, port_scale);
         let limits = self.limits(&scene.limits, &scene.safety, profile.as_ref(), rate_hz, realtime.enforce);
+        let safety = self.safety(&scene.safety, profile.as_ref(), period_s);
 
         let time_budget_s = self
             .checks
@@ -158,8 +163,8 @@ impl Resolve<'_> {
             knows_edges: scene.contact.geometric_awareness != Some(schema::AwarenessWord::Off),
             statics,
             tool,
-            parameters: Parameters { period_s, gravity_m_per_s2, contact, coupling, filter, limits, port, arm },
-            device: DeviceConfig { profile, hand, sim },
+            parameters: Parameters { period_s, gravity_m_per_s2, contact, coupling, filter, limits, safety, port, arm },
+            device: DeviceConfig { profile, selector, hand, sim },
             realtime,
             stability,
         })
@@ -174,9 +179,7 @@ impl Resolve<'_> {
         if scene.rendering.coupling == Some(schema::CouplingWord::Constraint) && scene.contact.friction.is_some() {
             checks.not_available("contact.friction", "leave it out, or use another rendering.coupling");
         }
-        checks.later("safety.deadman", scene.safety.deadman.is_some());
         checks.later("safety.heartbeat_ms", scene.safety.heartbeat_ms.is_some());
-        checks.later("device.selector", scene.device.selector.is_some());
         checks.later("device.sim.jitter_us", scene.device.sim.jitter_us.is_some());
         checks.later("sculpt", scene.sculpt.is_some());
     }

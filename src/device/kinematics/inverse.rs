@@ -113,7 +113,7 @@ fn descend(kinematics: &Kinematics, n: usize, axes: Axes, target: &Pose, start: 
         if miss.iter().all(|part| part.abs() < TOLERANCE_M) {
             return Some(angles);
         }
-        let Some(step) = step(&here, &miss, axes, n, damping) else { return None };
+        let step = step(&here, &miss, axes, n, damping)?;
         let mut tried = angles;
         for (angle, step) in tried.iter_mut().zip(step).take(n) {
             *angle += step.clamp(-0.5, 0.5);

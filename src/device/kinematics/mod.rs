@@ -80,6 +80,7 @@ impl Configuration {
 }
 
 /// How the joints of an arm move its grip.
+#[expect(clippy::large_enum_variant, reason = "there is one for each arm, and the loop takes it as it is, without a heap")]
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Kinematics {
     /// The arm reports the pose of its grip and takes a wrench: readings x, y, z in m and the orientation x, y, z, w; commands force in N, then

@@ -190,7 +190,7 @@ fn serial_arms_agree_with_the_published_rows() {
     let signs = [1.0, -1.0, -1.0];
     let model_3 = wooden_drive(signs, signs, [0.0, 0.0, -6000.0], [0.0; 3]).transmission();
     let at_home: Row =
-        ([0.0; 3], [0.0, 0.0, 1.570796], [25.0, 0.0, 205.0], [[0.0, -659.588, 0.0], [591.216, 0.0, 0.0], [0.0, 0.0, -788.288]]);
+        ([0.0; 3], [0.0, 0.0, FRAC_PI_2], [25.0, 0.0, 205.0], [[0.0, -659.588, 0.0], [591.216, 0.0, 0.0], [0.0, 0.0, -788.288]]);
     check_row("A", &woodenhaptics(), &a, at_home);
     check_row("D model 3", &woodenhaptics(), &model_3, at_home);
     let moved = [100.0, -200.0, 300.0];

@@ -25,7 +25,7 @@ mod tests;
 
 use glam::{DQuat, DVec3};
 
-use super::fault::{FaultKind, FaultPlan, JUMP_M};
+use super::fault::{FaultKind, FaultPlan, JUMP_M, SATURATED_SHARE};
 use super::velocity::VelocityWindow;
 use super::{Capabilities, Device, DeviceError, IoPlacement, Pacing, Wakeup};
 use crate::spatial::{DeviceSample, Pose, SampleStatus, Twist, Wrench};
@@ -60,6 +60,8 @@ pub struct SimArm {
     window: VelocityWindow,
     last: DeviceSample,
     stuck_at: Option<Pose>,
+    /// A late sample: the read that gets it, and what was measured.
+    under_way: Option<(u64, Pose)>,
     /// Ticks that a command spends in the delay line, which every sample reports.
     delay_ticks: u32,
 }
@@ -105,6 +107,7 @@ impl SimArm {
             window: VelocityWindow::new(parameters.window_linear_s, parameters.window_angular_s, period_s),
             last: DeviceSample::default(),
             stuck_at: None,
+            under_way: None,
             delay_ticks: plant.delay_ticks,
         })
     }
@@ -130,8 +133,7 @@ impl SimArm {
     }
 
     fn fault_active(&self, now_s: f64) -> Option<FaultKind> {
-        // Half a period early: the tick that is nearest to the time asked for.
-        self.fault.filter(|plan| now_s + 0.5 * self.period_s >= plan.start_s).map(|plan| plan.kind)
+        self.fault.and_then(|plan| plan.active(now_s, self.period_s))
     }
 
     fn now_s(&self) -> f64 {
@@ -142,8 +144,10 @@ impl SimArm {
     fn advance(&mut self) {
         let start_s = (self.n_reads - 1) as f64 * self.period_s;
         let mut command = self.take_delayed_command();
-        if matches!(self.fault_active(start_s), Some(FaultKind::SignFlip)) {
-            command = -command;
+        match self.fault_active(start_s) {
+            Some(FaultKind::SignFlip) => command = -command,
+            Some(FaultKind::Saturate) => command = saturated(&command, self.force_limit_n, self.torque_limit_nm),
+            _ => {}
         }
         self.plant.advance(start_s, &command);
     }
@@ -197,9 +201,29 @@ impl Device for SimArm {
         let now_s = self.now_s();
         self.n_reads += 1;
         let mut pose = self.measured_pose();
-        match self.fault_active(now_s) {
+        let fault = self.fault_active(now_s);
+        if fault != Some(FaultKind::Stuck) {
+            self.stuck_at = None;
+        }
+        match fault {
             Some(FaultKind::Unplug) => return Err(DeviceError::Lost),
             Some(FaultKind::Stall) => return Ok(self.stale()),
+            Some(FaultKind::Garbage | FaultKind::Truncate) => return Err(DeviceError::Packet),
+            Some(FaultKind::Slow { delay_s }) => {
+                // One exchange at a time: the next sample is measured when the one before has come.
+                let due = self.n_reads + (delay_s / self.period_s).ceil() as u64;
+                match self.under_way {
+                    Some((due, measured)) if self.n_reads >= due => {
+                        self.under_way = None;
+                        pose = measured;
+                    }
+                    Some(_) => return Ok(self.stale()),
+                    None => {
+                        self.under_way = Some((due, pose));
+                        return Ok(self.stale());
+                    }
+                }
+            }
             Some(FaultKind::Drop { probability }) if self.next_random() < probability => return Ok(self.stale()),
             Some(FaultKind::Stuck) => pose = *self.stuck_at.get_or_insert(pose),
             Some(FaultKind::Jump) => pose.translation.x += JUMP_M,
@@ -261,4 +285,13 @@ fn quantised(value: DVec3, step: f64) -> DVec3 {
 fn limited(vector: DVec3, limit: f64) -> DVec3 {
     let length = vector.length();
     if length > limit { vector * (limit / length) } else { vector }
+}
+
+/// What motors make of a command when each axis gives a share of the arm's limit at most.
+pub(in crate::device) fn saturated(command: &Wrench, force_limit_n: f64, torque_limit_nm: f64) -> Wrench {
+    let clip = |vector: DVec3, limit: f64| {
+        let most = DVec3::splat(SATURATED_SHARE * limit);
+        vector.clamp(-most, most)
+    };
+    Wrench::new(clip(command.force, force_limit_n), clip(command.torque, torque_limit_nm))
 }

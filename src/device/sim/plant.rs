@@ -66,6 +66,8 @@ pub struct GripPlant {
     twist: Twist,
     /// Where the hand's target was at the end of the last step.
     target: Pose,
+    /// Where a path begins that is not counted from the zero pose.
+    origin: Option<Pose>,
 }
 
 impl GripPlant {
@@ -103,15 +105,21 @@ impl GripPlant {
         }
         let path = if held { hand.path } else { None };
         let target = path.as_ref().map_or(Pose::IDENTITY, |path| path.sample(0.0));
-        Ok(Self { period_s, translation, rotation, path, pose: Pose::IDENTITY, twist: Twist::ZERO, target })
+        Ok(Self { period_s, translation, rotation, path, pose: Pose::IDENTITY, twist: Twist::ZERO, target, origin: None })
     }
 
-    /// Puts the grip at rest where it is told, and the hand with it where it follows no path.
+    /// Puts the grip at rest where it is told. The path of the hand counts from there.
     pub fn rest_at(&mut self, device_from_grip: Pose) {
         self.pose = device_from_grip;
         self.twist = Twist::ZERO;
-        if self.path.is_none() {
-            self.target = device_from_grip;
+        self.origin = Some(device_from_grip);
+        self.target = self.path.as_ref().map_or(device_from_grip, |path| self.counted_from_origin(path.sample(0.0)));
+    }
+
+    fn counted_from_origin(&self, pose: Pose) -> Pose {
+        match self.origin {
+            Some(origin) => Pose::new(pose.rotation * origin.rotation, pose.translation + origin.translation),
+            None => pose,
         }
     }
 
@@ -136,7 +144,7 @@ impl GripPlant {
         let h = self.period_s / f64::from(SUBSTEPS);
         for substep in 1..=SUBSTEPS {
             let target = match &self.path {
-                Some(path) => path.sample(start_s + f64::from(substep) * h),
+                Some(path) => self.counted_from_origin(path.sample(start_s + f64::from(substep) * h)),
                 None => self.target,
             };
             let target_velocity = (target.translation - self.target.translation) / h;

@@ -263,6 +263,47 @@ fn faults_begin_on_their_tick() {
 }
 
 #[test]
+fn faults_of_the_wire_and_of_the_motors_have_their_likeness_here() {
+    let clean = run(lively(None), 400);
+    for spec in ["garbage@200ms+3ms", "truncate@200ms+3ms"] {
+        let samples = run(lively(Some(spec)), 400);
+        assert_eq!(samples[199], clean[199]);
+        assert_eq!(samples[200..203], [Err(DeviceError::Packet); 3], "{spec}");
+        assert!(samples[203].is_ok_and(|s| s.status == SampleStatus::Fresh), "{spec}");
+    }
+    // Four late ticks, then what was measured at the first of them.
+    let slow = run(lively(Some("slow=4ms@200ms")), 400);
+    assert!(slow[200..204].iter().all(|s| s.is_ok_and(|s| s.status == SampleStatus::Stale)));
+    let (late, measured) = (slow[204].expect("late"), clean[200].expect("clean"));
+    assert_eq!((late.status, late.pose), (SampleStatus::Fresh, measured.pose));
+    let fresh = slow[200..].iter().filter(|s| s.is_ok_and(|s| s.status == SampleStatus::Fresh)).count();
+    assert_eq!(fresh, 40, "one in five");
+    // 1 N of 2 N: a quarter of the limit of 2 N acts, 0.5 N.
+    let mut parameters = free_arm();
+    parameters.force_limit_n = 2.0;
+    parameters.fault = Some(fault::parse("saturate").expect("grammar"));
+    let mut arm = arm(parameters);
+    for _ in 0..100 {
+        let told = arm.write(&Wrench::new(DVec3::X, DVec3::ZERO)).expect("written");
+        assert_eq!(told.force, DVec3::X, "the arm does not say so");
+        arm.read().expect("sample");
+    }
+    assert!((arm.true_twist().linear.x - 0.1 * 0.5 / 0.3).abs() < 1e-9);
+}
+
+#[test]
+fn a_fault_that_ends_leaves_a_sound_arm() {
+    let clean = run(lively(None), 400);
+    for spec in ["unplug@20ms+5ms", "stuck@20ms+5ms", "stall@20ms+5ms", "nan@20ms+5ms", "jump@20ms+5ms"] {
+        let samples = run(lively(Some(spec)), 400);
+        assert_ne!(samples[24], clean[24], "{spec}");
+        let after = samples[25].expect(spec);
+        assert!(after.status == SampleStatus::Fresh && after.pose.is_finite(), "{spec}");
+        assert!((after.pose.translation - clean[25].expect("clean").pose.translation).length() < 1e-3, "{spec}");
+    }
+}
+
+#[test]
 fn samples_are_dropped_about_as_often_as_asked() {
     let stale =
         run(lively(Some("drop=10%")), 10_000).into_iter().filter(|s| s.is_ok_and(|s| s.status == SampleStatus::Stale)).count();

@@ -1,0 +1,146 @@
+//! Why no force flows, or why it is on its way out: one word, `Copy`; the cold side prints its name.
+
+use super::Faults;
+
+/// The reason that the drive does not render. The words are those of the devices reference, safety rule 18, and `Workspace`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[repr(u8)]
+pub enum OffCause {
+    /// Force flows, or ramps up.
+    #[default]
+    None,
+    /// The arm's own force switch is off. For drivers that know; the tick never says it.
+    Button,
+    /// The arm was too fast, or its pose jumped.
+    Velocity,
+    /// The arm's own watchdog tripped. For drivers that know; the tick never says it.
+    Watchdog,
+    /// The supervisor asks for no force, or the program itself failed.
+    Software,
+    /// The arm is gone.
+    Disconnected,
+    /// The deadman is not held, or was not let go since the last fault.
+    Deadman,
+    /// No new sample, or samples that repeat.
+    Stale,
+    /// A value was not a number.
+    NonFinite,
+    /// Too much power into the hand.
+    Power,
+    /// A motor is too hot.
+    Thermal,
+    /// The arm does not know where its zero is.
+    NotHomed,
+    /// A sign check is under way. For the command that does it; the tick never says it.
+    SignCheck,
+    /// Garbled or lost packets, or an error that the arm reports.
+    Protocol,
+    /// The loop was late too often.
+    Overrun,
+    /// The grip is outside of the profile's workspace.
+    Workspace,
+}
+
+impl OffCause {
+    /// For messages and records.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::None => "none",
+            Self::Button => "button",
+            Self::Velocity => "velocity",
+            Self::Watchdog => "watchdog",
+            Self::Software => "software",
+            Self::Disconnected => "disconnected",
+            Self::Deadman => "deadman",
+            Self::Stale => "stale",
+            Self::NonFinite => "non-finite",
+            Self::Power => "power",
+            Self::Thermal => "thermal",
+            Self::NotHomed => "not-homed",
+            Self::SignCheck => "sign-check",
+            Self::Protocol => "protocol",
+            Self::Overrun => "overrun",
+            Self::Workspace => "workspace",
+        }
+    }
+
+    /// For people: what to do about it. Empty where there is nothing to say.
+    pub const fn advice(self) -> &'static str {
+        match self {
+            Self::Deadman => "hold the deadman button; after a fault let it go first",
+            Self::NotHomed => "the arm has not found its zero: home it",
+            Self::Workspace => "move the grip into the arm's workspace",
+            Self::Thermal => "a motor is too hot: let it cool",
+            Self::Stale => "the arm sends no new samples",
+            Self::Disconnected => "the arm is gone",
+            Self::Protocol => "the arm's packets are garbled or lost, or it reports an error",
+            _ => "",
+        }
+    }
+
+    /// What a set of faults comes down to: of several the one that explains most. RT: safe.
+    pub fn of(faults: Faults) -> Self {
+        [
+            (Faults::DEVICE_LOST, Self::Disconnected),
+            (Faults::NON_FINITE, Self::NonFinite),
+            (Faults::DEVICE_ERROR, Self::Protocol),
+            (Faults::PROTOCOL, Self::Protocol),
+            (Faults::SEQUENCE_GAP, Self::Protocol),
+            (Faults::NOT_HOMED, Self::NotHomed),
+            (Faults::STALE, Self::Stale),
+            (Faults::STUCK, Self::Stale),
+            (Faults::OVERRUN, Self::Overrun),
+            (Faults::THERMAL, Self::Thermal),
+            (Faults::POSITION_JUMP, Self::Velocity),
+            (Faults::SPEED, Self::Velocity),
+            (Faults::POWER, Self::Power),
+            (Faults::SOLVER, Self::Software),
+            (Faults::PANIC, Self::Software),
+        ]
+        .into_iter()
+        .find(|(fault, _)| faults.contains(*fault))
+        .map_or(Self::None, |(_, cause)| cause)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_fault_has_a_cause_and_every_cause_another_name() {
+        for (fault, name, _) in Faults::TABLE {
+            assert_ne!(OffCause::of(fault), OffCause::None, "{name}");
+        }
+        assert_eq!(OffCause::of(Faults::NONE), OffCause::None);
+        assert_eq!(OffCause::of(Faults::SPEED | Faults::DEVICE_LOST), OffCause::Disconnected);
+        let names: std::collections::BTreeSet<_> = (0..=OffCause::Workspace as u8).map(|n| named(n).name()).collect();
+        assert_eq!(names.len(), OffCause::Workspace as usize + 1);
+    }
+
+    fn named(n: u8) -> OffCause {
+        use OffCause::{
+            Button, Deadman, Disconnected, NonFinite, None, NotHomed, Overrun, Power, Protocol, SignCheck, Software, Stale,
+            Thermal, Velocity, Watchdog, Workspace,
+        };
+        let all = [
+            None,
+            Button,
+            Velocity,
+            Watchdog,
+            Software,
+            Disconnected,
+            Deadman,
+            Stale,
+            NonFinite,
+            Power,
+            Thermal,
+            NotHomed,
+            SignCheck,
+            Protocol,
+            Overrun,
+            Workspace,
+        ];
+        all.into_iter().find(|cause| *cause as u8 == n).unwrap_or_default()
+    }
+}
