@@ -5,9 +5,12 @@ mod bench;
 mod cache;
 mod check;
 mod console;
+mod devices;
+mod doctor;
 mod eval;
 mod live;
 mod memory;
+mod mock;
 mod plots;
 mod progress;
 mod report;
@@ -69,6 +72,12 @@ enum Command {
     Eval(eval::Args),
     /// Measure, beside the paper's figures and other programs.
     Bench(bench::Args),
+    /// Simulate an arm behind a real link, in its own protocol, with faults on demand.
+    Mock(mock::Args),
+    /// List attached arms, with what stands in their way.
+    Devices(devices::Args),
+    /// Examine this machine and its arms: rights, scheduling, 10 s of wake-ups, udev rules. Says what to type.
+    Doctor(doctor::Args),
 }
 
 /// Parses the command line, runs the command and gives the process's exit code.
@@ -81,6 +90,9 @@ pub fn main() -> ExitCode {
         Command::Check(args) => check::main(&args, talk),
         Command::Eval(args) => eval::main(&args, talk),
         Command::Bench(args) => bench::main(&args, talk),
+        Command::Mock(args) => mock::main(&args, talk),
+        Command::Devices(args) => devices::main(&args, talk),
+        Command::Doctor(args) => doctor::main(&args, talk),
     });
     let exit = dispatched.unwrap_or_else(|_| {
         report::error("this is a bug of hapticd: please report it with the lines above and the command line", None, talk);

@@ -7,7 +7,9 @@
 //!
 //! | file | owns |
 //! |---|---|
+//! | [`discover`] | which arms are attached, and what stands in their way |
 //! | `driver` | the [`Device`] trait, [`Capabilities`], edge errors |
+//! | [`probe`] | trying an arm out |
 //! | [`profile`] | hardware as data |
 //! | [`nodes`] | hidraw nodes and serial ports of this machine, and which of them is an arm |
 //! | [`open`] | from a profile to an open arm, and back to it when it is lost |
@@ -18,18 +20,22 @@
 //! | `wired` | the driver that joins them: every arm on a wire |
 //! | `round_trip`, `thermal` | how far away the arm is; how hot its motors are |
 //! | [`sim`] | the simulated arm: a plant, a hand, an encoder, faults |
+//! | [`mock`] | the simulated arm behind a real link |
 //! | [`hand`] | where the simulated hand wants to be, over time |
 //! | [`fault`] | the fault grammar (`nan@2s`, `drop=1%`) |
 //! | [`velocity`] | velocity over a time window |
 //!
 //! [`DeviceSample`]: crate::spatial::DeviceSample
 
+pub mod discover;
 mod driver;
 pub mod fault;
 pub mod hand;
 pub mod kinematics;
+pub mod mock;
 pub mod nodes;
 pub mod open;
+pub mod probe;
 pub mod profile;
 pub mod protocol;
 mod round_trip;

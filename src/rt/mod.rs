@@ -12,9 +12,15 @@
 //! | [`preflight`] | what the machine offers, row by row, with hints |
 //! | [`signals`] | Ctrl-C, SIGTERM and SIGHUP as messages |
 //! | [`duration`] | durations as people write them |
+//! | [`finding`] | what was found, and what to type |
+//! | [`machine`] | kernel, clock, processors, rights |
+//! | [`wakeup`] | how late the machine wakes a loop |
 
 pub mod clock;
 pub mod duration;
+pub mod finding;
+pub mod machine;
 pub mod preflight;
 pub mod schedule;
 pub mod signals;
+pub mod wakeup;

@@ -1,0 +1,264 @@
+//! `hapticd mock`: the simulated arm as a process of its own, behind a real link, in the arm's own protocol.
+
+use core::time::Duration;
+use std::path::PathBuf;
+
+use clap::ArgGroup;
+use serde_json::json;
+
+use super::cache::CacheArgs;
+use super::progress::BakeProgress;
+use super::{Talk, cache, report, say};
+use crate::config::{self, SceneConfig};
+use crate::device::fault::{self, FaultPlan};
+use crate::device::hand::{HandPath, Indexing};
+use crate::device::mock::gadget::Gadget;
+use crate::device::mock::link::{ArmLink, LinkError};
+use crate::device::mock::profiled::{self, MockSettings};
+use crate::device::mock::pty::Pty;
+use crate::device::mock::serve::{Ended, Serving, serve};
+use crate::device::mock::uhid::Uhid;
+use crate::device::mock::{MockArm, MockReport};
+use crate::device::profile::{self, Profile, ProfileError};
+use crate::device::sim::HandParameters;
+use crate::device::transport::Carriage;
+use crate::error::Exit;
+use crate::rt::schedule::{self, ThreadRequest};
+use crate::rt::{duration, signals};
+use crate::scene::cache::Residence;
+use crate::scene::{self, BakeMeans};
+use crate::spatial::Pose;
+
+/// Arguments of `hapticd mock`.
+#[derive(Debug, clap::Args)]
+#[command(group = ArgGroup::new("link").required(true))]
+pub(crate) struct Args {
+    /// Profile of the arm: a name of devices/, or a file. Simulated ones (sim-…) speak open6.
+    profile: String,
+    /// A pseudo-terminal for arms on a serial port; LINK becomes a symbolic link to it.
+    #[arg(long, value_name = "LINK", group = "link")]
+    pty: Option<PathBuf>,
+    /// A HID device through /dev/uhid, for arms on HID.
+    #[arg(long, group = "link")]
+    uhid: bool,
+    /// The arm's end of a USB gadget: /dev/ttyGS0 or /dev/hidg0.
+    #[arg(long, value_name = "NODE", group = "link")]
+    gadget: Option<PathBuf>,
+    /// Where the hand wants to be: CSV with the header t_s,x_m,y_m,z_m,qx,qy,qz,qw; it counts from the first pose, or as in SCENE.
+    #[arg(long, value_name = "FILE.csv", conflicts_with = "no_hand")]
+    hand: Option<PathBuf>,
+    /// Nobody holds the grip.
+    #[arg(long)]
+    no_hand: bool,
+    /// Take the hand's file, strength and frame from this scene: the tool moves as it does with a simulated arm in the process.
+    #[arg(long, value_name = "SCENE")]
+    scene: Option<PathBuf>,
+    /// How long the hand waits at its start after the host's first frame: until the host has enabled the arm.
+    #[arg(long, value_name = "TIME", default_value = "1s", value_parser = duration::parse)]
+    hand_delay: Duration,
+    /// What goes wrong: drop=P%, stall, nan, garbage, unplug, slow=TIME, stuck, jump, truncate, sign-flip or saturate, then @START[+LENGTH] since
+    /// the host's first frame, such as unplug@2s+500ms; may be repeated.
+    #[arg(long = "fault", value_name = "SPEC", value_parser = parse_fault)]
+    faults: Vec<(String, FaultPlan)>,
+    /// End after this time.
+    #[arg(long, value_name = "TIME", value_parser = duration::parse)]
+    duration: Option<Duration>,
+    /// End when the host has gone.
+    #[arg(long)]
+    once: bool,
+    /// Seed of everything random.
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Print one JSON object at the end.
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    cache: CacheArgs,
+}
+
+/// Above any host: its firmware waits for nobody.
+const ARM_PRIORITY: u8 = 90;
+
+fn parse_fault(text: &str) -> Result<(String, FaultPlan), fault::FaultError> {
+    fault::parse(text).map(|plan| (text.to_owned(), plan))
+}
+
+pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
+    match mock(args, talk) {
+        Ok(()) => Exit::Ok,
+        Err(exit) => exit,
+    }
+}
+
+fn mock(args: &Args, talk: Talk) -> Result<(), Exit> {
+    let fail = |exit: Exit, message: &str, hint: Option<&str>| {
+        report::error(message, hint, talk);
+        exit
+    };
+    let here = std::env::current_dir().unwrap_or_default();
+    let profile = profile::find(&args.profile, &here).map_err(|error| match error {
+        ProfileError::Invalid(errors) => report::config_errors(&errors, talk),
+        error => fail(Exit::Configuration, &error.to_string(), None),
+    })?;
+    let carriage = if args.pty.is_some() { Carriage::Stream } else { gadget_carriage(args.gadget.as_deref()) };
+    if args.gadget.is_some() && args.faults.iter().any(|(_, plan)| plan.kind == fault::FaultKind::Unplug) {
+        let hint = "write an empty line to the UDC file of the gadget, or use --pty or --uhid";
+        return Err(fail(Exit::Usage, "the plug of a gadget cannot be pulled from its own side", Some(hint)));
+    }
+    let settings =
+        MockSettings { hand: hand(args, talk)?, hand_delay: args.hand_delay, faults: args.faults.clone(), seed: args.seed };
+    let (parameters, protocol) = profiled::parameters(&profile, settings);
+    if !protocol.carriages().contains(&carriage) {
+        let (message, hint) = match carriage {
+            Carriage::Stream => (format!("{} speaks HID reports", profile.name), "use --uhid, or --gadget /dev/hidg0"),
+            Carriage::Reports => (format!("{} speaks over a serial port", profile.name), "use --pty LINK, or --gadget /dev/ttyGS0"),
+        };
+        return Err(fail(Exit::Usage, &message, Some(hint)));
+    }
+    let period_s = parameters.period_s;
+    let mut arm = MockArm::new(parameters, protocol.firmware(carriage))
+        .map_err(|error| fail(Exit::Configuration, &error.to_string(), None))?;
+    let interrupts = signals::interrupts().map_err(|error| fail(Exit::Internal, &error.to_string(), None))?;
+    let (mut link, name) =
+        open(args, &profile, &protocol).map_err(|error| fail(Exit::Device, &error.to_string(), link_hint(args)))?;
+
+    let ready = format!("ready {name}\n");
+    if args.json {
+        say::talk(format_args!("{ready}"));
+    } else {
+        say::result(format_args!("{ready}"));
+        let _ = std::io::Write::flush(&mut std::io::stdout());
+    }
+    // An arm keeps its time whatever else the machine does. Where that is not allowed, its late periods are counted.
+    let cpu = schedule::allowed_cpus().first().copied().unwrap_or(0);
+    schedule::enter_realtime(ThreadRequest { cpu, priority: ARM_PRIORITY });
+    let serving = Serving { period_s, duration: args.duration, until_host_gone: args.once };
+    let ended = serve(&mut arm, &mut *link, serving, || interrupts.try_recv().is_ok())
+        .map_err(|error| fail(Exit::Device, &error.to_string(), None))?;
+    // The node goes away before the words come: whoever reads them may look.
+    drop(link);
+    tell(&arm.report(), &profile, protocol.name(), &name, ended, args.json, talk);
+    Ok(())
+}
+
+fn gadget_carriage(node: Option<&std::path::Path>) -> Carriage {
+    match node.and_then(|node| node.file_name()) {
+        Some(name) if name.to_string_lossy().starts_with("tty") => Carriage::Stream,
+        _ => Carriage::Reports,
+    }
+}
+
+fn link_hint(args: &Args) -> Option<&'static str> {
+    if args.uhid {
+        return Some("sudo modprobe uhid, and run as root; scripts/hil-vm has one for machines whose kernel lacks it");
+    }
+    args.gadget.is_some().then_some("make the gadget first: scripts/hil-vm shows how")
+}
+
+fn open(
+    args: &Args,
+    profile: &Profile,
+    protocol: &crate::device::protocol::Protocol,
+) -> Result<(Box<dyn ArmLink>, String), LinkError> {
+    if let Some(link) = &args.pty {
+        return Ok((Box::new(Pty::new(link)?), link.display().to_string()));
+    }
+    if let Some(node) = &args.gadget {
+        return Ok((Box::new(Gadget::open(node)?), node.display().to_string()));
+    }
+    let identity = profiled::identity(profile, protocol);
+    let name = format!("uhid {:04x}:{:04x}", identity.vendor_id, identity.product_id);
+    Ok((Box::new(Uhid::new(identity)?), name))
+}
+
+/// The hand that the arguments ask for.
+fn hand(args: &Args, talk: Talk) -> Result<Option<HandParameters>, Exit> {
+    let config = match args.scene.as_deref().map(config::load).transpose() {
+        Ok(config) => config,
+        Err(errors) => return Err(report::config_errors(&errors, talk)),
+    };
+    let is_held = config.as_ref().is_none_or(|config| config.device.sim.hand_present);
+    if args.no_hand || !is_held {
+        return Ok(None);
+    }
+    let file = args.hand.clone().or_else(|| config.as_ref().and_then(|config| config.device.hand.clone()));
+    let path = match file.as_deref().map(HandPath::read).transpose() {
+        Ok(path) => path,
+        Err(error) => {
+            report::error(&error.to_string(), None, talk);
+            return Err(Exit::Configuration);
+        }
+    };
+    let mut hand = HandParameters::default();
+    if let Some(SceneConfig { device, .. }) = &config {
+        hand.stiffness_n_per_m = device.sim.hand_stiffness_n_per_m;
+        hand.damping_n_s_per_m = device.sim.hand_damping_n_s_per_m;
+        hand.mass_kg = device.sim.hand_mass_kg;
+    }
+    let Some(path) = path else { return Ok(Some(hand)) };
+    let indexing = match &config {
+        Some(config) => indexing_of(config, args, talk)?,
+        None => Indexing { world_from_device: Pose::IDENTITY, scale: 1.0, start: path.sample(0.0), grip_tool: glam::DVec3::ZERO },
+    };
+    hand.path = Some(path.to_device(indexing));
+    Ok(Some(hand))
+}
+
+/// How the grip follows the tool of a scene; the tool's centre of mass takes a bake, or the cache.
+fn indexing_of(config: &SceneConfig, args: &Args, talk: Talk) -> Result<Indexing, Exit> {
+    let mut cache = args.cache.open(Residence::Mapped, talk);
+    let progress = BakeProgress::new(talk);
+    let baked = scene::build_with(config, &mut BakeMeans::from(&mut cache), |event| progress.tell(&event));
+    progress.finish();
+    cache::tell(&mut cache, talk);
+    let (scene, _) = baked.map_err(|error| report::scene_error(&error, talk))?;
+    let port = &config.parameters.port;
+    Ok(Indexing {
+        world_from_device: port.world_from_device,
+        scale: port.scale,
+        start: port.start,
+        grip_tool: scene.tool.center_of_mass_tool,
+    })
+}
+
+fn tell(report: &MockReport, profile: &Profile, protocol: &str, link: &str, ended: Ended, as_json: bool, talk: Talk) {
+    if as_json {
+        let mut object = json!({ "profile": profile.name, "protocol": protocol, "link": link, "ended": ended.name() });
+        if let (Some(object), Ok(serde_json::Value::Object(felt))) = (object.as_object_mut(), serde_json::to_value(report)) {
+            object.extend(felt);
+        }
+        say::result(format_args!("{object}\n"));
+        return;
+    }
+    report::note(&format!("{} over {link}: {}", profile.name, ended.name()), talk);
+    say::result(format_args!(
+        "received           {} frames, {} bytes; longest gap {:.1} ms, {} gaps\n\
+         sent               {} frames; {} lost\n\
+         periods            {}, {} of them late\n\
+         largest            {:.3} N, {:.4} N·m\n\
+         watchdog trips     {}\n",
+        report.frames_received,
+        report.bytes_received,
+        report.longest_gap_ms,
+        report.gaps,
+        report.frames_sent,
+        report.frames_lost,
+        report.periods,
+        report.late_periods,
+        report.largest_force_n,
+        report.largest_torque_nm,
+        report.watchdog_trips,
+    ));
+    for fault in &report.faults {
+        let zero = match fault.zero_after_ticks {
+            Some(ticks) => format!("no force after {ticks} periods"),
+            None => "the force never stopped".to_owned(),
+        };
+        say::result(format_args!(
+            "fault              {} at {:.3} s: {zero}; {:.3} N before, {:.3} N at most\n",
+            fault.fault, fault.began_s, fault.force_before_n, fault.largest_force_n
+        ));
+    }
+    let pose = report.final_pose;
+    say::result(format_args!("grip at the end    {:.3} {:.3} {:.3} mm\n", pose.x_m * 1e3, pose.y_m * 1e3, pose.z_m * 1e3));
+}

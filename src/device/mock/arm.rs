@@ -1,0 +1,236 @@
+//! Plant, firmware and faults of a mock arm, period by period. Never looks at a clock: whoever drives it says what time it is.
+
+use std::collections::VecDeque;
+
+use glam::DQuat;
+
+use super::linkage::Linkage;
+use super::tally::{MockReport, Tally};
+use crate::device::fault::{FaultKind, FaultPlan, JUMP_M};
+use crate::device::kinematics::Kinematics;
+use crate::device::profile::Plant;
+use crate::device::protocol::{ArmReadings, Firmware, MAX_AXES, Outbox};
+use crate::device::sim::{GripPlant, HandParameters, SimError, saturated};
+use crate::device::transmission::Transmission;
+use crate::spatial::{Axes, Pose, Wrench};
+
+/// What a mock arm is made of.
+#[derive(Clone, Debug)]
+pub struct MockParameters {
+    /// Joint angles to grip.
+    pub kinematics: Kinematics,
+    /// Readings to joint angles, torques to commands.
+    pub transmission: Transmission,
+    /// From the frame of the kinematics to the device frame.
+    pub device_from_native: DQuat,
+    /// Axes that move.
+    pub sensed: Axes,
+    /// Axes with a motor.
+    pub actuated: Axes,
+    /// The grip.
+    pub plant: Plant,
+    /// The hand; its path counts from where the grip rests at the start. `None`: nobody holds it.
+    pub hand: Option<HandParameters>,
+    /// How long the hand waits where its path begins, from the host's first frame on, s.
+    pub hand_delay_s: f64,
+    /// One period, s.
+    pub period_s: f64,
+    /// Limits that a saturating motor falls short of: N and N·m.
+    pub limits: (f64, f64),
+    /// What goes wrong, as written and as read. Its time begins with the host's first frame.
+    pub faults: Vec<(String, FaultPlan)>,
+    /// Seed of everything random.
+    pub seed: u64,
+}
+
+/// The mock arm.
+pub struct MockArm {
+    parameters: MockParameters,
+    linkage: Linkage,
+    plant: GripPlant,
+    firmware: Box<dyn Firmware>,
+    readings: ArmReadings,
+    stuck_at: Option<ArmReadings>,
+    random: u64,
+    /// Wrenches under way from the firmware to the motors.
+    delay_line: VecDeque<Wrench>,
+    /// When the host first spoke, s of the caller's clock.
+    first_frame_s: Option<f64>,
+    /// Frames to be sent, each from its time on.
+    outgoing: VecDeque<(f64, Vec<u8>)>,
+    answers: Outbox,
+    tally: Tally,
+}
+
+impl MockArm {
+    /// At rest at its home pose. Everything before the host's first frame happens at time 0.
+    ///
+    /// # Errors
+    /// A plant or hand that cannot be simulated.
+    pub fn new(parameters: MockParameters, firmware: Box<dyn Firmware>) -> Result<Self, SimError> {
+        let MockParameters { kinematics, transmission, device_from_native, sensed, actuated, .. } = parameters;
+        let linkage = Linkage::new(kinematics, transmission, device_from_native, actuated);
+        let mut plant = GripPlant::new(parameters.period_s, &parameters.plant, parameters.hand.clone(), sensed)?;
+        plant.rest_at(linkage.pose());
+        let mut arm = Self {
+            readings: linkage.readings(),
+            linkage,
+            plant,
+            firmware,
+            stuck_at: None,
+            random: parameters.seed,
+            delay_line: VecDeque::new(),
+            first_frame_s: None,
+            outgoing: VecDeque::new(),
+            answers: Outbox::new(),
+            tally: Tally::default(),
+            parameters,
+        };
+        arm.delay_line.extend(core::iter::repeat_n(Wrench::ZERO, arm.parameters.plant.delay_ticks as usize));
+        Ok(arm)
+    }
+
+    /// True grip pose, `device_from_grip`.
+    pub fn pose(&self) -> Pose {
+        self.plant.pose()
+    }
+
+    /// Time since the host's first frame, s; 0 before it.
+    fn time_s(&self, now_s: f64) -> f64 {
+        self.first_frame_s.map_or(0.0, |first_s| now_s - first_s)
+    }
+
+    fn has(&self, now_s: f64, wanted: impl Fn(&FaultKind) -> bool) -> Option<FaultKind> {
+        let time_s = self.time_s(now_s);
+        self.parameters.faults.iter().filter_map(|(_, plan)| plan.active(time_s, self.parameters.period_s)).find(wanted)
+    }
+
+    /// True while the plug is out.
+    pub fn is_unplugged(&self, now_s: f64) -> bool {
+        self.has(now_s, |kind| *kind == FaultKind::Unplug).is_some()
+    }
+
+    /// Takes bytes of the host.
+    pub fn receive(&mut self, bytes: &[u8], now_s: f64) {
+        self.first_frame_s.get_or_insert(now_s);
+        self.tally.frame(bytes.len(), now_s, self.parameters.period_s);
+        self.firmware.receive(bytes, now_s, &self.readings, &mut self.answers);
+        self.post(now_s);
+    }
+
+    /// One period of the plant and of the firmware, which ends at `now_s`.
+    pub fn advance(&mut self, now_s: f64) {
+        let MockParameters { period_s, limits, .. } = self.parameters;
+        let time_s = self.time_s(now_s);
+
+        let was_on = is_on(&self.firmware.motors());
+        self.firmware.advance(now_s, &self.readings, &mut self.answers);
+        let motors = self.firmware.motors();
+        self.tally.report.watchdog_trips += u64::from(was_on && !is_on(&motors));
+
+        let commanded = self.linkage.wrench(&motors);
+        self.tally.period(&commanded, &self.parameters.faults, time_s, period_s);
+        self.delay_line.push_back(commanded);
+        let mut felt = self.delay_line.pop_front().unwrap_or_default();
+        if self.has(now_s, |kind| *kind == FaultKind::SignFlip).is_some() {
+            felt = -felt;
+        }
+        if self.has(now_s, |kind| *kind == FaultKind::Saturate).is_some() {
+            felt = saturated(&felt, limits.0, limits.1);
+        }
+        let hand_s = (time_s - self.parameters.hand_delay_s - period_s).max(0.0);
+        self.plant.advance(if time_s > self.parameters.hand_delay_s { hand_s } else { -period_s }, &felt);
+        let mut pose = self.plant.pose();
+        if self.has(now_s, |kind| *kind == FaultKind::Jump).is_some() {
+            pose.translation.x += JUMP_M;
+        }
+        self.linkage.follow(pose, self.plant.twist(), period_s);
+        self.readings = self.linkage.readings();
+        match self.has(now_s, |kind| matches!(kind, FaultKind::Stuck)) {
+            Some(_) => self.readings = *self.stuck_at.get_or_insert(self.readings),
+            None => self.stuck_at = None,
+        }
+        if self.has(now_s, |kind| *kind == FaultKind::Nan).is_some() {
+            self.readings.readings[0] = f64::NAN;
+        }
+        self.post(now_s);
+    }
+
+    /// Lets what the firmware said go through the faults of the wire.
+    fn post(&mut self, now_s: f64) {
+        let is_silent = self.has(now_s, |kind| matches!(kind, FaultKind::Stall | FaultKind::Unplug)).is_some();
+        for mut frame in core::mem::take(&mut self.answers) {
+            let lost = match self.has(now_s, |kind| matches!(kind, FaultKind::Drop { .. })) {
+                Some(FaultKind::Drop { probability }) => self.next_random() < probability,
+                _ => false,
+            };
+            if is_silent || lost {
+                self.tally.report.frames_lost += 1;
+                continue;
+            }
+            if self.has(now_s, |kind| *kind == FaultKind::Garbage).is_some() {
+                for byte in &mut frame {
+                    *byte = (self.next_random() * 256.0) as u8;
+                }
+            }
+            if self.has(now_s, |kind| *kind == FaultKind::Truncate).is_some() {
+                frame.truncate(frame.len() / 2);
+            }
+            let delay_s = match self.has(now_s, |kind| matches!(kind, FaultKind::Slow { .. })) {
+                Some(FaultKind::Slow { delay_s }) => delay_s,
+                _ => 0.0,
+            };
+            self.outgoing.push_back((now_s + delay_s, frame));
+        }
+    }
+
+    /// The next frame that is due, if any.
+    pub fn next_frame(&mut self, now_s: f64) -> Option<Vec<u8>> {
+        let is_due = self.outgoing.front().is_some_and(|(due_s, _)| *due_s <= now_s);
+        if is_due { self.outgoing.pop_front().map(|(_, frame)| frame) } else { None }
+    }
+
+    /// When the next frame is due.
+    pub fn next_due_s(&self) -> Option<f64> {
+        self.outgoing.front().map(|(due_s, _)| *due_s)
+    }
+
+    /// Forgets what was not sent: the plug is out.
+    pub fn discard(&mut self) {
+        self.tally.report.frames_lost += self.outgoing.len() as u64;
+        self.outgoing.clear();
+    }
+
+    /// Counts a frame that the link took, or did not.
+    pub fn sent(&mut self, was_taken: bool) {
+        if was_taken {
+            self.tally.report.frames_sent += 1;
+        } else {
+            self.tally.report.frames_lost += 1;
+        }
+    }
+
+    /// Counts a period that began late.
+    pub fn late(&mut self) {
+        self.tally.report.late_periods += 1;
+    }
+
+    /// What it felt so far.
+    pub fn report(&self) -> MockReport {
+        MockReport { final_pose: self.plant.pose().into(), ..self.tally.report.clone() }
+    }
+
+    /// Uniform in 0..1 (splitmix64).
+    fn next_random(&mut self) -> f64 {
+        self.random = self.random.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut bits = self.random;
+        bits = (bits ^ (bits >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        bits = (bits ^ (bits >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        bits ^= bits >> 31;
+        (bits >> 11) as f64 / (1u64 << 53) as f64
+    }
+}
+
+fn is_on(motors: &[f64; MAX_AXES]) -> bool {
+    motors.iter().any(|motor| *motor != 0.0)
+}
