@@ -1,0 +1,88 @@
+//! The safety table over a real transport: something goes wrong at the arm while it is pressed against the plane, and the arm says when its motors
+//! stopped.
+
+use super::link::{Bench, exchange};
+
+/// When the hand presses the block onto the plane, s after the host's first frame: the hand begins after one second.
+const WRONG_AT: &str = "2600ms";
+/// Periods in which a host that says zero in its next tick is heard: a reply on the way, a tick, a frame on the way.
+const AT_ONCE_TICKS: f64 = 4.0;
+const STALE_TICKS: f64 = 20.0;
+
+/// Injects a fault while the arm pushes, and expects one of these sets of faults and zero force within `ticks`.
+fn ends_in(fault: &str, expected: &[&[&str]], ticks: f64) {
+    let bench = Bench::verified("open6-serial");
+    let fault = format!("{fault}@{WRONG_AT}");
+    let (host, mock) = exchange(&bench, &["--fault", &fault], &["--enable", "--duration", "6s"], expected);
+    let said = format!("{}\n{}\n{}", host.json, host.stderr, mock.json);
+    assert!(host.code() == Some(7) && expected.iter().any(|faults| host.faults() == *faults), "{said}");
+    let felt = &mock.json["faults"][0];
+    assert!(felt["force_before_n"].as_f64().is_some_and(|force_n| force_n > 0.3), "it pushed before: {said}");
+    let zero_after = felt["zero_after_ticks"].as_f64().unwrap_or_else(|| panic!("the motors never stopped: {said}"));
+    // What the machine itself was late is not the host's doing.
+    let lateness = host.number("missed_deadlines") + mock.number("late_periods");
+    assert!(zero_after <= ticks + lateness, "{zero_after} ticks: {said}");
+    assert_eq!(felt["force_again_after_ticks"].as_f64(), None, "no force comes back: {said}");
+}
+
+#[test]
+fn a_sample_that_is_no_number() {
+    ends_in("nan", &[&["non-finite"]], AT_ONCE_TICKS);
+}
+
+#[test]
+fn a_jump_of_the_position() {
+    // The velocity is the arm's own word, so `speed` is not among the faults.
+    ends_in("jump", &[&["position-jump"]], AT_ONCE_TICKS);
+}
+
+#[test]
+fn silence() {
+    ends_in("stall", &[&["stale"]], STALE_TICKS + AT_ONCE_TICKS);
+}
+
+#[test]
+fn garbage() {
+    // The marks between frames are garbled too, so it depends on chance whether frames are bad or missing.
+    ends_in("garbage", &[&["stale"], &["protocol"]], STALE_TICKS + AT_ONCE_TICKS);
+}
+
+#[test]
+fn frames_cut_short() {
+    // Half a frame of a stream has no end: what is cut is not garbled but missing.
+    ends_in("truncate", &[&["stale"]], STALE_TICKS + AT_ONCE_TICKS);
+}
+
+#[test]
+fn the_plug_is_pulled() {
+    // The arm hears nothing more: its own watchdog of 50 ms lets go.
+    ends_in("unplug", &[&["disconnected"]], 50.0 + AT_ONCE_TICKS);
+}
+
+/// What the host does not take for a fault leaves a run that ends well.
+fn is_survived(fault: &str) -> (super::link::Ended, super::link::Ended) {
+    let bench = Bench::verified("open6-serial");
+    let (host, mock) = exchange(&bench, &["--fault", fault], &["--enable", "--duration", "5s"], &[&[]]);
+    assert_eq!((host.code(), host.faults()), (Some(0), Vec::new()), "{}\n{}\n{}", host.json, host.stderr, mock.json);
+    assert_eq!(mock.json["last_command"]["fz_n"].as_f64(), Some(0.0));
+    (host, mock)
+}
+
+#[test]
+fn lost_reports_are_counted() {
+    let (host, mock) = is_survived("drop=1%@2s");
+    assert!(host.number("stale_samples") >= 0.5 * mock.number("frames_lost") && mock.number("frames_lost") > 5.0);
+}
+
+#[test]
+fn late_replies_weaken_and_do_not_fault() {
+    let (host, _) = is_survived("slow=2ms@2s");
+    assert!(host.number("delay_ticks") >= 3.0, "{}", host.json);
+}
+
+#[test]
+fn weak_motors_and_a_silent_moment_are_survived() {
+    is_survived("saturate@2s");
+    let (host, mock) = is_survived("stall@2600ms+10ms");
+    assert!(host.number("stale_samples") >= 5.0, "{} {}", host.json, mock.json);
+}

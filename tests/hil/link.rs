@@ -1,0 +1,206 @@
+//! Both processes, and what they say of each other.
+
+use std::io::{BufRead, BufReader, Read, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Child, ChildStdin, Command, ExitStatus, Stdio};
+use std::sync::mpsc::{Receiver, channel};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use serde_json::Value;
+use tempfile::TempDir;
+
+/// Longer than any wait that still has hope.
+const HUNG: Duration = Duration::from_secs(60);
+/// How often a run that the machine spoilt is repeated.
+const ATTEMPTS: usize = 5;
+
+/// One exchange at a time.
+pub(crate) fn alone() -> MutexGuard<'static, ()> {
+    static LINE: Mutex<()> = Mutex::new(());
+    LINE.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+pub(crate) fn root(path: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join(path)
+}
+
+pub(crate) fn block_on_plane() -> PathBuf {
+    root("config/scenes/block-on-plane.toml")
+}
+
+/// A process that does not outlive its test.
+pub(crate) struct Running {
+    child: Child,
+    stdin: Option<ChildStdin>,
+    stdout: Option<JoinHandle<String>>,
+    stderr: Receiver<String>,
+    said: String,
+}
+
+/// What a process left behind.
+pub(crate) struct Ended {
+    status: ExitStatus,
+    pub(crate) json: Value,
+    pub(crate) stderr: String,
+}
+
+impl Ended {
+    pub(crate) fn code(&self) -> Option<i32> {
+        self.status.code()
+    }
+
+    pub(crate) fn number(&self, key: &str) -> f64 {
+        self.json[key].as_f64().unwrap_or_else(|| panic!("{key}: {}\n{}", self.json, self.stderr))
+    }
+
+    pub(crate) fn faults(&self) -> Vec<&str> {
+        self.json["faults"].as_array().into_iter().flatten().filter_map(Value::as_str).collect()
+    }
+}
+
+impl Running {
+    pub(crate) fn start(args: &[&str]) -> Self {
+        let mut child = Command::new(env!("CARGO_BIN_EXE_hapticd"))
+            .args(args)
+            .env("NO_COLOR", "1")
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("starts");
+        let mut out = child.stdout.take().expect("piped");
+        let stdout = std::thread::spawn(move || {
+            let mut text = String::new();
+            out.read_to_string(&mut text).expect("text");
+            text
+        });
+        let err = BufReader::new(child.stderr.take().expect("piped"));
+        let (sender, stderr) = channel();
+        std::thread::spawn(move || err.lines().map_while(Result::ok).try_for_each(|line| sender.send(line)));
+        let stdin = child.stdin.take();
+        Self { child, stdin, stdout: Some(stdout), stderr, said: String::new() }
+    }
+
+    /// Waits for a line of stderr that begins so, from now on.
+    pub(crate) fn wait_for(&mut self, wanted: &str) {
+        loop {
+            match self.stderr.recv_timeout(HUNG) {
+                Ok(line) => {
+                    self.said.extend([&line, "\n"]);
+                    if line.starts_with(wanted) {
+                        return;
+                    }
+                }
+                Err(error) => panic!("{error}: no `{wanted}` after\n{}", self.said),
+            }
+        }
+    }
+
+    pub(crate) fn say(&mut self, line: &str) {
+        writeln!(self.stdin.as_mut().expect("open"), "{line}").expect("listens");
+    }
+
+    pub(crate) fn signal(&self, name: &str) {
+        let status = Command::new("kill").args([format!("-{name}"), self.child.id().to_string()]).status().expect("kill");
+        assert!(status.success());
+    }
+
+    pub(crate) fn ended(mut self) -> Ended {
+        let begin = std::time::Instant::now();
+        let status = loop {
+            match self.child.try_wait().expect("a child") {
+                Some(status) => break status,
+                None if begin.elapsed() > HUNG => panic!("does not end:\n{}", self.said),
+                None => std::thread::sleep(Duration::from_millis(5)),
+            }
+        };
+        let text = self.stdout.take().map(|thread| thread.join().expect("reads")).unwrap_or_default();
+        let json =
+            if text.is_empty() { Value::Null } else { serde_json::from_str(&text).unwrap_or_else(|e| panic!("{e}: {text}")) };
+        self.said.extend(self.stderr.iter().flat_map(|line| [line, "\n".to_owned()]));
+        Ended { status, json, stderr: core::mem::take(&mut self.said) }
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// A folder with what a test needs, the node of the mock arm among it.
+pub(crate) struct Bench {
+    pub(crate) folder: TempDir,
+    /// Profile that the host uses.
+    pub(crate) profile: String,
+}
+
+impl Bench {
+    /// An arm as it is shipped.
+    pub(crate) fn shipped(profile: &str) -> Self {
+        Self { folder: TempDir::new().expect("a folder"), profile: profile.to_owned() }
+    }
+
+    /// A shipped arm whose signs somebody has checked: it may push harder than 0.5 N.
+    pub(crate) fn verified(profile: &str) -> Self {
+        let bench = Self::shipped(profile);
+        let text = std::fs::read_to_string(root(&format!("devices/{profile}.toml"))).expect("shipped");
+        let text = text.replace("signs_verified = false", "signs_verified = true");
+        let path = bench.folder.path().join(format!("{profile}.toml"));
+        std::fs::write(&path, text).expect("written");
+        Self { profile: path.display().to_string(), ..bench }
+    }
+
+    fn link(&self) -> String {
+        self.folder.path().join("arm").display().to_string()
+    }
+
+    /// The arm, ready for a host. The hand is that of block-on-plane.
+    pub(crate) fn mock(&self, args: &[&str]) -> Running {
+        let until_host_has_gone = ["--once", "--duration", "60s"];
+        self.mock_with(&[&until_host_has_gone, args].concat())
+    }
+
+    /// The arm, which says itself when it ends.
+    pub(crate) fn mock_with(&self, args: &[&str]) -> Running {
+        let (link, scene) = (self.link(), block_on_plane());
+        let scene = scene.to_str().expect("text");
+        let mut all = vec!["mock", &self.profile, "--pty", &link, "--json", "--scene", scene];
+        all.extend(["--cache", "off"]);
+        all.extend(args);
+        let mut mock = Running::start(&all);
+        mock.wait_for("ready");
+        mock
+    }
+
+    /// The host, on the scene block-on-plane.
+    pub(crate) fn host(&self, args: &[&str]) -> Running {
+        let (link, scene) = (self.link(), block_on_plane());
+        let mut all = vec!["run", scene.to_str().expect("text"), "--device", &self.profile, "--selector", &link, "--json"];
+        all.extend(["--cache", "off"]);
+        all.extend(args);
+        Running::start(&all)
+    }
+}
+
+/// Runs host and arm against each other and judges the result, again where the machine itself was too late: a host that missed deadlines or an arm whose
+/// periods began late, and a host that says `stale` or `overrun` of it. `expected`: sets of faults that are as they should be. A result that the machine does not explain is judged at once.
+pub(crate) fn exchange(bench: &Bench, mock_args: &[&str], host_args: &[&str], expected: &[&[&str]]) -> (Ended, Ended) {
+    let _alone = alone();
+    for attempt in 1.. {
+        let mock = bench.mock(mock_args);
+        let host = bench.host(host_args).ended();
+        let mock = mock.ended();
+        let is_late = host.number("missed_deadlines") > 0.0 || mock.number("late_periods") > 0.0;
+        let is_expected = expected.iter().any(|faults| host.faults() == *faults);
+        let is_spoilt = !is_expected && host.faults().iter().all(|fault| matches!(*fault, "stale" | "overrun"));
+        if is_spoilt && is_late && attempt < ATTEMPTS {
+            continue;
+        }
+        return (host, mock);
+    }
+    unreachable!("the loop returns")
+}

@@ -1,0 +1,71 @@
+//! Who goes away, and who comes back.
+
+use std::time::Duration;
+
+use super::link::{Bench, alone};
+
+#[test]
+fn a_replugged_arm_waits_for_the_operator() {
+    let _alone = alone();
+    let bench = Bench::verified("open6-serial");
+    let mock = bench.mock(&["--fault", "unplug@2600ms+700ms"]);
+    let mut host = bench.host(&["--console"]);
+    host.wait_for("preflight");
+    host.say("enable");
+    host.wait_for("state: enabled");
+    host.wait_for("state: fault");
+    host.wait_for("device: back");
+    std::thread::sleep(Duration::from_millis(100));
+    host.say("enable");
+    host.wait_for("state: enabled");
+    std::thread::sleep(Duration::from_millis(800));
+    host.say("stop");
+    let (host, mock) = (host.ended(), mock.ended());
+    let said = format!("{}\n{}\n{}", host.json, host.stderr, mock.json);
+    assert_eq!((host.code(), host.faults()), (Some(7), vec!["disconnected"]), "{said}");
+    let felt = &mock.json["faults"][0];
+    assert!(felt["force_before_n"].as_f64().is_some_and(|force_n| force_n > 0.3), "{said}");
+    assert!(felt["zero_after_ticks"].as_f64().is_some(), "{said}");
+    assert_eq!(mock.json["last_command"]["fz_n"].as_f64(), Some(0.0), "{said}");
+}
+
+/// Kills the host while it pushes; what the arm felt.
+fn killed(profile: &str, signal: &str) -> serde_json::Value {
+    let _alone = alone();
+    let bench = Bench::verified(profile);
+    let mock = bench.mock_with(&["--duration", "6s"]);
+    let mut host = bench.host(&["--enable"]);
+    host.wait_for("state: enabled");
+    // The hand begins after one second and presses from 1.2 s of its own time on.
+    std::thread::sleep(Duration::from_millis(2600));
+    host.signal(signal);
+    host.ended();
+    mock.ended().json
+}
+
+fn force_n(felt: &serde_json::Value) -> f64 {
+    ["fx_n", "fy_n", "fz_n"].map(|key| felt["last_command"][key].as_f64().expect("a number").powi(2)).iter().sum::<f64>().sqrt()
+}
+
+#[test]
+fn an_arm_with_a_watchdog_lets_go_of_a_dead_host() {
+    let felt = killed("open6-serial", "KILL");
+    assert!(felt["largest_force_n"].as_f64().is_some_and(|force_n| force_n > 0.3), "{felt}");
+    assert_eq!((felt["watchdog_trips"].as_f64(), force_n(&felt)), (Some(1.0), 0.0), "{felt}");
+}
+
+#[test]
+fn an_arm_without_a_watchdog_holds_the_last_force_of_a_dead_host() {
+    // This is why zero is written on every way out that a program has: there is none left after SIGKILL.
+    let felt = killed("polhem-2022", "KILL");
+    assert!(force_n(&felt) > 0.1, "{felt}");
+}
+
+#[test]
+fn a_host_that_is_told_to_end_leaves_no_force() {
+    for signal in ["TERM", "INT", "HUP"] {
+        let felt = killed("polhem-2022", signal);
+        assert!(felt["largest_force_n"].as_f64().is_some_and(|force_n| force_n > 0.1), "{signal}: {felt}");
+        assert_eq!(force_n(&felt), 0.0, "{signal}: {felt}");
+    }
+}
