@@ -131,6 +131,10 @@ pub(crate) fn main(args: &Args, talk: Talk, started_ns: i64) -> Exit {
             report::error("a real arm lives in real time", Some(hint), talk);
             return Exit::Usage;
         }
+        if !args.may_enable(&config) {
+            report::error(&RunError::NobodyEnables.to_string(), Some(HOW_TO_ENABLE), talk);
+            return Exit::Device;
+        }
         tell_of_arm(&config, real, talk);
     }
     let changes = match args.live.check(&config, &overrides, args.duration, talk) {
@@ -171,7 +175,7 @@ pub(crate) fn main(args: &Args, talk: Talk, started_ns: i64) -> Exit {
             return Exit::Internal;
         }
     };
-    let operator = Operator { enables_at_start: args.enable, waits_after_fault: orders.is_some(), orders };
+    let operator = Operator { enables_at_start: args.enables_at_start(&config), waits_after_fault: orders.is_some(), orders };
     let live = Live { operator, ..live };
     match run(args, talk, (live, &under_way), interrupts, bake) {
         Ok(outcome) => {
@@ -194,10 +198,7 @@ pub(crate) fn main(args: &Args, talk: Talk, started_ns: i64) -> Exit {
             }
             let hint = match &error {
                 RunError::Refused(_) => Some("--realtime best-effort runs anyway, with the latency that this machine gives"),
-                RunError::NobodyEnables => Some(
-                    "give --enable to let force flow from the start, or --console to type `enable`; \
-                     `safety.deadman` makes force flow only while a button is held",
-                ),
+                RunError::NobodyEnables => Some(HOW_TO_ENABLE),
                 _ => None,
             };
             report::error(&error.to_string(), hint, talk);
@@ -207,6 +208,21 @@ pub(crate) fn main(args: &Args, talk: Talk, started_ns: i64) -> Exit {
             report::error(&error.to_string(), None, talk);
             Exit::Internal
         }
+    }
+}
+
+const HOW_TO_ENABLE: &str = "give --enable to let force flow from the start, or --console to type `enable`; \
+                             with `safety.deadman` in the scene force flows while that button is held";
+
+impl Args {
+    /// Somebody can let force flow on a real arm.
+    fn may_enable(&self, config: &SceneConfig) -> bool {
+        self.enables_at_start(config) || self.console
+    }
+
+    /// A deadman is an enable in the operator's hand.
+    fn enables_at_start(&self, config: &SceneConfig) -> bool {
+        self.enable || config.parameters.safety.deadman.is_some() && !self.console
     }
 }
 

@@ -41,7 +41,7 @@ pub enum OpenError {
         profile: String,
     },
     /// No node fits.
-    #[error("no attached device is a {title}{}{}", looked_for(.matching), attached(.found))]
+    #[error("nothing attached fits the profile of {title}{}{}", looked_for(.matching), attached(.found))]
     Missing {
         /// Name for people.
         title: String,
@@ -95,7 +95,7 @@ fn looked_for(matching: &Match) -> String {
     let mut words: Vec<String> = matching.ids.iter().map(|id| format!("USB {:04x}:{:04x}", id.vendor, id.product)).collect();
     words.extend(matching.serial.as_ref().map(|serial| format!("serial number {serial}")));
     words.extend(matching.by_id.as_ref().map(|by_id| format!("a port named …{by_id}…")));
-    if words.is_empty() { " that its profile could name".into() } else { format!(" ({})", words.join(", ")) }
+    if words.is_empty() { ", which names no device by itself".into() } else { format!(" ({})", words.join(", ")) }
 }
 
 fn attached(nodes: &[Node]) -> String {

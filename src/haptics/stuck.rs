@@ -2,7 +2,7 @@
 //!
 //! A hand that rests repeats a pose as well, and so does an arm that is slower than a step of its encoder per tick. What neither does is to
 //! stand still from one tick to the next: that takes more than an arm and a hand can do. So a pose that repeats is suspicious only when each
-//! of the [`MOVING_TICKS`] intervals before it showed a move of at least [`least_move_m`] along one axis, or a turn of at least
+//! of the three intervals before it showed a move of at least [`least_move_m`] along one axis, or a turn of at least
 //! [`least_turn_rad`].
 //!
 //! With T the tick, e the encoder's step and a the strongest deceleration: a move measured as d was truly d − e or more, so at its end the
