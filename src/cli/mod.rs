@@ -11,11 +11,13 @@ mod eval;
 mod live;
 mod memory;
 mod mock;
+mod outcome;
 mod plots;
 mod progress;
 mod report;
 mod run;
 mod say;
+mod screen;
 
 use std::process::ExitCode;
 

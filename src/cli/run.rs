@@ -1,34 +1,27 @@
 //! `hapticd run`: bake a scene and render it on its arm.
 
 use std::cell::Cell;
-use std::fmt::Write as _;
-use std::io::IsTerminal as _;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
 use clap::ValueEnum;
 use crossbeam::channel::Receiver;
-use serde::Serialize;
 
+use super::outcome::{StartTimes, result_text};
 use super::progress::BakeProgress;
+use super::screen::{Screen, report_lines};
 use super::{Talk, bake, cache, check, console, live, memory, report, say};
 use crate::config::{self, LoadOptions, SceneConfig};
-use crate::daemon::{
-    Attached, Live, Notice, Operator, Outcome, PrepareError, Prepared, RenderJob, RunError, Supervisor, prepare_with,
-};
+use crate::daemon::{Attached, Live, Operator, Outcome, PrepareError, Prepared, RenderJob, RunError, Supervisor, prepare_with};
 use crate::device::nodes::Selector;
-use crate::device::open::LinkNews;
 use crate::device::profile::RealArm;
 use crate::error::Exit;
-use crate::haptics::Faults;
 use crate::rt::clock::{ClockKind, monotonic_ns};
 use crate::rt::duration;
-use crate::rt::preflight::{self, Report};
 use crate::rt::signals::{SignalError, interrupts};
 use crate::scene::BakeMeans;
 use crate::scene::cache::Residence;
-use crate::telemetry::{LatencySummary, TickRecord, Totals};
 
 /// Arguments of `hapticd run`.
 #[derive(Debug, clap::Args)]
@@ -101,15 +94,6 @@ enum Refusal {
     Prepare(PrepareError),
     Run(RunError),
     Signals(SignalError),
-}
-
-/// How long a run took to begin, s since the first instruction of `main`.
-#[derive(Clone, Copy, Debug, Default, Serialize)]
-struct StartTimes {
-    /// The scene was baked, or read from the cache, and the arm open.
-    baked: f64,
-    /// The first tick began; 0 when there was none.
-    first_tick: f64,
 }
 
 pub(crate) fn main(args: &Args, talk: Talk, started_ns: i64) -> Exit {
@@ -288,197 +272,6 @@ fn run(
     supervisor.render_live(job, live, &interrupts).map_err(Refusal::Run)
 }
 
-/// stderr while a run goes on: lines that stay, and on a terminal one status line that is written over.
-struct Screen<'a> {
-    under_way: &'a live::UnderWay,
-    quiet: bool,
-    live: bool,
-    /// A status line is on the screen now.
-    status_on: bool,
-}
-
-impl<'a> Screen<'a> {
-    fn new(talk: Talk, under_way: &'a live::UnderWay) -> Self {
-        Self { under_way, quiet: talk.quiet, live: !talk.quiet && std::io::stderr().is_terminal(), status_on: false }
-    }
-
-    fn show(&mut self, notice: &Notice<'_>) {
-        match notice {
-            Notice::Phase(phase) => {
-                if !self.quiet {
-                    self.line(&format!("state: {}", phase.name()));
-                }
-            }
-            Notice::Preflight(report) => {
-                if !self.quiet {
-                    for row in report_lines(report, false) {
-                        self.line(&row);
-                    }
-                }
-            }
-            Notice::Scene(record) => {
-                if !self.quiet {
-                    let (path, at_s) = (self.under_way.scene(record.scene_idx), record.time_ns as f64 * 1e-9);
-                    self.line(&format!("scene: {} from {at_s:.3} s on (tick {})", path.display(), record.tick));
-                }
-            }
-            Notice::Link(news) => {
-                self.line(&match news {
-                    LinkNews::Lost => "device: gone; looking for it".to_owned(),
-                    LinkNews::Back(node) => format!("device: back at {}; it waits for `enable`", node.display()),
-                    LinkNews::Fails(why) => format!("device: {why}"),
-                });
-            }
-            Notice::Waiting(cause) => {
-                if !self.quiet {
-                    self.line(&format!("no force: {} ({})", cause.name(), cause.advice()));
-                }
-            }
-            Notice::Fault(record) => {
-                for line in fault_lines(record) {
-                    self.line(&line);
-                }
-            }
-            Notice::Status(record) => {
-                if self.live {
-                    // Cut at the edge of the terminal: a line that wraps could not be written over.
-                    say::talk(format_args!("\r\x1b[2K\x1b[?7l{}\x1b[?7h", status_text(record)));
-                    self.status_on = true;
-                }
-            }
-        }
-    }
-
-    fn line(&mut self, text: &str) {
-        self.clear_status();
-        say::talk(format_args!("{text}\n"));
-    }
-
-    fn clear_status(&mut self) {
-        if self.status_on {
-            say::talk(format_args!("\r\x1b[2K"));
-            self.status_on = false;
-        }
-    }
-}
-
-fn report_lines(report: &Report, failed_only: bool) -> Vec<String> {
-    let mut lines = Vec::new();
-    for row in &report.rows {
-        let mark = match row.outcome {
-            preflight::Outcome::Passed => "ok",
-            preflight::Outcome::Failed => "FAILED",
-            preflight::Outcome::Unknown => "unknown",
-        };
-        if failed_only && row.outcome != preflight::Outcome::Failed {
-            continue;
-        }
-        lines.push(format!("preflight: {:<12} {mark:<7} {}", row.name, row.found));
-        if !row.hint.is_empty() {
-            lines.push(format!("           {:<12} hint: {}", "", row.hint));
-        }
-    }
-    lines
-}
-
-fn fault_lines(record: &TickRecord) -> impl Iterator<Item = String> {
-    let (faults, tick, time_s) = (record.output.faults, record.tick, record.time_ns as f64 * 1e-9);
-    Faults::TABLE
-        .into_iter()
-        .filter(move |(fault, ..)| faults.contains(*fault))
-        .map(move |(_, name, text)| format!("fault: {name} at {time_s:.3} s (tick {tick}): {text}"))
-}
-
-fn status_text(record: &TickRecord) -> String {
-    let output = &record.output;
-    format!(
-        "tick {:>8}  force {:6.2} N  torque {:6.3} N·m  depth {:6.3} mm  contacts {:>5}  late {:>6.1} µs",
-        record.tick,
-        output.command_device.force.length(),
-        output.command_device.torque.length(),
-        output.max_depth_m * 1e3,
-        output.contacts,
-        record.wakeup_ns as f64 * 1e-3,
-    )
-}
-
-/// What goes to stdout.
-fn result_text(totals: &Totals, start_s: StartTimes, swaps: &[live::SwapReport], json: bool) -> String {
-    if json {
-        #[derive(Serialize)]
-        struct RunReport<'t> {
-            #[serde(flatten)]
-            totals: &'t Totals,
-            start_s: StartTimes,
-            #[serde(skip_serializing_if = "<[_]>::is_empty")]
-            swaps: &'t [live::SwapReport],
-        }
-        return match serde_json::to_string(&RunReport { totals, start_s, swaps }) {
-            Ok(mut text) => {
-                text.push('\n');
-                text
-            }
-            // True invariant: numbers, names and flags, no map with odd keys.
-            Err(error) => unreachable!("plain data: {error}"),
-        };
-    }
-    let mut text = String::new();
-    let mut row = |name: &str, value: std::fmt::Arguments<'_>| {
-        // Writing to a string cannot fail.
-        let _ = writeln!(text, "{name:<18} {value}");
-    };
-    row("ticks", format_args!("{} in {:.3} s at {} Hz ({} clock)", totals.ticks, totals.duration_s, totals.rate_hz, totals.clock));
-    row("start", format_args!("baked after {:.3} s, first tick after {:.3} s", start_s.baked, start_s.first_tick));
-    for swap in swaps {
-        row("swap", format_args!("{swap}"));
-    }
-    row("missed deadlines", format_args!("{}", totals.missed_deadlines));
-    for (name, latency) in [("wake-up", totals.wakeup_us), ("compute", totals.compute_us), ("device", totals.device_us)] {
-        let LatencySummary { p50, p99, p999, max } = latency;
-        row(name, format_args!("p50 {p50:.1}  p99 {p99:.1}  p99.9 {p999:.1}  max {max:.1} µs"));
-    }
-    row("largest command", format_args!("{:.3} N, {:.4} N·m", totals.max_force_n, totals.max_torque_nm));
-    let rendered = totals.rendered;
-    if rendered.max_dropped_torque_nm > 0.0 || rendered.max_dropped_force_n > 0.0 || rendered.weakened_ticks > 0 {
-        row("largest rendered", format_args!("{:.3} N, {:.4} N·m", rendered.max_force_n, rendered.max_torque_nm));
-        row(
-            "not rendered",
-            format_args!(
-                "up to {:.3} N and {:.4} N·m without a motor; {} ticks weakened by a motor at its limit",
-                rendered.max_dropped_force_n, rendered.max_dropped_torque_nm, rendered.weakened_ticks
-            ),
-        );
-    }
-    if let Some(points) = totals.contact_budget_points {
-        row("contact budget", format_args!("{points} points a tick, at most {} left out", totals.points_left_out));
-    }
-    row("contact", format_args!("{} ticks, deepest {:.4} mm", totals.contact_ticks, totals.max_depth_m * 1e3));
-    row("passivity", format_args!("damped {} ticks, lowest energy {:.4} mJ", totals.passivity_ticks, totals.lowest_energy_j * 1e3));
-    if totals.object_work_j > 0.0 {
-        row("moving objects", format_args!("put up to {:.4} mJ into the hand", totals.object_work_j * 1e3));
-    }
-    let pose = totals.final_pose;
-    row(
-        "tool at the end",
-        format_args!(
-            "[{:.6}, {:.6}, {:.6}] m, xyzw [{:.6}, {:.6}, {:.6}, {:.6}]",
-            pose.x_m, pose.y_m, pose.z_m, pose.qx, pose.qy, pose.qz, pose.qw
-        ),
-    );
-    if totals.stale_samples > 0 {
-        row("stale samples", format_args!("{}", totals.stale_samples));
-    }
-    if totals.corrupt_packets > 0 || totals.lost_packets > 0 {
-        row("packets", format_args!("{} corrupt, {} lost on the way", totals.corrupt_packets, totals.lost_packets));
-    }
-    if totals.dropped_records > 0 {
-        row("dropped records", format_args!("{}: the extremes above do not know of them", totals.dropped_records));
-    }
-    let faults = if totals.faults.is_empty() { "none".to_owned() } else { totals.faults.join(", ") };
-    row("faults", format_args!("{faults}"));
-    text
-}
-
 #[cfg(test)]
 mod tests {
     use clap::Parser;
@@ -489,6 +282,7 @@ mod tests {
     use crate::config::scene::RealtimeConfig;
     use crate::device::sim::{SimArm, SimParameters};
     use crate::servo::testing::empty_scene;
+    use crate::telemetry::Totals;
 
     #[derive(Debug, Parser)]
     struct Command {

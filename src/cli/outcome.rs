@@ -1,0 +1,94 @@
+//! stdout of `run`: what a run came to, as text or as one JSON object.
+
+use std::fmt::Write as _;
+
+use serde::Serialize;
+
+use super::live;
+use crate::telemetry::{LatencySummary, Totals};
+
+/// How long a run took to begin, s since the first instruction of `main`.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub(super) struct StartTimes {
+    /// The scene was baked, or read from the cache, and the arm open.
+    pub(super) baked: f64,
+    /// The first tick began; 0 when there was none.
+    pub(super) first_tick: f64,
+}
+
+/// What goes to stdout.
+pub(super) fn result_text(totals: &Totals, start_s: StartTimes, swaps: &[live::SwapReport], json: bool) -> String {
+    if json {
+        #[derive(Serialize)]
+        struct RunReport<'t> {
+            #[serde(flatten)]
+            totals: &'t Totals,
+            start_s: StartTimes,
+            #[serde(skip_serializing_if = "<[_]>::is_empty")]
+            swaps: &'t [live::SwapReport],
+        }
+        return match serde_json::to_string(&RunReport { totals, start_s, swaps }) {
+            Ok(mut text) => {
+                text.push('\n');
+                text
+            }
+            // True invariant: numbers, names and flags, no map with odd keys.
+            Err(error) => unreachable!("plain data: {error}"),
+        };
+    }
+    let mut text = String::new();
+    let mut row = |name: &str, value: std::fmt::Arguments<'_>| {
+        // Writing to a string cannot fail.
+        let _ = writeln!(text, "{name:<18} {value}");
+    };
+    row("ticks", format_args!("{} in {:.3} s at {} Hz ({} clock)", totals.ticks, totals.duration_s, totals.rate_hz, totals.clock));
+    row("start", format_args!("baked after {:.3} s, first tick after {:.3} s", start_s.baked, start_s.first_tick));
+    for swap in swaps {
+        row("swap", format_args!("{swap}"));
+    }
+    row("missed deadlines", format_args!("{}", totals.missed_deadlines));
+    for (name, latency) in [("wake-up", totals.wakeup_us), ("compute", totals.compute_us), ("device", totals.device_us)] {
+        let LatencySummary { p50, p99, p999, max } = latency;
+        row(name, format_args!("p50 {p50:.1}  p99 {p99:.1}  p99.9 {p999:.1}  max {max:.1} µs"));
+    }
+    row("largest command", format_args!("{:.3} N, {:.4} N·m", totals.max_force_n, totals.max_torque_nm));
+    let rendered = totals.rendered;
+    if rendered.max_dropped_torque_nm > 0.0 || rendered.max_dropped_force_n > 0.0 || rendered.weakened_ticks > 0 {
+        row("largest rendered", format_args!("{:.3} N, {:.4} N·m", rendered.max_force_n, rendered.max_torque_nm));
+        row(
+            "not rendered",
+            format_args!(
+                "up to {:.3} N and {:.4} N·m without a motor; {} ticks weakened by a motor at its limit",
+                rendered.max_dropped_force_n, rendered.max_dropped_torque_nm, rendered.weakened_ticks
+            ),
+        );
+    }
+    if let Some(points) = totals.contact_budget_points {
+        row("contact budget", format_args!("{points} points a tick, at most {} left out", totals.points_left_out));
+    }
+    row("contact", format_args!("{} ticks, deepest {:.4} mm", totals.contact_ticks, totals.max_depth_m * 1e3));
+    row("passivity", format_args!("damped {} ticks, lowest energy {:.4} mJ", totals.passivity_ticks, totals.lowest_energy_j * 1e3));
+    if totals.object_work_j > 0.0 {
+        row("moving objects", format_args!("put up to {:.4} mJ into the hand", totals.object_work_j * 1e3));
+    }
+    let pose = totals.final_pose;
+    row(
+        "tool at the end",
+        format_args!(
+            "[{:.6}, {:.6}, {:.6}] m, xyzw [{:.6}, {:.6}, {:.6}, {:.6}]",
+            pose.x_m, pose.y_m, pose.z_m, pose.qx, pose.qy, pose.qz, pose.qw
+        ),
+    );
+    if totals.stale_samples > 0 {
+        row("stale samples", format_args!("{}", totals.stale_samples));
+    }
+    if totals.corrupt_packets > 0 || totals.lost_packets > 0 {
+        row("packets", format_args!("{} corrupt, {} lost on the way", totals.corrupt_packets, totals.lost_packets));
+    }
+    if totals.dropped_records > 0 {
+        row("dropped records", format_args!("{}: the extremes above do not know of them", totals.dropped_records));
+    }
+    let faults = if totals.faults.is_empty() { "none".to_owned() } else { totals.faults.join(", ") };
+    row("faults", format_args!("{faults}"));
+    text
+}
