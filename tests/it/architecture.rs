@@ -294,7 +294,9 @@ fn rooms_use_only_what_they_may() {
     for path in &files {
         let file = path.strip_prefix(&src).expect("in src").to_string_lossy().replace('\\', "/");
         let (found, test_modules) = violations(&file, &std::fs::read_to_string(path).expect("text"));
-        let folder = file.rsplit_once('/').map_or("", |(folder, _)| folder).to_owned();
+        // `a/mod.rs` keeps its modules in `a`, `a/b.rs` in `a/b`.
+        let stem = file.trim_end_matches(".rs");
+        let folder = stem.strip_suffix("/mod").unwrap_or(stem).to_owned();
         of_tests.extend(test_modules.into_iter().map(|name| format!("src/{folder}/{name}.rs:")));
         broken.extend(found);
     }

@@ -187,8 +187,7 @@ fn an_object_is_movable_as_written() {
 #[test]
 fn what_this_version_lacks_is_refused_by_name() {
     let scene = SCENE.to_owned()
-        + r#"selector = "1209:7a01"
-[safety]
+        + r#"[safety]
 heartbeat_ms = 500
 [device.sim]
 jitter_us = 20
@@ -199,12 +198,24 @@ points = 1000
 "#;
     let errors = load(&scene).unwrap_err();
     let keys: Vec<&str> = errors.problems().iter().filter_map(|problem| problem.key.as_deref()).collect();
-    let expected = ["device.selector", "safety.heartbeat_ms", "device.sim.jitter_us", "monitor.listen", "sculpt"];
+    let expected = ["safety.heartbeat_ms", "device.sim.jitter_us", "monitor.listen", "sculpt"];
     assert_eq!(keys, expected);
     for problem in errors.problems() {
         assert!(matches!(problem.kind, ProblemKind::NotAvailable { .. }), "{problem}");
         assert!(problem.to_string().contains("not available in this version"), "{problem}");
     }
+}
+
+#[test]
+fn a_selector_is_numbers_or_a_node() {
+    for good in ["1209:7a01", "1209:7a01:42", "/dev/ttyACM0"] {
+        let config = load(&format!("{SCENE}selector = \"{good}\"\n")).unwrap();
+        assert_eq!(config.device.selector.unwrap().to_string(), good);
+    }
+    let errors = load(&format!("{SCENE}selector = \"ttyACM0\"\n")).unwrap_err();
+    let problem = &errors.problems()[0];
+    assert_eq!((problem.key.as_deref(), errors.problems().len()), (Some("device.selector"), 1));
+    assert!(problem.to_string().contains("VID:PID"), "{problem}");
 }
 
 /// The gates and the brake of `[safety]`.

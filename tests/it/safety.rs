@@ -320,8 +320,12 @@ fn signs_that_nobody_verified_cap_the_force() {
     let options = LoadOptions { device: Some("polhem-2022".to_owned()), ..LoadOptions::default() };
     let config = load_with(&rig::shipped("block-on-plane"), &options).unwrap_or_else(|errors| panic!("{errors}"));
     assert_eq!(config.parameters.limits.force_n, LimitParameters::UNVERIFIED_SIGNS_FORCE_N);
-    let (_folder, greedy) = with_hand(&hand, &[("[device]", "[limits]\nforce_n = 9.0\n\n[device]")]);
-    let greedy = load_with(&greedy.path, &options).unwrap_or_else(|errors| panic!("{errors}"));
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let path = folder.path().join("greedy.toml");
+    let text = std::fs::read_to_string(rig::shipped("block-on-plane")).expect("readable");
+    let text = text.replace("hand = \"hands/block-on-plane.csv\"", "").replace("[device]", "[limits]\nforce_n = 9.0\n\n[device]");
+    std::fs::write(&path, text).expect("written");
+    let greedy = load_with(&path, &options).unwrap_or_else(|errors| panic!("{errors}"));
     assert_eq!(greedy.parameters.limits.force_n, LimitParameters::UNVERIFIED_SIGNS_FORCE_N);
 }
 
