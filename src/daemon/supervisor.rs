@@ -631,10 +631,8 @@ mod tests {
     #[test]
     fn an_interrupt_is_a_safe_stop() {
         let (sender, interrupts) = bounded(1);
-        let arm = CountingArm {
-            capabilities: Capabilities { homed: true, simulated: true, ..Capabilities::default() },
-            ..CountingArm::default()
-        };
+        let arm =
+            CountingArm { capabilities: Capabilities { simulated: true, ..Capabilities::default() }, ..CountingArm::default() };
         let log = arm.log.clone();
         let mut job = job(Box::new(arm), ClockKind::Real, 0);
         job.duration = None;
@@ -668,7 +666,7 @@ mod tests {
     #[test]
     fn a_listener_that_panics_does_not_leave_the_loop_alone() {
         let sim = SimArm::new(SimParameters::ideal(1e-3)).expect("valid");
-        let capabilities = Capabilities { homed: true, ..sim.capabilities() };
+        let capabilities = sim.capabilities();
         let arm = CountingArm { capabilities, ..CountingArm::default() };
         let log = arm.log.clone();
         let job = RenderJob { duration: None, ..job(Box::new(arm), ClockKind::Real, 0) };

@@ -59,8 +59,6 @@ pub struct Capabilities {
     pub watchdog_latched: bool,
     /// The motors keep the last command when the host goes away.
     pub holds_last_command: bool,
-    /// The position is absolute: homed at power-on, or needs no homing.
-    pub homed: bool,
     /// A simulated arm: may be enabled without an operator.
     pub simulated: bool,
 }

@@ -15,6 +15,8 @@
 //! | `stuck` | the encoders repeat their value while the counter runs on | the same |
 //! | `jump` | x is off by [`JUMP_M`] | the same |
 //! | `sign-flip` | the motors push the wrong way | the same |
+//! | `unhome` | the arm has lost its zero | the same, where the protocol says so |
+//! | `press=N` | no fault: button N, 0 to 31, is held | the same, where the protocol has buttons |
 //! | `saturate` | each axis gives [`SATURATED_SHARE`] of the arm's limit at most, and the arm does not say so | the same |
 
 use crate::rt::duration;
@@ -50,6 +52,13 @@ pub enum FaultKind {
     SignFlip,
     /// The motors give [`SATURATED_SHARE`] of the arm's limit per axis at most.
     Saturate,
+    /// The arm has lost its zero.
+    Unhome,
+    /// No fault, but it happens on demand like one: a button is held.
+    Press {
+        /// 0..=31
+        button: u8,
+    },
 }
 
 /// Size of a counter jump, m: far beyond what an arm moves in a millisecond, within the workspace of every preset.
@@ -82,11 +91,12 @@ impl FaultPlan {
 }
 
 /// Names of the grammar.
-pub const NAMES: [&str; 11] =
-    ["drop", "stall", "nan", "garbage", "unplug", "slow", "stuck", "jump", "truncate", "sign-flip", "saturate"];
+pub const NAMES: [&str; 13] =
+    ["drop", "stall", "nan", "garbage", "unplug", "slow", "stuck", "jump", "truncate", "sign-flip", "saturate", "unhome", "press"];
 
-/// Names with the values that two of them take, for people.
-const USAGE: &str = "drop=P%, stall, nan, garbage, unplug, slow=TIME, stuck, jump, truncate, sign-flip, saturate";
+/// Names with the values that three of them take, for people.
+const USAGE: &str =
+    "drop=P%, stall, nan, garbage, unplug, slow=TIME, stuck, jump, truncate, sign-flip, saturate, unhome, press=BUTTON";
 
 /// Why a fault specification was refused.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -113,6 +123,9 @@ pub enum FaultError {
     /// `slow` without a delay, or one that is zero or too long.
     #[error("fault `slow` needs a delay above 0 and up to 1s, as in slow=4ms")]
     Delay,
+    /// `press` without a button, or one that there is not.
+    #[error("`press` needs the number of a button from 0 to 31, as in press=0@1s+500ms")]
+    Button,
     /// A fault that ends when it begins.
     #[error("fault `{name}` needs a length above 0, as in {name}@2s+500ms")]
     Length {
@@ -152,9 +165,11 @@ pub fn parse(text: &str) -> Result<FaultPlan, FaultError> {
         "truncate" => FaultKind::Truncate,
         "sign-flip" => FaultKind::SignFlip,
         "saturate" => FaultKind::Saturate,
+        "unhome" => FaultKind::Unhome,
+        "press" => FaultKind::Press { button: value.and_then(button).ok_or(FaultError::Button)? },
         name => return Err(FaultError::Unknown { name: name.to_owned() }),
     };
-    if value.is_some() && !matches!(kind, FaultKind::Drop { .. } | FaultKind::Slow { .. }) {
+    if value.is_some() && !matches!(kind, FaultKind::Drop { .. } | FaultKind::Slow { .. } | FaultKind::Press { .. }) {
         return Err(FaultError::Value { name: name.to_owned() });
     }
     let seconds = |text: &str| match duration::parse(text) {
@@ -179,6 +194,10 @@ pub fn parse(text: &str) -> Result<FaultPlan, FaultError> {
 fn share(text: &str) -> Option<f64> {
     let percent: f64 = text.trim().strip_suffix('%')?.trim_end().parse().ok()?;
     (0.0..=100.0).contains(&percent).then_some(percent / 100.0)
+}
+
+fn button(text: &str) -> Option<u8> {
+    text.trim().parse().ok().filter(|button| u32::from(*button) < u32::BITS)
 }
 
 fn delay(text: &str) -> Option<f64> {
@@ -245,6 +264,9 @@ mod tests {
             ("nan@2s+5", "is not a duration"),
             ("nan@2s+0s", "nan@2s+500ms"),
             ("nan=3@2s", "takes no value"),
+            ("press", "press=0"),
+            ("press=32", "0 to 31"),
+            ("unhome=1", "takes no value"),
         ] {
             let error = parse(text).expect_err(text).to_string();
             assert!(error.contains(fragment), "{text}: {error}");

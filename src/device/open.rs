@@ -176,7 +176,6 @@ pub fn wired_parameters(profile: &Profile, real: &RealArm, period_s: f64, io: Io
             watchdog_ms: profile.link.device_watchdog_ms,
             watchdog_latched: real.watchdog_latched,
             holds_last_command: profile.link.holds_last_command,
-            homed: true,
             simulated: false,
         },
         force_limit_n: profile.limits.force_n,

@@ -9,7 +9,7 @@ const WRONG_AT: &str = "2600ms";
 const AT_ONCE_TICKS: f64 = 4.0;
 const STALE_TICKS: f64 = 20.0;
 
-/// Injects a fault while the arm pushes, and expects one of these sets of faults and zero force within `ticks`.
+/// Injects a fault into an open6 arm while it pushes, and expects one of these sets of faults and zero force within `ticks`.
 fn ends_in(fault: &str, expected: &[&[&str]], ticks: f64) {
     let bench = Bench::verified("open6-serial");
     let fault = format!("{fault}@{WRONG_AT}");
@@ -57,6 +57,63 @@ fn frames_cut_short() {
 fn the_plug_is_pulled() {
     // The arm hears nothing more: its own watchdog of 50 ms lets go.
     ends_in("unplug", &[&["disconnected"]], 50.0 + AT_ONCE_TICKS);
+}
+
+#[test]
+fn an_arm_that_loses_its_zero() {
+    // Its error code says so too.
+    ends_in("unhome", &[&["not-homed", "device-error"]], AT_ONCE_TICKS);
+}
+
+/// A run that ends in a fault of its own, without one that is injected.
+fn ends_by_itself_in(bench: &Bench, mock_args: &[&str], expected: &str) -> (super::link::Ended, super::link::Ended) {
+    let (host, mock) = exchange(bench, mock_args, &["--enable", "--duration", "6s"], &[&[expected]]);
+    let said = format!("{}\n{}\n{}", host.json, host.stderr, mock.json);
+    assert_eq!((host.code(), host.faults()), (Some(7), vec![expected]), "{said}");
+    for component in ["fx_n", "fy_n", "fz_n", "tx_nm", "ty_nm", "tz_nm"] {
+        assert_eq!(mock.json["last_command"][component].as_f64(), Some(0.0), "{said}");
+    }
+    (host, mock)
+}
+
+#[test]
+fn a_hand_that_is_too_fast() {
+    let bench = Bench::verified("open6-serial");
+    // Pressed, then 80 mm in 40 ms.
+    let hand = bench.hand(&[(0.0, 0.0, 15.0), (0.5, 0.0, 8.5), (1.0, 0.0, 8.5), (1.04, 80.0, 8.5), (3.0, 80.0, 8.5)]);
+    ends_by_itself_in(&bench, &["--hand", &hand], "speed");
+}
+
+#[test]
+fn encoders_that_freeze_in_a_fast_motion() {
+    let bench = Bench::verified("open6-serial");
+    // 0.5 m/s through free space; frozen in the middle of it.
+    let hand = bench.hand(&[(0.0, -40.0, 15.0), (0.5, -40.0, 15.0), (0.66, 40.0, 15.0), (3.0, 40.0, 15.0)]);
+    let (_, mock) = ends_by_itself_in(&bench, &["--hand", &hand, "--fault", "stuck@1600ms"], "stuck");
+    assert!(mock.json["faults"][0]["began_s"].as_f64().is_some());
+}
+
+#[test]
+fn a_motor_that_gets_too_hot() {
+    let bench = Bench::verified("polhem-2022").changed(&[
+        ("continuous_current_ma = [", "continuous_current_ma = [20, 20, 20] # ["),
+        ("thermal_time_s = 30.0", "thermal_time_s = 1.0"),
+    ]);
+    ends_by_itself_in(&bench, &[], "thermal");
+}
+
+#[test]
+fn a_deadman_that_is_let_go() {
+    let bench = Bench::verified("open6-serial").scene_with("[safety]\ndeadman = 3");
+    // Held while it presses, let go, held again.
+    let held = ["--fault", "press=3@1s+1600ms", "--fault", "press=3@2900ms+1s"];
+    let (host, mock) = exchange(&bench, &held, &["--duration", "5s"], &[&[]]);
+    let said = format!("{}\n{}\n{}", host.json, host.stderr, mock.json);
+    assert_eq!((host.code(), host.faults()), (Some(0), Vec::new()), "{said}");
+    let states: Vec<&str> = host.stderr.lines().filter_map(|line| line.strip_prefix("state: ")).collect();
+    assert_eq!(states.iter().filter(|state| **state == "enabled").count(), 2, "{said}");
+    assert!(host.stderr.contains("no force: deadman"), "{said}");
+    assert!(mock.number("largest_force_n") > 0.2, "{said}");
 }
 
 /// What the host does not take for a fault leaves a run that ends well.

@@ -136,12 +136,14 @@ pub(crate) struct Bench {
     pub(crate) folder: TempDir,
     /// Profile that the host uses.
     pub(crate) profile: String,
+    /// Scene that the host renders; the hand of the arm is that of block-on-plane.
+    scene: PathBuf,
 }
 
 impl Bench {
     /// An arm as it is shipped.
     pub(crate) fn shipped(profile: &str) -> Self {
-        Self { folder: TempDir::new().expect("a folder"), profile: profile.to_owned() }
+        Self { folder: TempDir::new().expect("a folder"), profile: profile.to_owned(), scene: block_on_plane() }
     }
 
     /// A shipped arm whose signs somebody has checked: it may push harder than 0.5 N.
@@ -176,10 +178,40 @@ impl Bench {
         mock
     }
 
-    /// The host, on the scene block-on-plane.
+    /// Another arm made of this one: text of its profile replaced.
+    pub(crate) fn changed(self, replacements: &[(&str, &str)]) -> Self {
+        let mut text = std::fs::read_to_string(&self.profile).expect("a verified arm");
+        for (from, to) in replacements {
+            assert!(text.contains(from), "{from}: {text}");
+            text = text.replacen(from, to, 1);
+        }
+        std::fs::write(&self.profile, text).expect("written");
+        self
+    }
+
+    /// The scene with more keys, for the host.
+    pub(crate) fn scene_with(mut self, keys: &str) -> Self {
+        let text = std::fs::read_to_string(block_on_plane()).expect("shipped").replace("hand = \"hands/block-on-plane.csv\"", "");
+        self.scene = self.folder.path().join("scene.toml");
+        std::fs::write(&self.scene, format!("{text}\n{keys}\n")).expect("written");
+        self
+    }
+
+    /// A file of poses for the hand of the arm: time in s, x and z of the tool in mm.
+    pub(crate) fn hand(&self, knots: &[(f64, f64, f64)]) -> String {
+        let path = self.folder.path().join("hand.csv");
+        let mut text = "t_s,x_m,y_m,z_m,qx,qy,qz,qw\n".to_owned();
+        for (t_s, x_mm, z_mm) in knots {
+            text += &format!("{t_s},{},0,{},0,0,0,1\n", x_mm * 1e-3, z_mm * 1e-3);
+        }
+        std::fs::write(&path, text).expect("written");
+        path.display().to_string()
+    }
+
+    /// The host, on the scene.
     pub(crate) fn host(&self, args: &[&str]) -> Running {
-        let (link, scene) = (self.link(), block_on_plane());
-        let mut all = vec!["run", scene.to_str().expect("text"), "--device", &self.profile, "--selector", &link, "--json"];
+        let link = self.link();
+        let mut all = vec!["run", self.scene.to_str().expect("text"), "--device", &self.profile, "--selector", &link, "--json"];
         all.extend(["--cache", "off"]);
         all.extend(args);
         Running::start(&all)
@@ -198,7 +230,10 @@ pub(crate) fn exchange(bench: &Bench, mock_args: &[&str], host_args: &[&str], ex
         let is_expected = expected.iter().any(|faults| host.faults() == *faults);
         // A host that gave up before the arm had its fault says nothing about it.
         let is_early = !expected.contains(&[].as_slice()) && mock.json["faults"].as_array().is_none_or(Vec::is_empty);
-        let is_late = host.faults().iter().all(|fault| matches!(*fault, "stale" | "overrun"));
+        // An arm whose watchdog tripped says so, as an error of its own.
+        let has_tripped = mock.number("watchdog_trips") > 0.0;
+        let is_late =
+            host.faults().iter().all(|fault| matches!(*fault, "stale" | "overrun") || *fault == "device-error" && has_tripped);
         let is_spoilt = is_late && (!is_expected || is_early);
         if is_spoilt && attempt < ATTEMPTS {
             continue;

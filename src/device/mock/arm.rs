@@ -153,6 +153,11 @@ impl MockArm {
         if self.has(now_s, |kind| *kind == FaultKind::Nan).is_some() {
             self.readings.readings[0] = f64::NAN;
         }
+        self.readings.homed = self.has(now_s, |kind| *kind == FaultKind::Unhome).is_none();
+        self.readings.buttons = match self.has(now_s, |kind| matches!(kind, FaultKind::Press { .. })) {
+            Some(FaultKind::Press { button }) => 1 << button,
+            _ => 0,
+        };
         self.post(now_s);
     }
 
