@@ -27,6 +27,8 @@
 //!
 //! [`DeviceSample`]: crate::spatial::DeviceSample
 
+#[cfg(test)]
+mod conformance;
 pub mod discover;
 mod driver;
 pub mod fault;

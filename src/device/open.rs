@@ -146,7 +146,7 @@ pub fn look_for(profile: &Profile, options: &OpenOptions) -> Result<(), OpenErro
 pub fn open(profile: &Profile, options: &OpenOptions) -> Result<Opened, OpenError> {
     let real = profile.real.as_ref().ok_or_else(|| OpenError::Simulated { profile: profile.name.clone() })?;
     let door = Door { title: profile.title.clone(), real: real.clone(), options: options.clone() };
-    let (path, connection) = door.connect()?;
+    let (path, connection) = door.connect(false)?;
     let lost = Arc::new(AtomicBool::new(false));
     let (to_arm, fresh) = RingBuffer::new(1);
     let (spent, from_arm) = RingBuffer::new(2);
@@ -259,9 +259,12 @@ impl Door {
         Ok((PathBuf::from(format!("USB {:04x}:{:04x}", id.0, id.1)), Box::new(link), Carriage::Stream))
     }
 
-    fn connect(&self) -> Result<(PathBuf, Connection), OpenError> {
+    fn connect(&self, again: bool) -> Result<(PathBuf, Connection), OpenError> {
         let (path, mut link, carriage) = self.link()?;
         let mut codec = self.real.protocol.codec(carriage);
+        if again {
+            codec.started_before();
+        }
         if let Err(cause) = codec.start(&mut *link) {
             // Zero on every failed start: the dialogue may have woken motors.
             codec.finish(&mut *link);
@@ -300,7 +303,7 @@ fn keep(
         // Relaxed: the flag is the whole message.
         if lost.load(Ordering::Relaxed) && !to_arm.is_full() {
             tell(LinkNews::Lost);
-            match door.connect() {
+            match door.connect(true) {
                 Ok((path, connection)) => {
                     let _ = to_arm.push(connection);
                     tell(LinkNews::Back(path));

@@ -31,6 +31,8 @@ const READS_MAX: usize = 64;
 const FULL_TICKS_MAX: u32 = 20;
 /// How long a stop waits for the answer to its first zero command before it sends the second.
 const STOP_PATIENCE: Duration = Duration::from_millis(3);
+/// Silence after which an arm that knows no frame to be woken with counts as having lost the command, s: the next one may go.
+const REPLY_PATIENCE_S: f64 = 5e-3;
 /// A rate input that sends nothing for so long is at rest, s: it sends on change only, and an unplugged one must not coast.
 const RATE_INPUT_REST_S: f64 = 0.1;
 
@@ -249,12 +251,13 @@ impl WiredArm {
         true
     }
 
-    /// Grip in the device frame; the identity where the orientation is not sensed.
+    /// Grip in the device frame; the identity where the orientation is not sensed. The grip's own axes are those of the device frame at the native
+    /// identity, so a turn about a native axis is one about the device axis of the same direction.
     fn device_pose(&self) -> Pose {
         let q = self.parameters.device_from_native;
         let native = self.configuration.native_from_grip;
         let senses_rotation = (3..6).any(|axis_idx| self.parameters.capabilities.sensed.has(axis_idx));
-        let rotation = if senses_rotation { (q * native.rotation).normalize() } else { DQuat::IDENTITY };
+        let rotation = if senses_rotation { (q * native.rotation * q.conjugate()).normalize() } else { DQuat::IDENTITY };
         Pose::new(rotation, q * native.translation)
     }
 
@@ -326,6 +329,8 @@ impl WiredArm {
             return Err(self.lose());
         }
         self.quiet_before = true;
+        // Whatever made it lose them was a packet.
+        self.last.corrupt_packets = self.last.corrupt_packets.max(1);
         self.quiet_until_s = Some(now_s + silence.as_secs_f64());
         Ok(true)
     }
@@ -380,8 +385,11 @@ impl Device for WiredArm {
             self.round_trip.received(self.n_reads, behind);
             self.last.delay_ticks = self.round_trip.ticks();
             if self.take_report(now_s) {
-                self.last.sequence += 1;
-                self.last.status = SampleStatus::Fresh;
+                // A rate input has a sample of its own in every tick.
+                if !self.is_rate_input {
+                    self.last.sequence += 1;
+                    self.last.status = SampleStatus::Fresh;
+                }
             } else {
                 self.last.corrupt_packets = self.last.corrupt_packets.saturating_add(1);
             }
@@ -405,7 +413,7 @@ impl Device for WiredArm {
         // One command in flight, but for the one that takes force away: it never waits for a reply that may be lost.
         let waits = self.parameters.capabilities.pacing == Pacing::PingPong && self.owes_reply;
         let takes_force_away = command.motors == [0.0; MAX_AXES] && self.sent.motors != [0.0; MAX_AXES];
-        let given_up = self.parameters.kick_s.is_none_or(|kick_s| now_s - self.last_sent_s >= kick_s);
+        let given_up = now_s - self.last_sent_s >= self.parameters.kick_s.unwrap_or(REPLY_PATIENCE_S);
         let may_send = self.quiet_until_s.is_none() && (!waits || takes_force_away || given_up);
         if may_send {
             self.send(command, rendered, now_s)?;

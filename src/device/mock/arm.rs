@@ -95,6 +95,16 @@ impl MockArm {
         self.plant.pose()
     }
 
+    /// What its encoders say, not yet cut to the wire.
+    pub fn readings(&self) -> &ArmReadings {
+        &self.readings
+    }
+
+    /// What the firmware drives the motors with now, as in [`Firmware::motors`].
+    pub fn motors(&self) -> [f64; MAX_AXES] {
+        self.firmware.motors()
+    }
+
     /// Time since the host's first frame, s; 0 before it.
     fn time_s(&self, now_s: f64) -> f64 {
         self.first_frame_s.map_or(0.0, |first_s| now_s - first_s)

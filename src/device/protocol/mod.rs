@@ -140,6 +140,10 @@ pub trait Codec: Send {
         Ok(())
     }
 
+    /// Told before [`Self::start`] by a host that has started this very arm before and lost the link to it: an arm that takes its pose at the start for
+    /// its home pose is asked first whether it still knows the old one. Cold.
+    fn started_before(&mut self) {}
+
     /// Takes one report (HID) or any piece of a stream; keeps what is left of an unfinished frame for the next call.
     fn feed(&mut self, bytes: &[u8]) -> Fed;
 
