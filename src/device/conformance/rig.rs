@@ -53,8 +53,9 @@ pub(super) trait Rig {
     fn is_rate_input(&self) -> bool;
     fn begin_trouble(&mut self);
     fn end_trouble(&mut self);
-    /// Joint torques that a wrench asks of the motors, N·m or N, each with what one step of its motor on the wire makes.
-    fn torques(&self, wrench: &Wrench) -> Vec<(f64, f64)>;
+    /// Joint torques that a wrench asks of the motors, N·m or N, each with what one step of its motor on the wire makes, and what it takes to hold the
+    /// weight of the links.
+    fn torques(&self, wrench: &Wrench) -> Vec<(f64, f64, f64)>;
     /// Frames that the host sent so far.
     fn n_sent(&self) -> u32;
     /// Another plug for a lost arm; false where there is none.
@@ -165,8 +166,8 @@ impl Rig for SimRig {
         (0.0, 0.0)
     }
 
-    fn torques(&self, wrench: &Wrench) -> Vec<(f64, f64)> {
-        wrench.force.to_array().into_iter().chain(wrench.torque.to_array()).map(|torque| (torque, 0.0)).collect()
+    fn torques(&self, wrench: &Wrench) -> Vec<(f64, f64, f64)> {
+        wrench.force.to_array().into_iter().chain(wrench.torque.to_array()).map(|torque| (torque, 0.0, 0.0)).collect()
     }
 
     fn n_sent(&self) -> u32 {
@@ -393,14 +394,17 @@ impl Rig for WiredRig {
         })
     }
 
-    fn torques(&self, wrench: &Wrench) -> Vec<(f64, f64)> {
+    fn torques(&self, wrench: &Wrench) -> Vec<(f64, f64, f64)> {
         let RealArm { kinematics, transmission, device_from_native, .. } = self.profile.real.as_ref().expect("real");
         let back = device_from_native.conjugate();
         let joints = transmission.angles(&self.side().mock.readings().readings);
         let Some(configuration) = kinematics.solve(&joints, &Configuration::default()) else { return Vec::new() };
         let torques = configuration.torques(&Wrench::new(back * wrench.force, back * wrench.torque));
-        let motors = torques.iter().zip(&transmission.joints);
-        motors.filter_map(|(torque, joint)| Some((*torque, self.motor_step() / joint.motor?.units_per_nm.abs()))).collect()
+        let weights = kinematics.extra_torques(&joints, &[0.0; MAX_AXES]);
+        let motors = torques.iter().zip(weights).zip(&transmission.joints);
+        motors
+            .filter_map(|((torque, weight), joint)| Some((*torque, self.motor_step() / joint.motor?.units_per_nm.abs(), weight)))
+            .collect()
     }
 
     fn n_sent(&self) -> u32 {

@@ -49,14 +49,15 @@ impl Host {
 impl Codec for Host {
     fn start(&mut self, link: &mut dyn Transport) -> Result<(), StartError> {
         *self = Self::default();
+        // A board that was reset by the opening drives its handle into both stops first.
+        let question =
+            Question { step: "waiting for a line", frame: &[], every: Duration::MAX, within: Duration::from_millis(10_000) };
+        ask(link, &question, |bytes| (self.feed(bytes).reports > 0).then_some(Ok(())))?;
         // A board that was not reset holds the last force that anybody asked for.
         let mut zero = Frame::default();
         self.encode(&MotorCommand::default(), &mut zero);
         link.send(zero.as_slice())?;
-        // A board that was reset by the opening drives its handle into both stops first.
-        let question =
-            Question { step: "waiting for a line", frame: &[], every: Duration::MAX, within: Duration::from_millis(10_000) };
-        ask(link, &question, |bytes| (self.feed(bytes).reports > 0).then_some(Ok(())))
+        Ok(())
     }
 
     fn feed(&mut self, bytes: &[u8]) -> Fed {

@@ -33,7 +33,12 @@ impl Codec for Host {
                 bytes.len()
             )))),
             _ => None,
-        })
+        })?;
+        // Until its watchdog trips it holds the current that a host before us asked for.
+        let mut zero = Frame::default();
+        self.encode(&MotorCommand::default(), &mut zero);
+        link.send(zero.as_slice())?;
+        Ok(())
     }
 
     fn feed(&mut self, bytes: &[u8]) -> Fed {
