@@ -9,9 +9,10 @@ use serde_json::{Value, json};
 
 use super::{Talk, report, say};
 use crate::device::discover::{self, Attached};
+use crate::device::identify::Made;
 use crate::device::nodes::{self, Selector};
 use crate::device::open::{self, OpenOptions};
-use crate::device::probe::{self, Answers, Made, Sign, Trial};
+use crate::device::probe::{self, Answers, Sign, Trial};
 use crate::device::profile::{self, Profile, ProfileError};
 use crate::device::{Device, Pacing};
 use crate::error::Exit;
@@ -132,7 +133,7 @@ fn probe(args: &Probe, talk: Talk) -> Result<Exit, Exit> {
         signs = probe::check_signs(arm, trial).map_err(lost)?;
     }
     if args.identify {
-        report::note("identification: let go of the grip; each axis is shaken for 3 s", talk);
+        report::note("identification: let go of the grip; each axis is shaken for 14 s", talk);
         std::thread::sleep(BEFORE_FORCE);
         made = probe::identify(arm, trial).map_err(lost)?;
     }
@@ -217,7 +218,10 @@ fn probe_findings(
     if args.identify {
         for (axis, made) in probe::AXIS_NAMES.iter().zip(made) {
             findings.extend(made.map(|made| {
-                let found = format!("{:.3} kg, {:.2} N·s/m", made.mass_kg, made.damping_n_s_per_m);
+                let Made { mass_kg, mass_spread_kg, damping_n_s_per_m, damping_spread_n_s_per_m, coulomb_n, .. } = made;
+                let found = format!(
+                    "{mass_kg:.3} ± {mass_spread_kg:.3} kg, {damping_n_s_per_m:.2} ± {damping_spread_n_s_per_m:.2} N·s/m, dry friction {coulomb_n:.3} N"
+                );
                 Finding::good(format!("made of, {axis}"), found)
             }));
         }
@@ -228,14 +232,14 @@ fn probe_findings(
     findings
 }
 
-/// What to add to a copy of the profile: the lightest and the least damped axis, which is what stability is judged by.
+/// What to add to a copy of the profile: the lightest and the least damped axis, which is what stability is judged by. Of the viscosity only what is sure.
 fn identified_text(answers: &Answers, made: [Option<Made>; 3]) -> String {
     let least = |of: fn(&Made) -> f64| made.iter().flatten().map(of).fold(f64::INFINITY, f64::min);
     format!(
-        "add to a copy of the profile (dry friction counts in here as viscosity, so rather take less):\n\n[identified]\nround_trip_ticks = {}\nmass_kg = {:.4}\ndamping_n_s_per_m = {:.3}\n",
+        "add to a copy of the profile (the damping is what was found less twice its spread):\n\n[identified]\nround_trip_ticks = {}\nmass_kg = {:.4}\ndamping_n_s_per_m = {:.3}\n",
         answers.round_trip_ticks,
         least(|made| made.mass_kg),
-        least(|made| made.damping_n_s_per_m).max(0.0)
+        least(|made| made.damping_bound_n_s_per_m)
     )
 }
 
@@ -252,7 +256,16 @@ fn probe_json(
         Sign::Wrong => "wrong",
         Sign::Still => "still",
     };
-    let made_json = |made: Made| json!({ "mass_kg": made.mass_kg, "damping_n_s_per_m": made.damping_n_s_per_m });
+    let made_json = |made: Made| {
+        json!({
+            "mass_kg": made.mass_kg,
+            "mass_spread_kg": made.mass_spread_kg,
+            "damping_n_s_per_m": made.damping_n_s_per_m,
+            "damping_spread_n_s_per_m": made.damping_spread_n_s_per_m,
+            "damping_bound_n_s_per_m": made.damping_bound_n_s_per_m,
+            "coulomb_n": made.coulomb_n,
+        })
+    };
     json!({
         "profile": profile.name,
         "path": path,

@@ -10,6 +10,7 @@
 //! | [`discover`] | which arms are attached, and what stands in their way |
 //! | `driver` | the [`Device`] trait, [`Capabilities`], edge errors |
 //! | [`probe`] | trying an arm out |
+//! | [`identify`] | what it is made of, from how it moved |
 //! | [`profile`] | hardware as data |
 //! | [`nodes`] | hidraw nodes and serial ports of this machine, and which of them is an arm |
 //! | [`open`] | from a profile to an open arm, and back to it when it is lost |
@@ -33,6 +34,7 @@ pub mod discover;
 mod driver;
 pub mod fault;
 pub mod hand;
+pub mod identify;
 pub mod kinematics;
 pub mod mock;
 pub mod nodes;

@@ -7,9 +7,10 @@ use core::time::Duration;
 
 use glam::DVec3;
 
+use super::identify::{Made, Record, made_of};
 use super::{Device, DeviceError};
 use crate::rt::clock::Clock;
-use crate::spatial::{Axes, DeviceSample, Mat6, SampleStatus, Wrench};
+use crate::spatial::{Axes, DeviceSample, SampleStatus, Wrench};
 
 /// Largest force of any trial, N.
 pub const FORCE_MAX_N: f64 = 0.5;
@@ -21,6 +22,9 @@ const SIGN_MOVED_M: f64 = 1e-4;
 /// Force of the identification, N, and how long each axis is shaken, s.
 const SHAKE_N: f64 = 0.35;
 const SHAKE_S: f64 = 3.0;
+/// How often, and how long it rests before, s.
+pub const SHAKES: usize = 4;
+const REST_S: f64 = 0.5;
 /// Frequencies that it is shaken with, Hz: from where viscosity counts to where mass does.
 const SHAKE_HZ: [f64; 4] = [0.7, 1.9, 4.3, 9.1];
 
@@ -84,15 +88,6 @@ pub enum Sign {
     Wrong,
     /// Too little to tell.
     Still,
-}
-
-/// What an arm is made of, as far as one axis shows it.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Made {
-    /// Effective mass, kg.
-    pub mass_kg: f64,
-    /// Viscosity, N·s/m.
-    pub damping_n_s_per_m: f64,
 }
 
 /// Ticks of an arm under a force.
@@ -204,75 +199,50 @@ pub fn check_signs(device: &mut dyn Device, trial: &mut Trial<'_, impl Clock>) -
     Ok(signs)
 }
 
-/// Shakes each axis with a motor and fits mass and viscosity to what it does. Nobody may hold the grip firmly. `None`: no axis, or it did not move.
-///
-/// The fit is of the equation of motion, integrated twice: ∬F = m·x + b·∫x + k·∬x + straight parts. No position is ever differentiated, so the
-/// steps of an encoder hardly matter. Dry friction is not fitted: what an arm has of it shows up as mass and viscosity that are too large.
+/// Shakes each axis with a motor [`SHAKES`] times and finds out what it is made of. Nobody may hold the grip. `None`: no axis, or it did not move.
 ///
 /// # Errors
 /// The arm was lost, or somebody asked for an end.
 pub fn identify(device: &mut dyn Device, trial: &mut Trial<'_, impl Clock>) -> Result<[Option<Made>; 3], Ended> {
     let actuated = device.capabilities().actuated;
     let mut made = [None; 3];
-    let period_s = trial.period_s;
     for (idx, axis) in DVec3::AXES.into_iter().enumerate().filter(|(idx, _)| actuated.has(*idx)) {
-        let n = (SHAKE_S / period_s) as usize;
-        let (mut forces, mut ways) = (Vec::with_capacity(n), Vec::with_capacity(n));
-        device.set_enabled(true);
-        let mut bench = Bench::new(&mut *device, &mut *trial);
-        let mut delay = 0;
-        for tick in 0..n {
-            let time_s = tick as f64 * period_s;
-            // In and out over a fifth of the time, so that nothing jerks.
-            let window = (5.0 * time_s / SHAKE_S).min(5.0 * (1.0 - time_s / SHAKE_S)).clamp(0.0, 1.0);
-            let sum: f64 = SHAKE_HZ.iter().map(|hz| (core::f64::consts::TAU * hz * time_s).sin()).sum();
-            let force_n = SHAKE_N * window * sum / SHAKE_HZ.len() as f64 * 2.0;
-            let sample = bench.tick(axis * force_n)?;
-            delay = sample.delay_ticks as usize;
-            forces.push(force_n.clamp(-FORCE_MAX_N, FORCE_MAX_N));
-            ways.push(sample.pose.translation.dot(axis));
+        let mut records = Vec::with_capacity(SHAKES);
+        for shake in 0..SHAKES {
+            records.push(shaken(device, trial, axis, shake)?);
         }
-        drop(bench);
-        made[idx] = fit(&forces, &ways, delay, period_s);
+        made[idx] = made_of(&records, trial.period_s);
     }
     Ok(made)
 }
 
-fn fit(forces: &[f64], ways: &[f64], delay: usize, period_s: f64) -> Option<Made> {
-    let first = *ways.first()?;
-    if ways.iter().all(|way| (way - first).abs() < SIGN_MOVED_M) {
-        return None;
+/// One trial along an axis. Each has other phases, so that they are not wrong in the same way.
+fn shaken(device: &mut dyn Device, trial: &mut Trial<'_, impl Clock>, axis: DVec3, shake: usize) -> Result<Record, Ended> {
+    let period_s = trial.period_s;
+    let n = (SHAKE_S / period_s) as usize;
+    let mut record = Record { forces_n: Vec::with_capacity(n), ways_m: Vec::with_capacity(n), delay_ticks: 0 };
+    device.set_enabled(true);
+    let mut bench = Bench::new(device, trial);
+    // What the trial before left of motion dies away first.
+    for _ in 0..(REST_S / period_s) as usize {
+        bench.tick(DVec3::ZERO)?;
     }
-    // Six regressors, each over its own scale so that the matrix is well posed: x, ∫x, ∬x, t², t, 1.
-    let length_s = forces.len() as f64 * period_s;
-    let (mut x1, mut x2, mut f1, mut f2) = (0.0, 0.0, 0.0, 0.0);
-    let rows: Vec<([f64; 6], f64)> = (0..ways.len())
-        .map(|tick| {
-            let way = ways[tick] - first;
-            // The force written in a tick acts from then on, after the delay.
-            let force = tick.checked_sub(1 + delay).map_or(0.0, |at| forces[at]);
-            f1 += force * period_s;
-            f2 += f1 * period_s;
-            x1 += way * period_s;
-            x2 += x1 * period_s;
-            let time = tick as f64 * period_s / length_s;
-            ([way, x1, x2, time * time, time, 1.0], f2)
-        })
-        .collect();
-    let scale: [f64; 6] =
-        core::array::from_fn(|idx| rows.iter().map(|(row, _)| row[idx] * row[idx]).sum::<f64>().sqrt().max(f64::MIN_POSITIVE));
-    let mut normal = Mat6::ZERO;
-    let mut right = Wrench::ZERO;
-    for (row, target) in &rows {
-        let [a, b, c, d, e, f] = core::array::from_fn(|idx| row[idx] / scale[idx]);
-        let (linear, angular) = (DVec3::new(a, b, c), DVec3::new(d, e, f));
-        normal.add_outer(1.0, linear, angular);
-        right.force += linear * *target;
-        right.torque += angular * *target;
+    for tick in 0..n {
+        let time_s = tick as f64 * period_s;
+        // In and out over a fifth of the time, so that nothing jerks.
+        let window = (5.0 * time_s / SHAKE_S).min(5.0 * (1.0 - time_s / SHAKE_S)).clamp(0.0, 1.0);
+        let sum: f64 = SHAKE_HZ
+            .iter()
+            .enumerate()
+            .map(|(idx, hz)| (core::f64::consts::TAU * (hz * time_s + (idx * shake) as f64 * 0.618)).sin())
+            .sum();
+        let force_n = (SHAKE_N * window * sum / SHAKE_HZ.len() as f64 * 2.0).clamp(-FORCE_MAX_N, FORCE_MAX_N);
+        let sample = bench.tick(axis * force_n)?;
+        record.delay_ticks = sample.delay_ticks as usize;
+        record.forces_n.push(force_n);
+        record.ways_m.push((sample.status == SampleStatus::Fresh).then(|| sample.pose.translation.dot(axis)));
     }
-    let (solved, _) = normal.solve_spd(right)?;
-    let made = Made { mass_kg: solved.x / scale[0], damping_n_s_per_m: solved.y / scale[1] };
-    (made.mass_kg.is_finite() && made.mass_kg > 0.0 && made.damping_n_s_per_m.is_finite()).then_some(made)
+    Ok(record)
 }
 
 /// Names of the axes that signs and fits are of.
@@ -326,11 +296,29 @@ mod tests {
     }
 
     #[test]
-    fn mass_and_viscosity_are_found_in_spite_of_encoder_steps() {
-        let made = identify(&mut arm(None), &mut trial()).expect("there");
-        for axis in made {
-            let axis = axis.expect("moved");
-            assert!((axis.mass_kg - 0.25).abs() < 0.02 && (axis.damping_n_s_per_m - 1.6).abs() < 0.25, "{axis:?}");
+    fn what_an_axis_is_made_of_is_found_in_spite_of_steps_and_dry_friction() {
+        for (mass_kg, damping, coulomb_n, step_m, delay_ticks) in [
+            (0.25, 3.75, 0.05, 4.5e-5, 1),
+            (0.25, 1.6, 0.0, 5e-5, 2),
+            (0.2, 1.875, 0.05, 2e-5, 1),
+            (0.05, 0.5625, 0.05, 4e-5, 1),
+            (0.3, 8.0, 0.1, 4.5e-5, 2),
+            (0.1, 0.8, 0.1, 0.0, 0),
+            (0.5, 2.0, 0.02, 1e-4, 3),
+        ] {
+            let mut parameters = SimParameters { hand: None, ..SimParameters::ideal(T) };
+            parameters.plant.mass_kg = mass_kg;
+            parameters.plant.damping_n_s_per_m = damping;
+            parameters.plant.coulomb_n = coulomb_n;
+            parameters.plant.encoder_step_m = step_m;
+            parameters.plant.delay_ticks = delay_ticks;
+            parameters.actuated = Axes::from_name("x").expect("an axis");
+            let mut arm = SimArm::new(parameters).expect("valid");
+            let made = identify(&mut arm, &mut trial()).expect("there")[0].expect("moved");
+            let bound = made.damping_bound_n_s_per_m;
+            assert!(bound <= 1.02 * damping && bound >= 0.6 * damping, "{mass_kg} {damping} {coulomb_n}: {made:?}");
+            assert!((made.mass_kg / mass_kg - 1.0).abs() < 0.05, "{mass_kg} {damping} {coulomb_n}: {made:?}");
+            assert!((made.coulomb_n - coulomb_n).abs() < 0.02, "{mass_kg} {damping} {coulomb_n}: {made:?}");
         }
         assert_eq!(identify(&mut arm(Some("stuck")), &mut trial()).expect("there"), [None; 3]);
     }
