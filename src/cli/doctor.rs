@@ -4,14 +4,17 @@ use core::sync::atomic::{AtomicBool, Ordering};
 use core::time::Duration;
 use std::path::PathBuf;
 
-use serde_json::json;
+use serde_json::{Value, json};
 
 use super::devices::finding_json;
 use super::{Talk, report, say};
 use crate::config::{self, SceneConfig};
 use crate::device::discover;
 use crate::device::nodes;
+use crate::device::open::{self, OpenOptions};
+use crate::device::probe::{self, Ended, Trial};
 use crate::error::Exit;
+use crate::rt::clock::RealClock;
 use crate::rt::finding::{Finding, Root, Standing};
 use crate::rt::schedule::{self, ThreadRequest};
 use crate::rt::wakeup::{self, WakeupTest};
@@ -73,13 +76,78 @@ pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
     let mut rights = machine::rights(request, test.standing, test.memory, &program);
     rights.push(lateness(&test, rate_hz));
 
+    let mut devices = devices;
+    let mut trips_us = Vec::new();
+    if let Some(config) = config.as_ref().filter(|config| config.device.profile.real.is_some()) {
+        devices.extend(arm_findings(config));
+        match exchange(config, args.duration, &quit, talk) {
+            Ok(trips) => {
+                devices.extend(answers(&trips, rate_hz));
+                trips_us = trips;
+            }
+            Err(finding) => devices.push(finding),
+        }
+    }
+
     let exit = verdict(&devices, &rights);
     if args.json {
-        print_json(&[&devices, &machine, &rights], &test, exit);
+        print_json(&[&devices, &machine, &rights], &test, &trips_us, exit);
     } else {
-        print_text(&[("arms", &devices), ("machine", &machine), ("loop", &rights)], &test, exit);
+        print_text(&[("arms", &devices), ("machine", &machine), ("loop", &rights)], &test, &trips_us, exit);
     }
     exit
+}
+
+/// What is not known of the arm that a scene names.
+fn arm_findings(config: &SceneConfig) -> Vec<Finding> {
+    let profile = &config.device.profile;
+    let mut findings = Vec::new();
+    if profile.has_unverified_signs() {
+        let found = format!("not verified: force stays below {} N", config.parameters.limits.force_n);
+        findings.push(Finding::advice("signs", found, format!("hapticd devices probe {} --sign-check", profile.name)));
+    }
+    if profile.is_unidentified() {
+        let found = "not identified: stiffness is bounded by half of the assumed damping";
+        findings.push(Finding::advice("identified", found, format!("hapticd devices probe {} --identify", profile.name)));
+    }
+    findings
+}
+
+/// Exchanges zero commands for samples with the arm of a scene.
+fn exchange(config: &SceneConfig, duration: Duration, quit: &AtomicBool, talk: Talk) -> Result<Vec<u64>, Finding> {
+    let profile = &config.device.profile;
+    let period_s = 1.0 / f64::from(config.rate_hz);
+    let options = OpenOptions { selector: config.device.selector.clone(), io_request: None, period_s };
+    let again = "hapticd devices";
+    let mut opened =
+        open::open(profile, &options).map_err(|error| Finding::advice("round trip", format!("not measured: {error}"), again))?;
+    report::note(&format!("exchanging zero commands with the {} for {:.0} s", profile.title, duration.as_secs_f64()), talk);
+    let trial = &mut Trial { clock: RealClock, period_s, quit };
+    probe::round_trips(&mut opened.arm, trial, duration).map_err(|ended| match ended {
+        Ended::Told => Finding::unknown("round trip", "not measured: it was told to end"),
+        Ended::Device(error) => Finding::bad("round trip", format!("the arm went away: {error:?}"), again),
+    })
+}
+
+/// How soon the arm answers. An arm that sends on change only has nothing to say while nobody touches it.
+fn answers(trips_us: &[u64], rate_hz: u32) -> Option<Finding> {
+    let mut sorted = trips_us.to_vec();
+    sorted.sort_unstable();
+    let quantile = |share: f64| sorted.get((share * (sorted.len() as f64 - 1.0)).round() as usize).copied();
+    let (half, most, longest) = (quantile(0.5)?, quantile(0.99)?, quantile(1.0)?);
+    let found = format!("p50 {half} µs, p99 {most} µs, largest {longest} µs; {} exchanges", sorted.len());
+    let period_us = 1_000_000 / u64::from(rate_hz.max(1));
+    let advice = "latency timer, autosuspend and hubs are the usual causes: follow the advice above, then: hapticd doctor SCENE";
+    Some(if most > 2 * period_us { Finding::advice("round trip", found, advice) } else { Finding::good("round trip", found) })
+}
+
+/// How many of them fall under each of the printed bounds, and beyond the last.
+fn bins_of(trips_us: &[u64]) -> [u64; BOUNDS_US.len() + 1] {
+    let mut bins = [0; BOUNDS_US.len() + 1];
+    for trip_us in trips_us {
+        bins[BOUNDS_US.partition_point(|bound| bound < trip_us)] += 1;
+    }
+    bins
 }
 
 fn wanted(config: Option<&SceneConfig>) -> (ThreadRequest, u32) {
@@ -172,7 +240,7 @@ fn verdict_text(exit: Exit) -> &'static str {
     }
 }
 
-fn print_text(groups: &[(&str, &[Finding])], test: &WakeupTest, exit: Exit) {
+fn print_text(groups: &[(&str, &[Finding])], test: &WakeupTest, trips_us: &[u64], exit: Exit) {
     for (title, findings) in groups {
         say::result(format_args!("{title}\n"));
         for finding in *findings {
@@ -184,8 +252,15 @@ fn print_text(groups: &[(&str, &[Finding])], test: &WakeupTest, exit: Exit) {
             }
         }
     }
-    say::result(format_args!("late wake-ups\n"));
-    let bins = test.bins(&BOUNDS_US);
+    print_bins("late wake-ups", &test.bins(&BOUNDS_US));
+    if !trips_us.is_empty() {
+        print_bins("round trips of the arm", &bins_of(trips_us));
+    }
+    say::result(format_args!("verdict: {} (exit {})\n", verdict_text(exit), exit as u8));
+}
+
+fn print_bins(title: &str, bins: &[u64]) {
+    say::result(format_args!("{title}\n"));
     let most = bins.iter().copied().max().unwrap_or(1).max(1);
     for (idx, count) in bins.iter().enumerate() {
         let label = match BOUNDS_US.get(idx) {
@@ -195,17 +270,12 @@ fn print_text(groups: &[(&str, &[Finding])], test: &WakeupTest, exit: Exit) {
         let bar = "#".repeat((count * 40).div_ceil(most) as usize);
         say::result(format_args!("  {label:<16} {count:>8}  {bar}\n"));
     }
-    say::result(format_args!("verdict: {} (exit {})\n", verdict_text(exit), exit as u8));
 }
 
-fn print_json(groups: &[&[Finding]], test: &WakeupTest, exit: Exit) {
+fn print_json(groups: &[&[Finding]], test: &WakeupTest, trips_us: &[u64], exit: Exit) {
     let findings: Vec<_> = groups.iter().flat_map(|findings| findings.iter()).map(finding_json).collect();
-    let bins: Vec<_> = test
-        .bins(&BOUNDS_US)
-        .iter()
-        .enumerate()
-        .map(|(idx, count)| json!({ "up_to_us": BOUNDS_US.get(idx), "wakeups": count }))
-        .collect();
+    let bins = bins_json(&test.bins(&BOUNDS_US), "wakeups");
+    let trips = bins_json(&bins_of(trips_us), "exchanges");
     let object = json!({
         "verdict": match exit { Exit::Ok => "good", Exit::Device => "device", _ => "realtime" },
         "exit_code": exit as u8,
@@ -216,13 +286,30 @@ fn print_json(groups: &[&[Finding]], test: &WakeupTest, exit: Exit) {
         "wakeups": test.wakeups,
         "missed": test.missed,
         "histogram": bins,
+        "round_trips": if trips_us.is_empty() { Value::Null } else { trips },
     });
     say::result(format_args!("{object}\n"));
+}
+
+fn bins_json(bins: &[u64], counted: &str) -> Value {
+    bins.iter().enumerate().map(|(idx, count)| json!({ "up_to_us": BOUNDS_US.get(idx), counted: count })).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn round_trips_are_judged_by_the_period() {
+        assert_eq!(answers(&[], 1000), None);
+        let mut trips_us = vec![300; 99];
+        trips_us.push(9000);
+        assert_eq!(answers(&trips_us, 1000).map(|finding| finding.standing), Some(Standing::Good));
+        assert_eq!(answers(&[2100; 100], 1000).map(|finding| finding.standing), Some(Standing::Advice));
+        let bins = bins_of(&trips_us);
+        assert_eq!((bins[5], bins[7], bins.iter().sum::<u64>()), (99, 1, 100));
+        assert_eq!(bins_of(&[10, 11, 20_000]), [1, 1, 0, 0, 0, 0, 0, 0, 1]);
+    }
 
     #[test]
     fn the_verdict_is_that_of_the_worst_that_counts() {

@@ -21,6 +21,8 @@ const ROUNDS: u32 = 40;
 const SETTLED: f64 = 1e-7;
 /// Displacement below which an axis has not moved, m.
 const MOVED_M: f64 = 1e-4;
+/// Longest delay beyond the one that is measured, ticks.
+const EXTRA_DELAY_MAX: usize = 3;
 /// Standard deviations between what was found and what may be relied on.
 const DEVIATIONS: f64 = 2.0;
 
@@ -100,13 +102,13 @@ fn sum_of_squares(misses: &[Option<f64>]) -> f64 {
     misses.iter().flatten().map(|miss| miss * miss).sum()
 }
 
-/// Levenberg–Marquardt from a first guess. `None`: the axis did not move, or nothing fits.
-fn fit(record: &Record, period_s: f64) -> Option<Model> {
-    let first = record.ways_m.iter().flatten().next()?;
-    if record.ways_m.iter().flatten().all(|way| (way - first).abs() < MOVED_M) {
-        return None;
-    }
-    // A few guesses: far from the truth a model may stick where the arm slides.
+fn has_moved(record: &Record) -> bool {
+    let Some(first) = record.ways_m.iter().flatten().next() else { return false };
+    record.ways_m.iter().flatten().any(|way| (way - first).abs() >= MOVED_M)
+}
+
+/// From a few guesses: far from the truth a model may stick where the arm slides.
+fn guess(record: &Record, period_s: f64) -> Option<Model> {
     [0.05, 0.2, 0.6]
         .into_iter()
         .filter_map(|mass| descend(Model([mass, 10.0 * mass, 0.0, 0.0, 0.0, 0.0]), record, period_s))
@@ -114,6 +116,24 @@ fn fit(record: &Record, period_s: f64) -> Option<Model> {
         .map(|(_, model)| model)
 }
 
+/// One model for each record, all with the delay that fits them best: what an arm takes from a command to its force it does not say.
+fn fit(records: &[Record], period_s: f64) -> Option<Vec<Model>> {
+    let first = guess(records.first()?, period_s)?;
+    let delayed = |extra: usize| -> Option<(f64, Vec<Model>)> {
+        let mut sum = 0.0;
+        let mut models = Vec::with_capacity(records.len());
+        for record in records {
+            let record = Record { delay_ticks: record.delay_ticks + extra, ..record.clone() };
+            let (miss, model) = descend(first, &record, period_s)?;
+            sum += miss;
+            models.push(model);
+        }
+        Some((sum, models))
+    };
+    (0..=EXTRA_DELAY_MAX).filter_map(delayed).min_by(|(a, _), (b, _)| a.total_cmp(b)).map(|(_, models)| models)
+}
+
+/// Levenberg–Marquardt. Gives the sum of the squares of what is left.
 fn descend(start: Model, record: &Record, period_s: f64) -> Option<(f64, Model)> {
     /// Sizes that the numbers of a model have: what a difference is taken over, and where a step is small.
     const SIZES: [f64; 6] = [0.1, 1.0, 0.05, 5.0, 0.02, 0.01];
@@ -177,10 +197,10 @@ fn mean_and_spread(numbers: &[f64]) -> (f64, f64) {
 
 /// What several trials of one axis say. `None`: in one of them it did not move, or nothing fits.
 pub fn made_of(records: &[Record], period_s: f64) -> Option<Made> {
-    let models: Vec<Model> = records.iter().map(|record| fit(record, period_s)).collect::<Option<_>>()?;
-    if models.is_empty() {
+    if !records.iter().all(has_moved) {
         return None;
     }
+    let models = fit(records, period_s)?;
     let of = |idx: usize| mean_and_spread(&models.iter().map(|model| model.0[idx]).collect::<Vec<_>>());
     let ((mass_kg, mass_spread_kg), (damping, damping_spread), (coulomb_n, _)) = (of(0), of(1), of(2));
     Some(Made {

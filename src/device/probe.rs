@@ -25,8 +25,8 @@ const SHAKE_S: f64 = 3.0;
 /// How often, and how long it rests before, s.
 pub const SHAKES: usize = 4;
 const REST_S: f64 = 0.5;
-/// Frequencies that it is shaken with, Hz: from where viscosity counts to where mass does.
-const SHAKE_HZ: [f64; 4] = [0.7, 1.9, 4.3, 9.1];
+/// Frequencies that it is shaken with, Hz: from where viscosity counts, but a light arm stays within its reach, to where mass does.
+const SHAKE_HZ: [f64; 4] = [1.7, 3.1, 5.3, 9.7];
 
 /// Why a trial ended before its time. The arm was told to stop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -162,6 +162,44 @@ pub fn listen(device: &mut dyn Device, trial: &mut Trial<'_, impl Clock>, durati
         answers.spread_m = (bounds.1 - answers.position_m).max(answers.position_m - bounds.0).max_element();
     }
     Ok(answers)
+}
+
+/// Longest wait for the answer to one command, µs.
+const ANSWER_US: i64 = 20_000;
+/// Pause between two looks, ns.
+const LOOK_NS: i64 = 20_000;
+
+/// Times from a zero command to the next sample, µs: of an arm that answers the round trip, of one that sends by itself how long the next sample takes.
+/// One that does not come within 20 ms counts as that.
+///
+/// # Errors
+/// The arm was lost, or somebody asked for an end.
+pub fn round_trips(device: &mut dyn Device, trial: &mut Trial<'_, impl Clock>, duration: Duration) -> Result<Vec<u64>, Ended> {
+    let n = (duration.as_secs_f64() / trial.period_s) as usize;
+    let mut bench = Bench::new(device, trial);
+    let mut trips_us = Vec::with_capacity(n);
+    for _ in 0..n {
+        bench.tick(DVec3::ZERO)?;
+        let begin_ns = bench.trial.clock.now_ns();
+        loop {
+            let now_ns = bench.trial.clock.now_ns();
+            bench.trial.clock.sleep_until(now_ns + LOOK_NS);
+            let is_fresh = match bench.device.read() {
+                Ok(sample) => sample.status == SampleStatus::Fresh,
+                Err(DeviceError::Packet) => false,
+                Err(error) => return Err(error.into()),
+            };
+            let waited_us = (bench.trial.clock.now_ns() - begin_ns) / 1000;
+            if is_fresh || waited_us >= ANSWER_US {
+                trips_us.push(waited_us.unsigned_abs());
+                break;
+            }
+            if bench.trial.quit.load(Ordering::Relaxed) {
+                return Err(Ended::Told);
+            }
+        }
+    }
+    Ok(trips_us)
 }
 
 /// Pushes along x, y and z, as far as they have motors, and looks which way the grip goes.

@@ -38,7 +38,7 @@ pub(super) enum Trouble {
 const LATE_TICKS: f64 = 4.0;
 
 /// An arm as the servo has it, and the truth about it.
-pub(super) trait Rig {
+pub(super) trait Rig: Send {
     fn profile(&self) -> &Profile;
     fn device(&mut self) -> &mut dyn Device;
     /// The arm's side of a period.

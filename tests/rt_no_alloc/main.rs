@@ -3,6 +3,8 @@
 #![expect(unsafe_code, reason = "the trait of a global allocator is unsafe")]
 #![expect(clippy::print_stderr, reason = "the long runs say how far they are")]
 
+mod arms;
+
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use std::fmt::Write as _;
