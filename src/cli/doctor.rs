@@ -119,8 +119,12 @@ fn exchange(config: &SceneConfig, duration: Duration, quit: &AtomicBool, talk: T
     let period_s = 1.0 / f64::from(config.rate_hz);
     let options = OpenOptions { selector: config.device.selector.clone(), io_request: None, period_s };
     let again = "hapticd devices";
-    let mut opened =
-        open::open(profile, &options).map_err(|error| Finding::advice("round trip", format!("not measured: {error}"), again))?;
+    let is_named = config.device.selector.is_some();
+    let mut opened = open::open(profile, &options).map_err(|error| match is_named {
+        true => Finding::bad("arm", error.to_string(), again),
+        // Said already, with what stands in its way.
+        false => Finding::unknown("round trip", "not measured: the arm does not open"),
+    })?;
     report::note(&format!("exchanging zero commands with the {} for {:.0} s", profile.title, duration.as_secs_f64()), talk);
     let trial = &mut Trial { clock: RealClock, period_s, quit };
     probe::round_trips(&mut opened.arm, trial, duration).map_err(|ended| match ended {
@@ -192,7 +196,9 @@ fn device_findings(config: Option<&SceneConfig>, root: &Root) -> Vec<Finding> {
             findings.extend(discover::findings(node, root));
         }
     }
-    findings.extend(profile.and_then(|profile| discover::scene_arm(profile, found_wanted)));
+    // A node that the scene names itself need not be one that its profile knows: whether it is there shows when it is opened.
+    let is_named = config.is_some_and(|config| config.device.selector.is_some());
+    findings.extend(profile.and_then(|profile| discover::scene_arm(profile, found_wanted || is_named)));
     if profile.is_none() && !attached.iter().any(|node| !node.profiles.is_empty()) {
         let seen = attached.len();
         findings
