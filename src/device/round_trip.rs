@@ -34,10 +34,11 @@ impl RoundTrip {
     }
 
     /// A report came in this tick. `commands_behind`: how many commands left after the one that the arm had seen, where it says so; else the
-    /// report answers the last frame. Ticks are counted from the write to the read.
+    /// report answers the last frame. Ticks are counted from the write to the read; commands that are behind left a tick apart.
     pub fn received(&mut self, tick: u64, commands_behind: Option<u16>) {
         let ticks = match (commands_behind, self.sent_at.take()) {
-            (Some(behind), _) => u64::from(behind) + 1,
+            (Some(behind), Some(sent_at)) => u64::from(behind) + tick.saturating_sub(sent_at).max(1),
+            (Some(behind), None) => u64::from(behind) + 1,
             (None, Some(sent_at)) => tick.saturating_sub(sent_at),
             (None, None) => return,
         };
@@ -109,5 +110,11 @@ mod tests {
             trip.received(tick + 1, Some(4));
         }
         assert_eq!(trip.ticks(), 5);
+        // One command at a time, and three ticks until it is answered.
+        for tick in 0..WINDOW as u64 {
+            trip.sent(10 * tick);
+            trip.received(10 * tick + 3, Some(0));
+        }
+        assert_eq!(trip.ticks(), 3);
     }
 }
