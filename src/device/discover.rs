@@ -354,4 +354,50 @@ mod tests {
         // uaccess is applied by rule 73, so the file has to come before it.
         assert!(UDEV_RULES_NAME < "73");
     }
+
+    /// True when a pattern of udev fits: characters, or some of them in brackets.
+    fn fits(pattern: &str, text: &str) -> bool {
+        let (mut pattern, mut text) = (pattern.chars(), text.chars());
+        loop {
+            match (pattern.next(), text.next()) {
+                (None, None) => return true,
+                (Some('['), Some(found)) => {
+                    let any_of: String = pattern.by_ref().take_while(|wanted| *wanted != ']').collect();
+                    if !any_of.contains(found) {
+                        return false;
+                    }
+                }
+                (wanted, found) if wanted == found => {}
+                _ => return false,
+            }
+        }
+    }
+
+    #[test]
+    fn the_udev_rules_admit_every_shipped_arm() {
+        let value = |line: &str, key: &str| {
+            let (_, rest) = line.split_once(&format!("{key}}}==\""))?;
+            rest.split_once('"').map(|(value, _)| value.to_owned())
+        };
+        let admits = |kind: &str, id: &UsbId| {
+            UDEV_RULES.lines().filter(|line| line.starts_with(kind) && line.contains("uaccess")).any(|line| {
+                value(line, "idVendor").is_some_and(|vendor| fits(&vendor, &format!("{:04x}", id.vendor)))
+                    && value(line, "idProduct").is_none_or(|product| fits(&product, &format!("{:04x}", id.product)))
+            })
+        };
+        let mut n_ids = 0;
+        for arm in known_arms() {
+            let kind = match arm.matching.transport {
+                TransportKind::Hid => "KERNEL==\"hidraw*\"",
+                TransportKind::Serial => "SUBSYSTEM==\"tty\"",
+                TransportKind::Usb => "SUBSYSTEM==\"usb\"",
+                TransportKind::Socket => continue,
+            };
+            for id in &arm.matching.ids {
+                assert!(admits(kind, id), "{}: {:04x}:{:04x}", arm.profile, id.vendor, id.product);
+                n_ids += 1;
+            }
+        }
+        assert!(n_ids > 10, "{n_ids}");
+    }
 }

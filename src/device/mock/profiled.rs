@@ -14,8 +14,10 @@ use crate::device::protocol::{Open6Arm, Protocol};
 use crate::device::sim::HandParameters;
 use crate::device::transmission::{Joint, Motor, Sensor, Transmission};
 
-/// Numbers of the open protocol on USB.
-const OPEN6_IDS: (u16, u16) = (0x1209, 0x7a01);
+/// Numbers of the open protocol on USB: those that the pool keeps for tests.
+const OPEN6_IDS: (u16, u16) = (0x1209, 0x0006);
+/// Usage page and usage of its HID interface.
+const OPEN6_USAGE: (u16, u16) = (0xFF6F, 0x36);
 /// Bytes of an open6 report.
 const OPEN6_REPORT: usize = 64;
 
@@ -93,20 +95,25 @@ fn report_of(packet: &Packet) -> Option<(Option<u8>, usize)> {
 
 /// What the kernel is told of the HID device of a mock.
 pub fn identity(profile: &Profile, protocol: &Protocol) -> HidIdentity {
+    let matching = profile.real.as_ref().map(|real| &real.matching);
+    // The interface that the profile looks for is the one that its arm has.
+    let usage = (
+        matching.and_then(|matching| matching.usage_page).unwrap_or(OPEN6_USAGE.0),
+        matching.and_then(|matching| matching.usage).unwrap_or(OPEN6_USAGE.1),
+    );
     let descriptor = match protocol {
-        Protocol::WoodenhapticsHid8 => vendor_descriptor((None, 8), (None, 8)),
+        Protocol::WoodenhapticsHid8 => vendor_descriptor(usage, (None, 8), (None, 8)),
         Protocol::HaptikfabrikenHid14 { carrier } => {
             let report = (None, carrier.report_len());
-            vendor_descriptor(report, report)
+            vendor_descriptor(usage, report, report)
         }
         Protocol::SpaceMouse { .. } => space_mouse_descriptor(),
         Protocol::Declarative(layout) => {
             let input = report_of(&layout.report).unwrap_or((None, OPEN6_REPORT));
-            vendor_descriptor(input, layout.command.as_ref().and_then(report_of).unwrap_or(input))
+            vendor_descriptor(usage, input, layout.command.as_ref().and_then(report_of).unwrap_or(input))
         }
-        _ => vendor_descriptor((None, OPEN6_REPORT), (None, OPEN6_REPORT)),
+        _ => vendor_descriptor(usage, (None, OPEN6_REPORT), (None, OPEN6_REPORT)),
     };
-    let matching = profile.real.as_ref().map(|real| &real.matching);
     let (vendor_id, product_id) =
         matching.and_then(|matching| matching.ids.first()).map_or(OPEN6_IDS, |id| (id.vendor, id.product));
     let serial = matching.and_then(|matching| matching.serial.clone()).unwrap_or_else(|| "mock".to_owned());
@@ -120,8 +127,47 @@ mod tests {
 
     use super::*;
     use crate::device::mock::MockArm;
-    use crate::device::profile;
+    use crate::device::nodes::{Node, NodeKind};
+    use crate::device::profile::{self, TransportKind};
     use crate::spatial::Axes;
+
+    /// What the kernel makes of a report descriptor that begins as ours do: usage page and usage of its collection.
+    fn usage_of(descriptor: &[u8]) -> (u16, u16) {
+        let (mut page, mut usage, mut rest) = (0, 0, descriptor);
+        while let [item, ..] = rest {
+            let n = [0, 1, 2, 4][usize::from(item & 3)];
+            let value = rest[1..=n].iter().rev().fold(0, |value, byte| value << 8 | u16::from(*byte));
+            match item & 0xFC {
+                0x04 => page = value,
+                0x08 => usage = value,
+                0xA0 => return (page, usage),
+                _ => {}
+            }
+            rest = &rest[1 + n..];
+        }
+        panic!("no collection")
+    }
+
+    #[test]
+    fn a_profile_finds_the_device_of_its_mock() {
+        let mut n_hid = 0;
+        for name in profile::names() {
+            let profile = profile::find(name, Path::new("")).expect(name);
+            let Some(real) = profile.real.as_ref().filter(|real| real.matching.transport == TransportKind::Hid) else { continue };
+            let identity = identity(&profile, &real.protocol);
+            let node = Node {
+                vendor_id: identity.vendor_id,
+                product_id: identity.product_id,
+                serial: identity.serial,
+                product: identity.name,
+                usages: vec![usage_of(&identity.descriptor)],
+                ..Node::at(Path::new("/dev/hidraw0"))
+            };
+            assert!(node.kind == NodeKind::Hid && real.matching.admits(&node), "{name}: {node:?}");
+            n_hid += 1;
+        }
+        assert!(n_hid >= 4, "{n_hid}");
+    }
 
     #[test]
     fn every_shipped_profile_has_a_mock_that_moves_and_feels() {

@@ -46,9 +46,12 @@ pub struct HidIdentity {
     pub descriptor: Vec<u8>,
 }
 
-/// Report descriptor of vendor-defined reports: the ID, where reports are numbered, and the bytes beside it, arm to host and host to arm.
-pub fn vendor_descriptor(input: (Option<u8>, usize), output: (Option<u8>, usize)) -> Vec<u8> {
-    let mut bytes = vec![0x06, 0xAB, 0xFF, 0x0A, 0x00, 0x02, 0xA1, 0x01, 0x75, 0x08, 0x15, 0x00, 0x26, 0xFF, 0x00];
+/// Report descriptor of vendor-defined reports: usage page and usage; the ID, where reports are numbered, and the bytes beside it, arm to host and host
+/// to arm.
+pub fn vendor_descriptor(usage: (u16, u16), input: (Option<u8>, usize), output: (Option<u8>, usize)) -> Vec<u8> {
+    let ([page_low, page_high], [usage_low, usage_high]) = (usage.0.to_le_bytes(), usage.1.to_le_bytes());
+    let mut bytes = vec![0x06, page_low, page_high, 0x0A, usage_low, usage_high];
+    bytes.extend([0xA1, 0x01, 0x75, 0x08, 0x15, 0x00, 0x26, 0xFF, 0x00]);
     for ((id, n), usage, main) in [(input, 1, 0x81), (output, 2, 0x91)] {
         if let Some(id) = id {
             bytes.extend([0x85, id]);
@@ -213,8 +216,9 @@ mod tests {
     #[test]
     fn descriptors_are_those_of_the_devices() {
         let vendor = "06 AB FF 0A 00 02 A1 01 75 08 15 00 26 FF 00 95 40 09 01 81 02 95 40 09 02 91 02 C0";
-        assert_eq!(vendor_descriptor((None, 64), (None, 64)), hex(vendor));
-        let numbered = vendor_descriptor((Some(3), 8), (Some(4), 2));
+        assert_eq!(vendor_descriptor((0xFFAB, 0x0200), (None, 64), (None, 64)), hex(vendor));
+        let numbered = vendor_descriptor((0xFF6F, 0x36), (Some(3), 8), (Some(4), 2));
+        assert_eq!(numbered[..6], hex("06 6F FF 0A 36 00"));
         assert_eq!(numbered[15..], hex("85 03 95 08 09 01 81 02 85 04 95 02 09 02 91 02 C0"));
         let combined = "05 01 09 08 A1 01 85 01 16 A2 FE 26 5E 01 75 10 95 06 09 30 09 31 09 32 09 33 09 34 09 35 81 02 85 03 05 09 19 01 \
              29 10 15 00 25 01 75 01 95 10 81 02 85 04 05 08 09 4B 95 01 91 02 75 07 91 03 C0";
@@ -228,7 +232,7 @@ mod tests {
             serial: "0001".to_owned(),
             vendor_id: 0x1234,
             product_id: 0x0006,
-            descriptor: vendor_descriptor((None, 8), (None, 8)),
+            descriptor: vendor_descriptor((0xFFAB, 0x0200), (None, 8), (None, 8)),
         };
         let event = create_event(&identity);
         assert_eq!(event.len(), 4376);
