@@ -22,6 +22,7 @@ use crate::rt::duration;
 use crate::rt::signals::{SignalError, interrupts};
 use crate::scene::BakeMeans;
 use crate::scene::cache::Residence;
+use crate::spatial::Axes;
 
 /// Arguments of `hapticd run`.
 #[derive(Debug, clap::Args)]
@@ -219,7 +220,8 @@ fn tell_of_arm(config: &SceneConfig, real: &RealArm, talk: Talk) {
     if let Some(instruction) = &real.homing.instruction {
         report::note(&format!("homing: {instruction}"), talk);
     }
-    if profile.has_unverified_signs() {
+    let has_motors = profile.actuated != Axes::NONE;
+    if has_motors && profile.has_unverified_signs() {
         let force_n = config.parameters.limits.force_n;
         report::warning(
             &format!(
@@ -230,7 +232,7 @@ fn tell_of_arm(config: &SceneConfig, real: &RealArm, talk: Talk) {
             talk,
         );
     }
-    if profile.is_unidentified() {
+    if has_motors && profile.is_unidentified() {
         report::warning(
             &format!(
                 "not identified: stiffness is bounded by half of the assumed damping (hapticd devices probe {} --identify)",

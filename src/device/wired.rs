@@ -25,6 +25,9 @@ use super::{Capabilities, Device, DeviceError, Pacing, RoundTrip, Thermal};
 use crate::rt::clock::monotonic_ns;
 use crate::spatial::{Axes, DeviceSample, Pose, SampleStatus, Twist, Wrench};
 
+/// Ticks with reports after an arm was opened in which a gap of its count is none: what came while nobody looked yet was not lost on the way. Two for
+/// the backlog and the gap behind it, and some for what comes meanwhile.
+const SETTLING: u32 = 4;
 /// Reads of one tick: what a kernel queue of 64 reports can hold. More would let a chattering arm keep the loop.
 const READS_MAX: usize = 64;
 /// Ticks in a row in which the link takes no frame before the arm counts as lost: the time in which a silent one does.
@@ -126,6 +129,8 @@ pub struct WiredArm {
     quiet_until_s: Option<f64>,
     /// It was quiet already since the last sound report.
     quiet_before: bool,
+    /// Ticks that brought reports since this connection was made.
+    heard: u32,
     enabled: bool,
     lost: bool,
     frame: Frame,
@@ -138,17 +143,19 @@ impl WiredArm {
         let [window_linear_s, window_angular_s] = parameters.velocity_window_s;
         let home = parameters.kinematics.home();
         let configuration = parameters.kinematics.solve(&home, &Configuration::default()).unwrap_or_default();
+        let is_rate_input = matches!(parameters.kinematics, Kinematics::Rate(_));
         Self {
             connection,
             replacements,
-            is_rate_input: matches!(parameters.kinematics, Kinematics::Rate(_)),
+            is_rate_input,
             configuration,
             joints: home,
             joint_rates: [0.0; MAX_AXES],
             window: VelocityWindow::new(window_linear_s, window_angular_s, parameters.period_s),
             thermal: parameters.thermal,
             round_trip: RoundTrip::starting_at(parameters.delay_ticks),
-            last: DeviceSample { homed: false, ..DeviceSample::default() },
+            // A rate input has no zero, and says nothing before it is moved.
+            last: DeviceSample { homed: is_rate_input, ..DeviceSample::default() },
             sent: MotorCommand::default(),
             rendered: Wrench::ZERO,
             n_reads: 0,
@@ -159,6 +166,7 @@ impl WiredArm {
             full_ticks: 0,
             quiet_until_s: None,
             quiet_before: false,
+            heard: 0,
             enabled: false,
             lost: false,
             frame: Frame::default(),
@@ -201,6 +209,7 @@ impl WiredArm {
         self.round_trip = RoundTrip::starting_at(self.parameters.delay_ticks);
         self.quiet_until_s = None;
         self.quiet_before = false;
+        self.heard = 0;
         self.window.restart();
         true
     }
@@ -362,10 +371,14 @@ impl Device for WiredArm {
             return Err(DeviceError::Lost);
         }
         let now_s = self.now_s();
-        let fed = match self.drain() {
+        let mut fed = match self.drain() {
             Ok(fed) => fed,
             Err(_) => return Err(self.lose()),
         };
+        if self.heard < SETTLING && fed.reports > 0 {
+            self.heard += 1;
+            fed.gap = 0;
+        }
         self.last.status = SampleStatus::Stale;
         self.last.corrupt_packets = u16::try_from(fed.corrupt).unwrap_or(u16::MAX);
         self.last.lost_packets = u16::try_from(fed.gap).unwrap_or(u16::MAX);
@@ -470,3 +483,6 @@ fn limited(vector: DVec3, limit: f64) -> DVec3 {
     let length = vector.length();
     if length > limit { vector * (limit / length) } else { vector }
 }
+
+#[cfg(test)]
+mod tests;

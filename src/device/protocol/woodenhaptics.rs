@@ -21,7 +21,7 @@ impl Codec for Host {
     fn start(&mut self, link: &mut dyn Transport) -> Result<(), StartError> {
         *self = Self::default();
         let question = Question {
-            step: "waiting for the first report",
+            step: "waiting for the first report (boards of 2019 have the same USB ids and wait for the host: codec haptikfabriken-hid14)",
             frame: &[],
             every: Duration::MAX,
             within: Duration::from_millis(1000),
