@@ -1,0 +1,140 @@
+# Arms behind the kernel's own HID and USB drivers. Runs inside scripts/hil-vm; tests/hil-vm/judge.py judges what it leaves in $OUT:
+# NAME.arm.json and NAME.host.json (summaries of `hapticd mock` and `hapticd run`), NAME.host.err, NAME.host.code.
+#
+# What is judged: poses, faults, refusals, that the motors stop. No times: an emulated machine wakes threads late by tens of milliseconds, and its USB
+# bus turns every 4 ms. Therefore the scene renders at 125 Hz here, and the arms of contact have a watchdog of half a second and five times the
+# viscosity, with which 125 Hz can still push. A host that a delay made say `stale`, or whose arm's watchdog bit, is run again, at most $TRIES times;
+# anything else that it says is judged at once.
+. ./gadget.sh
+export NO_COLOR=1
+TRIES=6
+SCENE=config/scenes/links.toml
+sed 's/^rate_hz = 1000$/rate_hz = 125/' config/scenes/block-on-plane.toml >$SCENE
+# The hand presses from 1.2 s to 3 s of its own time, which begins one second after the host's first frame.
+WRONG_AT=2600ms
+
+# patient PROFILE: a copy for the emulated machine, whose signs somebody has checked.
+patient() {
+  sed 's/^signs_verified = false/signs_verified = true/; s/^device_watchdog_ms = 50 /device_watchdog_ms = 500 /
+    /^.plant/,/^$/s/^damping_n_s_per_m = 1.875 /damping_n_s_per_m = 9.375 /' "devices/$1.toml" >"/tmp/$1.toml"
+}
+
+# arm NAME PROFILE ARGS…: an arm, ready for a host.
+arm() {
+  name="$1" profile="$2"
+  shift 2
+  # What an earlier attempt said is not to be heard again.
+  rm -f "$OUT/$name".*
+  hapticd mock "$profile" --json --scene $SCENE --cache /tmp/cache "$@" >"$OUT/$name.arm.json" 2>"$OUT/$name.arm.err" &
+  arm_pid=$!
+  heard "$OUT/$name.arm.err" "^ready" && sleep 0.3
+}
+
+# heard FILE PATTERN [COUNT]: waits until FILE has so many such lines.
+heard() {
+  for i in $(seq 300); do
+    [ -e "$1" ] && [ "$(grep -c "$2" "$1")" -ge "${3:-1}" ] && return 0
+    sleep 0.1
+  done
+  echo "links: no \`$2\` in $1"
+  return 1
+}
+
+arm_ends() {
+  # Whatever the host said last is on its way, or the arm's own watchdog has to bite.
+  sleep 0.8
+  kill -TERM "$arm_pid" 2>/dev/null
+  wait "$arm_pid"
+  sleep 0.2
+}
+
+# host NAME PROFILE ARGS…: renders the scene on the attached arm; nobody says which node that is.
+host() {
+  name="$1" profile="$2"
+  shift 2
+  hapticd run $SCENE --device "$profile" --json --cache /tmp/cache "$@" >"$OUT/$name.host.json" 2>"$OUT/$name.host.err"
+  echo $? >"$OUT/$name.host.code"
+}
+
+# late NAME FAULTS: the host said `stale`, or its arm's watchdog bit, where FAULTS, as JSON, were expected.
+late() {
+  grep -qE '"faults": ?\[[^]]*"(stale|device-error)"' "$OUT/$1.host.json" && ! grep -qE "\"faults\": ?\[$2\]" "$OUT/$1.host.json"
+}
+
+# exchange NAME PROFILE FAULTS LINK [ARM_ARGS] [HOST_ARGS]: an arm and its host, until FAULTS come out or it was not the machine's lateness.
+exchange() {
+  for try in $(seq $TRIES); do
+    arm "$1" "$2" $4 $5
+    host "$1" "$2" --enable $6
+    arm_ends
+    late "$1" "$3" || break
+    echo "links: $1: late in attempt $try"
+  done
+  echo "links: $1 after $(cut -d ' ' -f 1 /proc/uptime) s"
+}
+
+for profile in open6-hid open6-serial; do patient $profile; done
+
+# --- HID devices of the kernel's making: /dev/uhid on one side, /dev/hidrawN on the other
+exchange hidraw /tmp/open6-hid.toml "" --uhid "" "--duration 8s"
+exchange woodenhaptics woodenhaptics-v15 "" --uhid "" "--duration 4s"
+exchange polhem-mbed polhem-v1 "" --uhid "" "--duration 4s"
+exchange polhem-rawhid polhem-2019 "" --uhid "" "--duration 4s"
+
+# Two boards with the same USB numbers: each host refuses the other's reports by their length.
+arm not-woodenhaptics polhem-v1 --uhid
+host not-woodenhaptics woodenhaptics-v15 --enable --duration 1s
+arm_ends
+arm not-polhem woodenhaptics-v15 --uhid
+host not-polhem polhem-v1 --enable --duration 1s
+arm_ends
+
+# An input without motors: the tool goes where the hand goes.
+exchange spacemouse spacemouse "" --uhid "" "--duration 4s"
+
+# What goes wrong while the arm pushes.
+exchange nan /tmp/open6-hid.toml '"non-finite"' --uhid "--fault nan@$WRONG_AT" "--duration 5s"
+# Eleven garbled replies are `protocol`; at 125 Hz four are `stale` before that.
+SCENE=config/scenes/block-on-plane.toml
+exchange garbage /tmp/open6-hid.toml '"protocol"' --uhid "--fault garbage@$WRONG_AT" "--duration 5s"
+SCENE=config/scenes/links.toml
+exchange stall /tmp/open6-hid.toml '"stale"' --uhid "--fault stall@$WRONG_AT" "--duration 5s"
+exchange unplug /tmp/open6-hid.toml '"disconnected"' --uhid "--fault unplug@$WRONG_AT" "--duration 5s"
+
+# The plug comes back, and the operator lets force flow again.
+mkfifo /tmp/console
+for try in $(seq $TRIES); do
+  arm replug /tmp/open6-hid.toml --uhid --fault unplug@$WRONG_AT+700ms
+  host replug /tmp/open6-hid.toml --console </tmp/console &
+  host_pid=$!
+  exec 3>/tmp/console
+  heard "$OUT/replug.host.err" "^preflight" && echo enable >&3
+  heard "$OUT/replug.host.err" "^device: back" && sleep 0.3 && echo enable >&3
+  heard "$OUT/replug.host.err" "^state: enabled" 2 && sleep 1
+  echo stop >&3
+  exec 3>&-
+  wait $host_pid
+  arm_ends
+  late replug '"disconnected"' || break
+  echo "links: replug: late in attempt $try"
+done
+
+# --- a USB device, plugged into this machine: a serial port and a HID interface
+gadget_up 64 || exit 1
+exchange acm /tmp/open6-serial.toml "" "--gadget /dev/ttyGS0" "" "--duration 8s"
+exchange usb-hid /tmp/open6-hid.toml "" "--gadget /dev/hidg0" "" "--duration 8s"
+
+# Its plug is pulled while it pushes.
+for try in $(seq $TRIES); do
+  arm usb-unplug /tmp/open6-hid.toml --gadget /dev/hidg0
+  host usb-unplug /tmp/open6-hid.toml --enable --duration 8s &
+  host_pid=$!
+  heard "$OUT/usb-unplug.host.err" "^state: enabled" && sleep 2.6 && gadget_unplug
+  wait $host_pid
+  arm_ends
+  late usb-unplug '"disconnected"' || break
+  echo "links: usb-unplug: late in attempt $try"
+  gadget_replug
+  sleep 1
+done
+exit 0
