@@ -46,7 +46,12 @@ impl<'a> Screen<'a> {
             Notice::Link(news) => {
                 self.line(&match news {
                     LinkNews::Lost => "device: gone; looking for it".to_owned(),
-                    LinkNews::Back(node) => format!("device: back at {}; it waits for `enable`", node.display()),
+                    LinkNews::Back { node, homing } => {
+                        let homing = homing.as_ref().map_or(String::new(), |text| {
+                            format!(" It counts from where it was switched on, and a wrong place turns the force. {text}")
+                        });
+                        format!("device: back at {}; it waits for `enable`.{homing}", node.display())
+                    }
                     LinkNews::Fails(why) => format!("device: {why}"),
                 });
             }

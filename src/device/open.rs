@@ -9,7 +9,7 @@ use crossbeam::channel::{Receiver, Sender, bounded};
 use rtrb::{Consumer, Producer, RingBuffer};
 
 use super::nodes::{self, Node, NodeKind, Selector};
-use super::profile::{Match, Profile, RealArm, TransportKind};
+use super::profile::{HomingMode, Match, Profile, RealArm, TransportKind};
 use super::protocol::StartError;
 use super::transport::{Carriage, HidLink, HidOpenError, SerialError, SerialLink, Transport};
 use super::{Capabilities, Connection, IoPlacement, Replacements, Timebase, Wakeup, WiredArm, WiredParameters};
@@ -111,8 +111,13 @@ fn attached(nodes: &[Node]) -> String {
 pub enum LinkNews {
     /// The arm is gone; it is looked for.
     Lost,
-    /// It is back, at this node.
-    Back(PathBuf),
+    /// It is back.
+    Back {
+        /// At this node.
+        node: PathBuf,
+        /// What a person has to see to, if the arm counts from where it was switched on.
+        homing: Option<String>,
+    },
     /// It is there, and does not start.
     Fails(String),
 }
@@ -224,6 +229,12 @@ impl Door {
         }
     }
 
+    /// What an arm that may have lost its power cannot know by itself.
+    fn homing(&self) -> Option<String> {
+        let homing = &self.real.homing;
+        homing.instruction.clone().filter(|_| homing.mode == HomingMode::PowerOnPose)
+    }
+
     fn link(&self) -> Result<(PathBuf, Box<dyn Transport>, Carriage), OpenError> {
         #[cfg(feature = "usb")]
         if self.real.matching.transport == TransportKind::Usb {
@@ -306,7 +317,7 @@ fn keep(
             match door.connect(true) {
                 Ok((path, connection)) => {
                     let _ = to_arm.push(connection);
-                    tell(LinkNews::Back(path));
+                    tell(LinkNews::Back { node: path, homing: door.homing() });
                 }
                 Err(OpenError::Missing { .. }) => {}
                 Err(OpenError::Serial(SerialError::Open { .. })) => {}
