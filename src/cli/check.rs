@@ -1,18 +1,20 @@
-//! `hapticd check`: every configuration pass over each scene; bakes nothing.
+//! `hapticd check`: every configuration pass over each scene or device profile; bakes nothing.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use super::{Talk, report, say};
 use crate::config::problem::show;
 use crate::config::{self, SceneConfig};
 use crate::daemon::{PrepareError, inputs};
+use crate::device::profile::{self, Profile};
 use crate::error::Exit;
 use crate::haptics::CouplingMode;
+use crate::spatial::Axes;
 
 /// Arguments of `hapticd check`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
-    /// Scene files.
+    /// Scene files, or profiles of arms.
     #[arg(required = true, value_name = "SCENE")]
     scenes: Vec<PathBuf>,
 }
@@ -20,6 +22,14 @@ pub(crate) struct Args {
 pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
     let mut exit = Exit::Ok;
     for scene in &args.scenes {
+        if profile::is_profile(scene) {
+            match profile::load(scene) {
+                Ok(profile) if talk.quiet => drop(profile),
+                Ok(profile) => say::result(format_args!("ok {}\n", profile_summary(scene, &profile))),
+                Err(errors) => exit = report::config_errors(&errors, talk),
+            }
+            continue;
+        }
         let checked = config::load(scene).map_err(PrepareError::Config).and_then(|config| {
             inputs(&config)?;
             Ok(config)
@@ -31,6 +41,25 @@ pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
         }
     }
     exit
+}
+
+/// One line: `arm.toml: "My arm", senses x y z, actuates x y z, simulated`.
+fn profile_summary(path: &Path, profile: &Profile) -> String {
+    let axes = |axes: Axes| axes.names().collect::<Vec<_>>().join(" ");
+    let mut parts = vec![
+        format!("{}: \"{}\"", path.display(), profile.title),
+        format!("senses {}", axes(profile.sensed)),
+        format!("actuates {}", if profile.actuated == Axes::NONE { "nothing".into() } else { axes(profile.actuated) }),
+    ];
+    match &profile.real {
+        None => parts.push("simulated".into()),
+        Some(real) => {
+            parts.push(real.protocol.name().into());
+            parts.extend(profile.has_unverified_signs().then(|| "signs not verified".into()));
+            parts.extend(profile.is_unidentified().then(|| "not identified".into()));
+        }
+    }
+    parts.join(", ")
 }
 
 /// One line: `scene.toml: "gear", 1 static + tool, sim-sigma7 at 1000 Hz, implicit, 4000 N/m (bound 4000) 1 N·m/rad (bound 1)`.

@@ -68,7 +68,7 @@ enum Command {
     Run(run::Args),
     /// Generate voxmaps and pointshells only, with figures.
     Bake(bake::Args),
-    /// Check scenes without baking: reports all problems of a pass together.
+    /// Check scenes and device profiles without baking: reports all problems of a pass together.
     Check(check::Args),
     /// Contact wrench at each given tool pose: no device, no time.
     Eval(eval::Args),

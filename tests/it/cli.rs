@@ -471,6 +471,22 @@ fn a_bake_does_not_overwrite_its_own_mesh() {
 }
 
 #[test]
+fn profiles_are_checked_like_scenes() {
+    let dir = folder();
+    let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("devices/polhem-2022.toml");
+    let ended = hapticd(dir.path(), &format!("check {}", shipped.display()));
+    assert_eq!((ended.code(), ended.stderr.as_str()), (Some(0), ""));
+    assert!(ended.stdout.starts_with("ok ") && ended.stdout.contains("signs not verified"), "{}", ended.stdout);
+    let text = std::fs::read_to_string(&shipped).unwrap();
+    std::fs::write(dir.path().join("mine.toml"), text.replace("signs_verified = false", "signs_verifed = true")).unwrap();
+    let ended = hapticd(dir.path(), "check mine.toml");
+    assert_eq!((ended.code(), ended.stdout.as_str()), (Some(3), ""));
+    for fragment in ["mine.toml:", "device.signs_verifed", "did you mean `signs_verified`"] {
+        assert!(ended.stderr.contains(fragment), "{fragment}: {}", ended.stderr);
+    }
+}
+
+#[test]
 fn help_is_a_result() {
     let dir = folder();
     for command in ["", "run", "bake", "check", "eval"] {

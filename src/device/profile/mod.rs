@@ -240,6 +240,12 @@ pub fn find(name_or_path: &str, base_dir: &Path) -> Result<Profile, ProfileError
     }
 }
 
+/// True for a file that says what codec an arm speaks, as profiles do and scenes do not. False for one that is no TOML.
+pub fn is_profile(path: &Path) -> bool {
+    let table = fs::read_to_string(path).ok().and_then(|text| text.parse::<toml::Table>().ok());
+    table.is_some_and(|table| table.get("device").and_then(|device| device.get("codec")).is_some())
+}
+
 /// Loads a profile file.
 ///
 /// # Errors
