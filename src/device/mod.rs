@@ -24,12 +24,14 @@
 //! | [`mock`] | the simulated arm behind a real link |
 //! | [`hand`] | where the simulated hand wants to be, over time |
 //! | [`fault`] | the fault grammar (`nan@2s`, `drop=1%`) |
+//! | `dice` | chance, from a seed |
 //! | [`velocity`] | velocity over a time window |
 //!
 //! [`DeviceSample`]: crate::spatial::DeviceSample
 
 #[cfg(test)]
 mod conformance;
+mod dice;
 pub mod discover;
 mod driver;
 pub mod fault;

@@ -6,6 +6,7 @@ use glam::DQuat;
 
 use super::linkage::Linkage;
 use super::tally::{MockReport, Tally};
+use crate::device::dice::Dice;
 use crate::device::fault::{FaultKind, FaultPlan, JUMP_M};
 use crate::device::kinematics::Kinematics;
 use crate::device::profile::Plant;
@@ -51,7 +52,7 @@ pub struct MockArm {
     firmware: Box<dyn Firmware>,
     readings: ArmReadings,
     stuck_at: Option<ArmReadings>,
-    random: u64,
+    dice: Dice,
     /// Wrenches under way from the firmware to the motors.
     delay_line: VecDeque<Wrench>,
     /// When the host first spoke, s of the caller's clock.
@@ -78,7 +79,7 @@ impl MockArm {
             plant,
             firmware,
             stuck_at: None,
-            random: parameters.seed,
+            dice: Dice::new(parameters.seed),
             delay_line: VecDeque::new(),
             first_frame_s: None,
             outgoing: VecDeque::new(),
@@ -176,7 +177,7 @@ impl MockArm {
         let is_silent = self.has(now_s, |kind| matches!(kind, FaultKind::Stall | FaultKind::Unplug)).is_some();
         for mut frame in core::mem::take(&mut self.answers) {
             let lost = match self.has(now_s, |kind| matches!(kind, FaultKind::Drop { .. })) {
-                Some(FaultKind::Drop { probability }) => self.next_random() < probability,
+                Some(FaultKind::Drop { probability }) => self.dice.roll() < probability,
                 _ => false,
             };
             if is_silent || lost {
@@ -185,7 +186,7 @@ impl MockArm {
             }
             if self.has(now_s, |kind| *kind == FaultKind::Garbage).is_some() {
                 for byte in &mut frame {
-                    *byte = (self.next_random() * 256.0) as u8;
+                    *byte = (self.dice.roll() * 256.0) as u8;
                 }
             }
             if self.has(now_s, |kind| *kind == FaultKind::Truncate).is_some() {
@@ -233,16 +234,6 @@ impl MockArm {
     /// What it felt so far.
     pub fn report(&self) -> MockReport {
         MockReport { final_pose: self.plant.pose().into(), ..self.tally.report.clone() }
-    }
-
-    /// Uniform in 0..1 (splitmix64).
-    fn next_random(&mut self) -> f64 {
-        self.random = self.random.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut bits = self.random;
-        bits = (bits ^ (bits >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        bits = (bits ^ (bits >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        bits ^= bits >> 31;
-        (bits >> 11) as f64 / (1u64 << 53) as f64
     }
 }
 

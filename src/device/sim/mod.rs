@@ -25,6 +25,7 @@ mod tests;
 
 use glam::{DQuat, DVec3};
 
+use super::dice::Dice;
 use super::fault::{FaultKind, FaultPlan, JUMP_M, SATURATED_SHARE};
 use super::velocity::VelocityWindow;
 use super::{Capabilities, Device, DeviceError, IoPlacement, Pacing, Wakeup};
@@ -47,7 +48,7 @@ pub struct SimArm {
     torque_limit_nm: f64,
     fault: Option<FaultPlan>,
     homed: bool,
-    random: u64,
+    dice: Dice,
 
     /// Reads so far.
     n_reads: u64,
@@ -98,7 +99,7 @@ impl SimArm {
             torque_limit_nm: parameters.torque_limit_nm,
             fault: parameters.fault,
             homed: parameters.homed,
-            random: parameters.seed,
+            dice: Dice::new(parameters.seed),
             n_reads: 0,
             delay_line: vec![Wrench::ZERO; plant.delay_ticks as usize + 1].into_boxed_slice(),
             delay_head: 0,
@@ -175,16 +176,6 @@ impl SimArm {
         Pose::new(rotation, translation)
     }
 
-    /// Uniform in 0..1 (splitmix64).
-    fn next_random(&mut self) -> f64 {
-        self.random = self.random.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut bits = self.random;
-        bits = (bits ^ (bits >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        bits = (bits ^ (bits >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        bits ^= bits >> 31;
-        (bits >> 11) as f64 / (1u64 << 53) as f64
-    }
-
     fn stale(&self) -> DeviceSample {
         DeviceSample { status: SampleStatus::Stale, ..self.last }
     }
@@ -225,7 +216,7 @@ impl Device for SimArm {
                     }
                 }
             }
-            Some(FaultKind::Drop { probability }) if self.next_random() < probability => return Ok(self.stale()),
+            Some(FaultKind::Drop { probability }) if self.dice.roll() < probability => return Ok(self.stale()),
             Some(FaultKind::Stuck) => pose = *self.stuck_at.get_or_insert(pose),
             Some(FaultKind::Jump) => pose.translation.x += JUMP_M,
             Some(FaultKind::Nan) => {
