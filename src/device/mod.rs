@@ -1,4 +1,4 @@
-//! Arms: what the servo sees of them, and the simulated one.
+//! Arms: what the servo sees of them, and everything between it and their motors.
 //!
 //! Data in: a wrench in device axes, reduced at the grip point. Data out: the newest [`DeviceSample`] of the grip.
 //!
@@ -7,25 +7,21 @@
 //!
 //! | file | owns |
 //! |---|---|
-//! | [`discover`] | which arms are attached, and what stands in their way |
 //! | `driver` | the [`Device`] trait, [`Capabilities`], edge errors |
-//! | [`probe`] | trying an arm out |
-//! | [`identify`] | what it is made of, from how it moved |
 //! | [`profile`] | hardware as data |
 //! | [`nodes`] | hidraw nodes and serial ports of this machine, and which of them is an arm |
 //! | [`open`] | from a profile to an open arm, and back to it when it is lost |
+//! | `wired` | the driver of every arm on a wire, which joins the next four |
 //! | [`transport`] | how bytes travel |
 //! | [`protocol`] | what they mean, both sides |
 //! | [`transmission`] | readings into joint angles, joint torques into motor commands |
 //! | [`kinematics`] | joint angles into a pose, a wrench into joint torques |
-//! | `wired` | the driver that joins them: every arm on a wire |
-//! | `round_trip`, `thermal` | how far away the arm is; how hot its motors are |
+//! | [`velocity`], `round_trip`, `thermal` | how fast the grip is, how far away the arm, how hot its motors |
 //! | [`sim`] | the simulated arm: a plant, a hand, an encoder, faults |
-//! | [`mock`] | the simulated arm behind a real link |
-//! | [`hand`] | where the simulated hand wants to be, over time |
-//! | [`fault`] | the fault grammar (`nan@2s`, `drop=1%`) |
-//! | `dice` | chance, from a seed |
-//! | [`velocity`] | velocity over a time window |
+//! | [`mock`] | the same behind a real link |
+//! | [`hand`], [`fault`], `dice` | where the simulated hand wants to be, what goes wrong, chance from a seed |
+//! | [`discover`], [`probe`], [`identify`] | which arms are attached, what they do, what they are made of |
+//! | `conformance` | tests that every arm passes |
 //!
 //! [`DeviceSample`]: crate::spatial::DeviceSample
 
