@@ -250,18 +250,7 @@ mod tests {
 
     use super::*;
     use crate::device::profile::TransportKind;
-    use crate::rt::finding::Standing;
-
-    fn tree(files: &[(&str, &str)]) -> (tempfile::TempDir, Root) {
-        let folder = tempfile::tempdir().expect("folder");
-        let root = Root::at(folder.path());
-        for (path, text) in files {
-            let path = root.join(path);
-            fs::create_dir_all(path.parent().expect("below the root")).expect("folder");
-            fs::write(path, text).expect("file");
-        }
-        (folder, root)
-    }
+    use crate::rt::finding::{Standing, tree};
 
     fn raw_hid() -> Node {
         Node {

@@ -42,6 +42,26 @@ pub enum OffCause {
 }
 
 impl OffCause {
+    /// Every cause, in the order of their numbers.
+    pub const ALL: [Self; 16] = [
+        Self::None,
+        Self::Button,
+        Self::Velocity,
+        Self::Watchdog,
+        Self::Software,
+        Self::Disconnected,
+        Self::Deadman,
+        Self::Stale,
+        Self::NonFinite,
+        Self::Power,
+        Self::Thermal,
+        Self::NotHomed,
+        Self::SignCheck,
+        Self::Protocol,
+        Self::Overrun,
+        Self::Workspace,
+    ];
+
     /// For messages and records.
     pub const fn name(self) -> &'static str {
         match self {
@@ -119,28 +139,6 @@ mod tests {
     }
 
     fn named(n: u8) -> OffCause {
-        use OffCause::{
-            Button, Deadman, Disconnected, NonFinite, None, NotHomed, Overrun, Power, Protocol, SignCheck, Software, Stale,
-            Thermal, Velocity, Watchdog, Workspace,
-        };
-        let all = [
-            None,
-            Button,
-            Velocity,
-            Watchdog,
-            Software,
-            Disconnected,
-            Deadman,
-            Stale,
-            NonFinite,
-            Power,
-            Thermal,
-            NotHomed,
-            SignCheck,
-            Protocol,
-            Overrun,
-            Workspace,
-        ];
-        all.into_iter().find(|cause| *cause as u8 == n).unwrap_or_default()
+        OffCause::ALL.into_iter().find(|cause| *cause as u8 == n).unwrap_or_default()
     }
 }

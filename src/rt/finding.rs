@@ -98,3 +98,16 @@ impl Root {
         names
     }
 }
+
+/// A folder that looks like a root, with these files in it.
+#[cfg(test)]
+pub(crate) fn tree(files: &[(&str, &str)]) -> (tempfile::TempDir, Root) {
+    let folder = tempfile::tempdir().expect("folder");
+    let root = Root::at(folder.path());
+    for (path, text) in files {
+        let path = root.join(path);
+        fs::create_dir_all(path.parent().expect("below the root")).expect("folder");
+        fs::write(path, text).expect("file");
+    }
+    (folder, root)
+}

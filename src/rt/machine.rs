@@ -163,21 +163,8 @@ pub fn rights(
 
 #[cfg(test)]
 mod tests {
-    use std::fs;
-
     use super::*;
-    use crate::rt::finding::Standing;
-
-    fn tree(files: &[(&str, &str)]) -> (tempfile::TempDir, Root) {
-        let folder = tempfile::tempdir().expect("folder");
-        let root = Root::at(folder.path());
-        for (path, text) in files {
-            let path = root.join(path);
-            fs::create_dir_all(path.parent().expect("below the root")).expect("folder");
-            fs::write(path, text).expect("file");
-        }
-        (folder, root)
-    }
+    use crate::rt::finding::{Standing, tree};
 
     fn standing(findings: &[Finding], name: &str) -> (Standing, String, String) {
         let found = findings.iter().find(|finding| finding.name == name).expect(name);

@@ -29,7 +29,7 @@ fn the_checked_in_schemas_are_those_of_the_parser() {
 }
 
 #[test]
-#[ignore = "writes into the repository"]
+#[ignore = "writes files of the repository: cargo test --test it rewrite_the_json_schemas -- --ignored"]
 fn rewrite_the_json_schemas() {
     for (path, schema) in schemas() {
         fs::write(path, schema).unwrap();

@@ -17,6 +17,7 @@ mod distance_error;
 mod friction;
 mod fuzz_corpus;
 mod json_schemas;
+mod meddled;
 mod models;
 mod objects;
 mod presets;

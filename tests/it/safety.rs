@@ -5,15 +5,15 @@ use std::sync::Arc;
 
 use hapticd::config::{LoadOptions, SceneConfig, load_with};
 use hapticd::daemon::prepare_with;
-use hapticd::device::{Capabilities, Device, DeviceError};
 use hapticd::haptics::{Drive, Faults, LimitParameters, OffCause, Parameters};
 use hapticd::rt::clock::VirtualClock;
 use hapticd::scene::BakeMeans;
 use hapticd::scene::cache::Cache;
 use hapticd::servo::{Control, Ending, Order, RunPlan, ServoLoop, Step};
-use hapticd::spatial::{DeviceSample, Wrench};
+use hapticd::spatial::DeviceSample;
 use hapticd::telemetry::TickRecord;
 
+use super::meddled::Meddled;
 use super::rig;
 
 /// The hand presses the block onto the plane from 1.2 s to 2.4 s.
@@ -22,34 +22,6 @@ const N_TICKS: u64 = 2300;
 const RAMP_TICKS: usize = 100;
 /// Ticks that the slew limit takes from the force in contact to zero, at most.
 const SLEW_TICKS: usize = 2;
-
-/// The simulated arm, and what a test does to its samples (tick, sample).
-struct Meddled<F> {
-    arm: Box<dyn Device>,
-    n_reads: u64,
-    meddle: F,
-}
-
-impl<F: Fn(u64, &mut DeviceSample) + Send> Device for Meddled<F> {
-    fn capabilities(&self) -> Capabilities {
-        self.arm.capabilities()
-    }
-
-    fn read(&mut self) -> Result<DeviceSample, DeviceError> {
-        let mut sample = self.arm.read()?;
-        (self.meddle)(self.n_reads, &mut sample);
-        self.n_reads += 1;
-        Ok(sample)
-    }
-
-    fn write(&mut self, wrench_device: &Wrench) -> Result<Wrench, DeviceError> {
-        self.arm.write(wrench_device)
-    }
-
-    fn stop(&mut self) {
-        self.arm.stop();
-    }
-}
 
 struct Played {
     records: Vec<TickRecord>,
@@ -336,28 +308,7 @@ fn the_table_names_every_fault_and_every_cause() {
     for (_, name, _) in Faults::TABLE {
         assert!(rules.contains(&format!("\n| `{name}` |")), "{name} has no row");
     }
-    use OffCause::{
-        Button, Deadman, Disconnected, NonFinite, None, NotHomed, Overrun, Power, Protocol, SignCheck, Software, Stale, Thermal,
-        Velocity, Watchdog, Workspace,
-    };
-    for cause in [
-        None,
-        Button,
-        Velocity,
-        Watchdog,
-        Software,
-        Disconnected,
-        Deadman,
-        Stale,
-        NonFinite,
-        Power,
-        Thermal,
-        NotHomed,
-        SignCheck,
-        Protocol,
-        Overrun,
-        Workspace,
-    ] {
+    for cause in OffCause::ALL {
         assert!(rules.contains(&format!("`{}`", cause.name())), "{cause:?}");
     }
 }

@@ -15,7 +15,7 @@ use hapticd::device::mock::serve::{Serving, serve};
 use hapticd::device::nodes::Selector;
 use hapticd::device::open::{self, OpenOptions};
 use hapticd::device::sim::HandParameters;
-use hapticd::device::{Capabilities, Device, DeviceError, fault, profile};
+use hapticd::device::{Device, DeviceError, fault, profile};
 use hapticd::haptics::{Faults, OffCause, Parameters};
 use hapticd::rt::clock::VirtualClock;
 use hapticd::scene::BakeMeans;
@@ -23,6 +23,7 @@ use hapticd::scene::cache::Cache;
 use hapticd::servo::{Control, Order, RunPlan, ServoLoop, Step};
 use hapticd::spatial::{DeviceSample, SampleStatus, Wrench};
 
+use super::meddled::Meddled;
 use super::{STRIDE, counted, scene};
 
 /// Exchanges with an arm at the other end of a terminal.
@@ -103,34 +104,6 @@ fn exchanges_of(name: &str) {
     let report = arm_side.join().expect("no panic");
     let sound = n_fresh > 2000 && n_lost > 10 && n_fresh_again > 500 && report.largest_force_n > 0.01;
     assert!(sound, "{name}: {n_fresh} fresh, {n_lost} lost, {n_fresh_again} after that; {report:?}");
-}
-
-/// The simulated arm, and what a test does to its samples.
-struct Meddled<F> {
-    arm: Box<dyn Device>,
-    n_reads: u64,
-    meddle: F,
-}
-
-impl<F: Fn(u64, &mut DeviceSample) + Send> Device for Meddled<F> {
-    fn capabilities(&self) -> Capabilities {
-        self.arm.capabilities()
-    }
-
-    fn read(&mut self) -> Result<DeviceSample, DeviceError> {
-        let mut sample = self.arm.read()?;
-        (self.meddle)(self.n_reads, &mut sample);
-        self.n_reads += 1;
-        Ok(sample)
-    }
-
-    fn write(&mut self, wrench_device: &Wrench) -> Result<Wrench, DeviceError> {
-        self.arm.write(wrench_device)
-    }
-
-    fn stop(&mut self) {
-        self.arm.stop();
-    }
 }
 
 /// Steps through a run, counting; gives its faults and the causes for which it rendered nothing.

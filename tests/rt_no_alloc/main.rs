@@ -4,6 +4,8 @@
 #![expect(clippy::print_stderr, reason = "the long runs say how far they are")]
 
 mod arms;
+#[path = "../it/meddled.rs"]
+mod meddled;
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
