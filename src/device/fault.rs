@@ -16,6 +16,8 @@
 //! | `jump` | x is off by [`JUMP_M`] | the same |
 //! | `sign-flip` | the motors push the wrong way | the same |
 //! | `unhome` | the arm has lost its zero | the same, where the protocol says so |
+//! | `skip=N` | the arm's counter runs ahead by N, once | the arm answers N more times, once, and all of that is lost |
+//! | `no-velocity` | the velocity reads 0 | the same, where the wire has velocities |
 //! | `press=N` | no fault: button N, 0 to 31, is held | the same, where the protocol has buttons |
 //! | `saturate` | each axis gives [`SATURATED_SHARE`] of the arm's limit at most, and the arm does not say so | the same |
 
@@ -54,6 +56,13 @@ pub enum FaultKind {
     Saturate,
     /// The arm has lost its zero.
     Unhome,
+    /// Samples are lost on the way, all at once, and the arm's counter says so.
+    Skip {
+        /// How many.
+        samples: u16,
+    },
+    /// The velocity reads 0.
+    NoVelocity,
     /// No fault, but it happens on demand like one: a button is held.
     Press {
         /// 0..=31
@@ -69,6 +78,9 @@ pub const SATURATED_SHARE: f64 = 0.25;
 
 /// Longest delay of `slow`, s: beyond it an arm has stalled.
 pub const SLOWEST_S: f64 = 1.0;
+
+/// Most samples that `skip` loses: ten seconds of them, and far from where a counter of 16 bits comes round.
+pub const MOST_SKIPPED: u16 = 10_000;
 
 /// A fault and when it is there. `Copy`: the arm consults it in the loop.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -88,15 +100,35 @@ impl FaultPlan {
         let now_s = now_s + 0.5 * period_s;
         (now_s >= self.start_s && now_s < self.end_s).then_some(self.kind)
     }
+
+    /// True in the first tick of the fault. RT: safe.
+    pub fn begins(&self, now_s: f64, period_s: f64) -> bool {
+        self.active(now_s, period_s).is_some() && (now_s - 0.5 * period_s < self.start_s)
+    }
 }
 
 /// Names of the grammar.
-pub const NAMES: [&str; 13] =
-    ["drop", "stall", "nan", "garbage", "unplug", "slow", "stuck", "jump", "truncate", "sign-flip", "saturate", "unhome", "press"];
+pub const NAMES: [&str; 15] = [
+    "drop",
+    "stall",
+    "nan",
+    "garbage",
+    "unplug",
+    "slow",
+    "stuck",
+    "jump",
+    "truncate",
+    "sign-flip",
+    "saturate",
+    "unhome",
+    "skip",
+    "no-velocity",
+    "press",
+];
 
-/// Names with the values that three of them take, for people.
-const USAGE: &str =
-    "drop=P%, stall, nan, garbage, unplug, slow=TIME, stuck, jump, truncate, sign-flip, saturate, unhome, press=BUTTON";
+/// Names with the values that some of them take, for people.
+const USAGE: &str = "drop=P%, stall, nan, garbage, unplug, slow=TIME, stuck, jump, truncate, sign-flip, saturate, unhome, skip=COUNT, \
+                     no-velocity, press=BUTTON";
 
 /// Why a fault specification was refused.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -123,6 +155,9 @@ pub enum FaultError {
     /// `slow` without a delay, or one that is zero or too long.
     #[error("fault `slow` needs a delay above 0 and up to 1s, as in slow=4ms")]
     Delay,
+    /// `skip` without a count, or one that the counter of no arm can show.
+    #[error("fault `skip` needs a number of samples from 1 to 10000, as in skip=40@2s")]
+    Count,
     /// `press` without a button, or one that there is not.
     #[error("`press` needs the number of a button from 0 to 31, as in press=0@1s+500ms")]
     Button,
@@ -166,10 +201,14 @@ pub fn parse(text: &str) -> Result<FaultPlan, FaultError> {
         "sign-flip" => FaultKind::SignFlip,
         "saturate" => FaultKind::Saturate,
         "unhome" => FaultKind::Unhome,
+        "skip" => FaultKind::Skip { samples: value.and_then(count).ok_or(FaultError::Count)? },
+        "no-velocity" => FaultKind::NoVelocity,
         "press" => FaultKind::Press { button: value.and_then(button).ok_or(FaultError::Button)? },
         name => return Err(FaultError::Unknown { name: name.to_owned() }),
     };
-    if value.is_some() && !matches!(kind, FaultKind::Drop { .. } | FaultKind::Slow { .. } | FaultKind::Press { .. }) {
+    let takes_value =
+        matches!(kind, FaultKind::Drop { .. } | FaultKind::Slow { .. } | FaultKind::Skip { .. } | FaultKind::Press { .. });
+    if value.is_some() && !takes_value {
         return Err(FaultError::Value { name: name.to_owned() });
     }
     let seconds = |text: &str| match duration::parse(text) {
@@ -200,6 +239,10 @@ fn button(text: &str) -> Option<u8> {
     text.trim().parse().ok().filter(|button| u32::from(*button) < u32::BITS)
 }
 
+fn count(text: &str) -> Option<u16> {
+    text.trim().parse().ok().filter(|count| (1..=MOST_SKIPPED).contains(count))
+}
+
 fn delay(text: &str) -> Option<f64> {
     let delay_s = duration::parse(text).ok()?.as_secs_f64();
     (delay_s > 0.0 && delay_s <= SLOWEST_S).then_some(delay_s)
@@ -227,6 +270,8 @@ mod tests {
             ("truncate", FaultKind::Truncate, 0.0, EVER),
             ("sign-flip@2s", FaultKind::SignFlip, 2.0, EVER),
             ("saturate@2s", FaultKind::Saturate, 2.0, EVER),
+            ("skip=40@2s", FaultKind::Skip { samples: 40 }, 2.0, EVER),
+            ("no-velocity@1s", FaultKind::NoVelocity, 1.0, EVER),
         ] {
             assert_eq!(parse(text), Ok(FaultPlan { kind, start_s, end_s }), "{text}");
         }
@@ -246,6 +291,9 @@ mod tests {
         let plan = parse("stall@10ms+5ms").expect("grammar");
         let active: Vec<u32> = (0..30).filter(|&n| plan.active(f64::from(n) * 1e-3, 1e-3).is_some()).collect();
         assert_eq!(active, [10, 11, 12, 13, 14]);
+        let first: Vec<u32> = (0..30).filter(|&n| plan.begins(f64::from(n) * 1e-3, 1e-3)).collect();
+        assert_eq!(first, [10]);
+        assert!(parse("stall").expect("grammar").begins(0.0, 1e-3));
     }
 
     #[test]
@@ -267,6 +315,10 @@ mod tests {
             ("press", "press=0"),
             ("press=32", "0 to 31"),
             ("unhome=1", "takes no value"),
+            ("skip", "skip=40"),
+            ("skip=0", "from 1 to 10000"),
+            ("skip=10001", "from 1 to 10000"),
+            ("no-velocity=1", "takes no value"),
         ] {
             let error = parse(text).expect_err(text).to_string();
             assert!(error.contains(fragment), "{text}: {error}");

@@ -1,7 +1,9 @@
 //! The safety table over a real transport: something goes wrong at the arm while it is pressed against the plane, and the arm says when its motors
 //! stopped.
 
-use super::link::{Bench, exchange};
+use std::time::Duration;
+
+use super::link::{Bench, alone, exchange};
 
 /// When the hand presses the block onto the plane, s after the host's first frame: the hand begins after one second.
 const WRONG_AT: &str = "2600ms";
@@ -60,6 +62,11 @@ fn the_plug_is_pulled() {
 }
 
 #[test]
+fn a_counter_that_runs_ahead() {
+    ends_in("skip=40", &[&["sequence-gap"]], AT_ONCE_TICKS);
+}
+
+#[test]
 fn an_arm_that_loses_its_zero() {
     // Its error code says so too.
     ends_in("unhome", &[&["not-homed", "device-error"]], AT_ONCE_TICKS);
@@ -82,6 +89,33 @@ fn a_hand_that_is_too_fast() {
     // Pressed, then 80 mm in 40 ms.
     let hand = bench.hand(&[(0.0, 0.0, 15.0), (0.5, 0.0, 8.5), (1.0, 0.0, 8.5), (1.04, 80.0, 8.5), (3.0, 80.0, 8.5)]);
     ends_by_itself_in(&bench, &["--hand", &hand], "speed");
+}
+
+#[test]
+fn more_power_into_the_hand_than_is_allowed() {
+    let bench = Bench::verified("open6-serial").scene_with("[safety]\npower_w = 0.01");
+    // Pressed hard, then drawn back at 0.5 m/s by a hand that the arm says stands still: the limiter sees no power, the window does.
+    let hand = bench.hand(&[(0.0, 0.0, 15.0), (0.5, 0.0, 2.0), (1.5, 0.0, 2.0), (1.54, 0.0, 22.0), (3.0, 0.0, 22.0)]);
+    ends_by_itself_in(&bench, &["--hand", &hand, "--fault", "no-velocity@1s"], "power");
+}
+
+#[test]
+fn a_host_that_misses_a_deadline_where_none_may_be_missed() {
+    let bench = Bench::verified("open6-serial").scene_with("[safety]\noverrun = 1");
+    let _alone = alone();
+    let mock = bench.mock(&[]);
+    let mut host = bench.host(&["--enable", "--duration", "6s"]);
+    host.wait_for("state: enabled");
+    // Until the hand presses. A machine that is late by itself before that ends the run in the same way.
+    std::thread::sleep(Duration::from_millis(2500));
+    host.signal("STOP");
+    std::thread::sleep(Duration::from_millis(10));
+    host.signal("CONT");
+    let (host, mock) = (host.ended(), mock.ended());
+    let said = format!("{}\n{}\n{}", host.json, host.stderr, mock.json);
+    assert_eq!((host.code(), host.faults()), (Some(7), vec!["overrun"]), "{said}");
+    assert!(host.number("missed_deadlines") > 0.0, "{said}");
+    assert_eq!(mock.json["last_command"]["fz_n"].as_f64(), Some(0.0), "{said}");
 }
 
 #[test]

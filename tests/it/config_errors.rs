@@ -140,7 +140,7 @@ mistakes! {
   hint: paths are relative to the file that names them"#;
     missing_hand_file: with("profile =", "hand = \"hands/insert.csv\"\nprofile =") => r#"error: scene.toml:25: device.hand = "hands/insert.csv": no such file: hands/insert.csv
   hint: paths are relative to the file that names them"#;
-    unknown_fault: SCENE.to_owned() + "[device.sim]\nfault = \"unplugged@2s\"\n" => r#"error: scene.toml:27: device.sim.fault = "unplugged@2s": must be "drop", "stall", "nan", "garbage", "unplug", "slow", "stuck", "jump", "truncate", "sign-flip", "saturate", "unhome" or "press"; did you mean `unplug`?"#;
+    unknown_fault: SCENE.to_owned() + "[device.sim]\nfault = \"unplugged@2s\"\n" => r#"error: scene.toml:27: device.sim.fault = "unplugged@2s": must be "drop", "stall", "nan", "garbage", "unplug", "slow", "stuck", "jump", "truncate", "sign-flip", "saturate", "unhome", "skip", "no-velocity" or "press"; did you mean `unplug`?"#;
     hand_and_no_hand: with("profile =", "hand = \"base.obj\"\nprofile =") + "[device.sim]\nhand = \"none\"\n" => r#"error: scene.toml:28: device.sim.hand = "none": cannot stand beside device.hand; give exactly one of the two"#;
     unknown_coupling: with("rate_hz = 1000", "coupling = \"implict\"") => r#"error: scene.toml:4: rendering.coupling = "implict": must be "implicit", "semi-implicit", "static", "constraint" or "direct"; did you mean `implicit`?"#;
     bad_enum_value_of_another_type: SCENE.to_owned() + "[realtime]\nmode = true\n" => r#"error: scene.toml:27: realtime.mode = true: must be "best-effort" or "enforce""#;

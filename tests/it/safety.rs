@@ -121,6 +121,7 @@ fn faults_that_the_simulated_arm_plays_give_zero_in_time() {
         ("nan@1500ms", 0, Faults::NON_FINITE, OffCause::NonFinite),
         ("unplug@1500ms", 0, Faults::DEVICE_LOST, OffCause::Disconnected),
         ("jump@1500ms", 0, Faults::POSITION_JUMP | Faults::SPEED, OffCause::Velocity),
+        ("skip=40@1500ms", 0, Faults::SEQUENCE_GAP, OffCause::Protocol),
         ("stall@1500ms", 20, Faults::STALE, OffCause::Stale),
     ] {
         let played = play(&pressing(fault), N_TICKS, |_| (), |_, _| ());

@@ -52,6 +52,8 @@ pub struct MockArm {
     firmware: Box<dyn Firmware>,
     readings: ArmReadings,
     stuck_at: Option<ArmReadings>,
+    /// What `skip` has still to lose.
+    skips: Option<u16>,
     dice: Dice,
     /// Wrenches under way from the firmware to the motors.
     delay_line: VecDeque<Wrench>,
@@ -79,6 +81,10 @@ impl MockArm {
             plant,
             firmware,
             stuck_at: None,
+            skips: parameters.faults.iter().find_map(|(_, plan)| match plan.kind {
+                FaultKind::Skip { samples } => Some(samples),
+                _ => None,
+            }),
             dice: Dice::new(parameters.seed),
             delay_line: VecDeque::new(),
             first_frame_s: None,
@@ -125,6 +131,7 @@ impl MockArm {
     pub fn receive(&mut self, bytes: &[u8], now_s: f64) {
         self.first_frame_s.get_or_insert(now_s);
         self.tally.frame(bytes.len(), now_s, self.parameters.period_s);
+        self.skip(now_s, |firmware, readings, lost| firmware.receive(bytes, now_s, readings, lost));
         self.firmware.receive(bytes, now_s, &self.readings, &mut self.answers);
         self.post(now_s);
     }
@@ -135,6 +142,7 @@ impl MockArm {
         let time_s = self.time_s(now_s);
 
         let was_on = is_on(&self.firmware.motors());
+        self.skip(now_s, |firmware, readings, lost| firmware.advance(now_s, readings, lost));
         self.firmware.advance(now_s, &self.readings, &mut self.answers);
         let motors = self.firmware.motors();
         self.tally.report.watchdog_trips += u64::from(was_on && !is_on(&motors));
@@ -164,12 +172,32 @@ impl MockArm {
         if self.has(now_s, |kind| *kind == FaultKind::Nan).is_some() {
             self.readings.readings[0] = f64::NAN;
         }
+        if self.has(now_s, |kind| *kind == FaultKind::NoVelocity).is_some() {
+            self.readings.rates = [0.0; MAX_AXES];
+        }
         self.readings.homed = self.has(now_s, |kind| *kind == FaultKind::Unhome).is_none();
         self.readings.buttons = match self.has(now_s, |kind| matches!(kind, FaultKind::Press { .. })) {
             Some(FaultKind::Press { button }) => 1 << button,
             _ => 0,
         };
         self.post(now_s);
+    }
+
+    /// Lets the firmware answer as often as `skip` says and loses the answers: its counter then runs ahead of what the host has heard. Whether
+    /// an arm answers the host or speaks by itself, the first of the two that gives a frame is the one that counts.
+    fn skip(&mut self, now_s: f64, answer: impl Fn(&mut dyn Firmware, &ArmReadings, &mut Outbox)) {
+        let Some(samples) = self.skips else { return };
+        if self.has(now_s, |kind| matches!(kind, FaultKind::Skip { .. })).is_none() {
+            return;
+        }
+        let mut lost = Outbox::new();
+        for _ in 0..samples {
+            answer(&mut *self.firmware, &self.readings, &mut lost);
+        }
+        if !lost.is_empty() {
+            self.tally.report.frames_lost += lost.len() as u64;
+            self.skips = None;
+        }
     }
 
     /// Lets what the firmware said go through the faults of the wire.

@@ -176,6 +176,14 @@ impl SimArm {
         Pose::new(rotation, translation)
     }
 
+    /// Samples that `skip` loses in this tick.
+    fn skipped(&self, now_s: f64) -> u16 {
+        match self.fault {
+            Some(plan @ FaultPlan { kind: FaultKind::Skip { samples }, .. }) if plan.begins(now_s, self.period_s) => samples,
+            _ => 0,
+        }
+    }
+
     fn stale(&self) -> DeviceSample {
         DeviceSample { status: SampleStatus::Stale, ..self.last }
     }
@@ -230,10 +238,12 @@ impl Device for SimArm {
             }
             _ => {}
         }
-        let twist = self.window.push(now_s, pose);
+        let measured = self.window.push(now_s, pose);
+        let twist = if fault == Some(FaultKind::NoVelocity) { Twist::ZERO } else { measured };
         self.last = DeviceSample {
             pose,
             twist,
+            lost_packets: self.skipped(now_s),
             grip_rad: 0.0,
             buttons: if let Some(FaultKind::Press { button }) = fault { 1 << button } else { 0 },
             homed: self.homed && fault != Some(FaultKind::Unhome),
