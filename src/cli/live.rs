@@ -2,7 +2,7 @@
 
 use std::fmt::{Display, Formatter};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use crossbeam::channel::{Receiver, Sender, never, unbounded};
@@ -15,6 +15,8 @@ use super::{Talk, cache, report};
 use crate::config::poses::PoseFileError;
 use crate::config::{self, LoadOptions, SceneConfig};
 use crate::daemon::Live;
+use crate::daemon::desk::unlike;
+use crate::daemon::switch::{self, Switch, objects};
 use crate::device::hand::HandPath;
 use crate::error::Exit;
 use crate::haptics::RenderScene;
@@ -22,7 +24,7 @@ use crate::rt::clock::ClockKind;
 use crate::rt::duration;
 use crate::scene::cache::Residence;
 use crate::scene::{self, BakeMeans, SceneError};
-use crate::servo::{PlaceError, Refused, Stage, SwapSlot, Swapper, Wishes};
+use crate::servo::{PlaceError, SwapSlot, Wishes};
 use crate::telemetry::SwapSummary;
 
 /// Arguments that change a run while it goes on.
@@ -138,23 +140,28 @@ impl LiveArgs {
     }
 }
 
-/// The key in which a scene differs from the one that it is to replace, and both values.
-fn unlike(scene: &SceneConfig, rendered: &SceneConfig) -> Option<(&'static str, String, String)> {
-    if scene.rate_hz != rendered.rate_hz {
-        return Some(("rendering.rate_hz", scene.rate_hz.to_string(), rendered.rate_hz.to_string()));
-    }
-    let [its, ours] = [scene, rendered].map(|scene| &scene.device.profile);
-    (its != ours).then(|| ("device.profile", format!("\"{}\"", its.name), format!("\"{}\"", ours.name)))
-}
-
-fn objects(scene: &SceneConfig) -> Vec<(String, bool)> {
-    scene.statics.iter().map(|object| (object.name.clone(), object.movable)).collect()
-}
-
 /// What went wrong with a scene while another was rendered.
 pub(crate) struct Failed {
     path: PathBuf,
     problem: SceneError,
+}
+
+/// A scene file, and which of the planned ones it is.
+type OfferedScene = (PathBuf, Option<usize>);
+
+/// Scene files in the order in which the loop takes them. Clones share it.
+#[derive(Clone, Default)]
+pub(crate) struct OfferedScenes(Arc<Mutex<Vec<OfferedScene>>>);
+
+impl OfferedScenes {
+    /// The loop will take this one next.
+    pub(crate) fn note(&self, path: &Path, planned: Option<usize>) {
+        self.list().push((path.to_owned(), planned));
+    }
+
+    fn list(&self) -> MutexGuard<'_, Vec<OfferedScene>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
 }
 
 /// The changes while they take place.
@@ -162,94 +169,92 @@ pub(crate) struct UnderWay {
     /// At most one: the first failure is the last.
     failed: Receiver<Failed>,
     planned: Vec<(PathBuf, Duration)>,
+    pub(crate) offered: OfferedScenes,
 }
 
+/// A run that can be changed.
+pub(crate) struct Begun {
+    /// For the supervisor.
+    pub(crate) live: Live,
+    /// For the screen and the summary.
+    pub(crate) under_way: UnderWay,
+    /// Takes more scenes; `None` where nothing was planned and nobody may ask.
+    #[expect(dead_code, reason = "for a desk")]
+    pub(crate) switches: Option<Sender<Switch>>,
+}
+
+/// Hears of every planned scene that is offered.
+pub(crate) type Hears = Box<dyn Fn(switch::Offered) + Send>;
+
 impl Changes {
-    /// Begins: the thread that bakes the other scenes runs until they are taken, or the loop is over.
+    /// Begins: the thread that bakes the other scenes runs until the loop is over. `is_open`: more may be asked for than was planned.
     pub(crate) fn begin(
         self,
         cache: &CacheArgs,
         memory: &MemoryArgs,
         clock: ClockKind,
+        is_open: bool,
+        hears: impl Fn() -> Option<Hears>,
         talk: Talk,
-    ) -> std::io::Result<(Live, UnderWay)> {
+    ) -> std::io::Result<Begun> {
         let (failures, failed) = unbounded();
+        let offered = OfferedScenes::default();
         let planned = self.swaps.iter().map(|swap| (swap.config.path.clone(), swap.at)).collect();
-        let mut swaps = None;
-        if !self.swaps.is_empty() {
+        let (mut swaps, mut switches) = (None, None);
+        if is_open || !self.swaps.is_empty() {
             let (swapper, slot) = SwapSlot::new(self.swaps.iter().map(|swap| swap.at_tick).collect());
             swaps = Some(slot);
-            let baker = Baker { cache: cache.clone(), memory: memory.clone(), clock, talk, swapper, failures };
-            // Not joined: a bake that nobody waits for any more ends with the process.
-            std::thread::Builder::new().name("swap".to_owned()).spawn(move || baker.bake_all(self.swaps))?;
-        }
-        Ok((Live { wishes: self.wishes, swaps, ..Live::default() }, UnderWay { failed, planned }))
-    }
-}
-
-struct Baker {
-    cache: CacheArgs,
-    memory: MemoryArgs,
-    clock: ClockKind,
-    talk: Talk,
-    swapper: Swapper,
-    failures: Sender<Failed>,
-}
-
-impl Baker {
-    /// Bakes scene by scene, hands each over, and frees what comes back.
-    fn bake_all(mut self, swaps: Vec<PlannedSwap>) {
-        for PlannedSwap { config, at_tick, .. } in swaps {
-            let stage = match self.bake(&config) {
-                Ok(scene) => Stage::new(Arc::new(scene)).with_time_budget(config.time_budget_s, self.clock).at_tick(at_tick),
-                Err(problem) => {
-                    // If the run is over, nobody wants to know. The slot goes with this thread, so that simulated time does not wait for it.
-                    let _ = self.failures.send(Failed { path: config.path, problem });
-                    return;
-                }
-            };
-            let mut offered = self.swapper.offer(Box::new(stage));
-            while let Err((Refused::Waiting, stage)) = offered {
-                std::thread::sleep(POLL);
-                drop(self.swapper.take_back());
-                offered = self.swapper.offer(stage);
+            let (cache, memory) = (cache.clone(), memory.clone());
+            let sender = switch::spawn(Box::new(move |config| bake(config, &cache, &memory, talk)), swapper, clock)?;
+            for (idx, PlannedSwap { config, at_tick, .. }) in self.swaps.into_iter().enumerate() {
+                let (failures, offered, hears, path) = (failures.clone(), offered.clone(), hears(), config.path.clone());
+                let done = Box::new(move |result: Option<Result<switch::Offered, SceneError>>| match result {
+                    Some(Ok(scene)) => {
+                        offered.note(&path, Some(idx));
+                        if let Some(hears) = hears {
+                            hears(scene);
+                        }
+                    }
+                    // If the run is over, nobody wants to know.
+                    Some(Err(problem)) => drop(failures.send(Failed { path, problem })),
+                    None => {}
+                });
+                // It has just begun.
+                let _ = sender.send(Switch { config, at_tick, is_promised: true, done });
             }
+            switches = Some(sender);
         }
-        while !self.swapper.is_over() {
-            drop(self.swapper.take_back());
-            std::thread::sleep(POLL);
-        }
-    }
-
-    fn bake(&self, config: &SceneConfig) -> Result<RenderScene, SceneError> {
-        let mut cache = self.cache.open(Residence::Owned, self.talk);
-        // Quiet: the screen belongs to the run.
-        let progress = BakeProgress::new(Talk { quiet: true, verbose: 0, ..self.talk });
-        let mut means = BakeMeans { cache: &mut cache, memory: self.memory.plan(&progress, self.talk) };
-        let built = scene::build_with(config, &mut means, |_| ());
-        drop(means);
-        cache::tell(&mut cache, self.talk);
-        let (scene, reports) = built?;
-        report::bake_warnings_of(&format!("{}: ", config.path.display()), &reports, self.talk);
-        Ok(scene)
+        let live = Live { wishes: self.wishes, swaps, ..Live::default() };
+        Ok(Begun { live, under_way: UnderWay { failed, planned, offered }, switches })
     }
 }
 
-/// How often the cold side looks for what came back.
-const POLL: Duration = Duration::from_millis(2);
+fn bake(config: &SceneConfig, cache: &CacheArgs, memory: &MemoryArgs, talk: Talk) -> Result<RenderScene, SceneError> {
+    let mut cache = cache.open(Residence::Owned, talk);
+    // Quiet: the screen belongs to the run.
+    let progress = BakeProgress::new(Talk { quiet: true, verbose: 0, ..talk });
+    let mut means = BakeMeans { cache: &mut cache, memory: memory.plan(&progress, talk) };
+    let built = scene::build_with(config, &mut means, |_| ());
+    drop(means);
+    cache::tell(&mut cache, talk);
+    let (scene, reports) = built?;
+    report::bake_warnings_of(&format!("{}: ", config.path.display()), &reports, talk);
+    Ok(scene)
+}
 
 impl Default for UnderWay {
     /// Nothing changes.
     fn default() -> Self {
-        Self { failed: never(), planned: Vec::new() }
+        Self { failed: never(), planned: Vec::new(), offered: OfferedScenes::default() }
     }
 }
 
 impl UnderWay {
     /// The scene of a number, for people.
-    pub(crate) fn scene(&self, scene_idx: u32) -> &Path {
-        let planned = (scene_idx as usize).checked_sub(1).and_then(|n| self.planned.get(n));
-        planned.map_or(Path::new("the first scene"), |(path, _)| path)
+    pub(crate) fn scene(&self, scene_idx: u32) -> PathBuf {
+        let offered = self.offered.list();
+        let taken = (scene_idx as usize).checked_sub(1).and_then(|n| offered.get(n));
+        taken.map_or_else(|| PathBuf::from("another scene"), |(path, _)| path.clone())
     }
 
     /// Says what went wrong, if anything; its exit code.
@@ -259,10 +264,12 @@ impl UnderWay {
         Some(report::scene_error(&problem, talk))
     }
 
-    /// What came of each swap.
+    /// What came of each planned swap.
     pub(crate) fn reports(&self, swaps: &[SwapSummary]) -> Vec<SwapReport> {
-        let report = |((scene, at), scene_idx): (&(PathBuf, Duration), u32)| {
-            let swap = swaps.iter().find(|swap| swap.scene_idx == scene_idx);
+        let offered = self.offered.list();
+        let report = |(idx, (scene, at)): (usize, &(PathBuf, Duration))| {
+            let number = offered.iter().position(|(_, planned)| *planned == Some(idx)).map(|n| n + 1);
+            let swap = number.and_then(|number| swaps.iter().find(|swap| swap.scene_idx as usize == number));
             SwapReport {
                 scene: scene.clone(),
                 wanted_s: at.as_secs_f64(),
@@ -270,6 +277,6 @@ impl UnderWay {
                 at_s: swap.map(|swap| swap.at_s),
             }
         };
-        self.planned.iter().zip(1..).map(report).collect()
+        self.planned.iter().enumerate().map(report).collect()
     }
 }

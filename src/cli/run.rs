@@ -146,13 +146,14 @@ pub(crate) fn main(args: &Args, talk: Talk, started_ns: i64) -> Exit {
         baked_s.set(since_start_s(monotonic_ns()));
         Ok(prepared)
     };
-    let (live, under_way) = match changes.begin(&args.cache, &args.memory, args.clock.kind(), talk) {
-        Ok(begun) => begun,
-        Err(error) => {
-            report::error(&format!("cannot start a thread: {error}"), None, talk);
-            return Exit::Internal;
-        }
-    };
+    let live::Begun { live, under_way, .. } =
+        match changes.begin(&args.cache, &args.memory, args.clock.kind(), false, || None, talk) {
+            Ok(begun) => begun,
+            Err(error) => {
+                report::error(&format!("cannot start a thread: {error}"), None, talk);
+                return Exit::Internal;
+            }
+        };
     let orders = match args.console.then(console::orders).transpose() {
         Ok(orders) => orders,
         Err(error) => {

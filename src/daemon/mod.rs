@@ -24,8 +24,10 @@
 //!
 //! Data in: a prepared [`RenderJob`]. Data out: [`Notice`]s while it runs, one [`Outcome`] at the end. Invariant: prints nothing.
 
+pub mod desk;
 mod prepare;
 mod supervisor;
+pub mod switch;
 
 pub use prepare::{Attached, PrepareError, Prepared, inputs, prepare, prepare_with};
 pub use supervisor::{Live, Notice, Operator, OperatorOrder, Outcome, Phase, RenderJob, RunError, Supervisor};

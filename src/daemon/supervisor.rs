@@ -17,7 +17,7 @@ use crate::rt::clock::{Clock, ClockKind, RealClock, VirtualClock};
 use crate::rt::preflight::{KernelFacts, Report};
 use crate::rt::schedule::{self, ThreadRequest, ThreadStanding};
 use crate::servo::{Control, Ending, LoopReport, Order, RunPlan, ServoLoop, StopGuard, SwapSlot, Wishes, run_to_end};
-use crate::telemetry::{Counted, Drained, RealtimeSummary, SwapSummary, TickRecord, Totals, Watch, drain};
+use crate::telemetry::{Counted, Drained, RealtimeSummary, SwapSummary, Taps, TickRecord, Totals, Watch, drain};
 
 /// Records under way between servo and drain: four seconds at 1 kHz.
 const RING_RECORDS: usize = 4096;
@@ -130,6 +130,8 @@ pub struct Live {
     pub operator: Operator,
     /// What becomes of the link of a real arm.
     pub news: Option<Receiver<LinkNews>>,
+    /// Who wants every record.
+    pub taps: Taps,
 }
 
 /// What an operator asks for while a run goes on.
@@ -284,6 +286,7 @@ impl<N: FnMut(Notice<'_>)> Supervisor<N> {
             outlives_faults: waits_after_fault,
         };
         let news = live.news.unwrap_or_else(never);
+        let taps = live.taps.clone();
         let live = Live { operator: Operator::default(), news: None, ..live };
         let stop_patience = match job.clock {
             ClockKind::Real => STOP_PATIENCE,
@@ -320,7 +323,7 @@ impl<N: FnMut(Notice<'_>)> Supervisor<N> {
             let _ = servo.thread.join();
             return Err(RunError::Refused(preflight));
         }
-        let drain_thread = spawn_drain(consumer, events_sender)?;
+        let drain_thread = spawn_drain(consumer, taps, events_sender)?;
         servo.go.send(()).map_err(|_| RunError::Servo("ended before it began"))?;
 
         let orders = orders.unwrap_or_else(never);
@@ -463,9 +466,13 @@ fn spawn_servo<C: Clock + 'static>(
     Ok(Servo { thread, standing, go, ended })
 }
 
-fn spawn_drain(records: rtrb::Consumer<TickRecord>, events: Sender<Watch>) -> Result<JoinHandle<Drained>, std::io::Error> {
+fn spawn_drain(
+    records: rtrb::Consumer<TickRecord>,
+    taps: Taps,
+    events: Sender<Watch>,
+) -> Result<JoinHandle<Drained>, std::io::Error> {
     std::thread::Builder::new().name("drain".to_owned()).spawn(move || {
-        drain(records, |watch| {
+        drain(records, &taps, |watch| {
             // The supervisor outlives the drain; if it has given up, nobody listens.
             let _ = events.send(watch);
         })

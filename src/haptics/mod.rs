@@ -34,6 +34,7 @@ pub mod sample;
 pub mod stability;
 pub mod stuck;
 mod tick;
+pub mod tuning;
 mod virtual_tool;
 
 pub use coupling::Inertia;
@@ -47,3 +48,4 @@ pub use params::{
 pub use placing::Placement;
 pub use render_scene::{RenderScene, Tool};
 pub use tick::{State, TickInput, TickOutput, tick};
+pub use tuning::{Knob, Tune};

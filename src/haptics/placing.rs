@@ -62,12 +62,14 @@ impl Placement {
 pub(super) struct Movers {
     /// Numbers and targets; room for every obstacle.
     under_way: Vec<Placement>,
+    turn: usize,
+    told: Option<Placement>,
 }
 
 impl Movers {
     /// Nobody is under way. Cold.
     pub(super) fn new(n_obstacles: usize) -> Self {
-        Self { under_way: Vec::with_capacity(n_obstacles) }
+        Self { under_way: Vec::with_capacity(n_obstacles), turn: 0, told: None }
     }
 
     /// How many are under way.
@@ -75,10 +77,21 @@ impl Movers {
         self.under_way.len() as u32
     }
 
+    /// Where one of those under way stands after this tick, turn by turn: enough for whoever watches.
+    pub(super) fn told(&self) -> Option<Placement> {
+        self.told
+    }
+
     /// One tick: moves who is under way, then takes a new wish, which is followed from the next tick on. `with_force`: somebody may be
     /// pressed. RT: safe; O(obstacles under way).
     pub(super) fn advance(&mut self, places: &mut Places, wish: Option<Placement>, with_force: bool, p: &Parameters) {
+        self.turn = if self.turn + 1 < self.under_way.len() { self.turn + 1 } else { 0 };
+        let told = self.under_way.get(self.turn).map(|target| target.obstacle_idx);
         self.under_way.retain(|target| step(places, target, with_force, p));
+        self.told = told.and_then(|obstacle_idx| {
+            let stand = places.stand(obstacle_idx as usize)?;
+            Some(Placement { obstacle_idx, world_from_map: stand.world_from_map })
+        });
         let Some(wish) = wish.filter(Placement::is_sound) else { return };
         let Some(stand) = places.stand_mut(wish.obstacle_idx as usize) else { return };
         stand.reserve_m = p.limits.speed_m_per_s * p.period_s;

@@ -16,6 +16,7 @@ use super::port::Port;
 use super::power_window::PowerWindow;
 use super::sample::{SampleCheck, SampleMonitor};
 use super::stability::filter_delay_s;
+use super::tuning::{Tune, Tuning};
 use super::virtual_tool::{Touch, VirtualTool};
 use super::{Drive, DriveRequest, Faults, OffCause, Parameters, RenderScene};
 use crate::spatial::{DeviceSample, Pose, Twist, Wrench};
@@ -31,6 +32,8 @@ pub struct TickInput {
     pub overrun: bool,
     /// Where an obstacle is asked to go from the next tick on.
     pub place: Option<Placement>,
+    /// What a parameter is asked to become from the next tick on.
+    pub tune: Option<Tune>,
 }
 
 /// Everything that leaves one tick.
@@ -58,6 +61,8 @@ pub struct TickOutput {
     pub object_work_j: f64,
     /// Obstacles under way.
     pub objects_moving: u32,
+    /// Where one of them stands now, turn by turn.
+    pub object: Option<Placement>,
     /// The passivity controller damps in this tick.
     pub passivity_active: bool,
     /// Longest round trip measured since enable, ticks; 0 where the arm does not measure it.
@@ -88,6 +93,7 @@ pub struct State {
     /// Finds what touches, and knows where the obstacles stand.
     traversal: Traversal,
     movers: Movers,
+    tuning: Tuning,
     /// Where the scene asks for it.
     braking: Option<Braking>,
     delay: LoopDelay,
@@ -124,6 +130,7 @@ impl State {
             tool: VirtualTool::at(scene.start()),
             traversal: Traversal::new(Machine::best(), Way::Tree, &scene.obstacles, &scene.tool.shell),
             movers: Movers::new(scene.obstacles.len()),
+            tuning: Tuning::default(),
             braking: Braking::of(scene),
             delay: LoopDelay::default(),
             passivity: PassivityController::default(),
@@ -188,14 +195,14 @@ impl State {
 /// RT: safe. Pure and total: same scene, state and input, same bits; no allocation, no panic. Anything that is not finite gives a
 /// zero wrench and a fault. Cost: one walk over the shell's tree per obstacle plus a 6×6 solve.
 pub fn tick(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOutput {
-    let p = &scene.parameters;
+    let p = &state.tuning.next(&scene.parameters, input.tune);
     let check = state.monitor.check(&input.sample, &p.limits, &p.safety, p.period_s);
     state.overruns = if input.overrun { state.overruns.saturating_add(1) } else { 0 };
     let mut faults = check.faults;
     if p.limits.overrun_fault_ticks > 0 && state.overruns >= p.limits.overrun_fault_ticks {
         faults |= Faults::OVERRUN;
     }
-    advance::advance(scene, state, input, faults);
+    advance::advance(scene, p, state, input, faults);
     state.movers.advance(state.traversal.places_mut(), input.place, state.drive.has_force(), p);
 
     let target = state.port.target(&input.sample, &p.port, state.start);
@@ -203,7 +210,7 @@ pub fn tick(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOu
         state.tool.stand_at(target, scene);
     }
     let moving = state.movers.n_under_way() > 0;
-    let touch = state.tool.touch(&mut state.traversal, state.braking.as_mut(), scene, moving);
+    let touch = state.tool.touch(&mut state.traversal, state.braking.as_mut(), scene, p, moving);
     let contact = &touch.contact;
     // A tool that only tries where it could stand touches nothing yet.
     let tries = state.resume.is_some();
@@ -220,7 +227,7 @@ pub fn tick(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOu
     };
     let result = match state.drive {
         Drive::Braking => brake(p, state, input, check),
-        drive if drive.renders() => render(scene, state, &touch, target, input, ramp_down),
+        drive if drive.renders() => render((scene, p), state, &touch, target, input, ramp_down),
         _ => Ok(Felt::default()),
     };
     let felt = result.unwrap_or_else(|faults| {
@@ -244,6 +251,7 @@ pub fn tick(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOu
         energy_j: state.passivity.energy_j(),
         object_work_j: state.passivity.carried_j(),
         objects_moving: state.movers.n_under_way(),
+        object: state.movers.told(),
         passivity_active: state.passivity.is_active(),
         delay_ticks: state.delay.worst_ticks(),
         drive: state.drive,
@@ -266,14 +274,14 @@ struct Felt {
 
 /// From contact to command: friction, coupling, passivity, limits. An error is a fault that leaves no force.
 fn render(
-    scene: &RenderScene,
+    (scene, p): (&RenderScene, &Parameters),
     state: &mut State,
     touch: &Touch,
     target: (Pose, Twist),
     input: &TickInput,
     ramp_down: OffCause,
 ) -> Result<Felt, Faults> {
-    let (p, sample) = (&scene.parameters, &input.sample);
+    let sample = &input.sample;
     state.delay.measure(sample.delay_ticks, p.period_s);
     let delay_ticks = observe(p, state, sample)?;
     let (moved, turned) = p.port.way_device(touch.contact.carried.linear, touch.contact.carried.angular);
@@ -285,9 +293,9 @@ fn render(
     };
     let coupling = state.delay.limited(&p.coupling, &p.arm, filter_lag_s, p.period_s);
 
-    let rubbing = state.tool.rub(touch, scene);
+    let rubbing = state.tool.rub(touch, p);
     let felt_world =
-        state.tool.follow(scene, state.traversal.places(), touch, &rubbing, &coupling, target).ok_or(Faults::SOLVER)?;
+        state.tool.follow((scene, p), state.traversal.places(), touch, &rubbing, &coupling, target).ok_or(Faults::SOLVER)?;
     if !state.tool.is_finite() {
         return Err(Faults::NON_FINITE);
     }

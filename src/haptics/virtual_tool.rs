@@ -80,9 +80,10 @@ impl VirtualTool {
         traversal: &mut Traversal,
         braking: Option<&mut Braking>,
         scene: &RenderScene,
+        p: &Parameters,
         moving: bool,
     ) -> Touch {
-        let (p, obstacles, shell, body) = (&scene.parameters, &scene.obstacles, &scene.tool.shell, self.body.pose);
+        let (obstacles, shell, body) = (&scene.obstacles, &scene.tool.shell, self.body.pose);
         let mut deepest = (p.coupling.mode == CouplingMode::Constraint).then(DeepestContacts::default);
         let contact = match deepest.as_mut() {
             Some(deepest) => {
@@ -99,24 +100,23 @@ impl VirtualTool {
     }
 
     /// Friction of what touches.
-    pub(super) fn rub(&mut self, touch: &Touch, scene: &RenderScene) -> FrictionWrench {
+    pub(super) fn rub(&mut self, touch: &Touch, p: &Parameters) -> FrictionWrench {
         if let Some(faces) = touch.contact.carried_faces() {
             self.friction.carry(faces);
         }
-        self.friction.update(touch.contact.patches(), self.body.pose, &scene.parameters.contact.friction)
+        self.friction.update(touch.contact.patches(), self.body.pose, &p.contact.friction)
     }
 
     /// Steps the tool in its coupling and gives the wrench that the arm feels (world axes, about the grip point). `None` on non-finite input.
     pub(super) fn follow(
         &mut self,
-        scene: &RenderScene,
+        (scene, p): (&RenderScene, &Parameters),
         places: &Places,
         touch: &Touch,
         rubbing: &FrictionWrench,
         coupling: &CouplingParameters,
         target: (Pose, Twist),
     ) -> Option<Wrench> {
-        let p = &scene.parameters;
         let Touch { contact, deepest, brake } = touch;
         if coupling.mode == CouplingMode::Direct {
             return Some(self.direct(contact, rubbing, coupling, p));
@@ -148,7 +148,9 @@ impl VirtualTool {
                 let step = constraint::step(free, body, coupling, deepest, way_out, SLOP_VOXELS * contact.voxel_size_m)?;
                 over_a_tick((step.0 + linear, step.1 + angular))
             }
-            _ => self.step_with_mass(scene, (contact, rubbing, brake.as_ref()), coupling, (stretched, target_twist, weight))?,
+            _ => {
+                self.step_with_mass((scene, p), (contact, rubbing, brake.as_ref()), coupling, (stretched, target_twist, weight))?
+            }
         };
         self.body = self.body.moved(twist, p.period_s, radius_m, contact.step_limit_m);
 
@@ -170,12 +172,11 @@ impl VirtualTool {
     /// Velocity of a virtual tool with mass after one step. `None` on non-finite input.
     fn step_with_mass(
         &mut self,
-        scene: &RenderScene,
+        (scene, p): (&RenderScene, &Parameters),
         (contact, rubbing, brake): (&ContactSum, &FrictionWrench, Option<&Brake>),
         coupling: &CouplingParameters,
         (spring, target_twist, weight): (Spring, Twist, DVec3),
     ) -> Option<Twist> {
-        let p = &scene.parameters;
         let inertia = &scene.tool.inertia;
         let damping = Pull::critical_damping(coupling, inertia);
         let scale = match coupling.mode {

@@ -24,18 +24,22 @@ mod calibration;
 mod control;
 mod pace;
 mod placing;
+mod reins;
 mod step;
 mod stop_guard;
 mod swap;
 #[cfg(test)]
 pub(crate) mod testing;
 mod thread;
+mod tuner;
 
 pub use control::{Control, Order};
 pub use pace::{Due, Pace};
 pub use placing::{PlaceError, Placer, Wishes};
+pub use reins::{ReinEnds, Reins};
 use step::STOP_GRACE_S;
 pub use step::{Ending, LoopReport, RunPlan, ServoLoop, Step, TickFunction};
 pub use stop_guard::StopGuard;
 pub use swap::{Refused, Stage, SwapSlot, Swapper};
 pub use thread::run_to_end;
+pub use tuner::{TuneError, Tuner};

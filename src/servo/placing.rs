@@ -10,8 +10,9 @@
 
 use rtrb::{Consumer, Producer, PushError, RingBuffer};
 
+use super::ReinEnds;
 use crate::device::hand::HandPath;
-use crate::haptics::Placement;
+use crate::haptics::{Placement, Tune};
 use crate::spatial::Pose;
 
 /// Wishes under way: more than a second of them for one object at 60 Hz.
@@ -69,6 +70,16 @@ impl Placer {
         (Self { objects: objects.into_iter().collect(), ring }, consumer)
     }
 
+    /// The loop has ended, or renders another scene now.
+    pub fn is_over(&self) -> bool {
+        self.ring.is_abandoned()
+    }
+
+    /// The movable objects, by name.
+    pub fn movable(&self) -> impl Iterator<Item = &str> {
+        self.objects.iter().filter(|(_, movable)| *movable).map(|(name, _)| name.as_str())
+    }
+
     /// Asks an object to go to a pose, `world_from_object`. It goes there as fast as it may from the next tick on; a later wish for the same
     /// object replaces this one. Wait-free.
     ///
@@ -76,7 +87,7 @@ impl Placer {
     /// See [`PlaceError`]; nothing moves then.
     pub fn place(&mut self, name: &str, world_from_object: Pose) -> Result<(), PlaceError> {
         let placement = placement(&self.objects, name, world_from_object)?;
-        if self.ring.is_abandoned() {
+        if self.is_over() {
             return Err(PlaceError::Over);
         }
         self.ring.push(placement).map_err(|PushError::Full(_)| PlaceError::Full)
@@ -100,6 +111,7 @@ fn placement(objects: &[(String, bool)], name: &str, world_from_map: Pose) -> Re
 #[derive(Debug, Default)]
 pub struct Wishes {
     ring: Option<Consumer<Placement>>,
+    tunes: Option<Consumer<Tune>>,
     paths: Vec<(u32, HandPath)>,
     turn: usize,
 }
@@ -126,11 +138,23 @@ impl Wishes {
             seen.push(obstacle_idx);
             Ok((obstacle_idx, path))
         };
-        Ok(Self { ring, paths: paths.into_iter().map(checked).collect::<Result<_, _>>()?, turn: 0 })
+        Ok(Self { ring, tunes: None, paths: paths.into_iter().map(checked).collect::<Result<_, _>>()?, turn: 0 })
     }
 
-    /// The wish of a tick. RT: safe; O(log n) in the length of a path.
-    pub(super) fn next(&mut self, time_s: f64) -> Option<Placement> {
+    /// The same, held by reins too.
+    #[must_use]
+    pub fn with_reins(mut self, ends: ReinEnds) -> Self {
+        (self.ring, self.tunes) = (Some(ends.placements), Some(ends.tunes));
+        self
+    }
+
+    /// What a parameter is to become. RT: safe.
+    pub(super) fn next_tune(&mut self) -> Option<Tune> {
+        self.tunes.as_mut().and_then(|ring| ring.pop().ok())
+    }
+
+    /// Where an object is to go. RT: safe; O(log n) in the length of a path.
+    pub(super) fn next_place(&mut self, time_s: f64) -> Option<Placement> {
         if let Some(wish) = self.ring.as_mut().and_then(|ring| ring.pop().ok()) {
             return Some(wish);
         }
@@ -157,10 +181,10 @@ mod tests {
         let (mut placer, ring) = Placer::new(objects());
         let mut wishes = Wishes::new(&objects(), Some(ring), []).expect("sound");
         let pose = Pose::from_translation(DVec3::X);
-        assert_eq!(wishes.next(0.0), None);
+        assert_eq!(wishes.next_place(0.0), None);
         assert_eq!(placer.place("plate", pose), Ok(()));
-        assert_eq!(wishes.next(0.0), Some(Placement { obstacle_idx: 1, world_from_map: pose }));
-        assert_eq!(wishes.next(0.0), None);
+        assert_eq!(wishes.next_place(0.0), Some(Placement { obstacle_idx: 1, world_from_map: pose }));
+        assert_eq!(wishes.next_place(0.0), None);
         assert_eq!(placer.place("floor", pose), Err(PlaceError::NotMovable { name: "floor".to_owned() }));
         let unknown = placer.place("plaet", pose).expect_err("unknown");
         assert_eq!(unknown.to_string(), "no object is called `plaet`; known here: plate");
@@ -173,7 +197,7 @@ mod tests {
         ] {
             assert_eq!(placer.place("plate", wrong), Err(PlaceError::Pose { name: "plate".to_owned() }));
         }
-        assert_eq!(wishes.next(0.0), None);
+        assert_eq!(wishes.next_place(0.0), None);
         for _ in 0..RING_WISHES {
             assert_eq!(placer.place("plate", pose), Ok(()));
         }
@@ -188,7 +212,7 @@ mod tests {
         let (mut placer, ring) = Placer::new(named.clone());
         let at = |x_m: f64| HandPath::fixed(Pose::from_translation(DVec3::X * x_m));
         let mut wishes = Wishes::new(&named, Some(ring), [("a".to_owned(), at(1.0)), ("b".to_owned(), at(2.0))]).expect("sound");
-        let mut next = || wishes.next(0.0).map(|wish| (wish.obstacle_idx, wish.world_from_map.translation.x));
+        let mut next = || wishes.next_place(0.0).map(|wish| (wish.obstacle_idx, wish.world_from_map.translation.x));
         assert_eq!([next(), next(), next()], [Some((1, 2.0)), Some((0, 1.0)), Some((1, 2.0))]);
         placer.place("b", Pose::from_translation(DVec3::X * 3.0)).expect("room");
         assert_eq!([next(), next()], [Some((1, 3.0)), Some((0, 1.0))]);

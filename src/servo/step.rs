@@ -7,7 +7,6 @@ use rtrb::{Producer, PushError};
 
 use super::{Control, Due, Order, Pace, Stage, StopGuard, SwapSlot, Wishes};
 use crate::device::{Capabilities, Device, DeviceError, Wakeup};
-use crate::haptics::contact::Budget;
 use crate::haptics::{self, Drive, DriveRequest, Faults, RenderScene, State, TickInput, TickOutput};
 use crate::rt::clock::{Clock, ClockKind};
 use crate::spatial::{DeviceSample, SampleStatus, Wrench};
@@ -263,8 +262,8 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
         let sample = self.read();
         let read_ns = self.clock.stopwatch_ns();
         let request = if swaps && wanted == Order::Enable { DriveRequest::Stop } else { self.request(wanted) };
-        let place = self.stage.wishes.next(self.tick as f64 * self.stage.scene.parameters.period_s);
-        let input = TickInput { sample, request, overrun: due.missed > 0, place };
+        let place = self.stage.wishes.next_place(self.tick as f64 * self.stage.scene.parameters.period_s);
+        let input = TickInput { sample, request, overrun: due.missed > 0, place, tune: self.stage.wishes.next_tune() };
         let output = (self.tick_function)(&self.stage.scene, &mut self.stage.state, &input);
         let computed_ns = self.clock.stopwatch_ns();
         if output.drive.has_force() != self.enabled {
@@ -285,6 +284,7 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
             input,
             output,
             rendered_device,
+            contact_budget_points: self.stage.budget_points(),
         });
         let step = self.conclude(wanted, &output);
         if swaps && step == Step::Continue {
@@ -437,10 +437,7 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
             missed_deadlines: self.missed_deadlines,
             dropped_records: self.dropped_records,
             packet_errors: self.packet_errors,
-            contact_budget_points: match self.stage.state.budget() {
-                Budget::Unlimited => None,
-                Budget::Points(points) => Some(points),
-            },
+            contact_budget_points: self.stage.budget_points(),
             faults: self.faults,
             first_fault_tick: self.first_fault_tick,
             first_tick_ns: self.first_tick_ns,

@@ -16,6 +16,7 @@ use std::sync::Arc;
 use rtrb::{Consumer, Producer, PushError, RingBuffer};
 
 use super::{STOP_GRACE_S, Wishes, calibration};
+use crate::haptics::contact::Budget;
 use crate::haptics::{RenderScene, State};
 use crate::rt::clock::{Clock, ClockKind, RealClock, VirtualClock};
 
@@ -66,6 +67,14 @@ impl Stage {
     pub(super) fn calibrate(&mut self, clock: &impl Clock, time_budget_s: f64) {
         let budget = calibration::budget(&self.scene, &self.state, clock, time_budget_s);
         self.state.set_budget(budget);
+    }
+
+    /// What a contact query may look at; `None`: everything. RT: safe.
+    pub(super) fn budget_points(&self) -> Option<u32> {
+        match self.state.budget() {
+            Budget::Unlimited => None,
+            Budget::Points(points) => Some(points),
+        }
     }
 
     /// Ticks that a stop may take.

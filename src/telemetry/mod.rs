@@ -9,8 +9,10 @@ mod drain;
 mod flight;
 mod record;
 mod summary;
+mod taps;
 
 pub use drain::{Drained, Watch, drain};
 pub use flight::FlightRecorder;
 pub use record::TickRecord;
 pub use summary::{Counted, Histograms, LatencySummary, PoseSummary, RealtimeSummary, Rendered, Summary, SwapSummary, Totals};
+pub use taps::{Tap, Taps};

@@ -28,4 +28,6 @@ pub struct TickRecord {
     /// What the motors made of the command (`rendered`): device axes, reduced at the grip point. Torque that the arm has no motors for is
     /// gone from it, and all of it is smaller where a motor was at its limit.
     pub rendered_device: Wrench,
+    /// What the contact query might look at; `None`: everything. It enters the tick, and is the same throughout a scene.
+    pub contact_budget_points: Option<u32>,
 }

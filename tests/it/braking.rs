@@ -141,8 +141,7 @@ fn what_is_lifted_does_not_stick() {
                 scene.parameters.gravity_m_per_s2 *= -1.0;
             }
             let sample = DeviceSample { sequence, status: SampleStatus::Fresh, ..DeviceSample::default() };
-            let output =
-                tick(&scene, &mut state, &TickInput { sample, request: DriveRequest::Enable, overrun: false, place: None });
+            let output = tick(&scene, &mut state, &TickInput { sample, request: DriveRequest::Enable, ..TickInput::default() });
             assert!(!(100..500).contains(&sequence) || output.contacts > 0, "it rests");
             if sequence > 500 && output.contacts == 0 && left.is_none() {
                 left = Some(sequence - 500);

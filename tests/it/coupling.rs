@@ -94,7 +94,7 @@ impl Arm {
     }
 
     fn give(&mut self, sample: DeviceSample, request: DriveRequest) -> TickOutput {
-        tick(&self.scene, &mut self.state, &TickInput { sample, request, overrun: false, place: None })
+        tick(&self.scene, &mut self.state, &TickInput { sample, request, ..TickInput::default() })
     }
 
     fn request(&mut self, pose: Pose, request: DriveRequest) -> TickOutput {

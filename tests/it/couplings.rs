@@ -249,7 +249,7 @@ fn shaken_m(scene: &mut RenderScene, mode: CouplingMode, stiffness: f64, cutoff_
         if !reported {
             sample.delay_ticks = 0;
         }
-        let output = tick(scene, &mut state, &TickInput { sample, request: DriveRequest::Enable, overrun: false, place: None });
+        let output = tick(scene, &mut state, &TickInput { sample, request: DriveRequest::Enable, ..TickInput::default() });
         assert_eq!(output.faults, Faults::NONE);
         arm.write(&output.command_device).expect("a command");
         if n >= 5500 {

@@ -11,7 +11,18 @@ const TICKS: u64 = 3000;
 pub(crate) fn bits(record: &TickRecord) -> Vec<u64> {
     let mut bits = Vec::new();
     let mut put = |numbers: &[f64]| bits.extend(numbers.iter().map(|number| number.to_bits()));
-    let TickRecord { tick, time_ns, wakeup_ns: _, compute_ns: _, device_ns: _, input, output, scene_idx, rendered_device } = record;
+    let TickRecord {
+        tick,
+        time_ns,
+        wakeup_ns: _,
+        compute_ns: _,
+        device_ns: _,
+        input,
+        output,
+        scene_idx,
+        rendered_device,
+        contact_budget_points: _,
+    } = record;
     let mut pose = |Pose { rotation, translation }: Pose| {
         put(&rotation.to_array());
         put(&translation.to_array());

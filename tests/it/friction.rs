@@ -82,7 +82,7 @@ pub(super) fn slide(scene: &RenderScene, n_ticks: u64) -> impl Iterator<Item = P
     let mut state = State::new(scene);
     (1..=n_ticks).map(move |sequence| {
         let sample = DeviceSample { sequence, status: SampleStatus::Fresh, ..DeviceSample::default() };
-        let output = tick(scene, &mut state, &TickInput { sample, request: DriveRequest::Enable, overrun: false, place: None });
+        let output = tick(scene, &mut state, &TickInput { sample, request: DriveRequest::Enable, ..TickInput::default() });
         assert_eq!(output.faults, Faults::NONE, "tick {sequence}");
         assert_ne!(output.drive, Drive::Disabled);
         output.world_from_tool

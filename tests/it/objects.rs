@@ -100,7 +100,8 @@ impl<'a> Play<'a> {
         let sample =
             DeviceSample { pose: self.hand, sequence: self.sequence, status: SampleStatus::Fresh, ..DeviceSample::default() };
         let before = self.last.command_device;
-        self.last = tick(self.scene, &mut self.state, &TickInput { sample, request: DriveRequest::Enable, overrun: false, place });
+        self.last =
+            tick(self.scene, &mut self.state, &TickInput { sample, request: DriveRequest::Enable, place, ..TickInput::default() });
         // What holds in every tick whatever moves: no fault, force within its limits, and never a jump.
         let (now, limits) = (self.last.command_device, &self.scene.parameters.limits);
         assert_eq!(self.last.faults, Faults::NONE, "tick {}", self.sequence);

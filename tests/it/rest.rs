@@ -61,7 +61,7 @@ pub(crate) fn play(scene: &mut RenderScene, config: &SceneConfig, path: &HandPat
     let limits = config.parameters.limits;
     for n in 0..n_ticks {
         let sample = arm.read().expect("a sample");
-        let output = tick(scene, &mut state, &TickInput { sample, request: DriveRequest::Enable, overrun: false, place: None });
+        let output = tick(scene, &mut state, &TickInput { sample, request: DriveRequest::Enable, ..TickInput::default() });
         arm.write(&output.command_device).expect("a finite command");
         assert_eq!(output.faults, Faults::NONE, "tick {n}: {output:?}");
         assert!(output.world_from_tool.is_finite() && output.contact_world.is_finite() && output.energy_j.is_finite(), "tick {n}");

@@ -58,7 +58,7 @@ fn throw(scene: &RenderScene, velocity: DVec3, spin_rad_per_s: f64, way_m: f64) 
         let twist = if moves { Twist { linear: velocity, angular: DVec3::X * spin_rad_per_s } } else { Twist::ZERO };
         pose = Pose::new(DQuat::from_scaled_axis(twist.angular * T) * pose.rotation, pose.translation + twist.linear * T);
         let sample = DeviceSample { pose, twist, sequence, status: SampleStatus::Fresh, ..DeviceSample::default() };
-        let output = tick(scene, &mut state, &TickInput { sample, request: DriveRequest::Enable, overrun: false, place: None });
+        let output = tick(scene, &mut state, &TickInput { sample, request: DriveRequest::Enable, ..TickInput::default() });
         assert_eq!(output.faults, Faults::NONE, "tick {sequence}");
         assert!(output.command_device.force.length() <= scene.parameters.limits.force_n * (1.0 + 1e-12));
         (height_m, touched) = (output.world_from_tool.translation.z, touched || output.contacts > 0);

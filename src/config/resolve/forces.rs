@@ -170,9 +170,11 @@ impl Resolve<'_> {
         value
     }
 
-    /// No friction unless it is written. One coefficient counts for both.
+    /// No friction unless it is written, but the stiffness that it would have: coefficients can be set later. One counts for both.
     fn friction(&mut self, written: Option<&schema::Friction>, stiffness_n_per_m: f64) -> FrictionParameters {
-        let Some(written) = written else { return FrictionParameters::NONE };
+        // A face that holds is as stiff along the wall as ten of its points are into it.
+        let unwritten = FrictionParameters { stiffness_n_per_m: AVERAGED_CONTACTS * stiffness_n_per_m, ..FrictionParameters::NONE };
+        let Some(written) = written else { return unwritten };
         let range = Interval::from(0.0).to(5.0);
         if written.holding.is_none() && written.sliding.is_none() {
             self.checks.missing("contact.friction", "static, dynamic or both; one counts for both");
@@ -180,8 +182,7 @@ impl Resolve<'_> {
         let holding = written.holding.or(written.sliding);
         let holding = self.checks.number("contact.friction.static", holding, 0.0, range);
         let sliding = self.checks.number("contact.friction.dynamic", written.sliding, holding, Interval::from(0.0).to(holding));
-        // A face that holds is as stiff along the wall as ten of its points are into it.
-        FrictionParameters { r#static: holding, dynamic: sliding, stiffness_n_per_m: AVERAGED_CONTACTS * stiffness_n_per_m }
+        FrictionParameters { r#static: holding, dynamic: sliding, ..unwritten }
     }
 }
 

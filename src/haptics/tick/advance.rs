@@ -12,8 +12,8 @@ use crate::spatial::{DeviceSample, SampleStatus};
 const SLOW_SHARE: f64 = 0.1;
 
 /// Follows the supervisor's request and the arm's gates; `faults` are those of this tick's sample and of the loop.
-pub(super) fn advance(scene: &RenderScene, state: &mut State, input: &TickInput, faults: Faults) {
-    let (p, sample) = (&scene.parameters, &input.sample);
+pub(super) fn advance(scene: &RenderScene, p: &Parameters, state: &mut State, input: &TickInput, faults: Faults) {
+    let sample = &input.sample;
     state.interlock.see(sample, &p.safety);
     if state.drive.has_force() && fault_with_force(p, state, sample, faults) {
         return;

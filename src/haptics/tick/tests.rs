@@ -494,7 +494,7 @@ fn lost_non_finite_overrun_and_jump_fault_at_once() {
 
     let mut rig = Rig::new(|p| p.limits.overrun_fault_ticks = 3).pulling();
     let late = |rig: &mut Rig| {
-        let input = TickInput { sample: rig.sample, request: rig.request, overrun: true, place: None };
+        let input = TickInput { sample: rig.sample, request: rig.request, overrun: true, ..TickInput::default() };
         tick(&rig.scene, &mut rig.state, &input)
     };
     assert!((0..2).all(|_| late(&mut rig).drive == Drive::Enabled));

@@ -1,0 +1,366 @@
+//! The desk: what clients ask of a run while it goes on, answered in turn by one thread.
+//!
+//! ```text
+//!  monitor ──Request──► desk ──order──► supervisor
+//!                         ├──knob, pose──► loop (through the reins of the scene that is rendered)
+//!                         └──scene──► switch ──baked──► loop
+//! ```
+//! Clients set parameters and poses and say when force may flow. Nobody sends a force.
+
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, PoisonError, RwLock, RwLockReadGuard};
+
+use crossbeam::channel::{Receiver, Sender, unbounded};
+
+use super::OperatorOrder;
+use super::switch::{Offered, Switch};
+use crate::config::{self, ConfigErrors, LoadOptions, SceneConfig};
+use crate::haptics::RenderScene;
+use crate::haptics::tuning::KnobRange;
+use crate::scene::SceneError;
+use crate::servo::{PlaceError, Reins, TuneError};
+use crate::spatial::Pose;
+
+/// What a client asks for.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Ask {
+    /// Force on, off, or the end of the run.
+    Order(OperatorOrder),
+    /// A parameter, by its name (`haptics::Knob::name`), SI.
+    Set {
+        /// Which.
+        parameter: String,
+        /// To what.
+        value: f64,
+    },
+    /// A movable object to a pose.
+    Place {
+        /// Its name.
+        object: String,
+        /// `world_from_object`.
+        world_from_object: Pose,
+    },
+    /// Another scene of the folder of the one that the run began with.
+    Switch {
+        /// File name without its ending.
+        scene: String,
+    },
+}
+
+/// Why something was not done.
+#[derive(Debug, thiserror::Error)]
+pub enum Refusal {
+    /// A parameter.
+    #[error("{0}")]
+    Tune(#[from] TuneError),
+    /// A pose.
+    #[error("{0}")]
+    Place(#[from] PlaceError),
+    /// No such scene.
+    #[error("no scene is called `{name}`; known here: {}", known.join(", "))]
+    UnknownScene {
+        /// As asked for.
+        name: String,
+        /// What is there.
+        known: Vec<String>,
+    },
+    /// The scene file is wrong.
+    #[error("{0}")]
+    Config(ConfigErrors),
+    /// The scene is for another arm or rate.
+    #[error("{key} = {its}, but the scene that is rendered has {ours}")]
+    Unlike {
+        /// The key.
+        key: &'static str,
+        /// What the scene has.
+        its: String,
+        /// What is rendered.
+        ours: String,
+    },
+    /// The scene cannot be baked.
+    #[error("{0}")]
+    Scene(#[from] SceneError),
+    /// One thing at a time.
+    #[error("a scene is on its way already")]
+    Busy,
+    /// The run has ended, or has no part that could do it.
+    #[error("the run cannot do this any more")]
+    Over,
+}
+
+/// Hears what became of a request, on the desk's or the baker's thread.
+pub type Answer = Box<dyn FnOnce(Result<(), Refusal>) + Send>;
+
+/// One request.
+pub struct Request {
+    /// What.
+    pub ask: Ask,
+    /// To whom.
+    pub answer: Answer,
+}
+
+/// One parameter as it stands.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Setting {
+    /// Name with its unit.
+    pub name: &'static str,
+    /// How far it goes.
+    pub range: KnobRange,
+    /// Where it is or goes to.
+    pub value: f64,
+}
+
+/// What is rendered, and what can be changed in it.
+#[derive(Clone, Debug)]
+pub struct View {
+    /// Number of the scene, as records have it.
+    pub scene_idx: u32,
+    /// As checked.
+    pub config: Arc<SceneConfig>,
+    /// As rendered; `None` while the first one is baked.
+    pub scene: Option<Arc<RenderScene>>,
+    /// Parameters.
+    pub settings: Vec<Setting>,
+    /// Movable objects.
+    pub movable: Vec<String>,
+    /// A scene that is on its way.
+    pub switching_to: Option<PathBuf>,
+}
+
+/// The newest [`View`], for any thread.
+#[derive(Clone, Debug)]
+pub struct Board(Arc<RwLock<View>>);
+
+impl Board {
+    /// While the first scene is baked.
+    pub fn new(config: SceneConfig) -> Self {
+        Self(Arc::new(RwLock::new(View {
+            scene_idx: 0,
+            config: Arc::new(config),
+            scene: None,
+            settings: Vec::new(),
+            movable: Vec::new(),
+            switching_to: None,
+        })))
+    }
+
+    /// The view as it is.
+    pub fn view(&self) -> View {
+        self.read().clone()
+    }
+
+    /// The number of the scene that is rendered.
+    pub fn scene_idx(&self) -> u32 {
+        self.read().scene_idx
+    }
+
+    fn read(&self) -> RwLockReadGuard<'_, View> {
+        // Views are replaced whole: a writer that panicked left one that holds together.
+        self.0.read().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn change(&self, change: impl FnOnce(&mut View)) {
+        change(&mut self.0.write().unwrap_or_else(PoisonError::into_inner));
+    }
+
+    fn show(&self, scene_idx: u32, config: SceneConfig, scene: Arc<RenderScene>, reins: &Reins) {
+        self.change(|view| {
+            *view = View {
+                scene_idx,
+                config: Arc::new(config),
+                scene: Some(scene),
+                settings: settings(reins),
+                movable: reins.placer.movable().map(str::to_owned).collect(),
+                switching_to: view.switching_to.take(),
+            };
+        });
+    }
+}
+
+fn settings(reins: &Reins) -> Vec<Setting> {
+    reins.tuner.knobs().iter().map(|(knob, range, value)| Setting { name: knob.name(), range: *range, value: *value }).collect()
+}
+
+/// What reaches the desk.
+enum Message {
+    Request(Request),
+    /// A scene that the loop will take, planned or asked for; and whether it was asked for here.
+    Offered(Box<Offered>, bool),
+    /// A scene that was asked for and will not come.
+    NotOffered,
+    /// The first record of this scene.
+    Rendered(u32),
+}
+
+/// Sends requests to the desk. Clones are cheap.
+#[derive(Clone)]
+pub struct Counter(Sender<Message>);
+
+impl Counter {
+    /// Puts a request on the desk; when the desk has gone, the answer is [`Refusal::Over`].
+    pub fn ask(&self, request: Request) {
+        if let Err(failed) = self.0.send(Message::Request(request))
+            && let Message::Request(Request { answer, .. }) = failed.into_inner()
+        {
+            answer(Err(Refusal::Over));
+        }
+    }
+
+    /// Tells that a scene was offered to the loop by somebody else.
+    pub fn offered(&self, offered: Offered) {
+        let _ = self.0.send(Message::Offered(Box::new(offered), false));
+    }
+
+    /// Tells that the loop renders this scene from now on.
+    pub fn rendered(&self, scene_idx: u32) {
+        let _ = self.0.send(Message::Rendered(scene_idx));
+    }
+}
+
+/// What the desk works with.
+pub struct Tools {
+    /// What it shows.
+    pub board: Board,
+    /// To the supervisor.
+    pub orders: Sender<OperatorOrder>,
+    /// Bakes and hands over; `None`: no other scenes.
+    pub switches: Option<Sender<Switch>>,
+    /// How scenes are read.
+    pub options: LoadOptions,
+    /// Hears of every scene that was asked for and that the loop will take.
+    pub note: Arc<dyn Fn(&Path) + Send + Sync>,
+}
+
+/// The desk before its thread.
+pub struct Desk {
+    tools: Tools,
+    messages: Receiver<Message>,
+    counter: Counter,
+    reins: Option<Reins>,
+    /// Scenes that were offered and are not rendered yet, in order.
+    coming: std::collections::VecDeque<(Offered, bool)>,
+}
+
+impl Desk {
+    /// A desk and its counter. Until [`Desk::serve`] requests wait.
+    pub fn new(tools: Tools) -> (Self, Counter) {
+        let (sender, messages) = unbounded();
+        let counter = Counter(sender);
+        (Self { tools, messages, counter: counter.clone(), reins: None, coming: std::collections::VecDeque::new() }, counter)
+    }
+
+    /// Shows the first scene and begins to answer, in a thread of its own that ends with the process.
+    ///
+    /// # Errors
+    /// The thread could not be started.
+    pub fn serve(mut self, config: SceneConfig, scene: Arc<RenderScene>, reins: Reins) -> std::io::Result<()> {
+        self.tools.board.show(0, config, scene, &reins);
+        self.reins = Some(reins);
+        std::thread::Builder::new().name("desk".to_owned()).spawn(move || self.run())?;
+        Ok(())
+    }
+
+    fn run(mut self) {
+        // Never ends by itself: the desk has a counter of its own. It ends with the process, like everything that waits for clients.
+        while let Ok(message) = self.messages.recv() {
+            match message {
+                Message::Request(Request { ask, answer }) => self.answer(ask, answer),
+                Message::Offered(offered, was_asked_for) => self.coming.push_back((*offered, was_asked_for)),
+                Message::NotOffered => self.tools.board.change(|view| view.switching_to = None),
+                Message::Rendered(scene_idx) => {
+                    if let Some((Offered { config, scene, reins }, was_asked_for)) = self.coming.pop_front() {
+                        self.tools.board.show(scene_idx, config, scene, &reins);
+                        if was_asked_for {
+                            self.tools.board.change(|view| view.switching_to = None);
+                        }
+                        self.reins = Some(reins);
+                    }
+                }
+            }
+        }
+    }
+
+    fn answer(&mut self, ask: Ask, answer: Answer) {
+        match ask {
+            Ask::Order(order) => answer(self.tools.orders.send(order).map_err(|_| Refusal::Over)),
+            Ask::Set { parameter, value } => {
+                let Some(reins) = &mut self.reins else { return answer(Err(Refusal::Over)) };
+                let result = reins.tuner.set(&parameter, value);
+                let settings = settings(reins);
+                self.tools.board.change(|view| view.settings = settings);
+                answer(result.map_err(Refusal::from));
+            }
+            Ask::Place { object, world_from_object } => {
+                let Some(reins) = &mut self.reins else { return answer(Err(Refusal::Over)) };
+                answer(reins.placer.place(&object, world_from_object).map_err(Refusal::from));
+            }
+            Ask::Switch { scene } => self.switch(&scene, answer),
+        }
+    }
+
+    /// Reads the scene and lets it be baked; the answer comes when it is offered.
+    fn switch(&mut self, name: &str, answer: Answer) {
+        let view = self.tools.board.view();
+        let (Some(switches), None) = (&self.tools.switches, &view.switching_to) else {
+            return answer(Err(if view.switching_to.is_some() { Refusal::Busy } else { Refusal::Over }));
+        };
+        let config = match self.read(name, &view.config) {
+            Ok(config) => config,
+            Err(refusal) => return answer(Err(refusal)),
+        };
+        let path = config.path.clone();
+        self.tools.board.change(|view| view.switching_to = Some(path));
+        let (counter, note) = (self.counter.clone(), self.tools.note.clone());
+        let done = Box::new(move |result: Option<Result<Offered, SceneError>>| {
+            let said = match result {
+                Some(Ok(offered)) => {
+                    note(&offered.config.path);
+                    let _ = counter.0.send(Message::Offered(Box::new(offered), true));
+                    Ok(())
+                }
+                Some(Err(problem)) => Err(Refusal::Scene(problem)),
+                None => Err(Refusal::Over),
+            };
+            if said.is_err() {
+                let _ = counter.0.send(Message::NotOffered);
+            }
+            answer(said);
+        });
+        if let Err(failed) = switches.send(Switch { config, at_tick: 0, is_promised: false, done }) {
+            (failed.into_inner().done)(None);
+        }
+    }
+
+    fn read(&self, name: &str, rendered: &SceneConfig) -> Result<SceneConfig, Refusal> {
+        let known = scenes_beside(&rendered.path);
+        let Some((_, path)) = known.iter().find(|(known, _)| known == name) else {
+            let known = known.into_iter().map(|(name, _)| name).collect();
+            return Err(Refusal::UnknownScene { name: name.to_owned(), known });
+        };
+        let config = config::load_with(path, &self.tools.options).map_err(Refusal::Config)?;
+        match unlike(&config, rendered) {
+            Some((key, its, ours)) => Err(Refusal::Unlike { key, its, ours }),
+            None => Ok(config),
+        }
+    }
+}
+
+/// Scene files in the same folder: names without their ending, and paths, sorted.
+pub fn scenes_beside(path: &Path) -> Vec<(String, PathBuf)> {
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let entries = std::fs::read_dir(folder).into_iter().flatten().filter_map(Result::ok).map(|entry| entry.path());
+    let is_scene = |path: &PathBuf| path.extension().is_some_and(|ending| ending == "toml") && path.is_file();
+    let named = |path: PathBuf| Some((path.file_stem()?.to_str()?.to_owned(), path));
+    let mut scenes: Vec<_> = entries.filter(is_scene).filter_map(named).collect();
+    scenes.sort();
+    scenes
+}
+
+/// The key in which a scene differs from the one that it is to replace, and both values.
+pub fn unlike(scene: &SceneConfig, rendered: &SceneConfig) -> Option<(&'static str, String, String)> {
+    if scene.rate_hz != rendered.rate_hz {
+        return Some(("rendering.rate_hz", scene.rate_hz.to_string(), rendered.rate_hz.to_string()));
+    }
+    let [its, ours] = [scene, rendered].map(|scene| &scene.device.profile);
+    (its != ours).then(|| ("device.profile", format!("\"{}\"", its.name), format!("\"{}\"", ours.name)))
+}

@@ -1,0 +1,116 @@
+//! Parameters, from any thread into the loop.
+#![expect(clippy::disallowed_types, reason = "filled on the cold side, never resized")]
+
+use rtrb::{Consumer, Producer, PushError, RingBuffer};
+
+use crate::haptics::tuning::KnobRange;
+use crate::haptics::{Knob, Parameters, Tune};
+
+/// Tunes under way: a slider that somebody drags gives some tens a second, the loop takes one per tick.
+const RING_TUNES: usize = 64;
+
+/// Why a parameter was not set.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum TuneError {
+    /// Nothing that can be set here is called so.
+    #[error("no parameter of this scene is called `{name}`; known here: {}", known.join(", "))]
+    Unknown {
+        /// As asked for.
+        name: String,
+        /// What can be set.
+        known: Vec<&'static str>,
+    },
+    /// Outside of its range, or not a number.
+    #[error("`{name}` goes from {} to {}, not to {value}", range.least, range.most)]
+    Range {
+        /// Which.
+        name: &'static str,
+        /// As asked for.
+        value: f64,
+        /// What would do.
+        range: KnobRange,
+    },
+    /// Tunes come faster than one per tick.
+    #[error("more changes than ticks: {RING_TUNES} are waiting")]
+    Full,
+    /// The loop has ended, or renders another scene now.
+    #[error("the scene is not rendered any more")]
+    Over,
+}
+
+/// The cold end: turns the knobs of one scene, and ends with it.
+#[derive(Debug)]
+pub struct Tuner {
+    /// What can be turned, how far, and the last value that was asked for.
+    knobs: Vec<(Knob, KnobRange, f64)>,
+    ring: Producer<Tune>,
+}
+
+impl Tuner {
+    /// Both ends, for a scene of these parameters. Allocates.
+    pub fn new(parameters: &Parameters) -> (Self, Consumer<Tune>) {
+        let (ring, consumer) = RingBuffer::new(RING_TUNES);
+        let known = |knob: Knob| knob.range(parameters).map(|range| (knob, range, range.scene));
+        (Self { knobs: Knob::ALL.into_iter().filter_map(known).collect(), ring }, consumer)
+    }
+
+    /// What can be turned, how far, and where it stands or goes to.
+    pub fn knobs(&self) -> &[(Knob, KnobRange, f64)] {
+        &self.knobs
+    }
+
+    /// The loop has ended, or renders another scene now.
+    pub fn is_over(&self) -> bool {
+        self.ring.is_abandoned()
+    }
+
+    /// Turns a knob, by its name. It gets there along a ramp, see [`tuning`](crate::haptics::tuning). Wait-free.
+    ///
+    /// # Errors
+    /// See [`TuneError`]; nothing changes then.
+    pub fn set(&mut self, name: &str, value: f64) -> Result<(), TuneError> {
+        let known: Vec<&'static str> = self.knobs.iter().map(|(knob, ..)| knob.name()).collect();
+        let Some((knob, range, target)) = self.knobs.iter_mut().find(|(knob, ..)| knob.name() == name) else {
+            return Err(TuneError::Unknown { name: name.to_owned(), known });
+        };
+        // Written so that a NaN is refused as well.
+        if !(value >= range.least && value <= range.most) {
+            return Err(TuneError::Range { name: knob.name(), value, range: *range });
+        }
+        if self.ring.is_abandoned() {
+            return Err(TuneError::Over);
+        }
+        self.ring.push(Tune { knob: *knob, value }).map_err(|PushError::Full(_)| TuneError::Full)?;
+        *target = value;
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+#[expect(clippy::expect_used, clippy::indexing_slicing, reason = "test code")]
+mod tests {
+    use super::*;
+    use crate::servo::testing::parameters;
+
+    #[test]
+    fn a_value_within_its_range_goes_in_and_nothing_else() {
+        let (mut tuner, mut ring) = Tuner::new(&parameters());
+        let (knob, range, _) = tuner.knobs()[0];
+        let half = 0.5 * (range.least + range.most);
+        assert_eq!(tuner.set(knob.name(), half), Ok(()));
+        assert_eq!(ring.pop(), Ok(Tune { knob, value: half }));
+        assert_eq!(tuner.knobs()[0], (knob, range, half));
+        for value in [f64::NAN, range.most * 1.001, -1.0, f64::INFINITY] {
+            assert!(matches!(tuner.set(knob.name(), value), Err(TuneError::Range { .. })), "{value}");
+        }
+        let unknown = tuner.set("stiffness", 1.0).expect_err("unknown").to_string();
+        assert!(unknown.contains("contact_stiffness_n_per_m"), "{unknown}");
+        for _ in 0..RING_TUNES {
+            assert_eq!(tuner.set(knob.name(), half), Ok(()));
+        }
+        assert_eq!(tuner.set(knob.name(), half), Err(TuneError::Full));
+        drop(ring);
+        assert!(tuner.is_over());
+        assert_eq!(tuner.set(knob.name(), half), Err(TuneError::Over));
+    }
+}
