@@ -31,4 +31,5 @@ mod scenes;
 mod sides;
 mod traversal;
 mod tree;
+mod tuning;
 mod tunnelling;
