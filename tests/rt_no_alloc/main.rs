@@ -21,7 +21,7 @@ use hapticd::haptics::{Faults, RenderScene};
 use hapticd::rt::clock::VirtualClock;
 use hapticd::scene::BakeMeans;
 use hapticd::scene::cache::{Cache, Residence};
-use hapticd::servo::{Control, Order, Placer, RunPlan, ServoLoop, Stage, Step, SwapSlot, Wishes};
+use hapticd::servo::{Control, Order, Reins, RunPlan, ServoLoop, Stage, Step, SwapSlot, Wishes};
 use hapticd::spatial::Pose;
 
 /// Counts what the thread under test does; other threads (and the harness) allocate as they like.
@@ -252,38 +252,40 @@ fn a_scene_from_the_cache_allocates_nothing() {
     }
 }
 
-/// Objects that move, and scenes that take each other's place: what is made for that is made and freed by another thread.
+/// Objects that move, parameters that change, and scenes that take each other's place: what is made for that is made and freed by another thread.
 #[test]
-fn moving_objects_and_swapping_scenes_allocate_nothing() {
+fn moving_objects_turning_knobs_and_swapping_scenes_allocate_nothing() {
     let movable = [("layers = 8", "layers = 8\nmovable = true")];
     let config = scene("block-on-plane", &movable);
     let bake = || prepare_with(&config, &mut BakeMeans::from(&mut Cache::off()), |_| ()).expect("a scene").0;
     let prepared = bake();
     let objects = vec![(config.statics[0].name.clone(), true)];
     let stage = || {
-        let (placer, ring) = Placer::new(objects.clone());
-        (placer, Stage::new(Arc::new(bake().scene)).with_wishes(Wishes::new(&objects, Some(ring), []).expect("movable")))
+        let (reins, ends) = Reins::new(&config.parameters, objects.clone());
+        (reins, Stage::new(Arc::new(bake().scene)).with_wishes(Wishes::default().with_reins(ends)))
     };
-    let (mut placer, ring) = Placer::new(objects.clone());
+    let (mut reins, ends) = Reins::new(&config.parameters, objects.clone());
     let (mut swapper, slot) = SwapSlot::new(Box::new([]));
     let (producer, mut consumer) = rtrb::RingBuffer::new(STRIDE);
     let control = Arc::new(Control::new(Order::Enable));
     let plan = RunPlan { stop_at_tick: Some(20_000), ..RunPlan::default() };
     let mut servo = ServoLoop::new(Arc::new(prepared.scene), prepared.device, VirtualClock::default(), control, plan, producer)
-        .with_wishes(Wishes::new(&objects, Some(ring), []).expect("movable"))
+        .with_wishes(Wishes::default().with_reins(ends))
         .with_swaps(slot);
     servo.warm_up();
-    let (mut n_swaps, mut moving, mut touching, mut round) = (0, 0, 0, 0_u32);
+    let (mut n_swaps, mut n_tunes, mut moving, mut touching, mut round) = (0, 0, 0, 0, 0_u32);
     loop {
         // Up under the block and down again, round by round; another scene every fourth.
         for n in 0..10 {
             let turn = DQuat::from_rotation_x(0.05 * f64::from(round % 3));
-            placer.place(&objects[0].0, Pose::new(turn, DVec3::Z * (1e-3 * f64::from((3 * round + n) % 12)))).expect("room");
+            reins.placer.place(&objects[0].0, Pose::new(turn, DVec3::Z * (1e-3 * f64::from((3 * round + n) % 12)))).expect("room");
         }
+        let (knob, range, _) = reins.tuner.knobs()[round as usize % reins.tuner.knobs().len()];
+        reins.tuner.set(knob.name(), if round % 2 == 0 { range.least } else { range.most }).expect("room");
         if round % 4 == 1 {
             let (next, stage) = stage();
             if swapper.offer(Box::new(stage)).is_ok() {
-                placer = next;
+                reins = next;
             }
         }
         let (last, allocations, frees) =
@@ -292,6 +294,7 @@ fn moving_objects_and_swapping_scenes_allocate_nothing() {
         n_swaps += u32::from(swapper.take_back().is_some());
         while let Ok(record) = consumer.pop() {
             assert_eq!(record.output.faults, Faults::NONE);
+            n_tunes += u32::from(record.input.tune.is_some());
             moving += u32::from(record.output.objects_moving > 0);
             touching += u32::from(record.output.contacts > 0);
         }
@@ -300,6 +303,7 @@ fn moving_objects_and_swapping_scenes_allocate_nothing() {
             break;
         }
     }
+    assert!(n_tunes > 10);
     assert!(n_swaps >= 3 && moving > 1000 && touching > 1000, "{n_swaps} swaps, {moving} ticks moving, {touching} in contact");
 }
 
