@@ -6,7 +6,7 @@ use super::{Talk, report, say};
 use crate::config::problem::show;
 use crate::config::{self, SceneConfig};
 use crate::daemon::{PrepareError, inputs};
-use crate::device::profile::{self, Profile};
+use crate::device::profile::{self, Profile, ProfileError};
 use crate::error::Exit;
 use crate::haptics::CouplingMode;
 use crate::spatial::Axes;
@@ -14,7 +14,7 @@ use crate::spatial::Axes;
 /// Arguments of `hapticd check`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
-    /// Scene files, or profiles of arms.
+    /// Scene files, or profiles of arms: files, or names of shipped ones.
     #[arg(required = true, value_name = "SCENE")]
     scenes: Vec<PathBuf>,
 }
@@ -22,8 +22,17 @@ pub(crate) struct Args {
 pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
     let mut exit = Exit::Ok;
     for scene in &args.scenes {
-        if profile::is_profile(scene) {
-            match profile::load(scene) {
+        let named = scene.to_str().filter(|name| !scene.exists() && profile::names().any(|known| known == *name));
+        if named.is_some() || profile::is_profile(scene) {
+            let loaded = match named {
+                Some(name) => profile::find(name, Path::new("")).map_err(|error| match error {
+                    ProfileError::Invalid(errors) => errors,
+                    // True invariant: it was among the names.
+                    error => unreachable!("{error}"),
+                }),
+                None => profile::load(scene),
+            };
+            match loaded {
                 Ok(profile) if talk.quiet => drop(profile),
                 Ok(profile) => say::result(format_args!("ok {}\n", profile_summary(scene, &profile))),
                 Err(errors) => exit = report::config_errors(&errors, talk),
@@ -55,6 +64,7 @@ fn profile_summary(path: &Path, profile: &Profile) -> String {
         None => parts.push("simulated".into()),
         Some(real) => {
             parts.push(real.protocol.name().into());
+            parts.extend(real.matching.ids.iter().map(|id| format!("USB {:04x}:{:04x}", id.vendor, id.product)));
             parts.extend(profile.has_unverified_signs().then(|| "signs not verified".into()));
             parts.extend(profile.is_unidentified().then(|| "not identified".into()));
         }

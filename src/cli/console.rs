@@ -37,6 +37,7 @@ fn read(input: impl BufRead, orders: &Sender<OperatorOrder>) {
             return;
         }
     }
+    say::talk(format_args!("console: the input has ended: stop\n"));
     // If the run is over, nobody listens.
     let _ = orders.send(OperatorOrder::Stop);
 }

@@ -53,13 +53,16 @@ pub(super) fn result_text(totals: &Totals, start_s: StartTimes, swaps: &[live::S
     }
     row("largest command", format_args!("{:.3} N, {:.4} N·m", totals.max_force_n, totals.max_torque_nm));
     let rendered = totals.rendered;
-    if rendered.max_dropped_torque_nm > 0.0 || rendered.max_dropped_force_n > 0.0 || rendered.weakened_ticks > 0 {
+    if rendered.max_dropped_torque_nm > 0.0
+        || rendered.max_dropped_force_n > 0.0
+        || rendered.weakened_ticks + rendered.unsent_ticks > 0
+    {
         row("largest rendered", format_args!("{:.3} N, {:.4} N·m", rendered.max_force_n, rendered.max_torque_nm));
         row(
             "not rendered",
             format_args!(
-                "up to {:.3} N and {:.4} N·m without a motor; {} ticks weakened by a motor at its limit",
-                rendered.max_dropped_force_n, rendered.max_dropped_torque_nm, rendered.weakened_ticks
+                "up to {:.3} N and {:.4} N·m without a motor; {} ticks weakened by a motor at its limit, {} not sent in time",
+                rendered.max_dropped_force_n, rendered.max_dropped_torque_nm, rendered.weakened_ticks, rendered.unsent_ticks
             ),
         );
     }

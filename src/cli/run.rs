@@ -110,6 +110,12 @@ pub(crate) fn main(args: &Args, talk: Talk, started_ns: i64) -> Exit {
         Ok(config) => config,
         Err(errors) => return report::config_errors(&errors, talk),
     };
+    if let (Some(selector), None) = (&args.selector, &config.device.profile.real) {
+        let message =
+            format!("--selector {selector}: {} is simulated in this process and hangs on no node", config.device.profile.name);
+        report::error(&message, Some("name the profile of a real arm with --device"), talk);
+        return Exit::Usage;
+    }
     if let Some(real) = &config.device.profile.real {
         if args.clock == ClockArg::Virtual {
             let hint = "leave out --clock virtual, or name a simulated arm with --device";

@@ -90,6 +90,10 @@ impl Problem {
             ProblemKind::UnknownProfile { known, .. } => {
                 Some(format!("known profiles: {}; a path has a `/` or ends in .toml", known.join(", ")))
             }
+            ProblemKind::IsProfile => {
+                Some("a scene names it as `profile` under [device]; or give a scene, and this file to --device".into())
+            }
+            ProblemKind::IsScene => Some("a profile describes an arm: its name, or a file of devices/".into()),
             ProblemKind::IsMesh => {
                 Some("`hapticd bake` takes it as it is; a scene (.toml) names it as `mesh` under [[static]] or [tool]".into())
             }
@@ -150,6 +154,12 @@ pub enum ProblemKind {
     /// A mesh where a scene must be.
     #[error("this is a mesh file, not a scene")]
     IsMesh,
+    /// A device profile where a scene belongs.
+    #[error("this is a device profile, not a scene")]
+    IsProfile,
+    /// A scene where a device profile belongs.
+    #[error("this is a scene, not a device profile")]
+    IsScene,
     /// The file is not TOML.
     #[error("not TOML: {message}")]
     Syntax {
@@ -305,7 +315,7 @@ fn mesh_endings() -> String {
     }
 }
 
-fn did_you_mean(nearest: &Option<String>) -> String {
+pub(crate) fn did_you_mean(nearest: &Option<String>) -> String {
     nearest.as_ref().map(|nearest| format!("; did you mean `{nearest}`?")).unwrap_or_default()
 }
 

@@ -333,7 +333,9 @@ impl<N: FnMut(Notice<'_>)> Supervisor<N> {
         for event in events.try_iter() {
             self.tell(&event);
         }
-        self.enter(if report.faults.is_empty() { Phase::Stopped } else { Phase::Fault });
+        // A fault that was acknowledged and stopped after is over.
+        let at_fault = matches!(report.ending, Ending::Faulted | Ending::Panicked) || report.last.drive == Drive::Fault;
+        self.enter(if at_fault { Phase::Fault } else { Phase::Stopped });
         let totals = drained.summary.totals(counted(&report, &preflight, job.rate_hz, job.clock));
         Ok(Outcome { swaps: drained.summary.swaps().to_vec(), totals, report, preflight })
     }

@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use super::TickRecord;
 use crate::haptics::Faults;
-use crate::spatial::{Pose, SampleStatus};
+use crate::spatial::{Pose, SampleStatus, Wrench};
 
 /// Largest latency that is told apart, ns: ten seconds. Longer ones count as this long.
 const LONGEST_NS: u64 = 10_000_000_000;
@@ -33,6 +33,8 @@ pub struct Summary {
     delay_ticks: u32,
     stale_samples: u64,
     rendered: Rendered,
+    /// What the record before commanded, and what the motors made of it.
+    last_sent: Option<(Wrench, Wrench)>,
     corrupt_packets: u64,
     lost_packets: u64,
     final_pose: Pose,
@@ -61,6 +63,7 @@ impl Summary {
             delay_ticks: 0,
             stale_samples: 0,
             rendered: Rendered::default(),
+            last_sent: None,
             corrupt_packets: 0,
             lost_packets: 0,
             final_pose: Pose::IDENTITY,
@@ -90,7 +93,8 @@ impl Summary {
         self.passivity_ticks += u64::from(output.passivity_active);
         self.delay_ticks = self.delay_ticks.max(output.delay_ticks);
         self.stale_samples += u64::from(record.input.sample.status != SampleStatus::Fresh);
-        self.rendered.add(record);
+        self.rendered.add(record, self.last_sent.as_ref());
+        self.last_sent = Some((output.command_device, record.rendered_device));
         self.corrupt_packets += u64::from(record.input.sample.corrupt_packets);
         self.lost_packets += u64::from(record.input.sample.lost_packets);
         self.final_pose = output.world_from_tool;
@@ -269,22 +273,29 @@ pub struct Rendered {
     pub max_dropped_force_n: f64,
     /// Ticks in which motors at their limits weakened the command.
     pub weakened_ticks: u64,
+    /// Ticks whose command did not go out: the motors kept an older one, or the link refused it.
+    pub unsent_ticks: u64,
 }
 
 impl Rendered {
     /// A command counts as weakened below this share of it: above lies rounding to the units of the wire.
     const WEAKENED: f64 = 0.999;
 
-    fn add(&mut self, record: &TickRecord) {
+    /// `last`: the record before this one.
+    fn add(&mut self, record: &TickRecord, last: Option<&(Wrench, Wrench)>) {
         let (rendered, command, commanded) = (record.rendered_device, record.output.command_device, record.output.commanded_device);
         self.max_force_n = self.max_force_n.max(rendered.force.length());
         self.max_torque_nm = self.max_torque_nm.max(rendered.torque.length());
         // Against what the renderer wanted on the axes without a motor; what the motors' limits take is counted apart.
         self.max_dropped_force_n = self.max_dropped_force_n.max((commanded.force - command.force).length());
         self.max_dropped_torque_nm = self.max_dropped_torque_nm.max((commanded.torque - command.torque).length());
+        // A driver that could not send in time answers with what the motors still make; one whose link refused it, with nothing.
+        let kept = last.is_some_and(|(last_command, last_rendered)| rendered == *last_rendered && command != *last_command);
+        let refused = rendered == Wrench::ZERO && command != Wrench::ZERO;
         let weakened = rendered.force.length() < Self::WEAKENED * command.force.length()
             || rendered.torque.length() < Self::WEAKENED * command.torque.length();
-        self.weakened_ticks += u64::from(weakened);
+        self.weakened_ticks += u64::from(weakened && !kept && !refused);
+        self.unsent_ticks += u64::from(kept && weakened || refused);
     }
 }
 
@@ -391,7 +402,6 @@ mod tests {
 
     use super::*;
     use crate::haptics::TickOutput;
-    use crate::spatial::Wrench;
 
     fn counted() -> Counted {
         Counted {
@@ -463,6 +473,19 @@ mod tests {
         assert_eq!(keys(&object["wakeup_us"]), ["max", "p50", "p99", "p999"]);
         assert_eq!(keys(&object["realtime"]), ["cpu", "kernel_rt", "memory_locked", "policy", "priority"]);
         assert_eq!(keys(&object["final_pose"]), ["qw", "qx", "qy", "qz", "x_m", "y_m", "z_m"]);
+    }
+
+    #[test]
+    fn a_motor_at_its_limit_is_told_from_a_command_that_did_not_go_out() {
+        let pushes = |force_n: f64| Wrench::new(DVec3::X * force_n, DVec3::ZERO);
+        let mut summary = Summary::new();
+        // Whole; at a limit twice; the older one kept; refused; nothing to render.
+        for (command_n, rendered_n) in [(1.0, 1.0), (3.0, 2.0), (4.0, 2.5), (5.0, 2.5), (5.0, 0.0), (0.0, 0.0)] {
+            let output = TickOutput { command_device: pushes(command_n), ..TickOutput::default() };
+            summary.add(&TickRecord { output, rendered_device: pushes(rendered_n), ..TickRecord::default() });
+        }
+        let rendered = summary.totals(counted()).rendered;
+        assert_eq!((rendered.weakened_ticks, rendered.unsent_ticks), (2, 2));
     }
 
     #[test]

@@ -129,3 +129,21 @@ fn every_shipped_scene_loads() {
         }
     }
 }
+
+#[test]
+fn profiles_to_copy_are_sound() {
+    let examples = toml_files("devices/examples");
+    assert!(!examples.is_empty());
+    for path in examples {
+        let loaded = profile::load(&path).unwrap_or_else(|errors| panic!("{errors}"));
+        assert!(loaded.has_unverified_signs() && loaded.is_unidentified(), "{}: nobody has checked it", path.display());
+    }
+}
+
+#[test]
+fn a_profile_and_a_scene_in_each_others_place_are_told_apart() {
+    let said = |errors: config::ConfigErrors| errors.problems().iter().map(ToString::to_string).collect::<Vec<_>>().join("\n");
+    let (scene, arm) = (Path::new(ROOT).join("config/scenes/block-on-plane.toml"), Path::new(ROOT).join("devices/open6-hid.toml"));
+    assert!(said(config::load(&arm).unwrap_err()).ends_with("open6-hid.toml: this is a device profile, not a scene"));
+    assert!(said(profile::load(&scene).unwrap_err()).ends_with("block-on-plane.toml: this is a scene, not a device profile"));
+}

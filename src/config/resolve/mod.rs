@@ -16,6 +16,7 @@ use super::problem::{ConfigErrors, Problem, ProblemKind};
 use super::scene::{DeviceConfig, SceneConfig};
 use super::schema;
 use crate::device::nodes::Selector;
+use crate::device::profile::is_profile;
 use crate::haptics::filter::low_pass_alpha;
 use crate::haptics::{CouplingMode, Parameters, PortParameters};
 use crate::mesh::Format;
@@ -52,6 +53,9 @@ pub fn load_with(path: &Path, options: &LoadOptions) -> Result<SceneConfig, Conf
     }
     let text = fs::read_to_string(path).map_err(|cause| of_file(ProblemKind::Unreadable { cause }))?;
     let document = Document::parse(path, &text)?;
+    if is_profile(path) {
+        return Err(of_file(ProblemKind::IsProfile));
+    }
     let scene: schema::Scene = document.read()?;
     let dir = path.parent().unwrap_or(Path::new(""));
     let mut resolve = Resolve { checks: Checks::new(&document), document: &document, dir };

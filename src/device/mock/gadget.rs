@@ -37,6 +37,8 @@ fn open(path: &Path) -> Result<OwnedFd, Errno> {
     let fd = rustix::fs::open(path, OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC, Mode::empty())?;
     if isatty(&fd) {
         make_raw(&fd)?;
+    } else if !path.file_name().is_some_and(|name| name.to_string_lossy().starts_with("hidg")) {
+        return Err(Errno::NOTTY);
     }
     Ok(fd)
 }

@@ -2,6 +2,7 @@
 
 use core::time::Duration;
 use std::io;
+use std::path::PathBuf;
 
 use crate::device::transport::{LoopbackEnd, Transport};
 
@@ -15,6 +16,14 @@ pub enum LinkError {
         what: String,
         /// Why not.
         cause: io::Error,
+    },
+    /// Another arm, or another program, is behind the link.
+    #[error("{} leads to {}, which somebody has open; name another link, or remove this one", .link.display(), .taken_by.display())]
+    Taken {
+        /// The link.
+        link: PathBuf,
+        /// What it leads to.
+        taken_by: PathBuf,
     },
     /// The link cannot be pulled out from this side.
     #[error("the plug of {0} cannot be pulled from here")]

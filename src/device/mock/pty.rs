@@ -30,6 +30,8 @@ struct Pair {
 pub struct Pty {
     link: PathBuf,
     pair: Option<Pair>,
+    /// The slave's; the link leads there as long as it is ours.
+    name: PathBuf,
     gone: bool,
 }
 
@@ -37,9 +39,9 @@ impl Pty {
     /// Makes the pair and the link to its slave.
     ///
     /// # Errors
-    /// The system has none to give, or `link` cannot be made; what stands there is replaced only if it is a symbolic link.
+    /// The system has none to give, or `link` cannot be made; what stands there is replaced only if it is a symbolic link that leads nowhere.
     pub fn new(link: &Path) -> Result<Self, LinkError> {
-        let mut pty = Self { link: link.to_owned(), pair: None, gone: false };
+        let mut pty = Self { link: link.to_owned(), pair: None, name: PathBuf::new(), gone: false };
         pty.plug()?;
         Ok(pty)
     }
@@ -48,16 +50,21 @@ impl Pty {
         let of = |what: String| move |cause: io::Error| LinkError::Node { what, cause };
         let (pair, name) = open_pair().map_err(|errno| of("make a pseudo-terminal".to_owned())(errno.into()))?;
         if fs::symlink_metadata(&self.link).is_ok_and(|found| found.is_symlink()) {
+            // What it leads to goes with its owner. Whatever stands there still is somebody's.
+            if let (Ok(_), Ok(taken_by)) = (fs::metadata(&self.link), fs::read_link(&self.link)) {
+                return Err(LinkError::Taken { link: self.link.clone(), taken_by });
+            }
             fs::remove_file(&self.link).map_err(of(format!("replace {}", self.link.display())))?;
         }
         symlink(&name, &self.link).map_err(of(format!("link {} to {}", self.link.display(), name.display())))?;
         self.pair = Some(pair);
+        self.name = name;
         Ok(())
     }
 
     fn pull(&mut self) {
         // The link first: a host that looks for its arm again must not find the dying node.
-        if self.pair.is_some() {
+        if self.pair.is_some() && fs::read_link(&self.link).is_ok_and(|name| name == self.name) {
             let _ = fs::remove_file(&self.link);
         }
         self.pair = None;

@@ -270,6 +270,25 @@ fn a_pty_is_a_serial_port_that_can_be_pulled_and_put_in_again() {
 }
 
 #[test]
+fn a_link_that_leads_to_another_arm_is_left_alone() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("arm");
+    let first = Pty::new(&path).expect("pty");
+    let refused = Pty::new(&path).err().expect("taken").to_string();
+    assert!(refused.contains("which somebody has open"), "{refused}");
+    let leads_to = std::fs::read_link(&path).expect("still there");
+    drop(first);
+    assert!(!path.exists() && !leads_to.exists());
+    // What leads nowhere is replaced, and what is not ours any more stays.
+    std::os::unix::fs::symlink("/nowhere", &path).expect("linked");
+    let second = Pty::new(&path).expect("pty");
+    std::fs::remove_file(&path).expect("removed");
+    std::os::unix::fs::symlink("/elsewhere", &path).expect("linked");
+    drop(second);
+    assert_eq!(std::fs::read_link(&path).expect("not ours").to_str(), Some("/elsewhere"));
+}
+
+#[test]
 fn it_serves_a_host_over_a_pty_until_that_has_gone() {
     let folder = tempfile::tempdir().expect("folder");
     let path = link_path(&folder);

@@ -201,7 +201,7 @@ pub fn names() -> impl Iterator<Item = &'static str> {
 #[derive(Debug, thiserror::Error)]
 pub enum ProfileError {
     /// No shipped profile of that name.
-    #[error("no device profile of this name; known: {}", .known.join(", "))]
+    #[error("no device profile of this name{}; known: {}", crate::config::problem::did_you_mean(.nearest), .known.join(", "))]
     Unknown {
         /// The known name that looks most like it.
         nearest: Option<String>,
@@ -258,6 +258,9 @@ pub fn load(path: &Path) -> Result<Profile, ConfigErrors> {
 
 fn parse(path: &Path, text: &str) -> Result<Profile, ConfigErrors> {
     let document = Document::parse(path, text)?;
+    if document.line("tool").is_some() && document.string("device.codec").is_none() {
+        return Err(ConfigErrors::new(vec![Problem::of_file(path, ProblemKind::IsScene)]));
+    }
     // A known arm that this program cannot drive is refused before its tables are judged by our keys.
     if let Some((_, accepted)) =
         document.string("device.codec").and_then(|codec| OTHER_CODECS.iter().find(|(other, _)| *other == codec))

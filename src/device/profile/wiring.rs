@@ -44,7 +44,8 @@ pub(super) fn real_arm(
     let identified = written.identified.as_ref().map(|identified| identified_of(checks, identified));
     let known_answers = known_answers(checks, written);
     let (matching, protocol, joints) = (matching?, protocol?, joints?);
-    if let Err(error) = protocol.check() {
+    // What a protocol thinks of limits that are wrong already would only say it twice.
+    if let Err(error) = protocol.check().or_else(|error| if checks.is_clean() { Err(error) } else { Ok(()) }) {
         checks.not_accepted(packet_or_protocol(&protocol), format_args!("sound: {error}"));
     }
     fit(checks, &matching, &protocol, profile);
@@ -53,7 +54,15 @@ pub(super) fn real_arm(
         let has = protocol.n_readings();
         checks.not_accepted(
             "device.kinematics",
-            format_args!("one of at most {has} readings, which is what `{}` sends", protocol.name()),
+            format_args!(
+                "one of at most {has} readings, which is what `{}` sends{}",
+                protocol.name(),
+                if matches!(kinematics, Kinematics::Cartesian) {
+                    "; cartesian takes 7 (x y z in m, then the quaternion x y z w)"
+                } else {
+                    ""
+                }
+            ),
         );
     }
     if n_motors > protocol.n_motors() {

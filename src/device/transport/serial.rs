@@ -25,6 +25,12 @@ pub enum SerialError {
         /// Why.
         cause: serialport::Error,
     },
+    /// Something else stands there.
+    #[error("{} is not a serial port", .path.display())]
+    NoPort {
+        /// The node.
+        path: PathBuf,
+    },
     /// The port is open and cannot be set.
     #[error("cannot set up {}: {cause}", .path.display())]
     SetUp {
@@ -61,6 +67,9 @@ impl SerialLink {
     /// # Errors
     /// See [`SerialError`].
     pub fn open(path: &Path, baud: u32) -> Result<Self, SerialError> {
+        if std::fs::File::open(path).is_ok_and(|file| !termios::isatty(&file)) {
+            return Err(SerialError::NoPort { path: path.to_owned() });
+        }
         let port = serialport::new(path.to_string_lossy(), baud)
             .data_bits(DataBits::Eight)
             .parity(Parity::None)
