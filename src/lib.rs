@@ -16,6 +16,7 @@
 //! | [`rt`] | every operating-system call of the loop |
 //! | [`servo`] | the 1 kHz loop: wait → read → tick → write → publish |
 //! | [`telemetry`] | records out of the loop → histograms and summaries |
+//! | [`monitor`] | HTTP, WebSocket and the page of a run |
 //! | [`daemon`] | supervisor: bake, preflight, enable, stop |
 //! | [`picture`] | cuts through a map with its shell, as PNG |
 //! | [`mod@bench`] | stand-in models and figures of generation |
@@ -29,6 +30,7 @@ pub mod device;
 pub mod error;
 pub mod haptics;
 pub mod mesh;
+pub mod monitor;
 pub mod picture;
 pub mod pointshell;
 pub mod rt;

@@ -2,7 +2,7 @@
 
 use std::io::BufRead;
 
-use crossbeam::channel::{Receiver, Sender, bounded};
+use crossbeam::channel::Sender;
 
 use super::say;
 use crate::daemon::OperatorOrder;
@@ -10,14 +10,14 @@ use crate::daemon::OperatorOrder;
 /// What may be typed.
 const WORDS: &str = "enable, disable, stop";
 
-/// Orders from standard input, one word a line, read by a thread of its own. The end of the input is a stop: whoever gave the orders has gone.
+/// Begins to take orders from standard input, one word a line, in a thread of its own. The end of the input is a stop: whoever gave the orders
+/// has gone.
 ///
 /// # Errors
 /// The thread could not be started.
-pub(super) fn orders() -> Result<Receiver<OperatorOrder>, std::io::Error> {
-    let (sender, receiver) = bounded(16);
-    std::thread::Builder::new().name("console".to_owned()).spawn(move || read(std::io::stdin().lock(), &sender))?;
-    Ok(receiver)
+pub(super) fn begin(orders: Sender<OperatorOrder>) -> Result<(), std::io::Error> {
+    std::thread::Builder::new().name("console".to_owned()).spawn(move || read(std::io::stdin().lock(), &orders))?;
+    Ok(())
 }
 
 fn read(input: impl BufRead, orders: &Sender<OperatorOrder>) {
@@ -44,6 +44,8 @@ fn read(input: impl BufRead, orders: &Sender<OperatorOrder>) {
 
 #[cfg(test)]
 mod tests {
+    use crossbeam::channel::bounded;
+
     use super::*;
 
     #[test]

@@ -179,7 +179,6 @@ pub(crate) struct Begun {
     /// For the screen and the summary.
     pub(crate) under_way: UnderWay,
     /// Takes more scenes; `None` where nothing was planned and nobody may ask.
-    #[expect(dead_code, reason = "for a desk")]
     pub(crate) switches: Option<Sender<Switch>>,
 }
 

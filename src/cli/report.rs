@@ -80,6 +80,13 @@ pub(crate) fn note(message: &str, talk: Talk) {
     }
 }
 
+/// Prints a line as it is, unless told to be quiet.
+pub(crate) fn line(text: &str, talk: Talk) {
+    if !talk.quiet {
+        say::talk(format_args!("{text}\n"));
+    }
+}
+
 fn is_coloured(talk: Talk) -> bool {
     match talk.color {
         When::Always => true,

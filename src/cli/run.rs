@@ -8,12 +8,13 @@ use std::time::Duration;
 use clap::ValueEnum;
 use crossbeam::channel::Receiver;
 
+use super::desk::{Company, Means, Opening};
 use super::outcome::{StartTimes, result_text};
 use super::progress::BakeProgress;
 use super::screen::{Screen, report_lines};
-use super::{Talk, bake, cache, check, console, live, memory, report, say};
+use super::{Talk, bake, cache, check, live, memory, monitor, report, say};
 use crate::config::{self, LoadOptions, SceneConfig};
-use crate::daemon::{Attached, Live, Operator, Outcome, PrepareError, Prepared, RenderJob, RunError, Supervisor, prepare_with};
+use crate::daemon::{Attached, Live, Outcome, PrepareError, Prepared, RenderJob, RunError, Supervisor, prepare_with};
 use crate::device::nodes::Selector;
 use crate::device::profile::RealArm;
 use crate::error::Exit;
@@ -51,6 +52,8 @@ pub(crate) struct Args {
     /// input is a stop.
     #[arg(long)]
     console: bool,
+    #[command(flatten)]
+    monitor: monitor::MonitorArgs,
     #[command(flatten)]
     live: live::LiveArgs,
     #[command(flatten)]
@@ -116,13 +119,18 @@ pub(crate) fn main(args: &Args, talk: Talk, started_ns: i64) -> Exit {
         report::error(&message, Some("name the profile of a real arm with --device"), talk);
         return Exit::Usage;
     }
+    let clock = args.clock.kind();
+    let bound = match args.monitor.open(&config, clock, talk) {
+        Ok(bound) => bound,
+        Err(exit) => return exit,
+    };
     if let Some(real) = &config.device.profile.real {
         if args.clock == ClockArg::Virtual {
             let hint = "leave out --clock virtual, or name a simulated arm with --device";
             report::error("a real arm lives in real time", Some(hint), talk);
             return Exit::Usage;
         }
-        if !args.may_enable(&config) {
+        if !args.enables_at_start(&config) && !args.console && bound.is_none() {
             report::error(&RunError::NobodyEnables.to_string(), Some(HOW_TO_ENABLE), talk);
             return Exit::Device;
         }
@@ -152,24 +160,33 @@ pub(crate) fn main(args: &Args, talk: Talk, started_ns: i64) -> Exit {
         baked_s.set(since_start_s(monotonic_ns()));
         Ok(prepared)
     };
-    let live::Begun { live, under_way, .. } =
-        match changes.begin(&args.cache, &args.memory, args.clock.kind(), false, || None, talk) {
-            Ok(begun) => begun,
-            Err(error) => {
-                report::error(&format!("cannot start a thread: {error}"), None, talk);
-                return Exit::Internal;
-            }
+    // Under the virtual clock a scene changes as it was planned, unless somebody watches.
+    let is_open = clock == ClockKind::Real || bound.is_some();
+    let opening = Opening::default();
+    let hears = || is_open.then(|| opening.hears());
+    let begun = changes.begin(&args.cache, &args.memory, clock, is_open, hears, talk).and_then(|begun| {
+        let live::Begun { mut live, under_way, switches } = begun;
+        let means = Means {
+            config: &config,
+            options: &overrides,
+            clock,
+            bound,
+            has_console: args.console,
+            enables_at_start: args.enables_at_start(&config),
+            switches: switches.filter(|_| is_open),
+            offered: under_way.offered.clone(),
         };
-    let orders = match args.console.then(console::orders).transpose() {
-        Ok(orders) => orders,
+        let company = Company::open(means, &opening, &mut live)?;
+        Ok((company, live, under_way))
+    });
+    let (mut company, live, under_way) = match begun {
+        Ok(begun) => begun,
         Err(error) => {
             report::error(&format!("cannot start a thread: {error}"), None, talk);
             return Exit::Internal;
         }
     };
-    let operator = Operator { enables_at_start: args.enables_at_start(&config), waits_after_fault: orders.is_some(), orders };
-    let live = Live { operator, ..live };
-    match run(args, talk, (live, &under_way), interrupts, bake) {
+    match run(args, talk, (live, &under_way), &mut company, interrupts, bake) {
         Ok(outcome) => {
             let first_tick = outcome.report.first_tick_ns.map_or(0.0, since_start_s);
             let start_s = StartTimes { baked: baked_s.get(), first_tick };
@@ -207,11 +224,6 @@ const HOW_TO_ENABLE: &str = "give --enable to let force flow from the start, or 
                              with `safety.deadman` in the scene force flows while that button is held";
 
 impl Args {
-    /// Somebody can let force flow on a real arm.
-    fn may_enable(&self, config: &SceneConfig) -> bool {
-        self.enables_at_start(config) || self.console
-    }
-
     /// A deadman is an enable in the operator's hand.
     fn enables_at_start(&self, config: &SceneConfig) -> bool {
         self.enable || config.parameters.safety.deadman.is_some() && !self.console
@@ -254,13 +266,21 @@ fn run(
     args: &Args,
     talk: Talk,
     (live, under_way): (Live, &live::UnderWay),
+    company: &mut Company,
     interrupts: impl FnOnce() -> Result<Receiver<()>, SignalError>,
     bake: impl FnOnce() -> Result<Prepared, PrepareError>,
 ) -> Result<Outcome, Refusal> {
     let mut screen = Screen::new(talk, under_way);
     let mut live = live;
-    let mut supervisor = Supervisor::new(|notice| screen.show(&notice));
+    let ears = company.ears();
+    let mut supervisor = Supervisor::new(|notice| {
+        ears(&notice);
+        screen.show(&notice);
+    });
     let prepared = supervisor.bake(bake).map_err(Refusal::Prepare)?;
+    let scene = Arc::new(prepared.scene);
+    let node = prepared.attached.as_ref().map(|attached| attached.node.as_path());
+    company.begin(&scene, node, &mut live).map_err(|error| Refusal::Run(error.into()))?;
     if let Some(Attached { node, news }) = prepared.attached {
         if !talk.quiet {
             say::talk(format_args!("device: {} is ready\n", node.display()));
@@ -268,7 +288,7 @@ fn run(
         live.news = Some(news);
     }
     let job = RenderJob {
-        scene: Arc::new(prepared.scene),
+        scene,
         device: prepared.device,
         realtime: prepared.realtime,
         rate_hz: prepared.rate_hz,
@@ -321,7 +341,7 @@ mod tests {
         interrupts: impl FnOnce() -> Result<Receiver<()>, SignalError>,
         bake: impl FnOnce() -> Result<Prepared, PrepareError>,
     ) -> Result<Outcome, Refusal> {
-        super::run(args, talk, (Live::default(), &live::UnderWay::default()), interrupts, bake)
+        super::run(args, talk, (Live::default(), &live::UnderWay::default()), &mut Company::default(), interrupts, bake)
     }
 
     fn result_text(totals: &Totals, start_s: StartTimes, json: bool) -> String {
@@ -341,7 +361,7 @@ mod tests {
 
     #[test]
     fn flags_of_later_versions_and_bare_numbers_are_usage_errors() {
-        for line in ["s.toml --record f.mcap", "s.toml --monitor off", "s.toml --duration 10", "", "s.toml --clock fast"] {
+        for line in ["s.toml --record f.mcap", "s.toml --monitor 7878", "s.toml --duration 10", "", "s.toml --clock fast"] {
             let error = args(line).expect_err(line);
             assert_eq!(error.exit_code(), 2, "{line}");
         }

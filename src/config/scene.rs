@@ -1,6 +1,8 @@
 //! A scene as the rest of the program sees it: SI, typed, checked.
 
+use std::net::SocketAddr;
 use std::path::PathBuf;
+use std::time::Duration;
 
 use glam::{DMat3, DVec3};
 
@@ -37,6 +39,21 @@ pub struct SceneConfig {
     pub realtime: RealtimeConfig,
     /// What the arm can take.
     pub stability: StabilityConfig,
+    /// Who may watch and drive.
+    pub monitor: MonitorConfig,
+    /// Longest silence of the client that drives: without a client that beats no force flows. `None`: nobody has to.
+    pub heartbeat: Option<Duration>,
+}
+
+/// `[monitor]`: the page and its API.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct MonitorConfig {
+    /// Where it listens; `None`: off.
+    pub listen: Option<SocketAddr>,
+    /// File with the token that clients have to know.
+    pub token_file: Option<PathBuf>,
+    /// Pages of other servers that are welcome, such as `http://localhost:8000`.
+    pub origins: Vec<String>,
 }
 
 /// The stability bounds that the scene was held against.

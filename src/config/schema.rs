@@ -147,8 +147,7 @@ pub(super) struct Safety {
     pub(super) overrun: Option<Overrun>,
     pub(super) brake_ms: Option<f64>,
     pub(super) deadman: Option<Deadman>,
-    #[schemars(skip)]
-    pub(super) heartbeat_ms: Later,
+    pub(super) heartbeat_ms: Option<f64>,
 }
 
 #[derive(Debug, Default, Deserialize, JsonSchema)]
@@ -199,6 +198,8 @@ pub(super) struct Realtime {
 #[serde(deny_unknown_fields, default, expecting = "a table, written [monitor]")]
 pub(super) struct Monitor {
     pub(super) listen: Option<String>,
+    pub(super) token_file: Option<String>,
+    pub(super) origins: Option<Vec<String>>,
 }
 
 /// Enums that are written as strings. Derived ones would speak of "variants" and "maps" to somebody who wrote a number.

@@ -26,6 +26,7 @@
 
 pub mod desk;
 mod prepare;
+pub mod refusal;
 mod supervisor;
 pub mod switch;
 

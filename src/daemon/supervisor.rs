@@ -145,13 +145,15 @@ pub enum OperatorOrder {
     Stop,
 }
 
-/// Who says when force may flow. A simulated arm has nobody to hurt and is enabled from the start, whatever stands here.
+/// Who says when force may flow. A simulated arm has nobody to hurt and is enabled from the start, unless everybody is held back.
 #[derive(Debug, Default)]
 pub struct Operator {
     /// Force flows from the start; with a deadman, while it is held.
     pub enables_at_start: bool,
     /// After a fault the loop goes on with zero force and waits for an order; else it ends.
     pub waits_after_fault: bool,
+    /// No arm is enabled before somebody says so, not even a simulated one.
+    pub holds_back: bool,
     /// Orders as they come; `None`: nobody gives any.
     pub orders: Option<Receiver<OperatorOrder>>,
 }
@@ -272,8 +274,8 @@ impl<N: FnMut(Notice<'_>)> Supervisor<N> {
     /// See [`RunError`]; no tick was rendered then, except under [`RunError::Servo`].
     pub fn render_live(&mut self, job: RenderJob, live: Live, interrupts: &Receiver<()>) -> Result<Outcome, RunError> {
         let capabilities = job.device.capabilities();
-        let Operator { enables_at_start, waits_after_fault, orders } = live.operator;
-        let enabled = capabilities.simulated || enables_at_start;
+        let Operator { enables_at_start, waits_after_fault, holds_back, orders } = live.operator;
+        let enabled = !holds_back && (capabilities.simulated || enables_at_start);
         if !enabled && orders.is_none() {
             // Zero on every failed start.
             drop(StopGuard::new(job.device));
@@ -602,7 +604,7 @@ mod tests {
         let log = arm.log.clone();
         let (order, orders) = bounded(4);
         let live = Live {
-            operator: Operator { enables_at_start: true, waits_after_fault: true, orders: Some(orders) },
+            operator: Operator { enables_at_start: true, waits_after_fault: true, holds_back: false, orders: Some(orders) },
             ..Live::default()
         };
         let mut job = job(Box::new(arm), ClockKind::Real, 0);

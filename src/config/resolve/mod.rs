@@ -2,6 +2,7 @@
 
 mod arm;
 mod forces;
+mod monitor;
 mod objects;
 
 use std::fs;
@@ -10,6 +11,7 @@ use std::path::Path;
 use glam::DVec3;
 
 use self::arm::{arm_parameters, stability};
+pub use self::monitor::{LISTEN_ACCEPTED, parse_listen};
 use super::checks::{Checks, Interval};
 use super::document::Document;
 use super::problem::{ConfigErrors, Problem, ProblemKind};
@@ -155,6 +157,9 @@ impl Resolve<'_> {
             self.checks.not_available("contact.time_budget_us", "remove it, or use rendering.field = \"trilinear\"");
         }
 
+        let monitor = self.monitor(&scene.monitor);
+        let heartbeat = self.heartbeat(&scene.safety);
+
         let (profile, tool) = (profile?, tool?);
         let arm = arm_parameters(&profile, &stability, port_scale);
         let port =
@@ -171,19 +176,17 @@ impl Resolve<'_> {
             device: DeviceConfig { profile, selector, hand, sim },
             realtime,
             stability,
+            monitor,
+            heartbeat,
         })
     }
 
     /// Keys and values that the format has and this version lacks. Nothing is read and ignored.
     fn later_keys(&mut self, scene: &schema::Scene) {
         let checks = &mut self.checks;
-        if scene.monitor.listen.as_deref().is_some_and(|listen| listen != "off") {
-            checks.not_available("monitor.listen", "use \"off\"");
-        }
         if scene.rendering.coupling == Some(schema::CouplingWord::Constraint) && scene.contact.friction.is_some() {
             checks.not_available("contact.friction", "leave it out, or use another rendering.coupling");
         }
-        checks.later("safety.heartbeat_ms", scene.safety.heartbeat_ms.is_some());
         checks.later("device.sim.jitter_us", scene.device.sim.jitter_us.is_some());
         checks.later("sculpt", scene.sculpt.is_some());
     }

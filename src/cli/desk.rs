@@ -1,0 +1,114 @@
+//! Who is with a run: the desk that takes what clients ask for, the monitor through which they ask, and the console.
+
+use std::io;
+use std::path::Path;
+use std::sync::{Arc, OnceLock};
+
+use crossbeam::channel::{Sender, unbounded};
+
+use super::{console, live};
+use crate::config::{LoadOptions, SceneConfig};
+use crate::daemon::desk::{Board, Counter, Desk, Tools};
+use crate::daemon::switch::{Offered, Switch, objects};
+use crate::daemon::{Live, Notice, Operator, OperatorOrder};
+use crate::haptics::RenderScene;
+use crate::monitor::{Bound, Hub, HubParts, Monitor};
+use crate::rt::clock::ClockKind;
+use crate::servo::Reins;
+
+/// Where a desk that is not there yet will take what is offered.
+#[derive(Clone, Default)]
+pub(crate) struct Opening(Arc<OnceLock<Counter>>);
+
+impl Opening {
+    /// For [`live::Changes::begin`]: scenes that were planned are told to the desk.
+    pub(crate) fn hears(&self) -> live::Hears {
+        let counter = self.0.clone();
+        Box::new(move |offered: Offered| counter.wait().offered(offered))
+    }
+}
+
+/// What a desk needs to open.
+pub(crate) struct Means<'a> {
+    pub(crate) config: &'a SceneConfig,
+    pub(crate) options: &'a LoadOptions,
+    pub(crate) clock: ClockKind,
+    /// The address of the monitor, if there is one.
+    pub(crate) bound: Option<Bound>,
+    pub(crate) has_console: bool,
+    pub(crate) enables_at_start: bool,
+    pub(crate) switches: Option<Sender<Switch>>,
+    /// The scenes that the loop will take, in order.
+    pub(crate) offered: live::OfferedScenes,
+}
+
+/// Everybody who is with one run.
+#[derive(Default)]
+pub(crate) struct Company {
+    desk: Option<Desk>,
+    counter: Option<Counter>,
+    hub: Option<Arc<Hub>>,
+    monitor: Option<Monitor>,
+    config: Option<SceneConfig>,
+}
+
+impl Company {
+    /// Opens the desk and the monitor; gives what the supervisor hears of them. Until [`Self::begin`] clients see a scene that is baked.
+    pub(crate) fn open(means: Means<'_>, opening: &Opening, live: &mut Live) -> io::Result<Self> {
+        let Means { config, options, clock, bound, has_console, enables_at_start, switches, offered } = means;
+        let (orders, taken) = unbounded::<OperatorOrder>();
+        if has_console {
+            console::begin(orders.clone())?;
+        }
+        let is_asked = has_console || bound.is_some();
+        live.operator = Operator {
+            enables_at_start,
+            waits_after_fault: is_asked,
+            holds_back: config.heartbeat.is_some(),
+            orders: is_asked.then_some(taken),
+        };
+        if switches.is_none() {
+            return Ok(Self::default());
+        }
+        let board = Board::new(config.clone());
+        let note = Arc::new(move |path: &Path| offered.note(path, None));
+        let tools = Tools { board: board.clone(), orders: orders.clone(), switches, options: options.clone(), note };
+        let (desk, counter) = Desk::new(tools);
+        // Set once: there is one desk.
+        let _ = opening.0.set(counter.clone());
+        let mut company =
+            Self { desk: Some(desk), counter: Some(counter.clone()), config: Some(config.clone()), ..Self::default() };
+        if let Some(bound) = bound {
+            let heartbeat = config.heartbeat;
+            let hub = Hub::new(HubParts { board, counter, orders, heartbeat, clock, recorder: None, metrics: None });
+            let (monitor, tap) = bound.serve(hub.clone())?;
+            live.taps.add(tap);
+            (company.hub, company.monitor) = (Some(hub), Some(monitor));
+        }
+        Ok(company)
+    }
+
+    /// The first scene is ready: from now on what clients ask for is done. `node`: where a real arm hangs.
+    pub(crate) fn begin(&mut self, scene: &Arc<RenderScene>, node: Option<&Path>, live: &mut Live) -> io::Result<()> {
+        if let (Some(hub), Some(node)) = (&self.hub, node) {
+            hub.attached(node);
+        }
+        let (Some(desk), Some(config)) = (self.desk.take(), self.config.take()) else { return Ok(()) };
+        let (reins, ends) = Reins::new(&scene.parameters, objects(&config));
+        live.wishes = core::mem::take(&mut live.wishes).with_reins(ends);
+        desk.serve(config, scene.clone(), reins)
+    }
+
+    /// Ears for what the supervisor tells.
+    pub(crate) fn ears(&self) -> impl Fn(&Notice<'_>) + use<> {
+        let (counter, hub) = (self.counter.clone(), self.hub.clone());
+        move |notice| {
+            if let (Notice::Scene(record), Some(counter)) = (notice, &counter) {
+                counter.rendered(record.scene_idx);
+            }
+            if let Some(hub) = &hub {
+                hub.notice(notice);
+            }
+        }
+    }
+}

@@ -1,0 +1,95 @@
+//! `run --monitor`: where the page and its API are, and who may come in.
+
+use std::net::SocketAddr;
+use std::path::PathBuf;
+
+use super::{Talk, report};
+use crate::config::SceneConfig;
+use crate::config::resolve::{LISTEN_ACCEPTED, parse_listen};
+use crate::error::Exit;
+use crate::monitor::{Access, Bound, Token, TokenError};
+use crate::rt::clock::ClockKind;
+
+/// Variable of the environment that holds a token.
+const TOKEN_VARIABLE: &str = "HAPTICD_TOKEN";
+
+/// Arguments of the monitor.
+#[derive(Debug, clap::Args)]
+pub(crate) struct MonitorArgs {
+    /// Serve the page and its API at this address, such as 127.0.0.1:7878, or "off" [default: as the scene says; off under --clock
+    /// virtual]. An address that is not of this machine alone needs a token.
+    #[arg(long, value_name = "ADDR|off", value_parser = parse)]
+    monitor: Option<Listen>,
+    /// File with the token that clients of the monitor have to know [default: that of HAPTICD_TOKEN, else of the scene].
+    #[arg(long, value_name = "FILE")]
+    monitor_token: Option<PathBuf>,
+}
+
+/// An address, or off.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Listen(Option<SocketAddr>);
+
+fn parse(text: &str) -> Result<Listen, String> {
+    parse_listen(text).map(Listen).ok_or_else(|| format!("write {LISTEN_ACCEPTED}"))
+}
+
+impl MonitorArgs {
+    /// Takes the address, before anything takes long. `None`: no monitor. A default that cannot be had is a warning, what was asked for an
+    /// error.
+    pub(crate) fn open(&self, config: &SceneConfig, clock: ClockKind, talk: Talk) -> Result<Option<Bound>, Exit> {
+        let listen = match (self.monitor, clock) {
+            (Some(Listen(listen)), _) => listen,
+            (None, ClockKind::Virtual) => None,
+            (None, ClockKind::Real) => config.monitor.listen,
+        };
+        let needed = config.heartbeat.is_some();
+        let Some(address) = listen else {
+            if needed {
+                let hint = "give --monitor 127.0.0.1:7878, or leave out `safety.heartbeat_ms`";
+                report::error("the scene wants a client with a heartbeat, and the monitor is off", Some(hint), talk);
+                return Err(Exit::Usage);
+            }
+            return Ok(None);
+        };
+        let token = self.token(config).map_err(|error| {
+            let hint = "`openssl rand -hex 24 > monitor.token` makes one";
+            report::error(&error.to_string(), Some(hint), talk);
+            Exit::Usage
+        })?;
+        if !Access::is_safe(address, token.as_ref()) {
+            let hint = "give --monitor-token FILE, or set HAPTICD_TOKEN: whoever reaches this address could drive the arm";
+            report::error(
+                &format!("the monitor at {address} can be reached from other machines, and has no token"),
+                Some(hint),
+                talk,
+            );
+            return Err(if self.monitor.is_some() { Exit::Usage } else { Exit::Configuration });
+        }
+        match Bound::bind(address, token, config.monitor.origins.clone()) {
+            Ok(bound) => {
+                report::line(&format!("monitor: http://{}/", bound.address()), talk);
+                Ok(Some(bound))
+            }
+            Err(error) if self.monitor.is_none() && !needed => {
+                report::warning(&format!("no monitor: cannot listen at {address}: {error} (--monitor ADDR takes another)"), talk);
+                Ok(None)
+            }
+            Err(error) => {
+                let hint = "give another one with --monitor, such as 127.0.0.1:0 for any port that is free";
+                report::error(&format!("the monitor cannot listen at {address}: {error}"), Some(hint), talk);
+                Err(Exit::Usage)
+            }
+        }
+    }
+
+    fn token(&self, config: &SceneConfig) -> Result<Option<Token>, TokenError> {
+        if let Some(file) = &self.monitor_token {
+            return Token::read(file).map(Some);
+        }
+        match (std::env::var(TOKEN_VARIABLE), &config.monitor.token_file) {
+            (Ok(text), _) if !text.is_empty() => Token::new(&text, TOKEN_VARIABLE).map(Some),
+            (_, Some(file)) => Token::read(file).map(Some),
+            _ => Ok(None),
+        }
+    }
+}

@@ -1,0 +1,244 @@
+//! What a client may ask for, the same over WebSocket and HTTP.
+
+use core::time::Duration;
+use std::sync::Arc;
+
+use serde::Deserialize;
+use serde_json::Value;
+
+use super::encode::WirePose;
+use super::heart::{LONGEST, SHORTEST};
+use super::hub::{Client, Hub, RecorderError, Wanted};
+use super::problem::Problem;
+use super::worker::Worker;
+use crate::daemon::OperatorOrder;
+use crate::daemon::desk::{Ask, Request};
+use crate::spatial::Pose;
+
+/// Fastest and slowest stream.
+const MOST_RATE_HZ: f64 = 1000.0;
+const LEAST_RATE_HZ: f64 = 0.1;
+
+/// One request. A key that is not known is refused: a misspelt one would otherwise pass for none.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(tag = "do", rename_all = "snake_case", deny_unknown_fields)]
+pub(super) enum Do {
+    /// A stream of states; 0 Hz: none.
+    Subscribe {
+        rate_hz: f64,
+        #[serde(default)]
+        format: Format,
+        #[serde(default)]
+        contacts: bool,
+        #[serde(default = "yes")]
+        history: bool,
+    },
+    Enable {},
+    Disable {},
+    Stop {},
+    /// A parameter, SI.
+    Set {
+        parameter: String,
+        value: f64,
+    },
+    /// A movable object.
+    Place {
+        object: String,
+        pose: PoseAsked,
+    },
+    /// Another scene.
+    Switch {
+        scene: String,
+    },
+    /// A recording begins.
+    Record {
+        #[serde(default)]
+        file: Option<String>,
+    },
+    /// It ends.
+    EndRecording {},
+    /// A sign of life, and how long to wait for the next one.
+    Heartbeat {
+        #[serde(default)]
+        timeout_ms: Option<f64>,
+    },
+    /// Nothing but an answer.
+    Ping {},
+}
+
+fn yes() -> bool {
+    true
+}
+
+/// How states are written.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(super) enum Format {
+    #[default]
+    Json,
+    Binary,
+}
+
+/// `world_from_object`.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct PoseAsked {
+    p: [f64; 3],
+    q: [f64; 4],
+}
+
+impl From<PoseAsked> for Pose {
+    fn from(PoseAsked { p, q }: PoseAsked) -> Self {
+        WirePose::pose(q, p)
+    }
+}
+
+/// Hears what became of a request.
+pub(super) type Reply = Box<dyn FnOnce(Result<(), Problem>) + Send>;
+
+impl Do {
+    /// Takes a message apart: its `id`, whatever that is, and the request.
+    pub(super) fn parse(message: &[u8]) -> (Value, Result<Self, Problem>) {
+        let mut object = match serde_json::from_slice(message) {
+            Ok(Value::Object(object)) => object,
+            Ok(_) => return (Value::Null, Err(Problem::bad("a request is an object", "such as {\"id\":1,\"do\":\"ping\"}"))),
+            Err(error) => return (Value::Null, Err(Problem::bad(format!("no JSON: {error}"), "send one object in each message"))),
+        };
+        let id = object.remove("id").unwrap_or(Value::Null);
+        let asked = Self::deserialize(Value::Object(object)).map_err(|error| Problem::bad(error.to_string(), ""));
+        (id, asked)
+    }
+}
+
+/// Does what a client asks for; `client` where it has a connection. The reply may come from another thread.
+pub(super) fn perform(hub: &Arc<Hub>, files: &Worker, client: Option<&Client>, asked: Do, reply: Reply) {
+    match asked {
+        Do::Enable {} => reply(hub.order(OperatorOrder::Enable, client.map(|client| client.id))),
+        Do::Disable {} => reply(hub.order(OperatorOrder::Disable, None)),
+        Do::Stop {} => reply(hub.order(OperatorOrder::Stop, None)),
+        Do::Set { parameter, value } => ask(hub, Ask::Set { parameter, value }, reply),
+        Do::Place { object, pose } => ask(hub, Ask::Place { object, world_from_object: pose.into() }, reply),
+        Do::Switch { scene } => ask(hub, Ask::Switch { scene }, reply),
+        Do::Record { file } => record(hub, files, Some(file), reply),
+        Do::EndRecording {} => record(hub, files, None, reply),
+        Do::Ping {} => reply(Ok(())),
+        Do::Subscribe { rate_hz, format, contacts, history } => reply(match client {
+            Some(client) => wanted(rate_hz, format, contacts, history).map(|wanted| client.want(wanted)),
+            None => Err(needs_connection()),
+        }),
+        Do::Heartbeat { timeout_ms } => reply(match client {
+            Some(client) => longest(timeout_ms).map(|longest| {
+                hub.heart.beat(client.id, longest);
+            }),
+            None => Err(needs_connection()),
+        }),
+    }
+}
+
+fn needs_connection() -> Problem {
+    Problem::bad("this needs a connection", "use the WebSocket")
+}
+
+fn ask(hub: &Hub, ask: Ask, reply: Reply) {
+    if hub.is_baking() {
+        return reply(Err(Problem::unavailable("the scene is being baked: nothing is rendered yet", "wait for the event `scene`")));
+    }
+    let answer = Box::new(move |result: Result<_, _>| reply(result.map_err(|refusal| Problem::from(&refusal))));
+    hub.counter.ask(Request { ask, answer });
+}
+
+fn wanted(rate_hz: f64, format: Format, contacts: bool, history: bool) -> Result<Option<Wanted>, Problem> {
+    if rate_hz == 0.0 {
+        return Ok(None);
+    }
+    // Written so that a NaN is refused as well.
+    if !(rate_hz >= LEAST_RATE_HZ && rate_hz <= MOST_RATE_HZ) {
+        let hint = "0 ends the stream";
+        return Err(Problem::bad(format!("`rate_hz` goes from {LEAST_RATE_HZ} to {MOST_RATE_HZ}, not to {rate_hz}"), hint));
+    }
+    let is_binary = format == Format::Binary;
+    Ok(Some(Wanted { rate_hz, is_binary, contacts: contacts && !is_binary, history: history && !is_binary }))
+}
+
+fn longest(timeout_ms: Option<f64>) -> Result<Option<Duration>, Problem> {
+    let Some(timeout_ms) = timeout_ms else { return Ok(None) };
+    let [least_ms, most_ms] = [SHORTEST, LONGEST].map(|longest| longest.as_secs_f64() * 1e3);
+    let is_sound = timeout_ms == 0.0 || timeout_ms >= least_ms && timeout_ms <= most_ms;
+    if !is_sound {
+        let error = format!("`timeout_ms` goes from {least_ms} to {most_ms}, not to {timeout_ms}");
+        return Err(Problem::bad(error, "0 ends the heartbeat"));
+    }
+    Ok(Some(Duration::from_secs_f64(timeout_ms * 1e-3)))
+}
+
+/// A recording begins (`Some`: with this file, if it is named) or ends, on the thread for files.
+fn record(hub: &Arc<Hub>, files: &Worker, begins: Option<Option<String>>, reply: Reply) {
+    let Some(recorder) = hub.recorder.clone() else {
+        return reply(Err(Problem::unavailable("this run has no recorder", "")));
+    };
+    let hub = hub.clone();
+    files.post(move || {
+        let result = match &begins {
+            Some(file) => recorder.start(file.as_deref()),
+            None => recorder.stop(),
+        };
+        if result.is_ok() {
+            let file = recorder.status().map(|status| status.file.display().to_string()).unwrap_or_default();
+            match begins {
+                Some(_) => hub.tell("recording", None, &format!("recording into {file}"), &["begun"]),
+                None => hub.tell("recording", None, "the recording has ended", &["ended"]),
+            }
+        }
+        reply(result.map_err(|error| match &error {
+            RecorderError::File(_) => Problem::bad(error.to_string(), ""),
+            RecorderError::State(_) => Problem::conflict(error.to_string(), ""),
+        }));
+    });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parsed(text: &str) -> (Value, Result<Do, String>) {
+        let (id, asked) = Do::parse(text.as_bytes());
+        (id, asked.map_err(|problem| problem.said.error))
+    }
+
+    #[test]
+    fn requests_are_read_and_misspelt_ones_refused() {
+        assert_eq!(parsed(r#"{"id":7,"do":"enable"}"#), (7.into(), Ok(Do::Enable {})));
+        assert_eq!(parsed(r#"{"do":"heartbeat"}"#), (Value::Null, Ok(Do::Heartbeat { timeout_ms: None })));
+        let subscribe = Do::Subscribe { rate_hz: 60.0, format: Format::Json, contacts: true, history: true };
+        assert_eq!(parsed(r#"{"do":"subscribe","rate_hz":60,"contacts":true}"#).1, Ok(subscribe));
+        let place = r#"{"id":"a","do":"place","object":"lift","pose":{"p":[0,0,1],"q":[0,0,0,1]}}"#;
+        assert!(matches!(parsed(place), (Value::String(_), Ok(Do::Place { .. }))));
+        for (wrong, expected) in [
+            ("", "no JSON"),
+            ("[1]", "an object"),
+            ("{}", "do"),
+            (r#"{"do":"fly"}"#, "fly"),
+            (r#"{"do":"enable","now":true}"#, "now"),
+            (r#"{"do":"heartbeat","timeout":5}"#, "timeout"),
+            (r#"{"do":"set","parameter":"x"}"#, "value"),
+            (r#"{"do":"set","parameter":"x","value":1e999}"#, "range"),
+            (r#"{"do":"place","object":"x","pose":{"p":[0,0],"q":[0,0,0,1]}}"#, "length"),
+            (r#"{"do":"subscribe","rate_hz":60,"format":"xml"}"#, "xml"),
+        ] {
+            let error = parsed(wrong).1.expect_err(wrong);
+            assert!(error.contains(expected), "{wrong}: {error}");
+        }
+    }
+
+    #[test]
+    fn rates_and_silences_have_bounds() {
+        for rate_hz in [-1.0, 0.05, 1000.5, f64::NAN, f64::INFINITY] {
+            assert!(wanted(rate_hz, Format::Json, false, true).is_err(), "{rate_hz}");
+        }
+        assert_eq!(wanted(0.0, Format::Json, false, true), Ok(None));
+        let binary = Wanted { rate_hz: 1000.0, is_binary: true, contacts: false, history: false };
+        assert_eq!(wanted(1000.0, Format::Binary, true, true), Ok(Some(binary)));
+        assert_eq!(longest(Some(0.0)), Ok(Some(Duration::ZERO)));
+        assert!(longest(Some(1.0)).is_err() && longest(Some(1e9)).is_err() && longest(Some(f64::NAN)).is_err());
+    }
+}

@@ -1,0 +1,215 @@
+//! The door: takes connections in, as many as there are places, and closes those that say nothing.
+
+use core::pin::Pin;
+use core::sync::atomic::{AtomicBool, Ordering};
+use core::task::{Context, Poll};
+use core::time::Duration;
+use std::io;
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::time::Instant;
+
+use axum::extract::connect_info::Connected;
+use axum::serve::{IncomingStream, Listener};
+use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
+use tokio::net::{TcpListener, TcpStream};
+use tokio::runtime::Handle;
+use tokio::sync::{OwnedSemaphorePermit, Semaphore};
+use tokio::time::Sleep;
+
+/// Connections at the same time, WebSockets among them.
+const MOST_CONNECTIONS: usize = 192;
+/// Connections that are just being told that there is no place.
+const MOST_TURNED_AWAY: usize = 64;
+/// A connection on which nothing comes for so long is closed. WebSockets are pinged more often.
+const SILENT: Duration = Duration::from_secs(30);
+/// A connection that is no WebSocket ends after so long whatever it does.
+const LONGEST: Duration = Duration::from_secs(300);
+/// Who is being shut out may take so long, and send so much more.
+const LINGER: Duration = Duration::from_secs(1);
+const LINGER_BYTES: usize = 4 << 20;
+/// Rest after an error that is not the fault of one connection, such as too many open files.
+const AFTER_ERROR: Duration = Duration::from_millis(50);
+
+const NO_PLACE: &[u8] =
+    b"HTTP/1.1 503 Service Unavailable\r\nContent-Type: application/json\r\nConnection: close\r\nContent-Length: 72\r\n\r\n\
+    {\"error\":\"too many connections\",\"hint\":\"close some, or try again later\"}";
+
+/// Listens.
+pub(super) struct Door {
+    listener: TcpListener,
+    places: Arc<Semaphore>,
+    turned_away: Arc<Semaphore>,
+}
+
+impl Door {
+    pub(super) fn new(listener: TcpListener) -> Self {
+        let places = |n| Arc::new(Semaphore::new(n));
+        Self { listener, places: places(MOST_CONNECTIONS), turned_away: places(MOST_TURNED_AWAY) }
+    }
+}
+
+impl Listener for Door {
+    type Io = Connection;
+    type Addr = SocketAddr;
+
+    async fn accept(&mut self) -> (Connection, SocketAddr) {
+        loop {
+            match self.listener.accept().await {
+                Ok((stream, peer)) => match self.places.clone().try_acquire_owned() {
+                    Ok(place) => {
+                        // Small messages leave at once; if that cannot be had they come a little later.
+                        let _ = stream.set_nodelay(true);
+                        return (Connection::new(stream, place), peer);
+                    }
+                    Err(_) => {
+                        // Written into an empty buffer: there is room.
+                        let _ = stream.try_write(NO_PLACE);
+                        if let Ok(place) = self.turned_away.clone().try_acquire_owned() {
+                            tokio::spawn(linger(stream, place));
+                        }
+                    }
+                },
+                Err(error) if error.kind() == io::ErrorKind::ConnectionAborted => {}
+                Err(_) => tokio::time::sleep(AFTER_ERROR).await,
+            }
+        }
+    }
+
+    fn local_addr(&self) -> io::Result<SocketAddr> {
+        self.listener.local_addr()
+    }
+}
+
+/// What a handler knows of its connection.
+#[derive(Clone, Debug)]
+pub(super) struct Peer {
+    pub(super) address: SocketAddr,
+    /// Set when the connection becomes a WebSocket. Both ends use `Relaxed`: it is the whole message.
+    is_web_socket: Arc<AtomicBool>,
+}
+
+impl Peer {
+    pub(super) fn become_web_socket(&self) {
+        self.is_web_socket.store(true, Ordering::Relaxed);
+    }
+}
+
+impl Connected<IncomingStream<'_, Door>> for Peer {
+    fn connect_info(stream: IncomingStream<'_, Door>) -> Self {
+        Self { address: *stream.remote_addr(), is_web_socket: stream.io().is_web_socket.clone() }
+    }
+}
+
+/// One connection with its place.
+pub(super) struct Connection {
+    /// `None` while it is dropped only.
+    stream: Option<(TcpStream, OwnedSemaphorePermit)>,
+    is_web_socket: Arc<AtomicBool>,
+    opened: Instant,
+    heard: Instant,
+    silent: Pin<Box<Sleep>>,
+}
+
+impl Connection {
+    fn new(stream: TcpStream, place: OwnedSemaphorePermit) -> Self {
+        let now = Instant::now();
+        let silent = Box::pin(tokio::time::sleep(SILENT));
+        Self { stream: Some((stream, place)), is_web_socket: Arc::default(), opened: now, heard: now, silent }
+    }
+
+    fn with<T>(&mut self, act: impl FnOnce(Pin<&mut TcpStream>) -> Poll<io::Result<T>>) -> Poll<io::Result<T>> {
+        match &mut self.stream {
+            Some((stream, _)) => act(Pin::new(stream)),
+            None => Poll::Ready(Err(io::ErrorKind::NotConnected.into())),
+        }
+    }
+
+    fn is_web_socket(&self) -> bool {
+        self.is_web_socket.load(Ordering::Relaxed)
+    }
+
+    /// Ready when nothing came for too long.
+    fn poll_silent(&mut self, cx: &mut Context<'_>) -> Poll<()> {
+        while self.silent.as_mut().poll(cx).is_ready() {
+            let (since_heard, since_opened) = (self.heard.elapsed(), self.opened.elapsed());
+            if since_heard >= SILENT || !self.is_web_socket() && since_opened >= LONGEST {
+                return Poll::Ready(());
+            }
+            let left = (SILENT - since_heard).max(Duration::from_millis(10));
+            self.silent.as_mut().reset(tokio::time::Instant::now() + left);
+        }
+        Poll::Pending
+    }
+}
+
+impl AsyncRead for Connection {
+    fn poll_read(mut self: Pin<&mut Self>, cx: &mut Context<'_>, buffer: &mut ReadBuf<'_>) -> Poll<io::Result<()>> {
+        let read = self.with(|stream| stream.poll_read(cx, buffer));
+        if read.is_ready() {
+            self.heard = Instant::now();
+            return read;
+        }
+        match self.poll_silent(cx) {
+            Poll::Ready(()) => Poll::Ready(Err(io::ErrorKind::TimedOut.into())),
+            Poll::Pending => Poll::Pending,
+        }
+    }
+}
+
+impl AsyncWrite for Connection {
+    fn poll_write(mut self: Pin<&mut Self>, cx: &mut Context<'_>, bytes: &[u8]) -> Poll<io::Result<usize>> {
+        let written = self.with(|stream| stream.poll_write(cx, bytes));
+        // A long answer that is being taken is no silence.
+        if written.is_ready() && !self.is_web_socket() {
+            self.heard = Instant::now();
+        }
+        written
+    }
+
+    fn poll_flush(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<io::Result<()>> {
+        self.with(|stream| stream.poll_flush(cx))
+    }
+
+    fn poll_shutdown(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<io::Result<()>> {
+        self.with(|stream| stream.poll_shutdown(cx))
+    }
+
+    fn poll_write_vectored(mut self: Pin<&mut Self>, cx: &mut Context<'_>, slices: &[io::IoSlice<'_>]) -> Poll<io::Result<usize>> {
+        let written = self.with(|stream| stream.poll_write_vectored(cx, slices));
+        if written.is_ready() && !self.is_web_socket() {
+            self.heard = Instant::now();
+        }
+        written
+    }
+
+    fn is_write_vectored(&self) -> bool {
+        true
+    }
+}
+
+impl Drop for Connection {
+    /// A socket that is closed over bytes that nobody read takes back what was sent last: the answer that says why.
+    fn drop(&mut self) {
+        if let (Some((stream, place)), Ok(runtime)) = (self.stream.take(), Handle::try_current()) {
+            runtime.spawn(linger(stream, place));
+        }
+    }
+}
+
+/// Closes a connection after its other end has.
+async fn linger(mut stream: TcpStream, _place: OwnedSemaphorePermit) {
+    let _ = core::future::poll_fn(|cx| Pin::new(&mut stream).poll_shutdown(cx)).await;
+    let rest = async {
+        let (mut scratch, mut left) = ([0; 4096], LINGER_BYTES);
+        while left > 0 && stream.readable().await.is_ok() {
+            match stream.try_read(&mut scratch) {
+                Ok(0) => return,
+                Ok(n) => left = left.saturating_sub(n),
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock => {}
+                Err(_) => return,
+            }
+        }
+    };
+    let _ = tokio::time::timeout(LINGER, rest).await;
+}

@@ -1,0 +1,27 @@
+//! From the drain's thread to the monitor's: every record, through a ring that the drain never waits for.
+
+use rtrb::{Consumer, RingBuffer};
+
+use super::ghost::{Anchor, Watcher};
+use crate::telemetry::{Tap, TickRecord};
+
+/// Records under way: two seconds at 1 kHz.
+const RING_RECORDS: usize = 2048;
+
+/// A record with what only somebody who sees every record can know.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Fed {
+    pub(super) record: TickRecord,
+    pub(super) anchor: Option<Anchor>,
+}
+
+/// Both ends. A record that finds no room is gone.
+pub(super) fn feed() -> (Tap, Consumer<Fed>) {
+    let (mut ring, consumer) = RingBuffer::new(RING_RECORDS);
+    let mut watcher = Watcher::default();
+    let tap = Box::new(move |record: &TickRecord| {
+        let _ = ring.push(Fed { record: *record, anchor: watcher.see(record) });
+        !ring.is_abandoned()
+    });
+    (tap, consumer)
+}

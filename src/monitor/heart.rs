@@ -1,0 +1,209 @@
+//! The heartbeat: a client that drives and falls silent takes the force with it.
+//!
+//! It has a thread of its own, so that a monitor that hangs is silence as well.
+
+use core::time::Duration;
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
+
+/// Silence that a client may allow itself, and the default.
+pub(super) const SHORTEST: Duration = Duration::from_millis(20);
+pub(super) const LONGEST: Duration = Duration::from_secs(10);
+const DEFAULT: Duration = Duration::from_millis(500);
+/// How often a loop that still has force is told again.
+const AGAIN: Duration = Duration::from_millis(50);
+
+/// Who beats.
+#[derive(Debug)]
+pub(super) struct Heart {
+    beats: Mutex<Beats>,
+    changed: Condvar,
+    /// Longest silence of the scene: without a client that beats no force flows.
+    needed: Option<Duration>,
+}
+
+#[derive(Debug, Default)]
+struct Beats {
+    beating: Vec<Beat>,
+    has_force: bool,
+    is_told: bool,
+    is_over: bool,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Beat {
+    client: u64,
+    longest: Duration,
+    /// `None`: it has gone.
+    last: Option<Instant>,
+}
+
+/// Why force is to go off.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Silence {
+    /// A client that used to beat was silent for longer than it may be.
+    Of(Duration),
+    /// A client that used to beat has gone.
+    Gone,
+    /// The scene wants a client that beats, and none does.
+    Nobody,
+}
+
+impl Heart {
+    pub(super) fn new(needed: Option<Duration>) -> Self {
+        Self { beats: Mutex::default(), changed: Condvar::new(), needed }
+    }
+
+    /// A client beats, from now on with this longest silence if it gives one; zero: it ends that. Gives the silence that it may allow itself.
+    pub(super) fn beat(&self, client: u64, longest: Option<Duration>) -> Duration {
+        let mut beats = self.beats();
+        let known = beats.beating.iter().position(|beat| beat.client == client);
+        if longest == Some(Duration::ZERO) {
+            if let Some(known) = known {
+                beats.beating.swap_remove(known);
+            }
+            self.changed.notify_all();
+            return Duration::ZERO;
+        }
+        let cut = |longest: Duration| longest.min(self.needed.unwrap_or(longest));
+        let last = Some(Instant::now());
+        let longest = match known.and_then(|known| beats.beating.get_mut(known)) {
+            Some(beat) => {
+                beat.longest = longest.map_or(beat.longest, cut);
+                beat.last = last;
+                beat.longest
+            }
+            None => {
+                let longest = cut(longest.unwrap_or(DEFAULT));
+                beats.beating.push(Beat { client, longest, last });
+                longest
+            }
+        };
+        self.changed.notify_all();
+        longest
+    }
+
+    /// Whatever a client says is a sign of life.
+    pub(super) fn hear(&self, client: u64) {
+        if let Some(beat) = self.beats().beating.iter_mut().find(|beat| beat.client == client) {
+            beat.last = Some(Instant::now());
+        }
+    }
+
+    /// The connection of a client has ended.
+    pub(super) fn lose(&self, client: u64) {
+        if let Some(beat) = self.beats().beating.iter_mut().find(|beat| beat.client == client) {
+            beat.last = None;
+            self.changed.notify_all();
+        }
+    }
+
+    /// True when an order to enable may come from this client (`None`: from one without a connection).
+    pub(super) fn lets_enable(&self, client: Option<u64>) -> bool {
+        let beats = self.beats();
+        self.needed.is_none() || beats.beating.iter().any(|beat| client.is_none_or(|client| client == beat.client))
+    }
+
+    /// Whether force may flow now.
+    pub(super) fn note_force(&self, has_force: bool) {
+        let mut beats = self.beats();
+        beats.has_force = has_force;
+        beats.is_told &= has_force;
+        self.changed.notify_all();
+    }
+
+    /// The run is over.
+    pub(super) fn end(&self) {
+        self.beats().is_over = true;
+        self.changed.notify_all();
+    }
+
+    /// Watches until the end; for a thread of its own. `silent` switches force off; the flag says that this is news.
+    pub(super) fn watch(&self, silent: impl Fn(Silence, bool)) {
+        let mut beats = self.beats();
+        while !beats.is_over {
+            let now = Instant::now();
+            let until = |beat: &Beat| beat.last.map(|last| last + beat.longest);
+            let fallen = beats.beating.iter().position(|beat| until(beat).is_none_or(|until| until <= now));
+            let (silence, is_news) = match fallen.map(|fallen| beats.beating.swap_remove(fallen)) {
+                Some(Beat { last: Some(_), longest, .. }) => (Silence::Of(longest), true),
+                Some(Beat { last: None, .. }) => (Silence::Gone, true),
+                None if self.needed.is_some() && beats.beating.is_empty() && beats.has_force => {
+                    (Silence::Nobody, !core::mem::replace(&mut beats.is_told, true))
+                }
+                None => {
+                    let next = beats.beating.iter().filter_map(until).min();
+                    let patience = next.map_or(Duration::from_secs(3600), |next| next.saturating_duration_since(now));
+                    beats = self.changed.wait_timeout(beats, patience).unwrap_or_else(PoisonError::into_inner).0;
+                    continue;
+                }
+            };
+            // Whoever is told may ask this very heart.
+            drop(beats);
+            silent(silence, is_news);
+            if silence == Silence::Nobody {
+                std::thread::sleep(AGAIN);
+            }
+            beats = self.beats();
+        }
+    }
+
+    fn beats(&self) -> MutexGuard<'_, Beats> {
+        // Every statement above leaves a list that holds together.
+        self.beats.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::mpsc::channel;
+
+    use super::*;
+
+    /// What a heart says while `then` happens.
+    fn told(heart: &Heart, then: impl FnOnce(&dyn Fn() -> (Silence, bool))) {
+        let (sender, said) = channel();
+        std::thread::scope(|scope| {
+            scope.spawn(|| heart.watch(move |silence, is_news| drop(sender.send((silence, is_news)))));
+            then(&|| said.recv().expect("it watches"));
+            heart.end();
+        });
+    }
+
+    #[test]
+    fn silence_a_closed_connection_and_nobody_take_the_force_away() {
+        told(&Heart::new(None), |next| {
+            let _ = next;
+        });
+        let heart = Heart::new(None);
+        assert!(heart.lets_enable(None) && heart.lets_enable(Some(3)));
+        told(&heart, |next| {
+            assert_eq!(heart.beat(3, Some(SHORTEST)), SHORTEST);
+            assert_eq!(next(), (Silence::Of(SHORTEST), true));
+            heart.beat(4, Some(LONGEST));
+            heart.lose(4);
+            assert_eq!(next(), (Silence::Gone, true));
+            // Who has taken leave is not missed.
+            heart.beat(5, Some(LONGEST));
+            assert_eq!(heart.beat(5, Some(Duration::ZERO)), Duration::ZERO);
+            heart.lose(5);
+            heart.beat(6, Some(SHORTEST));
+            assert_eq!(next(), (Silence::Of(SHORTEST), true));
+        });
+    }
+
+    #[test]
+    fn a_scene_that_wants_a_heartbeat_has_no_force_without() {
+        let needed = Duration::from_millis(200);
+        let heart = Heart::new(Some(needed));
+        assert!(!heart.lets_enable(None));
+        told(&heart, |next| {
+            heart.note_force(true);
+            assert_eq!(next(), (Silence::Nobody, true));
+            assert_eq!(next(), (Silence::Nobody, false), "again, until it is off");
+            heart.note_force(false);
+            assert_eq!(heart.beat(1, Some(LONGEST)), needed, "no longer than the scene allows");
+            assert!(heart.lets_enable(Some(1)) && heart.lets_enable(None) && !heart.lets_enable(Some(2)));
+        });
+    }
+}

@@ -1,0 +1,370 @@
+//! Where a run and its clients meet.
+
+use core::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use core::time::Duration;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use crossbeam::channel::Sender;
+use serde::Serialize;
+use serde_json::{Value, json};
+
+use super::encode::{self, Body, Event, Extras, Moment, WireObject};
+use super::feed::Fed;
+use super::heart::{Heart, Silence};
+use super::outbox::{AWAY, Outbox};
+use super::problem::Problem;
+use crate::daemon::desk::{Board, Counter, Refusal, View};
+use crate::daemon::{Notice, OperatorOrder, Phase};
+use crate::device::open::LinkNews;
+use crate::rt::clock::ClockKind;
+use crate::rt::preflight::{self, Report};
+use crate::spatial::Pose;
+
+/// Version of the API.
+pub(super) const API: u32 = 1;
+
+/// What a hub is made of.
+pub struct HubParts {
+    /// What is rendered.
+    pub board: Board,
+    /// Takes what clients ask for.
+    pub counter: Counter,
+    /// To the supervisor.
+    pub orders: Sender<OperatorOrder>,
+    /// Longest silence of the client that drives; without such a client no force flows.
+    pub heartbeat: Option<Duration>,
+    /// Which time the run follows.
+    pub clock: ClockKind,
+    /// Begins and ends recordings; `None`: this run has none.
+    pub recorder: Option<Box<dyn Recorder>>,
+    /// The run in the text format of Prometheus.
+    pub metrics: Option<Box<dyn Fn() -> String + Send + Sync>>,
+}
+
+/// Begins and ends recordings when a client says so.
+pub trait Recorder: Send + Sync {
+    /// Begins one, into a file of this name or of one that the recorder chooses. May block.
+    ///
+    /// # Errors
+    /// One is under way, or the file cannot be made.
+    fn start(&self, file: Option<&str>) -> Result<(), RecorderError>;
+
+    /// Ends the one that is under way. May block.
+    ///
+    /// # Errors
+    /// None is.
+    fn stop(&self) -> Result<(), RecorderError>;
+
+    /// The one that is under way.
+    fn status(&self) -> Option<RecorderStatus>;
+}
+
+/// How a recording goes.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct RecorderStatus {
+    /// Where it goes.
+    pub file: PathBuf,
+    /// Ticks that are in it.
+    pub records: u64,
+    /// Ticks that found no room.
+    pub dropped: u64,
+}
+
+/// Why a recording did not begin or end.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum RecorderError {
+    /// The file is not one that may be written.
+    #[error("{0}")]
+    File(String),
+    /// One is under way, or none is.
+    #[error("{0}")]
+    State(String),
+}
+
+/// A client with a connection.
+#[derive(Debug)]
+pub(super) struct Client {
+    pub(super) id: u64,
+    pub(super) outbox: Outbox,
+    wants: Mutex<Option<Wanted>>,
+}
+
+/// What a client wants to see.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Wanted {
+    pub(super) rate_hz: f64,
+    pub(super) is_binary: bool,
+    pub(super) contacts: bool,
+    pub(super) history: bool,
+}
+
+impl Client {
+    /// What it wants to see, if anything.
+    pub(super) fn wants(&self) -> Option<Wanted> {
+        *self.wants.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    pub(super) fn want(&self, wanted: Option<Wanted>) {
+        *self.wants.lock().unwrap_or_else(PoisonError::into_inner) = wanted;
+    }
+}
+
+/// The newest record, with what the pump knows beside it.
+#[derive(Clone, Debug)]
+pub(super) struct Newest {
+    pub(super) fed: Fed,
+    pub(super) wanted: Option<Pose>,
+    pub(super) objects: Arc<[WireObject]>,
+}
+
+#[derive(Debug)]
+struct Facts {
+    phase: Phase,
+    realtime: Vec<Value>,
+    node: Option<PathBuf>,
+    link: &'static str,
+}
+
+/// Everything that the clients of a run share.
+pub struct Hub {
+    pub(super) board: Board,
+    pub(super) counter: Counter,
+    pub(super) heart: Heart,
+    pub(super) clock: ClockKind,
+    pub(super) recorder: Option<Arc<dyn Recorder>>,
+    pub(super) metrics: Option<Box<dyn Fn() -> String + Send + Sync>>,
+    pub(super) newest: Mutex<Option<Newest>>,
+    orders: Sender<OperatorOrder>,
+    clients: Mutex<Vec<Arc<Client>>>,
+    next_client: AtomicU64,
+    facts: Mutex<Facts>,
+    /// Force went off because a client fell silent. Read and written with `Relaxed`: it is a word for people and orders nothing.
+    fell_silent: AtomicBool,
+    started_unix_s: u64,
+}
+
+impl Hub {
+    /// A hub without clients.
+    pub fn new(parts: HubParts) -> Arc<Self> {
+        let HubParts { board, counter, orders, heartbeat, clock, recorder, metrics } = parts;
+        let facts = Facts { phase: Phase::Init, realtime: Vec::new(), node: None, link: "unknown" };
+        let since = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
+        Arc::new(Self {
+            board,
+            counter,
+            heart: Heart::new(heartbeat),
+            clock,
+            recorder: recorder.map(Arc::from),
+            metrics,
+            newest: Mutex::default(),
+            orders,
+            clients: Mutex::default(),
+            next_client: AtomicU64::new(1),
+            facts: Mutex::new(facts),
+            fell_silent: AtomicBool::new(false),
+            started_unix_s: since.map_or(0, |since| since.as_secs()),
+        })
+    }
+
+    /// Takes what the supervisor tells.
+    pub fn notice(&self, notice: &Notice<'_>) {
+        match notice {
+            Notice::Phase(phase) => {
+                self.facts().phase = *phase;
+                let has_force = matches!(phase, Phase::Enabling | Phase::Enabled | Phase::Stopping | Phase::Braking);
+                if *phase == Phase::Enabling {
+                    self.fell_silent.store(false, Ordering::Relaxed);
+                }
+                self.heart.note_force(has_force);
+                self.tell("state", None, phase.name(), &[phase.name()]);
+            }
+            Notice::Preflight(report) => self.facts().realtime = rows(report),
+            Notice::Fault(record) => {
+                let faults = record.output.faults;
+                let names: Vec<_> = faults.names().collect();
+                self.tell("fault", Some((record.tick, record.time_ns)), &encode::fault_words(faults), &names);
+            }
+            Notice::Link(news) => {
+                let (word, text) = match news {
+                    LinkNews::Lost => ("lost", "the arm is gone; it is looked for".to_owned()),
+                    LinkNews::Back { node, homing } => {
+                        self.facts().node = Some(node.clone());
+                        let homing = homing.as_deref().unwrap_or_default();
+                        ("up", format!("the arm is back at {}; it waits to be enabled. {homing}", node.display()))
+                    }
+                    LinkNews::Fails(why) => ("fails", why.clone()),
+                };
+                self.facts().link = word;
+                self.tell("link", None, text.trim_end(), &[word]);
+            }
+            Notice::Waiting(cause) => self.tell("waiting", None, cause.advice(), &[cause.name()]),
+            // The pump tells of a scene once its view is on the board, and of states at the rates of the clients.
+            Notice::Scene(_) | Notice::Status(_) => {}
+        }
+    }
+
+    /// The node of a real arm that was opened.
+    pub fn attached(&self, node: &Path) {
+        let mut facts = self.facts();
+        (facts.node, facts.link) = (Some(node.to_owned()), "up");
+    }
+
+    /// Tells every client.
+    pub(super) fn tell(&self, event: &'static str, at: Option<(u64, i64)>, text: &str, names: &[&str]) {
+        let words = encode::json(&Event::new(event, at, text, names));
+        for client in self.clients().iter() {
+            client.outbox.say(words.clone());
+        }
+    }
+
+    /// A new client, greeted.
+    pub(super) fn join(&self) -> Arc<Client> {
+        let id = self.next_client.fetch_add(1, Ordering::Relaxed);
+        let client = Arc::new(Client { id, outbox: Outbox::default(), wants: Mutex::default() });
+        let view = self.board.view();
+        client.outbox.say(encode::json(&json!({
+            "type": "hello",
+            "api": API,
+            "version": env!("CARGO_PKG_VERSION"),
+            "tick_rate_hz": view.config.rate_hz,
+            "phase": self.phase().name(),
+            "scene_idx": view.scene_idx,
+        })));
+        self.clients().push(client.clone());
+        client
+    }
+
+    /// The connection of a client has ended.
+    pub(super) fn part(&self, id: u64) {
+        self.clients().retain(|client| client.id != id);
+        self.heart.lose(id);
+    }
+
+    /// The clients of this moment.
+    pub(super) fn clients(&self) -> MutexGuard<'_, Vec<Arc<Client>>> {
+        self.clients.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Says good-bye.
+    pub(super) fn end(&self) {
+        self.heart.end();
+        for client in self.clients().iter() {
+            client.outbox.end(AWAY, "the run is over");
+        }
+    }
+
+    /// Passes an order on.
+    pub(super) fn order(&self, order: OperatorOrder, client: Option<u64>) -> Result<(), Problem> {
+        if order == OperatorOrder::Enable && !self.heart.lets_enable(client) {
+            let hint = "send {\"do\":\"heartbeat\"} over a WebSocket, again and again, then enable";
+            return Err(Problem::conflict("this scene wants a client with a heartbeat, and none beats", hint));
+        }
+        if self.is_baking() {
+            return Err(Problem::conflict("the scene is being baked: nothing is rendered yet", "wait for the event `scene`"));
+        }
+        self.orders.send(order).map_err(|_| Problem::from(&Refusal::Over))
+    }
+
+    /// Watches the heartbeats; for a thread of its own.
+    pub(super) fn watch_heart(&self) {
+        self.heart.watch(|silence, is_news| {
+            self.fell_silent.store(true, Ordering::Relaxed);
+            // If the run is over, nobody takes it, and there is no force.
+            let _ = self.orders.send(OperatorOrder::Disable);
+            if is_news {
+                let text = match silence {
+                    Silence::Of(longest) => format!("a controlling client was silent for {} ms: force off", longest.as_millis()),
+                    Silence::Gone => "a controlling client has gone: force off".to_owned(),
+                    Silence::Nobody => "no client beats, and this scene wants one: force off".to_owned(),
+                };
+                self.tell("heartbeat", None, &text, &[]);
+            }
+        });
+    }
+
+    /// Where the run stands.
+    pub(super) fn phase(&self) -> Phase {
+        self.facts().phase
+    }
+
+    /// Nothing is rendered yet.
+    pub(super) fn is_baking(&self) -> bool {
+        matches!(self.phase(), Phase::Init | Phase::Baking)
+    }
+
+    /// The newest state as text, without counts.
+    pub(super) fn state_text(&self) -> Option<String> {
+        let newest = self.newest.lock().unwrap_or_else(PoisonError::into_inner).clone()?;
+        Some(encode::text(&self.moment(&newest), Extras::default()))
+    }
+
+    /// The newest state in one of both formats.
+    pub(super) fn body(&self, newest: &Newest, is_binary: bool, extras: Extras<'_>) -> Body {
+        let moment = self.moment(newest);
+        if is_binary { Body::Binary(encode::binary(&moment)) } else { Body::Text(encode::text(&moment, extras)) }
+    }
+
+    fn moment<'a>(&self, newest: &'a Newest) -> Moment<'a> {
+        Moment {
+            record: &newest.fed.record,
+            phase: self.phase(),
+            fell_silent: self.fell_silent.load(Ordering::Relaxed),
+            wanted: newest.wanted,
+            objects: &newest.objects,
+        }
+    }
+
+    /// `/api/v1/info`.
+    pub(super) fn info(&self) -> Value {
+        let View { config, .. } = self.board.view();
+        let profile = &config.device.profile;
+        let six = |axes: crate::spatial::Axes| [0, 1, 2, 3, 4, 5].map(|axis| axes.has(axis));
+        let recording = self.recorder.as_ref().and_then(|recorder| recorder.status());
+        let facts = self.facts();
+        json!({
+            "version": env!("CARGO_PKG_VERSION"),
+            "api": API,
+            "name": config.name,
+            "scene": config.path,
+            "rate_hz": config.rate_hz,
+            "clock": self.clock.name(),
+            "phase": facts.phase.name(),
+            "device": {
+                "profile": profile.name,
+                "title": profile.title,
+                "simulated": profile.real.is_none(),
+                "sensed": six(profile.sensed),
+                "actuated": six(profile.actuated),
+                "node": facts.node,
+                "link": if profile.real.is_none() { "simulated" } else { facts.link },
+            },
+            "limits": {
+                "force_n": config.parameters.limits.force_n,
+                "torque_nm": config.parameters.limits.torque_nm,
+                "speed_m_per_s": config.parameters.limits.speed_m_per_s,
+            },
+            "deadman": config.parameters.safety.deadman,
+            "heartbeat_ms": config.heartbeat.map(|longest| longest.as_millis() as u64),
+            "realtime": facts.realtime,
+            "started_unix_s": self.started_unix_s,
+            "recording": recording,
+        })
+    }
+
+    fn facts(&self) -> MutexGuard<'_, Facts> {
+        self.facts.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+fn rows(report: &Report) -> Vec<Value> {
+    let row = |row: &preflight::Row| {
+        let outcome = match row.outcome {
+            preflight::Outcome::Passed => "passed",
+            preflight::Outcome::Failed => "failed",
+            preflight::Outcome::Unknown => "unknown",
+        };
+        json!({ "name": row.name, "outcome": outcome, "found": row.found, "hint": row.hint })
+    };
+    report.rows.iter().map(row).collect()
+}

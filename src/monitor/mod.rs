@@ -1,0 +1,40 @@
+//! The window: HTTP, WebSocket and the page, for whoever watches and drives a run.
+//!
+//! ```text
+//!  drain ──ring──► pump ──► groups of clients (one encoding per rate and format) ──► outboxes ──► WebSockets
+//!  supervisor ──notices──► hub ──events──► outboxes
+//!  clients ──asks──► hub ──► desk (daemon), orders (supervisor)
+//!  clients ──beats──► heart (thread): silence ──► disable
+//! ```
+//! Data in: every record of the run, notices, the desk's board. Data out: state streams, events, replies, and what clients ask for.
+//!
+//! Invariants: the drain never waits for anything here, and the loop is not even known. Whatever a client sends or does not read costs a
+//! bounded amount of memory. Nobody sends a force: clients say when force may flow, set parameters within their ranges, and move objects.
+//!
+//! | thread | does |
+//! |---|---|
+//! | `monitor` | everything on the wire; one tokio runtime of one thread, not pinned, of normal priority |
+//! | `heart` | notes that a controlling client fell silent, even when `monitor` hangs |
+//! | `monitor-mesh`, `monitor-file` | meshes for display; recordings that begin and end |
+
+pub mod access;
+mod asks;
+mod assets;
+mod door;
+mod encode;
+mod feed;
+mod ghost;
+mod heart;
+mod hub;
+mod outbox;
+mod problem;
+mod pump;
+mod rest;
+mod server;
+mod visual;
+mod worker;
+mod ws;
+
+pub use access::{Access, Token, TokenError};
+pub use hub::{Hub, HubParts, Recorder, RecorderError, RecorderStatus};
+pub use server::{Bound, Monitor};

@@ -1,0 +1,146 @@
+//! What waits to be sent to one client: words, none of which may be lost, and states, of which only the newest count.
+
+use std::collections::VecDeque;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use axum::extract::ws::Message;
+use tokio::sync::Notify;
+
+use super::encode::Body;
+
+/// Words under way; whoever lets more of them pile up does not listen.
+const MOST_WORDS: usize = 1024;
+/// The states of so long wait at most, s.
+const STATES_S: f64 = 0.05;
+/// Going away (RFC 6455).
+pub(super) const AWAY: u16 = 1001;
+/// The client does not do its part.
+pub(super) const POLICY: u16 = 1008;
+
+/// The queue of one client.
+#[derive(Debug, Default)]
+pub(super) struct Outbox {
+    waiting: Mutex<Waiting>,
+    changed: Notify,
+}
+
+#[derive(Debug, Default)]
+struct Waiting {
+    words: VecDeque<String>,
+    states: VecDeque<Arc<Body>>,
+    /// States that this client was sent.
+    sent: u64,
+    /// States that were due and will not be sent.
+    dropped: u64,
+    ends: Option<(u16, &'static str)>,
+}
+
+/// What to do next for a client.
+#[derive(Debug)]
+pub(super) enum Next {
+    /// Send these.
+    Send(Vec<Message>),
+    /// Close, with a code and a reason.
+    Close(u16, &'static str),
+}
+
+impl Outbox {
+    /// Words, in order.
+    pub(super) fn say(&self, words: String) {
+        let mut waiting = self.waiting();
+        if waiting.words.len() >= MOST_WORDS {
+            waiting.ends.get_or_insert((POLICY, "does not read"));
+        } else {
+            waiting.words.push_back(words);
+        }
+        drop(waiting);
+        self.changed.notify_one();
+    }
+
+    /// A state; the oldest one makes room for it.
+    pub(super) fn show(&self, state: Arc<Body>, rate_hz: f64) {
+        let most = ((rate_hz * STATES_S).ceil() as usize).max(2);
+        let mut waiting = self.waiting();
+        while waiting.states.len() >= most {
+            waiting.states.pop_front();
+            waiting.dropped += 1;
+        }
+        waiting.states.push_back(state);
+        drop(waiting);
+        self.changed.notify_one();
+    }
+
+    /// Nothing more.
+    pub(super) fn end(&self, code: u16, reason: &'static str) {
+        self.waiting().ends.get_or_insert((code, reason));
+        self.changed.notify_one();
+    }
+
+    /// Waits for something to do.
+    pub(super) async fn next(&self) -> Next {
+        loop {
+            if let Some(next) = self.take() {
+                return next;
+            }
+            self.changed.notified().await;
+        }
+    }
+
+    fn take(&self) -> Option<Next> {
+        let mut waiting = self.waiting();
+        let mut messages: Vec<_> = waiting.words.drain(..).map(Message::from).collect();
+        let Waiting { states, sent, dropped, .. } = &mut *waiting;
+        messages.extend(states.drain(..).map(|state| {
+            *sent += 1;
+            state.message(*sent, *dropped)
+        }));
+        match (messages.is_empty(), waiting.ends) {
+            (false, _) => Some(Next::Send(messages)),
+            (true, Some((code, reason))) => Some(Next::Close(code, reason)),
+            (true, None) => None,
+        }
+    }
+
+    fn waiting(&self) -> MutexGuard<'_, Waiting> {
+        // Queues hold together after every statement above.
+        self.waiting.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn words(next: Option<Next>) -> Vec<String> {
+        match next {
+            Some(Next::Send(messages)) => messages.iter().map(|message| message.to_text().expect("text").to_owned()).collect(),
+            other => panic!("{other:?}"),
+        }
+    }
+
+    #[test]
+    fn states_make_room_for_newer_ones_and_words_do_not() {
+        let outbox = Outbox::default();
+        assert!(outbox.take().is_none());
+        for tick in 0..5 {
+            outbox.say(format!("word {tick}"));
+            outbox.show(Arc::new(Body::Text(format!("{{\"tick\":{tick}}}"))), 60.0);
+        }
+        let told = words(outbox.take());
+        assert_eq!(told[..5], ["word 0", "word 1", "word 2", "word 3", "word 4"]);
+        assert_eq!(told[5], r#"{"type":"state","seq":1,"dropped":2,"tick":2}"#);
+        assert_eq!((told.len(), &told[7][..]), (8, r#"{"type":"state","seq":3,"dropped":2,"tick":4}"#));
+        assert!(outbox.take().is_none());
+    }
+
+    #[test]
+    fn who_never_reads_is_closed_at_the_end_of_what_is_there() {
+        let outbox = Outbox::default();
+        for _ in 0..=MOST_WORDS {
+            outbox.say(String::new());
+        }
+        outbox.end(AWAY, "later");
+        assert_eq!(words(outbox.take()).len(), MOST_WORDS);
+        assert!(matches!(outbox.take(), Some(Next::Close(POLICY, _))));
+    }
+}

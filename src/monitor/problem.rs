@@ -1,0 +1,64 @@
+//! What is answered when something cannot be done: a status, a sentence, and what would do.
+
+use axum::Json;
+use axum::http::StatusCode;
+use axum::response::{IntoResponse, Response};
+use serde::Serialize;
+
+use crate::daemon::desk::Refusal;
+use crate::daemon::refusal::RefusalKind;
+
+/// One refusal, the same over HTTP and WebSocket.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Problem {
+    pub(super) status: StatusCode,
+    pub(super) said: Said,
+}
+
+/// Its words.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub(super) struct Said {
+    pub(super) error: String,
+    /// Empty where there is nothing to say.
+    #[serde(skip_serializing_if = "String::is_empty")]
+    pub(super) hint: String,
+}
+
+impl Problem {
+    pub(super) fn new(status: StatusCode, error: impl Into<String>, hint: impl Into<String>) -> Self {
+        Self { status, said: Said { error: error.into(), hint: hint.into() } }
+    }
+
+    /// The request makes no sense.
+    pub(super) fn bad(error: impl Into<String>, hint: impl Into<String>) -> Self {
+        Self::new(StatusCode::BAD_REQUEST, error, hint)
+    }
+
+    /// Not as things stand.
+    pub(super) fn conflict(error: impl Into<String>, hint: impl Into<String>) -> Self {
+        Self::new(StatusCode::CONFLICT, error, hint)
+    }
+
+    /// Not now, or not here.
+    pub(super) fn unavailable(error: impl Into<String>, hint: impl Into<String>) -> Self {
+        Self::new(StatusCode::SERVICE_UNAVAILABLE, error, hint)
+    }
+}
+
+impl From<&Refusal> for Problem {
+    fn from(refusal: &Refusal) -> Self {
+        let (status, hint) = match refusal.kind() {
+            RefusalKind::Unknown => (StatusCode::NOT_FOUND, ""),
+            RefusalKind::Invalid => (StatusCode::BAD_REQUEST, ""),
+            RefusalKind::TooMany => (StatusCode::TOO_MANY_REQUESTS, "send at most one per tick"),
+            RefusalKind::Conflict => (StatusCode::CONFLICT, ""),
+        };
+        Self::new(status, refusal.to_string(), hint)
+    }
+}
+
+impl IntoResponse for Problem {
+    fn into_response(self) -> Response {
+        (self.status, Json(self.said)).into_response()
+    }
+}

@@ -1,0 +1,256 @@
+//! From records to states: takes what was fed, encodes once for all clients that want the same, and fills their outboxes.
+
+use core::time::Duration;
+use std::sync::{Arc, PoisonError};
+use std::time::Instant;
+
+use rtrb::Consumer;
+
+use super::encode::{Extras, Row, WireObject, reduced};
+use super::feed::Fed;
+use super::hub::{Client, Hub, Newest, Wanted};
+use crate::daemon::desk::View;
+use crate::haptics::contact;
+use crate::rt::clock::ClockKind;
+use crate::spatial::Pose;
+use crate::telemetry::TickRecord;
+
+/// Pauses between two looks at the ring: for clients that want every tick, for others, and for nobody.
+const SOON: Duration = Duration::from_millis(1);
+const LATER: Duration = Duration::from_millis(4);
+const LATEST: Duration = Duration::from_millis(20);
+/// From this rate on a client gets the shortest pause.
+const SOON_HZ: f64 = 125.0;
+/// How often the board is compared with what clients were told.
+const BOARD_EVERY: Duration = Duration::from_millis(50);
+/// How often over-runs are told.
+const OVERRUNS_EVERY: Duration = Duration::from_millis(100);
+/// How often contact points are looked for at most; and what share of this thread that may take.
+const POINTS_EVERY: Duration = Duration::from_millis(33);
+const POINTS_SHARE: u32 = 10;
+/// Contact points of a state.
+const MOST_POINTS: usize = 512;
+/// Rows of a history, and rows that are kept for one.
+const MOST_ROWS: usize = 100;
+const KEPT_ROWS: usize = 1 << 14;
+
+/// Clients that want the same.
+struct Group {
+    wanted: Wanted,
+    next_tick: u64,
+    /// Under the virtual clock ticks say nothing of the time of a client.
+    next_at: Instant,
+    history: Vec<Row>,
+    /// Number of the points that were sent last.
+    points: u64,
+}
+
+/// Points in contact, numbered by when they were found.
+#[derive(Default)]
+struct Points {
+    number: u64,
+    found: Vec<[f32; 4]>,
+}
+
+pub(super) struct Pump {
+    hub: Arc<Hub>,
+    view: View,
+    board_at: Instant,
+    /// Where every static object stands.
+    poses: Vec<Pose>,
+    groups: Vec<Group>,
+    points: Points,
+    points_at: Instant,
+    n_overruns: u32,
+    overruns_at: Instant,
+}
+
+impl Pump {
+    pub(super) fn new(hub: Arc<Hub>) -> Self {
+        let (view, now) = (hub.board.view(), Instant::now());
+        let poses = starts(&view);
+        let (groups, points) = (Vec::new(), Points::default());
+        Self { hub, view, board_at: now, poses, groups, points, points_at: now, n_overruns: 0, overruns_at: now }
+    }
+
+    /// Works until the run is over.
+    pub(super) async fn run(mut self, mut fed: Consumer<Fed>) {
+        loop {
+            tokio::time::sleep(self.pause()).await;
+            self.turn(&mut fed);
+        }
+    }
+
+    fn pause(&self) -> Duration {
+        let fastest = self.groups.iter().map(|group| group.wanted.rate_hz).fold(0.0, f64::max);
+        if fastest >= SOON_HZ {
+            SOON
+        } else if fastest > 0.0 {
+            LATER
+        } else {
+            LATEST
+        }
+    }
+
+    fn turn(&mut self, fed: &mut Consumer<Fed>) {
+        let now = Instant::now();
+        if now >= self.board_at {
+            self.board_at = now + BOARD_EVERY;
+            self.look_at_board();
+        }
+        let clients: Vec<_> = self.hub.clients().clone();
+        self.regroup(&clients, now);
+        // No more than there are now: under the virtual clock the ring fills as fast as it empties.
+        let mut left = fed.slots();
+        while let Some(fed) = (left > 0).then(|| fed.pop().ok()).flatten() {
+            left -= 1;
+            self.take(fed, left == 0, &clients, now);
+        }
+        if self.n_overruns > 0 && now >= self.overruns_at {
+            self.overruns_at = now + OVERRUNS_EVERY;
+            let text = format!("{} tick(s) began late", core::mem::take(&mut self.n_overruns));
+            self.hub.tell("overrun", None, &text, &[]);
+        }
+    }
+
+    fn take(&mut self, fed: Fed, is_newest: bool, clients: &[Arc<Client>], now: Instant) {
+        let record = &fed.record;
+        self.n_overruns += u32::from(record.input.overrun);
+        if let Some(placed) = record.output.object.filter(|_| record.scene_idx == self.view.scene_idx)
+            && let Some(pose) = self.poses.get_mut(placed.obstacle_idx as usize)
+        {
+            *pose = placed.world_from_map;
+        }
+        let row = Row::of(record);
+        let is_virtual = self.hub.clock == ClockKind::Virtual;
+        let mut due = Vec::new();
+        for (idx, group) in self.groups.iter_mut().enumerate() {
+            if group.wanted.history {
+                if group.history.len() >= KEPT_ROWS {
+                    group.history.drain(..KEPT_ROWS / 2);
+                }
+                group.history.push(row);
+            }
+            let is_due = if is_virtual { is_newest && now >= group.next_at } else { record.tick >= group.next_tick };
+            if is_due {
+                due.push(idx);
+            }
+        }
+        if due.is_empty() && !is_newest {
+            return;
+        }
+        let newest = self.newest(fed);
+        if due.iter().any(|idx| self.groups[*idx].wanted.contacts) {
+            self.find_points(&newest.fed.record, now);
+        }
+        for idx in due {
+            self.send(idx, &newest, clients, now);
+        }
+        if is_newest {
+            *self.hub.newest.lock().unwrap_or_else(PoisonError::into_inner) = Some(newest);
+        }
+    }
+
+    fn newest(&self, fed: Fed) -> Newest {
+        let port = &self.view.config.parameters.port;
+        let wanted = match (&self.view.scene, fed.anchor) {
+            (Some(scene), Some(anchor)) if fed.record.scene_idx == self.view.scene_idx => {
+                Some(anchor.wanted(fed.record.input.sample.pose, port, scene.tool.center_of_mass_tool))
+            }
+            _ => None,
+        };
+        let movable = self.view.config.statics.iter().zip(&self.poses).enumerate().filter(|(_, (object, _))| object.movable);
+        let objects = movable.map(|(idx, (_, pose))| WireObject { idx: idx as u32, pose: (*pose).into() }).collect();
+        Newest { fed, wanted, objects }
+    }
+
+    fn send(&mut self, idx: usize, newest: &Newest, clients: &[Arc<Client>], now: Instant) {
+        let group = &mut self.groups[idx];
+        let Wanted { rate_hz, is_binary, .. } = group.wanted;
+        let tick = newest.fed.record.tick;
+        let period = ((f64::from(self.view.config.rate_hz) / rate_hz).round() as u64).max(1);
+        let next_tick = group.next_tick + period;
+        group.next_tick = if next_tick > tick { next_tick } else { tick + period };
+        group.next_at = now + Duration::from_secs_f64(1.0 / rate_hz);
+        let rows = group.wanted.history.then(|| reduced(&group.history, MOST_ROWS));
+        group.history.clear();
+        let has_new_points = group.wanted.contacts && group.points != self.points.number;
+        group.points = self.points.number;
+        let extras = Extras { points: has_new_points.then_some(&self.points.found[..]), history: rows.as_deref() };
+        let wanted = group.wanted;
+        let body = Arc::new(self.hub.body(newest, is_binary, extras));
+        for client in clients.iter().filter(|client| client.wants() == Some(wanted)) {
+            client.outbox.show(body.clone(), rate_hz);
+        }
+    }
+
+    /// Groups for what clients want now.
+    fn regroup(&mut self, clients: &[Arc<Client>], now: Instant) {
+        let wanted: Vec<_> = clients.iter().filter_map(|client| client.wants()).collect();
+        self.groups.retain(|group| wanted.contains(&group.wanted));
+        for wanted in wanted {
+            if !self.groups.iter().any(|group| group.wanted == wanted) {
+                self.groups.push(Group { wanted, next_tick: 0, next_at: now, history: Vec::new(), points: 0 });
+            }
+        }
+    }
+
+    /// Looks for the points in contact, now and then, and no more than a share of the time.
+    fn find_points(&mut self, record: &TickRecord, now: Instant) {
+        let Some(scene) = self.view.scene.as_ref().filter(|_| record.scene_idx == self.view.scene_idx) else { return };
+        if now < self.points_at {
+            return;
+        }
+        let mut found = Vec::new();
+        if record.output.contacts > 0 {
+            let world_from_body = record.output.world_from_tool * Pose::from_translation(scene.tool.center_of_mass_tool);
+            for (obstacle, world_from_map) in scene.obstacles.iter().zip(&self.poses) {
+                let map_from_body = world_from_map.inverse() * world_from_body;
+                let kind = scene.parameters.contact.field;
+                contact::visit(&obstacle.field, kind, &scene.tool.shell, map_from_body, |touching| {
+                    let point = world_from_body.transform_point(touching.arm_body.as_dvec3()).as_vec3();
+                    found.push([point.x, point.y, point.z, touching.depth_m]);
+                });
+            }
+        }
+        let step = found.len().div_ceil(MOST_POINTS).max(1);
+        self.points = Points { number: self.points.number + 1, found: found.into_iter().step_by(step).collect() };
+        self.points_at = now + (now.elapsed() * POINTS_SHARE).max(POINTS_EVERY);
+    }
+
+    /// Tells what has changed on the board.
+    fn look_at_board(&mut self) {
+        let view = self.hub.board.view();
+        let before = core::mem::replace(&mut self.view, view);
+        let view = &self.view;
+        let is_first = before.scene.is_none() && view.scene.is_some();
+        if is_first || before.scene_idx != view.scene_idx {
+            self.poses = starts(view);
+            let text = format!("{} is rendered", view.config.name);
+            self.hub.tell("scene", None, &text, &["rendered", &view.config.name]);
+        }
+        if before.switching_to != view.switching_to {
+            let name = |path: &std::path::Path| path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+            match (&before.switching_to, &view.switching_to) {
+                (_, Some(path)) => {
+                    self.hub.tell("scene", None, &format!("{} is being baked", name(path)), &["baking", &name(path)])
+                }
+                (Some(path), None) if before.scene_idx == view.scene_idx => {
+                    self.hub.tell("scene", None, &format!("{} cannot be rendered", name(path)), &["refused", &name(path)]);
+                }
+                _ => {}
+            }
+        }
+        if before.scene_idx == view.scene_idx && before.scene.is_some() {
+            for (before, now) in before.settings.iter().zip(&view.settings) {
+                if before.value != now.value {
+                    self.hub.tell("parameter", None, &format!("{} goes to {}", now.name, now.value), &[now.name]);
+                }
+            }
+        }
+    }
+}
+
+fn starts(view: &View) -> Vec<Pose> {
+    view.config.statics.iter().map(|object| object.pose).collect()
+}

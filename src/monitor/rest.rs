@@ -1,0 +1,307 @@
+//! HTTP: the page, facts, and requests of clients that keep no connection.
+
+use core::time::Duration;
+use std::collections::HashMap;
+use std::net::IpAddr;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use axum::body::Bytes;
+use axum::extract::{ConnectInfo, DefaultBodyLimit, Path, Request, State};
+use axum::http::{HeaderValue, StatusCode, header};
+use axum::middleware::{self, Next};
+use axum::response::{IntoResponse, Redirect, Response};
+use axum::routing::{delete, get, post, put};
+use axum::{Json, Router};
+use glam::DVec3;
+use serde::Deserialize;
+use serde::de::DeserializeOwned;
+use serde_json::{Value, json};
+use tokio::sync::oneshot;
+
+use super::asks::{Do, PoseAsked, perform};
+use super::door::Peer;
+use super::encode::{WirePose, with_counts};
+use super::problem::Problem;
+use super::server::Served;
+use super::ws::Bucket;
+use super::{assets, ws};
+use crate::daemon::desk::scenes_beside;
+
+/// Largest body of a request, bytes.
+const MOST_BYTES: usize = 64 << 10;
+/// Longest address, bytes.
+const LONGEST_URI: usize = 2048;
+/// Requests of one machine a second, and at once.
+const MOST_PER_S: f64 = 100.0;
+const MOST_AT_ONCE: f64 = 400.0;
+/// Machines whose requests are counted apart.
+const MOST_MACHINES: usize = 256;
+/// A request that takes longer goes on; its outcome is told as an event.
+const PATIENCE: Duration = Duration::from_secs(2);
+
+/// A page has nothing to load from elsewhere, and nobody to be framed by.
+const POLICY: &str = "default-src 'self'; connect-src 'self'; img-src 'self' data: blob:; frame-ancestors 'none'; base-uri 'none'; form-action 'none'";
+
+/// Counts the requests of each machine.
+#[derive(Debug, Default)]
+pub(super) struct Pace(Mutex<HashMap<IpAddr, Bucket>>);
+
+impl Pace {
+    fn lets(&self, machine: IpAddr) -> bool {
+        let mut buckets = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if buckets.len() >= MOST_MACHINES && !buckets.contains_key(&machine) {
+            buckets.clear();
+        }
+        buckets.entry(machine).or_insert_with(|| Bucket::new(MOST_PER_S, MOST_AT_ONCE)).try_take()
+    }
+}
+
+pub(super) fn router(served: Arc<Served>) -> Router {
+    let api = Router::new()
+        .route("/api/v1/info", get(info))
+        .route("/api/v1/state", get(state))
+        .route("/api/v1/scene", get(scene).post(switch))
+        .route("/api/v1/scene/{scene_idx}/mesh/{object_idx}", get(mesh))
+        .route("/api/v1/scenes", get(scenes))
+        .route("/api/v1/parameters", get(parameters))
+        .route("/api/v1/parameters/{name}", put(set))
+        .route("/api/v1/objects/{name}/pose", put(place))
+        .route("/api/v1/enable", post(enable))
+        .route("/api/v1/disable", post(disable))
+        .route("/api/v1/stop", post(stop))
+        .route("/api/v1/recording", post(record))
+        .route("/api/v1/recording", delete(end_recording))
+        .route("/metrics", get(metrics))
+        .layer(middleware::from_fn_with_state(served.clone(), paced))
+        .route("/api/v1/ws", get(ws::open))
+        .fallback(nothing)
+        .layer(middleware::from_fn_with_state(served.clone(), let_in));
+    let page = Router::new()
+        .route("/", get(|| page_file("index.html".to_owned())))
+        .route("/index.html", get(|| async { Redirect::permanent("/") }))
+        .route("/favicon.ico", get(|| async { StatusCode::NO_CONTENT }))
+        .route("/web/{name}", get(|Path(name): Path<String>| page_file(name)))
+        .layer(middleware::from_fn_with_state(served.clone(), show));
+    api.merge(page)
+        .method_not_allowed_fallback(|| async {
+            Problem::new(StatusCode::METHOD_NOT_ALLOWED, "not with this method", "docs/api.md lists what there is")
+        })
+        .layer(DefaultBodyLimit::max(MOST_BYTES))
+        .layer(middleware::map_response(hardened))
+        .with_state(served)
+}
+
+/// Whoever may not come in is told why.
+async fn let_in(State(served): State<Arc<Served>>, request: Request, next: Next) -> Response {
+    if request.uri().path_and_query().is_some_and(|path| path.as_str().len() > LONGEST_URI) {
+        return Problem::new(StatusCode::URI_TOO_LONG, "the address is too long", "").into_response();
+    }
+    match served.access.may_ask(request.headers(), request.uri().query()) {
+        Ok(()) => next.run(request).await,
+        Err(problem) => problem.into_response(),
+    }
+}
+
+async fn show(State(served): State<Arc<Served>>, request: Request, next: Next) -> Response {
+    match served.access.may_see_page(request.headers()) {
+        Ok(()) => next.run(request).await,
+        Err(problem) => problem.into_response(),
+    }
+}
+
+/// Whoever asks too often is told so; what takes force away is always heard.
+async fn paced(State(served): State<Arc<Served>>, ConnectInfo(peer): ConnectInfo<Peer>, request: Request, next: Next) -> Response {
+    let is_rescue = matches!(request.uri().path(), "/api/v1/disable" | "/api/v1/stop");
+    if is_rescue || served.pace.lets(peer.address.ip()) {
+        return next.run(request).await;
+    }
+    Problem::new(StatusCode::TOO_MANY_REQUESTS, "too many requests", "use the WebSocket for what comes often").into_response()
+}
+
+async fn hardened(mut response: Response) -> Response {
+    let headers = response.headers_mut();
+    headers.insert(header::X_CONTENT_TYPE_OPTIONS, HeaderValue::from_static("nosniff"));
+    headers.insert(header::REFERRER_POLICY, HeaderValue::from_static("no-referrer"));
+    headers.insert(header::CONTENT_SECURITY_POLICY, HeaderValue::from_static(POLICY));
+    headers.entry(header::CACHE_CONTROL).or_insert(HeaderValue::from_static("no-store"));
+    response
+}
+
+async fn page_file(name: String) -> Response {
+    match assets::find(&name) {
+        Some((kind, bytes)) => ([(header::CONTENT_TYPE, kind)], bytes).into_response(),
+        None => nothing().await.into_response(),
+    }
+}
+
+async fn nothing() -> Problem {
+    Problem::new(StatusCode::NOT_FOUND, "there is nothing here", "docs/api.md lists what there is")
+}
+
+async fn info(State(served): State<Arc<Served>>) -> Json<Value> {
+    Json(served.hub.info())
+}
+
+async fn state(State(served): State<Arc<Served>>) -> Result<Response, Problem> {
+    let body =
+        served.hub.state_text().ok_or_else(|| Problem::unavailable("no tick was rendered yet", "wait for the event `scene`"))?;
+    Ok(([(header::CONTENT_TYPE, "application/json")], with_counts(&body, 0, 0)).into_response())
+}
+
+async fn metrics(State(served): State<Arc<Served>>) -> Result<Response, Problem> {
+    let metrics = served.hub.metrics.as_ref().ok_or_else(|| Problem::unavailable("this run has no metrics", ""))?;
+    Ok(([(header::CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")], metrics()).into_response())
+}
+
+async fn scene(State(served): State<Arc<Served>>) -> Result<Json<Value>, Problem> {
+    let view = served.hub.board.view();
+    let Some(scene) = &view.scene else {
+        return Err(Problem::unavailable("the scene is being baked", "wait for the event `scene`"));
+    };
+    let config = &view.config;
+    let tool = ("tool", "tool", false, config.parameters.port.start, config.tool.voxel_size_m);
+    let statics =
+        config.statics.iter().map(|object| (&object.name[..], "static", object.movable, object.pose, object.voxel_size_m));
+    let mut objects = Vec::new();
+    let mut bounds: Option<[DVec3; 2]> = None;
+    let mut finest_m = f64::INFINITY;
+    for (idx, (name, role, movable, pose, voxel_size_m)) in statics.chain([tool]).enumerate() {
+        let visual = served.visuals.get(view.scene_idx, config, idx).await;
+        let visual = visual.as_deref();
+        if let Some(own) = visual.and_then(|visual| visual.bounds) {
+            bounds = Some(corners(own).fold(bounds, |bounds, corner| grown(bounds, pose.transform_point(corner))).unwrap_or(own));
+        }
+        finest_m = finest_m.min(voxel_size_m);
+        objects.push(json!({
+            "name": name,
+            "role": role,
+            "movable": movable,
+            "pose": WirePose::from(pose),
+            "voxel_size_m": voxel_size_m,
+            "triangles": visual.map(|visual| visual.triangles),
+            "shown_triangles": visual.map(|visual| visual.shown_triangles),
+            "mesh": visual.map(|_| format!("/api/v1/scene/{}/mesh/{idx}", view.scene_idx)),
+        }));
+    }
+    Ok(Json(json!({
+        "scene_idx": view.scene_idx,
+        "name": config.name,
+        "file": config.path,
+        "voxel_size_m": finest_m,
+        "points": scene.tool.shell.len(),
+        "objects": objects,
+        "movable": view.movable,
+        "bounds": bounds.map(|[low, high]| json!({ "min": low.to_array(), "max": high.to_array() })),
+        "switching_to": view.switching_to,
+    })))
+}
+
+fn corners([low, high]: [DVec3; 2]) -> impl Iterator<Item = DVec3> {
+    (0..8).map(move |n| {
+        let pick = |bit: usize, low: f64, high: f64| if n & bit == 0 { low } else { high };
+        DVec3::new(pick(1, low.x, high.x), pick(2, low.y, high.y), pick(4, low.z, high.z))
+    })
+}
+
+fn grown(bounds: Option<[DVec3; 2]>, point: DVec3) -> Option<[DVec3; 2]> {
+    Some(bounds.map_or([point; 2], |[low, high]| [low.min(point), high.max(point)]))
+}
+
+async fn mesh(State(served): State<Arc<Served>>, Path((scene_idx, object_idx)): Path<(u32, usize)>) -> Result<Response, Problem> {
+    let view = served.hub.board.view();
+    if view.scene_idx != scene_idx {
+        let hint = format!("scene {} is rendered", view.scene_idx);
+        return Err(Problem::new(StatusCode::NOT_FOUND, "this scene is not rendered", hint));
+    }
+    let visual = served.visuals.get(scene_idx, &view.config, object_idx).await;
+    let visual = visual.ok_or_else(|| Problem::new(StatusCode::NOT_FOUND, "no such object, or its mesh file is gone", ""))?;
+    let headers = [(header::CONTENT_TYPE, "application/octet-stream")];
+    Ok((headers, visual.bytes.clone()).into_response())
+}
+
+async fn scenes(State(served): State<Arc<Served>>) -> Json<Value> {
+    let view = served.hub.board.view();
+    Json(scenes_beside(&view.config.path).into_iter().map(|(name, _)| name).collect())
+}
+
+async fn parameters(State(served): State<Arc<Served>>) -> Json<Value> {
+    let settings = served.hub.board.view().settings;
+    let parameter = |setting: &crate::daemon::desk::Setting| {
+        let range = setting.range;
+        json!({ "name": setting.name, "value": setting.value, "least": range.least, "most": range.most, "scene": range.scene })
+    };
+    Json(settings.iter().map(parameter).collect())
+}
+
+/// A body; an empty one counts as an empty object.
+fn body<T: DeserializeOwned>(bytes: &Bytes) -> Result<T, Problem> {
+    let bytes = if bytes.is_empty() { &b"{}"[..] } else { &bytes[..] };
+    serde_json::from_slice(bytes).map_err(|error| Problem::bad(format!("the body will not do: {error}"), ""))
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ValueAsked {
+    value: f64,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct SceneAsked {
+    scene: String,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct FileAsked {
+    #[serde(default)]
+    file: Option<String>,
+}
+
+async fn set(State(served): State<Arc<Served>>, Path(parameter): Path<String>, bytes: Bytes) -> Result<Response, Problem> {
+    let ValueAsked { value } = body(&bytes)?;
+    done(&served, Do::Set { parameter, value }).await
+}
+
+async fn place(State(served): State<Arc<Served>>, Path(object): Path<String>, bytes: Bytes) -> Result<Response, Problem> {
+    let pose: PoseAsked = body(&bytes)?;
+    done(&served, Do::Place { object, pose }).await
+}
+
+async fn switch(State(served): State<Arc<Served>>, bytes: Bytes) -> Result<Response, Problem> {
+    let SceneAsked { scene } = body(&bytes)?;
+    done(&served, Do::Switch { scene }).await
+}
+
+async fn record(State(served): State<Arc<Served>>, bytes: Bytes) -> Result<Response, Problem> {
+    let FileAsked { file } = body(&bytes)?;
+    done(&served, Do::Record { file }).await
+}
+
+async fn end_recording(State(served): State<Arc<Served>>) -> Result<Response, Problem> {
+    done(&served, Do::EndRecording {}).await
+}
+
+async fn enable(State(served): State<Arc<Served>>) -> Result<Response, Problem> {
+    done(&served, Do::Enable {}).await
+}
+
+async fn disable(State(served): State<Arc<Served>>) -> Result<Response, Problem> {
+    done(&served, Do::Disable {}).await
+}
+
+async fn stop(State(served): State<Arc<Served>>) -> Result<Response, Problem> {
+    done(&served, Do::Stop {}).await
+}
+
+/// Does it, and says that it is done, or that it goes on.
+async fn done(served: &Arc<Served>, asked: Do) -> Result<Response, Problem> {
+    let (sender, told) = oneshot::channel();
+    perform(&served.hub, &served.files, None, asked, Box::new(move |result| drop(sender.send(result))));
+    match tokio::time::timeout(PATIENCE, told).await {
+        Ok(Ok(Ok(()))) => Ok(Json(json!({ "ok": true })).into_response()),
+        Ok(Ok(Err(problem))) => Err(problem),
+        Ok(Err(_)) => Err(Problem::conflict("the run cannot do this any more", "")),
+        Err(_) => Ok((StatusCode::ACCEPTED, Json(json!({ "ok": true, "goes_on": true }))).into_response()),
+    }
+}

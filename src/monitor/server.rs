@@ -1,0 +1,131 @@
+//! The server: one thread, one runtime.
+
+use core::time::Duration;
+use std::io;
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::thread::JoinHandle;
+
+use tokio::net::{TcpListener, TcpSocket};
+use tokio::runtime::{Builder, Runtime};
+use tokio::sync::{Semaphore, watch};
+
+use super::access::{Access, Token};
+use super::door::{Door, Peer};
+use super::feed::feed;
+use super::hub::Hub;
+use super::pump::Pump;
+use super::rest::{Pace, router};
+use super::visual::Visuals;
+use super::worker::Worker;
+use crate::telemetry::Tap;
+
+/// WebSockets at the same time.
+const MOST_WEB_SOCKETS: usize = 64;
+/// Connections that wait to be taken in.
+const BACKLOG: u32 = 1024;
+/// What the kernel keeps for a client that reads slowly, bytes: states in there are old ones.
+const SEND_BUFFER_BYTES: u32 = 64 << 10;
+/// How long good-byes may take at the end of a run.
+const GOOD_BYE: Duration = Duration::from_millis(500);
+
+/// What every handler can reach.
+pub(super) struct Served {
+    pub(super) hub: Arc<Hub>,
+    pub(super) access: Access,
+    pub(super) visuals: Visuals,
+    pub(super) files: Worker,
+    pub(super) seats: Arc<Semaphore>,
+    pub(super) pace: Pace,
+}
+
+/// An address that is taken, before anybody is answered there.
+pub struct Bound {
+    runtime: Runtime,
+    listener: TcpListener,
+    access: Access,
+    address: SocketAddr,
+}
+
+impl Bound {
+    /// Takes an address. `token`: without it nobody comes in; `origins`: pages of other servers that may.
+    ///
+    /// # Errors
+    /// The address is taken, or not one of this machine.
+    pub fn bind(address: SocketAddr, token: Option<Token>, origins: Vec<String>) -> io::Result<Self> {
+        let runtime = Builder::new_current_thread().enable_io().enable_time().build()?;
+        let listener = {
+            let _inside = runtime.enter();
+            let socket = if address.is_ipv4() { TcpSocket::new_v4() } else { TcpSocket::new_v6() }?;
+            socket.set_reuseaddr(true)?;
+            // Connections inherit it.
+            socket.set_send_buffer_size(SEND_BUFFER_BYTES)?;
+            socket.bind(address)?;
+            socket.listen(BACKLOG)?
+        };
+        let address = listener.local_addr()?;
+        Ok(Self { runtime, listener, access: Access::new(address, token, origins), address })
+    }
+
+    /// The address, with the port that port 0 became.
+    pub fn address(&self) -> SocketAddr {
+        self.address
+    }
+
+    /// Begins to answer.
+    ///
+    /// # Errors
+    /// A thread could not be started.
+    pub fn serve(self, hub: Arc<Hub>) -> io::Result<(Monitor, Tap)> {
+        let Self { runtime, listener, access, .. } = self;
+        let served = Arc::new(Served {
+            hub: hub.clone(),
+            access,
+            visuals: Visuals::new(Worker::new("monitor-mesh")?),
+            files: Worker::new("monitor-file")?,
+            seats: Arc::new(Semaphore::new(MOST_WEB_SOCKETS)),
+            pace: Pace::default(),
+        });
+        let (tap, fed) = feed();
+        let (end, mut ended) = watch::channel(());
+        let watched = hub.clone();
+        let heart = std::thread::Builder::new().name("heart".to_owned()).spawn(move || watched.watch_heart())?;
+        let pump = Pump::new(hub.clone());
+        let work = async move {
+            tokio::spawn(pump.run(fed));
+            let router = router(served).into_make_service_with_connect_info::<Peer>();
+            let mut over = ended.clone();
+            let serving = axum::serve(Door::new(listener), router).with_graceful_shutdown(async move {
+                let _ = over.changed().await;
+            });
+            tokio::select! {
+                _ = serving => {}
+                () = async {
+                    let _ = ended.changed().await;
+                    tokio::time::sleep(GOOD_BYE).await;
+                } => {}
+            }
+        };
+        let thread = std::thread::Builder::new().name("monitor".to_owned()).spawn(move || runtime.block_on(work))?;
+        Ok((Monitor { hub, end: Some(end), threads: vec![thread, heart] }, tap))
+    }
+}
+
+/// A server at work. It says good-bye and ends when it is dropped.
+pub struct Monitor {
+    hub: Arc<Hub>,
+    end: Option<watch::Sender<()>>,
+    threads: Vec<JoinHandle<()>>,
+}
+
+impl Drop for Monitor {
+    fn drop(&mut self) {
+        self.hub.end();
+        // Whoever waits for a change hears that there will be none.
+        drop(self.end.take());
+        for thread in self.threads.drain(..) {
+            // A server that panicked has nothing more to say.
+            let _ = thread.join();
+        }
+    }
+}

@@ -1,0 +1,201 @@
+//! One WebSocket: requests in, words and states out.
+
+use core::time::Duration;
+use std::sync::Arc;
+use std::time::Instant;
+
+use axum::extract::ws::rejection::WebSocketUpgradeRejection;
+use axum::extract::ws::{CloseFrame, Message, WebSocket, WebSocketUpgrade};
+use axum::extract::{ConnectInfo, State};
+use axum::http::StatusCode;
+use axum::response::{IntoResponse, Response};
+use futures_util::stream::{SplitSink, SplitStream};
+use futures_util::{SinkExt, StreamExt};
+use serde_json::{Value, json};
+use tokio::sync::OwnedSemaphorePermit;
+
+use super::asks::{Do, perform};
+use super::door::Peer;
+use super::encode;
+use super::hub::Client;
+use super::outbox::{Next, POLICY};
+use super::problem::Problem;
+use super::server::Served;
+
+/// Largest message of a client, bytes.
+const MOST_BYTES: usize = 64 << 10;
+/// Requests of one client a second, and at once. More are read later.
+const MOST_PER_S: f64 = 2000.0;
+const MOST_AT_ONCE: f64 = 2000.0;
+/// Whoever takes nothing for so long is let go.
+const STALLED: Duration = Duration::from_secs(5);
+/// A WebSocket on which nothing else happens.
+const PING_EVERY: Duration = Duration::from_secs(10);
+/// How long a good-bye may take.
+const GOOD_BYE: Duration = Duration::from_secs(1);
+
+/// Normal end, broken protocol, a kind of data that is not taken, too large (RFC 6455).
+const PROTOCOL: u16 = 1002;
+const UNSUPPORTED: u16 = 1003;
+const TOO_LARGE: u16 = 1009;
+
+/// `/api/v1/ws`.
+pub(super) async fn open(
+    State(served): State<Arc<Served>>,
+    ConnectInfo(peer): ConnectInfo<Peer>,
+    upgrade: Result<WebSocketUpgrade, WebSocketUpgradeRejection>,
+) -> Response {
+    let upgrade = match upgrade {
+        Ok(upgrade) => upgrade,
+        Err(rejection) => {
+            return Problem::new(StatusCode::BAD_REQUEST, rejection.body_text(), "open this address as a WebSocket")
+                .into_response();
+        }
+    };
+    let Ok(seat) = served.seats.clone().try_acquire_owned() else {
+        return Problem::unavailable("too many WebSockets", "close some, or try again later").into_response();
+    };
+    let upgrade = upgrade.max_message_size(MOST_BYTES).max_frame_size(MOST_BYTES).read_buffer_size(8 << 10).write_buffer_size(0);
+    upgrade.on_upgrade(move |socket| async move {
+        peer.become_web_socket();
+        serve(&served, socket, seat).await;
+    })
+}
+
+async fn serve(served: &Arc<Served>, socket: WebSocket, _seat: OwnedSemaphorePermit) {
+    let client = served.hub.join();
+    let _parted = Parted { served, id: client.id };
+    let (sink, stream) = socket.split();
+    let sending = send_all(sink, &client);
+    tokio::pin!(sending);
+    tokio::select! {
+        () = &mut sending => return,
+        () = take_all(stream, served, &client) => {}
+    }
+    // Dropped by the heart at once; what is left to be said goes out, if somebody is there.
+    served.hub.part(client.id);
+    let _ = tokio::time::timeout(GOOD_BYE, sending).await;
+}
+
+/// However a connection ends, the hub hears of it.
+struct Parted<'s> {
+    served: &'s Arc<Served>,
+    id: u64,
+}
+
+impl Drop for Parted<'_> {
+    fn drop(&mut self) {
+        self.served.hub.part(self.id);
+    }
+}
+
+async fn send_all(mut sink: SplitSink<WebSocket, Message>, client: &Client) {
+    let mut ping = tokio::time::interval(PING_EVERY);
+    ping.tick().await;
+    loop {
+        let messages = tokio::select! {
+            next = client.outbox.next() => match next {
+                Next::Send(messages) => messages,
+                Next::Close(code, reason) => {
+                    let close = Message::Close(Some(CloseFrame { code, reason: reason.into() }));
+                    let _ = tokio::time::timeout(GOOD_BYE, sink.send(close)).await;
+                    return;
+                }
+            },
+            _ = ping.tick() => vec![Message::Ping(axum::body::Bytes::new())],
+        };
+        let sent = async {
+            for message in messages {
+                sink.feed(message).await?;
+            }
+            sink.flush().await
+        };
+        match tokio::time::timeout(STALLED, sent).await {
+            Ok(Ok(())) => {}
+            // It is gone, or does not read: nothing that could be said would arrive.
+            Ok(Err(_)) | Err(_) => return,
+        }
+    }
+}
+
+async fn take_all(mut stream: SplitStream<WebSocket>, served: &Arc<Served>, client: &Arc<Client>) {
+    let mut bucket = Bucket::new(MOST_PER_S, MOST_AT_ONCE);
+    while let Some(message) = stream.next().await {
+        if let Some(wait) = bucket.take() {
+            tokio::time::sleep(wait).await;
+        }
+        match message {
+            Ok(Message::Text(text)) => {
+                served.hub.heart.hear(client.id);
+                let (id, asked) = Do::parse(text.as_bytes());
+                match asked {
+                    Ok(asked) => {
+                        let to = client.clone();
+                        let reply = Box::new(move |result| to.outbox.say(reply(&id, result)));
+                        perform(&served.hub, &served.files, Some(client), asked, reply);
+                    }
+                    Err(problem) => client.outbox.say(reply(&id, Err(problem))),
+                }
+            }
+            Ok(Message::Binary(_)) => return client.outbox.end(UNSUPPORTED, "requests are text"),
+            // Pings are answered below, and a close is the end of the stream.
+            Ok(Message::Ping(_) | Message::Pong(_) | Message::Close(_)) => {}
+            Err(error) => {
+                // The only word that the library has for it.
+                let is_too_large = error.to_string().contains("too long");
+                let (code, reason) = if is_too_large {
+                    (TOO_LARGE, "a message has at most 65536 bytes")
+                } else {
+                    (PROTOCOL, "not the WebSocket protocol")
+                };
+                return client.outbox.end(code, reason);
+            }
+        }
+    }
+    client.outbox.end(POLICY, "");
+}
+
+/// The answer to one request.
+fn reply(id: &Value, result: Result<(), Problem>) -> String {
+    encode::json(&match result {
+        Ok(()) => json!({ "type": "reply", "id": id, "ok": true }),
+        Err(Problem { said, status }) => json!({
+            "type": "reply",
+            "id": id,
+            "ok": false,
+            "status": status.as_u16(),
+            "error": said.error,
+            "hint": said.hint,
+        }),
+    })
+}
+
+/// So many at once, and so many a second.
+#[derive(Debug)]
+pub(super) struct Bucket {
+    per_s: f64,
+    most: f64,
+    left: f64,
+    at: Instant,
+}
+
+impl Bucket {
+    pub(super) fn new(per_s: f64, most: f64) -> Self {
+        Self { per_s, most, left: most, at: Instant::now() }
+    }
+
+    /// Takes one; how long to wait before it counts, if it does not at once.
+    pub(super) fn take(&mut self) -> Option<Duration> {
+        let now = Instant::now();
+        self.left = (self.left + now.duration_since(self.at).as_secs_f64() * self.per_s).min(self.most) - 1.0;
+        self.at = now;
+        (self.left < 0.0).then(|| Duration::from_secs_f64(-self.left / self.per_s))
+    }
+
+    /// The same for those who will not wait: takes one only if it is there.
+    pub(super) fn try_take(&mut self) -> bool {
+        let is_there = self.take().is_none();
+        self.left += f64::from(u8::from(!is_there));
+        is_there
+    }
+}
