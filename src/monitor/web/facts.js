@@ -1,0 +1,48 @@
+/** What the server says of its arm and its machine, and what happened. */
+
+import { byId, element } from "./element.js";
+
+const AXES = ["x", "y", "z", "rx", "ry", "rz"];
+const MOST_EVENTS = 100;
+const MARKS = { ok: ["✓", "ok"], failed: ["✗", "bad"], unknown: ["?", "warn"] };
+
+/** @param {object} info */
+export function showInfo(info) {
+  const { device, realtime } = info;
+  byId("version").textContent = `hapticd ${info.version}`;
+  byId("device").replaceChildren(
+    ...fact("Profile", device.profile),
+    ...fact("Kind", device.simulated ? "simulated" : "real arm"),
+    ...(device.node ? fact("At", device.node) : []),
+    ...fact("Senses", axes(device.sensed)),
+    ...fact("Drives", axes(device.actuated)),
+    ...fact("Loop", `${info.rate_hz} Hz, ${info.clock} clock`),
+  );
+  const bad = realtime.filter(({ outcome }) => outcome === "failed").length;
+  byId("realtime-verdict").textContent = bad === 0 ? "all in order" : `${bad} of ${realtime.length} not as it should be`;
+  byId("realtime").replaceChildren(...realtime.map(check));
+}
+
+/** Puts an event on top of the list. @param {object} event */
+export function addEvent(event) {
+  const list = byId("events");
+  const time = event.time_ns === undefined ? "" : `${(event.time_ns / 1e9).toFixed(2)} s`;
+  const kind = event.event === "fault" || event.event === "overrun" ? "is-fault" : "";
+  list.prepend(element("li", { class: kind }, element("time", {}, time), element("span", {}, event.text || event.event)));
+  while (list.children.length > MOST_EVENTS) list.lastChild.remove();
+}
+
+const fact = (name, value) => [element("dt", {}, name), element("dd", {}, value)];
+
+function axes(has) {
+  const list = element("span", { role: "img", "aria-label": AXES.filter((_, n) => has[n]).join(", ") || "nothing" });
+  list.append(...AXES.map((axis, n) => element("span", { class: has[n] ? "dof" : "dof is-absent" }, axis)));
+  return list;
+}
+
+function check({ name, outcome, found, hint }) {
+  const [mark, kind] = MARKS[outcome] ?? MARKS.unknown;
+  const line = element("div", {}, `${name}: ${found}`);
+  if (hint && outcome !== "ok") line.append(element("small", {}, hint));
+  return element("li", {}, element("span", { class: `mark ${kind}`, role: "img", "aria-label": outcome }, mark), line);
+}

@@ -1,0 +1,183 @@
+/**
+ * The monitor page: puts what the server says to where it is shown.
+ *
+ * ```text
+ *  link ──state──► drive, readouts, view, plots, objects        60 times a second
+ *       ──event──► facts; parameters, session and scene ask again
+ *       ──open───► info, scene and meshes, parameters, scenes   once per connection
+ * ```
+ */
+
+import { Drive } from "./drive.js";
+import { byId, say, words } from "./element.js";
+import { addEvent, showInfo } from "./facts.js";
+import { Link, tokenOfAddress } from "./link.js";
+import { MeshLoader } from "./mesh-loader.js";
+import { Objects } from "./objects.js";
+import { Parameters } from "./parameters.js";
+import { Plots } from "./plots.js";
+import { Readouts } from "./readouts.js";
+import { SceneView } from "./scene.js";
+import { Session } from "./session.js";
+import { lengthText, short } from "./units.js";
+
+/** Data older than this is greyed out. */
+const STALE_MS = 1000;
+const INFO_EVERY_MS = 2000;
+const SCENE_AGAIN_MS = 500;
+
+const link = new Link(tokenOfAddress());
+const drive = new Drive(link);
+const readouts = new Readouts();
+const plots = new Plots(document);
+const objects = new Objects(link);
+const parameters = new Parameters(link, (all) => readouts.learn(all));
+const session = new Session(link, refreshInfo);
+const meshes = new MeshLoader(link);
+const view = openView();
+
+/** Number of the scene that is shown. @type {?number} */
+let sceneIdx = null;
+/** When the newest state came, ms of this page. @type {?number} */
+let stateAt = null;
+
+link.addEventListener("open", () => {
+  byId("token-form").hidden = true;
+  refreshInfo();
+  session.resume();
+  loadScene();
+});
+
+link.addEventListener("closed", showFreshness);
+
+link.addEventListener("unauthorized", () => {
+  byId("token-form").hidden = false;
+});
+
+link.addEventListener("state", ({ detail: state }) => {
+  stateAt = performance.now();
+  drive.show(state);
+  readouts.show(state);
+  objects.show(state);
+  view?.show(state);
+  if (state.history) plots.push(state.history);
+  if (sceneIdx !== null && state.scene_idx !== sceneIdx) loadScene();
+});
+
+link.addEventListener("event", ({ detail: event }) => {
+  addEvent(event);
+  if (event.event === "parameter") parameters.refresh().catch(() => {});
+  if (event.event === "recording" || event.event === "link") refreshInfo();
+});
+
+byId("token-form").onsubmit = (event) => {
+  event.preventDefault();
+  link.token = byId("token").value.trim();
+  sessionStorage.setItem("token", link.token);
+  refreshInfo();
+};
+
+byId("pause").onclick = ({ currentTarget: button }) => {
+  const isPaused = button.getAttribute("aria-pressed") !== "true";
+  button.setAttribute("aria-pressed", String(isPaused));
+  button.firstChild.textContent = isPaused ? "▶" : "❚❚";
+  plots.pause(isPaused);
+};
+
+setInterval(showFreshness, 250);
+setInterval(() => link.isOpen && refreshInfo(), INFO_EVERY_MS);
+link.connect();
+refreshInfo();
+
+async function refreshInfo() {
+  try {
+    const info = await link.get("info");
+    showInfo(info);
+    session.show(info);
+    drive.learn(info.faults ?? []);
+    plots.deadlineUs = 1e6 / info.rate_hz;
+  } catch (error) {
+    if (error.status > 0 && error.status !== 401 && error.status !== 503) say(words(error));
+  }
+}
+
+/** Shows the scene that is rendered; asks again while it is baked. */
+async function loadScene() {
+  try {
+    const scene = await link.get("scene");
+    if (scene.scene_idx === sceneIdx && view?.parts.length === scene.objects.length) return;
+    sceneIdx = scene.scene_idx;
+    byId("scene-name").textContent = scene.name;
+    document.title = `${scene.name} · hapticd`;
+    objects.learn(scene.objects);
+    parameters.refresh().catch((error) => say(words(error)));
+    link.get("scenes").then((names) => session.offer(names, stemOf(scene.file)), () => {});
+    await loadMeshes(scene);
+  } catch (error) {
+    if (error.status === 503) setTimeout(loadScene, SCENE_AGAIN_MS);
+    else if (error.status > 0) say(words(error));
+  }
+}
+
+async function loadMeshes(scene) {
+  if (!view) return;
+  view.clear();
+  byId("view-note").textContent = "Loading the parts";
+  const isOld = () => scene.scene_idx !== sceneIdx;
+  for (const [idx, { mesh, pose, role }] of scene.objects.entries()) {
+    const part = await meshes.load(mesh);
+    if (isOld()) return;
+    view.add({ idx, role, pose, mesh: part });
+    view.fit();
+  }
+  byId("view-note").textContent = "";
+}
+
+const stemOf = (file) => file.split("/").pop().replace(/\.toml$/, "");
+
+/** Says plainly when what is shown is old. */
+function showFreshness() {
+  const age_ms = stateAt === null ? null : performance.now() - stateAt;
+  const isStale = age_ms === null ? !link.isOpen : age_ms > STALE_MS;
+  document.body.classList.toggle("is-stale", isStale);
+  const lost = byId("lost");
+  lost.hidden = !isStale || age_ms === null;
+  if (lost.hidden) return;
+  const age = `${Math.floor(age_ms / 1000)} s`;
+  if (link.isOpen) lost.textContent = `No data for ${age}: the server is there, the loop sends nothing.`;
+  else if (drive.phase === "stopping" || drive.phase === "stopped") lost.textContent = "The run is over. This page goes on when hapticd is started again.";
+  else lost.textContent = `Connection lost ${age} ago. What is shown is old; trying again.`;
+}
+
+/** The 3-D view, or null where the browser has none: all else works without. */
+function openView() {
+  let shown;
+  try {
+    shown = new SceneView(byId("view"), ({ grid_m, force_n, torque_nm }) => {
+      byId("scale-grid").textContent = lengthText(grid_m);
+      byId("scale-force").textContent = `at most ${short(force_n)} N`;
+      byId("scale-torque").textContent = `at most ${short(torque_nm * 1e3)} mN·m`;
+    });
+  } catch (error) {
+    byId("view-note").textContent = `No 3-D view: ${error.message}. Everything else on this page works.`;
+    return null;
+  }
+  for (const button of document.querySelectorAll("[data-view]")) {
+    const { view: side } = button.dataset;
+    button.onclick = () => {
+      if (side === "fit") shown.fit();
+      else if (side === "tool") shown.lookAtTool();
+      else shown.camera.lookFrom(side);
+    };
+  }
+  byId("see-through").onclick = ({ currentTarget: button }) => {
+    const isSeeThrough = button.getAttribute("aria-pressed") !== "true";
+    button.setAttribute("aria-pressed", String(isSeeThrough));
+    shown.seeThrough(isSeeThrough);
+  };
+  const names = document.querySelectorAll(".axes span");
+  shown.onDrawn = () => {
+    shown.axisTips.forEach(([left, bottom], n) => Object.assign(names[n].style, { left: `${left}px`, bottom: `${bottom}px` }));
+  };
+  return shown;
+}

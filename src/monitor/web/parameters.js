@@ -1,0 +1,157 @@
+/**
+ * The parameters of the scene: a slider and a field each, in the units of the scene file.
+ *
+ * A value is sent while it is dragged, the newest only; what stands below is what the server says it has.
+ */
+
+import { byId, element, words } from "./element.js";
+import { parameterWords, short } from "./units.js";
+
+const STEPS = 1000;
+/** A range over this ratio is walked by ratios, not by differences. */
+const WIDE = 20;
+/** While a slider is dragged this often, ms. */
+const SEND_EVERY_MS = 60;
+
+/** @typedef {{name: string, value: number, least: number, most: number, scene: number}} Parameter SI */
+
+export class Parameters {
+  /**
+   * @param {import("./link.js").Link} link
+   * @param {(parameters: Parameter[]) => void} heard
+   */
+  constructor(link, heard) {
+    this.link = link;
+    this.heard = heard;
+    /** @type {Map<string, Row>} */
+    this.rows = new Map();
+  }
+
+  /** Asks the server for all of them. */
+  async refresh() {
+    /** @type {Parameter[]} */
+    const parameters = await this.link.get("parameters");
+    const names = parameters.map(({ name }) => name);
+    if (names.join() !== [...this.rows.keys()].join()) {
+      this.rows = new Map(names.map((name) => [name, new Row(name, (value) => this.#set(name, value))]));
+      const rows = [...this.rows.values()].map(({ root }) => root);
+      byId("parameters").replaceChildren(...(rows.length > 0 ? rows : [element("p", { class: "none" }, "this scene has none")]));
+    }
+    for (const parameter of parameters) this.rows.get(parameter.name).take(parameter);
+    this.heard(parameters);
+  }
+
+  async #set(parameter, value) {
+    await this.link.send("set", { parameter, value });
+    await this.refresh();
+  }
+}
+
+/** One parameter in the page. */
+class Row {
+  /** @param {string} name @param {(value: number) => Promise<void>} set SI */
+  constructor(name, set) {
+    this.set = set;
+    this.words = parameterWords(name);
+    const { label, unit } = this.words;
+    this.slider = element("input", { type: "range", id: `slider-${name}`, min: "0", max: String(STEPS), step: "1" });
+    this.field = element("input", { type: "number", id: `field-${name}`, "aria-label": unit ? `${label}, ${unit}` : label });
+    this.reset = element("button", { type: "button", class: "reset" }, "↺");
+    this.answer = element("span", { class: "answer", id: `answer-${name}`, role: "status" });
+    this.slider.setAttribute("aria-describedby", this.answer.id);
+    this.root = element(
+      "div",
+      { class: "parameter", id: `parameter-${name}` },
+      element("label", { htmlFor: this.slider.id }, unit ? `${label}, ${unit}` : label),
+      this.answer,
+      this.slider,
+      this.field,
+      this.reset,
+    );
+    this.slider.oninput = () => this.#ask(this.#ofSlider(), true);
+    this.slider.onchange = () => this.#ask(this.#ofSlider(), false);
+    this.field.onchange = () => this.#ask(this.field.valueAsNumber / this.words.factor, false);
+    this.reset.onclick = () => this.#ask(this.parameter.scene, false);
+    this.isSending = false;
+    /** @type {?number} what to send when the answer to the last one is there, SI */
+    this.next = null;
+  }
+
+  /** What the server has. @param {Parameter} parameter */
+  take(parameter) {
+    this.parameter = parameter;
+    const { least, most, scene, value } = parameter;
+    const { label, unit, factor } = this.words;
+    Object.assign(this.field, { step: "any", min: String(least * factor), max: String(most * factor) });
+    this.slider.style.setProperty("--scene", `calc(11px + ${this.#share(scene)} * (100% - 22px))`);
+    const hint = `Reset ${label.toLowerCase()} to the scene's ${short(scene * factor)} ${unit}`.trim();
+    this.reset.title = hint;
+    this.reset.setAttribute("aria-label", hint);
+    this.reset.disabled = value === scene;
+    if (this.isSending || this.next !== null) return;
+    this.root.classList.remove("is-waiting", "is-refused");
+    this.#write(value);
+    this.root.classList.toggle("is-set", value !== scene);
+    this.answer.textContent = value === scene ? `${short(least * factor)} to ${short(most * factor)}` : `set, scene ${short(scene * factor)}`;
+  }
+
+  /** @param {number} value SI @param {boolean} isDragging */
+  async #ask(value, isDragging) {
+    if (!Number.isFinite(value)) {
+      this.#write(this.parameter.value);
+      return;
+    }
+    const { least, most } = this.parameter;
+    const wanted = Math.min(most, Math.max(least, value));
+    this.#write(wanted);
+    this.root.classList.add("is-waiting");
+    this.answer.textContent = "asking …";
+    this.next = wanted;
+    if (this.isSending) return;
+    this.isSending = true;
+    try {
+      while (this.next !== null) {
+        const now = this.next;
+        this.next = null;
+        await this.set(now);
+        if (isDragging) await new Promise((done) => setTimeout(done, SEND_EVERY_MS));
+      }
+      this.isSending = false;
+      this.take(this.parameter);
+    } catch (error) {
+      this.isSending = false;
+      this.next = null;
+      this.#write(this.parameter.value);
+      this.root.classList.replace("is-waiting", "is-refused");
+      this.answer.textContent = words(error);
+    }
+  }
+
+  #write(value) {
+    const share = this.#share(value);
+    this.slider.value = String(Math.round(share * STEPS));
+    this.slider.style.setProperty("--share", `calc(11px + ${share} * (100% - 22px))`);
+    this.slider.setAttribute("aria-valuetext", `${short(value * this.words.factor)} ${this.words.unit}`.trim());
+    if (document.activeElement !== this.field || !this.isSending) this.field.value = short(value * this.words.factor);
+  }
+
+  get #isWide() {
+    const { least, most } = this.parameter;
+    return least > 0 && most / least > WIDE;
+  }
+
+  /** Where a value stands on the slider, 0 to 1. */
+  #share(value) {
+    const { least, most } = this.parameter;
+    if (most <= least) return 0;
+    return this.#isWide ? Math.log(value / least) / Math.log(most / least) : (value - least) / (most - least);
+  }
+
+  #ofSlider() {
+    const { least, most, scene } = this.parameter;
+    const share = this.slider.valueAsNumber / STEPS;
+    // The scene's own value can be hit with a finger.
+    if (Math.abs(share - this.#share(scene)) < 0.006) return scene;
+    return this.#isWide ? least * (most / least) ** share : least + share * (most - least);
+  }
+}

@@ -1,0 +1,404 @@
+/**
+ * The 3-D view: parts, the tool where the renderer has it, the hand's own pose as a ghost, contact points, force and torque.
+ *
+ * It draws when something changed, at most once per frame of the screen. All that is drawn stands in world, in m.
+ */
+
+import { OrbitCamera } from "./camera.js";
+import { onChange, rgb } from "./colors.js";
+import { add, ceilTo125, cross, isFinite3, length, matrixAlong, matrixOfPose, multiply, normalize, scale, subtract, transform } from "./math.js";
+import { compile } from "./shaders.js";
+import { cone, rod } from "./shapes.js";
+
+const MOST_POINTS = 512;
+const MOST_PIXEL_RATIO = 2;
+/** Side of the square in which the axes are drawn, CSS pixels. */
+const AXES_SIZE = 92;
+/** Smallest full scales of the arrows, N and N·m: below them a force is noise, not news. */
+const LEAST_FORCE_SCALE = 0.5;
+const LEAST_TORQUE_SCALE = 0.005;
+const STANDING = { p: [0, 0, 0], q: [0, 0, 0, 1] };
+const IDENTITY = matrixOfPose(STANDING);
+
+/** @typedef {import("./math.js").Pose} Pose */
+/** @typedef {{pose: Pose, role: "static"|"tool", idx: number, mesh: import("./mesh.js").Mesh, faces: object, lines: object}} Part */
+
+export class SceneView {
+  /**
+   * @param {HTMLCanvasElement} canvas
+   * @param {(facts: {grid_m: number, force_n: number, torque_nm: number}) => void} scaled called when a scale of the picture changes
+   */
+  constructor(canvas, scaled) {
+    this.canvas = canvas;
+    this.scaled = scaled;
+    /** Called after every picture. */
+    this.onDrawn = () => {};
+    this.camera = new OrbitCamera(canvas, () => this.redraw());
+    /** @type {Part[]} */
+    this.parts = [];
+    this.state = null;
+    this.points = new Float32Array(0);
+    this.isSeeThrough = false;
+    this.isDirty = false;
+    this.gl = canvas.getContext("webgl2", { antialias: true, alpha: true, powerPreference: "high-performance" });
+    if (!this.gl) throw new Error("this browser has no WebGL 2");
+    this.#prepare();
+    this.#readColors();
+    this.clear();
+    onChange(() => {
+      this.#readColors();
+      this.redraw();
+    });
+    canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
+    canvas.addEventListener("webglcontextrestored", () => {
+      this.#prepare();
+      for (const part of this.parts) this.#upload(part);
+      this.redraw();
+    });
+    new ResizeObserver(() => this.redraw()).observe(canvas);
+  }
+
+  /** Takes all parts out, for another scene. */
+  clear() {
+    for (const { vao, buffers } of this.parts.flatMap(({ faces, lines }) => [faces, lines])) {
+      this.gl.deleteVertexArray(vao);
+      for (const buffer of buffers) this.gl.deleteBuffer(buffer);
+    }
+    this.parts = [];
+    this.points = new Float32Array(0);
+    this.scales = { grid_m: 0.01, force_n: LEAST_FORCE_SCALE, torque_nm: LEAST_TORQUE_SCALE };
+    this.redraw();
+  }
+
+  /** @param {{idx: number, role: "static"|"tool", pose: Pose, mesh: import("./mesh.js").Mesh}} part */
+  add(part) {
+    this.#upload(part);
+    this.parts.push(part);
+    this.#measure();
+    this.redraw();
+  }
+
+  /** Shows the newest state. @param {object} state */
+  show(state) {
+    this.state = state;
+    for (const { idx, p, q } of state.objects ?? []) {
+      const part = this.parts.find((part) => part.idx === idx);
+      if (part && isFinite3(p)) part.pose = { p, q };
+    }
+    if (state.points) this.points = relativeDepths(state.points);
+    if (state.contacts === 0) this.points = new Float32Array(0);
+    this.#rescale("force_n", length(state.contact_cf.f), LEAST_FORCE_SCALE);
+    this.#rescale("torque_nm", length(state.contact_cf.t), LEAST_TORQUE_SCALE);
+    this.redraw();
+  }
+
+  /** All of the scene in the picture, arrows back to their first scale. */
+  fit() {
+    this.scales = { ...this.scales, force_n: LEAST_FORCE_SCALE, torque_nm: LEAST_TORQUE_SCALE };
+    this.scaled(this.scales);
+    this.#measure();
+    this.camera.fit();
+  }
+
+  /** The tool in the middle, near. */
+  lookAtTool() {
+    const { middle, radius } = this.tool;
+    this.camera.lookAt(middle, 7 * radius);
+  }
+
+  /** @param {boolean} isSeeThrough whether fixed parts let the tool shine through */
+  seeThrough(isSeeThrough) {
+    this.isSeeThrough = isSeeThrough;
+    this.redraw();
+  }
+
+  redraw() {
+    if (this.isDirty) return;
+    this.isDirty = true;
+    requestAnimationFrame(() => {
+      this.isDirty = false;
+      if (this.gl.isContextLost() || this.canvas.clientWidth === 0) return;
+      this.#draw();
+      this.onDrawn();
+    });
+  }
+
+  /** Middle and radius of the tool where it stands, m. */
+  get tool() {
+    const part = this.parts.find(({ role }) => role === "tool");
+    if (!part) return { middle: this.camera.subject.middle, radius: 0.3 * this.camera.subject.radius };
+    const { min, max } = part.mesh;
+    return { middle: transform(this.#poseOf(part), scale(add(min, max), 0.5)), radius: length(subtract(max, min)) / 2 };
+  }
+
+  #poseOf(part) {
+    const shown = part.role === "tool" ? this.state?.tool_cp : null;
+    return isFinite3(shown?.p) && isFinite3(shown?.q) ? shown : part.pose;
+  }
+
+  /** Box around all parts, for the camera, the grid and the floor. */
+  #measure() {
+    const min = [Infinity, Infinity, Infinity];
+    const max = [-Infinity, -Infinity, -Infinity];
+    for (const part of this.parts) {
+      const pose = this.#poseOf(part);
+      for (let corner = 0; corner < 8; corner += 1) {
+        const of = (axis) => (corner & (1 << axis) ? part.mesh.max : part.mesh.min)[axis];
+        transform(pose, [of(0), of(1), of(2)]).forEach((x, axis) => {
+          min[axis] = Math.min(min[axis], x);
+          max[axis] = Math.max(max[axis], x);
+        });
+      }
+    }
+    if (!isFinite3(min)) return;
+    const radius = Math.max(length(subtract(max, min)) / 2, 1e-4);
+    this.floor = min[2];
+    this.camera.subject = { min, max, middle: scale(add(min, max), 0.5), radius };
+    this.scales.grid_m = ceilTo125(radius / 8);
+    this.scaled(this.scales);
+  }
+
+  /** Full scales grow in steps of 1, 2, 5 and never shrink by themselves: an arrow that gets shorter means less force. */
+  #rescale(name, size, least) {
+    const fitting = Math.max(least, ceilTo125(size));
+    if (!Number.isFinite(size) || fitting <= this.scales[name]) return;
+    this.scales[name] = fitting;
+    this.scaled(this.scales);
+  }
+
+  #readColors() {
+    const names = ["part", "part-edge", "tool", "tool-edge", "ghost", "point", "force", "torque", "grid", "axis-x", "axis-y", "axis-z"];
+    this.colors = Object.fromEntries(names.map((name) => [name, rgb(`--${name}`)]));
+  }
+
+  #prepare() {
+    const { gl } = this;
+    this.programs = compile(gl);
+    this.rod = this.#faces(rod());
+    this.cone = this.#faces(cone());
+    this.ground = this.#lines(new Float32Array([-1, -1, 0, 1, -1, 0, -1, 1, 0, 1, 1, 0]));
+    const vao = gl.createVertexArray();
+    gl.bindVertexArray(vao);
+    const buffer = gl.createBuffer();
+    gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
+    gl.bufferData(gl.ARRAY_BUFFER, MOST_POINTS * 16, gl.DYNAMIC_DRAW);
+    gl.enableVertexAttribArray(0);
+    gl.vertexAttribPointer(0, 4, gl.FLOAT, false, 0, 0);
+    this.dots = { vao, buffer };
+    gl.enable(gl.DEPTH_TEST);
+    gl.depthFunc(gl.LEQUAL);
+    gl.enable(gl.BLEND);
+    gl.blendFuncSeparate(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA, gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
+  }
+
+  #upload(part) {
+    part.faces = this.#faces(part.mesh);
+    part.lines = this.#lines(part.mesh.edges);
+  }
+
+  #faces({ positions, normals }) {
+    const { gl } = this;
+    const out = this.#lines(positions);
+    const buffer = gl.createBuffer();
+    gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
+    gl.bufferData(gl.ARRAY_BUFFER, normals, gl.STATIC_DRAW);
+    gl.enableVertexAttribArray(1);
+    gl.vertexAttribPointer(1, 4, gl.BYTE, true, 0, 0);
+    out.buffers.push(buffer);
+    return out;
+  }
+
+  #lines(positions) {
+    const { gl } = this;
+    const vao = gl.createVertexArray();
+    gl.bindVertexArray(vao);
+    const buffer = gl.createBuffer();
+    gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
+    gl.bufferData(gl.ARRAY_BUFFER, positions, gl.STATIC_DRAW);
+    gl.enableVertexAttribArray(0);
+    gl.vertexAttribPointer(0, 3, gl.FLOAT, false, 0, 0);
+    return { vao, n: positions.length / 3, buffers: [buffer] };
+  }
+
+  #draw() {
+    const { gl, canvas, camera, colors, parts } = this;
+    const ratio = Math.min(devicePixelRatio, MOST_PIXEL_RATIO);
+    const width = Math.round(canvas.clientWidth * ratio);
+    const height = Math.round(canvas.clientHeight * ratio);
+    if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
+    gl.viewport(0, 0, width, height);
+    gl.clearColor(0, 0, 0, 0);
+    gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
+
+    const backward = camera.backward;
+    const right = normalize(cross([0, 0, 1], backward));
+    this.frame = {
+      viewProjection: multiply(camera.projection(width / Math.max(1, height)), camera.view),
+      eye: camera.eye,
+      light: normalize(add(add(backward, scale(right, -0.55)), scale(cross(backward, right), 0.8))),
+    };
+
+    const statics = parts.filter(({ role }) => role === "static");
+    for (const part of parts) {
+      if (part.role === "static" && this.isSeeThrough) continue;
+      const [face, edge] = part.role === "tool" ? ["tool", "tool-edge"] : ["part", "part-edge"];
+      const model = matrixOfPose(this.#poseOf(part));
+      this.#solid(part, model, colors[face]);
+      this.#outline(part, model, colors[edge], 0.75);
+    }
+    this.#drawGround();
+    if (this.isSeeThrough) {
+      for (const part of statics) {
+        const model = matrixOfPose(part.pose);
+        this.#veil(part, model, colors.part, 0.25);
+        this.#outline(part, model, colors["part-edge"], 0.6);
+      }
+    }
+    this.#drawGhost();
+    this.#drawPoints(ratio);
+    // What follows lies over everything: a force inside of a part is the one to see.
+    gl.clear(gl.DEPTH_BUFFER_BIT);
+    this.#drawWrench();
+    this.#drawAxes(ratio);
+  }
+
+  #use({ program, at }, model, color, opacity) {
+    const { gl, frame } = this;
+    gl.useProgram(program);
+    gl.uniformMatrix4fv(at.view_projection, false, frame.viewProjection);
+    if (at.model) gl.uniformMatrix4fv(at.model, false, model);
+    gl.uniform4f(at.color, ...color, opacity);
+    if (at.eye) gl.uniform3fv(at.eye, frame.eye);
+    if (at.light) gl.uniform3fv(at.light, frame.light);
+    return at;
+  }
+
+  #solid({ faces }, model, color, opacity = 1) {
+    const { gl } = this;
+    this.#use(this.programs.surface, model, color, opacity);
+    // Lines on an edge win over the faces that meet there.
+    gl.enable(gl.POLYGON_OFFSET_FILL);
+    gl.polygonOffset(1, 1);
+    gl.bindVertexArray(faces.vao);
+    gl.drawArrays(gl.TRIANGLES, 0, faces.n);
+    gl.disable(gl.POLYGON_OFFSET_FILL);
+  }
+
+  #outline({ lines }, model, color, opacity) {
+    if (lines.n === 0) return;
+    const { gl } = this;
+    this.#use(this.programs.line, model, color, opacity);
+    gl.bindVertexArray(lines.vao);
+    gl.drawArrays(gl.LINES, 0, lines.n);
+  }
+
+  /** Only the nearest faces, blended: depth first, then colour. */
+  #veil(part, model, color, opacity) {
+    const { gl } = this;
+    gl.colorMask(false, false, false, false);
+    this.#solid(part, model, color);
+    gl.colorMask(true, true, true, true);
+    this.#solid(part, model, color, opacity);
+  }
+
+  #drawGround() {
+    const { gl, camera, floor } = this;
+    if (floor === undefined) return;
+    const [x, y] = camera.subject.middle;
+    const model = matrixOfPose({ p: [x, y, floor], q: [0, 0, 0, 1] });
+    const at = this.#use(this.programs.grid, model, this.colors.grid, 1);
+    gl.uniform1f(at.reach, 5 * camera.subject.radius);
+    gl.uniform1f(at.step_m, this.scales.grid_m);
+    gl.depthMask(false);
+    gl.bindVertexArray(this.ground.vao);
+    gl.drawArrays(gl.TRIANGLE_STRIP, 0, 4);
+    gl.depthMask(true);
+  }
+
+  /** The tool where the hand has it: it leaves the tool as far as the coupling is stretched. */
+  #drawGhost() {
+    const part = this.parts.find(({ role }) => role === "tool");
+    const pose = this.state?.device_cp_world;
+    if (!part || !isFinite3(pose?.p) || !isFinite3(pose?.q)) return;
+    const { min, max } = part.mesh;
+    const corners = [min, max, [min[0], max[1], max[2]], [max[0], min[1], min[2]]];
+    const apart = Math.max(...corners.map((corner) => length(subtract(transform(pose, corner), transform(this.#poseOf(part), corner)))));
+    const strength = Math.min(1, apart / (0.02 * this.tool.radius));
+    if (strength < 0.05) return;
+    const model = matrixOfPose(pose);
+    this.#veil(part, model, this.colors.ghost, 0.22 * strength);
+    this.#outline(part, model, this.colors.ghost, 0.9 * strength);
+  }
+
+  #drawPoints(ratio) {
+    const n = this.points.length / 4;
+    if (n === 0) return;
+    const { gl } = this;
+    const at = this.#use(this.programs.point, IDENTITY, this.colors.point, 1);
+    gl.uniform1f(at.size, 8 * ratio);
+    gl.bindVertexArray(this.dots.vao);
+    gl.bindBuffer(gl.ARRAY_BUFFER, this.dots.buffer);
+    gl.bufferSubData(gl.ARRAY_BUFFER, 0, this.points);
+    gl.disable(gl.DEPTH_TEST);
+    gl.drawArrays(gl.POINTS, 0, n);
+    gl.enable(gl.DEPTH_TEST);
+  }
+
+  /** Force as an arrow, torque as one with two heads along its axis, by the right hand. */
+  #drawWrench() {
+    const { state, scales, colors } = this;
+    if (!state) return;
+    const { middle } = this.tool;
+    const full = 0.9 * this.camera.subject.radius;
+    const { f, t } = state.contact_cf;
+    // A contact that nobody feels is pale.
+    const opacity = state.state === "ENABLED" ? 1 : 0.35;
+    if (isFinite3(f)) this.#arrow(middle, f, (full * length(f)) / scales.force_n, full, [...colors.force, opacity], 1);
+    if (isFinite3(t)) this.#arrow(middle, t, (full * length(t)) / scales.torque_nm, full, [...colors.torque, opacity], 2);
+  }
+
+  /** @param {number} size length @param {number} full length at full scale, which sets the thickness @param {number} heads */
+  #arrow(origin, direction, size, full, [r, g, b, opacity], heads) {
+    // Signs, not things: brighter than what light makes of a part.
+    const color = scale([r, g, b], 1.3);
+    const head = Math.min(0.13 * full, 0.45 * size);
+    if (size < 0.01 * full) return;
+    const width = Math.min(1, size / (0.3 * full)) * 0.02 * full;
+    const unit = normalize(direction);
+    const at = (along) => add(origin, scale(unit, along));
+    this.#solid({ faces: this.rod }, matrixAlong(origin, unit, width, size - 0.9 * head), color, opacity);
+    for (let n = 0; n < heads; n += 1) {
+      this.#solid({ faces: this.cone }, matrixAlong(at(size - head * (1 + 0.75 * n)), unit, 2.6 * width, head), color, opacity);
+    }
+  }
+
+  /** The directions of world in the lower left corner, seen from where the camera stands. */
+  #drawAxes(ratio) {
+    const { gl, camera } = this;
+    const side = Math.round(AXES_SIZE * ratio);
+    gl.viewport(0, 0, side, side);
+    const view = new Float32Array(camera.view);
+    view.set([0, 0, 0], 12);
+    // Parallel projection of a ball of radius 1.5 around the origin.
+    const flat = new Float32Array([2 / 3, 0, 0, 0, 0, 2 / 3, 0, 0, 0, 0, -0.5, 0, 0, 0, 0, 1]);
+    this.frame = { viewProjection: multiply(flat, view), eye: scale(camera.backward, 10), light: this.frame.light };
+    ["axis-x", "axis-y", "axis-z"].forEach((name, axis) => {
+      const unit = [0, 0, 0].map((_, n) => (n === axis ? 1 : 0));
+      this.#solid({ faces: this.rod }, matrixAlong([0, 0, 0], unit, 0.045, 0.75), this.colors[name]);
+      this.#solid({ faces: this.cone }, matrixAlong(scale(unit, 0.75), unit, 0.12, 0.25), this.colors[name]);
+    });
+  }
+
+  /** Where the names of the axes belong, CSS pixels from the lower left corner of the view. @returns {number[][]} */
+  get axisTips() {
+    const { view } = this.camera;
+    return [0, 1, 2].map((axis) => [0, 1].map((n) => (AXES_SIZE / 2) * (1 + view[axis * 4 + n] * 1.28 * (2 / 3))));
+  }
+}
+
+/** Points `[x, y, z, depth]` in a row, depths as shares of the deepest. */
+function relativeDepths(points) {
+  const shown = points.slice(0, MOST_POINTS);
+  const deepest = Math.max(1e-9, ...shown.map(([, , , depth]) => depth));
+  return new Float32Array(shown.flatMap(([x, y, z, depth]) => [x, y, z, depth / deepest]));
+}

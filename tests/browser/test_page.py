@@ -1,0 +1,254 @@
+"""The monitor page in a real browser, against real runs on the simulated arm. Started by scripts/browser-test."""
+
+import functools
+import http.server
+import json
+import os
+import pathlib
+import shutil
+import tempfile
+import threading
+import unittest
+
+from chromium import Chromium
+from hapticd import REPOSITORY, Hapticd, write_scenes
+
+PROGRAM = os.environ["HAPTICD"]
+SHOTS = pathlib.Path(os.environ["SHOTS"])
+
+SCREENS = {
+    "desktop-light": {"width": 1440, "height": 900},
+    "desktop-dark": {"width": 1440, "height": 900, "dark": True},
+    "tablet": {"width": 820, "height": 1180, "touch": True},
+    "phone": {"width": 390, "height": 844, "touch": True},
+}
+
+WORD = "document.querySelector('#state-word').textContent"
+IN_CONTACT = "Number(document.querySelector('#read-contacts').textContent) > 0"
+VIEW_IS_READY = "document.querySelector('#view-note').textContent === ''"
+
+
+def number(id):
+    """Script for the number that an element shows."""
+    return f"Number(document.querySelector('#{id}').textContent.replace('−', '-'))"
+
+
+class PageTest(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.browser = Chromium()
+        cls.folder = pathlib.Path(tempfile.mkdtemp(prefix="hapticd-scenes-"))
+        write_scenes(cls.folder)
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.browser.__exit__()
+        shutil.rmtree(cls.folder)
+
+    def run_scene(self, name, *options, **more):
+        run = Hapticd(PROGRAM, self.folder / f"{name}.toml", *options, **more)
+        self.addCleanup(run.__exit__)
+        return run
+
+    def open(self, run, complains=False, **screen):
+        page = self.browser.open(run.url, **(screen or SCREENS["desktop-dark"]))
+        self.addCleanup(page.close)
+        if not complains:
+            self.addCleanup(lambda: self.assertEqual(page.complaints(), [], "the console is clean"))
+        page.wait(VIEW_IS_READY)
+        page.wait(f"{WORD} === 'Enabled'")
+        return page
+
+    def force_pixels(self, page):
+        """How many pixels in the middle of the view have the hue of the force arrow."""
+        return page.count_pixels("#view", "--force")
+
+    def test_moves_and_shows_the_force(self):
+        run = self.run_scene("press")
+        page = self.open(run)
+        self.assertEqual(page.run("document.querySelector('#scene-name').textContent"), "press scene")
+        self.assertEqual(self.force_pixels(page), 0, "no arrow before contact")
+        before = page.picture_of("#view")
+        page.wait(IN_CONTACT)
+        page.wait(f"{number('read-force')} > 0.5")
+        self.assertGreater(page.run(number("read-depth")), 0)
+        page.wait(f"{number('read-speed')} > 1")
+        self.assertGreater(self.force_pixels(page), 50, "an arrow in contact")
+        self.assertNotEqual(page.picture_of("#view"), before, "the tool moved")
+        for plot in ("plot-force", "plot-depth", "plot-compute", "plot-wakeup"):
+            self.assertNotEqual(page.picture_of(f"#{plot} canvas"), None)
+            self.assertRegex(page.run(f"document.querySelector('#{plot} output').value"), r"^−?\d")
+        before = page.picture_of("#plot-force canvas")
+        page.wait(f"{number('read-speed')} > 1")
+        self.assertNotEqual(page.picture_of("#plot-force canvas"), before, "plots run")
+
+        page.click("#pause")
+        still = page.picture_of("#plot-force canvas")
+        page.wait("new Promise((done) => setTimeout(() => done(true), 300))")
+        self.assertEqual(page.picture_of("#plot-force canvas"), still, "paused plots stand still")
+
+    def test_disable_and_enable(self):
+        run = self.run_scene("press")
+        page = self.open(run)
+        page.wait(f"{number('read-force')} > 0.5")
+        page.click("#disable")
+        page.wait(f"{WORD} === 'Disabled'")
+        page.wait(f"{number('read-force')} === 0")
+        self.assertEqual(run.get("state")["servo_cf"]["f"], [0, 0, 0])
+        self.assertIn("no force", page.run("document.querySelector('#state-note').textContent"))
+
+        page.click("#enable")
+        page.wait(f"{WORD} === 'Enabled'")
+        self.assertEqual(run.get("state")["state"], "ENABLED")
+
+        # From wherever the focus is, also from a field.
+        page.run("document.querySelector('#parameters input[type=number]').focus()")
+        page.press("Escape")
+        page.wait(f"{WORD} === 'Disabled'")
+
+    def test_keyboard_alone(self):
+        run = self.run_scene("rest")
+        page = self.open(run)
+        page.press("Escape")
+        page.wait(f"{WORD} === 'Disabled'")
+        for _ in range(3):
+            page.press("Tab")
+            if page.run("document.activeElement.id") == "enable":
+                break
+        self.assertEqual(page.run("document.activeElement.id"), "enable", "among the first stops of the tab key")
+        self.assertNotEqual(page.run("getComputedStyle(document.activeElement).outlineStyle"), "none", "the focus can be seen")
+        page.press("Enter")
+        page.wait(f"{WORD} === 'Enabled'")
+
+        page.run("document.querySelector('#view').focus()")
+        before = page.picture_of("#view")
+        page.press("ArrowLeft")
+        page.wait("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => done(true))))")
+        self.assertNotEqual(page.picture_of("#view"), before, "arrow keys turn the view")
+
+    def test_parameters(self):
+        run = self.run_scene("press")
+        page = self.open(run)
+        page.wait(IN_CONTACT)
+
+        def served(name):
+            return next(p for p in run.get("parameters") if p["name"] == name)
+
+        name = "contact_stiffness_n_per_m"
+        scene = served(name)["scene"]
+        page.run(f"document.querySelector('#slider-{name}').focus()")
+        page.press("Home")
+        page.wait(f"document.querySelector('#answer-{name}').textContent.startsWith('set')")
+        self.assertAlmostEqual(served(name)["value"], served(name)["least"], places=6)
+        page.wait(f"{number('read-depth')} > 0.1")
+
+        page.click(f"#parameter-{name} .reset")
+        page.wait(f"document.querySelector('#parameter-{name} .reset').disabled")
+        self.assertEqual(served(name)["value"], scene)
+
+        # A field takes the units of the scene file.
+        page.run(f"(() => {{ const f = document.querySelector('#field-{name}'); f.value = '3'; f.dispatchEvent(new Event('change')); }})()")
+        page.wait(f"document.querySelector('#answer-{name}').textContent.startsWith('set')")
+        self.assertAlmostEqual(served(name)["value"], 3000, places=6)
+
+    def test_movable_part(self):
+        run = self.run_scene("rest")
+        page = self.open(run)
+        before = page.picture_of("#view")
+        page.run("(() => { const f = document.querySelectorAll('#object-lift input')[2]; f.value = '-4'; f.dispatchEvent(new Event('change')); })()")
+        page.wait("document.querySelector('#object-lift .answer').textContent.includes('−4.00 mm')")
+        self.assertNotEqual(page.picture_of("#view"), before, "the part moved")
+
+    def test_another_scene(self):
+        run = self.run_scene("rest")
+        page = self.open(run)
+        page.run("document.querySelector('#scene-choice').value = 'press'")
+        page.click("#scene-form button")
+        page.wait("document.querySelector('#scene-name').textContent === 'press scene'")
+        page.wait(VIEW_IS_READY)
+        page.wait(f"{WORD} === 'Enabled'")
+
+    def test_fault(self):
+        run = self.run_scene("fault")
+        page = self.open(run)
+        page.wait("!document.querySelector('#banner').hidden")
+        self.assertEqual(page.run(WORD), "Fault")
+        self.assertIn("not a number", page.run("document.querySelector('#banner').textContent"))
+        page.wait(f"{number('read-force')} === 0")
+        page.screenshot(SHOTS / "fault.png")
+        page.click("#banner-enable")
+        page.wait(f"{WORD} === 'Enabled'")
+        self.assertTrue(page.run("document.querySelector('#banner').hidden"))
+
+    def test_connection_lost_and_found(self):
+        run = self.run_scene("rest")
+        page = self.open(run, complains=True)
+        run.kill()
+        page.wait("!document.querySelector('#lost').hidden")
+        page.wait("document.querySelector('#lost').textContent.includes('Connection lost')")
+        self.assertTrue(page.run("document.body.classList.contains('is-stale')"))
+        page.screenshot(SHOTS / "lost.png")
+        self.run_scene("press", address=run.url.removeprefix("http://").rstrip("/"))
+        page.wait("document.querySelector('#lost').hidden")
+        page.wait("document.querySelector('#scene-name').textContent === 'press scene'")
+        page.wait(f"{WORD} === 'Enabled'")
+
+    def test_stop(self):
+        run = self.run_scene("press")
+        page = self.open(run, complains=True)
+        page.wait(f"{number('read-force')} > 0.5")
+        # Also where drawing takes all that the machine has.
+        page.call("Emulation.setCPUThrottlingRate", rate=10)
+        page.click("#stop")
+        self.assertEqual(run.process.wait(timeout=30), 0)
+        page.call("Emulation.setCPUThrottlingRate", rate=1)
+        page.wait("document.querySelector('#lost').textContent.includes('The run is over')")
+
+    def test_every_screen(self):
+        run = self.run_scene("press")
+        for name, screen in SCREENS.items():
+            with self.subTest(name):
+                page = self.open(run, **screen)
+                page.wait(IN_CONTACT)
+                page.wait(f"{number('read-speed')} > 8")
+                page.screenshot(SHOTS / f"{name}.png")
+                self.assertLessEqual(page.run("document.documentElement.scrollWidth"), screen["width"], "nothing is cut off at the side")
+                self.assertEqual(page.unnamed_controls(), [], "every control has a name")
+                self.assertEqual(page.poor_contrasts(), [], "text can be read")
+                if screen.get("touch"):
+                    self.assertEqual(page.small_targets(44), [], "a finger meets every control")
+
+    def test_view_follows_the_mouse(self):
+        run = self.run_scene("rest")
+        page = self.open(run)
+        before = page.picture_of("#view")
+        page.drag((500, 400), (600, 450))
+        page.wait("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => done(true))))")
+        turned = page.picture_of("#view")
+        self.assertNotEqual(turned, before)
+        page.click("#see-through")
+        page.wait("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => done(true))))")
+        self.assertNotEqual(page.picture_of("#view"), turned)
+
+    def test_snippet(self):
+        """examples/browser, served by another server than hapticd."""
+        quiet = functools.partial(QuietFiles, directory=str(REPOSITORY / "examples" / "browser"))
+        with http.server.ThreadingHTTPServer(("127.0.0.1", 0), quiet) as files:
+            threading.Thread(target=files.serve_forever, daemon=True).start()
+            origin = f"http://127.0.0.1:{files.server_port}"
+            run = self.run_scene("press", "--monitor-origin", origin)
+            server = run.url.removeprefix("http://").rstrip("/")
+            page = self.browser.open(f"{origin}/force.html?server={server}")
+            self.addCleanup(page.close)
+            page.wait("parseFloat(document.querySelector('#force').textContent) > 0.5")
+            self.assertEqual(page.complaints(), [])
+            files.shutdown()
+
+
+class QuietFiles(http.server.SimpleHTTPRequestHandler):
+    def log_message(self, *_):
+        pass
+
+
+if __name__ == "__main__":
+    unittest.main(verbosity=2)
