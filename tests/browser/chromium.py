@@ -240,8 +240,8 @@ COUNT_PIXELS = """(async () => {
   const hue = ([r, g, b]) => { const m = Math.max(r, g, b) || 1; return [r / m, g / m, b / m]; };
   const hex = parseInt(getComputedStyle(document.documentElement).getPropertyValue(%s).trim().slice(1), 16);
   const wanted = hue([(hex >> 16) & 255, (hex >> 8) & 255, hex & 255]);
-  // Without the buttons above and the legend below.
-  const { data } = g.getImageData(0, 0.15 * h, w, 0.7 * h);
+  // Without the buttons above, the legend below, and the axes in the corner.
+  const { data } = g.getImageData(0.12 * w, 0.15 * h, 0.88 * w, 0.7 * h);
   let n = 0;
   for (let k = 0; k < data.length; k += 4) {
     const found = hue([data[k], data[k + 1], data[k + 2]]);

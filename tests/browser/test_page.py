@@ -230,6 +230,47 @@ class PageTest(unittest.TestCase):
         page.wait("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => done(true))))")
         self.assertNotEqual(page.picture_of("#view"), turned)
 
+    def test_modules(self):
+        """What the modules reckon, without a picture."""
+        run = self.run_scene("rest")
+        page = self.open(run)
+        self.assertEqual(
+            page.run("import('/web/math.js').then(({ ceilTo125 }) => [0, 0.013, 0.2, 3, 5, 5.1, 70].map(ceilTo125))"),
+            [0, 0.02, 0.2, 5, 5, 10, 100],
+        )
+        turned = page.run("import('/web/math.js').then(({ rotate }) => rotate([0, 0, Math.SQRT1_2, Math.SQRT1_2], [1, 0, 2]))")
+        for found, expected in zip(turned, [0, 1, 2]):
+            self.assertAlmostEqual(found, expected)
+        # A cube as STL has it, every corner of every triangle a vertex of its own: 12 sharp edges, no diagonal, flat faces.
+        cube = page.run(
+            """import('/web/mesh.js').then(({ prepare }) => {
+              const positions = [];
+              for (let axis = 0; axis < 3; axis += 1) for (const side of [0, 1]) {
+                const at = (u, v) => { const p = []; p[axis] = side ? 1 : -0; p[(axis + 1) % 3] = u; p[(axis + 2) % 3] = v; return p; };
+                const quad = [at(0, 0), at(1, 0), at(1, 1), at(0, 1)];
+                if (!side) quad.reverse();
+                positions.push(quad[0], quad[1], quad[2], quad[0], quad[2], quad[3]);
+              }
+              const mesh = prepare({ positions: new Float32Array(positions.flat()), indices: Uint32Array.from(positions.keys()) });
+              return { edges: mesh.edges.length / 6, min: mesh.min, max: mesh.max, normals: [...mesh.normals] };
+            })"""
+        )
+        self.assertEqual(cube["edges"], 12)
+        self.assertEqual((cube["min"], cube["max"]), ([0, 0, 0], [1, 1, 1]))
+        self.assertEqual({tuple(sorted(map(abs, cube["normals"][n : n + 3]))) for n in range(0, 144, 4)}, {(0, 0, 127)})
+        # More rows than it keeps, and a loop that begins anew.
+        kept = page.run(
+            """import('/web/history.js').then(({ History }) => {
+              const history = new History();
+              for (let n = 0; n < 20000; n += 1) history.push([[n / 1000, n, null, 1, 2]]);
+              const row = history.since(10);
+              const full = [history.n - history.first, history.at(row, 0), history.at(row, 1)];
+              history.push([[0.5, 7, 0, 1, 2]]);
+              return [...full, history.n, history.end];
+            })"""
+        )
+        self.assertEqual(kept, [16384, 10, 10000, 1, 0.5])
+
     def test_snippet(self):
         """examples/browser, served by another server than hapticd."""
         quiet = functools.partial(QuietFiles, directory=str(REPOSITORY / "examples" / "browser"))

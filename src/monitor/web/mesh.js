@@ -39,23 +39,41 @@ export function prepare({ positions, indices }) {
   const corners = weld(positions, indices);
   const faceNormals = normalsOfFaces(positions, indices);
   return {
-    positions: Float32Array.from({ length: 3 * indices.length }, (_, n) => positions[3 * indices[(n / 3) | 0] + (n % 3)]),
+    positions: unfold(positions, indices),
     normals: normalsOfCorners(corners, faceNormals, positions.length / 3),
     edges: sharpEdges(positions, corners, faceNormals),
     ...box(positions),
   };
 }
 
+/** The position of every corner. */
+function unfold(positions, indices) {
+  const corners = new Float32Array(3 * indices.length);
+  for (let n = 0; n < indices.length; n += 1) {
+    for (let axis = 0; axis < 3; axis += 1) corners[3 * n + axis] = positions[3 * indices[n] + axis];
+  }
+  return corners;
+}
+
 /** Indices in which vertices of equal position have one number: files like STL repeat a vertex per triangle. */
 function weld(positions, indices) {
-  const first = new Map();
   const same = new Uint32Array(positions.length / 3);
-  const bits = new Int32Array(positions.buffer, positions.byteOffset, positions.length);
+  // Minus zero is zero.
+  const bits = new Int32Array(positions.map((x) => x + 0).buffer);
+  // A hash table of vertices by position, at most half full; a taken place sends on to the next.
+  const mask = 2 ** Math.ceil(Math.log2(2 * same.length + 1)) - 1;
+  const table = new Int32Array(mask + 1).fill(-1);
   for (let vertex = 0; vertex < same.length; vertex += 1) {
-    const key = `${bits[3 * vertex]},${bits[3 * vertex + 1]},${bits[3 * vertex + 2]}`;
-    const known = first.get(key);
-    if (known === undefined) first.set(key, vertex);
-    same[vertex] = known ?? vertex;
+    const [x, y, z] = [bits[3 * vertex], bits[3 * vertex + 1], bits[3 * vertex + 2]];
+    const hash = Math.imul(Math.imul(Math.imul(x, 73856093) ^ y, 19349663) ^ z, 83492791);
+    let place = (hash ^ (hash >>> 15)) & mask;
+    let other = table[place];
+    while (other >= 0 && (bits[3 * other] !== x || bits[3 * other + 1] !== y || bits[3 * other + 2] !== z)) {
+      place = (place + 1) & mask;
+      other = table[place];
+    }
+    if (other < 0) table[place] = vertex;
+    same[vertex] = other < 0 ? vertex : other;
   }
   return indices.map((vertex) => same[vertex]);
 }

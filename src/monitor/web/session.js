@@ -36,11 +36,8 @@ export class Session {
     byId("record-form").classList.toggle("is-recording", Boolean(recording));
     byId("record").textContent = recording ? "End" : "Record";
     byId("record-file").disabled = Boolean(recording);
-    byId("record-facts").hidden = !recording;
-    if (recording) {
-      const lost = recording.dropped > 0 ? `, ${count(recording.dropped)} lost` : "";
-      byId("record-facts").textContent = `${recording.file}: ${count(recording.records)} ticks${lost}`;
-    }
+    const lost = recording?.dropped > 0 ? `, ${count(recording.dropped)} lost` : "";
+    byId("record-facts").textContent = recording ? `${recording.file}: ${count(recording.records)} ticks${lost}` : "not recording";
     const guard = byId("guard");
     if (heartbeatMs && !guard.checked) {
       // The scene gives force only to a client that beats.
