@@ -43,7 +43,8 @@ pub fn run(options: &Options, mut tell: impl FnMut(&str)) -> Result<Vec<Row>, Be
     for scene in scenes.iter().take(if options.quick { 1 } else { usize::MAX }) {
         let name = scene.file_stem().unwrap_or_default().to_string_lossy();
         tell(&format!("{name}: {seconds} s on the real clock"));
-        let flags = ["--realtime", "best-effort", "--duration", &format!("{seconds}s"), "--json", "--quiet"].map(str::to_owned);
+        let flags = ["--monitor", "off", "--realtime", "best-effort", "--duration", &format!("{seconds}s"), "--json", "--quiet"]
+            .map(str::to_owned);
         let ended = process::run(Command::new(&options.program).arg("run").arg(scene).args(flags))?;
         let realtime = &ended.json["realtime"];
         tell(&format!("cyclictest, {seconds} s"));

@@ -120,6 +120,10 @@ pub(crate) fn main(args: &Args, talk: Talk, started_ns: i64) -> Exit {
         return Exit::Usage;
     }
     let clock = args.clock.kind();
+    let changes = match args.live.check(&config, &overrides, args.duration, talk) {
+        Ok(changes) => changes,
+        Err(exit) => return exit,
+    };
     let bound = match args.monitor.open(&config, clock, talk) {
         Ok(bound) => bound,
         Err(exit) => return exit,
@@ -136,10 +140,6 @@ pub(crate) fn main(args: &Args, talk: Talk, started_ns: i64) -> Exit {
         }
         tell_of_arm(&config, real, talk);
     }
-    let changes = match args.live.check(&config, &overrides, args.duration, talk) {
-        Ok(changes) => changes,
-        Err(exit) => return exit,
-    };
     if talk.verbose > 0 {
         say::talk(format_args!("{}\n", check::summary(&config)));
     }
@@ -220,7 +220,7 @@ pub(crate) fn main(args: &Args, talk: Talk, started_ns: i64) -> Exit {
     }
 }
 
-const HOW_TO_ENABLE: &str = "give --enable to let force flow from the start, or --console to type `enable`; \
+const HOW_TO_ENABLE: &str = "give --enable to let force flow from the start, --console to type `enable`, or --monitor for its page; \
                              with `safety.deadman` in the scene force flows while that button is held";
 
 impl Args {

@@ -164,7 +164,7 @@ mod tests {
     fn told(heart: &Heart, then: impl FnOnce(&dyn Fn() -> (Silence, bool))) {
         let (sender, said) = channel();
         std::thread::scope(|scope| {
-            scope.spawn(|| heart.watch(move |silence, is_news| drop(sender.send((silence, is_news)))));
+            scope.spawn(|| heart.watch(move |silence, is_news| sender.send((silence, is_news)).unwrap_or_default()));
             then(&|| said.recv().expect("it watches"));
             heart.end();
         });

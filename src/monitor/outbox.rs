@@ -15,7 +15,7 @@ const STATES_S: f64 = 0.05;
 /// Going away (RFC 6455).
 pub(super) const AWAY: u16 = 1001;
 /// The client does not do its part.
-pub(super) const POLICY: u16 = 1008;
+const POLICY: u16 = 1008;
 
 /// The queue of one client.
 #[derive(Debug, Default)]

@@ -18,7 +18,7 @@ use super::asks::{Do, perform};
 use super::door::Peer;
 use super::encode;
 use super::hub::Client;
-use super::outbox::{Next, POLICY};
+use super::outbox::Next;
 use super::problem::Problem;
 use super::server::Served;
 
@@ -35,6 +35,7 @@ const PING_EVERY: Duration = Duration::from_secs(10);
 const GOOD_BYE: Duration = Duration::from_secs(1);
 
 /// Normal end, broken protocol, a kind of data that is not taken, too large (RFC 6455).
+const NORMAL: u16 = 1000;
 const PROTOCOL: u16 = 1002;
 const UNSUPPORTED: u16 = 1003;
 const TOO_LARGE: u16 = 1009;
@@ -152,7 +153,7 @@ async fn take_all(mut stream: SplitStream<WebSocket>, served: &Arc<Served>, clie
             }
         }
     }
-    client.outbox.end(POLICY, "");
+    client.outbox.end(NORMAL, "");
 }
 
 /// The answer to one request.

@@ -52,7 +52,7 @@ arm_ends() {
 host() {
   name="$1" profile="$2"
   shift 2
-  hapticd run $SCENE --device "$profile" --json --cache /tmp/cache "$@" >"$OUT/$name.host.json" 2>"$OUT/$name.host.err"
+  hapticd run $SCENE --device "$profile" --json --cache /tmp/cache --monitor off "$@" >"$OUT/$name.host.json" 2>"$OUT/$name.host.err"
   echo $? >"$OUT/$name.host.code"
 }
 

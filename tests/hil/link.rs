@@ -212,7 +212,7 @@ impl Bench {
     pub(crate) fn host(&self, args: &[&str]) -> Running {
         let link = self.link();
         let mut all = vec!["run", self.scene.to_str().expect("text"), "--device", &self.profile, "--selector", &link, "--json"];
-        all.extend(["--cache", "off"]);
+        all.extend(["--cache", "off", "--monitor", "off"]);
         all.extend(args);
         Running::start(&all)
     }

@@ -292,7 +292,7 @@ fn what_cannot_change_is_refused_before_anything_is_baked() {
     refuses(dir.path(), "run a.toml --cache off --duration 1s --swap b.toml@1s", 2, &["b.toml: at 1s, but the run ends after 1s"]);
     refuses(
         dir.path(),
-        "run ok.toml --cache off --duration 1s --move base=up.csv",
+        "run ok.toml --monitor off --cache off --duration 1s --move base=up.csv",
         3,
         &["`base` is not movable; set `movable = true`"],
     );
@@ -414,7 +414,7 @@ fn an_absurd_grid_is_refused_before_it_is_allocated() {
     let dir = folder();
     fs::write(dir.path().join("absurd.toml"), scene(PLANE, "0.000006", "")).unwrap();
     for (line, hint) in [
-        ("run absurd.toml", "hint: use a voxel size of at least "),
+        ("run absurd.toml --monitor off", "hint: use a voxel size of at least "),
         ("bake absurd.toml", "hint: use a voxel size of at least "),
         ("bake peg.obj --units mm --voxel-size-mm 0.000004", "mm, or check --units"),
         ("bake peg.obj --units mm --voxel-size-mm 1e-300", "mm, or check --units"),
@@ -567,7 +567,10 @@ fn a_run_gives_one_json_object_and_talks_on_stderr() {
 fn quiet_is_quiet_verbose_says_more_and_colour_is_colour() {
     let dir = folder();
     for clock in ["virtual", "real"] {
-        let ended = hapticd(dir.path(), &format!("run -q ok.toml --clock {clock} --duration 100ms --json --realtime best-effort"));
+        let ended = hapticd(
+            dir.path(),
+            &format!("run -q ok.toml --clock {clock} --duration 100ms --json --monitor off --realtime best-effort"),
+        );
         assert_eq!((ended.code(), ended.stderr.as_str()), (Some(0), ""));
         assert_run_keys(&ended.json());
     }
@@ -641,7 +644,7 @@ impl Running {
 #[test]
 fn a_signal_brings_the_arm_to_rest() {
     let scene = shipped("scenes/block-on-plane.toml");
-    let args = ["run", scene.to_str().unwrap(), "--json", "--realtime", "best-effort"];
+    let args = ["run", scene.to_str().unwrap(), "--json", "--monitor", "off", "--realtime", "best-effort"];
     for signal in ["INT", "TERM", "HUP"] {
         if signal == "HUP" && is_hangup_ignored() {
             eprintln!("skipped: SIGHUP is ignored here (nohup), and stays so in what this test starts");
@@ -677,7 +680,10 @@ fn is_hangup_ignored() -> bool {
 fn a_background_job_stops_when_asked_and_survives_a_hangup_under_nohup() {
     let dir = folder();
     let ignoring = |signal: &str| {
-        let line = format!("trap '' {signal}; exec '{}' run ok.toml --json --realtime best-effort", env!("CARGO_BIN_EXE_hapticd"));
+        let line = format!(
+            "trap '' {signal}; exec '{}' run ok.toml --json --monitor off --realtime best-effort",
+            env!("CARGO_BIN_EXE_hapticd")
+        );
         let mut running =
             Running::start(Command::new("sh").args(["-c", &line]).current_dir(dir.path()).env("XDG_CACHE_HOME", dir.path()));
         running.wait_for("state: enabled");
@@ -703,7 +709,7 @@ fn a_background_job_stops_when_asked_and_survives_a_hangup_under_nohup() {
 fn a_second_signal_quits_at_once() {
     let dir = folder();
     fs::write(dir.path().join("slow.toml"), scene(PLANE, "2.0", "[safety]\nramp_ms = 2000\n")).unwrap();
-    let mut running = start(dir.path(), &["run", "slow.toml", "--json", "--realtime", "best-effort"]);
+    let mut running = start(dir.path(), &["run", "slow.toml", "--json", "--monitor", "off", "--realtime", "best-effort"]);
     running.wait_for("state: enabled");
     running.signal("INT");
     running.wait_for("state: stopping");
@@ -724,7 +730,7 @@ fn an_injected_fault_ends_with_its_name_and_7() {
         let text = scene(PLANE, "2.0", &format!("[device.sim]\nfault = \"{spec}\"\n"));
         fs::write(dir.path().join("fault.toml"), text).unwrap();
         for line in [
-            "run fault.toml --json --realtime best-effort --duration 10s",
+            "run fault.toml --json --monitor off --realtime best-effort --duration 10s",
             "run -q fault.toml --json --clock virtual --duration 10s",
         ] {
             let ended = hapticd(dir.path(), line);
@@ -737,7 +743,7 @@ fn an_injected_fault_ends_with_its_name_and_7() {
             // 500 ms of the arm's own time.
             assert!(json["ticks"].as_u64() >= Some(500));
         }
-        let ended = hapticd(dir.path(), "run fault.toml --json --realtime best-effort --duration 10s");
+        let ended = hapticd(dir.path(), "run fault.toml --json --monitor off --realtime best-effort --duration 10s");
         assert_eq!(ended.states().last(), Some(&"fault"));
     }
 }
@@ -745,7 +751,7 @@ fn an_injected_fault_ends_with_its_name_and_7() {
 #[test]
 fn enforce_refuses_a_machine_that_fails_a_check() {
     let dir = folder();
-    let ended = hapticd(dir.path(), "run ok.toml --realtime enforce --duration 100ms --json");
+    let ended = hapticd(dir.path(), "run ok.toml --monitor off --realtime enforce --duration 100ms --json");
     match ended.code() {
         // Or 7: every check passed, and then the machine was late, which `enforce` takes for a fault.
         Some(0 | 7) => {
@@ -757,7 +763,7 @@ fn enforce_refuses_a_machine_that_fails_a_check() {
             for fragment in ["FAILED", "hint: ", "error: real-time preflight refused: ", "--realtime best-effort"] {
                 assert!(ended.stderr.contains(fragment), "{fragment}: {}", ended.stderr);
             }
-            let quiet = hapticd(dir.path(), "run -q ok.toml --realtime enforce --duration 100ms --json");
+            let quiet = hapticd(dir.path(), "run -q ok.toml --monitor off --realtime enforce --duration 100ms --json");
             assert_eq!(quiet.code(), Some(6));
             assert!(quiet.stderr.starts_with("preflight: ") && !quiet.stderr.contains("state: "), "{}", quiet.stderr);
         }

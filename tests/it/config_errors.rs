@@ -187,23 +187,41 @@ fn an_object_is_movable_as_written() {
 #[test]
 fn what_this_version_lacks_is_refused_by_name() {
     let scene = SCENE.to_owned()
-        + r#"[safety]
-heartbeat_ms = 500
-[device.sim]
+        + r#"[device.sim]
 jitter_us = 20
-[monitor]
-listen = "127.0.0.1:7878"
 [sculpt]
 points = 1000
 "#;
     let errors = load(&scene).unwrap_err();
     let keys: Vec<&str> = errors.problems().iter().filter_map(|problem| problem.key.as_deref()).collect();
-    let expected = ["safety.heartbeat_ms", "device.sim.jitter_us", "monitor.listen", "sculpt"];
+    let expected = ["device.sim.jitter_us", "sculpt"];
     assert_eq!(keys, expected);
     for problem in errors.problems() {
         assert!(matches!(problem.kind, ProblemKind::NotAvailable { .. }), "{problem}");
         assert!(problem.to_string().contains("not available in this version"), "{problem}");
     }
+}
+
+#[test]
+fn the_monitor_listens_at_an_address_or_not_at_all() {
+    let listens = |listen: &str| load(&format!("{SCENE}[monitor]\nlisten = \"{listen}\"\n")).map(|config| config.monitor.listen);
+    for (listen, expected) in [
+        ("off", None),
+        ("localhost:80", Some("127.0.0.1:80")),
+        ("[::1]:7878", Some("[::1]:7878")),
+        ("0.0.0.0:0", Some("0.0.0.0:0")),
+    ] {
+        assert_eq!(listens(listen).unwrap().map(|address| address.to_string()).as_deref(), expected);
+    }
+    for wrong in ["7878", "on", "127.0.0.1", "lab.example:7878", "localhost:http"] {
+        let errors = listens(wrong).unwrap_err().to_string();
+        assert!(errors.contains("monitor.listen") && errors.contains("127.0.0.1:7878"), "{wrong}: {errors}");
+    }
+    let wrong =
+        "[safety]\nheartbeat_ms = 5\n[monitor]\ntoken_file = \"none\"\norigins = [\"http://lab:1\", \"lab\", \"http://lab/\"]\n";
+    let errors = load(&format!("{SCENE}{wrong}")).unwrap_err();
+    let keys: Vec<&str> = errors.problems().iter().filter_map(|problem| problem.key.as_deref()).collect();
+    assert_eq!(keys, ["monitor.token_file", "monitor.origins[1]", "monitor.origins[2]", "safety.heartbeat_ms"], "{errors}");
 }
 
 #[test]
@@ -305,6 +323,7 @@ fn the_default_scene_says_the_truth() {
     assert_eq!(shipped.realtime, bare.realtime);
     assert_eq!(shipped.statics, bare.statics);
     assert_eq!(shipped.tool, bare.tool);
+    assert_eq!((shipped.monitor, shipped.heartbeat), (bare.monitor, bare.heartbeat));
 
     // Each table tells its keys when it is asked for one that it does not have.
     let mut asking = String::from("version = 1\nzz = 0\n[[static]]\nzz = 0\nshape = { zz = 0 }\n");

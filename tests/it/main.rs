@@ -19,6 +19,7 @@ mod fuzz_corpus;
 mod json_schemas;
 mod meddled;
 mod models;
+mod monitor;
 mod objects;
 mod presets;
 mod profiles;

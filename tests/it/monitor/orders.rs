@@ -1,0 +1,155 @@
+//! What clients change.
+
+use serde_json::{Value, json};
+
+use super::{Daemon, Ended, http, length, no_record_lost, scene_file};
+
+fn pressed(state: &Value) -> bool {
+    length(&state["measured_cf"]["f"]) > 0.5
+}
+
+#[test]
+fn disable_takes_the_force_away_and_enable_brings_it_back_from_zero() {
+    let mut daemon = Daemon::enabled("", "");
+    let mut client = daemon.connect();
+    client.subscribe(1000.0);
+    client.state_where(pressed);
+    client.does(json!({ "do": "disable" }));
+    client.event("state", "disabled");
+    let state = client.state_where(|state| state["state"] == "DISABLED");
+    assert_eq!((length(&state["servo_cf"]["f"]), length(&state["measured_cf"]["f"])), (0.0, 0.0));
+    assert_eq!((state["off_cause"].as_str(), &state["device_cp_world"]), (Some("software"), &Value::Null));
+    client.does(json!({ "do": "enable" }));
+    client.state_where(|state| state["state"] == "ENABLED" && state["is_busy"] == true);
+    let (status, body) = daemon.http("POST", "/api/v1/stop", &[], "");
+    assert_eq!(status, 200, "{body}");
+    let ended = daemon.ended();
+    assert_eq!(ended.code, Some(0), "{}", ended.stderr);
+    no_record_lost(&ended);
+}
+
+#[test]
+fn a_parameter_goes_there_and_others_hear_of_it() {
+    let daemon = Daemon::enabled("", "");
+    let (mut client, mut other) = (daemon.connect(), daemon.connect());
+    other.subscribe(1000.0);
+    let before = other.state_where(|state| length(&state["measured_cf"]["f"]) > 1.0);
+    let name = "limit_force_n";
+    let least =
+        daemon.get("/api/v1/parameters").as_array().unwrap().iter().find(|knob| knob["name"] == name).unwrap()["least"].clone();
+    client.does(json!({ "do": "set", "parameter": name, "value": least }));
+    let event = other.event("parameter", name);
+    assert!(event["text"].as_str().unwrap().contains(name));
+    let after = other.state_where(|state| length(&state["measured_cf"]["f"]) <= least.as_f64().unwrap() + 1e-9);
+    assert!(length(&before["measured_cf"]["f"]) > length(&after["measured_cf"]["f"]));
+    let set =
+        daemon.get("/api/v1/parameters").as_array().unwrap().iter().find(|knob| knob["name"] == name).unwrap()["value"].clone();
+    assert_eq!(set, least);
+    for (path, body, expected) in [
+        ("limit_force_n", r#"{"value": 1e6}"#, 400),
+        ("limit_force_n", r#"{"value": "much"}"#, 400),
+        ("limit_force_n", r#"{"amount": 1}"#, 400),
+        ("limit_force_n", "", 400),
+        ("limit_farce_n", r#"{"value": 1}"#, 404),
+        ("contact_stiffness_n_per_m", r#"{"value": 4000}"#, 200),
+    ] {
+        let (status, answer) = daemon.http("PUT", &format!("/api/v1/parameters/{path}"), &[], body);
+        assert_eq!(status, expected, "{path} {body}: {answer}");
+        assert_eq!(status == 200, answer["ok"] == true, "{answer}");
+    }
+    let reply = client.ask(json!({ "do": "set", "parameter": "limit_farce_n", "value": 1 }));
+    assert!(reply["error"].as_str().unwrap().contains("limit_force_n"), "{reply}");
+}
+
+#[test]
+fn a_movable_object_goes_where_it_is_asked_to() {
+    let daemon = Daemon::enabled("", "");
+    let mut client = daemon.connect();
+    client.subscribe(200.0);
+    let at = |z: f64| json!({ "p": [0, 0, z], "q": [0, 0, 0, 1] });
+    client.does(json!({ "do": "place", "object": "plate", "pose": at(-0.03) }));
+    let z_m = |state: &Value| state["objects"][0]["p"][2].as_f64().unwrap();
+    let mut seen = Vec::new();
+    let arrived = client.state_where(|state| (z_m(state) + 0.03).abs() < 1e-5);
+    assert_eq!(arrived["contacts"], 0, "the plate has gone from under the tool");
+    seen.push(z_m(&arrived));
+    for (object, pose, expected) in
+        [("plat", at(0.0), 404), ("tool", at(0.0), 404), ("plate", json!({ "p": [0, 0, 0], "q": [0, 0, 0, 2] }), 400)]
+    {
+        let (status, answer) = daemon.http("PUT", &format!("/api/v1/objects/{object}/pose"), &[], &pose.to_string());
+        assert_eq!(status, expected, "{object}: {answer}");
+    }
+}
+
+#[test]
+fn another_scene_takes_over_and_is_told() {
+    let folder = super::folder("");
+    scene_file(&folder, "other.toml", "[contact]\nstiffness_n_per_mm = 2.0\n");
+    scene_file(&folder, "faster.toml", "[rendering]\nrate_hz = 500\n");
+    std::fs::write(folder.path().join("wrong.toml"), "version = 1\n").unwrap();
+    let mut daemon = Daemon::of(folder, "", &[]);
+    daemon.wait_for("state: enabled");
+    assert_eq!(daemon.get("/api/v1/scenes"), json!(["faster", "other", "press", "wrong"]));
+    let mut client = daemon.connect();
+    for (scene, expected, word) in [("none", 404, "other"), ("wrong", 409, "tool"), ("faster", 409, "rate_hz")] {
+        let reply = client.ask(json!({ "do": "switch", "scene": scene }));
+        assert_eq!(reply["status"], expected, "{reply}");
+        assert!(reply["error"].as_str().unwrap().contains(word), "{reply}");
+    }
+    client.does(json!({ "do": "switch", "scene": "other" }));
+    client.event("scene", "rendered");
+    client.subscribe(100.0);
+    let state = client.state_where(|state| state["scene_idx"] == 1);
+    assert!(state["tick"].as_u64() > Some(0));
+    let scene = daemon.get("/api/v1/scene");
+    assert!(scene["scene_idx"] == 1 && scene["file"].as_str().unwrap().ends_with("other.toml"), "{scene}");
+    let stiffness = &daemon.get("/api/v1/parameters")[0];
+    assert_eq!((&stiffness["name"], &stiffness["value"]), (&"contact_stiffness_n_per_m".into(), &2000.0.into()));
+    // A knob of the new scene, and back over HTTP.
+    client.does(json!({ "do": "set", "parameter": "contact_stiffness_n_per_m", "value": 3000 }));
+    let (status, answer) = daemon.http("POST", "/api/v1/scene", &[], r#"{"scene": "press"}"#);
+    assert!(status == 200 || status == 202, "{answer}");
+    client.state_where(|state| state["scene_idx"] == 2);
+    let ended = daemon.end();
+    assert_eq!(ended.code, Some(0), "{}", ended.stderr);
+    no_record_lost(&ended);
+}
+
+#[test]
+fn after_a_fault_the_run_waits_for_somebody_to_enable() {
+    let mut daemon = Daemon::start("[device.sim]\nfault = \"stall@700ms+300ms\"\n", "");
+    let mut client = daemon.connect();
+    let event = client.event("fault", "");
+    assert!(!event["text"].as_str().unwrap().is_empty() && event["tick"].as_u64() > Some(0), "{event}");
+    client.subscribe(1000.0);
+    let state = client.state_where(|state| state["state"] == "FAULT");
+    assert_eq!(length(&state["servo_cf"]["f"]), 0.0);
+    assert_eq!(state["faults"], event["names"]);
+    // The arm sends nothing yet: whoever enables too early gets the same fault again.
+    loop {
+        client.does(json!({ "do": "enable" }));
+        let state = client.state_where(|state| {
+            matches!(state["phase"].as_str(), Some("enabled" | "fault"))
+                && state["tick"].as_u64() > event["tick"].as_u64().map(|tick| tick + 100)
+        });
+        if state["phase"] == "enabled" {
+            break;
+        }
+    }
+    let Ended { code, json, .. } = {
+        daemon.http("POST", "/api/v1/stop", &[], "");
+        daemon.ended()
+    };
+    assert_eq!(code, Some(7), "a fault happened");
+    assert!(!json["faults"].as_array().unwrap().is_empty());
+}
+
+#[test]
+fn what_is_not_there_is_said() {
+    let daemon = Daemon::enabled("", "");
+    for (method, path) in [("POST", "/api/v1/recording"), ("DELETE", "/api/v1/recording"), ("GET", "/metrics")] {
+        let (status, answer) = http(daemon.address, method, path, &[], b"").unwrap();
+        let known = [200, 409, 503].contains(&status);
+        assert!(known, "{path}: {status} {}", String::from_utf8_lossy(&answer));
+    }
+}
