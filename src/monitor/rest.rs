@@ -75,6 +75,7 @@ pub(super) fn router(served: Arc<Served>) -> Router {
         .layer(middleware::from_fn_with_state(served.clone(), paced))
         .route("/api/v1/ws", get(ws::open))
         .fallback(nothing)
+        .method_not_allowed_fallback(wrong_method)
         .layer(middleware::from_fn_with_state(served.clone(), let_in));
     let page = Router::new()
         .route("/", get(|| page_file("index.html".to_owned())))
@@ -82,13 +83,7 @@ pub(super) fn router(served: Arc<Served>) -> Router {
         .route("/favicon.ico", get(|| async { StatusCode::NO_CONTENT }))
         .route("/web/{name}", get(|Path(name): Path<String>| page_file(name)))
         .layer(middleware::from_fn_with_state(served.clone(), show));
-    api.merge(page)
-        .method_not_allowed_fallback(|| async {
-            Problem::new(StatusCode::METHOD_NOT_ALLOWED, "not with this method", "docs/api.md lists what there is")
-        })
-        .layer(DefaultBodyLimit::max(MOST_BYTES))
-        .layer(middleware::map_response(hardened))
-        .with_state(served)
+    api.merge(page).layer(DefaultBodyLimit::max(MOST_BYTES)).layer(middleware::map_response(hardened)).with_state(served)
 }
 
 /// Whoever may not come in is told why.
@@ -136,6 +131,10 @@ async fn page_file(name: String) -> Response {
 
 async fn nothing() -> Problem {
     Problem::new(StatusCode::NOT_FOUND, "there is nothing here", "docs/api.md lists what there is")
+}
+
+async fn wrong_method() -> Problem {
+    Problem::new(StatusCode::METHOD_NOT_ALLOWED, "not with this method", "docs/api.md lists what there is")
 }
 
 async fn info(State(served): State<Arc<Served>>) -> Json<Value> {
