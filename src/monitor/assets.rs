@@ -1,9 +1,37 @@
 //! The page, embedded in the program: one line for each file of `web/`.
 
 /// Name below `/web/`, content type, bytes.
-pub(super) const FILES: &[(&str, &str, &[u8])] = &[("index.html", HTML, include_bytes!("web/index.html"))];
+pub(super) const FILES: &[(&str, &str, &[u8])] = &[
+    ("index.html", HTML, include_bytes!("web/index.html")),
+    ("style.css", CSS, include_bytes!("web/style.css")),
+    ("icon.svg", SVG, include_bytes!("web/icon.svg")),
+    ("camera.js", SCRIPT, include_bytes!("web/camera.js")),
+    ("colors.js", SCRIPT, include_bytes!("web/colors.js")),
+    ("drive.js", SCRIPT, include_bytes!("web/drive.js")),
+    ("element.js", SCRIPT, include_bytes!("web/element.js")),
+    ("facts.js", SCRIPT, include_bytes!("web/facts.js")),
+    ("history.js", SCRIPT, include_bytes!("web/history.js")),
+    ("link.js", SCRIPT, include_bytes!("web/link.js")),
+    ("main.js", SCRIPT, include_bytes!("web/main.js")),
+    ("math.js", SCRIPT, include_bytes!("web/math.js")),
+    ("mesh-loader.js", SCRIPT, include_bytes!("web/mesh-loader.js")),
+    ("mesh-worker.js", SCRIPT, include_bytes!("web/mesh-worker.js")),
+    ("mesh.js", SCRIPT, include_bytes!("web/mesh.js")),
+    ("objects.js", SCRIPT, include_bytes!("web/objects.js")),
+    ("parameters.js", SCRIPT, include_bytes!("web/parameters.js")),
+    ("plots.js", SCRIPT, include_bytes!("web/plots.js")),
+    ("readouts.js", SCRIPT, include_bytes!("web/readouts.js")),
+    ("scene.js", SCRIPT, include_bytes!("web/scene.js")),
+    ("session.js", SCRIPT, include_bytes!("web/session.js")),
+    ("shaders.js", SCRIPT, include_bytes!("web/shaders.js")),
+    ("shapes.js", SCRIPT, include_bytes!("web/shapes.js")),
+    ("units.js", SCRIPT, include_bytes!("web/units.js")),
+];
 
 const HTML: &str = "text/html; charset=utf-8";
+const CSS: &str = "text/css; charset=utf-8";
+const SVG: &str = "image/svg+xml; charset=utf-8";
+const SCRIPT: &str = "text/javascript; charset=utf-8";
 
 /// Content type and bytes of a file.
 pub(super) fn find(name: &str) -> Option<(&'static str, &'static [u8])> {

@@ -17,6 +17,7 @@ use super::problem::Problem;
 use crate::daemon::desk::{Board, Counter, Refusal, View};
 use crate::daemon::{Notice, OperatorOrder, Phase};
 use crate::device::open::LinkNews;
+use crate::haptics::Faults;
 use crate::rt::clock::ClockKind;
 use crate::rt::preflight::{self, Report};
 use crate::spatial::Pose;
@@ -347,6 +348,7 @@ impl Hub {
             "deadman": config.parameters.safety.deadman,
             "heartbeat_ms": config.heartbeat.map(|longest| longest.as_millis() as u64),
             "realtime": facts.realtime,
+            "faults": Faults::TABLE.map(|(_, name, text)| json!({ "name": name, "text": text })),
             "started_unix_s": self.started_unix_s,
             "recording": recording,
         })

@@ -136,7 +136,7 @@ class Page:
             raise RuntimeError(f"{script}: {answer['exceptionDetails']}")
         return answer["result"].get("value")
 
-    def wait(self, script, timeout_s=30):
+    def wait(self, script, timeout_s=90):
         """Waits until an expression is true, and returns its value."""
         end = time.monotonic() + timeout_s
         while time.monotonic() < end:

@@ -277,7 +277,9 @@ class PageTest(unittest.TestCase):
         with http.server.ThreadingHTTPServer(("127.0.0.1", 0), quiet) as files:
             threading.Thread(target=files.serve_forever, daemon=True).start()
             origin = f"http://127.0.0.1:{files.server_port}"
-            run = self.run_scene("press", "--monitor-origin", origin)
+            press = (self.folder / "press.toml").read_text()
+            (self.folder / "snippet.toml").write_text(f'{press}\n[monitor]\norigins = ["{origin}"]\n')
+            run = self.run_scene("snippet")
             server = run.url.removeprefix("http://").rstrip("/")
             page = self.browser.open(f"{origin}/force.html?server={server}")
             self.addCleanup(page.close)

@@ -54,6 +54,13 @@ export class Drive {
     this.shown = "";
   }
 
+  /** Before the first state of a run. @param {string} phase */
+  greet(phase) {
+    this.shown = "";
+    byId("state-word").textContent = phase.charAt(0).toUpperCase() + phase.slice(1);
+    byId("state-note").textContent = NOTES[phase] ?? "";
+  }
+
   /** @param {object} state the newest */
   show(state) {
     const { phase, off_cause: cause, advice, faults } = state;

@@ -4,15 +4,16 @@ import { byId, element } from "./element.js";
 
 const AXES = ["x", "y", "z", "rx", "ry", "rz"];
 const MOST_EVENTS = 100;
-const MARKS = { ok: ["✓", "ok"], failed: ["✗", "bad"], unknown: ["?", "warn"] };
+const MARKS = { passed: ["✓", "ok"], failed: ["✗", "bad"], unknown: ["?", "warn"] };
 
 /** @param {object} info */
 export function showInfo(info) {
   const { device, realtime } = info;
   byId("version").textContent = `hapticd ${info.version}`;
   byId("device").replaceChildren(
+    ...fact("Arm", device.title || device.profile),
     ...fact("Profile", device.profile),
-    ...fact("Kind", device.simulated ? "simulated" : "real arm"),
+    ...fact("Kind", device.simulated ? "simulated" : `real, link ${device.link}`),
     ...(device.node ? fact("At", device.node) : []),
     ...fact("Senses", axes(device.sensed)),
     ...fact("Drives", axes(device.actuated)),
@@ -43,6 +44,6 @@ function axes(has) {
 function check({ name, outcome, found, hint }) {
   const [mark, kind] = MARKS[outcome] ?? MARKS.unknown;
   const line = element("div", {}, `${name}: ${found}`);
-  if (hint && outcome !== "ok") line.append(element("small", {}, hint));
+  if (hint && outcome !== "passed") line.append(element("small", {}, hint));
   return element("li", {}, element("span", { class: `mark ${kind}`, role: "img", "aria-label": outcome }, mark), line);
 }

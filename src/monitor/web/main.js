@@ -36,15 +36,16 @@ const session = new Session(link, refreshInfo);
 const meshes = new MeshLoader(link);
 const view = openView();
 
-/** Number of the scene that is shown. @type {?number} */
-let sceneIdx = null;
+/** What is shown: which scene of which run. A page outlives both. */
+const shown = { started: null, idx: null, isAsking: false };
 /** When the newest state came, ms of this page. @type {?number} */
 let stateAt = null;
 
-link.addEventListener("open", () => {
+link.addEventListener("open", async ({ detail: hello }) => {
   byId("token-form").hidden = true;
-  refreshInfo();
+  drive.greet(hello.phase);
   session.resume();
+  await refreshInfo();
   loadScene();
 });
 
@@ -61,7 +62,7 @@ link.addEventListener("state", ({ detail: state }) => {
   objects.show(state);
   view?.show(state);
   if (state.history) plots.push(state.history);
-  if (sceneIdx !== null && state.scene_idx !== sceneIdx) loadScene();
+  if (shown.idx !== null && state.scene_idx !== shown.idx) loadScene();
 });
 
 link.addEventListener("event", ({ detail: event }) => {
@@ -96,6 +97,7 @@ async function refreshInfo() {
     session.show(info);
     drive.learn(info.faults ?? []);
     plots.deadlineUs = 1e6 / info.rate_hz;
+    if (info.started_unix_s !== shown.started) Object.assign(shown, { started: info.started_unix_s, idx: null });
   } catch (error) {
     if (error.status > 0 && error.status !== 401 && error.status !== 503) say(words(error));
   }
@@ -103,10 +105,13 @@ async function refreshInfo() {
 
 /** Shows the scene that is rendered; asks again while it is baked. */
 async function loadScene() {
+  if (shown.isAsking) return;
+  shown.isAsking = true;
   try {
     const scene = await link.get("scene");
-    if (scene.scene_idx === sceneIdx && view?.parts.length === scene.objects.length) return;
-    sceneIdx = scene.scene_idx;
+    if (scene.scene_idx === shown.idx) return;
+    shown.idx = scene.scene_idx;
+    shown.isAsking = false;
     byId("scene-name").textContent = scene.name;
     document.title = `${scene.name} · hapticd`;
     objects.learn(scene.objects);
@@ -116,18 +121,24 @@ async function loadScene() {
   } catch (error) {
     if (error.status === 503) setTimeout(loadScene, SCENE_AGAIN_MS);
     else if (error.status > 0) say(words(error));
+  } finally {
+    shown.isAsking = false;
   }
 }
 
 async function loadMeshes(scene) {
   if (!view) return;
   view.clear();
+  view.pointSpacing = scene.objects.find(({ role }) => role === "tool")?.voxel_size_m ?? scene.voxel_size_m;
   byId("view-note").textContent = "Loading the parts";
-  const isOld = () => scene.scene_idx !== sceneIdx;
+  const { started } = shown;
+  const isOld = () => scene.scene_idx !== shown.idx || started !== shown.started;
   for (const [idx, { mesh, pose, role }] of scene.objects.entries()) {
-    const part = await meshes.load(mesh);
+    // The file of a mesh may be gone since it was baked.
+    if (!mesh) continue;
+    const part = await meshes.load(mesh).catch((error) => say(words(error)));
     if (isOld()) return;
-    view.add({ idx, role, pose, mesh: part });
+    if (part) view.add({ idx, role, pose, mesh: part });
     view.fit();
   }
   byId("view-note").textContent = "";
@@ -151,9 +162,9 @@ function showFreshness() {
 
 /** The 3-D view, or null where the browser has none: all else works without. */
 function openView() {
-  let shown;
+  let opened;
   try {
-    shown = new SceneView(byId("view"), ({ grid_m, force_n, torque_nm }) => {
+    opened = new SceneView(byId("view"), ({ grid_m, force_n, torque_nm }) => {
       byId("scale-grid").textContent = lengthText(grid_m);
       byId("scale-force").textContent = `at most ${short(force_n)} N`;
       byId("scale-torque").textContent = `at most ${short(torque_nm * 1e3)} mN·m`;
@@ -165,19 +176,19 @@ function openView() {
   for (const button of document.querySelectorAll("[data-view]")) {
     const { view: side } = button.dataset;
     button.onclick = () => {
-      if (side === "fit") shown.fit();
-      else if (side === "tool") shown.lookAtTool();
-      else shown.camera.lookFrom(side);
+      if (side === "fit") opened.fit();
+      else if (side === "tool") opened.lookAtTool();
+      else opened.camera.lookFrom(side);
     };
   }
   byId("see-through").onclick = ({ currentTarget: button }) => {
     const isSeeThrough = button.getAttribute("aria-pressed") !== "true";
     button.setAttribute("aria-pressed", String(isSeeThrough));
-    shown.seeThrough(isSeeThrough);
+    opened.seeThrough(isSeeThrough);
   };
   const names = document.querySelectorAll(".axes span");
-  shown.onDrawn = () => {
-    shown.axisTips.forEach(([left, bottom], n) => Object.assign(names[n].style, { left: `${left}px`, bottom: `${bottom}px` }));
+  opened.onDrawn = () => {
+    opened.axisTips.forEach(([left, bottom], n) => Object.assign(names[n].style, { left: `${left}px`, bottom: `${bottom}px` }));
   };
-  return shown;
+  return opened;
 }

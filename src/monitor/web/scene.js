@@ -12,6 +12,8 @@ import { cone, rod } from "./shapes.js";
 
 const MOST_POINTS = 512;
 const MOST_PIXEL_RATIO = 2;
+/** Size of a dot, as a share of the distance between points of the tool. */
+const DOT_SHARE = 0.55;
 /** Side of the square in which the axes are drawn, CSS pixels. */
 const AXES_SIZE = 92;
 /** Smallest full scales of the arrows, N and N·m: below them a force is noise, not news. */
@@ -38,6 +40,8 @@ export class SceneView {
     this.parts = [];
     this.state = null;
     this.points = new Float32Array(0);
+    /** Distance between points of the tool, m. */
+    this.pointSpacing = 1e-3;
     this.isSeeThrough = false;
     this.isDirty = false;
     this.gl = canvas.getContext("webgl2", { antialias: true, alpha: true, powerPreference: "high-performance" });
@@ -232,8 +236,11 @@ export class SceneView {
 
     const backward = camera.backward;
     const right = normalize(cross([0, 0, 1], backward));
+    const projection = camera.projection(width / Math.max(1, height));
     this.frame = {
-      viewProjection: multiply(camera.projection(width / Math.max(1, height)), camera.view),
+      viewProjection: multiply(projection, camera.view),
+      // Half heights of the picture per unit at distance 1.
+      stretch: projection[5],
       eye: camera.eye,
       light: normalize(add(add(backward, scale(right, -0.55)), scale(cross(backward, right), 0.8))),
     };
@@ -335,7 +342,9 @@ export class SceneView {
     if (n === 0) return;
     const { gl } = this;
     const at = this.#use(this.programs.point, IDENTITY, this.colors.point, 1);
-    gl.uniform1f(at.size, 8 * ratio);
+    gl.uniform1f(at.size_m, DOT_SHARE * this.pointSpacing);
+    gl.uniform1f(at.pixels, (this.canvas.height / 2) * this.frame.stretch);
+    gl.uniform2f(at.bounds, 3 * ratio, 9 * ratio);
     gl.bindVertexArray(this.dots.vao);
     gl.bindBuffer(gl.ARRAY_BUFFER, this.dots.buffer);
     gl.bufferSubData(gl.ARRAY_BUFFER, 0, this.points);

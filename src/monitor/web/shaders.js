@@ -85,17 +85,22 @@ void main() {
 }`,
 };
 
-/** Round dots of a fixed size on the screen; the fourth component is the depth, as a share of the deepest one. */
+/**
+ * Round dots of `size_m`, but never too small or too large to see; `pixels` is how many a metre has at distance 1. The fourth component is
+ * the depth, as a share of the deepest one.
+ */
 const POINT = {
   vertex: `
 layout(location = 0) in vec4 position;
 uniform mat4 view_projection;
-uniform float size;
+uniform float size_m;
+uniform float pixels;
+uniform vec2 bounds;
 out float share;
 void main() {
   share = position.w;
   gl_Position = view_projection * vec4(position.xyz, 1.0);
-  gl_PointSize = size * (0.7 + 0.5 * share);
+  gl_PointSize = clamp(size_m * pixels / gl_Position.w, bounds.x, bounds.y) * (0.8 + 0.4 * share);
 }`,
   fragment: `
 in float share;
