@@ -43,8 +43,8 @@ hand = "{hand}"
 
 
 def write_scenes(folder):
-    """`press`: after four seconds the hand slides to and fro, pressed onto the plane. `fault`: the same with an arm that says nonsense after
-    some seconds. `rest`: the hand stays above."""
+    """`press`: after four seconds the hand slides to and fro, pressed onto the plane. `fault`: the same with an arm that says nonsense for
+    half a second. `rest`: the hand stays above."""
     rows = ["t_s,x_m,y_m,z_m,qx,qy,qz,qw"]
     for n in range(PRESS_S * 20):
         t = n / 20
@@ -52,7 +52,7 @@ def write_scenes(folder):
         rows.append(f"{t:.3f},{0.012 * math.sin(max(0, t - 4)):.6f},0,{down:.6f},0,0,0,1")
     (folder / "press.csv").write_text("\n".join(rows) + "\n")
     (folder / "rest.csv").write_text(f"{rows[0]}\n0,0,0,0.015,0,0,0,1\n")
-    scenes = [("press", "press.csv", ""), ("fault", "press.csv", '[device.sim]\nfault = "nan@6s"'), ("rest", "rest.csv", "")]
+    scenes = [("press", "press.csv", ""), ("fault", "press.csv", '[device.sim]\nfault = "nan@6s+500ms"'), ("rest", "rest.csv", "")]
     for name, hand, more in scenes:
         (folder / f"{name}.toml").write_text(SCENE.format(name=f"{name} scene", hand=hand, more=more))
 

@@ -134,13 +134,14 @@ class PageTest(unittest.TestCase):
         def served(name):
             return next(p for p in run.get("parameters") if p["name"] == name)
 
+        depth = run.get("state")["max_depth_m"] * 1e3
         name = "contact_stiffness_n_per_m"
         scene = served(name)["scene"]
         page.run(f"document.querySelector('#slider-{name}').focus()")
         page.press("Home")
         page.wait(f"document.querySelector('#answer-{name}').textContent.startsWith('set')")
         self.assertAlmostEqual(served(name)["value"], served(name)["least"], places=6)
-        page.wait(f"{number('read-depth')} > 0.1")
+        page.wait(f"{number('read-depth')} > {1.5 * depth}")
 
         page.click(f"#parameter-{name} .reset")
         page.wait(f"document.querySelector('#parameter-{name} .reset').disabled")
@@ -176,6 +177,7 @@ class PageTest(unittest.TestCase):
         self.assertIn("not a number", page.run("document.querySelector('#banner').textContent"))
         page.wait(f"{number('read-force')} === 0")
         page.screenshot(SHOTS / "fault.png")
+        page.wait("fetch('/api/v1/state').then((answer) => answer.json()).then(({ time_ns }) => time_ns > 6.8e9)")
         page.click("#banner-enable")
         page.wait(f"{WORD} === 'Enabled'")
         self.assertTrue(page.run("document.querySelector('#banner').hidden"))
