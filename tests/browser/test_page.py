@@ -189,6 +189,7 @@ class PageTest(unittest.TestCase):
         page.wait("!document.querySelector('#lost').hidden")
         page.wait("document.querySelector('#lost').textContent.includes('Connection lost')")
         self.assertTrue(page.run("document.body.classList.contains('is-stale')"))
+        self.assertEqual(page.run(WORD), "Unknown")
         page.screenshot(SHOTS / "lost.png")
         self.run_scene("press", address=run.url.removeprefix("http://").rstrip("/"))
         page.wait("document.querySelector('#lost').hidden")

@@ -61,6 +61,14 @@ export class Drive {
     byId("state-note").textContent = NOTES[phase] ?? "";
   }
 
+  /** The connection is gone, and with it all knowledge of the loop. */
+  lose() {
+    document.body.dataset.state = "waiting";
+    byId("state-word").textContent = "Unknown";
+    byId("state-note").textContent = this.phase && `${this.phase} when last heard of`;
+    this.shown = "";
+  }
+
   /** @param {object} state the newest */
   show(state) {
     const { phase, off_cause: cause, advice, faults } = state;

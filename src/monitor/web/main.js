@@ -49,7 +49,10 @@ link.addEventListener("open", async ({ detail: hello }) => {
   loadScene();
 });
 
-link.addEventListener("closed", showFreshness);
+link.addEventListener("closed", () => {
+  if (stateAt !== null) drive.lose();
+  showFreshness();
+});
 
 link.addEventListener("unauthorized", () => {
   byId("token-form").hidden = false;

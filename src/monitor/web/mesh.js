@@ -13,7 +13,7 @@
 /** Faces that meet at less than this angle are one smooth surface. */
 const SMOOTH_BELOW_COS = Math.cos((32 * Math.PI) / 180);
 /** Where more of the edges than this share are sharp, lines would hide a scan rather than explain a part. */
-const MOST_SHARP_SHARE = 0.25;
+const MOST_SHARP_SHARE = 0.36;
 
 /**
  * @param {ArrayBuffer} bytes `HMSH`, u32 version, u32 vertices, u32 indices, f32 positions, u32 indices; little-endian

@@ -133,7 +133,7 @@ export class Plots {
     const { decades, least } = figure.plot;
     if (decades) {
       const [low, high] = decades;
-      return (value) => area.y + area.h * (1 - (Math.log10(Math.max(value, 10 ** low)) - low) / (high - low));
+      return (value) => area.y + area.h * (1 - (Math.log10(Math.min(10 ** high, Math.max(value, 10 ** low))) - low) / (high - low));
     }
     const highest = most.reduce((a, b) => Math.max(a, b), 0);
     const fitting = Math.max(least, ceilTo125(1.05 * highest));
