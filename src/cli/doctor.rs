@@ -104,11 +104,19 @@ fn arm_findings(config: &SceneConfig) -> Vec<Finding> {
     let mut findings = Vec::new();
     if profile.has_unverified_signs() {
         let found = format!("not verified: force stays below {} N", config.parameters.limits.force_n);
-        findings.push(Finding::advice("signs", found, format!("hapticd devices probe {} --sign-check", profile.name)));
+        findings.push(Finding::advice(
+            "signs",
+            found,
+            super::probe::command(profile, config.device.selector.as_ref(), "--sign-check"),
+        ));
     }
     if profile.is_unidentified() {
         let found = "not identified: stiffness is bounded by half of the assumed damping";
-        findings.push(Finding::advice("identified", found, format!("hapticd devices probe {} --identify", profile.name)));
+        findings.push(Finding::advice(
+            "identified",
+            found,
+            super::probe::command(profile, config.device.selector.as_ref(), "--identify"),
+        ));
     }
     findings
 }
@@ -126,10 +134,10 @@ fn exchange(config: &SceneConfig, duration: Duration, quit: &AtomicBool, talk: T
         false => Finding::unknown("round trip", "not measured: the arm does not open"),
     })?;
     report::note(&format!("exchanging zero commands with the {} for {:.0} s", profile.title, duration.as_secs_f64()), talk);
-    let trial = &mut Trial { clock: RealClock, period_s, quit };
+    let trial = &mut Trial::new(RealClock, period_s, quit);
     probe::round_trips(&mut opened.arm, trial, duration).map_err(|ended| match ended {
         Ended::Told => Finding::unknown("round trip", "not measured: it was told to end"),
-        Ended::Device(error) => Finding::bad("round trip", format!("the arm went away: {error:?}"), again),
+        ended => Finding::bad("round trip", format!("the arm went away: {ended:?}"), again),
     })
 }
 
@@ -142,7 +150,11 @@ fn answers(trips_us: &[u64], rate_hz: u32) -> Option<Finding> {
     let found = format!("p50 {half} µs, p99 {most} µs, largest {longest} µs; {} exchanges", sorted.len());
     let period_us = 1_000_000 / u64::from(rate_hz.max(1));
     let advice = "latency timer, autosuspend and hubs are the usual causes: follow the advice above, then: hapticd doctor SCENE";
-    Some(if most > 2 * period_us { Finding::advice("round trip", found, advice) } else { Finding::good("round trip", found) })
+    Some(if most > 2 * period_us {
+        Finding::advice("round trip", found, advice).by_hand()
+    } else {
+        Finding::good("round trip", found)
+    })
 }
 
 /// How many of them fall under each of the printed bounds, and beyond the last.
@@ -221,9 +233,9 @@ fn lateness(test: &WakeupTest, rate_hz: u32) -> Finding {
     let share = test.missed as f64 / (test.wakeups + test.missed).max(1) as f64;
     let advice = "close what keeps the processors busy (`top`), follow the advice above, then: hapticd doctor";
     if share > MISSED_SHARE || test.quantile_us(0.99) > 0.5 * period_us {
-        Finding::bad("wake-up", found, advice)
+        Finding::bad("wake-up", found, advice).by_hand()
     } else if test.missed > 0 || test.max_us() > 0.5 * period_us {
-        Finding::advice("wake-up", found, advice)
+        Finding::advice("wake-up", found, advice).by_hand()
     } else {
         Finding::good("wake-up", found)
     }
@@ -251,10 +263,8 @@ fn print_text(groups: &[(&str, &[Finding])], test: &WakeupTest, trips_us: &[u64]
         say::result(format_args!("{title}\n"));
         for finding in *findings {
             say::result(format_args!("  {:<8} {:<20} {}\n", finding.standing.name(), finding.name, finding.found));
-            let mut lead = "type:";
-            for line in finding.advice.lines() {
-                say::result(format_args!("  {:<8} {:<20} {lead} {line}\n", "", ""));
-                lead = "     ";
+            for line in finding.advice_lines() {
+                say::result(format_args!("  {:<8} {:<20} {line}\n", "", ""));
             }
         }
     }

@@ -15,6 +15,7 @@ mod mock;
 mod monitor;
 mod outcome;
 mod plots;
+mod probe;
 mod progress;
 mod report;
 mod run;

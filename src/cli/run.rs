@@ -12,11 +12,12 @@ use super::desk::{Company, Means, Opening};
 use super::outcome::{StartTimes, result_text};
 use super::progress::BakeProgress;
 use super::screen::{Screen, report_lines};
-use super::{Talk, bake, cache, check, live, memory, monitor, report, say};
+use super::{Talk, bake, cache, check, live, memory, monitor, probe, report, say};
 use crate::config::{self, LoadOptions, SceneConfig};
 use crate::daemon::{Attached, Live, Outcome, PrepareError, Prepared, RenderJob, RunError, Supervisor, prepare_with};
 use crate::device::nodes::Selector;
 use crate::device::profile::RealArm;
+use crate::device::protocol::Protocol;
 use crate::error::Exit;
 use crate::rt::clock::{ClockKind, monotonic_ns};
 use crate::rt::duration;
@@ -186,7 +187,8 @@ pub(crate) fn main(args: &Args, talk: Talk, started_ns: i64) -> Exit {
             return Exit::Internal;
         }
     };
-    match run(args, talk, (live, &under_way), &mut company, interrupts, bake) {
+    let protocol = config.device.profile.real.as_ref().map(|real| &real.protocol);
+    match run(args, talk, (live, &under_way, protocol), &mut company, interrupts, bake) {
         Ok(outcome) => {
             let first_tick = outcome.report.first_tick_ns.map_or(0.0, since_start_s);
             let start_s = StartTimes { baked: baked_s.get(), first_tick };
@@ -245,8 +247,8 @@ fn tell_of_arm(config: &SceneConfig, real: &RealArm, talk: Talk) {
         report::warning(
             &format!(
                 "signs not verified: force stays below {force_n} N until the profile says `signs_verified = true` \
-                 (hapticd devices probe {} --sign-check)",
-                profile.name
+                 ({})",
+                probe::command(profile, config.device.selector.as_ref(), "--sign-check")
             ),
             talk,
         );
@@ -254,8 +256,8 @@ fn tell_of_arm(config: &SceneConfig, real: &RealArm, talk: Talk) {
     if has_motors && profile.is_unidentified() {
         report::warning(
             &format!(
-                "not identified: stiffness is bounded by half of the assumed damping (hapticd devices probe {} --identify)",
-                profile.name
+                "not identified: stiffness is bounded by half of the assumed damping ({})",
+                probe::command(profile, config.device.selector.as_ref(), "--identify")
             ),
             talk,
         );
@@ -265,12 +267,12 @@ fn tell_of_arm(config: &SceneConfig, real: &RealArm, talk: Talk) {
 fn run(
     args: &Args,
     talk: Talk,
-    (live, under_way): (Live, &live::UnderWay),
+    (live, under_way, protocol): (Live, &live::UnderWay, Option<&Protocol>),
     company: &mut Company,
     interrupts: impl FnOnce() -> Result<Receiver<()>, SignalError>,
     bake: impl FnOnce() -> Result<Prepared, PrepareError>,
 ) -> Result<Outcome, Refusal> {
-    let mut screen = Screen::new(talk, under_way);
+    let mut screen = Screen::new(talk, under_way, protocol);
     let mut live = live;
     let ears = company.ears();
     let mut supervisor = Supervisor::new(|notice| {
@@ -341,7 +343,7 @@ mod tests {
         interrupts: impl FnOnce() -> Result<Receiver<()>, SignalError>,
         bake: impl FnOnce() -> Result<Prepared, PrepareError>,
     ) -> Result<Outcome, Refusal> {
-        super::run(args, talk, (Live::default(), &live::UnderWay::default()), &mut Company::default(), interrupts, bake)
+        super::run(args, talk, (Live::default(), &live::UnderWay::default(), None), &mut Company::default(), interrupts, bake)
     }
 
     fn result_text(totals: &Totals, start_s: StartTimes, json: bool) -> String {

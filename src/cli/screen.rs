@@ -5,6 +5,7 @@ use std::io::IsTerminal as _;
 use super::{Talk, live, say};
 use crate::daemon::Notice;
 use crate::device::open::LinkNews;
+use crate::device::protocol::Protocol;
 use crate::haptics::Faults;
 use crate::rt::preflight::{self, Report};
 use crate::telemetry::TickRecord;
@@ -12,6 +13,8 @@ use crate::telemetry::TickRecord;
 /// stderr while a run goes on: lines that stay, and on a terminal one status line that is written over.
 pub(super) struct Screen<'a> {
     under_way: &'a live::UnderWay,
+    /// What a real arm speaks: it has words for its errors.
+    protocol: Option<&'a Protocol>,
     quiet: bool,
     live: bool,
     /// A status line is on the screen now.
@@ -19,8 +22,8 @@ pub(super) struct Screen<'a> {
 }
 
 impl<'a> Screen<'a> {
-    pub(super) fn new(talk: Talk, under_way: &'a live::UnderWay) -> Self {
-        Self { under_way, quiet: talk.quiet, live: !talk.quiet && std::io::stderr().is_terminal(), status_on: false }
+    pub(super) fn new(talk: Talk, under_way: &'a live::UnderWay, protocol: Option<&'a Protocol>) -> Self {
+        Self { under_way, protocol, quiet: talk.quiet, live: !talk.quiet && std::io::stderr().is_terminal(), status_on: false }
     }
 
     pub(super) fn show(&mut self, notice: &Notice<'_>) {
@@ -61,7 +64,7 @@ impl<'a> Screen<'a> {
                 }
             }
             Notice::Fault(record) => {
-                for line in fault_lines(record) {
+                for line in fault_lines(record, self.protocol) {
                     self.line(&line);
                 }
             }
@@ -108,12 +111,19 @@ pub(super) fn report_lines(report: &Report, failed_only: bool) -> Vec<String> {
     lines
 }
 
-fn fault_lines(record: &TickRecord) -> impl Iterator<Item = String> {
+fn fault_lines(record: &TickRecord, protocol: Option<&Protocol>) -> impl Iterator<Item = String> {
     let (faults, tick, time_s) = (record.output.faults, record.tick, record.time_ns as f64 * 1e-9);
-    Faults::TABLE
-        .into_iter()
-        .filter(move |(fault, ..)| faults.contains(*fault))
-        .map(move |(_, name, text)| format!("fault: {name} at {time_s:.3} s (tick {tick}): {text}"))
+    let error = record.input.sample.device_error;
+    Faults::TABLE.into_iter().filter(move |(fault, ..)| faults.contains(*fault)).map(move |(fault, name, text)| {
+        let text = if fault == Faults::DEVICE_ERROR && error != 0 { error_text(error, protocol) } else { text.to_owned() };
+        format!("fault: {name} at {time_s:.3} s (tick {tick}): {text}")
+    })
+}
+
+/// What an arm says is wrong with it, with the words of its protocol.
+pub(super) fn error_text(error: u16, protocol: Option<&Protocol>) -> String {
+    let words = protocol.and_then(|protocol| protocol.error_text(error));
+    format!("the arm reports error {error}{}", words.map_or(String::new(), |words| format!(" ({words})")))
 }
 
 fn status_text(record: &TickRecord) -> String {
@@ -127,4 +137,31 @@ fn status_text(record: &TickRecord) -> String {
         output.contacts,
         record.wakeup_ns as f64 * 1e-3,
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::device::profile;
+    use crate::haptics::{TickInput, TickOutput};
+    use crate::spatial::DeviceSample;
+
+    #[test]
+    fn an_error_of_the_arm_is_told_with_its_number_and_its_words() {
+        let line = |name: &str, device_error: u16| {
+            let profile = profile::find(name, std::path::Path::new("")).expect(name);
+            let record = TickRecord {
+                input: TickInput { sample: DeviceSample { device_error, ..DeviceSample::default() }, ..TickInput::default() },
+                output: TickOutput { faults: Faults::DEVICE_ERROR, ..TickOutput::default() },
+                ..TickRecord::default()
+            };
+            fault_lines(&record, profile.real.as_ref().map(|real| &real.protocol)).collect::<Vec<_>>().join("\n")
+        };
+        let lead = "fault: device-error at 0.000 s (tick 0): the arm reports error";
+        assert_eq!(line("open6-serial", 3), format!("{lead} 3 (too hot)"));
+        assert_eq!(line("open6-serial", 0x100), format!("{lead} 256 (its watchdog has tripped)"));
+        assert_eq!(line("open6-hid", 200), format!("{lead} 200 (the maker's own)"));
+        assert!(line("leader-arm-6", 0x0380).starts_with(&format!("{lead} 896 (servo 3: hardware alert")));
+        assert_eq!(line("sim-sigma7", 7), format!("{lead} 7"));
+    }
 }

@@ -108,6 +108,7 @@ impl Problem {
             | ProblemKind::UnknownWord { .. }
             | ProblemKind::Missing { .. }
             | ProblemKind::NotAccepted { .. }
+            | ProblemKind::Disagrees { .. }
             | ProblemKind::NotAvailable { .. }
             | ProblemKind::NotAFile { .. }
             | ProblemKind::MeshFormat
@@ -211,6 +212,12 @@ pub enum ProblemKind {
     NotAccepted {
         /// What would be accepted.
         accepted: String,
+    },
+    /// A known answer that the rest of the file does not give.
+    #[error("{found}")]
+    Disagrees {
+        /// What the rest of the file gives, and what may be wrong.
+        found: String,
     },
     /// A key or value of a later version.
     #[error("not available in this version; {accepted}")]

@@ -19,7 +19,7 @@ const UDEV_FOLDERS: [&str; 4] = ["/etc/udev/rules.d", "/run/udev/rules.d", "/usr
 
 /// What to type to install the rules.
 pub const UDEV_ADVICE: &str = "hapticd doctor --udev-rules | sudo tee /etc/udev/rules.d/70-hapticd.rules && sudo udevadm control --reload && \
-                               sudo udevadm trigger, then unplug the arm and plug it in again";
+                               sudo udevadm trigger   # then unplug the arm and plug it in again";
 
 /// An arm that some profile describes.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -58,11 +58,14 @@ pub fn scene_arm(profile: &Profile, is_attached: bool) -> Option<Finding> {
     }
     match KnownArm::of(profile) {
         None => Some(Finding::good("arm", format!("{}: simulated, needs no link", profile.name))),
-        Some(arm) => Some(Finding::bad(
-            "arm",
-            format!("{} ({}) is not attached, or has other numbers than its profile says", arm.title, arm.profile),
-            "plug it in and switch it on, then: hapticd devices",
-        )),
+        Some(arm) => Some(
+            Finding::bad(
+                "arm",
+                format!("{} ({}) is not attached, or has other numbers than its profile says", arm.title, arm.profile),
+                "plug it in and switch it on, then: hapticd devices",
+            )
+            .by_hand(),
+        ),
     }
 }
 
@@ -157,7 +160,7 @@ pub fn modem_manager(root: &Root) -> Finding {
         (true, false) => Finding::bad(
             "ModemManager",
             "runs and talks to every new serial port: an arm seems to lose bytes at its start",
-            format!("{UDEV_ADVICE}; or, if nobody needs a modem: sudo systemctl disable --now ModemManager"),
+            format!("{UDEV_ADVICE}\nsudo systemctl disable --now ModemManager   # instead, if nobody needs a modem"),
         ),
     }
 }
@@ -171,13 +174,14 @@ pub fn findings(attached: &Attached, root: &Root) -> Vec<Finding> {
         findings.push(Finding::good("arm", format!("{path}: {}", attached.profiles.join(", "))));
     } else if !attached.beside.is_empty() {
         let found = format!("{path} is another interface of {}, which does not carry its reports", attached.beside.join(", "));
-        findings.push(Finding::advice("interface", found, "choose by VID:PID in [device] selector rather than by this path"));
+        let advice = "choose by VID:PID in [device] selector rather than by this path";
+        findings.push(Finding::advice("interface", found, advice).by_hand());
         return findings;
     }
     findings.push(if attached.permitted {
         Finding::good("permission", format!("{path} may be read and written"))
     } else {
-        let group = format!("; or, for now: sudo chmod a+rw {path}");
+        let group = format!("\nsudo chmod a+rw {path}   # instead, for now");
         Finding::bad("permission", format!("{path} may not be opened by this user"), format!("{UDEV_ADVICE}{group}"))
     });
     match attached.holders.as_slice() {
@@ -185,10 +189,11 @@ pub fn findings(attached: &Attached, root: &Root) -> Vec<Finding> {
         holders => {
             let names: Vec<String> = holders.iter().map(|holder| format!("{} (process {})", holder.name, holder.pid)).collect();
             let stop: Vec<String> = holders.iter().map(|holder| format!("kill {}", holder.pid)).collect();
+            let found = format!("{path} is open in {}", names.join(", "));
             findings.push(Finding::bad(
                 "holder",
-                format!("{path} is open in {}", names.join(", ")),
-                format!("end that program, or: {}", stop.join("; ")),
+                found,
+                format!("{}   # or end that program as it wants to be ended", stop.join("; ")),
             ));
         }
     }

@@ -75,7 +75,7 @@ pub enum OpenError {
         title: String,
     },
     /// The start-up dialogue.
-    #[error("{} is open, but the arm does not start: {cause}", .path.display())]
+    #[error("{} is open, but the arm does not start: {cause}; if it is the right arm, switch it off and on, and try again", .path.display())]
     Start {
         /// Node.
         path: PathBuf,

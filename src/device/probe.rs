@@ -1,6 +1,7 @@
 //! Trying an arm out: does it answer, how evenly, do its signs fit, what is it made of. Cold: one arm, one thread, no scene.
 //!
-//! Nothing here ever commands more than [`FORCE_MAX_N`].
+//! Nothing here ever commands more than [`FORCE_MAX_N`], or more torque than [`torque_max_nm`]. Between two pushes zero commands go out in every tick:
+//! arms have watchdogs, and some of them stay off once theirs has tripped.
 
 use core::sync::atomic::{AtomicBool, Ordering};
 use core::time::Duration;
@@ -8,17 +9,29 @@ use core::time::Duration;
 use glam::DVec3;
 
 use super::identify::{Made, Record, made_of};
+use super::profile::Profile;
 use super::{Device, DeviceError};
 use crate::rt::clock::Clock;
-use crate::spatial::{Axes, DeviceSample, SampleStatus, Wrench};
+use crate::spatial::{DeviceSample, Pose, SampleStatus, Wrench};
 
 /// Largest force of any trial, N.
 pub const FORCE_MAX_N: f64 = 0.5;
-/// Force of the sign check, N, and how long it is on, s.
+/// Force limit that a scene assumes of an arm that has none, N: what torque is in proportion to there.
+const UNACTUATED_FORCE_N: f64 = 10.0;
+/// Force of the sign check, N, and how long it is on, s. Torque is the same share of the most that may be.
 const SIGN_FORCE_N: f64 = 0.3;
 const SIGN_S: f64 = 0.2;
-/// Displacement that counts as one, m: a few encoder steps.
+/// Least displacements that count as one, m and rad.
 const SIGN_MOVED_M: f64 = 1e-4;
+const SIGN_TURNED_RAD: f64 = 1e-3;
+/// The same in encoder steps.
+const SIGN_STEPS: f64 = 2.0;
+/// Displacements at which a push has shown enough, m and rad: a light grip that nobody holds is not sent on its way.
+const SIGN_FAR: [f64; 2] = [0.01, 0.1];
+/// Time for hands to come or go before anything is pushed.
+const BEFORE_FORCE: Duration = Duration::from_secs(2);
+/// Share of a watchdog's time after which it counts as tripped: what the host sends late may arrive later still.
+const WATCHDOG_SHARE: f64 = 0.75;
 /// Force of the identification, N, and how long each axis is shaken, s.
 const SHAKE_N: f64 = 0.35;
 const SHAKE_S: f64 = 3.0;
@@ -35,11 +48,46 @@ pub enum Ended {
     Device(DeviceError),
     /// Somebody asked for it.
     Told,
+    /// The arm does not know its zero, or sends nothing that would say so: nothing is pushed.
+    NotHomed,
+    /// The arm reports this error, with which none pushes.
+    Reports(u16),
+    /// Its watchdog has seen no command for this long, ms, and stays tripped: the motors are off, or may be.
+    Watchdog(u64),
 }
 
 impl From<DeviceError> for Ended {
     fn from(error: DeviceError) -> Self {
         Self::Device(error)
+    }
+}
+
+/// Largest torque of any trial, N·m: of the limit, what [`FORCE_MAX_N`] is of the force limit. A run with unverified signs takes as much.
+pub fn torque_max_nm(profile: &Profile) -> f64 {
+    let force_n = if profile.limits.force_n > 0.0 { profile.limits.force_n } else { UNACTUATED_FORCE_N };
+    profile.limits.torque_nm * (FORCE_MAX_N / force_n).min(1.0)
+}
+
+/// How hard the sign check pushes, and what it takes for a motion.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Push {
+    /// Force, N.
+    pub force_n: f64,
+    /// Torque, N·m.
+    pub torque_nm: f64,
+    /// Displacements that count as one, m and rad.
+    pub moved: [f64; 2],
+}
+
+impl Push {
+    /// What an arm of this profile can bear, and what its encoders can show.
+    pub fn of(profile: &Profile) -> Self {
+        let steps = [profile.plant.encoder_step_m, profile.plant.encoder_step_rad].map(|step| SIGN_STEPS * step);
+        Self {
+            force_n: SIGN_FORCE_N,
+            torque_nm: torque_max_nm(profile) * SIGN_FORCE_N / FORCE_MAX_N,
+            moved: [steps[0].max(SIGN_MOVED_M), steps[1].max(SIGN_TURNED_RAD)],
+        }
     }
 }
 
@@ -52,6 +100,95 @@ pub struct Trial<'a, C> {
     pub period_s: f64,
     /// Ends it when set.
     pub quit: &'a AtomicBool,
+    torque_max_nm: f64,
+    last_command_ns: Option<i64>,
+    longest_gap_ns: i64,
+}
+
+impl<'a, C: Clock> Trial<'a, C> {
+    /// A trial of an arm that was just opened, without torque.
+    pub fn new(clock: C, period_s: f64, quit: &'a AtomicBool) -> Self {
+        Self { clock, period_s, quit, torque_max_nm: 0.0, last_command_ns: None, longest_gap_ns: 0 }
+    }
+
+    /// The same with torque: at most so much, N·m; see [`torque_max_nm`].
+    pub fn with_torque(self, torque_max_nm: f64) -> Self {
+        Self { torque_max_nm, ..self }
+    }
+
+    fn commanded(&mut self) {
+        let now_ns = self.clock.now_ns();
+        let gap_ns = self.last_command_ns.map_or(0, |last_ns| now_ns - last_ns);
+        self.longest_gap_ns = self.longest_gap_ns.max(gap_ns);
+        self.last_command_ns = Some(now_ns);
+    }
+}
+
+/// What is to be found out of an arm.
+#[derive(Clone, Copy, Debug)]
+pub struct Plan {
+    /// How long to listen.
+    pub listen: Duration,
+    /// Check the signs with such pushes.
+    pub push: Option<Push>,
+    /// Find out what it is made of.
+    pub identify: bool,
+}
+
+/// What was found of an arm, as far as the trial came.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Found {
+    /// How it answers.
+    pub answers: Answers,
+    /// Where x, y, z, rx, ry and rz go when they are pushed; `None`: not pushed.
+    pub signs: [Option<Sign>; 6],
+    /// What x, y and z are made of.
+    pub made: [Option<Made>; 3],
+}
+
+/// What comes next, and wants hands on the grip or off it: nothing is pushed for [two seconds](try_out).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Step {
+    /// The sign check.
+    Signs,
+    /// The identification.
+    Identify,
+}
+
+/// Tries an arm out, from listening to shaking. `found` holds what there is, whatever the end.
+///
+/// # Errors
+/// The trial ended before its time: see [`Ended`].
+pub fn try_out(
+    device: &mut dyn Device,
+    trial: &mut Trial<'_, impl Clock>,
+    plan: &Plan,
+    found: &mut Found,
+    mut tell: impl FnMut(Step),
+) -> Result<(), Ended> {
+    listen(device, trial, plan.listen, &mut found.answers)?;
+    if let Some(push) = &plan.push {
+        tell(Step::Signs);
+        stand_by(device, trial)?;
+        check_signs(device, trial, push, &mut found.signs)?;
+    }
+    if plan.identify {
+        tell(Step::Identify);
+        stand_by(device, trial)?;
+        identify(device, trial, &mut found.made)?;
+    }
+    Ok(())
+}
+
+/// Waits for hands to come or go, and for a reason to push nothing.
+fn stand_by(device: &mut dyn Device, trial: &mut Trial<'_, impl Clock>) -> Result<(), Ended> {
+    let mut stood = Answers::default();
+    listen(device, trial, BEFORE_FORCE, &mut stood)?;
+    match stood {
+        Answers { error: 1.., .. } => Err(Ended::Reports(stood.error)),
+        Answers { homed: false, .. } => Err(Ended::NotHomed),
+        _ => Ok(()),
+    }
 }
 
 /// How an arm answers.
@@ -103,8 +240,8 @@ impl<'a, 'q, C: Clock> Bench<'a, 'q, C> {
         Self { device, trial, deadline_ns }
     }
 
-    /// One tick: the sample, then the force; limited here once more.
-    fn tick(&mut self, force: DVec3) -> Result<DeviceSample, Ended> {
+    /// One tick: the sample, then the wrench; limited here once more.
+    fn tick(&mut self, wrench: Wrench) -> Result<DeviceSample, Ended> {
         let period_ns = ((self.trial.period_s * 1e9) as i64).max(1);
         // A tick that took too long is not made up for.
         self.deadline_ns = (self.deadline_ns + period_ns).max(self.trial.clock.now_ns());
@@ -116,8 +253,26 @@ impl<'a, 'q, C: Clock> Bench<'a, 'q, C> {
             Err(DeviceError::Packet) => DeviceSample { corrupt_packets: 1, ..DeviceSample::default() },
             other => other?,
         };
-        self.device.write(&Wrench::new(force.clamp_length_max(FORCE_MAX_N), DVec3::ZERO))?;
+        let force = wrench.force.clamp_length_max(FORCE_MAX_N);
+        self.device.write(&Wrench::new(force, wrench.torque.clamp_length_max(self.trial.torque_max_nm)))?;
+        self.trial.commanded();
         Ok(sample)
+    }
+
+    /// A tick of a push, as long as the arm can be pushed.
+    fn push(&mut self, wrench: Wrench) -> Result<DeviceSample, Ended> {
+        let sample = self.tick(wrench)?;
+        let capabilities = self.device.capabilities();
+        let gap_ms = self.trial.longest_gap_ns.unsigned_abs() / 1_000_000;
+        let patience_ms = capabilities.watchdog_ms.map(|watchdog_ms| WATCHDOG_SHARE * f64::from(watchdog_ms));
+        if capabilities.watchdog_latched && patience_ms.is_some_and(|patience_ms| gap_ms as f64 > patience_ms) {
+            return Err(Ended::Watchdog(gap_ms));
+        }
+        match (sample.status, sample.device_error, sample.homed) {
+            (SampleStatus::Fresh, error @ 1.., _) => Err(Ended::Reports(error)),
+            (SampleStatus::Fresh, _, false) => Err(Ended::NotHomed),
+            _ => Ok(sample),
+        }
     }
 }
 
@@ -132,15 +287,19 @@ impl<C> Drop for Bench<'_, '_, C> {
 /// Listens with zero commands.
 ///
 /// # Errors
-/// The arm was lost, or somebody asked for an end.
-pub fn listen(device: &mut dyn Device, trial: &mut Trial<'_, impl Clock>, duration: Duration) -> Result<Answers, Ended> {
+/// The arm was lost, or somebody asked for an end; `answers` holds what came until then.
+pub fn listen(
+    device: &mut dyn Device,
+    trial: &mut Trial<'_, impl Clock>,
+    duration: Duration,
+    answers: &mut Answers,
+) -> Result<(), Ended> {
     let n = (duration.as_secs_f64() / trial.period_s) as u64;
     let mut bench = Bench::new(device, trial);
-    let mut answers = Answers::default();
     let mut silence = 0;
     let mut bounds = (DVec3::INFINITY, DVec3::NEG_INFINITY);
     for _ in 0..n {
-        let sample = bench.tick(DVec3::ZERO)?;
+        let sample = bench.tick(Wrench::ZERO)?;
         answers.ticks += 1;
         answers.corrupt += u64::from(sample.corrupt_packets);
         answers.lost_packets += u64::from(sample.lost_packets);
@@ -153,15 +312,12 @@ pub fn listen(device: &mut dyn Device, trial: &mut Trial<'_, impl Clock>, durati
         answers.fresh += 1;
         answers.round_trip_ticks = sample.delay_ticks;
         (answers.homed, answers.error) = (sample.homed, sample.device_error);
-        answers.position_m += sample.pose.translation;
-        bounds = (bounds.0.min(sample.pose.translation), bounds.1.max(sample.pose.translation));
-    }
-    drop(bench);
-    if answers.fresh > 0 {
-        answers.position_m /= answers.fresh as f64;
+        let place = sample.pose.translation;
+        answers.position_m += (place - answers.position_m) / answers.fresh as f64;
+        bounds = (bounds.0.min(place), bounds.1.max(place));
         answers.spread_m = (bounds.1 - answers.position_m).max(answers.position_m - bounds.0).max_element();
     }
-    Ok(answers)
+    Ok(())
 }
 
 /// Longest wait for the answer to one command, µs.
@@ -179,7 +335,7 @@ pub fn round_trips(device: &mut dyn Device, trial: &mut Trial<'_, impl Clock>, d
     let mut bench = Bench::new(device, trial);
     let mut trips_us = Vec::with_capacity(n);
     for _ in 0..n {
-        bench.tick(DVec3::ZERO)?;
+        bench.tick(Wrench::ZERO)?;
         let begin_ns = bench.trial.clock.now_ns();
         loop {
             let now_ns = bench.trial.clock.now_ns();
@@ -202,56 +358,76 @@ pub fn round_trips(device: &mut dyn Device, trial: &mut Trial<'_, impl Clock>, d
     Ok(trips_us)
 }
 
-/// Pushes along x, y and z, as far as they have motors, and looks which way the grip goes.
+/// Pushes along and about x, y and z, as far as they have motors, and looks which way the grip goes.
 ///
 /// # Errors
-/// The arm was lost, or somebody asked for an end.
-pub fn check_signs(device: &mut dyn Device, trial: &mut Trial<'_, impl Clock>) -> Result<[Option<Sign>; 3], Ended> {
+/// The trial ended before its time; `signs` holds the axes that were pushed until then.
+pub fn check_signs(
+    device: &mut dyn Device,
+    trial: &mut Trial<'_, impl Clock>,
+    push: &Push,
+    signs: &mut [Option<Sign>; 6],
+) -> Result<(), Ended> {
     let actuated = device.capabilities().actuated;
     let n = (SIGN_S / trial.period_s) as u32;
-    let mut signs = [None; 3];
     // Arms with an enable bit take no force without it, and others hold their own weight only with it.
     device.set_enabled(true);
     let mut bench = Bench::new(device, trial);
-    for (idx, axis) in DVec3::AXES.into_iter().enumerate().filter(|(idx, _)| actuated.has(*idx)) {
-        let mut rest = DVec3::ZERO;
+    for (idx, sign) in signs.iter_mut().enumerate().filter(|(idx, _)| actuated.has(*idx)) {
+        let axis = DVec3::AXES[idx % 3];
+        let is_turn = idx >= 3;
+        let full =
+            if is_turn { Wrench::new(DVec3::ZERO, axis * push.torque_nm) } else { Wrench::new(axis * push.force_n, DVec3::ZERO) };
+        let way = |from: Pose, to: Pose| if is_turn { from.rotation_to(to) } else { to.translation - from.translation }.dot(axis);
+        let mut rest = Pose::IDENTITY;
         for _ in 0..n {
-            rest = bench.tick(DVec3::ZERO)?.pose.translation;
+            rest = bench.push(Wrench::ZERO)?.pose;
         }
-        let mut pushed = rest;
+        let mut moved = 0.0_f64;
         for tick in 0..n {
             // Comes in over the first half.
             let share = (2.0 * f64::from(tick) / f64::from(n)).min(1.0);
-            let sample = bench.tick(axis * (SIGN_FORCE_N * share))?;
+            let sample = bench.push(full * share)?;
             if sample.status == SampleStatus::Fresh {
-                pushed = sample.pose.translation;
+                moved = way(rest, sample.pose);
+            }
+            if moved.abs() >= SIGN_FAR[usize::from(is_turn)] {
+                break;
             }
         }
-        let moved_m = (pushed - rest).dot(axis);
-        signs[idx] = Some(match moved_m {
-            moved if moved > SIGN_MOVED_M => Sign::Right,
-            moved if moved < -SIGN_MOVED_M => Sign::Wrong,
+        let enough = push.moved[usize::from(is_turn)];
+        *sign = Some(match moved {
+            moved if moved > enough => Sign::Right,
+            moved if moved < -enough => Sign::Wrong,
             _ => Sign::Still,
         });
     }
-    Ok(signs)
+    Ok(())
 }
 
-/// Shakes each axis with a motor [`SHAKES`] times and finds out what it is made of. Nobody may hold the grip. `None`: no axis, or it did not move.
+/// Shakes each of x, y and z that has a motor [`SHAKES`] times and finds out what it is made of. Nobody may hold the grip. `None`: no axis, or it did
+/// not move.
 ///
 /// # Errors
-/// The arm was lost, or somebody asked for an end.
-pub fn identify(device: &mut dyn Device, trial: &mut Trial<'_, impl Clock>) -> Result<[Option<Made>; 3], Ended> {
-    let actuated = device.capabilities().actuated;
-    let mut made = [None; 3];
-    for (idx, axis) in DVec3::AXES.into_iter().enumerate().filter(|(idx, _)| actuated.has(*idx)) {
-        let mut records = Vec::with_capacity(SHAKES);
-        for shake in 0..SHAKES {
-            records.push(shaken(device, trial, axis, shake)?);
-        }
-        made[idx] = made_of(&records, trial.period_s);
+/// The trial ended before its time; `made` holds the axes that were shaken until then.
+pub fn identify(device: &mut dyn Device, trial: &mut Trial<'_, impl Clock>, made: &mut [Option<Made>; 3]) -> Result<(), Ended> {
+    let mut records: [Vec<Record>; 3] = Default::default();
+    let ended = shake_all(device, trial, &mut records);
+    // Only now: a fit takes longer than the watchdog of some arms waits.
+    for (made, records) in made.iter_mut().zip(&records).filter(|(_, records)| records.len() == SHAKES) {
+        *made = made_of(records, trial.period_s);
     }
-    Ok(made)
+    ended
+}
+
+fn shake_all(device: &mut dyn Device, trial: &mut Trial<'_, impl Clock>, records: &mut [Vec<Record>; 3]) -> Result<(), Ended> {
+    let actuated = device.capabilities().actuated;
+    for (idx, records) in records.iter_mut().enumerate().filter(|(idx, _)| actuated.has(*idx)) {
+        for shake in 0..SHAKES {
+            records.push(shaken(device, trial, DVec3::AXES[idx], shake)?);
+        }
+    }
+    Ok(())
 }
 
 /// One trial along an axis. Each has other phases, so that they are not wrong in the same way.
@@ -263,7 +439,7 @@ fn shaken(device: &mut dyn Device, trial: &mut Trial<'_, impl Clock>, axis: DVec
     let mut bench = Bench::new(device, trial);
     // What the trial before left of motion dies away first.
     for _ in 0..(REST_S / period_s) as usize {
-        bench.tick(DVec3::ZERO)?;
+        bench.push(Wrench::ZERO)?;
     }
     for tick in 0..n {
         let time_s = tick as f64 * period_s;
@@ -275,7 +451,7 @@ fn shaken(device: &mut dyn Device, trial: &mut Trial<'_, impl Clock>, axis: DVec
             .map(|(idx, hz)| (core::f64::consts::TAU * (hz * time_s + (idx * shake) as f64 * 0.618)).sin())
             .sum();
         let force_n = (SHAKE_N * window * sum / SHAKE_HZ.len() as f64 * 2.0).clamp(-FORCE_MAX_N, FORCE_MAX_N);
-        let sample = bench.tick(axis * force_n)?;
+        let sample = bench.push(Wrench::new(axis * force_n, DVec3::ZERO))?;
         record.delay_ticks = sample.delay_ticks as usize;
         record.forces_n.push(force_n);
         record.ways_m.push((sample.status == SampleStatus::Fresh).then(|| sample.pose.translation.dot(axis)));
@@ -283,81 +459,5 @@ fn shaken(device: &mut dyn Device, trial: &mut Trial<'_, impl Clock>, axis: DVec
     Ok(record)
 }
 
-/// Names of the axes that signs and fits are of.
-pub const AXIS_NAMES: [&str; 3] = [Axes::NAMES[0], Axes::NAMES[1], Axes::NAMES[2]];
-
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::device::fault;
-    use crate::device::sim::{SimArm, SimParameters};
-    use crate::rt::clock::VirtualClock;
-
-    const T: f64 = 1e-3;
-    static NEVER: AtomicBool = AtomicBool::new(false);
-
-    fn trial() -> Trial<'static, VirtualClock> {
-        Trial { clock: VirtualClock::default(), period_s: T, quit: &NEVER }
-    }
-
-    fn arm(fault: Option<&str>) -> SimArm {
-        let mut parameters =
-            SimParameters { hand: None, fault: fault.map(|text| fault::parse(text).expect("grammar")), ..SimParameters::ideal(T) };
-        parameters.plant.mass_kg = 0.25;
-        parameters.plant.damping_n_s_per_m = 1.6;
-        parameters.plant.encoder_step_m = 5e-5;
-        parameters.plant.delay_ticks = 2;
-        SimArm::new(parameters).expect("valid")
-    }
-
-    #[test]
-    fn an_arm_is_listened_to() {
-        let listen = |fault| listen(&mut arm(fault), &mut trial(), Duration::from_secs(1));
-        let sound = listen(None).expect("there");
-        assert_eq!((sound.ticks, sound.fresh, sound.round_trip_ticks, sound.longest_silence_ticks), (1000, 1000, 2, 0));
-        assert!(sound.homed && sound.spread_m < 5e-5);
-        let late = listen(Some("slow=4ms")).expect("there");
-        assert!(late.fresh == 200 && late.longest_silence_ticks == 4, "{late:?}");
-        assert_eq!(listen(Some("garbage@500ms")).expect("there").corrupt, 500);
-        assert_eq!(listen(Some("unplug@500ms")), Err(Ended::Device(DeviceError::Lost)));
-        let quit = AtomicBool::new(true);
-        let mut told = Trial { clock: VirtualClock::default(), period_s: T, quit: &quit };
-        assert_eq!(check_signs(&mut arm(None), &mut told), Err(Ended::Told));
-    }
-
-    #[test]
-    fn a_motor_that_pushes_the_wrong_way_is_found() {
-        let signs = |fault| check_signs(&mut arm(fault), &mut trial()).expect("there");
-        assert_eq!(signs(None), [Some(Sign::Right); 3]);
-        assert_eq!(signs(Some("sign-flip")), [Some(Sign::Wrong); 3]);
-        assert_eq!(signs(Some("stuck")), [Some(Sign::Still); 3]);
-    }
-
-    #[test]
-    fn what_an_axis_is_made_of_is_found_in_spite_of_steps_and_dry_friction() {
-        for (mass_kg, damping, coulomb_n, step_m, delay_ticks) in [
-            (0.25, 3.75, 0.05, 4.5e-5, 1),
-            (0.25, 1.6, 0.0, 5e-5, 2),
-            (0.2, 1.875, 0.05, 2e-5, 1),
-            (0.05, 0.5625, 0.05, 4e-5, 1),
-            (0.3, 8.0, 0.1, 4.5e-5, 2),
-            (0.1, 0.8, 0.1, 0.0, 0),
-            (0.5, 2.0, 0.02, 1e-4, 3),
-        ] {
-            let mut parameters = SimParameters { hand: None, ..SimParameters::ideal(T) };
-            parameters.plant.mass_kg = mass_kg;
-            parameters.plant.damping_n_s_per_m = damping;
-            parameters.plant.coulomb_n = coulomb_n;
-            parameters.plant.encoder_step_m = step_m;
-            parameters.plant.delay_ticks = delay_ticks;
-            parameters.actuated = Axes::from_name("x").expect("an axis");
-            let mut arm = SimArm::new(parameters).expect("valid");
-            let made = identify(&mut arm, &mut trial()).expect("there")[0].expect("moved");
-            let bound = made.damping_bound_n_s_per_m;
-            assert!(bound <= 1.02 * damping && bound >= 0.6 * damping, "{mass_kg} {damping} {coulomb_n}: {made:?}");
-            assert!((made.mass_kg / mass_kg - 1.0).abs() < 0.05, "{mass_kg} {damping} {coulomb_n}: {made:?}");
-            assert!((made.coulomb_n - coulomb_n).abs() < 0.02, "{mass_kg} {damping} {coulomb_n}: {made:?}");
-        }
-        assert_eq!(identify(&mut arm(Some("stuck")), &mut trial()).expect("there"), [None; 3]);
-    }
-}
+mod tests;

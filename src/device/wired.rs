@@ -17,7 +17,7 @@ use glam::{DQuat, DVec3};
 use rtrb::{Consumer, Producer};
 
 use super::kinematics::{Configuration, Kinematics};
-use super::protocol::{Codec, Fed, MAX_AXES, MotorCommand};
+use super::protocol::{Codec, Declared, Fed, MAX_AXES, MotorCommand};
 use super::transmission::Transmission;
 use super::transport::{FRAME_MAX, Frame, Transport, TransportError};
 use super::velocity::VelocityWindow;
@@ -131,6 +131,8 @@ pub struct WiredArm {
     quiet_before: bool,
     /// Ticks that brought reports since this connection was made.
     heard: u32,
+    /// Reports whose check held and that describe nothing that can be.
+    refused: u64,
     enabled: bool,
     lost: bool,
     frame: Frame,
@@ -167,12 +169,28 @@ impl WiredArm {
             quiet_until_s: None,
             quiet_before: false,
             heard: 0,
+            refused: 0,
             enabled: false,
             lost: false,
             frame: Frame::default(),
             buffer: [0; FRAME_MAX],
             parameters,
         }
+    }
+
+    /// What the arm said of itself at the start, in one line for people. Cold.
+    pub fn identity(&self) -> Option<String> {
+        self.connection.codec.identity()
+    }
+
+    /// What it declared that it can do. Cold.
+    pub fn declared(&self) -> Option<Declared> {
+        self.connection.codec.declared()
+    }
+
+    /// Reports so far that were whole and described nothing that can be: they count as corrupt packets too.
+    pub fn refused(&self) -> u64 {
+        self.refused
     }
 
     fn now_s(&self) -> f64 {
@@ -379,6 +397,7 @@ impl Device for WiredArm {
             self.heard += 1;
             fed.gap = 0;
         }
+        self.refused += u64::from(fed.refused);
         self.last.status = SampleStatus::Stale;
         self.last.corrupt_packets = u16::try_from(fed.corrupt).unwrap_or(u16::MAX);
         self.last.lost_packets = u16::try_from(fed.gap).unwrap_or(u16::MAX);
@@ -404,6 +423,7 @@ impl Device for WiredArm {
                     self.last.status = SampleStatus::Fresh;
                 }
             } else {
+                self.refused += 1;
                 self.last.corrupt_packets = self.last.corrupt_packets.saturating_add(1);
             }
         } else if fed.corrupt == 0 {

@@ -37,14 +37,16 @@ pub struct Finding {
     pub standing: Standing,
     /// What was found.
     pub found: String,
-    /// What to type; empty: nothing to do.
+    /// What to type, or to do by hand; empty: nothing to do.
     pub advice: String,
+    /// The advice is prose, and no command.
+    pub by_hand: bool,
 }
 
 impl Finding {
     /// All is well.
     pub fn good(name: impl Into<String>, found: impl Into<String>) -> Self {
-        Self { name: name.into(), standing: Standing::Good, found: found.into(), advice: String::new() }
+        Self { name: name.into(), standing: Standing::Good, found: found.into(), advice: String::new(), by_hand: false }
     }
 
     /// Nobody knows.
@@ -60,6 +62,17 @@ impl Finding {
     /// Has to be better.
     pub fn bad(name: impl Into<String>, found: impl Into<String>, advice: impl Into<String>) -> Self {
         Self { standing: Standing::Bad, advice: advice.into(), ..Self::good(name, found) }
+    }
+
+    /// The same, with an advice that is no command.
+    pub fn by_hand(self) -> Self {
+        Self { by_hand: true, ..self }
+    }
+
+    /// The advice, line by line, each behind what it is: `type:` a command, `do:` prose.
+    pub fn advice_lines(&self) -> impl Iterator<Item = String> {
+        let lead = if self.by_hand { "do:" } else { "type:" };
+        self.advice.lines().map(move |line| format!("{lead:<5} {line}"))
     }
 }
 

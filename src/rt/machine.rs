@@ -32,7 +32,7 @@ fn kernel(root: &Root) -> Finding {
     Finding::advice(
         "kernel",
         format!("{release}, not PREEMPT_RT: wake-ups may be late by a millisecond now and then"),
-        "sudo apt-get install linux-image-rt-amd64 (Debian; other systems name it differently), then boot it",
+        "sudo apt-get install linux-image-rt-amd64   # Debian; other systems name it differently. Then boot it",
     )
 }
 
@@ -71,6 +71,7 @@ fn isolated(root: &Root, cpu: usize) -> Finding {
                 found,
                 format!("add isolcpus={cpu} to GRUB_CMDLINE_LINUX in /etc/default/grub, then: sudo update-grub && sudo reboot"),
             )
+            .by_hand()
         }
         None => Finding::unknown("isolated processors", "not reported"),
     }
@@ -145,7 +146,8 @@ pub fn rights(
             "affinity",
             format!("processor {} was refused ({})", request.cpu, errno(standing.affinity_errno)),
             "name a processor that this process may use as [realtime] cpu of the scene; `taskset -pc $$` lists them",
-        ),
+        )
+        .by_hand(),
     };
     let memory = match memory {
         Ok(()) => Finding::good("memory", "every page can be locked"),

@@ -2,15 +2,12 @@
 //! link in memory against their mock arm, one of its periods per tick.
 
 mod rig;
-
-use core::sync::atomic::AtomicBool;
+mod trials;
 
 use glam::DVec3;
 
 use self::rig::{Rig, Trouble, every_arm, turned_arm};
-use crate::device::probe::{self, Trial};
-use crate::device::{Capabilities, Device, DeviceError, Pacing};
-use crate::rt::clock::VirtualClock;
+use crate::device::{DeviceError, Pacing};
 use crate::spatial::{Axes, DeviceSample, SampleStatus, Wrench};
 
 /// Where a hand holds the grip.
@@ -295,52 +292,6 @@ fn what_is_garbled_is_counted_and_got_over() {
         assert_eq!(last, SampleStatus::Fresh, "{name}");
         let (sample, _) = ticks(&mut *rig, 5, Wrench::ZERO);
         assert!((sample.pose.translation - rig.pose().translation).length() < 1e-3, "{name}: {sample:?}");
-    }
-}
-
-/// The arm with a period of its mock after each command.
-struct InStep(Box<dyn Rig>);
-
-impl Device for InStep {
-    fn capabilities(&self) -> Capabilities {
-        Capabilities { actuated: Axes::from_name("x").expect("an axis"), ..Capabilities::default() }
-    }
-
-    fn read(&mut self) -> Result<DeviceSample, DeviceError> {
-        self.0.device().read()
-    }
-
-    fn write(&mut self, wrench_device: &Wrench) -> Result<Wrench, DeviceError> {
-        let made = self.0.device().write(wrench_device);
-        self.0.advance();
-        made
-    }
-
-    fn set_enabled(&mut self, enabled: bool) {
-        self.0.device().set_enabled(enabled);
-    }
-
-    fn stop(&mut self) {
-        self.0.device().stop();
-    }
-}
-
-/// Joints, encoder steps, whole numbers of motor current and a wire lie between what is fitted and what moves.
-#[test]
-fn an_arm_on_a_wire_is_identified() {
-    let quit = AtomicBool::new(false);
-    for make in every_arm() {
-        let rig = make(None, Trouble::None);
-        let (name, plant) = (rig.name(), rig.profile().plant);
-        if !["novint-falcon", "haply-2diy", "woodenhaptics-v15", "open6-serial"].contains(&name.as_str()) {
-            continue;
-        }
-        let mut trial =
-            Trial { clock: VirtualClock::default(), period_s: 1.0 / f64::from(rig.profile().link.rate_hz), quit: &quit };
-        let made = probe::identify(&mut InStep(rig), &mut trial).expect("there")[0].expect("moved");
-        let (bound, damping) = (made.damping_bound_n_s_per_m, plant.damping_n_s_per_m);
-        assert!(bound <= 1.02 * damping && bound >= 0.6 * damping, "{name}: {damping} N·s/m, {made:?}");
-        assert!((made.mass_kg / plant.mass_kg - 1.0).abs() < 0.1, "{name}: {} kg, {made:?}", plant.mass_kg);
     }
 }
 

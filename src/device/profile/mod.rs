@@ -12,8 +12,10 @@
 //! | `wiring` | those of match, protocol and link |
 //! | `joints` | those of kinematics and transmission |
 //! | `packet` | those of frames described as data |
+//! | `known_answers` | `[[check]]`: what the rest of the file has to agree with |
 
 mod joints;
+mod known_answers;
 mod packet;
 mod real;
 mod resolve;
@@ -42,6 +44,8 @@ pub(crate) fn schema() -> schemars::Schema {
 pub struct Profile {
     /// Short name, as scenes write it.
     pub name: String,
+    /// The file that it was read from; `None`: a shipped one.
+    pub source: Option<PathBuf>,
     /// Name for people.
     pub title: String,
     /// Axes that the arm senses.
@@ -79,6 +83,14 @@ impl Profile {
                 damping_nm_s_per_rad: 0.5 * self.plant.damping_nm_s_per_rad,
                 ..self.plant
             },
+        }
+    }
+
+    /// How commands name it: a shipped one by its name, any other by its file.
+    pub fn given(&self) -> String {
+        match &self.source {
+            Some(path) => path.display().to_string(),
+            None => self.name.clone(),
         }
     }
 
@@ -253,7 +265,7 @@ pub fn is_profile(path: &Path) -> bool {
 pub fn load(path: &Path) -> Result<Profile, ConfigErrors> {
     let text = fs::read_to_string(path)
         .map_err(|cause| ConfigErrors::new(vec![Problem::of_file(path, ProblemKind::Unreadable { cause })]))?;
-    parse(path, &text)
+    Ok(Profile { source: Some(path.to_owned()), ..parse(path, &text)? })
 }
 
 fn parse(path: &Path, text: &str) -> Result<Profile, ConfigErrors> {

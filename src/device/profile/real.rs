@@ -4,8 +4,9 @@ use glam::{DQuat, DVec3};
 
 use crate::device::Thermal;
 use crate::device::kinematics::Kinematics;
-use crate::device::protocol::{MAX_AXES, Protocol};
+use crate::device::protocol::Protocol;
 use crate::device::transmission::Transmission;
+use crate::device::transport::Carriage;
 
 /// How to find, speak to and drive a real arm.
 #[derive(Clone, Debug, PartialEq)]
@@ -53,6 +54,16 @@ pub enum TransportKind {
     Usb,
     /// A socket of another program on this machine.
     Socket,
+}
+
+impl TransportKind {
+    /// One report at a time, or a stream of bytes.
+    pub const fn carriage(self) -> Carriage {
+        match self {
+            Self::Hid => Carriage::Reports,
+            Self::Serial | Self::Usb | Self::Socket => Carriage::Stream,
+        }
+    }
 }
 
 /// Vendor and product of a USB device.
@@ -144,8 +155,8 @@ pub struct Identified {
 pub struct Check {
     /// Bytes of a report as the host reads it, if given.
     pub frame: Option<Vec<u8>>,
-    /// Readings, if given; beside a frame, what the frame has to say.
-    pub readings: Option<[f64; MAX_AXES]>,
+    /// Readings, as many as are written, if any; beside a frame, what the frame has to say.
+    pub readings: Option<Vec<f64>>,
     /// Grip in the native frame, m.
     pub position_native: DVec3,
     /// How far it may be off, m.

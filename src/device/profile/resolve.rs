@@ -79,7 +79,7 @@ pub(super) fn profile(document: &Document<'_>, dir: &Path, written: &Written) ->
         delay_ticks: checks.whole("plant.delay_ticks", plant.delay_ticks, 1, 0, 100),
     };
     let title = device.title.clone().unwrap_or_else(|| name.clone());
-    let mut profile = Profile { name, title, sensed, actuated, limits, link, velocity_window_ms, plant, real: None };
+    let mut profile = Profile { name, source: None, title, sensed, actuated, limits, link, velocity_window_ms, plant, real: None };
     match device.codec {
         Some(CodecWord::Sim) => refuse_real(&mut checks, written),
         Some(codec) => profile.real = wiring::real_arm(&mut checks, dir, written, codec, &profile),

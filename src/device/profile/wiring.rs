@@ -8,17 +8,17 @@ use super::resolve::{NOT_NEGATIVE, POSITIVE};
 use super::written::{
     CarrierWord, CodecWord, HomingWord, Identified as WrittenIdentified, SaturationWord, TransportWord, TurnWord, Written,
 };
-use super::{Check, Homing, HomingMode, Identified, Match, Profile, RealArm, Saturation, TransportKind, UsbId, joints, packet};
-use crate::config::checks::{Checks, FINITE};
+use super::{
+    Homing, HomingMode, Identified, Match, Profile, RealArm, Saturation, TransportKind, UsbId, joints, known_answers, packet,
+};
+use crate::config::checks::Checks;
 use crate::device::kinematics::Kinematics;
-use crate::device::protocol::{HapiBoard, HapiEncoder, Hid14Carrier, MAX_AXES, Open6Arm, Protocol, Servo, Turn};
+use crate::device::protocol::{HapiBoard, HapiEncoder, Hid14Carrier, Open6Arm, Protocol, Servo, Turn};
 use crate::device::transport::Carriage;
 use crate::spatial::Axes;
 
 /// Baud rate where a profile gives none: devices on USB ignore it.
 const DEFAULT_BAUD: u32 = 115_200;
-/// Tolerance of a check where it gives none, mm.
-const DEFAULT_TOLERANCE_MM: f64 = 0.01;
 
 /// What a real arm has; `None` when too little of it is usable. Problems are noted in any case.
 pub(super) fn real_arm(
@@ -42,7 +42,7 @@ pub(super) fn real_arm(
     let deadman_button = written.safety.as_ref().and_then(|safety| safety.deadman_button);
     let deadman_button = deadman_button.map(|button| checks.whole("safety.deadman_button", Some(button), 0, 0, 31) as u8);
     let identified = written.identified.as_ref().map(|identified| identified_of(checks, identified));
-    let known_answers = known_answers(checks, written);
+    let known = known_answers::read(checks, written);
     let (matching, protocol, joints) = (matching?, protocol?, joints?);
     // What a protocol thinks of limits that are wrong already would only say it twice.
     if let Err(error) = protocol.check().or_else(|error| if checks.is_clean() { Err(error) } else { Ok(()) }) {
@@ -73,7 +73,7 @@ pub(super) fn real_arm(
         );
     }
     let orientation_sensed = sensed_fits(checks, &kinematics, device_from_native, profile);
-    Some(RealArm {
+    let real = RealArm {
         protocol,
         matching,
         kinematics,
@@ -92,8 +92,10 @@ pub(super) fn real_arm(
         orientation_sensed,
         deadman_button,
         identified,
-        checks: known_answers,
-    })
+        checks: known,
+    };
+    known_answers::judge(checks, &real);
+    Some(real)
 }
 
 fn packet_or_protocol(protocol: &Protocol) -> &'static str {
@@ -290,10 +292,7 @@ fn open6(checks: &mut Checks<'_>, written: &Written, profile: &Profile) -> Optio
 
 /// What the protocol says of itself against what the profile says.
 fn fit(checks: &mut Checks<'_>, matching: &Match, protocol: &Protocol, profile: &Profile) {
-    let carriage = match matching.transport {
-        TransportKind::Hid => Carriage::Reports,
-        TransportKind::Serial | TransportKind::Usb | TransportKind::Socket => Carriage::Stream,
-    };
+    let carriage = matching.transport.carriage();
     let is_bulk = matches!(protocol, Protocol::FalconNibble16 { .. });
     let is_socket = matches!(protocol, Protocol::Spacenav);
     let is_served = protocol.carriages().contains(&carriage)
@@ -420,37 +419,6 @@ fn sensed_fits(checks: &mut Checks<'_>, kinematics: &Kinematics, device_from_nat
         );
     }
     orientation_sensed && profile.sensed.contains(Axes::ROTATION)
-}
-
-fn known_answers(checks: &mut Checks<'_>, written: &Written) -> Vec<Check> {
-    let mut known = Vec::new();
-    for (idx, check) in written.check.iter().enumerate() {
-        let frame = check.frame_hex.as_ref().and_then(|hex| hex_bytes(checks, &format!("check[{idx}].frame_hex"), hex));
-        let mut readings = [0.0; MAX_AXES];
-        let given = check.readings.as_deref();
-        match given {
-            Some(given) if given.len() > MAX_AXES => checks.not_accepted(&format!("check[{idx}].readings"), "at most 8 readings"),
-            Some(given) => readings.iter_mut().zip(given).for_each(|(reading, given)| *reading = *given),
-            None if check.frame_hex.is_none() => checks.missing(&format!("check[{idx}]"), "frame_hex or readings"),
-            None => {}
-        }
-        let position = check.position_mm;
-        if position.is_none() {
-            checks.missing(&format!("check[{idx}].position_mm"), "the position of the grip in the native frame");
-        }
-        let tolerance =
-            checks.number(&format!("check[{idx}].tolerance_mm"), check.tolerance_mm, DEFAULT_TOLERANCE_MM, POSITIVE.unit("mm"));
-        known.push(Check {
-            frame,
-            readings: given.map(|_| readings),
-            position_native: checks
-                .array(&format!("check[{idx}].position_mm"), position, FINITE)
-                .map_or(DVec3::ZERO, DVec3::from_array)
-                * 1e-3,
-            tolerance_m: tolerance * 1e-3,
-        });
-    }
-    known
 }
 
 /// Bytes written as hexadecimal pairs.

@@ -236,6 +236,15 @@ impl Protocol {
         }
     }
 
+    /// What the error code of a sample means, where the protocol has words for it.
+    pub fn error_text(&self, error: u16) -> Option<String> {
+        match self {
+            Self::Open6(_) => Some(open6::error_text(error)),
+            Self::Dynamixel2 { .. } => Some(dynamixel::report_error_text(error)),
+            _ => None,
+        }
+    }
+
     /// How many readings a report has.
     pub fn n_readings(&self) -> usize {
         match self {

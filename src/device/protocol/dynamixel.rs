@@ -307,6 +307,12 @@ impl Host {
     }
 }
 
+/// What the error of a report means: which servo, and what it says.
+pub(super) fn report_error_text(error: u16) -> String {
+    let [error, id] = error.to_le_bytes();
+    format!("servo {id}: {}", error_text(error))
+}
+
 fn error_text(error: u8) -> String {
     if error & 0x80 != 0 {
         return "hardware alert (overload, heat, voltage or encoder): switch the servo off and on, and look at address 70 with the maker's tool".to_owned();

@@ -79,11 +79,22 @@ impl Codec for Host {
         }
         let mut setup = Frame::default();
         self.setup(&mut setup);
-        link.send(setup.as_slice())?;
         self.is_set_up = true;
-        // Setup is not answered.
-        hush(link, Duration::from_millis(100))?;
-        self.exchange_zero(link, Duration::from_millis(1000))
+        let mut answered = Ok(());
+        for turn in 0..2 {
+            if turn > 0 {
+                // A host of another protocol may have left it in the middle of a command: it gives that up.
+                hush(link, SILENCE)?;
+            }
+            link.send(setup.as_slice())?;
+            // Setup is not answered.
+            hush(link, Duration::from_millis(100))?;
+            answered = self.exchange_zero(link, Duration::from_millis(500));
+            if !matches!(answered, Err(StartError::Silent { .. })) {
+                break;
+            }
+        }
+        answered
     }
 
     fn started_before(&mut self) {
@@ -173,6 +184,7 @@ pub(super) struct Arm {
     counts_per_rev: Vec<f32>,
     offsets_deg: Vec<f64>,
     was_set_up: bool,
+    heard_s: f64,
 }
 
 impl Arm {
@@ -225,14 +237,23 @@ impl Arm {
                 out.push(reply);
             }
             // The motors stay on, and nothing reaches them any more.
-            RESET => self.n_motors = 0,
+            RESET => {
+                self.n_motors = 0;
+                // The host has gone, and whoever opens the arm again holds it in its start pose for that.
+                self.was_set_up = false;
+            }
             _ => {}
         }
     }
 }
 
 impl Firmware for Arm {
-    fn receive(&mut self, bytes: &[u8], _: f64, arm: &ArmReadings, out: &mut Outbox) {
+    fn receive(&mut self, bytes: &[u8], now_s: f64, arm: &ArmReadings, out: &mut Outbox) {
+        // A host of another protocol may have left half a command behind.
+        if now_s - self.heard_s >= SILENCE.as_secs_f64() {
+            self.gather.clear();
+        }
+        self.heard_s = now_s;
         for byte in bytes {
             if !self.gather.push(*byte) {
                 self.gather.clear();

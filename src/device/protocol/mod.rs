@@ -81,6 +81,8 @@ pub struct Fed {
     pub reports: u32,
     /// Reports that were short, long, garbled, or failed their check.
     pub corrupt: u32,
+    /// Those of the corrupt ones whose check held and whose content made no sense.
+    pub refused: u32,
     /// Reports that the arm's own counter says were lost before the last one.
     pub gap: u32,
     /// Reports that repeat the one before: the arm's counter stood still.
@@ -91,9 +93,23 @@ impl core::ops::AddAssign for Fed {
     fn add_assign(&mut self, other: Self) {
         self.reports = self.reports.saturating_add(other.reports);
         self.corrupt = self.corrupt.saturating_add(other.corrupt);
+        self.refused = self.refused.saturating_add(other.refused);
         self.gap = self.gap.saturating_add(other.gap);
         self.repeated = self.repeated.saturating_add(other.repeated);
     }
+}
+
+/// What an arm says that it can do.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Declared {
+    /// Exchanges per second that it takes.
+    pub rate_hz: u16,
+    /// Largest force, N.
+    pub force_n: f64,
+    /// Largest torque, N·m.
+    pub torque_nm: f64,
+    /// Radius of its workspace, m.
+    pub workspace_radius_m: f64,
 }
 
 /// Why an arm could not be brought to speak. With text: cold.
@@ -182,6 +198,11 @@ pub trait Codec: Send {
 
     /// What the arm said of itself at the start, in one line for people. Cold.
     fn identity(&self) -> Option<String> {
+        None
+    }
+
+    /// What the arm declared at the start, where its protocol lets it. Cold.
+    fn declared(&self) -> Option<Declared> {
         None
     }
 

@@ -5,7 +5,7 @@ use core::time::Duration;
 use super::dialogue::{Question, ask, hush};
 use super::gather::Gather;
 use super::number::{f32_at, finite_f32, i16_at, pad, u16_at};
-use super::{Codec, Fed, MAX_AXES, MotorCommand, Open6Arm, Report, StartError};
+use super::{Codec, Declared, Fed, MAX_AXES, MotorCommand, Open6Arm, Report, StartError};
 use crate::device::transport::{Carriage, Frame, Transport};
 use crate::spatial::Axes;
 
@@ -163,7 +163,7 @@ pub(super) struct Host {
     sequence: u16,
     state_sequence: Option<u16>,
     report: Report,
-    identity: Option<String>,
+    said: Option<(String, Declared)>,
     hello_within: Duration,
 }
 
@@ -176,13 +176,13 @@ impl Host {
             sequence: 0,
             state_sequence: None,
             report: Report::default(),
-            identity: None,
+            said: None,
             hello_within: Duration::from_millis(3000),
         }
     }
 
     /// What an arm says of itself, held against what the profile says.
-    fn greet(&self, payload: &[u8]) -> Result<String, StartError> {
+    fn greet(&self, payload: &[u8]) -> Result<(String, Declared), StartError> {
         let refuse = |text: String| Err(StartError::Refused(text));
         let (major, minor) = (payload.first().copied().unwrap_or(0), payload.get(1).copied().unwrap_or(0));
         if major != MAJOR {
@@ -208,15 +208,38 @@ impl Host {
                 self.arm.watchdog_ms
             ));
         }
-        Ok(format!(
-            "{name}, open6 {major}.{minor}, senses {}, drives {}, {} Hz, watchdog {watchdog_ms} ms, {} N, {} N·m",
+        let declared = Declared {
+            rate_hz: u16_at(payload, 4),
+            force_n: f32_at(payload, 8).into(),
+            torque_nm: f32_at(payload, 12).into(),
+            workspace_radius_m: f32_at(payload, 16).into(),
+        };
+        let Declared { rate_hz, force_n, torque_nm, workspace_radius_m } = declared;
+        let text = format!(
+            "{name}, open6 {major}.{minor}, senses {}, drives {}, {rate_hz} Hz, watchdog {watchdog_ms} ms, \
+             {force_n:.3} N, {torque_nm:.4} N·m, radius {workspace_radius_m:.3} m",
             list(sensed),
             list(actuated),
-            u16_at(payload, 4),
-            f32_at(payload, 8),
-            f32_at(payload, 12)
-        ))
+        );
+        Ok((text, declared))
     }
+}
+
+/// What an error code of a state means.
+pub(super) fn error_text(error: u16) -> String {
+    if u32::from(error) & WATCHDOG_TRIPPED != 0 {
+        return "its watchdog has tripped".to_owned();
+    }
+    let words = match error {
+        1 => "not homed",
+        2 => "a command that was no number",
+        3 => "too hot",
+        4 => "a motor driver",
+        5 => "a sensor",
+        128.. => "the maker's own",
+        _ => "unknown",
+    };
+    words.to_owned()
 }
 
 /// The report of a state; `None` when its numbers make no sense.
@@ -267,7 +290,7 @@ impl Codec for Host {
         let question =
             Question { step: "hello", frame: hello.as_slice(), every: Duration::from_millis(100), within: self.hello_within };
         let mut packets = Packets::new(self.carriage);
-        let identity = ask(link, &question, |bytes| {
+        let said = ask(link, &question, |bytes| {
             let mut answer = None;
             packets.feed(bytes, |packet| {
                 if packet.kind == CAPABILITIES {
@@ -276,7 +299,7 @@ impl Codec for Host {
             });
             answer
         })?;
-        self.identity = Some(identity);
+        self.said = Some(said);
         hush(link, Duration::from_millis(10))?;
         Ok(())
     }
@@ -303,6 +326,7 @@ impl Codec for Host {
             fed.reports += 1;
         });
         fed.corrupt = corrupt + senseless;
+        fed.refused = senseless;
         fed
     }
 
@@ -336,7 +360,11 @@ impl Codec for Host {
     }
 
     fn identity(&self) -> Option<String> {
-        self.identity.clone()
+        self.said.as_ref().map(|(text, _)| text.clone())
+    }
+
+    fn declared(&self) -> Option<Declared> {
+        self.said.as_ref().map(|(_, declared)| *declared)
     }
 
     fn finish(&mut self, link: &mut dyn Transport) {

@@ -132,13 +132,7 @@ impl Linked {
         self.pump();
         let mut sum = Fed::default();
         for bytes in self.take() {
-            let Fed { reports, corrupt, gap, repeated } = codec.feed(&bytes);
-            sum = Fed {
-                reports: sum.reports + reports,
-                corrupt: sum.corrupt + corrupt,
-                gap: sum.gap + gap,
-                repeated: sum.repeated + repeated,
-            };
+            sum += codec.feed(&bytes);
         }
         sum
     }

@@ -51,7 +51,7 @@ impl Codec for Host {
         for (idx, whole) in self.whole.iter_mut().enumerate() {
             self.report.readings[idx] = whole.take_16(i16_at(bytes, 2 * idx));
         }
-        Fed { reports: 1, gap: u32::from(step.saturating_sub(1)), repeated: u32::from(step == 0), corrupt: 0 }
+        Fed { reports: 1, gap: u32::from(step.saturating_sub(1)), repeated: u32::from(step == 0), ..Fed::default() }
     }
 
     fn newest(&self) -> &Report {

@@ -231,9 +231,10 @@ fn hapi_f32() {
         let (mut here, mut there) = loopback(Carriage::Stream);
         // Nobody answers: what was sent is there to be read.
         assert!(matches!(protocol.codec(Carriage::Stream).start(&mut here), Err(StartError::Silent { .. })));
-        let mut buffer = [0; 64];
+        let mut buffer = [0; 128];
         let n = there.receive(&mut buffer).expect("open");
-        assert_eq!(show(&buffer[..n]), format!("{setup} 02 05 00 00 00 00 00 00 00 00"));
+        let once = format!("{setup} 02 05 00 00 00 00 00 00 00 00");
+        assert_eq!(show(&buffer[..n]), format!("{once} {once}"), "and again after a silence");
     }
     let protocol = &boards[0].0;
     let mut host = protocol.codec(Carriage::Stream);

@@ -91,7 +91,7 @@ fn servos_are_checked_before_they_are_switched_on() {
 
 #[test]
 fn a_hapi_board_is_set_up_once_and_left_without_torque() {
-    let (protocol, _) = every_protocol().into_iter().find(|(protocol, _)| matches!(protocol, Protocol::HapiF32(_))).expect("there");
+    let protocol = hapi();
     let (result, mut codec, mut link) = started(&protocol, Carriage::Stream, protocol.firmware(Carriage::Stream));
     assert_eq!(result, Ok(()));
     let setups = |link: &Linked| link.sent.iter().filter(|frame| frame[0] == 1).count();
@@ -103,6 +103,38 @@ fn a_hapi_board_is_set_up_once_and_left_without_torque() {
     assert_eq!(link.firmware.motors(), [0.0; MAX_AXES]);
     let zero = hex("02 05 00 00 00 00 00 00 00 00");
     assert_eq!(link.sent[before..], [zero.clone(), zero, hex("00 00")], "zero, reply, zero, reset");
+}
+
+fn hapi() -> Protocol {
+    let (protocol, _) = every_protocol().into_iter().find(|(protocol, _)| matches!(protocol, Protocol::HapiF32(_))).expect("there");
+    protocol
+}
+
+#[test]
+fn a_hapi_board_that_is_opened_again_says_the_same() {
+    let protocol = hapi();
+    let mut link = Linked::new(protocol.firmware(Carriage::Stream), Carriage::Stream, arm_at(&[150.0, 45.0]));
+    for _ in 0..3 {
+        let mut codec = protocol.codec(Carriage::Stream);
+        codec.start(&mut link).expect("it answers");
+        link.exchange(&mut *codec, &[0.0, 0.0], false);
+        let readings = codec.newest().readings;
+        assert!((readings[0] - 150.0).abs() < 0.1 && (readings[1] - 45.0).abs() < 0.1, "{readings:?}");
+        codec.finish(&mut link);
+    }
+}
+
+#[test]
+fn a_hapi_board_that_was_spoken_to_in_another_protocol_is_found_again() {
+    let protocol = hapi();
+    for foreign in ["00 03 01 08 01 06 6F 70 36 64 01 02 64 03 F4 76 00", "02 05 00", "FF FF FD 00 01 07 00 02 84 00 0A 00 15"] {
+        let mut link = Linked::new(protocol.firmware(Carriage::Stream), Carriage::Stream, arm_at(&[150.0, 45.0]));
+        link.send(&hex(foreign)).expect("open");
+        let mut codec = protocol.codec(Carriage::Stream);
+        assert_eq!(codec.start(&mut link), Ok(()), "{foreign}");
+        link.exchange(&mut *codec, &[0.0, 0.0], false);
+        assert!((codec.newest().readings[0] - 150.0).abs() < 0.1, "{foreign}: {:?}", codec.newest());
+    }
 }
 
 #[test]
@@ -148,4 +180,19 @@ fn an_open6_arm_that_cannot_do_what_the_profile_says_is_refused() {
             assert!(matches!(&result, Err(StartError::Refused(text)) if text.contains(says)), "{result:?}");
         }
     }
+}
+
+#[test]
+fn an_open6_arm_says_what_it_can_and_a_state_that_makes_no_sense_is_told_from_a_garbled_one() {
+    let protocol = Protocol::Open6(open6_arm());
+    let (result, mut codec, mut link) = started(&protocol, Carriage::Stream, protocol.firmware(Carriage::Stream));
+    assert_eq!(result, Ok(()));
+    let declared = codec.declared().expect("it said so");
+    assert_eq!((declared.rate_hz, declared.force_n, declared.torque_nm), (1000, 12.0, 0.5));
+    assert!((declared.workspace_radius_m - 0.1).abs() < 1e-6);
+    assert!(codec.identity().expect("it said so").contains("12.000 N, 0.5000 N·m, radius 0.100 m"));
+    // An orientation that is none.
+    link.arm = arm_at(&[0.0; 7]);
+    let fed = link.exchange(&mut *codec, &[], false);
+    assert_eq!((fed.reports, fed.corrupt, fed.refused), (0, 1, 1));
 }

@@ -1,0 +1,398 @@
+//! `hapticd devices probe`: does an arm answer, does it push the right way, what is it made of?
+
+use core::sync::atomic::{AtomicBool, Ordering};
+use core::time::Duration;
+use std::io::IsTerminal as _;
+use std::sync::Arc;
+
+use serde_json::{Value, json};
+
+use super::devices::finding_json;
+use super::screen::error_text;
+use super::{Talk, report, say};
+use crate::device::identify::Made;
+use crate::device::kinematics::Kinematics;
+use crate::device::nodes::Selector;
+use crate::device::open::{self, OpenOptions};
+use crate::device::probe::{self, Answers, Ended, Found, Plan, Push, Sign, Step, Trial};
+use crate::device::profile::{self, Homing, HomingMode, Profile, ProfileError, RealArm};
+use crate::device::protocol::Declared;
+use crate::device::{Device as _, Pacing};
+use crate::error::Exit;
+use crate::rt::clock::RealClock;
+use crate::rt::finding::{Finding, Standing};
+use crate::rt::{duration, signals};
+use crate::spatial::Axes;
+
+/// Arguments of `hapticd devices probe`.
+#[derive(Debug, clap::Args)]
+pub(super) struct Args {
+    /// Profile of the arm: a name of devices/, or a file.
+    profile: String,
+    /// Which of several: VID:PID[:SERIAL] in hex, or the path of a node.
+    #[arg(long, value_name = "S")]
+    selector: Option<Selector>,
+    /// Shake each axis with less than 0.5 N and fit mass and viscosity. Let go of the grip.
+    #[arg(long)]
+    identify: bool,
+    /// Push along each axis with a motor with 0.3 N for 0.2 s, turn about each with as little, and look which way it goes. Hold the grip loosely.
+    #[arg(long)]
+    sign_check: bool,
+    /// How long to listen.
+    #[arg(long, value_name = "TIME", default_value = "10s", value_parser = duration::parse)]
+    duration: Duration,
+    /// Print one JSON object.
+    #[arg(long)]
+    json: bool,
+}
+
+/// What to type to probe the arm of a profile.
+pub(super) fn command(profile: &Profile, selector: Option<&Selector>, flag: &str) -> String {
+    let selector = selector.map_or(String::new(), |selector| format!(" --selector {selector}"));
+    format!("hapticd devices probe {}{selector} {flag}", profile.given())
+}
+
+/// Times a parked arm may be further from the origin than its workspace reaches.
+const PARKED: f64 = 3.0;
+
+/// What there is to say at the end.
+struct Told<'a> {
+    profile: &'a Profile,
+    real: &'a RealArm,
+    args: &'a Args,
+    found: &'a Found,
+    ended: Option<Ended>,
+    identity: Option<String>,
+    declared: Option<Declared>,
+    /// Reports that were whole and made no sense.
+    refused: u64,
+}
+
+pub(super) fn main(args: &Args, talk: Talk) -> Exit {
+    probe(args, talk).unwrap_or_else(|exit| exit)
+}
+
+fn probe(args: &Args, talk: Talk) -> Result<Exit, Exit> {
+    let fail = |exit: Exit, message: String| {
+        report::error(&message, None, talk);
+        exit
+    };
+    let here = std::env::current_dir().unwrap_or_default();
+    let profile = profile::find(&args.profile, &here).map_err(|error| match error {
+        ProfileError::Invalid(errors) => report::config_errors(&errors, talk),
+        error => fail(Exit::Configuration, error.to_string()),
+    })?;
+    let period_s = 1.0 / f64::from(profile.link.rate_hz);
+    let options = OpenOptions { selector: args.selector.clone(), io_request: None, period_s };
+    if let Some(real) = &profile.real {
+        // An arm that is not there is not waited for.
+        open::look_for(&profile, &options).map_err(|error| fail(Exit::Device, error.to_string()))?;
+        home(&real.homing, talk);
+    }
+    let mut opened = open::open(&profile, &options).map_err(|error| fail(Exit::Device, error.to_string()))?;
+    // True invariant: what was opened has a profile of metal.
+    let Some(real) = &profile.real else { unreachable!("a simulated arm is not opened") };
+    let path = opened.path.display().to_string();
+    report::note(&format!("{} at {path}: listening for {:.0} s", profile.title, args.duration.as_secs_f64()), talk);
+    // From here on Ctrl-C takes the force off first.
+    let quit = Arc::new(AtomicBool::new(false));
+    let interrupts = signals::interrupts().map_err(|error| fail(Exit::Internal, error.to_string()))?;
+    let flag = quit.clone();
+    std::thread::spawn(move || {
+        if interrupts.recv().is_ok() {
+            flag.store(true, Ordering::Relaxed);
+        }
+    });
+    let arm = &mut opened.arm;
+    let mut trial = Trial::new(RealClock, period_s, &quit).with_torque(probe::torque_max_nm(&profile));
+    let plan = Plan { listen: args.duration, push: args.sign_check.then(|| Push::of(&profile)), identify: args.identify };
+    let mut found = Found::default();
+    let ended = probe::try_out(arm, &mut trial, &plan, &mut found, |step| report::note(step_text(step, &profile), talk)).err();
+    arm.stop();
+    let told = Told {
+        profile: &profile,
+        real,
+        args,
+        found: &found,
+        ended,
+        identity: arm.identity(),
+        declared: arm.declared(),
+        refused: arm.refused(),
+    };
+    let findings = told.findings();
+    if args.json {
+        say::result(format_args!("{}\n", told.json(&path, &findings)));
+    } else {
+        for finding in &findings {
+            say::result(format_args!("{:<8} {:<16} {}\n", finding.standing.name(), finding.name, finding.found));
+            for line in finding.advice_lines() {
+                say::result(format_args!("{:<8} {:<16} {line}\n", "", ""));
+            }
+        }
+        if ended.is_none() && found.made.iter().any(Option::is_some) {
+            say::result(format_args!("{}", identified_text(&found)));
+        }
+    }
+    match ended {
+        Some(Ended::Told) => report::error("interrupted: not finished", None, talk),
+        Some(Ended::Device(_)) => {
+            let hint = "is its plug loose? `hapticd devices` lists what there is";
+            report::error(&format!("the arm at {path} went away"), Some(hint), talk);
+        }
+        _ => {}
+    }
+    let is_bad = findings.iter().any(|finding| finding.standing == Standing::Bad);
+    Ok(if is_bad || ended.is_some() { Exit::Device } else { Exit::Ok })
+}
+
+/// What a person has to do before the arm is opened. On a terminal it is waited for where the arm counts from that pose.
+fn home(homing: &Homing, talk: Talk) {
+    let Some(instruction) = &homing.instruction else { return };
+    report::note(&format!("homing: {instruction}"), talk);
+    if homing.mode == HomingMode::PowerOnPose && std::io::stdin().is_terminal() {
+        say::talk(format_args!("Enter when it is so: "));
+        // The end of the input is an answer as good as any.
+        let _ = std::io::stdin().read_line(&mut String::new());
+    }
+}
+
+fn step_text(step: Step, profile: &Profile) -> &'static str {
+    match step {
+        Step::Signs if profile.limits.torque_nm > 0.0 => {
+            "sign check: hold the grip loosely; a push of 0.3 N along each axis follows, and a small turn about each that has a motor"
+        }
+        Step::Signs => "sign check: hold the grip loosely; a push of 0.3 N along each axis follows",
+        Step::Identify => "identification: let go of the grip; each axis is shaken for 14 s",
+    }
+}
+
+impl Told<'_> {
+    fn findings(&self) -> Vec<Finding> {
+        let mut findings = vec![self.answers(), self.packets(), self.arm(), self.position()];
+        findings.extend(self.identity.as_ref().map(|identity| Finding::good("says of itself", identity.clone())));
+        findings.extend(self.declared.and_then(|declared| self.asks_too_much(declared)));
+        if self.args.sign_check {
+            findings.extend(self.signs());
+        }
+        if self.args.identify {
+            findings.extend(self.made());
+        }
+        findings.extend(self.end());
+        findings
+    }
+
+    fn answers(&self) -> Finding {
+        let answers = &self.found.answers;
+        let share = answers.fresh as f64 / answers.ticks.max(1) as f64;
+        let found = format!(
+            "{} of {} ticks brought a sample; longest silence {} ticks; round trip {} ticks",
+            answers.fresh, answers.ticks, answers.longest_silence_ticks, answers.round_trip_ticks
+        );
+        let is_event = self.profile.link.pacing == Pacing::Event;
+        if answers.fresh == 0 && !is_event {
+            Finding::bad("answers", found, "switch the arm off and on, then try again; `hapticd doctor` looks further").by_hand()
+        } else if share < 0.99 && !is_event {
+            let advice = "hapticd doctor   # latency timer, autosuspend and wake-ups are the usual causes";
+            Finding::advice("answers", found, advice)
+        } else {
+            Finding::good("answers", found)
+        }
+    }
+
+    fn packets(&self) -> Finding {
+        let Answers { corrupt, lost_packets, .. } = self.found.answers;
+        let mut found = format!("{corrupt} corrupt packets, {lost_packets} lost ones");
+        if self.refused > 0 {
+            found += &format!("; {} came whole, but no arm can be where they say: is it the right profile?", self.refused);
+        }
+        if corrupt + lost_packets + self.refused == 0 {
+            return Finding::good("packets", found);
+        }
+        Finding::advice("packets", found, "try another cable, and a port of the machine itself instead of a hub").by_hand()
+    }
+
+    fn arm(&self) -> Finding {
+        match self.found.answers {
+            Answers { fresh: 0, .. } => Finding::unknown("arm", "no sample came: nobody knows whether it is homed"),
+            Answers { error: error @ 1.., .. } => {
+                Finding::bad("arm", error_text(error, Some(&self.real.protocol)), "switch the arm off and on").by_hand()
+            }
+            Answers { homed: false, .. } => Finding::advice("arm", "is not homed", self.homing()).by_hand(),
+            _ => Finding::good("arm", "homed, no error"),
+        }
+    }
+
+    fn homing(&self) -> String {
+        self.real.homing.instruction.clone().unwrap_or_else(|| "home it".to_owned())
+    }
+
+    fn position(&self) -> Finding {
+        let Answers { fresh, position_m, spread_m, .. } = self.found.answers;
+        if fresh == 0 {
+            return Finding::unknown("position", "no sample came");
+        }
+        let [x, y, z] = position_m.to_array().map(|way| way * 1e3);
+        let found = format!("({x:.2}, {y:.2}, {z:.2}) mm; it moved by at most {:.3} mm while listening", spread_m * 1e3);
+        let (away_m, radius_m) = (position_m.length(), self.profile.limits.workspace_radius_m);
+        // A rate input has no place, and goes where it is sent.
+        if away_m <= radius_m || matches!(self.real.kinematics, Kinematics::Rate(_)) {
+            return Finding::good("position", found);
+        }
+        let found = format!("{found}; {away_m:.3} m from the origin, the workspace is {radius_m} m");
+        if self.real.homing.mode == HomingMode::PowerOnPose && away_m <= PARKED * radius_m {
+            return Finding::advice("position", found, "move the grip into the workspace: force flows only there").by_hand();
+        }
+        Finding::bad("position", found + ": units, scale, home_counts or park pose?", self.homing_or_profile()).by_hand()
+    }
+
+    fn homing_or_profile(&self) -> String {
+        match &self.real.homing.instruction {
+            Some(instruction) => format!("home it again, or correct the profile. {instruction}"),
+            None => "correct the profile".to_owned(),
+        }
+    }
+
+    /// Where the profile asks for more than the arm says that it can.
+    fn asks_too_much(&self, declared: Declared) -> Option<Finding> {
+        let limits = &self.profile.limits;
+        let rows = [
+            ("limits.force_n", limits.force_n, declared.force_n, "N"),
+            ("limits.torque_nm", limits.torque_nm, declared.torque_nm, "N·m"),
+            ("limits.workspace_radius_m", limits.workspace_radius_m, declared.workspace_radius_m, "m"),
+            ("link.rate_hz", self.profile.link.rate_hz.into(), declared.rate_hz.into(), "Hz"),
+        ];
+        // What the wire rounds is not more.
+        let more = rows.into_iter().filter(|(_, asked, has, _)| *asked > has * (1.0 + 1e-6));
+        let more: Vec<String> =
+            more.map(|(key, asked, has, unit)| format!("{key} = {asked}, the arm has {has:.4} {unit}")).collect();
+        let advice = "write into the profile what the arm has";
+        (!more.is_empty()).then(|| Finding::advice("profile asks more", more.join("; "), advice).by_hand())
+    }
+
+    fn signs(&self) -> Vec<Finding> {
+        let mut findings = Vec::new();
+        let signs = &self.found.signs;
+        for (axis, sign) in Axes::NAMES.iter().zip(signs) {
+            let name = format!("sign of {axis}");
+            findings.extend(sign.map(|sign| {
+                match sign {
+                Sign::Right => Finding::good(name, "goes the way it is pushed"),
+                Sign::Wrong => Finding::bad(
+                    name,
+                    "goes against the push: force would feed back on itself",
+                    "change motor_sign or encoder_sign of the joints behind this axis in a copy of the profile, and check again",
+                )
+                .by_hand(),
+                Sign::Still => Finding::advice(name, "hardly moved", "hold the grip more loosely and check again").by_hand(),
+            }
+            }));
+        }
+        let mut actuated = (0..signs.len()).filter(|axis_idx| self.profile.actuated.has(*axis_idx)).peekable();
+        if actuated.peek().is_none() {
+            findings.push(Finding::unknown("signs", "the arm has no motors that could push the grip"));
+        } else if actuated.all(|axis_idx| signs[axis_idx] == Some(Sign::Right)) {
+            let found = "all right: set signs_verified = true in a copy of the profile";
+            findings.push(Finding::good("signs", found));
+        }
+        findings
+    }
+
+    fn made(&self) -> Vec<Finding> {
+        let mut findings = Vec::new();
+        for (axis, made) in Axes::NAMES.iter().zip(self.found.made) {
+            findings.extend(made.map(|made| {
+                let Made { mass_kg, mass_spread_kg, damping_n_s_per_m, damping_spread_n_s_per_m, coulomb_n, .. } = made;
+                let found = format!(
+                    "{mass_kg:.3} ± {mass_spread_kg:.3} kg, {damping_n_s_per_m:.2} ± {damping_spread_n_s_per_m:.2} N·s/m, dry friction {coulomb_n:.3} N"
+                );
+                Finding::good(format!("made of, {axis}"), found)
+            }));
+        }
+        if self.ended.is_none() && findings.is_empty() {
+            findings.push(Finding::advice("made of", "no axis moved", "let go of the grip and try again").by_hand());
+        }
+        findings
+    }
+
+    /// Why it ended before its time.
+    fn end(&self) -> Option<Finding> {
+        let has_pushed = self.found.signs.iter().any(Option::is_some) || self.found.made.iter().any(Option::is_some);
+        let rest = if has_pushed { "the rest was not pushed" } else { "nothing pushed" };
+        Some(match self.ended? {
+            Ended::Told | Ended::Device(_) => Finding::unknown("not finished", rest),
+            Ended::NotHomed => Finding::bad("not homed", rest, self.homing()).by_hand(),
+            Ended::Reports(error) => {
+                let found = format!("{}: {rest}", error_text(error, Some(&self.real.protocol)));
+                Finding::bad("arm's error", found, "switch the arm off and on, and try again").by_hand()
+            }
+            Ended::Watchdog(gap_ms) => {
+                let watchdog_ms = self.profile.link.device_watchdog_ms.unwrap_or_default();
+                let found = format!(
+                    "the arm has switched itself off, or may have: no command for {gap_ms} ms, and its watchdog waits for {watchdog_ms} ms; {rest}"
+                );
+                Finding::bad("watchdog", found, "close what keeps the processors busy, and try again").by_hand()
+            }
+        })
+    }
+
+    fn json(&self, path: &str, findings: &[Finding]) -> Value {
+        let Found { answers, signs, made } = self.found;
+        let sign_name = |sign: Sign| match sign {
+            Sign::Right => "right",
+            Sign::Wrong => "wrong",
+            Sign::Still => "still",
+        };
+        let ended = self.ended.map(|ended| match ended {
+            Ended::Told => "interrupted",
+            Ended::Device(_) => "disconnected",
+            Ended::NotHomed => "not-homed",
+            Ended::Reports(_) => "device-error",
+            Ended::Watchdog(_) => "watchdog",
+        });
+        json!({
+            "profile": self.profile.name,
+            "path": path,
+            "ended_early": ended,
+            "identity": self.identity,
+            "ticks": answers.ticks,
+            "fresh": answers.fresh,
+            "corrupt_packets": answers.corrupt,
+            "refused_packets": self.refused,
+            "lost_packets": answers.lost_packets,
+            "longest_silence_ticks": answers.longest_silence_ticks,
+            "round_trip_ticks": answers.round_trip_ticks,
+            "homed": answers.homed,
+            "device_error": answers.error,
+            "position_m": answers.position_m.to_array(),
+            "spread_m": answers.spread_m,
+            "signs": signs.map(|sign| sign.map(sign_name)),
+            "identified": made.map(|made| made.map(made_json)),
+            "findings": findings.iter().map(finding_json).collect::<Vec<_>>(),
+        })
+    }
+}
+
+fn made_json(made: Made) -> Value {
+    json!({
+        "mass_kg": made.mass_kg,
+        "mass_spread_kg": made.mass_spread_kg,
+        "damping_n_s_per_m": made.damping_n_s_per_m,
+        "damping_spread_n_s_per_m": made.damping_spread_n_s_per_m,
+        "damping_bound_n_s_per_m": made.damping_bound_n_s_per_m,
+        "coulomb_n": made.coulomb_n,
+    })
+}
+
+/// What to add to a copy of the profile: the lightest and the least damped axis, which is what stability is judged by. Of the viscosity only what is sure.
+fn identified_text(found: &Found) -> String {
+    let least = |of: fn(&Made) -> f64| found.made.iter().flatten().map(of).fold(f64::INFINITY, f64::min);
+    format!(
+        "add to a copy of the profile (the damping is what was found less twice its spread):\n\n[identified]\nround_trip_ticks = {}\nmass_kg = {:.4}\ndamping_n_s_per_m = {:.3}\n",
+        found.answers.round_trip_ticks,
+        least(|made| made.mass_kg),
+        least(|made| made.damping_bound_n_s_per_m)
+    )
+}
+
+#[cfg(test)]
+mod tests;
