@@ -12,7 +12,7 @@ use crate::daemon::desk::{Board, Counter, Desk, Tools};
 use crate::daemon::switch::{Offered, Switch, objects};
 use crate::daemon::{Live, Notice, Operator, OperatorOrder};
 use crate::haptics::RenderScene;
-use crate::monitor::{Bound, Hub, HubParts, Monitor};
+use crate::monitor::{Bound, Hub, HubParts, Monitor, Recorder};
 use crate::rt::clock::ClockKind;
 use crate::servo::Reins;
 
@@ -40,6 +40,8 @@ pub(crate) struct Means<'a> {
     pub(crate) switches: Option<Sender<Switch>>,
     /// The scenes that the loop will take, in order.
     pub(crate) offered: live::OfferedScenes,
+    /// Records when clients ask for it.
+    pub(crate) recorder: Option<Box<dyn Recorder>>,
 }
 
 /// Everybody who is with one run.
@@ -55,7 +57,7 @@ pub(crate) struct Company {
 impl Company {
     /// Opens the desk and the monitor; gives what the supervisor hears of them. Until [`Self::begin`] clients see a scene that is baked.
     pub(crate) fn open(means: Means<'_>, opening: &Opening, live: &mut Live) -> io::Result<Self> {
-        let Means { config, options, clock, bound, has_console, enables_at_start, switches, offered } = means;
+        let Means { config, options, clock, bound, has_console, enables_at_start, switches, offered, recorder } = means;
         let (orders, taken) = unbounded::<OperatorOrder>();
         if has_console {
             console::begin(orders.clone())?;
@@ -71,7 +73,7 @@ impl Company {
             return Ok(Self::default());
         }
         let board = Board::new(config.clone());
-        let note = Arc::new(move |path: &Path| offered.note(path, None));
+        let note = Arc::new(move |config: &SceneConfig| offered.note(config, None));
         let tools = Tools { board: board.clone(), orders: orders.clone(), switches, options: options.clone(), note };
         let (desk, counter) = Desk::new(tools);
         // Set once: there is one desk.
@@ -80,7 +82,7 @@ impl Company {
             Self { desk: Some(desk), counter: Some(counter.clone()), config: Some(config.clone()), ..Self::default() };
         if let Some(bound) = bound {
             let heartbeat = config.heartbeat;
-            let hub = Hub::new(HubParts { board, counter, orders, heartbeat, clock, recorder: None, metrics: None });
+            let hub = Hub::new(HubParts { board, counter, orders, heartbeat, clock, recorder, metrics: None });
             let (monitor, tap) = bound.serve(hub.clone())?;
             live.taps.add(tap);
             (company.hub, company.monitor) = (Some(hub), Some(monitor));

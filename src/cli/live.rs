@@ -1,7 +1,7 @@
 //! What changes while a run goes on: `--move` and `--swap`.
 
 use std::fmt::{Display, Formatter};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
@@ -14,9 +14,9 @@ use super::progress::BakeProgress;
 use super::{Talk, cache, report};
 use crate::config::poses::PoseFileError;
 use crate::config::{self, LoadOptions, SceneConfig};
-use crate::daemon::Live;
 use crate::daemon::desk::unlike;
 use crate::daemon::switch::{self, Switch, objects};
+use crate::daemon::{Live, scene_files};
 use crate::device::hand::HandPath;
 use crate::error::Exit;
 use crate::haptics::RenderScene;
@@ -26,6 +26,7 @@ use crate::scene::cache::Residence;
 use crate::scene::{self, BakeMeans, SceneError};
 use crate::servo::{PlaceError, SwapSlot, Wishes};
 use crate::telemetry::SwapSummary;
+use crate::telemetry::recording::Recorder;
 
 /// Arguments that change a run while it goes on.
 #[derive(Debug, clap::Args)]
@@ -88,6 +89,7 @@ impl Display for SwapReport {
 pub(crate) struct Changes {
     wishes: Wishes,
     swaps: Vec<PlannedSwap>,
+    recorded: Option<(Recorder, LoadOptions)>,
 }
 
 impl LiveArgs {
@@ -136,7 +138,7 @@ impl LiveArgs {
             swaps.push(PlannedSwap { config, at: *at, at_tick });
         }
         swaps.sort_by_key(|swap| swap.at_tick);
-        Ok(Changes { wishes, swaps })
+        Ok(Changes { wishes, swaps, recorded: None })
     }
 }
 
@@ -151,16 +153,28 @@ type OfferedScene = (PathBuf, Option<usize>);
 
 /// Scene files in the order in which the loop takes them. Clones share it.
 #[derive(Clone, Default)]
-pub(crate) struct OfferedScenes(Arc<Mutex<Vec<OfferedScene>>>);
+pub(crate) struct OfferedScenes {
+    list: Arc<Mutex<Vec<OfferedScene>>>,
+    /// Recordings bring along what each is made of.
+    recorded: Option<(Recorder, LoadOptions)>,
+}
 
 impl OfferedScenes {
     /// The loop will take this one next.
-    pub(crate) fn note(&self, path: &Path, planned: Option<usize>) {
-        self.list().push((path.to_owned(), planned));
+    pub(crate) fn note(&self, config: &SceneConfig, planned: Option<usize>) {
+        self.list().push((config.path.clone(), planned));
+        if let Some((recorder, options)) = &self.recorded {
+            recorder.scenes.add(scene_files(config, options));
+        }
+    }
+
+    /// Who records the run.
+    pub(crate) fn recorder(&self) -> Option<&Recorder> {
+        self.recorded.as_ref().map(|(recorder, _)| recorder)
     }
 
     fn list(&self) -> MutexGuard<'_, Vec<OfferedScene>> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+        self.list.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -186,6 +200,11 @@ pub(crate) struct Begun {
 pub(crate) type Hears = Box<dyn Fn(switch::Offered) + Send>;
 
 impl Changes {
+    /// The same, with somebody who records the scenes too; they are read with these options.
+    pub(crate) fn recorded_by(self, recorder: &Recorder, options: &LoadOptions) -> Self {
+        Self { recorded: Some((recorder.clone(), options.clone())), ..self }
+    }
+
     /// Begins: the thread that bakes the other scenes runs until the loop is over. `is_open`: more may be asked for than was planned.
     pub(crate) fn begin(
         self,
@@ -197,7 +216,7 @@ impl Changes {
         talk: Talk,
     ) -> std::io::Result<Begun> {
         let (failures, failed) = unbounded();
-        let offered = OfferedScenes::default();
+        let offered = OfferedScenes { recorded: self.recorded, ..OfferedScenes::default() };
         let planned = self.swaps.iter().map(|swap| (swap.config.path.clone(), swap.at)).collect();
         let (mut swaps, mut switches) = (None, None);
         if is_open || !self.swaps.is_empty() {
@@ -209,7 +228,7 @@ impl Changes {
                 let (failures, offered, hears, path) = (failures.clone(), offered.clone(), hears(), config.path.clone());
                 let done = Box::new(move |result: Option<Result<switch::Offered, SceneError>>| match result {
                     Some(Ok(scene)) => {
-                        offered.note(&path, Some(idx));
+                        offered.note(&scene.config, Some(idx));
                         if let Some(hears) = hears {
                             hears(scene);
                         }

@@ -9,6 +9,7 @@ mod desk;
 mod devices;
 mod doctor;
 mod eval;
+mod lab_report;
 mod live;
 mod memory;
 mod mock;
@@ -17,6 +18,8 @@ mod outcome;
 mod plots;
 mod probe;
 mod progress;
+mod recording;
+mod replay;
 mod report;
 mod run;
 mod say;
@@ -75,6 +78,10 @@ enum Command {
     Check(check::Args),
     /// Contact wrench at each given tool pose: no device, no time.
     Eval(eval::Args),
+    /// Run a recording again, through the scene that it brings along, and compare every bit of what comes out.
+    Replay(replay::Args),
+    /// Make one page of a recording: force, depth, latency, faults.
+    Report(lab_report::Args),
     /// Measure, beside the paper's figures and other programs.
     Bench(bench::Args),
     /// Simulate an arm behind a real link, in its own protocol, with faults on demand.
@@ -94,6 +101,8 @@ pub fn main() -> ExitCode {
         Command::Bake(args) => bake::main(&args, talk),
         Command::Check(args) => check::main(&args, talk),
         Command::Eval(args) => eval::main(&args, talk),
+        Command::Replay(args) => replay::main(&args, talk),
+        Command::Report(args) => lab_report::main(&args, talk),
         Command::Bench(args) => bench::main(&args, talk),
         Command::Mock(args) => mock::main(&args, talk),
         Command::Devices(args) => devices::main(&args, talk),

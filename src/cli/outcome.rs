@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 use serde::Serialize;
 
 use super::live;
+use crate::telemetry::recording::RecordingSummary;
 use crate::telemetry::{LatencySummary, Totals};
 
 /// How long a run took to begin, s since the first instruction of `main`.
@@ -17,7 +18,13 @@ pub(super) struct StartTimes {
 }
 
 /// What goes to stdout.
-pub(super) fn result_text(totals: &Totals, start_s: StartTimes, swaps: &[live::SwapReport], json: bool) -> String {
+pub(super) fn result_text(
+    totals: &Totals,
+    start_s: StartTimes,
+    swaps: &[live::SwapReport],
+    recording: Option<&RecordingSummary>,
+    json: bool,
+) -> String {
     if json {
         #[derive(Serialize)]
         struct RunReport<'t> {
@@ -26,8 +33,10 @@ pub(super) fn result_text(totals: &Totals, start_s: StartTimes, swaps: &[live::S
             start_s: StartTimes,
             #[serde(skip_serializing_if = "<[_]>::is_empty")]
             swaps: &'t [live::SwapReport],
+            #[serde(skip_serializing_if = "Option::is_none")]
+            recording: Option<&'t RecordingSummary>,
         }
-        return match serde_json::to_string(&RunReport { totals, start_s, swaps }) {
+        return match serde_json::to_string(&RunReport { totals, start_s, swaps, recording }) {
             Ok(mut text) => {
                 text.push('\n');
                 text
@@ -45,6 +54,11 @@ pub(super) fn result_text(totals: &Totals, start_s: StartTimes, swaps: &[live::S
     row("start", format_args!("baked after {:.3} s, first tick after {:.3} s", start_s.baked, start_s.first_tick));
     for swap in swaps {
         row("swap", format_args!("{swap}"));
+    }
+    if let Some(RecordingSummary { file, records, dropped, error }) = recording {
+        let lost = if *dropped > 0 { format!(", {dropped} that the disk was too slow for are missing") } else { String::new() };
+        let early = error.as_ref().map_or_else(String::new, |error| format!(", ended early: {error}"));
+        row("recording", format_args!("{}: {records} ticks{lost}{early}", file.display()));
     }
     row("missed deadlines", format_args!("{}", totals.missed_deadlines));
     for (name, latency) in [("wake-up", totals.wakeup_us), ("compute", totals.compute_us), ("device", totals.device_us)] {

@@ -12,9 +12,9 @@ use super::desk::{Company, Means, Opening};
 use super::outcome::{StartTimes, result_text};
 use super::progress::BakeProgress;
 use super::screen::{Screen, report_lines};
-use super::{Talk, bake, cache, check, live, memory, monitor, probe, report, say};
+use super::{Talk, bake, cache, check, live, memory, monitor, probe, recording, report, say};
 use crate::config::{self, LoadOptions, SceneConfig};
-use crate::daemon::{Attached, Live, Outcome, PrepareError, Prepared, RenderJob, RunError, Supervisor, prepare_with};
+use crate::daemon::{Attached, Live, Notice, Outcome, PrepareError, Prepared, RenderJob, RunError, Supervisor, prepare_with};
 use crate::device::nodes::Selector;
 use crate::device::profile::RealArm;
 use crate::device::protocol::Protocol;
@@ -25,6 +25,7 @@ use crate::rt::signals::{SignalError, interrupts};
 use crate::scene::BakeMeans;
 use crate::scene::cache::Residence;
 use crate::spatial::Axes;
+use crate::telemetry::Taps;
 
 /// Arguments of `hapticd run`.
 #[derive(Debug, clap::Args)]
@@ -57,6 +58,8 @@ pub(crate) struct Args {
     monitor: monitor::MonitorArgs,
     #[command(flatten)]
     live: live::LiveArgs,
+    #[command(flatten)]
+    recording: recording::RecordingArgs,
     #[command(flatten)]
     memory: memory::MemoryArgs,
     #[command(flatten)]
@@ -144,6 +147,12 @@ pub(crate) fn main(args: &Args, talk: Talk, started_ns: i64) -> Exit {
     if talk.verbose > 0 {
         say::talk(format_args!("{}\n", check::summary(&config)));
     }
+    let taps = Taps::default();
+    let recordings = match args.recording.begin(&config, &overrides, clock, taps.clone(), talk) {
+        Ok(recordings) => recordings,
+        Err(exit) => return exit,
+    };
+    let changes = changes.recorded_by(&recordings.recorder, &overrides);
     let bake = || {
         // Owned: nobody may take memory away from the loop.
         let mut cache = args.cache.open(Residence::Owned, talk);
@@ -167,6 +176,7 @@ pub(crate) fn main(args: &Args, talk: Talk, started_ns: i64) -> Exit {
     let hears = || is_open.then(|| opening.hears());
     let begun = changes.begin(&args.cache, &args.memory, clock, is_open, hears, talk).and_then(|begun| {
         let live::Begun { mut live, under_way, switches } = begun;
+        live.taps = taps;
         let means = Means {
             config: &config,
             options: &overrides,
@@ -176,6 +186,7 @@ pub(crate) fn main(args: &Args, talk: Talk, started_ns: i64) -> Exit {
             enables_at_start: args.enables_at_start(&config),
             switches: switches.filter(|_| is_open),
             offered: under_way.offered.clone(),
+            recorder: Some(Box::new(recordings.for_clients(talk))),
         };
         let company = Company::open(means, &opening, &mut live)?;
         Ok((company, live, under_way))
@@ -188,19 +199,23 @@ pub(crate) fn main(args: &Args, talk: Talk, started_ns: i64) -> Exit {
         }
     };
     let protocol = config.device.profile.real.as_ref().map(|real| &real.protocol);
-    match run(args, talk, (live, &under_way, protocol), &mut company, interrupts, bake) {
+    let refusal = match run(args, talk, (live, &under_way, protocol), &mut company, interrupts, bake) {
         Ok(outcome) => {
             let first_tick = outcome.report.first_tick_ns.map_or(0.0, since_start_s);
             let start_s = StartTimes { baked: baked_s.get(), first_tick };
-            let swaps = under_way.reports(&outcome.swaps);
-            say::result(format_args!("{}", result_text(&outcome.totals, start_s, &swaps, args.json)));
-            match (outcome.exit(), under_way.failure(talk)) {
+            let (swaps, recording) = (under_way.reports(&outcome.swaps), recordings.end(&outcome.report));
+            say::result(format_args!("{}", result_text(&outcome.totals, start_s, &swaps, recording.as_ref(), args.json)));
+            return match (outcome.exit(), under_way.failure(talk)) {
                 (Exit::Ok, Some(failure)) => failure,
                 (exit, _) => exit,
-            }
+            };
         }
-        Err(Refusal::Prepare(error)) => report::prepare_error(&error, talk),
-        Err(Refusal::Run(error)) => {
+        Err(refusal) => refusal,
+    };
+    recordings.abandon();
+    match refusal {
+        Refusal::Prepare(error) => report::prepare_error(&error, talk),
+        Refusal::Run(error) => {
             let refused = if let RunError::Refused(checks) = &error { Some(checks) } else { None };
             if let Some(checks) = refused.filter(|_| talk.quiet) {
                 for row in report_lines(checks, true) {
@@ -215,7 +230,7 @@ pub(crate) fn main(args: &Args, talk: Talk, started_ns: i64) -> Exit {
             report::error(&error.to_string(), hint, talk);
             error.exit()
         }
-        Err(Refusal::Signals(error)) => {
+        Refusal::Signals(error) => {
             report::error(&error.to_string(), None, talk);
             Exit::Internal
         }
@@ -276,6 +291,9 @@ fn run(
     let mut live = live;
     let ears = company.ears();
     let mut supervisor = Supervisor::new(|notice| {
+        if let (Notice::Preflight(machine), Some(recorder)) = (&notice, under_way.offered.recorder()) {
+            recording::note_machine(recorder, machine);
+        }
         ears(&notice);
         screen.show(&notice);
     });
@@ -347,7 +365,7 @@ mod tests {
     }
 
     fn result_text(totals: &Totals, start_s: StartTimes, json: bool) -> String {
-        super::result_text(totals, start_s, &[], json)
+        super::result_text(totals, start_s, &[], None, json)
     }
 
     const QUIET: Talk = Talk { verbose: 0, quiet: true, color: When::Never };
@@ -363,7 +381,7 @@ mod tests {
 
     #[test]
     fn flags_of_later_versions_and_bare_numbers_are_usage_errors() {
-        for line in ["s.toml --record f.mcap", "s.toml --monitor 7878", "s.toml --duration 10", "", "s.toml --clock fast"] {
+        for line in ["s.toml --overwrite", "s.toml --monitor 7878", "s.toml --duration 10", "", "s.toml --clock fast"] {
             let error = args(line).expect_err(line);
             assert_eq!(error.exit_code(), 2, "{line}");
         }

@@ -228,7 +228,7 @@ pub struct Tools {
     /// How scenes are read.
     pub options: LoadOptions,
     /// Hears of every scene that was asked for and that the loop will take.
-    pub note: Arc<dyn Fn(&Path) + Send + Sync>,
+    pub note: Arc<dyn Fn(&SceneConfig) + Send + Sync>,
 }
 
 /// The desk before its thread.
@@ -314,7 +314,7 @@ impl Desk {
         let done = Box::new(move |result: Option<Result<Offered, SceneError>>| {
             let said = match result {
                 Some(Ok(offered)) => {
-                    note(&offered.config.path);
+                    note(&offered.config);
                     let _ = counter.0.send(Message::Offered(Box::new(offered), true));
                     Ok(())
                 }

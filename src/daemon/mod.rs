@@ -26,9 +26,15 @@
 
 pub mod desk;
 mod prepare;
+mod recorded;
 pub mod refusal;
+mod replay;
 mod supervisor;
 pub mod switch;
+mod unpacked;
 
 pub use prepare::{Attached, PrepareError, Prepared, inputs, prepare, prepare_with};
+pub use recorded::{resolved, scene_files};
+pub use replay::{Difference, Gap, ReplayError, Replayed, replay};
 pub use supervisor::{Live, Notice, Operator, OperatorOrder, Outcome, Phase, RenderJob, RunError, Supervisor};
+pub use unpacked::UnpackError;

@@ -1,5 +1,5 @@
 //! Ctrl-C, SIGTERM and SIGHUP as messages.
-#![expect(unsafe_code, reason = "asking for and ignoring SIGHUP are libc calls")]
+#![expect(unsafe_code, reason = "asking for and ignoring signals are libc calls")]
 
 use core::mem::MaybeUninit;
 
@@ -13,7 +13,8 @@ pub struct SignalError(#[from] ctrlc::Error);
 /// One message per signal from now on; signals that nobody has taken yet are not counted twice. Once per process.
 ///
 /// A SIGHUP that the caller has told the program to ignore (`nohup`) stays ignored. An ignored SIGINT does not: a shell without job control
-/// ignores it for everything in the background, and a program that moves an arm stops when it is asked to.
+/// ignores it for everything in the background, and a program that moves an arm stops when it is asked to. A SIGXFSZ is ignored too: a file
+/// that grows beyond a limit is an error of whoever writes it and no reason to leave an arm alone.
 ///
 /// # Errors
 /// The operating system refused, or this was called before.
@@ -24,6 +25,8 @@ pub fn interrupts() -> Result<Receiver<()>, SignalError> {
         // A full channel already says everything: stop, and stop at once.
         let _ = sender.try_send(());
     })?;
+    // SAFETY: SIG_IGN is a valid disposition and runs no code of ours.
+    unsafe { libc::signal(libc::SIGXFSZ, libc::SIG_IGN) };
     if ignores_hangup {
         // SAFETY: SIG_IGN is a valid disposition and runs no code of ours.
         unsafe { libc::signal(libc::SIGHUP, libc::SIG_IGN) };

@@ -8,6 +8,8 @@
 mod drain;
 mod flight;
 mod record;
+pub mod recording;
+pub mod report;
 mod summary;
 mod taps;
 

@@ -65,6 +65,8 @@ impl Running {
         let mut child = Command::new(env!("CARGO_BIN_EXE_hapticd"))
             .args(args)
             .env("NO_COLOR", "1")
+            // Never among the recordings of whoever runs the tests.
+            .env("XDG_STATE_HOME", env!("CARGO_TARGET_TMPDIR"))
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())

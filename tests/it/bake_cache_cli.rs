@@ -45,7 +45,8 @@ fn folder() -> TempDir {
 
 fn program(dir: &Path, line: &str) -> Command {
     let mut command = Command::new(PROGRAM);
-    command.current_dir(dir).args(line.split_whitespace()).env("XDG_CACHE_HOME", dir.join("xdg")).stdin(Stdio::null());
+    command.current_dir(dir).args(line.split_whitespace()).env("XDG_CACHE_HOME", dir.join("xdg"));
+    command.env("XDG_STATE_HOME", dir.join("xdg-state")).stdin(Stdio::null());
     command
 }
 

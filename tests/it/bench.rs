@@ -11,7 +11,7 @@ fn hapticd(folder: &Path, arguments: &[&str]) -> Output {
     let mut command = Command::new(env!("CARGO_BIN_EXE_hapticd"));
     command.current_dir(folder).args(arguments).env_remove("HAPTICD_MODELS").env_remove("HAPTICD_PEERS").env("TMPDIR", folder);
     // Never the cache of whoever runs the tests.
-    command.env("XDG_CACHE_HOME", folder.join("xdg-cache"));
+    command.env("XDG_CACHE_HOME", folder.join("xdg-cache")).env("XDG_STATE_HOME", folder.join("xdg-state"));
     command.output().unwrap()
 }
 

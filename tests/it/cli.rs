@@ -158,8 +158,8 @@ impl Drop for Running {
 fn program(dir: &Path) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_hapticd"));
     command.current_dir(dir).env_remove("NO_COLOR").env_remove("CLICOLOR_FORCE").env("RUST_BACKTRACE", "0");
-    // Never the cache of whoever runs the tests.
-    command.env("XDG_CACHE_HOME", dir.join("xdg-cache"));
+    // Never the cache of whoever runs the tests, nor their recordings of faults.
+    command.env("XDG_CACHE_HOME", dir.join("xdg-cache")).env("XDG_STATE_HOME", dir.join("xdg-state"));
     command
 }
 
@@ -684,8 +684,13 @@ fn a_background_job_stops_when_asked_and_survives_a_hangup_under_nohup() {
             "trap '' {signal}; exec '{}' run ok.toml --json --monitor off --realtime best-effort",
             env!("CARGO_BIN_EXE_hapticd")
         );
-        let mut running =
-            Running::start(Command::new("sh").args(["-c", &line]).current_dir(dir.path()).env("XDG_CACHE_HOME", dir.path()));
+        let mut running = Running::start(
+            Command::new("sh")
+                .args(["-c", &line])
+                .current_dir(dir.path())
+                .env("XDG_CACHE_HOME", dir.path())
+                .env("XDG_STATE_HOME", dir.path()),
+        );
         running.wait_for("state: enabled");
         running
     };

@@ -25,6 +25,7 @@ mod presets;
 mod profiles;
 mod quality;
 mod real_scenes;
+mod recording;
 mod rest;
 mod rig;
 mod safety;

@@ -252,6 +252,14 @@ pub fn find(name_or_path: &str, base_dir: &Path) -> Result<Profile, ProfileError
     }
 }
 
+/// A profile as it is written: that of an embedded one, or of a file that a scene in `base_dir` names by path. `None` where there is none.
+pub fn text(name_or_path: &str, base_dir: &Path) -> Option<String> {
+    if name_or_path.contains('/') || name_or_path.ends_with(".toml") {
+        return fs::read_to_string(base_dir.join(name_or_path)).ok();
+    }
+    EMBEDDED.iter().find(|(name, _)| *name == name_or_path).map(|(_, text)| (*text).to_owned())
+}
+
 /// True for a file that says what codec an arm speaks, as profiles do and scenes do not. False for one that is no TOML.
 pub fn is_profile(path: &Path) -> bool {
     let table = fs::read_to_string(path).ok().and_then(|text| text.parse::<toml::Table>().ok());

@@ -1,0 +1,103 @@
+//! `hapticd replay`: a recording again, bit for bit.
+
+use std::path::PathBuf;
+
+use serde::Serialize;
+
+use super::memory::MemoryArgs;
+use super::progress::BakeProgress;
+use super::{Talk, cache, report, say};
+use crate::config::SceneConfig;
+use crate::daemon::{ReplayError, Replayed, UnpackError, replay};
+use crate::error::Exit;
+use crate::haptics::RenderScene;
+use crate::scene::cache::Residence;
+use crate::scene::{self, BakeMeans, SceneError};
+
+/// Arguments of `hapticd replay`.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Args {
+    /// Recording of `run --record`.
+    recording: PathBuf,
+    #[command(flatten)]
+    memory: MemoryArgs,
+    #[command(flatten)]
+    cache: cache::CacheArgs,
+    /// Print the result as one JSON object.
+    #[arg(long)]
+    json: bool,
+}
+
+/// The object of `--json`.
+#[derive(Serialize)]
+struct ReplayReport<'r> {
+    identical: bool,
+    #[serde(flatten)]
+    replayed: &'r Replayed,
+}
+
+pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
+    let bake = |config: &SceneConfig| bake(config, args, talk);
+    let replayed = match replay(&args.recording, bake) {
+        Ok(replayed) => replayed,
+        Err(problem) => return refuse(&problem, talk),
+    };
+    for changed in &replayed.changed {
+        report::warning(&format!("this version reads the scene in another way: {changed}"), talk);
+    }
+    if !replayed.whole && replayed.is_identical() {
+        report::note("the file has no end, its recorder was stopped short: this is what can be read of it", talk);
+    }
+    if args.json {
+        match serde_json::to_string(&ReplayReport { identical: replayed.is_identical(), replayed: &replayed }) {
+            Ok(text) => say::result(format_args!("{text}\n")),
+            // True invariant: numbers and names, no map with odd keys.
+            Err(error) => unreachable!("plain data: {error}"),
+        }
+    } else {
+        say::result(format_args!("{}\n", verdict(&replayed)));
+    }
+    if replayed.is_identical() { Exit::Ok } else { Exit::Asset }
+}
+
+fn verdict(replayed: &Replayed) -> String {
+    let Replayed { ticks, gap, difference, .. } = replayed;
+    match (difference, gap) {
+        (Some(difference), _) => format!(
+            "differs in tick {}, scene {}: {}\n  recorded {}\n  replayed {}\n{ticks} ticks before it are bit-identical",
+            difference.tick, difference.scene_idx, difference.field, difference.recorded, difference.replayed
+        ),
+        (None, Some(gap)) => format!(
+            "bit-identical up to a gap: {ticks} ticks; {} ticks from {} on are missing, and nothing behind them can be run",
+            gap.next.saturating_sub(gap.first_missing),
+            gap.first_missing
+        ),
+        (None, None) => format!("bit-identical, {ticks} ticks"),
+    }
+}
+
+fn bake(config: &SceneConfig, args: &Args, talk: Talk) -> Result<RenderScene, SceneError> {
+    let mut cache = args.cache.open(Residence::Owned, talk);
+    let progress = BakeProgress::new(talk);
+    let mut means = BakeMeans { cache: &mut cache, memory: args.memory.plan(&progress, talk) };
+    let built = scene::build_with(config, &mut means, |event| progress.tell(&event));
+    drop(means);
+    progress.finish();
+    cache::tell(&mut cache, talk);
+    built.map(|(scene, _)| scene)
+}
+
+fn refuse(problem: &ReplayError, talk: Talk) -> Exit {
+    let hint = match problem {
+        ReplayError::Scene(problem) => return report::scene_error(problem, talk),
+        ReplayError::Unpack(UnpackError::Config(errors)) => {
+            report::config_errors(errors, talk);
+            return Exit::Asset;
+        }
+        ReplayError::BeganLate(_) => Some("only a recording from the start of a run can be run again: give run --record"),
+        ReplayError::Read(_) => Some("give a file of `hapticd run --record`"),
+        ReplayError::Unpack(_) | ReplayError::Empty => None,
+    };
+    report::error(&problem.to_string(), hint, talk);
+    Exit::Asset
+}

@@ -1,0 +1,212 @@
+//! What a recording brings along of a scene.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use serde_json::{Value, json};
+
+use crate::config::scene::{MeshSource, StaticConfig, ToolConfig};
+use crate::config::{LoadOptions, SceneConfig};
+use crate::device::profile;
+use crate::haptics::{
+    ArmParameters, ContactParameters, CouplingParameters, FilterParameters, FrictionParameters, LimitParameters, Parameters,
+    PortParameters, SafetyParameters,
+};
+use crate::mesh::{self, primitives::Shape};
+use crate::spatial::Pose;
+use crate::telemetry::recording::{Form, NamedFile, SceneFiles, Shown};
+
+/// Everything that makes up a checked scene. Reads the scene file and the profile once more.
+pub fn scene_files(config: &SceneConfig, options: &LoadOptions) -> SceneFiles {
+    let toml = fs::read_to_string(&config.path).unwrap_or_default();
+    let folder = config.path.parent().unwrap_or(Path::new(""));
+    let table = toml.parse::<toml::Table>().unwrap_or_default();
+    let named = files(&table).into_iter().map(|written| {
+        let path = folder.join(&written);
+        let beside = |companion: PathBuf| companion.strip_prefix(path.parent().unwrap_or(Path::new(""))).map(Path::to_owned).ok();
+        let companions = mesh::companions(&path).unwrap_or_default().into_iter().filter_map(beside).collect();
+        NamedFile::new(written, path, companions)
+    });
+    let profile = match &options.device {
+        Some(given) => profile::text(given, Path::new("")),
+        None => profile::text(written_profile(&table).unwrap_or(&config.device.profile.name), folder),
+    };
+    let statics = config.statics.iter().map(|StaticConfig { name, source, pose, .. }| shown(name, source, *pose, false));
+    let tool = shown("tool", &config.tool.source, config.parameters.port.start, true);
+    SceneFiles {
+        name: config.name.clone(),
+        path: config.path.clone(),
+        resolved_json: resolved(config).to_string(),
+        profile_toml: profile.unwrap_or_default(),
+        enforce: config.realtime.enforce,
+        named: named.collect(),
+        shown: statics.chain([tool]).collect(),
+        toml,
+    }
+}
+
+fn written_profile(table: &toml::Table) -> Option<&str> {
+    table.get("device")?.get("profile")?.as_str()
+}
+
+/// The keys of a scene that name files.
+pub(super) fn file_keys(table: &mut toml::Table) -> Vec<&mut toml::Value> {
+    let mut keys = Vec::new();
+    for (name, value) in table {
+        match (name.as_str(), value) {
+            ("static", toml::Value::Array(objects)) => keys.extend(objects.iter_mut().filter_map(|object| object.get_mut("mesh"))),
+            ("tool", tool) => keys.extend(tool.get_mut("mesh")),
+            ("device", device) => keys.extend(device.get_mut("hand")),
+            _ => {}
+        }
+    }
+    keys
+}
+
+fn files(table: &toml::Table) -> Vec<String> {
+    let mut table = table.clone();
+    let mut files: Vec<String> = file_keys(&mut table).into_iter().filter_map(|key| key.as_str().map(str::to_owned)).collect();
+    files.sort();
+    files.dedup();
+    files
+}
+
+fn shown(name: &str, source: &MeshSource, pose: Pose, is_tool: bool) -> Shown {
+    let form = match source {
+        MeshSource::File { path, metres_per_unit } => Form::Mesh(path.clone(), *metres_per_unit),
+        MeshSource::Shape(shape) => match *shape {
+            Shape::Box { size_m } => Form::Box(size_m.to_array(), [0.0; 3]),
+            Shape::Sphere { radius_m } => Form::Sphere(radius_m),
+            Shape::Cylinder { radius_m, height_m } => Form::Cylinder(radius_m, 1.0, height_m),
+            Shape::Cone { radius_m, height_m } => Form::Cylinder(radius_m, 0.0, height_m),
+            Shape::Plane { x_m, y_m, thickness_m } => Form::Box([x_m, y_m, thickness_m], [0.0, 0.0, -0.5 * thickness_m]),
+            Shape::Capsule { .. } | Shape::Torus { .. } => Form::Other,
+        },
+    };
+    Shown { name: name.to_owned(), pose, is_tool, form }
+}
+
+/// What a scene comes to, SI. JSON has no infinity: null stands for it.
+pub fn resolved(config: &SceneConfig) -> Value {
+    let ToolConfig { source: _, voxel_size_m, layers, sides, mass_kg, center_of_mass_m, inertia_kg_m2 } = &config.tool;
+    json!({
+        "name": config.name,
+        "rate_hz": config.rate_hz,
+        "time_budget_s": config.time_budget_s,
+        "knows_edges": config.knows_edges,
+        "statics": config.statics.iter().map(static_object).collect::<Vec<_>>(),
+        "tool": {
+            "voxel_size_m": voxel_size_m,
+            "layers": layers,
+            "sides": format!("{sides:?}"),
+            "mass_kg": mass_kg,
+            "center_of_mass_m": center_of_mass_m.map(|center| center.to_array()),
+            "inertia_kg_m2": inertia_kg_m2.map(|inertia| inertia.to_cols_array()),
+        },
+        "parameters": parameters(&config.parameters),
+        "device": config.device.profile.name,
+        "enforce": config.realtime.enforce,
+    })
+}
+
+fn static_object(object: &StaticConfig) -> Value {
+    let StaticConfig { name, source: _, voxel_size_m, layers, sides, pose: world_from_map, movable } = object;
+    json!({
+        "name": name,
+        "voxel_size_m": voxel_size_m,
+        "layers": layers,
+        "sides": format!("{sides:?}"),
+        "pose": pose(*world_from_map),
+        "movable": movable,
+    })
+}
+
+fn pose(pose: Pose) -> Value {
+    json!({ "position_m": pose.translation.to_array(), "orientation_xyzw": pose.rotation.to_array() })
+}
+
+/// Every parameter of the tick, by name, so that none is forgotten.
+fn parameters(p: &Parameters) -> Value {
+    let Parameters { period_s, gravity_m_per_s2, contact, coupling, filter, limits, safety, port, arm } = p;
+    let ContactParameters { field, stiffness_n_per_m, damping_ratio, normalization, friction, damping_n_s_per_m, braking } =
+        contact;
+    let FrictionParameters { r#static, dynamic, stiffness_n_per_m: friction_stiffness_n_per_m } = friction;
+    let contact = json!({
+        "field": format!("{field:?}"), "stiffness_n_per_m": stiffness_n_per_m, "damping_ratio": damping_ratio,
+        "normalization": format!("{normalization:?}"), "damping_n_s_per_m": damping_n_s_per_m, "braking": braking,
+        "friction": { "static": r#static, "dynamic": dynamic, "stiffness_n_per_m": friction_stiffness_n_per_m },
+    });
+    let CouplingParameters {
+        mode,
+        stiffness_n_per_m,
+        stiffness_nm_per_rad,
+        felt_damping_n_s_per_m,
+        felt_damping_nm_s_per_rad,
+        clamp,
+        free_space,
+        bound_n_per_m,
+        bound_nm_per_rad,
+    } = coupling;
+    let coupling = json!({
+        "mode": format!("{mode:?}"), "stiffness_n_per_m": stiffness_n_per_m, "stiffness_nm_per_rad": stiffness_nm_per_rad,
+        "felt_damping_n_s_per_m": felt_damping_n_s_per_m, "felt_damping_nm_s_per_rad": felt_damping_nm_s_per_rad,
+        "clamp": format!("{clamp:?}"), "free_space": format!("{free_space:?}"),
+        "bound_n_per_m": bound_n_per_m, "bound_nm_per_rad": bound_nm_per_rad,
+    });
+    let FilterParameters { spatial, cutoff_hz } = filter;
+    let LimitParameters {
+        force_n,
+        torque_nm,
+        speed_m_per_s,
+        slew_n_per_s,
+        slew_nm_per_s,
+        power_w,
+        ramp_s,
+        stale_ticks_max,
+        stale_fault_ticks,
+        overrun_fault_ticks,
+    } = limits;
+    let limits = json!({
+        "force_n": force_n, "torque_nm": torque_nm, "speed_m_per_s": speed_m_per_s, "slew_n_per_s": slew_n_per_s,
+        "slew_nm_per_s": slew_nm_per_s, "power_w": power_w, "ramp_s": ramp_s, "stale_ticks_max": stale_ticks_max,
+        "stale_fault_ticks": stale_fault_ticks, "overrun_fault_ticks": overrun_fault_ticks,
+    });
+    let SafetyParameters {
+        deadman,
+        workspace_radius_m,
+        brake_s,
+        engage_share,
+        engage_ticks,
+        power_window_s,
+        stuck_move_m,
+        stuck_turn_rad,
+    } = safety;
+    let safety = json!({
+        "deadman": deadman, "workspace_radius_m": workspace_radius_m, "brake_s": brake_s, "engage_share": engage_share,
+        "engage_ticks": engage_ticks, "power_window_s": power_window_s, "stuck_move_m": stuck_move_m, "stuck_turn_rad": stuck_turn_rad,
+    });
+    let PortParameters { world_from_device, scale, sensed, actuated, start } = port;
+    let port = json!({
+        "world_from_device": pose(*world_from_device), "scale": scale,
+        "sensed": sensed.names().collect::<Vec<_>>(), "actuated": actuated.names().collect::<Vec<_>>(), "start": pose(*start),
+    });
+    let ArmParameters {
+        delay_ticks,
+        stiffness_lag_n_s_per_m,
+        stiffness_lag_nm_s_per_rad,
+        injected_n_s_per_m,
+        injected_nm_s_per_rad,
+        velocity_step_m_per_s,
+        velocity_step_rad_per_s,
+    } = arm;
+    let arm = json!({
+        "delay_ticks": delay_ticks, "stiffness_lag_n_s_per_m": stiffness_lag_n_s_per_m,
+        "stiffness_lag_nm_s_per_rad": stiffness_lag_nm_s_per_rad, "injected_n_s_per_m": injected_n_s_per_m,
+        "injected_nm_s_per_rad": injected_nm_s_per_rad, "velocity_step_m_per_s": velocity_step_m_per_s,
+        "velocity_step_rad_per_s": velocity_step_rad_per_s,
+    });
+    json!({
+        "period_s": period_s, "gravity_m_per_s2": gravity_m_per_s2.to_array(), "contact": contact, "coupling": coupling,
+        "filter": { "spatial": spatial, "cutoff_hz": cutoff_hz }, "limits": limits, "safety": safety, "port": port, "arm": arm,
+    })
+}

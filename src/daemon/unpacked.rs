@@ -1,0 +1,161 @@
+//! The scenes of a recording, put back into a folder from which they can be baked.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::io;
+use std::path::{Component, Path, PathBuf};
+
+use super::recorded::{file_keys, resolved};
+use crate::config::{self, ConfigErrors, LoadOptions, SceneConfig};
+
+/// Why a recorded scene cannot be put back.
+#[derive(Debug, thiserror::Error)]
+pub enum UnpackError {
+    /// Not everything is in the recording.
+    #[error("the recording does not hold `{file}`, which scene {scene_idx} needs: {why}")]
+    Missing {
+        /// Which scene.
+        scene_idx: u32,
+        /// As written in the scene.
+        file: String,
+        /// What the recorder said.
+        why: String,
+    },
+    /// A name that leads out of the recording.
+    #[error("the recording names a file `{0}`, which is outside of it")]
+    Outside(String),
+    /// The temporary folder.
+    #[error("cannot write {}: {source}", file.display())]
+    Write {
+        /// Which file.
+        file: PathBuf,
+        /// Cause.
+        source: io::Error,
+    },
+    /// The recorded scene is none.
+    #[error("scene {scene_idx} of the recording: {message}")]
+    Toml {
+        /// Which scene.
+        scene_idx: u32,
+        /// Cause.
+        message: String,
+    },
+    /// This version reads it in another way.
+    #[error("{0}")]
+    Config(ConfigErrors),
+}
+
+/// A folder into which the files of a recording go; removed when it goes.
+#[derive(Debug)]
+pub(super) struct Unpacked {
+    folder: tempfile::TempDir,
+    manifests: BTreeMap<String, BTreeMap<String, String>>,
+}
+
+/// A scene as it was, and what this version makes of it in another way than the one that recorded it.
+pub(super) struct RecordedScene {
+    pub(super) config: SceneConfig,
+    /// Keys of the resolved form.
+    pub(super) changed: Vec<String>,
+}
+
+impl Unpacked {
+    /// An empty one.
+    pub(super) fn new() -> Result<Self, UnpackError> {
+        let folder = tempfile::Builder::new().prefix("hapticd-replay-").tempdir();
+        let folder = folder.map_err(|source| UnpackError::Write { file: std::env::temp_dir(), source })?;
+        Ok(Self { folder, manifests: BTreeMap::new() })
+    }
+
+    /// Puts a file where its name says.
+    pub(super) fn put(&self, name: &str, data: &[u8]) -> Result<(), UnpackError> {
+        let is_inside = Path::new(name).components().all(|part| matches!(part, Component::Normal(_)));
+        if !is_inside {
+            return Err(UnpackError::Outside(name.to_owned()));
+        }
+        let path = self.folder.path().join(name);
+        let written = path.parent().map_or(Ok(()), fs::create_dir_all).and_then(|()| fs::write(&path, data));
+        written.map_err(|source| UnpackError::Write { file: path, source })
+    }
+
+    /// Takes note of what belongs together.
+    pub(super) fn note(&mut self, name: String, values: BTreeMap<String, String>) {
+        self.manifests.insert(name, values);
+    }
+
+    /// Reads a scene whose files are all there.
+    pub(super) fn scene(&self, scene_idx: u32) -> Result<RecordedScene, UnpackError> {
+        let folder = self.folder.path().join(format!("scenes/{scene_idx}"));
+        let missing = |file: &str, why: String| UnpackError::Missing { scene_idx, file: file.to_owned(), why };
+        let garbled = |message: String| UnpackError::Toml { scene_idx, message };
+        let read = |name: &str| fs::read_to_string(folder.join(name)).map_err(|error| missing(name, error.to_string()));
+        let manifest = self.manifests.get(&format!("scenes/{scene_idx}"));
+        let manifest = manifest.ok_or_else(|| missing("scene.toml", "it was not told what the run went over to".to_owned()))?;
+        let mut scene: toml::Table =
+            read("scene.toml")?.parse().map_err(|error: toml::de::Error| garbled(error.message().to_owned()))?;
+        // Of the arm only what it is made of matters: its samples are in the recording.
+        if let Some(device) = scene.get_mut("device").and_then(toml::Value::as_table_mut) {
+            device.retain(|key, _| key != "hand" && key != "profile" && key != "selector");
+        }
+        scene.remove("monitor");
+        for key in file_keys(&mut scene) {
+            let written = key.as_str().unwrap_or_default().to_owned();
+            let n = (0..).map_while(|n| manifest.get(&format!("file.{n}.written")).map(|other| (n, other)));
+            let Some((n, _)) = n.into_iter().find(|(_, other)| **other == written) else {
+                return Err(missing(&written, "nobody wrote it".to_owned()));
+            };
+            for part in 0.. {
+                let about = |what: &str| manifest.get(&format!("file.{n}.{part}.{what}"));
+                let Some(name) = about("name") else { break };
+                if let Some(why) = about("missing") {
+                    return Err(missing(name, why.clone()));
+                }
+                if part == 0 {
+                    *key = toml::Value::String(format!("files/{n}/{name}"));
+                }
+            }
+        }
+        let text = toml::to_string(&scene).map_err(|error| garbled(error.to_string()))?;
+        let path = folder.join("replay.toml");
+        fs::write(&path, text).map_err(|source| UnpackError::Write { file: path.clone(), source })?;
+        let profile = folder.join("profile.toml");
+        let mut arm: toml::Table =
+            read("profile.toml")?.parse().map_err(|error: toml::de::Error| garbled(error.message().to_owned()))?;
+        // Nobody loads firmware into an arm that is not there.
+        let firmware = arm.get_mut("protocol").and_then(toml::Value::as_table_mut).and_then(|protocol| protocol.remove("firmware"));
+        if firmware.is_some() {
+            let text = toml::to_string(&arm).map_err(|error| garbled(error.to_string()))?;
+            fs::write(&profile, text).map_err(|source| UnpackError::Write { file: profile.clone(), source })?;
+        }
+        let profile = profile.to_string_lossy().into_owned();
+        let enforce = manifest.get("enforce").map(|enforce| enforce == "true");
+        let options = LoadOptions { device: Some(profile), enforce, ..LoadOptions::default() };
+        let config = config::load_with(&path, &options).map_err(UnpackError::Config)?;
+        let recorded = serde_json::from_str(&read("resolved.json")?).map_err(|error| garbled(error.to_string()))?;
+        let mut changed = Vec::new();
+        let mut now = resolved(&config);
+        // A scene without a name is called like its file.
+        if let (Some(now), Some(name)) = (now.as_object_mut(), manifest.get("name")) {
+            now.insert("name".to_owned(), name.clone().into());
+        }
+        differences("", &recorded, &now, &mut changed);
+        Ok(RecordedScene { config, changed })
+    }
+}
+
+/// Keys that two objects have different values for.
+fn differences(key: &str, recorded: &serde_json::Value, now: &serde_json::Value, found: &mut Vec<String>) {
+    match (recorded, now) {
+        (serde_json::Value::Object(recorded), serde_json::Value::Object(now)) => {
+            let keys: std::collections::BTreeSet<&String> = recorded.keys().chain(now.keys()).collect();
+            let at =
+                |object: &serde_json::Map<String, serde_json::Value>, name: &str| object.get(name).cloned().unwrap_or_default();
+            for name in keys {
+                let path = if key.is_empty() { name.clone() } else { format!("{key}.{name}") };
+                differences(&path, &at(recorded, name), &at(now, name), found);
+            }
+        }
+        _ if recorded != now => found.push(format!("{key}: {recorded} was recorded, {now} now")),
+        _ => {}
+    }
+}

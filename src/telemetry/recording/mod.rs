@@ -1,0 +1,32 @@
+//! Recordings: every tick of a run in an MCAP file that other programs open and that this one can run again.
+//!
+//! Data in: records from a tap on the drain, and what the scenes are made of. Data out: files, and entries read back from them.
+//!
+//! | file | owns |
+//! |---|---|
+//! | `channels` | topics, and what a message of each holds |
+//! | `fields`, `schema` | one description of a message → its bytes and back, its schema |
+//! | `scene_files` | what a scene was made of |
+//! | `write`, `read` | one file |
+//! | `recorder` | recordings that start and stop while a run goes on |
+//! | `fault_files` | the flight recorder's files |
+//!
+//! Invariant: a disk that is slow or full costs records, which are counted, and nothing else.
+
+mod channels;
+mod fault_files;
+mod fields;
+mod read;
+mod recorder;
+mod scene_files;
+mod schema;
+#[cfg(test)]
+mod tests;
+mod write;
+
+pub use fault_files::Told;
+pub use fault_files::{FaultFile, FaultFiles, now};
+pub use read::{Entry, ReadError, Recording};
+pub use recorder::{Facts, Failed, Recorder, RecorderHandle, RecordingSummary};
+pub use scene_files::{Form, NamedFile, ROOM_BYTES, SceneFiles, Scenes, Shown};
+pub use write::RecordingError;

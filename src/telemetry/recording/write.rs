@@ -1,0 +1,411 @@
+//! Writes one recording.
+
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+use std::fs::{File, OpenOptions};
+use std::io::{self, BufWriter, Write as _};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant, SystemTime};
+
+use foxglove::messages::{
+    Color, CubePrimitive, CylinderPrimitive, FrameTransform, KeyValuePair, Log, ModelPrimitive, SceneEntity, SceneUpdate,
+    SpherePrimitive,
+};
+use foxglove::{Encode, messages};
+use mcap::records::{AttachmentHeader, MessageHeader, Metadata};
+use mcap::write::{NoSeek, WriteOptions};
+use mcap::{Attachment, Compression, McapError, Writer};
+
+use super::channels::{Channel, Row};
+use super::fields;
+use super::scene_files::{self, Form, SceneFiles, Shown};
+use crate::haptics::Faults;
+use crate::spatial::Pose;
+use crate::telemetry::TickRecord;
+
+/// A chunk is cut when it holds so many bytes before compression: less than a second at 1 kHz.
+const CHUNK_BYTES: u64 = 512 << 10;
+/// ... or when it is so old.
+const CHUNK_AGE: Duration = Duration::from_millis(400);
+/// Viewers are told where the tool's frame is so often: as often as they draw.
+const TRANSFORM_EVERY_NS: u64 = 16_000_000;
+/// Meshes up to this size are shown in the 3-D panels of viewers too.
+const SHOWN_BYTES: u64 = 8 << 20;
+
+/// Why a recording cannot be written.
+#[derive(Debug, thiserror::Error)]
+pub enum RecordingError {
+    /// The file is there already.
+    #[error("{} exists already", .0.display())]
+    Exists(PathBuf),
+    /// It cannot be created.
+    #[error("cannot create {}: {source}", file.display())]
+    Create {
+        /// Which.
+        file: PathBuf,
+        /// Cause.
+        source: io::Error,
+    },
+    /// It cannot be written any further.
+    #[error("cannot write {}: {message}", file.display())]
+    Write {
+        /// Which.
+        file: PathBuf,
+        /// Cause.
+        message: String,
+    },
+    /// Its thread cannot be started.
+    #[error("cannot start a thread: {0}")]
+    Thread(io::Error),
+    /// The disk takes nothing for too long.
+    #[error("{} was not finished: the disk takes no more", .0.display())]
+    Hangs(PathBuf),
+}
+
+/// An open recording.
+pub(super) struct RecordingFile {
+    path: PathBuf,
+    mcap: Writer<NoSeek<BufWriter<File>>>,
+    channels: Vec<(Channel, u16)>,
+    log: u16,
+    scene: u16,
+    transform: u16,
+    next_transform_ns: u64,
+    message: fields::Writer,
+    chunk_begun: Option<Instant>,
+    /// What a stamp is at loop time zero, ns; set by the first record.
+    stamp_zero_ns: Option<u64>,
+    is_virtual: bool,
+    faults: Faults,
+}
+
+impl RecordingFile {
+    /// Creates the file and writes what every recording begins with.
+    pub(super) fn create(path: &Path, overwrites: bool, is_virtual: bool) -> Result<Self, RecordingError> {
+        let mut options = OpenOptions::new();
+        options.write(true);
+        if overwrites {
+            options.create(true).truncate(true)
+        } else {
+            options.create_new(true)
+        };
+        let file = options.open(path).map_err(|source| match source.kind() {
+            io::ErrorKind::AlreadyExists => RecordingError::Exists(path.to_owned()),
+            _ => RecordingError::Create { file: path.to_owned(), source },
+        })?;
+        let failed = |error: McapError| RecordingError::Write { file: path.to_owned(), message: error.to_string() };
+        let mut mcap = WriteOptions::new()
+            .compression(Some(Compression::Lz4))
+            .chunk_size(Some(CHUNK_BYTES))
+            // Chunks are put together in memory and written as a whole: what a killed process leaves behind can be read to the last of them.
+            .disable_seeking(true)
+            .library(concat!("hapticd ", env!("CARGO_PKG_VERSION")))
+            .create(NoSeek::new(BufWriter::new(file)))
+            .map_err(failed)?;
+        let mut channels = Vec::new();
+        let mut add = |topic: &str, (name, schema): (String, Vec<u8>)| {
+            let schema_id = mcap.add_schema(&name, "protobuf", &schema)?;
+            mcap.add_channel(schema_id, topic, "protobuf", &BTreeMap::new())
+        };
+        for channel in Channel::ALL {
+            channels.push((channel, add(channel.topic(), channel.schema()).map_err(failed)?));
+        }
+        let log = add("/faults", schema::<Log>("foxglove.Log")).map_err(failed)?;
+        let scene = add("/scene", schema::<SceneUpdate>("foxglove.SceneUpdate")).map_err(failed)?;
+        let transform = add("/tf", schema::<FrameTransform>("foxglove.FrameTransform")).map_err(failed)?;
+        let mut recording = Self {
+            path: path.to_owned(),
+            mcap,
+            channels,
+            log,
+            scene,
+            transform,
+            next_transform_ns: 0,
+            message: fields::Writer::default(),
+            chunk_begun: None,
+            stamp_zero_ns: None,
+            is_virtual,
+            faults: Faults::NONE,
+        };
+        // A disk that takes nothing says so now.
+        recording.flush()?;
+        Ok(recording)
+    }
+
+    /// Names and values for whoever looks at the file.
+    pub(super) fn metadata(&mut self, name: &str, values: BTreeMap<String, String>) -> Result<(), RecordingError> {
+        let written = self.mcap.write_metadata(&Metadata { name: name.to_owned(), metadata: values });
+        written.map_err(|error| self.failed(&error))
+    }
+
+    /// One tick.
+    pub(super) fn record(&mut self, record: &TickRecord, dropped: u64) -> Result<(), RecordingError> {
+        let row = self.row(record, dropped);
+        for (channel, id) in &self.channels {
+            if channel.has_message(&row) {
+                channel.write(&row, &mut self.message);
+                let header = header(*id, &row);
+                let written = self.mcap.write_to_known_channel(&header, self.message.bytes());
+                written.map_err(|error| failed(&self.path, &error))?;
+            }
+        }
+        if row.stamp_ns >= self.next_transform_ns {
+            self.next_transform_ns = row.stamp_ns + TRANSFORM_EVERY_NS;
+            self.transform(&row)?;
+        }
+        let faults = record.output.faults;
+        if faults != self.faults {
+            self.faults = faults;
+            self.log_faults(&row)?;
+        }
+        self.chunk_begun.get_or_insert_with(Instant::now);
+        self.flush_if_old()
+    }
+
+    fn row(&mut self, record: &TickRecord, dropped: u64) -> Row {
+        let time_ns = record.time_ns.max(0).unsigned_abs();
+        let is_virtual = self.is_virtual;
+        let zero_ns = *self.stamp_zero_ns.get_or_insert_with(|| if is_virtual { 0 } else { unix_ns().saturating_sub(time_ns) });
+        Row { record: *record, dropped, stamp_ns: zero_ns + time_ns }
+    }
+
+    fn transform(&mut self, row: &Row) -> Result<(), RecordingError> {
+        let pose = foxglove_pose(row.record.output.world_from_tool);
+        let transform = FrameTransform {
+            timestamp: Some(stamp(row.stamp_ns)),
+            parent_frame_id: "world".to_owned(),
+            child_frame_id: "tool".to_owned(),
+            translation: pose.position,
+            rotation: pose.orientation,
+        };
+        self.write(self.transform, row, &transform)
+    }
+
+    fn log_faults(&mut self, row: &Row) -> Result<(), RecordingError> {
+        let faults = row.record.output.faults;
+        let told = Faults::TABLE.into_iter().filter(|(fault, ..)| faults.contains(*fault));
+        let message = told.map(|(_, name, words)| format!("{name}: {words}")).collect::<Vec<_>>().join("; ");
+        let (level, message) = if faults.is_empty() {
+            (messages::log::Level::Info, "faults acknowledged".to_owned())
+        } else {
+            (messages::log::Level::Error, message)
+        };
+        let log = Log {
+            timestamp: Some(stamp(row.stamp_ns)),
+            level: level as i32,
+            message,
+            name: "hapticd".to_owned(),
+            ..Log::default()
+        };
+        self.write(self.log, row, &log)
+    }
+
+    /// Brings along what a scene is made of, before the first tick of it.
+    pub(super) fn scene(&mut self, scene: &SceneFiles, first: &TickRecord, room_bytes: u64) -> Result<(), RecordingError> {
+        let scene_idx = first.scene_idx;
+        let folder = format!("scenes/{scene_idx}");
+        let mut manifest = BTreeMap::from([
+            ("name".to_owned(), scene.name.clone()),
+            ("path".to_owned(), scene.path.display().to_string()),
+            ("enforce".to_owned(), scene.enforce.to_string()),
+        ]);
+        for (name, media_type, text) in [
+            ("scene.toml", "application/toml", &scene.toml),
+            ("resolved.json", "application/json", &scene.resolved_json),
+            ("profile.toml", "application/toml", &scene.profile_toml),
+        ] {
+            self.attach(&format!("{folder}/{name}"), media_type, text.as_bytes())?;
+        }
+        let mut left_bytes = room_bytes;
+        for (n, named) in scene.named.iter().enumerate() {
+            manifest.insert(format!("file.{n}.written"), named.written.clone());
+            for (part, (beside, opened)) in named.opened().enumerate() {
+                let key = |what: &str| format!("file.{n}.{part}.{what}");
+                let name = format!("{folder}/files/{n}/{}", beside.display());
+                manifest.insert(key("name"), beside.display().to_string());
+                match opened {
+                    Ok((mut file, n_bytes)) if n_bytes <= left_bytes => {
+                        left_bytes -= n_bytes;
+                        self.attach_file(&name, &mut file, n_bytes)?;
+                        manifest.insert(key("attachment"), name);
+                    }
+                    Ok((mut file, _)) => {
+                        let hash =
+                            scene_files::hash(&mut file).map_or_else(|error| error.to_string(), |hash| format!("{hash:032x}"));
+                        manifest.insert(key("xxh3"), hash);
+                        manifest.insert(key("missing"), format!("{} MiB are the most that is brought along", room_bytes >> 20));
+                    }
+                    Err(gone) => {
+                        manifest.insert(key("missing"), gone.to_string());
+                    }
+                }
+            }
+        }
+        self.metadata(&folder, manifest)?;
+        let row = self.row(first, 0);
+        let update = SceneUpdate {
+            entities: scene.shown.iter().map(|shown| entity(shown, scene, scene_idx)).collect(),
+            ..SceneUpdate::default()
+        };
+        self.write(self.scene, &row, &update)?;
+        self.flush()
+    }
+
+    fn attach(&mut self, name: &str, media_type: &str, data: &[u8]) -> Result<(), RecordingError> {
+        let attachment = Attachment {
+            log_time: 0,
+            create_time: 0,
+            name: name.to_owned(),
+            media_type: media_type.to_owned(),
+            data: Cow::Borrowed(data),
+        };
+        self.mcap.attach(&attachment).map_err(|error| self.failed(&error))
+    }
+
+    fn attach_file(&mut self, name: &str, file: &mut File, n_bytes: u64) -> Result<(), RecordingError> {
+        let header = AttachmentHeader {
+            log_time: 0,
+            create_time: 0,
+            name: name.to_owned(),
+            media_type: "application/octet-stream".to_owned(),
+        };
+        self.mcap.start_attachment(n_bytes, header).map_err(|error| self.failed(&error))?;
+        let mut left = n_bytes;
+        let mut buffer = vec![0; 1 << 18];
+        while left > 0 {
+            let most = buffer.len().min(usize::try_from(left).unwrap_or(usize::MAX));
+            let part = buffer.get_mut(..most).unwrap_or_default();
+            // A file that is cut short in this moment ends in zeros, and its hash is that of nobody.
+            let n = io::Read::read(file, part).unwrap_or(0);
+            let n = if n == 0 {
+                part.fill(0);
+                part.len()
+            } else {
+                n
+            };
+            self.mcap.put_attachment_bytes(part.get(..n).unwrap_or_default()).map_err(|error| self.failed(&error))?;
+            left -= n as u64;
+        }
+        self.mcap.finish_attachment().map_err(|error| self.failed(&error))
+    }
+
+    fn write(&mut self, channel_id: u16, row: &Row, message: &impl Encode) -> Result<(), RecordingError> {
+        let mut bytes = Vec::with_capacity(message.encoded_len().unwrap_or(0));
+        if message.encode(&mut bytes).is_ok() {
+            self.mcap.write_to_known_channel(&header(channel_id, row), &bytes).map_err(|error| self.failed(&error))?;
+        }
+        Ok(())
+    }
+
+    /// Ends the chunk when it has waited long enough.
+    pub(super) fn flush_if_old(&mut self) -> Result<(), RecordingError> {
+        let is_old = self.chunk_begun.is_some_and(|begun| begun.elapsed() >= CHUNK_AGE);
+        if is_old { self.flush() } else { Ok(()) }
+    }
+
+    /// Ends the chunk: what was written so far can be read, whatever happens.
+    fn flush(&mut self) -> Result<(), RecordingError> {
+        self.chunk_begun = None;
+        self.mcap.flush().map_err(|error| self.failed(&error))
+    }
+
+    /// Ends the file.
+    pub(super) fn finish(mut self) -> Result<(), RecordingError> {
+        self.mcap.finish().map_err(|error| self.failed(&error))?;
+        let Self { path, mcap, .. } = self;
+        let finished = mcap.into_inner().into_inner().flush();
+        finished.map_err(|error| RecordingError::Write { file: path, message: error.to_string() })
+    }
+
+    fn failed(&self, error: &McapError) -> RecordingError {
+        failed(&self.path, error)
+    }
+}
+
+fn failed(path: &Path, error: &McapError) -> RecordingError {
+    let message = if let McapError::Io(cause) = error { cause.to_string() } else { error.to_string() };
+    RecordingError::Write { file: path.to_owned(), message }
+}
+
+fn schema<T: Encode>(name: &str) -> (String, Vec<u8>) {
+    (name.to_owned(), T::get_schema().map_or_else(Vec::new, |schema| schema.data.into_owned()))
+}
+
+fn header(channel_id: u16, row: &Row) -> MessageHeader {
+    // The lowest bits are what a reader needs to find what belongs together.
+    MessageHeader { channel_id, sequence: row.record.tick as u32, log_time: row.stamp_ns, publish_time: row.stamp_ns }
+}
+
+fn unix_ns() -> u64 {
+    let since = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
+    u64::try_from(since.as_nanos()).unwrap_or(u64::MAX)
+}
+
+fn stamp(ns: u64) -> messages::Timestamp {
+    messages::Timestamp::new(u32::try_from(ns / 1_000_000_000).unwrap_or(u32::MAX), (ns % 1_000_000_000) as u32)
+}
+
+/// What viewers show of an object.
+fn entity(shown: &Shown, scene: &SceneFiles, scene_idx: u32) -> SceneEntity {
+    let (frame_id, origin) = if shown.is_tool { ("tool", Pose::IDENTITY) } else { ("world", shown.pose) };
+    let at = |middle: [f64; 3]| Some(foxglove_pose(origin * Pose::from_translation(middle.into())));
+    let color = Some(if shown.is_tool { TOOL_COLOR } else { STATIC_COLOR });
+    let pair = |key: &str, value: String| KeyValuePair { key: key.to_owned(), value };
+    let mut entity = SceneEntity {
+        frame_id: frame_id.to_owned(),
+        id: shown.name.clone(),
+        metadata: vec![pair("scene", scene.name.clone()), pair("scene_idx", scene_idx.to_string())],
+        ..SceneEntity::default()
+    };
+    match &shown.form {
+        Form::Box([x, y, z], middle) => {
+            entity.cubes.push(CubePrimitive { pose: at(*middle), size: Some(size(*x, *y, *z)), color });
+        }
+        Form::Sphere(radius_m) => {
+            let edge_m = 2.0 * radius_m;
+            entity.spheres.push(SpherePrimitive { pose: at([0.0; 3]), size: Some(size(edge_m, edge_m, edge_m)), color });
+        }
+        Form::Cylinder(radius_m, top_scale, height_m) => {
+            let size = Some(size(2.0 * radius_m, 2.0 * radius_m, *height_m));
+            entity.cylinders.push(CylinderPrimitive { pose: at([0.0; 3]), size, bottom_scale: 1.0, top_scale: *top_scale, color });
+        }
+        Form::Mesh(path, metres_per_unit) => {
+            let ending = path.extension().map(|ending| ending.to_string_lossy().to_lowercase());
+            let media_type = match ending.as_deref() {
+                Some("stl") => "model/stl",
+                Some("obj") => "model/obj",
+                Some("glb") => "model/gltf-binary",
+                _ => return entity,
+            };
+            let is_small = std::fs::metadata(path).is_ok_and(|file| file.len() <= SHOWN_BYTES);
+            if let Some(data) = is_small.then(|| std::fs::read(path).ok()).flatten() {
+                entity.models.push(ModelPrimitive {
+                    pose: at([0.0; 3]),
+                    scale: Some(size(*metres_per_unit, *metres_per_unit, *metres_per_unit)),
+                    color,
+                    override_color: true,
+                    media_type: media_type.to_owned(),
+                    data: data.into(),
+                    ..ModelPrimitive::default()
+                });
+            }
+        }
+        Form::Other => {}
+    }
+    entity
+}
+
+const STATIC_COLOR: Color = Color { r: 0.6, g: 0.65, b: 0.7, a: 1.0 };
+const TOOL_COLOR: Color = Color { r: 0.95, g: 0.6, b: 0.2, a: 1.0 };
+
+fn size(x: f64, y: f64, z: f64) -> messages::Vector3 {
+    messages::Vector3 { x, y, z }
+}
+
+fn foxglove_pose(pose: Pose) -> messages::Pose {
+    let (position, rotation) = (pose.translation, pose.rotation);
+    messages::Pose {
+        position: Some(size(position.x, position.y, position.z)),
+        orientation: Some(messages::Quaternion { x: rotation.x, y: rotation.y, z: rotation.z, w: rotation.w }),
+    }
+}

@@ -1,0 +1,162 @@
+//! Pictures as SVG text: envelopes over time, and histograms.
+
+use std::fmt::Write as _;
+
+use super::trace::Stretch;
+
+const WIDTH: f64 = 960.0;
+const HEIGHT: f64 = 190.0;
+const LEFT: f64 = 64.0;
+const RIGHT: f64 = 14.0;
+const TOP: f64 = 12.0;
+const BOTTOM: f64 = 30.0;
+
+/// Something over time.
+pub(super) struct Curve<'c> {
+    /// What it is, with its unit.
+    pub(super) title: &'c str,
+    /// Which of the values of a stretch.
+    pub(super) value: usize,
+    /// A line across, with its name.
+    pub(super) limit: Option<(f64, &'c str)>,
+    /// Moments to mark, s.
+    pub(super) marks: &'c [f64],
+}
+
+/// Where the inside of a picture begins and ends.
+struct Frame {
+    x: [f64; 2],
+    y: [f64; 2],
+}
+
+impl Frame {
+    fn x(&self, value: f64) -> f64 {
+        LEFT + (value - self.x[0]) / (self.x[1] - self.x[0]) * (WIDTH - LEFT - RIGHT)
+    }
+
+    fn y(&self, value: f64) -> f64 {
+        let share = ((value - self.y[0]) / (self.y[1] - self.y[0])).clamp(-0.05, 1.05);
+        HEIGHT - BOTTOM - share * (HEIGHT - TOP - BOTTOM)
+    }
+}
+
+/// An envelope: filled between the least and the most of each stretch.
+pub(super) fn curve(curve: &Curve<'_>, stretches: &[Stretch]) -> String {
+    let Curve { title, value, limit, marks } = *curve;
+    let at = |values: &[f64]| values.get(value).copied().unwrap_or(f64::NAN);
+    let points: Vec<(f64, f64, f64)> = stretches
+        .iter()
+        .map(|stretch| (stretch.time_s, at(&stretch.least), at(&stretch.most)))
+        .filter(|(time_s, least, most)| time_s.is_finite() && least.is_finite() && most.is_finite())
+        .collect();
+    let begin_s = points.first().map_or(0.0, |point| point.0);
+    let end_s = points.last().map_or(1.0, |point| point.0).max(begin_s + 1e-3);
+    let lowest = points.iter().fold(0.0_f64, |lowest, point| lowest.min(point.1));
+    let highest = points.iter().fold(0.0_f64, |highest, point| highest.max(point.2));
+    // A limit far away would make a flat line of what is to be seen.
+    let shown_limit = limit.filter(|(limit, _)| limit.is_finite() && *limit <= 4.0 * highest.max(1e-12));
+    let highest = shown_limit.map_or(highest, |(limit, _)| highest.max(limit * 1.05));
+    let span = if highest - lowest > 0.0 { highest - lowest } else { 1.0 };
+    let frame = Frame { x: [begin_s, end_s], y: [lowest, lowest + 1.05 * span] };
+    let mut svg = open(title);
+    axes(&mut svg, &frame, "s");
+    for mark_s in marks {
+        let x = frame.x(*mark_s);
+        // Writing to a string cannot fail, here and below.
+        let _ = write!(svg, "<line class=\"fault\" x1=\"{x:.1}\" x2=\"{x:.1}\" y1=\"{TOP}\" y2=\"{:.1}\"/>", HEIGHT - BOTTOM);
+    }
+    if let Some((limit, name)) = shown_limit {
+        line_across(&mut svg, frame.y(limit), name);
+    }
+    let upper = points.iter().map(|(time_s, _, most)| (frame.x(*time_s), frame.y(*most)));
+    let lower = points.iter().rev().map(|(time_s, least, _)| (frame.x(*time_s), frame.y(*least)));
+    let outline: String = upper.chain(lower).map(|(x, y)| format!("{x:.1},{y:.1} ")).collect();
+    let _ = write!(svg, "<polygon class=\"trace\" points=\"{}\"/></svg>", outline.trim_end());
+    svg
+}
+
+/// Bars over bins of 1, 2, 5, 10 …; heights are logarithms of counts. `deadline_us`: a line between what is in time and what is not.
+pub(super) fn histogram(title: &str, bins: &[[u64; 2]], deadline_us: f64) -> String {
+    let mut svg = open(title);
+    let n_bins = bins.iter().filter(|[bound_us, _]| (*bound_us as f64) < 2.5 * deadline_us).count().max(bins.len()).max(10);
+    let most = bins.iter().map(|[_, count]| *count).max().unwrap_or(1).max(1);
+    let decades = (most as f64).log10().ceil().max(1.0);
+    let width = (WIDTH - LEFT - RIGHT) / n_bins as f64;
+    let height_of =
+        |count: u64| if count == 0 { 0.0 } else { ((count as f64).log10() + 0.3) / (decades + 0.3) * (HEIGHT - TOP - BOTTOM) };
+    let floor = HEIGHT - BOTTOM;
+    for decade in 0..=decades as u32 {
+        let y = floor - height_of(10_u64.pow(decade));
+        let _ = write!(svg, "<line class=\"grid\" x1=\"{LEFT}\" x2=\"{}\" y1=\"{y:.1}\" y2=\"{y:.1}\"/>", WIDTH - RIGHT);
+        let _ = write!(svg, "<text class=\"tick end\" x=\"{}\" y=\"{:.1}\">{}</text>", LEFT - 6.0, y + 4.0, 10_u64.pow(decade));
+    }
+    for (n, [bound_us, count]) in bins.iter().enumerate() {
+        let (x, height) = (LEFT + n as f64 * width, height_of(*count));
+        let late = if *bound_us as f64 > deadline_us { " late" } else { "" };
+        let _ = write!(
+            svg,
+            "<rect class=\"bar{late}\" x=\"{:.1}\" y=\"{:.1}\" width=\"{:.1}\" height=\"{height:.1}\"><title>{count} ticks up to {bound_us} µs</title></rect>",
+            x + 1.0,
+            floor - height,
+            width - 2.0
+        );
+        let _ = write!(svg, "<text class=\"tick end\" x=\"{:.1}\" y=\"{:.1}\">{bound_us}</text>", x + width, HEIGHT - 12.0);
+    }
+    // Bins grow by about 2.15 each: the deadline lies behind the last bound that is not above it.
+    let n_in_time = bins.iter().filter(|[bound_us, _]| *bound_us as f64 <= deadline_us).count();
+    if bins.iter().any(|[bound_us, _]| *bound_us as f64 >= deadline_us) {
+        let x = LEFT + n_in_time as f64 * width;
+        let _ = write!(svg, "<line class=\"limit\" x1=\"{x:.1}\" x2=\"{x:.1}\" y1=\"{TOP}\" y2=\"{floor:.1}\"/>");
+        let _ = write!(svg, "<text class=\"limit end\" x=\"{:.1}\" y=\"{:.1}\">deadline</text>", x - 5.0, TOP + 10.0);
+    }
+    let _ = write!(svg, "<text class=\"tick end\" x=\"{}\" y=\"{}\">µs</text></svg>", WIDTH - RIGHT, HEIGHT - 1.0);
+    svg
+}
+
+fn open(title: &str) -> String {
+    format!("<svg viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"{title}\" xmlns=\"http://www.w3.org/2000/svg\">")
+}
+
+fn line_across(svg: &mut String, y: f64, name: &str) {
+    let _ = write!(svg, "<line class=\"limit\" x1=\"{LEFT}\" x2=\"{}\" y1=\"{y:.1}\" y2=\"{y:.1}\"/>", WIDTH - RIGHT);
+    let _ = write!(svg, "<text class=\"limit end\" x=\"{}\" y=\"{:.1}\">{name}</text>", WIDTH - RIGHT - 4.0, y - 4.0);
+}
+
+fn axes(svg: &mut String, frame: &Frame, unit_x: &str) {
+    for value in steps(frame.y, 4.0) {
+        let y = frame.y(value);
+        let _ = write!(svg, "<line class=\"grid\" x1=\"{LEFT}\" x2=\"{}\" y1=\"{y:.1}\" y2=\"{y:.1}\"/>", WIDTH - RIGHT);
+        let _ = write!(svg, "<text class=\"tick end\" x=\"{}\" y=\"{:.1}\">{}</text>", LEFT - 6.0, y + 4.0, short(value));
+    }
+    for value in steps(frame.x, 10.0) {
+        let _ = write!(svg, "<text class=\"tick\" x=\"{:.1}\" y=\"{}\">{}</text>", frame.x(value), HEIGHT - 12.0, short(value));
+    }
+    let _ = write!(svg, "<text class=\"tick end\" x=\"{}\" y=\"{}\">{unit_x}</text>", WIDTH - RIGHT, HEIGHT - 1.0);
+}
+
+/// Round numbers in a range, about so many.
+fn steps([low, high]: [f64; 2], wanted: f64) -> Vec<f64> {
+    let rough = (high - low) / wanted;
+    let power = 10_f64.powf(rough.log10().floor());
+    let step = [1.0, 2.0, 5.0, 10.0].into_iter().map(|factor| factor * power).find(|step| *step >= rough * 0.999).unwrap_or(rough);
+    let first = (low / step).ceil();
+    (0..40).map(|n| (first + f64::from(n)) * step).take_while(|value| *value <= high * (1.0 + 1e-9)).collect()
+}
+
+fn short(value: f64) -> String {
+    let text = format!("{value:.4}");
+    let text = text.trim_end_matches('0').trim_end_matches('.');
+    if text == "-0" { "0".to_owned() } else { text.to_owned() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn axes_have_round_numbers() {
+        assert_eq!(steps([0.0, 10.0], 5.0), [0.0, 2.0, 4.0, 6.0, 8.0, 10.0]);
+        assert_eq!(steps([-0.3, 0.3], 4.0).len(), 3);
+        assert_eq!([short(0.25), short(-0.0), short(3.0)], ["0.25", "0", "3"]);
+    }
+}
