@@ -200,11 +200,6 @@ impl<'d> Checks<'d> {
         None
     }
 
-    /// Nothing was found so far.
-    pub(crate) fn is_clean(&self) -> bool {
-        self.problems.is_empty()
-    }
-
     /// All problems, if any.
     pub(crate) fn finish(self) -> Result<(), ConfigErrors> {
         if self.problems.is_empty() { Ok(()) } else { Err(ConfigErrors::new(self.problems)) }

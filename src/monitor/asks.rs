@@ -151,8 +151,8 @@ fn wanted(rate_hz: f64, format: Format, contacts: bool, history: bool) -> Result
     if rate_hz == 0.0 {
         return Ok(None);
     }
-    // Written so that a NaN is refused as well.
-    if !(rate_hz >= LEAST_RATE_HZ && rate_hz <= MOST_RATE_HZ) {
+    // A NaN is in no range.
+    if !(LEAST_RATE_HZ..=MOST_RATE_HZ).contains(&rate_hz) {
         let hint = "0 ends the stream";
         return Err(Problem::bad(format!("`rate_hz` goes from {LEAST_RATE_HZ} to {MOST_RATE_HZ}, not to {rate_hz}"), hint));
     }

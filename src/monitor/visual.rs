@@ -31,11 +31,14 @@ pub(super) struct Visual {
     pub(super) bounds: Option<[DVec3; 2]>,
 }
 
-/// All that were asked for, by number of scene and object.
+/// By number of scene and object.
+type Made = HashMap<(u32, usize), Arc<Visual>>;
+
+/// All that were asked for.
 #[derive(Debug)]
 pub(super) struct Visuals {
     worker: Worker,
-    made: Arc<Mutex<HashMap<(u32, usize), Arc<Visual>>>>,
+    made: Arc<Mutex<Made>>,
 }
 
 impl Visuals {

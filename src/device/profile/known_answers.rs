@@ -46,16 +46,16 @@ pub(super) fn judge(checks: &mut Checks<'_>, real: &RealArm) {
         return;
     }
     for (idx, check) in real.checks.iter().enumerate() {
-        if let Err((key, kind)) = answer(check, real) {
+        if let Some((key, kind)) = mistake(check, real) {
             checks.refuse(&format!("check[{idx}]{key}"), kind);
         }
     }
 }
 
 /// The key that is wrong, and how.
-fn answer(check: &Check, real: &RealArm) -> Result<(), (&'static str, ProblemKind)> {
-    let not_accepted = |key, accepted| Err((key, ProblemKind::NotAccepted { accepted }));
-    let disagrees = |key, found| Err((key, ProblemKind::Disagrees { found }));
+fn mistake(check: &Check, real: &RealArm) -> Option<(&'static str, ProblemKind)> {
+    let not_accepted = |key, accepted| Some((key, ProblemKind::NotAccepted { accepted }));
+    let disagrees = |key, found| Some((key, ProblemKind::Disagrees { found }));
     if matches!(real.kinematics, Kinematics::Rate(_)) {
         return not_accepted("", "left out: a rate input has no position".to_owned());
     }
@@ -94,7 +94,7 @@ fn answer(check: &Check, real: &RealArm) -> Result<(), (&'static str, ProblemKin
     let found = solved.native_from_grip.translation;
     let away_m = found.distance(check.position_native);
     if away_m <= check.tolerance_m {
-        return Ok(());
+        return None;
     }
     let [x, y, z] = (found * 1e3).to_array();
     let away_mm = away_m * 1e3;
