@@ -62,7 +62,7 @@ class Hapticd:
 
     def __init__(self, program, scene, *options, address="127.0.0.1:0"):
         self.process = subprocess.Popen(
-            [program, "run", str(scene), "--monitor", address, *options],
+            [program, "run", str(scene.resolve()), "--monitor", address, *options],
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
