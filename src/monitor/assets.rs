@@ -37,3 +37,19 @@ const SCRIPT: &str = "text/javascript; charset=utf-8";
 pub(super) fn find(name: &str) -> Option<(&'static str, &'static [u8])> {
     FILES.iter().find(|(known, ..)| *known == name).map(|(_, kind, bytes)| (*kind, *bytes))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_file_of_the_page_is_served() {
+        let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("src/monitor/web");
+        let mut on_disk: Vec<_> =
+            std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+        let mut listed: Vec<_> = FILES.iter().map(|(name, ..)| (*name).to_owned()).collect();
+        on_disk.sort();
+        listed.sort();
+        assert_eq!(listed, on_disk);
+    }
+}
