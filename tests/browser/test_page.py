@@ -51,7 +51,10 @@ class PageTest(unittest.TestCase):
         return run
 
     def open(self, run, complains=False, **screen):
-        page = self.browser.open(run.url, **(screen or SCREENS["desktop-dark"]))
+        return self.open_url(run.url, complains, **screen)
+
+    def open_url(self, url, complains=False, **screen):
+        page = self.browser.open(url, **(screen or SCREENS["desktop-dark"]))
         self.addCleanup(page.close)
         if not complains:
             self.addCleanup(lambda: self.assertEqual(page.complaints(), [], "the console is clean"))
@@ -195,6 +198,41 @@ class PageTest(unittest.TestCase):
         page.wait("document.querySelector('#lost').hidden")
         page.wait("document.querySelector('#scene-name').textContent === 'press scene'")
         page.wait(f"{WORD} === 'Enabled'")
+
+    def test_guard(self):
+        run = self.run_scene("rest")
+        page = self.browser.open(run.url, **SCREENS["desktop-light"])
+        page.wait(f"{WORD} === 'Enabled'")
+        page.click(".check")
+        other = self.open(run)
+        page.close()
+        other.wait(f"{WORD} === 'Disabled'")
+        other.wait("document.querySelector('#events').textContent.includes('force off')")
+
+    def test_token(self):
+        file = self.folder / "token"
+        file.write_text("0123456789abcdef0123456789abcdef")
+        run = self.run_scene("rest", "--monitor-token", str(file))
+        page = self.browser.open(run.url)
+        self.addCleanup(page.close)
+        page.wait("!document.querySelector('#token-form').hidden")
+        page.run(f"document.querySelector('#token').value = '{file.read_text()}'")
+        page.click("#token-form button")
+        page.wait(f"{WORD} === 'Enabled'")
+        self.assertTrue(page.run("document.querySelector('#token-form').hidden"))
+
+        linked = self.open_url(f"{run.url}#token={file.read_text()}")
+        self.assertNotIn("token", linked.run("location.href"))
+
+    def test_recording(self):
+        run = self.run_scene("rest")
+        page = self.open(run)
+        page.run("document.querySelector('#record-file').value = 'from-the-page.mcap'")
+        page.click("#record")
+        page.wait(r"/from-the-page.mcap: [\d\u202f]+ ticks/.test(document.querySelector('#record-facts').textContent)")
+        self.assertEqual(page.run("document.querySelector('#record').textContent"), "End")
+        page.click("#record")
+        page.wait("document.querySelector('#record-facts').textContent === 'not recording'")
 
     def test_stop(self):
         run = self.run_scene("press")

@@ -3,8 +3,8 @@
 import { byId, element, say, words } from "./element.js";
 import { count } from "./units.js";
 
-/** A guarding page that is silent for longer than this takes the force away. */
-const GUARD_TIMEOUT_MS = 1000;
+/** A guarding page that is silent for longer than this takes the force away. A tab in the background may beat once a second. */
+const GUARD_TIMEOUT_MS = 2500;
 /** Beats in that time. */
 const BEATS = 5;
 /** Baking another scene takes as long as it takes. */
