@@ -172,9 +172,6 @@ mod tests {
 
     #[test]
     fn silence_a_closed_connection_and_nobody_take_the_force_away() {
-        told(&Heart::new(None), |next| {
-            let _ = next;
-        });
         let heart = Heart::new(None);
         assert!(heart.lets_enable(None) && heart.lets_enable(Some(3)));
         told(&heart, |next| {

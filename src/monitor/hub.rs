@@ -6,7 +6,6 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use crossbeam::channel::Sender;
-use serde::Serialize;
 use serde_json::{Value, json};
 
 use super::encode::{self, Body, Event, Extras, Moment, WireObject};
@@ -62,7 +61,7 @@ pub trait Recorder: Send + Sync {
 }
 
 /// How a recording goes.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RecorderStatus {
     /// Where it goes.
     pub file: PathBuf,
@@ -322,12 +321,15 @@ impl Hub {
         let profile = &config.device.profile;
         let six = |axes: crate::spatial::Axes| [0, 1, 2, 3, 4, 5].map(|axis| axes.has(axis));
         let recording = self.recorder.as_ref().and_then(|recorder| recorder.status());
+        let recording = recording.map(|RecorderStatus { file, records, dropped }| {
+            json!({ "file": file.to_string_lossy(), "records": records, "dropped": dropped })
+        });
         let facts = self.facts();
         json!({
             "version": env!("CARGO_PKG_VERSION"),
             "api": API,
             "name": config.name,
-            "scene": config.path,
+            "scene": config.path.to_string_lossy(),
             "rate_hz": config.rate_hz,
             "clock": self.clock.name(),
             "phase": facts.phase.name(),
@@ -337,7 +339,7 @@ impl Hub {
                 "simulated": profile.real.is_none(),
                 "sensed": six(profile.sensed),
                 "actuated": six(profile.actuated),
-                "node": facts.node,
+                "node": facts.node.as_ref().map(|node| node.to_string_lossy()),
                 "link": if profile.real.is_none() { "simulated" } else { facts.link },
             },
             "limits": {

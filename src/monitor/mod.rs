@@ -27,6 +27,7 @@ mod ghost;
 mod heart;
 mod hub;
 mod outbox;
+mod pace;
 mod problem;
 mod pump;
 mod rest;

@@ -10,6 +10,8 @@ use super::encode::Body;
 
 /// Words under way; whoever lets more of them pile up does not listen.
 const MOST_WORDS: usize = 1024;
+/// The same in bytes: a reply repeats what the client wrote.
+const MOST_WORD_BYTES: usize = 1 << 20;
 /// The states of so long wait at most, s.
 const STATES_S: f64 = 0.05;
 /// Going away (RFC 6455).
@@ -27,6 +29,8 @@ pub(super) struct Outbox {
 #[derive(Debug, Default)]
 struct Waiting {
     words: VecDeque<String>,
+    /// Of all words.
+    n_bytes: usize,
     states: VecDeque<Arc<Body>>,
     /// States that this client was sent.
     sent: u64,
@@ -48,9 +52,10 @@ impl Outbox {
     /// Words, in order.
     pub(super) fn say(&self, words: String) {
         let mut waiting = self.waiting();
-        if waiting.words.len() >= MOST_WORDS {
+        if waiting.words.len() >= MOST_WORDS || waiting.n_bytes + words.len() > MOST_WORD_BYTES {
             waiting.ends.get_or_insert((POLICY, "does not read"));
         } else {
+            waiting.n_bytes += words.len();
             waiting.words.push_back(words);
         }
         drop(waiting);
@@ -88,6 +93,7 @@ impl Outbox {
 
     fn take(&self) -> Option<Next> {
         let mut waiting = self.waiting();
+        waiting.n_bytes = 0;
         let mut messages: Vec<_> = waiting.words.drain(..).map(Message::from).collect();
         let Waiting { states, sent, dropped, .. } = &mut *waiting;
         messages.extend(states.drain(..).map(|state| {
@@ -141,6 +147,10 @@ mod tests {
         }
         outbox.end(AWAY, "later");
         assert_eq!(words(outbox.take()).len(), MOST_WORDS);
+        assert!(matches!(outbox.take(), Some(Next::Close(POLICY, _))));
+        let outbox = Outbox::default();
+        (0..3).for_each(|_| outbox.say("x".repeat(MOST_WORD_BYTES / 2)));
+        assert_eq!(words(outbox.take()).len(), 2);
         assert!(matches!(outbox.take(), Some(Next::Close(POLICY, _))));
     }
 }

@@ -1,9 +1,7 @@
 //! HTTP: the page, facts, and requests of clients that keep no connection.
 
 use core::time::Duration;
-use std::collections::HashMap;
-use std::net::IpAddr;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 
 use axum::body::Bytes;
 use axum::extract::{ConnectInfo, DefaultBodyLimit, Path, Request, State};
@@ -23,7 +21,6 @@ use super::door::Peer;
 use super::encode::{WirePose, with_counts};
 use super::problem::Problem;
 use super::server::Served;
-use super::ws::Bucket;
 use super::{assets, ws};
 use crate::daemon::desk::scenes_beside;
 
@@ -31,30 +28,11 @@ use crate::daemon::desk::scenes_beside;
 const MOST_BYTES: usize = 64 << 10;
 /// Longest address, bytes.
 const LONGEST_URI: usize = 2048;
-/// Requests of one machine a second, and at once.
-const MOST_PER_S: f64 = 100.0;
-const MOST_AT_ONCE: f64 = 400.0;
-/// Machines whose requests are counted apart.
-const MOST_MACHINES: usize = 256;
 /// A request that takes longer goes on; its outcome is told as an event.
 const PATIENCE: Duration = Duration::from_secs(2);
 
 /// A page has nothing to load from elsewhere, and nobody to be framed by.
 const POLICY: &str = "default-src 'self'; connect-src 'self'; img-src 'self' data: blob:; frame-ancestors 'none'; base-uri 'none'; form-action 'none'";
-
-/// Counts the requests of each machine.
-#[derive(Debug, Default)]
-pub(super) struct Pace(Mutex<HashMap<IpAddr, Bucket>>);
-
-impl Pace {
-    fn lets(&self, machine: IpAddr) -> bool {
-        let mut buckets = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        if buckets.len() >= MOST_MACHINES && !buckets.contains_key(&machine) {
-            buckets.clear();
-        }
-        buckets.entry(machine).or_insert_with(|| Bucket::new(MOST_PER_S, MOST_AT_ONCE)).try_take()
-    }
-}
 
 pub(super) fn router(served: Arc<Served>) -> Router {
     let api = Router::new()
@@ -185,13 +163,13 @@ async fn scene(State(served): State<Arc<Served>>) -> Result<Json<Value>, Problem
     Ok(Json(json!({
         "scene_idx": view.scene_idx,
         "name": config.name,
-        "file": config.path,
+        "file": config.path.to_string_lossy(),
         "voxel_size_m": finest_m,
         "points": scene.tool.shell.len(),
         "objects": objects,
         "movable": view.movable,
         "bounds": bounds.map(|[low, high]| json!({ "min": low.to_array(), "max": high.to_array() })),
-        "switching_to": view.switching_to,
+        "switching_to": view.switching_to.as_ref().map(|path| path.to_string_lossy()),
     })))
 }
 

@@ -2,7 +2,6 @@
 
 use core::time::Duration;
 use std::sync::Arc;
-use std::time::Instant;
 
 use axum::extract::ws::rejection::WebSocketUpgradeRejection;
 use axum::extract::ws::{CloseFrame, Message, WebSocket, WebSocketUpgrade};
@@ -19,6 +18,7 @@ use super::door::Peer;
 use super::encode;
 use super::hub::Client;
 use super::outbox::Next;
+use super::pace::Bucket;
 use super::problem::Problem;
 use super::server::Served;
 
@@ -169,34 +169,4 @@ fn reply(id: &Value, result: Result<(), Problem>) -> String {
             "hint": said.hint,
         }),
     })
-}
-
-/// So many at once, and so many a second.
-#[derive(Debug)]
-pub(super) struct Bucket {
-    per_s: f64,
-    most: f64,
-    left: f64,
-    at: Instant,
-}
-
-impl Bucket {
-    pub(super) fn new(per_s: f64, most: f64) -> Self {
-        Self { per_s, most, left: most, at: Instant::now() }
-    }
-
-    /// Takes one; how long to wait before it counts, if it does not at once.
-    pub(super) fn take(&mut self) -> Option<Duration> {
-        let now = Instant::now();
-        self.left = (self.left + now.duration_since(self.at).as_secs_f64() * self.per_s).min(self.most) - 1.0;
-        self.at = now;
-        (self.left < 0.0).then(|| Duration::from_secs_f64(-self.left / self.per_s))
-    }
-
-    /// The same for those who will not wait: takes one only if it is there.
-    pub(super) fn try_take(&mut self) -> bool {
-        let is_there = self.take().is_none();
-        self.left += f64::from(u8::from(!is_there));
-        is_there
-    }
 }

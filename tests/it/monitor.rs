@@ -70,7 +70,13 @@ pub(crate) fn folder(more: &str) -> TempDir {
 /// `hapticd run` in a folder, not started.
 pub(crate) fn command(folder: &Path, line: &str) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_hapticd"));
-    command.arg("run").args(line.split_whitespace()).current_dir(folder).env("XDG_CACHE_HOME", folder).env_remove("HAPTICD_TOKEN");
+    command
+        .arg("run")
+        .args(line.split_whitespace())
+        .current_dir(folder)
+        .env("XDG_CACHE_HOME", folder)
+        .env("XDG_STATE_HOME", folder)
+        .env_remove("HAPTICD_TOKEN");
     command
 }
 

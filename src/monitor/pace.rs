@@ -1,0 +1,85 @@
+//! How often somebody may ask.
+
+use core::time::Duration;
+use std::collections::HashMap;
+use std::net::IpAddr;
+use std::sync::{Mutex, PoisonError};
+use std::time::Instant;
+
+/// Requests of one machine a second, and at once.
+const MOST_PER_S: f64 = 100.0;
+const MOST_AT_ONCE: f64 = 400.0;
+/// Machines whose requests are counted apart.
+const MOST_MACHINES: usize = 256;
+
+/// So many at once, and so many a second.
+#[derive(Debug)]
+pub(super) struct Bucket {
+    per_s: f64,
+    most: f64,
+    left: f64,
+    at: Instant,
+}
+
+impl Bucket {
+    pub(super) fn new(per_s: f64, most: f64) -> Self {
+        Self { per_s, most, left: most, at: Instant::now() }
+    }
+
+    /// Takes one; how long to wait before it counts, if it does not at once.
+    pub(super) fn take(&mut self) -> Option<Duration> {
+        let now = Instant::now();
+        self.left = (self.left + now.duration_since(self.at).as_secs_f64() * self.per_s).min(self.most) - 1.0;
+        self.at = now;
+        (self.left < 0.0).then(|| Duration::from_secs_f64(-self.left / self.per_s))
+    }
+
+    /// The same for those who will not wait: takes one only if it is there.
+    pub(super) fn try_take(&mut self) -> bool {
+        let is_there = self.take().is_none();
+        self.left += f64::from(u8::from(!is_there));
+        is_there
+    }
+}
+
+/// Counts the requests of each machine.
+#[derive(Debug, Default)]
+pub(super) struct Pace(Mutex<HashMap<IpAddr, Bucket>>);
+
+impl Pace {
+    /// True when one more request of this machine may be done.
+    pub(super) fn lets(&self, machine: IpAddr) -> bool {
+        let mut buckets = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if buckets.len() >= MOST_MACHINES && !buckets.contains_key(&machine) {
+            buckets.clear();
+        }
+        buckets.entry(machine).or_insert_with(|| Bucket::new(MOST_PER_S, MOST_AT_ONCE)).try_take()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_was_there_at_once_comes_back_with_time() {
+        let mut bucket = Bucket::new(0.001, 3.0);
+        assert_eq!((0..5).filter(|_| bucket.try_take()).count(), 3);
+        // One comes every thousand seconds.
+        let wait = bucket.take().expect("to wait");
+        assert!(wait > Duration::from_secs(900) && wait <= Duration::from_secs(1000), "{wait:?}");
+        assert!(bucket.take().expect("to wait longer") > wait);
+    }
+
+    #[test]
+    fn machines_are_counted_apart_and_not_for_ever() {
+        let pace = Pace::default();
+        let machine = |n: u32| IpAddr::from(n.to_be_bytes());
+        while pace.lets(machine(1)) {}
+        assert!(pace.lets(machine(2)));
+        for n in 0..10 * MOST_MACHINES as u32 {
+            pace.lets(machine(n));
+        }
+        assert!(pace.0.lock().expect("whole").len() <= MOST_MACHINES);
+    }
+}
