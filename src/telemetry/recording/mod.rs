@@ -24,8 +24,7 @@ mod schema;
 mod tests;
 mod write;
 
-pub use fault_files::Told;
-pub use fault_files::{FaultFile, FaultFiles, now};
+pub use fault_files::{FaultFile, FaultFiles, Told, now};
 pub use read::{Entry, ReadError, Recording};
 pub use recorder::{Facts, Failed, Recorder, RecorderHandle, RecordingSummary};
 pub use scene_files::{Form, NamedFile, ROOM_BYTES, SceneFiles, Scenes, Shown};
