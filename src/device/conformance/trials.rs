@@ -123,7 +123,9 @@ fn every_arm_with_motors_is_tried_out_from_listening_to_shaking() {
         let mut arm = Timed(Arc::new(Mutex::new(rig)), 0);
         let period_s = 1.0 / f64::from(profile.link.rate_hz);
         let mut trial = Trial::new(arm.clone(), period_s, &quit).with_torque(probe::torque_max_nm(&profile));
-        let plan = Plan { listen: Duration::from_millis(200), push: Some(Push::of(&profile)), identify: true };
+        // A fit takes long; what it must not do is to let a watchdog trip, and every kind of link and of watchdog is here.
+        let identify = ["leader-arm-6", "open6-serial", "woodenhaptics-v15", "hapkit"].contains(&name.as_str());
+        let plan = Plan { listen: Duration::from_millis(200), push: Some(Push::of(&profile)), identify };
         let mut found = Found::default();
         assert_eq!(probe::try_out(&mut arm, &mut trial, &plan, &mut found, |_| {}), Ok(()), "{name}: {found:?}");
         for axis_idx in 0..6 {
@@ -131,7 +133,7 @@ fn every_arm_with_motors_is_tried_out_from_listening_to_shaking() {
             assert_eq!(found.signs[axis_idx], expected, "{name}, axis {axis_idx}");
         }
         // Nobody holds it: what the pushes sent out of reach does not move.
-        assert!(found.made.iter().any(Option::is_some), "{name}: {found:?}");
+        assert_eq!(found.made.iter().any(Option::is_some), identify, "{name}: {found:?}");
         n_turned += u32::from(found.signs[5].is_some());
     }
     assert_eq!(n_turned, 3, "both open6 arms and the leader arm");
