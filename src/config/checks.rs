@@ -91,6 +91,11 @@ impl<'d> Checks<'d> {
         self.refuse(key, ProblemKind::NotAccepted { accepted: accepted.to_string() });
     }
 
+    /// True while nothing was found wrong: what rests on everything else may be judged.
+    pub(crate) fn is_clean(&self) -> bool {
+        self.problems.is_empty()
+    }
+
     /// Notes a key that must be given.
     pub(crate) fn missing(&mut self, key: &str, accepted: impl fmt::Display) {
         self.refuse(key, ProblemKind::Missing { accepted: accepted.to_string() });
