@@ -14,6 +14,9 @@ use crate::device::protocol::MAX_AXES;
 /// Tolerance of a check where it gives none, mm.
 const DEFAULT_TOLERANCE_MM: f64 = 0.01;
 
+/// Share of a reading, or of 1, by which a frame may differ from it: what single precision and a scale leave.
+const READ_ALIKE: f64 = 1e-6;
+
 /// The tables as they are written.
 pub(super) fn read(checks: &mut Checks<'_>, written: &Written) -> Vec<Check> {
     let mut known = Vec::new();
@@ -82,7 +85,7 @@ fn mistake(check: &Check, real: &RealArm) -> Option<(&'static str, ProblemKind)>
         }
         let said = codec.newest().readings;
         if let Some(given) = &check.readings
-            && said[..given.len()] != given[..]
+            && said.iter().zip(given).any(|(said, given)| (said - given).abs() > READ_ALIKE * given.abs().max(1.0))
         {
             return disagrees(".readings", format!("the frame says {:?}", &said[..given.len()]));
         }

@@ -288,19 +288,6 @@ fn a_new_arm_needs_no_rust() {
 }
 
 #[test]
-fn the_line_protocol_of_the_readme_is_one() {
-    let readme = fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("devices/README.md")).expect("shipped");
-    let packet =
-        readme.split("```toml\n").find(|block| block.starts_with("[packet.report]")).and_then(|block| block.split("```").next());
-    let (before, rest) = NEW_ARM.split_once("[packet.report]").expect("two packets");
-    let (_, after) = rest.split_once("[frame]").expect("a frame");
-    let profile =
-        load_text(&format!("{before}{}[frame]{after}", packet.expect("an example"))).unwrap_or_else(|errors| panic!("{errors}"));
-    let Protocol::Declarative(layout) = profile.real.expect("a real arm").protocol else { panic!("declarative") };
-    assert_eq!((layout.n_readings(), layout.n_motors()), (3, 3));
-}
-
-#[test]
 fn what_is_wrong_with_a_real_arm_is_said_at_once() {
     let text = NEW_ARM
         .replace("[\"+x\", \"+y\", \"+z\"]", "[\"+x\", \"+y\", \"-z\"]")
