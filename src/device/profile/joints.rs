@@ -1,5 +1,7 @@
 //! `[geometry]`, `[[joint]]` and `[motors]` into kinematics, transmission and heat.
 
+use core::f64::consts::TAU;
+
 use glam::{DQuat, DVec2, DVec3};
 
 use super::Profile;
@@ -442,7 +444,9 @@ impl Drive<'_, '_> {
         if sign.abs() != 1.0 {
             self.checks.not_accepted(&key("sign"), "1 or -1");
         }
-        let counts_per_rev = self.checks.number(&key("counts_per_rev"), joint.counts_per_rev, SERVO_COUNTS_PER_REV, POSITIVE);
+        // Without it a servo has its own, and any other reading is an angle in rad or a way in m.
+        let default = if joint.servo_model.is_some() { SERVO_COUNTS_PER_REV } else { TAU };
+        let counts_per_rev = self.checks.number(&key("counts_per_rev"), joint.counts_per_rev, default, POSITIVE);
         let home = self.checks.number(&key("home_counts"), joint.home_counts, 0.0, FINITE);
         let offset_rad = self.checks.number(&key("offset_rad"), joint.offset_rad, 0.0, FINITE);
         let servo = joint.servo_model.map(|word| word.model());
