@@ -1,6 +1,8 @@
 //! Recordings as users make them: with the real program, killed, out of space, replayed, and held against those of earlier versions.
 
 use std::fs;
+use std::io::{BufRead as _, BufReader, Read as _, Write as _};
+use std::net::TcpStream;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::Arc;
@@ -172,7 +174,10 @@ fn record(scene: &Path, duration: Duration, path: &Path, turn: impl FnOnce(&mut 
     let taps = Taps::default();
     let recorder = Recorder::new(taps.clone(), true);
     recorder.facts.note("rate_hz", config.rate_hz);
-    recorder.scenes.add(scene_files(&config, &LoadOptions::default()));
+    let mut files = scene_files(&config, &LoadOptions::default());
+    // Where it lies on this machine is nobody's business.
+    files.path = files.path.file_name().map(PathBuf::from).expect("a name");
+    recorder.scenes.add(files);
     let handle = recorder.start(path, true, Box::new(|error| panic!("{error}"))).expect("started");
     let job = RenderJob {
         scene: Arc::new(prepared.scene),
@@ -379,6 +384,53 @@ fn what_cannot_be_replayed_is_told() {
     assert!(ended.stdout.starts_with("differs in tick 200, scene 0: energy_j\n  recorded "), "{}", ended.stdout);
     let json = hapticd(dir.path(), "replay bit.mcap --cache off --json").json();
     assert!(json["identical"] == false && json["difference"]["field"] == "energy_j" && json["ticks"] == 200, "{json}");
+}
+
+/// One request over HTTP: status and body.
+fn ask(address: &str, method: &str, path: &str, body: &str) -> (u16, String) {
+    let mut stream = TcpStream::connect(address).expect("connected");
+    let head = format!("{method} {path} HTTP/1.1\r\nHost: {address}\r\nContent-Type: application/json\r\nConnection: close\r\n");
+    write!(stream, "{head}Content-Length: {}\r\n\r\n{body}", body.len()).expect("sent");
+    let mut answer = String::new();
+    stream.read_to_string(&mut answer).expect("an answer");
+    let status = answer.split(' ').nth(1).and_then(|status| status.parse().ok()).expect("a status");
+    (status, answer.split_once("\r\n\r\n").map_or_else(String::new, |(_, body)| body.to_owned()))
+}
+
+#[test]
+fn a_client_begins_and_ends_a_recording_in_a_folder_of_its_own() {
+    let dir = folder();
+    let line = "run a.toml --realtime best-effort --monitor 127.0.0.1:0 --flight off --json";
+    let mut child =
+        program(dir.path()).args(line.split(' ')).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("started");
+    let mut said = BufReader::new(child.stderr.take().expect("piped")).lines().map_while(Result::ok);
+    let stdout = child.stdout.take().expect("piped");
+    let mut running = Running(child);
+    let address =
+        said.find_map(|line| Some(line.strip_prefix("monitor: http://")?.trim_end_matches('/').to_owned())).expect("an address");
+    said.find(|line| line == "state: enabled").expect("enabled");
+    let record = |body: &str| ask(&address, "POST", "/api/v1/recording", body);
+    for refused in [r#"{"file": "../r.mcap"}"#, r#"{"file": "/tmp/r.mcap"}"#, r#"{"file": "r.txt"}"#, r#"{"file": ".mcap"}"#] {
+        let (status, body) = record(refused);
+        assert!(status == 400 && body.contains("ends in .mcap"), "{refused}: {status} {body}");
+    }
+    assert_eq!(ask(&address, "DELETE", "/api/v1/recording", "").0, 409);
+    assert_eq!(record(r#"{"file": "mine.mcap"}"#).0 / 100, 2);
+    let (status, body) = record("{}");
+    assert!(status == 409 && body.contains("under way"), "{status} {body}");
+    std::thread::sleep(Duration::from_millis(300));
+    assert_eq!(ask(&address, "DELETE", "/api/v1/recording", "").0 / 100, 2);
+    let (status, body) = record(r#"{"file": "mine.mcap"}"#);
+    assert!(status == 400 && body.contains("exists already"), "{status} {body}");
+    let stop = Command::new("kill").args(["-INT", &running.0.id().to_string()]).status().expect("kill");
+    assert!(stop.success());
+    let json: Value = serde_json::from_reader(stdout).expect("json");
+    assert!(running.0.wait().expect("reaped").success());
+    let file = dir.path().join("state/hapticd/recordings/mine.mcap");
+    let records = records(&file);
+    assert_eq!(json["recording"]["records"], records.len());
+    assert!(records.len() > 10 && records.windows(2).all(|pair| pair[0].tick < pair[1].tick));
+    assert!(matches!(again(&file), Err(ReplayError::BeganLate(_))));
 }
 
 /// Recordings of shipped scenes, and how they are made.
