@@ -75,7 +75,7 @@ fn overview(report: &LabReport, body: &mut String) {
         rows.push(("contact budget", format!("{points} points a tick, at most {} left out", totals.points_left_out)));
     }
     if let Some(first) = report.first.filter(|first| first.tick > 0) {
-        rows.push(("begins", format!("with tick {}, {:.3} s after the run", first.tick, first.time_ns as f64 * 1e-9)));
+        rows.push(("begins", format!("with tick {}, {:.3} s after the first one", first.tick, first.time_ns as f64 * 1e-9)));
     }
     body.push_str("<section>");
     table(body, rows.into_iter());
