@@ -145,11 +145,34 @@ fn after_a_fault_the_run_waits_for_somebody_to_enable() {
 }
 
 #[test]
-fn what_is_not_there_is_said() {
+fn a_client_begins_and_ends_a_recording() {
     let daemon = Daemon::enabled("", "");
-    for (method, path) in [("POST", "/api/v1/recording"), ("DELETE", "/api/v1/recording"), ("GET", "/metrics")] {
-        let (status, answer) = http(daemon.address, method, path, &[], b"").unwrap();
-        let known = [200, 409, 503].contains(&status);
-        assert!(known, "{path}: {status} {}", String::from_utf8_lossy(&answer));
+    let mut client = daemon.connect();
+    assert_eq!(daemon.get("/api/v1/info")["recording"], Value::Null);
+    assert_eq!(client.ask(json!({ "do": "end_recording" }))["status"], 409);
+    for name in ["../session.mcap", "/tmp/session.mcap", ".mcap", "session.txt", "a/b.mcap"] {
+        assert_eq!(client.ask(json!({ "do": "record", "file": name }))["status"], 400, "{name}");
     }
+    client.does(json!({ "do": "record", "file": "session.mcap" }));
+    client.event("recording", "begun");
+    assert_eq!(client.ask(json!({ "do": "record" }))["status"], 409);
+    client.subscribe(1000.0);
+    let from = client.state()["tick"].as_u64().unwrap();
+    client.state_where(|state| state["tick"].as_u64() > Some(from + 300));
+    let recording = &daemon.get("/api/v1/info")["recording"];
+    assert!(recording["records"].as_u64() > Some(100), "{recording}");
+    assert_eq!(daemon.http("DELETE", "/api/v1/recording", &[], "").0, 200);
+    client.event("recording", "ended");
+    assert_eq!(daemon.get("/api/v1/info")["recording"], Value::Null);
+    let written = std::fs::read(recording["file"].as_str().unwrap()).unwrap();
+    assert!(written.starts_with(b"\x89MCAP0\r\n") && written.ends_with(b"\x89MCAP0\r\n"));
+    assert_eq!(client.ask(json!({ "do": "record", "file": "session.mcap" }))["status"], 400, "never over a file that is there");
+    no_record_lost(&daemon.end());
+}
+
+#[test]
+fn figures_are_there_or_said_to_be_missing() {
+    let daemon = Daemon::enabled("", "");
+    let (status, answer) = http(daemon.address, "GET", "/metrics", &[], b"").unwrap();
+    assert!(matches!(status, 200 | 503), "{status} {}", String::from_utf8_lossy(&answer));
 }
