@@ -269,7 +269,15 @@ class PageTest(unittest.TestCase):
         self.assertNotEqual(turned, before)
         page.click("#see-through")
         page.wait("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => done(true))))")
-        self.assertNotEqual(page.picture_of("#view"), turned)
+        clear = page.picture_of("#view")
+        self.assertNotEqual(clear, turned)
+
+        # A graphics card may forget everything.
+        page.run("window.loss = document.querySelector('#view').getContext('webgl2').getExtension('WEBGL_lose_context'), loss.loseContext()")
+        page.wait("new Promise((done) => setTimeout(() => done(true), 200))")
+        page.run("loss.restoreContext()")
+        page.wait("new Promise((done) => setTimeout(() => done(true), 500))")
+        self.assertEqual(page.picture_of("#view"), clear)
 
     def test_modules(self):
         """What the modules reckon, without a picture."""

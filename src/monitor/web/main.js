@@ -4,7 +4,8 @@
  * ```text
  *  link ──state──► drive, readouts, view, plots, objects        60 times a second
  *       ──event──► facts; parameters, session and scene ask again
- *       ──open───► info, scene and meshes, parameters, scenes   once per connection
+ *       ──open───► info                                         and every two seconds
+ *  another scene in the state ► scene and meshes, parameters, names of scenes
  * ```
  */
 
@@ -24,7 +25,8 @@ import { lengthText, short } from "./units.js";
 /** Data older than this is greyed out. */
 const STALE_MS = 1000;
 const INFO_EVERY_MS = 2000;
-const SCENE_AGAIN_MS = 500;
+/** After a scene could not be had. */
+const SCENE_AGAIN_MS = 2000;
 
 const link = new Link(tokenOfAddress());
 const drive = new Drive(link);
@@ -37,16 +39,15 @@ const meshes = new MeshLoader(link);
 const view = openView();
 
 /** What is shown: which scene of which run. A page outlives both. */
-const shown = { started: null, idx: null, isAsking: false };
+const shown = { started: null, idx: null, isAsking: false, askAgainAt: 0 };
 /** When the newest state came, ms of this page. @type {?number} */
 let stateAt = null;
 
-link.addEventListener("open", async ({ detail: hello }) => {
+link.addEventListener("open", ({ detail: hello }) => {
   byId("token-form").hidden = true;
   drive.greet(hello.phase);
   session.resume();
-  await refreshInfo();
-  loadScene();
+  refreshInfo();
 });
 
 link.addEventListener("closed", () => {
@@ -65,11 +66,12 @@ link.addEventListener("state", ({ detail: state }) => {
   objects.show(state);
   view?.show(state);
   if (state.history) plots.push(state.history);
-  if (shown.idx !== null && state.scene_idx !== shown.idx) loadScene();
+  if (state.scene_idx !== shown.idx && performance.now() > shown.askAgainAt) loadScene();
 });
 
 link.addEventListener("event", ({ detail: event }) => {
   addEvent(event);
+  if (event.event === "state" && stateAt === null) drive.greet(event.names[0]);
   if (event.event === "parameter") parameters.refresh().catch(() => {});
   if (event.event === "recording" || event.event === "link") refreshInfo();
 });
@@ -106,7 +108,7 @@ async function refreshInfo() {
   }
 }
 
-/** Shows the scene that is rendered; asks again while it is baked. */
+/** Shows the scene that is rendered. */
 async function loadScene() {
   if (shown.isAsking) return;
   shown.isAsking = true;
@@ -122,8 +124,8 @@ async function loadScene() {
     link.get("scenes").then((names) => session.offer(names, stemOf(scene.file)), () => {});
     await loadMeshes(scene);
   } catch (error) {
-    if (error.status === 503) setTimeout(loadScene, SCENE_AGAIN_MS);
-    else if (error.status > 0) say(words(error));
+    shown.askAgainAt = performance.now() + SCENE_AGAIN_MS;
+    if (error.status > 0 && error.status !== 503) say(words(error));
   } finally {
     shown.isAsking = false;
   }
@@ -136,10 +138,10 @@ async function loadMeshes(scene) {
   byId("view-note").textContent = "Loading the parts";
   const { started } = shown;
   const isOld = () => scene.scene_idx !== shown.idx || started !== shown.started;
-  for (const [idx, { mesh, pose, role }] of scene.objects.entries()) {
+  for (const [idx, { mesh, pose, role, triangles, shown_triangles: nShown }] of scene.objects.entries()) {
     // The file of a mesh may be gone since it was baked.
     if (!mesh) continue;
-    const part = await meshes.load(mesh).catch((error) => say(words(error)));
+    const part = await meshes.load(mesh, nShown < triangles).catch((error) => say(words(error)));
     if (isOld()) return;
     if (part) view.add({ idx, role, pose, mesh: part });
     view.fit();

@@ -15,13 +15,13 @@ export class MeshLoader {
     };
   }
 
-  /** @param {string} path @returns {Promise<import("./mesh.js").Mesh>} */
-  async load(path) {
+  /** @param {string} path @param {boolean} isThinned @returns {Promise<import("./mesh.js").Mesh>} */
+  async load(path, isThinned) {
     const bytes = await this.link.getBytes(path);
     const id = this.nextId++;
     return new Promise((resolve, reject) => {
       this.waiting.set(id, { resolve, reject });
-      this.worker.postMessage({ id, bytes }, [bytes]);
+      this.worker.postMessage({ id, bytes, isThinned }, [bytes]);
     });
   }
 }

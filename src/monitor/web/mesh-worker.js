@@ -2,9 +2,9 @@
 
 import { parse, prepare } from "./mesh.js";
 
-self.onmessage = ({ data: { id, bytes } }) => {
+self.onmessage = ({ data: { id, bytes, isThinned } }) => {
   try {
-    const mesh = prepare(parse(bytes));
+    const mesh = prepare(parse(bytes), isThinned);
     self.postMessage({ id, mesh }, [mesh.positions.buffer, mesh.normals.buffer, mesh.edges.buffer]);
   } catch (error) {
     self.postMessage({ id, error: error.message });

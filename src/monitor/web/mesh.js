@@ -33,15 +33,16 @@ export function parse(bytes) {
 
 /**
  * @param {{positions: Float32Array, indices: Uint32Array}} mesh
+ * @param {boolean=} isThinned whether triangles were taken out: that leaves sharp edges where the part has none, so none are drawn
  * @returns {Mesh}
  */
-export function prepare({ positions, indices }) {
+export function prepare({ positions, indices }, isThinned = false) {
   const corners = weld(positions, indices);
   const faceNormals = normalsOfFaces(positions, indices);
   return {
     positions: unfold(positions, indices),
     normals: normalsOfCorners(corners, faceNormals, positions.length / 3),
-    edges: sharpEdges(positions, corners, faceNormals),
+    edges: isThinned ? new Float32Array(0) : sharpEdges(positions, corners, faceNormals),
     ...box(positions),
   };
 }
