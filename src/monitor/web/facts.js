@@ -24,10 +24,15 @@ export function showInfo(info) {
   byId("realtime").replaceChildren(...realtime.map(check));
 }
 
-/** Puts an event on top of the list. @param {object} event */
-export function addEvent(event) {
+/**
+ * Puts an event on top of the list.
+ * @param {object} event
+ * @param {?number} now_ns time of the loop, for an event of no tick
+ */
+export function addEvent(event, now_ns) {
   const list = byId("events");
-  const time = event.time_ns === undefined ? "" : `${(event.time_ns / 1e9).toFixed(2)} s`;
+  const time_ns = event.time_ns ?? now_ns;
+  const time = time_ns === null ? "" : `${(time_ns / 1e9).toFixed(2)} s`;
   const kind = event.event === "fault" || event.event === "overrun" ? "is-fault" : "";
   list.prepend(element("li", { class: kind }, element("time", {}, time), element("span", {}, event.text || event.event)));
   while (list.children.length > MOST_EVENTS) list.lastChild.remove();

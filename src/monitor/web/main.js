@@ -40,8 +40,9 @@ const view = openView();
 
 /** What is shown: which scene of which run. A page outlives both. */
 const shown = { started: null, idx: null, isAsking: false, askAgainAt: 0 };
-/** When the newest state came, ms of this page. @type {?number} */
+/** When the newest state came, ms of this page, and its own time. @type {?number} */
 let stateAt = null;
+let stateTimeNs = null;
 
 link.addEventListener("open", ({ detail: hello }) => {
   byId("token-form").hidden = true;
@@ -61,6 +62,7 @@ link.addEventListener("unauthorized", () => {
 
 link.addEventListener("state", ({ detail: state }) => {
   stateAt = performance.now();
+  stateTimeNs = state.time_ns;
   drive.show(state);
   readouts.show(state);
   objects.show(state);
@@ -70,7 +72,7 @@ link.addEventListener("state", ({ detail: state }) => {
 });
 
 link.addEventListener("event", ({ detail: event }) => {
-  addEvent(event);
+  addEvent(event, stateTimeNs);
   if (event.event === "state" && stateAt === null) drive.greet(event.names[0]);
   if (event.event === "parameter") parameters.refresh().catch(() => {});
   if (event.event === "recording" || event.event === "link") refreshInfo();
