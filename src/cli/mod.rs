@@ -55,6 +55,9 @@ pub(crate) struct Talk {
     /// Colour on stderr and stdout.
     #[arg(long, global = true, value_name = "WHEN", default_value = "auto")]
     pub(crate) color: When,
+    /// What talk on stderr looks like: lines for people, or one JSON object per line.
+    #[arg(long, global = true, value_name = "FORMAT", default_value = "text")]
+    pub(crate) log_format: say::LogFormat,
 }
 
 /// When to use colour.
@@ -96,6 +99,7 @@ enum Command {
 pub fn main() -> ExitCode {
     let started_ns = monotonic_ns();
     let Cli { command, talk } = Cli::parse();
+    say::use_format(talk.log_format);
     let dispatched = std::panic::catch_unwind(|| match command {
         Command::Run(args) => run::main(&args, talk, started_ns),
         Command::Bake(args) => bake::main(&args, talk),

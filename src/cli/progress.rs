@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressStyle};
 
-use super::Talk;
+use super::{Talk, say};
 use crate::scene::Event;
 use crate::voxmap::Stage;
 
@@ -14,7 +14,7 @@ pub(crate) struct BakeProgress(Option<ProgressBar>);
 
 impl BakeProgress {
     pub(crate) fn new(talk: Talk) -> Self {
-        let shown = !talk.quiet && std::io::stderr().is_terminal();
+        let shown = !talk.quiet && !say::is_json() && std::io::stderr().is_terminal();
         Self(shown.then(|| {
             let bar = ProgressBar::new_spinner();
             if let Ok(style) = ProgressStyle::with_template("{spinner} baking {msg} ({elapsed})") {

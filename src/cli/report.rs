@@ -2,7 +2,8 @@
 
 use std::io::IsTerminal;
 
-use super::{Talk, When, say};
+use super::say::{self, Level};
+use super::{Talk, When};
 use crate::config::ConfigErrors;
 use crate::daemon::PrepareError;
 use crate::error::Exit;
@@ -57,6 +58,10 @@ pub(crate) fn bake_warnings_of(scene: &str, reports: &[ObjectReport], talk: Talk
 
 /// Prints one error with what to do about it.
 pub(crate) fn error(message: &str, hint: Option<&str>, talk: Talk) {
+    if say::is_json() {
+        let hint = hint.map(|hint| ("hint", hint.into()));
+        return say::event(Level::Error, "error", message, hint.as_slice());
+    }
     let [red, cyan, plain] = if is_coloured(talk) { ["\x1b[1;31m", "\x1b[1;36m", "\x1b[0m"] } else { [""; 3] };
     say::talk(format_args!("{red}error:{plain} {message}\n"));
     if let Some(hint) = hint {
@@ -66,18 +71,23 @@ pub(crate) fn error(message: &str, hint: Option<&str>, talk: Talk) {
 
 /// Prints one warning, unless told to be quiet.
 pub(crate) fn warning(message: &str, talk: Talk) {
-    if !talk.quiet {
-        let [yellow, plain] = if is_coloured(talk) { ["\x1b[1;33m", "\x1b[0m"] } else { [""; 2] };
-        say::talk(format_args!("{yellow}warning:{plain} {message}\n"));
-    }
+    remark(Level::Warning, "warning", "\x1b[1;33m", message, talk);
 }
 
 /// Prints what was assumed, unless told to be quiet.
 pub(crate) fn note(message: &str, talk: Talk) {
-    if !talk.quiet {
-        let [cyan, plain] = if is_coloured(talk) { ["\x1b[1;36m", "\x1b[0m"] } else { [""; 2] };
-        say::talk(format_args!("{cyan}note:{plain} {message}\n"));
+    remark(Level::Info, "note", "\x1b[1;36m", message, talk);
+}
+
+fn remark(level: Level, word: &str, colour: &str, message: &str, talk: Talk) {
+    if talk.quiet {
+        return;
     }
+    if say::is_json() {
+        return say::event(level, word, message, &[]);
+    }
+    let [colour, plain] = if is_coloured(talk) { [colour, "\x1b[0m"] } else { [""; 2] };
+    say::talk(format_args!("{colour}{word}:{plain} {message}\n"));
 }
 
 /// Prints a line as it is, unless told to be quiet.

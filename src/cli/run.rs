@@ -328,6 +328,7 @@ mod tests {
 
     use super::*;
     use crate::cli::When;
+    use crate::cli::say::LogFormat;
     use crate::config::scene::RealtimeConfig;
     use crate::device::sim::{SimArm, SimParameters};
     use crate::servo::testing::empty_scene;
@@ -368,7 +369,7 @@ mod tests {
         super::result_text(totals, start_s, &[], None, json)
     }
 
-    const QUIET: Talk = Talk { verbose: 0, quiet: true, color: When::Never };
+    const QUIET: Talk = Talk { verbose: 0, quiet: true, color: When::Never, log_format: LogFormat::Text };
 
     #[test]
     fn the_command_line_is_read() {

@@ -2,16 +2,78 @@
 //!
 //! `println!` panics when the reader is gone (`hapticd check … | head`) or the disk is full. While an arm is being rendered a panic of the
 //! talking thread would leave the loop alone, so nothing here panics: lost talk is lost, a lost result becomes the exit code.
+//!
+//! Talk is text for people, or with `--log-format json` one JSON object per line for programs: `time` (UTC), `level`, `event`, `message` (the
+//! text without decoration), and the fields of that event.
 
 use std::fmt;
 use std::io::{self, Write as _};
 use std::sync::OnceLock;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use clap::ValueEnum;
+use serde::ser::{Serialize, SerializeMap, Serializer};
+use serde_json::Value;
 
 use super::{Talk, report};
 use crate::error::Exit;
 
 /// Why the first result that did not arrive did not.
 static LOST_RESULT: OnceLock<io::Error> = OnceLock::new();
+
+/// Talk is JSON. Set once, before anything is said.
+static IS_JSON: AtomicBool = AtomicBool::new(false);
+
+/// What talk looks like.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub(crate) enum LogFormat {
+    /// Lines for people.
+    #[default]
+    Text,
+    /// One JSON object per line.
+    Json,
+}
+
+/// How much a line of talk matters.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Level {
+    /// Something was not done, or force went away.
+    Error,
+    /// Something may not be as it was meant.
+    Warning,
+    /// What happens.
+    Info,
+    /// More of it (`--verbose`).
+    Debug,
+}
+
+impl Level {
+    const fn name(self) -> &'static str {
+        match self {
+            Self::Error => "error",
+            Self::Warning => "warning",
+            Self::Info => "info",
+            Self::Debug => "debug",
+        }
+    }
+}
+
+/// Names and values that go with an event.
+pub(crate) type Fields<'a> = &'a [(&'a str, Value)];
+
+/// Decides what talk looks like from here on. A panic, too, speaks the language that was chosen.
+pub(crate) fn use_format(format: LogFormat) {
+    if format == LogFormat::Json {
+        IS_JSON.store(true, Ordering::Relaxed);
+        std::panic::set_hook(Box::new(|info| event(Level::Error, "panic", &info.to_string(), &[])));
+    }
+}
+
+/// Talk is read by a program.
+pub(crate) fn is_json() -> bool {
+    IS_JSON.load(Ordering::Relaxed)
+}
 
 /// Writes a result to stdout.
 pub(crate) fn result(text: fmt::Arguments<'_>) {
@@ -20,10 +82,69 @@ pub(crate) fn result(text: fmt::Arguments<'_>) {
     }
 }
 
-/// Writes talk to stderr at once.
+/// Writes talk to stderr at once: text as it is, or its lines as events without fields.
 pub(crate) fn talk(text: fmt::Arguments<'_>) {
+    if is_json() {
+        text.to_string().lines().filter(|line| !line.trim().is_empty()).for_each(|line| event(Level::Info, "message", line, &[]));
+    } else {
+        write(&text.to_string());
+    }
+}
+
+/// Writes one event to stderr: its text in a line, or an object with its fields.
+pub(crate) fn event(level: Level, name: &str, text: &str, fields: Fields<'_>) {
+    if is_json() {
+        let line = Line { time: &timestamp(SystemTime::now()), level, name, text: text.trim(), fields };
+        // True invariant: names and plain values.
+        write(&format!("{}\n", serde_json::to_string(&line).unwrap_or_default()));
+    } else {
+        write(&format!("{text}\n"));
+    }
+}
+
+fn write(text: &str) {
     // One write, so that lines of other processes do not cut in. If it fails, nobody is left to be told.
-    let _ = io::stderr().write_all(text.to_string().as_bytes());
+    let _ = io::stderr().write_all(text.as_bytes());
+}
+
+/// One line of JSON. Written by hand: the order of the keys is for readers.
+struct Line<'a> {
+    time: &'a str,
+    level: Level,
+    name: &'a str,
+    text: &'a str,
+    fields: Fields<'a>,
+}
+
+impl Serialize for Line<'_> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut map = serializer.serialize_map(Some(4 + self.fields.len()))?;
+        map.serialize_entry("time", self.time)?;
+        map.serialize_entry("level", self.level.name())?;
+        map.serialize_entry("event", self.name)?;
+        map.serialize_entry("message", self.text)?;
+        for (key, value) in self.fields {
+            map.serialize_entry(key, value)?;
+        }
+        map.end()
+    }
+}
+
+/// `2026-01-31T12:34:56.789Z` (RFC 3339). A clock before 1970 counts as 1970.
+fn timestamp(time: SystemTime) -> String {
+    let since = time.duration_since(UNIX_EPOCH).unwrap_or_default();
+    let (days, second) = (since.as_secs() / 86_400, since.as_secs() % 86_400);
+    // Years that begin in March: the odd day is the last one. Eras of 400 years have 146,097 days.
+    let day = days + 719_468;
+    let (era, day_of_era) = (day / 146_097, day % 146_097);
+    let year_of_era = (day_of_era - day_of_era / 1460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
+    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
+    let month_from_march = (5 * day_of_year + 2) / 153;
+    let day_of_month = day_of_year - (153 * month_from_march + 2) / 5 + 1;
+    let month = if month_from_march < 10 { month_from_march + 3 } else { month_from_march - 9 };
+    let year = 400 * era + year_of_era + u64::from(month <= 2);
+    let (hour, minute, second, milli) = (second / 3600, second / 60 % 60, second % 60, since.subsec_millis());
+    format!("{year:04}-{month:02}-{day_of_month:02}T{hour:02}:{minute:02}:{second:02}.{milli:03}Z")
 }
 
 /// The last word: a result that could not be delivered spoils a good ending. A reader that has seen enough does not.
@@ -37,5 +158,40 @@ pub(crate) fn finish(exit: Exit, talk: Talk) -> Exit {
             if exit == Exit::Ok { Exit::Asset } else { exit }
         }
         _ => exit,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use core::time::Duration;
+
+    use super::*;
+
+    #[test]
+    fn days_are_those_of_the_calendar() {
+        // `date -u -d @SECONDS +%FT%TZ` says so.
+        for (seconds, expected) in [
+            (0, "1970-01-01T00:00:00.000Z"),
+            (951_782_399, "2000-02-28T23:59:59.000Z"),
+            (951_782_400, "2000-02-29T00:00:00.000Z"),
+            (951_868_800, "2000-03-01T00:00:00.000Z"),
+            (1_767_225_599, "2025-12-31T23:59:59.000Z"),
+            (1_767_225_600, "2026-01-01T00:00:00.000Z"),
+            (4_107_542_400, "2100-03-01T00:00:00.000Z"),
+        ] {
+            assert_eq!(timestamp(UNIX_EPOCH + Duration::from_secs(seconds)), expected);
+        }
+        assert_eq!(timestamp(UNIX_EPOCH + Duration::from_millis(1234)), "1970-01-01T00:00:01.234Z");
+    }
+
+    #[test]
+    fn a_line_is_one_object_with_its_keys_in_order() {
+        let fields = [("tick", Value::from(12)), ("fault", Value::from("stale"))];
+        let line = Line { time: "t", level: Level::Error, name: "fault", text: "two\nlines \"quoted\"", fields: &fields };
+        let text = serde_json::to_string(&line).expect("plain data");
+        assert_eq!(
+            text,
+            r#"{"time":"t","level":"error","event":"fault","message":"two\nlines \"quoted\"","tick":12,"fault":"stale"}"#
+        );
     }
 }

@@ -1,14 +1,21 @@
 //! stderr of `run`: what stays, and one line that is written over.
 
 use std::io::IsTerminal as _;
+use std::time::{Duration, Instant};
 
-use super::{Talk, live, say};
+use serde_json::{Value, json};
+
+use super::say::{self, Fields, Level};
+use super::{Talk, live};
 use crate::daemon::Notice;
 use crate::device::open::LinkNews;
 use crate::device::protocol::Protocol;
 use crate::haptics::Faults;
 use crate::rt::preflight::{self, Report};
 use crate::telemetry::TickRecord;
+
+/// How often `--log-format json -v` has the newest tick.
+const STATUS_EVERY: Duration = Duration::from_secs(1);
 
 /// stderr while a run goes on: lines that stay, and on a terminal one status line that is written over.
 pub(super) struct Screen<'a> {
@@ -19,53 +26,62 @@ pub(super) struct Screen<'a> {
     live: bool,
     /// A status line is on the screen now.
     status_on: bool,
+    /// When the next status is due as an event; `None`: never.
+    next_status: Option<Instant>,
 }
 
 impl<'a> Screen<'a> {
     pub(super) fn new(talk: Talk, under_way: &'a live::UnderWay, protocol: Option<&'a Protocol>) -> Self {
-        Self { under_way, protocol, quiet: talk.quiet, live: !talk.quiet && std::io::stderr().is_terminal(), status_on: false }
+        let live = !talk.quiet && !say::is_json() && std::io::stderr().is_terminal();
+        let next_status = (say::is_json() && talk.verbose > 0).then(Instant::now);
+        Self { under_way, protocol, quiet: talk.quiet, live, status_on: false, next_status }
     }
 
     pub(super) fn show(&mut self, notice: &Notice<'_>) {
         match notice {
             Notice::Phase(phase) => {
                 if !self.quiet {
-                    self.line(&format!("state: {}", phase.name()));
+                    let name = phase.name();
+                    self.line(Level::Info, "phase", &format!("state: {name}"), &[("phase", name.into())]);
                 }
             }
             Notice::Preflight(report) => {
                 if !self.quiet {
-                    for row in report_lines(report, false) {
-                        self.line(&row);
-                    }
+                    self.preflight(report);
                 }
             }
             Notice::Scene(record) => {
                 if !self.quiet {
                     let (path, at_s) = (self.under_way.scene(record.scene_idx), record.time_ns as f64 * 1e-9);
-                    self.line(&format!("scene: {} from {at_s:.3} s on (tick {})", path.display(), record.tick));
+                    let [tick, time] = at(record);
+                    let text = format!("scene: {} from {at_s:.3} s on (tick {})", path.display(), record.tick);
+                    self.line(Level::Info, "scene", &text, &[("file", path.to_string_lossy().into()), tick, time]);
                 }
             }
             Notice::Link(news) => {
-                self.line(&match news {
-                    LinkNews::Lost => "device: gone; looking for it".to_owned(),
+                let (level, state, text) = match news {
+                    LinkNews::Lost => (Level::Warning, "lost", "device: gone; looking for it".to_owned()),
                     LinkNews::Back { node, homing } => {
                         let homing = homing.as_ref().map_or(String::new(), |text| {
                             format!(" It counts from where it was switched on, and a wrong place turns the force. {text}")
                         });
-                        format!("device: back at {}; it waits for `enable`.{homing}", node.display())
+                        (Level::Info, "back", format!("device: back at {}; it waits for `enable`.{homing}", node.display()))
                     }
-                    LinkNews::Fails(why) => format!("device: {why}"),
-                });
+                    LinkNews::Fails(why) => (Level::Warning, "fails", format!("device: {why}")),
+                };
+                self.line(level, "link", &text, &[("link", state.into())]);
             }
             Notice::Waiting(cause) => {
                 if !self.quiet {
-                    self.line(&format!("no force: {} ({})", cause.name(), cause.advice()));
+                    let (name, advice) = (cause.name(), cause.advice());
+                    let fields = [("off_cause", name.into()), ("advice", advice.into())];
+                    self.line(Level::Warning, "waiting", &format!("no force: {name} ({advice})"), &fields);
                 }
             }
             Notice::Fault(record) => {
-                for line in fault_lines(record, self.protocol) {
-                    self.line(&line);
+                for (name, text) in fault_words(record, self.protocol) {
+                    let [tick, time] = at(record);
+                    self.line(Level::Error, "fault", &text, &[("fault", name.into()), tick, time]);
                 }
             }
             Notice::Status(record) => {
@@ -74,13 +90,38 @@ impl<'a> Screen<'a> {
                     say::talk(format_args!("\r\x1b[2K\x1b[?7l{}\x1b[?7h", status_text(record)));
                     self.status_on = true;
                 }
+                if self.next_status.is_some_and(|due| Instant::now() >= due) {
+                    self.next_status = Some(Instant::now() + STATUS_EVERY);
+                    self.line(Level::Debug, "status", &status_text(record), &status_fields(record));
+                }
             }
         }
     }
 
-    fn line(&mut self, text: &str) {
+    fn preflight(&mut self, report: &Report) {
+        if !say::is_json() {
+            report_lines(report, false).iter().for_each(|row| self.line(Level::Info, "preflight", row, &[]));
+            return;
+        }
+        for row in &report.rows {
+            let (level, outcome) = match row.outcome {
+                preflight::Outcome::Passed => (Level::Info, "passed"),
+                preflight::Outcome::Failed => (Level::Warning, "failed"),
+                preflight::Outcome::Unknown => (Level::Info, "unknown"),
+            };
+            let fields = [
+                ("check", Value::from(row.name)),
+                ("outcome", outcome.into()),
+                ("found", row.found.as_str().into()),
+                ("hint", row.hint.into()),
+            ];
+            self.line(level, "preflight", &format!("preflight: {}: {}", row.name, row.found), &fields);
+        }
+    }
+
+    fn line(&mut self, level: Level, event: &str, text: &str, fields: Fields<'_>) {
         self.clear_status();
-        say::talk(format_args!("{text}\n"));
+        say::event(level, event, text, fields);
     }
 
     fn clear_status(&mut self) {
@@ -89,6 +130,11 @@ impl<'a> Screen<'a> {
             self.status_on = false;
         }
     }
+}
+
+/// When something happened.
+fn at(record: &TickRecord) -> [(&'static str, Value); 2] {
+    [("tick", record.tick.into()), ("loop_s", (record.time_ns as f64 / 1e9).into())]
 }
 
 /// Checks of the machine, one line each, with what would help.
@@ -111,12 +157,13 @@ pub(super) fn report_lines(report: &Report, failed_only: bool) -> Vec<String> {
     lines
 }
 
-fn fault_lines(record: &TickRecord, protocol: Option<&Protocol>) -> impl Iterator<Item = String> {
+/// Names of the faults of a record, and the lines that tell of them.
+fn fault_words(record: &TickRecord, protocol: Option<&Protocol>) -> impl Iterator<Item = (&'static str, String)> {
     let (faults, tick, time_s) = (record.output.faults, record.tick, record.time_ns as f64 * 1e-9);
     let error = record.input.sample.device_error;
     Faults::TABLE.into_iter().filter(move |(fault, ..)| faults.contains(*fault)).map(move |(fault, name, text)| {
         let text = if fault == Faults::DEVICE_ERROR && error != 0 { error_text(error, protocol) } else { text.to_owned() };
-        format!("fault: {name} at {time_s:.3} s (tick {tick}): {text}")
+        (name, format!("fault: {name} at {time_s:.3} s (tick {tick}): {text}"))
     })
 }
 
@@ -139,6 +186,20 @@ fn status_text(record: &TickRecord) -> String {
     )
 }
 
+fn status_fields(record: &TickRecord) -> [(&'static str, Value); 7] {
+    let output = &record.output;
+    let [tick, time] = at(record);
+    [
+        tick,
+        time,
+        ("force_n", json!(output.command_device.force.length())),
+        ("torque_nm", json!(output.command_device.torque.length())),
+        ("depth_m", json!(output.max_depth_m)),
+        ("contacts", output.contacts.into()),
+        ("wakeup_us", json!(record.wakeup_ns as f64 / 1e3)),
+    ]
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -155,7 +216,8 @@ mod tests {
                 output: TickOutput { faults: Faults::DEVICE_ERROR, ..TickOutput::default() },
                 ..TickRecord::default()
             };
-            fault_lines(&record, profile.real.as_ref().map(|real| &real.protocol)).collect::<Vec<_>>().join("\n")
+            let lines = fault_words(&record, profile.real.as_ref().map(|real| &real.protocol)).map(|(_, line)| line);
+            lines.collect::<Vec<_>>().join("\n")
         };
         let lead = "fault: device-error at 0.000 s (tick 0): the arm reports error";
         assert_eq!(line("open6-serial", 3), format!("{lead} 3 (too hot)"));
