@@ -4,6 +4,7 @@ mod bake;
 mod bench;
 mod cache;
 mod check;
+mod completions;
 mod console;
 mod desk;
 mod devices;
@@ -11,6 +12,7 @@ mod doctor;
 mod eval;
 mod lab_report;
 mod live;
+mod man;
 mod memory;
 mod mock;
 mod monitor;
@@ -93,6 +95,10 @@ enum Command {
     Devices(devices::Args),
     /// Examine this machine and its arms: rights, scheduling, 10 s of wake-ups, udev rules. Says what to type.
     Doctor(doctor::Args),
+    /// Print what a shell needs to complete the command line.
+    Completions(completions::Args),
+    /// Write manual pages.
+    Man(man::Args),
 }
 
 /// Parses the command line, runs the command and gives the process's exit code.
@@ -111,6 +117,8 @@ pub fn main() -> ExitCode {
         Command::Mock(args) => mock::main(&args, talk),
         Command::Devices(args) => devices::main(&args, talk),
         Command::Doctor(args) => doctor::main(&args, talk),
+        Command::Completions(args) => completions::main(&args),
+        Command::Man(args) => man::main(&args, talk),
     });
     let exit = dispatched.unwrap_or_else(|_| {
         report::error("this is a bug of hapticd: please report it with the lines above and the command line", None, talk);
