@@ -10,6 +10,7 @@ mod desk;
 mod devices;
 mod doctor;
 mod eval;
+mod init;
 mod lab_report;
 mod live;
 mod man;
@@ -89,6 +90,8 @@ enum Command {
     Report(lab_report::Args),
     /// Measure, beside the paper's figures and other programs.
     Bench(bench::Args),
+    /// Write a first scene for a folder of meshes.
+    Init(init::Args),
     /// Simulate an arm behind a real link, in its own protocol, with faults on demand.
     Mock(mock::Args),
     /// List attached arms, with what stands in their way.
@@ -117,6 +120,7 @@ pub fn main() -> ExitCode {
         Command::Mock(args) => mock::main(&args, talk),
         Command::Devices(args) => devices::main(&args, talk),
         Command::Doctor(args) => doctor::main(&args, talk),
+        Command::Init(args) => init::main(&args, talk),
         Command::Completions(args) => completions::main(&args),
         Command::Man(args) => man::main(&args, talk),
     });

@@ -12,6 +12,7 @@ pub(crate) mod problem;
 pub(crate) mod schema;
 
 pub mod bound;
+pub mod draft;
 pub mod json_schema;
 pub mod poses;
 pub mod resolve;

@@ -1,0 +1,234 @@
+//! `hapticd init`: a first scene for a folder of meshes.
+
+use std::ffi::OsStr;
+use std::fs;
+use std::path::{Component, Path, PathBuf};
+
+use clap::ValueEnum;
+
+use super::{Talk, report, say};
+use crate::config;
+use crate::config::draft::{self, Draft, Part, Tool};
+use crate::config::problem::show;
+use crate::error::Exit;
+use crate::mesh::validate::inspect;
+use crate::mesh::{self, EXTENSIONS, Format, MeshError, TriangleMesh};
+
+/// Arguments of `hapticd init`.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Args {
+    /// Folder with mesh files (.obj, .stl, .ply, .gltf, .glb, .3mf); folders in it are not searched.
+    folder: PathBuf,
+    /// Scene file to write [default: scene.toml in the folder].
+    #[arg(short, long, value_name = "SCENE.toml")]
+    output: Option<PathBuf>,
+    /// The part that moves [default: the smallest].
+    #[arg(long, value_name = "FILE")]
+    tool: Option<PathBuf>,
+    /// Unit of the numbers in the mesh files, except 3MF, which names its own [default: guessed from their size].
+    #[arg(long, value_name = "UNIT")]
+    units: Option<Unit>,
+    /// Write over a scene that is there.
+    #[arg(long)]
+    force: bool,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum Unit {
+    M,
+    Mm,
+    Cm,
+    In,
+}
+
+impl From<Unit> for draft::Unit {
+    fn from(unit: Unit) -> Self {
+        match unit {
+            Unit::M => Self::M,
+            Unit::Mm => Self::Mm,
+            Unit::Cm => Self::Cm,
+            Unit::In => Self::In,
+        }
+    }
+}
+
+/// A mesh file as it was read.
+struct Found {
+    path: PathBuf,
+    /// What the file itself says of its unit.
+    own_unit: Option<draft::Unit>,
+    /// In units of the file; in metres where it names its own.
+    mesh: TriangleMesh,
+}
+
+/// What ends the command, said already.
+struct Refused(Exit);
+
+pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
+    init(args, talk).map_or_else(|Refused(exit)| exit, |()| Exit::Ok)
+}
+
+fn init(args: &Args, talk: Talk) -> Result<(), Refused> {
+    let refuse = |exit: Exit, message: &str, hint: Option<&str>| {
+        report::error(message, hint, talk);
+        Refused(exit)
+    };
+    let output = args.output.clone().unwrap_or_else(|| args.folder.join("scene.toml"));
+    if output.extension().is_none_or(|ending| !ending.eq_ignore_ascii_case("toml")) {
+        return Err(refuse(Exit::Usage, &format!("{}: a scene is a .toml file", output.display()), None));
+    }
+    let files = mesh_files(&args.folder).map_err(|error| {
+        refuse(Exit::Asset, &format!("{}: cannot be read: {error}", args.folder.display()), Some("name a folder with mesh files"))
+    })?;
+    if files.is_empty() {
+        let message = format!("{}: no mesh files here", args.folder.display());
+        return Err(refuse(Exit::Asset, &message, Some(&format!("files that end in {} are read", EXTENSIONS.join(", ")))));
+    }
+    if output.exists() && !args.force {
+        let message = format!("{} is there already", output.display());
+        return Err(refuse(Exit::Usage, &message, Some("--force writes over it, -o names another file")));
+    }
+    let mut found = Vec::new();
+    for path in &files {
+        match read(path) {
+            Ok(read) => found.push(read),
+            // One by one: the others make a scene all the same.
+            Err(error) => report::warning(&format!("{error}; it is left out"), talk),
+        }
+    }
+    if found.is_empty() {
+        return Err(refuse(Exit::Asset, &format!("{}: none of its meshes can be read", args.folder.display()), None));
+    }
+    let tool_idx = match &args.tool {
+        Some(tool) => Some(index_of(tool, &args.folder, &found).ok_or_else(|| {
+            let known: Vec<_> = found.iter().map(|found| found.path.display().to_string()).collect();
+            let hint = format!("meshes that can be read: {}", known.join(", "));
+            refuse(Exit::Usage, &format!("--tool {}: no mesh of the folder", tool.display()), Some(&hint))
+        })?),
+        None => None,
+    };
+    if tool_idx.is_some() && found.len() == 1 {
+        let hint = "without --tool the part stands, and a ball touches it";
+        return Err(refuse(Exit::Usage, "the folder has one part only: nothing is left for it to touch", Some(hint)));
+    }
+    let (unit, why) = unit(args, &found, talk);
+    let folder = output.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let mut parts = Vec::new();
+    for Found { path, own_unit, mut mesh } in found {
+        let (Some(file), Some(stem)) = (relative(&path, folder), path.file_stem().and_then(OsStr::to_str)) else {
+            let message = format!("{}: a scene in {} cannot name this file", path.display(), folder.display());
+            return Err(refuse(Exit::Asset, &message, Some("the folder of the scene must exist, and names must be UTF-8")));
+        };
+        if own_unit.is_none() {
+            mesh.vertices.iter_mut().for_each(|vertex| *vertex *= unit.metres());
+        }
+        for warning in inspect(&mesh).warnings() {
+            report::warning(&format!("{}: {warning}", path.display()), talk);
+        }
+        parts.push(Part::new(file, stem.to_owned(), own_unit.unwrap_or(unit), &mesh));
+    }
+    let name = args.folder.canonicalize().ok().and_then(|folder| Some(folder.file_name()?.to_str()?.to_owned()));
+    let Some(draft) = Draft::new(name.as_deref().unwrap_or("scene"), parts, tool_idx) else {
+        // True invariant: there is at least one part.
+        unreachable!("a draft of no parts");
+    };
+    fs::write(&output, draft.text(&output.display().to_string(), &why))
+        .map_err(|error| refuse(Exit::Asset, &format!("cannot write {}: {error}", output.display()), None))?;
+    config::load(&output).map_err(|errors| Refused(report::config_errors(&errors, talk)))?;
+    tell(&draft, &output);
+    Ok(())
+}
+
+fn tell(draft: &Draft, output: &Path) {
+    let mm = |metres: f64| show(metres * 1e3);
+    match draft.tool() {
+        Tool::Part(part) => {
+            say::result(format_args!("tool    {} ({}), points every {} mm\n", part.name, part.file, mm(draft.tool_voxel_m())))
+        }
+        Tool::Ball(radius_m) => say::result(format_args!("tool    a ball with a radius of {} mm\n", mm(*radius_m))),
+    }
+    for (part, voxel_m) in draft.statics() {
+        say::result(format_args!("static  {} ({}), voxels of {} mm\n", part.name, part.file, mm(*voxel_m)));
+    }
+    if draft.scale() != 1.0 {
+        say::result(format_args!("scale   {}: the parts are larger than the space of the arm's grip\n", draft.scale()));
+    }
+    say::result(format_args!("memory  {}\n", draft::memory_text(draft.memory_bytes())));
+    let file = output.display();
+    say::result(format_args!("wrote   {file}: `hapticd run {file}` renders it\n"));
+}
+
+/// Mesh files of a folder, sorted. Of files that differ in their ending only, the first one in the order of [`EXTENSIONS`].
+fn mesh_files(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
+    let mut files: Vec<PathBuf> = Vec::new();
+    for entry in fs::read_dir(folder)? {
+        let path = entry?.path();
+        if Format::of(&path).is_ok() && !path.is_dir() {
+            files.push(path);
+        }
+    }
+    let rank = |path: &PathBuf| {
+        let ending = path.extension().map(|ending| ending.to_string_lossy().to_lowercase()).unwrap_or_default();
+        EXTENSIONS.iter().position(|known| *known == ending)
+    };
+    files.sort_by_key(|path| (path.file_stem().map(OsStr::to_owned), rank(path)));
+    files.dedup_by(|later, earlier| later.file_stem() == earlier.file_stem());
+    Ok(files)
+}
+
+/// 3MF is the one format whose files say what their numbers mean, and glTF the one that says it for all of its files.
+fn read(path: &Path) -> Result<Found, MeshError> {
+    let path = path.to_owned();
+    match Format::of(&path)? {
+        Format::Gltf => Ok(Found { mesh: mesh::load(&path, 1.0)?, own_unit: Some(draft::Unit::M), path }),
+        Format::ThreeMf => {
+            let tried = draft::Unit::ALL.into_iter().map(|unit| (unit, mesh::load(&path, unit.metres())));
+            let mut first = None;
+            for (unit, read) in tried {
+                match read {
+                    Ok(mesh) => return Ok(Found { path, own_unit: Some(unit), mesh }),
+                    Err(error) => first = first.or(Some(error)),
+                }
+            }
+            // True invariant: there are units.
+            Err(first.unwrap_or(MeshError::NoBytes { path }))
+        }
+        Format::Obj | Format::Stl | Format::Ply => Ok(Found { mesh: mesh::load(&path, 1.0)?, own_unit: None, path }),
+    }
+}
+
+/// The unit of all files that do not say it, and why, as a comment.
+fn unit(args: &Args, found: &[Found], talk: Talk) -> (draft::Unit, String) {
+    if let Some(unit) = args.units {
+        return (unit.into(), "of the mesh file".to_owned());
+    }
+    let longest = found.iter().filter(|found| found.own_unit.is_none()).filter_map(|found| {
+        let (low, high) = found.mesh.bounds()?;
+        Some((high - low).max_element())
+    });
+    let Some(longest) = longest.reduce(f64::max) else { return (draft::Unit::Mm, "of the mesh file".to_owned()) };
+    let unit = draft::Unit::guess(longest);
+    let length = format!("{} {}", show(longest), unit.name());
+    report::note(
+        &format!("units are taken as {}: the largest part is then {length} long; --units says otherwise", unit.name()),
+        talk,
+    );
+    (unit, format!("of the mesh file; guessed: the largest part is then {length} long"))
+}
+
+fn index_of(tool: &Path, folder: &Path, found: &[Found]) -> Option<usize> {
+    // As the shell completes it, or as the folder has it.
+    let wanted = [tool.canonicalize(), folder.join(tool).canonicalize()];
+    found.iter().position(|found| found.path.canonicalize().is_ok_and(|path| wanted.iter().flatten().any(|wanted| *wanted == path)))
+}
+
+/// A file as a scene in `folder` names it: relative to it. `None` when the name is not UTF-8.
+fn relative(file: &Path, folder: &Path) -> Option<String> {
+    let parent = file.parent()?.canonicalize().ok()?;
+    let folder = folder.canonicalize().ok()?;
+    let shared = parent.components().zip(folder.components()).take_while(|(a, b)| a == b).count();
+    let up = folder.components().skip(shared).map(|_| Component::ParentDir);
+    let mut relative: PathBuf = up.chain(parent.components().skip(shared)).collect();
+    relative.push(file.file_name()?);
+    relative.to_str().map(str::to_owned)
+}
