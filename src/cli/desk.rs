@@ -15,6 +15,7 @@ use crate::haptics::RenderScene;
 use crate::monitor::{Bound, Hub, HubParts, Monitor, Recorder};
 use crate::rt::clock::ClockKind;
 use crate::servo::Reins;
+use crate::telemetry::metrics::metrics_tap;
 
 /// Where a desk that is not there yet will take what is offered.
 #[derive(Clone, Default)]
@@ -82,7 +83,9 @@ impl Company {
             Self { desk: Some(desk), counter: Some(counter.clone()), config: Some(config.clone()), ..Self::default() };
         if let Some(bound) = bound {
             let heartbeat = config.heartbeat;
-            let hub = Hub::new(HubParts { board, counter, orders, heartbeat, clock, recorder, metrics: None });
+            let (metrics, counts) = metrics_tap(config.rate_hz);
+            live.taps.add(counts);
+            let hub = Hub::new(HubParts { board, counter, orders, heartbeat, clock, recorder, metrics: Some(metrics) });
             let (monitor, tap) = bound.serve(hub.clone())?;
             live.taps.add(tap);
             (company.hub, company.monitor) = (Some(hub), Some(monitor));

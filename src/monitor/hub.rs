@@ -20,6 +20,7 @@ use crate::haptics::Faults;
 use crate::rt::clock::ClockKind;
 use crate::rt::preflight::{self, Report};
 use crate::spatial::Pose;
+use crate::telemetry::metrics::{Metrics, RecordingCounts};
 
 /// Version of the API.
 pub(super) const API: u32 = 1;
@@ -39,7 +40,7 @@ pub struct HubParts {
     /// Begins and ends recordings; `None`: this run has none.
     pub recorder: Option<Box<dyn Recorder>>,
     /// The run in the text format of Prometheus.
-    pub metrics: Option<Box<dyn Fn() -> String + Send + Sync>>,
+    pub metrics: Option<Metrics>,
 }
 
 /// Begins and ends recordings when a client says so.
@@ -133,7 +134,7 @@ pub struct Hub {
     pub(super) heart: Heart,
     pub(super) clock: ClockKind,
     pub(super) recorder: Option<Arc<dyn Recorder>>,
-    pub(super) metrics: Option<Box<dyn Fn() -> String + Send + Sync>>,
+    metrics: Option<Metrics>,
     pub(super) newest: Mutex<Option<Newest>>,
     orders: Sender<OperatorOrder>,
     clients: Mutex<Vec<Arc<Client>>>,
@@ -239,6 +240,15 @@ impl Hub {
     pub(super) fn part(&self, id: u64) {
         self.clients().retain(|client| client.id != id);
         self.heart.lose(id);
+    }
+
+    /// The run in the text format of Prometheus; `None`: it has no figures.
+    pub(super) fn metrics(&self) -> Option<String> {
+        let metrics = self.metrics.as_ref()?;
+        metrics.set_clients(self.clients().len());
+        let recording = self.recorder.as_ref().and_then(|recorder| recorder.status());
+        metrics.set_recording(recording.map(|status| RecordingCounts { records: status.records, dropped: status.dropped }));
+        Some(metrics.text())
     }
 
     /// The clients of this moment.

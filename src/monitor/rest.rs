@@ -23,6 +23,7 @@ use super::problem::Problem;
 use super::server::Served;
 use super::{assets, ws};
 use crate::daemon::desk::scenes_beside;
+use crate::telemetry::metrics;
 
 /// Largest body of a request, bytes.
 const MOST_BYTES: usize = 64 << 10;
@@ -126,8 +127,8 @@ async fn state(State(served): State<Arc<Served>>) -> Result<Response, Problem> {
 }
 
 async fn metrics(State(served): State<Arc<Served>>) -> Result<Response, Problem> {
-    let metrics = served.hub.metrics.as_ref().ok_or_else(|| Problem::unavailable("this run has no metrics", ""))?;
-    Ok(([(header::CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")], metrics()).into_response())
+    let metrics = served.hub.metrics().ok_or_else(|| Problem::unavailable("this run has no metrics", ""))?;
+    Ok(([(header::CONTENT_TYPE, metrics::CONTENT_TYPE)], metrics).into_response())
 }
 
 async fn scene(State(served): State<Arc<Served>>) -> Result<Json<Value>, Problem> {

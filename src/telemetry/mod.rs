@@ -7,6 +7,7 @@
 
 mod drain;
 mod flight;
+pub mod metrics;
 mod record;
 pub mod recording;
 pub mod report;
