@@ -14,6 +14,7 @@ use super::progress::BakeProgress;
 use super::screen::{Screen, report_lines};
 use super::{Talk, bake, cache, check, live, memory, monitor, probe, recording, report, say};
 use crate::config::{self, LoadOptions, SceneConfig};
+use crate::daemon::service::Service;
 use crate::daemon::{Attached, Live, Notice, Outcome, PrepareError, Prepared, RenderJob, RunError, Supervisor, prepare_with};
 use crate::device::nodes::Selector;
 use crate::device::profile::RealArm;
@@ -290,11 +291,13 @@ fn run(
     let mut screen = Screen::new(talk, under_way, protocol);
     let mut live = live;
     let ears = company.ears();
+    let mut service = Service::of_environment();
     let mut supervisor = Supervisor::new(|notice| {
         if let (Notice::Preflight(machine), Some(recorder)) = (&notice, under_way.offered.recorder()) {
             recording::note_machine(recorder, machine);
         }
         ears(&notice);
+        service.hear(&notice);
         screen.show(&notice);
     });
     let prepared = supervisor.bake(bake).map_err(Refusal::Prepare)?;

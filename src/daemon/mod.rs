@@ -29,6 +29,7 @@ mod prepare;
 mod recorded;
 pub mod refusal;
 mod replay;
+pub mod service;
 mod supervisor;
 pub mod switch;
 mod unpacked;
