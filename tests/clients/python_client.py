@@ -1,0 +1,117 @@
+"""The Python client and its example against a real run. Called by scripts/client-test."""
+
+import asyncio
+import pathlib
+import re
+import subprocess
+import sys
+import tempfile
+
+import numpy as np
+
+from hapticd_client import Client, Refused
+
+HAPTICD, FOLDER = map(pathlib.Path, sys.argv[1:3])
+SCENE = "config/scenes/lift-with-block.toml"
+HUNG_S = 60
+
+
+class Run:
+    """A run with a monitor at a port of its own."""
+
+    def __enter__(self):
+        command = [HAPTICD, "run", SCENE, "--cache", "off", "--monitor", "127.0.0.1:0", "--realtime", "best-effort"]
+        self.log = open(FOLDER / "run.log", "w+")
+        self.process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+        for line in self.process.stderr:
+            self.log.write(line)
+            if found := re.match(r"monitor: (http://\S+)", line):
+                self.url = found[1]
+            if line.startswith("state: enabled"):
+                break
+        assert hasattr(self, "url"), f"no monitor; see {self.log.name}"
+        return self
+
+    def __exit__(self, *_):
+        self.process.terminate()
+        self.log.write(self.process.stderr.read())
+        self.status = self.process.wait(HUNG_S)
+
+
+async def until(arm, condition, what):
+    """The first state for which the condition holds."""
+    async with asyncio.timeout(HUNG_S):
+        async for state in arm.states(rate_hz=100):
+            if condition(state):
+                return state
+    raise AssertionError(what)
+
+
+def fields_of_ros_table():
+    """What docs/ros2.md says that a state has."""
+    text = pathlib.Path("docs/ros2.md").read_text()
+    table = text.split("## From hapticd")[1].split("##")[0]
+    return re.findall(r"^\| `(\w+)` \| `", table, flags=re.M)
+
+
+async def drive(url):
+    async with Client(url, heartbeat_ms=1000) as arm:
+        state = await until(arm, lambda state: state["state"] == "ENABLED", "enabled")
+        missing = [name for name in fields_of_ros_table() if name not in state]
+        assert len(fields_of_ros_table()) > 10 and not missing, f"docs/ros2.md names what no state has: {missing}"
+
+        await arm.ask("disable")
+        state = await until(arm, lambda state: state["state"] == "DISABLED" and not state["is_busy"], "disabled")
+        assert not np.any(state["servo_cf"]["f"]), state["servo_cf"]
+        await arm.ask("enable")
+        await until(arm, lambda state: state["state"] == "ENABLED" and not state["is_busy"], "enabled again")
+
+        height_m = 0.003
+        await arm.place("lift", [0, 0, height_m])
+        at_height = lambda state: any(abs(stand["p"][2] - height_m) < 1e-5 for stand in state["objects"])
+        await until(arm, at_height, "the lift where it was wished")
+        await arm.ask("set", parameter="contact_stiffness_n_per_m", value=2000.0)
+
+        for do, fields, word in [
+            ("place", {"object": "wheel", "pose": {"p": [0, 0, 0], "q": [0, 0, 0, 1]}}, "lift"),
+            ("set", {"parameter": "contact_stiffness_n_per_m", "value": -1.0}, "contact_stiffness_n_per_m"),
+            ("servo_cf", {"f": [0, 0, 1], "t": [0, 0, 0]}, ""),
+        ]:
+            try:
+                await arm.ask(do, **fields)
+            except Refused as refused:
+                assert word in str(refused), refused
+            else:
+                raise AssertionError(f"{do} was done")
+        state = await until(arm, lambda state: True, "a state")
+        assert state["state"] == "ENABLED", "a refusal changes nothing"
+
+    # Gone: its heartbeat with it.
+    async with Client(url) as arm:
+        await until(arm, lambda state: state["state"] == "DISABLED", "disabled by silence")
+
+
+def plot(url):
+    out = FOLDER / "felt.png"
+    example = pathlib.Path("examples/python/move_and_plot.py")
+    ended = subprocess.run(
+        [sys.executable, example, "--url", url, "--object", "lift", "--amplitude-m", "0.012", "--seconds", "3", "--out", out],
+        capture_output=True, text=True, timeout=HUNG_S,
+    )
+    assert ended.returncode == 0, ended.stderr
+    print(ended.stdout, end="")
+    written = pathlib.Path(re.search(r"wrote (\S+)", ended.stdout)[1])
+    if written.suffix == ".png":
+        assert written.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+    else:
+        rows = np.loadtxt(written, delimiter=",", skiprows=1)
+        assert rows.shape[1] == 5 and np.all(np.isfinite(rows)), rows.shape
+        assert np.ptp(rows[:, 0]) >= 3 and np.all(np.diff(rows[:, 0]) > 0), "time goes on"
+        assert np.mean(rows[:, 4]) > 0.5 and np.ptp(rows[:, 3]) > 1, "the tool was lifted while force flowed"
+
+
+with Run() as run:
+    asyncio.run(drive(run.url))
+    plot(run.url)
+assert run.status == 0, f"the run ended with {run.status}; see {run.log.name}"
+print("the Python client works")
