@@ -6,14 +6,16 @@ use std::sync::{Arc, OnceLock};
 
 use crossbeam::channel::{Sender, unbounded};
 
-use super::{console, live};
+use super::{Talk, console, live, reload};
 use crate::config::{LoadOptions, SceneConfig};
 use crate::daemon::desk::{Board, Counter, Desk, Tools};
+use crate::daemon::reload::{Known, News, Reloader};
 use crate::daemon::switch::{Offered, Switch, objects};
 use crate::daemon::{Live, Notice, Operator, OperatorOrder};
 use crate::haptics::RenderScene;
 use crate::monitor::{Bound, Hub, HubParts, Monitor, Recorder};
 use crate::rt::clock::ClockKind;
+use crate::rt::signals::hangups;
 use crate::servo::Reins;
 use crate::telemetry::metrics::metrics_tap;
 
@@ -53,6 +55,8 @@ pub(crate) struct Company {
     hub: Option<Arc<Hub>>,
     monitor: Option<Monitor>,
     config: Option<SceneConfig>,
+    board: Option<Board>,
+    known: Option<Known>,
 }
 
 impl Company {
@@ -79,8 +83,14 @@ impl Company {
         let (desk, counter) = Desk::new(tools);
         // Set once: there is one desk.
         let _ = opening.0.set(counter.clone());
-        let mut company =
-            Self { desk: Some(desk), counter: Some(counter.clone()), config: Some(config.clone()), ..Self::default() };
+        let mut company = Self {
+            desk: Some(desk),
+            counter: Some(counter.clone()),
+            config: Some(config.clone()),
+            board: Some(board.clone()),
+            known: Some(Known::of(config)),
+            ..Self::default()
+        };
         if let Some(bound) = bound {
             let heartbeat = config.heartbeat;
             let (metrics, counts) = metrics_tap(config.rate_hz);
@@ -102,6 +112,15 @@ impl Company {
         let (reins, ends) = Reins::new(&scene.parameters, objects(&config));
         live.wishes = core::mem::take(&mut live.wishes).with_reins(ends);
         desk.serve(config, scene.clone(), reins)
+    }
+
+    /// Begins to read the scene again when SIGHUP asks for it, and where wished when its files change. After signals are caught.
+    pub(crate) fn reload(&mut self, options: LoadOptions, watches: bool, talk: Talk) -> io::Result<()> {
+        let (Some(counter), Some(board), Some(known)) = (self.counter.clone(), self.board.take(), self.known.take()) else {
+            return Ok(());
+        };
+        let tell = Box::new(move |news: &News| reload::tell(news, talk));
+        Reloader { options, counter, board, hangups: hangups(), watches, known, tell }.spawn()
     }
 
     /// Ears for what the supervisor tells.

@@ -38,6 +38,10 @@ pub(crate) struct LiveArgs {
     /// clock and real-time settings stay those of SCENE.
     #[arg(long = "swap", value_name = "SCENE@TIME", value_parser = parse_swap)]
     swaps: Vec<(PathBuf, Duration)>,
+    /// Read the scene again when its file or a mesh of it changes, as SIGHUP does: parameters go to their new values, anything else is baked and
+    /// switched, what is wrong is refused.
+    #[arg(long)]
+    pub(crate) watch: bool,
 }
 
 fn parse_move(text: &str) -> Result<(String, PathBuf), String> {

@@ -22,6 +22,7 @@ mod plots;
 mod probe;
 mod progress;
 mod recording;
+mod reload;
 mod replay;
 mod report;
 mod run;

@@ -108,11 +108,7 @@ enum Refusal {
 pub(crate) fn main(args: &Args, talk: Talk, started_ns: i64) -> Exit {
     let since_start_s = |ns: i64| (ns - started_ns) as f64 * 1e-9;
     let baked_s = Cell::new(0.0);
-    let overrides = LoadOptions {
-        device: args.device.clone(),
-        selector: args.selector.clone(),
-        enforce: args.realtime.map(|mode| mode == RealtimeMode::Enforce),
-    };
+    let overrides = args.overrides();
     // Before anything is announced: a scene that cannot be read bakes nothing.
     let config = match config::load_with(&args.scene, &overrides) {
         Ok(config) => config,
@@ -172,7 +168,7 @@ pub(crate) fn main(args: &Args, talk: Talk, started_ns: i64) -> Exit {
         Ok(prepared)
     };
     // Under the virtual clock a scene changes as it was planned, unless somebody watches.
-    let is_open = clock == ClockKind::Real || bound.is_some();
+    let is_open = clock == ClockKind::Real || bound.is_some() || args.live.watch;
     let opening = Opening::default();
     let hears = || is_open.then(|| opening.hears());
     let begun = changes.begin(&args.cache, &args.memory, clock, is_open, hears, talk).and_then(|begun| {
@@ -242,6 +238,15 @@ const HOW_TO_ENABLE: &str = "give --enable to let force flow from the start, --c
                              with `safety.deadman` in the scene force flows while that button is held";
 
 impl Args {
+    /// What the command line sets over the scene.
+    fn overrides(&self) -> LoadOptions {
+        LoadOptions {
+            device: self.device.clone(),
+            selector: self.selector.clone(),
+            enforce: self.realtime.map(|mode| mode == RealtimeMode::Enforce),
+        }
+    }
+
     /// A deadman is an enable in the operator's hand.
     fn enables_at_start(&self, config: &SceneConfig) -> bool {
         self.enable || config.parameters.safety.deadman.is_some() && !self.console
@@ -321,6 +326,7 @@ fn run(
     };
     // Only now: until here no force can flow, and Ctrl-C ends a long bake at once as it does everywhere.
     let interrupts = interrupts().map_err(Refusal::Signals)?;
+    company.reload(args.overrides(), args.live.watch, talk).map_err(|error| Refusal::Run(error.into()))?;
     supervisor.render_live(job, live, &interrupts).map_err(Refusal::Run)
 }
 

@@ -45,6 +45,8 @@ pub enum Ask {
         /// File name without its ending.
         scene: String,
     },
+    /// The scene that is rendered, as its file is now.
+    Reload,
 }
 
 /// Why something was not done.
@@ -294,12 +296,13 @@ impl Desk {
                 let Some(reins) = &mut self.reins else { return answer(Err(Refusal::Over)) };
                 answer(reins.placer.place(&object, world_from_object).map_err(Refusal::from));
             }
-            Ask::Switch { scene } => self.switch(&scene, answer),
+            Ask::Switch { scene } => self.switch(Some(&scene), answer),
+            Ask::Reload => self.switch(None, answer),
         }
     }
 
-    /// Reads the scene and lets it be baked; the answer comes when it is offered.
-    fn switch(&mut self, name: &str, answer: Answer) {
+    /// Reads a scene, or the one that is rendered again, and lets it be baked; the answer comes when it is offered.
+    fn switch(&mut self, name: Option<&str>, answer: Answer) {
         let view = self.tools.board.view();
         let (Some(switches), None) = (&self.tools.switches, &view.switching_to) else {
             return answer(Err(if view.switching_to.is_some() { Refusal::Busy } else { Refusal::Over }));
@@ -331,16 +334,26 @@ impl Desk {
         }
     }
 
-    fn read(&self, name: &str, rendered: &SceneConfig) -> Result<SceneConfig, Refusal> {
-        let known = scenes_beside(&rendered.path);
-        let Some((_, path)) = known.iter().find(|(known, _)| known == name) else {
-            let known = known.into_iter().map(|(name, _)| name).collect();
-            return Err(Refusal::UnknownScene { name: name.to_owned(), known });
+    fn read(&self, name: Option<&str>, rendered: &SceneConfig) -> Result<SceneConfig, Refusal> {
+        let path = match name {
+            Some(name) => path_of(name, rendered)?,
+            None => rendered.path.clone(),
         };
-        let config = config::load_with(path, &self.tools.options).map_err(Refusal::Config)?;
+        let config = config::load_with(&path, &self.tools.options).map_err(Refusal::Config)?;
         match unlike(&config, rendered) {
             Some((key, its, ours)) => Err(Refusal::Unlike { key, its, ours }),
             None => Ok(config),
+        }
+    }
+}
+
+fn path_of(name: &str, rendered: &SceneConfig) -> Result<PathBuf, Refusal> {
+    let known = scenes_beside(&rendered.path);
+    match known.iter().find(|(known, _)| known == name) {
+        Some((_, path)) => Ok(path.clone()),
+        None => {
+            let known = known.into_iter().map(|(name, _)| name).collect();
+            Err(Refusal::UnknownScene { name: name.to_owned(), known })
         }
     }
 }

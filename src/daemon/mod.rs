@@ -28,6 +28,7 @@ pub mod desk;
 mod prepare;
 mod recorded;
 pub mod refusal;
+pub mod reload;
 mod replay;
 pub mod service;
 mod supervisor;

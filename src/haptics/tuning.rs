@@ -155,6 +155,14 @@ impl Knob {
         }
     }
 
+    /// Gives `to` the value that `from` has, to the bit, and with it what follows from that value.
+    pub fn copy(self, from: &Parameters, to: &mut Parameters) {
+        self.write(to, self.read(from));
+        if self == Self::ContactStiffness {
+            to.contact.friction.stiffness_n_per_m = from.contact.friction.stiffness_n_per_m;
+        }
+    }
+
     fn write(self, p: &mut Parameters, value: f64) {
         match self {
             Self::ContactStiffness => {
@@ -269,6 +277,18 @@ mod tests {
             if knob != Knob::ContactStiffness {
                 assert_eq!(tuning.next(&p, None), p, "{knob:?}");
             }
+        }
+    }
+
+    #[test]
+    fn a_knob_that_is_copied_is_the_other_s_and_all_of_them_are_what_can_be_turned() {
+        let p = rubbing();
+        for knob in Knob::ALL {
+            let mut other = p;
+            knob.write(&mut other, 0.7 * knob.read(&p));
+            assert_ne!(other, p, "{knob:?}");
+            knob.copy(&p, &mut other);
+            assert_eq!(other, p, "{knob:?}");
         }
     }
 

@@ -10,7 +10,7 @@
 //! | [`clock`] | `CLOCK_MONOTONIC`, absolute sleep; real and virtual time behind one trait |
 //! | [`schedule`] | policy, priority, processor, memory lock, stack prefault of one thread |
 //! | [`preflight`] | what the machine offers, row by row, with hints |
-//! | [`signals`] | Ctrl-C, SIGTERM and SIGHUP as messages |
+//! | [`signals`] | Ctrl-C and SIGTERM as messages; what SIGHUP means |
 //! | [`duration`] | durations as people write them |
 //! | [`finding`] | what was found, and what to type |
 //! | [`machine`] | kernel, clock, processors, rights |

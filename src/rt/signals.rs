@@ -1,7 +1,8 @@
 //! Ctrl-C, SIGTERM and SIGHUP as messages.
-#![expect(unsafe_code, reason = "asking for and ignoring signals are libc calls")]
+#![expect(unsafe_code, reason = "asking for, ignoring, counting and sending signals are libc calls")]
 
 use core::mem::MaybeUninit;
+use core::sync::atomic::{AtomicU32, Ordering};
 
 use crossbeam::channel::{Receiver, bounded};
 
@@ -32,6 +33,65 @@ pub fn interrupts() -> Result<Receiver<()>, SignalError> {
         unsafe { libc::signal(libc::SIGHUP, libc::SIG_IGN) };
     }
     Ok(receiver)
+}
+
+/// How often SIGHUP has come.
+static HANGUPS: AtomicU32 = AtomicU32::new(0);
+
+/// What SIGHUP asks for since [`hangups`].
+#[derive(Debug)]
+pub struct Hangups {
+    taken: u32,
+    had_terminal: bool,
+}
+
+/// What a SIGHUP means.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Hangup {
+    /// Somebody asks the program to read its files again.
+    Reload,
+    /// The terminal has gone, and with it whoever sat there.
+    TerminalGone,
+}
+
+/// SIGHUP is counted from now on and no longer an [interrupt](interrupts); call it after that. One that the program was told to ignore
+/// (`nohup`) stays ignored.
+pub fn hangups() -> Hangups {
+    if !is_hangup_ignored() {
+        extern "C" fn count(_signal: libc::c_int) {
+            HANGUPS.fetch_add(1, Ordering::Relaxed);
+        }
+        let handler: extern "C" fn(libc::c_int) = count;
+        // SAFETY: all-zero is a valid `sigaction`: no flags, an empty mask.
+        let mut action = unsafe { MaybeUninit::<libc::sigaction>::zeroed().assume_init() };
+        action.sa_sigaction = handler as libc::sighandler_t;
+        action.sa_flags = libc::SA_RESTART;
+        // SAFETY: `action` is a whole `sigaction`, and its handler only adds to an atomic, which a signal handler may.
+        unsafe { libc::sigaction(libc::SIGHUP, &raw const action, core::ptr::null_mut()) };
+    }
+    Hangups { taken: HANGUPS.load(Ordering::Relaxed), had_terminal: has_terminal() }
+}
+
+impl Hangups {
+    /// What came since the last call; several signals count as one.
+    pub fn take(&mut self) -> Option<Hangup> {
+        let count = HANGUPS.load(Ordering::Relaxed);
+        if core::mem::replace(&mut self.taken, count) == count {
+            return None;
+        }
+        // A terminal that hangs up is taken away from its processes before they hear of it.
+        Some(if self.had_terminal && !has_terminal() { Hangup::TerminalGone } else { Hangup::Reload })
+    }
+}
+
+fn has_terminal() -> bool {
+    std::fs::File::open("/dev/tty").is_ok()
+}
+
+/// Asks this process to stop, as SIGTERM from outside would.
+pub fn interrupt() {
+    // SAFETY: a signal to ourselves; what catches it was installed by `interrupts`, or ends the process.
+    unsafe { libc::kill(libc::getpid(), libc::SIGTERM) };
 }
 
 fn is_hangup_ignored() -> bool {

@@ -645,11 +645,7 @@ impl Running {
 fn a_signal_brings_the_arm_to_rest() {
     let scene = shipped("scenes/block-on-plane.toml");
     let args = ["run", scene.to_str().unwrap(), "--json", "--monitor", "off", "--realtime", "best-effort"];
-    for signal in ["INT", "TERM", "HUP"] {
-        if signal == "HUP" && is_hangup_ignored() {
-            eprintln!("skipped: SIGHUP is ignored here (nohup), and stays so in what this test starts");
-            continue;
-        }
+    for signal in ["INT", "TERM"] {
         let mut running = start(Path::new("."), &args);
         running.wait_for("state: enabled");
         // In the middle of the descent; not a condition of anything below.
@@ -664,15 +660,6 @@ fn a_signal_brings_the_arm_to_rest() {
         assert_eq!(json["clock"], "real");
         assert_eq!(json["faults"].as_array().map(Vec::len), Some(0));
     }
-}
-
-/// What starts this test may ignore SIGHUP, and its children inherit that.
-fn is_hangup_ignored() -> bool {
-    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
-    let mask =
-        status.lines().find_map(|line| line.strip_prefix("SigIgn:")).and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok());
-    // Signal 1 is the lowest bit.
-    mask.is_some_and(|mask| mask & 1 == 1)
 }
 
 /// A shell without job control starts what is in the background with SIGINT ignored, and `nohup` does so with SIGHUP.

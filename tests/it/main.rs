@@ -21,6 +21,7 @@ mod meddled;
 mod models;
 mod monitor;
 mod objects;
+mod operate;
 mod presets;
 mod profiles;
 mod quality;

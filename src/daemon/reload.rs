@@ -1,0 +1,412 @@
+//! The scene is read again while it is rendered: when SIGHUP asks for it, and where wished when one of its files changes.
+//!
+//! ```text
+//!  SIGHUP ─┐                    ┌─ wrong, or for another arm ─► refused; the old scene stays
+//!  file  ──┴► read and check ───┼─ only parameters differ ────► set one by one, each along its ramp
+//!  changed                      └─ anything else ─────────────► baked meanwhile, then switched at zero force
+//! ```
+//! Data in: the board, for what is rendered now. Data out: requests to the desk, and [`News`]. Invariant: never touches the loop itself.
+
+use core::time::Duration;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::time::{Instant, SystemTime};
+
+use crossbeam::channel::{Receiver, TryRecvError, bounded};
+
+use super::desk::{Ask, Board, Counter, Refusal, Request, Setting, View, unlike};
+use crate::config::scene::MeshSource;
+use crate::config::{self, LoadOptions, SceneConfig};
+use crate::haptics::Knob;
+use crate::mesh;
+use crate::rt::signals::{Hangup, Hangups, interrupt};
+
+/// How often signals are looked for.
+const LISTEN: Duration = Duration::from_millis(100);
+/// How often files are.
+const LOOK: Duration = Duration::from_secs(1);
+/// A file that is being written is left alone until it has stayed the same for so long.
+const SETTLE: Duration = Duration::from_millis(300);
+
+/// Reads scenes again.
+pub struct Reloader {
+    /// How scenes are read.
+    pub options: LoadOptions,
+    /// Takes what is to change.
+    pub counter: Counter,
+    /// Shows what is rendered.
+    pub board: Board,
+    /// Says when it is asked for.
+    pub hangups: Hangups,
+    /// Look at the files as well.
+    pub watches: bool,
+    /// The files as they were before they were baked.
+    pub known: Known,
+    /// Hears what comes of it, on the thread of the reloader.
+    pub tell: Box<dyn Fn(&News) + Send>,
+}
+
+/// What a reload has to say.
+#[derive(Debug)]
+pub enum News {
+    /// The scene is read again, and why.
+    Begun(Cause),
+    /// What came of it.
+    Done(Reloaded),
+    /// Nothing came of it: the old scene stays.
+    Refused(Refusal),
+    /// SIGHUP, and the terminal has gone: the run ends with a ramp.
+    TerminalGone,
+}
+
+/// Why a scene is read again.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Cause {
+    /// A signal.
+    Signal,
+    /// A file.
+    File,
+}
+
+/// What came of a reload.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Reloaded {
+    /// What is rendered is what the file says.
+    Unchanged,
+    /// Parameters go to new values.
+    Tuned(Vec<Tuned>),
+    /// The scene was baked, and takes the place of the old one at zero force.
+    Baked(PathBuf),
+}
+
+/// One parameter that goes to a new value.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tuned {
+    /// Name with its unit.
+    pub name: &'static str,
+    /// Where it was, or was going.
+    pub from: f64,
+    /// Where it goes.
+    pub to: f64,
+}
+
+impl Reloader {
+    /// Begins to listen, in a thread of its own that ends with the process.
+    ///
+    /// # Errors
+    /// The thread could not be started.
+    pub fn spawn(self) -> std::io::Result<()> {
+        std::thread::Builder::new().name("reload".to_owned()).spawn(move || self.run())?;
+        Ok(())
+    }
+
+    fn run(mut self) {
+        let mut next_look = Instant::now();
+        let mut pending = None;
+        let mut baking: Option<Baking> = None;
+        // Nothing here waits for a bake: a terminal that goes away is heard at once.
+        loop {
+            std::thread::sleep(LISTEN);
+            match self.hangups.take() {
+                Some(Hangup::TerminalGone) => {
+                    (self.tell)(&News::TerminalGone);
+                    interrupt();
+                    return;
+                }
+                Some(Hangup::Reload) => pending = Some(Cause::Signal),
+                None if Instant::now() >= next_look => {
+                    next_look = Instant::now() + LOOK;
+                    if self.has_changed() && self.watches {
+                        pending = Some(Cause::File);
+                    }
+                }
+                None => {}
+            }
+            if let Some(result) = baking.as_ref().and_then(Baking::result)
+                && let Some(Baking { meshes, path, .. }) = baking.take()
+            {
+                if result.is_ok() {
+                    self.known.meshes = meshes;
+                }
+                (self.tell)(&result.map_or_else(News::Refused, |()| News::Done(Reloaded::Baked(path))));
+            }
+            // One scene at a time: what is asked for meanwhile is done afterwards.
+            let is_free = baking.is_none() && self.board.view().switching_to.is_none();
+            if let Some(cause) = pending.take_if(|_| is_free) {
+                (self.tell)(&News::Begun(cause));
+                match self.reload() {
+                    Ok(Step::Done(reloaded)) => (self.tell)(&News::Done(reloaded)),
+                    Ok(Step::Bakes(bakes)) => baking = Some(bakes),
+                    Err(refusal) => (self.tell)(&News::Refused(refusal)),
+                }
+            }
+        }
+    }
+
+    /// Whether a file is another one than at the last look, and stays as it is.
+    fn has_changed(&mut self) -> bool {
+        let view = self.board.view();
+        if view.scene_idx != self.known.scene_idx {
+            self.known.go_over(&view);
+        }
+        let files = Files::of(&view.config);
+        if files == self.known.files {
+            return false;
+        }
+        std::thread::sleep(SETTLE);
+        // One that is still being written is for the next look.
+        let has_settled = Files::of(&view.config) == files;
+        if has_settled {
+            self.known.files = files;
+        }
+        has_settled
+    }
+
+    fn reload(&self) -> Result<Step, Refusal> {
+        let view = self.board.view();
+        let config = config::load_with(&view.config.path, &self.options).map_err(Refusal::Config)?;
+        if let Some((key, its, ours)) = unlike(&config, &view.config).or_else(|| fixed(&config, &view.config)) {
+            return Err(Refusal::Unlike { key, its, ours });
+        }
+        let meshes = Files::of_meshes(&config);
+        match tunes(&config, &view) {
+            Some(tunes) if meshes == self.known.meshes => {
+                for Tuned { name, to, .. } in &tunes {
+                    let set = self.ask(Ask::Set { parameter: (*name).to_owned(), value: *to });
+                    set.recv().unwrap_or(Err(Refusal::Over))?;
+                }
+                Ok(Step::Done(if tunes.is_empty() { Reloaded::Unchanged } else { Reloaded::Tuned(tunes) }))
+            }
+            _ => Ok(Step::Bakes(Baking { answer: self.ask(Ask::Reload), meshes, path: config.path })),
+        }
+    }
+
+    /// Asks the desk; its answer comes.
+    fn ask(&self, ask: Ask) -> Receiver<Result<(), Refusal>> {
+        let (sender, answer) = bounded(1);
+        // Whoever has gone does not want to know.
+        self.counter.ask(Request { ask, answer: Box::new(move |result| drop(sender.send(result))) });
+        answer
+    }
+}
+
+/// How far a reload came.
+enum Step {
+    Done(Reloaded),
+    Bakes(Baking),
+}
+
+/// A scene that is being baked.
+struct Baking {
+    answer: Receiver<Result<(), Refusal>>,
+    meshes: Files,
+    path: PathBuf,
+}
+
+impl Baking {
+    /// What became of it; `None`: not known yet.
+    fn result(&self) -> Option<Result<(), Refusal>> {
+        match self.answer.try_recv() {
+            Ok(result) => Some(result),
+            Err(TryRecvError::Empty) => None,
+            Err(TryRecvError::Disconnected) => Some(Err(Refusal::Over)),
+        }
+    }
+}
+
+/// The files of a scene, as they were when they were last looked at.
+#[derive(Clone, Debug)]
+pub struct Known {
+    scene_idx: u32,
+    files: Files,
+    /// Those that were baked.
+    meshes: Files,
+}
+
+impl Known {
+    /// Of the first scene of a run.
+    pub fn of(config: &SceneConfig) -> Self {
+        Self { scene_idx: 0, files: Files::of(config), meshes: Files::of_meshes(config) }
+    }
+
+    /// Another scene is rendered. What is known of files that both have stays: they may have changed meanwhile.
+    fn go_over(&mut self, view: &View) {
+        let Self { files, meshes, .. } = Self::of(&view.config);
+        *self = Self { scene_idx: view.scene_idx, files: files.knowing(&self.files), meshes: meshes.knowing(&self.meshes) };
+    }
+}
+
+/// When a file was written, and how long it is; `None`: it is not there.
+type Stamp = Option<(SystemTime, u64)>;
+
+/// Files and when each was written.
+#[derive(Clone, Debug, PartialEq)]
+struct Files(BTreeMap<PathBuf, Stamp>);
+
+impl Files {
+    /// Of a scene: its own and those of its meshes.
+    fn of(config: &SceneConfig) -> Self {
+        let Self(mut files) = Self::of_meshes(config);
+        files.insert(config.path.clone(), stamp(&config.path));
+        Self(files)
+    }
+
+    fn of_meshes(config: &SceneConfig) -> Self {
+        let sources = config.statics.iter().map(|object| &object.source).chain([&config.tool.source]);
+        let paths = sources.filter_map(|source| match source {
+            MeshSource::File { path, .. } => Some(path),
+            MeshSource::Shape(_) => None,
+        });
+        // A file that cannot be read now names no others.
+        let files = paths.flat_map(|path| mesh::companions(path).unwrap_or_default().into_iter().chain([path.clone()]));
+        Self(files.map(|path| (path.clone(), stamp(&path))).collect())
+    }
+
+    /// The same files, as an earlier look knew them.
+    fn knowing(mut self, earlier: &Self) -> Self {
+        for (path, stamp) in &mut self.0 {
+            if let Some(known) = earlier.0.get(path) {
+                *stamp = *known;
+            }
+        }
+        self
+    }
+}
+
+fn stamp(path: &Path) -> Stamp {
+    let meta = std::fs::metadata(path).ok()?;
+    Some((meta.modified().ok()?, meta.len()))
+}
+
+/// What has to be set so that what is rendered is what the scene says; `None` where that takes more than setting.
+fn tunes(config: &SceneConfig, view: &View) -> Option<Vec<Tuned>> {
+    let mut same = config.clone();
+    let mut tunes = Vec::new();
+    for Setting { name, range, value } in &view.settings {
+        let knob = Knob::ALL.into_iter().find(|knob| knob.name() == *name)?;
+        let to = knob.read(&config.parameters);
+        if !(to >= range.least && to <= range.most) {
+            return None;
+        }
+        knob.copy(&view.config.parameters, &mut same.parameters);
+        if to != *value {
+            tunes.push(Tuned { name, from: *value, to });
+        }
+    }
+    (same == *view.config).then_some(tunes)
+}
+
+/// A key, and its value in a scene for people.
+type Shown = (&'static str, fn(&SceneConfig) -> String);
+
+/// What a run takes from its first scene and keeps.
+const FIXED: [Shown; 12] = [
+    ("device.selector", |scene| scene.device.selector.as_ref().map_or("none".to_owned(), |selector| format!("{selector:?}"))),
+    ("device.hand", |scene| scene.device.hand.as_ref().map_or("none".to_owned(), |path| format!("\"{}\"", path.display()))),
+    ("device.sim.hand_stiffness_n_per_m", |scene| scene.device.sim.hand_stiffness_n_per_m.to_string()),
+    ("device.sim.hand_damping_n_s_per_m", |scene| scene.device.sim.hand_damping_n_s_per_m.to_string()),
+    ("device.sim.hand_mass_g", |scene| (scene.device.sim.hand_mass_kg * 1e3).to_string()),
+    ("device.sim.hand", |scene| if scene.device.sim.hand_present { "present" } else { "\"none\"" }.to_owned()),
+    ("device.sim.delay_ticks", |scene| scene.device.sim.delay_ticks.map_or("the profile's".to_owned(), |ticks| ticks.to_string())),
+    ("device.sim.fault", |scene| scene.device.sim.fault.as_ref().map_or("none".to_owned(), |fault| format!("\"{fault}\""))),
+    ("device.sim.seed", |scene| scene.device.sim.seed.to_string()),
+    ("realtime.mode", |scene| if scene.realtime.enforce { "\"enforce\"" } else { "\"best-effort\"" }.to_owned()),
+    ("realtime.cpu", |scene| scene.realtime.cpu.map_or("the last one".to_owned(), |cpu| cpu.to_string())),
+    ("realtime.priority", |scene| scene.realtime.priority.to_string()),
+];
+
+/// The key in which a scene differs although it counts at the start of a run only, and both values.
+fn fixed(config: &SceneConfig, rendered: &SceneConfig) -> Option<(&'static str, String, String)> {
+    FIXED.into_iter().map(|(key, show)| (key, show(config), show(rendered))).find(|(_, its, ours)| its != ours)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+
+    const SCENE: &str = r#"version = 1
+[[static]]
+name = "base"
+shape = { plane_mm = [60.0, 60.0] }
+voxel_size_mm = 2.0
+[tool]
+shape = { box_mm = [20.0, 20.0, 20.0] }
+voxel_size_mm = 2.0
+[contact]
+stiffness_n_per_mm = 5.0
+[device]
+profile = "sim-sigma7"
+"#;
+
+    fn scene(text: &str) -> SceneConfig {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let path = folder.path().join("scene.toml");
+        std::fs::write(&path, text).expect("written");
+        // Equal paths: scenes are compared whole.
+        SceneConfig { path: PathBuf::from("scene.toml"), ..config::load(&path).unwrap_or_else(|errors| panic!("{errors}")) }
+    }
+
+    /// A scene as it is rendered, nothing turned.
+    fn view(config: SceneConfig) -> View {
+        let settings = Knob::ALL.into_iter().filter_map(|knob| {
+            let range = knob.range(&config.parameters)?;
+            Some(Setting { name: knob.name(), range, value: range.scene })
+        });
+        let settings = settings.collect();
+        View { scene_idx: 0, config: Arc::new(config), scene: None, settings, movable: Vec::new(), switching_to: None }
+    }
+
+    #[test]
+    fn what_can_be_set_is_set_and_nothing_more() {
+        let view = view(scene(SCENE));
+        assert_eq!(tunes(&scene(SCENE), &view), Some(Vec::new()));
+        let softer =
+            SCENE.replace("= 5.0", "= 4.3\nfriction = 0.3").replace("friction = 0.3", "friction = { static = 0.3, dynamic = 0.2 }");
+        let expected =
+            [("contact_stiffness_n_per_m", 5000.0, 4300.0), ("friction_static", 0.0, 0.3), ("friction_dynamic", 0.0, 0.2)];
+        assert_eq!(tunes(&scene(&softer), &view), Some(expected.map(|(name, from, to)| Tuned { name, from, to }).to_vec()));
+    }
+
+    #[test]
+    fn what_a_client_turned_goes_back_to_what_the_file_says() {
+        let mut view = view(scene(SCENE));
+        let setting = view.settings.iter_mut().find(|setting| setting.name == "contact_stiffness_n_per_m").expect("a knob");
+        setting.value = 2500.0;
+        let back = Tuned { name: "contact_stiffness_n_per_m", from: 2500.0, to: 5000.0 };
+        assert_eq!(tunes(&scene(SCENE), &view), Some(vec![back]));
+    }
+
+    #[test]
+    fn anything_else_takes_a_bake() {
+        let view = view(scene(SCENE));
+        for (from, to) in [
+            ("[60.0, 60.0]", "[60.0, 50.0]"),
+            ("\"base\"", "\"floor\""),
+            ("= 5.0", "= 500.0"),
+            ("[contact]", "[limits]\nforce_n = 5.0\n[contact]"),
+            ("[contact]", "[rendering]\ncoupling = \"static\"\n[contact]"),
+            ("= 5.0", "= 4.0\nbraking = true"),
+        ] {
+            assert!(SCENE.contains(from));
+            assert_eq!(tunes(&scene(&SCENE.replace(from, to)), &view), None, "{to}");
+        }
+    }
+
+    #[test]
+    fn what_counts_at_the_start_is_named() {
+        let rendered = scene(SCENE);
+        assert_eq!(fixed(&rendered, &rendered), None);
+        for (more, expected) in [
+            ("[device.sim]\nseed = 3", ("device.sim.seed", "3", "0")),
+            ("[device.sim]\nhand = \"none\"", ("device.sim.hand", "\"none\"", "present")),
+            ("[device.sim]\nfault = \"nan@2s\"", ("device.sim.fault", "\"nan@2s\"", "none")),
+            ("[device.sim]\nhand_mass_g = 80.0", ("device.sim.hand_mass_g", "80", "150")),
+            ("[realtime]\npriority = 60", ("realtime.priority", "60", "80")),
+        ] {
+            let (key, its, ours) = fixed(&scene(&format!("{SCENE}{more}\n")), &rendered).expect("a difference");
+            assert_eq!((key, &*its, &*ours), expected);
+        }
+    }
+}
