@@ -244,7 +244,7 @@ impl RecordingFile {
         self.metadata(&folder, manifest)?;
         let row = self.row(first, 0);
         let update = SceneUpdate {
-            entities: scene.shown.iter().map(|shown| entity(shown, scene, scene_idx)).collect(),
+            entities: scene.shown.iter().map(|shown| entity(shown, scene, scene_idx, room_bytes.min(SHOWN_BYTES))).collect(),
             ..SceneUpdate::default()
         };
         self.write(self.scene, &row, &update)?;
@@ -345,8 +345,8 @@ fn stamp(ns: u64) -> messages::Timestamp {
     messages::Timestamp::new(u32::try_from(ns / 1_000_000_000).unwrap_or(u32::MAX), (ns % 1_000_000_000) as u32)
 }
 
-/// What viewers show of an object.
-fn entity(shown: &Shown, scene: &SceneFiles, scene_idx: u32) -> SceneEntity {
+/// What viewers show of an object; of a mesh file up to so many bytes.
+fn entity(shown: &Shown, scene: &SceneFiles, scene_idx: u32, most_bytes: u64) -> SceneEntity {
     let (frame_id, origin) = if shown.is_tool { ("tool", Pose::IDENTITY) } else { ("world", shown.pose) };
     let at = |middle: [f64; 3]| Some(foxglove_pose(origin * Pose::from_translation(middle.into())));
     let color = Some(if shown.is_tool { TOOL_COLOR } else { STATIC_COLOR });
@@ -377,7 +377,7 @@ fn entity(shown: &Shown, scene: &SceneFiles, scene_idx: u32) -> SceneEntity {
                 Some("glb") => "model/gltf-binary",
                 _ => return entity,
             };
-            let is_small = std::fs::metadata(path).is_ok_and(|file| file.len() <= SHOWN_BYTES);
+            let is_small = std::fs::metadata(path).is_ok_and(|file| file.len() <= most_bytes);
             if let Some(data) = is_small.then(|| std::fs::read(path).ok()).flatten() {
                 entity.models.push(ModelPrimitive {
                     pose: at([0.0; 3]),
