@@ -67,6 +67,8 @@ class Hapticd:
             stderr=subprocess.PIPE,
             text=True,
             cwd=scene.parent,
+            # Recordings stay out of the home of whoever runs this.
+            env=os.environ | {"XDG_STATE_HOME": str(scene.resolve().parent / "state")},
         )
         self.lines = []
         found = queue.Queue()

@@ -18,6 +18,7 @@ const HUNG: Duration = Duration::from_secs(120);
 fn program(dir: &Path) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_hapticd"));
     command.current_dir(dir).env("NO_COLOR", "1").env("RUST_BACKTRACE", "0").env("XDG_CACHE_HOME", dir.join("xdg-cache"));
+    command.env("XDG_STATE_HOME", dir.join("xdg-state"));
     command.env_remove("NOTIFY_SOCKET").env_remove("WATCHDOG_USEC").env_remove("WATCHDOG_PID");
     command
 }
