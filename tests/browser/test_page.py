@@ -234,6 +234,13 @@ class PageTest(unittest.TestCase):
         self.assertEqual(page.run("document.querySelector('#record').textContent"), "End")
         page.click("#record")
         page.wait("document.querySelector('#record-facts').textContent === 'not recording'")
+        file = self.folder / "state" / "hapticd" / "recordings" / "from-the-page.mcap"
+        self.assertEqual(file.read_bytes()[:5], b"\x89MCAP")
+
+        # What the server refuses is said in its words.
+        page.run("document.querySelector('#record-file').value = 'from-the-page.mcap'")
+        page.click("#record")
+        page.wait("document.querySelector('#toasts').textContent.includes('exists already')")
 
     def test_stop(self):
         run = self.run_scene("press")
