@@ -201,7 +201,6 @@ fn a_wrong_command_line_is_a_usage_error() {
         ("run ok.toml --duration 10", &["--duration", "`10` is not a duration", "10s, 500ms or 2min"]),
         ("run ok.toml --duration -1s", &["--duration", "`-1s` is not a duration"]),
         ("run ok.toml --clock fast", &["'fast'", "real, virtual"]),
-        ("run ok.toml --record f.mcap", &["'--record'"]),
         ("run ok.toml -q -v", &["--quiet", "--verbose"]),
         ("run ok.toml --move lift", &["--move", "plate=hands/plate.csv"]),
         ("run ok.toml --swap b.toml", &["--swap", "b.toml@3s"]),
