@@ -153,7 +153,7 @@ impl Draft {
             let wanted_m = wanted(tool_m.min((high - low).max_element()));
             let voxel_m = voxel_size_within(measures, wanted_m, layers, products, PART_BYTES).map_or(COARSEST_M, |fits_m| {
                 // Rounded up: what fits goes on fitting.
-                if fits_m > wanted_m { two_digits(fits_m * 1.05) } else { wanted_m }
+                if fits_m > wanted_m { two_digits(fits_m * 1.05).min(COARSEST_M) } else { wanted_m }
             });
             if let Ok(grid) = Grid::around(low, high, voxel_m, layers) {
                 let estimate = Estimate::new(measures, &grid, layers, products);
