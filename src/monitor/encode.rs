@@ -103,7 +103,7 @@ pub(super) struct Row {
 
 impl Row {
     pub(super) fn of(record: &TickRecord) -> Self {
-        let us = |ns: u64| ns as f32 * 1e-3;
+        let us = |ns: u64| (ns as f64 * 1e-3) as f32;
         Self {
             time_s: record.time_ns as f64 * 1e-9,
             values: [
@@ -285,7 +285,7 @@ pub(super) fn binary(moment: &Moment<'_>) -> Vec<u8> {
     numbers.for_each(|number| bytes.extend(number.to_le_bytes()));
     bytes.extend(output.contacts.to_le_bytes());
     for ns in [record.wakeup_ns, record.compute_ns, record.device_ns] {
-        bytes.extend((ns as f32 * 1e-3).to_le_bytes());
+        bytes.extend(((ns as f64 * 1e-3) as f32).to_le_bytes());
     }
     bytes.extend(record.scene_idx.to_le_bytes());
     bytes.extend(sample.buttons.to_le_bytes());
