@@ -44,8 +44,9 @@ pub(super) fn real_arm(
     let identified = written.identified.as_ref().map(|identified| identified_of(checks, identified));
     let known = known_answers::read(checks, written);
     let (matching, protocol, joints) = (matching?, protocol?, joints?);
-    // What a protocol thinks of limits that are wrong already would only say it twice.
-    if let Err(error) = protocol.check().or_else(|error| if checks.is_clean() { Err(error) } else { Ok(()) }) {
+    // What a codec of ours thinks of limits that are wrong already would only say it twice.
+    let is_news = matches!(protocol, Protocol::Declarative(_)) || checks.is_clean();
+    if let Some(error) = protocol.check().err().filter(|_| is_news) {
         checks.not_accepted(packet_or_protocol(&protocol), format_args!("sound: {error}"));
     }
     fit(checks, &matching, &protocol, profile);
