@@ -34,6 +34,9 @@ const READS_MAX: usize = 64;
 const FULL_TICKS_MAX: u32 = 20;
 /// How long a stop waits for the answer to its first zero command before it sends the second.
 const STOP_PATIENCE: Duration = Duration::from_millis(3);
+/// How long a link stays open after its last frame: bytes of a tty pass through a worker of the kernel, and a close may overtake them. An arm
+/// that did not hear its zero would hold its force until its watchdog lets go.
+const LINGER: Duration = Duration::from_millis(10);
 /// Silence after which an arm that knows no frame to be woken with counts as having lost the command, s: the next one may go.
 const REPLY_PATIENCE_S: f64 = 5e-3;
 /// A rate input that sends nothing for so long is at rest, s: it sends on change only, and an unplugged one must not coast.
@@ -485,6 +488,7 @@ impl Drop for WiredArm {
         self.stop();
         let Connection { link, codec } = &mut self.connection;
         codec.finish(link);
+        std::thread::sleep(LINGER);
     }
 }
 

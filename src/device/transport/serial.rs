@@ -6,6 +6,7 @@
 
 use core::time::Duration;
 use std::os::fd::{AsRawFd, FromRawFd, IntoRawFd, OwnedFd};
+use std::os::unix::fs::FileTypeExt;
 use std::path::{Path, PathBuf};
 
 use rustix::io::Errno;
@@ -67,7 +68,8 @@ impl SerialLink {
     /// # Errors
     /// See [`SerialError`].
     pub fn open(path: &Path, baud: u32) -> Result<Self, SerialError> {
-        if std::fs::File::open(path).is_ok_and(|file| !termios::isatty(&file)) {
+        // Without opening it: that alone could wait for a carrier.
+        if std::fs::metadata(path).is_ok_and(|found| !found.file_type().is_char_device()) {
             return Err(SerialError::NoPort { path: path.to_owned() });
         }
         let port = serialport::new(path.to_string_lossy(), baud)
