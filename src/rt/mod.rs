@@ -14,6 +14,7 @@
 //! | [`duration`] | durations as people write them |
 //! | [`finding`] | what was found, and what to type |
 //! | [`machine`] | kernel, clock, processors, rights |
+//! | [`utc`] | the time of day as text |
 //! | [`wakeup`] | how late the machine wakes a loop |
 
 pub mod clock;
@@ -23,4 +24,5 @@ pub mod machine;
 pub mod preflight;
 pub mod schedule;
 pub mod signals;
+pub mod utc;
 pub mod wakeup;

@@ -455,7 +455,7 @@ fn recordings_of_earlier_versions_replay_bit_for_bit() {
 }
 
 #[test]
-#[ignore = "writes tests/fixtures"]
+#[ignore = "writes files of the repository: cargo test --test it rewrite_the_recordings -- --ignored"]
 fn rewrite_the_recordings() {
     for (name, scene, duration) in FIXTURES {
         record(&rig::shipped(scene), duration, &fixture(name), turn_everything);

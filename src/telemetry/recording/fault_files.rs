@@ -11,6 +11,7 @@ use crossbeam::channel::{Receiver, Sender, bounded, unbounded};
 use super::Recorder;
 use super::write::RecordingError;
 use crate::haptics::Faults;
+use crate::rt::utc::timestamp;
 use crate::telemetry::{Tap, TickRecord};
 
 /// Ticks before a fault.
@@ -182,19 +183,7 @@ pub fn now() -> String {
 
 /// `20261122T080511.123Z`: sorts by time.
 fn utc(since_1970: Duration) -> String {
-    let (seconds, millis) = (since_1970.as_secs(), since_1970.subsec_millis());
-    let (days, time) = (seconds / 86_400, seconds % 86_400);
-    // Gregorian, from 1 March of year 0 on: Howard Hinnant, "chrono-compatible low-level date algorithms".
-    let shifted = days + 719_468;
-    let (era, day_of_era) = (shifted / 146_097, shifted % 146_097);
-    let year_of_era = (day_of_era - day_of_era / 1460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
-    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
-    let month_from_march = (5 * day_of_year + 2) / 153;
-    let day = day_of_year - (153 * month_from_march + 2) / 5 + 1;
-    let month = if month_from_march < 10 { month_from_march + 3 } else { month_from_march - 9 };
-    let year = year_of_era + era * 400 + u64::from(month <= 2);
-    let (hour, minute, second) = (time / 3600, time / 60 % 60, time % 60);
-    format!("{year:04}{month:02}{day:02}T{hour:02}{minute:02}{second:02}.{millis:03}Z")
+    timestamp(SystemTime::UNIX_EPOCH + since_1970).replace(['-', ':'], "")
 }
 
 #[cfg(test)]
