@@ -202,9 +202,13 @@ class PageTest(unittest.TestCase):
     def test_guard(self):
         run = self.run_scene("rest")
         page = self.browser.open(run.url, **SCREENS["desktop-light"])
+        page.wait(VIEW_IS_READY)
         page.wait(f"{WORD} === 'Enabled'")
-        page.click(".check")
         other = self.open(run)
+        page.run("document.querySelector('#guard').focus()")
+        page.press(" ")
+        # Only what the server has heard of can fall silent.
+        page.wait("document.querySelector('#guard-answer').textContent === 'on guard'")
         page.close()
         other.wait(f"{WORD} === 'Disabled'")
         other.wait("document.querySelector('#events').textContent.includes('force off')")

@@ -5,6 +5,8 @@ import { count } from "./units.js";
 
 /** A guarding page that is silent for longer than this takes the force away. A tab in the background may beat once a second. */
 const GUARD_TIMEOUT_MS = 2500;
+/** What the box says while nobody has asked for a guard. */
+const GUARD_OFFER = "force goes off when this page falls silent";
 /** Beats in that time. */
 const BEATS = 5;
 /** Baking another scene takes as long as it takes. */
@@ -52,12 +54,16 @@ export class Session {
   async guard() {
     clearInterval(this.beating);
     const timeout_ms = byId("guard").checked ? (this.heartbeatMs ?? GUARD_TIMEOUT_MS) : 0;
+    const answer = byId("guard-answer");
     try {
       await this.link.send("heartbeat", { timeout_ms });
     } catch (error) {
+      // A guard that the server has not heard of must not look like one.
+      answer.textContent = timeout_ms > 0 ? `not on guard: ${words(error)}` : GUARD_OFFER;
       say(words(error));
       return;
     }
+    answer.textContent = timeout_ms > 0 ? "on guard" : GUARD_OFFER;
     if (timeout_ms > 0) this.beating = setInterval(() => this.link.send("ping").catch(() => {}), timeout_ms / BEATS);
   }
 
