@@ -1,6 +1,7 @@
 //! `hapticd report`: one page of a recording, for the notes of a lab.
 
-use std::path::PathBuf;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
 
 use super::{Talk, report, say};
 use crate::error::Exit;
@@ -13,11 +14,19 @@ pub(crate) struct Args {
     /// Recording of `run --record`, or of the flight recorder.
     recording: PathBuf,
     /// Where to write the page: HTML that needs no other file.
-    #[arg(short, long, value_name = "F.html")]
+    #[arg(short, long, visible_alias = "output", value_name = "F.html")]
     out: PathBuf,
+    /// Replace the page if there is one.
+    #[arg(long)]
+    overwrite: bool,
 }
 
 pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
+    // Before the recording is read, which may take a while.
+    if let Err(problem) = may_write(args) {
+        report::error(&format!("{} {problem}", args.out.display()), Some("give another name, or --overwrite"), talk);
+        return Exit::Asset;
+    }
     let page = match read(args) {
         Ok(page) => page,
         Err(problem) => {
@@ -30,7 +39,7 @@ pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
         report::error(&format!("{} holds no tick", args.recording.display()), None, talk);
         return Exit::Asset;
     }
-    if let Err(error) = std::fs::write(&args.out, page.page()) {
+    if let Err(error) = write(&args.out, &page.page()) {
         report::error(&format!("cannot write {}: {error}", args.out.display()), None, talk);
         return Exit::Asset;
     }
@@ -38,6 +47,32 @@ pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
         say::talk(format_args!("{}: {n_ticks} ticks\n", args.out.display()));
     }
     Exit::Ok
+}
+
+/// Whether the page may be written where it is asked for; never over the recording that it is made of.
+fn may_write(args: &Args) -> Result<(), &'static str> {
+    let is_the_recording = || Some(std::fs::canonicalize(&args.out).ok()? == std::fs::canonicalize(&args.recording).ok()?);
+    if is_the_recording() == Some(true) {
+        return Err("is the recording itself");
+    }
+    if !args.overwrite && args.out.is_file() { Err("exists already") } else { Ok(()) }
+}
+
+/// Writes beside the page, then puts it in its place: a full disk leaves what was there.
+fn write(path: &Path, page: &str) -> std::io::Result<()> {
+    if std::fs::metadata(path).is_ok_and(|found| !found.is_file()) {
+        return std::fs::write(path, page);
+    }
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let mut beside = tempfile::Builder::new().permissions(readable()).tempfile_in(folder)?;
+    beside.write_all(page.as_bytes())?;
+    beside.persist(path)?;
+    Ok(())
+}
+
+/// As any new file, not as a temporary one: the process's mask takes off what it takes off.
+fn readable() -> std::fs::Permissions {
+    std::os::unix::fs::PermissionsExt::from_mode(0o666)
 }
 
 fn read(args: &Args) -> Result<LabReport, ReadError> {

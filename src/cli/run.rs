@@ -48,6 +48,9 @@ pub(crate) struct Args {
     /// Time that the run follows; virtual is simulated and as fast as it goes.
     #[arg(long, value_name = "CLOCK", default_value = "real")]
     clock: ClockArg,
+    /// Simulated arms: let the hand of the scene go its path there and back, again and again.
+    #[arg(long)]
+    hand_repeat: bool,
     /// Let force flow on a real arm from the start on; with a deadman, while it is held. Simulated arms need no leave.
     #[arg(long)]
     enable: bool,
@@ -244,6 +247,7 @@ impl Args {
             device: self.device.clone(),
             selector: self.selector.clone(),
             enforce: self.realtime.map(|mode| mode == RealtimeMode::Enforce),
+            hand_repeat: self.hand_repeat,
         }
     }
 
@@ -293,7 +297,7 @@ fn run(
     interrupts: impl FnOnce() -> Result<Receiver<()>, SignalError>,
     bake: impl FnOnce() -> Result<Prepared, PrepareError>,
 ) -> Result<Outcome, Refusal> {
-    let mut screen = Screen::new(talk, under_way, protocol);
+    let mut screen = Screen::new(talk, under_way, protocol, live.operator.waits_after_fault);
     let mut live = live;
     let ears = company.ears();
     let mut service = Service::of_environment();

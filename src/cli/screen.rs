@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 
 use super::say::{self, Fields, Level};
 use super::{Talk, live};
-use crate::daemon::Notice;
+use crate::daemon::{Notice, Phase};
 use crate::device::open::LinkNews;
 use crate::device::protocol::Protocol;
 use crate::haptics::Faults;
@@ -24,6 +24,8 @@ pub(super) struct Screen<'a> {
     protocol: Option<&'a Protocol>,
     quiet: bool,
     live: bool,
+    /// A fault does not end the run.
+    waits_after_fault: bool,
     /// A status line is on the screen now.
     status_on: bool,
     /// When the next status is due as an event; `None`: never.
@@ -31,10 +33,10 @@ pub(super) struct Screen<'a> {
 }
 
 impl<'a> Screen<'a> {
-    pub(super) fn new(talk: Talk, under_way: &'a live::UnderWay, protocol: Option<&'a Protocol>) -> Self {
+    pub(super) fn new(talk: Talk, under_way: &'a live::UnderWay, protocol: Option<&'a Protocol>, waits_after_fault: bool) -> Self {
         let live = !talk.quiet && !say::is_json() && std::io::stderr().is_terminal();
         let next_status = (say::is_json() && talk.verbose > 0).then(Instant::now);
-        Self { under_way, protocol, quiet: talk.quiet, live, status_on: false, next_status }
+        Self { under_way, protocol, quiet: talk.quiet, live, waits_after_fault, status_on: false, next_status }
     }
 
     pub(super) fn show(&mut self, notice: &Notice<'_>) {
@@ -42,7 +44,9 @@ impl<'a> Screen<'a> {
             Notice::Phase(phase) => {
                 if !self.quiet {
                     let name = phase.name();
-                    self.line(Level::Info, "phase", &format!("state: {name}"), &[("phase", name.into())]);
+                    let waits = self.waits_after_fault && *phase == Phase::Fault;
+                    let what_now = if waits { "; no force until somebody enables again, Ctrl-C ends the run" } else { "" };
+                    self.line(Level::Info, "phase", &format!("state: {name}{what_now}"), &[("phase", name.into())]);
                 }
             }
             Notice::Preflight(report) => {

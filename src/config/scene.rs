@@ -143,6 +143,8 @@ pub struct SimConfig {
     pub hand_mass_kg: f64,
     /// False: nobody holds the arm.
     pub hand_present: bool,
+    /// The hand goes its path there and back, again and again.
+    pub hand_repeats: bool,
     /// Command delay in ticks; `None`: the profile's.
     pub delay_ticks: Option<u32>,
     /// Fault to inject, as written (`nan@2s`); `None`: none.

@@ -176,6 +176,7 @@ pub(super) struct WorldFromDevice {
 #[serde(deny_unknown_fields, default, expecting = "a table, written [device.sim]")]
 pub(super) struct Sim {
     pub(super) hand: Option<HandWord>,
+    pub(super) hand_repeat: Option<bool>,
     pub(super) hand_stiffness_n_per_m: Option<f64>,
     pub(super) hand_damping_n_s_per_m: Option<f64>,
     pub(super) hand_mass_g: Option<f64>,

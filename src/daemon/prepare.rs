@@ -78,6 +78,7 @@ pub enum PrepareError {
 /// A hand file or a fault that cannot be used.
 pub fn inputs(config: &SceneConfig) -> Result<(Option<HandPath>, Option<FaultPlan>), PrepareError> {
     let hand = config.device.hand.as_deref().map(HandPath::read).transpose()?;
+    let hand = hand.map(|hand| if config.device.sim.hand_repeats { hand.there_and_back() } else { hand });
     let fault = config
         .device
         .sim

@@ -300,13 +300,14 @@ fn tunes(config: &SceneConfig, view: &View) -> Option<Vec<Tuned>> {
 type Shown = (&'static str, fn(&SceneConfig) -> String);
 
 /// What a run takes from its first scene and keeps.
-const FIXED: [Shown; 12] = [
+const FIXED: [Shown; 13] = [
     ("device.selector", |scene| scene.device.selector.as_ref().map_or("none".to_owned(), |selector| format!("{selector:?}"))),
     ("device.hand", |scene| scene.device.hand.as_ref().map_or("none".to_owned(), |path| format!("\"{}\"", path.display()))),
     ("device.sim.hand_stiffness_n_per_m", |scene| scene.device.sim.hand_stiffness_n_per_m.to_string()),
     ("device.sim.hand_damping_n_s_per_m", |scene| scene.device.sim.hand_damping_n_s_per_m.to_string()),
     ("device.sim.hand_mass_g", |scene| (scene.device.sim.hand_mass_kg * 1e3).to_string()),
     ("device.sim.hand", |scene| if scene.device.sim.hand_present { "present" } else { "\"none\"" }.to_owned()),
+    ("device.sim.hand_repeat", |scene| scene.device.sim.hand_repeats.to_string()),
     ("device.sim.delay_ticks", |scene| scene.device.sim.delay_ticks.map_or("the profile's".to_owned(), |ticks| ticks.to_string())),
     ("device.sim.fault", |scene| scene.device.sim.fault.as_ref().map_or("none".to_owned(), |fault| format!("\"{fault}\""))),
     ("device.sim.seed", |scene| scene.device.sim.seed.to_string()),

@@ -380,6 +380,9 @@ impl<N: FnMut(Notice<'_>)> Supervisor<N> {
                 // A stop under way is not taken back.
                 recv(orders) -> message => match message {
                     Ok(_) if matches!(control.order(), Order::Stop | Order::Quit) => {}
+                    // Force flows already: nothing is to begin again at zero.
+                    Ok(OperatorOrder::Enable)
+                        if control.order() == Order::Enable && matches!(self.phase, Phase::Enabling | Phase::Enabled) => {}
                     Ok(OperatorOrder::Enable) => {
                         // Off first: a fault is acknowledged that way, and force starts from zero.
                         control.give(Order::Disable);
@@ -621,6 +624,9 @@ mod tests {
             wait_for(200);
             order.send(OperatorOrder::Enable).expect("the supervisor listens");
             wait_for(400);
+            // Force flows: this one changes nothing.
+            order.send(OperatorOrder::Enable).expect("the supervisor listens");
+            wait_for(600);
             order.send(OperatorOrder::Stop).expect("the supervisor listens");
         });
         let mut phases = Vec::new();

@@ -17,6 +17,8 @@ pub struct HandPath {
     times_s: Box<[f64]>,
     /// `[n]`, n ≥ 1.
     poses: Box<[Pose]>,
+    /// Time runs from the first line to the last one and back, again and again.
+    turns: bool,
 }
 
 impl HandPath {
@@ -37,12 +39,19 @@ impl HandPath {
         Ok(Self {
             times_s: poses.iter().map(|timed| timed.time_s).collect(),
             poses: poses.iter().map(|timed| timed.pose).collect(),
+            turns: false,
         })
     }
 
     /// A path that stays where it is.
     pub fn fixed(pose: Pose) -> Self {
-        Self { times_s: Box::new([0.0]), poses: Box::new([pose]) }
+        Self { times_s: Box::new([0.0]), poses: Box::new([pose]), turns: false }
+    }
+
+    /// The same path, gone to its end and back to its first line, again and again.
+    #[must_use]
+    pub fn there_and_back(self) -> Self {
+        Self { turns: true, ..self }
     }
 
     /// The poses of the file.
@@ -52,6 +61,7 @@ impl HandPath {
 
     /// The pose at `time_s`. RT: safe; O(log n).
     pub fn sample(&self, time_s: f64) -> Pose {
+        let time_s = if self.turns { self.turned(time_s) } else { time_s };
         // NaN compares false everywhere: it lands on the first pose.
         let after_idx = self.times_s.partition_point(|&t| t <= time_s);
         let (Some(&before), after) = (self.poses.get(after_idx.saturating_sub(1)), self.poses.get(after_idx)) else {
@@ -65,6 +75,17 @@ impl HandPath {
             }
             _ => before,
         }
+    }
+
+    /// Where on the path a time lies that turns round at its end and at its first line. Before the first line it is not changed.
+    fn turned(&self, time_s: f64) -> f64 {
+        let (Some(first_s), Some(last_s)) = (self.times_s.first(), self.times_s.last()) else { return time_s };
+        let length_s = last_s - first_s;
+        if time_s <= *last_s || length_s <= 0.0 {
+            return time_s;
+        }
+        let since_turn_s = (time_s - last_s) % (2.0 * length_s);
+        first_s + (length_s - since_turn_s).abs()
     }
 
     /// The same path as the arm's grip sees it.
@@ -146,6 +167,18 @@ mod tests {
         assert!((halfway.translation - DVec3::new(0.05, 0.0, 0.0)).length() < 1e-15);
         let turn = Pose::IDENTITY.rotation_to(halfway);
         assert!((turn - DVec3::new(0.0, 0.0, FRAC_PI_2 / 2.0)).length() < 1e-12);
+    }
+
+    #[test]
+    fn a_path_that_repeats_goes_there_and_back_without_a_jump() {
+        let path = quarter_turn().there_and_back();
+        for (time_s, as_at_s) in [(-1.0, 0.0), (1.5, 1.5), (2.0, 2.0), (2.5, 1.5), (4.0, 0.0), (4.5, 0.5), (6.0, 2.0), (1e4, 0.0)] {
+            let (now, then) = (path.sample(time_s), quarter_turn().sample(as_at_s));
+            assert!((now.translation - then.translation).length() < 1e-12, "{time_s}");
+        }
+        assert_eq!(path.sample(f64::NAN), path.sample(0.0));
+        let stays = HandPath::fixed(Pose::from_translation(DVec3::X)).there_and_back();
+        assert_eq!(stays.sample(5.0), stays.sample(0.0));
     }
 
     #[test]

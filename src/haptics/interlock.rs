@@ -60,7 +60,8 @@ impl Interlock {
             Some(OffCause::NotHomed)
         } else if sample.overheated {
             Some(OffCause::Thermal)
-        } else if is_outside(sample, safety) {
+        } else if sample.pose.is_finite() && is_outside(sample, safety) {
+            // A pose that is not a number is a fault, which the caller sees.
             Some(OffCause::Workspace)
         } else {
             None

@@ -93,6 +93,7 @@ impl OffCause {
             Self::Thermal => "a motor is too hot: let it cool",
             Self::Stale => "the arm sends no new samples",
             Self::Disconnected => "the arm is gone",
+            Self::NonFinite => "the arm sends values that are not numbers",
             Self::Protocol => "the arm's packets are garbled or lost, or it reports an error",
             _ => "",
         }

@@ -252,7 +252,7 @@ pub fn tick(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOu
         object_work_j: state.passivity.carried_j(),
         objects_moving: state.movers.n_under_way(),
         object: state.movers.told(),
-        passivity_active: state.passivity.is_active(),
+        passivity_active: state.drive.renders() && state.passivity.is_active(),
         delay_ticks: state.delay.worst_ticks(),
         drive: state.drive,
         faults: state.faults,

@@ -161,6 +161,18 @@ fn a_run_with_a_moving_part_and_other_scenes_replays_bit_for_bit_without_its_fil
     assert_eq!(ended.stdout, format!("bit-identical, {n_ticks} ticks\n"), "{}", ended.stderr);
     let ended = hapticd(elsewhere.path(), "report r.mcap -o r.html");
     assert_eq!(ended.code(), Some(0), "{}", ended.stderr);
+    // A page that is there is kept, and the recording is never written over.
+    for (line, fragment) in [
+        ("report r.mcap -o r.html", "r.html exists already"),
+        ("report r.mcap --out ./r.mcap --overwrite", "is the recording itself"),
+    ] {
+        let refused = hapticd(elsewhere.path(), line);
+        assert_eq!(refused.code(), Some(4), "{line}: {}", refused.stderr);
+        assert!(refused.stderr.contains(fragment), "{line}: {}", refused.stderr);
+    }
+    let ended = hapticd(elsewhere.path(), "report r.mcap -o r.html --overwrite");
+    assert_eq!(ended.code(), Some(0), "{}", ended.stderr);
+    assert_identical(&moved, n_ticks);
     let page = fs::read_to_string(elsewhere.path().join("r.html")).expect("a page");
     assert!(page.contains("Scene 2: a") && page.contains("<polygon") && !page.contains("<script"));
 }

@@ -49,7 +49,7 @@ impl Resolve<'_> {
         RealtimeConfig { enforce, cpu, priority: u8::try_from(priority).unwrap_or(u8::MAX) }
     }
 
-    pub(super) fn sim(&mut self, device: &schema::Device) -> SimConfig {
+    pub(super) fn sim(&mut self, device: &schema::Device, options: &LoadOptions) -> SimConfig {
         let written = &device.sim;
         let hand_present = written.hand != Some(schema::HandWord::None);
         if !hand_present && device.hand.is_some() {
@@ -86,6 +86,7 @@ impl Resolve<'_> {
                 not_negative.to(1e5).unit("g"),
             ) * 1e-3,
             hand_present,
+            hand_repeats: options.hand_repeat || written.hand_repeat == Some(true),
             delay_ticks: written.delay_ticks.map(|ticks| checks.whole("device.sim.delay_ticks", Some(ticks), 0, 0, 100)),
             fault: written.fault.clone(),
             seed: written.seed.unwrap_or(0),

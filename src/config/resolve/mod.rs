@@ -34,6 +34,8 @@ pub struct LoadOptions {
     pub selector: Option<Selector>,
     /// `run --realtime MODE`: instead of `realtime.mode`; true for `enforce`.
     pub enforce: Option<bool>,
+    /// `run --hand-repeat`: as if `device.sim.hand_repeat` were true.
+    pub hand_repeat: bool,
 }
 
 /// Loads a scene file through all passes.
@@ -103,7 +105,7 @@ impl Resolve<'_> {
         }
         let realtime = self.realtime(&scene.realtime, options);
         let filter = self.filter(&scene.filter);
-        let sim = self.sim(&scene.device);
+        let sim = self.sim(&scene.device, options);
         let hand = scene.device.hand.as_deref().and_then(|hand| self.checks.file("device.hand", hand, self.dir));
         let profile = self.profile(&scene.device, options);
         let selector = self.selector(&scene.device, options);

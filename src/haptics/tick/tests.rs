@@ -48,7 +48,8 @@ impl Rig {
         let input = TickInput { sample: self.sample, request: self.request, ..TickInput::default() };
         let output = tick(&self.scene, &mut self.state, &input);
         assert!(output.command_device.is_finite());
-        // Only a drive with force commands any.
+        // Only a drive with force commands any, or is damped.
+        assert!(output.drive.renders() || !output.passivity_active, "{output:?}");
         assert!(output.drive.has_force() || is_zero(&output), "{output:?}");
         output
     }
@@ -476,6 +477,16 @@ fn workspace_force_starts_inside_of_it_fades_outside_and_comes_back() {
     assert!(rig.tick().command_device.force.length() < 0.06);
     let output = rig.ticks(RAMP_TICKS);
     assert!((rig.force_n() - inside_n).abs() < 0.01 && output.off_cause == OffCause::None);
+}
+
+#[test]
+fn an_arm_that_sends_no_numbers_is_not_enabled_then_or_later() {
+    let mut rig = Rig::new(|p| p.safety.workspace_radius_m = 4e-3);
+    rig.sample.pose.translation.y = f64::NAN;
+    let refused = rig.tick();
+    assert_eq!((refused.drive, refused.off_cause, refused.faults), (Drive::Fault, OffCause::NonFinite, Faults::NON_FINITE));
+    rig.sample.pose.translation.y = 0.0;
+    assert_eq!(rig.ticks(200).drive, Drive::Fault);
 }
 
 #[test]
