@@ -130,7 +130,7 @@ impl LiveArgs {
             let refusal = unlike(&config, scene);
             if let Some((key, its, ours)) = refusal {
                 let message = format!("{}: {key} = {its}, but {} has {ours}", file.display(), scene.path.display());
-                report::error(&message, Some("a scene is swapped for one of the same arm and rate; write the same in both"), talk);
+                report::error(&message, Some("this counts from the start of a run on; write the same in both"), talk);
                 return Err(Exit::Configuration);
             }
             if let Some(ends) = ends.filter(|ends| at >= ends) {

@@ -7,6 +7,7 @@
 //! ```
 //! Clients set parameters and poses and say when force may flow. Nobody sends a force.
 
+use core::time::Duration;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, PoisonError, RwLock, RwLockReadGuard};
 
@@ -69,7 +70,7 @@ pub enum Refusal {
     /// The scene file is wrong.
     #[error("{0}")]
     Config(ConfigErrors),
-    /// The scene is for another arm or rate.
+    /// The scene differs in a key that counts from the start of a run on.
     #[error("{key} = {its}, but the scene that is rendered has {ours}")]
     Unlike {
         /// The key.
@@ -375,5 +376,18 @@ pub fn unlike(scene: &SceneConfig, rendered: &SceneConfig) -> Option<(&'static s
         return Some(("rendering.rate_hz", scene.rate_hz.to_string(), rendered.rate_hz.to_string()));
     }
     let [its, ours] = [scene, rendered].map(|scene| &scene.device.profile);
-    (its != ours).then(|| ("device.profile", format!("\"{}\"", its.name), format!("\"{}\"", ours.name)))
+    if its != ours {
+        return Some(("device.profile", format!("\"{}\"", its.name), format!("\"{}\"", ours.name)));
+    }
+    // Who lets force flow was settled when the run began: an arm that a deadman enabled is not to go on without one.
+    let [its, ours] = [scene, rendered].map(|scene| scene.parameters.safety.deadman);
+    if its != ours {
+        let shown = |deadman: Option<u8>| deadman.map_or("\"off\"".to_owned(), |button| button.to_string());
+        return Some(("safety.deadman", shown(its), shown(ours)));
+    }
+    let [its, ours] = [scene, rendered].map(|scene| scene.heartbeat);
+    (its != ours).then(|| {
+        let shown = |longest: Option<Duration>| longest.map_or("none".to_owned(), |longest| longest.as_millis().to_string());
+        ("safety.heartbeat_ms", shown(its), shown(ours))
+    })
 }

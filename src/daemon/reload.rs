@@ -300,7 +300,7 @@ fn tunes(config: &SceneConfig, view: &View) -> Option<Vec<Tuned>> {
 type Shown = (&'static str, fn(&SceneConfig) -> String);
 
 /// What a run takes from its first scene and keeps.
-const FIXED: [Shown; 13] = [
+const FIXED: [Shown; 16] = [
     ("device.selector", |scene| scene.device.selector.as_ref().map_or("none".to_owned(), |selector| format!("{selector:?}"))),
     ("device.hand", |scene| scene.device.hand.as_ref().map_or("none".to_owned(), |path| format!("\"{}\"", path.display()))),
     ("device.sim.hand_stiffness_n_per_m", |scene| scene.device.sim.hand_stiffness_n_per_m.to_string()),
@@ -314,6 +314,9 @@ const FIXED: [Shown; 13] = [
     ("realtime.mode", |scene| if scene.realtime.enforce { "\"enforce\"" } else { "\"best-effort\"" }.to_owned()),
     ("realtime.cpu", |scene| scene.realtime.cpu.map_or("the last one".to_owned(), |cpu| cpu.to_string())),
     ("realtime.priority", |scene| scene.realtime.priority.to_string()),
+    ("monitor.listen", |scene| scene.monitor.listen.map_or("\"off\"".to_owned(), |address| format!("\"{address}\""))),
+    ("monitor.token_file", |scene| scene.monitor.token_file.as_ref().map_or("none".to_owned(), |path| format!("\"{}\"", path.display()))),
+    ("monitor.origins", |scene| format!("{:?}", scene.monitor.origins)),
 ];
 
 /// The key in which a scene differs although it counts at the start of a run only, and both values.
@@ -396,6 +399,23 @@ profile = "sim-sigma7"
     }
 
     #[test]
+    fn a_scene_with_another_deadman_or_heartbeat_takes_nobody_s_place() {
+        let rendered = scene(SCENE);
+        let held = scene(&format!("{SCENE}[safety]\ndeadman = 2\n"));
+        let differences = [
+            (unlike(&held, &rendered), Some(("safety.deadman", "2", "\"off\""))),
+            (unlike(&rendered, &held), Some(("safety.deadman", "\"off\"", "2"))),
+            (unlike(&held, &held), None),
+        ];
+        for (found, expected) in differences {
+            assert_eq!(found.as_ref().map(|(key, its, ours)| (*key, &**its, &**ours)), expected);
+        }
+        let heard = scene(&format!("{SCENE}[safety]\nheartbeat_ms = 250.0\n"));
+        let expected = ("safety.heartbeat_ms", "none".to_owned(), "250".to_owned());
+        assert_eq!(unlike(&rendered, &heard), Some(expected));
+    }
+
+    #[test]
     fn what_counts_at_the_start_is_named() {
         let rendered = scene(SCENE);
         assert_eq!(fixed(&rendered, &rendered), None);
@@ -405,6 +425,7 @@ profile = "sim-sigma7"
             ("[device.sim]\nfault = \"nan@2s\"", ("device.sim.fault", "\"nan@2s\"", "none")),
             ("[device.sim]\nhand_mass_g = 80.0", ("device.sim.hand_mass_g", "80", "150")),
             ("[realtime]\npriority = 60", ("realtime.priority", "60", "80")),
+            ("[monitor]\norigins = [\"https://lab.example\"]", ("monitor.origins", "[\"https://lab.example\"]", "[]")),
         ] {
             let (key, its, ours) = fixed(&scene(&format!("{SCENE}{more}\n")), &rendered).expect("a difference");
             assert_eq!((key, &*its, &*ours), expected);

@@ -22,7 +22,7 @@ pub type Baker = Box<dyn FnMut(&SceneConfig) -> Result<RenderScene, SceneError> 
 /// Hears what became of a scene: baked and offered, or why not. `None`: the run was over first.
 pub type Done = Box<dyn FnOnce(Option<Result<Offered, SceneError>>) + Send>;
 
-/// A scene to go over to. It is for the same arm and rate as the one that is rendered.
+/// A scene to go over to: one that is not [`unlike`](super::desk::unlike) the one that is rendered.
 pub struct Switch {
     /// The checked scene.
     pub config: SceneConfig,

@@ -236,6 +236,7 @@ fn folder_of_changes() -> TempDir {
     write("b.toml", &movable("shape = { plane_mm = [40.0, 40.0] }"));
     write("arm.toml", &movable(PLANE).replace("sim-sigma7", "sim-touch"));
     write("rate.toml", &movable(PLANE).replace("[tool]", "[rendering]\nrate_hz = 500\n[tool]"));
+    write("held.toml", &movable(PLANE).replace("[tool]", "[safety]\ndeadman = 2\n[tool]"));
     write("unbaked.toml", &scene("mesh = \"faceless.obj\"\nunits = \"mm\"", "2.0", ""));
     write("up.csv", "t_s,x_m,y_m,z_m,qx,qy,qz,qw\n0,0,0,0,0,0,0,1\n0.5,0,0,0.01,0,0,0,1\n");
     write("bad.csv", "t_s,x_m,y_m,z_m,qx,qy,qz,qw\n0,0,0,0,0,0,0,1\n0.5,0,0,up,0,0,0,1\n");
@@ -285,6 +286,7 @@ fn what_cannot_change_is_refused_before_anything_is_baked() {
         ("--swap none.toml@1s", &["none.toml"]),
         ("--swap arm.toml@1s", &["arm.toml: device.profile = \"sim-touch\", but a.toml has \"sim-sigma7\"", "hint: "]),
         ("--swap rate.toml@1s", &["rate.toml: rendering.rate_hz = 500, but a.toml has 1000"]),
+        ("--swap held.toml@1s", &["held.toml: safety.deadman = 2, but a.toml has \"off\""]),
     ] {
         refuses(dir.path(), &format!("run a.toml --cache off --clock virtual --duration 1s {change}"), 3, fragments);
     }

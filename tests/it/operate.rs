@@ -441,6 +441,8 @@ fn a_hangup_reads_the_scene_again() {
         ("version = 1", "version = = 1", "a.toml"),
         ("sim-sigma7", "sim-touch", "device.profile = \"sim-touch\", but the scene that is rendered has \"sim-sigma7\""),
         ("[contact]", "[rendering]\nrate_hz = 500\n[contact]", "rendering.rate_hz = 500"),
+        ("[contact]", "[safety]\ndeadman = 2\n[contact]", "safety.deadman = 2, but the scene that is rendered has \"off\""),
+        ("[contact]", "[safety]\nheartbeat_ms = 250\n[contact]", "safety.heartbeat_ms = 250"),
         ("[contact]", "[realtime]\npriority = 70\n[contact]", "realtime.priority = 70, but the scene that is rendered has 80"),
     ] {
         write(dir.path(), from, to);

@@ -86,12 +86,15 @@ fn another_scene_takes_over_and_is_told() {
     let folder = super::folder("");
     scene_file(&folder, "other.toml", "[contact]\nstiffness_n_per_mm = 2.0\n");
     scene_file(&folder, "faster.toml", "[rendering]\nrate_hz = 500\n");
+    scene_file(&folder, "held.toml", "[safety]\ndeadman = 2\n");
     std::fs::write(folder.path().join("wrong.toml"), "version = 1\n").unwrap();
     let mut daemon = Daemon::of(folder, "", &[]);
     daemon.wait_for("state: enabled");
-    assert_eq!(daemon.get("/api/v1/scenes"), json!(["faster", "other", "press", "wrong"]));
+    assert_eq!(daemon.get("/api/v1/scenes"), json!(["faster", "held", "other", "press", "wrong"]));
     let mut client = daemon.connect();
-    for (scene, expected, word) in [("none", 404, "other"), ("wrong", 409, "tool"), ("faster", 409, "rate_hz")] {
+    for (scene, expected, word) in
+        [("none", 404, "other"), ("wrong", 409, "tool"), ("faster", 409, "rate_hz"), ("held", 409, "safety.deadman = 2")]
+    {
         let reply = client.ask(json!({ "do": "switch", "scene": scene }));
         assert_eq!(reply["status"], expected, "{reply}");
         assert!(reply["error"].as_str().unwrap().contains(word), "{reply}");
