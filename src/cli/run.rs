@@ -20,6 +20,7 @@ use crate::device::nodes::Selector;
 use crate::device::profile::RealArm;
 use crate::device::protocol::Protocol;
 use crate::error::Exit;
+use crate::mesh;
 use crate::rt::clock::{ClockKind, monotonic_ns};
 use crate::rt::duration;
 use crate::rt::signals::{SignalError, interrupts};
@@ -109,6 +110,8 @@ enum Refusal {
 }
 
 pub(crate) fn main(args: &Args, talk: Talk, started_ns: i64) -> Exit {
+    // Before any thread that loads parts begins: some of them do while force flows.
+    mesh::copy_only();
     let since_start_s = |ns: i64| (ns - started_ns) as f64 * 1e-9;
     let baked_s = Cell::new(0.0);
     let overrides = args.overrides();

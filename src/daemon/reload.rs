@@ -116,7 +116,8 @@ impl Reloader {
                 Some(Hangup::Reload) => pending = Some(Cause::Signal),
                 None if Instant::now() >= next_look => {
                     next_look = Instant::now() + LOOK;
-                    if self.has_changed() && self.watches {
+                    self.follow();
+                    if self.watches && self.has_changed() {
                         pending = Some(Cause::File);
                     }
                 }
@@ -143,32 +144,37 @@ impl Reloader {
         }
     }
 
-    /// Whether a file is another one than at the last look, and stays as it is.
-    fn has_changed(&mut self) -> bool {
+    /// Goes over to another scene as soon as it is rendered: from then on its files may change.
+    fn follow(&mut self) {
         let view = self.board.view();
         if view.scene_idx != self.known.scene_idx {
             self.known.go_over(&view);
         }
-        let files = Files::of(&view.config);
+    }
+
+    /// Whether a file is another one than at the last look, and stays as it is.
+    fn has_changed(&mut self) -> bool {
+        let view = self.board.view();
+        let files = self.known.companions.files(&view.config);
         if files == self.known.files {
             return false;
         }
         std::thread::sleep(SETTLE);
         // One that is still being written is for the next look.
-        let has_settled = Files::of(&view.config) == files;
+        let has_settled = self.known.companions.files(&view.config) == files;
         if has_settled {
             self.known.files = files;
         }
         has_settled
     }
 
-    fn reload(&self) -> Result<Step, Refusal> {
+    fn reload(&mut self) -> Result<Step, Refusal> {
         let view = self.board.view();
         let config = config::load_with(&view.config.path, &self.options).map_err(Refusal::Config)?;
         if let Some((key, its, ours)) = unlike(&config, &view.config).or_else(|| fixed(&config, &view.config)) {
             return Err(Refusal::Unlike { key, its, ours });
         }
-        let meshes = Files::of_meshes(&config);
+        let meshes = self.known.companions.meshes(&config);
         match tunes(&config, &view) {
             Some(tunes) if meshes == self.known.meshes => {
                 for Tuned { name, to, .. } in &tunes {
@@ -221,18 +227,21 @@ pub struct Known {
     files: Files,
     /// Those that were baked.
     meshes: Files,
+    companions: Companions,
 }
 
 impl Known {
     /// Of the first scene of a run.
     pub fn of(config: &SceneConfig) -> Self {
-        Self { scene_idx: 0, files: Files::of(config), meshes: Files::of_meshes(config) }
+        let mut companions = Companions::default();
+        Self { scene_idx: 0, files: companions.files(config), meshes: companions.meshes(config), companions }
     }
 
     /// Another scene is rendered. What is known of files that both have stays: they may have changed meanwhile.
     fn go_over(&mut self, view: &View) {
-        let Self { files, meshes, .. } = Self::of(&view.config);
-        *self = Self { scene_idx: view.scene_idx, files: files.knowing(&self.files), meshes: meshes.knowing(&self.meshes) };
+        self.scene_idx = view.scene_idx;
+        self.files = self.companions.files(&view.config).knowing(&self.files);
+        self.meshes = self.companions.meshes(&view.config).knowing(&self.meshes);
     }
 }
 
@@ -244,24 +253,6 @@ type Stamp = Option<(SystemTime, u64)>;
 struct Files(BTreeMap<PathBuf, Stamp>);
 
 impl Files {
-    /// Of a scene: its own and those of its meshes.
-    fn of(config: &SceneConfig) -> Self {
-        let Self(mut files) = Self::of_meshes(config);
-        files.insert(config.path.clone(), stamp(&config.path));
-        Self(files)
-    }
-
-    fn of_meshes(config: &SceneConfig) -> Self {
-        let sources = config.statics.iter().map(|object| &object.source).chain([&config.tool.source]);
-        let paths = sources.filter_map(|source| match source {
-            MeshSource::File { path, .. } => Some(path),
-            MeshSource::Shape(_) => None,
-        });
-        // A file that cannot be read now names no others.
-        let files = paths.flat_map(|path| mesh::companions(path).unwrap_or_default().into_iter().chain([path.clone()]));
-        Self(files.map(|path| (path.clone(), stamp(&path))).collect())
-    }
-
     /// The same files, as an earlier look knew them.
     fn knowing(mut self, earlier: &Self) -> Self {
         for (path, stamp) in &mut self.0 {
@@ -270,6 +261,41 @@ impl Files {
             }
         }
         self
+    }
+}
+
+/// The files that meshes take their contents from, kept until a mesh is written anew: to find them a whole file has to be read.
+#[derive(Clone, Debug, Default)]
+struct Companions(BTreeMap<PathBuf, (Stamp, Vec<PathBuf>)>);
+
+impl Companions {
+    /// Of a scene as they are now: its own file and those of its meshes.
+    fn files(&mut self, config: &SceneConfig) -> Files {
+        let Files(mut files) = self.meshes(config);
+        files.insert(config.path.clone(), stamp(&config.path));
+        Files(files)
+    }
+
+    /// Those of its meshes only.
+    fn meshes(&mut self, config: &SceneConfig) -> Files {
+        let sources = config.statics.iter().map(|object| &object.source).chain([&config.tool.source]);
+        let mut files = BTreeMap::new();
+        for source in sources {
+            let MeshSource::File { path, .. } = source else { continue };
+            let now = stamp(path);
+            files.extend(self.of(path, now).iter().map(|beside| (beside.clone(), stamp(beside))));
+            files.insert(path.clone(), now);
+        }
+        Files(files)
+    }
+
+    fn of(&mut self, path: &Path, now: Stamp) -> &[PathBuf] {
+        let (known, companions) = self.0.entry(path.to_owned()).or_default();
+        if *known != now {
+            // A file that cannot be read now names no others.
+            (*known, *companions) = (now, mesh::companions(path).unwrap_or_default());
+        }
+        companions
     }
 }
 
@@ -315,7 +341,9 @@ const FIXED: [Shown; 16] = [
     ("realtime.cpu", |scene| scene.realtime.cpu.map_or("the last one".to_owned(), |cpu| cpu.to_string())),
     ("realtime.priority", |scene| scene.realtime.priority.to_string()),
     ("monitor.listen", |scene| scene.monitor.listen.map_or("\"off\"".to_owned(), |address| format!("\"{address}\""))),
-    ("monitor.token_file", |scene| scene.monitor.token_file.as_ref().map_or("none".to_owned(), |path| format!("\"{}\"", path.display()))),
+    ("monitor.token_file", |scene| {
+        scene.monitor.token_file.as_ref().map_or("none".to_owned(), |path| format!("\"{}\"", path.display()))
+    }),
     ("monitor.origins", |scene| format!("{:?}", scene.monitor.origins)),
 ];
 
@@ -380,6 +408,31 @@ profile = "sim-sigma7"
         setting.value = 2500.0;
         let back = Tuned { name: "contact_stiffness_n_per_m", from: 2500.0, to: 5000.0 };
         assert_eq!(tunes(&scene(SCENE), &view), Some(vec![back]));
+    }
+
+    #[test]
+    fn a_mesh_is_read_for_its_companions_only_when_it_was_written_anew() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let at = |name: &str| folder.path().join(name);
+        let gltf = |buffer: &str| {
+            format!(r#"{{ "asset": {{ "version": "2.0" }}, "buffers": [{{ "byteLength": 4, "uri": "{buffer}" }}] }}"#)
+        };
+        let noon = SystemTime::UNIX_EPOCH + Duration::from_secs(1_700_000_000);
+        let write = |buffer: &str, time: SystemTime| {
+            std::fs::write(at("part.gltf"), gltf(buffer)).expect("written");
+            std::fs::File::options().write(true).open(at("part.gltf")).expect("there").set_modified(time).expect("set");
+        };
+        let mut config = scene(SCENE);
+        config.tool.source = MeshSource::File { path: at("part.gltf"), metres_per_unit: 1.0 };
+        let mut companions = Companions::default();
+        let mut named = |name: &str| companions.meshes(&config).0.contains_key(&at(name));
+        write("one.bin", noon);
+        assert!(named("one.bin"));
+        // The same stamp: what it says now is not looked at.
+        write("two.bin", noon);
+        assert!(named("one.bin") && !named("two.bin"));
+        write("two.bin", noon + Duration::from_secs(1));
+        assert!(!named("one.bin") && named("two.bin"));
     }
 
     #[test]

@@ -216,6 +216,12 @@ pub fn parse(bytes: &[u8], format: Format, path: &Path, metres_per_unit: f64) ->
     Ok(mesh)
 }
 
+/// From now on no mesh file is mapped into memory in this process, only copied: for a process that renders forces. A mapped file that another
+/// program shortens would end it.
+pub fn copy_only() {
+    source::copy_only();
+}
+
 /// Other files that a mesh file takes its triangles from: the buffers that a glTF file names. Every other format has all in one.
 ///
 /// # Errors
