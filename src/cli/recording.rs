@@ -66,7 +66,7 @@ impl RecordingArgs {
             FaultFiles::watch(&recorder, folder, Box::new(told))
         });
         let fault_files = fault_files.transpose().map_err(refused)?;
-        let session = Arc::new(Mutex::new(Session { recording, last: None }));
+        let session = Arc::new(Session::of(recording));
         Ok(Recordings { recorder, session, fault_files })
     }
 
@@ -90,15 +90,41 @@ fn state_folder() -> Option<PathBuf> {
 /// What is being recorded.
 pub(crate) struct Recordings {
     pub(crate) recorder: Recorder,
-    session: Arc<Mutex<Session>>,
+    session: Arc<Session>,
     fault_files: Option<FaultFiles>,
 }
 
 /// At most one recording at a time, and what the last one came to.
 #[derive(Default)]
 struct Session {
+    /// Held while a recording begins or ends, for as long as a disk takes for it.
+    turn: Mutex<()>,
+    /// Held to look, to put and to take: the thread that hears every client asks how it goes.
+    now: Mutex<Now>,
+}
+
+#[derive(Default)]
+struct Now {
     recording: Option<RecorderHandle>,
     last: Option<RecordingSummary>,
+}
+
+impl Session {
+    fn of(recording: Option<RecorderHandle>) -> Self {
+        Self { turn: Mutex::default(), now: Mutex::new(Now { recording, last: None }) }
+    }
+
+    fn turn(&self) -> MutexGuard<'_, ()> {
+        self.turn.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn now(&self) -> MutexGuard<'_, Now> {
+        self.now.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn take(&self) -> Option<RecorderHandle> {
+        self.now().recording.take()
+    }
 }
 
 impl Recordings {
@@ -112,14 +138,15 @@ impl Recordings {
         if let Some(fault_files) = self.fault_files {
             fault_files.finish(last.faults, last.flight.records());
         }
-        let mut session = open(&self.session);
-        let ended = session.recording.take().map(RecorderHandle::stop);
-        ended.or_else(|| session.last.take())
+        let _turn = self.session.turn();
+        let recording = self.session.take();
+        recording.map(RecorderHandle::stop).or_else(|| self.session.now().last.take())
     }
 
     /// Instead of a first tick: leaves no file behind in which there is nothing.
     pub(crate) fn abandon(self) {
-        let recording = open(&self.session).recording.take();
+        let _turn = self.session.turn();
+        let recording = self.session.take();
         if let Some(summary) = recording.map(RecorderHandle::stop)
             && summary.records == 0
         {
@@ -129,14 +156,10 @@ impl Recordings {
     }
 }
 
-fn open(session: &Mutex<Session>) -> MutexGuard<'_, Session> {
-    session.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
 /// Recordings that clients of the monitor begin and end.
 pub(crate) struct ClientRecordings {
     recorder: Recorder,
-    session: Arc<Mutex<Session>>,
+    session: Arc<Session>,
     talk: Talk,
 }
 
@@ -146,12 +169,9 @@ const LONGEST_NAME: usize = 120;
 impl monitor::Recorder for ClientRecordings {
     /// Into a folder of our own, never over a file that is there: whoever may watch a run is not to write where he likes.
     fn start(&self, file: Option<&str>) -> Result<(), RecorderError> {
-        let mut session = open(&self.session);
-        if let Some(recording) = &session.recording
-            && recording.status().error.is_none()
-        {
-            let message = format!("a recording is under way into {}", recording.status().file.display());
-            return Err(RecorderError::State(message));
+        let _turn = self.session.turn();
+        if let Some(RecorderStatus { file, .. }) = self.status() {
+            return Err(RecorderError::State(format!("a recording is under way into {}", file.display())));
         }
         let refused = |message: String| RecorderError::File(message);
         let name = file.map_or_else(|| format!("session-{}.mcap", now()), str::to_owned);
@@ -165,19 +185,20 @@ impl monitor::Recorder for ClientRecordings {
         fs::create_dir_all(&folder).map_err(|error| refused(format!("cannot create {}: {error}", folder.display())))?;
         let talk = self.talk;
         let started = self.recorder.start(&folder.join(name), false, failed(talk));
-        session.recording = Some(started.map_err(|error| refused(error.to_string()))?);
+        self.session.now().recording = Some(started.map_err(|error| refused(error.to_string()))?);
         Ok(())
     }
 
     fn stop(&self) -> Result<(), RecorderError> {
-        let mut session = open(&self.session);
-        let recording = session.recording.take().ok_or_else(|| RecorderError::State("nothing is being recorded".to_owned()))?;
-        session.last = Some(recording.stop());
+        let _turn = self.session.turn();
+        let recording = self.session.take().ok_or_else(|| RecorderError::State("nothing is being recorded".to_owned()))?;
+        let summary = recording.stop();
+        self.session.now().last = Some(summary);
         Ok(())
     }
 
     fn status(&self) -> Option<RecorderStatus> {
-        let status = open(&self.session).recording.as_ref()?.status();
+        let status = self.session.now().recording.as_ref()?.status();
         let RecordingSummary { file, records, dropped, error } = status;
         error.is_none().then_some(RecorderStatus { file, records, dropped })
     }
@@ -191,5 +212,45 @@ fn failed(talk: Talk) -> Failed {
 pub(crate) fn note_machine(recorder: &Recorder, machine: &Report) {
     for check in &machine.rows {
         recorder.facts.note(&format!("machine.{}", check.name), format!("{:?}: {}", check.outcome, check.found));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cli::When;
+    use crate::cli::say::LogFormat;
+    use crate::monitor::Recorder as _;
+    use crate::telemetry::recording::SceneFiles;
+    use crate::telemetry::{TickRecord, drain};
+
+    const QUIET: Talk = Talk { verbose: 0, quiet: true, color: When::Never, log_format: LogFormat::Text };
+
+    #[test]
+    fn how_a_recording_goes_is_known_while_a_disk_keeps_its_end_waiting() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("pipe.mcap");
+        rustix::fs::mkfifoat(rustix::fs::CWD, &path, rustix::fs::Mode::RWXU).expect("a pipe");
+        // Opened by a reader who does not read: the pipe takes 64 KiB and no more.
+        let reader = fs::OpenOptions::new().read(true).write(true).open(&path).expect("opened");
+        let recorder = Recorder::new(Taps::default(), false);
+        recorder.scenes.add(SceneFiles { toml: "# long\n".repeat(1 << 16), ..SceneFiles::default() });
+        let recording = recorder.start(&path, true, Box::new(|_| ())).expect("started");
+        let (mut producer, records) = rtrb::RingBuffer::new(1);
+        producer.push(TickRecord::default()).expect("room");
+        drop(producer);
+        drain(records, recorder.taps(), |_| ());
+        let session = Arc::new(Session::of(Some(recording)));
+        let clients = || ClientRecordings { recorder: recorder.clone(), session: session.clone(), talk: QUIET };
+        assert_eq!(clients().status().map(|status| status.file), Some(path));
+        let stopping = clients();
+        let stopped = std::thread::spawn(move || stopping.stop());
+        while clients().status().is_some() {
+            std::thread::yield_now();
+        }
+        assert!(!stopped.is_finished(), "whoever asked waited for the disk");
+        drop(reader);
+        assert_eq!(stopped.join().expect("no panic"), Ok(()));
+        assert!(session.now().last.as_ref().is_some_and(|last| last.error.is_some()));
     }
 }
