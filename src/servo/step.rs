@@ -293,17 +293,21 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
         step
     }
 
-    /// True when the force is to go to zero for another scene. A stop goes first.
+    /// True when the force is to go to zero for another scene. A stop and a fault that nobody has acknowledged go first.
     fn swap_is_due(&mut self, wanted: Order) -> bool {
         let (tick, clock) = (self.tick, self.clock.kind());
-        let may = matches!(wanted, Order::Enable | Order::Disable) && self.faults.is_empty();
+        let may = matches!(wanted, Order::Enable | Order::Disable) && self.last.faults.is_empty() && !self.driver_fault;
         may && self.swaps.as_mut().is_some_and(|swaps| swaps.is_due(tick, clock))
     }
 
     /// Exchanges the scenes once no force is left. The tool stays where it stands, if there is room in the new scene.
     fn swap_at_zero(&mut self, output: &TickOutput) {
-        let at_zero = output.drive == Drive::Disabled && output.command_device == Wrench::ZERO && self.faults.is_empty();
-        if at_zero && self.swaps.as_mut().is_some_and(|swaps| swaps.exchange(&mut self.stage)) {
+        let at_zero = output.drive == Drive::Disabled && output.command_device == Wrench::ZERO;
+        if at_zero
+            && output.faults.is_empty()
+            && !self.driver_fault
+            && self.swaps.as_mut().is_some_and(|swaps| swaps.exchange(&mut self.stage))
+        {
             let Stage { scene, state, .. } = &mut *self.stage;
             state.resume_at(scene, output.world_from_tool);
             self.stop_ticks = self.stage.stop_ticks();

@@ -8,7 +8,7 @@
 //!  (freed here)
 //! ```
 //! The servo moves one box in and one out: nothing is allocated, freed or copied, and no tick is missed. The order of the supervisor goes
-//! first: after a stop or a fault nothing is exchanged.
+//! first: after a stop nothing is exchanged, and after a fault not before it is acknowledged.
 #![expect(clippy::disallowed_types, reason = "made and freed on the cold side")]
 
 use std::sync::Arc;

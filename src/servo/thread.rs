@@ -36,7 +36,7 @@ mod tests {
     use crate::haptics::{Drive, DriveRequest, Faults, RenderScene, State, TickInput, TickOutput};
     use crate::rt::clock::{RealClock, VirtualClock};
     use crate::servo::testing::{ArmLog, CountingArm, ScriptedClock, empty_scene};
-    use crate::servo::{Control, Ending, Order, RunPlan, TickFunction};
+    use crate::servo::{Control, Ending, Order, RunPlan, Stage, SwapSlot, TickFunction};
     use crate::spatial::{SampleStatus, Wrench};
     use crate::telemetry::TickRecord;
 
@@ -137,6 +137,41 @@ mod tests {
         assert!(report.flight.is_frozen());
         let last = report.flight.records().last().expect("records");
         assert_eq!((last.tick, last.output.faults), (30, Faults::DEVICE_LOST));
+    }
+
+    #[test]
+    fn once_a_fault_is_acknowledged_scenes_take_each_others_place_again() {
+        let arm = CountingArm { lost_from_read: Some(30), back_from_read: Some(60), ..CountingArm::default() };
+        let (producer, mut records) = RingBuffer::new(4096);
+        let control = Arc::new(Control::new(Order::Enable));
+        let (mut swapper, slot) = SwapSlot::new(Box::new([]));
+        let plan = RunPlan { stop_at_tick: Some(1500), outlives_faults: true };
+        let servo = ServoLoop::new(empty_scene(), arm, VirtualClock::default(), control.clone(), plan, producer);
+        let mut servo = servo.with_swaps(slot);
+        servo.warm_up();
+        for n in 0.. {
+            match n {
+                // Offered while the fault is latched: it waits.
+                100 => swapper.offer(Box::new(Stage::new(empty_scene()))).expect("room"),
+                300 => control.give(Order::Disable),
+                400 => control.give(Order::Enable),
+                _ => {}
+            }
+            if servo.step() == Step::End {
+                break;
+            }
+        }
+        let report = servo.finish();
+        assert_eq!((report.faults, report.ending), (Faults::DEVICE_LOST, Ending::Stopped));
+        let mut changed = None;
+        while let Ok(record) = records.pop() {
+            if record.scene_idx == 1 {
+                changed.get_or_insert(record.tick);
+            }
+            assert!(record.scene_idx == 0 || record.output.faults.is_empty());
+        }
+        assert!(changed.is_some_and(|tick| (300..700).contains(&tick)), "{changed:?}");
+        assert!(swapper.take_back().is_some());
     }
 
     #[test]
