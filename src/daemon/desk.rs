@@ -8,6 +8,7 @@
 //! Clients set parameters and poses and say when force may flow. Nobody sends a force.
 
 use core::time::Duration;
+use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, PoisonError, RwLock, RwLockReadGuard};
 
@@ -240,8 +241,11 @@ pub struct Desk {
     messages: Receiver<Message>,
     counter: Counter,
     reins: Option<Reins>,
-    /// Scenes that were offered and are not rendered yet, in order.
-    coming: std::collections::VecDeque<(Offered, bool)>,
+    /// Scenes that were offered and are not shown yet, in order.
+    coming: VecDeque<(Offered, bool)>,
+    /// The newest scene that the loop renders, and the one that the board shows: either may be told first.
+    rendered_idx: u32,
+    shown_idx: u32,
 }
 
 impl Desk {
@@ -249,7 +253,9 @@ impl Desk {
     pub fn new(tools: Tools) -> (Self, Counter) {
         let (sender, messages) = unbounded();
         let counter = Counter(sender);
-        (Self { tools, messages, counter: counter.clone(), reins: None, coming: std::collections::VecDeque::new() }, counter)
+        let desk =
+            Self { tools, messages, counter: counter.clone(), reins: None, coming: VecDeque::new(), rendered_idx: 0, shown_idx: 0 };
+        (desk, counter)
     }
 
     /// Shows the first scene and begins to answer, in a thread of its own that ends with the process.
@@ -270,16 +276,23 @@ impl Desk {
                 Message::Request(Request { ask, answer }) => self.answer(ask, answer),
                 Message::Offered(offered, was_asked_for) => self.coming.push_back((*offered, was_asked_for)),
                 Message::NotOffered => self.tools.board.change(|view| view.switching_to = None),
-                Message::Rendered(scene_idx) => {
-                    if let Some((Offered { config, scene, reins }, was_asked_for)) = self.coming.pop_front() {
-                        self.tools.board.show(scene_idx, config, scene, &reins);
-                        if was_asked_for {
-                            self.tools.board.change(|view| view.switching_to = None);
-                        }
-                        self.reins = Some(reins);
-                    }
-                }
+                Message::Rendered(scene_idx) => self.rendered_idx = self.rendered_idx.max(scene_idx),
             }
+            self.show();
+        }
+    }
+
+    /// Goes over to what is rendered, as far as it is known here.
+    fn show(&mut self) {
+        while self.shown_idx < self.rendered_idx
+            && let Some((Offered { config, scene, reins }, was_asked_for)) = self.coming.pop_front()
+        {
+            self.shown_idx += 1;
+            self.tools.board.show(self.shown_idx, config, scene, &reins);
+            if was_asked_for {
+                self.tools.board.change(|view| view.switching_to = None);
+            }
+            self.reins = Some(reins);
         }
     }
 
@@ -390,4 +403,81 @@ pub fn unlike(scene: &SceneConfig, rendered: &SceneConfig) -> Option<(&'static s
         let shown = |longest: Option<Duration>| longest.map_or("none".to_owned(), |longest| longest.as_millis().to_string());
         ("safety.heartbeat_ms", shown(its), shown(ours))
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::servo::ReinEnds;
+    use crate::servo::testing::empty_scene;
+
+    const SCENE: &str = r#"version = 1
+[[static]]
+name = "base"
+shape = { plane_mm = [60.0, 60.0] }
+voxel_size_mm = 2.0
+[tool]
+shape = { box_mm = [20.0, 20.0, 20.0] }
+voxel_size_mm = 2.0
+[device]
+profile = "sim-sigma7"
+"#;
+
+    fn config() -> SceneConfig {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let path = folder.path().join("scene.toml");
+        std::fs::write(&path, SCENE).expect("written");
+        config::load_with(&path, &LoadOptions::default()).unwrap_or_else(|errors| panic!("{errors}"))
+    }
+
+    fn offered() -> (Offered, ReinEnds) {
+        let scene = empty_scene();
+        let (reins, ends) = Reins::new(&scene.parameters, []);
+        (Offered { config: config(), scene, reins }, ends)
+    }
+
+    /// A desk that is open, and what else lives as long.
+    fn desk() -> (Counter, Board, ReinEnds) {
+        let board = Board::new(config());
+        let (orders, _) = unbounded();
+        let tools = Tools { board: board.clone(), orders, switches: None, options: LoadOptions::default(), note: Arc::new(|_| ()) };
+        let (desk, counter) = Desk::new(tools);
+        let (Offered { config, scene, reins }, ends) = offered();
+        desk.serve(config, scene, reins).expect("a thread");
+        (counter, board, ends)
+    }
+
+    /// What the desk answers; everything that was said before has been taken then.
+    fn ask(counter: &Counter, ask: Ask) -> Result<(), Refusal> {
+        let (sender, answers) = unbounded();
+        counter.ask(Request { ask, answer: Box::new(move |result| drop(sender.send(result))) });
+        answers.recv().expect("an answer")
+    }
+
+    fn nothing() -> Ask {
+        Ask::Place { object: String::new(), world_from_object: Pose::IDENTITY }
+    }
+
+    #[test]
+    fn a_scene_is_shown_whether_it_was_offered_or_rendered_first() {
+        let (counter, board, _ends) = desk();
+        let mut ends = Vec::new();
+        let mut offer = || {
+            let (offered, its) = offered();
+            ends.push(its);
+            counter.offered(offered);
+        };
+        counter.rendered(1);
+        offer();
+        assert!(ask(&counter, nothing()).is_err());
+        assert_eq!(board.view().scene_idx, 1);
+        offer();
+        offer();
+        assert!(ask(&counter, nothing()).is_err());
+        assert_eq!(board.view().scene_idx, 1, "offered is not rendered");
+        counter.rendered(2);
+        counter.rendered(3);
+        assert!(ask(&counter, nothing()).is_err());
+        assert_eq!(board.view().scene_idx, 3);
+    }
 }
