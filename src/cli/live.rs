@@ -15,7 +15,7 @@ use super::{Talk, cache, report};
 use crate::config::poses::PoseFileError;
 use crate::config::{self, LoadOptions, SceneConfig};
 use crate::daemon::desk::unlike;
-use crate::daemon::switch::{self, Switch, objects};
+use crate::daemon::switch::{self, Done, Switch, objects};
 use crate::daemon::{Live, scene_files};
 use crate::device::hand::HandPath;
 use crate::error::Exit;
@@ -184,7 +184,6 @@ impl OfferedScenes {
 
 /// The changes while they take place.
 pub(crate) struct UnderWay {
-    /// At most one: the first failure is the last.
     failed: Receiver<Failed>,
     planned: Vec<(PathBuf, Duration)>,
     pub(crate) offered: OfferedScenes,
@@ -230,7 +229,7 @@ impl Changes {
             let sender = switch::spawn(Box::new(move |config| bake(config, &cache, &memory, talk)), swapper, clock)?;
             for (idx, PlannedSwap { config, at_tick, .. }) in self.swaps.into_iter().enumerate() {
                 let (failures, offered, hears, path) = (failures.clone(), offered.clone(), hears(), config.path.clone());
-                let done = Box::new(move |result: Option<Result<switch::Offered, SceneError>>| match result {
+                let done = Done::new(move |result| match result {
                     Some(Ok(scene)) => {
                         offered.note(&scene.config, Some(idx));
                         if let Some(hears) = hears {
@@ -279,11 +278,13 @@ impl UnderWay {
         taken.map_or_else(|| PathBuf::from("another scene"), |(path, _)| path.clone())
     }
 
-    /// Says what went wrong, if anything; its exit code.
+    /// Says what went wrong, if anything; the exit code of the first failure.
     pub(crate) fn failure(&self, talk: Talk) -> Option<Exit> {
-        let Failed { path, problem } = self.failed.try_recv().ok()?;
-        report::error(&format!("{} was not rendered: it cannot be baked", path.display()), None, talk);
-        Some(report::scene_error(&problem, talk))
+        let say = |Failed { path, problem }: Failed| {
+            report::error(&format!("{} was not rendered: it cannot be baked", path.display()), None, talk);
+            report::scene_error(&problem, talk)
+        };
+        self.failed.try_iter().map(say).reduce(|first, _| first)
     }
 
     /// What came of each planned swap.

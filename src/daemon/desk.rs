@@ -15,7 +15,7 @@ use std::sync::{Arc, PoisonError, RwLock, RwLockReadGuard};
 use crossbeam::channel::{Receiver, Sender, unbounded};
 
 use super::OperatorOrder;
-use super::switch::{Offered, Switch};
+use super::switch::{Done, Offered, Switch};
 use crate::config::{self, ConfigErrors, LoadOptions, SceneConfig};
 use crate::haptics::RenderScene;
 use crate::haptics::tuning::KnobRange;
@@ -328,7 +328,7 @@ impl Desk {
         let path = config.path.clone();
         self.tools.board.change(|view| view.switching_to = Some(path));
         let (counter, note) = (self.counter.clone(), self.tools.note.clone());
-        let done = Box::new(move |result: Option<Result<Offered, SceneError>>| {
+        let done = Done::new(move |result| {
             let said = match result {
                 Some(Ok(offered)) => {
                     note(&offered.config);
@@ -343,9 +343,8 @@ impl Desk {
             }
             answer(said);
         });
-        if let Err(failed) = switches.send(Switch { config, at_tick: 0, is_promised: false, done }) {
-            (failed.into_inner().done)(None);
-        }
+        // What nobody takes any more is dropped, which answers it.
+        let _ = switches.send(Switch { config, at_tick: 0, is_promised: false, done });
     }
 
     fn read(&self, name: Option<&str>, rendered: &SceneConfig) -> Result<SceneConfig, Refusal> {
