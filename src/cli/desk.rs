@@ -78,8 +78,8 @@ impl Company {
             return Ok(Self::default());
         }
         let board = Board::new(config.clone());
-        let note = Arc::new(move |config: &SceneConfig| offered.note(config, None));
-        let tools = Tools { board: board.clone(), orders: orders.clone(), switches, options: options.clone(), note };
+        let look = Arc::new(move |config: &SceneConfig| offered.look(config, None));
+        let tools = Tools { board: board.clone(), orders: orders.clone(), switches, options: options.clone(), look };
         let (desk, counter) = Desk::new(tools);
         // Set once: there is one desk.
         let _ = opening.0.set(counter.clone());

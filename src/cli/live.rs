@@ -14,7 +14,7 @@ use super::progress::BakeProgress;
 use super::{Talk, cache, report};
 use crate::config::poses::PoseFileError;
 use crate::config::{self, LoadOptions, SceneConfig};
-use crate::daemon::desk::unlike;
+use crate::daemon::desk::{Noted, unlike};
 use crate::daemon::switch::{self, Done, Switch, objects};
 use crate::daemon::{Live, scene_files};
 use crate::device::hand::HandPath;
@@ -164,12 +164,17 @@ pub(crate) struct OfferedScenes {
 }
 
 impl OfferedScenes {
-    /// The loop will take this one next.
-    pub(crate) fn note(&self, config: &SceneConfig, planned: Option<usize>) {
-        self.list().push((config.path.clone(), planned));
-        if let Some((recorder, options)) = &self.recorded {
-            recorder.scenes.add(scene_files(config, options));
-        }
+    /// Looks at what a scene is made of, before it is baked: what is written meanwhile is not what is rendered. What comes back takes note that
+    /// the loop will take it next.
+    pub(crate) fn look(&self, config: &SceneConfig, planned: Option<usize>) -> Noted {
+        let (offered, path) = (self.clone(), config.path.clone());
+        let files = self.recorded.as_ref().map(|(_, options)| scene_files(config, options));
+        Box::new(move || {
+            offered.list().push((path, planned));
+            if let (Some(recorder), Some(files)) = (offered.recorder(), files) {
+                recorder.scenes.add(files);
+            }
+        })
     }
 
     /// Who records the run.
@@ -228,10 +233,11 @@ impl Changes {
             let (cache, memory) = (cache.clone(), memory.clone());
             let sender = switch::spawn(Box::new(move |config| bake(config, &cache, &memory, talk)), swapper, clock)?;
             for (idx, PlannedSwap { config, at_tick, .. }) in self.swaps.into_iter().enumerate() {
-                let (failures, offered, hears, path) = (failures.clone(), offered.clone(), hears(), config.path.clone());
+                let (failures, note, hears, path) =
+                    (failures.clone(), offered.look(&config, Some(idx)), hears(), config.path.clone());
                 let done = Done::new(move |result| match result {
                     Some(Ok(scene)) => {
-                        offered.note(&scene.config, Some(idx));
+                        note();
                         if let Some(hears) = hears {
                             hears(scene);
                         }
@@ -301,5 +307,30 @@ impl UnderWay {
             }
         };
         self.planned.iter().enumerate().map(report).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::telemetry::Taps;
+
+    #[test]
+    fn a_scene_is_recorded_as_it_was_before_it_was_baked() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let path = folder.path().join("scene.toml");
+        let shape = "shape = { box_mm = [20.0, 20.0, 20.0] }\nvoxel_size_mm = 2.0\n";
+        let text = format!("version = 1\n[[static]]\nname = \"base\"\n{shape}[tool]\n{shape}[device]\nprofile = \"sim-sigma7\"\n");
+        std::fs::write(&path, &text).expect("written");
+        let config = config::load(&path).unwrap_or_else(|errors| panic!("{errors}"));
+        let recorder = Recorder::new(Taps::default(), true);
+        let recorded = Some((recorder.clone(), LoadOptions::default()));
+        let offered = OfferedScenes { recorded, ..OfferedScenes::default() };
+        let note = offered.look(&config, None);
+        std::fs::write(&path, "version = 2\n").expect("written");
+        assert!(recorder.scenes.get(0).is_none() && offered.list().is_empty());
+        note();
+        assert_eq!(recorder.scenes.get(0).expect("noted").toml, text);
+        assert_eq!(*offered.list(), [(path, None)]);
     }
 }

@@ -231,9 +231,12 @@ pub struct Tools {
     pub switches: Option<Sender<Switch>>,
     /// How scenes are read.
     pub options: LoadOptions,
-    /// Hears of every scene that was asked for and that the loop will take.
-    pub note: Arc<dyn Fn(&SceneConfig) + Send + Sync>,
+    /// Looks at every scene that was asked for, as its files are before it is baked.
+    pub look: Arc<dyn Fn(&SceneConfig) -> Noted + Send + Sync>,
 }
+
+/// Takes note that the loop will take a scene.
+pub type Noted = Box<dyn FnOnce() + Send>;
 
 /// The desk before its thread.
 pub struct Desk {
@@ -327,11 +330,11 @@ impl Desk {
         };
         let path = config.path.clone();
         self.tools.board.change(|view| view.switching_to = Some(path));
-        let (counter, note) = (self.counter.clone(), self.tools.note.clone());
+        let (counter, note) = (self.counter.clone(), (self.tools.look)(&config));
         let done = Done::new(move |result| {
             let said = match result {
                 Some(Ok(offered)) => {
-                    note(&offered.config);
+                    note();
                     let _ = counter.0.send(Message::Offered(Box::new(offered), true));
                     Ok(())
                 }
@@ -439,7 +442,13 @@ profile = "sim-sigma7"
     fn desk() -> (Counter, Board, ReinEnds) {
         let board = Board::new(config());
         let (orders, _) = unbounded();
-        let tools = Tools { board: board.clone(), orders, switches: None, options: LoadOptions::default(), note: Arc::new(|_| ()) };
+        let tools = Tools {
+            board: board.clone(),
+            orders,
+            switches: None,
+            options: LoadOptions::default(),
+            look: Arc::new(|_| Box::new(|| ())),
+        };
         let (desk, counter) = Desk::new(tools);
         let (Offered { config, scene, reins }, ends) = offered();
         desk.serve(config, scene, reins).expect("a thread");
