@@ -79,7 +79,7 @@ impl Company {
         }
         let board = Board::new(config.clone());
         let look = Arc::new(move |config: &SceneConfig| offered.look(config, None));
-        let tools = Tools { board: board.clone(), orders: orders.clone(), switches, options: options.clone(), look };
+        let tools = Tools { board: board.clone(), switches, options: options.clone(), look };
         let (desk, counter) = Desk::new(tools);
         // Set once: there is one desk.
         let _ = opening.0.set(counter.clone());

@@ -1,11 +1,10 @@
 //! The desk: what clients ask of a run while it goes on, answered in turn by one thread.
 //!
 //! ```text
-//!  monitor ──Request──► desk ──order──► supervisor
-//!                         ├──knob, pose──► loop (through the reins of the scene that is rendered)
-//!                         └──scene──► switch ──baked──► loop
+//!  monitor ─┬─Request──► desk ─┬─knob, pose──► loop (through the reins of the scene that is rendered)
+//!  reload  ─┘                  └─scene──► switch ──baked──► loop
 //! ```
-//! Clients set parameters and poses and say when force may flow. Nobody sends a force.
+//! Orders that let force flow or end the run do not wait here: they go to the supervisor straight. Nobody sends a force.
 
 use core::time::Duration;
 use std::collections::VecDeque;
@@ -14,7 +13,6 @@ use std::sync::{Arc, PoisonError, RwLock, RwLockReadGuard};
 
 use crossbeam::channel::{Receiver, Sender, unbounded};
 
-use super::OperatorOrder;
 use super::switch::{Done, Offered, Switch};
 use crate::config::{self, ConfigErrors, LoadOptions, SceneConfig};
 use crate::haptics::RenderScene;
@@ -26,8 +24,6 @@ use crate::spatial::Pose;
 /// What a client asks for.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Ask {
-    /// Force on, off, or the end of the run.
-    Order(OperatorOrder),
     /// A parameter, by its name (`haptics::Knob::name`), SI.
     Set {
         /// Which.
@@ -153,11 +149,6 @@ impl Board {
         self.read().clone()
     }
 
-    /// The number of the scene that is rendered.
-    pub fn scene_idx(&self) -> u32 {
-        self.read().scene_idx
-    }
-
     fn read(&self) -> RwLockReadGuard<'_, View> {
         // Views are replaced whole: a writer that panicked left one that holds together.
         self.0.read().unwrap_or_else(PoisonError::into_inner)
@@ -225,8 +216,6 @@ impl Counter {
 pub struct Tools {
     /// What it shows.
     pub board: Board,
-    /// To the supervisor.
-    pub orders: Sender<OperatorOrder>,
     /// Bakes and hands over; `None`: no other scenes.
     pub switches: Option<Sender<Switch>>,
     /// How scenes are read.
@@ -301,7 +290,6 @@ impl Desk {
 
     fn answer(&mut self, ask: Ask, answer: Answer) {
         match ask {
-            Ask::Order(order) => answer(self.tools.orders.send(order).map_err(|_| Refusal::Over)),
             Ask::Set { parameter, value } => {
                 let Some(reins) = &mut self.reins else { return answer(Err(Refusal::Over)) };
                 let result = reins.tuner.set(&parameter, value);
@@ -441,14 +429,8 @@ profile = "sim-sigma7"
     /// A desk that is open, and what else lives as long.
     fn desk() -> (Counter, Board, ReinEnds) {
         let board = Board::new(config());
-        let (orders, _) = unbounded();
-        let tools = Tools {
-            board: board.clone(),
-            orders,
-            switches: None,
-            options: LoadOptions::default(),
-            look: Arc::new(|_| Box::new(|| ())),
-        };
+        let tools =
+            Tools { board: board.clone(), switches: None, options: LoadOptions::default(), look: Arc::new(|_| Box::new(|| ())) };
         let (desk, counter) = Desk::new(tools);
         let (Offered { config, scene, reins }, ends) = offered();
         desk.serve(config, scene, reins).expect("a thread");

@@ -29,9 +29,4 @@ impl Reins {
         let (tuner, tunes) = Tuner::new(parameters);
         (Self { placer, tuner }, ReinEnds { placements, tunes })
     }
-
-    /// The loop has ended, or renders another scene now.
-    pub fn is_over(&self) -> bool {
-        self.tuner.is_over()
-    }
 }

@@ -78,7 +78,7 @@ pub(super) fn curve(curve: &Curve<'_>, stretches: &[Stretch]) -> String {
 /// Bars over bins of 1, 2, 5, 10 …; heights are logarithms of counts. `deadline_us`: a line between what is in time and what is not.
 pub(super) fn histogram(title: &str, bins: &[[u64; 2]], deadline_us: f64) -> String {
     let mut svg = open(title);
-    let n_bins = bins.iter().filter(|[bound_us, _]| (*bound_us as f64) < 2.5 * deadline_us).count().max(bins.len()).max(10);
+    let n_bins = bins.len().max(10);
     let most = bins.iter().map(|[_, count]| *count).max().unwrap_or(1).max(1);
     let decades = (most as f64).log10().ceil().max(1.0);
     let width = (WIDTH - LEFT - RIGHT) / n_bins as f64;
@@ -102,7 +102,7 @@ pub(super) fn histogram(title: &str, bins: &[[u64; 2]], deadline_us: f64) -> Str
         );
         let _ = write!(svg, "<text class=\"tick end\" x=\"{:.1}\" y=\"{:.1}\">{bound_us}</text>", x + width, HEIGHT - 12.0);
     }
-    // Bins grow by about 2.15 each: the deadline lies behind the last bound that is not above it.
+    // The deadline lies behind the last bound that is not above it.
     let n_in_time = bins.iter().filter(|[bound_us, _]| *bound_us as f64 <= deadline_us).count();
     if bins.iter().any(|[bound_us, _]| *bound_us as f64 >= deadline_us) {
         let x = LEFT + n_in_time as f64 * width;
