@@ -31,6 +31,13 @@ pub enum Ask {
         /// To what.
         value: f64,
     },
+    /// Several parameters of one scene, or none of them.
+    SetAll {
+        /// Number of the scene.
+        scene_idx: u32,
+        /// By name, SI.
+        values: Vec<(&'static str, f64)>,
+    },
     /// A movable object to a pose.
     Place {
         /// Its name.
@@ -290,13 +297,9 @@ impl Desk {
 
     fn answer(&mut self, ask: Ask, answer: Answer) {
         match ask {
-            Ask::Set { parameter, value } => {
-                let Some(reins) = &mut self.reins else { return answer(Err(Refusal::Over)) };
-                let result = reins.tuner.set(&parameter, value);
-                let settings = settings(reins);
-                self.tools.board.change(|view| view.settings = settings);
-                answer(result.map_err(Refusal::from));
-            }
+            Ask::Set { parameter, value } => answer(self.set([(&*parameter, value)])),
+            Ask::SetAll { scene_idx, .. } if scene_idx != self.shown_idx => answer(Err(TuneError::Over.into())),
+            Ask::SetAll { values, .. } => answer(self.set(values)),
             Ask::Place { object, world_from_object } => {
                 let Some(reins) = &mut self.reins else { return answer(Err(Refusal::Over)) };
                 answer(reins.placer.place(&object, world_from_object).map_err(Refusal::from));
@@ -304,6 +307,14 @@ impl Desk {
             Ask::Switch { scene } => self.switch(Some(&scene), answer),
             Ask::Reload => self.switch(None, answer),
         }
+    }
+
+    fn set<'n>(&mut self, values: impl IntoIterator<Item = (&'n str, f64)>) -> Result<(), Refusal> {
+        let reins = self.reins.as_mut().ok_or(Refusal::Over)?;
+        reins.tuner.set_all(values)?;
+        let settings = settings(reins);
+        self.tools.board.change(|view| view.settings = settings);
+        Ok(())
     }
 
     /// Reads a scene, or the one that is rendered again, and lets it be baked; the answer comes when it is offered.
@@ -446,6 +457,20 @@ profile = "sim-sigma7"
 
     fn nothing() -> Ask {
         Ask::Place { object: String::new(), world_from_object: Pose::IDENTITY }
+    }
+
+    #[test]
+    fn parameters_of_a_scene_that_is_gone_are_not_set() {
+        let (counter, board, ends) = desk();
+        let Setting { name, range, .. } = board.view().settings[0];
+        let set = |scene_idx| ask(&counter, Ask::SetAll { scene_idx, values: vec![(name, range.least)] });
+        assert!(matches!(set(0), Ok(())));
+        let (offered, others) = offered();
+        counter.offered(offered);
+        counter.rendered(1);
+        assert!(matches!(set(0), Err(Refusal::Tune(TuneError::Over))));
+        assert!(matches!(set(1), Ok(())));
+        drop((ends, others));
     }
 
     #[test]

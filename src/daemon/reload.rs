@@ -2,7 +2,7 @@
 //!
 //! ```text
 //!  SIGHUP ─┐                    ┌─ wrong, or for another arm ─► refused; the old scene stays
-//!  file  ──┴► read and check ───┼─ only parameters differ ────► set one by one, each along its ramp
+//!  file  ──┴► read and check ───┼─ only parameters differ ────► set together, each along its ramp
 //!  changed                      └─ anything else ─────────────► baked meanwhile, then switched at zero force
 //! ```
 //! Data in: the board, for what is rendered now. Data out: requests to the desk, and [`News`]. Invariant: never touches the loop itself.
@@ -177,10 +177,9 @@ impl Reloader {
         let meshes = self.known.companions.meshes(&config);
         match tunes(&config, &view) {
             Some(tunes) if meshes == self.known.meshes => {
-                for Tuned { name, to, .. } in &tunes {
-                    let set = self.ask(Ask::Set { parameter: (*name).to_owned(), value: *to });
-                    set.recv().unwrap_or(Err(Refusal::Over))?;
-                }
+                let values = tunes.iter().map(|Tuned { name, to, .. }| (*name, *to)).collect();
+                let set = self.ask(Ask::SetAll { scene_idx: view.scene_idx, values });
+                set.recv().unwrap_or(Err(Refusal::Over))?;
                 Ok(Step::Done(if tunes.is_empty() { Reloaded::Unchanged } else { Reloaded::Tuned(tunes) }))
             }
             _ => Ok(Step::Bakes(Baking { answer: self.ask(Ask::Reload), meshes, path: config.path })),

@@ -69,19 +69,39 @@ impl Tuner {
     /// # Errors
     /// See [`TuneError`]; nothing changes then.
     pub fn set(&mut self, name: &str, value: f64) -> Result<(), TuneError> {
-        let known: Vec<&'static str> = self.knobs.iter().map(|(knob, ..)| knob.name()).collect();
-        let Some((knob, range, target)) = self.knobs.iter_mut().find(|(knob, ..)| knob.name() == name) else {
-            return Err(TuneError::Unknown { name: name.to_owned(), known });
-        };
-        // Written so that a NaN is refused as well.
-        if !(value >= range.least && value <= range.most) {
-            return Err(TuneError::Range { name: knob.name(), value, range: *range });
+        self.set_all([(name, value)])
+    }
+
+    /// Turns several knobs, or none of them.
+    ///
+    /// # Errors
+    /// As [`Self::set`], for the first one that will not do; nothing changes then.
+    pub fn set_all<'n>(&mut self, values: impl IntoIterator<Item = (&'n str, f64)>) -> Result<(), TuneError> {
+        let mut tunes = Vec::new();
+        for (name, value) in values {
+            let Some((place, (knob, range, _))) = self.knobs.iter().enumerate().find(|(_, (knob, ..))| knob.name() == name) else {
+                let known = self.knobs.iter().map(|(knob, ..)| knob.name()).collect();
+                return Err(TuneError::Unknown { name: name.to_owned(), known });
+            };
+            // Written so that a NaN is refused as well.
+            if !(value >= range.least && value <= range.most) {
+                return Err(TuneError::Range { name: knob.name(), value, range: *range });
+            }
+            tunes.push((place, Tune { knob: *knob, value }));
         }
         if self.ring.is_abandoned() {
             return Err(TuneError::Over);
         }
-        self.ring.push(Tune { knob: *knob, value }).map_err(|PushError::Full(_)| TuneError::Full)?;
-        *target = value;
+        if self.ring.slots() < tunes.len() {
+            return Err(TuneError::Full);
+        }
+        for (place, tune) in tunes {
+            // There is room, and only this side fills it.
+            self.ring.push(tune).map_err(|PushError::Full(_)| TuneError::Full)?;
+            if let Some((.., target)) = self.knobs.get_mut(place) {
+                *target = tune.value;
+            }
+        }
         Ok(())
     }
 }
@@ -91,6 +111,22 @@ impl Tuner {
 mod tests {
     use super::*;
     use crate::servo::testing::parameters;
+
+    #[test]
+    fn several_go_in_together_or_none_does() {
+        let (mut tuner, mut ring) = Tuner::new(&parameters());
+        let [(first, range, was), (second, other, _)] = [tuner.knobs()[0], tuner.knobs()[1]];
+        let refused = tuner.set_all([(first.name(), range.least), (second.name(), 2.0 * other.most)]);
+        assert!(matches!(refused, Err(TuneError::Range { name, .. }) if name == second.name()), "{refused:?}");
+        assert!(ring.pop().is_err() && tuner.knobs()[0].2 == was, "the first went in before the second was refused");
+        assert_eq!(tuner.set_all([(first.name(), range.least), (second.name(), other.least)]), Ok(()));
+        assert_eq!([ring.pop(), ring.pop()].map(|tune| tune.expect("a tune").knob), [first, second]);
+        for _ in 1..RING_TUNES {
+            assert_eq!(tuner.set(first.name(), range.most), Ok(()));
+        }
+        assert_eq!(tuner.set_all([(first.name(), range.least), (second.name(), other.most)]), Err(TuneError::Full));
+        assert_eq!((ring.slots(), tuner.knobs()[0].2), (RING_TUNES - 1, range.most));
+    }
 
     #[test]
     fn a_value_within_its_range_goes_in_and_nothing_else() {
