@@ -69,6 +69,12 @@ impl Faults {
         self.0 & other.0 == other.0
     }
 
+    /// The faults of this set that are not in `other`.
+    #[must_use]
+    pub const fn without(self, other: Self) -> Self {
+        Self(self.0 & !other.0)
+    }
+
     /// The set as bits, for records.
     pub const fn bits(self) -> u32 {
         self.0

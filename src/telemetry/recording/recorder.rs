@@ -9,14 +9,14 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::Duration;
 
 use crossbeam::channel::{Receiver, RecvTimeoutError, Sender, TrySendError, bounded, select};
 use serde::Serialize;
 
 use super::scene_files::{ROOM_BYTES, SceneFiles, Scenes};
-use super::write::{RecordingError, RecordingFile};
+use super::write::{RecordingError, RecordingFile, zero_ns};
 use crate::telemetry::{Taps, TickRecord};
 
 /// Records that may wait for the disk: eight seconds at 1 kHz, some megabytes.
@@ -72,6 +72,8 @@ pub type Failed = Box<dyn FnOnce(&RecordingError) + Send>;
 
 #[derive(Debug, Default)]
 struct Progress {
+    /// What the wall clock showed at loop time zero; set by the first record before it waits for anything.
+    zero_ns: OnceLock<u64>,
     records: AtomicU64,
     dropped: AtomicU64,
     error: Mutex<Option<String>>,
@@ -126,6 +128,7 @@ impl Recorder {
         std::thread::Builder::new().name("recorder".to_owned()).spawn(run).map_err(RecordingError::Thread)?;
         let (counted, is_virtual) = (progress.clone(), self.is_virtual);
         self.taps.add(Box::new(move |record| {
+            counted.zero_ns.get_or_init(|| zero_ns(record));
             let dropped = counted.dropped.load(Ordering::Relaxed);
             if is_virtual {
                 return sender.send((*record, dropped)).is_ok();
@@ -151,6 +154,9 @@ impl Recorder {
     ) -> Result<(), RecordingError> {
         let mut before = None;
         let mut take = |file: &mut RecordingFile, (record, dropped): (TickRecord, u64)| {
+            if let Some(zero_ns) = progress.zero_ns.get() {
+                file.begins_at(*zero_ns);
+            }
             self.record(file, &record, dropped, ROOM_BYTES, &mut before)?;
             progress.records.fetch_add(1, Ordering::Relaxed);
             Ok(())

@@ -73,9 +73,8 @@ pub(super) struct RecordingFile {
     next_transform_ns: u64,
     message: fields::Writer,
     chunk_begun: Option<Instant>,
-    /// What a stamp is at loop time zero, ns; set by the first record.
+    /// What a stamp is at loop time zero, ns: of the simulated clock, that the caller has told, or else as the first row is written.
     stamp_zero_ns: Option<u64>,
-    is_virtual: bool,
     faults: Faults,
 }
 
@@ -123,13 +122,17 @@ impl RecordingFile {
             next_transform_ns: 0,
             message: fields::Writer::default(),
             chunk_begun: None,
-            stamp_zero_ns: None,
-            is_virtual,
+            stamp_zero_ns: is_virtual.then_some(0),
             faults: Faults::NONE,
         };
         // A disk that takes nothing says so now.
         recording.flush()?;
         Ok(recording)
+    }
+
+    /// Tells what the wall clock showed at loop time zero ([`zero_ns`]). Counts before the first row, and not under the virtual clock.
+    pub(super) fn begins_at(&mut self, zero_ns: u64) {
+        self.stamp_zero_ns.get_or_insert(zero_ns);
     }
 
     /// Names and values for whoever looks at the file.
@@ -164,8 +167,7 @@ impl RecordingFile {
 
     fn row(&mut self, record: &TickRecord, dropped: u64) -> Row {
         let time_ns = record.time_ns.max(0).unsigned_abs();
-        let is_virtual = self.is_virtual;
-        let zero_ns = *self.stamp_zero_ns.get_or_insert_with(|| if is_virtual { 0 } else { unix_ns().saturating_sub(time_ns) });
+        let zero_ns = *self.stamp_zero_ns.get_or_insert_with(|| zero_ns(record));
         Row { record: *record, dropped, stamp_ns: zero_ns + time_ns }
     }
 
@@ -336,9 +338,10 @@ fn header(channel_id: u16, row: &Row) -> MessageHeader {
     MessageHeader { channel_id, sequence: row.record.tick as u32, log_time: row.stamp_ns, publish_time: row.stamp_ns }
 }
 
-fn unix_ns() -> u64 {
+/// What the wall clock showed at loop time zero, ns since 1970, when this record comes just now.
+pub(super) fn zero_ns(now: &TickRecord) -> u64 {
     let since = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
-    u64::try_from(since.as_nanos()).unwrap_or(u64::MAX)
+    u64::try_from(since.as_nanos()).unwrap_or(u64::MAX).saturating_sub(now.time_ns.max(0).unsigned_abs())
 }
 
 fn stamp(ns: u64) -> messages::Timestamp {
