@@ -173,6 +173,24 @@ fn every_bit_of_every_tick_comes_back_with_the_files_of_its_scene() {
 }
 
 #[test]
+fn the_meshes_that_viewers_show_share_their_room() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let mesh = folder.path().join("part.stl");
+    std::fs::File::create(&mesh).expect("created").set_len(14 << 20).expect("long");
+    let shown = Shown { name: "part".to_owned(), pose: Pose::IDENTITY, is_tool: false, form: Form::Mesh(mesh, 1.0) };
+    let recorder = Recorder::new(Taps::default(), true);
+    recorder.scenes.add(SceneFiles { shown: vec![shown; 5], ..SceneFiles::default() });
+    let path = folder.path().join("many.mcap");
+    let handle = recorder.start(&path, false, Box::new(never_fails)).expect("started");
+    feed(recorder.taps(), [TickRecord::default()]);
+    handle.stop();
+    let bytes = std::fs::read(&path).expect("bytes");
+    let messages = mcap::MessageStream::new(&bytes).expect("mcap").map(|message| message.expect("sound"));
+    let scene = messages.filter(|message| message.channel.topic == "/scene").last().expect("a scene");
+    assert_eq!(scene.data.len() >> 20, 28, "two of five");
+}
+
+#[test]
 fn a_recording_that_is_cut_off_anywhere_can_be_read_up_to_there() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("cut.mcap");

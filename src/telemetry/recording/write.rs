@@ -2,8 +2,8 @@
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
-use std::fs::{File, OpenOptions};
-use std::io::{self, BufWriter, Write as _};
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, BufWriter, Read as _, Write as _};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant, SystemTime};
 
@@ -29,8 +29,8 @@ const CHUNK_BYTES: u64 = 512 << 10;
 const CHUNK_AGE: Duration = Duration::from_millis(400);
 /// Viewers are told where the tool's frame is so often: as often as they draw.
 const TRANSFORM_EVERY_NS: u64 = 16_000_000;
-/// Meshes up to this size are shown in the 3-D panels of viewers too.
-const SHOWN_BYTES: u64 = 8 << 20;
+/// Meshes of a scene are shown in the 3-D panels of viewers too, up to so many bytes together: they make one message.
+const SHOWN_BYTES: u64 = 32 << 20;
 
 /// Why a recording cannot be written.
 #[derive(Debug, thiserror::Error)]
@@ -245,10 +245,9 @@ impl RecordingFile {
         }
         self.metadata(&folder, manifest)?;
         let row = self.row(first, 0);
-        let update = SceneUpdate {
-            entities: scene.shown.iter().map(|shown| entity(shown, scene, scene_idx, room_bytes.min(SHOWN_BYTES))).collect(),
-            ..SceneUpdate::default()
-        };
+        let mut left_bytes = room_bytes.min(SHOWN_BYTES);
+        let entities = scene.shown.iter().map(|shown| entity(shown, scene, scene_idx, &mut left_bytes)).collect();
+        let update = SceneUpdate { entities, ..SceneUpdate::default() };
         self.write(self.scene, &row, &update)?;
         self.flush()
     }
@@ -348,8 +347,8 @@ fn stamp(ns: u64) -> messages::Timestamp {
     messages::Timestamp::new(u32::try_from(ns / 1_000_000_000).unwrap_or(u32::MAX), (ns % 1_000_000_000) as u32)
 }
 
-/// What viewers show of an object; of a mesh file up to so many bytes.
-fn entity(shown: &Shown, scene: &SceneFiles, scene_idx: u32, most_bytes: u64) -> SceneEntity {
+/// What viewers show of an object; its mesh file if there is room for it.
+fn entity(shown: &Shown, scene: &SceneFiles, scene_idx: u32, left_bytes: &mut u64) -> SceneEntity {
     let (frame_id, origin) = if shown.is_tool { ("tool", Pose::IDENTITY) } else { ("world", shown.pose) };
     let at = |middle: [f64; 3]| Some(foxglove_pose(origin * Pose::from_translation(middle.into())));
     let color = Some(if shown.is_tool { TOOL_COLOR } else { STATIC_COLOR });
@@ -380,8 +379,7 @@ fn entity(shown: &Shown, scene: &SceneFiles, scene_idx: u32, most_bytes: u64) ->
                 Some("glb") => "model/gltf-binary",
                 _ => return entity,
             };
-            let is_small = std::fs::metadata(path).is_ok_and(|file| file.len() <= most_bytes);
-            if let Some(data) = is_small.then(|| std::fs::read(path).ok()).flatten() {
+            if let Some(data) = contents(path, left_bytes) {
                 entity.models.push(ModelPrimitive {
                     pose: at([0.0; 3]),
                     scale: Some(size(*metres_per_unit, *metres_per_unit, *metres_per_unit)),
@@ -396,6 +394,15 @@ fn entity(shown: &Shown, scene: &SceneFiles, scene_idx: u32, most_bytes: u64) ->
         Form::Other => {}
     }
     entity
+}
+
+/// A file for which there is room left, and less room.
+fn contents(path: &Path, left_bytes: &mut u64) -> Option<Vec<u8>> {
+    let metadata = fs::metadata(path).ok().filter(|file| file.is_file() && file.len() <= *left_bytes)?;
+    let mut data = Vec::with_capacity(usize::try_from(metadata.len()).ok()?);
+    File::open(path).ok()?.take(metadata.len()).read_to_end(&mut data).ok()?;
+    *left_bytes -= data.len() as u64;
+    Some(data)
 }
 
 const STATIC_COLOR: Color = Color { r: 0.6, g: 0.65, b: 0.7, a: 1.0 };
