@@ -68,7 +68,7 @@ impl NamedFile {
     }
 }
 
-fn stamp(metadata: &Metadata) -> Option<(u64, SystemTime)> {
+pub(super) fn stamp(metadata: &Metadata) -> Option<(u64, SystemTime)> {
     Some((metadata.len(), metadata.modified().ok()?))
 }
 
@@ -86,6 +86,8 @@ fn open(path: &Path, before: Option<(u64, SystemTime)>) -> Result<(File, u64), G
 pub(super) enum Gone {
     #[error("changed after it was baked")]
     Changed,
+    #[error("changed while it was recorded")]
+    ChangedMeanwhile,
     #[error("{0}")]
     Unreadable(io::Error),
 }

@@ -18,7 +18,7 @@ use mcap::{Attachment, Compression, McapError, Writer};
 
 use super::channels::{Channel, Row};
 use super::fields;
-use super::scene_files::{self, Form, SceneFiles, Shown};
+use super::scene_files::{self, Form, Gone, SceneFiles, Shown};
 use crate::haptics::Faults;
 use crate::spatial::Pose;
 use crate::telemetry::TickRecord;
@@ -228,8 +228,11 @@ impl RecordingFile {
                 match opened {
                     Ok((mut file, n_bytes)) if n_bytes <= left_bytes => {
                         left_bytes -= n_bytes;
-                        self.attach_file(&name, &mut file, n_bytes)?;
-                        manifest.insert(key("attachment"), name);
+                        if self.attach_file(&name, &mut file, n_bytes)? {
+                            manifest.insert(key("attachment"), name);
+                        } else {
+                            manifest.insert(key("missing"), Gone::ChangedMeanwhile.to_string());
+                        }
                     }
                     Ok((mut file, _)) => {
                         let hash =
@@ -263,7 +266,11 @@ impl RecordingFile {
         self.mcap.attach(&attachment).map_err(|error| self.failed(&error))
     }
 
-    fn attach_file(&mut self, name: &str, file: &mut File, n_bytes: u64) -> Result<(), RecordingError> {
+    /// False when the file was written to meanwhile: what is attached is nobody's then, as its length had to be told before.
+    fn attach_file(&mut self, name: &str, file: &mut File, n_bytes: u64) -> Result<bool, RecordingError> {
+        let stamp_now = |file: &File| file.metadata().ok().as_ref().and_then(scene_files::stamp);
+        let before = stamp_now(file);
+        let mut is_whole = true;
         let header = AttachmentHeader {
             log_time: 0,
             create_time: 0,
@@ -276,9 +283,10 @@ impl RecordingFile {
         while left > 0 {
             let most = buffer.len().min(usize::try_from(left).unwrap_or(usize::MAX));
             let part = buffer.get_mut(..most).unwrap_or_default();
-            // A file that is cut short in this moment ends in zeros, and its hash is that of nobody.
-            let n = io::Read::read(file, part).unwrap_or(0);
+            // One that is cut short in this moment ends in zeros.
+            let n = file.read(part).unwrap_or(0);
             let n = if n == 0 {
+                is_whole = false;
                 part.fill(0);
                 part.len()
             } else {
@@ -287,7 +295,8 @@ impl RecordingFile {
             self.mcap.put_attachment_bytes(part.get(..n).unwrap_or_default()).map_err(|error| self.failed(&error))?;
             left -= n as u64;
         }
-        self.mcap.finish_attachment().map_err(|error| self.failed(&error))
+        self.mcap.finish_attachment().map_err(|error| self.failed(&error))?;
+        Ok(is_whole && before.is_some() && stamp_now(file) == before)
     }
 
     fn write(&mut self, channel_id: u16, row: &Row, message: &impl Encode) -> Result<(), RecordingError> {
@@ -417,5 +426,24 @@ fn foxglove_pose(pose: Pose) -> messages::Pose {
     messages::Pose {
         position: Some(size(position.x, position.y, position.z)),
         orientation: Some(messages::Quaternion { x: rotation.x, y: rotation.y, z: rotation.z, w: rotation.w }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_that_is_cut_short_while_it_is_attached_is_not_taken_for_whole() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("part.stl");
+        fs::write(&path, [1; 5000]).expect("written");
+        let mut recording = RecordingFile::create(&folder.path().join("r.mcap"), false, true).expect("created");
+        let mut open = || File::open(&path).expect("there");
+        assert!(recording.attach_file("whole", &mut open(), 5000).expect("written"));
+        let mut file = open();
+        OpenOptions::new().write(true).open(&path).expect("there").set_len(10).expect("shorter");
+        assert!(!recording.attach_file("short", &mut file, 5000).expect("written"));
+        recording.finish().expect("finished");
     }
 }
