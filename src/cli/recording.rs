@@ -53,9 +53,7 @@ impl RecordingArgs {
             report::error(&format!("--record: {error}"), hint, talk);
             if matches!(error, RecordingError::Thread(_)) { Exit::Internal } else { Exit::Asset }
         };
-        let failed =
-            move |error: &RecordingError| report::warning(&format!("recording ended early: {error}; the run goes on"), talk);
-        let recording = self.record.as_ref().map(|file| recorder.start(file, self.overwrite, Box::new(failed)));
+        let recording = self.record.as_ref().map(|file| recorder.start(file, self.overwrite, failed(talk)));
         let recording = recording.transpose().map_err(refused)?;
         let fault_files = self.fault_folder(clock).map(|folder| {
             let told = move |file: &FaultFile| match &file.file {
@@ -143,15 +141,11 @@ impl Recordings {
         recording.map(RecorderHandle::stop).or_else(|| self.session.now().last.take())
     }
 
-    /// Instead of a first tick: leaves no file behind in which there is nothing.
+    /// Instead of a first tick.
     pub(crate) fn abandon(self) {
         let _turn = self.session.turn();
-        let recording = self.session.take();
-        if let Some(summary) = recording.map(RecorderHandle::stop)
-            && summary.records == 0
-        {
-            // What cannot be removed stays.
-            let _ = fs::remove_file(summary.file);
+        if let Some(recording) = self.session.take() {
+            recording.abandon();
         }
     }
 }

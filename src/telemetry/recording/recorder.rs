@@ -7,6 +7,7 @@
 //! Nothing that a disk does reaches the drain or the loop.
 
 use std::collections::BTreeMap;
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
@@ -83,6 +84,8 @@ struct Progress {
 #[derive(Debug)]
 pub struct RecorderHandle {
     file: PathBuf,
+    /// It was made for this recording.
+    is_new: bool,
     progress: Arc<Progress>,
     stop: Sender<()>,
     /// Never sends: it disconnects when the thread has ended.
@@ -107,12 +110,13 @@ impl Recorder {
         RecordingFile::create(file, overwrites, self.is_virtual)
     }
 
-    /// Records from the next tick on. Creates the file before it returns.
+    /// Records from the next tick on. Creates the file before it returns; one that is to be overwritten stays until the first tick.
     ///
     /// # Errors
     /// The file cannot be created, or is there already and is not to be overwritten, or there is no thread for it.
     pub fn start(&self, file: &Path, overwrites: bool, failed: Failed) -> Result<RecorderHandle, RecordingError> {
         let recording = self.create(file, overwrites)?;
+        let is_new = recording.is_new();
         let progress = Arc::new(Progress::default());
         let (sender, records) = bounded(QUEUE_RECORDS);
         let (stop, stops) = bounded(1);
@@ -142,7 +146,7 @@ impl Recorder {
                 Err(TrySendError::Disconnected(_)) => false,
             }
         }));
-        Ok(RecorderHandle { file: file.to_owned(), progress, stop, ended })
+        Ok(RecorderHandle { file: file.to_owned(), is_new, progress, stop, ended })
     }
 
     fn run(
@@ -218,6 +222,16 @@ impl Recorder {
 }
 
 impl RecorderHandle {
+    /// Ends a recording to which no tick came: leaves no file behind in which there is nothing, and what was there before as it was.
+    pub fn abandon(self) {
+        let is_new = self.is_new;
+        let RecordingSummary { file, records, .. } = self.stop();
+        if is_new && records == 0 {
+            // What cannot be removed stays.
+            let _ = fs::remove_file(file);
+        }
+    }
+
     /// What the recording has come to so far.
     pub fn status(&self) -> RecordingSummary {
         RecordingSummary {

@@ -191,6 +191,40 @@ fn the_meshes_that_viewers_show_share_their_room() {
 }
 
 #[test]
+fn what_was_there_stays_until_there_is_something_to_take_its_place() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let [old, link, new, pipe] = ["old.mcap", "link.mcap", "new.mcap", "pipe"].map(|name| folder.path().join(name));
+    std::fs::write(&old, "an old one").expect("written");
+    std::os::unix::fs::symlink("old.mcap", &link).expect("linked");
+    rustix::fs::mkfifoat(rustix::fs::CWD, &pipe, rustix::fs::Mode::RWXU).expect("a pipe");
+    let _reader = std::fs::OpenOptions::new().read(true).write(true).open(&pipe).expect("opened");
+    let begun = |path: &Path, overwrites| {
+        let recorder = Recorder::new(Taps::default(), true);
+        recorder.scenes.add(SceneFiles::default());
+        let handle = recorder.start(path, overwrites, Box::new(never_fails)).expect("started");
+        (recorder, handle)
+    };
+    let names = || {
+        let names = std::fs::read_dir(folder.path()).expect("a folder").map(|entry| entry.expect("an entry").file_name());
+        let mut names: Vec<String> = names.map(|name| name.to_string_lossy().into_owned()).collect();
+        names.sort();
+        names
+    };
+    for (path, overwrites) in [(&old, true), (&link, true), (&new, false), (&new, true), (&pipe, true)] {
+        let (_, handle) = begun(path, overwrites);
+        handle.abandon();
+        assert_eq!(names(), ["link.mcap", "old.mcap", "pipe"]);
+        assert_eq!(std::fs::read(&old).expect("there"), b"an old one");
+    }
+    let (recorder, handle) = begun(&link, true);
+    feed(recorder.taps(), [TickRecord::default()]);
+    assert_eq!(handle.stop().records, 1);
+    assert_eq!(names(), ["link.mcap", "old.mcap", "pipe"]);
+    assert_eq!(ticks(&entries(&old).0).len(), 1);
+    assert!(std::fs::symlink_metadata(&link).expect("there").is_symlink());
+}
+
+#[test]
 fn a_recording_that_is_cut_off_anywhere_can_be_read_up_to_there() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("cut.mcap");

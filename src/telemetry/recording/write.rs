@@ -62,9 +62,24 @@ pub enum RecordingError {
     Hangs(PathBuf),
 }
 
+/// A file that takes the place of another one with the first tick that is in it; without a tick it goes, and the other one stays.
+struct Replacement {
+    written: PathBuf,
+    replaced: PathBuf,
+}
+
+impl Drop for Replacement {
+    fn drop(&mut self) {
+        // Where it took the other's place it is not there any more; else what cannot be removed stays.
+        let _ = fs::remove_file(&self.written);
+    }
+}
+
 /// An open recording.
 pub(super) struct RecordingFile {
     path: PathBuf,
+    replacement: Option<Replacement>,
+    is_new: bool,
     mcap: Writer<NoSeek<BufWriter<File>>>,
     channels: Vec<(Channel, u16)>,
     log: u16,
@@ -81,14 +96,8 @@ pub(super) struct RecordingFile {
 impl RecordingFile {
     /// Creates the file and writes what every recording begins with.
     pub(super) fn create(path: &Path, overwrites: bool, is_virtual: bool) -> Result<Self, RecordingError> {
-        let mut options = OpenOptions::new();
-        options.write(true);
-        if overwrites {
-            options.create(true).truncate(true)
-        } else {
-            options.create_new(true)
-        };
-        let file = options.open(path).map_err(|source| match source.kind() {
+        let is_new = fs::symlink_metadata(path).is_err();
+        let (file, replacement) = open(path, overwrites).map_err(|source| match source.kind() {
             io::ErrorKind::AlreadyExists => RecordingError::Exists(path.to_owned()),
             _ => RecordingError::Create { file: path.to_owned(), source },
         })?;
@@ -114,6 +123,8 @@ impl RecordingFile {
         let transform = add("/tf", schema::<FrameTransform>("foxglove.FrameTransform")).map_err(failed)?;
         let mut recording = Self {
             path: path.to_owned(),
+            replacement,
+            is_new,
             mcap,
             channels,
             log,
@@ -130,6 +141,11 @@ impl RecordingFile {
         Ok(recording)
     }
 
+    /// Nothing was there before.
+    pub(super) fn is_new(&self) -> bool {
+        self.is_new
+    }
+
     /// Tells what the wall clock showed at loop time zero ([`zero_ns`]). Counts before the first row, and not under the virtual clock.
     pub(super) fn begins_at(&mut self, zero_ns: u64) {
         self.stamp_zero_ns.get_or_insert(zero_ns);
@@ -143,6 +159,11 @@ impl RecordingFile {
 
     /// One tick.
     pub(super) fn record(&mut self, record: &TickRecord, dropped: u64) -> Result<(), RecordingError> {
+        if let Some(Replacement { written, replaced }) = &self.replacement {
+            let create = |source| RecordingError::Create { file: replaced.clone(), source };
+            fs::rename(written, replaced).map_err(create)?;
+            self.replacement = None;
+        }
         let row = self.row(record, dropped);
         for (channel, id) in &self.channels {
             if channel.has_message(&row) {
@@ -330,6 +351,23 @@ impl RecordingFile {
     fn failed(&self, error: &McapError) -> RecordingError {
         failed(&self.path, error)
     }
+}
+
+/// Opens a file to write. A regular file that may be replaced stays until then.
+fn open(path: &Path, overwrites: bool) -> io::Result<(File, Option<Replacement>)> {
+    let mut options = OpenOptions::new();
+    options.write(true);
+    let replaced = fs::canonicalize(path).ok().filter(|path| overwrites && path.is_file());
+    if let Some(replaced) = replaced {
+        // One that may not be written to is not replaced either.
+        options.open(&replaced)?;
+        let name = replaced.file_name().unwrap_or_default().to_string_lossy();
+        let written = replaced.with_file_name(format!(".{name}.new"));
+        let file = options.create(true).truncate(true).open(&written)?;
+        return Ok((file, Some(Replacement { written, replaced })));
+    }
+    let file = if overwrites { options.create(true).truncate(true) } else { options.create_new(true) }.open(path)?;
+    Ok((file, None))
 }
 
 fn failed(path: &Path, error: &McapError) -> RecordingError {
