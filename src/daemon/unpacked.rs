@@ -7,6 +7,7 @@ use std::path::{Component, Path, PathBuf};
 
 use super::recorded::{file_keys, resolved};
 use crate::config::{self, ConfigErrors, LoadOptions, SceneConfig};
+use crate::telemetry::recording::LONGEST_TEXT;
 
 /// Why a recorded scene cannot be put back.
 #[derive(Debug, thiserror::Error)]
@@ -69,9 +70,12 @@ impl Unpacked {
 
     /// Puts a file where its name says.
     pub(super) fn put(&self, name: &str, data: &[u8]) -> Result<(), UnpackError> {
-        let is_inside = Path::new(name).components().all(|part| matches!(part, Component::Normal(_)));
-        if !is_inside {
+        if !is_inside(name) {
             return Err(UnpackError::Outside(name.to_owned()));
+        }
+        // Others may attach what they like; no scene is made of it.
+        if !name.starts_with("scenes/") {
+            return Ok(());
         }
         let path = self.folder.path().join(name);
         let written = path.parent().map_or(Ok(()), fs::create_dir_all).and_then(|()| fs::write(&path, data));
@@ -88,7 +92,13 @@ impl Unpacked {
         let folder = self.folder.path().join(format!("scenes/{scene_idx}"));
         let missing = |file: &str, why: String| UnpackError::Missing { scene_idx, file: file.to_owned(), why };
         let garbled = |message: String| UnpackError::Toml { scene_idx, message };
-        let read = |name: &str| fs::read_to_string(folder.join(name)).map_err(|error| missing(name, error.to_string()));
+        let read = |name: &str| {
+            let path = folder.join(name);
+            if fs::metadata(&path).is_ok_and(|text| text.len() > LONGEST_TEXT as u64) {
+                return Err(missing(name, format!("no text has more than {} MiB", LONGEST_TEXT >> 20)));
+            }
+            fs::read_to_string(path).map_err(|error| missing(name, error.to_string()))
+        };
         let manifest = self.manifests.get(&format!("scenes/{scene_idx}"));
         let manifest = manifest.ok_or_else(|| missing("scene.toml", "it was not told what the run went over to".to_owned()))?;
         let mut scene: toml::Table =
@@ -106,7 +116,16 @@ impl Unpacked {
             };
             for part in 0.. {
                 let about = |what: &str| manifest.get(&format!("file.{n}.{part}.{what}"));
-                let Some(name) = about("name") else { break };
+                let Some(name) = about("name") else {
+                    if part == 0 {
+                        // What the scene calls it is a file of whoever replays it.
+                        return Err(missing(&written, "nobody named it".to_owned()));
+                    }
+                    break;
+                };
+                if !is_inside(name) {
+                    return Err(UnpackError::Outside(name.clone()));
+                }
                 if let Some(why) = about("missing") {
                     return Err(missing(name, why.clone()));
                 }
@@ -143,6 +162,12 @@ impl Unpacked {
     }
 }
 
+/// A name that stays within the folder to which it is joined.
+fn is_inside(name: &str) -> bool {
+    let mut parts = Path::new(name).components().peekable();
+    parts.peek().is_some() && parts.all(|part| matches!(part, Component::Normal(_)))
+}
+
 /// Keys that two objects have different values for.
 fn differences(key: &str, recorded: &serde_json::Value, now: &serde_json::Value, found: &mut Vec<String>) {
     match (recorded, now) {
@@ -157,5 +182,45 @@ fn differences(key: &str, recorded: &serde_json::Value, now: &serde_json::Value,
         }
         _ if recorded != now => found.push(format!("{key}: {recorded} was recorded, {now} now")),
         _ => {}
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Why a scene that names `part.obj` cannot be put back from these values.
+    fn refused(values: &[(&str, &str)]) -> UnpackError {
+        let mut unpacked = Unpacked::new().expect("a folder");
+        unpacked.put("scenes/0/scene.toml", b"[tool]\nmesh = \"/etc/part.obj\"\n").expect("written");
+        unpacked.note("scenes/0".to_owned(), values.iter().map(|(key, value)| ((*key).to_owned(), (*value).to_owned())).collect());
+        unpacked.scene(0).err().expect("refused")
+    }
+
+    #[test]
+    fn no_file_of_whoever_replays_is_read() {
+        let written = ("file.0.written", "/etc/part.obj");
+        let error = refused(&[written]);
+        assert!(matches!(&error, UnpackError::Missing { why, .. } if why == "nobody named it"), "{error}");
+        for name in ["../../../etc/part.obj", "/etc/part.obj", "a/../../b", ""] {
+            let error = refused(&[written, ("file.0.0.name", name)]);
+            assert!(matches!(&error, UnpackError::Outside(outside) if outside == name), "{error}");
+        }
+    }
+
+    #[test]
+    fn what_belongs_to_no_scene_is_not_written() {
+        let unpacked = Unpacked::new().expect("a folder");
+        unpacked.put("notes.txt", b"of somebody else").expect("not looked at");
+        assert!(matches!(unpacked.put("scenes/../../x", b""), Err(UnpackError::Outside(_))));
+        assert_eq!(fs::read_dir(unpacked.folder.path()).expect("a folder").count(), 0);
+    }
+
+    #[test]
+    fn a_text_that_is_none_is_not_read() {
+        let mut unpacked = Unpacked::new().expect("a folder");
+        unpacked.put("scenes/0/scene.toml", &vec![b'#'; LONGEST_TEXT + 1]).expect("written");
+        unpacked.note("scenes/0".to_owned(), BTreeMap::new());
+        assert!(unpacked.scene(0).err().expect("refused").to_string().contains("16 MiB"));
     }
 }

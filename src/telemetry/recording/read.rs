@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::{self, Read as _};
+use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
 use mcap::McapError;
@@ -10,10 +10,17 @@ use mcap::records::Record;
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
 use super::channels::{Channel, Row};
+use super::scene_files::ROOM_BYTES;
 use crate::telemetry::TickRecord;
 
-/// A longer record is a mistake: the longest that is written is an attachment.
-const LONGEST_RECORD: usize = 512 << 20;
+/// A longer record is a mistake: the longest that is written is an attachment, with its name.
+const LONGEST_RECORD: usize = (ROOM_BYTES + (1 << 20)) as usize;
+/// The same for a message of a tick. They take some hundred bytes; every field of one is held in memory at once.
+const LONGEST_MESSAGE: usize = 64 << 10;
+/// What an attachment takes beside its name and data, bytes: so many empty ones are no attachments either.
+const LEAST_ATTACHMENT: usize = 40;
+/// Texts that are brought along are not longer, bytes.
+pub const LONGEST_TEXT: usize = 16 << 20;
 
 /// Why a file cannot be read as a recording.
 #[derive(Debug, thiserror::Error)]
@@ -65,8 +72,11 @@ pub enum Entry {
 /// An open recording. Gives its entries one after another and holds one chunk in memory.
 pub struct Recording {
     path: PathBuf,
-    file: File,
+    file: Box<dyn Read>,
     reader: LinearReader,
+    /// Bytes that were read, and bytes that files and values came to: these are never packed, so they cannot be more.
+    n_read: usize,
+    n_brought: usize,
     /// By number.
     channels: BTreeMap<u16, Channel>,
     row: Row,
@@ -84,17 +94,23 @@ impl Recording {
         if std::fs::metadata(path).map_err(refused)?.is_dir() {
             return Err(refused(io::ErrorKind::IsADirectory.into()));
         }
-        let file = File::open(path).map_err(refused)?;
+        Ok(Self::of(File::open(path).map_err(refused)?, path))
+    }
+
+    /// A recording from somewhere else, called so in what is said of it.
+    pub fn of(file: impl Read + 'static, path: &Path) -> Self {
         let options = LinearReaderOptions::default().with_record_length_limit(LONGEST_RECORD).with_validate_chunk_crcs(true);
-        Ok(Self {
+        Self {
             path: path.to_owned(),
-            file,
+            file: Box::new(file),
             reader: LinearReader::new_with_options(options),
+            n_read: 0,
+            n_brought: 0,
             channels: BTreeMap::new(),
             row: Row::default(),
             is_whole: false,
             is_over: false,
-        })
+        }
     }
 
     /// After the last entry: the file has an end. A recorder that was killed leaves one without.
@@ -128,20 +144,34 @@ impl Recording {
                 LinearReadEvent::ReadRequest(n_bytes) => {
                     let read = self.file.read(self.reader.insert(n_bytes));
                     let n_read = read.map_err(|source| ReadError::File { file: self.path.clone(), source })?;
+                    self.n_read += n_read;
                     self.reader.notify_read(n_read);
                 }
                 LinearReadEvent::Record { data, opcode } => {
                     let record = mcap::parse_record(opcode, data)
                         .map_err(|error| ReadError::Format { file: self.path.clone(), message: error.to_string() })?;
-                    if let Some(entry) = take(record, &mut self.channels, &mut self.row, &mut self.is_whole)
-                        .map_err(|message| ReadError::Format { file: self.path.clone(), message })?
-                    {
+                    let taken = take(record, &mut self.channels, &mut self.row, &mut self.is_whole);
+                    let taken = taken.and_then(|entry| {
+                        self.n_brought = self.n_brought.saturating_add(entry.as_ref().map_or(0, brought));
+                        let is_sound = self.n_brought <= self.n_read;
+                        is_sound.then_some(entry).ok_or_else(|| "it brings along more than it is long".to_owned())
+                    });
+                    if let Some(entry) = taken.map_err(|message| ReadError::Format { file: self.path.clone(), message })? {
                         return Ok(Some(entry));
                     }
                 }
             }
         }
         Ok(None)
+    }
+}
+
+/// Bytes of a file that this entry takes at least, where it is not packed.
+fn brought(entry: &Entry) -> usize {
+    match entry {
+        Entry::Metadata { name, values } => name.len() + values.iter().map(|(key, value)| key.len() + value.len()).sum::<usize>(),
+        Entry::Attachment { name, data } => LEAST_ATTACHMENT + name.len() + data.len(),
+        Entry::Tick { .. } => 0,
     }
 }
 
@@ -164,7 +194,9 @@ fn take(
                 *row = Row::default();
                 row.record.tick = u64::from(header.sequence);
             }
-            channel.read(&data, row).map_err(|_| format!("a message of {} is garbled", channel.topic()))?;
+            let is_short = data.len() <= LONGEST_MESSAGE;
+            let read = is_short.then(|| channel.read(&data, row)).and_then(Result::ok);
+            read.ok_or_else(|| format!("a message of {} is garbled", channel.topic()))?;
             if *channel == Channel::LoopTiming {
                 let Row { record, dropped, .. } = *row;
                 return Ok(Some(Entry::Tick { record: Box::new(record), dropped }));

@@ -258,6 +258,76 @@ fn a_recording_that_is_cut_off_anywhere_can_be_read_up_to_there() {
     }
 }
 
+/// A recording of one message in a chunk, packed.
+fn packed(topic: &str, write: impl FnOnce(&mut mcap::Writer<std::io::Cursor<Vec<u8>>>, u16)) -> Vec<u8> {
+    let options = mcap::WriteOptions::new().compression(Some(mcap::Compression::Lz4));
+    let mut writer = options.create(std::io::Cursor::new(Vec::new())).expect("created");
+    let channel = writer.add_channel(0, topic, "protobuf", &Default::default()).expect("added");
+    write(&mut writer, channel);
+    writer.finish().expect("finished");
+    writer.into_inner().into_inner()
+}
+
+#[test]
+fn a_message_that_is_longer_than_any_is_refused() {
+    let message = |n_fields: usize| {
+        // Field 1, a number, again and again.
+        let data = [0x08, 0x00].repeat(n_fields);
+        packed("/loop/timing", |writer, channel_id| {
+            let header = mcap::records::MessageHeader { channel_id, sequence: 0, log_time: 0, publish_time: 0 };
+            writer.write_to_known_channel(&header, &data).expect("written");
+        })
+    };
+    let first = |bytes: Vec<u8>| Recording::of(std::io::Cursor::new(bytes), Path::new("x.mcap")).next_entry();
+    assert!(matches!(first(message(100)), Ok(Some(Entry::Tick { .. }))));
+    let error = first(message(1 << 20)).expect_err("refused").to_string();
+    assert!(error.contains("a message of /loop/timing is garbled"), "{error}");
+}
+
+/// A chunk with a record that begins so and goes on with zeros, packed by hand: an LZ4 frame of one block.
+fn chunk_of_zeros(head: &[u8], n_zeros: usize) -> Vec<u8> {
+    let length = |block: &mut Vec<u8>, more: usize| {
+        block.extend(vec![255; more / 255]);
+        block.push((more % 255) as u8);
+    };
+    // What it begins with and a first zero; that zero again and again; the last five as they are.
+    let mut block = vec![0xFF];
+    length(&mut block, head.len() + 1 - 15);
+    block.extend(head);
+    block.extend([0, 1, 0]);
+    length(&mut block, n_zeros - 1 - 5 - 19);
+    block.extend([0x50, 0, 0, 0, 0, 0]);
+    let mut frame = vec![0x04, 0x22, 0x4D, 0x18, 0x60, 0x70, 0x73];
+    frame.extend((block.len() as u32).to_le_bytes());
+    frame.extend(&block);
+    frame.extend([0; 4]);
+    let mut chunk = vec![0; 16];
+    chunk.extend(((head.len() + n_zeros) as u64).to_le_bytes());
+    chunk.extend([0, 0, 0, 0, 3, 0, 0, 0]);
+    chunk.extend(b"lz4");
+    chunk.extend((frame.len() as u64).to_le_bytes());
+    chunk.extend(&frame);
+    [&[0x06][..], &(chunk.len() as u64).to_le_bytes(), &chunk].concat()
+}
+
+#[test]
+fn what_unpacks_to_more_than_the_file_is_refused() {
+    // Others would not put an attachment into a chunk.
+    let (name, n_bytes) = (b"scenes/0/scene.toml", 1_usize << 20);
+    let mut head = vec![0x09];
+    head.extend(((16 + 4 + name.len() + 4 + 8 + n_bytes + 4) as u64).to_le_bytes());
+    head.extend([0; 16]);
+    head.extend((name.len() as u32).to_le_bytes());
+    head.extend(name);
+    head.extend([0; 4]);
+    head.extend((n_bytes as u64).to_le_bytes());
+    let bytes = [&b"\x89MCAP0\r\n"[..], &chunk_of_zeros(&head, n_bytes + 4)].concat();
+    assert!(bytes.len() < 5000);
+    let mut recording = Recording::of(std::io::Cursor::new(bytes), Path::new("x.mcap"));
+    let error = recording.next_entry().expect_err("refused").to_string();
+    assert!(error.contains("more than it is long"), "{error}");
+}
+
 #[test]
 fn a_disk_that_takes_nothing_costs_records_and_holds_up_nobody() {
     let folder = tempfile::tempdir().expect("a folder");
