@@ -81,5 +81,8 @@ fn read(args: &Args) -> Result<LabReport, ReadError> {
     while let Some(entry) = recording.next_entry()? {
         page.take(&entry);
     }
+    if !recording.is_whole() {
+        page.cut_off();
+    }
     Ok(page)
 }

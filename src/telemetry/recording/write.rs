@@ -477,7 +477,7 @@ mod tests {
         let path = folder.path().join("part.stl");
         fs::write(&path, [1; 5000]).expect("written");
         let mut recording = RecordingFile::create(&folder.path().join("r.mcap"), false, true).expect("created");
-        let mut open = || File::open(&path).expect("there");
+        let open = || File::open(&path).expect("there");
         assert!(recording.attach_file("whole", &mut open(), 5000).expect("written"));
         let mut file = open();
         OpenOptions::new().write(true).open(&path).expect("there").set_len(10).expect("shorter");

@@ -16,7 +16,7 @@ use std::collections::BTreeMap;
 
 use serde_json::Value;
 
-use super::recording::Entry;
+use super::recording::{Entry, LONGEST_TEXT};
 use super::{Counted, RealtimeSummary, Summary, TickRecord, Totals};
 use crate::haptics::Faults;
 use trace::Trace;
@@ -36,6 +36,7 @@ pub struct LabReport {
     last: Option<TickRecord>,
     missing_ticks: u64,
     dropped: u64,
+    is_cut_off: bool,
 }
 
 #[derive(Debug, Default)]
@@ -68,13 +69,24 @@ impl LabReport {
             last: None,
             missing_ticks: 0,
             dropped: 0,
+            is_cut_off: false,
         }
+    }
+
+    /// After the last entry: the file has no end.
+    pub fn cut_off(&mut self) {
+        self.is_cut_off = true;
     }
 
     /// Takes the next entry.
     pub fn take(&mut self, entry: &Entry) {
         match entry {
             Entry::Metadata { name, values } if name == "run" => self.run.clone_from(values),
+            // What was dropped after the last tick is told here alone.
+            Entry::Metadata { name, values } if name == "end" => {
+                let dropped = values.get("dropped").and_then(|dropped| dropped.parse().ok());
+                self.dropped = dropped.map_or(self.dropped, |dropped| self.dropped.max(dropped));
+            }
             Entry::Metadata { name, values } => {
                 if let Some(scene_idx) = name.strip_prefix("scenes/").and_then(|idx| idx.parse().ok()) {
                     self.scenes.entry(scene_idx).or_default().manifest.clone_from(values);
@@ -82,7 +94,9 @@ impl LabReport {
             }
             Entry::Attachment { name, data } => {
                 let scene = name.strip_prefix("scenes/").and_then(|name| name.strip_suffix("/resolved.json"));
-                if let Some(scene_idx) = scene.and_then(|idx| idx.parse().ok()) {
+                if let Some(scene_idx) = scene.and_then(|idx| idx.parse().ok())
+                    && data.len() <= LONGEST_TEXT
+                {
                     self.scenes.entry(scene_idx).or_default().resolved = serde_json::from_slice(data).unwrap_or_default();
                 }
             }
@@ -186,6 +200,18 @@ mod tests {
             assert!(!page.replace("http://www.w3.org/2000/svg", "").contains(loads), "{loads}");
         }
         assert_eq!(page.matches("<svg").count(), page.matches("</svg>").count());
+    }
+
+    #[test]
+    fn a_page_says_what_the_recording_lacks() {
+        let mut report = LabReport::new("f.mcap".to_owned());
+        (0..500).for_each(|n| report.take(&tick(n, Faults::NONE)));
+        assert!(!report.page().contains("class=\"warning\""));
+        let values = [("records".to_owned(), "500".to_owned()), ("dropped".to_owned(), "23".to_owned())].into();
+        report.take(&Entry::Metadata { name: "end".to_owned(), values });
+        assert!(report.page().contains("23 ticks were dropped"));
+        report.cut_off();
+        assert!(report.page().contains("has no end"));
     }
 
     #[test]

@@ -79,8 +79,13 @@ fn overview(report: &LabReport, body: &mut String) {
     }
     body.push_str("<section>");
     table(body, rows.into_iter());
-    if report.missing_ticks > 0 {
-        let _ = write!(body, "<p class=\"warning\">{} ticks are missing from the recording.</p>", report.missing_ticks);
+    let warnings = [
+        (report.is_cut_off, "The recording has no end: what recorded it was killed, or is at it still.".to_owned()),
+        (report.missing_ticks > 0, format!("{} ticks are missing from the recording.", report.missing_ticks)),
+        (totals.dropped_records > 0, format!("{} ticks were dropped, as the disk was too slow.", totals.dropped_records)),
+    ];
+    for (_, words) in warnings.iter().filter(|(holds, _)| *holds) {
+        let _ = write!(body, "<p class=\"warning\">{words}</p>");
     }
     body.push_str("</section>");
 }
