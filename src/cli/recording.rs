@@ -24,7 +24,7 @@ pub(crate) struct RecordingArgs {
     /// Let --record write over a file that is there already.
     #[arg(long, requires = "record")]
     overwrite: bool,
-    /// Folder for a recording of the seconds around each fault, or `off` [default: $XDG_STATE_HOME/hapticd/faults, or
+    /// Folder for a recording of the ticks around each fault, or `off` [default: $XDG_STATE_HOME/hapticd/faults, or
     /// ~/.local/state/hapticd/faults; under --clock virtual: off].
     #[arg(long, value_name = "DIR|off")]
     flight: Option<PathBuf>,
@@ -43,6 +43,7 @@ impl RecordingArgs {
         let recorder = Recorder::new(taps, clock == ClockKind::Virtual);
         recorder.facts.note("rate_hz", config.rate_hz);
         recorder.facts.note("device", &config.device.profile.name);
+        recorder.facts.note("processor", processor());
         recorder.scenes.add(scene_files(config, options));
         let refused = |error: RecordingError| {
             let hint = match &error {
@@ -200,6 +201,16 @@ impl monitor::Recorder for ClientRecordings {
 
 fn failed(talk: Talk) -> Failed {
     Box::new(move |error| report::warning(&format!("recording ended early: {error}; the run goes on"), talk))
+}
+
+/// What a C library chooses its mathematics by: another choice may round the last bit otherwise.
+fn processor() -> String {
+    #[cfg(target_arch = "x86_64")]
+    let features = [("fma", std::is_x86_feature_detected!("fma")), ("avx2", std::is_x86_feature_detected!("avx2"))];
+    #[cfg(not(target_arch = "x86_64"))]
+    let features: [(&str, bool); 0] = [];
+    let has = features.into_iter().filter(|(_, has)| *has).map(|(name, _)| name);
+    std::iter::once(std::env::consts::ARCH).chain(has).collect::<Vec<_>>().join(" ")
 }
 
 /// What the machine offers, for whoever looks at a recording.
