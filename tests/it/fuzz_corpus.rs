@@ -10,6 +10,8 @@ pub(super) mod cache;
 mod mesh;
 #[path = "../../fuzz/src/protocol.rs"]
 mod protocol;
+#[path = "../../fuzz/src/recording.rs"]
+pub(super) mod recording;
 
 /// The files of a corpus, by name.
 pub(super) fn corpus(target: &str) -> Vec<(String, Vec<u8>)> {
@@ -60,6 +62,26 @@ fn the_corpus_of_the_bake_cache_does_no_harm() {
         }
     }
     assert_eq!(sound, ["mesh", "static-with-gradients", "tool"], "files of an older format do not reach the arrays; see `refresh`");
+}
+
+#[test]
+fn the_corpus_of_the_reader_of_recordings_does_no_harm() {
+    let mut read = Vec::new();
+    for (name, bytes) in corpus("recording") {
+        if recording::exercise(&bytes) > 0 {
+            read.push(name);
+        }
+        for length in (0..bytes.len()).step_by(bytes.len() / 64 + 1) {
+            recording::exercise(&bytes[..length]);
+        }
+        // Wherever one byte is another.
+        for at in (0..bytes.len()).step_by(bytes.len() / 256 + 1) {
+            let mut broken = bytes.clone();
+            broken[at] ^= 0xFF;
+            recording::exercise(&broken);
+        }
+    }
+    assert_eq!(read, ["packed", "plain"], "seeds of an older form do not reach the messages; see `rewrite_the_recordings`");
 }
 
 #[test]

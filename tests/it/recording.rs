@@ -16,8 +16,8 @@ use hapticd::haptics::{Faults, Knob};
 use hapticd::rt::clock::ClockKind;
 use hapticd::servo::{Reins, Wishes};
 use hapticd::spatial::Pose;
-use hapticd::telemetry::recording::{Entry, Recorder, Recording};
-use hapticd::telemetry::{Taps, TickRecord};
+use hapticd::telemetry::recording::{Entry, Recorder, Recording, SceneFiles};
+use hapticd::telemetry::{Taps, TickRecord, drain};
 use serde_json::Value;
 use tempfile::TempDir;
 
@@ -472,6 +472,45 @@ fn rewrite_the_recordings() {
     for (name, scene, duration) in FIXTURES {
         record(&rig::shipped(scene), duration, &fixture(name), turn_everything);
     }
+    let seeds = Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz/corpus/recording");
+    fs::create_dir_all(&seeds).expect("a folder");
+    let packed = a_few_ticks();
+    fs::write(seeds.join("plain"), plain(&packed)).expect("written");
+    fs::write(seeds.join("packed"), packed).expect("written");
+}
+
+/// A recording that is as short as one comes, as every byte more makes a fuzzer slower.
+fn a_few_ticks() -> Vec<u8> {
+    let dir = tempfile::tempdir().expect("a folder");
+    let path = dir.path().join("few.mcap");
+    let recorder = Recorder::new(Taps::default(), true);
+    recorder.facts.note("rate_hz", 1000);
+    let resolved_json = r#"{"statics": [{"name": "plate"}], "parameters": {"limits": {"force_n": 8.0}}}"#.to_owned();
+    recorder.scenes.add(SceneFiles { name: "few".to_owned(), resolved_json, ..SceneFiles::default() });
+    let handle = recorder.start(&path, false, Box::new(|error| panic!("{error}"))).expect("started");
+    let (mut producer, consumer) = rtrb::RingBuffer::new(4);
+    for tick in 0..4 {
+        let mut record = TickRecord { tick, time_ns: tick as i64 * 1_000_000, compute_ns: 7000, ..TickRecord::default() };
+        record.output.command_device.force = DVec3::new(0.1, -0.0, tick as f64);
+        record.output.faults = Faults::from_bits(u32::from(tick == 2));
+        producer.push(record).expect("room");
+    }
+    drop(producer);
+    drain(consumer, recorder.taps(), |_| ());
+    handle.stop();
+    fs::read(&path).expect("bytes")
+}
+
+/// The same messages neither packed nor summed up: a byte that a fuzzer changes comes through to who reads it.
+fn plain(packed: &[u8]) -> Vec<u8> {
+    let options = mcap::WriteOptions::new().compression(None).calculate_chunk_crcs(false).calculate_data_section_crc(false);
+    let options = options.calculate_summary_section_crc(false).calculate_attachment_crcs(false);
+    let mut writer = options.create(std::io::Cursor::new(Vec::new())).expect("begun");
+    for message in mcap::MessageStream::new(packed).expect("a recording") {
+        writer.write(&message.expect("sound")).expect("written");
+    }
+    writer.finish().expect("ended");
+    writer.into_inner().into_inner()
 }
 
 #[test]

@@ -112,7 +112,7 @@ impl LabReport {
     fn record(&mut self, record: &TickRecord, dropped: u64) {
         let time_s = record.time_ns as f64 * 1e-9;
         if let Some(last) = &self.last {
-            self.missing_ticks += record.tick.saturating_sub(last.tick + 1);
+            self.missing_ticks += record.tick.saturating_sub(last.tick.saturating_add(1));
         }
         let faults = record.output.faults;
         if !faults.is_empty() && self.last.is_none_or(|last| last.output.faults != faults) {
