@@ -11,7 +11,7 @@ use std::time::Instant;
 
 use axum::extract::connect_info::Connected;
 use axum::serve::{IncomingStream, Listener};
-use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
+use tokio::io::{AsyncRead, AsyncWrite, AsyncWriteExt as _, ReadBuf};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::runtime::Handle;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
@@ -63,10 +63,8 @@ impl Listener for Door {
                         return (Connection::new(stream, place), peer);
                     }
                     Err(_) => {
-                        // Written into an empty buffer: there is room.
-                        let _ = stream.try_write(NO_PLACE);
                         if let Ok(place) = self.turned_away.clone().try_acquire_owned() {
-                            tokio::spawn(linger(stream, place));
+                            tokio::spawn(turn_away(stream, place));
                         }
                     }
                 },
@@ -129,6 +127,23 @@ impl Connection {
         self.is_web_socket.load(Ordering::Relaxed)
     }
 
+    /// What became of a write. Nothing is read while an answer waits to be taken, so that whoever asks and never reads is silent as well.
+    fn taken(&mut self, written: Poll<io::Result<usize>>, cx: &mut Context<'_>) -> Poll<io::Result<usize>> {
+        if written.is_pending() {
+            return self.poll_patience(cx);
+        }
+        // A long answer that is being taken is no silence.
+        if !self.is_web_socket() {
+            self.heard = Instant::now();
+        }
+        written
+    }
+
+    /// For what cannot go on: ends the connection when nothing came for too long.
+    fn poll_patience<T>(&mut self, cx: &mut Context<'_>) -> Poll<io::Result<T>> {
+        self.poll_silent(cx).map(|()| Err(io::ErrorKind::TimedOut.into()))
+    }
+
     /// Ready when nothing came for too long.
     fn poll_silent(&mut self, cx: &mut Context<'_>) -> Poll<()> {
         while self.silent.as_mut().poll(cx).is_ready() {
@@ -150,25 +165,21 @@ impl AsyncRead for Connection {
             self.heard = Instant::now();
             return read;
         }
-        match self.poll_silent(cx) {
-            Poll::Ready(()) => Poll::Ready(Err(io::ErrorKind::TimedOut.into())),
-            Poll::Pending => Poll::Pending,
-        }
+        self.poll_patience(cx)
     }
 }
 
 impl AsyncWrite for Connection {
     fn poll_write(mut self: Pin<&mut Self>, cx: &mut Context<'_>, bytes: &[u8]) -> Poll<io::Result<usize>> {
         let written = self.with(|stream| stream.poll_write(cx, bytes));
-        // A long answer that is being taken is no silence.
-        if written.is_ready() && !self.is_web_socket() {
-            self.heard = Instant::now();
-        }
-        written
+        self.taken(written, cx)
     }
 
     fn poll_flush(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<io::Result<()>> {
-        self.with(|stream| stream.poll_flush(cx))
+        match self.with(|stream| stream.poll_flush(cx)) {
+            Poll::Pending => self.poll_patience(cx),
+            flushed => flushed,
+        }
     }
 
     fn poll_shutdown(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<io::Result<()>> {
@@ -177,10 +188,7 @@ impl AsyncWrite for Connection {
 
     fn poll_write_vectored(mut self: Pin<&mut Self>, cx: &mut Context<'_>, slices: &[io::IoSlice<'_>]) -> Poll<io::Result<usize>> {
         let written = self.with(|stream| stream.poll_write_vectored(cx, slices));
-        if written.is_ready() && !self.is_web_socket() {
-            self.heard = Instant::now();
-        }
-        written
+        self.taken(written, cx)
     }
 
     fn is_write_vectored(&self) -> bool {
@@ -195,6 +203,13 @@ impl Drop for Connection {
             runtime.spawn(linger(stream, place));
         }
     }
+}
+
+/// Says that there is no place.
+async fn turn_away(mut stream: TcpStream, place: OwnedSemaphorePermit) {
+    // Whoever does not take so little is not there to be told.
+    let _ = tokio::time::timeout(LINGER, stream.write_all(NO_PLACE)).await;
+    linger(stream, place).await;
 }
 
 /// Closes a connection after its other end has.
@@ -212,4 +227,33 @@ async fn linger(mut stream: TcpStream, _place: OwnedSemaphorePermit) {
         }
     };
     let _ = tokio::time::timeout(LINGER, rest).await;
+}
+
+#[cfg(test)]
+mod tests {
+    use core::future::poll_fn;
+
+    use super::*;
+
+    #[test]
+    fn who_asks_and_never_reads_is_let_go() {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().expect("a runtime");
+        let ended = runtime.block_on(async {
+            let listener = TcpListener::bind(("127.0.0.1", 0)).await.expect("a port");
+            let deaf = TcpStream::connect(listener.local_addr().expect("it is bound")).await.expect("it listens");
+            let (stream, _) = listener.accept().await.expect("a connection");
+            let place = Arc::new(Semaphore::new(1)).acquire_owned().await.expect("a place");
+            let mut connection = Connection::new(stream, place);
+            let write = |connection: &mut Connection, cx: &mut Context<'_>| Pin::new(connection).poll_write(cx, &[0; 65_536]);
+            let is_full = |connection: &mut Connection, cx: &mut Context<'_>| write(connection, cx).is_pending();
+            while !poll_fn(|cx| Poll::Ready(is_full(&mut connection, cx))).await {}
+            // As if all of its patience had passed.
+            connection.heard = Instant::now().checked_sub(SILENT).expect("a machine that is up for longer");
+            connection.silent.as_mut().reset(tokio::time::Instant::now());
+            let written = tokio::time::timeout(SILENT, poll_fn(|cx| write(&mut connection, cx))).await;
+            drop(deaf);
+            written.expect("it does not wait for ever")
+        });
+        assert_eq!(ended.map_err(|error| error.kind()), Err(io::ErrorKind::TimedOut));
+    }
 }
