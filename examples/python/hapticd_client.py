@@ -9,6 +9,7 @@ SI throughout: metres, newtons, seconds; orientations are quaternions x, y, z, w
 """
 
 import asyncio
+import collections
 import itertools
 import json
 
@@ -20,7 +21,7 @@ class Refused(Exception):
 
 
 class Client:
-    """One connection. Replies are matched to what was asked; of states that nobody has taken yet only the newest is kept."""
+    """One connection. Replies are matched to what was asked; of states that nobody has taken yet only the newest is kept, of events the last thousand."""
 
     def __init__(self, url, token=None, heartbeat_ms=None):
         """`url` is that of the page (`http://…`) or `ws://…`. With `heartbeat_ms` the arm is disabled when this client falls silent."""
@@ -32,10 +33,14 @@ class Client:
         self._states = asyncio.Queue(maxsize=1)
         self._tasks = []
         self.hello = None
-        self.events = []
+        self.events = collections.deque(maxlen=1000)
 
     async def __aenter__(self):
-        self._socket = await websockets.connect(self._url, additional_headers=self._headers)
+        try:
+            self._socket = await websockets.connect(self._url, additional_headers=self._headers)
+        except websockets.InvalidStatus as refused:
+            said = json.loads(refused.response.body or "{}")
+            raise Refused(said.get("error", f"the server answered {refused.response.status_code}")) from None
         self.hello = json.loads(await self._socket.recv())
         if self.hello.get("api") != 1:
             raise Refused(f"this client speaks version 1 of the API, the server {self.hello.get('api')}")
@@ -99,4 +104,4 @@ class Client:
     async def _beat(self):
         while True:
             await asyncio.sleep(self._heartbeat_ms / 1000 / 3)
-            await self.ask("ping")
+            await self.ask("heartbeat", timeout_ms=self._heartbeat_ms)

@@ -10,11 +10,12 @@ Needs `pip install websockets numpy`, and matplotlib for the picture (`--out fel
 import argparse
 import asyncio
 import pathlib
+import sys
 import time
 
 import numpy as np
 
-from hapticd_client import Client
+from hapticd_client import Client, Refused
 
 
 async def steer(arm, obj, base, amplitude_m, period_s):
@@ -59,18 +60,30 @@ def draw(rows, path):
     return path
 
 
-async def main(args):
+async def felt(args):
+    """Steers and records until the time is over, or one of both fails: a part that does not move is no result."""
     async with Client(args.url, token=args.token, heartbeat_ms=1000) as arm:
         await arm.ask("enable")
         steering = asyncio.create_task(steer(arm, args.object, np.array(args.base), args.amplitude_m, args.period_s))
-        try:
-            rows = await record(arm, args.seconds, args.rate_hz)
-        finally:
-            steering.cancel()
-        force = rows[:, 1]
-        print(f"{len(rows)} states in {np.ptp(rows[:, 0]):.2f} s of loop time, {100 * rows[:, 4].mean():.0f} % enabled")
-        print(f"force {force.mean():.3f} N on average, at most {force.max():.3f} N; depth at most {rows[:, 2].max():.3f} mm")
-        print(f"wrote {draw(rows, args.out)}")
+        recording = asyncio.create_task(record(arm, args.seconds, args.rate_hz))
+        done, rest = await asyncio.wait({steering, recording}, return_when=asyncio.FIRST_COMPLETED)
+        for task in rest:
+            task.cancel()
+        for task in done:
+            rows = task.result()
+        return rows
+
+
+def main(args):
+    try:
+        rows = asyncio.run(felt(args))
+    except (Refused, OSError) as problem:
+        sys.exit(f"{args.url}: {problem}")
+    # The heartbeat has ended by now: drawing takes longer than it may be silent.
+    force = rows[:, 1]
+    print(f"{len(rows)} states in {np.ptp(rows[:, 0]):.2f} s of loop time, {100 * rows[:, 4].mean():.0f} % enabled")
+    print(f"force {force.mean():.3f} N on average, at most {force.max():.3f} N; depth at most {rows[:, 2].max():.3f} mm")
+    print(f"wrote {draw(rows, args.out)}")
 
 
 if __name__ == "__main__":
@@ -84,4 +97,4 @@ if __name__ == "__main__":
     parser.add_argument("--seconds", type=float, default=6.0)
     parser.add_argument("--rate-hz", type=float, default=200.0)
     parser.add_argument("--out", type=pathlib.Path, default=pathlib.Path("felt.png"))
-    asyncio.run(main(parser.parse_args()))
+    main(parser.parse_args())

@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 import tempfile
+import time
 
 import numpy as np
 
@@ -86,18 +87,30 @@ async def drive(url):
         state = await until(arm, lambda state: True, "a state")
         assert state["state"] == "ENABLED", "a refusal changes nothing"
 
+        # Silent for too long once, and on guard again with the next beat.
+        time.sleep(1.5)
+        await until(arm, lambda state: state["state"] == "DISABLED", "disabled by silence")
+        await arm.ask("enable")
+        await until(arm, lambda state: state["state"] == "ENABLED" and not state["is_busy"], "enabled again")
+
     # Gone: its heartbeat with it.
     async with Client(url) as arm:
-        await until(arm, lambda state: state["state"] == "DISABLED", "disabled by silence")
+        await until(arm, lambda state: state["state"] == "DISABLED", "disabled by its end")
+
+
+def example(url, obj, *more):
+    command = [sys.executable, "examples/python/move_and_plot.py", "--url", url, "--object", obj, *more]
+    return subprocess.run(command, capture_output=True, text=True, timeout=HUNG_S)
+
+
+def refusals(url):
+    for ended, word in [(example(url, "nope"), "lift"), (example("http://127.0.0.1:1", "lift"), "127.0.0.1:1")]:
+        assert ended.returncode == 1 and word in ended.stderr and len(ended.stderr.splitlines()) == 1, ended.stderr
 
 
 def plot(url):
     out = FOLDER / "felt.png"
-    example = pathlib.Path("examples/python/move_and_plot.py")
-    ended = subprocess.run(
-        [sys.executable, example, "--url", url, "--object", "lift", "--amplitude-m", "0.012", "--seconds", "3", "--out", out],
-        capture_output=True, text=True, timeout=HUNG_S,
-    )
+    ended = example(url, "lift", "--amplitude-m", "0.012", "--seconds", "3", "--out", out)
     assert ended.returncode == 0, ended.stderr
     print(ended.stdout, end="")
     written = pathlib.Path(re.search(r"wrote (\S+)", ended.stdout)[1])
@@ -112,6 +125,7 @@ def plot(url):
 
 with Run() as run:
     asyncio.run(drive(run.url))
+    refusals(run.url)
     plot(run.url)
 assert run.status == 0, f"the run ended with {run.status}; see {run.log.name}"
 print("the Python client works")
