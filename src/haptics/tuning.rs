@@ -11,8 +11,8 @@ use super::params::{CouplingMode, Parameters};
 
 /// Time in which a value goes through all of its range, s.
 pub const FULL_RANGE_S: f64 = 0.5;
-/// A stiffness and a limit go from this share of the scene's; without stiffness or force there would be nothing to feel ...
-const LEAST_SHARE: f64 = 0.05;
+/// A stiffness and a limit go from the scene's divided by this; without stiffness or force there would be nothing to feel ...
+const LEAST_DIVISOR: f64 = 20.0;
 /// ... and a stiffness to this multiple, or to what the arm can take.
 const MOST_STIFFNESS: f64 = 4.0;
 /// Damping of the virtual tool in contact, shares of critical damping.
@@ -108,7 +108,7 @@ impl Knob {
         let stiffness = |most: f64| {
             // Not more than the arm takes, not less than the scene has: what it allows itself stays reachable.
             let most = most.min(MOST_STIFFNESS * scene).max(scene);
-            KnobRange { least: LEAST_SHARE * scene, most, scene }
+            KnobRange { least: scene / LEAST_DIVISOR, most, scene }
         };
         let up_to = |most: f64| KnobRange { least: 0.0, most: most.max(scene), scene };
         let acts = match self {
@@ -135,7 +135,7 @@ impl Knob {
             Self::CouplingTranslation | Self::CouplingRotation if mode == CouplingMode::SemiImplicit => stiffness(scene),
             Self::CouplingTranslation => stiffness(p.coupling.bound_n_per_m),
             Self::CouplingRotation => stiffness(p.coupling.bound_nm_per_rad),
-            Self::ForceLimit | Self::TorqueLimit => KnobRange { least: LEAST_SHARE * scene, most: scene, scene },
+            Self::ForceLimit | Self::TorqueLimit => KnobRange { least: scene / LEAST_DIVISOR, most: scene, scene },
         })
     }
 
