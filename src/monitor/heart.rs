@@ -36,6 +36,8 @@ struct Beat {
     longest: Duration,
     /// `None`: it has gone.
     last: Option<Instant>,
+    /// It was silent for too long, and this was told. Its next sign of life puts it on guard again: it still believes that it is.
+    has_lapsed: bool,
 }
 
 /// Why force is to go off.
@@ -70,12 +72,12 @@ impl Heart {
         let longest = match known.and_then(|known| beats.beating.get_mut(known)) {
             Some(beat) => {
                 beat.longest = longest.map_or(beat.longest, cut);
-                beat.last = last;
+                (beat.last, beat.has_lapsed) = (last, false);
                 beat.longest
             }
             None => {
                 let longest = cut(longest.unwrap_or(DEFAULT));
-                beats.beating.push(Beat { client, longest, last });
+                beats.beating.push(Beat { client, longest, last, has_lapsed: false });
                 longest
             }
         };
@@ -87,12 +89,18 @@ impl Heart {
     pub(super) fn hear(&self, client: u64) {
         if let Some(beat) = self.beats().beating.iter_mut().find(|beat| beat.client == client) {
             beat.last = Some(Instant::now());
+            if core::mem::take(&mut beat.has_lapsed) {
+                self.changed.notify_all();
+            }
         }
     }
 
     /// The connection of a client has ended.
     pub(super) fn lose(&self, client: u64) {
-        if let Some(beat) = self.beats().beating.iter_mut().find(|beat| beat.client == client) {
+        let mut beats = self.beats();
+        // Whoever had fallen silent before has taken the force already.
+        beats.beating.retain(|beat| beat.client != client || !beat.has_lapsed);
+        if let Some(beat) = beats.beating.iter_mut().find(|beat| beat.client == client) {
             beat.last = None;
             self.changed.notify_all();
         }
@@ -101,7 +109,8 @@ impl Heart {
     /// True when an order to enable may come from this client (`None`: from one without a connection).
     pub(super) fn lets_enable(&self, client: Option<u64>) -> bool {
         let beats = self.beats();
-        self.needed.is_none() || beats.beating.iter().any(|beat| client.is_none_or(|client| client == beat.client))
+        let beats_now = |beat: &Beat| !beat.has_lapsed && client.is_none_or(|client| client == beat.client);
+        self.needed.is_none() || beats.beating.iter().any(beats_now)
     }
 
     /// Whether force may flow now.
@@ -123,20 +132,21 @@ impl Heart {
         let mut beats = self.beats();
         while !beats.is_over {
             let now = Instant::now();
-            let until = |beat: &Beat| beat.last.map(|last| last + beat.longest);
-            let fallen = beats.beating.iter().position(|beat| until(beat).is_none_or(|until| until <= now));
-            let (silence, is_news) = match fallen.map(|fallen| beats.beating.swap_remove(fallen)) {
-                Some(Beat { last: Some(_), longest, .. }) => (Silence::Of(longest), true),
-                Some(Beat { last: None, .. }) => (Silence::Gone, true),
-                None if self.needed.is_some() && beats.beating.is_empty() && beats.has_force => {
-                    (Silence::Nobody, !core::mem::replace(&mut beats.is_told, true))
-                }
-                None => {
-                    let next = beats.beating.iter().filter_map(until).min();
-                    let patience = next.map_or(Duration::from_secs(3600), |next| next.saturating_duration_since(now));
-                    beats = self.changed.wait_timeout(beats, patience).unwrap_or_else(PoisonError::into_inner).0;
-                    continue;
-                }
+            let until = |beat: &Beat| beat.last.filter(|_| !beat.has_lapsed).map(|last| last + beat.longest);
+            let silent_one = beats.beating.iter_mut().find(|beat| until(beat).is_some_and(|until| until <= now));
+            let (silence, is_news) = if let Some(beat) = silent_one {
+                beat.has_lapsed = true;
+                (Silence::Of(beat.longest), true)
+            } else if let Some(gone) = beats.beating.iter().position(|beat| beat.last.is_none()) {
+                beats.beating.swap_remove(gone);
+                (Silence::Gone, true)
+            } else if self.needed.is_some() && beats.has_force && beats.beating.iter().all(|beat| beat.has_lapsed) {
+                (Silence::Nobody, !core::mem::replace(&mut beats.is_told, true))
+            } else {
+                let next = beats.beating.iter().filter_map(until).min();
+                let patience = next.map_or(Duration::from_secs(3600), |next| next.saturating_duration_since(now));
+                beats = self.changed.wait_timeout(beats, patience).unwrap_or_else(PoisonError::into_inner).0;
+                continue;
             };
             // Whoever is told may ask this very heart.
             drop(beats);
@@ -186,6 +196,25 @@ mod tests {
             heart.lose(5);
             heart.beat(6, Some(SHORTEST));
             assert_eq!(next(), (Silence::Of(SHORTEST), true));
+        });
+    }
+
+    #[test]
+    fn who_was_silent_is_on_guard_again_with_its_next_sign_of_life() {
+        let heart = Heart::new(Some(LONGEST));
+        told(&heart, |next| {
+            heart.beat(1, Some(SHORTEST));
+            for say in [&|| heart.hear(1), &|| _ = heart.beat(1, None), &|| heart.hear(1)] as [&dyn Fn(); 3] {
+                assert_eq!(next(), (Silence::Of(SHORTEST), true));
+                assert!(!heart.lets_enable(None), "nobody beats while it is silent");
+                say();
+            }
+            assert_eq!(next(), (Silence::Of(SHORTEST), true));
+            heart.beat(1, Some(LONGEST));
+            assert!(heart.lets_enable(Some(1)));
+            heart.lose(1);
+            assert_eq!(next(), (Silence::Gone, true));
+            assert!(!heart.lets_enable(Some(1)));
         });
     }
 
