@@ -119,7 +119,14 @@ impl Company {
         let (Some(counter), Some(board), Some(known)) = (self.counter.clone(), self.board.take(), self.known.take()) else {
             return Ok(());
         };
-        let tell = Box::new(move |news: &News| reload::tell(news, talk));
+        let (hub, rendered) = (self.hub.clone(), board.clone());
+        let tell = Box::new(move |news: &News| {
+            reload::tell(news, talk);
+            if let (News::Refused(refusal), Some(hub)) = (news, &hub) {
+                let path = &rendered.view().config.path;
+                hub.scene_refused(&path.file_stem().unwrap_or_default().to_string_lossy(), &refusal.to_string());
+            }
+        });
         Reloader { options, counter, board, hangups: hangups(), watches, known, tell }.spawn()
     }
 

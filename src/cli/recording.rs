@@ -163,33 +163,40 @@ const LONGEST_NAME: usize = 120;
 
 impl monitor::Recorder for ClientRecordings {
     /// Into a folder of our own, never over a file that is there: whoever may watch a run is not to write where he likes.
-    fn start(&self, file: Option<&str>) -> Result<(), RecorderError> {
+    fn start(&self, file: Option<&str>) -> Result<RecorderStatus, RecorderError> {
         let _turn = self.session.turn();
         if let Some(RecorderStatus { file, .. }) = self.status() {
             return Err(RecorderError::State(format!("a recording is under way into {}", file.display())));
         }
         let refused = |message: String| RecorderError::File(message);
-        let name = file.map_or_else(|| format!("session-{}.mcap", now()), str::to_owned);
+        let mut name = file.map_or_else(|| format!("session-{}", now()), str::to_owned);
+        if !name.ends_with(".mcap") {
+            name += ".mcap";
+        }
         let is_plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.' | ' ');
-        if !name.ends_with(".mcap") || name.starts_with('.') || !name.chars().all(is_plain) || name.len() > LONGEST_NAME {
-            let accepted = "a name of letters, digits, `-`, `_`, `.` and spaces that ends in .mcap";
+        if name.starts_with('.') || !name.chars().all(is_plain) || name.len() > LONGEST_NAME {
+            let accepted = "a name of letters, digits, `-`, `_`, `.` and spaces that does not begin with `.`";
             return Err(refused(format!("a recording takes {accepted}, such as session.mcap")));
         }
         let folder = state_folder().ok_or_else(|| refused("neither XDG_STATE_HOME nor HOME names a folder".to_owned()))?;
         let folder = folder.join("recordings");
         fs::create_dir_all(&folder).map_err(|error| refused(format!("cannot create {}: {error}", folder.display())))?;
-        let talk = self.talk;
-        let started = self.recorder.start(&folder.join(name), false, failed(talk));
-        self.session.now().recording = Some(started.map_err(|error| refused(error.to_string()))?);
-        Ok(())
+        let file = folder.join(name);
+        let started = self.recorder.start(&file, false, failed(self.talk)).map_err(|error| match error {
+            RecordingError::Exists(_) => RecorderError::State(error.to_string()),
+            error => refused(error.to_string()),
+        })?;
+        self.session.now().recording = Some(started);
+        Ok(RecorderStatus { file, records: 0, dropped: 0 })
     }
 
-    fn stop(&self) -> Result<(), RecorderError> {
+    fn stop(&self) -> Result<RecorderStatus, RecorderError> {
         let _turn = self.session.turn();
         let recording = self.session.take().ok_or_else(|| RecorderError::State("nothing is being recorded".to_owned()))?;
         let summary = recording.stop();
+        let RecordingSummary { file, records, dropped, .. } = summary.clone();
         self.session.now().last = Some(summary);
-        Ok(())
+        Ok(RecorderStatus { file, records, dropped })
     }
 
     fn status(&self) -> Option<RecorderStatus> {
@@ -255,7 +262,7 @@ mod tests {
         }
         assert!(!stopped.is_finished(), "whoever asked waited for the disk");
         drop(reader);
-        assert_eq!(stopped.join().expect("no panic"), Ok(()));
+        assert!(stopped.join().expect("no panic").is_ok());
         assert!(session.now().last.as_ref().is_some_and(|last| last.error.is_some()));
     }
 }

@@ -46,6 +46,7 @@ pub use params::{
     LimitParameters, Normalization, Parameters, PortParameters, SafetyParameters, SpringClamp,
 };
 pub use placing::Placement;
+pub(crate) use port::Port;
 pub use render_scene::{RenderScene, Tool};
 pub use tick::{State, TickInput, TickOutput, tick};
 pub use tuning::{Knob, Tune};

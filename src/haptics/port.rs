@@ -11,19 +11,19 @@ use crate::spatial::{Axes, DeviceSample, Pose, Twist, Wrench};
 
 /// The zero of the indexing: `device_from_grip` at enable.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Port {
+pub(crate) struct Port {
     zero: Pose,
 }
 
 impl Port {
     /// Takes the arm's present pose as zero.
-    pub(super) fn indexed(sample: &DeviceSample) -> Self {
+    pub(crate) fn indexed(sample: &DeviceSample) -> Self {
         Self { zero: sample.pose }
     }
 
     /// Where the arm wants the tool's body axes (at the centre of mass), and how fast they move; world. `start` is where they
     /// stood at enable. Axes that the arm does not sense stay at their start value.
-    pub(super) fn target(&self, sample: &DeviceSample, port: &PortParameters, start: Pose) -> (Pose, Twist) {
+    pub(crate) fn target(&self, sample: &DeviceSample, port: &PortParameters, start: Pose) -> (Pose, Twist) {
         let axes = port.world_from_device.rotation;
         let moved_device = keep(sample.pose.translation - self.zero.translation, port.sensed, 0);
         let velocity_device = keep(sample.twist.linear, port.sensed, 0);

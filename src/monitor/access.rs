@@ -105,7 +105,7 @@ impl Access {
             Some(given) if token.is(&given) => Ok(()),
             given => {
                 let error = if given.is_some() { "wrong token" } else { "a token is needed" };
-                let hint = "send it as `Authorization: Bearer TOKEN`, or a WebSocket as `?token=TOKEN`";
+                let hint = "send it as `Authorization: Bearer TOKEN` or as `?token=TOKEN`; the page takes it as `/#token=TOKEN`";
                 Err(Problem::new(StatusCode::UNAUTHORIZED, error, hint))
             }
         }

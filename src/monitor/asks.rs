@@ -8,11 +8,12 @@ use serde_json::Value;
 
 use super::encode::WirePose;
 use super::heart::{LONGEST, SHORTEST};
-use super::hub::{Client, Hub, RecorderError, Wanted};
+use super::hub::{Client, Hub, Wanted};
 use super::problem::Problem;
+use super::recorder::{RecorderError, RecorderStatus};
 use super::worker::Worker;
 use crate::daemon::OperatorOrder;
-use crate::daemon::desk::{Ask, Request};
+use crate::daemon::desk::{Ask, Refusal, Request};
 use crate::spatial::Pose;
 
 /// Fastest and slowest stream.
@@ -93,10 +94,18 @@ impl From<PoseAsked> for Pose {
     }
 }
 
-/// Hears what became of a request.
-pub(super) type Reply = Box<dyn FnOnce(Result<(), Problem>) + Send>;
+/// Hears what became of a request; of a recording also which.
+pub(super) type Reply = Box<dyn FnOnce(Result<Option<RecorderStatus>, Problem>) + Send>;
+
+/// Longest `id` of a request as text, bytes: it is kept until the answer.
+const LONGEST_ID: usize = 256;
 
 impl Do {
+    /// True for what takes force away or says that somebody is there: heard however much else waits.
+    pub(super) fn is_always_heard(&self) -> bool {
+        matches!(self, Self::Disable {} | Self::Stop {} | Self::Heartbeat { .. } | Self::Ping {})
+    }
+
     /// Takes a message apart: its `id`, whatever that is, and the request.
     pub(super) fn parse(message: &[u8]) -> (Value, Result<Self, Problem>) {
         let mut object = match serde_json::from_slice(message) {
@@ -105,45 +114,70 @@ impl Do {
             Err(error) => return (Value::Null, Err(Problem::bad(format!("no JSON: {error}"), "send one object in each message"))),
         };
         let id = object.remove("id").unwrap_or(Value::Null);
+        if !is_short(&id) {
+            return (Value::Null, Err(Problem::bad(format!("an `id` has at most {LONGEST_ID} bytes"), "a number will do")));
+        }
         let asked = Self::deserialize(Value::Object(object)).map_err(|error| Problem::bad(error.to_string(), ""));
         (id, asked)
     }
 }
 
+fn is_short(id: &Value) -> bool {
+    !matches!(id, Value::String(_) | Value::Array(_) | Value::Object(_)) || id.to_string().len() <= LONGEST_ID
+}
+
 /// Does what a client asks for; `client` where it has a connection. The reply may come from another thread.
 pub(super) fn perform(hub: &Arc<Hub>, files: &Worker, client: Option<&Client>, asked: Do, reply: Reply) {
     match asked {
-        Do::Enable {} => reply(hub.order(OperatorOrder::Enable, client.map(|client| client.id))),
-        Do::Disable {} => reply(hub.order(OperatorOrder::Disable, None)),
-        Do::Stop {} => reply(hub.order(OperatorOrder::Stop, None)),
+        Do::Enable {} => reply(hub.order(OperatorOrder::Enable, client.map(|client| client.id)).map(nothing_more)),
+        Do::Disable {} => reply(hub.order(OperatorOrder::Disable, None).map(nothing_more)),
+        Do::Stop {} => reply(hub.order(OperatorOrder::Stop, None).map(nothing_more)),
         Do::Set { parameter, value } => ask(hub, Ask::Set { parameter, value }, reply),
         Do::Place { object, pose } => ask(hub, Ask::Place { object, world_from_object: pose.into() }, reply),
         Do::Switch { scene } => ask(hub, Ask::Switch { scene }, reply),
         Do::Record { file } => record(hub, files, Some(file), reply),
         Do::EndRecording {} => record(hub, files, None, reply),
-        Do::Ping {} => reply(Ok(())),
+        Do::Ping {} => reply(Ok(None)),
         Do::Subscribe { rate_hz, format, contacts, history } => reply(match client {
-            Some(client) => wanted(rate_hz, format, contacts, history).map(|wanted| client.want(wanted)),
+            Some(client) => wanted(rate_hz, format, contacts, history).map(|wanted| {
+                client.want(wanted);
+                None
+            }),
             None => Err(needs_connection()),
         }),
         Do::Heartbeat { timeout_ms } => reply(match client {
             Some(client) => longest(timeout_ms).map(|longest| {
                 hub.heart.beat(client.id, longest);
+                None
             }),
             None => Err(needs_connection()),
         }),
     }
 }
 
+fn nothing_more((): ()) -> Option<RecorderStatus> {
+    None
+}
+
 fn needs_connection() -> Problem {
     Problem::bad("this needs a connection", "use the WebSocket")
 }
 
-fn ask(hub: &Hub, ask: Ask, reply: Reply) {
+fn ask(hub: &Arc<Hub>, ask: Ask, reply: Reply) {
     if hub.is_baking() {
         return reply(Err(Problem::unavailable("the scene is being baked: nothing is rendered yet", "wait for the event `scene`")));
     }
-    let answer = Box::new(move |result: Result<_, _>| reply(result.map_err(|refusal| Problem::from(&refusal))));
+    let scene = match &ask {
+        Ask::Switch { scene } => Some((hub.clone(), scene.clone())),
+        _ => None,
+    };
+    let answer = Box::new(move |result: Result<(), Refusal>| {
+        // Everybody heard that it is being baked.
+        if let (Err(refusal @ (Refusal::Scene(_) | Refusal::Over)), Some((hub, scene))) = (&result, scene) {
+            hub.scene_refused(&scene, &refusal.to_string());
+        }
+        reply(result.map(nothing_more).map_err(|refusal| Problem::from(&refusal)));
+    });
     hub.counter.ask(Request { ask, answer });
 }
 
@@ -182,14 +216,14 @@ fn record(hub: &Arc<Hub>, files: &Worker, begins: Option<Option<String>>, reply:
             Some(file) => recorder.start(file.as_deref()),
             None => recorder.stop(),
         };
-        if result.is_ok() {
-            let file = recorder.status().map(|status| status.file.display().to_string()).unwrap_or_default();
+        if let Ok(RecorderStatus { file, records, .. }) = &result {
+            let file = file.to_string_lossy();
             match begins {
-                Some(_) => hub.tell("recording", None, &format!("recording into {file}"), &["begun"]),
-                None => hub.tell("recording", None, "the recording has ended", &["ended"]),
+                Some(_) => hub.tell("recording", None, &format!("recording into {file}"), &["begun", &file]),
+                None => hub.tell("recording", None, &format!("{records} ticks are recorded in {file}"), &["ended", &file]),
             }
         }
-        reply(result.map_err(|error| match &error {
+        reply(result.map(Some).map_err(|error| match &error {
             RecorderError::File(_) => Problem::bad(error.to_string(), ""),
             RecorderError::State(_) => Problem::conflict(error.to_string(), ""),
         }));
@@ -198,6 +232,8 @@ fn record(hub: &Arc<Hub>, files: &Worker, begins: Option<Option<String>>, reply:
 
 #[cfg(test)]
 mod tests {
+    use serde_json::json;
+
     use super::*;
 
     fn parsed(text: &str) -> (Value, Result<Do, String>) {
@@ -211,6 +247,12 @@ mod tests {
         assert_eq!(parsed(r#"{"do":"heartbeat"}"#), (Value::Null, Ok(Do::Heartbeat { timeout_ms: None })));
         let subscribe = Do::Subscribe { rate_hz: 60.0, format: Format::Json, contacts: true, history: true };
         assert_eq!(parsed(r#"{"do":"subscribe","rate_hz":60,"contacts":true}"#).1, Ok(subscribe));
+        let long = "x".repeat(300);
+        for id in [json!(long), json!([long]), json!({ long: 1 })] {
+            let (kept, asked) = parsed(&json!({ "id": id, "do": "ping" }).to_string());
+            assert!(kept.is_null() && asked.is_err_and(|error| error.contains("256")), "{id}");
+        }
+        assert_eq!(parsed(r#"{"id":[1,{"a":2}],"do":"ping"}"#), (json!([1, { "a": 2 }]), Ok(Do::Ping {})));
         let place = r#"{"id":"a","do":"place","object":"lift","pose":{"p":[0,0,1],"q":[0,0,0,1]}}"#;
         assert!(matches!(parsed(place), (Value::String(_), Ok(Do::Place { .. }))));
         for (wrong, expected) in [

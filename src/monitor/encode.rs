@@ -2,8 +2,11 @@
 
 use axum::extract::ws::Message;
 use glam::{DQuat, DVec3};
+use serde::ser::SerializeStruct as _;
 use serde::{Serialize, Serializer};
 
+use super::hub::At;
+use super::rows::Row;
 use crate::daemon::Phase;
 use crate::haptics::{Faults, OffCause};
 use crate::spatial::{Pose, Wrench};
@@ -93,54 +96,28 @@ pub(super) struct WireObject {
     pub(super) pose: WirePose,
 }
 
-/// What a plot needs of one tick: time s, force N, depth mm, computing µs, wake-up µs.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Row {
-    pub(super) time_s: f64,
-    /// Force, depth, computing, wake-up.
-    pub(super) values: [f32; 4],
+/// The fault that last took the force.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct LastFault {
+    tick: u64,
+    time_ns: i64,
+    faults: Faults,
 }
 
-impl Row {
+impl LastFault {
     pub(super) fn of(record: &TickRecord) -> Self {
-        let us = |ns: u64| (ns as f64 * 1e-3) as f32;
-        Self {
-            time_s: record.time_ns as f64 * 1e-9,
-            values: [
-                record.rendered_device.force.length() as f32,
-                (record.output.max_depth_m * 1e3) as f32,
-                us(record.compute_ns),
-                us(record.wakeup_ns),
-            ],
-        }
+        Self { tick: record.tick, time_ns: record.time_ns, faults: record.output.faults }
     }
 }
 
-impl Serialize for Row {
+impl Serialize for LastFault {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        // Steps that no plot shows: digits that nobody needs are most of the bytes.
-        let step = |value: f32, per_one: f64| (f64::from(value) * per_one).round() / per_one;
-        let [force_n, depth_mm, compute_us, wakeup_us] = self.values;
-        let row = [step(force_n, 1e4), step(depth_mm, 1e5), step(compute_us, 1e2), step(wakeup_us, 1e2)];
-        ((self.time_s * 1e6).round() / 1e6, row[0], row[1], row[2], row[3]).serialize(serializer)
+        let mut object = serializer.serialize_struct("LastFault", 3)?;
+        object.serialize_field("tick", &self.tick)?;
+        object.serialize_field("time_ns", &self.time_ns)?;
+        object.serialize_field("names", &self.faults.names().collect::<Vec<_>>())?;
+        object.end()
     }
-}
-
-/// Rows for one message: at most `most`; of more, the smallest and the largest values of some stretches each.
-pub(super) fn reduced(rows: &[Row], most: usize) -> Vec<Row> {
-    if rows.len() <= most {
-        return rows.to_vec();
-    }
-    let stretch = rows.len().div_ceil(most / 2);
-    let envelope = |rows: &[Row], pick: fn(f32, f32) -> f32, time_s: f64| {
-        let values = rows.iter().map(|row| row.values).reduce(|a, b| core::array::from_fn(|n| pick(a[n], b[n])));
-        values.map(|values| Row { time_s, values })
-    };
-    let both = |rows: &[Row]| {
-        let (first, last) = (rows.first().map_or(0.0, |row| row.time_s), rows.last().map_or(0.0, |row| row.time_s));
-        envelope(rows, f32::min, first).into_iter().chain(envelope(rows, f32::max, last)).collect::<Vec<_>>()
-    };
-    rows.chunks(stretch).flat_map(both).collect()
 }
 
 /// What the state of a run is made of.
@@ -150,6 +127,8 @@ pub(super) struct Moment<'a> {
     pub(super) phase: Phase,
     /// Force went off because a client fell silent.
     pub(super) fell_silent: bool,
+    /// Until somebody enables again.
+    pub(super) last_fault: Option<LastFault>,
     /// Where the arm wants the tool, `world_from_tool`.
     pub(super) wanted: Option<Pose>,
     pub(super) objects: &'a [WireObject],
@@ -174,6 +153,7 @@ struct State<'a> {
     off_cause: &'static str,
     advice: &'static str,
     faults: Vec<&'static str>,
+    last_fault: Option<LastFault>,
     measured_cp: WirePose,
     measured_cv: WireTwist,
     servo_cf: WireWrench,
@@ -222,6 +202,7 @@ pub(super) fn text(moment: &Moment<'_>, extras: Extras<'_>) -> String {
         off_cause,
         advice,
         faults: output.faults.names().collect(),
+        last_fault: moment.last_fault,
         measured_cp: sample.pose.into(),
         measured_cv: WireTwist { v: sample.twist.linear.to_array(), w: sample.twist.angular.to_array() },
         servo_cf: output.command_device.into(),
@@ -306,7 +287,7 @@ pub(super) struct Event<'a> {
 
 impl<'a> Event<'a> {
     /// An event in the words of people, and the names that belong to it.
-    pub(super) fn new(event: &'static str, at: Option<(u64, i64)>, text: &'a str, names: &'a [&'a str]) -> Self {
+    pub(super) fn new(event: &'static str, at: Option<At>, text: &'a str, names: &'a [&'a str]) -> Self {
         Self { kind: "event", event, tick: at.map(|at| at.0), time_ns: at.map(|at| at.1), text, names }
     }
 }
@@ -337,7 +318,7 @@ mod tests {
     }
 
     fn moment(record: &TickRecord) -> Moment<'_> {
-        Moment { record, phase: Phase::Enabling, fell_silent: false, wanted: None, objects: &[] }
+        Moment { record, phase: Phase::Enabling, fell_silent: false, last_fault: None, wanted: None, objects: &[] }
     }
 
     #[test]
@@ -354,6 +335,28 @@ mod tests {
         assert_eq!(json["history"], serde_json::json!([[0.012, 1.0, 2.0, 1.5, 0.25]]));
         assert_eq!(json["points"], serde_json::json!([[0.5, 0.0, 1.0, 0.25]]));
         assert_eq!(json["device_cp_world"], Value::Null);
+    }
+
+    #[test]
+    fn a_fault_stays_known_after_it_was_acknowledged() {
+        let now = TickRecord::default();
+        let after = Moment { last_fault: Some(LastFault::of(&record())), ..moment(&now) };
+        let json: Value = serde_json::from_str(&text(&after, Extras::default())).expect("JSON");
+        assert_eq!(json["faults"], serde_json::json!([]));
+        let expected = serde_json::json!({ "tick": 12, "time_ns": 12_000_000, "names": ["speed", "stale"] });
+        assert_eq!(json["last_fault"], expected);
+    }
+
+    #[test]
+    fn the_numbers_of_a_binary_state_are_the_documented_ones() {
+        let page = include_str!("../../docs/api.md");
+        for (number, cause) in OffCause::ALL.into_iter().enumerate() {
+            assert_eq!(cause as usize, number);
+            assert!(page.contains(&format!("{number} `{}`", cause.name())), "{number} {}", cause.name());
+        }
+        for (fault, name, _) in Faults::TABLE {
+            assert!(page.contains(&format!("{} `{name}`", fault.bits().trailing_zeros())), "{name}");
+        }
     }
 
     #[test]
@@ -380,16 +383,5 @@ mod tests {
         assert_eq!(f64::from_bits(u64_at(48 + 6 * 8)), 1.0);
         assert_eq!(f64::from_bits(u64_at(48 + 32 * 8)), 2e-3);
         assert_eq!((u32_at(320), f32::from_bits(u32_at(328)), u32_at(336)), (7, 1.5, 3));
-    }
-
-    #[test]
-    fn many_rows_become_few_that_keep_the_extremes() {
-        let row = |n: usize| Row { time_s: n as f64, values: [if n == 501 { 9.0 } else { 1.0 }, n as f32, 0.0, 0.0] };
-        let rows: Vec<_> = (0..1000).map(row).collect();
-        assert_eq!(reduced(&rows[..100], 100), rows[..100]);
-        let few = reduced(&rows, 100);
-        assert!(few.len() <= 100 && few.windows(2).all(|pair| pair[0].time_s <= pair[1].time_s));
-        let most = |n: usize| few.iter().map(|row| row.values[n]).fold(0.0, f32::max);
-        assert_eq!((most(0), most(1)), (9.0, 999.0));
     }
 }

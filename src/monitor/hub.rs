@@ -7,12 +7,14 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use crossbeam::channel::Sender;
 use serde_json::{Value, json};
+use tokio::sync::Semaphore;
 
-use super::encode::{self, Body, Event, Extras, Moment, WireObject};
+use super::encode::{self, Body, Event, Extras, LastFault, Moment, WireObject};
 use super::feed::Fed;
 use super::heart::{Heart, Silence};
 use super::outbox::{AWAY, Outbox};
 use super::problem::Problem;
+use super::recorder::Recorder;
 use crate::daemon::desk::{Board, Counter, Refusal, View};
 use crate::daemon::{Notice, OperatorOrder, Phase};
 use crate::device::open::LinkNews;
@@ -43,51 +45,19 @@ pub struct HubParts {
     pub metrics: Option<Metrics>,
 }
 
-/// Begins and ends recordings when a client says so.
-pub trait Recorder: Send + Sync {
-    /// Begins one, into a file of this name or of one that the recorder chooses. May block.
-    ///
-    /// # Errors
-    /// One is under way, or the file cannot be made.
-    fn start(&self, file: Option<&str>) -> Result<(), RecorderError>;
+/// The number of a tick, and its time since the loop began, ns.
+pub(super) type At = (u64, i64);
 
-    /// Ends the one that is under way. May block.
-    ///
-    /// # Errors
-    /// None is.
-    fn stop(&self) -> Result<(), RecorderError>;
-
-    /// The one that is under way.
-    fn status(&self) -> Option<RecorderStatus>;
-}
-
-/// How a recording goes.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct RecorderStatus {
-    /// Where it goes.
-    pub file: PathBuf,
-    /// Ticks that are in it.
-    pub records: u64,
-    /// Ticks that found no room.
-    pub dropped: u64,
-}
-
-/// Why a recording did not begin or end.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum RecorderError {
-    /// The file is not one that may be written.
-    #[error("{0}")]
-    File(String),
-    /// One is under way, or none is.
-    #[error("{0}")]
-    State(String),
-}
+/// Requests of one client that wait to be answered.
+const MOST_UNANSWERED: usize = 64;
 
 /// A client with a connection.
 #[derive(Debug)]
 pub(super) struct Client {
     pub(super) id: u64,
     pub(super) outbox: Outbox,
+    /// Places for requests that wait for somebody: whoever is asked may be slow.
+    pub(super) unanswered: Arc<Semaphore>,
     wants: Mutex<Option<Wanted>>,
 }
 
@@ -125,6 +95,8 @@ struct Facts {
     realtime: Vec<Value>,
     node: Option<PathBuf>,
     link: &'static str,
+    /// Until somebody enables again: whatever acknowledged it may have been no person.
+    last_fault: Option<LastFault>,
 }
 
 /// Everything that the clients of a run share.
@@ -135,7 +107,7 @@ pub struct Hub {
     pub(super) clock: ClockKind,
     pub(super) recorder: Option<Arc<dyn Recorder>>,
     metrics: Option<Metrics>,
-    pub(super) newest: Mutex<Option<Newest>>,
+    newest: Mutex<Option<Newest>>,
     orders: Sender<OperatorOrder>,
     clients: Mutex<Vec<Arc<Client>>>,
     next_client: AtomicU64,
@@ -149,7 +121,7 @@ impl Hub {
     /// A hub without clients.
     pub fn new(parts: HubParts) -> Arc<Self> {
         let HubParts { board, counter, orders, heartbeat, clock, recorder, metrics } = parts;
-        let facts = Facts { phase: Phase::Init, realtime: Vec::new(), node: None, link: "unknown" };
+        let facts = Facts { phase: Phase::Init, realtime: Vec::new(), node: None, link: "unknown", last_fault: None };
         let since = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
         Arc::new(Self {
             board,
@@ -173,17 +145,18 @@ impl Hub {
         match notice {
             Notice::Phase(phase) => {
                 self.facts().phase = *phase;
-                let has_force = matches!(phase, Phase::Enabling | Phase::Enabled | Phase::Stopping | Phase::Braking);
                 if *phase == Phase::Enabling {
+                    self.facts().last_fault = None;
                     self.fell_silent.store(false, Ordering::Relaxed);
                 }
-                self.heart.note_force(has_force);
+                self.heart.note_force(has_force(*phase));
                 self.tell("state", None, phase.name(), &[phase.name()]);
             }
             Notice::Preflight(report) => self.facts().realtime = rows(report),
             Notice::Fault(record) => {
                 let faults = record.output.faults;
                 let names: Vec<_> = faults.names().collect();
+                self.facts().last_fault = Some(LastFault::of(record));
                 self.tell("fault", Some((record.tick, record.time_ns)), &encode::fault_words(faults), &names);
             }
             Notice::Link(news) => {
@@ -211,8 +184,15 @@ impl Hub {
         (facts.node, facts.link) = (Some(node.to_owned()), "up");
     }
 
-    /// Tells every client.
-    pub(super) fn tell(&self, event: &'static str, at: Option<(u64, i64)>, text: &str, names: &[&str]) {
+    /// A scene that somebody asked for is not rendered, and why.
+    pub fn scene_refused(&self, name: &str, why: &str) {
+        self.tell("scene", None, &format!("{name} is not rendered: {why}"), &["refused", name]);
+    }
+
+    /// Tells every client. `at`: of the newest tick where it is of none.
+    pub(super) fn tell(&self, event: &'static str, at: Option<At>, text: &str, names: &[&str]) {
+        let newest = || self.newest().as_ref().map(|newest| (newest.fed.record.tick, newest.fed.record.time_ns));
+        let at = at.or_else(newest);
         let words = encode::json(&Event::new(event, at, text, names));
         for client in self.clients().iter() {
             client.outbox.say(words.clone());
@@ -222,7 +202,12 @@ impl Hub {
     /// A new client, greeted.
     pub(super) fn join(&self) -> Arc<Client> {
         let id = self.next_client.fetch_add(1, Ordering::Relaxed);
-        let client = Arc::new(Client { id, outbox: Outbox::default(), wants: Mutex::default() });
+        let client = Arc::new(Client {
+            id,
+            outbox: Outbox::default(),
+            unanswered: Arc::new(Semaphore::new(MOST_UNANSWERED)),
+            wants: Mutex::default(),
+        });
         let view = self.board.view();
         client.outbox.say(encode::json(&json!({
             "type": "hello",
@@ -279,7 +264,9 @@ impl Hub {
     /// Watches the heartbeats; for a thread of its own.
     pub(super) fn watch_heart(&self) {
         self.heart.watch(|silence, is_news| {
-            self.fell_silent.store(true, Ordering::Relaxed);
+            if has_force(self.phase()) {
+                self.fell_silent.store(true, Ordering::Relaxed);
+            }
             // If the run is over, nobody takes it, and there is no force.
             let _ = self.orders.send(OperatorOrder::Disable);
             if is_news {
@@ -305,8 +292,13 @@ impl Hub {
 
     /// The newest state as text, without counts.
     pub(super) fn state_text(&self) -> Option<String> {
-        let newest = self.newest.lock().unwrap_or_else(PoisonError::into_inner).clone()?;
+        let newest = self.newest().clone()?;
         Some(encode::text(&self.moment(&newest), Extras::default()))
+    }
+
+    /// The newest record.
+    pub(super) fn newest(&self) -> MutexGuard<'_, Option<Newest>> {
+        self.newest.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// The newest state in one of both formats.
@@ -320,6 +312,7 @@ impl Hub {
             record: &newest.fed.record,
             phase: self.phase(),
             fell_silent: self.fell_silent.load(Ordering::Relaxed),
+            last_fault: self.facts().last_fault,
             wanted: newest.wanted,
             objects: &newest.objects,
         }
@@ -331,9 +324,7 @@ impl Hub {
         let profile = &config.device.profile;
         let six = |axes: crate::spatial::Axes| [0, 1, 2, 3, 4, 5].map(|axis| axes.has(axis));
         let recording = self.recorder.as_ref().and_then(|recorder| recorder.status());
-        let recording = recording.map(|RecorderStatus { file, records, dropped }| {
-            json!({ "file": file.to_string_lossy(), "records": records, "dropped": dropped })
-        });
+        let recording = recording.map(|status| status.json());
         let facts = self.facts();
         json!({
             "version": env!("CARGO_PKG_VERSION"),
@@ -369,6 +360,11 @@ impl Hub {
     fn facts(&self) -> MutexGuard<'_, Facts> {
         self.facts.lock().unwrap_or_else(PoisonError::into_inner)
     }
+}
+
+/// Whether force may flow in a phase.
+fn has_force(phase: Phase) -> bool {
+    matches!(phase, Phase::Enabling | Phase::Enabled | Phase::Stopping | Phase::Braking)
 }
 
 fn rows(report: &Report) -> Vec<Value> {

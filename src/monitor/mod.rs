@@ -30,12 +30,15 @@ mod outbox;
 mod pace;
 mod problem;
 mod pump;
+mod recorder;
 mod rest;
+mod rows;
 mod server;
 mod visual;
 mod worker;
 mod ws;
 
 pub use access::{Access, Token, TokenError};
-pub use hub::{Hub, HubParts, Recorder, RecorderError, RecorderStatus};
+pub use hub::{Hub, HubParts};
+pub use recorder::{Recorder, RecorderError, RecorderStatus};
 pub use server::{Bound, Monitor};

@@ -52,6 +52,9 @@ impl Outbox {
     /// Words, in order.
     pub(super) fn say(&self, words: String) {
         let mut waiting = self.waiting();
+        if waiting.ends.is_some() {
+            return;
+        }
         if waiting.words.len() >= MOST_WORDS || waiting.n_bytes + words.len() > MOST_WORD_BYTES {
             waiting.ends.get_or_insert((POLICY, "does not read"));
         } else {
@@ -62,10 +65,15 @@ impl Outbox {
         self.changed.notify_one();
     }
 
-    /// A state; the oldest one makes room for it.
-    pub(super) fn show(&self, state: Arc<Body>, rate_hz: f64) {
+    /// A state; the oldest one makes room for it. `missed`: states that were due since the last one, of ticks that never came here.
+    pub(super) fn show(&self, state: Arc<Body>, rate_hz: f64, missed: u64) {
         let most = ((rate_hz * STATES_S).ceil() as usize).max(2);
         let mut waiting = self.waiting();
+        // What keeps coming would keep the end away.
+        if waiting.ends.is_some() {
+            return;
+        }
+        waiting.dropped += missed;
         while waiting.states.len() >= most {
             waiting.states.pop_front();
             waiting.dropped += 1;
@@ -130,13 +138,31 @@ mod tests {
         assert!(outbox.take().is_none());
         for tick in 0..5 {
             outbox.say(format!("word {tick}"));
-            outbox.show(Arc::new(Body::Text(format!("{{\"tick\":{tick}}}"))), 60.0);
+            outbox.show(Arc::new(Body::Text(format!("{{\"tick\":{tick}}}"))), 60.0, 0);
         }
         let told = words(outbox.take());
         assert_eq!(told[..5], ["word 0", "word 1", "word 2", "word 3", "word 4"]);
         assert_eq!(told[5], r#"{"type":"state","seq":1,"dropped":2,"tick":2}"#);
         assert_eq!((told.len(), &told[7][..]), (8, r#"{"type":"state","seq":3,"dropped":2,"tick":4}"#));
         assert!(outbox.take().is_none());
+        outbox.show(Arc::new(Body::Text(r#"{"tick":9}"#.to_owned())), 60.0, 5);
+        assert_eq!(
+            words(outbox.take()),
+            [r#"{"type":"state","seq":4,"dropped":7,"tick":9}"#],
+            "ticks that were lost on the way count"
+        );
+    }
+
+    #[test]
+    fn nothing_more_comes_between_a_client_and_its_end() {
+        let outbox = Outbox::default();
+        for _ in 0..=MOST_WORDS {
+            outbox.say(String::new());
+        }
+        assert_eq!(words(outbox.take()).len(), MOST_WORDS);
+        outbox.say("late".to_owned());
+        outbox.show(Arc::new(Body::Text("{}".to_owned())), 60.0, 0);
+        assert!(matches!(outbox.take(), Some(Next::Close(POLICY, _))));
     }
 
     #[test]

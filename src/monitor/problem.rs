@@ -39,6 +39,11 @@ impl Problem {
         Self::new(StatusCode::CONFLICT, error, hint)
     }
 
+    /// Not so many.
+    pub(super) fn too_many(error: impl Into<String>) -> Self {
+        Self::new(StatusCode::TOO_MANY_REQUESTS, error, "wait for answers, and ask less often")
+    }
+
     /// Not now, or not here.
     pub(super) fn unavailable(error: impl Into<String>, hint: impl Into<String>) -> Self {
         Self::new(StatusCode::SERVICE_UNAVAILABLE, error, hint)

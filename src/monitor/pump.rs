@@ -1,14 +1,15 @@
 //! From records to states: takes what was fed, encodes once for all clients that want the same, and fills their outboxes.
 
 use core::time::Duration;
-use std::sync::{Arc, PoisonError};
+use std::sync::Arc;
 use std::time::Instant;
 
 use rtrb::Consumer;
 
-use super::encode::{Extras, Row, WireObject, reduced};
+use super::encode::{Extras, WireObject};
 use super::feed::Fed;
-use super::hub::{Client, Hub, Newest, Wanted};
+use super::hub::{At, Client, Hub, Newest, Wanted};
+use super::rows::{Row, reduced};
 use crate::daemon::desk::View;
 use crate::haptics::contact;
 use crate::rt::clock::ClockKind;
@@ -34,10 +35,31 @@ const MOST_POINTS: usize = 512;
 const MOST_ROWS: usize = 100;
 const KEPT_ROWS: usize = 1 << 14;
 
+/// When a stream of states is due, in ticks: its rate need not divide that of the loop.
+#[derive(Clone, Copy, Debug, Default)]
+struct Rhythm {
+    /// `None`: with the first tick that comes.
+    next: Option<f64>,
+}
+
+impl Rhythm {
+    /// A tick has come: `None` while nothing is due, else how many states were due since the last one that was and cannot come any more.
+    fn due(&mut self, tick: u64, period_ticks: f64) -> Option<u64> {
+        let next = self.next.unwrap_or(tick as f64);
+        let late = tick as f64 - next;
+        if late < 0.0 {
+            return None;
+        }
+        let missed = (late / period_ticks).floor();
+        self.next = Some(next + (missed + 1.0) * period_ticks);
+        Some(missed as u64)
+    }
+}
+
 /// Clients that want the same.
 struct Group {
     wanted: Wanted,
-    next_tick: u64,
+    rhythm: Rhythm,
     /// Under the virtual clock ticks say nothing of the time of a client.
     next_at: Instant,
     history: Vec<Row>,
@@ -62,6 +84,8 @@ pub(super) struct Pump {
     points: Points,
     points_at: Instant,
     n_overruns: u32,
+    /// The last of them.
+    overrun_at: Option<At>,
     overruns_at: Instant,
 }
 
@@ -70,7 +94,7 @@ impl Pump {
         let (view, now) = (hub.board.view(), Instant::now());
         let poses = starts(&view);
         let (groups, points) = (Vec::new(), Points::default());
-        Self { hub, view, board_at: now, poses, groups, points, points_at: now, n_overruns: 0, overruns_at: now }
+        Self { hub, view, board_at: now, poses, groups, points, points_at: now, n_overruns: 0, overrun_at: None, overruns_at: now }
     }
 
     /// Works until the run is over.
@@ -108,46 +132,52 @@ impl Pump {
         }
         if self.n_overruns > 0 && now >= self.overruns_at {
             self.overruns_at = now + OVERRUNS_EVERY;
-            let text = format!("{} tick(s) began late", core::mem::take(&mut self.n_overruns));
-            self.hub.tell("overrun", None, &text, &[]);
+            let n_late = core::mem::take(&mut self.n_overruns).to_string();
+            let text = if n_late == "1" { "1 tick began late".to_owned() } else { format!("{n_late} ticks began late") };
+            self.hub.tell("overrun", self.overrun_at, &text, &[&n_late]);
         }
     }
 
     fn take(&mut self, fed: Fed, is_newest: bool, clients: &[Arc<Client>], now: Instant) {
         let record = &fed.record;
-        self.n_overruns += u32::from(record.input.overrun);
+        if record.input.overrun {
+            self.n_overruns += 1;
+            self.overrun_at = Some((record.tick, record.time_ns));
+        }
         if let Some(placed) = record.output.object.filter(|_| record.scene_idx == self.view.scene_idx)
             && let Some(pose) = self.poses.get_mut(placed.obstacle_idx as usize)
         {
             *pose = placed.world_from_map;
         }
         let row = Row::of(record);
-        let is_virtual = self.hub.clock == ClockKind::Virtual;
+        let (is_virtual, rate_hz) = (self.hub.clock == ClockKind::Virtual, f64::from(self.view.config.rate_hz));
         let mut due = Vec::new();
         for (idx, group) in self.groups.iter_mut().enumerate() {
             if group.wanted.history {
                 if group.history.len() >= KEPT_ROWS {
-                    group.history.drain(..KEPT_ROWS / 2);
+                    group.history = reduced(&group.history, KEPT_ROWS / 2);
                 }
                 group.history.push(row);
             }
-            let is_due = if is_virtual { is_newest && now >= group.next_at } else { record.tick >= group.next_tick };
-            if is_due {
-                due.push(idx);
-            }
+            let missed = if is_virtual {
+                (is_newest && now >= group.next_at).then_some(0)
+            } else {
+                group.rhythm.due(record.tick, (rate_hz / group.wanted.rate_hz).max(1.0))
+            };
+            due.extend(missed.map(|missed| (idx, missed)));
         }
         if due.is_empty() && !is_newest {
             return;
         }
         let newest = self.newest(fed);
-        if due.iter().any(|idx| self.groups[*idx].wanted.contacts) {
+        if due.iter().any(|(idx, _)| self.groups[*idx].wanted.contacts) {
             self.find_points(&newest.fed.record, now);
         }
-        for idx in due {
-            self.send(idx, &newest, clients, now);
+        for (idx, missed) in due {
+            self.send(idx, missed, &newest, clients, now);
         }
         if is_newest {
-            *self.hub.newest.lock().unwrap_or_else(PoisonError::into_inner) = Some(newest);
+            *self.hub.newest() = Some(newest);
         }
     }
 
@@ -155,7 +185,7 @@ impl Pump {
         let port = &self.view.config.parameters.port;
         let wanted = match (&self.view.scene, fed.anchor) {
             (Some(scene), Some(anchor)) if fed.record.scene_idx == self.view.scene_idx => {
-                Some(anchor.wanted(fed.record.input.sample.pose, port, scene.tool.center_of_mass_tool))
+                Some(anchor.wanted(&fed.record.input.sample, port, scene.tool.center_of_mass_tool))
             }
             _ => None,
         };
@@ -164,13 +194,9 @@ impl Pump {
         Newest { fed, wanted, objects }
     }
 
-    fn send(&mut self, idx: usize, newest: &Newest, clients: &[Arc<Client>], now: Instant) {
+    fn send(&mut self, idx: usize, missed: u64, newest: &Newest, clients: &[Arc<Client>], now: Instant) {
         let group = &mut self.groups[idx];
         let Wanted { rate_hz, is_binary, .. } = group.wanted;
-        let tick = newest.fed.record.tick;
-        let period = ((f64::from(self.view.config.rate_hz) / rate_hz).round() as u64).max(1);
-        let next_tick = group.next_tick + period;
-        group.next_tick = if next_tick > tick { next_tick } else { tick + period };
         group.next_at = now + Duration::from_secs_f64(1.0 / rate_hz);
         let rows = group.wanted.history.then(|| reduced(&group.history, MOST_ROWS));
         group.history.clear();
@@ -180,7 +206,7 @@ impl Pump {
         let wanted = group.wanted;
         let body = Arc::new(self.hub.body(newest, is_binary, extras));
         for client in clients.iter().filter(|client| client.wants() == Some(wanted)) {
-            client.outbox.show(body.clone(), rate_hz);
+            client.outbox.show(body.clone(), rate_hz, missed);
         }
     }
 
@@ -190,7 +216,7 @@ impl Pump {
         self.groups.retain(|group| wanted.contains(&group.wanted));
         for wanted in wanted {
             if !self.groups.iter().any(|group| group.wanted == wanted) {
-                self.groups.push(Group { wanted, next_tick: 0, next_at: now, history: Vec::new(), points: 0 });
+                self.groups.push(Group { wanted, rhythm: Rhythm::default(), next_at: now, history: Vec::new(), points: 0 });
             }
         }
     }
@@ -231,14 +257,9 @@ impl Pump {
         }
         if before.switching_to != view.switching_to {
             let name = |path: &std::path::Path| path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-            match (&before.switching_to, &view.switching_to) {
-                (_, Some(path)) => {
-                    self.hub.tell("scene", None, &format!("{} is being baked", name(path)), &["baking", &name(path)])
-                }
-                (Some(path), None) if before.scene_idx == view.scene_idx => {
-                    self.hub.tell("scene", None, &format!("{} cannot be rendered", name(path)), &["refused", &name(path)]);
-                }
-                _ => {}
+            // Whoever hears why a scene is refused tells that.
+            if let Some(path) = &view.switching_to {
+                self.hub.tell("scene", None, &format!("{} is being baked", name(path)), &["baking", &name(path)]);
             }
         }
         if before.scene_idx == view.scene_idx && before.scene.is_some() {
@@ -253,4 +274,33 @@ impl Pump {
 
 fn starts(view: &View) -> Vec<Pose> {
     view.config.statics.iter().map(|object| object.pose).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sent(ticks: impl Iterator<Item = u64>, period_ticks: f64) -> Vec<(u64, u64)> {
+        let mut rhythm = Rhythm::default();
+        ticks.filter_map(|tick| rhythm.due(tick, period_ticks).map(|missed| (tick, missed))).collect()
+    }
+
+    #[test]
+    fn a_stream_has_the_rate_that_was_asked_for() {
+        for (rate_hz, expected) in [(1000.0, 10_000), (700.0, 7000), (400.0, 4000), (333.0, 3330), (60.0, 600), (0.1, 1)] {
+            let sent = sent(5000..15_000, 1000.0 / rate_hz);
+            assert!(sent.len().abs_diff(expected) <= 1, "{rate_hz} Hz: {}", sent.len());
+            assert!(sent.iter().all(|(_, missed)| *missed == 0), "{rate_hz} Hz");
+        }
+    }
+
+    #[test]
+    fn states_of_ticks_that_never_came_are_missed() {
+        // Twelve ticks are gone.
+        let ticks = || (0..10).chain(22..30);
+        let all = sent(ticks(), 1.0);
+        assert_eq!((all.len(), all[9], all[10], all[11]), (18, (9, 0), (22, 12), (23, 0)));
+        // Every fourth of them was due: 12, 16 and 20, and 20 comes late.
+        assert_eq!(sent(ticks(), 4.0), [(0, 0), (4, 0), (8, 0), (22, 2), (24, 0), (28, 0)]);
+    }
 }

@@ -13,7 +13,7 @@ use axum::{Json, Router};
 use glam::DVec3;
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
-use serde_json::{Value, json};
+use serde_json::{Map, Value, json};
 use tokio::sync::oneshot;
 
 use super::asks::{Do, PoseAsked, perform};
@@ -29,6 +29,8 @@ use crate::telemetry::metrics;
 const MOST_BYTES: usize = 64 << 10;
 /// Longest address, bytes.
 const LONGEST_URI: usize = 2048;
+/// Longest refusal in the words of the framework, bytes.
+const LONGEST_REFUSAL: usize = 1024;
 /// A request that takes longer goes on; its outcome is told as an event.
 const PATIENCE: Duration = Duration::from_secs(2);
 
@@ -62,7 +64,11 @@ pub(super) fn router(served: Arc<Served>) -> Router {
         .route("/favicon.ico", get(|| async { StatusCode::NO_CONTENT }))
         .route("/web/{name}", get(|Path(name): Path<String>| page_file(name)))
         .layer(middleware::from_fn_with_state(served.clone(), show));
-    api.merge(page).layer(DefaultBodyLimit::max(MOST_BYTES)).layer(middleware::map_response(hardened)).with_state(served)
+    api.merge(page)
+        .layer(DefaultBodyLimit::max(MOST_BYTES))
+        .layer(middleware::map_response(in_our_words))
+        .layer(middleware::map_response(hardened))
+        .with_state(served)
 }
 
 /// Whoever may not come in is told why.
@@ -90,6 +96,21 @@ async fn paced(State(served): State<Arc<Served>>, ConnectInfo(peer): ConnectInfo
         return next.run(request).await;
     }
     Problem::new(StatusCode::TOO_MANY_REQUESTS, "too many requests", "use the WebSocket for what comes often").into_response()
+}
+
+/// What the framework refuses before a handler hears of it is said in the same form as everything else.
+async fn in_our_words(response: Response) -> Response {
+    let is_refusal = response.status().is_client_error() || response.status().is_server_error();
+    let is_json = response.headers().get(header::CONTENT_TYPE).is_some_and(|kind| kind == "application/json");
+    if !is_refusal || is_json {
+        return response;
+    }
+    let (head, body) = response.into_parts();
+    if head.status == StatusCode::PAYLOAD_TOO_LARGE {
+        return Problem::new(head.status, format!("a body has at most {MOST_BYTES} bytes"), "").into_response();
+    }
+    let text = axum::body::to_bytes(body, LONGEST_REFUSAL).await.unwrap_or_default();
+    Problem::new(head.status, String::from_utf8_lossy(&text), "docs/api.md lists what there is").into_response()
 }
 
 async fn hardened(mut response: Response) -> Response {
@@ -199,7 +220,9 @@ async fn mesh(State(served): State<Arc<Served>>, Path((scene_idx, object_idx)): 
 
 async fn scenes(State(served): State<Arc<Served>>) -> Json<Value> {
     let view = served.hub.board.view();
-    Json(scenes_beside(&view.config.path).into_iter().map(|(name, _)| name).collect())
+    // Folders may be on a disk that takes its time.
+    let names = served.files.run(move || scenes_beside(&view.config.path).into_iter().map(|(name, _)| name).collect());
+    Json(names.await.unwrap_or_else(|| Value::Array(Vec::new())))
 }
 
 async fn parameters(State(served): State<Arc<Served>>) -> Json<Value> {
@@ -214,8 +237,15 @@ async fn parameters(State(served): State<Arc<Served>>) -> Json<Value> {
 /// A body; an empty one counts as an empty object.
 fn body<T: DeserializeOwned>(bytes: &Bytes) -> Result<T, Problem> {
     let bytes = if bytes.is_empty() { &b"{}"[..] } else { &bytes[..] };
-    serde_json::from_slice(bytes).map_err(|error| Problem::bad(format!("the body will not do: {error}"), ""))
+    let refused = |error: serde_json::Error| Problem::bad(format!("the body will not do: {error}"), "");
+    // Of a list serde would take the values in their order.
+    let object: Map<String, Value> = serde_json::from_slice(bytes).map_err(refused)?;
+    T::deserialize(Value::Object(object)).map_err(refused)
 }
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct NothingAsked {}
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -260,7 +290,9 @@ async fn end_recording(State(served): State<Arc<Served>>) -> Result<Response, Pr
     done(&served, Do::EndRecording {}).await
 }
 
-async fn enable(State(served): State<Arc<Served>>) -> Result<Response, Problem> {
+async fn enable(State(served): State<Arc<Served>>, bytes: Bytes) -> Result<Response, Problem> {
+    // Disable and stop are done whatever comes with them.
+    let NothingAsked {} = body(&bytes)?;
     done(&served, Do::Enable {}).await
 }
 
@@ -277,7 +309,8 @@ async fn done(served: &Arc<Served>, asked: Do) -> Result<Response, Problem> {
     let (sender, told) = oneshot::channel();
     perform(&served.hub, &served.files, None, asked, Box::new(move |result| drop(sender.send(result))));
     match tokio::time::timeout(PATIENCE, told).await {
-        Ok(Ok(Ok(()))) => Ok(Json(json!({ "ok": true })).into_response()),
+        Ok(Ok(Ok(None))) => Ok(Json(json!({ "ok": true })).into_response()),
+        Ok(Ok(Ok(Some(recording)))) => Ok(Json(json!({ "ok": true, "recording": recording.json() })).into_response()),
         Ok(Ok(Err(problem))) => Err(problem),
         Ok(Err(_)) => Err(Problem::conflict("the run cannot do this any more", "")),
         Err(_) => Ok((StatusCode::ACCEPTED, Json(json!({ "ok": true, "goes_on": true }))).into_response()),

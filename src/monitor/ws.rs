@@ -20,6 +20,7 @@ use super::hub::Client;
 use super::outbox::Next;
 use super::pace::Bucket;
 use super::problem::Problem;
+use super::recorder::RecorderStatus;
 use super::server::Served;
 
 /// Largest message of a client, bytes.
@@ -129,10 +130,17 @@ async fn take_all(mut stream: SplitStream<WebSocket>, served: &Arc<Served>, clie
             Ok(Message::Text(text)) => {
                 served.hub.heart.hear(client.id);
                 let (id, asked) = Do::parse(text.as_bytes());
+                let place = client.unanswered.clone().try_acquire_owned().ok();
                 match asked {
+                    Ok(asked) if place.is_none() && !asked.is_always_heard() => {
+                        client.outbox.say(reply(&id, Err(Problem::too_many("too many requests wait for their answers"))));
+                    }
                     Ok(asked) => {
                         let to = client.clone();
-                        let reply = Box::new(move |result| to.outbox.say(reply(&id, result)));
+                        let reply = Box::new(move |result| {
+                            to.outbox.say(reply(&id, result));
+                            drop(place);
+                        });
                         perform(&served.hub, &served.files, Some(client), asked, reply);
                     }
                     Err(problem) => client.outbox.say(reply(&id, Err(problem))),
@@ -157,9 +165,10 @@ async fn take_all(mut stream: SplitStream<WebSocket>, served: &Arc<Served>, clie
 }
 
 /// The answer to one request.
-fn reply(id: &Value, result: Result<(), Problem>) -> String {
+fn reply(id: &Value, result: Result<Option<RecorderStatus>, Problem>) -> String {
     encode::json(&match result {
-        Ok(()) => json!({ "type": "reply", "id": id, "ok": true }),
+        Ok(None) => json!({ "type": "reply", "id": id, "ok": true }),
+        Ok(Some(recording)) => json!({ "type": "reply", "id": id, "ok": true, "recording": recording.json() }),
         Err(Problem { said, status }) => json!({
             "type": "reply",
             "id": id,

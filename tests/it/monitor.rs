@@ -49,7 +49,7 @@ pub(crate) struct Daemon {
     pub(crate) address: SocketAddr,
     stderr: Receiver<String>,
     said: String,
-    _folder: TempDir,
+    folder: TempDir,
 }
 
 /// What a run left behind.
@@ -98,7 +98,7 @@ impl Daemon {
         let lines = BufReader::new(child.stderr.take().unwrap());
         let (sender, stderr) = channel();
         std::thread::spawn(move || lines.lines().map_while(Result::ok).try_for_each(|line| sender.send(line)));
-        let mut daemon = Self { child, address: ([127, 0, 0, 1], 0).into(), stderr, said: String::new(), _folder: folder };
+        let mut daemon = Self { child, address: ([127, 0, 0, 1], 0).into(), stderr, said: String::new(), folder };
         let line = daemon.wait_for("monitor: http://");
         daemon.address = line["monitor: http://".len()..].trim_end_matches('/').parse().unwrap();
         daemon

@@ -45,6 +45,46 @@ fn silence_and_a_closed_connection_end_with_zero_force() {
 }
 
 #[test]
+fn a_client_that_was_silent_once_guards_again() {
+    let daemon = Daemon::enabled("", "");
+    let mut watcher = daemon.connect();
+    watcher.subscribe(1000.0);
+    let mut driver = daemon.connect();
+    driver.does(json!({ "do": "heartbeat", "timeout_ms": 500 }));
+    watcher.event("heartbeat", "");
+    watcher.state_where(off);
+    // Its next word, whatever it is, and it is on guard as before.
+    driver.does(json!({ "do": "ping" }));
+    driver.does(json!({ "do": "enable" }));
+    while watcher.state()["phase"] != "enabled" {
+        driver.does(json!({ "do": "ping" }));
+    }
+    drop(driver);
+    watcher.event("heartbeat", "");
+    let state = watcher.state_where(off);
+    assert_eq!((&state["off_cause"], &state["last_fault"]), (&"heartbeat".into(), &Value::Null));
+}
+
+#[test]
+fn a_silence_does_not_hide_that_there_was_a_fault() {
+    let daemon = Daemon::start("[device.sim]\nfault = \"nan@700ms+100ms\"\n", "");
+    let mut watcher = daemon.connect();
+    let mut driver = daemon.connect();
+    driver.does(json!({ "do": "heartbeat", "timeout_ms": 10_000 }));
+    let fault = watcher.event("fault", "");
+    drop(driver);
+    watcher.subscribe(1000.0);
+    let state = watcher.state_where(off);
+    assert_eq!(state["faults"], json!([]), "the silence acknowledged it");
+    let expected = json!({ "tick": fault["tick"], "time_ns": fault["time_ns"], "names": fault["names"] });
+    assert_eq!(state["last_fault"], expected);
+    assert_ne!(state["off_cause"], "heartbeat", "the fault took the force, not the silence");
+    watcher.state_where(|state| state["time_ns"].as_i64() > Some(900_000_000));
+    watcher.does(json!({ "do": "enable" }));
+    watcher.state_where(|state| state["state"] == "ENABLED" && state["last_fault"].is_null());
+}
+
+#[test]
 fn a_scene_that_wants_a_heartbeat_has_no_force_without() {
     let mut daemon = Daemon::start("[safety]\nheartbeat_ms = 300\n", "");
     let mut client = daemon.connect();

@@ -42,6 +42,9 @@ fn a_slower_client_gets_the_newest_state_and_the_points_that_touch() {
     let mut client = daemon.connect();
     client.does(json!({ "do": "subscribe", "rate_hz": 50, "contacts": true }));
     let ticks: Vec<u64> = (0..20).map(|_| client.state()["tick"].as_u64().unwrap()).collect();
+    let event = json!({ "do": "set", "parameter": "contact_stiffness_n_per_m", "value": 4000 });
+    client.does(event);
+    assert!(client.event("parameter", "")["tick"].as_u64() >= ticks.last().copied());
     assert!(ticks.windows(2).skip(1).all(|pair| pair[1] - pair[0] >= 20), "{ticks:?}");
     let state = client.state_where(|state| state["points"].as_array().is_some_and(|points| !points.is_empty()));
     for point in state["points"].as_array().unwrap() {
@@ -49,7 +52,19 @@ fn a_slower_client_gets_the_newest_state_and_the_points_that_touch() {
         assert!(x.abs() < 0.0105 && y.abs() < 0.0105 && z.abs() < 3e-3 && depth_m > 0.0, "{point}");
     }
     client.does(json!({ "do": "subscribe", "rate_hz": 0 }));
-    client.does(json!({ "do": "ping" }));
+    let mut other = daemon.connect();
+    other.subscribe(100.0);
+    let tick = other.state()["tick"].as_u64().unwrap();
+    other.state_where(|state| state["tick"].as_u64() > Some(tick + 400));
+    client.send(&json!({ "id": "after", "do": "ping" }));
+    let mut late = 0;
+    loop {
+        match client.json() {
+            message if message["id"] == "after" => break,
+            message => late += usize::from(message["type"] == "state"),
+        }
+    }
+    assert!(late <= 3, "{late} states after the end of the stream: more than were under way");
     assert_eq!(client.ask(json!({ "do": "subscribe", "rate_hz": 5000 }))["status"], 400);
 }
 
