@@ -103,5 +103,11 @@ class Hapticd:
 
     def get(self, path):
         """What the API says."""
-        with urllib.request.urlopen(f"{self.url}api/v1/{path}", timeout=10) as answer:
+        return self.send("GET", path)
+
+    def send(self, method, path, body=None):
+        """What the API answers."""
+        data = None if body is None else json.dumps(body).encode()
+        request = urllib.request.Request(f"{self.url}api/v1/{path}", data=data, method=method)
+        with urllib.request.urlopen(request, timeout=10) as answer:
             return json.load(answer)

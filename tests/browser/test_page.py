@@ -78,8 +78,8 @@ class PageTest(unittest.TestCase):
         page.wait(f"{number('read-speed')} > 1")
         self.assertGreater(self.force_pixels(page), 50, "an arrow in contact")
         self.assertNotEqual(page.picture_of("#view"), before, "the tool moved")
-        for plot in ("plot-force", "plot-depth", "plot-compute", "plot-wakeup"):
-            self.assertNotEqual(page.picture_of(f"#{plot} canvas"), None)
+        for plot, color in (("plot-force", "--force"), ("plot-depth", "--point"), ("plot-compute", "--series-a"), ("plot-wakeup", "--series-b")):
+            self.assertGreater(page.count_pixels(f"#{plot} canvas", color), 20, f"a line in {plot}")
             self.assertRegex(page.run(f"document.querySelector('#{plot} output').value"), r"^−?\d")
         before = page.picture_of("#plot-force canvas")
         page.wait(f"{number('read-speed')} > 1")
@@ -155,13 +155,38 @@ class PageTest(unittest.TestCase):
         page.wait(f"document.querySelector('#answer-{name}').textContent.startsWith('set')")
         self.assertAlmostEqual(served(name)["value"], 3000, places=6)
 
+        # What somebody is writing stays, whatever others set meanwhile.
+        page.run(f"(() => {{ const f = document.querySelector('#field-{name}'); f.focus(); f.value = '4'; f.dispatchEvent(new Event('input')); }})()")
+        run.send("PUT", f"parameters/{name}", {"value": 3500})
+        page.wait(f"document.querySelector('#slider-{name}').getAttribute('aria-valuetext').startsWith('3.5')")
+        self.assertEqual(page.run(f"document.querySelector('#field-{name}').value"), "4")
+        page.run("document.activeElement.blur()")
+        self.assertEqual(page.run(f"document.querySelector('#field-{name}').value"), "3.5")
+
+        # Two that do not go together: what the loop makes of it.
+        page.run("(() => { const f = document.querySelector('#field-filter_cutoff_low_hz'); f.value = '400'; f.dispatchEvent(new Event('change')); })()")
+        page.wait("document.querySelector('#answer-filter_cutoff_high_hz').textContent === 'acts as 400: never below the low cut-off'")
+
     def test_movable_part(self):
         run = self.run_scene("rest")
         page = self.open(run)
         before = page.picture_of("#view")
-        page.run("(() => { const f = document.querySelectorAll('#object-lift input')[2]; f.value = '-4'; f.dispatchEvent(new Event('change')); })()")
-        page.wait("document.querySelector('#object-lift .answer').textContent.includes('−4.00 mm')")
+        height = "document.querySelectorAll('#object-lift input')[2]"
+        answer = "document.querySelector('#object-lift .answer').textContent"
+        page.run(f"(() => {{ const f = {height}; f.value = '-4'; f.dispatchEvent(new Event('change')); }})()")
+        page.wait(f"{answer} === 'stands at 0.00, 0.00, −4.00 mm'")
         self.assertNotEqual(page.picture_of("#view"), before, "the part moved")
+
+        # The fields say where it stands, whoever moved it.
+        run.send("PUT", "objects/lift/pose", {"p": [0, 0, -0.006], "q": [0, 0, 0, 1]})
+        page.wait(f"{height}.value === '-6'")
+
+        # A slip of the finger is asked about.
+        page.run(f"(() => {{ const f = {height}; f.value = '-5000'; f.dispatchEvent(new Event('change')); }})()")
+        self.assertIn("far outside", page.run(answer))
+        self.assertAlmostEqual(run.get("state")["objects"][0]["p"][2], -0.006, places=6)
+        page.click("#object-lift button")
+        page.wait(f"{answer}.includes('on its way to 0.00, 0.00, −5000.00 mm')")
 
     def test_another_scene(self):
         run = self.run_scene("rest")
@@ -179,7 +204,12 @@ class PageTest(unittest.TestCase):
         self.assertEqual(page.run(WORD), "Fault")
         self.assertIn("not a number", page.run("document.querySelector('#banner').textContent"))
         page.wait(f"{number('read-force')} === 0")
+        self.assertRegex(page.run("document.querySelector('#banner-title').textContent"), r"^Fault 6\.\d\d s after the start")
         page.screenshot(SHOTS / "fault.png")
+        # Whoever acknowledges it, the page says that it was there.
+        run.send("POST", "disable")
+        page.wait(f"{WORD} === 'Disabled'")
+        self.assertFalse(page.run("document.querySelector('#banner').hidden"))
         page.wait("fetch('/api/v1/state').then((answer) => answer.json()).then(({ time_ns }) => time_ns > 6.8e9)")
         page.click("#banner-enable")
         page.wait(f"{WORD} === 'Enabled'")
@@ -208,7 +238,16 @@ class PageTest(unittest.TestCase):
         page.run("document.querySelector('#guard').focus()")
         page.press(" ")
         # Only what the server has heard of can fall silent.
-        page.wait("document.querySelector('#guard-answer').textContent === 'on guard'")
+        on_guard = "document.querySelector('#guard-answer').textContent === 'on guard'"
+        page.wait(on_guard)
+        # Silent once, longer than it may be, and on guard again.
+        page.run("(() => { const until = performance.now() + 4000; while (performance.now() < until); })()")
+        other.wait(f"{WORD} === 'Disabled'")
+        page.wait(f"{WORD} === 'Disabled'")
+        page.wait(on_guard)
+        other.click("#enable")
+        other.wait(f"{WORD} === 'Enabled'")
+        page.wait(f"{WORD} === 'Enabled'")
         page.close()
         other.wait(f"{WORD} === 'Disabled'")
         other.wait("document.querySelector('#events').textContent.includes('force off')")
@@ -221,6 +260,9 @@ class PageTest(unittest.TestCase):
         page = self.browser.open(run.url)
         self.addCleanup(page.close)
         page.wait("!document.querySelector('#token-form').hidden")
+        page.run("document.querySelector('#token').value = 'another token of its length......'")
+        page.click("#token-form button")
+        page.wait("document.querySelector('#token-label').textContent.startsWith('Wrong token')")
         page.run(f"document.querySelector('#token').value = '{file.read_text()}'")
         page.click("#token-form button")
         page.wait(f"{WORD} === 'Enabled'")
@@ -237,7 +279,7 @@ class PageTest(unittest.TestCase):
         page.wait(r"/from-the-page.mcap: [\d\u202f]+ ticks/.test(document.querySelector('#record-facts').textContent)")
         self.assertEqual(page.run("document.querySelector('#record').textContent"), "End")
         page.click("#record")
-        page.wait("document.querySelector('#record-facts').textContent === 'not recording'")
+        page.wait(r"/^[1-9]\d* ticks are recorded in .*\/from-the-page.mcap$/.test(document.querySelector('#record-facts').textContent)")
         file = self.folder / "state" / "hapticd" / "recordings" / "from-the-page.mcap"
         self.assertEqual(file.read_bytes()[:5], b"\x89MCAP")
 
@@ -256,6 +298,7 @@ class PageTest(unittest.TestCase):
         self.assertEqual(run.process.wait(timeout=30), 0)
         page.call("Emulation.setCPUThrottlingRate", rate=1)
         page.wait("document.querySelector('#lost').textContent.includes('The run is over')")
+        self.assertEqual(page.run(WORD), "Stopped")
 
     def test_every_screen(self):
         run = self.run_scene("press")
@@ -323,14 +366,33 @@ class PageTest(unittest.TestCase):
         kept = page.run(
             """import('/web/history.js').then(({ History }) => {
               const history = new History();
-              for (let n = 0; n < 20000; n += 1) history.push([[n / 1000, n, null, 1, 2]]);
+              for (let n = 0; n < 70000; n += 1) history.push([[n / 1000, n, null, 1, 2]]);
               const row = history.since(10);
               const full = [history.n - history.first, history.at(row, 0), history.at(row, 1)];
               history.push([[0.5, 7, 0, 1, 2]]);
               return [...full, history.n, history.end];
             })"""
         )
-        self.assertEqual(kept, [16384, 10, 10000, 1, 0.5])
+        self.assertEqual(kept, [65536, 10, 10000, 1, 0.5])
+
+    def test_late_ticks(self):
+        """Crowds of them are one line."""
+        run = self.run_scene("rest")
+        page = self.open(run)
+        lines = page.run(
+            """import('/web/facts.js').then(({ addEvent }) => {
+              const late = (n, time_ns) => addEvent({ event: 'overrun', text: `${n} ticks began late`, names: [String(n)], time_ns }, null);
+              const list = document.querySelector('#events');
+              list.replaceChildren();
+              late(3, 24.1e9);
+              late(30, 24.2e9);
+              late(4, 24.3e9);
+              addEvent({ event: 'link', text: 'something else', names: [], time_ns: 25e9 }, null);
+              late(1, 26e9);
+              return [...list.children].map((line) => line.textContent);
+            })"""
+        )
+        self.assertEqual(lines, ["26.00 s1 ticks began late", "25.00 ssomething else", "24.30 s37 ticks began late since 24.10 s"])
 
     def test_snippet(self):
         """examples/browser, served by another server than hapticd."""

@@ -35,6 +35,10 @@ export class Drive {
     this.faultWords = new Map();
     this.shown = "";
     this.phase = "";
+    /** Name of a scene that is on its way. */
+    this.prepared = "";
+    /** @type {?object} the newest state */
+    this.state = null;
     byId("enable").onclick = () => this.#order("enable");
     byId("banner-enable").onclick = () => this.#order("enable");
     byId("disable").onclick = () => this.#order("disable");
@@ -50,8 +54,17 @@ export class Drive {
 
   /** @param {{name: string, text: string}[]} faults */
   learn(faults) {
+    const isNews = faults.some(({ name, text }) => this.faultWords.get(name) !== text);
     for (const { name, text } of faults) this.faultWords.set(name, text);
+    // Writing the banner again would make screen readers repeat it.
+    if (isNews) this.shown = "";
+  }
+
+  /** Another scene is being baked; force goes on meanwhile. @param {string} name or nothing */
+  prepare(name) {
+    this.prepared = name;
     this.shown = "";
+    if (this.state) this.show(this.state);
   }
 
   /** Before the first state of a run. @param {string} phase */
@@ -63,17 +76,21 @@ export class Drive {
 
   /** The connection is gone, and with it all knowledge of the loop. */
   lose() {
+    const isOver = this.phase === "stopping" || this.phase === "stopped";
     document.body.dataset.state = "waiting";
-    byId("state-word").textContent = "Unknown";
-    byId("state-note").textContent = this.phase && `${this.phase} when last heard of`;
+    byId("state-word").textContent = isOver ? "Stopped" : "Unknown";
+    byId("state-note").textContent = isOver ? NOTES.stopped : this.phase && `${this.phase} when last heard of`;
     this.shown = "";
+    this.prepared = "";
+    this.state = null;
   }
 
   /** @param {object} state the newest */
   show(state) {
-    const { phase, off_cause: cause, advice, faults } = state;
+    this.state = state;
+    const { phase, off_cause: cause, advice, faults, last_fault: lastFault } = state;
     // Writing the same again would make screen readers repeat it.
-    const news = [state.state, state.is_busy, phase, cause, advice, faults].join();
+    const news = [state.state, state.is_busy, phase, cause, advice, faults, lastFault?.tick, this.prepared].join();
     if (news === this.shown) return;
     this.shown = news;
     this.phase = phase;
@@ -81,14 +98,17 @@ export class Drive {
     const kind = kindOf(state);
     document.body.dataset.state = kind;
     byId("state-word").textContent = phase.charAt(0).toUpperCase() + phase.slice(1);
-    byId("state-note").textContent = [NOTES[phase] ?? state.state.toLowerCase(), kind === "disabled" && advice].filter(Boolean).join("; ");
+    const next = this.prepared && `${this.prepared} is being prepared`;
+    byId("state-note").textContent = [NOTES[phase] ?? state.state.toLowerCase(), kind === "disabled" && advice, next].filter(Boolean).join("; ");
     byId("enable").disabled = kind === "enabled" || phase === "enabling" || phase === "stopped";
     byId("enable").textContent = kind === "fault" ? "Enable again" : "Enable";
 
-    byId("banner").hidden = kind !== "fault";
-    if (kind !== "fault") return;
-    byId("banner-title").textContent = "Fault: the force is off";
-    byId("banner-faults").replaceChildren(...faults.map((name) => this.#fault(name)));
+    // Also of one that a silence acknowledged, or another client: until somebody enables.
+    byId("banner").hidden = kind !== "fault" && !lastFault;
+    if (byId("banner").hidden) return;
+    const at = lastFault ? ` ${(lastFault.time_ns / 1e9).toFixed(2)} s after the start` : "";
+    byId("banner-title").textContent = `Fault${at}: the force is off`;
+    byId("banner-faults").replaceChildren(...(lastFault?.names ?? faults).map((name) => this.#fault(name)));
     byId("banner-advice").textContent = advice ?? "";
   }
 

@@ -33,9 +33,19 @@ export function addEvent(event, now_ns) {
   const list = byId("events");
   const time_ns = event.time_ns ?? now_ns;
   const time = time_ns === null ? "" : `${(time_ns / 1e9).toFixed(2)} s`;
+  if (event.event === "overrun" && countLate(list.firstChild, event, time)) return;
   const kind = event.event === "fault" || event.event === "overrun" ? "is-fault" : "";
-  list.prepend(element("li", { class: kind }, element("time", {}, time), element("span", {}, event.text || event.event)));
+  const late = event.event === "overrun" ? { "data-late": event.names[0], "data-since": time } : {};
+  list.prepend(element("li", { class: kind, ...late }, element("time", {}, time), element("span", {}, event.text || event.event)));
   while (list.children.length > MOST_EVENTS) list.lastChild.remove();
+}
+
+/** Late ticks come in crowds: one line counts them until something else happens. */
+function countLate(line, event, time) {
+  if (!line?.dataset.late) return false;
+  line.dataset.late = String(Number(line.dataset.late) + Number(event.names[0]));
+  line.replaceChildren(element("time", {}, time), element("span", {}, `${line.dataset.late} ticks began late since ${line.dataset.since}`));
+  return true;
 }
 
 const fact = (name, value) => [element("dt", {}, name), element("dd", {}, value)];

@@ -1,6 +1,7 @@
 /** The last rows of the loop, oldest overwritten first. */
 
-const ROWS = 1 << 14;
+/** Ten seconds of what the server sends at most: at 60 messages a second up to 100 rows each. */
+const ROWS = 1 << 16;
 /** Numbers of a row of the state's `history`: `[time_s, force_n, depth_mm, compute_us, wakeup_us]`. */
 const WIDTH = 5;
 

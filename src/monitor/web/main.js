@@ -58,6 +58,7 @@ link.addEventListener("closed", () => {
 
 link.addEventListener("unauthorized", () => {
   byId("token-form").hidden = false;
+  byId("token-label").textContent = link.token ? "Wrong token: this server asks for another one" : "This server asks for its token";
 });
 
 link.addEventListener("state", ({ detail: state }) => {
@@ -68,6 +69,7 @@ link.addEventListener("state", ({ detail: state }) => {
   objects.show(state);
   view?.show(state);
   if (state.history) plots.push(state.history);
+  session.beatIfDue();
   if (state.scene_idx !== shown.idx && performance.now() > shown.askAgainAt) loadScene();
 });
 
@@ -75,12 +77,15 @@ link.addEventListener("event", ({ detail: event }) => {
   addEvent(event, stateTimeNs);
   if (event.event === "state" && stateAt === null) drive.greet(event.names[0]);
   if (event.event === "parameter") parameters.refresh().catch(() => {});
+  if (event.event === "recording" && event.names[0] === "ended") session.remember(event.text);
   if (event.event === "recording" || event.event === "link") refreshInfo();
+  if (event.event === "scene") drive.prepare(event.names[0] === "baking" ? event.names[1] : "");
 });
 
 byId("token-form").onsubmit = (event) => {
   event.preventDefault();
   link.token = byId("token").value.trim();
+  byId("links").hidden = true;
   sessionStorage.setItem("token", link.token);
   refreshInfo();
 };
@@ -94,6 +99,8 @@ byId("pause").onclick = ({ currentTarget: button }) => {
 
 setInterval(showFreshness, 250);
 setInterval(() => link.isOpen && refreshInfo(), INFO_EVERY_MS);
+// A link in the page cannot carry a token, which is to stay out of addresses.
+byId("links").hidden = Boolean(link.token);
 link.connect();
 refreshInfo();
 
@@ -121,7 +128,7 @@ async function loadScene() {
     shown.isAsking = false;
     byId("scene-name").textContent = scene.name;
     document.title = `${scene.name} · hapticd`;
-    objects.learn(scene.objects);
+    objects.learn(scene);
     parameters.refresh().catch((error) => say(words(error)));
     link.get("scenes").then((names) => session.offer(names, stemOf(scene.file)), () => {});
     await loadMeshes(scene);

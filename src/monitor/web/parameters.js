@@ -13,6 +13,12 @@ const WIDE = 20;
 /** While a slider is dragged this often, ms. */
 const SEND_EVERY_MS = 60;
 
+/** What the loop does where two values do not go together. */
+const BOUNDS = {
+  friction_dynamic: { by: "friction_static", holds: (value, other) => value <= other, words: "never above static friction" },
+  filter_cutoff_high_hz: { by: "filter_cutoff_low_hz", holds: (value, other) => value >= other, words: "never below the low cut-off" },
+};
+
 /** @typedef {{name: string, value: number, least: number, most: number, scene: number}} Parameter SI */
 
 export class Parameters {
@@ -37,7 +43,8 @@ export class Parameters {
       const rows = [...this.rows.values()].map(({ root }) => root);
       byId("parameters").replaceChildren(...(rows.length > 0 ? rows : [element("p", { class: "none" }, "this scene has none")]));
     }
-    for (const parameter of parameters) this.rows.get(parameter.name).take(parameter);
+    const valueOf = (name) => parameters.find((parameter) => parameter.name === name)?.value;
+    for (const parameter of parameters) this.rows.get(parameter.name).take(parameter, boundOf(parameter, valueOf));
     this.heard(parameters);
   }
 
@@ -45,6 +52,18 @@ export class Parameters {
     await this.link.send("set", { parameter, value });
     await this.refresh();
   }
+}
+
+/**
+ * What a parameter is held to by another one, where it is.
+ * @param {Parameter} parameter @param {(name: string) => number|undefined} valueOf
+ * @returns {?string} in words
+ */
+function boundOf({ name, value }, valueOf) {
+  const bound = BOUNDS[name];
+  const other = bound && valueOf(bound.by);
+  if (other === undefined || bound.holds(value, other)) return null;
+  return `acts as ${short(other)}: ${bound.words}`;
 }
 
 /** One parameter in the page. */
@@ -70,16 +89,29 @@ class Row {
     );
     this.slider.oninput = () => this.#ask(this.#ofSlider(), true);
     this.slider.onchange = () => this.#ask(this.#ofSlider(), false);
-    this.field.onchange = () => this.#ask(this.field.valueAsNumber / this.words.factor, false);
+    // A number that somebody is writing is left alone, whatever the server says meanwhile.
+    this.isTyping = false;
+    this.field.oninput = () => (this.isTyping = true);
+    this.field.onchange = () => {
+      this.isTyping = false;
+      this.#ask(this.field.valueAsNumber / this.words.factor, false);
+    };
+    this.field.onblur = () => {
+      this.isTyping = false;
+      if (!this.isSending && this.next === null && this.parameter) this.#write(this.parameter.value);
+    };
     this.reset.onclick = () => this.#ask(this.parameter.scene, false);
     this.isSending = false;
+    /** @type {?string} */
+    this.bound = null;
     /** @type {?number} what to send when the answer to the last one is there, SI */
     this.next = null;
   }
 
-  /** What the server has. @param {Parameter} parameter */
-  take(parameter) {
+  /** What the server has. @param {Parameter} parameter @param {?string=} bound what it is held to, in words */
+  take(parameter, bound = this.bound) {
     this.parameter = parameter;
+    this.bound = bound;
     const { least, most, scene, value } = parameter;
     const { label, unit, factor } = this.words;
     Object.assign(this.field, { step: "any", min: String(least * factor), max: String(most * factor) });
@@ -92,7 +124,13 @@ class Row {
     this.root.classList.remove("is-waiting", "is-refused");
     this.#write(value);
     this.root.classList.toggle("is-set", value !== scene);
-    this.answer.textContent = value === scene ? `${short(least * factor)} to ${short(most * factor)}` : `set, scene ${short(scene * factor)}`;
+    this.answer.textContent = bound ?? this.#standing();
+  }
+
+  #standing() {
+    const { least, most, scene, value } = this.parameter;
+    const { factor } = this.words;
+    return value === scene ? `${short(least * factor)} to ${short(most * factor)}` : `set, scene ${short(scene * factor)}`;
   }
 
   /** @param {number} value SI @param {boolean} isDragging */
@@ -132,7 +170,7 @@ class Row {
     this.slider.value = String(Math.round(share * STEPS));
     this.slider.style.setProperty("--share", `calc(11px + ${share} * (100% - 22px))`);
     this.slider.setAttribute("aria-valuetext", `${short(value * this.words.factor)} ${this.words.unit}`.trim());
-    if (document.activeElement !== this.field || !this.isSending) this.field.value = short(value * this.words.factor);
+    if (!this.isTyping) this.field.value = short(value * this.words.factor);
   }
 
   get #isWide() {

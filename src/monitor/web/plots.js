@@ -85,7 +85,7 @@ export class Plots {
   }
 
   #readColors() {
-    this.colors = { grid: css("--plot-grid"), text: css("--muted"), deadline: css("--fault"), cursor: css("--text") };
+    this.colors = { grid: css("--plot-grid"), text: css("--muted"), ground: css("--surface"), deadline: css("--fault"), cursor: css("--text") };
     this.font = `11px ${css("--sans")}`;
     for (const figure of this.figures) figure.color = css(figure.plot.color);
   }
@@ -109,6 +109,7 @@ export class Plots {
     g.font = this.font;
     this.#drawGrid(g, figure, area, y);
     this.#drawLine(g, figure, area, y, columns);
+    this.#drawDeadline(g, figure, area, y);
     this.#drawCursor(g, figure, area, y);
   }
 
@@ -170,16 +171,27 @@ export class Plots {
     if (!decades) return;
     const at = Math.round(y(this.deadlineUs)) + 0.5;
     g.strokeStyle = this.colors.deadline;
-    g.fillStyle = this.colors.deadline;
     g.setLineDash([5, 4]);
     g.beginPath();
     g.moveTo(area.x, at);
     g.lineTo(area.x + area.w, at);
     g.stroke();
     g.setLineDash([]);
+  }
+
+  /** Over the line, on ground of its own: a busy plot must not hide it. */
+  #drawDeadline(g, figure, area, y) {
+    if (!figure.plot.decades) return;
+    const text = `deadline ${short(this.deadlineUs)} µs`;
+    const [right, bottom] = [area.x + area.w - 4, Math.round(y(this.deadlineUs)) - 2];
+    g.fillStyle = this.colors.ground;
+    g.globalAlpha = 0.85;
+    g.fillRect(right - g.measureText(text).width - 3, bottom - 13, g.measureText(text).width + 6, 14);
+    g.globalAlpha = 1;
+    g.fillStyle = this.colors.deadline;
     g.textAlign = "right";
     g.textBaseline = "bottom";
-    g.fillText(`deadline ${short(this.deadlineUs)} µs`, area.x + area.w - 4, at - 2);
+    g.fillText(text, right, bottom);
   }
 
   #drawLine(g, figure, area, y, { least, most, last }) {

@@ -3,7 +3,7 @@
 import { byId, element, say, words } from "./element.js";
 import { count } from "./units.js";
 
-/** A guarding page that is silent for longer than this takes the force away. A tab in the background may beat once a second. */
+/** A guarding page that is silent for longer than this takes the force away. */
 const GUARD_TIMEOUT_MS = 2500;
 /** What the box says while nobody has asked for a guard. */
 const GUARD_OFFER = "force goes off when this page falls silent";
@@ -18,6 +18,13 @@ export class Session {
     this.link = link;
     this.changed = changed;
     this.recording = null;
+    /** What the last recording of this page came to. */
+    this.lastRecording = "";
+    /** @type {?number} longest silence that the scene allows */
+    this.heartbeatMs = null;
+    /** @type {?number} longest silence that this page allows itself, while it is on guard */
+    this.silenceMs = null;
+    this.beatAt = 0;
     /** @type {?number} timer of the beats */
     this.beating = null;
     byId("scene-form").onsubmit = (event) => this.#switch(event);
@@ -38,33 +45,50 @@ export class Session {
     byId("record-form").classList.toggle("is-recording", Boolean(recording));
     byId("record").textContent = recording ? "End" : "Record";
     byId("record-file").disabled = Boolean(recording);
-    const lost = recording?.dropped > 0 ? `, ${count(recording.dropped)} lost` : "";
-    byId("record-facts").textContent = recording ? `${recording.file}: ${count(recording.records)} ticks${lost}` : "not recording";
-    const guard = byId("guard");
-    if (heartbeatMs && !guard.checked) {
-      // The scene gives force only to a client that beats.
-      this.heartbeatMs = heartbeatMs;
-      guard.checked = true;
-      guard.disabled = true;
-      this.guard();
-    }
+    byId("record-facts").textContent = recording ? recordingText(recording) : this.lastRecording || "not recording";
+    if (heartbeatMs === this.heartbeatMs) return;
+    // The scene gives force only to a client that beats.
+    this.heartbeatMs = heartbeatMs;
+    Object.assign(byId("guard"), { checked: heartbeatMs !== null, disabled: heartbeatMs !== null });
+    this.guard();
+  }
+
+  /** Something was recorded. @param {string} text */
+  remember(text) {
+    this.lastRecording = text;
   }
 
   /** Begins or ends the beats as the box says; also after the connection broke, which the server took for silence. */
   async guard() {
     clearInterval(this.beating);
-    const timeout_ms = byId("guard").checked ? (this.heartbeatMs ?? GUARD_TIMEOUT_MS) : 0;
-    const answer = byId("guard-answer");
-    try {
-      await this.link.send("heartbeat", { timeout_ms });
-    } catch (error) {
-      // A guard that the server has not heard of must not look like one.
-      answer.textContent = timeout_ms > 0 ? `not on guard: ${words(error)}` : GUARD_OFFER;
-      say(words(error));
+    const wasOnGuard = this.silenceMs !== null;
+    this.silenceMs = byId("guard").checked ? (this.heartbeatMs ?? GUARD_TIMEOUT_MS) : null;
+    if (this.silenceMs !== null) {
+      this.beating = setInterval(() => this.beatIfDue(), this.silenceMs / BEATS / 2);
+      this.#beat();
       return;
     }
-    answer.textContent = timeout_ms > 0 ? "on guard" : GUARD_OFFER;
-    if (timeout_ms > 0) this.beating = setInterval(() => this.link.send("ping").catch(() => {}), timeout_ms / BEATS);
+    answer(GUARD_OFFER);
+    if (wasOnGuard) await this.link.send("heartbeat", { timeout_ms: 0 }).catch((error) => say(words(error)));
+  }
+
+  /** For every occasion: a hidden tab hears of every state, and of its timers once a minute. */
+  beatIfDue() {
+    if (this.silenceMs !== null && performance.now() - this.beatAt >= this.silenceMs / BEATS) this.#beat();
+  }
+
+  /** Each beat says how long the next may take: whatever the server held for silence before, from now on this page is on guard. */
+  async #beat() {
+    const { silenceMs } = this;
+    this.beatAt = performance.now();
+    let said = "on guard";
+    try {
+      await this.link.send("heartbeat", { timeout_ms: silenceMs });
+    } catch (error) {
+      // A guard that the server has not heard of must not look like one.
+      said = `not on guard: ${words(error)}`;
+    }
+    if (silenceMs === this.silenceMs) answer(said);
   }
 
   /** The connection is new. */
@@ -75,7 +99,7 @@ export class Session {
   async #switch(event) {
     event.preventDefault();
     const scene = byId("scene-choice").value;
-    say(`${scene} is being prepared; the force goes out while the scenes change`);
+    say(`${scene} is being prepared; the force goes out for a moment when it takes over`);
     try {
       await this.link.send("switch", { scene }, SWITCH_TIMEOUT_MS);
     } catch (error) {
@@ -94,4 +118,15 @@ export class Session {
     }
     this.changed();
   }
+}
+
+function answer(text) {
+  const shown = byId("guard-answer");
+  // Writing the same again would make screen readers repeat it.
+  if (shown.textContent !== text) shown.textContent = text;
+}
+
+function recordingText({ file, records, dropped }) {
+  const lost = dropped > 0 ? `, ${count(dropped)} lost` : "";
+  return `${file}: ${count(records)} ticks${lost}`;
 }
