@@ -63,7 +63,6 @@ export class Drive {
   /** Another scene is being baked; force goes on meanwhile. @param {string} name or nothing */
   prepare(name) {
     this.prepared = name;
-    this.shown = "";
     if (this.state) this.show(this.state);
   }
 
@@ -108,7 +107,7 @@ export class Drive {
     if (byId("banner").hidden) return;
     const at = lastFault ? ` ${(lastFault.time_ns / 1e9).toFixed(2)} s after the start` : "";
     byId("banner-title").textContent = `Fault${at}: the force is off`;
-    byId("banner-faults").replaceChildren(...(lastFault?.names ?? faults).map((name) => this.#fault(name)));
+    byId("banner-faults").replaceChildren(...(faults.length > 0 ? faults : lastFault.names).map((name) => this.#fault(name)));
     byId("banner-advice").textContent = advice ?? "";
   }
 
