@@ -10,7 +10,8 @@ use std::time::{Duration, SystemTime};
 use crossbeam::channel::{Receiver, Sender, bounded, unbounded};
 
 use super::Recorder;
-use super::write::{RecordingError, RecordingFile, zero_ns};
+use super::messages::zero_ns;
+use super::write::{RecordingError, RecordingFile};
 use crate::haptics::Faults;
 use crate::rt::utc::timestamp;
 use crate::telemetry::{Tap, TickRecord};

@@ -6,6 +6,7 @@
 //! |---|---|
 //! | `channels` | topics, and what a message of each holds |
 //! | `fields`, `schema` | one description of a message → its bytes and back, its schema |
+//! | `messages` | Foxglove's own messages: parts, the tool's frame, faults |
 //! | `scene_files` | what a scene was made of |
 //! | `write`, `read` | one file |
 //! | `recorder` | recordings that start and stop while a run goes on |
@@ -16,6 +17,7 @@
 mod channels;
 mod fault_files;
 mod fields;
+mod messages;
 mod read;
 mod recorder;
 mod scene_files;

@@ -17,7 +17,8 @@ use crossbeam::channel::{Receiver, RecvTimeoutError, Sender, TrySendError, bound
 use serde::Serialize;
 
 use super::scene_files::{ROOM_BYTES, SceneFiles, Scenes};
-use super::write::{RecordingError, RecordingFile, zero_ns};
+use super::messages::zero_ns;
+use super::write::{RecordingError, RecordingFile};
 use crate::telemetry::{Taps, TickRecord};
 
 /// Records that may wait for the disk: eight seconds at 1 kHz, some megabytes.

@@ -5,22 +5,18 @@ use std::collections::BTreeMap;
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufWriter, Read as _, Write as _};
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant, SystemTime};
+use std::time::{Duration, Instant};
 
-use foxglove::messages::{
-    Color, CubePrimitive, CylinderPrimitive, FrameTransform, KeyValuePair, Log, ModelPrimitive, SceneEntity, SceneUpdate,
-    SpherePrimitive,
-};
-use foxglove::{Encode, messages};
+use foxglove::Encode;
 use mcap::records::{AttachmentHeader, MessageHeader, Metadata};
 use mcap::write::{NoSeek, WriteOptions};
 use mcap::{Attachment, Compression, McapError, Writer};
 
 use super::channels::{Channel, Row};
 use super::fields;
-use super::scene_files::{self, Form, Gone, SceneFiles, Shown};
+use super::messages::{self, Occasion, Stamps};
+use super::scene_files::{self, SceneFiles};
 use crate::haptics::Faults;
-use crate::spatial::Pose;
 use crate::telemetry::TickRecord;
 
 /// A chunk is cut when it holds so many bytes before compression: less than a second at 1 kHz.
@@ -82,14 +78,11 @@ pub(super) struct RecordingFile {
     is_new: bool,
     mcap: Writer<NoSeek<BufWriter<File>>>,
     channels: Vec<(Channel, u16)>,
-    log: u16,
-    scene: u16,
-    transform: u16,
+    occasions: [u16; Occasion::ALL.len()],
     next_transform_ns: u64,
     message: fields::Writer,
     chunk_begun: Option<Instant>,
-    /// What a stamp is at loop time zero, ns: of the simulated clock, that the caller has told, or else as the first row is written.
-    stamp_zero_ns: Option<u64>,
+    stamps: Stamps,
     faults: Faults,
 }
 
@@ -118,22 +111,21 @@ impl RecordingFile {
         for channel in Channel::ALL {
             channels.push((channel, add(channel.topic(), channel.schema()).map_err(failed)?));
         }
-        let log = add("/faults", schema::<Log>("foxglove.Log")).map_err(failed)?;
-        let scene = add("/scene", schema::<SceneUpdate>("foxglove.SceneUpdate")).map_err(failed)?;
-        let transform = add("/tf", schema::<FrameTransform>("foxglove.FrameTransform")).map_err(failed)?;
+        let mut occasions = [0; Occasion::ALL.len()];
+        for (id, occasion) in occasions.iter_mut().zip(Occasion::ALL) {
+            *id = add(occasion.topic(), occasion.schema()).map_err(failed)?;
+        }
         let mut recording = Self {
             path: path.to_owned(),
             replacement,
             is_new,
             mcap,
             channels,
-            log,
-            scene,
-            transform,
+            occasions,
             next_transform_ns: 0,
             message: fields::Writer::default(),
             chunk_begun: None,
-            stamp_zero_ns: is_virtual.then_some(0),
+            stamps: Stamps::new(is_virtual),
             faults: Faults::NONE,
         };
         // A disk that takes nothing says so now.
@@ -146,9 +138,9 @@ impl RecordingFile {
         self.is_new
     }
 
-    /// Tells what the wall clock showed at loop time zero ([`zero_ns`]). Counts before the first row, and not under the virtual clock.
+    /// Tells what the wall clock showed at loop time zero ([`zero_ns`](super::messages::zero_ns)). Counts before the first row, and not under the virtual clock.
     pub(super) fn begins_at(&mut self, zero_ns: u64) {
-        self.stamp_zero_ns.get_or_insert(zero_ns);
+        self.stamps.begin_at(zero_ns);
     }
 
     /// Names and values for whoever looks at the file.
@@ -164,7 +156,7 @@ impl RecordingFile {
             fs::rename(written, replaced).map_err(create)?;
             self.replacement = None;
         }
-        let row = self.row(record, dropped);
+        let row = self.stamps.row(record, dropped);
         for (channel, id) in &self.channels {
             if channel.has_message(&row) {
                 channel.write(&row, &mut self.message);
@@ -175,52 +167,15 @@ impl RecordingFile {
         }
         if row.stamp_ns >= self.next_transform_ns {
             self.next_transform_ns = row.stamp_ns + TRANSFORM_EVERY_NS;
-            self.transform(&row)?;
+            self.write(Occasion::Frame, &row, &messages::frame(&row))?;
         }
         let faults = record.output.faults;
         if faults != self.faults {
             self.faults = faults;
-            self.log_faults(&row)?;
+            self.write(Occasion::Faults, &row, &messages::faults(&row))?;
         }
         self.chunk_begun.get_or_insert_with(Instant::now);
         self.flush_if_old()
-    }
-
-    fn row(&mut self, record: &TickRecord, dropped: u64) -> Row {
-        let time_ns = record.time_ns.max(0).unsigned_abs();
-        let zero_ns = *self.stamp_zero_ns.get_or_insert_with(|| zero_ns(record));
-        Row { record: *record, dropped, stamp_ns: zero_ns + time_ns }
-    }
-
-    fn transform(&mut self, row: &Row) -> Result<(), RecordingError> {
-        let pose = foxglove_pose(row.record.output.world_from_tool);
-        let transform = FrameTransform {
-            timestamp: Some(stamp(row.stamp_ns)),
-            parent_frame_id: "world".to_owned(),
-            child_frame_id: "tool".to_owned(),
-            translation: pose.position,
-            rotation: pose.orientation,
-        };
-        self.write(self.transform, row, &transform)
-    }
-
-    fn log_faults(&mut self, row: &Row) -> Result<(), RecordingError> {
-        let faults = row.record.output.faults;
-        let told = Faults::TABLE.into_iter().filter(|(fault, ..)| faults.contains(*fault));
-        let message = told.map(|(_, name, words)| format!("{name}: {words}")).collect::<Vec<_>>().join("; ");
-        let (level, message) = if faults.is_empty() {
-            (messages::log::Level::Info, "faults acknowledged".to_owned())
-        } else {
-            (messages::log::Level::Error, message)
-        };
-        let log = Log {
-            timestamp: Some(stamp(row.stamp_ns)),
-            level: level as i32,
-            message,
-            name: "hapticd".to_owned(),
-            ..Log::default()
-        };
-        self.write(self.log, row, &log)
     }
 
     /// Brings along what a scene is made of, before the first tick of it.
@@ -268,11 +223,9 @@ impl RecordingFile {
             }
         }
         self.metadata(&folder, manifest)?;
-        let row = self.row(first, 0);
-        let mut left_bytes = room_bytes.min(SHOWN_BYTES);
-        let entities = scene.shown.iter().map(|shown| entity(shown, scene, scene_idx, &mut left_bytes)).collect();
-        let update = SceneUpdate { entities, ..SceneUpdate::default() };
-        self.write(self.scene, &row, &update)?;
+        let row = self.stamps.row(first, 0);
+        let update = messages::scene_update(scene, scene_idx, row.stamp_ns, room_bytes.min(SHOWN_BYTES));
+        self.write(Occasion::Scene, &row, &update)?;
         self.flush()
     }
 
@@ -320,9 +273,10 @@ impl RecordingFile {
         Ok(is_whole && before.is_some() && stamp_now(file) == before)
     }
 
-    fn write(&mut self, channel_id: u16, row: &Row, message: &impl Encode) -> Result<(), RecordingError> {
-        let mut bytes = Vec::with_capacity(message.encoded_len().unwrap_or(0));
-        if message.encode(&mut bytes).is_ok() {
+    fn write(&mut self, occasion: Occasion, row: &Row, message: &impl Encode) -> Result<(), RecordingError> {
+        let bytes = messages::encoded(message);
+        let known = Occasion::ALL.into_iter().zip(self.occasions).find(|(known, _)| *known == occasion);
+        if let (Some((_, channel_id)), false) = (known, bytes.is_empty()) {
             self.mcap.write_to_known_channel(&header(channel_id, row), &bytes).map_err(|error| self.failed(&error))?;
         }
         Ok(())
@@ -375,96 +329,9 @@ fn failed(path: &Path, error: &McapError) -> RecordingError {
     RecordingError::Write { file: path.to_owned(), message }
 }
 
-fn schema<T: Encode>(name: &str) -> (String, Vec<u8>) {
-    (name.to_owned(), T::get_schema().map_or_else(Vec::new, |schema| schema.data.into_owned()))
-}
-
 fn header(channel_id: u16, row: &Row) -> MessageHeader {
     // The lowest bits are what a reader needs to find what belongs together.
     MessageHeader { channel_id, sequence: row.record.tick as u32, log_time: row.stamp_ns, publish_time: row.stamp_ns }
-}
-
-/// What the wall clock showed at loop time zero, ns since 1970, when this record comes just now.
-pub(super) fn zero_ns(now: &TickRecord) -> u64 {
-    let since = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
-    u64::try_from(since.as_nanos()).unwrap_or(u64::MAX).saturating_sub(now.time_ns.max(0).unsigned_abs())
-}
-
-fn stamp(ns: u64) -> messages::Timestamp {
-    messages::Timestamp::new(u32::try_from(ns / 1_000_000_000).unwrap_or(u32::MAX), (ns % 1_000_000_000) as u32)
-}
-
-/// What viewers show of an object; its mesh file if there is room for it.
-fn entity(shown: &Shown, scene: &SceneFiles, scene_idx: u32, left_bytes: &mut u64) -> SceneEntity {
-    let (frame_id, origin) = if shown.is_tool { ("tool", Pose::IDENTITY) } else { ("world", shown.pose) };
-    let at = |middle: [f64; 3]| Some(foxglove_pose(origin * Pose::from_translation(middle.into())));
-    let color = Some(if shown.is_tool { TOOL_COLOR } else { STATIC_COLOR });
-    let pair = |key: &str, value: String| KeyValuePair { key: key.to_owned(), value };
-    let mut entity = SceneEntity {
-        frame_id: frame_id.to_owned(),
-        id: shown.name.clone(),
-        metadata: vec![pair("scene", scene.name.clone()), pair("scene_idx", scene_idx.to_string())],
-        ..SceneEntity::default()
-    };
-    match &shown.form {
-        Form::Box([x, y, z], middle) => {
-            entity.cubes.push(CubePrimitive { pose: at(*middle), size: Some(size(*x, *y, *z)), color });
-        }
-        Form::Sphere(radius_m) => {
-            let edge_m = 2.0 * radius_m;
-            entity.spheres.push(SpherePrimitive { pose: at([0.0; 3]), size: Some(size(edge_m, edge_m, edge_m)), color });
-        }
-        Form::Cylinder(radius_m, top_scale, height_m) => {
-            let size = Some(size(2.0 * radius_m, 2.0 * radius_m, *height_m));
-            entity.cylinders.push(CylinderPrimitive { pose: at([0.0; 3]), size, bottom_scale: 1.0, top_scale: *top_scale, color });
-        }
-        Form::Mesh(path, metres_per_unit) => {
-            let ending = path.extension().map(|ending| ending.to_string_lossy().to_lowercase());
-            let media_type = match ending.as_deref() {
-                Some("stl") => "model/stl",
-                Some("obj") => "model/obj",
-                Some("glb") => "model/gltf-binary",
-                _ => return entity,
-            };
-            if let Some(data) = contents(path, left_bytes) {
-                entity.models.push(ModelPrimitive {
-                    pose: at([0.0; 3]),
-                    scale: Some(size(*metres_per_unit, *metres_per_unit, *metres_per_unit)),
-                    color,
-                    override_color: true,
-                    media_type: media_type.to_owned(),
-                    data: data.into(),
-                    ..ModelPrimitive::default()
-                });
-            }
-        }
-        Form::Other => {}
-    }
-    entity
-}
-
-/// A file for which there is room left, and less room.
-fn contents(path: &Path, left_bytes: &mut u64) -> Option<Vec<u8>> {
-    let metadata = fs::metadata(path).ok().filter(|file| file.is_file() && file.len() <= *left_bytes)?;
-    let mut data = Vec::with_capacity(usize::try_from(metadata.len()).ok()?);
-    File::open(path).ok()?.take(metadata.len()).read_to_end(&mut data).ok()?;
-    *left_bytes -= data.len() as u64;
-    Some(data)
-}
-
-const STATIC_COLOR: Color = Color { r: 0.6, g: 0.65, b: 0.7, a: 1.0 };
-const TOOL_COLOR: Color = Color { r: 0.95, g: 0.6, b: 0.2, a: 1.0 };
-
-fn size(x: f64, y: f64, z: f64) -> messages::Vector3 {
-    messages::Vector3 { x, y, z }
-}
-
-fn foxglove_pose(pose: Pose) -> messages::Pose {
-    let (position, rotation) = (pose.translation, pose.rotation);
-    messages::Pose {
-        position: Some(size(position.x, position.y, position.z)),
-        orientation: Some(messages::Quaternion { x: rotation.x, y: rotation.y, z: rotation.z, w: rotation.w }),
-    }
 }
 
 #[cfg(test)]
