@@ -10,6 +10,7 @@ mod desk;
 mod devices;
 mod doctor;
 mod eval;
+mod foxglove;
 mod init;
 mod lab_report;
 mod live;

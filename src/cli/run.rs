@@ -12,7 +12,7 @@ use super::desk::{Company, Means, Opening};
 use super::outcome::{StartTimes, result_text};
 use super::progress::BakeProgress;
 use super::screen::{Screen, report_lines};
-use super::{Talk, bake, cache, check, live, memory, monitor, probe, recording, report, say};
+use super::{Talk, bake, cache, check, foxglove, live, memory, monitor, probe, recording, report, say};
 use crate::config::{self, LoadOptions, SceneConfig};
 use crate::daemon::service::Service;
 use crate::daemon::{Attached, Live, Notice, Outcome, PrepareError, Prepared, RenderJob, RunError, Supervisor, prepare_with};
@@ -65,6 +65,8 @@ pub(crate) struct Args {
     live: live::LiveArgs,
     #[command(flatten)]
     recording: recording::RecordingArgs,
+    #[command(flatten)]
+    foxglove: foxglove::FoxgloveArgs,
     #[command(flatten)]
     memory: memory::MemoryArgs,
     #[command(flatten)]
@@ -155,6 +157,13 @@ pub(crate) fn main(args: &Args, talk: Talk, started_ns: i64) -> Exit {
         Ok(recordings) => recordings,
         Err(exit) => return exit,
     };
+    let audience = match args.foxglove.begin(&config, clock, &recordings.recorder, talk) {
+        Ok(audience) => audience,
+        Err(exit) => {
+            recordings.abandon();
+            return exit;
+        }
+    };
     let changes = changes.recorded_by(&recordings.recorder, &overrides);
     let bake = || {
         // Owned: nobody may take memory away from the loop.
@@ -206,6 +215,9 @@ pub(crate) fn main(args: &Args, talk: Talk, started_ns: i64) -> Exit {
         Ok(outcome) => {
             let first_tick = outcome.report.first_tick_ns.map_or(0.0, since_start_s);
             let start_s = StartTimes { baked: baked_s.get(), first_tick };
+            if let Some(audience) = audience {
+                audience.end();
+            }
             let (swaps, recording) = (under_way.reports(&outcome.swaps), recordings.end(&outcome.report));
             say::result(format_args!("{}", result_text(&outcome.totals, start_s, &swaps, recording.as_ref(), args.json)));
             return match (outcome.exit(), under_way.failure(talk)) {

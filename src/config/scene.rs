@@ -54,6 +54,8 @@ pub struct MonitorConfig {
     pub token_file: Option<PathBuf>,
     /// Pages of other servers that are welcome, such as `http://localhost:8000`.
     pub origins: Vec<String>,
+    /// Where the Foxglove app finds the run, on this machine alone; `None`: off.
+    pub foxglove: Option<SocketAddr>,
 }
 
 /// The stability bounds that the scene was held against.

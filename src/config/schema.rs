@@ -201,6 +201,7 @@ pub(super) struct Monitor {
     pub(super) listen: Option<String>,
     pub(super) token_file: Option<String>,
     pub(super) origins: Option<Vec<String>>,
+    pub(super) foxglove: Option<String>,
 }
 
 /// Enums that are written as strings. Derived ones would speak of "variants" and "maps" to somebody who wrote a number.

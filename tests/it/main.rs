@@ -14,6 +14,7 @@ mod couplings;
 mod data_structures;
 mod determinism;
 mod distance_error;
+mod foxglove;
 mod friction;
 mod fuzz_corpus;
 mod json_schemas;

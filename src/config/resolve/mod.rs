@@ -11,7 +11,7 @@ use std::path::Path;
 use glam::DVec3;
 
 use self::arm::{arm_parameters, stability};
-pub use self::monitor::{LISTEN_ACCEPTED, parse_listen};
+pub use self::monitor::{FOXGLOVE_ACCEPTED, LISTEN_ACCEPTED, parse_foxglove, parse_listen};
 use super::checks::{Checks, Interval};
 use super::document::Document;
 use super::problem::{ConfigErrors, Problem, ProblemKind};

@@ -26,6 +26,15 @@ pub fn parse_listen(text: &str) -> Option<Option<SocketAddr>> {
     address.map(Some)
 }
 
+/// What `foxglove` and `--foxglove` take.
+pub const FOXGLOVE_ACCEPTED: &str =
+    "an address that only this machine can reach, for the protocol carries no token, such as 127.0.0.1:8765, or \"off\"";
+
+/// Reads an address of this machine alone, or `off`. `None`: neither.
+pub fn parse_foxglove(text: &str) -> Option<Option<SocketAddr>> {
+    parse_listen(text).filter(|listen| listen.is_none_or(|address| address.ip().is_loopback()))
+}
+
 impl Resolve<'_> {
     pub(super) fn monitor(&mut self, written: &schema::Monitor) -> MonitorConfig {
         let listen = match written.listen.as_deref().map(parse_listen) {
@@ -45,7 +54,15 @@ impl Resolve<'_> {
                 self.checks.not_accepted(&format!("monitor.origins[{idx}]"), accepted);
             }
         }
-        MonitorConfig { listen, token_file, origins }
+        let foxglove = match written.foxglove.as_deref().map(parse_foxglove) {
+            None => None,
+            Some(Some(foxglove)) => foxglove,
+            Some(None) => {
+                self.checks.not_accepted("monitor.foxglove", FOXGLOVE_ACCEPTED);
+                None
+            }
+        };
+        MonitorConfig { listen, token_file, origins, foxglove }
     }
 
     pub(super) fn heartbeat(&mut self, written: &schema::Safety) -> Option<Duration> {

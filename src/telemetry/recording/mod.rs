@@ -10,6 +10,7 @@
 //! | `scene_files` | what a scene was made of |
 //! | `write`, `read` | one file |
 //! | `recorder` | recordings that start and stop while a run goes on |
+//! | `live` | the same messages for whoever is connected (feature `foxglove-live`) |
 //! | `fault_files` | the flight recorder's files |
 //!
 //! Invariant: a disk that is slow or full costs records, which are counted, and nothing else.
@@ -17,6 +18,8 @@
 mod channels;
 mod fault_files;
 mod fields;
+#[cfg(feature = "foxglove-live")]
+pub mod live;
 mod messages;
 mod read;
 mod recorder;

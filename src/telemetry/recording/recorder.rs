@@ -107,6 +107,12 @@ impl Recorder {
         &self.taps
     }
 
+    /// What time the messages of this run bear, from the next record on.
+    #[cfg(feature = "foxglove-live")]
+    pub(super) fn stamps(&self) -> super::messages::Stamps {
+        super::messages::Stamps::new(self.is_virtual)
+    }
+
     pub(super) fn create(&self, file: &Path, overwrites: bool) -> Result<RecordingFile, RecordingError> {
         RecordingFile::create(file, overwrites, self.is_virtual)
     }

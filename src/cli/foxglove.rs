@@ -1,0 +1,107 @@
+//! `run --foxglove`: where the Foxglove app finds a run.
+
+use std::net::SocketAddr;
+
+use super::{Talk, report};
+use crate::config::SceneConfig;
+use crate::config::resolve::{FOXGLOVE_ACCEPTED, parse_foxglove};
+use crate::error::Exit;
+use crate::rt::clock::ClockKind;
+use crate::telemetry::recording::Recorder;
+
+/// Arguments of the server for the Foxglove app.
+#[derive(Debug, clap::Args)]
+pub(crate) struct FoxgloveArgs {
+    /// Let the Foxglove app watch the run at this address of this machine, such as 127.0.0.1:8765, or "off" [default: as the scene says; off
+    /// under --clock virtual]. Needs the cargo feature `foxglove-live`.
+    #[arg(long, value_name = "ADDR|off", value_parser = parse)]
+    foxglove: Option<Listen>,
+}
+
+/// An address, or off.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Listen(Option<SocketAddr>);
+
+fn parse(text: &str) -> Result<Listen, String> {
+    parse_foxglove(text).map(Listen).ok_or_else(|| format!("write {FOXGLOVE_ACCEPTED}"))
+}
+
+impl FoxgloveArgs {
+    /// Begins to answer, before anything takes long.
+    pub(crate) fn begin(
+        &self,
+        config: &SceneConfig,
+        clock: ClockKind,
+        recorder: &Recorder,
+        talk: Talk,
+    ) -> Result<Option<Audience>, Exit> {
+        let listen = match (self.foxglove, clock) {
+            (Some(Listen(listen)), _) => listen,
+            (None, ClockKind::Virtual) => None,
+            (None, ClockKind::Real) => config.monitor.foxglove,
+        };
+        let Some(address) = listen else { return Ok(None) };
+        let exit = if self.foxglove.is_some() { Exit::Usage } else { Exit::Configuration };
+        Audience::open(address, config, recorder, talk).map(Some).map_err(|(message, hint)| {
+            report::error(&message, Some(hint), talk);
+            exit
+        })
+    }
+}
+
+/// Whoever watches.
+#[cfg(feature = "foxglove-live")]
+pub(crate) struct Audience {
+    server: crate::telemetry::recording::live::LiveServer,
+    talk: Talk,
+}
+
+#[cfg(feature = "foxglove-live")]
+impl Audience {
+    fn open(address: SocketAddr, config: &SceneConfig, recorder: &Recorder, talk: Talk) -> Result<Self, (String, &'static str)> {
+        use crate::telemetry::recording::live::Bound;
+
+        let served = Bound::bind(address).and_then(|bound| {
+            let address = bound.address();
+            Ok((address, bound.serve(recorder, config.monitor.origins.clone())?))
+        });
+        let (address, server) = served.map_err(|error| {
+            let hint = "give another one with --foxglove, such as 127.0.0.1:0 for any port that is free";
+            (format!("the server for Foxglove cannot listen at {address}: {error}"), hint)
+        })?;
+        report::line(&format!("foxglove: ws://{address}"), talk);
+        Ok(Self { server, talk })
+    }
+
+    /// After the last tick: says what nobody got to see.
+    pub(crate) fn end(self) {
+        let summary = self.server.status();
+        let told = [
+            ("ticks dropped before they could be shown", summary.dropped),
+            ("connections turned away", summary.turned_away),
+            ("clients cut off because they took nothing", summary.cut_off),
+        ];
+        for (what, count) in told {
+            if count > 0 {
+                report::note(&format!("foxglove: {what}: {count}"), self.talk);
+            }
+        }
+    }
+}
+
+/// Nobody: the program was built without the server.
+#[cfg(not(feature = "foxglove-live"))]
+pub(crate) enum Audience {}
+
+#[cfg(not(feature = "foxglove-live"))]
+impl Audience {
+    fn open(address: SocketAddr, _: &SceneConfig, _: &Recorder, _: Talk) -> Result<Self, (String, &'static str)> {
+        let hint =
+            "build with `cargo build --release --features foxglove-live`, or record with --record and open the file in Foxglove";
+        Err((format!("nothing can listen for Foxglove at {address}: the program was built without its server"), hint))
+    }
+
+    pub(crate) fn end(self) {
+        match self {}
+    }
+}

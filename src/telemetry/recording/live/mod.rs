@@ -1,0 +1,176 @@
+//! The messages of a recording for whoever is connected: a server of the Foxglove WebSocket protocol (`foxglove.sdk.v1`).
+//!
+//! ```text
+//!  drain ──ring──► feed ──► channels ──► queues of the crate's server ──► gate ──► clients
+//!             └ full: dropped and counted
+//! ```
+//! Data in: every record, through a tap. Data out: a hundred times a second the newest of them, and what must not be missed of those between:
+//! other faults, other scenes, objects that moved.
+//!
+//! | file | owns |
+//! |---|---|
+//! | `feed` | which messages leave, and when |
+//! | `gate` | who may come in, how many, and how much they may say |
+//!
+//! Invariants: the drain never waits, and the loop is not even known. Everything is on one thread, with one tokio runtime of its own. Clients
+//! can only look: the server takes no messages, no parameters and no services.
+
+mod feed;
+mod gate;
+
+use core::sync::atomic::{AtomicU64, Ordering};
+use std::io;
+use std::net::{Ipv4Addr, SocketAddr};
+use std::sync::Arc;
+use std::thread::JoinHandle;
+
+use foxglove::{Context, FoxgloveError};
+use rtrb::RingBuffer;
+use tokio::net::{TcpListener, TcpSocket};
+use tokio::runtime::{Builder, Runtime};
+use tokio::sync::oneshot;
+
+use self::feed::{Channels, Feed, Newcomers};
+use self::gate::Gate;
+use super::channels::Row;
+use super::recorder::Recorder;
+
+/// Records under way: two seconds at 1 kHz.
+const RING_RECORDS: usize = 2048;
+/// Messages that may wait for one client: a third of a second. The oldest go first.
+const BACKLOG_MESSAGES: usize = 256;
+/// Connections that wait to be taken in.
+const BACKLOG_CONNECTIONS: u32 = 64;
+
+/// An address that is taken, before anybody is answered there.
+#[derive(Debug)]
+pub struct Bound {
+    runtime: Runtime,
+    listener: TcpListener,
+    address: SocketAddr,
+}
+
+impl Bound {
+    /// Takes an address, which has to be of this machine alone: the protocol carries no token.
+    ///
+    /// # Errors
+    /// It is not a loopback address, or is taken.
+    pub fn bind(address: SocketAddr) -> io::Result<Self> {
+        if !address.ip().is_loopback() {
+            return Err(io::Error::new(
+                io::ErrorKind::InvalidInput,
+                "other machines could reach it, and this protocol carries no token",
+            ));
+        }
+        let runtime = Builder::new_current_thread().enable_io().enable_time().build()?;
+        let listener = {
+            let _inside = runtime.enter();
+            let socket = if address.is_ipv4() { TcpSocket::new_v4() } else { TcpSocket::new_v6() }?;
+            socket.set_reuseaddr(true)?;
+            // Connections inherit it.
+            socket.set_send_buffer_size(gate::BUFFER_BYTES)?;
+            socket.bind(address)?;
+            socket.listen(BACKLOG_CONNECTIONS)?
+        };
+        let address = listener.local_addr()?;
+        Ok(Self { runtime, listener, address })
+    }
+
+    /// The address, with the port that port 0 became.
+    pub fn address(&self) -> SocketAddr {
+        self.address
+    }
+
+    /// Begins to answer; what is to be seen comes with the ticks. `origins`: web pages that are welcome beside those of this machine and
+    /// Foxglove's own.
+    ///
+    /// # Errors
+    /// There is no thread or no port for the server.
+    pub fn serve(self, recorder: &Recorder, origins: Vec<String>) -> io::Result<LiveServer> {
+        let Self { runtime, listener, .. } = self;
+        let context = Context::new();
+        let channels = Channels::open(&context).map_err(io::Error::other)?;
+        let newcomers = Arc::new(Newcomers::default());
+        let server = context
+            .websocket_server()
+            .name("hapticd")
+            .bind(Ipv4Addr::LOCALHOST.to_string(), 0)
+            .message_backlog_size(BACKLOG_MESSAGES)
+            .listener(newcomers.clone());
+        let server = runtime.block_on(server.start()).map_err(|error| match error {
+            FoxgloveError::Bind(error) => error,
+            error => io::Error::other(error),
+        })?;
+        let counts = Arc::new(Counts::default());
+        let gate = Gate { inner: (Ipv4Addr::LOCALHOST, server.port()).into(), origins, counts: counts.clone() };
+        let (mut ring, rows) = RingBuffer::<Row>::new(RING_RECORDS);
+        let feed = Feed::new(rows, recorder.scenes.clone(), channels, newcomers);
+        let (end, ended) = oneshot::channel::<()>();
+        let work = async move {
+            tokio::select! {
+                () = gate.run(listener) => {}
+                () = feed.run() => {}
+                _ = ended => {}
+            }
+            // Good-byes are put into sockets that have room, or are not said.
+            drop(server.stop());
+            drop(context);
+        };
+        let thread = std::thread::Builder::new().name("foxglove".to_owned()).spawn(move || runtime.block_on(work))?;
+        let (noted, mut stamps) = (counts.clone(), recorder.stamps());
+        recorder.taps().add(Box::new(move |record| {
+            let dropped = noted.records.load(Ordering::Relaxed);
+            if ring.push(stamps.row(record, dropped)).is_err() {
+                noted.records.store(dropped + 1, Ordering::Relaxed);
+            }
+            !ring.is_abandoned()
+        }));
+        Ok(LiveServer { counts, end: Some(end), thread: Some(thread) })
+    }
+}
+
+/// All `Relaxed`: each number stands for itself.
+#[derive(Debug, Default)]
+struct Counts {
+    records: AtomicU64,
+    turned_away: AtomicU64,
+    cut_off: AtomicU64,
+}
+
+/// What nobody got to see.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct LiveSummary {
+    /// Ticks that the server was too slow for; of each only a share would have been shown.
+    pub dropped: u64,
+    /// Connections that found no place, or came from a page that is not welcome.
+    pub turned_away: u64,
+    /// Clients that took nothing for too long.
+    pub cut_off: u64,
+}
+
+/// A server at work. It ends when it is dropped.
+#[derive(Debug)]
+pub struct LiveServer {
+    counts: Arc<Counts>,
+    end: Option<oneshot::Sender<()>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl LiveServer {
+    /// What it has come to so far.
+    pub fn status(&self) -> LiveSummary {
+        let count = |count: &AtomicU64| count.load(Ordering::Relaxed);
+        let Counts { records, turned_away, cut_off } = &*self.counts;
+        LiveSummary { dropped: count(records), turned_away: count(turned_away), cut_off: count(cut_off) }
+    }
+}
+
+impl Drop for LiveServer {
+    fn drop(&mut self) {
+        drop(self.end.take());
+        if let Some(thread) = self.thread.take() {
+            // A server that panicked has nothing more to say.
+            let _ = thread.join();
+        }
+    }
+}
