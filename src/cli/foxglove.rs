@@ -13,7 +13,7 @@ use crate::telemetry::recording::Recorder;
 #[derive(Debug, clap::Args)]
 pub(crate) struct FoxgloveArgs {
     /// Let the Foxglove app watch the run at this address of this machine, such as 127.0.0.1:8765, or "off" [default: as the scene says; off
-    /// under --clock virtual]. Needs the cargo feature `foxglove-live`.
+    /// under --clock virtual].
     #[arg(long, value_name = "ADDR|off", value_parser = parse)]
     foxglove: Option<Listen>,
 }
@@ -96,8 +96,7 @@ pub(crate) enum Audience {}
 #[cfg(not(feature = "foxglove-live"))]
 impl Audience {
     fn open(address: SocketAddr, _: &SceneConfig, _: &Recorder, _: Talk) -> Result<Self, (String, &'static str)> {
-        let hint =
-            "build with `cargo build --release --features foxglove-live`, or record with --record and open the file in Foxglove";
+        let hint = "build without `--no-default-features`, or record with --record and open the file in Foxglove";
         Err((format!("nothing can listen for Foxglove at {address}: the program was built without its server"), hint))
     }
 

@@ -35,7 +35,7 @@ fn what_cannot_be_served_is_told_before_anything_is_baked() {
     let output = command(folder.path(), &line).output().unwrap();
     let told = String::from_utf8_lossy(&output.stderr).into_owned();
     assert_eq!(output.status.code(), Some(2), "{told}");
-    let remedy = if cfg!(feature = "foxglove-live") { "--foxglove, such as 127.0.0.1:0" } else { "--features foxglove-live" };
+    let remedy = if cfg!(feature = "foxglove-live") { "--foxglove, such as 127.0.0.1:0" } else { "--no-default-features" };
     assert!(told.contains(&address.to_string()) && told.contains(remedy), "{told}");
     assert!(!told.contains("state: baking"), "{told}");
     assert!(!folder.path().join("r.mcap").exists(), "an empty recording stayed behind");
