@@ -16,8 +16,8 @@ use std::time::Duration;
 use crossbeam::channel::{Receiver, RecvTimeoutError, Sender, TrySendError, bounded, select};
 use serde::Serialize;
 
-use super::scene_files::{ROOM_BYTES, SceneFiles, Scenes};
 use super::messages::zero_ns;
+use super::scene_files::{ROOM_BYTES, SceneFiles, Scenes};
 use super::write::{RecordingError, RecordingFile};
 use crate::telemetry::{Taps, TickRecord};
 

@@ -15,7 +15,7 @@ use mcap::{Attachment, Compression, McapError, Writer};
 use super::channels::{Channel, Row};
 use super::fields;
 use super::messages::{self, Occasion, Stamps};
-use super::scene_files::{self, SceneFiles};
+use super::scene_files::{self, Gone, SceneFiles};
 use crate::haptics::Faults;
 use crate::telemetry::TickRecord;
 

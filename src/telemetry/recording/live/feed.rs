@@ -18,7 +18,7 @@ use crate::haptics::Faults;
 /// Messages of one topic leave so often at most.
 const EVERY: Duration = Duration::from_millis(10);
 /// Meshes of a scene that are shown, bytes in all.
-const SHOWN_IN_ALL_BYTES: u64 = 16 << 20;
+const SHOWN_BYTES: u64 = 16 << 20;
 /// A client is shown the scene so often when it asks again and again: each time it may wait in memory.
 const MOST_SCENES: u32 = 8;
 /// Clients of which is known how often they were shown it; more than can be there at once.
@@ -150,8 +150,7 @@ impl Feed {
             return;
         }
         if let Some(scene) = self.scenes.get(scene_idx) {
-            let most_bytes = [messages::SHOWN_BYTES, SHOWN_IN_ALL_BYTES];
-            let message = encoded(&messages::scene_update(&scene, scene_idx, row.stamp_ns, most_bytes));
+            let message = encoded(&messages::scene_update(&scene, scene_idx, row.stamp_ns, SHOWN_BYTES));
             log(&self.channels.scene, row.stamp_ns, || message.clone());
             self.shown = Some((scene_idx, row.stamp_ns, message));
             // They have it, or will be shown it now.
