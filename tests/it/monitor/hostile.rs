@@ -5,8 +5,8 @@ use std::net::TcpStream;
 use std::sync::Arc;
 
 use crossbeam::channel::unbounded;
-use hapticd::config::{self, LoadOptions};
-use hapticd::daemon::desk::{Board, Desk, Tools};
+use hapticd::config::{self, LoadOptions, SceneConfig};
+use hapticd::daemon::desk::{Board, Desk, Noted, Tools};
 use hapticd::daemon::{Notice, OperatorOrder, Phase};
 use hapticd::monitor::{Bound, Hub, HubParts};
 use hapticd::rt::clock::ClockKind;
@@ -141,13 +141,8 @@ fn requests_that_wait_for_an_answer_are_counted_and_what_takes_force_away_is_not
     let config = config::load_with(&folder.path().join("press.toml"), &LoadOptions::default()).unwrap();
     let (orders, taken) = unbounded();
     let board = Board::new(config);
-    let tools = Tools {
-        board: board.clone(),
-        orders: orders.clone(),
-        switches: None,
-        options: LoadOptions::default(),
-        note: Arc::new(|_| ()),
-    };
+    let look = Arc::new(|_: &SceneConfig| Box::new(|| ()) as Noted);
+    let tools = Tools { board: board.clone(), switches: None, options: LoadOptions::default(), look };
     // A desk that is not served: whoever asks waits.
     let (_desk, counter) = Desk::new(tools);
     let clock = ClockKind::Real;
