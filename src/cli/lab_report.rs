@@ -30,13 +30,13 @@ pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
     let page = match read(args) {
         Ok(page) => page,
         Err(problem) => {
-            report::error(&problem.to_string(), Some("give a file of `hapticd run --record`"), talk);
+            report::error(&problem.to_string(), super::replay::read_hint(&problem), talk);
             return Exit::Asset;
         }
     };
     let n_ticks = page.ticks();
     if n_ticks == 0 {
-        report::error(&format!("{} holds no tick", args.recording.display()), None, talk);
+        report::error(&format!("{} ends before its first tick", args.recording.display()), None, talk);
         return Exit::Asset;
     }
     if let Err(error) = write(&args.out, &page.page()) {

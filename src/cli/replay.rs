@@ -13,6 +13,7 @@ use crate::error::Exit;
 use crate::haptics::RenderScene;
 use crate::scene::cache::Residence;
 use crate::scene::{self, BakeMeans, SceneError};
+use crate::telemetry::recording::ReadError;
 
 /// Arguments of `hapticd replay`.
 #[derive(Debug, clap::Args)]
@@ -94,10 +95,22 @@ fn refuse(problem: &ReplayError, talk: Talk) -> Exit {
             report::config_errors(errors, talk);
             return Exit::Asset;
         }
-        ReplayError::BeganLate(_) => Some("only a recording from the start of a run can be run again: give run --record"),
-        ReplayError::Read(_) => Some("give a file of `hapticd run --record`"),
-        ReplayError::Unpack(_) | ReplayError::Empty => None,
+        ReplayError::BeganLate(_) => {
+            Some("only one from the start of a run can be run again (`run --record`); `hapticd report` shows this one")
+        }
+        ReplayError::Read(problem) => read_hint(problem),
+        ReplayError::Unpack(_) | ReplayError::Empty { .. } => None,
     };
     report::error(&problem.to_string(), hint, talk);
     Exit::Asset
+}
+
+/// What to do about a recording that cannot be read.
+pub(super) fn read_hint(problem: &ReadError) -> Option<&'static str> {
+    match problem {
+        ReadError::File { .. } => None,
+        ReadError::Format { .. } => {
+            Some("give a file of `hapticd run --record`; of one that is damaged `mcap recover` saves what can be read")
+        }
+    }
 }

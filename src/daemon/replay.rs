@@ -1,7 +1,7 @@
 //! Runs what a recording says entered the ticks through the scene that it brings along, and compares what leaves them bit for bit.
 
 use std::fmt::{Display, Formatter};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
@@ -30,8 +30,11 @@ pub enum ReplayError {
     #[error("the recording begins with tick {0}, not with the first one of the run")]
     BeganLate(u64),
     /// There is nothing in it.
-    #[error("the recording holds no tick")]
-    Empty,
+    #[error("{} ends before its first tick", file.display())]
+    Empty {
+        /// Which.
+        file: PathBuf,
+    },
 }
 
 /// What came of a replay.
@@ -131,7 +134,7 @@ pub fn replay(path: &Path, mut bake: impl FnMut(&SceneConfig) -> Result<RenderSc
         replayed.ticks += 1;
     }
     if stage.is_none() {
-        return Err(ReplayError::Empty);
+        return Err(ReplayError::Empty { file: path.to_owned() });
     }
     replayed.whole = recording.is_whole();
     Ok(replayed)

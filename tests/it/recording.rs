@@ -344,13 +344,16 @@ fn a_folder_or_disk_that_takes_nothing_is_told_and_never_ends_a_run() {
 fn what_cannot_be_replayed_is_told() {
     let dir = folder();
     fs::write(dir.path().join("empty.mcap"), b"").expect("written");
+    fs::write(dir.path().join("begun.mcap"), b"\x89MCAP0\r\n").expect("written");
     for (line, fragments) in [
-        ("replay none.mcap", &["cannot read none.mcap", "hint: "][..]),
+        ("replay none.mcap", &["cannot read none.mcap"][..]),
         ("replay hands", &["cannot read hands"]),
-        ("replay a.toml", &["a.toml is no recording"]),
-        ("replay empty.mcap", &["holds no tick"]),
-        ("report empty.mcap -o x.html", &["holds no tick"]),
-        ("report a.toml -o x.html", &["a.toml is no recording"]),
+        ("replay a.toml", &["a.toml is no recording", "does not begin as an MCAP file", "hint: "]),
+        ("replay empty.mcap", &["empty.mcap is no recording", "it is empty"]),
+        ("replay begun.mcap", &["begun.mcap ends before its first tick"]),
+        ("report begun.mcap -o x.html", &["begun.mcap ends before its first tick"]),
+        ("report empty.mcap -o x.html", &["it is empty"]),
+        ("report a.toml -o x.html", &["a.toml is no recording", "hint: "]),
     ] {
         let ended = hapticd(dir.path(), line);
         assert_eq!(ended.code(), Some(4), "{line}: {}", ended.stderr);

@@ -94,7 +94,14 @@ impl Recording {
         if std::fs::metadata(path).map_err(refused)?.is_dir() {
             return Err(refused(io::ErrorKind::IsADirectory.into()));
         }
-        Ok(Self::of(File::open(path).map_err(refused)?, path))
+        let mut file = File::open(path).map_err(refused)?;
+        let mut begin = Vec::with_capacity(mcap::MAGIC.len());
+        file.by_ref().take(mcap::MAGIC.len() as u64).read_to_end(&mut begin).map_err(refused)?;
+        if begin != mcap::MAGIC {
+            let message = if begin.is_empty() { "it is empty" } else { "it does not begin as an MCAP file does" };
+            return Err(ReadError::Format { file: path.to_owned(), message: message.to_owned() });
+        }
+        Ok(Self::of(io::Cursor::new(begin).chain(file), path))
     }
 
     /// A recording from somewhere else, called so in what is said of it.
