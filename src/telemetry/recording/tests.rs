@@ -235,7 +235,7 @@ fn a_recording_that_is_cut_off_anywhere_can_be_read_up_to_there() {
     assert_eq!(handle.stop().error, None);
     let bytes = std::fs::read(&path).expect("bytes");
     let mut n_before = 3000;
-    for share in (0..20).rev() {
+    for share in (1..20).rev() {
         std::fs::write(&path, &bytes[..bytes.len() * share / 20]).expect("written");
         let mut recording = Recording::open(&path).expect("a file");
         let mut n_ticks = 0;
@@ -253,7 +253,8 @@ fn a_recording_that_is_cut_off_anywhere_can_be_read_up_to_there() {
         let mut broken = bytes.clone();
         broken[n] ^= 0x55;
         std::fs::write(&path, &broken).expect("written");
-        let mut recording = Recording::open(&path).expect("a file");
+        // What the file is by its first bytes is asked first.
+        let Ok(mut recording) = Recording::open(&path) else { continue };
         while let Ok(Some(_)) = recording.next_entry() {}
     }
 }
