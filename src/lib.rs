@@ -11,6 +11,7 @@
 //! | [`voxmap`] | triangles → bricked voxel map: surface, sides, layers, distance, field |
 //! | [`pointshell`] | surface voxels → points with inward normals |
 //! | [`scene`] | everything baked or taken from the bake cache, immutable, in one place |
+//! | [`sculpt`] | point samples → a surface that a hand deforms |
 //! | [`haptics`] | the tick: contact, filter, coupling, limits |
 //! | [`device`] | arms: trait, profiles, the simulated arm |
 //! | [`rt`] | every operating-system call of the loop |
@@ -35,6 +36,7 @@ pub mod picture;
 pub mod pointshell;
 pub mod rt;
 pub mod scene;
+pub mod sculpt;
 pub mod servo;
 pub mod spatial;
 pub mod storage;

@@ -9,6 +9,7 @@
 
 mod auto_limit;
 mod braking;
+pub mod clay;
 mod constraint;
 pub mod contact;
 mod contact_damping;
