@@ -1,0 +1,302 @@
+//! The material's motion: densities as masses on springs.
+//!
+//! M d̈ + D ḋ + K (d − d₀) = f over the nodes of the region (Guo2004, dynamic global volumetric model). The masses do not move in space: a
+//! spring between two neighbours pulls on the *difference of their densities*, back to what it was at rest. The outermost nodes are held,
+//! so the region stays of one piece with the material around it.
+//!
+//! Units: densities m, mass kg, damping N·s/m, stiffness N/m, forces N. Cost: O(nodes) per step, 7 reads each; parallel, with the same
+//! bits on any number of threads.
+
+mod implicit;
+
+use rayon::prelude::*;
+
+use crate::haptics::clay::{Lattice, Raster};
+
+/// Share of the stable step that an explicit step takes (algorithms, 11.2).
+const EXPLICIT_MARGIN: f64 = 0.8;
+/// Explicit steps in one update at most: the material is slower than told rather than the update late.
+const STEPS_MAX: u32 = 64;
+
+/// How the equation of motion is stepped.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Integrator {
+    /// Forward Euler with halved steps, as in the paper. The new velocity moves the density; the paper does not say which does.
+    Explicit,
+    /// Backward Euler, solved by conjugate gradients: any step is stable.
+    #[default]
+    Implicit,
+}
+
+/// A quantity of the mass points.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Quantity {
+    /// The same everywhere.
+    Constant(f32),
+    /// `[n_nodes]`, as it was painted.
+    PerNode(Box<[f32]>),
+}
+
+impl Quantity {
+    #[inline]
+    fn at(&self, node: usize) -> f32 {
+        match self {
+            Self::Constant(value) => *value,
+            Self::PerNode(values) => values[node],
+        }
+    }
+
+    fn extremes(&self) -> (f32, f32) {
+        match self {
+            Self::Constant(value) => (*value, *value),
+            Self::PerNode(values) => {
+                values.iter().fold((f32::INFINITY, 0.0), |(low, high), value| (low.min(*value), high.max(*value)))
+            }
+        }
+    }
+
+    /// Sets a node; a constant becomes one value per node.
+    pub fn set(&mut self, node: usize, n_nodes: usize, value: f32) {
+        if let Self::Constant(constant) = self {
+            *self = Self::PerNode(vec![*constant; n_nodes].into_boxed_slice());
+        }
+        if let Self::PerNode(values) = self {
+            values[node] = value;
+        }
+    }
+}
+
+/// What the clay is made of.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Material {
+    /// Of a mass point, kg.
+    pub mass_kg: Quantity,
+    /// Of a mass point, N·s/m.
+    pub damping_n_s_per_m: Quantity,
+    /// Of the spring between two neighbours, N/m; the mean of both.
+    pub stiffness_n_per_m: Quantity,
+    /// Time in which what is held becomes the new rest, s; infinite: elastic.
+    pub creep_s: f64,
+    /// An explicit step is halved while a density is accelerated more than this, m/s².
+    pub acceleration_max_m_per_s2: f64,
+}
+
+/// Densities under way.
+#[derive(Clone, Debug)]
+pub struct Dynamics {
+    material: Material,
+    integrator: Integrator,
+    now: Raster,
+    /// `[n_nodes]`: rest densities, velocities, and the forces of the update.
+    rest_m: Box<[f32]>,
+    velocities_m_per_s: Box<[f32]>,
+    forces_n: Box<[f32]>,
+    /// Scratch of the steps.
+    accelerations: Box<[f32]>,
+    solver: implicit::Solver,
+    /// Explicit step of the last update, s; 0 before the first.
+    step_s: f64,
+}
+
+/// What an update did.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Progress {
+    /// Steps, or iterations of the solver.
+    pub steps: u32,
+    /// Time that the material has gone through, s: less than asked where it would have taken too many steps.
+    pub time_s: f64,
+    /// Largest |ḋ|, m/s.
+    pub speed_m_per_s: f64,
+    /// The solver stopped at its limit before it was exact.
+    pub is_rough: bool,
+}
+
+impl Dynamics {
+    /// Material at rest with these densities. Allocates.
+    pub fn new(at_rest: Raster, material: Material, integrator: Integrator) -> Self {
+        let zeros = || vec![0.0; at_rest.values_m().len()].into_boxed_slice();
+        Self {
+            material,
+            integrator,
+            rest_m: at_rest.values_m().into(),
+            velocities_m_per_s: zeros(),
+            forces_n: zeros(),
+            accelerations: zeros(),
+            solver: implicit::Solver::new(at_rest.lattice().n_nodes()),
+            now: at_rest,
+            step_s: 0.0,
+        }
+    }
+
+    /// Where the nodes lie.
+    pub fn lattice(&self) -> &Lattice {
+        self.now.lattice()
+    }
+
+    /// Densities now.
+    pub fn now(&self) -> &Raster {
+        &self.now
+    }
+
+    /// `[n_nodes]`, m/s.
+    pub fn velocities_m_per_s(&self) -> &[f32] {
+        &self.velocities_m_per_s
+    }
+
+    /// `[n_nodes]`, N: what acts in the next update, cleared by it.
+    pub fn forces_n_mut(&mut self) -> (&Raster, &mut [f32]) {
+        (&self.now, &mut self.forces_n)
+    }
+
+    /// What it is made of.
+    pub fn material_mut(&mut self) -> &mut Material {
+        self.step_s = 0.0;
+        &mut self.material
+    }
+
+    /// What is there becomes the rest: the end of a stroke. Nothing moves any more.
+    pub fn settle(&mut self) {
+        self.rest_m.copy_from_slice(self.now.values_m());
+        self.velocities_m_per_s.fill(0.0);
+    }
+
+    /// Other densities, at rest: after a refit, or a step back.
+    ///
+    /// # Panics
+    /// Where the raster has another lattice.
+    pub fn replace(&mut self, at_rest: Raster) {
+        assert_eq!(at_rest.lattice(), self.now.lattice(), "a raster of the same lattice");
+        self.now = at_rest;
+        self.settle();
+    }
+
+    /// Lets the material move for a time under the forces that were added since the last update, and clears them.
+    pub fn update(&mut self, time_s: f64) -> Progress {
+        let mut progress = match self.integrator {
+            Integrator::Explicit => self.update_explicit(time_s),
+            Integrator::Implicit => self.update_implicit(time_s),
+        };
+        let gain = (1.0 - (-progress.time_s / self.material.creep_s).exp()) as f32;
+        if gain > 0.0 {
+            self.rest_m.par_iter_mut().zip(self.now.values_m()).for_each(|(rest, now)| *rest += (now - *rest) * gain);
+        }
+        self.forces_n.fill(0.0);
+        progress.speed_m_per_s = f64::from(self.velocities_m_per_s.par_iter().map(|v| v.abs()).reduce(|| 0.0, f32::max));
+        progress
+    }
+
+    /// The largest stable explicit step, s: 12 k T²/m + 2 c T/m < 4, the stiffest spring on the lightest mass (algorithms, 11.2).
+    fn stable_step_s(&self) -> f64 {
+        let Material { mass_kg, damping_n_s_per_m, stiffness_n_per_m, .. } = &self.material;
+        let m = f64::from(mass_kg.extremes().0);
+        let c = f64::from(damping_n_s_per_m.extremes().1);
+        let k = f64::from(stiffness_n_per_m.extremes().1);
+        // The root of 12 k T² + 2 c T − 4 m = 0, in the form that does not cancel.
+        4.0 * m / (c + (c * c + 48.0 * k * m).sqrt())
+    }
+
+    fn update_explicit(&mut self, time_s: f64) -> Progress {
+        let mut progress = Progress::default();
+        let longest_s = (EXPLICIT_MARGIN * self.stable_step_s()).min(time_s);
+        if self.step_s <= 0.0 {
+            self.step_s = longest_s;
+        }
+        self.step_s = self.step_s.min(longest_s);
+        while progress.steps < STEPS_MAX && progress.time_s < time_s * (1.0 - 1e-9) {
+            let fastest = self.accelerate();
+            let is_wild = f64::from(fastest) > self.material.acceleration_max_m_per_s2;
+            // Half of the previous step while the acceleration is beyond the threshold, and back up again afterwards.
+            self.step_s = if is_wild { (0.5 * self.step_s).max(longest_s / 1024.0) } else { (2.0 * self.step_s).min(longest_s) };
+            let step_s = self.step_s.min(time_s - progress.time_s);
+            let h = step_s as f32;
+            self.velocities_m_per_s.par_iter_mut().zip(self.now.values_m_mut()).zip(&self.accelerations).for_each(
+                |((velocity, density), acceleration)| {
+                    *velocity += h * acceleration;
+                    *density += h * *velocity;
+                },
+            );
+            progress.steps += 1;
+            progress.time_s += step_s;
+        }
+        progress
+    }
+
+    /// d̈ = (f − D ḋ − K (d − d₀))/m of every node; returns the largest |d̈|.
+    fn accelerate(&mut self) -> f32 {
+        let (material, rest, forces) = (&self.material, &self.rest_m, &self.forces_n);
+        let (densities, velocities) = (self.now.values_m(), &self.velocities_m_per_s);
+        let away = |node: usize| densities[node] - rest[node];
+        by_plane(self.now.lattice(), &mut self.accelerations, |node, strides| {
+            let stretch = stretch(&material.stiffness_n_per_m, node, strides, away);
+            (forces[node] - material.damping_n_s_per_m.at(node) * velocities[node] - stretch) / material.mass_kg.at(node)
+        })
+    }
+
+    fn update_implicit(&mut self, time_s: f64) -> Progress {
+        let (iterations, is_rough) = self.solver.step(
+            (self.now.lattice(), &self.material),
+            (&self.rest_m, &self.forces_n, self.now.values_m()),
+            &mut self.velocities_m_per_s,
+            time_s,
+        );
+        let h = time_s as f32;
+        let densities = self.now.values_m_mut();
+        densities.par_iter_mut().zip(&self.velocities_m_per_s).for_each(|(density, velocity)| *density += h * velocity);
+        Progress { steps: iterations, time_s, speed_m_per_s: 0.0, is_rough }
+    }
+}
+
+/// (K u) at a node: Σ over the six neighbours of k (u − u'). `[z, y, x]` strides.
+#[inline(always)]
+fn stretch(stiffness: &Quantity, node: usize, strides: [usize; 3], u: impl Fn(usize) -> f32) -> f32 {
+    let own = u(node);
+    let mut sum = 0.0;
+    match stiffness {
+        Quantity::Constant(k) => {
+            for stride in strides {
+                sum += 2.0 * own - u(node - stride) - u(node + stride);
+            }
+            k * sum
+        }
+        Quantity::PerNode(values) => {
+            for other in strides.into_iter().flat_map(|stride| [node - stride, node + stride]) {
+                sum += 0.5 * (values[node] + values[other]) * (own - u(other));
+            }
+            sum
+        }
+    }
+}
+
+/// Fills an array with a value for each inner node, plane by plane in parallel; outermost nodes get 0. Returns the largest magnitude.
+fn by_plane(lattice: &Lattice, values: &mut [f32], value: impl Fn(usize, [usize; 3]) -> f32 + Sync) -> f32 {
+    let [nx, ny, nz] = lattice.dims;
+    let strides = [1, nz, ny * nz];
+    values
+        .par_chunks_mut(ny * nz)
+        .enumerate()
+        .map(|(x, plane)| {
+            let mut largest: f32 = 0.0;
+            if x == 0 || x + 1 == nx {
+                plane.fill(0.0);
+                return largest;
+            }
+            for (y, row) in plane.chunks_mut(nz).enumerate() {
+                if y == 0 || y + 1 == ny {
+                    row.fill(0.0);
+                    continue;
+                }
+                let first = (x * ny + y) * nz;
+                row[0] = 0.0;
+                for (z, place) in row.iter_mut().enumerate().take(nz - 1).skip(1) {
+                    *place = value(first + z, strides);
+                    largest = largest.max(place.abs());
+                }
+                row[nz - 1] = 0.0;
+            }
+            largest
+        })
+        .reduce(|| 0.0, f32::max)
+}
+
+#[cfg(test)]
+mod tests;
