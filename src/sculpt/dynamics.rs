@@ -87,9 +87,9 @@ pub struct Dynamics {
     material: Material,
     integrator: Integrator,
     now: Raster,
-    /// `[n_nodes]`: rest densities, velocities, and the forces of the update.
+    /// `[n_nodes]`: rest densities, and the forces of the update; rates of the densities.
     rest_m: Box<[f32]>,
-    velocities_m_per_s: Box<[f32]>,
+    velocities_m_per_s: Raster,
     forces_n: Box<[f32]>,
     /// Scratch of the steps.
     accelerations: Box<[f32]>,
@@ -119,7 +119,7 @@ impl Dynamics {
             material,
             integrator,
             rest_m: at_rest.values_m().into(),
-            velocities_m_per_s: zeros(),
+            velocities_m_per_s: Raster::uniform(*at_rest.lattice(), 0.0),
             forces_n: zeros(),
             accelerations: zeros(),
             solver: implicit::Solver::new(at_rest.lattice().n_nodes()),
@@ -138,8 +138,8 @@ impl Dynamics {
         &self.now
     }
 
-    /// `[n_nodes]`, m/s.
-    pub fn velocities_m_per_s(&self) -> &[f32] {
+    /// Rates of the densities, m/s.
+    pub fn velocities_m_per_s(&self) -> &Raster {
         &self.velocities_m_per_s
     }
 
@@ -157,7 +157,7 @@ impl Dynamics {
     /// What is there becomes the rest: the end of a stroke. Nothing moves any more.
     pub fn settle(&mut self) {
         self.rest_m.copy_from_slice(self.now.values_m());
-        self.velocities_m_per_s.fill(0.0);
+        self.velocities_m_per_s.values_m_mut().fill(0.0);
     }
 
     /// Other densities, at rest: after a refit, or a step back.
@@ -181,7 +181,7 @@ impl Dynamics {
             self.rest_m.par_iter_mut().zip(self.now.values_m()).for_each(|(rest, now)| *rest += (now - *rest) * gain);
         }
         self.forces_n.fill(0.0);
-        progress.speed_m_per_s = f64::from(self.velocities_m_per_s.par_iter().map(|v| v.abs()).reduce(|| 0.0, f32::max));
+        progress.speed_m_per_s = f64::from(self.velocities_m_per_s.values_m().par_iter().map(|v| v.abs()).reduce(|| 0.0, f32::max));
         progress
     }
 
@@ -209,7 +209,7 @@ impl Dynamics {
             self.step_s = if is_wild { (0.5 * self.step_s).max(longest_s / 1024.0) } else { (2.0 * self.step_s).min(longest_s) };
             let step_s = self.step_s.min(time_s - progress.time_s);
             let h = step_s as f32;
-            self.velocities_m_per_s.par_iter_mut().zip(self.now.values_m_mut()).zip(&self.accelerations).for_each(
+            self.velocities_m_per_s.values_m_mut().par_iter_mut().zip(self.now.values_m_mut()).zip(&self.accelerations).for_each(
                 |((velocity, density), acceleration)| {
                     *velocity += h * acceleration;
                     *density += h * *velocity;
@@ -224,7 +224,7 @@ impl Dynamics {
     /// d̈ = (f − D ḋ − K (d − d₀))/m of every node; returns the largest |d̈|.
     fn accelerate(&mut self) -> f32 {
         let (material, rest, forces) = (&self.material, &self.rest_m, &self.forces_n);
-        let (densities, velocities) = (self.now.values_m(), &self.velocities_m_per_s);
+        let (densities, velocities) = (self.now.values_m(), self.velocities_m_per_s.values_m());
         let away = |node: usize| densities[node] - rest[node];
         by_plane(self.now.lattice(), &mut self.accelerations, |node, strides| {
             let stretch = stretch(&material.stiffness_n_per_m, node, strides, away);
@@ -236,12 +236,12 @@ impl Dynamics {
         let (iterations, is_rough) = self.solver.step(
             (self.now.lattice(), &self.material),
             (&self.rest_m, &self.forces_n, self.now.values_m()),
-            &mut self.velocities_m_per_s,
+            self.velocities_m_per_s.values_m_mut(),
             time_s,
         );
         let h = time_s as f32;
         let densities = self.now.values_m_mut();
-        densities.par_iter_mut().zip(&self.velocities_m_per_s).for_each(|(density, velocity)| *density += h * velocity);
+        densities.par_iter_mut().zip(self.velocities_m_per_s.values_m()).for_each(|(density, velocity)| *density += h * velocity);
         Progress { steps: iterations, time_s, speed_m_per_s: 0.0, is_rough }
     }
 }
