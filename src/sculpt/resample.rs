@@ -192,13 +192,13 @@ pub fn thinned(points: &PointSet, afloat: &Afloat, close_m: f64) -> Vec<u32> {
 }
 
 /// Places that are taken, in cells of the distance that they keep.
-struct Taken {
+pub(super) struct Taken {
     apart_m: f64,
     cells: HashMap<[i64; 3], Vec<DVec3>>,
 }
 
 impl Taken {
-    fn new(apart_m: f64) -> Self {
+    pub(super) fn new(apart_m: f64) -> Self {
         Self { apart_m, cells: HashMap::new() }
     }
 
@@ -206,7 +206,7 @@ impl Taken {
         (at / self.apart_m).floor().to_array().map(|x| x as i64)
     }
 
-    fn is_free(&self, at: DVec3) -> bool {
+    pub(super) fn is_free(&self, at: DVec3) -> bool {
         let [x, y, z] = self.cell(at);
         (-1..=1).all(|i| {
             (-1..=1).all(|j| {
@@ -218,7 +218,7 @@ impl Taken {
         })
     }
 
-    fn take(&mut self, at: DVec3) {
+    pub(super) fn take(&mut self, at: DVec3) {
         self.cells.entry(self.cell(at)).or_default().push(at);
     }
 }
