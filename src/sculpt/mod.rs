@@ -4,11 +4,30 @@
 //! Guo2004 (haptic sculpting of dynamic point-set surfaces); equations are numbered as there.
 
 pub mod advect;
+pub mod boolean;
 pub mod dynamics;
+pub mod emboss;
+mod error;
 pub mod falloff;
+mod least_squares;
+mod local_fit;
 mod neighbours;
+pub mod paint;
 mod point_set;
 pub mod pull;
+pub mod redistance;
 pub mod resample;
+pub mod spline;
+mod surface;
+pub mod workpiece;
 
+pub use error::SurfaceError;
+pub use neighbours::{Neighbour, Neighbours};
 pub use point_set::PointSet;
+pub use surface::{Distance, Moved, PointSurface};
+pub use workpiece::Workpiece;
+
+#[cfg(test)]
+mod shapes;
+#[cfg(test)]
+use shapes::sphere;

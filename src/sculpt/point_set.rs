@@ -2,6 +2,8 @@
 
 use glam::DVec3;
 
+use super::SurfaceError;
+
 /// Samples of a closed surface, each with its normal and colour. All arrays are of one length.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PointSet {
@@ -14,6 +16,11 @@ pub struct PointSet {
 }
 
 impl PointSet {
+    /// Fewest samples that can go around a body.
+    pub const LEAST: usize = 32;
+    /// How far the length of a normal may be from 1.
+    const UNIT_TOLERANCE: f64 = 1e-6;
+
     /// Number of samples.
     pub fn len(&self) -> usize {
         self.positions_map.len()
@@ -22,5 +29,60 @@ impl PointSet {
     /// There are none.
     pub fn is_empty(&self) -> bool {
         self.positions_map.is_empty()
+    }
+
+    /// One sample more.
+    pub fn push(&mut self, position_map: DVec3, normal_map: DVec3, color: [u8; 3]) {
+        self.positions_map.push(position_map);
+        self.normals_map.push(normal_map);
+        self.colors.push(color);
+    }
+
+    /// The samples of another set behind these.
+    pub fn append(&mut self, other: &Self) {
+        self.positions_map.extend_from_slice(&other.positions_map);
+        self.normals_map.extend_from_slice(&other.normals_map);
+        self.colors.extend_from_slice(&other.colors);
+    }
+
+    /// The samples with these numbers, in this order. Panics on a number that is not there.
+    pub fn select(&self, samples: impl Iterator<Item = u32> + Clone) -> Self {
+        Self {
+            positions_map: samples.clone().map(|sample| self.positions_map[sample as usize]).collect(),
+            normals_map: samples.clone().map(|sample| self.normals_map[sample as usize]).collect(),
+            colors: samples.map(|sample| self.colors[sample as usize]).collect(),
+        }
+    }
+
+    /// Lowest and highest corner of the box around the samples, map frame, m; `None` when there are none.
+    pub fn bounds(&self) -> Option<(DVec3, DVec3)> {
+        let first = *self.positions_map.first()?;
+        Some(self.positions_map.iter().fold((first, first), |(low, high), at| (low.min(*at), high.max(*at))))
+    }
+
+    /// Whether a surface can be made of these samples, as far as each of them shows by itself.
+    ///
+    /// # Errors
+    /// [`SurfaceError`], naming the first sample that is wrong.
+    pub fn check(&self) -> Result<(), SurfaceError> {
+        let (positions, normals, colors) = (self.len(), self.normals_map.len(), self.colors.len());
+        if normals != positions || colors != positions {
+            return Err(SurfaceError::UnequalArrays { positions, normals, colors });
+        }
+        if positions < Self::LEAST {
+            return Err(SurfaceError::TooFew { found: positions });
+        }
+        let mut samples = self.positions_map.iter().zip(&self.normals_map).enumerate();
+        samples.try_for_each(|(sample, (position_map, normal_map))| Self::check_sample(sample, *position_map, *normal_map))
+    }
+
+    /// The same for one sample.
+    pub(super) fn check_sample(sample: usize, position_map: DVec3, normal_map: DVec3) -> Result<(), SurfaceError> {
+        if !position_map.is_finite() {
+            return Err(SurfaceError::NonFinite { sample, position_map });
+        }
+        // False for NaN as well.
+        let is_unit = (normal_map.length_squared() - 1.0).abs() <= Self::UNIT_TOLERANCE;
+        if is_unit { Ok(()) } else { Err(SurfaceError::BadNormal { sample, normal_map }) }
     }
 }

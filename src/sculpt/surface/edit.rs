@@ -1,0 +1,149 @@
+//! Samples that move, come and go.
+//!
+//! Look-ups answer for the new samples as soon as a call returns. Cost: the tree is built again (some milliseconds for 67,038
+//! samples); fits are made again where it matters.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::super::local_fit::LocalFit;
+use super::super::neighbours::Neighbours;
+use super::super::{PointSet, SurfaceError};
+use super::{Domain, MOST_OF_MEDIAN, PointSurface, median};
+
+/// A sample and where it goes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Moved {
+    /// Number of the sample.
+    pub sample: u32,
+    /// Where it goes, map frame, m.
+    pub position_map: DVec3,
+    /// Its normal there: unit, out of the material.
+    pub normal_map: DVec3,
+}
+
+impl PointSurface {
+    /// Moves samples. Their fits go along, unchanged: [`Self::refresh`] or [`Self::refit`] follows when the movement is over.
+    ///
+    /// # Errors
+    /// [`SurfaceError`] for a place or a normal that cannot be used; nothing has moved then.
+    pub fn move_samples(&mut self, moved: &[Moved]) -> Result<(), SurfaceError> {
+        for Moved { sample, position_map, normal_map } in moved {
+            PointSet::check_sample(*sample as usize, *position_map, *normal_map)?;
+        }
+        for Moved { sample, position_map, normal_map } in moved {
+            let sample = *sample as usize;
+            self.points.positions_map[sample] = *position_map;
+            self.points.normals_map[sample] = *normal_map;
+            self.fits[sample].center_map = *position_map;
+        }
+        self.near = Neighbours::new(&self.points.positions_map);
+        self.measure();
+        Ok(())
+    }
+
+    /// Takes the fits of samples from a field that has changed, m: values at 27 places each, no least squares. Where the field
+    /// does not cover a domain, neighbours are fitted.
+    ///
+    /// # Errors
+    /// [`SurfaceError::Coincident`] where neighbours would have to be fitted and are at one place.
+    ///
+    /// # Source
+    /// Guo2004, equation 5.
+    pub fn refresh(&mut self, samples: &[u32], field: impl Fn(DVec3) -> Option<f64> + Sync) -> Result<(), SurfaceError> {
+        let refreshed: Vec<Option<LocalFit>> = samples
+            .par_iter()
+            .map(|sample| {
+                let LocalFit { center_map, half_m, .. } = self.fits[*sample as usize];
+                LocalFit::to_field(center_map, half_m, &field)
+            })
+            .collect();
+        let mut left = Vec::new();
+        for (sample, fit) in samples.iter().zip(refreshed) {
+            match fit {
+                Some(fit) => self.fits[*sample as usize] = fit,
+                None => left.push(*sample),
+            }
+        }
+        self.refit(&left)
+    }
+
+    /// Fits samples to their neighbours again.
+    ///
+    /// # Errors
+    /// [`SurfaceError::Coincident`] for samples at one place; no fit has changed then.
+    pub fn refit(&mut self, samples: &[u32]) -> Result<(), SurfaceError> {
+        // New samples have no domain yet.
+        let most_m = MOST_OF_MEDIAN * median(self.domains_m().filter(|half_m| *half_m > 0.0));
+        let made: Vec<(Domain, LocalFit)> = samples
+            .par_iter()
+            .map_init(Vec::new, |found, sample| {
+                let domain = self.domain(*sample, found)?.at_most(most_m);
+                Ok((domain, self.fit(*sample, domain, found)))
+            })
+            .collect::<Result<_, _>>()?;
+        for (sample, (domain, fit)) in samples.iter().zip(made) {
+            self.spacings_m[*sample as usize] = domain.spacing_m;
+            self.fits[*sample as usize] = fit;
+        }
+        if !samples.is_empty() {
+            self.measure();
+        }
+        Ok(())
+    }
+
+    /// Takes samples away and adds others. Those that stay keep their order and come first, then the new ones. Fits are made for
+    /// the new ones, and for those that have one of either in their domain.
+    ///
+    /// # Errors
+    /// [`SurfaceError`] when what is left makes no surface; nothing has changed then.
+    pub fn replace(&mut self, removed: &[u32], added: &PointSet) -> Result<(), SurfaceError> {
+        let mut stays = vec![true; self.points.len()];
+        for sample in removed {
+            if let Some(stays) = stays.get_mut(*sample as usize) {
+                *stays = false;
+            }
+        }
+        let kept: Vec<u32> = (0..self.points.len() as u32).filter(|sample| stays[*sample as usize]).collect();
+        let mut points = self.points.select(kept.iter().copied());
+        points.append(added);
+        points.check()?;
+        let near = Neighbours::new(&points.positions_map);
+
+        // Old samples that have a new or a lost one in their domain.
+        let gone = stays.iter().zip(&self.points.positions_map).filter(|(stays, _)| !**stays).map(|(_, position)| *position);
+        let changed: Vec<DVec3> = gone.chain(added.positions_map.iter().copied()).collect();
+        let reached: Vec<Vec<u32>> = changed
+            .par_iter()
+            .map_init(Vec::new, |found, position_map| {
+                self.near.within(*position_map, self.reach_m, found);
+                let has_it = |sample: u32| {
+                    let fit = &self.fits[sample as usize];
+                    fit.center_map.distance_squared(*position_map) <= fit.half_m * fit.half_m
+                };
+                found.iter().map(|other| other.sample).filter(|sample| has_it(*sample)).collect()
+            })
+            .collect();
+        let mut is_touched = vec![false; self.points.len()];
+        reached.iter().flatten().for_each(|sample| is_touched[*sample as usize] = true);
+        let touched = kept.iter().zip(0..).filter(|(old, _)| is_touched[**old as usize]).map(|(_, new)| new);
+        let touched: Vec<u32> = touched.chain(kept.len() as u32..points.len() as u32).collect();
+
+        // New ones get their fit below.
+        let fits = kept.iter().map(|sample| self.fits[*sample as usize].clone());
+        let empty = added.positions_map.iter().map(|position| LocalFit::nothing(*position));
+        let mut next = Self {
+            fits: fits.chain(empty).collect(),
+            spacings_m: kept.iter().map(|sample| self.spacings_m[*sample as usize]).chain(vec![0.0; added.len()]).collect(),
+            points,
+            near,
+            ..Self::nothing(self.n_neighbours)
+        };
+        next.refit(&touched)?;
+        if touched.is_empty() {
+            next.measure();
+        }
+        *self = next;
+        Ok(())
+    }
+}
