@@ -226,11 +226,7 @@ mod tests {
     #[test]
     fn a_stamp_reaches_only_what_faces_it_and_lies_under_it() {
         let surface = sphere(0.02);
-        let stamp = Laid::Flat {
-            middle_map: DVec3::Z * 0.02,
-            right_map: DVec3::X * 5e-3,
-            up_map: DVec3::Y * 5e-3,
-        };
+        let stamp = Laid::Flat { middle_map: DVec3::Z * 0.02, right_map: DVec3::X * 5e-3, up_map: DVec3::Y * 5e-3 };
         let moved = embossed(&surface, &GreyImage::new(2, 2, vec![1.0; 4]).unwrap(), &stamp, 1e-3);
         assert!(!moved.is_empty());
         for Moved { sample, position_map, normal_map } in moved {

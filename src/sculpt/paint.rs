@@ -113,8 +113,7 @@ impl Brush {
 mod tests {
     use super::*;
 
-    const RED: Brush =
-        Brush { color: [255, 0, 0], radius_m_per_n: 2e-3, radius_max_m: 8e-3, falloff_rate: 1.0, smallest_m: 1e-4 };
+    const RED: Brush = Brush { color: [255, 0, 0], radius_m_per_n: 2e-3, radius_max_m: 8e-3, falloff_rate: 1.0, smallest_m: 1e-4 };
 
     fn plate() -> PointSet {
         let mut points = PointSet::default();

@@ -261,8 +261,7 @@ impl Workpiece {
         let reach_m = brush.radius_m(force_n) + DISC_SPACINGS * self.surface.spacing_m();
         self.surface.neighbours().within(at_map, reach_m, &mut found);
         let disc_m = |sample: u32| DISC_SPACINGS * self.surface.spacings_m()[sample as usize];
-        let near: Vec<Surfel> =
-            found.iter().map(|near| Surfel { sample: near.sample, radius_m: disc_m(near.sample) }).collect();
+        let near: Vec<Surfel> = found.iter().map(|near| Surfel { sample: near.sample, radius_m: disc_m(near.sample) }).collect();
         let mut points = self.surface.points().clone();
         let n_before = points.len() as u32;
         let surface = &self.surface;
@@ -310,8 +309,11 @@ impl Workpiece {
         let points = boolean.samples(&self.surface, other, is_sharp);
         let surface = PointSurface::build(points, self.settings.n_neighbours)?;
         let (whole, first, region) = lattices(surface.bounds(), &self.settings)?;
-        let base =
-            if is_sharp { boolean.densities(&self.surface.rasterize(whole), &other.rasterize(whole)) } else { surface.rasterize(whole) };
+        let base = if is_sharp {
+            boolean.densities(&self.surface.rasterize(whole), &other.rasterize(whole))
+        } else {
+            surface.rasterize(whole)
+        };
         self.remember();
         self.surface = surface;
         self.base = Arc::new(base);
@@ -430,11 +432,7 @@ fn lattices((low, high): (DVec3, DVec3), settings: &Settings) -> Result<(Lattice
     if !(n_nodes <= NODES_MAX as f64) {
         return Err(WorkpieceError::TooFine { spacing_m, n_nodes });
     }
-    let whole = Lattice {
-        origin_map: origin - nodes_below * spacing_m,
-        spacing_m,
-        dims: nodes.to_array().map(|n| n as usize),
-    };
+    let whole = Lattice { origin_map: origin - nodes_below * spacing_m, spacing_m, dims: nodes.to_array().map(|n| n as usize) };
     Ok((whole, nodes_below.to_array().map(|n| n as usize), region))
 }
 
