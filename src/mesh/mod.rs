@@ -13,9 +13,11 @@
 //! |---|---|---|
 //! | OBJ | every group, polygons, negative indices | free-form surfaces |
 //! | STL | text and binary; equal corners are joined | normals, attributes |
-//! | PLY | text and binary of both byte orders, numbers of any type, polygons, `tristrips` | points without faces |
+//! | PLY | text and binary of both byte orders, numbers of any type, polygons, `tristrips` | attributes |
 //! | glTF, GLB | default scene with its transforms; triangles, strips, fans; embedded and external buffers; sparse, quantized | skins, morph targets, Draco and meshopt compression |
 //! | 3MF | what is built, with transforms; the production extension | beam lattices, slices, boolean operations, encryption |
+//!
+//! Points without faces are read by [`cloud`], from PLY, OBJ and plain text.
 //!
 //! Coordinates keep the axes of the file, and are multiplied by `units`, whatever a format says of metres; only 3MF names a unit in
 //! the file, which then must be the same.
@@ -26,6 +28,7 @@
 //! file; binary STL and the inspection run in parallel.
 
 pub mod closest_point;
+pub mod cloud;
 mod edges;
 mod error;
 mod gltf;
@@ -41,6 +44,7 @@ mod stl;
 mod threemf;
 pub mod validate;
 mod weld;
+mod xyz;
 
 use std::path::{Path, PathBuf};
 
@@ -201,19 +205,24 @@ pub fn parse(bytes: &[u8], format: Format, path: &Path, metres_per_unit: f64) ->
         Some(found) if found != format => MeshError::OtherFormat { path: path.to_owned(), found, named: format },
         _ => error,
     })?;
-    let wrong = mesh.vertices.par_iter_mut().enumerate().find_map_first(|(vertex_idx, vertex)| {
+    scale(&mut mesh.vertices, metres_per_unit, path)?;
+    Ok(mesh)
+}
+
+/// From the unit of the file to metres; refuses what is not finite, and what no part can be.
+fn scale(vertices: &mut [DVec3], metres_per_unit: f64, path: &Path) -> Result<(), MeshError> {
+    let wrong = vertices.par_iter_mut().enumerate().find_map_first(|(vertex_idx, vertex)| {
         *vertex *= metres_per_unit;
         (!vertex.is_finite() || vertex.abs().max_element() > FARTHEST_M).then_some((vertex_idx, *vertex))
     });
-    if let Some((vertex_idx, vertex)) = wrong {
-        let (path, vertex_number) = (path.to_owned(), vertex_idx + 1);
-        return Err(if vertex.is_finite() {
-            MeshError::FarVertex { path, vertex: vertex_number, distance_m: vertex.abs().max_element() }
-        } else {
-            MeshError::NonFiniteVertex { path, vertex: vertex_number, line: None }
-        });
+    match wrong {
+        None => Ok(()),
+        Some((vertex_idx, vertex)) if vertex.is_finite() => {
+            let distance_m = vertex.abs().max_element();
+            Err(MeshError::FarVertex { path: path.to_owned(), vertex: vertex_idx + 1, distance_m })
+        }
+        Some((vertex_idx, _)) => Err(MeshError::NonFiniteVertex { path: path.to_owned(), vertex: vertex_idx + 1, line: None }),
     }
-    Ok(mesh)
 }
 
 /// From now on no mesh file is mapped into memory in this process, only copied: for a process that renders forces. A mapped file that another

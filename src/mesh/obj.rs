@@ -13,6 +13,7 @@ use std::path::Path;
 use glam::DVec3;
 use tobj::LoadError;
 
+use super::cloud::Cloud;
 use super::{MeshError, TriangleMesh, polygon};
 
 /// Reads the text of an OBJ file; `path` is for messages only.
@@ -49,6 +50,47 @@ pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<TriangleMesh, MeshError
         }
     }
     Ok(mesh)
+}
+
+/// Reads the vertices of an OBJ file as points; `None` when the file has faces. Normals (`vn`) are those of the vertices when there are
+/// as many of them; colours are numbers four to six of a vertex, 0 to 1.
+pub(super) fn parse_cloud(bytes: &[u8], path: &Path) -> Result<Option<Cloud>, MeshError> {
+    let text = String::from_utf8_lossy(bytes);
+    let mut cloud = Cloud::default();
+    let (mut normals, mut colors) = (Vec::new(), Vec::new());
+    for (number, line) in LogicalLines::new(&text) {
+        let line = line.split('#').next().unwrap_or_default();
+        let kind = keyword(line);
+        if kind == "f" {
+            return Ok(None);
+        }
+        if kind != "v" && kind != "vn" {
+            continue;
+        }
+        let numbers: Option<Vec<f64>> = line.split_whitespace().skip(1).map(|word| word.parse().ok()).collect();
+        let numbers = numbers.filter(|numbers| numbers.len() >= 3).ok_or_else(|| {
+            let what = if kind == "v" { "vertex" } else { "normal" };
+            let shown: String = line.trim().chars().take(60).collect();
+            let what = format!("a {what} needs three numbers, found `{shown}`");
+            MeshError::Parse { path: path.to_owned(), line: Some(number), what }
+        })?;
+        let vector = DVec3::from_slice(&numbers);
+        if kind == "vn" {
+            normals.push(vector);
+            continue;
+        }
+        if !vector.is_finite() {
+            let vertex = cloud.positions.len() + 1;
+            return Err(MeshError::NonFiniteVertex { path: path.to_owned(), vertex, line: Some(number) });
+        }
+        cloud.positions.push(vector);
+        if let [_, _, _, red, green, blue] = numbers[..] {
+            colors.push([red, green, blue].map(|part| (part * 255.0).round() as u8));
+        }
+    }
+    cloud.normals = (normals.len() == cloud.positions.len()).then_some(normals);
+    cloud.colors = (colors.len() == cloud.positions.len()).then_some(colors);
+    Ok(Some(cloud))
 }
 
 /// The first face that names a vertex which is not there. The parser only says that there is one.

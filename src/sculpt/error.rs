@@ -57,6 +57,14 @@ pub enum SurfaceError {
         /// Of how many.
         of: usize,
     },
+    /// A mesh cannot be sampled at this spacing.
+    #[error("a spacing of {spacing_m} m, at least {least_m:.2e} m is possible")]
+    Spacing {
+        /// As given.
+        spacing_m: f64,
+        /// With this one the mesh gives as many samples as are allowed.
+        least_m: f64,
+    },
     /// The number of neighbours to look at is out of range.
     #[error("{found} neighbours, {} to {} are possible", super::PointSurface::NEIGHBOURS.start(), super::PointSurface::NEIGHBOURS.end())]
     Neighbours {
@@ -75,6 +83,7 @@ impl SurfaceError {
             Self::BadNormal { .. } => "leave all normals out, then they are estimated",
             Self::Coincident { .. } => "remove one of the two: loading a file does that by itself",
             Self::Lines { .. } => "scan or sample the surface evenly: lines of points that are far apart make no surface",
+            Self::Spacing { .. } => "choose a larger spacing, and check `units`",
             Self::Neighbours { .. } => "leave `neighbours` out: 24 suit most surfaces",
         }
     }

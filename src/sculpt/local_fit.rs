@@ -5,19 +5,34 @@
 //! # Source
 //! Guo2004, equation 2 and the weighted fit behind it, with one point outside and one inside for every neighbour; equation 5. Ours:
 //! the spline is fitted as the tangent plane and a correction to it, and a ridge keeps the correction small where neighbours do not
-//! decide, the more so the higher its degree. So a plane is reproduced whatever the neighbours are, and no fit is singular.
+//! decide, the more so the higher its degree and the more their normals differ. So a plane is reproduced whatever the neighbours are,
+//! no fit is singular, and none swings out at a sharp edge.
 
 use glam::DVec3;
 
-use super::least_squares::NormalEquations;
+use super::least_squares::Constraints;
 use super::spline::{self, Cube, GRID};
 
-/// Ridge for products of one and fewer coordinates: they are decided by any three neighbours that are not on one line.
-const RIDGE_LINEAR: f64 = 1e-9;
-/// Ridge for curvature. A neighbour at the spacing counts as 1/e, so this moves a curvature by about its ten-thousandth part.
-const RIDGE_CURVED: f64 = 1e-4;
-/// By how much the ridge of each further degree is greater.
-const RIDGE_GROWTH: f64 = 10.0;
+/// How strongly each product of coordinates is kept small: hardly where any three neighbours decide (degrees 0 and 1), a little for
+/// curvature (a neighbour at the spacing counts as 1/e, so this moves a curvature by about its ten-thousandth part), and ten times
+/// as much with every further degree.
+const RIDGE: Cube = {
+    const OF_DEGREE: [f64; 7] = [1e-9, 1e-9, 1e-4, 1e-3, 1e-2, 1e-1, 1.0];
+    let mut ridge = [0.0; 27];
+    let mut place = 0;
+    while place < 27 {
+        ridge[place] = OF_DEGREE[place / 9 + place / 3 % 3 + place % 3];
+        place += 1;
+    }
+    ridge
+};
+
+/// Roughness that doubles the ridge. Curvature that samples resolve well has a hundredth, an edge a third.
+const ROUGH: f64 = 0.02;
+/// Roughness from which on points off the surface may come close to other neighbours.
+const SHARP: f64 = 0.05;
+/// Points off the surface are this much nearer to their own sample than to any other, as a share of distances.
+const CLEAR: f64 = 0.9;
 
 /// A sample with its normal, m and unit, map frame.
 pub(super) type Oriented = (DVec3, DVec3);
@@ -35,30 +50,31 @@ pub(super) struct LocalFit {
 
 impl LocalFit {
     /// Fits the signed distance to the neighbours of a sample, itself among them. `spacing_m` is the distance at which samples lie
-    /// here: neighbours count as exp(−distance²/spacing²), and have their points outside and inside that far away.
+    /// here: neighbours count as exp(−distance²/spacing²), and have their points outside and inside that far away, or nearer where
+    /// those would come close to another neighbour.
     pub(super) fn to_neighbours(
         (center_map, normal_map): Oriented,
         half_m: f64,
         spacing_m: f64,
-        neighbours: impl Iterator<Item = Oriented>,
+        neighbours: impl Iterator<Item = Oriented> + Clone,
     ) -> Self {
         // Lengths in spacings, so that coefficients of every degree are of one size.
-        let ridge = std::array::from_fn(|place| match place / 9 + place / 3 % 3 + place % 3 {
-            degree @ 2.. => RIDGE_CURVED * RIDGE_GROWTH.powi(degree as i32 - 2),
-            _ => RIDGE_LINEAR,
-        });
-        let mut equations = NormalEquations::new(&ridge);
-        for (position_map, neighbour_normal) in neighbours {
-            let at = (position_map - center_map) / spacing_m;
+        let scaled = neighbours.map(|(position_map, normal)| ((position_map - center_map) / spacing_m, normal));
+        let roughness = roughness(normal_map, scaled.clone());
+        let mut constraints = Constraints::new();
+        for (at, normal) in scaled.clone() {
             let weight = (-at.length_squared()).exp();
-            for offset in [0.0, 1.0, -1.0] {
-                let point = at + neighbour_normal * offset;
-                // Outside is negative; what the tangent plane says already is taken off.
-                let value = -offset + normal_map.dot(point);
-                equations.add(&products(point), value, weight);
+            for side in [0.0, 1.0, -1.0] {
+                let clear = if roughness < SHARP { Some(side) } else { clear_offset(at, normal, side, scaled.clone()) };
+                if let Some(offset) = clear {
+                    let point = at + normal * offset;
+                    // Outside is negative; what the tangent plane says already is taken off.
+                    constraints.add(point, -offset + normal_map.dot(point), weight);
+                }
             }
         }
-        let mut correction = equations.solve();
+        let stiffer = 1.0 + (roughness / ROUGH).powi(2);
+        let mut correction = constraints.solve(&RIDGE.map(|ridge| ridge * stiffer));
         correction[9] -= normal_map.x;
         correction[3] -= normal_map.y;
         correction[1] -= normal_map.z;
@@ -133,21 +149,25 @@ impl LocalFit {
     }
 }
 
-/// Products of powers 0, 1, 2 of the three coordinates.
-#[inline]
-fn products(point: DVec3) -> Cube {
-    let powers = |c: f64| [1.0, c, c * c];
-    let (x, y, z) = (powers(point.x), powers(point.y), powers(point.z));
-    let mut products = [0.0; 27];
-    for i in 0..3 {
-        for j in 0..3 {
-            let xy = x[i] * y[j];
-            for k in 0..3 {
-                products[9 * i + 3 * j + k] = xy * z[k];
-            }
-        }
+/// How much normals differ from that of the sample: the mean of 1 − cosine.
+fn roughness(normal_map: DVec3, scaled: impl Iterator<Item = Oriented>) -> f64 {
+    let (mut sum, mut weights) = (0.0, 0.0);
+    for (at, normal) in scaled {
+        // Wider than the fit, which must not swing out between its neighbours and the end of the domain.
+        let weight = (-0.3 * at.length_squared()).exp();
+        sum += weight * (1.0 - normal.dot(normal_map));
+        weights += weight;
     }
-    products
+    if weights > 0.0 { sum / weights } else { 0.0 }
+}
+
+/// The largest part of an offset along the normal that leads nearer to no other neighbour.
+fn clear_offset(at: DVec3, normal: DVec3, offset: f64, scaled: impl Iterator<Item = Oriented> + Clone) -> Option<f64> {
+    [1.0, 0.5, 0.25].into_iter().map(|part| offset * part).find(|offset| {
+        let point = at + normal * *offset;
+        let least = (CLEAR * offset).powi(2);
+        scaled.clone().all(|(other, _)| point.distance_squared(other) >= least)
+    })
 }
 
 #[cfg(test)]

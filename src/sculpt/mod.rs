@@ -10,24 +10,30 @@ pub mod emboss;
 mod error;
 pub mod falloff;
 mod least_squares;
+mod load;
 mod local_fit;
 mod neighbours;
+pub mod normals;
+mod orient;
 pub mod paint;
 mod point_set;
 pub mod pull;
 pub mod redistance;
 pub mod resample;
+mod sample;
+mod save;
 pub mod spline;
 mod surface;
 pub mod workpiece;
 
 pub use error::SurfaceError;
+pub use load::{LoadError, Loaded, NormalSource, complete, load};
 pub use neighbours::{Neighbour, Neighbours};
 pub use point_set::PointSet;
+pub use sample::sample;
+pub use save::{save, write};
 pub use surface::{Distance, Moved, PointSurface};
 pub use workpiece::Workpiece;
 
 #[cfg(test)]
 mod shapes;
-#[cfg(test)]
-use shapes::sphere;

@@ -76,12 +76,7 @@ impl Neighbours {
 
     /// The nearest sample; `None` when there are none.
     pub fn nearest(&self, point: DVec3) -> Option<Neighbour> {
-        self.nearest_within(point, f64::INFINITY)
-    }
-
-    /// The nearest sample whose squared distance is at most `most_m2`. A good guess spares most of the search.
-    pub fn nearest_within(&self, point: DVec3, most_m2: f64) -> Option<Neighbour> {
-        let mut best = Neighbour { sample: u32::MAX, distance_squared_m2: most_m2 };
+        let mut best = Neighbour { sample: u32::MAX, distance_squared_m2: f64::INFINITY };
         self.walk(
             point,
             &mut best,

@@ -48,6 +48,20 @@ impl Scalar {
         }
     }
 
+    /// A part of a colour, 0 to 255: integers have their whole range for it, others 0 to 1.
+    pub(super) fn color(self, value: f64) -> u8 {
+        let full = match self {
+            Self::I8 => f64::from(i8::MAX),
+            Self::U8 => f64::from(u8::MAX),
+            Self::I16 => f64::from(i16::MAX),
+            Self::U16 => f64::from(u16::MAX),
+            Self::I32 => f64::from(i32::MAX),
+            Self::U32 => f64::from(u32::MAX),
+            Self::F32 | Self::F64 => 1.0,
+        };
+        (value / full * 255.0).round() as u8
+    }
+
     pub(super) fn is_integer(self) -> bool {
         !matches!(self, Self::F32 | Self::F64)
     }
@@ -69,6 +83,12 @@ pub(super) struct Element {
 }
 
 impl Element {
+    /// Where single numbers of these names are among the properties.
+    pub(super) fn places(&self, names: [&str; 3]) -> Option<[usize; 3]> {
+        let place = |name: &str| self.properties.iter().position(|property| property.name == name && property.count.is_none());
+        Some([place(names[0])?, place(names[1])?, place(names[2])?])
+    }
+
     /// Fewest bytes that one of them takes: every list may be empty, every number of text needs a digit and a blank.
     pub(super) fn least_bytes(&self, encoding: Encoding) -> usize {
         let least = |property: &Property| match encoding {

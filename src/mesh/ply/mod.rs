@@ -1,6 +1,6 @@
 //! PLY, text and binary of both byte orders.
 //!
-//! Data in: bytes. Data out: the vertices of the file, and triangles from its polygons (`face`) and strips (`tristrips`, where -1
+//! Data in: bytes. Data out: the vertices of the file, with normals and colours where it has no faces, and triangles from its polygons (`face`) and strips (`tristrips`, where -1
 //! begins the next strip). Numbers of any type are read; other elements and properties are skipped. Invariant: no allocation is
 //! larger than what the bytes at hand can fill, whatever the header announces. Cost: linear.
 //!
@@ -14,6 +14,7 @@ use std::path::Path;
 use glam::DVec3;
 
 use self::header::{Element, Encoding, Header, Scalar};
+use super::cloud::Cloud;
 use super::{MeshError, TriangleMesh, polygon};
 
 /// Reads a PLY file; `path` is for messages only.
@@ -32,6 +33,25 @@ pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<TriangleMesh, MeshError
         }
     }
     faces.into_mesh(vertices, path, header.encoding)
+}
+
+/// Reads the vertices of a PLY file as points, with normals and colours where the file has them; `None` when the file has faces.
+pub(super) fn parse_cloud(bytes: &[u8], path: &Path) -> Result<Option<Cloud>, MeshError> {
+    let header = Header::parse(bytes, |line, what| MeshError::Parse { path: path.to_owned(), line: Some(line), what })?;
+    if header.elements.iter().any(|element| matches!(element.name.as_str(), "face" | "tristrips") && element.count > 0) {
+        return Ok(None);
+    }
+    let mut body = Body { bytes, at: header.body_at, line: header.body_line, encoding: header.encoding, path };
+    let mut cloud = Cloud::default();
+    for element in &header.elements {
+        body.check_room(element)?;
+        match element.name.as_str() {
+            "vertex" => cloud = body.cloud(element)?,
+            _ if element.properties.is_empty() => {}
+            _ => (0..element.count).try_for_each(|number| body.skip(element, number))?,
+        }
+    }
+    Ok(Some(cloud))
 }
 
 /// Lists of vertices as the file has them: vertices may come behind the faces.
@@ -138,38 +158,74 @@ impl Body<'_> {
     }
 
     fn vertices(&mut self, element: &Element) -> Result<Vec<DVec3>, MeshError> {
-        let place_of =
-            |name: &str| element.properties.iter().position(|property| property.name == name && property.count.is_none());
-        let (Some(x), Some(y), Some(z)) = (place_of("x"), place_of("y"), place_of("z")) else {
+        let places = self.columns(element)?;
+        let mut vertices = Vec::with_capacity(element.count as usize);
+        for number in 0..element.count {
+            let [x, y, z] = self.row(element, number, places)?;
+            vertices.push(DVec3::new(x, y, z));
+        }
+        Ok(vertices)
+    }
+
+    /// Where the coordinates of a vertex are among its properties.
+    fn columns(&self, element: &Element) -> Result<[usize; 3], MeshError> {
+        let Some(places) = element.places(["x", "y", "z"]) else {
             return Err(self.refuse("`vertex` needs the properties x, y and z".to_owned()));
         };
         if u32::try_from(element.count).is_err() {
             return Err(self.refuse(format!("{} vertices, at most {} can be used", element.count, u32::MAX)));
         }
-        let mut vertices = Vec::with_capacity(element.count as usize);
+        Ok(places)
+    }
+
+    fn cloud(&mut self, element: &Element) -> Result<Cloud, MeshError> {
+        let places = self.columns(element)?;
+        let normal_at = element.places(["nx", "ny", "nz"]);
+        let color_at = element.places(["red", "green", "blue"]);
+        let color_of = color_at.map(|[red, ..]| element.properties[red].scalar);
+        let normal_at_or = normal_at.unwrap_or(places);
+        let color_at_or = color_at.unwrap_or(places);
+        let [x, y, z] = places;
+        let ([nx, ny, nz], [red, green, blue]) = (normal_at_or, color_at_or);
+        let n = element.count as usize;
+        let mut cloud = Cloud { positions: Vec::with_capacity(n), normals: None, colors: None };
+        let (mut normals, mut colors) = (Vec::new(), Vec::new());
         for number in 0..element.count {
-            let mut vertex = DVec3::ZERO;
-            let line = (self.encoding == Encoding::Text).then(|| self.next_line());
-            for (place, property) in element.properties.iter().enumerate() {
-                if let Some(count) = property.count {
-                    self.skip_list(count, property.scalar, element, number)?;
-                    continue;
-                }
-                let value = self.number(property.scalar, element, number)?;
-                if place == x {
-                    vertex.x = value;
-                } else if place == y {
-                    vertex.y = value;
-                } else if place == z {
-                    vertex.z = value;
-                }
+            let row = self.row(element, number, [x, y, z, nx, ny, nz, red, green, blue])?;
+            let [x, y, z, nx, ny, nz, red, green, blue] = row;
+            cloud.positions.push(DVec3::new(x, y, z));
+            if normal_at.is_some() {
+                normals.push(DVec3::new(nx, ny, nz));
             }
-            if !vertex.is_finite() {
-                return Err(MeshError::NonFiniteVertex { path: self.path.to_owned(), vertex: number as usize + 1, line });
+            if let Some(scalar) = color_of {
+                colors.push([red, green, blue].map(|value| scalar.color(value)));
             }
-            vertices.push(vertex);
         }
-        Ok(vertices)
+        cloud.normals = normal_at.map(|_| normals);
+        cloud.colors = color_of.map(|_| colors);
+        Ok(cloud)
+    }
+
+    /// The numbers of the next element that are at these places among its properties; the first three are its coordinates.
+    fn row<const N: usize>(&mut self, element: &Element, number: u64, places: [usize; N]) -> Result<[f64; N], MeshError> {
+        let mut row = [0.0; N];
+        let line = (self.encoding == Encoding::Text).then(|| self.next_line());
+        for (place, property) in element.properties.iter().enumerate() {
+            if let Some(count) = property.count {
+                self.skip_list(count, property.scalar, element, number)?;
+                continue;
+            }
+            let value = self.number(property.scalar, element, number)?;
+            for (wanted, kept) in places.iter().zip(&mut row) {
+                if *wanted == place {
+                    *kept = value;
+                }
+            }
+        }
+        if row[..3].iter().any(|coordinate| !coordinate.is_finite()) {
+            return Err(MeshError::NonFiniteVertex { path: self.path.to_owned(), vertex: number as usize + 1, line });
+        }
+        Ok(row)
     }
 
     fn lists(&mut self, element: &Element, faces: &mut Faces) -> Result<(), MeshError> {

@@ -9,12 +9,12 @@ use super::super::local_fit::LocalFit;
 use super::Distance;
 
 /// Sum of weights from which on the fits alone decide.
-pub(super) const FULL_WEIGHT: f64 = 0.02;
+const FULL_WEIGHT: f64 = 0.02;
 
 /// Sums of equation 3 at one point.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Blend {
-    weight: f64,
+    pub(super) weight: f64,
     weight_slope: DVec3,
     sum_m: f64,
     sum_slope: DVec3,

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use super::super::local_fit::LocalFit;
 use super::super::neighbours::Neighbours;
 use super::super::{PointSet, SurfaceError};
-use super::{Domain, MOST_OF_MEDIAN, PointSurface, median};
+use super::{MOST_OF_MEDIAN, PointSurface, median};
 
 /// A sample and where it goes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -74,15 +74,12 @@ impl PointSurface {
     /// [`SurfaceError::Coincident`] for samples at one place; no fit has changed then.
     pub fn refit(&mut self, samples: &[u32]) -> Result<(), SurfaceError> {
         // New samples have no domain yet.
-        let most_m = MOST_OF_MEDIAN * median(self.domains_m().filter(|half_m| *half_m > 0.0));
-        let made: Vec<(Domain, LocalFit)> = samples
-            .par_iter()
-            .map_init(Vec::new, |found, sample| {
-                let domain = self.domain(*sample, found)?.at_most(most_m);
-                Ok((domain, self.fit(*sample, domain, found)))
-            })
-            .collect::<Result<_, _>>()?;
-        for (sample, (domain, fit)) in samples.iter().zip(made) {
+        let known = median(self.domains_m().filter(|half_m| *half_m > 0.0));
+        let most_m = if known > 0.0 { MOST_OF_MEDIAN * known } else { f64::INFINITY };
+        let domains = self.domains(samples)?;
+        let fits: Vec<LocalFit> =
+            samples.par_iter().zip(&domains).map(|(sample, domain)| self.fit(*sample, domain, most_m)).collect();
+        for ((sample, domain), fit) in samples.iter().zip(&domains).zip(fits) {
             self.spacings_m[*sample as usize] = domain.spacing_m;
             self.fits[*sample as usize] = fit;
         }

@@ -14,6 +14,7 @@ mod blend;
 mod edit;
 mod rasterize;
 mod side;
+mod voronoi;
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -76,16 +77,11 @@ pub struct PointSurface {
 }
 
 /// What a sample and its neighbours say of its domain.
-#[derive(Clone, Copy)]
 struct Domain {
     spacing_m: f64,
     half_m: f64,
-}
-
-impl Domain {
-    fn at_most(self, most_m: f64) -> Self {
-        Self { half_m: self.half_m.min(most_m), ..self }
-    }
+    /// Those on the same side of a wall, nearest first.
+    neighbours: Vec<u32>,
 }
 
 impl PointSurface {
@@ -106,7 +102,12 @@ impl PointSurface {
         points.check()?;
         let near = Neighbours::new(&points.positions_map);
         let mut surface = Self { points, near, ..Self::nothing(n_neighbours) };
-        surface.fit_all()?;
+        let samples: Vec<u32> = (0..surface.points.len() as u32).collect();
+        let domains = surface.domains(&samples)?;
+        let most_m = MOST_OF_MEDIAN * median(domains.iter().map(|domain| domain.half_m));
+        surface.fits = samples.par_iter().zip(&domains).map(|(sample, domain)| surface.fit(*sample, domain, most_m)).collect();
+        surface.spacings_m = domains.iter().map(|domain| domain.spacing_m).collect();
+        surface.measure();
         Ok(surface)
     }
 
@@ -175,8 +176,7 @@ impl PointSurface {
         if blend.is_full() {
             return blend.distance();
         }
-        let nearest = found.iter().copied().min_by(|a, b| a.distance_squared_m2.total_cmp(&b.distance_squared_m2));
-        match nearest.or_else(|| self.near.nearest(point_map)) {
+        match self.near.nearest(point_map) {
             Some(nearest) => blend.fade(self.far(nearest.sample, point_map)),
             None => Distance { value_m: f64::NAN, gradient: DVec3::NAN },
         }
@@ -184,10 +184,15 @@ impl PointSurface {
 
     /// The field beyond the shell, from the nearest sample.
     fn far(&self, nearest: u32, point_map: DVec3) -> Distance {
+        let sign = if self.is_inside(nearest, point_map) { 1.0 } else { -1.0 };
         let (position_map, normal) = self.oriented(nearest);
         let way = point_map - position_map;
-        let sign = if self.side.is_inside(&self.near, point_map, normal.dot(way) <= 0.0) { 1.0 } else { -1.0 };
         Distance { value_m: sign * way.length(), gradient: way.try_normalize().map_or(-normal, |way| way * sign) }
+    }
+
+    fn is_inside(&self, nearest: u32, point_map: DVec3) -> bool {
+        let (position_map, normal) = self.oriented(nearest);
+        self.side.is_inside(&self.near, point_map, normal.dot(point_map - position_map) <= 0.0)
     }
 
     /// The point of the surface that steps along the gradient lead to; `None` when they lead nowhere.
@@ -216,7 +221,7 @@ impl PointSurface {
         self.oriented(sample).1.dot(self.oriented(other).1) < OPPOSITE_COSINE
     }
 
-    /// Spacing and domain of a sample, and its neighbours into `found`.
+    /// Spacing and domain of a sample. `found` is for its neighbours.
     fn domain(&self, sample: u32, found: &mut Vec<Neighbour>) -> Result<Domain, SurfaceError> {
         let (position_map, _) = self.oriented(sample);
         self.near.nearest_n(position_map, self.n_neighbours, found);
@@ -232,32 +237,19 @@ impl PointSurface {
         let farthest_m = found.last().map_or(0.0, |last| last.distance_squared_m2.sqrt());
         let wall = found.iter().find(|other| self.is_opposite(sample, other.sample));
         let wall_m = wall.map_or(f64::INFINITY, |other| WALL_SHARE * other.distance_squared_m2.sqrt());
-        Ok(Domain { spacing_m, half_m: farthest_m.min(wall_m.max(LEAST_SPACINGS * spacing_m)) })
+        let neighbours = found.iter().map(|other| other.sample).filter(|other| !self.is_opposite(sample, *other)).collect();
+        Ok(Domain { spacing_m, half_m: farthest_m.min(wall_m.max(LEAST_SPACINGS * spacing_m)), neighbours })
     }
 
-    fn fit(&self, sample: u32, domain: Domain, found: &mut Vec<Neighbour>) -> LocalFit {
-        let oriented = self.oriented(sample);
-        self.near.nearest_n(oriented.0, self.n_neighbours, found);
-        let same_side = found.iter().filter(|other| !self.is_opposite(sample, other.sample));
-        LocalFit::to_neighbours(oriented, domain.half_m, domain.spacing_m, same_side.map(|other| self.oriented(other.sample)))
+    /// Spacings, domains and neighbours of samples.
+    fn domains(&self, samples: &[u32]) -> Result<Vec<Domain>, SurfaceError> {
+        samples.par_iter().map_init(Vec::new, |found, sample| self.domain(*sample, found)).collect()
     }
 
-    fn fit_all(&mut self) -> Result<(), SurfaceError> {
-        let samples = 0..self.points.len() as u32;
-        let domains: Vec<Domain> = samples
-            .clone()
-            .into_par_iter()
-            .map_init(Vec::new, |found, sample| self.domain(sample, found))
-            .collect::<Result<_, _>>()?;
-        let most_m = MOST_OF_MEDIAN * median(domains.iter().map(|domain| domain.half_m));
-        let fits = samples
-            .into_par_iter()
-            .map_init(Vec::new, |found, sample| self.fit(sample, domains[sample as usize].at_most(most_m), found))
-            .collect();
-        self.fits = fits;
-        self.spacings_m = domains.iter().map(|domain| domain.spacing_m).collect();
-        self.measure();
-        Ok(())
+    /// The fit of a sample, in a domain of `most_m` at most.
+    fn fit(&self, sample: u32, domain: &Domain, most_m: f64) -> LocalFit {
+        let neighbours = domain.neighbours.iter().map(|other| self.oriented(*other));
+        LocalFit::to_neighbours(self.oriented(sample), domain.half_m.min(most_m), domain.spacing_m, neighbours)
     }
 
     /// What follows from samples, spacings and fits.

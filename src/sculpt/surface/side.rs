@@ -20,6 +20,8 @@ use crate::sculpt::neighbours::Neighbours;
 const FAR_RADII: f64 = 2.0;
 /// Winding number above which a point is inside.
 const INSIDE: f64 = 0.5;
+/// Winding numbers in the middle of a ball that leave open on which side all of it is.
+const UNSURE: std::ops::Range<f64> = 0.2..0.8;
 /// Winding number just below the samples of a closed surface: it would be 1, and is 1/2 below a large sheet.
 const CLOSED: f64 = 0.65;
 /// How many samples are asked whether the surface is closed.
@@ -78,6 +80,16 @@ impl Side {
     /// True inside; `plane_says` decides where the samples go around nothing.
     pub(super) fn is_inside(&self, near: &Neighbours, point_map: DVec3, plane_says: bool) -> bool {
         if self.is_closed { self.winding(near, point_map) > INSIDE } else { plane_says }
+    }
+
+    /// On which side all points of a ball are whose nearest sample is far from it: true inside; `None` where each must be asked.
+    pub(super) fn of_ball(&self, near: &Neighbours, center_map: DVec3) -> Option<bool> {
+        if !self.is_closed {
+            return None;
+        }
+        // Across a hole the number changes gradually.
+        let winding = self.winding(near, center_map);
+        (!UNSURE.contains(&winding)).then_some(winding > INSIDE)
     }
 
     fn winding(&self, near: &Neighbours, point_map: DVec3) -> f64 {
