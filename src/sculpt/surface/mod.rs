@@ -11,6 +11,7 @@
 //! face the other way (thin walls), and is never much larger than the domains of most samples (strays).
 
 mod blend;
+mod border;
 mod edit;
 mod rasterize;
 mod side;

@@ -1,4 +1,4 @@
-use std::f64::consts::PI;
+use std::f64::consts::{PI, TAU};
 
 use super::*;
 use crate::haptics::clay::{Lattice, Raster};
@@ -251,6 +251,32 @@ fn replaced_samples_give_the_surface_that_is_built_of_all() {
     assert_eq!(surface.points().len(), points.len());
     let all: Vec<u32> = (0..points.len() as u32).collect();
     assert_eq!(surface.replace(&all, &PointSet::default()), Err(SurfaceError::TooFew { found: 0 }));
+}
+
+#[test]
+fn borders_are_found_at_holes_and_nowhere_else() {
+    let size_m = DVec3::new(0.1, 0.08, 0.02);
+    for points in [
+        sphere(3000, 0.05),
+        torus(6000, 0.05, 0.02),
+        cube(30, 0.1),
+        sample(&Shape::Sphere { radius_m: 0.05 }.tessellate(1e-4), 0.003).unwrap(),
+        sample(&Shape::Box { size_m }.tessellate(1e-3), 0.002).unwrap(),
+    ] {
+        assert!(build(points).border().is_empty());
+    }
+    let ball = sphere(4500, 0.05);
+    let open = ball.select((0..4500).filter(|sample| ball.positions_map[*sample as usize].z < 0.045));
+    let surface = build(open);
+    assert!(surface.is_closed());
+    let border = surface.border();
+    let rim = TAU * (0.05_f64.powi(2) - 0.045_f64.powi(2)).sqrt() / surface.spacing_m();
+    assert!((border.len() as f64 / rim - 1.0).abs() < 0.4, "{} of {rim}", border.len());
+    for sample in border {
+        assert!(surface.points().positions_map[sample as usize].z > 0.045 - 2.0 * surface.spacing_m());
+    }
+    // A cap closes it: the middle of the ball is inside, what is above the hole is not.
+    assert!(surface.at(DVec3::ZERO).value_m > 0.0 && surface.at(DVec3::Z * 0.06).value_m < 0.0);
 }
 
 #[test]
