@@ -244,3 +244,47 @@ fn build(part: &mut [(DVec3, u32)], node: usize, n_leaves: usize) -> Vec<(usize,
     boxes.push((node, bounds));
     boxes
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Scattered, on a grid with many equal coordinates, on a line, and all at one place.
+    fn clouds() -> Vec<Vec<DVec3>> {
+        let scattered = |k: i32| DVec3::new((f64::from(k) * 12.9).sin(), (f64::from(k) * 78.2).sin(), (f64::from(k) * 37.7).sin());
+        vec![
+            (0..700).map(scattered).collect(),
+            (0..600).map(|k| DVec3::new(f64::from(k % 25), f64::from(k / 25), 0.0) * 0.1).collect(),
+            (0..100).map(|k| DVec3::X * f64::from(k) * 0.02).collect(),
+            vec![DVec3::splat(0.3); 90],
+            vec![DVec3::ONE; 1],
+            Vec::new(),
+        ]
+    }
+
+    #[test]
+    fn answers_are_those_of_a_search_through_all() {
+        for positions in clouds() {
+            let near = Neighbours::new(&positions);
+            let mut found = Vec::new();
+            for k in 0..200 {
+                let at = DVec3::new(f64::from(k % 6), f64::from(k / 6 % 6), f64::from(k / 36) - 1.0) * 0.37 - 0.4;
+                let mut all: Vec<Neighbour> = (0..)
+                    .zip(&positions)
+                    .map(|(sample, position)| Neighbour { sample, distance_squared_m2: position.distance_squared(at) })
+                    .collect();
+                all.sort_by(|a, b| a.key().partial_cmp(&b.key()).unwrap());
+                assert_eq!(near.nearest(at), all.first().copied());
+                for n in [0, 1, 7, 24, 1000] {
+                    near.nearest_n(at, n, &mut found);
+                    assert_eq!(found, all[..n.min(all.len())], "{at}");
+                }
+                near.within(at, 0.8, &mut found);
+                let mut within: Vec<Neighbour> = all.into_iter().filter(|other| other.distance_squared_m2 <= 0.8 * 0.8).collect();
+                within.sort_by_key(|other| other.sample);
+                assert_eq!(found, within, "{at}");
+            }
+            assert_eq!(near.nearest(DVec3::NAN), None);
+        }
+    }
+}

@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use glam::DVec2;
+use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
 use super::PointSurface;
@@ -27,12 +27,14 @@ impl PointSurface {
     fn is_border(&self, sample: u32, found: &mut Vec<super::Neighbour>) -> bool {
         let (position_map, normal) = self.oriented(sample);
         self.near.within(position_map, AROUND_SPACINGS * self.spacings_m[sample as usize], found);
-        let (u, v) = normal.any_orthonormal_pair();
-        let on_plane =
-            found.iter().filter(|other| other.sample != sample && !self.is_opposite(sample, other.sample)).map(|other| {
-                let way = self.oriented(other.sample).0 - position_map;
-                DVec2::new(way.dot(u), way.dot(v))
-            });
+        found.retain(|other| !self.is_opposite(sample, other.sample));
+        // Seen along the mean normal, the other side of a sharp edge lies beside this one.
+        let mean: DVec3 = found.iter().map(|other| self.oriented(other.sample).1).sum();
+        let (u, v) = mean.try_normalize().unwrap_or(normal).any_orthonormal_pair();
+        let on_plane = found.iter().map(|other| {
+            let way = self.oriented(other.sample).0 - position_map;
+            DVec2::new(way.dot(u), way.dot(v))
+        });
         let mut angles: Vec<f64> = on_plane.filter(|way| *way != DVec2::ZERO).map(|way| way.to_angle()).collect();
         angles.sort_unstable_by(f64::total_cmp);
         let (Some(first), Some(last)) = (angles.first(), angles.last()) else {

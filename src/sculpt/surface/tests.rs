@@ -263,7 +263,9 @@ fn borders_are_found_at_holes_and_nowhere_else() {
         sample(&Shape::Sphere { radius_m: 0.05 }.tessellate(1e-4), 0.003).unwrap(),
         sample(&Shape::Box { size_m }.tessellate(1e-3), 0.002).unwrap(),
     ] {
-        assert!(build(points).border().is_empty());
+        let surface = build(points);
+        let border = surface.border();
+        assert!(border.is_empty(), "{:?}", surface.points().select(border.into_iter()).positions_map);
     }
     let ball = sphere(4500, 0.05);
     let open = ball.select((0..4500).filter(|sample| ball.positions_map[*sample as usize].z < 0.045));
