@@ -81,7 +81,7 @@ impl Spring {
 /// F_max · tanh(k |x| / F_max) along x, with its secant stiffness |F|/|x|.
 ///
 /// A limit of zero (an arm without torque) must not cut the spring inside the virtual tool: it then stays linear.
-fn saturated(stiffness: f64, stretch: DVec3, limit: f64) -> (DVec3, f64) {
+pub(super) fn saturated(stiffness: f64, stretch: DVec3, limit: f64) -> (DVec3, f64) {
     let length = stretch.length();
     let linear = stiffness * length;
     if !(limit > 0.0 && limit.is_finite()) || linear < 1e-9 * limit {

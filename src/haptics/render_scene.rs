@@ -3,6 +3,7 @@
 use glam::DVec3;
 
 use super::Parameters;
+use super::clay::Clay;
 use super::contact::Obstacle;
 use super::coupling::Inertia;
 use crate::pointshell::shell::Shell;
@@ -27,6 +28,8 @@ pub struct RenderScene {
     /// The static objects.
     #[expect(clippy::disallowed_types, reason = "filled on the cold side, never resized")]
     pub obstacles: Vec<Obstacle>,
+    /// Material that deforms.
+    pub clay: Option<Clay>,
     /// The moving object.
     pub tool: Tool,
 }

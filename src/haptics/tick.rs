@@ -5,6 +5,7 @@ mod advance;
 
 use super::auto_limit::LoopDelay;
 use super::braking::Braking;
+use super::clay::{ClayForces, Frame, Held};
 use super::contact::{Budget, ContactSum, Machine, Traversal, Way};
 use super::damper;
 use super::interlock::{Interlock, is_outside};
@@ -34,6 +35,17 @@ pub struct TickInput {
     pub place: Option<Placement>,
     /// What a parameter is asked to become from the next tick on.
     pub tune: Option<Tune>,
+    /// Which frame of the clay is touched, where there is clay: told for the record, the frame itself is in the [`State`].
+    pub clay: Option<FrameInUse>,
+}
+
+/// The frame of the clay that a tick touches.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct FrameInUse {
+    /// Its number.
+    pub sequence: u64,
+    /// Nobody makes frames any more: it is the last one.
+    pub is_last: bool,
 }
 
 /// Everything that leaves one tick.
@@ -94,6 +106,8 @@ pub struct State {
     traversal: Traversal,
     movers: Movers,
     tuning: Tuning,
+    /// Where the scene has some.
+    clay: Option<Held>,
     /// Where the scene asks for it.
     braking: Option<Braking>,
     delay: LoopDelay,
@@ -131,6 +145,7 @@ impl State {
             traversal: Traversal::new(Machine::best(), Way::Tree, &scene.obstacles, &scene.tool.shell),
             movers: Movers::new(scene.obstacles.len()),
             tuning: Tuning::default(),
+            clay: scene.clay.as_ref().map(|clay| Held::new(clay, &scene.tool.shell)),
             braking: Braking::of(scene),
             delay: LoopDelay::default(),
             passivity: PassivityController::default(),
@@ -159,6 +174,26 @@ impl State {
         self.tool = VirtualTool::at(body);
     }
 
+    /// Takes a newer frame of the clay, and gives back one that is not needed any more; without clay in the scene the very same. The next tick
+    /// touches both, so that the force goes on without a step. RT: safe; pointers.
+    #[expect(clippy::disallowed_types, reason = "made and freed on the cold side, exchanged as a pointer")]
+    pub fn exchange(&mut self, frame: Box<Frame>) -> Box<Frame> {
+        match &mut self.clay {
+            Some(held) => held.exchange(frame),
+            None => frame,
+        }
+    }
+
+    /// Number of the frame of the clay that the next tick touches; `None` without clay.
+    pub fn frame_sequence(&self) -> Option<u64> {
+        self.clay.as_ref().map(Held::sequence)
+    }
+
+    /// What the clay did to the tool in the last tick; nothing where there is none.
+    pub fn clay_forces(&self) -> ClayForces {
+        self.clay.as_ref().map_or(ClayForces::default(), Held::forces)
+    }
+
     /// Where an obstacle stands now.
     pub fn world_from_map(&self, obstacle_idx: usize) -> Option<Pose> {
         self.traversal.places().stand(obstacle_idx).map(|stand| stand.world_from_map)
@@ -178,6 +213,9 @@ impl State {
         self.tool = VirtualTool::at(body);
         self.enable_gain.reset();
         self.limiter.reset();
+        if let Some(clay) = &mut self.clay {
+            clay.at_rest();
+        }
     }
 
     fn fail(&mut self, faults: Faults) {
@@ -210,7 +248,7 @@ pub fn tick(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOu
         state.tool.stand_at(target, scene);
     }
     let moving = state.movers.n_under_way() > 0;
-    let touch = state.tool.touch(&mut state.traversal, state.braking.as_mut(), scene, p, moving);
+    let touch = state.tool.touch(&mut state.traversal, state.clay.as_mut(), state.braking.as_mut(), scene, p, moving);
     let contact = &touch.contact;
     // A tool that only tries where it could stand touches nothing yet.
     let tries = state.resume.is_some();

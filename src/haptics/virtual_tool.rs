@@ -4,6 +4,7 @@ use glam::DVec3;
 
 use super::RenderScene;
 use super::braking::{Brake, Braking};
+use super::clay::Held;
 use super::constraint::{self, SLOP_VOXELS};
 use super::contact::places::Places;
 use super::contact::planes::DeepestContacts;
@@ -78,6 +79,7 @@ impl VirtualTool {
     pub(super) fn touch(
         &mut self,
         traversal: &mut Traversal,
+        clay: Option<&mut Held>,
         braking: Option<&mut Braking>,
         scene: &RenderScene,
         p: &Parameters,
@@ -91,6 +93,10 @@ impl VirtualTool {
                 ContactSum::of(traversal, obstacles, shell, body, &p.contact, &p.filter, Some(&mut also))
             }
             None => ContactSum::of(traversal, obstacles, shell, body, &p.contact, &p.filter, None),
+        };
+        let contact = match (clay, &scene.clay) {
+            (Some(held), Some(clay)) => contact.with_clay(&held.touch(clay, shell, body, p)),
+            _ => contact,
         };
         // A point that goes no further than this is seen inside of a wall of three voxels.
         let seen_voxels = if moving { SEEN_VOXELS - ALWAYS_VOXELS } else { SEEN_VOXELS };
@@ -123,7 +129,7 @@ impl VirtualTool {
         }
         let radius_m = scene.tool.shell.radius_m();
         let (target_pose, target_twist) = target;
-        let touching = contact.contacts > 0;
+        let touching = contact.acts();
 
         let spring = |body: Pose| Spring::between(body, target_pose, coupling, &p.limits, contact.voxel_size_m, radius_m);
         let stretched = spring(self.body.pose);
@@ -238,7 +244,7 @@ impl VirtualTool {
     fn shaped(&mut self, contact: &ContactSum, share: f64, step_stiffness: f64, p: &Parameters) -> Wrench {
         let against = self.body.twist - contact.carried.over(p.period_s);
         let slide = Slide { speed_m_per_s: slide_speed(contact, against), voxel_size_m: contact.voxel_size_m, step_stiffness };
-        self.filter.update(contact.wrench * share, slide, contact.contacts > 0, &p.filter, p.period_s)
+        self.filter.update(contact.wrench * share, slide, contact.acts(), &p.filter, p.period_s)
     }
 }
 

@@ -104,7 +104,7 @@ pub fn build_with(
         }
     }
     let tool = Tool { shell, inertia, center_of_mass_tool };
-    let scene = RenderScene { parameters: config.parameters, obstacles, tool };
+    let scene = RenderScene { parameters: config.parameters, obstacles, clay: None, tool };
     if let Some(warning) = inside_at_start(&scene) {
         tool_report.warnings.push(warning);
     }
@@ -114,7 +114,7 @@ pub fn build_with(
 
 /// What to say of a tool that stands in an obstacle when the arm is enabled.
 fn inside_at_start(scene: &RenderScene) -> Option<String> {
-    let RenderScene { parameters, obstacles, tool } = scene;
+    let RenderScene { parameters, obstacles, tool, .. } = scene;
     let world_from_body = parameters.port.start * Pose::from_translation(tool.center_of_mass_tool);
     let sum = ContactSum::flat(obstacles, &tool.shell, world_from_body, &parameters.contact, &parameters.filter);
     // A tenth of a voxel is a tool that was put down, not one that was put inside.

@@ -1,6 +1,7 @@
 //! The loop: wait → read → tick → write → publish, in a thread of its own.
 //!
-//! Data in: an immutable scene (exchanged as a whole when another is offered), poses of movable objects, an arm, a clock, one atomic request.
+//! Data in: an immutable scene (exchanged as a whole when another is offered), poses of movable objects, frames of clay, an arm, a clock, one
+//! atomic request.
 //! Data out: one [`TickRecord`] per tick through a wait-free ring, and one
 //! [`LoopReport`] at the end.
 //!
@@ -21,6 +22,7 @@
 )]
 
 mod calibration;
+mod clay;
 mod control;
 mod pace;
 mod placing;
@@ -33,6 +35,7 @@ pub(crate) mod testing;
 mod thread;
 mod tuner;
 
+pub use clay::{ClayFeed, ClaySlot, PublishError, ToolState};
 pub use control::{Control, Order};
 pub use pace::{Due, Pace};
 pub use placing::{PlaceError, Placer, Wishes};

@@ -5,7 +5,8 @@ use std::sync::Arc;
 
 use rtrb::{Producer, PushError};
 
-use super::{Control, Due, Order, Pace, Stage, StopGuard, SwapSlot, Wishes};
+use super::clay::frame_in_use;
+use super::{ClaySlot, Control, Due, Order, Pace, Stage, StopGuard, SwapSlot, Wishes};
 use crate::device::{Capabilities, Device, DeviceError, Wakeup};
 use crate::haptics::{self, Drive, DriveRequest, Faults, RenderScene, State, TickInput, TickOutput};
 use crate::rt::clock::{Clock, ClockKind};
@@ -205,6 +206,13 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
         self
     }
 
+    /// The same loop with a slot for frames of its scene's clay.
+    #[must_use]
+    pub fn with_clay(mut self, clay: ClaySlot) -> Self {
+        self.stage.clay = Some(clay);
+        self
+    }
+
     /// The same loop with a slot for other scenes, of the same period and arm.
     #[must_use]
     pub fn with_swaps(mut self, swaps: SwapSlot) -> Self {
@@ -256,6 +264,7 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
         self.missed_deadlines += due.missed;
         // Before the clock of the tick starts: simulated time may wait here for a bake.
         let swaps = self.swap_is_due(wanted);
+        self.exchange_clay();
 
         let begin_ns = self.clock.stopwatch_ns();
         self.first_tick_ns.get_or_insert(begin_ns);
@@ -263,7 +272,9 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
         let read_ns = self.clock.stopwatch_ns();
         let request = if swaps && wanted == Order::Enable { DriveRequest::Stop } else { self.request(wanted) };
         let place = self.stage.wishes.next_place(self.tick as f64 * self.stage.scene.parameters.period_s);
-        let input = TickInput { sample, request, overrun: due.missed > 0, place, tune: self.stage.wishes.next_tune() };
+        let tune = self.stage.wishes.next_tune();
+        let clay = frame_in_use(self.stage.clay.as_ref(), &self.stage.state);
+        let input = TickInput { sample, request, overrun: due.missed > 0, place, tune, clay };
         let output = (self.tick_function)(&self.stage.scene, &mut self.stage.state, &input);
         let computed_ns = self.clock.stopwatch_ns();
         if output.drive.has_force() != self.enabled {
@@ -286,11 +297,22 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
             rendered_device,
             contact_budget_points: self.stage.budget_points(),
         });
+        if let Stage { clay: Some(clay), state, .. } = &mut *self.stage {
+            clay.tell(self.tick, sample.buttons, state, &output, self.clock.kind());
+        }
         let step = self.conclude(wanted, &output);
         if swaps && step == Step::Continue {
             self.swap_at_zero(&output);
         }
         step
+    }
+
+    /// Takes the newest frame of the clay. Who ends the loop from outside need not wait for one.
+    fn exchange_clay(&mut self) {
+        let (control, clock) = (&self.control, self.clock.kind());
+        if let Stage { clay: Some(clay), state, .. } = &mut *self.stage {
+            clay.exchange(state, clock, || matches!(control.order(), Order::Stop | Order::Quit));
+        }
     }
 
     /// True when the force is to go to zero for another scene. A stop and a fault that nobody has acknowledged go first.

@@ -15,7 +15,7 @@ use std::sync::Arc;
 
 use rtrb::{Consumer, Producer, PushError, RingBuffer};
 
-use super::{STOP_GRACE_S, Wishes, calibration};
+use super::{ClaySlot, STOP_GRACE_S, Wishes, calibration};
 use crate::haptics::contact::Budget;
 use crate::haptics::{RenderScene, State};
 use crate::rt::clock::{Clock, ClockKind, RealClock, VirtualClock};
@@ -26,6 +26,7 @@ pub struct Stage {
     pub(super) scene: Arc<RenderScene>,
     pub(super) state: State,
     pub(super) wishes: Wishes,
+    pub(super) clay: Option<ClaySlot>,
     /// First tick in which it may be exchanged for another.
     at_tick: u64,
 }
@@ -33,13 +34,20 @@ pub struct Stage {
 impl Stage {
     /// A scene with its state before the first tick. Allocates; cold.
     pub fn new(scene: Arc<RenderScene>) -> Self {
-        Self { state: State::new(&scene), scene, wishes: Wishes::default(), at_tick: 0 }
+        Self { state: State::new(&scene), scene, wishes: Wishes::default(), clay: None, at_tick: 0 }
     }
 
     /// The same with wishes for its movable objects.
     #[must_use]
     pub fn with_wishes(mut self, wishes: Wishes) -> Self {
         self.wishes = wishes;
+        self
+    }
+
+    /// The same with a slot for frames of its clay.
+    #[must_use]
+    pub fn with_clay(mut self, clay: ClaySlot) -> Self {
+        self.clay = Some(clay);
         self
     }
 

@@ -61,7 +61,7 @@ pub(crate) fn parameters() -> Parameters {
 pub(crate) fn empty_scene() -> Arc<RenderScene> {
     let inertia = Inertia { mass_kg: 0.1, body_kg_m2: DMat3::IDENTITY * 1e-5, least_kg_m2: 1e-5 };
     let tool = Tool { shell: Shell::new(&[], 1e-3), inertia, center_of_mass_tool: DVec3::ZERO };
-    Arc::new(RenderScene { parameters: parameters(), obstacles: Vec::new(), tool })
+    Arc::new(RenderScene { parameters: parameters(), obstacles: Vec::new(), clay: None, tool })
 }
 
 /// What happened to a [`CountingArm`]; outlives it.

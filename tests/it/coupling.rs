@@ -67,6 +67,7 @@ fn scene(mut parameters: Parameters, shell: Shell, start_z_m: f64) -> RenderScen
     RenderScene {
         parameters,
         obstacles: vec![Obstacle { field, world_from_map: Pose::IDENTITY }],
+        clay: None,
         tool: Tool { shell, inertia, center_of_mass_tool: DVec3::ZERO },
     }
 }

@@ -69,6 +69,7 @@ pub(super) fn scene(coefficient: f64) -> RenderScene {
     RenderScene {
         parameters,
         obstacles: vec![slope(SLOPE_RAD)],
+        clay: None,
         tool: Tool {
             shell: block(DVec3::splat(2.0 * half_m)),
             inertia: Inertia { mass_kg: MASS_KG, body_kg_m2: DMat3::IDENTITY * inertia_kg_m2, least_kg_m2: inertia_kg_m2 },

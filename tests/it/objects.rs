@@ -71,7 +71,8 @@ fn parameters(mode: CouplingMode) -> Parameters {
 fn scene(mode: CouplingMode, obstacles: Vec<Obstacle>, shell: Shell) -> RenderScene {
     let least_kg_m2 = 1e-6;
     let inertia = Inertia { mass_kg: 0.05, body_kg_m2: DMat3::IDENTITY * least_kg_m2, least_kg_m2 };
-    RenderScene { parameters: parameters(mode), obstacles, tool: Tool { shell, inertia, center_of_mass_tool: DVec3::ZERO } }
+    let tool = Tool { shell, inertia, center_of_mass_tool: DVec3::ZERO };
+    RenderScene { parameters: parameters(mode), obstacles, clay: None, tool }
 }
 
 /// A hand that holds still, or that goes where it is told, and a loop that asks obstacles to move.

@@ -38,6 +38,7 @@ fn scene(mode: CouplingMode) -> RenderScene {
     RenderScene {
         parameters,
         obstacles: vec![Obstacle { field: build(&plate).field(&plate, false), world_from_map: Pose::IDENTITY }],
+        clay: None,
         tool: Tool {
             shell,
             inertia: Inertia { mass_kg: 0.05, body_kg_m2: DMat3::IDENTITY * least_kg_m2, least_kg_m2 },

@@ -312,7 +312,7 @@ fn moving_objects_turning_knobs_and_swapping_scenes_allocate_nothing() {
 fn no_walk_allocates_whatever_its_pose_and_budget() {
     let config = scene("block-on-plane", &[]);
     let (prepared, _) = prepare_with(&config, &mut BakeMeans::from(&mut Cache::off()), |_| ()).expect("a scene");
-    let RenderScene { parameters, obstacles, tool } = &prepared.scene;
+    let RenderScene { parameters, obstacles, tool, .. } = &prepared.scene;
     for (machine, way) in [(Machine::Portable, Way::Tree), (Machine::best(), Way::Tree), (Machine::best(), Way::Flat)] {
         for budget in [Budget::Unlimited, Budget::Points(0), Budget::Points(100), Budget::Points(1000)] {
             let mut traversal = Traversal::new(machine, way, obstacles, &tool.shell);

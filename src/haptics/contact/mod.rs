@@ -15,6 +15,7 @@
 //! Sagardia2008, section 2 (traverse all points, sum penetration × normal); McNeely1999 (wrench about the centre of mass).
 
 mod budget;
+mod clay;
 pub mod faces;
 mod flat;
 pub(in crate::haptics) mod places;
@@ -109,6 +110,8 @@ pub struct ContactSum {
     pub left_out: u32,
     /// How what touches moved in this tick, weighted by depth.
     pub carried: Carried,
+    /// A rope pulls as well.
+    is_roped: bool,
     patches: [Option<Patch>; FACES],
     /// The same face by face; `None` while nothing that touches moves.
     carried_faces: Option<[Carried; FACES]>,
@@ -147,6 +150,11 @@ impl ContactSum {
     /// What touches, face by face.
     pub fn patches(&self) -> impl Iterator<Item = &Patch> {
         self.patches.iter().flatten()
+    }
+
+    /// True when the wrench is that of something: a contact or a rope.
+    pub fn acts(&self) -> bool {
+        self.contacts > 0 || self.is_roped
     }
 
     /// How each face is carried by what it touches.

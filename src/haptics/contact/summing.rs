@@ -87,10 +87,15 @@ impl<'a> Summing<'a> {
     pub(super) fn note(&mut self, obstacle: &Obstacle, n_contacts: u32, max_value_m: f32, reserve_m: f64) {
         let max_value_m = f64::from(max_value_m);
         let voxel_size_m = f64::from(obstacle.field.voxel_size_m());
+        let limit_m = places::step_limit_m(max_value_m, voxel_size_m, self.overstated_voxels(), reserve_m);
+        self.note_found(voxel_size_m, n_contacts, max_value_m, limit_m);
+    }
+
+    /// Notes what was found of something whose voxels are so large, and how far a point of the tool may go.
+    pub(super) fn note_found(&mut self, voxel_size_m: f64, n_contacts: u32, max_value_m: f64, limit_m: f64) {
         self.contacts += n_contacts;
         self.max_value_m = self.max_value_m.max(max_value_m);
         self.voxel_size_m = self.voxel_size_m.min(voxel_size_m);
-        let limit_m = places::step_limit_m(max_value_m, voxel_size_m, self.overstated_voxels(), reserve_m);
         self.step_limit_m = self.step_limit_m.min(limit_m);
         if n_contacts > 0 {
             self.touched_voxel_m = self.touched_voxel_m.min(voxel_size_m);
@@ -120,6 +125,7 @@ impl<'a> Summing<'a> {
             looked_at: self.looked_at,
             left_out: self.left_out,
             carried: Carried::default(),
+            is_roped: false,
             patches: [None; FACES],
             carried_faces: self.carried,
         };

@@ -33,7 +33,7 @@ impl Rig {
         change(&mut p);
         let inertia = Inertia { mass_kg: 1e7, body_kg_m2: DMat3::IDENTITY, least_kg_m2: 1.0 };
         let tool = Tool { shell: Shell::new(&[], 1e-3), inertia, center_of_mass_tool: DVec3::ZERO };
-        let scene = RenderScene { parameters: p, obstacles: Vec::new(), tool };
+        let scene = RenderScene { parameters: p, obstacles: Vec::new(), clay: None, tool };
         let state = State::new(&scene);
         let sample = DeviceSample { status: SampleStatus::Fresh, ..DeviceSample::default() };
         Self { scene, state, sample, request: DriveRequest::Enable }

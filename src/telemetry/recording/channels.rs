@@ -6,7 +6,7 @@ use foxglove::Encode as _;
 
 use super::fields::{Fields, Garbled, Kind, Reader, Writer};
 use super::schema;
-use crate::haptics::{Drive, DriveRequest, Faults, Knob, OffCause, Placement, TickInput, TickOutput, Tune};
+use crate::haptics::{Drive, DriveRequest, Faults, FrameInUse, Knob, OffCause, Placement, TickInput, TickOutput, Tune};
 use crate::spatial::{DeviceSample, SampleStatus};
 use crate::telemetry::TickRecord;
 
@@ -127,7 +127,7 @@ const DRIVES: [(Drive, &str); 6] = [
 /// Everything that enters the tick.
 fn device_sample<F: Fields>(f: &mut F, input: &mut TickInput) {
     // By name: a field that is added to the input has to be recorded.
-    let TickInput { sample, request, overrun, place, tune } = input;
+    let TickInput { sample, request, overrun, place, tune, clay } = input;
     let DeviceSample {
         pose,
         twist,
@@ -165,6 +165,12 @@ fn device_sample<F: Fields>(f: &mut F, input: &mut TickInput) {
     let mut wish = tune.map(Wish::from);
     f.optional(&mut wish, |f, wish| f.message("tune", "Tune", wish, Wish::body));
     *tune = wish.map(Wish::into);
+    f.optional(clay, |f, clay| {
+        f.message("clay", "FrameInUse", clay, |f, clay: &mut FrameInUse| {
+            f.count("sequence", &mut clay.sequence);
+            f.flag("is_last", &mut clay.is_last);
+        });
+    });
 }
 
 /// A [`Tune`] that has a default.

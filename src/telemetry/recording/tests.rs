@@ -8,7 +8,7 @@ use glam::{DQuat, DVec3};
 use super::channels::{Channel, Row};
 use super::fields::Writer;
 use super::*;
-use crate::haptics::{Drive, DriveRequest, Faults, Knob, OffCause, Placement, TickInput, TickOutput, Tune};
+use crate::haptics::{Drive, DriveRequest, Faults, FrameInUse, Knob, OffCause, Placement, TickInput, TickOutput, Tune};
 use crate::spatial::{DeviceSample, Pose, SampleStatus, Twist, Wrench};
 use crate::telemetry::{Taps, TickRecord, drain};
 
@@ -50,6 +50,7 @@ fn odd_record(tick: u64) -> TickRecord {
             overrun: tick.is_multiple_of(5),
             place: tick.is_multiple_of(2).then(|| Placement { obstacle_idx: 3, world_from_map: pose(20) }),
             tune: tick.is_multiple_of(3).then(|| Tune { knob: Knob::ALL[tick as usize % 10], value: number(30) }),
+            clay: tick.is_multiple_of(7).then(|| FrameInUse { sequence: u64::MAX - tick, is_last: tick.is_multiple_of(14) }),
         },
         output: TickOutput {
             command_device: wrench(31),

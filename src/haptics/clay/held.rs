@@ -1,0 +1,104 @@
+//! The clay that a tick holds: the newest frame and the one before, and what is remembered of forces.
+
+#![expect(clippy::disallowed_types, reason = "made and freed on the cold side, exchanged as pointers")]
+
+use glam::DVec3;
+
+use super::residual::Residual;
+use super::{Clay, Frame, Probe};
+use crate::haptics::Parameters;
+use crate::haptics::contact::faces::face_of;
+use crate::haptics::contact::{ContactSum, Machine};
+use crate::pointshell::shell::Shell;
+use crate::spatial::{Pose, Wrench};
+
+/// What clay does to the tool in a tick, world axes, about its centre of mass.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ClayForces {
+    /// Of the surface, as it is felt; friction apart.
+    pub contact_world: Wrench,
+    /// Of the rope, N.
+    pub rope_world: DVec3,
+    /// Points of the tool in the clay.
+    pub contacts: u32,
+}
+
+/// Frames and memory.
+#[derive(Clone, Debug)]
+pub(in crate::haptics) struct Held {
+    newest: Box<Frame>,
+    before: Box<Frame>,
+    /// The newest frame has not been touched yet.
+    is_new: bool,
+    residual: Residual,
+    /// Where the rope is felt to pull, map frame, m.
+    anchor_map: Option<DVec3>,
+    forces: ClayForces,
+    machine: Machine,
+    /// `[n_blocks]`: the face of each block of the shell.
+    faces: Box<[u8]>,
+}
+
+impl Held {
+    /// The clay of a scene, as it is before the first update. Allocates; RT: start-up only.
+    pub(in crate::haptics) fn new(clay: &Clay, shell: &Shell) -> Self {
+        let newest = Box::new(clay.frame.clone());
+        Self {
+            before: newest.clone(),
+            newest,
+            is_new: false,
+            residual: Residual::default(),
+            anchor_map: None,
+            forces: ClayForces::default(),
+            machine: Machine::best(),
+            faces: shell.normals().iter().map(face_of).collect(),
+        }
+    }
+
+    /// Takes a newer frame and gives one that is not needed any more. RT: safe; pointers.
+    pub(in crate::haptics) fn exchange(&mut self, frame: Box<Frame>) -> Box<Frame> {
+        let newest = core::mem::replace(&mut self.newest, frame);
+        // One that no tick has touched is nothing to go on from.
+        if core::mem::replace(&mut self.is_new, true) { newest } else { core::mem::replace(&mut self.before, newest) }
+    }
+
+    /// Number of the newest frame.
+    pub(in crate::haptics) fn sequence(&self) -> u64 {
+        self.newest.sequence
+    }
+
+    /// What the last tick found.
+    pub(in crate::haptics) fn forces(&self) -> ClayForces {
+        self.forces
+    }
+
+    /// Forgets all force.
+    pub(in crate::haptics) fn at_rest(&mut self) {
+        (self.residual, self.anchor_map) = (Residual::default(), None);
+    }
+
+    /// What the clay does to the tool at this pose. RT: safe; twice as much work in the first tick with a new frame.
+    pub(in crate::haptics) fn touch(&mut self, clay: &Clay, shell: &Shell, world_from_body: Pose, p: &Parameters) -> ContactSum {
+        let map_from_body = clay.world_from_map.inverse() * world_from_body;
+        let ask = |frame: &Frame| {
+            let probe = Probe::new(frame, map_from_body);
+            ContactSum::of_clay(&probe, shell, &self.faces, self.machine, world_from_body, &p.contact, &p.filter)
+        };
+        let mut sum = ask(&self.newest);
+        let before = core::mem::take(&mut self.is_new).then(|| ask(&self.before).wrench);
+        sum.become_felt(self.residual.felt(before, sum.wrench, clay.smoothing));
+        self.forces = ClayForces { contact_world: sum.wrench, rope_world: DVec3::ZERO, contacts: sum.contacts };
+        self.anchor_map = self.newest.rope_map.map(|anchor_map| match self.anchor_map {
+            // The anchor leaps with every update: it is averaged like the force.
+            Some(felt_map) => felt_map * clay.smoothing + anchor_map * (1.0 - clay.smoothing),
+            None => anchor_map,
+        });
+        if let Some(anchor_map) = self.anchor_map {
+            let stretch = clay.world_from_map.transform_point(anchor_map) - world_from_body.translation;
+            let (pull, stiffness) = clay.rope.pull(stretch);
+            self.forces.rope_world = pull.force;
+            sum.add_rope(pull, &stiffness);
+        }
+        sum
+    }
+}

@@ -1,0 +1,217 @@
+//! Frames of clay into the loop, and where the tool is out of it.
+//!
+//! ```text
+//!  simulation                              servo
+//!  ClayFeed::spare, fill, publish ──ring──► newest one ──► State::exchange ──► tick
+//!  ClayFeed::spare ◄──────────────────ring── older ones, and the one before the last
+//!  ClayFeed::next_state ◄─────────────ring── one ToolState per tick
+//! ```
+//! Frames are boxes that go round: the servo moves pointers, and nothing is allocated, freed or copied there.
+//!
+//! Real time waits for nobody: a frame that is late is touched late, a state without room is dropped and counted. Simulated time waits in
+//! every `update_ticks`-th tick for one frame, so that two runs are the same. A simulation that has gone is not waited for: the tick goes on
+//! with the last frame.
+#![expect(clippy::disallowed_types, reason = "made and freed on the cold side")]
+
+use std::sync::Arc;
+
+use glam::DVec3;
+use rtrb::{Consumer, Producer, PushError, RingBuffer};
+
+use crate::haptics::clay::{Clay, Frame, FrameError, Raster};
+use crate::haptics::{FrameInUse, State, TickOutput};
+use crate::rt::clock::ClockKind;
+use crate::spatial::Pose;
+
+/// Frames made for the simulation, next to the two that the tick holds: one that is filled, one under way, one on its way back.
+const SPARES: usize = 3;
+/// Room on the way there and on the way back: for all of them, and for some that the simulation may have made itself.
+const RING_FRAMES: usize = 8;
+/// Tool states under way: at 1 kHz a second, ten times the longest sensible update.
+const RING_STATES: usize = 1024;
+
+/// What a tick tells the simulation.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ToolState {
+    /// Tick of the loop, counted from 0.
+    pub tick: u64,
+    /// Pose of the tool (mesh file frame) in the map frame of the clay, after the tick.
+    pub map_from_tool: Pose,
+    /// Force of the clay's surface on the tool as it is felt, friction and rope apart, map axes, N. On the clay acts the opposite.
+    pub force_map: DVec3,
+    /// Force of the rope on the tool, map axes, N.
+    pub rope_map: DVec3,
+    /// Points of the tool in the clay.
+    pub contacts: u32,
+    /// Buttons of the arm, bit 0 first.
+    pub buttons: u32,
+    /// Force may flow: without, the hand does not feel what it does.
+    pub has_force: bool,
+    /// Number of the frame that was touched.
+    pub sequence: u64,
+    /// States that found no room before this one.
+    pub dropped: u64,
+}
+
+/// Why a frame was not taken. It comes back.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum PublishError {
+    /// It cannot be touched.
+    #[error("{0}")]
+    Frame(#[from] FrameError),
+    /// More frames than the loop has looked at.
+    #[error("{RING_FRAMES} frames of clay are waiting for the loop; publish fewer, or wait for a spare one")]
+    Full,
+    /// The loop has ended, or renders another scene now.
+    #[error("the clay is not rendered any more")]
+    Over,
+}
+
+/// The simulation's end.
+#[derive(Debug)]
+pub struct ClayFeed {
+    frames: Producer<Box<Frame>>,
+    spares: Consumer<Box<Frame>>,
+    states: Consumer<ToolState>,
+    /// The base of the last frame, which needs no second check.
+    base: Option<Arc<Raster>>,
+}
+
+impl ClayFeed {
+    /// A frame that nobody touches any more, to be filled: it has some earlier content. `None` while all are under way. Wait-free.
+    pub fn spare(&mut self) -> Option<Box<Frame>> {
+        self.spares.pop().ok()
+    }
+
+    /// Checks and measures a frame, then sends it. Wait-free for the loop; here O(nodes of the region).
+    ///
+    /// # Errors
+    /// See [`PublishError`]; the frame comes back.
+    pub fn publish(&mut self, mut frame: Box<Frame>) -> Result<(), (PublishError, Box<Frame>)> {
+        if self.is_over() {
+            return Err((PublishError::Over, frame));
+        }
+        if let Err(error) = frame.make_ready(self.base.as_ref()) {
+            return Err((error.into(), frame));
+        }
+        if !self.base.as_ref().is_some_and(|base| Arc::ptr_eq(base, &frame.base)) {
+            self.base = Some(frame.base.clone());
+        }
+        self.frames.push(frame).map_err(|PushError::Full(frame)| (PublishError::Full, frame))
+    }
+
+    /// What the oldest tick that was not asked for yet has to tell; `None` when all are told. Wait-free.
+    pub fn next_state(&mut self) -> Option<ToolState> {
+        self.states.pop().ok()
+    }
+
+    /// The loop has ended, or renders another scene now.
+    pub fn is_over(&self) -> bool {
+        self.frames.is_abandoned()
+    }
+}
+
+/// The loop's end.
+#[derive(Debug)]
+pub struct ClaySlot {
+    frames: Consumer<Box<Frame>>,
+    spares: Producer<Box<Frame>>,
+    states: Producer<ToolState>,
+    map_from_world: Pose,
+    update_ticks: u64,
+    /// Ticks in which this clay was rendered.
+    ticks: u64,
+    dropped: u64,
+}
+
+impl ClaySlot {
+    /// Both ends for the clay of a scene. `update_ticks` (at least 1): ticks from one frame to the next under simulated time, where the
+    /// simulation owes one frame for so many states. Allocates.
+    pub fn new(clay: &Clay, update_ticks: u64) -> (ClayFeed, Self) {
+        let (frames_in, frames) = RingBuffer::new(RING_FRAMES);
+        let (mut spares, spares_out) = RingBuffer::new(RING_FRAMES);
+        let (states, states_out) = RingBuffer::new(RING_STATES.max(2 * update_ticks as usize));
+        for _ in 0..SPARES {
+            give_back(&mut spares, Box::new(clay.frame.clone()));
+        }
+        let base = Some(clay.frame.base.clone());
+        let map_from_world = clay.world_from_map.inverse();
+        let slot = Self { frames, spares, states, map_from_world, update_ticks: update_ticks.max(1), ticks: 0, dropped: 0 };
+        (ClayFeed { frames: frames_in, spares: spares_out, states: states_out, base }, slot)
+    }
+
+    /// Before a tick: gives it the newest frame, and those that it does not need back. Simulated time waits for the frame that is owed, unless
+    /// `is_hurried`. RT: safe.
+    pub(super) fn exchange(&mut self, state: &mut State, clock: ClockKind, is_hurried: impl Fn() -> bool) {
+        let is_owed = self.ticks > 0 && self.ticks.is_multiple_of(self.update_ticks);
+        self.ticks += 1;
+        let mut newest = None;
+        match clock {
+            ClockKind::Virtual => {
+                let waits = |slot: &Self| {
+                    let for_frame = slot.frames.is_empty() && !slot.frames.is_abandoned();
+                    for_frame || slot.spares.slots() == 0 && !slot.spares.is_abandoned()
+                };
+                while is_owed && waits(self) && !is_hurried() {
+                    std::thread::yield_now();
+                }
+                if is_owed && self.spares.slots() > 0 {
+                    newest = self.frames.pop().ok();
+                }
+            }
+            ClockKind::Real => {
+                // Without room for what comes back a frame stays where it is: nothing is ever freed here.
+                while self.spares.slots() > usize::from(newest.is_some()) {
+                    let Ok(frame) = self.frames.pop() else { break };
+                    if let Some(older) = newest.replace(frame) {
+                        give_back(&mut self.spares, older);
+                    }
+                }
+            }
+        }
+        if let Some(newest) = newest {
+            give_back(&mut self.spares, state.exchange(newest));
+        }
+    }
+
+    /// Nobody makes frames any more, and none is waiting. RT: safe.
+    pub(super) fn is_abandoned(&self) -> bool {
+        self.frames.is_abandoned() && self.frames.is_empty()
+    }
+
+    /// After a tick: tells the simulation. RT: safe; simulated time waits for room.
+    pub(super) fn tell(&mut self, tick: u64, buttons: u32, state: &State, output: &TickOutput, clock: ClockKind) {
+        let forces = state.clay_forces();
+        let mut told = ToolState {
+            tick,
+            map_from_tool: self.map_from_world * output.world_from_tool,
+            force_map: self.map_from_world.transform_vector(forces.contact_world.force),
+            rope_map: self.map_from_world.transform_vector(forces.rope_world),
+            contacts: forces.contacts,
+            buttons,
+            has_force: output.drive.has_force(),
+            sequence: state.frame_sequence().unwrap_or(0),
+            dropped: self.dropped,
+        };
+        while let Err(PushError::Full(back)) = self.states.push(told) {
+            if clock == ClockKind::Real || self.states.is_abandoned() {
+                self.dropped += 1;
+                return;
+            }
+            told = back;
+            std::thread::yield_now();
+        }
+    }
+}
+
+/// What the record of a tick says of the clay.
+pub(super) fn frame_in_use(slot: Option<&ClaySlot>, state: &State) -> Option<FrameInUse> {
+    state.frame_sequence().map(|sequence| FrameInUse { sequence, is_last: slot.is_none_or(ClaySlot::is_abandoned) })
+}
+
+fn give_back(spares: &mut Producer<Box<Frame>>, frame: Box<Frame>) {
+    if let Err(PushError::Full(frame)) = spares.push(frame) {
+        // Cannot be: there was room, and only this side fills it. Kept rather than freed.
+        core::mem::forget(frame);
+    }
+}
