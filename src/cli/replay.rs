@@ -98,6 +98,7 @@ fn refuse(problem: &ReplayError, talk: Talk) -> Exit {
         ReplayError::BeganLate(_) => {
             Some("only one from the start of a run can be run again (`run --record`); `hapticd report` shows this one")
         }
+        ReplayError::Clay { .. } => Some("its forces are in it: `hapticd report` shows them"),
         ReplayError::Read(problem) => read_hint(problem),
         ReplayError::Unpack(_) | ReplayError::Empty { .. } => None,
     };

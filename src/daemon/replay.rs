@@ -29,6 +29,12 @@ pub enum ReplayError {
     /// What came before is unknown, and with it the state of the tick.
     #[error("the recording begins with tick {0}, not with the first one of the run")]
     BeganLate(u64),
+    /// What was touched is not in the recording.
+    #[error("tick {tick} touched clay, whose frames are not recorded: it cannot be run again")]
+    Clay {
+        /// The first such tick.
+        tick: u64,
+    },
     /// There is nothing in it.
     #[error("{} ends before its first tick", file.display())]
     Empty {
@@ -109,6 +115,9 @@ pub fn replay(path: &Path, mut bake: impl FnMut(&SceneConfig) -> Result<RenderSc
         let due = replayed.ticks;
         if stage.is_none() && (record.tick, record.scene_idx) != (0, 0) {
             return Err(ReplayError::BeganLate(record.tick));
+        }
+        if record.input.clay.is_some() {
+            return Err(ReplayError::Clay { tick: record.tick });
         }
         if record.tick != due {
             replayed.gap = Some(Gap { first_missing: due, next: record.tick });

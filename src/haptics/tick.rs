@@ -55,7 +55,8 @@ pub struct TickOutput {
     pub command_device: Wrench,
     /// The same before axes that the arm cannot actuate were dropped (`commanded`).
     pub commanded_device: Wrench,
-    /// Raw contact wrench on the tool, friction included, world axes, about the centre of mass, before filter and coupling.
+    /// Raw contact wrench on the tool, friction, and the pull of a rope, included, world axes, about the centre of mass, before filter and
+    /// coupling. The part of clay goes on smoothly from update to update.
     pub contact_world: Wrench,
     /// Pose of the tool (mesh file frame) in the world.
     pub world_from_tool: Pose,

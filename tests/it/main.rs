@@ -6,6 +6,7 @@ mod bake_cache;
 mod bake_cache_cli;
 mod bench;
 mod braking;
+mod clay;
 mod cli;
 mod config_errors;
 mod contact;

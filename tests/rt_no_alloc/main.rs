@@ -16,12 +16,13 @@ use std::sync::Arc;
 use glam::{DQuat, DVec3};
 use hapticd::config::{self, SceneConfig};
 use hapticd::daemon::prepare_with;
+use hapticd::haptics::clay::{Clay, Frame, Lattice, Raster, Rope};
 use hapticd::haptics::contact::{Budget, ContactSum, Machine, Traversal, Way};
 use hapticd::haptics::{Faults, RenderScene};
 use hapticd::rt::clock::VirtualClock;
 use hapticd::scene::BakeMeans;
 use hapticd::scene::cache::{Cache, Residence};
-use hapticd::servo::{Control, Order, Reins, RunPlan, ServoLoop, Stage, Step, SwapSlot, Wishes};
+use hapticd::servo::{ClayFeed, ClaySlot, Control, Order, Reins, RunPlan, ServoLoop, Stage, Step, SwapSlot, Wishes};
 use hapticd::spatial::Pose;
 
 /// Counts what the thread under test does; other threads (and the harness) allocate as they like.
@@ -305,6 +306,107 @@ fn moving_objects_turning_knobs_and_swapping_scenes_allocate_nothing() {
     }
     assert!(n_tunes > 10);
     assert!(n_swaps >= 3 && moving > 1000 && touching > 1000, "{n_swaps} swaps, {moving} ticks moving, {touching} in contact");
+}
+
+/// A slab of clay whose top is at a height, with a rope in it every other time.
+fn slab_of_clay(sequence: u64, top_m: f64) -> Frame {
+    let base = Lattice { origin_map: DVec3::splat(-0.05), spacing_m: 2e-3, dims: [51, 51, 41] };
+    let region = Lattice { origin_map: base.position([5, 5, 15]), dims: [41, 41, 20], ..base };
+    let raster = |lattice: Lattice| {
+        let mut raster = Raster::uniform(lattice, 0.0);
+        for (n, value_m) in raster.values_m_mut().iter_mut().enumerate() {
+            *value_m = (top_m - lattice.position([0, 0, n % lattice.dims[2]]).z) as f32;
+        }
+        raster.measure();
+        raster
+    };
+    let rope_map = (sequence % 2 == 1).then_some(DVec3::new(0.01, 0.0, -0.01));
+    let mut frame = Frame { sequence, base: Arc::new(raster(base)), region: raster(region), rope_map };
+    frame.make_ready(None).expect("a sound frame");
+    frame
+}
+
+/// One frame for every four ticks, up and down.
+fn knead(mut feed: ClayFeed) -> u64 {
+    let (mut n_states, mut n_frames) = (0_u64, 0_u64);
+    while !feed.is_over() {
+        let Some(_) = feed.next_state() else {
+            std::thread::yield_now();
+            continue;
+        };
+        n_states += 1;
+        if n_states % 4 > 0 {
+            continue;
+        }
+        let mut next = loop {
+            match feed.spare() {
+                Some(next) => break next,
+                None if feed.is_over() => return n_frames,
+                None => std::thread::yield_now(),
+            }
+        };
+        n_frames += 1;
+        let top_m = 1e-3 * (n_frames as f64 * 0.05).sin();
+        let lattice = *next.region.lattice();
+        for (n, value_m) in next.region.values_m_mut().iter_mut().enumerate() {
+            *value_m = (top_m - lattice.position([0, 0, n % lattice.dims[2]]).z) as f32;
+        }
+        (next.sequence, next.rope_map) = (n_frames, (n_frames % 40 < 20).then_some(DVec3::Z * 0.01));
+        if feed.publish(next).is_err() {
+            break;
+        }
+    }
+    n_frames
+}
+
+/// Clay that another thread kneads, on and beside a rigid plane: frames go round as pointers.
+#[test]
+fn frames_of_clay_that_come_and_go_allocate_nothing() {
+    for coupling in ["implicit", "semi-implicit", "static", "direct"] {
+        let n_ticks = if coupling == "implicit" { TICKS } else { TICKS / 10 };
+        let mut config = scene(
+            "block-on-plane",
+            &[
+                ("coupling = \"implicit\"", &format!("coupling = \"{coupling}\"")),
+                ("field = \"trilinear\"", "field = \"trilinear\"\nallow_unstable = true"),
+            ],
+        );
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        config.device.hand = config.device.hand.map(|hand| hand_there_and_back(&hand, folder.path()));
+        let (prepared, _) = prepare_with(&config, &mut BakeMeans::from(&mut Cache::off()), |_| ()).expect("a scene");
+        let mut scene = prepared.scene;
+        let smoothing = Clay::smoothing_between(4e-3, 1e-3);
+        let rope = Rope { stiffness_n_per_m: 100.0, force_n: 1.0 };
+        let clay = Clay { world_from_map: Pose::IDENTITY, frame: slab_of_clay(0, 0.0), smoothing, rope };
+        let (feed, slot) = ClaySlot::new(&clay, 4);
+        scene.clay = Some(clay);
+        let (producer, mut consumer) = rtrb::RingBuffer::new(STRIDE);
+        let control = Arc::new(Control::new(Order::Enable));
+        let plan = RunPlan { stop_at_tick: Some(n_ticks), ..RunPlan::default() };
+        let mut servo =
+            ServoLoop::new(Arc::new(scene), prepared.device, VirtualClock::default(), control, plan, producer).with_clay(slot);
+        servo.warm_up();
+        let simulation = std::thread::spawn(|| knead(feed));
+        let (mut ticks, mut touching, mut last_frame) = (0, 0, 0);
+        loop {
+            let (n_steps, allocations, frees) =
+                counted(|| (0..STRIDE).map(|_| servo.step()).take_while(|step| *step == Step::Continue).count());
+            assert_eq!((allocations, frees), (0, 0), "{coupling}: within {STRIDE} ticks from tick {ticks} on");
+            while let Ok(record) = consumer.pop() {
+                assert_eq!(record.output.faults, Faults::NONE, "{coupling}, tick {ticks}");
+                ticks += 1;
+                touching += u64::from(record.output.contacts > 0);
+                last_frame = record.input.clay.expect("clay").sequence;
+            }
+            if n_steps < STRIDE {
+                break;
+            }
+        }
+        drop(servo);
+        let n_frames = simulation.join().expect("no panic");
+        assert!(ticks >= n_ticks && touching > n_ticks / 20, "{coupling}: {touching} of {ticks} ticks in contact");
+        assert!(last_frame >= n_ticks / 4 && n_frames >= last_frame, "{coupling}: frame {last_frame} of {n_frames}");
+    }
 }
 
 /// The contact query alone, as no scene can drive it: leaping from pose to pose, deep inside, far off, with budgets of all sizes.

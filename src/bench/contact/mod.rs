@@ -9,11 +9,13 @@
 //! | `speed`, `nut` | time against points, contact share, triangles; the nut on its bolt beside other programs |
 //! | `many` | time against the number of objects |
 //! | `torture` | a million points in a violent hand, every tick judged |
+//! | [`clay`] | steps of the force between updates of clay; what a tick on clay costs |
 //! | `accuracy` | fields of real meshes beside exact distances |
 //! | `scenes` | scene files with some keys changed, on the virtual clock |
 //! | `fixture`, [`ripple`], `csv` | parts; what is rough; files |
 
 mod accuracy;
+pub mod clay;
 mod couplings;
 mod csv;
 pub mod fields;

@@ -1,0 +1,559 @@
+//! Clay inside the tick: forces in closed form, friction, rope, frames from a simulation, and what happens without one.
+
+use std::sync::Arc;
+
+use glam::{DMat3, DQuat, DVec3};
+use hapticd::bench::contact::clay::Receding;
+use hapticd::device::{Capabilities, Device, DeviceError};
+use hapticd::haptics::clay::{Clay, Frame, FrameError, Lattice, Raster, Rope};
+use hapticd::haptics::contact::Obstacle;
+use hapticd::haptics::{
+    CouplingMode, DriveRequest, Faults, FilterParameters, FrameInUse, FrictionParameters, Inertia, RenderScene, State, TickInput,
+    TickOutput, Tool, tick,
+};
+use hapticd::pointshell::shell::Shell;
+use hapticd::rt::clock::{Clock, RealClock, VirtualClock};
+use hapticd::servo::{ClayFeed, ClaySlot, Control, Order, PublishError, RunPlan, ServoLoop, Step};
+use hapticd::spatial::{DeviceSample, Pose, SampleStatus, Wrench};
+use hapticd::telemetry::TickRecord;
+
+use super::rig;
+
+/// Distance of the nodes, m.
+const H: f64 = 1e-3;
+const STIFFNESS_N_PER_M: f64 = 1000.0;
+
+/// A box around the origin, 40 mm wide.
+const LATTICE: Lattice = Lattice { origin_map: DVec3::splat(-0.02), spacing_m: H, dims: [41; 3] };
+
+fn raster(lattice: Lattice, density_m: impl Fn(DVec3) -> f64) -> Raster {
+    let mut raster = Raster::uniform(lattice, 0.0);
+    let [nx, ny, nz] = lattice.dims;
+    for node in (0..nx).flat_map(|x| (0..ny).flat_map(move |y| (0..nz).map(move |z| [x, y, z]))) {
+        raster.values_m_mut()[lattice.index(node)] = density_m(lattice.position(node)) as f32;
+    }
+    raster.measure();
+    raster
+}
+
+/// The same density in the base and in a region of 10 mm around the origin.
+fn frame(density_m: impl Fn(DVec3) -> f64) -> Frame {
+    let region = Lattice { origin_map: LATTICE.position([15; 3]), dims: [11; 3], ..LATTICE };
+    let (base, region) = (Arc::new(raster(LATTICE, &density_m)), raster(region, &density_m));
+    let mut frame = Frame { sequence: 0, base, region, rope_map: None };
+    frame.make_ready(None).expect("a sound frame");
+    frame
+}
+
+fn point() -> Shell {
+    Shell::new(&[(DVec3::ZERO, DVec3::Z)], H)
+}
+
+/// 500 points evenly on a ball.
+fn ball(radius_m: f64) -> Shell {
+    let golden_rad = core::f64::consts::PI * (3.0 - 5.0_f64.sqrt());
+    let normal = |n: u32| {
+        let z = 1.0 - (2.0 * f64::from(n) + 1.0) / 500.0;
+        let (sin, cos) = (golden_rad * f64::from(n)).sin_cos();
+        DVec3::new(cos * (1.0 - z * z).sqrt(), sin * (1.0 - z * z).sqrt(), z)
+    };
+    let points: Vec<(DVec3, DVec3)> = (0..500).map(|n| (normal(n) * radius_m, -normal(n))).collect();
+    Shell::new(&points, H)
+}
+
+/// A tool that stands where the hand is, with the force as it is: no filter between.
+fn scene(frame: Frame, shell: Shell) -> RenderScene {
+    let mut parameters = rig::unlimited();
+    parameters.coupling.mode = CouplingMode::Direct;
+    parameters.filter = FilterParameters { spatial: false, cutoff_hz: [f64::INFINITY; 2] };
+    parameters.contact.stiffness_n_per_m = STIFFNESS_N_PER_M;
+    parameters.limits.speed_m_per_s = 1e3;
+    let rope = Rope { stiffness_n_per_m: 300.0, force_n: 2.0 };
+    RenderScene {
+        parameters,
+        obstacles: Vec::new(),
+        clay: Some(Clay { world_from_map: Pose::IDENTITY, frame, smoothing: 0.0, rope }),
+        tool: Tool {
+            shell,
+            inertia: Inertia { mass_kg: 0.05, body_kg_m2: DMat3::IDENTITY * 1e-6, least_kg_m2: 1e-6 },
+            center_of_mass_tool: DVec3::ZERO,
+        },
+    }
+}
+
+/// A hand that holds the tool where it likes.
+struct Hand<'s> {
+    scene: &'s RenderScene,
+    state: State,
+    sequence: u64,
+}
+
+impl<'s> Hand<'s> {
+    /// Enabled where the scene begins: that is the arm's zero.
+    fn new(scene: &'s RenderScene) -> Self {
+        let mut hand = Self { scene, state: State::new(scene), sequence: 0 };
+        hand.at(scene.parameters.port.start.translation);
+        hand
+    }
+
+    /// One tick with the hand there.
+    fn at(&mut self, place: DVec3) -> TickOutput {
+        self.sequence += 1;
+        let from = self.scene.parameters.port.start.translation;
+        let pose = Pose::from_translation(place - from);
+        let sample = DeviceSample { sequence: self.sequence, status: SampleStatus::Fresh, pose, ..DeviceSample::default() };
+        let input = TickInput { sample, request: DriveRequest::Enable, ..TickInput::default() };
+        let output = tick(self.scene, &mut self.state, &input);
+        assert_eq!(output.faults, Faults::NONE, "tick {}", self.sequence);
+        output
+    }
+
+    /// As many ticks as it takes to stand there.
+    fn go(&mut self, place: DVec3) -> TickOutput {
+        for _ in 0..100 {
+            let output = self.at(place);
+            if output.world_from_tool.translation.distance(place) < 1e-12 {
+                return self.at(place);
+            }
+        }
+        panic!("the tool does not come to {place}");
+    }
+}
+
+/// Outward normals of planes through the origin.
+fn tilted() -> [DVec3; 3] {
+    [DVec3::Z, DVec3::new(0.3, -0.2, 0.9).normalize(), DVec3::new(-1.0, 0.7, 0.1).normalize()]
+}
+
+#[test]
+fn a_point_is_pushed_out_of_a_plane_with_stiffness_times_depth() {
+    // A density need not be a distance: what counts is where it is zero and which way it falls.
+    let densities: [fn(f64) -> f64; 3] = [|d| d, |d| 3.0 * d, |d| 0.4 * d + 60.0 * d * d.abs()];
+    for normal in tilted() {
+        for (kind, density) in densities.into_iter().enumerate() {
+            let scene = scene(frame(|place| density(-place.dot(normal))), point());
+            let mut hand = Hand::new(&scene);
+            // Inside of the region, across its border, and in the base.
+            for depth_m in [0.05 * H, 0.3 * H, H, 2.7 * H, 4.6 * H, 9.3 * H] {
+                let output = hand.go(-normal * depth_m);
+                let expected = normal * (STIFFNESS_N_PER_M * depth_m);
+                let error_m = (output.contact_world.force - expected).length() / STIFFNESS_N_PER_M;
+                // Interpolation of what is bent moves the surface a little.
+                let bound_m = if kind == 2 { 0.05 * H } else { 1e-4 * H };
+                assert!(error_m < bound_m, "{normal}, {kind}, {depth_m} m: {:?}", output.contact_world.force);
+                assert!((output.max_depth_m - depth_m).abs() < bound_m && output.contacts == 1, "{output:?}");
+                assert!((output.clearance_m + output.max_depth_m).abs() < 1e-12);
+            }
+            let output = hand.go(normal * 0.1 * H);
+            assert_eq!((output.contact_world, output.contacts, output.max_depth_m), (Wrench::ZERO, 0, 0.0));
+            assert!(output.clearance_m >= 0.0 && output.clearance_m <= 0.1001 * H, "{output:?}");
+        }
+    }
+}
+
+#[test]
+fn a_ball_of_clay_pushes_along_its_radius() {
+    let radius_m = 8.3e-3;
+    let center = DVec3::new(1e-3, -0.4e-3, 0.7e-3);
+    let mut scene = scene(frame(|place| radius_m - place.distance(center)), point());
+    // Where the clay stands and how it is turned makes no difference.
+    let world_from_map = Pose::new(DQuat::from_scaled_axis(DVec3::new(0.4, -1.1, 0.3)), DVec3::new(0.1, 0.2, -0.05));
+    if let Some(clay) = &mut scene.clay {
+        clay.world_from_map = world_from_map;
+    }
+    scene.parameters.port.start = world_from_map;
+    for n in 0..60_u32 {
+        let t = f64::from(n);
+        let way = DVec3::new((1.3 * t).sin(), (0.7 * t).cos(), (2.1 * t).sin()).normalize();
+        let depth_m = H * (0.2 + 2.0 * (t * 0.37).fract());
+        let place = world_from_map.transform_point(center + way * (radius_m - depth_m));
+        let output = Hand::new(&scene).go(place);
+        let force = output.contact_world.force;
+        let way_world = world_from_map.transform_vector(way);
+        let angle_deg = force.angle_between(way_world).to_degrees();
+        assert!(angle_deg < 1.5, "{n}: {angle_deg}° off");
+        assert!((output.max_depth_m - depth_m).abs() < 0.06 * H, "{n}: {} of {depth_m} m", output.max_depth_m);
+        assert!((force.length() / (STIFFNESS_N_PER_M * output.max_depth_m) - 1.0).abs() < 1e-6);
+    }
+}
+
+#[test]
+fn clearance_is_never_more_than_there_is_and_depth_never_less() {
+    let (clay_m, tool_m) = (7e-3, 4e-3);
+    let scene = scene(frame(|place| 1.7 * (clay_m - place.length())), ball(tool_m));
+    let mut told_something = 0;
+    for n in 0..200_u32 {
+        let t = f64::from(n);
+        let way = DVec3::new((1.3 * t).sin(), (0.7 * t).cos(), (2.1 * t).sin()).normalize();
+        let place = way * (clay_m + tool_m - 1e-3 + 0.03 * (t * 0.618).fract());
+        let mut hand = Hand::new(&scene);
+        hand.at(place);
+        let output = hand.go(place);
+        // Points, not the ball between them: the shell is coarser than the ball.
+        let gap_m =
+            scene.tool.shell.points().map(|(arm, _)| (place + arm.as_dvec3()).length() - clay_m).fold(f64::INFINITY, f64::min);
+        if output.contacts == 0 {
+            assert!(output.clearance_m <= gap_m + 0.05 * H && gap_m > -0.06 * H, "{} m of {gap_m} m", output.clearance_m);
+            told_something += u32::from(output.clearance_m > 0.1 * gap_m);
+        } else {
+            assert!((output.max_depth_m + gap_m).abs() < 0.08 * H, "{} m deep, {gap_m} m", output.max_depth_m);
+        }
+    }
+    assert!(told_something > 100, "{told_something} times more than next to nothing");
+}
+
+#[test]
+fn a_tool_in_the_middle_of_clay_gets_a_finite_force_or_none() {
+    for (what, density) in [("flat", (|_| 1e-3) as fn(DVec3) -> f64), ("ball", |place| 0.015 - place.length())] {
+        for shell in [point(), ball(3e-3)] {
+            let scene = scene(frame(density), shell);
+            let output = Hand::new(&scene).at(DVec3::ZERO);
+            assert!(output.contact_world.is_finite() && output.max_depth_m.is_finite(), "{what}: {output:?}");
+        }
+    }
+}
+
+#[test]
+fn a_broken_frame_that_comes_past_the_check_is_no_force() {
+    let scene = scene(frame(|place| -place.z), ball(4e-3));
+    let mut hand = Hand::new(&scene);
+    assert!(hand.go(DVec3::Z * 3e-3).contacts > 0);
+    let mut broken = frame(|place| -place.z);
+    broken.region.values_m_mut().fill(f32::NAN);
+    broken.base = Arc::new(raster(LATTICE, |_| f64::NAN));
+    hand.state.exchange(Box::new(broken));
+    for _ in 0..3 {
+        let output = hand.at(DVec3::Z * 3e-3);
+        assert_eq!((output.contact_world, output.contacts), (Wrench::ZERO, 0));
+    }
+}
+
+#[test]
+fn friction_holds_the_contact_point_up_to_the_cone() {
+    let mut scene = scene(frame(|place| -place.z), point());
+    scene.parameters.contact.friction = FrictionParameters { r#static: 0.5, dynamic: 0.4, stiffness_n_per_m: 5000.0 };
+    let mut hand = Hand::new(&scene);
+    let normal_n = hand.go(DVec3::NEG_Z * 2e-3).contact_world.force.z;
+    assert!((normal_n - 2.0).abs() < 1e-3);
+    let mut most = 0.0_f64;
+    for n in 1..=100_u32 {
+        let force = hand.at(DVec3::new(1e-5 * f64::from(n), 0.0, -2e-3)).contact_world.force;
+        assert!((force.z - normal_n).abs() < 1e-3 && force.x <= 0.0, "{force}");
+        most = most.max(-force.x / force.z);
+        if n < 20 {
+            assert!((force.x + 5000.0 * 1e-5 * f64::from(n)).abs() < 1e-6, "it holds: {force}");
+        }
+        if n > 30 {
+            assert!((force.x + 0.4 * force.z).abs() < 1e-6, "it slides: {force}");
+        }
+    }
+    assert!(most <= 0.5 + 1e-9 && most > 0.45, "{most}");
+}
+
+#[test]
+fn a_rope_pulls_towards_its_anchor_and_is_no_contact() {
+    let anchor = DVec3::new(2e-3, 1e-3, -5e-3);
+    for mode in [CouplingMode::Direct, CouplingMode::Implicit, CouplingMode::SemiImplicit, CouplingMode::Static] {
+        let mut scene = scene(Frame { rope_map: Some(anchor), ..frame(|place| -0.015 - place.z) }, point());
+        scene.parameters.coupling.mode = mode;
+        let mut hand = Hand::new(&scene);
+        let place = DVec3::new(2e-3, 1e-3, 0.0);
+        let output = (0..400).map(|_| hand.at(place)).last().expect("ticks");
+        assert_eq!(output.contacts, 0);
+        let stretch = anchor - output.world_from_tool.translation;
+        let bounded_n = 2.0 * (300.0 * stretch.length() / 2.0).tanh();
+        let force = output.contact_world.force;
+        assert!((force - stretch.normalize() * bounded_n).length() < 1e-6, "{mode:?}: {force}, {stretch}");
+        // The hand feels all of it: the tool is at rest.
+        assert!((output.command_device.force - force).length() < 0.02, "{mode:?}: {:?}", output.command_device);
+        assert!(hand.state.clay_forces().rope_world.distance(force) < 1e-12);
+        hand.state.exchange(Box::new(Frame { rope_map: None, ..frame(|place| -0.015 - place.z) }));
+        let output = hand.at(place);
+        assert_eq!((output.contact_world, output.command_device), (Wrench::ZERO, Wrench::ZERO), "{mode:?}");
+    }
+}
+
+#[test]
+fn every_coupling_that_takes_clay_feels_it() {
+    for mode in
+        [CouplingMode::Implicit, CouplingMode::SemiImplicit, CouplingMode::Static, CouplingMode::Direct, CouplingMode::Constraint]
+    {
+        let mut scene = scene(frame(|place| -place.z), point());
+        scene.parameters.coupling.mode = mode;
+        let mut hand = Hand::new(&scene);
+        let outputs: Vec<TickOutput> =
+            (0..1000_u32).map(|n| hand.at(DVec3::NEG_Z * (4e-3 * (f64::from(n) / 400.0).min(1.0)))).collect();
+        let felt_n = outputs[999].command_device.force.z;
+        // Two springs of the same stiffness in a row, or one alone.
+        let expected_n = match mode {
+            CouplingMode::Direct => 4.0,
+            CouplingMode::Constraint => 0.0,
+            _ => 2.0,
+        };
+        assert!((felt_n - expected_n).abs() < 0.02, "{mode:?}: {felt_n} N");
+        assert_eq!(mode.feels_clay(), felt_n > 0.1);
+    }
+}
+
+#[test]
+fn clay_adds_to_a_rigid_obstacle_and_takes_nothing_from_it() {
+    use hapticd::mesh::primitives::Shape;
+    use hapticd::mesh::validate::inspect;
+    use hapticd::voxmap::sides::SidesRule;
+    use hapticd::voxmap::{Options, Voxmap};
+
+    let slab = Shape::Plane { x_m: 0.04, y_m: 0.04, thickness_m: 0.02 }.tessellate(1e-5);
+    let options = Options { voxel_size_m: H, layers: 8, navigation: None, sides: SidesRule::Auto };
+    let obstacle = || {
+        let mut map = Voxmap::build(&slab, &inspect(&slab), &options, |_| ()).expect("a grid that fits");
+        Obstacle { field: map.field(&slab, false), world_from_map: Pose::IDENTITY }
+    };
+    let place = DVec3::Z * 3.5e-3;
+    let of = |rigid: bool, top_m: Option<f64>| {
+        let mut scene = scene(frame(|place| top_m.unwrap_or(-1.0) - place.z), ball(4e-3));
+        scene.obstacles.extend(rigid.then(obstacle));
+        if top_m.is_none() {
+            scene.clay = None;
+        }
+        Hand::new(&scene).go(place)
+    };
+    let (rigid, far) = (of(true, None), of(true, Some(-0.01)));
+    assert!(rigid.contacts > 0);
+    assert_eq!((rigid.contact_world, rigid.contacts), (far.contact_world, far.contacts), "bit for bit");
+    let (clay, both) = (of(false, Some(0.3e-3)), of(true, Some(0.3e-3)));
+    assert_eq!(both.contacts, rigid.contacts + clay.contacts);
+    let error = both.contact_world.force - rigid.contact_world.force - clay.contact_world.force;
+    assert!(error.length() < 1e-9, "{error}");
+    assert!((both.max_depth_m - rigid.max_depth_m.max(clay.max_depth_m)).abs() < 1e-12);
+}
+
+/// The force between updates; `hapticd bench sculpt` draws the same series.
+#[test]
+fn extrapolation_takes_the_steps_out_of_receding_clay() {
+    for coupling in [CouplingMode::Direct, CouplingMode::Implicit, CouplingMode::Static] {
+        // An update moves the surface by 0.83, 0.2 and 0.1 mm.
+        for (update_hz, most_share) in [(60.0, 0.25), (250.0, 0.5), (500.0, 0.75)] {
+            let play =
+                |extrapolates| Receding { speed_m_per_s: 0.05, update_hz, extrapolates, coupling }.play(600).expect("sound frames");
+            let (stepped, smooth) = (play(false), play(true));
+            let (contact_n, contact_smooth_n) = (stepped.largest_contact_step_n(), smooth.largest_contact_step_n());
+            let (felt_n, felt_smooth_n) = (stepped.largest_felt_step_n(), smooth.largest_felt_step_n());
+            eprintln!(
+                "{coupling:?}, {update_hz} Hz: contact {contact_n:.3} N -> {contact_smooth_n:.3} N, \
+                 felt {felt_n:.3} N -> {felt_smooth_n:.3} N"
+            );
+            assert!(contact_smooth_n < most_share * contact_n, "{coupling:?}, {update_hz} Hz");
+            assert!(felt_smooth_n < felt_n, "{coupling:?}, {update_hz} Hz");
+            if coupling == CouplingMode::Direct {
+                let expected_n = 50.0 / update_hz - 0.05;
+                assert!((contact_n / expected_n - 1.0).abs() < 0.1, "{contact_n} N, expected {expected_n} N");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_frame_that_cannot_be_touched_is_refused_and_comes_back() {
+    let sound = || frame(|place| -place.z);
+    let scene = scene(sound(), point());
+    let clay = scene.clay.as_ref().expect("clay");
+    let (mut feed, slot) = ClaySlot::new(clay, 4);
+    let mut refused = |frame: Frame| feed.publish(Box::new(frame)).expect_err("refused").0.to_string();
+    let shifted = Lattice { origin_map: DVec3::splat(-4.7e-3), dims: [11; 3], ..LATTICE };
+    let thin = Lattice { dims: [11, 1, 11], ..LATTICE };
+    for (frame, says) in [
+        (Frame { region: raster(shifted, |_| 0.0), ..sound() }, "whole nodes of the base"),
+        (Frame { region: raster(Lattice { spacing_m: 2.0 * H, ..shifted }, |_| 0.0), ..sound() }, "its spacing"),
+        (Frame { region: raster(thin, |_| 0.0), ..sound() }, "at least 2"),
+        (Frame { region: raster(Lattice { spacing_m: 0.0, ..shifted }, |_| 0.0), ..sound() }, "above 0"),
+        (Frame { region: raster(*sound().region.lattice(), |_| f64::NAN), ..sound() }, "halve the step"),
+        (Frame { rope_map: Some(DVec3::NAN), ..sound() }, "anchor"),
+        (Frame { base: Arc::new(Raster::uniform(LATTICE, f32::INFINITY)), ..sound() }, "not finite"),
+        (
+            Frame {
+                base: Arc::new({
+                    let mut base = raster(LATTICE, |_| 0.0);
+                    base.values_m_mut()[0] = 1.0;
+                    base
+                }),
+                ..sound()
+            },
+            "Raster::measure",
+        ),
+    ] {
+        let message = refused(frame);
+        assert!(message.contains(says), "{message}");
+    }
+    let error = Frame { region: raster(thin, |_| 0.0), ..sound() }.make_ready(None).expect_err("refused");
+    assert_eq!(error, FrameError::Dims { which: "region", dims: [11, 1, 11] });
+    // All that may be under way, then no more.
+    while let Some(spare) = feed.spare() {
+        feed.publish(spare).expect("room");
+    }
+    for _ in 0..5 {
+        feed.publish(Box::new(sound())).expect("room");
+    }
+    assert_eq!(feed.publish(Box::new(sound())).expect_err("full").0, PublishError::Full);
+    drop(slot);
+    assert_eq!(feed.publish(Box::new(sound())).expect_err("over").0, PublishError::Over);
+}
+
+/// An arm that presses a point into the clay and draws circles.
+#[derive(Debug, Default)]
+struct Circling {
+    sequence: u64,
+}
+
+impl Device for Circling {
+    fn capabilities(&self) -> Capabilities {
+        Capabilities::default()
+    }
+
+    fn read(&mut self) -> Result<DeviceSample, DeviceError> {
+        self.sequence += 1;
+        let angle = 5e-3 * self.sequence as f64;
+        let depth_m = 3e-3 * (self.sequence as f64 / 300.0).min(1.0);
+        let pose = Pose::from_translation(DVec3::new(2e-3 * angle.sin(), 2e-3 * angle.cos(), -depth_m));
+        let buttons = (self.sequence / 100 % 2) as u32;
+        Ok(DeviceSample { sequence: self.sequence, status: SampleStatus::Fresh, pose, buttons, ..DeviceSample::default() })
+    }
+
+    fn write(&mut self, wrench_device: &Wrench) -> Result<Wrench, DeviceError> {
+        Ok(*wrench_device)
+    }
+
+    fn stop(&mut self) {}
+}
+
+const UPDATE_TICKS: u64 = 4;
+
+/// Clay that gives way by what presses on it: one frame for every so many states.
+fn simulate(mut feed: ClayFeed) -> u64 {
+    let (mut top_m, mut n_states, mut n_frames) = (0.0, 0_u64, 0_u64);
+    loop {
+        while let Some(state) = feed.next_state() {
+            assert_eq!((state.tick, state.dropped), (n_states, 0));
+            n_states += 1;
+            top_m -= 1e-6 * state.force_map.z;
+            if !n_states.is_multiple_of(UPDATE_TICKS) {
+                continue;
+            }
+            let mut next = loop {
+                match feed.spare() {
+                    Some(next) => break next,
+                    None if feed.is_over() => return n_frames,
+                    None => std::thread::yield_now(),
+                }
+            };
+            n_frames += 1;
+            let lattice = *next.region.lattice();
+            let [_, ny, nz] = lattice.dims;
+            for (n, value_m) in next.region.values_m_mut().iter_mut().enumerate() {
+                let node = [n / (ny * nz), n / nz % ny, n % nz];
+                *value_m = (top_m - lattice.position(node).z) as f32;
+            }
+            next.sequence = n_frames;
+            if let Err((error, _)) = feed.publish(next) {
+                assert_eq!(error, PublishError::Over);
+                return n_frames;
+            }
+        }
+        if feed.is_over() {
+            return n_frames;
+        }
+        std::thread::yield_now();
+    }
+}
+
+fn sculpting(clock: impl Clock, n_ticks: u64) -> (ServoLoop<Circling, impl Clock>, ClayFeed, rtrb::Consumer<TickRecord>) {
+    let mut scene = scene(frame(|place| -place.z), point());
+    let clay = scene.clay.as_mut().expect("clay");
+    clay.smoothing = Clay::smoothing_between(UPDATE_TICKS as f64 * 1e-3, 1e-3);
+    let (feed, slot) = ClaySlot::new(clay, UPDATE_TICKS);
+    let (producer, consumer) = rtrb::RingBuffer::new(n_ticks as usize + 200);
+    let control = Arc::new(Control::new(Order::Enable));
+    let plan = RunPlan { stop_at_tick: Some(n_ticks), ..RunPlan::default() };
+    let mut servo = ServoLoop::new(Arc::new(scene), Circling::default(), clock, control, plan, producer).with_clay(slot);
+    servo.warm_up();
+    (servo, feed, consumer)
+}
+
+fn records(consumer: &mut rtrb::Consumer<TickRecord>) -> Vec<TickRecord> {
+    std::iter::from_fn(|| consumer.pop().ok()).collect()
+}
+
+#[test]
+fn under_simulated_time_two_runs_of_clay_are_the_same() {
+    let run = || {
+        let (mut servo, feed, mut consumer) = sculpting(VirtualClock::default(), 1500);
+        let simulation = std::thread::spawn(|| simulate(feed));
+        while servo.step() == Step::Continue {}
+        drop(servo);
+        (records(&mut consumer), simulation.join().expect("no panic"))
+    };
+    let ((first, n_first), (second, n_second)) = (run(), run());
+    assert!(first.len() >= 1500 && n_first.abs_diff(n_second) <= 1);
+    for (one, other) in first.iter().zip(&second) {
+        let expected = FrameInUse { sequence: one.tick / UPDATE_TICKS, is_last: false };
+        assert_eq!((one.input.clay, other.input.clay), (Some(expected), Some(expected)), "tick {}", one.tick);
+        assert_eq!(one.output, other.output, "tick {}", one.tick);
+    }
+    // The clay gave way: less than at the first touch, more than nothing.
+    let force_n = first[1450].output.contact_world.force.z;
+    assert!(force_n > 0.1 && force_n < 2.5, "{force_n} N");
+}
+
+#[test]
+fn a_simulation_that_goes_leaves_its_last_frame_and_is_missed() {
+    let (mut servo, mut feed, mut consumer) = sculpting(VirtualClock::default(), 400);
+    let mut next = feed.spare().expect("a spare");
+    next.sequence = 77;
+    feed.publish(next).expect("room");
+    drop(feed);
+    while servo.step() == Step::Continue {}
+    let records = records(&mut consumer);
+    assert!(records.len() >= 400, "{} ticks: nobody was waited for", records.len());
+    let first = |wanted: FrameInUse| records.iter().position(|record| record.input.clay == Some(wanted));
+    assert_eq!(first(FrameInUse { sequence: 0, is_last: false }), Some(0), "one frame is still to come");
+    assert_eq!(first(FrameInUse { sequence: 77, is_last: true }), Some(UPDATE_TICKS as usize));
+    assert!(records[390].output.contact_world.force.z > 2.0, "{:?}", records[390].output);
+}
+
+#[test]
+fn in_real_time_the_newest_frame_wins_and_all_others_come_back() {
+    let (mut servo, mut feed, mut consumer) = sculpting(RealClock, 40);
+    for sequence in 1..=3 {
+        let mut next = feed.spare().expect("a spare");
+        next.sequence = sequence;
+        feed.publish(next).expect("room");
+    }
+    assert!(feed.spare().is_none());
+    servo.step();
+    // Two that were never touched, and the one that the tick held before its first.
+    let back: Vec<u64> = std::iter::from_fn(|| feed.spare()).map(|frame| frame.sequence).collect();
+    assert_eq!(back, [1, 2, 0]);
+    while servo.step() == Step::Continue {}
+    let records = records(&mut consumer);
+    assert!(records.iter().all(|record| record.input.clay == Some(FrameInUse { sequence: 3, is_last: false })));
+    let states: Vec<_> = std::iter::from_fn(|| feed.next_state()).collect();
+    assert_eq!(states.len(), records.len());
+    for (state, record) in states.iter().zip(&records) {
+        assert_eq!((state.tick, state.sequence, state.buttons), (record.tick, 3, record.input.sample.buttons));
+        assert_eq!(state.map_from_tool, record.output.world_from_tool);
+        assert!((state.force_map - record.output.contact_world.force).length() < 1e-12);
+        assert_eq!(state.has_force, record.output.drive.has_force());
+    }
+}
+
+#[test]
+fn states_that_nobody_takes_are_dropped_and_counted() {
+    let (mut servo, mut feed, _records) = sculpting(RealClock, 1200);
+    for _ in 0..1100 {
+        servo.step();
+    }
+    let kept: Vec<_> = std::iter::from_fn(|| feed.next_state()).collect();
+    assert!(kept.len() < 1100 && kept.iter().all(|state| state.dropped == 0));
+    servo.step();
+    let next = feed.next_state().expect("room again");
+    assert_eq!((next.tick, next.dropped), (1100, 1100 - kept.len() as u64));
+}
