@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use glam::{DMat3, DQuat, DVec3};
 use hapticd::bench::contact::clay::Receding;
+use hapticd::daemon::{ReplayError, replay};
 use hapticd::device::{Capabilities, Device, DeviceError};
 use hapticd::haptics::clay::{Clay, Frame, FrameError, Lattice, Raster, Rope};
 use hapticd::haptics::contact::Obstacle;
@@ -15,7 +16,8 @@ use hapticd::pointshell::shell::Shell;
 use hapticd::rt::clock::{Clock, RealClock, VirtualClock};
 use hapticd::servo::{ClayFeed, ClaySlot, Control, Order, PublishError, RunPlan, ServoLoop, Step};
 use hapticd::spatial::{DeviceSample, Pose, SampleStatus, Wrench};
-use hapticd::telemetry::TickRecord;
+use hapticd::telemetry::recording::Recorder;
+use hapticd::telemetry::{Taps, TickRecord, drain};
 
 use super::rig;
 
@@ -556,4 +558,24 @@ fn states_that_nobody_takes_are_dropped_and_counted() {
     servo.step();
     let next = feed.next_state().expect("room again");
     assert_eq!((next.tick, next.dropped), (1100, 1100 - kept.len() as u64));
+}
+
+#[test]
+fn a_recording_on_clay_says_that_it_cannot_be_run_again() {
+    let (mut servo, feed, mut consumer) = sculpting(VirtualClock::default(), 20);
+    drop(feed);
+    while servo.step() == Step::Continue {}
+    let records = records(&mut consumer);
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("clay.mcap");
+    let recorder = Recorder::new(Taps::default(), true);
+    let handle = recorder.start(&path, false, Box::new(|error| panic!("{error}"))).expect("started");
+    let (mut producer, ring) = rtrb::RingBuffer::new(records.len());
+    records.iter().for_each(|record| producer.push(*record).expect("room"));
+    drop(producer);
+    drain(ring, recorder.taps(), |_| ());
+    assert_eq!(handle.stop().records, records.len() as u64);
+    let error = replay(&path, |_| panic!("nothing is baked")).expect_err("refused");
+    assert!(matches!(error, ReplayError::Clay { tick: 0 }), "{error}");
+    assert!(error.to_string().contains("frames are not recorded"), "{error}");
 }
