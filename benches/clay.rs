@@ -8,7 +8,7 @@ use hapticd::bench::contact::clay::Turning;
 fn touching(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("tick on clay");
     for n_points in [1, 1000, 4000] {
-        for depth_mm in [-1.0, 0.5, 3.0] {
+        for depth_mm in [-1.0, 0.5, 3.0, 20.0] {
             let Ok(mut turning) = Turning::new(n_points, depth_mm * 1e-3) else { continue };
             let contacts = turning.tick().contacts;
             let id = BenchmarkId::new(format!("{n_points} points"), format!("{depth_mm} mm deep, {contacts} touch"));
