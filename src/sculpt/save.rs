@@ -6,7 +6,7 @@ use std::path::Path;
 
 use super::PointSet;
 
-/// Writes samples. [`super::load`] reads them back: positions and colours bit for bit, normals as 32-bit numbers.
+/// Writes samples. [`super::load()`] reads them back: positions and colours bit for bit, normals as 32-bit numbers.
 ///
 /// # Errors
 /// Any error of the file system.
