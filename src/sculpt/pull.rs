@@ -33,7 +33,8 @@ pub struct Pull {
 /// normal, −1 where it enters it, near 0 where it runs along it. Beyond the raster the last density counts on.
 pub fn mapped_share(raster: &Raster, from_map: DVec3, direction: DVec3, reach_m: f64) -> f64 {
     let Some(direction) = direction.try_normalize() else { return 0.0 };
-    if !(reach_m > 0.0) {
+    let reaches = reach_m > 0.0;
+    if !reaches {
         return 0.0;
     }
     let n_steps = ((reach_m / (STEP_SPACINGS * raster.lattice().spacing_m)).ceil() as usize).clamp(4, STEPS_MAX);
@@ -58,7 +59,8 @@ pub fn mapped_share(raster: &Raster, from_map: DVec3, direction: DVec3, reach_m:
 pub fn add_pull(raster: &Raster, pull: &Pull, forces_n: &mut [f32]) {
     let lattice = raster.lattice();
     let (Some(first), magnitude_n) = (pull.along_map.first(), pull.force_n.length()) else { return };
-    if !(magnitude_n > 0.0) || !pull.along_map.iter().all(|corner| corner.is_finite()) {
+    let pulls = magnitude_n > 0.0 && pull.along_map.iter().all(|corner| corner.is_finite());
+    if !pulls {
         return;
     }
     let shares: Vec<f64> = pull.along_map.iter().map(|corner| mapped_share(raster, *corner, pull.force_n, pull.reach_m)).collect();

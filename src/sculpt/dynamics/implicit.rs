@@ -68,7 +68,8 @@ impl Solver {
         let enough = TOLERANCE * TOLERANCE * energy;
         for iteration in 0..ITERATIONS_MAX {
             // Also where nothing acts, and where something is not a number.
-            if !(energy > enough) {
+            let is_left = energy > enough;
+            if !is_left {
                 return (iteration, false);
             }
             {
