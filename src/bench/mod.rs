@@ -1,7 +1,7 @@
 //! Measuring beside the paper and beside other programs.
 //!
 //! [`stand_ins`] makes the models of the paper's tables. [`generation`] bakes them, each bake a process of its own. [`contact`]
-//! asks how right and how fast contacts are, [`loops`] how punctual runs on the real clock are. All figures end up in a [`Report`].
+//! asks how right and how fast contacts are, [`loops`] how punctual runs on the real clock are, [`sculpt`] how long clay takes. All figures end up in a [`Report`].
 //!
 //! Invariants: cold. Nothing here decides whether a test passes; a target that is missed is a line that says so.
 
@@ -13,6 +13,7 @@ mod peers;
 mod process;
 mod random;
 mod report;
+pub mod sculpt;
 pub mod stand_ins;
 mod statistics;
 

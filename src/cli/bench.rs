@@ -6,7 +6,7 @@ use clap::ValueEnum;
 
 use super::bake::print_json;
 use super::{Talk, plots, report, say};
-use crate::bench::{BenchError, Machine, Report, Row, commit_of, contact, generation, loops};
+use crate::bench::{BenchError, Machine, Report, Row, commit_of, contact, generation, loops, sculpt};
 use crate::error::Exit;
 
 /// Arguments of `hapticd bench`.
@@ -18,7 +18,7 @@ use crate::error::Exit;
                         cyclictest where it is installed. What is missing is skipped and said."
 )]
 pub(crate) struct Args {
-    /// What to measure, one or more; generation, contact and loop if not given.
+    /// What to measure, one or more; generation, contact, loop and sculpt if not given.
     #[arg(value_name = "GROUP")]
     group: Vec<Group>,
     /// Runs of each case; figures are medians [default: 3, with --quick 1].
@@ -36,8 +36,8 @@ pub(crate) struct Args {
     /// With --quality: write raw results there as CSV files.
     #[arg(long, value_name = "DIR", requires = "quality")]
     csv: Option<PathBuf>,
-    /// With --quality: draw smoothness there, as PNG files.
-    #[arg(long, value_name = "DIR", requires = "quality")]
+    /// With --quality or sculpt: draw how smooth forces are there, as PNG files.
+    #[arg(long, value_name = "DIR")]
     plots: Option<PathBuf>,
     /// Folder of the scenes that contact and loop play.
     #[arg(long, value_name = "DIR", default_value = "config/scenes")]
@@ -62,10 +62,16 @@ enum Group {
     Sculpt,
 }
 
+impl Args {
+    fn wants(&self, group: Group) -> bool {
+        if self.group.is_empty() { group != Group::Torture } else { self.group.contains(&group) }
+    }
+}
+
 pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
-    if args.group.contains(&Group::Sculpt) {
-        report::error("bench sculpt: not available in this version", Some("available: generation, contact, loop, torture"), talk);
-        return Exit::Configuration;
+    if args.plots.is_some() && !args.quality && !args.wants(Group::Sculpt) {
+        report::error("--plots draws what --quality or sculpt measures", Some("hapticd bench sculpt --plots DIR"), talk);
+        return Exit::Usage;
     }
     if args.quality && args.group != [Group::Contact] {
         report::error("--quality goes with contact", Some("hapticd bench contact --quality"), talk);
@@ -107,7 +113,7 @@ fn measure(args: &Args, program: PathBuf, n_threads: usize, talk: Talk) -> Resul
     let folder = |name: &str| std::env::var_os(name).map(PathBuf::from);
     let (models, peers) = (folder("HAPTICD_MODELS"), folder("HAPTICD_PEERS"));
     let n_runs = args.runs.unwrap_or(if args.quick { 1 } else { 3 }) as usize;
-    let wanted = |group: Group| if args.group.is_empty() { group != Group::Torture } else { args.group.contains(&group) };
+    let wanted = |group: Group| args.wants(group);
     // A folder that cannot be made is better known before minutes of measuring.
     if let Some(folder) = &args.plots {
         plots::make_folder(folder)?;
@@ -135,6 +141,13 @@ fn measure(args: &Args, program: PathBuf, n_threads: usize, talk: Talk) -> Resul
     }
     if wanted(Group::Loop) {
         rows.extend(loops::run(&loops::Options { program, quick: args.quick, scenes: args.scenes.clone() }, told)?);
+    }
+    if wanted(Group::Sculpt) {
+        let figures = sculpt::run(&sculpt::Options { n_runs, quick: args.quick }, told)?;
+        if let Some(folder) = &args.plots {
+            plots::draw_receding(folder, &figures.receding)?;
+        }
+        rows.extend(figures.rows);
     }
     Ok((rows, table))
 }

@@ -1,16 +1,21 @@
-//! Plots of `hapticd bench contact --quality`.
+//! Plots of `hapticd bench contact --quality` and `bench sculpt`.
 
 use std::path::Path;
 
 use crate::bench::BenchError;
 use crate::bench::contact::Quality;
+use crate::bench::contact::clay::RecedingForce;
 use crate::bench::contact::sliding::{DEPTHS_VOXELS, Slid};
+use crate::bench::sculpt::RecedingAt;
 use crate::picture::plot::{self, Chart, Line, Tone};
 
 /// Between two ticks, s.
 const STEP_S: f64 = 1e-3;
 /// Ticks of a slide that are drawn: enough to see single voxels.
 const DRAWN_TICKS: usize = 400;
+
+/// Ticks of receding clay that are drawn.
+const RECEDING_TICKS: usize = 150;
 
 /// Makes the folder that [`draw`] writes into.
 pub(super) fn make_folder(folder: &Path) -> Result<(), BenchError> {
@@ -54,6 +59,29 @@ pub(super) fn draw(folder: &Path, quality: &Quality) -> Result<(), BenchError> {
         &hand,
     )
     .map_err(failed)
+}
+
+/// Writes `receding-clay.png`: the force while clay goes back under a point, at each rate of updates.
+pub(super) fn draw_receding(folder: &Path, receding: &[RecedingAt]) -> Result<(), BenchError> {
+    let chart = |at: &RecedingAt| {
+        let drawn = |force: &RecedingForce| force.felt_n.iter().copied().take(RECEDING_TICKS).collect();
+        Chart {
+            title: format!("updates at {} Hz", at.update_hz),
+            unit: "N",
+            step_s: STEP_S,
+            lines: vec![
+                Line { name: "as they come", tone: Tone::Orange, values: drawn(&at.raw) },
+                Line { name: "extrapolated", tone: Tone::Blue, values: drawn(&at.extrapolated) },
+            ],
+        }
+    };
+    let charts: Vec<Chart> = receding.iter().map(chart).collect();
+    let (title, note) = (
+        "Force on the hand while clay recedes at 50 mm/s, 2 mm deep at 1 N/mm",
+        "direct coupling, a tick every millisecond; an update in every tick would give 2 N throughout",
+    );
+    let path = folder.join("receding-clay.png");
+    plot::write(&path, title, note, &charts).map_err(|source| BenchError::Write { path, source })
 }
 
 fn law_chart(slid: &Slid) -> Chart {

@@ -8,6 +8,7 @@ pub mod boolean;
 pub mod dynamics;
 pub mod emboss;
 mod error;
+pub mod export;
 pub mod falloff;
 mod least_squares;
 mod load;

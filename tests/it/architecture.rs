@@ -5,7 +5,7 @@
 //! | `spatial`, `storage` | nothing: leaves |
 //! | `mesh`, `voxmap`, `pointshell` | `spatial` and each other; nothing of scenes, devices, loops or threads |
 //! | `picture`, `bench` | what geometry may, and nobody but `cli` uses them |
-//! | `bench::contact` | anything: it plays scenes |
+//! | `bench::contact`, `bench::sculpt` | anything: they play scenes |
 //! | `haptics` | `spatial`, `voxmap::field`, `pointshell::{shell, tree}` |
 //! | `device` | anything but the rooms that render, run or watch |
 //! | `telemetry`, `monitor` | anything but `servo` |
@@ -247,7 +247,7 @@ fn violations(file: &str, text: &str) -> (Vec<String>, Vec<String>) {
     let module: Vec<String> =
         file.trim_end_matches(".rs").split('/').filter(|part| !matches!(*part, "mod" | "lib")).map(str::to_owned).collect();
     let room = match module.first().map_or("lib", String::as_str) {
-        "bench" if file.starts_with("bench/contact/") => BENCH_OF_CONTACT,
+        "bench" if file.starts_with("bench/contact/") || file == "bench/sculpt.rs" => BENCH_OF_CONTACT,
         room => room,
     };
     let mut broken = Vec::new();

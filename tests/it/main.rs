@@ -33,6 +33,7 @@ mod rest;
 mod rig;
 mod safety;
 mod scenes;
+mod sculpt;
 mod sides;
 mod traversal;
 mod tree;

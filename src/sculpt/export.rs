@@ -1,0 +1,157 @@
+//! The piece as a closed triangle mesh, for rigid scenes.
+//!
+//! Naive surface nets (the crate `fast-surface-nets`; Gibson 1998): one corner per cell that the surface crosses, at the mean of the
+//! crossings on its edges. The mesh is closed wherever the surface stays inside the raster, and lies within a fraction of the spacing of the
+//! surface; edges are rounded by about the spacing.
+
+use std::fs::File;
+use std::io::{self, BufWriter, Write};
+use std::path::Path;
+
+use fast_surface_nets::ndshape::{RuntimeShape, Shape};
+use fast_surface_nets::{SurfaceNetsBuffer, surface_nets};
+use glam::DVec3;
+
+use super::Workpiece;
+use crate::haptics::clay::{Lattice, Raster};
+use crate::mesh::TriangleMesh;
+
+/// Why densities make no closed mesh.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ExportError {
+    /// Nothing is inside.
+    #[error("there is no material: every density is below 0, so there is nothing to export")]
+    Empty,
+    /// The surface leaves the raster.
+    #[error("the material reaches the faces of its raster, and a mesh of it would be open; leave more air around the piece")]
+    Open,
+    /// Too many nodes for the numbers of corners.
+    #[error("a raster of {0} nodes has more than a mesh can number; take fewer in `sculpt.raster`")]
+    TooLarge(usize),
+}
+
+impl Workpiece {
+    /// The piece as a closed mesh, map frame, with normals outward. A stroke under way is not part of it. Cost: O(nodes of the base).
+    ///
+    /// # Errors
+    /// [`ExportError`].
+    pub fn mesh(&self) -> Result<TriangleMesh, ExportError> {
+        surface_of(self.base())
+    }
+}
+
+/// The surface s = 0 of a raster as a closed mesh.
+///
+/// # Errors
+/// [`ExportError`].
+pub fn surface_of(raster: &Raster) -> Result<TriangleMesh, ExportError> {
+    let Lattice { origin_map, spacing_m, dims: [nx, ny, nz] } = *raster.lattice();
+    let n_nodes = raster.values_m().len();
+    if u32::try_from(n_nodes).is_err() {
+        return Err(ExportError::TooLarge(n_nodes));
+    }
+    let is_face = |n: usize| {
+        let (x, y, z) = (n / (ny * nz), n / nz % ny, n % nz);
+        x == 0 || y == 0 || z == 0 || x + 1 == nx || y + 1 == ny || z + 1 == nz
+    };
+    if raster.values_m().iter().enumerate().any(|(n, value_m)| *value_m >= 0.0 && is_face(n)) {
+        return Err(ExportError::Open);
+    }
+    // Theirs counts x fastest and has the inside negative. With axes in reverse, corners come out mirrored.
+    let shape = RuntimeShape::<u32, 3>::new([nz as u32, ny as u32, nx as u32]);
+    let last = shape.as_array().map(|n| n - 1);
+    let outside_m: Vec<f32> = raster.values_m().iter().map(|value_m| -value_m).collect();
+    let mut buffer = SurfaceNetsBuffer::default();
+    surface_nets(&outside_m, &shape, [0; 3], last, &mut buffer);
+    if buffer.indices.is_empty() {
+        return Err(ExportError::Empty);
+    }
+    let place = |[z, y, x]: &[f32; 3]| origin_map + DVec3::new(f64::from(*x), f64::from(*y), f64::from(*z)) * spacing_m;
+    Ok(TriangleMesh {
+        vertices: buffer.positions.iter().map(place).collect(),
+        triangles: buffer.indices.chunks_exact(3).map(|corners| [corners[0], corners[2], corners[1]]).collect(),
+    })
+}
+
+/// Writes a mesh as binary little-endian PLY, metres, corners as 64-bit numbers: what [`crate::mesh::load`] reads, and `bake`.
+///
+/// # Errors
+/// Any error of the file system.
+pub fn write_mesh(path: &Path, mesh: &TriangleMesh) -> io::Result<()> {
+    let mut file = BufWriter::with_capacity(1 << 20, File::create(path)?);
+    write!(
+        file,
+        "ply\nformat binary_little_endian 1.0\ncomment a piece of clay, metres\nelement vertex {}\n",
+        mesh.vertices.len()
+    )?;
+    write!(file, "property double x\nproperty double y\nproperty double z\nelement face {}\n", mesh.triangles.len())?;
+    writeln!(file, "property list uchar uint vertex_indices\nend_header")?;
+    for coordinate in mesh.vertices.iter().flat_map(|vertex| vertex.to_array()) {
+        file.write_all(&coordinate.to_le_bytes())?;
+    }
+    for triangle in &mesh.triangles {
+        file.write_all(&[3])?;
+        for corner in triangle {
+            file.write_all(&corner.to_le_bytes())?;
+        }
+    }
+    file.flush()
+}
+
+#[cfg(test)]
+mod tests {
+    use core::f64::consts::PI;
+
+    use super::*;
+    use crate::mesh;
+    use crate::mesh::mass::mass_properties;
+    use crate::mesh::validate::inspect;
+
+    fn raster(density: impl Fn(DVec3) -> f64) -> Raster {
+        let lattice = Lattice { origin_map: DVec3::new(-0.012, -0.011, -0.013), spacing_m: 5e-4, dims: [49, 47, 53] };
+        let mut raster = Raster::uniform(lattice, 0.0);
+        for x in 0..49 {
+            for y in 0..47 {
+                for z in 0..53 {
+                    raster.values_m_mut()[lattice.index([x, y, z])] = density(lattice.position([x, y, z])) as f32;
+                }
+            }
+        }
+        raster
+    }
+
+    #[test]
+    fn a_sphere_is_a_closed_mesh_that_faces_out_where_it_is() {
+        let center = DVec3::new(1e-3, -2e-3, 5e-4);
+        let mesh = surface_of(&raster(|at| 0.008 - at.distance(center))).unwrap();
+        let report = inspect(&mesh);
+        assert_eq!((report.open_edges, report.non_manifold_edges, report.inconsistent_edges), (0, 0, 0));
+        let mass = mass_properties(&mesh);
+        let expected = 4.0 / 3.0 * PI * 0.008_f64.powi(3);
+        assert!((mass.volume_m3 / expected - 1.0).abs() < 0.01, "{} of {expected}", mass.volume_m3);
+        assert!(mass.center_m.distance(center) < 1e-5, "{}", mass.center_m);
+        let signed: f64 = (0..mesh.triangles.len())
+            .map(|n| {
+                let [a, b, c] = mesh.corners(n);
+                a.dot(b.cross(c)) / 6.0
+            })
+            .sum();
+        assert!(signed > 0.0, "the triangles face inward");
+    }
+
+    #[test]
+    fn a_file_of_it_is_read_back_as_it_was() {
+        let written = surface_of(&raster(|at| 0.006 - at.length())).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("piece.ply");
+        write_mesh(&path, &written).unwrap();
+        let read = mesh::load(&path, 1.0).unwrap();
+        assert_eq!((read.vertices, read.triangles), (written.vertices, written.triangles));
+    }
+
+    #[test]
+    fn what_makes_no_closed_mesh_is_refused() {
+        assert_eq!(surface_of(&raster(|_| -1.0)).unwrap_err(), ExportError::Empty);
+        assert_eq!(surface_of(&raster(|at| at.x)).unwrap_err(), ExportError::Open);
+    }
+}
