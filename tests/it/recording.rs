@@ -327,6 +327,10 @@ fn a_folder_or_disk_that_takes_nothing_is_told_and_never_ends_a_run() {
         // What was written before can be used.
         let replayed = again(&dir.path().join("r.mcap")).expect("a recording");
         assert!(replayed.is_identical() && !replayed.whole && replayed.ticks > 100, "{replayed:?}");
+        // Every tick is counted: in the file for certain, or missing.
+        let [kept, dropped] = ["records", "dropped"].map(|key| json["recording"][key].as_u64().unwrap_or(0));
+        assert!(kept > 100 && kept <= replayed.ticks, "{json}: {replayed:?}");
+        assert_eq!(kept + dropped, json["ticks"].as_u64().unwrap_or(0), "{json}");
     }
     // A run that never begins leaves no file behind in which there is nothing.
     fs::write(

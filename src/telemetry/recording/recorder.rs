@@ -61,9 +61,9 @@ pub struct Recorder {
 pub struct RecordingSummary {
     /// The file.
     pub file: PathBuf,
-    /// Ticks in it.
+    /// Ticks in it; after an error those that can be read for certain.
     pub records: u64,
-    /// Ticks that found the queue full and are missing.
+    /// Ticks that are missing: they found the queue full, or came after an error.
     pub dropped: u64,
     /// Why it ended early; null when it did not.
     pub error: Option<String>,
@@ -131,9 +131,37 @@ impl Recorder {
         let (recorder, noted) = (self.clone(), progress.clone());
         let run = move || {
             let _alive = alive;
-            if let Err(error) = recorder.run(recording, &records, &stops, &noted) {
+            let mut recording = recording;
+            let mut is_told_to_stop = false;
+            let result = recorder.run(&mut recording, (&records, &stops, &mut is_told_to_stop), &noted);
+            let n_safe = recording.n_safe();
+            let result = match result {
+                Ok(()) => recording.finish(),
+                Err(error) => {
+                    drop(recording);
+                    Err(error)
+                }
+            };
+            if let Err(error) = result {
+                let n_taken = noted.records.swap(n_safe, Ordering::Relaxed);
+                let missing = |n: u64| noted.dropped.fetch_add(n, Ordering::Relaxed);
+                missing(n_taken.saturating_sub(n_safe));
                 *noted.error.lock().unwrap_or_else(PoisonError::into_inner) = Some(error.to_string());
                 failed(&error);
+                // What still comes is missing too, until somebody ends the recording.
+                while !is_told_to_stop {
+                    select! {
+                        recv(records) -> message => match message {
+                            Ok(_) => missing(1),
+                            Err(_) => break,
+                        },
+                        recv(stops) -> _ => {
+                            is_told_to_stop = true;
+                            0
+                        }
+                    };
+                }
+                missing(records.try_iter().count() as u64);
             }
         };
         std::thread::Builder::new().name("recorder".to_owned()).spawn(run).map_err(RecordingError::Thread)?;
@@ -147,7 +175,7 @@ impl Recorder {
             match sender.try_send((*record, dropped)) {
                 Ok(()) => true,
                 Err(TrySendError::Full(_)) => {
-                    counted.dropped.store(dropped + 1, Ordering::Relaxed);
+                    counted.dropped.fetch_add(1, Ordering::Relaxed);
                     true
                 }
                 Err(TrySendError::Disconnected(_)) => false,
@@ -158,9 +186,8 @@ impl Recorder {
 
     fn run(
         &self,
-        mut file: RecordingFile,
-        records: &Receiver<(TickRecord, u64)>,
-        stops: &Receiver<()>,
+        file: &mut RecordingFile,
+        (records, stops, is_told_to_stop): (&Receiver<(TickRecord, u64)>, &Receiver<()>, &mut bool),
         progress: &Progress,
     ) -> Result<(), RecordingError> {
         let mut before = None;
@@ -168,19 +195,20 @@ impl Recorder {
             if let Some(zero_ns) = progress.zero_ns.get() {
                 file.begins_at(*zero_ns);
             }
-            self.record(file, &record, dropped, ROOM_BYTES, &mut before)?;
+            // Also one that cannot be written: after an error all are taken off again that are not in the file.
             progress.records.fetch_add(1, Ordering::Relaxed);
-            Ok(())
+            self.record(file, &record, dropped, ROOM_BYTES, &mut before)
         };
         loop {
             select! {
                 recv(records) -> message => match message {
-                    Ok(message) => take(&mut file, message)?,
+                    Ok(message) => take(file, message)?,
                     Err(_) => break,
                 },
                 recv(stops) -> _ => {
+                    *is_told_to_stop = true;
                     // Those that are there now: under the virtual clock more may come as fast as these go.
-                    records.try_iter().take(records.len()).try_for_each(|message| take(&mut file, message))?;
+                    records.try_iter().take(records.len()).try_for_each(|message| take(file, message))?;
                     break;
                 }
                 default(IDLE) => file.flush_if_old()?,
@@ -188,8 +216,7 @@ impl Recorder {
         }
         let counts = [("records", &progress.records), ("dropped", &progress.dropped)];
         let counts = counts.map(|(name, count)| (name.to_owned(), count.load(Ordering::Relaxed).to_string()));
-        file.metadata("end", BTreeMap::from(counts))?;
-        file.finish()
+        file.metadata("end", BTreeMap::from(counts))
     }
 
     /// One record, with what has to stand before it.

@@ -82,6 +82,9 @@ pub(super) struct RecordingFile {
     next_transform_ns: u64,
     message: fields::Writer,
     chunk_begun: Option<Instant>,
+    /// Ticks that were written, and those of them that can be read whatever happens.
+    n_records: u64,
+    n_safe: u64,
     stamps: Stamps,
     faults: Faults,
 }
@@ -125,6 +128,8 @@ impl RecordingFile {
             next_transform_ns: 0,
             message: fields::Writer::default(),
             chunk_begun: None,
+            n_records: 0,
+            n_safe: 0,
             stamps: Stamps::new(is_virtual),
             faults: Faults::NONE,
         };
@@ -136,6 +141,11 @@ impl RecordingFile {
     /// Nothing was there before.
     pub(super) fn is_new(&self) -> bool {
         self.is_new
+    }
+
+    /// Ticks that can be read, whatever happens.
+    pub(super) fn n_safe(&self) -> u64 {
+        self.n_safe
     }
 
     /// Tells what the wall clock showed at loop time zero ([`zero_ns`](super::messages::zero_ns)). Counts before the first row, and not under the virtual clock.
@@ -174,6 +184,7 @@ impl RecordingFile {
             self.faults = faults;
             self.write(Occasion::Faults, &row, &messages::faults(&row))?;
         }
+        self.n_records += 1;
         self.chunk_begun.get_or_insert_with(Instant::now);
         self.flush_if_old()
     }
@@ -291,7 +302,9 @@ impl RecordingFile {
     /// Ends the chunk: what was written so far can be read, whatever happens.
     fn flush(&mut self) -> Result<(), RecordingError> {
         self.chunk_begun = None;
-        self.mcap.flush().map_err(|error| self.failed(&error))
+        self.mcap.flush().map_err(|error| self.failed(&error))?;
+        self.n_safe = self.n_records;
+        Ok(())
     }
 
     /// Ends the file.
