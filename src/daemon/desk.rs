@@ -31,7 +31,7 @@ pub enum Ask {
         /// To what.
         value: f64,
     },
-    /// Several parameters of one scene, or none of them.
+    /// Several parameters of one scene to what its file says now, or none of them.
     SetAll {
         /// Number of the scene.
         scene_idx: u32,
@@ -297,9 +297,9 @@ impl Desk {
 
     fn answer(&mut self, ask: Ask, answer: Answer) {
         match ask {
-            Ask::Set { parameter, value } => answer(self.set([(&*parameter, value)])),
+            Ask::Set { parameter, value } => answer(self.set([(&*parameter, value)], false)),
             Ask::SetAll { scene_idx, .. } if scene_idx != self.shown_idx => answer(Err(TuneError::Over.into())),
-            Ask::SetAll { values, .. } => answer(self.set(values)),
+            Ask::SetAll { values, .. } => answer(self.set(values, true)),
             Ask::Place { object, world_from_object } => {
                 let Some(reins) = &mut self.reins else { return answer(Err(Refusal::Over)) };
                 answer(reins.placer.place(&object, world_from_object).map_err(Refusal::from));
@@ -309,9 +309,13 @@ impl Desk {
         }
     }
 
-    fn set<'n>(&mut self, values: impl IntoIterator<Item = (&'n str, f64)>) -> Result<(), Refusal> {
+    /// Turns knobs; `as_scene`: to what the scene's file says now.
+    fn set<'n>(&mut self, values: impl IntoIterator<Item = (&'n str, f64)>, as_scene: bool) -> Result<(), Refusal> {
         let reins = self.reins.as_mut().ok_or(Refusal::Over)?;
         reins.tuner.set_all(values)?;
+        if as_scene {
+            reins.tuner.adopt();
+        }
         let settings = settings(reins);
         self.tools.board.change(|view| view.settings = settings);
         Ok(())

@@ -104,6 +104,13 @@ impl Tuner {
         }
         Ok(())
     }
+
+    /// The file of the scene says now what is asked for now.
+    pub fn adopt(&mut self) {
+        for (_, range, target) in &mut self.knobs {
+            range.scene = *target;
+        }
+    }
 }
 
 #[cfg(test)]
@@ -126,6 +133,9 @@ mod tests {
         }
         assert_eq!(tuner.set_all([(first.name(), range.least), (second.name(), other.most)]), Err(TuneError::Full));
         assert_eq!((ring.slots(), tuner.knobs()[0].2), (RING_TUNES - 1, range.most));
+        assert_eq!(tuner.knobs()[0].1, range);
+        tuner.adopt();
+        assert_eq!(tuner.knobs()[0].1, KnobRange { scene: range.most, ..range });
     }
 
     #[test]
