@@ -211,7 +211,7 @@ impl Recorder {
                     records.try_iter().take(records.len()).try_for_each(|message| take(file, message))?;
                     break;
                 }
-                default(IDLE) => file.flush_if_old()?,
+                default(IDLE) => file.flush_if_due()?,
             }
         }
         let counts = [("records", &progress.records), ("dropped", &progress.dropped)];

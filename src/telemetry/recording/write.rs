@@ -21,6 +21,8 @@ use crate::telemetry::TickRecord;
 
 /// A chunk is cut when it holds so many bytes before compression: less than a second at 1 kHz.
 const CHUNK_BYTES: u64 = 512 << 10;
+/// What a message takes in a chunk beside its own bytes.
+const MESSAGE_HEAD_BYTES: u64 = 31;
 /// ... or when it is so old.
 const CHUNK_AGE: Duration = Duration::from_millis(400);
 /// Viewers are told where the tool's frame is so often: as often as they draw.
@@ -82,6 +84,7 @@ pub(super) struct RecordingFile {
     next_transform_ns: u64,
     message: fields::Writer,
     chunk_begun: Option<Instant>,
+    chunk_bytes: u64,
     /// Ticks that were written, and those of them that can be read whatever happens.
     n_records: u64,
     n_safe: u64,
@@ -100,7 +103,8 @@ impl RecordingFile {
         let failed = |error: McapError| RecordingError::Write { file: path.to_owned(), message: error.to_string() };
         let mut mcap = WriteOptions::new()
             .compression(Some(Compression::Lz4))
-            .chunk_size(Some(CHUNK_BYTES))
+            // Cut here, where it is known which ticks are in.
+            .chunk_size(None)
             // Chunks are put together in memory and written as a whole: what a killed process leaves behind can be read to the last of them.
             .disable_seeking(true)
             .library(concat!("hapticd ", env!("CARGO_PKG_VERSION")))
@@ -128,6 +132,7 @@ impl RecordingFile {
             next_transform_ns: 0,
             message: fields::Writer::default(),
             chunk_begun: None,
+            chunk_bytes: 0,
             n_records: 0,
             n_safe: 0,
             stamps: Stamps::new(is_virtual),
@@ -173,6 +178,7 @@ impl RecordingFile {
                 let header = header(*id, &row);
                 let written = self.mcap.write_to_known_channel(&header, self.message.bytes());
                 written.map_err(|error| failed(&self.path, &error))?;
+                self.chunk_bytes += self.message.bytes().len() as u64 + MESSAGE_HEAD_BYTES;
             }
         }
         if row.stamp_ns >= self.next_transform_ns {
@@ -186,7 +192,7 @@ impl RecordingFile {
         }
         self.n_records += 1;
         self.chunk_begun.get_or_insert_with(Instant::now);
-        self.flush_if_old()
+        self.flush_if_due()
     }
 
     /// Brings along what a scene is made of, before the first tick of it.
@@ -289,19 +295,20 @@ impl RecordingFile {
         let known = Occasion::ALL.into_iter().zip(self.occasions).find(|(known, _)| *known == occasion);
         if let (Some((_, channel_id)), false) = (known, bytes.is_empty()) {
             self.mcap.write_to_known_channel(&header(channel_id, row), &bytes).map_err(|error| self.failed(&error))?;
+            self.chunk_bytes += bytes.len() as u64 + MESSAGE_HEAD_BYTES;
         }
         Ok(())
     }
 
     /// Ends the chunk when it has waited long enough.
-    pub(super) fn flush_if_old(&mut self) -> Result<(), RecordingError> {
+    pub(super) fn flush_if_due(&mut self) -> Result<(), RecordingError> {
         let is_old = self.chunk_begun.is_some_and(|begun| begun.elapsed() >= CHUNK_AGE);
-        if is_old { self.flush() } else { Ok(()) }
+        if is_old || self.chunk_bytes >= CHUNK_BYTES { self.flush() } else { Ok(()) }
     }
 
     /// Ends the chunk: what was written so far can be read, whatever happens.
     fn flush(&mut self) -> Result<(), RecordingError> {
-        self.chunk_begun = None;
+        (self.chunk_begun, self.chunk_bytes) = (None, 0);
         self.mcap.flush().map_err(|error| self.failed(&error))?;
         self.n_safe = self.n_records;
         Ok(())
