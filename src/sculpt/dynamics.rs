@@ -15,6 +15,10 @@ use crate::haptics::clay::{Lattice, Raster};
 
 /// Share of the stable step that an explicit step takes (algorithms, 11.2).
 const EXPLICIT_MARGIN: f64 = 0.8;
+/// Nodes that a thread takes at once where each stands for itself.
+const NODES: usize = 8192;
+/// Planes that a thread takes at once.
+const PLANES: usize = 4;
 /// Explicit steps in one update at most: the material is slower than told rather than the update late.
 const STEPS_MAX: u32 = 64;
 
@@ -91,8 +95,9 @@ pub struct Dynamics {
     rest_m: Box<[f32]>,
     velocities_m_per_s: Raster,
     forces_n: Box<[f32]>,
-    /// Scratch of the steps.
+    /// Scratch of the explicit steps: d̈, and d − d₀.
     accelerations: Box<[f32]>,
+    away: Box<[f32]>,
     solver: implicit::Solver,
     /// Explicit step of the last update, s; 0 before the first.
     step_s: f64,
@@ -122,6 +127,7 @@ impl Dynamics {
             velocities_m_per_s: Raster::uniform(*at_rest.lattice(), 0.0),
             forces_n: zeros(),
             accelerations: zeros(),
+            away: zeros(),
             solver: implicit::Solver::new(at_rest.lattice().n_nodes()),
             now: at_rest,
             step_s: 0.0,
@@ -178,10 +184,15 @@ impl Dynamics {
         };
         let gain = (1.0 - (-progress.time_s / self.material.creep_s).exp()) as f32;
         if gain > 0.0 {
-            self.rest_m.par_iter_mut().zip(self.now.values_m()).for_each(|(rest, now)| *rest += (now - *rest) * gain);
+            self.rest_m
+                .par_iter_mut()
+                .zip(self.now.values_m())
+                .with_min_len(NODES)
+                .for_each(|(rest, now)| *rest += (now - *rest) * gain);
         }
         self.forces_n.fill(0.0);
-        progress.speed_m_per_s = f64::from(self.velocities_m_per_s.values_m().par_iter().map(|v| v.abs()).reduce(|| 0.0, f32::max));
+        progress.speed_m_per_s =
+            f64::from(self.velocities_m_per_s.values_m().par_iter().with_min_len(NODES).map(|v| v.abs()).reduce(|| 0.0, f32::max));
         progress
     }
 
@@ -202,19 +213,20 @@ impl Dynamics {
             self.step_s = longest_s;
         }
         self.step_s = self.step_s.min(longest_s);
+        self.away.par_iter_mut().zip(self.now.values_m()).zip(&self.rest_m).for_each(|((away, now), rest)| *away = now - rest);
         while progress.steps < STEPS_MAX && progress.time_s < time_s * (1.0 - 1e-9) {
-            let fastest = self.accelerate();
-            let is_wild = f64::from(fastest) > self.material.acceleration_max_m_per_s2;
+            let is_wild = self.accelerate() > self.material.acceleration_max_m_per_s2;
             // Half of the previous step while the acceleration is beyond the threshold, and back up again afterwards.
             self.step_s = if is_wild { (0.5 * self.step_s).max(longest_s / 1024.0) } else { (2.0 * self.step_s).min(longest_s) };
             let step_s = self.step_s.min(time_s - progress.time_s);
             let h = step_s as f32;
-            self.velocities_m_per_s.values_m_mut().par_iter_mut().zip(self.now.values_m_mut()).zip(&self.accelerations).for_each(
-                |((velocity, density), acceleration)| {
-                    *velocity += h * acceleration;
-                    *density += h * *velocity;
-                },
-            );
+            let velocities = self.velocities_m_per_s.values_m_mut().par_iter_mut();
+            let moving = velocities.zip(self.now.values_m_mut()).zip(&mut self.away).zip(&self.accelerations);
+            moving.with_min_len(NODES).for_each(|(((velocity, density), away), acceleration)| {
+                *velocity += h * acceleration;
+                *density += h * *velocity;
+                *away += h * *velocity;
+            });
             progress.steps += 1;
             progress.time_s += step_s;
         }
@@ -222,14 +234,21 @@ impl Dynamics {
     }
 
     /// d̈ = (f − D ḋ − K (d − d₀))/m of every node; returns the largest |d̈|.
-    fn accelerate(&mut self) -> f32 {
-        let (material, rest, forces) = (&self.material, &self.rest_m, &self.forces_n);
-        let (densities, velocities) = (self.now.values_m(), self.velocities_m_per_s.values_m());
-        let away = |node: usize| densities[node] - rest[node];
-        by_plane(self.now.lattice(), &mut self.accelerations, |node, strides| {
-            let stretch = stretch(&material.stiffness_n_per_m, node, strides, away);
-            (forces[node] - material.damping_n_s_per_m.at(node) * velocities[node] - stretch) / material.mass_kg.at(node)
-        })
+    fn accelerate(&mut self) -> f64 {
+        let (material, forces, velocities) = (&self.material, &self.forces_n, self.velocities_m_per_s.values_m());
+        let largest = springs(
+            self.now.lattice(),
+            &material.stiffness_n_per_m,
+            &self.away,
+            &mut self.accelerations,
+            |node, stretch, largest| {
+                let pushed = forces[node] - material.damping_n_s_per_m.at(node) * velocities[node] - stretch;
+                let acceleration = pushed / material.mass_kg.at(node);
+                *largest = largest.max(f64::from(acceleration.abs()));
+                acceleration
+            },
+        );
+        largest.into_iter().fold(0.0, f64::max)
     }
 
     fn update_implicit(&mut self, time_s: f64) -> Progress {
@@ -241,61 +260,68 @@ impl Dynamics {
         );
         let h = time_s as f32;
         let densities = self.now.values_m_mut();
-        densities.par_iter_mut().zip(self.velocities_m_per_s.values_m()).for_each(|(density, velocity)| *density += h * velocity);
+        densities
+            .par_iter_mut()
+            .zip(self.velocities_m_per_s.values_m())
+            .with_min_len(NODES)
+            .for_each(|(density, velocity)| *density += h * velocity);
         Progress { steps: iterations, time_s, speed_m_per_s: 0.0, is_rough }
     }
 }
 
-/// (K u) at a node: Σ over the six neighbours of k (u − u'). `[z, y, x]` strides.
-#[inline(always)]
-fn stretch(stiffness: &Quantity, node: usize, strides: [usize; 3], u: impl Fn(usize) -> f32) -> f32 {
-    let own = u(node);
-    let mut sum = 0.0;
-    match stiffness {
-        Quantity::Constant(k) => {
-            for stride in strides {
-                sum += 2.0 * own - u(node - stride) - u(node + stride);
-            }
-            k * sum
-        }
-        Quantity::PerNode(values) => {
-            for other in strides.into_iter().flat_map(|stride| [node - stride, node + stride]) {
-                sum += 0.5 * (values[node] + values[other]) * (own - u(other));
-            }
-            sum
-        }
-    }
-}
-
-/// Fills an array with a value for each inner node, plane by plane in parallel; outermost nodes get 0. Returns the largest magnitude.
-fn by_plane(lattice: &Lattice, values: &mut [f32], value: impl Fn(usize, [usize; 3]) -> f32 + Sync) -> f32 {
+/// Gives each inner node to `finish` with (K u) there, Σ over the six neighbours of k (u − u'), and stores what comes back; outermost nodes
+/// get 0. Plane by plane in parallel; gives the sums of what `finish` adds up, plane by plane in their order.
+///
+/// Rows of a plane are looked at as slices, so that the constant case is computed several nodes at a time.
+fn springs(
+    lattice: &Lattice,
+    stiffness: &Quantity,
+    u: &[f32],
+    out: &mut [f32],
+    finish: impl Fn(usize, f32, &mut f64) -> f32 + Sync,
+) -> Vec<f64> {
     let [nx, ny, nz] = lattice.dims;
-    let strides = [1, nz, ny * nz];
-    values
-        .par_chunks_mut(ny * nz)
-        .enumerate()
-        .map(|(x, plane)| {
-            let mut largest: f32 = 0.0;
-            if x == 0 || x + 1 == nx {
-                plane.fill(0.0);
-                return largest;
+    let plane_nodes = ny * nz;
+    let of_plane = |(x, plane): (usize, &mut [f32])| {
+        let mut sum = 0.0;
+        if x == 0 || x + 1 == nx {
+            plane.fill(0.0);
+            return sum;
+        }
+        for (y, row) in plane.chunks_exact_mut(nz).enumerate() {
+            if y == 0 || y + 1 == ny {
+                row.fill(0.0);
+                continue;
             }
-            for (y, row) in plane.chunks_mut(nz).enumerate() {
-                if y == 0 || y + 1 == ny {
-                    row.fill(0.0);
-                    continue;
+            let first = (x * ny + y) * nz;
+            let beside = |from: usize| &u[from..from + nz];
+            let own = beside(first);
+            let [below, above, behind, ahead] = [first - nz, first + nz, first - plane_nodes, first + plane_nodes].map(beside);
+            match stiffness {
+                Quantity::Constant(k) => {
+                    for z in 1..nz - 1 {
+                        let around = own[z - 1] + own[z + 1] + below[z] + above[z] + behind[z] + ahead[z];
+                        row[z] = k * (6.0 * own[z] - around);
+                    }
                 }
-                let first = (x * ny + y) * nz;
-                row[0] = 0.0;
-                for (z, place) in row.iter_mut().enumerate().take(nz - 1).skip(1) {
-                    *place = value(first + z, strides);
-                    largest = largest.max(place.abs());
+                Quantity::PerNode(values) => {
+                    for z in 1..nz - 1 {
+                        let node = first + z;
+                        let spring = |other: usize| 0.5 * (values[node] + values[other]) * (own[z] - u[other]);
+                        let along = spring(node - 1) + spring(node + 1) + spring(node - nz) + spring(node + nz);
+                        row[z] = along + spring(node - plane_nodes) + spring(node + plane_nodes);
+                    }
                 }
-                row[nz - 1] = 0.0;
             }
-            largest
-        })
-        .reduce(|| 0.0, f32::max)
+            row[0] = 0.0;
+            row[nz - 1] = 0.0;
+            for (z, place) in row.iter_mut().enumerate().take(nz - 1).skip(1) {
+                *place = finish(first + z, *place, &mut sum);
+            }
+        }
+        sum
+    };
+    out.par_chunks_mut(plane_nodes).with_min_len(PLANES).enumerate().map(of_plane).collect()
 }
 
 #[cfg(test)]

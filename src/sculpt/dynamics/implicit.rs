@@ -5,7 +5,7 @@
 
 use rayon::prelude::*;
 
-use super::{Material, Quantity, by_plane, stretch};
+use super::{Material, springs};
 use crate::haptics::clay::Lattice;
 
 /// The residual that is left, as a share of what was asked for.
@@ -15,20 +15,21 @@ const ITERATIONS_MAX: u32 = 60;
 /// Nodes in one part of a sum: parts are added in their order, so the bits do not depend on the number of threads.
 const PART: usize = 4096;
 
-/// Scratch of the solver.
+/// Scratch of the solver, `[n_nodes]` each.
 #[derive(Clone, Debug)]
 pub(super) struct Solver {
     residual: Box<[f32]>,
     direction: Box<[f32]>,
     product: Box<[f32]>,
-    /// 1 over the diagonal.
+    /// M + T D, and about 1 over the diagonal.
+    inertia: Box<[f32]>,
     inverse: Box<[f32]>,
 }
 
 impl Solver {
     pub(super) fn new(n_nodes: usize) -> Self {
         let zeros = || vec![0.0; n_nodes].into_boxed_slice();
-        Self { residual: zeros(), direction: zeros(), product: zeros(), inverse: zeros() }
+        Self { residual: zeros(), direction: zeros(), product: zeros(), inertia: zeros(), inverse: zeros() }
     }
 
     /// Velocities after a step of T = `time_s`, from those before. Returns the iterations, and whether they ended early.
@@ -41,30 +42,38 @@ impl Solver {
     ) -> (u32, bool) {
         let t = time_s as f32;
         let Material { mass_kg, damping_n_s_per_m, stiffness_n_per_m, .. } = material;
-        let inertia = |node: usize| mass_kg.at(node) + t * damping_n_s_per_m.at(node);
-        let Self { residual, direction, product, inverse } = self;
+        let Self { residual, direction, product, inertia, inverse } = self;
 
         // r = M v + T (f − K (d − d₀)) − A v, from v as the first guess: M v − A v = −T D v − T² K v.
-        {
-            let velocities = &*velocities;
-            let ahead = |node: usize| densities_m[node] - rest_m[node] + t * velocities[node];
-            by_plane(lattice, residual, |node, strides| {
-                t * (forces_n[node]
-                    - damping_n_s_per_m.at(node) * velocities[node]
-                    - stretch(stiffness_n_per_m, node, strides, ahead))
-            });
-        }
-        by_plane(lattice, inverse, |node, strides| {
-            let springs = match stiffness_n_per_m {
-                Quantity::Constant(k) => 6.0 * k,
-                Quantity::PerNode(k) => {
-                    strides.into_iter().map(|stride| k[node] + 0.5 * (k[node - stride] + k[node + stride])).sum()
-                }
-            };
-            1.0 / (inertia(node) + t * t * springs)
+        let ahead = direction.par_chunks_mut(PART).zip(densities_m.par_chunks(PART)).zip(rest_m.par_chunks(PART));
+        ahead.zip(velocities.par_chunks(PART)).for_each(|(((ahead, densities), rest), velocities)| {
+            for (((ahead, density), rest), velocity) in ahead.iter_mut().zip(densities).zip(rest).zip(velocities) {
+                *ahead = density - rest + t * velocity;
+            }
         });
-        direction.par_iter_mut().zip(&*residual).zip(&*inverse).for_each(|((p, r), inverse)| *p = r * inverse);
-        let mut energy = dot(residual, direction);
+        springs(lattice, stiffness_n_per_m, direction, residual, |node, stretch, _| {
+            t * (forces_n[node] - damping_n_s_per_m.at(node) * velocities[node] - stretch)
+        });
+        inertia.par_chunks_mut(PART).zip(inverse.par_chunks_mut(PART)).enumerate().for_each(|(part, (inertia, inverse))| {
+            for (n, (inertia, inverse)) in inertia.iter_mut().zip(inverse).enumerate() {
+                let node = part * PART + n;
+                *inertia = mass_kg.at(node) + t * damping_n_s_per_m.at(node);
+                // Near the diagonal where stiffness was painted, which is near enough.
+                *inverse = 1.0 / (*inertia + 6.0 * t * t * stiffness_n_per_m.at(node));
+            }
+        });
+        let preconditioned = direction.par_chunks_mut(PART).zip(residual.par_chunks(PART)).zip(inverse.par_chunks(PART));
+        let energies: Vec<f64> = preconditioned
+            .map(|((p, r), inverse)| {
+                let mut sum = 0.0;
+                for ((p, r), inverse) in p.iter_mut().zip(r).zip(inverse) {
+                    *p = r * inverse;
+                    sum += f64::from(*p) * f64::from(*r);
+                }
+                sum
+            })
+            .collect();
+        let mut energy: f64 = energies.into_iter().sum();
         let enough = TOLERANCE * TOLERANCE * energy;
         for iteration in 0..ITERATIONS_MAX {
             // Also where nothing acts, and where something is not a number.
@@ -72,30 +81,40 @@ impl Solver {
             if !is_left {
                 return (iteration, false);
             }
-            {
-                let direction = &*direction;
-                let along = |node: usize| direction[node];
-                by_plane(lattice, product, |node, strides| {
-                    inertia(node) * direction[node] + t * t * stretch(stiffness_n_per_m, node, strides, along)
+            let bent: f64 = {
+                let (direction, inertia) = (&*direction, &*inertia);
+                let of_planes = springs(lattice, stiffness_n_per_m, direction, product, |node, stretch, sum| {
+                    let product = inertia[node] * direction[node] + t * t * stretch;
+                    *sum += f64::from(product) * f64::from(direction[node]);
+                    product
                 });
-            }
-            let length = (energy / dot(direction, product)) as f32;
-            velocities.par_iter_mut().zip(&*direction).for_each(|(v, p)| *v += length * p);
-            residual.par_iter_mut().zip(&*product).for_each(|(r, q)| *r -= length * q);
-            // The preconditioned residual takes the place of the product.
-            product.par_iter_mut().zip(&*residual).zip(&*inverse).for_each(|((z, r), inverse)| *z = r * inverse);
-            let next = dot(residual, product);
+                of_planes.into_iter().sum()
+            };
+            let length = (energy / bent) as f32;
+            let parts = velocities.par_chunks_mut(PART).zip(residual.par_chunks_mut(PART)).zip(direction.par_chunks(PART));
+            let next: Vec<f64> = parts
+                .zip(product.par_chunks(PART))
+                .zip(inverse.par_chunks(PART))
+                .map(|((((v, r), p), q), inverse)| {
+                    let mut sum = 0.0;
+                    for ((((v, r), p), q), inverse) in v.iter_mut().zip(r).zip(p).zip(q).zip(inverse) {
+                        *v += length * p;
+                        *r -= length * q;
+                        sum += f64::from(*r) * f64::from(*r * inverse);
+                    }
+                    sum
+                })
+                .collect();
+            let next: f64 = next.into_iter().sum();
             let turn = (next / energy) as f32;
-            direction.par_iter_mut().zip(&*product).for_each(|(p, z)| *p = z + turn * *p);
+            let parts = direction.par_chunks_mut(PART).zip(residual.par_chunks(PART)).zip(inverse.par_chunks(PART));
+            parts.for_each(|((p, r), inverse)| {
+                for ((p, r), inverse) in p.iter_mut().zip(r).zip(inverse) {
+                    *p = r * inverse + turn * *p;
+                }
+            });
             energy = next;
         }
         (ITERATIONS_MAX, true)
     }
-}
-
-/// Σ a b in f64, part by part.
-fn dot(a: &[f32], b: &[f32]) -> f64 {
-    let of_part = |(a, b): (&[f32], &[f32])| a.iter().zip(b).map(|(a, b)| f64::from(*a) * f64::from(*b)).sum::<f64>();
-    let parts: Vec<f64> = a.par_chunks(PART).zip(b.par_chunks(PART)).map(of_part).collect();
-    parts.into_iter().sum()
 }
