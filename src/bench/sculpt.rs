@@ -10,7 +10,7 @@ use glam::DVec3;
 use super::contact::clay::{Receding, RecedingForce};
 use super::{BenchError, Row, statistics};
 use crate::haptics::CouplingMode;
-use crate::sculpt::dynamics::{Integrator, Material, Quantity};
+use crate::sculpt::dynamics::Integrator;
 use crate::sculpt::falloff::Falloff;
 use crate::sculpt::pull::Pull;
 use crate::sculpt::workpiece::{Settings, Workpiece};
@@ -129,20 +129,7 @@ fn build_s(n_samples: usize) -> Result<f64, BenchError> {
 
 /// Milliseconds of each update while the pole is pulled out.
 fn update_ms(edge: usize, n_samples: usize, integrator: Integrator) -> Result<Vec<f64>, BenchError> {
-    let settings = Settings {
-        n_neighbours: PointSurface::DEFAULT_NEIGHBOURS,
-        region_map: None,
-        raster: [edge; 3],
-        air_m: 0.01,
-        material: Material {
-            mass_kg: Quantity::Constant(1e-4),
-            damping_n_s_per_m: Quantity::Constant(0.5),
-            stiffness_n_per_m: Quantity::Constant(50.0),
-            creep_s: 0.1,
-            acceleration_max_m_per_s2: 1e4,
-        },
-        integrator,
-    };
+    let settings = Settings { raster: [edge; 3], integrator, ..Settings::default() };
     let mut piece = Workpiece::new(sphere(n_samples), settings).map_err(refused)?;
     let mut times_ms = Vec::with_capacity(TIMED);
     for n in 0..BEFORE + TIMED {

@@ -85,6 +85,19 @@ pub struct Material {
     pub acceleration_max_m_per_s2: f64,
 }
 
+impl Default for Material {
+    /// Soft clay, which creeps within a tenth of a second.
+    fn default() -> Self {
+        Self {
+            mass_kg: Quantity::Constant(1e-4),
+            damping_n_s_per_m: Quantity::Constant(0.5),
+            stiffness_n_per_m: Quantity::Constant(50.0),
+            creep_s: 0.1,
+            acceleration_max_m_per_s2: 1e4,
+        }
+    }
+}
+
 /// Densities under way.
 #[derive(Clone, Debug)]
 pub struct Dynamics {

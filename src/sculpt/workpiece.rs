@@ -51,6 +51,20 @@ pub struct Settings {
     pub integrator: Integrator,
 }
 
+impl Default for Settings {
+    /// The paper's largest raster over the whole piece, a centimetre of air, soft clay.
+    fn default() -> Self {
+        Self {
+            n_neighbours: PointSurface::DEFAULT_NEIGHBOURS,
+            region_map: None,
+            raster: [40; 3],
+            air_m: 0.01,
+            material: Material::default(),
+            integrator: Integrator::default(),
+        }
+    }
+}
+
 /// Why a piece cannot be worked.
 #[derive(Debug, thiserror::Error)]
 pub enum WorkpieceError {
@@ -503,7 +517,6 @@ fn adopt(surface: &mut PointSurface, points: &PointSet, kept: &[u32], n_before: 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sculpt::dynamics::Quantity;
     use crate::sculpt::falloff::Falloff;
     use crate::sculpt::shapes::sphere;
 
@@ -511,18 +524,11 @@ mod tests {
 
     fn settings() -> Settings {
         Settings {
-            n_neighbours: PointSurface::DEFAULT_NEIGHBOURS,
             region_map: Some((DVec3::new(-0.012, -0.012, 0.008), DVec3::new(0.012, 0.012, 0.032))),
             raster: [31; 3],
             air_m: 5e-3,
-            material: Material {
-                mass_kg: Quantity::Constant(1e-4),
-                damping_n_s_per_m: Quantity::Constant(0.5),
-                stiffness_n_per_m: Quantity::Constant(50.0),
-                creep_s: 0.05,
-                acceleration_max_m_per_s2: f64::INFINITY,
-            },
-            integrator: Integrator::Implicit,
+            material: Material { creep_s: 0.05, acceleration_max_m_per_s2: f64::INFINITY, ..Material::default() },
+            ..Settings::default()
         }
     }
 

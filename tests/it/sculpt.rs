@@ -5,12 +5,12 @@ use std::path::Path;
 use std::process::Command;
 
 use glam::DVec3;
-use hapticd::sculpt::dynamics::{Integrator, Material, Quantity};
+use hapticd::sculpt::dynamics::Material;
 use hapticd::sculpt::export::write_mesh;
 use hapticd::sculpt::falloff::Falloff;
 use hapticd::sculpt::pull::Pull;
 use hapticd::sculpt::workpiece::Settings;
-use hapticd::sculpt::{PointSet, PointSurface, Workpiece};
+use hapticd::sculpt::{PointSet, Workpiece};
 
 const RADIUS_M: f64 = 0.02;
 
@@ -25,18 +25,11 @@ fn ball() -> Workpiece {
         points.push(normal * RADIUS_M, normal, [200; 3]);
     }
     let settings = Settings {
-        n_neighbours: PointSurface::DEFAULT_NEIGHBOURS,
         region_map: Some((DVec3::new(-0.012, -0.012, 0.008), DVec3::new(0.012, 0.012, 0.032))),
         raster: [31; 3],
         air_m: 6e-3,
-        material: Material {
-            mass_kg: Quantity::Constant(1e-4),
-            damping_n_s_per_m: Quantity::Constant(0.5),
-            stiffness_n_per_m: Quantity::Constant(50.0),
-            creep_s: 0.05,
-            acceleration_max_m_per_s2: f64::INFINITY,
-        },
-        integrator: Integrator::Implicit,
+        material: Material { creep_s: 0.05, acceleration_max_m_per_s2: f64::INFINITY, ..Material::default() },
+        ..Settings::default()
     };
     Workpiece::new(points, settings).unwrap()
 }

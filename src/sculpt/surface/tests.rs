@@ -310,16 +310,3 @@ fn samples_that_make_no_surface_are_named() {
     assert_eq!(error.to_string(), "100 positions, 100 normals and 4 colours: every point needs one of each");
     assert_eq!(PointSurface::build(ball, 4).unwrap_err().to_string(), "4 neighbours, 8 to 128 are possible");
 }
-
-#[test]
-#[ignore = "measures"]
-#[expect(clippy::print_stdout, reason = "reports the time")]
-fn building_67038_samples() {
-    let points = sphere(67_038, 0.05);
-    let begin = std::time::Instant::now();
-    let surface = build(points);
-    println!("built in {:.3} s on {} threads", begin.elapsed().as_secs_f64(), rayon::current_num_threads());
-    let begin = std::time::Instant::now();
-    let raster = surface.rasterize(lattice_around(&surface, 0.01, 0.12 / 127.0));
-    println!("{} nodes in {:.3} s", raster.values_m().len(), begin.elapsed().as_secs_f64());
-}
