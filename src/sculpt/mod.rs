@@ -24,6 +24,7 @@ pub mod resample;
 mod sample;
 mod save;
 pub mod spline;
+pub mod studio;
 mod surface;
 pub mod workpiece;
 

@@ -1,0 +1,41 @@
+//! What those who look see.
+
+use std::sync::Arc;
+
+use glam::DVec3;
+
+use super::super::PointSet;
+use super::Craft;
+
+/// The piece at one moment. Cheap to clone; made at most some tens of times a second.
+#[derive(Clone, Debug)]
+pub struct View {
+    /// Counts up whenever `points` is another set than before; begins at 1.
+    pub version: u64,
+    /// The samples, those of a stroke under way among them, map frame.
+    pub points: Arc<PointSet>,
+    /// Mean distance of neighbouring samples, m: discs of this diameter cover the surface.
+    pub spacing_m: f64,
+    /// Lowest and highest corner of the region that deforms, map frame, m.
+    pub region_map: (DVec3, DVec3),
+    /// What the tool does.
+    pub craft: Craft,
+    /// Radius of its brush, m.
+    pub brush_m: f64,
+    /// Its colour, sRGB.
+    pub color: [u8; 3],
+    /// A stroke is under way.
+    pub is_stroke: bool,
+    /// Strokes that can be taken back.
+    pub n_undo: usize,
+    /// Strokes that can be done again.
+    pub n_redo: usize,
+    /// Updates of the material so far.
+    pub updates: u64,
+    /// How long the last update took, s; 0 under simulated time, which shows the same every time.
+    pub update_s: f64,
+    /// Updates that came later than they should have.
+    pub late: u64,
+    /// What went wrong last, for people; empty when nothing did since.
+    pub trouble: Arc<str>,
+}
