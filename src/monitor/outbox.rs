@@ -89,6 +89,11 @@ impl Outbox {
         self.changed.notify_one();
     }
 
+    /// True from [`Self::end`] on: whatever is asked now finds no answer.
+    pub(super) fn has_ended(&self) -> bool {
+        self.waiting().ends.is_some()
+    }
+
     /// Waits for something to do.
     pub(super) async fn next(&self) -> Next {
         loop {

@@ -27,8 +27,8 @@ const MOST_WEB_SOCKETS: usize = 64;
 const BACKLOG: u32 = 1024;
 /// What the kernel keeps for a client that reads slowly, bytes: states in there are old ones.
 const SEND_BUFFER_BYTES: u32 = 64 << 10;
-/// How long good-byes may take at the end of a run.
-const GOOD_BYE: Duration = Duration::from_millis(500);
+/// How long good-byes may take at the end of a run: for the rest of what a slow page has not read yet.
+const GOOD_BYE: Duration = Duration::from_secs(3);
 
 /// What every handler can reach.
 pub(super) struct Served {
@@ -94,13 +94,18 @@ impl Bound {
         let pump = Pump::new(hub.clone());
         let work = async move {
             tokio::spawn(pump.run(fed));
+            let seats = served.seats.clone();
             let router = router(served).into_make_service_with_connect_info::<Peer>();
             let mut over = ended.clone();
             let serving = axum::serve(Door::new(listener), router).with_graceful_shutdown(async move {
                 let _ = over.changed().await;
             });
             tokio::select! {
-                _ = serving => {}
+                // The server counts no connection that became a WebSocket: those are over when all seats are free.
+                _ = async {
+                    let _ = serving.await;
+                    seats.acquire_many(MOST_WEB_SOCKETS as u32).await.map(drop)
+                } => {}
                 () = async {
                     let _ = ended.changed().await;
                     tokio::time::sleep(GOOD_BYE).await;

@@ -69,14 +69,20 @@ async fn serve(served: &Arc<Served>, socket: WebSocket, _seat: OwnedSemaphorePer
     let _parted = Parted { served, id: client.id };
     let (sink, stream) = socket.split();
     let sending = send_all(sink, &client);
-    tokio::pin!(sending);
+    let taking = take_all(stream, served, &client);
+    tokio::pin!(sending, taking);
     tokio::select! {
-        () = &mut sending => return,
-        () = take_all(stream, served, &client) => {}
+        () = &mut sending => {
+            served.hub.part(client.id);
+            // What a kernel has taken in and nobody read would make it reset the connection, and the good-bye would be lost with that.
+            let _ = tokio::time::timeout(GOOD_BYE, taking).await;
+        }
+        () = &mut taking => {
+            // Dropped by the heart at once; what is left to be said goes out, if somebody is there.
+            served.hub.part(client.id);
+            let _ = tokio::time::timeout(GOOD_BYE, sending).await;
+        }
     }
-    // Dropped by the heart at once; what is left to be said goes out, if somebody is there.
-    served.hub.part(client.id);
-    let _ = tokio::time::timeout(GOOD_BYE, sending).await;
 }
 
 /// However a connection ends, the hub hears of it.
@@ -127,6 +133,7 @@ async fn take_all(mut stream: SplitStream<WebSocket>, served: &Arc<Served>, clie
             tokio::time::sleep(wait).await;
         }
         match message {
+            Ok(Message::Text(_)) if client.outbox.has_ended() => {}
             Ok(Message::Text(text)) => {
                 served.hub.heart.hear(client.id);
                 let (id, asked) = Do::parse(text.as_bytes());

@@ -35,6 +35,8 @@ export class Drive {
     this.faultWords = new Map();
     this.shown = "";
     this.phase = "";
+    /** The run has ended, or was told to. */
+    this.isOver = false;
     /** Name of a scene that is on its way. */
     this.prepared = "";
     /** @type {?object} the newest state */
@@ -66,19 +68,31 @@ export class Drive {
     if (this.state) this.show(this.state);
   }
 
-  /** Before the first state of a run. @param {string} phase */
+  /** A connection begins. @param {string} phase */
   greet(phase) {
+    this.isOver = false;
+    this.#name(phase);
+  }
+
+  /** An event about the phase. @param {string} phase @param {boolean} isFirst before the first state of a run */
+  hear(phase, isFirst) {
+    this.phase = phase;
+    this.isOver ||= phase === "stopped";
+    if (isFirst) this.#name(phase);
+  }
+
+  #name(phase) {
     this.shown = "";
     byId("state-word").textContent = phase.charAt(0).toUpperCase() + phase.slice(1);
     byId("state-note").textContent = NOTES[phase] ?? "";
   }
 
-  /** The connection is gone, and with it all knowledge of the loop. */
-  lose() {
-    const isOver = this.phase === "stopping" || this.phase === "stopped";
+  /** The connection is gone, and with it all knowledge of the loop. @param {boolean} isOver the server went away on purpose */
+  lose(isOver) {
+    this.isOver ||= isOver;
     document.body.dataset.state = "waiting";
-    byId("state-word").textContent = isOver ? "Stopped" : "Unknown";
-    byId("state-note").textContent = isOver ? NOTES.stopped : this.phase && `${this.phase} when last heard of`;
+    byId("state-word").textContent = this.isOver ? "Stopped" : "Unknown";
+    byId("state-note").textContent = this.isOver ? NOTES.stopped : this.phase && `${this.phase} when last heard of`;
     this.shown = "";
     this.prepared = "";
     this.state = null;
@@ -119,6 +133,8 @@ export class Drive {
   async #order(what) {
     try {
       await this.link.order(what);
+      // What the server took it does, even if its last words do not arrive.
+      if (what === "stop") this.isOver = true;
     } catch (error) {
       say(`${what} was not done: ${words(error)}`);
     }

@@ -1,7 +1,8 @@
 /**
  * The way to the server: one WebSocket for states, events and commands, plain HTTP for all that is asked for once.
  *
- * Events of a {@link Link}: `open`, `closed`, `state`, `event`, `unauthorized`; what came is in `detail`.
+ * Events of a {@link Link}: `open`, `closed`, `state`, `event`, `unauthorized`; what came is in `detail`, for `closed` whether the server
+ * went away on purpose.
  * The socket is opened again for as long as the page lives. A refused command is a {@link Refusal} with words for people.
  */
 
@@ -12,6 +13,8 @@ const RETRY_LEAST_MS = 250;
 const RETRY_MOST_MS = 2000;
 /** A ping goes out this often; a socket on which nothing came for three of them is dead. */
 const PING_MS = 2000;
+/** The code with which a server closes that goes away (RFC 6455). */
+const AWAY = 1001;
 
 /** Why the server did not do what was asked, and what to do about it. */
 export class Refusal extends Error {
@@ -53,8 +56,8 @@ export class Link extends EventTarget {
     const socket = new WebSocket(url);
     this.socket = socket;
     socket.onmessage = ({ data }) => this.#take(JSON.parse(data));
-    socket.onclose = () => {
-      if (this.socket === socket) this.#lost();
+    socket.onclose = ({ code }) => {
+      if (this.socket === socket) this.#lost(code === AWAY);
     };
   }
 
@@ -142,14 +145,15 @@ export class Link extends EventTarget {
     }
   }
 
-  #lost() {
+  /** @param {boolean} isOver */
+  #lost(isOver) {
     this.socket = null;
     for (const { reject, timer } of this.waiting.values()) {
       clearTimeout(timer);
       reject(new Refusal("the connection broke"));
     }
     this.waiting.clear();
-    this.#tell("closed");
+    this.#tell("closed", isOver);
     setTimeout(() => this.connect(), this.retryMs);
     this.retryMs = Math.min(2 * this.retryMs, RETRY_MOST_MS);
   }
@@ -159,7 +163,7 @@ export class Link extends EventTarget {
     if (performance.now() - this.heardAt > 3 * PING_MS) {
       // A dead peer may keep close() waiting for minutes.
       const socket = this.socket;
-      this.#lost();
+      this.#lost(false);
       socket.close();
     } else {
       this.send("ping").catch(() => {});

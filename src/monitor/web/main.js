@@ -51,8 +51,8 @@ link.addEventListener("open", ({ detail: hello }) => {
   refreshInfo();
 });
 
-link.addEventListener("closed", () => {
-  if (stateAt !== null) drive.lose();
+link.addEventListener("closed", ({ detail: isOver }) => {
+  if (stateAt !== null) drive.lose(isOver);
   showFreshness();
 });
 
@@ -75,7 +75,7 @@ link.addEventListener("state", ({ detail: state }) => {
 
 link.addEventListener("event", ({ detail: event }) => {
   addEvent(event, stateTimeNs);
-  if (event.event === "state" && stateAt === null) drive.greet(event.names[0]);
+  if (event.event === "state") drive.hear(event.names[0], stateAt === null);
   if (event.event === "parameter") parameters.refresh().catch(() => {});
   if (event.event === "recording" && event.names[0] === "ended") session.remember(event.text);
   if (event.event === "recording" || event.event === "link") refreshInfo();
@@ -170,7 +170,7 @@ function showFreshness() {
   if (lost.hidden) return;
   const age = `${Math.floor(age_ms / 1000)} s`;
   if (link.isOpen) lost.textContent = `No data for ${age}: the server is there, the loop sends nothing.`;
-  else if (drive.phase === "stopping" || drive.phase === "stopped") lost.textContent = "The run is over. This page goes on when hapticd is started again.";
+  else if (drive.isOver) lost.textContent = "The run is over. This page goes on when hapticd is started again.";
   else lost.textContent = `Connection lost ${age} ago. What is shown is old; trying again.`;
 }
 

@@ -1,5 +1,7 @@
 //! States and events as they stream, facts as they are asked for.
 
+use std::time::Duration;
+
 use serde_json::json;
 use tokio_tungstenite::tungstenite::Message;
 
@@ -34,6 +36,27 @@ fn a_client_at_full_rate_sees_every_tick_or_hears_how_many_it_did_not() {
     assert_eq!(ended.code, Some(0), "{}", ended.stderr);
     no_record_lost(&ended);
     assert_eq!(client.close_code(), Some(1001), "a good-bye at the end of the run");
+}
+
+#[test]
+fn who_reads_late_hears_the_good_bye_too() {
+    let mut daemon = Daemon::enabled("", "");
+    let mut slow = daemon.connect();
+    slow.does(json!({ "do": "subscribe", "rate_hz": 1000, "contacts": true }));
+    // The kernel's buffers fill: what comes after them waits in the server.
+    std::thread::sleep(Duration::from_secs(3));
+    assert_eq!(daemon.http("POST", "/api/v1/stop", &[], "").0, 200);
+    let (mut is_told, mut code) = (false, None);
+    while let Ok(message) = slow.socket.read() {
+        match message {
+            Message::Text(text) => is_told |= text.contains("\"event\":\"state\"") && text.contains("stopped"),
+            Message::Close(frame) => code = frame.map(|frame| u16::from(frame.code)),
+            _ => {}
+        }
+        std::thread::sleep(Duration::from_micros(200));
+    }
+    assert_eq!((is_told, code), (true, Some(1001)));
+    assert_eq!(daemon.ended().code, Some(0));
 }
 
 #[test]
