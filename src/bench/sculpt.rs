@@ -133,13 +133,15 @@ fn update_ms(edge: usize, n_samples: usize, integrator: Integrator) -> Result<Ve
     let mut piece = Workpiece::new(sphere(n_samples), settings).map_err(refused)?;
     let mut times_ms = Vec::with_capacity(TIMED);
     for n in 0..BEFORE + TIMED {
-        piece.pull(&Pull {
-            along_map: vec![DVec3::Z * RADIUS_M],
-            force_n: DVec3::Z * 2.0,
-            reach_m: 5e-3,
-            radius_m: 8e-3,
-            falloff: Falloff::Gaussian,
-        });
+        piece
+            .pull(&Pull {
+                along_map: vec![DVec3::Z * RADIUS_M],
+                force_n: DVec3::Z * 2.0,
+                reach_m: 5e-3,
+                radius_m: 8e-3,
+                falloff: Falloff::Gaussian,
+            })
+            .map_err(refused)?;
         let begin = Instant::now();
         core::hint::black_box(piece.advance(UPDATE_S));
         if n >= BEFORE {

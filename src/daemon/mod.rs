@@ -31,6 +31,7 @@ pub mod refusal;
 pub mod reload;
 mod replay;
 pub mod service;
+pub mod studio;
 mod supervisor;
 pub mod switch;
 mod unpacked;

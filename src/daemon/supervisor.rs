@@ -16,7 +16,7 @@ use crate::haptics::{Drive, OffCause, RenderScene};
 use crate::rt::clock::{Clock, ClockKind, RealClock, VirtualClock};
 use crate::rt::preflight::{KernelFacts, Report};
 use crate::rt::schedule::{self, ThreadRequest, ThreadStanding};
-use crate::servo::{Control, Ending, LoopReport, Order, RunPlan, ServoLoop, StopGuard, SwapSlot, Wishes, run_to_end};
+use crate::servo::{ClaySlot, Control, Ending, LoopReport, Order, RunPlan, ServoLoop, StopGuard, SwapSlot, Wishes, run_to_end};
 use crate::telemetry::{Counted, Drained, RealtimeSummary, SwapSummary, Taps, TickRecord, Totals, Watch, drain};
 
 /// Records under way between servo and drain: four seconds at 1 kHz.
@@ -126,6 +126,8 @@ pub struct Live {
     pub wishes: Wishes,
     /// Other scenes; the cold end is the caller's.
     pub swaps: Option<SwapSlot>,
+    /// Frames of the scene's clay; the cold end is a [`studio`](super::studio).
+    pub clay: Option<ClaySlot>,
     /// Who says when force may flow.
     pub operator: Operator,
     /// What becomes of the link of a real arm.
@@ -449,8 +451,12 @@ impl Drop for QuitOnUnwind<'_> {
 
 fn with_live<C: Clock>(servo: ServoLoop<Box<dyn Device>, C>, live: Live) -> ServoLoop<Box<dyn Device>, C> {
     let servo = servo.with_wishes(live.wishes);
-    match live.swaps {
+    let servo = match live.swaps {
         Some(swaps) => servo.with_swaps(swaps),
+        None => servo,
+    };
+    match live.clay {
+        Some(clay) => servo.with_clay(clay),
         None => servo,
     }
 }

@@ -97,11 +97,15 @@ impl Afloat {
 
 /// The place on a level that is found from near it, by steps along the gradient, and the normal there; `None` where none is found within a
 /// distance.
-pub(super) fn onto_level(now: &Raster, start: DVec3, level_m: f64, within_m: f64) -> Option<(DVec3, DVec3)> {
-    let spacing_m = now.lattice().spacing_m;
+pub(super) fn onto_level(
+    now: impl Fn(DVec3) -> Option<Density>,
+    spacing_m: f64,
+    (start, level_m): (DVec3, f64),
+    within_m: f64,
+) -> Option<(DVec3, DVec3)> {
     let mut at = start;
     for _ in 0..2 * CORRECTIONS {
-        let density = now.at(at)?;
+        let density = now(at)?;
         let (normal, slope) = out(&density)?;
         let off_m = f64::from(density.value_m) - level_m;
         if off_m.abs() <= ON_LEVEL_SPACINGS * spacing_m {

@@ -75,6 +75,11 @@ impl GreyImage {
         Self::new(decoded.width() as usize, decoded.height() as usize, decoded.pixels().iter().map(grey).collect())
     }
 
+    /// Half its width and height, the larger one 1.
+    pub fn half_edges(&self) -> DVec2 {
+        DVec2::new(self.width as f64, self.height as f64) / self.width.max(self.height) as f64
+    }
+
     /// The grey at a place, (0, 0) top left and (1, 1) bottom right, between pixels' middles as straight lines; 0 beyond the image.
     pub fn at(&self, place: DVec2) -> f64 {
         if !(place.cmpge(DVec2::ZERO).all() && place.cmple(DVec2::ONE).all()) {

@@ -4,8 +4,7 @@
 //! crossings on its edges. The mesh is closed wherever the surface stays inside the raster, and lies within a fraction of the spacing of the
 //! surface; edges are rounded by about the spacing.
 
-use std::fs::File;
-use std::io::{self, BufWriter, Write};
+use std::io::{self, Write};
 use std::path::Path;
 
 use fast_surface_nets::ndshape::{RuntimeShape, Shape};
@@ -13,6 +12,7 @@ use fast_surface_nets::{SurfaceNetsBuffer, surface_nets};
 use glam::DVec3;
 
 use super::Workpiece;
+use super::whole_file::write_whole;
 use crate::haptics::clay::{Lattice, Raster};
 use crate::mesh::TriangleMesh;
 
@@ -76,26 +76,24 @@ pub fn surface_of(raster: &Raster) -> Result<TriangleMesh, ExportError> {
 /// Writes a mesh as binary little-endian PLY, metres, corners as 64-bit numbers: what [`crate::mesh::load`] reads, and `bake`.
 ///
 /// # Errors
-/// Any error of the file system.
+/// Any error of the file system; what was there under that name is there still.
 pub fn write_mesh(path: &Path, mesh: &TriangleMesh) -> io::Result<()> {
-    let mut file = BufWriter::with_capacity(1 << 20, File::create(path)?);
-    write!(
-        file,
-        "ply\nformat binary_little_endian 1.0\ncomment a piece of clay, metres\nelement vertex {}\n",
-        mesh.vertices.len()
-    )?;
-    write!(file, "property double x\nproperty double y\nproperty double z\nelement face {}\n", mesh.triangles.len())?;
-    writeln!(file, "property list uchar uint vertex_indices\nend_header")?;
-    for coordinate in mesh.vertices.iter().flat_map(|vertex| vertex.to_array()) {
-        file.write_all(&coordinate.to_le_bytes())?;
-    }
-    for triangle in &mesh.triangles {
-        file.write_all(&[3])?;
-        for corner in triangle {
-            file.write_all(&corner.to_le_bytes())?;
+    write_whole(path, |file| {
+        let (n_vertices, n_triangles) = (mesh.vertices.len(), mesh.triangles.len());
+        write!(file, "ply\nformat binary_little_endian 1.0\ncomment a piece of clay, metres\nelement vertex {n_vertices}\n")?;
+        write!(file, "property double x\nproperty double y\nproperty double z\nelement face {n_triangles}\n")?;
+        writeln!(file, "property list uchar uint vertex_indices\nend_header")?;
+        for coordinate in mesh.vertices.iter().flat_map(|vertex| vertex.to_array()) {
+            file.write_all(&coordinate.to_le_bytes())?;
         }
-    }
-    file.flush()
+        for triangle in &mesh.triangles {
+            file.write_all(&[3])?;
+            for corner in triangle {
+                file.write_all(&corner.to_le_bytes())?;
+            }
+        }
+        Ok(())
+    })
 }
 
 #[cfg(test)]

@@ -23,9 +23,11 @@ pub mod redistance;
 pub mod resample;
 mod sample;
 mod save;
+pub mod session;
 pub mod spline;
 pub mod studio;
 mod surface;
+mod whole_file;
 pub mod workpiece;
 
 pub use error::SurfaceError;

@@ -1,22 +1,30 @@
 //! Paint: colours of samples under a brush that the hand presses.
 //!
 //! C = C_b I + C_p (1 − I), with the size of the brush proportional to the force (Guo2004, painting tool). The paper's brush function
-//! I(R_p, R_b, f) is lost in print; here I = max(0, 1 − R_p/R_b)^f: 1 in the middle, 0 at the rim, and with f = 0 a hard edge.
+//! I(R_p, R_b, f) is lost in print; here I is the weight of a [`Falloff`] at R_p/R_b, as for the ropes. While a brush is pressed a sample keeps
+//! the most that it was given: a brush that stands still leaves what one dab leaves, at any rate of updates.
 //!
-//! A sample that the rim only half covers is split: samples are added in its disc and tried again, until they are as small as a pixel.
+//! A sample that the rim of a hard brush only half covers is split when the brush is lifted: samples are added in its disc and tried again,
+//! until they are small enough.
 
 use glam::DVec3;
+use rayon::prelude::*;
 
 use super::PointSet;
+use super::falloff::Falloff;
 
 /// Samples that are added around one that is half covered.
 const SPLIT: u32 = 6;
 /// Where they go, in radii of the disc that is split; and how large theirs are.
 const SPLIT_AT: f64 = 0.62;
 const SPLIT_RADIUS: f64 = 0.42;
+/// Weight at the rim from which a brush is hard: only then is there something to be gained from smaller samples.
+const HARD: f64 = 0.5;
+/// A dab that is nearer to the last one than this, in its radii, adds nothing to the rim.
+const SAME: f64 = 0.02;
 
 /// What paints.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Brush {
     /// sRGB.
     pub color: [u8; 3],
@@ -24,8 +32,8 @@ pub struct Brush {
     pub radius_m_per_n: f64,
     /// The radius does not grow beyond this, m.
     pub radius_max_m: f64,
-    /// f: 0 for a hard edge, 1 for a cone, more for a point.
-    pub falloff_rate: f64,
+    /// How the colour fades towards the rim.
+    pub falloff: Falloff,
     /// Samples are not split into discs smaller than this, m.
     pub smallest_m: f64,
 }
@@ -37,22 +45,36 @@ impl Brush {
         if radius_m > 0.0 { radius_m.min(self.radius_max_m) } else { 0.0 }
     }
 
-    /// I at a distance from the middle of a brush with this radius.
-    pub fn intensity(&self, distance_m: f64, radius_m: f64) -> f64 {
-        if !(radius_m > 0.0 && distance_m < radius_m) {
-            return 0.0;
-        }
-        (1.0 - distance_m / radius_m).powf(self.falloff_rate)
-    }
-
     /// The colour that covers another with an intensity from 0 to 1.
     pub fn over(&self, under: [u8; 3], intensity: f64) -> [u8; 3] {
         let mixed = |n: usize| f64::from(self.color[n]) * intensity + f64::from(under[n]) * (1.0 - intensity);
         [0, 1, 2].map(|n| mixed(n).round().clamp(0.0, 255.0) as u8)
     }
+
+    fn is_hard(&self) -> bool {
+        self.falloff.weight(1.0) >= HARD
+    }
 }
 
-/// A sample to be painted: number and the radius of its disc, m.
+/// A brush at one moment.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Dab {
+    /// Middle, map frame, m.
+    pub at_map: DVec3,
+    /// Normal of the surface there: the other side of a thin wall is not painted.
+    pub normal_map: DVec3,
+    /// m.
+    pub radius_m: f64,
+}
+
+impl Dab {
+    /// How far beyond the rim a place is, m; below 0 under the brush.
+    fn beyond_m(&self, at_map: DVec3, normal_map: DVec3) -> f64 {
+        if self.normal_map.dot(normal_map) > 0.0 { at_map.distance(self.at_map) - self.radius_m } else { f64::INFINITY }
+    }
+}
+
+/// A sample and the radius of its disc, m.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Surfel {
     /// Number of the sample.
@@ -61,51 +83,91 @@ pub struct Surfel {
     pub radius_m: f64,
 }
 
-/// Paints the samples near the brush, which stands at `at_map` and is pressed with `force_n`.
-///
-/// `near`: the samples within the brush's radius and their own, in the order of their numbers. `onto`: puts a point onto the surface, and
-/// gives the normal there. Samples that are added come behind all others. Gives the discs of those that were added.
-pub fn paint(
-    points: &mut PointSet,
-    near: &[Surfel],
-    brush: &Brush,
-    (at_map, force_n): (DVec3, f64),
-    onto: impl Fn(DVec3) -> Option<(DVec3, DVec3)>,
-) -> Vec<Surfel> {
-    let radius_m = brush.radius_m(force_n);
-    let mut added = Vec::new();
-    if !(radius_m > 0.0 && at_map.is_finite()) {
-        return added;
-    }
-    // What is split comes behind, and is tried in its turn.
-    let mut waiting: Vec<Surfel> = near.to_vec();
-    let mut n = 0;
-    while let Some(&Surfel { sample, radius_m: disc_m }) = waiting.get(n) {
-        n += 1;
-        let (at, normal, under) =
-            (points.positions_map[sample as usize], points.normals_map[sample as usize], points.colors[sample as usize]);
-        let distance_m = at.distance(at_map);
-        let is_cut = (distance_m - radius_m).abs() < disc_m && brush.is_hard();
-        if is_cut && disc_m * SPLIT_RADIUS >= brush.smallest_m {
-            let (u, v) = normal.any_orthonormal_pair();
-            for turn in 0..SPLIT {
-                let (sin, cos) = (core::f64::consts::TAU * f64::from(turn) / f64::from(SPLIT)).sin_cos();
-                let Some((place, normal)) = onto(at + (u * cos + v * sin) * (SPLIT_AT * disc_m)) else { continue };
-                let surfel = Surfel { sample: points.len() as u32, radius_m: SPLIT_RADIUS * disc_m };
-                points.push(place, normal, under);
-                added.push(surfel);
-                waiting.push(surfel);
-            }
-        }
-        points.colors[sample as usize] = brush.over(under, brush.intensity(distance_m, radius_m));
-    }
-    added
+/// What one press of a brush has put over the colours before.
+#[derive(Clone, Debug)]
+pub struct Coat {
+    /// `[n]`: colours before.
+    under: Vec<[u8; 3]>,
+    /// `[n]`: 0 to 1.
+    intensities: Vec<f64>,
+    dabs: Vec<Dab>,
 }
 
-impl Brush {
-    /// Its rim is a step of colour: only then is there something to be gained from smaller samples.
-    fn is_hard(&self) -> bool {
-        self.falloff_rate < 0.5
+impl Coat {
+    /// Nothing yet, over these colours, one per sample.
+    pub fn over(colors: &[[u8; 3]]) -> Self {
+        Self { under: colors.to_vec(), intensities: vec![0.0; colors.len()], dabs: Vec::new() }
+    }
+
+    /// Colours the samples with the numbers `near`, those at most that were there when the press began; places, normals and colours are of all
+    /// samples. Gives how many took colour.
+    pub fn dab(
+        &mut self,
+        (positions_map, normals_map, colors): (&[DVec3], &[DVec3], &mut [[u8; 3]]),
+        near: &[u32],
+        brush: &Brush,
+        dab: Dab,
+    ) -> usize {
+        let can_paint = dab.radius_m > 0.0 && dab.at_map.is_finite();
+        if !can_paint {
+            return 0;
+        }
+        let mut n_colored = 0;
+        for sample in near.iter().map(|sample| *sample as usize) {
+            if dab.beyond_m(positions_map[sample], normals_map[sample]) >= 0.0 {
+                continue;
+            }
+            let intensity = brush.falloff.weight(positions_map[sample].distance(dab.at_map) / dab.radius_m);
+            if intensity > self.intensities[sample] {
+                self.intensities[sample] = intensity;
+                colors[sample] = brush.over(self.under[sample], intensity);
+                n_colored += 1;
+            }
+        }
+        let is_same = |last: &Dab| last.at_map.distance(dab.at_map) <= SAME * dab.radius_m && dab.radius_m <= last.radius_m;
+        if !self.dabs.last().is_some_and(is_same) {
+            self.dabs.push(dab);
+        }
+        n_colored
+    }
+
+    /// Samples for the discs that the rim of all dabs cuts; none for a brush that fades out. `onto`: puts a point onto the surface, and gives
+    /// the normal there. Parallel; cost: O(samples · dabs).
+    pub fn refined(
+        &self,
+        points: &PointSet,
+        discs: &[Surfel],
+        brush: &Brush,
+        onto: impl Fn(DVec3) -> Option<(DVec3, DVec3)> + Sync,
+    ) -> PointSet {
+        let mut added = PointSet::default();
+        if !brush.is_hard() {
+            return added;
+        }
+        let beyond_m =
+            |at: DVec3, normal: DVec3| self.dabs.iter().map(|dab| dab.beyond_m(at, normal)).fold(f64::INFINITY, f64::min);
+        let split = |disc: &Surfel| {
+            let sample = disc.sample as usize;
+            let mut new = PointSet::default();
+            let mut waiting = vec![(points.positions_map[sample], points.normals_map[sample], disc.radius_m)];
+            while let Some((at, normal, disc_m)) = waiting.pop() {
+                if beyond_m(at, normal).abs() >= disc_m || disc_m * SPLIT_RADIUS < brush.smallest_m {
+                    continue;
+                }
+                let (u, v) = normal.any_orthonormal_pair();
+                for turn in 0..SPLIT {
+                    let (sin, cos) = (core::f64::consts::TAU * f64::from(turn) / f64::from(SPLIT)).sin_cos();
+                    let Some((at, normal)) = onto(at + (u * cos + v * sin) * (SPLIT_AT * disc_m)) else { continue };
+                    let is_covered = beyond_m(at, normal) < 0.0;
+                    new.push(at, normal, brush.over(self.under[sample], if is_covered { 1.0 } else { 0.0 }));
+                    waiting.push((at, normal, SPLIT_RADIUS * disc_m));
+                }
+            }
+            new
+        };
+        let new: Vec<PointSet> = discs.par_iter().map(split).collect();
+        new.iter().for_each(|new| added.append(new));
+        added
     }
 }
 
@@ -113,7 +175,10 @@ impl Brush {
 mod tests {
     use super::*;
 
-    const RED: Brush = Brush { color: [255, 0, 0], radius_m_per_n: 2e-3, radius_max_m: 8e-3, falloff_rate: 1.0, smallest_m: 1e-4 };
+    fn red() -> Brush {
+        let cone = Falloff::table(vec![1.0, 0.0]).unwrap();
+        Brush { color: [255, 0, 0], radius_m_per_n: 2e-3, radius_max_m: 8e-3, falloff: cone, smallest_m: 1e-4 }
+    }
 
     fn plate() -> PointSet {
         let mut points = PointSet::default();
@@ -125,7 +190,14 @@ mod tests {
         points
     }
 
-    fn all(points: &PointSet) -> Vec<Surfel> {
+    fn dab(points: &mut PointSet, coat: &mut Coat, brush: &Brush, at_map: DVec3, force_n: f64) -> usize {
+        let near: Vec<u32> = (0..points.len() as u32).collect();
+        let PointSet { positions_map, normals_map, colors } = points;
+        let dab = Dab { at_map, normal_map: DVec3::Z, radius_m: brush.radius_m(force_n) };
+        coat.dab((positions_map, normals_map, colors), &near, brush, dab)
+    }
+
+    fn discs(points: &PointSet) -> Vec<Surfel> {
         (0..points.len() as u32).map(|sample| Surfel { sample, radius_m: 6e-4 }).collect()
     }
 
@@ -135,53 +207,62 @@ mod tests {
 
     #[test]
     fn the_brush_grows_with_the_force_up_to_its_largest() {
-        assert_eq!([0.0, 1.0, 3.0, 10.0, -1.0].map(|force| RED.radius_m(force)), [0.0, 2e-3, 6e-3, 8e-3, 0.0]);
-        assert_eq!(RED.radius_m(f64::NAN), 0.0);
+        assert_eq!([0.0, 1.0, 3.0, 10.0, -1.0].map(|force| red().radius_m(force)), [0.0, 2e-3, 6e-3, 8e-3, 0.0]);
+        assert_eq!(red().radius_m(f64::NAN), 0.0);
     }
 
     #[test]
-    fn colour_fades_from_the_middle_to_the_rim() {
-        let mut points = plate();
-        let near = all(&points);
-        assert!(paint(&mut points, &near, &RED, (DVec3::ZERO, 3.0), flat).is_empty(), "a soft rim splits nothing");
-        for (at, color) in points.positions_map.iter().zip(&points.colors) {
-            let share = (1.0 - at.length() / 6e-3).max(0.0);
-            let expected = [255.0 * share, 0.0, 200.0 * (1.0 - share)];
-            assert!((0..3).all(|n| (f64::from(color[n]) - expected[n]).abs() <= 0.5 + 1e-9), "{at}: {color:?}, {expected:?}");
+    fn colour_fades_from_the_middle_to_the_rim_however_often_the_brush_dabs() {
+        for n_dabs in [1, 50] {
+            let mut points = plate();
+            let mut coat = Coat::over(&points.colors);
+            (0..n_dabs).for_each(|_| drop(dab(&mut points, &mut coat, &red(), DVec3::ZERO, 3.0)));
+            assert!(coat.refined(&points, &discs(&points), &red(), flat).is_empty(), "a soft rim splits nothing");
+            for (at, color) in points.positions_map.iter().zip(&points.colors) {
+                let share = (1.0 - at.length() / 6e-3).max(0.0);
+                let expected = [255.0 * share, 0.0, 200.0 * (1.0 - share)];
+                assert!((0..3).all(|n| (f64::from(color[n]) - expected[n]).abs() <= 0.5 + 1e-9), "{at}: {color:?}, {expected:?}");
+            }
         }
     }
 
     #[test]
     fn a_hard_rim_splits_what_it_cuts_until_the_discs_are_small() {
-        let brush = Brush { falloff_rate: 0.0, ..RED };
+        let brush = Brush { falloff: Falloff::Constant, ..red() };
         let mut points = plate();
-        let before = points.len();
-        let near = all(&points);
-        let added = paint(&mut points, &near, &brush, (DVec3::ZERO, 3.0), flat);
-        assert_eq!(points.len(), before + added.len());
+        let mut coat = Coat::over(&points.colors);
+        // Two dabs: where they overlap there is no rim.
+        let middles = [DVec3::ZERO, DVec3::X * 4e-3];
+        middles.iter().for_each(|at| drop(dab(&mut points, &mut coat, &brush, *at, 3.0)));
+        let added = coat.refined(&points, &discs(&points), &brush, flat);
         assert!(added.len() > 100, "{}", added.len());
-        assert!(added.iter().all(|surfel| surfel.radius_m >= brush.smallest_m));
-        for (at, color) in points.positions_map.iter().zip(&points.colors) {
-            let expected = if at.length() < 6e-3 { [255, 0, 0] } else { [0, 0, 200] };
+        let from_rim_m = |at: &DVec3| middles.map(|middle| at.distance(middle) - 6e-3).into_iter().fold(f64::INFINITY, f64::min);
+        for (at, color) in points.positions_map.iter().chain(&added.positions_map).zip(points.colors.iter().chain(&added.colors)) {
+            let expected = if from_rim_m(at) < 0.0 { [255, 0, 0] } else { [0, 0, 200] };
             assert_eq!(*color, expected, "{at}");
         }
-        // The smallest discs lie along the rim.
-        let smallest = added.iter().map(|surfel| surfel.radius_m).fold(f64::INFINITY, f64::min);
-        assert!(smallest < 2.4e-4);
-        for surfel in &added {
-            let at = points.positions_map[surfel.sample as usize];
-            assert!((at.length() - 6e-3).abs() < 1.3e-3, "{at}");
-        }
+        assert!(added.positions_map.iter().all(|at| from_rim_m(at).abs() < 1.3e-3));
+        let nothing_smaller = Brush { smallest_m: 6e-4, ..brush };
+        assert!(coat.refined(&points, &discs(&points), &nothing_smaller, flat).is_empty());
+    }
+
+    #[test]
+    fn the_other_side_of_a_wall_stays_clean() {
+        let mut points = plate();
+        points.normals_map.iter_mut().skip(800).for_each(|normal| *normal = -*normal);
+        let mut coat = Coat::over(&points.colors);
+        assert!(dab(&mut points, &mut coat, &red(), DVec3::ZERO, 3.0) > 0);
+        assert!(points.colors[800..].iter().all(|color| *color == [0, 0, 200]));
     }
 
     #[test]
     fn no_force_no_paint() {
         let mut points = plate();
-        let near = all(&points);
+        let mut coat = Coat::over(&points.colors);
         for force in [0.0, -3.0, f64::NAN] {
-            assert!(paint(&mut points, &near, &RED, (DVec3::ZERO, force), flat).is_empty());
+            assert_eq!(dab(&mut points, &mut coat, &red(), DVec3::ZERO, force), 0);
         }
-        assert!(paint(&mut points, &near, &RED, (DVec3::NAN, 1.0), flat).is_empty());
+        assert_eq!(dab(&mut points, &mut coat, &red(), DVec3::NAN, 1.0), 0);
         assert_eq!(points, plate());
     }
 }

@@ -132,7 +132,8 @@ pub fn fill(points: &mut PointSet, afloat: &mut Afloat, now: &Raster, gap_m: f64
             let levels = gap.around.map(|sample| level_of.get(&sample).copied());
             let known = levels.iter().flatten();
             let level_m = known.clone().sum::<f64>() / known.clone().count().max(1) as f64;
-            let Some((at, normal)) = onto_level(now, middle, level_m, FILLED_GAPS * gap_m) else { continue };
+            let found = onto_level(|at| now.at(at), now.lattice().spacing_m, (middle, level_m), FILLED_GAPS * gap_m);
+            let Some((at, normal)) = found else { continue };
             // It may have slid along a bent surface to where somebody is.
             let is_free = neighbours.nearest(at).is_none_or(|nearest| nearest.distance_squared_m2 > (0.5 * gap_m).powi(2));
             if !(is_free && taken.is_free(at)) {

@@ -1,19 +1,17 @@
 //! Samples as a file: binary little-endian PLY, `double x y z`, `float nx ny nz`, `uchar red green blue`; metres, normals outward.
 
-use std::fs::File;
-use std::io::{self, BufWriter, Write};
+use std::io::{self, Write};
 use std::path::Path;
 
 use super::PointSet;
+use super::whole_file::write_whole;
 
 /// Writes samples. [`super::load()`] reads them back: positions and colours bit for bit, normals as 32-bit numbers.
 ///
 /// # Errors
-/// Any error of the file system.
+/// Any error of the file system; what was there under that name is there still.
 pub fn save(path: &Path, points: &PointSet) -> io::Result<()> {
-    let mut file = BufWriter::with_capacity(1 << 20, File::create(path)?);
-    write(&mut file, points)?;
-    file.flush()
+    write_whole(path, |file| write(file, points))
 }
 
 /// The same to any writer.

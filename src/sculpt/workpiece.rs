@@ -8,31 +8,35 @@
 //! ```
 //! A stroke works on copies; what a look-up of [`Workpiece::surface`] gives changes when it ends.
 
+mod adopt;
+mod lattices;
+
 use std::sync::Arc;
 
 use glam::DVec3;
 
+use self::adopt::adopt;
+use self::lattices::{NODES_MAX, copy_into, cut, first_node, is_part, lattices};
 use super::advect::Afloat;
 use super::boolean::Boolean;
 use super::dynamics::{Dynamics, Integrator, Material, Progress};
 use super::emboss::{GreyImage, Laid, embossed};
-use super::paint::{Brush, Surfel, paint};
+use super::paint::{Brush, Coat, Dab, Surfel};
 use super::pull::{Pull, add_pull};
 use super::redistance::redistance;
-use super::{Moved, PointSet, PointSurface, SurfaceError, advect, resample};
-use crate::haptics::clay::{Frame, Lattice, Raster};
+use super::session::Session;
+use super::{PointSet, PointSurface, SurfaceError, advect, resample};
+use crate::haptics::clay::{Density, Frame, FrameError, Lattice, Raster};
 
 /// Largest empty circle and closest pair of samples in a region, in spacings of the samples at the start.
 const GAP_SPACINGS: f64 = 1.0;
 const CLOSE_SPACINGS: f64 = 0.35;
-/// Air around all samples in the base raster, in its spacings: room for what is pulled out, beyond what the caller asks for.
-const AIR_SPACINGS: f64 = 4.0;
-/// Nodes of the base raster at most: 128 MiB.
-const NODES_MAX: usize = 1 << 25;
 /// Strokes that can be taken back.
 const PAST_MAX: usize = 64;
 /// Radius of a sample's disc, in its spacings: neighbouring discs overlap.
 const DISC_SPACINGS: f64 = 0.75;
+/// Smallest disc that the rim of a brush leaves, in spacings at the start: each is split once.
+const SPLIT_SPACINGS: f64 = 0.25;
 
 /// How a piece is worked.
 #[derive(Clone, Debug)]
@@ -90,11 +94,28 @@ pub enum WorkpieceError {
     },
 }
 
-/// What was there before a stroke.
+/// What was there before a stroke, and which part of it deformed.
 #[derive(Clone, Debug)]
-struct Past {
-    points: PointSet,
-    base: Arc<Raster>,
+pub(super) struct Moment {
+    pub(super) points: PointSet,
+    /// Measured.
+    pub(super) base: Arc<Raster>,
+    pub(super) region: Lattice,
+    pub(super) region_map: Option<(DVec3, DVec3)>,
+}
+
+impl Moment {
+    /// `None` where the region is no part of the base.
+    pub(super) fn new(points: PointSet, base: Raster, region: Lattice, region_map: Option<(DVec3, DVec3)>) -> Option<Self> {
+        is_part(base.lattice(), &region).then(|| Self { points, base: measured(base), region, region_map })
+    }
+}
+
+/// A press of the brush.
+#[derive(Debug)]
+struct Press {
+    brush: Brush,
+    coat: Coat,
 }
 
 /// The part that deforms.
@@ -112,14 +133,18 @@ pub struct Workpiece {
     surface: PointSurface,
     /// While a stroke lasts: samples under way.
     under_way: Option<PointSet>,
+    /// While the brush is pressed; never together with samples under way.
+    press: Option<Press>,
+    /// Measured, as frames want it.
     base: Arc<Raster>,
     region: Region,
     settings: Settings,
     gap_m: f64,
     /// How far samples went since gaps were filled, m.
     went_m: f64,
-    past: Vec<Past>,
-    undone: Vec<Past>,
+    past: Vec<Moment>,
+    undone: Vec<Moment>,
+    strokes: u64,
     updates: u64,
 }
 
@@ -131,12 +156,13 @@ impl Workpiece {
     pub fn new(points: PointSet, settings: Settings) -> Result<Self, WorkpieceError> {
         let surface = PointSurface::build(points, settings.n_neighbours)?;
         let (whole, first, region) = lattices(surface.bounds(), &settings)?;
-        let base = Arc::new(surface.rasterize(whole));
+        let base = measured(surface.rasterize(whole));
         let region = Region::new(surface.points(), &base, first, region, &settings);
         let gap_m = GAP_SPACINGS * surface.spacing_m();
         Ok(Self {
             surface,
             under_way: None,
+            press: None,
             base,
             region,
             settings,
@@ -144,6 +170,32 @@ impl Workpiece {
             went_m: 0.0,
             past: Vec::new(),
             undone: Vec::new(),
+            strokes: 0,
+            updates: 0,
+        })
+    }
+
+    /// The piece of a session.
+    pub(super) fn resume(session: Session) -> Result<Self, WorkpieceError> {
+        let Session { now, past, undone, settings, gap_m } = session;
+        let surface = PointSurface::build(now.points, settings.n_neighbours)?;
+        for moment in past.iter().chain(&undone) {
+            moment.points.check()?;
+        }
+        let first = first_node(now.base.lattice(), &now.region);
+        let region = Region::new(surface.points(), &now.base, first, now.region, &settings);
+        Ok(Self {
+            surface,
+            under_way: None,
+            press: None,
+            base: now.base,
+            region,
+            settings,
+            gap_m,
+            went_m: 0.0,
+            past,
+            undone,
+            strokes: 0,
             updates: 0,
         })
     }
@@ -178,18 +230,44 @@ impl Workpiece {
         self.gap_m
     }
 
-    /// What it is made of; changes take effect with the next update.
-    pub fn material_mut(&mut self) -> &mut Material {
-        self.region.dynamics.material_mut()
+    /// How it is worked.
+    pub fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
+    /// Lowest and highest corner of what deforms, map frame, m.
+    pub fn region_map(&self) -> (DVec3, DVec3) {
+        self.region().lattice().bounds()
+    }
+
+    /// Another material, from the next update on.
+    pub fn set_material(&mut self, material: Material) {
+        *self.region.dynamics.material_mut() = material.clone();
+        self.settings.material = material;
+    }
+
+    /// A stroke is under way.
+    pub fn is_stroke(&self) -> bool {
+        self.under_way.is_some() || self.press.is_some()
+    }
+
+    /// Strokes that were begun, without those that made no surface.
+    pub fn strokes(&self) -> u64 {
+        self.strokes
     }
 
     /// The nearest place of the surface to a point, and the way out there, as densities have it now; `None` far from it.
     pub fn onto(&self, point_map: DVec3, within_m: f64) -> Option<(DVec3, DVec3)> {
-        advect::onto_level(self.densities_at(point_map), point_map, 0.0, within_m)
+        advect::onto_level(|at| self.density_at(at), self.base.lattice().spacing_m, (point_map, 0.0), within_m)
     }
 
-    fn densities_at(&self, point_map: DVec3) -> &Raster {
-        if self.region().at(point_map).is_some() { self.region() } else { &self.base }
+    /// The density at a point now, m, greater than 0 inside; `None` far from the piece.
+    pub fn density_m(&self, point_map: DVec3) -> Option<f64> {
+        self.density_at(point_map).map(|density| f64::from(density.value_m))
+    }
+
+    fn density_at(&self, point_map: DVec3) -> Option<Density> {
+        self.region().at(point_map).or_else(|| self.base.at(point_map))
     }
 
     /// Another part is to deform: a stroke under way ends first.
@@ -200,26 +278,35 @@ impl Workpiece {
         self.end_stroke()?;
         let settings = Settings { region_map: Some((low_map, high_map)), ..self.settings.clone() };
         let (whole, first, region) = lattices(self.surface.bounds(), &settings)?;
-        self.base = Arc::new(self.surface.rasterize(whole));
+        self.base = measured(self.surface.rasterize(whole));
         self.region = Region::new(self.surface.points(), &self.base, first, region, &settings);
         self.settings = settings;
         Ok(())
     }
 
     /// A stroke begins: what is there can be had back. Does nothing during one.
-    pub fn begin_stroke(&mut self) {
+    ///
+    /// # Errors
+    /// [`SurfaceError`] where the brush was pressed, and what it left makes no surface; that is taken back then, and no stroke begins.
+    pub fn begin_stroke(&mut self) -> Result<(), SurfaceError> {
         if self.under_way.is_none() {
+            self.end_stroke()?;
             self.remember();
             self.under_way = Some(self.surface.points().clone());
             self.went_m = 0.0;
         }
+        Ok(())
     }
 
     /// A force on the material for the next update; begins a stroke.
-    pub fn pull(&mut self, pull: &Pull) {
-        self.begin_stroke();
+    ///
+    /// # Errors
+    /// As [`Self::begin_stroke`].
+    pub fn pull(&mut self, pull: &Pull) -> Result<(), SurfaceError> {
+        self.begin_stroke()?;
         let (now, forces_n) = self.region.dynamics.forces_n_mut();
         add_pull(now, pull, forces_n);
+        Ok(())
     }
 
     /// Lets the material move for a time. Cost: O(nodes and samples of the region); more when gaps are filled.
@@ -243,6 +330,7 @@ impl Workpiece {
     /// # Errors
     /// [`SurfaceError`] when the samples make no surface any more; then it is as it was before the stroke.
     pub fn end_stroke(&mut self) -> Result<(), SurfaceError> {
+        self.lift_brush()?;
         let Some(mut points) = self.under_way.take() else { return Ok(()) };
         let Region { first, dynamics, afloat } = &mut self.region;
         resample::fill(&mut points, afloat, dynamics.now(), self.gap_m);
@@ -258,50 +346,78 @@ impl Workpiece {
             self.take_back();
             return Err(error);
         }
-        self.base = Arc::new(base);
+        self.base = measured(base);
         dynamics.replace(now);
         *afloat = Afloat::new(self.surface.points(), dynamics.now(), 0.0);
         Ok(())
     }
 
-    /// Paints under a brush that is pressed at a place with a force: a part of a stroke, or one by itself when none is under way. Gives how
-    /// many samples were added.
+    /// The stroke under way has never been: what was there before it is there again. Does nothing without a stroke.
+    pub fn cancel_stroke(&mut self) {
+        if self.is_stroke() {
+            self.take_back();
+        }
+    }
+
+    /// Paints under a brush that is pressed near a place of the surface with a force. Dabs with one brush are one stroke, until it
+    /// [ends](Self::end_stroke). Gives how many samples took colour. Cost: O(samples under the brush).
     ///
     /// # Errors
-    /// [`SurfaceError`]; nothing has changed then.
+    /// [`SurfaceError`] where another stroke had to end first, and made no surface; that is taken back then.
     pub fn paint(&mut self, brush: &Brush, at_map: DVec3, force_n: f64) -> Result<usize, SurfaceError> {
-        self.end_stroke()?;
+        let radius_m = brush.radius_m(force_n);
+        let Some((at_map, normal_map)) = self.onto(at_map, radius_m) else { return Ok(0) };
+        if self.press.as_ref().is_none_or(|press| press.brush != *brush) {
+            self.end_stroke()?;
+            self.remember();
+            self.press = Some(Press { brush: brush.clone(), coat: Coat::over(&self.surface.points().colors) });
+        }
+        let Some(Press { coat, .. }) = &mut self.press else { return Ok(0) };
         let mut found = Vec::new();
-        let reach_m = brush.radius_m(force_n) + DISC_SPACINGS * self.surface.spacing_m();
-        self.surface.neighbours().within(at_map, reach_m, &mut found);
-        let disc_m = |sample: u32| DISC_SPACINGS * self.surface.spacings_m()[sample as usize];
-        let near: Vec<Surfel> = found.iter().map(|near| Surfel { sample: near.sample, radius_m: disc_m(near.sample) }).collect();
-        let mut points = self.surface.points().clone();
-        let n_before = points.len() as u32;
+        self.surface.neighbours().within(at_map, radius_m, &mut found);
+        let near: Vec<u32> = found.iter().map(|near| near.sample).collect();
+        Ok(coat.dab(self.surface.colors_mut(), &near, brush, Dab { at_map, normal_map, radius_m }))
+    }
+
+    /// The press of the brush is over: samples that its rim only half covers are split.
+    fn lift_brush(&mut self) -> Result<(), SurfaceError> {
+        let Some(Press { brush, coat }) = self.press.take() else { return Ok(()) };
         let surface = &self.surface;
+        let surfel = |(sample, spacing_m): (usize, &f64)| Surfel { sample: sample as u32, radius_m: DISC_SPACINGS * spacing_m };
+        let discs: Vec<Surfel> = surface.spacings_m().iter().enumerate().map(surfel).collect();
         let onto = |at: DVec3| {
             let at = surface.project(at)?;
             let normal = surface.at(at).normal();
             normal.is_normalized().then_some((at, normal))
         };
-        let added = paint(&mut points, &near, brush, (at_map, force_n), onto);
-        self.surface.colors_mut().copy_from_slice(&points.colors[..n_before as usize]);
-        if !added.is_empty() {
-            let new = points.select(n_before..points.len() as u32);
-            self.surface.replace(&[], &new)?;
-            self.region.afloat = Afloat::new(self.surface.points(), self.region.dynamics.now(), 0.0);
+        let added = coat.refined(surface.points(), &discs, &brush, onto);
+        if added.is_empty() {
+            return Ok(());
         }
-        Ok(added.len())
+        if let Err(error) = self.surface.replace(&[], &added) {
+            self.take_back();
+            return Err(error);
+        }
+        self.region.afloat = Afloat::new(self.surface.points(), self.region.dynamics.now(), 0.0);
+        Ok(())
     }
 
-    /// Raises the surface by an image, or sinks it in: one stroke.
+    /// A disc with less than this is not split by the rim of a brush, m.
+    pub fn smallest_disc_m(&self) -> f64 {
+        SPLIT_SPACINGS * self.gap_m
+    }
+
+    /// Raises the surface by an image, or sinks it in: one stroke, or none where the image reaches no sample. Gives how many samples it moved.
     ///
     /// # Errors
     /// [`SurfaceError`]; then it is as before.
     pub fn emboss(&mut self, image: &GreyImage, laid: &Laid, depth_m: f64) -> Result<usize, SurfaceError> {
         self.end_stroke()?;
-        self.remember();
         let moved = embossed(&self.surface, image, laid, depth_m);
+        if moved.is_empty() {
+            return Ok(0);
+        }
+        self.remember();
         let samples: Vec<u32> = (0..self.surface.points().len() as u32).collect();
         let result = self.surface.move_samples(&moved).and_then(|()| self.surface.refit(&samples));
         if let Err(error) = result {
@@ -323,14 +439,14 @@ impl Workpiece {
         let points = boolean.samples(&self.surface, other, is_sharp);
         let surface = PointSurface::build(points, self.settings.n_neighbours)?;
         let (whole, first, region) = lattices(surface.bounds(), &self.settings)?;
-        let base = if is_sharp {
+        let base = measured(if is_sharp {
             boolean.densities(&self.surface.rasterize(whole), &other.rasterize(whole))
         } else {
             surface.rasterize(whole)
-        };
+        });
         self.remember();
         self.surface = surface;
-        self.base = Arc::new(base);
+        self.base = base;
         self.region = Region::new(self.surface.points(), &self.base, first, region, &self.settings);
         Ok(())
     }
@@ -342,7 +458,7 @@ impl Workpiece {
     pub fn undo(&mut self) -> Result<bool, SurfaceError> {
         self.end_stroke()?;
         let Some(past) = self.past.pop() else { return Ok(false) };
-        self.undone.push(Past { points: self.surface.points().clone(), base: self.base.clone() });
+        self.undone.push(self.moment());
         self.go_to(past)?;
         Ok(true)
     }
@@ -354,7 +470,7 @@ impl Workpiece {
     pub fn redo(&mut self) -> Result<bool, SurfaceError> {
         self.end_stroke()?;
         let Some(next) = self.undone.pop() else { return Ok(false) };
-        self.past.push(Past { points: self.surface.points().clone(), base: self.base.clone() });
+        self.past.push(self.moment());
         self.go_to(next)?;
         Ok(true)
     }
@@ -376,8 +492,34 @@ impl Workpiece {
         }
     }
 
+    /// A frame of its own, such as a scene begins with. Allocates; [`Self::show`] fills it again.
+    ///
+    /// # Errors
+    /// [`FrameError`], which no piece gives that could be made.
+    pub fn frame(&self) -> Result<Frame, FrameError> {
+        let mut frame = Frame { sequence: self.updates, base: self.base.clone(), region: self.region().clone(), rope_map: None };
+        frame.make_ready(None)?;
+        Ok(frame)
+    }
+
+    /// What undo and redo go to, each with the nearest at its end.
+    pub(super) fn moments(&self) -> (&[Moment], &[Moment]) {
+        (&self.past, &self.undone)
+    }
+
+    /// What is there, a stroke under way apart.
+    pub(super) fn moment(&self) -> Moment {
+        Moment {
+            points: self.surface.points().clone(),
+            base: self.base.clone(),
+            region: *self.region.dynamics.lattice(),
+            region_map: self.settings.region_map,
+        }
+    }
+
     fn remember(&mut self) {
-        self.past.push(Past { points: self.surface.points().clone(), base: self.base.clone() });
+        self.past.push(self.moment());
+        self.strokes += 1;
         if self.past.len() > PAST_MAX {
             self.past.remove(0);
         }
@@ -386,31 +528,38 @@ impl Workpiece {
 
     /// Back to before a stroke that failed.
     fn take_back(&mut self) {
-        if let Some(past) = self.past.pop() {
+        (self.under_way, self.press) = (None, None);
+        self.strokes = self.strokes.saturating_sub(1);
+        if let Some(moment) = self.past.pop() {
             // It was a surface before.
-            let _ = self.go_to(past);
+            let _ = self.go_to(moment);
         }
     }
 
-    fn go_to(&mut self, Past { points, base }: Past) -> Result<(), SurfaceError> {
+    fn go_to(&mut self, Moment { points, base, region, region_map }: Moment) -> Result<(), SurfaceError> {
         self.surface = PointSurface::build(points, self.settings.n_neighbours)?;
         self.base = base;
-        self.cut_region_again();
+        self.settings.region_map = region_map;
+        self.cut_region(region);
         Ok(())
     }
 
     fn rasterize_again(&mut self) {
-        self.base = Arc::new(self.surface.rasterize(*self.base.lattice()));
-        self.cut_region_again();
+        self.base = measured(self.surface.rasterize(*self.base.lattice()));
+        self.cut_region(*self.region.dynamics.lattice());
     }
 
-    /// The region out of another base.
-    fn cut_region_again(&mut self) {
-        // A Boolean may have given the base another lattice: then the region is chosen anew.
-        let lattice = *self.region.dynamics.lattice();
+    /// The region out of the base, on nodes of it.
+    fn cut_region(&mut self, lattice: Lattice) {
         let first = first_node(self.base.lattice(), &lattice);
         self.region = Region::new(self.surface.points(), &self.base, first, lattice, &self.settings);
     }
+}
+
+/// How steep it is has to be known before it is shared.
+fn measured(mut raster: Raster) -> Arc<Raster> {
+    raster.measure();
+    Arc::new(raster)
 }
 
 impl Region {
@@ -421,255 +570,5 @@ impl Region {
     }
 }
 
-/// The lattice of the base, the first node of the region in it, and the lattice of the region.
-fn lattices((low, high): (DVec3, DVec3), settings: &Settings) -> Result<(Lattice, [usize; 3], Lattice), WorkpieceError> {
-    let dims = settings.raster;
-    if dims.iter().any(|n| *n < 4) {
-        return Err(WorkpieceError::Raster(dims));
-    }
-    let (low, high) = (low - settings.air_m, high + settings.air_m);
-    let (region_low, region_high) = settings.region_map.unwrap_or((low, high));
-    if !(region_high.cmpgt(region_low).all() && region_low.is_finite() && region_high.is_finite()) {
-        return Err(WorkpieceError::Region(region_low, region_high));
-    }
-    // One spacing for all axes; the box grows about its middle to hold whole steps of it.
-    let steps = DVec3::from_array(dims.map(|n| (n - 1) as f64));
-    let spacing_m = ((region_high - region_low) / steps).max_element();
-    let origin = 0.5 * (region_low + region_high) - 0.5 * spacing_m * steps;
-    let region = Lattice { origin_map: origin, spacing_m, dims };
-    // The base goes on from there to all sides.
-    let nodes_below = ((origin - low) / spacing_m + AIR_SPACINGS).ceil().max(DVec3::ZERO);
-    let last = origin + spacing_m * steps;
-    let nodes_above = ((high - last) / spacing_m + AIR_SPACINGS).ceil().max(DVec3::ZERO);
-    let nodes = nodes_below + steps + nodes_above + 1.0;
-    let n_nodes = nodes.element_product();
-    let fits = n_nodes <= NODES_MAX as f64;
-    if !fits {
-        return Err(WorkpieceError::TooFine { spacing_m, n_nodes });
-    }
-    let whole = Lattice { origin_map: origin - nodes_below * spacing_m, spacing_m, dims: nodes.to_array().map(|n| n as usize) };
-    Ok((whole, nodes_below.to_array().map(|n| n as usize), region))
-}
-
-fn first_node(whole: &Lattice, part: &Lattice) -> [usize; 3] {
-    ((part.origin_map - whole.origin_map) / whole.spacing_m).round().to_array().map(|n| n.max(0.0) as usize)
-}
-
-/// A part of a raster.
-fn cut(whole: &Raster, first: [usize; 3], part: Lattice) -> Raster {
-    let mut raster = Raster::uniform(part, 0.0);
-    let [nx, ny, nz] = part.dims;
-    for x in 0..nx {
-        for y in 0..ny {
-            let from = whole.lattice().index([first[0] + x, first[1] + y, first[2]]);
-            let to = part.index([x, y, 0]);
-            raster.values_m_mut()[to..to + nz].copy_from_slice(&whole.values_m()[from..from + nz]);
-        }
-    }
-    raster
-}
-
-/// Puts a part back to where it was cut out.
-fn copy_into(whole: &mut Raster, part: &Raster, first: [usize; 3]) {
-    let [nx, ny, nz] = part.lattice().dims;
-    for x in 0..nx {
-        for y in 0..ny {
-            let to = whole.lattice().index([first[0] + x, first[1] + y, first[2]]);
-            let from = part.lattice().index([x, y, 0]);
-            whole.values_m_mut()[to..to + nz].copy_from_slice(&part.values_m()[from..from + nz]);
-        }
-    }
-}
-
-/// Lets a surface have the samples of a stroke: those that moved, without those that go, and with those that came.
-fn adopt(surface: &mut PointSurface, points: &PointSet, kept: &[u32], n_before: usize, base: &Raster) -> Result<(), SurfaceError> {
-    let before = surface.points();
-    let moved: Vec<Moved> = (0..n_before)
-        .filter(|sample| before.positions_map[*sample] != points.positions_map[*sample])
-        .map(|sample| Moved {
-            sample: sample as u32,
-            position_map: points.positions_map[sample],
-            normal_map: points.normals_map[sample],
-        })
-        .collect();
-    let mut stays = vec![false; points.len()];
-    kept.iter().for_each(|sample| stays[*sample as usize] = true);
-    let removed: Vec<u32> = (0..n_before as u32).filter(|sample| !stays[*sample as usize]).collect();
-    let added = points.select(kept.iter().copied().filter(|sample| *sample as usize >= n_before));
-    surface.move_samples(&moved)?;
-    surface.replace(&removed, &added)?;
-    // Those that moved have numbers of their own now: those that stay kept their order.
-    let mut number = 0;
-    let mut refreshed = Vec::new();
-    let mut moved = moved.iter().map(|moved| moved.sample).peekable();
-    for sample in 0..n_before as u32 {
-        let has_moved = moved.next_if_eq(&sample).is_some();
-        if stays[sample as usize] {
-            if has_moved {
-                refreshed.push(number);
-            }
-            number += 1;
-        }
-    }
-    surface.refresh(&refreshed, |at| base.at(at).map(|density| f64::from(density.value_m)))
-}
-
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::sculpt::falloff::Falloff;
-    use crate::sculpt::shapes::sphere;
-
-    const R: f64 = 0.02;
-
-    fn settings() -> Settings {
-        Settings {
-            region_map: Some((DVec3::new(-0.012, -0.012, 0.008), DVec3::new(0.012, 0.012, 0.032))),
-            raster: [31; 3],
-            air_m: 5e-3,
-            material: Material { creep_s: 0.05, acceleration_max_m_per_s2: f64::INFINITY, ..Material::default() },
-            ..Settings::default()
-        }
-    }
-
-    fn ball() -> Workpiece {
-        Workpiece::new(sphere(4000, R), settings()).unwrap()
-    }
-
-    /// Pulls the pole up, or pushes it down, in 50 updates.
-    fn stroke(piece: &mut Workpiece, force_n: f64) {
-        for _ in 0..50 {
-            let top = piece.onto(DVec3::Z * R, 0.01).map_or(DVec3::Z * R, |(at, _)| at);
-            piece.pull(&Pull {
-                along_map: vec![top],
-                force_n: DVec3::Z * force_n,
-                reach_m: 3e-3,
-                radius_m: 5e-3,
-                falloff: Falloff::Gaussian,
-            });
-            piece.advance(4e-3);
-        }
-        piece.end_stroke().unwrap();
-    }
-
-    fn top_m(piece: &Workpiece) -> f64 {
-        piece.points().positions_map.iter().map(|at| at.z).fold(0.0, f64::max)
-    }
-
-    #[test]
-    fn a_stroke_moves_the_surface_its_samples_and_its_fits_together() {
-        for force_n in [10.0, -10.0] {
-            let mut piece = ball();
-            stroke(&mut piece, force_n);
-            let moved = piece.onto(DVec3::Z * R, 0.01).unwrap().0.z - R;
-            assert!(moved * force_n.signum() > 1e-3, "{force_n} N moved it by {moved} m");
-            let samples: Vec<u32> = (0..piece.points().len() as u32).collect();
-            assert!(resample::largest_gap_m(piece.points(), &samples, piece.gap_m()) <= piece.gap_m());
-            for (at, normal) in piece.points().positions_map.iter().zip(&piece.points().normals_map) {
-                let off = f64::from(piece.densities_at(*at).at(*at).unwrap().value_m);
-                assert!(off.abs() < 0.1 * piece.region().lattice().spacing_m, "{at}: {off} m off in the densities");
-                let fitted = piece.surface().at(*at).value_m;
-                assert!(fitted.abs() < 0.2 * piece.surface().spacing_m(), "{at}: {fitted} m off in the fits");
-                assert!(normal.is_normalized());
-            }
-            // Far from the stroke nothing has moved.
-            let before = sphere(4000, R);
-            let far = before.positions_map.iter().filter(|at| at.z < 0.0);
-            assert!(far.clone().all(|at| piece.points().positions_map.contains(at)));
-        }
-    }
-
-    #[test]
-    fn strokes_are_taken_back_and_done_again() {
-        let mut piece = ball();
-        let start = (piece.points().clone(), piece.base().clone());
-        stroke(&mut piece, 10.0);
-        let first = (piece.points().clone(), piece.base().clone());
-        stroke(&mut piece, -5.0);
-        let second = (piece.points().clone(), piece.base().clone());
-        assert_eq!(piece.history(), (2, 0));
-        let is = |piece: &Workpiece, (points, base): &(PointSet, Arc<Raster>)| {
-            piece.points() == points && piece.base().values_m() == base.values_m()
-        };
-        assert!(piece.undo().unwrap() && is(&piece, &first));
-        assert!(piece.undo().unwrap() && is(&piece, &start));
-        assert!(!piece.undo().unwrap());
-        assert!(piece.redo().unwrap() && is(&piece, &first));
-        assert!(piece.redo().unwrap() && is(&piece, &second));
-        assert!(!piece.redo().unwrap());
-        piece.undo().unwrap();
-        stroke(&mut piece, 3.0);
-        assert_eq!(piece.history(), (2, 0), "a new stroke leaves nothing to be done again");
-    }
-
-    #[test]
-    fn the_same_strokes_give_the_same_bits_on_any_number_of_threads() {
-        let on = |threads: usize| {
-            rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(|| {
-                let mut piece = ball();
-                stroke(&mut piece, 10.0);
-                (piece.points().clone(), piece.base().values_m().to_vec())
-            })
-        };
-        assert!(on(1) == on(4));
-    }
-
-    #[test]
-    fn a_bite_is_taken_out_and_an_image_stands_out() {
-        let mut piece = ball();
-        let bite = PointSurface::build(
-            {
-                let mut points = sphere(2000, 0.01);
-                points.positions_map.iter_mut().for_each(|at| *at += DVec3::X * R);
-                points
-            },
-            PointSurface::DEFAULT_NEIGHBOURS,
-        )
-        .unwrap();
-        for is_sharp in [false, true] {
-            piece.combine(Boolean::Difference, &bite, is_sharp).unwrap();
-            let middle = piece.base().at(DVec3::X * 0.015).unwrap().value_m;
-            assert!(middle < -3e-3, "{middle} m where the bite was");
-            let left = piece.base().at(-DVec3::X * 0.015).unwrap().value_m;
-            assert!(left > 3e-3, "{left} m where nothing was taken");
-            assert!(piece.undo().unwrap());
-        }
-        let white = GreyImage::new(2, 2, vec![1.0; 4]).unwrap();
-        let laid = Laid::Around { center_map: DVec3::ZERO, north_map: DVec3::Z, front_map: DVec3::X };
-        assert_eq!(piece.emboss(&white, &laid, 1e-3).unwrap(), 4000);
-        assert!((top_m(&piece) - (R + 1e-3)).abs() < 1e-4, "{}", top_m(&piece));
-    }
-
-    #[test]
-    fn a_frame_shows_the_region_as_it_is() {
-        let mut piece = ball();
-        let lattice = Lattice { origin_map: DVec3::ZERO, spacing_m: 1.0, dims: [2; 3] };
-        let nothing = Raster::uniform(lattice, 0.0);
-        let mut frame = Frame { sequence: 0, base: Arc::new(nothing.clone()), region: nothing, rope_map: None };
-        for sequence in 1..4 {
-            piece.advance(4e-3);
-            piece.show(&mut frame);
-            assert_eq!((frame.sequence, frame.region.values_m()), (sequence, piece.region().values_m()));
-            assert!(Arc::ptr_eq(&frame.base, piece.base()));
-            // Nodes of the region are nodes of the base, with its densities where nothing moves.
-            let corner = frame.region.lattice().position([0, 0, 0]);
-            assert_eq!(frame.region.at(corner).unwrap().value_m, frame.base.at(corner).unwrap().value_m);
-        }
-    }
-
-    #[test]
-    fn what_cannot_be_worked_is_refused() {
-        let refused = |change: fn(&mut Settings)| {
-            let mut settings = settings();
-            change(&mut settings);
-            Workpiece::new(sphere(500, R), settings).map(drop).unwrap_err()
-        };
-        assert!(matches!(refused(|settings| settings.raster = [3, 10, 10]), WorkpieceError::Raster(_)));
-        assert!(matches!(refused(|settings| settings.region_map = Some((DVec3::ONE, DVec3::ZERO))), WorkpieceError::Region(..)));
-        assert!(matches!(refused(|settings| settings.region_map = Some((DVec3::NAN, DVec3::ZERO))), WorkpieceError::Region(..)));
-        let fine = refused(|settings| settings.region_map = Some((DVec3::ZERO, DVec3::splat(1e-4))));
-        assert!(matches!(fine, WorkpieceError::TooFine { .. }), "{fine}");
-        let few = Workpiece::new(sphere(3, R), settings()).map(drop).unwrap_err();
-        assert!(matches!(few, WorkpieceError::Surface(SurfaceError::TooFew { found: 3 })), "{few}");
-    }
-}
+mod tests;

@@ -52,13 +52,15 @@ fn what_was_pulled_out_is_baked_and_touched_as_a_rigid_part() {
     let mut piece = ball();
     for _ in 0..60 {
         let top = piece.onto(DVec3::Z * RADIUS_M, 0.01).map_or(DVec3::Z * RADIUS_M, |(at, _)| at);
-        piece.pull(&Pull {
-            along_map: vec![top],
-            force_n: DVec3::Z * 10.0,
-            reach_m: 3e-3,
-            radius_m: 5e-3,
-            falloff: Falloff::Gaussian,
-        });
+        piece
+            .pull(&Pull {
+                along_map: vec![top],
+                force_n: DVec3::Z * 10.0,
+                reach_m: 3e-3,
+                radius_m: 5e-3,
+                falloff: Falloff::Gaussian,
+            })
+            .unwrap();
         piece.advance(4e-3);
     }
     piece.end_stroke().unwrap();

@@ -58,6 +58,11 @@ impl Craft {
         Self::NAMES.iter().find(|(_, craft)| *craft == self).map_or("touch", |(name, _)| name)
     }
 
+    /// It works while the tool is held, or when it is taken hold of; the others work by touch.
+    pub fn is_held(self) -> bool {
+        !matches!(self, Self::Touch | Self::Push | Self::Paint)
+    }
+
     /// What becomes of the tool's shape and the piece, for those three crafts.
     pub fn boolean(self) -> Option<Boolean> {
         match self {
@@ -82,7 +87,7 @@ pub struct ToolSettings {
     pub craft: Craft,
     /// Radius around the tool within which material moves, is coloured (at [`Self::FULL_FORCE_N`]) or embossed, m.
     pub brush_m: f64,
-    /// How push and pull fade towards that radius.
+    /// How push, pull and paint fade towards that radius; constant paint has a sharp rim.
     pub falloff: Falloff,
     /// Of paint, sRGB.
     pub color: [u8; 3],

@@ -4,14 +4,194 @@
 //! who look.
 //!
 //! ```text
-//!  ToolState ─► craft: push, pull, paint, … ─┐
+//!  Handling ──► craft: push, pull, paint, … ─┐
 //!  Order ─► undo, emboss, combine, save, … ──┴─► Workpiece ─► Frame (to the loop), View (to whoever looks)
 //! ```
+//! Pure: no clock and no thread of its own; the same calls give the same bits.
 
 mod craft;
+mod error;
+mod handling;
 mod order;
+mod orders;
 mod view;
+mod work;
+
+use std::sync::Arc;
 
 pub use craft::{Craft, ToolSettings};
+pub use error::StudioError;
+pub use handling::{Handling, ToolBody};
 pub use order::Order;
 pub use view::View;
+
+use self::work::{Doing, Heard};
+use super::{PointSet, Workpiece};
+use crate::haptics::clay::Frame;
+
+/// A piece and the hand that works it.
+#[derive(Debug)]
+pub struct Studio {
+    piece: Workpiece,
+    tool: ToolSettings,
+    body: ToolBody,
+    heard: Heard,
+    /// Somebody ordered what the arm's button does.
+    is_held_by_order: bool,
+    doing: Doing,
+    updates: u64,
+    /// Of the points that were shown last.
+    version: u64,
+    /// As they were shown last; `None`: they have changed since, or were never shown.
+    shown: Option<Arc<PointSet>>,
+    /// The loop has not been shown what there is.
+    has_changed: bool,
+    trouble: Arc<str>,
+}
+
+impl Studio {
+    /// A piece, the craft to begin with, and the body in the hand.
+    pub fn new(piece: Workpiece, tool: ToolSettings, body: ToolBody) -> Self {
+        Self {
+            piece,
+            tool,
+            body,
+            heard: Heard::default(),
+            is_held_by_order: false,
+            doing: Doing::Nothing,
+            updates: 0,
+            version: 0,
+            shown: None,
+            has_changed: true,
+            trouble: Arc::from(""),
+        }
+    }
+
+    /// The piece.
+    pub fn piece(&self) -> &Workpiece {
+        &self.piece
+    }
+
+    /// What the tool does.
+    pub fn tool(&self) -> &ToolSettings {
+        &self.tool
+    }
+
+    /// Updates of the material so far.
+    pub fn updates(&self) -> u64 {
+        self.updates
+    }
+
+    /// What went wrong last, for people; empty when nothing did since.
+    pub fn trouble(&self) -> &Arc<str> {
+        &self.trouble
+    }
+
+    /// What a tick of the loop told; every tick is heard once, in order. Cost: none to speak of.
+    pub fn hear(&mut self, handling: &Handling) {
+        self.heard.add(handling, self.is_held_by_order);
+    }
+
+    /// Carries out an order.
+    ///
+    /// # Errors
+    /// [`StudioError`]; the piece is as it was, but that a stroke may have ended.
+    pub fn order(&mut self, order: Order) -> Result<(), StudioError> {
+        self.carry_out(order)?;
+        self.trouble = Arc::from("");
+        Ok(())
+    }
+
+    /// Lets the hand work, and the material move, for a time. False when nothing has changed since the update before: then there is
+    /// nothing new to show.
+    pub fn advance(&mut self, time_s: f64) -> bool {
+        self.updates += 1;
+        let heard = self.heard.take();
+        let had_rope = self.rope_map().is_some();
+        let strokes_before = self.piece.strokes();
+        if let Err(error) = self.work(&heard, time_s) {
+            self.complain(&error);
+        } else if self.piece.strokes() > strokes_before {
+            self.trouble = Arc::from("");
+        }
+        let is_stroke = self.piece.is_stroke();
+        if is_stroke {
+            self.piece.advance(time_s);
+            self.follow();
+        }
+        if is_stroke || self.piece.strokes() != strokes_before || had_rope != self.rope_map().is_some() {
+            self.note_change();
+        }
+        core::mem::take(&mut self.has_changed)
+    }
+
+    /// The stroke under way ends, and the rope is let go.
+    pub fn finish(&mut self) {
+        if let Err(error) = self.let_go() {
+            self.complain(&error);
+        }
+    }
+
+    /// The stroke under way has never been: after densities that cannot be touched.
+    pub fn give_up_stroke(&mut self, why: &str) {
+        self.doing = Doing::Nothing;
+        self.piece.cancel_stroke();
+        self.note_change();
+        self.trouble = format!("the stroke was taken back: {why}").into();
+    }
+
+    /// Writes what there is into a frame for the loop. Cost: a copy of the region.
+    pub fn show(&self, frame: &mut Frame) {
+        self.piece.show(frame);
+        frame.sequence = self.updates;
+        frame.rope_map = self.rope_map();
+    }
+
+    /// What those see who look. Cost: a copy of the samples where they have changed.
+    pub fn view(&mut self) -> View {
+        let points = match &self.shown {
+            Some(points) => points.clone(),
+            None => {
+                self.version += 1;
+                let points = Arc::new(self.piece.points().clone());
+                self.shown = Some(points.clone());
+                points
+            }
+        };
+        let (n_undo, n_redo) = self.piece.history();
+        View {
+            version: self.version,
+            points,
+            spacing_m: self.piece.surface().spacing_m(),
+            region_map: self.piece.region_map(),
+            craft: self.tool.craft,
+            brush_m: self.tool.brush_m,
+            color: self.tool.color,
+            is_stroke: self.piece.is_stroke(),
+            n_undo,
+            n_redo,
+            updates: self.updates,
+            update_s: 0.0,
+            late: 0,
+            trouble: self.trouble.clone(),
+        }
+    }
+
+    /// What there is has not been shown: the next [`Self::advance`] says so.
+    pub fn show_again(&mut self) {
+        self.has_changed = true;
+    }
+
+    fn note_change(&mut self) {
+        self.shown = None;
+        self.has_changed = true;
+    }
+
+    fn complain(&mut self, error: &StudioError) {
+        self.note_change();
+        self.trouble = format!("{error}; {}", error.hint()).into();
+    }
+}
+
+#[cfg(test)]
+mod tests;

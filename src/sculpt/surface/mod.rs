@@ -131,9 +131,10 @@ impl PointSurface {
         &self.points
     }
 
-    /// Colours of the samples, `[n]`, sRGB: they may change at any time.
-    pub fn colors_mut(&mut self) -> &mut [[u8; 3]] {
-        &mut self.points.colors
+    /// Places and normals of the samples, and their colours, which may change at any time.
+    pub(super) fn colors_mut(&mut self) -> (&[DVec3], &[DVec3], &mut [[u8; 3]]) {
+        let PointSet { positions_map, normals_map, colors } = &mut self.points;
+        (positions_map, normals_map, colors)
     }
 
     /// Where the samples are.

@@ -1,0 +1,135 @@
+//! Where pages, consoles and scripts knock.
+
+use std::fmt;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use crossbeam::channel::{Receiver, Sender, TrySendError, bounded};
+
+use super::super::refusal::RefusalKind;
+use crate::sculpt::studio::{Order, StudioError, View};
+
+/// Orders that may wait.
+const WAITING_MAX: usize = 64;
+
+/// Hears, once, what became of an order: on the studio's thread, or at once where it is refused at the door. Must not block.
+pub type Reply = Box<dyn FnOnce(Result<(), Refused>) + Send>;
+
+/// Why an order was not carried out.
+#[derive(Debug, thiserror::Error)]
+pub enum Refused {
+    /// The studio tried.
+    #[error("{0}")]
+    Studio(#[from] StudioError),
+    /// Too many at once.
+    #[error("{WAITING_MAX} orders are waiting for the studio already")]
+    Busy,
+    /// The run has ended, or goes on without its studio.
+    #[error("the studio is over")]
+    Over,
+}
+
+impl Refused {
+    /// What to do about it.
+    pub fn hint(&self) -> &'static str {
+        match self {
+            Self::Studio(error) => error.hint(),
+            Self::Busy => "wait until the ones before are answered",
+            Self::Over => "begin the scene again",
+        }
+    }
+
+    /// What whoever asked can do about it.
+    pub fn kind(&self) -> RefusalKind {
+        match self {
+            Self::Studio(StudioError::Length { .. }) => RefusalKind::Invalid,
+            Self::Busy => RefusalKind::TooMany,
+            Self::Studio(_) | Self::Over => RefusalKind::Conflict,
+        }
+    }
+}
+
+/// An order and who hears of it: dropped unheard, it hears that the studio is over.
+pub(super) struct Asked {
+    pub(super) order: Order,
+    reply: Option<Reply>,
+}
+
+impl Asked {
+    pub(super) fn answer(mut self, result: Result<(), Refused>) {
+        if let Some(reply) = self.reply.take() {
+            reply(result);
+        }
+    }
+}
+
+impl Drop for Asked {
+    fn drop(&mut self) {
+        if let Some(reply) = self.reply.take() {
+            reply(Err(Refused::Over));
+        }
+    }
+}
+
+#[derive(Default)]
+struct Window {
+    newest: Mutex<Option<Arc<View>>>,
+    /// Somebody has looked since the last view was made.
+    is_watched: AtomicBool,
+}
+
+/// The way to a studio for everybody but the loop. Cheap to clone.
+#[derive(Clone)]
+pub struct Door {
+    asks: Sender<Asked>,
+    window: Arc<Window>,
+}
+
+impl fmt::Debug for Door {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Door").field("waiting", &self.asks.len()).finish_non_exhaustive()
+    }
+}
+
+impl Door {
+    /// Asks for something; `reply` hears once what became of it. Never blocks; refused while too many wait, and when the studio is over.
+    pub fn ask(&self, order: Order, reply: Reply) {
+        match self.asks.try_send(Asked { order, reply: Some(reply) }) {
+            Ok(()) => {}
+            Err(TrySendError::Full(asked)) => asked.answer(Err(Refused::Busy)),
+            Err(TrySendError::Disconnected(asked)) => asked.answer(Err(Refused::Over)),
+        }
+    }
+
+    /// The newest view of the piece; `None` before the first one. Views are made while somebody looks, some tens of times a second: the one
+    /// after a long silence is as old as that.
+    pub fn view(&self) -> Option<Arc<View>> {
+        // Relaxed: one view sooner or later makes no difference.
+        self.window.is_watched.store(true, Ordering::Relaxed);
+        self.window.newest.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+}
+
+/// The studio's side of its door.
+pub(super) struct Desk {
+    pub(super) asks: Receiver<Asked>,
+    window: Arc<Window>,
+}
+
+impl Desk {
+    /// Somebody wants a newer view.
+    pub(super) fn is_watched(&self) -> bool {
+        self.window.is_watched.load(Ordering::Relaxed)
+    }
+
+    pub(super) fn hang_out(&self, view: View) {
+        self.window.is_watched.store(false, Ordering::Relaxed);
+        *self.window.newest.lock().unwrap_or_else(PoisonError::into_inner) = Some(Arc::new(view));
+    }
+}
+
+pub(super) fn pair() -> (Door, Desk) {
+    let (asks, asked) = bounded(WAITING_MAX);
+    let window = Arc::new(Window::default());
+    (Door { asks, window: window.clone() }, Desk { asks: asked, window })
+}

@@ -1,0 +1,113 @@
+//! The studio's own thread, beside the loop.
+//!
+//! ```text
+//!  servo ──ToolState──► thread `studio`: Studio ──Frame──► servo
+//!                           ▲        │
+//!  page, console ─► Door ───┘        └──► View ─► Door ─► page
+//!  script ──────────────────┘
+//! ```
+//! Real time: an update every so many milliseconds, late ones are left out and counted. Simulated time: one update, and one frame, for
+//! every so many states; two runs give the same bits.
+//!
+//! A studio that panics takes nothing along: its slot is abandoned, the tick goes on with the last frame and lets go of the rope, and the
+//! piece comes back with what had been done until then.
+
+mod door;
+mod thread;
+
+use std::thread::JoinHandle;
+
+pub use door::{Door, Refused, Reply};
+
+use crate::haptics::clay::Clay;
+use crate::rt::clock::ClockKind;
+use crate::sculpt::studio::{Order, Studio};
+use crate::servo::ClaySlot;
+
+/// How a studio runs.
+#[derive(Clone, Debug)]
+pub struct Plan {
+    /// Of the loop, s.
+    pub tick_s: f64,
+    /// Ticks from one update of the material to the next, at least 1.
+    pub update_ticks: u64,
+    /// Which time the loop follows.
+    pub clock: ClockKind,
+    /// What is asked for by itself, each before the tick with its number is heard; in any order, equal ticks keep theirs.
+    pub script: Vec<(u64, Order)>,
+}
+
+/// An order that was not carried out.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct FailedOrder {
+    /// The tick before which it was due, or that was heard last when somebody asked.
+    pub tick: u64,
+    /// It came from the script.
+    pub is_scripted: bool,
+    /// What was asked for, a word or two.
+    pub what: String,
+    /// Why not, and what would help.
+    pub why: String,
+}
+
+/// What a studio has to say when it is over.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct StudioReport {
+    /// Updates of the material.
+    pub updates: u64,
+    /// Updates that were left out because they would have come too late.
+    pub late: u64,
+    /// Strokes that were made, those that were taken back among them.
+    pub strokes: u64,
+    /// Samples of the piece at the start.
+    pub samples_before: usize,
+    /// And at the end.
+    pub samples: usize,
+    /// Orders that were not carried out.
+    pub failed: Vec<FailedOrder>,
+    /// Script orders whose tick never came.
+    pub left_over: usize,
+    /// What went wrong by itself, such as a stroke that made no surface; each once.
+    pub troubles: Vec<String>,
+    /// Why the studio ended before the loop did: a defect of the program.
+    pub broken: Option<String>,
+}
+
+/// A studio that has ended.
+#[derive(Debug)]
+pub struct Ended {
+    /// What it has to say.
+    pub report: StudioReport,
+    /// The piece, the tool and the past, for saving: [`Studio::order`] still works.
+    pub studio: Studio,
+}
+
+/// A studio that runs.
+#[derive(Debug)]
+pub struct StudioThread {
+    thread: JoinHandle<Ended>,
+}
+
+impl StudioThread {
+    /// Waits until the studio has ended, which it does by itself when the loop is over.
+    ///
+    /// # Errors
+    /// The thread died outside its own net.
+    pub fn join(self) -> Result<Ended, &'static str> {
+        self.thread.join().map_err(|_| "the studio died outside its own net")
+    }
+}
+
+/// Begins a studio for the clay of a scene: the slot goes to the loop ([`super::Live::clay`]), the door to whoever asks and looks.
+///
+/// `clay.frame` is to show the piece of the studio as it is (`Workpiece::frame`).
+///
+/// # Errors
+/// The thread could not be started.
+pub fn begin(studio: Studio, clay: &Clay, plan: Plan) -> std::io::Result<(ClaySlot, Door, StudioThread)> {
+    let update_ticks = plan.update_ticks.max(1);
+    let (feed, slot) = ClaySlot::new(clay, update_ticks);
+    let (door, desk) = door::pair();
+    let thread = thread::spawn(studio, feed, desk, Plan { update_ticks, ..plan })?;
+    Ok((slot, door, StudioThread { thread }))
+}

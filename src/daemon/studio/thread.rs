@@ -1,0 +1,266 @@
+//! The thread: hears, orders, updates, shows.
+
+use core::time::Duration;
+use std::any::Any;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::thread::JoinHandle;
+use std::time::Instant;
+
+use super::door::Desk;
+use super::{Ended, FailedOrder, Plan, StudioReport};
+use crate::haptics::clay::Frame;
+use crate::rt::clock::ClockKind;
+use crate::sculpt::studio::{Handling, Order, Studio, StudioError};
+use crate::servo::{ClayFeed, PublishError, ToolState};
+
+/// Views in a second at most.
+const VIEWS_HZ: f64 = 30.0;
+/// Simulated time: so long for the next state, after some turns without a pause.
+const PAUSE: Duration = Duration::from_micros(50);
+const TURNS: u32 = 200;
+/// Failed orders and troubles that are kept for the report.
+const KEPT_MAX: usize = 200;
+
+/// No frame can be made that the loop would take: the studio is of no use any more.
+#[derive(Debug)]
+struct Unshowable(PublishError);
+
+struct Worker<'s> {
+    studio: &'s mut Studio,
+    report: &'s mut StudioReport,
+    feed: ClayFeed,
+    desk: Desk,
+    plan: Plan,
+    /// The next of the script.
+    next: usize,
+    /// Heard last.
+    tick: u64,
+    update_s: f64,
+    viewed: Option<Instant>,
+}
+
+pub(super) fn spawn(mut studio: Studio, feed: ClayFeed, desk: Desk, mut plan: Plan) -> std::io::Result<JoinHandle<Ended>> {
+    // Stable: equal ticks keep their order.
+    plan.script.sort_by_key(|(tick, _)| *tick);
+    std::thread::Builder::new().name("studio".to_owned()).spawn(move || {
+        let mut report = StudioReport { samples_before: studio.piece().points().len(), ..StudioReport::default() };
+        let work = AssertUnwindSafe(|| {
+            let mut worker = Worker {
+                studio: &mut studio,
+                report: &mut report,
+                feed,
+                desk,
+                plan,
+                next: 0,
+                tick: 0,
+                update_s: 0.0,
+                viewed: None,
+            };
+            worker.look();
+            let result = match worker.plan.clock {
+                ClockKind::Virtual => worker.follow_ticks(),
+                ClockKind::Real => worker.follow_time(),
+            };
+            worker.report.left_over = worker.plan.script.len().saturating_sub(worker.next);
+            worker.studio.finish();
+            worker.note_trouble();
+            result
+        });
+        // The feed goes with the closure: the loop learns at once that nobody makes frames any more.
+        report.broken = match catch_unwind(work) {
+            Ok(Ok(())) => None,
+            Ok(Err(Unshowable(error))) => Some(error.to_string()),
+            Err(panic) => Some(words_of(&*panic)),
+        };
+        report.updates = studio.updates();
+        report.strokes = studio.piece().strokes();
+        report.samples = studio.piece().points().len();
+        Ended { report, studio }
+    })
+}
+
+fn words_of(panic: &(dyn Any + Send)) -> String {
+    let words = panic.downcast_ref::<&str>().map(|words| (*words).to_owned());
+    words.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_else(|| "a panic without words".to_owned())
+}
+
+impl Worker<'_> {
+    fn period_s(&self) -> f64 {
+        self.plan.update_ticks as f64 * self.plan.tick_s
+    }
+
+    /// Simulated time: one update for every `update_ticks` states, and one frame, which the loop waits for.
+    fn follow_ticks(&mut self) -> Result<(), Unshowable> {
+        let mut n_heard = 0;
+        let mut turns = 0;
+        loop {
+            // Before the states: what was told before the end is worked on still.
+            let is_over = self.feed.is_over();
+            while let Some(state) = self.feed.next_state() {
+                turns = 0;
+                self.hear(&state);
+                n_heard += 1;
+                if n_heard == self.plan.update_ticks {
+                    n_heard = 0;
+                    self.take_orders();
+                    self.studio.advance(self.period_s());
+                    self.note_trouble();
+                    self.show_and_wait()?;
+                    self.look();
+                }
+            }
+            if is_over {
+                return Ok(());
+            }
+            self.look();
+            turns += 1;
+            if turns < TURNS { std::thread::yield_now() } else { std::thread::sleep(PAUSE) }
+        }
+    }
+
+    fn show_and_wait(&mut self) -> Result<(), Unshowable> {
+        loop {
+            if let Some(frame) = self.feed.spare() {
+                return self.show(frame);
+            }
+            if self.feed.is_over() {
+                return Ok(());
+            }
+            std::thread::yield_now();
+        }
+    }
+
+    /// Real time: an update when it is due; those that would come too late are left out.
+    fn follow_time(&mut self) -> Result<(), Unshowable> {
+        let period = Duration::from_secs_f64(self.period_s());
+        let mut due = Instant::now() + period;
+        loop {
+            let is_over = self.feed.is_over();
+            while let Some(state) = self.feed.next_state() {
+                self.hear(&state);
+            }
+            self.take_orders();
+            let begin = Instant::now();
+            let has_changed = self.studio.advance(self.period_s());
+            self.note_trouble();
+            // A frame that finds no spare waits for the next update: what it would have shown is in that one as well.
+            if has_changed {
+                match self.feed.spare() {
+                    Some(frame) => self.show(frame)?,
+                    None => self.studio.show_again(),
+                }
+            }
+            self.update_s = begin.elapsed().as_secs_f64();
+            self.look();
+            if is_over {
+                return Ok(());
+            }
+            let now = Instant::now();
+            match due.checked_duration_since(now) {
+                Some(early) => std::thread::sleep(early),
+                None => {
+                    let n_late = (now.duration_since(due).as_nanos() / period.as_nanos().max(1)) as u32;
+                    self.report.late += u64::from(n_late);
+                    due += period * n_late;
+                }
+            }
+            due += period;
+        }
+    }
+
+    /// One tick's news, behind the orders of the script that are due before it.
+    fn hear(&mut self, state: &ToolState) {
+        self.tick = state.tick;
+        while let Some((tick, order)) = self.plan.script.get(self.next).filter(|(tick, _)| *tick <= state.tick) {
+            let (tick, what) = (*tick, name_of(order));
+            let result = self.studio.order(order.clone());
+            self.next += 1;
+            if let Err(error) = result {
+                self.note_failure(tick, true, what, &error);
+            }
+        }
+        self.studio.hear(&Handling {
+            map_from_tool: state.map_from_tool,
+            force_map: state.force_map,
+            rope_map: state.rope_map,
+            touches: state.contacts > 0,
+            is_held: state.buttons & 1 != 0,
+            has_force: state.has_force,
+        });
+    }
+
+    fn take_orders(&mut self) {
+        // Those that are there now: somebody who asks without end holds nothing up.
+        for _ in 0..self.desk.asks.len() {
+            let Ok(asked) = self.desk.asks.try_recv() else { return };
+            let what = name_of(&asked.order);
+            let result = self.studio.order(asked.order.clone());
+            if let Err(error) = &result {
+                self.note_failure(self.tick, false, what, error);
+            }
+            asked.answer(result.map_err(Into::into));
+        }
+    }
+
+    fn note_failure(&mut self, tick: u64, is_scripted: bool, what: &str, error: &StudioError) {
+        if self.report.failed.len() < KEPT_MAX {
+            let why = format!("{error}; {}", error.hint());
+            self.report.failed.push(FailedOrder { tick, is_scripted, what: what.to_owned(), why });
+        }
+    }
+
+    fn note_trouble(&mut self) {
+        let trouble = self.studio.trouble();
+        let is_new = !trouble.is_empty() && self.report.troubles.iter().all(|known| **known != **trouble);
+        if is_new && self.report.troubles.len() < KEPT_MAX {
+            self.report.troubles.push(trouble.to_string());
+        }
+    }
+
+    /// A stroke whose densities cannot be touched has never been; what was there before it can.
+    fn show(&mut self, mut frame: Box<Frame>) -> Result<(), Unshowable> {
+        self.studio.show(&mut frame);
+        let (error, mut frame) = match self.feed.publish(frame) {
+            Err((PublishError::Frame(error), frame)) => (error, frame),
+            _ => return Ok(()),
+        };
+        self.studio.give_up_stroke(&error.to_string());
+        self.note_trouble();
+        self.studio.show(&mut frame);
+        match self.feed.publish(frame) {
+            Err((error @ PublishError::Frame(_), _)) => Err(Unshowable(error)),
+            _ => Ok(()),
+        }
+    }
+
+    /// A view for whoever looks.
+    fn look(&mut self) {
+        let is_due = self.viewed.is_none_or(|viewed| self.desk.is_watched() && viewed.elapsed().as_secs_f64() * VIEWS_HZ >= 1.0);
+        if is_due {
+            self.viewed = Some(Instant::now());
+            let mut view = self.studio.view();
+            if self.plan.clock == ClockKind::Real {
+                view.update_s = self.update_s;
+            }
+            view.late = self.report.late;
+            self.desk.hang_out(view);
+        }
+    }
+}
+
+/// For reports.
+fn name_of(order: &Order) -> &'static str {
+    match order {
+        Order::Take(_) => "take",
+        Order::Hold(_) => "hold",
+        Order::Undo => "undo",
+        Order::Redo => "redo",
+        Order::Region { .. } => "region",
+        Order::Combine { .. } => "combine",
+        Order::Emboss { depth_m, .. } if *depth_m < 0.0 => "engrave",
+        Order::Emboss { .. } => "emboss",
+        Order::SavePoints(_) => "save-points",
+        Order::SaveSession(_) => "save-session",
+        Order::Export(_) => "export",
+    }
+}

@@ -1,0 +1,79 @@
+//! Orders, carried out.
+
+use super::super::boolean::Boolean;
+use super::super::emboss::{GreyImage, Laid};
+use super::super::{PointSet, PointSurface, export, save};
+use super::{Order, Studio, StudioError, ToolSettings};
+
+impl Studio {
+    pub(super) fn carry_out(&mut self, order: Order) -> Result<(), StudioError> {
+        // Even one that fails may have ended a stroke.
+        self.note_change();
+        match order {
+            Order::Take(tool) => self.take(tool),
+            Order::Hold(is_held) => {
+                self.is_held_by_order = is_held;
+                self.heard.hold(is_held);
+                Ok(())
+            }
+            Order::Undo => {
+                self.let_go()?;
+                if self.piece.undo()? { Ok(()) } else { Err(StudioError::NothingToUndo) }
+            }
+            Order::Redo => {
+                self.let_go()?;
+                if self.piece.redo()? { Ok(()) } else { Err(StudioError::NothingToRedo) }
+            }
+            Order::Region { low_map, high_map } => {
+                self.let_go()?;
+                Ok(self.piece.choose_region(low_map, high_map)?)
+            }
+            Order::Combine { boolean, with, is_sharp } => {
+                self.let_go()?;
+                self.combine(boolean, &with, is_sharp)
+            }
+            Order::Emboss { image, laid, depth_m } => {
+                self.let_go()?;
+                self.emboss(&image, &laid, depth_m)
+            }
+            Order::SavePoints(path) => save::save(&path, self.piece.points()).map_err(|source| StudioError::write(&path, source)),
+            Order::SaveSession(path) => {
+                self.let_go()?;
+                Ok(self.piece.save_session(&path)?)
+            }
+            Order::Export(path) => {
+                self.let_go()?;
+                let mesh = self.piece.mesh()?;
+                export::write_mesh(&path, &mesh).map_err(|source| StudioError::write(&path, source))
+            }
+        }
+    }
+
+    fn take(&mut self, tool: ToolSettings) -> Result<(), StudioError> {
+        for (name, value, is_sound) in
+            [("a brush", tool.brush_m, tool.brush_m > 0.0), ("a depth of images", tool.depth_m, tool.depth_m >= 0.0)]
+        {
+            if !(is_sound && value.is_finite()) {
+                return Err(StudioError::Length { name, value });
+            }
+        }
+        // The stroke of the tool before; if it made no surface it is taken back, and the new tool is taken all the same.
+        let ended = self.let_go();
+        self.tool = tool;
+        ended
+    }
+
+    pub(super) fn combine(&mut self, boolean: Boolean, with: &PointSet, is_sharp: bool) -> Result<(), StudioError> {
+        let other = PointSurface::build(with.clone(), self.piece.settings().n_neighbours)?;
+        self.piece.combine(boolean, &other, is_sharp)?;
+        Ok(())
+    }
+
+    pub(super) fn emboss(&mut self, image: &GreyImage, laid: &Laid, depth_m: f64) -> Result<(), StudioError> {
+        if !depth_m.is_finite() {
+            return Err(StudioError::Length { name: "a depth of images", value: depth_m });
+        }
+        let n_moved = self.piece.emboss(image, laid, depth_m)?;
+        if n_moved > 0 { Ok(()) } else { Err(StudioError::Nothing("image")) }
+    }
+}

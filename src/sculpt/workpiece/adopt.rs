@@ -1,0 +1,43 @@
+//! What a stroke leaves to the surface.
+
+use super::super::{Moved, PointSet, PointSurface, SurfaceError};
+use crate::haptics::clay::Raster;
+
+/// Lets a surface have the samples of a stroke: those that moved, without those that go, and with those that came.
+pub(super) fn adopt(
+    surface: &mut PointSurface,
+    points: &PointSet,
+    kept: &[u32],
+    n_before: usize,
+    base: &Raster,
+) -> Result<(), SurfaceError> {
+    let before = surface.points();
+    let moved: Vec<Moved> = (0..n_before)
+        .filter(|sample| before.positions_map[*sample] != points.positions_map[*sample])
+        .map(|sample| Moved {
+            sample: sample as u32,
+            position_map: points.positions_map[sample],
+            normal_map: points.normals_map[sample],
+        })
+        .collect();
+    let mut stays = vec![false; points.len()];
+    kept.iter().for_each(|sample| stays[*sample as usize] = true);
+    let removed: Vec<u32> = (0..n_before as u32).filter(|sample| !stays[*sample as usize]).collect();
+    let added = points.select(kept.iter().copied().filter(|sample| *sample as usize >= n_before));
+    surface.move_samples(&moved)?;
+    surface.replace(&removed, &added)?;
+    // Those that moved have numbers of their own now: those that stay kept their order.
+    let mut number = 0;
+    let mut refreshed = Vec::new();
+    let mut moved = moved.iter().map(|moved| moved.sample).peekable();
+    for sample in 0..n_before as u32 {
+        let has_moved = moved.next_if_eq(&sample).is_some();
+        if stays[sample as usize] {
+            if has_moved {
+                refreshed.push(number);
+            }
+            number += 1;
+        }
+    }
+    surface.refresh(&refreshed, |at| base.at(at).map(|density| f64::from(density.value_m)))
+}
