@@ -44,7 +44,7 @@ pub struct TickInput {
 pub struct FrameInUse {
     /// Its number.
     pub sequence: u64,
-    /// Nobody makes frames any more: it is the last one.
+    /// Nobody makes frames any more: it is the last one, and its rope is let go.
     pub is_last: bool,
 }
 
@@ -249,6 +249,9 @@ pub fn tick(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOu
         state.tool.stand_at(target, scene);
     }
     let moving = state.movers.n_under_way() > 0;
+    if let (Some(clay), Some(FrameInUse { is_last: true, .. })) = (&mut state.clay, input.clay) {
+        clay.let_go();
+    }
     let touch = state.tool.touch(&mut state.traversal, state.clay.as_mut(), state.braking.as_mut(), scene, p, moving);
     let contact = &touch.contact;
     // A tool that only tries where it could stand touches nothing yet.

@@ -16,6 +16,8 @@ const CORRECTIONS: u32 = 8;
 const ON_LEVEL_SPACINGS: f64 = 1e-5;
 /// Slopes below this have no direction: a sample there stays. An undeformed density has slope 1.
 const SLOPE_MIN: f64 = 1e-2;
+/// A line is across a surface when the cosine of its angle with the normal is this at least.
+const ACROSS_MIN: f64 = 0.5;
 /// No sample goes further in one step than this, spacings of the raster.
 const STEP_MAX_SPACINGS: f64 = 1.0;
 /// Samples handed to a thread at once.
@@ -112,6 +114,31 @@ pub(super) fn onto_level(
             return (at.distance(start) <= within_m).then_some((at, normal));
         }
         at += normal * (off_m / slope).clamp(-spacing_m, spacing_m);
+    }
+    None
+}
+
+/// The place of the surface on the line from `start` along a unit vector; `None` where the line runs along the surface, or none is found within a
+/// distance.
+pub(super) fn onto_level_along(
+    now: impl Fn(DVec3) -> Option<Density>,
+    spacing_m: f64,
+    (start, direction): (DVec3, DVec3),
+    within_m: f64,
+) -> Option<DVec3> {
+    let mut way_m: f64 = 0.0;
+    for _ in 0..2 * CORRECTIONS {
+        let density = now(start + direction * way_m)?;
+        let (normal, slope) = out(&density)?;
+        let across = normal.dot(direction);
+        if across.abs() < ACROSS_MIN {
+            return None;
+        }
+        let off_m = f64::from(density.value_m);
+        if off_m.abs() <= ON_LEVEL_SPACINGS * spacing_m {
+            return (way_m.abs() <= within_m).then_some(start + direction * way_m);
+        }
+        way_m += (off_m / (slope * across)).clamp(-spacing_m, spacing_m);
     }
     None
 }

@@ -12,6 +12,7 @@ use rayon::prelude::*;
 
 use super::PointSet;
 use super::falloff::Falloff;
+use super::resample::Taken;
 
 /// Samples that are added around one that is half covered.
 const SPLIT: u32 = 6;
@@ -20,6 +21,8 @@ const SPLIT_AT: f64 = 0.62;
 const SPLIT_RADIUS: f64 = 0.42;
 /// Weight at the rim from which a brush is hard: only then is there something to be gained from smaller samples.
 const HARD: f64 = 0.5;
+/// Samples that are added are at least so far from all others, in the smallest radii.
+const APART: f64 = 0.5;
 /// A dab that is nearer to the last one than this, in its radii, adds nothing to the rim.
 const SAME: f64 = 0.02;
 
@@ -166,7 +169,17 @@ impl Coat {
             new
         };
         let new: Vec<PointSet> = discs.par_iter().map(split).collect();
-        new.iter().for_each(|new| added.append(new));
+        // Discs overlap: what neighbours put at nearly one place is taken once.
+        let mut taken = Taken::new(APART * brush.smallest_m);
+        points.positions_map.iter().for_each(|at| taken.take(*at));
+        for new in &new {
+            for ((at, normal), color) in new.positions_map.iter().zip(&new.normals_map).zip(&new.colors) {
+                if taken.is_free(*at) {
+                    taken.take(*at);
+                    added.push(*at, *normal, *color);
+                }
+            }
+        }
         added
     }
 }
@@ -216,7 +229,9 @@ mod tests {
         for n_dabs in [1, 50] {
             let mut points = plate();
             let mut coat = Coat::over(&points.colors);
-            (0..n_dabs).for_each(|_| drop(dab(&mut points, &mut coat, &red(), DVec3::ZERO, 3.0)));
+            for _ in 0..n_dabs {
+                dab(&mut points, &mut coat, &red(), DVec3::ZERO, 3.0);
+            }
             assert!(coat.refined(&points, &discs(&points), &red(), flat).is_empty(), "a soft rim splits nothing");
             for (at, color) in points.positions_map.iter().zip(&points.colors) {
                 let share = (1.0 - at.length() / 6e-3).max(0.0);
@@ -233,7 +248,9 @@ mod tests {
         let mut coat = Coat::over(&points.colors);
         // Two dabs: where they overlap there is no rim.
         let middles = [DVec3::ZERO, DVec3::X * 4e-3];
-        middles.iter().for_each(|at| drop(dab(&mut points, &mut coat, &brush, *at, 3.0)));
+        for at in middles {
+            dab(&mut points, &mut coat, &brush, at, 3.0);
+        }
         let added = coat.refined(&points, &discs(&points), &brush, flat);
         assert!(added.len() > 100, "{}", added.len());
         let from_rim_m = |at: &DVec3| middles.map(|middle| at.distance(middle) - 6e-3).into_iter().fold(f64::INFINITY, f64::min);

@@ -261,6 +261,11 @@ impl Workpiece {
         advect::onto_level(|at| self.density_at(at), self.base.lattice().spacing_m, (point_map, 0.0), within_m)
     }
 
+    /// The place of the surface on a line through a point near it; `None` where the line runs along the surface, or meets none within a distance.
+    pub fn onto_along(&self, point_map: DVec3, direction: DVec3, within_m: f64) -> Option<DVec3> {
+        advect::onto_level_along(|at| self.density_at(at), self.base.lattice().spacing_m, (point_map, direction), within_m)
+    }
+
     /// The density at a point now, m, greater than 0 inside; `None` far from the piece.
     pub fn density_m(&self, point_map: DVec3) -> Option<f64> {
         self.density_at(point_map).map(|density| f64::from(density.value_m))

@@ -49,6 +49,10 @@ fn refusal(room: &str, path: &[String]) -> Option<&'static str> {
             };
             (!allowed).then_some("`haptics` uses only `spatial`, `voxmap::field` and `pointshell::{shell, tree}`")
         }
+        "sculpt" => {
+            let allowed = matches!(first, "sculpt" | "mesh" | "spatial" | "storage") || first == "haptics" && second == "clay";
+            (!allowed).then_some("`sculpt` uses only `mesh`, `spatial`, `storage` and `haptics::clay`")
+        }
         "device" if ABOVE_DEVICES.contains(&first) => Some("`device` knows nothing of rendering"),
         "telemetry" | "monitor" if first == "servo" => Some("`telemetry` and `monitor` never call into `servo`"),
         "mesh" | "voxmap" | "pointshell" | "picture" | "bench" if ABOVE_GEOMETRY.contains(&first) => {

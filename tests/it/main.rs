@@ -35,6 +35,7 @@ mod safety;
 mod scenes;
 mod sculpt;
 mod sides;
+mod studio;
 mod traversal;
 mod tree;
 mod tuning;

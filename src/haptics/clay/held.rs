@@ -77,6 +77,11 @@ impl Held {
         (self.residual, self.anchor_map) = (Residual::default(), None);
     }
 
+    /// Nobody moves the anchor of the rope any more: the tool is let go, as at the end of a pull. RT: safe.
+    pub(in crate::haptics) fn let_go(&mut self) {
+        (self.newest.rope_map, self.before.rope_map) = (None, None);
+    }
+
     /// What the clay does to the tool at this pose. RT: safe; twice as much work in the first tick with a new frame.
     pub(in crate::haptics) fn touch(&mut self, clay: &Clay, shell: &Shell, world_from_body: Pose, p: &Parameters) -> ContactSum {
         let map_from_body = clay.world_from_map.inverse() * world_from_body;

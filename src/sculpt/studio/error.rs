@@ -43,6 +43,9 @@ pub enum StudioError {
     /// The tool is too far from the piece.
     #[error("there is no surface within the brush")]
     OutOfReach,
+    /// The tool works where the piece is stiff.
+    #[error("the tool is outside of the region that deforms")]
+    OutsideRegion,
     /// The hand does not feel what it does.
     #[error("no force flows, and nothing is worked that the hand does not feel")]
     NoForce,
@@ -75,6 +78,7 @@ impl StudioError {
             Self::NothingToRedo => "only what was taken back can be done again, until the next stroke",
             Self::NoShape => "give the scene's tool a mesh or a shape, or combine with another solid",
             Self::OutOfReach => "bring the tool nearer to the surface, or take a larger brush",
+            Self::OutsideRegion => "choose a region around it, or work within the one there is",
             Self::NoForce => "enable the arm",
             Self::Nothing(_) => "lay it on the surface, facing out of it",
             Self::Length { .. } => "give a finite length, above 0 for a brush",

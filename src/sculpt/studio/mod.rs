@@ -188,8 +188,11 @@ impl Studio {
     }
 
     fn complain(&mut self, error: &StudioError) {
-        self.note_change();
-        self.trouble = format!("{error}; {}", error.hint()).into();
+        let trouble = format!("{error}; {}", error.hint());
+        if *self.trouble != *trouble {
+            self.note_change();
+            self.trouble = trouble.into();
+        }
     }
 }
 

@@ -17,7 +17,7 @@ pub enum Order {
     Take(ToolSettings),
     /// As if the arm's first button were held (true) or let go (false).
     Hold(bool),
-    /// Takes the last stroke back; refused where there is none.
+    /// Takes the last stroke back, or the one under way; refused where there is none.
     Undo,
     /// Does again what was taken back last; refused where nothing was.
     Redo,
@@ -28,7 +28,7 @@ pub enum Order {
         /// Highest corner.
         high_map: DVec3,
     },
-    /// Joins the piece with another solid, or cuts it by one.
+    /// Joins the piece with another solid, or cuts it by one. Ends a stroke.
     Combine {
         /// Which way.
         boolean: Boolean,
@@ -37,7 +37,7 @@ pub enum Order {
         /// The edge between both stays.
         is_sharp: bool,
     },
-    /// Raises the surface by an image (depth above 0) or sinks it in (below).
+    /// Raises the surface by an image (depth above 0) or sinks it in (below). Ends a stroke.
     Emboss {
         /// White is deep, black is none.
         image: Arc<GreyImage>,
@@ -46,10 +46,10 @@ pub enum Order {
         /// m.
         depth_m: f64,
     },
-    /// Writes the samples with normals and colours, a PLY file.
+    /// Writes the samples with normals and colours, a PLY file; those of a stroke under way as they are.
     SavePoints(PathBuf),
-    /// Writes all that is needed to go on another day.
+    /// Writes all that is needed to go on another day. Ends a stroke.
     SaveSession(PathBuf),
-    /// Writes the piece as a closed triangle mesh that a rigid scene can use, a PLY file.
+    /// Writes the piece as a closed triangle mesh that a rigid scene can use, a PLY file. Ends a stroke.
     Export(PathBuf),
 }

@@ -30,7 +30,7 @@ pub(super) struct Heard {
     force_map: DVec3,
     rope_map: DVec3,
     touches: bool,
-    last: Handling,
+    pub(super) last: Handling,
     /// Held when last heard, by the arm's button or an order.
     is_held: bool,
     /// It has been taken hold of since the last update.
@@ -59,7 +59,11 @@ impl Heard {
     /// What there is to work on, forces as means; only where the hand is stays for the next update.
     pub(super) fn take(&mut self) -> Self {
         let mut heard = *self;
-        let share = 1.0 / f64::from(self.n.max(1));
+        if self.n == 0 {
+            // Nothing is known of the hand: what it takes hold of waits.
+            return heard;
+        }
+        let share = 1.0 / f64::from(self.n);
         heard.force_map *= share;
         heard.rope_map *= share;
         *self = Self { last: self.last, is_held: self.is_held, ..Self::default() };
@@ -87,7 +91,10 @@ pub(super) enum Doing {
 impl Studio {
     /// One update's worth of work.
     pub(super) fn work(&mut self, heard: &Heard, time_s: f64) -> Result<(), StudioError> {
-        if heard.n > 0 && !heard.last.has_force {
+        if heard.n == 0 {
+            return Ok(());
+        }
+        if !heard.last.has_force {
             self.let_go()?;
             return if heard.has_risen && self.tool.craft.is_held() { Err(StudioError::NoForce) } else { Ok(()) };
         }
@@ -120,17 +127,24 @@ impl Studio {
         Ok(())
     }
 
-    /// What was grabbed goes along with the material.
+    /// What was grabbed goes along with the material: along the rope, so that it does not drift off sideways, or along the normal where the
+    /// rope runs along the surface.
     pub(super) fn follow(&mut self) {
         let (piece, within_m) = (&self.piece, self.tool.brush_m);
-        let follow = |at: &mut DVec3| {
-            if let Some((there, _)) = piece.onto(*at, within_m) {
+        let tip_map = self.body.tip_map(&self.heard.last);
+        let along = |from: DVec3| (tip_map - from).normalize_or_zero();
+        let follow = |at: &mut DVec3, along: DVec3| {
+            let there = piece.onto_along(*at, along, within_m);
+            if let Some(there) = there.or_else(|| piece.onto(*at, within_m).map(|(there, _)| there)) {
                 *at = there;
             }
         };
         match &mut self.doing {
-            Doing::Pulling { anchor_map } => follow(anchor_map),
-            Doing::PullingCurve { curve_map, .. } => curve_map.iter_mut().for_each(follow),
+            Doing::Pulling { anchor_map } => follow(anchor_map, along(*anchor_map)),
+            Doing::PullingCurve { curve_map, corner } => {
+                let along = curve_map.get(*corner).map_or(DVec3::ZERO, |anchor_map| along(*anchor_map));
+                curve_map.iter_mut().for_each(|at| follow(at, along));
+            }
             _ => {}
         }
     }
@@ -141,7 +155,7 @@ impl Studio {
         let place = if heard.touches && force_map.length() > LEAST_N { self.touched(&heard.last) } else { None };
         let Some((at_map, normal_map)) = place else {
             if let Doing::Pressing { left_s } = &mut self.doing {
-                *left_s += time_s;
+                *left_s = if heard.touches { 0.0 } else { *left_s + time_s };
                 if *left_s > LEFT_S {
                     return self.let_go();
                 }
@@ -154,6 +168,7 @@ impl Studio {
             self.piece.paint(&brush, at_map, force_map.length())?;
             return Ok(());
         }
+        self.check_region(at_map)?;
         let inward_n = force_map.dot(-normal_map).max(0.0);
         self.pull(vec![at_map], -normal_map * inward_n)?;
         Ok(())
@@ -213,6 +228,7 @@ impl Studio {
             }
             return Err(StudioError::OutOfReach);
         };
+        self.check_region(anchor_map)?;
         if self.tool.craft == Craft::Pull {
             self.piece.begin_stroke()?;
             self.doing = Doing::Pulling { anchor_map };
@@ -270,6 +286,11 @@ impl Studio {
         self.let_go()?;
         self.note_change();
         self.combine(boolean, &with, self.tool.is_sharp)
+    }
+
+    fn check_region(&self, at_map: DVec3) -> Result<(), StudioError> {
+        let (low, high) = self.piece.region_map();
+        if at_map.cmpgt(low).all() && at_map.cmplt(high).all() { Ok(()) } else { Err(StudioError::OutsideRegion) }
     }
 
     fn pull(&mut self, along_map: Vec<DVec3>, force_n: DVec3) -> Result<(), SurfaceError> {

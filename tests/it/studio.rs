@@ -1,0 +1,182 @@
+//! A hand that works clay through the whole loop, and a studio that breaks under it.
+
+use std::sync::{Arc, mpsc};
+
+use glam::{DMat3, DVec3};
+use hapticd::daemon::studio::{Ended, Plan, Refused, begin};
+use hapticd::device::{Capabilities, Device, DeviceError};
+use hapticd::haptics::clay::{Clay, Rope};
+use hapticd::haptics::{CouplingMode, Faults, Inertia, RenderScene, Tool};
+use hapticd::pointshell::shell::Shell;
+use hapticd::rt::clock::{Clock, ClockKind, RealClock, VirtualClock};
+use hapticd::sculpt::falloff::Falloff;
+use hapticd::sculpt::studio::{Craft, Order, Studio, ToolBody, ToolSettings};
+use hapticd::sculpt::workpiece::{Settings, Workpiece};
+use hapticd::sculpt::{PointSet, sample};
+use hapticd::servo::{Control, Order as LoopOrder, RunPlan, ServoLoop, Step};
+use hapticd::spatial::{DeviceSample, Pose, SampleStatus, Wrench};
+use hapticd::telemetry::TickRecord;
+
+use super::rig;
+
+const R: f64 = 0.02;
+const UPDATE_TICKS: u64 = 4;
+const SLEW_N_PER_S: f64 = 500.0;
+
+fn ball() -> PointSet {
+    use hapticd::mesh::primitives::Shape;
+    sample(&Shape::Sphere { radius_m: R }.tessellate(2e-5), 1.2e-3).expect("a spacing that fits")
+}
+
+fn studio(craft: Craft) -> Studio {
+    let settings = Settings {
+        region_map: Some((DVec3::new(-0.012, -0.012, 0.008), DVec3::new(0.012, 0.012, 0.032))),
+        raster: [21; 3],
+        ..Settings::default()
+    };
+    let piece = Workpiece::new(ball(), settings).expect("a piece");
+    Studio::new(piece, ToolSettings { craft, brush_m: 5e-3, ..ToolSettings::default() }, ToolBody::default())
+}
+
+fn scene(studio: &Studio) -> RenderScene {
+    let mut parameters = rig::unlimited();
+    parameters.coupling.mode = CouplingMode::Direct;
+    parameters.limits.slew_n_per_s = SLEW_N_PER_S;
+    parameters.limits.force_n = 6.0;
+    parameters.port.start = Pose::from_translation(DVec3::Z * (R + 6e-3));
+    let clay = Clay {
+        world_from_map: Pose::IDENTITY,
+        frame: studio.piece().frame().expect("a sound frame"),
+        smoothing: Clay::smoothing_between(UPDATE_TICKS as f64 * 1e-3, 1e-3),
+        rope: Rope { stiffness_n_per_m: 800.0, force_n: 4.0 },
+    };
+    let inertia = Inertia { mass_kg: 0.05, body_kg_m2: DMat3::IDENTITY * 1e-6, least_kg_m2: 1e-6 };
+    let tool = Tool { shell: Shell::new(&[(DVec3::ZERO, DVec3::Z)], 1e-3), inertia, center_of_mass_tool: DVec3::ZERO };
+    RenderScene { parameters, obstacles: Vec::new(), clay: Some(clay), tool }
+}
+
+/// An arm that is led: down into the clay, up, down to the surface, and with the button held up again.
+#[derive(Debug, Default)]
+struct Led {
+    sequence: u64,
+}
+
+impl Device for Led {
+    fn capabilities(&self) -> Capabilities {
+        Capabilities::default()
+    }
+
+    fn read(&mut self) -> Result<DeviceSample, DeviceError> {
+        self.sequence += 1;
+        let path: [(f64, f64); 8] =
+            [(0.0, 0.0), (0.2, 0.0), (0.6, -8e-3), (0.9, -8e-3), (1.1, 0.0), (1.4, -5e-3), (1.6, -5e-3), (2.2, 0.0)];
+        let time_s = self.sequence as f64 * 1e-3;
+        let leg = path
+            .windows(2)
+            .find(|leg| time_s <= leg[1].0)
+            .map_or((1.0, 0.0, 0.0), |leg| ((time_s - leg[0].0) / (leg[1].0 - leg[0].0), leg[0].1, leg[1].1));
+        let pose = Pose::from_translation(DVec3::Z * (leg.1 + (leg.2 - leg.1) * leg.0));
+        let buttons = u32::from((1.5..2.3).contains(&time_s));
+        Ok(DeviceSample { sequence: self.sequence, status: SampleStatus::Fresh, pose, buttons, ..DeviceSample::default() })
+    }
+
+    fn write(&mut self, wrench_device: &Wrench) -> Result<Wrench, DeviceError> {
+        Ok(*wrench_device)
+    }
+
+    fn stop(&mut self) {}
+}
+
+fn pull() -> Order {
+    Order::Take(ToolSettings { craft: Craft::Pull, brush_m: 5e-3, ..ToolSettings::default() })
+}
+
+fn run(clock: impl Clock, n_ticks: u64, script: Vec<(u64, Order)>) -> (Vec<TickRecord>, Ended) {
+    let studio = studio(Craft::Push);
+    let scene = scene(&studio);
+    let plan = Plan { tick_s: 1e-3, update_ticks: UPDATE_TICKS, clock: clock.kind(), script };
+    let (slot, door, thread) = begin(studio, scene.clay.as_ref().expect("clay"), plan).expect("a thread");
+    assert!(door.view().is_none_or(|view| view.version == 1));
+    let (producer, mut consumer) = rtrb::RingBuffer::new(n_ticks as usize + 400);
+    let control = Arc::new(Control::new(LoopOrder::Enable));
+    let plan = RunPlan { stop_at_tick: Some(n_ticks), ..RunPlan::default() };
+    let mut servo = ServoLoop::new(Arc::new(scene), Led::default(), clock, control, plan, producer).with_clay(slot);
+    servo.warm_up();
+    while servo.step() == Step::Continue {}
+    drop(servo);
+    let ended = thread.join().expect("joined");
+    let (told, hears) = mpsc::channel();
+    door.ask(Order::Undo, Box::new(move |result| told.send(result).expect("heard")));
+    assert!(matches!(hears.recv(), Ok(Err(Refused::Over))), "asked behind the end");
+    (std::iter::from_fn(|| consumer.pop().ok()).collect(), ended)
+}
+
+/// The largest step of the force from one tick to the next, N.
+fn largest_step_n(records: &[TickRecord]) -> f64 {
+    let step = |pair: &[TickRecord]| (pair[1].output.command_device.force - pair[0].output.command_device.force).length();
+    records.windows(2).map(step).fold(0.0, f64::max)
+}
+
+#[test]
+fn a_hand_pushes_and_pulls_clay_through_the_loop_the_same_way_twice() {
+    let script = || vec![(1200, pull()), (2500, Order::SavePoints("/no/such/folder/points.ply".into())), (9999, Order::Undo)];
+    let ((first, ended), (second, again)) =
+        (run(VirtualClock::default(), 2600, script()), run(VirtualClock::default(), 2600, script()));
+    assert!(first.len() >= 2600);
+    assert_eq!(first.len(), second.len());
+    for (one, other) in first.iter().zip(&second) {
+        assert_eq!((one.input, one.output), (other.input, other.output), "tick {}", one.tick);
+        let expected = one.tick / UPDATE_TICKS;
+        assert_eq!(one.input.clay.map(|clay| (clay.sequence, clay.is_last)), Some((expected, false)), "tick {}", one.tick);
+    }
+    assert_eq!(ended.report, again.report);
+    assert_eq!(ended.studio.piece().points(), again.studio.piece().points());
+    assert_eq!(ended.studio.piece().base().values_m(), again.studio.piece().base().values_m());
+
+    let report = &ended.report;
+    assert_eq!((report.updates, report.late, report.left_over, &report.broken), (first.len() as u64 / UPDATE_TICKS, 0, 1, &None));
+    assert_eq!((report.strokes, ended.studio.piece().history()), (2, (2, 0)), "{report:?}");
+    let [failed] = &*report.failed else { panic!("{report:?}") };
+    assert_eq!((failed.tick, failed.is_scripted, &*failed.what), (2500, true, "save-points"));
+    assert!(failed.why.contains("/no/such/folder/points.ply") && failed.why.contains("folder that exists"), "{}", failed.why);
+
+    assert!(first.iter().all(|record| record.output.faults == Faults::NONE));
+    let (pushed_n, pulled_n) = (first[600].output.command_device.force.z, first[2100].output.command_device.force.z);
+    assert!(pushed_n > 0.2 && pulled_n < -0.2, "{pushed_n} N, {pulled_n} N");
+    assert!(largest_step_n(&first) <= SLEW_N_PER_S * 1e-3 * (1.0 + 1e-9), "{} N", largest_step_n(&first));
+}
+
+#[test]
+fn in_real_time_the_loop_goes_on_and_updates_that_are_late_are_counted() {
+    let (records, ended) = run(RealClock, 700, Vec::new());
+    let report = &ended.report;
+    assert!(report.broken.is_none() && report.updates > 0, "{report:?}");
+    assert!(records.iter().all(|record| !record.input.clay.is_some_and(|clay| clay.is_last)));
+    assert_eq!(report.samples_before, ball().len());
+}
+
+#[test]
+fn a_studio_that_breaks_lets_go_of_the_hand_and_leaves_the_loop_and_the_piece() {
+    // A table that no constructor gives: the studio panics when it is pulled with.
+    let broken = || {
+        let tool =
+            ToolSettings { craft: Craft::Pull, brush_m: 5e-3, falloff: Falloff::Table(Vec::new()), ..ToolSettings::default() };
+        vec![(0, Order::Take(tool))]
+    };
+    let sound = || vec![(0, pull())];
+    let ((records, ended), (held, _)) = (run(VirtualClock::default(), 2200, broken()), run(VirtualClock::default(), 2200, sound()));
+    assert!(ended.report.broken.is_some(), "{:?}", ended.report);
+    assert!(records.len() >= 2200 && records.iter().all(|record| record.output.faults == Faults::NONE));
+    let gone = records.iter().position(|record| record.input.clay.is_some_and(|clay| clay.is_last)).expect("noticed");
+    assert!((1500..1700).contains(&gone), "{gone}");
+    // With a sound one the rope pulls all the way up; here the hand is free within what the slew limit takes.
+    assert!(held[2100].output.command_device.force.z < -0.2);
+    assert!(records[gone + 50..].iter().all(|record| record.output.command_device.force.z >= 0.0));
+    assert!(largest_step_n(&records) <= SLEW_N_PER_S * 1e-3 * (1.0 + 1e-9), "{} N", largest_step_n(&records));
+    // What had been done until then can be saved.
+    let mut studio = ended.studio;
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("rescued.ply");
+    studio.order(Order::SavePoints(path.clone())).expect("saved");
+    assert_eq!(hapticd::sculpt::load(&path, 1.0, None).map(|loaded| loaded.points.len()).ok(), Some(ball().len()));
+}
