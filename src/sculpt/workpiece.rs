@@ -10,36 +10,32 @@
 
 mod adopt;
 mod lattices;
+mod painting;
+mod past;
 
 use std::sync::Arc;
 
 use glam::DVec3;
 
 use self::adopt::adopt;
-use self::lattices::{NODES_MAX, copy_into, cut, first_node, is_part, lattices};
+use self::lattices::{NODES_MAX, copy_into, cut, lattices};
+use self::painting::Press;
+pub(super) use self::past::Moment;
 use super::advect::Afloat;
 use super::boolean::Boolean;
 use super::dynamics::{Dynamics, Integrator, Material, Progress};
 use super::emboss::{GreyImage, Laid, embossed};
-use super::paint::{Brush, Coat, Dab, Surfel};
 use super::pull::{Pull, add_pull};
 use super::redistance::redistance;
-use super::session::Session;
 use super::{PointSet, PointSurface, SurfaceError, advect, resample};
 use crate::haptics::clay::{Density, Frame, FrameError, Lattice, Raster};
 
 /// Largest empty circle and closest pair of samples in a region, in spacings of the samples at the start.
 const GAP_SPACINGS: f64 = 1.0;
 const CLOSE_SPACINGS: f64 = 0.35;
-/// Strokes that can be taken back.
-const PAST_MAX: usize = 64;
-/// Radius of a sample's disc, in its spacings: neighbouring discs overlap.
-const DISC_SPACINGS: f64 = 0.75;
-/// Smallest disc that the rim of a brush leaves, in spacings at the start: each is split once.
-const SPLIT_SPACINGS: f64 = 0.25;
 
 /// How a piece is worked.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
     /// Neighbours of a fit.
     pub n_neighbours: usize,
@@ -94,30 +90,6 @@ pub enum WorkpieceError {
     },
 }
 
-/// What was there before a stroke, and which part of it deformed.
-#[derive(Clone, Debug)]
-pub(super) struct Moment {
-    pub(super) points: PointSet,
-    /// Measured.
-    pub(super) base: Arc<Raster>,
-    pub(super) region: Lattice,
-    pub(super) region_map: Option<(DVec3, DVec3)>,
-}
-
-impl Moment {
-    /// `None` where the region is no part of the base.
-    pub(super) fn new(points: PointSet, base: Raster, region: Lattice, region_map: Option<(DVec3, DVec3)>) -> Option<Self> {
-        is_part(base.lattice(), &region).then(|| Self { points, base: measured(base), region, region_map })
-    }
-}
-
-/// A press of the brush.
-#[derive(Debug)]
-struct Press {
-    brush: Brush,
-    coat: Coat,
-}
-
 /// The part that deforms.
 #[derive(Debug)]
 struct Region {
@@ -170,31 +142,6 @@ impl Workpiece {
             went_m: 0.0,
             past: Vec::new(),
             undone: Vec::new(),
-            strokes: 0,
-            updates: 0,
-        })
-    }
-
-    /// The piece of a session.
-    pub(super) fn resume(session: Session) -> Result<Self, WorkpieceError> {
-        let Session { now, past, undone, settings, gap_m } = session;
-        let surface = PointSurface::build(now.points, settings.n_neighbours)?;
-        for moment in past.iter().chain(&undone) {
-            moment.points.check()?;
-        }
-        let first = first_node(now.base.lattice(), &now.region);
-        let region = Region::new(surface.points(), &now.base, first, now.region, &settings);
-        Ok(Self {
-            surface,
-            under_way: None,
-            press: None,
-            base: now.base,
-            region,
-            settings,
-            gap_m,
-            went_m: 0.0,
-            past,
-            undone,
             strokes: 0,
             updates: 0,
         })
@@ -357,61 +304,6 @@ impl Workpiece {
         Ok(())
     }
 
-    /// The stroke under way has never been: what was there before it is there again. Does nothing without a stroke.
-    pub fn cancel_stroke(&mut self) {
-        if self.is_stroke() {
-            self.take_back();
-        }
-    }
-
-    /// Paints under a brush that is pressed near a place of the surface with a force. Dabs with one brush are one stroke, until it
-    /// [ends](Self::end_stroke). Gives how many samples took colour. Cost: O(samples under the brush).
-    ///
-    /// # Errors
-    /// [`SurfaceError`] where another stroke had to end first, and made no surface; that is taken back then.
-    pub fn paint(&mut self, brush: &Brush, at_map: DVec3, force_n: f64) -> Result<usize, SurfaceError> {
-        let radius_m = brush.radius_m(force_n);
-        let Some((at_map, normal_map)) = self.onto(at_map, radius_m) else { return Ok(0) };
-        if self.press.as_ref().is_none_or(|press| press.brush != *brush) {
-            self.end_stroke()?;
-            self.remember();
-            self.press = Some(Press { brush: brush.clone(), coat: Coat::over(&self.surface.points().colors) });
-        }
-        let Some(Press { coat, .. }) = &mut self.press else { return Ok(0) };
-        let mut found = Vec::new();
-        self.surface.neighbours().within(at_map, radius_m, &mut found);
-        let near: Vec<u32> = found.iter().map(|near| near.sample).collect();
-        Ok(coat.dab(self.surface.colors_mut(), &near, brush, Dab { at_map, normal_map, radius_m }))
-    }
-
-    /// The press of the brush is over: samples that its rim only half covers are split.
-    fn lift_brush(&mut self) -> Result<(), SurfaceError> {
-        let Some(Press { brush, coat }) = self.press.take() else { return Ok(()) };
-        let surface = &self.surface;
-        let surfel = |(sample, spacing_m): (usize, &f64)| Surfel { sample: sample as u32, radius_m: DISC_SPACINGS * spacing_m };
-        let discs: Vec<Surfel> = surface.spacings_m().iter().enumerate().map(surfel).collect();
-        let onto = |at: DVec3| {
-            let at = surface.project(at)?;
-            let normal = surface.at(at).normal();
-            normal.is_normalized().then_some((at, normal))
-        };
-        let added = coat.refined(surface.points(), &discs, &brush, onto);
-        if added.is_empty() {
-            return Ok(());
-        }
-        if let Err(error) = self.surface.replace(&[], &added) {
-            self.take_back();
-            return Err(error);
-        }
-        self.region.afloat = Afloat::new(self.surface.points(), self.region.dynamics.now(), 0.0);
-        Ok(())
-    }
-
-    /// A disc with less than this is not split by the rim of a brush, m.
-    pub fn smallest_disc_m(&self) -> f64 {
-        SPLIT_SPACINGS * self.gap_m
-    }
-
     /// Raises the surface by an image, or sinks it in: one stroke, or none where the image reaches no sample. Gives how many samples it moved.
     ///
     /// # Errors
@@ -456,35 +348,6 @@ impl Workpiece {
         Ok(())
     }
 
-    /// Takes the last stroke back; false when there is none.
-    ///
-    /// # Errors
-    /// [`SurfaceError`]; what was a surface is one again, so this is a defect of the program.
-    pub fn undo(&mut self) -> Result<bool, SurfaceError> {
-        self.end_stroke()?;
-        let Some(past) = self.past.pop() else { return Ok(false) };
-        self.undone.push(self.moment());
-        self.go_to(past)?;
-        Ok(true)
-    }
-
-    /// Does again what was taken back last; false when nothing was since the last stroke.
-    ///
-    /// # Errors
-    /// As [`Self::undo`].
-    pub fn redo(&mut self) -> Result<bool, SurfaceError> {
-        self.end_stroke()?;
-        let Some(next) = self.undone.pop() else { return Ok(false) };
-        self.past.push(self.moment());
-        self.go_to(next)?;
-        Ok(true)
-    }
-
-    /// Strokes that can be taken back, and those that can be done again.
-    pub fn history(&self) -> (usize, usize) {
-        (self.past.len(), self.undone.len())
-    }
-
     /// Writes the densities into a frame for the tick. Cost: a copy of the region.
     pub fn show(&self, frame: &mut Frame) {
         frame.sequence = self.updates;
@@ -507,57 +370,9 @@ impl Workpiece {
         Ok(frame)
     }
 
-    /// What undo and redo go to, each with the nearest at its end.
-    pub(super) fn moments(&self) -> (&[Moment], &[Moment]) {
-        (&self.past, &self.undone)
-    }
-
-    /// What is there, a stroke under way apart.
-    pub(super) fn moment(&self) -> Moment {
-        Moment {
-            points: self.surface.points().clone(),
-            base: self.base.clone(),
-            region: *self.region.dynamics.lattice(),
-            region_map: self.settings.region_map,
-        }
-    }
-
-    fn remember(&mut self) {
-        self.past.push(self.moment());
-        self.strokes += 1;
-        if self.past.len() > PAST_MAX {
-            self.past.remove(0);
-        }
-        self.undone.clear();
-    }
-
-    /// Back to before a stroke that failed.
-    fn take_back(&mut self) {
-        (self.under_way, self.press) = (None, None);
-        self.strokes = self.strokes.saturating_sub(1);
-        if let Some(moment) = self.past.pop() {
-            // It was a surface before.
-            let _ = self.go_to(moment);
-        }
-    }
-
-    fn go_to(&mut self, Moment { points, base, region, region_map }: Moment) -> Result<(), SurfaceError> {
-        self.surface = PointSurface::build(points, self.settings.n_neighbours)?;
-        self.base = base;
-        self.settings.region_map = region_map;
-        self.cut_region(region);
-        Ok(())
-    }
-
     fn rasterize_again(&mut self) {
         self.base = measured(self.surface.rasterize(*self.base.lattice()));
         self.cut_region(*self.region.dynamics.lattice());
-    }
-
-    /// The region out of the base, on nodes of it.
-    fn cut_region(&mut self, lattice: Lattice) {
-        let first = first_node(self.base.lattice(), &lattice);
-        self.region = Region::new(self.surface.points(), &self.base, first, lattice, &self.settings);
     }
 }
 
