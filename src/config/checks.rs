@@ -96,6 +96,11 @@ impl<'d> Checks<'d> {
         self.problems.is_empty()
     }
 
+    /// How many problems were found so far.
+    pub(crate) fn count(&self) -> usize {
+        self.problems.len()
+    }
+
     /// Notes a key that must be given.
     pub(crate) fn missing(&mut self, key: &str, accepted: impl fmt::Display) {
         self.refuse(key, ProblemKind::Missing { accepted: accepted.to_string() });

@@ -17,6 +17,7 @@ pub mod json_schema;
 pub mod poses;
 pub mod resolve;
 pub mod scene;
+pub mod strokes;
 
 pub use problem::{ConfigErrors, Problem, ProblemKind};
 pub use resolve::{LoadOptions, load, load_with};

@@ -7,6 +7,9 @@ use std::path::{Path, PathBuf};
 use super::bound::StiffnessBound;
 use crate::device::fault::FaultError;
 use crate::mesh::EXTENSIONS;
+use crate::sculpt::LoadError;
+use crate::sculpt::emboss::ImageError;
+use crate::sculpt::falloff::FalloffError;
 
 /// Every problem of the first pass that found any, in the order of the file.
 #[derive(Debug)]
@@ -101,6 +104,8 @@ impl Problem {
                 "write at most {} {unit}, leave the key out to get the bound itself, or set rendering.allow_unstable = true",
                 round_down(*accepted)
             )),
+            ProblemKind::Solid(problem) => problem.hint().map(str::to_owned),
+            ProblemKind::Image(_) => Some("save it as PNG".into()),
             ProblemKind::Unreadable { .. }
             | ProblemKind::Syntax { .. }
             | ProblemKind::VersionUnknown { .. }
@@ -115,6 +120,7 @@ impl Problem {
             | ProblemKind::Exclusive { .. }
             | ProblemKind::DuplicateName { .. }
             | ProblemKind::Fault(_)
+            | ProblemKind::Falloff(_)
             | ProblemKind::DampingAboveProfile { .. } => None,
         }
     }
@@ -277,6 +283,15 @@ pub enum ProblemKind {
     /// A fault to inject that cannot be played.
     #[error("{0}")]
     Fault(FaultError),
+    /// Weights that are none.
+    #[error("{0}")]
+    Falloff(FalloffError),
+    /// An image that cannot be read.
+    #[error("{0}")]
+    Image(ImageError),
+    /// A solid that gives no samples.
+    #[error("{0}")]
+    Solid(LoadError),
     /// More felt damping than the profile allows.
     #[error("must be from 0 to {} {unit}: the arm's profile takes {declared} at most, and it feels this times scale", show(*.accepted))]
     DampingAboveProfile {

@@ -11,6 +11,8 @@ use crate::device::nodes::Selector;
 use crate::device::profile::Profile;
 use crate::haptics::Parameters;
 use crate::mesh::primitives::Shape;
+use crate::sculpt::studio::ToolSettings;
+use crate::sculpt::{Solid, workpiece};
 use crate::spatial::Pose;
 use crate::voxmap::sides::SidesRule;
 
@@ -31,6 +33,8 @@ pub struct SceneConfig {
     pub statics: Vec<StaticConfig>,
     /// The moving object.
     pub tool: ToolConfig,
+    /// Clay, for `hapticd sculpt`.
+    pub sculpt: Option<SculptConfig>,
     /// What the tick reads.
     pub parameters: Parameters,
     /// The arm.
@@ -119,6 +123,32 @@ pub struct ToolConfig {
     pub center_of_mass_m: Option<DVec3>,
     /// Inertia about the centre of mass in tool axes, kg·m²; `None`: from the mesh.
     pub inertia_kg_m2: Option<DMat3>,
+}
+
+/// `[sculpt]`: the clay.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SculptConfig {
+    /// What it is at the start.
+    pub source: ClaySource,
+    /// Where it stands.
+    pub world_from_map: Pose,
+    /// How it is worked. A session brings its own.
+    pub settings: workpiece::Settings,
+    /// Ticks from one update of the material to the next.
+    pub update_ticks: u64,
+    /// What is in the hand at the start.
+    pub tool: ToolSettings,
+    /// Scripted strokes; see [`super::strokes`].
+    pub strokes: Option<PathBuf>,
+}
+
+/// Where clay comes from.
+#[derive(Clone, Debug, PartialEq)]
+pub enum ClaySource {
+    /// Samples of a solid.
+    Solid(Solid),
+    /// A session that was saved.
+    Session(PathBuf),
 }
 
 /// The attached arm.

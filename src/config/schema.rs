@@ -3,12 +3,16 @@
 //! Every key is optional here: what must be given is said by the third pass, in the words of the scene. `docs` of the keys are in
 //! `config/default.toml`, which a test holds against these tables.
 
+mod sculpt;
+
 use std::borrow::Cow;
 use std::fmt;
 
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::Deserialize;
 use serde::de::{self, Deserializer, IgnoredAny, SeqAccess, Visitor};
+
+pub(super) use self::sculpt::{CraftWord, Creep, Deed, FalloffWritten, IntegratorWord, Sculpt, Stroke, Strokes};
 
 /// A key of a later version: any value is read, so that the third pass can refuse it by name.
 pub(crate) type Later = Option<IgnoredAny>;
@@ -33,8 +37,7 @@ pub(super) struct Scene {
     pub(super) device: Device,
     pub(super) realtime: Realtime,
     pub(super) monitor: Monitor,
-    #[schemars(skip)]
-    pub(super) sculpt: Later,
+    pub(super) sculpt: Option<Sculpt>,
 }
 
 #[derive(Debug, Default, Deserialize, JsonSchema)]

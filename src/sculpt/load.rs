@@ -7,10 +7,13 @@ use glam::DVec3;
 use super::sample::{GREY, sample};
 use super::{Neighbour, Neighbours, PointSet, SurfaceError, normals};
 use crate::mesh::cloud::{self, Cloud, Contents};
+use crate::mesh::primitives::Shape;
 use crate::mesh::{self, MeshError, TriangleMesh};
 
 /// Samples of a mesh for which no spacing is asked.
 const DEFAULT_SAMPLES: f64 = 20_000.0;
+/// How far a shape that is cut into triangles may be off, over the spacing of its samples.
+const CHORD_SHARE: f64 = 0.02;
 /// Points nearer to each other than this share of the whole extent are one.
 const ONE_PLACE: f64 = 1e-7;
 
@@ -69,6 +72,9 @@ pub enum LoadError {
         /// Why not.
         source: SurfaceError,
     },
+    /// A shape that cannot be sampled.
+    #[error("the shape: {0}")]
+    Shape(SurfaceError),
 }
 
 impl LoadError {
@@ -78,7 +84,47 @@ impl LoadError {
             Self::File(error) => error.hint(),
             Self::UnknownExtension { .. } => Some("export the scan as PLY, or as text with one point in each line (.xyz)"),
             Self::OnePlace { .. } => Some("check the columns of the file and its unit, or export the scan again"),
-            Self::Surface { source, .. } => Some(source.hint()),
+            Self::Surface { source, .. } | Self::Shape(source) => Some(source.hint()),
+        }
+    }
+}
+
+/// A solid that samples can be had of.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Solid {
+    /// A file of points or a mesh.
+    File {
+        /// Where it is.
+        path: PathBuf,
+        /// 1 for m, 1e-3 for mm.
+        metres_per_unit: f64,
+        /// Between samples of a mesh, m; `None`: about 20,000 samples.
+        spacing_m: Option<f64>,
+    },
+    /// A primitive shape.
+    Shape {
+        /// Centred on the origin.
+        shape: Shape,
+        /// Between samples, m; `None`: about 20,000 samples.
+        spacing_m: Option<f64>,
+    },
+}
+
+impl Solid {
+    /// Its samples.
+    ///
+    /// # Errors
+    /// [`LoadError`].
+    pub fn load(&self) -> Result<Loaded, LoadError> {
+        match self {
+            Self::File { path, metres_per_unit, spacing_m } => load(path, *metres_per_unit, *spacing_m),
+            Self::Shape { shape, spacing_m } => {
+                // The area hardly depends on how finely it is cut.
+                let spacing_m = spacing_m.unwrap_or_else(|| default_spacing_m(&shape.tessellate(f64::INFINITY)));
+                let points = sample(&shape.tessellate(CHORD_SHARE * spacing_m), spacing_m).map_err(LoadError::Shape)?;
+                points.check().map_err(LoadError::Shape)?;
+                Ok(Loaded { points, merged: 0, normals: NormalSource::Faces })
+            }
         }
     }
 }
@@ -96,7 +142,7 @@ pub fn load(path: &Path, metres_per_unit: f64, mesh_spacing_m: Option<f64>) -> R
     let refuse = |source: SurfaceError| LoadError::Surface { path: path.to_owned(), source };
     match cloud::load(path, metres_per_unit)? {
         Contents::Mesh(mesh) => {
-            let spacing_m = mesh_spacing_m.unwrap_or_else(|| (area_m2(&mesh) / DEFAULT_SAMPLES).sqrt());
+            let spacing_m = mesh_spacing_m.unwrap_or_else(|| default_spacing_m(&mesh));
             let points = sample(&mesh, spacing_m).map_err(refuse)?;
             points.check().map_err(refuse)?;
             Ok(Loaded { points, merged: 0, normals: NormalSource::Faces })
@@ -109,6 +155,10 @@ pub fn load(path: &Path, metres_per_unit: f64, mesh_spacing_m: Option<f64>) -> R
             complete(cloud).map_err(refuse)
         }
     }
+}
+
+fn default_spacing_m(mesh: &TriangleMesh) -> f64 {
+    (area_m2(mesh) / DEFAULT_SAMPLES).sqrt()
 }
 
 fn area_m2(mesh: &TriangleMesh) -> f64 {

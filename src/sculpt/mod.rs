@@ -31,7 +31,7 @@ mod whole_file;
 pub mod workpiece;
 
 pub use error::SurfaceError;
-pub use load::{LoadError, Loaded, NormalSource, complete, load};
+pub use load::{LoadError, Loaded, NormalSource, Solid, complete, load};
 pub use neighbours::{Neighbour, Neighbours};
 pub use point_set::PointSet;
 pub use sample::sample;

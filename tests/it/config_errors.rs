@@ -189,12 +189,10 @@ fn what_this_version_lacks_is_refused_by_name() {
     let scene = SCENE.to_owned()
         + r#"[device.sim]
 jitter_us = 20
-[sculpt]
-points = 1000
 "#;
     let errors = load(&scene).unwrap_err();
     let keys: Vec<&str> = errors.problems().iter().filter_map(|problem| problem.key.as_deref()).collect();
-    let expected = ["device.sim.jitter_us", "sculpt"];
+    let expected = ["device.sim.jitter_us"];
     assert_eq!(keys, expected);
     for problem in errors.problems() {
         assert!(matches!(problem.kind, ProblemKind::NotAvailable { .. }), "{problem}");
@@ -328,13 +326,13 @@ fn the_default_scene_says_the_truth() {
     // Each table tells its keys when it is asked for one that it does not have.
     let mut asking = String::from("version = 1\nzz = 0\n[[static]]\nzz = 0\nshape = { zz = 0 }\n");
     for table in
-        ["rendering", "tool", "contact", "coupling", "filter", "limits", "safety", "device", "device.sim", "realtime", "monitor"]
+        ["rendering", "tool", "contact", "coupling", "filter", "limits", "safety", "device", "device.sim", "realtime", "monitor", "sculpt"]
     {
         asking += &format!("[{table}]\nzz = 0\n");
     }
     asking += "[device.world_from_device]\nzz = 0\n";
     let errors = load(&asking).unwrap_err();
-    assert_eq!(errors.problems().len(), 15, "{errors}");
+    assert_eq!(errors.problems().len(), 16, "{errors}");
     let mut keys = BTreeSet::new();
     for problem in errors.problems() {
         let ProblemKind::UnknownKey { known, .. } = &problem.kind else { panic!("{problem}") };

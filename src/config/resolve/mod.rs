@@ -4,6 +4,7 @@ mod arm;
 mod forces;
 mod monitor;
 mod objects;
+mod sculpt;
 
 use std::fs;
 use std::path::Path;
@@ -11,6 +12,7 @@ use std::path::Path;
 use glam::DVec3;
 
 use self::arm::{arm_parameters, stability};
+pub(super) use self::sculpt::{WrittenSolid, WrittenTool};
 pub use self::monitor::{FOXGLOVE_ACCEPTED, LISTEN_ACCEPTED, parse_foxglove, parse_listen};
 use super::checks::{Checks, Interval};
 use super::document::Document;
@@ -77,15 +79,16 @@ pub fn load_with(path: &Path, options: &LoadOptions) -> Result<SceneConfig, Conf
 
 const DEFAULT_RATE_HZ: u32 = 1000;
 
-const MM: f64 = 1e-3;
+pub(super) const MM: f64 = 1e-3;
 const SIZE_MM: Interval = Interval::above(0.0).to(1e6).unit("mm");
-const POSITIVE: Interval = Interval::above(0.0);
+pub(super) const POSITIVE: Interval = Interval::above(0.0);
 
-struct Resolve<'d> {
-    checks: Checks<'d>,
-    document: &'d Document<'d>,
-    /// Folder that paths of the scene are relative to.
-    dir: &'d Path,
+/// One document on its way through the third pass.
+pub(super) struct Resolve<'d> {
+    pub(super) checks: Checks<'d>,
+    pub(super) document: &'d Document<'d>,
+    /// Folder that paths of the document are relative to.
+    pub(super) dir: &'d Path,
 }
 
 impl Resolve<'_> {
@@ -159,6 +162,7 @@ impl Resolve<'_> {
             self.checks.not_available("contact.time_budget_us", "remove it, or use rendering.field = \"trilinear\"");
         }
 
+        let sculpt = scene.sculpt.as_ref().map(|sculpt| self.sculpt(sculpt, rate_hz, mode));
         let monitor = self.monitor(&scene.monitor);
         let heartbeat = self.heartbeat(&scene.safety);
 
@@ -174,6 +178,7 @@ impl Resolve<'_> {
             knows_edges: scene.contact.geometric_awareness != Some(schema::AwarenessWord::Off),
             statics,
             tool,
+            sculpt,
             parameters: Parameters { period_s, gravity_m_per_s2, contact, coupling, filter, limits, safety, port, arm },
             device: DeviceConfig { profile, selector, hand, sim },
             realtime,
@@ -190,6 +195,5 @@ impl Resolve<'_> {
             checks.not_available("contact.friction", "leave it out, or use another rendering.coupling");
         }
         checks.later("device.sim.jitter_us", scene.device.sim.jitter_us.is_some());
-        checks.later("sculpt", scene.sculpt.is_some());
     }
 }

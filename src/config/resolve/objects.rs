@@ -94,7 +94,7 @@ impl Resolve<'_> {
     }
 
     /// Exactly one of a mesh and a shape. After a problem, some shape, so that the pass goes on.
-    fn source(&mut self, table: &str, written: WrittenSource<'_>, voxel_size_m: f64, layers: u32) -> MeshSource {
+    pub(super) fn source(&mut self, table: &str, written: WrittenSource<'_>, voxel_size_m: f64, layers: u32) -> MeshSource {
         let fallback = MeshSource::Shape(Shape::Sphere { radius_m: 1.0 });
         let WrittenSource { mesh, shape, units } = written;
         match (mesh, shape) {
@@ -114,21 +114,26 @@ impl Resolve<'_> {
                 self.shape(&format!("{table}.shape"), shape, voxel_size_m, layers).map_or(fallback, MeshSource::Shape)
             }
             (Some(mesh), None) => {
-                let metres_per_unit = match units {
-                    Some(schema::UnitWord::Metre) => 1.0,
-                    Some(schema::UnitWord::Millimetre) => 1e-3,
-                    Some(schema::UnitWord::Centimetre) => 1e-2,
-                    Some(schema::UnitWord::Inch) => 0.0254,
-                    None => {
-                        self.checks
-                            .missing(&format!("{table}.units"), "the unit of the mesh file: \"m\", \"mm\", \"cm\" or \"in\"");
-                        1.0
-                    }
-                };
+                let metres_per_unit = self.metres_per_unit(table, units, "of the mesh file");
                 match self.mesh_path(&format!("{table}.mesh"), mesh) {
                     Some(path) => MeshSource::File { path, metres_per_unit },
                     None => fallback,
                 }
+            }
+        }
+    }
+
+    /// Units of a file, which must be given.
+    pub(super) fn metres_per_unit(&mut self, table: &str, written: Option<schema::UnitWord>, of: &str) -> f64 {
+        match written {
+            Some(schema::UnitWord::Metre) => 1.0,
+            Some(schema::UnitWord::Millimetre) => 1e-3,
+            Some(schema::UnitWord::Centimetre) => 1e-2,
+            Some(schema::UnitWord::Inch) => 0.0254,
+            None => {
+                let accepted = format!("the unit {of}: \"m\", \"mm\", \"cm\" or \"in\"");
+                self.checks.missing(&format!("{table}.units"), accepted);
+                1.0
             }
         }
     }
@@ -189,10 +194,10 @@ impl Resolve<'_> {
 }
 
 /// Where the geometry of an object is written.
-struct WrittenSource<'s> {
-    mesh: Option<&'s str>,
-    shape: Option<&'s schema::Shape>,
-    units: Option<schema::UnitWord>,
+pub(super) struct WrittenSource<'s> {
+    pub(super) mesh: Option<&'s str>,
+    pub(super) shape: Option<&'s schema::Shape>,
+    pub(super) units: Option<schema::UnitWord>,
 }
 fn sides(written: Option<schema::SidesWord>) -> SidesRule {
     match written {
