@@ -1,6 +1,5 @@
 //! `hapticd bake`: generation only, with figures.
 
-use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -8,7 +7,7 @@ use clap::ValueEnum;
 use serde::Serialize;
 
 use super::progress::BakeProgress;
-use super::{Talk, cache, check, memory, report, say};
+use super::{Talk, cache, check, destination, memory, report, say};
 use crate::config;
 use crate::config::problem::show;
 use crate::config::scene::MeshSource;
@@ -17,7 +16,7 @@ use crate::mesh::MeshError;
 use crate::picture::{self, Subject};
 use crate::pointshell::ply;
 use crate::scene::cache::{Baked, Cache, CacheUse, Lookup, Request, Residence, Spacing};
-use crate::scene::{self, BakeMeans, Event, Geometry, MemoryPlan, ObjectReport, Role, SceneError};
+use crate::scene::{self, BakeMeans, Built, Event, Geometry, MemoryPlan, ObjectReport, PieceReport, Role, SceneError};
 use crate::voxmap::grid::GridError;
 use crate::voxmap::sides::SidesRule;
 use crate::voxmap::surface::Navigation;
@@ -153,7 +152,7 @@ pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
         Err(Failure::Scene(error)) if is_scene => report::scene_error(&error, talk),
         Err(Failure::Scene(error)) => mesh_error(args, &error, talk),
         Err(Failure::Write(path, error)) => {
-            report::error(&format!("cannot write {}: {error}", path.display()), write_hint(&error), talk);
+            report::error(&format!("cannot write {}: {error}", path.display()), destination::hint(&error), talk);
             Exit::Asset
         }
     }
@@ -182,31 +181,11 @@ fn mesh_error(args: &Args, error: &SceneError, talk: Talk) -> Exit {
             report::error(&format!("{}: {source}", args.input.display()), Some(&hint), talk);
             Exit::Configuration
         }
+        // A mesh has no clay.
+        SceneError::Load(_) | SceneError::Session(_) | SceneError::Piece(_) | SceneError::Frame(_) => {
+            report::scene_error(error, talk)
+        }
     }
-}
-
-fn write_hint(error: &std::io::Error) -> Option<&'static str> {
-    match error.kind() {
-        ErrorKind::NotFound => Some("the folder must exist"),
-        ErrorKind::IsADirectory => Some("give a file name, not a folder"),
-        ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem => Some("choose a folder that this user may write to"),
-        _ => None,
-    }
-}
-
-/// What can be known of a file that is yet to be written without touching it.
-fn check_destination(path: &Path) -> Result<(), Failure> {
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let refusal = if path.is_dir() {
-        ErrorKind::IsADirectory
-    } else if !folder.exists() {
-        ErrorKind::NotFound
-    } else if !folder.is_dir() {
-        ErrorKind::NotADirectory
-    } else {
-        return Ok(());
-    };
-    Err(Failure::Write(path.to_owned(), refusal.into()))
 }
 
 fn bake_scene(args: &Args, talk: Talk) -> Result<Exit, Failure> {
@@ -236,13 +215,17 @@ fn bake_scene(args: &Args, talk: Talk) -> Result<Exit, Failure> {
     let mut cache = args.cache.open(Residence::Mapped, talk);
     let progress = BakeProgress::new(talk);
     let mut means = BakeMeans { cache: &mut cache, memory: args.memory.plan(&progress, talk) };
-    let baked = scene::build_with(&config, &mut means, |event| progress.tell(&event));
+    let baked = scene::build_all(&config, &mut means, |event| progress.tell(&event));
     drop(means);
     progress.finish();
     cache::tell(&mut cache, talk);
-    let (_, reports) = baked?;
+    let Built { objects: reports, piece, .. } = baked?;
+    let clay = piece.map(|piece| piece.report);
     let total_s = since.elapsed().as_secs_f64();
     report::bake_warnings(&reports, talk);
+    if let Some(clay) = &clay {
+        report::clay_warnings(clay, talk);
+    }
     if args.json {
         #[derive(Serialize)]
         struct Total {
@@ -251,13 +234,19 @@ fn bake_scene(args: &Args, talk: Talk) -> Result<Exit, Failure> {
         #[derive(Serialize)]
         struct SceneReport {
             objects: Vec<ObjectReport>,
+            #[serde(skip_serializing_if = "Option::is_none")]
+            clay: Option<PieceReport>,
             timings_s: Total,
             peak_rss_bytes: Option<u64>,
         }
-        print_json(&SceneReport { objects: reports, timings_s: Total { total: total_s }, peak_rss_bytes: peak_rss_bytes() });
+        let timings_s = Total { total: total_s };
+        print_json(&SceneReport { objects: reports, clay, timings_s, peak_rss_bytes: peak_rss_bytes() });
     } else {
         reports.iter().for_each(|object| say::result(format_args!("{}", report_text(object))));
-        say::result(format_args!("{} objects in {total_s:.2} s\n", reports.len()));
+        if let Some(clay) = &clay {
+            say::result(format_args!("{}", clay_text(clay)));
+        }
+        say::result(format_args!("{} objects in {total_s:.2} s\n", reports.len() + usize::from(clay.is_some())));
     }
     Ok(Exit::Ok)
 }
@@ -277,7 +266,7 @@ fn bake_mesh(args: &Args, talk: Talk) -> Result<(), Failure> {
     // Before the work, not after it.
     let outputs = [&args.voxmap_out, &args.field_out, &args.pointshell_out, &args.picture];
     for path in outputs.into_iter().flatten() {
-        check_destination(path)?;
+        destination::check(path).map_err(|error| Failure::Write(path.clone(), error))?;
         // Both exist, or one is no file yet: then there is nothing to lose.
         if let (Ok(output), Ok(input)) = (path.canonicalize(), args.input.canonicalize())
             && output == input
@@ -451,6 +440,28 @@ pub(super) fn report_text(object: &ObjectReport) -> String {
     ));
     lines.push(String::new());
     lines.join("\n")
+}
+
+/// The clay of a scene, for people.
+pub(super) fn clay_text(clay: &PieceReport) -> String {
+    let [nx, ny, nz] = clay.raster;
+    let volume = clay.volume_m3.map_or("open".to_owned(), |volume_m3| format!("{:.2} mm³", volume_m3 * 1e9));
+    let borders = match clay.borders.len() {
+        0 => "no border".to_owned(),
+        1 => "1 border".to_owned(),
+        n => format!("{n} borders"),
+    };
+    format!(
+        "clay ({} samples)\n  surface     {} mm between samples, normals: {}, {}, {borders}, {volume}\n  \
+         raster      {nx} x {ny} x {nz} mass points {} mm apart, {} nodes over the whole piece\n  seconds     {:.3}\n",
+        clay.samples,
+        show(clay.spacing_m * 1e3),
+        clay.normals,
+        if clay.closed { "closed" } else { "a sheet" },
+        show(clay.raster_spacing_m * 1e3),
+        clay.nodes,
+        clay.seconds,
+    )
 }
 
 /// Largest resident set of this process so far; `None` where /proc does not say.

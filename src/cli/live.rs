@@ -29,7 +29,7 @@ use crate::telemetry::SwapSummary;
 use crate::telemetry::recording::Recorder;
 
 /// Arguments that change a run while it goes on.
-#[derive(Debug, clap::Args)]
+#[derive(Debug, Default, clap::Args)]
 pub(crate) struct LiveArgs {
     /// Let a movable object of SCENE follow timed poses in the world, a CSV file like that of a hand; may be repeated.
     #[arg(long = "move", value_name = "NAME=FILE", value_parser = parse_move)]

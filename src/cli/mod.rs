@@ -7,6 +7,7 @@ mod check;
 mod completions;
 mod console;
 mod desk;
+mod destination;
 mod devices;
 mod doctor;
 mod eval;
@@ -24,11 +25,13 @@ mod probe;
 mod progress;
 mod recording;
 mod reload;
+mod render;
 mod replay;
 mod report;
 mod run;
 mod say;
 mod screen;
+mod sculpt;
 
 use std::process::ExitCode;
 
@@ -80,6 +83,8 @@ pub(crate) enum When {
 enum Command {
     /// Bake a scene and render it on its arm until Ctrl-C.
     Run(run::Args),
+    /// Work a piece of clay with the arm, by hand, by script or from the monitor page.
+    Sculpt(sculpt::Args),
     /// Generate voxmaps and pointshells only, with figures.
     Bake(bake::Args),
     /// Check scenes and device profiles without baking: reports all problems of a pass together.
@@ -113,6 +118,7 @@ pub fn main() -> ExitCode {
     say::use_format(talk.log_format);
     let dispatched = std::panic::catch_unwind(|| match command {
         Command::Run(args) => run::main(&args, talk, started_ns),
+        Command::Sculpt(args) => sculpt::main(&args, talk, started_ns),
         Command::Bake(args) => bake::main(&args, talk),
         Command::Check(args) => check::main(&args, talk),
         Command::Eval(args) => eval::main(&args, talk),

@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 use serde::Serialize;
 
 use super::live;
+use super::sculpt::SculptReport;
 use crate::telemetry::recording::RecordingSummary;
 use crate::telemetry::{LatencySummary, Totals};
 
@@ -17,14 +18,17 @@ pub(super) struct StartTimes {
     pub(super) first_tick: f64,
 }
 
+/// What there was beside the loop.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct More<'a> {
+    pub(super) swaps: &'a [live::SwapReport],
+    pub(super) recording: Option<&'a RecordingSummary>,
+    pub(super) sculpt: Option<&'a SculptReport>,
+}
+
 /// What goes to stdout.
-pub(super) fn result_text(
-    totals: &Totals,
-    start_s: StartTimes,
-    swaps: &[live::SwapReport],
-    recording: Option<&RecordingSummary>,
-    json: bool,
-) -> String {
+pub(super) fn result_text(totals: &Totals, start_s: StartTimes, more: &More<'_>, json: bool) -> String {
+    let More { swaps, recording, sculpt } = *more;
     if json {
         #[derive(Serialize)]
         struct RunReport<'t> {
@@ -35,8 +39,10 @@ pub(super) fn result_text(
             swaps: &'t [live::SwapReport],
             #[serde(skip_serializing_if = "Option::is_none")]
             recording: Option<&'t RecordingSummary>,
+            #[serde(skip_serializing_if = "Option::is_none")]
+            sculpt: Option<&'t SculptReport>,
         }
-        return match serde_json::to_string(&RunReport { totals, start_s, swaps, recording }) {
+        return match serde_json::to_string(&RunReport { totals, start_s, swaps, recording, sculpt }) {
             Ok(mut text) => {
                 text.push('\n');
                 text
@@ -59,6 +65,9 @@ pub(super) fn result_text(
         let lost = if *dropped > 0 { format!(", {dropped} that the disk was too slow for are missing") } else { String::new() };
         let early = error.as_ref().map_or_else(String::new, |error| format!(", ended early: {error}"));
         row("recording", format_args!("{}: {records} ticks{lost}{early}", file.display()));
+    }
+    for (name, text) in sculpt.map(SculptReport::rows).into_iter().flatten() {
+        row(name, format_args!("{text}"));
     }
     row("missed deadlines", format_args!("{}", totals.missed_deadlines));
     for (name, latency) in [("wake-up", totals.wakeup_us), ("compute", totals.compute_us), ("device", totals.device_us)] {

@@ -21,9 +21,6 @@ pub(crate) struct RecordingArgs {
     /// Record every tick into an MCAP file: `hapticd replay` runs it again, `hapticd report` makes a page of it, Foxglove and Rerun show it.
     #[arg(long, value_name = "FILE.mcap")]
     record: Option<PathBuf>,
-    /// Let --record write over a file that is there already.
-    #[arg(long, requires = "record")]
-    overwrite: bool,
     /// Folder for a recording of the ticks around each fault, or `off` [default: $XDG_STATE_HOME/hapticd/faults, or
     /// ~/.local/state/hapticd/faults; under --clock virtual: off].
     #[arg(long, value_name = "DIR|off")]
@@ -36,6 +33,7 @@ impl RecordingArgs {
         &self,
         config: &SceneConfig,
         options: &LoadOptions,
+        overwrite: bool,
         clock: ClockKind,
         taps: Taps,
         talk: Talk,
@@ -54,7 +52,7 @@ impl RecordingArgs {
             report::error(&format!("--record: {error}"), hint, talk);
             if matches!(error, RecordingError::Thread(_)) { Exit::Internal } else { Exit::Asset }
         };
-        let recording = self.record.as_ref().map(|file| recorder.start(file, self.overwrite, failed(talk)));
+        let recording = self.record.as_ref().map(|file| recorder.start(file, overwrite, failed(talk)));
         let recording = recording.transpose().map_err(refused)?;
         let fault_files = self.fault_folder(clock).map(|folder| {
             let told = move |file: &FaultFile| match &file.file {
@@ -81,7 +79,7 @@ impl RecordingArgs {
 }
 
 /// As the XDG base directory specification has it: relative paths are ignored.
-fn state_folder() -> Option<PathBuf> {
+pub(super) fn state_folder() -> Option<PathBuf> {
     let folder = |variable| std::env::var_os(variable).map(PathBuf::from).filter(|path| path.is_absolute());
     folder("XDG_STATE_HOME").or_else(|| Some(folder("HOME")?.join(".local/state"))).map(|state| state.join("hapticd"))
 }

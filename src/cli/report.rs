@@ -7,7 +7,8 @@ use super::{Talk, When};
 use crate::config::ConfigErrors;
 use crate::daemon::PrepareError;
 use crate::error::Exit;
-use crate::scene::{ObjectReport, SceneError};
+use crate::scene::{ObjectReport, PieceReport, SceneError};
+use crate::sculpt::workpiece::WorkpieceError;
 
 /// Prints every problem of a scene on stderr and gives the exit code for it.
 pub(crate) fn config_errors(errors: &ConfigErrors, talk: Talk) -> Exit {
@@ -21,8 +22,10 @@ pub(crate) fn config_errors(errors: &ConfigErrors, talk: Talk) -> Exit {
 pub(crate) fn scene_error(problem: &SceneError, talk: Talk) -> Exit {
     error(&problem.to_string(), problem.hint().as_deref(), talk);
     match problem {
-        SceneError::Mesh { .. } => Exit::Asset,
-        SceneError::Grid { .. } => Exit::Configuration,
+        SceneError::Mesh { .. } | SceneError::Load(_) | SceneError::Session(_) | SceneError::Piece(WorkpieceError::Surface(_)) => {
+            Exit::Asset
+        }
+        SceneError::Grid { .. } | SceneError::Piece(_) | SceneError::Frame(_) => Exit::Configuration,
     }
 }
 
@@ -53,6 +56,13 @@ pub(crate) fn bake_warnings_of(scene: &str, reports: &[ObjectReport], talk: Talk
         for text in &object.warnings {
             warning(&format!("{scene}{}: {text}", object.name), talk);
         }
+    }
+}
+
+/// Prints what a user should know of the clay of a scene.
+pub(crate) fn clay_warnings(clay: &PieceReport, talk: Talk) {
+    for text in &clay.warnings {
+        warning(&format!("clay: {text}"), talk);
     }
 }
 

@@ -188,8 +188,7 @@ impl Script<'_> {
 
     fn emboss(&mut self, table: &str, stroke: &Stroke, deed: Deed) -> Option<Order> {
         let depth = Interval::above(0.0).to(100.0).unit("mm");
-        let depth_m =
-            self.resolve.checks.number(&format!("{table}.depth_mm"), stroke.depth_mm, self.tool.depth_m / MM, depth) * MM;
+        let depth_m = self.resolve.checks.number(&format!("{table}.depth_mm"), stroke.depth_mm, self.tool.depth_m / MM, depth) * MM;
         let image_key = format!("{table}.image");
         let image = match &stroke.image {
             Some(image) => self.resolve.image(&image_key, Some(image)),
@@ -208,7 +207,8 @@ impl Script<'_> {
                 None
             }
             (None, None) => {
-                let accepted = "the place of its upper left corner, with across_mm and down_mm; or center_mm of a ball that it goes around";
+                let accepted =
+                    "the place of its upper left corner, with across_mm and down_mm; or center_mm of a ball that it goes around";
                 self.resolve.checks.missing(&format!("{table}.corner_mm"), accepted);
                 None
             }
@@ -229,11 +229,8 @@ impl Script<'_> {
             }
             found
         };
-        let (corner, across, down) = (
-            vector("corner_mm", stroke.corner_mm)?,
-            vector("across_mm", stroke.across_mm),
-            vector("down_mm", stroke.down_mm),
-        );
+        let (corner, across, down) =
+            (vector("corner_mm", stroke.corner_mm)?, vector("across_mm", stroke.across_mm), vector("down_mm", stroke.down_mm));
         let (across, down) = (across?, down?);
         if across.length() * down.length() == 0.0 || across.normalize().dot(down.normalize()).abs() > SKEW {
             let accepted = "an edge longer than 0, at a right angle to across_mm";
@@ -287,10 +284,8 @@ impl Script<'_> {
     }
 
     fn only_what_belongs(&mut self, table: &str, stroke: &Stroke, deed: Deed) {
-        const SOLID: &[&str] =
-            &["points", "mesh", "shape", "units", "spacing_mm", "position_mm", "orientation_xyzw", "sharp"];
-        const LAID: &[&str] =
-            &["image", "depth_mm", "corner_mm", "across_mm", "down_mm", "center_mm", "axis", "front"];
+        const SOLID: &[&str] = &["points", "mesh", "shape", "units", "spacing_mm", "position_mm", "orientation_xyzw", "sharp"];
+        const LAID: &[&str] = &["image", "depth_mm", "corner_mm", "across_mm", "down_mm", "center_mm", "axis", "front"];
         let known: &[&str] = match deed {
             Deed::Take => &["tool", "brush_mm", "falloff", "color", "depth_mm", "image", "sharp"],
             Deed::Hold => &["until_s"],
@@ -372,7 +367,9 @@ mod tests {
         assert_eq!(tool.falloff, Falloff::Table(vec![1.0, 0.5, 0.0]));
         assert_eq!(tool.depth_m, ToolSettings::default().depth_m);
         assert!(matches!(orders[1].1, Order::Hold(true)));
-        assert!(matches!(orders[2].1, Order::Undo) && matches!(orders[3].1, Order::Hold(false)) && matches!(orders[4].1, Order::Redo));
+        assert!(
+            matches!(orders[2].1, Order::Undo) && matches!(orders[3].1, Order::Hold(false)) && matches!(orders[4].1, Order::Redo)
+        );
     }
 
     #[test]
@@ -420,7 +417,10 @@ mod tests {
             ("[[stroke]]\nat_s = 1\ndo = \"carve\"", "s.toml:4: stroke[0].do = \"carve\": must be \"take\", \"hold\""),
             ("[[stroke]]\nat_s = 1\ndo = \"undo\"\nfile = \"a\"", "left out beside do = \"undo\", which takes no key beside at_s"),
             ("[[stroke]]\nat_s = 1\ndo = \"take\"\ntool = \"pul\"", "did you mean `pull`?"),
-            ("[[stroke]]\nat_s = 1\ndo = \"take\"\nbrush_mm = 0", "s.toml:5: stroke[0].brush_mm = 0: must be greater than 0 and at most 1000 mm"),
+            (
+                "[[stroke]]\nat_s = 1\ndo = \"take\"\nbrush_mm = 0",
+                "s.toml:5: stroke[0].brush_mm = 0: must be greater than 0 and at most 1000 mm",
+            ),
             ("[[stroke]]\nat_s = 1\ndo = \"take\"\nfalloff = [1]", "falloff = [1]: a table of a fall-off needs at least 2 weights"),
             ("[[stroke]]\nat_s = 1\ndo = \"take\"\ncolor = \"red\"", "color = \"red\": must be a colour as \"#rrggbb\""),
             ("[[stroke]]\nat_s = 1\ndo = \"take\"\nimage = \"b.png\"", "image = \"b.png\": no such file: b.png"),
@@ -432,9 +432,15 @@ mod tests {
                 "s.toml:7: stroke[1].at_s = 2: must be 3 s or later: until then the tool is held by the stroke in line 2",
             ),
             ("[[stroke]]\nat_s = 1\ndo = \"union\"", "stroke[0].points: missing; give points, a mesh, a shape such as"),
-            ("[[stroke]]\nat_s = 1\ndo = \"union\"\nmesh = \"a.obj\"\nshape = { sphere_mm = 1 }", "cannot stand beside stroke[0].mesh"),
+            (
+                "[[stroke]]\nat_s = 1\ndo = \"union\"\nmesh = \"a.obj\"\nshape = { sphere_mm = 1 }",
+                "cannot stand beside stroke[0].mesh",
+            ),
             ("[[stroke]]\nat_s = 1\ndo = \"union\"\npoints = \"three.xyz\"", "stroke[0].units: missing"),
-            ("[[stroke]]\nat_s = 1\ndo = \"union\"\npoints = \"three.xyz\"\nunits = \"mm\"", "three.xyz: 3 points, at least 32 are needed"),
+            (
+                "[[stroke]]\nat_s = 1\ndo = \"union\"\npoints = \"three.xyz\"\nunits = \"mm\"",
+                "three.xyz: 3 points, at least 32 are needed",
+            ),
             ("[[stroke]]\nat_s = 1\ndo = \"union\"\nshape = { sphere_mm = 10 }\nspacing_mm = 0.001", "the shape: a spacing of"),
             ("[[stroke]]\nat_s = 1\ndo = \"emboss\"\nimage = \"a.png\"", "stroke[0].corner_mm: missing"),
             ("[[stroke]]\nat_s = 1\ndo = \"emboss\"\ncenter_mm = [0, 0, 0]", "stroke[0].image: missing; give a PNG file"),

@@ -403,6 +403,15 @@ pub fn unlike(scene: &SceneConfig, rendered: &SceneConfig) -> Option<(&'static s
         let shown = |deadman: Option<u8>| deadman.map_or("\"off\"".to_owned(), |button| button.to_string());
         return Some(("safety.deadman", shown(its), shown(ours)));
     }
+    // What the hands of a person made of it would be lost.
+    match (&scene.sculpt, &rendered.sculpt) {
+        (None, None) => {}
+        (its, Some(_)) => {
+            let its = if its.is_some() { "clay" } else { "none" };
+            return Some(("sculpt", its.to_owned(), "clay, which is worked until the run ends".to_owned()));
+        }
+        (Some(_), None) => return Some(("sculpt", "clay".to_owned(), "none".to_owned())),
+    }
     let [its, ours] = [scene, rendered].map(|scene| scene.heartbeat);
     (its != ours).then(|| {
         let shown = |longest: Option<Duration>| longest.map_or("none".to_owned(), |longest| longest.as_millis().to_string());

@@ -17,12 +17,14 @@ use crate::device::sim::{HandParameters, SimArm, SimError, SimParameters};
 use crate::haptics::{PortParameters, RenderScene};
 use crate::rt::schedule::{self, ThreadRequest};
 use crate::scene::cache::Cache;
-use crate::scene::{self, BakeMeans, Event, ObjectReport, SceneError};
+use crate::scene::{self, BakeMeans, Built, Event, ObjectReport, Piece, SceneError};
 
 /// A scene that is ready to be rendered.
 pub struct Prepared {
     /// Baked, immutable.
     pub scene: RenderScene,
+    /// Its clay as a piece that can be worked, where it has some.
+    pub piece: Option<Piece>,
     /// The opened arm.
     pub device: Box<dyn Device>,
     /// Where a real arm hangs.
@@ -111,7 +113,7 @@ pub fn prepare_with(
     if let Some(options) = &to_open {
         open::look_for(profile, options)?;
     }
-    let (scene, mut reports) = scene::build_with(config, means, watch)?;
+    let Built { scene, objects: mut reports, piece } = scene::build_all(config, means, watch)?;
     if let (Some(path), Some(tool)) = (&hand, reports.last_mut()) {
         tool.warnings.extend(far_from_start(path, &config.parameters.port));
     }
@@ -130,7 +132,7 @@ pub fn prepare_with(
         }
     };
     let SceneConfig { realtime, rate_hz, time_budget_s, .. } = *config;
-    Ok((Prepared { scene, device, attached, realtime, rate_hz, time_budget_s }, reports))
+    Ok((Prepared { scene, piece, device, attached, realtime, rate_hz, time_budget_s }, reports))
 }
 
 fn open_options(config: &SceneConfig) -> OpenOptions {

@@ -57,6 +57,10 @@ pub(super) fn file_keys(table: &mut toml::Table) -> Vec<&mut toml::Value> {
             ("static", toml::Value::Array(objects)) => keys.extend(objects.iter_mut().filter_map(|object| object.get_mut("mesh"))),
             ("tool", tool) => keys.extend(tool.get_mut("mesh")),
             ("device", device) => keys.extend(device.get_mut("hand")),
+            ("sculpt", toml::Value::Table(sculpt)) => {
+                let named = ["points", "mesh", "session", "image", "strokes"];
+                keys.extend(sculpt.iter_mut().filter(|(key, _)| named.contains(&key.as_str())).map(|(_, value)| value));
+            }
             _ => {}
         }
     }

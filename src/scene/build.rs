@@ -4,9 +4,11 @@ use glam::{DMat3, DVec3};
 
 use super::cache::{Baked, Cache, Request, Spacing};
 use super::object::{self, BakeMeans, SceneError};
+use super::piece::Piece;
 use super::report::{ObjectReport, Role};
 use crate::config::SceneConfig;
 use crate::config::scene::ToolConfig;
+use crate::haptics::clay::Clay;
 use crate::haptics::contact::{ContactSum, Obstacle};
 use crate::haptics::{CouplingMode, Inertia, RenderScene, Tool};
 use crate::mesh::mass::MassProperties;
@@ -47,9 +49,28 @@ pub fn build(config: &SceneConfig, watch: impl FnMut(Event<'_>)) -> Result<(Rend
 pub fn build_with(
     config: &SceneConfig,
     means: &mut BakeMeans<'_>,
-    mut watch: impl FnMut(Event<'_>),
+    watch: impl FnMut(Event<'_>),
 ) -> Result<(RenderScene, Vec<ObjectReport>), SceneError> {
-    let n_objects = config.statics.len() + 1;
+    build_all(config, means, watch).map(|Built { scene, objects, .. }| (scene, objects))
+}
+
+/// A scene with all that was made for it.
+#[derive(Debug)]
+pub struct Built {
+    /// What the tick reads.
+    pub scene: RenderScene,
+    /// A report on each object, the tool last.
+    pub objects: Vec<ObjectReport>,
+    /// The clay, where the scene has some.
+    pub piece: Option<Piece>,
+}
+
+/// The same with the clay, for those who work it.
+///
+/// # Errors
+/// As [`build_with`], and clay that cannot be read or makes no surface.
+pub fn build_all(config: &SceneConfig, means: &mut BakeMeans<'_>, mut watch: impl FnMut(Event<'_>)) -> Result<Built, SceneError> {
+    let n_objects = config.statics.len() + 1 + usize::from(config.sculpt.is_some());
     let mut reports = Vec::with_capacity(n_objects);
     let mut obstacles = Vec::with_capacity(config.statics.len());
     let with_gradients = config.parameters.contact.field == FieldKind::SurfacePoint;
@@ -71,7 +92,7 @@ pub fn build_with(
         obstacles.push(Obstacle { field, world_from_map: object.pose });
     }
 
-    let tell = |stage| watch(Event { name: "tool", object_idx: n_objects - 1, n_objects, stage });
+    let tell = |stage| watch(Event { name: "tool", object_idx: config.statics.len(), n_objects, stage });
     let request = Request {
         name: "tool",
         role: Role::Tool,
@@ -104,12 +125,17 @@ pub fn build_with(
         }
     }
     let tool = Tool { shell, inertia, center_of_mass_tool };
-    let scene = RenderScene { parameters: config.parameters, obstacles, clay: None, tool };
-    if let Some(warning) = inside_at_start(&scene) {
-        tool_report.warnings.push(warning);
+    let mut scene = RenderScene { parameters: config.parameters, obstacles, clay: None, tool };
+    let mut piece = None;
+    if let Some(sculpt) = &config.sculpt {
+        watch(Event { name: "clay", object_idx: n_objects - 1, n_objects, stage: Stage::Surface });
+        let built = Piece::build(config, sculpt)?;
+        scene.clay = Some(built.clay(config, sculpt)?);
+        piece = Some(built);
     }
+    tool_report.warnings.extend(inside_at_start(&scene).or_else(|| inside_clay_at_start(&scene)));
     reports.push(tool_report);
-    Ok((scene, reports))
+    Ok(Built { scene, objects: reports, piece })
 }
 
 /// What to say of a tool that stands in an obstacle when the arm is enabled.
@@ -124,6 +150,24 @@ fn inside_at_start(scene: &RenderScene) -> Option<String> {
             sum.max_value_m * 1e3,
             sum.contacts
         )
+    })
+}
+
+/// The same of clay.
+fn inside_clay_at_start(scene: &RenderScene) -> Option<String> {
+    let RenderScene { parameters, clay, tool, .. } = scene;
+    let Clay { world_from_map, frame, .. } = clay.as_ref()?;
+    let map_from_body = world_from_map.inverse() * parameters.port.start * Pose::from_translation(tool.center_of_mass_tool);
+    let points = tool.shell.points().map(|(position_body, _)| position_body);
+    let inside =
+        points.filter_map(|at| frame.at(map_from_body.transform_point(at.as_dvec3()))).map(|density| f64::from(density.value_m));
+    let (mut n_inside, mut deepest_m) = (0, 0.0_f64);
+    for value_m in inside.filter(|value_m| *value_m > 0.0) {
+        (n_inside, deepest_m) = (n_inside + 1, deepest_m.max(value_m));
+    }
+    // A tenth of a spacing is a tool that was put down.
+    (deepest_m > 0.1 * frame.base.lattice().spacing_m).then(|| {
+        format!("it starts inside the clay, {:.3} mm deep with {n_inside} points: move `tool.start_position_mm`", deepest_m * 1e3)
     })
 }
 

@@ -8,8 +8,10 @@
 mod build;
 pub mod cache;
 mod object;
+mod piece;
 mod report;
 
-pub use build::{Event, build, build_with};
+pub use build::{Built, Event, build, build_all, build_with};
 pub use object::{BakeMeans, Geometry, MemoryPlan, SceneError};
+pub use piece::{BorderReport, Piece, PieceReport};
 pub use report::{LeakReport, LidsReport, ObjectReport, Role, Timings};

@@ -8,11 +8,15 @@ use thiserror::Error;
 use super::cache::{Baked, Cache, Lookup, Request, Spacing};
 use super::report::{ObjectReport, Role};
 use crate::config::scene::MeshSource;
+use crate::haptics::clay::FrameError;
 use crate::mesh::mass::{MassProperties, mass_properties_of_inspected};
 use crate::mesh::validate::{MeshReport, inspect};
 use crate::mesh::{self, MeshError, TriangleMesh};
 use crate::pointshell::shell::Shell;
 use crate::pointshell::{self, ShellReport};
+use crate::sculpt::LoadError;
+use crate::sculpt::session::SessionError;
+use crate::sculpt::workpiece::WorkpieceError;
 use crate::voxmap::estimate::{Estimate, MeshMeasures, Products, voxel_size_within};
 use crate::voxmap::field::Field;
 use crate::voxmap::grid::{Grid, GridError};
@@ -37,6 +41,18 @@ pub enum SceneError {
         /// Cause.
         source: GridError,
     },
+    /// The source of the clay, or of the tool as a solid.
+    #[error("clay: {0}")]
+    Load(#[from] LoadError),
+    /// The clay itself.
+    #[error("clay: {0}")]
+    Piece(#[from] WorkpieceError),
+    /// A session that was saved.
+    #[error("clay: {0}")]
+    Session(#[from] SessionError),
+    /// What the tick would touch of it.
+    #[error("clay: {0}")]
+    Frame(#[from] FrameError),
 }
 
 impl SceneError {
@@ -45,6 +61,10 @@ impl SceneError {
         match self {
             Self::Mesh { source, .. } => source.hint().map(str::to_owned),
             Self::Grid { source, .. } => Some(source.hint()),
+            Self::Load(problem) => problem.hint().map(str::to_owned),
+            Self::Piece(WorkpieceError::Surface(problem)) => Some(problem.hint().to_owned()),
+            Self::Session(_) => Some("give a file of `hapticd sculpt --session`, or another source of clay".to_owned()),
+            Self::Piece(_) | Self::Frame(_) => None,
         }
     }
 }

@@ -38,6 +38,13 @@ impl Workpiece {
     pub fn mesh(&self) -> Result<TriangleMesh, ExportError> {
         surface_of(self.base())
     }
+
+    /// What is inside of that mesh, m³; `None` where there is none.
+    pub fn volume_m3(&self) -> Option<f64> {
+        let mesh = self.mesh().ok()?;
+        let of = |[a, b, c]: [DVec3; 3]| a.dot(b.cross(c)) / 6.0;
+        Some((0..mesh.triangles.len()).map(|triangle| of(mesh.corners(triangle))).sum())
+    }
 }
 
 /// The surface s = 0 of a raster as a closed mesh.

@@ -325,9 +325,20 @@ fn the_default_scene_says_the_truth() {
 
     // Each table tells its keys when it is asked for one that it does not have.
     let mut asking = String::from("version = 1\nzz = 0\n[[static]]\nzz = 0\nshape = { zz = 0 }\n");
-    for table in
-        ["rendering", "tool", "contact", "coupling", "filter", "limits", "safety", "device", "device.sim", "realtime", "monitor", "sculpt"]
-    {
+    for table in [
+        "rendering",
+        "tool",
+        "contact",
+        "coupling",
+        "filter",
+        "limits",
+        "safety",
+        "device",
+        "device.sim",
+        "realtime",
+        "monitor",
+        "sculpt",
+    ] {
         asking += &format!("[{table}]\nzz = 0\n");
     }
     asking += "[device.world_from_device]\nzz = 0\n";

@@ -12,8 +12,8 @@ use std::path::Path;
 use glam::DVec3;
 
 use self::arm::{arm_parameters, stability};
-pub(super) use self::sculpt::{WrittenSolid, WrittenTool};
 pub use self::monitor::{FOXGLOVE_ACCEPTED, LISTEN_ACCEPTED, parse_foxglove, parse_listen};
+pub(super) use self::sculpt::{WrittenSolid, WrittenTool};
 use super::checks::{Checks, Interval};
 use super::document::Document;
 use super::problem::{ConfigErrors, Problem, ProblemKind};

@@ -128,12 +128,7 @@ impl Resolve<'_> {
                 damping_n_s_per_m,
                 Interval::from(0.0).to(1e4).unit("N·s/m"),
             ),
-            stiffness_n_per_m: quantity(
-                "sculpt.stiffness",
-                written.stiffness,
-                stiffness_n_per_m,
-                POSITIVE.to(1e6).unit("N/m"),
-            ),
+            stiffness_n_per_m: quantity("sculpt.stiffness", written.stiffness, stiffness_n_per_m, POSITIVE.to(1e6).unit("N/m")),
             creep_s: match written.creep_ms {
                 None => creep_s,
                 Some(Creep::Off) => f64::INFINITY,
@@ -163,13 +158,13 @@ impl Resolve<'_> {
         let is_sound = |n: &f64| n.fract() == 0.0 && RASTER_AXIS.contains(n);
         if !numbers.iter().all(is_sound) {
             let (least, most) = (RASTER_AXIS.start(), RASTER_AXIS.end());
-            self.checks.not_accepted("sculpt.raster", format_args!("three whole numbers of mass points, each from {least} to {most}"));
+            self.checks
+                .not_accepted("sculpt.raster", format_args!("three whole numbers of mass points, each from {least} to {most}"));
             return None;
         }
         let n_nodes: f64 = numbers.iter().product();
         if n_nodes > RASTER_NODES {
-            let accepted =
-                format!("at most {RASTER_NODES} mass points in all, such as 128 along each axis; these are {n_nodes}");
+            let accepted = format!("at most {RASTER_NODES} mass points in all, such as 128 along each axis; these are {n_nodes}");
             self.checks.not_accepted("sculpt.raster", accepted);
             return None;
         }
@@ -183,7 +178,8 @@ impl Resolve<'_> {
         let update_hz = self.checks.number("sculpt.update_hz", written, DEFAULT_UPDATE_HZ, interval);
         let ticks = (rate_hz / update_hz).round().max(1.0);
         if (rate_hz / (ticks * update_hz) - 1.0).abs() > UPDATE_TOLERANCE {
-            let [slower, faster] = [(rate_hz / update_hz).ceil(), (rate_hz / update_hz).floor().max(1.0)].map(|n| show(rate_hz / n));
+            let [slower, faster] =
+                [(rate_hz / update_hz).ceil(), (rate_hz / update_hz).floor().max(1.0)].map(|n| show(rate_hz / n));
             let accepted = format!("near to what whole ticks at {rate_hz} Hz make, such as {slower} or {faster}");
             self.checks.not_accepted("sculpt.update_hz", accepted);
         }
@@ -259,7 +255,12 @@ impl Resolve<'_> {
     }
 
     /// A tool; what is not written is as before.
-    pub(in crate::config) fn tool_settings(&mut self, table: &str, written: &WrittenTool<'_>, before: &ToolSettings) -> ToolSettings {
+    pub(in crate::config) fn tool_settings(
+        &mut self,
+        table: &str,
+        written: &WrittenTool<'_>,
+        before: &ToolSettings,
+    ) -> ToolSettings {
         let key = |name: &str| format!("{table}.{name}");
         let length = |most_mm: f64| POSITIVE.to(most_mm).unit("mm");
         ToolSettings {

@@ -1,0 +1,495 @@
+//! Baking a scene and rendering it on its arm: what `hapticd run` and `hapticd sculpt` share.
+
+use std::cell::Cell;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+
+use clap::ValueEnum;
+use crossbeam::channel::Receiver;
+
+use super::desk::{Company, Means, Opening};
+use super::outcome::{More, StartTimes, result_text};
+use super::progress::BakeProgress;
+use super::screen::{Screen, report_lines};
+use super::sculpt::{self, Workshop};
+use super::{Talk, bake, cache, check, foxglove, live, memory, monitor, probe, recording, report, say};
+use crate::config::{self, LoadOptions, SceneConfig};
+use crate::daemon::service::Service;
+use crate::daemon::{Attached, Live, Notice, Outcome, PrepareError, Prepared, RenderJob, RunError, Supervisor, prepare_with};
+use crate::device::nodes::Selector;
+use crate::device::profile::RealArm;
+use crate::device::protocol::Protocol;
+use crate::error::Exit;
+use crate::mesh;
+use crate::rt::clock::{ClockKind, monotonic_ns};
+use crate::rt::duration;
+use crate::rt::signals::{SignalError, interrupts};
+use crate::scene::BakeMeans;
+use crate::scene::cache::Residence;
+use crate::spatial::Axes;
+use crate::telemetry::Taps;
+
+/// Arguments of every command that renders.
+#[derive(Debug, clap::Args)]
+pub(crate) struct LoopArgs {
+    /// Scene file.
+    pub(super) scene: PathBuf,
+    /// How long to render before the safe stop, such as 10s, 500ms or 2min [default: until Ctrl-C].
+    #[arg(long, value_name = "TIME", value_parser = duration::parse, allow_hyphen_values = true)]
+    duration: Option<Duration>,
+    /// What to do when a real-time check fails [default: as the scene says].
+    #[arg(long, value_name = "MODE")]
+    realtime: Option<RealtimeMode>,
+    /// Device profile instead of the scene's: a name or a file.
+    #[arg(long, value_name = "PROFILE")]
+    device: Option<String>,
+    /// Which of several arms: VID:PID[:SERIAL] in hex, or the path of its node.
+    #[arg(long, value_name = "SELECTOR")]
+    selector: Option<Selector>,
+    /// Time that the run follows; virtual is simulated and as fast as it goes.
+    #[arg(long, value_name = "CLOCK", default_value = "real")]
+    clock: ClockArg,
+    /// Simulated arms: let the hand of the scene go its path there and back, again and again.
+    #[arg(long)]
+    hand_repeat: bool,
+    /// Let force flow on a real arm from the start on; with a deadman, while it is held. Simulated arms need no leave.
+    #[arg(long)]
+    enable: bool,
+    /// Take `enable`, `disable` and `stop` as lines on standard input, and wait for `enable` after a fault instead of ending. The end of the
+    /// input is a stop.
+    #[arg(long)]
+    console: bool,
+    #[command(flatten)]
+    monitor: monitor::MonitorArgs,
+    #[command(flatten)]
+    recording: recording::RecordingArgs,
+    #[command(flatten)]
+    foxglove: foxglove::FoxgloveArgs,
+    #[command(flatten)]
+    memory: memory::MemoryArgs,
+    #[command(flatten)]
+    cache: cache::CacheArgs,
+    /// Print the result as one JSON object.
+    #[arg(long)]
+    json: bool,
+}
+
+/// What a command adds to them.
+pub(crate) struct Own<'a> {
+    /// What changes while it renders.
+    pub(super) live: &'a live::LiveArgs,
+    /// What is to become of the clay; `None`: the command is for scenes without.
+    pub(super) clay: Option<&'a sculpt::ClayArgs>,
+    /// Files may be written over.
+    pub(super) overwrite: bool,
+}
+
+/// What to do when a real-time check fails.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum RealtimeMode {
+    /// Refuse to run.
+    Enforce,
+    /// Run and say what was given up.
+    BestEffort,
+}
+
+/// Time that a run follows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum ClockArg {
+    /// The machine's monotonic clock.
+    Real,
+    /// Simulated time.
+    Virtual,
+}
+
+impl ClockArg {
+    fn kind(self) -> ClockKind {
+        match self {
+            Self::Real => ClockKind::Real,
+            Self::Virtual => ClockKind::Virtual,
+        }
+    }
+}
+
+/// Why a run ended before it began.
+#[derive(Debug)]
+enum Refusal {
+    Prepare(PrepareError),
+    Run(RunError),
+    Signals(SignalError),
+}
+
+/// Renders; `own` is what the command adds.
+pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: Talk, started_ns: i64) -> Exit {
+    // Before any thread that loads parts begins: some of them do while force flows.
+    mesh::copy_only();
+    let since_start_s = |ns: i64| (ns - started_ns) as f64 * 1e-9;
+    let baked_s = Cell::new(0.0);
+    let overrides = args.overrides();
+    // Before anything is announced: a scene that cannot be read bakes nothing.
+    let config = match config::load_with(&args.scene, &overrides) {
+        Ok(config) => config,
+        Err(errors) => return report::config_errors(&errors, talk),
+    };
+    let clock = args.clock.kind();
+    let mut workshop = match Workshop::plan(&config, own, clock, talk) {
+        Ok(workshop) => workshop,
+        Err(exit) => return exit,
+    };
+    if let (Some(selector), None) = (&args.selector, &config.device.profile.real) {
+        let message =
+            format!("--selector {selector}: {} is simulated in this process and hangs on no node", config.device.profile.name);
+        report::error(&message, Some("name the profile of a real arm with --device"), talk);
+        return Exit::Usage;
+    }
+    let changes = match own.live.check(&config, &overrides, args.duration, talk) {
+        Ok(changes) => changes,
+        Err(exit) => return exit,
+    };
+    let bound = match args.monitor.open(&config, clock, talk) {
+        Ok(bound) => bound,
+        Err(exit) => return exit,
+    };
+    if let Some(real) = &config.device.profile.real {
+        if args.clock == ClockArg::Virtual {
+            let hint = "leave out --clock virtual, or name a simulated arm with --device";
+            report::error("a real arm lives in real time", Some(hint), talk);
+            return Exit::Usage;
+        }
+        if !args.enables_at_start(&config) && !args.console && bound.is_none() {
+            report::error(&RunError::NobodyEnables.to_string(), Some(HOW_TO_ENABLE), talk);
+            return Exit::Device;
+        }
+        tell_of_arm(&config, real, talk);
+    }
+    if talk.verbose > 0 {
+        say::talk(format_args!("{}\n", check::summary(&config)));
+    }
+    let taps = Taps::default();
+    let recordings = match args.recording.begin(&config, &overrides, own.overwrite, clock, taps.clone(), talk) {
+        Ok(recordings) => recordings,
+        Err(exit) => return exit,
+    };
+    let audience = match args.foxglove.begin(&config, clock, &recordings.recorder, talk) {
+        Ok(audience) => audience,
+        Err(exit) => {
+            recordings.abandon();
+            return exit;
+        }
+    };
+    let changes = changes.recorded_by(&recordings.recorder, &overrides);
+    let bake = || {
+        // Owned: nobody may take memory away from the loop.
+        let mut cache = args.cache.open(Residence::Owned, talk);
+        let progress = BakeProgress::new(talk);
+        let mut means = BakeMeans { cache: &mut cache, memory: args.memory.plan(&progress, talk) };
+        let prepared = prepare_with(&config, &mut means, |event| progress.tell(&event));
+        drop(means);
+        progress.finish();
+        cache::tell(&mut cache, talk);
+        let (prepared, reports) = prepared?;
+        report::bake_warnings(&reports, talk);
+        let clay = prepared.piece.as_ref().map(|piece| &piece.report);
+        clay.inspect(|clay| report::clay_warnings(clay, talk));
+        if talk.verbose > 0 {
+            clay.inspect(|clay| say::talk(format_args!("{}", bake::clay_text(clay))));
+            reports.iter().for_each(|object| say::talk(format_args!("{}", bake::report_text(object))));
+        }
+        baked_s.set(since_start_s(monotonic_ns()));
+        Ok(prepared)
+    };
+    // Under the virtual clock a scene changes as it was planned, unless somebody watches.
+    let is_open = clock == ClockKind::Real || bound.is_some() || own.live.watch;
+    let opening = Opening::default();
+    let hears = || is_open.then(|| opening.hears());
+    let begun = changes.begin(&args.cache, &args.memory, clock, is_open, hears, talk).and_then(|begun| {
+        let live::Begun { mut live, under_way, switches } = begun;
+        live.taps = taps;
+        let means = Means {
+            config: &config,
+            options: &overrides,
+            clock,
+            bound,
+            has_console: args.console,
+            enables_at_start: args.enables_at_start(&config),
+            switches: switches.filter(|_| is_open),
+            offered: under_way.offered.clone(),
+            recorder: Some(Box::new(recordings.for_clients(talk))),
+        };
+        let company = Company::open(means, &opening, &mut live)?;
+        Ok((company, live, under_way))
+    });
+    let (mut company, live, under_way) = match begun {
+        Ok(begun) => begun,
+        Err(error) => {
+            report::error(&format!("cannot start a thread: {error}"), None, talk);
+            return Exit::Internal;
+        }
+    };
+    let protocol = config.device.profile.real.as_ref().map(|real| &real.protocol);
+    let beside = Beside {
+        live,
+        under_way: &under_way,
+        protocol,
+        company: &mut company,
+        workshop: workshop.as_mut(),
+        watches: own.live.watch,
+    };
+    let rendered = run(args, talk, beside, interrupts, bake);
+    // Whatever became of the loop: what hands made is not lost with it.
+    let clay = workshop.and_then(|workshop| workshop.close(talk));
+    let refusal = match rendered {
+        Ok(outcome) => {
+            let first_tick = outcome.report.first_tick_ns.map_or(0.0, since_start_s);
+            let start_s = StartTimes { baked: baked_s.get(), first_tick };
+            if let Some(audience) = audience {
+                audience.end();
+            }
+            let (swaps, recording) = (under_way.reports(&outcome.swaps), recordings.end(&outcome.report));
+            let more = More { swaps: &swaps, recording: recording.as_ref(), sculpt: clay.as_ref() };
+            say::result(format_args!("{}", result_text(&outcome.totals, start_s, &more, args.json)));
+            let failures = [Some(outcome.exit()), under_way.failure(talk), clay.map(|clay| clay.exit())];
+            return failures.into_iter().flatten().find(|exit| *exit != Exit::Ok).unwrap_or(Exit::Ok);
+        }
+        Err(refusal) => refusal,
+    };
+    recordings.abandon();
+    match refusal {
+        Refusal::Prepare(error) => report::prepare_error(&error, talk),
+        Refusal::Run(error) => {
+            let refused = if let RunError::Refused(checks) = &error { Some(checks) } else { None };
+            if let Some(checks) = refused.filter(|_| talk.quiet) {
+                for row in report_lines(checks, true) {
+                    say::talk(format_args!("{row}\n"));
+                }
+            }
+            let hint = match &error {
+                RunError::Refused(_) => Some("--realtime best-effort runs anyway, with the latency that this machine gives"),
+                RunError::NobodyEnables => Some(HOW_TO_ENABLE),
+                _ => None,
+            };
+            report::error(&error.to_string(), hint, talk);
+            error.exit()
+        }
+        Refusal::Signals(error) => {
+            report::error(&error.to_string(), None, talk);
+            Exit::Internal
+        }
+    }
+}
+
+const HOW_TO_ENABLE: &str = "give --enable to let force flow from the start, --console to type `enable`, or --monitor for its page; \
+                             with `safety.deadman` in the scene force flows while that button is held";
+
+impl LoopArgs {
+    /// What the command line sets over the scene.
+    fn overrides(&self) -> LoadOptions {
+        LoadOptions {
+            device: self.device.clone(),
+            selector: self.selector.clone(),
+            enforce: self.realtime.map(|mode| mode == RealtimeMode::Enforce),
+            hand_repeat: self.hand_repeat,
+        }
+    }
+
+    /// A deadman is an enable in the operator's hand.
+    fn enables_at_start(&self, config: &SceneConfig) -> bool {
+        self.enable || config.parameters.safety.deadman.is_some() && !self.console
+    }
+}
+
+/// What an operator has to know of a real arm before it moves.
+fn tell_of_arm(config: &SceneConfig, real: &RealArm, talk: Talk) {
+    let profile = &config.device.profile;
+    if config.device.hand.is_some() {
+        report::note("the scene's hand is for simulated arms: a real one has yours", talk);
+    }
+    if let Some(instruction) = &real.homing.instruction {
+        report::note(&format!("homing: {instruction}"), talk);
+    }
+    let has_motors = profile.actuated != Axes::NONE;
+    if has_motors && profile.has_unverified_signs() {
+        let force_n = config.parameters.limits.force_n;
+        report::warning(
+            &format!(
+                "signs not verified: force stays below {force_n} N until the profile says `signs_verified = true` \
+                 ({})",
+                probe::command(profile, config.device.selector.as_ref(), "--sign-check")
+            ),
+            talk,
+        );
+    }
+    if has_motors && profile.is_unidentified() {
+        report::warning(
+            &format!(
+                "not identified: stiffness is bounded by half of the assumed damping ({})",
+                probe::command(profile, config.device.selector.as_ref(), "--identify")
+            ),
+            talk,
+        );
+    }
+}
+
+/// Who and what is there beside the loop.
+struct Beside<'a> {
+    live: Live,
+    under_way: &'a live::UnderWay,
+    protocol: Option<&'a Protocol>,
+    company: &'a mut Company,
+    workshop: Option<&'a mut Workshop>,
+    /// The scene is read again when its files change.
+    watches: bool,
+}
+
+fn run(
+    args: &LoopArgs,
+    talk: Talk,
+    beside: Beside<'_>,
+    interrupts: impl FnOnce() -> Result<Receiver<()>, SignalError>,
+    bake: impl FnOnce() -> Result<Prepared, PrepareError>,
+) -> Result<Outcome, Refusal> {
+    let Beside { mut live, under_way, protocol, company, workshop, watches } = beside;
+    let mut screen = Screen::new(talk, under_way, protocol, live.operator.waits_after_fault);
+    let ears = company.ears();
+    let mut service = Service::of_environment();
+    let mut supervisor = Supervisor::new(|notice| {
+        if let (Notice::Preflight(machine), Some(recorder)) = (&notice, under_way.offered.recorder()) {
+            recording::note_machine(recorder, machine);
+        }
+        ears(&notice);
+        service.hear(&notice);
+        screen.show(&notice);
+    });
+    let prepared = supervisor.bake(bake).map_err(Refusal::Prepare)?;
+    let scene = Arc::new(prepared.scene);
+    if let (Some(workshop), Some(piece)) = (workshop, prepared.piece) {
+        workshop.open(piece, &scene, &mut live).map_err(|error| Refusal::Run(error.into()))?;
+    }
+    let node = prepared.attached.as_ref().map(|attached| attached.node.as_path());
+    company.begin(&scene, node, &mut live).map_err(|error| Refusal::Run(error.into()))?;
+    if let Some(Attached { node, news }) = prepared.attached {
+        if !talk.quiet {
+            say::talk(format_args!("device: {} is ready\n", node.display()));
+        }
+        live.news = Some(news);
+    }
+    let job = RenderJob {
+        scene,
+        device: prepared.device,
+        realtime: prepared.realtime,
+        rate_hz: prepared.rate_hz,
+        time_budget_s: prepared.time_budget_s,
+        clock: args.clock.kind(),
+        duration: args.duration,
+    };
+    // Only now: until here no force can flow, and Ctrl-C ends a long bake at once as it does everywhere.
+    let interrupts = interrupts().map_err(Refusal::Signals)?;
+    company.reload(args.overrides(), watches, talk).map_err(|error| Refusal::Run(error.into()))?;
+    supervisor.render_live(job, live, &interrupts).map_err(Refusal::Run)
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+    use crossbeam::channel::never;
+
+    use super::*;
+    use crate::cli::When;
+    use crate::cli::say::LogFormat;
+    use crate::config::scene::RealtimeConfig;
+    use crate::device::sim::{SimArm, SimParameters};
+    use crate::servo::testing::empty_scene;
+    use crate::telemetry::Totals;
+
+    #[derive(Debug, Parser)]
+    struct Command {
+        #[command(flatten)]
+        args: LoopArgs,
+    }
+
+    fn args(line: &str) -> Result<LoopArgs, clap::Error> {
+        Command::try_parse_from(["run"].into_iter().chain(line.split_whitespace())).map(|command| command.args)
+    }
+
+    fn synthetic() -> Prepared {
+        Prepared {
+            scene: Arc::try_unwrap(empty_scene()).expect("not shared"),
+            piece: None,
+            device: Box::new(SimArm::new(SimParameters::ideal(1e-3)).expect("valid")),
+            attached: None,
+            realtime: RealtimeConfig { enforce: true, cpu: None, priority: 80 },
+            rate_hz: 1000,
+            time_budget_s: None,
+        }
+    }
+
+    /// A run in which nothing changes.
+    fn run(
+        args: &LoopArgs,
+        talk: Talk,
+        interrupts: impl FnOnce() -> Result<Receiver<()>, SignalError>,
+        bake: impl FnOnce() -> Result<Prepared, PrepareError>,
+    ) -> Result<Outcome, Refusal> {
+        let (under_way, mut company) = (live::UnderWay::default(), Company::default());
+        let beside = Beside {
+            live: Live::default(),
+            under_way: &under_way,
+            protocol: None,
+            company: &mut company,
+            workshop: None,
+            watches: false,
+        };
+        super::run(args, talk, beside, interrupts, bake)
+    }
+
+    fn result_text(totals: &Totals, start_s: StartTimes, json: bool) -> String {
+        super::result_text(totals, start_s, &More::default(), json)
+    }
+
+    const QUIET: Talk = Talk { verbose: 0, quiet: true, color: When::Never, log_format: LogFormat::Text };
+
+    #[test]
+    fn the_command_line_is_read() {
+        let args =
+            args("scene.toml --duration 500ms --realtime best-effort --device sim-touch --clock virtual --json").expect("valid");
+        assert_eq!(args.duration, Some(Duration::from_millis(500)));
+        assert_eq!((args.realtime, args.clock), (Some(RealtimeMode::BestEffort), ClockArg::Virtual));
+        assert_eq!((args.device.as_deref(), args.json), (Some("sim-touch"), true));
+    }
+
+    #[test]
+    fn a_virtual_run_prints_one_json_object() {
+        let args = args("s.toml --duration 2s --clock virtual --json").expect("valid");
+        let outcome = run(&args, QUIET, || Ok(never()), || Ok(synthetic())).expect("an outcome");
+        assert_eq!(outcome.exit(), Exit::Ok);
+        let text = result_text(&outcome.totals, StartTimes::default(), true);
+        assert_eq!(text.lines().count(), 1);
+        let json: serde_json::Value = serde_json::from_str(&text).expect("json");
+        assert!(json["ticks"].as_u64().expect("a count") > 2000);
+        assert_eq!(json["realtime"]["policy"], "other");
+    }
+
+    #[test]
+    fn a_time_budget_is_a_fixed_count_under_the_virtual_clock() {
+        let args = args("s.toml --duration 100ms --clock virtual --json").expect("valid");
+        for (time_budget_s, expected) in [(None, serde_json::Value::Null), (Some(100e-6), 10_000.into())] {
+            let prepared = Prepared { time_budget_s, ..synthetic() };
+            let outcome = run(&args, QUIET, || Ok(never()), || Ok(prepared)).expect("an outcome");
+            let text = result_text(&outcome.totals, StartTimes::default(), true);
+            let json: serde_json::Value = serde_json::from_str(&text).expect("json");
+            assert_eq!(json["contact_budget_points"], expected);
+            assert_eq!(json["points_left_out"], 0);
+        }
+    }
+
+    #[test]
+    fn the_human_summary_names_what_happened() {
+        let args = args("s.toml --duration 100ms --clock virtual").expect("valid");
+        let outcome = run(&args, QUIET, || Ok(never()), || Ok(synthetic())).expect("an outcome");
+        let text = result_text(&outcome.totals, StartTimes::default(), false);
+        for fragment in ["virtual clock", "missed deadlines", "p99.9", "faults", "none"] {
+            assert!(text.contains(fragment), "{text}");
+        }
+    }
+}
