@@ -4,7 +4,8 @@ use std::path::{Path, PathBuf};
 
 use super::{Talk, report, say};
 use crate::config::problem::show;
-use crate::config::{self, SceneConfig};
+use crate::config::scene::{ClaySource, SculptConfig};
+use crate::config::{self, SceneConfig, strokes};
 use crate::daemon::{PrepareError, inputs};
 use crate::device::profile::{self, Profile, ProfileError};
 use crate::error::Exit;
@@ -41,6 +42,9 @@ pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
         }
         let checked = config::load(scene).map_err(PrepareError::Config).and_then(|config| {
             inputs(&config)?;
+            if let Some(SculptConfig { strokes: Some(file), tool, .. }) = &config.sculpt {
+                strokes::load(file, tool).map_err(PrepareError::Config)?;
+            }
             Ok(config)
         });
         match checked {
@@ -90,7 +94,7 @@ pub(super) fn summary(config: &SceneConfig) -> String {
     let bound = |bound: f64| if bound.is_finite() { format!("bound {}", show(bound)) } else { "no bound".into() };
     let mut parts = vec![
         format!("{}: \"{}\"", config.path.display(), config.name),
-        format!("{} static + tool", config.statics.len()),
+        format!("{} static + tool{}", config.statics.len(), if config.sculpt.is_some() { " + clay" } else { "" }),
         format!("{} at {} Hz", config.device.profile.name, config.rate_hz),
         mode.to_owned(),
         format!("{} N/m ({})", show(translation), bound(config.stability.translation.value())),
@@ -101,6 +105,18 @@ pub(super) fn summary(config: &SceneConfig) -> String {
     }
     if config.stability.allow_unstable {
         parts.push("allow_unstable".to_owned());
+    }
+    if let Some(sculpt) = &config.sculpt {
+        let update_hz = f64::from(config.rate_hz) / sculpt.update_ticks as f64;
+        let raster = match sculpt.source {
+            ClaySource::Session(_) => "raster of the session".to_owned(),
+            ClaySource::Solid(_) => {
+                let [nx, ny, nz] = sculpt.settings.raster;
+                format!("raster {nx} x {ny} x {nz}")
+            }
+        };
+        parts.push(format!("{raster} updated at {} Hz, {} in the hand", show(update_hz), sculpt.tool.craft));
+        parts.extend(sculpt.strokes.as_ref().map(|file| format!("strokes of {}", file.display())));
     }
     parts.join(", ")
 }

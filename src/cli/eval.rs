@@ -73,6 +73,12 @@ pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
         Ok(config) => config,
         Err(errors) => return report::config_errors(&errors, talk),
     };
+    if config.sculpt.is_some() {
+        let path = args.scene.display();
+        let hint = format!("clay has a force while it is worked: `hapticd sculpt {path}`");
+        report::error(&format!("{path}: [sculpt]: `eval` knows rigid parts only"), Some(&hint), talk);
+        return Exit::Configuration;
+    }
     let poses = match poses::read(&args.poses) {
         Ok(poses) => poses,
         Err(error) => {

@@ -34,6 +34,7 @@ mod rig;
 mod safety;
 mod scenes;
 mod sculpt;
+mod sculpt_command;
 mod sides;
 mod studio;
 mod traversal;

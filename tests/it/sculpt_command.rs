@@ -1,0 +1,371 @@
+//! `hapticd sculpt` as a stranger meets it: strokes, files, and every mistake that is easily made.
+
+use std::fmt::Write as _;
+use std::fs;
+use std::path::Path;
+use std::process::Command;
+
+use serde_json::Value;
+use tempfile::TempDir;
+
+/// A ball of clay of 15 mm, coarse enough for a second of work in a fraction of one.
+const CLAY: &str = "shape = { sphere_mm = 15 }\nspacing_mm = 1.2\n";
+const WORKED: &str = "raster = [20, 20, 20]\nair_mm = 6\nupdate_hz = 100\n";
+const RIGID: &str = "[[static]]\nshape = { sphere_mm = 5 }\nvoxel_size_mm = 1\n";
+
+/// A scene with these lines under `[sculpt]`.
+fn scene(sculpt: &str) -> String {
+    format!(
+        "version = 1\n[tool]\nshape = {{ sphere_mm = 3 }}\nvoxel_size_mm = 0.5\nstart_position_mm = [0, 0, 22]\n\
+         [device]\nprofile = \"sim-sigma7\"\nhand = \"press.csv\"\n[sculpt]\n{sculpt}"
+    )
+}
+
+/// A folder with the sound scene `ball.toml`, the rigid one `rigid.toml`, a hand that presses, and strokes.
+fn folder() -> TempDir {
+    let dir = tempfile::tempdir().unwrap();
+    let write = |name: &str, text: &str| fs::write(dir.path().join(name), text).unwrap();
+    write("ball.toml", &scene(&format!("{CLAY}{WORKED}")));
+    let rigid = scene("").replace("[sculpt]\n", RIGID);
+    write("rigid.toml", &rigid);
+    let stay = "0,0,0,1";
+    let path = [(0.0, 22), (0.2, 22), (0.6, 14), (0.9, 14), (1.2, 22)];
+    let lines: String = path.iter().fold(String::new(), |mut text, (t_s, z_mm)| {
+        writeln!(text, "{t_s},0,0,0.0{z_mm},{stay}").unwrap();
+        text
+    });
+    write("press.csv", &format!("t_s,x_m,y_m,z_m,qx,qy,qz,qw\n{lines}"));
+    write(
+        "strokes.toml",
+        "version = 1\n[[stroke]]\nat_s = 1.4\ndo = \"union\"\nshape = { sphere_mm = 6 }\nspacing_mm = 1.2\nposition_mm = [15, 0, 0]\n\
+         [[stroke]]\nat_s = 1.5\ndo = \"save-points\"\nfile = \"mid.ply\"\n",
+    );
+    dir
+}
+
+/// What a process left behind.
+struct Ended {
+    code: Option<i32>,
+    stdout: String,
+    stderr: String,
+}
+
+impl Ended {
+    fn json(&self) -> Value {
+        serde_json::from_str(&self.stdout).unwrap_or_else(|error| panic!("{error}: {}\n{}", self.stdout, self.stderr))
+    }
+}
+
+fn hapticd(dir: &Path, line: &str) -> Ended {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_hapticd"));
+    command.current_dir(dir).args(line.split_whitespace()).env("RUST_BACKTRACE", "0").env_remove("CLICOLOR_FORCE");
+    command.env("XDG_CACHE_HOME", dir.join("xdg-cache")).env("XDG_STATE_HOME", dir.join("xdg-state"));
+    let output = command.output().unwrap();
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    Ended { code: output.status.code(), stdout: text(&output.stdout), stderr: text(&output.stderr) }
+}
+
+/// The command ends with this code and says each fragment on stderr.
+fn says(dir: &Path, line: &str, code: i32, fragments: &[&str]) -> Ended {
+    let ended = hapticd(dir, line);
+    assert_eq!(ended.code, Some(code), "{line}\n{}", ended.stderr);
+    for fragment in fragments {
+        assert!(ended.stderr.contains(fragment), "{line}: no `{fragment}` in\n{}", ended.stderr);
+    }
+    assert!(!ended.stderr.contains("panicked"), "{line}\n{}", ended.stderr);
+    ended
+}
+
+/// The same, with nothing on stdout.
+fn refuses(dir: &Path, line: &str, code: i32, fragments: &[&str]) {
+    assert_eq!(says(dir, line, code, fragments).stdout, "", "{line}");
+}
+
+/// The message about a scene with these lines under `[sculpt]`.
+fn refused(dir: &Path, sculpt: &str, code: i32, fragments: &[&str]) {
+    fs::write(dir.join("wrong.toml"), scene(sculpt)).unwrap();
+    refuses(dir, "sculpt wrong.toml --clock virtual --duration 100ms", code, fragments);
+}
+
+const VIRTUAL: &str = "--clock virtual --duration 1600ms --json";
+
+#[test]
+fn a_piece_is_pressed_joined_saved_and_gone_on_with() {
+    let dir = folder();
+    let line = format!("sculpt ball.toml {VIRTUAL} --strokes strokes.toml --save end.ply --session end.session --export mesh.ply");
+    let first = says(dir.path(), &line, 0, &[]).json();
+    let again = says(dir.path(), &format!("{line} --overwrite"), 0, &[]).json();
+    let sculpt = &first["sculpt"];
+    assert_eq!(*sculpt, again["sculpt"]);
+    assert_eq!(first["faults"].as_array().unwrap().len(), 0);
+    assert_eq!(first["final_pose"], again["final_pose"]);
+    assert!(first["contact_ticks"].as_u64().unwrap() > 100, "{first}");
+    let number = |key: &str| sculpt[key].as_f64().unwrap_or_else(|| panic!("{key} in {sculpt}"));
+    // The press and the union.
+    assert_eq!(number("strokes"), 2.0, "{sculpt}");
+    assert_eq!((number("update_hz"), number("late")), (100.0, 0.0));
+    assert!(number("updates") >= 160.0, "{sculpt}");
+    let ball_mm3 = 4.0 / 3.0 * std::f64::consts::PI * 15.0_f64.powi(3);
+    assert!((number("volume_before_mm3") / ball_mm3 - 1.0).abs() < 0.03, "{sculpt} beside {ball_mm3}");
+    // A ball of 6 mm half way in adds about half of itself.
+    let added_mm3 = number("volume_mm3") - number("volume_before_mm3");
+    let half_mm3 = 2.0 / 3.0 * std::f64::consts::PI * 6.0_f64.powi(3);
+    assert!(added_mm3 > 0.5 * half_mm3 && added_mm3 < 1.6 * half_mm3, "{added_mm3} of {half_mm3}");
+    let kinds: Vec<&str> = sculpt["saved"].as_array().unwrap().iter().map(|saved| saved["kind"].as_str().unwrap()).collect();
+    assert_eq!(kinds, ["points", "session", "mesh"]);
+    assert_eq!(sculpt["failed"].as_array().unwrap().len() + sculpt["unsaved"].as_array().unwrap().len(), 0);
+    assert!(dir.path().join("mid.ply").is_file());
+
+    // A rigid part of it.
+    let baked = says(dir.path(), "bake mesh.ply --voxel-size-mm 1 --units m --json", 0, &[]).json();
+    assert_eq!(baked["watertight"], true, "{baked}");
+    // Clay again, from the samples and from the session.
+    for source in [format!("points = \"end.ply\"\nunits = \"m\"\n{WORKED}"), "session = \"end.session\"\n".to_owned()] {
+        fs::write(dir.path().join("next.toml"), scene(&source)).unwrap();
+        let next = says(dir.path(), "sculpt next.toml --clock virtual --duration 50ms --json", 0, &[]).json();
+        assert_eq!(next["sculpt"]["samples"], sculpt["samples"]);
+        let volume_mm3 = next["sculpt"]["volume_mm3"].as_f64().unwrap();
+        assert!((volume_mm3 / number("volume_mm3") - 1.0).abs() < 0.03, "{volume_mm3} after {sculpt}");
+    }
+}
+
+#[test]
+fn people_read_what_became_of_the_clay() {
+    let dir = folder();
+    let ended =
+        says(dir.path(), "sculpt ball.toml --clock virtual --duration 1300ms", 0, &["the strokes were not kept", "--session FILE"]);
+    for row in ["clay               1 strokes", "volume ", "updates ", "at 100 Hz, 0 left out"] {
+        assert!(ended.stdout.contains(row), "no `{row}` in\n{}", ended.stdout);
+    }
+    let ended =
+        says(dir.path(), "-v sculpt ball.toml --clock virtual --duration 20ms", 0, &["clay (", "mass points", "closed, no border"]);
+    assert!(!ended.stderr.contains("were not kept"), "{}", ended.stderr);
+}
+
+#[test]
+fn commands_for_rigid_scenes_and_for_clay_name_each_other() {
+    let dir = folder();
+    fs::write(dir.path().join("poses.csv"), "t_s,x_m,y_m,z_m,qx,qy,qz,qw\n0,0,0,0.022,0,0,0,1\n").unwrap();
+    refuses(dir.path(), "run ball.toml --clock virtual --duration 10ms", 3, &["has clay", "`hapticd sculpt ball.toml`"]);
+    refuses(dir.path(), "sculpt rigid.toml --clock virtual --duration 10ms", 3, &["no clay", "`hapticd run rigid.toml`"]);
+    refuses(dir.path(), "eval ball.toml --poses poses.csv --out o.csv", 3, &["rigid parts only", "`hapticd sculpt ball.toml`"]);
+    refuses(
+        dir.path(),
+        "run rigid.toml --clock virtual --duration 1s --swap ball.toml@500ms",
+        3,
+        &["ball.toml: sculpt = clay, but rigid.toml has none"],
+    );
+    refuses(dir.path(), "sculpt ball.toml --swap rigid.toml@1s", 2, &["'--swap'"]);
+    refuses(dir.path(), "sculpt ball.toml --watch", 2, &["'--watch'"]);
+    says(dir.path(), "sculpt ball.toml --clock virtual --duration 50ms --record clay.mcap", 0, &[]);
+    refuses(dir.path(), "replay clay.mcap", 4, &["touched clay", "hapticd report"]);
+    says(dir.path(), "report clay.mcap -o page.html", 0, &[]);
+}
+
+#[test]
+fn check_knows_clay_and_its_strokes() {
+    let dir = folder();
+    let ended = says(dir.path(), "check ball.toml", 0, &[]);
+    assert!(
+        ended.stdout.contains("0 static + tool + clay")
+            && ended.stdout.contains("raster 20 x 20 x 20 updated at 100 Hz, push in the hand"),
+        "{}",
+        ended.stdout
+    );
+    fs::write(dir.path().join("bad.toml"), "version = 1\n[[stroke]]\nat_s = 1\ndo = \"undo\"\nbrush_mm = 3\n").unwrap();
+    fs::write(dir.path().join("scene.toml"), scene(&format!("{CLAY}strokes = \"bad.toml\"\n"))).unwrap();
+    for line in ["check scene.toml", "sculpt scene.toml --clock virtual", "sculpt ball.toml --clock virtual --strokes bad.toml"] {
+        refuses(dir.path(), line, 3, &["bad.toml:5: stroke[0].brush_mm = 3: must be left out beside do = \"undo\""]);
+    }
+    refuses(dir.path(), "sculpt ball.toml --clock virtual --strokes none.toml", 3, &["none.toml: cannot be read"]);
+    fs::write(dir.path().join("bad.toml"), "[[stroke]]\nat_s = 1\n").unwrap();
+    refuses(dir.path(), "check scene.toml", 3, &["bad.toml: version: missing"]);
+    fs::write(dir.path().join("bad.toml"), "version = 1\n[[stroke]\n").unwrap();
+    refuses(dir.path(), "check scene.toml", 3, &["bad.toml:2: not TOML"]);
+    let bake = says(dir.path(), "bake ball.toml --json", 0, &[]).json();
+    assert_eq!((&bake["clay"]["normals"], &bake["clay"]["closed"]), (&"faces".into(), &true.into()));
+}
+
+#[test]
+fn every_key_is_held_against_its_range_in_the_words_of_the_scene() {
+    let dir = folder();
+    fs::write(dir.path().join("three.xyz"), "0 0 0\n1 0 0\n0 1 0\n").unwrap();
+    fs::write(dir.path().join("notes.png"), "no image").unwrap();
+    let with = |lines: &str| format!("{CLAY}{lines}");
+    for (sculpt, message) in [
+        (String::new(), "sculpt.points: missing; give points, a mesh, a shape such as shape = { sphere_mm = 20 }, or session"),
+        ("points = \"three.xyz\"\n".into(), "sculpt.units: missing; give the unit of the points"),
+        ("points = \"three.xyz\"\nunits = \"km\"\n".into(), "sculpt.units = \"km\": must be \"m\", \"mm\", \"cm\" or \"in\""),
+        ("points = \"none.ply\"\nunits = \"mm\"\n".into(), "sculpt.points = \"none.ply\": no such file: none.ply"),
+        ("points = \"scan.las\"\nunits = \"mm\"\n".into(), "must be a file of points whose name ends in .obj"),
+        ("mesh = \"three.xyz\"\nunits = \"mm\"\n".into(), "must be a mesh file whose name ends in"),
+        ("session = \"none.session\"\n".into(), "no such file: none.session"),
+        ("session = \"three.xyz\"\nraster = [9, 9, 9]\n".into(), "must be left out beside sculpt.session, which brings its own"),
+        (with("points = \"three.xyz\"\n"), "sculpt.shape = { sphere_mm = 15 }: cannot stand beside sculpt.points"),
+        (with("units = \"mm\"\n"), "sculpt.units = \"mm\": must be left out beside a shape"),
+        (with("tool = \"psh\"\n"), "sculpt.tool = \"psh\": must be \"touch\", \"push\", \"pull\""),
+        (with("tool = \"psh\"\n"), "did you mean `push`?"),
+        (with("brush_mm = 0\n"), "sculpt.brush_mm = 0: must be greater than 0 and at most 1000 mm"),
+        (with("falloff = \"soft\"\n"), "must be \"gaussian\", \"constant\", \"spherical\" or an array of weights"),
+        (with("falloff = [0, 2]\n"), "weight 2 of the fall-off is 2; weights are numbers from 0 to 1"),
+        (with("color = \"blue\"\n"), "must be a colour as \"#rrggbb\""),
+        (with("image = \"notes.png\"\n"), "notes.png is no PNG image that can be read"),
+        (with("raster = [3, 20, 20]\n"), "must be three whole numbers of mass points, each from 4 to 256"),
+        (with("raster = [20.5, 20, 20]\n"), "must be three whole numbers of mass points"),
+        (with("raster = [256, 256, 256]\n"), "at most 2097152 mass points in all, such as 128 along each axis; these are 16777216"),
+        (with("region_mm = [[0, 0, 0], [0, 1, 1]]\n"), "the lowest corner first and every edge longer than 0 mm"),
+        (with("region_mm = [[0, 0, 0]]\n"), "the lowest corner first and every edge longer than 0 mm"),
+        (with("update_hz = 5\n"), "sculpt.update_hz = 5: must be from 10 to 1000 Hz"),
+        (with("update_hz = 700\n"), "must be near to what whole ticks at 1000 Hz make, such as 500 or 1000"),
+        (with("mass = 0\n"), "sculpt.mass = 0: must be from 0.000000001 to 1 kg"),
+        (with("damping = -1\n"), "sculpt.damping = -1: must be from 0 to 10000 N·s/m"),
+        (with("stiffness = 0\n"), "sculpt.stiffness = 0: must be greater than 0 and at most 1000000 N/m"),
+        (with("creep_ms = \"never\"\n"), "must be a number of milliseconds or \"off\""),
+        (with("creep_ms = -5\n"), "must be from 1 to 1000000 ms, or \"off\""),
+        (with("integrator = \"rk4\"\n"), "must be \"implicit\" or \"explicit\""),
+        (with("neighbours = 2\n"), "must be a whole number from 8 to 128"),
+        (with("strokes = \"none.toml\"\n"), "no such file: none.toml"),
+        (with("colour = \"#000000\"\n"), "sculpt.colour = \"#000000\": unknown key; did you mean `color`?"),
+        (with("[rendering]\ncoupling = \"constraint\"\n"), "rendering.coupling = \"constraint\": must be another coupling"),
+    ] {
+        refused(dir.path(), &sculpt, 3, &[message]);
+    }
+}
+
+/// Points on a sphere of 15 mm, in mm, where `keep` says so.
+fn sphere(n: u32, keep: impl Fn(f64, f64, f64) -> bool) -> String {
+    let mut text = String::new();
+    for i in 0..n {
+        let z = 1.0 - (2.0 * f64::from(i) + 1.0) / f64::from(n);
+        let (sin, cos) = (f64::from(i) * 2.399_963_229_728_653).sin_cos();
+        let across = (1.0 - z * z).sqrt();
+        if keep(across * cos, across * sin, z) {
+            writeln!(text, "{:.6} {:.6} {:.6}", 15.0 * across * cos, 15.0 * across * sin, 15.0 * z).unwrap();
+        }
+    }
+    text
+}
+
+const POINTS: &str = "points = \"scan.xyz\"\nunits = \"mm\"\n";
+
+#[test]
+fn points_that_make_no_surface_are_refused_in_words() {
+    let dir = folder();
+    let line: String = (0..100).fold(String::new(), |text, k| text + &format!("{k} 0 0\n"));
+    for (points, message, hint) in [
+        ("0 0 0\n1 0 0\n0 1 0\n".to_owned(), "scan.xyz: 3 points, at least 32 are needed", "more densely"),
+        ("1 2 3\n".repeat(100), "scan.xyz: all 100 points are at one place", "check the columns"),
+        (line, "lie with their neighbours on a line", "lines of points"),
+        ("1 2 x\n".to_owned(), "scan.xyz:1: `x` is no number", ""),
+        (String::new(), "scan.xyz: 0 points", ""),
+    ] {
+        fs::write(dir.path().join("scan.xyz"), points).unwrap();
+        refused(dir.path(), &format!("{POINTS}{WORKED}"), 4, &[message, hint]);
+    }
+    fs::write(dir.path().join("old.session"), "no session").unwrap();
+    refused(dir.path(), "session = \"old.session\"\n", 4, &["old.session", "hint:"]);
+}
+
+#[test]
+fn what_a_scan_lacks_is_made_good_and_said() {
+    let dir = folder();
+    fs::write(dir.path().join("scene.toml"), scene(&format!("{POINTS}{WORKED}"))).unwrap();
+    let line = "sculpt scene.toml --clock virtual --duration 100ms --json --export mesh.ply --overwrite";
+    // No normals, and some points twice.
+    let points = sphere(2500, |_, _, _| true);
+    let twice: String = points.lines().take(10).fold(points.clone(), |text, line| text + line + "\n");
+    fs::write(dir.path().join("scan.xyz"), twice).unwrap();
+    let whole = says(dir.path(), line, 0, &["clay: 10 points at the place of another one were left out"]).json();
+    assert_eq!(whole["sculpt"]["samples"], 2500);
+    let ended = hapticd(dir.path(), "bake scene.toml --json").json();
+    assert_eq!((&ended["clay"]["normals"], &ended["clay"]["merged"]), (&"estimated".into(), &10.into()));
+    // A hole of about 6 mm in radius around +z: closed by a cap, and the export says so.
+    fs::write(dir.path().join("scan.xyz"), sphere(2500, |_, _, z| z < 0.92)).unwrap();
+    let fragments = ["clay: the surface is open: a border ", " mm long around (", "as a cap of no certain shape, in an export too"];
+    let open = says(dir.path(), line, 0, &fragments);
+    assert_eq!(open.json()["sculpt"]["saved"][0]["kind"], "mesh");
+    let baked = says(dir.path(), "bake mesh.ply --voxel-size-mm 1 --units m --json", 0, &[]).json();
+    assert_eq!(baked["watertight"], true, "{baked}");
+    // A sheet goes around nothing.
+    let mut sheet = String::new();
+    for x in 0..40 {
+        for y in 0..40 {
+            writeln!(sheet, "{x} {y} {:.3}", 0.01 * f64::from(x * x)).unwrap();
+        }
+    }
+    fs::write(dir.path().join("scan.xyz"), sheet).unwrap();
+    let sheet = hapticd(dir.path(), line);
+    assert!(sheet.stderr.contains("do not go around a body"), "{}", sheet.stderr);
+    assert!(!sheet.stderr.contains("panicked") && matches!(sheet.code, Some(0 | 4)), "{:?}\n{}", sheet.code, sheet.stderr);
+}
+
+#[test]
+fn a_million_points_in_a_coarse_raster_work_and_say_so() {
+    let dir = folder();
+    fs::write(dir.path().join("scan.xyz"), sphere(1_000_000, |_, _, _| true)).unwrap();
+    fs::write(dir.path().join("scene.toml"), scene(&format!("{POINTS}raster = [16, 16, 16]\n"))).unwrap();
+    let fragments = ["mass points stand ", "times as far as samples", "take more in `sculpt.raster` ([16, 16, 16] now)"];
+    let ended = says(dir.path(), "sculpt scene.toml --clock virtual --duration 20ms --json", 0, &fragments).json();
+    assert_eq!(ended["sculpt"]["samples"], 1_000_000);
+    let ball_mm3 = 4.0 / 3.0 * std::f64::consts::PI * 15.0_f64.powi(3);
+    let volume_mm3 = ended["sculpt"]["volume_mm3"].as_f64().unwrap();
+    assert!((volume_mm3 / ball_mm3 - 1.0).abs() < 0.1, "{volume_mm3} of {ball_mm3}");
+}
+
+#[test]
+fn files_are_looked_at_before_the_work_and_nothing_is_written_over_unasked() {
+    let dir = folder();
+    fs::write(dir.path().join("there.ply"), "mine").unwrap();
+    let sculpt = |rest: &str| format!("sculpt ball.toml --clock virtual --duration 1600ms {rest}");
+    for (rest, code, fragment) in [
+        ("--save there.ply", 2, "there.ply is there already"),
+        ("--export there.ply", 2, "give --overwrite"),
+        ("--save end.xyz", 2, "end.xyz: samples and meshes are .ply files"),
+        ("--save no/such/end.ply", 4, "cannot write no/such/end.ply"),
+        ("--save a.ply --export a.ply", 2, "a.ply would be written twice"),
+        ("--session xdg", 4, "cannot write xdg"),
+        ("--session ball.toml --overwrite", 2, "ball.toml is the scene itself"),
+    ] {
+        fs::create_dir_all(dir.path().join("xdg")).unwrap();
+        refuses(dir.path(), &sculpt(rest), code, &[fragment]);
+    }
+    assert_eq!(fs::read_to_string(dir.path().join("there.ply")).unwrap(), "mine");
+    // Strokes that write as well.
+    fs::write(dir.path().join("mid.ply"), "mine").unwrap();
+    refuses(dir.path(), &sculpt("--strokes strokes.toml"), 2, &["mid.ply is there already"]);
+    says(dir.path(), &sculpt("--strokes strokes.toml --overwrite"), 0, &[]);
+    assert_ne!(fs::read(dir.path().join("mid.ply")).unwrap(), b"mine");
+}
+
+#[test]
+fn a_session_that_cannot_be_written_is_kept_elsewhere() {
+    let dir = folder();
+    // No file system takes so long a name; the folder is there.
+    let long = format!("{}.ply", "x".repeat(300));
+    let line = format!("sculpt ball.toml --clock virtual --duration 1300ms --json --save {long} --session fine.session");
+    let ended = says(dir.path(), &line, 4, &["cannot write", "nothing is lost: the whole session is in"]);
+    let sculpt = &ended.json()["sculpt"];
+    assert_eq!((&sculpt["unsaved"][0]["kind"], &sculpt["saved"][0]["kind"]), (&"points".into(), &"session".into()));
+    let rescued = Path::new(sculpt["rescued"].as_str().unwrap());
+    assert!(rescued.starts_with(dir.path().join("xdg-state")), "{}", rescued.display());
+    assert_eq!(fs::read(rescued).unwrap(), fs::read(dir.path().join("fine.session")).unwrap());
+    fs::write(dir.path().join("next.toml"), scene(&format!("session = \"{}\"\n", rescued.display()))).unwrap();
+    let next = says(dir.path(), "sculpt next.toml --clock virtual --duration 20ms --json", 0, &[]).json();
+    assert_eq!(next["sculpt"]["samples"], sculpt["samples"]);
+}
+
+#[test]
+fn strokes_that_cannot_be_carried_out_are_named_and_the_run_is_no_success() {
+    let dir = folder();
+    let strokes = "version = 1\n[[stroke]]\nat_s = 0.05\ndo = \"undo\"\n\
+                   [[stroke]]\nat_s = 0.06\ndo = \"difference\"\nshape = { sphere_mm = 30 }\nspacing_mm = 3\n\
+                   [[stroke]]\nat_s = 9\ndo = \"undo\"\n";
+    fs::write(dir.path().join("strokes.toml"), strokes).unwrap();
+    let line = "sculpt ball.toml --clock virtual --duration 100ms --json --strokes strokes.toml";
+    let ended =
+        says(dir.path(), line, 4, &["stroke not carried out", "no stroke to take back", "1 orders of the strokes were due"]);
+    let sculpt = &ended.json()["sculpt"];
+    assert_eq!(sculpt["failed"].as_array().unwrap().len(), 2, "{sculpt}");
+    assert_eq!((&sculpt["failed"][0]["tick"], &sculpt["failed"][0]["scripted"]), (&50.into(), &true.into()));
+    assert_eq!((&sculpt["left_over"], &sculpt["samples"]), (&1.into(), &sculpt["samples_before"]));
+}
