@@ -159,7 +159,7 @@ impl Workshop {
                 }
             }
         }
-        if !summary.unsaved.is_empty() || summary.studio.broken.is_some() {
+        if summary.is_at_risk() {
             summary.rescued = rescue(&mut studio, &self.name, talk);
         } else if summary.saved.is_empty() && summary.studio.strokes > 0 {
             report::note(
@@ -329,6 +329,13 @@ impl Serialize for SculptReport {
 }
 
 impl SculptReport {
+    /// Something was to be kept and was not, and no session has it.
+    fn is_at_risk(&self) -> bool {
+        let writes = |order: &FailedOrder| matches!(&order.what[..], "save-points" | "save-session" | "export");
+        let has_failed = !self.unsaved.is_empty() || self.studio.broken.is_some() || self.studio.failed.iter().any(writes);
+        has_failed && !self.saved.iter().any(|saved| saved.kind == "session")
+    }
+
     /// A script that was not carried out, or a file that was not written, is not what was asked for.
     pub(crate) fn exit(&self) -> Exit {
         if self.studio.broken.is_some() {
