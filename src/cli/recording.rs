@@ -156,9 +156,6 @@ pub(crate) struct ClientRecordings {
     talk: Talk,
 }
 
-/// Longest name of a file that a client may choose, bytes.
-const LONGEST_NAME: usize = 120;
-
 impl monitor::Recorder for ClientRecordings {
     /// Into a folder of our own, never over a file that is there: whoever may watch a run is not to write where he likes.
     fn start(&self, file: Option<&str>) -> Result<RecorderStatus, RecorderError> {
@@ -167,15 +164,9 @@ impl monitor::Recorder for ClientRecordings {
             return Err(RecorderError::State(format!("a recording is under way into {}", file.display())));
         }
         let refused = |message: String| RecorderError::File(message);
-        let mut name = file.map_or_else(|| format!("session-{}", now()), str::to_owned);
-        if !name.ends_with(".mcap") {
-            name += ".mcap";
-        }
-        let is_plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.' | ' ');
-        if name.starts_with('.') || !name.chars().all(is_plain) || name.len() > LONGEST_NAME {
-            let accepted = "a name of letters, digits, `-`, `_`, `.` and spaces that does not begin with `.`";
-            return Err(refused(format!("a recording takes {accepted}, such as session.mcap")));
-        }
+        let chosen = file.map_or_else(|| format!("session-{}", now()), str::to_owned);
+        let name = monitor::plain_name(&chosen, ".mcap")
+            .map_err(|accepted| refused(format!("a recording takes {accepted}, such as session.mcap")))?;
         let folder = state_folder().ok_or_else(|| refused("neither XDG_STATE_HOME nor HOME names a folder".to_owned()))?;
         let folder = folder.join("recordings");
         fs::create_dir_all(&folder).map_err(|error| refused(format!("cannot create {}: {error}", folder.display())))?;

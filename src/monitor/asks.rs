@@ -1,11 +1,13 @@
 //! What a client may ask for, the same over WebSocket and HTTP.
 
 use core::time::Duration;
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use serde::Deserialize;
 use serde_json::Value;
 
+use super::clay::{self, SaveKind, TakeAsked};
 use super::encode::WirePose;
 use super::heart::{LONGEST, SHORTEST};
 use super::hub::{Client, Hub, Wanted};
@@ -14,6 +16,7 @@ use super::recorder::{RecorderError, RecorderStatus};
 use super::worker::Worker;
 use crate::daemon::OperatorOrder;
 use crate::daemon::desk::{Ask, Refusal, Request};
+use crate::sculpt::studio::Order;
 use crate::spatial::Pose;
 
 /// Fastest and slowest stream.
@@ -63,6 +66,22 @@ pub(super) enum Do {
         #[serde(default)]
         timeout_ms: Option<f64>,
     },
+    /// Another craft of the tool on clay, or other settings.
+    ClayTake(TakeAsked),
+    /// As if the arm's first button were held or let go.
+    ClayHold {
+        held: bool,
+    },
+    /// A stroke back.
+    ClayUndo {},
+    /// And forth again.
+    ClayRedo {},
+    /// The clay into a file.
+    ClaySave {
+        kind: SaveKind,
+        #[serde(default)]
+        file: Option<String>,
+    },
     /// Nothing but an answer.
     Ping {},
 }
@@ -94,8 +113,30 @@ impl From<PoseAsked> for Pose {
     }
 }
 
-/// Hears what became of a request; of a recording also which.
-pub(super) type Reply = Box<dyn FnOnce(Result<Option<RecorderStatus>, Problem>) + Send>;
+/// What a request came to.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Done {
+    /// It is done, and there is no more to say.
+    Nothing,
+    /// A recording.
+    Recording(RecorderStatus),
+    /// A file was written.
+    Saved(PathBuf),
+}
+
+impl Done {
+    /// Adds what there is to say to an answer.
+    pub(super) fn tell(&self, answer: &mut Value) {
+        match self {
+            Self::Nothing => {}
+            Self::Recording(recording) => answer["recording"] = recording.json(),
+            Self::Saved(file) => answer["file"] = file.to_string_lossy().into(),
+        }
+    }
+}
+
+/// Hears what became of a request.
+pub(super) type Reply = Box<dyn FnOnce(Result<Done, Problem>) + Send>;
 
 /// Longest `id` of a request as text, bytes: it is kept until the answer.
 const LONGEST_ID: usize = 256;
@@ -103,7 +144,7 @@ const LONGEST_ID: usize = 256;
 impl Do {
     /// True for what takes force away or says that somebody is there: heard however much else waits.
     pub(super) fn is_always_heard(&self) -> bool {
-        matches!(self, Self::Disable {} | Self::Stop {} | Self::Heartbeat { .. } | Self::Ping {})
+        matches!(self, Self::Disable {} | Self::Stop {} | Self::Heartbeat { .. } | Self::ClayHold { held: false } | Self::Ping {})
     }
 
     /// Takes a message apart: its `id`, whatever that is, and the request.
@@ -129,34 +170,42 @@ fn is_short(id: &Value) -> bool {
 /// Does what a client asks for; `client` where it has a connection. The reply may come from another thread.
 pub(super) fn perform(hub: &Arc<Hub>, files: &Worker, client: Option<&Client>, asked: Do, reply: Reply) {
     match asked {
-        Do::Enable {} => reply(hub.order(OperatorOrder::Enable, client.map(|client| client.id)).map(nothing_more)),
-        Do::Disable {} => reply(hub.order(OperatorOrder::Disable, None).map(nothing_more)),
-        Do::Stop {} => reply(hub.order(OperatorOrder::Stop, None).map(nothing_more)),
+        Do::Enable {} => reply(hub.order(OperatorOrder::Enable, client.map(|client| client.id)).map(nothing)),
+        Do::Disable {} => reply(hub.order(OperatorOrder::Disable, None).map(nothing)),
+        Do::Stop {} => reply(hub.order(OperatorOrder::Stop, None).map(nothing)),
         Do::Set { parameter, value } => ask(hub, Ask::Set { parameter, value }, reply),
         Do::Place { object, pose } => ask(hub, Ask::Place { object, world_from_object: pose.into() }, reply),
         Do::Switch { scene } => ask(hub, Ask::Switch { scene }, reply),
         Do::Record { file } => record(hub, files, Some(file), reply),
         Do::EndRecording {} => record(hub, files, None, reply),
-        Do::Ping {} => reply(Ok(None)),
+        Do::Ping {} => reply(Ok(Done::Nothing)),
         Do::Subscribe { rate_hz, format, contacts, history } => reply(match client {
             Some(client) => wanted(rate_hz, format, contacts, history).map(|wanted| {
                 client.want(wanted);
-                None
+                Done::Nothing
             }),
             None => Err(needs_connection()),
         }),
         Do::Heartbeat { timeout_ms } => reply(match client {
             Some(client) => longest(timeout_ms).map(|longest| {
                 hub.heart.beat(client.id, longest);
-                None
+                Done::Nothing
             }),
             None => Err(needs_connection()),
         }),
+        Do::ClayTake(asked) => clay::take(hub, asked, reply),
+        Do::ClayHold { held } => match client {
+            Some(client) => clay::hold(hub, client.id, held, reply),
+            None => reply(Err(needs_connection())),
+        },
+        Do::ClayUndo {} => clay::step(hub, Order::Undo, "undone", reply),
+        Do::ClayRedo {} => clay::step(hub, Order::Redo, "redone", reply),
+        Do::ClaySave { kind, file } => clay::save(hub, files, kind, file, reply),
     }
 }
 
-fn nothing_more((): ()) -> Option<RecorderStatus> {
-    None
+fn nothing((): ()) -> Done {
+    Done::Nothing
 }
 
 fn needs_connection() -> Problem {
@@ -176,7 +225,7 @@ fn ask(hub: &Arc<Hub>, ask: Ask, reply: Reply) {
         if let (Err(refusal @ (Refusal::Scene(_) | Refusal::Over)), Some((hub, scene))) = (&result, scene) {
             hub.scene_refused(&scene, &refusal.to_string());
         }
-        reply(result.map(nothing_more).map_err(|refusal| Problem::from(&refusal)));
+        reply(result.map(nothing).map_err(|refusal| Problem::from(&refusal)));
     });
     hub.counter.ask(Request { ask, answer });
 }
@@ -223,7 +272,7 @@ fn record(hub: &Arc<Hub>, files: &Worker, begins: Option<Option<String>>, reply:
                 None => hub.tell("recording", None, &format!("{records} ticks are recorded in {file}"), &["ended", &file]),
             }
         }
-        reply(result.map(Some).map_err(|error| match &error {
+        reply(result.map(Done::Recording).map_err(|error| match &error {
             RecorderError::File(_) => Problem::bad(error.to_string(), ""),
             RecorderError::State(_) => Problem::conflict(error.to_string(), ""),
         }));
@@ -255,6 +304,10 @@ mod tests {
         assert_eq!(parsed(r#"{"id":[1,{"a":2}],"do":"ping"}"#), (json!([1, { "a": 2 }]), Ok(Do::Ping {})));
         let place = r#"{"id":"a","do":"place","object":"lift","pose":{"p":[0,0,1],"q":[0,0,0,1]}}"#;
         assert!(matches!(parsed(place), (Value::String(_), Ok(Do::Place { .. }))));
+        assert!(matches!(parsed(r#"{"do":"clay_take","craft":"paint","brush_m":0.003}"#).1, Ok(Do::ClayTake(_))));
+        assert_eq!(parsed(r#"{"do":"clay_hold","held":true}"#).1, Ok(Do::ClayHold { held: true }));
+        let save = Do::ClaySave { kind: SaveKind::Export, file: Some("bowl".to_owned()) };
+        assert_eq!(parsed(r#"{"do":"clay_save","kind":"export","file":"bowl"}"#).1, Ok(save));
         for (wrong, expected) in [
             ("", "no JSON"),
             ("[1]", "an object"),
@@ -266,6 +319,10 @@ mod tests {
             (r#"{"do":"set","parameter":"x","value":1e999}"#, "range"),
             (r#"{"do":"place","object":"x","pose":{"p":[0,0],"q":[0,0,0,1]}}"#, "length"),
             (r#"{"do":"subscribe","rate_hz":60,"format":"xml"}"#, "xml"),
+            (r#"{"do":"clay_take","brush":0.003}"#, "brush"),
+            (r#"{"do":"clay_hold"}"#, "held"),
+            (r#"{"do":"clay_undo","strokes":3}"#, "strokes"),
+            (r#"{"do":"clay_save","kind":"photo"}"#, "photo"),
         ] {
             let error = parsed(wrong).1.expect_err(wrong);
             assert!(error.contains(expected), "{wrong}: {error}");

@@ -6,6 +6,7 @@ pub(super) const FILES: &[(&str, &str, &[u8])] = &[
     ("style.css", CSS, include_bytes!("web/style.css")),
     ("icon.svg", SVG, include_bytes!("web/icon.svg")),
     ("camera.js", SCRIPT, include_bytes!("web/camera.js")),
+    ("clay.js", SCRIPT, include_bytes!("web/clay.js")),
     ("colors.js", SCRIPT, include_bytes!("web/colors.js")),
     ("drive.js", SCRIPT, include_bytes!("web/drive.js")),
     ("element.js", SCRIPT, include_bytes!("web/element.js")),
@@ -25,6 +26,7 @@ pub(super) const FILES: &[(&str, &str, &[u8])] = &[
     ("session.js", SCRIPT, include_bytes!("web/session.js")),
     ("shaders.js", SCRIPT, include_bytes!("web/shaders.js")),
     ("shapes.js", SCRIPT, include_bytes!("web/shapes.js")),
+    ("splats.js", SCRIPT, include_bytes!("web/splats.js")),
     ("units.js", SCRIPT, include_bytes!("web/units.js")),
 ];
 

@@ -10,6 +10,8 @@ use std::time::Instant;
 pub(super) const SHORTEST: Duration = Duration::from_millis(20);
 pub(super) const LONGEST: Duration = Duration::from_secs(10);
 const DEFAULT: Duration = Duration::from_millis(500);
+/// Silence of a client that holds the clay.
+pub(super) const LONGEST_HOLD: Duration = Duration::from_secs(1);
 /// How often a loop that still has force is told again.
 const AGAIN: Duration = Duration::from_millis(50);
 
@@ -25,6 +27,7 @@ pub(super) struct Heart {
 #[derive(Debug, Default)]
 struct Beats {
     beating: Vec<Beat>,
+    hold: Option<Hold>,
     has_force: bool,
     is_told: bool,
     is_over: bool,
@@ -40,9 +43,22 @@ struct Beat {
     has_lapsed: bool,
 }
 
-/// Why force is to go off.
+/// Somebody holds the clay.
+#[derive(Clone, Copy, Debug)]
+struct Hold {
+    /// `None`: whoever it was has let go, and that was not heard.
+    client: Option<u64>,
+    /// `None`: it has gone.
+    last: Option<Instant>,
+}
+
+/// Why force, or the clay, is to be let go.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Silence {
+    /// A client that holds the clay was silent for too long or has gone: only the clay is let go.
+    Holding,
+    /// The same again: the first time it was not heard.
+    StillHolding,
     /// A client that used to beat was silent for longer than it may be.
     Of(Duration),
     /// A client that used to beat has gone.
@@ -85,9 +101,45 @@ impl Heart {
         longest
     }
 
+    /// A client holds the clay from now on, for as long as it gives signs of life; false: another one does.
+    pub(super) fn hold(&self, client: u64) -> bool {
+        let mut beats = self.beats();
+        let is_free = beats.hold.is_none_or(|hold| hold.client == Some(client));
+        if is_free {
+            beats.hold = Some(Hold { client: Some(client), last: Some(Instant::now()) });
+            self.changed.notify_all();
+        }
+        is_free
+    }
+
+    /// A client lets go; false where it did not hold.
+    pub(super) fn let_go(&self, client: u64) -> bool {
+        self.beats().hold.take_if(|hold| hold.client == Some(client)).is_some()
+    }
+
+    /// Whoever holds lets go; false where nobody did.
+    pub(super) fn let_all_go(&self) -> bool {
+        self.beats().hold.take_if(|hold| hold.client.is_some()).is_some()
+    }
+
+    /// That somebody let go was not heard: it is told again.
+    pub(super) fn still_held(&self) {
+        self.beats().hold.get_or_insert(Hold { client: None, last: None });
+        self.changed.notify_all();
+    }
+
+    /// Somebody holds the clay.
+    pub(super) fn holds(&self) -> bool {
+        self.beats().hold.is_some()
+    }
+
     /// Whatever a client says is a sign of life.
     pub(super) fn hear(&self, client: u64) {
-        if let Some(beat) = self.beats().beating.iter_mut().find(|beat| beat.client == client) {
+        let mut beats = self.beats();
+        if let Some(hold) = beats.hold.as_mut().filter(|hold| hold.client == Some(client)) {
+            hold.last = Some(Instant::now());
+        }
+        if let Some(beat) = beats.beating.iter_mut().find(|beat| beat.client == client) {
             beat.last = Some(Instant::now());
             if core::mem::take(&mut beat.has_lapsed) {
                 self.changed.notify_all();
@@ -98,6 +150,10 @@ impl Heart {
     /// The connection of a client has ended.
     pub(super) fn lose(&self, client: u64) {
         let mut beats = self.beats();
+        if let Some(hold) = beats.hold.as_mut().filter(|hold| hold.client == Some(client)) {
+            hold.last = None;
+            self.changed.notify_all();
+        }
         // Whoever had fallen silent before has taken the force already.
         beats.beating.retain(|beat| beat.client != client || !beat.has_lapsed);
         if let Some(beat) = beats.beating.iter_mut().find(|beat| beat.client == client) {
@@ -133,8 +189,12 @@ impl Heart {
         while !beats.is_over {
             let now = Instant::now();
             let until = |beat: &Beat| beat.last.filter(|_| !beat.has_lapsed).map(|last| last + beat.longest);
+            let held_until = beats.hold.map(|hold| hold.last.map_or(now, |last| last + LONGEST_HOLD));
+            let lapsed = beats.hold.take_if(|_| held_until.is_some_and(|until| until <= now));
             let silent_one = beats.beating.iter_mut().find(|beat| until(beat).is_some_and(|until| until <= now));
-            let (silence, is_news) = if let Some(beat) = silent_one {
+            let (silence, is_news) = if let Some(hold) = lapsed {
+                if hold.client.is_some() { (Silence::Holding, true) } else { (Silence::StillHolding, false) }
+            } else if let Some(beat) = silent_one {
                 beat.has_lapsed = true;
                 (Silence::Of(beat.longest), true)
             } else if let Some(gone) = beats.beating.iter().position(|beat| beat.last.is_none()) {
@@ -143,7 +203,7 @@ impl Heart {
             } else if self.needed.is_some() && beats.has_force && beats.beating.iter().all(|beat| beat.has_lapsed) {
                 (Silence::Nobody, !core::mem::replace(&mut beats.is_told, true))
             } else {
-                let next = beats.beating.iter().filter_map(until).min();
+                let next = beats.beating.iter().filter_map(until).chain(held_until).min();
                 let patience = next.map_or(Duration::from_secs(3600), |next| next.saturating_duration_since(now));
                 beats = self.changed.wait_timeout(beats, patience).unwrap_or_else(PoisonError::into_inner).0;
                 continue;
@@ -151,7 +211,7 @@ impl Heart {
             // Whoever is told may ask this very heart.
             drop(beats);
             silent(silence, is_news);
-            if silence == Silence::Nobody {
+            if matches!(silence, Silence::Nobody | Silence::StillHolding) {
                 std::thread::sleep(AGAIN);
             }
             beats = self.beats();
@@ -215,6 +275,33 @@ mod tests {
             heart.lose(1);
             assert_eq!(next(), (Silence::Gone, true));
             assert!(!heart.lets_enable(Some(1)));
+        });
+    }
+
+    #[test]
+    fn a_hold_ends_with_the_client_and_takes_no_force_with_it() {
+        let heart = Heart::new(None);
+        told(&heart, |next| {
+            assert!(heart.hold(1) && heart.hold(1) && !heart.hold(2));
+            assert!(!heart.let_go(2) && heart.holds() && heart.let_go(1) && !heart.holds());
+            // Gone, and silent.
+            assert!(heart.hold(1));
+            heart.lose(1);
+            assert_eq!(next(), (Silence::Holding, true));
+            assert!(heart.hold(2));
+            let began = Instant::now();
+            while began.elapsed() < LONGEST_HOLD + LONGEST_HOLD / 2 {
+                heart.hear(2);
+                std::thread::sleep(SHORTEST);
+            }
+            assert!(heart.holds(), "who says something still holds");
+            assert_eq!(next(), (Silence::Holding, true));
+            assert!(!heart.holds() && !heart.let_go(2));
+            // Nobody heard of it.
+            heart.still_held();
+            assert!(!heart.hold(3) && !heart.let_all_go());
+            assert_eq!(next(), (Silence::StillHolding, false));
+            assert!(heart.hold(3) && heart.let_all_go() && !heart.holds());
         });
     }
 

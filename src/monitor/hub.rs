@@ -3,12 +3,13 @@
 use core::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use core::time::Duration;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use crossbeam::channel::Sender;
 use serde_json::{Value, json};
 use tokio::sync::Semaphore;
 
+use super::clay::{Clay, ClayParts, no_clay};
 use super::encode::{self, Body, Event, Extras, LastFault, Moment, WireObject};
 use super::feed::Fed;
 use super::heart::{Heart, Silence};
@@ -106,6 +107,7 @@ pub struct Hub {
     pub(super) heart: Heart,
     pub(super) clock: ClockKind,
     pub(super) recorder: Option<Arc<dyn Recorder>>,
+    clay: OnceLock<Arc<Clay>>,
     metrics: Option<Metrics>,
     newest: Mutex<Option<Newest>>,
     orders: Sender<OperatorOrder>,
@@ -129,6 +131,7 @@ impl Hub {
             heart: Heart::new(heartbeat),
             clock,
             recorder: recorder.map(Arc::from),
+            clay: OnceLock::new(),
             metrics,
             newest: Mutex::default(),
             orders,
@@ -141,10 +144,13 @@ impl Hub {
     }
 
     /// Takes what the supervisor tells.
-    pub fn notice(&self, notice: &Notice<'_>) {
+    pub fn notice(self: &Arc<Self>, notice: &Notice<'_>) {
         match notice {
             Notice::Phase(phase) => {
                 self.facts().phase = *phase;
+                if !has_force(*phase) && self.heart.let_all_go() {
+                    self.let_clay_go("no force flows: the clay was let go");
+                }
                 if *phase == Phase::Enabling {
                     self.facts().last_fault = None;
                     self.fell_silent.store(false, Ordering::Relaxed);
@@ -182,6 +188,30 @@ impl Hub {
     pub fn attached(&self, node: &Path) {
         let mut facts = self.facts();
         (facts.node, facts.link) = (Some(node.to_owned()), "up");
+    }
+
+    /// From now on clients see this clay and work on it. Once in a run.
+    pub fn sculpts(&self, parts: ClayParts) {
+        // A run has one piece.
+        let _ = self.clay.set(Arc::new(Clay::new(parts)));
+    }
+
+    /// The clay of the scene that is rendered.
+    pub(super) fn clay(&self) -> Result<Arc<Clay>, Problem> {
+        match self.clay.get() {
+            Some(clay) => Ok(clay.clone()),
+            None if self.is_baking() => {
+                Err(Problem::unavailable("the scene is being baked: nothing is rendered yet", "wait for the event `scene`"))
+            }
+            None => Err(no_clay()),
+        }
+    }
+
+    fn let_clay_go(self: &Arc<Self>, why: &str) {
+        if let Some(clay) = self.clay.get() {
+            clay.let_go(self);
+            self.tell("clay", None, why, &["let-go"]);
+        }
     }
 
     /// A scene that somebody asked for is not rendered, and why.
@@ -262,8 +292,13 @@ impl Hub {
     }
 
     /// Watches the heartbeats; for a thread of its own.
-    pub(super) fn watch_heart(&self) {
+    pub(super) fn watch_heart(self: &Arc<Self>) {
         self.heart.watch(|silence, is_news| {
+            match silence {
+                Silence::Holding => return self.let_clay_go("who held the clay fell silent: it was let go"),
+                Silence::StillHolding => return self.clay.get().map_or((), |clay| clay.let_go(self)),
+                Silence::Of(_) | Silence::Gone | Silence::Nobody => {}
+            }
             if has_force(self.phase()) {
                 self.fell_silent.store(true, Ordering::Relaxed);
             }
@@ -271,6 +306,7 @@ impl Hub {
             let _ = self.orders.send(OperatorOrder::Disable);
             if is_news {
                 let text = match silence {
+                    Silence::Holding | Silence::StillHolding => return,
                     Silence::Of(longest) => format!("a controlling client was silent for {} ms: force off", longest.as_millis()),
                     Silence::Gone => "a controlling client has gone: force off".to_owned(),
                     Silence::Nobody => "no client beats, and this scene wants one: force off".to_owned(),
@@ -283,6 +319,11 @@ impl Hub {
     /// Where the run stands.
     pub(super) fn phase(&self) -> Phase {
         self.facts().phase
+    }
+
+    /// Force may flow.
+    pub(super) fn has_force(&self) -> bool {
+        has_force(self.phase())
     }
 
     /// Nothing is rendered yet.

@@ -9,17 +9,19 @@
 //! Data in: every record of the run, notices, the desk's board. Data out: state streams, events, replies, and what clients ask for.
 //!
 //! Invariants: the drain never waits for anything here, and the loop is not even known. Whatever a client sends or does not read costs a
-//! bounded amount of memory. Nobody sends a force: clients say when force may flow, set parameters within their ranges, and move objects.
+//! bounded amount of memory. Nobody sends a force: clients say when force may flow, set parameters within their ranges, move objects, and choose
+//! what the tool does to clay.
 //!
 //! | thread | does |
 //! |---|---|
 //! | `monitor` | everything on the wire; one tokio runtime of one thread, not pinned, of normal priority |
-//! | `heart` | notes that a controlling client fell silent, even when `monitor` hangs |
-//! | `monitor-mesh`, `monitor-file` | meshes for display; recordings that begin and end |
+//! | `heart` | notes that a controlling client, or one that holds clay, fell silent, even when `monitor` hangs |
+//! | `monitor-mesh`, `monitor-file` | meshes and samples for display; recordings that begin and end, files of clay |
 
 pub mod access;
 mod asks;
 mod assets;
+mod clay;
 mod door;
 mod encode;
 mod feed;
@@ -39,6 +41,7 @@ mod worker;
 mod ws;
 
 pub use access::{Access, Token, TokenError};
+pub use clay::{ClayDoor, ClayParts, ClayRefusal, ClayReply, plain_name};
 pub use hub::{Hub, HubParts};
 pub use recorder::{Recorder, RecorderError, RecorderStatus};
 pub use server::{Bound, Monitor};

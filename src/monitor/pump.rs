@@ -246,6 +246,9 @@ impl Pump {
 
     /// Tells what has changed on the board.
     fn look_at_board(&mut self) {
+        if let Ok(clay) = self.hub.clay() {
+            clay.tell_news(&self.hub);
+        }
         let view = self.hub.board.view();
         let before = core::mem::replace(&mut self.view, view);
         let view = &self.view;

@@ -4,7 +4,8 @@ use core::time::Duration;
 use std::sync::Arc;
 
 use axum::body::Bytes;
-use axum::extract::{ConnectInfo, DefaultBodyLimit, Path, Request, State};
+use axum::extract::rejection::QueryRejection;
+use axum::extract::{ConnectInfo, DefaultBodyLimit, Path, Query, Request, State};
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::middleware::{self, Next};
 use axum::response::{IntoResponse, Redirect, Response};
@@ -17,6 +18,7 @@ use serde_json::{Map, Value, json};
 use tokio::sync::oneshot;
 
 use super::asks::{Do, PoseAsked, perform};
+use super::clay::{SaveKind, TakeAsked};
 use super::door::Peer;
 use super::encode::{WirePose, with_counts};
 use super::problem::Problem;
@@ -52,6 +54,12 @@ pub(super) fn router(served: Arc<Served>) -> Router {
         .route("/api/v1/stop", post(stop))
         .route("/api/v1/recording", post(record))
         .route("/api/v1/recording", delete(end_recording))
+        .route("/api/v1/clay", get(clay))
+        .route("/api/v1/clay/points", get(clay_points))
+        .route("/api/v1/clay/tool", post(clay_take))
+        .route("/api/v1/clay/undo", post(clay_undo))
+        .route("/api/v1/clay/redo", post(clay_redo))
+        .route("/api/v1/clay/save", post(clay_save))
         .route("/metrics", get(metrics))
         .layer(middleware::from_fn_with_state(served.clone(), paced))
         .route("/api/v1/ws", get(ws::open))
@@ -304,13 +312,72 @@ async fn stop(State(served): State<Arc<Served>>) -> Result<Response, Problem> {
     done(&served, Do::Stop {}).await
 }
 
+async fn clay(State(served): State<Arc<Served>>) -> Result<Json<Value>, Problem> {
+    Ok(Json(served.hub.clay()?.facts(served.hub.heart.holds())?))
+}
+
+/// Beside it there may be a token.
+#[derive(Deserialize)]
+struct SinceAsked {
+    #[serde(default)]
+    since: u64,
+}
+
+async fn clay_points(
+    State(served): State<Arc<Served>>,
+    since: Result<Query<SinceAsked>, QueryRejection>,
+) -> Result<Response, Problem> {
+    let Query(SinceAsked { since }) =
+        since.map_err(|refused| Problem::bad(refused.body_text(), "`since` is the version that you have"))?;
+    let clay = served.hub.clay()?;
+    let view = clay.view()?;
+    // A version of another run may be larger than all of this one.
+    if view.version == since {
+        return Ok(StatusCode::NO_CONTENT.into_response());
+    }
+    let bytes = clay.splats.get(&served.shapes, view).await;
+    let bytes = bytes.ok_or_else(|| Problem::unavailable("the samples could not be made ready", "ask again"))?;
+    Ok(([(header::CONTENT_TYPE, "application/octet-stream")], bytes).into_response())
+}
+
+async fn clay_take(State(served): State<Arc<Served>>, bytes: Bytes) -> Result<Response, Problem> {
+    let asked: TakeAsked = body(&bytes)?;
+    done(&served, Do::ClayTake(asked)).await
+}
+
+async fn clay_undo(State(served): State<Arc<Served>>, bytes: Bytes) -> Result<Response, Problem> {
+    let NothingAsked {} = body(&bytes)?;
+    done(&served, Do::ClayUndo {}).await
+}
+
+async fn clay_redo(State(served): State<Arc<Served>>, bytes: Bytes) -> Result<Response, Problem> {
+    let NothingAsked {} = body(&bytes)?;
+    done(&served, Do::ClayRedo {}).await
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct SaveAsked {
+    kind: SaveKind,
+    #[serde(default)]
+    file: Option<String>,
+}
+
+async fn clay_save(State(served): State<Arc<Served>>, bytes: Bytes) -> Result<Response, Problem> {
+    let SaveAsked { kind, file } = body(&bytes)?;
+    done(&served, Do::ClaySave { kind, file }).await
+}
+
 /// Does it, and says that it is done, or that it goes on.
 async fn done(served: &Arc<Served>, asked: Do) -> Result<Response, Problem> {
     let (sender, told) = oneshot::channel();
     perform(&served.hub, &served.files, None, asked, Box::new(move |result| drop(sender.send(result))));
     match tokio::time::timeout(PATIENCE, told).await {
-        Ok(Ok(Ok(None))) => Ok(Json(json!({ "ok": true })).into_response()),
-        Ok(Ok(Ok(Some(recording)))) => Ok(Json(json!({ "ok": true, "recording": recording.json() })).into_response()),
+        Ok(Ok(Ok(done))) => {
+            let mut answer = json!({ "ok": true });
+            done.tell(&mut answer);
+            Ok(Json(answer).into_response())
+        }
         Ok(Ok(Err(problem))) => Err(problem),
         Ok(Err(_)) => Err(Problem::conflict("the run cannot do this any more", "")),
         Err(_) => Ok((StatusCode::ACCEPTED, Json(json!({ "ok": true, "goes_on": true }))).into_response()),

@@ -35,6 +35,8 @@ pub(super) struct Served {
     pub(super) hub: Arc<Hub>,
     pub(super) access: Access,
     pub(super) visuals: Visuals,
+    /// Makes what is to be drawn.
+    pub(super) shapes: Worker,
     pub(super) files: Worker,
     pub(super) seats: Arc<Semaphore>,
     pub(super) pace: Pace,
@@ -79,10 +81,12 @@ impl Bound {
     /// A thread could not be started.
     pub fn serve(self, hub: Arc<Hub>) -> io::Result<(Monitor, Tap)> {
         let Self { runtime, listener, access, .. } = self;
+        let shapes = Worker::new("monitor-mesh")?;
         let served = Arc::new(Served {
             hub: hub.clone(),
             access,
-            visuals: Visuals::new(Worker::new("monitor-mesh")?),
+            visuals: Visuals::new(shapes.clone()),
+            shapes,
             files: Worker::new("monitor-file")?,
             seats: Arc::new(Semaphore::new(MOST_WEB_SOCKETS)),
             pace: Pace::default(),

@@ -13,14 +13,13 @@ use futures_util::{SinkExt, StreamExt};
 use serde_json::{Value, json};
 use tokio::sync::OwnedSemaphorePermit;
 
-use super::asks::{Do, perform};
+use super::asks::{Do, Done, perform};
 use super::door::Peer;
 use super::encode;
 use super::hub::Client;
 use super::outbox::Next;
 use super::pace::Bucket;
 use super::problem::Problem;
-use super::recorder::RecorderStatus;
 use super::server::Served;
 
 /// Largest message of a client, bytes.
@@ -172,10 +171,13 @@ async fn take_all(mut stream: SplitStream<WebSocket>, served: &Arc<Served>, clie
 }
 
 /// The answer to one request.
-fn reply(id: &Value, result: Result<Option<RecorderStatus>, Problem>) -> String {
+fn reply(id: &Value, result: Result<Done, Problem>) -> String {
     encode::json(&match result {
-        Ok(None) => json!({ "type": "reply", "id": id, "ok": true }),
-        Ok(Some(recording)) => json!({ "type": "reply", "id": id, "ok": true, "recording": recording.json() }),
+        Ok(done) => {
+            let mut answer = json!({ "type": "reply", "id": id, "ok": true });
+            done.tell(&mut answer);
+            answer
+        }
         Err(Problem { said, status }) => json!({
             "type": "reply",
             "id": id,

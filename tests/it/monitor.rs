@@ -1,6 +1,7 @@
 //! The monitor as its clients meet it: a real run, real connections.
 
 mod access;
+mod clay;
 mod heartbeat;
 mod hostile;
 mod orders;

@@ -5,10 +5,11 @@
  *  link ──state──► drive, readouts, view, plots, objects        60 times a second
  *       ──event──► facts; parameters, session and scene ask again
  *       ──open───► info                                         and every two seconds
- *  another scene in the state ► scene and meshes, parameters, names of scenes
+ *  another scene in the state ► scene and meshes, clay, parameters, names of scenes
  * ```
  */
 
+import { Clay } from "./clay.js";
 import { Drive } from "./drive.js";
 import { byId, say, words } from "./element.js";
 import { addEvent, showInfo } from "./facts.js";
@@ -37,6 +38,7 @@ const parameters = new Parameters(link, (all) => readouts.learn(all));
 const session = new Session(link, refreshInfo);
 const meshes = new MeshLoader(link);
 const view = openView();
+const clay = new Clay(link, view);
 
 /** What is shown: which scene of which run. A page outlives both. */
 const shown = { started: null, idx: null, isAsking: false, askAgainAt: 0 };
@@ -53,6 +55,7 @@ link.addEventListener("open", ({ detail: hello }) => {
 
 link.addEventListener("closed", ({ detail: isOver }) => {
   if (stateAt !== null) drive.lose(isOver);
+  clay.lose();
   showFreshness();
 });
 
@@ -76,6 +79,7 @@ link.addEventListener("state", ({ detail: state }) => {
 link.addEventListener("event", ({ detail: event }) => {
   addEvent(event, stateTimeNs);
   if (event.event === "state") drive.hear(event.names[0], stateAt === null);
+  clay.hear(event);
   if (event.event === "parameter") parameters.refresh().catch(() => {});
   if (event.event === "recording" && event.names[0] === "ended") session.remember(event.text);
   if (event.event === "recording" || event.event === "link") refreshInfo();
@@ -131,7 +135,9 @@ async function loadScene() {
     objects.learn(scene);
     parameters.refresh().catch((error) => say(words(error)));
     link.get("scenes").then((names) => session.offer(names, stemOf(scene.file)), () => {});
-    await loadMeshes(scene);
+    const loading = loadMeshes(scene);
+    clay.begin();
+    await loading;
   } catch (error) {
     shown.askAgainAt = performance.now() + SCENE_AGAIN_MS;
     if (error.status > 0 && error.status !== 503) say(words(error));

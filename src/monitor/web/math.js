@@ -45,6 +45,9 @@ export function rotate(q, v) {
 /** A point of a posed frame in the outer frame. @type {(pose: Pose, v: Vec3) => Vec3} */
 export const transform = (pose, v) => add(rotate(pose.q, v), pose.p);
 
+/** The eight corners of a box. @type {(box: {min: Vec3, max: Vec3}) => Vec3[]} */
+export const cornersOf = ({ min, max }) => [0, 1, 2, 3, 4, 5, 6, 7].map((bits) => [0, 1, 2].map((axis) => (bits & (1 << axis) ? max : min)[axis]));
+
 /** @type {(pose: Pose) => Mat4} */
 export function matrixOfPose({ p, q: [x, y, z, w] }) {
   return new Float32Array([

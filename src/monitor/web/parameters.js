@@ -67,7 +67,7 @@ function boundOf({ name, value }, valueOf) {
 }
 
 /** One parameter in the page. */
-class Row {
+export class Row {
   /** @param {string} name @param {(value: number) => Promise<void>} set SI */
   constructor(name, set) {
     this.set = set;

@@ -1,14 +1,15 @@
 /**
- * The 3-D view: parts, the tool where the renderer has it, the hand's own pose as a ghost, contact points, force and torque.
+ * The 3-D view: parts, clay, the tool where the renderer has it, the hand's own pose as a ghost, contact points, force and torque.
  *
  * It draws when something changed, at most once per frame of the screen. All that is drawn stands in world, in m.
  */
 
 import { OrbitCamera } from "./camera.js";
 import { onChange, rgb } from "./colors.js";
-import { add, ceilTo125, cross, isFinite3, length, matrixAlong, matrixOfPose, multiply, normalize, scale, subtract, transform } from "./math.js";
+import { add, ceilTo125, cornersOf, cross, isFinite3, length, matrixAlong, matrixOfPose, multiply, normalize, scale, subtract, transform } from "./math.js";
 import { compile } from "./shaders.js";
 import { cone, rod } from "./shapes.js";
+import { Splats } from "./splats.js";
 
 const MOST_POINTS = 512;
 const MOST_PIXEL_RATIO = 2;
@@ -43,6 +44,7 @@ export class SceneView {
     /** Distance between points of the tool, m. */
     this.pointSpacing = 1e-3;
     this.isSeeThrough = false;
+    this.clay = new Splats();
     this.isDirty = false;
     this.gl = canvas.getContext("webgl2", { antialias: true, alpha: true, powerPreference: "high-performance" });
     if (!this.gl) throw new Error("this browser has no WebGL 2");
@@ -69,6 +71,7 @@ export class SceneView {
       for (const buffer of buffers) this.gl.deleteBuffer(buffer);
     }
     this.parts = [];
+    this.clay.clear();
     this.points = new Float32Array(0);
     this.scales = { grid_m: 0.01, force_n: LEAST_FORCE_SCALE, torque_nm: LEAST_TORQUE_SCALE };
     this.redraw();
@@ -79,6 +82,14 @@ export class SceneView {
     this.#upload(part);
     this.parts.push(part);
     this.#measure();
+    this.redraw();
+  }
+
+  /** Clay in another shape. @param {import("./splats.js").Samples} samples */
+  addClay(samples) {
+    const isFirst = !this.clay.samples;
+    this.clay.take(samples);
+    if (isFirst) this.fit();
     this.redraw();
   }
 
@@ -144,15 +155,12 @@ export class SceneView {
   #measure() {
     const min = [Infinity, Infinity, Infinity];
     const max = [-Infinity, -Infinity, -Infinity];
-    for (const part of this.parts) {
-      const pose = this.#poseOf(part);
-      for (let corner = 0; corner < 8; corner += 1) {
-        const of = (axis) => (corner & (1 << axis) ? part.mesh.max : part.mesh.min)[axis];
-        transform(pose, [of(0), of(1), of(2)]).forEach((x, axis) => {
-          min[axis] = Math.min(min[axis], x);
-          max[axis] = Math.max(max[axis], x);
-        });
-      }
+    const corners = this.parts.flatMap((part) => cornersOf(part.mesh).map((corner) => transform(this.#poseOf(part), corner)));
+    for (const corner of [...corners, ...this.clay.corners]) {
+      corner.forEach((x, axis) => {
+        min[axis] = Math.min(min[axis], x);
+        max[axis] = Math.max(max[axis], x);
+      });
     }
     if (!isFinite3(min)) return;
     const radius = Math.max(length(subtract(max, min)) / 2, 1e-4);
@@ -171,7 +179,7 @@ export class SceneView {
   }
 
   #readColors() {
-    const names = ["part", "part-edge", "tool", "tool-edge", "ghost", "point", "force", "torque", "grid", "axis-x", "axis-y", "axis-z"];
+    const names = ["part", "part-edge", "tool", "tool-edge", "ghost", "point", "force", "torque", "grid", "brush", "axis-x", "axis-y", "axis-z"];
     this.colors = Object.fromEntries(names.map((name) => [name, rgb(`--${name}`)]));
   }
 
@@ -189,6 +197,7 @@ export class SceneView {
     gl.enableVertexAttribArray(0);
     gl.vertexAttribPointer(0, 4, gl.FLOAT, false, 0, 0);
     this.dots = { vao, buffer };
+    this.clay.prepare(gl);
     gl.enable(gl.DEPTH_TEST);
     gl.depthFunc(gl.LEQUAL);
     gl.enable(gl.BLEND);
@@ -253,8 +262,10 @@ export class SceneView {
       this.#solid(part, model, colors[face]);
       this.#outline(part, model, colors[edge], 0.75);
     }
+    if (!this.isSeeThrough) this.#drawClay(1);
     this.#drawGround();
     if (this.isSeeThrough) {
+      this.#drawClay(0.35);
       for (const part of statics) {
         const model = matrixOfPose(part.pose);
         this.#veil(part, model, colors.part, 0.25);
@@ -265,6 +276,7 @@ export class SceneView {
     this.#drawPoints(ratio);
     // What follows lies over everything: a force inside of a part is the one to see.
     gl.clear(gl.DEPTH_BUFFER_BIT);
+    this.clay.drawBrush((...how) => this.#use(this.programs.line, ...how), this.tool.middle, backward, colors.brush);
     this.#drawWrench();
     this.#drawAxes(ratio);
   }
@@ -297,6 +309,11 @@ export class SceneView {
     this.#use(this.programs.line, model, color, opacity);
     gl.bindVertexArray(lines.vao);
     gl.drawArrays(gl.LINES, 0, lines.n);
+  }
+
+  #drawClay(opacity) {
+    this.clay.drawDiscs((model, opacity) => this.#use(this.programs.splat, model, this.colors.part, opacity), opacity);
+    this.clay.drawRegion((...how) => this.#use(this.programs.line, ...how), this.colors.grid);
   }
 
   /** Only the nearest faces, blended: depth first, then colour. */

@@ -1,4 +1,4 @@
-/** The four programs of the graphics card. All take `view_projection` (of world) and `model` (world from the mesh's frame). */
+/** The five programs of the graphics card. All take `view_projection` (of world) and `model` (world from the mesh's frame). */
 
 const HEAD = `#version 300 es
 precision highp float;
@@ -113,13 +113,59 @@ void main() {
 }`,
 };
 
+/** Discs across the normals of samples, lit like faces, in the colour of each sample; `color` has only an opacity. Backs are not seen. */
+const SPLAT = {
+  vertex: `
+layout(location = 0) in vec2 corner;
+layout(location = 1) in vec3 center;
+layout(location = 2) in vec4 normal;
+layout(location = 3) in vec4 tint;
+uniform mat4 view_projection;
+uniform mat4 model;
+uniform vec3 eye;
+uniform float radius;
+out vec2 place;
+out vec3 normal_world;
+out vec3 position_world;
+out vec3 paint;
+void main() {
+  vec3 n = normalize(normal.xyz);
+  vec3 u = normalize(cross(abs(n.z) < 0.9 ? vec3(0.0, 0.0, 1.0) : vec3(1.0, 0.0, 0.0), n));
+  vec4 p = model * vec4(center + radius * (corner.x * u + corner.y * cross(n, u)), 1.0);
+  place = corner;
+  paint = tint.rgb;
+  normal_world = mat3(model) * n;
+  position_world = p.xyz;
+  // A little of the back is left, where the normal of a rim is not quite right.
+  bool is_back = dot(normal_world, normalize(eye - p.xyz)) < -0.15;
+  gl_Position = is_back ? vec4(0.0, 0.0, 2.0, 1.0) : view_projection * p;
+}`,
+  fragment: `
+in vec2 place;
+in vec3 normal_world;
+in vec3 position_world;
+in vec3 paint;
+uniform vec4 color;
+uniform vec3 eye;
+uniform vec3 light;
+out vec4 pixel;
+void main() {
+  if (dot(place, place) > 1.0) discard;
+  vec3 n = normalize(normal_world);
+  float sky = 0.5 + 0.5 * n.z;
+  float lit = max(dot(n, light), 0.0);
+  float gloss = pow(max(dot(reflect(-light, n), normalize(eye - position_world)), 0.0), 24.0);
+  pixel = vec4(paint * (0.42 + 0.2 * sky + 0.45 * lit) + 0.05 * gloss, color.a);
+}`,
+};
+
 /**
  * @param {WebGL2RenderingContext} gl
- * @returns {{surface: Program, line: Program, grid: Program, point: Program}}
+ * @returns {{surface: Program, line: Program, grid: Program, point: Program, splat: Program}}
  * @typedef {{program: WebGLProgram, at: Object<string, WebGLUniformLocation>}} Program
  */
 export function compile(gl) {
-  return { surface: link(gl, SURFACE), line: link(gl, LINE), grid: link(gl, GRID), point: link(gl, POINT) };
+  return { surface: link(gl, SURFACE), line: link(gl, LINE), grid: link(gl, GRID), point: link(gl, POINT), splat: link(gl, SPLAT) };
 }
 
 function link(gl, source) {

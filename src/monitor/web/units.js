@@ -48,6 +48,8 @@ const PARAMETERS = {
   coupling_stiffness_n_per_m: { label: "Coupling, translation", unit: "N/mm", factor: 1e-3 },
   coupling_stiffness_nm_per_rad: { label: "Coupling, rotation", unit: "N·m/rad", factor: 1 },
   limit_force_n: { label: "Force limit", unit: "N", factor: 1 },
+  clay_brush_m: { label: "Brush radius", unit: "mm", factor: 1e3 },
+  clay_depth_m: { label: "Depth of the image", unit: "mm", factor: 1e3 },
   limit_torque_nm: { label: "Torque limit", unit: "N·m", factor: 1 },
 };
 

@@ -1,0 +1,136 @@
+//! Files of the clay that clients ask for: into a folder of our own, never over a file that is there.
+
+use std::path::PathBuf;
+use std::sync::{Arc, PoisonError};
+use std::time::SystemTime;
+
+use serde::Deserialize;
+
+use super::super::asks::{Done, Reply};
+use super::super::hub::Hub;
+use super::super::problem::Problem;
+use super::super::worker::Worker;
+use super::{Clay, ClayRefusal};
+use crate::rt::utc;
+use crate::sculpt::studio::Order;
+
+/// Longest name of a file that a client may choose, bytes.
+const LONGEST_NAME: usize = 120;
+
+/// What is written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(in crate::monitor) enum SaveKind {
+    /// Samples with normals and colours.
+    Points,
+    /// All that is needed to go on another day.
+    Session,
+    /// A closed mesh.
+    Export,
+}
+
+impl SaveKind {
+    fn word(self) -> &'static str {
+        match self {
+            Self::Points => "points",
+            Self::Session => "session",
+            Self::Export => "mesh",
+        }
+    }
+
+    fn ending(self) -> &'static str {
+        match self {
+            Self::Points | Self::Export => ".ply",
+            Self::Session => ".clay",
+        }
+    }
+
+    fn order(self, file: PathBuf) -> Order {
+        match self {
+            Self::Points => Order::SavePoints(file),
+            Self::Session => Order::SaveSession(file),
+            Self::Export => Order::Export(file),
+        }
+    }
+}
+
+/// The name of a file that a client chose, with its ending; in words what will do where it will not.
+///
+/// # Errors
+/// It could lead out of the folder that it is meant for, or be hidden there.
+pub fn plain_name(chosen: &str, ending: &str) -> Result<String, &'static str> {
+    let mut name = chosen.to_owned();
+    if !name.ends_with(ending) {
+        name += ending;
+    }
+    let is_plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.' | ' ');
+    if name.starts_with('.') || !name.chars().all(is_plain) || name.len() > LONGEST_NAME {
+        return Err("a name of letters, digits, `-`, `_`, `.` and spaces that does not begin with `.`");
+    }
+    Ok(name)
+}
+
+/// Writes the clay to a file of this name, or of one that is chosen here.
+pub(in crate::monitor) fn save(hub: &Arc<Hub>, files: &Worker, kind: SaveKind, file: Option<String>, reply: Reply) {
+    let clay = match hub.clay() {
+        Ok(clay) => clay,
+        Err(problem) => return reply(Err(problem)),
+    };
+    let hub = hub.clone();
+    // Folders may be on a disk that takes its time.
+    files.post(move || {
+        let path = match clay.reserve(kind, file.as_deref()) {
+            Ok(path) => path,
+            Err(problem) => return reply(Err(problem)),
+        };
+        let saver = clay.clone();
+        let order = kind.order(path.clone());
+        let answer = Box::new(move |result: Result<(), ClayRefusal>| {
+            saver.saving.lock().unwrap_or_else(PoisonError::into_inner).remove(&path);
+            if result.is_ok() {
+                let file = path.to_string_lossy();
+                hub.tell("clay", None, &format!("the {} of the clay went to {file}", kind.word()), &["saved", &file]);
+            }
+            reply(result.map(|()| Done::Saved(path)).map_err(Problem::from));
+        });
+        clay.door.ask(order, answer);
+    });
+}
+
+impl Clay {
+    /// A path that nobody else writes to.
+    fn reserve(&self, kind: SaveKind, file: Option<&str>) -> Result<PathBuf, Problem> {
+        let folder = self
+            .folder
+            .as_ref()
+            .ok_or_else(|| Problem::unavailable("there is no folder to save to", "set HOME or XDG_STATE_HOME"))?;
+        let dated = || utc::timestamp(SystemTime::now()).replace(':', "");
+        let chosen = file.map_or_else(|| format!("{}-{}", kind.word(), dated()), str::to_owned);
+        let name = plain_name(&chosen, kind.ending()).map_err(|accepted| {
+            Problem::bad(format!("a file of clay takes {accepted}"), format!("such as bowl{}", kind.ending()))
+        })?;
+        std::fs::create_dir_all(folder)
+            .map_err(|error| Problem::conflict(format!("cannot create {}: {error}", folder.display()), ""))?;
+        let path = folder.join(name);
+        let mut saving = self.saving.lock().unwrap_or_else(PoisonError::into_inner);
+        if path.symlink_metadata().is_ok() || saving.contains(&path) {
+            return Err(Problem::conflict(format!("{} exists already", path.display()), "choose another name"));
+        }
+        saving.insert(path.clone());
+        Ok(path)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_stay_in_their_folder() {
+        assert_eq!(plain_name("a bowl", ".ply"), Ok("a bowl.ply".to_owned()));
+        assert_eq!(plain_name("bowl.ply", ".ply"), Ok("bowl.ply".to_owned()));
+        for chosen in ["../bowl", "/tmp/bowl", ".bowl", "", "bo\nwl", "b\0", "ä", &"x".repeat(200)] {
+            assert!(plain_name(chosen, ".ply").is_err(), "{chosen:?}");
+        }
+    }
+}

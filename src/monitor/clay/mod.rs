@@ -1,0 +1,274 @@
+//! Clay, for clients: what it is like, its samples, the tool that works it, and files of it.
+//!
+//! ```text
+//!  clients ──clay_take, clay_hold, clay_undo, …──► here ──Order──► studio ──answer──► clients
+//!  clients ◄──facts, samples────────────────────── here ◄──View── studio
+//! ```
+//! Invariant: a hold lasts no longer than the client that asked for it gives signs of life, and no longer than force flows.
+
+mod files;
+mod splats;
+mod take;
+
+use core::time::Duration;
+use std::collections::HashSet;
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
+
+use axum::http::StatusCode;
+use serde_json::{Value, json};
+
+pub use files::plain_name;
+pub(super) use files::{SaveKind, save};
+pub(super) use splats::Splats;
+pub(super) use take::TakeAsked;
+
+use super::asks::{Done, Reply};
+use super::encode::WirePose;
+use super::hub::Hub;
+use super::problem::Problem;
+use crate::sculpt::studio::{Craft, Order, ToolSettings, View};
+use crate::spatial::Pose;
+
+/// A view is newer than the last answer after so long: until then what was asked for counts.
+const SETTLED: Duration = Duration::from_millis(500);
+
+/// Why the studio did not do what it was asked for, in words for people.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum ClayRefusal {
+    /// Not as things stand: nothing to take back, too much that waits, an operation that failed and left the piece as it was.
+    Conflict(String),
+    /// The run is over.
+    Over,
+}
+
+/// Hears what became of an order.
+pub type ClayReply = Box<dyn FnOnce(Result<(), ClayRefusal>) + Send>;
+
+/// The way to the studio.
+pub trait ClayDoor: Send + Sync {
+    /// The newest view; `None` before the first. Never waits for the material.
+    fn view(&self) -> Option<Arc<View>>;
+
+    /// Asks for something; the answer comes from another thread, or at once. Never waits.
+    fn ask(&self, order: Order, reply: ClayReply);
+}
+
+/// The clay of a run, for [`Hub::sculpts`].
+pub struct ClayParts {
+    /// The way to it.
+    pub door: Box<dyn ClayDoor>,
+    /// Where it stands.
+    pub world_from_map: Pose,
+    /// What the tool is at the start.
+    pub tool: ToolSettings,
+    /// Where clients may save; `None`: nowhere.
+    pub folder: Option<PathBuf>,
+}
+
+/// What the clients of a run share of its clay.
+pub(super) struct Clay {
+    door: Box<dyn ClayDoor>,
+    world_from_map: Pose,
+    folder: Option<PathBuf>,
+    asked: Mutex<Asked>,
+    /// Files that are being written.
+    saving: Mutex<HashSet<PathBuf>>,
+    /// What was told of the last view.
+    told: Mutex<Told>,
+    pub(super) splats: Splats,
+}
+
+/// The settings that were asked for last: a view comes later, and has some of them only.
+struct Asked {
+    tool: ToolSettings,
+    at: Option<Instant>,
+}
+
+#[derive(Default)]
+struct Told {
+    craft: Option<Craft>,
+    trouble: Option<Arc<str>>,
+}
+
+impl Clay {
+    pub(super) fn new(parts: ClayParts) -> Self {
+        let ClayParts { door, world_from_map, tool, folder } = parts;
+        Self {
+            door,
+            world_from_map,
+            folder,
+            asked: Mutex::new(Asked { tool, at: None }),
+            saving: Mutex::default(),
+            told: Mutex::default(),
+            splats: Splats::default(),
+        }
+    }
+
+    /// The newest view.
+    pub(super) fn view(&self) -> Result<Arc<View>, Problem> {
+        self.door.view().ok_or_else(|| Problem::unavailable("the clay is not ready yet", "ask again in a moment"))
+    }
+
+    /// The tool as far as it is known: a script may have changed what a view shows.
+    fn tool(&self, view: &View) -> ToolSettings {
+        let asked = self.asked();
+        let mut tool = asked.tool.clone();
+        if asked.at.is_none_or(|at| at.elapsed() > SETTLED) {
+            (tool.craft, tool.brush_m, tool.color) = (view.craft, view.brush_m, view.color);
+        }
+        tool
+    }
+
+    fn asked(&self) -> MutexGuard<'_, Asked> {
+        self.asked.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// `/api/v1/clay`.
+    pub(super) fn facts(&self, is_held: bool) -> Result<Value, Problem> {
+        let view = self.view()?;
+        let tool = self.tool(&view);
+        let (low, high) = view.region_map;
+        let (least_m, most_m) = take::brush_range(&view);
+        Ok(json!({
+            "version": view.version,
+            "samples": view.points.len(),
+            "spacing_m": view.spacing_m,
+            "world_from_map": WirePose::from(self.world_from_map),
+            "region_map": { "min": low.to_array(), "max": high.to_array() },
+            "craft": tool.craft.name(),
+            "crafts": Craft::NAMES.map(|(name, _)| name),
+            "brush_m": tool.brush_m,
+            "brush_range_m": [least_m, most_m],
+            "falloff": tool.falloff.to_string(),
+            "color": take::color_text(tool.color),
+            "depth_m": tool.depth_m,
+            "is_sharp": tool.is_sharp,
+            "is_held": is_held,
+            "is_stroke": view.is_stroke,
+            "undo": view.n_undo,
+            "redo": view.n_redo,
+            "updates": view.updates,
+            "update_s": view.update_s,
+            "late": view.late,
+            "trouble": &*view.trouble,
+        }))
+    }
+
+    /// Tells what has changed since the last call, whoever changed it.
+    pub(super) fn tell_news(&self, hub: &Hub) {
+        let Some(view) = self.door.view() else { return };
+        let (craft, trouble) = {
+            let mut told = self.told.lock().unwrap_or_else(PoisonError::into_inner);
+            let craft = told.craft.replace(view.craft).filter(|before| *before != view.craft).map(|_| view.craft);
+            let before = told.trouble.replace(view.trouble.clone()).unwrap_or_default();
+            (craft, (before != view.trouble && !view.trouble.is_empty()).then(|| view.trouble.clone()))
+        };
+        if let Some(craft) = craft {
+            hub.tell("clay", None, &format!("the tool is for `{craft}` now"), &["took", craft.name()]);
+        }
+        if let Some(trouble) = trouble {
+            hub.tell("clay", None, &trouble, &["trouble"]);
+        }
+    }
+}
+
+impl From<ClayRefusal> for Problem {
+    fn from(refusal: ClayRefusal) -> Self {
+        match refusal {
+            ClayRefusal::Conflict(why) => Self::conflict(why, ""),
+            ClayRefusal::Over => Self::conflict("the clay is not worked on any more", "the run is over"),
+        }
+    }
+}
+
+/// There is none.
+pub(super) fn no_clay() -> Problem {
+    Problem::new(StatusCode::NOT_FOUND, "this scene has no clay", "`hapticd sculpt SCENE` renders one that has a [sculpt] table")
+}
+
+/// Another craft or other settings. What the hand feels of that goes through the same limits as all else.
+pub(super) fn take(hub: &Arc<Hub>, asked: TakeAsked, reply: Reply) {
+    let taken = hub.clay().and_then(|clay| {
+        let view = clay.view()?;
+        let tool = asked.onto(clay.tool(&view), &view)?;
+        *clay.asked() = Asked { tool: tool.clone(), at: Some(Instant::now()) };
+        Ok((clay, tool))
+    });
+    let (clay, tool) = match taken {
+        Ok(taken) => taken,
+        Err(problem) => return reply(Err(problem)),
+    };
+    let asker = clay.clone();
+    let answer = Box::new(move |result: Result<(), ClayRefusal>| {
+        if result.is_err() {
+            asker.asked().at = None;
+        }
+        reply(result.map(|()| Done::Nothing).map_err(Problem::from));
+    });
+    clay.door.ask(Order::Take(tool), answer);
+}
+
+/// A stroke back, or forth again.
+pub(super) fn step(hub: &Arc<Hub>, order: Order, word: &'static str, reply: Reply) {
+    let clay = match hub.clay() {
+        Ok(clay) => clay,
+        Err(problem) => return reply(Err(problem)),
+    };
+    let hub = hub.clone();
+    let answer = Box::new(move |result: Result<(), ClayRefusal>| {
+        if result.is_ok() {
+            hub.tell("clay", None, &format!("a stroke on the clay was {word}"), &[word]);
+        }
+        reply(result.map(|()| Done::Nothing).map_err(Problem::from));
+    });
+    clay.door.ask(order, answer);
+}
+
+/// Holds, or lets go, as the button of an arm does.
+pub(super) fn hold(hub: &Arc<Hub>, client: u64, is_held: bool, reply: Reply) {
+    let clay = match hub.clay() {
+        Ok(clay) => clay,
+        Err(problem) => return reply(Err(problem)),
+    };
+    if !is_held {
+        // Where it was let go already, by the end of force or after a silence, that is done.
+        if hub.heart.let_go(client) {
+            clay.let_go(hub);
+        }
+        return reply(Ok(Done::Nothing));
+    }
+    if !hub.heart.hold(client) {
+        return reply(Err(Problem::conflict("another client holds the clay", "wait until it lets go")));
+    }
+    // In this order: whoever takes the force away looks for a hold after that.
+    if !hub.has_force() {
+        hub.heart.let_go(client);
+        return reply(Err(Problem::conflict("no force flows: nothing can be held", "enable first")));
+    }
+    let holder = hub.clone();
+    let answer = Box::new(move |result: Result<(), ClayRefusal>| {
+        if result.is_err() {
+            holder.heart.let_go(client);
+        }
+        reply(result.map(|()| Done::Nothing).map_err(Problem::from));
+    });
+    clay.door.ask(Order::Hold(true), answer);
+}
+
+impl Clay {
+    /// Lets go for a client that does not do so itself. An order that found no room is given again by whoever watches.
+    pub(super) fn let_go(&self, hub: &Arc<Hub>) {
+        let hub = hub.clone();
+        let answer = Box::new(move |result: Result<(), ClayRefusal>| {
+            if let Err(ClayRefusal::Conflict(_)) = result {
+                hub.heart.still_held();
+            }
+        });
+        self.door.ask(Order::Hold(false), answer);
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,173 @@
+//! Samples of the clay for display: small, thinned out where there are too many, made once for all who ask.
+
+use std::collections::HashSet;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use axum::body::Bytes;
+use glam::DVec3;
+
+use super::super::worker::Worker;
+use crate::sculpt::PointSet;
+use crate::sculpt::studio::View;
+
+/// Version of the layout.
+const FORMAT: u32 = 1;
+/// Bytes before the first sample, and of each.
+const HEAD_BYTES: usize = 32;
+const SAMPLE_BYTES: usize = 20;
+/// Samples on a page: 2 MB.
+const MOST_SAMPLES: usize = 100_000;
+/// By how much cells grow until few enough samples are left.
+const GROWTH: f64 = 1.15;
+
+/// The newest samples that somebody asked for.
+#[derive(Debug, Default)]
+pub(in crate::monitor) struct Splats(Arc<Mutex<Option<(u64, Bytes)>>>);
+
+impl Splats {
+    /// The samples of a view, as bytes; made on the worker's thread where nobody has asked for them before. `None`: that came to grief.
+    pub(in crate::monitor) async fn get(&self, worker: &Worker, view: Arc<View>) -> Option<Bytes> {
+        let find = |made: &Mutex<Option<(u64, Bytes)>>, version: u64| {
+            let made = made.lock().unwrap_or_else(PoisonError::into_inner);
+            made.as_ref().filter(|(known, _)| *known == version).map(|(_, bytes)| bytes.clone())
+        };
+        if let Some(bytes) = find(&self.0, view.version) {
+            return Some(bytes);
+        }
+        let made = self.0.clone();
+        let make = move || {
+            // Somebody else may have asked meanwhile.
+            if let Some(bytes) = find(&made, view.version) {
+                return bytes;
+            }
+            let bytes = Bytes::from(encoded(&view, MOST_SAMPLES));
+            *made.lock().unwrap_or_else(PoisonError::into_inner) = Some((view.version, bytes.clone()));
+            bytes
+        };
+        worker.run(make).await
+    }
+}
+
+/// `docs/api.md` is the description. O(samples).
+fn encoded(view: &View, most: usize) -> Vec<u8> {
+    let points = &*view.points;
+    let kept = thinned(points, view.spacing_m, most);
+    let n_kept = kept.as_ref().map_or(points.len(), Vec::len);
+    let spread = (points.len() as f64 / n_kept.max(1) as f64).sqrt();
+    let mut bytes = Vec::with_capacity(HEAD_BYTES + SAMPLE_BYTES * n_kept);
+    bytes.extend(b"HCLY");
+    bytes.extend(FORMAT.to_le_bytes());
+    bytes.extend(view.version.to_le_bytes());
+    bytes.extend((n_kept as u32).to_le_bytes());
+    bytes.extend((points.len() as u32).to_le_bytes());
+    bytes.extend(((view.spacing_m * spread) as f32).to_le_bytes());
+    bytes.extend([0; 4]);
+    let mut write = |sample: usize| {
+        let (Some(position), Some(normal), Some(color)) =
+            (points.positions_map.get(sample), points.normals_map.get(sample), points.colors.get(sample))
+        else {
+            return;
+        };
+        for coordinate in position.as_vec3().to_array() {
+            bytes.extend(coordinate.to_le_bytes());
+        }
+        bytes.extend((*normal * 127.0).round().to_array().map(|part| part as i8 as u8));
+        bytes.push(0);
+        bytes.extend(color);
+        bytes.push(0);
+    };
+    match kept {
+        None => (0..points.len()).for_each(&mut write),
+        Some(kept) => kept.into_iter().for_each(&mut write),
+    }
+    bytes
+}
+
+/// The first sample of each cell of a lattice that leaves at most `most` of them; `None`: all.
+fn thinned(points: &PointSet, spacing_m: f64, most: usize) -> Option<Vec<usize>> {
+    if points.len() <= most {
+        return None;
+    }
+    let evenly = || (0..most).map(|n| n * points.len() / most).collect();
+    let mut cell_m = spacing_m * (points.len() as f64 / most as f64).sqrt();
+    loop {
+        if !cell_m.is_normal() {
+            return Some(evenly());
+        }
+        let cell = |at: &DVec3| (*at / cell_m).floor().to_array().map(|coordinate| coordinate as i64);
+        let mut seen = HashSet::with_capacity(most);
+        let kept: Vec<_> = (0..).zip(&points.positions_map).filter(|(_, at)| seen.insert(cell(at))).map(|(n, _)| n).collect();
+        if kept.len() <= most {
+            return Some(kept);
+        }
+        cell_m *= GROWTH;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::view_of;
+    use super::*;
+
+    fn ball(n: usize) -> PointSet {
+        let mut points = PointSet::default();
+        for i in 0..n {
+            let z = 1.0 - (2.0 * i as f64 + 1.0) / n as f64;
+            let turn = i as f64 * 2.399_963_229_728_653;
+            let normal = DVec3::new((1.0 - z * z).sqrt() * turn.cos(), (1.0 - z * z).sqrt() * turn.sin(), z);
+            points.push(normal * 0.02, normal, [(i % 256) as u8, 7, 255]);
+        }
+        points
+    }
+
+    fn word(bytes: &[u8], at: usize) -> u32 {
+        u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap())
+    }
+
+    #[test]
+    fn every_sample_is_told_as_it_is() {
+        let view = view_of(ball(500), 3);
+        let bytes = encoded(&view, 500);
+        assert_eq!(bytes.len(), HEAD_BYTES + 500 * SAMPLE_BYTES);
+        assert_eq!((&bytes[..4], word(&bytes, 4), word(&bytes, 8), word(&bytes, 12)), (&b"HCLY"[..], 1, 3, 0));
+        assert_eq!((word(&bytes, 16), word(&bytes, 20)), (500, 500));
+        assert_eq!(f32::from_bits(word(&bytes, 24)), view.spacing_m as f32);
+        for (n, at) in (HEAD_BYTES..bytes.len()).step_by(SAMPLE_BYTES).enumerate() {
+            let position = DVec3::from([0, 4, 8].map(|axis| f64::from(f32::from_bits(word(&bytes, at + axis)))));
+            assert!(position.distance(view.points.positions_map[n]) < 1e-8, "{n}");
+            let normal = DVec3::from([12, 13, 14].map(|axis| f64::from(bytes[at + axis] as i8) / 127.0));
+            assert!(normal.distance(view.points.normals_map[n]) < 0.01, "{n}: {normal}");
+            assert_eq!(bytes[at + 16..at + 19], [(n % 256) as u8, 7, 255], "{n}");
+        }
+    }
+
+    #[test]
+    fn too_many_samples_are_thinned_out_all_over_and_their_discs_grow() {
+        let view = view_of(ball(40_000), 1);
+        let bytes = encoded(&view, 1000);
+        let n = word(&bytes, 16) as usize;
+        assert!((500..=1000).contains(&n), "{n}");
+        assert_eq!((word(&bytes, 20), bytes.len()), (40_000, HEAD_BYTES + n * SAMPLE_BYTES));
+        let grown = f64::from(f32::from_bits(word(&bytes, 24))) / view.spacing_m;
+        assert!((grown - (40_000.0 / n as f64).sqrt()).abs() < 1e-3, "{grown}");
+        // Nowhere a hole wider than the discs hide.
+        let kept: Vec<_> = (HEAD_BYTES..bytes.len())
+            .step_by(SAMPLE_BYTES)
+            .map(|at| DVec3::from([0, 4, 8].map(|axis| f64::from(f32::from_bits(word(&bytes, at + axis))))))
+            .collect();
+        let reach_m = 2.0 * grown * view.spacing_m;
+        for at in view.points.positions_map.iter().step_by(37) {
+            assert!(kept.iter().any(|other| other.distance(*at) < reach_m), "{at}");
+        }
+    }
+
+    #[test]
+    fn samples_in_one_place_and_none_are_no_trouble() {
+        let mut points = PointSet::default();
+        (0..100).for_each(|_| points.push(DVec3::ZERO, DVec3::Z, [0; 3]));
+        let mut view = view_of(points, 1);
+        view.spacing_m = 0.0;
+        assert_eq!(word(&encoded(&view, 10), 16), 10);
+        assert_eq!(encoded(&view_of(PointSet::default(), 1), 10).len(), HEAD_BYTES);
+    }
+}

@@ -1,0 +1,155 @@
+//! Another craft, or other settings of the tool on clay, as clients ask for them.
+
+use serde::Deserialize;
+use serde_json::Value;
+
+use super::super::problem::Problem;
+use crate::sculpt::falloff::Falloff;
+use crate::sculpt::studio::{Craft, ToolSettings, View};
+
+/// What is to change; what is not given stays.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(in crate::monitor) struct TakeAsked {
+    craft: Option<String>,
+    brush_m: Option<f64>,
+    /// A word or weights.
+    falloff: Option<Value>,
+    /// `#rrggbb`.
+    color: Option<String>,
+    depth_m: Option<f64>,
+    is_sharp: Option<bool>,
+}
+
+impl TakeAsked {
+    /// The settings with what was asked for.
+    pub(super) fn onto(self, tool: ToolSettings, view: &View) -> Result<ToolSettings, Problem> {
+        if self == Self::default() {
+            let hint = "`craft`, `brush_m`, `falloff`, `color`, `depth_m` or `is_sharp`";
+            return Err(Problem::bad("nothing is to be taken", hint));
+        }
+        let (least_m, most_m) = brush_range(view);
+        let mut tool = tool;
+        if let Some(word) = &self.craft {
+            tool.craft = Craft::of(word).ok_or_else(|| Problem::bad(format!("no craft is called `{word}`"), known_crafts()))?;
+        }
+        if let Some(brush_m) = self.brush_m {
+            if !(least_m..=most_m).contains(&brush_m) {
+                let error = format!("`brush_m` goes from {least_m:.2e} to {most_m:.2e}, not to {brush_m}");
+                return Err(Problem::bad(error, "a radius in m, of at least one sample and at most half the region"));
+            }
+            tool.brush_m = brush_m;
+        }
+        if let Some(depth_m) = self.depth_m {
+            if !(depth_m > 0.0 && depth_m <= most_m) {
+                let error = format!("`depth_m` goes above 0 up to {most_m:.2e}, not to {depth_m}");
+                return Err(Problem::bad(error, "engraving sinks by it, embossing raises"));
+            }
+            tool.depth_m = depth_m;
+        }
+        if let Some(falloff) = &self.falloff {
+            tool.falloff = falloff_of(falloff)?;
+        }
+        if let Some(color) = &self.color {
+            let hint = "such as \"#c83c28\"";
+            tool.color = color_of(color).ok_or_else(|| Problem::bad(format!("`{color}` is no color #rrggbb"), hint))?;
+        }
+        tool.is_sharp = self.is_sharp.unwrap_or(tool.is_sharp);
+        Ok(tool)
+    }
+}
+
+/// Smallest and largest radius of a brush that clients may take, m: a sample, and half of the region.
+pub(super) fn brush_range(view: &View) -> (f64, f64) {
+    let (low, high) = view.region_map;
+    let least_m = view.spacing_m.max(1e-6);
+    (least_m, (0.5 * (high - low).max_element()).max(2.0 * least_m))
+}
+
+/// A colour as text.
+pub(super) fn color_text([red, green, blue]: [u8; 3]) -> String {
+    format!("#{red:02x}{green:02x}{blue:02x}")
+}
+
+fn color_of(text: &str) -> Option<[u8; 3]> {
+    let hex = text.strip_prefix('#').filter(|hex| hex.len() == 6 && hex.bytes().all(|digit| digit.is_ascii_hexdigit()))?;
+    let [_, red, green, blue] = u32::from_str_radix(hex, 16).ok()?.to_be_bytes();
+    Some([red, green, blue])
+}
+
+fn falloff_of(asked: &Value) -> Result<Falloff, Problem> {
+    let hint = "\"gaussian\", \"constant\", \"spherical\" or a list of at least two weights from 0 to 1";
+    let refused = |what: &str| Problem::bad(what, hint);
+    match asked {
+        Value::String(word) => [Falloff::Gaussian, Falloff::Constant, Falloff::Spherical]
+            .into_iter()
+            .find(|known| known.to_string() == *word)
+            .ok_or_else(|| refused(&format!("no fall-off is called `{word}`"))),
+        Value::Array(weights) => {
+            let weights: Option<Vec<_>> = weights.iter().map(Value::as_f64).collect();
+            let weights = weights.ok_or_else(|| refused("weights of a fall-off are numbers"))?;
+            Falloff::table(weights).map_err(|error| refused(&error.to_string()))
+        }
+        _ => Err(refused("`falloff` is a word or a list of weights")),
+    }
+}
+
+fn known_crafts() -> String {
+    let names: Vec<_> = Craft::NAMES.iter().map(|(name, _)| *name).collect();
+    format!("known: {}", names.join(", "))
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::super::tests::view_of;
+    use super::*;
+    use crate::sculpt::PointSet;
+
+    fn taken(asked: Value) -> Result<ToolSettings, String> {
+        let asked = TakeAsked::deserialize(asked).map_err(|error| error.to_string())?;
+        asked.onto(ToolSettings::default(), &view_of(PointSet::default(), 1)).map_err(|problem| problem.said.error)
+    }
+
+    #[test]
+    fn what_is_not_given_stays() {
+        let before = ToolSettings::default();
+        assert_eq!(taken(json!({ "craft": "pull-curve" })), Ok(ToolSettings { craft: Craft::PullCurve, ..before.clone() }));
+        assert_eq!(
+            taken(json!({ "brush_m": 0.004, "color": "#0aFF10", "falloff": [1, 0.5], "is_sharp": true, "depth_m": 0.002 })),
+            Ok(ToolSettings {
+                brush_m: 0.004,
+                color: [10, 255, 16],
+                falloff: Falloff::Table(vec![1.0, 0.5]),
+                is_sharp: true,
+                depth_m: 0.002,
+                ..before
+            })
+        );
+        assert_eq!(color_text([10, 255, 16]), "#0aff10");
+    }
+
+    #[test]
+    fn what_makes_no_sense_is_refused_in_words() {
+        for (asked, expected) in [
+            (json!({}), "nothing"),
+            (json!({ "craft": "knit" }), "knit"),
+            (json!({ "brush": 1 }), "brush"),
+            (json!({ "brush_m": 0.0 }), "brush_m"),
+            (json!({ "brush_m": 5 }), "brush_m"),
+            (json!({ "brush_m": "wide" }), "wide"),
+            (json!({ "depth_m": -1e-3 }), "depth_m"),
+            (json!({ "color": "red" }), "#rrggbb"),
+            (json!({ "color": "#ff00ß" }), "#rrggbb"),
+            (json!({ "color": "#+12345" }), "#rrggbb"),
+            (json!({ "falloff": "square" }), "square"),
+            (json!({ "falloff": [1] }), "at least 2"),
+            (json!({ "falloff": [1, "half"] }), "numbers"),
+            (json!({ "falloff": 3 }), "a word"),
+        ] {
+            let error = taken(asked.clone()).expect_err(&asked.to_string());
+            assert!(error.contains(expected), "{asked}: {error}");
+        }
+    }
+}

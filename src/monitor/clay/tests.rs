@@ -1,0 +1,217 @@
+use std::path::Path;
+use std::sync::mpsc::{Receiver, Sender, channel};
+
+use glam::DVec3;
+
+use super::super::hub::HubParts;
+use super::super::worker::Worker;
+use super::*;
+use crate::config::{self, LoadOptions};
+use crate::daemon::desk::{Board, Desk, Tools};
+use crate::daemon::{Notice, Phase};
+use crate::rt::clock::ClockKind;
+use crate::sculpt::PointSet;
+
+/// A view of these samples, 1 mm apart, with a region of 40 mm.
+pub(super) fn view_of(points: PointSet, version: u64) -> View {
+    let ToolSettings { craft, brush_m, color, .. } = ToolSettings::default();
+    View {
+        version,
+        points: Arc::new(points),
+        spacing_m: 1e-3,
+        region_map: (DVec3::splat(-0.02), DVec3::splat(0.02)),
+        craft,
+        brush_m,
+        color,
+        is_stroke: false,
+        n_undo: 0,
+        n_redo: 0,
+        updates: 0,
+        update_s: 0.0,
+        late: 0,
+        trouble: "".into(),
+    }
+}
+
+/// A studio that writes down what it is asked, and answers as it is told.
+struct Fake {
+    orders: Sender<Order>,
+    answer: Arc<Mutex<Result<(), ClayRefusal>>>,
+    view: Arc<Mutex<Option<Arc<View>>>>,
+}
+
+impl ClayDoor for Fake {
+    fn view(&self) -> Option<Arc<View>> {
+        self.view.lock().unwrap().clone()
+    }
+
+    fn ask(&self, order: Order, reply: ClayReply) {
+        let _ = self.orders.send(order);
+        let answer = self.answer.lock().unwrap().clone();
+        reply(answer);
+    }
+}
+
+struct Bench {
+    hub: Arc<Hub>,
+    files: Worker,
+    orders: Receiver<Order>,
+    answer: Arc<Mutex<Result<(), ClayRefusal>>>,
+    view: Arc<Mutex<Option<Arc<View>>>>,
+    folder: tempfile::TempDir,
+}
+
+const SCENE: &str = r#"version = 1
+[[static]]
+name = "base"
+shape = { plane_mm = [60.0, 60.0] }
+voxel_size_mm = 2.0
+[tool]
+shape = { box_mm = [20.0, 20.0, 20.0] }
+voxel_size_mm = 2.0
+[device]
+profile = "sim-sigma7"
+"#;
+
+fn hub(folder: &Path) -> Arc<Hub> {
+    let path = folder.join("scene.toml");
+    std::fs::write(&path, SCENE).unwrap();
+    let config = config::load_with(&path, &LoadOptions::default()).unwrap_or_else(|errors| panic!("{errors}"));
+    let board = Board::new(config);
+    let look = Arc::new(|_: &_| Box::new(|| ()) as Box<dyn FnOnce() + Send>);
+    let tools = Tools { board: board.clone(), switches: None, options: LoadOptions::default(), look };
+    let (_, counter) = Desk::new(tools);
+    let (orders, _) = crossbeam::channel::unbounded();
+    Hub::new(HubParts { board, counter, orders, heartbeat: None, clock: ClockKind::Real, recorder: None, metrics: None })
+}
+
+fn bench() -> Bench {
+    let folder = tempfile::tempdir().unwrap();
+    let hub = hub(folder.path());
+    let (sender, orders) = channel();
+    let answer = Arc::new(Mutex::new(Ok(())));
+    let view = Arc::new(Mutex::new(Some(Arc::new(view_of(PointSet::default(), 1)))));
+    let door = Box::new(Fake { orders: sender, answer: answer.clone(), view: view.clone() });
+    let folder_of_clay = Some(folder.path().join("clay"));
+    hub.sculpts(ClayParts { door, world_from_map: Pose::IDENTITY, tool: ToolSettings::default(), folder: folder_of_clay });
+    hub.notice(&Notice::Phase(Phase::Enabled));
+    Bench { hub, files: Worker::new("files").unwrap(), orders, answer, view, folder }
+}
+
+/// What a request comes to.
+fn answer_of(ask: impl FnOnce(Reply)) -> Result<Done, Problem> {
+    let (sender, answers) = channel();
+    ask(Box::new(move |result| sender.send(result).unwrap()));
+    answers.recv().unwrap()
+}
+
+fn took(asked: Value) -> TakeAsked {
+    serde_json::from_value(asked).unwrap()
+}
+
+impl Bench {
+    fn next_order(&self) -> Order {
+        self.orders.try_recv().expect("an order")
+    }
+
+    fn is_held(&self) -> bool {
+        self.hub.heart.holds()
+    }
+
+    fn hold(&self, client: u64, is_held: bool) -> Result<Done, Problem> {
+        answer_of(|reply| hold(&self.hub, client, is_held, reply))
+    }
+}
+
+#[test]
+fn a_scene_without_clay_says_so() {
+    let folder = tempfile::tempdir().unwrap();
+    let hub = hub(folder.path());
+    assert_eq!(hub.clay().err().map(|problem| problem.status), Some(StatusCode::SERVICE_UNAVAILABLE), "still baking");
+    hub.notice(&Notice::Phase(Phase::Disabled));
+    for result in [
+        hub.clay().map(|_| Done::Nothing),
+        answer_of(|reply| take(&hub, took(json!({ "craft": "paint" })), reply)),
+        answer_of(|reply| hold(&hub, 1, true, reply)),
+        answer_of(|reply| step(&hub, Order::Undo, "undone", reply)),
+        answer_of(|reply| save(&hub, &Worker::new("files").unwrap(), SaveKind::Points, None, reply)),
+    ] {
+        let problem = result.expect_err("no clay");
+        assert_eq!(problem.status, StatusCode::NOT_FOUND);
+        assert!(problem.said.hint.contains("hapticd sculpt"), "{problem:?}");
+    }
+}
+
+#[test]
+fn settings_that_are_taken_one_after_the_other_add_up_before_a_view_shows_them() {
+    let bench = bench();
+    for asked in [json!({ "craft": "paint" }), json!({ "brush_m": 0.003 }), json!({ "color": "#102030" })] {
+        assert_eq!(answer_of(|reply| take(&bench.hub, took(asked), reply)), Ok(Done::Nothing));
+    }
+    let last = (0..3).map(|_| bench.next_order()).last();
+    let expected = ToolSettings { craft: Craft::Paint, brush_m: 0.003, color: [0x10, 0x20, 0x30], ..ToolSettings::default() };
+    assert!(matches!(last, Some(Order::Take(tool)) if tool == expected));
+    let facts = bench.hub.clay().unwrap().facts(false).unwrap();
+    assert_eq!((&facts["craft"], &facts["brush_m"], &facts["color"]), (&json!("paint"), &json!(0.003), &json!("#102030")));
+    assert_eq!(facts["crafts"].as_array().map(Vec::len), Some(Craft::NAMES.len()));
+    assert_eq!(facts["region_map"]["min"], json!([-0.02, -0.02, -0.02]));
+
+    // What was refused does not stand, and a script's craft counts once a view shows it.
+    *bench.answer.lock().unwrap() = Err(ClayRefusal::Conflict("the image is gone".to_owned()));
+    let refused = answer_of(|reply| take(&bench.hub, took(json!({ "craft": "emboss" })), reply)).expect_err("refused");
+    assert_eq!((refused.status, &*refused.said.error), (StatusCode::CONFLICT, "the image is gone"));
+    let scripted = View { craft: Craft::PullCurve, ..view_of(PointSet::default(), 2) };
+    *bench.view.lock().unwrap() = Some(Arc::new(scripted));
+    assert_eq!(bench.hub.clay().unwrap().facts(false).unwrap()["craft"], "pull-curve");
+    *bench.view.lock().unwrap() = None;
+    assert!(bench.hub.clay().unwrap().facts(false).is_err());
+}
+
+#[test]
+fn a_hold_ends_with_force_with_the_client_and_when_it_is_let_go() {
+    let bench = bench();
+    assert_eq!(bench.hold(1, true), Ok(Done::Nothing));
+    assert!(matches!(bench.next_order(), Order::Hold(true)) && bench.is_held());
+    assert_eq!(bench.hold(2, true).map_err(|problem| problem.status), Err(StatusCode::CONFLICT), "one at a time");
+    assert_eq!((bench.hold(2, false), bench.is_held()), (Ok(Done::Nothing), true), "only one's own");
+    assert_eq!(bench.hold(1, false), Ok(Done::Nothing));
+    assert!(matches!(bench.next_order(), Order::Hold(false)) && !bench.is_held());
+
+    bench.hold(1, true).unwrap();
+    assert!(matches!(bench.next_order(), Order::Hold(true)));
+    bench.hub.notice(&Notice::Phase(Phase::Fault));
+    assert!(matches!(bench.next_order(), Order::Hold(false)) && !bench.is_held());
+    assert_eq!(bench.hold(1, true).map_err(|problem| problem.status), Err(StatusCode::CONFLICT), "without force");
+    assert!(!bench.is_held() && bench.orders.try_recv().is_err());
+
+    bench.hub.notice(&Notice::Phase(Phase::Enabled));
+    let watched = bench.hub.clone();
+    let watching = std::thread::spawn(move || watched.watch_heart());
+    bench.hold(1, true).unwrap();
+    assert!(matches!(bench.next_order(), Order::Hold(true)));
+    // The first time nobody hears that it is let go.
+    *bench.answer.lock().unwrap() = Err(ClayRefusal::Conflict("too much waits".to_owned()));
+    bench.hub.part(1);
+    assert!(matches!(bench.orders.recv(), Ok(Order::Hold(false))));
+    assert!(matches!(bench.orders.recv(), Ok(Order::Hold(false))), "again");
+    *bench.answer.lock().unwrap() = Ok(());
+    while bench.is_held() {
+        std::thread::yield_now();
+    }
+    bench.hub.end();
+    watching.join().unwrap();
+}
+
+#[test]
+fn files_go_to_one_folder_and_never_over_others() {
+    let bench = bench();
+    let save = |kind, file: Option<&str>| answer_of(|reply| save(&bench.hub, &bench.files, kind, file.map(str::to_owned), reply));
+    let path = bench.folder.path().join("clay/bowl.ply");
+    assert_eq!(save(SaveKind::Points, Some("bowl")), Ok(Done::Saved(path.clone())));
+    assert!(matches!(bench.next_order(), Order::SavePoints(file) if file == path));
+    std::fs::write(&path, "kept").unwrap();
+    assert_eq!(save(SaveKind::Export, Some("bowl.ply")).map_err(|problem| problem.status), Err(StatusCode::CONFLICT));
+    assert_eq!(save(SaveKind::Session, Some("../bowl")).map_err(|problem| problem.status), Err(StatusCode::BAD_REQUEST));
+    let Ok(Done::Saved(dated)) = save(SaveKind::Session, None) else { panic!("a name of its own") };
+    assert!(matches!(bench.next_order(), Order::SaveSession(file) if file == dated && dated.to_string_lossy().ends_with(".clay")));
+}

@@ -1,0 +1,260 @@
+/**
+ * Clay: what the tool does to it, the hold, strokes back and forth, files, and the samples for the picture. A scene without clay shows
+ * nothing of this.
+ *
+ * A hold ends with the finger that began it: when the button is let go, when the page loses the focus or is hidden, and, as the server sees
+ * to it, when the page falls silent or no force flows.
+ */
+
+import { byId, element, say, words } from "./element.js";
+import { Row } from "./parameters.js";
+import { parseSamples } from "./splats.js";
+import { count, fixed } from "./units.js";
+
+/** The facts are asked for this often, and the samples that often, ms. */
+const FACTS_EVERY_MS = 400;
+const SAMPLES_EVERY_MS = 100;
+/** While the clay is held, a sign of life goes out this often. */
+const BEAT_MS = 200;
+/** Writing a large piece takes its time. */
+const SAVE_TIMEOUT_MS = 120_000;
+
+/** Of each craft: its word in the menu, what to do, what it can be set in, and whether it acts by being held. */
+const CRAFTS = {
+  touch: { label: "Touch", hint: "Feel the clay; it stays as it is." },
+  push: { label: "Push", hint: "Press the tool into the clay: it dents.", sets: ["brush", "falloff"] },
+  pull: { label: "Pull", hint: "Near the clay, hold; move the hand; let go.", sets: ["brush", "falloff"], isHeld: true },
+  "pull-curve": {
+    label: "Pull curve",
+    hint: "Hold and draw a curve over the clay; hold again to pull all of it.",
+    sets: ["brush", "falloff"],
+    isHeld: true,
+  },
+  paint: { label: "Paint", hint: "Press lightly for a fine line, harder for a wide one.", sets: ["brush", "color"] },
+  emboss: { label: "Emboss", hint: "Hold where the image is to stand out.", sets: ["brush", "depth"], isHeld: true },
+  engrave: { label: "Engrave", hint: "Hold where the image is to be sunk in.", sets: ["brush", "depth"], isHeld: true },
+  union: { label: "Union", hint: "Hold to add the tool's own shape.", sets: ["sharp"], isHeld: true },
+  intersection: { label: "Intersect", hint: "Hold to leave only what is inside of the tool's own shape.", sets: ["sharp"], isHeld: true },
+  difference: { label: "Cut out", hint: "Hold to cut the tool's own shape out.", sets: ["sharp"], isHeld: true },
+};
+
+export class Clay {
+  /** @param {import("./link.js").Link} link @param {?import("./scene.js").SceneView} view */
+  constructor(link, view) {
+    this.link = link;
+    this.view = view;
+    /** @type {?object} what the server says of it */
+    this.facts = null;
+    /** Counts scenes: answers about an earlier one are not taken. */
+    this.turn = 0;
+    this.version = 0;
+    /** @type {?number} timer of the signs of life */
+    this.beating = null;
+    this.rows = { brush: this.#row("brush"), depth: this.#row("depth") };
+    byId("clay-settings").replaceChildren(this.rows.brush.root, this.rows.depth.root);
+    byId("clay-falloff").onchange = ({ target }) => this.#take({ falloff: target.value });
+    byId("clay-color").onchange = ({ target }) => this.#take({ color: target.value });
+    byId("clay-sharp").onchange = ({ target }) => this.#take({ is_sharp: target.checked });
+    byId("clay-undo").onclick = () => this.#do("clay_undo");
+    byId("clay-redo").onclick = () => this.#do("clay_redo");
+    byId("clay-save").onsubmit = (event) => this.#save(event);
+    this.#listen();
+  }
+
+  /** Whether the scene that is rendered has clay, and if so, all about it. */
+  async begin() {
+    this.turn += 1;
+    this.version = 0;
+    const { turn } = this;
+    this.#show(null);
+    try {
+      const facts = await this.link.get("clay");
+      if (turn !== this.turn) return;
+      this.scene = facts;
+      this.#show(facts);
+    } catch (error) {
+      // 404: it has none.
+      if (error.status === 503 && turn === this.turn) setTimeout(() => turn === this.turn && this.begin(), 500);
+      else if (error.status > 0 && error.status !== 404) say(words(error));
+      return;
+    }
+    this.#follow(turn, FACTS_EVERY_MS, () => this.refresh());
+    this.#follow(turn, SAMPLES_EVERY_MS, () => this.#fetchSamples(turn));
+  }
+
+  /** @param {object} event of the server */
+  hear({ event, names, text }) {
+    if (event !== "clay" || !this.facts) return;
+    if (names[0] === "let-go") this.#letGo(false);
+    if (names[0] === "saved") Object.assign(byId("clay-saved"), { hidden: false, textContent: text });
+    this.refresh().catch(() => {});
+  }
+
+  /** The connection is gone, and the hold with it. */
+  lose() {
+    this.#letGo(false);
+  }
+
+  async refresh() {
+    const { turn } = this;
+    const facts = await this.link.get("clay");
+    if (turn === this.turn) this.#show(facts);
+  }
+
+  /** Again and again, while it is about the same scene and somebody looks. */
+  async #follow(turn, every_ms, ask) {
+    while (turn === this.turn) {
+      if (!document.hidden && this.link.isOpen) await ask().catch(() => {});
+      await new Promise((done) => setTimeout(done, every_ms));
+    }
+  }
+
+  async #fetchSamples(turn) {
+    const bytes = await this.link.getBytes(`clay/points?since=${this.version}`);
+    if (bytes.byteLength === 0 || turn !== this.turn) return;
+    const samples = parseSamples(bytes);
+    this.version = samples.version;
+    this.shown = samples.n;
+    this.view?.addClay(samples);
+  }
+
+  /** @param {?object} facts */
+  #show(facts) {
+    this.facts = facts;
+    byId("clay-box").hidden = !facts;
+    byId("legend-brush").hidden = !facts;
+    if (!facts) return;
+    const craft = CRAFTS[facts.craft];
+    const buttons = byId("clay-crafts");
+    if (buttons.children.length !== facts.crafts.length) buttons.replaceChildren(...facts.crafts.map((name) => this.#button(name)));
+    for (const button of buttons.children) button.setAttribute("aria-pressed", String(button.value === facts.craft));
+    write(byId("clay-hint"), craft?.hint ?? "");
+    byId("clay-hold").disabled = !craft?.isHeld && !this.isHolding;
+    const [least, most] = facts.brush_range_m;
+    this.rows.brush.take({ name: "clay_brush_m", least, most, scene: this.scene.brush_m, value: facts.brush_m });
+    this.rows.depth.take({ name: "clay_depth_m", least: 0.05 * least, most, scene: this.scene.depth_m, value: facts.depth_m });
+    const sets = craft?.sets ?? [];
+    this.rows.brush.root.hidden = !sets.includes("brush");
+    this.rows.depth.root.hidden = !sets.includes("depth");
+    for (const name of ["falloff", "color", "sharp"]) byId(`clay-${name}-line`).hidden = !sets.includes(name);
+    if (document.activeElement !== byId("clay-falloff")) byId("clay-falloff").value = facts.falloff;
+    if (document.activeElement !== byId("clay-color")) byId("clay-color").value = facts.color;
+    byId("clay-sharp").checked = facts.is_sharp;
+    for (const name of ["undo", "redo"]) {
+      const button = byId(`clay-${name}`);
+      button.disabled = facts[name] === 0;
+      write(button, `${name === "undo" ? "Undo" : "Redo"} (${facts[name]})`);
+    }
+    write(byId("clay-busy"), facts.is_stroke ? "stroke under way" : "");
+    byId("clay-trouble").hidden = !facts.trouble;
+    write(byId("clay-trouble"), facts.trouble);
+    const thinned = this.shown < facts.samples && this.version > 0 ? `, ${count(this.shown)} shown` : "";
+    const late = facts.late > 0 ? `, ${count(facts.late)} late` : ", none late";
+    write(byId("clay-facts"), `${count(facts.samples)} samples${thinned}; update ${fixed(facts.update_s * 1e3, 1)} ms, ${count(facts.updates)} so far${late}`);
+    this.#picture(sets);
+  }
+
+  /** What the view draws beside the samples. */
+  #picture(sets) {
+    if (!this.view) return;
+    const { world_from_map: pose, region_map: region, brush_m: radius, craft, color } = this.facts;
+    const hex = Number.parseInt(color.slice(1), 16);
+    const paint = craft === "paint" ? [16, 8, 0].map((shift) => ((hex >> shift) & 255) / 255) : null;
+    Object.assign(this.view.clay, { pose, region, brush: sets.includes("brush") ? { radius, color: paint } : null });
+    this.view.redraw();
+  }
+
+  #button(name) {
+    const { label, hint } = CRAFTS[name] ?? { label: name, hint: "" };
+    const button = element("button", { type: "button", value: name, title: hint, "aria-pressed": "false" }, label);
+    button.onclick = () => this.#take({ craft: name });
+    return button;
+  }
+
+  #row(name) {
+    return new Row(`clay_${name}_m`, async (value) => {
+      await this.link.send("clay_take", { [`${name}_m`]: value });
+      await this.refresh();
+    });
+  }
+
+  #take(settings) {
+    return this.#do("clay_take", settings);
+  }
+
+  async #do(what, fields = {}, timeoutMs = undefined) {
+    try {
+      await this.link.send(what, fields, timeoutMs);
+    } catch (error) {
+      say(words(error));
+    }
+    await this.refresh().catch(() => {});
+  }
+
+  async #save(event) {
+    event.preventDefault();
+    const file = byId("clay-file").value.trim();
+    await this.#do("clay_save", { kind: event.submitter?.value ?? "session", ...(file && { file }) }, SAVE_TIMEOUT_MS);
+  }
+
+  #listen() {
+    const button = byId("clay-hold");
+    button.onpointerdown = (event) => {
+      if (event.button !== 0 || button.disabled) return;
+      button.setPointerCapture(event.pointerId);
+      this.#hold();
+    };
+    for (const end of ["pointerup", "pointercancel", "lostpointercapture", "blur"]) button.addEventListener(end, () => this.#letGo());
+    button.oncontextmenu = (event) => event.preventDefault();
+    button.onkeydown = (event) => {
+      if (event.key !== " ") return;
+      event.preventDefault();
+      if (!event.repeat) this.#hold();
+    };
+    button.onkeyup = (event) => {
+      if (event.key !== " ") return;
+      event.preventDefault();
+      this.#letGo();
+    };
+    addEventListener("blur", () => this.#letGo());
+    addEventListener("pagehide", () => this.#letGo());
+    document.addEventListener("visibilitychange", () => document.hidden && this.#letGo());
+    addEventListener("keydown", (event) => {
+      const isStep = (event.ctrlKey || event.metaKey) && !event.altKey && event.key.toLowerCase() === "z";
+      // What is being written has an undo of its own.
+      if (!isStep || !this.facts || event.target.matches?.("input:not([type=range]):not([type=checkbox]):not([type=color]), select")) return;
+      event.preventDefault();
+      this.#do(event.shiftKey ? "clay_redo" : "clay_undo");
+    });
+  }
+
+  get isHolding() {
+    return this.beating !== null;
+  }
+
+  async #hold() {
+    if (this.isHolding) return;
+    byId("clay-hold").setAttribute("aria-pressed", "true");
+    this.beating = setInterval(() => this.link.send("ping").catch(() => {}), BEAT_MS);
+    try {
+      await this.link.send("clay_hold", { held: true });
+    } catch (error) {
+      this.#letGo(false);
+      say(words(error));
+    }
+  }
+
+  /** @param {boolean=} isTold whether the server is to hear of it */
+  #letGo(isTold = true) {
+    if (!this.isHolding) return;
+    clearInterval(this.beating);
+    this.beating = null;
+    byId("clay-hold").setAttribute("aria-pressed", "false");
+    if (isTold) this.link.send("clay_hold", { held: false }).catch((error) => say(words(error)));
+  }
+}
+
+/** Writing the same again would make screen readers repeat it. */
+function write(shown, text) {
+  if (shown.textContent !== text) shown.textContent = text;
+}
