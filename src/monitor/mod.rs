@@ -41,7 +41,7 @@ mod worker;
 mod ws;
 
 pub use access::{Access, Token, TokenError};
-pub use clay::{ClayDoor, ClayParts, ClayRefusal, ClayReply, plain_name};
+pub use clay::{ClayDoor, ClayParts, plain_name};
 pub use hub::{Hub, HubParts};
 pub use recorder::{Recorder, RecorderError, RecorderStatus};
 pub use server::{Bound, Monitor};

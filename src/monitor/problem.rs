@@ -7,6 +7,7 @@ use serde::Serialize;
 
 use crate::daemon::desk::Refusal;
 use crate::daemon::refusal::RefusalKind;
+use crate::daemon::studio::Refused;
 
 /// One refusal, the same over HTTP and WebSocket.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -52,13 +53,24 @@ impl Problem {
 
 impl From<&Refusal> for Problem {
     fn from(refusal: &Refusal) -> Self {
-        let (status, hint) = match refusal.kind() {
-            RefusalKind::Unknown => (StatusCode::NOT_FOUND, ""),
-            RefusalKind::Invalid => (StatusCode::BAD_REQUEST, ""),
-            RefusalKind::TooMany => (StatusCode::TOO_MANY_REQUESTS, "send at most one per tick"),
-            RefusalKind::Conflict => (StatusCode::CONFLICT, ""),
-        };
-        Self::new(status, refusal.to_string(), hint)
+        let kind = refusal.kind();
+        let hint = if kind == RefusalKind::TooMany { "send at most one per tick" } else { "" };
+        Self::new(status_of(kind), refusal.to_string(), hint)
+    }
+}
+
+impl From<&Refused> for Problem {
+    fn from(refused: &Refused) -> Self {
+        Self::new(status_of(refused.kind()), refused.to_string(), refused.hint())
+    }
+}
+
+fn status_of(kind: RefusalKind) -> StatusCode {
+    match kind {
+        RefusalKind::Unknown => StatusCode::NOT_FOUND,
+        RefusalKind::Invalid => StatusCode::BAD_REQUEST,
+        RefusalKind::TooMany => StatusCode::TOO_MANY_REQUESTS,
+        RefusalKind::Conflict => StatusCode::CONFLICT,
     }
 }
 

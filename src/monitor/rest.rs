@@ -313,7 +313,9 @@ async fn stop(State(served): State<Arc<Served>>) -> Result<Response, Problem> {
 }
 
 async fn clay(State(served): State<Arc<Served>>) -> Result<Json<Value>, Problem> {
-    Ok(Json(served.hub.clay()?.facts(served.hub.heart.holds())?))
+    let clay = served.hub.clay()?;
+    let view = clay.fresh_view(&served.hub).await?;
+    Ok(Json(clay.facts(&view, served.hub.heart.holds())))
 }
 
 /// Beside it there may be a token.
@@ -330,7 +332,7 @@ async fn clay_points(
     let Query(SinceAsked { since }) =
         since.map_err(|refused| Problem::bad(refused.body_text(), "`since` is the version that you have"))?;
     let clay = served.hub.clay()?;
-    let view = clay.view()?;
+    let view = clay.fresh_view(&served.hub).await?;
     // A version of another run may be larger than all of this one.
     if view.version == since {
         return Ok(StatusCode::NO_CONTENT.into_response());

@@ -10,7 +10,8 @@ use super::super::asks::{Done, Reply};
 use super::super::hub::Hub;
 use super::super::problem::Problem;
 use super::super::worker::Worker;
-use super::{Clay, ClayRefusal};
+use super::Clay;
+use crate::daemon::studio::Refused;
 use crate::rt::utc;
 use crate::sculpt::studio::Order;
 
@@ -85,13 +86,13 @@ pub(in crate::monitor) fn save(hub: &Arc<Hub>, files: &Worker, kind: SaveKind, f
         };
         let saver = clay.clone();
         let order = kind.order(path.clone());
-        let answer = Box::new(move |result: Result<(), ClayRefusal>| {
+        let answer = Box::new(move |result: Result<(), Refused>| {
             saver.saving.lock().unwrap_or_else(PoisonError::into_inner).remove(&path);
             if result.is_ok() {
                 let file = path.to_string_lossy();
                 hub.tell("clay", None, &format!("the {} of the clay went to {file}", kind.word()), &["saved", &file]);
             }
-            reply(result.map(|()| Done::Saved(path)).map_err(Problem::from));
+            reply(result.map(|()| Done::Saved(path)).map_err(|refused| Problem::from(&refused)));
         });
         clay.door.ask(order, answer);
     });

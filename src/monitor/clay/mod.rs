@@ -28,23 +28,14 @@ use super::asks::{Done, Reply};
 use super::encode::WirePose;
 use super::hub::Hub;
 use super::problem::Problem;
+use crate::daemon::studio::{self, Refused};
 use crate::sculpt::studio::{Craft, Order, ToolSettings, View};
 use crate::spatial::Pose;
 
 /// A view is newer than the last answer after so long: until then what was asked for counts.
 const SETTLED: Duration = Duration::from_millis(500);
-
-/// Why the studio did not do what it was asked for, in words for people.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum ClayRefusal {
-    /// Not as things stand: nothing to take back, too much that waits, an operation that failed and left the piece as it was.
-    Conflict(String),
-    /// The run is over.
-    Over,
-}
-
-/// Hears what became of an order.
-pub type ClayReply = Box<dyn FnOnce(Result<(), ClayRefusal>) + Send>;
+/// By then there is a view for somebody who looks.
+const UNTIL_VIEWED: Duration = Duration::from_millis(50);
 
 /// The way to the studio.
 pub trait ClayDoor: Send + Sync {
@@ -52,7 +43,17 @@ pub trait ClayDoor: Send + Sync {
     fn view(&self) -> Option<Arc<View>>;
 
     /// Asks for something; the answer comes from another thread, or at once. Never waits.
-    fn ask(&self, order: Order, reply: ClayReply);
+    fn ask(&self, order: Order, reply: studio::Reply);
+}
+
+impl ClayDoor for studio::Door {
+    fn view(&self) -> Option<Arc<View>> {
+        self.view()
+    }
+
+    fn ask(&self, order: Order, reply: studio::Reply) {
+        self.ask(order, reply);
+    }
 }
 
 /// The clay of a run, for [`Hub::sculpts`].
@@ -106,6 +107,17 @@ impl Clay {
         }
     }
 
+    /// A view of now: one is made for those who look, so the first may be old where nobody has looked for a while.
+    pub(super) async fn fresh_view(&self, hub: &Hub) -> Result<Arc<View>, Problem> {
+        let is_watched = !hub.clients().is_empty();
+        let view = self.view();
+        if is_watched && view.is_ok() {
+            return view;
+        }
+        tokio::time::sleep(UNTIL_VIEWED).await;
+        self.view()
+    }
+
     /// The newest view.
     pub(super) fn view(&self) -> Result<Arc<View>, Problem> {
         self.door.view().ok_or_else(|| Problem::unavailable("the clay is not ready yet", "ask again in a moment"))
@@ -126,12 +138,11 @@ impl Clay {
     }
 
     /// `/api/v1/clay`.
-    pub(super) fn facts(&self, is_held: bool) -> Result<Value, Problem> {
-        let view = self.view()?;
-        let tool = self.tool(&view);
+    pub(super) fn facts(&self, view: &View, is_held: bool) -> Value {
+        let tool = self.tool(view);
         let (low, high) = view.region_map;
-        let (least_m, most_m) = take::brush_range(&view);
-        Ok(json!({
+        let (least_m, most_m) = take::brush_range(view);
+        json!({
             "version": view.version,
             "samples": view.points.len(),
             "spacing_m": view.spacing_m,
@@ -153,12 +164,13 @@ impl Clay {
             "update_s": view.update_s,
             "late": view.late,
             "trouble": &*view.trouble,
-        }))
+        })
     }
 
     /// Tells what has changed since the last call, whoever changed it.
     pub(super) fn tell_news(&self, hub: &Hub) {
-        let Some(view) = self.door.view() else { return };
+        // A view is made only for those who look.
+        let Some(view) = (!hub.clients().is_empty()).then(|| self.door.view()).flatten() else { return };
         let (craft, trouble) = {
             let mut told = self.told.lock().unwrap_or_else(PoisonError::into_inner);
             let craft = told.craft.replace(view.craft).filter(|before| *before != view.craft).map(|_| view.craft);
@@ -170,15 +182,6 @@ impl Clay {
         }
         if let Some(trouble) = trouble {
             hub.tell("clay", None, &trouble, &["trouble"]);
-        }
-    }
-}
-
-impl From<ClayRefusal> for Problem {
-    fn from(refusal: ClayRefusal) -> Self {
-        match refusal {
-            ClayRefusal::Conflict(why) => Self::conflict(why, ""),
-            ClayRefusal::Over => Self::conflict("the clay is not worked on any more", "the run is over"),
         }
     }
 }
@@ -201,11 +204,11 @@ pub(super) fn take(hub: &Arc<Hub>, asked: TakeAsked, reply: Reply) {
         Err(problem) => return reply(Err(problem)),
     };
     let asker = clay.clone();
-    let answer = Box::new(move |result: Result<(), ClayRefusal>| {
+    let answer = Box::new(move |result: Result<(), Refused>| {
         if result.is_err() {
             asker.asked().at = None;
         }
-        reply(result.map(|()| Done::Nothing).map_err(Problem::from));
+        reply(result.map(|()| Done::Nothing).map_err(|refused| Problem::from(&refused)));
     });
     clay.door.ask(Order::Take(tool), answer);
 }
@@ -217,11 +220,11 @@ pub(super) fn step(hub: &Arc<Hub>, order: Order, word: &'static str, reply: Repl
         Err(problem) => return reply(Err(problem)),
     };
     let hub = hub.clone();
-    let answer = Box::new(move |result: Result<(), ClayRefusal>| {
+    let answer = Box::new(move |result: Result<(), Refused>| {
         if result.is_ok() {
             hub.tell("clay", None, &format!("a stroke on the clay was {word}"), &[word]);
         }
-        reply(result.map(|()| Done::Nothing).map_err(Problem::from));
+        reply(result.map(|()| Done::Nothing).map_err(|refused| Problem::from(&refused)));
     });
     clay.door.ask(order, answer);
 }
@@ -248,11 +251,11 @@ pub(super) fn hold(hub: &Arc<Hub>, client: u64, is_held: bool, reply: Reply) {
         return reply(Err(Problem::conflict("no force flows: nothing can be held", "enable first")));
     }
     let holder = hub.clone();
-    let answer = Box::new(move |result: Result<(), ClayRefusal>| {
+    let answer = Box::new(move |result: Result<(), Refused>| {
         if result.is_err() {
             holder.heart.let_go(client);
         }
-        reply(result.map(|()| Done::Nothing).map_err(Problem::from));
+        reply(result.map(|()| Done::Nothing).map_err(|refused| Problem::from(&refused)));
     });
     clay.door.ask(Order::Hold(true), answer);
 }
@@ -261,8 +264,8 @@ impl Clay {
     /// Lets go for a client that does not do so itself. An order that found no room is given again by whoever watches.
     pub(super) fn let_go(&self, hub: &Arc<Hub>) {
         let hub = hub.clone();
-        let answer = Box::new(move |result: Result<(), ClayRefusal>| {
-            if let Err(ClayRefusal::Conflict(_)) = result {
+        let answer = Box::new(move |result: Result<(), Refused>| {
+            if let Err(Refused::Busy) = result {
                 hub.heart.still_held();
             }
         });

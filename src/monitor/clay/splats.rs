@@ -143,7 +143,8 @@ mod tests {
 
     #[test]
     fn too_many_samples_are_thinned_out_all_over_and_their_discs_grow() {
-        let view = view_of(ball(40_000), 1);
+        let mut view = view_of(ball(40_000), 1);
+        view.spacing_m = (4.0 * core::f64::consts::PI * 0.02 * 0.02 / 40_000.0_f64).sqrt();
         let bytes = encoded(&view, 1000);
         let n = word(&bytes, 16) as usize;
         assert!((500..=1000).contains(&n), "{n}");

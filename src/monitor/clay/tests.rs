@@ -11,6 +11,7 @@ use crate::daemon::desk::{Board, Desk, Tools};
 use crate::daemon::{Notice, Phase};
 use crate::rt::clock::ClockKind;
 use crate::sculpt::PointSet;
+use crate::sculpt::studio::StudioError;
 
 /// A view of these samples, 1 mm apart, with a region of 40 mm.
 pub(super) fn view_of(points: PointSet, version: u64) -> View {
@@ -36,7 +37,7 @@ pub(super) fn view_of(points: PointSet, version: u64) -> View {
 /// A studio that writes down what it is asked, and answers as it is told.
 struct Fake {
     orders: Sender<Order>,
-    answer: Arc<Mutex<Result<(), ClayRefusal>>>,
+    refuses: Arc<Mutex<Option<fn() -> Refused>>>,
     view: Arc<Mutex<Option<Arc<View>>>>,
 }
 
@@ -45,10 +46,10 @@ impl ClayDoor for Fake {
         self.view.lock().unwrap().clone()
     }
 
-    fn ask(&self, order: Order, reply: ClayReply) {
+    fn ask(&self, order: Order, reply: studio::Reply) {
         let _ = self.orders.send(order);
-        let answer = self.answer.lock().unwrap().clone();
-        reply(answer);
+        let refuses = *self.refuses.lock().unwrap();
+        reply(refuses.map_or(Ok(()), |refused| Err(refused())));
     }
 }
 
@@ -56,7 +57,7 @@ struct Bench {
     hub: Arc<Hub>,
     files: Worker,
     orders: Receiver<Order>,
-    answer: Arc<Mutex<Result<(), ClayRefusal>>>,
+    refuses: Arc<Mutex<Option<fn() -> Refused>>>,
     view: Arc<Mutex<Option<Arc<View>>>>,
     folder: tempfile::TempDir,
 }
@@ -89,13 +90,13 @@ fn bench() -> Bench {
     let folder = tempfile::tempdir().unwrap();
     let hub = hub(folder.path());
     let (sender, orders) = channel();
-    let answer = Arc::new(Mutex::new(Ok(())));
+    let refuses = Arc::default();
     let view = Arc::new(Mutex::new(Some(Arc::new(view_of(PointSet::default(), 1)))));
-    let door = Box::new(Fake { orders: sender, answer: answer.clone(), view: view.clone() });
+    let door = Box::new(Fake { orders: sender, refuses: Arc::clone(&refuses), view: view.clone() });
     let folder_of_clay = Some(folder.path().join("clay"));
     hub.sculpts(ClayParts { door, world_from_map: Pose::IDENTITY, tool: ToolSettings::default(), folder: folder_of_clay });
     hub.notice(&Notice::Phase(Phase::Enabled));
-    Bench { hub, files: Worker::new("files").unwrap(), orders, answer, view, folder }
+    Bench { hub, files: Worker::new("files").unwrap(), orders, refuses, view, folder }
 }
 
 /// What a request comes to.
@@ -112,6 +113,11 @@ fn took(asked: Value) -> TakeAsked {
 impl Bench {
     fn next_order(&self) -> Order {
         self.orders.try_recv().expect("an order")
+    }
+
+    fn facts(&self) -> Value {
+        let clay = self.hub.clay().unwrap();
+        clay.facts(&clay.view().unwrap(), false)
     }
 
     fn is_held(&self) -> bool {
@@ -151,20 +157,20 @@ fn settings_that_are_taken_one_after_the_other_add_up_before_a_view_shows_them()
     let last = (0..3).map(|_| bench.next_order()).last();
     let expected = ToolSettings { craft: Craft::Paint, brush_m: 0.003, color: [0x10, 0x20, 0x30], ..ToolSettings::default() };
     assert!(matches!(last, Some(Order::Take(tool)) if tool == expected));
-    let facts = bench.hub.clay().unwrap().facts(false).unwrap();
+    let facts = bench.facts();
     assert_eq!((&facts["craft"], &facts["brush_m"], &facts["color"]), (&json!("paint"), &json!(0.003), &json!("#102030")));
     assert_eq!(facts["crafts"].as_array().map(Vec::len), Some(Craft::NAMES.len()));
     assert_eq!(facts["region_map"]["min"], json!([-0.02, -0.02, -0.02]));
 
     // What was refused does not stand, and a script's craft counts once a view shows it.
-    *bench.answer.lock().unwrap() = Err(ClayRefusal::Conflict("the image is gone".to_owned()));
+    *bench.refuses.lock().unwrap() = Some(|| StudioError::NoShape.into());
     let refused = answer_of(|reply| take(&bench.hub, took(json!({ "craft": "emboss" })), reply)).expect_err("refused");
-    assert_eq!((refused.status, &*refused.said.error), (StatusCode::CONFLICT, "the image is gone"));
+    assert_eq!((refused.status, refused.said.hint), (StatusCode::CONFLICT, StudioError::NoShape.hint().to_owned()));
     let scripted = View { craft: Craft::PullCurve, ..view_of(PointSet::default(), 2) };
     *bench.view.lock().unwrap() = Some(Arc::new(scripted));
-    assert_eq!(bench.hub.clay().unwrap().facts(false).unwrap()["craft"], "pull-curve");
+    assert_eq!(bench.facts()["craft"], "pull-curve");
     *bench.view.lock().unwrap() = None;
-    assert!(bench.hub.clay().unwrap().facts(false).is_err());
+    assert!(bench.hub.clay().unwrap().view().is_err());
 }
 
 #[test]
@@ -190,11 +196,11 @@ fn a_hold_ends_with_force_with_the_client_and_when_it_is_let_go() {
     bench.hold(1, true).unwrap();
     assert!(matches!(bench.next_order(), Order::Hold(true)));
     // The first time nobody hears that it is let go.
-    *bench.answer.lock().unwrap() = Err(ClayRefusal::Conflict("too much waits".to_owned()));
+    *bench.refuses.lock().unwrap() = Some(|| Refused::Busy);
     bench.hub.part(1);
     assert!(matches!(bench.orders.recv(), Ok(Order::Hold(false))));
     assert!(matches!(bench.orders.recv(), Ok(Order::Hold(false))), "again");
-    *bench.answer.lock().unwrap() = Ok(());
+    *bench.refuses.lock().unwrap() = None;
     while bench.is_held() {
         std::thread::yield_now();
     }
