@@ -42,7 +42,7 @@ impl SaveKind {
     fn ending(self) -> &'static str {
         match self {
             Self::Points | Self::Export => ".ply",
-            Self::Session => ".clay",
+            Self::Session => ".session",
         }
     }
 

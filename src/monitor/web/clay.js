@@ -24,17 +24,12 @@ const CRAFTS = {
   touch: { label: "Touch", hint: "Feel the clay; it stays as it is." },
   push: { label: "Push", hint: "Press the tool into the clay: it dents.", sets: ["brush", "falloff"] },
   pull: { label: "Pull", hint: "Near the clay, hold; move the hand; let go.", sets: ["brush", "falloff"], isHeld: true },
-  "pull-curve": {
-    label: "Pull curve",
-    hint: "Hold and draw a curve over the clay; hold again to pull all of it.",
-    sets: ["brush", "falloff"],
-    isHeld: true,
-  },
+  "pull-curve": { label: "Pull curve", hint: "Hold to draw a curve; hold again to pull all of it.", sets: ["brush", "falloff"], isHeld: true },
   paint: { label: "Paint", hint: "Press lightly for a fine line, harder for a wide one.", sets: ["brush", "color"] },
   emboss: { label: "Emboss", hint: "Hold where the image is to stand out.", sets: ["brush", "depth"], isHeld: true },
   engrave: { label: "Engrave", hint: "Hold where the image is to be sunk in.", sets: ["brush", "depth"], isHeld: true },
   union: { label: "Union", hint: "Hold to add the tool's own shape.", sets: ["sharp"], isHeld: true },
-  intersection: { label: "Intersect", hint: "Hold to leave only what is inside of the tool's own shape.", sets: ["sharp"], isHeld: true },
+  intersection: { label: "Intersect", hint: "Hold to leave only what the tool's shape covers.", sets: ["sharp"], isHeld: true },
   difference: { label: "Cut out", hint: "Hold to cut the tool's own shape out.", sets: ["sharp"], isHeld: true },
 };
 

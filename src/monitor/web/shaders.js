@@ -113,7 +113,10 @@ void main() {
 }`,
 };
 
-/** Discs across the normals of samples, lit like faces, in the colour of each sample; `color` has only an opacity. Backs are not seen. */
+/**
+ * Discs across the normals of samples, lit like faces, each in one shade of its sample's colour: there are many, and each covers little.
+ * `color` has only an opacity. Backs are not drawn.
+ */
 const SPLAT = {
   vertex: `
 layout(location = 0) in vec2 corner;
@@ -123,39 +126,32 @@ layout(location = 3) in vec4 tint;
 uniform mat4 view_projection;
 uniform mat4 model;
 uniform vec3 eye;
+uniform vec3 light;
 uniform float radius;
 out vec2 place;
-out vec3 normal_world;
-out vec3 position_world;
-out vec3 paint;
+flat out vec3 shade;
 void main() {
   vec3 n = normalize(normal.xyz);
   vec3 u = normalize(cross(abs(n.z) < 0.9 ? vec3(0.0, 0.0, 1.0) : vec3(1.0, 0.0, 0.0), n));
   vec4 p = model * vec4(center + radius * (corner.x * u + corner.y * cross(n, u)), 1.0);
+  vec3 n_world = mat3(model) * n;
+  vec3 to_eye = normalize(eye - p.xyz);
+  float sky = 0.5 + 0.5 * n_world.z;
+  float lit = max(dot(n_world, light), 0.0);
+  float gloss = pow(max(dot(reflect(-light, n_world), to_eye), 0.0), 24.0);
+  shade = tint.rgb * (0.42 + 0.2 * sky + 0.45 * lit) + 0.05 * gloss;
   place = corner;
-  paint = tint.rgb;
-  normal_world = mat3(model) * n;
-  position_world = p.xyz;
-  // A little of the back is left, where the normal of a rim is not quite right.
-  bool is_back = dot(normal_world, normalize(eye - p.xyz)) < -0.15;
-  gl_Position = is_back ? vec4(0.0, 0.0, 2.0, 1.0) : view_projection * p;
+  // Some of the back is left: the normals of a rim are not quite right.
+  gl_Position = dot(n_world, to_eye) < -0.15 ? vec4(0.0, 0.0, 2.0, 1.0) : view_projection * p;
 }`,
   fragment: `
 in vec2 place;
-in vec3 normal_world;
-in vec3 position_world;
-in vec3 paint;
+flat in vec3 shade;
 uniform vec4 color;
-uniform vec3 eye;
-uniform vec3 light;
 out vec4 pixel;
 void main() {
   if (dot(place, place) > 1.0) discard;
-  vec3 n = normalize(normal_world);
-  float sky = 0.5 + 0.5 * n.z;
-  float lit = max(dot(n, light), 0.0);
-  float gloss = pow(max(dot(reflect(-light, n), normalize(eye - position_world)), 0.0), 24.0);
-  pixel = vec4(paint * (0.42 + 0.2 * sky + 0.45 * lit) + 0.05 * gloss, color.a);
+  pixel = vec4(shade, color.a);
 }`,
 };
 

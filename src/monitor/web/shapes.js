@@ -42,7 +42,7 @@ export function ring() {
   const corners = [];
   for (let side = 0; side <= 4 * SIDES; side += 1) {
     const angle = (2 * Math.PI * side) / (4 * SIDES);
-    for (const radius of [0.965, 1]) corners.push(radius * Math.cos(angle), radius * Math.sin(angle), 0);
+    for (const radius of [0.94, 1]) corners.push(radius * Math.cos(angle), radius * Math.sin(angle), 0);
   }
   return new Float32Array(corners);
 }
