@@ -13,7 +13,7 @@ use crate::daemon::reload::{Known, News, Reloader};
 use crate::daemon::switch::{Offered, Switch, objects};
 use crate::daemon::{Live, Notice, Operator, OperatorOrder};
 use crate::haptics::RenderScene;
-use crate::monitor::{Bound, Hub, HubParts, Monitor, Recorder};
+use crate::monitor::{Bound, ClayParts, Hub, HubParts, Monitor, Recorder};
 use crate::rt::clock::ClockKind;
 use crate::rt::signals::hangups;
 use crate::servo::Reins;
@@ -112,6 +112,13 @@ impl Company {
         let (reins, ends) = Reins::new(&scene.parameters, objects(&config));
         live.wishes = core::mem::take(&mut live.wishes).with_reins(ends);
         desk.serve(config, scene.clone(), reins)
+    }
+
+    /// Clients see this clay from now on, and work on it.
+    pub(crate) fn sculpts(&self, clay: Option<ClayParts>) {
+        if let (Some(hub), Some(clay)) = (&self.hub, clay) {
+            hub.sculpts(clay);
+        }
     }
 
     /// Begins to read the scene again when SIGHUP asks for it, and where wished when its files change. After signals are caught.

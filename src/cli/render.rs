@@ -365,6 +365,7 @@ fn run(
     let scene = Arc::new(prepared.scene);
     if let (Some(workshop), Some(piece)) = (workshop, prepared.piece) {
         workshop.open(piece, &scene, &mut live).map_err(|error| Refusal::Run(error.into()))?;
+        company.sculpts(workshop.for_clients(&scene));
     }
     let node = prepared.attached.as_ref().map(|attached| attached.node.as_path());
     company.begin(&scene, node, &mut live).map_err(|error| Refusal::Run(error.into()))?;

@@ -15,6 +15,7 @@ use crate::daemon::Live;
 use crate::daemon::studio::{self, Door, Ended, FailedOrder, Plan, StudioReport, StudioThread};
 use crate::error::Exit;
 use crate::haptics::RenderScene;
+use crate::monitor::ClayParts;
 use crate::rt::clock::ClockKind;
 use crate::rt::utc::timestamp;
 use crate::scene::Piece;
@@ -122,10 +123,14 @@ impl Workshop {
         Ok(())
     }
 
-    /// The way to the piece for those who ask and look; `None` before it is open.
-    #[expect(dead_code, reason = "for the monitor")]
-    pub(crate) fn door(&self) -> Option<&Door> {
-        self.open.as_ref().map(|open| &open.door)
+    /// The clay for those who ask and look; `None` before it is open.
+    pub(crate) fn for_clients(&self, scene: &RenderScene) -> Option<ClayParts> {
+        Some(ClayParts {
+            door: Box::new(self.open.as_ref()?.door.clone()),
+            world_from_map: scene.clay.as_ref()?.world_from_map,
+            tool: self.sculpt.tool.clone(),
+            folder: recording::state_folder().map(|state| state.join("clay")),
+        })
     }
 
     /// After the last tick: waits for the studio, writes what was asked for and says what went wrong. `None`: it was never open.

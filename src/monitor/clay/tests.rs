@@ -219,5 +219,7 @@ fn files_go_to_one_folder_and_never_over_others() {
     assert_eq!(save(SaveKind::Export, Some("bowl.ply")).map_err(|problem| problem.status), Err(StatusCode::CONFLICT));
     assert_eq!(save(SaveKind::Session, Some("../bowl")).map_err(|problem| problem.status), Err(StatusCode::BAD_REQUEST));
     let Ok(Done::Saved(dated)) = save(SaveKind::Session, None) else { panic!("a name of its own") };
-    assert!(matches!(bench.next_order(), Order::SaveSession(file) if file == dated && dated.to_string_lossy().ends_with(".session")));
+    assert!(
+        matches!(bench.next_order(), Order::SaveSession(file) if file == dated && dated.to_string_lossy().ends_with(".session"))
+    );
 }
