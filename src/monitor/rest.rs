@@ -197,6 +197,7 @@ async fn scene(State(served): State<Arc<Served>>) -> Result<Json<Value>, Problem
         "voxel_size_m": finest_m,
         "points": scene.tool.shell.len(),
         "objects": objects,
+        "clay": served.hub.clay().is_ok(),
         "movable": view.movable,
         "bounds": bounds.map(|[low, high]| json!({ "min": low.to_array(), "max": high.to_array() })),
         "switching_to": view.switching_to.as_ref().map(|path| path.to_string_lossy()),

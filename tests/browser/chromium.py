@@ -152,6 +152,18 @@ class Page:
         self.call("Input.dispatchKeyEvent", type="keyDown", key=key, code=key, text=text or "", modifiers=modifiers, windowsVirtualKeyCode=KEYS.get(key, 0))
         self.call("Input.dispatchKeyEvent", type="keyUp", key=key, code=key, modifiers=modifiers, windowsVirtualKeyCode=KEYS.get(key, 0))
 
+    def hold_key(self, key, is_down):
+        """One half of a key."""
+        text = {" ": " "}.get(key, "") if is_down else ""
+        kind = "keyDown" if is_down else "keyUp"
+        self.call("Input.dispatchKeyEvent", type=kind, key=key, code=key, text=text, windowsVirtualKeyCode=KEYS.get(key, 0))
+
+    def undo_key(self, shift=False):
+        """Ctrl+Z, or Ctrl+Shift+Z."""
+        for kind in ("rawKeyDown", "keyUp"):
+            modifiers = 2 + 8 * shift
+            self.call("Input.dispatchKeyEvent", type=kind, key="z", code="KeyZ", modifiers=modifiers, windowsVirtualKeyCode=90)
+
     def click(self, selector):
         """A real click in the middle of an element."""
         x, y = self.run(
@@ -176,7 +188,7 @@ class Page:
         return base64.b64decode(self.call("Page.captureScreenshot", format="png", clip=clip)["data"])
 
     def count_pixels(self, selector, color):
-        """How many pixels of the middle of an element have the hue of a custom property, lit or in shade."""
+        """How many pixels of the middle of an element have the hue of a custom property, or of a colour `#rrggbb`, lit or in shade."""
         png = base64.b64encode(self.picture_of(selector)).decode()
         return self.run(COUNT_PIXELS % (json.dumps(png), json.dumps(color)))
 
@@ -238,7 +250,8 @@ COUNT_PIXELS = """(async () => {
   const g = new OffscreenCanvas(w, h).getContext("2d");
   g.drawImage(image, 0, 0);
   const hue = ([r, g, b]) => { const m = Math.max(r, g, b) || 1; return [r / m, g / m, b / m]; };
-  const hex = parseInt(getComputedStyle(document.documentElement).getPropertyValue(%s).trim().slice(1), 16);
+  const color = %s;
+  const hex = parseInt((color.startsWith("#") ? color : getComputedStyle(document.documentElement).getPropertyValue(color).trim()).slice(1), 16);
   const wanted = hue([(hex >> 16) & 255, (hex >> 8) & 255, hex & 255]);
   // Without the buttons above, the legend below, and the axes in the corner.
   const { data } = g.getImageData(0.12 * w, 0.15 * h, 0.88 * w, 0.7 * h);

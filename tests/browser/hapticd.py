@@ -42,9 +42,35 @@ hand = "{hand}"
 """
 
 
+CLAY = """
+version = 1
+name = "clay scene"
+
+[sculpt]
+shape = { sphere_mm = 15 }
+spacing_mm = 0.6
+raster = [24, 24, 24]
+brush_mm = 6
+color = "#2060e0"
+
+[tool]
+shape = { sphere_mm = 3 }
+voxel_size_mm = 0.5
+start_position_mm = [0, 0, 22]
+
+[device]
+profile = "sim-sigma7"
+hand = "near.csv"
+"""
+
+
 def write_scenes(folder):
     """`press`: after four seconds the hand slides to and fro, pressed onto the plane. `fault`: the same with an arm that says nonsense for
-    half a second. `rest`: the hand stays above."""
+    half a second. `rest`: the hand stays above. `clay`: a ball of clay, and a hand that touches it now and then."""
+    heights = [0.0165 if n % 2 == 0 else 0.0205 for n in range(PRESS_S)]
+    near = ["t_s,x_m,y_m,z_m,qx,qy,qz,qw", *(f"{n},0,0,{z_m},0,0,0,1" for n, z_m in enumerate(heights))]
+    (folder / "near.csv").write_text("\n".join(near) + "\n")
+    (folder / "clay.toml").write_text(CLAY)
     rows = ["t_s,x_m,y_m,z_m,qx,qy,qz,qw"]
     for n in range(PRESS_S * 20):
         t = n / 20
@@ -58,11 +84,11 @@ def write_scenes(folder):
 
 
 class Hapticd:
-    """`hapticd run` with a monitor; `with` ends it."""
+    """`hapticd run`, or `sculpt`, with a monitor; `with` ends it."""
 
-    def __init__(self, program, scene, *options, address="127.0.0.1:0"):
+    def __init__(self, program, scene, *options, address="127.0.0.1:0", command="run"):
         self.process = subprocess.Popen(
-            [program, "run", str(scene.resolve()), "--monitor", address, *options],
+            [program, command, str(scene.resolve()), "--monitor", address, *options],
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,

@@ -314,6 +314,128 @@ class PageTest(unittest.TestCase):
                 if screen.get("touch"):
                     self.assertEqual(page.small_targets(44), [], "a finger meets every control")
 
+    def sculpt(self, **screen):
+        """A run on clay and its page, once samples are drawn."""
+        run = self.run_scene("clay", command="sculpt")
+        page = self.open(run, **screen)
+        page.wait("document.querySelector('#clay-facts').textContent.includes('samples')")
+        return run, page
+
+    def choose(self, run, page, craft):
+        page.click(f"#clay-crafts button[value={craft}]")
+        page.wait(f"document.querySelector('#clay-crafts button[value={craft}]').getAttribute('aria-pressed') === 'true'")
+        self.assertEqual(run.get("clay")["craft"], craft)
+
+    def test_clay_is_drawn(self):
+        run, page = self.sculpt()
+        drawn = "import('/web/splats.js').then(({ parseSamples }) => fetch('/api/v1/clay/points').then((r) => r.arrayBuffer()).then((b) => { const s = parseSamples(b); return [s.n, s.nAll, s.bytes.length]; }))"
+        n, n_all, n_bytes = page.run(drawn)
+        self.assertEqual((n, n_bytes), (n_all, 20 * n_all))
+        self.assertEqual(n_all, run.get("clay")["samples"])
+        facts = page.run("document.querySelector('#clay-facts').textContent")
+        self.assertIn(" samples; update ", facts)
+        self.assertEqual(page.run("document.querySelector('#clay-box').hidden"), False)
+        # Clay has a colour of its own, which no part has: all of the ball is covered.
+        page.click("#clay-crafts button[value=touch]")
+        bare = page.picture_of("#view")
+        page.run("document.querySelector('#see-through').click()")
+        page.wait("new Promise((done) => setTimeout(() => done(true), 700))")
+        self.assertNotEqual(page.picture_of("#view"), bare, "clay lets the tool shine through")
+
+    def test_clay_is_painted(self):
+        """The hand touches it once in two seconds: what it touches has the colour of the scene."""
+        run, page = self.sculpt()
+        blue = "#2060e0"
+        self.choose(run, page, "paint")
+        self.assertEqual(page.run("document.querySelector('#clay-color').value"), blue)
+        page.wait("!document.querySelector('#clay-undo').disabled")
+        page.click("[data-view=top]")
+        page.wait("new Promise((done) => setTimeout(() => done(true), 700))")
+        self.assertGreater(page.count_pixels("#view", blue), 50)
+        page.run("(() => { const c = document.querySelector('#clay-color'); c.value = '#10a040'; c.dispatchEvent(new Event('change')); })()")
+        page.wait("fetch('/api/v1/clay').then((r) => r.json()).then(({ color }) => color === '#10a040')")
+
+    def test_clay_is_held_and_undone(self):
+        run, page = self.sculpt()
+        self.choose(run, page, "touch")
+        self.assertTrue(page.run("document.querySelector('#clay-hold').disabled"), "there is nothing to hold")
+        self.choose(run, page, "emboss")
+        before = run.get("clay")
+        page.run("document.querySelector('#clay-hold').focus()")
+        page.hold_key(" ", True)
+        page.wait("document.querySelector('#clay-hold').getAttribute('aria-pressed') === 'true'")
+        page.wait("fetch('/api/v1/clay').then((r) => r.json()).then(({ is_held }) => is_held)")
+        page.hold_key(" ", False)
+        page.wait("document.querySelector('#clay-undo').textContent === 'Undo (1)'")
+        after = run.get("clay")
+        self.assertFalse(after["is_held"])
+        self.assertNotEqual(after["version"], before["version"])
+        page.undo_key()
+        page.wait("document.querySelector('#clay-redo').textContent === 'Redo (1)'")
+        self.assertEqual(run.get("clay")["samples"], before["samples"])
+        page.undo_key(shift=True)
+        page.wait("document.querySelector('#clay-undo').textContent === 'Undo (1)'")
+        page.click("#clay-undo")
+        page.wait("document.querySelector('#clay-undo').disabled")
+
+        # Force off lets go, and so does a page that hangs; neither holds again by itself.
+        for silence in (lambda: page.press("Escape"), lambda: page.run("(() => { const until = performance.now() + 2500; while (performance.now() < until); })()")):
+            self.choose(run, page, "pull")
+            page.run("document.querySelector('#clay-hold').focus()")
+            page.hold_key(" ", True)
+            page.wait("fetch('/api/v1/clay').then((r) => r.json()).then(({ is_held }) => is_held)")
+            silence()
+            page.wait("document.querySelector('#clay-hold').getAttribute('aria-pressed') === 'false'")
+            self.assertFalse(run.get("clay")["is_held"])
+            page.hold_key(" ", False)
+            if page.run(WORD) != "Enabled":
+                page.click("#enable")
+                page.wait(f"{WORD} === 'Enabled'")
+
+        # Gone in the middle of it.
+        page.run("document.querySelector('#clay-hold').focus()")
+        page.hold_key(" ", True)
+        page.wait("fetch('/api/v1/clay').then((r) => r.json()).then(({ is_held }) => is_held)")
+        other = self.open(run)
+        page.close()
+        other.wait("fetch('/api/v1/clay').then((r) => r.json()).then(({ is_held }) => !is_held)")
+
+    def test_clay_is_saved(self):
+        run, page = self.sculpt()
+        folder = self.folder / "state" / "hapticd" / "clay"
+        for kind, ending, begins in (("points", "ply", b"ply"), ("session", "session", b""), ("export", "ply", b"ply")):
+            name = f"ball-{kind}"
+            page.run(f"document.querySelector('#clay-file').value = '{name}'")
+            page.click(f"#clay-save button[value={kind}]")
+            page.wait(f"document.querySelector('#clay-saved').textContent.includes('{name}.{ending}')")
+            self.assertTrue((folder / f"{name}.{ending}").read_bytes().startswith(begins))
+        page.click("#clay-save button[value=export]")
+        page.wait("document.querySelector('#toasts').textContent.includes('exists already')")
+
+    def test_clay_on_every_screen(self):
+        run = self.run_scene("clay", command="sculpt")
+        for name, screen in SCREENS.items():
+            with self.subTest(name):
+                page = self.open(run, **screen)
+                page.wait("document.querySelector('#clay-facts').textContent.includes('samples')")
+                page.click("#clay-crafts button[value=paint]")
+                page.wait("!document.querySelector('#clay-color-line').hidden")
+                page.wait("new Promise((done) => setTimeout(() => done(true), 1000))")
+                if name == "phone":
+                    page.run("document.querySelector('#clay-box').scrollIntoView()")
+                page.screenshot(SHOTS / f"clay-{name}.png")
+                self.assertLessEqual(page.run("document.documentElement.scrollWidth"), screen["width"], "nothing is cut off at the side")
+                self.assertEqual(page.unnamed_controls(), [], "every control has a name")
+                self.assertEqual(page.poor_contrasts(), [], "text can be read")
+                if screen.get("touch"):
+                    self.assertEqual(page.small_targets(44), [], "a finger meets every control")
+
+    def test_a_rigid_scene_shows_nothing_of_clay(self):
+        run = self.run_scene("rest")
+        page = self.open(run)
+        page.wait("new Promise((done) => setTimeout(() => done(true), 500))")
+        self.assertTrue(page.run("document.querySelector('#clay-box').hidden && document.querySelector('#legend-brush').hidden"))
+
     def test_view_follows_the_mouse(self):
         run = self.run_scene("rest")
         page = self.open(run)

@@ -70,9 +70,13 @@ pub(crate) fn folder(more: &str) -> TempDir {
 
 /// `hapticd run` in a folder, not started.
 pub(crate) fn command(folder: &Path, line: &str) -> Command {
+    command_to("run", folder, line)
+}
+
+fn command_to(verb: &str, folder: &Path, line: &str) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_hapticd"));
     command
-        .arg("run")
+        .arg(verb)
         .args(line.split_whitespace())
         .current_dir(folder)
         .env("XDG_CACHE_HOME", folder)
@@ -89,7 +93,24 @@ impl Daemon {
 
     pub(crate) fn of(folder: TempDir, flags: &str, variables: &[(&str, &str)]) -> Self {
         let line = format!("press.toml --json --realtime best-effort --monitor 127.0.0.1:0 {flags}");
-        let mut child = command(folder.path(), &line)
+        let command = command(folder.path(), &line);
+        Self::launch(folder, command, variables)
+    }
+
+    /// `hapticd sculpt` on a scene of this text, with a hand that goes along this path, once force flows.
+    pub(crate) fn sculpting(scene: &str, hand: &str) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        fs::write(folder.path().join("clay.toml"), scene).unwrap();
+        fs::write(folder.path().join("hand.csv"), hand).unwrap();
+        let command =
+            command_to("sculpt", folder.path(), "clay.toml --json --realtime best-effort --monitor 127.0.0.1:0 --hand-repeat");
+        let mut daemon = Self::launch(folder, command, &[]);
+        daemon.wait_for("state: enabled");
+        daemon
+    }
+
+    fn launch(folder: TempDir, mut command: Command, variables: &[(&str, &str)]) -> Self {
+        let mut child = command
             .envs(variables.iter().copied())
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
@@ -146,6 +167,11 @@ impl Daemon {
         let mut stderr = core::mem::take(&mut self.said);
         stderr.extend(self.stderr.iter().flat_map(|line| [line, "\n".to_owned()]));
         Ended { code, json: serde_json::from_str(&stdout).unwrap_or(Value::Null), stderr }
+    }
+
+    /// Where the run keeps what clients save.
+    pub(crate) fn state_folder(&self) -> PathBuf {
+        self.folder.path().join("hapticd")
     }
 
     pub(crate) fn id(&self) -> u32 {

@@ -14,6 +14,8 @@ import { count, fixed } from "./units.js";
 /** The facts are asked for this often, and the samples that often, ms. */
 const FACTS_EVERY_MS = 400;
 const SAMPLES_EVERY_MS = 100;
+/** After the facts could not be had. */
+const AGAIN_MS = 2000;
 /** While the clay is held, a sign of life goes out this often. */
 const BEAT_MS = 200;
 /** Writing a large piece takes its time. */
@@ -56,21 +58,22 @@ export class Clay {
     this.#listen();
   }
 
-  /** Whether the scene that is rendered has clay, and if so, all about it. */
-  async begin() {
+  /** Another scene is rendered. @param {boolean} hasClay */
+  async begin(hasClay) {
     this.turn += 1;
     this.version = 0;
     const { turn } = this;
+    this.#letGo();
     this.#show(null);
+    if (!hasClay) return;
     try {
       const facts = await this.link.get("clay");
       if (turn !== this.turn) return;
       this.scene = facts;
       this.#show(facts);
     } catch (error) {
-      // 404: it has none.
-      if (error.status === 503 && turn === this.turn) setTimeout(() => turn === this.turn && this.begin(), 500);
-      else if (error.status > 0 && error.status !== 404) say(words(error));
+      if (error.status > 0 && error.status !== 503) say(words(error));
+      setTimeout(() => turn === this.turn && this.begin(true), AGAIN_MS);
       return;
     }
     this.#follow(turn, FACTS_EVERY_MS, () => this.refresh());

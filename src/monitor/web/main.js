@@ -136,7 +136,7 @@ async function loadScene() {
     parameters.refresh().catch((error) => say(words(error)));
     link.get("scenes").then((names) => session.offer(names, stemOf(scene.file)), () => {});
     const loading = loadMeshes(scene);
-    clay.begin();
+    clay.begin(scene.clay);
     await loading;
   } catch (error) {
     shown.askAgainAt = performance.now() + SCENE_AGAIN_MS;

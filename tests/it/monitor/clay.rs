@@ -1,8 +1,196 @@
 //! Clay, as clients meet it.
 
-use serde_json::json;
+use std::cell::Cell;
+use std::time::{Duration, Instant};
 
-use super::Daemon;
+use serde_json::{Value, json};
+
+use super::{Client, Daemon, HUNG, http};
+
+/// A ball of clay with a ball over it in the hand.
+const SCENE: &str = r#"version = 1
+[sculpt]
+shape = { sphere_mm = 15 }
+spacing_mm = 1.5
+raster = [16, 16, 16]
+brush_mm = 6
+update_hz = 100
+tool = "touch"
+[tool]
+shape = { sphere_mm = 3 }
+voxel_size_mm = 1.0
+start_position_mm = [0, 0, 20]
+[safety]
+slew_n_per_s = 400
+[device]
+profile = "sim-sigma7"
+hand = "hand.csv"
+"#;
+const SLEW_N_PER_S: f64 = 400.0;
+/// Just over the ball, so that it is within the brush.
+const STILL: &str = "t_s,x_m,y_m,z_m,qx,qy,qz,qw\n0,0,0,0.020,0,0,0,1\n1,0,0,0.020,0,0,0,1\n";
+/// To and fro above it: what is held is pulled.
+const PULLING: &str =
+    "t_s,x_m,y_m,z_m,qx,qy,qz,qw\n0,0,0,0.019,0,0,0,1\n0.3,0,0,0.019,0,0,0,1\n0.8,0,0,0.026,0,0,0,1\n1.0,0,0,0.026,0,0,0,1\n";
+
+fn clay_where(daemon: &Daemon, is_it: impl Fn(&Value) -> bool) -> Value {
+    let started = Instant::now();
+    loop {
+        let facts = daemon.get("/api/v1/clay");
+        if is_it(&facts) {
+            return facts;
+        }
+        assert!(started.elapsed() < HUNG, "it did not come to that: {facts}");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
+#[test]
+fn clients_see_the_clay_and_choose_what_the_tool_does_to_it() {
+    let daemon = Daemon::sculpting(SCENE, STILL);
+    assert_eq!(daemon.get("/api/v1/scene")["clay"], true);
+    let facts = daemon.get("/api/v1/clay");
+    assert_eq!(
+        (&facts["craft"], &facts["falloff"], &facts["brush_m"]),
+        (&json!("touch"), &json!("gaussian"), &json!(0.006)),
+        "{facts}"
+    );
+    assert_eq!(facts["world_from_map"]["q"], json!([0.0, 0.0, 0.0, 1.0]));
+
+    let points = |since: u64| {
+        let path = format!("/api/v1/clay/points?since={since}");
+        http(daemon.address, "GET", &path, &[], b"").unwrap()
+    };
+    let (status, bytes) = points(0);
+    let word = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap());
+    assert_eq!((status, &bytes[..4], word(4), u64::from(word(16))), (200, &b"HCLY"[..], 1, facts["samples"].as_u64().unwrap()));
+    assert_eq!(bytes.len(), 32 + 20 * word(16) as usize);
+    for at in (32..bytes.len()).step_by(20) {
+        let radius_m = [0, 4, 8].map(|axis| f64::from(f32::from_bits(word(at + axis))).powi(2)).iter().sum::<f64>().sqrt();
+        assert!((radius_m - 0.015).abs() < 1e-3, "{radius_m}");
+    }
+    assert_eq!(points(u64::from(word(8))), (204, Vec::new()));
+
+    let mut client = daemon.connect();
+    client.does(json!({ "do": "clay_take", "craft": "paint", "color": "#102030" }));
+    client.event("clay", "paint");
+    let (status, answer) = daemon.http("POST", "/api/v1/clay/tool", &[], r#"{"brush_m": 0.004, "falloff": [1, 0.5, 0]}"#);
+    assert_eq!((status, &answer["ok"]), (200, &json!(true)), "{answer}");
+    let facts = daemon.get("/api/v1/clay");
+    let expected = (&json!("paint"), &json!("#102030"), &json!(0.004), &json!("table"));
+    assert_eq!((&facts["craft"], &facts["color"], &facts["brush_m"], &facts["falloff"]), expected);
+    for wrong in [json!({ "craft": "knit" }), json!({ "brush_m": 1 }), json!({ "color": "red" }), json!({})] {
+        let (status, answer) = daemon.http("POST", "/api/v1/clay/tool", &[], &wrong.to_string());
+        assert!(status == 400 && answer["hint"].is_string(), "{wrong}: {status} {answer}");
+    }
+
+    // A stroke, back, forth, and into files.
+    let before = daemon.get("/api/v1/clay");
+    let refused = client.ask(json!({ "do": "clay_undo" }));
+    assert_eq!((&refused["status"], refused["hint"].is_string()), (&json!(409), true), "{refused}");
+    client.does(json!({ "do": "clay_take", "craft": "emboss" }));
+    client.does(json!({ "do": "clay_hold", "held": true }));
+    clay_where(&daemon, |facts| facts["undo"] == 1);
+    client.does(json!({ "do": "clay_hold", "held": false }));
+    client.does(json!({ "do": "clay_undo" }));
+    client.event("clay", "undone");
+    let undone = clay_where(&daemon, |facts| facts["redo"] == 1);
+    assert_eq!(undone["samples"], before["samples"]);
+    assert_ne!(undone["version"], before["version"]);
+    client.does(json!({ "do": "clay_redo" }));
+    clay_where(&daemon, |facts| facts["undo"] == 1 && facts["redo"] == 0);
+    for (kind, ending) in [("points", "ply"), ("session", "session"), ("export", "ply")] {
+        let reply = client.ask(json!({ "do": "clay_save", "kind": kind, "file": format!("ball {kind}") }));
+        let file = daemon.state_folder().join(format!("clay/ball {kind}.{ending}"));
+        assert_eq!((&reply["ok"], reply["file"].as_str()), (&json!(true), file.to_str()), "{reply}");
+        assert!(std::fs::metadata(&file).unwrap().len() > 1000);
+        client.event("clay", "saved");
+        let again = client.ask(json!({ "do": "clay_save", "kind": kind, "file": format!("ball {kind}") }));
+        assert_eq!(again["status"], 409, "{again}");
+    }
+    assert_eq!(client.ask(json!({ "do": "clay_save", "kind": "points", "file": "../ball" }))["status"], 400);
+    assert_eq!(daemon.end().code, Some(0));
+}
+
+#[test]
+fn a_hold_ends_with_the_client_with_its_silence_and_with_the_force() {
+    let daemon = Daemon::sculpting(SCENE, STILL);
+    let (mut holder, mut other) = (daemon.connect(), daemon.connect());
+    other.does(json!({ "do": "clay_take", "craft": "pull" }));
+    let hold = json!({ "do": "clay_hold", "held": true });
+    holder.does(hold.clone());
+    assert_eq!(other.ask(hold.clone())["status"], 409, "one at a time");
+    // What it says keeps the hold, for longer than a silence may be.
+    for _ in 0..15 {
+        std::thread::sleep(Duration::from_millis(100));
+        holder.does(json!({ "do": "ping" }));
+    }
+    assert_eq!(daemon.get("/api/v1/clay")["is_held"], true);
+    other.event("clay", "let-go");
+    assert_eq!(daemon.get("/api/v1/clay")["is_held"], false, "after its silence");
+
+    holder.does(hold.clone());
+    drop(holder);
+    other.event("clay", "let-go");
+    assert_eq!(daemon.get("/api/v1/clay")["is_held"], false, "after it has gone");
+
+    other.does(hold.clone());
+    other.does(json!({ "do": "disable" }));
+    other.event("clay", "let-go");
+    assert_eq!(other.ask(hold.clone())["status"], 409, "without force");
+    other.does(json!({ "do": "enable" }));
+    other.event("state", "enabled");
+    assert_eq!(daemon.get("/api/v1/clay")["is_held"], false, "not by itself");
+    other.does(hold);
+    other.does(json!({ "do": "clay_hold", "held": false }));
+    let (status, answer) = daemon.http("POST", "/api/v1/clay/hold", &[], r#"{"held": true}"#);
+    assert_eq!(status, 404, "{answer}");
+}
+
+#[test]
+fn another_craft_in_the_middle_of_a_pull_takes_the_force_away_within_the_slew_limit() {
+    let daemon = Daemon::sculpting(SCENE, PULLING);
+    let mut client = daemon.connect();
+    client.subscribe(1000.0);
+    let force = |state: &Value| [0, 1, 2].map(|axis| state["servo_cf"]["f"][axis].as_f64().unwrap());
+    let size = |f: [f64; 3]| f.iter().map(|part| part * part).sum::<f64>().sqrt();
+    let felt_now = |force_n: f64| force_n > 0.3;
+    let last: Cell<Option<(u64, [f64; 3])>> = Cell::new(None);
+    // The force while something is waited for, tick by tick.
+    let follow = |client: &mut Client, until: &dyn Fn(f64) -> bool| {
+        client.state_where(|state| {
+            let (tick, now) = (state["tick"].as_u64().unwrap(), force(state));
+            if let Some((before, was)) = last.replace(Some((tick, now))) {
+                let step_n = size([0, 1, 2].map(|axis| now[axis] - was[axis]));
+                let most_n = SLEW_N_PER_S * 1e-3 * (tick - before) as f64 + 1e-9;
+                assert!(
+                    state["state"] != "ENABLED" || step_n <= most_n,
+                    "tick {tick}: {step_n} N after {before}, at most {most_n}"
+                );
+            }
+            until(size(now))
+        });
+    };
+    for _ in 0..3 {
+        client.send(&json!({ "do": "clay_take", "craft": "pull" }));
+        client.send(&json!({ "do": "clay_hold", "held": true }));
+        let began = Instant::now();
+        let mut felt = false;
+        while !felt && began.elapsed() < HUNG {
+            client.send(&json!({ "do": "ping" }));
+            let left = Cell::new(100);
+            follow(&mut client, &|force_n| {
+                left.set(left.get() - 1);
+                felt_now(force_n) || left.get() == 0
+            });
+            felt = left.get() > 0;
+        }
+        assert!(felt, "the rope pulls");
+        client.send(&json!({ "do": "clay_take", "craft": "touch" }));
+        follow(&mut client, &|force_n| force_n == 0.0);
+        client.send(&json!({ "do": "clay_hold", "held": false }));
+    }
+}
 
 #[test]
 fn a_rigid_scene_has_no_clay_and_says_which_command_has() {
