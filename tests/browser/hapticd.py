@@ -52,6 +52,7 @@ spacing_mm = 0.6
 raster = [24, 24, 24]
 brush_mm = 6
 color = "#2060e0"
+tool = "touch"
 
 [tool]
 shape = { sphere_mm = 3 }
@@ -67,7 +68,7 @@ hand = "near.csv"
 def write_scenes(folder):
     """`press`: after four seconds the hand slides to and fro, pressed onto the plane. `fault`: the same with an arm that says nonsense for
     half a second. `rest`: the hand stays above. `clay`: a ball of clay, and a hand that touches it now and then."""
-    heights = [0.0165 if n % 2 == 0 else 0.0205 for n in range(PRESS_S)]
+    heights = [0.013 if n % 2 == 0 else 0.0205 for n in range(PRESS_S)]
     near = ["t_s,x_m,y_m,z_m,qx,qy,qz,qw", *(f"{n},0,0,{z_m},0,0,0,1" for n, z_m in enumerate(heights))]
     (folder / "near.csv").write_text("\n".join(near) + "\n")
     (folder / "clay.toml").write_text(CLAY)

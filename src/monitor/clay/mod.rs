@@ -34,8 +34,9 @@ use crate::spatial::Pose;
 
 /// A view is newer than the last answer after so long: until then what was asked for counts.
 const SETTLED: Duration = Duration::from_millis(500);
-/// By then there is a view for somebody who looks.
-const UNTIL_VIEWED: Duration = Duration::from_millis(50);
+/// How often, and how many times, somebody looks for a view that is made because he looks.
+const BETWEEN_LOOKS: Duration = Duration::from_millis(20);
+const LOOKS: u32 = 15;
 
 /// The way to the studio.
 pub trait ClayDoor: Send + Sync {
@@ -110,12 +111,19 @@ impl Clay {
     /// A view of now: one is made for those who look, so the first may be old where nobody has looked for a while.
     pub(super) async fn fresh_view(&self, hub: &Hub) -> Result<Arc<View>, Problem> {
         let is_watched = !hub.clients().is_empty();
-        let view = self.view();
-        if is_watched && view.is_ok() {
-            return view;
+        let mut view = self.view()?;
+        if is_watched {
+            return Ok(view);
         }
-        tokio::time::sleep(UNTIL_VIEWED).await;
-        self.view()
+        let old = view.clone();
+        for _ in 0..LOOKS {
+            tokio::time::sleep(BETWEEN_LOOKS).await;
+            view = self.view()?;
+            if !Arc::ptr_eq(&view, &old) {
+                break;
+            }
+        }
+        Ok(view)
     }
 
     /// The newest view.

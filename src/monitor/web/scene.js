@@ -276,7 +276,7 @@ export class SceneView {
     this.#drawPoints(ratio);
     // What follows lies over everything: a force inside of a part is the one to see.
     gl.clear(gl.DEPTH_BUFFER_BIT);
-    this.clay.drawBrush((...how) => this.#use(this.programs.line, ...how), this.tool.middle, backward, colors.brush);
+    this.#drawBrush();
     this.#drawWrench();
     this.#drawAxes(ratio);
   }
@@ -314,6 +314,12 @@ export class SceneView {
   #drawClay(opacity) {
     this.clay.drawDiscs((model, opacity) => this.#use(this.programs.splat, model, this.colors.part, opacity), opacity);
     this.clay.drawRegion((...how) => this.#use(this.programs.line, ...how), this.colors.grid);
+  }
+
+  #drawBrush() {
+    const { middle } = this.tool;
+    const pixels = (this.canvas.clientHeight / 2) * (this.frame.stretch / length(subtract(this.frame.eye, middle)));
+    this.clay.drawBrush((...how) => this.#use(this.programs.line, ...how), middle, this.camera.backward, this.colors.brush, pixels);
   }
 
   /** Only the nearest faces, blended: depth first, then colour. */

@@ -129,6 +129,7 @@ uniform vec3 eye;
 uniform vec3 light;
 uniform float radius;
 out vec2 place;
+out float push;
 flat out vec3 shade;
 void main() {
   vec3 n = normalize(normal.xyz);
@@ -143,14 +144,20 @@ void main() {
   place = corner;
   // Some of the back is left: the normals of a rim are not quite right.
   gl_Position = dot(n_world, to_eye) < -0.15 ? vec4(0.0, 0.0, 2.0, 1.0) : view_projection * p;
+  vec4 behind = view_projection * vec4(p.xyz - 0.5 * radius * to_eye, 1.0);
+  push = 0.5 * (behind.z / behind.w - gl_Position.z / gl_Position.w);
 }`,
   fragment: `
 in vec2 place;
+in float push;
 flat in vec3 shade;
 uniform vec4 color;
 out vec4 pixel;
 void main() {
-  if (dot(place, place) > 1.0) discard;
+  float off = dot(place, place);
+  if (off > 1.0) discard;
+  // Rims lie further back: of discs that overlap the nearest to its middle is seen.
+  gl_FragDepth = gl_FragCoord.z + off * push;
   pixel = vec4(shade, color.a);
 }`,
 };

@@ -37,12 +37,12 @@ export const rod = () => lathe([[0, 0], [1, 0], [1, 1], [0, 1]]);
 /** A closed cone from its base at z = 0 to its tip at 1. */
 export const cone = () => lathe([[0, 0], [1, 0], [0, 1]]);
 
-/** A thin flat ring with a radius of 1 around z, a strip of triangles: `[3 × corners]`. */
-export function ring() {
+/** A flat ring with a radius of 1 around z, a strip of triangles: `[3 × corners]`. @param {number} width */
+export function ring(width) {
   const corners = [];
   for (let side = 0; side <= 4 * SIDES; side += 1) {
     const angle = (2 * Math.PI * side) / (4 * SIDES);
-    for (const radius of [0.94, 1]) corners.push(radius * Math.cos(angle), radius * Math.sin(angle), 0);
+    for (const radius of [1 - width, 1]) corners.push(radius * Math.cos(angle), radius * Math.sin(angle), 0);
   }
   return new Float32Array(corners);
 }

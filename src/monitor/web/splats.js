@@ -16,7 +16,10 @@ import { ring } from "./shapes.js";
 const HEAD_BYTES = 32;
 const SAMPLE_BYTES = 20;
 /** Radius of a disc in distances between samples: discs of neighbours overlap, also where samples are not quite even. */
-const DISC_SPACINGS = 0.85;
+const DISC_SPACINGS = 1;
+/** Widths of the ring as shares of its radius, and how many pixels it has at least. */
+const RINGS = [0.01, 0.02, 0.04, 0.08];
+const RING_PIXELS = 1.5;
 /** The edges of the cube from 0 to 1. */
 const CUBE = [0, 1, 2].flatMap((axis) =>
   [[0, 0], [0, 1], [1, 0], [1, 1]].flatMap(([a, b]) =>
@@ -60,7 +63,7 @@ export class Splats {
       this.#attribute(place, size, type, SAMPLE_BYTES, offset);
       gl.vertexAttribDivisor(place, 1);
     });
-    [this.box, this.ring] = [new Float32Array(CUBE), ring()].map((positions) => {
+    [this.box, ...this.rings] = [new Float32Array(CUBE), ...RINGS.map(ring)].map((positions) => {
       const vao = gl.createVertexArray();
       gl.bindVertexArray(vao);
       this.#fill(positions);
@@ -150,13 +153,20 @@ export class Splats {
     this.gl.drawArrays(this.gl.LINES, 0, this.box.n);
   }
 
-  /** A ring that faces the eye: all within it, before and behind, is reached. */
-  drawBrush(use, middle, backward, color) {
+  /**
+   * A ring that faces the eye: all within it, before and behind, is reached.
+   * @param {(model: Float32Array, color: number[], opacity: number) => void} use takes the program of lines
+   * @param {number[]} middle @param {number[]} backward @param {number[]} color
+   * @param {number} pixels how many a metre has there
+   */
+  drawBrush(use, middle, backward, color, pixels) {
     if (!this.brush || !this.samples) return;
     const { radius } = this.brush;
+    const width = RINGS.findIndex((share) => share * radius * pixels >= RING_PIXELS);
+    const ring = this.rings.at(width);
     // In front of what it is around, as seen from here.
     use(matrixAlong(add(middle, scale(backward, 1e-3 * radius)), backward, radius, radius), this.brush.color ?? color, 0.9);
-    this.gl.bindVertexArray(this.ring.vao);
-    this.gl.drawArrays(this.gl.TRIANGLE_STRIP, 0, this.ring.n);
+    this.gl.bindVertexArray(ring.vao);
+    this.gl.drawArrays(this.gl.TRIANGLE_STRIP, 0, ring.n);
   }
 }
