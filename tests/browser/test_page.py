@@ -347,9 +347,9 @@ class PageTest(unittest.TestCase):
         """The hand touches it once in two seconds: what it touches has the colour of the scene."""
         run, page = self.sculpt()
         blue = "#2060e0"
+        self.assertEqual(page.count_pixels("#view", blue), 0, "nothing is blue before")
         self.choose(run, page, "paint")
         self.assertEqual(page.run("document.querySelector('#clay-color').value"), blue)
-        self.assertEqual(page.count_pixels("#view", blue), 0, "nothing is blue before")
         page.wait("!document.querySelector('#clay-undo').disabled")
         end = time.monotonic() + 30
         while page.count_pixels("#view", blue) < 50:
@@ -395,12 +395,13 @@ class PageTest(unittest.TestCase):
                 page.wait(f"{WORD} === 'Enabled'")
 
         # Gone in the middle of it.
-        page.run("document.querySelector('#clay-hold').focus()")
-        page.hold_key(" ", True)
+        gone = self.browser.open(run.url)
+        gone.wait("!document.querySelector('#clay-hold').disabled && document.querySelector('#clay-facts').textContent !== ''")
+        gone.run("document.querySelector('#clay-hold').focus()")
+        gone.hold_key(" ", True)
         page.wait("fetch('/api/v1/clay').then((r) => r.json()).then(({ is_held }) => is_held)")
-        other = self.open(run)
-        page.close()
-        other.wait("fetch('/api/v1/clay').then((r) => r.json()).then(({ is_held }) => !is_held)")
+        gone.close()
+        page.wait("fetch('/api/v1/clay').then((r) => r.json()).then(({ is_held }) => !is_held)")
 
     def test_clay_is_saved(self):
         run, page = self.sculpt()
