@@ -147,8 +147,8 @@ export class Clay {
     byId("clay-trouble").hidden = !facts.trouble;
     write(byId("clay-trouble"), facts.trouble);
     const thinned = this.shown < facts.samples && this.version > 0 ? `, ${count(this.shown)} shown` : "";
-    const late = facts.late > 0 ? `, ${count(facts.late)} late` : ", none late";
-    write(byId("clay-facts"), `${count(facts.samples)} samples${thinned}; update ${fixed(facts.update_s * 1e3, 1)} ms, ${count(facts.updates)} so far${late}`);
+    const updates = `${count(facts.late)} late, ${count(facts.updates)} in time`;
+    write(byId("clay-facts"), `${count(facts.samples)} samples${thinned}; update ${fixed(facts.update_s * 1e3, 1)} ms; ${updates}`);
     this.#picture(sets);
   }
 
