@@ -8,7 +8,7 @@ use hapticd::device::{Capabilities, Device, DeviceError};
 use hapticd::haptics::clay::{Clay, Rope};
 use hapticd::haptics::{CouplingMode, Faults, Inertia, RenderScene, Tool};
 use hapticd::pointshell::shell::Shell;
-use hapticd::rt::clock::{Clock, ClockKind, RealClock, VirtualClock};
+use hapticd::rt::clock::{Clock, RealClock, VirtualClock};
 use hapticd::sculpt::falloff::Falloff;
 use hapticd::sculpt::studio::{Craft, Order, Studio, ToolBody, ToolSettings};
 use hapticd::sculpt::workpiece::{Settings, Workpiece};

@@ -34,10 +34,13 @@ pub(super) fn view_of(points: PointSet, version: u64) -> View {
     }
 }
 
+/// What it says no with, if it does.
+type Refuses = Arc<Mutex<Option<fn() -> Refused>>>;
+
 /// A studio that writes down what it is asked, and answers as it is told.
 struct Fake {
     orders: Sender<Order>,
-    refuses: Arc<Mutex<Option<fn() -> Refused>>>,
+    refuses: Refuses,
     view: Arc<Mutex<Option<Arc<View>>>>,
 }
 
@@ -57,7 +60,7 @@ struct Bench {
     hub: Arc<Hub>,
     files: Worker,
     orders: Receiver<Order>,
-    refuses: Arc<Mutex<Option<fn() -> Refused>>>,
+    refuses: Refuses,
     view: Arc<Mutex<Option<Arc<View>>>>,
     folder: tempfile::TempDir,
 }
@@ -154,7 +157,7 @@ fn settings_that_are_taken_one_after_the_other_add_up_before_a_view_shows_them()
     for asked in [json!({ "craft": "paint" }), json!({ "brush_m": 0.003 }), json!({ "color": "#102030" })] {
         assert_eq!(answer_of(|reply| take(&bench.hub, took(asked), reply)), Ok(Done::Nothing));
     }
-    let last = (0..3).map(|_| bench.next_order()).last();
+    let last = [(); 3].map(|()| bench.next_order()).into_iter().next_back();
     let expected = ToolSettings { craft: Craft::Paint, brush_m: 0.003, color: [0x10, 0x20, 0x30], ..ToolSettings::default() };
     assert!(matches!(last, Some(Order::Take(tool)) if tool == expected));
     let facts = bench.facts();
