@@ -365,7 +365,13 @@ impl Workpiece {
     /// # Errors
     /// [`FrameError`], which no piece gives that could be made.
     pub fn frame(&self) -> Result<Frame, FrameError> {
-        let mut frame = Frame { sequence: self.updates, base: self.base.clone(), region: self.region().clone(), rope_map: None };
+        let mut frame = Frame {
+            sequence: self.updates,
+            base: self.base.clone(),
+            region: self.region().clone(),
+            rope_map: None,
+            is_leap: false,
+        };
         frame.make_ready(None)?;
         Ok(frame)
     }

@@ -42,7 +42,7 @@ fn raster(lattice: Lattice, density_m: impl Fn(DVec3) -> f64) -> Raster {
 fn frame(density_m: impl Fn(DVec3) -> f64) -> Frame {
     let region = Lattice { origin_map: LATTICE.position([15; 3]), dims: [11; 3], ..LATTICE };
     let (base, region) = (Arc::new(raster(LATTICE, &density_m)), raster(region, &density_m));
-    let mut frame = Frame { sequence: 0, base, region, rope_map: None };
+    let mut frame = Frame { sequence: 0, base, region, rope_map: None, is_leap: false };
     frame.make_ready(None).expect("a sound frame");
     frame
 }
@@ -272,6 +272,31 @@ fn a_rope_pulls_towards_its_anchor_and_is_no_contact() {
         hand.state.exchange(Box::new(Frame { rope_map: None, ..frame(|place| -0.015 - place.z) }));
         let output = hand.at(place);
         assert_eq!((output.contact_world, output.command_device), (Wrench::ZERO, Wrench::ZERO), "{mode:?}");
+    }
+}
+
+#[test]
+fn a_surface_that_leaps_over_the_tool_pushes_it_out_slowly() {
+    let (air, around) = (frame(|place| -5e-3 - place.z), frame(|place| 3e-3 - place.z));
+    let scene = scene(air, point());
+    let felt_n = |is_leap: bool, is_overtaken: bool| {
+        let mut hand = Hand::new(&scene);
+        hand.go(DVec3::ZERO);
+        hand.state.exchange(Box::new(Frame { sequence: 1, is_leap, ..around.clone() }));
+        if is_overtaken {
+            // No tick has touched the frame that leapt.
+            hand.state.exchange(Box::new(Frame { sequence: 2, ..around.clone() }));
+        }
+        (0..600).map(|_| hand.at(DVec3::ZERO).contact_world.force.z).collect::<Vec<_>>()
+    };
+    let at_once = felt_n(false, false);
+    assert!(at_once.iter().all(|force_n| (force_n - 3.0).abs() < 1e-6), "{:?}", &at_once[..3]);
+    for is_overtaken in [false, true] {
+        let slow = felt_n(true, is_overtaken);
+        let steepest = slow.windows(2).map(|pair| pair[1] - pair[0]).fold(slow[0], f64::max);
+        assert!(steepest < 0.03 && slow.is_sorted(), "{steepest} N in a tick");
+        // Nine tenths after 0.3 s, and then all.
+        assert!((slow[299] - 2.7).abs() < 0.01 && (slow[599] - 3.0).abs() < 1e-6, "{} N, {} N", slow[299], slow[599]);
     }
 }
 

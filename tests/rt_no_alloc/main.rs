@@ -321,7 +321,8 @@ fn slab_of_clay(sequence: u64, top_m: f64) -> Frame {
         raster
     };
     let rope_map = (sequence % 2 == 1).then_some(DVec3::new(0.01, 0.0, -0.01));
-    let mut frame = Frame { sequence, base: Arc::new(raster(base)), region: raster(region), rope_map };
+    let mut frame =
+        Frame { sequence, base: Arc::new(raster(base)), region: raster(region), rope_map, is_leap: sequence.is_multiple_of(7) };
     frame.make_ready(None).expect("a sound frame");
     frame
 }

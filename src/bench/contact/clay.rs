@@ -181,7 +181,7 @@ fn frame(lattice: Lattice, density_m: &dyn Fn(DVec3) -> f64) -> Result<Frame, Fr
         *value_m = density_m(lattice.position(node)) as f32;
     }
     raster.measure();
-    let mut frame = Frame { sequence: 0, base: Arc::new(raster.clone()), region: raster, rope_map: None };
+    let mut frame = Frame { sequence: 0, base: Arc::new(raster.clone()), region: raster, rope_map: None, is_leap: false };
     frame.make_ready(None)?;
     Ok(frame)
 }

@@ -12,6 +12,9 @@ use crate::haptics::contact::{ContactSum, Machine};
 use crate::pointshell::shell::Shell;
 use crate::spatial::{Pose, Wrench};
 
+/// How long a leap of the surface takes to be felt to nine tenths, s: a hand has to be able to follow.
+const LEAP_S: f64 = 0.3;
+
 /// What clay does to the tool in a tick, world axes, about its centre of mass.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ClayForces {
@@ -56,7 +59,9 @@ impl Held {
     }
 
     /// Takes a newer frame and gives one that is not needed any more. RT: safe; pointers.
-    pub(in crate::haptics) fn exchange(&mut self, frame: Box<Frame>) -> Box<Frame> {
+    pub(in crate::haptics) fn exchange(&mut self, mut frame: Box<Frame>) -> Box<Frame> {
+        // A leap in a frame that no tick has touched is still to come.
+        frame.is_leap |= self.is_new && self.newest.is_leap;
         let newest = core::mem::replace(&mut self.newest, frame);
         // One that no tick has touched is nothing to go on from.
         if core::mem::replace(&mut self.is_new, true) { newest } else { core::mem::replace(&mut self.before, newest) }
@@ -91,6 +96,9 @@ impl Held {
         };
         let mut sum = ask(&self.newest);
         let before = core::mem::take(&mut self.is_new).then(|| ask(&self.before).wrench);
+        if before.is_some() && self.newest.is_leap {
+            self.residual.leap(Clay::smoothing_between(LEAP_S, p.period_s));
+        }
         sum.become_felt(self.residual.felt(before, sum.wrench, clay.smoothing));
         self.forces = ClayForces { contact_world: sum.wrench, rope_world: DVec3::ZERO, contacts: sum.contacts };
         self.anchor_map = self.newest.rope_map.map(|anchor_map| match self.anchor_map {

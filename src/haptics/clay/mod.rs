@@ -42,6 +42,8 @@ pub struct Frame {
     pub region: Raster,
     /// Where a rope pulls, map frame, m; `None`: no rope is taut.
     pub rope_map: Option<DVec3>,
+    /// The surface is elsewhere than in the frame before without having moved there, such as after a Boolean: the force follows slowly.
+    pub is_leap: bool,
 }
 
 /// Why a frame cannot be touched.

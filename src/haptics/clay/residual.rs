@@ -15,14 +15,31 @@ use crate::spatial::Wrench;
 
 /// Less of a residual is none, N and N·m.
 const FORGOTTEN: f64 = 1e-9;
+/// Of a leap so much is left when updates are smoothed as usual again.
+const LEAP_IS_OVER: f64 = 0.05;
 
 /// What updates have changed and the hand does not feel yet.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Residual {
     left: Wrench,
+    leap: Leap,
+}
+
+/// A surface that has gone elsewhere at once.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Leap {
+    /// α until it is over.
+    alpha: f64,
+    /// Share that the hand does not feel yet.
+    left: f64,
 }
 
 impl Residual {
+    /// The update of this tick is no motion of the material but a leap: it fades by this α. RT: safe.
+    pub(super) fn leap(&mut self, alpha: f64) {
+        self.leap = Leap { alpha, left: 1.0 };
+    }
+
     /// One tick: the wrench that is felt where the newest frame gives `now`. `before`: what the frame before gives at the same pose, in the
     /// tick in which a new one arrived. RT: safe.
     ///
@@ -36,6 +53,8 @@ impl Residual {
         if let Some(before) = before {
             self.left = self.left + before - now;
         }
+        let alpha = if self.leap.left > LEAP_IS_OVER { alpha.max(self.leap.alpha) } else { alpha };
+        self.leap.left *= self.leap.alpha;
         self.left = self.left * alpha;
         // A pass-through returns the very bits, and no number that is none stays here.
         let is_left = self.left.force.length() > FORGOTTEN || self.left.torque.length() > FORGOTTEN;
@@ -107,6 +126,27 @@ mod tests {
             last = felt.force.z;
         }
         assert_eq!(last, 0.0);
+    }
+
+    #[test]
+    fn a_leap_comes_slowly_and_what_follows_as_usual() {
+        let mut residual = Residual::default();
+        residual.leap(0.99);
+        let mut before = Some(push(1.0));
+        let mut n_slow = 0;
+        let mut last = 1.0;
+        loop {
+            let felt = residual.felt(before.take(), push(11.0), 0.5).force.z;
+            assert!(felt >= last && felt - last < 0.11 || n_slow > 290, "tick {n_slow}: {last} N, then {felt} N");
+            last = felt;
+            n_slow += 1;
+            if felt > 10.999 {
+                break;
+            }
+        }
+        assert!((290..330).contains(&n_slow), "{n_slow} ticks");
+        let felt = residual.felt(Some(push(11.0)), push(13.0), 0.5).force.z;
+        assert!((felt - 12.0).abs() < 1e-3, "{felt}");
     }
 
     #[test]

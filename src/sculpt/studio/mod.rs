@@ -46,6 +46,8 @@ pub struct Studio {
     shown: Option<Arc<PointSet>>,
     /// The loop has not been shown what there is.
     has_changed: bool,
+    /// The surface may have gone elsewhere at once since it was shown.
+    has_leapt: bool,
     trouble: Arc<str>,
 }
 
@@ -63,6 +65,7 @@ impl Studio {
             version: 0,
             shown: None,
             has_changed: true,
+            has_leapt: false,
             trouble: Arc::from(""),
         }
     }
@@ -135,16 +138,18 @@ impl Studio {
     /// The stroke under way has never been: after densities that cannot be touched.
     pub fn give_up_stroke(&mut self, why: &str) {
         self.doing = Doing::Nothing;
+        self.has_leapt = true;
         self.piece.cancel_stroke();
         self.note_change();
         self.trouble = format!("the stroke was taken back: {why}").into();
     }
 
     /// Writes what there is into a frame for the loop. Cost: a copy of the region.
-    pub fn show(&self, frame: &mut Frame) {
+    pub fn show(&mut self, frame: &mut Frame) {
         self.piece.show(frame);
         frame.sequence = self.updates;
         frame.rope_map = self.rope_map();
+        frame.is_leap = core::mem::take(&mut self.has_leapt);
     }
 
     /// What those see who look. Cost: a copy of the samples where they have changed.

@@ -18,14 +18,17 @@ impl Studio {
             }
             Order::Undo => {
                 self.let_go()?;
+                self.has_leapt = true;
                 if self.piece.undo()? { Ok(()) } else { Err(StudioError::NothingToUndo) }
             }
             Order::Redo => {
                 self.let_go()?;
+                self.has_leapt = true;
                 if self.piece.redo()? { Ok(()) } else { Err(StudioError::NothingToRedo) }
             }
             Order::Region { low_map, high_map } => {
                 self.let_go()?;
+                self.has_leapt = true;
                 Ok(self.piece.choose_region(low_map, high_map)?)
             }
             Order::Combine { boolean, with, is_sharp } => {
@@ -65,6 +68,7 @@ impl Studio {
 
     pub(super) fn combine(&mut self, boolean: Boolean, with: &PointSet, is_sharp: bool) -> Result<(), StudioError> {
         let other = PointSurface::build(with.clone(), self.piece.settings().n_neighbours)?;
+        self.has_leapt = true;
         self.piece.combine(boolean, &other, is_sharp)?;
         Ok(())
     }
@@ -73,6 +77,7 @@ impl Studio {
         if !depth_m.is_finite() {
             return Err(StudioError::Length { name: "a depth of images", value: depth_m });
         }
+        self.has_leapt = true;
         let n_moved = self.piece.emboss(image, laid, depth_m)?;
         if n_moved > 0 { Ok(()) } else { Err(StudioError::Nothing("image")) }
     }

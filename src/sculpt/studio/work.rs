@@ -122,7 +122,11 @@ impl Studio {
         self.doing = Doing::Nothing;
         if self.piece.is_stroke() {
             self.note_change();
-            self.piece.end_stroke()?;
+            if let Err(error) = self.piece.end_stroke() {
+                // The stroke has been taken back.
+                self.has_leapt = true;
+                return Err(error.into());
+            }
         }
         Ok(())
     }

@@ -129,7 +129,7 @@ fn a_frame_shows_the_region_as_it_is() {
     let mut piece = ball();
     let lattice = Lattice { origin_map: DVec3::ZERO, spacing_m: 1.0, dims: [2; 3] };
     let nothing = Raster::uniform(lattice, 0.0);
-    let mut frame = Frame { sequence: 0, base: Arc::new(nothing.clone()), region: nothing, rope_map: None };
+    let mut frame = Frame { sequence: 0, base: Arc::new(nothing.clone()), region: nothing, rope_map: None, is_leap: false };
     for sequence in 1..4 {
         piece.advance(4e-3);
         piece.show(&mut frame);
