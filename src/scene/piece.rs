@@ -20,8 +20,8 @@ const ROPE_N_PER_M_MAX: f64 = 500.0;
 const ROPE_SHARE_OF_LIMIT: f64 = 0.5;
 /// Mass points farther apart than this many spacings of the samples miss what the samples show.
 const COARSE: f64 = 6.0;
-/// Samples of a border nearer to each other than this, in spacings, are of one border.
-const BORDER_STEP: f64 = 3.0;
+/// Samples of a border nearer to each other than this, in spacings, are of one border: of a small hole some are not seen as such.
+const BORDER_STEP: f64 = 6.0;
 
 /// A piece of clay, ready to be worked.
 #[derive(Debug)]
@@ -166,8 +166,9 @@ fn warnings(report: &PieceReport, lattice: &Lattice) -> Vec<String> {
         } else {
             "the samples do not go around a body, so what is inside is guessed from the nearest sample"
         };
-        warnings
-            .push(format!("the surface is open: a border {length:.1} mm long around ({x:.1}, {y:.1}, {z:.1}) mm{more}; {becomes}"));
+        warnings.push(format!(
+            "the surface is open: a border about {length:.1} mm long around ({x:.1}, {y:.1}, {z:.1}) mm{more}; {becomes}"
+        ));
     } else if !report.closed {
         warnings.push("the samples do not go around a body: what is inside is guessed from the nearest sample".to_owned());
     }
@@ -251,7 +252,7 @@ mod tests {
         for (border, (height, way)) in found.iter().zip([(0.96, DVec3::Z), (0.99, DVec3::NEG_X)]) {
             let radius_m = 0.02 * (1.0_f64 - height * height).sqrt();
             let length_m = std::f64::consts::TAU * radius_m;
-            assert!(DVec3::from_array(border.position_m).distance(way * height * 0.02) < 0.2 * radius_m, "{border:?}");
+            assert!(DVec3::from_array(border.position_m).distance(way * height * 0.02) < 0.3 * radius_m, "{border:?}");
             assert!((border.length_m / length_m - 1.0).abs() < 0.5, "{border:?} of {length_m}");
         }
     }
