@@ -88,22 +88,22 @@ struct Asked {
     at: Option<Instant>,
 }
 
-#[derive(Default)]
 struct Told {
-    craft: Option<Craft>,
+    craft: Craft,
     trouble: Option<Arc<str>>,
 }
 
 impl Clay {
     pub(super) fn new(parts: ClayParts) -> Self {
         let ClayParts { door, world_from_map, tool, folder } = parts;
+        let told = Told { craft: tool.craft, trouble: None };
         Self {
             door,
             world_from_map,
             folder,
             asked: Mutex::new(Asked { tool, at: None }),
             saving: Mutex::default(),
-            told: Mutex::default(),
+            told: Mutex::new(told),
             splats: Splats::default(),
         }
     }
@@ -181,7 +181,8 @@ impl Clay {
         let Some(view) = (!hub.clients().is_empty()).then(|| self.door.view()).flatten() else { return };
         let (craft, trouble) = {
             let mut told = self.told.lock().unwrap_or_else(PoisonError::into_inner);
-            let craft = told.craft.replace(view.craft).filter(|before| *before != view.craft).map(|_| view.craft);
+            let before = core::mem::replace(&mut told.craft, view.craft);
+            let craft = (before != view.craft).then_some(view.craft);
             let before = told.trouble.replace(view.trouble.clone()).unwrap_or_default();
             (craft, (before != view.trouble && !view.trouble.is_empty()).then(|| view.trouble.clone()))
         };

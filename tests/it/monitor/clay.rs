@@ -88,7 +88,7 @@ fn clients_see_the_clay_and_choose_what_the_tool_does_to_it() {
     let before = daemon.get("/api/v1/clay");
     let refused = client.ask(json!({ "do": "clay_undo" }));
     assert_eq!((&refused["status"], refused["hint"].is_string()), (&json!(409), true), "{refused}");
-    client.does(json!({ "do": "clay_take", "craft": "emboss" }));
+    client.does(json!({ "do": "clay_take", "craft": "emboss", "brush_m": 0.008 }));
     client.does(json!({ "do": "clay_hold", "held": true }));
     clay_where(&daemon, |facts| facts["undo"] == 1);
     client.does(json!({ "do": "clay_hold", "held": false }));
