@@ -1,6 +1,6 @@
 //! Paths of the simulated hand: where it wants the tool frame to be in the world, over time.
 //!
-//! A path is a chain of minimum-jerk moves, s(τ) = 10 τ³ − 15 τ⁴ + 6 τ⁵, each from rest to rest. All turning of one path is about
+//! A path is a chain of minimum-jerk moves, s(τ) = 10 τ³ − 15 τ⁴ + 6 τ⁵, straight or along an arc, each from rest to rest. All turning of one path is about
 //! one axis, so a turn of more than half a revolution is no trouble.
 
 use std::fmt::Write as _;
@@ -16,6 +16,21 @@ struct Move {
     duration_ms: u64,
     to_mm: DVec3,
     turn_deg: f64,
+    /// Along an arc about an upright axis through this point, by so many degrees; otherwise straight.
+    arc: Option<(DVec3, f64)>,
+}
+
+impl Move {
+    /// The place after a share of the way.
+    fn place(&self, from_mm: DVec3, share: f64) -> DVec3 {
+        let straight = from_mm.lerp(self.to_mm, share);
+        self.arc.map_or(straight, |(center_mm, arc_deg)| around(from_mm, center_mm, arc_deg * share).with_z(straight.z))
+    }
+}
+
+/// A place turned about an upright axis through another.
+fn around(from_mm: DVec3, center_mm: DVec3, angle_deg: f64) -> DVec3 {
+    center_mm + DQuat::from_rotation_z(angle_deg.to_radians()) * (from_mm - center_mm)
 }
 
 /// A path from a pose of rest, untilted.
@@ -27,19 +42,36 @@ pub(crate) struct Hand {
 }
 
 impl Hand {
-    fn new(start_mm: DVec3, axis: DVec3) -> Self {
+    pub(crate) fn new(start_mm: DVec3, axis: DVec3) -> Self {
         Self { start_mm, axis: axis.normalize(), moves: Vec::new() }
     }
 
     /// Goes to `to_mm` and to the angle `turn_deg` about the axis.
-    fn go(mut self, duration_ms: u64, to_mm: DVec3, turn_deg: f64) -> Self {
-        assert_eq!(duration_ms % STEP_MS, 0, "moves last whole steps");
-        self.moves.push(Move { duration_ms, to_mm, turn_deg });
+    fn go(self, duration_ms: u64, to_mm: DVec3, turn_deg: f64) -> Self {
+        self.then(Move { duration_ms, to_mm, turn_deg, arc: None })
+    }
+
+    /// Goes to `to_mm` as it is turned now.
+    pub(crate) fn to(self, duration_ms: u64, to_mm: DVec3) -> Self {
+        let (_, turn_deg) = self.end();
+        self.go(duration_ms, to_mm, turn_deg)
+    }
+
+    /// Goes around an upright axis through `center_mm`, counter-clockwise seen from above, as it is turned now.
+    pub(crate) fn circle(self, duration_ms: u64, center_mm: DVec3, angle_deg: f64) -> Self {
+        let (from_mm, turn_deg) = self.end();
+        let to_mm = around(from_mm, center_mm, angle_deg);
+        self.then(Move { duration_ms, to_mm, turn_deg, arc: Some((center_mm, angle_deg)) })
+    }
+
+    fn then(mut self, next: Move) -> Self {
+        assert_eq!(next.duration_ms % STEP_MS, 0, "moves last whole steps");
+        self.moves.push(next);
         self
     }
 
     /// Stays where it is.
-    fn hold(self, duration_ms: u64) -> Self {
+    pub(crate) fn hold(self, duration_ms: u64) -> Self {
         let (to_mm, turn_deg) = self.end();
         self.go(duration_ms, to_mm, turn_deg)
     }
@@ -56,7 +88,7 @@ impl Hand {
             if time_ms < begin_ms + step.duration_ms {
                 let tau = (time_ms - begin_ms) as f64 / step.duration_ms as f64;
                 let share = tau * tau * tau * (10.0 + tau * (6.0 * tau - 15.0));
-                return (from.0.lerp(step.to_mm, share), from.1 + (step.turn_deg - from.1) * share);
+                return (step.place(from.0, share), from.1 + (step.turn_deg - from.1) * share);
             }
             begin_ms += step.duration_ms;
             from = (step.to_mm, step.turn_deg);

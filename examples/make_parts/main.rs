@@ -4,7 +4,7 @@
 //! cargo run --release --example make_parts -- config
 //! ```
 //!
-//! writes `config/models/*` and `config/scenes/hands/*.csv`. The files are committed; `cargo test --example make_parts` proves
+//! writes `config/models/*`, `config/scenes/hands/*.csv` and `config/clay/hands/*.csv`. The files are committed; `cargo test --example make_parts` proves
 //! that they are what this program writes, byte for byte, and that the parts are sound: closed, oriented outward, of the right
 //! size and volume, and with the clearances that the scenes rely on.
 //!
@@ -15,15 +15,19 @@
 //! | [`parts`] | peg, block, plate with shaft, gears, bolt, nut |
 //! | [`gear`] | involute outlines |
 //! | [`thread`] | ISO 68-1 thread surfaces |
+//! | [`image`] | grey images that are embossed |
 //! | [`hand`] | minimum-jerk paths of the simulated hand |
+//! | [`clay`] | the bowl, and the hands that work clay |
 //!
 //! Geometry is in millimetres, in the files too. Nothing is random, so there is no seed: every coordinate is rounded to
 //! 10 nm ([`mesh::GRID_PER_MM`]), which is far coarser than what mathematical libraries of different machines disagree about.
 
 #![expect(clippy::print_stdout, reason = "an example says what it wrote")]
 
+mod clay;
 mod gear;
 mod hand;
+mod image;
 mod loft;
 mod mesh;
 mod parts;
@@ -49,6 +53,13 @@ fn outputs() -> Vec<(&'static str, Vec<u8>)> {
         ("models/gear-tool.stl", parts::gear_tool().to_stl("gear, module 1.25 mm, 20 teeth, bore 8.2 mm")),
         ("models/bolt-m16.stl", parts::bolt().to_stl("bolt M16 x 2, hexagon head at z = 0, tip at z = 40")),
         ("models/nut-m16.stl", parts::nut().to_stl("nut M16 x 2, radial clearance 0.15 mm")),
+        ("models/bowl.obj", clay::bowl().to_obj("bowl: walls 4 mm, foot at z = 0, axis z")),
+        ("models/letter-h.png", image::letter().to_png()),
+        ("models/continents.png", image::continents().to_png()),
+        ("clay/hands/letter.csv", clay::letter().to_csv()),
+        ("clay/hands/character.csv", clay::character().to_csv()),
+        ("clay/hands/globe.csv", clay::globe().to_csv()),
+        ("clay/hands/bowl.csv", clay::around_the_bowl().to_csv()),
         ("scenes/hands/peg-in-hole.csv", hand::peg_in_hole().to_csv()),
         ("scenes/hands/gear-on-shaft.csv", hand::gear_on_shaft().to_csv()),
         ("scenes/hands/nut-on-bolt.csv", hand::nut_on_bolt().to_csv()),
@@ -72,7 +83,7 @@ fn write_all(config_dir: &Path) -> Result<(), (PathBuf, Error)> {
 fn main() -> ExitCode {
     let mut arguments = std::env::args_os().skip(1);
     let (Some(config_dir), None) = (arguments.next(), arguments.next()) else {
-        println!("usage: make_parts CONFIG_DIR   (writes CONFIG_DIR/models and CONFIG_DIR/scenes/hands)");
+        println!("usage: make_parts CONFIG_DIR   (writes CONFIG_DIR/models and the hands of CONFIG_DIR/scenes and clay)");
         return ExitCode::from(2);
     };
     match write_all(Path::new(&config_dir)) {

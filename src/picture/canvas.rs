@@ -42,6 +42,18 @@ impl Canvas {
         }
     }
 
+    /// Puts finished pixels onto the sheet, row by row from the top; what lies beyond it is left out.
+    pub(super) fn image(&mut self, [left, top]: [i32; 2], [width, _]: [i32; 2], pixels: &[Rgb]) {
+        let n_columns = self.pixels.width() as usize;
+        let (Ok(left), Ok(top), Ok(width)) = (usize::try_from(left), usize::try_from(top), usize::try_from(width)) else { return };
+        let rows = self.pixels.data_mut().chunks_exact_mut(4 * n_columns).skip(top);
+        for (row, colors) in rows.zip(pixels.chunks_exact(width.max(1))) {
+            for (pixel, [red, green, blue]) in row.chunks_exact_mut(4).skip(left).zip(colors) {
+                pixel.copy_from_slice(&[*red, *green, *blue, u8::MAX]);
+            }
+        }
+    }
+
     pub(super) fn line(&mut self, [x0, y0]: [f64; 2], [x1, y1]: [f64; 2], width: f64, color: Rgb) {
         let mut path = PathBuilder::new();
         path.move_to(x0 as f32, y0 as f32);

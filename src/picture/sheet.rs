@@ -180,7 +180,7 @@ fn legend(canvas: &mut Canvas, subject: &Subject<'_>, top: f64) {
 }
 
 /// Digits in groups of three.
-fn grouped(count: usize) -> String {
+pub(super) fn grouped(count: usize) -> String {
     let digits = count.to_string();
     let mut text = String::new();
     for (k, digit) in digits.chars().enumerate() {
@@ -193,7 +193,7 @@ fn grouped(count: usize) -> String {
 }
 
 /// A name that fits on the sheet.
-fn shortened(name: &str, n_letters: usize) -> String {
+pub(super) fn shortened(name: &str, n_letters: usize) -> String {
     if name.chars().count() <= n_letters {
         return name.to_owned();
     }

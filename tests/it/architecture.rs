@@ -4,7 +4,7 @@
 //! |---|---|
 //! | `spatial`, `storage` | nothing: leaves |
 //! | `mesh`, `voxmap`, `pointshell` | `spatial` and each other; nothing of scenes, devices, loops or threads |
-//! | `picture`, `bench` | what geometry may, and nobody but `cli` uses them |
+//! | `picture`, `bench` | what geometry may, and nobody but `cli` uses them; `picture` also samples of clay |
 //! | `bench::contact`, `bench::sculpt` | anything: they play scenes |
 //! | `haptics` | `spatial`, `voxmap::field`, `pointshell::{shell, tree}` |
 //! | `device` | anything but the rooms that render, run or watch |
@@ -36,6 +36,10 @@ fn refusal(room: &str, path: &[String]) -> Option<&'static str> {
     let same_room = first == room || first == "bench" && room == BENCH_OF_CONTACT;
     if matches!(first, "picture" | "bench") && !same_room && !matches!(room, "cli" | "lib") {
         return Some("nobody but `cli` uses `picture` and `bench`");
+    }
+    // Clay is drawn by its samples, whatever else it is.
+    if room == "picture" && first == "sculpt" && matches!(second, "PointSet" | "Neighbours") {
+        return None;
     }
     match room {
         "spatial" if first != "spatial" => Some("`spatial` is a leaf"),

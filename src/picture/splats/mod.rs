@@ -1,0 +1,125 @@
+//! Pictures of clay: its samples as shaded discs, from three sides on one sheet.
+//!
+//! [`sheet`](self) lays the views out, `view` says what each pixel sees, `shade` lights it. Samples cover one another as surfaces do: a
+//! pixel shows the mean of the discs that are nearest to the viewer there, weighted by how near their middles are.
+//!
+//! Invariants: no randomness, one thread: the same picture on every machine. Cost: O(pixels · discs that cover one).
+
+mod shade;
+mod view;
+
+use std::io;
+use std::path::Path;
+
+use glam::DVec3;
+
+use self::view::{Camera, Discs};
+use super::canvas::{Align, Canvas};
+use super::palette::{FAINT, INK, Rgb};
+use super::panel::short;
+use super::sheet::{grouped, shortened};
+use crate::sculpt::PointSet;
+
+/// A piece of clay at one moment.
+#[derive(Clone, Copy, Debug)]
+pub struct Subject<'a> {
+    /// Above its row.
+    pub name: &'a str,
+    /// Its samples, map frame.
+    pub points: &'a PointSet,
+    /// The same piece at another moment, in another picture: both are drawn at one scale.
+    pub beside: Option<&'a PointSet>,
+}
+
+/// Of the sheet, pixels.
+const WIDTH: i32 = 1000;
+const MARGIN: i32 = 12;
+const HEADER: i32 = 52;
+/// The view from the corner, and the two beside it, pixels.
+const LARGE: [i32; 2] = [608, 420];
+const SMALL: [i32; 2] = [356, 204];
+const GAP: i32 = 12;
+/// Pixels of the views along a pixel of the sheet, which smooths their edges.
+const FINER: i32 = 2;
+/// Share of a view that the piece takes up at most.
+const FILLED: f64 = 0.9;
+/// Share of a view's width that the bar of its scale takes up at most.
+const BAR: f64 = 0.25;
+/// Behind the pieces.
+const BACKDROP: Rgb = [243, 245, 248];
+
+/// What a view looks at: word, place on the sheet below the header, size, and the way towards the viewer.
+const VIEWS: [(&str, [i32; 2], [i32; 2], DVec3); 3] = [
+    ("", [MARGIN, 0], LARGE, DVec3::new(0.45, -0.75, 0.5)),
+    ("front", [MARGIN + LARGE[0] + GAP, 0], SMALL, DVec3::NEG_Y),
+    ("top", [MARGIN + LARGE[0] + GAP, SMALL[1] + GAP], SMALL, DVec3::Z),
+];
+
+/// Draws a sheet, 1000 pixels wide, with a row for each subject, all at one scale, and writes it as a PNG.
+///
+/// # Errors
+/// Any error of the file system; a sheet without memory for its pixels.
+pub fn write(path: &Path, subjects: &[Subject<'_>]) -> io::Result<()> {
+    std::fs::write(path, png(subjects)?)
+}
+
+fn png(subjects: &[Subject<'_>]) -> io::Result<Vec<u8>> {
+    let row = HEADER + LARGE[1] + MARGIN;
+    let mut canvas = u32::try_from(row * subjects.len() as i32)
+        .ok()
+        .and_then(|height| Canvas::new(WIDTH as u32, height))
+        .ok_or_else(|| io::Error::other("no memory for a sheet of pixels"))?;
+    let shown = || subjects.iter().flat_map(|subject| [Some(subject.points), subject.beside]).flatten();
+    for (n, subject) in subjects.iter().enumerate() {
+        let top = n as i32 * row;
+        draw_words(&mut canvas, subject, f64::from(top));
+        let discs = Discs::of(subject.points);
+        for (word, [left, below], size, toward) in VIEWS {
+            let corner = [left, top + HEADER + below];
+            let fine = size.map(|edge| (edge * FINER) as usize);
+            let camera = Camera::over(toward, shown().flat_map(|points| points.positions_map.iter().copied()), fine, FILLED);
+            let pixels = shade::lit(&view::seen(&camera, &discs, fine), BACKDROP);
+            canvas.image(corner, size, &halved(&pixels, fine[0]));
+            draw_scale(&mut canvas, corner, size, camera.pixels_per_m() / f64::from(FINER));
+            let [x, y] = corner.map(f64::from);
+            canvas.text([x + f64::from(size[0]) - 10.0, y + 20.0], 13.0, Align::Right, FAINT, word);
+        }
+    }
+    canvas.png()
+}
+
+fn draw_words(canvas: &mut Canvas, subject: &Subject<'_>, top: f64) {
+    let left = f64::from(MARGIN);
+    canvas.text([left, top + 22.0], 17.0, Align::Left, INK, &shortened(subject.name, 90));
+    let (low, high) = subject.points.bounds().unwrap_or_default();
+    let size_mm = ((high - low) * 1e3).to_array().map(|edge| short((edge * 10.0).round() / 10.0));
+    let facts = format!("{} samples \u{b7} {} mm", grouped(subject.points.len()), size_mm.join(" \u{d7} "));
+    canvas.text([left, top + 41.0], 13.0, Align::Left, FAINT, &facts);
+}
+
+/// A bar of a round length in the lower left corner.
+fn draw_scale(canvas: &mut Canvas, [left, top]: [i32; 2], [width, height]: [i32; 2], pixels_per_m: f64) {
+    let most_m = BAR * f64::from(width) / pixels_per_m;
+    let decade_m = 10_f64.powf(most_m.log10().floor());
+    let Some(length_m) = [5.0, 2.0, 1.0].into_iter().map(|factor| factor * decade_m).find(|length_m| *length_m <= most_m) else {
+        return;
+    };
+    let (x, y) = (f64::from(left) + 12.0, f64::from(top + height) - 12.0);
+    let end = x + length_m * pixels_per_m;
+    canvas.line([x, y], [end, y], 2.0, INK);
+    canvas.text([end + 7.0, y + 4.5], 13.0, Align::Left, INK, &format!("{} mm", short(length_m * 1e3)));
+}
+
+/// Means of 2 × 2 pixels, in linear light.
+fn halved(pixels: &[[f32; 3]], width: usize) -> Vec<Rgb> {
+    let rows: Vec<&[[f32; 3]]> = pixels.chunks_exact(width).collect();
+    let of_rows = |pair: &[&[[f32; 3]]]| -> Vec<Rgb> {
+        let pairs = pair[0].chunks_exact(2).zip(pair[1].chunks_exact(2));
+        let mean = |(a, b): (&[[f32; 3]], &[[f32; 3]])| [0, 1, 2].map(|n| 0.25 * (a[0][n] + a[1][n] + b[0][n] + b[1][n]));
+        pairs.map(|four| mean(four).map(shade::to_srgb)).collect()
+    };
+    rows.chunks_exact(FINER as usize).flat_map(of_rows).collect()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,153 @@
+//! What each pixel of a view sees of the samples.
+
+use glam::{DVec2, DVec3, Vec3};
+
+use super::shade::to_linear;
+use crate::sculpt::{Neighbours, PointSet};
+
+/// A sample's disc reaches this much farther than its [`AROUND`]th neighbour, so that discs overlap.
+const REACH: f64 = 0.8;
+const AROUND: usize = 6;
+/// A radius is at most this many times the usual one, and at least one of its parts: single samples cover no holes.
+const RADIUS_MOST: f64 = 2.0;
+/// Discs nearer together than this share of the usual radius, along the view, are one surface.
+const ONE_SURFACE: f64 = 0.8;
+/// Discs are seen from the side no flatter than this (cosine): they stand for a surface that bends away.
+const FLATTEST: f64 = 0.15;
+
+/// A way of looking, without perspective: x to the right, y up, z towards the viewer.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Camera {
+    right: DVec3,
+    up: DVec3,
+    toward: DVec3,
+    /// Pixels per metre; and the pixel of the origin, y down.
+    scale: f64,
+    origin: DVec2,
+}
+
+impl Camera {
+    /// Looks against `toward` at all of these places, which then fill this share of the view.
+    pub(super) fn over(toward: DVec3, places: impl Iterator<Item = DVec3>, size: [usize; 2], filled: f64) -> Self {
+        let toward = toward.normalize();
+        let right = DVec3::Z.cross(toward).try_normalize().unwrap_or(DVec3::X);
+        let up = toward.cross(right);
+        let (low, high) = places
+            .map(|at| DVec2::new(at.dot(right), at.dot(up)))
+            .fold((DVec2::INFINITY, DVec2::NEG_INFINITY), |(low, high), at| (low.min(at), high.max(at)));
+        let (middle, edges) = if low.cmple(high).all() { (0.5 * (low + high), high - low) } else { (DVec2::ZERO, DVec2::ONE) };
+        let size = DVec2::new(size[0] as f64, size[1] as f64);
+        let scale = (filled * size / edges.max(DVec2::splat(1e-9))).min_element();
+        Self { right, up, toward, scale, origin: 0.5 * size + DVec2::new(-middle.x, middle.y) * scale }
+    }
+
+    pub(super) fn pixels_per_m(&self) -> f64 {
+        self.scale
+    }
+
+    /// Pixel and height towards the viewer, m.
+    fn place(&self, at: DVec3) -> (DVec2, f64) {
+        (self.origin + DVec2::new(at.dot(self.right), -at.dot(self.up)) * self.scale, at.dot(self.toward))
+    }
+
+    fn turned(&self, way: DVec3) -> DVec3 {
+        DVec3::new(way.dot(self.right), way.dot(self.up), way.dot(self.toward))
+    }
+}
+
+/// Samples with the radii of their discs.
+pub(super) struct Discs<'a> {
+    points: &'a PointSet,
+    radii_m: Vec<f64>,
+    usual_m: f64,
+}
+
+impl<'a> Discs<'a> {
+    /// Discs that cover the surface between the samples.
+    pub(super) fn of(points: &'a PointSet) -> Self {
+        let near = Neighbours::new(&points.positions_map);
+        let mut found = Vec::new();
+        let mut radius_m = |at: &DVec3| {
+            near.nearest_n(*at, AROUND + 1, &mut found);
+            REACH * found.last().map_or(0.0, |farthest| farthest.distance_squared_m2).sqrt()
+        };
+        let mut radii_m: Vec<f64> = points.positions_map.iter().map(&mut radius_m).collect();
+        let mut sorted = radii_m.clone();
+        sorted.sort_unstable_by(f64::total_cmp);
+        let usual_m = sorted.get(sorted.len() / 2).copied().unwrap_or_default();
+        radii_m.iter_mut().for_each(|radius_m| *radius_m = radius_m.clamp(usual_m / RADIUS_MOST, usual_m * RADIUS_MOST));
+        Self { points, radii_m, usual_m }
+    }
+}
+
+/// What a pixel sees.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Seen {
+    /// Pixels towards the viewer; −∞ where there is nothing.
+    pub(super) height: f32,
+    /// Out of the surface, camera axes, unit.
+    pub(super) normal: Vec3,
+    /// Linear light.
+    pub(super) color: [f32; 3],
+}
+
+/// A view, row by row from the top.
+pub(super) struct Seeing {
+    pub(super) width: usize,
+    pub(super) pixels: Vec<Seen>,
+}
+
+/// Looks at the discs whose front is towards the viewer: first how near the nearest are, then what they are like.
+pub(super) fn seen(camera: &Camera, discs: &Discs<'_>, [width, height]: [usize; 2]) -> Seeing {
+    let mut heights = vec![f32::NEG_INFINITY; width * height];
+    for sample in 0..discs.points.len() {
+        cover(camera, discs, sample, [width, height], |pixel, height, _| heights[pixel] = heights[pixel].max(height));
+    }
+    let together = (ONE_SURFACE * discs.usual_m * camera.scale) as f32;
+    let mut sums = vec![(Vec3::ZERO, [0.0; 3], 0.0); width * height];
+    for sample in 0..discs.points.len() {
+        let normal = camera.turned(discs.points.normals_map[sample]).as_vec3();
+        let color = discs.points.colors[sample].map(to_linear);
+        cover(camera, discs, sample, [width, height], |pixel, height, weight| {
+            if height > heights[pixel] - together {
+                let (normals, colors, weights) = &mut sums[pixel];
+                *normals += normal * weight;
+                *weights += weight;
+                colors.iter_mut().zip(color).for_each(|(sum, color)| *sum += color * weight);
+            }
+        });
+    }
+    let pixel = |(height, (normals, colors, weights)): (f32, (Vec3, [f32; 3], f32))| Seen {
+        height,
+        normal: normals.normalize_or(Vec3::Z),
+        color: colors.map(|sum| sum / weights.max(f32::MIN_POSITIVE)),
+    };
+    Seeing { width, pixels: heights.into_iter().zip(sums).map(pixel).collect() }
+}
+
+/// Calls `on` with each pixel that a disc covers: its number, the height there in pixels, and a weight that fades towards the rim.
+fn cover(camera: &Camera, discs: &Discs<'_>, sample: usize, [width, height]: [usize; 2], mut on: impl FnMut(usize, f32, f32)) {
+    let normal = camera.turned(discs.points.normals_map[sample]);
+    if normal.z <= 0.0 {
+        return;
+    }
+    let (middle, middle_height_m) = camera.place(discs.points.positions_map[sample]);
+    let radius = discs.radii_m[sample] * camera.scale;
+    let middle_height = middle_height_m * camera.scale;
+    let slope = DVec2::new(-normal.x, normal.y) / normal.z.max(FLATTEST);
+    let reach = DVec2::new((1.0 - normal.x * normal.x).max(0.0).sqrt(), (1.0 - normal.y * normal.y).max(0.0).sqrt()) * radius;
+    let range = |middle: f64, reach: f64, n_pixels: usize| {
+        let clamped = |pixel: f64| pixel.clamp(0.0, n_pixels as f64) as usize;
+        clamped((middle - reach).floor())..clamped((middle + reach).ceil())
+    };
+    for y in range(middle.y, reach.y, height) {
+        for x in range(middle.x, reach.x, width) {
+            let away = DVec2::new(x as f64 + 0.5, y as f64 + 0.5) - middle;
+            let rise = slope.dot(away);
+            let share = (away.length_squared() + rise * rise) / (radius * radius);
+            if share < 1.0 {
+                on(y * width + x, (middle_height + rise) as f32, ((1.0 - share) * (1.0 - share)) as f32 + 1e-6);
+            }
+        }
+    }
+}
