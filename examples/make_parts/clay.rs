@@ -18,7 +18,7 @@ const CLEAR_MM: f64 = 0.8;
 
 // The bowl: two balls about one centre, cut off at a rim.
 
-const BOWL_AROUND: usize = 96;
+const BOWL_AROUND: usize = 72;
 /// Middle of both balls.
 pub(crate) const BOWL_CENTER_MM: DVec3 = DVec3::new(0.0, 0.0, 23.0);
 pub(crate) const BOWL_OUTER_MM: f64 = 24.0;
@@ -36,8 +36,8 @@ pub(crate) fn bowl() -> Mesh {
     };
     let foot_deg = -(BOWL_CENTER_MM.z / BOWL_OUTER_MM).asin().to_degrees();
     let steps = |from: f64, to: f64, n: usize| (0..=n).map(move |step| from + (to - from) * step as f64 / n as f64);
-    let outside = steps(foot_deg, RIM_DEG, 12).map(|up_deg| on_ball(BOWL_OUTER_MM, up_deg));
-    let inside = steps(RIM_DEG, -90.0, 14).map(|up_deg| on_ball(BOWL_INNER_MM, up_deg));
+    let outside = steps(foot_deg, RIM_DEG, 16).map(|up_deg| on_ball(BOWL_OUTER_MM, up_deg));
+    let inside = steps(RIM_DEG, -90.0, 16).map(|up_deg| on_ball(BOWL_INNER_MM, up_deg));
     let middle = on_ball(0.5 * (BOWL_OUTER_MM + BOWL_INNER_MM), RIM_DEG);
     let rim = steps(RIM_DEG, RIM_DEG + 180.0, 6).skip(1).take(5).map(|turn_deg| {
         let (sin, cos) = turn_deg.to_radians().sin_cos();
@@ -117,9 +117,9 @@ pub(crate) fn letter() -> Hand {
 
 // The character.
 
-pub(crate) const HEAD_CENTER_MM: DVec3 = DVec3::new(0.0, 0.0, 20.0);
-pub(crate) const HEAD_MM: f64 = 9.0;
-pub(crate) const BODY_MM: f64 = 14.0;
+pub(crate) const HEAD_CENTER_MM: DVec3 = DVec3::new(0.0, 0.0, 18.0);
+pub(crate) const HEAD_MM: f64 = 9.5;
+pub(crate) const BODY_MM: f64 = 12.0;
 pub(crate) const CHARACTER_TOOL_MM: f64 = 2.0;
 
 /// Pulls out a nose, presses two eyes, and pokes the belly.
@@ -154,7 +154,7 @@ pub(crate) fn character() -> Hand {
 pub(crate) const GLOBE_MM: f64 = 25.0;
 pub(crate) const GLOBE_TOOL_MM: f64 = 3.0;
 /// Height of land.
-pub(crate) const LAND_MM: f64 = 1.2;
+pub(crate) const LAND_MM: f64 = 1.0;
 
 /// Paints ice around the north pole and a desert across northern Africa, and pulls up the Himalayas.
 pub(crate) fn globe() -> Hand {

@@ -42,9 +42,9 @@ const GAP: i32 = 12;
 /// Pixels of the views along a pixel of the sheet, which smooths their edges.
 const FINER: i32 = 2;
 /// Share of a view that the piece takes up at most.
-const FILLED: f64 = 0.9;
+const FILLED: f64 = 0.86;
 /// Share of a view's width that the bar of its scale takes up at most.
-const BAR: f64 = 0.25;
+const BAR: f64 = 0.2;
 /// Behind the pieces.
 const BACKDROP: Rgb = [243, 245, 248];
 

@@ -6,9 +6,9 @@ use super::super::palette::Rgb;
 use super::view::Seeing;
 
 /// Towards the lamps, camera axes, and how bright they are.
-const LAMPS: [(Vec3, f32); 2] = [(Vec3::new(-0.5, 0.62, 0.6), 0.72), (Vec3::new(0.8, 0.05, 0.35), 0.16)];
+const LAMPS: [(Vec3, f32); 2] = [(Vec3::new(-0.5, 0.62, 0.6), 0.92), (Vec3::new(0.8, 0.05, 0.35), 0.2)];
 /// Light from all sides, and how much more of it comes from above.
-const SKY: [f32; 2] = [0.3, 0.1];
+const SKY: [f32; 2] = [0.36, 0.12];
 /// Of the lamp in the surface: how bright, and how sharp.
 const GLOSS: (f32, f32) = (0.07, 28.0);
 /// Where hollows are looked for, in pixels; and the rise over them that hides the sky there.
