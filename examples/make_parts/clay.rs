@@ -39,7 +39,7 @@ pub(crate) fn bowl() -> Mesh {
     let outside = steps(foot_deg, RIM_DEG, 16).map(|up_deg| on_ball(BOWL_OUTER_MM, up_deg));
     let inside = steps(RIM_DEG, -90.0, 16).map(|up_deg| on_ball(BOWL_INNER_MM, up_deg));
     let middle = on_ball(0.5 * (BOWL_OUTER_MM + BOWL_INNER_MM), RIM_DEG);
-    let rim = steps(RIM_DEG, RIM_DEG + 180.0, 6).skip(1).take(5).map(|turn_deg| {
+    let rim = steps(RIM_DEG, RIM_DEG + 180.0, 14).skip(1).take(13).map(|turn_deg| {
         let (sin, cos) = turn_deg.to_radians().sin_cos();
         middle + DVec2::new(cos, sin) * (0.5 * (BOWL_OUTER_MM - BOWL_INNER_MM))
     });
