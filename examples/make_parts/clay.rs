@@ -11,8 +11,9 @@ use crate::image::{ARCH_CENTER, ARCH_RADIUS, LETTER_PIXELS, STEM};
 use crate::loft::{Ring, circle, even_angles, solid, tip};
 use crate::mesh::Mesh;
 
-/// How far a hand wants to be inside of what it presses; it and the coupling are springs, so it presses about a newton and a half.
-const PRESSED_MM: f64 = 3.5;
+/// How far a hand wants to be inside of what it presses; it and the coupling are springs, so it presses
+/// with about three newtons, more than a brush takes to be full.
+const PRESSED_MM: f64 = 6.5;
 /// Between the ball in the hand and the surface where clay is grabbed but not touched.
 const CLEAR_MM: f64 = 0.8;
 
@@ -66,7 +67,7 @@ pub(crate) fn around_the_bowl() -> Hand {
         .circle(4400, BOWL_CENTER_MM, 360.0)
         .to(300, outside(-4.0, -10.0))
         .to(400, at(BOWL_OUTER_MM, 20.0))
-        .to(400, inside(-2.0, -20.0))
+        .to(400, inside(-2.0, -40.0))
         .to(300, inside(PRESSED_MM, -40.0))
         .circle(2800, BOWL_CENTER_MM, 360.0)
         .to(400, inside(-4.0, -20.0))
@@ -75,13 +76,13 @@ pub(crate) fn around_the_bowl() -> Hand {
 // The letter on its plate.
 
 /// Upper left corner and edge of its image, and the top of the plate.
-pub(crate) const LETTER_CORNER_MM: DVec2 = DVec2::new(-26.0, 28.5);
-pub(crate) const LETTER_EDGE_MM: f64 = 52.0;
+pub(crate) const LETTER_CORNER_MM: DVec2 = DVec2::new(-24.0, 28.0);
+pub(crate) const LETTER_EDGE_MM: f64 = 48.0;
 pub(crate) const PLATE_TOP_MM: f64 = 4.0;
 pub(crate) const LETTER_DEPTH_MM: f64 = 2.0;
 pub(crate) const LETTER_TOOL_MM: f64 = 2.5;
 /// Where the line below the letter runs.
-const LINE_Y_MM: f64 = -23.0;
+const LINE_Y_MM: f64 = -22.0;
 const LINE_X_MM: f64 = 15.0;
 
 /// Paints along the letter, draws a line below it, and pulls that line out of the plate.
@@ -111,7 +112,7 @@ pub(crate) fn letter() -> Hand {
         .hold(200)
         .to(700, line(0.0, CLEAR_MM))
         .hold(200)
-        .to(1200, line(0.0, 12.0))
+        .to(1200, line(0.0, 8.0))
         .hold(600)
 }
 
@@ -133,8 +134,9 @@ pub(crate) fn character() -> Hand {
         .to(500, nose(CLEAR_MM))
         .hold(300)
         .to(1000, nose(9.0))
-        .hold(500)
-        .to(600, eye(-1.0, 3.0))
+        .hold(400)
+        .to(500, HEAD_CENTER_MM + DVec3::new(-8.0, -19.0, 9.0))
+        .to(500, eye(-1.0, 3.0))
         .to(300, eye(-1.0, -PRESSED_MM))
         .hold(200)
         .to(300, eye(-1.0, 3.0))
@@ -175,6 +177,6 @@ pub(crate) fn globe() -> Hand {
         .to(1100, at(86.0, 30.0, 5.0))
         .to(400, at(86.0, 30.0, LAND_MM + CLEAR_MM))
         .hold(200)
-        .to(1000, at(86.0, 30.0, 10.0))
+        .to(1000, at(86.0, 30.0, 6.0))
         .hold(600)
 }

@@ -16,9 +16,11 @@ use crate::daemon::studio::{self, Door, Ended, FailedOrder, Plan, StudioReport, 
 use crate::error::Exit;
 use crate::haptics::RenderScene;
 use crate::monitor::ClayParts;
+use crate::picture::splats::{self, Subject};
 use crate::rt::clock::ClockKind;
 use crate::rt::utc::timestamp;
 use crate::scene::Piece;
+use crate::sculpt::PointSet;
 use crate::sculpt::studio::{Order, Studio, StudioError, ToolBody};
 
 /// Arguments of `hapticd sculpt`.
@@ -49,6 +51,9 @@ pub(crate) struct ClayArgs {
     /// At the end, write the piece as a closed mesh that `bake` and rigid scenes take.
     #[arg(long, value_name = "FILE.ply")]
     export: Option<PathBuf>,
+    /// At the end, draw the piece as it was and as it is: before.png and after.png in this folder.
+    #[arg(long, value_name = "DIR")]
+    pictures: Option<PathBuf>,
 }
 
 pub(crate) fn main(args: &Args, talk: Talk, started_ns: i64) -> Exit {
@@ -64,7 +69,16 @@ pub(crate) struct Workshop {
     name: String,
     /// What is written at the end.
     outputs: Vec<Order>,
+    pictures: Option<Pictures>,
     open: Option<Open>,
+}
+
+/// Drawings of the piece at the start and at the end.
+struct Pictures {
+    /// Above the piece.
+    title: String,
+    folder: PathBuf,
+    before: PointSet,
 }
 
 struct Open {
@@ -98,13 +112,19 @@ impl Workshop {
             None => Vec::new(),
         };
         let outputs = args.outputs();
-        check_outputs(config, &script, &outputs, own.overwrite, talk)?;
+        let pictures = args.pictures.as_ref().map(|folder| Pictures {
+            title: config.name.clone(),
+            folder: folder.clone(),
+            before: PointSet::default(),
+        });
+        check_outputs(config, &script, &outputs, pictures.as_ref(), own.overwrite, talk)?;
         let tick_s = config.parameters.period_s;
         let due = |(at, order): Timed| ((at.as_secs_f64() / tick_s).round() as u64, order);
         Ok(Some(Self {
             plan: Plan { tick_s, update_ticks: sculpt.update_ticks, clock, script: script.into_iter().map(due).collect() },
             name: config.path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
             outputs,
+            pictures,
             sculpt,
             open: None,
         }))
@@ -114,6 +134,9 @@ impl Workshop {
     pub(crate) fn open(&mut self, piece: Piece, scene: &RenderScene, live: &mut Live) -> std::io::Result<()> {
         let Some(clay) = &scene.clay else { return Ok(()) };
         let Piece { workpiece, tool_shape, report } = piece;
+        if let Some(pictures) = &mut self.pictures {
+            pictures.before = workpiece.points().clone();
+        }
         let body = ToolBody { shape: Some(tool_shape), center_of_mass_tool: scene.tool.center_of_mass_tool };
         let studio = Studio::new(workpiece, self.sculpt.tool.clone(), body);
         let plan = Plan { script: std::mem::take(&mut self.plan.script), ..self.plan.clone() };
@@ -172,8 +195,36 @@ impl Workshop {
                 talk,
             );
         }
+        // A picture keeps no stroke, and one that cannot be drawn loses none.
+        if let Some(pictures) = &self.pictures {
+            for (file, drawn) in pictures.draw(studio.piece().points()) {
+                match drawn {
+                    Ok(()) => summary.saved.push(Saved { kind: "picture", file }),
+                    Err(error) => {
+                        report::error(&format!("cannot write {}: {error}", file.display()), destination::hint(&error), talk);
+                        summary.unsaved.push(Saved { kind: "picture", file });
+                    }
+                }
+            }
+        }
         summary.tell(talk);
         Some(summary)
+    }
+}
+
+impl Pictures {
+    fn files(&self) -> [PathBuf; 2] {
+        ["before.png", "after.png"].map(|name| self.folder.join(name))
+    }
+
+    /// Draws both at one scale.
+    fn draw(&self, after: &PointSet) -> [(PathBuf, std::io::Result<()>); 2] {
+        let moments = [("before", &self.before, after), ("after", after, &self.before)];
+        moments.map(|(moment, points, beside)| {
+            let (name, file) = (format!("{}, {moment}", self.title), self.folder.join(format!("{moment}.png")));
+            let written = splats::write(&file, &[Subject { name: &name, points, beside: Some(beside) }]);
+            (file, written)
+        })
     }
 }
 
@@ -186,7 +237,14 @@ impl ClayArgs {
 }
 
 /// Refuses what cannot be written or may not be written over.
-fn check_outputs(config: &SceneConfig, script: &[Timed], outputs: &[Order], overwrite: bool, talk: Talk) -> Result<(), Exit> {
+fn check_outputs(
+    config: &SceneConfig,
+    script: &[Timed],
+    outputs: &[Order],
+    pictures: Option<&Pictures>,
+    overwrite: bool,
+    talk: Talk,
+) -> Result<(), Exit> {
     let refuse = |exit: Exit, message: String, hint: Option<&str>| {
         report::error(&message, hint, talk);
         Err(exit)
@@ -197,6 +255,13 @@ fn check_outputs(config: &SceneConfig, script: &[Timed], outputs: &[Order], over
     }
     let mut files: Vec<PathBuf> = own.map(|(_, file)| file).collect();
     files.extend(strokes::outputs(script).map(Path::to_owned));
+    if let Some(pictures) = pictures {
+        if let Err(error) = std::fs::create_dir_all(&pictures.folder) {
+            let message = format!("cannot make the folder {}: {error}", pictures.folder.display());
+            return refuse(Exit::Asset, message, destination::hint(&error));
+        }
+        files.extend(pictures.files());
+    }
     for (idx, file) in files.iter().enumerate() {
         if files[..idx].contains(file) {
             let hint = "give each its own name";
@@ -259,7 +324,7 @@ fn rescue(studio: &mut Studio, name: &str, talk: Talk) -> Option<PathBuf> {
 /// A file that was written.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct Saved {
-    /// `points`, `session` or `mesh`.
+    /// `points`, `session`, `mesh` or `picture`.
     kind: &'static str,
     file: PathBuf,
 }

@@ -122,7 +122,7 @@ fn check(schema: &str, text: &str) -> Vec<String> {
 fn every_shipped_file_fits_its_schema() {
     let [(_, scene), (_, profile)] = schemas();
     let mut n_files = 0;
-    for (schema, folder) in [(&scene, "config"), (&scene, "config/scenes"), (&profile, "devices")] {
+    for (schema, folder) in [(&scene, "config"), (&scene, "config/scenes"), (&scene, "config/clay"), (&profile, "devices")] {
         for path in toml_files(folder) {
             let found = check(schema, &fs::read_to_string(&path).unwrap());
             assert!(found.is_empty(), "{}: {found:#?}", path.display());

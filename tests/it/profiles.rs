@@ -125,7 +125,7 @@ error: x.toml:32: plant.mass_kg = -1: must be finite and greater than 0"#;
 
 #[test]
 fn every_shipped_scene_loads() {
-    for path in toml_files("config/scenes") {
+    for path in toml_files("config/scenes").into_iter().chain(toml_files("config/clay")) {
         if let Err(errors) = config::load(&path) {
             panic!("{errors}");
         }

@@ -107,7 +107,7 @@ fn draw_scale(canvas: &mut Canvas, [left, top]: [i32; 2], [width, height]: [i32;
     let (x, y) = (f64::from(left) + 12.0, f64::from(top + height) - 12.0);
     let end = x + length_m * pixels_per_m;
     canvas.line([x, y], [end, y], 2.0, INK);
-    canvas.text([end + 7.0, y + 4.5], 13.0, Align::Left, INK, &format!("{} mm", short(length_m * 1e3)));
+    canvas.text([x, y - 6.0], 13.0, Align::Left, INK, &format!("{} mm", short(length_m * 1e3)));
 }
 
 /// Means of 2 × 2 pixels, in linear light.

@@ -13,11 +13,11 @@ const RADIUS_MOST: f64 = 2.0;
 /// Discs nearer together than this share of the usual radius, along the view, are one surface.
 const ONE_SURFACE: f64 = 0.8;
 /// An edge is where neighbours turn away from each other by more than this (cosine).
-const EDGE: f64 = 0.9;
+const EDGE: f64 = 0.8;
 /// Discs end at an edge, but for this share of their radius.
 const OVER_EDGE: f64 = 0.05;
 /// Neighbours that turn away less than this are of one face of the surface, and share a normal: samples of a mesh have those of its triangles.
-const ONE_FACE: f64 = 0.97;
+const ONE_FACE: f64 = 0.9;
 /// Discs are seen from the side no flatter than this (cosine): they stand for a surface that bends away.
 const FLATTEST: f64 = 0.15;
 
