@@ -46,7 +46,7 @@ const FILLED: f64 = 0.86;
 /// Share of a view's width that the bar of its scale takes up at most.
 const BAR: f64 = 0.2;
 /// Behind the pieces.
-const BACKDROP: Rgb = [243, 245, 248];
+const BACKDROP: Rgb = [243, 246, 249];
 
 /// What a view looks at: word, place on the sheet below the header, size, and the way towards the viewer.
 const VIEWS: [(&str, [i32; 2], [i32; 2], DVec3); 3] = [
