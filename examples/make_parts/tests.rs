@@ -10,13 +10,13 @@ use crate::hand::{self, Hand};
 use crate::mesh::Mesh;
 use crate::parts::*;
 use crate::thread::{self, N_COLUMNS, PITCH_MM};
-use crate::{gear::Gear, loft, outputs};
+use crate::{clay, gear::Gear, image, loft, outputs};
 
 fn config_dir() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("config")
 }
 
-fn all_parts() -> [(&'static str, Mesh); 8] {
+fn all_parts() -> [(&'static str, Mesh); 9] {
     [
         ("peg", peg()),
         ("block-hole", block_hole()),
@@ -26,6 +26,7 @@ fn all_parts() -> [(&'static str, Mesh); 8] {
         ("gear-tool", gear_tool()),
         ("bolt", bolt()),
         ("nut", nut()),
+        ("bowl", clay::bowl()),
     ]
 }
 
@@ -136,6 +137,48 @@ fn round_parts_have_the_closed_form_volume() {
     let shaft = frustum(7.0, 7.0, 4.0) + frustum(4.0, 4.0, 19.0) + frustum(4.0, 3.0, 1.0);
     let expected = 64.0 * 48.0 * 6.0 + unit_polygon(&PLATE.angles(128)) * shaft;
     assert_close("plate", volume_mm3(&gear_base()), expected, 0.02);
+}
+
+#[test]
+fn the_bowl_is_between_two_balls() {
+    let bowl = clay::bowl();
+    let [outer_mm, inner_mm] = [clay::BOWL_OUTER_MM, clay::BOWL_INNER_MM];
+    let (sin, cos) = 10.0_f64.to_radians().sin_cos();
+    // The shell of a sector of 80° about −z, without the cap below the foot, with half a torus as its rim (Pappus).
+    let shell_mm3 = 2.0 / 3.0 * PI * (outer_mm.powi(3) - inner_mm.powi(3)) * (1.0 - sin);
+    let below_mm = outer_mm - clay::BOWL_CENTER_MM.z;
+    let cap_mm3 = PI * below_mm * below_mm * (3.0 * outer_mm - below_mm) / 3.0;
+    let (middle_mm, half_mm) = (0.5 * (outer_mm + inner_mm), 0.5 * (outer_mm - inner_mm));
+    let centroid_mm = middle_mm * cos + 4.0 * half_mm / (3.0 * PI) * sin;
+    let rim_mm3 = 0.5 * PI * half_mm * half_mm * TAU * centroid_mm;
+    let expected = shell_mm3 - cap_mm3 + rim_mm3;
+    assert_close("bowl", volume_mm3(&bowl), expected, 0.01 * expected);
+    let (low, high) = bounds(&bowl);
+    assert_eq!(low.z, 0.0);
+    assert_close("rim", high.z, clay::BOWL_CENTER_MM.z - middle_mm * sin + half_mm, 0.01);
+    assert_close("width", high.x, middle_mm * cos + half_mm, 0.01);
+}
+
+#[test]
+fn images_show_what_they_are_to_show() {
+    let letter = image::letter();
+    let grey = |x: usize, y: usize| letter.greys[y * letter.width + x];
+    assert_eq!([grey(40, 30), grey(40, 100), grey(64, 50), grey(88, 100)], [255; 4], "stem, arch and leg");
+    assert_eq!([grey(64, 100), grey(88, 30), grey(2, 64)], [0; 3], "between, beside and around");
+    let world = image::continents();
+    let at = |longitude: f64, latitude: f64| {
+        let (x, y) = ((longitude + 180.0) / 360.0 * world.width as f64, (90.0 - latitude) / 180.0 * world.height as f64);
+        world.greys[y as usize * world.width + x as usize]
+    };
+    let land = [(20.0, 5.0), (-55.0, -10.0), (-100.0, 45.0), (90.0, 50.0), (134.0, -25.0), (0.0, -85.0), (-40.0, 72.0)];
+    let sea = [(-30.0, 30.0), (-140.0, 0.0), (80.0, -20.0), (0.0, -45.0), (180.0, 20.0)];
+    assert!(land.iter().all(|(longitude, latitude)| at(*longitude, *latitude) == 255));
+    assert!(sea.iter().all(|(longitude, latitude)| at(*longitude, *latitude) == 0));
+    for image in [letter, world] {
+        let decoded = tiny_skia::Pixmap::decode_png(&image.to_png()).expect("a sound PNG");
+        assert_eq!([decoded.width() as usize, decoded.height() as usize], [image.width, image.height]);
+        assert!(decoded.pixels().iter().map(|pixel| pixel.red()).eq(image.greys.iter().copied()));
+    }
 }
 
 /// Area between the gear's axis and its true outline: the root disc and, above it, ∫ 2 ψ(r) r dr per tooth.
@@ -429,6 +472,11 @@ fn scenes() -> [(&'static str, Hand); 4] {
     ]
 }
 
+/// Clay scene and hand.
+fn clay_scenes() -> [(&'static str, Hand); 4] {
+    [("letter", clay::letter()), ("character", clay::character()), ("globe", clay::globe()), ("bowl", clay::around_the_bowl())]
+}
+
 fn rows(hand: &Hand) -> Vec<[f64; 8]> {
     let text = String::from_utf8(hand.to_csv()).expect("CSV is text");
     let mut lines = text.lines();
@@ -444,7 +492,7 @@ fn rows(hand: &Hand) -> Vec<[f64; 8]> {
 
 #[test]
 fn hands_are_smooth_and_stay_in_the_workspace() {
-    for (name, hand) in scenes().into_iter().chain([("nut-press", hand::nut_press())]) {
+    for (name, hand) in scenes().into_iter().chain(clay_scenes()).chain([("nut-press", hand::nut_press())]) {
         let rows = rows(&hand);
         let place = |row: &[f64; 8]| DVec3::new(row[1], row[2], row[3]) * 1000.0;
         let turn = |row: &[f64; 8]| DQuat::from_xyzw(row[4], row[5], row[6], row[7]);
@@ -504,5 +552,59 @@ fn scenes_name_these_files_and_start_where_their_hands_start() {
             let fixed = scene["static"][1].as_table().expect("a table");
             assert_eq!(numbers(&fixed["position_mm"]), [-CENTRE_DISTANCE_MM, 0.0, 0.0]);
         }
+    }
+}
+
+#[test]
+fn clay_scenes_name_these_files_and_have_the_sizes_that_their_hands_rely_on() {
+    let numbers = |value: &toml::Value| -> Vec<f64> {
+        value
+            .as_array()
+            .expect("a list")
+            .iter()
+            .map(|number| number.as_float().expect("numbers are written with a point"))
+            .collect()
+    };
+    let read = |path: PathBuf| -> toml::Table { std::fs::read_to_string(path).expect("it is there").parse().expect("it is TOML") };
+    let folder = config_dir().join("clay");
+    let sphere = |shape: &toml::Value| shape["sphere_mm"].as_float().expect("a ball");
+    for (name, hand) in clay_scenes() {
+        let scene = read(folder.join(name).with_extension("toml"));
+        let strokes = read(folder.join("strokes").join(name).with_extension("toml"));
+        let strokes = strokes["stroke"].as_array().expect("a list");
+        assert_eq!(scene["device"]["hand"].as_str(), Some(format!("hands/{name}.csv").as_str()));
+        assert_eq!(scene["sculpt"]["strokes"].as_str(), Some(format!("strokes/{name}.toml").as_str()));
+        let start_mm = numbers(&scene["tool"]["start_position_mm"]);
+        let first = rows(&hand)[0];
+        for axis in 0..3 {
+            assert_close(name, start_mm[axis] / 1000.0, first[axis + 1], 1e-9);
+        }
+        let (tool_mm, clay) = (sphere(&scene["tool"]["shape"]), &scene["sculpt"]);
+        let expected_tool_mm = match name {
+            "letter" => {
+                assert_eq!(numbers(&clay["shape"]["box_mm"])[2], 2.0 * clay::PLATE_TOP_MM);
+                assert_eq!(strokes[0]["depth_mm"].as_float(), Some(clay::LETTER_DEPTH_MM));
+                let corner = clay::LETTER_CORNER_MM;
+                assert_eq!(numbers(&strokes[0]["corner_mm"]), [corner.x, corner.y, clay::PLATE_TOP_MM]);
+                assert_eq!(numbers(&strokes[0]["across_mm"]), [clay::LETTER_EDGE_MM, 0.0, 0.0]);
+                clay::LETTER_TOOL_MM
+            }
+            "character" => {
+                assert_eq!(sphere(&clay["shape"]), clay::BODY_MM);
+                assert_eq!(sphere(&strokes[0]["shape"]), clay::HEAD_MM);
+                assert_eq!(numbers(&strokes[0]["position_mm"]), clay::HEAD_CENTER_MM.to_array());
+                clay::CHARACTER_TOOL_MM
+            }
+            "globe" => {
+                assert_eq!(sphere(&clay["shape"]), clay::GLOBE_MM);
+                assert_eq!(strokes[0]["depth_mm"].as_float(), Some(clay::LAND_MM));
+                clay::GLOBE_TOOL_MM
+            }
+            _ => {
+                assert_eq!(clay["mesh"].as_str(), Some("../models/bowl.obj"));
+                clay::BOWL_TOOL_MM
+            }
+        };
+        assert_eq!(tool_mm, expected_tool_mm, "{name}");
     }
 }
