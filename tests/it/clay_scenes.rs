@@ -62,9 +62,9 @@ impl Worked {
         (low.z * 1e3, high.z * 1e3)
     }
 
-    /// Nothing has moved on the far side of the ball.
+    /// Nothing has moved beyond the region.
     fn far_side_is_as_it_was(&self) {
-        let far = self.before.positions_map.iter().filter(|at| at.z < -0.005);
+        let far = self.before.positions_map.iter().filter(|at| at.z < 0.0);
         assert!(far.clone().all(|at| self.after.positions_map.contains(at)), "{}", self.json);
     }
 }
@@ -89,7 +89,8 @@ fn worked(craft: &Craft<'_>) -> Worked {
     let Craft { sculpt, tool_mm, contact, hand, strokes } = craft;
     let (_, [x, y, z]) = hand[0];
     let scene = format!(
-        "version = 1\n[sculpt]\nshape = {{ sphere_mm = {RADIUS_MM} }}\nspacing_mm = {SPACING_MM}\nraster = [36, 36, 36]\nair_mm = 10\n\
+        "version = 1\n[sculpt]\nshape = {{ sphere_mm = {RADIUS_MM} }}\nspacing_mm = {SPACING_MM}\nregion_mm = [[-12, -12, 4], [12, 12, 28]]\n\
+         raster = [36, 36, 36]\nair_mm = 10\n\
          update_hz = 100\nstrokes = \"strokes.toml\"\n{sculpt}\n\
          [tool]\nshape = {{ sphere_mm = {tool_mm} }}\nvoxel_size_mm = 0.5\nmass_g = 50\nstart_position_mm = [{x}, {y}, {z}]\n\
          [contact]\n{contact}\n[device]\nprofile = \"sim-sigma7\"\nhand = \"hand.csv\"\n"
@@ -167,7 +168,7 @@ fn pull_lengthens_no_farther_than_the_hand_goes() {
 
 #[test]
 fn pull_curve_raises_a_ridge_and_leaves_both_sides() {
-    let above = |x: f64| [x, 0.0, (RADIUS_MM * RADIUS_MM - x * x).sqrt() + 4.0];
+    let above = |x: f64| [x, 0.0, (RADIUS_MM * RADIUS_MM - x * x).sqrt() + 3.4];
     let hand = [
         (0.0, above(-6.0)),
         (0.3, above(-6.0)),
@@ -207,8 +208,8 @@ fn paint_covers_the_disc_of_a_brush_that_is_pressed_hard() {
     let top = DVec3::Z * RADIUS_MM * 1e-3;
     for (at, color) in worked.after.positions_map.iter().zip(&worked.after.colors) {
         let away_mm = at.distance(top) * 1e3;
-        // Contact is found to a twentieth of a millimetre.
-        if (away_mm - 5.0).abs() > 0.05 {
+        // Where the tool touches is found by samples of its surface, to a tenth of a millimetre.
+        if (away_mm - 5.0).abs() > 0.1 {
             assert_eq!(*color == [200, 0, 0], away_mm < 5.0, "{away_mm} mm away: {color:?}");
         }
     }
@@ -274,7 +275,7 @@ fn booleans_by_script_leave_the_volume_of_the_lens_formula() {
 #[test]
 fn booleans_by_hand_join_and_cut_the_ball_in_the_hand() {
     // Soft contact: the hand's ball is far in the clay when it is held.
-    let contact = "stiffness_n_per_mm = 0.3";
+    let contact = "stiffness_n_per_mm = 0.005";
     let hand = [(0.0, [0.0, 0.0, 27.0]), (0.5, [0.0, 0.0, 10.0]), (1.0, [0.0, 0.0, 10.0]), (1.5, [0.0, 0.0, 40.0])];
     let strokes = "[[stroke]]\nat_s = 0.9\ndo = \"hold\"\nuntil_s = 1.0\n";
     for boolean in ["union", "intersection", "difference"] {
