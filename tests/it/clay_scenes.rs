@@ -15,7 +15,7 @@ use serde_json::Value;
 use tempfile::TempDir;
 
 const RADIUS_MM: f64 = 15.0;
-const SPACING_MM: f64 = 1.0;
+const SPACING_MM: f64 = 0.7;
 
 /// One craft at work.
 struct Craft<'a> {
@@ -88,8 +88,9 @@ fn worked(craft: &Craft<'_>) -> Worked {
     let write = |name: &str, text: &str| fs::write(dir.path().join(name), text).unwrap();
     let Craft { sculpt, tool_mm, contact, hand, strokes } = craft;
     let (_, [x, y, z]) = hand[0];
+    let name = sculpt.split('"').nth(1).unwrap_or("script");
     let scene = format!(
-        "version = 1\n[sculpt]\nshape = {{ sphere_mm = {RADIUS_MM} }}\nspacing_mm = {SPACING_MM}\nregion_mm = [[-12, -12, 4], [12, 12, 28]]\n\
+        "version = 1\nname = \"{name}\"\n[sculpt]\nshape = {{ sphere_mm = {RADIUS_MM} }}\nspacing_mm = {SPACING_MM}\nregion_mm = [[-12, -12, 4], [12, 12, 28]]\n\
          raster = [36, 36, 36]\nair_mm = 10\n\
          update_hz = 100\nstrokes = \"strokes.toml\"\n{sculpt}\n\
          [tool]\nshape = {{ sphere_mm = {tool_mm} }}\nvoxel_size_mm = 0.5\nmass_g = 50\nstart_position_mm = [{x}, {y}, {z}]\n\
@@ -108,7 +109,6 @@ fn worked(craft: &Craft<'_>) -> Worked {
     let line = ["sculpt", "scene.toml", "--clock", "virtual", "--json", "--duration", &duration];
     let json = hapticd(dir.path(), &[&line[..], &ends].concat());
     if let Some(folder) = std::env::var_os("CLAY_PICTURES") {
-        let name = sculpt.split('"').nth(1).unwrap_or("script");
         fs::copy(dir.path().join("after.png"), Path::new(&folder).join(format!("clay-{name}.png"))).unwrap();
     }
     assert_eq!(json["faults"], Value::Array(Vec::new()), "{json}");
