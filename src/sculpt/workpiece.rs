@@ -17,7 +17,7 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
-use self::adopt::adopt;
+use self::adopt::{adopt, forget_faint};
 use self::lattices::{NODES_MAX, copy_into, cut, lattices};
 use self::painting::Press;
 pub(super) use self::past::Moment;
@@ -285,10 +285,12 @@ impl Workpiece {
         self.lift_brush()?;
         let Some(mut points) = self.under_way.take() else { return Ok(()) };
         let Region { first, dynamics, afloat } = &mut self.region;
-        resample::fill(&mut points, afloat, dynamics.now(), self.gap_m);
-        let kept = resample::thinned(&points, afloat, CLOSE_SPACINGS * self.surface.spacing_m());
         let mut now = dynamics.now().clone();
         redistance(&mut now);
+        let rest = cut(&self.base, *first, *dynamics.lattice());
+        forget_faint(&mut points, self.surface.points(), &mut now, dynamics.now(), &rest);
+        resample::fill(&mut points, afloat, dynamics.now(), self.gap_m);
+        let kept = resample::thinned(&points, afloat, CLOSE_SPACINGS * self.surface.spacing_m());
         let mut base = (*self.base).clone();
         copy_into(&mut base, &now, *first);
 

@@ -3,6 +3,28 @@
 use super::super::{Moved, PointSet, PointSurface, SurfaceError};
 use crate::haptics::clay::Raster;
 
+/// What moved by less, in spacings of the raster, has not moved.
+const FAINT_SPACINGS: f64 = 0.02;
+
+/// Takes faint motion back, of samples and of densities. A force reaches all of a region, most of it next to not; what is taken from the raster again
+/// becomes as smooth as the raster, so relief and edges far from the tool are better left alone.
+///
+/// `now`: the densities to become those of the region; `moved`: as the stroke left them; `rest`: as it found them.
+pub(super) fn forget_faint(points: &mut PointSet, before: &PointSet, now: &mut Raster, moved: &Raster, rest: &Raster) {
+    let faint_m = FAINT_SPACINGS * now.lattice().spacing_m;
+    for (sample, (position, normal)) in before.positions_map.iter().zip(&before.normals_map).enumerate() {
+        if points.positions_map[sample].distance(*position) < faint_m {
+            points.positions_map[sample] = *position;
+            points.normals_map[sample] = *normal;
+        }
+    }
+    for ((now_m, moved_m), rest_m) in now.values_m_mut().iter_mut().zip(moved.values_m()).zip(rest.values_m()) {
+        if f64::from(moved_m - rest_m).abs() < faint_m {
+            *now_m = *rest_m;
+        }
+    }
+}
+
 /// Lets a surface have the samples of a stroke: those that moved, without those that go, and with those that came.
 pub(super) fn adopt(
     surface: &mut PointSurface,

@@ -64,6 +64,32 @@ fn a_stroke_moves_the_surface_its_samples_and_its_fits_together() {
 }
 
 #[test]
+fn what_a_force_hardly_reaches_stays_to_the_bit() {
+    // All of the ball deforms.
+    let mut piece = Workpiece::new(sphere(4000, R), Settings { region_map: None, ..settings() }).unwrap();
+    let (points, base) = (piece.points().clone(), piece.base().clone());
+    stroke(&mut piece, 10.0);
+    assert!(top_m(&piece) > R + 1e-3, "{}", top_m(&piece));
+    let is_below = |at: &DVec3| at.z < -0.5 * R;
+    let below = |points: &PointSet| -> Vec<(DVec3, DVec3)> {
+        let all = points.positions_map.iter().copied().zip(points.normals_map.iter().copied());
+        all.filter(|(at, _)| is_below(at)).collect()
+    };
+    let (mut was, mut is) = (below(&points), below(piece.points()));
+    let by_place = |one: &(DVec3, DVec3), other: &(DVec3, DVec3)| one.0.x.total_cmp(&other.0.x).then(one.0.y.total_cmp(&other.0.y));
+    was.sort_by(by_place);
+    is.sort_by(by_place);
+    assert!(was.len() > 900 && was == is, "{} samples, {} samples", was.len(), is.len());
+    let lattice = base.lattice();
+    let [nx, ny, nz] = lattice.dims;
+    let nodes = (0..nx).flat_map(|x| (0..ny).flat_map(move |y| (0..nz).map(move |z| [x, y, z])));
+    for node in nodes.filter(|node| is_below(&lattice.position(*node))) {
+        let at = lattice.index(node);
+        assert_eq!(piece.base().values_m()[at], base.values_m()[at], "{node:?}");
+    }
+}
+
+#[test]
 fn strokes_are_taken_back_and_done_again() {
     let mut piece = ball();
     let start = (piece.points().clone(), piece.base().clone());
