@@ -242,7 +242,8 @@ fn decode(region: Arc<Region>) -> Result<Session, Refusal> {
     }
     let quantity = |name: &'static str| {
         let values = file.array::<f32>(name)?;
-        let is_sound = values.iter().all(|value| *value > 0.0 && value.is_finite());
+        // Without damping a material still moves; without mass or springs it does not.
+        let is_sound = values.iter().all(|value| (*value > 0.0 || *value == 0.0 && name == DAMPING) && value.is_finite());
         match *values {
             [value] if is_sound => Ok(Quantity::Constant(value)),
             _ if is_sound && values.len() == now.region.n_nodes() => Ok(Quantity::PerNode(values.to_vec().into_boxed_slice())),
@@ -290,7 +291,8 @@ fn moment(
     is_region.then_some(moment)
 }
 
-const QUANTITIES: [&str; 3] = ["mass_kg", "damping_n_s_m", "stiffness_n_m"];
+const DAMPING: &str = "damping_n_s_m";
+const QUANTITIES: [&str; 3] = ["mass_kg", DAMPING, "stiffness_n_m"];
 
 fn values(quantity: &Quantity) -> Vec<f32> {
     match quantity {

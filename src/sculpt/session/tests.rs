@@ -62,6 +62,16 @@ fn a_session_goes_on_where_it_was_left() {
 }
 
 #[test]
+fn whatever_material_a_scene_may_have_is_read_again() {
+    let mut piece = piece();
+    let material = Material { damping_n_s_per_m: Quantity::Constant(0.0), creep_s: f64::INFINITY, ..Material::default() };
+    piece.set_material(material.clone());
+    assert_eq!(loaded(&saved(&piece)).unwrap().settings().material, material);
+    piece.set_material(Material { mass_kg: Quantity::Constant(0.0), ..material });
+    assert!(matches!(loaded(&saved(&piece)), Err(SessionError::Refused { .. })));
+}
+
+#[test]
 fn what_is_damaged_anywhere_is_refused_or_the_same_piece() {
     let bytes = saved(&piece());
     let mut n_harmless = 0;
