@@ -31,6 +31,11 @@ impl PointSet {
         self.positions_map.is_empty()
     }
 
+    /// What the samples take in memory, bytes.
+    pub(super) fn n_bytes(&self) -> usize {
+        self.len() * (2 * size_of::<DVec3>() + size_of::<[u8; 3]>())
+    }
+
     /// One sample more.
     pub fn push(&mut self, position_map: DVec3, normal_map: DVec3, color: [u8; 3]) {
         self.positions_map.push(position_map);

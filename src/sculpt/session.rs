@@ -107,17 +107,13 @@ impl LatticeRecord {
     }
 }
 
-fn bytes_of(moment: &Moment) -> usize {
-    moment.points.len() * (2 * size_of::<DVec3>() + size_of::<[u8; 3]>()) + size_of_val(moment.base.values_m())
-}
-
 /// Past, now and future as they stand in a file, the nearest to now as far as there is room: now, the past from its begin, what was undone.
 fn kept<'m>(now: &'m Moment, past: &'m [Moment], undone: &'m [Moment]) -> (Vec<&'m Moment>, usize) {
     let mut left = MOMENTS_BYTES_MAX;
     let mut newest = |moments: &'m [Moment]| {
         let n = moments.iter().rev().take_while(|moment| {
-            let fits = bytes_of(moment) <= left;
-            left -= if fits { bytes_of(moment) } else { 0 };
+            let fits = moment.n_bytes() <= left;
+            left -= if fits { moment.n_bytes() } else { 0 };
             fits
         });
         &moments[moments.len() - n.count()..]

@@ -10,8 +10,9 @@ use super::lattices::{first_node, is_part};
 use super::{Region, Workpiece, WorkpieceError, measured};
 use crate::haptics::clay::{Lattice, Raster};
 
-/// Strokes that can be taken back.
+/// Strokes that can be taken back, and the memory that they take, bytes: of a large piece there are fewer of them.
 const PAST_MAX: usize = 64;
+const PAST_BYTES_MAX: usize = 1 << 30;
 
 /// What was there before a stroke, and which part of it deformed.
 #[derive(Clone, Debug)]
@@ -32,6 +33,11 @@ impl Moment {
         region_map: Option<(DVec3, DVec3)>,
     ) -> Option<Self> {
         is_part(base.lattice(), &region).then(|| Self { points, base: measured(base), region, region_map })
+    }
+
+    /// What it takes in memory, and in a session, bytes.
+    pub(in super::super) fn n_bytes(&self) -> usize {
+        self.points.n_bytes() + size_of_val(self.base.values_m())
     }
 }
 
@@ -115,9 +121,7 @@ impl Workpiece {
     pub(super) fn remember(&mut self) {
         self.past.push(self.moment());
         self.strokes += 1;
-        if self.past.len() > PAST_MAX {
-            self.past.remove(0);
-        }
+        forget(&mut self.past, PAST_BYTES_MAX);
         self.undone.clear();
     }
 
@@ -144,4 +148,21 @@ impl Workpiece {
         let first = first_node(self.base.lattice(), &lattice);
         self.region = Region::new(self.surface.points(), &self.base, first, lattice, &self.settings);
     }
+}
+
+/// Leaves the newest, as many as there is room for, and the last one in any case.
+pub(super) fn forget(past: &mut Vec<Moment>, bytes_max: usize) {
+    let (mut n, mut bytes) = (0, 0);
+    let mut newer: Option<&Moment> = None;
+    for moment in past.iter().rev() {
+        // Paint leaves the densities as they are, and what is before it and after it shares them.
+        let is_shared = newer.is_some_and(|newer| Arc::ptr_eq(&newer.base, &moment.base));
+        bytes += if is_shared { moment.points.n_bytes() } else { moment.n_bytes() };
+        if n == PAST_MAX || n > 0 && bytes > bytes_max {
+            break;
+        }
+        n += 1;
+        newer = Some(moment);
+    }
+    past.drain(..past.len() - n);
 }

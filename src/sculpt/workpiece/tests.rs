@@ -113,6 +113,28 @@ fn strokes_are_taken_back_and_done_again() {
 }
 
 #[test]
+fn what_can_be_taken_back_is_bounded_by_memory_too() {
+    let mut piece = ball();
+    let before = piece.moment();
+    stroke(&mut piece, 3.0);
+    let after = piece.moment();
+    let left = |mut past: Vec<Moment>, bytes_max: usize| {
+        past::forget(&mut past, bytes_max);
+        past.len()
+    };
+    let n_bytes = before.n_bytes() + after.n_bytes();
+    assert_eq!(left(vec![before.clone(), after.clone()], n_bytes), 2);
+    assert_eq!(left(vec![before.clone(), after.clone()], n_bytes - 1), 1);
+    assert_eq!(left(vec![before.clone(), after], 0), 1, "the last stroke can be taken back whatever it takes");
+    // Strokes of paint have one raster between them.
+    let painted = vec![before.clone(); 3];
+    assert_eq!(left(painted.clone(), before.n_bytes() + 2 * before.points.n_bytes()), 3);
+    assert_eq!(left(painted, before.n_bytes() + 2 * before.points.n_bytes() - 1), 2);
+    assert_eq!(left(vec![before; 65], usize::MAX), 64);
+    assert_eq!(left(Vec::new(), 0), 0);
+}
+
+#[test]
 fn the_same_strokes_give_the_same_bits_on_any_number_of_threads() {
     let on = |threads: usize| {
         rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(|| {
