@@ -131,13 +131,13 @@ fn rope(coupling: &CouplingParameters, limits: &LimitParameters) -> Rope {
     }
 }
 
-/// The samples of the tool, as dense as those of the clay.
+/// The samples of the tool, as dense as those of the clay where that is enough of them.
 fn tool_shape(source: &MeshSource, spacing_m: f64) -> Result<Arc<PointSet>, SceneError> {
     let solid = match source.clone() {
-        MeshSource::File { path, metres_per_unit } => Solid::File { path, metres_per_unit, spacing_m: Some(spacing_m) },
-        MeshSource::Shape(shape) => Solid::Shape { shape, spacing_m: Some(spacing_m) },
+        MeshSource::File { path, metres_per_unit } => Solid::File { path, metres_per_unit, spacing_m: None },
+        MeshSource::Shape(shape) => Solid::Shape { shape, spacing_m: None },
     };
-    Ok(Arc::new(solid.load()?.points))
+    Ok(Arc::new(solid.load_beside(spacing_m)?.points))
 }
 
 fn name(source: NormalSource) -> &'static str {

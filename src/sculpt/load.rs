@@ -12,6 +12,8 @@ use crate::mesh::{self, MeshError, TriangleMesh};
 
 /// Samples of a mesh for which no spacing is asked.
 const DEFAULT_SAMPLES: f64 = 20_000.0;
+/// Samples of a solid that is to work a piece, whatever the spacing of the piece: fewer make no surface, more take too long.
+const BESIDE_SAMPLES: (f64, f64) = (500.0, 500_000.0);
 /// How far a shape that is cut into triangles may be off, over the spacing of its samples.
 const CHORD_SHARE: f64 = 0.02;
 /// Points nearer to each other than this share of the whole extent are one.
@@ -116,11 +118,26 @@ impl Solid {
     /// # Errors
     /// [`LoadError`].
     pub fn load(&self) -> Result<Loaded, LoadError> {
+        let (Self::File { spacing_m, .. } | Self::Shape { spacing_m, .. }) = self;
+        self.load_at(|mesh| spacing_m.unwrap_or_else(|| spacing_of(mesh, DEFAULT_SAMPLES)))
+    }
+
+    /// Its samples, as far apart as those of a piece that it is to join or cut, whatever its own spacing; nearer where it is so small that it
+    /// would have hardly any, farther where it would have more than half a million.
+    ///
+    /// # Errors
+    /// [`LoadError`].
+    pub fn load_beside(&self, spacing_m: f64) -> Result<Loaded, LoadError> {
+        let (least, most) = BESIDE_SAMPLES;
+        self.load_at(|mesh| spacing_m.min(spacing_of(mesh, least)).max(spacing_of(mesh, most)))
+    }
+
+    fn load_at(&self, spacing_m: impl FnOnce(&TriangleMesh) -> f64) -> Result<Loaded, LoadError> {
         match self {
-            Self::File { path, metres_per_unit, spacing_m } => load(path, *metres_per_unit, *spacing_m),
-            Self::Shape { shape, spacing_m } => {
+            Self::File { path, metres_per_unit, .. } => load_at(path, *metres_per_unit, spacing_m),
+            Self::Shape { shape, .. } => {
                 // The area hardly depends on how finely it is cut.
-                let spacing_m = spacing_m.unwrap_or_else(|| default_spacing_m(&shape.tessellate(f64::INFINITY)));
+                let spacing_m = spacing_m(&shape.tessellate(f64::INFINITY));
                 let points = sample(&shape.tessellate(CHORD_SHARE * spacing_m), spacing_m).map_err(LoadError::Shape)?;
                 points.check().map_err(LoadError::Shape)?;
                 Ok(Loaded { points, merged: 0, normals: NormalSource::Faces })
@@ -135,6 +152,10 @@ impl Solid {
 /// # Errors
 /// [`LoadError`], naming the file and what is wrong in it.
 pub fn load(path: &Path, metres_per_unit: f64, mesh_spacing_m: Option<f64>) -> Result<Loaded, LoadError> {
+    load_at(path, metres_per_unit, |mesh| mesh_spacing_m.unwrap_or_else(|| spacing_of(mesh, DEFAULT_SAMPLES)))
+}
+
+fn load_at(path: &Path, metres_per_unit: f64, mesh_spacing_m: impl FnOnce(&TriangleMesh) -> f64) -> Result<Loaded, LoadError> {
     let extension = path.extension().map(|extension| extension.to_string_lossy().to_lowercase()).unwrap_or_default();
     if !mesh::EXTENSIONS.iter().chain(cloud::EXTENSIONS).any(|known| *known == extension) {
         return Err(LoadError::UnknownExtension { path: path.to_owned(), extension });
@@ -142,8 +163,7 @@ pub fn load(path: &Path, metres_per_unit: f64, mesh_spacing_m: Option<f64>) -> R
     let refuse = |source: SurfaceError| LoadError::Surface { path: path.to_owned(), source };
     match cloud::load(path, metres_per_unit)? {
         Contents::Mesh(mesh) => {
-            let spacing_m = mesh_spacing_m.unwrap_or_else(|| default_spacing_m(&mesh));
-            let points = sample(&mesh, spacing_m).map_err(refuse)?;
+            let points = sample(&mesh, mesh_spacing_m(&mesh)).map_err(refuse)?;
             points.check().map_err(refuse)?;
             Ok(Loaded { points, merged: 0, normals: NormalSource::Faces })
         }
@@ -157,8 +177,9 @@ pub fn load(path: &Path, metres_per_unit: f64, mesh_spacing_m: Option<f64>) -> R
     }
 }
 
-fn default_spacing_m(mesh: &TriangleMesh) -> f64 {
-    (area_m2(mesh) / DEFAULT_SAMPLES).sqrt()
+/// With it a mesh has about so many samples, m.
+fn spacing_of(mesh: &TriangleMesh, n_samples: f64) -> f64 {
+    (area_m2(mesh) / n_samples).sqrt()
 }
 
 fn area_m2(mesh: &TriangleMesh) -> f64 {
@@ -292,6 +313,20 @@ mod tests {
         assert!((loaded.points.len() as f64 / expected - 1.0).abs() < 0.1, "{} of {expected}", loaded.points.len());
         let about = load(&path, 1e-3, None).unwrap().points.len() as f64;
         assert!((about / DEFAULT_SAMPLES - 1.0).abs() < 0.1, "{about}");
+    }
+
+    #[test]
+    fn a_solid_beside_a_piece_has_its_spacing_unless_that_makes_too_few_samples_or_too_many() {
+        let ball = |radius_m: f64| Solid::Shape { shape: Shape::Sphere { radius_m }, spacing_m: None };
+        let (spacing_m, area_m2) = (1e-3, |radius_m: f64| 4.0 * core::f64::consts::PI * radius_m * radius_m);
+        for (radius_m, expected) in [(0.5e-3, 500.0), (0.02, area_m2(0.02) / 1e-6)] {
+            let loaded = ball(radius_m).load_beside(spacing_m).unwrap();
+            let n = loaded.points.len() as f64;
+            assert!((n / expected - 1.0).abs() < 0.15, "{n} of {expected} for a ball of {radius_m} m");
+            assert!(PointSurface::build(loaded.points, PointSurface::DEFAULT_NEIGHBOURS).is_ok());
+        }
+        let most = ball(0.1).load_beside(1e-5).unwrap().points.len() as f64;
+        assert!((most / BESIDE_SAMPLES.1 - 1.0).abs() < 0.15, "{most}");
     }
 
     #[test]
