@@ -177,7 +177,8 @@ impl Resolve<'_> {
         let interval = Interval::from(LEAST_UPDATE_HZ).to(rate_hz).unit("Hz");
         let update_hz = self.checks.number("sculpt.update_hz", written, DEFAULT_UPDATE_HZ, interval);
         let ticks = (rate_hz / update_hz).round().max(1.0);
-        if (rate_hz / (ticks * update_hz) - 1.0).abs() > UPDATE_TOLERANCE {
+        // Where none was asked for, the nearest will do.
+        if written.is_some() && (rate_hz / (ticks * update_hz) - 1.0).abs() > UPDATE_TOLERANCE {
             let [slower, faster] =
                 [(rate_hz / update_hz).ceil(), (rate_hz / update_hz).floor().max(1.0)].map(|n| show(rate_hz / n));
             let accepted = format!("near to what whole ticks at {rate_hz} Hz make, such as {slower} or {faster}");
