@@ -139,11 +139,16 @@ impl Script<'_> {
         holds.sort_by(|(_, one_s, _), (_, other_s, _)| one_s.total_cmp(other_s));
         for pair in holds.windows(2) {
             let &[(before, _, until_s), (index, at_s, _)] = pair else { continue };
-            if at_s < until_s {
-                let line = self.resolve.document.line(&format!("stroke[{before}]")).unwrap_or_default();
-                let accepted = format!("{until_s} s or later: until then the tool is held by the stroke in line {line}");
-                self.resolve.checks.not_accepted(&format!("stroke[{index}].at_s"), accepted);
-            }
+            let line = self.resolve.document.line(&format!("stroke[{before}]")).unwrap_or_default();
+            let accepted = if at_s < until_s {
+                format!("{until_s} s or later: until then the tool is held by the stroke in line {line}")
+            } else if at_s == until_s && index < before {
+                // What happens at one time happens in the order of the file: this one would be let go as soon as it holds.
+                format!("later than {until_s} s, or stand below the stroke in line {line}, which holds the tool until then")
+            } else {
+                continue;
+            };
+            self.resolve.checks.not_accepted(&format!("stroke[{index}].at_s"), accepted);
         }
     }
 
@@ -430,6 +435,10 @@ mod tests {
             (
                 "[[stroke]]\nat_s = 1\ndo = \"hold\"\nuntil_s = 3\n[[stroke]]\nat_s = 2\ndo = \"hold\"\nuntil_s = 4",
                 "s.toml:7: stroke[1].at_s = 2: must be 3 s or later: until then the tool is held by the stroke in line 2",
+            ),
+            (
+                "[[stroke]]\nat_s = 2\ndo = \"hold\"\nuntil_s = 3\n[[stroke]]\nat_s = 1\ndo = \"hold\"\nuntil_s = 2",
+                "s.toml:3: stroke[0].at_s = 2: must be later than 2 s, or stand below the stroke in line 6",
             ),
             ("[[stroke]]\nat_s = 1\ndo = \"union\"", "stroke[0].points: missing; give points, a mesh, a shape such as"),
             (
