@@ -195,7 +195,7 @@ impl Studio {
     fn complain(&mut self, error: &StudioError) {
         let trouble = format!("{error}; {}", error.hint());
         if *self.trouble != *trouble {
-            self.note_change();
+            self.show_again();
             self.trouble = trouble.into();
         }
     }

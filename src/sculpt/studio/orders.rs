@@ -7,8 +7,11 @@ use super::{Order, Studio, StudioError, ToolSettings};
 
 impl Studio {
     pub(super) fn carry_out(&mut self, order: Order) -> Result<(), StudioError> {
-        // Even one that fails may have ended a stroke.
-        self.note_change();
+        // Even one that fails may have changed what is shown; a stroke that it ends says so by itself.
+        match order {
+            Order::Undo | Order::Redo | Order::Combine { .. } | Order::Emboss { .. } => self.note_change(),
+            _ => self.show_again(),
+        }
         match order {
             Order::Take(tool) => self.take(tool),
             Order::Hold(is_held) => {

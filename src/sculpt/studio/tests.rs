@@ -345,12 +345,18 @@ fn a_view_has_new_points_only_when_there_are_some() {
     let mut hand = Hand::with(Craft::Push);
     let first = hand.studio.view();
     hand.go(DVec3::Z * (R + 4e-3), 5);
+    // Neither what is asked for nor what is refused makes other points.
+    hand.studio.order(Order::Hold(true)).unwrap();
+    hand.studio.order(Order::Hold(false)).unwrap();
+    hand.studio.order(Order::Take(tool(Craft::Push))).unwrap();
+    hand.studio.order(Order::Export("/no/such/folder/piece".into())).unwrap_err();
+    assert!(hand.studio.advance(UPDATE_S), "but somebody else may see what the tool is now");
     let second = hand.studio.view();
     assert!(first.version == 1 && second.version == 1 && Arc::ptr_eq(&first.points, &second.points));
     hand.go(DVec3::Z * (R - 1e-3), 20);
     let third = hand.studio.view();
     assert!(third.version == 2 && third.is_stroke && third.points != first.points);
-    assert_eq!((third.n_undo, third.craft, third.updates), (1, Craft::Push, 25));
+    assert_eq!((third.n_undo, third.craft, third.updates), (1, Craft::Push, 26));
     hand.studio.order(Order::Undo).unwrap();
     let fourth = hand.studio.view();
     assert_eq!((fourth.version, fourth.n_undo, fourth.n_redo, &*fourth.points), (3, 0, 1, &*first.points));
