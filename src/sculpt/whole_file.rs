@@ -8,6 +8,15 @@ use std::sync::atomic::{AtomicU32, Ordering};
 /// Writes beside the file and takes its name at the end: a full disk, or a program that is killed, leaves what was there before.
 pub(super) fn write_whole(path: &Path, contents: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>) -> io::Result<()> {
     static COUNT: AtomicU32 = AtomicU32::new(0);
+    match fs::metadata(path) {
+        // A device or a pipe is written to; a file in its place would be the end of it.
+        Ok(there) if !there.is_file() && !there.is_dir() => {
+            return write_to(File::options().write(true).open(path)?, contents, |_| Ok(()));
+        }
+        // Through a link, which stays one.
+        Ok(_) if path.is_symlink() => return write_whole(&fs::canonicalize(path)?, contents),
+        _ => {}
+    }
     // Renaming a file over a folder fails as well, but only after all of it has been written.
     let name = path.file_name().filter(|_| !path.is_dir()).ok_or(io::ErrorKind::IsADirectory)?;
     let (beside, file) = loop {
@@ -20,23 +29,43 @@ pub(super) fn write_whole(path: &Path, contents: impl FnOnce(&mut BufWriter<File
             created => break (beside, created?),
         }
     };
-    let written = write_to(file, contents).and_then(|()| fs::rename(&beside, path));
+    let written = write_to(file, contents, File::sync_all).and_then(|()| fs::rename(&beside, path));
     if written.is_err() {
         let _ = fs::remove_file(&beside);
     }
     written
 }
 
-fn write_to(file: File, contents: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>) -> io::Result<()> {
+fn write_to(
+    file: File,
+    contents: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
+    sync: impl FnOnce(&File) -> io::Result<()>,
+) -> io::Result<()> {
     let mut file = BufWriter::with_capacity(1 << 20, file);
     contents(&mut file)?;
     file.flush()?;
-    file.into_inner().map_err(io::IntoInnerError::into_error)?.sync_all()
+    sync(&file.into_inner().map_err(io::IntoInnerError::into_error)?)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_link_stays_a_link_and_what_is_no_file_is_written_to() {
+        let folder = tempfile::tempdir().unwrap();
+        let (file, link, pipe) = (folder.path().join("file"), folder.path().join("link"), folder.path().join("pipe"));
+        fs::write(&file, b"first").unwrap();
+        std::os::unix::fs::symlink(&file, &link).unwrap();
+        write_whole(&link, |file| file.write_all(b"second")).unwrap();
+        assert!(link.is_symlink() && fs::read(&file).unwrap() == b"second");
+        rustix::fs::mkfifoat(rustix::fs::CWD, &pipe, rustix::fs::Mode::RWXU).unwrap();
+        let mut reader = File::options().read(true).write(true).open(&pipe).unwrap();
+        write_whole(&pipe, |file| file.write_all(b"third")).unwrap();
+        let mut read = [0; 5];
+        io::Read::read_exact(&mut reader, &mut read).unwrap();
+        assert!(read == *b"third" && !fs::metadata(&pipe).unwrap().is_file());
+    }
 
     #[test]
     fn what_fails_half_way_leaves_the_file_before_and_nothing_beside() {
