@@ -442,8 +442,9 @@ impl SculptReport {
     pub(crate) fn rows(&self) -> Vec<(&'static str, String)> {
         let StudioReport { updates, late, strokes, samples_before, samples, .. } = &self.studio;
         let volume = |mm3: Option<f64>| mm3.map_or("open".to_owned(), |mm3| format!("{mm3:.1}"));
+        let strokes_word = if *strokes == 1 { "stroke" } else { "strokes" };
         let mut rows = vec![
-            ("clay", format!("{strokes} strokes, {samples_before} samples before, {samples} after")),
+            ("clay", format!("{strokes} {strokes_word}, {samples_before} samples before, {samples} after")),
             ("volume", format!("{} mm³ before, {} mm³ after", volume(self.volume_before_mm3), volume(self.volume_mm3))),
             ("updates", format!("{updates} at {} Hz, {late} left out because they were late", show(self.update_hz))),
         ];
