@@ -160,9 +160,13 @@ impl ClaySlot {
                 }
             }
             ClockKind::Real => {
+                let mut has_leapt = false;
                 // Without room for what comes back a frame stays where it is: nothing is ever freed here.
                 while self.spares.slots() > usize::from(newest.is_some()) {
-                    let Ok(frame) = self.frames.pop() else { break };
+                    let Ok(mut frame) = self.frames.pop() else { break };
+                    // A leap in a frame that no tick has touched is still to come.
+                    has_leapt |= frame.is_leap;
+                    frame.is_leap = has_leapt;
                     if let Some(older) = newest.replace(frame) {
                         give_back(&mut self.spares, older);
                     }

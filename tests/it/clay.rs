@@ -573,6 +573,29 @@ fn in_real_time_the_newest_frame_wins_and_all_others_come_back() {
 }
 
 #[test]
+fn a_leap_in_a_frame_that_came_with_the_next_one_is_still_felt_slowly() {
+    let grown_n = |leaps: [bool; 2]| {
+        let (mut servo, mut feed, mut consumer) = sculpting(RealClock, 400);
+        (0..200).for_each(|_| _ = servo.step());
+        for (sequence, is_leap) in (1..).zip(leaps) {
+            let mut next = feed.spare().expect("a spare");
+            let lattice = *next.region.lattice();
+            let [_, ny, nz] = lattice.dims;
+            for (n, value_m) in next.region.values_m_mut().iter_mut().enumerate() {
+                *value_m = (2e-3 - lattice.position([n / (ny * nz), n / nz % ny, n % nz]).z) as f32;
+            }
+            (next.sequence, next.is_leap) = (sequence, is_leap);
+            feed.publish(next).expect("room");
+        }
+        (0..20).for_each(|_| _ = servo.step());
+        let forces_n: Vec<f64> = records(&mut consumer).iter().map(|record| record.output.contact_world.force.z).collect();
+        forces_n[219] - forces_n[199]
+    };
+    let [at_once, slow] = [[false, false], [true, false]].map(grown_n);
+    assert!(at_once > 1.5 && slow < 0.7, "{at_once} N, {slow} N");
+}
+
+#[test]
 fn states_that_nobody_takes_are_dropped_and_counted() {
     let (mut servo, mut feed, _records) = sculpting(RealClock, 1200);
     for _ in 0..1100 {
