@@ -259,14 +259,19 @@ pub(super) fn hold(hub: &Arc<Hub>, client: u64, is_held: bool, reply: Reply) {
         hub.heart.let_go(client);
         return reply(Err(Problem::conflict("no force flows: nothing can be held", "enable first")));
     }
-    let holder = hub.clone();
+    let (holder, held) = (hub.clone(), clay.clone());
     let answer = Box::new(move |result: Result<(), Refused>| {
-        if result.is_err() {
-            holder.heart.let_go(client);
+        // It may have been held before: what is not watched any more is let go.
+        if result.is_err() && holder.heart.let_go(client) {
+            held.let_go(&holder);
         }
         reply(result.map(|()| Done::Nothing).map_err(|refused| Problem::from(&refused)));
     });
     clay.door.ask(Order::Hold(true), answer);
+    // Whoever took the hold away meanwhile has asked for that before this was asked.
+    if !hub.heart.holds() {
+        clay.let_go(hub);
+    }
 }
 
 impl Clay {

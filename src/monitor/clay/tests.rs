@@ -37,9 +37,13 @@ pub(super) fn view_of(points: PointSet, version: u64) -> View {
 /// What it says no with, if it does.
 type Refuses = Arc<Mutex<Option<fn() -> Refused>>>;
 
+/// What happens while the next order is on its way.
+type Before = Arc<Mutex<Option<Box<dyn FnOnce() + Send>>>>;
+
 /// A studio that writes down what it is asked, and answers as it is told.
 struct Fake {
     orders: Sender<Order>,
+    before: Before,
     refuses: Refuses,
     view: Arc<Mutex<Option<Arc<View>>>>,
 }
@@ -50,6 +54,8 @@ impl ClayDoor for Fake {
     }
 
     fn ask(&self, order: Order, reply: studio::Reply) {
+        let before = self.before.lock().unwrap().take();
+        before.into_iter().for_each(|before| before());
         let _ = self.orders.send(order);
         let refuses = *self.refuses.lock().unwrap();
         reply(refuses.map_or(Ok(()), |refused| Err(refused())));
@@ -60,6 +66,7 @@ struct Bench {
     hub: Arc<Hub>,
     files: Worker,
     orders: Receiver<Order>,
+    before: Before,
     refuses: Refuses,
     view: Arc<Mutex<Option<Arc<View>>>>,
     folder: tempfile::TempDir,
@@ -93,13 +100,13 @@ fn bench() -> Bench {
     let folder = tempfile::tempdir().unwrap();
     let hub = hub(folder.path());
     let (sender, orders) = channel();
-    let refuses = Arc::default();
+    let (before, refuses) = (Before::default(), Refuses::default());
     let view = Arc::new(Mutex::new(Some(Arc::new(view_of(PointSet::default(), 1)))));
-    let door = Box::new(Fake { orders: sender, refuses: Arc::clone(&refuses), view: view.clone() });
+    let door = Box::new(Fake { orders: sender, before: before.clone(), refuses: refuses.clone(), view: view.clone() });
     let folder_of_clay = Some(folder.path().join("clay"));
     hub.sculpts(ClayParts { door, world_from_map: Pose::IDENTITY, tool: ToolSettings::default(), folder: folder_of_clay });
     hub.notice(&Notice::Phase(Phase::Enabled));
-    Bench { hub, files: Worker::new("files").unwrap(), orders, refuses, view, folder }
+    Bench { hub, files: Worker::new("files").unwrap(), orders, before, refuses, view, folder }
 }
 
 /// What a request comes to.
@@ -209,6 +216,29 @@ fn a_hold_ends_with_force_with_the_client_and_when_it_is_let_go() {
     }
     bench.hub.end();
     watching.join().unwrap();
+}
+
+#[test]
+fn a_hold_that_is_asked_for_twice_and_refused_once_is_let_go() {
+    let bench = bench();
+    bench.hold(1, true).unwrap();
+    *bench.refuses.lock().unwrap() = Some(|| Refused::Busy);
+    assert_eq!(bench.hold(1, true).map_err(|problem| problem.status), Err(StatusCode::TOO_MANY_REQUESTS));
+    let orders = [(); 3].map(|()| bench.next_order());
+    assert!(matches!(orders, [Order::Hold(true), Order::Hold(true), Order::Hold(false)]), "{orders:?}");
+    assert!(bench.is_held(), "until it is heard that it was let go");
+}
+
+#[test]
+fn a_hold_that_loses_the_race_with_the_force_is_let_go() {
+    let bench = bench();
+    // The force goes off between the look at it and the order.
+    let racing = bench.hub.clone();
+    *bench.before.lock().unwrap() = Some(Box::new(move || racing.notice(&Notice::Phase(Phase::Fault))));
+    bench.hold(1, true).unwrap();
+    let orders = [(); 3].map(|()| bench.next_order());
+    assert!(matches!(orders, [Order::Hold(false), Order::Hold(true), Order::Hold(false)]), "{orders:?}");
+    assert!(!bench.is_held());
 }
 
 #[test]

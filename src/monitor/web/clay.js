@@ -237,7 +237,8 @@ export class Clay {
     try {
       await this.link.send("clay_hold", { held: true });
     } catch (error) {
-      this.#letGo(false);
+      // A hold whose answer is missing may have been heard.
+      this.#letGo(this.link.isOpen);
       say(words(error));
     }
   }
