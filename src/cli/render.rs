@@ -349,7 +349,7 @@ fn run(
     interrupts: impl FnOnce() -> Result<Receiver<()>, SignalError>,
     bake: impl FnOnce() -> Result<Prepared, PrepareError>,
 ) -> Result<Outcome, Refusal> {
-    let Beside { mut live, under_way, protocol, company, workshop, watches } = beside;
+    let Beside { mut live, under_way, protocol, company, mut workshop, watches } = beside;
     let mut screen = Screen::new(talk, under_way, protocol, live.operator.waits_after_fault);
     let ears = company.ears();
     let mut service = Service::of_environment();
@@ -363,7 +363,7 @@ fn run(
     });
     let prepared = supervisor.bake(bake).map_err(Refusal::Prepare)?;
     let scene = Arc::new(prepared.scene);
-    if let (Some(workshop), Some(piece)) = (workshop, prepared.piece) {
+    if let (Some(workshop), Some(piece)) = (workshop.as_deref_mut(), prepared.piece) {
         workshop.open(piece, &scene, &mut live).map_err(|error| Refusal::Run(error.into()))?;
         company.sculpts(workshop.for_clients(&scene));
     }
@@ -386,6 +386,9 @@ fn run(
     };
     // Only now: until here no force can flow, and Ctrl-C ends a long bake at once as it does everywhere.
     let interrupts = interrupts().map_err(Refusal::Signals)?;
+    if let Some(workshop) = workshop {
+        workshop.heed(interrupts.clone());
+    }
     company.reload(args.overrides(), watches, talk).map_err(|error| Refusal::Run(error.into()))?;
     supervisor.render_live(job, live, &interrupts).map_err(Refusal::Run)
 }

@@ -1,8 +1,11 @@
 //! `hapticd sculpt`: a piece of clay, worked with the arm, by script and from the monitor page.
 
+use std::collections::HashSet;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
-use std::time::SystemTime;
+use std::time::{Duration, SystemTime};
 
+use crossbeam::channel::{Receiver, RecvTimeoutError, never};
 use serde::Serialize;
 
 use super::render::{self, LoopArgs, Own};
@@ -22,6 +25,9 @@ use crate::rt::utc::timestamp;
 use crate::scene::Piece;
 use crate::sculpt::PointSet;
 use crate::sculpt::studio::{Order, Studio, StudioError, ToolBody};
+
+/// How often somebody who waits for the studio looks whether it has ended.
+const LOOK: Duration = Duration::from_millis(5);
 
 /// Arguments of `hapticd sculpt`.
 #[derive(Debug, clap::Args)]
@@ -71,6 +77,7 @@ pub(crate) struct Workshop {
     outputs: Vec<Order>,
     pictures: Option<Pictures>,
     open: Option<Open>,
+    interrupts: Receiver<()>,
 }
 
 /// Drawings of the piece at the start and at the end.
@@ -127,6 +134,7 @@ impl Workshop {
             pictures,
             sculpt,
             open: None,
+            interrupts: never(),
         }))
     }
 
@@ -156,14 +164,19 @@ impl Workshop {
         })
     }
 
+    /// From now on whoever interrupts does so while the studio is waited for as well.
+    pub(crate) fn heed(&mut self, interrupts: Receiver<()>) {
+        self.interrupts = interrupts;
+    }
+
     /// After the last tick: waits for the studio, writes what was asked for and says what went wrong. `None`: it was never open.
     pub(crate) fn close(self, talk: Talk) -> Option<SculptReport> {
         let Open { thread, door, volume_before_m3 } = self.open?;
         drop(door);
-        let Ended { report, mut studio } = match thread.join() {
+        let Ended { report, mut studio } = match wait(thread, &self.interrupts, talk) {
             Ok(ended) => ended,
-            Err(why) => {
-                report::error(why, Some("this is a bug of hapticd: the piece is lost"), talk);
+            Err((why, hint)) => {
+                report::error(why, Some(hint), talk);
                 return Some(SculptReport {
                     studio: StudioReport { broken: Some(why.to_owned()), ..StudioReport::default() },
                     ..SculptReport::default()
@@ -179,17 +192,22 @@ impl Workshop {
         };
         for order in self.outputs {
             let (kind, file) = destination_of(&order);
-            match studio.order(order) {
-                Ok(()) => summary.saved.push(Saved { kind, file }),
-                Err(error) => {
+            match carry_out(&mut studio, order) {
+                Some(Ok(())) => summary.saved.push(Saved { kind, file }),
+                Some(Err(error)) => {
                     report::error(&error.to_string(), Some(hint(&error)), talk);
+                    summary.unsaved.push(Saved { kind, file });
+                }
+                None => {
+                    let message = format!("cannot write {}: the studio broke over it", file.display());
+                    report::error(&message, Some("this is a bug of hapticd: please report it"), talk);
                     summary.unsaved.push(Saved { kind, file });
                 }
             }
         }
         if summary.is_at_risk() {
             summary.rescued = rescue(&mut studio, &self.name, talk);
-        } else if summary.saved.is_empty() && summary.studio.strokes > 0 {
+        } else if summary.saved.is_empty() && summary.studio.files == 0 && summary.studio.strokes > 0 {
             report::note(
                 "the strokes were not kept: --session FILE keeps all, --save FILE the samples, --export FILE a mesh",
                 talk,
@@ -262,8 +280,9 @@ fn check_outputs(
         }
         files.extend(pictures.files());
     }
-    for (idx, file) in files.iter().enumerate() {
-        if files[..idx].contains(file) {
+    let mut places = HashSet::new();
+    for file in &files {
+        if !places.insert(place_of(file)) {
             let hint = "give each its own name";
             return refuse(Exit::Usage, format!("{} would be written twice", file.display()), Some(hint));
         }
@@ -281,6 +300,15 @@ fn check_outputs(
         }
     }
     Ok(())
+}
+
+/// The same for every way to write the name of a file, there or not.
+fn place_of(file: &Path) -> PathBuf {
+    let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    match (folder.canonicalize(), file.file_name()) {
+        (Ok(folder), Some(name)) => folder.join(name),
+        _ => file.to_owned(),
+    }
 }
 
 fn is_ply(file: &Path) -> bool {
@@ -305,13 +333,37 @@ fn hint(error: &StudioError) -> &'static str {
     }
 }
 
+/// Waits for a studio that finishes what it does. Whoever interrupts hears of that; the second time nobody waits any more.
+fn wait(thread: StudioThread, interrupts: &Receiver<()>, talk: Talk) -> Result<Ended, (&'static str, &'static str)> {
+    thread.end();
+    let mut interrupts = interrupts.clone();
+    let mut was_asked = false;
+    while !thread.has_ended() {
+        match interrupts.recv_timeout(LOOK) {
+            Ok(()) if was_asked => return Err(("the studio was not waited for", "what was not saved before is lost")),
+            Ok(()) => {
+                was_asked = true;
+                report::note("the studio finishes what it does; interrupt once more to end without what it would save", talk);
+            }
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => interrupts = never(),
+        }
+    }
+    thread.join().map_err(|why| (why, "this is a bug of hapticd: the piece is lost"))
+}
+
+/// An order after the last tick; `None`: the studio panicked. What else there is to be written is not to suffer.
+fn carry_out(studio: &mut Studio, order: Order) -> Option<Result<(), StudioError>> {
+    catch_unwind(AssertUnwindSafe(|| studio.order(order))).ok()
+}
+
 /// Keeps the session where it surely can be written: among what the program keeps for itself, else among temporary files.
 fn rescue(studio: &mut Studio, name: &str, talk: Talk) -> Option<PathBuf> {
     let file = format!("{name}-{}-{}.session", timestamp(SystemTime::now()), std::process::id());
     let folders = [recording::state_folder().map(|state| state.join("rescued")), Some(std::env::temp_dir())];
     for folder in folders.into_iter().flatten() {
         let path = folder.join(&file);
-        if std::fs::create_dir_all(&folder).is_ok() && studio.order(Order::SaveSession(path.clone())).is_ok() {
+        if std::fs::create_dir_all(&folder).is_ok() && matches!(carry_out(studio, Order::SaveSession(path.clone())), Some(Ok(()))) {
             let hint = format!("`session = \"{}\"` under [sculpt] goes on from there", path.display());
             report::warning(&format!("nothing is lost: the whole session is in {}; {hint}", path.display()), talk);
             return Some(path);
@@ -370,7 +422,8 @@ impl Serialize for SculptReport {
             #[serde(skip_serializing_if = "Option::is_none")]
             broken: Option<&'r str>,
         }
-        let StudioReport { updates, late, strokes, samples_before, samples, failed, left_over, troubles, broken } = &self.studio;
+        let StudioReport { updates, late, strokes, samples_before, samples, failed, left_over, troubles, broken, files: _ } =
+            &self.studio;
         let failed = failed.iter().map(|FailedOrder { tick, is_scripted, what, why }| Failed {
             tick: *tick,
             scripted: *is_scripted,

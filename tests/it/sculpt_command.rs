@@ -327,6 +327,7 @@ fn files_are_looked_at_before_the_work_and_nothing_is_written_over_unasked() {
         ("--save end.xyz", 2, "end.xyz: samples and meshes are .ply files"),
         ("--save no/such/end.ply", 4, "cannot write no/such/end.ply"),
         ("--save a.ply --export a.ply", 2, "a.ply would be written twice"),
+        ("--save a.ply --export xdg/../a.ply", 2, "a.ply would be written twice"),
         ("--session xdg", 4, "cannot write xdg"),
         ("--session ball.toml --overwrite", 2, "ball.toml is the scene itself"),
     ] {

@@ -108,6 +108,8 @@ fn run(clock: impl Clock, n_ticks: u64, script: Vec<(u64, Order)>) -> (Vec<TickR
     let (told, hears) = mpsc::channel();
     door.ask(Order::Undo, Box::new(move |result| told.send(result).expect("heard")));
     assert!(matches!(hears.recv(), Ok(Err(Refused::Over))), "asked behind the end");
+    let last = door.view().expect("a view");
+    assert_eq!(ended.report.broken.is_some(), last.trouble.contains("the studio has ended"), "{}", last.trouble);
     (std::iter::from_fn(|| consumer.pop().ok()).collect(), ended)
 }
 
@@ -153,6 +155,20 @@ fn in_real_time_the_loop_goes_on_and_updates_that_are_late_are_counted() {
     assert!(report.broken.is_none() && report.updates > 0, "{report:?}");
     assert!(records.iter().all(|record| !record.input.clay.is_some_and(|clay| clay.is_last)));
     assert_eq!(report.samples_before, ball().len());
+}
+
+#[test]
+fn a_studio_ends_when_it_is_told_to_though_the_loop_keeps_its_slot() {
+    for clock in [VirtualClock::default().kind(), RealClock.kind()] {
+        let studio = studio(Craft::Push);
+        let scene = scene(&studio);
+        let plan = Plan { tick_s: 1e-3, update_ticks: UPDATE_TICKS, clock, script: Vec::new() };
+        let (slot, _door, thread) = begin(studio, scene.clay.as_ref().expect("clay"), plan).expect("a thread");
+        assert!(!thread.has_ended());
+        thread.end();
+        assert!(thread.join().expect("joined").report.broken.is_none());
+        drop(slot);
+    }
 }
 
 #[test]

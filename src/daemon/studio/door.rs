@@ -126,6 +126,25 @@ impl Desk {
         self.window.is_watched.store(false, Ordering::Relaxed);
         *self.window.newest.lock().unwrap_or_else(PoisonError::into_inner) = Some(Arc::new(view));
     }
+
+    /// The way to tell that the studio has broken, when the desk has gone with it.
+    pub(super) fn last_words(&self) -> LastWords {
+        LastWords(self.window.clone())
+    }
+}
+
+/// What is seen of a studio that has broken.
+pub(super) struct LastWords(Arc<Window>);
+
+impl LastWords {
+    /// From now on the last view says that nothing happens any more, and why.
+    pub(super) fn hang_out(&self, why: &str) {
+        let mut newest = self.0.newest.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(view) = newest.as_deref() {
+            let trouble = format!("the studio has ended, and the clay stays as it is: {why}; end the run to save what was done");
+            *newest = Some(Arc::new(View { is_stroke: false, trouble: trouble.into(), ..view.clone() }));
+        }
+    }
 }
 
 pub(super) fn pair() -> (Door, Desk) {

@@ -15,6 +15,8 @@
 mod door;
 mod thread;
 
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 
 pub use door::{Door, Refused, Reply};
@@ -67,6 +69,8 @@ pub struct StudioReport {
     pub failed: Vec<FailedOrder>,
     /// Script orders whose tick never came.
     pub left_over: usize,
+    /// Files that orders wrote.
+    pub files: u64,
     /// What went wrong by itself, such as a stroke that made no surface; each once.
     pub troubles: Vec<String>,
     /// Why the studio ended before the loop did: a defect of the program.
@@ -86,10 +90,23 @@ pub struct Ended {
 #[derive(Debug)]
 pub struct StudioThread {
     thread: JoinHandle<Ended>,
+    /// The loop is over for whoever waits, even if its thread never gave the slot back.
+    is_over: Arc<AtomicBool>,
 }
 
 impl StudioThread {
-    /// Waits until the studio has ended, which it does by itself when the loop is over.
+    /// Tells the studio to end, as it does by itself when the loop is over. One that works finishes what it does first.
+    pub fn end(&self) {
+        // Relaxed: nothing else is told by it.
+        self.is_over.store(true, Ordering::Relaxed);
+    }
+
+    /// Nobody would have to wait for it.
+    pub fn has_ended(&self) -> bool {
+        self.thread.is_finished()
+    }
+
+    /// Waits until the studio has ended, by itself or because of [`Self::end`].
     ///
     /// # Errors
     /// The thread died outside its own net.
@@ -108,6 +125,7 @@ pub fn begin(studio: Studio, clay: &Clay, plan: Plan) -> std::io::Result<(ClaySl
     let update_ticks = plan.update_ticks.max(1);
     let (feed, slot) = ClaySlot::new(clay, update_ticks);
     let (door, desk) = door::pair();
-    let thread = thread::spawn(studio, feed, desk, Plan { update_ticks, ..plan })?;
-    Ok((slot, door, StudioThread { thread }))
+    let is_over = Arc::new(AtomicBool::new(false));
+    let thread = thread::spawn(studio, (feed, is_over.clone()), desk, Plan { update_ticks, ..plan })?;
+    Ok((slot, door, StudioThread { thread, is_over }))
 }

@@ -3,6 +3,8 @@
 use core::time::Duration;
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::Instant;
 
@@ -29,6 +31,8 @@ struct Worker<'s> {
     studio: &'s mut Studio,
     report: &'s mut StudioReport,
     feed: ClayFeed,
+    /// Whoever waits for the studio has given the loop up.
+    is_told_over: Arc<AtomicBool>,
     desk: Desk,
     plan: Plan,
     /// The next of the script.
@@ -39,16 +43,23 @@ struct Worker<'s> {
     viewed: Option<Instant>,
 }
 
-pub(super) fn spawn(mut studio: Studio, feed: ClayFeed, desk: Desk, mut plan: Plan) -> std::io::Result<JoinHandle<Ended>> {
+pub(super) fn spawn(
+    mut studio: Studio,
+    (feed, is_over): (ClayFeed, Arc<AtomicBool>),
+    desk: Desk,
+    mut plan: Plan,
+) -> std::io::Result<JoinHandle<Ended>> {
     // Stable: equal ticks keep their order.
     plan.script.sort_by_key(|(tick, _)| *tick);
     std::thread::Builder::new().name("studio".to_owned()).spawn(move || {
         let mut report = StudioReport { samples_before: studio.piece().points().len(), ..StudioReport::default() };
+        let last_words = desk.last_words();
         let work = AssertUnwindSafe(|| {
             let mut worker = Worker {
                 studio: &mut studio,
                 report: &mut report,
                 feed,
+                is_told_over: is_over,
                 desk,
                 plan,
                 next: 0,
@@ -72,11 +83,23 @@ pub(super) fn spawn(mut studio: Studio, feed: ClayFeed, desk: Desk, mut plan: Pl
             Ok(Err(Unshowable(error))) => Some(error.to_string()),
             Err(panic) => Some(words_of(&*panic)),
         };
+        if let Some(why) = &report.broken {
+            last_words.hang_out(why);
+            rescue_stroke(&mut studio);
+        }
         report.updates = studio.updates();
         report.strokes = studio.piece().strokes();
         report.samples = studio.piece().points().len();
         Ended { report, studio }
     })
+}
+
+/// So that what was done before can be saved: a stroke that brought the studio down may do so again when it ends, and is given up then.
+fn rescue_stroke(studio: &mut Studio) {
+    let has_ended = catch_unwind(AssertUnwindSafe(|| studio.finish())).is_ok();
+    if !has_ended {
+        let _ = catch_unwind(AssertUnwindSafe(|| studio.give_up_stroke("the studio has ended")));
+    }
 }
 
 fn words_of(panic: &(dyn Any + Send)) -> String {
@@ -85,6 +108,10 @@ fn words_of(panic: &(dyn Any + Send)) -> String {
 }
 
 impl Worker<'_> {
+    fn is_over(&self) -> bool {
+        self.feed.is_over() || self.is_told_over.load(Ordering::Relaxed)
+    }
+
     fn period_s(&self) -> f64 {
         self.plan.update_ticks as f64 * self.plan.tick_s
     }
@@ -95,7 +122,7 @@ impl Worker<'_> {
         let mut turns = 0;
         loop {
             // Before the states: what was told before the end is worked on still.
-            let is_over = self.feed.is_over();
+            let is_over = self.is_over();
             while let Some(state) = self.feed.next_state() {
                 turns = 0;
                 self.hear(&state);
@@ -123,7 +150,7 @@ impl Worker<'_> {
             if let Some(frame) = self.feed.spare() {
                 return self.show(frame);
             }
-            if self.feed.is_over() {
+            if self.is_over() {
                 return Ok(());
             }
             std::thread::yield_now();
@@ -135,7 +162,7 @@ impl Worker<'_> {
         let period = Duration::from_secs_f64(self.period_s());
         let mut due = Instant::now() + period;
         loop {
-            let is_over = self.feed.is_over();
+            let is_over = self.is_over();
             while let Some(state) = self.feed.next_state() {
                 self.hear(&state);
             }
@@ -172,12 +199,10 @@ impl Worker<'_> {
     fn hear(&mut self, state: &ToolState) {
         self.tick = state.tick;
         while let Some((tick, order)) = self.plan.script.get(self.next).filter(|(tick, _)| *tick <= state.tick) {
-            let (tick, what) = (*tick, name_of(order));
-            let result = self.studio.order(order.clone());
+            let (tick, order) = (*tick, order.clone());
             self.next += 1;
-            if let Err(error) = result {
-                self.note_failure(tick, true, what, &error);
-            }
+            // Told in the report.
+            let _ = self.carry_out(order, tick, true);
         }
         self.studio.hear(&Handling {
             map_from_tool: state.map_from_tool,
@@ -193,13 +218,20 @@ impl Worker<'_> {
         // Those that are there now: somebody who asks without end holds nothing up.
         for _ in 0..self.desk.asks.len() {
             let Ok(asked) = self.desk.asks.try_recv() else { return };
-            let what = name_of(&asked.order);
-            let result = self.studio.order(asked.order.clone());
-            if let Err(error) = &result {
-                self.note_failure(self.tick, false, what, error);
-            }
+            let result = self.carry_out(asked.order.clone(), self.tick, false);
             asked.answer(result.map_err(Into::into));
         }
+    }
+
+    fn carry_out(&mut self, order: Order, tick: u64, is_scripted: bool) -> Result<(), StudioError> {
+        let what = name_of(&order);
+        let writes = matches!(order, Order::SavePoints(_) | Order::SaveSession(_) | Order::Export(_));
+        let result = self.studio.order(order);
+        match &result {
+            Ok(()) => self.report.files += u64::from(writes),
+            Err(error) => self.note_failure(tick, is_scripted, what, error),
+        }
+        result
     }
 
     fn note_failure(&mut self, tick: u64, is_scripted: bool, what: &str, error: &StudioError) {

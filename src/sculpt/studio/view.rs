@@ -34,7 +34,7 @@ pub struct View {
     pub updates: u64,
     /// How long the last update took, s; 0 under simulated time, which shows the same every time.
     pub update_s: f64,
-    /// Updates that came later than they should have.
+    /// Updates that were left out because they would have come too late.
     pub late: u64,
     /// What went wrong last, for people; empty when nothing did since.
     pub trouble: Arc<str>,
