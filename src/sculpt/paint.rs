@@ -10,9 +10,9 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::PointSet;
 use super::falloff::Falloff;
 use super::resample::Taken;
+use super::{Neighbours, PointSet};
 
 /// Samples that are added around one that is half covered.
 const SPLIT: u32 = 6;
@@ -135,7 +135,7 @@ impl Coat {
     }
 
     /// Samples for the discs that the rim of all dabs cuts; none for a brush that fades out. `onto`: puts a point onto the surface, and gives
-    /// the normal there. Parallel; cost: O(samples · dabs).
+    /// the normal there. Parallel; cost: O(samples · log dabs), and at the rim O(dabs that reach there).
     pub fn refined(
         &self,
         points: &PointSet,
@@ -147,21 +147,28 @@ impl Coat {
         if !brush.is_hard() {
             return added;
         }
-        let beyond_m =
-            |at: DVec3, normal: DVec3| self.dabs.iter().map(|dab| dab.beyond_m(at, normal)).fold(f64::INFINITY, f64::min);
+        let middles_map: Vec<DVec3> = self.dabs.iter().map(|dab| dab.at_map).collect();
+        let reach_m = self.dabs.iter().map(|dab| dab.radius_m).fold(0.0, f64::max);
+        let dabs = Neighbours::new(&middles_map);
         let split = |disc: &Surfel| {
             let sample = disc.sample as usize;
+            let mut near = Vec::new();
+            // Of the dabs that come near a disc; infinite where none does.
+            let mut beyond_m = |at: DVec3, normal: DVec3, disc_m: f64| {
+                dabs.within(at, reach_m + disc_m, &mut near);
+                near.iter().map(|dab| self.dabs[dab.sample as usize].beyond_m(at, normal)).fold(f64::INFINITY, f64::min)
+            };
             let mut new = PointSet::default();
             let mut waiting = vec![(points.positions_map[sample], points.normals_map[sample], disc.radius_m)];
             while let Some((at, normal, disc_m)) = waiting.pop() {
-                if beyond_m(at, normal).abs() >= disc_m || disc_m * SPLIT_RADIUS < brush.smallest_m {
+                if beyond_m(at, normal, disc_m).abs() >= disc_m || disc_m * SPLIT_RADIUS < brush.smallest_m {
                     continue;
                 }
                 let (u, v) = normal.any_orthonormal_pair();
                 for turn in 0..SPLIT {
                     let (sin, cos) = (core::f64::consts::TAU * f64::from(turn) / f64::from(SPLIT)).sin_cos();
                     let Some((at, normal)) = onto(at + (u * cos + v * sin) * (SPLIT_AT * disc_m)) else { continue };
-                    let is_covered = beyond_m(at, normal) < 0.0;
+                    let is_covered = beyond_m(at, normal, 0.0) < 0.0;
                     new.push(at, normal, brush.over(self.under[sample], if is_covered { 1.0 } else { 0.0 }));
                     waiting.push((at, normal, SPLIT_RADIUS * disc_m));
                 }
