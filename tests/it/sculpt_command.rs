@@ -235,6 +235,22 @@ fn every_key_is_held_against_its_range_in_the_words_of_the_scene() {
     }
 }
 
+#[test]
+fn a_fine_tip_and_a_slow_loop_need_no_more_keys() {
+    let dir = folder();
+    // A ball that has no sample at the spacing of the clay, and a loop that 100 updates a second do not divide.
+    let fine = scene(CLAY).replace("sphere_mm = 3 }\nvoxel_size_mm = 0.5", "sphere_mm = 0.3 }\nvoxel_size_mm = 0.05");
+    let strokes = "version = 1\n[[stroke]]\nat_s = 0.01\ndo = \"take\"\ntool = \"difference\"\n\
+                   [[stroke]]\nat_s = 0.02\ndo = \"hold\"\nuntil_s = 0.05\n";
+    fs::write(dir.path().join("fine.toml"), format!("{fine}{WORKED}").replace("update_hz = 100\n", "[rendering]\nrate_hz = 250\n"))
+        .unwrap();
+    fs::write(dir.path().join("strokes.toml"), strokes).unwrap();
+    let line = "sculpt fine.toml --clock virtual --duration 100ms --json --strokes strokes.toml";
+    let sculpt = says(dir.path(), line, 0, &[]).json()["sculpt"].clone();
+    assert!((sculpt["update_hz"].as_f64().unwrap() - 250.0 / 3.0).abs() < 1e-9, "{sculpt}");
+    assert_eq!(sculpt["failed"], Value::Array(Vec::new()), "{sculpt}");
+}
+
 /// Points on a sphere of 15 mm, in mm, where `keep` says so.
 fn sphere(n: u32, keep: impl Fn(f64, f64, f64) -> bool) -> String {
     let mut text = String::new();
