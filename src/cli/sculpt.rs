@@ -36,7 +36,7 @@ pub(crate) struct Args {
     render: LoopArgs,
     #[command(flatten)]
     clay: ClayArgs,
-    /// Let --record, --save, --session, --export and strokes write over files that are there already.
+    /// Let --record, --save, --session, --export, --pictures and strokes write over files that are there already.
     #[arg(long)]
     overwrite: bool,
 }
@@ -57,7 +57,7 @@ pub(crate) struct ClayArgs {
     /// At the end, write the piece as a closed mesh that `bake` and rigid scenes take.
     #[arg(long, value_name = "FILE.ply")]
     export: Option<PathBuf>,
-    /// At the end, draw the piece as it was and as it is: before.png and after.png in this folder.
+    /// At the end, draw the piece as it was and as it is: SCENE-before.png and SCENE-after.png in this folder.
     #[arg(long, value_name = "DIR")]
     pictures: Option<PathBuf>,
 }
@@ -84,6 +84,8 @@ pub(crate) struct Workshop {
 struct Pictures {
     /// Above the piece.
     title: String,
+    /// What the files' names begin with.
+    name: String,
     folder: PathBuf,
     before: PointSet,
 }
@@ -121,6 +123,7 @@ impl Workshop {
         let outputs = args.outputs();
         let pictures = args.pictures.as_ref().map(|folder| Pictures {
             title: config.name.clone(),
+            name: config.path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
             folder: folder.clone(),
             before: PointSet::default(),
         });
@@ -231,15 +234,19 @@ impl Workshop {
 }
 
 impl Pictures {
+    fn file(&self, moment: &str) -> PathBuf {
+        self.folder.join(format!("{}-{moment}.png", self.name))
+    }
+
     fn files(&self) -> [PathBuf; 2] {
-        ["before.png", "after.png"].map(|name| self.folder.join(name))
+        ["before", "after"].map(|moment| self.file(moment))
     }
 
     /// Draws both at one scale.
     fn draw(&self, after: &PointSet) -> [(PathBuf, std::io::Result<()>); 2] {
         let moments = [("before", &self.before, after), ("after", after, &self.before)];
         moments.map(|(moment, points, beside)| {
-            let (name, file) = (format!("{}, {moment}", self.title), self.folder.join(format!("{moment}.png")));
+            let (name, file) = (format!("{}, {moment}", self.title), self.file(moment));
             let written = splats::write(&file, &[Subject { name: &name, points, beside: Some(beside) }]);
             (file, written)
         })

@@ -64,6 +64,9 @@ impl SceneError {
             Self::Load(problem) => problem.hint().map(str::to_owned),
             Self::Piece(WorkpieceError::Surface(problem)) => Some(problem.hint().to_owned()),
             Self::Session(_) => Some("give a file of `hapticd sculpt --session`, or another source of clay".to_owned()),
+            Self::Piece(WorkpieceError::Beside(..)) => {
+                Some("give `sculpt.region_mm` in the frame of the piece's file, and check `sculpt.units`".to_owned())
+            }
             Self::Piece(_) | Self::Frame(_) => None,
         }
     }

@@ -77,6 +77,12 @@ pub enum WorkpieceError {
     /// A box without inside.
     #[error("the region from {0} to {1} m is empty; its first corner is the lowest, its second the highest")]
     Region(DVec3, DVec3),
+    /// Nothing of the piece is in it.
+    #[error("no part of the surface is in the region from {0} to {1} m")]
+    Beside(DVec3, DVec3),
+    /// A Boolean that leaves no solid.
+    #[error("nothing would be left of the piece")]
+    NothingLeft,
     /// The base would be too large.
     #[error(
         "mass points {spacing_m:.6} m apart make {n_nodes} of them over the whole piece, more than {NODES_MAX}; \
@@ -130,6 +136,7 @@ impl Workpiece {
         let (whole, first, region) = lattices(surface.bounds(), &settings)?;
         let base = measured(surface.rasterize(whole));
         let region = Region::new(surface.points(), &base, first, region, &settings);
+        region.check_holds_some()?;
         let gap_m = GAP_SPACINGS * surface.spacing_m();
         Ok(Self {
             surface,
@@ -230,9 +237,10 @@ impl Workpiece {
         self.end_stroke()?;
         let settings = Settings { region_map: Some((low_map, high_map)), ..self.settings.clone() };
         let (whole, first, region) = lattices(self.surface.bounds(), &settings)?;
-        self.base = measured(self.surface.rasterize(whole));
-        self.region = Region::new(self.surface.points(), &self.base, first, region, &settings);
-        self.settings = settings;
+        let base = measured(self.surface.rasterize(whole));
+        let region = Region::new(self.surface.points(), &base, first, region, &settings);
+        region.check_holds_some()?;
+        (self.base, self.region, self.settings) = (base, region, settings);
         Ok(())
     }
 
@@ -336,6 +344,9 @@ impl Workpiece {
     pub fn combine(&mut self, boolean: Boolean, other: &PointSurface, is_sharp: bool) -> Result<(), WorkpieceError> {
         self.end_stroke()?;
         let points = boolean.samples(&self.surface, other, is_sharp);
+        if points.len() < PointSet::LEAST {
+            return Err(WorkpieceError::NothingLeft);
+        }
         let surface = PointSurface::build(points, self.settings.n_neighbours)?;
         let (whole, first, region) = lattices(surface.bounds(), &self.settings)?;
         let base = measured(if is_sharp {
@@ -395,6 +406,15 @@ impl Region {
         let now = cut(base, first, lattice);
         let afloat = Afloat::new(points, &now, 0.0);
         Self { first, dynamics: Dynamics::new(now, settings.material.clone(), settings.integrator), afloat }
+    }
+
+    fn check_holds_some(&self) -> Result<(), WorkpieceError> {
+        if !self.afloat.samples().is_empty() {
+            return Ok(());
+        }
+        let lattice = self.dynamics.lattice();
+        let last = lattice.dims.map(|n| n - 1);
+        Err(WorkpieceError::Beside(lattice.position([0; 3]), lattice.position(last)))
     }
 }
 

@@ -109,7 +109,7 @@ fn worked(craft: &Craft<'_>) -> Worked {
     let line = ["sculpt", "scene.toml", "--clock", "virtual", "--json", "--duration", &duration];
     let json = hapticd(dir.path(), &[&line[..], &ends].concat());
     if let Some(folder) = std::env::var_os("CLAY_PICTURES") {
-        fs::copy(dir.path().join("after.png"), Path::new(&folder).join(format!("clay-{name}.png"))).unwrap();
+        fs::copy(dir.path().join("scene-after.png"), Path::new(&folder).join(format!("clay-{name}.png"))).unwrap();
     }
     assert_eq!(json["faults"], Value::Array(Vec::new()), "{json}");
     assert_eq!(json["sculpt"]["failed"], Value::Array(Vec::new()), "{json}");

@@ -226,12 +226,27 @@ impl Worker<'_> {
     fn carry_out(&mut self, order: Order, tick: u64, is_scripted: bool) -> Result<(), StudioError> {
         let what = name_of(&order);
         let writes = matches!(order, Order::SavePoints(_) | Order::SaveSession(_) | Order::Export(_));
+        if !matches!(order, Order::Hold(_) | Order::SavePoints(_)) {
+            self.slacken();
+        }
         let result = self.studio.order(order);
         match &result {
             Ok(()) => self.report.files += u64::from(writes),
             Err(error) => self.note_failure(tick, is_scripted, what, error),
         }
         result
+    }
+
+    /// Lets the hand go before something that ends its pull and may take long: nobody would hear meanwhile that it wants to be let go. Simulated
+    /// time waits for whatever it is.
+    fn slacken(&mut self) {
+        if self.plan.clock == ClockKind::Real
+            && self.studio.slacken()
+            && let Some(frame) = self.feed.spare()
+        {
+            // If it cannot be shown now, the next update says so again.
+            let _ = self.show(frame);
+        }
     }
 
     fn note_failure(&mut self, tick: u64, is_scripted: bool, what: &str, error: &StudioError) {

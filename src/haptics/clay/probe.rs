@@ -15,6 +15,8 @@ use crate::spatial::Pose;
 
 /// Times that the search goes on outwards, twice as far each time: from a quarter of a spacing to 64 spacings.
 const STRIDES: u32 = 8;
+/// The surface is looked for up to this many densities away, and so many spacings more.
+const FARTHEST: (f32, f32) = (2.0, 1.0);
 /// Shortest first stride, spacings.
 const STRIDE_MIN: f32 = 0.25;
 /// Steps that close in on the surface once it is passed.
@@ -133,15 +135,21 @@ impl<'a> Probe<'a> {
         Vec3::new(along(Vec3::X), along(Vec3::Y), along(Vec3::Z))
     }
 
-    /// Where the ray first gets out of the clay, spacings: outwards until the surface is passed, then regula falsi (Illinois).
+    /// Where the ray first gets out of the clay, spacings: outwards until the surface is passed, then regula falsi (Illinois). A ray that is
+    /// still inside far beyond what the density says has lost its way, as from the middle of a ball: then the density counts.
     fn depth(&self, nodes: Vec3, outward: Vec3, (value_m, slope): (f32, f32)) -> f32 {
         // Beyond the base is air, of which no more is known.
         let value_at = |way: f32| self.value_m(nodes + outward * way).unwrap_or(-value_m);
         let (mut inside, mut value_inside) = (0.0, value_m);
         let mut stride = (value_m / (slope.max(SLOPE_MIN) * self.spacing_m)).max(STRIDE_MIN);
+        let straight = value_m / self.spacing_m;
+        let farthest = FARTHEST.0 * straight + FARTHEST.1;
         let mut passed = None;
         for _ in 0..STRIDES {
-            let way = inside + stride;
+            if inside >= farthest {
+                break;
+            }
+            let way = (inside + stride).min(farthest);
             let value = value_at(way);
             if value > 0.0 {
                 (inside, value_inside) = (way, value);
@@ -151,8 +159,7 @@ impl<'a> Probe<'a> {
                 break;
             }
         }
-        // Deeper than it makes sense to look.
-        let Some((mut outside, mut value_outside)) = passed else { return inside };
+        let Some((mut outside, mut value_outside)) = passed else { return straight };
         let on_surface_m = ON_SURFACE * self.spacing_m;
         let mut last_side = 0_i8;
         for _ in 0..CLOSING_STEPS {

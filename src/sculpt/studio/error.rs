@@ -71,6 +71,7 @@ impl StudioError {
     pub fn hint(&self) -> &'static str {
         match self {
             Self::Surface(error) | Self::Piece(WorkpieceError::Surface(error)) => error.hint(),
+            Self::Piece(WorkpieceError::NothingLeft) => "move or shrink the other solid, and check its unit",
             Self::Piece(_) => "choose another region or another raster",
             Self::Export(_) => "undo the last stroke, or load the piece with more air around it",
             Self::Session(_) | Self::Write { .. } => "choose a file in a folder that exists and may be written to",

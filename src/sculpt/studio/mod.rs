@@ -135,6 +135,15 @@ impl Studio {
         }
     }
 
+    /// The rope is let go, and the stroke goes on without it; false where there is none.
+    pub fn slacken(&mut self) -> bool {
+        let had_rope = self.rope_map().is_some();
+        if had_rope {
+            self.doing = Doing::Nothing;
+        }
+        had_rope
+    }
+
     /// The stroke under way has never been: after densities that cannot be touched.
     pub fn give_up_stroke(&mut self, why: &str) {
         self.doing = Doing::Nothing;
