@@ -137,7 +137,7 @@ fn people_read_what_became_of_the_clay() {
     let dir = folder();
     let ended =
         says(dir.path(), "sculpt ball.toml --clock virtual --duration 1300ms", 0, &["the strokes were not kept", "--session FILE"]);
-    for row in ["clay               1 strokes", "volume ", "updates ", "at 100 Hz, 0 left out"] {
+    for row in ["clay               1 stroke,", "volume ", "updates ", "at 100 Hz, 0 left out"] {
         assert!(ended.stdout.contains(row), "no `{row}` in\n{}", ended.stdout);
     }
     let ended =
