@@ -294,7 +294,7 @@ class PageTest(unittest.TestCase):
         page = self.open(run, complains=True)
         page.wait(f"{number('read-force')} > 0.5")
         # Also where drawing takes all that the machine has.
-        page.call("Emulation.setCPUThrottlingRate", rate=4)
+        page.call("Emulation.setCPUThrottlingRate", rate=10)
         page.click("#stop")
         self.assertEqual(run.process.wait(timeout=30), 0)
         page.call("Emulation.setCPUThrottlingRate", rate=1)
