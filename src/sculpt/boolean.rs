@@ -12,7 +12,8 @@
 //!
 //! The edge where both meet is kept sharp where it is asked for: the solid is then of two patches, its field the smaller or larger of both
 //! (what the paper calls two patches of an implicit surface), and samples are added on both sides up to the edge, as the paper does for
-//! rendering (figure 4). Otherwise one field is fitted over all samples, which rounds the edge by about their spacing.
+//! rendering (figure 4). Otherwise one field is fitted over all samples, which rounds the edge by about their spacing; away from
+//! the edge densities stay what they were.
 
 use rayon::prelude::*;
 
@@ -91,6 +92,20 @@ impl Boolean {
         both.for_each(|(first_m, second_m)| *first_m = self.density_m(*first_m, *second_m));
         left
     }
+}
+
+/// Lets one smooth surface go over the edge: nodes within a distance of both solids' surfaces become those of `smooth`. All on one lattice.
+///
+/// # Panics
+/// On rasters of several lattices.
+pub fn blend(left: &mut Raster, [first, second]: [&Raster; 2], smooth: &Raster, width_m: f64) {
+    assert!([first, second, smooth].iter().all(|raster| raster.lattice() == left.lattice()), "rasters of one lattice");
+    let both = left.values_m_mut().par_iter_mut().zip(first.values_m()).zip(second.values_m()).zip(smooth.values_m());
+    both.for_each(|(((left_m, first_m), second_m), smooth_m)| {
+        if f64::from(first_m.abs().max(second_m.abs())) < width_m {
+            *left_m = *smooth_m;
+        }
+    });
 }
 
 /// Samples of a surface where the field of another keeps them.

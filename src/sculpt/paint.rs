@@ -71,6 +71,11 @@ pub struct Dab {
 }
 
 impl Dab {
+    /// A sample is under the brush.
+    pub(super) fn covers(&self, points: &PointSet, sample: u32) -> bool {
+        self.beyond_m(points.positions_map[sample as usize], points.normals_map[sample as usize]) < 0.0
+    }
+
     /// How far beyond the rim a place is, m; below 0 under the brush.
     fn beyond_m(&self, at_map: DVec3, normal_map: DVec3) -> f64 {
         if self.normal_map.dot(normal_map) > 0.0 { at_map.distance(self.at_map) - self.radius_m } else { f64::INFINITY }

@@ -2,7 +2,7 @@
 //!
 //! Up: the neighbours of a sample are projected onto its tangent plane; the vertex of their Voronoi diagram with the largest empty circle
 //! is where one is missing, if the circle is larger than a threshold; it is put onto the isosurface (Guo2004, dynamic sampling). Down:
-//! the paper describes it and does not build it; here a sample goes that has a kept one closer than a second threshold.
+//! the paper describes it and does not build it; here a sample goes that was squeezed closer to a kept one than a second threshold.
 //!
 //! Invariant: the result does not depend on the number of threads.
 
@@ -27,6 +27,10 @@ const FILLED_GAPS: f64 = 1.5;
 const SAME_SIDE: f64 = 0.3;
 /// Rounds of filling at most.
 const ROUNDS: u32 = 12;
+/// Two samples were squeezed together if a stroke left this share of their distance, or less.
+const SQUEEZED: f64 = 0.8;
+/// What is closer than this share of the threshold goes in any case: many strokes may each squeeze by a little.
+const CRAMMED: f64 = 0.25;
 /// A new sample keeps this share of the threshold from the others that are new.
 const APART: f64 = 0.9;
 
@@ -104,12 +108,13 @@ pub fn largest_gap_m(points: &PointSet, samples: &[u32], gap_m: f64) -> f64 {
         .reduce(|| 0.0, f64::max)
 }
 
-/// Puts samples into every empty circle with a radius above `gap_m` through the samples that are afloat, on the isosurface of `now`, and
-/// lets them float as well. Returns how many came. Cost: O(samples that are afloat) per round; each round fills all circles that are apart.
-pub fn fill(points: &mut PointSet, afloat: &mut Afloat, now: &Raster, gap_m: f64) -> usize {
+/// Puts samples into every empty circle with a radius above `gap_m` through samples that have `moved` (some of those that are afloat), on the
+/// isosurface of `now`, and lets them float as well. Returns how many came. Cost: O(samples that have moved) per round; each round fills all
+/// circles that are apart.
+pub fn fill(points: &mut PointSet, afloat: &mut Afloat, moved: &[u32], now: &Raster, gap_m: f64) -> usize {
     let before = points.len();
     let mut level_of: HashMap<u32, f64> = afloat.samples().iter().copied().zip(afloat.levels_m().iter().copied()).collect();
-    let mut looked_at: Vec<u32> = afloat.samples().to_vec();
+    let mut looked_at = moved.to_vec();
     for _ in 0..ROUNDS {
         let neighbours = Neighbours::new(&points.positions_map);
         let mut gaps: Vec<Gap> = looked_at
@@ -167,10 +172,17 @@ pub fn fill(points: &mut PointSet, afloat: &mut Afloat, now: &Raster, gap_m: f64
     points.len() - before
 }
 
-/// The samples to keep, ascending: without those that are afloat and closer than `close_m` to a kept one of the same side. Samples that
-/// are not afloat are all kept. Cost: O(samples that are afloat).
-pub fn thinned(points: &PointSet, afloat: &Afloat, close_m: f64) -> Vec<u32> {
+/// The samples to keep, ascending: without those that are afloat and were squeezed closer than `close_m` to a kept one of the same side.
+/// What was as fine `before` the stroke, as the rim of paint is, stays so. Samples that are not afloat are all kept. Numbers up to the last
+/// of `before` mean the same samples in both. Cost: O(samples that are afloat).
+pub fn thinned(points: &PointSet, before: &PointSet, afloat: &Afloat, close_m: f64) -> Vec<u32> {
     let neighbours = Neighbours::new(&points.positions_map);
+    let was_apart = |one: u32, other: u32, apart_m: f64| {
+        let (Some(one), Some(other)) = (before.positions_map.get(one as usize), before.positions_map.get(other as usize)) else {
+            return true;
+        };
+        apart_m < SQUEEZED * one.distance(*other)
+    };
     let mut is_kept = vec![true; points.len()];
     let mut found = Vec::new();
     let mut is_afloat = vec![false; points.len()];
@@ -185,7 +197,11 @@ pub fn thinned(points: &PointSet, afloat: &Afloat, close_m: f64) -> Vec<u32> {
             let stays = is_kept[other as usize] && (other < *sample || !is_afloat[other as usize]);
             stays && other != *sample && points.normals_map[other as usize].dot(normal) > SAME_SIDE
         };
-        if found.iter().any(|neighbour| crowds(neighbour.sample)) {
+        let is_squeezed = |neighbour: &Neighbour| {
+            let apart_m = neighbour.distance_squared_m2.sqrt();
+            apart_m < CRAMMED * close_m || was_apart(*sample, neighbour.sample, apart_m)
+        };
+        if found.iter().any(|neighbour| crowds(neighbour.sample) && is_squeezed(neighbour)) {
             is_kept[*sample as usize] = false;
         }
     }
@@ -264,7 +280,8 @@ mod tests {
         // 100 samples on 4π cm²: circles of several millimetres.
         let mut points = spiral(100, 0.01);
         let mut afloat = Afloat::new(&points, &now, 0.0);
-        let n = fill(&mut points, &mut afloat, &now, GAP_M);
+        let all = afloat.samples().to_vec();
+        let n = fill(&mut points, &mut afloat, &all, &now, GAP_M);
         assert!(n > 200, "{n}");
         assert!(largest_gap_m(&points, afloat.samples(), GAP_M) <= GAP_M);
         for (at, normal) in points.positions_map.iter().zip(&points.normals_map) {
@@ -281,22 +298,24 @@ mod tests {
     }
 
     #[test]
-    fn a_dense_sphere_gets_none_and_one_that_is_not_afloat_neither() {
+    fn a_dense_sphere_gets_none_and_one_that_has_not_moved_neither() {
         let now = ball(0.01);
         let mut points = spiral(4000, 0.01);
         let before = points.clone();
         let mut afloat = Afloat::new(&points, &now, 0.0);
-        assert_eq!(fill(&mut points, &mut afloat, &now, GAP_M), 0);
+        let all = afloat.samples().to_vec();
+        assert_eq!(fill(&mut points, &mut afloat, &all, &now, GAP_M), 0);
         assert_eq!(points, before);
         let mut sparse = spiral(100, 0.01);
-        assert_eq!(fill(&mut sparse, &mut Afloat::default(), &now, GAP_M), 0);
+        let mut afloat = Afloat::new(&sparse, &now, 0.0);
+        assert_eq!(fill(&mut sparse, &mut afloat, &[], &now, GAP_M), 0, "none has moved");
     }
 
     #[test]
     fn crowded_samples_go_and_the_rest_covers_the_surface() {
-        let points = spiral(4000, 0.01);
+        let (before, points) = (spiral(4000, 0.02), spiral(4000, 0.01));
         let afloat = Afloat::new(&points, &ball(0.01), 0.0);
-        let kept = thinned(&points, &afloat, 0.6 * GAP_M);
+        let kept = thinned(&points, &before, &afloat, 0.6 * GAP_M);
         assert!(kept.len() < 3000, "{}", kept.len());
         let left = PointSet {
             positions_map: kept.iter().map(|n| points.positions_map[*n as usize]).collect(),
@@ -305,7 +324,17 @@ mod tests {
         };
         let all: Vec<u32> = (0..left.len() as u32).collect();
         assert!(largest_gap_m(&left, &all, GAP_M) <= GAP_M);
-        assert_eq!(thinned(&points, &Afloat::default(), 0.6 * GAP_M).len(), 4000);
+        assert_eq!(thinned(&points, &before, &Afloat::default(), 0.6 * GAP_M).len(), 4000);
+        // Samples that came with the stroke crowd as well.
+        assert!(thinned(&points, &PointSet::default(), &afloat, 0.6 * GAP_M).len() < 3000);
+    }
+
+    #[test]
+    fn what_was_as_fine_before_stays_unless_samples_all_but_meet() {
+        let points = spiral(4000, 0.01);
+        let afloat = Afloat::new(&points, &ball(0.01), 0.0);
+        assert_eq!(thinned(&points, &points, &afloat, 0.6 * GAP_M).len(), 4000);
+        assert!(thinned(&points, &points, &afloat, 10.0 * GAP_M).len() < 500);
     }
 
     #[test]
@@ -321,7 +350,7 @@ mod tests {
             }
         }
         let afloat = Afloat::new(&points, &ball(0.01), 0.0);
-        assert_eq!(thinned(&points, &afloat, 0.6 * GAP_M).len(), points.len());
+        assert_eq!(thinned(&points, &PointSet::default(), &afloat, 0.6 * GAP_M).len(), points.len());
     }
 
     #[test]

@@ -112,8 +112,8 @@ fn kept<'m>(now: &'m Moment, past: &'m [Moment], undone: &'m [Moment]) -> (Vec<&
     let mut left = MOMENTS_BYTES_MAX;
     let mut newest = |moments: &'m [Moment]| {
         let n = moments.iter().rev().take_while(|moment| {
-            let fits = moment.n_bytes() <= left;
-            left -= if fits { moment.n_bytes() } else { 0 };
+            let fits = moment.n_bytes_in_session() <= left;
+            left -= if fits { moment.n_bytes_in_session() } else { 0 };
             fits
         });
         &moments[moments.len() - n.count()..]
@@ -147,7 +147,7 @@ impl Workpiece {
             .map(|moment| {
                 let (low, high) = moment.region_map.unwrap_or_default();
                 MomentRecord {
-                    n_samples: moment.points.len() as u64,
+                    n_samples: moment.samples.points().len() as u64,
                     base: LatticeRecord::of(moment.base.lattice()),
                     region: LatticeRecord::of(&moment.region),
                     region_map: [low.x, low.y, low.z, high.x, high.y, high.z],
@@ -155,7 +155,7 @@ impl Workpiece {
                 }
             })
             .collect();
-        let points = || moments.iter().map(|moment| &moment.points);
+        let points = || moments.iter().map(|moment| moment.samples.points());
         let positions: Vec<[f64; 3]> = points().flat_map(|points| points.positions_map.iter().map(DVec3::to_array)).collect();
         let normals: Vec<[f64; 3]> = points().flat_map(|points| points.normals_map.iter().map(DVec3::to_array)).collect();
         let colors: Vec<[u8; 3]> = points().flat_map(|points| points.colors.iter().copied()).collect();
@@ -215,7 +215,7 @@ fn decode(region: Arc<Region>) -> Result<Session, Refusal> {
         let values_m = densities.get(from.1..).unwrap_or_default();
         let moment = samples.and_then(|((positions, normals), colors)| moment(record, positions, normals, colors, values_m));
         let moment = moment.ok_or(Refusal::Damaged("moments"))?;
-        from = (from.0 + moment.points.len(), from.1 + moment.base.values_m().len());
+        from = (from.0 + moment.samples.points().len(), from.1 + moment.base.values_m().len());
         moments.push(moment);
     }
     let is_whole =

@@ -16,13 +16,14 @@ mod past;
 use std::sync::Arc;
 
 use glam::DVec3;
+use rayon::prelude::*;
 
-use self::adopt::{adopt, forget_faint};
-use self::lattices::{NODES_MAX, copy_into, cut, lattices};
+use self::adopt::{adopt, faint_m, forget_faint, moved_by};
+use self::lattices::{NODES_MAX, copy_into, cut, lattices, lattices_after};
 use self::painting::Press;
 pub(super) use self::past::Moment;
 use super::advect::Afloat;
-use super::boolean::Boolean;
+use super::boolean::{self, Boolean};
 use super::dynamics::{Dynamics, Integrator, Material, Progress};
 use super::emboss::{GreyImage, Laid, embossed};
 use super::pull::{Pull, add_pull};
@@ -33,6 +34,8 @@ use crate::haptics::clay::{Density, Frame, FrameError, Lattice, Raster};
 /// Largest empty circle and closest pair of samples in a region, in spacings of the samples at the start.
 const GAP_SPACINGS: f64 = 1.0;
 const CLOSE_SPACINGS: f64 = 0.35;
+/// One smooth surface goes over the edge of a Boolean so far to both sides, in the largest of all spacings: fits reach no farther.
+const BLEND_SPACINGS: f64 = 4.0;
 
 /// How a piece is worked.
 #[derive(Clone, Debug, PartialEq)]
@@ -108,7 +111,8 @@ struct Region {
 /// A piece of clay.
 #[derive(Debug)]
 pub struct Workpiece {
-    surface: PointSurface,
+    /// Shared with what undo goes back to.
+    surface: Arc<PointSurface>,
     /// While a stroke lasts: samples under way.
     under_way: Option<PointSet>,
     /// While the brush is pressed; never together with samples under way.
@@ -139,7 +143,7 @@ impl Workpiece {
         region.check_holds_some()?;
         let gap_m = GAP_SPACINGS * surface.spacing_m();
         Ok(Self {
-            surface,
+            surface: Arc::new(surface),
             under_way: None,
             press: None,
             base,
@@ -278,7 +282,8 @@ impl Workpiece {
             self.went_m += afloat.follow(points, dynamics.now(), dynamics.velocities_m_per_s(), progress.time_s);
             if self.went_m > self.gap_m {
                 self.went_m = 0.0;
-                resample::fill(points, afloat, dynamics.now(), self.gap_m);
+                let moved = moved_by(points, self.surface.points(), afloat, faint_m(dynamics.lattice()));
+                resample::fill(points, afloat, &moved, dynamics.now(), self.gap_m);
             }
         }
         progress
@@ -297,13 +302,18 @@ impl Workpiece {
         redistance(&mut now);
         let rest = cut(&self.base, *first, *dynamics.lattice());
         forget_faint(&mut points, self.surface.points(), &mut now, dynamics.now(), &rest);
-        resample::fill(&mut points, afloat, dynamics.now(), self.gap_m);
-        let kept = resample::thinned(&points, afloat, CLOSE_SPACINGS * self.surface.spacing_m());
+        if points == *self.surface.points() {
+            self.forget_stroke();
+            return Ok(());
+        }
+        let moved = moved_by(&points, self.surface.points(), afloat, 0.0);
+        resample::fill(&mut points, afloat, &moved, dynamics.now(), self.gap_m);
+        let kept = resample::thinned(&points, self.surface.points(), afloat, CLOSE_SPACINGS * self.surface.spacing_m());
         let mut base = (*self.base).clone();
         copy_into(&mut base, &now, *first);
 
         let n_before = self.surface.points().len();
-        let result = adopt(&mut self.surface, &points, &kept, n_before, &base);
+        let result = adopt(Arc::make_mut(&mut self.surface), &points, &kept, n_before, &base);
         if let Err(error) = result {
             self.take_back();
             return Err(error);
@@ -311,6 +321,7 @@ impl Workpiece {
         self.base = measured(base);
         dynamics.replace(now);
         *afloat = Afloat::new(self.surface.points(), dynamics.now(), 0.0);
+        self.settle();
         Ok(())
     }
 
@@ -325,13 +336,18 @@ impl Workpiece {
             return Ok(0);
         }
         self.remember();
+        let lattice = *self.base.lattice();
+        let before = self.surface.rasterize(lattice);
         let samples: Vec<u32> = (0..self.surface.points().len() as u32).collect();
-        let result = self.surface.move_samples(&moved).and_then(|()| self.surface.refit(&samples));
+        let surface = Arc::make_mut(&mut self.surface);
+        let result = surface.move_samples(&moved).and_then(|()| surface.refit(&samples));
         if let Err(error) = result {
             self.take_back();
             return Err(error);
         }
-        self.rasterize_again();
+        self.base = measured(changed(&self.base, &before, &self.surface.rasterize(lattice)));
+        self.cut_region(*self.region.dynamics.lattice());
+        self.settle();
         Ok(moved.len())
     }
 
@@ -348,17 +364,37 @@ impl Workpiece {
             return Err(WorkpieceError::NothingLeft);
         }
         let surface = PointSurface::build(points, self.settings.n_neighbours)?;
-        let (whole, first, region) = lattices(surface.bounds(), &self.settings)?;
-        let base = measured(if is_sharp {
-            boolean.densities(&self.surface.rasterize(whole), &other.rasterize(whole))
-        } else {
-            surface.rasterize(whole)
-        });
+        let now = (self.base.lattice(), self.region.dynamics.lattice());
+        let (whole, first, region) = lattices_after(now, surface.bounds(), &self.settings)?;
+        let (of_first, of_second) = (self.densities_on(whole), other.rasterize(whole));
+        let mut left = boolean.densities(&of_first, &of_second);
+        if !is_sharp {
+            let width_m = BLEND_SPACINGS * self.surface.spacing_m().max(other.spacing_m()).max(whole.spacing_m);
+            boolean::blend(&mut left, [&of_first, &of_second], &surface.rasterize(whole), width_m);
+        }
+        let base = measured(left);
         self.remember();
-        self.surface = surface;
+        self.surface = Arc::new(surface);
         self.base = base;
         self.region = Region::new(self.surface.points(), &self.base, first, region, &self.settings);
+        self.settle();
         Ok(())
+    }
+
+    /// The densities on another lattice: those that are known, and beyond them what fits say.
+    fn densities_on(&self, lattice: Lattice) -> Raster {
+        let known = |node| self.base.at(lattice.position(node)).map(|density| density.value_m);
+        if *self.base.lattice() == lattice {
+            return (*self.base).clone();
+        }
+        let mut raster = self.surface.rasterize(lattice);
+        let [nx, ny, nz] = lattice.dims;
+        raster.values_m_mut().par_chunks_mut(ny * nz).enumerate().take(nx).for_each(|(x, plane)| {
+            for (n, value_m) in plane.iter_mut().enumerate() {
+                *value_m = known([x, n / nz, n % nz]).unwrap_or(*value_m);
+            }
+        });
+        raster
     }
 
     /// Writes the densities into a frame for the tick. Cost: a copy of the region.
@@ -388,11 +424,16 @@ impl Workpiece {
         frame.make_ready(None)?;
         Ok(frame)
     }
+}
 
-    fn rasterize_again(&mut self) {
-        self.base = measured(self.surface.rasterize(*self.base.lattice()));
-        self.cut_region(*self.region.dynamics.lattice());
+/// What a raster is after a change that fits know of: where they have not changed it is as before, and keeps edges and relief that are finer
+/// than fits are.
+fn changed(raster: &Raster, before: &Raster, after: &Raster) -> Raster {
+    let mut changed = raster.clone();
+    for ((value_m, before_m), after_m) in changed.values_m_mut().iter_mut().zip(before.values_m()).zip(after.values_m()) {
+        *value_m += after_m - before_m;
     }
+    changed
 }
 
 /// How steep it is has to be known before it is shared.

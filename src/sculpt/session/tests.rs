@@ -134,8 +134,9 @@ fn the_past_that_is_kept_is_the_nearest() {
     let many = vec![moment.clone(); 4];
     let (moments, n_past) = kept(&moment, &many, &many);
     assert_eq!((moments.len(), n_past), (9, 4));
-    let mut large = moment.clone();
-    large.points.positions_map.resize(MOMENTS_BYTES_MAX / 48, DVec3::ZERO);
+    let mut points = moment.samples.points().clone();
+    points.positions_map.resize(MOMENTS_BYTES_MAX / 48, DVec3::ZERO);
+    let large = Moment::new(points, (*moment.base).clone(), moment.region, None).unwrap();
     let past = [moment.clone(), large, moment.clone(), moment.clone()];
     let (moments, n_past) = kept(&moment, &past, &[]);
     assert_eq!((moments.len(), n_past), (3, 2));

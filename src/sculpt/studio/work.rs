@@ -86,6 +86,8 @@ pub(super) enum Doing {
     Drawn { curve_map: Vec<DVec3> },
     /// A rope to one corner of a curve; all of it is pulled.
     PullingCurve { curve_map: Vec<DVec3>, corner: usize },
+    /// The rope is let go; the stroke, whose end takes long, is over with the next update: the hand is not to feel a rope until then.
+    LettingGo,
 }
 
 impl Studio {
@@ -193,7 +195,11 @@ impl Studio {
                     self.doing = Doing::Drawn { curve_map };
                     Ok(())
                 }
-                _ => self.let_go(),
+                Doing::Pulling { .. } | Doing::PullingCurve { .. } => {
+                    self.doing = Doing::LettingGo;
+                    Ok(())
+                }
+                Doing::Nothing | Doing::Pressing { .. } | Doing::LettingGo => self.let_go(),
             };
         }
         let force_map = -heard.rope_map;
@@ -226,13 +232,15 @@ impl Studio {
         let before = core::mem::take(&mut self.doing);
         self.let_go()?;
         let tip_map = self.body.tip_map(&heard.last);
-        let Some((anchor_map, _)) = self.piece.onto(tip_map, self.tool.brush_m) else {
-            if let Doing::Drawn { .. } = before {
-                self.doing = before;
-            }
-            return Err(StudioError::OutOfReach);
+        let anchor_map = match self.piece.onto(tip_map, self.tool.brush_m) {
+            Some((anchor_map, _)) => self.check_region(anchor_map).map(|()| anchor_map),
+            None => Err(StudioError::OutOfReach),
         };
-        self.check_region(anchor_map)?;
+        let anchor_map = anchor_map.inspect_err(|_| {
+            if let Doing::Drawn { .. } = &before {
+                self.doing = before.clone();
+            }
+        })?;
         if self.tool.craft == Craft::Pull {
             self.piece.begin_stroke()?;
             self.doing = Doing::Pulling { anchor_map };

@@ -126,6 +126,12 @@ impl PointSurface {
         }
     }
 
+    /// What it takes in memory, bytes; trees over the samples count as two samples each.
+    pub(super) fn n_bytes(&self) -> usize {
+        let of_sample = size_of::<LocalFit>() + size_of::<f64>();
+        3 * self.points.n_bytes() + self.fits.len() * of_sample
+    }
+
     /// The samples.
     pub fn points(&self) -> &PointSet {
         &self.points

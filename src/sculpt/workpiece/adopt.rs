@@ -1,17 +1,32 @@
 //! What a stroke leaves to the surface.
 
+use super::super::advect::Afloat;
 use super::super::{Moved, PointSet, PointSurface, SurfaceError};
-use crate::haptics::clay::Raster;
+use crate::haptics::clay::{Lattice, Raster};
 
 /// What moved by less, in spacings of the raster, has not moved.
 const FAINT_SPACINGS: f64 = 0.02;
+
+/// m.
+pub(super) fn faint_m(lattice: &Lattice) -> f64 {
+    FAINT_SPACINGS * lattice.spacing_m
+}
+
+/// Samples that are afloat and farther from where they were before than a distance; those that came since are among them.
+pub(super) fn moved_by(points: &PointSet, before: &PointSet, afloat: &Afloat, least_m: f64) -> Vec<u32> {
+    let has_moved = |sample: &u32| {
+        let was_map = before.positions_map.get(*sample as usize);
+        was_map.is_none_or(|was_map| points.positions_map[*sample as usize].distance(*was_map) > least_m)
+    };
+    afloat.samples().iter().copied().filter(has_moved).collect()
+}
 
 /// Takes faint motion back, of samples and of densities. A force reaches all of a region, most of it next to not; what is taken from the raster again
 /// becomes as smooth as the raster, so relief and edges far from the tool are better left alone.
 ///
 /// `now`: the densities to become those of the region; `moved`: as the stroke left them; `rest`: as it found them.
 pub(super) fn forget_faint(points: &mut PointSet, before: &PointSet, now: &mut Raster, moved: &Raster, rest: &Raster) {
-    let faint_m = FAINT_SPACINGS * now.lattice().spacing_m;
+    let faint_m = faint_m(now.lattice());
     for (sample, (position, normal)) in before.positions_map.iter().zip(&before.normals_map).enumerate() {
         if points.positions_map[sample].distance(*position) < faint_m {
             points.positions_map[sample] = *position;

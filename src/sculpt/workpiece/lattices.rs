@@ -7,6 +7,8 @@ use crate::haptics::clay::{Lattice, Raster};
 
 /// Air around all samples in the base raster, in its spacings: room for what is pulled out, beyond what the caller asks for.
 const AIR_SPACINGS: f64 = 4.0;
+/// A lattice is kept until one as large as the piece needs would be finer than this, in its spacings.
+const KEPT_SPACINGS: f64 = 0.75;
 /// Nodes of the base raster at most: 128 MiB.
 pub(super) const NODES_MAX: usize = 1 << 25;
 
@@ -38,6 +40,21 @@ pub(super) fn lattices((low, high): (DVec3, DVec3), settings: &Settings) -> Resu
     }
     let whole = Lattice { origin_map: origin - nodes_below * spacing_m, spacing_m, dims: nodes.to_array().map(|n| n as usize) };
     Ok((whole, nodes_below.to_array().map(|n| n as usize), region))
+}
+
+/// The lattices of a piece that has become another, for those of `now` (base, region): the same nodes wherever they will do, since densities
+/// that are looked up between nodes lose their edges.
+pub(super) fn lattices_after(
+    (whole, region): (&Lattice, &Lattice),
+    (low, high): (DVec3, DVec3),
+    settings: &Settings,
+) -> Result<(Lattice, [usize; 3], Lattice), WorkpieceError> {
+    let fresh = lattices((low, high), settings)?;
+    let (region_low, region_high) = region.bounds();
+    let holds_all = (low - settings.air_m).cmpge(region_low).all() && (high + settings.air_m).cmple(region_high).all();
+    let is_fine = region.dims == settings.raster && KEPT_SPACINGS * region.spacing_m <= fresh.2.spacing_m;
+    let stays = settings.region_map.is_none() && holds_all && is_fine;
+    Ok(if stays { (*whole, first_node(whole, region), *region) } else { fresh })
 }
 
 pub(super) fn first_node(whole: &Lattice, part: &Lattice) -> [usize; 3] {

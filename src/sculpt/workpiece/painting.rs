@@ -1,5 +1,7 @@
 //! Strokes of the brush.
 
+use std::sync::Arc;
+
 use glam::DVec3;
 
 use super::super::SurfaceError;
@@ -29,14 +31,23 @@ impl Workpiece {
         let Some((at_map, normal_map)) = self.onto(at_map, radius_m) else { return Ok(0) };
         if self.press.as_ref().is_none_or(|press| press.brush != *brush) {
             self.end_stroke()?;
+        }
+        let dab = Dab { at_map, normal_map, radius_m };
+        let mut found = Vec::new();
+        self.surface.neighbours().within(at_map, radius_m, &mut found);
+        let points = self.surface.points();
+        let near = found.iter().map(|near| near.sample);
+        let near: Vec<u32> = near.filter(|sample| dab.covers(points, *sample)).collect();
+        if near.is_empty() {
+            // A touch too light for any sample is no stroke.
+            return Ok(0);
+        }
+        if self.press.is_none() {
             self.remember();
             self.press = Some(Press { brush: brush.clone(), coat: Coat::over(&self.surface.points().colors) });
         }
         let Some(Press { coat, .. }) = &mut self.press else { return Ok(0) };
-        let mut found = Vec::new();
-        self.surface.neighbours().within(at_map, radius_m, &mut found);
-        let near: Vec<u32> = found.iter().map(|near| near.sample).collect();
-        Ok(coat.dab(self.surface.colors_mut(), &near, brush, Dab { at_map, normal_map, radius_m }))
+        Ok(coat.dab(Arc::make_mut(&mut self.surface).colors_mut(), &near, brush, dab))
     }
 
     /// The press of the brush is over: samples that its rim only half covers are split.
@@ -52,13 +63,15 @@ impl Workpiece {
         };
         let added = coat.refined(surface.points(), &discs, &brush, onto);
         if added.is_empty() {
+            self.settle();
             return Ok(());
         }
-        if let Err(error) = self.surface.replace(&[], &added) {
+        if let Err(error) = Arc::make_mut(&mut self.surface).replace(&[], &added) {
             self.take_back();
             return Err(error);
         }
         self.region.afloat = Afloat::new(self.surface.points(), self.region.dynamics.now(), 0.0);
+        self.settle();
         Ok(())
     }
 

@@ -17,11 +17,44 @@ const PAST_BYTES_MAX: usize = 1 << 30;
 /// What was there before a stroke, and which part of it deformed.
 #[derive(Clone, Debug)]
 pub(in super::super) struct Moment {
-    pub(in super::super) points: PointSet,
+    pub(in super::super) samples: Samples,
     /// Measured.
     pub(in super::super) base: Arc<Raster>,
     pub(in super::super) region: Lattice,
     pub(in super::super) region_map: Option<(DVec3, DVec3)>,
+}
+
+/// Samples of a moment.
+#[derive(Clone, Debug)]
+pub(in super::super) enum Samples {
+    /// With their fits: what is gone back to is what it was, at once.
+    Fitted(Arc<PointSurface>),
+    /// Out of a file, which keeps no fits.
+    Bare(PointSet),
+}
+
+impl Samples {
+    pub(in super::super) fn points(&self) -> &PointSet {
+        match self {
+            Self::Fitted(surface) => surface.points(),
+            Self::Bare(points) => points,
+        }
+    }
+
+    fn fitted(self, n_neighbours: usize) -> Result<Arc<PointSurface>, SurfaceError> {
+        match self {
+            Self::Fitted(surface) => Ok(surface),
+            Self::Bare(points) => PointSurface::build(points, n_neighbours).map(Arc::new),
+        }
+    }
+
+    /// What it takes in memory, bytes.
+    fn n_bytes(&self) -> usize {
+        match self {
+            Self::Fitted(surface) => surface.n_bytes(),
+            Self::Bare(points) => points.n_bytes(),
+        }
+    }
 }
 
 impl Moment {
@@ -32,12 +65,20 @@ impl Moment {
         region: Lattice,
         region_map: Option<(DVec3, DVec3)>,
     ) -> Option<Self> {
-        is_part(base.lattice(), &region).then(|| Self { points, base: measured(base), region, region_map })
+        let samples = Samples::Bare(points);
+        is_part(base.lattice(), &region).then(|| Self { samples, base: measured(base), region, region_map })
     }
 
-    /// What it takes in memory, and in a session, bytes.
-    pub(in super::super) fn n_bytes(&self) -> usize {
-        self.points.n_bytes() + size_of_val(self.base.values_m())
+    /// What it takes in a session, bytes.
+    pub(in super::super) fn n_bytes_in_session(&self) -> usize {
+        self.samples.points().n_bytes() + size_of_val(self.base.values_m())
+    }
+
+    /// What it takes in memory beside one that is newer, bytes: paint leaves the densities as they are, and what is before it and after it
+    /// shares them.
+    pub(super) fn n_bytes(&self, newer: Option<&Self>) -> usize {
+        let is_shared = newer.is_some_and(|newer| Arc::ptr_eq(&newer.base, &self.base));
+        self.samples.n_bytes() + if is_shared { 0 } else { size_of_val(self.base.values_m()) }
     }
 }
 
@@ -45,9 +86,9 @@ impl Workpiece {
     /// The piece of a session.
     pub(in super::super) fn resume(session: Session) -> Result<Self, WorkpieceError> {
         let Session { now, past, undone, settings, gap_m } = session;
-        let surface = PointSurface::build(now.points, settings.n_neighbours)?;
+        let surface = now.samples.fitted(settings.n_neighbours)?;
         for moment in past.iter().chain(&undone) {
-            moment.points.check()?;
+            moment.samples.points().check()?;
         }
         let first = first_node(now.base.lattice(), &now.region);
         let region = Region::new(surface.points(), &now.base, first, now.region, &settings);
@@ -93,7 +134,7 @@ impl Workpiece {
 
     /// Strokes that can be taken back, and those that can be done again.
     pub fn history(&self) -> (usize, usize) {
-        (self.past.len(), self.undone.len())
+        (self.past.len(), if self.is_stroke() { 0 } else { self.undone.len() })
     }
 
     /// The stroke under way has never been: what was there before it is there again. Does nothing without a stroke.
@@ -111,7 +152,7 @@ impl Workpiece {
     /// What is there, a stroke under way apart.
     pub(in super::super) fn moment(&self) -> Moment {
         Moment {
-            points: self.surface.points().clone(),
+            samples: Samples::Fitted(self.surface.clone()),
             base: self.base.clone(),
             region: *self.region.dynamics.lattice(),
             region_map: self.settings.region_map,
@@ -122,6 +163,10 @@ impl Workpiece {
         self.past.push(self.moment());
         self.strokes += 1;
         forget(&mut self.past, PAST_BYTES_MAX);
+    }
+
+    /// The stroke is part of the piece: what was undone before it cannot be done again.
+    pub(super) fn settle(&mut self) {
         self.undone.clear();
     }
 
@@ -135,8 +180,16 @@ impl Workpiece {
         }
     }
 
-    fn go_to(&mut self, Moment { points, base, region, region_map }: Moment) -> Result<(), SurfaceError> {
-        self.surface = PointSurface::build(points, self.settings.n_neighbours)?;
+    /// The stroke under way has changed nothing: it has never been, and what was undone before it can be done again still.
+    pub(super) fn forget_stroke(&mut self) {
+        (self.under_way, self.press) = (None, None);
+        self.strokes = self.strokes.saturating_sub(1);
+        self.past.pop();
+        self.cut_region(*self.region.dynamics.lattice());
+    }
+
+    fn go_to(&mut self, Moment { samples, base, region, region_map }: Moment) -> Result<(), SurfaceError> {
+        self.surface = samples.fitted(self.settings.n_neighbours)?;
         self.base = base;
         self.settings.region_map = region_map;
         self.cut_region(region);
@@ -155,9 +208,7 @@ pub(super) fn forget(past: &mut Vec<Moment>, bytes_max: usize) {
     let (mut n, mut bytes) = (0, 0);
     let mut newer: Option<&Moment> = None;
     for moment in past.iter().rev() {
-        // Paint leaves the densities as they are, and what is before it and after it shares them.
-        let is_shared = newer.is_some_and(|newer| Arc::ptr_eq(&newer.base, &moment.base));
-        bytes += if is_shared { moment.points.n_bytes() } else { moment.n_bytes() };
+        bytes += moment.n_bytes(newer);
         if n == PAST_MAX || n > 0 && bytes > bytes_max {
             break;
         }

@@ -1,5 +1,6 @@
 use super::*;
 use crate::sculpt::falloff::Falloff;
+use crate::sculpt::paint::Brush;
 use crate::sculpt::shapes::sphere;
 
 const R: f64 = 0.02;
@@ -93,6 +94,8 @@ fn what_a_force_hardly_reaches_stays_to_the_bit() {
 fn strokes_are_taken_back_and_done_again() {
     let mut piece = ball();
     let start = (piece.points().clone(), piece.base().clone());
+    let at = DVec3::new(1e-3, 2e-3, R);
+    let fitted = piece.surface().at(at);
     stroke(&mut piece, 10.0);
     let first = (piece.points().clone(), piece.base().clone());
     stroke(&mut piece, -5.0);
@@ -103,6 +106,7 @@ fn strokes_are_taken_back_and_done_again() {
     };
     assert!(piece.undo().unwrap() && is(&piece, &first));
     assert!(piece.undo().unwrap() && is(&piece, &start));
+    assert_eq!(piece.surface().at(at), fitted, "fits come back to the bit");
     assert!(!piece.undo().unwrap());
     assert!(piece.redo().unwrap() && is(&piece, &first));
     assert!(piece.redo().unwrap() && is(&piece, &second));
@@ -122,14 +126,14 @@ fn what_can_be_taken_back_is_bounded_by_memory_too() {
         past::forget(&mut past, bytes_max);
         past.len()
     };
-    let n_bytes = before.n_bytes() + after.n_bytes();
+    let n_bytes = before.n_bytes(Some(&after)) + after.n_bytes(None);
     assert_eq!(left(vec![before.clone(), after.clone()], n_bytes), 2);
     assert_eq!(left(vec![before.clone(), after.clone()], n_bytes - 1), 1);
     assert_eq!(left(vec![before.clone(), after], 0), 1, "the last stroke can be taken back whatever it takes");
     // Strokes of paint have one raster between them.
     let painted = vec![before.clone(); 3];
-    assert_eq!(left(painted.clone(), before.n_bytes() + 2 * before.points.n_bytes()), 3);
-    assert_eq!(left(painted, before.n_bytes() + 2 * before.points.n_bytes() - 1), 2);
+    assert_eq!(left(painted.clone(), before.n_bytes(None) + 2 * before.n_bytes(Some(&before))), 3);
+    assert_eq!(left(painted, before.n_bytes(None) + 2 * before.n_bytes(Some(&before)) - 1), 2);
     assert_eq!(left(vec![before; 65], usize::MAX), 64);
     assert_eq!(left(Vec::new(), 0), 0);
 }
@@ -203,4 +207,102 @@ fn what_cannot_be_worked_is_refused() {
     assert!(matches!(fine, WorkpieceError::TooFine { .. }), "{fine}");
     let few = Workpiece::new(sphere(3, R), settings()).map(drop).unwrap_err();
     assert!(matches!(few, WorkpieceError::Surface(SurfaceError::TooFew { found: 3 })), "{few}");
+}
+
+#[test]
+fn edges_and_relief_far_from_a_boolean_or_an_image_stay_as_they_are() {
+    let bite = |at: DVec3| PointSurface::build(shapes_at(at), PointSurface::DEFAULT_NEIGHBOURS).unwrap();
+    for region_map in [None, settings().region_map] {
+        let mut piece = Workpiece::new(sphere(4000, R), Settings { region_map, ..settings() }).unwrap();
+        piece.combine(Boolean::Difference, &bite(DVec3::X * R), true).unwrap();
+        let base = piece.base().clone();
+        let lattice = *base.lattice();
+        // Nodes at the first bite, in its edge among others.
+        let [nx, ny, nz] = lattice.dims;
+        let nodes = (0..nx).flat_map(|x| (0..ny).flat_map(move |y| (0..nz).map(move |z| [x, y, z])));
+        let there: Vec<DVec3> =
+            nodes.map(|node| lattice.position(node)).filter(|at| at.x > 0.5 * R && at.length() < 1.2 * R).collect();
+        assert!(there.len() > 500, "{}", there.len());
+        let is_as_before = |piece: &Workpiece, what: &str| {
+            for at in &there {
+                let [was_m, is_m] = [&base, piece.base()].map(|base| f64::from(base.at(*at).unwrap().value_m));
+                assert!((was_m - is_m).abs() < 1e-3 * lattice.spacing_m, "{what}, {region_map:?}: {was_m} became {is_m} m at {at}");
+            }
+        };
+        piece.combine(Boolean::Difference, &bite(DVec3::X * -R), true).unwrap();
+        is_as_before(&piece, "a sharp bite");
+        piece.combine(Boolean::Difference, &bite(DVec3::new(-0.4, -1.0, 0.0) * R), false).unwrap();
+        is_as_before(&piece, "a blended bite");
+        let image = GreyImage::new(4, 4, vec![1.0; 16]).unwrap();
+        let laid =
+            Laid::Flat { middle_map: DVec3::new(-0.3 * R, 0.0, 0.95 * R), right_map: DVec3::X * 3e-3, up_map: DVec3::Y * 3e-3 };
+        assert!(piece.emboss(&image, &laid, 1e-3).unwrap() > 10);
+        is_as_before(&piece, "an image");
+    }
+}
+
+/// Samples of a small ball somewhere.
+fn shapes_at(middle_map: DVec3) -> PointSet {
+    let mut points = sphere(1000, 0.4 * R);
+    points.positions_map.iter_mut().for_each(|at| *at += middle_map);
+    points
+}
+
+#[test]
+fn a_stroke_that_moves_nothing_is_none_and_leaves_what_can_be_done_again() {
+    let mut piece = ball();
+    stroke(&mut piece, 10.0);
+    piece.undo().unwrap();
+    assert_eq!(piece.history(), (0, 1));
+    let before = (piece.points().clone(), piece.base().clone(), piece.strokes());
+    stroke(&mut piece, 1e-4);
+    assert_eq!(piece.history(), (0, 1));
+    assert!(*piece.points() == before.0 && **piece.base() == *before.1 && piece.strokes() == before.2);
+    assert!(piece.region().values_m().iter().zip(cut_out(&piece).values_m()).all(|(now, rest)| now == rest));
+    assert!(piece.redo().unwrap());
+    assert!(top_m(&piece) > R + 1e-3);
+}
+
+fn cut_out(piece: &Workpiece) -> Raster {
+    cut(piece.base(), lattices::first_node(piece.base().lattice(), piece.region().lattice()), *piece.region().lattice())
+}
+
+#[test]
+fn a_brush_that_covers_no_sample_makes_no_stroke() {
+    let mut piece = ball();
+    let brush = |radius_max_m| Brush {
+        color: [255, 0, 0],
+        radius_m_per_n: 1e-3,
+        radius_max_m,
+        falloff: Falloff::Gaussian,
+        smallest_m: piece.smallest_disc_m(),
+    };
+    let (faint, broad) = (brush(1e-9), brush(5e-3));
+    assert_eq!(piece.paint(&faint, DVec3::new(1e-4, 2e-4, R), 1.0).unwrap(), 0);
+    assert!(!piece.is_stroke());
+    assert_eq!((piece.history(), piece.strokes()), ((0, 0), 0));
+    assert!(piece.paint(&broad, DVec3::Z * R, 3.0).unwrap() > 10);
+    assert!(piece.is_stroke());
+    piece.end_stroke().unwrap();
+    assert_eq!((piece.history(), piece.strokes()), ((1, 0), 1));
+}
+
+#[test]
+fn a_painted_rim_stays_fine_when_the_surface_beside_it_is_worked() {
+    let mut piece = ball();
+    let brush = Brush {
+        color: [255, 0, 0],
+        radius_m_per_n: 1e-3,
+        radius_max_m: 4e-3,
+        falloff: Falloff::Constant,
+        smallest_m: piece.smallest_disc_m(),
+    };
+    let aside = DVec3::new(0.45, 0.0, (1.0_f64 - 0.45 * 0.45).sqrt()) * R;
+    piece.paint(&brush, aside, 10.0).unwrap();
+    piece.end_stroke().unwrap();
+    let n_rim = |piece: &Workpiece| piece.points().positions_map.iter().filter(|at| at.distance(aside) < 6e-3).count();
+    let painted = n_rim(&piece);
+    assert!(painted > 2 * n_rim(&ball()), "{painted} of {}", n_rim(&ball()));
+    stroke(&mut piece, -6.0);
+    assert!(n_rim(&piece) as f64 > 0.9 * painted as f64, "{} of {painted}", n_rim(&piece));
 }
