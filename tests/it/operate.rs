@@ -561,7 +561,7 @@ fn the_unit_is_one_that_systemd_takes() {
     }
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("hapticd@desk.service");
-    fs::write(&path, unit.replace("/usr/local/bin/hapticd", env!("CARGO_BIN_EXE_hapticd"))).unwrap();
+    fs::write(&path, unit.replace("ExecStart=hapticd", concat!("ExecStart=", env!("CARGO_BIN_EXE_hapticd")))).unwrap();
     let Ok(checked) = Command::new("systemd-analyze").args(["verify", "--man=no"]).arg(&path).output() else {
         eprintln!("skipped: no systemd-analyze here");
         return;
