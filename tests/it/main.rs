@@ -16,6 +16,7 @@ mod couplings;
 mod data_structures;
 mod determinism;
 mod distance_error;
+mod docs;
 mod foxglove;
 mod friction;
 mod fuzz_corpus;

@@ -1,0 +1,168 @@
+//! What the documents point at is there, and the commands that they show are ones that the program takes.
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+/// Every Markdown page of the repository, build outputs apart.
+fn pages() -> Vec<PathBuf> {
+    fn walk(folder: &Path, found: &mut Vec<PathBuf>) {
+        for entry in fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            let name = path.file_name().unwrap().to_string_lossy().into_owned();
+            if path.is_dir() {
+                if !name.starts_with('.') && !["target", "node_modules", "corpus"].contains(&name.as_str()) {
+                    walk(&path, found);
+                }
+            } else if path.extension().is_some_and(|extension| extension == "md") {
+                found.push(path);
+            }
+        }
+    }
+    let mut found = Vec::new();
+    walk(Path::new(env!("CARGO_MANIFEST_DIR")), &mut found);
+    found.sort();
+    assert!(found.len() > 30, "{}", found.len());
+    found
+}
+
+/// Lines of a page, each with its number and whether it lies in a block of code.
+fn lines(text: &str) -> impl Iterator<Item = (usize, &str, bool)> {
+    let mut is_code = false;
+    text.lines().enumerate().map(move |(n, line)| {
+        let is_fence = line.trim_start().starts_with("```");
+        is_code ^= is_fence;
+        (n + 1, line, is_code && !is_fence)
+    })
+}
+
+/// Headings as the usual renderers name them.
+fn anchors(text: &str) -> BTreeSet<String> {
+    let headings = lines(text).filter(|(.., is_code)| !is_code).filter_map(|(_, line, _)| line.strip_prefix('#'));
+    let slug = |heading: &str| {
+        let words = heading.trim_start_matches('#').trim().to_lowercase();
+        let kept = words.chars().filter(|c| c.is_alphanumeric() || matches!(c, ' ' | '-' | '_'));
+        kept.map(|c| if c == ' ' { '-' } else { c }).collect::<String>()
+    };
+    headings.map(slug).collect()
+}
+
+#[test]
+fn every_link_leads_somewhere() {
+    let (mut wrong, mut n_links) = (Vec::new(), 0);
+    for page in pages() {
+        let text = fs::read_to_string(&page).unwrap();
+        for (n, line, is_code) in lines(&text) {
+            if is_code {
+                continue;
+            }
+            for (_, rest) in line.match_indices("](").map(|(at, _)| line.split_at(at + 2)) {
+                let Some((target, _)) = rest.split_once(')') else { continue };
+                if target.contains("://") || target.starts_with("mailto:") {
+                    continue;
+                }
+                n_links += 1;
+                let (file, anchor) = target.split_once('#').unwrap_or((target, ""));
+                let path = if file.is_empty() { page.clone() } else { page.parent().unwrap().join(file) };
+                if !path.exists() {
+                    wrong.push(format!("{}:{n}: {target} is not there", page.display()));
+                } else if !anchor.is_empty() && !anchors(&fs::read_to_string(&path).unwrap()).contains(anchor) {
+                    wrong.push(format!("{}:{n}: {target}: no such heading", page.display()));
+                }
+            }
+        }
+    }
+    assert!(n_links > 100, "{n_links}");
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+/// Words of a command line, up to where the shell takes over.
+fn words(line: &str) -> Vec<String> {
+    let mut words = Vec::new();
+    let (mut word, mut quote, mut is_word) = (String::new(), None, false);
+    for c in line.chars() {
+        match (quote, c) {
+            (Some(open), c) if c == open => quote = None,
+            (Some(_), c) => word.push(c),
+            (None, '\'' | '"') => (quote, is_word) = (Some(c), true),
+            (None, '|' | '&' | ';' | '>' | '<') => break,
+            (None, '#') if !is_word => break,
+            (None, c) if c.is_whitespace() => {
+                if is_word {
+                    words.push(core::mem::take(&mut word));
+                }
+                is_word = false;
+            }
+            (None, c) => {
+                word.push(c);
+                is_word = true;
+            }
+        }
+    }
+    if is_word {
+        words.push(word);
+    }
+    words
+}
+
+/// Command lines of the program in a page: those in blocks of code, continued lines joined, and those in the text.
+fn commands(text: &str) -> Vec<(usize, Vec<String>)> {
+    let mut found = Vec::new();
+    for (n, line, _) in lines(text).filter(|(_, line, is_code)| !is_code && !line.starts_with("```")) {
+        let inline = line.split('`').skip(1).step_by(2).filter_map(|code| code.strip_prefix("hapticd "));
+        found.extend(inline.map(|arguments| (n, words(arguments))));
+    }
+    let mut code = lines(text).filter(|(.., is_code)| *is_code).peekable();
+    while let Some((n, line, _)) = code.next() {
+        let mut whole = line.trim().trim_start_matches("$ ").to_owned();
+        while whole.ends_with('\\') {
+            whole.pop();
+            whole.push_str(code.next().map_or("", |(_, line, _)| line.trim()));
+        }
+        let own = ["hapticd ", "cargo run --release -- ", "target/release/hapticd "];
+        if let Some(arguments) = own.iter().find_map(|start| whole.strip_prefix(start)) {
+            found.push((n, words(arguments)));
+        }
+    }
+    found
+}
+
+#[test]
+fn every_command_in_a_document_is_one_that_the_program_takes() {
+    let (mut wrong, mut n_commands) = (Vec::new(), 0);
+    for page in pages() {
+        let text = fs::read_to_string(&page).unwrap();
+        for (n, arguments) in commands(&text) {
+            // A line of a synopsis, one that was cut short, or a word that stands for one of several.
+            let is_form = |word: &String| word.starts_with('[') || word.contains('…') || ["COMMAND", "SHELL"].contains(&&**word);
+            if arguments.iter().any(is_form) {
+                continue;
+            }
+            n_commands += 1;
+            // Everything before `--help` is read and judged, and nothing is done.
+            let shown = Command::new(env!("CARGO_BIN_EXE_hapticd")).args(&arguments).arg("--help").output().unwrap();
+            if !shown.status.success() {
+                wrong.push(format!("{}:{n}: {}: {}", page.display(), arguments.join(" "), String::from_utf8_lossy(&shown.stderr)));
+            }
+            for word in arguments.iter().filter(|word| word.starts_with("config/") || word.starts_with("devices/")) {
+                if !word.contains('*') && !Path::new(env!("CARGO_MANIFEST_DIR")).join(word).exists() {
+                    wrong.push(format!("{}:{n}: {word} is not there", page.display()));
+                }
+            }
+        }
+    }
+    assert!(n_commands > 80, "{n_commands}");
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+#[test]
+fn words_end_where_the_shell_begins() {
+    assert_eq!(words("run a.toml --hand 'x y' # why"), ["run", "a.toml", "--hand", "x y"]);
+    assert_eq!(words("doctor --json | jq ."), ["doctor", "--json"]);
+    let found = commands("```text\n$ hapticd run a \\\n  --json\n```\nhapticd none, `hapticd check b`\n");
+    let [check, run] =
+        [["check", "b"].as_slice(), &["run", "a", "--json"]].map(|words| words.iter().map(|word| (*word).to_owned()).collect());
+    assert_eq!(found, [(5, check), (2, run)]);
+    assert!(anchors("# A b\n```\n# not\n```\n## 3. It's `x`\n").iter().eq(["3-its-x", "a-b"]));
+}
