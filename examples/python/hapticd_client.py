@@ -10,10 +10,16 @@ SI throughout: metres, newtons, seconds; orientations are quaternions x, y, z, w
 
 import asyncio
 import collections
+import contextlib
 import itertools
 import json
+import urllib.error
+import urllib.request
 
 import websockets
+
+# While clay is held a sign of life goes out this often; it is let go after a second of silence.
+HOLD_BEAT_S = 0.2
 
 
 class Refused(Exception):
@@ -25,6 +31,7 @@ class Client:
 
     def __init__(self, url, token=None, heartbeat_ms=None):
         """`url` is that of the page (`http://…`) or `ws://…`. With `heartbeat_ms` the arm is disabled when this client falls silent."""
+        self._root = url.replace("ws", "http", 1).rstrip("/").removesuffix("/api/v1/ws") + "/api/v1/"
         self._url = url.replace("http", "ws", 1).rstrip("/").removesuffix("/api/v1/ws") + "/api/v1/ws"
         self._headers = {"Authorization": f"Bearer {token}"} if token else {}
         self._heartbeat_ms = heartbeat_ms
@@ -74,6 +81,62 @@ class Client:
     async def place(self, obj, position_m, orientation_xyzw=(0.0, 0.0, 0.0, 1.0)):
         """Wishes a movable object to a pose in the world. It follows within its limits of speed, and never through the tool."""
         return await self.ask("place", object=obj, pose={"p": list(map(float, position_m)), "q": list(map(float, orientation_xyzw))})
+
+    async def clay(self):
+        """What is known of the clay: `samples`, `craft`, `undo`, … (docs/api.md, section 12)."""
+        return json.loads(await self._get("clay"))
+
+    async def clay_samples(self):
+        """The samples of the clay as a NumPy array with the fields `position` (m, map frame), `normal` (parts of 127) and `color` (sRGB)."""
+        import numpy as np
+
+        sample = np.dtype([("position", "<f4", 3), ("normal", "i1", 3), ("", "V1"), ("color", "u1", 3), ("", "V1")])
+        return np.frombuffer(await self._get("clay/points"), sample, offset=32)
+
+    async def take_tool(self, craft=None, **settings):
+        """Another craft of the tool on clay, or other settings: `brush_m`, `falloff`, `color`, `depth_m`, `is_sharp`. What is not given stays."""
+        return await self.ask("clay_take", **({"craft": craft} if craft else {}), **settings)
+
+    @contextlib.asynccontextmanager
+    async def hold(self):
+        """Holds the clay as the arm's first button does: `async with arm.hold(): …`. Only while force flows."""
+        await self.ask("clay_hold", held=True)
+        beating = asyncio.create_task(self._beat_of_hold())
+        try:
+            yield
+        finally:
+            beating.cancel()
+            await self.ask("clay_hold", held=False)
+
+    async def undo(self):
+        """Takes the last stroke on the clay back."""
+        await self.ask("clay_undo")
+
+    async def redo(self):
+        """Does the stroke again that was taken back last."""
+        await self.ask("clay_redo")
+
+    async def save(self, kind="session", file=None):
+        """Writes the clay as a `session`, as `points` or as a mesh (`export`); returns the path of the file, on the machine of the server."""
+        return (await self.ask("clay_save", kind=kind, **({"file": file} if file else {})))["file"]
+
+    async def _get(self, path):
+        request = urllib.request.Request(self._root + path, headers=self._headers)
+
+        def fetch():
+            try:
+                with urllib.request.urlopen(request, timeout=10) as answer:
+                    return answer.read()
+            except urllib.error.HTTPError as refused:
+                said = json.loads(refused.read() or "{}")
+                raise Refused(": ".join(filter(None, [said.get("error", str(refused)), said.get("hint")]))) from None
+
+        return await asyncio.to_thread(fetch)
+
+    async def _beat_of_hold(self):
+        while True:
+            await asyncio.sleep(HOLD_BEAT_S)
+            await self.ask("ping")
 
     async def _listen(self):
         try:

@@ -162,8 +162,9 @@ impl Workshop {
         Some(ClayParts {
             door: Box::new(self.open.as_ref()?.door.clone()),
             world_from_map: scene.clay.as_ref()?.world_from_map,
-            tool: self.sculpt.tool.clone(),
+            craft: self.sculpt.tool.craft,
             folder: recording::state_folder().map(|state| state.join("clay")),
+            session_at_end: self.outputs.iter().find_map(session_of),
         })
     }
 
@@ -330,6 +331,14 @@ fn destination_of(order: &Order) -> (&'static str, PathBuf) {
         Order::Export(file) => ("mesh", file.clone()),
         // True invariant: made by `ClayArgs::outputs`.
         _ => unreachable!("an order that writes nothing"),
+    }
+}
+
+/// Where an order writes a session, whatever the working directory is; `None`: it writes none.
+fn session_of(order: &Order) -> Option<PathBuf> {
+    match order {
+        Order::SaveSession(file) => Some(std::path::absolute(file).unwrap_or_else(|_| file.clone())),
+        _ => None,
     }
 }
 

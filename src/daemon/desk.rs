@@ -421,41 +421,20 @@ pub fn unlike(scene: &SceneConfig, rendered: &SceneConfig) -> Option<(&'static s
 
 #[cfg(test)]
 mod tests {
+    use super::super::testing::{self, SCENE};
     use super::*;
     use crate::servo::ReinEnds;
     use crate::servo::testing::empty_scene;
 
-    const SCENE: &str = r#"version = 1
-[[static]]
-name = "base"
-shape = { plane_mm = [60.0, 60.0] }
-voxel_size_mm = 2.0
-[tool]
-shape = { box_mm = [20.0, 20.0, 20.0] }
-voxel_size_mm = 2.0
-[device]
-profile = "sim-sigma7"
-"#;
-
-    fn config() -> SceneConfig {
-        let folder = tempfile::tempdir().expect("a temporary folder");
-        let path = folder.path().join("scene.toml");
-        std::fs::write(&path, SCENE).expect("written");
-        config::load_with(&path, &LoadOptions::default()).unwrap_or_else(|errors| panic!("{errors}"))
-    }
-
     fn offered() -> (Offered, ReinEnds) {
         let scene = empty_scene();
         let (reins, ends) = Reins::new(&scene.parameters, []);
-        (Offered { config: config(), scene, reins }, ends)
+        (Offered { config: testing::scene(SCENE), scene, reins }, ends)
     }
 
     /// A desk that is open, and what else lives as long.
     fn desk() -> (Counter, Board, ReinEnds) {
-        let board = Board::new(config());
-        let tools =
-            Tools { board: board.clone(), switches: None, options: LoadOptions::default(), look: Arc::new(|_| Box::new(|| ())) };
-        let (desk, counter) = Desk::new(tools);
+        let (desk, counter, board) = testing::desk();
         let (Offered { config, scene, reins }, ends) = offered();
         desk.serve(config, scene, reins).expect("a thread");
         (counter, board, ends)

@@ -34,6 +34,8 @@ pub mod service;
 pub mod studio;
 mod supervisor;
 pub mod switch;
+#[cfg(test)]
+pub(crate) mod testing;
 mod unpacked;
 
 pub use prepare::{Attached, PrepareError, Prepared, inputs, prepare, prepare_with};

@@ -355,29 +355,8 @@ fn fixed(config: &SceneConfig, rendered: &SceneConfig) -> Option<(&'static str, 
 mod tests {
     use std::sync::Arc;
 
+    use super::super::testing::{SCENE, scene};
     use super::*;
-
-    const SCENE: &str = r#"version = 1
-[[static]]
-name = "base"
-shape = { plane_mm = [60.0, 60.0] }
-voxel_size_mm = 2.0
-[tool]
-shape = { box_mm = [20.0, 20.0, 20.0] }
-voxel_size_mm = 2.0
-[contact]
-stiffness_n_per_mm = 5.0
-[device]
-profile = "sim-sigma7"
-"#;
-
-    fn scene(text: &str) -> SceneConfig {
-        let folder = tempfile::tempdir().expect("a temporary folder");
-        let path = folder.path().join("scene.toml");
-        std::fs::write(&path, text).expect("written");
-        // Equal paths: scenes are compared whole.
-        SceneConfig { path: PathBuf::from("scene.toml"), ..config::load(&path).unwrap_or_else(|errors| panic!("{errors}")) }
-    }
 
     /// A scene as it is rendered, nothing turned.
     fn view(config: SceneConfig) -> View {

@@ -8,9 +8,11 @@ use serde::Deserialize;
 use serde_json::Value;
 
 use super::clay::{self, SaveKind, TakeAsked};
+use super::client::{Client, Wanted};
 use super::encode::WirePose;
+use super::forms::{read, such_as};
 use super::heart::{LONGEST, SHORTEST};
-use super::hub::{Client, Hub, Wanted};
+use super::hub::Hub;
 use super::problem::Problem;
 use super::recorder::{RecorderError, RecorderStatus};
 use super::worker::Worker;
@@ -158,7 +160,8 @@ impl Do {
         if !is_short(&id) {
             return (Value::Null, Err(Problem::bad(format!("an `id` has at most {LONGEST_ID} bytes"), "a number will do")));
         }
-        let asked = Self::deserialize(Value::Object(object)).map_err(|error| Problem::bad(error.to_string(), ""));
+        let command = object.get("do").and_then(Value::as_str).unwrap_or_default().to_owned();
+        let asked = read(object, "").map_err(|error| Problem::bad(error, such_as(&command, true)));
         (id, asked)
     }
 }
@@ -326,6 +329,16 @@ mod tests {
         ] {
             let error = parsed(wrong).1.expect_err(wrong);
             assert!(error.contains(expected), "{wrong}: {error}");
+        }
+        // A value of another type is told with its key.
+        for (wrong, expected) in [
+            (r#"{"do":"clay_take","brush_m":"wide","craft":"paint"}"#, "`brush_m`"),
+            (r#"{"do":"clay_hold","held":"yes"}"#, "`held`"),
+            (r#"{"do":"set","parameter":3,"value":4}"#, "`parameter`"),
+            (r#"{"do":"place","object":"x","pose":7}"#, "`pose`"),
+        ] {
+            let error = parsed(wrong).1.expect_err(wrong);
+            assert!(error.starts_with(expected), "{wrong}: {error}");
         }
     }
 

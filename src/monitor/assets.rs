@@ -8,6 +8,7 @@ pub(super) const FILES: &[(&str, &str, &[u8])] = &[
     ("camera.js", SCRIPT, include_bytes!("web/camera.js")),
     ("clay.js", SCRIPT, include_bytes!("web/clay.js")),
     ("colors.js", SCRIPT, include_bytes!("web/colors.js")),
+    ("draw.js", SCRIPT, include_bytes!("web/draw.js")),
     ("drive.js", SCRIPT, include_bytes!("web/drive.js")),
     ("element.js", SCRIPT, include_bytes!("web/element.js")),
     ("facts.js", SCRIPT, include_bytes!("web/facts.js")),
@@ -28,6 +29,7 @@ pub(super) const FILES: &[(&str, &str, &[u8])] = &[
     ("shapes.js", SCRIPT, include_bytes!("web/shapes.js")),
     ("splats.js", SCRIPT, include_bytes!("web/splats.js")),
     ("units.js", SCRIPT, include_bytes!("web/units.js")),
+    ("unsaved.js", SCRIPT, include_bytes!("web/unsaved.js")),
 ];
 
 const HTML: &str = "text/html; charset=utf-8";

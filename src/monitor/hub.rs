@@ -2,26 +2,25 @@
 
 use core::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use core::time::Duration;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use crossbeam::channel::Sender;
 use serde_json::{Value, json};
-use tokio::sync::Semaphore;
 
 use super::clay::{Clay, ClayParts, no_clay};
+use super::client::Client;
 use super::encode::{self, Body, Event, Extras, LastFault, Moment, WireObject};
 use super::feed::Fed;
 use super::heart::{Heart, Silence};
-use super::outbox::{AWAY, Outbox};
+use super::info::{Facts, has_force};
+use super::outbox::AWAY;
 use super::problem::Problem;
 use super::recorder::Recorder;
 use crate::daemon::desk::{Board, Counter, Refusal, View};
 use crate::daemon::{Notice, OperatorOrder, Phase};
 use crate::device::open::LinkNews;
-use crate::haptics::Faults;
 use crate::rt::clock::ClockKind;
-use crate::rt::preflight::{self, Report};
 use crate::spatial::Pose;
 use crate::telemetry::metrics::{Metrics, RecordingCounts};
 
@@ -49,55 +48,12 @@ pub struct HubParts {
 /// The number of a tick, and its time since the loop began, ns.
 pub(super) type At = (u64, i64);
 
-/// Requests of one client that wait to be answered.
-const MOST_UNANSWERED: usize = 64;
-
-/// A client with a connection.
-#[derive(Debug)]
-pub(super) struct Client {
-    pub(super) id: u64,
-    pub(super) outbox: Outbox,
-    /// Places for requests that wait for somebody: whoever is asked may be slow.
-    pub(super) unanswered: Arc<Semaphore>,
-    wants: Mutex<Option<Wanted>>,
-}
-
-/// What a client wants to see.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Wanted {
-    pub(super) rate_hz: f64,
-    pub(super) is_binary: bool,
-    pub(super) contacts: bool,
-    pub(super) history: bool,
-}
-
-impl Client {
-    /// What it wants to see, if anything.
-    pub(super) fn wants(&self) -> Option<Wanted> {
-        *self.wants.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    pub(super) fn want(&self, wanted: Option<Wanted>) {
-        *self.wants.lock().unwrap_or_else(PoisonError::into_inner) = wanted;
-    }
-}
-
 /// The newest record, with what the pump knows beside it.
 #[derive(Clone, Debug)]
 pub(super) struct Newest {
     pub(super) fed: Fed,
     pub(super) wanted: Option<Pose>,
     pub(super) objects: Arc<[WireObject]>,
-}
-
-#[derive(Debug)]
-struct Facts {
-    phase: Phase,
-    realtime: Vec<Value>,
-    node: Option<PathBuf>,
-    link: &'static str,
-    /// Until somebody enables again: whatever acknowledged it may have been no person.
-    last_fault: Option<LastFault>,
 }
 
 /// Everything that the clients of a run share.
@@ -123,7 +79,6 @@ impl Hub {
     /// A hub without clients.
     pub fn new(parts: HubParts) -> Arc<Self> {
         let HubParts { board, counter, orders, heartbeat, clock, recorder, metrics } = parts;
-        let facts = Facts { phase: Phase::Init, realtime: Vec::new(), node: None, link: "unknown", last_fault: None };
         let since = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
         Arc::new(Self {
             board,
@@ -137,7 +92,7 @@ impl Hub {
             orders,
             clients: Mutex::default(),
             next_client: AtomicU64::new(1),
-            facts: Mutex::new(facts),
+            facts: Mutex::default(),
             fell_silent: AtomicBool::new(false),
             started_unix_s: since.map_or(0, |since| since.as_secs()),
         })
@@ -158,7 +113,7 @@ impl Hub {
                 self.heart.note_force(has_force(*phase));
                 self.tell("state", None, phase.name(), &[phase.name()]);
             }
-            Notice::Preflight(report) => self.facts().realtime = rows(report),
+            Notice::Preflight(report) => self.facts().checked(report),
             Notice::Fault(record) => {
                 let faults = record.output.faults;
                 let names: Vec<_> = faults.names().collect();
@@ -232,12 +187,7 @@ impl Hub {
     /// A new client, greeted.
     pub(super) fn join(&self) -> Arc<Client> {
         let id = self.next_client.fetch_add(1, Ordering::Relaxed);
-        let client = Arc::new(Client {
-            id,
-            outbox: Outbox::default(),
-            unanswered: Arc::new(Semaphore::new(MOST_UNANSWERED)),
-            wants: Mutex::default(),
-        });
+        let client = Arc::new(Client::new(id));
         let view = self.board.view();
         client.outbox.say(encode::json(&json!({
             "type": "hello",
@@ -362,60 +312,15 @@ impl Hub {
     /// `/api/v1/info`.
     pub(super) fn info(&self) -> Value {
         let View { config, .. } = self.board.view();
-        let profile = &config.device.profile;
-        let six = |axes: crate::spatial::Axes| [0, 1, 2, 3, 4, 5].map(|axis| axes.has(axis));
         let recording = self.recorder.as_ref().and_then(|recorder| recorder.status());
-        let recording = recording.map(|status| status.json());
-        let facts = self.facts();
-        json!({
-            "version": env!("CARGO_PKG_VERSION"),
-            "api": API,
-            "name": config.name,
-            "scene": config.path.to_string_lossy(),
-            "rate_hz": config.rate_hz,
-            "clock": self.clock.name(),
-            "phase": facts.phase.name(),
-            "device": {
-                "profile": profile.name,
-                "title": profile.title,
-                "simulated": profile.real.is_none(),
-                "sensed": six(profile.sensed),
-                "actuated": six(profile.actuated),
-                "node": facts.node.as_ref().map(|node| node.to_string_lossy()),
-                "link": if profile.real.is_none() { "simulated" } else { facts.link },
-            },
-            "limits": {
-                "force_n": config.parameters.limits.force_n,
-                "torque_nm": config.parameters.limits.torque_nm,
-                "speed_m_per_s": config.parameters.limits.speed_m_per_s,
-            },
-            "deadman": config.parameters.safety.deadman,
-            "heartbeat_ms": config.heartbeat.map(|longest| longest.as_millis() as u64),
-            "realtime": facts.realtime,
-            "faults": Faults::TABLE.map(|(_, name, text)| json!({ "name": name, "text": text })),
-            "started_unix_s": self.started_unix_s,
-            "recording": recording,
-        })
+        let mut info = self.facts().info(&config);
+        info["clock"] = self.clock.name().into();
+        info["started_unix_s"] = self.started_unix_s.into();
+        info["recording"] = recording.map(|status| status.json()).into();
+        info
     }
 
     fn facts(&self) -> MutexGuard<'_, Facts> {
         self.facts.lock().unwrap_or_else(PoisonError::into_inner)
     }
-}
-
-/// Whether force may flow in a phase.
-fn has_force(phase: Phase) -> bool {
-    matches!(phase, Phase::Enabling | Phase::Enabled | Phase::Stopping | Phase::Braking)
-}
-
-fn rows(report: &Report) -> Vec<Value> {
-    let row = |row: &preflight::Row| {
-        let outcome = match row.outcome {
-            preflight::Outcome::Passed => "passed",
-            preflight::Outcome::Failed => "failed",
-            preflight::Outcome::Unknown => "unknown",
-        };
-        json!({ "name": row.name, "outcome": outcome, "found": row.found, "hint": row.hint })
-    };
-    report.rows.iter().map(row).collect()
 }

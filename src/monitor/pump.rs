@@ -6,9 +6,10 @@ use std::time::Instant;
 
 use rtrb::Consumer;
 
+use super::client::{Client, Wanted};
 use super::encode::{Extras, WireObject};
 use super::feed::Fed;
-use super::hub::{At, Client, Hub, Newest, Wanted};
+use super::hub::{At, Hub, Newest};
 use super::rows::{Row, reduced};
 use crate::daemon::desk::View;
 use crate::haptics::contact;

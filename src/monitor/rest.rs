@@ -21,6 +21,7 @@ use super::asks::{Do, PoseAsked, perform};
 use super::clay::{SaveKind, TakeAsked};
 use super::door::Peer;
 use super::encode::{WirePose, with_counts};
+use super::forms::{read, such_as};
 use super::problem::Problem;
 use super::server::Served;
 use super::{assets, ws};
@@ -243,13 +244,14 @@ async fn parameters(State(served): State<Arc<Served>>) -> Json<Value> {
     Json(settings.iter().map(parameter).collect())
 }
 
-/// A body; an empty one counts as an empty object.
-fn body<T: DeserializeOwned>(bytes: &Bytes) -> Result<T, Problem> {
+/// The body of a command; an empty one counts as an empty object.
+fn body<T: DeserializeOwned>(bytes: &Bytes, form: &str) -> Result<T, Problem> {
     let bytes = if bytes.is_empty() { &b"{}"[..] } else { &bytes[..] };
-    let refused = |error: serde_json::Error| Problem::bad(format!("the body will not do: {error}"), "");
+    let refused = |error: String| Problem::bad(error, form);
     // Of a list serde would take the values in their order.
-    let object: Map<String, Value> = serde_json::from_slice(bytes).map_err(refused)?;
-    T::deserialize(Value::Object(object)).map_err(refused)
+    let object: Map<String, Value> =
+        serde_json::from_slice(bytes).map_err(|error| refused(format!("the body will not do: {error}")))?;
+    read(object, "the body will not do: ").map_err(refused)
 }
 
 #[derive(Deserialize)]
@@ -276,22 +278,22 @@ struct FileAsked {
 }
 
 async fn set(State(served): State<Arc<Served>>, Path(parameter): Path<String>, bytes: Bytes) -> Result<Response, Problem> {
-    let ValueAsked { value } = body(&bytes)?;
+    let ValueAsked { value } = body(&bytes, "such as {\"value\": 800}")?;
     done(&served, Do::Set { parameter, value }).await
 }
 
 async fn place(State(served): State<Arc<Served>>, Path(object): Path<String>, bytes: Bytes) -> Result<Response, Problem> {
-    let pose: PoseAsked = body(&bytes)?;
+    let pose: PoseAsked = body(&bytes, "such as {\"p\": [0, 0, 0.01], \"q\": [0, 0, 0, 1]}")?;
     done(&served, Do::Place { object, pose }).await
 }
 
 async fn switch(State(served): State<Arc<Served>>, bytes: Bytes) -> Result<Response, Problem> {
-    let SceneAsked { scene } = body(&bytes)?;
+    let SceneAsked { scene } = body(&bytes, &such_as("switch", false))?;
     done(&served, Do::Switch { scene }).await
 }
 
 async fn record(State(served): State<Arc<Served>>, bytes: Bytes) -> Result<Response, Problem> {
-    let FileAsked { file } = body(&bytes)?;
+    let FileAsked { file } = body(&bytes, &such_as("record", false))?;
     done(&served, Do::Record { file }).await
 }
 
@@ -301,7 +303,7 @@ async fn end_recording(State(served): State<Arc<Served>>) -> Result<Response, Pr
 
 async fn enable(State(served): State<Arc<Served>>, bytes: Bytes) -> Result<Response, Problem> {
     // Disable and stop are done whatever comes with them.
-    let NothingAsked {} = body(&bytes)?;
+    let NothingAsked {} = body(&bytes, "an empty body")?;
     done(&served, Do::Enable {}).await
 }
 
@@ -338,23 +340,27 @@ async fn clay_points(
     if view.version == since {
         return Ok(StatusCode::NO_CONTENT.into_response());
     }
-    let bytes = clay.splats.get(&served.shapes, view).await;
-    let bytes = bytes.ok_or_else(|| Problem::unavailable("the samples could not be made ready", "ask again"))?;
+    let made = clay.splats.get(&served.shapes, view).await;
+    let (version, bytes) = made.ok_or_else(|| Problem::unavailable("the samples could not be made ready", "ask again"))?;
+    // The newest that there are, while newer ones would be too soon.
+    if version == since {
+        return Ok(StatusCode::NO_CONTENT.into_response());
+    }
     Ok(([(header::CONTENT_TYPE, "application/octet-stream")], bytes).into_response())
 }
 
 async fn clay_take(State(served): State<Arc<Served>>, bytes: Bytes) -> Result<Response, Problem> {
-    let asked: TakeAsked = body(&bytes)?;
+    let asked: TakeAsked = body(&bytes, &such_as("clay_take", false))?;
     done(&served, Do::ClayTake(asked)).await
 }
 
 async fn clay_undo(State(served): State<Arc<Served>>, bytes: Bytes) -> Result<Response, Problem> {
-    let NothingAsked {} = body(&bytes)?;
+    let NothingAsked {} = body(&bytes, "an empty body")?;
     done(&served, Do::ClayUndo {}).await
 }
 
 async fn clay_redo(State(served): State<Arc<Served>>, bytes: Bytes) -> Result<Response, Problem> {
-    let NothingAsked {} = body(&bytes)?;
+    let NothingAsked {} = body(&bytes, "an empty body")?;
     done(&served, Do::ClayRedo {}).await
 }
 
@@ -367,7 +373,7 @@ struct SaveAsked {
 }
 
 async fn clay_save(State(served): State<Arc<Served>>, bytes: Bytes) -> Result<Response, Problem> {
-    let SaveAsked { kind, file } = body(&bytes)?;
+    let SaveAsked { kind, file } = body(&bytes, &such_as("clay_save", false))?;
     done(&served, Do::ClaySave { kind, file }).await
 }
 

@@ -14,9 +14,9 @@ use serde_json::{Value, json};
 use tokio::sync::OwnedSemaphorePermit;
 
 use super::asks::{Do, Done, perform};
+use super::client::Client;
 use super::door::Peer;
 use super::encode;
-use super::hub::Client;
 use super::outbox::Next;
 use super::pace::Bucket;
 use super::problem::Problem;

@@ -179,6 +179,31 @@ class Page:
         self.call("Input.dispatchMouseEvent", type="mouseMoved", x=end[0], y=end[1], button="left", buttons=1)
         self.call("Input.dispatchMouseEvent", type="mouseReleased", x=end[0], y=end[1], button="left", clickCount=1)
 
+    def middle_of(self, selector):
+        """Where an element is, as it stands."""
+        return self.run(f"(() => {{ const r = document.querySelector({json.dumps(selector)}).getBoundingClientRect(); return [r.x + r.width / 2, r.y + r.height / 2]; }})()")
+
+    def touch(self, kind, *fingers):
+        """All fingers on the screen from now on: `Start` where one came, `Move`, `End` where all have left."""
+        points = [{"x": x, "y": y, "id": n} for n, (x, y) in enumerate(fingers)]
+        self.call("Input.dispatchTouchEvent", type=f"touch{kind}", touchPoints=points)
+
+    def pen(self, kind, at):
+        """A pen: `mousePressed`, `mouseMoved`, `mouseReleased`."""
+        down = 0 if kind == "mouseReleased" else 1
+        self.call("Input.dispatchMouseEvent", type=kind, x=at[0], y=at[1], button="left", buttons=down, clickCount=1, pointerType="pen")
+
+    def is_seen(self, selector):
+        """Whether all of an element is on the screen, with nothing over its middle."""
+        return self.run(
+            f"""(() => {{
+              const e = document.querySelector({json.dumps(selector)});
+              const r = e.getBoundingClientRect();
+              const top = document.elementFromPoint(r.x + r.width / 2, r.y + r.height / 2);
+              return r.width > 0 && r.x >= 0 && r.y >= 0 && r.right <= innerWidth && r.bottom <= innerHeight && (top === e || e.contains(top));
+            }})()"""
+        )
+
     def picture_of(self, selector):
         """What an element looks like, as PNG bytes; two that are equal look alike."""
         x, y, width, height = self.run(

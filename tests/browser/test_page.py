@@ -23,6 +23,12 @@ SCREENS = {
     "tablet": {"width": 820, "height": 1180, "touch": True},
     "phone": {"width": 390, "height": 844, "touch": True},
 }
+CLAY_SCREENS = SCREENS | {
+    "tablet-dark": {"width": 820, "height": 1180, "touch": True, "dark": True},
+    "phone-dark": {"width": 390, "height": 844, "touch": True, "dark": True},
+    "phone-small": {"width": 360, "height": 640, "touch": True},
+    "phone-on-its-side": {"width": 844, "height": 390, "touch": True},
+}
 
 WORD = "document.querySelector('#state-word').textContent"
 IN_CONTACT = "Number(document.querySelector('#read-contacts').textContent) > 0"
@@ -315,10 +321,10 @@ class PageTest(unittest.TestCase):
                 if screen.get("touch"):
                     self.assertEqual(page.small_targets(44), [], "a finger meets every control")
 
-    def sculpt(self, **screen):
+    def sculpt(self, options=(), complains=False, **screen):
         """A run on clay and its page, once samples are drawn."""
-        run = self.run_scene("clay", command="sculpt")
-        page = self.open(run, **screen)
+        run = self.run_scene("clay", *options, command="sculpt")
+        page = self.open(run, complains, **screen)
         page.wait("document.querySelector('#clay-facts').textContent.includes('samples')")
         return run, page
 
@@ -360,7 +366,7 @@ class PageTest(unittest.TestCase):
     def test_clay_is_held_and_undone(self):
         run, page = self.sculpt()
         self.choose(run, page, "touch")
-        self.assertTrue(page.run("document.querySelector('#clay-hold').disabled"), "there is nothing to hold")
+        self.assertTrue(page.run("document.querySelector('#clay-hold').matches(':disabled')"), "there is nothing to hold")
         self.choose(run, page, "emboss")
         before = run.get("clay")
         page.run("document.querySelector('#clay-hold').focus()")
@@ -417,21 +423,159 @@ class PageTest(unittest.TestCase):
 
     def test_clay_on_every_screen(self):
         run = self.run_scene("clay", command="sculpt")
-        for name, screen in SCREENS.items():
+        for name, screen in CLAY_SCREENS.items():
             with self.subTest(name):
                 page = self.open(run, **screen)
                 page.wait("document.querySelector('#clay-facts').textContent.includes('samples')")
-                page.click("#clay-crafts button[value=paint]")
-                page.wait("!document.querySelector('#clay-color-line').hidden")
-                page.wait("new Promise((done) => setTimeout(() => done(true), 1000))")
-                if name == "phone":
-                    page.run("document.querySelector('#clay-box').scrollIntoView()")
-                page.screenshot(SHOTS / f"clay-{name}.png")
-                self.assertLessEqual(page.run("document.documentElement.scrollWidth"), screen["width"], "nothing is cut off at the side")
-                self.assertEqual(page.unnamed_controls(), [], "every control has a name")
-                self.assertEqual(page.poor_contrasts(), [], "text can be read")
-                if screen.get("touch"):
-                    self.assertEqual(page.small_targets(44), [], "a finger meets every control")
+                for craft in ("emboss", "paint"):
+                    page.click(f"#clay-crafts button[value={craft}]")
+                    page.wait(f"document.querySelector('#clay-crafts button[value={craft}]').getAttribute('aria-pressed') === 'true'")
+                    page.run("document.querySelector('main').scrollTo(0, 0), scrollTo(0, 0)")
+                    page.wait("new Promise((done) => setTimeout(() => done(true), 700))")
+                    page.screenshot(SHOTS / f"clay-{name}-{craft}.png")
+                    for both in ("#view", "#clay-hold"):
+                        self.assertTrue(page.is_seen(both), f"{both} is on the screen")
+                    self.assertLessEqual(page.run("document.documentElement.scrollWidth"), screen["width"], "nothing is cut off at the side")
+                    self.assertEqual(page.unnamed_controls(), [], "every control has a name")
+                    self.assertEqual(page.poor_contrasts(), [], "text can be read")
+                    if screen.get("touch"):
+                        self.assertEqual(page.small_targets(44), [], "a finger meets every control")
+                # Also where the brush is set.
+                page.run("document.querySelector('#slider-clay_brush_m').scrollIntoView({ block: 'nearest' })")
+                page.screenshot(SHOTS / f"clay-{name}-scrolled.png")
+                self.assertTrue(page.is_seen("#slider-clay_brush_m"), "the brush can be set")
+
+    def test_clay_by_finger_and_pen(self):
+        run, page = self.sculpt(**SCREENS["phone"])
+        frames = "new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => done(true))))"
+        x, y = page.middle_of("#view")
+        top = "document.querySelector('#view').getBoundingClientRect().top"
+        top_before = page.run(top)
+
+        def looks(moves):
+            before = page.picture_of("#view")
+            moves()
+            page.wait(frames)
+            self.assertNotEqual(page.picture_of("#view"), before)
+
+        def orbit():
+            page.touch("Start", (x, y))
+            for n in range(1, 5):
+                page.touch("Move", (x + 12 * n, y + 8 * n))
+            page.touch("End")
+
+        def pinch():
+            page.touch("Start", (x - 20, y))
+            page.touch("Start", (x - 20, y), (x + 20, y))
+            for n in range(1, 5):
+                page.touch("Move", (x - 20 - 6 * n, y), (x + 20 + 6 * n, y))
+            page.touch("End")
+
+        def draw_across():
+            page.pen("mousePressed", (x, y))
+            page.pen("mouseMoved", (x + 50, y))
+            page.pen("mouseReleased", (x + 50, y))
+
+        # What moves in the scene is not what makes the difference: the hand rests in between, and the eye moves.
+        page.click("#disable")
+        page.wait(f"{WORD} === 'Disabled'")
+        for moves in (orbit, pinch, draw_across):
+            looks(moves)
+        self.assertEqual(page.run(top), top_before, "a finger on the picture does not scroll")
+        page.click("#enable")
+        page.wait(f"{WORD} === 'Enabled'")
+
+        self.choose(run, page, "pull")
+        held = "fetch('/api/v1/clay').then((r) => r.json()).then(({ is_held }) => is_held)"
+        page.wait("!document.querySelector('#clay-hold').matches(':disabled')")
+        at = page.middle_of("#clay-hold")
+        page.touch("Start", at)
+        page.wait(held)
+        # Longer than a menu takes to come up, and off the button: a finger that slips still holds.
+        page.touch("Move", (at[0] + 30, at[1] - 60))
+        page.wait("new Promise((done) => setTimeout(() => done(true), 1500))")
+        self.assertTrue(page.run(held))
+        page.touch("End")
+        page.wait(f"{held}.then((is) => !is)")
+        page.pen("mousePressed", at)
+        page.wait(held)
+        page.pen("mouseReleased", at)
+        page.wait(f"{held}.then((is) => !is)")
+        # The system takes the finger away.
+        page.touch("Start", at)
+        page.wait(held)
+        page.touch("Cancel")
+        page.wait(f"{held}.then((is) => !is)")
+
+    def test_clay_says_why_nothing_can_be_done(self):
+        run, page = self.sculpt()
+        hold = "document.querySelector('#clay-hold')"
+        idle = "document.querySelector('#clay-idle').textContent"
+        self.choose(run, page, "push")
+        page.wait(f"{hold}.matches(':disabled') && {idle}.includes('without Hold')")
+        self.choose(run, page, "pull")
+        page.wait(f"!{hold}.matches(':disabled') && {idle} === ''")
+        page.click("#disable")
+        page.wait(f"{hold}.matches(':disabled') && {idle}.includes('no force flows')")
+        self.assertFalse(page.run("document.querySelector('#clay-undo').matches(':disabled') && document.querySelector('#clay-file').matches(':disabled')"))
+        page.click("#enable")
+        page.wait(f"!{hold}.matches(':disabled')")
+        # Somebody else holds.
+        other = self.open(run)
+        other.wait("!document.querySelector('#clay-hold').matches(':disabled')")
+        other.run("document.querySelector('#clay-hold').focus()")
+        other.hold_key(" ", True)
+        page.wait(f"{hold}.matches(':disabled') && {idle}.includes('Another client')")
+        other.hold_key(" ", False)
+        page.wait(f"!{hold}.matches(':disabled')")
+
+    def test_stop_with_unsaved_clay(self):
+        run, page = self.sculpt(complains=True)
+        busy = "document.querySelector('#clay-busy').textContent"
+        asked = "!document.querySelector('#unsaved').hidden"
+        self.choose(run, page, "paint")
+        page.wait(f"{busy} === 'not saved'")
+        page.click("#stop")
+        page.wait(asked)
+        page.wait(f"{WORD} === 'Disabled'")
+        page.wait(f"{number('read-force')} === 0")
+        self.assertEqual(page.run("document.activeElement.id"), "unsaved-save")
+        self.assertEqual(page.poor_contrasts(), [], "text can be read")
+        page.screenshot(SHOTS / "clay-unsaved.png")
+        page.click("#unsaved-go-on")
+        self.assertFalse(page.run(asked))
+        self.assertIsNone(run.process.poll(), "the run goes on")
+
+        page.click("#stop")
+        page.click("#unsaved-save")
+        page.wait("document.querySelector('#lost').textContent.includes('The run is over')")
+        self.assertEqual(run.process.wait(timeout=30), 0)
+        (kept,) = (self.folder / "state" / "hapticd" / "clay").glob("session-*.session")
+        self.assertIn(str(kept), page.run("document.querySelector('#lost').textContent"))
+        # Nothing looks as if it could still be done.
+        for control in ("#clay-hold", "#clay-undo", "#clay-crafts button", "#clay-save button", "#clay-file", "#slider-clay_brush_m"):
+            self.assertTrue(page.run(f"document.querySelector('{control}').matches(':disabled')"), control)
+        self.assertIn("The run is over", page.run("document.querySelector('#clay-off').textContent"))
+        page.screenshot(SHOTS / "clay-over.png")
+
+    def test_stop_with_nothing_to_lose(self):
+        """A stroke that is saved, or will be: nobody is asked. And one that may be lost."""
+        session = self.folder / "at-the-end.session"
+        run, page = self.sculpt(options=["--session", str(session)], complains=True)
+        self.choose(run, page, "paint")
+        page.wait("document.querySelector('#clay-busy').textContent === 'saved at the end'")
+        page.click("#stop")
+        self.assertEqual(run.process.wait(timeout=30), 0)
+        page.wait(f"document.querySelector('#lost').textContent.includes('{session}')")
+        self.assertTrue(session.exists())
+
+        run, page = self.sculpt(complains=True)
+        self.choose(run, page, "paint")
+        page.wait("document.querySelector('#clay-busy').textContent === 'not saved'")
+        page.click("#stop")
+        page.click("#unsaved-stop")
+        self.assertEqual(run.process.wait(timeout=30), 0)
+        page.wait("document.querySelector('#lost').textContent.startsWith('The run is over. This page')")
 
     def test_a_rigid_scene_shows_nothing_of_clay(self):
         run = self.run_scene("rest")

@@ -1,6 +1,7 @@
 """The Python client and its example against a real run. Called by scripts/client-test."""
 
 import asyncio
+import os
 import pathlib
 import re
 import subprocess
@@ -16,14 +17,39 @@ HAPTICD, FOLDER = map(pathlib.Path, sys.argv[1:3])
 SCENE = "config/scenes/lift-with-block.toml"
 HUNG_S = 60
 
+# The hand hovers just over a ball of clay: within the brush, and not in contact.
+CLAY = """version = 1
+[sculpt]
+shape = { sphere_mm = 15 }
+spacing_mm = 1.5
+raster = [16, 16, 16]
+brush_mm = 6
+tool = "touch"
+[tool]
+shape = { sphere_mm = 3 }
+voxel_size_mm = 1.0
+start_position_mm = [0, 0, 20]
+[device]
+profile = "sim-sigma7"
+"""
+
 
 class Run:
     """A run with a monitor at a port of its own."""
 
+    def __init__(self, verb="run", scene=SCENE):
+        self.command = [HAPTICD, verb, scene, "--cache", "off", "--monitor", "127.0.0.1:0", "--realtime", "best-effort"]
+
     def __enter__(self):
-        command = [HAPTICD, "run", SCENE, "--cache", "off", "--monitor", "127.0.0.1:0", "--realtime", "best-effort"]
         self.log = open(FOLDER / "run.log", "w+")
-        self.process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+        self.process = subprocess.Popen(
+            self.command,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+            env=os.environ | {"XDG_STATE_HOME": str(FOLDER.resolve() / "state")},
+        )
         for line in self.process.stderr:
             self.log.write(line)
             if found := re.match(r"monitor: (http://\S+)", line):
@@ -77,13 +103,9 @@ async def drive(url):
             ("place", {"object": "wheel", "pose": {"p": [0, 0, 0], "q": [0, 0, 0, 1]}}, "lift"),
             ("set", {"parameter": "contact_stiffness_n_per_m", "value": -1.0}, "contact_stiffness_n_per_m"),
             ("servo_cf", {"f": [0, 0, 1], "t": [0, 0, 0]}, ""),
+            ("clay_undo", {}, "hapticd sculpt"),
         ]:
-            try:
-                await arm.ask(do, **fields)
-            except Refused as refused:
-                assert word in str(refused), refused
-            else:
-                raise AssertionError(f"{do} was done")
+            await refused(arm.ask(do, **fields), word)
         state = await until(arm, lambda state: True, "a state")
         assert state["state"] == "ENABLED", "a refusal changes nothing"
 
@@ -96,6 +118,60 @@ async def drive(url):
     # Gone: its heartbeat with it.
     async with Client(url) as arm:
         await until(arm, lambda state: state["state"] == "DISABLED", "disabled by its end")
+
+
+async def refused(doing, word):
+    """Whatever it is, the server says no to it, and says this word."""
+    try:
+        await doing
+    except Refused as refusal:
+        assert word in str(refusal), refusal
+    else:
+        raise AssertionError(f"done, and should not be: {word}")
+
+
+async def clay_where(arm, condition, what):
+    """The first facts of the clay for which the condition holds."""
+    async with asyncio.timeout(HUNG_S):
+        while not condition(facts := await arm.clay()):
+            await asyncio.sleep(0.02)
+    return facts
+
+
+async def sculpt(url):
+    async with Client(url) as arm:
+        before = await arm.clay()
+        samples = await arm.clay_samples()
+        assert len(samples) == before["samples"], len(samples)
+        assert np.allclose(np.linalg.norm(samples["position"], axis=1), 0.015, atol=1e-3), "a ball"
+        await refused(arm.undo(), "no stroke")
+        await refused(arm.take_tool("knit"), "knit")
+        await refused(arm.save("photo"), "photo")
+        await refused(arm.save("points", "../ball"), "letters")
+
+        await arm.take_tool("emboss", brush_m=0.008, depth_m=0.001)
+        facts = await arm.clay()
+        assert (facts["craft"], facts["brush_m"], facts["depth_m"]) == ("emboss", 0.008, 0.001), facts
+        async with arm.hold():
+            await clay_where(arm, lambda facts: facts["undo"] == 1, "a stroke")
+            # Longer than a silence may be.
+            await asyncio.sleep(1.5)
+            assert (await arm.clay())["is_held"]
+        facts = await clay_where(arm, lambda facts: not facts["is_held"], "let go")
+        assert facts["is_unsaved"], facts
+        assert np.max(np.linalg.norm((await arm.clay_samples())["position"], axis=1)) > 0.0154, "a dome"
+        await arm.undo()
+        await clay_where(arm, lambda facts: (facts["undo"], facts["redo"]) == (0, 1), "taken back")
+        await arm.redo()
+        await clay_where(arm, lambda facts: (facts["undo"], facts["redo"]) == (1, 0), "done again")
+        for kind, ending in (("points", "ply"), ("export", "ply"), ("session", "session")):
+            file = pathlib.Path(await arm.save(kind, f"ball {kind}"))
+            assert file.name == f"ball {kind}.{ending}" and file.stat().st_size > 1000, file
+            await refused(arm.save(kind, f"ball {kind}"), "exists already")
+        await clay_where(arm, lambda facts: not facts["is_unsaved"], "saved")
+        await arm.ask("disable")
+        await until(arm, lambda state: state["state"] == "DISABLED" and not state["is_busy"], "disabled")
+        await refused(arm.hold().__aenter__(), "enable first")
 
 
 def example(url, obj, *more):
@@ -128,4 +204,8 @@ with Run() as run:
     refusals(run.url)
     plot(run.url)
 assert run.status == 0, f"the run ended with {run.status}; see {run.log.name}"
+(FOLDER / "clay.toml").write_text(CLAY)
+with Run("sculpt", FOLDER / "clay.toml") as run:
+    asyncio.run(sculpt(run.url))
+assert run.status == 0, f"the run on clay ended with {run.status}; see {run.log.name}"
 print("the Python client works")

@@ -102,7 +102,7 @@ impl Door {
     }
 
     /// The newest view of the piece; `None` before the first one. Views are made while somebody looks, some tens of times a second: the one
-    /// after a long silence is as old as that.
+    /// after a long silence is as old as that. Samples of a large piece come less often: copying them takes at most a tenth of the studio's time.
     pub fn view(&self) -> Option<Arc<View>> {
         // Relaxed: one view sooner or later makes no difference.
         self.window.is_watched.store(true, Ordering::Relaxed);
@@ -142,7 +142,7 @@ impl LastWords {
         let mut newest = self.0.newest.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(view) = newest.as_deref() {
             let trouble = format!("the studio has ended, and the clay stays as it is: {why}; end the run to save what was done");
-            *newest = Some(Arc::new(View { is_stroke: false, trouble: trouble.into(), ..view.clone() }));
+            *newest = Some(Arc::new(View { is_stroke: false, is_over: true, trouble: trouble.into(), ..view.clone() }));
         }
     }
 }

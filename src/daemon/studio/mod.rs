@@ -13,6 +13,7 @@
 //! piece comes back with what had been done until then.
 
 mod door;
+mod duty;
 mod thread;
 
 use std::sync::Arc;
@@ -20,6 +21,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 
 pub use door::{Door, Refused, Reply};
+pub use duty::DutyCycle;
 
 use crate::haptics::clay::Clay;
 use crate::rt::clock::ClockKind;

@@ -9,14 +9,16 @@ use std::thread::JoinHandle;
 use std::time::Instant;
 
 use super::door::Desk;
-use super::{Ended, FailedOrder, Plan, StudioReport};
+use super::{DutyCycle, Ended, FailedOrder, Plan, StudioReport};
 use crate::haptics::clay::Frame;
 use crate::rt::clock::ClockKind;
 use crate::sculpt::studio::{Handling, Order, Studio, StudioError};
 use crate::servo::{ClayFeed, PublishError, ToolState};
 
-/// Views in a second at most.
-const VIEWS_HZ: f64 = 30.0;
+/// Time from one view to the next, at least.
+const VIEW_PERIOD: Duration = Duration::from_micros(33_333);
+/// What copies of the samples for views may take of the time.
+const COPY_SHARE: f64 = 0.1;
 /// Simulated time: so long for the next state, after some turns without a pause.
 const PAUSE: Duration = Duration::from_micros(50);
 const TURNS: u32 = 200;
@@ -40,7 +42,10 @@ struct Worker<'s> {
     /// Heard last.
     tick: u64,
     update_s: f64,
-    viewed: Option<Instant>,
+    began: Instant,
+    views: DutyCycle,
+    copies: DutyCycle,
+    has_viewed: bool,
 }
 
 pub(super) fn spawn(
@@ -65,7 +70,10 @@ pub(super) fn spawn(
                 next: 0,
                 tick: 0,
                 update_s: 0.0,
-                viewed: None,
+                began: Instant::now(),
+                views: DutyCycle::new(1.0, VIEW_PERIOD),
+                copies: DutyCycle::new(COPY_SHARE, VIEW_PERIOD),
+                has_viewed: false,
             };
             worker.look();
             let result = match worker.plan.clock {
@@ -282,15 +290,26 @@ impl Worker<'_> {
 
     /// A view for whoever looks.
     fn look(&mut self) {
-        let is_due = self.viewed.is_none_or(|viewed| self.desk.is_watched() && viewed.elapsed().as_secs_f64() * VIEWS_HZ >= 1.0);
-        if is_due {
-            self.viewed = Some(Instant::now());
-            let mut view = self.studio.view();
-            if self.plan.clock == ClockKind::Real {
-                view.update_s = self.update_s;
-            }
-            view.late = self.report.late;
-            self.desk.hang_out(view);
+        let begin = self.began.elapsed();
+        if self.has_viewed && !(self.desk.is_watched() && self.views.is_due(begin)) {
+            return;
+        }
+        let copies = self.studio.has_new_samples() && self.copies.is_due(begin);
+        if copies {
+            self.studio.copy_samples();
+        }
+        let mut view = self.studio.view();
+        if self.plan.clock == ClockKind::Real {
+            view.update_s = self.update_s;
+        }
+        view.late = self.report.late;
+        // Frees the samples of the view before, unless somebody still looks at them.
+        self.desk.hang_out(view);
+        let end = self.began.elapsed();
+        self.has_viewed = true;
+        self.views.worked(begin, end);
+        if copies {
+            self.copies.worked(begin, end);
         }
     }
 }

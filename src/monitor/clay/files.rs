@@ -18,6 +18,9 @@ use crate::sculpt::studio::Order;
 /// Longest name of a file that a client may choose, bytes.
 const LONGEST_NAME: usize = 120;
 
+/// Where there is no folder to write to.
+const NO_FOLDER: &str = "begin hapticd with HOME or XDG_STATE_HOME set to a folder that may be written to";
+
 /// What is written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -101,17 +104,14 @@ pub(in crate::monitor) fn save(hub: &Arc<Hub>, files: &Worker, kind: SaveKind, f
 impl Clay {
     /// A path that nobody else writes to.
     fn reserve(&self, kind: SaveKind, file: Option<&str>) -> Result<PathBuf, Problem> {
-        let folder = self
-            .folder
-            .as_ref()
-            .ok_or_else(|| Problem::unavailable("there is no folder to save to", "set HOME or XDG_STATE_HOME"))?;
+        let folder = self.folder.as_ref().ok_or_else(|| Problem::unavailable("there is no folder to save to", NO_FOLDER))?;
         let dated = || utc::timestamp(SystemTime::now()).replace(':', "");
         let chosen = file.map_or_else(|| format!("{}-{}", kind.word(), dated()), str::to_owned);
         let name = plain_name(&chosen, kind.ending()).map_err(|accepted| {
             Problem::bad(format!("a file of clay takes {accepted}"), format!("such as bowl{}", kind.ending()))
         })?;
         std::fs::create_dir_all(folder)
-            .map_err(|error| Problem::conflict(format!("cannot create {}: {error}", folder.display()), ""))?;
+            .map_err(|error| Problem::conflict(format!("cannot create {}: {error}", folder.display()), NO_FOLDER))?;
         let path = folder.join(name);
         let mut saving = self.saving.lock().unwrap_or_else(PoisonError::into_inner);
         if path.symlink_metadata().is_ok() || saving.contains(&path) {

@@ -13,6 +13,7 @@ mod take;
 use core::time::Duration;
 use std::collections::HashSet;
 use std::path::PathBuf;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
@@ -32,7 +33,7 @@ use crate::daemon::studio::{self, Refused};
 use crate::sculpt::studio::{Craft, Order, ToolSettings, View};
 use crate::spatial::Pose;
 
-/// A view is newer than the last answer after so long: until then what was asked for counts.
+/// A view is newer than the last answer after so long: until then what was asked for and not refused counts.
 const SETTLED: Duration = Duration::from_millis(500);
 /// How often, and how many times, somebody looks for a view that is made because he looks.
 const BETWEEN_LOOKS: Duration = Duration::from_millis(20);
@@ -63,10 +64,12 @@ pub struct ClayParts {
     pub door: Box<dyn ClayDoor>,
     /// Where it stands.
     pub world_from_map: Pose,
-    /// What the tool is at the start.
-    pub tool: ToolSettings,
+    /// What the tool does at the start.
+    pub craft: Craft,
     /// Where clients may save; `None`: nowhere.
     pub folder: Option<PathBuf>,
+    /// The session that is written when the run ends, if one is.
+    pub session_at_end: Option<PathBuf>,
 }
 
 /// What the clients of a run share of its clay.
@@ -74,7 +77,9 @@ pub(super) struct Clay {
     door: Box<dyn ClayDoor>,
     world_from_map: Pose,
     folder: Option<PathBuf>,
-    asked: Mutex<Asked>,
+    session_at_end: Option<PathBuf>,
+    asked: Mutex<Option<Asked>>,
+    next_asked: AtomicU64,
     /// Files that are being written.
     saving: Mutex<HashSet<PathBuf>>,
     /// What was told of the last view.
@@ -82,10 +87,12 @@ pub(super) struct Clay {
     pub(super) splats: Splats,
 }
 
-/// The settings that were asked for last: a view comes later, and has some of them only.
+/// Settings that were asked for, and not refused until now: a view that shows them comes later.
 struct Asked {
     tool: ToolSettings,
-    at: Option<Instant>,
+    at: Instant,
+    /// Tells it from those before and after.
+    number: u64,
 }
 
 struct Told {
@@ -95,13 +102,15 @@ struct Told {
 
 impl Clay {
     pub(super) fn new(parts: ClayParts) -> Self {
-        let ClayParts { door, world_from_map, tool, folder } = parts;
-        let told = Told { craft: tool.craft, trouble: None };
+        let ClayParts { door, world_from_map, craft, folder, session_at_end } = parts;
+        let told = Told { craft, trouble: None };
         Self {
             door,
             world_from_map,
             folder,
-            asked: Mutex::new(Asked { tool, at: None }),
+            session_at_end,
+            asked: Mutex::default(),
+            next_asked: AtomicU64::new(1),
             saving: Mutex::default(),
             told: Mutex::new(told),
             splats: Splats::default(),
@@ -131,17 +140,13 @@ impl Clay {
         self.door.view().ok_or_else(|| Problem::unavailable("the clay is not ready yet", "ask again in a moment"))
     }
 
-    /// The tool as far as it is known: a script may have changed what a view shows.
+    /// The tool as the studio has it, or will have it as soon as it has heard.
     fn tool(&self, view: &View) -> ToolSettings {
         let asked = self.asked();
-        let mut tool = asked.tool.clone();
-        if asked.at.is_none_or(|at| at.elapsed() > SETTLED) {
-            (tool.craft, tool.brush_m, tool.color) = (view.craft, view.brush_m, view.color);
-        }
-        tool
+        asked.as_ref().filter(|asked| asked.at.elapsed() <= SETTLED).map_or_else(|| view.tool.clone(), |asked| asked.tool.clone())
     }
 
-    fn asked(&self) -> MutexGuard<'_, Asked> {
+    fn asked(&self) -> MutexGuard<'_, Option<Asked>> {
         self.asked.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -166,6 +171,9 @@ impl Clay {
             "is_sharp": tool.is_sharp,
             "is_held": is_held,
             "is_stroke": view.is_stroke,
+            "is_unsaved": view.is_unsaved,
+            "session_at_end": self.session_at_end.as_ref().map(|file| file.to_string_lossy()),
+            "is_over": view.is_over,
             "undo": view.n_undo,
             "redo": view.n_redo,
             "updates": view.updates,
@@ -181,8 +189,8 @@ impl Clay {
         let Some(view) = (!hub.clients().is_empty()).then(|| self.door.view()).flatten() else { return };
         let (craft, trouble) = {
             let mut told = self.told.lock().unwrap_or_else(PoisonError::into_inner);
-            let before = core::mem::replace(&mut told.craft, view.craft);
-            let craft = (before != view.craft).then_some(view.craft);
+            let before = core::mem::replace(&mut told.craft, view.tool.craft);
+            let craft = (before != view.tool.craft).then_some(view.tool.craft);
             let before = told.trouble.replace(view.trouble.clone()).unwrap_or_default();
             (craft, (before != view.trouble && !view.trouble.is_empty()).then(|| view.trouble.clone()))
         };
@@ -205,17 +213,20 @@ pub(super) fn take(hub: &Arc<Hub>, asked: TakeAsked, reply: Reply) {
     let taken = hub.clay().and_then(|clay| {
         let view = clay.view()?;
         let tool = asked.onto(clay.tool(&view), &view)?;
-        *clay.asked() = Asked { tool: tool.clone(), at: Some(Instant::now()) };
-        Ok((clay, tool))
+        // Relaxed: it only counts.
+        let number = clay.next_asked.fetch_add(1, Ordering::Relaxed);
+        *clay.asked() = Some(Asked { tool: tool.clone(), at: Instant::now(), number });
+        Ok((clay, tool, number))
     });
-    let (clay, tool) = match taken {
+    let (clay, tool, number) = match taken {
         Ok(taken) => taken,
         Err(problem) => return reply(Err(problem)),
     };
     let asker = clay.clone();
     let answer = Box::new(move |result: Result<(), Refused>| {
         if result.is_err() {
-            asker.asked().at = None;
+            // What the studio has then is in a view; what was asked for since counts on.
+            asker.asked().take_if(|asked| asked.number == number);
         }
         reply(result.map(|()| Done::Nothing).map_err(|refused| Problem::from(&refused)));
     });

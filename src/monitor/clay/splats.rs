@@ -1,12 +1,15 @@
 //! Samples of the clay for display: small, thinned out where there are too many, made once for all who ask.
 
+use core::time::Duration;
 use std::collections::HashSet;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
 
 use axum::body::Bytes;
 use glam::DVec3;
 
 use super::super::worker::Worker;
+use crate::daemon::studio::DutyCycle;
 use crate::sculpt::PointSet;
 use crate::sculpt::studio::View;
 
@@ -20,31 +23,75 @@ const MOST_SAMPLES: usize = 100_000;
 /// By how much cells grow until few enough samples are left.
 const GROWTH: f64 = 1.15;
 
-/// The newest samples that somebody asked for.
-#[derive(Debug, Default)]
-pub(in crate::monitor) struct Splats(Arc<Mutex<Option<(u64, Bytes)>>>);
+/// What making samples ready may take of the time of its thread.
+const SHARE: f64 = 0.2;
+/// Each client gets at most so much of a piece that changes all the time.
+const MOST_BYTES_PER_S: f64 = 10e6;
+
+/// The newest samples that somebody asked for. They are as new as making and sending them is cheap: those of a large piece in the middle of a
+/// stroke are older than its newest view.
+#[derive(Clone, Debug)]
+pub(in crate::monitor) struct Splats {
+    made: Arc<Mutex<Made>>,
+    began: Instant,
+}
+
+#[derive(Debug)]
+struct Made {
+    newest: Option<(u64, Bytes)>,
+    duty: DutyCycle,
+}
+
+impl Default for Splats {
+    fn default() -> Self {
+        Self { made: Arc::new(Mutex::new(Made::default())), began: Instant::now() }
+    }
+}
+
+impl Default for Made {
+    fn default() -> Self {
+        Self { newest: None, duty: DutyCycle::new(SHARE, Duration::ZERO) }
+    }
+}
+
+impl Made {
+    /// What will do for a view of this version at this time; `None`: it is to be made.
+    fn ready(&self, version: u64, now: Duration) -> Option<(u64, Bytes)> {
+        self.newest.clone().filter(|(known, _)| *known == version || !self.duty.is_due(now))
+    }
+
+    /// It took from one time to another to make this.
+    fn keep(&mut self, version: u64, bytes: Bytes, begin: Duration, end: Duration) {
+        self.duty.worked(begin, end);
+        self.duty.rest_until(begin + Duration::from_secs_f64(bytes.len() as f64 / MOST_BYTES_PER_S));
+        self.newest = Some((version, bytes));
+    }
+}
 
 impl Splats {
-    /// The samples of a view, as bytes; made on the worker's thread where nobody has asked for them before. `None`: that came to grief.
-    pub(in crate::monitor) async fn get(&self, worker: &Worker, view: Arc<View>) -> Option<Bytes> {
-        let find = |made: &Mutex<Option<(u64, Bytes)>>, version: u64| {
-            let made = made.lock().unwrap_or_else(PoisonError::into_inner);
-            made.as_ref().filter(|(known, _)| *known == version).map(|(_, bytes)| bytes.clone())
-        };
-        if let Some(bytes) = find(&self.0, view.version) {
-            return Some(bytes);
+    /// The version of samples, and them as bytes: those of a view, or older ones where new ones would be too soon. Made on the worker's thread.
+    /// `None`: that came to grief.
+    pub(in crate::monitor) async fn get(&self, worker: &Worker, view: Arc<View>) -> Option<(u64, Bytes)> {
+        if let Some(ready) = self.made().ready(view.version, self.began.elapsed()) {
+            return Some(ready);
         }
-        let made = self.0.clone();
-        let make = move || {
-            // Somebody else may have asked meanwhile.
-            if let Some(bytes) = find(&made, view.version) {
-                return bytes;
-            }
-            let bytes = Bytes::from(encoded(&view, MOST_SAMPLES));
-            *made.lock().unwrap_or_else(PoisonError::into_inner) = Some((view.version, bytes.clone()));
-            bytes
-        };
-        worker.run(make).await
+        let splats = self.clone();
+        worker
+            .run(move || {
+                let begin = splats.began.elapsed();
+                // Somebody else may have asked meanwhile.
+                if let Some(ready) = splats.made().ready(view.version, begin) {
+                    return ready;
+                }
+                let bytes = Bytes::from(encoded(&view, MOST_SAMPLES));
+                splats.made().keep(view.version, bytes.clone(), begin, splats.began.elapsed());
+                (view.version, bytes)
+            })
+            .await
+    }
+
+    fn made(&self) -> MutexGuard<'_, Made> {
+        self.made.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -160,6 +207,21 @@ mod tests {
         for at in view.points.positions_map.iter().step_by(37) {
             assert!(kept.iter().any(|other| other.distance(*at) < reach_m), "{at}");
         }
+    }
+
+    #[test]
+    fn samples_that_change_all_the_time_are_made_as_often_as_that_is_cheap() {
+        let ms = Duration::from_millis;
+        let version = |made: &Made, newest: u64, now_ms: u64| made.ready(newest, ms(now_ms)).map(|(version, _)| version);
+        let mut made = Made::default();
+        assert_eq!(version(&made, 1, 0), None, "there is nothing yet");
+        // Ten milliseconds of work, a fifth of the time: nothing new before 50.
+        made.keep(1, Bytes::new(), ms(0), ms(10));
+        assert_eq!([49, 50].map(|now_ms| version(&made, 7, now_ms)), [Some(1), None]);
+        assert_eq!(version(&made, 1, 9999), Some(1), "nothing has changed");
+        // Two megabytes, and no work to speak of: five times a second.
+        made.keep(7, Bytes::from(vec![0; 2_000_000]), ms(50), ms(51));
+        assert_eq!([249, 250].map(|now_ms| version(&made, 8, now_ms)), [Some(7), None]);
     }
 
     #[test]

@@ -1,4 +1,3 @@
-use std::path::Path;
 use std::sync::mpsc::{Receiver, Sender, channel};
 
 use glam::DVec3;
@@ -6,25 +5,22 @@ use glam::DVec3;
 use super::super::hub::HubParts;
 use super::super::worker::Worker;
 use super::*;
-use crate::config::{self, LoadOptions};
-use crate::daemon::desk::{Board, Desk, Tools};
-use crate::daemon::{Notice, Phase};
+use crate::daemon::{Notice, Phase, testing};
 use crate::rt::clock::ClockKind;
 use crate::sculpt::PointSet;
 use crate::sculpt::studio::StudioError;
 
 /// A view of these samples, 1 mm apart, with a region of 40 mm.
 pub(super) fn view_of(points: PointSet, version: u64) -> View {
-    let ToolSettings { craft, brush_m, color, .. } = ToolSettings::default();
     View {
         version,
         points: Arc::new(points),
         spacing_m: 1e-3,
         region_map: (DVec3::splat(-0.02), DVec3::splat(0.02)),
-        craft,
-        brush_m,
-        color,
+        tool: ToolSettings::default(),
         is_stroke: false,
+        is_unsaved: false,
+        is_over: false,
         n_undo: 0,
         n_redo: 0,
         updates: 0,
@@ -72,39 +68,27 @@ struct Bench {
     folder: tempfile::TempDir,
 }
 
-const SCENE: &str = r#"version = 1
-[[static]]
-name = "base"
-shape = { plane_mm = [60.0, 60.0] }
-voxel_size_mm = 2.0
-[tool]
-shape = { box_mm = [20.0, 20.0, 20.0] }
-voxel_size_mm = 2.0
-[device]
-profile = "sim-sigma7"
-"#;
-
-fn hub(folder: &Path) -> Arc<Hub> {
-    let path = folder.join("scene.toml");
-    std::fs::write(&path, SCENE).unwrap();
-    let config = config::load_with(&path, &LoadOptions::default()).unwrap_or_else(|errors| panic!("{errors}"));
-    let board = Board::new(config);
-    let look = Arc::new(|_: &_| Box::new(|| ()) as Box<dyn FnOnce() + Send>);
-    let tools = Tools { board: board.clone(), switches: None, options: LoadOptions::default(), look };
-    let (_, counter) = Desk::new(tools);
+fn hub() -> Arc<Hub> {
+    let (_, counter, board) = testing::desk();
     let (orders, _) = crossbeam::channel::unbounded();
     Hub::new(HubParts { board, counter, orders, heartbeat: None, clock: ClockKind::Real, recorder: None, metrics: None })
 }
 
 fn bench() -> Bench {
     let folder = tempfile::tempdir().unwrap();
-    let hub = hub(folder.path());
+    let hub = hub();
     let (sender, orders) = channel();
     let (before, refuses) = (Before::default(), Refuses::default());
     let view = Arc::new(Mutex::new(Some(Arc::new(view_of(PointSet::default(), 1)))));
     let door = Box::new(Fake { orders: sender, before: before.clone(), refuses: refuses.clone(), view: view.clone() });
     let folder_of_clay = Some(folder.path().join("clay"));
-    hub.sculpts(ClayParts { door, world_from_map: Pose::IDENTITY, tool: ToolSettings::default(), folder: folder_of_clay });
+    hub.sculpts(ClayParts {
+        door,
+        world_from_map: Pose::IDENTITY,
+        craft: Craft::default(),
+        folder: folder_of_clay,
+        session_at_end: Some("/there/ball.session".into()),
+    });
     hub.notice(&Notice::Phase(Phase::Enabled));
     Bench { hub, files: Worker::new("files").unwrap(), orders, before, refuses, view, folder }
 }
@@ -130,6 +114,14 @@ impl Bench {
         clay.facts(&clay.view().unwrap(), false)
     }
 
+    /// The next view differs from the one before in this.
+    fn shows(&self, change: impl FnOnce(&mut View)) {
+        let mut shown = self.view.lock().unwrap();
+        let mut view = View::clone(shown.as_ref().expect("a view"));
+        change(&mut view);
+        *shown = Some(Arc::new(view));
+    }
+
     fn is_held(&self) -> bool {
         self.hub.heart.holds()
     }
@@ -141,8 +133,7 @@ impl Bench {
 
 #[test]
 fn a_scene_without_clay_says_so() {
-    let folder = tempfile::tempdir().unwrap();
-    let hub = hub(folder.path());
+    let hub = hub();
     assert_eq!(hub.clay().err().map(|problem| problem.status), Some(StatusCode::SERVICE_UNAVAILABLE), "still baking");
     hub.notice(&Notice::Phase(Phase::Disabled));
     for result in [
@@ -172,15 +163,44 @@ fn settings_that_are_taken_one_after_the_other_add_up_before_a_view_shows_them()
     assert_eq!(facts["crafts"].as_array().map(Vec::len), Some(Craft::NAMES.len()));
     assert_eq!(facts["region_map"]["min"], json!([-0.02, -0.02, -0.02]));
 
-    // What was refused does not stand, and a script's craft counts once a view shows it.
+    // What was refused does not stand, none of it, and a script's settings count once a view shows them.
+    bench.shows(|view| view.tool = expected.clone());
     *bench.refuses.lock().unwrap() = Some(|| StudioError::NoShape.into());
-    let refused = answer_of(|reply| take(&bench.hub, took(json!({ "craft": "emboss" })), reply)).expect_err("refused");
+    let wanted = json!({ "craft": "emboss", "falloff": "constant", "depth_m": 0.004, "is_sharp": true, "brush_m": 0.005 });
+    let refused = answer_of(|reply| take(&bench.hub, took(wanted), reply)).expect_err("refused");
     assert_eq!((refused.status, refused.said.hint), (StatusCode::CONFLICT, StudioError::NoShape.hint().to_owned()));
-    let scripted = View { craft: Craft::PullCurve, ..view_of(PointSet::default(), 2) };
-    *bench.view.lock().unwrap() = Some(Arc::new(scripted));
+    assert_eq!(bench.facts(), facts);
+    bench.shows(|view| view.tool.craft = Craft::PullCurve);
     assert_eq!(bench.facts()["craft"], "pull-curve");
     *bench.view.lock().unwrap() = None;
     assert!(bench.hub.clay().unwrap().view().is_err());
+}
+
+#[test]
+fn a_refusal_takes_back_only_what_it_refuses() {
+    let bench = bench();
+    let (racing, second) = (bench.hub.clone(), Arc::new(Mutex::new(None)));
+    let kept = second.clone();
+    // While the first is on its way to its refusal, another one is taken.
+    let refuses = bench.refuses.clone();
+    *bench.before.lock().unwrap() = Some(Box::new(move || {
+        *kept.lock().unwrap() = Some(answer_of(|reply| take(&racing, took(json!({ "depth_m": 0.003 })), reply)));
+        *refuses.lock().unwrap() = Some(|| Refused::Busy);
+    }));
+    answer_of(|reply| take(&bench.hub, took(json!({ "craft": "paint" })), reply)).expect_err("refused");
+    assert_eq!(*second.lock().unwrap(), Some(Ok(Done::Nothing)));
+    assert_eq!(bench.facts()["depth_m"], 0.003);
+}
+
+#[test]
+fn what_is_not_saved_and_what_will_be_is_told() {
+    let bench = bench();
+    assert_eq!(
+        ["is_unsaved", "session_at_end", "is_over"].map(|key| bench.facts()[key].clone()),
+        [json!(false), json!("/there/ball.session"), json!(false)]
+    );
+    bench.shows(|view| (view.is_unsaved, view.is_over) = (true, true));
+    assert_eq!(["is_unsaved", "is_over"].map(|key| bench.facts()[key].clone()), [json!(true), json!(true)]);
 }
 
 #[test]

@@ -2,7 +2,8 @@
  * Clay: what the tool does to it, the hold, strokes back and forth, files, and the samples for the picture. A scene without clay shows
  * nothing of this.
  *
- * A hold ends with the finger that began it: when the button is let go, when the page loses the focus or is hidden, and, as the server sees
+ * All of it is disabled, with the reason, where it would do nothing: without a connection, after the end of the run or of the studio. A hold
+ * ends with the finger that began it: when the button is let go, when the page loses the focus or is hidden, and, as the server sees
  * to it, when the page falls silent or no force flows.
  */
 
@@ -35,6 +36,9 @@ const CRAFTS = {
   difference: { label: "Cut out", hint: "Hold to cut the tool's own shape out.", sets: ["sharp"], isHeld: true },
 };
 
+/** Phases in which force may flow. */
+const FORCE = ["enabling", "enabled", "stopping", "braking"];
+
 export class Clay {
   /** @param {import("./link.js").Link} link @param {?import("./scene.js").SceneView} view */
   constructor(link, view) {
@@ -45,6 +49,12 @@ export class Clay {
     /** Counts scenes: answers about an earlier one are not taken. */
     this.turn = 0;
     this.version = 0;
+    /** @type {?{n: number, nAll: number}} samples in the picture, and in the piece as it is there */
+    this.drawn = null;
+    /** @type {{isOver: boolean, isOpen: boolean, phase: string}} where the run stands */
+    this.standing = { isOver: false, isOpen: false, phase: "" };
+    /** Where a session went. */
+    this.keptIn = "";
     /** @type {?number} timer of the signs of life */
     this.beating = null;
     this.rows = { brush: this.#row("brush"), depth: this.#row("depth") };
@@ -62,6 +72,8 @@ export class Clay {
   async begin(hasClay) {
     this.turn += 1;
     this.version = 0;
+    this.drawn = null;
+    this.keptIn = "";
     const { turn } = this;
     this.#letGo();
     this.#show(null);
@@ -85,12 +97,41 @@ export class Clay {
     if (event !== "clay" || !this.facts) return;
     if (names[0] === "let-go") this.#letGo(false);
     if (names[0] === "saved") Object.assign(byId("clay-saved"), { hidden: false, textContent: text });
+    if (names[0] === "saved" && names[1].endsWith(".session")) this.keptIn = names[1];
     this.refresh().catch(() => {});
   }
 
   /** The connection is gone, and the hold with it. */
   lose() {
     this.#letGo(false);
+  }
+
+  /** Where the run stands, whenever that may have changed. @param {{isOver: boolean, isOpen: boolean, phase: string}} standing */
+  stand(standing) {
+    const { isOver, isOpen, phase } = this.standing;
+    if (standing.isOver === isOver && standing.isOpen === isOpen && standing.phase === phase) return;
+    this.standing = { ...standing };
+    this.#allow();
+  }
+
+  /** Strokes would be lost at the end of the run: no session has them, and none will be written. */
+  get isAtRisk() {
+    const { facts } = this;
+    // Of a studio that has broken the program keeps a session by itself.
+    return Boolean(facts?.is_unsaved && !facts.session_at_end && !facts.is_over);
+  }
+
+  /** Where the strokes are kept; nothing where they are not, or where there are none. */
+  get keeper() {
+    return this.facts?.session_at_end ?? (this.facts?.is_unsaved ? "" : this.keptIn);
+  }
+
+  /** Writes a session. @returns {Promise<string>} where it is */
+  async keep() {
+    const { file } = await this.link.send("clay_save", { kind: "session" }, SAVE_TIMEOUT_MS);
+    this.keptIn = file;
+    if (this.facts) this.facts.is_unsaved = false;
+    return file;
   }
 
   async refresh() {
@@ -112,8 +153,9 @@ export class Clay {
     if (bytes.byteLength === 0 || turn !== this.turn) return;
     const samples = parseSamples(bytes);
     this.version = samples.version;
-    this.shown = samples.n;
+    this.drawn = samples;
     this.view?.addClay(samples);
+    this.#count();
   }
 
   /** @param {?object} facts */
@@ -121,13 +163,14 @@ export class Clay {
     this.facts = facts;
     byId("clay-box").hidden = !facts;
     byId("legend-brush").hidden = !facts;
+    document.body.classList.toggle("has-clay", Boolean(facts));
     if (!facts) return;
     const craft = CRAFTS[facts.craft];
     const buttons = byId("clay-crafts");
     if (buttons.children.length !== facts.crafts.length) buttons.replaceChildren(...facts.crafts.map((name) => this.#button(name)));
     for (const button of buttons.children) button.setAttribute("aria-pressed", String(button.value === facts.craft));
     write(byId("clay-hint"), craft?.hint ?? "");
-    byId("clay-hold").disabled = !craft?.isHeld && !this.isHolding;
+    this.#allow();
     const [least, most] = facts.brush_range_m;
     this.rows.brush.take({ name: "clay_brush_m", least, most, scene: this.scene.brush_m, value: facts.brush_m });
     this.rows.depth.take({ name: "clay_depth_m", least: 0.05 * least, most, scene: this.scene.depth_m, value: facts.depth_m });
@@ -143,13 +186,49 @@ export class Clay {
       button.disabled = facts[name] === 0;
       write(button, `${name === "undo" ? "Undo" : "Redo"} (${facts[name]})`);
     }
-    write(byId("clay-busy"), facts.is_stroke ? "stroke under way" : "");
+    const unsaved = facts.session_at_end ? "saved at the end" : "not saved";
+    write(byId("clay-busy"), facts.is_stroke ? "stroke under way" : facts.is_unsaved ? unsaved : "");
     byId("clay-trouble").hidden = !facts.trouble;
     write(byId("clay-trouble"), facts.trouble);
-    const thinned = this.shown < facts.samples && this.version > 0 ? `, ${count(this.shown)} shown` : "";
-    const updates = `${count(facts.late)} late, ${count(facts.updates)} in time`;
-    write(byId("clay-facts"), `${count(facts.samples)} samples${thinned}; update ${fixed(facts.update_s * 1e3, 1)} ms; ${updates}`);
+    this.#count();
     this.#picture(sets);
+  }
+
+  /** How many samples there are, and how many of them are drawn: as of the picture, which is what one sees. */
+  #count() {
+    const { facts } = this;
+    if (!facts) return;
+    const { n, nAll } = this.drawn ?? { n: facts.samples, nAll: facts.samples };
+    const thinned = n < nAll ? `, ${count(n)} shown` : "";
+    const updates = `${count(facts.late)} late, ${count(facts.updates)} in time`;
+    write(byId("clay-facts"), `${count(nAll)} samples${thinned}; update ${fixed(facts.update_s * 1e3, 1)} ms; ${updates}`);
+  }
+
+  /** Why nothing can be done to the clay; empty where something can. */
+  get #off() {
+    const { isOver, isOpen } = this.standing;
+    if (isOver) return "The run is over: the clay can neither be worked nor saved from here.";
+    if (!isOpen) return "No connection: nothing can be done to the clay until it is back.";
+    return this.facts?.is_over ? "The studio has ended: the clay stays as it is until the run ends." : "";
+  }
+
+  /** Why a hold would do nothing; empty where it does something. */
+  get #idle() {
+    if (!CRAFTS[this.facts.craft]?.isHeld) return "This tool works without Hold.";
+    if (!FORCE.includes(this.standing.phase)) return "Hold does nothing while no force flows: Enable first.";
+    return this.facts.is_held && !this.isHolding ? "Another client holds the clay." : "";
+  }
+
+  /** Enables what would do something, and says why the rest would not. */
+  #allow() {
+    if (!this.facts) return;
+    const off = this.#off;
+    byId("clay-controls").disabled = off !== "";
+    byId("clay-off").hidden = off === "";
+    write(byId("clay-off"), off);
+    const idle = off ? "" : this.#idle;
+    byId("clay-hold").disabled = idle !== "" && !this.isHolding;
+    write(byId("clay-idle"), idle);
   }
 
   /** What the view draws beside the samples. */
@@ -198,7 +277,7 @@ export class Clay {
   #listen() {
     const button = byId("clay-hold");
     button.onpointerdown = (event) => {
-      if (event.button !== 0 || button.disabled) return;
+      if (event.button !== 0) return;
       button.setPointerCapture(event.pointerId);
       this.#hold();
     };
@@ -220,7 +299,7 @@ export class Clay {
     addEventListener("keydown", (event) => {
       const isStep = (event.ctrlKey || event.metaKey) && !event.altKey && event.key.toLowerCase() === "z";
       // What is being written has an undo of its own.
-      if (!isStep || !this.facts || event.target.matches?.("input:not([type=range]):not([type=checkbox]):not([type=color]), select")) return;
+      if (!isStep || !this.facts || this.#off || event.target.matches?.("input:not([type=range]):not([type=checkbox]):not([type=color]), select")) return;
       event.preventDefault();
       this.#do(event.shiftKey ? "clay_redo" : "clay_undo");
     });
@@ -231,7 +310,7 @@ export class Clay {
   }
 
   async #hold() {
-    if (this.isHolding) return;
+    if (this.isHolding || byId("clay-hold").matches(":disabled")) return;
     byId("clay-hold").setAttribute("aria-pressed", "true");
     this.beating = setInterval(() => this.link.send("ping").catch(() => {}), BEAT_MS);
     try {
@@ -249,6 +328,7 @@ export class Clay {
     clearInterval(this.beating);
     this.beating = null;
     byId("clay-hold").setAttribute("aria-pressed", "false");
+    this.#allow();
     if (isTold) this.link.send("clay_hold", { held: false }).catch((error) => say(words(error)));
   }
 }

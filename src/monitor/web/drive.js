@@ -1,8 +1,8 @@
 /**
  * Whether force flows, and the three buttons about it.
  *
- * Disable and Stop always act at once, and are never greyed out: what the page believes of the loop may be old. Escape is Disable, wherever
- * the focus is.
+ * Disable and Stop always act at once, and are never greyed out: what the page believes of the loop may be old. Where Stop would lose work, the
+ * force goes off at once, and the run ends when that was answered. Escape is Disable, wherever the focus is.
  */
 
 import { byId, element, say, words } from "./element.js";
@@ -44,7 +44,9 @@ export class Drive {
     byId("enable").onclick = () => this.#order("enable");
     byId("banner-enable").onclick = () => this.#order("enable");
     byId("disable").onclick = () => this.#order("disable");
-    byId("stop").onclick = () => this.#order("stop");
+    /** Asked before the run ends: true takes the rest over. */
+    this.asksFirst = () => false;
+    byId("stop").onclick = () => this.asksFirst() || this.stop();
     addEventListener(
       "keydown",
       (event) => {
@@ -52,6 +54,11 @@ export class Drive {
       },
       { capture: true },
     );
+  }
+
+  /** Ends the run. */
+  stop() {
+    return this.#order("stop");
   }
 
   /** @param {{name: string, text: string}[]} faults */
@@ -71,6 +78,7 @@ export class Drive {
   /** A connection begins. @param {string} phase */
   greet(phase) {
     this.isOver = false;
+    this.phase = phase;
     this.#name(phase);
   }
 

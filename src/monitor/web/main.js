@@ -3,7 +3,7 @@
  *
  * ```text
  *  link ──state──► drive, readouts, view, plots, objects        60 times a second
- *       ──event──► facts; parameters, session and scene ask again
+ *       ──event──► facts; parameters, session, clay and scene ask again
  *       ──open───► info                                         and every two seconds
  *  another scene in the state ► scene and meshes, clay, parameters, names of scenes
  * ```
@@ -22,6 +22,7 @@ import { Readouts } from "./readouts.js";
 import { SceneView } from "./scene.js";
 import { Session } from "./session.js";
 import { lengthText, short } from "./units.js";
+import { Unsaved } from "./unsaved.js";
 
 /** Data older than this is greyed out. */
 const STALE_MS = 1000;
@@ -39,6 +40,8 @@ const session = new Session(link, refreshInfo);
 const meshes = new MeshLoader(link);
 const view = openView();
 const clay = new Clay(link, view);
+const unsaved = new Unsaved(link, clay, () => drive.stop());
+drive.asksFirst = () => unsaved.ask();
 
 /** What is shown: which scene of which run. A page outlives both. */
 const shown = { started: null, idx: null, isAsking: false, askAgainAt: 0 };
@@ -49,6 +52,7 @@ let stateTimeNs = null;
 link.addEventListener("open", ({ detail: hello }) => {
   byId("token-form").hidden = true;
   drive.greet(hello.phase);
+  stand();
   session.resume();
   refreshInfo();
 });
@@ -56,6 +60,7 @@ link.addEventListener("open", ({ detail: hello }) => {
 link.addEventListener("closed", ({ detail: isOver }) => {
   if (stateAt !== null) drive.lose(isOver);
   clay.lose();
+  stand();
   showFreshness();
 });
 
@@ -68,6 +73,7 @@ link.addEventListener("state", ({ detail: state }) => {
   stateAt = performance.now();
   stateTimeNs = state.time_ns;
   drive.show(state);
+  stand();
   readouts.show(state);
   objects.show(state);
   view?.show(state);
@@ -78,7 +84,10 @@ link.addEventListener("state", ({ detail: state }) => {
 
 link.addEventListener("event", ({ detail: event }) => {
   addEvent(event, stateTimeNs);
-  if (event.event === "state") drive.hear(event.names[0], stateAt === null);
+  if (event.event === "state") {
+    drive.hear(event.names[0], stateAt === null);
+    stand();
+  }
   clay.hear(event);
   if (event.event === "parameter") parameters.refresh().catch(() => {});
   if (event.event === "recording" && event.names[0] === "ended") session.remember(event.text);
@@ -100,6 +109,12 @@ byId("pause").onclick = ({ currentTarget: button }) => {
   button.firstChild.textContent = isPaused ? "▶" : "❚❚";
   plots.pause(isPaused);
 };
+
+/** Says where the run stands to those whom that concerns. */
+function stand() {
+  clay.stand({ isOver: drive.isOver, isOpen: link.isOpen, phase: drive.phase });
+  if (drive.isOver) unsaved.close();
+}
 
 setInterval(showFreshness, 250);
 setInterval(() => link.isOpen && refreshInfo(), INFO_EVERY_MS);
@@ -176,7 +191,7 @@ function showFreshness() {
   if (lost.hidden) return;
   const age = `${Math.floor(age_ms / 1000)} s`;
   if (link.isOpen) lost.textContent = `No data for ${age}: the server is there, the loop sends nothing.`;
-  else if (drive.isOver) lost.textContent = "The run is over. This page goes on when hapticd is started again.";
+  else if (drive.isOver) lost.textContent = `The run is over.${clay.keeper && ` The clay is kept in ${clay.keeper}.`} This page goes on when hapticd is started again.`;
   else lost.textContent = `Connection lost ${age} ago. What is shown is old; trying again.`;
 }
 

@@ -6,22 +6,16 @@
 
 import { OrbitCamera } from "./camera.js";
 import { onChange, rgb } from "./colors.js";
-import { add, ceilTo125, cornersOf, cross, isFinite3, length, matrixAlong, matrixOfPose, multiply, normalize, scale, subtract, transform } from "./math.js";
-import { compile } from "./shaders.js";
-import { cone, rod } from "./shapes.js";
+import { AXES_SIZE, Draw, MOST_DOTS } from "./draw.js";
+import { add, ceilTo125, cornersOf, cross, isFinite3, length, matrixOfPose, multiply, normalize, scale, subtract, transform } from "./math.js";
 import { Splats } from "./splats.js";
 
-const MOST_POINTS = 512;
 const MOST_PIXEL_RATIO = 2;
 /** Size of a dot, as a share of the distance between points of the tool. */
 const DOT_SHARE = 0.55;
-/** Side of the square in which the axes are drawn, CSS pixels. */
-const AXES_SIZE = 92;
 /** Smallest full scales of the arrows, N and N·m: below them a force is noise, not news. */
 const LEAST_FORCE_SCALE = 0.5;
 const LEAST_TORQUE_SCALE = 0.005;
-const STANDING = { p: [0, 0, 0], q: [0, 0, 0, 1] };
-const IDENTITY = matrixOfPose(STANDING);
 
 /** @typedef {import("./math.js").Pose} Pose */
 /** @typedef {{pose: Pose, role: "static"|"tool", idx: number, mesh: import("./mesh.js").Mesh, faces: object, lines: object}} Part */
@@ -46,9 +40,8 @@ export class SceneView {
     this.isSeeThrough = false;
     this.clay = new Splats();
     this.isDirty = false;
-    this.gl = canvas.getContext("webgl2", { antialias: true, alpha: true, powerPreference: "high-performance" });
-    if (!this.gl) throw new Error("this browser has no WebGL 2");
-    this.#prepare();
+    this.draw = new Draw(canvas);
+    this.clay.prepare(this.draw.gl);
     this.#readColors();
     this.clear();
     onChange(() => {
@@ -57,7 +50,8 @@ export class SceneView {
     });
     canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
     canvas.addEventListener("webglcontextrestored", () => {
-      this.#prepare();
+      this.draw.prepare();
+      this.clay.prepare(this.draw.gl);
       for (const part of this.parts) this.#upload(part);
       this.redraw();
     });
@@ -66,10 +60,7 @@ export class SceneView {
 
   /** Takes all parts out, for another scene. */
   clear() {
-    for (const { vao, buffers } of this.parts.flatMap(({ faces, lines }) => [faces, lines])) {
-      this.gl.deleteVertexArray(vao);
-      for (const buffer of buffers) this.gl.deleteBuffer(buffer);
-    }
+    for (const drawn of this.parts.flatMap(({ faces, lines }) => [faces, lines])) this.draw.free(drawn);
     this.parts = [];
     this.clay.clear();
     this.points = new Float32Array(0);
@@ -132,8 +123,8 @@ export class SceneView {
     this.isDirty = true;
     requestAnimationFrame(() => {
       this.isDirty = false;
-      if (this.gl.isContextLost() || this.canvas.clientWidth === 0) return;
-      this.#draw();
+      if (this.draw.gl.isContextLost() || this.canvas.clientWidth === 0) return;
+      this.#drawAll();
       this.onDrawn();
     });
   }
@@ -183,84 +174,35 @@ export class SceneView {
     this.colors = Object.fromEntries(names.map((name) => [name, rgb(`--${name}`)]));
   }
 
-  #prepare() {
-    const { gl } = this;
-    this.programs = compile(gl);
-    this.rod = this.#faces(rod());
-    this.cone = this.#faces(cone());
-    this.ground = this.#lines(new Float32Array([-1, -1, 0, 1, -1, 0, -1, 1, 0, 1, 1, 0]));
-    const vao = gl.createVertexArray();
-    gl.bindVertexArray(vao);
-    const buffer = gl.createBuffer();
-    gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
-    gl.bufferData(gl.ARRAY_BUFFER, MOST_POINTS * 16, gl.DYNAMIC_DRAW);
-    gl.enableVertexAttribArray(0);
-    gl.vertexAttribPointer(0, 4, gl.FLOAT, false, 0, 0);
-    this.dots = { vao, buffer };
-    this.clay.prepare(gl);
-    gl.enable(gl.DEPTH_TEST);
-    gl.depthFunc(gl.LEQUAL);
-    gl.enable(gl.BLEND);
-    gl.blendFuncSeparate(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA, gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
-  }
-
   #upload(part) {
-    part.faces = this.#faces(part.mesh);
-    part.lines = this.#lines(part.mesh.edges);
+    part.faces = this.draw.faces(part.mesh);
+    part.lines = this.draw.lines(part.mesh.edges);
   }
 
-  #faces({ positions, normals }) {
-    const { gl } = this;
-    const out = this.#lines(positions);
-    const buffer = gl.createBuffer();
-    gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
-    gl.bufferData(gl.ARRAY_BUFFER, normals, gl.STATIC_DRAW);
-    gl.enableVertexAttribArray(1);
-    gl.vertexAttribPointer(1, 4, gl.BYTE, true, 0, 0);
-    out.buffers.push(buffer);
-    return out;
-  }
-
-  #lines(positions) {
-    const { gl } = this;
-    const vao = gl.createVertexArray();
-    gl.bindVertexArray(vao);
-    const buffer = gl.createBuffer();
-    gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
-    gl.bufferData(gl.ARRAY_BUFFER, positions, gl.STATIC_DRAW);
-    gl.enableVertexAttribArray(0);
-    gl.vertexAttribPointer(0, 3, gl.FLOAT, false, 0, 0);
-    return { vao, n: positions.length / 3, buffers: [buffer] };
-  }
-
-  #draw() {
-    const { gl, canvas, camera, colors, parts } = this;
+  #drawAll() {
+    const { draw, canvas, camera, colors, parts } = this;
     const ratio = Math.min(devicePixelRatio, MOST_PIXEL_RATIO);
     const width = Math.round(canvas.clientWidth * ratio);
     const height = Math.round(canvas.clientHeight * ratio);
     if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
-    gl.viewport(0, 0, width, height);
-    gl.clearColor(0, 0, 0, 0);
-    gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
-
     const backward = camera.backward;
     const right = normalize(cross([0, 0, 1], backward));
     const projection = camera.projection(width / Math.max(1, height));
-    this.frame = {
+    draw.begin(width, height, {
       viewProjection: multiply(projection, camera.view),
       // Half heights of the picture per unit at distance 1.
       stretch: projection[5],
       eye: camera.eye,
       light: normalize(add(add(backward, scale(right, -0.55)), scale(cross(backward, right), 0.8))),
-    };
+    });
 
     const statics = parts.filter(({ role }) => role === "static");
     for (const part of parts) {
       if (part.role === "static" && this.isSeeThrough) continue;
       const [face, edge] = part.role === "tool" ? ["tool", "tool-edge"] : ["part", "part-edge"];
       const model = matrixOfPose(this.#poseOf(part));
-      this.#solid(part, model, colors[face]);
-      this.#outline(part, model, colors[edge], 0.75);
+      draw.solid(part, model, colors[face]);
+      draw.outline(part, model, colors[edge], 0.75);
     }
     if (!this.isSeeThrough) this.#drawClay(1);
     this.#drawGround();
@@ -268,81 +210,35 @@ export class SceneView {
       this.#drawClay(0.35);
       for (const part of statics) {
         const model = matrixOfPose(part.pose);
-        this.#veil(part, model, colors.part, 0.25);
-        this.#outline(part, model, colors["part-edge"], 0.6);
+        draw.veil(part, model, colors.part, 0.25);
+        draw.outline(part, model, colors["part-edge"], 0.6);
       }
     }
     this.#drawGhost();
     this.#drawPoints(ratio);
     // What follows lies over everything: a force inside of a part is the one to see.
-    gl.clear(gl.DEPTH_BUFFER_BIT);
+    draw.lay();
     this.#drawBrush();
     this.#drawWrench();
-    this.#drawAxes(ratio);
-  }
-
-  #use({ program, at }, model, color, opacity) {
-    const { gl, frame } = this;
-    gl.useProgram(program);
-    gl.uniformMatrix4fv(at.view_projection, false, frame.viewProjection);
-    if (at.model) gl.uniformMatrix4fv(at.model, false, model);
-    gl.uniform4f(at.color, ...color, opacity);
-    if (at.eye) gl.uniform3fv(at.eye, frame.eye);
-    if (at.light) gl.uniform3fv(at.light, frame.light);
-    return at;
-  }
-
-  #solid({ faces }, model, color, opacity = 1) {
-    const { gl } = this;
-    this.#use(this.programs.surface, model, color, opacity);
-    // Lines on an edge win over the faces that meet there.
-    gl.enable(gl.POLYGON_OFFSET_FILL);
-    gl.polygonOffset(1, 1);
-    gl.bindVertexArray(faces.vao);
-    gl.drawArrays(gl.TRIANGLES, 0, faces.n);
-    gl.disable(gl.POLYGON_OFFSET_FILL);
-  }
-
-  #outline({ lines }, model, color, opacity) {
-    if (lines.n === 0) return;
-    const { gl } = this;
-    this.#use(this.programs.line, model, color, opacity);
-    gl.bindVertexArray(lines.vao);
-    gl.drawArrays(gl.LINES, 0, lines.n);
+    draw.axes(camera.view, backward, ["axis-x", "axis-y", "axis-z"].map((name) => colors[name]), ratio);
   }
 
   #drawClay(opacity) {
-    this.clay.drawDiscs((model, opacity) => this.#use(this.programs.splat, model, this.colors.part, opacity), opacity);
-    this.clay.drawRegion((...how) => this.#use(this.programs.line, ...how), this.colors.grid);
+    this.clay.drawDiscs((model, opacity) => this.draw.use(this.draw.programs.splat, model, this.colors.part, opacity), opacity);
+    this.clay.drawRegion((...how) => this.draw.use(this.draw.programs.line, ...how), this.colors.grid);
   }
 
   #drawBrush() {
     const { middle } = this.tool;
-    const pixels = (this.canvas.clientHeight / 2) * (this.frame.stretch / length(subtract(this.frame.eye, middle)));
-    this.clay.drawBrush((...how) => this.#use(this.programs.line, ...how), middle, this.camera.backward, this.colors.brush, pixels);
-  }
-
-  /** Only the nearest faces, blended: depth first, then colour. */
-  #veil(part, model, color, opacity) {
-    const { gl } = this;
-    gl.colorMask(false, false, false, false);
-    this.#solid(part, model, color);
-    gl.colorMask(true, true, true, true);
-    this.#solid(part, model, color, opacity);
+    const pixels = (this.canvas.clientHeight / 2) * (this.draw.frame.stretch / length(subtract(this.draw.frame.eye, middle)));
+    this.clay.drawBrush((...how) => this.draw.use(this.draw.programs.line, ...how), middle, this.camera.backward, this.colors.brush, pixels);
   }
 
   #drawGround() {
-    const { gl, camera, floor } = this;
+    const { camera, floor } = this;
     if (floor === undefined) return;
     const [x, y] = camera.subject.middle;
-    const model = matrixOfPose({ p: [x, y, floor], q: [0, 0, 0, 1] });
-    const at = this.#use(this.programs.grid, model, this.colors.grid, 1);
-    gl.uniform1f(at.reach, 5 * camera.subject.radius);
-    gl.uniform1f(at.step_m, this.scales.grid_m);
-    gl.depthMask(false);
-    gl.bindVertexArray(this.ground.vao);
-    gl.drawArrays(gl.TRIANGLE_STRIP, 0, 4);
-    gl.depthMask(true);
+    this.draw.ground([x, y, floor], this.colors.grid, 5 * camera.subject.radius, this.scales.grid_m);
   }
 
   /** The tool where the hand has it: it leaves the tool as far as the coupling is stretched. */
@@ -356,24 +252,13 @@ export class SceneView {
     const strength = Math.min(1, apart / (0.02 * this.tool.radius));
     if (strength < 0.05) return;
     const model = matrixOfPose(pose);
-    this.#veil(part, model, this.colors.ghost, 0.22 * strength);
-    this.#outline(part, model, this.colors.ghost, 0.9 * strength);
+    this.draw.veil(part, model, this.colors.ghost, 0.22 * strength);
+    this.draw.outline(part, model, this.colors.ghost, 0.9 * strength);
   }
 
   #drawPoints(ratio) {
-    const n = this.points.length / 4;
-    if (n === 0) return;
-    const { gl } = this;
-    const at = this.#use(this.programs.point, IDENTITY, this.colors.point, 1);
-    gl.uniform1f(at.size_m, DOT_SHARE * this.pointSpacing);
-    gl.uniform1f(at.pixels, (this.canvas.height / 2) * this.frame.stretch);
-    gl.uniform2f(at.bounds, 3 * ratio, 9 * ratio);
-    gl.bindVertexArray(this.dots.vao);
-    gl.bindBuffer(gl.ARRAY_BUFFER, this.dots.buffer);
-    gl.bufferSubData(gl.ARRAY_BUFFER, 0, this.points);
-    gl.disable(gl.DEPTH_TEST);
-    gl.drawArrays(gl.POINTS, 0, n);
-    gl.enable(gl.DEPTH_TEST);
+    if (this.points.length === 0) return;
+    this.draw.dots(this.points, this.colors.point, DOT_SHARE * this.pointSpacing, [3 * ratio, 9 * ratio], this.canvas.height);
   }
 
   /** Force as an arrow, torque as one with two heads along its axis, by the right hand. */
@@ -385,40 +270,8 @@ export class SceneView {
     const { f, t } = state.contact_cf;
     // A contact that nobody feels is pale.
     const opacity = state.state === "ENABLED" ? 1 : 0.35;
-    if (isFinite3(f)) this.#arrow(middle, f, (full * length(f)) / scales.force_n, full, [...colors.force, opacity], 1);
-    if (isFinite3(t)) this.#arrow(middle, t, (full * length(t)) / scales.torque_nm, full, [...colors.torque, opacity], 2);
-  }
-
-  /** @param {number} size length @param {number} full length at full scale, which sets the thickness @param {number} heads */
-  #arrow(origin, direction, size, full, [r, g, b, opacity], heads) {
-    // Signs, not things: brighter than what light makes of a part.
-    const color = scale([r, g, b], 1.3);
-    const head = Math.min(0.13 * full, 0.45 * size);
-    if (size < 0.01 * full) return;
-    const width = Math.min(1, size / (0.3 * full)) * 0.02 * full;
-    const unit = normalize(direction);
-    const at = (along) => add(origin, scale(unit, along));
-    this.#solid({ faces: this.rod }, matrixAlong(origin, unit, width, size - 0.9 * head), color, opacity);
-    for (let n = 0; n < heads; n += 1) {
-      this.#solid({ faces: this.cone }, matrixAlong(at(size - head * (1 + 0.75 * n)), unit, 2.6 * width, head), color, opacity);
-    }
-  }
-
-  /** The directions of world in the lower left corner, seen from where the camera stands. */
-  #drawAxes(ratio) {
-    const { gl, camera } = this;
-    const side = Math.round(AXES_SIZE * ratio);
-    gl.viewport(0, 0, side, side);
-    const view = new Float32Array(camera.view);
-    view.set([0, 0, 0], 12);
-    // Parallel projection of a ball of radius 1.5 around the origin.
-    const flat = new Float32Array([2 / 3, 0, 0, 0, 0, 2 / 3, 0, 0, 0, 0, -0.5, 0, 0, 0, 0, 1]);
-    this.frame = { viewProjection: multiply(flat, view), eye: scale(camera.backward, 10), light: this.frame.light };
-    ["axis-x", "axis-y", "axis-z"].forEach((name, axis) => {
-      const unit = [0, 0, 0].map((_, n) => (n === axis ? 1 : 0));
-      this.#solid({ faces: this.rod }, matrixAlong([0, 0, 0], unit, 0.045, 0.75), this.colors[name]);
-      this.#solid({ faces: this.cone }, matrixAlong(scale(unit, 0.75), unit, 0.12, 0.25), this.colors[name]);
-    });
+    if (isFinite3(f)) this.draw.arrow(middle, f, (full * length(f)) / scales.force_n, full, [...colors.force, opacity], 1);
+    if (isFinite3(t)) this.draw.arrow(middle, t, (full * length(t)) / scales.torque_nm, full, [...colors.torque, opacity], 2);
   }
 
   /** Where the names of the axes belong, CSS pixels from the lower left corner of the view. @returns {number[][]} */
@@ -430,7 +283,7 @@ export class SceneView {
 
 /** Points `[x, y, z, depth]` in a row, depths as shares of the deepest. */
 function relativeDepths(points) {
-  const shown = points.slice(0, MOST_POINTS);
+  const shown = points.slice(0, MOST_DOTS);
   const deepest = Math.max(1e-9, ...shown.map(([, , , depth]) => depth));
   return new Float32Array(shown.flatMap(([x, y, z, depth]) => [x, y, z, depth / deepest]));
 }

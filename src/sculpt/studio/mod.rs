@@ -29,6 +29,9 @@ use self::work::{Doing, Heard};
 use super::{PointSet, Workpiece};
 use crate::haptics::clay::Frame;
 
+/// Strokes that were made, and how many can be taken back and done again.
+type Past = (u64, (usize, usize));
+
 /// A piece and the hand that works it.
 #[derive(Debug)]
 pub struct Studio {
@@ -42,8 +45,12 @@ pub struct Studio {
     updates: u64,
     /// Of the points that were shown last.
     version: u64,
-    /// As they were shown last; `None`: they have changed since, or were never shown.
+    /// As they were copied last; `None`: never.
     shown: Option<Arc<PointSet>>,
+    /// They have changed since.
+    is_outdated: bool,
+    /// Strokes, and strokes to be taken back and done again, when a session was saved last.
+    saved: Past,
     /// The loop has not been shown what there is.
     has_changed: bool,
     /// The surface may have gone elsewhere at once since it was shown.
@@ -55,6 +62,7 @@ impl Studio {
     /// A piece, the craft to begin with, and the body in the hand.
     pub fn new(piece: Workpiece, tool: ToolSettings, body: ToolBody) -> Self {
         Self {
+            saved: past_of(&piece),
             piece,
             tool,
             body,
@@ -64,6 +72,7 @@ impl Studio {
             updates: 0,
             version: 0,
             shown: None,
+            is_outdated: true,
             has_changed: true,
             has_leapt: false,
             trouble: Arc::from(""),
@@ -161,15 +170,26 @@ impl Studio {
         frame.is_leap = core::mem::take(&mut self.has_leapt);
     }
 
-    /// What those see who look. Cost: a copy of the samples where they have changed.
+    /// The samples are others than [`Self::view`] shows.
+    pub fn has_new_samples(&self) -> bool {
+        self.is_outdated
+    }
+
+    /// From now on [`Self::view`] shows the samples as they are. Cost: a copy of them where they have changed.
+    pub fn copy_samples(&mut self) {
+        if core::mem::take(&mut self.is_outdated) || self.shown.is_none() {
+            self.version += 1;
+            self.shown = Some(Arc::new(self.piece.points().clone()));
+        }
+    }
+
+    /// What those see who look: all as it is, but samples as of the last [`Self::copy_samples`]. Cost: little; the first one copies.
     pub fn view(&mut self) -> View {
         let points = match &self.shown {
             Some(points) => points.clone(),
             None => {
-                self.version += 1;
-                let points = Arc::new(self.piece.points().clone());
-                self.shown = Some(points.clone());
-                points
+                self.copy_samples();
+                self.shown.clone().unwrap_or_default()
             }
         };
         let (n_undo, n_redo) = self.piece.history();
@@ -178,10 +198,10 @@ impl Studio {
             points,
             spacing_m: self.piece.surface().spacing_m(),
             region_map: self.piece.region_map(),
-            craft: self.tool.craft,
-            brush_m: self.tool.brush_m,
-            color: self.tool.color,
+            tool: self.tool.clone(),
             is_stroke: self.piece.is_stroke(),
+            is_unsaved: self.is_unsaved(),
+            is_over: false,
             n_undo,
             n_redo,
             updates: self.updates,
@@ -191,13 +211,18 @@ impl Studio {
         }
     }
 
+    /// Strokes were made, taken back or done again since a session was saved, or since the start.
+    pub fn is_unsaved(&self) -> bool {
+        self.piece.is_stroke() || past_of(&self.piece) != self.saved
+    }
+
     /// What there is has not been shown: the next [`Self::advance`] says so.
     pub fn show_again(&mut self) {
         self.has_changed = true;
     }
 
     fn note_change(&mut self) {
-        self.shown = None;
+        self.is_outdated = true;
         self.has_changed = true;
     }
 
@@ -208,6 +233,10 @@ impl Studio {
             self.trouble = trouble.into();
         }
     }
+}
+
+fn past_of(piece: &Workpiece) -> Past {
+    (piece.strokes(), piece.history())
 }
 
 #[cfg(test)]

@@ -45,7 +45,9 @@ impl Studio {
             Order::SavePoints(path) => save::save(&path, self.piece.points()).map_err(|source| StudioError::write(&path, source)),
             Order::SaveSession(path) => {
                 self.let_go()?;
-                Ok(self.piece.save_session(&path)?)
+                self.piece.save_session(&path)?;
+                self.saved = super::past_of(&self.piece);
+                Ok(())
             }
             Order::Export(path) => {
                 self.let_go()?;

@@ -348,13 +348,42 @@ fn a_view_has_new_points_only_when_there_are_some() {
     assert!(hand.studio.advance(UPDATE_S), "but somebody else may see what the tool is now");
     let second = hand.studio.view();
     assert!(first.version == 1 && second.version == 1 && Arc::ptr_eq(&first.points, &second.points));
+    assert!(!hand.studio.has_new_samples());
     hand.go(DVec3::Z * (R - 1e-3), 20);
+    // Samples are copied when somebody says so; all else is new at once.
+    let uncopied = hand.studio.view();
+    assert!(hand.studio.has_new_samples() && uncopied.is_stroke && uncopied.updates == 26);
+    assert!(uncopied.version == 1 && Arc::ptr_eq(&first.points, &uncopied.points));
+    hand.studio.copy_samples();
     let third = hand.studio.view();
     assert!(third.version == 2 && third.is_stroke && third.points != first.points);
-    assert_eq!((third.n_undo, third.craft, third.updates), (1, Craft::Push, 26));
+    assert_eq!((third.n_undo, third.tool.craft, third.updates), (1, Craft::Push, 26));
+    hand.studio.copy_samples();
+    assert!(!hand.studio.has_new_samples() && hand.studio.view().version == 2, "nothing is new");
     hand.studio.order(Order::Undo).unwrap();
+    hand.studio.copy_samples();
     let fourth = hand.studio.view();
     assert_eq!((fourth.version, fourth.n_undo, fourth.n_redo, &*fourth.points), (3, 0, 1, &*first.points));
+}
+
+#[test]
+fn what_no_session_has_is_known() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut hand = Hand::with(Craft::Push);
+    let session = |hand: &mut Hand| hand.studio.order(Order::SaveSession(folder.path().join("piece.session"))).unwrap();
+    hand.studio.order(Order::Undo).unwrap_err();
+    assert!(!hand.studio.is_unsaved(), "as it was opened");
+    hand.go(DVec3::Z * (R - 1e-3), 20);
+    assert!(hand.studio.view().is_unsaved, "in the middle of the stroke");
+    hand.studio.order(Order::SavePoints(folder.path().join("piece.ply"))).unwrap();
+    hand.studio.order(Order::SaveSession("/no/such/folder/piece.session".into())).unwrap_err();
+    assert!(hand.studio.is_unsaved(), "samples are not all of it, and what failed saved nothing");
+    session(&mut hand);
+    assert!(!hand.studio.view().is_unsaved);
+    hand.studio.order(Order::Undo).unwrap();
+    assert!(hand.studio.is_unsaved());
+    hand.studio.order(Order::Redo).unwrap();
+    assert!(!hand.studio.is_unsaved(), "back where it was saved");
 }
 
 #[test]

@@ -5,9 +5,9 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use super::super::PointSet;
-use super::Craft;
+use super::ToolSettings;
 
-/// The piece at one moment. Cheap to clone; made at most some tens of times a second.
+/// The piece at one moment. Cheap to clone. Its samples may be older than the rest: they are copied as often as that is cheap.
 #[derive(Clone, Debug)]
 pub struct View {
     /// Counts up whenever `points` is another set than before; begins at 1.
@@ -18,14 +18,14 @@ pub struct View {
     pub spacing_m: f64,
     /// Lowest and highest corner of the region that deforms, map frame, m.
     pub region_map: (DVec3, DVec3),
-    /// What the tool does.
-    pub craft: Craft,
-    /// Radius of its brush, m.
-    pub brush_m: f64,
-    /// Its colour, sRGB.
-    pub color: [u8; 3],
+    /// What the tool does, and how.
+    pub tool: ToolSettings,
     /// A stroke is under way.
     pub is_stroke: bool,
+    /// Strokes were made, taken back or done again since a session was saved, or since the start.
+    pub is_unsaved: bool,
+    /// The studio has broken: the clay stays as it is, and nobody takes orders.
+    pub is_over: bool,
     /// Strokes that can be taken back.
     pub n_undo: usize,
     /// Strokes that can be done again.

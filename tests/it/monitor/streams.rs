@@ -53,7 +53,7 @@ fn who_reads_late_hears_the_good_bye_too() {
             Message::Close(frame) => code = frame.map(|frame| u16::from(frame.code)),
             _ => {}
         }
-        std::thread::sleep(Duration::from_millis(5));
+        std::thread::sleep(Duration::from_millis(8));
     }
     assert_eq!((is_told, code), (true, Some(1001)));
     assert_eq!(daemon.ended().code, Some(0));

@@ -1,0 +1,45 @@
+//! A client with a connection, and what it wants to see.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use tokio::sync::Semaphore;
+
+use super::outbox::Outbox;
+
+/// Requests of one client that wait to be answered.
+const MOST_UNANSWERED: usize = 64;
+
+/// A client with a connection.
+#[derive(Debug)]
+pub(super) struct Client {
+    pub(super) id: u64,
+    pub(super) outbox: Outbox,
+    /// Places for requests that wait for somebody: whoever is asked may be slow.
+    pub(super) unanswered: Arc<Semaphore>,
+    wants: Mutex<Option<Wanted>>,
+}
+
+/// What a client wants to see.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Wanted {
+    pub(super) rate_hz: f64,
+    pub(super) is_binary: bool,
+    pub(super) contacts: bool,
+    pub(super) history: bool,
+}
+
+impl Client {
+    /// One that was not told anything yet, and wants to see nothing.
+    pub(super) fn new(id: u64) -> Self {
+        Self { id, outbox: Outbox::default(), unanswered: Arc::new(Semaphore::new(MOST_UNANSWERED)), wants: Mutex::default() }
+    }
+
+    /// What it wants to see, if anything.
+    pub(super) fn wants(&self) -> Option<Wanted> {
+        *self.wants.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    pub(super) fn want(&self, wanted: Option<Wanted>) {
+        *self.wants.lock().unwrap_or_else(PoisonError::into_inner) = wanted;
+    }
+}
