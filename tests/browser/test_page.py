@@ -520,13 +520,16 @@ class PageTest(unittest.TestCase):
         self.assertFalse(page.run("document.querySelector('#clay-undo').matches(':disabled') && document.querySelector('#clay-file').matches(':disabled')"))
         page.click("#enable")
         page.wait(f"!{hold}.matches(':disabled')")
-        # Somebody else holds.
-        other = self.open(run)
-        other.wait("!document.querySelector('#clay-hold').matches(':disabled')")
-        other.run("document.querySelector('#clay-hold').focus()")
-        other.hold_key(" ", True)
+        # Somebody else holds, from this very page, as another one would hide it.
+        page.run(
+            """new Promise((done) => {
+              window.other = new WebSocket(new URL('/api/v1/ws', location.href.replace('http', 'ws')));
+              window.say = (held) => other.send(JSON.stringify({ do: 'clay_hold', held }));
+              other.onmessage = () => { other.onmessage = null; setInterval(() => other.send('{"do": "ping"}'), 200); say(true); done(); };
+            })"""
+        )
         page.wait(f"{hold}.matches(':disabled') && {idle}.includes('Another client')")
-        other.hold_key(" ", False)
+        page.run("say(false)")
         page.wait(f"!{hold}.matches(':disabled')")
 
     def test_stop_with_unsaved_clay(self):

@@ -57,6 +57,8 @@ export class Clay {
     this.keptIn = "";
     /** @type {?number} timer of the signs of life */
     this.beating = null;
+    /** When the last hold of this page ended, ms of this page. */
+    this.heldUntil = -Infinity;
     this.rows = { brush: this.#row("brush"), depth: this.#row("depth") };
     byId("clay-settings").replaceChildren(this.rows.brush.root, this.rows.depth.root);
     byId("clay-falloff").onchange = ({ target }) => this.#take({ falloff: target.value });
@@ -216,7 +218,9 @@ export class Clay {
   get #idle() {
     if (!CRAFTS[this.facts.craft]?.isHeld) return "This tool works without Hold.";
     if (!FORCE.includes(this.standing.phase)) return "Hold does nothing while no force flows: Enable first.";
-    return this.facts.is_held && !this.isHolding ? "Another client holds the clay." : "";
+    // Facts may still be about a hold of this page.
+    const isOurs = this.isHolding || performance.now() - this.heldUntil < 2 * FACTS_EVERY_MS;
+    return this.facts.is_held && !isOurs ? "Another client holds the clay." : "";
   }
 
   /** Enables what would do something, and says why the rest would not. */
@@ -327,6 +331,7 @@ export class Clay {
     if (!this.isHolding) return;
     clearInterval(this.beating);
     this.beating = null;
+    this.heldUntil = performance.now();
     byId("clay-hold").setAttribute("aria-pressed", "false");
     this.#allow();
     if (isTold) this.link.send("clay_hold", { held: false }).catch((error) => say(words(error)));
