@@ -78,6 +78,7 @@ export class Drive {
   /** A connection begins. @param {string} phase */
   greet(phase) {
     this.isOver = false;
+    byId("enable").disabled = false;
     this.phase = phase;
     this.#name(phase);
   }
@@ -101,6 +102,8 @@ export class Drive {
     document.body.dataset.state = "waiting";
     byId("state-word").textContent = this.isOver ? "Stopped" : "Unknown";
     byId("state-note").textContent = this.isOver ? NOTES.stopped : this.phase && `${this.phase} when last heard of`;
+    // Nobody is there to hear it.
+    if (this.isOver) byId("enable").disabled = true;
     this.shown = "";
     this.prepared = "";
     this.state = null;

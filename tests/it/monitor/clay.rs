@@ -148,6 +148,89 @@ fn a_hold_ends_with_the_client_with_its_silence_and_with_the_force() {
 }
 
 #[test]
+fn every_command_says_what_is_wrong_with_it_and_what_would_do() {
+    let daemon = Daemon::sculpting(SCENE, STILL);
+    let mut client = daemon.connect();
+    client.does(json!({ "do": "clay_take", "craft": "pull", "falloff": "constant", "depth_m": 0.002 }));
+    let before = daemon.get("/api/v1/clay");
+    let take = |fields: Value| {
+        let mut request = json!({ "do": "clay_take" });
+        request.as_object_mut().unwrap().extend(fields.as_object().unwrap().clone());
+        request
+    };
+    for (request, status, expected) in [
+        (take(json!({})), 400, "nothing is to be taken"),
+        (take(json!({ "craft": "knit" })), 400, "knit"),
+        (take(json!({ "craft": 3 })), 400, "`craft`"),
+        (take(json!({ "brush": 0.001 })), 400, "brush"),
+        (take(json!({ "brush_m": "wide" })), 400, "`brush_m`"),
+        (take(json!({ "brush_m": 0 })), 400, "`brush_m`"),
+        (take(json!({ "brush_m": 1, "falloff": "spherical", "depth_m": 0.001, "is_sharp": true })), 400, "`brush_m`"),
+        (take(json!({ "depth_m": -1 })), 400, "`depth_m`"),
+        (take(json!({ "falloff": "square" })), 400, "square"),
+        (take(json!({ "falloff": [2, 0] })), 400, "0 to 1"),
+        (take(json!({ "color": "red" })), 400, "red"),
+        (take(json!({ "is_sharp": "very" })), 400, "`is_sharp`"),
+        (json!({ "do": "clay_hold" }), 400, "held"),
+        (json!({ "do": "clay_hold", "held": "yes" }), 400, "`held`"),
+        (json!({ "do": "clay_undo" }), 409, "no stroke"),
+        (json!({ "do": "clay_undo", "strokes": 2 }), 400, "strokes"),
+        (json!({ "do": "clay_redo" }), 409, "no stroke"),
+        (json!({ "do": "clay_save" }), 400, "kind"),
+        (json!({ "do": "clay_save", "kind": "photo" }), 400, "photo"),
+        (json!({ "do": "clay_save", "kind": "points", "file": 7 }), 400, "`file`"),
+        (json!({ "do": "clay_save", "kind": "points", "file": "../ball" }), 400, "letters"),
+        (json!({ "do": "clay_save", "kind": "points", "file": "" }), 400, "letters"),
+    ] {
+        let reply = client.ask(request.clone());
+        assert_eq!((&reply["ok"], &reply["status"]), (&json!(false), &json!(status)), "{request}: {reply}");
+        let [error, hint] = ["error", "hint"].map(|key| reply[key].as_str().unwrap_or_default().to_owned());
+        assert!(format!("{error}; {hint}").contains(expected) && !hint.is_empty(), "{request}: {reply}");
+    }
+    for (path, body, expected) in [
+        ("tool", r#"{"brush_m": "wide"}"#, "`brush_m`"),
+        ("tool", "[]", "map"),
+        ("save", r#"{"kind": "photo"}"#, "photo"),
+        ("undo", r#"{"strokes": 2}"#, "strokes"),
+    ] {
+        let (status, answer) = daemon.http("POST", &format!("/api/v1/clay/{path}"), &[], body);
+        assert_eq!(status, 400, "{answer}");
+        assert!(answer["error"].as_str().unwrap().contains(expected) && answer["hint"].is_string(), "{path} {body}: {answer}");
+    }
+    // None of it has changed anything.
+    let after = daemon.get("/api/v1/clay");
+    for key in ["version", "craft", "brush_m", "falloff", "color", "depth_m", "is_sharp", "is_held", "undo", "is_unsaved"] {
+        assert_eq!(after[key], before[key], "{key}");
+    }
+
+    // Where nothing can be written, that is said, and what was asked for can be asked for again.
+    let folder = daemon.state_folder().join("clay");
+    std::fs::write(&folder, "a file where the folder should be").unwrap();
+    let save = json!({ "do": "clay_save", "kind": "session", "file": "ball" });
+    let reply = client.ask(save.clone());
+    assert_eq!(reply["status"], 409, "{reply}");
+    assert!(reply["error"].as_str().unwrap().contains("clay") && reply["hint"].is_string(), "{reply}");
+    std::fs::remove_file(&folder).unwrap();
+    client.does(save);
+}
+
+#[test]
+fn what_no_session_has_is_told_until_one_has_it() {
+    let daemon = Daemon::sculpting(SCENE, STILL);
+    let mut client = daemon.connect();
+    let facts = daemon.get("/api/v1/clay");
+    assert_eq!((&facts["is_unsaved"], &facts["session_at_end"], &facts["is_over"]), (&json!(false), &json!(null), &json!(false)));
+    client.does(json!({ "do": "clay_take", "craft": "emboss", "brush_m": 0.008 }));
+    client.does(json!({ "do": "clay_hold", "held": true }));
+    clay_where(&daemon, |facts| facts["undo"] == 1 && facts["is_unsaved"] == true);
+    client.does(json!({ "do": "clay_hold", "held": false }));
+    client.does(json!({ "do": "clay_save", "kind": "session" }));
+    clay_where(&daemon, |facts| facts["is_unsaved"] == false);
+    client.does(json!({ "do": "clay_undo" }));
+    clay_where(&daemon, |facts| facts["is_unsaved"] == true);
+}
+
+#[test]
 fn another_craft_in_the_middle_of_a_pull_takes_the_force_away_within_the_slew_limit() {
     let daemon = Daemon::sculpting(SCENE, PULLING);
     let mut client = daemon.connect();
