@@ -6,6 +6,7 @@ pub(super) const FILES: &[(&str, &str, &[u8])] = &[
     ("style.css", CSS, include_bytes!("web/style.css")),
     ("icon.svg", SVG, include_bytes!("web/icon.svg")),
     ("camera.js", SCRIPT, include_bytes!("web/camera.js")),
+    ("clay.css", CSS, include_bytes!("web/clay.css")),
     ("clay.js", SCRIPT, include_bytes!("web/clay.js")),
     ("colors.js", SCRIPT, include_bytes!("web/colors.js")),
     ("draw.js", SCRIPT, include_bytes!("web/draw.js")),

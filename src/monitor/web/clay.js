@@ -48,6 +48,9 @@ export class Clay {
     this.facts = null;
     /** Counts scenes: answers about an earlier one are not taken. */
     this.turn = 0;
+    /** Counts questions for the facts, and which of them the newest answer was to. */
+    this.asked = 0;
+    this.answered = 0;
     this.version = 0;
     /** @type {?{n: number, nAll: number}} samples in the picture, and in the piece as it is there */
     this.drawn = null;
@@ -120,7 +123,7 @@ export class Clay {
   get isAtRisk() {
     const { facts } = this;
     // Of a studio that has broken the program keeps a session by itself.
-    return Boolean(facts?.is_unsaved && !facts.session_at_end && !facts.is_over);
+    return Boolean(!this.standing.isOver && facts?.is_unsaved && !facts.session_at_end && !facts.is_over);
   }
 
   /** Where the strokes are kept; nothing where they are not, or where there are none. */
@@ -138,8 +141,12 @@ export class Clay {
 
   async refresh() {
     const { turn } = this;
+    const number = ++this.asked;
     const facts = await this.link.get("clay");
-    if (turn === this.turn) this.#show(facts);
+    // Answers may overtake each other: an older one is not taken any more.
+    if (turn !== this.turn || number < this.answered) return;
+    this.answered = number;
+    this.#show(facts);
   }
 
   /** Again and again, while it is about the same scene and somebody looks. */
