@@ -444,6 +444,8 @@ class PageTest(unittest.TestCase):
                 page.run("document.querySelector('#slider-clay_brush_m').scrollIntoView({ block: 'nearest' })")
                 page.screenshot(SHOTS / f"clay-{name}-scrolled.png")
                 self.assertTrue(page.is_seen("#slider-clay_brush_m"), "the brush can be set")
+                if screen["width"] < 800:
+                    self.assertTrue(page.is_seen("#view"), "the picture stays")
 
     def test_clay_by_finger_and_pen(self):
         run, page = self.sculpt(**SCREENS["phone"])
@@ -545,6 +547,13 @@ class PageTest(unittest.TestCase):
         self.assertEqual(page.run("document.activeElement.id"), "unsaved-save")
         self.assertEqual(page.poor_contrasts(), [], "text can be read")
         page.screenshot(SHOTS / "clay-unsaved.png")
+        page.call("Emulation.setDeviceMetricsOverride", width=390, height=844, deviceScaleFactor=1, mobile=True)
+        page.wait("new Promise((done) => setTimeout(() => done(true), 500))")
+        page.screenshot(SHOTS / "clay-unsaved-phone.png")
+        for control in ("#disable", "#stop", "#unsaved-save", "#unsaved-stop", "#unsaved-go-on"):
+            self.assertTrue(page.is_seen(control), f"{control} is on the screen of a phone")
+        page.call("Emulation.setDeviceMetricsOverride", width=1440, height=900, deviceScaleFactor=1, mobile=False)
+        page.wait("innerWidth === 1440")
         page.click("#unsaved-go-on")
         self.assertFalse(page.run(asked))
         self.assertIsNone(run.process.poll(), "the run goes on")
