@@ -495,7 +495,7 @@ class PageTest(unittest.TestCase):
         page.wait(held)
         # Longer than a menu takes to come up, and off the button: a finger that slips still holds.
         page.touch("Move", (at[0] + 30, at[1] - 60))
-        page.wait("new Promise((done) => setTimeout(() => done(true), 1500))")
+        page.wait("new Promise((done) => setTimeout(() => done(true), 800))")
         self.assertTrue(page.run(held))
         page.touch("End")
         page.wait(f"{held}.then((is) => !is)")
