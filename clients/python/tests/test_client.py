@@ -106,6 +106,8 @@ def test_parameters_are_set_and_their_ranges_told_in_the_servers_words(arm: Clie
 def test_a_part_goes_where_it_was_wished(arm: Client) -> None:
     scene = arm.scene()
     (lift,) = (one for one in scene.objects if one.movable)
+    info = arm.info()
+    assert info["rate_hz"] == 1000 and info["device"]["profile"] == "sim-sigma7" and info["name"] == scene.name
     assert (scene.name, lift.name, scene.objects[-1].role, scene.clay) == ("lift with block", "lift", "tool", False)
     for height_m in (0.003, 0.0):
         arm.place("lift", [0, 0, height_m])

@@ -6,6 +6,7 @@ import os
 import time
 from collections.abc import Callable, Iterator
 from types import TracebackType
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -70,6 +71,11 @@ class Client:
     def version(self) -> str:
         """Version of the server."""
         return str(self._connection.hello["version"])
+
+    def info(self) -> dict[str, Any]:
+        """What the run says of itself: program, clock, rate, arm, limits, what the machine lacks (`GET /api/v1/info` in `docs/api.md`)."""
+        said: dict[str, Any] = self._connection.json("/api/v1/info")
+        return said
 
     # Force
 
