@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import threading
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -79,7 +82,7 @@ def test_a_second_stream_ends_the_first(arm: Client) -> None:
     next(second)
     assert len(list(first)) <= 1, "at most what had come"
     assert next(second).state
-    second.close()  # type: ignore[attr-defined]
+    second.close()
     assert len(arm.capture(0.1)) > 10
 
 
@@ -189,6 +192,20 @@ def test_another_scene_and_the_end_of_a_run() -> None:
             arm.enable()
         with pytest.raises(Disconnected):
             arm.wait_for("waiting", "nothing")
+
+
+def test_a_run_ends_with_the_program_that_started_it(state_home: Path) -> None:
+    code = f"import os\nfrom hapticd import Run\nrun = Run({str(LIFT)!r}, *{OPTIONS!r})\nprint(run.address, flush=True)\nos.kill(os.getpid(), 9)"
+    died = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=HUNG_S)
+    assert died.returncode == -9 and died.stdout.startswith("http://"), died.stderr
+    begin_s = time.monotonic()
+    while time.monotonic() < begin_s + HUNG_S / 2:
+        try:
+            Client(died.stdout.strip()).close()
+        except Disconnected:
+            return
+        time.sleep(0.1)
+    raise AssertionError("it goes on")
 
 
 def test_a_token_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:

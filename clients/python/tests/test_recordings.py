@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import subprocess
+import time
 from pathlib import Path
 
 import numpy as np
@@ -81,6 +82,20 @@ def test_a_recording_that_was_cut_is_read_up_to_the_cut(tmp_path: Path) -> None:
                     assert np.array_equal(getattr(getattr(cut, channel), field), getattr(getattr(whole, channel), field)[:n]), (channel, field)
             read.add(n)
     assert len(read) > 1, f"cut at several places: {read}"
+
+
+def test_the_recording_of_a_killed_run_is_read(tmp_path: Path) -> None:
+    file = tmp_path / "killed.mcap"
+    line = [os.environ["HAPTICD"], "run", LIFT, "--clock", "virtual", "--hand-repeat", "--cache", "off", "--json", "--record", file]
+    with subprocess.Popen(line, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+        while not file.exists() or file.stat().st_size < 2_000_000:
+            assert process.poll() is None
+            time.sleep(0.02)
+        process.kill()
+    recording = load(file)
+    assert not recording.is_whole and recording.dropped is None
+    assert np.array_equal(recording.timing.tick, np.arange(len(recording))) and len(recording) > 1000
+    assert recording.command.force_n.shape == recording.tool.position_m.shape == (len(recording), 3) and recording.command.force_n.any()
 
 
 def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from types import TracebackType
 from typing import Any
 
@@ -119,7 +119,7 @@ class Client:
         """The newest state, by a request of its own. Raises `Unavailable` before the first tick."""
         return State.from_json(self._connection.json("/api/v1/state"))
 
-    def states(self, rate_hz: float = 60.0, *, contacts: bool = False, history: bool = False, backlog: int = 1) -> Iterator[State]:
+    def states(self, rate_hz: float = 60.0, *, contacts: bool = False, history: bool = False, backlog: int = 1) -> Generator[State, None, None]:
         """States at this rate (0.1 to 1000 Hz) until the run ends, or another stream of this client begins.
 
         A reader that is slow gets the newest and skips the others (`seq` shows it); `backlog` keeps so many for it. `contacts` asks for contact points,

@@ -174,6 +174,8 @@ class Connection:
         """Ends a stream, if it is still the one that runs."""
         with self._lock:
             is_mine = self._stream is stream and self._ended is None
+            if is_mine:
+                self._stream = None
         if is_mine:
             self.tell("subscribe", rate_hz=0)
 
@@ -200,6 +202,8 @@ class Connection:
         except ConnectionClosed as closed:
             why = _why(closed)
         finally:
+            # Whatever ended it: who no longer hears gives no signs of life either.
+            self._socket.close()
             with self._lock:
                 self._ended = why
                 asked, stream = list(self._asked.values()), self._stream

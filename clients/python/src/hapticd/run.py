@@ -30,7 +30,7 @@ class Run:
         with Run("config/scenes/peg-in-hole.toml", "--hand-repeat", clock="virtual") as run, run.connect() as arm:
             print(arm.scene().name)
 
-    The block ends with a stop: force ramps down, then the program ends.
+    The block ends with a stop: force ramps down, then the program ends. So it does when this program dies, as the run then reads the end of its console.
     """
 
     address: str
@@ -51,9 +51,12 @@ class Run:
         `RunError` when it cannot be started or ends at once, in its own words.
         """
         chosen = str(program or os.environ.get("HAPTICD") or "hapticd")
-        line = [chosen, command, str(scene), "--clock", clock, "--monitor", "127.0.0.1:0", "--json", *options]
+        line = [chosen, command, str(scene), "--clock", clock, "--monitor", "127.0.0.1:0", "--console", "--json", *options]
         try:
-            self._process = subprocess.Popen(line, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+            # A session of its own: Ctrl-C is for this program, which then stops the run as it should be.
+            self._process = subprocess.Popen(
+                line, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+            )
         except OSError as error:
             raise RunError(f"cannot start `{chosen}`: {error.strerror}; set HAPTICD to the program") from error
         atexit.register(self.stop)
@@ -107,15 +110,15 @@ class Run:
         return status
 
     def stop(self) -> int:
-        """Stops it as Ctrl-C does, or by force where that does not help; returns its exit code."""
+        """Ends its console, which is a stop, or ends it by force where that does not help; returns its exit code."""
         atexit.unregister(self.stop)
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
-            if self._process.poll() is None:
-                self._process.send_signal(number)
+        assert self._process.stdin is not None
+        self._process.stdin.close()
+        for number in (signal.SIGTERM, signal.SIGKILL):
             try:
                 return self.wait(GRACE_S)
             except subprocess.TimeoutExpired:
-                continue
+                self._process.send_signal(number)
         return self.wait()
 
     def _read_talk(self) -> None:
