@@ -1,117 +1,34 @@
 //! Baking a scene and rendering it on its arm: what `hapticd run` and `hapticd sculpt` share.
 
-use std::cell::Cell;
-use std::path::PathBuf;
-use std::sync::Arc;
-use std::time::Duration;
+mod args;
+mod arm;
 
-use clap::ValueEnum;
+use std::cell::Cell;
+use std::sync::Arc;
+
 use crossbeam::channel::Receiver;
 
+pub(crate) use self::args::{LoopArgs, Own};
+
+use self::args::ClockArg;
+use self::arm::tell_of_arm;
 use super::desk::{Company, Means, Opening};
 use super::outcome::{More, StartTimes, result_text};
 use super::progress::BakeProgress;
 use super::screen::{Screen, report_lines};
-use super::sculpt::{self, Workshop};
-use super::{Talk, bake, cache, check, foxglove, live, memory, monitor, probe, recording, report, say};
-use crate::config::{self, LoadOptions, SceneConfig};
+use super::sculpt::Workshop;
+use super::{Talk, bake, cache, check, live, recording, report, say};
+use crate::config::{self};
 use crate::daemon::service::Service;
 use crate::daemon::{Attached, Live, Notice, Outcome, PrepareError, Prepared, RenderJob, RunError, Supervisor, prepare_with};
-use crate::device::nodes::Selector;
-use crate::device::profile::RealArm;
 use crate::device::protocol::Protocol;
 use crate::error::Exit;
 use crate::mesh;
 use crate::rt::clock::{ClockKind, monotonic_ns};
-use crate::rt::duration;
 use crate::rt::signals::{SignalError, interrupts};
 use crate::scene::BakeMeans;
 use crate::scene::cache::Residence;
-use crate::spatial::Axes;
 use crate::telemetry::Taps;
-
-/// Arguments of every command that renders.
-#[derive(Debug, clap::Args)]
-pub(crate) struct LoopArgs {
-    /// Scene file.
-    pub(super) scene: PathBuf,
-    /// How long to render before the safe stop, such as 10s, 500ms or 2min [default: until Ctrl-C].
-    #[arg(long, value_name = "TIME", value_parser = duration::parse, allow_hyphen_values = true)]
-    duration: Option<Duration>,
-    /// What to do when a real-time check fails [default: as the scene says].
-    #[arg(long, value_name = "MODE")]
-    realtime: Option<RealtimeMode>,
-    /// Device profile instead of the scene's: a name or a file.
-    #[arg(long, value_name = "PROFILE")]
-    device: Option<String>,
-    /// Which of several arms: VID:PID[:SERIAL] in hex, or the path of its node.
-    #[arg(long, value_name = "SELECTOR")]
-    selector: Option<Selector>,
-    /// Time that the run follows; virtual is simulated and as fast as it goes.
-    #[arg(long, value_name = "CLOCK", default_value = "real")]
-    clock: ClockArg,
-    /// Simulated arms: let the hand of the scene go its path there and back, again and again.
-    #[arg(long)]
-    hand_repeat: bool,
-    /// Let force flow on a real arm from the start on; with a deadman, while it is held. Simulated arms need no leave.
-    #[arg(long)]
-    enable: bool,
-    /// Take `enable`, `disable` and `stop` as lines on standard input, and wait for `enable` after a fault instead of ending. The end of the
-    /// input is a stop.
-    #[arg(long)]
-    console: bool,
-    #[command(flatten)]
-    monitor: monitor::MonitorArgs,
-    #[command(flatten)]
-    recording: recording::RecordingArgs,
-    #[command(flatten)]
-    foxglove: foxglove::FoxgloveArgs,
-    #[command(flatten)]
-    memory: memory::MemoryArgs,
-    #[command(flatten)]
-    cache: cache::CacheArgs,
-    /// Print the result as one JSON object.
-    #[arg(long)]
-    json: bool,
-}
-
-/// What a command adds to them.
-pub(crate) struct Own<'a> {
-    /// What changes while it renders.
-    pub(super) live: &'a live::LiveArgs,
-    /// What is to become of the clay; `None`: the command is for scenes without.
-    pub(super) clay: Option<&'a sculpt::ClayArgs>,
-    /// Files may be written over.
-    pub(super) overwrite: bool,
-}
-
-/// What to do when a real-time check fails.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum RealtimeMode {
-    /// Refuse to run.
-    Enforce,
-    /// Run and say what was given up.
-    BestEffort,
-}
-
-/// Time that a run follows.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum ClockArg {
-    /// The machine's monotonic clock.
-    Real,
-    /// Simulated time.
-    Virtual,
-}
-
-impl ClockArg {
-    fn kind(self) -> ClockKind {
-        match self {
-            Self::Real => ClockKind::Real,
-            Self::Virtual => ClockKind::Virtual,
-        }
-    }
-}
-
 /// Why a run ended before it began.
 #[derive(Debug)]
 enum Refusal {
@@ -282,55 +199,6 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: Talk, started_ns: i64) 
 const HOW_TO_ENABLE: &str = "give --enable to let force flow from the start, --console to type `enable`, or --monitor for its page; \
                              with `safety.deadman` in the scene force flows while that button is held";
 
-impl LoopArgs {
-    /// What the command line sets over the scene.
-    fn overrides(&self) -> LoadOptions {
-        LoadOptions {
-            device: self.device.clone(),
-            selector: self.selector.clone(),
-            enforce: self.realtime.map(|mode| mode == RealtimeMode::Enforce),
-            hand_repeat: self.hand_repeat,
-        }
-    }
-
-    /// A deadman is an enable in the operator's hand.
-    fn enables_at_start(&self, config: &SceneConfig) -> bool {
-        self.enable || config.parameters.safety.deadman.is_some() && !self.console
-    }
-}
-
-/// What an operator has to know of a real arm before it moves.
-fn tell_of_arm(config: &SceneConfig, real: &RealArm, talk: Talk) {
-    let profile = &config.device.profile;
-    if config.device.hand.is_some() {
-        report::note("the scene's hand is for simulated arms: a real one has yours", talk);
-    }
-    if let Some(instruction) = &real.homing.instruction {
-        report::note(&format!("homing: {instruction}"), talk);
-    }
-    let has_motors = profile.actuated != Axes::NONE;
-    if has_motors && profile.has_unverified_signs() {
-        let force_n = config.parameters.limits.force_n;
-        report::warning(
-            &format!(
-                "signs not verified: force stays below {force_n} N until the profile says `signs_verified = true` \
-                 ({})",
-                probe::command(profile, config.device.selector.as_ref(), "--sign-check")
-            ),
-            talk,
-        );
-    }
-    if has_motors && profile.is_unidentified() {
-        report::warning(
-            &format!(
-                "not identified: stiffness is bounded by half of the assumed damping ({})",
-                probe::command(profile, config.device.selector.as_ref(), "--identify")
-            ),
-            talk,
-        );
-    }
-}
-
 /// Who and what is there beside the loop.
 struct Beside<'a> {
     live: Live,
@@ -394,106 +262,4 @@ fn run(
 }
 
 #[cfg(test)]
-mod tests {
-    use clap::Parser;
-    use crossbeam::channel::never;
-
-    use super::*;
-    use crate::cli::When;
-    use crate::cli::say::LogFormat;
-    use crate::config::scene::RealtimeConfig;
-    use crate::device::sim::{SimArm, SimParameters};
-    use crate::servo::testing::empty_scene;
-    use crate::telemetry::Totals;
-
-    #[derive(Debug, Parser)]
-    struct Command {
-        #[command(flatten)]
-        args: LoopArgs,
-    }
-
-    fn args(line: &str) -> Result<LoopArgs, clap::Error> {
-        Command::try_parse_from(["run"].into_iter().chain(line.split_whitespace())).map(|command| command.args)
-    }
-
-    fn synthetic() -> Prepared {
-        Prepared {
-            scene: Arc::try_unwrap(empty_scene()).expect("not shared"),
-            piece: None,
-            device: Box::new(SimArm::new(SimParameters::ideal(1e-3)).expect("valid")),
-            attached: None,
-            realtime: RealtimeConfig { enforce: true, cpu: None, priority: 80 },
-            rate_hz: 1000,
-            time_budget_s: None,
-        }
-    }
-
-    /// A run in which nothing changes.
-    fn run(
-        args: &LoopArgs,
-        talk: Talk,
-        interrupts: impl FnOnce() -> Result<Receiver<()>, SignalError>,
-        bake: impl FnOnce() -> Result<Prepared, PrepareError>,
-    ) -> Result<Outcome, Refusal> {
-        let (under_way, mut company) = (live::UnderWay::default(), Company::default());
-        let beside = Beside {
-            live: Live::default(),
-            under_way: &under_way,
-            protocol: None,
-            company: &mut company,
-            workshop: None,
-            watches: false,
-        };
-        super::run(args, talk, beside, interrupts, bake)
-    }
-
-    fn result_text(totals: &Totals, start_s: StartTimes, json: bool) -> String {
-        super::result_text(totals, start_s, &More::default(), json)
-    }
-
-    const QUIET: Talk = Talk { verbose: 0, quiet: true, color: When::Never, log_format: LogFormat::Text };
-
-    #[test]
-    fn the_command_line_is_read() {
-        let args =
-            args("scene.toml --duration 500ms --realtime best-effort --device sim-touch --clock virtual --json").expect("valid");
-        assert_eq!(args.duration, Some(Duration::from_millis(500)));
-        assert_eq!((args.realtime, args.clock), (Some(RealtimeMode::BestEffort), ClockArg::Virtual));
-        assert_eq!((args.device.as_deref(), args.json), (Some("sim-touch"), true));
-    }
-
-    #[test]
-    fn a_virtual_run_prints_one_json_object() {
-        let args = args("s.toml --duration 2s --clock virtual --json").expect("valid");
-        let outcome = run(&args, QUIET, || Ok(never()), || Ok(synthetic())).expect("an outcome");
-        assert_eq!(outcome.exit(), Exit::Ok);
-        let text = result_text(&outcome.totals, StartTimes::default(), true);
-        assert_eq!(text.lines().count(), 1);
-        let json: serde_json::Value = serde_json::from_str(&text).expect("json");
-        assert!(json["ticks"].as_u64().expect("a count") > 2000);
-        assert_eq!(json["realtime"]["policy"], "other");
-    }
-
-    #[test]
-    fn a_time_budget_is_a_fixed_count_under_the_virtual_clock() {
-        let args = args("s.toml --duration 100ms --clock virtual --json").expect("valid");
-        for (time_budget_s, expected) in [(None, serde_json::Value::Null), (Some(100e-6), 10_000.into())] {
-            let prepared = Prepared { time_budget_s, ..synthetic() };
-            let outcome = run(&args, QUIET, || Ok(never()), || Ok(prepared)).expect("an outcome");
-            let text = result_text(&outcome.totals, StartTimes::default(), true);
-            let json: serde_json::Value = serde_json::from_str(&text).expect("json");
-            assert_eq!(json["contact_budget_points"], expected);
-            assert_eq!(json["points_left_out"], 0);
-        }
-    }
-
-    #[test]
-    fn the_human_summary_names_what_happened() {
-        let args = args("s.toml --duration 100ms --clock virtual").expect("valid");
-        let outcome = run(&args, QUIET, || Ok(never()), || Ok(synthetic())).expect("an outcome");
-        let text = result_text(&outcome.totals, StartTimes::default(), false);
-        for fragment in ["virtual clock", "missed deadlines", "p99.9", "faults", "none"] {
-            assert!(text.contains(fragment), "{text}");
-        }
-    }
-}
+mod tests;

@@ -12,7 +12,9 @@ use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::Deserialize;
 use serde::de::{self, Deserializer, IgnoredAny, SeqAccess, Visitor};
 
-pub(super) use self::sculpt::{CraftWord, Creep, Deed, FalloffWritten, IntegratorWord, Sculpt, Stroke, Strokes};
+pub(super) use self::sculpt::{
+    CraftWord, Creep, Deed, FalloffWritten, IntegratorWord, Sculpt, Stroke, Strokes, WrittenSolid, WrittenTool,
+};
 
 /// A key of a later version: any value is read, so that the third pass can refuse it by name.
 pub(crate) type Later = Option<IgnoredAny>;

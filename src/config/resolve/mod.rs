@@ -13,7 +13,6 @@ use glam::DVec3;
 
 use self::arm::{arm_parameters, stability};
 pub use self::monitor::{FOXGLOVE_ACCEPTED, LISTEN_ACCEPTED, parse_foxglove, parse_listen};
-pub(super) use self::sculpt::{WrittenSolid, WrittenTool};
 use super::checks::{Checks, Interval};
 use super::document::Document;
 use super::problem::{ConfigErrors, Problem, ProblemKind};

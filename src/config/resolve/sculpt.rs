@@ -9,7 +9,7 @@ use glam::DVec3;
 use super::super::checks::{FINITE, Interval};
 use super::super::problem::{ProblemKind, show};
 use super::super::scene::{ClaySource, SculptConfig};
-use super::super::schema::{self, Creep, FalloffWritten, Numbers};
+use super::super::schema::{self, Creep, FalloffWritten, Numbers, WrittenSolid, WrittenTool};
 use super::objects::WrittenSource;
 use super::{MM, POSITIVE, Resolve};
 use crate::haptics::CouplingMode;
@@ -32,25 +32,21 @@ const UPDATE_TOLERANCE: f64 = 0.05;
 const RASTER_AXIS: RangeInclusive<f64> = 4.0..=256.0;
 const RASTER_NODES: f64 = 2_097_152.0;
 
-/// How the tool is written.
-pub(in crate::config) struct WrittenTool<'w> {
-    pub(in crate::config) tool: Option<schema::CraftWord>,
-    pub(in crate::config) brush_mm: Option<f64>,
-    pub(in crate::config) falloff: Option<&'w FalloffWritten>,
-    pub(in crate::config) color: Option<&'w str>,
-    pub(in crate::config) depth_mm: Option<f64>,
-    pub(in crate::config) image: Option<&'w str>,
-    pub(in crate::config) sharp: Option<bool>,
-}
-
-/// How a solid is written.
-pub(in crate::config) struct WrittenSolid<'w> {
-    pub(in crate::config) points: Option<&'w str>,
-    pub(in crate::config) mesh: Option<&'w str>,
-    pub(in crate::config) shape: Option<&'w schema::Shape>,
-    pub(in crate::config) units: Option<schema::UnitWord>,
-    pub(in crate::config) spacing_mm: Option<f64>,
-}
+/// What a session does not bring: how the piece stands, its tool, and how it is worked.
+const BESIDE_SESSION: [&str; 12] = [
+    "session",
+    "position_mm",
+    "orientation_xyzw",
+    "update_hz",
+    "strokes",
+    "tool",
+    "brush_mm",
+    "falloff",
+    "color",
+    "depth_mm",
+    "image",
+    "sharp",
+];
 
 impl Resolve<'_> {
     pub(super) fn sculpt(&mut self, written: &schema::Sculpt, rate_hz: u32, mode: CouplingMode) -> SculptConfig {
@@ -61,53 +57,21 @@ impl Resolve<'_> {
         let source = self.clay_source(written);
         let region_map = self.region_m("sculpt.region_mm", written.region_mm.as_deref());
         let settings = self.piece(written, region_map);
-        let tool = WrittenTool {
-            tool: written.tool,
-            brush_mm: written.brush_mm,
-            falloff: written.falloff.as_ref(),
-            color: written.color.as_deref(),
-            depth_mm: written.depth_mm,
-            image: written.image.as_deref(),
-            sharp: written.sharp,
-        };
         SculptConfig {
             source,
             world_from_map: self.pose("sculpt", written.position_mm, written.orientation_xyzw),
             settings,
             update_ticks: self.update_ticks(written.update_hz, rate_hz),
-            tool: self.tool_settings("sculpt", &tool, &ToolSettings::default()),
+            tool: self.tool_settings("sculpt", &written.written_tool(), &ToolSettings::default()),
             strokes: written.strokes.as_deref().and_then(|file| self.checks.file("sculpt.strokes", file, self.dir)),
         }
     }
 
     fn clay_source(&mut self, written: &schema::Sculpt) -> ClaySource {
         let Some(session) = &written.session else {
-            let solid = WrittenSolid {
-                points: written.points.as_deref(),
-                mesh: written.mesh.as_deref(),
-                shape: written.shape.as_ref(),
-                units: written.units,
-                spacing_mm: written.spacing_mm,
-            };
-            return ClaySource::Solid(self.solid("sculpt", &solid, ", or session"));
+            return ClaySource::Solid(self.solid("sculpt", &written.written_solid(), ", or session"));
         };
-        let beside = [
-            ("points", written.points.is_some()),
-            ("mesh", written.mesh.is_some()),
-            ("shape", written.shape.is_some()),
-            ("units", written.units.is_some()),
-            ("spacing_mm", written.spacing_mm.is_some()),
-            ("region_mm", written.region_mm.is_some()),
-            ("raster", written.raster.is_some()),
-            ("air_mm", written.air_mm.is_some()),
-            ("neighbours", written.neighbours.is_some()),
-            ("mass", written.mass.is_some()),
-            ("damping", written.damping.is_some()),
-            ("stiffness", written.stiffness.is_some()),
-            ("creep_ms", written.creep_ms.is_some()),
-            ("integrator", written.integrator.is_some()),
-        ];
-        for (name, _) in beside.into_iter().filter(|(_, is_given)| *is_given) {
+        for name in written.given().into_iter().filter(|name| !BESIDE_SESSION.contains(name)) {
             self.checks.not_accepted(&format!("sculpt.{name}"), "left out beside sculpt.session, which brings its own");
         }
         let path = self.checks.file("sculpt.session", session, self.dir);

@@ -9,35 +9,89 @@ use serde::de::{self, Deserializer, IgnoredAny, SeqAccess, Visitor};
 
 use super::{Numbers, Shape, UnitWord, words};
 
-#[derive(Debug, Default, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default, expecting = "a table, written [sculpt]")]
-pub(in crate::config) struct Sculpt {
-    pub(in crate::config) points: Option<String>,
-    pub(in crate::config) mesh: Option<String>,
-    pub(in crate::config) shape: Option<Shape>,
-    pub(in crate::config) session: Option<String>,
-    pub(in crate::config) units: Option<UnitWord>,
-    pub(in crate::config) spacing_mm: Option<f64>,
-    pub(in crate::config) position_mm: Option<Numbers<3>>,
-    pub(in crate::config) orientation_xyzw: Option<Numbers<4>>,
-    pub(in crate::config) region_mm: Option<Vec<Numbers<3>>>,
-    pub(in crate::config) raster: Option<Numbers<3>>,
-    pub(in crate::config) air_mm: Option<f64>,
-    pub(in crate::config) neighbours: Option<u32>,
-    pub(in crate::config) mass: Option<f64>,
-    pub(in crate::config) damping: Option<f64>,
-    pub(in crate::config) stiffness: Option<f64>,
-    pub(in crate::config) creep_ms: Option<Creep>,
-    pub(in crate::config) integrator: Option<IntegratorWord>,
-    pub(in crate::config) update_hz: Option<f64>,
-    pub(in crate::config) tool: Option<CraftWord>,
-    pub(in crate::config) brush_mm: Option<f64>,
-    pub(in crate::config) falloff: Option<FalloffWritten>,
-    pub(in crate::config) color: Option<String>,
-    pub(in crate::config) depth_mm: Option<f64>,
-    pub(in crate::config) image: Option<String>,
-    pub(in crate::config) sharp: Option<bool>,
-    pub(in crate::config) strokes: Option<String>,
+/// A table that says something of clay: its own keys, and those that the scene and a stroke share, which are written here once.
+macro_rules! clay_table {
+    (@ $(#[$of_table:meta])* $name:ident { $($(#[$of_key:meta])* $key:ident: $type:ty,)+ }) => {
+        $(#[$of_table])*
+        #[serde(deny_unknown_fields, default)]
+        pub(in crate::config) struct $name {
+            $($(#[$of_key])* pub(in crate::config) $key: Option<$type>,)+
+        }
+
+        impl $name {
+            /// The keys that are written, by their names here.
+            pub(in crate::config) fn given(&self) -> Vec<&'static str> {
+                [$((stringify!($key), self.$key.is_some())),+].into_iter().filter_map(|(key, is)| is.then_some(key)).collect()
+            }
+
+            /// What it says of a solid.
+            pub(in crate::config) fn written_solid(&self) -> WrittenSolid<'_> {
+                WrittenSolid {
+                    points: self.points.as_deref(),
+                    mesh: self.mesh.as_deref(),
+                    shape: self.shape.as_ref(),
+                    units: self.units,
+                    spacing_mm: self.spacing_mm,
+                }
+            }
+
+            /// What it says of the tool.
+            pub(in crate::config) fn written_tool(&self) -> WrittenTool<'_> {
+                WrittenTool {
+                    tool: self.tool,
+                    brush_mm: self.brush_mm,
+                    falloff: self.falloff.as_ref(),
+                    color: self.color.as_deref(),
+                    depth_mm: self.depth_mm,
+                    image: self.image.as_deref(),
+                    sharp: self.sharp,
+                }
+            }
+        }
+    };
+    ($(#[$of_table:meta])* $name:ident { $($own:tt)+ }) => {
+        clay_table! {
+            @ $(#[$of_table])* $name {
+                $($own)+
+                // A solid.
+                points: String,
+                mesh: String,
+                shape: Shape,
+                units: UnitWord,
+                spacing_mm: f64,
+                position_mm: Numbers<3>,
+                orientation_xyzw: Numbers<4>,
+                // A tool.
+                tool: CraftWord,
+                brush_mm: f64,
+                falloff: FalloffWritten,
+                color: String,
+                depth_mm: f64,
+                image: String,
+                sharp: bool,
+                // What deforms.
+                region_mm: Vec<Numbers<3>>,
+            }
+        }
+    };
+}
+
+clay_table! {
+    #[derive(Debug, Default, Deserialize, JsonSchema)]
+    #[serde(expecting = "a table, written [sculpt]")]
+    Sculpt {
+        session: String,
+        raster: Numbers<3>,
+        air_mm: f64,
+        neighbours: u32,
+        mass: f64,
+        damping: f64,
+        stiffness: f64,
+        creep_ms: Creep,
+        integrator: IntegratorWord,
+        update_hz: f64,
+        strokes: String,
+    }
 }
 
 /// A file of strokes.
@@ -50,35 +104,42 @@ pub(in crate::config) struct Strokes {
     pub(in crate::config) strokes: Vec<Stroke>,
 }
 
-#[derive(Debug, Default, Deserialize)]
-#[serde(deny_unknown_fields, default, expecting = "a table, written [[stroke]]")]
-pub(in crate::config) struct Stroke {
-    pub(in crate::config) at_s: Option<f64>,
-    #[serde(rename = "do")]
-    pub(in crate::config) deed: Option<Deed>,
-    pub(in crate::config) until_s: Option<f64>,
+clay_table! {
+    #[derive(Debug, Default, Deserialize)]
+    #[serde(expecting = "a table, written [[stroke]]")]
+    Stroke {
+        at_s: f64,
+        #[serde(rename = "do")]
+        deed: Deed,
+        until_s: f64,
+        corner_mm: Numbers<3>,
+        across_mm: Numbers<3>,
+        down_mm: Numbers<3>,
+        center_mm: Numbers<3>,
+        axis: Numbers<3>,
+        front: Numbers<3>,
+        file: String,
+    }
+}
+
+/// How a tool is written.
+pub(in crate::config) struct WrittenTool<'w> {
     pub(in crate::config) tool: Option<CraftWord>,
     pub(in crate::config) brush_mm: Option<f64>,
-    pub(in crate::config) falloff: Option<FalloffWritten>,
-    pub(in crate::config) color: Option<String>,
+    pub(in crate::config) falloff: Option<&'w FalloffWritten>,
+    pub(in crate::config) color: Option<&'w str>,
     pub(in crate::config) depth_mm: Option<f64>,
-    pub(in crate::config) image: Option<String>,
+    pub(in crate::config) image: Option<&'w str>,
     pub(in crate::config) sharp: Option<bool>,
-    pub(in crate::config) points: Option<String>,
-    pub(in crate::config) mesh: Option<String>,
-    pub(in crate::config) shape: Option<Shape>,
+}
+
+/// How a solid is written.
+pub(in crate::config) struct WrittenSolid<'w> {
+    pub(in crate::config) points: Option<&'w str>,
+    pub(in crate::config) mesh: Option<&'w str>,
+    pub(in crate::config) shape: Option<&'w Shape>,
     pub(in crate::config) units: Option<UnitWord>,
     pub(in crate::config) spacing_mm: Option<f64>,
-    pub(in crate::config) position_mm: Option<Numbers<3>>,
-    pub(in crate::config) orientation_xyzw: Option<Numbers<4>>,
-    pub(in crate::config) corner_mm: Option<Numbers<3>>,
-    pub(in crate::config) across_mm: Option<Numbers<3>>,
-    pub(in crate::config) down_mm: Option<Numbers<3>>,
-    pub(in crate::config) center_mm: Option<Numbers<3>>,
-    pub(in crate::config) axis: Option<Numbers<3>>,
-    pub(in crate::config) front: Option<Numbers<3>>,
-    pub(in crate::config) region_mm: Option<Vec<Numbers<3>>>,
-    pub(in crate::config) file: Option<String>,
 }
 
 words! {
@@ -95,6 +156,23 @@ words! {
 }
 
 impl Deed {
+    /// The keys that belong to it, beside `at_s`.
+    pub(in crate::config) fn keys(self) -> &'static [&'static str] {
+        match self {
+            Self::Take => &["tool", "brush_mm", "falloff", "color", "depth_mm", "image", "sharp"],
+            Self::Hold => &["until_s"],
+            Self::Union | Self::Intersection | Self::Difference => {
+                &["points", "mesh", "shape", "units", "spacing_mm", "position_mm", "orientation_xyzw", "sharp"]
+            }
+            Self::Emboss | Self::Engrave => {
+                &["image", "depth_mm", "corner_mm", "across_mm", "down_mm", "center_mm", "axis", "front"]
+            }
+            Self::Undo | Self::Redo => &[],
+            Self::Region => &["region_mm"],
+            Self::SavePoints | Self::SaveSession | Self::Export => &["file"],
+        }
+    }
+
     /// All of them, in the order of the documentation.
     pub(in crate::config) const ALL: [Self; 13] = [
         Self::Take,

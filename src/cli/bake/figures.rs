@@ -1,0 +1,83 @@
+//! What was baked, for people and as JSON.
+
+use serde::Serialize;
+
+use super::super::say;
+use crate::config::problem::show;
+use crate::scene::cache::CacheUse;
+use crate::scene::{ObjectReport, PieceReport};
+
+/// One object, in one line of JSON with the keys in the order of the struct.
+pub(in crate::cli) fn print_json(report: &impl Serialize) {
+    match serde_json::to_string(report) {
+        Ok(text) => say::result(format_args!("{text}\n")),
+        // True invariant: numbers, names and flags, no map with odd keys.
+        Err(error) => unreachable!("plain data: {error}"),
+    }
+}
+
+/// An object's figures for people.
+pub(in crate::cli) fn report_text(object: &ObjectReport) -> String {
+    let [nx, ny, nz] = object.dims;
+    let t = &object.timings_s;
+    let mut lines = vec![
+        format!("{} ({} triangles)", object.name, object.triangles),
+        format!("  grid        {nx} x {ny} x {nz} = {} voxels of {} mm", object.voxels, show(object.voxel_size_m * 1e3)),
+        format!(
+            "  voxels      {} surface, {} inside, {} outside, {} layers, {}",
+            object.surface_voxels,
+            object.inside_voxels,
+            object.outside_voxels,
+            object.layers,
+            if object.watertight { "watertight" } else { "leaking" }
+        ),
+        format!("  navigation  {}, {} SAT tests", object.navigation, object.sat_tests),
+    ];
+    if object.points > 0 {
+        lines.push(format!("  points      {} ({} phase 1, {} phase 2)", object.points, object.phase1_points, object.phase2_points));
+        let levels: Vec<String> = object.tree_levels.iter().map(|level| level.points.to_string()).collect();
+        let leaf_mm = object.tree_levels.iter().rev().nth(1).map_or(0.0, |level| level.mean_radius_m * 1e3);
+        lines.push(format!("  tree        {} points by level, leaf spheres of {leaf_mm:.3} mm on average", levels.join(", ")));
+    }
+    if object.cache == CacheUse::Hit {
+        lines.push(format!("  seconds     {:.3} from the bake cache", t.load));
+        lines.push(String::new());
+        return lines.join("\n");
+    }
+    lines.push(format!(
+        "  seconds     load {:.3}, surface {:.3}, fill {:.3}, layers {:.3}, distance {:.3}, pointshell {:.3}, normals {:.3}, tree {:.3}, total {:.3}",
+        t.load, t.surface, t.fill, t.layers, t.distance, t.pointshell, t.normals, t.tree, t.total
+    ));
+    lines.push(String::new());
+    lines.join("\n")
+}
+
+/// The clay of a scene, for people.
+pub(in crate::cli) fn clay_text(clay: &PieceReport) -> String {
+    let [nx, ny, nz] = clay.raster;
+    let volume = clay.volume_m3.map_or("open".to_owned(), |volume_m3| format!("{:.2} mm³", volume_m3 * 1e9));
+    let borders = match clay.borders.len() {
+        0 => "no border".to_owned(),
+        1 => "1 border".to_owned(),
+        n => format!("{n} borders"),
+    };
+    format!(
+        "clay ({} samples)\n  surface     {} mm between samples, normals: {}, {}, {borders}, {volume}\n  \
+         raster      {nx} x {ny} x {nz} mass points {} mm apart, {} nodes over the whole piece\n  seconds     {:.3}\n",
+        clay.samples,
+        show(clay.spacing_m * 1e3),
+        clay.normals,
+        if clay.closed { "closed" } else { "a sheet" },
+        show(clay.raster_spacing_m * 1e3),
+        clay.nodes,
+        clay.seconds,
+    )
+}
+
+/// Largest resident set of this process so far; `None` where /proc does not say.
+pub(super) fn peak_rss_bytes() -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
+    let kib: u64 = line.trim().trim_end_matches("kB").trim().parse().ok()?;
+    Some(kib * 1024)
+}

@@ -1,0 +1,62 @@
+//! After the last tick: the studio is waited for, and what hands made is kept.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::PathBuf;
+use std::time::{Duration, SystemTime};
+
+use crossbeam::channel::{Receiver, RecvTimeoutError, never};
+
+use super::super::{Talk, destination, recording, report};
+use crate::daemon::studio::{Ended, StudioThread};
+use crate::rt::utc::timestamp;
+use crate::sculpt::studio::{Order, Studio, StudioError};
+
+/// How often somebody who waits for the studio looks whether it has ended.
+const LOOK: Duration = Duration::from_millis(5);
+
+/// Waits for a studio that finishes what it does. Whoever interrupts hears of that; the second time nobody waits any more.
+pub(super) fn wait(thread: StudioThread, interrupts: &Receiver<()>, talk: Talk) -> Result<Ended, (&'static str, &'static str)> {
+    thread.end();
+    let mut interrupts = interrupts.clone();
+    let mut was_asked = false;
+    while !thread.has_ended() {
+        match interrupts.recv_timeout(LOOK) {
+            Ok(()) if was_asked => return Err(("the studio was not waited for", "what was not saved before is lost")),
+            Ok(()) => {
+                was_asked = true;
+                report::note("the studio finishes what it does; interrupt once more to end without what it would save", talk);
+            }
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => interrupts = never(),
+        }
+    }
+    thread.join().map_err(|why| (why, "this is a bug of hapticd: the piece is lost"))
+}
+
+/// An order after the last tick; `None`: the studio panicked. What else there is to be written is not to suffer.
+pub(super) fn carry_out(studio: &mut Studio, order: Order) -> Option<Result<(), StudioError>> {
+    catch_unwind(AssertUnwindSafe(|| studio.order(order))).ok()
+}
+
+/// Keeps the session where it surely can be written: among what the program keeps for itself, else among temporary files.
+pub(super) fn rescue(studio: &mut Studio, name: &str, talk: Talk) -> Option<PathBuf> {
+    let file = format!("{name}-{}-{}.session", timestamp(SystemTime::now()), std::process::id());
+    let folders = [recording::state_folder().map(|state| state.join("rescued")), Some(std::env::temp_dir())];
+    for folder in folders.into_iter().flatten() {
+        let path = folder.join(&file);
+        if std::fs::create_dir_all(&folder).is_ok() && matches!(carry_out(studio, Order::SaveSession(path.clone())), Some(Ok(()))) {
+            let hint = format!("`session = \"{}\"` under [sculpt] goes on from there", path.display());
+            report::warning(&format!("nothing is lost: the whole session is in {}; {hint}", path.display()), talk);
+            return Some(path);
+        }
+    }
+    report::error("the session could not be kept anywhere", Some("free some space on the disk"), talk);
+    None
+}
+
+pub(super) fn hint(error: &StudioError) -> &'static str {
+    match error {
+        StudioError::Write { source, .. } => destination::hint(source).unwrap_or(error.hint()),
+        _ => error.hint(),
+    }
+}

@@ -1,0 +1,122 @@
+//! What is to be written of a piece, and whether it can be: looked at before the work.
+
+use std::collections::HashSet;
+use std::path::{Path, PathBuf};
+
+use super::super::{Talk, destination, report};
+use crate::config::SceneConfig;
+use crate::config::strokes::{self, Timed};
+use crate::error::Exit;
+use crate::picture::splats::{self, Subject};
+use crate::sculpt::PointSet;
+use crate::sculpt::studio::Order;
+
+/// Drawings of the piece at the start and at the end.
+pub(super) struct Pictures {
+    /// Above the piece.
+    pub(super) title: String,
+    /// What the files' names begin with.
+    pub(super) name: String,
+    pub(super) folder: PathBuf,
+    pub(super) before: PointSet,
+}
+
+impl Pictures {
+    fn file(&self, moment: &str) -> PathBuf {
+        self.folder.join(format!("{}-{moment}.png", self.name))
+    }
+
+    fn files(&self) -> [PathBuf; 2] {
+        ["before", "after"].map(|moment| self.file(moment))
+    }
+
+    /// Draws both at one scale.
+    pub(super) fn draw(&self, after: &PointSet) -> [(PathBuf, std::io::Result<()>); 2] {
+        let moments = [("before", &self.before, after), ("after", after, &self.before)];
+        moments.map(|(moment, points, beside)| {
+            let (name, file) = (format!("{}, {moment}", self.title), self.file(moment));
+            let written = splats::write(&file, &[Subject { name: &name, points, beside: Some(beside) }]);
+            (file, written)
+        })
+    }
+}
+
+/// Refuses what cannot be written or may not be written over.
+pub(super) fn check(
+    config: &SceneConfig,
+    script: &[Timed],
+    outputs: &[Order],
+    pictures: Option<&Pictures>,
+    overwrite: bool,
+    talk: Talk,
+) -> Result<(), Exit> {
+    let refuse = |exit: Exit, message: String, hint: Option<&str>| {
+        report::error(&message, hint, talk);
+        Err(exit)
+    };
+    let own = outputs.iter().map(destination_of);
+    if let Some((_, file)) = own.clone().find(|(kind, file)| *kind != "session" && !is_ply(file)) {
+        return refuse(Exit::Usage, format!("{}: samples and meshes are .ply files", file.display()), None);
+    }
+    let mut files: Vec<PathBuf> = own.map(|(_, file)| file).collect();
+    files.extend(strokes::outputs(script).map(Path::to_owned));
+    if let Some(pictures) = pictures {
+        if let Err(error) = std::fs::create_dir_all(&pictures.folder) {
+            let message = format!("cannot make the folder {}: {error}", pictures.folder.display());
+            return refuse(Exit::Asset, message, destination::hint(&error));
+        }
+        files.extend(pictures.files());
+    }
+    let mut places = HashSet::new();
+    for file in &files {
+        if !places.insert(place_of(file)) {
+            let hint = "give each its own name";
+            return refuse(Exit::Usage, format!("{} would be written twice", file.display()), Some(hint));
+        }
+        if let Err(error) = destination::check(file) {
+            let message = format!("cannot write {}: {error}", file.display());
+            return refuse(Exit::Asset, message, destination::hint(&error));
+        }
+        let is_scene = |path: &Path| file.canonicalize().is_ok_and(|file| path.canonicalize().is_ok_and(|path| path == file));
+        if is_scene(&config.path) {
+            return refuse(Exit::Usage, format!("{} is the scene itself: name another file to write", file.display()), None);
+        }
+        if file.exists() && !overwrite {
+            let hint = "name another file, or give --overwrite";
+            return refuse(Exit::Usage, format!("{} is there already", file.display()), Some(hint));
+        }
+    }
+    Ok(())
+}
+
+/// The same for every way to write the name of a file, there or not.
+fn place_of(file: &Path) -> PathBuf {
+    let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    match (folder.canonicalize(), file.file_name()) {
+        (Ok(folder), Some(name)) => folder.join(name),
+        _ => file.to_owned(),
+    }
+}
+
+fn is_ply(file: &Path) -> bool {
+    file.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("ply"))
+}
+
+/// What an order writes, and where.
+pub(super) fn destination_of(order: &Order) -> (&'static str, PathBuf) {
+    match order {
+        Order::SavePoints(file) => ("points", file.clone()),
+        Order::SaveSession(file) => ("session", file.clone()),
+        Order::Export(file) => ("mesh", file.clone()),
+        // True invariant: made by `ClayArgs::outputs`.
+        _ => unreachable!("an order that writes nothing"),
+    }
+}
+
+/// Where an order writes a session, whatever the working directory is; `None`: it writes none.
+pub(super) fn session_of(order: &Order) -> Option<PathBuf> {
+    match order {
+        Order::SaveSession(file) => Some(std::path::absolute(file).unwrap_or_else(|_| file.clone())),
+        _ => None,
+    }
+}

@@ -1,0 +1,144 @@
+//! What became of the clay: for people, and for `--json`.
+
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+
+use super::super::{Talk, report};
+use crate::config::problem::show;
+use crate::daemon::studio::{FailedOrder, StudioReport};
+use crate::error::Exit;
+
+/// A file that was written.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct Saved {
+    /// `points`, `session`, `mesh` or `picture`.
+    pub(super) kind: &'static str,
+    pub(super) file: PathBuf,
+}
+
+/// What became of the clay, as `--json` has it.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct SculptReport {
+    pub(super) studio: StudioReport,
+    pub(super) update_hz: f64,
+    pub(super) volume_before_mm3: Option<f64>,
+    pub(super) volume_mm3: Option<f64>,
+    pub(super) saved: Vec<Saved>,
+    pub(super) unsaved: Vec<Saved>,
+    pub(super) rescued: Option<PathBuf>,
+}
+
+impl Serialize for SculptReport {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        #[derive(Serialize)]
+        struct Failed<'r> {
+            tick: u64,
+            scripted: bool,
+            what: &'r str,
+            why: &'r str,
+        }
+        #[derive(Serialize)]
+        struct Shape<'r> {
+            samples_before: usize,
+            samples: usize,
+            strokes: u64,
+            update_hz: f64,
+            updates: u64,
+            late: u64,
+            volume_before_mm3: Option<f64>,
+            volume_mm3: Option<f64>,
+            saved: &'r [Saved],
+            unsaved: &'r [Saved],
+            #[serde(skip_serializing_if = "Option::is_none")]
+            rescued: Option<&'r Path>,
+            failed: Vec<Failed<'r>>,
+            left_over: usize,
+            troubles: &'r [String],
+            #[serde(skip_serializing_if = "Option::is_none")]
+            broken: Option<&'r str>,
+        }
+        let StudioReport { updates, late, strokes, samples_before, samples, failed, left_over, troubles, broken, files: _ } =
+            &self.studio;
+        let failed = failed.iter().map(|FailedOrder { tick, is_scripted, what, why }| Failed {
+            tick: *tick,
+            scripted: *is_scripted,
+            what,
+            why,
+        });
+        let shape = Shape {
+            samples_before: *samples_before,
+            samples: *samples,
+            strokes: *strokes,
+            update_hz: self.update_hz,
+            updates: *updates,
+            late: *late,
+            volume_before_mm3: self.volume_before_mm3,
+            volume_mm3: self.volume_mm3,
+            saved: &self.saved,
+            unsaved: &self.unsaved,
+            rescued: self.rescued.as_deref(),
+            failed: failed.collect(),
+            left_over: *left_over,
+            troubles,
+            broken: broken.as_deref(),
+        };
+        shape.serialize(serializer)
+    }
+}
+
+impl SculptReport {
+    /// Something was to be kept and was not, and no session has it.
+    pub(super) fn is_at_risk(&self) -> bool {
+        let writes = |order: &FailedOrder| matches!(&order.what[..], "save-points" | "save-session" | "export");
+        let has_failed = !self.unsaved.is_empty() || self.studio.broken.is_some() || self.studio.failed.iter().any(writes);
+        has_failed && !self.saved.iter().any(|saved| saved.kind == "session")
+    }
+
+    /// A script that was not carried out, or a file that was not written, is not what was asked for.
+    pub(crate) fn exit(&self) -> Exit {
+        if self.studio.broken.is_some() {
+            Exit::Internal
+        } else if !self.unsaved.is_empty() || self.studio.failed.iter().any(|order| order.is_scripted) {
+            Exit::Asset
+        } else {
+            Exit::Ok
+        }
+    }
+
+    pub(super) fn tell(&self, talk: Talk) {
+        let StudioReport { failed, left_over, troubles, broken, .. } = &self.studio;
+        for FailedOrder { tick, is_scripted, what, why } in failed {
+            let who = if *is_scripted { "stroke" } else { "order" };
+            report::warning(&format!("{who} not carried out: {what} (tick {tick}): {why}"), talk);
+        }
+        for trouble in troubles {
+            report::warning(&format!("clay: {trouble}"), talk);
+        }
+        if *left_over > 0 {
+            report::warning(&format!("the run ended before {left_over} orders of the strokes were due"), talk);
+        }
+        if let Some(broken) = broken {
+            report::error(
+                &format!("the studio ended before the loop: {broken}"),
+                Some("this is a bug of hapticd: please report it"),
+                talk,
+            );
+        }
+    }
+
+    /// Rows of the summary.
+    pub(crate) fn rows(&self) -> Vec<(&'static str, String)> {
+        let StudioReport { updates, late, strokes, samples_before, samples, .. } = &self.studio;
+        let volume = |mm3: Option<f64>| mm3.map_or("open".to_owned(), |mm3| format!("{mm3:.1}"));
+        let strokes_word = if *strokes == 1 { "stroke" } else { "strokes" };
+        let mut rows = vec![
+            ("clay", format!("{strokes} {strokes_word}, {samples_before} samples before, {samples} after")),
+            ("volume", format!("{} mm³ before, {} mm³ after", volume(self.volume_before_mm3), volume(self.volume_mm3))),
+            ("updates", format!("{updates} at {} Hz, {late} left out because they were late", show(self.update_hz))),
+        ];
+        let saved = self.saved.iter().map(|Saved { kind, file }| ("saved", format!("{kind} in {}", file.display())));
+        rows.extend(saved);
+        rows
+    }
+}

@@ -1,0 +1,95 @@
+//! Images that are embossed: how deep, and where they lie.
+
+use glam::DVec3;
+
+use super::super::checks::{FINITE, Interval};
+use super::super::problem::ProblemKind;
+use super::super::resolve::MM;
+use super::super::schema::{Deed, Stroke};
+use super::Script;
+use crate::sculpt::emboss::Laid;
+use crate::sculpt::studio::Order;
+
+/// Cosine of the largest angle by which the edges of an image may be off a right one.
+const SKEW: f64 = 1e-3;
+
+impl Script<'_> {
+    pub(super) fn emboss(&mut self, table: &str, stroke: &Stroke, deed: Deed) -> Option<Order> {
+        let depth = Interval::above(0.0).to(100.0).unit("mm");
+        let depth_m = self.resolve.checks.number(&format!("{table}.depth_mm"), stroke.depth_mm, self.tool.depth_m / MM, depth) * MM;
+        let image_key = format!("{table}.image");
+        let image = match &stroke.image {
+            Some(image) => self.resolve.image(&image_key, Some(image)),
+            None => {
+                let of_scene = self.tool.image.clone();
+                if of_scene.is_none() {
+                    self.resolve.checks.missing(&image_key, "a PNG file, whose white is deep");
+                }
+                of_scene
+            }
+        };
+        let laid = match (stroke.corner_mm, stroke.center_mm) {
+            (Some(_), Some(_)) => {
+                let other = format!("{table}.corner_mm");
+                self.resolve.checks.refuse(&format!("{table}.center_mm"), ProblemKind::Exclusive { other });
+                None
+            }
+            (None, None) => {
+                let accepted =
+                    "the place of its upper left corner, with across_mm and down_mm; or center_mm of a ball that it goes around";
+                self.resolve.checks.missing(&format!("{table}.corner_mm"), accepted);
+                None
+            }
+            (Some(_), None) => self.laid_flat(table, stroke),
+            (None, Some(_)) => self.laid_around(table, stroke),
+        };
+        let depth_m = if deed == Deed::Engrave { -depth_m } else { depth_m };
+        Some(Order::Emboss { image: image?, laid: laid?, depth_m })
+    }
+
+    fn laid_flat(&mut self, table: &str, stroke: &Stroke) -> Option<Laid> {
+        self.leave_out(table, given(stroke, &["axis", "front"]), "beside corner_mm");
+        let mut vector = |name: &str, written| {
+            let key = format!("{table}.{name}");
+            let found = self.resolve.checks.array(&key, written, FINITE).map(|mm| DVec3::from_array(mm) * MM);
+            if written.is_none() {
+                self.resolve.checks.missing(&key, "an edge of the image as [x, y, z]");
+            }
+            found
+        };
+        let (corner, across, down) =
+            (vector("corner_mm", stroke.corner_mm)?, vector("across_mm", stroke.across_mm), vector("down_mm", stroke.down_mm));
+        let (across, down) = (across?, down?);
+        if across.length() * down.length() == 0.0 || across.normalize().dot(down.normalize()).abs() > SKEW {
+            let accepted = "an edge longer than 0, at a right angle to across_mm";
+            self.resolve.checks.not_accepted(&format!("{table}.down_mm"), accepted);
+            return None;
+        }
+        Some(Laid::Flat { middle_map: corner + 0.5 * (across + down), right_map: 0.5 * across, up_map: -0.5 * down })
+    }
+
+    fn laid_around(&mut self, table: &str, stroke: &Stroke) -> Option<Laid> {
+        self.leave_out(table, given(stroke, &["across_mm", "down_mm"]), "beside center_mm");
+        let center_map = self.resolve.checks.position(&format!("{table}.center_mm"), stroke.center_mm) * MM;
+        let north_map = match stroke.axis {
+            None => DVec3::Z,
+            axis => self.resolve.direction(&format!("{table}.axis"), axis)?,
+        };
+        let front_key = format!("{table}.front");
+        let front = match stroke.front {
+            None => north_map.any_orthonormal_vector(),
+            front => self.resolve.direction(&front_key, front)?,
+        };
+        let front_map = front.reject_from_normalized(north_map).try_normalize();
+        if front_map.is_none_or(|_| front.dot(north_map).abs() > 1.0 - 1e-9) {
+            self.resolve.checks.not_accepted(&front_key, "another direction than axis");
+            return None;
+        }
+        Some(Laid::Around { center_map, north_map, front_map: front_map? })
+    }
+}
+
+/// Those of these keys that are written.
+fn given(stroke: &Stroke, of: &[&str]) -> impl Iterator<Item = &'static str> {
+    stroke.given().into_iter().filter(|key| of.contains(key))
+}

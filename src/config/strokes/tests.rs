@@ -1,0 +1,133 @@
+use glam::DVec3;
+
+use super::*;
+use crate::sculpt::emboss::Laid;
+use crate::sculpt::falloff::Falloff;
+use crate::sculpt::studio::Craft;
+
+fn read(text: &str) -> Result<Vec<Timed>, String> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("s.toml");
+    fs::write(&path, format!("version = 1\n{text}")).unwrap();
+    let mut pixels = tiny_skia::Pixmap::new(4, 4).unwrap();
+    pixels.fill(tiny_skia::Color::WHITE);
+    fs::write(folder.path().join("a.png"), pixels.encode_png().unwrap()).unwrap();
+    fs::write(folder.path().join("bad.png"), "no image").unwrap();
+    fs::write(folder.path().join("three.xyz"), "0 0 0\n1 0 0\n0 1 0\n").unwrap();
+    load(&path, &ToolSettings::default()).map_err(|errors| errors.to_string().replace(&format!("{}/", folder.path().display()), ""))
+}
+
+#[test]
+fn strokes_come_in_the_order_of_their_times() {
+    let orders = read(
+        "[[stroke]]\nat_s = 2\ndo = \"undo\"\n\
+         [[stroke]]\nat_s = 0.5\ndo = \"take\"\ntool = \"pull\"\nbrush_mm = 4\nfalloff = [1, 0.5, 0]\ncolor = \"#0102ff\"\n\
+         [[stroke]]\nat_s = 1\ndo = \"hold\"\nuntil_s = 2\n\
+         [[stroke]]\nat_s = 2\ndo = \"redo\"\n",
+    )
+    .unwrap();
+    let seconds: Vec<f64> = orders.iter().map(|(at, _)| at.as_secs_f64()).collect();
+    assert_eq!(seconds, [0.5, 1.0, 2.0, 2.0, 2.0]);
+    let Order::Take(tool) = &orders[0].1 else { panic!("{orders:?}") };
+    assert_eq!((tool.craft, tool.brush_m, tool.color), (Craft::Pull, 4e-3, [1, 2, 255]));
+    assert_eq!(tool.falloff, Falloff::Table(vec![1.0, 0.5, 0.0]));
+    assert_eq!(tool.depth_m, ToolSettings::default().depth_m);
+    assert!(matches!(orders[1].1, Order::Hold(true)));
+    assert!(matches!(orders[2].1, Order::Undo) && matches!(orders[3].1, Order::Hold(false)) && matches!(orders[4].1, Order::Redo));
+}
+
+#[test]
+fn solids_are_sampled_where_they_stand() {
+    let orders = read(
+        "[[stroke]]\nat_s = 0\ndo = \"difference\"\nshape = { sphere_mm = 5 }\nspacing_mm = 1\nposition_mm = [10, 0, 0]\nsharp = true\n",
+    )
+    .unwrap();
+    let Order::Combine { boolean: Boolean::Difference, with, is_sharp: true } = &orders[0].1 else { panic!("{orders:?}") };
+    for (at, normal) in with.positions_map.iter().zip(&with.normals_map) {
+        let way = *at - DVec3::X * 0.01;
+        assert!((way.length() - 5e-3).abs() < 5e-5 && normal.dot(way.normalize()) > 0.98, "{at} {normal}");
+    }
+}
+
+#[test]
+fn images_lie_as_their_edges_say() {
+    let orders = read(
+        "[[stroke]]\nat_s = 0\ndo = \"engrave\"\nimage = \"a.png\"\ndepth_mm = 2\ncorner_mm = [-5, 5, 1]\nacross_mm = [10, 0, 0]\n\
+         down_mm = [0, -10, 0]\n\
+         [[stroke]]\nat_s = 0\ndo = \"emboss\"\nimage = \"a.png\"\ncenter_mm = [0, 0, 7]\naxis = [0, 2, 0]\nfront = [1, 1, 0]\n",
+    )
+    .unwrap();
+    let Order::Emboss { laid: Laid::Flat { middle_map, right_map, up_map }, depth_m, .. } = &orders[0].1 else {
+        panic!("{orders:?}")
+    };
+    assert!((*depth_m + 2e-3).abs() < 1e-12);
+    assert!(middle_map.distance(DVec3::Z * 1e-3) < 1e-12);
+    assert!(right_map.distance(DVec3::X * 5e-3) < 1e-12 && up_map.distance(DVec3::Y * 5e-3) < 1e-12);
+    let Order::Emboss { laid: Laid::Around { center_map, north_map, front_map }, depth_m, .. } = &orders[1].1 else {
+        panic!("{orders:?}")
+    };
+    assert!((depth_m - 1e-3).abs() < 1e-12);
+    assert_eq!((*north_map, *front_map), (DVec3::Y, DVec3::X));
+    assert!(center_map.distance(DVec3::Z * 7e-3) < 1e-12);
+}
+
+#[test]
+fn every_mistake_is_named_with_its_line_and_what_would_do() {
+    let cases = [
+        ("[[strok]]\nat_s = 1", "s.toml:2: strok: unknown key; did you mean `stroke`?"),
+        ("[[stroke]]\ndo = \"undo\"", "s.toml:2: stroke[0].at_s: missing; give a number: from 0 to 100000 s"),
+        ("[[stroke]]\nat_s = -1\ndo = \"undo\"", "s.toml:3: stroke[0].at_s = -1: must be from 0 to 100000 s"),
+        ("[[stroke]]\nat_s = 1", "stroke[0].do: missing; give \"take\", \"hold\", \"union\""),
+        ("[[stroke]]\nat_s = 1\ndo = \"carve\"", "s.toml:4: stroke[0].do = \"carve\": must be \"take\", \"hold\""),
+        ("[[stroke]]\nat_s = 1\ndo = \"undo\"\nfile = \"a\"", "left out beside do = \"undo\", which takes no key beside at_s"),
+        ("[[stroke]]\nat_s = 1\ndo = \"take\"\ntool = \"pul\"", "did you mean `pull`?"),
+        (
+            "[[stroke]]\nat_s = 1\ndo = \"take\"\nbrush_mm = 0",
+            "s.toml:5: stroke[0].brush_mm = 0: must be greater than 0 and at most 1000 mm",
+        ),
+        ("[[stroke]]\nat_s = 1\ndo = \"take\"\nfalloff = [1]", "falloff = [1]: a table of a fall-off needs at least 2 weights"),
+        ("[[stroke]]\nat_s = 1\ndo = \"take\"\ncolor = \"red\"", "color = \"red\": must be a colour as \"#rrggbb\""),
+        ("[[stroke]]\nat_s = 1\ndo = \"take\"\nimage = \"b.png\"", "image = \"b.png\": no such file: b.png"),
+        ("[[stroke]]\nat_s = 1\ndo = \"take\"\nimage = \"bad.png\"", "bad.png is no PNG image that can be read"),
+        ("[[stroke]]\nat_s = 1\ndo = \"hold\"", "stroke[0].until_s: missing"),
+        ("[[stroke]]\nat_s = 1\ndo = \"hold\"\nuntil_s = 1", "until_s = 1: must be later than at_s = 1 s"),
+        (
+            "[[stroke]]\nat_s = 1\ndo = \"hold\"\nuntil_s = 3\n[[stroke]]\nat_s = 2\ndo = \"hold\"\nuntil_s = 4",
+            "s.toml:7: stroke[1].at_s = 2: must be 3 s or later: until then the tool is held by the stroke in line 2",
+        ),
+        (
+            "[[stroke]]\nat_s = 2\ndo = \"hold\"\nuntil_s = 3\n[[stroke]]\nat_s = 1\ndo = \"hold\"\nuntil_s = 2",
+            "s.toml:3: stroke[0].at_s = 2: must be later than 2 s, or stand below the stroke in line 6",
+        ),
+        ("[[stroke]]\nat_s = 1\ndo = \"union\"", "stroke[0].points: missing; give points, a mesh, a shape such as"),
+        ("[[stroke]]\nat_s = 1\ndo = \"union\"\nmesh = \"a.obj\"\nshape = { sphere_mm = 1 }", "cannot stand beside stroke[0].mesh"),
+        ("[[stroke]]\nat_s = 1\ndo = \"union\"\npoints = \"three.xyz\"", "stroke[0].units: missing"),
+        (
+            "[[stroke]]\nat_s = 1\ndo = \"union\"\npoints = \"three.xyz\"\nunits = \"mm\"",
+            "three.xyz: 3 points, at least 32 are needed",
+        ),
+        ("[[stroke]]\nat_s = 1\ndo = \"union\"\nshape = { sphere_mm = 10 }\nspacing_mm = 0.001", "the shape: a spacing of"),
+        ("[[stroke]]\nat_s = 1\ndo = \"emboss\"\nimage = \"a.png\"", "stroke[0].corner_mm: missing"),
+        ("[[stroke]]\nat_s = 1\ndo = \"emboss\"\ncenter_mm = [0, 0, 0]", "stroke[0].image: missing; give a PNG file"),
+        (
+            "[[stroke]]\nat_s = 1\ndo = \"emboss\"\nimage = \"a.png\"\ncorner_mm = [0, 0, 0]\nacross_mm = [1, 0, 0]\ndown_mm = [1, 1, 0]",
+            "at a right angle to across_mm",
+        ),
+        (
+            "[[stroke]]\nat_s = 1\ndo = \"emboss\"\nimage = \"a.png\"\ncenter_mm = [0, 0, 0]\naxis = [0, 0, 1]\nfront = [0, 0, 1]",
+            "front = [0, 0, 1]: must be another direction than axis",
+        ),
+        ("[[stroke]]\nat_s = 1\ndo = \"region\"", "stroke[0].region_mm: missing"),
+        ("[[stroke]]\nat_s = 1\ndo = \"region\"\nregion_mm = [[0, 0, 0], [1, 0, 1]]", "the lowest corner first"),
+        ("[[stroke]]\nat_s = 1\ndo = \"export\"", "stroke[0].file: missing"),
+        ("[[stroke]]\nat_s = 1\ndo = \"export\"\nfile = \"a.obj\"", "must be a file whose name ends in .ply"),
+        (
+            "[[stroke]]\nat_s = 1\ndo = \"export\"\nfile = \"a.ply\"\n[[stroke]]\nat_s = 2\ndo = \"save-points\"\nfile = \"a.ply\"",
+            "the stroke in line 2 writes this one",
+        ),
+    ];
+    for (text, expected) in cases {
+        let message = read(text).unwrap_err();
+        assert!(message.contains(expected), "{text}\n--- said\n{message}\n--- not\n{expected}");
+    }
+}
