@@ -1,21 +1,23 @@
-//! `hapticd check`: every configuration pass over each scene or device profile; bakes nothing.
+//! `hapticd check`: every configuration pass over each scene, device profile or file of strokes; bakes nothing.
 
 use std::path::{Path, PathBuf};
 
 use super::{Talk, report, say};
 use crate::config::problem::show;
 use crate::config::scene::{ClaySource, SculptConfig};
-use crate::config::{self, SceneConfig, strokes};
+use crate::config::strokes::{self, Script, Timed};
+use crate::config::{self, SceneConfig};
 use crate::daemon::{PrepareError, inputs};
 use crate::device::profile::{self, Profile, ProfileError};
 use crate::error::Exit;
 use crate::haptics::CouplingMode;
+use crate::sculpt::studio::{Order, ToolSettings};
 use crate::spatial::Axes;
 
 /// Arguments of `hapticd check`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
-    /// Scene files, or profiles of arms: files, or names of shipped ones.
+    /// Scene files, files of strokes, or profiles of arms: files, or names of shipped ones.
     #[arg(required = true, value_name = "SCENE")]
     scenes: Vec<PathBuf>,
 }
@@ -36,6 +38,14 @@ pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
             match loaded {
                 Ok(profile) if talk.quiet => drop(profile),
                 Ok(profile) => say::result(format_args!("ok {}\n", profile_summary(scene, &profile))),
+                Err(errors) => exit = report::config_errors(&errors, talk),
+            }
+            continue;
+        }
+        if strokes::is_script(scene) {
+            match strokes::load(scene, &ToolSettings::default()) {
+                Ok(script) if talk.quiet => drop(script),
+                Ok(script) => say::result(format_args!("ok {}\n", script_summary(&script))),
                 Err(errors) => exit = report::config_errors(&errors, talk),
             }
             continue;
@@ -74,6 +84,19 @@ fn profile_summary(path: &Path, profile: &Profile) -> String {
         }
     }
     parts.join(", ")
+}
+
+/// One line: `strokes.toml: 5 strokes from 0.5 s to 3 s`.
+fn script_summary(script: &Script) -> String {
+    let file = script.file.display();
+    // The end of a hold is the same stroke as its beginning.
+    let n_strokes = script.orders.iter().filter(|timed| !matches!(timed.order, Order::Hold(false))).count();
+    let at_s = |timed: Option<&Timed>| show(timed.map_or(0.0, |timed| timed.at.as_secs_f64()));
+    match n_strokes {
+        0 => format!("{file}: no strokes"),
+        1 => format!("{file}: 1 stroke at {} s", at_s(script.orders.first())),
+        n => format!("{file}: {n} strokes from {} s to {} s", at_s(script.orders.first()), at_s(script.orders.last())),
+    }
 }
 
 /// One line: `scene.toml: "gear", 1 static + tool, sim-sigma7 at 1000 Hz, implicit, 4000 N/m (bound 4000) 1 N·m/rad (bound 1)`.

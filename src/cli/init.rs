@@ -1,4 +1,6 @@
-//! `hapticd init`: a first scene for a folder of meshes.
+//! `hapticd init`: a first scene for a folder of meshes, or for a piece of clay.
+
+mod clay;
 
 use std::ffi::OsStr;
 use std::fs;
@@ -17,9 +19,14 @@ use crate::mesh::{self, EXTENSIONS, Format, MeshError, TriangleMesh};
 /// Arguments of `hapticd init`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
-    /// Folder with mesh files (.obj, .stl, .ply, .gltf, .glb, .3mf); folders in it are not searched.
+    /// Folder with mesh files (.obj, .stl, .ply, .gltf, .glb, .3mf); folders in it are not searched. Or one file of points or a mesh, with
+    /// --clay.
+    #[arg(value_name = "FOLDER|FILE")]
     folder: PathBuf,
-    /// Scene file to write [default: scene.toml in the folder].
+    /// Make the file a piece of clay, for `hapticd sculpt`.
+    #[arg(long)]
+    clay: bool,
+    /// Scene file to write [default: scene.toml in the folder; with --clay the name of the file].
     #[arg(short, long, value_name = "SCENE.toml")]
     output: Option<PathBuf>,
     /// The part that moves [default: the smallest].
@@ -73,6 +80,17 @@ fn init(args: &Args, talk: Talk) -> Result<(), Refused> {
         report::error(message, hint, talk);
         Refused(exit)
     };
+    if args.clay || args.folder.is_file() {
+        if !args.folder.is_file() {
+            let hint = "name the file of points or the mesh that is to be clay";
+            return Err(refuse(Exit::Usage, &format!("{}: --clay takes one file", args.folder.display()), Some(hint)));
+        }
+        if !args.clay {
+            let hint = "give its folder, or --clay to sculpt this file";
+            return Err(refuse(Exit::Usage, &format!("{}: not a folder", args.folder.display()), Some(hint)));
+        }
+        return clay::init(args, talk);
+    }
     let output = args.output.clone().unwrap_or_else(|| args.folder.join("scene.toml"));
     if output.extension().is_none_or(|ending| !ending.eq_ignore_ascii_case("toml")) {
         return Err(refuse(Exit::Usage, &format!("{}: a scene is a .toml file", output.display()), None));
@@ -207,13 +225,15 @@ fn unit(args: &Args, found: &[Found], talk: Talk) -> (draft::Unit, String) {
         Some((high - low).max_element())
     });
     let Some(longest) = longest.reduce(f64::max) else { return (draft::Unit::Mm, "of the mesh file".to_owned()) };
+    guessed(longest, "the largest part", talk)
+}
+
+/// The likely unit where the longest edge of something has so many, and why, as a comment.
+fn guessed(longest: f64, what: &str, talk: Talk) -> (draft::Unit, String) {
     let unit = draft::Unit::guess(longest);
     let length = format!("{} {}", show(longest), unit.name());
-    report::note(
-        &format!("units are taken as {}: the largest part is then {length} long; --units says otherwise", unit.name()),
-        talk,
-    );
-    (unit, format!("of the mesh file; guessed: the largest part is then {length} long"))
+    report::note(&format!("units are taken as {}: {what} is then {length} long; --units says otherwise", unit.name()), talk);
+    (unit, format!("of the file; guessed: {what} is then {length} long"))
 }
 
 fn index_of(tool: &Path, folder: &Path, found: &[Found]) -> Option<usize> {

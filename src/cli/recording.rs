@@ -1,7 +1,7 @@
 //! `run --record` and `--flight`: what a run leaves on the disk.
 
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use super::{Talk, report, say};
@@ -28,6 +28,11 @@ pub(crate) struct RecordingArgs {
 }
 
 impl RecordingArgs {
+    /// The file of --record.
+    pub(super) fn file(&self) -> Option<&Path> {
+        self.record.as_deref()
+    }
+
     /// Creates the file of --record, so that a folder that cannot be written to is told before anything is baked, and watches for faults.
     pub(crate) fn begin(
         &self,

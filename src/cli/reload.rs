@@ -63,6 +63,11 @@ fn say_why(refusal: &Refusal, talk: Talk) {
         Refusal::Unlike { .. } => {
             report::error(&refusal.to_string(), Some("this counts from the start of a run on: begin a new one"), talk)
         }
+        Refusal::Clay { .. } => {
+            let hint =
+                "the page chooses tools; whatever else counts from the start of a run on: save a session and begin a new one";
+            report::error(&refusal.to_string(), Some(hint), talk);
+        }
         _ => report::error(&refusal.to_string(), None, talk),
     }
     line(Level::Warning, "reload: refused, the old scene stays", &[("outcome", "refused".into())], talk);

@@ -16,9 +16,9 @@ use super::desk::{Company, Means, Opening};
 use super::outcome::{More, StartTimes, result_text};
 use super::progress::BakeProgress;
 use super::screen::{Screen, report_lines};
-use super::sculpt::Workshop;
+use super::sculpt::{self, Workshop};
 use super::{Talk, bake, cache, check, live, recording, report, say};
-use crate::config::{self};
+use crate::config::{self, ConfigErrors};
 use crate::daemon::service::Service;
 use crate::daemon::{Attached, Live, Notice, Outcome, PrepareError, Prepared, RenderJob, RunError, Supervisor, prepare_with};
 use crate::device::protocol::Protocol;
@@ -34,6 +34,7 @@ use crate::telemetry::Taps;
 enum Refusal {
     Prepare(PrepareError),
     Run(RunError),
+    Strokes(ConfigErrors),
     Signals(SignalError),
 }
 
@@ -44,13 +45,22 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: Talk, started_ns: i64) 
     let since_start_s = |ns: i64| (ns - started_ns) as f64 * 1e-9;
     let baked_s = Cell::new(0.0);
     let overrides = args.overrides();
+    if own.clay.is_some() && args.scene.is_file() && sculpt::is_source(&args.scene) {
+        let file = args.scene.display();
+        report::error(
+            &format!("{file}: this is a file of points or a mesh, not a scene"),
+            Some(&format!("`hapticd init --clay {file}` writes a scene that sculpts it")),
+            talk,
+        );
+        return Exit::Configuration;
+    }
     // Before anything is announced: a scene that cannot be read bakes nothing.
     let config = match config::load_with(&args.scene, &overrides) {
         Ok(config) => config,
         Err(errors) => return report::config_errors(&errors, talk),
     };
     let clock = args.clock.kind();
-    let mut workshop = match Workshop::plan(&config, own, clock, talk) {
+    let mut workshop = match Workshop::plan(&config, own, clock, args.recording.file(), talk) {
         Ok(workshop) => workshop,
         Err(exit) => return exit,
     };
@@ -165,7 +175,9 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: Talk, started_ns: i64) 
             }
             let (swaps, recording) = (under_way.reports(&outcome.swaps), recordings.end(&outcome.report));
             let more = More { swaps: &swaps, recording: recording.as_ref(), sculpt: clay.as_ref() };
-            say::result(format_args!("{}", result_text(&outcome.totals, start_s, &more, args.json)));
+            if args.json || !talk.quiet {
+                say::result(format_args!("{}", result_text(&outcome.totals, start_s, &more, args.json)));
+            }
             let failures = [Some(outcome.exit()), under_way.failure(talk), clay.map(|clay| clay.exit())];
             return failures.into_iter().flatten().find(|exit| *exit != Exit::Ok).unwrap_or(Exit::Ok);
         }
@@ -173,6 +185,7 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: Talk, started_ns: i64) 
     };
     recordings.abandon();
     match refusal {
+        Refusal::Strokes(errors) => report::config_errors(&errors, talk),
         Refusal::Prepare(error) => report::prepare_error(&error, talk),
         Refusal::Run(error) => {
             let refused = if let RunError::Refused(checks) = &error { Some(checks) } else { None };
@@ -232,6 +245,7 @@ fn run(
     let prepared = supervisor.bake(bake).map_err(Refusal::Prepare)?;
     let scene = Arc::new(prepared.scene);
     if let (Some(workshop), Some(piece)) = (workshop.as_deref_mut(), prepared.piece) {
+        workshop.fit(&piece, talk).map_err(Refusal::Strokes)?;
         workshop.open(piece, &scene, &mut live).map_err(|error| Refusal::Run(error.into()))?;
         company.sculpts(workshop.for_clients(&scene));
     }

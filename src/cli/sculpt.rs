@@ -4,24 +4,25 @@ mod ending;
 mod outputs;
 mod summary;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use crossbeam::channel::{Receiver, never};
 
 pub(crate) use self::summary::SculptReport;
 
 use self::ending::{carry_out, hint, rescue, wait};
-use self::outputs::{Pictures, destination_of, session_of};
+use self::outputs::{Pictures, Written, destination_of, session_of};
 use self::summary::Saved;
 use super::render::{self, LoopArgs, Own};
 use super::{Talk, destination, live, recording, report};
-use crate::config::SceneConfig;
 use crate::config::scene::SculptConfig;
-use crate::config::strokes::{self, Timed};
+use crate::config::strokes::{self, Script, Timed};
+use crate::config::{ConfigErrors, SceneConfig};
 use crate::daemon::Live;
-use crate::daemon::studio::{self, Door, Ended, Plan, StudioReport, StudioThread};
+use crate::daemon::studio::{self, Door, Ended, Plan, Scripted, StudioReport, StudioThread};
 use crate::error::Exit;
 use crate::haptics::RenderScene;
+use crate::mesh::{self, cloud};
 use crate::monitor::ClayParts;
 use crate::rt::clock::ClockKind;
 use crate::scene::Piece;
@@ -38,6 +39,34 @@ pub(crate) struct Args {
     /// Let --record, --save, --session, --export, --pictures and strokes write over files that are there already.
     #[arg(long)]
     overwrite: bool,
+    #[command(flatten)]
+    rigid: RigidArgs,
+}
+
+/// What `run` takes and clay does not, so that it is refused in words.
+#[derive(Debug, clap::Args)]
+struct RigidArgs {
+    #[arg(long, hide = true, num_args = 0..)]
+    swap: Option<Vec<String>>,
+    #[arg(long = "move", hide = true, num_args = 0..)]
+    moves: Option<Vec<String>>,
+    #[arg(long, hide = true)]
+    watch: bool,
+}
+
+impl RigidArgs {
+    /// The first that was given, and why it is not taken.
+    fn given(&self) -> Option<(&'static str, &'static str)> {
+        if self.swap.is_some() {
+            Some(("--swap", "the piece is worked until the run ends; save a session and begin the other scene"))
+        } else if self.moves.is_some() {
+            Some(("--move", "parts beside the clay can be moved from the monitor page"))
+        } else if self.watch {
+            Some(("--watch", "SIGHUP reads the parameters of the scene again"))
+        } else {
+            None
+        }
+    }
 }
 
 /// What is to become of the clay.
@@ -62,13 +91,24 @@ pub(crate) struct ClayArgs {
 }
 
 pub(crate) fn main(args: &Args, talk: Talk, started_ns: i64) -> Exit {
+    if let Some((flag, hint)) = args.rigid.given() {
+        report::error(&format!("{flag} is for rigid scenes, which `hapticd run` renders"), Some(hint), talk);
+        return Exit::Usage;
+    }
     let own = Own { live: &live::LiveArgs::default(), clay: Some(&args.clay), overwrite: args.overwrite };
     render::main(&args.render, &own, talk, started_ns)
+}
+
+/// A file that samples can be taken from.
+pub(super) fn is_source(file: &Path) -> bool {
+    let ending = file.extension().map(|ending| ending.to_string_lossy().to_lowercase()).unwrap_or_default();
+    mesh::EXTENSIONS.iter().chain(cloud::EXTENSIONS).any(|known| *known == ending)
 }
 
 /// Where a piece is worked: planned, open while the loop runs, closed after it.
 pub(crate) struct Workshop {
     plan: Plan,
+    script: Option<Script>,
     sculpt: SculptConfig,
     /// The stem of the scene's name.
     name: String,
@@ -89,7 +129,13 @@ struct Open {
 impl Workshop {
     /// Reads the strokes and looks where files are to go, before anything takes long. `None`: the scene has no clay, and the command wants
     /// none.
-    pub(crate) fn plan(config: &SceneConfig, own: &Own<'_>, clock: ClockKind, talk: Talk) -> Result<Option<Self>, Exit> {
+    pub(crate) fn plan(
+        config: &SceneConfig,
+        own: &Own<'_>,
+        clock: ClockKind,
+        recording: Option<&Path>,
+        talk: Talk,
+    ) -> Result<Option<Self>, Exit> {
         let path = config.path.display();
         let (sculpt, args) = match (&config.sculpt, own.clay) {
             (None, None) => return Ok(None),
@@ -105,10 +151,13 @@ impl Workshop {
                 return Err(Exit::Configuration);
             }
         };
-        let script = match args.strokes.as_ref().or(sculpt.strokes.as_ref()) {
-            Some(file) => strokes::load(file, &sculpt.tool).map_err(|errors| report::config_errors(&errors, talk))?,
-            None => Vec::new(),
-        };
+        let file = args.strokes.as_ref().or(sculpt.strokes.as_ref());
+        let script = file.map(|file| strokes::load(file, &sculpt.tool)).transpose();
+        let script = script.map_err(|errors| report::config_errors(&errors, talk))?;
+        if script.is_none() && config.device.profile.real.is_none() && config.device.hand.is_none() {
+            let hint = "`hand` under [device] leads it along a path, --strokes FILE works the piece without it";
+            report::note(&format!("nothing moves the simulated arm: {hint}"), talk);
+        }
         let outputs = args.outputs();
         let pictures = args.pictures.as_ref().map(|folder| Pictures {
             title: config.name.clone(),
@@ -116,11 +165,12 @@ impl Workshop {
             folder: folder.clone(),
             before: PointSet::default(),
         });
-        outputs::check(config, &script, &outputs, pictures.as_ref(), own.overwrite, talk)?;
+        let written = Written { own: &outputs, script: script.as_ref(), pictures: pictures.as_ref(), recording };
+        written.check(config, own.overwrite, talk)?;
         let tick_s = config.parameters.period_s;
-        let due = |(at, order): Timed| ((at.as_secs_f64() / tick_s).round() as u64, order);
         Ok(Some(Self {
-            plan: Plan { tick_s, update_ticks: sculpt.update_ticks, clock, script: script.into_iter().map(due).collect() },
+            plan: Plan { tick_s, update_ticks: sculpt.update_ticks, clock, script: Vec::new() },
+            script,
             name: config.path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
             outputs,
             pictures,
@@ -128,6 +178,13 @@ impl Workshop {
             open: None,
             interrupts: never(),
         }))
+    }
+
+    /// Holds the solids of the strokes against the piece: whether their units can be right.
+    pub(crate) fn fit(&self, piece: &Piece, talk: Talk) -> Result<(), ConfigErrors> {
+        let odd = self.script.as_ref().map(|script| script.fit(piece.workpiece.surface().bounds())).transpose()?;
+        odd.into_iter().flatten().for_each(|problem| report::warning(&problem.to_string(), talk));
+        Ok(())
     }
 
     /// Begins to work the piece: the loop gets its clay.
@@ -139,7 +196,13 @@ impl Workshop {
         }
         let body = ToolBody { shape: Some(tool_shape), center_of_mass_tool: scene.tool.center_of_mass_tool };
         let studio = Studio::new(workpiece, self.sculpt.tool.clone(), body);
-        let plan = Plan { script: std::mem::take(&mut self.plan.script), ..self.plan.clone() };
+        let due = |Timed { at, order, line, .. }: Timed| Scripted {
+            tick: (at.as_secs_f64() / self.plan.tick_s).round() as u64,
+            order,
+            line: Some(line),
+        };
+        let orders = self.script.as_mut().map(|script| std::mem::take(&mut script.orders)).unwrap_or_default();
+        let plan = Plan { script: orders.into_iter().map(due).collect(), ..self.plan.clone() };
         let (slot, door, thread) = studio::begin(studio, clay, plan)?;
         live.clay = Some(slot);
         self.open = Some(Open { thread, door, volume_before_m3: report.volume_m3 });
@@ -218,7 +281,7 @@ impl Workshop {
                 }
             }
         }
-        summary.tell(talk);
+        summary.tell(self.script.as_ref().map(|script| &*script.file), self.plan.tick_s, talk);
         Some(summary)
     }
 }

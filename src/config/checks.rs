@@ -64,11 +64,18 @@ impl fmt::Display for Interval {
 pub(crate) struct Checks<'d> {
     document: &'d Document<'d>,
     problems: Vec<Problem>,
+    /// Files that the document names.
+    files: Vec<PathBuf>,
 }
 
 impl<'d> Checks<'d> {
     pub(crate) fn new(document: &'d Document<'d>) -> Self {
-        Self { document, problems: Vec::new() }
+        Self { document, problems: Vec::new(), files: Vec::new() }
+    }
+
+    /// The files that the document names, in the order in which they were looked for.
+    pub(crate) fn files(&self) -> &[PathBuf] {
+        &self.files
     }
 
     /// Notes a problem at a key.
@@ -198,6 +205,7 @@ impl<'d> Checks<'d> {
     pub(crate) fn file(&mut self, key: &str, written: &str, dir: &Path) -> Option<PathBuf> {
         let path = dir.join(written);
         if path.is_file() {
+            self.files.push(path.clone());
             return Some(path);
         }
         let kind = if path.exists() { ProblemKind::NotAFile { path } } else { ProblemKind::FileMissing { path } };

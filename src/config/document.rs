@@ -77,7 +77,7 @@ impl<'t> Document<'t> {
                 Step::Key(key) => Some(key.as_str()),
                 Step::Index(_) => None,
             });
-            let value = place.value.clone().map(|range| self.written(range));
+            let value = place.value.clone().map(|range| self.text_at(range));
             let word = value.as_deref().unwrap_or_default().trim_matches(['"', '\'']);
             let is_unknown_key = error.message().starts_with("unknown field");
             let kind = kind_of(error.message(), if is_unknown_key { last_key.unwrap_or_default() } else { word });
@@ -101,7 +101,7 @@ impl<'t> Document<'t> {
             file: self.file.to_path_buf(),
             line: span.map(|span| line_of(self.text, span.start)),
             key: Some(path.to_owned()),
-            value: value.map(|range| self.written(range)),
+            value: value.map(|range| self.text_at(range)),
             kind,
         }
     }
@@ -109,6 +109,16 @@ impl<'t> Document<'t> {
     /// The line of a dotted key path.
     pub(crate) fn line(&self, path: &str) -> Option<usize> {
         self.locate(path).0.map(|span| line_of(self.text, span.start))
+    }
+
+    /// It has this key at its top.
+    pub(crate) fn has(&self, key: &str) -> bool {
+        self.root.get_ref().contains_key(key)
+    }
+
+    /// What is written at a dotted key path, on one line, cut when long.
+    pub(crate) fn written(&self, path: &str) -> Option<String> {
+        self.locate(path).1.map(|range| self.text_at(range))
     }
 
     /// The string at a dotted key path, read without any schema.
@@ -155,7 +165,7 @@ impl<'t> Document<'t> {
     }
 
     /// Source text on one line, cut when long.
-    fn written(&self, range: Range<usize>) -> String {
+    fn text_at(&self, range: Range<usize>) -> String {
         let text = self.text.get(range).unwrap_or_default().split_whitespace().collect::<Vec<_>>().join(" ");
         if text.chars().count() <= VALUE_CHARS_MAX {
             return text;

@@ -4,9 +4,13 @@
 //!
 //! What is guessed is said in the scene, beside the key that changes it.
 
+mod clay;
+
 use std::fmt::Write as _;
 
 use glam::DVec3;
+
+pub use self::clay::ClayDraft;
 
 use crate::mesh::TriangleMesh;
 use crate::voxmap::estimate::{Estimate, MeshMeasures, Products, voxel_size_within};
@@ -180,7 +184,7 @@ impl Draft {
         let held = DVec3::new(0.5 * (tool_low.x + tool_high.x), 0.5 * (tool_low.y + tool_high.y), tool_low.z);
         let start_m = place - held;
         let reach_m = 0.5 * (high - low).max_element() + gap_m;
-        let scale = if reach_m > ARM_RADIUS_M { two_digits(reach_m / ARM_RADIUS_M * 1.05).min(MOST_SCALE) } else { 1.0 };
+        let scale = arm_scale(reach_m);
         Some(Self { name: name.to_owned(), statics, tool, tool_voxel_m, start_m, scale, memory })
     }
 
@@ -262,6 +266,11 @@ impl Draft {
         }
         remarked(text, &format!("world_from_device = {{ scale = {} }}", shown(self.scale)), "world metres per metre of the arm")
     }
+}
+
+/// World metres per metre of the arm with which its grip reaches so far.
+fn arm_scale(reach_m: f64) -> f64 {
+    if reach_m > ARM_RADIUS_M { two_digits(reach_m / ARM_RADIUS_M * 1.05).min(MOST_SCALE) } else { 1.0 }
 }
 
 /// A line with a remark beside it.

@@ -83,7 +83,7 @@ impl Problem {
             ProblemKind::VersionMissing { supported } => Some(format!("write `version = {supported}` as the first line")),
             ProblemKind::UnknownKey { known, .. } => Some(format!("known here: {}", known.join(", "))),
             ProblemKind::WrongType { .. } if key == "static" => Some("write each static object as its own [[static]] table".into()),
-            ProblemKind::Missing { .. } if key.ends_with(".units") => {
+            ProblemKind::Missing { .. } if key.ends_with("units") => {
                 Some("a mesh file does not say its unit; a wrong guess is a factor of 1000".into())
             }
             ProblemKind::FileMissing { .. } if key.starts_with("--") => {
@@ -97,6 +97,9 @@ impl Problem {
                 Some("a scene names it as `profile` under [device]; or give a scene, and this file to --device".into())
             }
             ProblemKind::IsScene => Some("a profile describes an arm: its name, or a file of devices/".into()),
+            ProblemKind::IsStrokes => {
+                Some("a scene names it as `strokes` under [sculpt], or `hapticd sculpt SCENE --strokes FILE` takes it".into())
+            }
             ProblemKind::IsMesh => {
                 Some("`hapticd bake` takes it as it is; a scene (.toml) names it as `mesh` under [[static]] or [tool]".into())
             }
@@ -106,6 +109,7 @@ impl Problem {
             )),
             ProblemKind::Solid(problem) => problem.hint().map(str::to_owned),
             ProblemKind::Image(_) => Some("save it as PNG".into()),
+            ProblemKind::StrokesMissing => Some("on the command line, paths are relative to the working directory".into()),
             ProblemKind::Unreadable { .. }
             | ProblemKind::Syntax { .. }
             | ProblemKind::VersionUnknown { .. }
@@ -158,6 +162,12 @@ pub enum ProblemKind {
         /// What the operating system said.
         cause: io::Error,
     },
+    /// A file of strokes that is not there.
+    #[error("no such file; it would hold the strokes of the piece")]
+    StrokesMissing,
+    /// A file of strokes where a scene must be.
+    #[error("this is a file of strokes, not a scene")]
+    IsStrokes,
     /// A mesh where a scene must be.
     #[error("this is a mesh file, not a scene")]
     IsMesh,

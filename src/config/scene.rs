@@ -21,6 +21,8 @@ use crate::voxmap::sides::SidesRule;
 pub struct SceneConfig {
     /// Path of the scene file.
     pub path: PathBuf,
+    /// The files that it names and that are read with it.
+    pub files: Vec<PathBuf>,
     /// Human name.
     pub name: String,
     /// Ticks per second.

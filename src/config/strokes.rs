@@ -4,23 +4,48 @@
 //! that are read are relative to the file of strokes, files that are written to the working directory.
 
 mod laid;
+mod naming;
+mod size;
 
 use std::fs;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
+use self::naming::in_words;
+use self::size::Size;
 use super::checks::{Checks, Interval};
 use super::document::Document;
 use super::problem::{ConfigErrors, Problem, ProblemKind, any_of};
 use super::resolve::Resolve;
 use super::schema::{Deed, Stroke, Strokes};
-use crate::sculpt::PointSet;
 use crate::sculpt::boolean::Boolean;
 use crate::sculpt::studio::{Order, ToolSettings};
 
-/// An order and its loop time.
-pub type Timed = (Duration, Order);
+/// A file of strokes.
+#[derive(Clone, Debug)]
+pub struct Script {
+    /// The file.
+    pub file: PathBuf,
+    /// What is done, in the order of the times.
+    pub orders: Vec<Timed>,
+    /// The files that it names to be read.
+    pub reads: Vec<PathBuf>,
+}
+
+/// An order of a file of strokes.
+#[derive(Clone, Debug)]
+pub struct Timed {
+    /// Loop time.
+    pub at: Duration,
+    /// What is done then.
+    pub order: Order,
+    /// Line of its stroke.
+    pub line: usize,
+    /// What says how large the other solid of a Boolean is.
+    size: Option<Size>,
+}
 
 const TIME_S: Interval = Interval::from(0.0).to(1e5).unit("s");
 
@@ -29,13 +54,18 @@ const TIME_S: Interval = Interval::from(0.0).to(1e5).unit("s");
 ///
 /// # Errors
 /// Every problem of the first pass that found any.
-pub fn load(path: &Path, tool: &ToolSettings) -> Result<Vec<Timed>, ConfigErrors> {
+pub fn load(path: &Path, tool: &ToolSettings) -> Result<Script, ConfigErrors> {
     let of_file = |kind| ConfigErrors::new(vec![Problem::of_file(path, kind)]);
-    let text = fs::read_to_string(path).map_err(|cause| of_file(ProblemKind::Unreadable { cause }))?;
+    let text = fs::read_to_string(path).map_err(|cause| {
+        of_file(match cause.kind() {
+            ErrorKind::NotFound => ProblemKind::StrokesMissing,
+            _ => ProblemKind::Unreadable { cause },
+        })
+    })?;
     let document = Document::parse(path, &text)?;
-    let Strokes { strokes, .. } = document.read()?;
+    let Strokes { strokes, .. } = document.read().map_err(|errors| in_words(&document, errors))?;
     let dir = path.parent().unwrap_or(Path::new(""));
-    let mut script = Script {
+    let mut reader = Reader {
         resolve: Resolve { checks: Checks::new(&document), document: &document, dir },
         tool,
         orders: Vec::new(),
@@ -43,24 +73,37 @@ pub fn load(path: &Path, tool: &ToolSettings) -> Result<Vec<Timed>, ConfigErrors
         written: Vec::new(),
     };
     for (index, stroke) in strokes.iter().enumerate() {
-        script.stroke(index, stroke);
+        reader.stroke(index, stroke);
     }
-    script.holds_are_apart();
-    let Script { resolve, mut orders, .. } = script;
-    resolve.checks.finish()?;
-    orders.sort_by_key(|(at, _)| *at);
-    Ok(orders)
+    reader.holds_are_apart();
+    let Reader { resolve, mut orders, .. } = reader;
+    let reads = resolve.checks.files().to_vec();
+    resolve.checks.finish().map_err(|errors| in_words(&document, errors))?;
+    orders.sort_by_key(|timed| timed.at);
+    Ok(Script { file: path.to_owned(), orders, reads })
 }
 
-/// The files that orders write.
-pub fn outputs(orders: &[Timed]) -> impl Iterator<Item = &Path> {
-    orders.iter().filter_map(|(_, order)| match order {
-        Order::SavePoints(path) | Order::SaveSession(path) | Order::Export(path) => Some(path.as_path()),
-        _ => None,
-    })
+/// A document of strokes, and not of a scene.
+pub(super) fn are_in(document: &Document<'_>) -> bool {
+    document.has("stroke") && !document.has("tool") && !document.has("sculpt")
 }
 
-struct Script<'d> {
+/// A file of strokes, as far as can be told without checking it.
+pub fn is_script(path: &Path) -> bool {
+    fs::read_to_string(path).is_ok_and(|text| Document::parse(path, &text).is_ok_and(|document| are_in(&document)))
+}
+
+impl Script {
+    /// The files that its orders write.
+    pub fn writes(&self) -> impl Iterator<Item = &Path> {
+        self.orders.iter().filter_map(|timed| match &timed.order {
+            Order::SavePoints(path) | Order::SaveSession(path) | Order::Export(path) => Some(path.as_path()),
+            _ => None,
+        })
+    }
+}
+
+struct Reader<'d> {
     resolve: Resolve<'d>,
     tool: &'d ToolSettings,
     orders: Vec<Timed>,
@@ -70,7 +113,7 @@ struct Script<'d> {
     written: Vec<(usize, PathBuf)>,
 }
 
-impl Script<'_> {
+impl Reader<'_> {
     fn stroke(&mut self, index: usize, stroke: &Stroke) {
         let table = format!("stroke[{index}]");
         let at_s = self.resolve.checks.required(&format!("{table}.at_s"), stroke.at_s, TIME_S);
@@ -102,7 +145,13 @@ impl Script<'_> {
             Deed::SaveSession => self.file(index, stroke, None).map(Order::SaveSession),
             Deed::Export => self.file(index, stroke, Some("ply")).map(Order::Export),
         };
-        self.orders.extend(order.map(|order| (at, order)));
+        let Some(order) = order else { return };
+        let size = matches!(order, Order::Combine { .. }).then(|| Size::of(self.resolve.document, &table, stroke));
+        self.orders.push(Timed { at, order, line: self.line(index), size });
+    }
+
+    fn line(&self, index: usize) -> usize {
+        self.resolve.document.line(&format!("stroke[{index}]")).unwrap_or_default()
     }
 
     fn hold(&mut self, index: usize, at_s: f64, until_s: Option<f64>) {
@@ -113,7 +162,8 @@ impl Script<'_> {
         }
         self.holds.push((index, at_s, until_s));
         for (time_s, held) in [(at_s, true), (until_s, false)] {
-            self.orders.push((Duration::try_from_secs_f64(time_s).unwrap_or_default(), Order::Hold(held)));
+            let at = Duration::try_from_secs_f64(time_s).unwrap_or_default();
+            self.orders.push(Timed { at, order: Order::Hold(held), line: self.line(index), size: None });
         }
     }
 
@@ -123,7 +173,7 @@ impl Script<'_> {
         holds.sort_by(|(_, one_s, _), (_, other_s, _)| one_s.total_cmp(other_s));
         for pair in holds.windows(2) {
             let &[(before, _, until_s), (index, at_s, _)] = pair else { continue };
-            let line = self.resolve.document.line(&format!("stroke[{before}]")).unwrap_or_default();
+            let line = self.line(before);
             let accepted = if at_s < until_s {
                 format!("{until_s} s or later: until then the tool is held by the stroke in line {line}")
             } else if at_s == until_s && index < before {
@@ -144,28 +194,22 @@ impl Script<'_> {
         };
         let n_before = self.resolve.checks.count();
         let solid = self.resolve.solid(table, &stroke.written_solid(), "");
-        let map_from_solid = self.resolve.pose(table, stroke.position_mm, stroke.orientation_xyzw);
+        let map_from_body = self.resolve.pose(table, stroke.position_mm, stroke.orientation_xyzw);
         if self.resolve.checks.count() > n_before {
             return None;
         }
-        let mut points = match solid.load() {
-            Ok(loaded) => loaded.points,
+        match solid.open() {
+            Ok(body) => Some(Order::Combine {
+                boolean,
+                with: Arc::new(body),
+                map_from_body,
+                is_sharp: stroke.sharp.unwrap_or(self.tool.is_sharp),
+            }),
             Err(problem) => {
-                let key = if stroke.points.is_some() {
-                    "points"
-                } else if stroke.mesh.is_some() {
-                    "mesh"
-                } else {
-                    "shape"
-                };
-                self.resolve.checks.refuse(&format!("{table}.{key}"), ProblemKind::Solid(problem));
-                return None;
+                self.resolve.checks.refuse(&format!("{table}.{}", solid_key(stroke)), ProblemKind::Solid(problem));
+                None
             }
-        };
-        let PointSet { positions_map, normals_map, .. } = &mut points;
-        positions_map.iter_mut().for_each(|at| *at = map_from_solid.transform_point(*at));
-        normals_map.iter_mut().for_each(|normal| *normal = map_from_solid.transform_vector(*normal).normalize());
-        Some(Order::Combine { boolean, with: Arc::new(points), is_sharp: stroke.sharp.unwrap_or(self.tool.is_sharp) })
+        }
     }
 
     fn file(&mut self, index: usize, stroke: &Stroke, ending: Option<&str>) -> Option<PathBuf> {
@@ -182,7 +226,7 @@ impl Script<'_> {
             return None;
         }
         if let Some((first, _)) = self.written.iter().find(|(_, earlier)| *earlier == path) {
-            let line = self.resolve.document.line(&format!("stroke[{first}]")).unwrap_or_default();
+            let line = self.line(*first);
             self.resolve.checks.not_accepted(&key, format_args!("another file: the stroke in line {line} writes this one"));
             return None;
         }
@@ -201,6 +245,17 @@ impl Script<'_> {
         for key in keys {
             self.resolve.checks.not_accepted(&format!("{table}.{key}"), format_args!("left out {why}"));
         }
+    }
+}
+
+/// The key that names the other solid.
+fn solid_key(stroke: &Stroke) -> &'static str {
+    if stroke.points.is_some() {
+        "points"
+    } else if stroke.mesh.is_some() {
+        "mesh"
+    } else {
+        "shape"
     }
 }
 

@@ -84,6 +84,12 @@ pub enum Refusal {
         /// What is rendered.
         ours: String,
     },
+    /// Something else than parameters of a scene with clay has changed.
+    #[error("the clay is worked until the run ends: of its scene only parameters are taken meanwhile ({}), and more than those has changed", .taken.join(", "))]
+    Clay {
+        /// The parameters.
+        taken: Vec<&'static str>,
+    },
     /// The scene cannot be baked.
     #[error("{0}")]
     Scene(#[from] SceneError),
@@ -390,6 +396,20 @@ pub fn scenes_beside(path: &Path) -> Vec<(String, PathBuf)> {
 
 /// The key in which a scene differs from the one that it is to replace, and both values.
 pub fn unlike(scene: &SceneConfig, rendered: &SceneConfig) -> Option<(&'static str, String, String)> {
+    // What the hands of a person made of clay would be lost.
+    match (&scene.sculpt, &rendered.sculpt) {
+        (None, None) => {}
+        (its, Some(_)) => {
+            let its = if its.is_some() { "clay" } else { "none" };
+            return Some(("sculpt", its.to_owned(), "clay, which is worked until the run ends".to_owned()));
+        }
+        (Some(_), None) => return Some(("sculpt", "clay".to_owned(), "none".to_owned())),
+    }
+    unlike_at_the_arm(scene, rendered)
+}
+
+/// The same of what the arm and whoever enables it count on.
+pub(super) fn unlike_at_the_arm(scene: &SceneConfig, rendered: &SceneConfig) -> Option<(&'static str, String, String)> {
     if scene.rate_hz != rendered.rate_hz {
         return Some(("rendering.rate_hz", scene.rate_hz.to_string(), rendered.rate_hz.to_string()));
     }
@@ -402,15 +422,6 @@ pub fn unlike(scene: &SceneConfig, rendered: &SceneConfig) -> Option<(&'static s
     if its != ours {
         let shown = |deadman: Option<u8>| deadman.map_or("\"off\"".to_owned(), |button| button.to_string());
         return Some(("safety.deadman", shown(its), shown(ours)));
-    }
-    // What the hands of a person made of it would be lost.
-    match (&scene.sculpt, &rendered.sculpt) {
-        (None, None) => {}
-        (its, Some(_)) => {
-            let its = if its.is_some() { "clay" } else { "none" };
-            return Some(("sculpt", its.to_owned(), "clay, which is worked until the run ends".to_owned()));
-        }
-        (Some(_), None) => return Some(("sculpt", "clay".to_owned(), "none".to_owned())),
     }
     let [its, ours] = [scene, rendered].map(|scene| scene.heartbeat);
     (its != ours).then(|| {

@@ -14,7 +14,7 @@ use std::time::{Instant, SystemTime};
 
 use crossbeam::channel::{Receiver, TryRecvError, bounded};
 
-use super::desk::{Ask, Board, Counter, Refusal, Request, Setting, View, unlike};
+use super::desk::{Ask, Board, Counter, Refusal, Request, Setting, View, unlike_at_the_arm};
 use crate::config::scene::MeshSource;
 use crate::config::{self, LoadOptions, SceneConfig};
 use crate::haptics::Knob;
@@ -171,7 +171,7 @@ impl Reloader {
     fn reload(&mut self) -> Result<Step, Refusal> {
         let view = self.board.view();
         let config = config::load_with(&view.config.path, &self.options).map_err(Refusal::Config)?;
-        if let Some((key, its, ours)) = unlike(&config, &view.config).or_else(|| fixed(&config, &view.config)) {
+        if let Some((key, its, ours)) = unlike_at_the_arm(&config, &view.config).or_else(|| fixed(&config, &view.config)) {
             return Err(Refusal::Unlike { key, its, ours });
         }
         let meshes = self.known.companions.meshes(&config);
@@ -181,6 +181,10 @@ impl Reloader {
                 let set = self.ask(Ask::SetAll { scene_idx: view.scene_idx, values });
                 set.recv().unwrap_or(Err(Refusal::Over))?;
                 Ok(Step::Done(if tunes.is_empty() { Reloaded::Unchanged } else { Reloaded::Tuned(tunes) }))
+            }
+            // What the hands of a person made of it would be lost.
+            _ if view.config.sculpt.is_some() => {
+                Err(Refusal::Clay { taken: view.settings.iter().map(|setting| setting.name).collect() })
             }
             _ => Ok(Step::Bakes(Baking { answer: self.ask(Ask::Reload), meshes, path: config.path })),
         }
@@ -355,6 +359,7 @@ fn fixed(config: &SceneConfig, rendered: &SceneConfig) -> Option<(&'static str, 
 mod tests {
     use std::sync::Arc;
 
+    use super::super::desk::unlike;
     use super::super::testing::{SCENE, scene};
     use super::*;
 

@@ -1,7 +1,7 @@
 //! What has to be so before force may flow, and what is remembered of why it does not.
 
 use super::drive::DriveRequest;
-use super::params::SafetyParameters;
+use super::params::{LimitParameters, SafetyParameters};
 use super::{Faults, OffCause};
 use crate::spatial::{DeviceSample, SampleStatus, Wrench};
 
@@ -23,6 +23,8 @@ pub(super) struct Interlock {
     /// Ticks in a row with a small wrench.
     quiet_ticks: u32,
     is_engaged: bool,
+    /// The tool was put where the scene has it start, and has been in clay ever since.
+    must_clear: bool,
 }
 
 impl Interlock {
@@ -73,6 +75,12 @@ impl Interlock {
         *self = Self { is_pressed: self.is_pressed, must_release: self.must_release, ..Self::default() };
     }
 
+    /// Enable, with the tool where the scene has it start: should that be in clay, it has to come out of it once.
+    pub(super) fn start_anew(&mut self) {
+        self.start();
+        self.must_clear = true;
+    }
+
     /// Disabled by the supervisor.
     pub(super) fn disable(&mut self) {
         self.start();
@@ -91,13 +99,26 @@ impl Interlock {
         (self.cause, self.pending, self.holds_place, self.brake_ticks) = (cause, pending, holds_place, 0);
     }
 
-    /// The ramp after enable may rise: the wrench was small for long enough, now or before.
-    pub(super) fn engages(&mut self, wanted: Wrench, force_n: f64, torque_nm: f64, safety: &SafetyParameters) -> bool {
+    /// Since enable the ramp was let rise.
+    pub(super) fn is_engaged(&self) -> bool {
+        self.is_engaged
+    }
+
+    /// The ramp after enable may rise: the wrench was small for long enough, now or before, and the tool does not stand in clay still.
+    pub(super) fn engages(
+        &mut self,
+        wanted: Wrench,
+        is_in_clay: bool,
+        limits: &LimitParameters,
+        safety: &SafetyParameters,
+    ) -> bool {
+        let LimitParameters { force_n, torque_nm, .. } = *limits;
+        self.must_clear &= is_in_clay;
         let share = safety.engage_share;
         let is_small =
             share == f64::INFINITY || (wanted.force.length() <= share * force_n && wanted.torque.length() <= share * torque_nm);
         self.quiet_ticks = if is_small { self.quiet_ticks.saturating_add(1) } else { 0 };
-        self.is_engaged |= self.quiet_ticks > safety.engage_ticks;
+        self.is_engaged |= self.quiet_ticks > safety.engage_ticks && !self.must_clear;
         self.is_engaged
     }
 }
@@ -106,4 +127,25 @@ impl Interlock {
 pub(super) fn is_outside(sample: &DeviceSample, safety: &SafetyParameters) -> bool {
     let is_inside = sample.pose.translation.length() <= safety.workspace_radius_m;
     !is_inside && safety.workspace_radius_m.is_finite()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Parameters;
+    use super::*;
+    use crate::servo::testing::parameters;
+
+    #[test]
+    fn a_tool_that_starts_in_clay_has_to_come_out_once() {
+        let mut interlock = Interlock::default();
+        let Parameters { limits, safety, .. } = parameters();
+        let mut engages = |interlock: &mut Interlock, is_in_clay| interlock.engages(Wrench::ZERO, is_in_clay, &limits, &safety);
+        interlock.start_anew();
+        assert!((0..1000).all(|_| !engages(&mut interlock, true)) && !interlock.is_engaged());
+        engages(&mut interlock, false);
+        assert!((0..1000).any(|_| engages(&mut interlock, true)) && interlock.is_engaged());
+        // Where it stood before it may stand in it.
+        interlock.start();
+        assert!((0..1000).any(|_| engages(&mut interlock, true)));
+    }
 }

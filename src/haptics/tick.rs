@@ -195,6 +195,11 @@ impl State {
         self.clay.as_ref().map_or(ClayForces::default(), Held::forces)
     }
 
+    /// What the tool does in the clay is felt: force flows, and no ramp waits before it.
+    pub fn feels_clay(&self) -> bool {
+        self.drive.has_force() && self.interlock.is_engaged()
+    }
+
     /// Where an obstacle stands now.
     pub fn world_from_map(&self, obstacle_idx: usize) -> Option<Pose> {
         self.traversal.places().stand(obstacle_idx).map(|stand| stand.world_from_map)
@@ -345,7 +350,7 @@ fn render(
     let wanted = p.port.wrench_device(felt_world);
     // Only what the motors give has power and is limited; the rest is reported and dropped.
     let actuated = p.port.actuated_part(wanted);
-    let engages = state.interlock.engages(actuated, p.limits.force_n, p.limits.torque_nm, &p.safety);
+    let engages = state.interlock.engages(actuated, state.clay_forces().contacts > 0, &p.limits, &p.safety);
     let up = state.drive != Drive::Stopping && ramp_down == OffCause::None && engages;
     let gain = state.enable_gain.advance(up, p.limits.ramp_s, p.period_s);
     let trusted = actuated * state.passivity.trusted_share(&p.arm);

@@ -10,6 +10,10 @@ use glam::DVec3;
 use super::MeshError;
 use super::cloud::Cloud;
 
+/// Columns that are understood, in words.
+const UNDERSTOOD: &str =
+    "understood are 3 (x y z), 6 (x y z, and a normal or a colour from 0 to 255) and 9 (x y z, normal, colour)";
+
 /// Reads the text; `path` is for messages only.
 pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<Cloud, MeshError> {
     let text = String::from_utf8_lossy(bytes);
@@ -47,7 +51,7 @@ pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<Cloud, MeshError> {
                 return Err(refuse(line_idx + 1, format!("{n_numbers} numbers, the lines before have {n_columns}")));
             }
             None if !matches!(n_numbers, 3 | 6 | 9) => {
-                return Err(refuse(line_idx + 1, format!("{n_numbers} numbers, a point has 3, 6 or 9")));
+                return Err(refuse(line_idx + 1, format!("{n_numbers} columns of numbers found, {UNDERSTOOD}")));
             }
             _ => n_columns = Some(n_numbers),
         }

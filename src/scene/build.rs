@@ -12,7 +12,7 @@ use crate::haptics::clay::Clay;
 use crate::haptics::contact::{ContactSum, Obstacle};
 use crate::haptics::{CouplingMode, Inertia, RenderScene, Tool};
 use crate::mesh::mass::MassProperties;
-use crate::spatial::Pose;
+use crate::spatial::{Metres, Pose};
 use crate::voxmap::Stage;
 use crate::voxmap::field::FieldKind;
 
@@ -167,7 +167,11 @@ fn inside_clay_at_start(scene: &RenderScene) -> Option<String> {
     }
     // A tenth of a spacing is a tool that was put down.
     (deepest_m > 0.1 * frame.base.lattice().spacing_m).then(|| {
-        format!("it starts inside the clay, {:.3} mm deep with {n_inside} points: move `tool.start_position_mm`", deepest_m * 1e3)
+        format!(
+            "it starts inside the clay, {} deep with {n_inside} points: no force flows and nothing is worked before it has been outside; move \
+             `tool.start_position_mm`",
+            Metres(deepest_m)
+        )
     })
 }
 

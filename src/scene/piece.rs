@@ -1,6 +1,7 @@
 //! The clay of a scene: from its source to a piece that can be worked, and to what the tick touches.
 
 use std::collections::VecDeque;
+use std::ops::RangeInclusive;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -13,11 +14,14 @@ use crate::config::scene::{ClaySource, MeshSource, SculptConfig};
 use crate::haptics::clay::{Clay, Lattice, Rope};
 use crate::haptics::{CouplingParameters, LimitParameters};
 use crate::sculpt::{Neighbours, NormalSource, PointSet, PointSurface, Solid, Workpiece};
+use crate::spatial::Metres;
 
 /// A rope is so much softer than what holds the arm to the virtual tool, and pulls with this share of the largest force.
 const ROPE_SHARE_OF_COUPLING: f64 = 0.25;
 const ROPE_N_PER_M_MAX: f64 = 500.0;
 const ROPE_SHARE_OF_LIMIT: f64 = 0.5;
+/// Few things that are felt with an arm are shorter, or longer.
+const HANDY_M: RangeInclusive<f64> = 2e-3..=2.0;
 /// Mass points farther apart than this many spacings of the samples miss what the samples show.
 const COARSE: f64 = 6.0;
 /// Samples of a border nearer to each other than this, in spacings, are of one border: of a small hole some are not seen as such.
@@ -103,7 +107,12 @@ impl Piece {
             seconds: 0.0,
             warnings: Vec::new(),
         };
-        report.warnings = warnings(&report, &lattice);
+        let has_unit = matches!(sculpt.source, ClaySource::Solid(Solid::File { .. }));
+        let across_m = surface.points().bounds().map_or(0.0, |(low, high)| (high - low).max_element());
+        if has_unit && !HANDY_M.contains(&across_m) {
+            report.warnings.push(format!("the piece is {} across; is `sculpt.units` right?", Metres(across_m)));
+        }
+        report.warnings.extend(warnings(&report, &lattice));
         let tool_shape = tool_shape(&config.tool.source, report.spacing_m)?;
         report.seconds = since.elapsed().as_secs_f64();
         Ok(Self { workpiece, tool_shape, report })
@@ -137,7 +146,7 @@ fn tool_shape(source: &MeshSource, spacing_m: f64) -> Result<Arc<PointSet>, Scen
         MeshSource::File { path, metres_per_unit } => Solid::File { path, metres_per_unit, spacing_m: None },
         MeshSource::Shape(shape) => Solid::Shape { shape, spacing_m: None },
     };
-    Ok(Arc::new(solid.load_beside(spacing_m)?.points))
+    Ok(Arc::new(solid.load_beside(spacing_m)?))
 }
 
 fn name(source: NormalSource) -> &'static str {

@@ -2,6 +2,8 @@
 
 use glam::DVec3;
 
+use crate::spatial::{Metres, Place};
+
 /// Samples that no surface can be made of. Messages read well after "failed to build the surface: "; [`SurfaceError::hint`] says
 /// what to do.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -12,6 +14,19 @@ pub enum SurfaceError {
     TooFew {
         /// How many there are.
         found: usize,
+    },
+    /// A mesh that is too small for the spacing at which it is sampled.
+    #[error(
+        "it is {} across, so a spacing of {} gives {found} points, and at least {} are needed", Metres(*across_m), Metres(*spacing_m),
+        super::PointSet::LEAST
+    )]
+    TooCoarse {
+        /// How many points there are.
+        found: usize,
+        /// Between samples, m.
+        spacing_m: f64,
+        /// Longest edge of its box, m.
+        across_m: f64,
     },
     /// The arrays of the set differ in length.
     #[error("{positions} positions, {normals} normals and {colors} colours: every point needs one of each")]
@@ -40,7 +55,7 @@ pub enum SurfaceError {
         normal_map: DVec3,
     },
     /// Two samples are at one place.
-    #[error("points {first} and {second} (counted from 0) are both at {position_map}")]
+    #[error("points {first} and {second} (counted from 0) are both at {}", Place(*position_map))]
     Coincident {
         /// Number of one sample, from 0.
         first: usize,
@@ -58,8 +73,10 @@ pub enum SurfaceError {
         of: usize,
     },
     /// A mesh cannot be sampled at this spacing.
-    #[error("a spacing of {spacing_m} m, at least {least_m:.2e} m is possible")]
+    #[error("it is {} across, and a spacing of {} makes too many points of it: at least {} is possible", Metres(*across_m), Metres(*spacing_m), Metres(*least_m))]
     Spacing {
+        /// Longest edge of its box, m.
+        across_m: f64,
         /// As given.
         spacing_m: f64,
         /// With this one the mesh gives as many samples as are allowed.
@@ -78,12 +95,13 @@ impl SurfaceError {
     pub fn hint(&self) -> &'static str {
         match self {
             Self::TooFew { .. } => "scan or sample the surface more densely; a sphere takes some hundreds of points",
+            Self::TooCoarse { .. } => "is `units` right? else choose a smaller spacing",
             Self::UnequalArrays { .. } => "give every point a normal and a colour",
             Self::NonFinite { .. } => "remove the point",
             Self::BadNormal { .. } => "leave all normals out, then they are estimated",
             Self::Coincident { .. } => "remove one of the two: loading a file does that by itself",
             Self::Lines { .. } => "scan or sample the surface evenly: lines of points that are far apart make no surface",
-            Self::Spacing { .. } => "choose a larger spacing, and check `units`",
+            Self::Spacing { .. } => "is `units` right? else choose a larger spacing",
             Self::Neighbours { .. } => "leave `neighbours` out: 24 suit most surfaces",
         }
     }

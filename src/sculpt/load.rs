@@ -7,15 +7,10 @@ use glam::DVec3;
 use super::sample::{GREY, sample};
 use super::{Neighbour, Neighbours, PointSet, SurfaceError, normals};
 use crate::mesh::cloud::{self, Cloud, Contents};
-use crate::mesh::primitives::Shape;
 use crate::mesh::{self, MeshError, TriangleMesh};
 
 /// Samples of a mesh for which no spacing is asked.
-const DEFAULT_SAMPLES: f64 = 20_000.0;
-/// Samples of a solid that is to work a piece, whatever the spacing of the piece: fewer make no surface, more take too long.
-const BESIDE_SAMPLES: (f64, f64) = (500.0, 500_000.0);
-/// How far a shape that is cut into triangles may be off, over the spacing of its samples.
-const CHORD_SHARE: f64 = 0.02;
+pub(super) const DEFAULT_SAMPLES: f64 = 20_000.0;
 /// Points nearer to each other than this share of the whole extent are one.
 const ONE_PLACE: f64 = 1e-7;
 
@@ -91,94 +86,62 @@ impl LoadError {
     }
 }
 
-/// A solid that samples can be had of.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Solid {
-    /// A file of points or a mesh.
-    File {
-        /// Where it is.
-        path: PathBuf,
-        /// 1 for m, 1e-3 for mm.
-        metres_per_unit: f64,
-        /// Between samples of a mesh, m; `None`: about 20,000 samples.
-        spacing_m: Option<f64>,
-    },
-    /// A primitive shape.
-    Shape {
-        /// Centred on the origin.
-        shape: Shape,
-        /// Between samples, m; `None`: about 20,000 samples.
-        spacing_m: Option<f64>,
-    },
-}
-
-impl Solid {
-    /// Its samples.
-    ///
-    /// # Errors
-    /// [`LoadError`].
-    pub fn load(&self) -> Result<Loaded, LoadError> {
-        let (Self::File { spacing_m, .. } | Self::Shape { spacing_m, .. }) = self;
-        self.load_at(|mesh| spacing_m.unwrap_or_else(|| spacing_of(mesh, DEFAULT_SAMPLES)))
-    }
-
-    /// Its samples, as far apart as those of a piece that it is to join or cut, whatever its own spacing; nearer where it is so small that it
-    /// would have hardly any, farther where it would have more than half a million.
-    ///
-    /// # Errors
-    /// [`LoadError`].
-    pub fn load_beside(&self, spacing_m: f64) -> Result<Loaded, LoadError> {
-        let (least, most) = BESIDE_SAMPLES;
-        self.load_at(|mesh| spacing_m.min(spacing_of(mesh, least)).max(spacing_of(mesh, most)))
-    }
-
-    fn load_at(&self, spacing_m: impl FnOnce(&TriangleMesh) -> f64) -> Result<Loaded, LoadError> {
-        match self {
-            Self::File { path, metres_per_unit, .. } => load_at(path, *metres_per_unit, spacing_m),
-            Self::Shape { shape, .. } => {
-                // The area hardly depends on how finely it is cut.
-                let spacing_m = spacing_m(&shape.tessellate(f64::INFINITY));
-                let points = sample(&shape.tessellate(CHORD_SHARE * spacing_m), spacing_m).map_err(LoadError::Shape)?;
-                points.check().map_err(LoadError::Shape)?;
-                Ok(Loaded { points, merged: 0, normals: NormalSource::Faces })
-            }
-        }
-    }
-}
-
 /// Reads samples: points as they are, meshes sampled at `mesh_spacing_m` (`None`: about 20,000 samples). Points at one place become one;
 /// normals that are missing are estimated, and turned round where they point inwards as a whole.
 ///
 /// # Errors
 /// [`LoadError`], naming the file and what is wrong in it.
 pub fn load(path: &Path, metres_per_unit: f64, mesh_spacing_m: Option<f64>) -> Result<Loaded, LoadError> {
-    load_at(path, metres_per_unit, |mesh| mesh_spacing_m.unwrap_or_else(|| spacing_of(mesh, DEFAULT_SAMPLES)))
+    match open(path, metres_per_unit)? {
+        Opened::Mesh(mesh) => {
+            let spacing_m = mesh_spacing_m.unwrap_or_else(|| spacing_of(&mesh, DEFAULT_SAMPLES));
+            let points = sample_of(&mesh, spacing_m).map_err(|source| LoadError::Surface { path: path.to_owned(), source })?;
+            Ok(Loaded { points, merged: 0, normals: NormalSource::Faces })
+        }
+        Opened::Samples(loaded) => Ok(loaded),
+    }
 }
 
-fn load_at(path: &Path, metres_per_unit: f64, mesh_spacing_m: impl FnOnce(&TriangleMesh) -> f64) -> Result<Loaded, LoadError> {
+/// What a file holds.
+pub(super) enum Opened {
+    /// Samples.
+    Samples(Loaded),
+    /// A mesh, in metres, from which samples can be taken.
+    Mesh(TriangleMesh),
+}
+
+/// Reads a file of points, or a mesh as it is.
+pub(super) fn open(path: &Path, metres_per_unit: f64) -> Result<Opened, LoadError> {
     let extension = path.extension().map(|extension| extension.to_string_lossy().to_lowercase()).unwrap_or_default();
     if !mesh::EXTENSIONS.iter().chain(cloud::EXTENSIONS).any(|known| *known == extension) {
         return Err(LoadError::UnknownExtension { path: path.to_owned(), extension });
     }
-    let refuse = |source: SurfaceError| LoadError::Surface { path: path.to_owned(), source };
     match cloud::load(path, metres_per_unit)? {
-        Contents::Mesh(mesh) => {
-            let points = sample(&mesh, mesh_spacing_m(&mesh)).map_err(refuse)?;
-            points.check().map_err(refuse)?;
-            Ok(Loaded { points, merged: 0, normals: NormalSource::Faces })
-        }
+        Contents::Mesh(mesh) => Ok(Opened::Mesh(mesh)),
         Contents::Cloud(cloud) => {
             let found = cloud.positions.len();
             if found > 1 && cloud.positions.iter().all(|at| *at == cloud.positions[0]) {
                 return Err(LoadError::OnePlace { path: path.to_owned(), found });
             }
-            complete(cloud).map_err(refuse)
+            let refuse = |source: SurfaceError| LoadError::Surface { path: path.to_owned(), source };
+            complete(cloud).map(Opened::Samples).map_err(refuse)
         }
     }
 }
 
+/// Samples of a mesh that can make a surface; what goes wrong is told with the size of the mesh, which a wrong unit makes wrong.
+pub(super) fn sample_of(mesh: &TriangleMesh, spacing_m: f64) -> Result<PointSet, SurfaceError> {
+    let points = sample(mesh, spacing_m)?;
+    if points.len() < PointSet::LEAST {
+        let across_m = mesh.bounds().map_or(0.0, |(low, high)| (high - low).max_element());
+        return Err(SurfaceError::TooCoarse { found: points.len(), spacing_m, across_m });
+    }
+    points.check()?;
+    Ok(points)
+}
+
 /// With it a mesh has about so many samples, m.
-fn spacing_of(mesh: &TriangleMesh, n_samples: f64) -> f64 {
+pub(super) fn spacing_of(mesh: &TriangleMesh, n_samples: f64) -> f64 {
     (area_m2(mesh) / n_samples).sqrt()
 }
 
@@ -313,20 +276,6 @@ mod tests {
         assert!((loaded.points.len() as f64 / expected - 1.0).abs() < 0.1, "{} of {expected}", loaded.points.len());
         let about = load(&path, 1e-3, None).unwrap().points.len() as f64;
         assert!((about / DEFAULT_SAMPLES - 1.0).abs() < 0.1, "{about}");
-    }
-
-    #[test]
-    fn a_solid_beside_a_piece_has_its_spacing_unless_that_makes_too_few_samples_or_too_many() {
-        let ball = |radius_m: f64| Solid::Shape { shape: Shape::Sphere { radius_m }, spacing_m: None };
-        let (spacing_m, area_m2) = (1e-3, |radius_m: f64| 4.0 * core::f64::consts::PI * radius_m * radius_m);
-        for (radius_m, expected) in [(0.5e-3, 500.0), (0.02, area_m2(0.02) / 1e-6)] {
-            let loaded = ball(radius_m).load_beside(spacing_m).unwrap();
-            let n = loaded.points.len() as f64;
-            assert!((n / expected - 1.0).abs() < 0.15, "{n} of {expected} for a ball of {radius_m} m");
-            assert!(PointSurface::build(loaded.points, PointSurface::DEFAULT_NEIGHBOURS).is_ok());
-        }
-        let most = ball(0.1).load_beside(1e-5).unwrap().points.len() as f64;
-        assert!((most / BESIDE_SAMPLES.1 - 1.0).abs() < 0.15, "{most}");
     }
 
     #[test]

@@ -24,6 +24,7 @@ pub mod resample;
 mod sample;
 mod save;
 pub mod session;
+mod solid;
 pub mod spline;
 pub mod studio;
 mod surface;
@@ -31,11 +32,12 @@ mod whole_file;
 pub mod workpiece;
 
 pub use error::SurfaceError;
-pub use load::{LoadError, Loaded, NormalSource, Solid, complete, load};
+pub use load::{LoadError, Loaded, NormalSource, complete, load};
 pub use neighbours::{Neighbour, Neighbours};
 pub use point_set::PointSet;
 pub use sample::sample;
 pub use save::{save, write};
+pub use solid::{Body, Solid};
 pub use surface::{Distance, Moved, PointSurface};
 pub use workpiece::Workpiece;
 

@@ -3,6 +3,7 @@
 use glam::DVec3;
 
 use super::SurfaceError;
+use crate::spatial::Pose;
 
 /// Samples of a closed surface, each with its normal and colour. All arrays are of one length.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -56,6 +57,19 @@ impl PointSet {
             positions_map: samples.clone().map(|sample| self.positions_map[sample as usize]).collect(),
             normals_map: samples.clone().map(|sample| self.normals_map[sample as usize]).collect(),
             colors: samples.map(|sample| self.colors[sample as usize]).collect(),
+        }
+    }
+
+    /// The samples where a body stands of which these are in its own frame.
+    pub fn placed(&self, map_from_body: &Pose) -> Self {
+        Self {
+            positions_map: self.positions_map.iter().map(|at| map_from_body.transform_point(*at)).collect(),
+            normals_map: self
+                .normals_map
+                .iter()
+                .map(|normal| map_from_body.transform_vector(*normal).normalize_or_zero())
+                .collect(),
+            colors: self.colors.clone(),
         }
     }
 

@@ -26,7 +26,10 @@ pub fn sample(mesh: &TriangleMesh, spacing_m: f64) -> Result<PointSet, SurfaceEr
     let area_m2: f64 = areas_m2.iter().sum();
     let n_samples = area_m2 / (spacing_m * spacing_m);
     if !(spacing_m > 0.0 && n_samples <= MOST_SAMPLES) {
-        return Err(SurfaceError::Spacing { spacing_m, least_m: (area_m2 / MOST_SAMPLES).sqrt() });
+        // Rounded up: what is proposed is accepted.
+        let least_m = 1.001 * (area_m2 / MOST_SAMPLES).sqrt();
+        let across_m = mesh.bounds().map_or(0.0, |(low, high)| (high - low).max_element());
+        return Err(SurfaceError::Spacing { across_m, spacing_m, least_m });
     }
 
     // A sequence that fills a square evenly, cut into pieces, one for each triangle.

@@ -30,6 +30,7 @@ use super::pull::{Pull, add_pull};
 use super::redistance::redistance;
 use super::{PointSet, PointSurface, SurfaceError, advect, resample};
 use crate::haptics::clay::{Density, Frame, FrameError, Lattice, Raster};
+use crate::spatial::{Metres, Place};
 
 /// Largest empty circle and closest pair of samples in a region, in spacings of the samples at the start.
 const GAP_SPACINGS: f64 = 1.0;
@@ -78,18 +79,19 @@ pub enum WorkpieceError {
     #[error("a raster of {0:?} mass points is too small; give at least 4 along every axis")]
     Raster([usize; 3]),
     /// A box without inside.
-    #[error("the region from {0} to {1} m is empty; its first corner is the lowest, its second the highest")]
+    #[error("the region from {} to {} is empty; its first corner is the lowest, its second the highest", Place(*.0), Place(*.1))]
     Region(DVec3, DVec3),
     /// Nothing of the piece is in it.
-    #[error("no part of the surface is in the region from {0} to {1} m")]
+    #[error("no part of the surface is in the region from {} to {}", Place(*.0), Place(*.1))]
     Beside(DVec3, DVec3),
     /// A Boolean that leaves no solid.
     #[error("nothing would be left of the piece")]
     NothingLeft,
     /// The base would be too large.
     #[error(
-        "mass points {spacing_m:.6} m apart make {n_nodes} of them over the whole piece, more than {NODES_MAX}; \
-         take fewer in `sculpt.raster`, or a larger `sculpt.region_mm`"
+        "mass points {} apart make {n_nodes} of them over the whole piece, more than {NODES_MAX}; \
+         take fewer in `sculpt.raster`, or a larger `sculpt.region_mm`",
+        Metres(*spacing_m)
     )]
     TooFine {
         /// Between mass points, m.

@@ -45,7 +45,7 @@ pub struct ToolState {
     pub contacts: u32,
     /// Buttons of the arm, bit 0 first.
     pub buttons: u32,
-    /// Force may flow: without, the hand does not feel what it does.
+    /// Force flows ([`State::feels_clay`]): without, the hand does not feel what it does.
     pub has_force: bool,
     /// Number of the frame that was touched.
     pub sequence: u64,
@@ -193,7 +193,7 @@ impl ClaySlot {
             rope_map: self.map_from_world.transform_vector(forces.rope_world),
             contacts: forces.contacts,
             buttons,
-            has_force: output.drive.has_force(),
+            has_force: state.feels_clay(),
             sequence: state.frame_sequence().unwrap_or(0),
             dropped: self.dropped,
         };

@@ -158,8 +158,8 @@ fn commands_for_rigid_scenes_and_for_clay_name_each_other() {
         3,
         &["ball.toml: sculpt = clay, but rigid.toml has none"],
     );
-    refuses(dir.path(), "sculpt ball.toml --swap rigid.toml@1s", 2, &["'--swap'"]);
-    refuses(dir.path(), "sculpt ball.toml --watch", 2, &["'--watch'"]);
+    refuses(dir.path(), "sculpt ball.toml --swap rigid.toml@1s", 2, &["--swap is for rigid scenes", "save a session"]);
+    refuses(dir.path(), "sculpt ball.toml --watch", 2, &["--watch is for rigid scenes", "SIGHUP"]);
     says(dir.path(), "sculpt ball.toml --clock virtual --duration 50ms --record clay.mcap", 0, &[]);
     refuses(dir.path(), "replay clay.mcap", 4, &["touched clay", "hapticd report"]);
     says(dir.path(), "report clay.mcap -o page.html", 0, &[]);
@@ -178,9 +178,14 @@ fn check_knows_clay_and_its_strokes() {
     fs::write(dir.path().join("bad.toml"), "version = 1\n[[stroke]]\nat_s = 1\ndo = \"undo\"\nbrush_mm = 3\n").unwrap();
     fs::write(dir.path().join("scene.toml"), scene(&format!("{CLAY}strokes = \"bad.toml\"\n"))).unwrap();
     for line in ["check scene.toml", "sculpt scene.toml --clock virtual", "sculpt ball.toml --clock virtual --strokes bad.toml"] {
-        refuses(dir.path(), line, 3, &["bad.toml:5: stroke[0].brush_mm = 3: must be left out beside do = \"undo\""]);
+        refuses(dir.path(), line, 3, &["bad.toml:5: stroke at 1 s (line 2): brush_mm = 3: must be left out beside do = \"undo\""]);
     }
-    refuses(dir.path(), "sculpt ball.toml --clock virtual --strokes none.toml", 3, &["none.toml: cannot be read"]);
+    refuses(
+        dir.path(),
+        "sculpt ball.toml --clock virtual --strokes none.toml",
+        3,
+        &["none.toml: no such file; it would hold the strokes of the piece"],
+    );
     fs::write(dir.path().join("bad.toml"), "[[stroke]]\nat_s = 1\n").unwrap();
     refuses(dir.path(), "check scene.toml", 3, &["bad.toml: version: missing"]);
     fs::write(dir.path().join("bad.toml"), "version = 1\n[[stroke]\n").unwrap();
@@ -345,12 +350,25 @@ fn files_are_looked_at_before_the_work_and_nothing_is_written_over_unasked() {
         ("--save a.ply --export a.ply", 2, "a.ply would be written twice"),
         ("--save a.ply --export xdg/../a.ply", 2, "a.ply would be written twice"),
         ("--session xdg", 4, "cannot write xdg"),
-        ("--session ball.toml --overwrite", 2, "ball.toml is the scene itself"),
+        ("--pictures there.ply", 4, "cannot make the folder there.ply"),
+        ("--pictures there.ply/pictures", 4, "cannot make the folder there.ply/pictures"),
+        ("--save there.ply/end.ply", 4, "cannot write there.ply/end.ply"),
+        ("--save /proc/end.ply", 4, "cannot write /proc/end.ply"),
+        ("--record no/such/clay.mcap", 4, "hint: --record takes a file in a folder that can be written to"),
+        ("--session same --record same", 2, "same would be written twice"),
+        ("--session press.csv --overwrite", 2, "press.csv is what the scene is read from"),
+        ("--record press.csv --overwrite", 2, "press.csv is what the scene is read from"),
+        ("--strokes strokes.toml --session strokes.toml --overwrite", 2, "strokes.toml is what the scene is read from"),
+        ("--session ball.toml --overwrite", 2, "ball.toml is what the scene is read from"),
     ] {
         fs::create_dir_all(dir.path().join("xdg")).unwrap();
         refuses(dir.path(), &sculpt(rest), code, &[fragment]);
     }
     assert_eq!(fs::read_to_string(dir.path().join("there.ply")).unwrap(), "mine");
+    // A long name is no late surprise, and what is looked at leaves nothing behind.
+    refuses(dir.path(), &sculpt(&format!("--save {}.ply", "x".repeat(300))), 4, &["cannot write xxx"]);
+    refuses(dir.path(), &sculpt("--session one --save there.ply"), 2, &["there.ply is there already"]);
+    assert!(!dir.path().join("one").exists());
     // Strokes that write as well.
     fs::write(dir.path().join("mid.ply"), "mine").unwrap();
     refuses(dir.path(), &sculpt("--strokes strokes.toml"), 2, &["mid.ply is there already"]);
@@ -361,26 +379,30 @@ fn files_are_looked_at_before_the_work_and_nothing_is_written_over_unasked() {
 #[test]
 fn a_session_that_cannot_be_written_is_kept_elsewhere() {
     let dir = folder();
-    // No file system takes so long a name; the folder is there.
-    let long = format!("{}.ply", "x".repeat(300));
-    let sculpt = |output: &str| format!("sculpt ball.toml --clock virtual --duration 1300ms --json {output}");
-    let ended =
-        says(dir.path(), &sculpt(&format!("--save {long}")), 4, &["cannot write", "nothing is lost: the whole session is in"]);
+    // A link to a disk that is full.
+    std::os::unix::fs::symlink("/dev/full", dir.path().join("full.ply")).unwrap();
+    let sculpt = |output: &str| format!("sculpt ball.toml --clock virtual --duration 1300ms --json --overwrite {output}");
+    let ended = says(dir.path(), &sculpt("--save full.ply"), 4, &["cannot write", "nothing is lost: the whole session is in"]);
     let sculpted = &ended.json()["sculpt"];
     assert_eq!((&sculpted["unsaved"][0]["kind"], &sculpted["saved"]), (&"points".into(), &Value::Array(Vec::new())));
     let rescued = Path::new(sculpted["rescued"].as_str().unwrap());
     assert!(rescued.starts_with(dir.path().join("xdg-state")), "{}", rescued.display());
     // A session that was written is enough.
-    let ended = says(dir.path(), &sculpt(&format!("--save {long} --session fine.session")), 4, &["cannot write"]);
+    let ended = says(dir.path(), &sculpt("--save full.ply --session fine.session"), 4, &["cannot write"]);
     assert!(ended.json()["sculpt"]["rescued"].is_null(), "{}", ended.stdout);
     assert_eq!(fs::read(rescued).unwrap(), fs::read(dir.path().join("fine.session")).unwrap());
     fs::write(dir.path().join("next.toml"), scene(&format!("session = \"{}\"\n", rescued.display()))).unwrap();
     let next = says(dir.path(), "sculpt next.toml --clock virtual --duration 20ms --json", 0, &[]).json();
     assert_eq!(next["sculpt"]["samples"], sculpted["samples"]);
     // So is what only the strokes were to save.
-    let strokes = format!("version = 1\n[[stroke]]\nat_s = 0.05\ndo = \"save-points\"\nfile = \"{long}\"\n");
+    let strokes = "version = 1\n[[stroke]]\nat_s = 0.05\ndo = \"save-points\"\nfile = \"full.ply\"\n";
     fs::write(dir.path().join("strokes.toml"), strokes).unwrap();
-    let ended = says(dir.path(), &sculpt("--strokes strokes.toml"), 4, &["stroke not carried out: save-points", "nothing is lost"]);
+    let ended = says(
+        dir.path(),
+        &sculpt("--strokes strokes.toml"),
+        4,
+        &["stroke not carried out: save-points at 0.05 s", "nothing is lost"],
+    );
     assert!(ended.json()["sculpt"]["rescued"].is_string(), "{}", ended.stdout);
 }
 
@@ -392,10 +414,161 @@ fn strokes_that_cannot_be_carried_out_are_named_and_the_run_is_no_success() {
                    [[stroke]]\nat_s = 9\ndo = \"undo\"\n";
     fs::write(dir.path().join("strokes.toml"), strokes).unwrap();
     let line = "sculpt ball.toml --clock virtual --duration 100ms --json --strokes strokes.toml";
-    let ended =
-        says(dir.path(), line, 4, &["stroke not carried out", "no stroke to take back", "1 orders of the strokes were due"]);
+    let ended = says(
+        dir.path(),
+        line,
+        4,
+        &[
+            "stroke not carried out",
+            "strokes.toml:2: stroke not carried out: undo at 0.05 s",
+            "no stroke to take back",
+            "before 1 stroke was due",
+        ],
+    );
     let sculpt = &ended.json()["sculpt"];
     assert_eq!(sculpt["failed"].as_array().unwrap().len(), 2, "{sculpt}");
     assert_eq!((&sculpt["failed"][0]["tick"], &sculpt["failed"][0]["scripted"]), (&50.into(), &true.into()));
     assert_eq!((&sculpt["left_over"], &sculpt["samples"]), (&1.into(), &sculpt["samples_before"]));
+}
+
+#[test]
+fn a_hold_that_grabs_nothing_is_a_stroke_that_failed() {
+    let dir = folder();
+    // The tool is 4 mm away, and takes hold within 1 mm.
+    let hold = |brush_mm: u32| {
+        format!(
+            "version = 1\n[[stroke]]\nat_s = 0.01\ndo = \"take\"\ntool = \"pull\"\nbrush_mm = {brush_mm}\n\
+             [[stroke]]\nat_s = 0.05\ndo = \"hold\"\nuntil_s = 0.08\n[[stroke]]\nat_s = 8\ndo = \"hold\"\nuntil_s = 9\n"
+        )
+    };
+    let line = "sculpt ball.toml --clock virtual --duration 100ms --json --strokes strokes.toml";
+    fs::write(dir.path().join("strokes.toml"), hold(1)).unwrap();
+    let fragments =
+        ["strokes.toml:7: stroke not carried out: hold at 0.05 s: there is no surface within the brush", "before 1 stroke was due"];
+    let sculpt = says(dir.path(), line, 4, &fragments).json()["sculpt"].clone();
+    assert_eq!((sculpt["failed"].as_array().unwrap().len(), &sculpt["failed"][0]["line"]), (1, &7.into()), "{sculpt}");
+    assert_eq!((&sculpt["left_over"], &sculpt["troubles"]), (&1.into(), &Value::Array(Vec::new())), "{sculpt}");
+    fs::write(dir.path().join("strokes.toml"), hold(10)).unwrap();
+    let sculpt = says(dir.path(), line, 0, &["before 1 stroke was due"]).json()["sculpt"].clone();
+    assert_eq!((&sculpt["failed"], &sculpt["strokes"]), (&Value::Array(Vec::new()), &1.into()), "{sculpt}");
+}
+
+#[test]
+fn a_solid_without_a_spacing_is_as_dense_as_the_piece() {
+    let dir = folder();
+    let strokes = "version = 1\n[[stroke]]\nat_s = 0.01\ndo = \"union\"\nshape = { sphere_mm = 8 }\nposition_mm = [15, 0, 0]\n";
+    fs::write(dir.path().join("strokes.toml"), strokes).unwrap();
+    let line = "sculpt ball.toml --clock virtual --duration 50ms --json --strokes strokes.toml --export mesh.ply";
+    let sculpt = says(dir.path(), line, 0, &[]).json()["sculpt"].clone();
+    // Half of a ball of 8 mm beside one of 15 mm.
+    let (before, after) = (sculpt["samples_before"].as_f64().unwrap(), sculpt["samples"].as_f64().unwrap());
+    assert!(after > before && after < 1.3 * before, "{sculpt}");
+    assert!(sculpt["volume_mm3"].is_f64(), "{sculpt}");
+}
+
+#[test]
+fn solids_of_a_wrong_unit_are_refused_before_the_loop() {
+    let dir = folder();
+    fs::write(dir.path().join("scan.xyz"), sphere(2000, |_, _, _| true)).unwrap();
+    let strokes = |units: &str| {
+        format!(
+            "version = 1\n[[stroke]]\nat_s = 0.01\ndo = \"union\"\npoints = \"scan.xyz\"\nunits = \"{units}\"\nposition_mm = [9, 0, 0]\n"
+        )
+    };
+    let line = "sculpt ball.toml --clock virtual --duration 50ms --strokes strokes.toml";
+    fs::write(dir.path().join("strokes.toml"), strokes("m")).unwrap();
+    let message = "strokes.toml:6: stroke at 0.01 s (line 2): units = \"m\": the solid is 30 m across, the piece 30 mm";
+    refuses(dir.path(), line, 3, &[message, "is this unit right"]);
+    fs::write(dir.path().join("strokes.toml"), strokes("mm")).unwrap();
+    says(dir.path(), line, 0, &[]);
+}
+
+#[test]
+fn a_piece_of_a_wrong_unit_is_told_by_its_size() {
+    let dir = folder();
+    fs::write(dir.path().join("scan.xyz"), sphere(2000, |_, _, _| true)).unwrap();
+    let scan = |units: &str| scene(&format!("points = \"scan.xyz\"\nunits = \"{units}\"\n{WORKED}"));
+    fs::write(dir.path().join("scene.toml"), scan("m")).unwrap();
+    let bake = "bake scene.toml --json";
+    says(dir.path(), bake, 0, &["clay: the piece is 29.97 m across; is `sculpt.units` right?"]);
+    fs::write(dir.path().join("scene.toml"), scan("mm")).unwrap();
+    assert!(!says(dir.path(), bake, 0, &[]).stderr.contains("sculpt.units"));
+    fs::write(dir.path().join("part.obj"), "v 0 0 0\nv 10 0 0\nv 0 10 0\nv 0 0 10\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n").unwrap();
+    let mesh =
+        |units: &str, spacing_mm: f64| format!("mesh = \"part.obj\"\nunits = \"{units}\"\nspacing_mm = {spacing_mm}\n{WORKED}");
+    refused(dir.path(), &mesh("mm", 20.0), 4, &["part.obj: it is 10 mm across, so a spacing of 20 mm gives", "is `units` right?"]);
+    refused(
+        dir.path(),
+        &mesh("m", 0.5),
+        4,
+        &["part.obj: it is 10 m across, and a spacing of 500 µm makes too many points", "is `units` right?"],
+    );
+}
+
+#[test]
+fn a_tool_that_starts_in_the_clay_works_nothing_before_it_was_outside() {
+    let dir = folder();
+    let inside =
+        |z_mm: u32| fs::read_to_string(dir.path().join("ball.toml")).unwrap().replace("[0, 0, 22]", &format!("[0, 0, {z_mm}]"));
+    for z_mm in [0, 5, 12, 16] {
+        let still = inside(z_mm).replace("hand = \"press.csv\"\n", "");
+        fs::write(dir.path().join("inside.toml"), still).unwrap();
+        let fragments = ["it starts inside the clay", "nothing is worked before it has been outside"];
+        let ended = says(dir.path(), "sculpt inside.toml --clock virtual --duration 1s --json", 0, &fragments).json();
+        let sculpt = &ended["sculpt"];
+        assert_eq!((&sculpt["strokes"], &sculpt["samples"]), (&0.into(), &sculpt["samples_before"]), "{z_mm} mm: {ended}");
+        assert_eq!(
+            (&sculpt["volume_mm3"], ended["max_force_n"].as_f64()),
+            (&sculpt["volume_before_mm3"], Some(0.0)),
+            "{z_mm} mm: {ended}"
+        );
+    }
+    // Drawn out, and pressed in again: one stroke.
+    let path = [(0.0, 12), (0.1, 12), (0.3, 22), (0.5, 22), (0.9, 14), (1.2, 14), (1.5, 22)];
+    let lines = path.iter().fold(String::new(), |text, (t_s, z_mm)| text + &format!("{t_s},0,0,0.0{z_mm},0,0,0,1\n"));
+    fs::write(dir.path().join("press.csv"), format!("t_s,x_m,y_m,z_m,qx,qy,qz,qw\n{lines}")).unwrap();
+    fs::write(dir.path().join("inside.toml"), inside(12)).unwrap();
+    let ended = says(dir.path(), "sculpt inside.toml --clock virtual --duration 1800ms --json", 0, &[]).json();
+    assert_eq!(ended["sculpt"]["strokes"], 1, "{ended}");
+    assert!(ended["max_force_n"].as_f64().unwrap() > 0.1 && ended["faults"].as_array().unwrap().is_empty(), "{ended}");
+}
+
+#[test]
+fn quiet_is_quiet_and_a_still_arm_is_said() {
+    let dir = folder();
+    let quiet = says(dir.path(), "-q sculpt ball.toml --clock virtual --duration 20ms", 0, &[]);
+    assert_eq!((&*quiet.stdout, &*quiet.stderr), ("", ""));
+    let still = fs::read_to_string(dir.path().join("ball.toml")).unwrap().replace("hand = \"press.csv\"\n", "");
+    fs::write(dir.path().join("still.toml"), still).unwrap();
+    let line = "sculpt still.toml --clock virtual --duration 20ms";
+    says(dir.path(), line, 0, &["note: nothing moves the simulated arm: `hand` under [device] leads it along a path"]);
+    let led = says(dir.path(), &format!("{line} --strokes strokes.toml --overwrite"), 0, &[]);
+    assert!(!led.stderr.contains("nothing moves"), "{}", led.stderr);
+}
+
+#[test]
+fn files_that_are_no_scene_say_what_they_are_for() {
+    let dir = folder();
+    let checked = says(dir.path(), "check strokes.toml", 0, &[]);
+    assert_eq!(checked.stdout, "ok strokes.toml: 2 strokes from 1.4 s to 1.5 s\n");
+    refuses(dir.path(), "sculpt strokes.toml", 3, &["this is a file of strokes, not a scene", "--strokes FILE"]);
+    fs::write(dir.path().join("two.xyz"), "0 0\n").unwrap();
+    refused(
+        dir.path(),
+        "points = \"two.xyz\"\nunits = \"mm\"\n",
+        4,
+        &["two.xyz:1: 2 columns of numbers found, understood are 3 (x y z)"],
+    );
+    // Points, a mesh, and a scene for either.
+    fs::write(dir.path().join("Schüssel.xyz"), sphere(2000, |_, _, _| true)).unwrap();
+    let hint = "`hapticd init --clay Schüssel.xyz` writes a scene that sculpts it";
+    refuses(dir.path(), "sculpt Schüssel.xyz", 3, &["this is a file of points or a mesh, not a scene", hint]);
+    refuses(dir.path(), "init Schüssel.xyz", 2, &["not a folder", "--clay"]);
+    refuses(dir.path(), "init . --clay", 2, &["--clay takes one file"]);
+    let told = says(dir.path(), "init --clay Schüssel.xyz", 0, &["units are taken as mm: the piece is then 29.9"]);
+    assert!(told.stdout.contains("`hapticd sculpt Schüssel.toml` works it"), "{}", told.stdout);
+    refuses(dir.path(), "init --clay Schüssel.xyz", 2, &["Schüssel.toml is there already"]);
+    let line = "sculpt Schüssel.toml --clock virtual --duration 20ms --json --session Übung.session";
+    let sculpted = says(dir.path(), line, 0, &["nothing moves the simulated arm"]).json();
+    assert_eq!((&sculpted["sculpt"]["samples"], &sculpted["sculpt"]["saved"][0]["file"]), (&2000.into(), &"Übung.session".into()));
 }

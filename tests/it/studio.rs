@@ -94,7 +94,12 @@ fn pull() -> Order {
 fn run(clock: impl Clock, n_ticks: u64, script: Vec<(u64, Order)>) -> (Vec<TickRecord>, Ended) {
     let studio = studio(Craft::Push);
     let scene = scene(&studio);
-    let plan = Plan { tick_s: 1e-3, update_ticks: UPDATE_TICKS, clock: clock.kind(), script };
+    let plan = Plan {
+        tick_s: 1e-3,
+        update_ticks: UPDATE_TICKS,
+        clock: clock.kind(),
+        script: script.into_iter().map(Into::into).collect(),
+    };
     let (slot, door, thread) = begin(studio, scene.clay.as_ref().expect("clay"), plan).expect("a thread");
     assert!(door.view().is_none_or(|view| view.version == 1));
     let (producer, mut consumer) = rtrb::RingBuffer::new(n_ticks as usize + 400);

@@ -5,8 +5,9 @@ use std::path::{Path, PathBuf};
 
 use super::super::{Talk, destination, report};
 use crate::config::SceneConfig;
-use crate::config::strokes::{self, Timed};
+use crate::config::strokes::Script;
 use crate::error::Exit;
+use crate::mesh;
 use crate::picture::splats::{self, Subject};
 use crate::sculpt::PointSet;
 use crate::sculpt::studio::Order;
@@ -41,52 +42,73 @@ impl Pictures {
     }
 }
 
-/// Refuses what cannot be written or may not be written over.
-pub(super) fn check(
-    config: &SceneConfig,
-    script: &[Timed],
-    outputs: &[Order],
-    pictures: Option<&Pictures>,
-    overwrite: bool,
-    talk: Talk,
-) -> Result<(), Exit> {
-    let refuse = |exit: Exit, message: String, hint: Option<&str>| {
-        report::error(&message, hint, talk);
-        Err(exit)
-    };
-    let own = outputs.iter().map(destination_of);
-    if let Some((_, file)) = own.clone().find(|(kind, file)| *kind != "session" && !is_ply(file)) {
-        return refuse(Exit::Usage, format!("{}: samples and meshes are .ply files", file.display()), None);
+/// Every file that is to be written.
+pub(super) struct Written<'w> {
+    /// At the end.
+    pub(super) own: &'w [Order],
+    pub(super) script: Option<&'w Script>,
+    pub(super) pictures: Option<&'w Pictures>,
+    pub(super) recording: Option<&'w Path>,
+}
+
+impl Written<'_> {
+    /// Refuses what cannot be written, may not be written over, or is read.
+    pub(super) fn check(&self, config: &SceneConfig, overwrite: bool, talk: Talk) -> Result<(), Exit> {
+        let Self { own, script, pictures, recording } = self;
+        let refuse = |exit: Exit, message: String, hint: Option<&str>| {
+            report::error(&message, hint, talk);
+            Err(exit)
+        };
+        let own = own.iter().map(destination_of);
+        if let Some((_, file)) = own.clone().find(|(kind, file)| *kind != "session" && !is_ply(file)) {
+            return refuse(Exit::Usage, format!("{}: samples and meshes are .ply files", file.display()), None);
+        }
+        let mut files: Vec<PathBuf> = own.map(|(_, file)| file).collect();
+        files.extend(script.iter().flat_map(|script| script.writes()).map(Path::to_owned));
+        if let Some(pictures) = pictures {
+            if let Err(error) = std::fs::create_dir_all(&pictures.folder) {
+                let message = format!("cannot make the folder {}: {error}", pictures.folder.display());
+                return refuse(Exit::Asset, message, destination::hint(&error));
+            }
+            files.extend(pictures.files());
+        }
+        let read: HashSet<PathBuf> = self.reads(config).iter().filter_map(|file| file.canonicalize().ok()).collect();
+        let mut places: HashSet<PathBuf> = HashSet::new();
+        // A recording knows by itself whether it can be written.
+        for (file, is_clay) in files.iter().map(|file| (&**file, true)).chain(recording.map(|file| (file, false))) {
+            if !places.insert(place_of(file)) {
+                let hint = "give each its own name";
+                return refuse(Exit::Usage, format!("{} would be written twice", file.display()), Some(hint));
+            }
+            if file.canonicalize().is_ok_and(|file| read.contains(&file)) {
+                let message = format!("{} is what the scene is read from: name another file to write", file.display());
+                return refuse(Exit::Usage, message, None);
+            }
+            if is_clay && file.exists() && !file.is_dir() && !overwrite {
+                let hint = "name another file, or give --overwrite";
+                return refuse(Exit::Usage, format!("{} is there already", file.display()), Some(hint));
+            }
+            if is_clay && let Err(error) = destination::check(file) {
+                let message = format!("cannot write {}: {error}", file.display());
+                return refuse(Exit::Asset, message, destination::hint(&error));
+            }
+        }
+        Ok(())
     }
-    let mut files: Vec<PathBuf> = own.map(|(_, file)| file).collect();
-    files.extend(strokes::outputs(script).map(Path::to_owned));
-    if let Some(pictures) = pictures {
-        if let Err(error) = std::fs::create_dir_all(&pictures.folder) {
-            let message = format!("cannot make the folder {}: {error}", pictures.folder.display());
-            return refuse(Exit::Asset, message, destination::hint(&error));
+
+    /// The scene, its strokes, and all that they name.
+    fn reads(&self, config: &SceneConfig) -> Vec<PathBuf> {
+        let mut files = vec![config.path.clone()];
+        files.extend_from_slice(&config.files);
+        if let Some(script) = self.script {
+            files.push(script.file.clone());
+            files.extend_from_slice(&script.reads);
         }
-        files.extend(pictures.files());
+        // Files that meshes take their contents from; one that cannot be read names none.
+        let companions: Vec<PathBuf> = files.iter().flat_map(|file| mesh::companions(file).unwrap_or_default()).collect();
+        files.extend(companions);
+        files
     }
-    let mut places = HashSet::new();
-    for file in &files {
-        if !places.insert(place_of(file)) {
-            let hint = "give each its own name";
-            return refuse(Exit::Usage, format!("{} would be written twice", file.display()), Some(hint));
-        }
-        if let Err(error) = destination::check(file) {
-            let message = format!("cannot write {}: {error}", file.display());
-            return refuse(Exit::Asset, message, destination::hint(&error));
-        }
-        let is_scene = |path: &Path| file.canonicalize().is_ok_and(|file| path.canonicalize().is_ok_and(|path| path == file));
-        if is_scene(&config.path) {
-            return refuse(Exit::Usage, format!("{} is the scene itself: name another file to write", file.display()), None);
-        }
-        if file.exists() && !overwrite {
-            let hint = "name another file, or give --overwrite";
-            return refuse(Exit::Usage, format!("{} is there already", file.display()), Some(hint));
-        }
-    }
-    Ok(())
 }
 
 /// The same for every way to write the name of a file, there or not.

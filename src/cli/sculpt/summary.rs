@@ -9,12 +9,21 @@ use crate::config::problem::show;
 use crate::daemon::studio::{FailedOrder, StudioReport};
 use crate::error::Exit;
 
+/// A share of late updates that is felt.
+const LATE_SHARE: f64 = 0.05;
+
 /// A file that was written.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct Saved {
     /// `points`, `session`, `mesh` or `picture`.
     pub(super) kind: &'static str,
+    #[serde(serialize_with = "lossily")]
     pub(super) file: PathBuf,
+}
+
+/// A name that is no UTF-8 is told all the same.
+fn lossily<S: serde::Serializer>(file: &Path, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.serialize_str(&file.to_string_lossy())
 }
 
 /// What became of the clay, as `--json` has it.
@@ -35,6 +44,8 @@ impl Serialize for SculptReport {
         struct Failed<'r> {
             tick: u64,
             scripted: bool,
+            #[serde(skip_serializing_if = "Option::is_none")]
+            line: Option<usize>,
             what: &'r str,
             why: &'r str,
         }
@@ -51,7 +62,7 @@ impl Serialize for SculptReport {
             saved: &'r [Saved],
             unsaved: &'r [Saved],
             #[serde(skip_serializing_if = "Option::is_none")]
-            rescued: Option<&'r Path>,
+            rescued: Option<std::borrow::Cow<'r, str>>,
             failed: Vec<Failed<'r>>,
             left_over: usize,
             troubles: &'r [String],
@@ -60,9 +71,10 @@ impl Serialize for SculptReport {
         }
         let StudioReport { updates, late, strokes, samples_before, samples, failed, left_over, troubles, broken, files: _ } =
             &self.studio;
-        let failed = failed.iter().map(|FailedOrder { tick, is_scripted, what, why }| Failed {
+        let failed = failed.iter().map(|FailedOrder { tick, is_scripted, line, what, why }| Failed {
             tick: *tick,
             scripted: *is_scripted,
+            line: *line,
             what,
             why,
         });
@@ -77,7 +89,7 @@ impl Serialize for SculptReport {
             volume_mm3: self.volume_mm3,
             saved: &self.saved,
             unsaved: &self.unsaved,
-            rescued: self.rescued.as_deref(),
+            rescued: self.rescued.as_deref().map(Path::to_string_lossy),
             failed: failed.collect(),
             left_over: *left_over,
             troubles,
@@ -106,17 +118,33 @@ impl SculptReport {
         }
     }
 
-    pub(super) fn tell(&self, talk: Talk) {
-        let StudioReport { failed, left_over, troubles, broken, .. } = &self.studio;
-        for FailedOrder { tick, is_scripted, what, why } in failed {
-            let who = if *is_scripted { "stroke" } else { "order" };
-            report::warning(&format!("{who} not carried out: {what} (tick {tick}): {why}"), talk);
+    pub(super) fn tell(&self, strokes: Option<&Path>, tick_s: f64, talk: Talk) {
+        let StudioReport { failed, left_over, troubles, broken, updates, late, .. } = &self.studio;
+        for FailedOrder { tick, is_scripted, line, what, why } in failed {
+            let at_s = show(*tick as f64 * tick_s);
+            let message = match (strokes, line) {
+                (Some(file), Some(line)) => format!("{}:{line}: stroke not carried out: {what} at {at_s} s: {why}", file.display()),
+                _ => format!("{} not carried out: {what} at {at_s} s: {why}", if *is_scripted { "stroke" } else { "order" }),
+            };
+            report::warning(&message, talk);
         }
         for trouble in troubles {
             report::warning(&format!("clay: {trouble}"), talk);
         }
         if *left_over > 0 {
-            report::warning(&format!("the run ended before {left_over} orders of the strokes were due"), talk);
+            let (number, were) =
+                if *left_over == 1 { ("1 stroke".to_owned(), "was") } else { (format!("{left_over} strokes"), "were") };
+            report::warning(&format!("the run ended before {number} {were} due; --duration says how long it goes on"), talk);
+        }
+        if *late as f64 > LATE_SHARE * (*updates + *late) as f64 {
+            report::warning(
+                &format!(
+                    "this machine was too slow for {late} of {} updates, so the clay moved more slowly than the time: give fewer mass points in \
+                     `sculpt.raster`, or a lower `sculpt.update_hz`",
+                    updates + late
+                ),
+                talk,
+            );
         }
         if let Some(broken) = broken {
             report::error(

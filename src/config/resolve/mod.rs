@@ -17,7 +17,7 @@ use super::checks::{Checks, Interval};
 use super::document::Document;
 use super::problem::{ConfigErrors, Problem, ProblemKind};
 use super::scene::{DeviceConfig, SceneConfig};
-use super::schema;
+use super::{schema, strokes};
 use crate::device::nodes::Selector;
 use crate::device::profile::is_profile;
 use crate::haptics::filter::low_pass_alpha;
@@ -60,6 +60,9 @@ pub fn load_with(path: &Path, options: &LoadOptions) -> Result<SceneConfig, Conf
     let document = Document::parse(path, &text)?;
     if is_profile(path) {
         return Err(of_file(ProblemKind::IsProfile));
+    }
+    if strokes::are_in(&document) {
+        return Err(of_file(ProblemKind::IsStrokes));
     }
     let scene: schema::Scene = document.read()?;
     let dir = path.parent().unwrap_or(Path::new(""));
@@ -170,6 +173,7 @@ impl Resolve<'_> {
         let port =
             PortParameters { world_from_device, scale: port_scale, sensed: profile.sensed, actuated: profile.actuated, start };
         Some(SceneConfig {
+            files: self.checks.files().to_vec(),
             path: path.to_path_buf(),
             name,
             rate_hz,

@@ -156,6 +156,11 @@ words! {
 }
 
 impl Deed {
+    /// The one of a word.
+    pub(in crate::config) fn of(word: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|deed| deed.to_string() == word)
+    }
+
     /// The keys that belong to it, beside `at_s`.
     pub(in crate::config) fn keys(self) -> &'static [&'static str] {
         match self {

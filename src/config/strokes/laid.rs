@@ -6,14 +6,14 @@ use super::super::checks::{FINITE, Interval};
 use super::super::problem::ProblemKind;
 use super::super::resolve::MM;
 use super::super::schema::{Deed, Stroke};
-use super::Script;
+use super::Reader;
 use crate::sculpt::emboss::Laid;
 use crate::sculpt::studio::Order;
 
 /// Cosine of the largest angle by which the edges of an image may be off a right one.
 const SKEW: f64 = 1e-3;
 
-impl Script<'_> {
+impl Reader<'_> {
     pub(super) fn emboss(&mut self, table: &str, stroke: &Stroke, deed: Deed) -> Option<Order> {
         let depth = Interval::above(0.0).to(100.0).unit("mm");
         let depth_m = self.resolve.checks.number(&format!("{table}.depth_mm"), stroke.depth_mm, self.tool.depth_m / MM, depth) * MM;

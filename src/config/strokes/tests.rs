@@ -14,7 +14,9 @@ fn read(text: &str) -> Result<Vec<Timed>, String> {
     fs::write(folder.path().join("a.png"), pixels.encode_png().unwrap()).unwrap();
     fs::write(folder.path().join("bad.png"), "no image").unwrap();
     fs::write(folder.path().join("three.xyz"), "0 0 0\n1 0 0\n0 1 0\n").unwrap();
-    load(&path, &ToolSettings::default()).map_err(|errors| errors.to_string().replace(&format!("{}/", folder.path().display()), ""))
+    load(&path, &ToolSettings::default())
+        .map(|script| script.orders)
+        .map_err(|errors| errors.to_string().replace(&format!("{}/", folder.path().display()), ""))
 }
 
 #[test]
@@ -26,14 +28,18 @@ fn strokes_come_in_the_order_of_their_times() {
          [[stroke]]\nat_s = 2\ndo = \"redo\"\n",
     )
     .unwrap();
-    let seconds: Vec<f64> = orders.iter().map(|(at, _)| at.as_secs_f64()).collect();
+    let seconds: Vec<f64> = orders.iter().map(|timed| timed.at.as_secs_f64()).collect();
     assert_eq!(seconds, [0.5, 1.0, 2.0, 2.0, 2.0]);
-    let Order::Take(tool) = &orders[0].1 else { panic!("{orders:?}") };
+    let Order::Take(tool) = &orders[0].order else { panic!("{orders:?}") };
     assert_eq!((tool.craft, tool.brush_m, tool.color), (Craft::Pull, 4e-3, [1, 2, 255]));
     assert_eq!(tool.falloff, Falloff::Table(vec![1.0, 0.5, 0.0]));
     assert_eq!(tool.depth_m, ToolSettings::default().depth_m);
-    assert!(matches!(orders[1].1, Order::Hold(true)));
-    assert!(matches!(orders[2].1, Order::Undo) && matches!(orders[3].1, Order::Hold(false)) && matches!(orders[4].1, Order::Redo));
+    assert!(matches!(orders[1].order, Order::Hold(true)));
+    assert!(
+        matches!(orders[2].order, Order::Undo)
+            && matches!(orders[3].order, Order::Hold(false))
+            && matches!(orders[4].order, Order::Redo)
+    );
 }
 
 #[test]
@@ -42,7 +48,10 @@ fn solids_are_sampled_where_they_stand() {
         "[[stroke]]\nat_s = 0\ndo = \"difference\"\nshape = { sphere_mm = 5 }\nspacing_mm = 1\nposition_mm = [10, 0, 0]\nsharp = true\n",
     )
     .unwrap();
-    let Order::Combine { boolean: Boolean::Difference, with, is_sharp: true } = &orders[0].1 else { panic!("{orders:?}") };
+    let Order::Combine { boolean: Boolean::Difference, with, map_from_body, is_sharp: true } = &orders[0].order else {
+        panic!("{orders:?}")
+    };
+    let with = with.beside(1.0).unwrap().placed(map_from_body);
     for (at, normal) in with.positions_map.iter().zip(&with.normals_map) {
         let way = *at - DVec3::X * 0.01;
         assert!((way.length() - 5e-3).abs() < 5e-5 && normal.dot(way.normalize()) > 0.98, "{at} {normal}");
@@ -57,13 +66,13 @@ fn images_lie_as_their_edges_say() {
          [[stroke]]\nat_s = 0\ndo = \"emboss\"\nimage = \"a.png\"\ncenter_mm = [0, 0, 7]\naxis = [0, 2, 0]\nfront = [1, 1, 0]\n",
     )
     .unwrap();
-    let Order::Emboss { laid: Laid::Flat { middle_map, right_map, up_map }, depth_m, .. } = &orders[0].1 else {
+    let Order::Emboss { laid: Laid::Flat { middle_map, right_map, up_map }, depth_m, .. } = &orders[0].order else {
         panic!("{orders:?}")
     };
     assert!((*depth_m + 2e-3).abs() < 1e-12);
     assert!(middle_map.distance(DVec3::Z * 1e-3) < 1e-12);
     assert!(right_map.distance(DVec3::X * 5e-3) < 1e-12 && up_map.distance(DVec3::Y * 5e-3) < 1e-12);
-    let Order::Emboss { laid: Laid::Around { center_map, north_map, front_map }, depth_m, .. } = &orders[1].1 else {
+    let Order::Emboss { laid: Laid::Around { center_map, north_map, front_map }, depth_m, .. } = &orders[1].order else {
         panic!("{orders:?}")
     };
     assert!((depth_m - 1e-3).abs() < 1e-12);
@@ -75,40 +84,43 @@ fn images_lie_as_their_edges_say() {
 fn every_mistake_is_named_with_its_line_and_what_would_do() {
     let cases = [
         ("[[strok]]\nat_s = 1", "s.toml:2: strok: unknown key; did you mean `stroke`?"),
-        ("[[stroke]]\ndo = \"undo\"", "s.toml:2: stroke[0].at_s: missing; give a number: from 0 to 100000 s"),
-        ("[[stroke]]\nat_s = -1\ndo = \"undo\"", "s.toml:3: stroke[0].at_s = -1: must be from 0 to 100000 s"),
-        ("[[stroke]]\nat_s = 1", "stroke[0].do: missing; give \"take\", \"hold\", \"union\""),
-        ("[[stroke]]\nat_s = 1\ndo = \"carve\"", "s.toml:4: stroke[0].do = \"carve\": must be \"take\", \"hold\""),
+        ("[[stroke]]\ndo = \"undo\"", "s.toml:2: stroke (line 2): at_s: missing; give a number: from 0 to 100000 s"),
+        ("[[stroke]]\nat_s = -1\ndo = \"undo\"", "s.toml:3: stroke (line 2): at_s = -1: must be from 0 to 100000 s"),
+        ("[[stroke]]\nat_s = 1", "stroke at 1 s (line 2): do: missing; give \"take\", \"hold\", \"union\""),
+        ("[[stroke]]\nat_s = 1\ndo = \"carve\"", "s.toml:4: stroke at 1 s (line 2): do = \"carve\": must be \"take\", \"hold\""),
         ("[[stroke]]\nat_s = 1\ndo = \"undo\"\nfile = \"a\"", "left out beside do = \"undo\", which takes no key beside at_s"),
         ("[[stroke]]\nat_s = 1\ndo = \"take\"\ntool = \"pul\"", "did you mean `pull`?"),
         (
             "[[stroke]]\nat_s = 1\ndo = \"take\"\nbrush_mm = 0",
-            "s.toml:5: stroke[0].brush_mm = 0: must be greater than 0 and at most 1000 mm",
+            "s.toml:5: stroke at 1 s (line 2): brush_mm = 0: must be greater than 0 and at most 1000 mm",
         ),
         ("[[stroke]]\nat_s = 1\ndo = \"take\"\nfalloff = [1]", "falloff = [1]: a table of a fall-off needs at least 2 weights"),
         ("[[stroke]]\nat_s = 1\ndo = \"take\"\ncolor = \"red\"", "color = \"red\": must be a colour as \"#rrggbb\""),
         ("[[stroke]]\nat_s = 1\ndo = \"take\"\nimage = \"b.png\"", "image = \"b.png\": no such file: b.png"),
         ("[[stroke]]\nat_s = 1\ndo = \"take\"\nimage = \"bad.png\"", "bad.png is no PNG image that can be read"),
-        ("[[stroke]]\nat_s = 1\ndo = \"hold\"", "stroke[0].until_s: missing"),
+        ("[[stroke]]\nat_s = 1\ndo = \"hold\"", "stroke at 1 s (line 2): until_s: missing"),
         ("[[stroke]]\nat_s = 1\ndo = \"hold\"\nuntil_s = 1", "until_s = 1: must be later than at_s = 1 s"),
         (
             "[[stroke]]\nat_s = 1\ndo = \"hold\"\nuntil_s = 3\n[[stroke]]\nat_s = 2\ndo = \"hold\"\nuntil_s = 4",
-            "s.toml:7: stroke[1].at_s = 2: must be 3 s or later: until then the tool is held by the stroke in line 2",
+            "s.toml:7: stroke (line 6): at_s = 2: must be 3 s or later: until then the tool is held by the stroke in line 2",
         ),
         (
             "[[stroke]]\nat_s = 2\ndo = \"hold\"\nuntil_s = 3\n[[stroke]]\nat_s = 1\ndo = \"hold\"\nuntil_s = 2",
-            "s.toml:3: stroke[0].at_s = 2: must be later than 2 s, or stand below the stroke in line 6",
+            "s.toml:3: stroke (line 2): at_s = 2: must be later than 2 s, or stand below the stroke in line 6",
         ),
-        ("[[stroke]]\nat_s = 1\ndo = \"union\"", "stroke[0].points: missing; give points, a mesh, a shape such as"),
-        ("[[stroke]]\nat_s = 1\ndo = \"union\"\nmesh = \"a.obj\"\nshape = { sphere_mm = 1 }", "cannot stand beside stroke[0].mesh"),
-        ("[[stroke]]\nat_s = 1\ndo = \"union\"\npoints = \"three.xyz\"", "stroke[0].units: missing"),
+        ("[[stroke]]\nat_s = 1\ndo = \"union\"", "stroke at 1 s (line 2): points: missing; give points, a mesh, a shape such as"),
+        ("[[stroke]]\nat_s = 1\ndo = \"union\"\nmesh = \"a.obj\"\nshape = { sphere_mm = 1 }", "cannot stand beside mesh;"),
+        ("[[stroke]]\nat_s = 1\ndo = \"union\"\npoints = \"three.xyz\"", "stroke at 1 s (line 2): units: missing"),
         (
             "[[stroke]]\nat_s = 1\ndo = \"union\"\npoints = \"three.xyz\"\nunits = \"mm\"",
             "three.xyz: 3 points, at least 32 are needed",
         ),
-        ("[[stroke]]\nat_s = 1\ndo = \"union\"\nshape = { sphere_mm = 10 }\nspacing_mm = 0.001", "the shape: a spacing of"),
-        ("[[stroke]]\nat_s = 1\ndo = \"emboss\"\nimage = \"a.png\"", "stroke[0].corner_mm: missing"),
-        ("[[stroke]]\nat_s = 1\ndo = \"emboss\"\ncenter_mm = [0, 0, 0]", "stroke[0].image: missing; give a PNG file"),
+        (
+            "[[stroke]]\nat_s = 1\ndo = \"union\"\nshape = { sphere_mm = 10 }\nspacing_mm = 0.001",
+            "the shape: it is 20 mm across, and a spacing of 1 µm makes too many points",
+        ),
+        ("[[stroke]]\nat_s = 1\ndo = \"emboss\"\nimage = \"a.png\"", "stroke at 1 s (line 2): corner_mm: missing"),
+        ("[[stroke]]\nat_s = 1\ndo = \"emboss\"\ncenter_mm = [0, 0, 0]", "stroke at 1 s (line 2): image: missing; give a PNG file"),
         (
             "[[stroke]]\nat_s = 1\ndo = \"emboss\"\nimage = \"a.png\"\ncorner_mm = [0, 0, 0]\nacross_mm = [1, 0, 0]\ndown_mm = [1, 1, 0]",
             "at a right angle to across_mm",
@@ -117,9 +129,9 @@ fn every_mistake_is_named_with_its_line_and_what_would_do() {
             "[[stroke]]\nat_s = 1\ndo = \"emboss\"\nimage = \"a.png\"\ncenter_mm = [0, 0, 0]\naxis = [0, 0, 1]\nfront = [0, 0, 1]",
             "front = [0, 0, 1]: must be another direction than axis",
         ),
-        ("[[stroke]]\nat_s = 1\ndo = \"region\"", "stroke[0].region_mm: missing"),
+        ("[[stroke]]\nat_s = 1\ndo = \"region\"", "stroke at 1 s (line 2): region_mm: missing"),
         ("[[stroke]]\nat_s = 1\ndo = \"region\"\nregion_mm = [[0, 0, 0], [1, 0, 1]]", "the lowest corner first"),
-        ("[[stroke]]\nat_s = 1\ndo = \"export\"", "stroke[0].file: missing"),
+        ("[[stroke]]\nat_s = 1\ndo = \"export\"", "stroke at 1 s (line 2): file: missing"),
         ("[[stroke]]\nat_s = 1\ndo = \"export\"\nfile = \"a.obj\"", "must be a file whose name ends in .ply"),
         (
             "[[stroke]]\nat_s = 1\ndo = \"export\"\nfile = \"a.ply\"\n[[stroke]]\nat_s = 2\ndo = \"save-points\"\nfile = \"a.ply\"",
@@ -130,4 +142,34 @@ fn every_mistake_is_named_with_its_line_and_what_would_do() {
         let message = read(text).unwrap_err();
         assert!(message.contains(expected), "{text}\n--- said\n{message}\n--- not\n{expected}");
     }
+}
+
+#[test]
+fn solids_of_a_wrong_unit_are_told_from_those_that_fit_a_piece() {
+    let piece = (DVec3::splat(-0.018), DVec3::splat(0.018));
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("s.toml");
+    let corner = "v 0 0 0\nv 10 0 0\nv 0 10 0\nv 0 0 10\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n";
+    fs::write(folder.path().join("corner.obj"), corner).unwrap();
+    let fitted = |text: &str| {
+        fs::write(&path, format!("version = 1\n[[stroke]]\nat_s = 1\n{text}\n")).unwrap();
+        let script = load(&path, &ToolSettings::default()).unwrap();
+        let told = |problems: &[Problem]| problems.iter().map(Problem::to_string).collect::<String>();
+        script.fit(piece).map(|odd| told(&odd)).map_err(|errors| told(errors.problems()))
+    };
+    assert_eq!(fitted("do = \"union\"\nmesh = \"corner.obj\"\nunits = \"mm\""), Ok(String::new()));
+    let wrong = fitted("do = \"union\"\nmesh = \"corner.obj\"\nunits = \"m\"").unwrap_err();
+    let expected = "s.toml:6: stroke at 1 s (line 2): units = \"m\": the solid is 10 m across, the piece 36 mm; is this unit right, and that of \
+                    the piece?";
+    assert!(wrong.ends_with(expected), "{wrong}");
+    let wrong = fitted("do = \"difference\"\nshape = { sphere_mm = 0.1 }").unwrap_err();
+    assert!(wrong.contains("s.toml:5:") && wrong.contains("200 µm across, the piece 36 mm; shapes are in mm"), "{wrong}");
+    let odd = fitted("do = \"union\"\nshape = { box_mm = [2, 2, 2] }\nposition_mm = [100, 0, 0]").unwrap();
+    assert!(odd.contains("the solid stands 81 mm away from the piece, which is 36 mm across"), "{odd}");
+    // What was joined before is of the piece.
+    let bridge = "do = \"union\"\nshape = { box_mm = [80, 4, 4] }\nposition_mm = [50, 0, 0]\n[[stroke]]\nat_s = 2\n";
+    assert_eq!(
+        fitted(&format!("{bridge}do = \"union\"\nshape = {{ box_mm = [2, 2, 2] }}\nposition_mm = [100, 0, 0]")),
+        Ok(String::new())
+    );
 }

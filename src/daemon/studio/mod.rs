@@ -38,7 +38,24 @@ pub struct Plan {
     /// Which time the loop follows.
     pub clock: ClockKind,
     /// What is asked for by itself, each before the tick with its number is heard; in any order, equal ticks keep theirs.
-    pub script: Vec<(u64, Order)>,
+    pub script: Vec<Scripted>,
+}
+
+/// An order of a script.
+#[derive(Clone, Debug)]
+pub struct Scripted {
+    /// The tick before which it is due.
+    pub tick: u64,
+    /// What is asked for.
+    pub order: Order,
+    /// Where the script says so; `None`: it is no file.
+    pub line: Option<usize>,
+}
+
+impl From<(u64, Order)> for Scripted {
+    fn from((tick, order): (u64, Order)) -> Self {
+        Self { tick, order, line: None }
+    }
 }
 
 /// An order that was not carried out.
@@ -48,6 +65,8 @@ pub struct FailedOrder {
     pub tick: u64,
     /// It came from the script.
     pub is_scripted: bool,
+    /// The line of the script.
+    pub line: Option<usize>,
     /// What was asked for, a word or two.
     pub what: String,
     /// Why not, and what would help.
@@ -69,7 +88,7 @@ pub struct StudioReport {
     pub samples: usize,
     /// Orders that were not carried out.
     pub failed: Vec<FailedOrder>,
-    /// Script orders whose tick never came.
+    /// Script orders whose tick never came; a hold is one.
     pub left_over: usize,
     /// Files that orders wrote.
     pub files: u64,

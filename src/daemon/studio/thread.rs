@@ -9,10 +9,11 @@ use std::thread::JoinHandle;
 use std::time::Instant;
 
 use super::door::Desk;
-use super::{DutyCycle, Ended, FailedOrder, Plan, StudioReport};
+use super::{DutyCycle, Ended, FailedOrder, Plan, Scripted, StudioReport};
 use crate::haptics::clay::Frame;
 use crate::rt::clock::ClockKind;
-use crate::sculpt::studio::{Handling, Order, Studio, StudioError};
+use crate::sculpt::boolean::Boolean;
+use crate::sculpt::studio::{Grip, Handling, Order, Studio, StudioError};
 use crate::servo::{ClayFeed, PublishError, ToolState};
 
 /// Time from one view to the next, at least.
@@ -29,6 +30,14 @@ const KEPT_MAX: usize = 200;
 #[derive(Debug)]
 struct Unshowable(PublishError);
 
+/// Where an order came from.
+#[derive(Clone, Copy)]
+struct Asker {
+    tick: u64,
+    is_scripted: bool,
+    line: Option<usize>,
+}
+
 struct Worker<'s> {
     studio: &'s mut Studio,
     report: &'s mut StudioReport,
@@ -39,6 +48,8 @@ struct Worker<'s> {
     plan: Plan,
     /// The next of the script.
     next: usize,
+    /// The last hold of the script, until it is known what it grabbed.
+    hold: Option<Asker>,
     /// Heard last.
     tick: u64,
     update_s: f64,
@@ -55,7 +66,7 @@ pub(super) fn spawn(
     mut plan: Plan,
 ) -> std::io::Result<JoinHandle<Ended>> {
     // Stable: equal ticks keep their order.
-    plan.script.sort_by_key(|(tick, _)| *tick);
+    plan.script.sort_by_key(|scripted| scripted.tick);
     std::thread::Builder::new().name("studio".to_owned()).spawn(move || {
         let mut report = StudioReport { samples_before: studio.piece().points().len(), ..StudioReport::default() };
         let last_words = desk.last_words();
@@ -68,6 +79,7 @@ pub(super) fn spawn(
                 desk,
                 plan,
                 next: 0,
+                hold: None,
                 tick: 0,
                 update_s: 0.0,
                 began: Instant::now(),
@@ -80,7 +92,9 @@ pub(super) fn spawn(
                 ClockKind::Virtual => worker.follow_ticks(),
                 ClockKind::Real => worker.follow_time(),
             };
-            worker.report.left_over = worker.plan.script.len().saturating_sub(worker.next);
+            let never_due = worker.plan.script.get(worker.next..).unwrap_or_default();
+            // The end of a hold is the same stroke as its beginning.
+            worker.report.left_over = never_due.iter().filter(|left| !matches!(left.order, Order::Hold(false))).count();
             worker.studio.finish();
             worker.note_trouble();
             result
@@ -206,11 +220,14 @@ impl Worker<'_> {
     /// One tick's news, behind the orders of the script that are due before it.
     fn hear(&mut self, state: &ToolState) {
         self.tick = state.tick;
-        while let Some((tick, order)) = self.plan.script.get(self.next).filter(|(tick, _)| *tick <= state.tick) {
-            let (tick, order) = (*tick, order.clone());
+        while let Some(Scripted { tick, order, line }) = self.plan.script.get(self.next).filter(|next| next.tick <= state.tick) {
+            let (order, asker) = (order.clone(), Asker { tick: *tick, is_scripted: true, line: *line });
             self.next += 1;
+            if let Order::Hold(true) = order {
+                self.hold = Some(asker);
+            }
             // Told in the report.
-            let _ = self.carry_out(order, tick, true);
+            let _ = self.carry_out(order, asker);
         }
         self.studio.hear(&Handling {
             map_from_tool: state.map_from_tool,
@@ -226,12 +243,12 @@ impl Worker<'_> {
         // Those that are there now: somebody who asks without end holds nothing up.
         for _ in 0..self.desk.asks.len() {
             let Ok(asked) = self.desk.asks.try_recv() else { return };
-            let result = self.carry_out(asked.order.clone(), self.tick, false);
+            let result = self.carry_out(asked.order.clone(), Asker { tick: self.tick, is_scripted: false, line: None });
             asked.answer(result.map_err(Into::into));
         }
     }
 
-    fn carry_out(&mut self, order: Order, tick: u64, is_scripted: bool) -> Result<(), StudioError> {
+    fn carry_out(&mut self, order: Order, asker: Asker) -> Result<(), StudioError> {
         let what = name_of(&order);
         let writes = matches!(order, Order::SavePoints(_) | Order::SaveSession(_) | Order::Export(_));
         if !matches!(order, Order::Hold(_) | Order::SavePoints(_)) {
@@ -240,7 +257,7 @@ impl Worker<'_> {
         let result = self.studio.order(order);
         match &result {
             Ok(()) => self.report.files += u64::from(writes),
-            Err(error) => self.note_failure(tick, is_scripted, what, error),
+            Err(error) => self.note_failure(asker, what, format!("{error}; {}", error.hint())),
         }
         result
     }
@@ -257,16 +274,23 @@ impl Worker<'_> {
         }
     }
 
-    fn note_failure(&mut self, tick: u64, is_scripted: bool, what: &str, error: &StudioError) {
+    fn note_failure(&mut self, Asker { tick, is_scripted, line }: Asker, what: &str, why: String) {
         if self.report.failed.len() < KEPT_MAX {
-            let why = format!("{error}; {}", error.hint());
-            self.report.failed.push(FailedOrder { tick, is_scripted, what: what.to_owned(), why });
+            self.report.failed.push(FailedOrder { tick, is_scripted, line, what: what.to_owned(), why });
         }
     }
 
+    /// What went wrong by itself; where a hold of the script took hold of nothing, that stroke has failed.
     fn note_trouble(&mut self) {
-        let trouble = self.studio.trouble();
-        let is_new = !trouble.is_empty() && self.report.troubles.iter().all(|known| **known != **trouble);
+        let grip = self.studio.grip();
+        let missed = if grip == Grip::None { None } else { self.hold.take() }.filter(|_| grip == Grip::Missed);
+        let trouble = self.studio.trouble().clone();
+        if let Some(asker) = missed {
+            return self.note_failure(asker, "hold", trouble.to_string());
+        }
+        let is_new = !trouble.is_empty()
+            && self.report.troubles.iter().all(|known| **known != *trouble)
+            && self.report.failed.iter().all(|failed| *failed.why != *trouble);
         if is_new && self.report.troubles.len() < KEPT_MAX {
             self.report.troubles.push(trouble.to_string());
         }
@@ -322,7 +346,9 @@ fn name_of(order: &Order) -> &'static str {
         Order::Undo => "undo",
         Order::Redo => "redo",
         Order::Region { .. } => "region",
-        Order::Combine { .. } => "combine",
+        Order::Combine { boolean: Boolean::Union, .. } => "union",
+        Order::Combine { boolean: Boolean::Intersection, .. } => "intersection",
+        Order::Combine { boolean: Boolean::Difference, .. } => "difference",
         Order::Emboss { depth_m, .. } if *depth_m < 0.0 => "engrave",
         Order::Emboss { .. } => "emboss",
         Order::SavePoints(_) => "save-points",

@@ -132,6 +132,9 @@ fn try_to_enable(scene: &RenderScene, state: &mut State, sample: &DeviceSample, 
     state.passivity.reset();
     state.power.reset();
     state.delay = LoopDelay::starting_at(sample.delay_ticks);
-    state.interlock.start();
+    match place {
+        Some(_) => state.interlock.start(),
+        None => state.interlock.start_anew(),
+    }
     state.drive = Drive::Enabling;
 }

@@ -67,7 +67,8 @@ pub fn plain_name(chosen: &str, ending: &str) -> Result<String, &'static str> {
     if !name.ends_with(ending) {
         name += ending;
     }
-    let is_plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.' | ' ');
+    // Letters of every language, also where an accent is a character of its own.
+    let is_plain = |c: char| c.is_alphanumeric() || matches!(c, '-' | '_' | '.' | ' ' | '\u{300}'..='\u{36f}');
     if name.starts_with('.') || !name.chars().all(is_plain) || name.len() > LONGEST_NAME {
         return Err("a name of letters, digits, `-`, `_`, `.` and spaces that does not begin with `.`");
     }
@@ -130,7 +131,9 @@ mod tests {
     fn names_stay_in_their_folder() {
         assert_eq!(plain_name("a bowl", ".ply"), Ok("a bowl.ply".to_owned()));
         assert_eq!(plain_name("bowl.ply", ".ply"), Ok("bowl.ply".to_owned()));
-        for chosen in ["../bowl", "/tmp/bowl", ".bowl", "", "bo\nwl", "b\0", "ä", &"x".repeat(200)] {
+        assert_eq!(plain_name("Schüssel 2", ".ply"), Ok("Schüssel 2.ply".to_owned()));
+        assert_eq!(plain_name("u\u{308}ber", ".ply"), Ok("u\u{308}ber.ply".to_owned()));
+        for chosen in ["../bowl", "/tmp/bowl", ".bowl", "", "bo\nwl", "b\0", "a/b", &"x".repeat(200)] {
             assert!(plain_name(chosen, ".ply").is_err(), "{chosen:?}");
         }
     }

@@ -7,6 +7,7 @@ use super::super::SurfaceError;
 use super::super::export::ExportError;
 use super::super::session::SessionError;
 use super::super::workpiece::WorkpieceError;
+use crate::spatial::Metres;
 
 /// Why the studio did not do what it was asked for. The piece is as it was; [`StudioError::hint`] says what would help.
 #[derive(Debug, thiserror::Error)]
@@ -52,8 +53,11 @@ pub enum StudioError {
     /// The tool touches none of the samples that it could work on.
     #[error("nothing of the piece lies under the {0}")]
     Nothing(&'static str),
+    /// A difference that cuts nothing off.
+    #[error("the other solid is beside the piece and cuts nothing off")]
+    Beside,
     /// A number that means nothing.
-    #[error("{name} of {value} m")]
+    #[error("{name} of {}", Metres(*value))]
     Length {
         /// What it is of.
         name: &'static str,
@@ -82,6 +86,7 @@ impl StudioError {
             Self::OutsideRegion => "choose a region around it, or work within the one there is",
             Self::NoForce => "enable the arm",
             Self::Nothing(_) => "lay it on the surface, facing out of it",
+            Self::Beside => "move it, and check its unit",
             Self::Length { .. } => "give a finite length, above 0 for a brush",
         }
     }

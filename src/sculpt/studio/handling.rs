@@ -24,6 +24,18 @@ pub struct Handling {
     pub has_force: bool,
 }
 
+/// What becomes of a hand that takes hold.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Grip {
+    /// Nobody took hold.
+    #[default]
+    None,
+    /// Somebody did, and the tool did what it does.
+    Taken,
+    /// Somebody did, and there was nothing that the tool could work on.
+    Missed,
+}
+
 /// The body in the hand, as the studio needs it.
 #[derive(Clone, Debug, Default)]
 pub struct ToolBody {

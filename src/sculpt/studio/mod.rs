@@ -21,7 +21,7 @@ use std::sync::Arc;
 
 pub use craft::{Craft, ToolSettings};
 pub use error::StudioError;
-pub use handling::{Handling, ToolBody};
+pub use handling::{Grip, Handling, ToolBody};
 pub use order::Order;
 pub use view::View;
 
@@ -51,6 +51,8 @@ pub struct Studio {
     is_outdated: bool,
     /// Strokes, and strokes to be taken back and done again, when a session was saved last.
     saved: Past,
+    /// Of the last update.
+    grip: Grip,
     /// The loop has not been shown what there is.
     has_changed: bool,
     /// The surface may have gone elsewhere at once since it was shown.
@@ -73,6 +75,7 @@ impl Studio {
             version: 0,
             shown: None,
             is_outdated: true,
+            grip: Grip::None,
             has_changed: true,
             has_leapt: false,
             trouble: Arc::from(""),
@@ -99,6 +102,11 @@ impl Studio {
         &self.trouble
     }
 
+    /// What became in the last update of somebody who took hold; [`Self::trouble`] says why nothing did.
+    pub fn grip(&self) -> Grip {
+        self.grip
+    }
+
     /// What a tick of the loop told; every tick is heard once, in order. Cost: none to speak of.
     pub fn hear(&mut self, handling: &Handling) {
         self.heard.add(handling, self.is_held_by_order);
@@ -121,7 +129,9 @@ impl Studio {
         let heard = self.heard.take();
         let had_rope = self.rope_map().is_some();
         let strokes_before = self.piece.strokes();
-        if let Err(error) = self.work(&heard, time_s) {
+        let worked = self.work(&heard, time_s);
+        self.grip = heard.grip(worked.is_ok());
+        if let Err(error) = worked {
             self.complain(&error);
         } else if self.piece.strokes() > strokes_before {
             self.trouble = Arc::from("");
@@ -139,6 +149,7 @@ impl Studio {
 
     /// The stroke under way ends, and the rope is let go.
     pub fn finish(&mut self) {
+        self.grip = Grip::None;
         if let Err(error) = self.let_go() {
             self.complain(&error);
         }

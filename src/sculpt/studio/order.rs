@@ -5,10 +5,11 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
-use super::super::PointSet;
+use super::super::Body;
 use super::super::boolean::Boolean;
 use super::super::emboss::{GreyImage, Laid};
 use super::ToolSettings;
+use crate::spatial::Pose;
 
 /// What a person, a page or a script asks for. Taken between two updates of the material; what ends a stroke says so.
 #[derive(Clone, Debug)]
@@ -32,8 +33,10 @@ pub enum Order {
     Combine {
         /// Which way.
         boolean: Boolean,
-        /// Samples of the other solid, map frame.
-        with: Arc<PointSet>,
+        /// The other solid; what is not sampled yet gets the spacing that the piece has then.
+        with: Arc<Body>,
+        /// Where it stands.
+        map_from_body: Pose,
         /// The edge between both stays.
         is_sharp: bool,
     },

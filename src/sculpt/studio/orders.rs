@@ -1,5 +1,7 @@
 //! Orders, carried out.
 
+use glam::DVec3;
+
 use super::super::boolean::Boolean;
 use super::super::emboss::{GreyImage, Laid};
 use super::super::{PointSet, PointSurface, export, save};
@@ -34,9 +36,10 @@ impl Studio {
                 self.has_leapt = true;
                 Ok(self.piece.choose_region(low_map, high_map)?)
             }
-            Order::Combine { boolean, with, is_sharp } => {
+            Order::Combine { boolean, with, map_from_body, is_sharp } => {
                 self.let_go()?;
-                self.combine(boolean, &with, is_sharp)
+                let with = with.beside(self.piece.surface().spacing_m())?.placed(&map_from_body);
+                self.combine(boolean, with, is_sharp)
             }
             Order::Emboss { image, laid, depth_m } => {
                 self.let_go()?;
@@ -71,8 +74,11 @@ impl Studio {
         ended
     }
 
-    pub(super) fn combine(&mut self, boolean: Boolean, with: &PointSet, is_sharp: bool) -> Result<(), StudioError> {
-        let other = PointSurface::build(with.clone(), self.piece.settings().n_neighbours)?;
+    pub(super) fn combine(&mut self, boolean: Boolean, with: PointSet, is_sharp: bool) -> Result<(), StudioError> {
+        if boolean == Boolean::Difference && !with.bounds().is_some_and(|other| overlap(self.piece.surface().bounds(), other)) {
+            return Err(StudioError::Beside);
+        }
+        let other = PointSurface::build(with, self.piece.settings().n_neighbours)?;
         self.has_leapt = true;
         self.piece.combine(boolean, &other, is_sharp)?;
         Ok(())
@@ -86,4 +92,9 @@ impl Studio {
         let n_moved = self.piece.emboss(image, laid, depth_m)?;
         if n_moved > 0 { Ok(()) } else { Err(StudioError::Nothing("image")) }
     }
+}
+
+/// Two boxes have a place in common.
+fn overlap((low, high): (DVec3, DVec3), (other_low, other_high): (DVec3, DVec3)) -> bool {
+    low.cmple(other_high).all() && other_low.cmple(high).all()
 }

@@ -5,6 +5,7 @@ use glam::DVec3;
 
 use super::*;
 use crate::mesh::mass::mass_properties;
+use crate::sculpt::Body;
 use crate::sculpt::boolean::Boolean;
 use crate::sculpt::dynamics::Material;
 use crate::sculpt::emboss::{GreyImage, Laid};
@@ -306,9 +307,14 @@ fn orders_end_what_the_hand_does_and_say_why_they_fail() {
     assert!(matches!(refused, Err(StudioError::Nothing(_))), "{refused:?}");
     let refused = hand.studio.order(Order::Emboss { image, laid: beside, depth_m: f64::NAN });
     assert!(matches!(refused, Err(StudioError::Length { .. })), "{refused:?}");
-    let everything = Arc::new(sphere(4000, 2.0 * R));
-    let refused = hand.studio.order(Order::Combine { boolean: Boolean::Difference, with: everything, is_sharp: false });
+    let cut = |radius_m: f64, map_from_body: Pose| {
+        let with = Arc::new(Body::Samples(sphere(4000, radius_m)));
+        Order::Combine { boolean: Boolean::Difference, with, map_from_body, is_sharp: false }
+    };
+    let refused = hand.studio.order(cut(2.0 * R, Pose::IDENTITY));
     assert!(matches!(refused, Err(StudioError::Piece(_))), "{refused:?}");
+    let refused = hand.studio.order(cut(R, Pose::from_translation(DVec3::X * 3.0 * R)));
+    assert!(matches!(refused, Err(StudioError::Beside)), "{refused:?}");
     let refused = hand.studio.order(Order::Region { low_map: DVec3::ONE, high_map: DVec3::ZERO });
     assert!(matches!(refused, Err(StudioError::Piece(_))));
     for order in [Order::SavePoints, Order::SaveSession, Order::Export] {

@@ -2,11 +2,11 @@
 
 use glam::DVec3;
 
+use super::super::SurfaceError;
 use super::super::emboss::{GreyImage, Laid};
 use super::super::paint::Brush;
 use super::super::pull::Pull;
-use super::super::{PointSet, SurfaceError};
-use super::{Craft, Handling, Studio, StudioError, ToolSettings};
+use super::{Craft, Grip, Handling, Studio, StudioError, ToolSettings};
 
 /// A stroke of push or paint is over when the tool has left for so long, s: a hand that trembles makes one stroke.
 const LEFT_S: f64 = 0.2;
@@ -49,6 +49,15 @@ impl Heard {
 
     pub(super) fn hold(&mut self, is_held_by_order: bool) {
         self.set_held(is_held_by_order || self.last.is_held);
+    }
+
+    /// What came of the work on this.
+    pub(super) fn grip(&self, has_worked: bool) -> Grip {
+        match (self.has_risen && self.n > 0, has_worked) {
+            (false, _) => Grip::None,
+            (true, true) => Grip::Taken,
+            (true, false) => Grip::Missed,
+        }
     }
 
     fn set_held(&mut self, is_held: bool) {
@@ -290,14 +299,10 @@ impl Studio {
         let Some(boolean) = self.tool.craft.boolean() else { return Ok(()) };
         let shape = self.body.shape.as_ref().ok_or(StudioError::NoShape)?;
         let pose = heard.last.map_from_tool;
-        let with = PointSet {
-            positions_map: shape.positions_map.iter().map(|at| pose.transform_point(*at)).collect(),
-            normals_map: shape.normals_map.iter().map(|normal| pose.transform_vector(*normal).normalize_or_zero()).collect(),
-            colors: shape.colors.clone(),
-        };
+        let with = shape.placed(&pose);
         self.let_go()?;
         self.note_change();
-        self.combine(boolean, &with, self.tool.is_sharp)
+        self.combine(boolean, with, self.tool.is_sharp)
     }
 
     fn check_region(&self, at_map: DVec3) -> Result<(), StudioError> {
