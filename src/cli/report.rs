@@ -25,7 +25,9 @@ pub(crate) fn scene_error(problem: &SceneError, talk: Talk) -> Exit {
         SceneError::Mesh { .. } | SceneError::Load(_) | SceneError::Session(_) | SceneError::Piece(WorkpieceError::Surface(_)) => {
             Exit::Asset
         }
-        SceneError::Grid { .. } | SceneError::Piece(_) | SceneError::Frame(_) => Exit::Configuration,
+        SceneError::Grid { .. } | SceneError::Piece(_) | SceneError::ClayMemory { .. } | SceneError::Frame(_) => {
+            Exit::Configuration
+        }
     }
 }
 

@@ -113,8 +113,8 @@ impl Interlock {
         safety: &SafetyParameters,
     ) -> bool {
         let LimitParameters { force_n, torque_nm, .. } = *limits;
-        self.must_clear &= is_in_clay;
         let share = safety.engage_share;
+        self.must_clear &= is_in_clay && share < f64::INFINITY;
         let is_small =
             share == f64::INFINITY || (wanted.force.length() <= share * force_n && wanted.torque.length() <= share * torque_nm);
         self.quiet_ticks = if is_small { self.quiet_ticks.saturating_add(1) } else { 0 };
@@ -139,7 +139,8 @@ mod tests {
     fn a_tool_that_starts_in_clay_has_to_come_out_once() {
         let mut interlock = Interlock::default();
         let Parameters { limits, safety, .. } = parameters();
-        let mut engages = |interlock: &mut Interlock, is_in_clay| interlock.engages(Wrench::ZERO, is_in_clay, &limits, &safety);
+        let safety = SafetyParameters { engage_share: 0.1, ..safety };
+        let engages = |interlock: &mut Interlock, is_in_clay| interlock.engages(Wrench::ZERO, is_in_clay, &limits, &safety);
         interlock.start_anew();
         assert!((0..1000).all(|_| !engages(&mut interlock, true)) && !interlock.is_engaged());
         engages(&mut interlock, false);

@@ -184,7 +184,8 @@ pub struct SafetyParameters {
     pub workspace_radius_m: f64,
     /// Longest time of braking after too much speed, s.
     pub brake_s: f64,
-    /// After enable the ramp begins once force and torque have been within this share of their limits (infinite: whatever they are) ...
+    /// After enable the ramp begins once force and torque have been within this share of their limits, and a tool that starts in clay has been
+    /// outside (infinite: whatever they are, and wherever it is) ...
     pub engage_share: f64,
     /// ... for more than so many ticks.
     pub engage_ticks: u32,

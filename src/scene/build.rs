@@ -129,7 +129,7 @@ pub fn build_all(config: &SceneConfig, means: &mut BakeMeans<'_>, mut watch: imp
     let mut piece = None;
     if let Some(sculpt) = &config.sculpt {
         watch(Event { name: "clay", object_idx: n_objects - 1, n_objects, stage: Stage::Surface });
-        let built = Piece::build(config, sculpt)?;
+        let built = Piece::build(config, sculpt, &means.memory)?;
         scene.clay = Some(built.clay(config, sculpt)?);
         piece = Some(built);
     }

@@ -16,10 +16,10 @@ use crate::pointshell::shell::Shell;
 use crate::pointshell::{self, ShellReport};
 use crate::sculpt::LoadError;
 use crate::sculpt::session::SessionError;
-use crate::sculpt::workpiece::WorkpieceError;
+use crate::sculpt::workpiece::{Foreseen, WorkpieceError};
 use crate::voxmap::estimate::{Estimate, MeshMeasures, Products, voxel_size_within};
 use crate::voxmap::field::Field;
-use crate::voxmap::grid::{Grid, GridError};
+use crate::voxmap::grid::{Grid, GridError, show_bytes, show_decimal_bytes};
 use crate::voxmap::{Options, Stage, Voxmap};
 
 /// Why an object cannot be built.
@@ -47,6 +47,18 @@ pub enum SceneError {
     /// The clay itself.
     #[error("clay: {0}")]
     Piece(#[from] WorkpieceError),
+    /// It would take too much memory.
+    #[error(
+        "clay: {} samples and {} nodes of the raster take about {}, more than the {} that are allowed ({} and {})",
+        foreseen.samples, foreseen.nodes, show_bytes(foreseen.bytes), show_bytes(*max_bytes), show_decimal_bytes(foreseen.bytes),
+        show_decimal_bytes(*max_bytes)
+    )]
+    ClayMemory {
+        /// What it would take, with what objects keep.
+        foreseen: Foreseen,
+        /// Bytes allowed.
+        max_bytes: u64,
+    },
     /// A session that was saved.
     #[error("clay: {0}")]
     Session(#[from] SessionError),
@@ -66,6 +78,9 @@ impl SceneError {
             Self::Session(_) => Some("give a file of `hapticd sculpt --session`, or another source of clay".to_owned()),
             Self::Piece(WorkpieceError::Beside(..)) => {
                 Some("give `sculpt.region_mm` in the frame of the piece's file, and check `sculpt.units`".to_owned())
+            }
+            Self::ClayMemory { .. } => {
+                Some("take fewer mass points in `sculpt.raster`, a larger `sculpt.spacing_mm`, or a larger --max-memory".to_owned())
             }
             Self::Piece(_) | Self::Frame(_) => None,
         }
@@ -105,6 +120,20 @@ impl<'a> MemoryPlan<'a> {
     /// objects before it keep.
     pub fn new(max_bytes: Option<u64>, tell: impl FnMut(&str, &Estimate) + 'a) -> Self {
         Self { max_bytes, kept_bytes: 0, tell: Box::new(tell) }
+    }
+
+    /// There is a limit to keep.
+    pub(super) fn is_limited(&self) -> bool {
+        self.max_bytes.is_some()
+    }
+
+    /// Judges the clay, beside what the objects before it keep.
+    pub(super) fn judge_clay(&self, mut foreseen: Foreseen) -> Result<(), SceneError> {
+        foreseen.bytes = foreseen.bytes.saturating_add(self.kept_bytes);
+        match self.max_bytes {
+            Some(max_bytes) if foreseen.bytes > max_bytes => Err(SceneError::ClayMemory { foreseen, max_bytes }),
+            _ => Ok(()),
+        }
     }
 }
 

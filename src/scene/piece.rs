@@ -8,11 +8,12 @@ use std::time::Instant;
 use glam::DVec3;
 use serde::Serialize;
 
-use super::object::SceneError;
+use super::object::{MemoryPlan, SceneError};
 use crate::config::SceneConfig;
 use crate::config::scene::{ClaySource, MeshSource, SculptConfig};
 use crate::haptics::clay::{Clay, Lattice, Rope};
 use crate::haptics::{CouplingParameters, LimitParameters};
+use crate::sculpt::workpiece::Foreseen;
 use crate::sculpt::{Neighbours, NormalSource, PointSet, PointSurface, Solid, Workpiece};
 use crate::spatial::Metres;
 
@@ -80,16 +81,25 @@ impl Piece {
     /// Reads or samples the clay and fits its surface. Cost: a fit per sample and the nodes of its raster.
     ///
     /// # Errors
-    /// A source that cannot be read, or samples that make no surface.
-    pub(super) fn build(config: &SceneConfig, sculpt: &SculptConfig) -> Result<Self, SceneError> {
+    /// A source that cannot be read, samples that make no surface, or too much memory.
+    pub(super) fn build(config: &SceneConfig, sculpt: &SculptConfig, memory: &MemoryPlan<'_>) -> Result<Self, SceneError> {
         let since = Instant::now();
         let (workpiece, normals, merged) = match &sculpt.source {
             ClaySource::Solid(solid) => {
+                if memory.is_limited() {
+                    let (n_samples, bounds) = solid.look()?;
+                    memory.judge_clay(Foreseen::of(n_samples, bounds, &sculpt.settings)?)?;
+                }
                 let loaded = solid.load()?;
                 let workpiece = Workpiece::new(loaded.points, sculpt.settings.clone())?;
                 (workpiece, name(loaded.normals), loaded.merged)
             }
-            ClaySource::Session(path) => (Workpiece::load_session(path)?, "session", 0),
+            ClaySource::Session(path) => {
+                let workpiece = Workpiece::load_session(path)?;
+                let (surface, settings) = (workpiece.surface(), workpiece.settings());
+                memory.judge_clay(Foreseen::of(surface.points().len() as u64, surface.bounds(), settings)?)?;
+                (workpiece, "session", 0)
+            }
         };
         let surface = workpiece.surface();
         let lattice = *workpiece.region().lattice();

@@ -145,7 +145,7 @@ pub(super) fn spacing_of(mesh: &TriangleMesh, n_samples: f64) -> f64 {
     (area_m2(mesh) / n_samples).sqrt()
 }
 
-fn area_m2(mesh: &TriangleMesh) -> f64 {
+pub(super) fn area_m2(mesh: &TriangleMesh) -> f64 {
     let area = |[a, b, c]: [DVec3; 3]| 0.5 * (b - a).cross(c - a).length();
     (0..mesh.triangles.len()).map(|triangle| area(mesh.corners(triangle))).sum()
 }

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use glam::DVec3;
 
-use super::load::{DEFAULT_SAMPLES, Opened, open, sample_of, spacing_of};
+use super::load::{DEFAULT_SAMPLES, Opened, area_m2, open, sample_of, spacing_of};
 use super::{LoadError, Loaded, NormalSource, PointSet, SurfaceError};
 use crate::mesh::TriangleMesh;
 use crate::mesh::primitives::Shape;
@@ -61,6 +61,26 @@ impl Solid {
                 Ok(Loaded { points, merged: 0, normals: NormalSource::Faces })
             }
         }
+    }
+
+    /// About how many samples it has, and the box around it, m. Cost: the file is read, and not sampled.
+    ///
+    /// # Errors
+    /// [`LoadError`].
+    pub fn look(&self) -> Result<(u64, (DVec3, DVec3)), LoadError> {
+        let (body, spacing_m) = match self {
+            Self::File { path, metres_per_unit, spacing_m } => {
+                (Self::File { path: path.clone(), metres_per_unit: *metres_per_unit, spacing_m: None }.open()?, *spacing_m)
+            }
+            Self::Shape { shape, spacing_m } => (Body::Shape(*shape), *spacing_m),
+        };
+        let n_of = |mesh: &TriangleMesh| spacing_m.map_or(DEFAULT_SAMPLES, |spacing_m| area_m2(mesh) / (spacing_m * spacing_m));
+        let n_samples = match &body {
+            Body::Samples(points) => points.len() as u64,
+            Body::Mesh(mesh) => n_of(mesh) as u64,
+            Body::Shape(shape) => n_of(&rough(shape)) as u64,
+        };
+        Ok((n_samples, body.bounds_map(&Pose::IDENTITY).unwrap_or_default()))
     }
 
     /// The same, not sampled yet where it names no spacing of its own: a piece does ([`Body::beside`]).

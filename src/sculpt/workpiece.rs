@@ -9,6 +9,7 @@
 //! A stroke works on copies; what a look-up of [`Workpiece::surface`] gives changes when it ends.
 
 mod adopt;
+mod foresee;
 mod lattices;
 mod painting;
 mod past;
@@ -19,6 +20,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use self::adopt::{adopt, faint_m, forget_faint, moved_by};
+pub use self::foresee::Foreseen;
 use self::lattices::{NODES_MAX, copy_into, cut, lattices, lattices_after};
 use self::painting::Press;
 pub(super) use self::past::Moment;

@@ -28,7 +28,7 @@ pub fn show_bytes(bytes: u64) -> String {
 }
 
 /// The same in powers of ten, as people write sizes: `20 MB`.
-fn show_decimal_bytes(bytes: u64) -> String {
+pub fn show_decimal_bytes(bytes: u64) -> String {
     let (unit, name) = [(1e9, "GB"), (1e6, "MB")].into_iter().find(|(unit, _)| bytes as f64 >= *unit).unwrap_or((1e3, "kB"));
     let value = bytes as f64 / unit;
     if value < 10.0 { format!("{} {name}", (value * 10.0).round() / 10.0) } else { format!("{value:.0} {name}") }

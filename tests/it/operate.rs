@@ -461,6 +461,34 @@ fn a_hangup_reads_the_scene_again() {
 }
 
 #[test]
+fn a_hangup_takes_parameters_of_a_scene_with_clay_and_leaves_the_piece() {
+    if is_hangup_ignored() {
+        return;
+    }
+    let dir = folder();
+    let clay = "[sculpt]\nshape = { sphere_mm = 5 }\nspacing_mm = 1\nraster = [12, 12, 12]\nposition_mm = [0, 0, -60]\n";
+    let write = |text: &str| fs::write(dir.path().join("a.toml"), text).unwrap();
+    let scene = format!("{SCENE}{clay}");
+    write(&scene);
+    let line = "sculpt a.toml --cache off --realtime best-effort --monitor off";
+    let mut run = Running::start(program(dir.path()).args(line.split_whitespace()));
+    run.wait_for("state: enabled");
+    write(&scene.replace("= 5.0", "= 4.0"));
+    run.signal("HUP");
+    run.wait_for("reload: contact_stiffness_n_per_m 5000 -> 4000");
+    write(&scene.replace("raster = [12", "raster = [16"));
+    run.signal("HUP");
+    let refused = run.wait_for("the clay is worked until the run ends");
+    assert!(
+        refused.contains("only parameters are taken meanwhile (") && refused.contains("contact_stiffness_n_per_m"),
+        "{refused}"
+    );
+    run.wait_for("reload: refused, the old scene stays");
+    run.signal("TERM");
+    assert!(run.end().0.success());
+}
+
+#[test]
 fn a_watched_scene_follows_its_files() {
     let dir = folder();
     fs::copy(shipped("peg.obj"), dir.path().join("part.obj")).unwrap();

@@ -501,7 +501,7 @@ fn a_piece_of_a_wrong_unit_is_told_by_its_size() {
         dir.path(),
         &mesh("m", 0.5),
         4,
-        &["part.obj: it is 10 m across, and a spacing of 500 µm makes too many points", "is `units` right?"],
+        &["part.obj: it is 10 m across, and a spacing of 0.5 mm makes too many points", "is `units` right?"],
     );
 }
 
@@ -571,4 +571,17 @@ fn files_that_are_no_scene_say_what_they_are_for() {
     let line = "sculpt Schüssel.toml --clock virtual --duration 20ms --json --session Übung.session";
     let sculpted = says(dir.path(), line, 0, &["nothing moves the simulated arm"]).json();
     assert_eq!((&sculpted["sculpt"]["samples"], &sculpted["sculpt"]["saved"][0]["file"]), (&2000.into(), &"Übung.session".into()));
+}
+
+#[test]
+fn clay_counts_towards_the_memory_that_is_allowed() {
+    let dir = folder();
+    let fine = scene("shape = { sphere_mm = 15 }\nspacing_mm = 0.05\nraster = [20, 20, 20]\n");
+    fs::write(dir.path().join("fine.toml"), fine).unwrap();
+    let fragments =
+        [" nodes of the raster take about 1.", "more than the 954 MiB that are allowed", "fewer mass points in `sculpt.raster`"];
+    for command in ["bake fine.toml", "sculpt fine.toml --clock virtual --duration 20ms"] {
+        refuses(dir.path(), &format!("{command} --max-memory 1GB"), 3, &fragments);
+    }
+    says(dir.path(), "bake ball.toml --max-memory 1GB", 0, &[]);
 }

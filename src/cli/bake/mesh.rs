@@ -50,9 +50,11 @@ pub(super) fn mesh_error(args: &Args, error: &SceneError, talk: Talk) -> Exit {
             Exit::Configuration
         }
         // A mesh has no clay.
-        SceneError::Load(_) | SceneError::Session(_) | SceneError::Piece(_) | SceneError::Frame(_) => {
-            report::scene_error(error, talk)
-        }
+        SceneError::Load(_)
+        | SceneError::Session(_)
+        | SceneError::Piece(_)
+        | SceneError::ClayMemory { .. }
+        | SceneError::Frame(_) => report::scene_error(error, talk),
     }
 }
 

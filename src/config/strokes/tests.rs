@@ -163,7 +163,7 @@ fn solids_of_a_wrong_unit_are_told_from_those_that_fit_a_piece() {
                     the piece?";
     assert!(wrong.ends_with(expected), "{wrong}");
     let wrong = fitted("do = \"difference\"\nshape = { sphere_mm = 0.1 }").unwrap_err();
-    assert!(wrong.contains("s.toml:5:") && wrong.contains("200 µm across, the piece 36 mm; shapes are in mm"), "{wrong}");
+    assert!(wrong.contains("s.toml:5:") && wrong.contains("0.2 mm across, the piece 36 mm; shapes are in mm"), "{wrong}");
     let odd = fitted("do = \"union\"\nshape = { box_mm = [2, 2, 2] }\nposition_mm = [100, 0, 0]").unwrap();
     assert!(odd.contains("the solid stands 81 mm away from the piece, which is 36 mm across"), "{odd}");
     // What was joined before is of the piece.
