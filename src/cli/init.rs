@@ -244,7 +244,7 @@ fn index_of(tool: &Path, folder: &Path, found: &[Found]) -> Option<usize> {
 
 /// A file as a scene in `folder` names it: relative to it. `None` when the name is not UTF-8.
 fn relative(file: &Path, folder: &Path) -> Option<String> {
-    let parent = file.parent()?.canonicalize().ok()?;
+    let parent = file.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new(".")).canonicalize().ok()?;
     let folder = folder.canonicalize().ok()?;
     let shared = parent.components().zip(folder.components()).take_while(|(a, b)| a == b).count();
     let up = folder.components().skip(shared).map(|_| Component::ParentDir);

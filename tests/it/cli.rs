@@ -451,7 +451,7 @@ fn an_output_that_cannot_be_written_is_told_by_name() {
         ("--field-out", "/nonexistent/x.npy", "hint: the folder must exist"),
         ("--pointshell-out", "/nonexistent/x.ply", "hint: the folder must exist"),
         ("--voxmap-out", "folder.obj", "hint: give a file name"),
-        ("--voxmap-out", "peg.obj/x.npy", "not a directory"),
+        ("--voxmap-out", "peg.obj/x.npy", "peg.obj is no folder"),
         ("--voxmap-out", "/dev/full", "No space left"),
         ("--pointshell-out", "/dev/full", "No space left"),
     ] {

@@ -245,7 +245,7 @@ fn a_fine_tip_and_a_slow_loop_need_no_more_keys() {
     let dir = folder();
     // A ball that has no sample at the spacing of the clay, and a loop that 100 updates a second do not divide.
     let fine = scene(CLAY).replace("sphere_mm = 3 }\nvoxel_size_mm = 0.5", "sphere_mm = 0.3 }\nvoxel_size_mm = 0.05");
-    let strokes = "version = 1\n[[stroke]]\nat_s = 0.01\ndo = \"take\"\ntool = \"difference\"\n\
+    let strokes = "version = 1\n[[stroke]]\nat_s = 0.01\ndo = \"take\"\ntool = \"union\"\n\
                    [[stroke]]\nat_s = 0.02\ndo = \"hold\"\nuntil_s = 0.05\n";
     fs::write(dir.path().join("fine.toml"), format!("{fine}{WORKED}").replace("update_hz = 100\n", "[rendering]\nrate_hz = 250\n"))
         .unwrap();
@@ -477,7 +477,7 @@ fn solids_of_a_wrong_unit_are_refused_before_the_loop() {
     };
     let line = "sculpt ball.toml --clock virtual --duration 50ms --strokes strokes.toml";
     fs::write(dir.path().join("strokes.toml"), strokes("m")).unwrap();
-    let message = "strokes.toml:6: stroke at 0.01 s (line 2): units = \"m\": the solid is 30 m across, the piece 30 mm";
+    let message = "strokes.toml:6: stroke at 0.01 s (line 2): units = \"m\": the solid is 29.99 m across, the piece 29.98 mm";
     refuses(dir.path(), line, 3, &[message, "is this unit right"]);
     fs::write(dir.path().join("strokes.toml"), strokes("mm")).unwrap();
     says(dir.path(), line, 0, &[]);
@@ -490,7 +490,7 @@ fn a_piece_of_a_wrong_unit_is_told_by_its_size() {
     let scan = |units: &str| scene(&format!("points = \"scan.xyz\"\nunits = \"{units}\"\n{WORKED}"));
     fs::write(dir.path().join("scene.toml"), scan("m")).unwrap();
     let bake = "bake scene.toml --json";
-    says(dir.path(), bake, 0, &["clay: the piece is 29.97 m across; is `sculpt.units` right?"]);
+    says(dir.path(), bake, 0, &["clay: the piece is 29.99 m across; is `sculpt.units` right?"]);
     fs::write(dir.path().join("scene.toml"), scan("mm")).unwrap();
     assert!(!says(dir.path(), bake, 0, &[]).stderr.contains("sculpt.units"));
     fs::write(dir.path().join("part.obj"), "v 0 0 0\nv 10 0 0\nv 0 10 0\nv 0 0 10\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n").unwrap();

@@ -130,7 +130,7 @@ impl Studio {
         let had_rope = self.rope_map().is_some();
         let strokes_before = self.piece.strokes();
         let worked = self.work(&heard, time_s);
-        self.grip = heard.grip(worked.is_ok());
+        self.grip = heard.grip(worked.is_ok() || !self.tool.craft.is_held());
         if let Err(error) = worked {
             self.complain(&error);
         } else if self.piece.strokes() > strokes_before {
