@@ -13,7 +13,7 @@ use serde::Deserialize;
 use serde::de::{self, Deserializer, IgnoredAny, SeqAccess, Visitor};
 
 pub(super) use self::sculpt::{
-    CraftWord, Creep, Deed, FalloffWritten, IntegratorWord, Sculpt, Stroke, Strokes, WrittenSolid, WrittenTool,
+    CraftWord, Creep, Deed, FalloffWritten, IntegratorWord, PaintedWritten, Sculpt, Stroke, Strokes, WrittenSolid, WrittenTool,
 };
 
 /// A key of a later version: any value is read, so that the third pass can refuse it by name.

@@ -16,6 +16,7 @@ pub(super) const FILES: &[(&str, &str, &[u8])] = &[
     ("history.js", SCRIPT, include_bytes!("web/history.js")),
     ("link.js", SCRIPT, include_bytes!("web/link.js")),
     ("main.js", SCRIPT, include_bytes!("web/main.js")),
+    ("material.js", SCRIPT, include_bytes!("web/material.js")),
     ("math.js", SCRIPT, include_bytes!("web/math.js")),
     ("mesh-loader.js", SCRIPT, include_bytes!("web/mesh-loader.js")),
     ("mesh-worker.js", SCRIPT, include_bytes!("web/mesh-worker.js")),

@@ -183,7 +183,7 @@ fn moved(now: &Raster, start: DVec3, density: Density, change_m: f64, level_m: f
 mod tests {
     use super::*;
     use crate::haptics::clay::Lattice;
-    use crate::sculpt::dynamics::{Dynamics, Integrator, Material, Quantity};
+    use crate::sculpt::dynamics::{Dynamics, Integrator, Material};
     use crate::sculpt::falloff::Falloff;
     use crate::sculpt::pull::{Pull, add_pull};
 
@@ -217,13 +217,13 @@ mod tests {
 
     fn clay(at_rest: Raster) -> Dynamics {
         let material = Material {
-            mass_kg: Quantity::Constant(1e-4),
-            damping_n_s_per_m: Quantity::Constant(0.5),
-            stiffness_n_per_m: Quantity::Constant(100.0),
+            mass_kg: 1e-4,
+            damping_n_s_per_m: 0.5,
+            stiffness_n_per_m: 100.0,
             creep_s: f64::INFINITY,
             acceleration_max_m_per_s2: f64::INFINITY,
         };
-        Dynamics::new(at_rest, material, Integrator::Implicit)
+        Dynamics::new(at_rest, material.into(), Integrator::Implicit)
     }
 
     #[test]

@@ -9,6 +9,8 @@
 
 mod implicit;
 
+use core::ops::RangeInclusive;
+
 use rayon::prelude::*;
 
 use crate::haptics::clay::{Lattice, Raster};
@@ -70,15 +72,15 @@ impl Quantity {
     }
 }
 
-/// What the clay is made of.
+/// What the clay is made of: the same everywhere, or, as the dynamics have it, with a [`Quantity`] for each property.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Material {
+pub struct Material<Q = f32> {
     /// Of a mass point, kg.
-    pub mass_kg: Quantity,
+    pub mass_kg: Q,
     /// Of a mass point, N·s/m.
-    pub damping_n_s_per_m: Quantity,
+    pub damping_n_s_per_m: Q,
     /// Of the spring between two neighbours, N/m; the mean of both.
-    pub stiffness_n_per_m: Quantity,
+    pub stiffness_n_per_m: Q,
     /// Time in which what is held becomes the new rest, s; infinite: elastic.
     pub creep_s: f64,
     /// An explicit step is halved while a density is accelerated more than this, m/s².
@@ -88,12 +90,28 @@ pub struct Material {
 impl Default for Material {
     /// Soft clay, which creeps within a tenth of a second.
     fn default() -> Self {
+        Self { mass_kg: 1e-4, damping_n_s_per_m: 0.5, stiffness_n_per_m: 50.0, creep_s: 0.1, acceleration_max_m_per_s2: 1e4 }
+    }
+}
+
+impl Material {
+    /// What a mass point and its springs may have: kg, N·s/m, N/m.
+    pub const MASS_KG: RangeInclusive<f64> = 1e-9..=1.0;
+    /// Without damping a material still moves; without mass or springs it does not.
+    pub const DAMPING_N_S_PER_M: RangeInclusive<f64> = 0.0..=1e4;
+    /// Above 0.
+    pub const STIFFNESS_MAX_N_PER_M: f64 = 1e6;
+}
+
+impl From<Material> for Material<Quantity> {
+    fn from(same: Material) -> Self {
+        let Material { mass_kg, damping_n_s_per_m, stiffness_n_per_m, creep_s, acceleration_max_m_per_s2 } = same;
         Self {
-            mass_kg: Quantity::Constant(1e-4),
-            damping_n_s_per_m: Quantity::Constant(0.5),
-            stiffness_n_per_m: Quantity::Constant(50.0),
-            creep_s: 0.1,
-            acceleration_max_m_per_s2: 1e4,
+            mass_kg: Quantity::Constant(mass_kg),
+            damping_n_s_per_m: Quantity::Constant(damping_n_s_per_m),
+            stiffness_n_per_m: Quantity::Constant(stiffness_n_per_m),
+            creep_s,
+            acceleration_max_m_per_s2,
         }
     }
 }
@@ -101,7 +119,7 @@ impl Default for Material {
 /// Densities under way.
 #[derive(Clone, Debug)]
 pub struct Dynamics {
-    material: Material,
+    material: Material<Quantity>,
     integrator: Integrator,
     now: Raster,
     /// `[n_nodes]`: rest densities, and the forces of the update; rates of the densities.
@@ -131,7 +149,7 @@ pub struct Progress {
 
 impl Dynamics {
     /// Material at rest with these densities. Allocates.
-    pub fn new(at_rest: Raster, material: Material, integrator: Integrator) -> Self {
+    pub fn new(at_rest: Raster, material: Material<Quantity>, integrator: Integrator) -> Self {
         let zeros = || vec![0.0; at_rest.values_m().len()].into_boxed_slice();
         Self {
             material,
@@ -168,7 +186,7 @@ impl Dynamics {
     }
 
     /// What it is made of.
-    pub fn material_mut(&mut self) -> &mut Material {
+    pub fn material_mut(&mut self) -> &mut Material<Quantity> {
         self.step_s = 0.0;
         &mut self.material
     }

@@ -13,6 +13,7 @@ pub mod falloff;
 mod least_squares;
 mod load;
 mod local_fit;
+pub mod material_map;
 mod neighbours;
 pub mod normals;
 mod orient;

@@ -1,9 +1,10 @@
 //! A session as a file: samples, densities, settings and the past of a piece, to go on another day.
 //!
 //! The container is [`crate::storage::sections`]: versions, little-endian SI, a checksum for each array. Every moment (now, those that undo
-//! goes back to, those that redo goes on to) is one row of `moments`; its samples and densities follow each other in the arrays. Fits are not
-//! kept: they follow from the samples.
+//! goes back to, those that redo goes on to) is one row of `moments`; its samples and densities follow each other in the arrays. What was painted
+//! of a material stands in `painted` once for all moments that share it. Fits are not kept: they follow from the samples.
 
+use std::collections::HashMap;
 use std::fs::File;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -13,7 +14,8 @@ use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
 
 use super::PointSet;
-use super::dynamics::{Integrator, Material, Quantity};
+use super::dynamics::{Integrator, Material};
+use super::material_map::{Layer, MaterialMap};
 use super::whole_file::write_whole;
 use super::workpiece::{Moment, Settings, Workpiece, WorkpieceError};
 use crate::haptics::clay::{Lattice, Raster};
@@ -21,7 +23,7 @@ use crate::storage::Region;
 use crate::storage::sections::{Key, Reader, Refusal, Writer};
 
 /// Counts up when the meaning of a section changes.
-const GENERATION: u32 = 1;
+const GENERATION: u32 = 2;
 /// Tells a session from other files of sections.
 const KEY: Key = *b"hapticd, session";
 /// Past and future in a file at most, bytes: what is farther from now stays out.
@@ -64,6 +66,9 @@ struct SettingsRecord {
     n_neighbours: u64,
     raster: [u64; 3],
     air_m: f64,
+    mass_kg: f64,
+    damping_n_s_per_m: f64,
+    stiffness_n_per_m: f64,
     creep_s: f64,
     acceleration_max_m_per_s2: f64,
     gap_m: f64,
@@ -81,7 +86,11 @@ struct MomentRecord {
     /// As it was chosen; not used where `is_chosen` is 0.
     region_map: [f64; 6],
     is_chosen: u64,
+    /// Mass, damping, stiffness: where their values begin in `painted`, one for each node of the base; [`BARE`] where none were painted.
+    painted: [u64; 3],
 }
+
+const BARE: u64 = u64::MAX;
 
 #[derive(Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
@@ -136,12 +145,16 @@ impl Workpiece {
             n_neighbours: *n_neighbours as u64,
             raster: raster.map(|n| n as u64),
             air_m: *air_m,
+            mass_kg: material.mass_kg.into(),
+            damping_n_s_per_m: material.damping_n_s_per_m.into(),
+            stiffness_n_per_m: material.stiffness_n_per_m.into(),
             creep_s: material.creep_s,
             acceleration_max_m_per_s2: material.acceleration_max_m_per_s2,
             gap_m: self.gap_m(),
             n_past: n_past as u64,
             is_explicit: u64::from(*integrator == Integrator::Explicit),
         };
+        let mut layers = Layers::default();
         let records: Vec<MomentRecord> = moments
             .iter()
             .map(|moment| {
@@ -152,6 +165,7 @@ impl Workpiece {
                     region: LatticeRecord::of(&moment.region),
                     region_map: [low.x, low.y, low.z, high.x, high.y, high.z],
                     is_chosen: u64::from(moment.region_map.is_some()),
+                    painted: moment.material_map.layers().each_ref().map(|layer| layers.place(layer.as_ref())),
                 }
             })
             .collect();
@@ -160,7 +174,6 @@ impl Workpiece {
         let normals: Vec<[f64; 3]> = points().flat_map(|points| points.normals_map.iter().map(DVec3::to_array)).collect();
         let colors: Vec<[u8; 3]> = points().flat_map(|points| points.colors.iter().copied()).collect();
         let densities: Vec<f32> = moments.iter().flat_map(|moment| moment.base.values_m().iter().copied()).collect();
-        let quantities = [&material.mass_kg, &material.damping_n_s_per_m, &material.stiffness_n_per_m].map(values);
 
         let mut file = Writer::default();
         file.record("settings", &settings);
@@ -169,9 +182,7 @@ impl Workpiece {
         file.array("normals", &normals);
         file.array("colors", &colors);
         file.array("densities_m", &densities);
-        for (name, values) in QUANTITIES.into_iter().zip(&quantities) {
-            file.array(name, values);
-        }
+        file.array("painted", &layers.values);
         write_whole(path, |out| file.write_to(KEY, GENERATION, out)).map_err(|source| SessionError::Io {
             what: "write",
             path: path.to_owned(),
@@ -208,12 +219,16 @@ fn decode(region: Arc<Region>) -> Result<Session, Refusal> {
     let normals = file.array::<[f64; 3]>("normals")?;
     let colors = file.array::<[u8; 3]>("colors")?;
     let densities = file.array::<f32>("densities_m")?;
+    let painted = file.array::<f32>("painted")?;
+    let mut layers = HashMap::new();
     let mut from = (0, 0);
     let mut moments = Vec::new();
     for record in records.iter() {
         let samples = positions.get(from.0..).zip(normals.get(from.0..)).zip(colors.get(from.0..));
         let values_m = densities.get(from.1..).unwrap_or_default();
         let moment = samples.and_then(|((positions, normals), colors)| moment(record, positions, normals, colors, values_m));
+        let map = map_of(record, &painted, &mut layers).ok_or(Refusal::Damaged("painted"))?;
+        let moment = moment.map(|moment| Moment { material_map: map, ..moment });
         let moment = moment.ok_or(Refusal::Damaged("moments"))?;
         from = (from.0 + moment.samples.points().len(), from.1 + moment.base.values_m().len());
         moments.push(moment);
@@ -230,32 +245,27 @@ fn decode(region: Arc<Region>) -> Result<Session, Refusal> {
 
     let gap_m = settings.gap_m;
     let raster = settings.raster.map(|n| usize::try_from(n).unwrap_or(0));
-    let is_sound =
-        settings.air_m >= 0.0 && settings.gap_m > 0.0 && settings.creep_s > 0.0 && settings.acceleration_max_m_per_s2 > 0.0;
+    let is_sound = settings.air_m >= 0.0
+        && settings.gap_m > 0.0
+        && settings.creep_s > 0.0
+        && settings.acceleration_max_m_per_s2 > 0.0
+        && [settings.mass_kg, settings.damping_n_s_per_m, settings.stiffness_n_per_m]
+            .into_iter()
+            .enumerate()
+            .all(|(property, value)| is_property(property, value as f32));
     let fits = |moment: &Moment| moment.region.dims == raster;
     if !is_sound || settings.is_explicit > 1 || ![&now].into_iter().chain(&past).chain(&undone).all(fits) {
         return Err(Refusal::Damaged("settings"));
     }
-    let quantity = |name: &'static str| {
-        let values = file.array::<f32>(name)?;
-        // Without damping a material still moves; without mass or springs it does not.
-        let is_sound = values.iter().all(|value| (*value > 0.0 || *value == 0.0 && name == DAMPING) && value.is_finite());
-        match *values {
-            [value] if is_sound => Ok(Quantity::Constant(value)),
-            _ if is_sound && values.len() == now.region.n_nodes() => Ok(Quantity::PerNode(values.to_vec().into_boxed_slice())),
-            _ => Err(Refusal::Damaged(name)),
-        }
-    };
-    let [mass_kg, damping_n_s_per_m, stiffness_n_per_m] = QUANTITIES.map(quantity);
     let settings = Settings {
         n_neighbours: usize::try_from(settings.n_neighbours).unwrap_or(0),
         region_map: now.region_map,
         raster,
         air_m: settings.air_m,
         material: Material {
-            mass_kg: mass_kg?,
-            damping_n_s_per_m: damping_n_s_per_m?,
-            stiffness_n_per_m: stiffness_n_per_m?,
+            mass_kg: settings.mass_kg as f32,
+            damping_n_s_per_m: settings.damping_n_s_per_m as f32,
+            stiffness_n_per_m: settings.stiffness_n_per_m as f32,
             creep_s: settings.creep_s,
             acceleration_max_m_per_s2: settings.acceleration_max_m_per_s2,
         },
@@ -283,18 +293,56 @@ fn moment(
     let [low_x, low_y, low_z, high_x, high_y, high_z] = record.region_map;
     let region_map = (record.is_chosen != 0).then(|| (DVec3::new(low_x, low_y, low_z), DVec3::new(high_x, high_y, high_z)));
     let is_region = region_map.is_none_or(|(low, high)| low.is_finite() && high.is_finite() && low.cmplt(high).all());
-    let moment = Moment::new(points, raster, region, region_map)?;
+    let moment = Moment::new(points, raster, MaterialMap::default(), region, region_map)?;
     is_region.then_some(moment)
 }
 
-const DAMPING: &str = "damping_n_s_m";
-const QUANTITIES: [&str; 3] = ["mass_kg", DAMPING, "stiffness_n_m"];
+/// Values that moments share, once each.
+#[derive(Default)]
+struct Layers<'m> {
+    values: Vec<f32>,
+    /// Where each begins.
+    places: Vec<(&'m Layer, u64)>,
+}
 
-fn values(quantity: &Quantity) -> Vec<f32> {
-    match quantity {
-        Quantity::Constant(value) => vec![*value],
-        Quantity::PerNode(values) => values.to_vec(),
+impl<'m> Layers<'m> {
+    fn place(&mut self, layer: Option<&'m Layer>) -> u64 {
+        let Some(layer) = layer else { return BARE };
+        if let Some((_, place)) = self.places.iter().find(|(known, _)| Arc::ptr_eq(known, layer)) {
+            return *place;
+        }
+        let place = self.values.len() as u64;
+        self.values.extend_from_slice(layer);
+        self.places.push((layer, place));
+        place
     }
+}
+
+/// What was painted before a moment; `None` where it is not all there, or makes no material. Moments that share values share them again.
+fn map_of(record: &MomentRecord, painted: &[f32], layers: &mut HashMap<(u64, usize), Layer>) -> Option<MaterialMap> {
+    let (_, n_nodes) = record.base.lattice()?;
+    let mut map = [None, None, None];
+    for (property, (layer, place)) in map.iter_mut().zip(record.painted).enumerate() {
+        if place == BARE {
+            continue;
+        }
+        let from = usize::try_from(place).ok()?;
+        let values = painted.get(from..from.checked_add(n_nodes)?)?;
+        let is_sound = |value: &f32| value.is_nan() || is_property(property, *value);
+        let shared = match layers.get(&(place, n_nodes)) {
+            Some(shared) => shared.clone(),
+            None => layers.entry((place, n_nodes)).or_insert_with(|| Arc::from(values)).clone(),
+        };
+        *layer = values.iter().all(is_sound).then_some(shared);
+        layer.as_ref()?;
+    }
+    Some(MaterialMap::new(map))
+}
+
+/// Without damping a material still moves; without mass or springs it does not.
+fn is_property(property: usize, value: f32) -> bool {
+    const DAMPING: usize = 1;
+    value.is_finite() && (value > 0.0 || value == 0.0 && property == DAMPING)
 }
 
 #[cfg(test)]

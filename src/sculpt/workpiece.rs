@@ -11,6 +11,7 @@
 mod adopt;
 mod foresee;
 mod lattices;
+mod material;
 mod painting;
 mod past;
 
@@ -28,6 +29,7 @@ use super::advect::Afloat;
 use super::boolean::{self, Boolean};
 use super::dynamics::{Dynamics, Integrator, Material, Progress};
 use super::emboss::{GreyImage, Laid, embossed};
+use super::material_map::{MaterialCoat, MaterialMap};
 use super::pull::{Pull, add_pull};
 use super::redistance::redistance;
 use super::{PointSet, PointSurface, SurfaceError, advect, resample};
@@ -51,7 +53,7 @@ pub struct Settings {
     pub raster: [usize; 3],
     /// Air around the piece that clay may be pulled into, m.
     pub air_m: f64,
-    /// What it is made of.
+    /// What it is made of where nothing else was painted.
     pub material: Material,
     /// How it moves.
     pub integrator: Integrator,
@@ -121,8 +123,12 @@ pub struct Workpiece {
     under_way: Option<PointSet>,
     /// While the brush is pressed; never together with samples under way.
     press: Option<Press>,
+    /// Of a press that paints material.
+    material_coat: Option<MaterialCoat>,
     /// Measured, as frames want it.
     base: Arc<Raster>,
+    /// What was painted, on the nodes of the base.
+    material_map: MaterialMap,
     region: Region,
     settings: Settings,
     gap_m: f64,
@@ -143,14 +149,17 @@ impl Workpiece {
         let surface = PointSurface::build(points, settings.n_neighbours)?;
         let (whole, first, region) = lattices(surface.bounds(), &settings)?;
         let base = measured(surface.rasterize(whole));
-        let region = Region::new(surface.points(), &base, first, region, &settings);
+        let material_map = MaterialMap::default();
+        let region = Region::new(surface.points(), (&base, &material_map), first, region, &settings);
         region.check_holds_some()?;
         let gap_m = GAP_SPACINGS * surface.spacing_m();
         Ok(Self {
             surface: Arc::new(surface),
             under_way: None,
             press: None,
+            material_coat: None,
             base,
+            material_map,
             region,
             settings,
             gap_m,
@@ -202,12 +211,6 @@ impl Workpiece {
         self.region().lattice().bounds()
     }
 
-    /// Another material, from the next update on.
-    pub fn set_material(&mut self, material: Material) {
-        *self.region.dynamics.material_mut() = material.clone();
-        self.settings.material = material;
-    }
-
     /// A stroke is under way.
     pub fn is_stroke(&self) -> bool {
         self.under_way.is_some() || self.press.is_some()
@@ -246,9 +249,10 @@ impl Workpiece {
         let settings = Settings { region_map: Some((low_map, high_map)), ..self.settings.clone() };
         let (whole, first, region) = lattices(self.surface.bounds(), &settings)?;
         let base = measured(self.surface.rasterize(whole));
-        let region = Region::new(self.surface.points(), &base, first, region, &settings);
+        let material_map = self.material_map.onto(self.base.lattice(), &whole, &settings.material);
+        let region = Region::new(self.surface.points(), (&base, &material_map), first, region, &settings);
         region.check_holds_some()?;
-        (self.base, self.region, self.settings) = (base, region, settings);
+        (self.base, self.material_map, self.region, self.settings) = (base, material_map, region, settings);
         Ok(())
     }
 
@@ -299,6 +303,7 @@ impl Workpiece {
     /// # Errors
     /// [`SurfaceError`] when the samples make no surface any more; then it is as it was before the stroke.
     pub fn end_stroke(&mut self) -> Result<(), SurfaceError> {
+        self.set_material();
         self.lift_brush()?;
         let Some(mut points) = self.under_way.take() else { return Ok(()) };
         let Region { first, dynamics, afloat } = &mut self.region;
@@ -379,8 +384,9 @@ impl Workpiece {
         let base = measured(left);
         self.remember();
         self.surface = Arc::new(surface);
+        self.material_map = self.material_map.onto(self.base.lattice(), &whole, &self.settings.material);
         self.base = base;
-        self.region = Region::new(self.surface.points(), &self.base, first, region, &self.settings);
+        self.region = Region::new(self.surface.points(), (&self.base, &self.material_map), first, region, &self.settings);
         self.settle();
         Ok(())
     }
@@ -447,10 +453,17 @@ fn measured(mut raster: Raster) -> Arc<Raster> {
 }
 
 impl Region {
-    fn new(points: &PointSet, base: &Raster, first: [usize; 3], lattice: Lattice, settings: &Settings) -> Self {
+    fn new(
+        points: &PointSet,
+        (base, map): (&Raster, &MaterialMap),
+        first: [usize; 3],
+        lattice: Lattice,
+        settings: &Settings,
+    ) -> Self {
         let now = cut(base, first, lattice);
         let afloat = Afloat::new(points, &now, 0.0);
-        Self { first, dynamics: Dynamics::new(now, settings.material.clone(), settings.integrator), afloat }
+        let material = map.of_part(base.lattice(), first, &lattice, &settings.material);
+        Self { first, dynamics: Dynamics::new(now, material, settings.integrator), afloat }
     }
 
     fn check_holds_some(&self) -> Result<(), WorkpieceError> {

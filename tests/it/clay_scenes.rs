@@ -213,6 +213,31 @@ fn paint_covers_the_disc_of_a_brush_that_is_pressed_hard() {
 }
 
 #[test]
+fn material_that_is_painted_gives_way_less_to_the_same_hand() {
+    // Blue and hard on the right, then the same press into both sides.
+    let at = |x: f64, above: f64| [x, 0.0, (RADIUS_MM * RADIUS_MM - x * x).sqrt() + above];
+    let press = |from_s: f64, x: f64, to: f64, until_s: f64| {
+        [(from_s, at(x, 4.0)), (from_s + 0.3, at(x, to)), (until_s, at(x, to)), (until_s + 0.2, at(x, 4.0))]
+    };
+    let hand = [press(0.0, 5.0, 0.5, 0.5), press(1.2, 5.0, 0.5, 2.2), press(2.9, -5.0, 0.5, 3.9)].concat();
+    let strokes = "[[stroke]]\nat_s = 1.0\ndo = \"take\"\ntool = \"push\"\nbrush_mm = 3\nfalloff = \"gaussian\"\n";
+    let sculpt = "tool = \"material\"\nbrush_mm = 5\nfalloff = \"constant\"\ncolor = \"#4060c8\"\npainted = { stiffness = 500.0, damping = 5.0 }";
+    let worked = worked(&Craft { sculpt, hand: &hand, strokes, ..ONLY_HAND });
+    assert_eq!(worked.strokes(), 3.0, "{}", worked.json);
+    let dent_mm = |x_mm: f64| {
+        let near = |at: &&DVec3| (at.x * 1e3 - x_mm).hypot(at.y * 1e3) < 2.0 * SPACING_MM;
+        worked.after.positions_map.iter().filter(near).map(|at| RADIUS_MM - at.length() * 1e3).fold(0.0, f64::max)
+    };
+    let (hard_mm, soft_mm) = (dent_mm(5.0), dent_mm(-5.0));
+    assert!(soft_mm > 0.5 && hard_mm < 0.5 * soft_mm, "{hard_mm} mm of {soft_mm} mm");
+    let is_blue = |color: &[u8; 3]| *color == [0x40, 0x60, 0xc8];
+    let samples = worked.after.positions_map.iter().zip(&worked.after.colors);
+    assert!(samples.clone().filter(|(_, color)| is_blue(color)).count() > 100);
+    assert!(samples.filter(|(at, _)| at.x < 0.0).all(|(_, color)| !is_blue(color)), "what is soft has its colour");
+    worked.far_side_is_as_it_was();
+}
+
+#[test]
 fn emboss_and_engrave_reach_their_depth() {
     for (tool, sign) in [("emboss", 1.0), ("engrave", -1.0)] {
         let sculpt = format!("tool = \"{tool}\"\nbrush_mm = 6\ndepth_mm = 1.5");

@@ -7,6 +7,7 @@ mod bake_cache_cli;
 mod bench;
 mod braking;
 mod clay;
+mod clay_material;
 mod clay_scenes;
 mod cli;
 mod config_errors;

@@ -154,6 +154,22 @@ fn a_hand_pushes_and_pulls_clay_through_the_loop_the_same_way_twice() {
 }
 
 #[test]
+fn painting_material_is_felt_no_more_than_touching_is() {
+    let take = |craft| vec![(0, Order::Take(ToolSettings { craft, brush_m: 5e-3, ..ToolSettings::default() }))];
+    let (touched, _) = run(VirtualClock::default(), 1100, take(Craft::Touch));
+    let (painted, ended) = run(VirtualClock::default(), 1100, take(Craft::Material));
+    for (one, other) in touched.iter().zip(&painted) {
+        assert_eq!(one.output, other.output, "tick {}", one.tick);
+    }
+    assert!(touched[700].output.command_device.force.z > 0.2);
+    let piece = ended.studio.piece();
+    assert_eq!((piece.history(), piece.material_map().is_bare()), ((1, 0), false));
+    let (top, far) = (piece.material_at(DVec3::Z * R), piece.material_at(-DVec3::Z * R));
+    assert!(top.stiffness_n_per_m > 5.0 * far.stiffness_n_per_m, "{top:?} {far:?}");
+    assert_eq!(far, piece.settings().material);
+}
+
+#[test]
 fn in_real_time_the_loop_goes_on_and_updates_that_are_late_are_counted() {
     let (records, ended) = run(RealClock, 700, Vec::new());
     let report = &ended.report;

@@ -9,15 +9,16 @@ use glam::DVec3;
 use super::super::checks::{FINITE, Interval};
 use super::super::problem::{ProblemKind, show};
 use super::super::scene::{ClaySource, SculptConfig};
-use super::super::schema::{self, Creep, FalloffWritten, Numbers, WrittenSolid, WrittenTool};
+use super::super::schema::{self, Creep, FalloffWritten, Numbers, PaintedWritten, WrittenSolid, WrittenTool};
 use super::objects::WrittenSource;
 use super::{MM, POSITIVE, Resolve};
 use crate::haptics::CouplingMode;
 use crate::mesh::primitives::Shape;
 use crate::mesh::{self, cloud};
-use crate::sculpt::dynamics::{Integrator, Material, Quantity};
+use crate::sculpt::dynamics::{Integrator, Material};
 use crate::sculpt::emboss::GreyImage;
 use crate::sculpt::falloff::Falloff;
+use crate::sculpt::material_map::Painted;
 use crate::sculpt::studio::{Craft, ToolSettings};
 use crate::sculpt::workpiece::Settings;
 use crate::sculpt::{PointSurface, Solid};
@@ -31,9 +32,14 @@ const UPDATE_TOLERANCE: f64 = 0.05;
 /// Mass points along an axis, and in all: an update of so many takes a second.
 const RASTER_AXIS: RangeInclusive<f64> = 4.0..=256.0;
 const RASTER_NODES: f64 = 2_097_152.0;
+/// What the clay may be made of, at first and where it is painted.
+const MASS_KG: Interval = Interval::from(*Material::MASS_KG.start()).to(*Material::MASS_KG.end()).unit("kg");
+const DAMPING_N_S_PER_M: Interval =
+    Interval::from(*Material::DAMPING_N_S_PER_M.start()).to(*Material::DAMPING_N_S_PER_M.end()).unit("N·s/m");
+const STIFFNESS_N_PER_M: Interval = POSITIVE.to(Material::STIFFNESS_MAX_N_PER_M).unit("N/m");
 
 /// What a session does not bring: how the piece stands, its tool, and how it is worked.
-const BESIDE_SESSION: [&str; 12] = [
+const BESIDE_SESSION: [&str; 13] = [
     "session",
     "position_mm",
     "orientation_xyzw",
@@ -43,6 +49,7 @@ const BESIDE_SESSION: [&str; 12] = [
     "brush_mm",
     "falloff",
     "color",
+    "painted",
     "depth_mm",
     "image",
     "sharp",
@@ -81,18 +88,13 @@ impl Resolve<'_> {
     fn piece(&mut self, written: &schema::Sculpt, region_map: Option<(DVec3, DVec3)>) -> Settings {
         let own = Settings::default();
         let Material { mass_kg, damping_n_s_per_m, stiffness_n_per_m, creep_s, acceleration_max_m_per_s2 } = own.material;
-        let mut quantity = |key: &str, written: Option<f64>, default: Quantity, interval: Interval| {
-            self.checks.optional(key, written, interval).map_or(default, |value| Quantity::Constant(value as f32))
+        let mut quantity = |key: &str, written: Option<f64>, default: f32, interval: Interval| {
+            self.checks.optional(key, written, interval).map_or(default, |value| value as f32)
         };
         let material = Material {
-            mass_kg: quantity("sculpt.mass", written.mass, mass_kg, Interval::from(1e-9).to(1.0).unit("kg")),
-            damping_n_s_per_m: quantity(
-                "sculpt.damping",
-                written.damping,
-                damping_n_s_per_m,
-                Interval::from(0.0).to(1e4).unit("N·s/m"),
-            ),
-            stiffness_n_per_m: quantity("sculpt.stiffness", written.stiffness, stiffness_n_per_m, POSITIVE.to(1e6).unit("N/m")),
+            mass_kg: quantity("sculpt.mass", written.mass, mass_kg, MASS_KG),
+            damping_n_s_per_m: quantity("sculpt.damping", written.damping, damping_n_s_per_m, DAMPING_N_S_PER_M),
+            stiffness_n_per_m: quantity("sculpt.stiffness", written.stiffness, stiffness_n_per_m, STIFFNESS_N_PER_M),
             creep_s: match written.creep_ms {
                 None => creep_s,
                 Some(Creep::Off) => f64::INFINITY,
@@ -247,9 +249,22 @@ impl Resolve<'_> {
                     before.color
                 })
             }),
+            painted: written.painted.map_or(before.painted, |painted| self.painted(&key("painted"), painted)),
             depth_m: self.checks.number(&key("depth_mm"), written.depth_mm, before.depth_m / MM, length(100.0)) * MM,
             image: self.image(&key("image"), written.image).or_else(|| before.image.clone()),
             is_sharp: written.sharp.unwrap_or(before.is_sharp),
+        }
+    }
+
+    /// A material to paint, all of it as written.
+    fn painted(&mut self, table: &str, written: PaintedWritten) -> Painted {
+        let mut property = |name: &str, written: Option<f64>, interval: Interval| {
+            self.checks.optional(&format!("{table}.{name}"), written, interval).map(|value| value as f32)
+        };
+        Painted {
+            mass_kg: property("mass", written.mass, MASS_KG),
+            damping_n_s_per_m: property("damping", written.damping, DAMPING_N_S_PER_M),
+            stiffness_n_per_m: property("stiffness", written.stiffness, STIFFNESS_N_PER_M),
         }
     }
 
@@ -284,6 +299,7 @@ fn craft(word: schema::CraftWord) -> Craft {
         CraftWord::Pull => Craft::Pull,
         CraftWord::PullCurve => Craft::PullCurve,
         CraftWord::Paint => Craft::Paint,
+        CraftWord::Material => Craft::Material,
         CraftWord::Emboss => Craft::Emboss,
         CraftWord::Engrave => Craft::Engrave,
         CraftWord::Union => Craft::Union,
@@ -305,10 +321,10 @@ mod tests {
     #[test]
     fn a_craft_has_the_word_of_the_scene() {
         use schema::CraftWord::*;
-        for word in [Touch, Push, Pull, PullCurve, Paint, Emboss, Engrave, Union, Intersection, Difference] {
+        for word in [Touch, Push, Pull, PullCurve, Paint, Material, Emboss, Engrave, Union, Intersection, Difference] {
             assert_eq!(craft(word).name(), word.to_string());
         }
-        assert_eq!(Craft::NAMES.len(), 10);
+        assert_eq!(Craft::NAMES.len(), 11);
     }
 
     #[test]

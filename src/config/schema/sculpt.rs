@@ -42,6 +42,7 @@ macro_rules! clay_table {
                     brush_mm: self.brush_mm,
                     falloff: self.falloff.as_ref(),
                     color: self.color.as_deref(),
+                    painted: self.painted,
                     depth_mm: self.depth_mm,
                     image: self.image.as_deref(),
                     sharp: self.sharp,
@@ -66,6 +67,7 @@ macro_rules! clay_table {
                 brush_mm: f64,
                 falloff: FalloffWritten,
                 color: String,
+                painted: PaintedWritten,
                 depth_mm: f64,
                 image: String,
                 sharp: bool,
@@ -128,6 +130,7 @@ pub(in crate::config) struct WrittenTool<'w> {
     pub(in crate::config) brush_mm: Option<f64>,
     pub(in crate::config) falloff: Option<&'w FalloffWritten>,
     pub(in crate::config) color: Option<&'w str>,
+    pub(in crate::config) painted: Option<PaintedWritten>,
     pub(in crate::config) depth_mm: Option<f64>,
     pub(in crate::config) image: Option<&'w str>,
     pub(in crate::config) sharp: Option<bool>,
@@ -144,8 +147,8 @@ pub(in crate::config) struct WrittenSolid<'w> {
 
 words! {
     CraftWord {
-        Touch = "touch", Push = "push", Pull = "pull", PullCurve = "pull-curve", Paint = "paint", Emboss = "emboss",
-        Engrave = "engrave", Union = "union", Intersection = "intersection", Difference = "difference",
+        Touch = "touch", Push = "push", Pull = "pull", PullCurve = "pull-curve", Paint = "paint", Material = "material",
+        Emboss = "emboss", Engrave = "engrave", Union = "union", Intersection = "intersection", Difference = "difference",
     }
     IntegratorWord { Implicit = "implicit", Explicit = "explicit" }
     Deed {
@@ -164,7 +167,7 @@ impl Deed {
     /// The keys that belong to it, beside `at_s`.
     pub(in crate::config) fn keys(self) -> &'static [&'static str] {
         match self {
-            Self::Take => &["tool", "brush_mm", "falloff", "color", "depth_mm", "image", "sharp"],
+            Self::Take => &["tool", "brush_mm", "falloff", "color", "painted", "depth_mm", "image", "sharp"],
             Self::Hold => &["until_s"],
             Self::Union | Self::Intersection | Self::Difference => {
                 &["points", "mesh", "shape", "units", "spacing_mm", "position_mm", "orientation_xyzw", "sharp"]
@@ -194,6 +197,16 @@ impl Deed {
         Self::SaveSession,
         Self::Export,
     ];
+}
+
+/// `painted`: what the craft material paints.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default, expecting = "a table such as { stiffness = 500.0 }")]
+#[schemars(rename = "Painted")]
+pub(in crate::config) struct PaintedWritten {
+    pub(in crate::config) mass: Option<f64>,
+    pub(in crate::config) damping: Option<f64>,
+    pub(in crate::config) stiffness: Option<f64>,
 }
 
 /// `falloff`: a word or weights.

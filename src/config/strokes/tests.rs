@@ -3,6 +3,7 @@ use glam::DVec3;
 use super::*;
 use crate::sculpt::emboss::Laid;
 use crate::sculpt::falloff::Falloff;
+use crate::sculpt::material_map::Painted;
 use crate::sculpt::studio::Craft;
 
 fn read(text: &str) -> Result<Vec<Timed>, String> {
@@ -40,6 +41,20 @@ fn strokes_come_in_the_order_of_their_times() {
             && matches!(orders[3].order, Order::Hold(false))
             && matches!(orders[4].order, Order::Redo)
     );
+}
+
+#[test]
+fn a_material_is_taken_as_a_whole_and_stays_where_none_is_written() {
+    let painted = |written: &str| {
+        let orders = read(&format!("[[stroke]]\nat_s = 0\ndo = \"take\"\ntool = \"material\"\n{written}\n")).unwrap();
+        let Order::Take(tool) = &orders[0].order else { panic!("{orders:?}") };
+        assert_eq!(tool.craft, Craft::Material);
+        tool.painted
+    };
+    let stiff = Painted { stiffness_n_per_m: Some(300.0), ..Painted::default() };
+    assert_eq!(painted("painted = { stiffness = 300 }"), stiff);
+    assert_eq!(painted("painted = { mass = 1e-3, damping = 0 }").damping_n_s_per_m, Some(0.0));
+    assert_eq!([painted("painted = {}"), painted("")], [Painted::default(); 2]);
 }
 
 #[test]
@@ -96,6 +111,11 @@ fn every_mistake_is_named_with_its_line_and_what_would_do() {
         ),
         ("[[stroke]]\nat_s = 1\ndo = \"take\"\nfalloff = [1]", "falloff = [1]: a table of a fall-off needs at least 2 weights"),
         ("[[stroke]]\nat_s = 1\ndo = \"take\"\ncolor = \"red\"", "color = \"red\": must be a colour as \"#rrggbb\""),
+        (
+            "[[stroke]]\nat_s = 1\ndo = \"take\"\npainted = { damping = 1e5 }",
+            "s.toml:5: stroke[0].painted.damping = 100000: must be from 0 to 10000 N·s/m",
+        ),
+        ("[[stroke]]\nat_s = 1\ndo = \"hold\"\nuntil_s = 2\npainted = {}", "left out beside do = \"hold\", which takes until_s"),
         ("[[stroke]]\nat_s = 1\ndo = \"take\"\nimage = \"b.png\"", "image = \"b.png\": no such file: b.png"),
         ("[[stroke]]\nat_s = 1\ndo = \"take\"\nimage = \"bad.png\"", "bad.png is no PNG image that can be read"),
         ("[[stroke]]\nat_s = 1\ndo = \"hold\"", "stroke at 1 s (line 2): until_s: missing"),

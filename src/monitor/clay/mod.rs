@@ -30,6 +30,7 @@ use super::encode::WirePose;
 use super::hub::Hub;
 use super::problem::Problem;
 use crate::daemon::studio::{self, Refused};
+use crate::sculpt::material_map::Painted;
 use crate::sculpt::studio::{Craft, Order, ToolSettings, View};
 use crate::spatial::Pose;
 
@@ -167,6 +168,8 @@ impl Clay {
             "brush_range_m": [least_m, most_m],
             "falloff": tool.falloff.to_string(),
             "color": take::color_text(tool.color),
+            "painted": properties(tool.painted),
+            "paints": properties(tool.painted.or_harder(&view.material)),
             "depth_m": tool.depth_m,
             "is_sharp": tool.is_sharp,
             "is_held": is_held,
@@ -201,6 +204,17 @@ impl Clay {
             hub.tell("clay", None, &trouble, &["trouble"]);
         }
     }
+}
+
+/// What a mass point is made of; null is not said.
+fn properties(Painted { mass_kg, damping_n_s_per_m, stiffness_n_per_m }: Painted) -> Value {
+    // As a person would write it: 0.0001, not the double nearest to the float nearest to it.
+    let number = |value: Option<f32>| value.and_then(|value| value.to_string().parse::<f64>().ok());
+    json!({
+        "mass_kg": number(mass_kg),
+        "damping_n_s_per_m": number(damping_n_s_per_m),
+        "stiffness_n_per_m": number(stiffness_n_per_m),
+    })
 }
 
 /// There is none.

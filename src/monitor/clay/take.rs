@@ -5,6 +5,7 @@ use serde_json::Value;
 
 use super::super::problem::Problem;
 use crate::sculpt::falloff::Falloff;
+use crate::sculpt::material_map::Painted;
 use crate::sculpt::studio::{Craft, ToolSettings, View};
 
 /// What is to change; what is not given stays.
@@ -17,15 +18,26 @@ pub(in crate::monitor) struct TakeAsked {
     falloff: Option<Value>,
     /// `#rrggbb`.
     color: Option<String>,
+    /// All of it: what it does not name is not painted.
+    painted: Option<PaintedAsked>,
     depth_m: Option<f64>,
     is_sharp: Option<bool>,
+}
+
+/// A material to paint.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+struct PaintedAsked {
+    mass_kg: Option<f32>,
+    damping_n_s_per_m: Option<f32>,
+    stiffness_n_per_m: Option<f32>,
 }
 
 impl TakeAsked {
     /// The settings with what was asked for.
     pub(super) fn onto(self, tool: ToolSettings, view: &View) -> Result<ToolSettings, Problem> {
         if self == Self::default() {
-            let hint = "`craft`, `brush_m`, `falloff`, `color`, `depth_m` or `is_sharp`";
+            let hint = "`craft`, `brush_m`, `falloff`, `color`, `painted`, `depth_m` or `is_sharp`";
             return Err(Problem::bad("nothing is to be taken", hint));
         }
         let (least_m, most_m) = brush_range(view);
@@ -53,6 +65,12 @@ impl TakeAsked {
         if let Some(color) = &self.color {
             let hint = "such as \"#c83c28\"";
             tool.color = color_of(color).ok_or_else(|| Problem::bad(format!("`{color}` is no color #rrggbb"), hint))?;
+        }
+        if let Some(PaintedAsked { mass_kg, damping_n_s_per_m, stiffness_n_per_m }) = self.painted {
+            tool.painted = Painted { mass_kg, damping_n_s_per_m, stiffness_n_per_m };
+            if let Some((name, value, unit)) = tool.painted.unsound() {
+                return Err(Problem::bad(format!("{name} of {value} {unit} cannot be painted"), Painted::KNOWN_GOOD));
+            }
         }
         tool.is_sharp = self.is_sharp.unwrap_or(tool.is_sharp);
         Ok(tool)
@@ -117,8 +135,11 @@ mod tests {
         let before = ToolSettings::default();
         assert_eq!(taken(json!({ "craft": "pull-curve" })), Ok(ToolSettings { craft: Craft::PullCurve, ..before.clone() }));
         assert_eq!(
-            taken(json!({ "brush_m": 0.004, "color": "#0aFF10", "falloff": [1, 0.5], "is_sharp": true, "depth_m": 0.002 })),
+            taken(
+                json!({ "brush_m": 0.004, "color": "#0aFF10", "falloff": [1, 0.5], "is_sharp": true, "depth_m": 0.002, "painted": { "mass_kg": 1e-3 } })
+            ),
             Ok(ToolSettings {
+                painted: Painted { mass_kg: Some(1e-3), ..Painted::default() },
                 brush_m: 0.004,
                 color: [10, 255, 16],
                 falloff: Falloff::Table(vec![1.0, 0.5]),
@@ -127,6 +148,10 @@ mod tests {
                 ..before
             })
         );
+        let forgotten = ToolSettings { painted: Painted { mass_kg: Some(1e-3), ..Painted::default() }, ..ToolSettings::default() };
+        let asked = TakeAsked::deserialize(json!({ "painted": { "damping_n_s_per_m": null } })).unwrap();
+        let view = view_of(PointSet::default(), 1);
+        assert_eq!(asked.onto(forgotten, &view).map(|tool| tool.painted), Ok(Painted::default()), "a material is taken as a whole");
         assert_eq!(color_text([10, 255, 16]), "#0aff10");
     }
 
@@ -143,6 +168,11 @@ mod tests {
             (json!({ "color": "red" }), "#rrggbb"),
             (json!({ "color": "#ff00ß" }), "#rrggbb"),
             (json!({ "color": "#+12345" }), "#rrggbb"),
+            (json!({ "painted": { "stiffness_n_per_m": 0.0 } }), "a stiffness of 0 N/m"),
+            (json!({ "painted": { "mass_kg": 2.0 } }), "a mass of 2 kg"),
+            (json!({ "painted": { "damping_n_s_per_m": -1 } }), "a damping of -1 N·s/m"),
+            (json!({ "painted": { "stiffness": 10 } }), "stiffness"),
+            (json!({ "painted": 10 }), "10"),
             (json!({ "falloff": "square" }), "square"),
             (json!({ "falloff": [1] }), "at least 2"),
             (json!({ "falloff": [1, "half"] }), "numbers"),

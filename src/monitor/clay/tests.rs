@@ -8,6 +8,7 @@ use super::*;
 use crate::daemon::{Notice, Phase, testing};
 use crate::rt::clock::ClockKind;
 use crate::sculpt::PointSet;
+use crate::sculpt::dynamics::Material;
 use crate::sculpt::studio::StudioError;
 
 /// A view of these samples, 1 mm apart, with a region of 40 mm.
@@ -18,6 +19,7 @@ pub(super) fn view_of(points: PointSet, version: u64) -> View {
         spacing_m: 1e-3,
         region_map: (DVec3::splat(-0.02), DVec3::splat(0.02)),
         tool: ToolSettings::default(),
+        material: Material::default(),
         is_stroke: false,
         is_unsaved: false,
         is_over: false,
@@ -161,6 +163,11 @@ fn settings_that_are_taken_one_after_the_other_add_up_before_a_view_shows_them()
     let facts = bench.facts();
     assert_eq!((&facts["craft"], &facts["brush_m"], &facts["color"]), (&json!("paint"), &json!(0.003), &json!("#102030")));
     assert_eq!(facts["crafts"].as_array().map(Vec::len), Some(Craft::NAMES.len()));
+    assert_eq!(facts["painted"], json!({ "mass_kg": null, "damping_n_s_per_m": null, "stiffness_n_per_m": null }));
+    assert_eq!(facts["paints"], json!({ "mass_kg": null, "damping_n_s_per_m": 5.0, "stiffness_n_per_m": 500.0 }));
+    answer_of(|reply| take(&bench.hub, took(json!({ "painted": { "mass_kg": 1e-4 } })), reply)).unwrap();
+    assert!(matches!(bench.next_order(), Order::Take(tool) if tool.painted.mass_kg == Some(1e-4)));
+    assert_eq!(bench.facts()["paints"], json!({ "mass_kg": 1e-4, "damping_n_s_per_m": null, "stiffness_n_per_m": null }));
     assert_eq!(facts["region_map"]["min"], json!([-0.02, -0.02, -0.02]));
 
     // What was refused does not stand, none of it, and a script's settings count once a view shows them.

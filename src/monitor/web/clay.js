@@ -8,6 +8,7 @@
  */
 
 import { byId, element, say, words } from "./element.js";
+import { Material } from "./material.js";
 import { Row } from "./parameters.js";
 import { parseSamples } from "./splats.js";
 import { count, fixed } from "./units.js";
@@ -29,6 +30,7 @@ const CRAFTS = {
   pull: { label: "Pull", hint: "Near the clay, hold; move the hand; let go.", sets: ["brush", "falloff"], isHeld: true },
   "pull-curve": { label: "Pull curve", hint: "Hold to draw a curve; hold again to pull all of it.", sets: ["brush", "falloff"], isHeld: true },
   paint: { label: "Paint", hint: "Press lightly for a fine line, harder for a wide one.", sets: ["brush", "color"] },
+  material: { label: "Material", hint: "Press to make the clay harder or softer there, and colour it.", sets: ["brush", "falloff", "color", "material"] },
   emboss: { label: "Emboss", hint: "Hold where the image is to stand out.", sets: ["brush", "depth"], isHeld: true },
   engrave: { label: "Engrave", hint: "Hold where the image is to be sunk in.", sets: ["brush", "depth"], isHeld: true },
   union: { label: "Union", hint: "Hold to add the tool's own shape.", sets: ["sharp"], isHeld: true },
@@ -64,6 +66,7 @@ export class Clay {
     this.heldUntil = -Infinity;
     this.rows = { brush: this.#row("brush"), depth: this.#row("depth") };
     byId("clay-settings").replaceChildren(this.rows.brush.root, this.rows.depth.root);
+    this.material = new Material((painted) => this.#take({ painted }));
     byId("clay-falloff").onchange = ({ target }) => this.#take({ falloff: target.value });
     byId("clay-color").onchange = ({ target }) => this.#take({ color: target.value });
     byId("clay-sharp").onchange = ({ target }) => this.#take({ is_sharp: target.checked });
@@ -186,10 +189,11 @@ export class Clay {
     const sets = craft?.sets ?? [];
     this.rows.brush.root.hidden = !sets.includes("brush");
     this.rows.depth.root.hidden = !sets.includes("depth");
-    for (const name of ["falloff", "color", "sharp"]) byId(`clay-${name}-line`).hidden = !sets.includes(name);
+    for (const name of ["falloff", "color", "material", "sharp"]) byId(`clay-${name}-line`).hidden = !sets.includes(name);
     if (document.activeElement !== byId("clay-falloff")) byId("clay-falloff").value = facts.falloff;
     if (document.activeElement !== byId("clay-color")) byId("clay-color").value = facts.color;
     byId("clay-sharp").checked = facts.is_sharp;
+    this.material.show(facts);
     for (const name of ["undo", "redo"]) {
       const button = byId(`clay-${name}`);
       button.disabled = facts[name] === 0;
@@ -245,9 +249,9 @@ export class Clay {
   /** What the view draws beside the samples. */
   #picture(sets) {
     if (!this.view) return;
-    const { world_from_map: pose, region_map: region, brush_m: radius, craft, color } = this.facts;
+    const { world_from_map: pose, region_map: region, brush_m: radius, color } = this.facts;
     const hex = Number.parseInt(color.slice(1), 16);
-    const paint = craft === "paint" ? [16, 8, 0].map((shift) => ((hex >> shift) & 255) / 255) : null;
+    const paint = sets.includes("color") ? [16, 8, 0].map((shift) => ((hex >> shift) & 255) / 255) : null;
     Object.assign(this.view.clay, { pose, region, brush: sets.includes("brush") ? { radius, color: paint } : null });
     this.view.redraw();
   }

@@ -5,7 +5,7 @@
 
 use rayon::prelude::*;
 
-use super::{Material, springs};
+use super::{Material, Quantity, springs};
 use crate::haptics::clay::Lattice;
 
 /// The residual that is left, as a share of what was asked for.
@@ -35,7 +35,7 @@ impl Solver {
     /// Velocities after a step of T = `time_s`, from those before. Returns the iterations, and whether they ended early.
     pub(super) fn step(
         &mut self,
-        (lattice, material): (&Lattice, &Material),
+        (lattice, material): (&Lattice, &Material<Quantity>),
         (rest_m, forces_n, densities_m): (&[f32], &[f32], &[f32]),
         velocities: &mut [f32],
         time_s: f64,

@@ -5,7 +5,7 @@ use super::*;
 const N: usize = 15;
 const MIDDLE: usize = (7 * N + 7) * N + 7;
 
-fn material() -> Material {
+fn material() -> Material<Quantity> {
     Material {
         mass_kg: Quantity::Constant(1e-4),
         damping_n_s_per_m: Quantity::Constant(0.5),
@@ -15,7 +15,7 @@ fn material() -> Material {
     }
 }
 
-fn clay(material: Material, integrator: Integrator) -> Dynamics {
+fn clay(material: Material<Quantity>, integrator: Integrator) -> Dynamics {
     let lattice = Lattice { origin_map: DVec3::ZERO, spacing_m: 1e-3, dims: [N; 3] };
     let mut raster = Raster::uniform(lattice, 0.0);
     for (node, value) in raster.values_m_mut().iter_mut().enumerate() {

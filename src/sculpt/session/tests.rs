@@ -1,5 +1,7 @@
 use super::*;
 use crate::sculpt::falloff::Falloff;
+use crate::sculpt::material_map::Painted;
+use crate::sculpt::paint::Brush;
 use crate::sculpt::pull::Pull;
 use crate::sculpt::shapes::sphere;
 use crate::storage::sections::reseal;
@@ -8,13 +10,7 @@ const R: f64 = 0.02;
 
 /// A piece with two strokes, one of them taken back.
 fn piece() -> Workpiece {
-    let settings = Settings {
-        region_map: Some((DVec3::new(-0.01, -0.01, 0.01), DVec3::new(0.01, 0.01, 0.03))),
-        raster: [9, 10, 11],
-        integrator: Integrator::Explicit,
-        ..Settings::default()
-    };
-    let mut piece = Workpiece::new(sphere(300, R), settings).unwrap();
+    let mut piece = piece_of(Material::default());
     for _ in 0..2 {
         for _ in 0..10 {
             let along_map = vec![DVec3::Z * R];
@@ -26,6 +22,18 @@ fn piece() -> Workpiece {
     }
     assert!(piece.undo().unwrap());
     piece
+}
+
+/// A piece without strokes.
+fn piece_of(material: Material) -> Workpiece {
+    let settings = Settings {
+        material,
+        region_map: Some((DVec3::new(-0.01, -0.01, 0.01), DVec3::new(0.01, 0.01, 0.03))),
+        raster: [9, 10, 11],
+        integrator: Integrator::Explicit,
+        ..Settings::default()
+    };
+    Workpiece::new(sphere(300, R), settings).unwrap()
 }
 
 fn saved(piece: &Workpiece) -> Vec<u8> {
@@ -63,12 +71,54 @@ fn a_session_goes_on_where_it_was_left() {
 
 #[test]
 fn whatever_material_a_scene_may_have_is_read_again() {
-    let mut piece = piece();
-    let material = Material { damping_n_s_per_m: Quantity::Constant(0.0), creep_s: f64::INFINITY, ..Material::default() };
-    piece.set_material(material.clone());
-    assert_eq!(loaded(&saved(&piece)).unwrap().settings().material, material);
-    piece.set_material(Material { mass_kg: Quantity::Constant(0.0), ..material });
-    assert!(matches!(loaded(&saved(&piece)), Err(SessionError::Refused { .. })));
+    let material = Material {
+        mass_kg: 3e-5,
+        damping_n_s_per_m: 0.0,
+        stiffness_n_per_m: 123.0,
+        creep_s: f64::INFINITY,
+        acceleration_max_m_per_s2: 77.0,
+    };
+    assert_eq!(loaded(&saved(&piece_of(material.clone()))).unwrap().settings().material, material);
+    for wrong in [Material { mass_kg: 0.0, ..material.clone() }, Material { stiffness_n_per_m: -1.0, ..material }] {
+        assert!(matches!(loaded(&saved(&piece_of(wrong))), Err(SessionError::Refused { .. })));
+    }
+}
+
+#[test]
+fn painted_material_is_kept_with_its_past_and_shared_as_before() {
+    let brush = Brush { color: [9, 9, 9], radius_m_per_n: 4e-3, radius_max_m: 8e-3, falloff: Falloff::Constant, smallest_m: 1e-3 };
+    let mut before = piece();
+    let stiff = Painted { stiffness_n_per_m: Some(700.0), ..Painted::default() };
+    let heavy = Painted { mass_kg: Some(2e-4), damping_n_s_per_m: Some(0.0), ..Painted::default() };
+    for painted in [stiff, heavy] {
+        assert!(before.paint_material(&brush, painted, DVec3::Z * R, 2.0).unwrap() > 0);
+        before.end_stroke().unwrap();
+    }
+    let bytes = saved(&before);
+    let mut after = loaded(&bytes).unwrap();
+    assert!(saved(&after) == bytes, "saved again it has the same bytes");
+    assert!(after.material_map().is_same(before.material_map()) && !after.material_map().is_bare());
+    let [now, heavy_before] = [after.moment(), after.moments().0.last().unwrap().clone()];
+    let stiffness = |moment: &Moment| moment.material_map.layers()[2].clone().unwrap();
+    assert!(Arc::ptr_eq(&stiffness(&now), &stiffness(&heavy_before)), "one stiffness for both");
+    while before.undo().unwrap() {
+        assert!(after.undo().unwrap());
+        assert!(after.material_map().is_same(before.material_map()));
+        assert_eq!(after.points(), before.points());
+    }
+    assert!(!after.undo().unwrap() && after.material_map().is_bare());
+    while before.redo().unwrap() {
+        assert!(after.redo().unwrap());
+        assert!(after.material_map().is_same(before.material_map()));
+    }
+    // Neither values that are missing nor such as nothing is made of.
+    for (from, to) in [(700.0_f32, f32::INFINITY), (2e-4, -1.0)] {
+        let mut forged = bytes.clone();
+        let at = forged.chunks_exact(4).position(|word| word == from.to_le_bytes()).unwrap() * 4;
+        forged[at..at + 4].copy_from_slice(&to.to_le_bytes());
+        reseal(&mut forged);
+        assert!(matches!(loaded(&forged), Err(SessionError::Refused { .. })), "{from}");
+    }
 }
 
 #[test]
@@ -136,7 +186,7 @@ fn the_past_that_is_kept_is_the_nearest() {
     assert_eq!((moments.len(), n_past), (9, 4));
     let mut points = moment.samples.points().clone();
     points.positions_map.resize(MOMENTS_BYTES_MAX / 48, DVec3::ZERO);
-    let large = Moment::new(points, (*moment.base).clone(), moment.region, None).unwrap();
+    let large = Moment::new(points, (*moment.base).clone(), MaterialMap::default(), moment.region, None).unwrap();
     let past = [moment.clone(), large, moment.clone(), moment.clone()];
     let (moments, n_past) = kept(&moment, &past, &[]);
     assert_eq!((moments.len(), n_past), (3, 2));

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use super::super::boolean::Boolean;
 use super::super::emboss::GreyImage;
 use super::super::falloff::Falloff;
+use super::super::material_map::Painted;
 
 /// What the tool does to the clay. Whatever it does, the hand feels the surface.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -21,6 +22,8 @@ pub enum Craft {
     PullCurve,
     /// Colours the surface where the tool presses; harder is wider.
     Paint,
+    /// Paints mass, damping and stiffness of the mass points where the tool presses, and colours the surface there; harder is wider.
+    Material,
     /// Raises the surface by an image where it is held.
     Emboss,
     /// Sinks an image into the surface where it is held.
@@ -35,12 +38,13 @@ pub enum Craft {
 
 impl Craft {
     /// The words in files, commands and menus, in the order of a menu.
-    pub const NAMES: [(&'static str, Self); 10] = [
+    pub const NAMES: [(&'static str, Self); 11] = [
         ("touch", Self::Touch),
         ("push", Self::Push),
         ("pull", Self::Pull),
         ("pull-curve", Self::PullCurve),
         ("paint", Self::Paint),
+        ("material", Self::Material),
         ("emboss", Self::Emboss),
         ("engrave", Self::Engrave),
         ("union", Self::Union),
@@ -60,7 +64,7 @@ impl Craft {
 
     /// It works while the tool is held, or when it is taken hold of; the others work by touch.
     pub fn is_held(self) -> bool {
-        !matches!(self, Self::Touch | Self::Push | Self::Paint)
+        !matches!(self, Self::Touch | Self::Push | Self::Paint | Self::Material)
     }
 
     /// What becomes of the tool's shape and the piece, for those three crafts.
@@ -87,10 +91,12 @@ pub struct ToolSettings {
     pub craft: Craft,
     /// Radius around the tool within which material moves, is coloured (at [`Self::FULL_FORCE_N`]) or embossed, m.
     pub brush_m: f64,
-    /// How push, pull and paint fade towards that radius; constant paint has a sharp rim.
+    /// How push, pull, paint and material fade towards that radius; constant paint has a sharp rim.
     pub falloff: Falloff,
-    /// Of paint, sRGB.
+    /// Of paint, and of the surface where material is painted, sRGB.
     pub color: [u8; 3],
+    /// Of the craft material; where it says nothing, [so many times](Painted::HARDER) as hard as the piece.
+    pub painted: Painted,
     /// Depth of white in an image, m.
     pub depth_m: f64,
     /// What is embossed and engraved; without one, a round dome.
@@ -112,6 +118,7 @@ impl Default for ToolSettings {
             brush_m: 5e-3,
             falloff: Falloff::default(),
             color: [200, 60, 40],
+            painted: Painted::default(),
             depth_m: 1e-3,
             image: None,
             is_sharp: false,

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use super::super::SurfaceError;
 use super::super::export::ExportError;
+use super::super::material_map::Painted;
 use super::super::session::SessionError;
 use super::super::workpiece::WorkpieceError;
 use crate::spatial::Metres;
@@ -56,6 +57,16 @@ pub enum StudioError {
     /// A difference that cuts nothing off.
     #[error("the other solid is beside the piece and cuts nothing off")]
     Beside,
+    /// A property that no mass point may have.
+    #[error("{name} of {value} {unit}")]
+    Property {
+        /// What it is of.
+        name: &'static str,
+        /// As given.
+        value: f32,
+        /// Its unit.
+        unit: &'static str,
+    },
     /// A number that means nothing.
     #[error("{name} of {}", Metres(*value))]
     Length {
@@ -87,6 +98,7 @@ impl StudioError {
             Self::NoForce => "enable the arm",
             Self::Nothing(_) => "lay it on the surface, facing out of it",
             Self::Beside => "move it, and check its unit",
+            Self::Property { .. } => Painted::KNOWN_GOOD,
             Self::Length { .. } => "give a finite length, above 0 for a brush",
         }
     }

@@ -210,6 +210,7 @@ impl Studio {
             spacing_m: self.piece.surface().spacing_m(),
             region_map: self.piece.region_map(),
             tool: self.tool.clone(),
+            material: self.piece.settings().material.clone(),
             is_stroke: self.piece.is_stroke(),
             is_unsaved: self.is_unsaved(),
             is_over: false,

@@ -68,6 +68,9 @@ impl Studio {
                 return Err(StudioError::Length { name, value });
             }
         }
+        if let Some((name, value, unit)) = tool.painted.unsound() {
+            return Err(StudioError::Property { name, value, unit });
+        }
         // The stroke of the tool before; if it made no surface it is taken back, and the new tool is taken all the same.
         let ended = self.let_go();
         self.tool = tool;

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use super::super::PointSet;
+use super::super::dynamics::Material;
 use super::ToolSettings;
 
 /// The piece at one moment. Cheap to clone. Its samples may be older than the rest: they are copied as often as that is cheap.
@@ -20,6 +21,8 @@ pub struct View {
     pub region_map: (DVec3, DVec3),
     /// What the tool does, and how.
     pub tool: ToolSettings,
+    /// What the piece is made of where nothing was painted.
+    pub material: Material,
     /// A stroke is under way.
     pub is_stroke: bool,
     /// Strokes were made, taken back or done again since a session was saved, or since the start.

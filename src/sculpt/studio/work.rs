@@ -8,7 +8,7 @@ use super::super::paint::Brush;
 use super::super::pull::Pull;
 use super::{Craft, Grip, Handling, Studio, StudioError, ToolSettings};
 
-/// A stroke of push or paint is over when the tool has left for so long, s: a hand that trembles makes one stroke.
+/// A stroke of push, paint or material is over when the tool has left for so long, s: a hand that trembles makes one stroke.
 const LEFT_S: f64 = 0.2;
 /// Less force does nothing, N: the resolution of a light hand.
 const LEAST_N: f64 = 1e-3;
@@ -85,7 +85,7 @@ impl Heard {
 pub(super) enum Doing {
     #[default]
     Nothing,
-    /// Push or paint; for so long the tool has not touched, s.
+    /// Push, paint or material; for so long the tool has not touched, s.
     Pressing { left_s: f64 },
     /// A rope to a place of the surface.
     Pulling { anchor_map: DVec3 },
@@ -111,7 +111,7 @@ impl Studio {
         }
         match self.tool.craft {
             Craft::Touch => Ok(()),
-            Craft::Push | Craft::Paint => self.press(heard, time_s),
+            Craft::Push | Craft::Paint | Craft::Material => self.press(heard, time_s),
             Craft::Pull | Craft::PullCurve => self.rope(heard),
             Craft::Emboss | Craft::Engrave if heard.has_risen => self.stamp(heard),
             Craft::Union | Craft::Intersection | Craft::Difference if heard.has_risen => self.join(heard),
@@ -164,7 +164,7 @@ impl Studio {
         }
     }
 
-    /// Push and paint: what the hand presses on.
+    /// Push, paint and material: what the hand presses on.
     fn press(&mut self, heard: &Heard, time_s: f64) -> Result<(), StudioError> {
         let force_map = -heard.force_map;
         let place = if heard.touches && force_map.length() > LEAST_N { self.touched(&heard.last) } else { None };
@@ -178,10 +178,17 @@ impl Studio {
             return Ok(());
         };
         self.doing = Doing::Pressing { left_s: 0.0 };
-        if self.tool.craft == Craft::Paint {
-            let brush = self.brush();
-            self.piece.paint(&brush, at_map, force_map.length())?;
-            return Ok(());
+        let force_n = force_map.length();
+        match self.tool.craft {
+            Craft::Paint => {
+                self.piece.paint(&self.brush(), at_map, force_n)?;
+                return Ok(());
+            }
+            Craft::Material => {
+                self.piece.paint_material(&self.brush(), self.tool.painted, at_map, force_n)?;
+                return Ok(());
+            }
+            _ => {}
         }
         self.check_region(at_map)?;
         let inward_n = force_map.dot(-normal_map).max(0.0);

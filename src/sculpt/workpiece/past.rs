@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
+use super::super::material_map::MaterialMap;
 use super::super::session::Session;
 use super::super::{PointSet, PointSurface, SurfaceError};
 use super::lattices::{first_node, is_part};
@@ -20,6 +21,7 @@ pub(in super::super) struct Moment {
     pub(in super::super) samples: Samples,
     /// Measured.
     pub(in super::super) base: Arc<Raster>,
+    pub(in super::super) material_map: MaterialMap,
     pub(in super::super) region: Lattice,
     pub(in super::super) region_map: Option<(DVec3, DVec3)>,
 }
@@ -62,23 +64,26 @@ impl Moment {
     pub(in super::super) fn new(
         points: PointSet,
         base: Raster,
+        material_map: MaterialMap,
         region: Lattice,
         region_map: Option<(DVec3, DVec3)>,
     ) -> Option<Self> {
         let samples = Samples::Bare(points);
-        is_part(base.lattice(), &region).then(|| Self { samples, base: measured(base), region, region_map })
+        is_part(base.lattice(), &region).then(|| Self { samples, base: measured(base), material_map, region, region_map })
     }
 
     /// What it takes in a session, bytes.
     pub(in super::super) fn n_bytes_in_session(&self) -> usize {
-        self.samples.points().n_bytes() + size_of_val(self.base.values_m())
+        self.samples.points().n_bytes() + size_of_val(self.base.values_m()) + self.material_map.n_bytes()
     }
 
-    /// What it takes in memory beside one that is newer, bytes: paint leaves the densities as they are, and what is before it and after it
-    /// shares them.
+    /// What it takes in memory beside one that is newer, bytes: paint leaves the densities as they are, all but paint leaves the material, and
+    /// what is before it and after it shares them.
     pub(super) fn n_bytes(&self, newer: Option<&Self>) -> usize {
         let is_shared = newer.is_some_and(|newer| Arc::ptr_eq(&newer.base, &self.base));
-        self.samples.n_bytes() + if is_shared { 0 } else { size_of_val(self.base.values_m()) }
+        let material_bytes =
+            newer.map_or_else(|| self.material_map.n_bytes(), |newer| self.material_map.n_bytes_beside(&newer.material_map));
+        self.samples.n_bytes() + material_bytes + if is_shared { 0 } else { size_of_val(self.base.values_m()) }
     }
 }
 
@@ -91,12 +96,14 @@ impl Workpiece {
             moment.samples.points().check()?;
         }
         let first = first_node(now.base.lattice(), &now.region);
-        let region = Region::new(surface.points(), &now.base, first, now.region, &settings);
+        let region = Region::new(surface.points(), (&now.base, &now.material_map), first, now.region, &settings);
         Ok(Self {
             surface,
             under_way: None,
             press: None,
+            material_coat: None,
             base: now.base,
+            material_map: now.material_map,
             region,
             settings,
             gap_m,
@@ -154,6 +161,7 @@ impl Workpiece {
         Moment {
             samples: Samples::Fitted(self.surface.clone()),
             base: self.base.clone(),
+            material_map: self.material_map.clone(),
             region: *self.region.dynamics.lattice(),
             region_map: self.settings.region_map,
         }
@@ -172,7 +180,7 @@ impl Workpiece {
 
     /// Back to before a stroke that failed.
     pub(super) fn take_back(&mut self) {
-        (self.under_way, self.press) = (None, None);
+        (self.under_way, self.press, self.material_coat) = (None, None, None);
         self.strokes = self.strokes.saturating_sub(1);
         if let Some(moment) = self.past.pop() {
             // It was a surface before.
@@ -182,15 +190,15 @@ impl Workpiece {
 
     /// The stroke under way has changed nothing: it has never been, and what was undone before it can be done again still.
     pub(super) fn forget_stroke(&mut self) {
-        (self.under_way, self.press) = (None, None);
+        (self.under_way, self.press, self.material_coat) = (None, None, None);
         self.strokes = self.strokes.saturating_sub(1);
         self.past.pop();
         self.cut_region(*self.region.dynamics.lattice());
     }
 
-    fn go_to(&mut self, Moment { samples, base, region, region_map }: Moment) -> Result<(), SurfaceError> {
+    fn go_to(&mut self, Moment { samples, base, material_map, region, region_map }: Moment) -> Result<(), SurfaceError> {
         self.surface = samples.fitted(self.settings.n_neighbours)?;
-        self.base = base;
+        (self.base, self.material_map) = (base, material_map);
         self.settings.region_map = region_map;
         self.cut_region(region);
         Ok(())
@@ -199,7 +207,7 @@ impl Workpiece {
     /// The region out of the base, on nodes of it.
     pub(super) fn cut_region(&mut self, lattice: Lattice) {
         let first = first_node(self.base.lattice(), &lattice);
-        self.region = Region::new(self.surface.points(), &self.base, first, lattice, &self.settings);
+        self.region = Region::new(self.surface.points(), (&self.base, &self.material_map), first, lattice, &self.settings);
     }
 }
 

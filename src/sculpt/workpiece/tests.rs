@@ -1,11 +1,12 @@
 use super::*;
 use crate::sculpt::falloff::Falloff;
-use crate::sculpt::paint::Brush;
+use crate::sculpt::material_map::Painted;
+use crate::sculpt::paint::{Brush, Dab};
 use crate::sculpt::shapes::sphere;
 
-const R: f64 = 0.02;
+pub(super) const R: f64 = 0.02;
 
-fn settings() -> Settings {
+pub(super) fn settings() -> Settings {
     Settings {
         region_map: Some((DVec3::new(-0.012, -0.012, 0.008), DVec3::new(0.012, 0.012, 0.032))),
         raster: [31; 3],
@@ -15,12 +16,12 @@ fn settings() -> Settings {
     }
 }
 
-fn ball() -> Workpiece {
+pub(super) fn ball() -> Workpiece {
     Workpiece::new(sphere(4000, R), settings()).unwrap()
 }
 
 /// Pulls the pole up, or pushes it down, in 50 updates.
-fn stroke(piece: &mut Workpiece, force_n: f64) {
+pub(super) fn stroke(piece: &mut Workpiece, force_n: f64) {
     for _ in 0..50 {
         let top = piece.onto(DVec3::Z * R, 0.01).map_or(DVec3::Z * R, |(at, _)| at);
         piece
@@ -129,7 +130,22 @@ fn what_can_be_taken_back_is_bounded_by_memory_too() {
     let n_bytes = before.n_bytes(Some(&after)) + after.n_bytes(None);
     assert_eq!(left(vec![before.clone(), after.clone()], n_bytes), 2);
     assert_eq!(left(vec![before.clone(), after.clone()], n_bytes - 1), 1);
-    assert_eq!(left(vec![before.clone(), after], 0), 1, "the last stroke can be taken back whatever it takes");
+    assert_eq!(left(vec![before.clone(), after.clone()], 0), 1, "the last stroke can be taken back whatever it takes");
+    // Material that was painted once is counted once.
+    let mut painted = after.clone();
+    let mut coat = MaterialCoat::over(
+        &after.material_map,
+        after.base.lattice().n_nodes(),
+        Painted { mass_kg: Some(1.0), ..Painted::default() },
+    );
+    let dab = Dab { at_map: DVec3::ZERO, normal_map: DVec3::Z, radius_m: R };
+    coat.dab(&mut painted.material_map, (after.base.lattice(), &Material::default()), &Falloff::Constant, dab);
+    let material_bytes = 4 * after.base.lattice().n_nodes();
+    assert_eq!(painted.n_bytes(None), after.n_bytes(None) + material_bytes);
+    assert_eq!(painted.n_bytes_in_session(), after.n_bytes_in_session() + material_bytes);
+    let three = painted.n_bytes(None) + 2 * painted.n_bytes(Some(&painted));
+    assert_eq!(left(vec![painted.clone(); 3], three), 3);
+    assert_eq!(left(vec![painted; 3], three - 1), 2);
     // Strokes of paint have one raster between them.
     let painted = vec![before.clone(); 3];
     assert_eq!(left(painted.clone(), before.n_bytes(None) + 2 * before.n_bytes(Some(&before))), 3);
