@@ -363,6 +363,32 @@ class PageTest(unittest.TestCase):
         page.run("(() => { const c = document.querySelector('#clay-color'); c.value = '#10a040'; c.dispatchEvent(new Event('change')); })()")
         page.wait("fetch('/api/v1/clay').then((r) => r.json()).then(({ color }) => color === '#10a040')")
 
+    def test_material_is_painted(self):
+        """Three numbers, which only the tool for material shows, and what comes of those that are left empty."""
+        run, page = self.sculpt()
+        line = "document.querySelector('#clay-material-line')"
+        self.choose(run, page, "paint")
+        self.assertTrue(page.run(f"{line}.hidden"))
+        self.choose(run, page, "material")
+        self.assertFalse(page.run(f"{line}.hidden"))
+        hints = f"[...{line}.querySelectorAll('input')].map(({{ value, placeholder }}) => value || placeholder).join()"
+        page.wait(f"{hints} === '500,5,as it is'")
+        page.screenshot(SHOTS / "clay-material.png")
+
+        def write(name, value):
+            field = f"document.querySelector('#clay-{name}')"
+            page.run(f"(() => {{ {field}.value = '{value}'; {field}.dispatchEvent(new Event('change')); }})()")
+
+        write("stiffness-n-per-m", "320")
+        page.wait(f"{hints} === '320,as it is,as it is'")
+        self.assertEqual(run.get("clay")["painted"], {"mass_kg": None, "damping_n_s_per_m": None, "stiffness_n_per_m": 320})
+        # What no mass point can have does not come as far as the server, or is refused there.
+        write("mass-kg", "7")
+        write("stiffness-n-per-m", "0")
+        page.wait(f"{hints}.startsWith('320,as it is')")
+        self.assertEqual(run.get("clay")["painted"]["stiffness_n_per_m"], 320)
+        page.wait("!document.querySelector('#clay-undo').disabled")
+
     def test_clay_is_held_and_undone(self):
         run, page = self.sculpt()
         self.choose(run, page, "touch")
