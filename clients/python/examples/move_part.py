@@ -34,7 +34,8 @@ def steer(arm: Client, args: argparse.Namespace, is_over: threading.Event, probl
 
 def felt(args: argparse.Namespace) -> np.ndarray:
     """Rows of time (s), force of the command (N), depth (mm), height of the tool (mm), force on or off."""
-    is_over, problems = threading.Event(), []
+    is_over = threading.Event()
+    problems: list[HapticdError] = []
     with Client(args.address, token=args.token, heartbeat_ms=1000) as arm:
         arm.place(args.object, args.base)
         arm.enable()

@@ -25,11 +25,12 @@ HEADER = ("value", "max_force_n", "mean_force_n", "ripple_n", "max_depth_mm", "c
 
 
 def stretch(arm: Client, duration_s: float) -> Path:
-    """Records so much loop time; the file."""
-    begin_s = arm.wait_until(lambda _: True).time_s
-    begin_s = arm.wait_until(lambda state: state.time_s > begin_s + SETTLE_S).time_s
+    """Records at least so much loop time; the file."""
+    set_s = arm.state().time_s
+    arm.wait_until(lambda state: state.time_s > set_s + SETTLE_S)
     arm.record()
-    arm.wait_until(lambda state: state.time_s > begin_s + duration_s + 0.1)
+    begin_s = arm.state().time_s
+    arm.wait_until(lambda state: state.time_s > begin_s + duration_s)
     return Path(arm.end_recording().file)
 
 
@@ -37,6 +38,8 @@ def judged(file: Path, duration_s: float) -> tuple[float, ...]:
     """Largest and mean force in contact (N), what of it changes within 10 ms (rms, N), largest depth (mm), share of ticks in contact."""
     recording = load(file, ["/wrench/command", "/wrench/contact"])
     n_ticks = round(duration_s * recording.rate_hz)
+    if len(recording) < n_ticks or recording.dropped:
+        raise HapticdError(f"{file}: {len(recording)} ticks, {recording.dropped} dropped; {n_ticks} are needed")
     force_n = recording.command.force_n[:n_ticks]
     touches = recording.contact.contacts[:n_ticks] > 0
     n_smooth = max(1, round(0.01 * recording.rate_hz))
@@ -74,8 +77,8 @@ def main() -> None:
     except HapticdError as problem:
         sys.exit(str(problem))
     if args.out:
-        with open(args.out, "w", newline="") as file:
-            csv.writer(file).writerows([HEADER, *rows])
+        with open(args.out, "w", newline="") as out:
+            csv.writer(out).writerows([HEADER, *rows])
 
 
 if __name__ == "__main__":

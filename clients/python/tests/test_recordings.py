@@ -21,7 +21,7 @@ FIXTURES = REPOSITORY / "tests" / "fixtures"
 def test_a_recording_says_what_the_run_said(tmp_path: Path) -> None:
     file = tmp_path / "lift.mcap"
     moves = f"lift={REPOSITORY / 'config/scenes/moves/lift.csv'}"
-    line = [os.environ["HAPTICD"], "run", LIFT, "--clock", "virtual", "--duration", "2s", "--cache", "off", "--json", "--record", file, "--move", moves]
+    line: list[str | Path] = [os.environ["HAPTICD"], "run", LIFT, "--clock", "virtual", "--duration", "2s", "--cache", "off", "--json", "--record", file, "--move", moves]
     ended = subprocess.run(line, capture_output=True, text=True, timeout=HUNG_S, check=True)
     said = json.loads(ended.stdout)
     recording = load(file)
@@ -86,7 +86,7 @@ def test_a_recording_that_was_cut_is_read_up_to_the_cut(tmp_path: Path) -> None:
 
 def test_the_recording_of_a_killed_run_is_read(tmp_path: Path) -> None:
     file = tmp_path / "killed.mcap"
-    line = [os.environ["HAPTICD"], "run", LIFT, "--clock", "virtual", "--hand-repeat", "--cache", "off", "--json", "--record", file]
+    line: list[str | Path] = [os.environ["HAPTICD"], "run", LIFT, "--clock", "virtual", "--hand-repeat", "--cache", "off", "--json", "--record", file]
     with subprocess.Popen(line, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
         while not file.exists() or file.stat().st_size < 2_000_000:
             assert process.poll() is None
