@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
 from conftest import BALL, HUNG_S
 
 from hapticd import Client, ClayPoints, Conflict, Invalid, Run, Unknown
+
+KINDS: dict[Literal["points", "session", "export"], bytes] = {"points": b"ply", "export": b"ply", "session": b""}
 
 
 def points(arm: Client) -> ClayPoints:
@@ -56,8 +60,29 @@ def test_what_is_pulled_comes_back(state_home: Path) -> None:
 
         arm.clay.take("paint", color="#2060e0", falloff=[1.0, 0.5, 0.0])
         arm.clay.wait_until(lambda facts: facts.falloff == "table" and facts.color == "#2060e0")
-        file = Path(arm.clay.save("points", "ball"))
-        assert file.is_relative_to(state_home) and file.read_bytes()[:3] == b"ply"
+
+
+def test_a_hold_lasts_as_long_as_its_block_and_files_are_written_once(state_home: Path) -> None:
+    with Run(BALL, "--cache", "off", "--realtime", "best-effort", command="sculpt") as run, run.connect(timeout_s=HUNG_S) as arm:
+        arm.wait_until(lambda state: state.phase == "enabled")
+        arm.clay.take("emboss", brush_m=0.008, depth_m=0.001)
+        with run.connect() as other, arm.clay.hold():
+            time.sleep(1.5)
+            assert arm.clay.facts().is_held, "longer than a silence may be"
+            with pytest.raises(Conflict), other.clay.hold():
+                pass
+        arm.clay.wait_until(lambda facts: not facts.is_held)
+        for kind, begin in KINDS.items():
+            file = Path(arm.clay.save(kind, f"ball {kind}"))
+            assert file.is_relative_to(state_home) and file.read_bytes().startswith(begin) and file.stat().st_size > 1000
+            with pytest.raises(Conflict, match="exists already"):
+                arm.clay.save(kind, f"ball {kind}")
+        with pytest.raises(Invalid, match="letters"):
+            arm.clay.save("points", "../ball")
+        arm.disable()
+        arm.wait_until(lambda state: state.state == "DISABLED" and not state.is_busy)
+        with pytest.raises(Conflict, match="enable first"), arm.clay.hold():
+            pass
 
 
 def test_there_is_none_in_a_rigid_scene(arm: Client) -> None:

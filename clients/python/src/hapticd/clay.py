@@ -55,6 +55,12 @@ class ClayFacts:
     """A client holds the clay."""
     is_stroke: bool
     """A stroke is under way."""
+    is_unsaved: bool
+    """Something was done since a session was saved, or since the start."""
+    is_over: bool
+    """The studio broke: the clay stays as it is, and what is asked for raises `Conflict`."""
+    session_at_end: str | None
+    """File that the program writes a session to when the run ends, if any."""
     undo: int
     """Strokes that can be taken back."""
     redo: int
@@ -74,6 +80,10 @@ class ClayFacts:
             crafts=tuple(said["crafts"]),
             brush_range_m=(least_m, most_m),
             trouble=said["trouble"],
+            # Came later within version 1 of the API.
+            is_unsaved=said.get("is_unsaved", False),
+            is_over=said.get("is_over", False),
+            session_at_end=said.get("session_at_end"),
             **{key: said[key] for key in same},
         )
 
@@ -159,7 +169,7 @@ class Clay:
     def hold(self) -> Iterator[None]:
         """While the block runs it is as if the arm's first button were held: `with arm.clay.hold(): …`.
 
-        One client at a time, and only while force flows (else `Conflict`). It ends early when force goes off; an event `clay` says `let-go`.
+        One client at a time, and only while force flows (else `Conflict`); crafts that work by touch take no notice. It ends early when force goes off; an event `clay` says `let-go`.
         """
         self._connection.ask("clay_hold", {"held": True})
         self._pings = Every(PING_S, lambda: self._connection.tell("ping"))
