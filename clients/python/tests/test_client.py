@@ -36,16 +36,19 @@ def test_states_come_in_turn_and_carry_what_is_felt(arm: Client) -> None:
 
 def test_binary_states_say_what_the_others_say(run: Run, arm: Client) -> None:
     states: dict[int, State] = {}
+    reads = threading.Event()
 
     def read() -> None:
         with run.connect() as other:
             for state in other.states(rate_hz=1000, backlog=10_000):
                 states[state.tick] = state
+                reads.set()
                 if len(states) >= 1500:
                     return
 
     reader = threading.Thread(target=read)
     reader.start()
+    assert reads.wait(HUNG_S)
     rows = arm.capture(1.0)
     reader.join(HUNG_S)
     ticks = rows["tick"].astype(np.int64)
@@ -135,20 +138,19 @@ def test_disable_takes_the_force(arm: Client) -> None:
 
 
 def test_silence_takes_the_force_and_leave_does_not(run: Run, arm: Client) -> None:
-    with run.connect(heartbeat_ms=400) as other:
-        time.sleep(1.0)
+    with run.connect(heartbeat_ms=1500) as other:
+        time.sleep(2.0)
         assert arm.state().phase == "enabled", "a thread says that it lives"
         other.end_heartbeat()
-    time.sleep(0.6)
+    time.sleep(2.0)
     assert arm.state().phase == "enabled", "it took leave"
-    run.connect(heartbeat_ms=400).close()
+    run.connect(heartbeat_ms=1500).close()
     state = arm.wait_until(lambda state: state.state == "DISABLED")
     assert state.off_cause == "heartbeat"
     assert arm.wait_for("heartbeat").text
     arm.enable()
     arm.wait_until(lambda state: state.phase == "enabled")
     arm.beat(timeout_ms=200)
-    time.sleep(0.6)
     assert arm.wait_until(lambda state: state.state == "DISABLED").off_cause == "heartbeat", "by hand, and then no more"
     arm.end_heartbeat()
     with pytest.raises(Invalid, match="goes from 20 to 10000"):

@@ -21,7 +21,8 @@ FIXTURES = REPOSITORY / "tests" / "fixtures"
 def test_a_recording_says_what_the_run_said(tmp_path: Path) -> None:
     file = tmp_path / "lift.mcap"
     moves = f"lift={REPOSITORY / 'config/scenes/moves/lift.csv'}"
-    line: list[str | Path] = [os.environ["HAPTICD"], "run", LIFT, "--clock", "virtual", "--duration", "2s", "--cache", "off", "--json", "--record", file, "--move", moves]
+    line: list[str | Path] = [os.environ["HAPTICD"], "run", LIFT, "--clock", "virtual", "--duration", "2s", "--cache", "off", "--json"]
+    line += ["--record", file, "--move", moves]
     ended = subprocess.run(line, capture_output=True, text=True, timeout=HUNG_S, check=True)
     said = json.loads(ended.stdout)
     recording = load(file)

@@ -169,7 +169,8 @@ class Clay:
     def hold(self) -> Iterator[None]:
         """While the block runs it is as if the arm's first button were held: `with arm.clay.hold(): …`.
 
-        One client at a time, and only while force flows (else `Conflict`); crafts that work by touch take no notice. It ends early when force goes off; an event `clay` says `let-go`.
+        One client at a time, and only while force flows (else `Conflict`); crafts that work by touch take no notice. It ends early when force goes
+        off; an event `clay` says `let-go`.
         """
         self._connection.ask("clay_hold", {"held": True})
         self._pings = Every(PING_S, lambda: self._connection.tell("ping"))
