@@ -129,9 +129,6 @@ struct Resume {
 /// How deep the tool may stand in an obstacle at enable when it stays where it was, voxels: what pressing leaves.
 const RESUME_VOXELS: f64 = 0.5;
 
-/// A tool that stands where the hand holds it, to this many spacings of the clay, was not pushed out of the clay.
-const CLEAR_SPACINGS: f64 = 0.1;
-
 impl State {
     /// The state before the first tick of `scene`: disabled, the tool at its start pose.
     pub fn new(scene: &RenderScene) -> Self {
@@ -353,12 +350,7 @@ fn render(
     let wanted = p.port.wrench_device(felt_world);
     // Only what the motors give has power and is limited; the rest is reported and dropped.
     let actuated = p.port.actuated_part(wanted);
-    let is_in_clay = scene.clay.as_ref().is_some_and(|clay| {
-        // Pushed out of it, the tool does not stand where the hand holds it; a weight may keep it from there as well.
-        let apart_m = state.tool.pose().translation.distance(target.0.translation);
-        let sag_m = 2.0 * scene.tool.inertia.mass_kg * p.gravity_m_per_s2.length() / coupling.stiffness_n_per_m;
-        state.clay_forces().contacts > 0 || apart_m > CLEAR_SPACINGS * clay.frame.base.lattice().spacing_m + sag_m
-    });
+    let is_in_clay = state.clay_forces().contacts > 0;
     let engages = state.interlock.engages(actuated, is_in_clay, &p.limits, &p.safety);
     let up = state.drive != Drive::Stopping && ramp_down == OffCause::None && engages;
     let gain = state.enable_gain.advance(up, p.limits.ramp_s, p.period_s);
