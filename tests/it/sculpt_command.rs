@@ -230,7 +230,7 @@ fn every_key_is_held_against_its_range_in_the_words_of_the_scene() {
         (with("stiffness = 0\n"), "sculpt.stiffness = 0: must be greater than 0 and at most 1000000 N/m"),
         (with("painted = { stiffness = 0 }\n"), "sculpt.painted.stiffness = 0: must be greater than 0 and at most 1000000 N/m"),
         (with("painted = { mass = 2 }\n"), "sculpt.painted.mass = 2: must be from 0.000000001 to 1 kg"),
-        (with("painted = { hardness = 2 }\n"), "sculpt.painted.hardness: unknown key"),
+        (with("painted = { hardness = 2 }\n"), "sculpt.painted.hardness = 2: unknown key"),
         (with("painted = 10\n"), "must be a table such as { stiffness = 500.0 }"),
         (with("creep_ms = \"never\"\n"), "must be a number of milliseconds or \"off\""),
         (with("creep_ms = -5\n"), "must be from 1 to 1000000 ms, or \"off\""),

@@ -113,7 +113,7 @@ fn every_mistake_is_named_with_its_line_and_what_would_do() {
         ("[[stroke]]\nat_s = 1\ndo = \"take\"\ncolor = \"red\"", "color = \"red\": must be a colour as \"#rrggbb\""),
         (
             "[[stroke]]\nat_s = 1\ndo = \"take\"\npainted = { damping = 1e5 }",
-            "s.toml:5: stroke[0].painted.damping = 100000: must be from 0 to 10000 N·s/m",
+            "s.toml:5: stroke at 1 s (line 2): painted.damping = 1e5: must be from 0 to 10000 N·s/m",
         ),
         ("[[stroke]]\nat_s = 1\ndo = \"hold\"\nuntil_s = 2\npainted = {}", "left out beside do = \"hold\", which takes until_s"),
         ("[[stroke]]\nat_s = 1\ndo = \"take\"\nimage = \"b.png\"", "image = \"b.png\": no such file: b.png"),
