@@ -23,7 +23,7 @@ pub(super) struct Interlock {
     /// Ticks in a row with a small wrench.
     quiet_ticks: u32,
     is_engaged: bool,
-    /// The tool was put where the scene has it start, and has been in clay ever since.
+    /// The tool was put where the scene has it start, and the hand has held it in clay ever since.
     must_clear: bool,
 }
 
@@ -99,12 +99,17 @@ impl Interlock {
         (self.cause, self.pending, self.holds_place, self.brake_ticks) = (cause, pending, holds_place, 0);
     }
 
+    /// Nothing is felt before the hand was out of the clay.
+    pub(super) fn must_clear(&self) -> bool {
+        self.must_clear
+    }
+
     /// Since enable the ramp was let rise.
     pub(super) fn is_engaged(&self) -> bool {
         self.is_engaged
     }
 
-    /// The ramp after enable may rise: the wrench was small for long enough, now or before, and the tool does not stand in clay still.
+    /// The ramp after enable may rise: the wrench was small for long enough, now or before, and the hand does not hold the tool in clay still.
     pub(super) fn engages(
         &mut self,
         wanted: Wrench,

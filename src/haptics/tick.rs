@@ -350,7 +350,11 @@ fn render(
     let wanted = p.port.wrench_device(felt_world);
     // Only what the motors give has power and is limited; the rest is reported and dropped.
     let actuated = p.port.actuated_part(wanted);
-    let is_in_clay = state.clay_forces().contacts > 0;
+    // The tool is pushed out of the clay by itself while nothing is felt; what counts is where the hand is.
+    let is_in_clay = state.interlock.must_clear() && {
+        let clay = state.clay.as_ref().zip(scene.clay.as_ref());
+        clay.is_some_and(|(held, clay)| held.is_inside(clay, &scene.tool.shell, target.0, p))
+    };
     let engages = state.interlock.engages(actuated, is_in_clay, &p.limits, &p.safety);
     let up = state.drive != Drive::Stopping && ramp_down == OffCause::None && engages;
     let gain = state.enable_gain.advance(up, p.limits.ramp_s, p.period_s);

@@ -8,7 +8,7 @@ use super::piece::Piece;
 use super::report::{ObjectReport, Role};
 use crate::config::SceneConfig;
 use crate::config::scene::ToolConfig;
-use crate::haptics::clay::Clay;
+use crate::haptics::clay::{Clay, PUT_DOWN_SPACINGS};
 use crate::haptics::contact::{ContactSum, Obstacle};
 use crate::haptics::{CouplingMode, Inertia, RenderScene, Tool};
 use crate::mesh::mass::MassProperties;
@@ -165,8 +165,7 @@ fn inside_clay_at_start(scene: &RenderScene) -> Option<String> {
     for value_m in inside.filter(|value_m| *value_m > 0.0) {
         (n_inside, deepest_m) = (n_inside + 1, deepest_m.max(value_m));
     }
-    // A tenth of a spacing is a tool that was put down.
-    (deepest_m > 0.1 * frame.base.lattice().spacing_m).then(|| {
+    (deepest_m > PUT_DOWN_SPACINGS * frame.base.lattice().spacing_m).then(|| {
         format!(
             "it starts inside the clay, {} deep with {n_inside} points: no force flows and nothing is worked before it has been outside; move \
              `tool.start_position_mm`",

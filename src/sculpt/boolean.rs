@@ -24,6 +24,8 @@ use crate::haptics::clay::Raster;
 const EDGE_RINGS: [(u32, f64); 2] = [(6, 0.33), (12, 0.66)];
 /// Samples this near to the other surface (spacings) have the edge in their ring.
 const EDGE_SPACINGS: f64 = 1.0;
+/// Samples of both solids that are this near to each other (spacings) are at one place.
+const MEET_SPACINGS: f64 = 1e-3;
 /// Samples that are nearer to another (spacings) are not added.
 const APART_SPACINGS: f64 = 0.25;
 
@@ -77,7 +79,11 @@ impl Boolean {
         if self == Self::Difference {
             of_second.normals_map.iter_mut().for_each(|normal| *normal = -*normal);
         }
-        of_first.append(&of_second);
+        // Where both surfaces are the same, samples of both may be at one place: no surface goes through two of them.
+        let mut taken = super::resample::Taken::new(MEET_SPACINGS * first.spacing_m().min(second.spacing_m()));
+        of_first.positions_map.iter().for_each(|at| taken.take(*at));
+        let apart = (0..of_second.len() as u32).filter(|sample| taken.is_free(of_second.positions_map[*sample as usize]));
+        of_first.append(&of_second.select(apart));
         of_first
     }
 

@@ -347,9 +347,7 @@ impl Workpiece {
         self.remember();
         let lattice = *self.base.lattice();
         let before = self.surface.rasterize(lattice);
-        let samples: Vec<u32> = (0..self.surface.points().len() as u32).collect();
-        let surface = Arc::make_mut(&mut self.surface);
-        let result = surface.move_samples(&moved).and_then(|()| surface.refit(&samples));
+        let result = Arc::make_mut(&mut self.surface).move_and_refit(&moved);
         if let Err(error) = result {
             self.take_back();
             return Err(error);

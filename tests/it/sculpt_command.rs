@@ -514,8 +514,10 @@ fn a_tool_that_starts_in_the_clay_works_nothing_before_it_was_outside() {
     let dir = folder();
     let inside =
         |z_mm: u32| fs::read_to_string(dir.path().join("ball.toml")).unwrap().replace("[0, 0, 22]", &format!("[0, 0, {z_mm}]"));
-    for z_mm in [0, 5, 12] {
-        let still = inside(z_mm).replace("hand = \"press.csv\"\n", "");
+    // A tool that is let alone is pushed out, of a large piece from far inside too: the hand is inside still.
+    for (z_mm, radius_mm) in [(0, 15.0), (5, 15.0), (12, 15.0), (16, 15.0), (25, 300.0)] {
+        let ball = format!("shape = {{ sphere_mm = {radius_mm} }}\nspacing_mm = {}\n", 0.08 * radius_mm);
+        let still = inside(z_mm).replace("hand = \"press.csv\"\n", "").replace(CLAY, &ball);
         fs::write(dir.path().join("inside.toml"), still).unwrap();
         let fragments = ["it starts inside the clay", "nothing is worked before it has been outside"];
         let ended = says(dir.path(), "sculpt inside.toml --clock virtual --duration 1s --json", 0, &fragments).json();
@@ -527,13 +529,6 @@ fn a_tool_that_starts_in_the_clay_works_nothing_before_it_was_outside() {
             "{z_mm} mm: {ended}"
         );
     }
-    // Hardly inside, the tool comes out at once; what draws it back is small, rises slowly, and works like any touch.
-    fs::write(dir.path().join("inside.toml"), inside(16).replace("hand = \"press.csv\"\n", "")).unwrap();
-    let ended =
-        says(dir.path(), "sculpt inside.toml --clock virtual --duration 1s --json", 0, &["it starts inside the clay"]).json();
-    assert!(ended["max_force_n"].as_f64().unwrap() < 2.0, "a tenth of what the arm gives: {ended}");
-    let [before_mm3, after_mm3] = ["volume_before_mm3", "volume_mm3"].map(|key| ended["sculpt"][key].as_f64().unwrap());
-    assert!(after_mm3 > 0.98 * before_mm3, "{ended}");
     // Drawn out, and pressed in again: one stroke.
     let path = [(0.0, 12), (0.1, 12), (0.3, 22), (0.5, 22), (0.9, 14), (1.2, 14), (1.5, 22)];
     let lines = path.iter().fold(String::new(), |text, (t_s, z_mm)| text + &format!("{t_s},0,0,0.0{z_mm},0,0,0,1\n"));

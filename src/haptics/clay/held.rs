@@ -5,7 +5,7 @@
 use glam::DVec3;
 
 use super::residual::Residual;
-use super::{Clay, Frame, Probe};
+use super::{Clay, Frame, PUT_DOWN_SPACINGS, Probe};
 use crate::haptics::Parameters;
 use crate::haptics::contact::faces::face_of;
 use crate::haptics::contact::{ContactSum, Machine};
@@ -85,6 +85,13 @@ impl Held {
     /// Nobody moves the anchor of the rope any more: the tool is let go, as at the end of a pull. RT: safe.
     pub(in crate::haptics) fn let_go(&mut self) {
         (self.newest.rope_map, self.before.rope_map) = (None, None);
+    }
+
+    /// The tool at this pose would be in the clay, deeper than one that was put down on it. RT: safe; as much work as to touch it.
+    pub(in crate::haptics) fn is_inside(&self, clay: &Clay, shell: &Shell, world_from_body: Pose, p: &Parameters) -> bool {
+        let probe = Probe::new(&self.newest, clay.world_from_map.inverse() * world_from_body);
+        let sum = ContactSum::of_clay(&probe, shell, &self.faces, self.machine, world_from_body, &p.contact, &p.filter);
+        sum.contacts > 0 && sum.max_value_m > PUT_DOWN_SPACINGS * f64::from(probe.spacing_m())
     }
 
     /// What the clay does to the tool at this pose. RT: safe; twice as much work in the first tick with a new frame.

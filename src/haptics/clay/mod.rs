@@ -149,6 +149,9 @@ pub struct Clay {
     pub rope: Rope,
 }
 
+/// A tool that is less deep, in spacings of the nodes, was put down on the clay and does not start inside of it.
+pub const PUT_DOWN_SPACINGS: f64 = 0.1;
+
 /// Share of a step that is left after one interval between updates, by default.
 const LEFT_AFTER_UPDATE: f64 = 0.1;
 

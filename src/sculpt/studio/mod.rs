@@ -28,9 +28,13 @@ pub use view::View;
 use self::work::{Doing, Heard};
 use super::{PointSet, Workpiece};
 use crate::haptics::clay::Frame;
+use crate::spatial::Metres;
 
 /// Strokes that were made, and how many can be taken back and done again.
 type Past = (u64, (usize, usize));
+
+/// Mass points that have come to stand so many times farther apart are told of.
+const COARSER: f64 = 1.25;
 
 /// A piece and the hand that works it.
 #[derive(Debug)]
@@ -117,8 +121,9 @@ impl Studio {
     /// # Errors
     /// [`StudioError`]; the piece is as it was, but that a stroke may have ended.
     pub fn order(&mut self, order: Order) -> Result<(), StudioError> {
+        let spacing_m = self.piece.region().lattice().spacing_m;
         self.carry_out(order)?;
-        self.trouble = Arc::from("");
+        self.trouble = self.coarser_than(spacing_m);
         Ok(())
     }
 
@@ -129,12 +134,13 @@ impl Studio {
         let heard = self.heard.take();
         let had_rope = self.rope_map().is_some();
         let strokes_before = self.piece.strokes();
+        let spacing_m = self.piece.region().lattice().spacing_m;
         let worked = self.work(&heard, time_s);
         self.grip = heard.grip(worked.is_ok() || !self.tool.craft.is_held());
         if let Err(error) = worked {
             self.complain(&error);
         } else if self.piece.strokes() > strokes_before {
-            self.trouble = Arc::from("");
+            self.trouble = self.coarser_than(spacing_m);
         }
         let is_stroke = self.piece.is_stroke();
         if is_stroke {
@@ -231,6 +237,20 @@ impl Studio {
     /// What there is has not been shown: the next [`Self::advance`] says so.
     pub fn show_again(&mut self) {
         self.has_changed = true;
+    }
+
+    /// What to say of mass points that have come to stand farther apart, such as after a union with something far away; empty: nothing.
+    fn coarser_than(&self, before_m: f64) -> Arc<str> {
+        let now_m = self.piece.region().lattice().spacing_m;
+        if now_m <= COARSER * before_m {
+            return Arc::from("");
+        }
+        let (before, now) = (Metres(before_m), Metres(now_m));
+        format!(
+            "the piece has grown, and its mass points are {now} apart instead of {before}: what is finer than that is lost; undo, or choose a region \
+             around what is worked"
+        )
+        .into()
     }
 
     fn note_change(&mut self) {

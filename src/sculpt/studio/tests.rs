@@ -422,3 +422,30 @@ fn the_same_hand_leaves_the_same_bits_on_any_number_of_threads() {
     };
     assert!(on(1) == on(4));
 }
+
+/// The union with a ball somewhere.
+fn with_ball(n: usize, radius_m: f64, at_map: DVec3) -> Order {
+    let (with, map_from_body) = (Arc::new(Body::Samples(sphere(n, radius_m))), Pose::from_translation(at_map));
+    Order::Combine { boolean: Boolean::Union, with, map_from_body, is_sharp: false }
+}
+
+#[test]
+fn a_solid_is_joined_where_it_is_already() {
+    let mut hand = Hand::with(Craft::Touch);
+    hand.studio.order(with_ball(800, 5e-3, DVec3::Z * R)).unwrap();
+    let once_m3 = hand.volume_m3();
+    hand.studio.order(with_ball(800, 5e-3, DVec3::Z * R)).unwrap();
+    assert!((hand.volume_m3() / once_m3 - 1.0).abs() < 0.01, "{} of {once_m3}", hand.volume_m3());
+}
+
+#[test]
+fn a_piece_that_grows_beyond_its_mass_points_is_told_of() {
+    let piece = Workpiece::new(sphere(1000, 0.01), Settings { raster: [25; 3], ..Settings::default() }).unwrap();
+    let mut studio = Studio::new(piece, tool(Craft::Touch), ToolBody::default());
+    studio.order(with_ball(500, 4e-3, DVec3::X * 0.01)).unwrap();
+    assert_eq!(&**studio.trouble(), "");
+    studio.order(with_ball(500, 4e-3, DVec3::X * 0.08)).unwrap();
+    assert!(studio.trouble().contains("mm apart instead of"), "{}", studio.trouble());
+    studio.order(Order::Undo).unwrap();
+    assert_eq!(&**studio.trouble(), "");
+}

@@ -89,6 +89,39 @@ impl PointSurface {
         Ok(())
     }
 
+    /// Which samples have one of these places in their domain.
+    fn have_one_of(&self, positions_map: &[DVec3]) -> Vec<bool> {
+        let reached: Vec<Vec<u32>> = positions_map
+            .par_iter()
+            .map_init(Vec::new, |found, position_map| {
+                self.near.within(*position_map, self.reach_m, found);
+                let has_it = |sample: u32| {
+                    let fit = &self.fits[sample as usize];
+                    fit.center_map.distance_squared(*position_map) <= fit.half_m * fit.half_m
+                };
+                found.iter().map(|other| other.sample).filter(|sample| has_it(*sample)).collect()
+            })
+            .collect();
+        let mut have_one = vec![false; self.points.len()];
+        reached.iter().flatten().for_each(|sample| have_one[*sample as usize] = true);
+        have_one
+    }
+
+    /// Moves samples, and fits again those that have where one was or is in their domain: the others stay as they are.
+    ///
+    /// # Errors
+    /// As [`Self::move_samples`]; [`SurfaceError::Coincident`] for samples that have come to one place, and then they have moved.
+    pub fn move_and_refit(&mut self, moved: &[Moved]) -> Result<(), SurfaceError> {
+        let were_map: Vec<DVec3> = moved.iter().map(|moved| self.points.positions_map[moved.sample as usize]).collect();
+        let had_one = self.have_one_of(&were_map);
+        self.move_samples(moved)?;
+        let are_map: Vec<DVec3> = moved.iter().map(|moved| moved.position_map).collect();
+        let have_one = self.have_one_of(&are_map);
+        let touched = had_one.iter().zip(have_one).zip(0_u32..).filter(|((had, has), _)| **had || *has);
+        let touched: Vec<u32> = touched.map(|(_, sample)| sample).collect();
+        self.refit(&touched)
+    }
+
     /// Takes samples away and adds others. Those that stay keep their order and come first, then the new ones. Fits are made for
     /// the new ones, and for those that have one of either in their domain.
     ///
@@ -110,19 +143,7 @@ impl PointSurface {
         // Old samples that have a new or a lost one in their domain.
         let gone = stays.iter().zip(&self.points.positions_map).filter(|(stays, _)| !**stays).map(|(_, position)| *position);
         let changed: Vec<DVec3> = gone.chain(added.positions_map.iter().copied()).collect();
-        let reached: Vec<Vec<u32>> = changed
-            .par_iter()
-            .map_init(Vec::new, |found, position_map| {
-                self.near.within(*position_map, self.reach_m, found);
-                let has_it = |sample: u32| {
-                    let fit = &self.fits[sample as usize];
-                    fit.center_map.distance_squared(*position_map) <= fit.half_m * fit.half_m
-                };
-                found.iter().map(|other| other.sample).filter(|sample| has_it(*sample)).collect()
-            })
-            .collect();
-        let mut is_touched = vec![false; self.points.len()];
-        reached.iter().flatten().for_each(|sample| is_touched[*sample as usize] = true);
+        let is_touched = self.have_one_of(&changed);
         let touched = kept.iter().zip(0..).filter(|(old, _)| is_touched[**old as usize]).map(|(_, new)| new);
         let touched: Vec<u32> = touched.chain(kept.len() as u32..points.len() as u32).collect();
 
