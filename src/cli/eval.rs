@@ -8,7 +8,7 @@ use std::time::Instant;
 use clap::ValueEnum;
 
 use super::progress::BakeProgress;
-use super::{Talk, cache, report};
+use super::{Talk, cache, report, say};
 use crate::config::poses::{self, TimedPose};
 use crate::config::{self, SceneConfig};
 use crate::error::Exit;
@@ -75,7 +75,7 @@ pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
     };
     if config.sculpt.is_some() {
         let path = args.scene.display();
-        let hint = format!("clay has a force while it is worked: `hapticd sculpt {path}`");
+        let hint = format!("clay has a force while it is worked: `hapticd sculpt {}`", say::quoted(&args.scene));
         report::error(&format!("{path}: [sculpt]: `eval` knows rigid parts only"), Some(&hint), talk);
         return Exit::Configuration;
     }
