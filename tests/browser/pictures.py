@@ -1,0 +1,81 @@
+"""Makes the pictures of docs/gallery.md that show the monitor page, and frames of the moving one of the README.
+
+    HAPTICD=target/release/hapticd python3 tests/browser/pictures.py DIR
+
+Real runs on the real clock: where a picture is taken follows what the page shows, not the time. Frames of the peg go to DIR/frames, with a hand that is
+twenty times slower than the shipped one, as a browser without a graphics card draws about once a second."""
+
+import csv
+import os
+import pathlib
+import shutil
+import sys
+import time
+
+from chromium import Chromium
+from hapticd import REPOSITORY, Hapticd
+
+PROGRAM = os.path.realpath(os.environ["HAPTICD"])
+SCREEN = {"width": 1000, "height": 1180}
+SLOWER = 20
+CONTACTS = "Number(document.querySelector('#read-contacts').textContent)"
+FORCE = "Number(document.querySelector('#read-force').textContent)"
+# What has to be on the page, and how long it has to wait from then on.
+SCENES = {
+    "block-on-plane": (f"{CONTACTS} > 100", 0.5, ["--hand-repeat"]),
+    "lift-with-block": (f"{CONTACTS} > 100", 0.9, ["--move", f"lift={REPOSITORY}/config/scenes/moves/lift.csv"]),
+    "peg-in-hole": (f"{CONTACTS} > 200", 0.0, ["--hand-repeat"]),
+    "gear-on-shaft": (f"{CONTACTS} > 50", 1.5, ["--hand-repeat"]),
+    "nut-on-bolt": (f"{CONTACTS} > 50", 2.0, []),
+}
+
+
+def open_page(browser, run, sees_through, nearer):
+    """The page of a run that renders, zoomed in, without the buttons over the picture."""
+    page = browser.open(run.url, **SCREEN)
+    page.wait("document.querySelector('#view-note').textContent === ''")
+    page.wait("document.querySelector('#state-word').textContent === 'Enabled'")
+    if sees_through:
+        page.click("#see-through")
+    page.run("document.querySelector('#view').focus()")
+    for _ in range(nearer):
+        page.press("+")
+    page.run("document.head.insertAdjacentHTML('beforeend', '<style>.view button { visibility: hidden }</style>')")
+    return page
+
+
+def slow_scene(folder):
+    """The peg with a hand that takes twenty times as long."""
+    shutil.copytree(REPOSITORY / "config", folder)
+    path = folder / "scenes" / "hands" / "peg-in-hole.csv"
+    with open(path, newline="") as file:
+        head, *rows = csv.reader(file)
+    with open(path, "w", newline="") as file:
+        csv.writer(file).writerows([head, *([repr(float(t) * SLOWER), *pose] for t, *pose in rows)])
+    return folder / "scenes" / "peg-in-hole.toml"
+
+
+def main(folder):
+    folder.mkdir(parents=True, exist_ok=True)
+    with Chromium() as browser:
+        for name, (is_there, later_s, options) in SCENES.items():
+            with Hapticd(PROGRAM, REPOSITORY / "config" / "scenes" / f"{name}.toml", "--duration", "60s", *options) as run:
+                page = open_page(browser, run, sees_through=name == "peg-in-hole", nearer=2)
+                page.wait(is_there)
+                time.sleep(later_s)
+                (folder / f"scene-{name}.png").write_bytes(page.picture_of("#view"))
+                page.close()
+        frames = folder / "frames"
+        frames.mkdir(exist_ok=True)
+        scene = slow_scene(folder / "slow")
+        with Hapticd(PROGRAM, scene, "--duration", "120s") as run:
+            page = open_page(browser, run, sees_through=True, nearer=2)
+            end = time.monotonic() + 4.2 * SLOWER
+            n = 0
+            while time.monotonic() < end:
+                (frames / f"{n:03}.png").write_bytes(page.picture_of("#view"))
+                n += 1
+
+
+if __name__ == "__main__":
+    main(pathlib.Path(sys.argv[1]))
