@@ -19,14 +19,13 @@ PROGRAM = os.path.realpath(os.environ["HAPTICD"])
 SCREEN = {"width": 1000, "height": 1180}
 SLOWER = 20
 CONTACTS = "Number(document.querySelector('#read-contacts').textContent)"
-FORCE = "Number(document.querySelector('#read-force').textContent)"
-# What has to be on the page, and how long it has to wait from then on.
+# What has to be on the page, how long to wait from then on, how much nearer to look, and what the run is given.
 SCENES = {
-    "block-on-plane": (f"{CONTACTS} > 100", 0.5, ["--hand-repeat"]),
-    "lift-with-block": (f"{CONTACTS} > 100", 0.9, ["--move", f"lift={REPOSITORY}/config/scenes/moves/lift.csv"]),
-    "peg-in-hole": (f"{CONTACTS} > 200", 0.0, ["--hand-repeat"]),
-    "gear-on-shaft": (f"{CONTACTS} > 50", 1.5, ["--hand-repeat"]),
-    "nut-on-bolt": (f"{CONTACTS} > 50", 2.0, []),
+    "block-on-plane": (f"{CONTACTS} > 100", 0.5, 0, ["--hand-repeat"]),
+    "lift-with-block": (f"{CONTACTS} > 100", 0.9, 0, ["--move", f"lift={REPOSITORY}/config/scenes/moves/lift.csv"]),
+    "peg-in-hole": (f"{CONTACTS} > 200", 0.0, 1, ["--hand-repeat"]),
+    "gear-on-shaft": (f"{CONTACTS} > 50", 1.5, 1, ["--hand-repeat"]),
+    "nut-on-bolt": (f"{CONTACTS} > 50", 2.0, 0, []),
 }
 
 
@@ -40,7 +39,8 @@ def open_page(browser, run, sees_through, nearer):
     page.run("document.querySelector('#view').focus()")
     for _ in range(nearer):
         page.press("+")
-    page.run("document.head.insertAdjacentHTML('beforeend', '<style>.view button { visibility: hidden }</style>')")
+    page.run("document.activeElement.blur()")
+    page.run("document.querySelectorAll('.view button').forEach((button) => { button.style.visibility = 'hidden'; })")
     return page
 
 
@@ -58,9 +58,9 @@ def slow_scene(folder):
 def main(folder):
     folder.mkdir(parents=True, exist_ok=True)
     with Chromium() as browser:
-        for name, (is_there, later_s, options) in SCENES.items():
+        for name, (is_there, later_s, nearer, options) in SCENES.items():
             with Hapticd(PROGRAM, REPOSITORY / "config" / "scenes" / f"{name}.toml", "--duration", "60s", *options) as run:
-                page = open_page(browser, run, sees_through=name == "peg-in-hole", nearer=2)
+                page = open_page(browser, run, sees_through=name == "peg-in-hole", nearer=nearer)
                 page.wait(is_there)
                 time.sleep(later_s)
                 (folder / f"scene-{name}.png").write_bytes(page.picture_of("#view"))
@@ -69,7 +69,7 @@ def main(folder):
         frames.mkdir(exist_ok=True)
         scene = slow_scene(folder / "slow")
         with Hapticd(PROGRAM, scene, "--duration", "120s") as run:
-            page = open_page(browser, run, sees_through=True, nearer=2)
+            page = open_page(browser, run, sees_through=True, nearer=1)
             end = time.monotonic() + 4.2 * SLOWER
             n = 0
             while time.monotonic() < end:
