@@ -1,15 +1,16 @@
 """Makes the pictures of docs/gallery.md that show the monitor page, and frames of the moving one of the README.
 
-    HAPTICD=target/release/hapticd python3 tests/browser/pictures.py DIR
+    HAPTICD=target/release/hapticd python3 tests/browser/pictures.py DIR [SCENE... | frames]
 
 Real runs on the real clock: where a picture is taken follows what the page shows, not the time. Frames of the peg go to DIR/frames, with a hand that is
-twenty times slower than the shipped one, as a browser without a graphics card draws about once a second."""
+forty times slower than the shipped one, as a browser without a graphics card draws once in a second or two."""
 
 import csv
 import os
 import pathlib
 import shutil
 import sys
+import tempfile
 import time
 
 from chromium import Chromium
@@ -17,12 +18,13 @@ from hapticd import REPOSITORY, Hapticd
 
 PROGRAM = os.path.realpath(os.environ["HAPTICD"])
 SCREEN = {"width": 1000, "height": 1180}
-SLOWER = 20
+SLOWER = 40
 CONTACTS = "Number(document.querySelector('#read-contacts').textContent)"
+FORCE = "Number(document.querySelector('#read-force').textContent)"
 # What has to be on the page, how long to wait from then on, how much nearer to look, and what the run is given.
 SCENES = {
-    "block-on-plane": (f"{CONTACTS} > 100", 0.5, 0, ["--hand-repeat"]),
-    "lift-with-block": (f"{CONTACTS} > 100", 0.9, 0, ["--move", f"lift={REPOSITORY}/config/scenes/moves/lift.csv"]),
+    "block-on-plane": (f"{CONTACTS} > 100", 0.0, 2, ["--hand-repeat"]),
+    "lift-with-block": (f"{FORCE} > 1.5", 0.0, 2, ["--move", f"lift={REPOSITORY}/config/scenes/moves/lift.csv"]),
     "peg-in-hole": (f"{CONTACTS} > 200", 0.0, 1, ["--hand-repeat"]),
     "gear-on-shaft": (f"{CONTACTS} > 50", 1.5, 1, ["--hand-repeat"]),
     "nut-on-bolt": (f"{CONTACTS} > 50", 2.0, 0, []),
@@ -45,7 +47,7 @@ def open_page(browser, run, sees_through, nearer):
 
 
 def slow_scene(folder):
-    """The peg with a hand that takes twenty times as long."""
+    """The peg with a hand that takes its time."""
     shutil.copytree(REPOSITORY / "config", folder)
     path = folder / "scenes" / "hands" / "peg-in-hole.csv"
     with open(path, newline="") as file:
@@ -55,27 +57,41 @@ def slow_scene(folder):
     return folder / "scenes" / "peg-in-hole.toml"
 
 
-def main(folder):
+def picture(browser, name, folder):
+    """One scene at a moment that shows what it is about."""
+    is_there, later_s, nearer, options = SCENES[name]
+    with Hapticd(PROGRAM, REPOSITORY / "config" / "scenes" / f"{name}.toml", "--duration", "60s", *options) as run:
+        page = open_page(browser, run, sees_through=name == "peg-in-hole", nearer=nearer)
+        shot = None
+        while shot is None or not page.run(is_there):
+            page.wait(is_there)
+            time.sleep(later_s)
+            shot = page.picture_of("#view")
+        (folder / f"scene-{name}.png").write_bytes(shot)
+        page.close()
+
+
+def frames(browser, folder):
+    """The way of the peg into its hole, as often as the browser can draw."""
+    folder.mkdir(exist_ok=True)
+    with tempfile.TemporaryDirectory() as slow, Hapticd(PROGRAM, slow_scene(pathlib.Path(slow) / "config"), "--duration", "10min") as run:
+        page = open_page(browser, run, sees_through=True, nearer=1)
+        end = time.monotonic() + 4.2 * SLOWER
+        n = 0
+        while time.monotonic() < end:
+            (folder / f"{n:03}.png").write_bytes(page.picture_of("#view"))
+            n += 1
+
+
+def main(folder, *wanted):
     folder.mkdir(parents=True, exist_ok=True)
     with Chromium() as browser:
-        for name, (is_there, later_s, nearer, options) in SCENES.items():
-            with Hapticd(PROGRAM, REPOSITORY / "config" / "scenes" / f"{name}.toml", "--duration", "60s", *options) as run:
-                page = open_page(browser, run, sees_through=name == "peg-in-hole", nearer=nearer)
-                page.wait(is_there)
-                time.sleep(later_s)
-                (folder / f"scene-{name}.png").write_bytes(page.picture_of("#view"))
-                page.close()
-        frames = folder / "frames"
-        frames.mkdir(exist_ok=True)
-        scene = slow_scene(folder / "slow")
-        with Hapticd(PROGRAM, scene, "--duration", "120s") as run:
-            page = open_page(browser, run, sees_through=True, nearer=1)
-            end = time.monotonic() + 4.2 * SLOWER
-            n = 0
-            while time.monotonic() < end:
-                (frames / f"{n:03}.png").write_bytes(page.picture_of("#view"))
-                n += 1
+        for name in wanted or [*SCENES, "frames"]:
+            if name == "frames":
+                frames(browser, folder / "frames")
+            else:
+                picture(browser, name, folder)
 
 
 if __name__ == "__main__":
-    main(pathlib.Path(sys.argv[1]))
+    main(pathlib.Path(sys.argv[1]), *sys.argv[2:])
