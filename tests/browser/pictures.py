@@ -3,7 +3,7 @@
     HAPTICD=target/release/hapticd python3 tests/browser/pictures.py DIR [SCENE... | frames]
 
 Real runs on the real clock: where a picture is taken follows what the page shows, not the time. Frames of the peg go to DIR/frames, with a hand that is
-forty times slower than the shipped one, as a browser without a graphics card draws once in a second or two."""
+forty times slower than the shipped one, as a browser without a graphics card draws once in a second or two; any program makes a GIF of them."""
 
 import csv
 import os
