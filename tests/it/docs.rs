@@ -112,8 +112,12 @@ fn every_file_that_a_document_names_is_there() {
 fn keys(text: &str) -> impl Iterator<Item = &str> {
     text.split(|c: char| !c.is_ascii_alphanumeric()).filter(|word| {
         let (name, year) = word.split_at(word.len().saturating_sub(4));
-        let is_year = matches!(year.as_bytes(), [b'1', b'9', ..] | [b'2', b'0', ..]) && year.bytes().all(|digit| digit.is_ascii_digit());
-        is_year && name.len() > 2 && name.starts_with(|c: char| c.is_ascii_uppercase()) && name.bytes().all(|c| c.is_ascii_alphabetic())
+        let is_year =
+            matches!(year.as_bytes(), [b'1', b'9', ..] | [b'2', b'0', ..]) && year.bytes().all(|digit| digit.is_ascii_digit());
+        is_year
+            && name.len() > 2
+            && name.starts_with(|c: char| c.is_ascii_uppercase())
+            && name.bytes().all(|c| c.is_ascii_alphabetic())
     })
 }
 
@@ -134,7 +138,8 @@ fn every_paper_that_the_code_names_is_in_the_bibliography() {
     walk(&root.join("src"), &mut named);
     assert!(named.len() > 15, "{named:?}");
     let page = fs::read_to_string(root.join("docs/papers.md")).unwrap();
-    let listed: BTreeSet<String> = page.lines().filter_map(|line| line.strip_prefix("- **")).flat_map(keys).map(str::to_owned).collect();
+    let listed: BTreeSet<String> =
+        page.lines().filter_map(|line| line.strip_prefix("- **")).flat_map(keys).map(str::to_owned).collect();
     let missing: Vec<_> = named.difference(&listed).collect();
     assert!(missing.is_empty(), "{missing:?}");
 }

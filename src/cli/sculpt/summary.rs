@@ -70,8 +70,19 @@ impl Serialize for SculptReport {
             #[serde(skip_serializing_if = "Option::is_none")]
             broken: Option<&'r str>,
         }
-        let StudioReport { updates, late, strokes, taken_back, samples_before, samples, failed, left_over, troubles, broken, files: _ } =
-            &self.studio;
+        let StudioReport {
+            updates,
+            late,
+            strokes,
+            taken_back,
+            samples_before,
+            samples,
+            failed,
+            left_over,
+            troubles,
+            broken,
+            files: _,
+        } = &self.studio;
         let failed = failed.iter().map(|FailedOrder { tick, is_scripted, line, what, why }| Failed {
             tick: *tick,
             scripted: *is_scripted,
