@@ -173,7 +173,7 @@ fn tell(draft: &Draft, output: &Path) {
     }
     say::result(format_args!("memory  {}\n", draft::memory_text(draft.memory_bytes())));
     let file = output.display();
-    say::result(format_args!("wrote   {file}: `hapticd run {}` renders it\n", say::quoted(&output)));
+    say::result(format_args!("wrote   {file}: `hapticd run {}` renders it\n", say::quoted(output)));
 }
 
 /// Mesh files of a folder, sorted. Of files that differ in their ending only, the first one in the order of [`EXTENSIONS`].
