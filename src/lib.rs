@@ -6,6 +6,7 @@
 //! |---|---|
 //! | [`spatial`] | poses, twists, wrenches, frames, signs: the shared vocabulary |
 //! | [`storage`] | arrays that are owned or lie in a mapped file; files of them |
+//! | [`document`] | files that people write: TOML with the place of everything, poses; what is wrong with them |
 //! | [`config`] | TOML scene → checked, SI, typed |
 //! | [`mesh`] | files and shapes → triangles |
 //! | [`voxmap`] | triangles → bricked voxel map: surface, sides, layers, distance, field |
@@ -28,6 +29,7 @@ pub mod cli;
 pub mod config;
 pub mod daemon;
 pub mod device;
+pub mod document;
 pub mod error;
 pub mod haptics;
 pub mod mesh;

@@ -6,7 +6,6 @@ use crossbeam::channel::Receiver;
 use glam::DVec3;
 use thiserror::Error;
 
-use crate::config::poses::PoseFileError;
 use crate::config::scene::{DeviceConfig, RealtimeConfig};
 use crate::config::{ConfigErrors, SceneConfig};
 use crate::device::Device;
@@ -14,6 +13,7 @@ use crate::device::fault::{self, FaultError, FaultPlan};
 use crate::device::hand::{HandPath, Indexing};
 use crate::device::open::{self, LinkNews, OpenError, OpenOptions};
 use crate::device::sim::{HandParameters, SimArm, SimError, SimParameters};
+use crate::document::poses::PoseFileError;
 use crate::haptics::{PortParameters, RenderScene};
 use crate::rt::schedule::{self, ThreadRequest};
 use crate::scene::cache::Cache;

@@ -7,7 +7,7 @@ use std::path::Path;
 
 use glam::DVec3;
 
-use crate::config::poses::{self, PoseFileError, TimedPose};
+use crate::document::poses::{self, PoseFileError, TimedPose};
 use crate::spatial::Pose;
 
 /// A path of poses over time: `world_from_tool` as read from a file.

@@ -3,11 +3,12 @@
 //! | room | may use |
 //! |---|---|
 //! | `spatial`, `storage` | nothing: leaves |
+//! | `document` | `spatial` |
 //! | `mesh`, `voxmap`, `pointshell` | `spatial` and each other; nothing of scenes, devices, loops or threads |
 //! | `picture`, `bench` | what geometry may, and nobody but `cli` uses them; `picture` also samples of clay |
 //! | `bench::contact`, `bench::sculpt` | anything: they play scenes |
 //! | `haptics` | `spatial`, `voxmap::field`, `pointshell::{shell, tree}` |
-//! | `device` | anything but the rooms that render, run or watch |
+//! | `device` | anything but the rooms that configure, render, run or watch |
 //! | `telemetry`, `monitor` | anything but `servo` |
 //! | `cli` | anything; and nobody uses it |
 //!
@@ -17,9 +18,9 @@
 use std::path::{Path, PathBuf};
 
 /// Rooms that know of scenes, arms, loops or threads.
-const ABOVE_GEOMETRY: [&str; 10] =
-    ["config", "scene", "haptics", "device", "rt", "servo", "telemetry", "daemon", "monitor", "sculpt"];
-const ABOVE_DEVICES: [&str; 6] = ["haptics", "scene", "servo", "telemetry", "daemon", "monitor"];
+const ABOVE_GEOMETRY: [&str; 11] =
+    ["document", "config", "scene", "haptics", "device", "rt", "servo", "telemetry", "daemon", "monitor", "sculpt"];
+const ABOVE_DEVICES: [&str; 7] = ["config", "haptics", "scene", "servo", "telemetry", "daemon", "monitor"];
 /// The part of `bench` that plays scenes, and so may use what they are made of.
 const BENCH_OF_CONTACT: &str = "bench::contact";
 /// Prefixes of the files that may hold `unsafe`.
@@ -44,6 +45,9 @@ fn refusal(room: &str, path: &[String]) -> Option<&'static str> {
     match room {
         "spatial" if first != "spatial" => Some("`spatial` is a leaf"),
         "storage" if first != "storage" => Some("`storage` is a leaf"),
+        "document" if !matches!(first, "document" | "spatial") => {
+            Some("`document` knows the form of files, not what they are about")
+        }
         "haptics" => {
             let allowed = match first {
                 "haptics" | "spatial" => true,
@@ -57,7 +61,7 @@ fn refusal(room: &str, path: &[String]) -> Option<&'static str> {
             let allowed = matches!(first, "sculpt" | "mesh" | "spatial" | "storage") || first == "haptics" && second == "clay";
             (!allowed).then_some("`sculpt` uses only `mesh`, `spatial`, `storage` and `haptics::clay`")
         }
-        "device" if ABOVE_DEVICES.contains(&first) => Some("`device` knows nothing of rendering"),
+        "device" if ABOVE_DEVICES.contains(&first) => Some("`device` knows nothing of scenes and rendering"),
         "telemetry" | "monitor" if first == "servo" => Some("`telemetry` and `monitor` never call into `servo`"),
         "mesh" | "voxmap" | "pointshell" | "picture" | "bench" if ABOVE_GEOMETRY.contains(&first) => {
             Some("geometry knows nothing of what it is used for")
@@ -327,6 +331,8 @@ fn planted_violations_are_caught() {
         ("haptics/tick.rs", "use crate::voxmap::*;", Some("crate::voxmap")),
         ("haptics/tick.rs", "use crate::pointshell::{shell::{Lanes, Shell}, tree as hierarchy};\nuse super::Faults;", None),
         ("device/sim.rs", "let x = crate::haptics::Faults::NONE;", Some("`device` knows nothing")),
+        ("device/profile/mod.rs", "use crate::config::SceneConfig;", Some("`device` knows nothing")),
+        ("document/checks.rs", "use crate::spatial::Pose;\nuse crate::mesh::Format;", Some("checks.rs:2: crate::mesh::Format")),
         ("telemetry/drain.rs", "use crate::servo::Order;", Some("never call into `servo`")),
         ("voxmap/grid.rs", "use crate::config::SceneConfig;", Some("geometry")),
         ("spatial/pose.rs", "use crate::mesh::TriangleMesh;", Some("leaf")),

@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use super::super::say;
-use crate::config::problem::show;
+use crate::document::show;
 use crate::scene::cache::CacheUse;
 use crate::scene::{ObjectReport, PieceReport};
 

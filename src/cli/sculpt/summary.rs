@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 
 use super::super::{Talk, report};
-use crate::config::problem::show;
 use crate::daemon::studio::{FailedOrder, StudioReport};
+use crate::document::show;
 use crate::error::Exit;
 
 /// A share of late updates that is felt.

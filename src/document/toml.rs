@@ -10,7 +10,7 @@ use toml::de::{DeTable, DeValue, Deserializer};
 use super::problem::{ConfigErrors, Problem, ProblemKind, nearest};
 
 /// The format version that scenes and profiles carry.
-pub(crate) const VERSION: i64 = 1;
+const VERSION: i64 = 1;
 
 /// Longest value that a message repeats, characters.
 const VALUE_CHARS_MAX: usize = 60;
@@ -326,7 +326,7 @@ mod tests {
     #[test]
     fn a_key_path_knows_its_line_and_value() {
         let document = Document::parse(Path::new("x.toml"), TEXT).unwrap();
-        let kind = || ProblemKind::MeshFormat;
+        let kind = || ProblemKind::IsMesh;
         let at = |path: &str| {
             let problem = document.problem(path, kind());
             (problem.line, problem.value)

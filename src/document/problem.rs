@@ -4,13 +4,6 @@ use std::fmt;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use super::bound::StiffnessBound;
-use crate::device::fault::FaultError;
-use crate::mesh::EXTENSIONS;
-use crate::sculpt::LoadError;
-use crate::sculpt::emboss::ImageError;
-use crate::sculpt::falloff::FalloffError;
-
 /// Every problem of the first pass that found any, in the order of the file.
 #[derive(Debug)]
 pub struct ConfigErrors {
@@ -107,8 +100,7 @@ impl Problem {
                 "write at most {} {unit}, leave the key out to get the bound itself, or set rendering.allow_unstable = true",
                 round_down(*accepted)
             )),
-            ProblemKind::Solid(problem) => problem.hint().map(str::to_owned),
-            ProblemKind::Image(_) => Some("save it as PNG".into()),
+            ProblemKind::Refused { hint, .. } => hint.clone(),
             ProblemKind::StrokesMissing => Some("on the command line, paths are relative to the working directory".into()),
             ProblemKind::Unreadable { .. }
             | ProblemKind::Syntax { .. }
@@ -120,11 +112,8 @@ impl Problem {
             | ProblemKind::Disagrees { .. }
             | ProblemKind::NotAvailable { .. }
             | ProblemKind::NotAFile { .. }
-            | ProblemKind::MeshFormat
             | ProblemKind::Exclusive { .. }
             | ProblemKind::DuplicateName { .. }
-            | ProblemKind::Fault(_)
-            | ProblemKind::Falloff(_)
             | ProblemKind::DampingAboveProfile { .. } => None,
         }
     }
@@ -253,9 +242,6 @@ pub enum ProblemKind {
         /// The path as looked up.
         path: PathBuf,
     },
-    /// A mesh of an unknown format.
-    #[error("must be a mesh file whose name ends in {}", mesh_endings())]
-    MeshFormat,
     /// Two keys that exclude each other.
     #[error("cannot stand beside {other}; give exactly one of the two")]
     Exclusive {
@@ -277,31 +263,29 @@ pub enum ProblemKind {
         known: Vec<String>,
     },
     /// A stiffness that the arm cannot render stably.
-    #[error("the arm would feel {felt} {felt_unit}, above its stability bound of {} {felt_unit} = {bound}", show(bound.value()))]
+    #[error("the arm would feel {felt} {felt_unit}, above its stability bound of {} {felt_unit} = {rule}", show(*.bound))]
     StiffnessAboveBound {
         /// Stiffness that the arm would feel, SI, `scale` included.
         felt: f64,
         /// Unit of `felt` and of the bound.
         felt_unit: &'static str,
-        /// The bound and the numbers behind it.
-        bound: StiffnessBound,
+        /// The largest stiffness that the arm may feel.
+        bound: f64,
+        /// The rule that gives it, with its numbers.
+        rule: String,
         /// The largest value that this key accepts, in the unit of the key.
         accepted: f64,
         /// Unit of the key.
         unit: &'static str,
     },
-    /// A fault to inject that cannot be played.
-    #[error("{0}")]
-    Fault(FaultError),
-    /// Weights that are none.
-    #[error("{0}")]
-    Falloff(FalloffError),
-    /// An image that cannot be read.
-    #[error("{0}")]
-    Image(ImageError),
-    /// A solid that gives no samples.
-    #[error("{0}")]
-    Solid(LoadError),
+    /// A value that the part of the program that it is for refuses, in the words of that part.
+    #[error("{why}")]
+    Refused {
+        /// What is wrong with it.
+        why: String,
+        /// What to do about it.
+        hint: Option<String>,
+    },
     /// More felt damping than the profile allows.
     #[error("must be from 0 to {} {unit}: the arm's profile takes {declared} at most, and it feels this times scale", show(*.accepted))]
     DampingAboveProfile {
@@ -312,6 +296,13 @@ pub enum ProblemKind {
         /// Unit of both.
         unit: &'static str,
     },
+}
+
+impl ProblemKind {
+    /// What another part of the program says of a value, without a hint.
+    pub(crate) fn refused(why: impl fmt::Display) -> Self {
+        Self::Refused { why: why.to_string(), hint: None }
+    }
 }
 
 /// The known word nearest to `word`, if any is near enough to be meant.
@@ -335,15 +326,6 @@ pub(crate) fn any_of(words: &[impl AsRef<str>]) -> String {
         Some((last, rest)) if !rest.is_empty() => format!("{} or {last}", rest.join(", ")),
         Some((last, _)) => last.clone(),
         None => String::new(),
-    }
-}
-
-/// The endings of mesh files as a sentence lists them.
-fn mesh_endings() -> String {
-    let endings: Vec<String> = EXTENSIONS.iter().map(|extension| format!(".{extension}")).collect();
-    match &endings[..] {
-        [rest @ .., last] if !rest.is_empty() => format!("{} or {last}", rest.join(", ")),
-        _ => endings.concat(),
     }
 }
 

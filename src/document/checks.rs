@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 
 use glam::{DQuat, DVec3};
 
-use super::document::Document;
-use super::problem::{ConfigErrors, Problem, ProblemKind};
-use super::schema::Numbers;
+use super::problem::{ConfigErrors, Problem, ProblemKind, show};
+use super::toml::Document;
+use super::values::Numbers;
 
 /// Numbers that a key accepts. Nothing that is not finite is in any interval.
 #[derive(Clone, Copy, Debug)]
@@ -193,7 +193,7 @@ impl<'d> Checks<'d> {
         if (length - 1.0).abs() <= 1e-3 {
             return quaternion.normalize();
         }
-        let length = super::problem::show(length);
+        let length = show(length);
         self.not_accepted(
             key,
             format_args!("a unit quaternion [x, y, z, w]; its length is {length}, which may be off 1 by at most 0.001"),
@@ -221,3 +221,9 @@ impl<'d> Checks<'d> {
 
 /// Every finite number.
 pub(crate) const FINITE: Interval = Interval::from(f64::MIN);
+
+/// 0 or more.
+pub(crate) const NOT_NEGATIVE: Interval = Interval::from(0.0);
+
+/// Greater than 0.
+pub(crate) const POSITIVE: Interval = Interval::above(0.0);
