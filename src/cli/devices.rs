@@ -4,8 +4,8 @@ use clap::Subcommand;
 use serde_json::{Value, json};
 
 use super::{Talk, probe, report, say};
-use crate::device::discover::{self, Attached};
-use crate::device::nodes;
+use crate::device::attached::discover::{self, Attached};
+use crate::device::attached::nodes;
 use crate::error::Exit;
 use crate::rt::finding::{Finding, Root, Standing};
 

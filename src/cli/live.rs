@@ -16,7 +16,7 @@ use crate::config::{self, LoadOptions, SceneConfig};
 use crate::daemon::desk::{Noted, unlike};
 use crate::daemon::switch::{self, Done, Switch, objects};
 use crate::daemon::{Live, scene_files};
-use crate::device::hand::HandPath;
+use crate::device::simulated::hand::HandPath;
 use crate::document::poses::PoseFileError;
 use crate::error::Exit;
 use crate::haptics::RenderScene;

@@ -10,7 +10,7 @@ use rtrb::RingBuffer;
 
 use crate::config::scene::RealtimeConfig;
 use crate::device::Device;
-use crate::device::open::LinkNews;
+use crate::device::attached::open::LinkNews;
 use crate::error::Exit;
 use crate::haptics::{Drive, OffCause, RenderScene};
 use crate::rt::clock::{Clock, ClockKind, RealClock, VirtualClock};
@@ -535,7 +535,7 @@ impl Drop for MemoryLock {
 mod tests {
     use super::*;
     use crate::device::Capabilities;
-    use crate::device::sim::{SimArm, SimParameters};
+    use crate::device::simulated::{SimArm, SimParameters};
     use crate::haptics::Faults;
     use crate::servo::testing::{CountingArm, empty_scene};
 

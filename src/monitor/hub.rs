@@ -19,7 +19,7 @@ use super::problem::Problem;
 use super::recorder::Recorder;
 use crate::daemon::desk::{Board, Counter, Refusal, View};
 use crate::daemon::{Notice, OperatorOrder, Phase};
-use crate::device::open::LinkNews;
+use crate::device::attached::open::LinkNews;
 use crate::rt::clock::ClockKind;
 use crate::spatial::Pose;
 use crate::telemetry::metrics::{Metrics, RecordingCounts};

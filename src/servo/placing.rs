@@ -11,7 +11,7 @@
 use rtrb::{Consumer, Producer, PushError, RingBuffer};
 
 use super::ReinEnds;
-use crate::device::hand::HandPath;
+use crate::device::simulated::hand::HandPath;
 use crate::haptics::{Placement, Tune};
 use crate::spatial::Pose;
 

@@ -1,5 +1,7 @@
 //! What crosses between an arm and the renderer: a pose sample one way (a wrench goes the other way).
 
+use glam::DVec3;
+
 use super::{Pose, Twist};
 
 /// How a sample came about.
@@ -97,6 +99,21 @@ impl Axes {
     /// True for axis number 0..=6 (x y z rx ry rz grip).
     pub const fn has(self, axis_idx: usize) -> bool {
         self.0 >> axis_idx & 1 == 1
+    }
+
+    /// 1 for each of x y z in the set, 0 for the others.
+    pub fn linear_mask(self) -> DVec3 {
+        self.mask(0)
+    }
+
+    /// 1 for each of rx ry rz in the set, 0 for the others.
+    pub fn angular_mask(self) -> DVec3 {
+        self.mask(3)
+    }
+
+    fn mask(self, first_axis: usize) -> DVec3 {
+        let one_if = |axis_idx: usize| if self.has(axis_idx) { 1.0 } else { 0.0 };
+        DVec3::new(one_if(first_axis), one_if(first_axis + 1), one_if(first_axis + 2))
     }
 
     /// How many axes, the grip included.

@@ -3,7 +3,7 @@
 
 use hapticd::config::SceneConfig;
 use hapticd::daemon::prepare;
-use hapticd::device::hand::HandPath;
+use hapticd::device::simulated::hand::HandPath;
 use hapticd::document::poses;
 
 use super::rest::{self, ARMS, HANDS, MORE_DELAY, Still};

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use glam::DVec3;
 use hapticd::config::{self, SceneConfig};
 use hapticd::daemon::prepare_with;
-use hapticd::device::hand::HandPath;
+use hapticd::device::simulated::hand::HandPath;
 use hapticd::haptics::{
     ArmParameters, ContactParameters, CouplingMode, CouplingParameters, Faults, FilterParameters, FreeSpace, LimitParameters,
     Parameters, PortParameters, RenderScene, SafetyParameters, SpringClamp,

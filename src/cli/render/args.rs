@@ -7,7 +7,7 @@ use clap::ValueEnum;
 
 use super::super::{cache, foxglove, live, memory, monitor, recording, sculpt};
 use crate::config::{LoadOptions, SceneConfig};
-use crate::device::nodes::Selector;
+use crate::device::attached::nodes::Selector;
 use crate::rt::clock::ClockKind;
 use crate::rt::duration;
 

@@ -15,7 +15,7 @@ use self::arm::{arm_parameters, stability};
 pub use self::monitor::{FOXGLOVE_ACCEPTED, LISTEN_ACCEPTED, parse_foxglove, parse_listen};
 use super::scene::{DeviceConfig, SceneConfig};
 use super::schema;
-use crate::device::nodes::Selector;
+use crate::device::attached::nodes::Selector;
 use crate::device::profile::is_profile;
 use crate::document::{Checks, ConfigErrors, Document, Interval, Problem, ProblemKind};
 use crate::haptics::filter::low_pass_alpha;

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use crate::device::fault::FaultPlan;
+use crate::device::simulated::fault::FaultPlan;
 use crate::spatial::{Pose, Wrench};
 
 /// Below this a force is none: less than a count of any arm's drive, N.

@@ -2,16 +2,16 @@
 
 /// splitmix64 (Steele, Lea, Flood 2014). RT: safe.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Dice(u64);
+pub(in crate::device) struct Dice(u64);
 
 impl Dice {
     /// From a seed.
-    pub(super) const fn new(seed: u64) -> Self {
+    pub(in crate::device) const fn new(seed: u64) -> Self {
         Self(seed)
     }
 
     /// Uniform in 0..1.
-    pub(super) fn roll(&mut self) -> f64 {
+    pub(in crate::device) fn roll(&mut self) -> f64 {
         self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
         let mut bits = self.0;
         bits = (bits ^ (bits >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);

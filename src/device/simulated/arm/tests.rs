@@ -1,8 +1,8 @@
 #![expect(clippy::float_cmp, reason = "exact zeros and exact delays are what is tested")]
 
 use super::*;
-use crate::device::fault;
-use crate::device::hand::{GripPath, HandPath};
+use crate::device::simulated::hand::{GripPath, HandPath};
+use crate::device::simulated::{HandParameters, fault};
 use crate::spatial::Axes;
 
 const T: f64 = 1e-3;

@@ -6,20 +6,12 @@
 //!  read  ◄─ faults ◄─ velocity window ◄─ encoder steps
 //! ```
 //!
-//! Each [`read`](crate::device::Device::read) advances the plant by one period, in [`SUBSTEPS`] fixed steps; the first one reports
+//! Each [`read`](crate::device::Device::read) advances the plant by one period, in [`SUBSTEPS`](super::SUBSTEPS) fixed steps; the first one reports
 //! the rest state at time 0. The arm never looks at a clock, so it runs the same under real and virtual time, and a late servo slows the
 //! simulated world down instead of making it jump. Same parameters, same commands: same bits.
 //!
-//! The plant is described in [`plant`].
-//!
-//! | file | owns |
-//! |---|---|
-//! | `mod` | the arm: delay, encoder, faults |
-//! | [`plant`] | the grip as a body, and the hand that holds it |
-//! | `parameters` | what both are made of |
+//! The plant is described in [`plant`](super::plant).
 
-mod parameters;
-pub mod plant;
 #[cfg(test)]
 mod tests;
 
@@ -27,14 +19,11 @@ use glam::{DQuat, DVec3};
 
 use super::dice::Dice;
 use super::fault::{FaultKind, FaultPlan, JUMP_M, SATURATED_SHARE};
-use super::velocity::VelocityWindow;
-use super::{Capabilities, Device, DeviceError, IoPlacement, Pacing, Wakeup};
+use super::parameters::{SimError, SimParameters, check_windows};
+use super::plant::GripPlant;
+use crate::device::velocity::VelocityWindow;
+use crate::device::{Capabilities, Device, DeviceError, IoPlacement, Pacing, Wakeup};
 use crate::spatial::{DeviceSample, Pose, SampleStatus, Twist, Wrench};
-
-use parameters::check_windows;
-pub use parameters::{HandParameters, SimError, SimParameters};
-use plant::axis_mask;
-pub use plant::{GripPlant, SUBSTEPS};
 
 /// The simulated arm. RT: `read`, `write` and `stop` are safe; everything is allocated by [`SimArm::new`].
 #[derive(Clone, Debug)]
@@ -262,10 +251,7 @@ impl Device for SimArm {
             return Err(DeviceError::NonFinite);
         }
         let actuated = self.capabilities.actuated;
-        self.command = Wrench::new(
-            limited(wrench_device.force * axis_mask(actuated, 0), self.force_limit_n),
-            limited(wrench_device.torque * axis_mask(actuated, 3), self.torque_limit_nm),
-        );
+        self.command = wrench_device.limited_to(actuated, self.force_limit_n, self.torque_limit_nm);
         let last_read_s = self.n_reads.saturating_sub(1) as f64 * self.period_s;
         match self.fault_active(last_read_s) {
             Some(FaultKind::Unplug) => Err(DeviceError::Lost),
@@ -282,12 +268,6 @@ impl Device for SimArm {
 /// The nearest multiple of `step` per component.
 fn quantised(value: DVec3, step: f64) -> DVec3 {
     if step > 0.0 { (value / step).round() * step } else { value }
-}
-
-/// The vector, shortened to `limit`, direction kept.
-fn limited(vector: DVec3, limit: f64) -> DVec3 {
-    let length = vector.length();
-    if length > limit { vector * (limit / length) } else { vector }
 }
 
 /// What motors make of a command when each axis gives a share of the arm's limit at most.

@@ -1,8 +1,8 @@
 //! What a simulated arm and its hand are made of, and which numbers the plant can follow.
 
-use crate::device::fault::FaultPlan;
-use crate::device::hand::GripPath;
 use crate::device::profile::Plant;
+use crate::device::simulated::fault::FaultPlan;
+use crate::device::simulated::hand::GripPath;
 use crate::device::velocity::{DEFAULT_WINDOW_ANGULAR_S, DEFAULT_WINDOW_LINEAR_S};
 use crate::spatial::Axes;
 

@@ -9,8 +9,8 @@ use core::time::Duration;
 use glam::DVec3;
 
 use super::identify::{Made, Record, made_of};
-use super::profile::Profile;
-use super::{Device, DeviceError};
+use crate::device::profile::Profile;
+use crate::device::{Device, DeviceError};
 use crate::rt::clock::Clock;
 use crate::spatial::{DeviceSample, Pose, SampleStatus, Wrench};
 

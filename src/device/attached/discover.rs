@@ -7,11 +7,11 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use super::nodes::{Node, NodeKind};
-use super::profile::{self, Match, Profile, UsbId};
+use crate::device::profile::{self, Match, Profile, UsbId};
 use crate::rt::finding::{Finding, Root};
 
 /// The shipped udev rules.
-pub const UDEV_RULES: &str = include_str!("../../devices/udev/70-hapticd.rules");
+pub const UDEV_RULES: &str = include_str!("../../../devices/udev/70-hapticd.rules");
 /// Name of their file.
 pub const UDEV_RULES_NAME: &str = "70-hapticd.rules";
 /// Where udev looks for rules, the first place first.

@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 
 use serialport::SerialPortType;
 
-use super::profile::{Match, TransportKind};
+use crate::device::profile::{Match, TransportKind};
 
 /// What kind of node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -3,7 +3,7 @@
 //! A motor that may carry its continuous command for ever takes T = (I / I_c)² as its final temperature rise, in units of the allowed one, and
 //! comes there with its time constant: θ' = ((I/I_c)² − θ) / τ. At θ = 1 it is too hot.
 
-use super::protocol::MAX_AXES;
+use crate::device::protocol::MAX_AXES;
 
 /// Below this share of the allowed rise a motor that was too hot may be used again.
 const COOLED: f64 = 0.9;

@@ -9,10 +9,10 @@ use crossbeam::channel::{Receiver, Sender, bounded};
 use rtrb::{Consumer, Producer, RingBuffer};
 
 use super::nodes::{self, Node, NodeKind, Selector};
-use super::profile::{HomingMode, Match, Profile, RealArm, TransportKind};
-use super::protocol::StartError;
-use super::transport::{Carriage, HidLink, HidOpenError, SerialError, SerialLink, Transport};
-use super::{Capabilities, Connection, IoPlacement, Replacements, Timebase, Wakeup, WiredArm, WiredParameters};
+use crate::device::profile::{HomingMode, Match, Profile, RealArm, TransportKind};
+use crate::device::protocol::StartError;
+use crate::device::transport::{Carriage, HidLink, HidOpenError, SerialError, SerialLink, Transport};
+use crate::device::{Capabilities, Connection, IoPlacement, Replacements, Timebase, Wakeup, WiredArm, WiredParameters};
 use crate::rt::schedule::ThreadRequest;
 
 /// How often a lost arm is looked for.
@@ -67,7 +67,7 @@ pub enum OpenError {
     /// USB bulk endpoints.
     #[cfg(feature = "usb")]
     #[error(transparent)]
-    Usb(#[from] super::transport::UsbError),
+    Usb(#[from] crate::device::transport::UsbError),
     /// This program was built without USB bulk transfers.
     #[error("the {title} answers on USB bulk endpoints only: build with `cargo build --release --features usb`")]
     NoUsb {
@@ -266,7 +266,7 @@ impl Door {
                 (id, self.real.matching.serial.as_deref())
             }
         };
-        let link = super::transport::UsbLink::open(id.0, id.1, serial, self.options.io_request)?;
+        let link = crate::device::transport::UsbLink::open(id.0, id.1, serial, self.options.io_request)?;
         Ok((PathBuf::from(format!("USB {:04x}:{:04x}", id.0, id.1)), Box::new(link), Carriage::Stream))
     }
 

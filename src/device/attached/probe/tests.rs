@@ -2,8 +2,8 @@
 
 use super::*;
 use crate::device::Capabilities;
-use crate::device::fault;
-use crate::device::sim::{SimArm, SimParameters};
+use crate::device::simulated::fault;
+use crate::device::simulated::{SimArm, SimParameters};
 use crate::rt::clock::VirtualClock;
 use crate::spatial::Axes;
 

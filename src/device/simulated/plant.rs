@@ -17,8 +17,8 @@
 use glam::DVec3;
 
 use super::parameters::{HandParameters, SimError, check_plant};
-use crate::device::hand::GripPath;
 use crate::device::profile;
+use crate::device::simulated::hand::GripPath;
 use crate::spatial::{Axes, Pose, Twist, Wrench};
 
 /// Plant steps in one period.
@@ -86,7 +86,7 @@ impl GripPlant {
             coulomb: plant.coulomb_n,
             hand_stiffness: of_hand(hand.stiffness_n_per_m),
             hand_damping: of_hand(hand.damping_n_s_per_m),
-            free_axes: axis_mask(sensed, 0),
+            free_axes: sensed.linear_mask(),
         };
         let rotation = Body {
             inertia: plant.inertia_kg_m2 + of_hand(hand.inertia_kg_m2),
@@ -94,7 +94,7 @@ impl GripPlant {
             coulomb: plant.coulomb_nm,
             hand_stiffness: of_hand(hand.stiffness_nm_per_rad),
             hand_damping: of_hand(hand.damping_nm_s_per_rad),
-            free_axes: axis_mask(sensed, 3),
+            free_axes: sensed.angular_mask(),
         };
         let h = period_s / f64::from(SUBSTEPS);
         for (name, body) in [("hand_stiffness_n_per_m", translation), ("hand_stiffness_nm_per_rad", rotation)] {
@@ -157,10 +157,4 @@ impl GripPlant {
             self.target = target;
         }
     }
-}
-
-/// 1 for each axis of the set, 0 for the others; axes `first_axis..first_axis + 3`.
-pub(in crate::device) fn axis_mask(axes: Axes, first_axis: usize) -> DVec3 {
-    let one_if = |axis_idx: usize| if axes.has(axis_idx) { 1.0 } else { 0.0 };
-    DVec3::new(one_if(first_axis), one_if(first_axis + 1), one_if(first_axis + 2))
 }
