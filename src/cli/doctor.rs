@@ -6,7 +6,7 @@ use std::path::PathBuf;
 
 use serde_json::{Value, json};
 
-use super::devices::finding_json;
+use super::findings::finding_json;
 use super::{Talk, report, say};
 use crate::config::{self, SceneConfig};
 use crate::device::attached::discover;

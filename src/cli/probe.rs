@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use serde_json::{Value, json};
 
-use super::devices::finding_json;
+use super::findings::finding_json;
 use super::screen::error_text;
 use super::{Talk, report, say};
 use crate::device::attached::identify::Made;
