@@ -24,7 +24,7 @@ use self::adopt::{adopt, faint_m, forget_faint, moved_by};
 pub use self::foresee::Foreseen;
 use self::lattices::{NODES_MAX, copy_into, cut, lattices, lattices_after};
 use self::painting::Press;
-pub(super) use self::past::Moment;
+pub(super) use self::past::{Moment, Session};
 use super::advect::Afloat;
 use super::boolean::{self, Boolean};
 use super::dynamics::{Dynamics, Integrator, Material, Progress};

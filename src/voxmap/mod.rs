@@ -36,6 +36,7 @@ mod growth;
 pub mod layers;
 pub mod leak;
 pub mod lid;
+mod navigation;
 pub mod npy;
 pub mod orient;
 pub mod sat;

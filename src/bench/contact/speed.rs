@@ -10,9 +10,9 @@ use glam::{DQuat, DVec3};
 
 use super::super::statistics::{median, quantile};
 use super::super::{BenchError, Row};
+use super::Options;
 use super::fields::contact;
 use super::fixture::{self, Tube};
-use super::Options;
 use crate::haptics::FilterParameters;
 use crate::haptics::contact::{ContactSum, Machine, Obstacle, Traversal, Way};
 use crate::mesh::primitives::Shape;

@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use super::super::say;
 use crate::document::show;
-use crate::scene::cache::CacheUse;
+use crate::scene::CacheUse;
 use crate::scene::{ObjectReport, PieceReport};
 
 /// One object, in one line of JSON with the keys in the order of the struct.

@@ -4,8 +4,8 @@ use crossbeam::channel::bounded;
 
 use super::*;
 use crate::config::scene::RealtimeConfig;
-use crate::device::{Capabilities, Device};
 use crate::device::simulated::{SimArm, SimParameters};
+use crate::device::{Capabilities, Device};
 use crate::error::Exit;
 use crate::haptics::Faults;
 use crate::servo::testing::{CountingArm, empty_scene};
@@ -51,8 +51,7 @@ fn a_virtual_run_ends_by_itself_and_gives_a_summary() {
 fn two_virtual_runs_agree_in_every_bit_but_the_measured_times() {
     let run = || {
         let outcome = Supervisor::new(|_| {}).render(job(ideal(), ClockKind::Virtual, 3000), &never()).expect("an outcome");
-        let flight: Vec<_> =
-            outcome.report.flight.records().map(|r| (r.tick, r.time_ns, r.wakeup_ns, r.input, r.output)).collect();
+        let flight: Vec<_> = outcome.report.flight.records().map(|r| (r.tick, r.time_ns, r.wakeup_ns, r.input, r.output)).collect();
         (outcome.totals.ticks, outcome.totals.final_pose, outcome.report.last, flight)
     };
     assert_eq!(run(), run());
@@ -69,8 +68,7 @@ fn a_real_run_of_a_fifth_of_a_second_comes_to_its_end() {
 
 #[test]
 fn a_real_arm_that_nobody_may_enable_is_refused() {
-    let arm =
-        CountingArm { capabilities: Capabilities { simulated: false, ..Capabilities::default() }, ..CountingArm::default() };
+    let arm = CountingArm { capabilities: Capabilities { simulated: false, ..Capabilities::default() }, ..CountingArm::default() };
     let log = arm.log.clone();
     let refused = Supervisor::new(|_| {}).render(job(Box::new(arm), ClockKind::Virtual, 100), &never());
     assert!(matches!(refused, Err(RunError::NobodyEnables)));
@@ -125,8 +123,7 @@ fn after_a_fault_force_waits_for_the_operator_and_the_run_still_counts_as_faulte
 #[test]
 fn an_interrupt_is_a_safe_stop() {
     let (sender, interrupts) = bounded(1);
-    let arm =
-        CountingArm { capabilities: Capabilities { simulated: true, ..Capabilities::default() }, ..CountingArm::default() };
+    let arm = CountingArm { capabilities: Capabilities { simulated: true, ..Capabilities::default() }, ..CountingArm::default() };
     let log = arm.log.clone();
     let mut job = job(Box::new(arm), ClockKind::Real, 0);
     job.duration = None;
@@ -145,8 +142,7 @@ fn an_interrupt_is_a_safe_stop() {
 
 #[test]
 fn enforce_refuses_a_machine_that_fails_a_check_before_any_tick() {
-    let arm =
-        CountingArm { capabilities: Capabilities { simulated: true, ..Capabilities::default() }, ..CountingArm::default() };
+    let arm = CountingArm { capabilities: Capabilities { simulated: true, ..Capabilities::default() }, ..CountingArm::default() };
     let log = arm.log.clone();
     let mut job = job(Box::new(arm), ClockKind::Real, 100);
     // No machine has this processor, so the affinity row fails everywhere.

@@ -23,12 +23,10 @@ use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use serde::{Deserialize, Serialize};
-
 pub use contents::{Baked, read};
 pub use request::{Request, Spacing};
 
-use super::report::{Role, Timings};
+use super::report::{CacheUse, Role, Timings};
 use crate::storage::Region;
 use crate::storage::sections::{Key, Refusal};
 
@@ -37,21 +35,6 @@ pub const GENERATION: u32 = 3;
 
 /// Bytes that a cache folder may hold; beyond, the files that were not used for longest go.
 const LIMIT_BYTES: u64 = 4 << 30;
-
-/// What the cache did for an object.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum CacheUse {
-    /// Not asked.
-    #[default]
-    Off,
-    /// Nothing was baked.
-    Hit,
-    /// Baked, as there was no file.
-    Miss,
-    /// Baked, as the file was damaged or of another version.
-    Rebaked,
-}
 
 /// Where arrays from the cache are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
