@@ -157,25 +157,6 @@ impl Surface {
             })
         })
     }
-
-    /// Calls `visit(triangle_idx, prepared, cell, rank)` for every touching pair of triangle and voxel, in parallel over triangles;
-    /// `prepare` sees the corners in cell coordinates once per triangle.
-    pub fn for_each_hit<P>(
-        &self,
-        mesh: &TriangleMesh,
-        prepare: impl Fn(&[DVec3; 3]) -> P + Sync,
-        visit: impl Fn(u32, &P, [i32; 3], usize) + Sync,
-    ) {
-        (0..mesh.triangles.len()).into_par_iter().with_min_len(64).for_each(|triangle_idx| {
-            let corners = mesh.corners(triangle_idx).map(|corner| self.grid.to_cells(corner));
-            let prepared = prepare(&corners);
-            visit_hits(&corners, self.grid.dims, self.navigation, |cell| {
-                if let Some(rank) = self.rank(cell) {
-                    visit(triangle_idx as u32, &prepared, cell, rank);
-                }
-            });
-        });
-    }
 }
 
 /// Calls `visit` once for every voxel that the triangle touches; returns the number of SAT tests.
