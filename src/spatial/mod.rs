@@ -18,13 +18,17 @@
 mod axes;
 mod length;
 mod mat6;
+mod named_pose;
 mod port;
 mod pose;
+#[cfg(test)]
+pub(crate) mod testing;
 mod wrench;
 
 pub use axes::Axes;
 pub use length::{Metres, Place};
 pub use mat6::Mat6;
+pub use named_pose::NamedPose;
 pub use port::{DeviceSample, SampleStatus};
 pub use pose::Pose;
 pub use wrench::{Twist, Wrench};

@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use super::TickRecord;
 use crate::haptics::Faults;
-use crate::spatial::{Pose, SampleStatus, Wrench};
+use crate::spatial::{NamedPose, Pose, SampleStatus, Wrench};
 
 /// Largest latency that is told apart, ns: ten seconds. Longer ones count as this long.
 const LONGEST_NS: u64 = 10_000_000_000;
@@ -147,7 +147,7 @@ impl Summary {
             delay_ticks: self.delay_ticks,
             faults: (self.faults | counted.faults).names().collect(),
             realtime: counted.realtime,
-            final_pose: PoseSummary::of(self.final_pose),
+            final_pose: self.final_pose.into(),
         }
     }
 }
@@ -299,26 +299,6 @@ impl Rendered {
     }
 }
 
-/// A pose with named quaternion components.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-#[expect(missing_docs, reason = "the names are the unit and the component")]
-pub struct PoseSummary {
-    pub x_m: f64,
-    pub y_m: f64,
-    pub z_m: f64,
-    pub qx: f64,
-    pub qy: f64,
-    pub qz: f64,
-    pub qw: f64,
-}
-
-impl PoseSummary {
-    fn of(pose: Pose) -> Self {
-        let (position, rotation) = (pose.translation, pose.rotation);
-        Self { x_m: position.x, y_m: position.y, z_m: position.z, qx: rotation.x, qy: rotation.y, qz: rotation.z, qw: rotation.w }
-    }
-}
-
 /// The result of a run: the object of `run --json`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Totals {
@@ -377,7 +357,7 @@ pub struct Totals {
     /// How the loop was scheduled.
     pub realtime: RealtimeSummary,
     /// Tool in the world at the end.
-    pub final_pose: PoseSummary,
+    pub final_pose: NamedPose,
 }
 
 impl Totals {

@@ -1,19 +1,9 @@
 use std::collections::BTreeSet;
 
 use super::*;
-
-struct Random(u64);
+use crate::spatial::testing::Random;
 
 impl Random {
-    fn unit(&mut self) -> f64 {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (self.0 >> 11) as f64 / (1_u64 << 53) as f64
-    }
-
-    fn in_box(&mut self, low: f64, high: f64) -> DVec3 {
-        DVec3::new(self.unit(), self.unit(), self.unit()) * (high - low) + low
-    }
-
     /// Triangles of every kind that is hard on rounding, in turn, within about `spread` of `around`.
     fn triangle(&mut self, kind: usize, around: DVec3, spread: f64) -> [DVec3; 3] {
         let on_lattice = |point: DVec3| (2.0 * point).floor() / 2.0;
