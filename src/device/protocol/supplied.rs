@@ -2,7 +2,7 @@
 
 use crate::spatial::Axes;
 
-/// How the 14 bytes of [`Protocol::HaptikfabrikenHid14`] travel.
+/// How the 14 bytes of [`Protocol::HaptikfabrikenHid14`](super::Protocol::HaptikfabrikenHid14) travel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Hid14Carrier {
     /// mbed board: reports of 14 bytes.
