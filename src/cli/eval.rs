@@ -1,5 +1,6 @@
 //! `hapticd eval`: the contact wrench at each given tool pose; no device, no time, no filter, no coupling, no limits.
 
+use std::borrow::Cow;
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -8,7 +9,7 @@ use std::time::Instant;
 use clap::ValueEnum;
 
 use super::progress::BakeProgress;
-use super::{Talk, cache, report};
+use super::{Talk, cache, report, say};
 use crate::config::{self, SceneConfig};
 use crate::document::poses::{self, TimedPose};
 use crate::error::Exit;
@@ -75,7 +76,7 @@ pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
     };
     if config.sculpt.is_some() {
         let path = args.scene.display();
-        let hint = format!("clay has a force while it is worked: `hapticd sculpt {path}`");
+        let hint = format!("clay has a force while it is worked: `hapticd sculpt {}`", say::quoted(&args.scene));
         report::error(&format!("{path}: [sculpt]: `eval` knows rigid parts only"), Some(&hint), talk);
         return Exit::Configuration;
     }
@@ -147,13 +148,14 @@ fn write_contacts(path: &Path, config: &SceneConfig, scene: &RenderScene, poses:
         let world_from_body = body(scene, timed.pose);
         lines.clear();
         for (object, obstacle) in config.statics.iter().zip(&scene.obstacles) {
+            let name = field(&object.name);
             let map_from_body = obstacle.world_from_map.inverse() * world_from_body;
             contact::visit(&obstacle.field, scene.parameters.contact.field, &scene.tool.shell, map_from_body, |touching| {
                 if lines.len() < most {
                     let [x, y, z] = world_from_body.transform_point(touching.arm_body.as_dvec3()).to_array();
                     let [nx, ny, nz] = world_from_body.transform_vector(touching.normal_body.as_dvec3()).to_array();
                     let (point, depth_m) = (touching.point_idx, touching.depth_m);
-                    lines.push(format!("{},{},{point},{x},{y},{z},{nx},{ny},{nz},{depth_m}", timed.time_s, object.name));
+                    lines.push(format!("{},{name},{point},{x},{y},{z},{nx},{ny},{nz},{depth_m}", timed.time_s));
                 }
             });
         }
@@ -162,4 +164,21 @@ fn write_contacts(path: &Path, config: &SceneConfig, scene: &RenderScene, poses:
         }
     }
     file.flush()
+}
+
+/// A name as one field of CSV (RFC 4180).
+fn field(name: &str) -> Cow<'_, str> {
+    if name.contains([',', '"', '\n', '\r']) { format!("\"{}\"", name.replace('"', "\"\"")).into() } else { name.into() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::field;
+
+    #[test]
+    fn a_name_is_one_field_whatever_is_in_it() {
+        assert_eq!(field("fixed gear"), "fixed gear");
+        assert_eq!(field("plate, 3\" wide"), "\"plate, 3\"\" wide\"");
+        assert_eq!(field("two\nlines"), "\"two\nlines\"");
+    }
 }

@@ -173,7 +173,7 @@ fn tell(draft: &Draft, output: &Path) {
     }
     say::result(format_args!("memory  {}\n", draft::memory_text(draft.memory_bytes())));
     let file = output.display();
-    say::result(format_args!("wrote   {file}: `hapticd run {}` renders it\n", quoted(&output.to_string_lossy())));
+    say::result(format_args!("wrote   {file}: `hapticd run {}` renders it\n", say::quoted(output)));
 }
 
 /// Mesh files of a folder, sorted. Of files that differ in their ending only, the first one in the order of [`EXTENSIONS`].
@@ -251,10 +251,4 @@ fn relative(file: &Path, folder: &Path) -> Option<String> {
     let mut relative: PathBuf = up.chain(parent.components().skip(shared)).collect();
     relative.push(file.file_name()?);
     relative.to_str().map(str::to_owned)
-}
-
-/// A name as a shell takes it for one word.
-fn quoted(name: &str) -> String {
-    let is_plain = |c: char| c.is_alphanumeric() || "/._-+:@%,".contains(c);
-    if name.chars().all(is_plain) { name.to_owned() } else { format!("'{}'", name.replace('\'', "'\\''")) }
 }

@@ -46,10 +46,9 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: Talk, started_ns: i64) 
     let baked_s = Cell::new(0.0);
     let overrides = args.overrides();
     if own.clay.is_some() && args.scene.is_file() && workshop::is_source(&args.scene) {
-        let file = args.scene.display();
         report::error(
-            &format!("{file}: this is a file of points or a mesh, not a scene"),
-            Some(&format!("`hapticd init --clay {file}` writes a scene that sculpts it")),
+            &format!("{}: this is a file of points or a mesh, not a scene", args.scene.display()),
+            Some(&format!("`hapticd init --clay {}` writes a scene that sculpts it", say::quoted(&args.scene))),
             talk,
         );
         return Exit::Configuration;

@@ -8,6 +8,7 @@
 
 use std::fmt;
 use std::io::{self, Write as _};
+use std::path::Path;
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::SystemTime;
@@ -72,6 +73,13 @@ pub(crate) fn use_format(format: LogFormat) {
 /// Talk is read by a program.
 pub(crate) fn is_json() -> bool {
     IS_JSON.load(Ordering::Relaxed)
+}
+
+/// The name of a file as a shell takes it for one word, for commands that somebody is told to type.
+pub(crate) fn quoted(file: &Path) -> String {
+    let name = file.to_string_lossy();
+    let is_plain = |c: char| c.is_alphanumeric() || "/._-+:@%,".contains(c);
+    if name.chars().all(is_plain) { name.into_owned() } else { format!("'{}'", name.replace('\'', "'\\''")) }
 }
 
 /// Writes a result to stdout.

@@ -13,7 +13,7 @@ pub(crate) use self::summary::SculptReport;
 use self::ending::{carry_out, hint, rescue, wait};
 use self::outputs::{Pictures, Written, destination_of, session_of};
 use self::summary::Saved;
-use super::{Talk, destination, recording, report};
+use super::{Talk, destination, recording, report, say};
 use crate::config::scene::SculptConfig;
 use crate::config::strokes::{self, Script, Timed};
 use crate::config::{ConfigErrors, SceneConfig};
@@ -92,12 +92,12 @@ impl Workshop {
             (None, None) => return Ok(None),
             (Some(sculpt), Some(args)) => (sculpt.clone(), args),
             (Some(_), None) => {
-                let hint = format!("`hapticd sculpt {path}` works it");
+                let hint = format!("`hapticd sculpt {}` works it", say::quoted(&config.path));
                 report::error(&format!("{path}: [sculpt]: this scene has clay, and `run` is for rigid ones"), Some(&hint), talk);
                 return Err(Exit::Configuration);
             }
             (None, Some(_)) => {
-                let hint = format!("`hapticd run {path}` renders it; a [sculpt] table would give it clay");
+                let hint = format!("`hapticd run {}` renders it; a [sculpt] table would give it clay", say::quoted(&config.path));
                 report::error(&format!("{path}: this scene has no clay to sculpt"), Some(&hint), talk);
                 return Err(Exit::Configuration);
             }
@@ -214,7 +214,7 @@ impl Workshop {
         }
         if summary.is_at_risk() {
             summary.rescued = rescue(&mut studio, &self.name, talk);
-        } else if summary.saved.is_empty() && summary.studio.files == 0 && summary.studio.strokes > 0 {
+        } else if summary.saved.is_empty() && summary.studio.files.is_empty() && summary.studio.strokes > 0 {
             report::note(
                 "the strokes were not kept: --session FILE keeps all, --save FILE the samples, --export FILE a mesh",
                 talk,
@@ -232,6 +232,9 @@ impl Workshop {
                 }
             }
         }
+        // Those of strokes and clients came first; what is at risk is judged without them, as they may be older than the last stroke.
+        let earlier = std::mem::take(&mut summary.studio.files);
+        summary.saved.splice(0..0, earlier.into_iter().map(|(kind, file)| Saved { kind, file }));
         summary.tell(self.script.as_ref().map(|script| &*script.file), self.plan.tick_s, talk);
         Some(summary)
     }

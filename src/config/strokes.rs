@@ -61,6 +61,9 @@ pub fn load(path: &Path, tool: &ToolSettings) -> Result<Script, ConfigErrors> {
         })
     })?;
     let document = Document::parse(path, &text)?;
+    if document.has("tool") || document.has("sculpt") {
+        return Err(of_file(ProblemKind::IsNoStrokes));
+    }
     let Strokes { strokes, .. } = document.read().map_err(|errors| in_words(&document, errors))?;
     let dir = path.parent().unwrap_or(Path::new(""));
     let mut reader = Reader {

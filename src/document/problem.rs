@@ -93,6 +93,8 @@ impl Problem {
             ProblemKind::IsStrokes => {
                 Some("a scene names it as `strokes` under [sculpt], or `hapticd sculpt SCENE --strokes FILE` takes it".into())
             }
+            ProblemKind::IsNoStrokes => Some("a file of strokes has `version` and [[stroke]] tables, and nothing else".into()),
+            ProblemKind::IsSession => Some("a scene goes on from it: `session` under [sculpt] names it".into()),
             ProblemKind::IsMesh => {
                 Some("`hapticd bake` takes it as it is; a scene (.toml) names it as `mesh` under [[static]] or [tool]".into())
             }
@@ -157,6 +159,12 @@ pub enum ProblemKind {
     /// A file of strokes where a scene must be.
     #[error("this is a file of strokes, not a scene")]
     IsStrokes,
+    /// A scene where a file of strokes must be.
+    #[error("this is a scene, not a file of strokes")]
+    IsNoStrokes,
+    /// A saved piece of clay where a scene must be.
+    #[error("this is a saved session of clay, not a scene")]
+    IsSession,
     /// A mesh where a scene must be.
     #[error("this is a mesh file, not a scene")]
     IsMesh,

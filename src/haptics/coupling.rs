@@ -27,8 +27,9 @@ pub struct Inertia {
 impl Inertia {
     /// The same body made heavy enough that a semi-implicit step of the coupling keeps most of its stability for contact.
     ///
-    /// With k h²/m = ¼ · 0.6863 the critically damped coupling takes a quarter of what the step can take alone (algorithms, 7.2),
-    /// and about six times its stiffness is left for contact. Like McNeely1999, who let the user feel some grams.
+    /// With k h²/m = ¼ · 0.6863 the critically damped coupling takes a quarter of what the step can take alone
+    /// ([`stability`](super::stability)), and about six times its stiffness is left for contact. Like McNeely1999, who let the
+    /// user feel some grams.
     #[must_use]
     pub fn at_least_for_semi_implicit(self, coupling: &CouplingParameters, period_s: f64) -> Self {
         const SHARE: f64 = 0.25 * 0.6863;

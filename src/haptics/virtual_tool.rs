@@ -254,7 +254,10 @@ fn pushed(stiffness: &Mat6, carried: &Carried) -> Wrench {
     Wrench::new(force, torque)
 }
 
-/// The share of the contact stiffness that the semi-implicit step can take beside the coupling spring (algorithms, 7.2).
+/// The share of the contact stiffness that the semi-implicit step can take beside the coupling spring.
+///
+/// # Source
+/// The inequality of [`semi_implicit_max_stiffness`](super::stability::semi_implicit_max_stiffness), ours.
 fn semi_implicit_share(
     contact: &ContactSum,
     rubbing: &FrictionWrench,

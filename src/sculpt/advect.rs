@@ -227,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn samples_stay_on_their_level_through_a_whole_stroke_and_go_along_the_normal_only() {
+    fn acceptance_29_samples_stay_on_their_level_through_a_whole_stroke_and_go_along_the_normal_only() {
         let mut clay = clay(raster(|at| 3e-4 - at.z));
         let before = plate();
         let mut points = before.clone();

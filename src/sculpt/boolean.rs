@@ -202,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn samples_are_classified_as_the_analytic_spheres_say() {
+    fn acceptance_27_samples_are_classified_as_the_analytic_spheres_say() {
         let (first, second) = (sphere(DVec3::ZERO), sphere(DVec3::X * R));
         let (of_first, of_second) = (|at: DVec3| R - at.length(), |at: DVec3| R - at.distance(DVec3::X * R));
         for (boolean, _) in volumes() {
@@ -220,7 +220,7 @@ mod tests {
     }
 
     #[test]
-    fn volumes_are_those_of_the_spheres() {
+    fn acceptance_27_volumes_are_those_of_the_spheres() {
         let (first, second) = (sphere(DVec3::ZERO), sphere(DVec3::X * R));
         let (first_m, second_m) = (first.rasterize(lattice()), second.rasterize(lattice()));
         for (boolean, expected) in volumes() {

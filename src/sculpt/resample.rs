@@ -275,7 +275,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sphere_that_has_too_few_is_filled_until_no_circle_is_larger_than_the_threshold() {
+    fn acceptance_31_a_sphere_that_has_too_few_is_filled_until_no_circle_is_larger_than_the_threshold() {
         let now = ball(0.01);
         // 100 samples on 4π cm²: circles of several millimetres.
         let mut points = spiral(100, 0.01);

@@ -20,7 +20,7 @@ use super::whole_file::write_whole;
 use super::workpiece::{Moment, Session, Settings, Workpiece, WorkpieceError};
 use crate::haptics::clay::{Lattice, Raster};
 use crate::storage::Region;
-use crate::storage::sections::{Key, Reader, Refusal, Writer};
+use crate::storage::sections::{Key, Reader, Refusal, Writer, key_of};
 
 /// Counts up when the meaning of a section changes.
 const GENERATION: u32 = 2;
@@ -28,6 +28,11 @@ const GENERATION: u32 = 2;
 const KEY: Key = *b"hapticd, session";
 /// Past and future in a file at most, bytes: what is farther from now stays out.
 const MOMENTS_BYTES_MAX: usize = 64 << 20;
+
+/// A file that [`Workpiece::save_session`] wrote, as far as can be told from its first bytes.
+pub fn is_session(path: &Path) -> bool {
+    key_of(path) == Some(KEY)
+}
 
 /// Why a session cannot be written or read.
 #[derive(Debug, thiserror::Error)]

@@ -12,7 +12,9 @@
 //! that is damaged. Checksums are XXH3 with 64 bits: they find accidents, not forgeries. A forged file gives wrong arrays, never an index
 //! out of range: who reads an array checks what it indexes.
 
-use std::io::{self, Write};
+use std::fs::File;
+use std::io::{self, Read, Write};
+use std::path::Path;
 use std::sync::Arc;
 
 use bytemuck::{Pod, Zeroable};
@@ -177,6 +179,14 @@ impl core::fmt::Debug for Entry {
 /// `n` elements from `offset` on, where they are all there.
 fn window<T: Pod>(region: &Arc<Region>, offset: usize, n: usize) -> Option<Slab<T>> {
     Slab::window(region, offset..offset.checked_add(n.checked_mul(size_of::<T>())?)?)
+}
+
+/// The key in the head of a file of arrays; `None` for any other file, and for one that cannot be read.
+pub fn key_of(path: &Path) -> Option<Key> {
+    let mut bytes = [0; HEAD_BYTES];
+    File::open(path).ok()?.read_exact(&mut bytes).ok()?;
+    let head: Head = bytemuck::pod_read_unaligned(&bytes);
+    (head.magic == MAGIC).then_some(head.key)
 }
 
 impl Reader {

@@ -77,6 +77,74 @@ fn every_link_leads_somewhere() {
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
+/// What stands between single backquotes outside of blocks of code, line by line.
+fn quoted(text: &str) -> impl Iterator<Item = (usize, &str)> {
+    let prose = lines(text).filter(|(_, line, is_code)| !is_code && !line.starts_with("```"));
+    prose.flat_map(|(n, line, _)| line.split('`').skip(1).step_by(2).map(move |word| (n, word)))
+}
+
+#[test]
+fn every_file_that_a_document_names_is_there() {
+    const OURS: [&str; 11] =
+        ["src/", "tests/", "docs/", "config/", "devices/", "scripts/", "examples/", "clients/", "packaging/", "fuzz/", "benches/"];
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let (mut wrong, mut n_files) = (Vec::new(), 0);
+    for page in pages() {
+        let text = fs::read_to_string(&page).unwrap();
+        // What the page of the papers names is below `src` unless it says otherwise.
+        let is_of_code = page.ends_with("docs/papers.md");
+        for (n, word) in quoted(&text) {
+            let is_file = OURS.iter().any(|start| word.starts_with(start)) || is_of_code && word.contains('/');
+            if !is_file || word.contains([' ', '*', '…']) {
+                continue;
+            }
+            n_files += 1;
+            let is_there = root.join(word).exists() || is_of_code && root.join("src").join(word).exists();
+            if !is_there {
+                wrong.push(format!("{}:{n}: {word} is not there", page.display()));
+            }
+        }
+    }
+    assert!(n_files > 100, "{n_files}");
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+/// Keys of papers in a text: a name and a year, such as `Guo2004`.
+fn keys(text: &str) -> impl Iterator<Item = &str> {
+    text.split(|c: char| !c.is_ascii_alphanumeric()).filter(|word| {
+        let (name, year) = word.split_at(word.len().saturating_sub(4));
+        let is_year =
+            matches!(year.as_bytes(), [b'1', b'9', ..] | [b'2', b'0', ..]) && year.bytes().all(|digit| digit.is_ascii_digit());
+        is_year
+            && name.len() > 2
+            && name.starts_with(|c: char| c.is_ascii_uppercase())
+            && name.bytes().all(|c| c.is_ascii_alphabetic())
+    })
+}
+
+#[test]
+fn every_paper_that_the_code_names_is_in_the_bibliography() {
+    fn walk(folder: &Path, named: &mut BTreeSet<String>) {
+        for entry in fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                walk(&path, named);
+            } else if path.extension().is_some_and(|extension| extension == "rs") {
+                named.extend(keys(&fs::read_to_string(&path).unwrap()).map(str::to_owned));
+            }
+        }
+    }
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let mut named = BTreeSet::new();
+    walk(&root.join("src"), &mut named);
+    assert!(named.len() > 15, "{named:?}");
+    let page = fs::read_to_string(root.join("docs/papers.md")).unwrap();
+    let listed: BTreeSet<String> =
+        page.lines().filter_map(|line| line.strip_prefix("- **")).flat_map(keys).map(str::to_owned).collect();
+    let missing: Vec<_> = named.difference(&listed).collect();
+    assert!(missing.is_empty(), "{missing:?}");
+}
+
 /// Words of a command line, up to where the shell takes over.
 fn words(line: &str) -> Vec<String> {
     let mut words = Vec::new();

@@ -94,7 +94,9 @@ fn a_piece_is_pressed_joined_saved_and_gone_on_with() {
     let half_mm3 = 2.0 / 3.0 * std::f64::consts::PI * 6.0_f64.powi(3);
     assert!(added_mm3 > 0.5 * half_mm3 && added_mm3 < 1.6 * half_mm3, "{added_mm3} of {half_mm3}");
     let kinds: Vec<&str> = sculpt["saved"].as_array().unwrap().iter().map(|saved| saved["kind"].as_str().unwrap()).collect();
-    assert_eq!(kinds, ["points", "session", "mesh"]);
+    // What strokes wrote comes first.
+    assert_eq!(kinds, ["points", "points", "session", "mesh"]);
+    assert_eq!((&sculpt["saved"][0]["file"], &sculpt["taken_back"]), (&"mid.ply".into(), &0.into()));
     assert_eq!(sculpt["failed"].as_array().unwrap().len() + sculpt["unsaved"].as_array().unwrap().len(), 0);
     assert!(dir.path().join("mid.ply").is_file());
 
@@ -119,6 +121,10 @@ fn people_read_what_became_of_the_clay() {
     for row in ["clay               1 stroke,", "volume ", "updates ", "at 100 Hz, 0 left out"] {
         assert!(ended.stdout.contains(row), "no `{row}` in\n{}", ended.stdout);
     }
+    fs::write(dir.path().join("undo.toml"), "version = 1\n[[stroke]]\nat_s = 1.5\ndo = \"undo\"\n").unwrap();
+    let line = "sculpt ball.toml --clock virtual --duration 1600ms --strokes undo.toml --pictures drawn";
+    let ended = says(dir.path(), line, 0, &["made the folder drawn"]);
+    assert!(ended.stdout.contains("1 stroke (1 taken back),"), "{}", ended.stdout);
     let ended =
         says(dir.path(), "-v sculpt ball.toml --clock virtual --duration 20ms", 0, &["clay (", "mass points", "closed, no border"]);
     assert!(!ended.stderr.contains("were not kept"), "{}", ended.stderr);
@@ -556,6 +562,14 @@ fn files_that_are_no_scene_say_what_they_are_for() {
     let line = "sculpt Schüssel.toml --clock virtual --duration 20ms --json --session Übung.session";
     let sculpted = says(dir.path(), line, 0, &["nothing moves the simulated arm"]).json();
     assert_eq!((&sculpted["sculpt"]["samples"], &sculpted["sculpt"]["saved"][0]["file"]), (&2000.into(), &"Übung.session".into()));
+    for command in ["check", "sculpt"] {
+        let fragments = ["this is a saved session of clay, not a scene", "`session` under [sculpt] names it"];
+        refuses(dir.path(), &format!("{command} Übung.session"), 3, &fragments);
+    }
+    refuses(dir.path(), "sculpt ball.toml --strokes ball.toml", 3, &["this is a scene, not a file of strokes", "[[stroke]]"]);
+    // What is to be typed can be.
+    fs::write(dir.path().join("it's.xyz"), "0 0 0\n").unwrap();
+    refuses(dir.path(), "sculpt it's.xyz", 3, &["`hapticd init --clay 'it'\\''s.xyz'` writes"]);
 }
 
 #[test]

@@ -7,7 +7,7 @@ use std::path::Path;
 use glam::DVec3;
 
 use super::super::{Talk, report, say};
-use super::{Args, Refused, guessed, quoted, read, relative};
+use super::{Args, Refused, guessed, read, relative};
 use crate::config;
 use crate::config::draft::{ClayDraft, Unit};
 use crate::error::Exit;
@@ -66,7 +66,7 @@ pub(super) fn init(args: &Args, talk: Talk) -> Result<(), Refused> {
     config::load(&output).map_err(|errors| Refused(report::config_errors(&errors, talk)))?;
     let what = if is_mesh { "a mesh, sampled" } else { "points" };
     say::result(format_args!("clay    {} ({what}), {} across\n", draft.file, Metres(longest * metres)));
-    say::result(format_args!("wrote   {}: `hapticd sculpt {}` works it\n", output.display(), quoted(&output.to_string_lossy())));
+    say::result(format_args!("wrote   {}: `hapticd sculpt {}` works it\n", output.display(), say::quoted(&output)));
     Ok(())
 }
 

@@ -66,9 +66,13 @@ impl Written<'_> {
         let mut files: Vec<PathBuf> = own.map(|(_, file)| file).collect();
         files.extend(script.iter().flat_map(|script| script.writes()).map(Path::to_owned));
         if let Some(pictures) = pictures {
+            let folder = pictures.folder.display();
+            let is_new = !pictures.folder.exists();
             if let Err(error) = std::fs::create_dir_all(&pictures.folder) {
-                let message = format!("cannot make the folder {}: {error}", pictures.folder.display());
-                return refuse(Exit::Asset, message, destination::hint(&error));
+                return refuse(Exit::Asset, format!("cannot make the folder {folder}: {error}"), destination::hint(&error));
+            }
+            if is_new {
+                report::note(&format!("made the folder {folder} for pictures"), talk);
             }
             files.extend(pictures.files());
         }
@@ -126,13 +130,9 @@ fn is_ply(file: &Path) -> bool {
 
 /// What an order writes, and where.
 pub(super) fn destination_of(order: &Order) -> (&'static str, PathBuf) {
-    match order {
-        Order::SavePoints(file) => ("points", file.clone()),
-        Order::SaveSession(file) => ("session", file.clone()),
-        Order::Export(file) => ("mesh", file.clone()),
-        // True invariant: made by `ClayArgs::outputs`.
-        _ => unreachable!("an order that writes nothing"),
-    }
+    // True invariant: made by `ClayArgs::outputs`.
+    let Some((kind, file)) = order.writes() else { unreachable!("an order that writes nothing") };
+    (kind, file.to_owned())
 }
 
 /// Where an order writes a session, whatever the working directory is; `None`: it writes none.

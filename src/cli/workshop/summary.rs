@@ -54,6 +54,7 @@ impl Serialize for SculptReport {
             samples_before: usize,
             samples: usize,
             strokes: u64,
+            taken_back: usize,
             update_hz: f64,
             updates: u64,
             late: u64,
@@ -69,8 +70,19 @@ impl Serialize for SculptReport {
             #[serde(skip_serializing_if = "Option::is_none")]
             broken: Option<&'r str>,
         }
-        let StudioReport { updates, late, strokes, samples_before, samples, failed, left_over, troubles, broken, files: _ } =
-            &self.studio;
+        let StudioReport {
+            updates,
+            late,
+            strokes,
+            taken_back,
+            samples_before,
+            samples,
+            failed,
+            left_over,
+            troubles,
+            broken,
+            files: _,
+        } = &self.studio;
         let failed = failed.iter().map(|FailedOrder { tick, is_scripted, line, what, why }| Failed {
             tick: *tick,
             scripted: *is_scripted,
@@ -82,6 +94,7 @@ impl Serialize for SculptReport {
             samples_before: *samples_before,
             samples: *samples,
             strokes: *strokes,
+            taken_back: *taken_back,
             update_hz: self.update_hz,
             updates: *updates,
             late: *late,
@@ -157,11 +170,12 @@ impl SculptReport {
 
     /// Rows of the summary.
     pub(crate) fn rows(&self) -> Vec<(&'static str, String)> {
-        let StudioReport { updates, late, strokes, samples_before, samples, .. } = &self.studio;
+        let StudioReport { updates, late, strokes, taken_back, samples_before, samples, .. } = &self.studio;
         let volume = |mm3: Option<f64>| mm3.map_or("open".to_owned(), |mm3| format!("{mm3:.1}"));
         let strokes_word = if *strokes == 1 { "stroke" } else { "strokes" };
+        let back = if *taken_back == 0 { String::new() } else { format!(" ({taken_back} taken back)") };
         let mut rows = vec![
-            ("clay", format!("{strokes} {strokes_word}, {samples_before} samples before, {samples} after")),
+            ("clay", format!("{strokes} {strokes_word}{back}, {samples_before} samples before, {samples} after")),
             ("volume", format!("{} mm³ before, {} mm³ after", volume(self.volume_before_mm3), volume(self.volume_mm3))),
             ("updates", format!("{updates} at {} Hz, {late} left out because they were late", show(self.update_hz))),
         ];

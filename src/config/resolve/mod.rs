@@ -21,6 +21,7 @@ use crate::document::{Checks, ConfigErrors, Document, Interval, Problem, Problem
 use crate::haptics::filter::low_pass_alpha;
 use crate::haptics::{CouplingMode, Parameters, PortParameters};
 use crate::mesh::Format;
+use crate::sculpt::session::is_session;
 use crate::spatial::Pose;
 use crate::voxmap::field::FieldKind;
 
@@ -53,6 +54,9 @@ pub fn load_with(path: &Path, options: &LoadOptions) -> Result<SceneConfig, Conf
     let of_file = |kind| ConfigErrors::new(vec![Problem::of_file(path, kind)]);
     if Format::of(path).is_ok() && path.is_file() {
         return Err(of_file(ProblemKind::IsMesh));
+    }
+    if is_session(path) {
+        return Err(of_file(ProblemKind::IsSession));
     }
     let text = fs::read_to_string(path).map_err(|cause| of_file(ProblemKind::Unreadable { cause }))?;
     let document = Document::parse(path, &text)?;

@@ -16,6 +16,7 @@ mod door;
 mod duty;
 mod thread;
 
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
@@ -82,6 +83,8 @@ pub struct StudioReport {
     pub late: u64,
     /// Strokes that were made, those that were taken back among them.
     pub strokes: u64,
+    /// Strokes that stand taken back at the end, and could be done again.
+    pub taken_back: usize,
     /// Samples of the piece at the start.
     pub samples_before: usize,
     /// And at the end.
@@ -90,8 +93,8 @@ pub struct StudioReport {
     pub failed: Vec<FailedOrder>,
     /// Script orders whose tick never came; a hold is one.
     pub left_over: usize,
-    /// Files that orders wrote.
-    pub files: u64,
+    /// Files that orders wrote while the loop ran, each once: what ([`Order::writes`]), and where.
+    pub files: Vec<(&'static str, PathBuf)>,
     /// What went wrong by itself, such as a stroke that made no surface; each once.
     pub troubles: Vec<String>,
     /// Why the studio ended before the loop did: a defect of the program.

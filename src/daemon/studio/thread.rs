@@ -3,6 +3,7 @@
 use core::time::Duration;
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
@@ -111,6 +112,7 @@ pub(super) fn spawn(
         }
         report.updates = studio.updates();
         report.strokes = studio.piece().strokes();
+        report.taken_back = studio.piece().history().1;
         report.samples = studio.piece().points().len();
         Ended { report, studio }
     })
@@ -250,13 +252,13 @@ impl Worker<'_> {
 
     fn carry_out(&mut self, order: Order, asker: Asker) -> Result<(), StudioError> {
         let what = name_of(&order);
-        let writes = matches!(order, Order::SavePoints(_) | Order::SaveSession(_) | Order::Export(_));
+        let writes = order.writes().map(|(what, file)| (what, file.to_owned()));
         if !matches!(order, Order::Hold(_) | Order::SavePoints(_)) {
             self.slacken();
         }
         let result = self.studio.order(order);
         match &result {
-            Ok(()) => self.report.files += u64::from(writes),
+            Ok(()) => self.note_file(writes),
             Err(error) => self.note_failure(asker, what, format!("{error}; {}", error.hint())),
         }
         result
@@ -271,6 +273,14 @@ impl Worker<'_> {
         {
             // If it cannot be shown now, the next update says so again.
             let _ = self.show(frame);
+        }
+    }
+
+    fn note_file(&mut self, written: Option<(&'static str, PathBuf)>) {
+        let Some((what, file)) = written else { return };
+        self.report.files.retain(|(_, earlier)| *earlier != file);
+        if self.report.files.len() < KEPT_MAX {
+            self.report.files.push((what, file));
         }
     }
 

@@ -1,6 +1,6 @@
 //! What can be asked of the studio.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use glam::DVec3;
@@ -55,4 +55,16 @@ pub enum Order {
     SaveSession(PathBuf),
     /// Writes the piece as a closed triangle mesh that a rigid scene can use, a PLY file. Ends a stroke.
     Export(PathBuf),
+}
+
+impl Order {
+    /// What it writes, a word, and where; `None`: nothing.
+    pub fn writes(&self) -> Option<(&'static str, &Path)> {
+        match self {
+            Self::SavePoints(file) => Some(("points", file)),
+            Self::SaveSession(file) => Some(("session", file)),
+            Self::Export(file) => Some(("mesh", file)),
+            _ => None,
+        }
+    }
 }

@@ -44,7 +44,7 @@ fn top_m(piece: &Workpiece) -> f64 {
 }
 
 #[test]
-fn a_stroke_moves_the_surface_its_samples_and_its_fits_together() {
+fn acceptance_31_a_stroke_moves_the_surface_its_samples_and_its_fits_together() {
     for force_n in [10.0, -10.0] {
         let mut piece = ball();
         stroke(&mut piece, force_n);
