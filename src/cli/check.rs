@@ -3,12 +3,12 @@
 use std::path::{Path, PathBuf};
 
 use super::{Talk, report, say};
-use crate::config::problem::show;
 use crate::config::scene::{ClaySource, SculptConfig};
 use crate::config::strokes::{self, Script, Timed};
 use crate::config::{self, SceneConfig};
 use crate::daemon::{PrepareError, inputs};
 use crate::device::profile::{self, Profile, ProfileError};
+use crate::document::show;
 use crate::error::Exit;
 use crate::haptics::CouplingMode;
 use crate::sculpt::studio::{Order, ToolSettings};

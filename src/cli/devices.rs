@@ -3,9 +3,10 @@
 use clap::Subcommand;
 use serde_json::{Value, json};
 
+use super::findings::finding_json;
 use super::{Talk, probe, report, say};
-use crate::device::discover::{self, Attached};
-use crate::device::nodes;
+use crate::device::attached::discover::{self, Attached};
+use crate::device::attached::nodes;
 use crate::error::Exit;
 use crate::rt::finding::{Finding, Root, Standing};
 
@@ -110,8 +111,4 @@ pub(super) fn node_json(found: &Attached, root: &Root) -> Value {
         "beside": found.beside,
         "findings": troubles(found, root).iter().map(finding_json).collect::<Vec<_>>(),
     })
-}
-
-pub(super) fn finding_json(finding: &Finding) -> Value {
-    json!({ "name": finding.name, "standing": finding.standing.name(), "found": finding.found, "advice": finding.advice })
 }

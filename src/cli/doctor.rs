@@ -6,13 +6,13 @@ use std::path::PathBuf;
 
 use serde_json::{Value, json};
 
-use super::devices::finding_json;
+use super::findings::finding_json;
 use super::{Talk, report, say};
 use crate::config::{self, SceneConfig};
-use crate::device::discover;
-use crate::device::nodes;
-use crate::device::open::{self, OpenOptions};
-use crate::device::probe::{self, Ended, Trial};
+use crate::device::attached::discover;
+use crate::device::attached::nodes;
+use crate::device::attached::open::{self, OpenOptions};
+use crate::device::attached::probe::{self, Ended, Trial};
 use crate::error::Exit;
 use crate::rt::clock::RealClock;
 use crate::rt::finding::{Finding, Root, Standing};

@@ -10,8 +10,8 @@ use clap::ValueEnum;
 
 use super::progress::BakeProgress;
 use super::{Talk, cache, report, say};
-use crate::config::poses::{self, TimedPose};
 use crate::config::{self, SceneConfig};
+use crate::document::poses::{self, TimedPose};
 use crate::error::Exit;
 use crate::haptics::contact::{self, ContactSum};
 use crate::haptics::{ContactParameters, FilterParameters, Normalization, RenderScene};

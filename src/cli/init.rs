@@ -11,7 +11,7 @@ use clap::ValueEnum;
 use super::{Talk, report, say};
 use crate::config;
 use crate::config::draft::{self, Draft, Part, Tool};
-use crate::config::problem::show;
+use crate::document::show;
 use crate::error::Exit;
 use crate::mesh::validate::inspect;
 use crate::mesh::{self, EXTENSIONS, Format, MeshError, TriangleMesh};

@@ -11,6 +11,7 @@ mod destination;
 mod devices;
 mod doctor;
 mod eval;
+mod findings;
 mod foxglove;
 mod init;
 mod lab_report;
@@ -32,6 +33,7 @@ mod run;
 mod say;
 mod screen;
 mod sculpt;
+mod workshop;
 
 use std::process::ExitCode;
 
@@ -136,5 +138,5 @@ pub fn main() -> ExitCode {
         report::error("this is a bug of hapticd: please report it with the lines above and the command line", None, talk);
         Exit::Internal
     });
-    say::finish(exit, talk).into()
+    report::finish(exit, talk).into()
 }

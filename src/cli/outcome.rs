@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use serde::Serialize;
 
 use super::live;
-use super::sculpt::SculptReport;
+use super::workshop::SculptReport;
 use crate::telemetry::recording::RecordingSummary;
 use crate::telemetry::{LatencySummary, Totals};
 

@@ -7,14 +7,14 @@ use std::sync::Arc;
 
 use serde_json::{Value, json};
 
-use super::devices::finding_json;
+use super::findings::finding_json;
 use super::screen::error_text;
 use super::{Talk, report, say};
-use crate::device::identify::Made;
+use crate::device::attached::identify::Made;
+use crate::device::attached::nodes::Selector;
+use crate::device::attached::open::{self, OpenOptions};
+use crate::device::attached::probe::{self, Answers, Ended, Found, Plan, Push, Sign, Step, Trial};
 use crate::device::kinematics::Kinematics;
-use crate::device::nodes::Selector;
-use crate::device::open::{self, OpenOptions};
-use crate::device::probe::{self, Answers, Ended, Found, Plan, Push, Sign, Step, Trial};
 use crate::device::profile::{self, Homing, HomingMode, Profile, ProfileError, RealArm};
 use crate::device::protocol::Declared;
 use crate::device::{Device as _, Pacing};

@@ -4,10 +4,10 @@ use serde_json::Value;
 
 use super::say::{self, Level};
 use super::{Talk, report};
-use crate::config::problem::show;
 use crate::daemon::desk::Refusal;
 use crate::daemon::reload::{Cause, News, Reloaded, Tuned};
 use crate::daemon::service;
+use crate::document::show;
 
 /// Tells people, and a service manager, how a reload goes.
 pub(super) fn tell(news: &News, talk: Talk) {

@@ -16,7 +16,7 @@ use super::desk::{Company, Means, Opening};
 use super::outcome::{More, StartTimes, result_text};
 use super::progress::BakeProgress;
 use super::screen::{Screen, report_lines};
-use super::sculpt::{self, Workshop};
+use super::workshop::{self, Workshop};
 use super::{Talk, bake, cache, check, live, recording, report, say};
 use crate::config::{self, ConfigErrors};
 use crate::daemon::service::Service;
@@ -45,7 +45,7 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: Talk, started_ns: i64) 
     let since_start_s = |ns: i64| (ns - started_ns) as f64 * 1e-9;
     let baked_s = Cell::new(0.0);
     let overrides = args.overrides();
-    if own.clay.is_some() && args.scene.is_file() && sculpt::is_source(&args.scene) {
+    if own.clay.is_some() && args.scene.is_file() && workshop::is_source(&args.scene) {
         report::error(
             &format!("{}: this is a file of points or a mesh, not a scene", args.scene.display()),
             Some(&format!("`hapticd init --clay {}` writes a scene that sculpts it", say::quoted(&args.scene))),
@@ -59,7 +59,7 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: Talk, started_ns: i64) 
         Err(errors) => return report::config_errors(&errors, talk),
     };
     let clock = args.clock.kind();
-    let mut workshop = match Workshop::plan(&config, own, clock, args.recording.file(), talk) {
+    let mut workshop = match Workshop::plan(&config, own.clay, own.overwrite, clock, args.recording.file(), talk) {
         Ok(workshop) => workshop,
         Err(exit) => return exit,
     };

@@ -109,6 +109,13 @@ pub(crate) fn line(text: &str, talk: Talk) {
     }
 }
 
+/// The last word: a result that could not be delivered spoils a good ending.
+pub(crate) fn finish(exit: Exit, talk: Talk) -> Exit {
+    let Some(lost) = say::lost_result() else { return exit };
+    error(&format!("cannot write the result to stdout: {lost}"), None, talk);
+    if exit == Exit::Ok { Exit::Asset } else { exit }
+}
+
 fn is_coloured(talk: Talk) -> bool {
     match talk.color {
         When::Always => true,

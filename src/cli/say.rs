@@ -17,8 +17,6 @@ use clap::ValueEnum;
 use serde::ser::{Serialize, SerializeMap, Serializer};
 use serde_json::Value;
 
-use super::{Talk, report};
-use crate::error::Exit;
 use crate::rt::utc::timestamp;
 
 /// Why the first result that did not arrive did not.
@@ -139,18 +137,12 @@ impl Serialize for Line<'_> {
     }
 }
 
-/// The last word: a result that could not be delivered spoils a good ending. A reader that has seen enough does not.
-pub(crate) fn finish(exit: Exit, talk: Talk) -> Exit {
+/// Why a result could not be delivered, once all is said. A reader that has seen enough is no reason.
+pub(crate) fn lost_result() -> Option<&'static io::Error> {
     if let Err(error) = io::stdout().flush() {
         let _ = LOST_RESULT.set(error);
     }
-    match LOST_RESULT.get() {
-        Some(error) if error.kind() != io::ErrorKind::BrokenPipe => {
-            report::error(&format!("cannot write the result to stdout: {error}"), None, talk);
-            if exit == Exit::Ok { Exit::Asset } else { exit }
-        }
-        _ => exit,
-    }
+    LOST_RESULT.get().filter(|error| error.kind() != io::ErrorKind::BrokenPipe)
 }
 
 #[cfg(test)]

@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use super::say::{self, Fields, Level};
 use super::{Talk, live};
 use crate::daemon::{Notice, Phase};
-use crate::device::open::LinkNews;
+use crate::device::attached::open::LinkNews;
 use crate::device::protocol::Protocol;
 use crate::haptics::Faults;
 use crate::rt::preflight::{self, Report};

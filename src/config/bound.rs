@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use super::problem::show;
+use crate::document::show;
 use crate::haptics::stability::SampledWall;
 
 /// A bound on translational (N/m) or rotational (N·m/rad) stiffness felt by the arm, with the numbers that gave it.

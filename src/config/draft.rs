@@ -223,13 +223,7 @@ impl Draft {
 
     fn write(&self, text: &mut String, file: &str, units: &str) -> std::fmt::Result {
         let mm = |metres: f64| shown(metres * 1e3);
-        writeln!(text, "# Written by `hapticd init`. What was guessed says so; everything may be changed.\n#")?;
-        writeln!(
-            text,
-            "#   hapticd check {file}    says what is wrong with it\n#   hapticd run {file}      renders it until Ctrl-C\n#"
-        )?;
-        writeln!(text, "# Keys that are not here have defaults: config/default.toml lists them all.\n")?;
-        writeln!(text, "version = 1\nname = {}\n", quoted(&self.name))?;
+        write_head(text, file, &self.name, "run", "renders it until Ctrl-C")?;
         writeln!(text, "# Parts that stand, each where its file puts it.")?;
         for (part, voxel_m) in &self.statics {
             writeln!(text, "[[static]]\nname = {}\nmesh = {}", quoted(&part.name), quoted(&part.file))?;
@@ -274,6 +268,17 @@ fn arm_scale(reach_m: f64) -> f64 {
 }
 
 /// A line with a remark beside it.
+/// What every draft begins with: what is done with it, by `command` beside `check`, and its name.
+fn write_head(text: &mut String, file: &str, name: &str, command: &str, does: &str) -> std::fmt::Result {
+    let width = "check".len().max(command.len()) + 4;
+    writeln!(text, "# Written by `hapticd init`. What was guessed says so; everything may be changed.\n#")?;
+    for (word, does) in [("check", "says what is wrong with it"), (command, does)] {
+        writeln!(text, "#   hapticd {word} {file}{:blanks$}{does}", "", blanks = width - word.len())?;
+    }
+    writeln!(text, "#\n# Keys that are not here have defaults: config/default.toml lists them all.\n")?;
+    writeln!(text, "version = 1\nname = {}\n", quoted(name))
+}
+
 fn remarked(text: &mut String, line: &str, remark: &str) -> std::fmt::Result {
     writeln!(text, "{line:<34} # {remark}")
 }

@@ -7,7 +7,7 @@ use std::time::Duration;
 use glam::{DMat3, DVec3};
 
 use super::bound::StiffnessBound;
-use crate::device::nodes::Selector;
+use crate::device::attached::nodes::Selector;
 use crate::device::profile::Profile;
 use crate::haptics::Parameters;
 use crate::mesh::primitives::Shape;

@@ -15,11 +15,9 @@ use std::time::Duration;
 
 use self::naming::in_words;
 use self::size::Size;
-use super::checks::{Checks, Interval};
-use super::document::Document;
-use super::problem::{ConfigErrors, Problem, ProblemKind, any_of};
 use super::resolve::Resolve;
-use super::schema::{Deed, Stroke, Strokes};
+use super::schema::{Deed, Stroke, Strokes, holds_strokes};
+use crate::document::{Checks, ConfigErrors, Document, Interval, Problem, ProblemKind, any_of};
 use crate::sculpt::boolean::Boolean;
 use crate::sculpt::studio::{Order, ToolSettings};
 
@@ -86,14 +84,9 @@ pub fn load(path: &Path, tool: &ToolSettings) -> Result<Script, ConfigErrors> {
     Ok(Script { file: path.to_owned(), orders, reads })
 }
 
-/// A document of strokes, and not of a scene.
-pub(super) fn are_in(document: &Document<'_>) -> bool {
-    document.has("stroke") && !document.has("tool") && !document.has("sculpt")
-}
-
 /// A file of strokes, as far as can be told without checking it.
 pub fn is_script(path: &Path) -> bool {
-    fs::read_to_string(path).is_ok_and(|text| Document::parse(path, &text).is_ok_and(|document| are_in(&document)))
+    fs::read_to_string(path).is_ok_and(|text| Document::parse(path, &text).is_ok_and(|document| holds_strokes(&document)))
 }
 
 impl Script {
@@ -209,7 +202,10 @@ impl Reader<'_> {
                 is_sharp: stroke.sharp.unwrap_or(self.tool.is_sharp),
             }),
             Err(problem) => {
-                self.resolve.checks.refuse(&format!("{table}.{}", solid_key(stroke)), ProblemKind::Solid(problem));
+                self.resolve.checks.refuse(
+                    &format!("{table}.{}", solid_key(stroke)),
+                    ProblemKind::Refused { why: problem.to_string(), hint: problem.hint().map(str::to_owned) },
+                );
                 None
             }
         }

@@ -63,16 +63,20 @@ pub struct Capabilities {
     pub simulated: bool,
 }
 
-/// Why the edge to the arm failed. `Copy`, no text: the cold side writes that.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// Why the edge to the arm failed. `Copy`, nothing on the heap: only the cold side makes text of it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum DeviceError {
     /// The arm is gone; nothing more will come.
+    #[error("the arm is gone")]
     Lost,
     /// A report was short, garbled or failed its check; the last good sample still stands.
+    #[error("a report of the arm was garbled")]
     Packet,
     /// The command had a component that is not a finite number; a zero command was sent in its place.
+    #[error("the command was not finite, and zero was sent in its place")]
     NonFinite,
     /// The operating system refused with this errno.
+    #[error("the operating system refused the arm's link: {}", std::io::Error::from_raw_os_error(*.0))]
     Os(i32),
 }
 

@@ -9,6 +9,9 @@
 //! hot motors). This layer only repeats the hard limits of the profile, because it is the last code before the motors (devices reference,
 //! section 3.4).
 
+mod round_trip;
+mod thermal;
+
 use core::time::Duration;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -16,14 +19,16 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use glam::{DQuat, DVec3};
 use rtrb::{Consumer, Producer};
 
+pub use self::round_trip::RoundTrip;
+pub use self::thermal::Thermal;
 use super::kinematics::{Configuration, Kinematics};
 use super::protocol::{Codec, Declared, Fed, MAX_AXES, MotorCommand};
 use super::transmission::Transmission;
 use super::transport::{FRAME_MAX, Frame, Transport, TransportError};
 use super::velocity::VelocityWindow;
-use super::{Capabilities, Device, DeviceError, Pacing, RoundTrip, Thermal};
+use super::{Capabilities, Device, DeviceError, Pacing};
 use crate::rt::clock::monotonic_ns;
-use crate::spatial::{Axes, DeviceSample, Pose, SampleStatus, Twist, Wrench};
+use crate::spatial::{DeviceSample, Pose, SampleStatus, Twist, Wrench};
 
 /// Ticks with reports after an arm was opened in which a gap of its count is none: what came while nobody looked yet was not lost on the way. Two for
 /// the backlog and the gap behind it, and some for what comes meanwhile.
@@ -306,10 +311,7 @@ impl WiredArm {
     fn motors_for(&self, wrench_device: &Wrench) -> (MotorCommand, Wrench) {
         let parameters = &self.parameters;
         let actuated = parameters.capabilities.actuated;
-        let projected = Wrench::new(
-            limited(wrench_device.force * axis_mask(actuated, 0), parameters.force_limit_n),
-            limited(wrench_device.torque * axis_mask(actuated, 3), parameters.torque_limit_nm),
-        );
+        let projected = wrench_device.limited_to(actuated, parameters.force_limit_n, parameters.torque_limit_nm);
         let native_from_device = parameters.device_from_native.conjugate();
         let native = Wrench::new(native_from_device * projected.force, native_from_device * projected.torque);
         let torques = self.configuration.torques(&native);
@@ -494,18 +496,6 @@ impl Drop for WiredArm {
 
 fn turned(q: DQuat, twist: Twist) -> Twist {
     Twist { linear: q * twist.linear, angular: q * twist.angular }
-}
-
-/// 1 for each axis of the set, 0 for the others; axes `first_axis..first_axis + 3`.
-fn axis_mask(axes: Axes, first_axis: usize) -> DVec3 {
-    let one_if = |axis_idx: usize| if axes.has(axis_idx) { 1.0 } else { 0.0 };
-    DVec3::new(one_if(first_axis), one_if(first_axis + 1), one_if(first_axis + 2))
-}
-
-/// The vector, shortened to `limit`, direction kept.
-fn limited(vector: DVec3, limit: f64) -> DVec3 {
-    let length = vector.length();
-    if length > limit { vector * (limit / length) } else { vector }
 }
 
 #[cfg(test)]

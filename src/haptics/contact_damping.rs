@@ -90,19 +90,13 @@ mod tests {
 
     use super::*;
     use crate::spatial::Wrench;
+    use crate::spatial::testing::Random;
 
     const PERIOD_S: f64 = 1e-3;
     const MASS_KG: f64 = 0.1;
     const INERTIA_KG_M2: f64 = 1e-5;
 
-    struct Random(u64);
-
     impl Random {
-        fn signed(&mut self) -> f64 {
-            self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (self.0 >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
-        }
-
         fn vector(&mut self, length: f64) -> DVec3 {
             DVec3::new(self.signed(), self.signed(), self.signed()) * length
         }

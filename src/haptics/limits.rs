@@ -128,18 +128,7 @@ mod tests {
     const PERIOD_S: f64 = 1e-3;
 
     fn free() -> LimitParameters {
-        LimitParameters {
-            force_n: f64::INFINITY,
-            torque_nm: f64::INFINITY,
-            speed_m_per_s: 1.0,
-            slew_n_per_s: f64::INFINITY,
-            slew_nm_per_s: f64::INFINITY,
-            power_w: f64::INFINITY,
-            ramp_s: 0.1,
-            stale_ticks_max: 3,
-            stale_fault_ticks: 20,
-            overrun_fault_ticks: 10,
-        }
+        LimitParameters { speed_m_per_s: 1.0, overrun_fault_ticks: 10, ..LimitParameters::NONE }
     }
 
     fn typical() -> LimitParameters {

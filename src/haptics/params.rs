@@ -136,6 +136,21 @@ pub struct CouplingParameters {
     pub bound_nm_per_rad: f64,
 }
 
+impl CouplingParameters {
+    /// Implicit, 1 N/mm and 0.2 N·m/rad, to an arm that bounds nothing.
+    pub const PLAIN: Self = Self {
+        mode: CouplingMode::Implicit,
+        stiffness_n_per_m: 1000.0,
+        stiffness_nm_per_rad: 0.2,
+        felt_damping_n_s_per_m: 0.0,
+        felt_damping_nm_s_per_rad: 0.0,
+        clamp: SpringClamp::Saturate,
+        free_space: FreeSpace::Zero,
+        bound_n_per_m: f64::INFINITY,
+        bound_nm_per_rad: f64::INFINITY,
+    };
+}
+
 /// Dynamic shaping filter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FilterParameters {
@@ -171,6 +186,21 @@ pub struct LimitParameters {
 }
 
 impl LimitParameters {
+    /// Nothing is held back. For figures and tests: the parameters of a scene file always have limits.
+    #[doc(hidden)]
+    pub const NONE: Self = Self {
+        force_n: f64::INFINITY,
+        torque_nm: f64::INFINITY,
+        speed_m_per_s: 10.0,
+        slew_n_per_s: f64::INFINITY,
+        slew_nm_per_s: f64::INFINITY,
+        power_w: f64::INFINITY,
+        ramp_s: 0.1,
+        stale_ticks_max: 3,
+        stale_fault_ticks: 20,
+        overrun_fault_ticks: 0,
+    };
+
     /// Largest force of an arm whose profile says `signs_verified = false`, N: a motor that pushes the wrong way is positive feedback.
     pub const UNVERIFIED_SIGNS_FORCE_N: f64 = 0.5;
 }
@@ -225,6 +255,12 @@ pub struct PortParameters {
     pub actuated: Axes,
     /// Where the tool stands at enable: `world_from_tool`, tool = mesh file frame.
     pub start: Pose,
+}
+
+impl PortParameters {
+    /// The arm's axes are the world's, six of them sensed and actuated; the tool starts at the origin.
+    pub const PLAIN: Self =
+        Self { world_from_device: Pose::IDENTITY, scale: 1.0, sensed: Axes::SIX, actuated: Axes::SIX, start: Pose::IDENTITY };
 }
 
 /// What the loop knows of the attached arm itself. The default is an ideal arm: nothing bounds it, nothing is injected.
@@ -282,4 +318,22 @@ pub struct Parameters {
     pub port: PortParameters,
     /// The arm behind the port.
     pub arm: ArmParameters,
+}
+
+impl Parameters {
+    /// A virtual tool in an implicit coupling, and nothing that holds the force back. For figures and tests, like [`LimitParameters::NONE`].
+    #[doc(hidden)]
+    pub fn unlimited(period_s: f64) -> Self {
+        Self {
+            period_s,
+            gravity_m_per_s2: DVec3::ZERO,
+            contact: ContactParameters { damping_ratio: 0.7, ..ContactParameters::PLAIN },
+            coupling: CouplingParameters::PLAIN,
+            filter: FilterParameters { spatial: true, cutoff_hz: [50.0, 300.0] },
+            limits: LimitParameters::NONE,
+            safety: SafetyParameters::default(),
+            port: PortParameters::PLAIN,
+            arm: ArmParameters::default(),
+        }
+    }
 }

@@ -63,21 +63,12 @@ impl EnergyObserver {
 mod tests {
     use super::*;
     use crate::haptics::stability::SampledWall;
+    use crate::spatial::testing::Random;
 
     const PERIOD_S: f64 = 1e-3;
     const MASS_KG: f64 = 0.04;
     const DEVICE_DAMPING: f64 = 0.8;
     const N_TICKS: usize = 400;
-
-    /// Deterministic uniform numbers in −1..1.
-    struct Random(u64);
-
-    impl Random {
-        fn signed(&mut self) -> f64 {
-            self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (self.0 >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
-        }
-    }
 
     /// A sampled wall on a damped mass. The port lies between mass and hand, the mass's own energy is known exactly.
     struct Port {

@@ -162,10 +162,8 @@ mod tests {
             slew_n_per_s: 1000.0,
             slew_nm_per_s: 20.0,
             power_w: 5.0,
-            ramp_s: 0.1,
-            stale_ticks_max: 3,
-            stale_fault_ticks: 20,
             overrun_fault_ticks: 10,
+            ..LimitParameters::NONE
         }
     }
 

@@ -10,23 +10,12 @@
 
 use std::path::Path;
 
-use glam::DVec3;
-
-use super::{Format, MeshError, TriangleMesh, obj, parse, ply, scale, source, xyz};
+use super::load::scale;
+pub use super::points::Cloud;
+use super::{Format, MeshError, TriangleMesh, obj, parse, ply, source, xyz};
 
 /// File name extensions that hold points only, lower case.
 pub const EXTENSIONS: &[&str] = &["xyz", "txt", "asc"];
-
-/// Points as a file has them, metres.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Cloud {
-    /// `[n]`, m, in the axes of the file.
-    pub positions: Vec<DVec3>,
-    /// `[n]`, of any length; `None`: the file has none.
-    pub normals: Option<Vec<DVec3>>,
-    /// `[n]`, sRGB; `None`: the file has none.
-    pub colors: Option<Vec<[u8; 3]>>,
-}
 
 /// What a file holds.
 #[derive(Clone, Debug)]
@@ -79,6 +68,8 @@ fn is_text(path: &Path) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use glam::DVec3;
+
     use super::*;
 
     fn cloud(bytes: &[u8], name: &str) -> Cloud {

@@ -13,7 +13,7 @@ use std::path::Path;
 use glam::DVec3;
 use tobj::LoadError;
 
-use super::cloud::Cloud;
+use super::points::Cloud;
 use super::{MeshError, TriangleMesh, polygon};
 
 /// Reads the text of an OBJ file; `path` is for messages only.

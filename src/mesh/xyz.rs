@@ -8,7 +8,7 @@ use std::path::Path;
 use glam::DVec3;
 
 use super::MeshError;
-use super::cloud::Cloud;
+use super::points::Cloud;
 
 /// Columns that are understood, in words.
 const UNDERSTOOD: &str =

@@ -1,12 +1,12 @@
 //! What a client may ask for, the same over WebSocket and HTTP.
 
 use core::time::Duration;
-use std::path::PathBuf;
 use std::sync::Arc;
 
 use serde::Deserialize;
 use serde_json::Value;
 
+use super::answer::{Done, Reply};
 use super::clay::{self, SaveKind, TakeAsked};
 use super::client::{Client, Wanted};
 use super::encode::WirePose;
@@ -114,31 +114,6 @@ impl From<PoseAsked> for Pose {
         WirePose::pose(q, p)
     }
 }
-
-/// What a request came to.
-#[derive(Clone, Debug, PartialEq)]
-pub(super) enum Done {
-    /// It is done, and there is no more to say.
-    Nothing,
-    /// A recording.
-    Recording(RecorderStatus),
-    /// A file was written.
-    Saved(PathBuf),
-}
-
-impl Done {
-    /// Adds what there is to say to an answer.
-    pub(super) fn tell(&self, answer: &mut Value) {
-        match self {
-            Self::Nothing => {}
-            Self::Recording(recording) => answer["recording"] = recording.json(),
-            Self::Saved(file) => answer["file"] = file.to_string_lossy().into(),
-        }
-    }
-}
-
-/// Hears what became of a request.
-pub(super) type Reply = Box<dyn FnOnce(Result<Done, Problem>) + Send>;
 
 /// Longest `id` of a request as text, bytes: it is kept until the answer.
 const LONGEST_ID: usize = 256;

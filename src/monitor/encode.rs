@@ -5,12 +5,14 @@ use glam::{DQuat, DVec3};
 use serde::ser::SerializeStruct as _;
 use serde::{Serialize, Serializer};
 
-use super::hub::At;
 use super::rows::Row;
 use crate::daemon::Phase;
 use crate::haptics::{Faults, OffCause};
 use crate::spatial::{Pose, Wrench};
 use crate::telemetry::TickRecord;
+
+/// The number of a tick, and its time since the loop began, ns.
+pub(super) type At = (u64, i64);
 
 /// Version of the binary layout.
 const BINARY_VERSION: u32 = 1;

@@ -10,22 +10,19 @@ use serde_json::{Value, json};
 
 use super::clay::{Clay, ClayParts, no_clay};
 use super::client::Client;
-use super::encode::{self, Body, Event, Extras, LastFault, Moment, WireObject};
+use super::encode::{self, At, Body, Event, Extras, LastFault, Moment, WireObject};
 use super::feed::Fed;
 use super::heart::{Heart, Silence};
-use super::info::{Facts, has_force};
+use super::info::{API, Facts, has_force};
 use super::outbox::AWAY;
 use super::problem::Problem;
 use super::recorder::Recorder;
 use crate::daemon::desk::{Board, Counter, Refusal, View};
 use crate::daemon::{Notice, OperatorOrder, Phase};
-use crate::device::open::LinkNews;
+use crate::device::attached::open::LinkNews;
 use crate::rt::clock::ClockKind;
 use crate::spatial::Pose;
 use crate::telemetry::metrics::{Metrics, RecordingCounts};
-
-/// Version of the API.
-pub(super) const API: u32 = 1;
 
 /// What a hub is made of.
 pub struct HubParts {
@@ -44,9 +41,6 @@ pub struct HubParts {
     /// The run in the text format of Prometheus.
     pub metrics: Option<Metrics>,
 }
-
-/// The number of a tick, and its time since the loop began, ns.
-pub(super) type At = (u64, i64);
 
 /// The newest record, with what the pump knows beside it.
 #[derive(Clone, Debug)]

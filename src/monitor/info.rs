@@ -5,12 +5,14 @@ use std::path::PathBuf;
 use serde_json::{Value, json};
 
 use super::encode::LastFault;
-use super::hub::API;
 use crate::config::SceneConfig;
 use crate::daemon::Phase;
 use crate::haptics::Faults;
 use crate::rt::preflight::{Outcome, Report};
 use crate::spatial::Axes;
+
+/// Version of the API.
+pub(super) const API: u32 = 1;
 
 /// What stays until something else is told.
 #[derive(Debug)]

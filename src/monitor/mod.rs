@@ -19,6 +19,7 @@
 //! | `monitor-mesh`, `monitor-file` | meshes and samples for display; recordings that begin and end, files of clay |
 
 pub mod access;
+mod answer;
 mod asks;
 mod assets;
 mod clay;
@@ -38,6 +39,7 @@ mod pump;
 mod recorder;
 mod rest;
 mod rows;
+mod served;
 mod server;
 mod visual;
 mod worker;

@@ -7,9 +7,10 @@ use std::time::Instant;
 use rtrb::Consumer;
 
 use super::client::{Client, Wanted};
+use super::encode::At;
 use super::encode::{Extras, WireObject};
 use super::feed::Fed;
-use super::hub::{At, Hub, Newest};
+use super::hub::{Hub, Newest};
 use super::rows::{Row, reduced};
 use crate::daemon::desk::View;
 use crate::haptics::contact;

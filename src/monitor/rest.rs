@@ -23,7 +23,7 @@ use super::door::Peer;
 use super::encode::{WirePose, with_counts};
 use super::forms::{read, such_as};
 use super::problem::Problem;
-use super::server::Served;
+use super::served::Served;
 use super::{assets, ws};
 use crate::daemon::desk::scenes_beside;
 use crate::telemetry::metrics;
@@ -317,7 +317,8 @@ async fn stop(State(served): State<Arc<Served>>) -> Result<Response, Problem> {
 
 async fn clay(State(served): State<Arc<Served>>) -> Result<Json<Value>, Problem> {
     let clay = served.hub.clay()?;
-    let view = clay.fresh_view(&served.hub).await?;
+    let is_watched = !served.hub.clients().is_empty();
+    let view = clay.fresh_view(is_watched).await?;
     Ok(Json(clay.facts(&view, served.hub.heart.holds())))
 }
 
@@ -335,7 +336,8 @@ async fn clay_points(
     let Query(SinceAsked { since }) =
         since.map_err(|refused| Problem::bad(refused.body_text(), "`since` is the version that you have"))?;
     let clay = served.hub.clay()?;
-    let view = clay.fresh_view(&served.hub).await?;
+    let is_watched = !served.hub.clients().is_empty();
+    let view = clay.fresh_view(is_watched).await?;
     // A version of another run may be larger than all of this one.
     if view.version == since {
         return Ok(StatusCode::NO_CONTENT.into_response());

@@ -17,6 +17,7 @@ use super::hub::Hub;
 use super::pace::Pace;
 use super::pump::Pump;
 use super::rest::router;
+use super::served::Served;
 use super::visual::Visuals;
 use super::worker::Worker;
 use crate::telemetry::Tap;
@@ -29,18 +30,6 @@ const BACKLOG: u32 = 1024;
 const SEND_BUFFER_BYTES: u32 = 64 << 10;
 /// How long good-byes may take at the end of a run: for the rest of what a slow page has not read yet.
 const GOOD_BYE: Duration = Duration::from_secs(3);
-
-/// What every handler can reach.
-pub(super) struct Served {
-    pub(super) hub: Arc<Hub>,
-    pub(super) access: Access,
-    pub(super) visuals: Visuals,
-    /// Makes what is to be drawn.
-    pub(super) shapes: Worker,
-    pub(super) files: Worker,
-    pub(super) seats: Arc<Semaphore>,
-    pub(super) pace: Pace,
-}
 
 /// An address that is taken, before anybody is answered there.
 pub struct Bound {

@@ -13,14 +13,15 @@ use futures_util::{SinkExt, StreamExt};
 use serde_json::{Value, json};
 use tokio::sync::OwnedSemaphorePermit;
 
-use super::asks::{Do, Done, perform};
+use super::answer::Done;
+use super::asks::{Do, perform};
 use super::client::Client;
 use super::door::Peer;
 use super::encode;
 use super::outbox::Next;
 use super::pace::Bucket;
 use super::problem::Problem;
-use super::server::Served;
+use super::served::Served;
 
 /// Largest message of a client, bytes.
 const MOST_BYTES: usize = 64 << 10;

@@ -11,5 +11,7 @@ mod panel;
 pub mod plot;
 mod sheet;
 pub mod splats;
+mod subject;
 
-pub use sheet::{Subject, write};
+pub use sheet::write;
+pub use subject::Subject;

@@ -1,6 +1,9 @@
 //! Colours of layer values: blue outside, orange inside, which all kinds of colour vision tell apart, and both pale enough for the
 //! dark surface between them.
 
+/// Between two values of a picture.
+const STEP: u8 = 3;
+
 /// Red, green, blue.
 pub(super) type Rgb = [u8; 3];
 
@@ -30,6 +33,20 @@ pub(super) fn of_layer(value: i8, n_layers: u32) -> Rgb {
     core::array::from_fn(|channel| {
         (f64::from(near[channel]) + share * (f64::from(far[channel]) - f64::from(near[channel]))).round() as u8
     })
+}
+
+/// Light of an sRGB value, 0 to 1 (IEC 61966-2-1).
+pub(super) fn to_linear(value: u8) -> f32 {
+    let share = f32::from(value) / 255.0;
+    if share <= 0.04045 { share / 12.92 } else { ((share + 0.055) / 1.055).powf(2.4) }
+}
+
+/// The other way round, in steps that nobody sees and that take a fifth off a file; more light than white is white.
+pub(super) fn to_srgb(light: f32) -> u8 {
+    let light = light.clamp(0.0, 1.0);
+    let share = if light <= 0.003_130_8 { 12.92 * light } else { 1.055 * light.powf(1.0 / 2.4) - 0.055 };
+    let step = f32::from(STEP);
+    ((share * 255.0 / step).round() * step).min(255.0) as u8
 }
 
 #[cfg(test)]

@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::canvas::{Align, Canvas};
 use super::palette::{self, FAINT, INK, PAPER};
-use super::sheet::Subject;
+use super::subject::Subject;
 
 /// Height of the words at the axes, pixels.
 const TEXT: f64 = 13.0;

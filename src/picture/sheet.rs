@@ -3,31 +3,10 @@
 use std::io;
 use std::path::Path;
 
-use glam::DVec3;
-
 use super::canvas::{Align, Canvas};
 use super::palette::{self, FAINT, INK};
 use super::panel::{Panel, draw_point, short};
-use crate::pointshell::shell::Shell;
-use crate::voxmap::layers::Layers;
-use crate::voxmap::surface::Surface;
-
-/// What a picture is of.
-#[derive(Clone, Copy, Debug)]
-pub struct Subject<'a> {
-    /// Name of the object.
-    pub name: &'a str,
-    /// Surface voxels.
-    pub surface: &'a Surface,
-    /// Layer values, same grid.
-    pub layers: &'a Layers,
-    /// The shell, about the centre of mass.
-    pub shell: &'a Shell,
-    /// Centre of mass, mesh frame, m.
-    pub center_of_mass_tool: DVec3,
-    /// A two-sided skin, not a solid.
-    pub thin: bool,
-}
+use super::subject::Subject;
 
 /// Largest sheet, pixels.
 const WIDTH: f64 = 1600.0;
@@ -202,6 +181,8 @@ pub(super) fn shortened(name: &str, n_letters: usize) -> String {
 
 #[cfg(test)]
 mod tests {
+    use glam::DVec3;
+
     use super::*;
     use crate::mesh::primitives::Shape;
     use crate::mesh::validate::inspect;

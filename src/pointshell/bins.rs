@@ -5,7 +5,6 @@ use core::sync::atomic::{AtomicU32, Ordering};
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::project::cell_range;
 use crate::mesh::TriangleMesh;
 use crate::voxmap::grid::BRICK_EDGE;
 use crate::voxmap::surface::Surface;
@@ -133,4 +132,10 @@ impl Separators {
 
 fn center_cells(brick: [u32; 3]) -> DVec3 {
     (DVec3::new(brick[0].into(), brick[1].into(), brick[2].into()) + 0.5) * BRICK_EDGE as f64
+}
+
+/// First and last cell on an axis whose closed extent meets the triangle's: exactly the box part of the touch test.
+pub(super) fn cell_range(corners: &[DVec3; 3], axis: usize) -> (i32, i32) {
+    let [a, b, c] = [corners[0][axis], corners[1][axis], corners[2][axis]];
+    (a.min(b).min(c).ceil() as i32 - 1, a.max(b).max(c).floor() as i32)
 }

@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use super::shell::LANES;
+use super::lanes::LANES;
 use super::tree::CHILDREN;
 
 /// A point on its way to its place in the shell.

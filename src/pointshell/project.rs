@@ -12,7 +12,7 @@
 use glam::{DVec3, Vec4};
 use rayon::prelude::*;
 
-use super::bins::Bins;
+use super::bins::{Bins, cell_range};
 use crate::mesh::TriangleMesh;
 use crate::mesh::closest_point::TriangleProjector;
 use crate::voxmap::grid::{BRICK_CELLS, BRICK_EDGE, brick_origin};
@@ -145,12 +145,6 @@ impl Scratch {
             }
         }
     }
-}
-
-/// First and last cell on an axis whose closed extent meets the triangle's: exactly the box part of the touch test.
-pub(super) fn cell_range(corners: &[DVec3; 3], axis: usize) -> (i32, i32) {
-    let [a, b, c] = [corners[0][axis], corners[1][axis], corners[2][axis]];
-    (a.min(b).min(c).ceil() as i32 - 1, a.max(b).max(c).floor() as i32)
 }
 
 /// Four planes of a triangle, to dismiss cells of a brick: its own, and along each edge the one that stands on it. Never dismisses

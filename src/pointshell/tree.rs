@@ -40,7 +40,7 @@ use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::shell::{LANES, Lanes3};
+use super::lanes::{LANES, Lanes3};
 use super::sphere::{Ball, enclose};
 use crate::storage::Slab;
 

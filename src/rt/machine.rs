@@ -6,7 +6,7 @@ use super::finding::{Finding, Root};
 use super::schedule::{MemoryLockRefusal, ThreadRequest, ThreadStanding};
 
 /// What gives an ordinary user the rights of a real-time loop: what to type. `program` is the path of this one.
-pub fn rights_advice(program: &str) -> String {
+fn rights_advice(program: &str) -> String {
     format!(
         "sudo setcap cap_sys_nice,cap_ipc_lock=ep {program}\n\
          or, for every program of a group: sudo groupadd -f realtime && sudo usermod -aG realtime \"$USER\" && \

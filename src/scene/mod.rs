@@ -14,4 +14,4 @@ mod report;
 pub use build::{Built, Event, build, build_all, build_with};
 pub use object::{BakeMeans, Geometry, MemoryPlan, SceneError};
 pub use piece::{BorderReport, Piece, PieceReport};
-pub use report::{LeakReport, LidsReport, ObjectReport, Role, Timings};
+pub use report::{CacheUse, LeakReport, LidsReport, ObjectReport, Role, Timings};

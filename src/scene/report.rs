@@ -4,12 +4,26 @@ use std::borrow::Cow;
 
 use serde::{Deserialize, Serialize};
 
-use super::cache::CacheUse;
 use crate::mesh::validate::{FACES_INWARD, MeshReport};
 use crate::pointshell::{LevelReport, ShellReport};
 use crate::voxmap::Voxmap;
 use crate::voxmap::leak::MOSTLY_THIN;
 use crate::voxmap::sides::SidesBasis;
+
+/// What the cache did for an object.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum CacheUse {
+    /// Not asked.
+    #[default]
+    Off,
+    /// Nothing was baked.
+    Hit,
+    /// Baked, as there was no file.
+    Miss,
+    /// Baked, as the file was damaged or of another version.
+    Rebaked,
+}
 
 /// What an object is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]

@@ -60,7 +60,7 @@ impl Workpiece {
 ///
 /// # Errors
 /// [`ExportError`].
-pub fn surface_of(raster: &Raster) -> Result<TriangleMesh, ExportError> {
+fn surface_of(raster: &Raster) -> Result<TriangleMesh, ExportError> {
     let Lattice { origin_map, spacing_m, dims: [nx, ny, nz] } = *raster.lattice();
     let n_nodes = raster.values_m().len();
     if u32::try_from(n_nodes).is_err() {

@@ -31,7 +31,7 @@ pub struct Pull {
 
 /// −∫_C s dC along C = `reach_m` in direction `direction` from `from_map`, over ½ `reach_m²`: 1 where C leaves an undeformed surface along its
 /// normal, −1 where it enters it, near 0 where it runs along it. Beyond the raster the last density counts on.
-pub fn mapped_share(raster: &Raster, from_map: DVec3, direction: DVec3, reach_m: f64) -> f64 {
+fn mapped_share(raster: &Raster, from_map: DVec3, direction: DVec3, reach_m: f64) -> f64 {
     let Some(direction) = direction.try_normalize() else { return 0.0 };
     let reaches = reach_m > 0.0;
     if !reaches {

@@ -17,7 +17,7 @@ use super::PointSet;
 use super::dynamics::{Integrator, Material};
 use super::material_map::{Layer, MaterialMap};
 use super::whole_file::write_whole;
-use super::workpiece::{Moment, Settings, Workpiece, WorkpieceError};
+use super::workpiece::{Moment, Session, Settings, Workpiece, WorkpieceError};
 use crate::haptics::clay::{Lattice, Raster};
 use crate::storage::Region;
 use crate::storage::sections::{Key, Reader, Refusal, Writer, key_of};
@@ -205,15 +205,6 @@ impl Workpiece {
         let session = decode(region).map_err(|reason| SessionError::Refused { path: path.to_owned(), reason })?;
         Self::resume(session).map_err(|source| SessionError::Piece { path: path.to_owned(), source })
     }
-}
-
-/// What a file says.
-pub(super) struct Session {
-    pub(super) now: Moment,
-    pub(super) past: Vec<Moment>,
-    pub(super) undone: Vec<Moment>,
-    pub(super) settings: Settings,
-    pub(super) gap_m: f64,
 }
 
 fn decode(region: Arc<Region>) -> Result<Session, Refusal> {

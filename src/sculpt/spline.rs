@@ -27,7 +27,7 @@ pub fn basis(u: f64) -> [f64; 3] {
 
 /// Their slopes.
 #[inline]
-pub fn slopes(u: f64) -> [f64; 3] {
+fn slopes(u: f64) -> [f64; 3] {
     [u - 1.0, 1.0 - 2.0 * u, u]
 }
 

@@ -14,6 +14,7 @@ mod lattices;
 mod material;
 mod painting;
 mod past;
+mod settings;
 
 use std::sync::Arc;
 
@@ -22,88 +23,25 @@ use rayon::prelude::*;
 
 use self::adopt::{adopt, faint_m, forget_faint, moved_by};
 pub use self::foresee::Foreseen;
-use self::lattices::{NODES_MAX, copy_into, cut, lattices, lattices_after};
+use self::lattices::{copy_into, cut, lattices, lattices_after};
 use self::painting::Press;
-pub(super) use self::past::Moment;
+pub(super) use self::past::{Moment, Session};
+pub use self::settings::{Settings, WorkpieceError};
 use super::advect::Afloat;
 use super::boolean::{self, Boolean};
-use super::dynamics::{Dynamics, Integrator, Material, Progress};
+use super::dynamics::{Dynamics, Progress};
 use super::emboss::{GreyImage, Laid, embossed};
 use super::material_map::{MaterialCoat, MaterialMap};
 use super::pull::{Pull, add_pull};
 use super::redistance::redistance;
 use super::{PointSet, PointSurface, SurfaceError, advect, resample};
 use crate::haptics::clay::{Density, Frame, FrameError, Lattice, Raster};
-use crate::spatial::{Metres, Place};
 
 /// Largest empty circle and closest pair of samples in a region, in spacings of the samples at the start.
 const GAP_SPACINGS: f64 = 1.0;
 const CLOSE_SPACINGS: f64 = 0.35;
 /// One smooth surface goes over the edge of a Boolean so far to both sides, in the largest of all spacings: fits reach no farther.
 const BLEND_SPACINGS: f64 = 4.0;
-
-/// How a piece is worked.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Settings {
-    /// Neighbours of a fit.
-    pub n_neighbours: usize,
-    /// Lowest and highest corner of the region that deforms, map frame, m; `None`: all of the piece, and air around it.
-    pub region_map: Option<(DVec3, DVec3)>,
-    /// Mass points along x, y, z.
-    pub raster: [usize; 3],
-    /// Air around the piece that clay may be pulled into, m.
-    pub air_m: f64,
-    /// What it is made of where nothing else was painted.
-    pub material: Material,
-    /// How it moves.
-    pub integrator: Integrator,
-}
-
-impl Default for Settings {
-    /// The paper's largest raster over the whole piece, a centimetre of air, soft clay.
-    fn default() -> Self {
-        Self {
-            n_neighbours: PointSurface::DEFAULT_NEIGHBOURS,
-            region_map: None,
-            raster: [40; 3],
-            air_m: 0.01,
-            material: Material::default(),
-            integrator: Integrator::default(),
-        }
-    }
-}
-
-/// Why a piece cannot be worked.
-#[derive(Debug, thiserror::Error)]
-pub enum WorkpieceError {
-    /// Samples that make no surface.
-    #[error(transparent)]
-    Surface(#[from] SurfaceError),
-    /// Fewer mass points than there is something to interpolate between.
-    #[error("a raster of {0:?} mass points is too small; give at least 4 along every axis")]
-    Raster([usize; 3]),
-    /// A box without inside.
-    #[error("the region from {} to {} is empty; its first corner is the lowest, its second the highest", Place(*.0), Place(*.1))]
-    Region(DVec3, DVec3),
-    /// Nothing of the piece is in it.
-    #[error("no part of the surface is in the region from {} to {}", Place(*.0), Place(*.1))]
-    Beside(DVec3, DVec3),
-    /// A Boolean that leaves no solid.
-    #[error("nothing would be left of the piece")]
-    NothingLeft,
-    /// The base would be too large.
-    #[error(
-        "mass points {} apart make {n_nodes} of them over the whole piece, more than {NODES_MAX}; \
-         take fewer in `sculpt.raster`, or a larger `sculpt.region_mm`",
-        Metres(*spacing_m)
-    )]
-    TooFine {
-        /// Between mass points, m.
-        spacing_m: f64,
-        /// Over the whole piece.
-        n_nodes: f64,
-    },
-}
 
 /// The part that deforms.
 #[derive(Debug)]
@@ -189,11 +127,6 @@ impl Workpiece {
     /// The densities of the region now.
     pub fn region(&self) -> &Raster {
         self.region.dynamics.now()
-    }
-
-    /// Samples in the region.
-    pub fn n_afloat(&self) -> usize {
-        self.region.afloat.samples().len()
     }
 
     /// The largest empty circle between samples that is left open, m.

@@ -40,7 +40,6 @@ pub use control::{Control, Order};
 pub use pace::{Due, Pace};
 pub use placing::{PlaceError, Placer, Wishes};
 pub use reins::{ReinEnds, Reins};
-use step::STOP_GRACE_S;
 pub use step::{Ending, LoopReport, RunPlan, ServoLoop, Step, TickFunction};
 pub use stop_guard::StopGuard;
 pub use swap::{Refused, Stage, SwapSlot, Swapper};

@@ -10,8 +10,7 @@
 
 use rtrb::{Consumer, Producer, PushError, RingBuffer};
 
-use super::ReinEnds;
-use crate::device::hand::HandPath;
+use crate::device::simulated::hand::HandPath;
 use crate::haptics::{Placement, Tune};
 use crate::spatial::Pose;
 
@@ -110,8 +109,8 @@ fn placement(objects: &[(String, bool)], name: &str, world_from_map: Pose) -> Re
 /// The loop's end.
 #[derive(Debug, Default)]
 pub struct Wishes {
-    ring: Option<Consumer<Placement>>,
-    tunes: Option<Consumer<Tune>>,
+    pub(super) ring: Option<Consumer<Placement>>,
+    pub(super) tunes: Option<Consumer<Tune>>,
     paths: Vec<(u32, HandPath)>,
     turn: usize,
 }
@@ -139,13 +138,6 @@ impl Wishes {
             Ok((obstacle_idx, path))
         };
         Ok(Self { ring, tunes: None, paths: paths.into_iter().map(checked).collect::<Result<_, _>>()?, turn: 0 })
-    }
-
-    /// The same, held by reins too.
-    #[must_use]
-    pub fn with_reins(mut self, ends: ReinEnds) -> Self {
-        (self.ring, self.tunes) = (Some(ends.placements), Some(ends.tunes));
-        self
     }
 
     /// What a parameter is to become. RT: safe.

@@ -3,7 +3,7 @@
 
 use rtrb::Consumer;
 
-use super::{Placer, Tuner};
+use super::{Placer, Tuner, Wishes};
 use crate::haptics::{Parameters, Placement, Tune};
 
 /// The cold end: poses of movable objects and parameters. One per scene; ends with it.
@@ -15,7 +15,7 @@ pub struct Reins {
     pub tuner: Tuner,
 }
 
-/// The loop's end, for [`Wishes`](super::Wishes).
+/// The loop's end, for [`Wishes`].
 #[derive(Debug)]
 pub struct ReinEnds {
     pub(super) placements: Consumer<Placement>,
@@ -28,5 +28,14 @@ impl Reins {
         let (placer, placements) = Placer::new(objects);
         let (tuner, tunes) = Tuner::new(parameters);
         (Self { placer, tuner }, ReinEnds { placements, tunes })
+    }
+}
+
+impl Wishes {
+    /// The same, held by reins too.
+    #[must_use]
+    pub fn with_reins(mut self, ends: ReinEnds) -> Self {
+        (self.ring, self.tunes) = (Some(ends.placements), Some(ends.tunes));
+        self
     }
 }

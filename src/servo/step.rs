@@ -23,9 +23,6 @@ const WARM_UP_NS: i64 = 10_000_000;
 /// At least so many: the first one touches the pages, the others the branches.
 const WARM_UP_TICKS_MIN: u32 = 8;
 
-/// How much longer than the ramp a stop may take before the loop ends anyway, s.
-pub(super) const STOP_GRACE_S: f64 = 0.25;
-
 /// How a run is to end by itself. Counted in ticks, so that two runs under the virtual clock end on the same bit.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct RunPlan {

@@ -15,10 +15,13 @@ use std::sync::Arc;
 
 use rtrb::{Consumer, Producer, PushError, RingBuffer};
 
-use super::{ClaySlot, STOP_GRACE_S, Wishes, calibration};
+use super::{ClaySlot, Wishes, calibration};
 use crate::haptics::contact::Budget;
 use crate::haptics::{RenderScene, State};
 use crate::rt::clock::{Clock, ClockKind, RealClock, VirtualClock};
+
+/// How much longer than the ramp a stop may take before the loop ends anyway, s.
+const STOP_GRACE_S: f64 = 0.25;
 
 /// A scene that is ready to be rendered: everything that the loop exchanges when it changes from one to another.
 #[derive(Debug)]

@@ -7,31 +7,15 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use glam::{DMat3, DVec3};
 
 use crate::device::{Capabilities, Device, DeviceError};
-use crate::haptics::{
-    ArmParameters, ContactParameters, CouplingMode, CouplingParameters, FilterParameters, FreeSpace, Inertia, LimitParameters,
-    Parameters, PortParameters, RenderScene, SafetyParameters, SpringClamp, Tool,
-};
+use crate::haptics::{CouplingParameters, FilterParameters, Inertia, LimitParameters, Parameters, RenderScene, Tool};
 use crate::pointshell::shell::Shell;
 use crate::rt::clock::{Clock, ClockKind};
-use crate::spatial::{Axes, DeviceSample, Pose, SampleStatus, Wrench};
+use crate::spatial::{DeviceSample, SampleStatus, Wrench};
 
 /// Parameters of a 1 kHz scene with nothing in it.
 pub(crate) fn parameters() -> Parameters {
     Parameters {
-        period_s: 1e-3,
-        gravity_m_per_s2: DVec3::ZERO,
-        contact: ContactParameters { stiffness_n_per_m: 1000.0, damping_ratio: 0.7, ..ContactParameters::PLAIN },
-        coupling: CouplingParameters {
-            mode: CouplingMode::Implicit,
-            stiffness_n_per_m: 1000.0,
-            stiffness_nm_per_rad: 0.3,
-            felt_damping_n_s_per_m: 0.0,
-            felt_damping_nm_s_per_rad: 0.0,
-            clamp: SpringClamp::Saturate,
-            free_space: FreeSpace::Zero,
-            bound_n_per_m: f64::INFINITY,
-            bound_nm_per_rad: f64::INFINITY,
-        },
+        coupling: CouplingParameters { stiffness_nm_per_rad: 0.3, ..CouplingParameters::PLAIN },
         filter: FilterParameters { spatial: true, cutoff_hz: [f64::INFINITY, f64::INFINITY] },
         limits: LimitParameters {
             force_n: 10.0,
@@ -40,20 +24,9 @@ pub(crate) fn parameters() -> Parameters {
             slew_n_per_s: 1000.0,
             slew_nm_per_s: 20.0,
             power_w: 5.0,
-            ramp_s: 0.1,
-            stale_ticks_max: 3,
-            stale_fault_ticks: 20,
-            overrun_fault_ticks: 0,
+            ..LimitParameters::NONE
         },
-        safety: SafetyParameters::default(),
-        port: PortParameters {
-            world_from_device: Pose::IDENTITY,
-            scale: 1.0,
-            sensed: Axes::SIX,
-            actuated: Axes::SIX,
-            start: Pose::IDENTITY,
-        },
-        arm: ArmParameters::default(),
+        ..Parameters::unlimited(1e-3)
     }
 }
 

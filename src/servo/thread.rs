@@ -31,7 +31,7 @@ mod tests {
     use rtrb::{Consumer, RingBuffer};
 
     use super::*;
-    use crate::device::sim::{SimArm, SimParameters};
+    use crate::device::simulated::{SimArm, SimParameters};
     use crate::device::{Capabilities, Wakeup};
     use crate::haptics::{Drive, DriveRequest, Faults, RenderScene, State, TickInput, TickOutput};
     use crate::rt::clock::{RealClock, VirtualClock};

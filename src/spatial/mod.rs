@@ -15,14 +15,20 @@
 //! - Pointshell normals are unit and point **into** the moving object; a penalty force along them pushes the tool out.
 //! - Rotation vectors act on the left: `R ← exp([dθ]×) R`.
 
+mod axes;
 mod length;
 mod mat6;
+mod named_pose;
 mod port;
 mod pose;
+#[cfg(test)]
+pub(crate) mod testing;
 mod wrench;
 
+pub use axes::Axes;
 pub use length::{Metres, Place};
 pub use mat6::Mat6;
-pub use port::{Axes, DeviceSample, SampleStatus};
+pub use named_pose::NamedPose;
+pub use port::{DeviceSample, SampleStatus};
 pub use pose::Pose;
 pub use wrench::{Twist, Wrench};

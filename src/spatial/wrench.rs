@@ -4,6 +4,8 @@ use core::ops::{Add, Mul, Neg, Sub};
 
 use glam::DVec3;
 
+use super::Axes;
+
 /// Linear velocity of a reference point and angular velocity; the frame is named where it is declared.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Twist {
@@ -53,6 +55,19 @@ impl Wrench {
     /// A wrench from its parts.
     pub const fn new(force: DVec3, torque: DVec3) -> Self {
         Self { force, torque }
+    }
+
+    /// What an arm with motors on `axes` gives of it: the other components are zero, force (N) and torque (N·m) each shortened to its limit with
+    /// the direction kept. RT: safe; what is not finite stays so.
+    pub fn limited_to(self, axes: Axes, force_limit_n: f64, torque_limit_nm: f64) -> Self {
+        let limited = |vector: DVec3, limit: f64| {
+            let length = vector.length();
+            if length > limit { vector * (limit / length) } else { vector }
+        };
+        Self::new(
+            limited(self.force * axes.linear_mask(), force_limit_n),
+            limited(self.torque * axes.angular_mask(), torque_limit_nm),
+        )
     }
 
     /// The same wrench reduced at another point: τ_b = τ_a + (p_a − p_b) × F.

@@ -17,5 +17,5 @@ mod taps;
 pub use drain::{Drained, Watch, drain};
 pub use flight::FlightRecorder;
 pub use record::TickRecord;
-pub use summary::{Counted, Histograms, LatencySummary, PoseSummary, RealtimeSummary, Rendered, Summary, SwapSummary, Totals};
+pub use summary::{Counted, Histograms, LatencySummary, RealtimeSummary, Rendered, Summary, SwapSummary, Totals};
 pub use taps::{Tap, Taps};

@@ -6,7 +6,21 @@ use std::sync::{Mutex, OnceLock, PoisonError};
 use rayon::prelude::*;
 
 use super::grid::BRICK_EDGE;
-use super::surface::{Mask, bits};
+
+/// One bit per cell of a brick: word x, bit y·8 + z.
+pub type Mask = [u64; BRICK_EDGE];
+
+/// Numbers of the set bits, ascending.
+pub(crate) fn bits(word: u64) -> impl Iterator<Item = u32> {
+    let mut rest = word;
+    core::iter::from_fn(move || {
+        (rest != 0).then(|| {
+            let bit = rest.trailing_zeros();
+            rest &= rest - 1;
+            bit
+        })
+    })
+}
 
 /// 64 bricks of the set.
 #[derive(Clone, Copy, Debug, Default)]

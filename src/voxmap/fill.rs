@@ -121,7 +121,7 @@ impl Sides {
     }
 
     /// True for a brick without surface that the fill reached.
-    pub fn is_outside_brick(&self, brick: usize) -> bool {
+    fn is_outside_brick(&self, brick: usize) -> bool {
         self.outside_bricks[brick / 64] >> (brick % 64) & 1 == 1
     }
 

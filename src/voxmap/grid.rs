@@ -225,7 +225,7 @@ impl Grid {
 }
 
 /// Number of a cell inside its brick, z fastest.
-pub fn cell_in_brick(cell: [i32; 3]) -> usize {
+fn cell_in_brick(cell: [i32; 3]) -> usize {
     let [x, y, z] = cell.map(|i| i as usize % BRICK_EDGE);
     (x * BRICK_EDGE + y) * BRICK_EDGE + z
 }

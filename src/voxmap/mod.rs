@@ -6,7 +6,7 @@
 //! |---|---|---|
 //! | | [`estimate`] | what will the bake take, before it begins? |
 //! | grid | [`grid`], `bricks` | index arithmetic; sparse sets of bricks |
-//! | surface | [`surface`], `columns`, [`sat`] | which voxels does a triangle touch? Two navigations, by columns; the test that specifies them |
+//! | surface | [`surface`], `navigation`, `columns`, [`sat`] | which voxels does a triangle touch? Two navigations, by columns; the test that specifies them |
 //! | fill | [`fill`] | which cells are reached from outside? |
 //! | | [`sides`] | what tells inside from outside: the fill, winding numbers or nothing? |
 //! | | [`leak`], [`winding`] | did the fill get in; how often does the surface wind around a point? |
@@ -36,6 +36,7 @@ mod growth;
 pub mod layers;
 pub mod leak;
 pub mod lid;
+mod navigation;
 pub mod npy;
 pub mod orient;
 pub mod sat;

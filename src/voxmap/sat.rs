@@ -78,6 +78,7 @@ fn dot_in_order(a: DVec3, b: DVec3) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::spatial::testing::Random;
 
     /// Reference: clip the triangle by the six half-spaces of the closed voxel, moved out by `tolerance`; something left means
     /// contact.
@@ -102,19 +103,6 @@ mod tests {
             }
         }
         !polygon.is_empty()
-    }
-
-    struct Random(u64);
-
-    impl Random {
-        fn unit(&mut self) -> f64 {
-            self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (self.0 >> 11) as f64 / (1_u64 << 53) as f64
-        }
-
-        fn in_box(&mut self, low: f64, high: f64) -> DVec3 {
-            DVec3::new(self.unit(), self.unit(), self.unit()) * (high - low) + low
-        }
     }
 
     #[test]

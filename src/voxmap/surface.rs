@@ -8,45 +8,14 @@ use core::sync::atomic::{AtomicU64, Ordering};
 use glam::DVec3;
 use rayon::prelude::*;
 
+pub use super::bricks::Mask;
+pub(crate) use super::bricks::bits;
 use super::bricks::{BrickSet, MarkedCells, Marks};
 use super::columns::{Columns, Run};
 use super::grid::{BRICK_EDGE, Grid};
+pub use super::navigation::Navigation;
 use super::sat::TriangleSat;
 use crate::mesh::TriangleMesh;
-
-/// One bit per cell of a brick: word x, bit y·8 + z.
-pub type Mask = [u64; BRICK_EDGE];
-
-/// How the candidates of a triangle are walked.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Navigation {
-    /// First approach of the paper: test every voxel of the span over each column.
-    PlaneSpan,
-    /// Second approach: test from both ends of the span inward, mark what lies between the first hits.
-    TwoSided,
-    /// Every voxel of the triangle's box: slow, the reference for tests.
-    BruteForce,
-}
-
-impl Navigation {
-    /// The name on the command line and in reports.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::PlaneSpan => "plane-span",
-            Self::TwoSided => "two-sided",
-            Self::BruteForce => "brute-force",
-        }
-    }
-
-    /// The choice of `auto`: never more tests than the other.
-    ///
-    /// The paper gives crossovers in voxels for three models. Ours has none: columns run along the dominant axis of the normal,
-    /// so a span is rarely longer than three voxels, and a column is solved as a whole before a test is asked for (see
-    /// `columns`). Measured in CPU time, plane-span against two-sided: 58 and 56 ms (triangles of 2 voxels, 0.22 M surface voxels), 246 and
-    /// 250 ms (7 voxels, 3.6 M), 0.98 and 0.94 s (16 voxels, 20 M), 1.12 and 1.05 s (3 M triangles below a voxel); 6 % apart at
-    /// most, without a direction.
-    pub const AUTO: Self = Self::TwoSided;
-}
 
 /// The voxels that the surface touches, sparse.
 #[derive(Debug)]
@@ -188,37 +157,6 @@ impl Surface {
             })
         })
     }
-
-    /// Calls `visit(triangle_idx, prepared, cell, rank)` for every touching pair of triangle and voxel, in parallel over triangles;
-    /// `prepare` sees the corners in cell coordinates once per triangle.
-    pub fn for_each_hit<P>(
-        &self,
-        mesh: &TriangleMesh,
-        prepare: impl Fn(&[DVec3; 3]) -> P + Sync,
-        visit: impl Fn(u32, &P, [i32; 3], usize) + Sync,
-    ) {
-        (0..mesh.triangles.len()).into_par_iter().with_min_len(64).for_each(|triangle_idx| {
-            let corners = mesh.corners(triangle_idx).map(|corner| self.grid.to_cells(corner));
-            let prepared = prepare(&corners);
-            visit_hits(&corners, self.grid.dims, self.navigation, |cell| {
-                if let Some(rank) = self.rank(cell) {
-                    visit(triangle_idx as u32, &prepared, cell, rank);
-                }
-            });
-        });
-    }
-}
-
-/// Numbers of the set bits, ascending.
-pub(crate) fn bits(word: u64) -> impl Iterator<Item = u32> {
-    let mut rest = word;
-    core::iter::from_fn(move || {
-        (rest != 0).then(|| {
-            let bit = rest.trailing_zeros();
-            rest &= rest - 1;
-            bit
-        })
-    })
 }
 
 /// Calls `visit` once for every voxel that the triangle touches; returns the number of SAT tests.

@@ -1,25 +1,33 @@
-//! The import rules of the house, read from the source.
-//!
-//! | room | may use |
-//! |---|---|
-//! | `spatial`, `storage` | nothing: leaves |
-//! | `mesh`, `voxmap`, `pointshell` | `spatial` and each other; nothing of scenes, devices, loops or threads |
-//! | `picture`, `bench` | what geometry may, and nobody but `cli` uses them; `picture` also samples of clay |
-//! | `bench::contact`, `bench::sculpt` | anything: they play scenes |
-//! | `haptics` | `spatial`, `voxmap::field`, `pointshell::{shell, tree}` |
-//! | `device` | anything but the rooms that render, run or watch |
-//! | `telemetry`, `monitor` | anything but `servo` |
-//! | `cli` | anything; and nobody uses it |
+//! The import rules of the house, read from the source: [`MAY_USE`], which `ARCHITECTURE.md` lists with the reasons.
 //!
 //! `unsafe` stands in `rt`, in the serial transport, in the two SIMD kernels, where mesh files are mapped and in the storage of arrays only;
 //! only `cli` prints. Tests are exempt.
 
 use std::path::{Path, PathBuf};
 
-/// Rooms that know of scenes, arms, loops or threads.
-const ABOVE_GEOMETRY: [&str; 10] =
-    ["config", "scene", "haptics", "device", "rt", "servo", "telemetry", "daemon", "monitor", "sculpt"];
-const ABOVE_DEVICES: [&str; 6] = ["haptics", "scene", "servo", "telemetry", "daemon", "monitor"];
+/// What each room may use beside itself: whole rooms, or single modules of one. A room that is not listed may use everything but the
+/// [`LAST`] ones.
+const MAY_USE: [(&str, &[&str]); 17] = [
+    ("error", &[]),
+    ("spatial", &[]),
+    ("rt", &[]),
+    ("storage", &[]),
+    ("document", &["spatial"]),
+    ("mesh", &["spatial", "storage"]),
+    ("voxmap", &["mesh", "spatial", "storage"]),
+    ("pointshell", &["mesh", "voxmap", "spatial", "storage"]),
+    ("haptics", &["spatial", "voxmap::field", "pointshell::shell", "pointshell::tree"]),
+    ("sculpt", &["mesh", "spatial", "storage", "haptics::clay"]),
+    ("device", &["document", "spatial", "rt"]),
+    ("config", &["document", "device", "haptics", "mesh", "sculpt", "spatial", "voxmap"]),
+    ("scene", &["config", "haptics", "mesh", "pointshell", "sculpt", "spatial", "storage", "voxmap"]),
+    ("telemetry", &["haptics", "rt", "spatial"]),
+    ("servo", &["device", "haptics", "rt", "spatial", "telemetry"]),
+    ("picture", &["mesh", "pointshell", "spatial", "storage", "voxmap", "sculpt::PointSet", "sculpt::Neighbours"]),
+    ("bench", &["mesh", "pointshell", "spatial", "storage", "voxmap"]),
+];
+/// Rooms that only `cli` uses.
+const LAST: [&str; 3] = ["cli", "picture", "bench"];
 /// The part of `bench` that plays scenes, and so may use what they are made of.
 const BENCH_OF_CONTACT: &str = "bench::contact";
 /// Prefixes of the files that may hold `unsafe`.
@@ -27,43 +35,22 @@ const UNSAFE_ALLOWED: [&str; 6] =
     ["rt/", "device/transport/serial", "haptics/contact/simd", "voxmap/distance/simd", "mesh/source", "storage/slab"];
 
 /// Why a file of `room` must not use `path` (from the crate root on); `None` when it may.
-fn refusal(room: &str, path: &[String]) -> Option<&'static str> {
+fn refusal(room: &str, path: &[String]) -> Option<String> {
     let first = path.first().map_or("", String::as_str);
-    let second = path.get(1).map_or("", String::as_str);
-    if first == "cli" && !matches!(room, "cli" | "main" | "lib") {
-        return Some("nobody uses `cli`");
-    }
-    let same_room = first == room || first == "bench" && room == BENCH_OF_CONTACT;
-    if matches!(first, "picture" | "bench") && !same_room && !matches!(room, "cli" | "lib") {
-        return Some("nobody but `cli` uses `picture` and `bench`");
-    }
-    // Clay is drawn by its samples, whatever else it is.
-    if room == "picture" && first == "sculpt" && matches!(second, "PointSet" | "Neighbours") {
+    if first == room || first == "bench" && room == BENCH_OF_CONTACT || matches!(room, "lib" | "main") {
         return None;
     }
-    match room {
-        "spatial" if first != "spatial" => Some("`spatial` is a leaf"),
-        "storage" if first != "storage" => Some("`storage` is a leaf"),
-        "haptics" => {
-            let allowed = match first {
-                "haptics" | "spatial" => true,
-                "voxmap" => second == "field",
-                "pointshell" => matches!(second, "shell" | "tree"),
-                _ => false,
-            };
-            (!allowed).then_some("`haptics` uses only `spatial`, `voxmap::field` and `pointshell::{shell, tree}`")
-        }
-        "sculpt" => {
-            let allowed = matches!(first, "sculpt" | "mesh" | "spatial" | "storage") || first == "haptics" && second == "clay";
-            (!allowed).then_some("`sculpt` uses only `mesh`, `spatial`, `storage` and `haptics::clay`")
-        }
-        "device" if ABOVE_DEVICES.contains(&first) => Some("`device` knows nothing of rendering"),
-        "telemetry" | "monitor" if first == "servo" => Some("`telemetry` and `monitor` never call into `servo`"),
-        "mesh" | "voxmap" | "pointshell" | "picture" | "bench" if ABOVE_GEOMETRY.contains(&first) => {
-            Some("geometry knows nothing of what it is used for")
-        }
-        _ => None,
+    if first == "cli" || LAST.contains(&first) && room != "cli" {
+        return Some(if first == "cli" { "nobody uses `cli`" } else { "nobody but `cli` uses `picture` and `bench`" }.to_owned());
     }
+    if room == "monitor" && first == "servo" {
+        return Some("`monitor` never calls into `servo`".to_owned());
+    }
+    let (_, may) = MAY_USE.iter().find(|(name, _)| *name == room)?;
+    let is_in = |allowed: &&str| {
+        allowed.split("::").zip(path).all(|(part, word)| part == word) && allowed.split("::").count() <= path.len()
+    };
+    (!may.iter().any(is_in)).then(|| format!("`{room}` may use only: {}", may.join(", ")))
 }
 
 /// The same text with comments and the insides of literals blanked out; lines stay where they are.
@@ -326,15 +313,18 @@ fn planted_violations_are_caught() {
         ("haptics/tick.rs", "use crate::pointshell::{self, shell};", Some("crate::pointshell::self")),
         ("haptics/tick.rs", "use crate::voxmap::*;", Some("crate::voxmap")),
         ("haptics/tick.rs", "use crate::pointshell::{shell::{Lanes, Shell}, tree as hierarchy};\nuse super::Faults;", None),
-        ("device/sim.rs", "let x = crate::haptics::Faults::NONE;", Some("`device` knows nothing")),
-        ("telemetry/drain.rs", "use crate::servo::Order;", Some("never call into `servo`")),
-        ("voxmap/grid.rs", "use crate::config::SceneConfig;", Some("geometry")),
-        ("spatial/pose.rs", "use crate::mesh::TriangleMesh;", Some("leaf")),
-        ("storage/slab.rs", "use crate::spatial::Pose;", Some("leaf")),
+        ("device/sim.rs", "let x = crate::haptics::Faults::NONE;", Some("`device` may use only")),
+        ("device/profile/mod.rs", "use crate::config::SceneConfig;", Some("`device` may use only")),
+        ("document/checks.rs", "use crate::spatial::Pose;\nuse crate::mesh::Format;", Some("checks.rs:2: crate::mesh::Format")),
+        ("telemetry/drain.rs", "use crate::servo::Order;", Some("`telemetry` may use only")),
+        ("monitor/hub.rs", "use crate::servo::Order;", Some("`monitor` never calls into `servo`")),
+        ("voxmap/grid.rs", "use crate::config::SceneConfig;", Some("`voxmap` may use only")),
+        ("spatial/pose.rs", "use crate::mesh::TriangleMesh;", Some("may use only")),
+        ("storage/slab.rs", "use crate::spatial::Pose;", Some("may use only")),
         ("scene/build.rs", "use crate::cli::Talk;", Some("nobody uses `cli`")),
         ("voxmap/build.rs", "use crate::picture::Subject;", Some("nobody but `cli`")),
-        ("bench/generation/mod.rs", "use crate::scene::Geometry;", Some("geometry")),
-        ("bench/loops.rs", "use crate::servo::Order;", Some("geometry")),
+        ("bench/generation/mod.rs", "use crate::scene::Geometry;", Some("`bench` may use only")),
+        ("bench/loops.rs", "use crate::servo::Order;", Some("`bench` may use only")),
         ("bench/contact/scenes.rs", "use crate::servo::Order;\nuse super::super::Row;", None),
         ("bench/contact/scenes.rs", "use crate::cli::Talk;", Some("nobody uses `cli`")),
         ("bench/peers.rs", "use super::process;\nuse crate::voxmap::grid::Grid;", None),

@@ -4,13 +4,15 @@ use std::collections::BTreeSet;
 use std::fs::{self, File};
 use std::io::{BufRead as _, BufReader, Read as _};
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, ExitStatus, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use serde_json::Value;
 use tempfile::TempDir;
+
+use super::program::{Ended, program};
 
 /// A process that has not ended by then hangs.
 const HUNG: Duration = Duration::from_secs(120);
@@ -72,32 +74,6 @@ struct Running {
     said: String,
 }
 
-/// What a process left behind.
-struct Ended {
-    status: ExitStatus,
-    stdout: String,
-    stderr: String,
-}
-
-impl Ended {
-    fn code(&self) -> Option<i32> {
-        self.status.code()
-    }
-
-    /// stdout as the one JSON object that it must be.
-    fn json(&self) -> Value {
-        assert_eq!(self.stdout.lines().count(), 1, "one object in one line: {}", self.stdout);
-        let json: Value = serde_json::from_str(&self.stdout).unwrap_or_else(|error| panic!("{error}: {}", self.stdout));
-        assert!(json.is_object());
-        json
-    }
-
-    /// The phases that stderr tells, in order.
-    fn states(&self) -> Vec<&str> {
-        self.stderr.lines().filter_map(|line| line.strip_prefix("state: ")).collect()
-    }
-}
-
 impl Running {
     fn start(command: &mut Command) -> Self {
         let mut child = command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
@@ -143,7 +119,7 @@ impl Running {
             }
         }
         let stdout = self.stdout.take().unwrap().join().unwrap();
-        Ended { status: self.child.wait().unwrap(), stdout, stderr: std::mem::take(&mut self.said) }
+        Ended { code: self.child.wait().unwrap().code(), stdout, stderr: std::mem::take(&mut self.said) }
     }
 }
 
@@ -153,14 +129,6 @@ impl Drop for Running {
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
-}
-
-fn program(dir: &Path) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_hapticd"));
-    command.current_dir(dir).env_remove("NO_COLOR").env_remove("CLICOLOR_FORCE").env("RUST_BACKTRACE", "0");
-    // Never the cache of whoever runs the tests, nor their recordings of faults.
-    command.env("XDG_CACHE_HOME", dir.join("xdg-cache")).env("XDG_STATE_HOME", dir.join("xdg-state"));
-    command
 }
 
 fn start(dir: &Path, args: &[&str]) -> Running {
@@ -174,7 +142,7 @@ fn hapticd(dir: &Path, line: &str) -> Ended {
 /// The command ends with this code, says each fragment on stderr, nothing on stdout, and does not panic.
 fn refuses(dir: &Path, line: &str, code: i32, fragments: &[&str]) {
     let ended = hapticd(dir, line);
-    assert_eq!(ended.code(), Some(code), "{line}\n{}", ended.stderr);
+    assert_eq!(ended.code, Some(code), "{line}\n{}", ended.stderr);
     for fragment in fragments {
         assert!(ended.stderr.contains(fragment), "{line}: no `{fragment}` in\n{}", ended.stderr);
     }
@@ -249,7 +217,7 @@ fn a_part_moves_and_scenes_take_each_others_place_while_a_run_goes_on() {
     let dir = folder_of_changes();
     let line = "run a.toml --cache off --clock virtual --duration 3s --move base=up.csv --swap b.toml@1s --swap a.toml@2s --json";
     let [ended, again] = [hapticd(dir.path(), line), hapticd(dir.path(), line)];
-    assert_eq!(ended.code(), Some(0), "{}", ended.stderr);
+    assert_eq!(ended.code, Some(0), "{}", ended.stderr);
     let round = ["stopping", "disabled", "enabling", "enabled"];
     let states =
         [&["baking", "disabled", "enabling", "enabled"][..], &round, &round, &["stopping", "disabled", "stopped"]].concat();
@@ -299,7 +267,7 @@ fn what_cannot_change_is_refused_before_anything_is_baked() {
     );
     // What only baking shows comes when the run is over, which it does not end.
     let ended = hapticd(dir.path(), "run a.toml --cache off --clock virtual --duration 2s --swap unbaked.toml@1s --json");
-    assert_eq!(ended.code(), Some(4), "{}", ended.stderr);
+    assert_eq!(ended.code, Some(4), "{}", ended.stderr);
     assert!(ended.stderr.contains("unbaked.toml was not rendered") && ended.stderr.contains("no triangles"), "{}", ended.stderr);
     assert!(ended.json()["swaps"][0]["tick"].is_null() && ended.json()["ticks"].as_u64() > Some(2000));
 }
@@ -425,7 +393,7 @@ fn an_absurd_grid_is_refused_before_it_is_allocated() {
         let ended =
             Running::start(Command::new("sh").args(["-c", &limited]).current_dir(dir.path()).env("XDG_CACHE_HOME", dir.path()))
                 .end();
-        assert_eq!(ended.code(), Some(3), "{line}\n{}", ended.stderr);
+        assert_eq!(ended.code, Some(3), "{line}\n{}", ended.stderr);
         assert!(ended.stderr.contains(" voxels is too large (at most 32768 per axis"), "{line}\n{}", ended.stderr);
         assert!(ended.stderr.contains(hint), "{line}\n{}", ended.stderr);
     }
@@ -435,12 +403,12 @@ fn an_absurd_grid_is_refused_before_it_is_allocated() {
 fn a_gear_of_twelve_metres_is_asked_about() {
     let dir = folder();
     let ended = hapticd(dir.path(), "bake gear12.obj --units m --voxel-size-mm 500");
-    assert_eq!(ended.code(), Some(0));
+    assert_eq!(ended.code, Some(0));
     assert!(ended.stderr.contains("warning: gear12: the box is 12.0 m long: is `units` right?"), "{}", ended.stderr);
     let ended = hapticd(dir.path(), "bake gear12.obj --units mm --voxel-size-mm 0.5");
     assert!(!ended.stderr.contains("units"), "{}", ended.stderr);
     let ended = hapticd(dir.path(), "bake -q gear12.obj --units m --voxel-size-mm 500");
-    assert_eq!((ended.code(), ended.stderr.as_str()), (Some(0), ""));
+    assert_eq!((ended.code, ended.stderr.as_str()), (Some(0), ""));
 }
 
 #[test]
@@ -476,12 +444,12 @@ fn profiles_are_checked_like_scenes() {
     let dir = folder();
     let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("devices/polhem-2022.toml");
     let ended = hapticd(dir.path(), &format!("check {}", shipped.display()));
-    assert_eq!((ended.code(), ended.stderr.as_str()), (Some(0), ""));
+    assert_eq!((ended.code, ended.stderr.as_str()), (Some(0), ""));
     assert!(ended.stdout.starts_with("ok ") && ended.stdout.contains("signs not verified"), "{}", ended.stdout);
     let text = std::fs::read_to_string(&shipped).unwrap();
     std::fs::write(dir.path().join("mine.toml"), text.replace("signs_verified = false", "signs_verifed = true")).unwrap();
     let ended = hapticd(dir.path(), "check mine.toml");
-    assert_eq!((ended.code(), ended.stdout.as_str()), (Some(3), ""));
+    assert_eq!((ended.code, ended.stdout.as_str()), (Some(3), ""));
     for fragment in ["mine.toml:", "device.signs_verifed", "did you mean `signs_verified`"] {
         assert!(ended.stderr.contains(fragment), "{fragment}: {}", ended.stderr);
     }
@@ -492,7 +460,7 @@ fn help_is_a_result() {
     let dir = folder();
     for command in ["", "run", "bake", "check", "eval"] {
         let ended = hapticd(dir.path(), &format!("{command} --help"));
-        assert_eq!((ended.code(), ended.stderr.as_str()), (Some(0), ""));
+        assert_eq!((ended.code, ended.stderr.as_str()), (Some(0), ""));
         assert!(ended.stdout.contains("Usage: hapticd"), "{}", ended.stdout);
     }
     let ended = hapticd(dir.path(), "--version");
@@ -547,7 +515,7 @@ fn assert_run_keys(json: &Value) {
 fn a_run_gives_one_json_object_and_talks_on_stderr() {
     let dir = folder();
     let ended = hapticd(dir.path(), "run ok.toml --clock virtual --duration 300ms --json");
-    assert_eq!(ended.code(), Some(0), "{}", ended.stderr);
+    assert_eq!(ended.code, Some(0), "{}", ended.stderr);
     let json = ended.json();
     assert_run_keys(&json);
     assert_eq!((json["rate_hz"].as_u64(), json["clock"].as_str()), (Some(1000), Some("virtual")));
@@ -572,11 +540,11 @@ fn quiet_is_quiet_verbose_says_more_and_colour_is_colour() {
             dir.path(),
             &format!("run -q ok.toml --clock {clock} --duration 100ms --json --monitor off --realtime best-effort"),
         );
-        assert_eq!((ended.code(), ended.stderr.as_str()), (Some(0), ""));
+        assert_eq!((ended.code, ended.stderr.as_str()), (Some(0), ""));
         assert_run_keys(&ended.json());
     }
     let ended = hapticd(dir.path(), "check -q ok.toml");
-    assert_eq!((ended.code(), ended.stdout.as_str(), ended.stderr.as_str()), (Some(0), "", ""));
+    assert_eq!((ended.code, ended.stdout.as_str(), ended.stderr.as_str()), (Some(0), "", ""));
     let ended = hapticd(dir.path(), "run -q none.toml");
     assert!(ended.stderr.starts_with("error: none.toml"), "errors are said to the quiet too: {}", ended.stderr);
 
@@ -653,7 +621,7 @@ fn a_signal_brings_the_arm_to_rest() {
         std::thread::sleep(Duration::from_millis(900));
         running.signal(signal);
         let ended = running.end();
-        assert_eq!(ended.code(), Some(0), "{signal}: {}", ended.stderr);
+        assert_eq!(ended.code, Some(0), "{signal}: {}", ended.stderr);
         assert_eq!(ended.states(), ["baking", "disabled", "enabling", "enabled", "stopping", "disabled", "stopped"], "{signal}");
         let json = ended.json();
         assert_run_keys(&json);
@@ -685,7 +653,7 @@ fn a_background_job_stops_when_asked_and_survives_a_hangup_under_nohup() {
     let running = ignoring("INT");
     running.signal("INT");
     let ended = running.end();
-    assert_eq!(ended.code(), Some(0), "{}", ended.stderr);
+    assert_eq!(ended.code, Some(0), "{}", ended.stderr);
 
     let mut running = ignoring("HUP");
     running.signal("HUP");
@@ -695,7 +663,7 @@ fn a_background_job_stops_when_asked_and_survives_a_hangup_under_nohup() {
     }
     running.signal("TERM");
     running.wait_for("state: stopped");
-    assert_eq!(running.end().code(), Some(0));
+    assert_eq!(running.end().code, Some(0));
 }
 
 #[test]
@@ -708,7 +676,7 @@ fn a_second_signal_quits_at_once() {
     running.wait_for("state: stopping");
     running.signal("INT");
     let ended = running.end();
-    assert_eq!(ended.code(), Some(0), "{}", ended.stderr);
+    assert_eq!(ended.code, Some(0), "{}", ended.stderr);
     assert_eq!(ended.states().last(), Some(&"stopped"));
     // The ramps up and down alone would take 4000 ticks.
     let json = ended.json();
@@ -727,7 +695,7 @@ fn an_injected_fault_ends_with_its_name_and_7() {
             "run -q fault.toml --json --clock virtual --duration 10s",
         ] {
             let ended = hapticd(dir.path(), line);
-            assert_eq!(ended.code(), Some(7), "{line}: {}", ended.stderr);
+            assert_eq!(ended.code, Some(7), "{line}: {}", ended.stderr);
             let json = ended.json();
             assert_run_keys(&json);
             let named = json["faults"].as_array().unwrap().iter().any(|name| name == fault);
@@ -745,7 +713,7 @@ fn an_injected_fault_ends_with_its_name_and_7() {
 fn enforce_refuses_a_machine_that_fails_a_check() {
     let dir = folder();
     let ended = hapticd(dir.path(), "run ok.toml --monitor off --realtime enforce --duration 100ms --json");
-    match ended.code() {
+    match ended.code {
         // Or 7: every check passed, and then the machine was late, which `enforce` takes for a fault.
         Some(0 | 7) => {
             ended.json();
@@ -757,7 +725,7 @@ fn enforce_refuses_a_machine_that_fails_a_check() {
                 assert!(ended.stderr.contains(fragment), "{fragment}: {}", ended.stderr);
             }
             let quiet = hapticd(dir.path(), "run -q ok.toml --monitor off --realtime enforce --duration 100ms --json");
-            assert_eq!(quiet.code(), Some(6));
+            assert_eq!(quiet.code, Some(6));
             assert!(quiet.stderr.starts_with("preflight: ") && !quiet.stderr.contains("state: "), "{}", quiet.stderr);
         }
         other => panic!("{other:?}: {}", ended.stderr),
@@ -815,7 +783,7 @@ fn the_files_of_a_bake_agree_with_its_figures() {
     let line = "bake peg.obj --units mm --voxel-size-mm 0.5 --layers 4 --json \
                 --voxmap-out v.npy --field-out f.npy --pointshell-out p.ply";
     let ended = hapticd(dir.path(), line);
-    assert_eq!((ended.code(), ended.stderr.as_str()), (Some(0), ""));
+    assert_eq!((ended.code, ended.stderr.as_str()), (Some(0), ""));
     let json = ended.json();
     let [documented, later, extra] = [set(&BAKE_KEYS), set(&BAKE_KEYS_LATER), set(&BAKE_KEYS_EXTRA)];
     let found: BTreeSet<&str> = keys(&json).difference(&later).copied().collect();
@@ -902,7 +870,7 @@ fn the_number_of_threads_changes_no_byte() {
             part.display()
         );
         let ended = hapticd(dir.path(), &line);
-        assert_eq!(ended.code(), Some(0), "{}", ended.stderr);
+        assert_eq!(ended.code, Some(0), "{}", ended.stderr);
         let json = ended.json();
         assert_eq!(count(&json, "threads"), threads as usize);
         json
@@ -924,7 +892,7 @@ fn the_number_of_threads_changes_no_byte() {
 fn a_scene_is_baked_into_a_list_of_objects() {
     let dir = folder();
     let ended = hapticd(dir.path(), "bake ok.toml --json");
-    assert_eq!((ended.code(), ended.stderr.as_str()), (Some(0), ""));
+    assert_eq!((ended.code, ended.stderr.as_str()), (Some(0), ""));
     let json = ended.json();
     assert_eq!(keys(&json), set(&["objects", "timings_s", "peak_rss_bytes"]));
     assert!(json["timings_s"]["total"].as_f64() > Some(0.0));
@@ -962,7 +930,7 @@ fn a_bake_beyond_max_memory_is_refused_before_the_work_with_a_size_that_fits() {
     let told = hapticd(dir.path(), fine).stderr;
     let size_mm = told.split("at least ").nth(1).and_then(|rest| rest.split(' ').next()).unwrap();
     let ended = hapticd(dir.path(), &format!("bake peg.obj --units mm --voxel-size-mm {size_mm} --max-memory 20MB --json"));
-    assert_eq!((ended.code(), ended.stderr.as_str()), (Some(0), ""), "{size_mm}");
+    assert_eq!((ended.code, ended.stderr.as_str()), (Some(0), ""), "{size_mm}");
     let json = ended.json();
     let kept = count(&json, "field_bytes") + count(&json, "pointshell_bytes");
     assert!(kept < 20_000_000 && kept > 4_000_000, "{kept}");
@@ -971,14 +939,14 @@ fn a_bake_beyond_max_memory_is_refused_before_the_work_with_a_size_that_fits() {
     let told = hapticd(dir.path(), in_voxels).stderr;
     let n = told.split("--longest-axis-voxels ").nth(1).and_then(|rest| rest.split(',').next()).unwrap();
     let ended = hapticd(dir.path(), &format!("bake peg.obj --longest-axis-voxels {n} --max-memory 20MB --json"));
-    assert_eq!(ended.code(), Some(0), "{n}: {}", ended.stderr);
+    assert_eq!(ended.code, Some(0), "{n}: {}", ended.stderr);
 
     // A scene: judged object by object, in `bake` and in `run`.
     for command in ["bake", "run"] {
         refuses(dir.path(), &format!("{command} ok.toml --max-memory 1kB"), 3, &["that are allowed", "hint: ", "--max-memory"]);
     }
     let ended = hapticd(dir.path(), "bake -v peg.obj --units mm --voxel-size-mm 1 --max-memory 1G");
-    assert_eq!(ended.code(), Some(0));
+    assert_eq!(ended.code, Some(0));
     assert!(ended.stderr.contains("memory: peg takes about "), "{}", ended.stderr);
 }
 
@@ -1022,7 +990,7 @@ fn what_a_bake_assumes_is_said_once() {
     let dir = folder();
     let said = |line: &str| {
         let ended = hapticd(dir.path(), line);
-        assert_eq!(ended.code(), Some(0), "{line}: {}", ended.stderr);
+        assert_eq!(ended.code, Some(0), "{line}: {}", ended.stderr);
         ended.stderr
     };
     let metres = "note: the numbers of the mesh file are taken as metres";

@@ -5,12 +5,12 @@ use std::path::Path;
 
 use glam::DVec3;
 use hapticd::config::SceneConfig;
-use hapticd::config::poses::TimedPose;
 use hapticd::daemon::prepare;
 use hapticd::device::Device;
-use hapticd::device::hand::{GripPath, HandPath};
 use hapticd::device::profile::Plant;
-use hapticd::device::sim::{HandParameters, SimArm, SimParameters};
+use hapticd::device::simulated::hand::{GripPath, HandPath};
+use hapticd::device::simulated::{HandParameters, SimArm, SimParameters};
+use hapticd::document::poses::TimedPose;
 use hapticd::haptics::filter::low_pass_alpha;
 use hapticd::haptics::stability::SampledWall;
 use hapticd::haptics::{ArmParameters, CouplingMode, DriveRequest, Faults, FilterParameters, RenderScene, State, TickInput, tick};

@@ -29,6 +29,7 @@ mod objects;
 mod operate;
 mod presets;
 mod profiles;
+mod program;
 mod quality;
 mod real_scenes;
 mod recording;

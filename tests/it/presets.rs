@@ -2,9 +2,9 @@
 //! Each scene is baked once for all of its runs.
 
 use hapticd::config::SceneConfig;
-use hapticd::config::poses;
 use hapticd::daemon::prepare;
-use hapticd::device::hand::HandPath;
+use hapticd::device::simulated::hand::HandPath;
+use hapticd::document::poses;
 
 use super::rest::{self, ARMS, HANDS, MORE_DELAY, Still};
 use super::rig;

@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 
 use glam::{DQuat, DVec3};
 use hapticd::config::SceneConfig;
-use hapticd::config::poses::HEADER;
 use hapticd::daemon::prepare;
+use hapticd::document::poses::HEADER;
 use hapticd::haptics::contact::ContactSum;
 use hapticd::mesh::{self, validate};
 use hapticd::spatial::Pose;

@@ -4,7 +4,7 @@ use std::fs;
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::net::TcpStream;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, ExitStatus, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -21,40 +21,11 @@ use hapticd::telemetry::{Taps, TickRecord, drain};
 use serde_json::Value;
 use tempfile::TempDir;
 
+use super::program::{hapticd, program};
 use super::rig;
 
 /// A process that has not come so far by then hangs.
 const HUNG: Duration = Duration::from_secs(120);
-
-/// What a process left behind.
-struct Ended {
-    status: ExitStatus,
-    stdout: String,
-    stderr: String,
-}
-
-impl Ended {
-    fn code(&self) -> Option<i32> {
-        self.status.code()
-    }
-
-    fn json(&self) -> Value {
-        serde_json::from_str(&self.stdout).unwrap_or_else(|error| panic!("{error}: {}{}", self.stdout, self.stderr))
-    }
-}
-
-fn program(dir: &Path) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_hapticd"));
-    command.current_dir(dir).env("XDG_CACHE_HOME", dir.join("cache")).env("XDG_STATE_HOME", dir.join("state"));
-    command.env("RUST_BACKTRACE", "0").stdin(Stdio::null());
-    command
-}
-
-fn hapticd(dir: &Path, line: &str) -> Ended {
-    let output = program(dir).args(line.split_whitespace()).output().expect("started");
-    let text = |bytes: Vec<u8>| String::from_utf8(bytes).expect("text");
-    Ended { status: output.status, stdout: text(output.stdout), stderr: text(output.stderr) }
-}
 
 /// Killed when its test fails.
 struct Running(Child);
@@ -138,7 +109,7 @@ fn a_run_with_a_moving_part_and_other_scenes_replays_bit_for_bit_without_its_fil
     let line =
         "run a.toml --clock virtual --duration 2s --move plate=up.csv --swap b.toml@1s --swap a.toml@1500ms --record r.mcap --json";
     let ended = hapticd(dir.path(), line);
-    assert_eq!(ended.code(), Some(0), "{}", ended.stderr);
+    assert_eq!(ended.code, Some(0), "{}", ended.stderr);
     let json = ended.json();
     let n_ticks = json["ticks"].as_u64().expect("a count");
     let recording = &json["recording"];
@@ -154,24 +125,24 @@ fn a_run_with_a_moving_part_and_other_scenes_replays_bit_for_bit_without_its_fil
     }
     assert_eq!(assert_identical(&moved, n_ticks).scenes, 3);
     let ended = hapticd(elsewhere.path(), "replay r.mcap --json --cache off");
-    assert_eq!(ended.code(), Some(0), "{}", ended.stderr);
+    assert_eq!(ended.code, Some(0), "{}", ended.stderr);
     let json = ended.json();
     assert!(json["identical"] == true && json["ticks"] == n_ticks && json["whole"] == true, "{json}");
     let ended = hapticd(elsewhere.path(), "replay r.mcap --cache off");
     assert_eq!(ended.stdout, format!("bit-identical, {n_ticks} ticks\n"), "{}", ended.stderr);
     let ended = hapticd(elsewhere.path(), "report r.mcap -o r.html");
-    assert_eq!(ended.code(), Some(0), "{}", ended.stderr);
+    assert_eq!(ended.code, Some(0), "{}", ended.stderr);
     // A page that is there is kept, and the recording is never written over.
     for (line, fragment) in [
         ("report r.mcap -o r.html", "r.html exists already"),
         ("report r.mcap --out ./r.mcap --overwrite", "is the recording itself"),
     ] {
         let refused = hapticd(elsewhere.path(), line);
-        assert_eq!(refused.code(), Some(4), "{line}: {}", refused.stderr);
+        assert_eq!(refused.code, Some(4), "{line}: {}", refused.stderr);
         assert!(refused.stderr.contains(fragment), "{line}: {}", refused.stderr);
     }
     let ended = hapticd(elsewhere.path(), "report r.mcap -o r.html --overwrite");
-    assert_eq!(ended.code(), Some(0), "{}", ended.stderr);
+    assert_eq!(ended.code, Some(0), "{}", ended.stderr);
     assert_identical(&moved, n_ticks);
     let page = fs::read_to_string(elsewhere.path().join("r.html")).expect("a page");
     assert!(page.contains("Scene 2: a") && page.contains("<polygon") && !page.contains("<script"));
@@ -243,7 +214,7 @@ fn turned_parameters_and_placed_parts_are_in_the_recording() {
 fn a_fault_is_recorded_replayed_and_kept_by_the_flight_recorder() {
     let dir = folder();
     let ended = hapticd(dir.path(), "run nan.toml --clock virtual --duration 2s --record r.mcap --flight faults --json");
-    assert_eq!(ended.code(), Some(7), "{}", ended.stderr);
+    assert_eq!(ended.code, Some(7), "{}", ended.stderr);
     let n_ticks = ended.json()["ticks"].as_u64().expect("a count");
     assert_identical(&dir.path().join("r.mcap"), n_ticks);
     let recorded = records(&dir.path().join("r.mcap"));
@@ -262,11 +233,11 @@ fn a_fault_is_recorded_replayed_and_kept_by_the_flight_recorder() {
         .any(|entry| matches!(entry, Entry::Metadata { name, values } if name == "fault" && values["faults"] == "non-finite"));
     assert!(named);
     // Simulated time leaves nothing behind unless asked for, and off is off.
-    assert!(!dir.path().join("state").exists());
+    assert!(!dir.path().join("xdg-state").exists());
     hapticd(dir.path(), "run nan.toml --duration 2s --realtime best-effort --flight off --json");
-    assert!(!dir.path().join("state").exists());
+    assert!(!dir.path().join("xdg-state").exists());
     hapticd(dir.path(), "run nan.toml --duration 2s --realtime best-effort --json");
-    assert_eq!(fs::read_dir(dir.path().join("state/hapticd/faults")).expect("a folder").count(), 1);
+    assert_eq!(fs::read_dir(dir.path().join("xdg-state/hapticd/faults")).expect("a folder").count(), 1);
 }
 
 #[test]
@@ -284,12 +255,12 @@ fn what_a_killed_run_leaves_behind_replays_to_its_last_chunk() {
     running.0.kill().expect("killed");
     running.0.wait().expect("reaped");
     let ended = hapticd(dir.path(), "replay r.mcap --json --cache off");
-    assert_eq!(ended.code(), Some(0), "{}", ended.stderr);
+    assert_eq!(ended.code, Some(0), "{}", ended.stderr);
     let json = ended.json();
     assert!(json["identical"] == true && json["whole"] == false && json["ticks"].as_u64() > Some(1000), "{json}");
     assert!(ended.stderr.contains("the file has no end"), "{}", ended.stderr);
     let ended = hapticd(dir.path(), "report r.mcap -o r.html");
-    assert_eq!(ended.code(), Some(0), "{}", ended.stderr);
+    assert_eq!(ended.code, Some(0), "{}", ended.stderr);
 }
 
 #[test]
@@ -303,7 +274,7 @@ fn a_folder_or_disk_that_takes_nothing_is_told_and_never_ends_a_run() {
         ("--overwrite", 2, &["--record"]),
     ] {
         let ended = hapticd(dir.path(), &format!("run a.toml --clock virtual --duration 1s {line}"));
-        assert_eq!(ended.code(), Some(code), "{line}: {}", ended.stderr);
+        assert_eq!(ended.code, Some(code), "{line}: {}", ended.stderr);
         for fragment in fragments {
             assert!(ended.stderr.contains(fragment), "{line}: no `{fragment}` in {}", ended.stderr);
         }
@@ -340,7 +311,7 @@ fn a_folder_or_disk_that_takes_nothing_is_told_and_never_ends_a_run() {
     )
     .expect("written");
     let ended = hapticd(dir.path(), "run b.toml --clock virtual --duration 1s --record never.mcap");
-    assert_eq!(ended.code(), Some(4), "{}", ended.stderr);
+    assert_eq!(ended.code, Some(4), "{}", ended.stderr);
     assert!(!dir.path().join("never.mcap").exists());
 }
 
@@ -360,7 +331,7 @@ fn what_cannot_be_replayed_is_told() {
         ("report a.toml -o x.html", &["a.toml is no recording", "hint: "]),
     ] {
         let ended = hapticd(dir.path(), line);
-        assert_eq!(ended.code(), Some(4), "{line}: {}", ended.stderr);
+        assert_eq!(ended.code, Some(4), "{line}: {}", ended.stderr);
         for fragment in fragments {
             assert!(ended.stderr.contains(fragment), "{line}: no `{fragment}` in {}", ended.stderr);
         }
@@ -388,7 +359,7 @@ fn what_cannot_be_replayed_is_told() {
     assert!(matches!(again(&late), Err(ReplayError::BeganLate(7))));
     rewrite("gap.mcap", &|record| !(100..110).contains(&record.tick), &|_| ());
     let ended = hapticd(dir.path(), "replay gap.mcap --cache off");
-    assert_eq!(ended.code(), Some(4), "{}", ended.stderr);
+    assert_eq!(ended.code, Some(4), "{}", ended.stderr);
     assert!(ended.stdout.starts_with("bit-identical up to a gap: 100 ticks; 10 ticks from 100 on are missing"), "{}", ended.stdout);
     // One bit of one value.
     let bit = |record: &mut TickRecord| {
@@ -399,7 +370,7 @@ fn what_cannot_be_replayed_is_told() {
     };
     rewrite("bit.mcap", &|_| true, &bit);
     let ended = hapticd(dir.path(), "replay bit.mcap --cache off");
-    assert_eq!(ended.code(), Some(4), "{}", ended.stderr);
+    assert_eq!(ended.code, Some(4), "{}", ended.stderr);
     assert!(ended.stdout.starts_with("differs in tick 200, scene 0: energy_j\n  recorded "), "{}", ended.stdout);
     let json = hapticd(dir.path(), "replay bit.mcap --cache off --json").json();
     assert!(json["identical"] == false && json["difference"]["field"] == "energy_j" && json["ticks"] == 200, "{json}");
@@ -445,7 +416,7 @@ fn a_client_begins_and_ends_a_recording_in_a_folder_of_its_own() {
     assert!(stop.success());
     let json: Value = serde_json::from_reader(stdout).expect("json");
     assert!(running.0.wait().expect("reaped").success());
-    let file = dir.path().join("state/hapticd/recordings/mine.mcap");
+    let file = dir.path().join("xdg-state/hapticd/recordings/mine.mcap");
     let records = records(&file);
     assert_eq!(json["recording"]["records"], records.len());
     assert!(records.len() > 10 && records.windows(2).all(|pair| pair[0].tick < pair[1].tick));

@@ -3,8 +3,8 @@
 use glam::DVec3;
 use hapticd::config::SceneConfig;
 use hapticd::device::Device;
-use hapticd::device::hand::{HandPath, Indexing};
-use hapticd::device::sim::{HandParameters, SimArm, SimParameters};
+use hapticd::device::simulated::hand::{HandPath, Indexing};
+use hapticd::device::simulated::{HandParameters, SimArm, SimParameters};
 use hapticd::haptics::{CouplingMode, Drive, DriveRequest, Faults, Inertia, RenderScene, State, TickInput, TickOutput, tick};
 
 pub(crate) const T: f64 = 1e-3;

@@ -3,19 +3,15 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use glam::DVec3;
 use hapticd::config::{self, SceneConfig};
 use hapticd::daemon::prepare_with;
-use hapticd::device::hand::HandPath;
-use hapticd::haptics::{
-    ArmParameters, ContactParameters, CouplingMode, CouplingParameters, Faults, FilterParameters, FreeSpace, LimitParameters,
-    Parameters, PortParameters, RenderScene, SafetyParameters, SpringClamp,
-};
+use hapticd::device::simulated::hand::HandPath;
+use hapticd::haptics::{Faults, Parameters, RenderScene};
 use hapticd::rt::clock::VirtualClock;
 use hapticd::scene::cache::Cache;
 use hapticd::scene::{BakeMeans, ObjectReport};
 use hapticd::servo::{Control, Ending, Order, RunPlan, ServoLoop, Step, Wishes};
-use hapticd::spatial::{Axes, Pose, Wrench};
+use hapticd::spatial::{Pose, Wrench};
 use hapticd::telemetry::TickRecord;
 
 /// One tick may round a limit up by this share.
@@ -23,44 +19,7 @@ const ROUNDING: f64 = 1.0 + 1e-12;
 
 /// Parameters of a virtual tool in an implicit coupling, every limit out of the way.
 pub(crate) fn unlimited() -> Parameters {
-    Parameters {
-        period_s: 1e-3,
-        gravity_m_per_s2: DVec3::ZERO,
-        contact: ContactParameters { stiffness_n_per_m: 1000.0, damping_ratio: 0.7, ..ContactParameters::PLAIN },
-        coupling: CouplingParameters {
-            mode: CouplingMode::Implicit,
-            stiffness_n_per_m: 1000.0,
-            stiffness_nm_per_rad: 0.2,
-            felt_damping_n_s_per_m: 0.0,
-            felt_damping_nm_s_per_rad: 0.0,
-            clamp: SpringClamp::Saturate,
-            free_space: FreeSpace::Zero,
-            bound_n_per_m: f64::INFINITY,
-            bound_nm_per_rad: f64::INFINITY,
-        },
-        filter: FilterParameters { spatial: true, cutoff_hz: [50.0, 300.0] },
-        limits: LimitParameters {
-            force_n: f64::INFINITY,
-            torque_nm: f64::INFINITY,
-            speed_m_per_s: 10.0,
-            slew_n_per_s: f64::INFINITY,
-            slew_nm_per_s: f64::INFINITY,
-            power_w: f64::INFINITY,
-            ramp_s: 0.1,
-            stale_ticks_max: 3,
-            stale_fault_ticks: 20,
-            overrun_fault_ticks: 0,
-        },
-        safety: SafetyParameters::default(),
-        port: PortParameters {
-            world_from_device: Pose::IDENTITY,
-            scale: 1.0,
-            sensed: Axes::SIX,
-            actuated: Axes::SIX,
-            start: Pose::IDENTITY,
-        },
-        arm: ArmParameters::default(),
-    }
+    Parameters::unlimited(1e-3)
 }
 
 /// A shipped scene's file.

@@ -3,7 +3,7 @@
 use core::f64::consts::PI;
 
 use glam::DVec3;
-use hapticd::device::hand::HandPath;
+use hapticd::device::simulated::hand::HandPath;
 use hapticd::spatial::Pose;
 use hapticd::telemetry::TickRecord;
 

@@ -3,10 +3,11 @@
 use std::fmt::Write as _;
 use std::fs;
 use std::path::Path;
-use std::process::Command;
 
 use serde_json::Value;
 use tempfile::TempDir;
+
+use super::program::{Ended, hapticd};
 
 /// A ball of clay of 15 mm, coarse enough for a second of work in a fraction of one.
 const CLAY: &str = "shape = { sphere_mm = 15 }\nspacing_mm = 1.2\n";
@@ -41,28 +42,6 @@ fn folder() -> TempDir {
          [[stroke]]\nat_s = 1.5\ndo = \"save-points\"\nfile = \"mid.ply\"\n",
     );
     dir
-}
-
-/// What a process left behind.
-struct Ended {
-    code: Option<i32>,
-    stdout: String,
-    stderr: String,
-}
-
-impl Ended {
-    fn json(&self) -> Value {
-        serde_json::from_str(&self.stdout).unwrap_or_else(|error| panic!("{error}: {}\n{}", self.stdout, self.stderr))
-    }
-}
-
-fn hapticd(dir: &Path, line: &str) -> Ended {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_hapticd"));
-    command.current_dir(dir).args(line.split_whitespace()).env("RUST_BACKTRACE", "0").env_remove("CLICOLOR_FORCE");
-    command.env("XDG_CACHE_HOME", dir.join("xdg-cache")).env("XDG_STATE_HOME", dir.join("xdg-state"));
-    let output = command.output().unwrap();
-    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
-    Ended { code: output.status.code(), stdout: text(&output.stdout), stderr: text(&output.stderr) }
 }
 
 /// The command ends with this code and says each fragment on stderr.

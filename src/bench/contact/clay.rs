@@ -10,12 +10,11 @@ use glam::{DMat3, DQuat, DVec3};
 
 use crate::haptics::clay::{Clay, Frame, FrameError, Lattice, Raster, Rope};
 use crate::haptics::{
-    ArmParameters, ContactParameters, CouplingMode, CouplingParameters, DriveRequest, FilterParameters, FreeSpace, Inertia,
-    LimitParameters, Parameters, PortParameters, RenderScene, SafetyParameters, SpringClamp, State, TickInput, TickOutput, Tool,
-    tick,
+    CouplingMode, CouplingParameters, DriveRequest, FilterParameters, Inertia, Parameters, RenderScene, State, TickInput,
+    TickOutput, Tool, tick,
 };
 use crate::pointshell::shell::Shell;
-use crate::spatial::{Axes, DeviceSample, Pose, SampleStatus, Twist};
+use crate::spatial::{DeviceSample, Pose, SampleStatus, Twist};
 
 /// Length of a tick, s.
 const PERIOD_S: f64 = 1e-3;
@@ -191,42 +190,9 @@ fn scene(frame: &Frame, shell: Shell) -> RenderScene {
     let least_kg_m2 = 1e-6;
     RenderScene {
         parameters: Parameters {
-            period_s: PERIOD_S,
-            gravity_m_per_s2: DVec3::ZERO,
-            contact: ContactParameters { damping_ratio: 0.7, ..ContactParameters::PLAIN },
-            coupling: CouplingParameters {
-                mode: CouplingMode::Direct,
-                stiffness_n_per_m: 1000.0,
-                stiffness_nm_per_rad: 0.2,
-                felt_damping_n_s_per_m: 0.0,
-                felt_damping_nm_s_per_rad: 0.0,
-                clamp: SpringClamp::Saturate,
-                free_space: FreeSpace::Zero,
-                bound_n_per_m: f64::INFINITY,
-                bound_nm_per_rad: f64::INFINITY,
-            },
+            coupling: CouplingParameters { mode: CouplingMode::Direct, ..CouplingParameters::PLAIN },
             filter: FilterParameters { spatial: false, cutoff_hz: [f64::INFINITY; 2] },
-            limits: LimitParameters {
-                force_n: f64::INFINITY,
-                torque_nm: f64::INFINITY,
-                speed_m_per_s: 10.0,
-                slew_n_per_s: f64::INFINITY,
-                slew_nm_per_s: f64::INFINITY,
-                power_w: f64::INFINITY,
-                ramp_s: 0.1,
-                stale_ticks_max: 3,
-                stale_fault_ticks: 20,
-                overrun_fault_ticks: 0,
-            },
-            safety: SafetyParameters::default(),
-            port: PortParameters {
-                world_from_device: Pose::IDENTITY,
-                scale: 1.0,
-                sensed: Axes::SIX,
-                actuated: Axes::SIX,
-                start: Pose::IDENTITY,
-            },
-            arm: ArmParameters::default(),
+            ..Parameters::unlimited(PERIOD_S)
         },
         obstacles: Vec::new(),
         clay: Some(Clay { world_from_map: Pose::IDENTITY, frame: frame.clone(), smoothing: 0.0, rope: Rope::default() }),

@@ -99,6 +99,7 @@ pub fn quality(options: &Options, mut tell: impl FnMut(&str)) -> Result<Quality,
 /// A part that cannot be baked. A mesh or a peer that is not there is a row that says so.
 pub fn speed(options: &Options, mut tell: impl FnMut(&str)) -> Result<Vec<Row>, BenchError> {
     let mut rows = speed::rows(options, &mut tell)?;
+    rows.extend(nut::rows(options, &mut tell)?);
     rows.extend(many::rows(options, &mut tell)?);
     Ok(rows)
 }

@@ -6,8 +6,9 @@ use std::sync::Arc;
 use toml::{Table, Value};
 
 use super::super::BenchError;
-use crate::config::{self, SceneConfig, poses};
+use crate::config::{self, SceneConfig};
 use crate::daemon::prepare_with;
+use crate::document::poses;
 use crate::haptics::{Faults, RenderScene};
 use crate::rt::clock::VirtualClock;
 use crate::scene::BakeMeans;

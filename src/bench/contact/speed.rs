@@ -10,9 +10,9 @@ use glam::{DQuat, DVec3};
 
 use super::super::statistics::{median, quantile};
 use super::super::{BenchError, Row};
+use super::Options;
 use super::fields::contact;
 use super::fixture::{self, Tube};
-use super::{Options, nut};
 use crate::haptics::FilterParameters;
 use crate::haptics::contact::{ContactSum, Machine, Obstacle, Traversal, Way};
 use crate::mesh::primitives::Shape;
@@ -49,7 +49,6 @@ pub(super) fn rows(options: &Options, tell: &mut dyn FnMut(&str)) -> Result<Vec<
         rows.extend(points_and_share(fit, options, tell)?);
     }
     rows.extend(triangles(options, tell)?);
-    rows.extend(nut::rows(options, tell)?);
     Ok(rows)
 }
 

@@ -3,8 +3,8 @@
 use serde::Serialize;
 
 use super::super::say;
-use crate::config::problem::show;
-use crate::scene::cache::CacheUse;
+use crate::document::show;
+use crate::scene::CacheUse;
 use crate::scene::{ObjectReport, PieceReport};
 
 /// One object, in one line of JSON with the keys in the order of the struct.

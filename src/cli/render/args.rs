@@ -5,9 +5,10 @@ use std::time::Duration;
 
 use clap::ValueEnum;
 
-use super::super::{cache, foxglove, live, memory, monitor, recording, sculpt};
+use super::super::workshop::ClayArgs;
+use super::super::{cache, foxglove, live, memory, monitor, recording};
 use crate::config::{LoadOptions, SceneConfig};
-use crate::device::nodes::Selector;
+use crate::device::attached::nodes::Selector;
 use crate::rt::clock::ClockKind;
 use crate::rt::duration;
 
@@ -61,7 +62,7 @@ pub(crate) struct Own<'a> {
     /// What changes while it renders.
     pub(in crate::cli) live: &'a live::LiveArgs,
     /// What is to become of the clay; `None`: the command is for scenes without.
-    pub(in crate::cli) clay: Option<&'a sculpt::ClayArgs>,
+    pub(in crate::cli) clay: Option<&'a ClayArgs>,
     /// Files may be written over.
     pub(in crate::cli) overwrite: bool,
 }

@@ -8,7 +8,7 @@ use super::*;
 use crate::cli::When;
 use crate::cli::say::LogFormat;
 use crate::config::scene::RealtimeConfig;
-use crate::device::sim::{SimArm, SimParameters};
+use crate::device::simulated::{SimArm, SimParameters};
 use crate::servo::testing::empty_scene;
 use crate::telemetry::Totals;
 

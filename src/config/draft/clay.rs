@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use glam::DVec3;
 
-use super::{Unit, arm_scale, quoted, remarked, shown, two_digits};
+use super::{Unit, arm_scale, quoted, remarked, shown, two_digits, write_head};
 
 /// Radius of the ball in the hand, of the brush, and the air around the piece, as shares of its longest edge.
 const BALL_SHARE: f64 = 0.08;
@@ -46,13 +46,7 @@ impl ClayDraft {
         let share = |share: f64| two_digits((share * longest_m).min(MOST_M));
         let ball_m = share(BALL_SHARE);
         let start_m = DVec3::new(0.5 * (low.x + high.x), 0.5 * (low.y + high.y), high.z + 2.0 * ball_m);
-        writeln!(text, "# Written by `hapticd init`. What was guessed says so; everything may be changed.\n#")?;
-        writeln!(
-            text,
-            "#   hapticd check {file}     says what is wrong with it\n#   hapticd sculpt {file}    works it until Ctrl-C\n#"
-        )?;
-        writeln!(text, "# Keys that are not here have defaults: config/default.toml lists them all.\n")?;
-        writeln!(text, "version = 1\nname = {}\n", quoted(&self.name))?;
+        write_head(text, file, &self.name, "sculpt", "works it until Ctrl-C")?;
         writeln!(text, "# The clay.\n[sculpt]")?;
         writeln!(text, "{} = {}", if self.is_mesh { "mesh" } else { "points" }, quoted(&self.file))?;
         remarked(text, &format!("units = \"{}\"", self.unit.name()), units)?;

@@ -3,14 +3,13 @@
 use std::path::Path;
 
 use super::super::bound::StiffnessBound;
-use super::super::checks::Interval;
-use super::super::problem::{ProblemKind, nearest};
 use super::super::scene::{RealtimeConfig, SimConfig, StabilityConfig};
 use super::super::schema::{self, Deadman, Overrun};
-use super::{LoadOptions, MM, POSITIVE, Resolve};
-use crate::device::fault;
-use crate::device::nodes::Selector;
+use super::{LoadOptions, MM, Resolve};
+use crate::device::attached::nodes::Selector;
 use crate::device::profile::{self, Plant, Profile, ProfileError};
+use crate::device::simulated::fault;
+use crate::document::{Interval, POSITIVE, ProblemKind, nearest};
 use crate::haptics::stability::SampledWall;
 use crate::haptics::stuck;
 use crate::haptics::{ArmParameters, LimitParameters, SafetyParameters};
@@ -61,7 +60,7 @@ impl Resolve<'_> {
                 let known = fault::NAMES.map(str::to_owned).to_vec();
                 self.checks.refuse("device.sim.fault", ProblemKind::UnknownWord { nearest: nearest(word, fault::NAMES), known });
             } else if let Err(error) = fault::parse(fault) {
-                self.checks.refuse("device.sim.fault", ProblemKind::Fault(error));
+                self.checks.refuse("device.sim.fault", ProblemKind::refused(error));
             }
         }
         let checks = &mut self.checks;

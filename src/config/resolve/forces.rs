@@ -1,13 +1,12 @@
 //! Contact, filter and coupling.
 
 use super::super::bound::StiffnessBound;
-use super::super::checks::Interval;
-use super::super::problem::ProblemKind;
 use super::super::scene::StabilityConfig;
-use super::super::schema::{self, Cutoff, Numbers};
+use super::super::schema::{self, Cutoff};
 use super::arm::or_if_infinite;
-use super::{MM, POSITIVE, Resolve};
+use super::{MM, Resolve};
 use crate::device::profile::Profile;
+use crate::document::{Interval, Numbers, POSITIVE, ProblemKind};
 use crate::haptics::contact::AVERAGED_CONTACTS;
 use crate::haptics::{
     ContactParameters, CouplingMode, CouplingParameters, FilterParameters, FreeSpace, FrictionParameters, Normalization,
@@ -104,7 +103,14 @@ impl Resolve<'_> {
             return;
         }
         let accepted = bound.value() / scale * units.key_per_si;
-        let kind = ProblemKind::StiffnessAboveBound { felt, felt_unit: units.si, bound: *bound, accepted, unit: units.key };
+        let kind = ProblemKind::StiffnessAboveBound {
+            felt,
+            felt_unit: units.si,
+            bound: bound.value(),
+            rule: bound.to_string(),
+            accepted,
+            unit: units.key,
+        };
         self.checks.refuse(key, kind);
     }
 

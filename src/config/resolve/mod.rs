@@ -13,13 +13,11 @@ use glam::DVec3;
 
 use self::arm::{arm_parameters, stability};
 pub use self::monitor::{FOXGLOVE_ACCEPTED, LISTEN_ACCEPTED, parse_foxglove, parse_listen};
-use super::checks::{Checks, Interval};
-use super::document::Document;
-use super::problem::{ConfigErrors, Problem, ProblemKind};
 use super::scene::{DeviceConfig, SceneConfig};
-use super::{schema, strokes};
-use crate::device::nodes::Selector;
+use super::schema;
+use crate::device::attached::nodes::Selector;
 use crate::device::profile::is_profile;
+use crate::document::{Checks, ConfigErrors, Document, Interval, Problem, ProblemKind};
 use crate::haptics::filter::low_pass_alpha;
 use crate::haptics::{CouplingMode, Parameters, PortParameters};
 use crate::mesh::Format;
@@ -65,7 +63,7 @@ pub fn load_with(path: &Path, options: &LoadOptions) -> Result<SceneConfig, Conf
     if is_profile(path) {
         return Err(of_file(ProblemKind::IsProfile));
     }
-    if strokes::are_in(&document) {
+    if schema::holds_strokes(&document) {
         return Err(of_file(ProblemKind::IsStrokes));
     }
     let scene: schema::Scene = document.read()?;
@@ -87,7 +85,6 @@ const DEFAULT_RATE_HZ: u32 = 1000;
 
 pub(super) const MM: f64 = 1e-3;
 const SIZE_MM: Interval = Interval::above(0.0).to(1e6).unit("mm");
-pub(super) const POSITIVE: Interval = Interval::above(0.0);
 
 /// One document on its way through the third pass.
 pub(super) struct Resolve<'d> {

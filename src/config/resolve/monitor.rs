@@ -3,10 +3,10 @@
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::time::Duration;
 
-use super::super::checks::Interval;
 use super::super::scene::MonitorConfig;
 use super::super::schema;
 use super::Resolve;
+use crate::document::Interval;
 
 /// Where the monitor listens when nobody says otherwise.
 const DEFAULT_LISTEN: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 7878);

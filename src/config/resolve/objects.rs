@@ -4,13 +4,12 @@ use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DVec3};
 
-use super::super::checks::FINITE;
-use super::super::problem::ProblemKind;
 use super::super::scene::{MeshSource, StaticConfig, ToolConfig};
-use super::super::schema::{self, Numbers};
-use super::{MM, POSITIVE, Resolve, SIZE_MM};
-use crate::mesh::Format;
+use super::super::schema;
+use super::{MM, Resolve, SIZE_MM};
+use crate::document::{FINITE, Numbers, POSITIVE, ProblemKind};
 use crate::mesh::primitives::Shape;
+use crate::mesh::{EXTENSIONS, Format};
 use crate::spatial::Pose;
 use crate::voxmap::sides::SidesRule;
 
@@ -140,7 +139,7 @@ impl Resolve<'_> {
 
     fn mesh_path(&mut self, key: &str, written: &str) -> Option<PathBuf> {
         if Format::of(Path::new(written)).is_err() {
-            self.checks.refuse(key, ProblemKind::MeshFormat);
+            self.checks.not_accepted(key, format_args!("a mesh file whose name ends in {}", mesh_endings()));
             return None;
         }
         self.checks.file(key, written, self.dir)
@@ -211,4 +210,13 @@ fn sides(written: Option<schema::SidesWord>) -> SidesRule {
 fn is_positive_definite(matrix: DMat3) -> bool {
     let minor = matrix.x_axis.x * matrix.y_axis.y - matrix.x_axis.y * matrix.y_axis.x;
     matrix.x_axis.x > 0.0 && minor > 0.0 && matrix.determinant() > 0.0
+}
+
+/// The endings of mesh files as a sentence lists them.
+fn mesh_endings() -> String {
+    let endings: Vec<String> = EXTENSIONS.iter().map(|extension| format!(".{extension}")).collect();
+    match &endings[..] {
+        [rest @ .., last] if !rest.is_empty() => format!("{} or {last}", rest.join(", ")),
+        _ => endings.concat(),
+    }
 }

@@ -6,12 +6,11 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
-use super::super::checks::{FINITE, Interval};
-use super::super::problem::{ProblemKind, show};
 use super::super::scene::{ClaySource, SculptConfig};
-use super::super::schema::{self, Creep, FalloffWritten, Numbers, PaintedWritten, WrittenSolid, WrittenTool};
+use super::super::schema::{self, Creep, FalloffWritten, PaintedWritten, WrittenSolid, WrittenTool};
 use super::objects::WrittenSource;
-use super::{MM, POSITIVE, Resolve};
+use super::{MM, Resolve};
+use crate::document::{FINITE, Interval, Numbers, POSITIVE, ProblemKind, show};
 use crate::haptics::CouplingMode;
 use crate::mesh::primitives::Shape;
 use crate::mesh::{self, cloud};
@@ -239,7 +238,7 @@ impl Resolve<'_> {
                 Some(FalloffWritten::Constant) => Falloff::Constant,
                 Some(FalloffWritten::Spherical) => Falloff::Spherical,
                 Some(FalloffWritten::Weights(weights)) => Falloff::table(weights.clone()).unwrap_or_else(|problem| {
-                    self.checks.refuse(&key("falloff"), ProblemKind::Falloff(problem));
+                    self.checks.refuse(&key("falloff"), ProblemKind::refused(problem));
                     before.falloff.clone()
                 }),
             },
@@ -274,7 +273,7 @@ impl Resolve<'_> {
         match GreyImage::read(&path) {
             Ok(image) => Some(Arc::new(image)),
             Err(problem) => {
-                self.checks.refuse(key, ProblemKind::Image(problem));
+                self.checks.refuse(key, ProblemKind::Refused { why: problem.to_string(), hint: Some("save it as PNG".into()) });
                 None
             }
         }

@@ -7,7 +7,8 @@ use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::Deserialize;
 use serde::de::{self, Deserializer, IgnoredAny, SeqAccess, Visitor};
 
-use super::{Numbers, Shape, UnitWord, words};
+use super::{Shape, UnitWord};
+use crate::document::{Document, Numbers, words};
 
 /// A table that says something of clay: its own keys, and those that the scene and a stroke share, which are written here once.
 macro_rules! clay_table {
@@ -94,6 +95,11 @@ clay_table! {
         update_hz: f64,
         strokes: String,
     }
+}
+
+/// A document of strokes, and not of a scene.
+pub(in crate::config) fn holds_strokes(document: &Document<'_>) -> bool {
+    document.has("stroke") && !document.has("tool") && !document.has("sculpt")
 }
 
 /// A file of strokes.

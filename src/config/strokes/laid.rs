@@ -2,11 +2,10 @@
 
 use glam::DVec3;
 
-use super::super::checks::{FINITE, Interval};
-use super::super::problem::ProblemKind;
 use super::super::resolve::MM;
 use super::super::schema::{Deed, Stroke};
 use super::Reader;
+use crate::document::{FINITE, Interval, ProblemKind};
 use crate::sculpt::emboss::Laid;
 use crate::sculpt::studio::Order;
 

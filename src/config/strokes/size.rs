@@ -4,11 +4,10 @@ use std::path::Path;
 
 use glam::DVec3;
 
-use super::super::document::Document;
-use super::super::problem::{ConfigErrors, Problem, ProblemKind};
 use super::super::schema::Stroke;
 use super::naming::name_of;
 use super::{Script, solid_key};
+use crate::document::{ConfigErrors, Document, Problem, ProblemKind};
 use crate::sculpt::boolean::Boolean;
 use crate::sculpt::studio::Order;
 use crate::spatial::Metres;

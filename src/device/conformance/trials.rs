@@ -5,7 +5,7 @@ use core::time::Duration;
 use std::sync::{Arc, Mutex, MutexGuard};
 
 use super::rig::{Rig, Trouble, every_arm};
-use crate::device::probe::{self, Answers, Ended, Found, Plan, Push, Sign, Trial};
+use crate::device::attached::probe::{self, Answers, Ended, Found, Plan, Push, Sign, Trial};
 use crate::device::{Capabilities, Device, DeviceError};
 use crate::rt::clock::{Clock, ClockKind, VirtualClock};
 use crate::spatial::{Axes, DeviceSample, Wrench};

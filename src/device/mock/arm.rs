@@ -6,12 +6,12 @@ use glam::DQuat;
 
 use super::linkage::Linkage;
 use super::tally::{MockReport, Tally};
-use crate::device::dice::Dice;
-use crate::device::fault::{FaultKind, FaultPlan, JUMP_M};
 use crate::device::kinematics::Kinematics;
 use crate::device::profile::Plant;
 use crate::device::protocol::{ArmReadings, Firmware, MAX_AXES, Outbox};
-use crate::device::sim::{GripPlant, HandParameters, SimError, saturated};
+use crate::device::simulated::dice::Dice;
+use crate::device::simulated::fault::{FaultKind, FaultPlan, JUMP_M};
+use crate::device::simulated::{GripPlant, HandParameters, SimError, saturated};
 use crate::device::transmission::Transmission;
 use crate::spatial::{Axes, Pose, Wrench};
 

@@ -4,7 +4,6 @@ use glam::{DQuat, DVec3};
 
 use crate::device::kinematics::{Configuration, Kinematics};
 use crate::device::protocol::{ArmReadings, MAX_AXES};
-use crate::device::sim::plant::axis_mask;
 use crate::device::transmission::Transmission;
 use crate::spatial::{Axes, Mat6, Pose, Twist, Wrench};
 
@@ -85,7 +84,7 @@ impl Linkage {
         }
         let weight = self.kinematics.extra_torques(&self.joints, &[0.0; MAX_AXES]);
         let torques = self.transmission.torques(motors);
-        let (forced, turned) = (axis_mask(self.actuated, 0), axis_mask(self.actuated, 3));
+        let (forced, turned) = (self.actuated.linear_mask(), self.actuated.angular_mask());
         // The least wrench W with JᵀW = τ: (J·Jᵀ)·W = J·τ, over the axes that have a motor.
         let mut stiffness = Mat6::ZERO;
         let mut pushed = Wrench::ZERO;

@@ -6,12 +6,12 @@ use glam::DQuat;
 
 use super::arm::MockParameters;
 use super::uhid::{HidIdentity, space_mouse_descriptor, vendor_descriptor};
-use crate::device::fault::FaultPlan;
 use crate::device::kinematics::Kinematics;
 use crate::device::profile::Profile;
 use crate::device::protocol::layout::{Framing, Packet};
 use crate::device::protocol::{Open6Arm, Protocol};
-use crate::device::sim::HandParameters;
+use crate::device::simulated::HandParameters;
+use crate::device::simulated::fault::FaultPlan;
 use crate::device::transmission::{Joint, Motor, Sensor, Transmission};
 
 /// Numbers of the open protocol on USB: those that the pool keeps for tests.
@@ -126,8 +126,8 @@ mod tests {
     use std::path::Path;
 
     use super::*;
+    use crate::device::attached::nodes::{Node, NodeKind};
     use crate::device::mock::MockArm;
-    use crate::device::nodes::{Node, NodeKind};
     use crate::device::profile::{self, TransportKind};
     use crate::spatial::Axes;
 

@@ -2,8 +2,8 @@
 
 use serde::Serialize;
 
-use crate::device::fault::FaultPlan;
-use crate::spatial::{Pose, Wrench};
+use crate::device::simulated::fault::FaultPlan;
+use crate::spatial::{NamedPose, Wrench};
 
 /// Below this a force is none: less than a count of any arm's drive, N.
 const NO_FORCE_N: f64 = 0.005;
@@ -45,26 +45,6 @@ impl From<Wrench> for NamedWrench {
     fn from(wrench: Wrench) -> Self {
         let ([fx_n, fy_n, fz_n], [tx_nm, ty_nm, tz_nm]) = (wrench.force.to_array(), wrench.torque.to_array());
         Self { fx_n, fy_n, fz_n, tx_nm, ty_nm, tz_nm }
-    }
-}
-
-/// A pose with its names.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
-#[expect(missing_docs, reason = "the names say it: grip in the device frame")]
-pub struct NamedPose {
-    pub x_m: f64,
-    pub y_m: f64,
-    pub z_m: f64,
-    pub qx: f64,
-    pub qy: f64,
-    pub qz: f64,
-    pub qw: f64,
-}
-
-impl From<Pose> for NamedPose {
-    fn from(pose: Pose) -> Self {
-        let ([x_m, y_m, z_m], [qx, qy, qz, qw]) = (pose.translation.to_array(), pose.rotation.to_array());
-        Self { x_m, y_m, z_m, qx, qy, qz, qw }
     }
 }
 

@@ -11,13 +11,14 @@ use super::link::{ArmLink, Loopback};
 use super::linkage::Linkage;
 use super::pty::Pty;
 use super::serve::{Ended, Serving, serve};
-use crate::device::hand::{GripPath, HandPath};
+use crate::device::Device;
 use crate::device::kinematics::{Capstan, Configuration, Kinematics};
 use crate::device::protocol::{ArmReadings, Firmware, MAX_AXES, Outbox};
-use crate::device::sim::{HandParameters, SimArm, SimParameters};
+use crate::device::simulated::fault;
+use crate::device::simulated::hand::{GripPath, HandPath};
+use crate::device::simulated::{HandParameters, SimArm, SimParameters};
 use crate::device::transmission::{Joint, Motor, Sensor, Transmission};
 use crate::device::transport::{Carriage, SerialLink, Transport, loopback};
-use crate::device::{Device, fault};
 use crate::spatial::{Axes, Pose, Wrench};
 
 const T: f64 = 1e-3;

@@ -5,10 +5,7 @@ use core::f64::consts::TAU;
 use glam::{DQuat, DVec2, DVec3};
 
 use super::Profile;
-use super::resolve::{NOT_NEGATIVE, POSITIVE};
 use super::written::{Geometry, GimbalWord, Joint as WrittenJoint, KinematicsWord, Written};
-use crate::config::checks::{Checks, FINITE, Interval};
-use crate::config::schema::Numbers;
 use crate::device::Thermal;
 use crate::device::kinematics::capstan::CapstanLinks;
 use crate::device::kinematics::five_link::PlaneLink;
@@ -17,6 +14,7 @@ use crate::device::kinematics::{
 };
 use crate::device::protocol::MAX_AXES;
 use crate::device::transmission::{Joint, Motor, Sensor, Transmission};
+use crate::document::{Checks, FINITE, Interval, NOT_NEGATIVE, Numbers, POSITIVE};
 use crate::spatial::{Axes, Pose};
 
 /// Damping of chain joints where a profile gives none, N·m·s/rad. *Assumed.*

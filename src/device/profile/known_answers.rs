@@ -2,14 +2,12 @@
 
 use glam::DVec3;
 
-use super::resolve::POSITIVE;
-use super::wiring::hex_bytes;
+use super::packet::hex_bytes;
 use super::written::Written;
 use super::{Check, RealArm};
-use crate::config::checks::{Checks, FINITE};
-use crate::config::problem::ProblemKind;
 use crate::device::kinematics::{Configuration, Kinematics};
 use crate::device::protocol::MAX_AXES;
+use crate::document::{Checks, FINITE, POSITIVE, ProblemKind};
 
 /// Tolerance of a check where it gives none, mm.
 const DEFAULT_TOLERANCE_MM: f64 = 0.01;

@@ -29,9 +29,8 @@ use std::path::{Path, PathBuf};
 
 pub use real::{Check, Homing, HomingMode, Identified, Match, RealArm, Saturation, TransportKind, UsbId};
 
-use crate::config::document::Document;
-use crate::config::problem::{ConfigErrors, Problem, ProblemKind, nearest};
 use crate::device::Pacing;
+use crate::document::{ConfigErrors, Document, Problem, ProblemKind, nearest};
 use crate::spatial::Axes;
 
 /// JSON schema of a profile file, from the types that read it.
@@ -213,7 +212,7 @@ pub fn names() -> impl Iterator<Item = &'static str> {
 #[derive(Debug, thiserror::Error)]
 pub enum ProfileError {
     /// No shipped profile of that name.
-    #[error("no device profile of this name{}; known: {}", crate::config::problem::did_you_mean(.nearest), .known.join(", "))]
+    #[error("no device profile of this name{}; known: {}", crate::document::did_you_mean(.nearest), .known.join(", "))]
     Unknown {
         /// The known name that looks most like it.
         nearest: Option<String>,

@@ -1,11 +1,10 @@
 //! Frames described as data: `[packet]` into a [`PacketLayout`]. What fits together is checked by the layout itself.
 
 use super::Profile;
-use super::wiring::hex_bytes;
 use super::written::{ChecksumWord, Field as WrittenField, FramingWord, NumberWord, Packet as WrittenPacket, RoleWord, Written};
-use crate::config::checks::Checks;
 use crate::device::protocol::PacketLayout;
 use crate::device::protocol::layout::{Checksum, ChecksumKind, Field, Framing, LineFraming, LinePad, Number, Packet, Role};
+use crate::document::Checks;
 
 /// The layout as written; `None` when a packet could not be made of it.
 pub(super) fn layout(checks: &mut Checks<'_>, written: &Written, profile: &Profile) -> Option<PacketLayout> {
@@ -173,4 +172,15 @@ fn field(checks: &mut Checks<'_>, at: &str, written: &WrittenField) -> Option<Fi
         mask: written.mask,
         wraps: written.wraps.unwrap_or(false),
     })
+}
+
+/// Bytes written as hexadecimal pairs.
+pub(super) fn hex_bytes(checks: &mut Checks<'_>, key: &str, hex: &str) -> Option<Vec<u8>> {
+    let bytes: Option<Vec<u8>> =
+        hex.split_whitespace().map(|pair| u8::from_str_radix(pair, 16).ok().filter(|_| pair.len() == 2)).collect();
+    if bytes.as_ref().is_none_or(Vec::is_empty) {
+        checks.not_accepted(key, "bytes as pairs of hexadecimal digits with blanks between, such as \"AA 55\"");
+        return None;
+    }
+    bytes
 }

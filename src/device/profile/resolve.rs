@@ -4,14 +4,9 @@ use std::path::Path;
 
 use super::written::{CodecWord, PacingWord, Written};
 use super::{Link, Plant, Profile, ProfileLimits, wiring};
-use crate::config::checks::{Checks, FINITE, Interval};
-use crate::config::document::Document;
-use crate::config::problem::{ConfigErrors, ProblemKind, nearest};
 use crate::device::Pacing;
+use crate::document::{Checks, ConfigErrors, Document, FINITE, Interval, NOT_NEGATIVE, POSITIVE, ProblemKind, nearest};
 use crate::spatial::Axes;
-
-pub(super) const NOT_NEGATIVE: Interval = Interval::from(0.0);
-pub(super) const POSITIVE: Interval = Interval::above(0.0);
 
 /// Checks a profile as it is written; files that it names are looked up in `dir`.
 pub(super) fn profile(document: &Document<'_>, dir: &Path, written: &Written) -> Result<Profile, ConfigErrors> {

@@ -6,8 +6,8 @@ use std::path::Path;
 use glam::{DQuat, DVec3};
 
 use super::*;
+use crate::device::attached::nodes::Node;
 use crate::device::kinematics::{Configuration, Kinematics};
-use crate::device::nodes::Node;
 use crate::device::protocol::{ArmReadings, MAX_AXES, MotorCommand, Outbox, Protocol};
 use crate::device::transport::Frame;
 use crate::spatial::{Pose, Wrench};

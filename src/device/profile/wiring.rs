@@ -4,17 +4,16 @@ use std::path::Path;
 
 use glam::{DMat3, DQuat, DVec3};
 
-use super::resolve::{NOT_NEGATIVE, POSITIVE};
 use super::written::{
     CarrierWord, CodecWord, HomingWord, Identified as WrittenIdentified, SaturationWord, TransportWord, TurnWord, Written,
 };
 use super::{
     Homing, HomingMode, Identified, Match, Profile, RealArm, Saturation, TransportKind, UsbId, joints, known_answers, packet,
 };
-use crate::config::checks::Checks;
 use crate::device::kinematics::Kinematics;
 use crate::device::protocol::{HapiBoard, HapiEncoder, Hid14Carrier, Open6Arm, Protocol, Servo, Turn};
 use crate::device::transport::Carriage;
+use crate::document::{Checks, NOT_NEGATIVE, POSITIVE};
 use crate::spatial::Axes;
 
 /// Baud rate where a profile gives none: devices on USB ignore it.
@@ -420,15 +419,4 @@ fn sensed_fits(checks: &mut Checks<'_>, kinematics: &Kinematics, device_from_nat
         );
     }
     orientation_sensed && profile.sensed.contains(Axes::ROTATION)
-}
-
-/// Bytes written as hexadecimal pairs.
-pub(super) fn hex_bytes(checks: &mut Checks<'_>, key: &str, hex: &str) -> Option<Vec<u8>> {
-    let bytes: Option<Vec<u8>> =
-        hex.split_whitespace().map(|pair| u8::from_str_radix(pair, 16).ok().filter(|_| pair.len() == 2)).collect();
-    if bytes.as_ref().is_none_or(Vec::is_empty) {
-        checks.not_accepted(key, "bytes as pairs of hexadecimal digits with blanks between, such as \"AA 55\"");
-        return None;
-    }
-    bytes
 }

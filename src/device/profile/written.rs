@@ -4,8 +4,8 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 
-use crate::config::schema::{Numbers, words};
 use crate::device::protocol::ServoModel;
+use crate::document::{Numbers, words};
 
 /// A device profile of hapticd.
 #[derive(Debug, Default, Deserialize, JsonSchema)]

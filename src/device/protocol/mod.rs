@@ -37,12 +37,14 @@ pub mod open6;
 mod open6_arm;
 mod polhem;
 mod space_mouse;
+mod supplied;
 #[cfg(test)]
 mod tests;
 mod woodenhaptics;
 
-pub use choice::{HapiBoard, HapiEncoder, Hid14Carrier, Open6Arm, Protocol, ProtocolError, Servo, ServoModel, Turn};
+pub use choice::Protocol;
 pub use layout::PacketLayout;
+pub use supplied::{HapiBoard, HapiEncoder, Hid14Carrier, Open6Arm, ProtocolError, Servo, ServoModel, Turn};
 
 use super::transport::{Frame, Transport, TransportError};
 

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::device::IoPlacement;
-use crate::device::open::wired_parameters;
+use crate::device::attached::open::wired_parameters;
 use crate::device::profile;
 use crate::device::protocol::{ArmReadings, Firmware};
 use crate::device::transport::{Carriage, LoopbackEnd, loopback};

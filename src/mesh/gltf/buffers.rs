@@ -7,8 +7,7 @@ use std::path::{Component, Path, PathBuf};
 use base64::Engine;
 use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
 
-use super::document::{Accessor, Document};
-use super::refusal;
+use super::document::{Accessor, Document, refusal};
 use crate::mesh::{MeshError, source};
 
 /// Some programs leave the `=` at the end out.

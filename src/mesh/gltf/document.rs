@@ -1,6 +1,10 @@
 //! The keys of a glTF document that say where triangles are; all others are skipped while reading.
 
+use std::path::Path;
+
 use serde::Deserialize;
+
+use crate::mesh::MeshError;
 
 #[derive(Deserialize)]
 #[serde(rename_all = "camelCase")]
@@ -120,4 +124,10 @@ pub(super) struct BufferView {
 pub(super) struct Buffer {
     pub(super) uri: Option<String>,
     pub(super) byte_length: u64,
+}
+
+/// A problem of the file.
+#[cold]
+pub(super) fn refusal(path: &Path, what: String) -> MeshError {
+    MeshError::Parse { path: path.to_owned(), line: None, what }
 }

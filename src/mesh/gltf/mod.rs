@@ -21,7 +21,7 @@ use std::path::{Path, PathBuf};
 use glam::{DMat3, DMat4, DQuat, DVec3};
 
 use self::buffers::{Buffers, is_index};
-use self::document::{Document, Mesh, Node, Primitive};
+use self::document::{Document, Mesh, Node, Primitive, refusal};
 use super::room::Room;
 use super::{MeshError, TriangleMesh, ply};
 
@@ -58,11 +58,6 @@ fn document_of<'a>(bytes: &'a [u8], path: &Path) -> Result<(Document, Option<&'a
         MeshError::Parse { path: path.to_owned(), line, what: format!("not a glTF document: {what}") }
     })?;
     Ok((document, binary))
-}
-
-#[cold]
-fn refusal(path: &Path, what: String) -> MeshError {
-    MeshError::Parse { path: path.to_owned(), line: None, what }
 }
 
 /// Required extensions that do not change where triangles are, and the one that is read.

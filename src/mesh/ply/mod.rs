@@ -14,7 +14,7 @@ use std::path::Path;
 use glam::DVec3;
 
 use self::header::{Element, Encoding, Header, Scalar};
-use super::cloud::Cloud;
+use super::points::Cloud;
 use super::{MeshError, TriangleMesh, polygon};
 
 /// Reads a PLY file; `path` is for messages only.

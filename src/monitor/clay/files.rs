@@ -6,7 +6,7 @@ use std::time::SystemTime;
 
 use serde::Deserialize;
 
-use super::super::asks::{Done, Reply};
+use super::super::answer::{Done, Reply};
 use super::super::hub::Hub;
 use super::super::problem::Problem;
 use super::super::worker::Worker;

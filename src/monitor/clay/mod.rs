@@ -7,13 +7,14 @@
 //! Invariant: a hold lasts no longer than the client that asked for it gives signs of life, and no longer than force flows.
 
 mod files;
+mod requests;
 mod splats;
 mod take;
 
 use core::time::Duration;
 use std::collections::HashSet;
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::AtomicU64;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
@@ -22,14 +23,13 @@ use serde_json::{Value, json};
 
 pub use files::plain_name;
 pub(super) use files::{SaveKind, save};
+pub(super) use requests::{hold, step, take};
 pub(super) use splats::Splats;
 pub(super) use take::TakeAsked;
 
-use super::asks::{Done, Reply};
 use super::encode::WirePose;
-use super::hub::Hub;
 use super::problem::Problem;
-use crate::daemon::studio::{self, Refused};
+use crate::daemon::studio;
 use crate::sculpt::material_map::Painted;
 use crate::sculpt::studio::{Craft, Order, ToolSettings, View};
 use crate::spatial::Pose;
@@ -59,7 +59,7 @@ impl ClayDoor for studio::Door {
     }
 }
 
-/// The clay of a run, for [`Hub::sculpts`].
+/// The clay of a run, for [`Hub::sculpts`](super::Hub::sculpts).
 pub struct ClayParts {
     /// The way to it.
     pub door: Box<dyn ClayDoor>,
@@ -119,8 +119,7 @@ impl Clay {
     }
 
     /// A view of now: one is made for those who look, so the first may be old where nobody has looked for a while.
-    pub(super) async fn fresh_view(&self, hub: &Hub) -> Result<Arc<View>, Problem> {
-        let is_watched = !hub.clients().is_empty();
+    pub(super) async fn fresh_view(&self, is_watched: bool) -> Result<Arc<View>, Problem> {
         let mut view = self.view()?;
         if is_watched {
             return Ok(view);
@@ -185,25 +184,6 @@ impl Clay {
             "trouble": &*view.trouble,
         })
     }
-
-    /// Tells what has changed since the last call, whoever changed it.
-    pub(super) fn tell_news(&self, hub: &Hub) {
-        // A view is made only for those who look.
-        let Some(view) = (!hub.clients().is_empty()).then(|| self.door.view()).flatten() else { return };
-        let (craft, trouble) = {
-            let mut told = self.told.lock().unwrap_or_else(PoisonError::into_inner);
-            let before = core::mem::replace(&mut told.craft, view.tool.craft);
-            let craft = (before != view.tool.craft).then_some(view.tool.craft);
-            let before = told.trouble.replace(view.trouble.clone()).unwrap_or_default();
-            (craft, (before != view.trouble && !view.trouble.is_empty()).then(|| view.trouble.clone()))
-        };
-        if let Some(craft) = craft {
-            hub.tell("clay", None, &format!("the tool is for `{craft}` now"), &["took", craft.name()]);
-        }
-        if let Some(trouble) = trouble {
-            hub.tell("clay", None, &trouble, &["trouble"]);
-        }
-    }
 }
 
 /// What a mass point is made of; null is not said.
@@ -220,96 +200,6 @@ fn properties(Painted { mass_kg, damping_n_s_per_m, stiffness_n_per_m }: Painted
 /// There is none.
 pub(super) fn no_clay() -> Problem {
     Problem::new(StatusCode::NOT_FOUND, "this scene has no clay", "`hapticd sculpt SCENE` renders one that has a [sculpt] table")
-}
-
-/// Another craft or other settings. What the hand feels of that goes through the same limits as all else.
-pub(super) fn take(hub: &Arc<Hub>, asked: TakeAsked, reply: Reply) {
-    let taken = hub.clay().and_then(|clay| {
-        let view = clay.view()?;
-        let tool = asked.onto(clay.tool(&view), &view)?;
-        // Relaxed: it only counts.
-        let number = clay.next_asked.fetch_add(1, Ordering::Relaxed);
-        *clay.asked() = Some(Asked { tool: tool.clone(), at: Instant::now(), number });
-        Ok((clay, tool, number))
-    });
-    let (clay, tool, number) = match taken {
-        Ok(taken) => taken,
-        Err(problem) => return reply(Err(problem)),
-    };
-    let asker = clay.clone();
-    let answer = Box::new(move |result: Result<(), Refused>| {
-        if result.is_err() {
-            // What the studio has then is in a view; what was asked for since counts on.
-            asker.asked().take_if(|asked| asked.number == number);
-        }
-        reply(result.map(|()| Done::Nothing).map_err(|refused| Problem::from(&refused)));
-    });
-    clay.door.ask(Order::Take(tool), answer);
-}
-
-/// A stroke back, or forth again.
-pub(super) fn step(hub: &Arc<Hub>, order: Order, word: &'static str, reply: Reply) {
-    let clay = match hub.clay() {
-        Ok(clay) => clay,
-        Err(problem) => return reply(Err(problem)),
-    };
-    let hub = hub.clone();
-    let answer = Box::new(move |result: Result<(), Refused>| {
-        if result.is_ok() {
-            hub.tell("clay", None, &format!("a stroke on the clay was {word}"), &[word]);
-        }
-        reply(result.map(|()| Done::Nothing).map_err(|refused| Problem::from(&refused)));
-    });
-    clay.door.ask(order, answer);
-}
-
-/// Holds, or lets go, as the button of an arm does.
-pub(super) fn hold(hub: &Arc<Hub>, client: u64, is_held: bool, reply: Reply) {
-    let clay = match hub.clay() {
-        Ok(clay) => clay,
-        Err(problem) => return reply(Err(problem)),
-    };
-    if !is_held {
-        // Where it was let go already, by the end of force or after a silence, that is done.
-        if hub.heart.let_go(client) {
-            clay.let_go(hub);
-        }
-        return reply(Ok(Done::Nothing));
-    }
-    if !hub.heart.hold(client) {
-        return reply(Err(Problem::conflict("another client holds the clay", "wait until it lets go")));
-    }
-    // In this order: whoever takes the force away looks for a hold after that.
-    if !hub.has_force() {
-        hub.heart.let_go(client);
-        return reply(Err(Problem::conflict("no force flows: nothing can be held", "enable first")));
-    }
-    let (holder, held) = (hub.clone(), clay.clone());
-    let answer = Box::new(move |result: Result<(), Refused>| {
-        // It may have been held before: what is not watched any more is let go.
-        if result.is_err() && holder.heart.let_go(client) {
-            held.let_go(&holder);
-        }
-        reply(result.map(|()| Done::Nothing).map_err(|refused| Problem::from(&refused)));
-    });
-    clay.door.ask(Order::Hold(true), answer);
-    // Whoever took the hold away meanwhile has asked for that before this was asked.
-    if !hub.heart.holds() {
-        clay.let_go(hub);
-    }
-}
-
-impl Clay {
-    /// Lets go for a client that does not do so itself. An order that found no room is given again by whoever watches.
-    pub(super) fn let_go(&self, hub: &Arc<Hub>) {
-        let hub = hub.clone();
-        let answer = Box::new(move |result: Result<(), Refused>| {
-            if let Err(Refused::Busy) = result {
-                hub.heart.still_held();
-            }
-        });
-        self.door.ask(Order::Hold(false), answer);
-    }
 }
 
 #[cfg(test)]

@@ -2,9 +2,11 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 
 use glam::DVec3;
 
-use super::super::hub::HubParts;
+use super::super::answer::{Done, Reply};
+use super::super::hub::{Hub, HubParts};
 use super::super::worker::Worker;
 use super::*;
+use crate::daemon::studio::Refused;
 use crate::daemon::{Notice, Phase, testing};
 use crate::rt::clock::ClockKind;
 use crate::sculpt::PointSet;

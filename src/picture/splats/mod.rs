@@ -15,7 +15,7 @@ use glam::DVec3;
 
 use self::view::{Camera, Discs};
 use super::canvas::{Align, Canvas};
-use super::palette::{FAINT, INK, Rgb};
+use super::palette::{FAINT, INK, Rgb, to_srgb};
 use super::panel::short;
 use super::sheet::{grouped, shortened};
 use crate::sculpt::PointSet;
@@ -116,7 +116,7 @@ fn halved(pixels: &[[f32; 3]], width: usize) -> Vec<Rgb> {
     let of_rows = |pair: &[&[[f32; 3]]]| -> Vec<Rgb> {
         let pairs = pair[0].chunks_exact(2).zip(pair[1].chunks_exact(2));
         let mean = |(a, b): (&[[f32; 3]], &[[f32; 3]])| [0, 1, 2].map(|n| 0.25 * (a[0][n] + a[1][n] + b[0][n] + b[1][n]));
-        pairs.map(|four| mean(four).map(shade::to_srgb)).collect()
+        pairs.map(|four| mean(four).map(to_srgb)).collect()
     };
     rows.chunks_exact(FINER as usize).flat_map(of_rows).collect()
 }

@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use super::super::palette::Rgb;
+use super::super::palette::{Rgb, to_linear};
 use super::view::Seeing;
 
 /// Towards the lamps, camera axes, and how bright they are.
@@ -17,8 +17,6 @@ const WAYS: usize = 8;
 const HIDES: f32 = 1.6;
 /// A rise beyond this many times the distance is another part in front, not a wall of the same hollow.
 const IN_FRONT: f32 = 4.0;
-/// Between two values of a picture.
-const STEP: u8 = 3;
 /// Light that is left where the sky is hidden on all sides.
 const LEAST_SKY: f32 = 0.35;
 
@@ -65,18 +63,4 @@ fn openness(seeing: &Seeing, pixel: usize, ways: &[(f32, f32); WAYS]) -> f32 {
         hidden += (highest / HIDES).min(1.0);
     }
     1.0 - (1.0 - LEAST_SKY) * hidden / WAYS as f32
-}
-
-/// Light of an sRGB value, 0 to 1 (IEC 61966-2-1).
-pub(super) fn to_linear(value: u8) -> f32 {
-    let share = f32::from(value) / 255.0;
-    if share <= 0.04045 { share / 12.92 } else { ((share + 0.055) / 1.055).powf(2.4) }
-}
-
-/// The other way round, in steps that nobody sees and that take a fifth off a file; more light than white is white.
-pub(super) fn to_srgb(light: f32) -> u8 {
-    let light = light.clamp(0.0, 1.0);
-    let share = if light <= 0.003_130_8 { 12.92 * light } else { 1.055 * light.powf(1.0 / 2.4) - 0.055 };
-    let step = f32::from(STEP);
-    ((share * 255.0 / step).round() * step).min(255.0) as u8
 }

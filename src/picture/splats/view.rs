@@ -2,7 +2,7 @@
 
 use glam::{DVec2, DVec3, Vec3};
 
-use super::shade::to_linear;
+use super::super::palette::to_linear;
 use crate::sculpt::{Neighbours, PointSet};
 
 /// A sample's disc reaches this much farther than its [`AROUND`]th neighbour, so that discs overlap.

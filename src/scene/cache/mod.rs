@@ -23,12 +23,10 @@ use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use serde::{Deserialize, Serialize};
-
 pub use contents::{Baked, read};
 pub use request::{Request, Spacing};
 
-use super::report::{Role, Timings};
+use super::report::{CacheUse, Role, Timings};
 use crate::storage::Region;
 use crate::storage::sections::{Key, Refusal};
 
@@ -37,21 +35,6 @@ pub const GENERATION: u32 = 3;
 
 /// Bytes that a cache folder may hold; beyond, the files that were not used for longest go.
 const LIMIT_BYTES: u64 = 4 << 30;
-
-/// What the cache did for an object.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum CacheUse {
-    /// Not asked.
-    #[default]
-    Off,
-    /// Nothing was baked.
-    Hit,
-    /// Baked, as there was no file.
-    Miss,
-    /// Baked, as the file was damaged or of another version.
-    Rebaked,
-}
 
 /// Where arrays from the cache are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -69,7 +52,6 @@ pub struct Cache {
     /// `None`: off.
     folder: Option<PathBuf>,
     residence: Residence,
-    limit_bytes: u64,
     /// One refusal is enough for a process.
     may_write: bool,
     notes: Vec<String>,
@@ -96,17 +78,12 @@ pub struct Slot {
 impl Cache {
     /// A cache that finds nothing and keeps nothing.
     pub fn off() -> Self {
-        Self { folder: None, residence: Residence::Owned, limit_bytes: LIMIT_BYTES, may_write: false, notes: Vec::new() }
+        Self { folder: None, residence: Residence::Owned, may_write: false, notes: Vec::new() }
     }
 
     /// The cache in a folder, which need not exist yet.
     pub fn at(folder: PathBuf, residence: Residence) -> Self {
         Self { folder: Some(folder), residence, may_write: true, ..Self::off() }
-    }
-
-    /// The same with another limit on the folder's size.
-    pub fn with_limit_bytes(self, limit_bytes: u64) -> Self {
-        Self { limit_bytes, ..self }
     }
 
     /// What a user should know, in plain words; empties the list.
@@ -172,7 +149,7 @@ impl Cache {
             self.notes.push(format!("the mesh of {} changed while it was baked: it is not kept in the bake cache", request.name));
             return;
         }
-        if let Err(error) = folder::write(folder, &key, self.limit_bytes, |file| baked.write_to(key, file)) {
+        if let Err(error) = folder::write(folder, &key, LIMIT_BYTES, |file| baked.write_to(key, file)) {
             self.may_write = false;
             self.notes.push(format!(
                 "the bake cache {} cannot be written ({error}): nothing is kept for the next start; \

@@ -2,15 +2,13 @@
 
 use glam::DVec3;
 
-use super::{Settings, WorkpieceError};
+use super::settings::{NODES_MAX, Settings, WorkpieceError};
 use crate::haptics::clay::{Lattice, Raster};
 
 /// Air around all samples in the base raster, in its spacings: room for what is pulled out, beyond what the caller asks for.
 const AIR_SPACINGS: f64 = 4.0;
 /// A lattice is kept until one as large as the piece needs would be finer than this, in its spacings.
 const KEPT_SPACINGS: f64 = 0.75;
-/// Nodes of the base raster at most: 128 MiB.
-pub(super) const NODES_MAX: usize = 1 << 25;
 
 /// The lattice of the base, the first node of the region in it, and the lattice of the region.
 pub(super) fn lattices((low, high): (DVec3, DVec3), settings: &Settings) -> Result<(Lattice, [usize; 3], Lattice), WorkpieceError> {

@@ -5,10 +5,9 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use super::super::material_map::MaterialMap;
-use super::super::session::Session;
 use super::super::{PointSet, PointSurface, SurfaceError};
 use super::lattices::{first_node, is_part};
-use super::{Region, Workpiece, WorkpieceError, measured};
+use super::{Region, Settings, Workpiece, WorkpieceError, measured};
 use crate::haptics::clay::{Lattice, Raster};
 
 /// Strokes that can be taken back, and the memory that they take, bytes: of a large piece there are fewer of them.
@@ -85,6 +84,15 @@ impl Moment {
             newer.map_or_else(|| self.material_map.n_bytes(), |newer| self.material_map.n_bytes_beside(&newer.material_map));
         self.samples.n_bytes() + material_bytes + if is_shared { 0 } else { size_of_val(self.base.values_m()) }
     }
+}
+
+/// A piece with its past, as a file keeps it.
+pub(in super::super) struct Session {
+    pub(in super::super) now: Moment,
+    pub(in super::super) past: Vec<Moment>,
+    pub(in super::super) undone: Vec<Moment>,
+    pub(in super::super) settings: Settings,
+    pub(in super::super) gap_m: f64,
 }
 
 impl Workpiece {

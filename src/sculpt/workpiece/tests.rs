@@ -1,3 +1,4 @@
+use super::super::dynamics::Material;
 use super::*;
 use crate::sculpt::falloff::Falloff;
 use crate::sculpt::material_map::Painted;

@@ -78,7 +78,9 @@ impl Channel {
             Self::RenderedWrench => "RenderedWrench",
             Self::LoopTiming => "LoopTiming",
         };
-        let bytes = schema::describe(type_name, &foreign, &["foxglove/Pose.proto", "foxglove/Vector3.proto"], self);
+        let bytes = schema::describe(type_name, &foreign, &["foxglove/Pose.proto", "foxglove/Vector3.proto"], |walk| {
+            self.body(walk, &mut Row::default())
+        });
         (format!("hapticd.{type_name}"), bytes)
     }
 

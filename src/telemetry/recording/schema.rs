@@ -1,6 +1,5 @@
 //! The schema of a message, from its description: what lets any reader of MCAP files make sense of the bytes.
 
-use super::channels::{Channel, Row};
 use super::fields::{Fields, Kind, Words, Writer};
 
 /// The package of our messages.
@@ -22,7 +21,7 @@ mod kind {
 
 /// Walks a description and writes it down; see `google/protobuf/descriptor.proto`.
 #[derive(Default)]
-struct Describer {
+pub(super) struct Describer {
     /// Fields of the message that is walked.
     message: Writer,
     n_fields: u64,
@@ -114,11 +113,11 @@ impl Fields for Describer {
 }
 
 /// The serialized `FileDescriptorSet` of a channel's message: `known` holds the files of the foreign types that it may name, `imports` their
-/// names.
-pub(super) fn describe(type_name: &'static str, known: &[u8], imports: &[&str], channel: Channel) -> Vec<u8> {
+/// names; `body` walks the message.
+pub(super) fn describe(type_name: &'static str, known: &[u8], imports: &[&str], body: impl FnOnce(&mut Describer)) -> Vec<u8> {
     let mut walk = Describer::default();
     walk.message.block(1, type_name.as_bytes());
-    channel.body(&mut walk, &mut Row::default());
+    body(&mut walk);
     walk.types.push((MESSAGE_TYPE, walk.message.bytes().to_vec()));
 
     let mut file = Writer::default();

@@ -1,6 +1,6 @@
 //! Values over time: the smallest and the largest of each stretch, so that nothing that was there is missing from the picture.
 
-use super::TickRecord;
+use crate::telemetry::TickRecord;
 
 /// Stretches that a picture shows at most: more than it has columns.
 const MOST: usize = 1600;

@@ -5,7 +5,17 @@
 //! the longest. Three orientation tests tell whether the foot lies inside; otherwise the nearest of three segments counts. No
 //! test decides more than rounding is worth: next to an edge both answers agree.
 
-use super::simd::Number;
+/// A number per lane.
+pub(super) trait Number: Copy {
+    fn add(self, other: Self) -> Self;
+    fn sub(self, other: Self) -> Self;
+    fn mul(self, other: Self) -> Self;
+    fn min(self, other: Self) -> Self;
+    fn max(self, other: Self) -> Self;
+    fn splat(value: f32) -> Self;
+    /// 0 where all three are above 0.
+    fn zero_where_all_positive(self, three: [Self; 3]) -> Self;
+}
 
 /// A patch's own frame and shape, per lane.
 pub(super) struct Flat<N> {

@@ -24,7 +24,7 @@ use rayon::prelude::*;
 
 use self::group::Group;
 use self::lattice::Lattice;
-use self::near::{Around, Near};
+use self::near::{Around, Near, ON_SURFACE_CELLS};
 use self::patches::{NONE, Patches};
 use self::simd::{Cube, LANES, Machine};
 use super::grid::{BRICK_CELLS, BRICK_EDGE, brick_origin, cell_of};
@@ -33,9 +33,6 @@ use super::orient::Orientation;
 use super::surface::Surface;
 use crate::mesh::TriangleMesh;
 use crate::mesh::closest_point::TriangleProjector;
-
-/// Below this distance a centre counts as lying on the surface, where an offset has no direction; cells.
-const ON_SURFACE_CELLS: f32 = 1e-6;
 
 /// Samples on a brick's edge: its own eight and the next brick's first, so that all corners of an interpolation cell lie in one
 /// brick.

@@ -5,12 +5,14 @@ use core::sync::atomic::{AtomicU32, Ordering};
 
 use rayon::prelude::*;
 
-use super::ON_SURFACE_CELLS;
 use super::group::Group;
 use super::patches::{NONE, Patch, Patches};
 use super::simd::{LANES, Machine};
 use crate::voxmap::grid::{BRICK_CELLS, BRICK_EDGE, brick_origin};
 use crate::voxmap::surface::{FIRST_Z, Mask, Surface, bits};
+
+/// Below this distance a centre counts as lying on the surface, where an offset has no direction; cells.
+pub(super) const ON_SURFACE_CELLS: f32 = 1e-6;
 
 /// A triangle that touches a voxel comes at least this close to its centre (√3/2), and the nearest does; cells.
 const REACH_CELLS: f32 = 0.8661;

@@ -5,23 +5,11 @@
 
 #![expect(unsafe_code, reason = "AVX2 intrinsics, and the call of code compiled for AVX2 after asking for it")]
 
-use super::kernel::{Flat, Nearest, nearest};
+use super::kernel::{Flat, Nearest, Number, nearest};
 use super::patches::Patch;
 
 /// Cells measured together.
 pub(super) const LANES: usize = 8;
-
-/// A number per lane.
-pub(super) trait Number: Copy {
-    fn add(self, other: Self) -> Self;
-    fn sub(self, other: Self) -> Self;
-    fn mul(self, other: Self) -> Self;
-    fn min(self, other: Self) -> Self;
-    fn max(self, other: Self) -> Self;
-    fn splat(value: f32) -> Self;
-    /// 0 where all three are above 0.
-    fn zero_where_all_positive(self, three: [Self; 3]) -> Self;
-}
 
 /// Distances of eight cells.
 #[derive(Clone, Copy, Default)]

@@ -6,7 +6,7 @@ use core::fmt::Write as _;
 use glam::{DQuat, DVec3};
 
 use super::super::super::random::Random;
-use crate::config::poses::HEADER;
+use crate::document::poses::HEADER;
 use crate::spatial::Pose;
 
 /// Between two rows of the path, s.
@@ -186,7 +186,7 @@ mod tests {
     use std::path::Path;
 
     use super::*;
-    use crate::config::poses;
+    use crate::document::poses;
 
     #[test]
     fn the_hand_is_fast_but_not_faster_than_an_arm_and_always_the_same() {

@@ -2,7 +2,7 @@
 //!
 //! Bytes are passed on to the server behind, which listens on a port of its own.
 
-use core::sync::atomic::Ordering;
+use core::sync::atomic::{AtomicU64, Ordering};
 use core::time::Duration;
 use std::io;
 use std::net::SocketAddr;
@@ -13,7 +13,13 @@ use tokio::net::{TcpListener, TcpSocket, TcpStream};
 use tokio::sync::Semaphore;
 use tokio::time::timeout;
 
-use super::Counts;
+/// What went by and what did not. All `Relaxed`: each number stands for itself.
+#[derive(Debug, Default)]
+pub(super) struct Counts {
+    pub(super) records: AtomicU64,
+    pub(super) turned_away: AtomicU64,
+    pub(super) cut_off: AtomicU64,
+}
 
 /// Clients at the same time.
 const MOST_CLIENTS: usize = 8;

@@ -31,7 +31,7 @@ use tokio::runtime::{Builder, Runtime};
 use tokio::sync::oneshot;
 
 use self::feed::{Channels, Feed, Newcomers};
-use self::gate::Gate;
+use self::gate::{Counts, Gate};
 use super::channels::Row;
 use super::recorder::Recorder;
 
@@ -127,14 +127,6 @@ impl Bound {
         }));
         Ok(LiveServer { counts, end: Some(end), thread: Some(thread) })
     }
-}
-
-/// All `Relaxed`: each number stands for itself.
-#[derive(Debug, Default)]
-struct Counts {
-    records: AtomicU64,
-    turned_away: AtomicU64,
-    cut_off: AtomicU64,
 }
 
 /// What nobody got to see.

@@ -1,0 +1,108 @@
+use std::sync::Arc;
+
+use super::super::desk::unlike;
+use super::super::testing::{SCENE, scene};
+use super::*;
+
+/// A scene as it is rendered, nothing turned.
+fn view(config: SceneConfig) -> View {
+    let settings = Knob::ALL.into_iter().filter_map(|knob| {
+        let range = knob.range(&config.parameters)?;
+        Some(Setting { name: knob.name(), range, value: range.scene })
+    });
+    let settings = settings.collect();
+    View { scene_idx: 0, config: Arc::new(config), scene: None, settings, movable: Vec::new(), switching_to: None }
+}
+
+#[test]
+fn what_can_be_set_is_set_and_nothing_more() {
+    let view = view(scene(SCENE));
+    assert_eq!(tunes(&scene(SCENE), &view), Some(Vec::new()));
+    let softer =
+        SCENE.replace("= 5.0", "= 4.3\nfriction = 0.3").replace("friction = 0.3", "friction = { static = 0.3, dynamic = 0.2 }");
+    let expected = [("contact_stiffness_n_per_m", 5000.0, 4300.0), ("friction_static", 0.0, 0.3), ("friction_dynamic", 0.0, 0.2)];
+    assert_eq!(tunes(&scene(&softer), &view), Some(expected.map(|(name, from, to)| Tuned { name, from, to }).to_vec()));
+}
+
+#[test]
+fn what_a_client_turned_goes_back_to_what_the_file_says() {
+    let mut view = view(scene(SCENE));
+    let setting = view.settings.iter_mut().find(|setting| setting.name == "contact_stiffness_n_per_m").expect("a knob");
+    setting.value = 2500.0;
+    let back = Tuned { name: "contact_stiffness_n_per_m", from: 2500.0, to: 5000.0 };
+    assert_eq!(tunes(&scene(SCENE), &view), Some(vec![back]));
+}
+
+#[test]
+fn a_mesh_is_read_for_its_companions_only_when_it_was_written_anew() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let at = |name: &str| folder.path().join(name);
+    let gltf =
+        |buffer: &str| format!(r#"{{ "asset": {{ "version": "2.0" }}, "buffers": [{{ "byteLength": 4, "uri": "{buffer}" }}] }}"#);
+    let noon = SystemTime::UNIX_EPOCH + Duration::from_secs(1_700_000_000);
+    let write = |buffer: &str, time: SystemTime| {
+        std::fs::write(at("part.gltf"), gltf(buffer)).expect("written");
+        std::fs::File::options().write(true).open(at("part.gltf")).expect("there").set_modified(time).expect("set");
+    };
+    let mut config = scene(SCENE);
+    config.tool.source = MeshSource::File { path: at("part.gltf"), metres_per_unit: 1.0 };
+    let mut companions = Companions::default();
+    let mut named = |name: &str| companions.meshes(&config).0.contains_key(&at(name));
+    write("one.bin", noon);
+    assert!(named("one.bin"));
+    // The same stamp: what it says now is not looked at.
+    write("two.bin", noon);
+    assert!(named("one.bin") && !named("two.bin"));
+    write("two.bin", noon + Duration::from_secs(1));
+    assert!(!named("one.bin") && named("two.bin"));
+}
+
+#[test]
+fn anything_else_takes_a_bake() {
+    let view = view(scene(SCENE));
+    for (from, to) in [
+        ("[60.0, 60.0]", "[60.0, 50.0]"),
+        ("\"base\"", "\"floor\""),
+        ("= 5.0", "= 500.0"),
+        ("[contact]", "[limits]\nforce_n = 5.0\n[contact]"),
+        ("[contact]", "[rendering]\ncoupling = \"static\"\n[contact]"),
+        ("= 5.0", "= 4.0\nbraking = true"),
+    ] {
+        assert!(SCENE.contains(from));
+        assert_eq!(tunes(&scene(&SCENE.replace(from, to)), &view), None, "{to}");
+    }
+}
+
+#[test]
+fn a_scene_with_another_deadman_or_heartbeat_takes_nobody_s_place() {
+    let rendered = scene(SCENE);
+    let held = scene(&format!("{SCENE}[safety]\ndeadman = 2\n"));
+    let differences = [
+        (unlike(&held, &rendered), Some(("safety.deadman", "2", "\"off\""))),
+        (unlike(&rendered, &held), Some(("safety.deadman", "\"off\"", "2"))),
+        (unlike(&held, &held), None),
+    ];
+    for (found, expected) in differences {
+        assert_eq!(found.as_ref().map(|(key, its, ours)| (*key, &**its, &**ours)), expected);
+    }
+    let heard = scene(&format!("{SCENE}[safety]\nheartbeat_ms = 250.0\n"));
+    let expected = ("safety.heartbeat_ms", "none".to_owned(), "250".to_owned());
+    assert_eq!(unlike(&rendered, &heard), Some(expected));
+}
+
+#[test]
+fn what_counts_at_the_start_is_named() {
+    let rendered = scene(SCENE);
+    assert_eq!(fixed(&rendered, &rendered), None);
+    for (more, expected) in [
+        ("[device.sim]\nseed = 3", ("device.sim.seed", "3", "0")),
+        ("[device.sim]\nhand = \"none\"", ("device.sim.hand", "\"none\"", "present")),
+        ("[device.sim]\nfault = \"nan@2s\"", ("device.sim.fault", "\"nan@2s\"", "none")),
+        ("[device.sim]\nhand_mass_g = 80.0", ("device.sim.hand_mass_g", "80", "150")),
+        ("[realtime]\npriority = 60", ("realtime.priority", "60", "80")),
+        ("[monitor]\norigins = [\"https://lab.example\"]", ("monitor.origins", "[\"https://lab.example\"]", "[]")),
+    ] {
+        let (key, its, ours) = fixed(&scene(&format!("{SCENE}{more}\n")), &rendered).expect("a difference");
+        assert_eq!((key, &*its, &*ours), expected);
+    }
+}

@@ -1,0 +1,129 @@
+//! What a run takes, and how it ends.
+
+use core::time::Duration;
+use std::sync::Arc;
+
+use crossbeam::channel::Receiver;
+
+use crate::config::scene::RealtimeConfig;
+use crate::device::Device;
+use crate::device::attached::open::LinkNews;
+use crate::error::Exit;
+use crate::haptics::RenderScene;
+use crate::rt::clock::ClockKind;
+use crate::rt::preflight::Report;
+use crate::servo::{ClaySlot, Ending, LoopReport, SwapSlot, Wishes};
+use crate::telemetry::{SwapSummary, Taps, Totals};
+
+/// Everything that rendering takes.
+pub struct RenderJob {
+    /// The scene, everything allocated.
+    pub scene: Arc<RenderScene>,
+    /// The open arm.
+    pub device: Box<dyn Device>,
+    /// What to ask of the operating system.
+    pub realtime: RealtimeConfig,
+    /// Ticks per second, for the summary.
+    pub rate_hz: u32,
+    /// What a contact query may take, s; `None`: as long as it takes.
+    pub time_budget_s: Option<f64>,
+    /// Which time the run follows.
+    pub clock: ClockKind,
+    /// Loop time after which the ramp-down begins; `None`: until a signal.
+    pub duration: Option<Duration>,
+}
+
+/// What may change while a run goes on.
+#[derive(Debug, Default)]
+pub struct Live {
+    /// Poses of movable objects.
+    pub wishes: Wishes,
+    /// Other scenes; the cold end is the caller's.
+    pub swaps: Option<SwapSlot>,
+    /// Frames of the scene's clay; the cold end is a [`studio`](crate::daemon::studio).
+    pub clay: Option<ClaySlot>,
+    /// Who says when force may flow.
+    pub operator: Operator,
+    /// What becomes of the link of a real arm.
+    pub news: Option<Receiver<LinkNews>>,
+    /// Who wants every record.
+    pub taps: Taps,
+}
+
+/// What an operator asks for while a run goes on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum OperatorOrder {
+    /// Force on, from zero. After a fault this acknowledges it.
+    Enable,
+    /// Force off, at once.
+    Disable,
+    /// Ramp down and end.
+    Stop,
+}
+
+/// Who says when force may flow. A simulated arm has nobody to hurt and is enabled from the start, unless everybody is held back.
+#[derive(Debug, Default)]
+pub struct Operator {
+    /// Force flows from the start; with a deadman, while it is held.
+    pub enables_at_start: bool,
+    /// After a fault the loop goes on with zero force and waits for an order; else it ends.
+    pub waits_after_fault: bool,
+    /// No arm is enabled before somebody says so, not even a simulated one.
+    pub holds_back: bool,
+    /// Orders as they come; `None`: nobody gives any.
+    pub orders: Option<Receiver<OperatorOrder>>,
+}
+
+/// How a run ended.
+#[derive(Debug)]
+pub struct Outcome {
+    /// When scenes were swapped.
+    pub swaps: Vec<SwapSummary>,
+    /// The result, as `--json` has it.
+    pub totals: Totals,
+    /// What the servo had to say, with the flight recorder.
+    pub report: LoopReport,
+    /// What the machine offered.
+    pub preflight: Report,
+}
+
+impl Outcome {
+    /// The exit code of the run.
+    pub fn exit(&self) -> Exit {
+        if !self.report.faults.is_empty() {
+            Exit::Fault
+        } else if self.report.ending == Ending::StopTimedOut {
+            Exit::Internal
+        } else {
+            Exit::Ok
+        }
+    }
+}
+
+/// Why a run did not come to an outcome.
+#[derive(Debug, thiserror::Error)]
+pub enum RunError {
+    /// `enforce`, and a preflight check failed. The report was told as a notice.
+    #[error("real-time preflight refused: {} check(s) failed and the mode is `enforce`", .0.failed().count())]
+    Refused(Report),
+    /// A real arm, and nobody who could let force flow.
+    #[error("this is a real arm, and nobody may let force flow")]
+    NobodyEnables,
+    /// A thread could not be started.
+    #[error("cannot start a thread: {0}")]
+    Thread(#[from] std::io::Error),
+    /// The servo did not end, or died outside its own net. The arm's own watchdog is the last resort.
+    #[error("the servo thread {0}")]
+    Servo(&'static str),
+}
+
+impl RunError {
+    /// The exit code.
+    pub const fn exit(&self) -> Exit {
+        match self {
+            Self::Refused(_) => Exit::RealtimeRefused,
+            Self::NobodyEnables => Exit::Device,
+            Self::Thread(_) | Self::Servo(_) => Exit::Internal,
+        }
+    }
+}

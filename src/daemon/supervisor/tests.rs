@@ -1,0 +1,198 @@
+//! Runs with arms that count, and what they tell.
+
+use crossbeam::channel::bounded;
+
+use super::*;
+use crate::config::scene::RealtimeConfig;
+use crate::device::simulated::{SimArm, SimParameters};
+use crate::device::{Capabilities, Device};
+use crate::error::Exit;
+use crate::haptics::Faults;
+use crate::servo::testing::{CountingArm, empty_scene};
+
+fn job(device: Box<dyn Device>, clock: ClockKind, duration_ms: u64) -> RenderJob {
+    RenderJob {
+        scene: empty_scene(),
+        device,
+        realtime: RealtimeConfig { enforce: false, cpu: None, priority: 10 },
+        rate_hz: 1000,
+        time_budget_s: None,
+        clock,
+        duration: Some(Duration::from_millis(duration_ms)),
+    }
+}
+
+fn ideal() -> Box<dyn Device> {
+    Box::new(SimArm::new(SimParameters::ideal(1e-3)).expect("valid"))
+}
+
+#[test]
+fn a_virtual_run_ends_by_itself_and_gives_a_summary() {
+    let mut phases = Vec::new();
+    let mut preflights = 0;
+    let mut supervisor = Supervisor::new(|notice| match notice {
+        Notice::Phase(phase) => phases.push(phase),
+        Notice::Preflight(_) => preflights += 1,
+        _ => {}
+    });
+    let prepared: Result<RenderJob, ()> = supervisor.bake(|| Ok(job(ideal(), ClockKind::Virtual, 20_000)));
+    let outcome = supervisor.render(prepared.expect("prepared"), &never()).expect("an outcome");
+    assert_eq!(outcome.exit(), Exit::Ok);
+    assert!(outcome.totals.ticks > 20_000);
+    assert_eq!((outcome.totals.missed_deadlines, outcome.totals.dropped_records), (0, 0));
+    assert!((outcome.totals.duration_s - outcome.totals.ticks as f64 * 1e-3).abs() < 1e-9);
+    assert_eq!(outcome.report.ending, Ending::Stopped);
+    assert_eq!(preflights, 1);
+    assert_eq!(phases.first(), Some(&Phase::Baking));
+    assert_eq!(phases.last(), Some(&Phase::Stopped));
+}
+
+#[test]
+fn two_virtual_runs_agree_in_every_bit_but_the_measured_times() {
+    let run = || {
+        let outcome = Supervisor::new(|_| {}).render(job(ideal(), ClockKind::Virtual, 3000), &never()).expect("an outcome");
+        let flight: Vec<_> = outcome.report.flight.records().map(|r| (r.tick, r.time_ns, r.wakeup_ns, r.input, r.output)).collect();
+        (outcome.totals.ticks, outcome.totals.final_pose, outcome.report.last, flight)
+    };
+    assert_eq!(run(), run());
+}
+
+#[test]
+fn a_real_run_of_a_fifth_of_a_second_comes_to_its_end() {
+    let outcome = Supervisor::new(|_| {}).render(job(ideal(), ClockKind::Real, 200), &never()).expect("an outcome");
+    assert_eq!(outcome.exit(), Exit::Ok);
+    assert!(outcome.totals.ticks > 200);
+    assert_eq!(outcome.report.packet_errors, 0);
+    assert!(outcome.preflight.rows.len() > 1);
+}
+
+#[test]
+fn a_real_arm_that_nobody_may_enable_is_refused() {
+    let arm = CountingArm { capabilities: Capabilities { simulated: false, ..Capabilities::default() }, ..CountingArm::default() };
+    let log = arm.log.clone();
+    let refused = Supervisor::new(|_| {}).render(job(Box::new(arm), ClockKind::Virtual, 100), &never());
+    assert!(matches!(refused, Err(RunError::NobodyEnables)));
+    assert_eq!(log.writes.load(core::sync::atomic::Ordering::SeqCst), 0);
+    assert_eq!(log.stops.load(core::sync::atomic::Ordering::SeqCst), 1, "zero on a failed start too");
+}
+
+#[test]
+fn after_a_fault_force_waits_for_the_operator_and_the_run_still_counts_as_faulted() {
+    let arm = CountingArm { lost_from_read: Some(60), back_from_read: Some(120), ..CountingArm::default() };
+    let log = arm.log.clone();
+    let (order, orders) = bounded(4);
+    let live = Live {
+        operator: Operator { enables_at_start: true, waits_after_fault: true, holds_back: false, orders: Some(orders) },
+        ..Live::default()
+    };
+    let mut job = job(Box::new(arm), ClockKind::Real, 0);
+    job.duration = None;
+    let wait_for = {
+        let log = log.clone();
+        move |n_reads| {
+            while log.reads.load(core::sync::atomic::Ordering::SeqCst) < n_reads {
+                std::thread::sleep(Duration::from_millis(1));
+            }
+        }
+    };
+    let operator = std::thread::spawn(move || {
+        wait_for(200);
+        order.send(OperatorOrder::Enable).expect("the supervisor listens");
+        wait_for(400);
+        // Force flows: this one changes nothing.
+        order.send(OperatorOrder::Enable).expect("the supervisor listens");
+        wait_for(600);
+        order.send(OperatorOrder::Stop).expect("the supervisor listens");
+    });
+    let mut phases = Vec::new();
+    let mut supervisor = Supervisor::new(|notice| {
+        if let Notice::Phase(phase) = notice {
+            phases.push(phase);
+        }
+    });
+    let outcome = supervisor.render_live(job, live, &never()).expect("an outcome");
+    operator.join().expect("no panic");
+    assert_eq!((outcome.exit(), outcome.report.ending), (Exit::Fault, Ending::Stopped));
+    assert_eq!(outcome.report.faults, Faults::DEVICE_LOST);
+    let of_interest: Vec<_> = phases.iter().filter(|phase| !matches!(phase, Phase::Stopping)).collect();
+    use Phase::{Disabled, Enabled, Enabling, Fault, Stopped};
+    // The fault was acknowledged, and the exit code remembers it.
+    assert_eq!(of_interest, [&Enabling, &Fault, &Disabled, &Enabling, &Enabled, &Disabled, &Stopped], "{phases:?}");
+}
+
+#[test]
+fn an_interrupt_is_a_safe_stop() {
+    let (sender, interrupts) = bounded(1);
+    let arm = CountingArm { capabilities: Capabilities { simulated: true, ..Capabilities::default() }, ..CountingArm::default() };
+    let log = arm.log.clone();
+    let mut job = job(Box::new(arm), ClockKind::Real, 0);
+    job.duration = None;
+    let running = log.clone();
+    let interrupter = std::thread::spawn(move || {
+        while running.reads.load(core::sync::atomic::Ordering::SeqCst) < 20 {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        sender.send(()).expect("the supervisor listens");
+    });
+    let outcome = Supervisor::new(|_| {}).render(job, &interrupts).expect("an outcome");
+    interrupter.join().expect("no panic");
+    assert_eq!((outcome.exit(), outcome.report.ending), (Exit::Ok, Ending::Stopped));
+    assert!(log.stops.load(core::sync::atomic::Ordering::SeqCst) >= 1);
+}
+
+#[test]
+fn enforce_refuses_a_machine_that_fails_a_check_before_any_tick() {
+    let arm = CountingArm { capabilities: Capabilities { simulated: true, ..Capabilities::default() }, ..CountingArm::default() };
+    let log = arm.log.clone();
+    let mut job = job(Box::new(arm), ClockKind::Real, 100);
+    // No machine has this processor, so the affinity row fails everywhere.
+    job.realtime = RealtimeConfig { enforce: true, cpu: Some(1_000_000), priority: 10 };
+    let error = Supervisor::new(|_| {}).render(job, &never()).expect_err("refused");
+    assert_eq!(error.exit(), Exit::RealtimeRefused);
+    assert_eq!(log.reads.load(core::sync::atomic::Ordering::SeqCst), 0);
+    assert!(log.stops.load(core::sync::atomic::Ordering::SeqCst) >= 1, "zero on a failed start too");
+}
+
+#[test]
+fn a_listener_that_panics_does_not_leave_the_loop_alone() {
+    let sim = SimArm::new(SimParameters::ideal(1e-3)).expect("valid");
+    let capabilities = sim.capabilities();
+    let arm = CountingArm { capabilities, ..CountingArm::default() };
+    let log = arm.log.clone();
+    let job = RenderJob { duration: None, ..job(Box::new(arm), ClockKind::Real, 0) };
+    let rendered = std::panic::catch_unwind(core::panic::AssertUnwindSafe(|| {
+        Supervisor::new(|notice| assert!(!matches!(notice, Notice::Phase(Phase::Enabling)), "a panic on purpose"))
+            .render(job, &never())
+    }));
+    assert!(rendered.is_err());
+    assert!(log.stops.load(core::sync::atomic::Ordering::SeqCst) >= 1, "zero before the panic goes on");
+}
+
+#[test]
+fn a_panic_of_the_driver_is_a_fault_with_its_exit_code() {
+    #[derive(Debug)]
+    struct Exploding(SimArm);
+    impl Device for Exploding {
+        fn capabilities(&self) -> Capabilities {
+            self.0.capabilities()
+        }
+        fn read(&mut self) -> Result<crate::spatial::DeviceSample, crate::device::DeviceError> {
+            let sample = self.0.read()?;
+            assert!(sample.sequence < 50, "a driver that panics on purpose");
+            Ok(sample)
+        }
+        fn write(&mut self, wrench: &crate::spatial::Wrench) -> Result<crate::spatial::Wrench, crate::device::DeviceError> {
+            self.0.write(wrench)
+        }
+        fn stop(&mut self) {
+            self.0.stop();
+        }
+    }
+    let arm = Exploding(SimArm::new(SimParameters::ideal(1e-3)).expect("valid"));
+    let mut supervisor = Supervisor::new(|_| {});
+    let outcome = supervisor.render(job(Box::new(arm), ClockKind::Virtual, 1000), &never()).expect("an outcome");
+    assert_eq!(supervisor.phase(), Phase::Fault);
+    assert_eq!(outcome.exit(), Exit::Fault);
+    assert_eq!(outcome.totals.faults, ["panic"]);
+    assert_eq!(outcome.report.flight.records().count(), 49);
+}

@@ -1,0 +1,88 @@
+//! The threads of a run, and the memory that is locked for them.
+
+use std::thread::JoinHandle;
+
+use crossbeam::channel::{Receiver, Sender, bounded};
+
+use super::job::Live;
+use crate::device::Device;
+use crate::rt::clock::{Clock, ClockKind};
+use crate::rt::schedule::{self, ThreadRequest, ThreadStanding};
+use crate::servo::{LoopReport, ServoLoop, run_to_end};
+use crate::telemetry::{Drained, Taps, TickRecord, Watch, drain};
+
+/// The servo thread, ready or running.
+pub(super) struct Servo {
+    pub(super) thread: JoinHandle<Option<LoopReport>>,
+    /// What the thread obtained; sent once.
+    pub(super) standing: Receiver<ThreadStanding>,
+    /// A message starts the loop; dropping the sender ends the thread without a tick.
+    pub(super) go: Sender<()>,
+    /// Never sends: it disconnects when the thread has ended, however it did.
+    pub(super) ended: Receiver<()>,
+}
+
+/// The loop with all that may change while it runs.
+pub(super) fn with_live<C: Clock>(servo: ServoLoop<Box<dyn Device>, C>, live: Live) -> ServoLoop<Box<dyn Device>, C> {
+    let servo = servo.with_wishes(live.wishes);
+    let servo = match live.swaps {
+        Some(swaps) => servo.with_swaps(swaps),
+        None => servo,
+    };
+    match live.clay {
+        Some(clay) => servo.with_clay(clay),
+        None => servo,
+    }
+}
+
+/// The servo thread, which waits for a go. Without a `request` it stays an ordinary thread.
+pub(super) fn spawn_servo<C: Clock + 'static>(
+    servo: ServoLoop<Box<dyn Device>, C>,
+    request: Option<ThreadRequest>,
+) -> Result<Servo, std::io::Error> {
+    let (standing_sender, standing) = bounded(1);
+    let (go, go_receiver) = bounded(1);
+    let (ended_sender, ended) = bounded(1);
+    let thread = std::thread::Builder::new().name("servo".to_owned()).spawn(move || {
+        let _ended_sender = ended_sender;
+        let obtained = request.map_or_else(ThreadStanding::default, schedule::enter_realtime);
+        // Channels end here: from `run_to_end` on, the thread only touches atomics and the ring.
+        standing_sender.send(obtained).ok()?;
+        go_receiver.recv().ok()?;
+        Some(run_to_end(servo))
+    })?;
+    Ok(Servo { thread, standing, go, ended })
+}
+
+pub(super) fn spawn_drain(
+    records: rtrb::Consumer<TickRecord>,
+    taps: Taps,
+    events: Sender<Watch>,
+) -> Result<JoinHandle<Drained>, std::io::Error> {
+    std::thread::Builder::new().name("drain".to_owned()).spawn(move || {
+        drain(records, &taps, |watch| {
+            // The supervisor outlives the drain; if it has given up, nobody listens.
+            let _ = events.send(watch);
+        })
+    })
+}
+
+/// Locked memory for the length of a run.
+pub(super) struct MemoryLock {
+    /// `None`: not asked for.
+    pub(super) outcome: Option<Result<(), schedule::MemoryLockRefusal>>,
+}
+
+impl MemoryLock {
+    pub(super) fn take(clock: ClockKind) -> Self {
+        Self { outcome: (clock == ClockKind::Real).then(schedule::lock_memory) }
+    }
+}
+
+impl Drop for MemoryLock {
+    fn drop(&mut self) {
+        if matches!(self.outcome, Some(Ok(()))) {
+            schedule::unlock_memory();
+        }
+    }
+}

@@ -1,0 +1,329 @@
+//! From a profile to an open arm: find its node, open the link, hold the start-up dialogue, and do all that again when it is lost.
+
+use core::time::Duration;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use crossbeam::channel::{Receiver, Sender, bounded};
+use rtrb::{Consumer, Producer, RingBuffer};
+
+use super::nodes::{self, Node, NodeKind, Selector};
+use crate::device::profile::{HomingMode, Match, Profile, RealArm, TransportKind};
+use crate::device::protocol::StartError;
+use crate::device::transport::{Carriage, HidLink, HidOpenError, SerialError, SerialLink, Transport};
+use crate::device::{Capabilities, Connection, IoPlacement, Replacements, Timebase, Wakeup, WiredArm, WiredParameters};
+use crate::rt::schedule::ThreadRequest;
+
+/// How often a lost arm is looked for.
+const LOOK_AGAIN: Duration = Duration::from_millis(200);
+/// News of an arm that nobody has taken yet; more are dropped.
+const NEWS: usize = 16;
+
+/// What an open arm should be like.
+#[derive(Clone, Debug)]
+pub struct OpenOptions {
+    /// Which of several; `None`: the only one that fits the profile.
+    pub selector: Option<Selector>,
+    /// Scheduling of threads that move bytes, where the transport has any.
+    pub io_request: Option<ThreadRequest>,
+    /// One tick, s.
+    pub period_s: f64,
+}
+
+/// Why an arm cannot be opened.
+#[derive(Debug, thiserror::Error)]
+pub enum OpenError {
+    /// The profile is that of a simulated arm.
+    #[error("profile {profile} is a simulated arm: it needs no link")]
+    Simulated {
+        /// Name.
+        profile: String,
+    },
+    /// No node fits.
+    #[error("nothing attached fits the profile of {title}{}{}", looked_for(.matching), attached(.found))]
+    Missing {
+        /// Name for people.
+        title: String,
+        /// What was looked for.
+        matching: Box<Match>,
+        /// What is attached.
+        found: Vec<Node>,
+    },
+    /// Several nodes fit.
+    #[error("{} attached devices could be the {title}: {}; name one with --selector or `device.selector`", .candidates.len(), paths(.candidates))]
+    Several {
+        /// Name for people.
+        title: String,
+        /// Which.
+        candidates: Vec<Node>,
+    },
+    /// A serial port.
+    #[error(transparent)]
+    Serial(#[from] SerialError),
+    /// A hidraw node.
+    #[error(transparent)]
+    Hid(#[from] HidOpenError),
+    /// USB bulk endpoints.
+    #[cfg(feature = "usb")]
+    #[error(transparent)]
+    Usb(#[from] crate::device::transport::UsbError),
+    /// This program was built without USB bulk transfers.
+    #[error("the {title} answers on USB bulk endpoints only: build with `cargo build --release --features usb`")]
+    NoUsb {
+        /// Name for people.
+        title: String,
+    },
+    /// The start-up dialogue.
+    #[error("{} is open, but the arm does not start: {cause}; if it is the right arm, switch it off and on, and try again", .path.display())]
+    Start {
+        /// Node.
+        path: PathBuf,
+        /// Why.
+        cause: StartError,
+    },
+    /// The thread that looks for a lost arm.
+    #[error("cannot start a thread: {0}")]
+    Thread(std::io::Error),
+}
+
+fn paths(nodes: &[Node]) -> String {
+    nodes.iter().map(|node| node.path.display().to_string()).collect::<Vec<_>>().join(", ")
+}
+
+fn looked_for(matching: &Match) -> String {
+    let mut words: Vec<String> = matching.ids.iter().map(|id| format!("USB {:04x}:{:04x}", id.vendor, id.product)).collect();
+    words.extend(matching.serial.as_ref().map(|serial| format!("serial number {serial}")));
+    words.extend(matching.by_id.as_ref().map(|by_id| format!("a port named …{by_id}…")));
+    if words.is_empty() { ", which names no device by itself".into() } else { format!(" ({})", words.join(", ")) }
+}
+
+fn attached(nodes: &[Node]) -> String {
+    if nodes.is_empty() {
+        return "; no HID device or serial port is attached at all. Name the node of a mock arm or adapter with --selector PATH"
+            .into();
+    }
+    format!("; attached: {}. `hapticd devices` says more; --selector PATH names a node yourself", paths(nodes))
+}
+
+/// What becomes of a link after it was opened.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum LinkNews {
+    /// The arm is gone; it is looked for.
+    Lost,
+    /// It is back.
+    Back {
+        /// At this node.
+        node: PathBuf,
+        /// What a person has to see to, if the arm counts from where it was switched on.
+        homing: Option<String>,
+    },
+    /// It is there, and does not start.
+    Fails(String),
+}
+
+/// An arm that was opened.
+pub struct Opened {
+    /// The driver.
+    pub arm: WiredArm,
+    /// The node.
+    pub path: PathBuf,
+    /// What becomes of it.
+    pub news: Receiver<LinkNews>,
+}
+
+/// Looks whether the arm of a profile is there, and opens nothing. Cold, and quick.
+///
+/// # Errors
+/// As [`open`], as far as that can be known.
+pub fn look_for(profile: &Profile, options: &OpenOptions) -> Result<(), OpenError> {
+    let real = profile.real.as_ref().ok_or_else(|| OpenError::Simulated { profile: profile.name.clone() })?;
+    if real.matching.transport == TransportKind::Usb {
+        return Ok(());
+    }
+    Door { title: profile.title.clone(), real: real.clone(), options: options.clone() }.node().map(|_| ())
+}
+
+/// Opens the arm of a profile. Cold; the dialogue of some arms takes seconds.
+///
+/// # Errors
+/// See [`OpenError`].
+pub fn open(profile: &Profile, options: &OpenOptions) -> Result<Opened, OpenError> {
+    let real = profile.real.as_ref().ok_or_else(|| OpenError::Simulated { profile: profile.name.clone() })?;
+    let door = Door { title: profile.title.clone(), real: real.clone(), options: options.clone() };
+    let (path, connection) = door.connect(false)?;
+    let lost = Arc::new(AtomicBool::new(false));
+    let (to_arm, fresh) = RingBuffer::new(1);
+    let (spent, from_arm) = RingBuffer::new(2);
+    let (teller, news) = bounded(NEWS);
+    let replacements = Replacements { fresh, spent, lost: lost.clone() };
+    std::thread::Builder::new()
+        .name("reconnect".to_owned())
+        .spawn(move || keep(&door, to_arm, from_arm, &lost, &teller))
+        .map_err(OpenError::Thread)?;
+    let io = connection.link.io();
+    let arm = WiredArm::new(connection, Some(replacements), wired_parameters(profile, real, options.period_s, io));
+    Ok(Opened { arm, path, news })
+}
+
+/// What the driver is told of a profile.
+pub fn wired_parameters(profile: &Profile, real: &RealArm, period_s: f64, io: IoPlacement) -> WiredParameters {
+    WiredParameters {
+        kinematics: real.kinematics,
+        transmission: real.transmission,
+        device_from_native: real.device_from_native,
+        capabilities: Capabilities {
+            sensed: profile.sensed,
+            actuated: profile.actuated,
+            pacing: profile.link.pacing,
+            io,
+            wakeup: Wakeup::Clock,
+            watchdog_ms: profile.link.device_watchdog_ms,
+            watchdog_latched: real.watchdog_latched,
+            holds_last_command: profile.link.holds_last_command,
+            simulated: false,
+        },
+        force_limit_n: profile.limits.force_n,
+        torque_limit_nm: profile.limits.torque_nm,
+        velocity_window_s: profile.velocity_window_ms.map(|window_ms| window_ms * 1e-3),
+        kick_s: real.kick_ms.map(|kick_ms| f64::from(kick_ms) * 1e-3),
+        delay_ticks: profile.bound_plant().delay_ticks,
+        thermal: real.thermal,
+        period_s,
+        timebase: Timebase::Monotonic,
+    }
+}
+
+/// How to come to the arm, once and again.
+struct Door {
+    title: String,
+    real: RealArm,
+    options: OpenOptions,
+}
+
+impl Door {
+    fn node(&self) -> Result<Node, OpenError> {
+        let selector = self.options.selector.as_ref();
+        if let Some(Selector::Path(path)) = selector {
+            return Ok(Node::at(&resolved(path)));
+        }
+        let attached = nodes::list();
+        // Numbers of the user's own stand in for those of the profile: boards are sold under many.
+        let matching = match selector {
+            Some(Selector::Usb { .. }) => Match { ids: Vec::new(), by_id: None, ..self.real.matching.clone() },
+            _ => self.real.matching.clone(),
+        };
+        let fits = |node: &&Node| match selector {
+            Some(selector) => selector.means(node) && matching.has_form_of(node),
+            None => matching.admits(node),
+        };
+        let mut candidates: Vec<Node> = attached.iter().filter(fits).cloned().collect();
+        match candidates.len() {
+            1 => Ok(candidates.remove(0)),
+            0 => Err(OpenError::Missing {
+                title: self.title.clone(),
+                matching: Box::new(self.real.matching.clone()),
+                found: attached,
+            }),
+            _ => Err(OpenError::Several { title: self.title.clone(), candidates }),
+        }
+    }
+
+    /// What an arm that may have lost its power cannot know by itself.
+    fn homing(&self) -> Option<String> {
+        let homing = &self.real.homing;
+        homing.instruction.clone().filter(|_| homing.mode == HomingMode::PowerOnPose)
+    }
+
+    fn link(&self) -> Result<(PathBuf, Box<dyn Transport>, Carriage), OpenError> {
+        #[cfg(feature = "usb")]
+        if self.real.matching.transport == TransportKind::Usb {
+            return self.usb();
+        }
+        #[cfg(not(feature = "usb"))]
+        if self.real.matching.transport == TransportKind::Usb {
+            return Err(OpenError::NoUsb { title: self.title.clone() });
+        }
+        let node = self.node()?;
+        Ok(match node.kind {
+            NodeKind::Hid => {
+                let link = HidLink::open(&node.path, self.options.io_request)?;
+                (node.path, Box::new(link) as Box<dyn Transport>, Carriage::Reports)
+            }
+            NodeKind::Serial => {
+                let link = SerialLink::open(&node.path, self.real.matching.baud)?;
+                (node.path, Box::new(link) as Box<dyn Transport>, Carriage::Stream)
+            }
+        })
+    }
+
+    #[cfg(feature = "usb")]
+    fn usb(&self) -> Result<(PathBuf, Box<dyn Transport>, Carriage), OpenError> {
+        let (id, serial) = match &self.options.selector {
+            Some(Selector::Usb { vendor_id, product_id, serial }) => ((*vendor_id, *product_id), serial.as_deref()),
+            _ => {
+                let id = self.real.matching.ids.first().map_or((0, 0), |id| (id.vendor, id.product));
+                (id, self.real.matching.serial.as_deref())
+            }
+        };
+        let link = crate::device::transport::UsbLink::open(id.0, id.1, serial, self.options.io_request)?;
+        Ok((PathBuf::from(format!("USB {:04x}:{:04x}", id.0, id.1)), Box::new(link), Carriage::Stream))
+    }
+
+    fn connect(&self, again: bool) -> Result<(PathBuf, Connection), OpenError> {
+        let (path, mut link, carriage) = self.link()?;
+        let mut codec = self.real.protocol.codec(carriage);
+        if again {
+            codec.started_before();
+        }
+        if let Err(cause) = codec.start(&mut *link) {
+            // Zero on every failed start: the dialogue may have woken motors.
+            codec.finish(&mut *link);
+            return Err(OpenError::Start { path, cause });
+        }
+        Ok((path, Connection { link, codec }))
+    }
+}
+
+/// The node behind a link, so that a link that is made anew for another node is followed.
+fn resolved(path: &Path) -> PathBuf {
+    std::fs::canonicalize(path).unwrap_or_else(|_| path.to_owned())
+}
+
+/// Brings a lost arm back, until the driver has gone.
+fn keep(
+    door: &Door,
+    mut to_arm: Producer<Connection>,
+    mut from_arm: Consumer<Connection>,
+    lost: &AtomicBool,
+    teller: &Sender<LinkNews>,
+) {
+    let mut told: Option<LinkNews> = None;
+    let mut tell = |news: LinkNews| {
+        if told.as_ref() != Some(&news) {
+            // Nobody may be listening, or not fast enough: news are for people.
+            let _ = teller.try_send(news.clone());
+            told = Some(news);
+        }
+    };
+    while !to_arm.is_abandoned() {
+        while let Ok(mut spent) = from_arm.pop() {
+            let Connection { link, codec } = &mut spent;
+            codec.finish(&mut **link);
+        }
+        // Relaxed: the flag is the whole message.
+        if lost.load(Ordering::Relaxed) && !to_arm.is_full() {
+            tell(LinkNews::Lost);
+            match door.connect(true) {
+                Ok((path, connection)) => {
+                    let _ = to_arm.push(connection);
+                    tell(LinkNews::Back { node: path, homing: door.homing() });
+                }
+                Err(OpenError::Missing { .. }) => {}
+                Err(OpenError::Serial(SerialError::Open { .. })) => {}
+                Err(error) => tell(LinkNews::Fails(error.to_string())),
+            }
+        }
+        std::thread::sleep(LOOK_AGAIN);
+    }
+}

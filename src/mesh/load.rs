@@ -1,0 +1,90 @@
+//! From a file to a mesh in metres.
+
+use std::path::{Path, PathBuf};
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::{Format, MeshError, TriangleMesh, gltf, obj, ply, source, stl, threemf};
+
+/// No part is this far from its origin; squares and fifth powers of what is nearer stay far inside the range of `f64`.
+const FARTHEST_M: f64 = 1e9;
+
+/// Reads a mesh file, the format chosen by its extension (any case), and scales it to metres.
+///
+/// Groups and objects of a file become one mesh. Materials, normals and texture coordinates are not read: normals of CAD files
+/// are unreliable, and nothing here needs the others.
+///
+/// # Errors
+/// [`MeshError`], naming the path and, where it is known, the line.
+pub fn load(path: &Path, metres_per_unit: f64) -> Result<TriangleMesh, MeshError> {
+    let format = Format::of(path)?;
+    let bytes = source::read(path)?;
+    bytes.confirm(parse(&bytes, format, path, metres_per_unit), path)
+}
+
+/// The same for a file whose bytes are at hand. `path` is for messages, and where files that this one names are looked for.
+///
+/// Damaged bytes give an error, never a panic; no allocation is larger than a small multiple of `bytes`.
+///
+/// # Errors
+/// [`MeshError`], naming the path and, where it is known, the line or the byte.
+pub fn parse(bytes: &[u8], format: Format, path: &Path, metres_per_unit: f64) -> Result<TriangleMesh, MeshError> {
+    if bytes.is_empty() {
+        return Err(MeshError::NoBytes { path: path.to_owned() });
+    }
+    let read = match format {
+        Format::Obj => obj::parse(bytes, path),
+        Format::Stl => stl::parse(bytes, path),
+        Format::Ply => ply::parse(bytes, path),
+        Format::Gltf => gltf::parse(bytes, path),
+        Format::ThreeMf => threemf::parse(bytes, path, metres_per_unit),
+    };
+    let read = match read {
+        Ok(mesh) if mesh.triangles.is_empty() => Err(MeshError::Empty { path: path.to_owned() }),
+        read => read,
+    };
+    let mut mesh = read.map_err(|error| match Format::recognise(bytes) {
+        // Only now: the free text at the head of a binary STL may say anything.
+        Some(found) if found != format => MeshError::OtherFormat { path: path.to_owned(), found, named: format },
+        _ => error,
+    })?;
+    scale(&mut mesh.vertices, metres_per_unit, path)?;
+    Ok(mesh)
+}
+
+/// From the unit of the file to metres; refuses what is not finite, and what no part can be.
+pub(super) fn scale(vertices: &mut [DVec3], metres_per_unit: f64, path: &Path) -> Result<(), MeshError> {
+    let wrong = vertices.par_iter_mut().enumerate().find_map_first(|(vertex_idx, vertex)| {
+        *vertex *= metres_per_unit;
+        (!vertex.is_finite() || vertex.abs().max_element() > FARTHEST_M).then_some((vertex_idx, *vertex))
+    });
+    match wrong {
+        None => Ok(()),
+        Some((vertex_idx, vertex)) if vertex.is_finite() => {
+            let distance_m = vertex.abs().max_element();
+            Err(MeshError::FarVertex { path: path.to_owned(), vertex: vertex_idx + 1, distance_m })
+        }
+        Some((vertex_idx, _)) => Err(MeshError::NonFiniteVertex { path: path.to_owned(), vertex: vertex_idx + 1, line: None }),
+    }
+}
+
+/// From now on no mesh file is mapped into memory in this process, only copied: for a process that renders forces. A mapped file that another
+/// program shortens would end it.
+pub fn copy_only() {
+    source::copy_only();
+}
+
+/// Other files that a mesh file takes its triangles from: the buffers that a glTF file names. Every other format has all in one.
+///
+/// # Errors
+/// [`MeshError`] of a glTF file that cannot be read, or that names what it must not.
+pub fn companions(path: &Path) -> Result<Vec<PathBuf>, MeshError> {
+    match Format::of(path)? {
+        Format::Gltf => {
+            let bytes = source::read(path)?;
+            bytes.confirm(gltf::companions(&bytes, path), path)
+        }
+        Format::Obj | Format::Stl | Format::Ply | Format::ThreeMf => Ok(Vec::new()),
+    }
+}

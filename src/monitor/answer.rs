@@ -1,0 +1,33 @@
+//! What clients hear of their requests.
+
+use std::path::PathBuf;
+
+use serde_json::Value;
+
+use super::problem::Problem;
+use super::recorder::RecorderStatus;
+
+/// What a request came to.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Done {
+    /// It is done, and there is no more to say.
+    Nothing,
+    /// A recording.
+    Recording(RecorderStatus),
+    /// A file was written.
+    Saved(PathBuf),
+}
+
+impl Done {
+    /// Adds what there is to say to an answer.
+    pub(super) fn tell(&self, answer: &mut Value) {
+        match self {
+            Self::Nothing => {}
+            Self::Recording(recording) => answer["recording"] = recording.json(),
+            Self::Saved(file) => answer["file"] = file.to_string_lossy().into(),
+        }
+    }
+}
+
+/// Hears what became of a request.
+pub(super) type Reply = Box<dyn FnOnce(Result<Done, Problem>) + Send>;

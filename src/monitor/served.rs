@@ -1,0 +1,23 @@
+//! What every handler can reach.
+
+use std::sync::Arc;
+
+use tokio::sync::Semaphore;
+
+use super::access::Access;
+use super::hub::Hub;
+use super::pace::Pace;
+use super::visual::Visuals;
+use super::worker::Worker;
+
+/// One for all connections of a server.
+pub(super) struct Served {
+    pub(super) hub: Arc<Hub>,
+    pub(super) access: Access,
+    pub(super) visuals: Visuals,
+    /// Makes what is to be drawn.
+    pub(super) shapes: Worker,
+    pub(super) files: Worker,
+    pub(super) seats: Arc<Semaphore>,
+    pub(super) pace: Pace,
+}
