@@ -68,6 +68,8 @@ pub struct Capabilities {
 pub enum DeviceError {
     /// The arm is gone; nothing more will come.
     Lost,
+    /// The network between this machine and the arm's is silent, or was for too long; nothing is known of the arm.
+    Link,
     /// A report was short, garbled or failed its check; the last good sample still stands.
     Packet,
     /// The command had a component that is not a finite number; a zero command was sent in its place.
