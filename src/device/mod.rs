@@ -19,6 +19,7 @@
 //! | [`velocity`], `round_trip`, `thermal` | how fast the grip is, how far away the arm, how hot its motors |
 //! | [`sim`] | the simulated arm: a plant, a hand, an encoder, faults |
 //! | [`mock`] | the same behind a real link |
+//! | [`remote`] | an arm on another machine: both ends, force between commands, clocks |
 //! | [`hand`], [`fault`], `dice` | where the simulated hand wants to be, what goes wrong, chance from a seed |
 //! | [`discover`], [`probe`], [`identify`] | which arms are attached, what they do, what they are made of |
 //! | `conformance` | tests that every arm passes |
@@ -40,6 +41,7 @@ pub mod open;
 pub mod probe;
 pub mod profile;
 pub mod protocol;
+pub mod remote;
 mod round_trip;
 pub mod sim;
 mod thermal;

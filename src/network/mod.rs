@@ -47,7 +47,9 @@ impl Endpoints {
 #[derive(Debug, thiserror::Error)]
 pub enum NetworkError {
     /// An endpoint that cannot be read.
-    #[error("endpoint `{endpoint}`: {cause}; expected a protocol, a host and a port, such as udp/192.168.1.10:7447 or tcp/[::1]:7447")]
+    #[error(
+        "endpoint `{endpoint}`: {cause}; expected a protocol, a host and a port, such as udp/192.168.1.10:7447 or tcp/[::1]:7447"
+    )]
     Endpoint {
         /// As written.
         endpoint: String,
@@ -69,6 +71,30 @@ pub enum NetworkError {
         listen: Vec<String>,
         /// What zenoh says.
         cause: String,
+    },
+    /// A link over an open session.
+    #[error("cannot reach {name}: {cause}")]
+    Link {
+        /// Name of the node.
+        name: String,
+        /// What zenoh or the system says.
+        cause: String,
+    },
+    /// Nobody of that name.
+    #[error(
+        "no device node of the name {name} answered within {waited_s} s; run `hapticd device-node PROFILE --name {name}` beside the arm, and lead --connect to where it listens"
+    )]
+    NoNode {
+        /// Name.
+        name: String,
+        /// For how long it was asked for, s.
+        waited_s: u64,
+    },
+    /// A name that cannot be part of a key.
+    #[error("`{name}` is no name of a device node: 1 to 32 letters, digits, `-`, `_` and `.`")]
+    Name {
+        /// As written.
+        name: String,
     },
     /// This program was built without it.
     #[error("this program was built without a network: build with `cargo build --release --features zenoh`")]

@@ -2,7 +2,7 @@
 //!
 //! | room | may use |
 //! |---|---|
-//! | `spatial`, `storage` | nothing: leaves |
+//! | `spatial`, `storage`, `network` | nothing: leaves |
 //! | `mesh`, `voxmap`, `pointshell` | `spatial` and each other; nothing of scenes, devices, loops or threads |
 //! | `picture`, `bench` | what geometry may, and nobody but `cli` uses them; `picture` also samples of clay |
 //! | `bench::contact`, `bench::sculpt` | anything: they play scenes |
@@ -17,8 +17,8 @@
 use std::path::{Path, PathBuf};
 
 /// Rooms that know of scenes, arms, loops or threads.
-const ABOVE_GEOMETRY: [&str; 10] =
-    ["config", "scene", "haptics", "device", "rt", "servo", "telemetry", "daemon", "monitor", "sculpt"];
+const ABOVE_GEOMETRY: [&str; 11] =
+    ["config", "scene", "haptics", "device", "rt", "servo", "telemetry", "daemon", "monitor", "sculpt", "network"];
 const ABOVE_DEVICES: [&str; 6] = ["haptics", "scene", "servo", "telemetry", "daemon", "monitor"];
 /// The part of `bench` that plays scenes, and so may use what they are made of.
 const BENCH_OF_CONTACT: &str = "bench::contact";
@@ -44,6 +44,7 @@ fn refusal(room: &str, path: &[String]) -> Option<&'static str> {
     match room {
         "spatial" if first != "spatial" => Some("`spatial` is a leaf"),
         "storage" if first != "storage" => Some("`storage` is a leaf"),
+        "network" if first != "network" => Some("`network` is a leaf"),
         "haptics" => {
             let allowed = match first {
                 "haptics" | "spatial" => true,
