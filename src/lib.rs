@@ -117,6 +117,7 @@
 //! |---|---|
 //! | [`storage`] | arrays that are owned or lie in a mapped file; files of them |
 //! | [`rt`] | every operating-system call of the loop |
+//! | [`network`] | sessions with other machines |
 //! | [`servo`] | the 1 kHz loop: wait → read → tick → write → publish |
 //! | [`daemon`] | supervisor: bake, preflight, enable, stop |
 //! | [`monitor`] | HTTP, WebSocket and the page of a run |
@@ -136,6 +137,7 @@ pub mod error;
 pub mod haptics;
 pub mod mesh;
 pub mod monitor;
+pub mod network;
 #[doc(hidden)]
 pub mod picture;
 pub mod pointshell;

@@ -6,10 +6,8 @@ use std::path::PathBuf;
 use clap::ArgGroup;
 use serde_json::json;
 
-use super::cache::CacheArgs;
-use super::progress::BakeProgress;
-use super::{Talk, cache, report, say};
-use crate::config::{self, SceneConfig};
+use super::hand::HandArgs;
+use super::{Talk, report, say};
 use crate::device::mock::gadget::Gadget;
 use crate::device::mock::link::{ArmLink, LinkError};
 use crate::device::mock::profiled::{self, MockSettings};
@@ -18,16 +16,11 @@ use crate::device::mock::serve::{Ended, Serving, serve};
 use crate::device::mock::uhid::Uhid;
 use crate::device::mock::{MockArm, MockReport};
 use crate::device::profile::{self, Profile, ProfileError};
-use crate::device::simulated::HandParameters;
 use crate::device::simulated::fault::{self, FaultPlan};
-use crate::device::simulated::hand::{HandPath, Indexing};
 use crate::device::transport::Carriage;
 use crate::error::Exit;
 use crate::rt::schedule::{self, ThreadRequest};
 use crate::rt::{duration, signals};
-use crate::scene::cache::Residence;
-use crate::scene::{self, BakeMeans};
-use crate::spatial::Pose;
 
 /// Arguments of `hapticd mock`.
 #[derive(Debug, clap::Args)]
@@ -44,18 +37,8 @@ pub(crate) struct Args {
     /// The arm's end of a USB gadget: /dev/ttyGS0 or /dev/hidg0.
     #[arg(long, value_name = "NODE", group = "link")]
     gadget: Option<PathBuf>,
-    /// Where the hand wants to be: CSV with the header t_s,x_m,y_m,z_m,qx,qy,qz,qw; it counts from the first pose, or as in SCENE.
-    #[arg(long, value_name = "FILE.csv", conflicts_with = "no_hand")]
-    hand: Option<PathBuf>,
-    /// Nobody holds the grip.
-    #[arg(long)]
-    no_hand: bool,
-    /// Take the hand's file, strength and frame from this scene: the tool moves as it does with a simulated arm in the process.
-    #[arg(long, value_name = "SCENE")]
-    scene: Option<PathBuf>,
-    /// How long the hand waits at its start after the host's first frame: until the host has enabled the arm.
-    #[arg(long, value_name = "TIME", default_value = "1s", value_parser = duration::parse)]
-    hand_delay: Duration,
+    #[command(flatten)]
+    hand: HandArgs,
     /// What goes wrong: drop=P%, stall, nan, garbage, unplug, slow=TIME, stuck, jump, truncate, sign-flip or saturate, then @START[+LENGTH] since
     /// the host's first frame, such as unplug@2s+500ms; may be repeated.
     #[arg(long = "fault", value_name = "SPEC", value_parser = parse_fault)]
@@ -72,8 +55,6 @@ pub(crate) struct Args {
     /// Print one JSON object at the end.
     #[arg(long)]
     json: bool,
-    #[command(flatten)]
-    cache: CacheArgs,
 }
 
 /// Above any host: its firmware waits for nobody.
@@ -106,7 +87,7 @@ fn mock(args: &Args, talk: Talk) -> Result<(), Exit> {
         return Err(fail(Exit::Usage, "the plug of a gadget cannot be pulled from its own side", Some(hint)));
     }
     let settings =
-        MockSettings { hand: hand(args, talk)?, hand_delay: args.hand_delay, faults: args.faults.clone(), seed: args.seed };
+        MockSettings { hand: args.hand.hand(talk)?, hand_delay: args.hand.delay(), faults: args.faults.clone(), seed: args.seed };
     let (parameters, protocol) = profiled::parameters(&profile, settings);
     if !protocol.carriages().contains(&carriage) {
         let (message, hint) = match carriage {
@@ -169,56 +150,6 @@ fn open(
     let identity = profiled::identity(profile, protocol);
     let name = format!("uhid {:04x}:{:04x}", identity.vendor_id, identity.product_id);
     Ok((Box::new(Uhid::new(identity)?), name))
-}
-
-/// The hand that the arguments ask for.
-fn hand(args: &Args, talk: Talk) -> Result<Option<HandParameters>, Exit> {
-    let config = match args.scene.as_deref().map(config::load).transpose() {
-        Ok(config) => config,
-        Err(errors) => return Err(report::config_errors(&errors, talk)),
-    };
-    let is_held = config.as_ref().is_none_or(|config| config.device.sim.hand_present);
-    if args.no_hand || !is_held {
-        return Ok(None);
-    }
-    let file = args.hand.clone().or_else(|| config.as_ref().and_then(|config| config.device.hand.clone()));
-    let path = match file.as_deref().map(HandPath::read).transpose() {
-        Ok(path) => path,
-        Err(error) => {
-            report::error(&error.to_string(), None, talk);
-            return Err(Exit::Configuration);
-        }
-    };
-    let mut hand = HandParameters::default();
-    if let Some(SceneConfig { device, .. }) = &config {
-        hand.stiffness_n_per_m = device.sim.hand_stiffness_n_per_m;
-        hand.damping_n_s_per_m = device.sim.hand_damping_n_s_per_m;
-        hand.mass_kg = device.sim.hand_mass_kg;
-    }
-    let Some(path) = path else { return Ok(Some(hand)) };
-    let indexing = match &config {
-        Some(config) => indexing_of(config, args, talk)?,
-        None => Indexing { world_from_device: Pose::IDENTITY, scale: 1.0, start: path.sample(0.0), grip_tool: glam::DVec3::ZERO },
-    };
-    hand.path = Some(path.to_device(indexing));
-    Ok(Some(hand))
-}
-
-/// How the grip follows the tool of a scene; the tool's centre of mass takes a bake, or the cache.
-fn indexing_of(config: &SceneConfig, args: &Args, talk: Talk) -> Result<Indexing, Exit> {
-    let mut cache = args.cache.open(Residence::Mapped, talk);
-    let progress = BakeProgress::new(talk);
-    let baked = scene::build_with(config, &mut BakeMeans::from(&mut cache), |event| progress.tell(&event));
-    progress.finish();
-    cache::tell(&mut cache, talk);
-    let (scene, _) = baked.map_err(|error| report::scene_error(&error, talk))?;
-    let port = &config.parameters.port;
-    Ok(Indexing {
-        world_from_device: port.world_from_device,
-        scale: port.scale,
-        start: port.start,
-        grip_tool: scene.tool.center_of_mass_tool,
-    })
 }
 
 fn tell(report: &MockReport, profile: &Profile, protocol: &str, link: &str, ended: Ended, as_json: bool, talk: Talk) {

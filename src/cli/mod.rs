@@ -8,11 +8,13 @@ mod completions;
 mod console;
 mod desk;
 mod destination;
+mod device_node;
 mod devices;
 mod doctor;
 mod eval;
 mod findings;
 mod foxglove;
+mod hand;
 mod init;
 mod lab_report;
 mod live;
@@ -20,6 +22,7 @@ mod man;
 mod memory;
 mod mock;
 mod monitor;
+mod network;
 mod outcome;
 mod plots;
 mod probe;
@@ -103,6 +106,8 @@ enum Command {
     Init(init::Args),
     /// Simulate an arm behind a real link, in its own protocol, with faults on demand.
     Mock(mock::Args),
+    /// Drive an arm for a host on another machine, over zenoh.
+    DeviceNode(device_node::Args),
     /// List attached arms, with what stands in their way.
     Devices(devices::Args),
     /// Examine this machine and its arms: rights, scheduling, 10 s of wake-ups, udev rules. Says what to type.
@@ -128,6 +133,7 @@ pub fn main() -> ExitCode {
         Command::Report(args) => lab_report::main(&args, talk),
         Command::Bench(args) => bench::main(&args, talk),
         Command::Mock(args) => mock::main(&args, talk),
+        Command::DeviceNode(args) => device_node::main(&args, talk),
         Command::Devices(args) => devices::main(&args, talk),
         Command::Doctor(args) => doctor::main(&args, talk),
         Command::Init(args) => init::main(&args, talk),

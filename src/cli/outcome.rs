@@ -6,6 +6,7 @@ use serde::Serialize;
 
 use super::live;
 use super::workshop::SculptReport;
+use crate::device::remote::figures::LinkReport;
 use crate::telemetry::recording::RecordingSummary;
 use crate::telemetry::{LatencySummary, Totals};
 
@@ -24,11 +25,12 @@ pub(super) struct More<'a> {
     pub(super) swaps: &'a [live::SwapReport],
     pub(super) recording: Option<&'a RecordingSummary>,
     pub(super) sculpt: Option<&'a SculptReport>,
+    pub(super) link: Option<LinkReport>,
 }
 
 /// What goes to stdout.
 pub(super) fn result_text(totals: &Totals, start_s: StartTimes, more: &More<'_>, json: bool) -> String {
-    let More { swaps, recording, sculpt } = *more;
+    let More { swaps, recording, sculpt, link } = *more;
     if json {
         #[derive(Serialize)]
         struct RunReport<'t> {
@@ -41,8 +43,10 @@ pub(super) fn result_text(totals: &Totals, start_s: StartTimes, more: &More<'_>,
             recording: Option<&'t RecordingSummary>,
             #[serde(skip_serializing_if = "Option::is_none")]
             sculpt: Option<&'t SculptReport>,
+            #[serde(skip_serializing_if = "Option::is_none")]
+            link: Option<LinkReport>,
         }
-        return match serde_json::to_string(&RunReport { totals, start_s, swaps, recording, sculpt }) {
+        return match serde_json::to_string(&RunReport { totals, start_s, swaps, recording, sculpt, link }) {
             Ok(mut text) => {
                 text.push('\n');
                 text
@@ -68,6 +72,14 @@ pub(super) fn result_text(totals: &Totals, start_s: StartTimes, more: &More<'_>,
     }
     for (name, text) in sculpt.map(SculptReport::rows).into_iter().flatten() {
         row(name, format_args!("{text}"));
+    }
+    if let Some(LinkReport { there_ms, back_ms, old_packets, lost_packets, .. }) = link {
+        row(
+            "link",
+            format_args!(
+                "{there_ms:.2} ms there, {back_ms:.2} ms back at most; {lost_packets} packets lost, {old_packets} too late"
+            ),
+        );
     }
     row("missed deadlines", format_args!("{}", totals.missed_deadlines));
     for (name, latency) in [("wake-up", totals.wakeup_us), ("compute", totals.compute_us), ("device", totals.device_us)] {

@@ -3,7 +3,7 @@
 mod args;
 mod arm;
 
-use std::cell::Cell;
+use std::cell::{Cell, RefCell};
 use std::sync::Arc;
 
 use crossbeam::channel::Receiver;
@@ -17,10 +17,11 @@ use super::outcome::{More, StartTimes, result_text};
 use super::progress::BakeProgress;
 use super::screen::{Screen, report_lines};
 use super::workshop::{self, Workshop};
-use super::{Talk, bake, cache, check, live, recording, report, say};
-use crate::config::{self, ConfigErrors};
+use super::{Talk, bake, cache, check, live, network, recording, report, say};
+use crate::config::{self, ConfigErrors, LoadOptions};
 use crate::daemon::service::Service;
-use crate::daemon::{Attached, Live, Notice, Outcome, PrepareError, Prepared, RenderJob, RunError, Supervisor, prepare_with};
+use crate::daemon::{Attached, Live, Notice, Outcome, PrepareError, Prepared, RenderJob, RunError, Supervisor, prepare_on};
+use crate::device::mock::profiled;
 use crate::device::protocol::Protocol;
 use crate::error::Exit;
 use crate::mesh;
@@ -44,7 +45,15 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: Talk, started_ns: i64) 
     mesh::copy_only();
     let since_start_s = |ns: i64| (ns - started_ns) as f64 * 1e-9;
     let baked_s = Cell::new(0.0);
-    let overrides = args.overrides();
+    let figures = RefCell::new(None);
+    let remote = match args.remote() {
+        Ok(remote) => remote,
+        Err(error) => {
+            report::error(&error.to_string(), None, talk);
+            return network::exit_of(&error);
+        }
+    };
+    let overrides = args.overrides(remote.as_ref());
     if own.clay.is_some() && args.scene.is_file() && workshop::is_source(&args.scene) {
         report::error(
             &format!("{}: this is a file of points or a mesh, not a scene", args.scene.display()),
@@ -63,6 +72,11 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: Talk, started_ns: i64) 
         Ok(workshop) => workshop,
         Err(exit) => return exit,
     };
+    if let (Some(remote), Some(selector)) = (&remote, &args.selector) {
+        let message = format!("--selector {selector}: the arm hangs on the machine of zenoh:{}", remote.name());
+        report::error(&message, Some("give it to `hapticd device-node`"), talk);
+        return Exit::Usage;
+    }
     if let (Some(selector), None) = (&args.selector, &config.device.profile.real) {
         let message =
             format!("--selector {selector}: {} is simulated in this process and hangs on no node", config.device.profile.name);
@@ -77,12 +91,12 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: Talk, started_ns: i64) 
         Ok(bound) => bound,
         Err(exit) => return exit,
     };
+    if args.clock == ClockArg::Virtual && (remote.is_some() || config.device.profile.real.is_some()) {
+        let hint = "leave out --clock virtual, or name a simulated arm with --device";
+        report::error("a real arm, or one on another machine, lives in real time", Some(hint), talk);
+        return Exit::Usage;
+    }
     if let Some(real) = &config.device.profile.real {
-        if args.clock == ClockArg::Virtual {
-            let hint = "leave out --clock virtual, or name a simulated arm with --device";
-            report::error("a real arm lives in real time", Some(hint), talk);
-            return Exit::Usage;
-        }
         if !args.enables_at_start(&config) && !args.console && bound.is_none() {
             report::error(&RunError::NobodyEnables.to_string(), Some(HOW_TO_ENABLE), talk);
             return Exit::Device;
@@ -110,11 +124,13 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: Talk, started_ns: i64) 
         let mut cache = args.cache.open(Residence::Owned, talk);
         let progress = BakeProgress::new(talk);
         let mut means = BakeMeans { cache: &mut cache, memory: args.memory.plan(&progress, talk) };
-        let prepared = prepare_with(&config, &mut means, |event| progress.tell(&event));
+        let prepared = prepare_on(&config, &mut means, remote.as_ref(), |event| progress.tell(&event));
         drop(means);
         progress.finish();
         cache::tell(&mut cache, talk);
         let (prepared, reports) = prepared?;
+        let link = prepared.attached.as_ref().and_then(|attached| attached.link.clone());
+        figures.replace(link);
         report::bake_warnings(&reports, talk);
         let clay = prepared.piece.as_ref().map(|piece| &piece.report);
         clay.inspect(|clay| report::clay_warnings(clay, talk));
@@ -153,8 +169,11 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: Talk, started_ns: i64) 
             return Exit::Internal;
         }
     };
-    let protocol = config.device.profile.real.as_ref().map(|real| &real.protocol);
+    // The node speaks for its arm, in its own words.
+    let spoken = remote.as_ref().map(|_| Protocol::Open6(profiled::open6(&config.device.profile)));
+    let protocol = spoken.as_ref().or(config.device.profile.real.as_ref().map(|real| &real.protocol));
     let beside = Beside {
+        overrides: overrides.clone(),
         live,
         under_way: &under_way,
         protocol,
@@ -173,7 +192,8 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: Talk, started_ns: i64) 
                 audience.end();
             }
             let (swaps, recording) = (under_way.reports(&outcome.swaps), recordings.end(&outcome.report));
-            let more = More { swaps: &swaps, recording: recording.as_ref(), sculpt: clay.as_ref() };
+            let link = figures.borrow().as_ref().map(|figures| figures.report());
+            let more = More { swaps: &swaps, recording: recording.as_ref(), sculpt: clay.as_ref(), link };
             if args.json || !talk.quiet {
                 say::result(format_args!("{}", result_text(&outcome.totals, start_s, &more, args.json)));
             }
@@ -213,6 +233,8 @@ const HOW_TO_ENABLE: &str = "give --enable to let force flow from the start, --c
 
 /// Who and what is there beside the loop.
 struct Beside<'a> {
+    /// What the command line sets over the scene, also when it is read again.
+    overrides: LoadOptions,
     live: Live,
     under_way: &'a live::UnderWay,
     protocol: Option<&'a Protocol>,
@@ -229,7 +251,7 @@ fn run(
     interrupts: impl FnOnce() -> Result<Receiver<()>, SignalError>,
     bake: impl FnOnce() -> Result<Prepared, PrepareError>,
 ) -> Result<Outcome, Refusal> {
-    let Beside { mut live, under_way, protocol, company, mut workshop, watches } = beside;
+    let Beside { overrides, mut live, under_way, protocol, company, mut workshop, watches } = beside;
     let mut screen = Screen::new(talk, under_way, protocol, live.operator.waits_after_fault);
     let ears = company.ears();
     let mut service = Service::of_environment();
@@ -250,7 +272,7 @@ fn run(
     }
     let node = prepared.attached.as_ref().map(|attached| attached.node.as_path());
     company.begin(&scene, node, &mut live).map_err(|error| Refusal::Run(error.into()))?;
-    if let Some(Attached { node, news }) = prepared.attached {
+    if let Some(Attached { node, news, link: _ }) = prepared.attached {
         if !talk.quiet {
             say::talk(format_args!("device: {} is ready\n", node.display()));
         }
@@ -270,7 +292,7 @@ fn run(
     if let Some(workshop) = workshop {
         workshop.heed(interrupts.clone());
     }
-    company.reload(args.overrides(), watches, talk).map_err(|error| Refusal::Run(error.into()))?;
+    company.reload(overrides, watches, talk).map_err(|error| Refusal::Run(error.into()))?;
     supervisor.render_live(job, live, &interrupts).map_err(Refusal::Run)
 }
 

@@ -25,10 +25,12 @@
 //! Data in: a prepared [`RenderJob`]. Data out: [`Notice`]s while it runs, one [`Outcome`] at the end. Invariant: prints nothing.
 
 pub mod desk;
+pub mod device_node;
 mod prepare;
 mod recorded;
 pub mod refusal;
 pub mod reload;
+pub mod remote;
 mod replay;
 pub mod service;
 pub mod studio;
@@ -38,7 +40,7 @@ pub mod switch;
 pub(crate) mod testing;
 mod unpacked;
 
-pub use prepare::{Attached, PrepareError, Prepared, inputs, prepare, prepare_with};
+pub use prepare::{Attached, PrepareError, Prepared, inputs, prepare, prepare_on, prepare_with};
 pub use recorded::{resolved, scene_files};
 pub use replay::{Difference, Gap, ReplayError, Replayed, replay};
 pub use supervisor::{Live, Notice, Operator, OperatorOrder, Outcome, Phase, RenderJob, RunError, Supervisor};

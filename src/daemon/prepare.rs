@@ -1,15 +1,18 @@
 //! From a checked scene to a baked one with its arm: where the cold rooms meet.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use crossbeam::channel::Receiver;
 use glam::DVec3;
 use thiserror::Error;
 
+use super::remote::RemoteArm;
 use crate::config::scene::{DeviceConfig, RealtimeConfig};
 use crate::config::{ConfigErrors, SceneConfig};
 use crate::device::Device;
 use crate::device::attached::open::{self, LinkNews, OpenError, OpenOptions};
+use crate::device::remote::LinkFigures;
 use crate::device::simulated::fault::{self, FaultError, FaultPlan};
 use crate::device::simulated::hand::{HandPath, Indexing};
 use crate::device::simulated::{HandParameters, SimArm, SimError, SimParameters};
@@ -44,6 +47,8 @@ pub struct Attached {
     pub node: PathBuf,
     /// What becomes of its link.
     pub news: Receiver<LinkNews>,
+    /// How far away it is; `None`: it hangs on this machine.
+    pub link: Option<Arc<LinkFigures>>,
 }
 
 /// Why a scene cannot be rendered.
@@ -107,10 +112,23 @@ pub fn prepare_with(
     means: &mut BakeMeans<'_>,
     watch: impl FnMut(Event<'_>),
 ) -> Result<(Prepared, Vec<ObjectReport>), PrepareError> {
+    prepare_on(config, means, None, watch)
+}
+
+/// The same with an arm on another machine, if there is one: the scene's profile is that of its arm.
+///
+/// # Errors
+/// As [`prepare_with`].
+pub fn prepare_on(
+    config: &SceneConfig,
+    means: &mut BakeMeans<'_>,
+    remote: Option<&RemoteArm>,
+    watch: impl FnMut(Event<'_>),
+) -> Result<(Prepared, Vec<ObjectReport>), PrepareError> {
     let (hand, fault) = inputs(config)?;
     let profile = &config.device.profile;
-    let to_open = profile.real.is_some().then(|| open_options(config));
-    if let Some(options) = &to_open {
+    let to_open = (remote.is_some() || profile.real.is_some()).then(|| open_options(config));
+    if let (Some(options), None) = (&to_open, remote) {
         open::look_for(profile, options)?;
     }
     let Built { scene, objects: mut reports, piece } = scene::build_all(config, means, watch)?;
@@ -120,12 +138,16 @@ pub fn prepare_with(
     let port = &config.parameters.port;
     let period_s = config.parameters.period_s;
     // Only now: an arm that has been greeted is not to wait for a bake.
-    let (device, attached): (Box<dyn Device>, _) = match &to_open {
-        Some(options) => {
-            let opened = open::open(profile, options)?;
-            (Box::new(opened.arm), Some(Attached { node: opened.path, news: opened.news }))
+    let (device, attached): (Box<dyn Device>, _) = match (&to_open, remote) {
+        (Some(options), Some(remote)) => {
+            let (opened, link) = remote.open(profile, period_s, options.io_request)?;
+            (Box::new(opened.arm), Some(Attached { node: opened.path, news: opened.news, link: Some(link) }))
         }
-        None => {
+        (Some(options), None) => {
+            let opened = open::open(profile, options)?;
+            (Box::new(opened.arm), Some(Attached { node: opened.path, news: opened.news, link: None }))
+        }
+        (None, _) => {
             let mut arm = simulated_arm(&config.device, hand.as_ref(), port, scene.tool.center_of_mass_tool, period_s);
             arm.fault = fault;
             (Box::new(SimArm::new(arm)?), None)

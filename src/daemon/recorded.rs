@@ -200,13 +200,18 @@ fn parameters(p: &Parameters) -> Value {
         stiffness_lag_nm_s_per_rad,
         injected_n_s_per_m,
         injected_nm_s_per_rad,
+        stable_damping_n_s_per_m,
+        stable_damping_nm_s_per_rad,
+        velocity_age_ticks,
         velocity_step_m_per_s,
         velocity_step_rad_per_s,
     } = arm;
     let arm = json!({
         "delay_ticks": delay_ticks, "stiffness_lag_n_s_per_m": stiffness_lag_n_s_per_m,
         "stiffness_lag_nm_s_per_rad": stiffness_lag_nm_s_per_rad, "injected_n_s_per_m": injected_n_s_per_m,
-        "injected_nm_s_per_rad": injected_nm_s_per_rad, "velocity_step_m_per_s": velocity_step_m_per_s,
+        "injected_nm_s_per_rad": injected_nm_s_per_rad,
+        "stable_damping_n_s_per_m": stable_damping_n_s_per_m, "stable_damping_nm_s_per_rad": stable_damping_nm_s_per_rad,
+        "velocity_age_ticks": velocity_age_ticks, "velocity_step_m_per_s": velocity_step_m_per_s,
         "velocity_step_rad_per_s": velocity_step_rad_per_s,
     });
     json!({

@@ -69,6 +69,9 @@ pub enum DeviceError {
     /// The arm is gone; nothing more will come.
     #[error("the arm is gone")]
     Lost,
+    /// The network between this machine and the arm's is silent, or was for too long; nothing is known of the arm.
+    #[error("the network between this machine and the arm's is silent")]
+    Link,
     /// A report was short, garbled or failed its check; the last good sample still stands.
     #[error("a report of the arm was garbled")]
     Packet,

@@ -18,6 +18,7 @@
 //! | [`velocity`] | how fast the grip is |
 //! | [`simulated`] | the simulated arm: a plant, a hand, an encoder, faults |
 //! | [`mock`] | the same behind a real link |
+//! | [`remote`] | an arm on another machine: both ends, force between commands, clocks |
 //! | `conformance` | tests that every arm passes |
 //!
 //! [`DeviceSample`]: crate::spatial::DeviceSample
@@ -30,6 +31,7 @@ pub mod kinematics;
 pub mod mock;
 pub mod profile;
 pub mod protocol;
+pub mod remote;
 pub mod simulated;
 pub mod transmission;
 pub mod transport;

@@ -87,6 +87,8 @@ pub struct WiredParameters {
     pub period_s: f64,
     /// Time of samples.
     pub timebase: Timebase,
+    /// The arm is on another machine: silence after which the network between counts as lost, s. `None`: it hangs on this one.
+    pub link_silence_s: Option<f64>,
 }
 
 /// An opened link with a codec that has been through its start.
@@ -155,6 +157,7 @@ impl WiredArm {
         let configuration = parameters.kinematics.solve(&home, &Configuration::default()).unwrap_or_default();
         let is_rate_input = matches!(parameters.kinematics, Kinematics::Rate(_));
         Self {
+            round_trip: round_trip(&connection, &parameters),
             connection,
             replacements,
             is_rate_input,
@@ -163,7 +166,6 @@ impl WiredArm {
             joint_rates: [0.0; MAX_AXES],
             window: VelocityWindow::new(window_linear_s, window_angular_s, parameters.period_s),
             thermal: parameters.thermal,
-            round_trip: RoundTrip::starting_at(parameters.delay_ticks),
             // A rate input has no zero, and says nothing before it is moved.
             last: DeviceSample { homed: is_rate_input, ..DeviceSample::default() },
             sent: MotorCommand::default(),
@@ -217,7 +219,17 @@ impl WiredArm {
             // Relaxed: the flag is the whole message.
             replacements.lost.store(true, Ordering::Relaxed);
         }
-        DeviceError::Lost
+        self.gone()
+    }
+
+    /// What a loss is called.
+    fn gone(&self) -> DeviceError {
+        if self.parameters.link_silence_s.is_some() { DeviceError::Link } else { DeviceError::Lost }
+    }
+
+    /// The network has said nothing for too long.
+    fn is_silent(&self, now_s: f64) -> bool {
+        self.parameters.link_silence_s.is_some_and(|silence_s| now_s - self.last_report_s >= silence_s)
     }
 
     /// Takes a new connection if the arm is back. The old one goes where closing it may take its time.
@@ -232,7 +244,8 @@ impl WiredArm {
         replacements.lost.store(false, Ordering::Relaxed);
         self.lost = false;
         self.full_ticks = 0;
-        self.round_trip = RoundTrip::starting_at(self.parameters.delay_ticks);
+        self.round_trip = round_trip(&self.connection, &self.parameters);
+        self.last_report_s = self.now_s();
         self.quiet_until_s = None;
         self.quiet_before = false;
         self.heard = 0;
@@ -391,9 +404,14 @@ impl Device for WiredArm {
     fn read(&mut self) -> Result<DeviceSample, DeviceError> {
         self.n_reads += 1;
         if self.lost && !self.is_back() {
-            return Err(DeviceError::Lost);
+            return Err(self.gone());
         }
         let now_s = self.now_s();
+        if self.n_reads == 1 {
+            // Whatever passed since the arm was opened is nobody's silence.
+            self.last_report_s = now_s;
+        }
+        self.connection.codec.tell_time(now_s);
         let mut fed = match self.drain() {
             Ok(fed) => fed,
             Err(_) => return Err(self.lose()),
@@ -434,6 +452,12 @@ impl Device for WiredArm {
         } else if fed.corrupt == 0 {
             self.kick_if_silent(now_s);
         }
+        if self.is_silent(now_s) {
+            return Err(self.lose());
+        }
+        if self.connection.codec.is_cut() {
+            return Err(DeviceError::Link);
+        }
         if self.is_rate_input {
             self.coast(now_s);
         }
@@ -443,9 +467,10 @@ impl Device for WiredArm {
 
     fn write(&mut self, wrench_device: &Wrench) -> Result<Wrench, DeviceError> {
         if self.lost {
-            return Err(DeviceError::Lost);
+            return Err(self.gone());
         }
         let now_s = self.now_s();
+        self.connection.codec.tell_time(now_s);
         let finite = wrench_device.is_finite();
         let (command, rendered) = if finite { self.motors_for(wrench_device) } else { (MotorCommand::default(), Wrench::ZERO) };
         // One command in flight, but for the one that takes force away: it never waits for a reply that may be lost.
@@ -491,6 +516,14 @@ impl Drop for WiredArm {
         let Connection { link, codec } = &mut self.connection;
         codec.finish(link);
         std::thread::sleep(LINGER);
+    }
+}
+
+/// What is known of the way to an arm before it is used.
+fn round_trip(connection: &Connection, parameters: &WiredParameters) -> RoundTrip {
+    match connection.codec.round_trip_s() {
+        Some(trip_s) => RoundTrip::over_network((trip_s / parameters.period_s).ceil() as u32),
+        None => RoundTrip::starting_at(parameters.delay_ticks),
     }
 }
 

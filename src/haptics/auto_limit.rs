@@ -10,6 +10,7 @@
 //! Gil2009 for K (T/2 + t_d + t_f) < b; the rule with the factor 0.8 is that of [`stability`](super::stability).
 
 use super::params::{ArmParameters, CouplingParameters};
+use super::stability::damping_reach;
 
 /// Time in which the limit follows one more tick of delay, s.
 const SETTLE_S_PER_TICK: f64 = 0.01;
@@ -53,12 +54,34 @@ impl LoopDelay {
         let lag_s = (0.5 + self.allowed_ticks) * period_s + filter_lag_s;
         let translation = arm.stiffness_lag_n_s_per_m / lag_s;
         let rotation = arm.stiffness_lag_nm_s_per_rad / lag_s;
+        let damped = self.damped(arm);
         CouplingParameters {
+            felt_damping_n_s_per_m: coupling.felt_damping_n_s_per_m.min(damped.stable_damping_n_s_per_m),
+            felt_damping_nm_s_per_rad: coupling.felt_damping_nm_s_per_rad.min(damped.stable_damping_nm_s_per_rad),
             stiffness_n_per_m: coupling.stiffness_n_per_m.min(translation),
             stiffness_nm_per_rad: coupling.stiffness_nm_per_rad.min(rotation),
             bound_n_per_m: coupling.bound_n_per_m.min(translation),
             bound_nm_per_rad: coupling.bound_nm_per_rad.min(rotation),
             ..*coupling
+        }
+    }
+
+    /// What the arm takes of dampers at the longest delay: each acts on a velocity that is older by the difference, and would drive the arm
+    /// beyond this. The very bits that came in while the measured delay is no longer than the one that they allow for. RT: safe.
+    pub(super) fn damped(&self, arm: &ArmParameters) -> ArmParameters {
+        let later = self.worst_ticks.saturating_sub(arm.delay_ticks);
+        if later == 0 {
+            return *arm;
+        }
+        let share = arm.velocity_age_ticks.map(|age| damping_reach(age.saturating_add(later)) / damping_reach(age));
+        let [linear, angular] = share;
+        let (stable, stable_angular) = (arm.stable_damping_n_s_per_m * linear, arm.stable_damping_nm_s_per_rad * angular);
+        ArmParameters {
+            stable_damping_n_s_per_m: stable,
+            stable_damping_nm_s_per_rad: stable_angular,
+            injected_n_s_per_m: arm.injected_n_s_per_m.min(stable),
+            injected_nm_s_per_rad: arm.injected_nm_s_per_rad.min(stable_angular),
+            ..*arm
         }
     }
 }
@@ -102,6 +125,32 @@ mod tests {
                 assert!((limited.bound_n_per_m / wall.stiffness_bound() - 1.0).abs() < 1e-12, "{delay_ticks} ticks");
                 assert!(limited.stiffness_nm_per_rad.to_bits() == coupling.stiffness_nm_per_rad.to_bits(), "no bound on rotation");
             }
+        }
+    }
+
+    #[test]
+    fn damping_shrinks_to_what_a_velocity_so_old_can_damp() {
+        let wall = |delay_ticks| SampledWall {
+            mass_kg: 0.3,
+            damping_n_s_per_m: 1.5,
+            wall_damping_n_s_per_m: 0.0,
+            period_s: PERIOD_S,
+            delay_ticks,
+            filter_alpha: 0.0,
+        };
+        let window_s = 15e-3;
+        let arm = ArmParameters {
+            delay_ticks: 1,
+            injected_n_s_per_m: 20.0,
+            stable_damping_n_s_per_m: wall(1).injectable_damping(window_s),
+            velocity_age_ticks: [wall(1).velocity_age_ticks(window_s), 0],
+            ..arm()
+        };
+        assert_eq!(LoopDelay::starting_at(1).damped(&arm), arm);
+        for delay_ticks in [5, 20, 100, 200] {
+            let damped = LoopDelay::starting_at(delay_ticks).damped(&arm);
+            let expected = wall(delay_ticks).injectable_damping(window_s);
+            assert!((damped.injected_n_s_per_m / expected.min(20.0) - 1.0).abs() < 1e-12, "{delay_ticks} ticks");
         }
     }
 

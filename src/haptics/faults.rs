@@ -39,9 +39,11 @@ impl Faults {
     pub const SEQUENCE_GAP: Self = Self(1 << 13);
     /// A motor is too hot.
     pub const THERMAL: Self = Self(1 << 14);
+    /// The network to the machine beside the arm fell silent.
+    pub const LINK: Self = Self(1 << 15);
 
     /// Every fault with its name on the wire and in plain words.
-    pub const TABLE: [(Self, &'static str, &'static str); 15] = [
+    pub const TABLE: [(Self, &'static str, &'static str); 16] = [
         (Self::NON_FINITE, "non-finite", "a pose or a force was not a number"),
         (Self::SPEED, "speed", "the arm moved faster than the speed limit"),
         (Self::STALE, "stale", "the arm sent no new sample for too long"),
@@ -57,6 +59,7 @@ impl Faults {
         (Self::DEVICE_ERROR, "device-error", "the arm reported an error of its own"),
         (Self::SEQUENCE_GAP, "sequence-gap", "too many samples in a row were lost on the way"),
         (Self::THERMAL, "thermal", "a motor of the arm was too hot"),
+        (Self::LINK, "link", "the network to the machine beside the arm was silent for too long"),
     ];
 
     /// True when no fault is set.

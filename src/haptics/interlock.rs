@@ -40,7 +40,7 @@ impl Interlock {
                 self.must_release &= self.is_pressed;
             }
             SampleStatus::Stale => {}
-            SampleStatus::Lost => self.is_pressed = false,
+            SampleStatus::Lost | SampleStatus::LinkLost => self.is_pressed = false,
         }
     }
 

@@ -39,11 +39,13 @@ pub enum OffCause {
     Overrun,
     /// The grip is outside of the profile's workspace.
     Workspace,
+    /// The network to the arm's machine is silent.
+    Link,
 }
 
 impl OffCause {
     /// Every cause, in the order of their numbers.
-    pub const ALL: [Self; 16] = [
+    pub const ALL: [Self; 17] = [
         Self::None,
         Self::Button,
         Self::Velocity,
@@ -60,6 +62,7 @@ impl OffCause {
         Self::Protocol,
         Self::Overrun,
         Self::Workspace,
+        Self::Link,
     ];
 
     /// For messages and records.
@@ -81,6 +84,7 @@ impl OffCause {
             Self::Protocol => "protocol",
             Self::Overrun => "overrun",
             Self::Workspace => "workspace",
+            Self::Link => "link",
         }
     }
 
@@ -93,6 +97,7 @@ impl OffCause {
             Self::Thermal => "a motor is too hot: let it cool",
             Self::Stale => "the arm sends no new samples",
             Self::Disconnected => "the arm is gone",
+            Self::Link => "the network to the machine beside the arm is silent",
             Self::NonFinite => "the arm sends values that are not numbers",
             Self::Protocol => "the arm's packets are garbled or lost, or it reports an error",
             _ => "",
@@ -103,6 +108,7 @@ impl OffCause {
     pub fn of(faults: Faults) -> Self {
         [
             (Faults::DEVICE_LOST, Self::Disconnected),
+            (Faults::LINK, Self::Link),
             (Faults::NON_FINITE, Self::NonFinite),
             (Faults::DEVICE_ERROR, Self::Protocol),
             (Faults::PROTOCOL, Self::Protocol),

@@ -277,6 +277,13 @@ pub struct ArmParameters {
     pub injected_n_s_per_m: f64,
     /// The same in rotation, N·m·s/rad.
     pub injected_nm_s_per_rad: f64,
+    /// Largest damping that keeps still an arm without a hand at the delay above, N·s/m; infinite for an ideal arm. At a longer delay it is
+    /// less, and what is injected with it.
+    pub stable_damping_n_s_per_m: f64,
+    /// The same in rotation, N·m·s/rad.
+    pub stable_damping_nm_s_per_rad: f64,
+    /// How old the velocity is that damping is made of, ticks, at the delay above: translation, rotation.
+    pub velocity_age_ticks: [u32; 2],
     /// Step of a measured velocity, device units, m/s: one of the encoder over the window. What is below it may be rest, or go the other way.
     pub velocity_step_m_per_s: f64,
     /// The same in rotation, rad/s.
@@ -291,6 +298,9 @@ impl Default for ArmParameters {
             stiffness_lag_nm_s_per_rad: f64::INFINITY,
             injected_n_s_per_m: 0.0,
             injected_nm_s_per_rad: 0.0,
+            stable_damping_n_s_per_m: f64::INFINITY,
+            stable_damping_nm_s_per_rad: f64::INFINITY,
+            velocity_age_ticks: [0; 2],
             velocity_step_m_per_s: 0.0,
             velocity_step_rad_per_s: 0.0,
         }

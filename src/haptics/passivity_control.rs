@@ -19,7 +19,7 @@ use super::passivity::EnergyObserver;
 use crate::spatial::{Pose, Twist, Wrench};
 
 /// Longest delay for which the command that acted is known, ticks; a longer one counts as this long.
-pub const MAX_DELAY_TICKS: u32 = 63;
+pub const MAX_DELAY_TICKS: u32 = 255;
 
 /// Commands that are remembered.
 const N_HELD: usize = MAX_DELAY_TICKS as usize + 1;
@@ -33,7 +33,7 @@ const OWED_FREELY_J: f64 = 5e-4;
 /// What is left of the wrench however much is owed: a wall stays a wall.
 const LEAST_SHARE: f64 = 0.25;
 
-/// Observer and controller of one port. 6 KiB, no heap. Wrench, twist and pose are those of the grip in device axes.
+/// Observer and controller of one port. 24 KiB, no heap. Wrench, twist and pose are those of the grip in device axes.
 #[derive(Clone, Debug)]
 pub struct PassivityController {
     observer: EnergyObserver,

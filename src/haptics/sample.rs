@@ -47,6 +47,7 @@ impl SampleMonitor {
     /// | finding | result |
     /// |---|---|
     /// | device lost | `DEVICE_LOST` at once |
+    /// | the network to it silent | `LINK` at once |
     /// | pose, twist or grip not finite, or the quaternion not of unit length | `NON_FINITE` |
     /// | speed of the grip above the limit, or a turn of more than 0.5 rad per tick | `SPEED` |
     /// | fresh pose further from the last one than max(5 × speed limit × T, 5 mm) or 0.5 rad, per tick since then | `POSITION_JUMP` |
@@ -70,9 +71,13 @@ impl SampleMonitor {
         safety: &SafetyParameters,
         period_s: f64,
     ) -> SampleCheck {
-        if sample.status == SampleStatus::Lost {
+        if sample.status.is_gone() {
             *self = Self { stale_ticks: self.stale_ticks.saturating_add(1), ..Self::default() };
-            return SampleCheck { faults: Faults::DEVICE_LOST, ramp_down: OffCause::Disconnected, stale_ticks: self.stale_ticks };
+            let (faults, ramp_down) = match sample.status {
+                SampleStatus::LinkLost => (Faults::LINK, OffCause::Link),
+                _ => (Faults::DEVICE_LOST, OffCause::Disconnected),
+            };
+            return SampleCheck { faults, ramp_down, stale_ticks: self.stale_ticks };
         }
         let mut faults = Faults::NONE;
         let sound = is_sound(sample);
@@ -269,6 +274,9 @@ mod tests {
         lost.status = SampleStatus::Lost;
         let check = check(&mut SampleMonitor::default(), &lost);
         assert_eq!((check.faults, check.ramp_down), (Faults::DEVICE_LOST, OffCause::Disconnected));
+        lost.status = SampleStatus::LinkLost;
+        let check = SampleMonitor::default().check(&lost, &limits(), &safety(), PERIOD_S);
+        assert_eq!((check.faults, check.ramp_down), (Faults::LINK, OffCause::Link));
     }
 
     #[test]

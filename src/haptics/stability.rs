@@ -155,8 +155,12 @@ impl SampledWall {
     /// # Source
     /// Our derivation: a root on the unit circle at z = e^(iφ) needs (n + ½) φ = π/2.
     pub fn injectable_damping(&self, window_s: f64) -> f64 {
-        let ticks_old = f64::from(self.delay_ticks) + (0.5 * window_s / self.period_s).ceil();
-        positive_or_zero((core::f64::consts::PI / (4.0 * ticks_old + 2.0)).sin() * self.mass_kg / self.period_s)
+        positive_or_zero(damping_reach(self.velocity_age_ticks(window_s)) * self.mass_kg / self.period_s)
+    }
+
+    /// How old a velocity is that is a difference over `window_s`, when the force made of it acts: the delay and half the window, ticks, rounded up.
+    pub fn velocity_age_ticks(&self, window_s: f64) -> u32 {
+        self.delay_ticks.saturating_add((0.5 * window_s / self.period_s).ceil() as u32)
     }
 
     /// Largest B T/m for which 0.8 of the linear rule is safe; between the known delays the next longer one counts.
@@ -183,6 +187,11 @@ impl SampledWall {
             && self.damping_n_s_per_m >= 0.0
             && (0.0..1.0).contains(&self.filter_alpha)
     }
+}
+
+/// B T/m up to which a velocity so many ticks old damps a free mass, with a factor of two to the boundary: sin(π/(4n + 2)). RT: safe.
+pub(super) fn damping_reach(ticks_old: u32) -> f64 {
+    (core::f64::consts::PI / (4.0 * f64::from(ticks_old) + 2.0)).sin()
 }
 
 /// Lag t_f = T α/(1−α) of the shaping filter at that cut-off, s; 0 for an infinite cut-off.

@@ -339,6 +339,7 @@ fn render(
         _ => 0.0,
     };
     let coupling = state.delay.limited(&p.coupling, &p.arm, filter_lag_s, p.period_s);
+    let arm = &state.delay.damped(&p.arm);
 
     let rubbing = state.tool.rub(touch, p);
     let felt_world =
@@ -358,12 +359,12 @@ fn render(
     let engages = state.interlock.engages(actuated, is_in_clay, &p.limits, &p.safety);
     let up = state.drive != Drive::Stopping && ramp_down == OffCause::None && engages;
     let gain = state.enable_gain.advance(up, p.limits.ramp_s, p.period_s);
-    let trusted = actuated * state.passivity.trusted_share(&p.arm);
-    let damped = state.passivity.damped(trusted, sample.twist, &p.arm, &p.limits, p.period_s);
+    let trusted = actuated * state.passivity.trusted_share(arm);
+    let damped = state.passivity.damped(trusted, sample.twist, arm, &p.limits, p.period_s);
     let mut ramped = p.port.actuated_part(damped) * gain;
     if state.drive == Drive::Enabling && engages && actuated != Wrench::ZERO {
         // While the force rises the hand is steadied. Free space stays free.
-        ramped = ramped + p.port.actuated_part(damper::strongest(sample.twist, &p.arm, 1.0 - gain));
+        ramped = ramped + p.port.actuated_part(damper::strongest(sample.twist, arm, 1.0 - gain));
     }
     let limited = state.limiter.apply(ramped, sample.twist, 1.0, &p.limits, p.period_s);
     if !limited.finite {
@@ -393,7 +394,7 @@ fn brake(p: &Parameters, state: &mut State, input: &TickInput, check: SampleChec
     let brakes = is_paused || !state.interlock.pending.is_empty();
     // Old velocities would drive the arm.
     let wanted = if brakes && check.ramp_down == OffCause::None {
-        p.port.actuated_part(damper::brake(input.sample.twist, &p.arm))
+        p.port.actuated_part(damper::brake(input.sample.twist, &state.delay.damped(&p.arm)))
     } else {
         Wrench::ZERO
     };

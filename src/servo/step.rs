@@ -121,7 +121,7 @@ pub struct ServoLoop<D: Device, C: Clock> {
     stop_ticks: u64,
     sample: DeviceSample,
     /// The arm refused the last command: the next sample counts as lost, whatever it says.
-    device_lost: bool,
+    device_lost: Option<SampleStatus>,
     /// A fault that only the driver knows of, until the operator acknowledges it with a disable. The tick latches its own.
     driver_fault: bool,
     enabled: bool,
@@ -168,7 +168,7 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
             scene_idx: 0,
             end_by_tick: None,
             sample: DeviceSample::default(),
-            device_lost: false,
+            device_lost: None,
             driver_fault: false,
             enabled: false,
             missed_deadlines: 0,
@@ -375,9 +375,10 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
                 self.sample.status = SampleStatus::Stale;
             }
             Err(DeviceError::Lost | DeviceError::Os(_)) => self.sample.status = SampleStatus::Lost,
+            Err(DeviceError::Link) => self.sample.status = SampleStatus::LinkLost,
         }
-        if core::mem::take(&mut self.device_lost) {
-            self.sample.status = SampleStatus::Lost;
+        if let Some(lost) = self.device_lost.take() {
+            self.sample.status = lost;
         }
         self.sample
     }
@@ -391,7 +392,8 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
                 self.note_faults(Faults::NON_FINITE);
             }
             Err(DeviceError::Packet) => self.packet_errors += 1,
-            Err(DeviceError::Lost | DeviceError::Os(_)) => self.device_lost = true,
+            Err(DeviceError::Lost | DeviceError::Os(_)) => self.device_lost = Some(SampleStatus::Lost),
+            Err(DeviceError::Link) => self.device_lost = Some(SampleStatus::LinkLost),
         }
         Wrench::ZERO
     }

@@ -12,6 +12,15 @@ pub enum SampleStatus {
     Stale,
     /// The device is gone; the values mean nothing.
     Lost,
+    /// The network to the machine beside the arm is silent; the values mean nothing.
+    LinkLost,
+}
+
+impl SampleStatus {
+    /// Nothing is known of the arm any more.
+    pub const fn is_gone(self) -> bool {
+        matches!(self, Self::Lost | Self::LinkLost)
+    }
 }
 
 /// The newest state of an arm, as the device layer hands it to the tick. `Copy`, no heap.

@@ -7,18 +7,19 @@ use std::path::{Path, PathBuf};
 
 /// What each room may use beside itself: whole rooms, or single modules of one. A room that is not listed may use everything but the
 /// [`LAST`] ones.
-const MAY_USE: [(&str, &[&str]); 17] = [
+const MAY_USE: [(&str, &[&str]); 18] = [
     ("error", &[]),
     ("spatial", &[]),
     ("rt", &[]),
     ("storage", &[]),
+    ("network", &[]),
     ("document", &["spatial"]),
     ("mesh", &["spatial", "storage"]),
     ("voxmap", &["mesh", "spatial", "storage"]),
     ("pointshell", &["mesh", "voxmap", "spatial", "storage"]),
     ("haptics", &["spatial", "voxmap::field", "pointshell::shell", "pointshell::tree"]),
     ("sculpt", &["mesh", "spatial", "storage", "haptics::clay"]),
-    ("device", &["document", "spatial", "rt"]),
+    ("device", &["document", "network", "spatial", "rt"]),
     ("config", &["document", "device", "haptics", "mesh", "sculpt", "spatial", "voxmap"]),
     ("scene", &["config", "haptics", "mesh", "pointshell", "sculpt", "spatial", "storage", "voxmap"]),
     ("telemetry", &["haptics", "rt", "spatial"]),

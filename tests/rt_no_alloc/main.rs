@@ -6,6 +6,7 @@
 mod arms;
 #[path = "../it/meddled.rs"]
 mod meddled;
+mod remote;
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;

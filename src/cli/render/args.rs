@@ -6,9 +6,11 @@ use std::time::Duration;
 use clap::ValueEnum;
 
 use super::super::workshop::ClayArgs;
-use super::super::{cache, foxglove, live, memory, monitor, recording};
+use super::super::{cache, foxglove, live, memory, monitor, network, recording};
 use crate::config::{LoadOptions, SceneConfig};
+use crate::daemon::remote::RemoteArm;
 use crate::device::attached::nodes::Selector;
+use crate::network::NetworkError;
 use crate::rt::clock::ClockKind;
 use crate::rt::duration;
 
@@ -23,7 +25,7 @@ pub(crate) struct LoopArgs {
     /// What to do when a real-time check fails [default: as the scene says].
     #[arg(long, value_name = "MODE")]
     pub(super) realtime: Option<RealtimeMode>,
-    /// Device profile instead of the scene's: a name or a file.
+    /// Device profile instead of the scene's: a name or a file; zenoh:NAME for an arm that `hapticd device-node` drives.
     #[arg(long, value_name = "PROFILE")]
     pub(super) device: Option<String>,
     /// Which of several arms: VID:PID[:SERIAL] in hex, or the path of its node.
@@ -50,6 +52,8 @@ pub(crate) struct LoopArgs {
     pub(super) foxglove: foxglove::FoxgloveArgs,
     #[command(flatten)]
     pub(super) memory: memory::MemoryArgs,
+    #[command(flatten)]
+    pub(super) network: network::NetworkArgs,
     #[command(flatten)]
     pub(super) cache: cache::CacheArgs,
     /// Print the result as one JSON object.
@@ -95,10 +99,17 @@ impl ClockArg {
 }
 
 impl LoopArgs {
+    /// The arm on another machine that `--device` names, if it does.
+    pub(super) fn remote(&self) -> Result<Option<RemoteArm>, NetworkError> {
+        let name = self.device.as_deref().and_then(RemoteArm::name_in);
+        name.map(|name| RemoteArm::find(name, &self.network.endpoints())).transpose()
+    }
+
     /// What the command line sets over the scene.
-    pub(super) fn overrides(&self) -> LoadOptions {
+    pub(super) fn overrides(&self, remote: Option<&RemoteArm>) -> LoadOptions {
+        let profile = remote.map(|remote| remote.profile_file().display().to_string());
         LoadOptions {
-            device: self.device.clone(),
+            device: profile.or_else(|| self.device.clone()),
             selector: self.selector.clone(),
             enforce: self.realtime.map(|mode| mode == RealtimeMode::Enforce),
             hand_repeat: self.hand_repeat,

@@ -43,6 +43,7 @@ fn run(
 ) -> Result<Outcome, Refusal> {
     let (under_way, mut company) = (live::UnderWay::default(), Company::default());
     let beside = Beside {
+        overrides: LoadOptions::default(),
         live: Live::default(),
         under_way: &under_way,
         protocol: None,

@@ -258,12 +258,19 @@ pub(super) fn arm_parameters(profile: &Profile, stability: &StabilityConfig, sca
         Some(declared) if bound.declared.is_some() => declared.min(bound.wall.injectable_damping(window_s)),
         _ => 0.0,
     };
+    let stable = |bound: &StiffnessBound, window_s: f64| match bound.declared {
+        Some(_) => bound.wall.injectable_damping(window_s),
+        None => f64::INFINITY,
+    };
     ArmParameters {
         delay_ticks: translation.wall.delay_ticks.max(rotation.wall.delay_ticks),
         stiffness_lag_n_s_per_m: stiffness_lag(&translation) / scale,
         stiffness_lag_nm_s_per_rad: stiffness_lag(&rotation),
         injected_n_s_per_m: injected(&translation, profile.limits.damping_n_s_per_m, window_s),
         injected_nm_s_per_rad: injected(&rotation, profile.limits.damping_nm_s_per_rad, window_angular_s),
+        stable_damping_n_s_per_m: stable(&translation, window_s),
+        stable_damping_nm_s_per_rad: stable(&rotation, window_angular_s),
+        velocity_age_ticks: [translation.wall.velocity_age_ticks(window_s), rotation.wall.velocity_age_ticks(window_angular_s)],
         velocity_step_m_per_s: profile.plant.encoder_step_m / window_s.max(period_s),
         velocity_step_rad_per_s: profile.plant.encoder_step_rad / window_angular_s.max(period_s),
     }

@@ -75,16 +75,26 @@ pub enum OpenError {
         title: String,
     },
     /// The start-up dialogue.
-    #[error("{} is open, but the arm does not start: {cause}; if it is the right arm, switch it off and on, and try again", .path.display())]
+    #[error("{} is open, but the arm does not start: {cause}; {}", .path.display(), advice(.path))]
     Start {
         /// Node.
         path: PathBuf,
         /// Why.
         cause: StartError,
     },
+    /// The network to a node.
+    #[error(transparent)]
+    Network(#[from] crate::network::NetworkError),
     /// The thread that looks for a lost arm.
     #[error("cannot start a thread: {0}")]
     Thread(std::io::Error),
+}
+
+fn advice(path: &Path) -> &'static str {
+    match path.to_string_lossy().starts_with("zenoh:") {
+        true => "`hapticd device-node` has to run beside the arm, under that name and where --connect leads to",
+        false => "if it is the right arm, switch it off and on, and try again",
+    }
 }
 
 fn paths(nodes: &[Node]) -> String {
@@ -151,6 +161,23 @@ pub fn look_for(profile: &Profile, options: &OpenOptions) -> Result<(), OpenErro
 pub fn open(profile: &Profile, options: &OpenOptions) -> Result<Opened, OpenError> {
     let real = profile.real.as_ref().ok_or_else(|| OpenError::Simulated { profile: profile.name.clone() })?;
     let door = Door { title: profile.title.clone(), real: real.clone(), options: options.clone() };
+    open_way(door, |io| wired_parameters(profile, real, options.period_s, io))
+}
+
+/// How to come to an arm, once and again.
+pub(in crate::device) trait Way: Send + 'static {
+    /// Opens the link and starts the arm.
+    fn connect(&self, again: bool) -> Result<(PathBuf, Connection), OpenError>;
+
+    /// What an arm that may have lost its power cannot know by itself.
+    fn homing(&self) -> Option<String>;
+
+    /// True for an error that only says that the arm is not there yet.
+    fn is_absent(&self, error: &OpenError) -> bool;
+}
+
+/// Opens the arm at the end of a way, and keeps a thread that finds it again.
+pub(in crate::device) fn open_way(door: impl Way, parameters: impl FnOnce(IoPlacement) -> WiredParameters) -> Result<Opened, OpenError> {
     let (path, connection) = door.connect(false)?;
     let lost = Arc::new(AtomicBool::new(false));
     let (to_arm, fresh) = RingBuffer::new(1);
@@ -162,7 +189,7 @@ pub fn open(profile: &Profile, options: &OpenOptions) -> Result<Opened, OpenErro
         .spawn(move || keep(&door, to_arm, from_arm, &lost, &teller))
         .map_err(OpenError::Thread)?;
     let io = connection.link.io();
-    let arm = WiredArm::new(connection, Some(replacements), wired_parameters(profile, real, options.period_s, io));
+    let arm = WiredArm::new(connection, Some(replacements), parameters(io));
     Ok(Opened { arm, path, news })
 }
 
@@ -191,6 +218,7 @@ pub fn wired_parameters(profile: &Profile, real: &RealArm, period_s: f64, io: Io
         thermal: real.thermal,
         period_s,
         timebase: Timebase::Monotonic,
+        link_silence_s: None,
     }
 }
 
@@ -229,12 +257,6 @@ impl Door {
         }
     }
 
-    /// What an arm that may have lost its power cannot know by itself.
-    fn homing(&self) -> Option<String> {
-        let homing = &self.real.homing;
-        homing.instruction.clone().filter(|_| homing.mode == HomingMode::PowerOnPose)
-    }
-
     fn link(&self) -> Result<(PathBuf, Box<dyn Transport>, Carriage), OpenError> {
         #[cfg(feature = "usb")]
         if self.real.matching.transport == TransportKind::Usb {
@@ -269,7 +291,9 @@ impl Door {
         let link = crate::device::transport::UsbLink::open(id.0, id.1, serial, self.options.io_request)?;
         Ok((PathBuf::from(format!("USB {:04x}:{:04x}", id.0, id.1)), Box::new(link), Carriage::Stream))
     }
+}
 
+impl Way for Door {
     fn connect(&self, again: bool) -> Result<(PathBuf, Connection), OpenError> {
         let (path, mut link, carriage) = self.link()?;
         let mut codec = self.real.protocol.codec(carriage);
@@ -283,6 +307,15 @@ impl Door {
         }
         Ok((path, Connection { link, codec }))
     }
+
+    fn homing(&self) -> Option<String> {
+        let homing = &self.real.homing;
+        homing.instruction.clone().filter(|_| homing.mode == HomingMode::PowerOnPose)
+    }
+
+    fn is_absent(&self, error: &OpenError) -> bool {
+        matches!(error, OpenError::Missing { .. } | OpenError::Serial(SerialError::Open { .. }))
+    }
 }
 
 /// The node behind a link, so that a link that is made anew for another node is followed.
@@ -292,7 +325,7 @@ fn resolved(path: &Path) -> PathBuf {
 
 /// Brings a lost arm back, until the driver has gone.
 fn keep(
-    door: &Door,
+    door: &dyn Way,
     mut to_arm: Producer<Connection>,
     mut from_arm: Consumer<Connection>,
     lost: &AtomicBool,
@@ -319,8 +352,7 @@ fn keep(
                     let _ = to_arm.push(connection);
                     tell(LinkNews::Back { node: path, homing: door.homing() });
                 }
-                Err(OpenError::Missing { .. }) => {}
-                Err(OpenError::Serial(SerialError::Open { .. })) => {}
+                Err(error) if door.is_absent(&error) => {}
                 Err(error) => tell(LinkNews::Fails(error.to_string())),
             }
         }

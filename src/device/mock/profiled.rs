@@ -58,7 +58,7 @@ pub fn parameters(profile: &Profile, settings: MockSettings) -> (MockParameters,
 }
 
 /// Readings are the pose, commands the wrench.
-fn cartesian(profile: &Profile) -> Transmission {
+pub(in crate::device) fn cartesian(profile: &Profile) -> Transmission {
     let limits = [profile.limits.force_n, profile.limits.torque_nm];
     Transmission {
         joints: core::array::from_fn(|idx| Joint {
@@ -72,7 +72,8 @@ fn cartesian(profile: &Profile) -> Transmission {
     }
 }
 
-fn open6(profile: &Profile) -> Open6Arm {
+/// What a simulated arm says of itself.
+pub fn open6(profile: &Profile) -> Open6Arm {
     Open6Arm {
         name: profile.name.chars().take(Open6Arm::NAME_MAX).collect(),
         sensed: profile.sensed,

@@ -12,15 +12,15 @@ use crate::device::transport::{Transport, TransportError};
 const LOOK: Duration = Duration::from_micros(200);
 
 /// A question to an arm.
-pub(super) struct Question<'a> {
+pub(in crate::device) struct Question<'a> {
     /// What it is, for people.
-    pub(super) step: &'static str,
+    pub(in crate::device) step: &'static str,
     /// What is sent; empty: nothing.
-    pub(super) frame: &'a [u8],
+    pub(in crate::device) frame: &'a [u8],
     /// How long until it is sent again.
-    pub(super) every: Duration,
+    pub(in crate::device) every: Duration,
     /// For how long.
-    pub(super) within: Duration,
+    pub(in crate::device) within: Duration,
 }
 
 impl From<TransportError> for StartError {
@@ -30,7 +30,7 @@ impl From<TransportError> for StartError {
 }
 
 /// Asks until `take` has made an answer of what came.
-pub(super) fn ask<T>(
+pub(in crate::device) fn ask<T>(
     link: &mut dyn Transport,
     question: &Question<'_>,
     mut take: impl FnMut(&[u8]) -> Option<Result<T, StartError>>,

@@ -22,7 +22,7 @@ use core::time::Duration;
 pub mod brackets;
 mod choice;
 mod declarative;
-mod dialogue;
+pub(in crate::device) mod dialogue;
 mod dynamixel;
 mod dynamixel_bus;
 mod falcon;
@@ -32,7 +32,7 @@ mod hapi;
 mod hapkit;
 mod hid14;
 pub mod layout;
-mod number;
+pub(in crate::device) mod number;
 pub mod open6;
 mod open6_arm;
 mod polhem;
@@ -196,6 +196,21 @@ pub trait Codec: Send {
     fn set_readings(&mut self, readings: &[f64; MAX_AXES], frame: &mut Frame) -> bool {
         let _ = (readings, frame);
         false
+    }
+
+    /// What time it is, s, told before frames are taken or made: for protocols that compare clocks. It never goes back.
+    fn tell_time(&mut self, now_s: f64) {
+        let _ = now_s;
+    }
+
+    /// The other machine has taken the force away because it heard nothing for too long. Over a network only.
+    fn is_cut(&self) -> bool {
+        false
+    }
+
+    /// Round trip that was measured at the start, s. Cold.
+    fn round_trip_s(&self) -> Option<f64> {
+        None
     }
 
     /// What the arm said of itself at the start, in one line for people. Cold.

@@ -17,7 +17,7 @@ pub(super) fn toward_zero_i16(value: f64, limit: i16) -> i16 {
 }
 
 /// A number for the wire; 0 for what is none.
-pub(super) fn finite_f32(value: f64) -> f32 {
+pub(in crate::device) fn finite_f32(value: f64) -> f32 {
     let cut = value as f32;
     if cut.is_finite() { cut } else { 0.0 }
 }
@@ -65,7 +65,7 @@ pub(super) fn i16_at(bytes: &[u8], at: usize) -> i16 {
 }
 
 /// Little-endian u16 at `at`; 0 behind the end.
-pub(super) fn u16_at(bytes: &[u8], at: usize) -> u16 {
+pub(in crate::device) fn u16_at(bytes: &[u8], at: usize) -> u16 {
     i16_at(bytes, at) as u16
 }
 
@@ -75,7 +75,7 @@ pub(super) fn i32_at(bytes: &[u8], at: usize) -> i32 {
 }
 
 /// Little-endian f32 at `at`; 0 behind the end.
-pub(super) fn f32_at(bytes: &[u8], at: usize) -> f32 {
+pub(in crate::device) fn f32_at(bytes: &[u8], at: usize) -> f32 {
     f32::from_bits(i32_at(bytes, at) as u32)
 }
 

@@ -18,34 +18,41 @@ pub const MINOR: u8 = 0;
 pub const WATCHDOG_TRIPPED: u32 = 0x100;
 
 /// Bytes of a HID report, and most of a packet.
-pub(super) const REPORT: usize = 64;
-pub(super) const PAYLOAD_MAX: usize = REPORT - 6;
+pub(in crate::device) const REPORT: usize = 64;
+pub(in crate::device) const PAYLOAD_MAX: usize = REPORT - 6;
 const HEAD: usize = 4;
 
-pub(super) const HELLO: u8 = 0x01;
-pub(super) const COMMAND: u8 = 0x02;
-pub(super) const STOP: u8 = 0x03;
-pub(super) const CAPABILITIES: u8 = 0x81;
-pub(super) const STATE: u8 = 0x82;
+pub(in crate::device) const HELLO: u8 = 0x01;
+pub(in crate::device) const COMMAND: u8 = 0x02;
+pub(in crate::device) const STOP: u8 = 0x03;
+pub(in crate::device) const CAPABILITIES: u8 = 0x81;
+pub(in crate::device) const STATE: u8 = 0x82;
 
-pub(super) const MAGIC: [u8; 4] = *b"op6d";
-pub(super) const HELLO_LEN: usize = 8;
-pub(super) const COMMAND_LEN: usize = 30;
-pub(super) const CAPABILITIES_LEN: usize = 22 + Open6Arm::NAME_MAX;
-pub(super) const STATE_LEN: usize = 42;
-pub(super) const STATE_WITH_TWIST_LEN: usize = 54;
+pub(in crate::device) const MAGIC: [u8; 4] = *b"op6d";
+pub(in crate::device) const HELLO_LEN: usize = 8;
+pub(in crate::device) const COMMAND_LEN: usize = 30;
+pub(in crate::device) const CAPABILITIES_LEN: usize = 22 + Open6Arm::NAME_MAX;
+pub(in crate::device) const STATE_LEN: usize = 42;
+pub(in crate::device) const STATE_WITH_TWIST_LEN: usize = 54;
 
-pub(super) const HOMED: u8 = 1;
-pub(super) const ENABLED: u8 = 2;
-pub(super) const TRIPPED: u8 = 4;
+pub(in crate::device) const HOMED: u8 = 1;
+pub(in crate::device) const ENABLED: u8 = 2;
+pub(in crate::device) const TRIPPED: u8 = 4;
 /// Steps per m/s and per rad/s of a velocity on the wire.
-pub(super) const LINEAR_STEPS: f64 = 8192.0;
-pub(super) const ANGULAR_STEPS: f64 = 1024.0;
+pub(in crate::device) const LINEAR_STEPS: f64 = 8192.0;
+pub(in crate::device) const ANGULAR_STEPS: f64 = 1024.0;
 
 const CRC: crc::Crc<u16> = crc::Crc::<u16>::new(&crc::CRC_16_IBM_3740);
 
 /// Appends a packet as its carriage wants it. `report_id`: the 0 that the host writes before an unnumbered report.
-pub(super) fn put_packet(carriage: Carriage, report_id: bool, kind: u8, sequence: u16, payload: &[u8], frame: &mut Frame) {
+pub(in crate::device) fn put_packet(
+    carriage: Carriage,
+    report_id: bool,
+    kind: u8,
+    sequence: u16,
+    payload: &[u8],
+    frame: &mut Frame,
+) {
     let n = payload.len().min(PAYLOAD_MAX);
     let mut packet = [0; REPORT];
     packet[0] = kind;
@@ -77,10 +84,10 @@ pub(super) fn put_packet(carriage: Carriage, report_id: bool, kind: u8, sequence
 
 /// A sound packet.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Packet<'a> {
-    pub(super) kind: u8,
-    pub(super) sequence: u16,
-    pub(super) payload: &'a [u8],
+pub(in crate::device) struct Packet<'a> {
+    pub(in crate::device) kind: u8,
+    pub(in crate::device) sequence: u16,
+    pub(in crate::device) payload: &'a [u8],
 }
 
 /// The packet at the start of some bytes, whatever follows it.
@@ -94,22 +101,22 @@ fn packet_of(bytes: &[u8]) -> Option<Packet<'_>> {
 
 /// Finds packets in what a link delivers.
 #[derive(Debug)]
-pub(super) struct Packets {
+pub(in crate::device) struct Packets {
     carriage: Carriage,
     gather: Gather<80>,
 }
 
 impl Packets {
-    pub(super) fn new(carriage: Carriage) -> Self {
+    pub(in crate::device) fn new(carriage: Carriage) -> Self {
         Self { carriage, gather: Gather::default() }
     }
 
-    pub(super) fn clear(&mut self) {
+    pub(in crate::device) fn clear(&mut self) {
         self.gather.clear();
     }
 
     /// Takes bytes, hands over each sound packet, gives how many were not.
-    pub(super) fn feed(&mut self, bytes: &[u8], mut take: impl FnMut(Packet<'_>)) -> u32 {
+    pub(in crate::device) fn feed(&mut self, bytes: &[u8], mut take: impl FnMut(Packet<'_>)) -> u32 {
         let mut corrupt = 0;
         match self.carriage {
             Carriage::Reports => match (bytes.len() == REPORT).then(|| packet_of(bytes)).flatten() {
@@ -141,16 +148,16 @@ impl Packets {
 }
 
 /// Bits of axes on the wire.
-pub(super) fn bits_of(axes: Axes) -> u8 {
+pub(in crate::device) fn bits_of(axes: Axes) -> u8 {
     (0..7).filter(|axis| axes.has(*axis)).map(|axis| 1 << axis).sum()
 }
 
-fn axes_of(bits: u8) -> Axes {
+pub(in crate::device) fn axes_of(bits: u8) -> Axes {
     let named = Axes::NAMES.iter().enumerate().filter(|(axis, _)| bits >> axis & 1 == 1);
     named.filter_map(|(_, name)| Axes::from_name(name)).fold(Axes::NONE, Axes::union)
 }
 
-fn list(axes: Axes) -> String {
+pub(in crate::device) fn list(axes: Axes) -> String {
     axes.names().collect::<Vec<_>>().join(" ")
 }
 
@@ -236,6 +243,7 @@ pub(super) fn error_text(error: u16) -> String {
         3 => "too hot",
         4 => "a motor driver",
         5 => "a sensor",
+        6 => "the arm behind its node is gone",
         128.. => "the maker's own",
         _ => "unknown",
     };
@@ -243,7 +251,7 @@ pub(super) fn error_text(error: u16) -> String {
 }
 
 /// The report of a state; `None` when its numbers make no sense.
-fn report_of(payload: &[u8]) -> Option<Report> {
+pub(in crate::device) fn report_of(payload: &[u8]) -> Option<Report> {
     if payload.len() < STATE_LEN {
         return None;
     }

@@ -137,6 +137,13 @@ impl GripPath {
         self.indexing.device_from_grip(self.path.sample(time_s))
     }
 
+    /// The same path, begun so much later, s; until then the hand stays where it begins.
+    #[must_use]
+    pub fn delayed(mut self, delay_s: f64) -> Self {
+        self.path.times_s.iter_mut().for_each(|time_s| *time_s += delay_s);
+        self
+    }
+
     /// A path given in the frame of the arm itself: the device stands in the world's origin and the tool is the grip.
     pub fn in_device_frame(path: HandPath) -> Self {
         let indexing = Indexing { world_from_device: Pose::IDENTITY, scale: 1.0, start: Pose::IDENTITY, grip_tool: DVec3::ZERO };

@@ -13,21 +13,28 @@
 //! | `usb` | bulk transfers to an FTDI chip (feature `usb`) |
 //! | `threaded` | the two threads of `hid` and `usb`, whose writes can block |
 //! | `memory` | a pair of ends in memory |
+//! | `simulated` | the same as a network: delay, jitter, loss, a cut |
+//! | [`zenoh`] | a network (feature `zenoh`) |
 
 mod hid;
 mod memory;
 mod serial;
+mod simulated;
 mod threaded;
 #[cfg(feature = "usb")]
 mod usb;
+#[cfg(feature = "zenoh")]
+pub mod zenoh;
 
 pub use hid::{HidLink, HidOpenError};
 pub use memory::{Carriage, LoopbackEnd, loopback};
 pub use serial::{SerialError, SerialLink};
+pub use simulated::{LinkQuality, NetworkEnd, SimulatedNetwork};
 #[cfg(feature = "usb")]
 pub use usb::{UsbError, UsbLink};
 
 use super::IoPlacement;
+use crate::rt::clock::monotonic_ns;
 
 /// Longest frame of any protocol, bytes: a RawHID report with its ID is 65, a sync write to seven servos 42, and every packet of a
 /// declarative arm has to fit.
@@ -139,6 +146,11 @@ pub trait Transport: Send {
     fn io(&self) -> IoPlacement {
         IoPlacement::InLoop
     }
+
+    /// Time in the world of the link, ns from an arbitrary zero: a simulated network has its own.
+    fn now_ns(&self) -> i64 {
+        monotonic_ns()
+    }
 }
 
 impl<T: Transport + ?Sized> Transport for Box<T> {
@@ -156,6 +168,10 @@ impl<T: Transport + ?Sized> Transport for Box<T> {
 
     fn io(&self) -> IoPlacement {
         (**self).io()
+    }
+
+    fn now_ns(&self) -> i64 {
+        (**self).now_ns()
     }
 }
 

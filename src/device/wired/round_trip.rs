@@ -1,14 +1,17 @@
 //! How far away an arm is, measured while it is used.
 //!
-//! Data in: when frames left and when reports came, in ticks. Data out: the round trip that 95 of 100 exchanges did not exceed. Not the longest: one
-//! hiccup of the system would cost the coupling its stiffness for the rest of the session, and what is that late is judged as stale anyway.
+//! Data in: when frames left and when reports came, in ticks. Data out: the round trip that 95 of 100 exchanges did not exceed; over a network 99. Not
+//! the longest: one hiccup of the system would cost the coupling its stiffness for the rest of the session, and what is that late is judged as
+//! stale anyway.
 
 /// Exchanges that are remembered: a quarter of a second at 1 kHz.
 const WINDOW: usize = 256;
 /// Longest round trip that is told apart, ticks.
-const LONGEST: usize = 31;
+const LONGEST: usize = 255;
 /// Share of the exchanges that may be later.
 const LATE_SHARE: f64 = 0.05;
+/// The same over a network, whose jitter is no hiccup.
+const LATE_SHARE_OVER_NETWORK: f64 = 0.01;
 
 /// Round trips of the last exchanges. RT: safe.
 #[derive(Clone, Copy, Debug)]
@@ -20,12 +23,18 @@ pub struct RoundTrip {
     n_seen: usize,
     sent_at: Option<u64>,
     assumed_ticks: u32,
+    late_share: f64,
 }
 
 impl RoundTrip {
     /// Nothing measured; `assumed_ticks` stands until the window is full.
     pub fn starting_at(assumed_ticks: u32) -> Self {
-        Self { ring: [0; WINDOW], counts: [0; LONGEST + 1], n_seen: 0, sent_at: None, assumed_ticks }
+        Self { ring: [0; WINDOW], counts: [0; LONGEST + 1], n_seen: 0, sent_at: None, assumed_ticks, late_share: LATE_SHARE }
+    }
+
+    /// The same for an arm on another machine.
+    pub fn over_network(assumed_ticks: u32) -> Self {
+        Self { late_share: LATE_SHARE_OVER_NETWORK, ..Self::starting_at(assumed_ticks) }
     }
 
     /// A frame left in this tick.
@@ -66,7 +75,7 @@ impl RoundTrip {
         let mut later = WINDOW as f64;
         for (ticks, count) in self.counts.iter().enumerate() {
             later -= f64::from(*count);
-            if later <= LATE_SHARE * WINDOW as f64 {
+            if later <= self.late_share * WINDOW as f64 {
                 return ticks as u32;
             }
         }

@@ -63,7 +63,7 @@ pub(super) fn advance(scene: &RenderScene, p: &Parameters, state: &mut State, in
 
 /// What faults do to a drive with force: nearly all end it. True when it ended.
 fn fault_with_force(p: &Parameters, state: &mut State, sample: &DeviceSample, mut faults: Faults) -> bool {
-    if !sample.homed && sample.status != SampleStatus::Lost {
+    if !sample.homed && !sample.status.is_gone() {
         faults |= Faults::NOT_HOMED;
     }
     let pending = state.interlock.pending;
@@ -98,7 +98,7 @@ fn is_slow(sample: &DeviceSample, p: &Parameters) -> bool {
 
 /// From `Disabled` to `Enabling`, when every gate is open.
 fn try_to_enable(scene: &RenderScene, state: &mut State, sample: &DeviceSample, faults: Faults) {
-    if faults.contains(Faults::DEVICE_LOST) {
+    if faults.contains(Faults::DEVICE_LOST) || faults.contains(Faults::LINK) {
         state.fail(faults);
         return;
     }

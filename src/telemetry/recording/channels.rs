@@ -109,8 +109,12 @@ impl Channel {
     }
 }
 
-const STATUSES: [(SampleStatus, &str); 3] =
-    [(SampleStatus::Fresh, "FRESH"), (SampleStatus::Stale, "STALE"), (SampleStatus::Lost, "LOST")];
+const STATUSES: [(SampleStatus, &str); 4] = [
+    (SampleStatus::Fresh, "FRESH"),
+    (SampleStatus::Stale, "STALE"),
+    (SampleStatus::Lost, "LOST"),
+    (SampleStatus::LinkLost, "LINK_LOST"),
+];
 const REQUESTS: [(DriveRequest, &str); 4] = [
     (DriveRequest::Disable, "DISABLE"),
     (DriveRequest::Enable, "ENABLE"),

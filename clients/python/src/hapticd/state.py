@@ -213,13 +213,13 @@ STATES = ("DISABLED", "ENABLED", "PAUSED", "FAULT")
 
 OFF_CAUSES = (
     "none", "button", "velocity", "watchdog", "software", "disconnected", "deadman", "stale", "non-finite", "power", "thermal", "not-homed",
-    "sign-check", "protocol", "overrun", "workspace",
+    "sign-check", "protocol", "overrun", "workspace", "link",
 )  # fmt: skip
 """Bits 8 to 15 of `flags`. A client that fell silent is `software` here."""
 
 FAULTS = (
     "non-finite", "speed", "stale", "disconnected", "overrun", "position-jump", "panic", "solver", "stuck", "power", "not-homed", "protocol",
-    "device-error", "sequence-gap", "thermal",
+    "device-error", "sequence-gap", "thermal", "link",
 )  # fmt: skip
 """Bits of `faults`, from bit 0 on."""
 

@@ -1,0 +1,209 @@
+//! `hapticd device-node`: drives an arm for a host on another machine.
+
+use core::time::Duration;
+
+use super::hand::HandArgs;
+use super::network::NetworkArgs;
+use super::{Talk, report};
+use crate::device::attached::nodes::Selector;
+use crate::error::Exit;
+use crate::rt::duration;
+
+/// Arguments of `hapticd device-node`.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Args {
+    /// Profile of the arm beside this machine: a name of devices/, or a file. Simulated ones (sim-…) live in this process.
+    profile: String,
+    /// Name by which hosts find it (`run --device zenoh:NAME`) [default: the profile's].
+    #[arg(long, value_name = "NAME")]
+    name: Option<String>,
+    /// Which of several arms: VID:PID[:SERIAL] in hex, or the path of its node.
+    #[arg(long, value_name = "SELECTOR")]
+    selector: Option<Selector>,
+    /// Let hosts put force on a real arm. Without it only an arm with a deadman takes any. Simulated arms need no leave.
+    #[arg(long)]
+    enable: bool,
+    /// How long the last force is held when the host falls silent.
+    #[arg(long, value_name = "MS", default_value_t = 10, value_parser = clap::value_parser!(u16).range(2..=100))]
+    hold_ms: u16,
+    /// Within what time it then fades to zero.
+    #[arg(long, value_name = "MS", default_value_t = 20, value_parser = clap::value_parser!(u16).range(1..=100))]
+    fade_ms: u16,
+    #[command(flatten)]
+    network: NetworkArgs,
+    #[command(flatten)]
+    hand: HandArgs,
+    /// Processor to pin the loop to [default: the last one that this process may use].
+    #[arg(long, value_name = "CPU")]
+    cpu: Option<usize>,
+    /// Priority of the loop under SCHED_FIFO, where the system allows it.
+    #[arg(long, value_name = "PRIORITY", default_value_t = 80, value_parser = clap::value_parser!(u8).range(1..=99))]
+    priority: u8,
+    /// End after this time [default: on Ctrl-C].
+    #[arg(long, value_name = "TIME", value_parser = duration::parse)]
+    duration: Option<Duration>,
+    /// Print one JSON object at the end.
+    #[arg(long)]
+    json: bool,
+}
+
+pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
+    match over_network::node(args, talk) {
+        Ok(exit) => exit,
+        Err((exit, message, hint)) => {
+            if !message.is_empty() {
+                report::error(&message, hint, talk);
+            }
+            exit
+        }
+    }
+}
+
+/// The exit code, with what is still to be said, and what to do about it.
+type Failure = (Exit, String, Option<&'static str>);
+
+#[cfg(not(feature = "zenoh"))]
+mod over_network {
+    use super::*;
+    use crate::network::NetworkError;
+
+    pub(super) fn node(args: &Args, _: Talk) -> Result<Exit, Failure> {
+        let Args { profile: _, name: _, selector: _, enable: _, hold_ms: _, fade_ms: _, network: _, .. } = args;
+        Err((Exit::Usage, NetworkError::NotBuilt.to_string(), None))
+    }
+}
+
+#[cfg(feature = "zenoh")]
+mod over_network {
+    use serde_json::json;
+
+    use super::super::network::exit_of;
+    use super::super::{probe, say};
+    use super::*;
+    use crate::daemon::device_node::{NodeJob, NodeNotice, NodeOutcome, node_parameters, open_arm, run_node};
+    use crate::device::simulated::hand::GripPath;
+    use crate::device::attached::open::LinkNews;
+    use crate::device::profile::{self, Profile, ProfileError};
+    use crate::device::remote::Node;
+    use crate::device::remote::figures::{NodeReport, Phase};
+    use crate::device::remote::hold::HoldTiming;
+    use crate::device::transport::zenoh::{ZenohLink, is_name, serve_profile};
+    use crate::network::{NetworkError, session};
+    use crate::rt::schedule::{self, ThreadRequest};
+    use crate::rt::signals;
+    use crate::spatial::Axes;
+
+    impl From<NetworkError> for Failure {
+        fn from(error: NetworkError) -> Self {
+            (exit_of(&error), error.to_string(), None)
+        }
+    }
+
+    pub(super) fn node(args: &Args, talk: Talk) -> Result<Exit, Failure> {
+        let here = std::env::current_dir().unwrap_or_default();
+        let profile = profile::find(&args.profile, &here).map_err(|error| match error {
+            ProfileError::Invalid(errors) => (report::config_errors(&errors, talk), String::new(), None),
+            error => (Exit::Configuration, error.to_string(), None),
+        })?;
+        let name = args.name.clone().unwrap_or_else(|| profile.name.clone());
+        if !is_name(&name) {
+            return Err(NetworkError::Name { name }.into());
+        }
+        may_push(args, &profile, talk)?;
+        let hand = args.hand.hand(talk).map_err(|exit| (exit, String::new(), None))?.map(|mut hand| {
+            hand.path = hand.path.map(|path: GripPath| path.delayed(args.hand.delay().as_secs_f64()));
+            hand
+        });
+        let request = ThreadRequest { cpu: args.cpu.unwrap_or_else(schedule::default_cpu), priority: args.priority };
+        let period_s = 1.0 / f64::from(profile.link.rate_hz);
+        let timing = HoldTiming { hold_s: f64::from(args.hold_ms) * 1e-3, fade_s: f64::from(args.fade_ms) * 1e-3 };
+
+        let endpoints = args.network.endpoints().or_listen_here();
+        let session = session::open(&endpoints)?;
+        let (arm, attached) = open_arm(&profile, hand, args.selector.clone(), period_s, request)
+            .map_err(|error| (report::prepare_error(&error, talk), String::new(), None))?;
+        let io_request = ThreadRequest { priority: args.priority.saturating_sub(1).max(1), ..request };
+        let link = ZenohLink::to_host(&session, &name, Some(io_request))?;
+        let interrupts = signals::interrupts().map_err(|error| (Exit::Internal, error.to_string(), None))?;
+        let node = Node::new(node_parameters(&profile, &name, period_s, timing), Box::new(link));
+        // From here on hosts find it.
+        let toml = profile::text(&args.profile, &here).unwrap_or_default();
+        let _profile = serve_profile(&session, &name, toml)?;
+
+        let meets = [endpoints.listen.join(", "), endpoints.connect.join(", ")].join(" ");
+        let ready = format!("ready zenoh:{name} on {}\n", meets.trim());
+        if args.json {
+            say::talk(format_args!("{ready}"));
+        } else {
+            say::result(format_args!("{ready}"));
+            let _ = std::io::Write::flush(&mut std::io::stdout());
+        }
+        let news = attached.map(|attached| attached.news);
+        let job = NodeJob { node, arm, news, period_s, request, duration: args.duration };
+        let outcome = run_node(job, &interrupts, |notice| tell(&notice, talk))
+            .map_err(|error| (Exit::Internal, format!("cannot start a thread: {error}"), None))?;
+        result(&outcome, &profile, &name, args.json);
+        if outcome.panicked {
+            return Err((Exit::Internal, "the loop of the node stopped on an internal error; the arm heard zero".to_owned(), None));
+        }
+        Ok(Exit::Ok)
+    }
+
+    /// A real arm wants somebody's leave on this side too.
+    fn may_push(args: &Args, profile: &Profile, talk: Talk) -> Result<(), Failure> {
+        let Some(real) = &profile.real else { return Ok(()) };
+        if profile.actuated != Axes::NONE && !args.enable && real.deadman_button.is_none() {
+            let hint = "give --enable to let hosts put force on it; a profile with a deadman needs none";
+            return Err((Exit::Device, "this is a real arm, and nobody may let force flow".to_owned(), Some(hint)));
+        }
+        if let Some(instruction) = &real.homing.instruction {
+            report::note(&format!("homing: {instruction}"), talk);
+        }
+        if profile.has_unverified_signs() {
+            let command = probe::command(profile, args.selector.as_ref(), "--sign-check");
+            report::warning(&format!("signs not verified: force stays below 0.5 N ({command})"), talk);
+        }
+        Ok(())
+    }
+
+    fn tell(notice: &NodeNotice<'_>, talk: Talk) {
+        if talk.quiet {
+            return;
+        }
+        match notice {
+            NodeNotice::Phase(Phase::Tripped, report) => {
+                let ms = report.zero_after_ms;
+                let text = format!("link: the host fell silent; no force {ms:.1} ms after its last command, until it has disabled");
+                say::event(say::Level::Warning, "link", &text, &[("link", "lost".into()), ("zero_after_ms", ms.into())]);
+            }
+            NodeNotice::Phase(phase, _) => {
+                say::event(say::Level::Info, "node", &format!("node: {}", phase.name()), &[("phase", phase.name().into())]);
+            }
+            NodeNotice::Link(LinkNews::Lost) => say::event(say::Level::Warning, "arm", "device: gone; looking for it", &[]),
+            NodeNotice::Link(LinkNews::Back { node, .. }) => {
+                say::event(say::Level::Info, "arm", &format!("device: back at {}", node.display()), &[]);
+            }
+            NodeNotice::Link(LinkNews::Fails(why)) => say::event(say::Level::Warning, "arm", &format!("device: {why}"), &[]),
+        }
+    }
+
+    fn result(outcome: &NodeOutcome, profile: &Profile, name: &str, as_json: bool) {
+        let NodeOutcome { report, periods, missed_periods, panicked, standing } = outcome;
+        if as_json {
+            let object = json!({
+                "name": name, "profile": profile.name, "periods": periods, "missed_periods": missed_periods, "panicked": panicked,
+                "fifo": standing.fifo, "cpu": standing.cpu, "link": report,
+            });
+            return say::result(format_args!("{object}\n"));
+        }
+        let NodeReport { commands, old_packets, lost_packets, strange_packets, link_losses, zero_after_ms, longest_gap_ms, .. } =
+            report;
+        say::result(format_args!(
+            "periods            {periods}, {missed_periods} missed\n\
+             commands           {commands}; {lost_packets} lost, {old_packets} too late, {strange_packets} of other hosts\n\
+             longest gap        {longest_gap_ms:.1} ms with force on\n\
+             link losses        {link_losses}{}\n",
+            if *link_losses > 0 { format!("; zero {zero_after_ms:.1} ms after the last command") } else { String::new() },
+        ));
+    }
+}

@@ -1,0 +1,94 @@
+//! The hand that holds a simulated arm without a scene in the same process.
+
+use core::time::Duration;
+use std::path::PathBuf;
+
+use super::cache::CacheArgs;
+use super::progress::BakeProgress;
+use super::{Talk, cache, report};
+use crate::config::{self, SceneConfig};
+use crate::device::simulated::hand::{HandPath, Indexing};
+use crate::device::simulated::HandParameters;
+use crate::error::Exit;
+use crate::rt::duration;
+use crate::scene::cache::Residence;
+use crate::scene::{self, BakeMeans};
+use crate::spatial::Pose;
+
+/// Who holds the grip.
+#[derive(Debug, clap::Args)]
+pub(crate) struct HandArgs {
+    /// Where the hand wants to be: CSV with the header t_s,x_m,y_m,z_m,qx,qy,qz,qw; it counts from the first pose, or as in SCENE.
+    #[arg(long, value_name = "FILE.csv", conflicts_with = "no_hand")]
+    hand: Option<PathBuf>,
+    /// Nobody holds the grip.
+    #[arg(long)]
+    no_hand: bool,
+    /// Take the hand's file, strength and frame from this scene: the tool moves as it does with a simulated arm in the process.
+    #[arg(long, value_name = "SCENE")]
+    scene: Option<PathBuf>,
+    /// How long the hand waits at its start after the host's first frame: until the host has enabled the arm.
+    #[arg(long, value_name = "TIME", default_value = "1s", value_parser = duration::parse)]
+    hand_delay: Duration,
+    #[command(flatten)]
+    cache: CacheArgs,
+}
+
+impl HandArgs {
+    /// How long it waits where its path begins.
+    pub(crate) fn delay(&self) -> Duration {
+        self.hand_delay
+    }
+
+    /// The hand that the arguments ask for.
+    pub(crate) fn hand(&self, talk: Talk) -> Result<Option<HandParameters>, Exit> {
+        let config = match self.scene.as_deref().map(config::load).transpose() {
+            Ok(config) => config,
+            Err(errors) => return Err(report::config_errors(&errors, talk)),
+        };
+        let is_held = config.as_ref().is_none_or(|config| config.device.sim.hand_present);
+        if self.no_hand || !is_held {
+            return Ok(None);
+        }
+        let file = self.hand.clone().or_else(|| config.as_ref().and_then(|config| config.device.hand.clone()));
+        let path = match file.as_deref().map(HandPath::read).transpose() {
+            Ok(path) => path,
+            Err(error) => {
+                report::error(&error.to_string(), None, talk);
+                return Err(Exit::Configuration);
+            }
+        };
+        let mut hand = HandParameters::default();
+        if let Some(SceneConfig { device, .. }) = &config {
+            hand.stiffness_n_per_m = device.sim.hand_stiffness_n_per_m;
+            hand.damping_n_s_per_m = device.sim.hand_damping_n_s_per_m;
+            hand.mass_kg = device.sim.hand_mass_kg;
+        }
+        let Some(path) = path else { return Ok(Some(hand)) };
+        let indexing = match &config {
+            Some(config) => self.indexing_of(config, talk)?,
+            None => {
+                Indexing { world_from_device: Pose::IDENTITY, scale: 1.0, start: path.sample(0.0), grip_tool: glam::DVec3::ZERO }
+            }
+        };
+        hand.path = Some(path.to_device(indexing));
+        Ok(Some(hand))
+    }
+
+    /// How the grip follows the tool of a scene; the tool's centre of mass takes a bake, or the cache.
+    fn indexing_of(&self, config: &SceneConfig, talk: Talk) -> Result<Indexing, Exit> {
+        let mut cache = self.cache.open(Residence::Mapped, talk);
+        let progress = BakeProgress::new(talk);
+        let baked = scene::build_with(config, &mut BakeMeans::from(&mut cache), |event| progress.tell(&event));
+        progress.finish();
+        cache::tell(&mut cache, talk);
+        let (scene, _) = baked.map_err(|error| report::scene_error(&error, talk))?;
+        let port = &config.parameters.port;
+        Ok(Indexing {
+            world_from_device: port.world_from_device,
+            scale: port.scale,
+            start: port.start,
+            grip_tool: scene.tool.center_of_mass_tool,
+        })
+    }
+}

@@ -1,0 +1,207 @@
+//! The loop beside the arm: `hapticd device-node`.
+//!
+//! It does what the servo does for a tick, with [`Node::step`] in its place: absolute deadlines, a thread of its own under SCHED_FIFO where the system
+//! allows it, and a zero on every way out. It has no scene, and knows nothing of what the force is for.
+
+use core::sync::atomic::{AtomicBool, Ordering};
+use core::time::Duration;
+use std::io;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
+use std::time::Instant;
+
+use crossbeam::channel::{Receiver, RecvTimeoutError};
+
+use super::{Attached, PrepareError};
+use crate::device::Device;
+use crate::device::attached::nodes::Selector;
+use crate::device::attached::open::{self, LinkNews, OpenOptions};
+use crate::device::profile::Profile;
+use crate::device::remote::figures::{NodeReport, Phase};
+use crate::device::remote::hold::HoldTiming;
+use crate::device::remote::{Node, NodeFigures, NodeParameters};
+use crate::device::simulated::{HandParameters, SimArm, SimParameters};
+use crate::haptics::LimitParameters;
+use crate::rt::clock::{Clock as _, RealClock};
+use crate::rt::schedule::{self, ThreadRequest, ThreadStanding};
+use crate::servo::{Pace, StopGuard};
+
+/// How often the loop is looked at.
+const LOOK: Duration = Duration::from_millis(20);
+
+/// What a node tells while it runs.
+#[derive(Debug)]
+pub enum NodeNotice<'a> {
+    /// A new phase, with what was counted so far.
+    Phase(Phase, NodeReport),
+    /// What became of the link of a real arm.
+    Link(&'a LinkNews),
+}
+
+/// Everything that a node takes.
+pub struct NodeJob {
+    /// The arm's side of the link.
+    pub node: Node,
+    /// The open arm.
+    pub arm: Box<dyn Device>,
+    /// What becomes of the link of a real one.
+    pub news: Option<Receiver<LinkNews>>,
+    /// One period, s.
+    pub period_s: f64,
+    /// Scheduling of the loop.
+    pub request: ThreadRequest,
+    /// End after this; `None`: when told.
+    pub duration: Option<Duration>,
+}
+
+/// How a node ended.
+#[derive(Clone, Copy, Debug)]
+pub struct NodeOutcome {
+    /// What was counted.
+    pub report: NodeReport,
+    /// Periods done.
+    pub periods: u64,
+    /// Deadlines that passed without one.
+    pub missed_periods: u64,
+    /// The loop stopped on an internal error; the arm heard zero.
+    pub panicked: bool,
+    /// What the thread obtained.
+    pub standing: ThreadStanding,
+}
+
+/// What the node tells a host of its arm, and holds the host to. A real arm whose signs nobody has verified gets no more here than there.
+pub fn node_parameters(profile: &Profile, name: &str, period_s: f64, timing: HoldTiming) -> NodeParameters {
+    let limits = profile.limits;
+    let share = match profile.has_unverified_signs() && limits.force_n > 0.0 {
+        true => (LimitParameters::UNVERIFIED_SIGNS_FORCE_N / limits.force_n).min(1.0),
+        false => 1.0,
+    };
+    NodeParameters {
+        name: name.to_owned(),
+        sensed: profile.sensed,
+        actuated: profile.actuated,
+        period_s,
+        force_limit_n: share * limits.force_n,
+        torque_limit_nm: share * limits.torque_nm,
+        workspace_radius_m: limits.workspace_radius_m,
+        timing,
+        deadman: profile.real.as_ref().and_then(|real| real.deadman_button),
+        starts_with_host: profile.real.is_none(),
+    }
+}
+
+/// Opens the arm of a profile, or makes the simulated one with that hand.
+///
+/// # Errors
+/// The arm cannot be opened, or not be simulated.
+pub fn open_arm(
+    profile: &Profile,
+    hand: Option<HandParameters>,
+    selector: Option<Selector>,
+    period_s: f64,
+    request: ThreadRequest,
+) -> Result<(Box<dyn Device>, Option<Attached>), PrepareError> {
+    if profile.real.is_some() {
+        let io_request = ThreadRequest { priority: request.priority.saturating_sub(1).max(1), ..request };
+        let opened = open::open(profile, &OpenOptions { selector, io_request: Some(io_request), period_s })?;
+        return Ok((Box::new(opened.arm), Some(Attached { node: opened.path, news: opened.news, link: None })));
+    }
+    Ok((Box::new(SimArm::new(sim_parameters(profile, hand, period_s))?), None))
+}
+
+/// The simulated arm of a profile, without a scene.
+pub fn sim_parameters(profile: &Profile, hand: Option<HandParameters>, period_s: f64) -> SimParameters {
+    SimParameters {
+        period_s,
+        plant: profile.plant,
+        hand,
+        sensed: profile.sensed,
+        actuated: profile.actuated,
+        force_limit_n: profile.limits.force_n,
+        torque_limit_nm: profile.limits.torque_nm,
+        window_linear_s: profile.velocity_window_ms[0] * 1e-3,
+        window_angular_s: profile.velocity_window_ms[1] * 1e-3,
+        watchdog_ms: profile.link.device_watchdog_ms,
+        holds_last_command: profile.link.holds_last_command,
+        homed: true,
+        fault: None,
+        seed: 0,
+    }
+}
+
+/// Runs the loop until it is told to end: by a message of `interrupts`, or by its time. The arm hears zero last, whatever happens.
+///
+/// # Errors
+/// The thread cannot be started.
+pub fn run_node(job: NodeJob, interrupts: &Receiver<()>, mut notify: impl FnMut(NodeNotice<'_>)) -> io::Result<NodeOutcome> {
+    let NodeJob { node, arm, news, period_s, request, duration } = job;
+    let (figures, quit) = (node.figures(), Arc::new(AtomicBool::new(false)));
+    let locked = schedule::lock_memory();
+    let thread = {
+        let quit = quit.clone();
+        std::thread::Builder::new().name("device-node".to_owned()).spawn(move || turn(node, arm, period_s, request, &quit))?
+    };
+    watch(&figures, news.as_ref(), interrupts, duration, &thread, &mut notify);
+    // Relaxed: the flag is the whole message.
+    quit.store(true, Ordering::Relaxed);
+    let (periods, missed_periods, panicked, standing) = thread.join().unwrap_or((0, 0, true, ThreadStanding::default()));
+    if locked.is_ok() {
+        schedule::unlock_memory();
+    }
+    Ok(NodeOutcome { report: figures.report(), periods, missed_periods, panicked, standing })
+}
+
+type Turned = (u64, u64, bool, ThreadStanding);
+
+fn turn(mut node: Node, arm: Box<dyn Device>, period_s: f64, request: ThreadRequest, quit: &AtomicBool) -> Turned {
+    let standing = schedule::enter_realtime(request);
+    // Writes zero while a panic unwinds, too.
+    let mut arm = StopGuard::new(arm);
+    let (mut periods, mut missed) = (0, 0);
+    let outcome = catch_unwind(AssertUnwindSafe(|| {
+        let mut clock = RealClock;
+        let start_ns = clock.now_ns();
+        let mut pace = Pace::new(start_ns, (period_s * 1e9).round() as i64);
+        while !quit.load(Ordering::Relaxed) {
+            let due = pace.wait(&mut clock);
+            missed += due.missed;
+            periods += 1;
+            node.step((due.now_ns - start_ns) as f64 * 1e-9, &mut **arm);
+        }
+    }));
+    node.stop(&mut **arm);
+    (periods, missed, outcome.is_err(), standing)
+}
+
+/// Tells of what changes until it is time to end.
+fn watch<T>(
+    figures: &NodeFigures,
+    news: Option<&Receiver<LinkNews>>,
+    interrupts: &Receiver<()>,
+    duration: Option<Duration>,
+    thread: &std::thread::JoinHandle<T>,
+    notify: &mut impl FnMut(NodeNotice<'_>),
+) {
+    let begin = Instant::now();
+    let mut told = Phase::Silent;
+    let mut losses = 0;
+    while !thread.is_finished() && duration.is_none_or(|duration| begin.elapsed() < duration) {
+        let (phase, report) = (figures.phase(), figures.report());
+        // A host that is quick to disable again must not hide that the link was lost.
+        if report.link_losses > losses && phase != Phase::Tripped {
+            notify(NodeNotice::Phase(Phase::Tripped, report));
+        }
+        if phase != told || report.link_losses > losses {
+            (told, losses) = (phase, report.link_losses);
+            notify(NodeNotice::Phase(phase, report));
+        }
+        for news in news.into_iter().flat_map(Receiver::try_iter) {
+            notify(NodeNotice::Link(&news));
+        }
+        match interrupts.recv_timeout(LOOK) {
+            Ok(()) => return,
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => std::thread::sleep(LOOK),
+        }
+    }
+}

@@ -1,0 +1,39 @@
+//! An arm on another machine.
+//!
+//! ```text
+//!   workstation                                          beside the arm
+//!   servo ─ WiredArm ─ Host ──── COMMAND, 1 kHz ───────► Node ─ Hold ─ limits ─► Device (simulated or real)
+//!                       ▲                                  │
+//!                       └──────── STATE, 1 kHz ────────────┘  time of the measurement, echo, age of what is echoed
+//! ```
+//! The node is an arm that speaks our own protocol, open6, one packet to a datagram, and sends states by itself; minor version 1.1 says which host
+//! is meant and how old the echoed command was. So the host drives it with the driver of every other arm, and measures its delay the same way.
+//!
+//! Data in and out: frames of a [`Transport`](super::transport::Transport), which may lose, delay and reorder them. The newest wins: what is older
+//! than something already taken is dropped and counted.
+//!
+//! Invariant: silence is zero force. The node holds the last force for some ms, fades it, and then wants to be told *disabled* before it
+//! listens to *enabled* again; the host calls the same silence a lost link. Invariant: `step` and `feed` do not allocate, lock or block.
+//!
+//! | file | owns |
+//! |---|---|
+//! | `packets` | what version 1.1 adds to the packets of open6 |
+//! | `host` | the workstation's side: a codec |
+//! | [`node`] | the arm's side: state machine, limits, states |
+//! | [`hold`] | the force between commands, and after the last one |
+//! | [`clock`] | two clocks and the ways between them |
+//! | [`figures`] | what both sides tell people |
+//! | `door` | how a host comes to a node, and back to it |
+
+pub mod clock;
+mod door;
+pub mod figures;
+pub mod hold;
+mod host;
+pub mod node;
+mod packets;
+
+pub use door::{Dial, RemoteOptions, open};
+pub use figures::{LinkFigures, NodeFigures};
+pub use host::Host;
+pub use node::{Node, NodeParameters};

@@ -1,0 +1,64 @@
+//! What open6 1.1 adds behind the payloads of 1.0 (`docs/protocol.md`, section 11). A packet fills a report of 64 bytes, which is one datagram.
+
+use crate::device::protocol::open6::{CAPABILITIES_LEN, COMMAND_LEN, HELLO_LEN, Packets, STATE_WITH_TWIST_LEN, put_packet};
+use crate::device::transport::{Carriage, Frame};
+
+/// Minor version over a network.
+pub(super) const MINOR: u8 = 1;
+
+/// Where the token of the host stands: in HELLO, COMMAND, STOP and CAPABILITIES.
+pub(super) const HELLO_TOKEN: usize = HELLO_LEN;
+pub(super) const COMMAND_TOKEN: usize = COMMAND_LEN;
+pub(super) const STOP_TOKEN: usize = 0;
+pub(super) const CAPABILITIES_TOKEN: usize = CAPABILITIES_LEN;
+/// Where a state says how old the echoed command was when the arm was measured, µs.
+pub(super) const STATE_AGE: usize = STATE_WITH_TWIST_LEN;
+
+pub(super) const HELLO_1_1_LEN: usize = HELLO_TOKEN + 4;
+pub(super) const COMMAND_1_1_LEN: usize = COMMAND_TOKEN + 4;
+pub(super) const CAPABILITIES_1_1_LEN: usize = CAPABILITIES_TOKEN + 4;
+pub(super) const STATE_1_1_LEN: usize = STATE_AGE + 4;
+
+/// No command was taken yet.
+pub(super) const NO_AGE: u32 = u32::MAX;
+
+/// Who speaks: the upper half is the process, the lower one counts its greetings.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Token(pub(super) u32);
+
+impl Token {
+    pub(super) fn is_of_process(self, other: Self) -> bool {
+        self.0 >> 16 == other.0 >> 16
+    }
+
+    /// The same process, another greeting.
+    pub(super) fn next(self) -> Self {
+        Self(self.0 & 0xFFFF_0000 | self.0.wrapping_add(1) & 0xFFFF)
+    }
+}
+
+/// The number at that place, if the payload is that long.
+pub(super) fn u32_at(payload: &[u8], at: usize) -> Option<u32> {
+    payload.get(at..at + 4)?.try_into().ok().map(u32::from_le_bytes)
+}
+
+pub(super) fn token_at(payload: &[u8], at: usize) -> Option<Token> {
+    u32_at(payload, at).map(Token)
+}
+
+/// True for a packet that is newer than the newest one so far. Counters wrap; half of their range is ahead, half behind.
+pub(super) fn steps_ahead(newest: u16, sequence: u16) -> Option<u16> {
+    let steps = sequence.wrapping_sub(newest);
+    (1..=u16::MAX / 2).contains(&steps).then_some(steps)
+}
+
+/// A reader of datagrams.
+pub(super) fn reader() -> Packets {
+    Packets::new(Carriage::Reports)
+}
+
+/// Makes a datagram of a packet.
+pub(super) fn put(kind: u8, sequence: u16, payload: &[u8], frame: &mut Frame) {
+    frame.clear();
+    put_packet(Carriage::Reports, false, kind, sequence, payload, frame);
+}

@@ -1,0 +1,178 @@
+//! The real programs over a real network on this machine's loopback: a node, a host, and one of them killed. What is judged is what they do, not when:
+//! where the machine was too late for the link, a run is repeated.
+
+use std::io::{BufRead as _, BufReader, Read as _};
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::sync::mpsc::{Receiver, channel};
+use std::time::{Duration, Instant};
+
+use serde_json::Value;
+
+use super::rig;
+
+/// Longest wait for anything, on a machine that does something else.
+const PATIENCE: Duration = Duration::from_secs(120);
+const TRIES: usize = 4;
+
+fn endpoint() -> String {
+    // Free a moment ago; whoever takes it meanwhile makes the node fail, which says so.
+    let socket = std::net::UdpSocket::bind("127.0.0.1:0").expect("a port");
+    format!("udp/{}", socket.local_addr().expect("an address"))
+}
+
+/// A program whose talk is kept line by line.
+struct Running {
+    child: Child,
+    lines: Receiver<String>,
+    talk: String,
+}
+
+impl Running {
+    fn start(dir: &Path, line: &str) -> Self {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_hapticd"));
+        command.env("NO_COLOR", "1").env("XDG_CACHE_HOME", dir).env("XDG_STATE_HOME", dir).env_remove("NOTIFY_SOCKET");
+        let mut child = command
+            .args(line.split_whitespace())
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("starts");
+        let stderr = BufReader::new(child.stderr.take().expect("piped"));
+        let (sender, lines) = channel();
+        std::thread::spawn(move || stderr.lines().map_while(Result::ok).all(|line| sender.send(line).is_ok()));
+        Self { child, lines, talk: String::new() }
+    }
+
+    /// Waits for a line that has these words; false when the program ends, or time does.
+    fn hears(&mut self, words: &str) -> bool {
+        let begin = Instant::now();
+        while begin.elapsed() < PATIENCE {
+            let Ok(line) = self.lines.recv_timeout(PATIENCE) else { return false };
+            self.talk += &format!("{line}\n");
+            if line.contains(words) {
+                return true;
+            }
+        }
+        false
+    }
+
+    fn interrupt(&self) {
+        let sent = Command::new("sh").args(["-c", &format!("kill -INT {}", self.child.id())]).status().expect("sh");
+        assert!(sent.success());
+    }
+
+    /// Waits for the end: exit code, and the one JSON object.
+    fn end(mut self) -> (Option<i32>, Value, String) {
+        let mut stdout = String::new();
+        self.child.stdout.take().expect("piped").read_to_string(&mut stdout).expect("text");
+        let status = self.child.wait().expect("ends");
+        self.talk.extend(self.lines.try_iter().map(|line| format!("{line}\n")));
+        (status.code(), serde_json::from_str(&stdout).unwrap_or(Value::Null), self.talk.clone())
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// A node with the hand of a scene, and a host that renders that scene over it. The host's line is put behind `run SCENE --device …`.
+fn pair(dir: &Path, scene: &str, host_line: &str) -> (Running, Running) {
+    let (endpoint, scene) = (endpoint(), rig::shipped(scene));
+    let scene = scene.display();
+    let node =
+        format!("device-node sim-sigma7 --name arm --listen {endpoint} --scene {scene} --hand-delay 2s --json --duration 10min");
+    let mut node = Running::start(dir, &node);
+    assert!(node.hears("ready zenoh:arm"), "{}", node.talk);
+    let host = format!("run {scene} --device zenoh:arm --connect {endpoint} --json --monitor off {host_line}");
+    (node, Running::start(dir, &host))
+}
+
+fn is_link_fault(result: &Value) -> bool {
+    let late = ["link", "stale", "sequence-gap"];
+    result["faults"].as_array().is_some_and(|faults| faults.iter().any(|fault| late.iter().any(|name| fault == name)))
+}
+
+#[test]
+fn a_peg_goes_into_its_hole_over_zenoh() {
+    let dir = tempfile::tempdir().expect("a folder");
+    let mut talk = String::new();
+    for _ in 0..TRIES {
+        let (node, host) = pair(dir.path(), "peg-in-hole", "--duration 10s");
+        let (code, result, said) = host.end();
+        node.interrupt();
+        let (node_code, node_result, node_said) = node.end();
+        assert_eq!(node_code, Some(0), "{node_said}");
+        if is_link_fault(&result) {
+            talk += &said;
+            continue;
+        }
+        assert_eq!(code, Some(0), "{said}");
+        let tip_mm = result["final_pose"]["z_m"].as_f64().expect("a pose") * 1e3;
+        let (link, node) = (&result["link"], &node_result["link"]);
+        eprintln!("tip at {tip_mm:.2} mm, {:.2} N; host {link}; node {node}", result["max_force_n"].as_f64().unwrap_or(0.0));
+        assert!((-21.0..-19.0).contains(&tip_mm), "the peg stands at {tip_mm} mm\n{said}");
+        assert!(node["commands"].as_u64().expect("a count") > 5000 && node["strange_packets"] == 0, "{node}");
+        assert!(link["there_ms"].as_f64().expect("a time") > 0.0 && link["back_ms"].as_f64().expect("a time") > 0.0, "{link}");
+        return;
+    }
+    panic!("the machine was too late {TRIES} times\n{talk}");
+}
+
+#[test]
+fn a_host_that_is_killed_leaves_an_arm_without_force() {
+    let dir = tempfile::tempdir().expect("a folder");
+    for _ in 0..TRIES {
+        let (mut node, mut host) = pair(dir.path(), "block-on-plane", "");
+        // The machine may be too late before that, and the host then ends.
+        if !host.hears("state: enabled") {
+            assert!(host.talk.contains("fault:"), "{}\n{}", node.talk, host.talk);
+            continue;
+        }
+        std::thread::sleep(Duration::from_millis(500));
+        host.child.kill().expect("killed");
+        assert!(node.hears("the host fell silent"), "{}", node.talk);
+        node.interrupt();
+        let (code, result, said) = node.end();
+        assert_eq!(code, Some(0), "{said}");
+        let link = &result["link"];
+        eprintln!("{link}");
+        if link["link_losses"] == 1 {
+            return;
+        }
+    }
+    panic!("the machine was too late {TRIES} times");
+}
+
+#[test]
+fn a_node_that_is_killed_is_a_fault_of_the_link() {
+    let dir = tempfile::tempdir().expect("a folder");
+    for _ in 0..TRIES {
+        let (mut node, mut host) = pair(dir.path(), "block-on-plane", "");
+        if !host.hears("state: enabled") {
+            assert!(host.talk.contains("fault:"), "{}", host.talk);
+            continue;
+        }
+        node.child.kill().expect("killed");
+        let (code, result, said) = host.end();
+        assert_eq!(code, Some(7), "{said}");
+        assert_eq!(result["faults"], serde_json::json!(["link"]), "{said}");
+        assert!(said.contains("fault: link"), "{said}");
+        return;
+    }
+    panic!("the machine was too late {TRIES} times");
+}
+
+#[test]
+fn a_name_that_nobody_has_is_said_with_what_to_do() {
+    let dir = tempfile::tempdir().expect("a folder");
+    let scene = rig::shipped("block-on-plane");
+    let line = format!("run {} --device zenoh:nobody --connect {} --monitor off", scene.display(), endpoint());
+    let (code, _, said) = Running::start(dir.path(), &line).end();
+    assert_eq!(code, Some(5), "{said}");
+    assert!(said.contains("no device node of the name nobody") && said.contains("device-node PROFILE --name nobody"), "{said}");
+}
