@@ -19,6 +19,7 @@ use super::screen::{Screen, report_lines};
 use super::workshop::{self, Workshop};
 use super::{Talk, bake, cache, check, live, network, recording, report, say};
 use crate::config::{self, ConfigErrors, LoadOptions};
+use crate::daemon::remote::RemoteArm;
 use crate::daemon::service::Service;
 use crate::daemon::{Attached, Live, Notice, Outcome, PrepareError, Prepared, RenderJob, RunError, Supervisor, prepare_on};
 use crate::device::mock::profiled;
@@ -46,6 +47,12 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: Talk, started_ns: i64) 
     let since_start_s = |ns: i64| (ns - started_ns) as f64 * 1e-9;
     let baked_s = Cell::new(0.0);
     let figures = RefCell::new(None);
+    let names_node = args.device.as_deref().is_some_and(|device| RemoteArm::name_in(device).is_some());
+    if names_node && args.clock == ClockArg::Virtual {
+        let hint = "leave out --clock virtual, or name a simulated arm with --device";
+        report::error("an arm on another machine lives in real time", Some(hint), talk);
+        return Exit::Usage;
+    }
     let remote = match args.remote() {
         Ok(remote) => remote,
         Err(error) => {
@@ -91,12 +98,12 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: Talk, started_ns: i64) 
         Ok(bound) => bound,
         Err(exit) => return exit,
     };
-    if args.clock == ClockArg::Virtual && (remote.is_some() || config.device.profile.real.is_some()) {
-        let hint = "leave out --clock virtual, or name a simulated arm with --device";
-        report::error("a real arm, or one on another machine, lives in real time", Some(hint), talk);
-        return Exit::Usage;
-    }
     if let Some(real) = &config.device.profile.real {
+        if args.clock == ClockArg::Virtual {
+            let hint = "leave out --clock virtual, or name a simulated arm with --device";
+            report::error("a real arm lives in real time", Some(hint), talk);
+            return Exit::Usage;
+        }
         if !args.enables_at_start(&config) && !args.console && bound.is_none() {
             report::error(&RunError::NobodyEnables.to_string(), Some(HOW_TO_ENABLE), talk);
             return Exit::Device;

@@ -17,16 +17,22 @@ pub fn open(endpoints: &Endpoints) -> Result<Session, NetworkError> {
     for endpoint in listen.iter().chain(connect) {
         endpoint
             .parse::<zenoh::config::EndPoint>()
-            .map_err(|cause| NetworkError::Endpoint { endpoint: endpoint.clone(), cause: cause.to_string() })?;
+            .map_err(|cause| NetworkError::Endpoint { endpoint: endpoint.clone(), cause: words(&cause) })?;
     }
     let config = match config_file {
         Some(path) => {
-            Config::from_file(path).map_err(|cause| NetworkError::ConfigFile { path: path.clone(), cause: cause.to_string() })?
+            Config::from_file(path).map_err(|cause| NetworkError::ConfigFile { path: path.clone(), cause: words(&cause) })?
         }
         None => quiet().map_err(|cause| NetworkError::Open { listen: listen.clone(), cause })?,
     };
-    let opened = with_endpoints(config, endpoints).and_then(|config| zenoh::open(config).wait().map_err(|cause| cause.to_string()));
+    let opened = with_endpoints(config, endpoints).and_then(|config| zenoh::open(config).wait().map_err(|cause| words(&cause)));
     opened.map_err(|cause| NetworkError::Open { listen: listen.clone(), cause })
+}
+
+/// What zenoh says, without where in its own source it says so.
+fn words(cause: &impl core::fmt::Display) -> String {
+    let text = cause.to_string();
+    text.split(" at /").next().unwrap_or_default().to_owned()
 }
 
 /// A peer that looks for nobody and listens nowhere.
@@ -39,7 +45,7 @@ fn quiet() -> Result<Config, String> {
         ("listen/endpoints", "[]"),
         ("connect/retry", "{ period_init_ms: 200, period_max_ms: 1000, period_increase_factor: 2 }"),
     ] {
-        config.insert_json5(key, value).map_err(|cause| format!("{key}: {cause}"))?;
+        config.insert_json5(key, value).map_err(|cause| format!("{key}: {}", words(&cause)))?;
     }
     Ok(config)
 }
@@ -48,7 +54,7 @@ fn with_endpoints(mut config: Config, endpoints: &Endpoints) -> Result<Config, S
     for (key, list) in [("listen/endpoints", &endpoints.listen), ("connect/endpoints", &endpoints.connect)] {
         if !list.is_empty() {
             let quoted = serde_json::Value::from(list.clone()).to_string();
-            config.insert_json5(key, &quoted).map_err(|cause| format!("{key}: {cause}"))?;
+            config.insert_json5(key, &quoted).map_err(|cause| format!("{key}: {}", words(&cause)))?;
         }
     }
     Ok(config)

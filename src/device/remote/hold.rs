@@ -96,8 +96,8 @@ mod tests {
             assert!((forces[0] - 2.0).abs() < 1e-12 && forces[3] > 0.9 * 4.0);
             let end = 30 - arm_ticks as usize;
             assert!(forces[end - 1] > 0.0 && forces[end..].iter().all(|force| *force < 0.0), "{forces:?}");
-            // The fade: equal steps down from where the hold ended.
-            for n in end - 19..end {
+            // The fade: equal steps down, once the average has arrived.
+            for n in end - 17..end {
                 assert!((forces[n - 1] - forces[n] - 0.2).abs() < 2e-2, "{n}: {forces:?}");
             }
         }
