@@ -15,6 +15,7 @@
 //! | [`haptics`] | the tick: contact, filter, coupling, limits |
 //! | [`device`] | arms: trait, profiles, the simulated arm |
 //! | [`rt`] | every operating-system call of the loop |
+//! | [`network`] | sessions with other machines |
 //! | [`servo`] | the 1 kHz loop: wait → read → tick → write → publish |
 //! | [`telemetry`] | records out of the loop → histograms and summaries |
 //! | [`monitor`] | HTTP, WebSocket and the page of a run |
@@ -32,6 +33,7 @@ pub mod error;
 pub mod haptics;
 pub mod mesh;
 pub mod monitor;
+pub mod network;
 pub mod picture;
 pub mod pointshell;
 pub mod rt;
