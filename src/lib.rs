@@ -18,6 +18,7 @@
 //! | [`network`] | sessions with other machines |
 //! | [`servo`] | the 1 kHz loop: wait → read → tick → write → publish |
 //! | [`telemetry`] | records out of the loop → histograms and summaries |
+//! | [`ros`] | records as messages of ROS 2, without ROS |
 //! | [`monitor`] | HTTP, WebSocket and the page of a run |
 //! | [`daemon`] | supervisor: bake, preflight, enable, stop |
 //! | [`picture`] | cuts through a map with its shell, as PNG |
@@ -36,6 +37,7 @@ pub mod monitor;
 pub mod network;
 pub mod picture;
 pub mod pointshell;
+pub mod ros;
 pub mod rt;
 pub mod scene;
 pub mod sculpt;
