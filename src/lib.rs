@@ -19,6 +19,7 @@
 //! | [`servo`] | the 1 kHz loop: wait → read → tick → write → publish |
 //! | [`telemetry`] | records out of the loop → histograms and summaries |
 //! | [`ros`] | records as messages of ROS 2, without ROS |
+//! | [`publish`] | what a run tells a network, and worlds that runs share |
 //! | [`monitor`] | HTTP, WebSocket and the page of a run |
 //! | [`daemon`] | supervisor: bake, preflight, enable, stop |
 //! | [`picture`] | cuts through a map with its shell, as PNG |
@@ -37,6 +38,7 @@ pub mod monitor;
 pub mod network;
 pub mod picture;
 pub mod pointshell;
+pub mod publish;
 pub mod ros;
 pub mod rt;
 pub mod scene;

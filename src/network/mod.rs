@@ -47,7 +47,9 @@ impl Endpoints {
 #[derive(Debug, thiserror::Error)]
 pub enum NetworkError {
     /// An endpoint that cannot be read.
-    #[error("endpoint `{endpoint}`: {cause}; expected a protocol, a host and a port, such as udp/192.168.1.10:7447 or tcp/[::1]:7447")]
+    #[error(
+        "endpoint `{endpoint}`: {cause}; expected a protocol, a host and a port, such as udp/192.168.1.10:7447 or tcp/[::1]:7447"
+    )]
     Endpoint {
         /// As written.
         endpoint: String,

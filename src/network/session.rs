@@ -20,8 +20,9 @@ pub fn open(endpoints: &Endpoints) -> Result<Session, NetworkError> {
             .map_err(|cause| NetworkError::Endpoint { endpoint: endpoint.clone(), cause: cause.to_string() })?;
     }
     let config = match config_file {
-        Some(path) => Config::from_file(path)
-            .map_err(|cause| NetworkError::ConfigFile { path: path.clone(), cause: cause.to_string() })?,
+        Some(path) => {
+            Config::from_file(path).map_err(|cause| NetworkError::ConfigFile { path: path.clone(), cause: cause.to_string() })?
+        }
         None => quiet().map_err(|cause| NetworkError::Open { listen: listen.clone(), cause })?,
     };
     let opened = with_endpoints(config, endpoints).and_then(|config| zenoh::open(config).wait().map_err(|cause| cause.to_string()));

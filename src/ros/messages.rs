@@ -43,7 +43,8 @@ pub trait Message {
 macro_rules! message {
     ($message:ident in $package:literal, hash $hash:literal) => {
         impl Message for $message<'_> {
-            const TYPE: MessageType = MessageType { package: $package, name: stringify!($message), hash: concat!("RIHS01_", $hash) };
+            const TYPE: MessageType =
+                MessageType { package: $package, name: stringify!($message), hash: concat!("RIHS01_", $hash) };
 
             fn to_cdr(&self) -> Vec<u8> {
                 let mut cdr = Writer::new();

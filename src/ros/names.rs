@@ -169,8 +169,13 @@ mod tests {
                         RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18/::,10:,:,:,,";
         assert_eq!(publisher_token(&robot, 9, "chatter", &STRING), expected);
         let nested = node(0, "a", "left/arm");
-        assert!(publisher_token(&nested, 0, "tool/contact_cf", &STRING).contains("/0/1/MP/%/%left%arm/talker/%left%arm%tool%contact_cf/"));
-        assert!(topic_key(&nested, "tool/contact_cf", &STRING).starts_with("0/left/arm/tool/contact_cf/std_msgs::msg::dds_::String_/"));
+        assert!(
+            publisher_token(&nested, 0, "tool/contact_cf", &STRING)
+                .contains("/0/1/MP/%/%left%arm/talker/%left%arm%tool%contact_cf/")
+        );
+        assert!(
+            topic_key(&nested, "tool/contact_cf", &STRING).starts_with("0/left/arm/tool/contact_cf/std_msgs::msg::dds_::String_/")
+        );
     }
 
     #[test]
@@ -178,10 +183,7 @@ mod tests {
         // Captured from its own hash by others (docs/ros2.md).
         let hash = STRING.hash;
         for (token, expected) in [
-            (
-                format!("@ros2_lv/0/1/0/0/MP/%/%/a/%b/a::msg::dds_::B_/{hash}/::,:,:,:,,"),
-                "d6944d1f878b2ccca940730c04a67353",
-            ),
+            (format!("@ros2_lv/0/1/0/0/MP/%/%/a/%b/a::msg::dds_::B_/{hash}/::,:,:,:,,"), "d6944d1f878b2ccca940730c04a67353"),
             (
                 format!(
                     "@ros2_lv/23/aac3178e146ba6f1fc6e6a4085e77f21/0/1/MP/%/%raft_test/raft_fixture/%raft_test%chatter/std_msgs::msg::dds_::String_/{hash}/2::,5:,:,:,,"

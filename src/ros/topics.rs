@@ -152,10 +152,8 @@ fn diagnostics<'a>(&Moment { record, stamp, arm }: &Moment<'a>) -> DiagnosticArr
     let present = || Faults::TABLE.into_iter().filter(|(fault, ..)| faults.contains(*fault));
     let words: Vec<_> = present().map(|(.., words)| words).collect();
     let named = present().map(|(_, name, words)| (name, words.to_owned())).collect();
-    let (fault_level, force_level) = (
-        if faults.is_empty() { Level::Ok } else { Level::Error },
-        if cause == OffCause::None { Level::Ok } else { Level::Warn },
-    );
+    let (fault_level, force_level) =
+        (if faults.is_empty() { Level::Ok } else { Level::Error }, if cause == OffCause::None { Level::Ok } else { Level::Warn });
     let depth = Some(record.output.max_depth_m).filter(|depth_m| depth_m.is_finite());
     let depth = depth.map(|depth_m| ("max_depth_m", depth_m.to_string())).into_iter().collect();
     DiagnosticArray {
@@ -176,8 +174,12 @@ mod tests {
 
     fn record() -> TickRecord {
         let sample = DeviceSample { buttons: 0b101, grip_rad: 0.25, ..DeviceSample::default() };
-        let output =
-            TickOutput { drive: Drive::Fault, faults: Faults::SPEED | Faults::STALE, off_cause: OffCause::Velocity, ..TickOutput::default() };
+        let output = TickOutput {
+            drive: Drive::Fault,
+            faults: Faults::SPEED | Faults::STALE,
+            off_cause: OffCause::Velocity,
+            ..TickOutput::default()
+        };
         TickRecord { input: TickInput { sample, ..TickInput::default() }, output, ..TickRecord::default() }
     }
 
@@ -214,7 +216,9 @@ mod tests {
     #[test]
     fn a_fault_and_its_cause_are_told_in_names_and_words() {
         let told = text(Topic::Diagnostics, &record());
-        for wanted in ["hapticd: faults", "speed\0", "stale\0", "faster than the speed limit", "hapticd: force", "velocity\0", "sim-sigma7"] {
+        for wanted in
+            ["hapticd: faults", "speed\0", "stale\0", "faster than the speed limit", "hapticd: force", "velocity\0", "sim-sigma7"]
+        {
             assert!(told.contains(wanted), "{wanted}: {told}");
         }
         assert!(text(Topic::OperatingState, &record()).contains("FAULT\0"));
@@ -225,7 +229,9 @@ mod tests {
     #[test]
     fn what_is_told_at_once_is_what_somebody_waits_for() {
         let (before, mut after) = (record(), record());
-        let changed = |after: &TickRecord| Topic::ALL.into_iter().filter(|topic| topic.news(&before) != topic.news(after)).collect::<Vec<_>>();
+        let changed = |after: &TickRecord| {
+            Topic::ALL.into_iter().filter(|topic| topic.news(&before) != topic.news(after)).collect::<Vec<_>>()
+        };
         after.input.sample.pose.translation.x += 1.0;
         after.output.max_depth_m += 1.0;
         assert_eq!(changed(&after), []);

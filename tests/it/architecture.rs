@@ -8,7 +8,9 @@
 //! | `bench::contact`, `bench::sculpt` | anything: they play scenes |
 //! | `haptics` | `spatial`, `voxmap::field`, `pointshell::{shell, tree}` |
 //! | `device` | anything but the rooms that render, run or watch |
-//! | `telemetry`, `monitor` | anything but `servo` |
+//! | `telemetry`, `monitor`, `publish` | anything but `servo` |
+//! | `ros` | `haptics`, `telemetry`, `spatial` |
+//! | `network` | nothing: a leaf |
 //! | `cli` | anything; and nobody uses it |
 //!
 //! `unsafe` stands in `rt`, in the serial transport, in the two SIMD kernels, where mesh files are mapped and in the storage of arrays only;
@@ -44,6 +46,10 @@ fn refusal(room: &str, path: &[String]) -> Option<&'static str> {
     match room {
         "spatial" if first != "spatial" => Some("`spatial` is a leaf"),
         "storage" if first != "storage" => Some("`storage` is a leaf"),
+        "network" if first != "network" => Some("`network` is a leaf"),
+        "ros" if !matches!(first, "ros" | "haptics" | "telemetry" | "spatial") => {
+            Some("`ros` uses only `haptics`, `telemetry` and `spatial`")
+        }
         "haptics" => {
             let allowed = match first {
                 "haptics" | "spatial" => true,
@@ -58,7 +64,9 @@ fn refusal(room: &str, path: &[String]) -> Option<&'static str> {
             (!allowed).then_some("`sculpt` uses only `mesh`, `spatial`, `storage` and `haptics::clay`")
         }
         "device" if ABOVE_DEVICES.contains(&first) => Some("`device` knows nothing of rendering"),
-        "telemetry" | "monitor" if first == "servo" => Some("`telemetry` and `monitor` never call into `servo`"),
+        "telemetry" | "monitor" | "publish" if first == "servo" => {
+            Some("`telemetry`, `monitor` and `publish` never call into `servo`")
+        }
         "mesh" | "voxmap" | "pointshell" | "picture" | "bench" if ABOVE_GEOMETRY.contains(&first) => {
             Some("geometry knows nothing of what it is used for")
         }
@@ -331,6 +339,9 @@ fn planted_violations_are_caught() {
         ("voxmap/grid.rs", "use crate::config::SceneConfig;", Some("geometry")),
         ("spatial/pose.rs", "use crate::mesh::TriangleMesh;", Some("leaf")),
         ("storage/slab.rs", "use crate::spatial::Pose;", Some("leaf")),
+        ("network/mod.rs", "use crate::spatial::Pose;", Some("leaf")),
+        ("ros/names.rs", "use crate::monitor::Seen;\nuse crate::telemetry::TickRecord;", Some("crate::monitor::Seen")),
+        ("publish/world.rs", "use crate::monitor::Seen;\nuse crate::servo::Reins;", Some("crate::servo::Reins")),
         ("scene/build.rs", "use crate::cli::Talk;", Some("nobody uses `cli`")),
         ("voxmap/build.rs", "use crate::picture::Subject;", Some("nobody but `cli`")),
         ("bench/generation/mod.rs", "use crate::scene::Geometry;", Some("geometry")),
