@@ -119,6 +119,8 @@
 //! | [`rt`] | every operating-system call of the loop |
 //! | [`network`] | sessions with other machines |
 //! | [`servo`] | the 1 kHz loop: wait → read → tick → write → publish |
+//! | [`ros`] | records as messages of ROS 2, without ROS |
+//! | [`publish`] | what a run tells a network, and worlds that runs share |
 //! | [`daemon`] | supervisor: bake, preflight, enable, stop |
 //! | [`monitor`] | HTTP, WebSocket and the page of a run |
 //! | `picture` | cuts through a map with its shell, as PNG |
@@ -141,6 +143,8 @@ pub mod network;
 #[doc(hidden)]
 pub mod picture;
 pub mod pointshell;
+pub mod publish;
+pub mod ros;
 pub mod rt;
 pub mod scene;
 pub mod sculpt;

@@ -6,7 +6,7 @@ use std::sync::{Arc, OnceLock};
 
 use crossbeam::channel::{Sender, unbounded};
 
-use super::{Talk, console, live, reload};
+use super::{Talk, console, live, publish, reload};
 use crate::config::{LoadOptions, SceneConfig};
 use crate::daemon::desk::{Board, Counter, Desk, Tools};
 use crate::daemon::reload::{Known, News, Reloader};
@@ -38,6 +38,9 @@ pub(crate) struct Means<'a> {
     pub(crate) clock: ClockKind,
     /// The address of the monitor, if there is one.
     pub(crate) bound: Option<Bound>,
+    /// What is to be published and shared, if anything.
+    pub(crate) opened: Option<publish::Opened>,
+    pub(crate) talk: Talk,
     pub(crate) has_console: bool,
     pub(crate) enables_at_start: bool,
     pub(crate) switches: Option<Sender<Switch>>,
@@ -54,6 +57,7 @@ pub(crate) struct Company {
     counter: Option<Counter>,
     hub: Option<Arc<Hub>>,
     monitor: Option<Monitor>,
+    sender: Option<publish::Sender>,
     config: Option<SceneConfig>,
     board: Option<Board>,
     known: Option<Known>,
@@ -62,7 +66,8 @@ pub(crate) struct Company {
 impl Company {
     /// Opens the desk and the monitor; gives what the supervisor hears of them. Until [`Self::begin`] clients see a scene that is baked.
     pub(crate) fn open(means: Means<'_>, opening: &Opening, live: &mut Live) -> io::Result<Self> {
-        let Means { config, options, clock, bound, has_console, enables_at_start, switches, offered, recorder } = means;
+        let Means { config, options, clock, bound, opened, talk, has_console, enables_at_start, switches, offered, recorder } =
+            means;
         let (orders, taken) = unbounded::<OperatorOrder>();
         if has_console {
             console::begin(orders.clone())?;
@@ -91,15 +96,25 @@ impl Company {
             known: Some(Known::of(config)),
             ..Self::default()
         };
+        if bound.is_none() && opened.is_none() {
+            return Ok(company);
+        }
+        let heartbeat = config.heartbeat;
+        let (metrics, counts) = metrics_tap(config.rate_hz);
+        live.taps.add(counts);
+        let parts = HubParts { board, counter: counter.clone(), orders, heartbeat, clock, recorder, metrics: Some(metrics) };
+        let hub = Hub::new(parts);
         if let Some(bound) = bound {
-            let heartbeat = config.heartbeat;
-            let (metrics, counts) = metrics_tap(config.rate_hz);
-            live.taps.add(counts);
-            let hub = Hub::new(HubParts { board, counter, orders, heartbeat, clock, recorder, metrics: Some(metrics) });
             let (monitor, tap) = bound.serve(hub.clone())?;
             live.taps.add(tap);
-            (company.hub, company.monitor) = (Some(hub), Some(monitor));
+            company.monitor = Some(monitor);
         }
+        if let Some(opened) = opened {
+            let (sender, tap) = opened.serve(&hub, counter, talk)?;
+            live.taps.add(tap);
+            company.sender = Some(sender);
+        }
+        company.hub = Some(hub);
         Ok(company)
     }
 

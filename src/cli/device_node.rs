@@ -81,12 +81,12 @@ mod over_network {
     use super::super::{probe, say};
     use super::*;
     use crate::daemon::device_node::{NodeJob, NodeNotice, NodeOutcome, node_parameters, open_arm, run_node};
-    use crate::device::simulated::hand::GripPath;
     use crate::device::attached::open::LinkNews;
     use crate::device::profile::{self, Profile, ProfileError};
     use crate::device::remote::Node;
     use crate::device::remote::figures::{NodeReport, Phase};
     use crate::device::remote::hold::HoldTiming;
+    use crate::device::simulated::hand::GripPath;
     use crate::device::transport::zenoh::{ZenohLink, is_name, serve_profile};
     use crate::network::{NetworkError, session};
     use crate::rt::schedule::{self, ThreadRequest};

@@ -27,6 +27,7 @@ mod outcome;
 mod plots;
 mod probe;
 mod progress;
+mod publish;
 mod recording;
 mod reload;
 mod render;

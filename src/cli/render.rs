@@ -90,6 +90,11 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: Talk, started_ns: i64) 
         report::error(&message, Some("name the profile of a real arm with --device"), talk);
         return Exit::Usage;
     }
+    if args.meets_nobody() {
+        let message = "--connect, --listen and --zenoh-config say where to meet others, and nothing is published or shared";
+        report::error(message, Some("give --publish or --world NAME beside them"), talk);
+        return Exit::Usage;
+    }
     let changes = match own.live.check(&config, &overrides, args.duration, talk) {
         Ok(changes) => changes,
         Err(exit) => return exit,
@@ -125,6 +130,13 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: Talk, started_ns: i64) 
             return exit;
         }
     };
+    let opened = match args.publish.open(args.network.endpoints(), &config, talk) {
+        Ok(opened) => opened,
+        Err(exit) => {
+            recordings.abandon();
+            return exit;
+        }
+    };
     let changes = changes.recorded_by(&recordings.recorder, &overrides);
     let bake = || {
         // Owned: nobody may take memory away from the loop.
@@ -149,7 +161,7 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: Talk, started_ns: i64) 
         Ok(prepared)
     };
     // Under the virtual clock a scene changes as it was planned, unless somebody watches.
-    let is_open = clock == ClockKind::Real || bound.is_some() || own.live.watch;
+    let is_open = clock == ClockKind::Real || bound.is_some() || opened.is_some() || own.live.watch;
     let opening = Opening::default();
     let hears = || is_open.then(|| opening.hears());
     let begun = changes.begin(&args.cache, &args.memory, clock, is_open, hears, talk).and_then(|begun| {
@@ -160,6 +172,8 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: Talk, started_ns: i64) 
             options: &overrides,
             clock,
             bound,
+            opened,
+            talk,
             has_console: args.console,
             enables_at_start: args.enables_at_start(&config),
             switches: switches.filter(|_| is_open),

@@ -37,12 +37,17 @@ impl Body {
             Self::Text(body) => Message::from(with_counts(body, seq, dropped)),
             Self::Binary(body) => {
                 let mut bytes = body.clone();
-                for (place, count) in bytes[SEQ_AT..SEQ_AT + 16].chunks_exact_mut(8).zip([seq, dropped]) {
-                    place.copy_from_slice(&count.to_le_bytes());
-                }
+                count_in(&mut bytes, seq, dropped);
                 Message::from(bytes)
             }
         }
+    }
+}
+
+/// Puts the counts into a binary state.
+pub(super) fn count_in(bytes: &mut [u8], seq: u64, dropped: u64) {
+    for (place, count) in bytes[SEQ_AT..SEQ_AT + 16].chunks_exact_mut(8).zip([seq, dropped]) {
+        place.copy_from_slice(&count.to_le_bytes());
     }
 }
 

@@ -168,6 +168,11 @@ impl Hub {
         self.tell("scene", None, &format!("{name} is not rendered: {why}"), &["refused", name]);
     }
 
+    /// Something happened in a world that several servers share.
+    pub fn world(&self, text: &str, names: &[&str]) {
+        self.tell("world", None, text, names);
+    }
+
     /// Tells every client. `at`: of the newest tick where it is of none.
     pub(super) fn tell(&self, event: &'static str, at: Option<At>, text: &str, names: &[&str]) {
         let newest = || self.newest().as_ref().map(|newest| (newest.fed.record.tick, newest.fed.record.time_ns));
@@ -278,7 +283,7 @@ impl Hub {
     /// The newest state as text, without counts.
     pub(super) fn state_text(&self) -> Option<String> {
         let newest = self.newest().clone()?;
-        Some(encode::text(&self.moment(&newest), Extras::default()))
+        Some(self.text(&newest, Extras::default()))
     }
 
     /// The newest record.
@@ -288,8 +293,17 @@ impl Hub {
 
     /// The newest state in one of both formats.
     pub(super) fn body(&self, newest: &Newest, is_binary: bool, extras: Extras<'_>) -> Body {
-        let moment = self.moment(newest);
-        if is_binary { Body::Binary(encode::binary(&moment)) } else { Body::Text(encode::text(&moment, extras)) }
+        if is_binary { Body::Binary(self.binary(newest)) } else { Body::Text(self.text(newest, extras)) }
+    }
+
+    /// The newest state as text, without counts.
+    pub(super) fn text(&self, newest: &Newest, extras: Extras<'_>) -> String {
+        encode::text(&self.moment(newest), extras)
+    }
+
+    /// The newest state in the binary layout, without counts.
+    pub(super) fn binary(&self, newest: &Newest) -> Vec<u8> {
+        encode::binary(&self.moment(newest))
     }
 
     fn moment<'a>(&self, newest: &'a Newest) -> Moment<'a> {

@@ -7,12 +7,11 @@ use std::time::Instant;
 use rtrb::Consumer;
 
 use super::client::{Client, Wanted};
-use super::encode::At;
-use super::encode::{Extras, WireObject};
+use super::encode::{At, Extras};
 use super::feed::Fed;
 use super::hub::{Hub, Newest};
 use super::rows::{Row, reduced};
-use crate::daemon::desk::View;
+use super::sight::Sight;
 use crate::haptics::contact;
 use crate::rt::clock::ClockKind;
 use crate::spatial::Pose;
@@ -78,10 +77,8 @@ struct Points {
 
 pub(super) struct Pump {
     hub: Arc<Hub>,
-    view: View,
+    sight: Sight,
     board_at: Instant,
-    /// Where every static object stands.
-    poses: Vec<Pose>,
     groups: Vec<Group>,
     points: Points,
     points_at: Instant,
@@ -93,10 +90,9 @@ pub(super) struct Pump {
 
 impl Pump {
     pub(super) fn new(hub: Arc<Hub>) -> Self {
-        let (view, now) = (hub.board.view(), Instant::now());
-        let poses = starts(&view);
+        let (sight, now) = (Sight::new(hub.board.view()), Instant::now());
         let (groups, points) = (Vec::new(), Points::default());
-        Self { hub, view, board_at: now, poses, groups, points, points_at: now, n_overruns: 0, overrun_at: None, overruns_at: now }
+        Self { hub, sight, board_at: now, groups, points, points_at: now, n_overruns: 0, overrun_at: None, overruns_at: now }
     }
 
     /// Works until the run is over.
@@ -146,13 +142,9 @@ impl Pump {
             self.n_overruns += 1;
             self.overrun_at = Some((record.tick, record.time_ns));
         }
-        if let Some(placed) = record.output.object.filter(|_| record.scene_idx == self.view.scene_idx)
-            && let Some(pose) = self.poses.get_mut(placed.obstacle_idx as usize)
-        {
-            *pose = placed.world_from_map;
-        }
+        self.sight.see(record);
         let row = Row::of(record);
-        let (is_virtual, rate_hz) = (self.hub.clock == ClockKind::Virtual, f64::from(self.view.config.rate_hz));
+        let (is_virtual, rate_hz) = (self.hub.clock == ClockKind::Virtual, f64::from(self.sight.view().config.rate_hz));
         let mut due = Vec::new();
         for (idx, group) in self.groups.iter_mut().enumerate() {
             if group.wanted.history {
@@ -171,7 +163,7 @@ impl Pump {
         if due.is_empty() && !is_newest {
             return;
         }
-        let newest = self.newest(fed);
+        let newest = self.sight.newest(fed);
         if due.iter().any(|(idx, _)| self.groups[*idx].wanted.contacts) {
             self.find_points(&newest.fed.record, now);
         }
@@ -181,19 +173,6 @@ impl Pump {
         if is_newest {
             *self.hub.newest() = Some(newest);
         }
-    }
-
-    fn newest(&self, fed: Fed) -> Newest {
-        let port = &self.view.config.parameters.port;
-        let wanted = match (&self.view.scene, fed.anchor) {
-            (Some(scene), Some(anchor)) if fed.record.scene_idx == self.view.scene_idx => {
-                Some(anchor.wanted(&fed.record.input.sample, port, scene.tool.center_of_mass_tool))
-            }
-            _ => None,
-        };
-        let movable = self.view.config.statics.iter().zip(&self.poses).enumerate().filter(|(_, (object, _))| object.movable);
-        let objects = movable.map(|(idx, (_, pose))| WireObject { idx: idx as u32, pose: (*pose).into() }).collect();
-        Newest { fed, wanted, objects }
     }
 
     fn send(&mut self, idx: usize, missed: u64, newest: &Newest, clients: &[Arc<Client>], now: Instant) {
@@ -225,14 +204,14 @@ impl Pump {
 
     /// Looks for the points in contact, now and then, and no more than a share of the time.
     fn find_points(&mut self, record: &TickRecord, now: Instant) {
-        let Some(scene) = self.view.scene.as_ref().filter(|_| record.scene_idx == self.view.scene_idx) else { return };
         if now < self.points_at {
             return;
         }
+        let Some(scene) = self.sight.scene_of(record) else { return };
         let mut found = Vec::new();
         if record.output.contacts > 0 {
             let world_from_body = record.output.world_from_tool * Pose::from_translation(scene.tool.center_of_mass_tool);
-            for (obstacle, world_from_map) in scene.obstacles.iter().zip(&self.poses) {
+            for (obstacle, world_from_map) in scene.obstacles.iter().zip(self.sight.poses()) {
                 let map_from_body = world_from_map.inverse() * world_from_body;
                 let kind = scene.parameters.contact.field;
                 contact::visit(&obstacle.field, kind, &scene.tool.shell, map_from_body, |touching| {
@@ -251,12 +230,9 @@ impl Pump {
         if let Ok(clay) = self.hub.clay() {
             clay.tell_news(&self.hub);
         }
-        let view = self.hub.board.view();
-        let before = core::mem::replace(&mut self.view, view);
-        let view = &self.view;
-        let is_first = before.scene.is_none() && view.scene.is_some();
-        if is_first || before.scene_idx != view.scene_idx {
-            self.poses = starts(view);
+        let (before, is_another) = self.sight.look_at(self.hub.board.view());
+        let view = self.sight.view();
+        if is_another {
             let text = format!("{} is rendered", view.config.name);
             self.hub.tell("scene", None, &text, &["rendered", &view.config.name]);
         }
@@ -275,10 +251,6 @@ impl Pump {
             }
         }
     }
-}
-
-fn starts(view: &View) -> Vec<Pose> {
-    view.config.statics.iter().map(|object| object.pose).collect()
 }
 
 #[cfg(test)]

@@ -44,6 +44,7 @@ mod sculpt;
 mod sculpt_command;
 mod sides;
 mod studio;
+mod topics;
 mod traversal;
 mod tree;
 mod tuning;

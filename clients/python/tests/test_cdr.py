@@ -69,6 +69,16 @@ def test_a_message_is_where_the_document_says(message: dict[str, Any]) -> None:
         case "JointState":
             assert [read.string() for _ in range(read.u32())] == fields["name"]
             assert [read.doubles() for _ in range(3)] == [fields["position"], fields["velocity"], fields["effort"]]
+        case "Joy":
+            axes = read.u32()
+            read.at += 4 * axes
+            assert read.numbers(read.at - 4 * axes, f"{axes}f") == fields["axes"]
+            buttons = read.u32()
+            read.at += 4 * buttons
+            assert read.numbers(read.at - 4 * buttons, f"{buttons}i") == fields["buttons"]
+        case "OperatingState":
+            assert read.string() == fields["state"]
+            assert [read.u8(), read.u8()] == [fields["is_homed"], fields["is_busy"]]
         case "DiagnosticArray":
             assert statuses(read) == fields["status"]
         case other:
@@ -86,5 +96,5 @@ def statuses(read: Bytes) -> list[dict[str, Any]]:
 
 
 def test_every_kind_and_padding_is_there() -> None:
-    assert len({message["type"] for message in MESSAGES}) == 5
+    assert len({message["type"] for message in MESSAGES}) == 7
     assert {len(message["fields"]["header"]["frame_id"]) % 8 for message in MESSAGES} >= {0, 1, 3, 4, 5, 6}

@@ -6,7 +6,7 @@ use std::time::Duration;
 use clap::ValueEnum;
 
 use super::super::workshop::ClayArgs;
-use super::super::{cache, foxglove, live, memory, monitor, network, recording};
+use super::super::{cache, foxglove, live, memory, monitor, network, publish, recording};
 use crate::config::{LoadOptions, SceneConfig};
 use crate::daemon::remote::RemoteArm;
 use crate::device::attached::nodes::Selector;
@@ -50,6 +50,8 @@ pub(crate) struct LoopArgs {
     pub(super) recording: recording::RecordingArgs,
     #[command(flatten)]
     pub(super) foxglove: foxglove::FoxgloveArgs,
+    #[command(flatten)]
+    pub(super) publish: publish::PublishArgs,
     #[command(flatten)]
     pub(super) memory: memory::MemoryArgs,
     #[command(flatten)]
@@ -114,6 +116,12 @@ impl LoopArgs {
             enforce: self.realtime.map(|mode| mode == RealtimeMode::Enforce),
             hand_repeat: self.hand_repeat,
         }
+    }
+
+    /// Somebody said where to meet others, and nothing does.
+    pub(super) fn meets_nobody(&self) -> bool {
+        let is_remote = self.device.as_ref().is_some_and(|device| device.starts_with("zenoh:"));
+        !self.network.endpoints().is_empty() && !self.publish.is_wanted() && !is_remote
     }
 
     /// A deadman is an enable in the operator's hand.

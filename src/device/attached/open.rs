@@ -177,7 +177,10 @@ pub(in crate::device) trait Way: Send + 'static {
 }
 
 /// Opens the arm at the end of a way, and keeps a thread that finds it again.
-pub(in crate::device) fn open_way(door: impl Way, parameters: impl FnOnce(IoPlacement) -> WiredParameters) -> Result<Opened, OpenError> {
+pub(in crate::device) fn open_way(
+    door: impl Way,
+    parameters: impl FnOnce(IoPlacement) -> WiredParameters,
+) -> Result<Opened, OpenError> {
     let (path, connection) = door.connect(false)?;
     let lost = Arc::new(AtomicBool::new(false));
     let (to_arm, fresh) = RingBuffer::new(1);

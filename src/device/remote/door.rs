@@ -9,9 +9,9 @@ use std::sync::Arc;
 use glam::DQuat;
 
 use super::{Host, LinkFigures};
+use crate::device::attached::open::{OpenError, Opened, Way, open_way};
 use crate::device::kinematics::Kinematics;
 use crate::device::mock::profiled::cartesian;
-use crate::device::attached::open::{OpenError, Opened, Way, open_way};
 use crate::device::profile::Profile;
 use crate::device::protocol::Codec as _;
 use crate::device::transport::Transport;

@@ -1,0 +1,76 @@
+//! A watcher inside the program: takes every record as a client does, and looks at the newest when it likes.
+
+use std::sync::Arc;
+
+use rtrb::Consumer;
+
+use super::encode::{self, Extras};
+use super::feed::{Fed, feed};
+use super::hub::{Hub, Newest};
+use super::sight::Sight;
+use crate::daemon::desk::View;
+use crate::telemetry::{Tap, TickRecord};
+
+/// Watches a run; the newest record wins.
+pub struct Observer {
+    hub: Arc<Hub>,
+    sight: Sight,
+    fed: Consumer<Fed>,
+}
+
+/// What a look showed.
+pub struct Seen<'a> {
+    hub: &'a Hub,
+    view: &'a View,
+    newest: Newest,
+}
+
+impl Observer {
+    /// One that has not looked yet, and the tap that feeds it. Whoever looks less often than once in two seconds misses records in between, and
+    /// with them objects that moved.
+    pub fn new(hub: Arc<Hub>) -> (Self, Tap) {
+        let (tap, fed) = feed();
+        let sight = Sight::new(hub.board.view());
+        (Self { hub, sight, fed }, tap)
+    }
+
+    /// The newest record; `None`: there was none since the last look. Cold.
+    pub fn look(&mut self) -> Option<Seen<'_>> {
+        self.sight.look_at(self.hub.board.view());
+        let mut newest = None;
+        // No more than there are now: under the virtual clock the ring fills as fast as it empties.
+        for _ in 0..self.fed.slots() {
+            let Ok(fed) = self.fed.pop() else { break };
+            self.sight.see(&fed.record);
+            newest = Some(fed);
+        }
+        let newest = self.sight.newest(newest?);
+        Some(Seen { hub: &self.hub, view: self.sight.view(), newest })
+    }
+}
+
+impl Seen<'_> {
+    /// The record itself.
+    pub fn record(&self) -> &TickRecord {
+        &self.newest.fed.record
+    }
+
+    /// The state as `docs/api.md` has it, without contact points and history.
+    pub fn text(&self, seq: u64) -> String {
+        encode::with_counts(&self.hub.text(&self.newest, Extras::default()), seq, 0)
+    }
+
+    /// The same in the binary layout.
+    pub fn binary(&self, seq: u64) -> Vec<u8> {
+        let mut bytes = self.hub.binary(&self.newest);
+        encode::count_in(&mut bytes, seq, 0);
+        bytes
+    }
+
+    /// Every movable object with its pose as `place` takes it: where it stands, `world_from_object`.
+    pub fn objects(&self) -> impl Iterator<Item = (&str, String)> {
+        let named =
+            self.newest.objects.iter().filter_map(|object| Some((self.view.config.statics.get(object.idx as usize)?, object)));
+        named.map(|(of, object)| (of.name.as_str(), encode::json(&object.pose)))
+    }
+}

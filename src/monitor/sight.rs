@@ -1,0 +1,75 @@
+//! What somebody who sees every record knows of a scene beside the newest one: where its objects stand, and where the arm wants the tool.
+
+use super::encode::WireObject;
+use super::feed::Fed;
+use super::hub::Newest;
+use crate::daemon::desk::View;
+use crate::haptics::RenderScene;
+use crate::spatial::Pose;
+use crate::telemetry::TickRecord;
+
+/// A scene, seen record by record.
+pub(super) struct Sight {
+    view: View,
+    /// Where every static object stands.
+    poses: Vec<Pose>,
+}
+
+impl Sight {
+    /// Everything stands where it starts.
+    pub(super) fn new(view: View) -> Self {
+        let poses = starts(&view);
+        Self { view, poses }
+    }
+
+    /// The scene and its parameters.
+    pub(super) fn view(&self) -> &View {
+        &self.view
+    }
+
+    /// Where every static object stands, in their order.
+    pub(super) fn poses(&self) -> &[Pose] {
+        &self.poses
+    }
+
+    /// Follows what has changed on the board; gives what it showed before, and whether another scene is rendered now.
+    pub(super) fn look_at(&mut self, view: View) -> (View, bool) {
+        let before = core::mem::replace(&mut self.view, view);
+        let is_first = before.scene.is_none() && self.view.scene.is_some();
+        let is_another = is_first || before.scene_idx != self.view.scene_idx;
+        if is_another {
+            self.poses = starts(&self.view);
+        }
+        (before, is_another)
+    }
+
+    /// Every record, in turn.
+    pub(super) fn see(&mut self, record: &TickRecord) {
+        if let Some(placed) = record.output.object.filter(|_| record.scene_idx == self.view.scene_idx)
+            && let Some(pose) = self.poses.get_mut(placed.obstacle_idx as usize)
+        {
+            *pose = placed.world_from_map;
+        }
+    }
+
+    /// The scene, if the record is of it.
+    pub(super) fn scene_of(&self, record: &TickRecord) -> Option<&RenderScene> {
+        self.view.scene.as_deref().filter(|_| record.scene_idx == self.view.scene_idx)
+    }
+
+    /// A record with everything that is known beside it.
+    pub(super) fn newest(&self, fed: Fed) -> Newest {
+        let port = &self.view.config.parameters.port;
+        let wanted = match (self.scene_of(&fed.record), fed.anchor) {
+            (Some(scene), Some(anchor)) => Some(anchor.wanted(&fed.record.input.sample, port, scene.tool.center_of_mass_tool)),
+            _ => None,
+        };
+        let movable = self.view.config.statics.iter().zip(&self.poses).enumerate().filter(|(_, (object, _))| object.movable);
+        let objects = movable.map(|(idx, (_, pose))| WireObject { idx: idx as u32, pose: (*pose).into() }).collect();
+        Newest { fed, wanted, objects }
+    }
+}
+
+fn starts(view: &View) -> Vec<Pose> {
+    view.config.statics.iter().map(|object| object.pose).collect()
+}

@@ -1,0 +1,66 @@
+//! What is asked for, and why it cannot be.
+
+use super::keys::{Owner, WorldName};
+use crate::network::{Endpoints, NetworkError};
+use crate::ros::{Domain, Namespace};
+
+/// What a run is to publish and to share.
+#[derive(Clone, Debug)]
+pub struct Plan {
+    /// Where others are met.
+    pub endpoints: Endpoints,
+    /// How often the newest record is looked at, Hz.
+    pub rate_hz: f64,
+    /// Topics of ROS 2 and states; `None`: none.
+    pub topics: Option<Topics>,
+    /// A world; `None`: none.
+    pub share: Option<Share>,
+    /// This run, for people who run others.
+    pub who: String,
+}
+
+/// Topics of ROS 2 and states for other viewers.
+#[derive(Clone, Debug)]
+pub struct Topics {
+    /// In front of all topics.
+    pub namespace: Namespace,
+    /// `ROS_DOMAIN_ID`.
+    pub domain: Domain,
+    /// The arm, by its profile.
+    pub arm: String,
+    /// It senses how far its gripper is open.
+    pub has_gripper: bool,
+}
+
+/// A world that several runs share.
+#[derive(Clone, Debug)]
+pub struct Share {
+    /// Its name.
+    pub world: WorldName,
+    /// Objects whose poses this run decides.
+    pub own: Vec<String>,
+}
+
+/// Why nothing can be published.
+#[derive(Debug, thiserror::Error)]
+pub enum PublishError {
+    /// There is no session.
+    #[error("{0}")]
+    Network(#[from] NetworkError),
+    /// The session refuses.
+    #[error("the network refuses `{key}`: {cause}")]
+    Refused {
+        /// A key expression.
+        key: String,
+        /// What zenoh says.
+        cause: String,
+    },
+    /// An object has an owner.
+    #[error("`{}` of world `{world}` is owned by {} already", .owner.object, .owner.who)]
+    Owned {
+        /// Which world.
+        world: WorldName,
+        /// Who has it.
+        owner: Owner,
+    },
+}

@@ -1,0 +1,343 @@
+//! What a run tells a network, and the worlds that runs share; and what a program says that was built without a network.
+
+use super::monitor::{command, folder};
+
+/// How `run` ends with these arguments, and what it says.
+fn refused(line: &str) -> (Option<i32>, String) {
+    let folder = folder("");
+    let output = command(folder.path(), &format!("press.toml --duration 100ms {line}")).output().unwrap();
+    (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+}
+
+#[test]
+fn what_makes_no_sense_is_told_before_anything_is_baked() {
+    for (line, wanted) in [
+        ("--world w --own plaet", "known here: plate"),
+        ("--world w --own plate,plate", "given twice"),
+        ("--connect tcp/127.0.0.1:1", "nothing is published or shared"),
+        ("--publish-hz 50", "nothing is published or shared"),
+        ("--publish 2d", "begins with a digit"),
+    ] {
+        let (code, told) = refused(line);
+        assert_eq!(code, Some(2), "{line}: {told}");
+        assert!(told.contains(wanted) && !told.contains("state: baking"), "{line}: {told}");
+    }
+}
+
+#[cfg(not(feature = "zenoh"))]
+#[test]
+fn a_program_without_a_network_says_how_to_build_one() {
+    for line in ["--publish", "--world w"] {
+        let (code, told) = refused(line);
+        assert_eq!(code, Some(2), "{told}");
+        assert!(told.contains("--features zenoh") && !told.contains("state: baking"), "{told}");
+    }
+}
+
+#[cfg(feature = "zenoh")]
+mod live {
+    use std::collections::{BTreeMap, BTreeSet};
+    use std::net::TcpListener;
+    use std::time::{Duration, Instant, SystemTime};
+
+    use crossbeam::channel::{Receiver, unbounded};
+    use hapticd::network::{Endpoints, session};
+    use hapticd::publish::{owner_keys, pose_key, pose_keys};
+    use hapticd::ros::{Topic, gid};
+    use serde_json::{Value, json};
+    use zenoh::qos::CongestionControl;
+    use zenoh::sample::{Sample, SampleKind};
+    use zenoh::{Session, Wait};
+
+    use super::super::monitor::{Daemon, Ended, command, folder};
+
+    /// Whoever has not answered by then hangs.
+    const HUNG: Duration = Duration::from_secs(120);
+
+    /// An address of this machine where nobody listens yet.
+    fn free() -> String {
+        let taken = TcpListener::bind("127.0.0.1:0").unwrap();
+        format!("tcp/{}", taken.local_addr().unwrap())
+    }
+
+    /// A session that meets a run there.
+    fn visit(endpoint: &str) -> Session {
+        session::open(&Endpoints { connect: vec![endpoint.to_owned()], ..Endpoints::default() }).unwrap()
+    }
+
+    fn subscribe(session: &Session, key: &str) -> Receiver<Sample> {
+        let (sender, samples) = unbounded();
+        let heard = move |sample| drop(sender.send(sample));
+        session.declare_subscriber(key.to_owned()).callback(heard).background().wait().unwrap();
+        samples
+    }
+
+    /// Tokens that come and go.
+    fn watch(session: &Session, key: &str) -> Receiver<(bool, String)> {
+        let (sender, tokens) = unbounded();
+        let heard = move |sample: Sample| drop(sender.send((sample.kind() == SampleKind::Put, sample.key_expr().to_string())));
+        session.liveliness().declare_subscriber(key.to_owned()).history(true).callback(heard).background().wait().unwrap();
+        tokens
+    }
+
+    fn number(bytes: &[u8]) -> f64 {
+        f64::from_le_bytes(bytes.try_into().unwrap())
+    }
+
+    /// Position of a pose in the frame `device` or `world`: it begins at byte 28 (docs/ros2.md).
+    fn position(message: &[u8]) -> [f64; 3] {
+        [0, 1, 2].map(|axis| number(&message[28 + 8 * axis..36 + 8 * axis]))
+    }
+
+    fn state(sample: &Sample) -> Value {
+        serde_json::from_slice(&sample.payload().to_bytes()).unwrap()
+    }
+
+    fn bits(position: [f64; 3]) -> [u64; 3] {
+        position.map(f64::to_bits)
+    }
+
+    fn ended(daemon: Daemon) -> Ended {
+        let ended = daemon.end();
+        assert_eq!(ended.code, Some(0), "{}", ended.stderr);
+        assert_eq!(ended.json["faults"], json!([]));
+        ended
+    }
+
+    /// A run that publishes, and where it listens.
+    fn published(flags: &str) -> (Daemon, String) {
+        let endpoint = free();
+        let mut daemon = Daemon::start("", &format!("--listen {endpoint} {flags}"));
+        daemon.wait_for("state: enabled");
+        (daemon, endpoint)
+    }
+
+    #[test]
+    fn ros_2_finds_every_topic_with_its_type_and_messages_say_what_the_state_says() {
+        let (daemon, endpoint) = published("--publish left/arm --ros-domain 7");
+        let session = visit(&endpoint);
+        let tokens = watch(&session, "@ros2_lv/7/**");
+        let states = subscribe(&session, "hapticd/left/arm/state");
+        let samples = subscribe(&session, "7/left/arm/**");
+
+        // The graph: a node, and a publisher for each topic.
+        let mut graph = BTreeSet::new();
+        while graph.len() < 1 + Topic::ALL.len() {
+            let (is_there, token) = tokens.recv_timeout(HUNG).unwrap();
+            assert!(is_there);
+            graph.insert(token);
+        }
+        let pieces = |token: &str| token.split('/').map(str::to_owned).collect::<Vec<_>>();
+        let node = graph.iter().find(|token| pieces(token)[5] == "NN").unwrap();
+        let of_run = pieces(node)[2].clone();
+        assert_eq!(*node, format!("@ros2_lv/7/{of_run}/0/0/NN/%/%left%arm/hapticd"));
+        let mut publishers = BTreeMap::new();
+        for token in graph.iter().filter(|token| *token != node) {
+            let pieces = pieces(token);
+            assert_eq!(
+                (&pieces[2], &*pieces[5], &*pieces[7], &*pieces[8], pieces.len()),
+                (&of_run, "MP", "%left%arm", "hapticd", 13),
+                "{token}"
+            );
+            // A subscriber puts its key together from these.
+            let key = format!("7/{}/{}/{}", pieces[9].trim_start_matches('%').replace('%', "/"), pieces[10], pieces[11]);
+            publishers.insert(key, token.clone());
+        }
+
+        // The messages: on those keys, counted, stamped, and from those publishers.
+        let mut seen: BTreeMap<String, Vec<Sample>> = BTreeMap::new();
+        let began = Instant::now();
+        while seen.len() < publishers.len() || seen.values().any(|samples| samples.len() < 8) {
+            assert!(began.elapsed() < HUNG, "{:?}", seen.keys());
+            let sample = samples.recv_timeout(HUNG).unwrap();
+            seen.entry(sample.key_expr().to_string()).or_default().push(sample);
+        }
+        assert_eq!(seen.keys().collect::<Vec<_>>(), publishers.keys().collect::<Vec<_>>());
+        let now_ns = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap().as_nanos() as i64;
+        for (key, samples) in &seen {
+            let mut before = None;
+            for sample in samples {
+                let attachment = sample.attachment().unwrap().to_bytes().into_owned();
+                assert_eq!((attachment.len(), attachment[16]), (33, 16), "{key}");
+                let count = i64::from_le_bytes(attachment[..8].try_into().unwrap());
+                assert!(before.is_none_or(|before| count == before + 1) && count > 0, "{key}: {before:?}, {count}");
+                before = Some(count);
+                let sent_ns = i64::from_le_bytes(attachment[8..16].try_into().unwrap());
+                assert!((now_ns - sent_ns).abs() < HUNG.as_nanos() as i64, "{key}: {sent_ns}");
+                assert_eq!(attachment[17..], gid(&publishers[key]), "{key}");
+                assert_eq!(sample.payload().to_bytes()[..4], [0, 1, 0, 0], "{key}");
+            }
+        }
+
+        // A pose of ROS 2 is that of a state, bit for bit.
+        let told: BTreeSet<_> = states
+            .try_iter()
+            .map(|sample| bits(serde_json::from_value(state(&sample)["measured_cp"]["p"].clone()).unwrap()))
+            .collect();
+        let poses = seen.iter().find(|(key, _)| key.starts_with("7/left/arm/measured_cp/")).unwrap().1;
+        let found = poses.iter().filter(|sample| told.contains(&bits(position(&sample.payload().to_bytes())))).count();
+        assert!(found > 4, "{found} of {}", poses.len());
+
+        // Its end is seen too.
+        ended(daemon);
+        let gone = core::iter::from_fn(|| tokens.recv_timeout(HUNG).ok()).take(graph.len());
+        assert_eq!(gone.filter(|(is_there, _)| !is_there).map(|(_, token)| token).collect::<BTreeSet<_>>(), graph);
+    }
+
+    #[test]
+    fn any_number_of_viewers_sees_the_state_without_a_monitor() {
+        let endpoint = free();
+        let folder = folder("");
+        let line =
+            format!("press.toml --duration 4s --realtime best-effort --monitor off --publish --publish-hz 50 --listen {endpoint}");
+        let run =
+            command(folder.path(), &line).stdout(std::process::Stdio::null()).stderr(std::process::Stdio::null()).spawn().unwrap();
+        let began = Instant::now();
+        let viewers: Vec<_> = (0..3).map(|_| visit(&endpoint)).collect();
+        let streams: Vec<_> = viewers
+            .iter()
+            .flat_map(|viewer| ["hapticd/hapticd/state", "hapticd/hapticd/state/binary"].map(|key| subscribe(viewer, key)))
+            .collect();
+        for (idx, stream) in streams.iter().enumerate() {
+            let mut seqs = Vec::new();
+            while seqs.len() < 20 {
+                assert!(began.elapsed() < HUNG);
+                let sample = stream.recv_timeout(HUNG).unwrap();
+                let bytes = sample.payload().to_bytes();
+                seqs.push(if idx % 2 == 0 {
+                    let state = state(&sample);
+                    assert_eq!((&state["type"], &state["dropped"]), (&json!("state"), &json!(0)));
+                    assert_eq!(state["objects"][0]["p"], json!([0.0, 0.0, -0.01]));
+                    state["seq"].as_u64().unwrap()
+                } else {
+                    assert_eq!((&bytes[..4], bytes.len()), (&b"HSTA"[..], 344));
+                    u64::from_le_bytes(bytes[24..32].try_into().unwrap())
+                });
+            }
+            assert!(seqs.is_sorted() && seqs[19] >= seqs[0] + 19, "{seqs:?}");
+        }
+        assert_eq!(run.wait_with_output().unwrap().status.code(), Some(0));
+    }
+
+    /// Waits until the plate of a run stands at this height; its states go into what is said when it does not.
+    fn plate_comes_to(daemon: &Daemon, height_m: f64) {
+        let began = Instant::now();
+        loop {
+            // Before the first tick there is no state.
+            let (_, state) = daemon.http("GET", "/api/v1/state", &[], "");
+            let found = state["objects"][0]["p"][2].as_f64().unwrap_or(f64::NAN);
+            if (found - height_m).abs() < 1e-9 {
+                return;
+            }
+            assert!(began.elapsed() < HUNG, "{found} is not {height_m}: {state}");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+
+    fn pose(height_m: f64) -> Value {
+        json!({ "p": [0.0, 0.0, height_m], "q": [0.0, 0.0, 0.0, 1.0] })
+    }
+
+    #[test]
+    fn an_object_stands_in_every_run_where_its_owner_says() {
+        let (owner, endpoint) = published("--world bench --own plate");
+        let mut guest = Daemon::start("", &format!("--world bench --connect {endpoint}"));
+        guest.wait_for("note: `plate` of world `bench` follows press on ");
+        let (status, answer) = owner.http("PUT", "/api/v1/objects/plate/pose", &[], &pose(-0.02).to_string());
+        assert_eq!(status, 200, "{answer}");
+        plate_comes_to(&owner, -0.02);
+        plate_comes_to(&guest, -0.02);
+
+        // Whoever comes later finds it there, and cannot own it.
+        let late = Daemon::enabled("", &format!("--world bench --connect {endpoint}"));
+        plate_comes_to(&late, -0.02);
+        let folder = folder("");
+        let line = format!("press.toml --duration 1s --monitor off --world bench --own plate --connect {endpoint}");
+        let refused = command(folder.path(), &line).output().unwrap();
+        let told = String::from_utf8_lossy(&refused.stderr).into_owned();
+        assert_eq!(refused.status.code(), Some(2), "{told}");
+        let process = format!("(process {})", owner.id());
+        assert!(told.contains("`plate` of world `bench` is owned by press on") && told.contains(&process), "{told}");
+        assert!(!told.contains("state: baking"), "{told}");
+        // Another world is another thing.
+        let line = line.replace("--world bench", "--world desk");
+        assert_eq!(command(folder.path(), &line).output().unwrap().status.code(), Some(0));
+
+        // Gone without a word: it stays where it is.
+        drop(owner);
+        guest.wait_for("note: press on ");
+        plate_comes_to(&guest, -0.02);
+        ended(late);
+        let ended = ended(guest);
+        assert!(ended.stderr.contains("has gone: it stays where it is"), "{}", ended.stderr);
+    }
+
+    #[test]
+    fn two_owners_that_meet_only_later_come_to_one() {
+        let endpoint = free();
+        // Nobody listens there yet.
+        let first = Daemon::enabled("", &format!("--world bench --own plate --connect {endpoint}"));
+        let folder = folder("");
+        let line = format!("press.toml --duration 8s --monitor off --world bench --own plate --listen {endpoint}");
+        let second = command(folder.path(), &line).output().unwrap();
+        let told = String::from_utf8_lossy(&second.stderr).into_owned();
+        // It met the other one before it had claimed anything, or, most of the time, thereafter.
+        let (code, words) = (second.status.code(), |verb: &str| format!("`plate` of world `bench` {verb} press on"));
+        assert!(
+            code == Some(2) && told.contains(&words("is owned by")) || code == Some(0) && told.contains(&words("follows")),
+            "{told}"
+        );
+        assert!(told.contains(&format!("(process {})", first.id())), "{told}");
+        assert!(!ended(first).stderr.contains("follows"), "the first stays");
+    }
+
+    #[test]
+    fn a_pose_that_is_none_moves_nothing() {
+        let (mut daemon, endpoint) = published("--world bench");
+        let session = visit(&endpoint);
+        let key = pose_key(&"bench".parse().unwrap(), "plate");
+        for (wrong, why) in [
+            (b"up".to_vec(), "expected value"),
+            (json!({ "p": [0, 0, 1e9], "q": [0, 0, 0, 1] }).to_string().into_bytes(), "within 1 km"),
+            (json!({ "p": [0, 0] }).to_string().into_bytes(), "length 2"),
+            (json!({ "p": [0, 0, 0], "q": [0, 0, 0, 2] }).to_string().into_bytes(), "a unit quaternion"),
+        ] {
+            // Told once, however often it comes.
+            for _ in 0..3 {
+                session.put(key.clone(), wrong.clone()).wait().unwrap();
+            }
+            let line = daemon.wait_for("note: a pose of `plate`");
+            assert!(line.contains("is not taken") && line.contains(why), "{line}");
+        }
+        // Names that this scene does not have, and messages without end, are not even told.
+        session.put(pose_key(&"bench".parse().unwrap(), "nobody"), pose(0.0).to_string()).wait().unwrap();
+        session.put(key.clone(), vec![b' '; 1 << 20]).wait().unwrap();
+        plate_comes_to(&daemon, -0.01);
+        // Behind the long one, which may still be under way.
+        session.put(key, pose(-0.03).to_string()).congestion_control(CongestionControl::Block).wait().unwrap();
+        plate_comes_to(&daemon, -0.03);
+        assert_eq!(ended(daemon).stderr.matches("is not taken").count(), 4);
+    }
+
+    #[test]
+    fn poses_of_a_world_are_published_by_owners_alone() {
+        let (daemon, endpoint) = published("--world bench --own plate");
+        let guest = Daemon::enabled("", &format!("--world bench --connect {endpoint}"));
+        let session = visit(&endpoint);
+        let world = "bench".parse().unwrap();
+        let poses = subscribe(&session, &pose_keys(&world));
+        let owners = watch(&session, &owner_keys(&world));
+        // An object that rests is told now and then.
+        for _ in 0..3 {
+            let sample = poses.recv_timeout(HUNG).unwrap();
+            assert_eq!(sample.key_expr().as_str(), "hapticd/world/bench/objects/plate/pose");
+            assert_eq!(state(&sample), pose(-0.01));
+        }
+        let (is_there, token) = owners.recv_timeout(HUNG).unwrap();
+        assert!(is_there && token.contains(&format!("process%20{}", daemon.id())), "{token}");
+        ended(guest);
+        assert!(owners.try_recv().is_err(), "a guest owns nothing");
+        ended(daemon);
+        assert_eq!(owners.recv_timeout(HUNG).unwrap(), (false, token));
+    }
+}
