@@ -1,5 +1,7 @@
 //! `hapticd devices`: which arms are attached, and what stands in their way.
 
+use std::path::Path;
+
 use clap::Subcommand;
 use serde_json::{Value, json};
 
@@ -7,6 +9,7 @@ use super::findings::finding_json;
 use super::{Talk, probe, report, say};
 use crate::device::attached::discover::{self, Attached};
 use crate::device::attached::nodes;
+use crate::device::profile::{self, Profile, ProfileError};
 use crate::error::Exit;
 use crate::rt::finding::{Finding, Root, Standing};
 
@@ -30,11 +33,18 @@ enum DevicesCommand {
     },
     /// Open an arm and try it out: listens for 10 s with zero commands.
     Probe(probe::Args),
+    /// List the profiles in the program; of a named one, print the file, to be copied and changed.
+    Profiles {
+        /// Profile to print, as TOML.
+        name: Option<String>,
+    },
 }
 
 pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
-    if let Some(DevicesCommand::Probe(args)) = &args.command {
-        return probe::main(args, talk);
+    match &args.command {
+        Some(DevicesCommand::Probe(args)) => return probe::main(args, talk),
+        Some(DevicesCommand::Profiles { name }) => return profiles(name.as_deref(), args.json, talk),
+        Some(DevicesCommand::List { .. }) | None => {}
     }
     let as_json = args.json || matches!(args.command, Some(DevicesCommand::List { json: true }));
     let root = Root::default();
@@ -61,6 +71,41 @@ pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
         }
     }
     Exit::Ok
+}
+
+/// What is known of each built-in profile, or one of them as it is written.
+fn profiles(name: Option<&str>, as_json: bool, talk: Talk) -> Exit {
+    let here = Path::new("");
+    let names: Vec<&str> = name.map_or_else(|| profile::names().collect(), |name| vec![name]);
+    let mut found = Vec::new();
+    for name in names {
+        match profile::find(name, here) {
+            Ok(profile) => found.push(profile),
+            Err(ProfileError::Invalid(errors)) => return report::config_errors(&errors, talk),
+            Err(error) => {
+                report::error(&format!("{name}: {error}"), None, talk);
+                return Exit::Configuration;
+            }
+        }
+    }
+    let text = name.and_then(|name| profile::text(name, here));
+    match (text, as_json) {
+        (Some(text), false) => say::result(format_args!("{text}")),
+        (_, true) => {
+            let rows: Vec<Value> = found.iter().map(profile_json).collect();
+            say::result(format_args!("{}\n", json!({ "profiles": rows })));
+        }
+        (None, false) => {
+            for Profile { name, title, .. } in &found {
+                say::result(format_args!("{name:<28} {title}\n"));
+            }
+        }
+    }
+    Exit::Ok
+}
+
+fn profile_json(profile: &Profile) -> Value {
+    json!({ "name": profile.name, "title": profile.title, "simulated": profile.real.is_none() })
 }
 
 /// Troubles are told of arms only: what becomes of other nodes is nobody's concern here.

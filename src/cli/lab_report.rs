@@ -13,18 +13,19 @@ use crate::telemetry::report::LabReport;
 pub(crate) struct Args {
     /// Recording of `run --record`, or of the flight recorder.
     recording: PathBuf,
-    /// Where to write the page: HTML that needs no other file.
+    /// Where to write the page: HTML that needs no other file [default: beside the recording, by its name].
     #[arg(short, long, visible_alias = "output", value_name = "F.html")]
-    out: PathBuf,
+    out: Option<PathBuf>,
     /// Replace the page if there is one.
     #[arg(long)]
     overwrite: bool,
 }
 
 pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
+    let out = args.out.clone().unwrap_or_else(|| args.recording.with_extension("html"));
     // Before the recording is read, which may take a while.
-    if let Err(problem) = may_write(args) {
-        report::error(&format!("{} {problem}", args.out.display()), Some("give another name, or --overwrite"), talk);
+    if let Err(problem) = may_write(args, &out) {
+        report::error(&format!("{} {problem}", out.display()), Some("give another name, or --overwrite"), talk);
         return Exit::Asset;
     }
     let page = match read(args) {
@@ -39,23 +40,23 @@ pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
         report::error(&format!("{} ends before its first tick", args.recording.display()), None, talk);
         return Exit::Asset;
     }
-    if let Err(error) = write(&args.out, &page.page()) {
-        report::error(&format!("cannot write {}: {error}", args.out.display()), None, talk);
+    if let Err(error) = write(&out, &page.page()) {
+        report::error(&format!("cannot write {}: {error}", out.display()), None, talk);
         return Exit::Asset;
     }
     if !talk.quiet {
-        say::talk(format_args!("{}: {n_ticks} ticks\n", args.out.display()));
+        say::talk(format_args!("{}: {n_ticks} ticks\n", out.display()));
     }
     Exit::Ok
 }
 
 /// Whether the page may be written where it is asked for; never over the recording that it is made of.
-fn may_write(args: &Args) -> Result<(), &'static str> {
-    let is_the_recording = || Some(std::fs::canonicalize(&args.out).ok()? == std::fs::canonicalize(&args.recording).ok()?);
+fn may_write(args: &Args, out: &Path) -> Result<(), &'static str> {
+    let is_the_recording = || Some(std::fs::canonicalize(out).ok()? == std::fs::canonicalize(&args.recording).ok()?);
     if is_the_recording() == Some(true) {
         return Err("is the recording itself");
     }
-    if !args.overwrite && args.out.is_file() { Err("exists already") } else { Ok(()) }
+    if !args.overwrite && out.is_file() { Err("exists already") } else { Ok(()) }
 }
 
 /// Writes beside the page, then puts it in its place: a full disk leaves what was there.

@@ -104,6 +104,9 @@ impl Problem {
             )),
             ProblemKind::Refused { hint, .. } => hint.clone(),
             ProblemKind::StrokesMissing => Some("on the command line, paths are relative to the working directory".into()),
+            ProblemKind::Unreadable { cause } if cause.kind() == io::ErrorKind::NotFound => {
+                packaged(&self.file).map(|file| format!("the package has one of that name: {}", file.display()))
+            }
             ProblemKind::Unreadable { .. }
             | ProblemKind::Syntax { .. }
             | ProblemKind::VersionUnknown { .. }
@@ -119,6 +122,12 @@ impl Problem {
             | ProblemKind::DampingAboveProfile { .. } => None,
         }
     }
+}
+
+/// The file of that name that the Debian package brought.
+fn packaged(file: &Path) -> Option<PathBuf> {
+    let folders = ["scenes", "clay"].map(|folder| Path::new("/usr/share/hapticd").join(folder));
+    folders.iter().map(|folder| folder.join(file.file_name().unwrap_or_default())).find(|file| file.is_file())
 }
 
 impl fmt::Display for Problem {

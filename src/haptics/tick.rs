@@ -64,7 +64,8 @@ pub struct TickOutput {
     pub contacts: u32,
     /// Deepest penetration, m; 0 without contact.
     pub max_depth_m: f64,
-    /// How far the tool is proven to be from contact, clipped at the band, m; negative: how deep it is.
+    /// How far the tool is proven to be from contact, clipped at the band, m; negative: how deep it is. The query looks no closer than it must, so
+    /// the tool may be much farther away than this.
     pub clearance_m: f64,
     /// Points that the contact query's budget left out, which others stood for.
     pub points_left_out: u32,

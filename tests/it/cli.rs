@@ -456,6 +456,21 @@ fn profiles_are_checked_like_scenes() {
 }
 
 #[test]
+fn built_in_profiles_are_listed_and_can_be_copied() {
+    let dir = folder();
+    let listed = hapticd(dir.path(), "devices profiles");
+    assert_eq!((listed.code, listed.stderr.as_str()), (Some(0), ""));
+    let names: Vec<&str> = listed.stdout.lines().filter_map(|line| line.split_whitespace().next()).collect();
+    assert_eq!(names, hapticd::device::profile::names().collect::<Vec<_>>());
+    let json = hapticd(dir.path(), "devices --json profiles").json();
+    assert_eq!(json["profiles"].as_array().map(Vec::len), Some(names.len()));
+    let one = hapticd(dir.path(), "devices profiles polhem-2022");
+    let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("devices/polhem-2022.toml");
+    assert_eq!((one.code, one.stdout), (Some(0), std::fs::read_to_string(shipped).unwrap()));
+    refuses(dir.path(), "devices profiles polhem", 3, &["error: polhem: no device profile of this name", "polhem-2022"]);
+}
+
+#[test]
 fn help_is_a_result() {
     let dir = folder();
     for command in ["", "run", "bake", "check", "eval"] {

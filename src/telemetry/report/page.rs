@@ -102,7 +102,7 @@ fn curves(report: &LabReport, body: &mut String) {
         ("Force of the command, N", limit("force_n", 1.0, "force limit")),
         ("Torque of the command, mN·m", limit("torque_nm", 1e3, "torque limit")),
         ("Depth, mm", None),
-        ("Clearance, mm", None),
+        ("Clearance, at least, mm", None),
         ("Duration of the tick, µs", deadline_us),
         ("Lateness of the wake-up, µs", deadline_us),
     ]
