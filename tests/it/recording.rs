@@ -259,7 +259,7 @@ fn what_a_killed_run_leaves_behind_replays_to_its_last_chunk() {
     let json = ended.json();
     assert!(json["identical"] == true && json["whole"] == false && json["ticks"].as_u64() > Some(1000), "{json}");
     assert!(ended.stderr.contains("the file has no end"), "{}", ended.stderr);
-    let ended = hapticd(dir.path(), "report r.mcap -o r.html");
+    let ended = hapticd(dir.path(), "report r.mcap");
     assert_eq!(ended.code, Some(0), "{}", ended.stderr);
 }
 
