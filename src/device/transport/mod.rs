@@ -14,7 +14,7 @@
 //! | `threaded` | the two threads of `hid` and `usb`, whose writes can block |
 //! | `memory` | a pair of ends in memory |
 //! | `simulated` | the same as a network: delay, jitter, loss, a cut |
-//! | [`zenoh`] | a network (feature `zenoh`) |
+//! | `zenoh` | a network (feature `zenoh`) |
 
 mod hid;
 mod memory;
