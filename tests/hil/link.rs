@@ -13,11 +13,11 @@ use tempfile::TempDir;
 
 /// Longer than any wait that still has hope.
 const HUNG: Duration = Duration::from_secs(60);
-/// How often a run that the machine spoilt is repeated.
-const ATTEMPTS: usize = 5;
+/// How often something is tried that the machine may spoil.
+const ATTEMPTS: u64 = 6;
 
 /// One exchange at a time.
-pub(crate) fn alone() -> MutexGuard<'static, ()> {
+fn alone() -> MutexGuard<'static, ()> {
     static LINE: Mutex<()> = Mutex::new(());
     LINE.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -220,12 +220,30 @@ impl Bench {
     }
 }
 
-/// Runs host and arm against each other and judges the result, again where it may be the machine's: a host that faults for nothing but `stale` or `overrun`
-/// when it should not. Bytes of a tty pass through a kernel thread of ordinary priority, so a busy machine makes a link late although both of its
-/// ends are in time. A fault of ours comes every time. `expected`: sets of faults that are as they should be.
-pub(crate) fn exchange(bench: &Bench, mock_args: &[&str], host_args: &[&str], expected: &[&[&str]]) -> (Ended, Ended) {
+/// What `once` returns, from the first time that the machine did not spoil it, or from the last. Each time begins after a longer rest: what keeps a machine
+/// busy for some seconds passes. A fault of ours comes every time.
+pub(crate) fn repeat<T>(mut once: impl FnMut() -> (T, bool)) -> T {
     let _alone = alone();
-    for attempt in 1.. {
+    for attempt in 1..ATTEMPTS {
+        let (result, is_spoilt) = once();
+        if !is_spoilt {
+            return result;
+        }
+        std::thread::sleep(Duration::from_secs(attempt));
+    }
+    once().0
+}
+
+/// Whether this is a fault that a machine makes alone: bytes of a tty pass through a kernel thread of ordinary priority, so a busy machine makes a link late
+/// although both of its ends are in time.
+pub(crate) fn is_lateness(fault: &str) -> bool {
+    matches!(fault, "stale" | "overrun")
+}
+
+/// Runs host and arm against each other, again where the host ended for nothing but lateness when it should not. `expected`: sets of faults that are as they
+/// should be.
+pub(crate) fn exchange(bench: &Bench, mock_args: &[&str], host_args: &[&str], expected: &[&[&str]]) -> (Ended, Ended) {
+    repeat(|| {
         let mock = bench.mock(mock_args);
         let host = bench.host(host_args).ended();
         let mock = mock.ended();
@@ -234,13 +252,7 @@ pub(crate) fn exchange(bench: &Bench, mock_args: &[&str], host_args: &[&str], ex
         let is_early = !expected.contains(&[].as_slice()) && mock.json["faults"].as_array().is_none_or(Vec::is_empty);
         // An arm whose watchdog tripped says so, as an error of its own.
         let has_tripped = mock.number("watchdog_trips") > 0.0;
-        let is_late =
-            host.faults().iter().all(|fault| matches!(*fault, "stale" | "overrun") || *fault == "device-error" && has_tripped);
-        let is_spoilt = is_late && (!is_expected || is_early);
-        if is_spoilt && attempt < ATTEMPTS {
-            continue;
-        }
-        return (host, mock);
-    }
-    unreachable!("the loop returns")
+        let is_late = host.faults().iter().all(|fault| is_lateness(fault) || *fault == "device-error" && has_tripped);
+        ((host, mock), is_late && (!is_expected || is_early))
+    })
 }

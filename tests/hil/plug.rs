@@ -2,25 +2,28 @@
 
 use std::time::Duration;
 
-use super::link::{Bench, alone};
+use super::link::{Bench, is_lateness, repeat};
 
 #[test]
 fn a_replugged_arm_waits_for_the_operator() {
-    let _alone = alone();
     let bench = Bench::verified("open6-serial");
-    let mock = bench.mock(&["--fault", "unplug@2600ms+700ms"]);
-    let mut host = bench.host(&["--console"]);
-    host.wait_for("preflight");
-    host.say("enable");
-    host.wait_for("state: enabled");
-    host.wait_for("state: fault");
-    host.wait_for("device: back");
-    std::thread::sleep(Duration::from_millis(100));
-    host.say("enable");
-    host.wait_for("state: enabled");
-    std::thread::sleep(Duration::from_millis(800));
-    host.say("stop");
-    let (host, mock) = (host.ended(), mock.ended());
+    let (host, mock) = repeat(|| {
+        let mock = bench.mock(&["--fault", "unplug@2600ms+700ms"]);
+        let mut host = bench.host(&["--console"]);
+        host.wait_for("preflight");
+        host.say("enable");
+        host.wait_for("state: enabled");
+        host.wait_for("state: fault");
+        host.wait_for("device: back");
+        std::thread::sleep(Duration::from_millis(100));
+        host.say("enable");
+        host.wait_for("state: enabled");
+        std::thread::sleep(Duration::from_millis(800));
+        host.say("stop");
+        let (host, mock) = (host.ended(), mock.ended());
+        let is_late = host.faults().into_iter().any(is_lateness);
+        ((host, mock), is_late)
+    });
     let said = format!("{}\n{}\n{}", host.json, host.stderr, mock.json);
     assert_eq!((host.code(), host.faults()), (Some(7), vec!["disconnected"]), "{said}");
     let felt = &mock.json["faults"][0];
@@ -31,16 +34,17 @@ fn a_replugged_arm_waits_for_the_operator() {
 
 /// Kills the host while it pushes; what the arm felt.
 fn killed(profile: &str, signal: &str) -> serde_json::Value {
-    let _alone = alone();
     let bench = Bench::verified(profile);
-    let mock = bench.mock_with(&["--duration", "6s"]);
-    let mut host = bench.host(&["--enable"]);
-    host.wait_for("state: enabled");
-    // The hand begins after one second and presses from 1.2 s of its own time on.
-    std::thread::sleep(Duration::from_millis(2600));
-    host.signal(signal);
-    host.ended();
-    mock.ended().json
+    repeat(|| {
+        let mock = bench.mock_with(&["--duration", "6s"]);
+        let mut host = bench.host(&["--enable"]);
+        host.wait_for("state: enabled");
+        // The hand begins after one second and presses from 1.2 s of its own time on.
+        std::thread::sleep(Duration::from_millis(2600));
+        host.signal(signal);
+        let had_a_fault = host.ended().stderr.contains("state: fault");
+        (mock.ended().json, had_a_fault)
+    })
 }
 
 fn force_n(felt: &serde_json::Value) -> f64 {
