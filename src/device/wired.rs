@@ -398,7 +398,9 @@ impl WiredArm {
 
 impl Device for WiredArm {
     fn capabilities(&self) -> Capabilities {
-        Capabilities { io: self.connection.link.io(), ..self.parameters.capabilities }
+        let Connection { link, codec } = &self.connection;
+        let capabilities = self.parameters.capabilities;
+        Capabilities { io: link.io(), watchdog_ms: codec.watchdog_ms().or(capabilities.watchdog_ms), ..capabilities }
     }
 
     fn read(&mut self) -> Result<DeviceSample, DeviceError> {

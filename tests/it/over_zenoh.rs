@@ -84,8 +84,9 @@ impl Drop for Running {
 fn pair(dir: &Path, scene: &str, host_line: &str) -> (Running, Running) {
     let (endpoint, scene) = (endpoint(), rig::shipped(scene));
     let scene = scene.display();
-    let node =
-        format!("device-node sim-sigma7 --name arm --listen {endpoint} --scene {scene} --hand-delay 2s --json --duration 10min");
+    let node = format!(
+        "device-node sim-sigma7 --name arm --listen {endpoint} --scene {scene} --hand-delay 2s --hold-ms 12 --fade-ms 25 --json --duration 10min"
+    );
     let mut node = Running::start(dir, &node);
     assert!(node.hears("ready zenoh:arm"), "{}", node.talk);
     let host = format!("run {scene} --device zenoh:arm --connect {endpoint} --json --monitor off {host_line}");
@@ -117,6 +118,8 @@ fn a_peg_goes_into_its_hole_over_zenoh() {
         eprintln!("tip at {tip_mm:.2} mm, {:.2} N; host {link}; node {node}", result["max_force_n"].as_f64().unwrap_or(0.0));
         assert!((-21.0..-19.0).contains(&tip_mm), "the peg stands at {tip_mm} mm\n{said}");
         assert!(node["commands"].as_u64().expect("a count") > 5000 && node["strange_packets"] == 0, "{node}");
+        assert_eq!((&link["hold_ms"], &link["fade_ms"]), (&12.into(), &25.into()), "{link}");
+        assert!(said.contains("lets go 37 ms after the last command (12 held, 25 fading)"), "{said}");
         assert!(link["there_ms"].as_f64().expect("a time") > 0.0 && link["back_ms"].as_f64().expect("a time") > 0.0, "{link}");
         return;
     }

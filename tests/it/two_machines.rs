@@ -158,6 +158,8 @@ struct Played {
     report: NodeReport,
     phase: Phase,
     link: Arc<LinkFigures>,
+    /// What the host's driver says of the node's watchdog.
+    watchdog_ms: Option<u32>,
     last_command_s: f64,
     /// When the host's loop began, s.
     begin_s: f64,
@@ -167,6 +169,8 @@ struct Played {
 struct Stage {
     config: SceneConfig,
     scene: Arc<RenderScene>,
+    /// What the node is told with `--hold-ms` and `--fade-ms`.
+    timing: HoldTiming,
 }
 
 impl Stage {
@@ -177,7 +181,7 @@ impl Stage {
     fn with(config: SceneConfig, change: impl FnOnce(&mut Parameters)) -> Self {
         let (mut prepared, _) = prepare_with(&config, &mut BakeMeans::from(&mut Cache::off()), |_| ()).expect("a scene");
         change(&mut prepared.scene.parameters);
-        Self { config, scene: Arc::new(prepared.scene) }
+        Self { config, scene: Arc::new(prepared.scene), timing: TIMING }
     }
 
     /// The simulated arm with the scene's hand, for the other machine.
@@ -199,13 +203,13 @@ impl Stage {
         let profile = &self.config.device.profile;
         let network = SimulatedNetwork::new(quality, 11);
         let (host_end, arm_end) = network.ends();
-        let node = Node::new(node_parameters(profile, "arm", T, TIMING), Box::new(arm_end));
+        let node = Node::new(node_parameters(profile, "arm", T, self.timing), Box::new(arm_end));
         let figures = node.figures();
         let arm = Told { arm: self.arm(), now_s: 0.0, log: Vec::new() };
         let world: Shared = Arc::new(Mutex::new(World { network: network.clone(), node, arm, next_s: phase * T, cut_at_s: None }));
         let is_starting = Arc::new(Mutex::new(true));
         let end = Mutex::new(Some(HostEnd { end: host_end, world: world.clone(), is_starting: is_starting.clone() }));
-        let options = RemoteOptions { name: "arm".into(), period_s: T, timebase: Timebase::Counted, watchdog_ms: 30 };
+        let options = RemoteOptions { name: "arm".into(), period_s: T, timebase: Timebase::Counted };
         let dial = move || match end.lock().expect("no panic").take() {
             Some(end) => Ok(Box::new(end) as Box<dyn Transport>),
             // Whoever lost the link does not find it again here.
@@ -216,6 +220,7 @@ impl Stage {
         let begin_s = network.now_s();
         locked(&world).cut_at_s = cut_after_s.map(|after_s| begin_s + after_s);
 
+        let watchdog_ms = opened.arm.capabilities().watchdog_ms;
         let device = Remote { arm: opened.arm, world: world.clone(), now_s: begin_s };
         let (producer, mut consumer) = rtrb::RingBuffer::new(n_ticks as usize + 2000);
         let control = Arc::new(Control::new(Order::Enable));
@@ -237,6 +242,7 @@ impl Stage {
             report: figures.report(),
             phase: figures.phase(),
             link,
+            watchdog_ms,
             last_command_s: network.last_to_arm_s(),
             begin_s,
         }
@@ -351,4 +357,16 @@ fn a_cut_cable_is_zero_at_the_arm_within_hold_and_fade_and_a_fault_of_the_link_a
     }
     eprintln!("zero at the arm {least_ms:.2} to {most_ms:.2} ms after the last command that it heard");
     assert!(least_ms > 25.0, "it holds as long as it says: {least_ms} ms");
+}
+
+#[test]
+fn the_host_knows_how_long_the_node_holds_its_force_whatever_that_is() {
+    let mut stage = Stage::of(rig::load(&rig::shipped("block-on-plane")));
+    stage.timing = HoldTiming { hold_s: 4e-3, fade_s: 9e-3 };
+    let played = stage.play(LinkQuality::default(), 2500, 0.37, Some(2.4));
+    let link = played.link.report();
+    assert_eq!((played.watchdog_ms, link.hold_ms, link.fade_ms), (Some(13), 4, 9));
+    let zero_ms = played.report.zero_after_ms;
+    assert!((12.0..=13.0).contains(&zero_ms), "zero {zero_ms} ms after the last command");
+    assert_eq!(played.faults.names().collect::<Vec<_>>(), ["link"]);
 }

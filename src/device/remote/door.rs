@@ -32,8 +32,6 @@ pub struct RemoteOptions {
     pub period_s: f64,
     /// Time of samples.
     pub timebase: Timebase,
-    /// Silence from the node after which its watchdog has let go, ms: what it says of itself.
-    pub watchdog_ms: u32,
 }
 
 struct Door {
@@ -100,7 +98,8 @@ pub(super) fn parameters(profile: &Profile, options: &RemoteOptions, io: IoPlace
             pacing: Pacing::Stream,
             io,
             wakeup: Wakeup::Clock,
-            watchdog_ms: Some(options.watchdog_ms),
+            // The node says it itself.
+            watchdog_ms: None,
             watchdog_latched: true,
             holds_last_command: false,
             simulated: profile.real.is_none(),

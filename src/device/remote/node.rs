@@ -22,7 +22,7 @@ use super::figures::{NodeFigures, Phase};
 use super::hold::{Hold, HoldTiming, LAG_TICKS};
 use super::packets::{
     CAPABILITIES_1_1_LEN, CAPABILITIES_TOKEN, COMMAND_1_1_LEN, COMMAND_TOKEN, HELLO_1_1_LEN, HELLO_TOKEN, MINOR, NO_AGE,
-    STATE_1_1_LEN, STATE_AGE, STOP_TOKEN, Token, put, reader, steps_ahead, token_at,
+    STATE_1_1_LEN, STATE_AGE, STOP_TOKEN, Token, put, put_timing, reader, steps_ahead, token_at,
 };
 use crate::device::protocol::number::f32_at;
 use crate::device::protocol::open6::{
@@ -43,6 +43,9 @@ const STALE_MAX: u32 = 20;
 const FULL_SLEW_S: f64 = 10e-3;
 /// Periods of which the newest command is remembered: longer than the delay of any arm that is driven.
 const TAKEN: usize = 64;
+
+/// Buttons that a state has room for.
+const BUTTONS: u8 = 16;
 
 /// Error codes of a state.
 const NOT_HOMED: u8 = 1;
@@ -375,11 +378,11 @@ impl Node {
         let mut payload = [0; CAPABILITIES_1_1_LEN];
         payload[..4].copy_from_slice(&[MAJOR, MINOR, bits_of(*sensed), bits_of(*actuated)]);
         payload[4..6].copy_from_slice(&((1.0 / period_s).round() as u16).to_le_bytes());
-        payload[6..8].copy_from_slice(&(((timing.hold_s + timing.fade_s) * 1e3).ceil() as u16).to_le_bytes());
         for (at, number) in [(8, force_limit_n), (12, torque_limit_nm), (16, workspace_radius_m)] {
             payload[at..at + 4].copy_from_slice(&(*number as f32).to_le_bytes());
         }
-        payload[20..22].copy_from_slice(&[16, 1]);
+        payload[20] = BUTTONS;
+        put_timing(timing, &mut payload);
         let n = name.len().min(CAPABILITIES_LEN - 22);
         payload[22..22 + n].copy_from_slice(&name.as_bytes()[..n]);
         let listens_to = self.owner.map_or(0, |owner| owner.token.0);
