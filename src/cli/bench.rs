@@ -1,6 +1,6 @@
 //! `hapticd bench`: figures beside the paper's and beside other programs'.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
 
@@ -39,9 +39,9 @@ pub(crate) struct Args {
     /// With --quality or sculpt: draw how smooth forces are there, as PNG files.
     #[arg(long, value_name = "DIR")]
     plots: Option<PathBuf>,
-    /// Folder of the scenes that contact and loop play.
-    #[arg(long, value_name = "DIR", default_value = "config/scenes")]
-    scenes: PathBuf,
+    /// Folder of the scenes that contact and loop play [default: config/scenes, or where the package has them].
+    #[arg(long, value_name = "DIR")]
+    scenes: Option<PathBuf>,
     /// Print exactly one JSON object.
     #[arg(long)]
     json: bool,
@@ -62,7 +62,16 @@ enum Group {
     Sculpt,
 }
 
+/// Where the shipped scenes may be: in a checkout, and from the package.
+const SHIPPED: [&str; 2] = ["config/scenes", "/usr/share/hapticd/scenes"];
+
 impl Args {
+    /// The folder of scenes; where none is found, the first one is told.
+    fn scenes(&self) -> PathBuf {
+        let found = || SHIPPED.into_iter().find(|folder| Path::new(folder).is_dir());
+        self.scenes.clone().unwrap_or_else(|| found().unwrap_or(SHIPPED[0]).into())
+    }
+
     fn wants(&self, group: Group) -> bool {
         if self.group.is_empty() { group != Group::Torture } else { self.group.contains(&group) }
     }
@@ -123,7 +132,7 @@ fn measure(args: &Args, program: PathBuf, n_threads: usize, talk: Talk) -> Resul
         let (program, models, peers) = (program.clone(), models.clone(), peers.clone());
         rows.extend(generation::run(&generation::Options { n_runs, n_threads, quick: args.quick, models, peers, program }, told)?);
     }
-    let options = contact::Options { n_runs, quick: args.quick, scenes: args.scenes.clone(), csv: args.csv.clone(), models, peers };
+    let options = contact::Options { n_runs, quick: args.quick, scenes: args.scenes(), csv: args.csv.clone(), models, peers };
     if wanted(Group::Contact) {
         if args.quality {
             let quality = contact::quality(&options, told)?;
@@ -140,7 +149,7 @@ fn measure(args: &Args, program: PathBuf, n_threads: usize, talk: Talk) -> Resul
         rows.extend(contact::torture(&options, told)?);
     }
     if wanted(Group::Loop) {
-        rows.extend(loops::run(&loops::Options { program, quick: args.quick, scenes: args.scenes.clone() }, told)?);
+        rows.extend(loops::run(&loops::Options { program, quick: args.quick, scenes: args.scenes() }, told)?);
     }
     if wanted(Group::Sculpt) {
         let figures = sculpt::run(&sculpt::Options { n_runs, quick: args.quick }, told)?;

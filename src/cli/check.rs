@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::{Talk, report, say};
-use crate::config::scene::{ClaySource, SculptConfig};
+use crate::config::scene::{ClaySource, MeshSource, SculptConfig};
 use crate::config::strokes::{self, Script, Timed};
 use crate::config::{self, SceneConfig};
 use crate::daemon::{PrepareError, inputs};
@@ -11,8 +11,9 @@ use crate::device::profile::{self, Profile, ProfileError};
 use crate::document::show;
 use crate::error::Exit;
 use crate::haptics::CouplingMode;
+use crate::mesh;
 use crate::sculpt::studio::{Order, ToolSettings};
-use crate::spatial::Axes;
+use crate::spatial::{Axes, Metres};
 
 /// Arguments of `hapticd check`.
 #[derive(Debug, clap::Args)]
@@ -59,7 +60,10 @@ pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
         });
         match checked {
             Ok(config) if talk.quiet => drop(config),
-            Ok(config) => say::result(format_args!("ok {}\n", summary(&config))),
+            Ok(config) => {
+                warn_of_units(&config, talk);
+                say::result(format_args!("ok {}\n", summary(&config)));
+            }
             Err(error) => exit = report::prepare_error(&error, talk),
         }
     }
@@ -86,16 +90,32 @@ fn profile_summary(path: &Path, profile: &Profile) -> String {
     parts.join(", ")
 }
 
-/// One line: `strokes.toml: 5 strokes from 0.5 s to 3 s`.
+/// Longest part that is likely to be meant, m.
+const LIKELY_M: f64 = 5.0;
+
+/// Warns of parts that are so large that their unit is likely to be wrong. One that cannot be read is told when it is baked.
+fn warn_of_units(config: &SceneConfig, talk: Talk) {
+    let statics = config.statics.iter().map(|object| (object.name.as_str(), &object.source));
+    for (name, source) in statics.chain([("tool", &config.tool.source)]) {
+        let MeshSource::File { path, metres_per_unit } = source else { continue };
+        let bounds = mesh::load(path, *metres_per_unit).ok().and_then(|mesh| mesh.bounds());
+        let longest_m = bounds.map_or(0.0, |(low, high)| (high - low).max_element());
+        if longest_m > LIKELY_M {
+            report::warning(&format!("{name}: {} is {} long: is its `units` right?", path.display(), Metres(longest_m)), talk);
+        }
+    }
+}
+
+/// One line: `strokes.toml: 5 orders from 0.5 s to 3 s`. How many of them are strokes of the clay shows when they are carried out.
 fn script_summary(script: &Script) -> String {
     let file = script.file.display();
-    // The end of a hold is the same stroke as its beginning.
-    let n_strokes = script.orders.iter().filter(|timed| !matches!(timed.order, Order::Hold(false))).count();
+    // The end of a hold is part of the same order as its beginning.
+    let n_orders = script.orders.iter().filter(|timed| !matches!(timed.order, Order::Hold(false))).count();
     let at_s = |timed: Option<&Timed>| show(timed.map_or(0.0, |timed| timed.at.as_secs_f64()));
-    match n_strokes {
-        0 => format!("{file}: no strokes"),
-        1 => format!("{file}: 1 stroke at {} s", at_s(script.orders.first())),
-        n => format!("{file}: {n} strokes from {} s to {} s", at_s(script.orders.first()), at_s(script.orders.last())),
+    match n_orders {
+        0 => format!("{file}: no orders"),
+        1 => format!("{file}: 1 order at {} s", at_s(script.orders.first())),
+        n => format!("{file}: {n} orders from {} s to {} s", at_s(script.orders.first()), at_s(script.orders.last())),
     }
 }
 

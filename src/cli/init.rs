@@ -1,6 +1,7 @@
 //! `hapticd init`: a first scene for a folder of meshes, or for a piece of clay.
 
 mod clay;
+mod place;
 
 use std::ffi::OsStr;
 use std::fs;
@@ -8,8 +9,8 @@ use std::path::{Component, Path, PathBuf};
 
 use clap::ValueEnum;
 
-use super::{Talk, report, say};
-use crate::config;
+use self::place::Place;
+use super::{Talk, report};
 use crate::config::draft::{self, Draft, Part, Tool};
 use crate::document::show;
 use crate::error::Exit;
@@ -26,9 +27,10 @@ pub(crate) struct Args {
     /// Make the file a piece of clay, for `hapticd sculpt`.
     #[arg(long)]
     clay: bool,
-    /// Scene file to write [default: scene.toml in the folder; with --clay the name of the file].
-    #[arg(short, long, value_name = "SCENE.toml")]
-    output: Option<PathBuf>,
+    /// Scene file to write, or - for stdout, to be kept in the working directory [default: scene.toml in the folder; with --clay the name of
+    /// the file].
+    #[arg(short, long, alias = "output", value_name = "SCENE.toml")]
+    out: Option<PathBuf>,
     /// The part that moves [default: the smallest].
     #[arg(long, value_name = "FILE")]
     tool: Option<PathBuf>,
@@ -36,8 +38,8 @@ pub(crate) struct Args {
     #[arg(long, value_name = "UNIT")]
     units: Option<Unit>,
     /// Write over a scene that is there.
-    #[arg(long)]
-    force: bool,
+    #[arg(long, alias = "force")]
+    overwrite: bool,
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
@@ -91,10 +93,7 @@ fn init(args: &Args, talk: Talk) -> Result<(), Refused> {
         }
         return clay::init(args, talk);
     }
-    let output = args.output.clone().unwrap_or_else(|| args.folder.join("scene.toml"));
-    if output.extension().is_none_or(|ending| !ending.eq_ignore_ascii_case("toml")) {
-        return Err(refuse(Exit::Usage, &format!("{}: a scene is a .toml file", output.display()), None));
-    }
+    let place = Place::of(args, || args.folder.join("scene.toml"), talk)?;
     let files = mesh_files(&args.folder).map_err(|error| {
         refuse(Exit::Asset, &format!("{}: cannot be read: {error}", args.folder.display()), Some("name a folder with mesh files"))
     })?;
@@ -102,10 +101,7 @@ fn init(args: &Args, talk: Talk) -> Result<(), Refused> {
         let message = format!("{}: no mesh files here", args.folder.display());
         return Err(refuse(Exit::Asset, &message, Some(&format!("files that end in {} are read", EXTENSIONS.join(", ")))));
     }
-    if output.exists() && !args.force {
-        let message = format!("{} is there already", output.display());
-        return Err(refuse(Exit::Usage, &message, Some("--force writes over it, -o names another file")));
-    }
+    place.is_free(args, talk)?;
     let mut found = Vec::new();
     for path in &files {
         match read(path) {
@@ -130,7 +126,7 @@ fn init(args: &Args, talk: Talk) -> Result<(), Refused> {
         return Err(refuse(Exit::Usage, "the folder has one part only: nothing is left for it to touch", Some(hint)));
     }
     let (unit, why) = unit(args, &found, talk);
-    let folder = output.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let folder = place.folder();
     let mut parts = Vec::new();
     for Found { path, own_unit, mut mesh } in found {
         let (Some(file), Some(stem)) = (relative(&path, folder), path.file_stem().and_then(OsStr::to_str)) else {
@@ -150,30 +146,23 @@ fn init(args: &Args, talk: Talk) -> Result<(), Refused> {
         // True invariant: there is at least one part.
         unreachable!("a draft of no parts");
     };
-    fs::write(&output, draft.text(&output.display().to_string(), &why))
-        .map_err(|error| refuse(Exit::Asset, &format!("cannot write {}: {error}", output.display()), None))?;
-    config::load(&output).map_err(|errors| Refused(report::config_errors(&errors, talk)))?;
-    tell(&draft, &output);
-    Ok(())
+    place.write(&draft.text(&place.named(), &why), &summary(&draft), ("run", "renders"), talk)
 }
 
-fn tell(draft: &Draft, output: &Path) {
+/// What was made of the folder, a line each.
+fn summary(draft: &Draft) -> String {
     let mm = |metres: f64| show(metres * 1e3);
-    match draft.tool() {
-        Tool::Part(part) => {
-            say::result(format_args!("tool    {} ({}), points every {} mm\n", part.name, part.file, mm(draft.tool_voxel_m())))
-        }
-        Tool::Ball(radius_m) => say::result(format_args!("tool    a ball with a radius of {} mm\n", mm(*radius_m))),
-    }
+    let mut text = match draft.tool() {
+        Tool::Part(part) => format!("tool    {} ({}), points every {} mm\n", part.name, part.file, mm(draft.tool_voxel_m())),
+        Tool::Ball(radius_m) => format!("tool    a ball with a radius of {} mm\n", mm(*radius_m)),
+    };
     for (part, voxel_m) in draft.statics() {
-        say::result(format_args!("static  {} ({}), voxels of {} mm\n", part.name, part.file, mm(*voxel_m)));
+        text += &format!("static  {} ({}), voxels of {} mm\n", part.name, part.file, mm(*voxel_m));
     }
     if draft.scale() != 1.0 {
-        say::result(format_args!("scale   {}: the parts are larger than the space of the arm's grip\n", draft.scale()));
+        text += &format!("scale   {}: the parts are larger than the space of the arm's grip\n", draft.scale());
     }
-    say::result(format_args!("memory  {}\n", draft::memory_text(draft.memory_bytes())));
-    let file = output.display();
-    say::result(format_args!("wrote   {file}: `hapticd run {}` renders it\n", say::quoted(output)));
+    text + &format!("memory  {}\n", draft::memory_text(draft.memory_bytes()))
 }
 
 /// Mesh files of a folder, sorted. Of files that differ in their ending only, the first one in the order of [`EXTENSIONS`].

@@ -14,7 +14,7 @@ pub(crate) struct Args {
     /// Recording of `run --record`, or of the flight recorder.
     recording: PathBuf,
     /// Where to write the page: HTML that needs no other file [default: beside the recording, by its name].
-    #[arg(short, long, visible_alias = "output", value_name = "F.html")]
+    #[arg(short, long, alias = "output", value_name = "F.html")]
     out: Option<PathBuf>,
     /// Replace the page if there is one.
     #[arg(long)]
@@ -78,7 +78,9 @@ fn readable() -> std::fs::Permissions {
 
 fn read(args: &Args) -> Result<LabReport, ReadError> {
     let mut recording = Recording::open(&args.recording)?;
-    let mut page = LabReport::new(args.recording.display().to_string());
+    // The page may be read elsewhere than beside the recording.
+    let file = std::path::absolute(&args.recording).unwrap_or_else(|_| args.recording.clone());
+    let mut page = LabReport::new(file.display().to_string());
     while let Some(entry) = recording.next_entry()? {
         page.take(&entry);
     }

@@ -28,6 +28,11 @@ pub(super) struct More<'a> {
     pub(super) link: Option<LinkReport>,
 }
 
+/// What a node does when it hears nothing, in its own words.
+pub(super) fn lets_go_text(LinkReport { hold_ms, fade_ms, .. }: &LinkReport) -> String {
+    format!("lets go {} ms after the last command ({hold_ms} held, {fade_ms} fading)", hold_ms + fade_ms)
+}
+
 /// What goes to stdout.
 pub(super) fn result_text(totals: &Totals, start_s: StartTimes, more: &More<'_>, json: bool) -> String {
     let More { swaps, recording, sculpt, link } = *more;
@@ -73,11 +78,12 @@ pub(super) fn result_text(totals: &Totals, start_s: StartTimes, more: &More<'_>,
     for (name, text) in sculpt.map(SculptReport::rows).into_iter().flatten() {
         row(name, format_args!("{text}"));
     }
-    if let Some(LinkReport { there_ms, back_ms, old_packets, lost_packets, .. }) = link {
+    if let Some(report @ LinkReport { there_ms, back_ms, old_packets, lost_packets, .. }) = link {
         row(
             "link",
             format_args!(
-                "{there_ms:.2} ms there, {back_ms:.2} ms back at most; {lost_packets} packets lost, {old_packets} too late"
+                "{there_ms:.2} ms there, {back_ms:.2} ms back at most; {lost_packets} packets lost, {old_packets} too late; {}",
+                lets_go_text(&report)
             ),
         );
     }

@@ -217,7 +217,10 @@ fn processor() -> String {
 /// What the machine offers, for whoever looks at a recording.
 pub(crate) fn note_machine(recorder: &Recorder, machine: &Report) {
     for check in &machine.rows {
-        recorder.facts.note(&format!("machine.{}", check.name), format!("{:?}: {}", check.outcome, check.found));
+        recorder.facts.note(
+            &format!("machine.{}", check.name),
+            format!("{}: {}", format!("{:?}", check.outcome).to_lowercase(), check.found),
+        );
     }
 }
 

@@ -13,7 +13,7 @@ pub(crate) use self::args::{LoopArgs, Own};
 use self::args::ClockArg;
 use self::arm::tell_of_arm;
 use super::desk::{Company, Means, Opening};
-use super::outcome::{More, StartTimes, result_text};
+use super::outcome::{More, StartTimes, lets_go_text, result_text};
 use super::progress::BakeProgress;
 use super::screen::{Screen, report_lines};
 use super::workshop::{self, Workshop};
@@ -293,9 +293,10 @@ fn run(
     }
     let node = prepared.attached.as_ref().map(|attached| attached.node.as_path());
     company.begin(&scene, node, &mut live).map_err(|error| Refusal::Run(error.into()))?;
-    if let Some(Attached { node, news, link: _ }) = prepared.attached {
+    if let Some(Attached { node, news, link }) = prepared.attached {
         if !talk.quiet {
-            say::talk(format_args!("device: {} is ready\n", node.display()));
+            let lets_go = link.map_or(String::new(), |link| format!(", and {}", lets_go_text(&link.report())));
+            say::talk(format_args!("device: {} is ready{lets_go}\n", node.display()));
         }
         live.news = Some(news);
     }

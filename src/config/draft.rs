@@ -275,7 +275,10 @@ fn write_head(text: &mut String, file: &str, name: &str, command: &str, does: &s
     for (word, does) in [("check", "says what is wrong with it"), (command, does)] {
         writeln!(text, "#   hapticd {word} {file}{:blanks$}{does}", "", blanks = width - word.len())?;
     }
-    writeln!(text, "#\n# Keys that are not here have defaults: config/default.toml lists them all.\n")?;
+    writeln!(
+        text,
+        "#\n# Keys that are not here have defaults: default.toml lists them all, in config/ of the source and /usr/share/hapticd of the package.\n"
+    )?;
     writeln!(text, "version = 1\nname = {}\n", quoted(name))
 }
 

@@ -76,8 +76,6 @@ mod over_zenoh {
 
     /// How long a node may take to answer.
     const FIND_WITHIN: Duration = Duration::from_secs(10);
-    /// What a node holds and fades unless it was told otherwise, ms.
-    const WATCHDOG_MS: u32 = 30;
 
     impl RemoteArm {
         /// Opens a session and asks the node of that name for its profile. Cold.
@@ -112,8 +110,7 @@ mod over_zenoh {
                 let link = ZenohLink::to_node(&session, &name, request)?;
                 Ok(Box::new(link) as Box<dyn Transport>)
             });
-            let options =
-                RemoteOptions { name: self.name.clone(), period_s, timebase: Timebase::Monotonic, watchdog_ms: WATCHDOG_MS };
+            let options = RemoteOptions { name: self.name.clone(), period_s, timebase: Timebase::Monotonic };
             open(profile, &options, dial)
         }
     }

@@ -40,7 +40,7 @@ pub enum Wakeup {
     Device,
 }
 
-/// What an arm can do. A `Copy` record that does not change while the arm is open.
+/// What an arm can do. A `Copy` record that does not change while the arm is open; one that was lost may come back with another watchdog.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Capabilities {
     /// Axes that are measured.

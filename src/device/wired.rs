@@ -9,22 +9,22 @@
 //! hot motors). This layer only repeats the hard limits of the profile, because it is the last code before the motors (devices reference,
 //! section 3.4).
 
+mod connection;
+mod parameters;
 mod round_trip;
 mod thermal;
 
 use core::time::Duration;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 
 use glam::{DQuat, DVec3};
-use rtrb::{Consumer, Producer};
 
+pub use self::connection::{Connection, Replacements};
+pub use self::parameters::{Timebase, WiredParameters};
 pub use self::round_trip::RoundTrip;
 pub use self::thermal::Thermal;
 use super::kinematics::{Configuration, Kinematics};
-use super::protocol::{Codec, Declared, Fed, MAX_AXES, MotorCommand};
-use super::transmission::Transmission;
-use super::transport::{FRAME_MAX, Frame, Transport, TransportError};
+use super::protocol::{Declared, Fed, MAX_AXES, MotorCommand};
+use super::transport::{FRAME_MAX, Frame, TransportError};
 use super::velocity::VelocityWindow;
 use super::{Capabilities, Device, DeviceError, Pacing};
 use crate::rt::clock::monotonic_ns;
@@ -49,65 +49,6 @@ const RATE_INPUT_REST_S: f64 = 0.1;
 
 /// Number of the gripper among the axes; its reading is the last one.
 const GRIP_AXIS: usize = 6;
-
-/// Where the time of samples comes from.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Timebase {
-    /// The machine's monotonic clock.
-    #[default]
-    Monotonic,
-    /// One period per read, for arms that are simulated in the same loop.
-    Counted,
-}
-
-/// Everything that a profile says of a wired arm.
-#[derive(Clone, Debug)]
-pub struct WiredParameters {
-    /// Joint angles to grip.
-    pub kinematics: Kinematics,
-    /// Readings to joint angles, torques to commands.
-    pub transmission: Transmission,
-    /// Rotation from the frame of the kinematics to the device frame.
-    pub device_from_native: DQuat,
-    /// What the arm can do.
-    pub capabilities: Capabilities,
-    /// Largest |F|, N.
-    pub force_limit_n: f64,
-    /// Largest |τ|, N·m.
-    pub torque_limit_nm: f64,
-    /// Windows of the linear and the angular velocity, s.
-    pub velocity_window_s: [f64; 2],
-    /// Silence after which the arm is woken, s; `None`: never.
-    pub kick_s: Option<f64>,
-    /// Round trip to report before one has been measured, ticks.
-    pub delay_ticks: u32,
-    /// Heat of the motors.
-    pub thermal: Thermal,
-    /// One tick, s.
-    pub period_s: f64,
-    /// Time of samples.
-    pub timebase: Timebase,
-    /// The arm is on another machine: silence after which the network between counts as lost, s. `None`: it hangs on this one.
-    pub link_silence_s: Option<f64>,
-}
-
-/// An opened link with a codec that has been through its start.
-pub struct Connection {
-    /// The link.
-    pub link: Box<dyn Transport>,
-    /// What speaks over it.
-    pub codec: Box<dyn Codec>,
-}
-
-/// Where a lost arm finds its next connection. The other ends belong to whoever opens it again, on a cold thread.
-pub struct Replacements {
-    /// New ones.
-    pub fresh: Consumer<Connection>,
-    /// Old ones: they are closed where closing may wait.
-    pub spent: Producer<Connection>,
-    /// Set while the arm is lost.
-    pub lost: Arc<AtomicBool>,
-}
 
 /// An open arm. RT: as [`Device`] asks.
 pub struct WiredArm {
@@ -157,7 +98,7 @@ impl WiredArm {
         let configuration = parameters.kinematics.solve(&home, &Configuration::default()).unwrap_or_default();
         let is_rate_input = matches!(parameters.kinematics, Kinematics::Rate(_));
         Self {
-            round_trip: round_trip(&connection, &parameters),
+            round_trip: connection.round_trip(&parameters),
             connection,
             replacements,
             is_rate_input,
@@ -216,8 +157,7 @@ impl WiredArm {
         self.rendered = Wrench::ZERO;
         self.sent = MotorCommand::default();
         if let Some(replacements) = &self.replacements {
-            // Relaxed: the flag is the whole message.
-            replacements.lost.store(true, Ordering::Relaxed);
+            replacements.ask();
         }
         self.gone()
     }
@@ -232,19 +172,15 @@ impl WiredArm {
         self.parameters.link_silence_s.is_some_and(|silence_s| now_s - self.last_report_s >= silence_s)
     }
 
-    /// Takes a new connection if the arm is back. The old one goes where closing it may take its time.
+    /// Takes a new connection if the arm is back.
     fn is_back(&mut self) -> bool {
-        let Some(replacements) = &mut self.replacements else { return false };
-        if replacements.spent.is_full() {
+        let replacements = self.replacements.as_mut();
+        if !replacements.is_some_and(|replacements| replacements.exchange(&mut self.connection)) {
             return false;
         }
-        let Ok(fresh) = replacements.fresh.pop() else { return false };
-        let old = core::mem::replace(&mut self.connection, fresh);
-        let _ = replacements.spent.push(old);
-        replacements.lost.store(false, Ordering::Relaxed);
         self.lost = false;
         self.full_ticks = 0;
-        self.round_trip = round_trip(&self.connection, &self.parameters);
+        self.round_trip = self.connection.round_trip(&self.parameters);
         self.last_report_s = self.now_s();
         self.quiet_until_s = None;
         self.quiet_before = false;
@@ -398,7 +334,9 @@ impl WiredArm {
 
 impl Device for WiredArm {
     fn capabilities(&self) -> Capabilities {
-        Capabilities { io: self.connection.link.io(), ..self.parameters.capabilities }
+        let Connection { link, codec } = &self.connection;
+        let capabilities = self.parameters.capabilities;
+        Capabilities { io: link.io(), watchdog_ms: codec.watchdog_ms().or(capabilities.watchdog_ms), ..capabilities }
     }
 
     fn read(&mut self) -> Result<DeviceSample, DeviceError> {
@@ -516,14 +454,6 @@ impl Drop for WiredArm {
         let Connection { link, codec } = &mut self.connection;
         codec.finish(link);
         std::thread::sleep(LINGER);
-    }
-}
-
-/// What is known of the way to an arm before it is used.
-fn round_trip(connection: &Connection, parameters: &WiredParameters) -> RoundTrip {
-    match connection.codec.round_trip_s() {
-        Some(trip_s) => RoundTrip::over_network((trip_s / parameters.period_s).ceil() as u32),
-        None => RoundTrip::starting_at(parameters.delay_ticks),
     }
 }
 

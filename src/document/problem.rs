@@ -69,6 +69,12 @@ impl Problem {
         Self { file: file.to_path_buf(), line: None, key: None, value: None, kind }
     }
 
+    /// True for what the file system says by itself, whatever else is wrong with the file.
+    pub(crate) fn is_of_a_name(&self) -> bool {
+        use ProblemKind::{FileMissing, NotAFile, UnknownProfile};
+        matches!(self.kind, FileMissing { .. } | NotAFile { .. } | UnknownProfile { .. })
+    }
+
     /// What to do about it; `None` when the message already says so.
     pub fn hint(&self) -> Option<String> {
         let key = self.key.as_deref().unwrap_or_default();
@@ -106,6 +112,10 @@ impl Problem {
             ProblemKind::StrokesMissing => Some("on the command line, paths are relative to the working directory".into()),
             ProblemKind::Unreadable { cause } if cause.kind() == io::ErrorKind::NotFound => {
                 packaged(&self.file).map(|file| format!("the package has one of that name: {}", file.display()))
+            }
+            ProblemKind::Unreadable { cause } if cause.kind() == io::ErrorKind::IsADirectory => {
+                let scene = self.file.join("scene.toml");
+                scene.is_file().then(|| format!("did you mean {}?", scene.display()))
             }
             ProblemKind::Unreadable { .. }
             | ProblemKind::Syntax { .. }

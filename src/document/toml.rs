@@ -57,21 +57,31 @@ impl<'t> Document<'t> {
 
     /// Reads the whole document into `T`, whose types refuse unknown keys.
     ///
-    /// serde stops at the first problem. To report all of them, the offending entry is taken out of a copy and the rest read again.
+    /// # Errors
+    /// Every entry that cannot be read.
     pub(crate) fn read<T: DeserializeOwned>(&self) -> Result<T, ConfigErrors> {
+        match self.read_around() {
+            (Some(value), problems) if problems.is_empty() => Ok(value),
+            (_, problems) => Err(ConfigErrors::new(problems)),
+        }
+    }
+
+    /// What the document says around the entries that cannot be read, and what is wrong with those.
+    ///
+    /// serde stops at the first problem. To report all of them, the offending entry is taken out of a copy and the rest read again.
+    pub(crate) fn read_around<T: DeserializeOwned>(&self) -> (Option<T>, Vec<Problem>) {
         let mut rest = self.root.clone();
         let mut problems = Vec::new();
         loop {
             let error = match T::deserialize(Deserializer::from(rest.clone())) {
-                Ok(value) if problems.is_empty() => return Ok(value),
-                Ok(_) => return Err(ConfigErrors::new(problems)),
+                Ok(value) => return (Some(value), problems),
                 Err(error) => error,
             };
             let place = error.span().and_then(|span| self.smallest_around(rest.get_ref(), span));
             let Some(place) = place else {
                 let kind = kind_of(error.message(), "");
                 problems.push(Problem::of_file(self.file, kind));
-                return Err(ConfigErrors::new(problems));
+                return (None, problems);
             };
             let last_key = place.steps.iter().rev().find_map(|step| match step {
                 Step::Key(key) => Some(key.as_str()),
@@ -89,7 +99,7 @@ impl<'t> Document<'t> {
                 kind,
             });
             if !remove(rest.get_mut(), &place.steps) {
-                return Err(ConfigErrors::new(problems));
+                return (None, problems);
             }
         }
     }

@@ -94,6 +94,12 @@ mistakes! {
   hint: known here: name, mesh, shape, units, voxel_size_mm, layers, position_mm, orientation_xyzw, movable, sides";
     unknown_key_like_no_other: with("[rendering]", "[rendering]\ncolour = \"red\"") => r#"error: scene.toml:4: rendering.colour = "red": unknown key
   hint: known here: rate_hz, coupling, field, gravity_m_per_s2, allow_unstable"#;
+    files_that_are_not_there_are_told_beside_unknown_keys: with("layers = 8", "laiers = 8").replace("base.obj", "gone.obj").replace("sim-sigma7", "sim-sigma") => r#"error: scene.toml:8: static[0].mesh = "gone.obj": no such file: gone.obj
+  hint: paths are relative to the file that names them
+error: scene.toml:11: static[0].laiers = 8: unknown key; did you mean `layers`?
+  hint: known here: name, mesh, shape, units, voxel_size_mm, layers, position_mm, orientation_xyzw, movable, sides
+error: scene.toml:25: device.profile = "sim-sigma": no device profile of this name; did you mean `sim-sigma7`?
+  hint: known profiles: hapkit, haply-2diy, haply-2diy-first, haply-2diy-v2, haptikfabriken-aluhaptics2, haptikfabriken-woodenhaptics, leader-arm-6, novint-falcon, open6-hid, open6-serial, polhem-2019, polhem-2020, polhem-2022, polhem-v1, sim-2diy, sim-delta3, sim-desktop, sim-falcon, sim-ideal, sim-inverse3, sim-lambda7, sim-omega3, sim-omega6, sim-omega7, sim-omni, sim-polhem, sim-premium15-6dof, sim-premium30-6dof, sim-sigma7, sim-touch, sim-woodenhaptics, spacemouse, spacenav, vintage-2022, woodenhaptics-2022, woodenhaptics-v15; a path has a `/` or ends in .toml"#;
     unknown_table: with("[tool]", "[tol]") => r"error: scene.toml:19: tol: unknown key; did you mean `tool`?
   hint: known here: version, name, rendering, static, tool, contact, coupling, filter, limits, safety, device, realtime, monitor, sculpt";
     static_as_a_single_table: "version = 1\n[static]\nname = \"base\"\n".to_owned() => r"error: scene.toml:2: static: must be an array

@@ -275,10 +275,46 @@ fn init_writes_elsewhere_and_over_nothing_unless_told() {
     fs::write(dir.path().join("scenes/mine/a.toml"), "mine").unwrap();
     let refused = hapticd(dir.path(), line);
     assert_eq!(refused.status.code(), Some(2));
-    assert!(text(&refused.stderr).contains("is there already") && text(&refused.stderr).contains("--force"));
+    assert!(text(&refused.stderr).contains("is there already") && text(&refused.stderr).contains("--overwrite"));
     assert_eq!(fs::read_to_string(dir.path().join("scenes/mine/a.toml")).unwrap(), "mine");
-    assert!(hapticd(dir.path(), &format!("{line} --force")).status.success());
+    assert!(hapticd(dir.path(), &format!("{line} --overwrite")).status.success());
     assert_eq!(fs::read_to_string(dir.path().join("scenes/mine/a.toml")).unwrap(), scene);
+}
+
+#[test]
+fn init_prints_a_scene_and_quotes_names_with_blanks() {
+    let dir = parts();
+    let printed = hapticd(dir.path(), "init parts -o -");
+    assert!(printed.status.success(), "{}", text(&printed.stderr));
+    assert!(text(&printed.stderr).contains("memory  baking takes about "), "{}", text(&printed.stderr));
+    fs::write(dir.path().join("scene.toml"), &printed.stdout).unwrap();
+    assert!(text(&printed.stdout).contains("mesh = \"parts/peg.obj\""), "{}", text(&printed.stdout));
+    let checked = hapticd(dir.path(), "check scene.toml");
+    assert!(checked.status.success(), "{}", text(&checked.stderr));
+
+    fs::rename(dir.path().join("parts"), dir.path().join("my parts")).unwrap();
+    let line = ["init", "my parts", "--output", "my parts/scene.toml"];
+    let ended = Command::new(env!("CARGO_BIN_EXE_hapticd")).current_dir(dir.path()).args(line).output().unwrap();
+    assert!(ended.status.success(), "{}", text(&ended.stderr));
+    let scene = fs::read_to_string(dir.path().join("my parts/scene.toml")).unwrap();
+    assert!(scene.contains("#   hapticd check 'my parts/scene.toml'"), "{scene}");
+    // The folder in place of the scene.
+    let ended = Command::new(env!("CARGO_BIN_EXE_hapticd")).current_dir(dir.path()).args(["check", "my parts"]).output().unwrap();
+    assert!(text(&ended.stderr).contains("hint: did you mean my parts/scene.toml?"), "{}", text(&ended.stderr));
+}
+
+#[test]
+fn check_warns_of_a_part_of_many_metres() {
+    let dir = parts();
+    assert!(hapticd(dir.path(), "init parts --units m").status.success());
+    let checked = hapticd(dir.path(), "check parts/scene.toml");
+    let said = text(&checked.stderr);
+    assert!(
+        checked.status.success() && said.contains("warning: block-hole: ") && said.contains("40 m long: is its `units` right?"),
+        "{said}"
+    );
+    assert!(hapticd(dir.path(), "init parts --units mm --overwrite").status.success());
+    assert_eq!(text(&hapticd(dir.path(), "check parts/scene.toml").stderr), "");
 }
 
 #[test]

@@ -80,16 +80,26 @@ impl Drop for Running {
     }
 }
 
-/// A node with the hand of a scene, and a host that renders that scene over it. The host's line is put behind `run SCENE --device …`.
-fn pair(dir: &Path, scene: &str, host_line: &str) -> (Running, Running) {
-    let (endpoint, scene) = (endpoint(), rig::shipped(scene));
-    let scene = scene.display();
-    let node =
-        format!("device-node sim-sigma7 --name arm --listen {endpoint} --scene {scene} --hand-delay 2s --json --duration 10min");
-    let mut node = Running::start(dir, &node);
+/// A node with the hand of a scene.
+fn node(dir: &Path, endpoint: &str, scene: &str) -> Running {
+    let options = "--hand-delay 2s --hold-ms 12 --fade-ms 25 --json --duration 10min";
+    let scene = rig::shipped(scene);
+    let line = format!("device-node sim-sigma7 --name arm --listen {endpoint} --scene {} {options}", scene.display());
+    let mut node = Running::start(dir, &line);
     assert!(node.hears("ready zenoh:arm"), "{}", node.talk);
-    let host = format!("run {scene} --device zenoh:arm --connect {endpoint} --json --monitor off {host_line}");
-    (node, Running::start(dir, &host))
+    node
+}
+
+/// A host that renders that scene over it.
+fn host(dir: &Path, endpoint: &str, scene: &str, options: &str) -> Running {
+    let scene = rig::shipped(scene);
+    let line = format!("run {} --device zenoh:arm --connect {endpoint} --json --monitor off {options}", scene.display());
+    Running::start(dir, &line)
+}
+
+fn pair(dir: &Path, scene: &str, options: &str) -> (Running, Running) {
+    let endpoint = endpoint();
+    (node(dir, &endpoint, scene), host(dir, &endpoint, scene, options))
 }
 
 fn is_link_fault(result: &Value) -> bool {
@@ -117,6 +127,8 @@ fn a_peg_goes_into_its_hole_over_zenoh() {
         eprintln!("tip at {tip_mm:.2} mm, {:.2} N; host {link}; node {node}", result["max_force_n"].as_f64().unwrap_or(0.0));
         assert!((-21.0..-19.0).contains(&tip_mm), "the peg stands at {tip_mm} mm\n{said}");
         assert!(node["commands"].as_u64().expect("a count") > 5000 && node["strange_packets"] == 0, "{node}");
+        assert_eq!((&link["hold_ms"], &link["fade_ms"]), (&12.into(), &25.into()), "{link}");
+        assert!(said.contains("lets go 37 ms after the last command (12 held, 25 fading)"), "{said}");
         assert!(link["there_ms"].as_f64().expect("a time") > 0.0 && link["back_ms"].as_f64().expect("a time") > 0.0, "{link}");
         return;
     }

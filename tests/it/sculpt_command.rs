@@ -541,7 +541,7 @@ fn quiet_is_quiet_and_a_still_arm_is_said() {
 fn files_that_are_no_scene_say_what_they_are_for() {
     let dir = folder();
     let checked = says(dir.path(), "check strokes.toml", 0, &[]);
-    assert_eq!(checked.stdout, "ok strokes.toml: 2 strokes from 1.4 s to 1.5 s\n");
+    assert_eq!(checked.stdout, "ok strokes.toml: 2 orders from 1.4 s to 1.5 s\n");
     refuses(dir.path(), "sculpt strokes.toml", 3, &["this is a file of strokes, not a scene", "--strokes FILE"]);
     fs::write(dir.path().join("two.xyz"), "0 0\n").unwrap();
     refused(

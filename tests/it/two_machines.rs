@@ -2,18 +2,21 @@
 //! `docs/two-machines.md` has the figures that these tests print.
 
 use std::sync::{Arc, Mutex, MutexGuard};
+use std::time::Duration;
 
+use crossbeam::channel::Receiver;
 use hapticd::config::SceneConfig;
 use hapticd::daemon::device_node::{node_parameters, sim_parameters};
 use hapticd::daemon::prepare_with;
+use hapticd::device::attached::open::LinkNews;
 use hapticd::device::remote::figures::{NodeReport, Phase};
 use hapticd::device::remote::hold::HoldTiming;
-use hapticd::device::remote::{LinkFigures, Node, RemoteOptions, open};
+use hapticd::device::remote::{LinkFigures, Node, NodeFigures, RemoteOptions, open};
 use hapticd::device::simulated::hand::{HandPath, Indexing};
 use hapticd::device::simulated::{HandParameters, SimArm};
 use hapticd::device::transport::{LinkQuality, NetworkEnd, SimulatedNetwork, Transport, TransportError};
 use hapticd::device::{Capabilities, Device, DeviceError, Timebase};
-use hapticd::haptics::{Faults, Parameters, RenderScene};
+use hapticd::haptics::{Drive, Faults, Parameters, RenderScene, TickOutput};
 use hapticd::network::NetworkError;
 use hapticd::rt::clock::VirtualClock;
 use hapticd::scene::BakeMeans;
@@ -21,6 +24,7 @@ use hapticd::scene::cache::Cache;
 use hapticd::servo::{Control, Ending, Order, RunPlan, ServoLoop, Step};
 use hapticd::spatial::{DeviceSample, Wrench};
 use hapticd::telemetry::TickRecord;
+use rtrb::Consumer;
 
 use super::rig;
 
@@ -30,6 +34,8 @@ const TIMING: HoldTiming = HoldTiming { hold_s: 10e-3, fade_s: 20e-3 };
 const HAND_DELAY_S: f64 = 1.0;
 /// The node's clock began so much earlier, s.
 const CLOCKS_APART_S: f64 = 4000.0;
+/// For the thread that looks for a lost node, which lives in real time.
+const PATIENCE: Duration = Duration::from_secs(60);
 
 /// The arm beside the node, and what it was told when.
 struct Told {
@@ -158,6 +164,8 @@ struct Played {
     report: NodeReport,
     phase: Phase,
     link: Arc<LinkFigures>,
+    /// What the host's driver says of the node's watchdog.
+    watchdog_ms: Option<u32>,
     last_command_s: f64,
     /// When the host's loop began, s.
     begin_s: f64,
@@ -167,6 +175,8 @@ struct Played {
 struct Stage {
     config: SceneConfig,
     scene: Arc<RenderScene>,
+    /// What the node is told with `--hold-ms` and `--fade-ms`.
+    timing: HoldTiming,
 }
 
 impl Stage {
@@ -177,7 +187,7 @@ impl Stage {
     fn with(config: SceneConfig, change: impl FnOnce(&mut Parameters)) -> Self {
         let (mut prepared, _) = prepare_with(&config, &mut BakeMeans::from(&mut Cache::off()), |_| ()).expect("a scene");
         change(&mut prepared.scene.parameters);
-        Self { config, scene: Arc::new(prepared.scene) }
+        Self { config, scene: Arc::new(prepared.scene), timing: TIMING }
     }
 
     /// The simulated arm with the scene's hand, for the other machine.
@@ -194,37 +204,50 @@ impl Stage {
         SimArm::new(sim_parameters(&device.profile, Some(hand), T)).expect("an arm")
     }
 
-    /// Renders for so many ticks. `cut_after_s`: loop time at which the cable is cut; `phase`: where in the host's tick the node's period begins.
-    fn play(&self, quality: LinkQuality, n_ticks: u64, phase: f64, cut_after_s: Option<f64>) -> Played {
-        let profile = &self.config.device.profile;
+    fn node(&self, link: NetworkEnd) -> Node {
+        Node::new(node_parameters(&self.config.device.profile, "arm", T, self.timing), Box::new(link))
+    }
+
+    /// Two machines that have met, before the first tick. `phase`: where in the host's tick the node's period begins.
+    fn begin(&self, quality: LinkQuality, plan: RunPlan, phase: f64, n_records: usize) -> Playing {
         let network = SimulatedNetwork::new(quality, 11);
         let (host_end, arm_end) = network.ends();
-        let node = Node::new(node_parameters(profile, "arm", T, TIMING), Box::new(arm_end));
+        let node = self.node(arm_end);
         let figures = node.figures();
         let arm = Told { arm: self.arm(), now_s: 0.0, log: Vec::new() };
         let world: Shared = Arc::new(Mutex::new(World { network: network.clone(), node, arm, next_s: phase * T, cut_at_s: None }));
         let is_starting = Arc::new(Mutex::new(true));
-        let end = Mutex::new(Some(HostEnd { end: host_end, world: world.clone(), is_starting: is_starting.clone() }));
-        let options = RemoteOptions { name: "arm".into(), period_s: T, timebase: Timebase::Counted, watchdog_ms: 30 };
-        let dial = move || match end.lock().expect("no panic").take() {
-            Some(end) => Ok(Box::new(end) as Box<dyn Transport>),
-            // Whoever lost the link does not find it again here.
-            None => Err(NetworkError::Link { name: "arm".into(), cause: "cut".into() }.into()),
+        let options = RemoteOptions { name: "arm".into(), period_s: T, timebase: Timebase::Counted };
+        let (far, may_start) = (world.clone(), is_starting.clone());
+        // Whoever lost the link finds it again when the test says so.
+        let dial = move || match *may_start.lock().expect("no panic") {
+            true => {
+                let end = HostEnd { end: host_end.clone(), world: far.clone(), is_starting: may_start.clone() };
+                Ok(Box::new(end) as Box<dyn Transport>)
+            }
+            false => Err(NetworkError::Link { name: "arm".into(), cause: "cut".into() }.into()),
         };
-        let (opened, link) = open(profile, &options, Box::new(dial)).expect("a node");
+        let (opened, link) = open(&self.config.device.profile, &options, Box::new(dial)).expect("a node");
         *is_starting.lock().expect("no panic") = false;
         let begin_s = network.now_s();
-        locked(&world).cut_at_s = cut_after_s.map(|after_s| begin_s + after_s);
-
+        let watchdog_ms = opened.arm.capabilities().watchdog_ms;
         let device = Remote { arm: opened.arm, world: world.clone(), now_s: begin_s };
-        let (producer, mut consumer) = rtrb::RingBuffer::new(n_ticks as usize + 2000);
+        let (producer, records) = rtrb::RingBuffer::new(n_records);
         let control = Arc::new(Control::new(Order::Enable));
-        let plan = RunPlan { stop_at_tick: Some(n_ticks), ..RunPlan::default() };
-        let mut servo = ServoLoop::new(self.scene.clone(), device, VirtualClock::default(), control, plan, producer);
+        let mut servo = ServoLoop::new(self.scene.clone(), device, VirtualClock::default(), control.clone(), plan, producer);
         servo.warm_up();
-        while servo.step() == Step::Continue {}
+        Playing { servo, control, records, world, is_starting, news: opened.news, figures, link, watchdog_ms, begin_s }
+    }
+
+    /// Renders for so many ticks. `cut_after_s`: loop time at which the cable is cut.
+    fn play(&self, quality: LinkQuality, n_ticks: u64, phase: f64, cut_after_s: Option<f64>) -> Played {
+        let plan = RunPlan { stop_at_tick: Some(n_ticks), ..RunPlan::default() };
+        let mut playing = self.begin(quality, plan, phase, n_ticks as usize + 2000);
+        locked(&playing.world).cut_at_s = cut_after_s.map(|after_s| playing.begin_s + after_s);
+        while playing.servo.step() == Step::Continue {}
+        let Playing { servo, mut records, world, figures, link, watchdog_ms, begin_s, .. } = playing;
         let report = servo.finish();
-        let records = core::iter::from_fn(|| consumer.pop().ok()).collect();
+        let records = core::iter::from_fn(|| records.pop().ok()).collect();
         // The node goes on without a host.
         let mut world = locked(&world);
         let end_s = world.network.now_s() + 0.1;
@@ -237,9 +260,64 @@ impl Stage {
             report: figures.report(),
             phase: figures.phase(),
             link,
-            last_command_s: network.last_to_arm_s(),
+            watchdog_ms,
+            last_command_s: world.network.last_to_arm_s(),
             begin_s,
         }
+    }
+}
+
+/// A run under way.
+struct Playing {
+    servo: ServoLoop<Remote, VirtualClock>,
+    control: Arc<Control>,
+    records: Consumer<TickRecord>,
+    world: Shared,
+    is_starting: Arc<Mutex<bool>>,
+    news: Receiver<LinkNews>,
+    figures: Arc<NodeFigures>,
+    link: Arc<LinkFigures>,
+    watchdog_ms: Option<u32>,
+    begin_s: f64,
+}
+
+impl Playing {
+    /// So many ticks under an order; what each gave, and the largest force that the arm was told meanwhile, N.
+    fn ticks(&mut self, n: usize, order: Order) -> (Vec<TickOutput>, f64) {
+        self.control.give(order);
+        locked(&self.world).arm.log.clear();
+        let outputs = (0..n).map(|_| {
+            assert_eq!(self.servo.step(), Step::Continue);
+            self.records.pop().expect("a record").output
+        });
+        let outputs: Vec<_> = outputs.collect();
+        let world = locked(&self.world);
+        (outputs, world.arm.log.iter().map(|(_, wrench)| wrench.force.length()).fold(0.0, f64::max))
+    }
+
+    fn drive(&mut self, n: usize, order: Order) -> (Drive, f64) {
+        let (outputs, force_n) = self.ticks(n, order);
+        (outputs.last().expect("ticks").drive, force_n)
+    }
+
+    /// Lets whoever looks for the lost node meet it. Time goes on for the node alone.
+    fn meet_again(&mut self) -> LinkNews {
+        let lost = self.news.recv_timeout(PATIENCE).expect("somebody looks for it");
+        assert_eq!(lost, LinkNews::Lost);
+        *self.is_starting.lock().expect("no panic") = true;
+        let news = loop {
+            match self.news.recv_timeout(PATIENCE).expect("news") {
+                // From before it was let.
+                LinkNews::Fails(why) if why.contains("cut") => {}
+                news => break news,
+            }
+        };
+        *self.is_starting.lock().expect("no panic") = false;
+        let world = locked(&self.world);
+        assert!(world.arm.log.iter().all(|(_, wrench)| *wrench == Wrench::ZERO), "a greeting moves nothing");
+        self.servo.device().now_s = world.network.now_s();
+        drop(world);
+        news
     }
 }
 
@@ -351,4 +429,91 @@ fn a_cut_cable_is_zero_at_the_arm_within_hold_and_fade_and_a_fault_of_the_link_a
     }
     eprintln!("zero at the arm {least_ms:.2} to {most_ms:.2} ms after the last command that it heard");
     assert!(least_ms > 25.0, "it holds as long as it says: {least_ms} ms");
+}
+
+#[test]
+fn the_host_knows_how_long_the_node_holds_its_force_whatever_that_is() {
+    let mut stage = Stage::of(rig::load(&rig::shipped("block-on-plane")));
+    stage.timing = HoldTiming { hold_s: 4e-3, fade_s: 9e-3 };
+    let played = stage.play(LinkQuality::default(), 2500, 0.37, Some(2.4));
+    let link = played.link.report();
+    assert_eq!((played.watchdog_ms, link.hold_ms, link.fade_ms), (Some(13), 4, 9));
+    let zero_ms = played.report.zero_after_ms;
+    assert!((12.0..=13.0).contains(&zero_ms), "zero {zero_ms} ms after the last command");
+    assert_eq!(played.faults.names().collect::<Vec<_>>(), ["link"]);
+}
+
+/// The block pressed onto the plane, then 150 ms of a cut cable.
+fn lost_in_contact(stage: &Stage) -> Playing {
+    let plan = RunPlan { outlives_faults: true, ..RunPlan::default() };
+    let mut playing = stage.begin(LinkQuality { loss: 0.0, ..quality(2.0) }, plan, 0.37, 64);
+    let (drive, force_n) = playing.drive(2400, Order::Enable);
+    assert!(drive == Drive::Enabled && force_n > 0.1, "{drive:?}, {force_n} N");
+    locked(&playing.world).network.cut(true);
+    let (outputs, _) = playing.ticks(50, Order::Enable);
+    assert!(outputs.iter().any(|output| output.faults.names().eq(["link"])), "{:?}", outputs.last());
+    let (drive, force_n) = playing.drive(100, Order::Enable);
+    assert_eq!((drive, force_n, playing.figures.phase()), (Drive::Fault, 0.0, Phase::Tripped));
+    playing
+}
+
+#[test]
+fn a_node_whose_cable_is_back_gives_no_force_before_somebody_enables_again() {
+    let stage = Stage::of(rig::load(&rig::shipped("block-on-plane")));
+    let mut playing = lost_in_contact(&stage);
+    // Nobody there: an enable leads to the same fault.
+    assert_eq!(playing.drive(50, Order::Disable).1, 0.0);
+    assert_eq!(playing.drive(50, Order::Enable), (Drive::Fault, 0.0));
+    locked(&playing.world).network.cut(false);
+    let news = playing.meet_again();
+    assert!(matches!(&news, LinkNews::Back { node, homing: None } if node.ends_with("zenoh:arm")), "{news:?}");
+    // The order is still *enable*, and the arm is there: it waits all the same.
+    assert_eq!(playing.drive(300, Order::Enable), (Drive::Fault, 0.0));
+    assert_eq!(playing.figures.phase(), Phase::Disabled);
+    assert_eq!(playing.drive(20, Order::Disable), (Drive::Disabled, 0.0));
+    let (outputs, _) = playing.ticks(300, Order::Enable);
+    assert!(rig::is_bit_zero(outputs[0].command_device), "it rises from zero");
+    let last = outputs.last().expect("ticks");
+    assert_eq!((last.drive, last.faults, playing.figures.phase()), (Drive::Enabled, Faults::NONE, Phase::Enabled));
+}
+
+#[test]
+fn a_node_that_was_started_again_is_greeted_and_gives_force_after_an_enable() {
+    let mut stage = Stage::of(rig::load(&rig::shipped("block-on-plane")));
+    let mut playing = lost_in_contact(&stage);
+    // Another process, with other times, and a hand that begins anew.
+    stage.timing = HoldTiming { hold_s: 5e-3, fade_s: 10e-3 };
+    {
+        let mut world = locked(&playing.world);
+        world.node = stage.node(world.network.ends().1);
+        world.arm.arm = stage.arm();
+        playing.figures = world.node.figures();
+        world.network.cut(false);
+    }
+    assert!(matches!(playing.meet_again(), LinkNews::Back { .. }));
+    assert_eq!(playing.drive(100, Order::Enable), (Drive::Fault, 0.0));
+    let link = playing.link.report();
+    assert_eq!((playing.figures.phase(), link.hold_ms, link.fade_ms), (Phase::Disabled, 5, 10));
+    assert_eq!(playing.drive(20, Order::Disable), (Drive::Disabled, 0.0));
+    let (drive, force_n) = playing.drive(2200, Order::Enable);
+    assert!(drive == Drive::Enabled && force_n > 0.1, "pressed again: {drive:?}, {force_n} N");
+    assert_eq!(playing.servo.device().capabilities().watchdog_ms, Some(15));
+}
+
+#[test]
+fn another_arm_under_the_name_of_a_lost_one_is_refused() {
+    let stage = Stage::of(rig::load(&rig::shipped("block-on-plane")));
+    let mut playing = lost_in_contact(&stage);
+    let mut config = rig::load(&rig::shipped("block-on-plane"));
+    config.device.profile.limits.force_n *= 0.5;
+    {
+        let mut world = locked(&playing.world);
+        let parameters = node_parameters(&config.device.profile, "arm", T, TIMING);
+        world.node = Node::new(parameters, Box::new(world.network.ends().1));
+        world.network.cut(false);
+    }
+    let news = playing.meet_again();
+    assert!(matches!(&news, LinkNews::Fails(why) if why.contains("declares another rate, force")), "{news:?}");
+    assert_eq!(playing.drive(50, Order::Disable).1, 0.0);
+    assert_eq!(playing.drive(50, Order::Enable), (Drive::Fault, 0.0));
 }

@@ -1,14 +1,13 @@
 //! A first scene for a file of points, or of a mesh, that is to be clay.
 
 use std::ffi::OsStr;
-use std::fs;
 use std::path::Path;
 
 use glam::DVec3;
 
-use super::super::{Talk, report, say};
+use super::super::{Talk, report};
+use super::place::Place;
 use super::{Args, Refused, guessed, read, relative};
-use crate::config;
 use crate::config::draft::{ClayDraft, Unit};
 use crate::error::Exit;
 use crate::mesh::cloud::{self, Contents};
@@ -29,17 +28,11 @@ pub(super) fn init(args: &Args, talk: Talk) -> Result<(), Refused> {
         Refused(exit)
     };
     let file = &args.folder;
-    let output = args.output.clone().unwrap_or_else(|| file.with_extension("toml"));
-    if output.extension().is_none_or(|ending| !ending.eq_ignore_ascii_case("toml")) {
-        return Err(refuse(Exit::Usage, &format!("{}: a scene is a .toml file", output.display()), None));
-    }
+    let place = Place::of(args, || file.with_extension("toml"), talk)?;
     if args.tool.is_some() {
         return Err(refuse(Exit::Usage, "--tool goes with a folder: a ball works the clay", None));
     }
-    if output.exists() && !args.force {
-        let message = format!("{} is there already", output.display());
-        return Err(refuse(Exit::Usage, &message, Some("--force writes over it, -o names another file")));
-    }
+    place.is_free(args, talk)?;
     let Found { is_mesh, bounds, own_unit } = look(file).map_err(|error| {
         report::error(&error.to_string(), error.hint(), talk);
         Refused(Exit::Asset)
@@ -54,20 +47,16 @@ pub(super) fn init(args: &Args, talk: Talk) -> Result<(), Refused> {
         (None, None) => guessed(longest, "the piece", talk),
     };
     let metres = if own_unit.is_some() { 1.0 } else { unit.metres() };
-    let folder = output.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let folder = place.folder();
     let Some(named) = relative(file, folder) else {
         let message = format!("{}: a scene in {} cannot name this file", file.display(), folder.display());
         return Err(refuse(Exit::Asset, &message, Some("the folder of the scene must exist, and names must be UTF-8")));
     };
     let name = file.file_stem().and_then(OsStr::to_str).unwrap_or("clay").to_owned();
     let draft = ClayDraft { file: named, name, is_mesh, unit, bounds_m: (low * metres, high * metres) };
-    fs::write(&output, draft.text(&output.display().to_string(), &why))
-        .map_err(|error| refuse(Exit::Asset, &format!("cannot write {}: {error}", output.display()), None))?;
-    config::load(&output).map_err(|errors| Refused(report::config_errors(&errors, talk)))?;
     let what = if is_mesh { "a mesh, sampled" } else { "points" };
-    say::result(format_args!("clay    {} ({what}), {} across\n", draft.file, Metres(longest * metres)));
-    say::result(format_args!("wrote   {}: `hapticd sculpt {}` works it\n", output.display(), say::quoted(&output)));
-    Ok(())
+    let summary = format!("clay    {} ({what}), {} across\n", draft.file, Metres(longest * metres));
+    place.write(&draft.text(&place.named(), &why), &summary, ("sculpt", "works"), talk)
 }
 
 fn look(file: &Path) -> Result<Found, MeshError> {

@@ -66,11 +66,18 @@ pub fn load_with(path: &Path, options: &LoadOptions) -> Result<SceneConfig, Conf
     if schema::holds_strokes(&document) {
         return Err(of_file(ProblemKind::IsStrokes));
     }
-    let scene: schema::Scene = document.read()?;
+    let (scene, problems) = document.read_around::<schema::Scene>();
+    let Some(scene) = scene else { return Err(ConfigErrors::new(problems)) };
     let dir = path.parent().unwrap_or(Path::new(""));
     let mut resolve = Resolve { checks: Checks::new(&document), document: &document, dir };
     let config = resolve.scene(path, scene, options);
-    resolve.checks.finish()?;
+    let checked = resolve.checks.finish();
+    if !problems.is_empty() {
+        // What follows from a wrong key is not judged; a file that is not there is.
+        let names = checked.err().into_iter().flat_map(ConfigErrors::into_problems).filter(Problem::is_of_a_name);
+        return Err(ConfigErrors::new(problems.into_iter().chain(names).collect()));
+    }
+    checked?;
     match config {
         Some(config) => Ok(config),
         // What is not there is a problem, so `finish` has returned already.

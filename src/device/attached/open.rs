@@ -335,6 +335,7 @@ fn keep(
     teller: &Sender<LinkNews>,
 ) {
     let mut told: Option<LinkNews> = None;
+    let mut is_looking = false;
     let mut tell = |news: LinkNews| {
         if told.as_ref() != Some(&news) {
             // Nobody may be listening, or not fast enough: news are for people.
@@ -349,10 +350,14 @@ fn keep(
         }
         // Relaxed: the flag is the whole message.
         if lost.load(Ordering::Relaxed) && !to_arm.is_full() {
-            tell(LinkNews::Lost);
+            // Once: an arm that is there and does not start is not lost again with each try.
+            if !core::mem::replace(&mut is_looking, true) {
+                tell(LinkNews::Lost);
+            }
             match door.connect(true) {
                 Ok((path, connection)) => {
                     let _ = to_arm.push(connection);
+                    is_looking = false;
                     tell(LinkNews::Back { node: path, homing: door.homing() });
                 }
                 Err(error) if door.is_absent(&error) => {}

@@ -223,6 +223,11 @@ pub trait Codec: Send {
         None
     }
 
+    /// Silence after which the arm said that it has let go, ms, where no profile knows. RT: safe.
+    fn watchdog_ms(&self) -> Option<u32> {
+        None
+    }
+
     /// What follows the zero commands when the link is closed for good, such as switching torque off. Cold, short, must not panic.
     fn finish(&mut self, link: &mut dyn Transport) {
         let _ = link;

@@ -4,7 +4,7 @@ use core::sync::atomic::{AtomicU32, Ordering};
 use core::time::Duration;
 use std::hash::{BuildHasher as _, RandomState};
 use std::path::PathBuf;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use glam::DQuat;
 
@@ -12,8 +12,8 @@ use super::{Host, LinkFigures};
 use crate::device::attached::open::{OpenError, Opened, Way, open_way};
 use crate::device::kinematics::Kinematics;
 use crate::device::mock::profiled::cartesian;
-use crate::device::profile::Profile;
-use crate::device::protocol::Codec as _;
+use crate::device::profile::{HomingMode, Profile};
+use crate::device::protocol::{Codec as _, Declared, StartError};
 use crate::device::transport::Transport;
 use crate::device::{Capabilities, Connection, IoPlacement, Pacing, Thermal, Timebase, Wakeup, WiredParameters};
 
@@ -32,8 +32,6 @@ pub struct RemoteOptions {
     pub period_s: f64,
     /// Time of samples.
     pub timebase: Timebase,
-    /// Silence from the node after which its watchdog has let go, ms: what it says of itself.
-    pub watchdog_ms: u32,
 }
 
 struct Door {
@@ -42,6 +40,8 @@ struct Door {
     dial: Dial,
     /// Upper half: this process. Lower half: counts greetings.
     token: AtomicU32,
+    /// What the node declared when the run began: the scene was made for that arm.
+    declared: OnceLock<Declared>,
     figures: Arc<LinkFigures>,
 }
 
@@ -57,15 +57,24 @@ impl Way for Door {
             codec.finish(&mut *link);
             return Err(OpenError::Start { path, cause });
         }
+        if let Some(declared) = codec.declared()
+            && *self.declared.get_or_init(|| declared) != declared
+        {
+            codec.finish(&mut *link);
+            let text =
+                "it declares another rate, force, torque or workspace than when the run began: end the run, and start it again";
+            return Err(OpenError::Start { path, cause: StartError::Refused(text.to_owned()) });
+        }
         Ok((path, Connection { link, codec: Box::new(codec) }))
     }
 
+    /// The node may have been started again because the arm lost its power; nothing on the network tells.
     fn homing(&self) -> Option<String> {
-        None
+        let homing = &self.profile.real.as_ref()?.homing;
+        homing.instruction.clone().filter(|_| homing.mode == HomingMode::PowerOnPose)
     }
 
     fn is_absent(&self, error: &OpenError) -> bool {
-        use crate::device::protocol::StartError;
         matches!(error, OpenError::Start { cause: StartError::Silent { .. }, .. })
     }
 }
@@ -82,6 +91,7 @@ pub fn open(profile: &Profile, options: &RemoteOptions, dial: Dial) -> Result<(O
         options: options.clone(),
         dial,
         token: AtomicU32::new(process & 0xFFFF_0000),
+        declared: OnceLock::new(),
         figures: figures.clone(),
     };
     let parameters = |io| parameters(profile, options, io);
@@ -100,7 +110,8 @@ pub(super) fn parameters(profile: &Profile, options: &RemoteOptions, io: IoPlace
             pacing: Pacing::Stream,
             io,
             wakeup: Wakeup::Clock,
-            watchdog_ms: Some(options.watchdog_ms),
+            // The node says it itself.
+            watchdog_ms: None,
             watchdog_latched: true,
             holds_last_command: false,
             simulated: profile.real.is_none(),
@@ -114,5 +125,28 @@ pub(super) fn parameters(profile: &Profile, options: &RemoteOptions, io: IoPlace
         period_s: options.period_s,
         timebase: options.timebase,
         link_silence_s: Some(LINK_SILENCE.as_secs_f64()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::device::profile;
+
+    #[test]
+    fn an_arm_that_counts_from_where_it_was_switched_on_is_told_so_when_its_node_is_back() {
+        let homing = |name: &str| {
+            let door = Door {
+                profile: profile::find(name, std::path::Path::new("")).expect(name),
+                options: RemoteOptions { name: "left".into(), period_s: 1e-3, timebase: Timebase::Counted },
+                dial: Box::new(|| Err(crate::network::NetworkError::NotBuilt.into())),
+                token: AtomicU32::new(0),
+                declared: OnceLock::new(),
+                figures: Arc::default(),
+            };
+            door.homing()
+        };
+        assert!(homing("haptikfabriken-woodenhaptics").is_some_and(|text| !text.is_empty()));
+        assert_eq!((homing("open6-serial"), homing("sim-sigma7")), (None, None));
     }
 }

@@ -105,6 +105,8 @@ impl NodeFigures {
 /// Of the host's side.
 #[derive(Debug, Default)]
 pub struct LinkFigures {
+    pub(super) hold_ms: AtomicU32,
+    pub(super) fade_ms: AtomicU32,
     pub(super) there_us: AtomicU32,
     pub(super) back_us: AtomicU32,
     pub(super) offset_us: AtomicI64,
@@ -115,6 +117,10 @@ pub struct LinkFigures {
 /// The same as numbers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct LinkReport {
+    /// How long the node holds the last force when it hears nothing, ms: what it says of itself.
+    pub hold_ms: u32,
+    /// Within what time it then fades to zero, ms.
+    pub fade_ms: u32,
     /// Longest way of a command in the last seconds, ms.
     pub there_ms: f64,
     /// Longest way of a state in the last seconds, ms.
@@ -131,6 +137,8 @@ impl LinkFigures {
     /// Everything.
     pub fn report(&self) -> LinkReport {
         LinkReport {
+            hold_ms: self.hold_ms.load(Relaxed),
+            fade_ms: self.fade_ms.load(Relaxed),
             there_ms: f64::from(self.there_us.load(Relaxed)) * 1e-3,
             back_ms: f64::from(self.back_us.load(Relaxed)) * 1e-3,
             clock_offset_ms: self.offset_us.load(Relaxed) as f64 * 1e-3,

@@ -1,4 +1,4 @@
-//! The workstation's side: a codec of open6 1.1, one packet to a datagram.
+//! The workstation's side: a codec of open6 1.2, one packet to a datagram.
 //!
 //! It asks who is there, measures the link before any force can flow, and goes on measuring: each state says which command it can show and how old
 //! that was, so that the round trip needs no clock in common and the ways themselves only an estimate of the offset.
@@ -11,7 +11,7 @@ use super::clock::{Exchange, LinkClock};
 use super::figures::LinkFigures;
 use super::packets::{
     CAPABILITIES_TOKEN, COMMAND_1_1_LEN, COMMAND_TOKEN, HELLO_1_1_LEN, HELLO_TOKEN, MINOR, NO_AGE, STATE_AGE, Token, put, reader,
-    steps_ahead, token_at, u32_at,
+    steps_ahead, timing_at, token_at, u32_at,
 };
 use crate::device::protocol::dialogue::{Question, ask};
 use crate::device::protocol::number::{f32_at, finite_f32, u16_at};
@@ -26,6 +26,8 @@ use crate::spatial::Axes;
 const HELLO_WITHIN: Duration = Duration::from_secs(3);
 /// Exchanges that the delay at the start is taken from.
 const EXCHANGES: usize = 200;
+/// Longest that a node's force may outlive its command, ms: what `device-node` takes at most, hold and fade together.
+const OUTLIVES_MAX_MS: u16 = 200;
 /// How long that may take, by the clock of the link, s.
 const MEASURE_WITHIN_S: f64 = 3.0;
 /// Share of these exchanges that may have taken longer than what is said to be the delay.
@@ -34,6 +36,16 @@ const LATE_SHARE: f64 = 0.05;
 const LOOK: Duration = Duration::from_micros(200);
 /// Commands of which it is known when they left: a second, at 1 kHz.
 const SENT: usize = 1024;
+
+/// What a node said of itself.
+struct Said {
+    text: String,
+    declared: Declared,
+    /// It holds the last force for so long, ms,
+    hold_ms: u32,
+    /// and has let go after so long, ms.
+    all_ms: u32,
+}
 
 /// The host's side.
 pub struct Host {
@@ -47,7 +59,7 @@ pub struct Host {
     report: Report,
     /// The node took the force away because it heard nothing.
     is_cut: bool,
-    said: Option<(String, Declared)>,
+    said: Option<Said>,
     now_s: f64,
     /// `[SENT]`, by sequence: when a command left, s; NaN: before the clock that runs now.
     sent_at_s: Box<[f64]>,
@@ -84,7 +96,7 @@ impl Host {
     }
 
     /// What a node says of itself, held against what the profile says.
-    fn greet(&self, payload: &[u8]) -> Result<(String, Declared), StartError> {
+    fn greet(&self, payload: &[u8]) -> Result<Said, StartError> {
         let refuse = |text: String| Err(StartError::Refused(text));
         let (major, minor) = (payload.first().copied().unwrap_or(0), payload.get(1).copied().unwrap_or(0));
         if major != MAJOR || minor < MINOR {
@@ -108,6 +120,13 @@ impl Host {
                 return refuse(format!("{name} {what} {}, and its profile says {}: correct the profile", list(has), list(wants)));
             }
         }
+        let (hold_ms, all_ms) = timing_at(payload);
+        if !(1..=OUTLIVES_MAX_MS).contains(&all_ms) || hold_ms > all_ms {
+            return refuse(format!(
+                "{name} says that its force outlives a command by {all_ms} ms, {hold_ms} of them held; 1 to {OUTLIVES_MAX_MS} ms are taken: \
+                 give it other --hold-ms and --fade-ms"
+            ));
+        }
         let declared = Declared {
             rate_hz: u16_at(payload, 4),
             force_n: f32_at(payload, 8).into(),
@@ -115,14 +134,13 @@ impl Host {
             workspace_radius_m: f32_at(payload, 16).into(),
         };
         let text = format!(
-            "{name}, open6 {major}.{minor} over a network, drives {}, {} Hz, zero within {} ms of silence, {:.3} N, {:.4} N·m",
+            "{name}, open6 {major}.{minor} over a network, drives {}, {} Hz, zero within {all_ms} ms of silence, {:.3} N, {:.4} N·m",
             list(actuated),
             declared.rate_hz,
-            u16_at(payload, 6),
             declared.force_n,
             declared.torque_nm,
         );
-        Ok((text, declared))
+        Ok(Said { text, declared, hold_ms: hold_ms.into(), all_ms: all_ms.into() })
     }
 
     /// Exchanges commands without enable for as long as it takes to know how far away the arm is.
@@ -228,6 +246,8 @@ impl Codec for Host {
             });
             answer
         })?;
+        self.figures.hold_ms.store(said.hold_ms, Relaxed);
+        self.figures.fade_ms.store(said.all_ms - said.hold_ms, Relaxed);
         self.said = Some(said);
         let trip_s = self.measure(link)?;
         self.trip_s = Some(trip_s);
@@ -294,11 +314,15 @@ impl Codec for Host {
     }
 
     fn identity(&self) -> Option<String> {
-        self.said.as_ref().map(|(text, _)| text.clone())
+        self.said.as_ref().map(|said| said.text.clone())
     }
 
     fn declared(&self) -> Option<Declared> {
-        self.said.as_ref().map(|(_, declared)| *declared)
+        self.said.as_ref().map(|said| said.declared)
+    }
+
+    fn watchdog_ms(&self) -> Option<u32> {
+        self.said.as_ref().map(|said| said.all_ms)
     }
 
     fn finish(&mut self, link: &mut dyn Transport) {
@@ -306,5 +330,44 @@ impl Codec for Host {
         let mut stop = Frame::default();
         put(STOP, self.sequence, &self.token.0.to_le_bytes(), &mut stop);
         let _ = link.send(stop.as_slice());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::packets::{CAPABILITIES_1_1_LEN, put_timing};
+    use super::*;
+    use crate::device::protocol::open6::bits_of;
+    use crate::device::remote::hold::HoldTiming;
+
+    const TOKEN: u32 = 7 << 16;
+
+    /// What the greeted node says, with this minor version and these times.
+    fn greeted(minor: u8, hold_ms: f64, fade_ms: f64) -> Result<Said, StartError> {
+        let mut payload = [0; CAPABILITIES_1_1_LEN];
+        payload[..4].copy_from_slice(&[MAJOR, minor, bits_of(Axes::SIX), bits_of(Axes::SIX)]);
+        put_timing(&HoldTiming { hold_s: hold_ms * 1e-3, fade_s: fade_ms * 1e-3 }, &mut payload);
+        payload[22..26].copy_from_slice(b"left");
+        payload[CAPABILITIES_TOKEN..].copy_from_slice(&TOKEN.to_le_bytes());
+        Host::new(Axes::SIX, Axes::SIX, 1e-3, TOKEN, Arc::default()).greet(&payload)
+    }
+
+    #[test]
+    fn a_node_says_how_long_its_force_outlives_the_link() {
+        for (hold_ms, fade_ms) in [(10, 20), (2, 1), (7, 22), (100, 100)] {
+            let said = greeted(MINOR, hold_ms.into(), fade_ms.into()).map_err(|error| error.to_string()).expect("taken");
+            assert_eq!((said.hold_ms, said.all_ms), (hold_ms, hold_ms + fade_ms));
+        }
+    }
+
+    #[test]
+    fn an_older_node_and_one_that_holds_its_force_for_too_long_are_refused_with_words() {
+        let text = |minor, hold_ms, fade_ms| greeted(minor, hold_ms, fade_ms).err().expect("refused").to_string();
+        let old = text(1, 10.0, 20.0);
+        assert!(old.contains("open6 1.1, this program 1.2") && old.contains("update the older of the two"), "{old}");
+        for (hold_ms, fade_ms) in [(0.0, 0.0), (120.0, 100.0), (10.0, f64::INFINITY)] {
+            let long = text(MINOR, hold_ms, fade_ms);
+            assert!(long.contains("left says that its force outlives") && long.contains("--hold-ms and --fade-ms"), "{long}");
+        }
     }
 }

@@ -6,8 +6,9 @@
 //!                       ▲                                  │
 //!                       └──────── STATE, 1 kHz ────────────┘  time of the measurement, echo, age of what is echoed
 //! ```
-//! The node is an arm that speaks our own protocol, open6, one packet to a datagram, and sends states by itself; minor version 1.1 says which host
-//! is meant and how old the echoed command was. So the host drives it with the driver of every other arm, and measures its delay the same way.
+//! The node is an arm that speaks our own protocol, open6, one packet to a datagram, and sends states by itself; minor version 1.2 says which host
+//! is meant, how old the echoed command was, and how long a force outlives its command. So the host drives it with the driver of every
+//! other arm, and measures its delay the same way.
 //!
 //! Data in and out: frames of a [`Transport`](super::transport::Transport), which may lose, delay and reorder them. The newest wins: what is older
 //! than something already taken is dropped and counted.
@@ -17,7 +18,7 @@
 //!
 //! | file | owns |
 //! |---|---|
-//! | `packets` | what version 1.1 adds to the packets of open6 |
+//! | `packets` | what version 1.2 adds to the packets of open6 |
 //! | `host` | the workstation's side: a codec |
 //! | [`node`] | the arm's side: state machine, limits, states |
 //! | [`hold`] | the force between commands, and after the last one |

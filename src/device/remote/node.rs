@@ -13,22 +13,21 @@
 //! The node trusts nobody with its arm: force and torque are limited once more, their change too, and nothing pushes while the arm is lost, silent, not
 //! homed or hot, or its deadman is not held.
 
+mod payloads;
+
 use core::sync::atomic::Ordering::Relaxed;
 use std::sync::Arc;
 
 use glam::DVec3;
 
+use self::payloads::{Told, capabilities, state};
 use super::figures::{NodeFigures, Phase};
 use super::hold::{Hold, HoldTiming, LAG_TICKS};
 use super::packets::{
-    CAPABILITIES_1_1_LEN, CAPABILITIES_TOKEN, COMMAND_1_1_LEN, COMMAND_TOKEN, HELLO_1_1_LEN, HELLO_TOKEN, MINOR, NO_AGE,
-    STATE_1_1_LEN, STATE_AGE, STOP_TOKEN, Token, put, reader, steps_ahead, token_at,
+    COMMAND_1_1_LEN, COMMAND_TOKEN, HELLO_1_1_LEN, HELLO_TOKEN, STOP_TOKEN, Token, put, reader, steps_ahead, token_at,
 };
 use crate::device::protocol::number::f32_at;
-use crate::device::protocol::open6::{
-    ANGULAR_STEPS, CAPABILITIES, CAPABILITIES_LEN, COMMAND, ENABLED, HELLO, HOMED, LINEAR_STEPS, MAGIC, MAJOR, Packet, Packets,
-    STATE, STOP, TRIPPED, bits_of,
-};
+use crate::device::protocol::open6::{CAPABILITIES, COMMAND, HELLO, MAGIC, MAJOR, Packet, Packets, STATE, STOP};
 use crate::device::transport::{FRAME_MAX, Frame, Transport};
 use crate::device::{Device, DeviceError};
 use crate::spatial::{Axes, DeviceSample, SampleStatus, Wrench};
@@ -370,22 +369,9 @@ impl Node {
     }
 
     fn describe(&mut self, sequence: u16) {
-        let NodeParameters { name, sensed, actuated, period_s, force_limit_n, torque_limit_nm, workspace_radius_m, timing, .. } =
-            &self.parameters;
-        let mut payload = [0; CAPABILITIES_1_1_LEN];
-        payload[..4].copy_from_slice(&[MAJOR, MINOR, bits_of(*sensed), bits_of(*actuated)]);
-        payload[4..6].copy_from_slice(&((1.0 / period_s).round() as u16).to_le_bytes());
-        payload[6..8].copy_from_slice(&(((timing.hold_s + timing.fade_s) * 1e3).ceil() as u16).to_le_bytes());
-        for (at, number) in [(8, force_limit_n), (12, torque_limit_nm), (16, workspace_radius_m)] {
-            payload[at..at + 4].copy_from_slice(&(*number as f32).to_le_bytes());
-        }
-        payload[20..22].copy_from_slice(&[16, 1]);
-        let n = name.len().min(CAPABILITIES_LEN - 22);
-        payload[22..22 + n].copy_from_slice(&name.as_bytes()[..n]);
-        let listens_to = self.owner.map_or(0, |owner| owner.token.0);
-        payload[CAPABILITIES_TOKEN..].copy_from_slice(&listens_to.to_le_bytes());
+        let listens_to = self.owner.map_or(Token(0), |owner| owner.token);
         self.has_described = true;
-        put(CAPABILITIES, sequence, &payload, &mut self.frame);
+        put(CAPABILITIES, sequence, &capabilities(&self.parameters, listens_to), &mut self.frame);
         let _ = self.link.send(self.frame.as_slice());
     }
 
@@ -397,31 +383,15 @@ impl Node {
     }
 
     fn send_state(&mut self, now_s: f64) {
-        let sample = &self.sample;
-        let (place, turn) = (sample.pose.translation, sample.pose.rotation);
-        let numbers = [place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w, sample.grip_rad];
-        let mut payload = [0; STATE_1_1_LEN];
-        for (four, number) in payload.as_chunks_mut::<4>().0.iter_mut().zip(numbers) {
-            *four = (number as f32).to_le_bytes();
-        }
         let Taken { sequence: echo, at_s } = self.echoed();
-        payload[32..36].copy_from_slice(&micros(now_s).to_le_bytes());
-        payload[36..38].copy_from_slice(&echo.to_le_bytes());
-        payload[38..40].copy_from_slice(&(sample.buttons as u16).to_le_bytes());
-        let flag = |bit: u8, is_set: bool| if is_set { bit } else { 0 };
-        payload[40] =
-            flag(HOMED, sample.homed) | flag(ENABLED, self.mode == Phase::Enabled) | flag(TRIPPED, self.mode == Phase::Tripped);
-        payload[41] = if self.error == 0 { self.reported_error() } else { self.error };
-        let rates = [(sample.twist.linear, LINEAR_STEPS), (sample.twist.angular, ANGULAR_STEPS)];
-        for (idx, (vector, steps)) in rates.into_iter().enumerate() {
-            for (axis, rate) in vector.to_array().into_iter().enumerate() {
-                let at = 42 + 6 * idx + 2 * axis;
-                // The cast saturates, and makes zero of what is no number.
-                payload[at..at + 2].copy_from_slice(&((rate * steps).round() as i16).to_le_bytes());
-            }
-        }
-        let age = at_s.map_or(NO_AGE, |at_s| ((now_s - at_s) * 1e6).round() as u32);
-        payload[STATE_AGE..].copy_from_slice(&age.to_le_bytes());
+        let payload = state(&Told {
+            sample: &self.sample,
+            now_s,
+            echo,
+            echo_age_s: at_s.map(|at_s| now_s - at_s),
+            mode: self.mode,
+            error: if self.error == 0 { self.reported_error() } else { self.error },
+        });
         self.sequence = self.sequence.wrapping_add(1);
         put(STATE, self.sequence, &payload, &mut self.frame);
         // Full or gone: the next one says more.
@@ -435,11 +405,6 @@ impl Node {
             error => error,
         }
     }
-}
-
-/// Time on the wire: µs, wraps.
-fn micros(now_s: f64) -> u32 {
-    (now_s * 1e6).round() as u64 as u32
 }
 
 /// The vector, shortened to `limit`, direction kept.

@@ -5,7 +5,7 @@ use crate::device::IoPlacement;
 use crate::device::attached::open::wired_parameters;
 use crate::device::profile;
 use crate::device::protocol::{ArmReadings, Firmware};
-use crate::device::transport::{Carriage, LoopbackEnd, loopback};
+use crate::device::transport::{Carriage, LoopbackEnd, Transport as _, loopback};
 
 const PERIOD_S: f64 = 1e-3;
 

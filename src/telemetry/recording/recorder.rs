@@ -11,7 +11,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
 use crossbeam::channel::{Receiver, RecvTimeoutError, Sender, TrySendError, bounded, select};
 use serde::Serialize;
@@ -19,6 +19,7 @@ use serde::Serialize;
 use super::messages::zero_ns;
 use super::scene_files::{ROOM_BYTES, SceneFiles, Scenes};
 use super::write::{RecordingError, RecordingFile};
+use crate::rt::utc::timestamp;
 use crate::telemetry::{Taps, TickRecord};
 
 /// Records that may wait for the disk: eight seconds at 1 kHz, some megabytes.
@@ -98,6 +99,7 @@ impl Recorder {
     pub fn new(taps: Taps, is_virtual: bool) -> Self {
         let facts = Facts::default();
         facts.note("program", concat!("hapticd ", env!("CARGO_PKG_VERSION")));
+        facts.note("begun", timestamp(SystemTime::now()));
         facts.note("clock", if is_virtual { "virtual" } else { "real" });
         Self { facts, scenes: Scenes::default(), taps, is_virtual }
     }

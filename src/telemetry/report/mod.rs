@@ -24,7 +24,7 @@ use trace::Trace;
 /// A page in the making.
 #[derive(Debug)]
 pub struct LabReport {
-    /// Name of the file.
+    /// Path of the file.
     file: String,
     run: BTreeMap<String, String>,
     /// By number: manifest, and what the scene came to.
@@ -56,7 +56,7 @@ struct FaultSpan {
 }
 
 impl LabReport {
-    /// Of a recording of this name.
+    /// Of a recording at this path.
     pub fn new(file: String) -> Self {
         Self {
             file,
@@ -179,6 +179,8 @@ mod tests {
     #[test]
     fn a_page_stands_alone_and_says_what_happened() {
         let mut report = LabReport::new("<b>.mcap".to_owned());
+        let begun = [("begun".to_owned(), "2026-01-31T12:34:56.789Z".to_owned())].into();
+        report.take(&Entry::Metadata { name: "run".to_owned(), values: begun });
         let values = [("name".to_owned(), "peg & hole <script>".to_owned())].into();
         report.take(&Entry::Metadata { name: "scenes/0".to_owned(), values });
         let resolved = br#"{"statics": [{"name": "plate"}], "parameters": {"limits": {"force_n": 8.0}}}"#.to_vec();
@@ -188,7 +190,7 @@ mod tests {
         let page = report.page();
         for fragment in [
             "peg &amp; hole &lt;script&gt;",
-            "&lt;b&gt;.mcap",
+            "&lt;b&gt;.mcap · begun 2026-01-31T12:34:56.789Z",
             "stale",
             "no new sample for too long",
             "plate",

@@ -17,7 +17,8 @@ const STYLE: &str = include_str!("page.css");
 /// The whole text.
 pub(super) fn page(report: &LabReport) -> String {
     let scene = report.scenes.values().next().and_then(|scene| scene.manifest.get("name")).map_or("recording", String::as_str);
-    let mut body = format!("<h1>{}</h1><p class=\"file\">{}</p>", escaped(scene), escaped(&report.file));
+    let begun = report.run.get("begun").map_or(String::new(), |begun| format!(" · begun {}", escaped(begun)));
+    let mut body = format!("<h1>{}</h1><p class=\"file\">{}{begun}</p>", escaped(scene), escaped(&report.file));
     match (&report.first, &report.last) {
         (Some(_), Some(_)) => {
             overview(report, &mut body);
@@ -170,7 +171,10 @@ fn scene_facts(scene_idx: u32, scene: &SceneFacts, body: &mut String) {
     body.push_str("</section>");
 }
 
-/// Everything that a scene came to: keys as paths, values as they are written.
+/// Keys whose values are words of the program; a scene file writes them in small letters.
+const WORDS: [&str; 6] = ["sides", "field", "normalization", "mode", "clamp", "free_space"];
+
+/// Everything that a scene came to: keys as paths, words as a scene file has them.
 fn flatten(key: &str, value: &Value, rows: &mut Vec<(String, String)>) {
     match value {
         Value::Object(object) => {
@@ -186,8 +190,76 @@ fn flatten(key: &str, value: &Value, rows: &mut Vec<(String, String)>) {
             }
         }
         Value::Null if key.is_empty() => {}
-        Value::Null => rows.push((key.to_owned(), "–".to_owned())),
-        Value::String(text) => rows.push((key.to_owned(), escaped(text))),
-        other => rows.push((key.to_owned(), escaped(&other.to_string()))),
+        Value::String(text) if key.rsplit('.').next().is_some_and(|name| WORDS.contains(&name)) => {
+            rows.push((key.to_owned(), escaped(&scene_word(text))));
+        }
+        other => rows.push((key.to_owned(), escaped(&shown(other)))),
+    }
+}
+
+/// `SemiImplicit` as `semi-implicit`.
+fn scene_word(text: &str) -> String {
+    let mut word = String::new();
+    for letter in text.chars() {
+        if letter.is_uppercase() && !word.is_empty() {
+            word.push('-');
+        }
+        word.extend(letter.to_lowercase());
+    }
+    word
+}
+
+/// A value for people.
+fn shown(value: &Value) -> String {
+    match value {
+        Value::Null => "–".to_owned(),
+        Value::String(text) => text.clone(),
+        Value::Number(number) if number.is_f64() => number.as_f64().map_or_else(|| number.to_string(), six_figures),
+        Value::Array(list) => format!("[{}]", list.iter().map(shown).collect::<Vec<_>>().join(", ")),
+        other => other.to_string(),
+    }
+}
+
+/// Six figures, and no zeros behind them.
+fn six_figures(number: f64) -> String {
+    // True invariant: what was written as a number is read as one.
+    format!("{number:.5e}").parse::<f64>().unwrap_or(number).to_string()
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    #[test]
+    fn a_scene_is_told_in_its_own_words_and_in_figures_that_can_be_read() {
+        let resolved = json!({
+            "name": "MyScene",
+            "tool": { "sides": "Flood", "mass_kg": 0.1, "inertia_kg_m2": null },
+            "parameters": {
+                "coupling": { "mode": "SemiImplicit", "clamp": "HalfVoxel" },
+                "limits": { "slew_n_per_s": 24.773803641699697, "stale_ticks_max": 3, "speed_m_per_s": 1.0, "small": 1.234567891e-9 },
+                "port": { "start": [0.1, -0.2, 1234567.8], "sensed": ["x", "rx"] },
+            },
+        });
+        let mut rows = Vec::new();
+        flatten("", &resolved, &mut rows);
+        for (key, value) in [
+            ("name", "MyScene"),
+            ("tool.sides", "flood"),
+            ("tool.mass_kg", "0.1"),
+            ("tool.inertia_kg_m2", "–"),
+            ("coupling.mode", "semi-implicit"),
+            ("coupling.clamp", "half-voxel"),
+            ("limits.slew_n_per_s", "24.7738"),
+            ("limits.stale_ticks_max", "3"),
+            ("limits.speed_m_per_s", "1"),
+            ("limits.small", "0.00000000123457"),
+            ("port.start", "[0.1, -0.2, 1234570]"),
+            ("port.sensed", "[x, rx]"),
+        ] {
+            assert!(rows.contains(&(key.to_owned(), value.to_owned())), "{key} = {value}: {rows:?}");
+        }
     }
 }

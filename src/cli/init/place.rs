@@ -1,0 +1,77 @@
+//! Where a first scene goes: a file, or stdout.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use super::super::{Talk, report, say};
+use super::{Args, Refused};
+use crate::config;
+use crate::error::Exit;
+
+/// Where the scene goes.
+pub(super) enum Place {
+    File(PathBuf),
+    /// Whoever reads it keeps it in the working directory.
+    Stdout,
+}
+
+impl Place {
+    /// What the command line says, or the default.
+    pub(super) fn of(args: &Args, default: impl FnOnce() -> PathBuf, talk: Talk) -> Result<Self, Refused> {
+        let file = match &args.out {
+            Some(out) if out.as_os_str() == "-" => return Ok(Self::Stdout),
+            Some(out) => out.clone(),
+            None => default(),
+        };
+        if file.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("toml")) {
+            return Ok(Self::File(file));
+        }
+        report::error(&format!("{}: a scene is a .toml file", file.display()), None, talk);
+        Err(Refused(Exit::Usage))
+    }
+
+    /// Refuses a file that is there and is to be kept.
+    pub(super) fn is_free(&self, args: &Args, talk: Talk) -> Result<(), Refused> {
+        match self {
+            Self::File(file) if file.exists() && !args.overwrite => {
+                let message = format!("{} is there already", file.display());
+                report::error(&message, Some("--overwrite writes over it, -o names another file"), talk);
+                Err(Refused(Exit::Usage))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// The folder that paths of the scene are relative to.
+    pub(super) fn folder(&self) -> &Path {
+        match self {
+            Self::File(file) => file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new(".")),
+            Self::Stdout => Path::new("."),
+        }
+    }
+
+    /// What commands call it, as a shell takes it.
+    pub(super) fn named(&self) -> String {
+        match self {
+            Self::File(file) => say::quoted(file),
+            Self::Stdout => "scene.toml".to_owned(),
+        }
+    }
+
+    /// Writes the scene, reads it back, and says what it is. On stdout stands nothing but the scene. `next`: the command for it, and what that does.
+    pub(super) fn write(&self, text: &str, summary: &str, next: (&str, &str), talk: Talk) -> Result<(), Refused> {
+        let Self::File(file) = self else {
+            say::result(format_args!("{text}"));
+            report::line(summary.trim_end(), talk);
+            return Ok(());
+        };
+        fs::write(file, text).map_err(|error| {
+            report::error(&format!("cannot write {}: {error}", file.display()), None, talk);
+            Refused(Exit::Asset)
+        })?;
+        config::load(file).map_err(|errors| Refused(report::config_errors(&errors, talk)))?;
+        let (command, does) = next;
+        say::result(format_args!("{summary}wrote   {}: `hapticd {command} {}` {does} it\n", file.display(), self.named()));
+        Ok(())
+    }
+}
