@@ -124,6 +124,7 @@ fn a_quick_bench_of_quality_writes_its_raw_results() {
         assert!(written.lines().all(|line| commas(line) == columns - 1), "{file}");
         assert!(written.lines().count() > least_lines, "{file}: {} lines", written.lines().count());
     }
+    assert!(std::fs::read(folder.path().join("raw/smoothness-on-the-hand.png")).unwrap().starts_with(b"\x89PNG\r\n\x1a\n"));
 }
 
 #[test]
