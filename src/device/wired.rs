@@ -19,8 +19,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use glam::{DQuat, DVec3};
 use rtrb::{Consumer, Producer};
 
-pub use self::round_trip::RoundTrip;
-pub use self::thermal::Thermal;
+pub(super) use self::round_trip::RoundTrip;
+pub(super) use self::thermal::Thermal;
 use super::kinematics::{Configuration, Kinematics};
 use super::protocol::{Codec, Declared, Fed, MAX_AXES, MotorCommand};
 use super::transmission::Transmission;
@@ -62,51 +62,51 @@ pub enum Timebase {
 
 /// Everything that a profile says of a wired arm.
 #[derive(Clone, Debug)]
-pub struct WiredParameters {
+pub(super) struct WiredParameters {
     /// Joint angles to grip.
-    pub kinematics: Kinematics,
+    pub(super) kinematics: Kinematics,
     /// Readings to joint angles, torques to commands.
-    pub transmission: Transmission,
+    pub(super) transmission: Transmission,
     /// Rotation from the frame of the kinematics to the device frame.
-    pub device_from_native: DQuat,
+    pub(super) device_from_native: DQuat,
     /// What the arm can do.
-    pub capabilities: Capabilities,
+    pub(super) capabilities: Capabilities,
     /// Largest |F|, N.
-    pub force_limit_n: f64,
+    pub(super) force_limit_n: f64,
     /// Largest |τ|, N·m.
-    pub torque_limit_nm: f64,
+    pub(super) torque_limit_nm: f64,
     /// Windows of the linear and the angular velocity, s.
-    pub velocity_window_s: [f64; 2],
+    pub(super) velocity_window_s: [f64; 2],
     /// Silence after which the arm is woken, s; `None`: never.
-    pub kick_s: Option<f64>,
+    pub(super) kick_s: Option<f64>,
     /// Round trip to report before one has been measured, ticks.
-    pub delay_ticks: u32,
+    pub(super) delay_ticks: u32,
     /// Heat of the motors.
-    pub thermal: Thermal,
+    pub(super) thermal: Thermal,
     /// One tick, s.
-    pub period_s: f64,
+    pub(super) period_s: f64,
     /// Time of samples.
-    pub timebase: Timebase,
+    pub(super) timebase: Timebase,
     /// The arm is on another machine: silence after which the network between counts as lost, s. `None`: it hangs on this one.
-    pub link_silence_s: Option<f64>,
+    pub(super) link_silence_s: Option<f64>,
 }
 
 /// An opened link with a codec that has been through its start.
-pub struct Connection {
+pub(super) struct Connection {
     /// The link.
-    pub link: Box<dyn Transport>,
+    pub(super) link: Box<dyn Transport>,
     /// What speaks over it.
-    pub codec: Box<dyn Codec>,
+    pub(super) codec: Box<dyn Codec>,
 }
 
 /// Where a lost arm finds its next connection. The other ends belong to whoever opens it again, on a cold thread.
-pub struct Replacements {
+pub(super) struct Replacements {
     /// New ones.
-    pub fresh: Consumer<Connection>,
+    pub(super) fresh: Consumer<Connection>,
     /// Old ones: they are closed where closing may wait.
-    pub spent: Producer<Connection>,
+    pub(super) spent: Producer<Connection>,
     /// Set while the arm is lost.
-    pub lost: Arc<AtomicBool>,
+    pub(super) lost: Arc<AtomicBool>,
 }
 
 /// An open arm. RT: as [`Device`] asks.
@@ -151,7 +151,7 @@ pub struct WiredArm {
 
 impl WiredArm {
     /// An arm over a connection that has been started. RT: start-up only.
-    pub fn new(connection: Connection, replacements: Option<Replacements>, parameters: WiredParameters) -> Self {
+    pub(super) fn new(connection: Connection, replacements: Option<Replacements>, parameters: WiredParameters) -> Self {
         let [window_linear_s, window_angular_s] = parameters.velocity_window_s;
         let home = parameters.kinematics.home();
         let configuration = parameters.kinematics.solve(&home, &Configuration::default()).unwrap_or_default();
