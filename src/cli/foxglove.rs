@@ -4,7 +4,7 @@ use std::net::SocketAddr;
 
 use super::{Talk, report};
 use crate::config::SceneConfig;
-use crate::config::resolve::{FOXGLOVE_ACCEPTED, parse_foxglove};
+use crate::config::{FOXGLOVE_ACCEPTED, parse_foxglove};
 use crate::error::Exit;
 use crate::rt::clock::ClockKind;
 use crate::telemetry::recording::Recorder;

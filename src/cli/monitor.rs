@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use super::{Talk, report};
 use crate::config::SceneConfig;
-use crate::config::resolve::{LISTEN_ACCEPTED, parse_listen};
+use crate::config::{LISTEN_ACCEPTED, parse_listen};
 use crate::error::Exit;
 use crate::monitor::{Access, Bound, Token, TokenError};
 use crate::rt::clock::ClockKind;

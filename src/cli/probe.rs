@@ -14,7 +14,6 @@ use crate::device::attached::identify::Made;
 use crate::device::attached::nodes::Selector;
 use crate::device::attached::open::{self, OpenOptions};
 use crate::device::attached::probe::{self, Answers, Ended, Found, Plan, Push, Sign, Step, Trial};
-use crate::device::kinematics::Kinematics;
 use crate::device::profile::{self, Homing, HomingMode, Profile, ProfileError, RealArm};
 use crate::device::protocol::Declared;
 use crate::device::{Device as _, Pacing};
@@ -235,7 +234,7 @@ impl Told<'_> {
         let found = format!("({x:.2}, {y:.2}, {z:.2}) mm; it moved by at most {:.3} mm while listening", spread_m * 1e3);
         let (away_m, radius_m) = (position_m.length(), self.profile.limits.workspace_radius_m);
         // A rate input has no place, and goes where it is sent.
-        if away_m <= radius_m || matches!(self.real.kinematics, Kinematics::Rate(_)) {
+        if away_m <= radius_m || self.real.is_rate_input() {
             return Finding::good("position", found);
         }
         let found = format!("{found}; {away_m:.3} m from the origin, the workspace is {radius_m} m");

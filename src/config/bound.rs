@@ -17,7 +17,7 @@ pub struct StiffnessBound {
 
 impl StiffnessBound {
     /// A bound that allows everything: for an ideal arm, and for axes that render nothing.
-    pub fn none(period_s: f64) -> Self {
+    pub(super) fn none(period_s: f64) -> Self {
         let wall = SampledWall {
             mass_kg: 1.0,
             damping_n_s_per_m: 0.0,
@@ -38,7 +38,7 @@ impl StiffnessBound {
     }
 
     /// True when a felt stiffness is within the bound, rounding aside.
-    pub fn admits(&self, felt_stiffness: f64) -> bool {
+    pub(super) fn admits(&self, felt_stiffness: f64) -> bool {
         felt_stiffness <= self.value() * (1.0 + 1e-9)
     }
 }

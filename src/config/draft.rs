@@ -57,7 +57,7 @@ impl Unit {
     /// All of them.
     pub const ALL: [Self; 4] = [Self::Mm, Self::M, Self::Cm, Self::In];
 
-    /// As scenes write it.
+    /// The word that scenes write: `mm`, `m`, `cm` or `in`.
     pub const fn name(self) -> &'static str {
         match self {
             Self::M => "m",
@@ -103,7 +103,7 @@ impl Part {
     }
 
     /// Edges of its box, m.
-    pub fn size_m(&self) -> DVec3 {
+    pub(super) fn size_m(&self) -> DVec3 {
         let (low, high) = self.measures.bounds_m;
         high - low
     }

@@ -23,25 +23,25 @@ pub struct SceneConfig {
     pub path: PathBuf,
     /// The files that it names and that are read with it.
     pub files: Vec<PathBuf>,
-    /// Human name.
+    /// Name for people; the scene's own, else the stem of its file.
     pub name: String,
-    /// Ticks per second.
+    /// Ticks per second, Hz.
     pub rate_hz: u32,
     /// What a contact query may take in one tick, s; `None`: as long as it takes.
     pub time_budget_s: Option<f64>,
     /// Points on edges of the tool push the way that the obstacle says.
     pub knows_edges: bool,
-    /// One voxmap each.
+    /// Objects that the tool can touch; each becomes one voxmap.
     pub statics: Vec<StaticConfig>,
-    /// The moving object.
+    /// The moving object, which becomes the pointshell.
     pub tool: ToolConfig,
-    /// Clay, for `hapticd sculpt`.
+    /// Clay, for `hapticd sculpt`; `None`: a rigid scene.
     pub sculpt: Option<SculptConfig>,
     /// What the tick reads.
     pub parameters: Parameters,
-    /// The arm.
+    /// The arm: its profile, and which one of several.
     pub device: DeviceConfig,
-    /// Scheduling.
+    /// What the loop asks of the operating system.
     pub realtime: RealtimeConfig,
     /// What the arm can take.
     pub stability: StabilityConfig,
@@ -132,7 +132,7 @@ pub struct ToolConfig {
 pub struct SculptConfig {
     /// What it is at the start.
     pub source: ClaySource,
-    /// Where it stands.
+    /// Where it stands in the world; the map frame is the file's own.
     pub world_from_map: Pose,
     /// How it is worked. A session brings its own.
     pub settings: workpiece::Settings,
@@ -194,6 +194,6 @@ pub struct RealtimeConfig {
     pub enforce: bool,
     /// Processor to pin to; `None`: the last one that this process may use.
     pub cpu: Option<usize>,
-    /// SCHED_FIFO priority.
+    /// SCHED_FIFO priority, 1 to 99.
     pub priority: u8,
 }

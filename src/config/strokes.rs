@@ -35,7 +35,7 @@ pub struct Script {
 /// An order of a file of strokes.
 #[derive(Clone, Debug)]
 pub struct Timed {
-    /// Loop time.
+    /// Time of the loop, from its first tick.
     pub at: Duration,
     /// What is done then.
     pub order: Order,

@@ -15,8 +15,7 @@ use crossbeam::channel::{Receiver, Sender, unbounded};
 
 use super::switch::{Done, Offered, Switch};
 use crate::config::{self, ConfigErrors, LoadOptions, SceneConfig};
-use crate::haptics::RenderScene;
-use crate::haptics::tuning::KnobRange;
+use crate::haptics::{KnobRange, RenderScene};
 use crate::scene::SceneError;
 use crate::servo::{PlaceError, Reins, TuneError};
 use crate::spatial::Pose;

@@ -49,7 +49,7 @@ pub struct Capabilities {
     pub actuated: Axes,
     /// Who sets the rate.
     pub pacing: Pacing,
-    /// Where bytes are moved.
+    /// In which thread bytes are moved.
     pub io: IoPlacement,
     /// What wakes the servo.
     pub wakeup: Wakeup,

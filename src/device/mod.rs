@@ -13,13 +13,33 @@
 //! | `wired` | the driver of every arm on a wire, which joins the next four; how far away it is, how hot its motors |
 //! | [`transport`] | how bytes travel |
 //! | [`protocol`] | what they mean, both sides |
-//! | [`transmission`] | readings into joint angles, joint torques into motor commands |
-//! | [`kinematics`] | joint angles into a pose, a wrench into joint torques |
-//! | [`velocity`] | how fast the grip is |
+//! | `transmission` | readings into joint angles, joint torques into motor commands |
+//! | `kinematics` | joint angles into a pose, a wrench into joint torques |
+//! | `velocity` | how fast the grip is |
 //! | [`simulated`] | the simulated arm: a plant, a hand, an encoder, faults |
 //! | [`mock`] | the same behind a real link |
 //! | [`remote`] | an arm on another machine: both ends, force between commands, clocks |
 //! | `conformance` | tests that every arm passes |
+//!
+//! # Example
+//! ```
+//! use glam::DVec3;
+//! use hapticd::device::Device;
+//! use hapticd::device::simulated::{SimArm, SimParameters};
+//! use hapticd::spatial::Wrench;
+//!
+//! // A grip that nobody holds, pushed with 1 N for a tenth of a second.
+//! let mut arm = SimArm::new(SimParameters { hand: None, ..SimParameters::ideal(1e-3) })?;
+//! let start = arm.read()?;
+//! for _ in 0..100 {
+//!     arm.write(&Wrench::new(DVec3::X, DVec3::ZERO))?;
+//!     arm.read()?;
+//! }
+//! let moved = arm.read()?.pose.translation - start.pose.translation;
+//! assert!(moved.x > 0.0 && moved.y == 0.0);
+//! arm.stop();
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 //!
 //! [`DeviceSample`]: crate::spatial::DeviceSample
 
@@ -27,16 +47,17 @@ pub mod attached;
 #[cfg(test)]
 mod conformance;
 mod driver;
-pub mod kinematics;
+mod kinematics;
 pub mod mock;
 pub mod profile;
 pub mod protocol;
 pub mod remote;
 pub mod simulated;
-pub mod transmission;
+mod transmission;
 pub mod transport;
-pub mod velocity;
+mod velocity;
 mod wired;
 
 pub use driver::{Capabilities, Device, DeviceError, IoPlacement, Pacing, Wakeup};
-pub use wired::{Connection, Replacements, RoundTrip, Thermal, Timebase, WiredArm, WiredParameters};
+use wired::{Connection, Replacements, Thermal, WiredParameters};
+pub use wired::{Timebase, WiredArm};

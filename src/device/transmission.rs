@@ -16,39 +16,39 @@ use super::protocol::MAX_AXES;
 
 /// The sensor of a joint: θ = `rad_per_unit` · (reading + `home`) + `offset_rad`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Sensor {
+pub(super) struct Sensor {
     /// Which reading of the report.
-    pub reading_idx: usize,
+    pub(super) reading_idx: usize,
     /// Angle per unit of the reading, its sign included.
-    pub rad_per_unit: f64,
+    pub(super) rad_per_unit: f64,
     /// Reading at the zero of the joint, less its sign: added before scaling.
-    pub home: f64,
+    pub(super) home: f64,
     /// Angle at the home reading.
-    pub offset_rad: f64,
+    pub(super) offset_rad: f64,
 }
 
 impl Sensor {
     /// An encoder behind a capstan: θ = sign · 2π · (counts + home) / counts per turn · ratio + offset, the ratio being that of the diameters
     /// of capstan and body.
-    pub fn encoder(reading_idx: usize, counts_per_rev: f64, ratio: f64, sign: f64, home: f64, offset_rad: f64) -> Self {
+    pub(super) fn encoder(reading_idx: usize, counts_per_rev: f64, ratio: f64, sign: f64, home: f64, offset_rad: f64) -> Self {
         Self { reading_idx, rad_per_unit: sign * TAU / counts_per_rev * ratio, home, offset_rad }
     }
 }
 
 /// The motor of a joint.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Motor {
+pub(super) struct Motor {
     /// Which motor of the command.
-    pub motor_idx: usize,
+    pub(super) motor_idx: usize,
     /// Command per N·m at the joint, its sign included.
-    pub units_per_nm: f64,
+    pub(super) units_per_nm: f64,
     /// Largest |command|.
-    pub limit_units: f64,
+    pub(super) limit_units: f64,
 }
 
 impl Motor {
     /// A motor that takes mA, behind a capstan: I = sign · τ · ratio / Kt. `current_scale`: real amperes per commanded ampere.
-    pub fn current(
+    pub(super) fn current(
         motor_idx: usize,
         ratio: f64,
         torque_constant_nm_per_a: f64,
@@ -61,30 +61,30 @@ impl Motor {
     }
 
     /// A motor that takes torque in N·m, times a factor that its sign belongs to.
-    pub fn torque(motor_idx: usize, units_per_nm: f64, limit_units: f64) -> Self {
+    pub(super) fn torque(motor_idx: usize, units_per_nm: f64, limit_units: f64) -> Self {
         Self { motor_idx, units_per_nm, limit_units }
     }
 }
 
 /// A joint with what belongs to it; a passive one has no motor.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Joint {
+pub(super) struct Joint {
     /// Its sensor; `None` for a joint that is not measured, and stays at 0.
-    pub sensor: Option<Sensor>,
+    pub(super) sensor: Option<Sensor>,
     /// Its motor.
-    pub motor: Option<Motor>,
+    pub(super) motor: Option<Motor>,
 }
 
 /// The joints of an arm in the order of its kinematics.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Transmission {
+pub(super) struct Transmission {
     /// `[MAX_AXES]`; joints beyond those of the kinematics are empty.
-    pub joints: [Joint; MAX_AXES],
+    pub(super) joints: [Joint; MAX_AXES],
 }
 
 impl Transmission {
     /// Joint angles of readings. RT: safe.
-    pub fn angles(&self, readings: &[f64; MAX_AXES]) -> [f64; MAX_AXES] {
+    pub(super) fn angles(&self, readings: &[f64; MAX_AXES]) -> [f64; MAX_AXES] {
         self.joints.map(|joint| match joint.sensor {
             Some(Sensor { reading_idx, rad_per_unit, home, offset_rad }) => {
                 rad_per_unit * (readings.get(reading_idx).copied().unwrap_or(0.0) + home) + offset_rad
@@ -94,7 +94,7 @@ impl Transmission {
     }
 
     /// Joint rates of rates of the readings. RT: safe.
-    pub fn rates(&self, reading_rates: &[f64; MAX_AXES]) -> [f64; MAX_AXES] {
+    pub(super) fn rates(&self, reading_rates: &[f64; MAX_AXES]) -> [f64; MAX_AXES] {
         self.joints.map(|joint| match joint.sensor {
             Some(sensor) => sensor.rad_per_unit * reading_rates.get(sensor.reading_idx).copied().unwrap_or(0.0),
             None => 0.0,
@@ -102,7 +102,7 @@ impl Transmission {
     }
 
     /// Rates of the readings at joint rates: the inverse of [`Self::rates`].
-    pub fn reading_rates(&self, rates: &[f64; MAX_AXES]) -> [f64; MAX_AXES] {
+    pub(super) fn reading_rates(&self, rates: &[f64; MAX_AXES]) -> [f64; MAX_AXES] {
         let mut reading_rates = [0.0; MAX_AXES];
         for (joint, rate) in self.joints.iter().zip(rates) {
             if let Some(sensor) = joint.sensor
@@ -115,7 +115,7 @@ impl Transmission {
     }
 
     /// Readings at joint angles: what an arm's encoders would say.
-    pub fn readings(&self, angles: &[f64; MAX_AXES]) -> [f64; MAX_AXES] {
+    pub(super) fn readings(&self, angles: &[f64; MAX_AXES]) -> [f64; MAX_AXES] {
         let mut readings = [0.0; MAX_AXES];
         for (joint, angle) in self.joints.iter().zip(angles) {
             if let Some(sensor) = joint.sensor
@@ -129,7 +129,7 @@ impl Transmission {
 
     /// Motor commands for the joint torques of a wrench and those beside it, and the factor ≤ 1 by which all of them were scaled: what the
     /// motors make of the wrench. All commands and the factor are zero when a torque is not a number. RT: safe.
-    pub fn commands(&self, torques_nm: &[f64; MAX_AXES], extra_nm: &[f64; MAX_AXES]) -> ([f64; MAX_AXES], f64) {
+    pub(super) fn commands(&self, torques_nm: &[f64; MAX_AXES], extra_nm: &[f64; MAX_AXES]) -> ([f64; MAX_AXES], f64) {
         let mut commands = [0.0; MAX_AXES];
         let mut scale = 1.0_f64;
         for ((joint, torque_nm), extra_nm) in self.joints.iter().zip(torques_nm).zip(extra_nm) {
@@ -149,7 +149,7 @@ impl Transmission {
     }
 
     /// Joint torques that motor commands make: the inverse of [`Self::commands`] without a limit, for simulated arms.
-    pub fn torques(&self, commands: &[f64; MAX_AXES]) -> [f64; MAX_AXES] {
+    pub(super) fn torques(&self, commands: &[f64; MAX_AXES]) -> [f64; MAX_AXES] {
         self.joints.map(|joint| match joint.motor {
             Some(motor) if motor.units_per_nm != 0.0 => commands.get(motor.motor_idx).copied().unwrap_or(0.0) / motor.units_per_nm,
             _ => 0.0,

@@ -6,9 +6,9 @@
 use crate::spatial::{Pose, Twist};
 
 /// Default window of the linear velocity, s (CHAI3D's choice).
-pub const DEFAULT_WINDOW_LINEAR_S: f64 = 0.015;
+pub(super) const DEFAULT_WINDOW_LINEAR_S: f64 = 0.015;
 /// Default window of the angular velocity, s (CHAI3D's choice).
-pub const DEFAULT_WINDOW_ANGULAR_S: f64 = 0.030;
+pub(super) const DEFAULT_WINDOW_ANGULAR_S: f64 = 0.030;
 
 #[derive(Clone, Copy, Debug, Default)]
 struct Entry {
@@ -20,7 +20,7 @@ struct Entry {
 ///
 /// RT: `push` is safe; the ring is allocated by [`VelocityWindow::new`]. Cost: amortised constant.
 #[derive(Clone, Debug)]
-pub struct VelocityWindow {
+pub(super) struct VelocityWindow {
     /// `[capacity]`, ring of poses in arrival order; `device_from_grip`.
     ring: Box<[Entry]>,
     /// How many poses were ever pushed; the newest is at `(n_pushed - 1) % capacity`.
@@ -33,7 +33,7 @@ pub struct VelocityWindow {
 
 impl VelocityWindow {
     /// Windows of these lengths for poses that come about every `period_s`. A window below one period becomes one period.
-    pub fn new(window_linear_s: f64, window_angular_s: f64, period_s: f64) -> Self {
+    pub(super) fn new(window_linear_s: f64, window_angular_s: f64, period_s: f64) -> Self {
         // Half a period of slack: the pose that is exactly one window old belongs to the window, whatever the rounding of its time.
         let slack_s = 0.5 * period_s;
         let window_linear_s = window_linear_s.max(period_s) + slack_s;
@@ -50,13 +50,13 @@ impl VelocityWindow {
     }
 
     /// Forgets every pose: what follows has nothing to do with what was. RT: safe.
-    pub fn restart(&mut self) {
+    pub(super) fn restart(&mut self) {
         (self.n_pushed, self.linear_tail, self.angular_tail) = (0, 0, 0);
     }
 
     /// Takes the newest pose and gives the twist of the grip in device axes. The first pose gives zero; until a window is full, it is
     /// as short as it is. Times must not run backwards.
-    pub fn push(&mut self, time_s: f64, pose: Pose) -> Twist {
+    pub(super) fn push(&mut self, time_s: f64, pose: Pose) -> Twist {
         let newest_idx = self.n_pushed;
         *self.entry_mut(newest_idx) = Entry { time_s, pose };
         self.n_pushed += 1;

@@ -18,10 +18,11 @@ use core::time::Duration;
 
 use glam::{DQuat, DVec3};
 
-pub use self::connection::{Connection, Replacements};
-pub use self::parameters::{Timebase, WiredParameters};
-pub use self::round_trip::RoundTrip;
-pub use self::thermal::Thermal;
+pub(super) use self::connection::{Connection, Replacements};
+pub use self::parameters::Timebase;
+pub(super) use self::parameters::WiredParameters;
+pub(super) use self::round_trip::RoundTrip;
+pub(super) use self::thermal::Thermal;
 use super::kinematics::{Configuration, Kinematics};
 use super::protocol::{Declared, Fed, MAX_AXES, MotorCommand};
 use super::transport::{FRAME_MAX, Frame, TransportError};
@@ -92,7 +93,7 @@ pub struct WiredArm {
 
 impl WiredArm {
     /// An arm over a connection that has been started. RT: start-up only.
-    pub fn new(connection: Connection, replacements: Option<Replacements>, parameters: WiredParameters) -> Self {
+    pub(super) fn new(connection: Connection, replacements: Option<Replacements>, parameters: WiredParameters) -> Self {
         let [window_linear_s, window_angular_s] = parameters.velocity_window_s;
         let home = parameters.kinematics.home();
         let configuration = parameters.kinematics.solve(&home, &Configuration::default()).unwrap_or_default();

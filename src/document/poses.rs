@@ -85,9 +85,9 @@ pub enum LineProblem {
 /// One line of a pose file.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TimedPose {
-    /// s.
+    /// Time, s, as written; it grows from row to row.
     pub time_s: f64,
-    /// `world_from_tool`.
+    /// Pose of the tool frame in the world, `world_from_tool`.
     pub pose: Pose,
     /// Line in the file, counted from 1.
     pub line: usize,

@@ -18,7 +18,7 @@ impl ConfigErrors {
         Self { problems }
     }
 
-    /// The problems; never empty.
+    /// The problems by file, then by line; never empty.
     pub fn problems(&self) -> &[Problem] {
         &self.problems
     }
@@ -59,7 +59,7 @@ pub struct Problem {
     pub key: Option<String>,
     /// The value as written, on one line, cut when long; `None` where nothing is written.
     pub value: Option<String>,
-    /// What is wrong.
+    /// What is wrong with it, and what would be accepted.
     pub kind: ProblemKind,
 }
 

@@ -16,7 +16,7 @@ use crate::spatial::{Mat6, Pose, Twist, Wrench};
 /// Mass properties of the tool.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Inertia {
-    /// m, kg.
+    /// Mass m, kg.
     pub mass_kg: f64,
     /// I about the centre of mass, tool axes, kg·m².
     pub body_kg_m2: DMat3,

@@ -15,7 +15,7 @@ impl Faults {
     pub const SPEED: Self = Self(1 << 1);
     /// No fresh sample for longer than the stale limit.
     pub const STALE: Self = Self(1 << 2);
-    /// The device is gone.
+    /// The device is gone: it answered with an error, or not at all.
     pub const DEVICE_LOST: Self = Self(1 << 3);
     /// The loop was late too often in a row.
     pub const OVERRUN: Self = Self(1 << 4);

@@ -26,12 +26,15 @@ pub fn low_pass_alpha(cutoff_hz: f64, period_s: f64) -> f64 {
 
 /// Stage S: entry weight w(d) = smoothstep(0, s/2, d) and its slope dw/dd in 1/m.
 ///
+/// Specification of what `contact::sum` does lane by lane, for tests.
+///
 /// The weighted point force K d w(d) n has a continuous slope where a point enters, and the stiffness K (w + d dw/dd) n. Both
 /// returned values are 0 at and above the surface; weight 1 and slope 0 from half a voxel on. RT: safe; a NaN gives NaN.
 ///
 /// # Source
 /// Our formulation, inspired by the one-line description of Renz et al.
-pub fn entry_weight(depth_m: f64, voxel_size_m: f64) -> (f64, f64) {
+#[cfg(test)]
+pub(super) fn entry_weight(depth_m: f64, voxel_size_m: f64) -> (f64, f64) {
     let half_voxel_m = 0.5 * voxel_size_m;
     if depth_m <= 0.0 {
         return (0.0, 0.0);

@@ -13,16 +13,16 @@ use crate::spatial::{Twist, Wrench};
 
 /// What the output stage makes of one wrench.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Limited {
+pub(super) struct Limited {
     /// The wrench on the hand, within all limits; zero when anything was not finite.
-    pub wrench: Wrench,
+    pub(super) wrench: Wrench,
     /// False when the wanted wrench, the gain or the twist was not finite: the tick faults with `NON_FINITE`.
-    pub finite: bool,
+    pub(super) finite: bool,
 }
 
 /// Power, slew and magnitude limits with the last output as state.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Limiter {
+pub(super) struct Limiter {
     last: Wrench,
 }
 
@@ -37,7 +37,7 @@ impl Limiter {
     /// - Finite: anything else gives zero, and the state starts again from zero.
     ///
     /// A zero wrench out of a zero state stays zero bit for bit. RT: safe, O(1).
-    pub fn apply(&mut self, wanted: Wrench, twist: Twist, gain: f64, limits: &LimitParameters, period_s: f64) -> Limited {
+    pub(super) fn apply(&mut self, wanted: Wrench, twist: Twist, gain: f64, limits: &LimitParameters, period_s: f64) -> Limited {
         let ramped = wanted * gain.clamp(0.0, 1.0);
         let powered = ramped * power_scale(ramped.power(twist), limits.power_w);
         let slewed = Wrench {
@@ -54,19 +54,20 @@ impl Limiter {
     }
 
     /// The last output.
-    pub fn last(&self) -> Wrench {
+    #[cfg(test)]
+    pub(super) fn last(&self) -> Wrench {
         self.last
     }
 
     /// Zero from now on, without slew: for a fault, and when the drive is disabled.
-    pub fn reset(&mut self) {
+    pub(super) fn reset(&mut self) {
         *self = Self::default();
     }
 }
 
 /// Gain of the output between 0 and 1, linear in time: rises after enable, falls on a stop request and while samples are stale.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Ramp {
+pub(super) struct Ramp {
     gain: f64,
 }
 
@@ -74,7 +75,7 @@ impl Ramp {
     /// One tick towards 1 (`up`) or towards 0. A full rise or fall takes `ramp_s`; at once when that is not positive.
     ///
     /// RT: safe.
-    pub fn advance(&mut self, up: bool, ramp_s: f64, period_s: f64) -> f64 {
+    pub(super) fn advance(&mut self, up: bool, ramp_s: f64, period_s: f64) -> f64 {
         let step = if ramp_s > 0.0 { period_s / ramp_s } else { 1.0 };
         let gain = if up { self.gain + step } else { self.gain - step };
         // The ends are met exactly, however the steps were rounded: a hundred steps of 0.01 make 1.0000000000000007.
@@ -89,12 +90,13 @@ impl Ramp {
     }
 
     /// The gain now.
-    pub fn gain(&self) -> f64 {
+    #[cfg(test)]
+    fn gain(&self) -> f64 {
         self.gain
     }
 
     /// Down to 0 at once: for a fault.
-    pub fn reset(&mut self) {
+    pub(super) fn reset(&mut self) {
         *self = Self::default();
     }
 }

@@ -1,7 +1,10 @@
 //! The hot room: what happens in one millisecond.
 //!
 //! Data in: an immutable [`RenderScene`] and one [`TickInput`]. Data out: one [`TickOutput`]. [`tick`] is pure and total: same
-//! inputs, same bits; no I/O, no allocation, no lock, no panic.
+//! inputs, same bits; no I/O, no allocation, no lock, no panic. What a scene sets of it is in [`Parameters`], what changes from tick to
+//! tick in [`State`]. [`contact`] answers single questions (what touches at this pose, and how hard) without a tick.
+//!
+//! The [front page](crate) of the crate has an example of each.
 //!
 //! Invariant: uses only `spatial`, `voxmap::field` and `pointshell::{shell, tree}` (a test reads the `use` lines).
 #![deny(clippy::disallowed_methods, clippy::disallowed_macros, clippy::disallowed_types)]
@@ -20,22 +23,22 @@ mod faults;
 pub mod filter;
 mod friction;
 mod interlock;
-pub mod limits;
+mod limits;
 mod off_cause;
 mod packets;
 mod params;
-pub mod passivity;
-pub mod passivity_control;
-pub mod placing;
+mod passivity;
+mod passivity_control;
+mod placing;
 mod port;
-pub mod power_window;
+mod power_window;
 mod quasi_static;
 mod render_scene;
-pub mod sample;
+mod sample;
 pub mod stability;
-pub mod stuck;
+pub(crate) mod stuck;
 mod tick;
-pub mod tuning;
+mod tuning;
 mod virtual_tool;
 
 pub use coupling::Inertia;
@@ -50,4 +53,4 @@ pub use placing::Placement;
 pub(crate) use port::Port;
 pub use render_scene::{RenderScene, Tool};
 pub use tick::{FrameInUse, State, TickInput, TickOutput, tick};
-pub use tuning::{Knob, Tune};
+pub use tuning::{Knob, KnobRange, Tune};

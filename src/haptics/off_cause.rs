@@ -105,7 +105,7 @@ impl OffCause {
     }
 
     /// What a set of faults comes down to: of several the one that explains most. RT: safe.
-    pub fn of(faults: Faults) -> Self {
+    pub(super) fn of(faults: Faults) -> Self {
         [
             (Faults::DEVICE_LOST, Self::Disconnected),
             (Faults::LINK, Self::Link),

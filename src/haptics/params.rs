@@ -60,7 +60,7 @@ pub enum SpringClamp {
     HalfVoxel,
 }
 
-/// Contact model. Frames: scalars.
+/// How depths become forces.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ContactParameters {
     /// Field look-up that gives the depth.
@@ -69,9 +69,9 @@ pub struct ContactParameters {
     pub stiffness_n_per_m: f64,
     /// Damping of the virtual tool in contact, as a fraction of critical damping of the summed contact stiffness.
     pub damping_ratio: f64,
-    /// Normalisation of the sum.
+    /// What many points that touch are worth together.
     pub normalization: Normalization,
-    /// Friction.
+    /// How faces that touch hold and slide.
     pub friction: FrictionParameters,
     /// Damping of each face that touches, along its normal, N·s/m; needs a virtual tool with mass.
     pub damping_n_s_per_m: f64,
@@ -108,7 +108,7 @@ impl FrictionParameters {
     pub const NONE: Self = Self { r#static: 0.0, dynamic: 0.0, stiffness_n_per_m: 0.0 };
 
     /// False when nothing rubs.
-    pub fn acts(&self) -> bool {
+    pub(super) fn acts(&self) -> bool {
         self.r#static > 0.0 && self.stiffness_n_per_m > 0.0
     }
 }
@@ -116,19 +116,19 @@ impl FrictionParameters {
 /// Virtual coupling between arm and tool.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CouplingParameters {
-    /// Mode.
+    /// How the tool follows the arm.
     pub mode: CouplingMode,
-    /// k_T, N/m, in world units (after the device's `scale`).
+    /// Translational stiffness k_T, N/m, in world units (after the device's `scale`).
     pub stiffness_n_per_m: f64,
-    /// k_R, N·m/rad.
+    /// Rotational stiffness k_R, N·m/rad.
     pub stiffness_nm_per_rad: f64,
     /// Damping that the arm feels, N·s/m; 0 unless the scene asks for it.
     pub felt_damping_n_s_per_m: f64,
     /// Rotational damping that the arm feels, N·m·s/rad.
     pub felt_damping_nm_s_per_rad: f64,
-    /// Spring bound.
+    /// What the spring does at its largest force.
     pub clamp: SpringClamp,
-    /// Free-space rule.
+    /// What the arm feels away from contact.
     pub free_space: FreeSpace,
     /// Largest translational stiffness the attached arm can take, N/m; infinite for an ideal arm.
     pub bound_n_per_m: f64,

@@ -16,43 +16,44 @@ use crate::spatial::{Twist, Wrench};
 /// Wrench and motion share frame and reduction point. RT: safe; a sample that is not finite is left out, as the finite check
 /// faults on it elsewhere.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct EnergyObserver {
+pub(super) struct EnergyObserver {
     energy_j: f64,
+    #[cfg(test)]
     lowest_j: f64,
 }
 
 impl EnergyObserver {
     /// One tick by power: E ← E − T W·V. Of first order in the period, as V is taken at one instant.
-    pub fn observe(&mut self, wrench_on_hand: Wrench, twist: Twist, period_s: f64) -> f64 {
+    #[cfg(test)]
+    pub(super) fn observe(&mut self, wrench_on_hand: Wrench, twist: Twist, period_s: f64) -> f64 {
         self.add(-period_s * wrench_on_hand.power(twist))
     }
 
     /// One interval over which the wrench was held: E ← E − F·Δx − τ·Δθ.
     ///
     /// Exact for the force, as the energy of a held force depends on the displacement alone; for the torque when Δθ is small.
-    pub fn observe_held(&mut self, wrench_on_hand: Wrench, displacement_m: DVec3, turn_rad: DVec3) -> f64 {
+    pub(super) fn observe_held(&mut self, wrench_on_hand: Wrench, displacement_m: DVec3, turn_rad: DVec3) -> f64 {
         self.add(-wrench_on_hand.power(Twist { linear: displacement_m, angular: turn_rad }))
     }
 
-    /// Energy absorbed since the last reset, J.
-    pub fn energy_j(&self) -> f64 {
+    /// Energy absorbed since the start, J.
+    pub(super) fn energy_j(&self) -> f64 {
         self.energy_j
     }
 
-    /// The lowest energy since the last reset, J: 0 for a port that has been passive so far.
-    pub fn lowest_j(&self) -> f64 {
+    /// The lowest energy since the start, J: 0 for a port that has been passive so far.
+    #[cfg(test)]
+    pub(super) fn lowest_j(&self) -> f64 {
         self.lowest_j
-    }
-
-    /// Starts again from zero.
-    pub fn reset(&mut self) {
-        *self = Self::default();
     }
 
     fn add(&mut self, absorbed_j: f64) -> f64 {
         if absorbed_j.is_finite() {
             self.energy_j += absorbed_j;
-            self.lowest_j = self.lowest_j.min(self.energy_j);
+            #[cfg(test)]
+            {
+                self.lowest_j = self.lowest_j.min(self.energy_j);
+            }
         }
         self.energy_j
     }
@@ -225,8 +226,6 @@ mod tests {
         assert!((energy - PERIOD_S * (2.0 * 0.14 + 0.5 * 14.0)).abs() < 1e-15);
         observer.observe(-damper, twist, 2.0 * PERIOD_S);
         assert!((observer.energy_j() + energy).abs() < 1e-15 && (observer.lowest_j() + energy).abs() < 1e-15);
-        observer.reset();
-        assert_eq!(observer, EnergyObserver::default());
     }
 
     #[test]

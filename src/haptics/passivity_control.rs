@@ -19,7 +19,7 @@ use super::passivity::EnergyObserver;
 use crate::spatial::{Pose, Twist, Wrench};
 
 /// Longest delay for which the command that acted is known, ticks; a longer one counts as this long.
-pub const MAX_DELAY_TICKS: u32 = 255;
+pub(super) const MAX_DELAY_TICKS: u32 = 255;
 
 /// Commands that are remembered.
 const N_HELD: usize = MAX_DELAY_TICKS as usize + 1;
@@ -35,7 +35,7 @@ const LEAST_SHARE: f64 = 0.25;
 
 /// Observer and controller of one port. 24 KiB, no heap. Wrench, twist and pose are those of the grip in device axes.
 #[derive(Clone, Debug)]
-pub struct PassivityController {
+pub(super) struct PassivityController {
     observer: EnergyObserver,
     /// The observed energy without forgotten credit, J: never above it.
     budget_j: f64,
@@ -74,7 +74,7 @@ impl PassivityController {
     /// Counts the energy of the interval that ends with this sample: the displacement since the last one, times the command that was
     /// written `delay_ticks` before the newest. The first call only takes the pose. Returns the energy that the command put into the hand
     /// in that interval, J. RT: safe, O(1).
-    pub fn observe(&mut self, pose: Pose, delay_ticks: u32, period_s: f64) -> f64 {
+    pub(super) fn observe(&mut self, pose: Pose, delay_ticks: u32, period_s: f64) -> f64 {
         let Some(last) = self.last_pose.replace(pose) else { return 0.0 };
         let acted = self.acted(delay_ticks);
         let before_j = self.observer.energy_j();
@@ -93,7 +93,7 @@ impl PassivityController {
     /// the spring or the hand and is no debt, and what the hand gives to one that recedes is not there any more. It makes a credit of
     /// `spring_j` at most, what the spring can hold, so that an arm that does not give way saves nothing up; and it never makes a debt.
     /// RT: safe, O(1).
-    pub fn carry(&mut self, moved: DVec3, turned: DVec3, delay_ticks: u32, spring_j: f64) {
+    pub(super) fn carry(&mut self, moved: DVec3, turned: DVec3, delay_ticks: u32, spring_j: f64) {
         let acted = self.of(&self.coupled, delay_ticks);
         let work_j = acted.force.dot(moved) + acted.torque.dot(turned);
         // A NaN counts for nothing.
@@ -115,7 +115,14 @@ impl PassivityController {
     ///
     /// No wrench, no damper: free space stays free, and what is owed there is paid in the next contact. RT: safe, O(1). Input that is not
     /// finite passes through, for the finite check to see.
-    pub fn damped(&mut self, wanted: Wrench, twist: Twist, arm: &ArmParameters, limits: &LimitParameters, period_s: f64) -> Wrench {
+    pub(super) fn damped(
+        &mut self,
+        wanted: Wrench,
+        twist: Twist,
+        arm: &ArmParameters,
+        limits: &LimitParameters,
+        period_s: f64,
+    ) -> Wrench {
         self.active = false;
         self.injected = Wrench::ZERO;
         let missing_j = period_s * wanted.power(twist) - self.budget_j;
@@ -139,7 +146,7 @@ impl PassivityController {
     /// Share of the wanted wrench that the arm gets while energy is owed: all of it up to half a millijoule, then less and less, so that
     /// a loop which cannot be damped (motion within a step of the encoder has no velocity) is weakened until it rests. An arm that takes
     /// no damping gets all of it: it is not watched. RT: safe, O(1).
-    pub fn trusted_share(&self, arm: &ArmParameters) -> f64 {
+    pub(super) fn trusted_share(&self, arm: &ArmParameters) -> f64 {
         let is_watched = arm.injected_n_s_per_m > 0.0 || arm.injected_nm_s_per_rad > 0.0;
         let over = (-self.budget_j - OWED_FREELY_J) / OWED_FREELY_J;
         // Written so that a NaN weakens nothing: the finite check sees it elsewhere.
@@ -147,7 +154,7 @@ impl PassivityController {
     }
 
     /// Notes the command that was written. RT: safe.
-    pub fn hold(&mut self, command: Wrench) {
+    pub(super) fn hold(&mut self, command: Wrench) {
         self.newest = (self.newest + 1) % N_HELD;
         if let Some(slot) = self.held.get_mut(self.newest) {
             *slot = command;
@@ -158,22 +165,22 @@ impl PassivityController {
     }
 
     /// Energy that the port has taken from the hand since [`reset`](Self::reset), J.
-    pub fn energy_j(&self) -> f64 {
+    pub(super) fn energy_j(&self) -> f64 {
         self.observer.energy_j()
     }
 
     /// Energy that moving obstacles have put in since [`reset`](Self::reset), less what they took, J.
-    pub fn carried_j(&self) -> f64 {
+    pub(super) fn carried_j(&self) -> f64 {
         self.carried_j
     }
 
     /// The last [`damped`](Self::damped) injected damping.
-    pub fn is_active(&self) -> bool {
+    pub(super) fn is_active(&self) -> bool {
         self.active
     }
 
     /// Starts again from zero.
-    pub fn reset(&mut self) {
+    pub(super) fn reset(&mut self) {
         *self = Self::default();
     }
 

@@ -13,7 +13,7 @@ const MARGIN: f64 = 1.25;
 
 /// Energy of the last ticks. 4 KiB, no heap.
 #[derive(Clone, Debug)]
-pub struct PowerWindow {
+pub(super) struct PowerWindow {
     /// `[N_MAX]`, J; a ring over the first `n` of the window.
     given_j: [f64; N_MAX],
     next: usize,
@@ -29,7 +29,7 @@ impl Default for PowerWindow {
 impl PowerWindow {
     /// Takes the energy of one tick; true when the mean power over the window is above the limit. A window of less than one tick judges
     /// nothing, nor does a NaN. RT: safe, O(1), and O(window) once per window.
-    pub fn exceeds(&mut self, given_j: f64, limit_w: f64, window_s: f64, period_s: f64) -> bool {
+    pub(super) fn exceeds(&mut self, given_j: f64, limit_w: f64, window_s: f64, period_s: f64) -> bool {
         let n_ticks = ((window_s / period_s).round() as usize).min(N_MAX);
         let given_j = if given_j.is_finite() { given_j } else { 0.0 };
         self.next = if self.next + 1 < n_ticks { self.next + 1 } else { 0 };
@@ -43,7 +43,7 @@ impl PowerWindow {
     }
 
     /// Forgets everything.
-    pub fn reset(&mut self) {
+    pub(super) fn reset(&mut self) {
         *self = Self::default();
     }
 }

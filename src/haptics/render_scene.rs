@@ -12,9 +12,9 @@ use crate::spatial::Pose;
 /// The tool as the tick sees it.
 #[derive(Debug)]
 pub struct Tool {
-    /// Points and normals about the centre of mass.
+    /// Points and inward normals about the centre of mass, tool axes, m.
     pub shell: Shell,
-    /// Mass properties.
+    /// Mass, and inertia about the centre of mass.
     pub inertia: Inertia,
     /// Centre of mass, which is also the grip point, in the tool frame, m.
     pub center_of_mass_tool: DVec3,
@@ -23,12 +23,12 @@ pub struct Tool {
 /// The immutable scene: everything allocated and touched before the first tick.
 #[derive(Debug)]
 pub struct RenderScene {
-    /// Parameters, SI.
+    /// Everything that a scene sets, SI.
     pub parameters: Parameters,
-    /// The static objects.
+    /// Rigid objects that the tool touches, each with its place.
     #[expect(clippy::disallowed_types, reason = "filled on the cold side, never resized")]
     pub obstacles: Vec<Obstacle>,
-    /// Material that deforms.
+    /// Material that deforms; `None`: there is none.
     pub clay: Option<Clay>,
     /// The moving object.
     pub tool: Tool,

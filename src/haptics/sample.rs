@@ -23,18 +23,18 @@ const NORM_TOLERANCE: f64 = 1e-3;
 
 /// What the check makes of one sample.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct SampleCheck {
+pub(super) struct SampleCheck {
     /// Faults of this sample. With any of them its values are not to be used.
-    pub faults: Faults,
+    pub(super) faults: Faults,
     /// `Stale` or `Protocol`: the output ramps down until samples are good again. `None`: they are.
-    pub ramp_down: OffCause,
+    pub(super) ramp_down: OffCause,
     /// Ticks since the last sample that is worth something; 0 with a fresh one.
-    pub stale_ticks: u32,
+    stale_ticks: u32,
 }
 
 /// Watches the samples of one arm.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct SampleMonitor {
+pub(super) struct SampleMonitor {
     previous: Option<Pose>,
     stale_ticks: u32,
     stuck: StuckWatch,
@@ -64,7 +64,7 @@ impl SampleMonitor {
     ///
     /// Whether a fault latches (the drive may be disabled) is the caller's decision. After a jump the new pose is the one to
     /// compare with, so the operator can enable again where the arm is. RT: safe, total on every bit pattern.
-    pub fn check(
+    pub(super) fn check(
         &mut self,
         sample: &DeviceSample,
         limits: &LimitParameters,

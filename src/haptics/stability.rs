@@ -46,7 +46,7 @@ impl SampledWall {
     ///
     /// # Source
     /// Gil2009; the filter term t_f = T α/(1−α) is ours.
-    pub fn linear_rule(&self) -> f64 {
+    fn linear_rule(&self) -> f64 {
         positive_or_zero((self.damping_n_s_per_m + self.wall_damping_n_s_per_m) / self.lag_s())
     }
 
@@ -56,7 +56,8 @@ impl SampledWall {
     ///
     /// # Source
     /// Colgate1997 for b > KT/2 + |B|, Diolaiti2006 for the delay; the terms together, and t_f, are ours.
-    pub fn passive_stiffness(&self) -> f64 {
+    #[cfg(test)]
+    pub(super) fn passive_stiffness(&self) -> f64 {
         positive_or_zero((self.damping_n_s_per_m - self.wall_damping_n_s_per_m.abs()) / self.lag_s())
     }
 
@@ -211,7 +212,7 @@ pub fn filter_delay_s(cutoff_hz: f64, period_s: f64) -> f64 {
 ///
 /// # Source
 /// Our derivation (Jury's conditions on the two-by-two step), checked by stepping it.
-pub fn semi_implicit_max_stiffness(mass_kg: f64, damping_n_s_per_m: f64, period_s: f64) -> f64 {
+pub(super) fn semi_implicit_max_stiffness(mass_kg: f64, damping_n_s_per_m: f64, period_s: f64) -> f64 {
     positive_or_zero((4.0 * mass_kg / period_s - 2.0 * damping_n_s_per_m) / period_s)
 }
 
@@ -219,7 +220,8 @@ pub fn semi_implicit_max_stiffness(mass_kg: f64, damping_n_s_per_m: f64, period_
 ///
 /// # Source
 /// Our derivation, the inequality of [`semi_implicit_max_stiffness`] with that b.
-pub fn semi_implicit_max_stiffness_critically_damped(mass_kg: f64, period_s: f64) -> f64 {
+#[cfg(test)]
+fn semi_implicit_max_stiffness_critically_damped(mass_kg: f64, period_s: f64) -> f64 {
     let root = 2.0 * core::f64::consts::SQRT_2 - 2.0;
     root * root * mass_kg / (period_s * period_s)
 }

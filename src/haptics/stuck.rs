@@ -35,12 +35,12 @@ const SLOWEST_RAD_PER_S: f64 = 1.0;
 const LEAST_STEPS: f64 = 3.0;
 
 /// Smallest move per tick out of which a pose that repeats is suspicious, m; of an arm with this encoder.
-pub fn least_move_m(step_m: f64, period_s: f64) -> f64 {
+pub(crate) fn least_move_m(step_m: f64, period_s: f64) -> f64 {
     least(step_m, period_s, SLOWEST_M_PER_S, STRONGEST_M_PER_S2)
 }
 
 /// The same for a turn, rad.
-pub fn least_turn_rad(step_rad: f64, period_s: f64) -> f64 {
+pub(crate) fn least_turn_rad(step_rad: f64, period_s: f64) -> f64 {
     least(step_rad, period_s, SLOWEST_RAD_PER_S, STRONGEST_RAD_PER_S2)
 }
 
@@ -51,7 +51,7 @@ fn least(step: f64, period_s: f64, slowest: f64, strongest: f64) -> f64 {
 
 /// Watches one arm's poses.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct StuckWatch {
+pub(super) struct StuckWatch {
     moving_ticks: u32,
     /// Ticks with the pose of `previous`, since it stood still out of a motion.
     repeats: u32,
@@ -61,7 +61,7 @@ pub struct StuckWatch {
 impl StuckWatch {
     /// Takes a fresh pose, `n_ticks` after `previous`; returns for how many ticks the samples have been worthless, 0 for sound ones. They
     /// count from the first repeat once there are five. RT: safe, total.
-    pub fn fresh(&mut self, previous: Pose, pose: Pose, n_ticks: f64, move_m: f64, turn_rad: f64) -> u32 {
+    pub(super) fn fresh(&mut self, previous: Pose, pose: Pose, n_ticks: f64, move_m: f64, turn_rad: f64) -> u32 {
         if bits(previous) == bits(pose) {
             if self.repeats == 0 {
                 self.is_suspicious = self.moving_ticks >= MOVING_TICKS;
@@ -79,7 +79,7 @@ impl StuckWatch {
     }
 
     /// Takes note of a tick without a fresh sample.
-    pub fn stale(&mut self) -> u32 {
+    pub(super) fn stale(&mut self) -> u32 {
         if self.repeats > 0 {
             self.repeats = self.repeats.saturating_add(1);
         }

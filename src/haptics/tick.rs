@@ -27,7 +27,7 @@ use crate::spatial::{DeviceSample, Pose, Twist, Wrench};
 pub struct TickInput {
     /// Newest device sample.
     pub sample: DeviceSample,
-    /// What the supervisor wants.
+    /// Whether force shall flow.
     pub request: DriveRequest,
     /// The loop woke up after its deadline had passed.
     pub overrun: bool,
@@ -42,7 +42,7 @@ pub struct TickInput {
 /// The frame of the clay that a tick touches.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FrameInUse {
-    /// Its number.
+    /// Number of the frame, counted from 1.
     pub sequence: u64,
     /// Nobody makes frames any more: it is the last one, and its rope is let go.
     pub is_last: bool,
@@ -73,7 +73,7 @@ pub struct TickOutput {
     pub energy_j: f64,
     /// Energy that moving obstacles have put into the hand through the command since enable, J: `energy_j` may be lower by so much.
     pub object_work_j: f64,
-    /// Obstacles under way.
+    /// Number of obstacles that are under way to another place.
     pub objects_moving: u32,
     /// Where one of them stands now, turn by turn.
     pub object: Option<Placement>,
@@ -163,7 +163,7 @@ impl State {
         self.traversal.set_budget(budget);
     }
 
-    /// The limit.
+    /// What the contact query of a tick may look at.
     pub fn budget(&self) -> Budget {
         self.traversal.budget()
     }

@@ -10,7 +10,7 @@
 use super::params::{CouplingMode, Parameters};
 
 /// Time in which a value goes through all of its range, s.
-pub const FULL_RANGE_S: f64 = 0.5;
+const FULL_RANGE_S: f64 = 0.5;
 /// A stiffness and a limit go from the scene's divided by this; without stiffness or force there would be nothing to feel ...
 const LEAST_DIVISOR: f64 = 20.0;
 /// ... and a stiffness to this multiple, or to what the arm can take.

@@ -26,6 +26,20 @@
 //! and generation copes. No file, however damaged, ends the program: numbers that a file announces are checked against the bytes
 //! that are there before room is made for them. Results do not depend on the number of threads. Cost: every step is linear in the
 //! file; binary STL and the inspection run in parallel.
+//!
+//! # Example
+//! ```
+//! use hapticd::mesh::mass::mass_properties;
+//! use hapticd::mesh::validate::inspect;
+//! use hapticd::mesh::{Format, parse};
+//!
+//! // A tetrahedron whose file counts in millimetres.
+//! let text = b"v 0 0 0\nv 30 0 0\nv 0 30 0\nv 0 0 30\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n";
+//! let mesh = parse(text, Format::Obj, "tetrahedron.obj".as_ref(), 1e-3)?;
+//! assert!(inspect(&mesh).closed);
+//! assert!((mass_properties(&mesh).volume_m3 - 0.03_f64.powi(3) / 6.0).abs() < 1e-12);
+//! # Ok::<(), hapticd::mesh::MeshError>(())
+//! ```
 
 pub mod closest_point;
 pub mod cloud;

@@ -28,7 +28,7 @@ pub struct SurfacePoint {
     pub cells: DVec3,
     /// Triangle it lies on.
     pub triangle_idx: u32,
-    /// Found in phase 2.
+    /// It lies on an edge or a corner: found in phase 2.
     pub on_boundary: bool,
 }
 

@@ -101,7 +101,7 @@ impl Shell {
             .take(self.n_points)
     }
 
-    /// Points.
+    /// Number of points.
     pub fn len(&self) -> usize {
         self.n_points
     }

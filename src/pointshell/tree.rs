@@ -107,7 +107,7 @@ impl Tree {
     /// Builds the tree over points in blocks, in the order that they have. Cold.
     ///
     /// Runs on the current rayon pool. Cost: linear in the number of points, with a small factor per level.
-    pub fn over(positions: &[Lanes3], n_points: usize) -> Self {
+    pub(super) fn over(positions: &[Lanes3], n_points: usize) -> Self {
         let builder = Builder::build(positions, n_points);
         let n_blocks: usize = builder.levels.iter().map(|nodes| nodes.len().div_ceil(CHILDREN)).sum();
         let (mut spheres, mut representatives) = (Vec::with_capacity(n_blocks), Vec::with_capacity(n_blocks));
@@ -165,7 +165,7 @@ impl Tree {
         first..first + level.n_blocks()
     }
 
-    /// Heap size, bytes.
+    /// Size of the arrays, bytes.
     pub fn heap_bytes(&self) -> usize {
         let Self { levels, spheres, representatives } = self;
         size_of_val(&**levels) + size_of_val(&**spheres) + size_of_val(&**representatives)

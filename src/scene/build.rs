@@ -19,7 +19,7 @@ use crate::voxmap::field::FieldKind;
 /// What a watcher is told while a scene is baked.
 #[derive(Clone, Copy, Debug)]
 pub struct Event<'a> {
-    /// Object at work.
+    /// Name of the object at work.
     pub name: &'a str,
     /// Number of the object, from 0.
     pub object_idx: usize,

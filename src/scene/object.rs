@@ -193,10 +193,10 @@ const CHORD_SHARE: f64 = 0.02;
 pub struct Geometry {
     name: String,
     role: Role,
-    /// Triangles, m.
+    /// The mesh, in metres and in its file's frame.
     pub mesh: TriangleMesh,
     /// What is wrong with them.
-    pub inspected: MeshReport,
+    inspected: MeshReport,
     load_s: f64,
 }
 
@@ -256,7 +256,7 @@ impl Geometry {
         }
     }
 
-    /// s, m.
+    /// Voxel edge s, m.
     pub fn voxel_size_m(&self, spacing: Spacing) -> f64 {
         spacing.voxel_size_m(self.mesh.bounds().map_or(DVec3::ZERO, |(low, high)| high - low))
     }
@@ -280,12 +280,12 @@ impl Geometry {
         pointshell::build(&self.mesh, map, center_of_mass)
     }
 
-    /// Volume, centre and inertia.
+    /// Volume, centre and inertia; of the surface where the mesh is open. Frame and units of [`MassProperties`].
     pub fn mass_properties(&self) -> MassProperties {
         mass_properties_of_inspected(&self.mesh, &self.inspected)
     }
 
-    /// What was built.
+    /// The figures of what was built, for people and `--json`.
     pub fn report(&self, map: &Voxmap, shell: &ShellReport) -> ObjectReport {
         ObjectReport::new(&self.name, self.role, &self.inspected, map, shell, self.load_s)
     }

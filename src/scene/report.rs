@@ -6,8 +6,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::mesh::validate::{FACES_INWARD, MeshReport};
 use crate::pointshell::{LevelReport, ShellReport};
+use crate::voxmap::MOSTLY_THIN;
 use crate::voxmap::Voxmap;
-use crate::voxmap::leak::MOSTLY_THIN;
 use crate::voxmap::sides::SidesBasis;
 
 /// What the cache did for an object.
@@ -76,7 +76,7 @@ pub struct Timings {
     pub normals: f64,
     /// Order of the points and the tree over them.
     pub tree: f64,
-    /// All of it.
+    /// From the mesh file to the baked object.
     pub total: f64,
 }
 
@@ -85,11 +85,11 @@ pub struct Timings {
 pub struct ObjectReport {
     /// Name in the scene, or the file name.
     pub name: String,
-    /// What it is for.
+    /// Obstacle, tool or both.
     pub role: Role,
     /// Triangles of the mesh, without lids.
     pub triangles: usize,
-    /// s, m.
+    /// Voxel edge s, m.
     pub voxel_size_m: f64,
     /// Lowest corner of cell `[0, 0, 0]`, mesh frame, m.
     pub origin_m: [f64; 3],
@@ -113,7 +113,7 @@ pub struct ObjectReport {
     pub clear_winding_share: Option<f64>,
     /// Lids on its holes, where there are any.
     pub lids: Option<LidsReport>,
-    /// Where it leaked.
+    /// Where it leaked; `None`: it did not.
     pub leak: Option<LeakReport>,
     /// Edges with one triangle only, after welding.
     pub open_edges: usize,

@@ -28,7 +28,7 @@ const PART: usize = 512;
 /// A raster cannot hold an edge, and rounds a curved surface a little: what its density is at a sample before anything moves is the
 /// sample's level, which it keeps. So nothing jumps when a region is chosen, and edges stay edges.
 #[derive(Clone, Debug, Default)]
-pub struct Afloat {
+pub(super) struct Afloat {
     samples: Vec<u32>,
     /// m, one per sample.
     levels_m: Vec<f64>,
@@ -36,7 +36,7 @@ pub struct Afloat {
 
 impl Afloat {
     /// The samples that lie within a raster at rest, further than `margin_m` from its faces. Cost: O(samples).
-    pub fn new(points: &PointSet, at_rest: &Raster, margin_m: f64) -> Self {
+    pub(super) fn new(points: &PointSet, at_rest: &Raster, margin_m: f64) -> Self {
         let (low, high) = at_rest.lattice().bounds();
         let inside = |at: &DVec3| at.cmpge(low + margin_m).all() && at.cmple(high - margin_m).all();
         let level = |(sample, at): (usize, &DVec3)| {
@@ -48,17 +48,17 @@ impl Afloat {
     }
 
     /// Numbers of the samples, ascending.
-    pub fn samples(&self) -> &[u32] {
+    pub(super) fn samples(&self) -> &[u32] {
         &self.samples
     }
 
     /// The level of each, m.
-    pub fn levels_m(&self) -> &[f64] {
+    pub(super) fn levels_m(&self) -> &[f64] {
         &self.levels_m
     }
 
     /// A sample more, with a number above all others.
-    pub fn push(&mut self, sample: u32, level_m: f64) {
+    pub(super) fn push(&mut self, sample: u32, level_m: f64) {
         self.samples.push(sample);
         self.levels_m.push(level_m);
     }
@@ -67,7 +67,7 @@ impl Afloat {
     ///
     /// A sample from which no direction leads to its level stays where it is. Cost: two look-ups and some corrections per sample that
     /// moves, one for each that does not.
-    pub fn follow(&self, points: &mut PointSet, now: &Raster, rates_per_s: &Raster, time_s: f64) -> f64 {
+    pub(super) fn follow(&self, points: &mut PointSet, now: &Raster, rates_per_s: &Raster, time_s: f64) -> f64 {
         let before = &*points;
         let spacing_m = now.lattice().spacing_m;
         let moved: Vec<Option<(DVec3, DVec3)>> = self

@@ -41,10 +41,6 @@ pub enum Boolean {
 }
 
 impl Boolean {
-    /// The names in files and commands.
-    pub const NAMES: [(&'static str, Self); 3] =
-        [("union", Self::Union), ("intersection", Self::Intersection), ("difference", Self::Difference)];
-
     /// A sample of the first stays where the second has this density, m.
     fn keeps_of_first(self, of_second_m: f64) -> bool {
         match self {
@@ -62,7 +58,7 @@ impl Boolean {
     }
 
     /// The density of what is left, m: the two patches of a sharp result.
-    pub fn density_m(self, of_first_m: f32, of_second_m: f32) -> f32 {
+    pub(super) fn density_m(self, of_first_m: f32, of_second_m: f32) -> f32 {
         match self {
             Self::Union => of_first_m.max(of_second_m),
             Self::Intersection => of_first_m.min(of_second_m),
@@ -73,7 +69,7 @@ impl Boolean {
     /// The samples of what is left: those of the first before those of the second, each in their order.
     ///
     /// `is_sharp`: with samples up to the edge. Cost: one look-up of the other field per sample.
-    pub fn samples(self, first: &PointSurface, second: &PointSurface, is_sharp: bool) -> PointSet {
+    pub(super) fn samples(self, first: &PointSurface, second: &PointSurface, is_sharp: bool) -> PointSet {
         let mut of_first = kept(first, second, |density_m| self.keeps_of_first(density_m), is_sharp);
         let mut of_second = kept(second, first, |density_m| self.keeps_of_second(density_m), is_sharp);
         if self == Self::Difference {
@@ -91,7 +87,7 @@ impl Boolean {
     ///
     /// # Panics
     /// On rasters of two lattices.
-    pub fn densities(self, first: &Raster, second: &Raster) -> Raster {
+    pub(super) fn densities(self, first: &Raster, second: &Raster) -> Raster {
         assert_eq!(first.lattice(), second.lattice(), "rasters of one lattice");
         let mut left = first.clone();
         let both = left.values_m_mut().par_iter_mut().zip(second.values_m());
@@ -104,7 +100,7 @@ impl Boolean {
 ///
 /// # Panics
 /// On rasters of several lattices.
-pub fn blend(left: &mut Raster, [first, second]: [&Raster; 2], smooth: &Raster, width_m: f64) {
+pub(super) fn blend(left: &mut Raster, [first, second]: [&Raster; 2], smooth: &Raster, width_m: f64) {
     assert!([first, second, smooth].iter().all(|raster| raster.lattice() == left.lattice()), "rasters of one lattice");
     let both = left.values_m_mut().par_iter_mut().zip(first.values_m()).zip(second.values_m()).zip(smooth.values_m());
     both.for_each(|(((left_m, first_m), second_m), smooth_m)| {

@@ -36,7 +36,7 @@ pub enum Integrator {
 
 /// A quantity of the mass points.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Quantity {
+pub(super) enum Quantity {
     /// The same everywhere.
     Constant(f32),
     /// `[n_nodes]`, as it was painted.
@@ -62,7 +62,8 @@ impl Quantity {
     }
 
     /// Sets a node; a constant becomes one value per node.
-    pub fn set(&mut self, node: usize, n_nodes: usize, value: f32) {
+    #[cfg(test)]
+    pub(super) fn set(&mut self, node: usize, n_nodes: usize, value: f32) {
         if let Self::Constant(constant) = self {
             *self = Self::PerNode(vec![*constant; n_nodes].into_boxed_slice());
         }
@@ -72,7 +73,7 @@ impl Quantity {
     }
 }
 
-/// What the clay is made of: the same everywhere, or, as the dynamics have it, with a [`Quantity`] for each property.
+/// What the clay is made of: the same everywhere, or, as the dynamics have it, with a quantity for each property.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Material<Q = f32> {
     /// Of a mass point, kg.
@@ -95,11 +96,11 @@ impl Default for Material {
 }
 
 impl Material {
-    /// What a mass point and its springs may have: kg, N·s/m, N/m.
+    /// Mass of a mass point, kg.
     pub const MASS_KG: RangeInclusive<f64> = 1e-9..=1.0;
-    /// Without damping a material still moves; without mass or springs it does not.
+    /// Damping of a mass point, N·s/m. Without damping a material still moves; without mass or springs it does not.
     pub const DAMPING_N_S_PER_M: RangeInclusive<f64> = 0.0..=1e4;
-    /// Above 0.
+    /// The stiffest spring, N/m; the least is above 0.
     pub const STIFFNESS_MAX_N_PER_M: f64 = 1e6;
 }
 
@@ -118,7 +119,7 @@ impl From<Material> for Material<Quantity> {
 
 /// Densities under way.
 #[derive(Clone, Debug)]
-pub struct Dynamics {
+pub(super) struct Dynamics {
     material: Material<Quantity>,
     integrator: Integrator,
     now: Raster,
@@ -141,15 +142,15 @@ pub struct Progress {
     pub steps: u32,
     /// Time that the material has gone through, s: less than asked where it would have taken too many steps.
     pub time_s: f64,
-    /// Largest |ḋ|, m/s.
+    /// Largest rate of a density |ḋ|, m/s.
     pub speed_m_per_s: f64,
     /// The solver stopped at its limit before it was exact.
-    pub is_rough: bool,
+    is_rough: bool,
 }
 
 impl Dynamics {
     /// Material at rest with these densities. Allocates.
-    pub fn new(at_rest: Raster, material: Material<Quantity>, integrator: Integrator) -> Self {
+    pub(super) fn new(at_rest: Raster, material: Material<Quantity>, integrator: Integrator) -> Self {
         let zeros = || vec![0.0; at_rest.values_m().len()].into_boxed_slice();
         Self {
             material,
@@ -166,33 +167,33 @@ impl Dynamics {
     }
 
     /// Where the nodes lie.
-    pub fn lattice(&self) -> &Lattice {
+    pub(super) fn lattice(&self) -> &Lattice {
         self.now.lattice()
     }
 
     /// Densities now.
-    pub fn now(&self) -> &Raster {
+    pub(super) fn now(&self) -> &Raster {
         &self.now
     }
 
     /// Rates of the densities, m/s.
-    pub fn velocities_m_per_s(&self) -> &Raster {
+    pub(super) fn velocities_m_per_s(&self) -> &Raster {
         &self.velocities_m_per_s
     }
 
     /// `[n_nodes]`, N: what acts in the next update, cleared by it.
-    pub fn forces_n_mut(&mut self) -> (&Raster, &mut [f32]) {
+    pub(super) fn forces_n_mut(&mut self) -> (&Raster, &mut [f32]) {
         (&self.now, &mut self.forces_n)
     }
 
     /// What it is made of.
-    pub fn material_mut(&mut self) -> &mut Material<Quantity> {
+    pub(super) fn material_mut(&mut self) -> &mut Material<Quantity> {
         self.step_s = 0.0;
         &mut self.material
     }
 
     /// What is there becomes the rest: the end of a stroke. Nothing moves any more.
-    pub fn settle(&mut self) {
+    pub(super) fn settle(&mut self) {
         self.rest_m.copy_from_slice(self.now.values_m());
         self.velocities_m_per_s.values_m_mut().fill(0.0);
     }
@@ -201,14 +202,14 @@ impl Dynamics {
     ///
     /// # Panics
     /// Where the raster has another lattice.
-    pub fn replace(&mut self, at_rest: Raster) {
+    pub(super) fn replace(&mut self, at_rest: Raster) {
         assert_eq!(at_rest.lattice(), self.now.lattice(), "a raster of the same lattice");
         self.now = at_rest;
         self.settle();
     }
 
     /// Lets the material move for a time under the forces that were added since the last update, and clears them.
-    pub fn update(&mut self, time_s: f64) -> Progress {
+    pub(super) fn update(&mut self, time_s: f64) -> Progress {
         let mut progress = match self.integrator {
             Integrator::Explicit => self.update_explicit(time_s),
             Integrator::Implicit => self.update_implicit(time_s),

@@ -53,7 +53,7 @@ impl GreyImage {
     ///
     /// # Errors
     /// [`ImageError::Size`] where there are fewer than 2 × 2 pixels, or not one grey for each.
-    pub fn new(width: usize, height: usize, greys: Vec<f32>) -> Result<Self, ImageError> {
+    pub(super) fn new(width: usize, height: usize, greys: Vec<f32>) -> Result<Self, ImageError> {
         if width < 2 || height < 2 || greys.len() != width * height {
             return Err(ImageError::Size { width, height });
         }
@@ -76,12 +76,12 @@ impl GreyImage {
     }
 
     /// Half its width and height, the larger one 1.
-    pub fn half_edges(&self) -> DVec2 {
+    pub(super) fn half_edges(&self) -> DVec2 {
         DVec2::new(self.width as f64, self.height as f64) / self.width.max(self.height) as f64
     }
 
     /// The grey at a place, (0, 0) top left and (1, 1) bottom right, between pixels' middles as straight lines; 0 beyond the image.
-    pub fn at(&self, place: DVec2) -> f64 {
+    pub(super) fn at(&self, place: DVec2) -> f64 {
         if !(place.cmpge(DVec2::ZERO).all() && place.cmple(DVec2::ONE).all()) {
             return 0.0;
         }
@@ -120,7 +120,7 @@ pub enum Laid {
 
 impl Laid {
     /// Where on the image a sample lies; `None` where the image does not reach it.
-    pub fn place(&self, at_map: DVec3, normal_map: DVec3) -> Option<DVec2> {
+    pub(super) fn place(&self, at_map: DVec3, normal_map: DVec3) -> Option<DVec2> {
         match self {
             Self::Flat { middle_map, right_map, up_map } => {
                 if normal_map.dot(right_map.cross(*up_map)) <= 0.0 {
@@ -146,7 +146,7 @@ impl Laid {
 ///
 /// The normals follow from the slope of the image along the surface: n' ∝ n − ∇h, its gradient by differences over a quarter of the sample's
 /// spacing. Fits are made again by whoever moves them. Cost: five look-ups of the image per sample.
-pub fn embossed(surface: &PointSurface, image: &GreyImage, laid: &Laid, depth_m: f64) -> Vec<Moved> {
+pub(super) fn embossed(surface: &PointSurface, image: &GreyImage, laid: &Laid, depth_m: f64) -> Vec<Moved> {
     let points = surface.points();
     (0..points.len() as u32)
         .into_par_iter()

@@ -54,7 +54,7 @@ impl Falloff {
     }
 
     /// Weight at a share ρ of the radius; 0 beyond the rim and where ρ is not a number.
-    pub fn weight(&self, rho: f64) -> f64 {
+    pub(super) fn weight(&self, rho: f64) -> f64 {
         if !(0.0..=1.0).contains(&rho) {
             return 0.0;
         }

@@ -154,7 +154,7 @@ pub(super) fn area_m2(mesh: &TriangleMesh) -> f64 {
 ///
 /// # Errors
 /// [`SurfaceError`] when there are too few, or no planes can be found.
-pub fn complete(cloud: Cloud) -> Result<Loaded, SurfaceError> {
+pub(super) fn complete(cloud: Cloud) -> Result<Loaded, SurfaceError> {
     let kept = distinct(&cloud.positions);
     let merged = cloud.positions.len() - kept.len();
     if kept.len() < PointSet::LEAST {

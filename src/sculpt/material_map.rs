@@ -85,7 +85,7 @@ fn constants(clay: &Material) -> [f32; N_PROPERTIES] {
 
 /// What was painted on the nodes of a lattice. Cheap to clone: values are shared until one changes.
 #[derive(Clone, Debug, Default)]
-pub struct MaterialMap {
+pub(super) struct MaterialMap {
     /// Mass kg, damping N·s/m, stiffness N/m; `None` where none of it was painted.
     layers: [Option<Layer>; N_PROPERTIES],
 }
@@ -100,17 +100,18 @@ impl MaterialMap {
     }
 
     /// Nothing was painted.
-    pub fn is_bare(&self) -> bool {
+    #[cfg(test)]
+    pub(super) fn is_bare(&self) -> bool {
         self.layers.iter().all(Option::is_none)
     }
 
     /// What it takes in memory, bytes.
-    pub fn n_bytes(&self) -> usize {
+    pub(super) fn n_bytes(&self) -> usize {
         self.layers.iter().flatten().map(|layer| size_of_val(&**layer)).sum()
     }
 
     /// What it takes beside another with which it may share values, bytes.
-    pub fn n_bytes_beside(&self, other: &Self) -> usize {
+    pub(super) fn n_bytes_beside(&self, other: &Self) -> usize {
         let is_own = |(own, other): &(&Option<Layer>, &Option<Layer>)| match (own, other) {
             (Some(own), Some(other)) => !Arc::ptr_eq(own, other),
             (own, _) => own.is_some(),
@@ -120,7 +121,8 @@ impl MaterialMap {
     }
 
     /// The same nodes, to the bit, have the same values.
-    pub fn is_same(&self, other: &Self) -> bool {
+    #[cfg(test)]
+    pub(super) fn is_same(&self, other: &Self) -> bool {
         self.layers.iter().zip(&other.layers).all(|(one, other)| match (one, other) {
             (Some(one), Some(other)) => {
                 Arc::ptr_eq(one, other)
@@ -131,7 +133,7 @@ impl MaterialMap {
     }
 
     /// The material of a node of its lattice.
-    pub fn at(&self, node: usize, clay: &Material) -> Material {
+    pub(super) fn at(&self, node: usize, clay: &Material) -> Material {
         let [mass_kg, damping_n_s_per_m, stiffness_n_per_m] = self.values(node, clay);
         Material { mass_kg, damping_n_s_per_m, stiffness_n_per_m, ..clay.clone() }
     }
@@ -145,7 +147,7 @@ impl MaterialMap {
     }
 
     /// The material of a part of its lattice, whose first node is `first`. Cost: O(nodes of the part) for each property that was painted.
-    pub fn of_part(&self, whole: &Lattice, first: [usize; 3], part: &Lattice, clay: &Material) -> Material<Quantity> {
+    pub(super) fn of_part(&self, whole: &Lattice, first: [usize; 3], part: &Lattice, clay: &Material) -> Material<Quantity> {
         let [nx, ny, nz] = part.dims;
         let quantity = |layer: &Option<Layer>, constant: f32| {
             let Some(layer) = layer else { return Quantity::Constant(constant) };
@@ -175,7 +177,7 @@ impl MaterialMap {
     /// The same on another lattice, interpolated between eight nodes, bare ones among them with the constants; bare where none of the eight was
     /// painted, and beyond the lattice before. Parallel; cost: O(nodes of both) for each property that was painted.
     #[must_use]
-    pub fn onto(&self, from: &Lattice, to: &Lattice, clay: &Material) -> Self {
+    pub(super) fn onto(&self, from: &Lattice, to: &Lattice, clay: &Material) -> Self {
         if from == to {
             return self.clone();
         }
@@ -231,7 +233,7 @@ fn or_bare(value: f32, constant: f32) -> f32 {
 
 /// What one press of a brush has put over the material before.
 #[derive(Clone, Debug)]
-pub struct MaterialCoat {
+pub(super) struct MaterialCoat {
     painted: Painted,
     under: MaterialMap,
     /// `[n_nodes]`: the largest I so far, 0 to 1.
@@ -240,18 +242,24 @@ pub struct MaterialCoat {
 
 impl MaterialCoat {
     /// Nothing yet, over a map of so many nodes.
-    pub fn over(under: &MaterialMap, n_nodes: usize, painted: Painted) -> Self {
+    pub(super) fn over(under: &MaterialMap, n_nodes: usize, painted: Painted) -> Self {
         Self { painted, under: under.clone(), weights: vec![0.0; n_nodes].into_boxed_slice() }
     }
 
     /// What it paints.
-    pub fn painted(&self) -> &Painted {
+    pub(super) fn painted(&self) -> &Painted {
         &self.painted
     }
 
     /// Paints the nodes in the ball of a dab, of any side: those within one spacing at least, so that a brush finer than the lattice paints
     /// too. Gives how many changed. Cost: O(nodes in the ball); in the first dab of a press also a copy of what was painted.
-    pub fn dab(&mut self, map: &mut MaterialMap, (lattice, clay): (&Lattice, &Material), falloff: &Falloff, dab: Dab) -> usize {
+    pub(super) fn dab(
+        &mut self,
+        map: &mut MaterialMap,
+        (lattice, clay): (&Lattice, &Material),
+        falloff: &Falloff,
+        dab: Dab,
+    ) -> usize {
         let can_paint = dab.radius_m > 0.0 && dab.radius_m.is_finite() && dab.at_map.is_finite();
         if !can_paint {
             return 0;

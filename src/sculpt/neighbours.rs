@@ -75,7 +75,7 @@ impl Neighbours {
     }
 
     /// The nearest sample; `None` when there are none.
-    pub fn nearest(&self, point: DVec3) -> Option<Neighbour> {
+    pub(super) fn nearest(&self, point: DVec3) -> Option<Neighbour> {
         let mut best = Neighbour { sample: u32::MAX, distance_squared_m2: f64::INFINITY };
         self.walk(
             point,

@@ -22,7 +22,7 @@ const LINE: f64 = 1e-6;
 ///
 /// # Errors
 /// [`SurfaceError::TooFew`], [`SurfaceError::NonFinite`], [`SurfaceError::Lines`].
-pub fn estimate(positions_map: &[DVec3]) -> Result<Vec<DVec3>, SurfaceError> {
+pub(super) fn estimate(positions_map: &[DVec3]) -> Result<Vec<DVec3>, SurfaceError> {
     let found = positions_map.len();
     if found < super::PointSet::LEAST {
         return Err(SurfaceError::TooFew { found });

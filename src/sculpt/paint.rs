@@ -28,28 +28,28 @@ const SAME: f64 = 0.02;
 
 /// What paints.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Brush {
+pub(super) struct Brush {
     /// sRGB.
-    pub color: [u8; 3],
+    pub(super) color: [u8; 3],
     /// Radius per force of the hand, m/N.
-    pub radius_m_per_n: f64,
+    pub(super) radius_m_per_n: f64,
     /// The radius does not grow beyond this, m.
-    pub radius_max_m: f64,
+    pub(super) radius_max_m: f64,
     /// How the colour fades towards the rim.
-    pub falloff: Falloff,
+    pub(super) falloff: Falloff,
     /// Samples are not split into discs smaller than this, m.
-    pub smallest_m: f64,
+    pub(super) smallest_m: f64,
 }
 
 impl Brush {
     /// Radius under a force, m; 0 without one.
-    pub fn radius_m(&self, force_n: f64) -> f64 {
+    pub(super) fn radius_m(&self, force_n: f64) -> f64 {
         let radius_m = self.radius_m_per_n * force_n;
         if radius_m > 0.0 { radius_m.min(self.radius_max_m) } else { 0.0 }
     }
 
     /// The colour that covers another with an intensity from 0 to 1.
-    pub fn over(&self, under: [u8; 3], intensity: f64) -> [u8; 3] {
+    pub(super) fn over(&self, under: [u8; 3], intensity: f64) -> [u8; 3] {
         let mixed = |n: usize| f64::from(self.color[n]) * intensity + f64::from(under[n]) * (1.0 - intensity);
         [0, 1, 2].map(|n| mixed(n).round().clamp(0.0, 255.0) as u8)
     }
@@ -61,13 +61,13 @@ impl Brush {
 
 /// A brush at one moment.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Dab {
+pub(super) struct Dab {
     /// Middle, map frame, m.
-    pub at_map: DVec3,
+    pub(super) at_map: DVec3,
     /// Normal of the surface there: the other side of a thin wall is not painted.
-    pub normal_map: DVec3,
+    pub(super) normal_map: DVec3,
     /// m.
-    pub radius_m: f64,
+    pub(super) radius_m: f64,
 }
 
 impl Dab {
@@ -84,16 +84,16 @@ impl Dab {
 
 /// A sample and the radius of its disc, m.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Surfel {
+pub(super) struct Surfel {
     /// Number of the sample.
-    pub sample: u32,
+    pub(super) sample: u32,
     /// m.
-    pub radius_m: f64,
+    pub(super) radius_m: f64,
 }
 
 /// What one press of a brush has put over the colours before.
 #[derive(Clone, Debug)]
-pub struct Coat {
+pub(super) struct Coat {
     /// `[n]`: colours before.
     under: Vec<[u8; 3]>,
     /// `[n]`: 0 to 1.
@@ -103,13 +103,13 @@ pub struct Coat {
 
 impl Coat {
     /// Nothing yet, over these colours, one per sample.
-    pub fn over(colors: &[[u8; 3]]) -> Self {
+    pub(super) fn over(colors: &[[u8; 3]]) -> Self {
         Self { under: colors.to_vec(), intensities: vec![0.0; colors.len()], dabs: Vec::new() }
     }
 
     /// Colours the samples with the numbers `near`, those at most that were there when the press began; places, normals and colours are of all
     /// samples. Gives how many took colour.
-    pub fn dab(
+    pub(super) fn dab(
         &mut self,
         (positions_map, normals_map, colors): (&[DVec3], &[DVec3], &mut [[u8; 3]]),
         near: &[u32],
@@ -141,7 +141,7 @@ impl Coat {
 
     /// Samples for the discs that the rim of all dabs cuts; none for a brush that fades out. `onto`: puts a point onto the surface, and gives
     /// the normal there. Parallel; cost: O(samples · log dabs), and at the rim O(dabs that reach there).
-    pub fn refined(
+    pub(super) fn refined(
         &self,
         points: &PointSet,
         discs: &[Surfel],

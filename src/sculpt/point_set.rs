@@ -12,7 +12,7 @@ pub struct PointSet {
     pub positions_map: Vec<DVec3>,
     /// `[n]`, unit, **out** of the material.
     pub normals_map: Vec<DVec3>,
-    /// `[n]`, sRGB.
+    /// `[n]`: red, green, blue in sRGB, 0 to 255.
     pub colors: Vec<[u8; 3]>,
 }
 
@@ -27,7 +27,7 @@ impl PointSet {
         self.positions_map.len()
     }
 
-    /// There are none.
+    /// True when it holds no sample.
     pub fn is_empty(&self) -> bool {
         self.positions_map.is_empty()
     }
@@ -37,7 +37,7 @@ impl PointSet {
         self.len() * (2 * size_of::<DVec3>() + size_of::<[u8; 3]>())
     }
 
-    /// One sample more.
+    /// Appends a sample: place (m) and outward unit normal in the map frame, sRGB colour.
     pub fn push(&mut self, position_map: DVec3, normal_map: DVec3, color: [u8; 3]) {
         self.positions_map.push(position_map);
         self.normals_map.push(normal_map);
@@ -45,14 +45,14 @@ impl PointSet {
     }
 
     /// The samples of another set behind these.
-    pub fn append(&mut self, other: &Self) {
+    pub(super) fn append(&mut self, other: &Self) {
         self.positions_map.extend_from_slice(&other.positions_map);
         self.normals_map.extend_from_slice(&other.normals_map);
         self.colors.extend_from_slice(&other.colors);
     }
 
     /// The samples with these numbers, in this order. Panics on a number that is not there.
-    pub fn select(&self, samples: impl Iterator<Item = u32> + Clone) -> Self {
+    pub(super) fn select(&self, samples: impl Iterator<Item = u32> + Clone) -> Self {
         Self {
             positions_map: samples.clone().map(|sample| self.positions_map[sample as usize]).collect(),
             normals_map: samples.clone().map(|sample| self.normals_map[sample as usize]).collect(),
@@ -83,7 +83,7 @@ impl PointSet {
     ///
     /// # Errors
     /// [`SurfaceError`], naming the first sample that is wrong.
-    pub fn check(&self) -> Result<(), SurfaceError> {
+    pub(super) fn check(&self) -> Result<(), SurfaceError> {
         let (positions, normals, colors) = (self.len(), self.normals_map.len(), self.colors.len());
         if normals != positions || colors != positions {
             return Err(SurfaceError::UnequalArrays { positions, normals, colors });

@@ -56,7 +56,7 @@ fn mapped_share(raster: &Raster, from_map: DVec3, direction: DVec3, reach_m: f64
 /// hands out its share of the force among the mass points that are nearest to it, by the weights of the fall-off, which are scaled to a
 /// sum of 1: what arrives is the tool's force, whatever the spacing. Where nothing lies within the radius the nearest node takes all.
 /// Cost: O(nodes in the radius · corners).
-pub fn add_pull(raster: &Raster, pull: &Pull, forces_n: &mut [f32]) {
+pub(super) fn add_pull(raster: &Raster, pull: &Pull, forces_n: &mut [f32]) {
     let lattice = raster.lattice();
     let (Some(first), magnitude_n) = (pull.along_map.first(), pull.force_n.length()) else { return };
     let pulls = magnitude_n > 0.0 && pull.along_map.iter().all(|corner| corner.is_finite());

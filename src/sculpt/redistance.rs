@@ -12,7 +12,7 @@ use crate::haptics::clay::Raster;
 const ROUNDS: u32 = 3;
 
 /// Makes distances of densities, m. The outermost nodes and the zero crossings stay. Cost: O(nodes), on one thread.
-pub fn redistance(raster: &mut Raster) {
+pub(super) fn redistance(raster: &mut Raster) {
     let [nx, ny, nz] = raster.lattice().dims;
     let spacing_m = raster.lattice().spacing_m as f32;
     let strides = [ny * nz, nz, 1];

@@ -98,7 +98,8 @@ fn circumcentre(a: DVec2, b: DVec2, c: DVec2) -> Option<DVec2> {
 
 /// The radius of the largest empty circle through any of these samples that is seen whole, m; 0 where there is none. Circles that reach
 /// beyond what is seen count with what is seen of them.
-pub fn largest_gap_m(points: &PointSet, samples: &[u32], gap_m: f64) -> f64 {
+#[cfg(test)]
+pub(super) fn largest_gap_m(points: &PointSet, samples: &[u32], gap_m: f64) -> f64 {
     let neighbours = Neighbours::new(&points.positions_map);
     samples
         .par_iter()
@@ -111,7 +112,7 @@ pub fn largest_gap_m(points: &PointSet, samples: &[u32], gap_m: f64) -> f64 {
 /// Puts samples into every empty circle with a radius above `gap_m` through samples that have `moved` (some of those that are afloat), on the
 /// isosurface of `now`, and lets them float as well. Returns how many came. Cost: O(samples that have moved) per round; each round fills all
 /// circles that are apart.
-pub fn fill(points: &mut PointSet, afloat: &mut Afloat, moved: &[u32], now: &Raster, gap_m: f64) -> usize {
+pub(super) fn fill(points: &mut PointSet, afloat: &mut Afloat, moved: &[u32], now: &Raster, gap_m: f64) -> usize {
     let before = points.len();
     let mut level_of: HashMap<u32, f64> = afloat.samples().iter().copied().zip(afloat.levels_m().iter().copied()).collect();
     let mut looked_at = moved.to_vec();
@@ -175,7 +176,7 @@ pub fn fill(points: &mut PointSet, afloat: &mut Afloat, moved: &[u32], now: &Ras
 /// The samples to keep, ascending: without those that are afloat and were squeezed closer than `close_m` to a kept one of the same side.
 /// What was as fine `before` the stroke, as the rim of paint is, stays so. Samples that are not afloat are all kept. Numbers up to the last
 /// of `before` mean the same samples in both. Cost: O(samples that are afloat).
-pub fn thinned(points: &PointSet, before: &PointSet, afloat: &Afloat, close_m: f64) -> Vec<u32> {
+pub(super) fn thinned(points: &PointSet, before: &PointSet, afloat: &Afloat, close_m: f64) -> Vec<u32> {
     let neighbours = Neighbours::new(&points.positions_map);
     let was_apart = |one: u32, other: u32, apart_m: f64| {
         let (Some(one), Some(other)) = (before.positions_map.get(one as usize), before.positions_map.get(other as usize)) else {

@@ -9,10 +9,10 @@
 use glam::DVec3;
 
 /// Coefficients, or values at nodes, of a cube: place `9 i + 3 j + k` is number i along x, j along y, k along z.
-pub type Cube = [f64; 27];
+pub(super) type Cube = [f64; 27];
 
 /// Parameters of the grid of a cube, along every axis.
-pub const GRID: [f64; 3] = [0.0, 0.5, 1.0];
+pub(super) const GRID: [f64; 3] = [0.0, 0.5, 1.0];
 
 /// Inverse of the basis at [`GRID`]: values at 0, 1/2, 1 → coefficients. The 27 × 27 matrix of equation 5 is the Kronecker product
 /// of three of these, as the grid has as many values as the spline has coefficients.
@@ -20,7 +20,7 @@ const FROM_GRID: [[f64; 3]; 3] = [[2.5, -2.0, 0.5], [-0.5, 2.0, -0.5], [0.5, -2.
 
 /// The three functions at u.
 #[inline]
-pub fn basis(u: f64) -> [f64; 3] {
+pub(super) fn basis(u: f64) -> [f64; 3] {
     let v = 1.0 - u;
     [0.5 * v * v, 0.5 + u * v, 0.5 * u * u]
 }
@@ -33,7 +33,7 @@ fn slopes(u: f64) -> [f64; 3] {
 
 /// Value at a parameter, and its slope along the three parameters.
 #[inline]
-pub fn at(coefficients: &Cube, u: DVec3) -> (f64, DVec3) {
+pub(super) fn at(coefficients: &Cube, u: DVec3) -> (f64, DVec3) {
     let (x, y, z) = (basis(u.x), basis(u.y), basis(u.z));
     let (dx, dy, dz) = (slopes(u.x), slopes(u.y), slopes(u.z));
     let (mut value, mut slope) = (0.0, DVec3::ZERO);
@@ -53,12 +53,12 @@ pub fn at(coefficients: &Cube, u: DVec3) -> (f64, DVec3) {
 }
 
 /// The coefficients of the spline that has the given values at the nodes of [`GRID`]: equation 5.
-pub fn from_grid(values: &Cube) -> Cube {
+pub(super) fn from_grid(values: &Cube) -> Cube {
     along_axes(values, &FROM_GRID)
 }
 
 /// Applies a matrix along each of the three axes.
-pub fn along_axes(cube: &Cube, matrix: &[[f64; 3]; 3]) -> Cube {
+pub(super) fn along_axes(cube: &Cube, matrix: &[[f64; 3]; 3]) -> Cube {
     let mut cube = *cube;
     for stride in [1, 3, 9] {
         let mut turned = [0.0; 27];

@@ -130,7 +130,7 @@ impl Workpiece {
     }
 
     /// The largest empty circle between samples that is left open, m.
-    pub fn gap_m(&self) -> f64 {
+    pub(super) fn gap_m(&self) -> f64 {
         self.gap_m
     }
 
@@ -140,12 +140,12 @@ impl Workpiece {
     }
 
     /// Lowest and highest corner of what deforms, map frame, m.
-    pub fn region_map(&self) -> (DVec3, DVec3) {
+    pub(super) fn region_map(&self) -> (DVec3, DVec3) {
         self.region().lattice().bounds()
     }
 
     /// A stroke is under way.
-    pub fn is_stroke(&self) -> bool {
+    pub(super) fn is_stroke(&self) -> bool {
         self.under_way.is_some() || self.press.is_some()
     }
 
@@ -177,7 +177,7 @@ impl Workpiece {
     ///
     /// # Errors
     /// [`WorkpieceError::Region`], [`WorkpieceError::TooFine`]; nothing has changed then but that the stroke has ended.
-    pub fn choose_region(&mut self, low_map: DVec3, high_map: DVec3) -> Result<(), WorkpieceError> {
+    pub(super) fn choose_region(&mut self, low_map: DVec3, high_map: DVec3) -> Result<(), WorkpieceError> {
         self.end_stroke()?;
         let settings = Settings { region_map: Some((low_map, high_map)), ..self.settings.clone() };
         let (whole, first, region) = lattices(self.surface.bounds(), &settings)?;
@@ -271,7 +271,7 @@ impl Workpiece {
     ///
     /// # Errors
     /// [`SurfaceError`]; then it is as before.
-    pub fn emboss(&mut self, image: &GreyImage, laid: &Laid, depth_m: f64) -> Result<usize, SurfaceError> {
+    pub(super) fn emboss(&mut self, image: &GreyImage, laid: &Laid, depth_m: f64) -> Result<usize, SurfaceError> {
         self.end_stroke()?;
         let moved = embossed(&self.surface, image, laid, depth_m);
         if moved.is_empty() {
@@ -297,7 +297,7 @@ impl Workpiece {
     ///
     /// # Errors
     /// [`SurfaceError`] when nothing is left that makes a surface; then it is as before.
-    pub fn combine(&mut self, boolean: Boolean, other: &PointSurface, is_sharp: bool) -> Result<(), WorkpieceError> {
+    pub(super) fn combine(&mut self, boolean: Boolean, other: &PointSurface, is_sharp: bool) -> Result<(), WorkpieceError> {
         self.end_stroke()?;
         let points = boolean.samples(&self.surface, other, is_sharp);
         if points.len() < PointSet::LEAST {
@@ -339,7 +339,7 @@ impl Workpiece {
     }
 
     /// Writes the densities into a frame for the tick. Cost: a copy of the region.
-    pub fn show(&self, frame: &mut Frame) {
+    pub(super) fn show(&self, frame: &mut Frame) {
         frame.sequence = self.updates;
         frame.base = self.base.clone();
         let now = self.region.dynamics.now();
@@ -350,7 +350,7 @@ impl Workpiece {
         }
     }
 
-    /// A frame of its own, such as a scene begins with. Allocates; [`Self::show`] fills it again.
+    /// A frame of its own, such as a scene begins with. Allocates; `show` fills it again.
     ///
     /// # Errors
     /// [`FrameError`], which no piece gives that could be made.

@@ -3,8 +3,7 @@
 
 use rtrb::{Consumer, Producer, PushError, RingBuffer};
 
-use crate::haptics::tuning::KnobRange;
-use crate::haptics::{Knob, Parameters, Tune};
+use crate::haptics::{Knob, KnobRange, Parameters, Tune};
 
 /// Tunes under way: a slider that somebody drags gives some tens a second, the loop takes one per tick.
 const RING_TUNES: usize = 64;
@@ -64,7 +63,7 @@ impl Tuner {
         self.ring.is_abandoned()
     }
 
-    /// Turns a knob, by its name. It gets there along a ramp, see [`tuning`](crate::haptics::tuning). Wait-free.
+    /// Turns a knob, by its name. It gets there along a ramp, see [`Tune`](crate::haptics::Tune). Wait-free.
     ///
     /// # Errors
     /// See [`TuneError`]; nothing changes then.

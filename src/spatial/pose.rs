@@ -7,7 +7,7 @@ use glam::{DMat3, DQuat, DVec3};
 /// A rigid transform, named `to_from_from`: maps coordinates of the right-hand frame to the left-hand one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pose {
-    /// Unit quaternion.
+    /// Turns components along the `from` axes into components along the `to` axes; a unit quaternion.
     pub rotation: DQuat,
     /// Origin of the `from` frame in the `to` frame, metres.
     pub translation: DVec3,

@@ -9,9 +9,9 @@ use super::Axes;
 /// Linear velocity of a reference point and angular velocity; the frame is named where it is declared.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Twist {
-    /// m/s
+    /// Velocity of the reference point, m/s.
     pub linear: DVec3,
-    /// rad/s
+    /// Angular velocity, rad/s.
     pub angular: DVec3,
 }
 
@@ -42,9 +42,9 @@ impl Sub for Twist {
 /// Force and torque; the frame and the reduction point are named where it is declared.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Wrench {
-    /// N
+    /// Force, N.
     pub force: DVec3,
-    /// N·m
+    /// Torque about the reduction point, N·m.
     pub torque: DVec3,
 }
 

@@ -4,6 +4,20 @@
 //! watches.
 //!
 //! Invariant: never calls into `servo`; everything but [`FlightRecorder::note`] runs on a normal thread.
+//!
+//! # Example
+//! ```
+//! use hapticd::telemetry::recording::Recording;
+//! use hapticd::telemetry::report::LabReport;
+//!
+//! let mut recording = Recording::open("tests/fixtures/block-on-plane.mcap".as_ref())?;
+//! let mut report = LabReport::new("block-on-plane.mcap".to_owned());
+//! while let Some(entry) = recording.next_entry()? {
+//!     report.take(&entry);
+//! }
+//! assert!(report.ticks() > 0 && report.page().contains("<svg"));
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 mod drain;
 mod flight;

@@ -9,7 +9,7 @@ use crate::spatial::Wrench;
 /// enter a tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct TickRecord {
-    /// Counts from 0.
+    /// Number of the tick, from 0.
     pub tick: u64,
     /// Which scene: 0 the first, one more after each swap.
     pub scene_idx: u32,
@@ -21,9 +21,9 @@ pub struct TickRecord {
     pub compute_ns: u64,
     /// Duration of reading from and writing to the arm together, ns.
     pub device_ns: u64,
-    /// What entered.
+    /// What entered the tick.
     pub input: TickInput,
-    /// What left.
+    /// What left the tick.
     pub output: TickOutput,
     /// What the motors made of the command (`rendered`): device axes, reduced at the grip point. Torque that the arm has no motors for is
     /// gone from it, and all of it is smaller where a motor was at its limit.

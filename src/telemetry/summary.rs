@@ -1,7 +1,5 @@
 //! What a run came to: latency histograms and extremes, and their JSON form.
 
-use core::time::Duration;
-
 use hdrhistogram::Histogram;
 use serde::Serialize;
 
@@ -112,7 +110,7 @@ impl Summary {
     }
 
     /// Records so far.
-    pub fn ticks(&self) -> u64 {
+    pub(super) fn ticks(&self) -> u64 {
         self.n_ticks
     }
 
@@ -168,7 +166,7 @@ fn is_zero(value: &f64) -> bool {
 pub struct SwapSummary {
     /// Number of the scene; the first one, which took nobody's place, is 0.
     pub scene_idx: u32,
-    /// Its first tick.
+    /// Its first tick, counted from the start of the run.
     pub tick: u64,
     /// Loop time of that tick, s.
     pub at_s: f64,
@@ -179,7 +177,7 @@ pub struct SwapSummary {
 pub struct Counted {
     /// Ticks done.
     pub ticks: u64,
-    /// Configured rate.
+    /// Configured rate, Hz.
     pub rate_hz: u32,
     /// Name of the clock.
     pub clock: &'static str,
@@ -306,7 +304,7 @@ pub struct Totals {
     pub ticks: u64,
     /// Loop time from the first tick to the end of the last one, s.
     pub duration_s: f64,
-    /// Configured rate.
+    /// Configured rate, Hz.
     pub rate_hz: u32,
     /// `real` or `virtual`.
     pub clock: &'static str,
@@ -334,7 +332,7 @@ pub struct Totals {
     pub max_torque_nm: f64,
     /// What the motors made of it.
     pub rendered: Rendered,
-    /// Deepest penetration.
+    /// Deepest penetration, m; 0 without contact.
     pub max_depth_m: f64,
     /// Ticks with at least one contact.
     pub contact_ticks: u64,
@@ -358,13 +356,6 @@ pub struct Totals {
     pub realtime: RealtimeSummary,
     /// Tool in the world at the end.
     pub final_pose: NamedPose,
-}
-
-impl Totals {
-    /// The duration as a [`Duration`].
-    pub fn duration(&self) -> Duration {
-        Duration::try_from_secs_f64(self.duration_s).unwrap_or_default()
-    }
 }
 
 fn latency_histogram() -> Histogram<u64> {

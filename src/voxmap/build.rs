@@ -18,11 +18,11 @@ use crate::mesh::validate::MeshReport;
 /// What to build.
 #[derive(Clone, Copy, Debug)]
 pub struct Options {
-    /// s, m.
+    /// Voxel edge s, m.
     pub voxel_size_m: f64,
     /// Layers on each side, 1 to 126.
     pub layers: u32,
-    /// `None` takes [`Navigation::AUTO`].
+    /// How candidates are walked: `None` takes [`Navigation::AUTO`]. The result is the same.
     pub navigation: Option<Navigation>,
     /// How inside and outside are told.
     pub sides: SidesRule,
@@ -65,17 +65,17 @@ pub struct Timings {
 pub struct Voxmap {
     /// Surface voxels; those of lids too.
     pub surface: Surface,
-    /// Outside and inside.
+    /// Which of the cells without surface are outside.
     pub sides: Sides,
     /// Which way each triangle faces.
     pub orientation: Orientation,
-    /// Layer values.
+    /// Layer values of the cells near the surface.
     pub layers: Layers,
     /// How outside and inside were told.
     pub basis: SidesBasis,
     /// The fill of the mesh as it is did not leak.
     pub watertight: bool,
-    /// Where it leaked.
+    /// Where it leaked; `None`: it did not.
     pub leak: Option<Leak>,
     /// Share of the surface that is thinner than the voxels resolve.
     pub thin_share: f64,

@@ -30,7 +30,7 @@ pub struct MeshMeasures {
     /// Sum of the triangles' areas, m².
     pub area_m2: f64,
     /// Sum of the triangles' perimeters, m.
-    pub perimeter_m: f64,
+    perimeter_m: f64,
     /// Triangles.
     pub n_triangles: u64,
     /// Vertices.
@@ -38,7 +38,7 @@ pub struct MeshMeasures {
 }
 
 impl MeshMeasures {
-    /// Cost: O(triangles).
+    /// Measures a mesh. Cost: O(triangles).
     pub fn of(mesh: &TriangleMesh) -> Self {
         let (mut area_m2, mut perimeter_m) = (0.0, 0.0);
         for triangle_idx in 0..mesh.triangles.len() {
@@ -75,9 +75,9 @@ pub struct Estimate {
     /// Surface voxels.
     pub surface_voxels: u64,
     /// Pairs of a triangle and a voxel that it touches.
-    pub touching_pairs: u64,
+    touching_pairs: u64,
     /// Bricks that the band touches.
-    pub band_bricks: u64,
+    band_bricks: u64,
     /// Most bytes held at a time.
     pub peak_bytes: u64,
     /// Bytes held when the object is done: its field, its shell.

@@ -7,7 +7,7 @@
 
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::indexing_slicing)]
 
-pub mod chart;
+pub(crate) mod chart;
 mod file;
 mod gradient;
 
@@ -134,7 +134,7 @@ impl Field {
 
     /// Eight-corner interpolation of the distance at cell centres, m. RT: safe.
     #[inline]
-    pub fn trilinear(&self, cells: Vec3) -> f32 {
+    fn trilinear(&self, cells: Vec3) -> f32 {
         let lattice = cells - 0.5;
         let base = whole(lattice);
         let t = lattice - to_vec3(base);
@@ -152,7 +152,7 @@ impl Field {
         }
     }
 
-    /// Gradient of [`Self::trilinear`], m/m, map axes; zero where the field is uniform. RT: safe.
+    /// Gradient of [`FieldKind::Trilinear`], m/m, map axes; zero where the field is uniform. RT: safe.
     pub fn gradient(&self, cells: Vec3) -> Vec3 {
         let lattice = cells - 0.5;
         let base = whole(lattice);

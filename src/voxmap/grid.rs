@@ -121,7 +121,7 @@ pub struct Grid {
     pub origin_m: DVec3,
     /// Voxel edge s, m.
     pub voxel_size_m: f64,
-    /// Cells per axis.
+    /// Cells along x, y, z.
     pub dims: [u32; 3],
 }
 
@@ -176,7 +176,7 @@ impl Grid {
         self.dims.iter().map(|n| u64::from(*n)).product()
     }
 
-    /// Bricks per axis.
+    /// Bricks along x, y, z; the last may stick out of the box.
     pub fn brick_dims(&self) -> [u32; 3] {
         self.dims.map(|n| n.div_ceil(BRICK_EDGE as u32))
     }

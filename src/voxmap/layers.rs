@@ -23,7 +23,7 @@ pub const DEEP_INSIDE: u32 = u32::MAX - 1;
 /// Layer values, sparse: only bricks that the band touches are stored.
 #[derive(Debug)]
 pub struct Layers {
-    /// The grid.
+    /// The grid of the map.
     pub grid: Grid,
     /// `[n_bricks of the grid]`: slot in `bricks` and `values`, or [`FAR_OUTSIDE`], or [`DEEP_INSIDE`].
     pub top: Vec<u32>,

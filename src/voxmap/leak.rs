@@ -38,7 +38,7 @@ const N_SAMPLES: usize = 512;
 const CHUNK: usize = 1024;
 
 /// Surface with outside on both of its sides from which on the whole object counts as a thin skin.
-pub const MOSTLY_THIN: f64 = 0.5;
+pub(crate) const MOSTLY_THIN: f64 = 0.5;
 
 /// Places on the surface, spread evenly over its area and without chance.
 pub(super) struct FaceSamples<'a> {

@@ -29,7 +29,7 @@ impl Orientation {
 
     /// Probes both sides of every triangle. Where the mesh is consistently wound, the parts of a connected piece outvote those
     /// whose probe went astray in a groove or a thin rib. Cost: O(triangles).
-    pub fn judge(mesh: &TriangleMesh, report: &MeshReport, surface: &Surface, sides: &Sides) -> Self {
+    pub(super) fn judge(mesh: &TriangleMesh, report: &MeshReport, surface: &Surface, sides: &Sides) -> Self {
         let verdicts: Vec<i8> = (0..mesh.triangles.len())
             .into_par_iter()
             .map(|triangle_idx| {

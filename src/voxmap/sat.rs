@@ -17,11 +17,9 @@ use glam::DVec3;
 /// run, *in floating point too*: `a·c` is summed in a fixed order and IEEE multiplication and addition are monotone, so each
 /// axis accepts an interval, and an intersection of intervals is one. The two-sided navigation rests on this.
 #[derive(Clone, Copy, Debug)]
-pub struct TriangleSat {
+pub(crate) struct TriangleSat {
     /// Lowest and highest corner of the triangle, cells.
-    pub bounds: (DVec3, DVec3),
-    /// Triangle normal (not normalised), cells².
-    pub normal: DVec3,
+    pub(crate) bounds: (DVec3, DVec3),
     axes: [DVec3; 10],
     low: [f64; 10],
     high: [f64; 10],
@@ -29,7 +27,7 @@ pub struct TriangleSat {
 
 impl TriangleSat {
     /// Prepares a triangle given by its corners in cell coordinates. Cost: 10 axes, about 200 flops.
-    pub fn new(corners: &[DVec3; 3]) -> Self {
+    pub(crate) fn new(corners: &[DVec3; 3]) -> Self {
         let [v0, v1, v2] = *corners;
         let edges = [v1 - v0, v2 - v1, v0 - v2];
         let normal = edges[0].cross(edges[1]);
@@ -50,12 +48,12 @@ impl TriangleSat {
             low[idx] = projections[0].min(projections[1]).min(projections[2]) - half_width;
             high[idx] = projections[0].max(projections[1]).max(projections[2]) + half_width;
         }
-        Self { bounds: (v0.min(v1).min(v2), v0.max(v1).max(v2)), normal, axes, low, high }
+        Self { bounds: (v0.min(v1).min(v2), v0.max(v1).max(v2)), axes, low, high }
     }
 
     /// True when no axis separates the triangle from the voxel; stops at the first that does.
     #[inline]
-    pub fn hits(&self, cell: [i32; 3]) -> bool {
+    pub(crate) fn hits(&self, cell: [i32; 3]) -> bool {
         let lowest = DVec3::new(cell[0].into(), cell[1].into(), cell[2].into());
         let (triangle_low, triangle_high) = self.bounds;
         if (triangle_low.cmpgt(lowest + 1.0) | triangle_high.cmplt(lowest)).any() {

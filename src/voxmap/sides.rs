@@ -59,7 +59,7 @@ impl SidesBasis {
 /// A hole spoils the places from which it is seen large. Measured: spheres with a hole of a quarter of their radius are above this,
 /// the Stanford bunny, open at the bottom, has 99 %; a tube of three diameters, closed at one end, has 89 %, a cube without one
 /// of its faces 61 %, half a sphere 3 %.
-pub const CLEAR_SHARE: f64 = 0.95;
+const CLEAR_SHARE: f64 = 0.95;
 
 /// Inside and outside of one object, and how they were found.
 #[derive(Debug)]

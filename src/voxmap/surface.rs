@@ -1,4 +1,4 @@
-//! Which voxels does the surface touch? The set of [`TriangleSat::hits`] over all triangles, found column by column.
+//! Which voxels does the surface touch? The set of `TriangleSat::hits` over all triangles, found column by column.
 //!
 //! # Source
 //! Sagardia2008, section 3.1: two navigations through the candidates of a triangle, see [`Navigation`].
@@ -20,7 +20,7 @@ use crate::mesh::TriangleMesh;
 /// The voxels that the surface touches, sparse.
 #[derive(Debug)]
 pub struct Surface {
-    /// The grid.
+    /// The grid of the map.
     pub grid: Grid,
     /// Bricks that hold surface.
     index: BrickSet,
@@ -30,7 +30,7 @@ pub struct Surface {
     pub masks: Vec<Mask>,
     /// `[n_slots][8]`: surface voxels before this word of the brick's mask. More than 2³² do not fit; `build` refuses them.
     ranks: Vec<[u32; BRICK_EDGE]>,
-    /// Surface voxels.
+    /// Number of surface voxels.
     pub n_voxels: usize,
     /// SAT tests that the navigation spent: one for each voxel of a column that it asked about, however it was answered.
     pub sat_tests: u64,
@@ -162,7 +162,7 @@ impl Surface {
 /// Calls `visit` once for every voxel that the triangle touches; returns the number of SAT tests.
 ///
 /// `corners` in cell coordinates. Candidate ranges are closed intervals (touching counts), so the set of hits is that of
-/// [`TriangleSat::hits`] over the whole grid, whatever the navigation.
+/// `TriangleSat::hits` over the whole grid, whatever the navigation.
 pub fn visit_hits(corners: &[DVec3; 3], dims: [u32; 3], navigation: Navigation, mut visit: impl FnMut([i32; 3])) -> u64 {
     if navigation == Navigation::BruteForce {
         let sat = TriangleSat::new(corners);

@@ -12,7 +12,7 @@ use std::path::Path;
 use glam::DVec3;
 
 use self::arm::{arm_parameters, stability};
-pub use self::monitor::{FOXGLOVE_ACCEPTED, LISTEN_ACCEPTED, parse_foxglove, parse_listen};
+pub(crate) use self::monitor::{FOXGLOVE_ACCEPTED, LISTEN_ACCEPTED, parse_foxglove, parse_listen};
 use super::scene::{DeviceConfig, SceneConfig};
 use super::schema;
 use crate::device::attached::nodes::Selector;

@@ -12,10 +12,11 @@ use crate::document::Interval;
 const DEFAULT_LISTEN: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 7878);
 
 /// What `listen` and `--monitor` take.
-pub const LISTEN_ACCEPTED: &str = "an address with its port such as 127.0.0.1:7878, [::1]:7878 or localhost:7878, or \"off\"";
+pub(crate) const LISTEN_ACCEPTED: &str =
+    "an address with its port such as 127.0.0.1:7878, [::1]:7878 or localhost:7878, or \"off\"";
 
 /// Reads an address, or `off`. `None`: neither.
-pub fn parse_listen(text: &str) -> Option<Option<SocketAddr>> {
+pub(crate) fn parse_listen(text: &str) -> Option<Option<SocketAddr>> {
     if text == "off" {
         return Some(None);
     }
@@ -27,11 +28,11 @@ pub fn parse_listen(text: &str) -> Option<Option<SocketAddr>> {
 }
 
 /// What `foxglove` and `--foxglove` take.
-pub const FOXGLOVE_ACCEPTED: &str =
+pub(crate) const FOXGLOVE_ACCEPTED: &str =
     "an address that only this machine can reach, for the protocol carries no token, such as 127.0.0.1:8765, or \"off\"";
 
 /// Reads an address of this machine alone, or `off`. `None`: neither.
-pub fn parse_foxglove(text: &str) -> Option<Option<SocketAddr>> {
+pub(crate) fn parse_foxglove(text: &str) -> Option<Option<SocketAddr>> {
     parse_listen(text).filter(|listen| listen.is_none_or(|address| address.ip().is_loopback()))
 }
 

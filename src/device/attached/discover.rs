@@ -13,12 +13,12 @@ use crate::rt::finding::{Finding, Root};
 /// The shipped udev rules.
 pub const UDEV_RULES: &str = include_str!("../../../devices/udev/70-hapticd.rules");
 /// Name of their file.
-pub const UDEV_RULES_NAME: &str = "70-hapticd.rules";
+const UDEV_RULES_NAME: &str = "70-hapticd.rules";
 /// Where udev looks for rules, the first place first.
 const UDEV_FOLDERS: [&str; 4] = ["/etc/udev/rules.d", "/run/udev/rules.d", "/usr/lib/udev/rules.d", "/lib/udev/rules.d"];
 
 /// What to type to install the rules.
-pub const UDEV_ADVICE: &str = "hapticd doctor --udev-rules | sudo tee /etc/udev/rules.d/70-hapticd.rules && sudo udevadm control --reload && \
+const UDEV_ADVICE: &str = "hapticd doctor --udev-rules | sudo tee /etc/udev/rules.d/70-hapticd.rules && sudo udevadm control --reload && \
                                sudo udevadm trigger   # then unplug the arm and plug it in again";
 
 /// An arm that some profile describes.
@@ -72,7 +72,7 @@ pub fn scene_arm(profile: &Profile, is_attached: bool) -> Option<Finding> {
 /// A program that has a node open.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Holder {
-    /// Process.
+    /// Number of the process.
     pub pid: u32,
     /// Its name.
     pub name: String,

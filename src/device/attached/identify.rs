@@ -49,7 +49,7 @@ pub struct Record {
     /// Force that was written in the tick, N.
     pub forces_n: Vec<f64>,
     /// Position that was read in it before, m; `None`: nothing new had come.
-    pub ways_m: Vec<Option<f64>>,
+    pub(super) ways_m: Vec<Option<f64>>,
     /// Ticks from a force to the first sample that can show it, less the one that every arm takes.
     pub delay_ticks: usize,
 }
@@ -196,7 +196,7 @@ fn mean_and_spread(numbers: &[f64]) -> (f64, f64) {
 }
 
 /// What several trials of one axis say. `None`: in one of them it did not move, or nothing fits.
-pub fn made_of(records: &[Record], period_s: f64) -> Option<Made> {
+pub(super) fn made_of(records: &[Record], period_s: f64) -> Option<Made> {
     if !records.iter().all(has_moved) {
         return None;
     }

@@ -34,7 +34,7 @@ impl NodeKind {
 /// A node, and what the device behind it says of itself.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Node {
-    /// Kind.
+    /// What kind of node it is.
     pub kind: NodeKind,
     /// Path to open.
     pub path: PathBuf,
@@ -56,7 +56,7 @@ pub struct Node {
 
 impl Node {
     /// A path that the user gave, of which nothing else is known.
-    pub fn at(path: &Path) -> Self {
+    pub(in crate::device) fn at(path: &Path) -> Self {
         let is_hid = path.file_name().is_some_and(|name| name.to_string_lossy().starts_with("hidraw"));
         Self {
             kind: if is_hid { NodeKind::Hid } else { NodeKind::Serial },
@@ -191,7 +191,7 @@ impl fmt::Display for Selector {
 
 impl Selector {
     /// True for a node that it can mean.
-    pub fn means(&self, node: &Node) -> bool {
+    pub(super) fn means(&self, node: &Node) -> bool {
         match self {
             Self::Usb { vendor_id, product_id, serial } => {
                 (node.vendor_id, node.product_id) == (*vendor_id, *product_id)
@@ -205,7 +205,7 @@ impl Selector {
 impl Match {
     /// True for a node that can be this arm: everything that is given has to fit. An arm of which neither numbers nor a stable name are given is no
     /// node by itself; the user has to name it.
-    pub fn admits(&self, node: &Node) -> bool {
+    pub(in crate::device) fn admits(&self, node: &Node) -> bool {
         let numbers = self.ids.is_empty() || self.ids.iter().any(|id| (id.vendor, id.product) == (node.vendor_id, node.product_id));
         let is_named = !self.ids.is_empty() || self.by_id.is_some();
         is_named
@@ -220,7 +220,7 @@ impl Match {
     }
 
     /// True for a node of the right kind and interface, whoever made it.
-    pub fn has_form_of(&self, node: &Node) -> bool {
+    pub(super) fn has_form_of(&self, node: &Node) -> bool {
         let kind = match self.transport {
             TransportKind::Hid => NodeKind::Hid,
             TransportKind::Serial => NodeKind::Serial,

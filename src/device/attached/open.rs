@@ -134,11 +134,11 @@ pub enum LinkNews {
 
 /// An arm that was opened.
 pub struct Opened {
-    /// The driver.
+    /// The driver, ready for the loop.
     pub arm: WiredArm,
-    /// The node.
+    /// The device node that it was opened at.
     pub path: PathBuf,
-    /// What becomes of it.
+    /// What becomes of the link: lost, back, too late.
     pub news: Receiver<LinkNews>,
 }
 
@@ -197,7 +197,7 @@ pub(in crate::device) fn open_way(
 }
 
 /// What the driver is told of a profile.
-pub fn wired_parameters(profile: &Profile, real: &RealArm, period_s: f64, io: IoPlacement) -> WiredParameters {
+pub(in crate::device) fn wired_parameters(profile: &Profile, real: &RealArm, period_s: f64, io: IoPlacement) -> WiredParameters {
     WiredParameters {
         kinematics: real.kinematics,
         transmission: real.transmission,

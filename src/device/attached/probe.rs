@@ -36,7 +36,7 @@ const WATCHDOG_SHARE: f64 = 0.75;
 const SHAKE_N: f64 = 0.35;
 const SHAKE_S: f64 = 3.0;
 /// How often, and how long it rests before, s.
-pub const SHAKES: usize = 4;
+const SHAKES: usize = 4;
 const REST_S: f64 = 0.5;
 /// Frequencies that it is shaken with, Hz: from where viscosity counts, but a light arm stays within its reach, to where mass does.
 const SHAKE_HZ: [f64; 4] = [1.7, 3.1, 5.3, 9.7];
@@ -94,7 +94,7 @@ impl Push {
 /// Time and a way out of a trial.
 #[derive(Debug)]
 pub struct Trial<'a, C> {
-    /// The clock.
+    /// What keeps the rate.
     pub clock: C,
     /// One tick, s.
     pub period_s: f64,
@@ -288,7 +288,7 @@ impl<C> Drop for Bench<'_, '_, C> {
 ///
 /// # Errors
 /// The arm was lost, or somebody asked for an end; `answers` holds what came until then.
-pub fn listen(
+pub(in crate::device) fn listen(
     device: &mut dyn Device,
     trial: &mut Trial<'_, impl Clock>,
     duration: Duration,
@@ -362,7 +362,7 @@ pub fn round_trips(device: &mut dyn Device, trial: &mut Trial<'_, impl Clock>, d
 ///
 /// # Errors
 /// The trial ended before its time; `signs` holds the axes that were pushed until then.
-pub fn check_signs(
+pub(in crate::device) fn check_signs(
     device: &mut dyn Device,
     trial: &mut Trial<'_, impl Clock>,
     push: &Push,
@@ -410,7 +410,11 @@ pub fn check_signs(
 ///
 /// # Errors
 /// The trial ended before its time; `made` holds the axes that were shaken until then.
-pub fn identify(device: &mut dyn Device, trial: &mut Trial<'_, impl Clock>, made: &mut [Option<Made>; 3]) -> Result<(), Ended> {
+pub(in crate::device) fn identify(
+    device: &mut dyn Device,
+    trial: &mut Trial<'_, impl Clock>,
+    made: &mut [Option<Made>; 3],
+) -> Result<(), Ended> {
     let mut records: [Vec<Record>; 3] = Default::default();
     let ended = shake_all(device, trial, &mut records);
     // Only now: a fit takes longer than the watchdog of some arms waits.

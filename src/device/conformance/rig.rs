@@ -10,8 +10,9 @@ use rtrb::{Consumer, Producer, RingBuffer};
 
 use crate::device::attached::open::wired_parameters;
 use crate::device::kinematics::{Configuration, Kinematics};
+use crate::device::mock::MockArm;
+use crate::device::mock::linkage::Linkage;
 use crate::device::mock::profiled::{self, MockSettings};
-use crate::device::mock::{Linkage, MockArm};
 use crate::device::profile::{self, Profile, RealArm};
 use crate::device::protocol::{MAX_AXES, Protocol};
 use crate::device::simulated::fault;

@@ -17,24 +17,24 @@ use crate::spatial::{Pose, Twist};
 
 /// Geometry of a serial capstan arm.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Capstan {
+pub(in crate::device) struct Capstan {
     /// Lengths La (height of the shoulder), Lb, Lc, m.
-    pub length_m: [f64; 3],
+    pub(in crate::device) length_m: [f64; 3],
     /// Centre of the workspace, m: the native origin.
-    pub origin_m: DVec3,
+    pub(in crate::device) origin_m: DVec3,
     /// Wrist; `None`: orientation is not sensed.
-    pub gimbal: Option<Gimbal>,
+    pub(in crate::device) gimbal: Option<Gimbal>,
     /// Gravity of the links is compensated when given.
-    pub links: Option<CapstanLinks>,
+    pub(in crate::device) links: Option<CapstanLinks>,
 }
 
 /// Masses of the two links.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct CapstanLinks {
+pub(in crate::device) struct CapstanLinks {
     /// Of B and C, kg.
-    pub mass_kg: [f64; 2],
+    pub(in crate::device) mass_kg: [f64; 2],
     /// Distance of the centre of mass from the joint, m.
-    pub center_m: [f64; 2],
+    pub(in crate::device) center_m: [f64; 2],
 }
 
 impl Capstan {

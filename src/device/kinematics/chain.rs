@@ -11,26 +11,26 @@ use crate::spatial::{Pose, Twist};
 
 /// One joint, and the link that it carries.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct ChainJoint {
+pub(in crate::device) struct ChainJoint {
     /// Unit axis at zero angles, native axes.
-    pub axis: DVec3,
+    pub(in crate::device) axis: DVec3,
     /// A point on the axis at zero angles, m, native frame.
-    pub point_m: DVec3,
+    pub(in crate::device) point_m: DVec3,
     /// The joint slides along its axis instead of turning about it.
-    pub slides: bool,
+    pub(in crate::device) slides: bool,
     /// Mass that moves with this joint and not with the next, kg; 0: no gravity compensation for it.
-    pub mass_kg: f64,
+    pub(in crate::device) mass_kg: f64,
     /// Its centre at zero angles, m, native frame.
-    pub center_m: DVec3,
+    pub(in crate::device) center_m: DVec3,
     /// Damping that is added to the motor's torque, N·m·s/rad.
-    pub damping_nm_s_per_rad: f64,
+    pub(in crate::device) damping_nm_s_per_rad: f64,
     /// Angle near the middle of the workspace.
-    pub home_rad: f64,
+    pub(in crate::device) home_rad: f64,
 }
 
 /// A chain of joints from the base to the grip.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Chain {
+pub(in crate::device) struct Chain {
     /// `[MAX_AXES]`, the first `n` of them in use.
     joints: [ChainJoint; MAX_AXES],
     n: usize,
@@ -43,14 +43,14 @@ pub struct Chain {
 impl Chain {
     /// A chain of these joints; `None` when they are more than [`MAX_AXES`]. The pose of the grip is that at zero angles. `gravity_native`
     /// points down, in m/s²; zero compensates nothing.
-    pub fn new(joints: &[ChainJoint], native_from_grip_at_zero: Pose, gravity_native: DVec3) -> Option<Self> {
+    pub(in crate::device) fn new(joints: &[ChainJoint], native_from_grip_at_zero: Pose, gravity_native: DVec3) -> Option<Self> {
         let mut chain = Self { native_from_grip_at_zero, gravity_native, n: joints.len(), ..Self::default() };
         chain.joints.get_mut(..joints.len())?.copy_from_slice(joints);
         Some(chain)
     }
 
     /// How many joints.
-    pub fn n_joints(&self) -> usize {
+    pub(in crate::device) fn n_joints(&self) -> usize {
         self.n
     }
 

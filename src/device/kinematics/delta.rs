@@ -22,21 +22,21 @@ const START: DVec3 = DVec3::new(0.0, 0.0, 0.11);
 
 /// Geometry of the delta, with the letters of the reference.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Delta {
+pub(in crate::device) struct Delta {
     /// a: driven link, m.
-    pub driven_m: f64,
+    pub(in crate::device) driven_m: f64,
     /// b: parallelogram, m.
-    pub rod_m: f64,
+    pub(in crate::device) rod_m: f64,
     /// c, d, e, f: offsets of the links, m.
-    pub offsets_m: [f64; 4],
+    pub(in crate::device) offsets_m: [f64; 4],
     /// r: distance of a shoulder from the axis, m.
-    pub radius_m: f64,
+    pub(in crate::device) radius_m: f64,
     /// s: offset of a shoulder across its leg, m.
-    pub shift_m: f64,
+    pub(in crate::device) shift_m: f64,
     /// φ of the three legs, rad.
-    pub azimuth_rad: [f64; 3],
+    pub(in crate::device) azimuth_rad: [f64; 3],
     /// Centre of the workspace, m: the native origin.
-    pub origin_m: DVec3,
+    pub(in crate::device) origin_m: DVec3,
 }
 
 /// A leg at a position.

@@ -20,24 +20,24 @@ pub(super) const MEETING_SINE_MIN: f64 = 1e-3;
 
 /// Geometry of the five-link.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct FiveLink {
+pub(in crate::device) struct FiveLink {
     /// L0 to L5, m.
-    pub length_m: [f64; 6],
+    pub(in crate::device) length_m: [f64; 6],
     /// Centre of the workspace, m: the native origin.
-    pub origin_m: DVec3,
+    pub(in crate::device) origin_m: DVec3,
     /// Wrist; `None`: orientation is not sensed.
-    pub gimbal: Option<Gimbal>,
+    pub(in crate::device) gimbal: Option<Gimbal>,
     /// Gravity of the links is compensated when given: link 1 on crank 2, link 2 on crank 3, link 3 from B to C, and the bar from A to E.
-    pub links: Option<[PlaneLink; 4]>,
+    pub(in crate::device) links: Option<[PlaneLink; 4]>,
 }
 
 /// Mass of a link in the plane of the arm.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct PlaneLink {
+pub(in crate::device) struct PlaneLink {
     /// kg
-    pub mass_kg: f64,
+    pub(in crate::device) mass_kg: f64,
     /// Its centre of mass along and across the link, from the joint that it turns about, m.
-    pub center_m: [f64; 2],
+    pub(in crate::device) center_m: [f64; 2],
 }
 
 /// The loop in its plane: X radial, Y of the vectors is up.

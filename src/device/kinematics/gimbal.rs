@@ -15,7 +15,7 @@ use crate::spatial::Twist;
 
 /// About which axis of the last link the first wrist joint turns.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Gimbal {
+pub(in crate::device) enum Gimbal {
     /// x, along the link: Polhem.
     #[default]
     Roll,

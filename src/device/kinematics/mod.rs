@@ -19,53 +19,53 @@
 //! | [`plain`] | arms that report a pose, one axis, or rates |
 //! | `inverse` | joint angles of a pose |
 
-pub mod capstan;
-pub mod chain;
-pub mod delta;
-pub mod five_link;
-pub mod gimbal;
+mod capstan;
+mod chain;
+mod delta;
+mod five_link;
+mod gimbal;
 mod inverse;
-pub mod pantograph;
-pub mod plain;
+mod pantograph;
+mod plain;
 
 #[cfg(test)]
 mod tests;
 
-pub use capstan::Capstan;
-pub use chain::{Chain, ChainJoint};
-pub use delta::Delta;
-pub use five_link::FiveLink;
-pub use gimbal::Gimbal;
-pub use pantograph::Pantograph;
-pub use plain::{OneAxis, Rate};
+pub(super) use capstan::{Capstan, CapstanLinks};
+pub(super) use chain::{Chain, ChainJoint};
+pub(super) use delta::Delta;
+pub(super) use five_link::{FiveLink, PlaneLink};
+pub(super) use gimbal::Gimbal;
+pub(super) use pantograph::Pantograph;
+pub(super) use plain::{OneAxis, Rate};
 
 use super::protocol::MAX_AXES;
 use crate::spatial::{Axes, Pose, Twist, Wrench};
 
 /// Standard gravity for compensation torques, m/s².
-pub const GRAVITY_M_PER_S2: f64 = 9.81;
+pub(super) const GRAVITY_M_PER_S2: f64 = 9.81;
 
 /// Where the grip is, and how each joint moves it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Configuration {
+pub(super) struct Configuration {
     /// Grip in the native frame. The orientation of an arm that senses none is the identity.
-    pub native_from_grip: Pose,
+    pub(super) native_from_grip: Pose,
     /// Motion of the grip point per unit rate of each joint, native axes: columns of J.
-    pub columns: [Twist; MAX_AXES],
+    pub(super) columns: [Twist; MAX_AXES],
 }
 
 impl Configuration {
     /// Joint torques that hold a wrench: τ = JᵀW. `wrench_native`: native axes, reduced at the grip point.
     ///
     /// RT: safe.
-    pub fn torques(&self, wrench_native: &Wrench) -> [f64; MAX_AXES] {
+    pub(super) fn torques(&self, wrench_native: &Wrench) -> [f64; MAX_AXES] {
         self.columns.map(|column| wrench_native.power(column))
     }
 
     /// Motion of the grip at joint rates: J·θ̇, native axes, of the grip point.
     ///
     /// RT: safe.
-    pub fn twist(&self, rates: &[f64; MAX_AXES]) -> Twist {
+    pub(super) fn twist(&self, rates: &[f64; MAX_AXES]) -> Twist {
         let mut twist = Twist::ZERO;
         for (column, rate) in self.columns.iter().zip(rates) {
             twist.linear += column.linear * *rate;
@@ -82,7 +82,7 @@ impl Configuration {
 /// How the joints of an arm move its grip.
 #[expect(clippy::large_enum_variant, reason = "there is one for each arm, and the loop takes it as it is, without a heap")]
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub enum Kinematics {
+pub(super) enum Kinematics {
     /// The arm reports the pose of its grip and takes a wrench: readings x, y, z in m and the orientation x, y, z, w; commands force in N, then
     /// torque in N·m; rates, where it sends them, linear and angular velocity.
     #[default]
@@ -105,7 +105,7 @@ pub enum Kinematics {
 
 impl Kinematics {
     /// Entries of the joint array that mean something: those of a pose are seven.
-    pub fn n_joints(&self) -> usize {
+    pub(super) fn n_joints(&self) -> usize {
         match self {
             Self::Cartesian => 7,
             Self::Capstan(arm) => 3 + 3 * usize::from(arm.gimbal.is_some()),
@@ -119,7 +119,7 @@ impl Kinematics {
     }
 
     /// Native axes of the pose that the joints determine. A chain of fewer than six joints is taken by its position.
-    pub fn axes(&self) -> Axes {
+    pub(super) fn axes(&self) -> Axes {
         let axis = |name| Axes::from_name(name).unwrap_or_default();
         match self {
             Self::Cartesian => Axes::SIX,
@@ -137,7 +137,7 @@ impl Kinematics {
     /// columns grow without bound, or a joint is not a number. `near`: the configuration of the tick before; only searches use it.
     ///
     /// RT: safe; the delta makes at most ten steps, the rest is in closed form.
-    pub fn solve(&self, joints: &[f64; MAX_AXES], near: &Configuration) -> Option<Configuration> {
+    pub(super) fn solve(&self, joints: &[f64; MAX_AXES], near: &Configuration) -> Option<Configuration> {
         if !joints.iter().take(self.n_joints()).all(|joint| joint.is_finite()) {
             return None;
         }
@@ -157,7 +157,7 @@ impl Kinematics {
     /// Motion that a rate input asks for, native axes; `None` for arms that report where they are.
     ///
     /// RT: safe.
-    pub fn rate_twist(&self, joints: &[f64; MAX_AXES]) -> Option<Twist> {
+    pub(super) fn rate_twist(&self, joints: &[f64; MAX_AXES]) -> Option<Twist> {
         match self {
             Self::Rate(rate) => Some(rate.twist(joints)),
             _ => None,
@@ -168,7 +168,7 @@ impl Kinematics {
     /// the common scaling of the motors, but not in the rendered wrench. Zero where a number is not finite.
     ///
     /// RT: safe.
-    pub fn extra_torques(&self, joints: &[f64; MAX_AXES], rates: &[f64; MAX_AXES]) -> [f64; MAX_AXES] {
+    pub(super) fn extra_torques(&self, joints: &[f64; MAX_AXES], rates: &[f64; MAX_AXES]) -> [f64; MAX_AXES] {
         let torques_nm = match self {
             Self::Capstan(arm) => arm.gravity_torques(joints),
             Self::FiveLink(arm) => arm.gravity_torques(joints),
@@ -182,7 +182,7 @@ impl Kinematics {
     /// a rate input.
     ///
     /// Cold: up to a few hundred configurations are tried.
-    pub fn inverse(&self, native_from_grip: &Pose, near: &[f64; MAX_AXES]) -> Option<[f64; MAX_AXES]> {
+    pub(super) fn inverse(&self, native_from_grip: &Pose, near: &[f64; MAX_AXES]) -> Option<[f64; MAX_AXES]> {
         if !native_from_grip.is_finite() {
             return None;
         }
@@ -190,7 +190,7 @@ impl Kinematics {
     }
 
     /// What a rate input reports at this motion: the inverse of [`Self::rate_twist`].
-    pub fn rate_joints(&self, twist_native: &Twist) -> Option<[f64; MAX_AXES]> {
+    pub(super) fn rate_joints(&self, twist_native: &Twist) -> Option<[f64; MAX_AXES]> {
         match self {
             Self::Rate(rate) => Some(rate.joints(twist_native)),
             _ => None,
@@ -198,7 +198,7 @@ impl Kinematics {
     }
 
     /// Joint angles with the grip at the native origin, the centre of the workspace, or as close as the arm is described to come.
-    pub fn home(&self) -> [f64; MAX_AXES] {
+    pub(super) fn home(&self) -> [f64; MAX_AXES] {
         inverse::home(self)
     }
 }

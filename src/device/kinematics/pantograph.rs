@@ -13,15 +13,15 @@ use crate::spatial::Pose;
 
 /// Geometry of the five-bar.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Pantograph {
+pub(in crate::device) struct Pantograph {
     /// Driven arm l, m.
-    pub inner_m: f64,
+    pub(in crate::device) inner_m: f64,
     /// Outer arm L, m.
-    pub outer_m: f64,
+    pub(in crate::device) outer_m: f64,
     /// Distance d of the motors, m; the second is at +x of the first.
-    pub distance_m: f64,
+    pub(in crate::device) distance_m: f64,
     /// Centre of the workspace as seen from the first motor, m: the native origin.
-    pub origin_m: DVec2,
+    pub(in crate::device) origin_m: DVec2,
 }
 
 impl Pantograph {

@@ -25,9 +25,9 @@ pub(super) fn pose(joints: &[f64; MAX_AXES]) -> Option<Configuration> {
 
 /// A handle that moves along the native x axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct OneAxis {
+pub(in crate::device) struct OneAxis {
     /// Way of the handle per radian of the joint, m; 1 for a joint whose reading is a way in m.
-    pub m_per_rad: f64,
+    pub(in crate::device) m_per_rad: f64,
 }
 
 impl OneAxis {
@@ -43,15 +43,15 @@ impl OneAxis {
 
 /// A rate input: readings x, y, z, rx, ry, rz, which say how fast and not where.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Rate {
+pub(in crate::device) struct Rate {
     /// Reading at full deflection.
-    pub full_scale: f64,
+    pub(in crate::device) full_scale: f64,
     /// Readings up to this mean rest; above it they start from zero.
-    pub dead_band: f64,
+    pub(in crate::device) dead_band: f64,
     /// Speed at full deflection, m/s.
-    pub linear_m_per_s: f64,
+    pub(in crate::device) linear_m_per_s: f64,
     /// Angular speed at full deflection, rad/s.
-    pub angular_rad_per_s: f64,
+    pub(in crate::device) angular_rad_per_s: f64,
 }
 
 impl Rate {

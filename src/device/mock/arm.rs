@@ -13,35 +13,35 @@ use crate::device::simulated::dice::Dice;
 use crate::device::simulated::fault::{FaultKind, FaultPlan, JUMP_M};
 use crate::device::simulated::{GripPlant, HandParameters, SimError, saturated};
 use crate::device::transmission::Transmission;
-use crate::spatial::{Axes, Pose, Wrench};
+use crate::spatial::{Axes, Wrench};
 
 /// What a mock arm is made of.
 #[derive(Clone, Debug)]
 pub struct MockParameters {
     /// Joint angles to grip.
-    pub kinematics: Kinematics,
+    pub(in crate::device) kinematics: Kinematics,
     /// Readings to joint angles, torques to commands.
-    pub transmission: Transmission,
+    pub(in crate::device) transmission: Transmission,
     /// From the frame of the kinematics to the device frame.
-    pub device_from_native: DQuat,
+    pub(in crate::device) device_from_native: DQuat,
     /// Axes that move.
-    pub sensed: Axes,
+    pub(in crate::device) sensed: Axes,
     /// Axes with a motor.
-    pub actuated: Axes,
+    pub(in crate::device) actuated: Axes,
     /// The grip.
-    pub plant: Plant,
+    pub(in crate::device) plant: Plant,
     /// The hand; its path counts from where the grip rests at the start. `None`: nobody holds it.
-    pub hand: Option<HandParameters>,
+    pub(in crate::device) hand: Option<HandParameters>,
     /// How long the hand waits where its path begins, from the host's first frame on, s.
-    pub hand_delay_s: f64,
+    pub(in crate::device) hand_delay_s: f64,
     /// One period, s.
     pub period_s: f64,
     /// Limits that a saturating motor falls short of: N and N·m.
-    pub limits: (f64, f64),
+    pub(in crate::device) limits: (f64, f64),
     /// What goes wrong, as written and as read. Its time begins with the host's first frame.
-    pub faults: Vec<(String, FaultPlan)>,
+    pub(in crate::device) faults: Vec<(String, FaultPlan)>,
     /// Seed of everything random.
-    pub seed: u64,
+    pub(in crate::device) seed: u64,
 }
 
 /// The mock arm.
@@ -98,17 +98,20 @@ impl MockArm {
     }
 
     /// True grip pose, `device_from_grip`.
-    pub fn pose(&self) -> Pose {
+    #[cfg(test)]
+    pub(in crate::device) fn pose(&self) -> crate::spatial::Pose {
         self.plant.pose()
     }
 
     /// What its encoders say, not yet cut to the wire.
-    pub fn readings(&self) -> &ArmReadings {
+    #[cfg(test)]
+    pub(in crate::device) fn readings(&self) -> &ArmReadings {
         &self.readings
     }
 
     /// What the firmware drives the motors with now, as in [`Firmware::motors`].
-    pub fn motors(&self) -> [f64; MAX_AXES] {
+    #[cfg(test)]
+    pub(in crate::device) fn motors(&self) -> [f64; MAX_AXES] {
         self.firmware.motors()
     }
 
@@ -123,12 +126,12 @@ impl MockArm {
     }
 
     /// True while the plug is out.
-    pub fn is_unplugged(&self, now_s: f64) -> bool {
+    pub(super) fn is_unplugged(&self, now_s: f64) -> bool {
         self.has(now_s, |kind| *kind == FaultKind::Unplug).is_some()
     }
 
     /// Takes bytes of the host.
-    pub fn receive(&mut self, bytes: &[u8], now_s: f64) {
+    pub(in crate::device) fn receive(&mut self, bytes: &[u8], now_s: f64) {
         self.first_frame_s.get_or_insert(now_s);
         self.tally.frame(bytes.len(), now_s, self.parameters.period_s);
         self.skip(now_s, |firmware, readings, lost| firmware.receive(bytes, now_s, readings, lost));
@@ -137,7 +140,7 @@ impl MockArm {
     }
 
     /// One period of the plant and of the firmware, which ends at `now_s`.
-    pub fn advance(&mut self, now_s: f64) {
+    pub(in crate::device) fn advance(&mut self, now_s: f64) {
         let MockParameters { period_s, limits, .. } = self.parameters;
         let time_s = self.time_s(now_s);
 
@@ -229,24 +232,24 @@ impl MockArm {
     }
 
     /// The next frame that is due, if any.
-    pub fn next_frame(&mut self, now_s: f64) -> Option<Vec<u8>> {
+    pub(in crate::device) fn next_frame(&mut self, now_s: f64) -> Option<Vec<u8>> {
         let is_due = self.outgoing.front().is_some_and(|(due_s, _)| *due_s <= now_s);
         if is_due { self.outgoing.pop_front().map(|(_, frame)| frame) } else { None }
     }
 
     /// When the next frame is due.
-    pub fn next_due_s(&self) -> Option<f64> {
+    pub(super) fn next_due_s(&self) -> Option<f64> {
         self.outgoing.front().map(|(due_s, _)| *due_s)
     }
 
     /// Forgets what was not sent: the plug is out.
-    pub fn discard(&mut self) {
+    pub(super) fn discard(&mut self) {
         self.tally.report.frames_lost += self.outgoing.len() as u64;
         self.outgoing.clear();
     }
 
     /// Counts a frame that the link took, or did not.
-    pub fn sent(&mut self, was_taken: bool) {
+    pub(in crate::device) fn sent(&mut self, was_taken: bool) {
         if was_taken {
             self.tally.report.frames_sent += 1;
         } else {
@@ -255,7 +258,7 @@ impl MockArm {
     }
 
     /// Counts a period that began late.
-    pub fn late(&mut self) {
+    pub(in crate::device) fn late(&mut self) {
         self.tally.report.late_periods += 1;
     }
 

@@ -4,6 +4,7 @@ use core::time::Duration;
 use std::io;
 use std::path::PathBuf;
 
+#[cfg(test)]
 use crate::device::transport::{LoopbackEnd, Transport};
 
 /// Why the arm's end cannot be made.
@@ -57,10 +58,12 @@ pub trait ArmLink {
     fn is_host_gone(&self) -> bool;
 }
 
-/// The arm's end of a link in memory; the host's is a [`Transport`].
+/// The arm's end of a link in memory; the host's is a transport.
+#[cfg(test)]
 #[derive(Debug)]
-pub struct Loopback(pub LoopbackEnd);
+pub(super) struct Loopback(pub LoopbackEnd);
 
+#[cfg(test)]
 impl ArmLink for Loopback {
     fn wait(&mut self, timeout: Duration) {
         std::thread::sleep(timeout.min(Duration::from_micros(100)));

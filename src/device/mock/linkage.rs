@@ -12,7 +12,7 @@ const RIDGE: f64 = 1e-10;
 
 /// The mechanics of an arm, seen from its board.
 #[derive(Clone, Debug)]
-pub struct Linkage {
+pub(in crate::device) struct Linkage {
     kinematics: Kinematics,
     transmission: Transmission,
     device_from_native: DQuat,
@@ -24,21 +24,26 @@ pub struct Linkage {
 
 impl Linkage {
     /// At rest at its home pose. `device_from_native`: from the frame of the kinematics.
-    pub fn new(kinematics: Kinematics, transmission: Transmission, device_from_native: DQuat, actuated: Axes) -> Self {
+    pub(in crate::device) fn new(
+        kinematics: Kinematics,
+        transmission: Transmission,
+        device_from_native: DQuat,
+        actuated: Axes,
+    ) -> Self {
         let joints = kinematics.home();
         let configuration = kinematics.solve(&joints, &Configuration::default()).unwrap_or_default();
         Self { kinematics, transmission, device_from_native, actuated, joints, joint_rates: [0.0; MAX_AXES], configuration }
     }
 
     /// Where the grip is, `device_from_grip`, in the device frame.
-    pub fn pose(&self) -> Pose {
+    pub(in crate::device) fn pose(&self) -> Pose {
         let native = self.configuration.native_from_grip;
         let turned = self.device_from_native * native.rotation * self.device_from_native.conjugate();
         Pose::new(turned.normalize(), self.device_from_native * native.translation)
     }
 
     /// Moves the joints to where the grip is after a period; they stay where they are when it is out of reach.
-    pub fn follow(&mut self, device_from_grip: Pose, twist: Twist, period_s: f64) {
+    pub(in crate::device) fn follow(&mut self, device_from_grip: Pose, twist: Twist, period_s: f64) {
         let back = self.device_from_native.conjugate();
         let native = Pose::new(
             (back * device_from_grip.rotation * self.device_from_native).normalize(),
@@ -67,7 +72,7 @@ impl Linkage {
     }
 
     /// What the encoders say.
-    pub fn readings(&self) -> ArmReadings {
+    pub(in crate::device) fn readings(&self) -> ArmReadings {
         ArmReadings {
             readings: self.transmission.readings(&self.joints),
             rates: self.transmission.reading_rates(&self.joint_rates),
@@ -78,7 +83,7 @@ impl Linkage {
 
     /// What the motors do to the grip: device axes, at the grip point. The plant knows no weight, so what a command holds against the weight of the
     /// links is taken off; without a command there is nothing.
-    pub fn wrench(&self, motors: &[f64; MAX_AXES]) -> Wrench {
+    pub(in crate::device) fn wrench(&self, motors: &[f64; MAX_AXES]) -> Wrench {
         if motors.iter().all(|motor| *motor == 0.0) {
             return Wrench::ZERO;
         }

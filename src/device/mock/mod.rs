@@ -11,29 +11,28 @@
 //!
 //! | file | owns |
 //! |---|---|
-//! | [`arm`] | plant, firmware and faults, period by period |
-//! | [`linkage`] | grip pose into readings, motors into a wrench |
+//! | `arm` | plant, firmware and faults, period by period |
+//! | `linkage` | grip pose into readings, motors into a wrench |
 //! | [`profiled`] | a mock arm from a profile |
-//! | [`tally`] | what it felt |
-//! | [`link`] | the arm's end of a link; the one in memory |
+//! | `tally` | what it felt |
+//! | `link` | the arm's end of a link; the one in memory, for tests |
 //! | [`pty`] | a pseudo-terminal |
 //! | [`uhid`] | a HID device of the kernel's making |
 //! | [`gadget`] | a node that exists: the arm's end of a USB gadget |
 //! | [`serve`] | the real clock |
 
-pub mod arm;
+mod arm;
 pub mod gadget;
-pub mod link;
-pub mod linkage;
+mod link;
+pub(in crate::device) mod linkage;
 pub mod profiled;
 pub mod pty;
 pub mod serve;
-pub mod tally;
+mod tally;
 #[cfg(test)]
 mod tests;
 pub mod uhid;
 
 pub use arm::{MockArm, MockParameters};
 pub use link::{ArmLink, LinkError};
-pub use linkage::Linkage;
-pub use tally::MockReport;
+pub use tally::{FaultReport, MockReport, NamedWrench};

@@ -20,7 +20,7 @@ pub struct Serving {
     pub until_host_gone: bool,
 }
 
-/// Why it ended.
+/// Why serving ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ended {
     /// It was told to.

@@ -13,7 +13,7 @@ const NO_TORQUE_NM: f64 = 5e-4;
 /// What came of one injected fault. Ticks are periods of the arm.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct FaultReport {
-    /// As asked for.
+    /// The fault, as it was asked for.
     pub fault: String,
     /// When it began, s of the arm's time.
     pub began_s: f64,

@@ -48,7 +48,7 @@ pub struct HidIdentity {
 
 /// Report descriptor of vendor-defined reports: usage page and usage; the ID, where reports are numbered, and the bytes beside it, arm to host and host
 /// to arm.
-pub fn vendor_descriptor(usage: (u16, u16), input: (Option<u8>, usize), output: (Option<u8>, usize)) -> Vec<u8> {
+pub(super) fn vendor_descriptor(usage: (u16, u16), input: (Option<u8>, usize), output: (Option<u8>, usize)) -> Vec<u8> {
     let ([page_low, page_high], [usage_low, usage_high]) = (usage.0.to_le_bytes(), usage.1.to_le_bytes());
     let mut bytes = vec![0x06, page_low, page_high, 0x0A, usage_low, usage_high];
     bytes.extend([0xA1, 0x01, 0x75, 0x08, 0x15, 0x00, 0x26, 0xFF, 0x00]);
@@ -63,7 +63,7 @@ pub fn vendor_descriptor(usage: (u16, u16), input: (Option<u8>, usize), output: 
 }
 
 /// Report descriptor of a SpaceMouse whose translation and rotation come in one report.
-pub fn space_mouse_descriptor() -> Vec<u8> {
+pub(super) fn space_mouse_descriptor() -> Vec<u8> {
     let mut bytes =
         vec![0x05, 0x01, 0x09, 0x08, 0xA1, 0x01, 0x85, 0x01, 0x16, 0xA2, 0xFE, 0x26, 0x5E, 0x01, 0x75, 0x10, 0x95, 0x06];
     bytes.extend((0x30..=0x35).flat_map(|usage| [0x09, usage]));

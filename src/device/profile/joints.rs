@@ -7,10 +7,9 @@ use glam::{DQuat, DVec2, DVec3};
 use super::Profile;
 use super::written::{Geometry, GimbalWord, Joint as WrittenJoint, KinematicsWord, Written};
 use crate::device::Thermal;
-use crate::device::kinematics::capstan::CapstanLinks;
-use crate::device::kinematics::five_link::PlaneLink;
 use crate::device::kinematics::{
-    Capstan, Chain, ChainJoint, Delta, FiveLink, GRAVITY_M_PER_S2, Gimbal, Kinematics, OneAxis, Pantograph, Rate,
+    Capstan, CapstanLinks, Chain, ChainJoint, Delta, FiveLink, GRAVITY_M_PER_S2, Gimbal, Kinematics, OneAxis, Pantograph,
+    PlaneLink, Rate,
 };
 use crate::device::protocol::MAX_AXES;
 use crate::device::transmission::{Joint, Motor, Sensor, Transmission};

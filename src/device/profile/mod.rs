@@ -27,7 +27,8 @@ mod written;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-pub use real::{Check, Homing, HomingMode, Identified, Match, RealArm, Saturation, TransportKind, UsbId};
+pub(in crate::device) use real::{Check, Identified, Saturation};
+pub use real::{Homing, HomingMode, Match, RealArm, TransportKind, UsbId};
 
 use crate::device::Pacing;
 use crate::document::{ConfigErrors, Document, Problem, ProblemKind, nearest};

@@ -16,31 +16,38 @@ pub struct RealArm {
     /// Where it is plugged in.
     pub matching: Match,
     /// How its joints move the grip.
-    pub kinematics: Kinematics,
+    pub(in crate::device) kinematics: Kinematics,
     /// Readings into joints, joint torques into commands.
-    pub transmission: Transmission,
+    pub(in crate::device) transmission: Transmission,
     /// Turns native vectors into device vectors: a permutation of axes with signs.
-    pub device_from_native: DQuat,
+    pub(in crate::device) device_from_native: DQuat,
     /// How it finds its zero.
     pub homing: Homing,
     /// Somebody has checked on such an arm that every motor pushes the way its encoder counts. Without it force stays below 0.5 N.
-    pub signs_verified: bool,
+    pub(in crate::device) signs_verified: bool,
     /// After its watchdog tripped, the next command does not enable the motors by itself.
-    pub watchdog_latched: bool,
+    pub(in crate::device) watchdog_latched: bool,
     /// What the arm does with a command that is too large.
-    pub saturates_by: Saturation,
+    pub(in crate::device) saturates_by: Saturation,
     /// Silence after which the arm is sent a frame that wakes it, ms; `None`: it needs none.
-    pub kick_ms: Option<u32>,
+    pub(in crate::device) kick_ms: Option<u32>,
     /// Heat of the motors, cold; a motor without a declared continuous command has no model.
-    pub thermal: Thermal,
+    pub(in crate::device) thermal: Thermal,
     /// Orientation is measured. Where it is not, it stays at its start value.
-    pub orientation_sensed: bool,
+    pub(in crate::device) orientation_sensed: bool,
     /// Button that has to be held for force, bit of the button word; `None`: no such rule.
     pub deadman_button: Option<u8>,
     /// What was measured on this very arm; `None`: nothing yet.
-    pub identified: Option<Identified>,
+    pub(in crate::device) identified: Option<Identified>,
     /// Known answers.
-    pub checks: Vec<Check>,
+    pub(in crate::device) checks: Vec<Check>,
+}
+
+impl RealArm {
+    /// It says how fast it is pushed, not where it is: it has no place of its own.
+    pub fn is_rate_input(&self) -> bool {
+        matches!(self.kinematics, Kinematics::Rate(_))
+    }
 }
 
 /// How the bytes of an arm travel.
@@ -58,7 +65,7 @@ pub enum TransportKind {
 
 impl TransportKind {
     /// One report at a time, or a stream of bytes.
-    pub const fn carriage(self) -> Carriage {
+    pub(in crate::device) const fn carriage(self) -> Carriage {
         match self {
             Self::Hid => Carriage::Reports,
             Self::Serial | Self::Usb | Self::Socket => Carriage::Stream,
@@ -69,9 +76,9 @@ impl TransportKind {
 /// Vendor and product of a USB device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct UsbId {
-    /// Vendor.
+    /// Vendor number.
     pub vendor: u16,
-    /// Product.
+    /// Product number.
     pub product: u16,
 }
 
@@ -83,7 +90,7 @@ pub struct Match {
     /// Any of these; empty: the node has to be named by `by_id` or by the user.
     pub ids: Vec<UsbId>,
     /// HID usage page of the interface.
-    pub usage_page: Option<u16>,
+    pub(in crate::device) usage_page: Option<u16>,
     /// HID usage of the interface.
     pub usage: Option<u16>,
     /// USB interface number.
@@ -95,7 +102,7 @@ pub struct Match {
     /// Part of the stable name of a port under `/dev/serial/by-id`.
     pub by_id: Option<String>,
     /// Baud rate of a tty; a USB device ignores it.
-    pub baud: u32,
+    pub(in crate::device) baud: u32,
 }
 
 /// How an arm finds its zero.
@@ -125,7 +132,7 @@ pub struct Homing {
 
 /// What an arm does with a command above its limit.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Saturation {
+pub(in crate::device) enum Saturation {
     /// It takes the limit.
     Clamp,
     /// It takes zero.
@@ -137,28 +144,28 @@ pub enum Saturation {
 
 /// Measured with `hapticd devices probe PROFILE --identify`.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Identified {
+pub(in crate::device) struct Identified {
     /// Ticks from a command to the first sample that can show its force, less the one that every arm takes.
-    pub round_trip_ticks: u32,
+    pub(in crate::device) round_trip_ticks: u32,
     /// Apparent mass at the grip, kg.
-    pub mass_kg: f64,
+    pub(in crate::device) mass_kg: f64,
     /// Viscosity at the grip, N·s/m.
-    pub damping_n_s_per_m: f64,
+    pub(in crate::device) damping_n_s_per_m: f64,
     /// Apparent inertia, kg·m².
-    pub inertia_kg_m2: Option<f64>,
+    pub(in crate::device) inertia_kg_m2: Option<f64>,
     /// Rotational viscosity, N·m·s/rad.
-    pub damping_nm_s_per_rad: Option<f64>,
+    pub(in crate::device) damping_nm_s_per_rad: Option<f64>,
 }
 
 /// A report, or readings, and where the grip is then.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Check {
+pub(in crate::device) struct Check {
     /// Bytes of a report as the host reads it, if given.
-    pub frame: Option<Vec<u8>>,
+    pub(in crate::device) frame: Option<Vec<u8>>,
     /// Readings, as many as are written, if any; beside a frame, what the frame has to say.
-    pub readings: Option<Vec<f64>>,
+    pub(in crate::device) readings: Option<Vec<f64>>,
     /// Grip in the native frame, m.
-    pub position_native: DVec3,
+    pub(in crate::device) position_native: DVec3,
     /// How far it may be off, m.
-    pub tolerance_m: f64,
+    pub(in crate::device) tolerance_m: f64,
 }

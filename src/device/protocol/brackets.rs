@@ -9,7 +9,7 @@ use super::{ArmReadings, Codec, Fed, Firmware, MAX_AXES, MotorCommand, Outbox, R
 use crate::device::transport::{Frame, Transport};
 
 /// [`Report::error`] of an arm that calls itself another model than at the start: above every code of the arm's own.
-pub const WRONG_MODEL: u32 = 0xFFFF;
+pub(super) const WRONG_MODEL: u32 = 0xFFFF;
 
 /// Least bytes of a write.
 const WRITE_MIN: usize = 16;

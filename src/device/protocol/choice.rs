@@ -1,5 +1,6 @@
 //! Which protocol an arm speaks, with what its profile has to supply. Plain data.
 
+#[cfg(test)]
 use core::time::Duration;
 use std::path::PathBuf;
 
@@ -104,7 +105,7 @@ impl Protocol {
     }
 
     /// How many readings a report has.
-    pub fn n_readings(&self) -> usize {
+    pub(in crate::device) fn n_readings(&self) -> usize {
         match self {
             Self::WoodenhapticsHid8 | Self::FalconNibble16 { .. } => 3,
             Self::PolhemAscii64 { cartesian: true } => 7,
@@ -119,7 +120,7 @@ impl Protocol {
     }
 
     /// How many motors a command has.
-    pub fn n_motors(&self) -> usize {
+    pub(in crate::device) fn n_motors(&self) -> usize {
         match self {
             Self::WoodenhapticsHid8 | Self::HaptikfabrikenHid14 { .. } | Self::PolhemAscii64 { .. } => 3,
             Self::HaptikfabrikenBrackets { .. } | Self::FalconNibble16 { .. } => 3,
@@ -146,7 +147,7 @@ impl Protocol {
     }
 
     /// Who sets the rate.
-    pub fn pacing(&self) -> Pacing {
+    pub(in crate::device) fn pacing(&self) -> Pacing {
         match self {
             Self::WoodenhapticsHid8 | Self::HapkitAscii => Pacing::Stream,
             Self::SpaceMouse { .. } | Self::Spacenav => Pacing::Event,
@@ -156,7 +157,8 @@ impl Protocol {
     }
 
     /// After how long without a command the arm drops it by itself; `None`: never, or not known.
-    pub fn watchdog(&self) -> Option<Duration> {
+    #[cfg(test)]
+    pub(super) fn watchdog(&self) -> Option<Duration> {
         match self {
             Self::WoodenhapticsHid8 | Self::HaptikfabrikenHid14 { .. } => Some(Duration::from_millis(500)),
             Self::PolhemAscii64 { .. } => Some(Duration::from_millis(100)),
@@ -207,7 +209,7 @@ impl Protocol {
     ///
     /// # Errors
     /// [`ProtocolError`] says what is not accepted and what would be.
-    pub fn check(&self) -> Result<(), ProtocolError> {
+    pub(in crate::device) fn check(&self) -> Result<(), ProtocolError> {
         let refuse = |text: String| Err(ProtocolError(text));
         match self {
             Self::HaptikfabrikenBrackets { model } if !(1..=3).contains(model) => {

@@ -8,15 +8,15 @@ use crate::device::Pacing;
 use crate::device::transport::{Carriage, FRAME_MAX};
 
 /// Longest body, bytes, the checksum included: stuffing may double it, and it has to fit a [`FRAME_MAX`].
-pub const BODY_MAX: usize = 120;
+pub(super) const BODY_MAX: usize = 120;
 
 /// Most fields of a packet.
-pub const FIELDS_MAX: usize = 40;
+const FIELDS_MAX: usize = 40;
 
 /// Both packets of an arm.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PacketLayout {
-    /// Arm → host.
+    /// What the arm sends.
     pub report: Packet,
     /// Host → arm; `None` for an arm that takes no command.
     pub command: Option<Packet>,
@@ -28,7 +28,7 @@ pub struct PacketLayout {
     pub watchdog_ms: Option<u32>,
 }
 
-/// One packet.
+/// How one packet is laid out.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Packet {
     /// How it is told from the bytes around it.
@@ -123,18 +123,8 @@ pub enum ChecksumKind {
 }
 
 impl ChecksumKind {
-    /// Every kind with its name in profiles.
-    pub const NAMES: [(&'static str, Self); 6] = [
-        ("sum8", Self::Sum8),
-        ("xor8", Self::Xor8),
-        ("crc8", Self::Crc8),
-        ("crc16-ccitt", Self::Crc16Ccitt),
-        ("crc16-modbus", Self::Crc16Modbus),
-        ("crc32", Self::Crc32),
-    ];
-
     /// Bytes that it takes.
-    pub const fn n_bytes(self) -> usize {
+    pub(in crate::device) const fn n_bytes(self) -> usize {
         match self {
             Self::Sum8 | Self::Xor8 | Self::Crc8 => 1,
             Self::Crc16Ccitt | Self::Crc16Modbus => 2,
@@ -143,7 +133,7 @@ impl ChecksumKind {
     }
 
     /// Its value over some parts in order. RT: safe.
-    pub fn compute(self, parts: [&[u8]; 2]) -> u32 {
+    pub(in crate::device) fn compute(self, parts: [&[u8]; 2]) -> u32 {
         const CRC8: crc::Crc<u8> = crc::Crc::<u8>::new(&crc::CRC_8_SMBUS);
         const CCITT: crc::Crc<u16> = crc::Crc::<u16>::new(&crc::CRC_16_IBM_3740);
         const MODBUS: crc::Crc<u16> = crc::Crc::<u16>::new(&crc::CRC_16_MODBUS);
@@ -172,7 +162,7 @@ impl ChecksumKind {
 /// One value of a packet.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Field {
-    /// What it is.
+    /// What the field means.
     pub role: Role,
     /// First byte in the body; of a line, which number, from 0.
     pub offset: usize,
@@ -239,20 +229,8 @@ pub enum Number {
 }
 
 impl Number {
-    /// Binary types with their names in profiles.
-    pub const NAMES: [(&'static str, Self); 8] = [
-        ("i8", Self::I8),
-        ("u8", Self::U8),
-        ("i16", Self::I16),
-        ("u16", Self::U16),
-        ("i32", Self::I32),
-        ("u32", Self::U32),
-        ("f32", Self::F32),
-        ("f64", Self::F64),
-    ];
-
     /// Bytes in a body; 0 for text.
-    pub const fn n_bytes(self) -> usize {
+    pub(in crate::device) const fn n_bytes(self) -> usize {
         match self {
             Self::I8 | Self::U8 => 1,
             Self::I16 | Self::U16 => 2,
@@ -263,7 +241,7 @@ impl Number {
     }
 
     /// Smallest and largest whole number; `None` for floating point.
-    pub const fn range(self) -> Option<(i64, i64)> {
+    pub(in crate::device) const fn range(self) -> Option<(i64, i64)> {
         match self {
             Self::I8 => Some((i8::MIN as i64, i8::MAX as i64)),
             Self::U8 => Some((0, u8::MAX as i64)),
@@ -282,7 +260,7 @@ impl Number {
 
 impl Packet {
     /// Bytes of the body, checksum included; of a line, how many numbers.
-    pub fn n_bytes(&self) -> usize {
+    pub(in crate::device) fn n_bytes(&self) -> usize {
         match &self.framing {
             Framing::Report { len, .. } | Framing::Sync { len, .. } | Framing::Cobs { len } | Framing::Slip { len } => *len,
             Framing::Line(_) => self.fields.len(),
@@ -427,12 +405,12 @@ impl Field {
 
 impl PacketLayout {
     /// How many readings a report has.
-    pub fn n_readings(&self) -> usize {
+    pub(in crate::device) fn n_readings(&self) -> usize {
         self.report.indices(|role| if let Role::Reading(idx) = role { Some(idx) } else { None }).1
     }
 
     /// How many motors a command has.
-    pub fn n_motors(&self) -> usize {
+    pub(in crate::device) fn n_motors(&self) -> usize {
         let motor = |role| if let Role::Motor(idx) = role { Some(idx) } else { None };
         self.command.as_ref().map_or(0, |command| command.indices(motor).1)
     }
@@ -449,7 +427,7 @@ impl PacketLayout {
     ///
     /// # Errors
     /// [`ProtocolError`] names the packet, the field and what is accepted.
-    pub fn check(&self) -> Result<(), ProtocolError> {
+    pub(in crate::device) fn check(&self) -> Result<(), ProtocolError> {
         self.check_text().map_err(ProtocolError)
     }
 

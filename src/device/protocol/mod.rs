@@ -3,7 +3,7 @@
 //! Each protocol has two sides, in one file: a [`Codec`], which the host speaks, and a [`Firmware`], which answers like the arm does. The
 //! second makes the mock arms of `hapticd mock`, and tests every codec against something that is not itself.
 //!
-//! Units here are those of the wire (counts, mA, degrees): the [transmission](super::transmission) turns them into SI.
+//! Units here are those of the wire (counts, mA, degrees): the transmission turns them into SI.
 //!
 //! Sources: the maker's published facts only; no code of theirs was read.
 //!
@@ -12,14 +12,14 @@
 //! | `mod` | both traits and what they exchange |
 //! | [`Protocol`] in `choice` | which protocol, with what a profile supplies |
 //! | [`layout`], `declarative`, `framing` | frames described as data, what speaks them |
-//! | `woodenhaptics`, `hid14`, `polhem`, [`brackets`], `hapi`, `falcon`, `hapkit`, `space_mouse`, `dynamixel` | one protocol each, both sides |
-//! | [`open6`], `open6_arm` | our own protocol, both sides |
+//! | `woodenhaptics`, `hid14`, `polhem`, `brackets`, `hapi`, `falcon`, `hapkit`, `space_mouse`, `dynamixel` | one protocol each, both sides |
+//! | `open6`, `open6_arm` | our own protocol, both sides |
 //! | `dynamixel_bus` | the servos of a leader arm |
 //! | `number`, `gather`, `dialogue` | numbers on the wire, unfinished frames, waiting for answers |
 
 use core::time::Duration;
 
-pub mod brackets;
+pub(in crate::device) mod brackets;
 mod choice;
 mod declarative;
 pub(in crate::device) mod dialogue;
@@ -33,7 +33,7 @@ mod hapkit;
 mod hid14;
 pub mod layout;
 pub(in crate::device) mod number;
-pub mod open6;
+pub(in crate::device) mod open6;
 mod open6_arm;
 mod polhem;
 mod space_mouse;

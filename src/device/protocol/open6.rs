@@ -10,12 +10,12 @@ use crate::device::transport::{Carriage, Frame, Transport};
 use crate::spatial::Axes;
 
 /// Version of the protocol: another major number is another protocol.
-pub const MAJOR: u8 = 1;
+pub(in crate::device) const MAJOR: u8 = 1;
 /// Minor versions add bytes behind known payloads.
-pub const MINOR: u8 = 0;
+pub(in crate::device) const MINOR: u8 = 0;
 
 /// Added to [`Report::error`] when the arm's watchdog has tripped: a command without enable clears it.
-pub const WATCHDOG_TRIPPED: u32 = 0x100;
+pub(in crate::device) const WATCHDOG_TRIPPED: u32 = 0x100;
 
 /// Bytes of a HID report, and most of a packet.
 pub(in crate::device) const REPORT: usize = 64;

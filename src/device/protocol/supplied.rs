@@ -13,7 +13,7 @@ pub enum Hid14Carrier {
 
 impl Hid14Carrier {
     /// Bytes of a report, its ID apart.
-    pub const fn report_len(self) -> usize {
+    pub(in crate::device) const fn report_len(self) -> usize {
         match self {
             Self::Mbed => 14,
             Self::TeensyRawHid => 64,
@@ -63,23 +63,18 @@ pub enum ServoModel {
 
 impl ServoModel {
     /// Every known model.
-    pub const ALL: [Self; 2] = [Self::Xc330T288, Self::Xm430W210];
+    pub(in crate::device) const ALL: [Self; 2] = [Self::Xc330T288, Self::Xm430W210];
 
     /// Name as sold.
-    pub const fn name(self) -> &'static str {
+    pub(in crate::device) const fn name(self) -> &'static str {
         match self {
             Self::Xc330T288 => "XC330-T288",
             Self::Xm430W210 => "XM430-W210",
         }
     }
 
-    /// Model of that name.
-    pub fn from_name(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|model| model.name() == name)
-    }
-
     /// What it answers to a ping.
-    pub const fn number(self) -> u16 {
+    pub(in crate::device) const fn number(self) -> u16 {
         match self {
             Self::Xc330T288 => 1220,
             Self::Xm430W210 => 1030,
@@ -87,7 +82,7 @@ impl ServoModel {
     }
 
     /// Largest goal current of the control table, counts.
-    pub const fn limit_counts(self) -> i16 {
+    pub(in crate::device) const fn limit_counts(self) -> i16 {
         match self {
             Self::Xc330T288 => 910,
             Self::Xm430W210 => 1193,
@@ -95,7 +90,7 @@ impl ServoModel {
     }
 
     /// Published counts per N·m; a constant, not a calibration.
-    pub const fn counts_per_nm(self) -> f64 {
+    pub(in crate::device) const fn counts_per_nm(self) -> f64 {
         match self {
             Self::Xc330T288 => 1158.73,
             Self::Xm430W210 => 371.7,

@@ -16,20 +16,20 @@ const WINDOW_S: f64 = 2.0;
 
 /// Times of one exchange, s; t1 and t4 by the host's clock, t2 and t3 by the node's.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Exchange {
+pub(super) struct Exchange {
     /// The command left.
-    pub t1: f64,
+    pub(super) t1: f64,
     /// It came.
-    pub t2: f64,
+    pub(super) t2: f64,
     /// The arm was measured.
-    pub t3: f64,
+    pub(super) t3: f64,
     /// The state came.
-    pub t4: f64,
+    pub(super) t4: f64,
 }
 
 impl Exchange {
     /// Both ways together, s.
-    pub fn trip_s(&self) -> f64 {
+    pub(super) fn trip_s(&self) -> f64 {
         (self.t4 - self.t1) - (self.t3 - self.t2)
     }
 
@@ -41,11 +41,11 @@ impl Exchange {
 
 /// How long the ways take, s.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Ways {
+pub(super) struct Ways {
     /// From the host to the node.
-    pub there_s: f64,
+    pub(super) there_s: f64,
     /// From the node to the host.
-    pub back_s: f64,
+    pub(super) back_s: f64,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -64,7 +64,7 @@ impl Window {
 
 /// Estimates the offset of the node's clock and the two ways, over the last two to four seconds. RT: safe.
 #[derive(Clone, Copy, Debug)]
-pub struct LinkClock {
+pub(super) struct LinkClock {
     now: Window,
     before: Window,
 }
@@ -77,7 +77,7 @@ impl Default for LinkClock {
 
 impl LinkClock {
     /// Takes an exchange, and says how long its ways took. Times that are no numbers, and ways that end before they begin, tell nothing.
-    pub fn observe(&mut self, exchange: &Exchange) -> Option<Ways> {
+    pub(super) fn observe(&mut self, exchange: &Exchange) -> Option<Ways> {
         let trip_s = exchange.trip_s();
         if !(trip_s.is_finite() && trip_s >= 0.0 && exchange.offset_s().is_finite()) {
             return None;
@@ -98,12 +98,12 @@ impl LinkClock {
     }
 
     /// What the node's clock is ahead of the host's, s; 0 before the first exchange.
-    pub fn offset_s(&self) -> f64 {
+    pub(super) fn offset_s(&self) -> f64 {
         if self.before.least_trip_s < self.now.least_trip_s { self.before.offset_s } else { self.now.offset_s }
     }
 
     /// The longest ways of the last seconds.
-    pub fn longest(&self) -> Ways {
+    pub(super) fn longest(&self) -> Ways {
         let (a, b) = (self.now.longest, self.before.longest);
         Ways { there_s: a.there_s.max(b.there_s), back_s: a.back_s.max(b.back_s) }
     }

@@ -2,7 +2,7 @@
 
 use core::sync::atomic::{AtomicI64, AtomicU8, AtomicU32, AtomicU64, Ordering::Relaxed};
 
-/// Where the node stands; the picture is in [`node`](super::node).
+/// Where the node stands; the picture is in `node`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Phase {
     /// No host has greeted yet.

@@ -19,7 +19,7 @@ use crate::spatial::Wrench;
 /// α: half of what is new is felt at once, nine tenths after four ticks.
 const WEIGHT: f64 = 0.5;
 /// Lag of that average on a force that changes slowly, α/(1 − α), ticks: part of the delay that the host is told.
-pub const LAG_TICKS: u32 = 1;
+pub(super) const LAG_TICKS: u32 = 1;
 /// Less of a difference is none, N and N·m.
 const ARRIVED: f64 = 1e-6;
 
@@ -34,7 +34,7 @@ pub struct HoldTiming {
 
 /// The force between commands. RT: safe.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Hold {
+pub(super) struct Hold {
     wanted: Wrench,
     average: Wrench,
     felt: Wrench,
@@ -43,13 +43,13 @@ pub struct Hold {
 
 impl Hold {
     /// Takes a command. Zero is taken at once: free space stays free.
-    pub fn take(&mut self, wanted: Wrench, now_s: f64) {
+    pub(super) fn take(&mut self, wanted: Wrench, now_s: f64) {
         let average = if wanted == Wrench::ZERO { Wrench::ZERO } else { self.felt };
         *self = Self { wanted, average, felt: self.felt, since_s: now_s };
     }
 
     /// The force of this period; `None` when it is over. `arm_s`: what a change takes from here to the motors, one period included.
-    pub fn next(&mut self, now_s: f64, timing: &HoldTiming, arm_s: f64) -> Option<Wrench> {
+    pub(super) fn next(&mut self, now_s: f64, timing: &HoldTiming, arm_s: f64) -> Option<Wrench> {
         let left_s = timing.hold_s + timing.fade_s - arm_s - (now_s - self.since_s);
         // Written so that a NaN ends it. Half a microsecond: times are sums of periods.
         let lasts = left_s > 5e-7;
@@ -67,7 +67,7 @@ impl Hold {
     }
 
     /// No force, and nothing remembered.
-    pub fn clear(&mut self) {
+    pub(super) fn clear(&mut self) {
         *self = Self::default();
     }
 }

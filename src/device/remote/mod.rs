@@ -20,18 +20,18 @@
 //! |---|---|
 //! | `packets` | what version 1.2 adds to the packets of open6 |
 //! | `host` | the workstation's side: a codec |
-//! | [`node`] | the arm's side: state machine, limits, states |
+//! | `node` | the arm's side: state machine, limits, states |
 //! | [`hold`] | the force between commands, and after the last one |
-//! | [`clock`] | two clocks and the ways between them |
+//! | `clock` | two clocks and the ways between them |
 //! | [`figures`] | what both sides tell people |
 //! | `door` | how a host comes to a node, and back to it |
 
-pub mod clock;
+mod clock;
 mod door;
 pub mod figures;
 pub mod hold;
 mod host;
-pub mod node;
+mod node;
 mod packets;
 
 pub use door::{Dial, RemoteOptions, open};

@@ -114,12 +114,14 @@ impl SimArm {
     }
 
     /// The last command as the motors take it: projected and limited, before the delay. Device axes, at the grip point.
-    pub fn command(&self) -> Wrench {
+    #[cfg(test)]
+    pub(in crate::device) fn command(&self) -> Wrench {
         self.command
     }
 
     /// Sets the grip in motion, for checks against closed forms.
-    pub fn set_true_twist(&mut self, twist: Twist) {
+    #[cfg(test)]
+    fn set_true_twist(&mut self, twist: Twist) {
         self.plant.set_twist(twist);
     }
 

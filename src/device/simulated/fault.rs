@@ -77,32 +77,32 @@ pub const JUMP_M: f64 = 0.05;
 pub const SATURATED_SHARE: f64 = 0.25;
 
 /// Longest delay of `slow`, s: beyond it an arm has stalled.
-pub const SLOWEST_S: f64 = 1.0;
+const SLOWEST_S: f64 = 1.0;
 
 /// Most samples that `skip` loses: ten seconds of them, and far from where a counter of 16 bits comes round.
-pub const MOST_SKIPPED: u16 = 10_000;
+const MOST_SKIPPED: u16 = 10_000;
 
 /// A fault and when it is there. `Copy`: the arm consults it in the loop.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FaultPlan {
-    /// What.
+    /// What goes wrong.
     pub kind: FaultKind,
     /// From when on, s of the arm's time.
     pub start_s: f64,
     /// Until when; infinite: for ever.
-    pub end_s: f64,
+    end_s: f64,
 }
 
 impl FaultPlan {
     /// What is wrong in the tick at `now_s`. RT: safe.
-    pub fn active(&self, now_s: f64, period_s: f64) -> Option<FaultKind> {
+    pub(in crate::device) fn active(&self, now_s: f64, period_s: f64) -> Option<FaultKind> {
         // Half a period early: the tick that is nearest to the time asked for.
         let now_s = now_s + 0.5 * period_s;
         (now_s >= self.start_s && now_s < self.end_s).then_some(self.kind)
     }
 
     /// True in the first tick of the fault. RT: safe.
-    pub fn begins(&self, now_s: f64, period_s: f64) -> bool {
+    pub(super) fn begins(&self, now_s: f64, period_s: f64) -> bool {
         self.active(now_s, period_s).is_some() && (now_s - 0.5 * period_s < self.start_s)
     }
 }

@@ -112,7 +112,7 @@ pub struct Indexing {
 
 impl Indexing {
     /// The grip pose, `device_from_grip`, that holds the tool at `world_from_tool`. RT: safe.
-    pub fn device_from_grip(&self, world_from_tool: Pose) -> Pose {
+    fn device_from_grip(&self, world_from_tool: Pose) -> Pose {
         let device_from_world = self.world_from_device.rotation.conjugate();
         let travel_world = world_from_tool.transform_point(self.grip_tool) - self.start.transform_point(self.grip_tool);
         let turn_world = world_from_tool.rotation * self.start.rotation.conjugate();
@@ -133,7 +133,7 @@ pub struct GripPath {
 
 impl GripPath {
     /// The target pose of the grip, `device_from_grip`, at `time_s`. RT: safe; O(log n).
-    pub fn sample(&self, time_s: f64) -> Pose {
+    pub(in crate::device) fn sample(&self, time_s: f64) -> Pose {
         self.indexing.device_from_grip(self.path.sample(time_s))
     }
 

@@ -3,7 +3,7 @@
 //! | file | owns |
 //! |---|---|
 //! | `arm` | the simulated arm: delay, encoder, faults |
-//! | [`plant`] | the grip as a body, and the hand that holds it |
+//! | `plant` | the grip as a body, and the hand that holds it |
 //! | `parameters` | what both are made of |
 //! | [`hand`] | where the hand wants to be, over time |
 //! | [`fault`], `dice` | what goes wrong and when; chance from a seed |
@@ -15,9 +15,9 @@ pub(super) mod dice;
 pub mod fault;
 pub mod hand;
 mod parameters;
-pub mod plant;
+mod plant;
 
 pub use arm::SimArm;
 pub(in crate::device) use arm::saturated;
 pub use parameters::{HandParameters, SimError, SimParameters};
-pub use plant::{GripPlant, SUBSTEPS};
+pub(in crate::device) use plant::GripPlant;

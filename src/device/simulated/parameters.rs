@@ -47,7 +47,7 @@ impl Default for HandParameters {
 pub struct SimParameters {
     /// Time that one `read` takes in the simulated world, s.
     pub period_s: f64,
-    /// The arm.
+    /// What the arm is made of.
     pub plant: Plant,
     /// The hand; `None`: nobody holds the grip.
     pub hand: Option<HandParameters>,

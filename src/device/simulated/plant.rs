@@ -22,7 +22,7 @@ use crate::device::simulated::hand::GripPath;
 use crate::spatial::{Axes, Pose, Twist, Wrench};
 
 /// Plant steps in one period.
-pub const SUBSTEPS: u32 = 10;
+pub(in crate::device) const SUBSTEPS: u32 = 10;
 
 /// Largest h²·k/m of a step: the semi-implicit step is stable up to 4 and accurate well below 1.
 const STIFFEST_STEP: f64 = 1.0;
@@ -55,7 +55,7 @@ impl Body {
 
 /// The grip and the hand. RT: `advance` is safe; everything is allocated by [`GripPlant::new`].
 #[derive(Clone, Debug)]
-pub struct GripPlant {
+pub(in crate::device) struct GripPlant {
     period_s: f64,
     translation: Body,
     rotation: Body,
@@ -75,7 +75,12 @@ impl GripPlant {
     ///
     /// # Errors
     /// A value that the plant's step cannot follow.
-    pub fn new(period_s: f64, plant: &profile::Plant, hand: Option<HandParameters>, sensed: Axes) -> Result<Self, SimError> {
+    pub(in crate::device) fn new(
+        period_s: f64,
+        plant: &profile::Plant,
+        hand: Option<HandParameters>,
+        sensed: Axes,
+    ) -> Result<Self, SimError> {
         let held = hand.is_some();
         let hand = hand.unwrap_or_default();
         let of_hand = |value: f64| if held { value } else { 0.0 };
@@ -109,7 +114,7 @@ impl GripPlant {
     }
 
     /// Puts the grip at rest where it is told. The path of the hand counts from there.
-    pub fn rest_at(&mut self, device_from_grip: Pose) {
+    pub(in crate::device) fn rest_at(&mut self, device_from_grip: Pose) {
         self.pose = device_from_grip;
         self.twist = Twist::ZERO;
         self.origin = Some(device_from_grip);
@@ -124,23 +129,24 @@ impl GripPlant {
     }
 
     /// True grip pose, `device_from_grip`.
-    pub fn pose(&self) -> Pose {
+    pub(in crate::device) fn pose(&self) -> Pose {
         self.pose
     }
 
     /// True twist of the grip point, device axes.
-    pub fn twist(&self) -> Twist {
+    pub(in crate::device) fn twist(&self) -> Twist {
         self.twist
     }
 
     /// Sets the grip in motion.
-    pub fn set_twist(&mut self, twist: Twist) {
+    #[cfg(test)]
+    pub(super) fn set_twist(&mut self, twist: Twist) {
         self.twist = twist;
     }
 
     /// Moves the grip by one period, in [`SUBSTEPS`] steps, under a wrench of the motors: device axes, at the grip point. `start_s`: time of
     /// the hand's path at its beginning.
-    pub fn advance(&mut self, start_s: f64, command: &Wrench) {
+    pub(in crate::device) fn advance(&mut self, start_s: f64, command: &Wrench) {
         let h = self.period_s / f64::from(SUBSTEPS);
         for substep in 1..=SUBSTEPS {
             let target = match &self.path {

@@ -41,7 +41,7 @@ pub enum HidOpenError {
 
 /// An open hidraw node.
 #[derive(Debug)]
-pub struct HidLink(Threaded);
+pub(in crate::device) struct HidLink(Threaded);
 
 impl HidLink {
     /// Opens the node, twice: one handle reads, one writes. Its threads run under SCHED_FIFO where `request` asks for it and the system allows
@@ -49,7 +49,7 @@ impl HidLink {
     ///
     /// # Errors
     /// See [`HidOpenError`].
-    pub fn open(path: &Path, request: Option<ThreadRequest>) -> Result<Self, HidOpenError> {
+    pub(in crate::device) fn open(path: &Path, request: Option<ThreadRequest>) -> Result<Self, HidOpenError> {
         let at = || path.to_owned();
         let name = CString::new(path.as_os_str().as_encoded_bytes()).map_err(|_| HidOpenError::Path { path: at() })?;
         let api = HidApi::new().map_err(|cause| HidOpenError::Open { path: at(), cause })?;

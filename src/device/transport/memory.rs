@@ -3,16 +3,7 @@
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex};
 
-use super::{Transport, TransportError};
-
-/// How a [`loopback`] carries what is sent.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Carriage {
-    /// One `receive` takes one frame, as HID does.
-    Reports,
-    /// One `receive` takes whatever bytes there are, as a tty does.
-    Stream,
-}
+use super::{Carriage, Transport, TransportError};
 
 #[derive(Debug, Default)]
 struct Wire {
@@ -23,21 +14,21 @@ struct Wire {
 
 /// One end of a link in memory, for tests and for simulated arms that speak a real protocol. Not for a real-time loop: it locks.
 #[derive(Clone, Debug)]
-pub struct LoopbackEnd {
+pub(in crate::device) struct LoopbackEnd {
     wire: Arc<Mutex<Wire>>,
     carriage: Carriage,
     is_arm: bool,
 }
 
 /// Two ends of one link: the host's and the arm's.
-pub fn loopback(carriage: Carriage) -> (LoopbackEnd, LoopbackEnd) {
+pub(in crate::device) fn loopback(carriage: Carriage) -> (LoopbackEnd, LoopbackEnd) {
     let wire = Arc::new(Mutex::new(Wire::default()));
     (LoopbackEnd { wire: wire.clone(), carriage, is_arm: false }, LoopbackEnd { wire, carriage, is_arm: true })
 }
 
 impl LoopbackEnd {
     /// Pulls the plug: both ends are lost from now on.
-    pub fn cut(&self) {
+    pub(in crate::device) fn cut(&self) {
         if let Ok(mut wire) = self.wire.lock() {
             wire.cut = true;
         }

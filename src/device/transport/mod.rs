@@ -12,11 +12,12 @@
 //! | `hid` | hidraw nodes |
 //! | `usb` | bulk transfers to an FTDI chip (feature `usb`) |
 //! | `threaded` | the two threads of `hid` and `usb`, whose writes can block |
-//! | `memory` | a pair of ends in memory |
+//! | `memory` | a pair of ends in memory, for tests |
 //! | `simulated` | the same as a network: delay, jitter, loss, a cut |
 //! | `zenoh` | a network (feature `zenoh`) |
 
 mod hid;
+#[cfg(test)]
 mod memory;
 mod serial;
 mod simulated;
@@ -26,12 +27,17 @@ mod usb;
 #[cfg(feature = "zenoh")]
 pub mod zenoh;
 
-pub use hid::{HidLink, HidOpenError};
-pub use memory::{Carriage, LoopbackEnd, loopback};
-pub use serial::{SerialError, SerialLink};
+pub(in crate::device) use hid::HidLink;
+pub use hid::HidOpenError;
+#[cfg(test)]
+pub(in crate::device) use memory::{LoopbackEnd, loopback};
+pub use serial::SerialError;
+pub(in crate::device) use serial::SerialLink;
 pub use simulated::{LinkQuality, NetworkEnd, SimulatedNetwork};
 #[cfg(feature = "usb")]
-pub use usb::{UsbError, UsbLink};
+pub use usb::UsbError;
+#[cfg(feature = "usb")]
+pub(in crate::device) use usb::UsbLink;
 
 use super::IoPlacement;
 use crate::rt::clock::monotonic_ns;
@@ -54,7 +60,7 @@ impl Default for Frame {
 }
 
 impl Frame {
-    /// Makes it empty.
+    /// Makes the frame empty. RT: safe.
     pub fn clear(&mut self) {
         self.len = 0;
     }
@@ -73,7 +79,7 @@ impl Frame {
         self.extend(&[byte])
     }
 
-    /// What it holds.
+    /// The bytes of the frame. RT: safe.
     pub fn as_slice(&self) -> &[u8] {
         self.bytes.get(..self.len).unwrap_or_default()
     }
@@ -82,6 +88,15 @@ impl Frame {
     pub fn is_empty(&self) -> bool {
         self.len == 0
     }
+}
+
+/// How what is sent arrives at the other end.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Carriage {
+    /// One `receive` takes one frame, as HID does.
+    Reports,
+    /// One `receive` takes whatever bytes there are, as a tty does.
+    Stream,
 }
 
 /// Why a transport failed. `Copy`, no text: the cold side writes that.

@@ -55,7 +55,7 @@ fn hint(cause: &serialport::Error) -> &'static str {
 
 /// An open serial port, raw, exclusive, non-blocking.
 #[derive(Debug)]
-pub struct SerialLink {
+pub(in crate::device) struct SerialLink {
     fd: OwnedFd,
     /// Kept open while the descriptor works: it sets lines, and its drop gives the port free.
     port: serialport::TTYPort,
@@ -67,7 +67,7 @@ impl SerialLink {
     ///
     /// # Errors
     /// See [`SerialError`].
-    pub fn open(path: &Path, baud: u32) -> Result<Self, SerialError> {
+    pub(in crate::device) fn open(path: &Path, baud: u32) -> Result<Self, SerialError> {
         // Without opening it: that alone could wait for a carrier.
         if std::fs::metadata(path).is_ok_and(|found| !found.file_type().is_char_device()) {
             return Err(SerialError::NoPort { path: path.to_owned() });

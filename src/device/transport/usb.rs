@@ -48,7 +48,7 @@ pub enum UsbError {
 }
 
 /// An open FTDI chip.
-pub struct UsbLink {
+pub(in crate::device) struct UsbLink {
     interface: Interface,
     threads: Threaded,
 }
@@ -59,7 +59,12 @@ impl UsbLink {
     ///
     /// # Errors
     /// See [`UsbError`].
-    pub fn open(vendor_id: u16, product_id: u16, serial: Option<&str>, request: Option<ThreadRequest>) -> Result<Self, UsbError> {
+    pub(in crate::device) fn open(
+        vendor_id: u16,
+        product_id: u16,
+        serial: Option<&str>,
+        request: Option<ThreadRequest>,
+    ) -> Result<Self, UsbError> {
         let info = nusb::list_devices()
             .wait()?
             .find(|info| {

@@ -6,7 +6,7 @@
 //! | `hapticd/device/NAME/state` | packets from the node |
 //! | `hapticd/device/NAME/profile` | a query: the profile of the arm, as it is written |
 //!
-//! Bytes pass through the two [threads](super::threaded) of a link: zenoh allocates and locks.
+//! Bytes pass through the two threads of a link (`threaded`): zenoh allocates and locks.
 
 use core::time::Duration;
 

@@ -10,21 +10,21 @@ use crate::device::protocol::Codec;
 use crate::device::transport::Transport;
 
 /// An opened link with a codec that has been through its start.
-pub struct Connection {
+pub(in crate::device) struct Connection {
     /// The link.
-    pub link: Box<dyn Transport>,
+    pub(in crate::device) link: Box<dyn Transport>,
     /// What speaks over it.
-    pub codec: Box<dyn Codec>,
+    pub(in crate::device) codec: Box<dyn Codec>,
 }
 
 /// Where a lost arm finds its next connection. The other ends belong to whoever opens it again, on a cold thread.
-pub struct Replacements {
+pub(in crate::device) struct Replacements {
     /// New ones.
-    pub fresh: Consumer<Connection>,
+    pub(in crate::device) fresh: Consumer<Connection>,
     /// Old ones: they are closed where closing may wait.
-    pub spent: Producer<Connection>,
+    pub(in crate::device) spent: Producer<Connection>,
     /// Set while the arm is lost.
-    pub lost: Arc<AtomicBool>,
+    pub(in crate::device) lost: Arc<AtomicBool>,
 }
 
 impl Connection {

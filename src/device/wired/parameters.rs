@@ -19,31 +19,31 @@ pub enum Timebase {
 
 /// Everything that a profile says of a wired arm.
 #[derive(Clone, Debug)]
-pub struct WiredParameters {
+pub(in crate::device) struct WiredParameters {
     /// Joint angles to grip.
-    pub kinematics: Kinematics,
+    pub(in crate::device) kinematics: Kinematics,
     /// Readings to joint angles, torques to commands.
-    pub transmission: Transmission,
+    pub(in crate::device) transmission: Transmission,
     /// Rotation from the frame of the kinematics to the device frame.
-    pub device_from_native: DQuat,
+    pub(in crate::device) device_from_native: DQuat,
     /// What the arm can do.
-    pub capabilities: Capabilities,
+    pub(in crate::device) capabilities: Capabilities,
     /// Largest |F|, N.
-    pub force_limit_n: f64,
+    pub(in crate::device) force_limit_n: f64,
     /// Largest |τ|, N·m.
-    pub torque_limit_nm: f64,
+    pub(in crate::device) torque_limit_nm: f64,
     /// Windows of the linear and the angular velocity, s.
-    pub velocity_window_s: [f64; 2],
+    pub(in crate::device) velocity_window_s: [f64; 2],
     /// Silence after which the arm is woken, s; `None`: never.
-    pub kick_s: Option<f64>,
+    pub(in crate::device) kick_s: Option<f64>,
     /// Round trip to report before one has been measured, ticks.
-    pub delay_ticks: u32,
+    pub(in crate::device) delay_ticks: u32,
     /// Heat of the motors.
-    pub thermal: Thermal,
+    pub(in crate::device) thermal: Thermal,
     /// One tick, s.
-    pub period_s: f64,
+    pub(in crate::device) period_s: f64,
     /// Time of samples.
-    pub timebase: Timebase,
+    pub(in crate::device) timebase: Timebase,
     /// The arm is on another machine: silence after which the network between counts as lost, s. `None`: it hangs on this one.
-    pub link_silence_s: Option<f64>,
+    pub(in crate::device) link_silence_s: Option<f64>,
 }

@@ -15,7 +15,7 @@ const LATE_SHARE_OVER_NETWORK: f64 = 0.01;
 
 /// Round trips of the last exchanges. RT: safe.
 #[derive(Clone, Copy, Debug)]
-pub struct RoundTrip {
+pub(in crate::device) struct RoundTrip {
     /// `[WINDOW]`, ring of round trips, ticks.
     ring: [u8; WINDOW],
     /// How many of each length lie in the ring.
@@ -28,23 +28,23 @@ pub struct RoundTrip {
 
 impl RoundTrip {
     /// Nothing measured; `assumed_ticks` stands until the window is full.
-    pub fn starting_at(assumed_ticks: u32) -> Self {
+    pub(in crate::device) fn starting_at(assumed_ticks: u32) -> Self {
         Self { ring: [0; WINDOW], counts: [0; LONGEST + 1], n_seen: 0, sent_at: None, assumed_ticks, late_share: LATE_SHARE }
     }
 
     /// The same for an arm on another machine.
-    pub fn over_network(assumed_ticks: u32) -> Self {
+    pub(super) fn over_network(assumed_ticks: u32) -> Self {
         Self { late_share: LATE_SHARE_OVER_NETWORK, ..Self::starting_at(assumed_ticks) }
     }
 
     /// A frame left in this tick.
-    pub fn sent(&mut self, tick: u64) {
+    pub(in crate::device) fn sent(&mut self, tick: u64) {
         self.sent_at = Some(tick);
     }
 
     /// A report came in this tick. `commands_behind`: how many commands left after the one that the arm had seen, where it says so; else the
     /// report answers the last frame. Ticks are counted from the write to the read; commands that are behind left a tick apart.
-    pub fn received(&mut self, tick: u64, commands_behind: Option<u16>) {
+    pub(super) fn received(&mut self, tick: u64, commands_behind: Option<u16>) {
         let ticks = match (commands_behind, self.sent_at.take()) {
             (Some(behind), Some(sent_at)) => u64::from(behind) + tick.saturating_sub(sent_at).max(1),
             (Some(behind), None) => u64::from(behind) + 1,
@@ -68,7 +68,7 @@ impl RoundTrip {
     }
 
     /// The round trip, ticks.
-    pub fn ticks(&self) -> u32 {
+    pub(in crate::device) fn ticks(&self) -> u32 {
         if self.n_seen < WINDOW {
             return self.assumed_ticks;
         }

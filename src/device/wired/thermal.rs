@@ -10,7 +10,7 @@ const COOLED: f64 = 0.9;
 
 /// Heat of every motor. RT: safe.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Thermal {
+pub(in crate::device) struct Thermal {
     /// Command that each motor carries for ever, units of the wire; 0: no model for this motor.
     continuous_units: [f64; MAX_AXES],
     /// Time constant, s.
@@ -22,12 +22,12 @@ pub struct Thermal {
 
 impl Thermal {
     /// Cold motors. A motor whose continuous command is 0 has no model.
-    pub fn new(continuous_units: [f64; MAX_AXES], time_constant_s: f64) -> Self {
+    pub(in crate::device) fn new(continuous_units: [f64; MAX_AXES], time_constant_s: f64) -> Self {
         Self { continuous_units, time_constant_s, heat: [0.0; MAX_AXES], overheated: false }
     }
 
     /// One tick of `period_s` with these commands; true while a motor is too hot.
-    pub fn advance(&mut self, commands: &[f64; MAX_AXES], period_s: f64) -> bool {
+    pub(in crate::device) fn advance(&mut self, commands: &[f64; MAX_AXES], period_s: f64) -> bool {
         let mut hottest = 0.0_f64;
         for ((heat, continuous), command) in self.heat.iter_mut().zip(self.continuous_units).zip(commands) {
             if continuous > 0.0 && self.time_constant_s > 0.0 {

@@ -93,7 +93,7 @@ impl Raster {
     }
 
     /// No slope between the nodes is steeper than this, m/m; infinite when nobody has measured it since the last change.
-    pub fn steepest(&self) -> f32 {
+    pub(in crate::haptics) fn steepest(&self) -> f32 {
         self.steepest
     }
 

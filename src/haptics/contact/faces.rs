@@ -13,10 +13,10 @@ use glam::Vec3;
 use crate::pointshell::shell::{LANES, Lanes3};
 
 /// Directions that are told apart: to the faces, edges and corners of a cube.
-pub const FACES: usize = 26;
+pub(in crate::haptics) const FACES: usize = 26;
 
 /// Number of the face that a block of normals belongs to: the direction nearest to their mean. RT: safe; 26 products.
-pub fn face_of(normals: &Lanes3) -> u8 {
+pub(in crate::haptics) fn face_of(normals: &Lanes3) -> u8 {
     let mut mean = Vec3::ZERO;
     for lane in 0..LANES {
         let normal = normals.get(lane);

@@ -16,10 +16,10 @@
 
 mod budget;
 mod clay;
-pub mod faces;
+pub(in crate::haptics) mod faces;
 mod flat;
 pub(in crate::haptics) mod places;
-pub mod planes;
+pub(in crate::haptics) mod planes;
 mod proximity;
 mod samples;
 mod simd;
@@ -32,9 +32,9 @@ mod walk;
 use glam::DVec3;
 
 pub use budget::Budget;
-pub use faces::FACES;
+pub(in crate::haptics) use faces::FACES;
 pub use flat::visit;
-pub use proximity::Proximity;
+pub(in crate::haptics) use proximity::Proximity;
 pub use simd::Machine;
 pub use summing::AVERAGED_CONTACTS;
 pub use touched::{Contact, Touched};
@@ -50,7 +50,7 @@ use crate::voxmap::field::Field;
 /// A static object as the tick sees it.
 #[derive(Debug)]
 pub struct Obstacle {
-    /// Its field, map frame.
+    /// Its depths, map frame.
     pub field: Field,
     /// Where it stands until it is asked to go elsewhere.
     pub world_from_map: Pose,
@@ -59,7 +59,7 @@ pub struct Obstacle {
 impl Obstacle {
     /// Unit direction in world axes in which a contact leaves this obstacle fastest, −grad V; the contact's own normal where the gradient
     /// vanishes. The poses are those at which the contact was found. RT: safe, O(1).
-    pub fn way_out_world(&self, world_from_map: Pose, world_from_body: Pose, contact: &Contact) -> DVec3 {
+    pub(super) fn way_out_world(&self, world_from_map: Pose, world_from_body: Pose, contact: &Contact) -> DVec3 {
         let point_map = world_from_map.inverse().transform_point(world_from_body.transform_point(contact.arm_body.as_dvec3()));
         let cells = (point_map - self.field.origin_map().as_dvec3()) / f64::from(self.field.voxel_size_m());
         match (-self.field.gradient(cells.as_vec3())).as_dvec3().try_normalize() {
@@ -109,7 +109,7 @@ pub struct ContactSum {
     /// Points that a budget left out: others stood for them.
     pub left_out: u32,
     /// How what touches moved in this tick, weighted by depth.
-    pub carried: Carried,
+    pub(super) carried: Carried,
     /// A rope pulls as well.
     is_roped: bool,
     patches: [Option<Patch>; FACES],
@@ -120,11 +120,11 @@ pub struct ContactSum {
 /// A small motion in one tick of what the tool touches: its material at the tool's centre of mass goes by `linear` (m), and turns by
 /// `angular` (rad); world axes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Carried {
+pub(super) struct Carried {
     /// m.
-    pub linear: DVec3,
+    pub(super) linear: DVec3,
     /// rad.
-    pub angular: DVec3,
+    pub(super) angular: DVec3,
 }
 
 impl Carried {
@@ -138,13 +138,13 @@ impl Carried {
     }
 
     /// The velocity of what goes so far in a tick.
-    pub fn over(self, period_s: f64) -> Twist {
+    pub(super) fn over(self, period_s: f64) -> Twist {
         Twist { linear: self.linear / period_s, angular: self.angular / period_s }
     }
 }
 
 /// Gets every contact with the number of its obstacle.
-pub type Also<'a> = dyn FnMut(usize, &Contact) + 'a;
+type Also<'a> = dyn FnMut(usize, &Contact) + 'a;
 
 impl ContactSum {
     /// What touches, face by face.
@@ -153,12 +153,12 @@ impl ContactSum {
     }
 
     /// True when the wrench is that of something: a contact or a rope.
-    pub fn acts(&self) -> bool {
+    pub(super) fn acts(&self) -> bool {
         self.contacts > 0 || self.is_roped
     }
 
     /// How each face is carried by what it touches.
-    pub fn carried_faces(&self) -> Option<&[Carried; FACES]> {
+    pub(super) fn carried_faces(&self) -> Option<&[Carried; FACES]> {
         self.carried_faces.as_ref()
     }
 

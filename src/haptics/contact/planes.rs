@@ -13,7 +13,7 @@ use glam::Vec3;
 use super::Contact;
 
 /// 3³ directions times 8 octants.
-pub const N_BINS: usize = 27 * 8;
+pub(in crate::haptics) const N_BINS: usize = 27 * 8;
 
 /// A component of a unit normal counts as a direction of its own from tan 22.5° on, less than 1/√3: no normal is without any.
 const COUNTS_FROM: f32 = 0.41;
@@ -23,7 +23,7 @@ const OUTWARD_PER_M: f32 = 1e-3;
 
 /// The deepest contact of every bin.
 #[derive(Clone, Debug)]
-pub struct DeepestContacts {
+pub(in crate::haptics) struct DeepestContacts {
     /// Number of the obstacle, and the contact with it.
     bins: [Option<(usize, Contact)>; N_BINS],
 }
@@ -38,7 +38,7 @@ impl DeepestContacts {
     /// Takes one record. The result depends on the set of records, and on their order only between points that are equal in depth and
     /// lever to the last bit. RT: safe, O(1).
     #[inline]
-    pub fn add(&mut self, obstacle_idx: usize, contact: &Contact) {
+    pub(in crate::haptics) fn add(&mut self, obstacle_idx: usize, contact: &Contact) {
         let Some(slot) = self.bins.get_mut(bin(contact.normal_body, contact.arm_body)) else { return };
         if slot.is_none_or(|(_, kept)| score(contact) > score(&kept)) {
             *slot = Some((obstacle_idx, *contact));
@@ -46,7 +46,7 @@ impl DeepestContacts {
     }
 
     /// The contacts that were kept and their obstacles, in the order of the bins.
-    pub fn iter(&self) -> impl Iterator<Item = &(usize, Contact)> {
+    pub(in crate::haptics) fn iter(&self) -> impl Iterator<Item = &(usize, Contact)> {
         self.bins.iter().flatten()
     }
 }

@@ -24,7 +24,7 @@ const KNOWN_SHARE: f32 = 0.99;
 
 /// Finds the points ahead of contact, tick after tick. Owns all memory that this takes.
 #[derive(Clone, Debug)]
-pub struct Proximity {
+pub(in crate::haptics) struct Proximity {
     machine: Machine,
     /// One per obstacle; `None` where it cannot be walked, which nothing is near to then.
     layers: Vec<Option<Layer>>,
@@ -50,7 +50,7 @@ impl Layer {
 
 impl Proximity {
     /// Prepares the search. Allocates; RT: start-up only.
-    pub fn new(machine: Machine, obstacles: &[Obstacle], shell: &Shell) -> Self {
+    pub(in crate::haptics) fn new(machine: Machine, obstacles: &[Obstacle], shell: &Shell) -> Self {
         let layers: Vec<_> = obstacles.iter().map(|obstacle| Layer::new(obstacle, shell)).collect();
         let thickest_m = layers.iter().flatten().map(|layer| f64::from(layer.thickness_m)).fold(0.0, f64::max);
         Self { machine, layers, thickest_m, lists: Lists::new(shell), touched: Vec::with_capacity(shell.positions().len()) }
@@ -61,7 +61,7 @@ impl Proximity {
     ///
     /// `contact`: what `traversal`, which knows where the obstacles stand, found at this pose; where its clearance says that nothing is near,
     /// nothing is looked at. What its budget left is what this may look at. RT: safe; allocates nothing.
-    pub fn visit(
+    pub(in crate::haptics) fn visit(
         &mut self,
         traversal: &Traversal,
         obstacles: &[Obstacle],

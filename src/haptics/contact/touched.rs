@@ -41,7 +41,7 @@ pub struct Touched {
 impl Touched {
     /// Lanes in contact, rising.
     #[inline]
-    pub fn lanes(&self) -> impl Iterator<Item = usize> + use<> {
+    pub(in crate::haptics) fn lanes(&self) -> impl Iterator<Item = usize> + use<> {
         lanes_of(self.lanes)
     }
 

@@ -68,8 +68,8 @@ impl Traversal {
         self.budget = budget;
     }
 
-    /// The limit.
-    pub fn budget(&self) -> Budget {
+    /// What a tick may look at.
+    pub(in crate::haptics) fn budget(&self) -> Budget {
         self.budget
     }
 

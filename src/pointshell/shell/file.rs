@@ -9,7 +9,7 @@ use crate::storage::sections::{Reader, Refusal, Writer};
 /// Everything of a shell but its arrays.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
-pub struct ShellHead {
+pub(crate) struct ShellHead {
     n_points: u64,
     radius_m: f64,
     voxel_size_m: f64,
@@ -17,12 +17,12 @@ pub struct ShellHead {
 
 impl Shell {
     /// What [`Self::store`] needs beside the shell itself.
-    pub fn head(&self) -> ShellHead {
+    pub(crate) fn head(&self) -> ShellHead {
         ShellHead { n_points: self.n_points as u64, radius_m: self.radius_m, voxel_size_m: self.voxel_size_m }
     }
 
     /// Adds the shell to a file.
-    pub fn store<'a>(&'a self, head: &'a ShellHead, to: &mut Writer<'a>) {
+    pub(crate) fn store<'a>(&'a self, head: &'a ShellHead, to: &mut Writer<'a>) {
         let Self { positions, normals, edges, tree, n_points: _, radius_m: _, voxel_size_m: _ } = self;
         to.record("shell", head);
         to.array("shell positions", positions);
@@ -32,7 +32,7 @@ impl Shell {
     }
 
     /// True when a file holds a shell.
-    pub fn is_in(from: &Reader) -> bool {
+    pub(crate) fn is_in(from: &Reader) -> bool {
         from.has("shell")
     }
 

@@ -5,7 +5,7 @@ use crate::storage::sections::{Reader, Refusal, Writer};
 
 impl Tree {
     /// Adds the tree to a file. Its levels follow from the number of points.
-    pub fn store<'a>(&'a self, to: &mut Writer<'a>) {
+    pub(in crate::pointshell) fn store<'a>(&'a self, to: &mut Writer<'a>) {
         let Self { levels: _, spheres, representatives } = self;
         to.array("tree spheres", spheres);
         to.array("tree points", representatives);
@@ -16,7 +16,7 @@ impl Tree {
     ///
     /// # Errors
     /// A section that is missing or damaged, or arrays that do not belong to so many points.
-    pub fn load(from: &Reader, n_points: usize) -> Result<Self, Refusal> {
+    pub(in crate::pointshell) fn load(from: &Reader, n_points: usize) -> Result<Self, Refusal> {
         let tree = Self {
             levels: super::levels_over(n_points),
             spheres: from.array("tree spheres")?,

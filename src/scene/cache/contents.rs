@@ -17,11 +17,11 @@ use crate::voxmap::field::Field;
 /// A baked object: what the tick reads of it, and its figures.
 #[derive(Debug)]
 pub struct Baked {
-    /// Of a static object.
+    /// What the tool touches; `None` for a mere tool.
     pub field: Option<Field>,
-    /// Of a tool.
+    /// What touches; `None` for a mere static object.
     pub shell: Option<Shell>,
-    /// Of a tool.
+    /// Volume, centre and inertia, beside the shell.
     pub mass: Option<MassProperties>,
     /// Figures. What depends on the scene (such as where the tool starts) is not in it.
     pub report: ObjectReport,
@@ -48,7 +48,7 @@ impl Baked {
     }
 
     /// Size of the arrays, bytes.
-    pub fn heap_bytes(&self) -> usize {
+    pub(in crate::scene) fn heap_bytes(&self) -> usize {
         self.field.as_ref().map_or(0, Field::heap_bytes) + self.shell.as_ref().map_or(0, Shell::heap_bytes)
     }
 

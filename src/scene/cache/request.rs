@@ -26,7 +26,7 @@ pub enum Spacing {
 
 impl Spacing {
     /// s of a mesh whose box has these edges, m.
-    pub fn voxel_size_m(self, extent_m: DVec3) -> f64 {
+    pub(in crate::scene) fn voxel_size_m(self, extent_m: DVec3) -> f64 {
         match self {
             Self::Size(voxel_size_m) => voxel_size_m,
             Self::LongestAxis(n) => extent_m.max_element() / f64::from(n.max(1)),
@@ -43,9 +43,9 @@ pub struct Request<'a> {
     pub name: &'a str,
     /// Which products are wanted.
     pub role: Role,
-    /// Geometry.
+    /// The mesh file or the shape.
     pub source: &'a MeshSource,
-    /// Voxel edge.
+    /// The voxel edge, or what it follows from.
     pub spacing: Spacing,
     /// Layers on each side.
     pub layers: u32,
@@ -66,7 +66,7 @@ impl Request<'_> {
 
     /// Hash of all that the result depends on; `None` when the mesh file, or one that it takes triangles from, cannot be read. Cost: one
     /// pass over these files, about 10 GB/s from the page cache, no memory; of glTF also its JSON text.
-    pub fn key(&self) -> Option<Key> {
+    pub(in crate::scene) fn key(&self) -> Option<Key> {
         let Self { name: _, role, source, spacing, layers, sides, with_gradients, center_of_mass } = self;
         let mut recipe = String::new();
         // Debug of a float prints as many digits as tell it from its neighbours. Writing to a string cannot fail.

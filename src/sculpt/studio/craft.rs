@@ -57,18 +57,18 @@ impl Craft {
         Self::NAMES.iter().find(|(name, _)| *name == word).map(|(_, craft)| *craft)
     }
 
-    /// Its word.
+    /// The word for it in scenes and orders.
     pub fn name(self) -> &'static str {
         Self::NAMES.iter().find(|(_, craft)| *craft == self).map_or("touch", |(name, _)| name)
     }
 
     /// It works while the tool is held, or when it is taken hold of; the others work by touch.
-    pub fn is_held(self) -> bool {
+    pub(in crate::sculpt) fn is_held(self) -> bool {
         !matches!(self, Self::Touch | Self::Push | Self::Paint | Self::Material)
     }
 
     /// What becomes of the tool's shape and the piece, for those three crafts.
-    pub fn boolean(self) -> Option<Boolean> {
+    pub(in crate::sculpt) fn boolean(self) -> Option<Boolean> {
         match self {
             Self::Union => Some(Boolean::Union),
             Self::Intersection => Some(Boolean::Intersection),

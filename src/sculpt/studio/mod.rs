@@ -86,14 +86,9 @@ impl Studio {
         }
     }
 
-    /// The piece.
+    /// The piece on the table.
     pub fn piece(&self) -> &Workpiece {
         &self.piece
-    }
-
-    /// What the tool does.
-    pub fn tool(&self) -> &ToolSettings {
-        &self.tool
     }
 
     /// Updates of the material so far.
@@ -230,7 +225,7 @@ impl Studio {
     }
 
     /// Strokes were made, taken back or done again since a session was saved, or since the start.
-    pub fn is_unsaved(&self) -> bool {
+    pub(in crate::sculpt) fn is_unsaved(&self) -> bool {
         self.piece.is_stroke() || past_of(&self.piece) != self.saved
     }
 

@@ -13,13 +13,13 @@ use super::{MOST_OF_MEDIAN, PointSurface, median};
 
 /// A sample and where it goes.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Moved {
+pub(in crate::sculpt) struct Moved {
     /// Number of the sample.
-    pub sample: u32,
+    pub(in crate::sculpt) sample: u32,
     /// Where it goes, map frame, m.
-    pub position_map: DVec3,
+    pub(in crate::sculpt) position_map: DVec3,
     /// Its normal there: unit, out of the material.
-    pub normal_map: DVec3,
+    pub(in crate::sculpt) normal_map: DVec3,
 }
 
 impl PointSurface {
@@ -27,7 +27,7 @@ impl PointSurface {
     ///
     /// # Errors
     /// [`SurfaceError`] for a place or a normal that cannot be used; nothing has moved then.
-    pub fn move_samples(&mut self, moved: &[Moved]) -> Result<(), SurfaceError> {
+    pub(in crate::sculpt) fn move_samples(&mut self, moved: &[Moved]) -> Result<(), SurfaceError> {
         for Moved { sample, position_map, normal_map } in moved {
             PointSet::check_sample(*sample as usize, *position_map, *normal_map)?;
         }
@@ -50,7 +50,11 @@ impl PointSurface {
     ///
     /// # Source
     /// Guo2004, equation 5.
-    pub fn refresh(&mut self, samples: &[u32], field: impl Fn(DVec3) -> Option<f64> + Sync) -> Result<(), SurfaceError> {
+    pub(in crate::sculpt) fn refresh(
+        &mut self,
+        samples: &[u32],
+        field: impl Fn(DVec3) -> Option<f64> + Sync,
+    ) -> Result<(), SurfaceError> {
         let refreshed: Vec<Option<LocalFit>> = samples
             .par_iter()
             .map(|sample| {
@@ -72,7 +76,7 @@ impl PointSurface {
     ///
     /// # Errors
     /// [`SurfaceError::Coincident`] for samples at one place; no fit has changed then.
-    pub fn refit(&mut self, samples: &[u32]) -> Result<(), SurfaceError> {
+    pub(in crate::sculpt) fn refit(&mut self, samples: &[u32]) -> Result<(), SurfaceError> {
         // New samples have no domain yet.
         let known = median(self.domains_m().filter(|half_m| *half_m > 0.0));
         let most_m = if known > 0.0 { MOST_OF_MEDIAN * known } else { f64::INFINITY };
@@ -111,7 +115,7 @@ impl PointSurface {
     ///
     /// # Errors
     /// As [`Self::move_samples`]; [`SurfaceError::Coincident`] for samples that have come to one place, and then they have moved.
-    pub fn move_and_refit(&mut self, moved: &[Moved]) -> Result<(), SurfaceError> {
+    pub(in crate::sculpt) fn move_and_refit(&mut self, moved: &[Moved]) -> Result<(), SurfaceError> {
         let were_map: Vec<DVec3> = moved.iter().map(|moved| self.points.positions_map[moved.sample as usize]).collect();
         let had_one = self.have_one_of(&were_map);
         self.move_samples(moved)?;
@@ -127,7 +131,7 @@ impl PointSurface {
     ///
     /// # Errors
     /// [`SurfaceError`] when what is left makes no surface; nothing has changed then.
-    pub fn replace(&mut self, removed: &[u32], added: &PointSet) -> Result<(), SurfaceError> {
+    pub(in crate::sculpt) fn replace(&mut self, removed: &[u32], added: &PointSet) -> Result<(), SurfaceError> {
         let mut stays = vec![true; self.points.len()];
         for sample in removed {
             if let Some(stays) = stays.get_mut(*sample as usize) {

@@ -21,7 +21,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use self::blend::Blend;
-pub use self::edit::Moved;
+pub(super) use self::edit::Moved;
 use self::side::Side;
 use super::local_fit::{LocalFit, Oriented};
 use super::neighbours::{Neighbour, Neighbours};
@@ -144,7 +144,7 @@ impl PointSurface {
     }
 
     /// Where the samples are.
-    pub fn neighbours(&self) -> &Neighbours {
+    pub(in crate::sculpt) fn neighbours(&self) -> &Neighbours {
         &self.near
     }
 
@@ -159,7 +159,7 @@ impl PointSurface {
     }
 
     /// `[n]`: half of the edge of each sample's domain, m.
-    pub fn domains_m(&self) -> impl ExactSizeIterator<Item = f64> {
+    fn domains_m(&self) -> impl ExactSizeIterator<Item = f64> {
         self.fits.iter().map(|fit| fit.half_m)
     }
 

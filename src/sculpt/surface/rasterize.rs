@@ -23,7 +23,7 @@ struct Plane {
 impl PointSurface {
     /// The field at every node, as [`Self::at`] gives it. Far from the surface it may be off by a small part of the lattice's spacing,
     /// and there it depends on the lattice: a region is cut out of the raster of the whole, not rasterized by itself.
-    pub fn rasterize(&self, lattice: Lattice) -> Raster {
+    pub(in crate::sculpt) fn rasterize(&self, lattice: Lattice) -> Raster {
         let mut raster = Raster::uniform(lattice, f32::NAN);
         let [_, ny, nz] = lattice.dims;
         let by_plane = self.samples_by_plane(&lattice);

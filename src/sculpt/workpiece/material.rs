@@ -4,7 +4,9 @@ use glam::DVec3;
 
 use super::super::SurfaceError;
 use super::super::dynamics::Material;
-use super::super::material_map::{MaterialCoat, MaterialMap, Painted};
+#[cfg(test)]
+use super::super::material_map::MaterialMap;
+use super::super::material_map::{MaterialCoat, Painted};
 use super::super::paint::{Brush, Dab};
 use super::Workpiece;
 
@@ -15,7 +17,13 @@ impl Workpiece {
     ///
     /// # Errors
     /// As [`Self::paint`].
-    pub fn paint_material(&mut self, brush: &Brush, painted: Painted, at_map: DVec3, force_n: f64) -> Result<usize, SurfaceError> {
+    pub(in crate::sculpt) fn paint_material(
+        &mut self,
+        brush: &Brush,
+        painted: Painted,
+        at_map: DVec3,
+        force_n: f64,
+    ) -> Result<usize, SurfaceError> {
         let painted = painted.or_harder(&self.settings.material);
         if self.material_coat.as_ref().is_none_or(|coat| *coat.painted() != painted) {
             self.end_stroke()?;
@@ -30,7 +38,8 @@ impl Workpiece {
     }
 
     /// What was painted, on the nodes of the base.
-    pub fn material_map(&self) -> &MaterialMap {
+    #[cfg(test)]
+    pub(in crate::sculpt) fn material_map(&self) -> &MaterialMap {
         &self.material_map
     }
 

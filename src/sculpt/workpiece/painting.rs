@@ -26,7 +26,7 @@ impl Workpiece {
     ///
     /// # Errors
     /// [`SurfaceError`] where another stroke had to end first, and made no surface; that is taken back then.
-    pub fn paint(&mut self, brush: &Brush, at_map: DVec3, force_n: f64) -> Result<usize, SurfaceError> {
+    pub(in crate::sculpt) fn paint(&mut self, brush: &Brush, at_map: DVec3, force_n: f64) -> Result<usize, SurfaceError> {
         let radius_m = brush.radius_m(force_n);
         let Some((at_map, normal_map)) = self.onto(at_map, radius_m) else { return Ok(0) };
         if self.press.as_ref().is_none_or(|press| press.brush != *brush) {
@@ -76,7 +76,7 @@ impl Workpiece {
     }
 
     /// A disc with less than this is not split by the rim of a brush, m.
-    pub fn smallest_disc_m(&self) -> f64 {
+    pub(in crate::sculpt) fn smallest_disc_m(&self) -> f64 {
         SPLIT_SPACINGS * self.gap_m
     }
 }

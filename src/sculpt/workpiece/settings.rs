@@ -12,7 +12,7 @@ pub(super) const NODES_MAX: usize = 1 << 25;
 /// How a piece is worked.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
-    /// Neighbours of a fit.
+    /// Samples that a local fit takes into account.
     pub n_neighbours: usize,
     /// Lowest and highest corner of the region that deforms, map frame, m; `None`: all of the piece, and air around it.
     pub region_map: Option<(DVec3, DVec3)>,
@@ -22,7 +22,7 @@ pub struct Settings {
     pub air_m: f64,
     /// What it is made of where nothing else was painted.
     pub material: Material,
-    /// How it moves.
+    /// How densities move on in time.
     pub integrator: Integrator,
 }
 

@@ -32,5 +32,5 @@ mod write;
 pub use fault_files::{FaultFile, FaultFiles, Told, now};
 pub use read::{Entry, LONGEST_TEXT, ReadError, Recording};
 pub use recorder::{Facts, Failed, Recorder, RecorderHandle, RecordingSummary};
-pub use scene_files::{Form, NamedFile, ROOM_BYTES, SceneFiles, Scenes, Shown};
+pub use scene_files::{Form, NamedFile, SceneFiles, Scenes, Shown};
 pub use write::RecordingError;

@@ -36,7 +36,7 @@ const SCENE_PATIENCE: Duration = Duration::from_secs(1);
 pub struct Facts(Arc<Mutex<BTreeMap<String, String>>>);
 
 impl Facts {
-    /// Takes note of one.
+    /// Takes note of a fact: a name, and its value as text.
     pub fn note(&self, name: &str, value: impl ToString) {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).insert(name.to_owned(), value.to_string());
     }

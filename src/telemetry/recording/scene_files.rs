@@ -11,7 +11,7 @@ use twox_hash::XxHash3_128;
 use crate::spatial::Pose;
 
 /// Files of one scene that are brought along, bytes; what does not fit is named with its hash.
-pub const ROOM_BYTES: u64 = 256 << 20;
+pub(super) const ROOM_BYTES: u64 = 256 << 20;
 
 /// A scene as it was checked, and the files that it names.
 #[derive(Clone, Debug, Default)]
@@ -107,7 +107,7 @@ pub(super) fn hash(file: &mut File) -> io::Result<u128> {
 /// An object for the eye.
 #[derive(Clone, Debug)]
 pub struct Shown {
-    /// Its name.
+    /// Name of the object in the scene.
     pub name: String,
     /// `world_from_object`; of the tool, where it stands at the start.
     pub pose: Pose,

@@ -127,7 +127,7 @@ impl LabReport {
         self.last = Some(*record);
     }
 
-    /// The finished page.
+    /// The finished page: HTML that loads nothing.
     pub fn page(&self) -> String {
         page::page(self)
     }

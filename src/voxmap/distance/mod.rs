@@ -64,7 +64,7 @@ impl From<Samples> for Distances {
 
 /// What decides the sign of a distance.
 #[derive(Clone, Copy, Debug)]
-pub enum Signs<'a> {
+pub(super) enum Signs<'a> {
     /// A solid: layers give the side, and the orientation of the nearest triangle decides in surface voxels.
     Solid(&'a Orientation),
     /// A thin skin: everything is outside.
@@ -84,7 +84,7 @@ impl Samples {
     ///
     /// Deterministic whatever the number of threads and the processor. Cost: O(triangles + band cells), a few triangle distances
     /// per cell; memory beside the result: a cache line per triangle and two layers of choices.
-    pub(crate) fn measure(mesh: &TriangleMesh, surface: &Surface, layers: &Layers, signs: Signs<'_>, with_gradients: bool) -> Self {
+    pub(super) fn measure(mesh: &TriangleMesh, surface: &Surface, layers: &Layers, signs: Signs<'_>, with_gradients: bool) -> Self {
         Self::measure_on(Machine::best(), mesh, surface, layers, signs, with_gradients)
     }
 

@@ -32,7 +32,7 @@ const JUMP_CELLS: f32 = 0.05;
 /// See the module page. Invariant: `dims` are positive, `top`, `ceilings_m`, `around_m` and `rooms_cells` have one entry per brick, every slot
 /// of `top` is one of `samples_m`, and all samples can be counted by an `i32`.
 #[derive(Debug)]
-pub struct Chart {
+pub(crate) struct Chart {
     dims: [i32; 3],
     top: Slab<u32>,
     samples_m: Slab<[f32; APRON_CELLS]>,
@@ -48,12 +48,12 @@ pub struct Chart {
 impl Chart {
     /// Looks a field over; `None` for one that is too large for the kernels' 32-bit indices, or whose outside is inside (a thin skin
     /// that is thicker than its band). Cold.
-    pub fn of(field: &Field) -> Option<Self> {
+    pub(crate) fn of(field: &Field) -> Option<Self> {
         Self::thicker(field, 0.0)
     }
 
     /// The same with every value higher by `by_m`: what is that far from the object touches it. Cold.
-    pub fn thicker(field: &Field, by_m: f32) -> Option<Self> {
+    pub(crate) fn thicker(field: &Field, by_m: f32) -> Option<Self> {
         let Field { brick_dims: dims, top, distances_m: samples_m, band_m, voxel_size_m, .. } = field;
         let skin_m = &(field.skin_m + by_m);
         let n_bricks = dims.iter().try_fold(1_usize, |n, dim| n.checked_mul(usize::try_from(*dim).ok().filter(|dim| *dim > 0)?));
@@ -102,42 +102,42 @@ impl Chart {
 
     /// Bricks per axis.
     #[inline]
-    pub fn dims(&self) -> [i32; 3] {
+    pub(crate) fn dims(&self) -> [i32; 3] {
         self.dims
     }
 
     /// `[n_bricks]`, z fastest: slot of the samples, or [`FAR_OUTSIDE`], or [`DEEP_INSIDE`].
     #[inline]
-    pub fn top(&self) -> &[u32] {
+    pub(crate) fn top(&self) -> &[u32] {
         &self.top
     }
 
     /// `[n_slots][9³]`, z fastest, m, as in the field.
     #[inline]
-    pub fn samples_m(&self) -> &[[f32; APRON_CELLS]] {
+    pub(crate) fn samples_m(&self) -> &[[f32; APRON_CELLS]] {
         &self.samples_m
     }
 
     /// `[n_bricks]`, m: no value in the brick is higher; the value itself where the brick has no samples.
     #[inline]
-    pub fn ceilings_m(&self) -> &[f32] {
+    pub(crate) fn ceilings_m(&self) -> &[f32] {
         &self.ceilings_m
     }
 
     /// `[n_bricks]`, m: no value in the brick or in one of its 26 neighbours, on the grid or not, is higher.
     #[inline]
-    pub fn around_m(&self) -> &[f32] {
+    pub(crate) fn around_m(&self) -> &[f32] {
         &self.around_m
     }
 
     /// `[n_bricks]`, cells: from any place in the brick to anything with V > 0, at least.
     #[inline]
-    pub fn rooms_cells(&self) -> &[f32] {
+    pub(crate) fn rooms_cells(&self) -> &[f32] {
         &self.rooms_cells
     }
 
     /// The middle of the first brick from this one on that the surface may run through, cells; `None` when none does. Cold.
-    pub fn surface_place(&self, from_brick: usize) -> Option<Vec3> {
+    pub(crate) fn surface_place(&self, from_brick: usize) -> Option<Vec3> {
         let n_bricks = self.top.len();
         let runs_through = |brick: &usize| {
             let slot = self.top.get(*brick).filter(|slot| **slot < DEEP_INSIDE);
@@ -153,32 +153,27 @@ impl Chart {
 
     /// Where the field saturates on both sides, m.
     #[inline]
-    pub fn band_m(&self) -> f32 {
+    pub(crate) fn band_m(&self) -> f32 {
         self.band_m
     }
 
     /// Added to every sample, m.
     #[inline]
-    pub fn skin_m(&self) -> f32 {
+    pub(crate) fn skin_m(&self) -> f32 {
         self.skin_m
     }
 
     /// Voxel edge, m.
     #[inline]
-    pub fn voxel_size_m(&self) -> f32 {
+    pub(crate) fn voxel_size_m(&self) -> f32 {
         self.voxel_size_m
     }
 
     /// By how much two values may differ beyond their distance, cells: next to nothing for a sound mesh, more where the side changes
     /// without a surface between.
     #[inline]
-    pub fn jump_cells(&self) -> f32 {
+    pub(crate) fn jump_cells(&self) -> f32 {
         self.jump_cells
-    }
-
-    /// Size of the arrays that are not the field's own, bytes.
-    pub fn heap_bytes(&self) -> usize {
-        size_of_val(&*self.ceilings_m) + size_of_val(&*self.around_m) + size_of_val(&*self.rooms_cells)
     }
 }
 

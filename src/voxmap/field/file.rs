@@ -9,7 +9,7 @@ use crate::storage::sections::{Reader, Refusal, Writer};
 /// Everything of a field but its arrays.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
-pub struct FieldHead {
+pub(crate) struct FieldHead {
     origin: [f32; 3],
     voxel_size_m: f32,
     brick_dims: [i32; 3],
@@ -19,13 +19,13 @@ pub struct FieldHead {
 
 impl Field {
     /// What [`Self::store`] needs beside the field itself.
-    pub fn head(&self) -> FieldHead {
+    pub(crate) fn head(&self) -> FieldHead {
         let Self { origin, voxel_size_m, brick_dims, band_m, skin_m, .. } = *self;
         FieldHead { origin: origin.to_array(), voxel_size_m, brick_dims, band_m, skin_m }
     }
 
     /// Adds the field to a file.
-    pub fn store<'a>(&'a self, head: &'a FieldHead, to: &mut Writer<'a>) {
+    pub(crate) fn store<'a>(&'a self, head: &'a FieldHead, to: &mut Writer<'a>) {
         let Self { origin: _, voxel_size_m: _, brick_dims: _, band_m: _, skin_m: _, top, distances_m, layers, gradients } = self;
         to.record("field", head);
         to.array("field top", top);
@@ -35,7 +35,7 @@ impl Field {
     }
 
     /// True when a file holds a field.
-    pub fn is_in(from: &Reader) -> bool {
+    pub(crate) fn is_in(from: &Reader) -> bool {
         from.has("field")
     }
 

@@ -12,7 +12,7 @@ const STRIDES: [usize; 3] = [APRON_EDGE * APRON_EDGE, APRON_EDGE, 1];
 const LAST: usize = APRON_EDGE - 1;
 
 impl Field {
-    /// Mean of [`Self::gradient`] over one cell along each axis, m/m, map axes: central differences of [`Self::trilinear`], which change
+    /// Mean of [`Self::gradient`] over one cell along each axis, m/m, map axes: central differences of the trilinear field, which change
     /// steadily. RT: safe; about twice the time of the gradient, more where the cells lie in two bricks.
     pub fn mean_gradient(&self, cells: Vec3) -> Vec3 {
         let lattice = cells - 0.5;

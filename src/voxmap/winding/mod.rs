@@ -36,7 +36,7 @@ const STACK: usize = 64;
 /// Winding numbers of one mesh.
 ///
 /// Memory: 50 to 200 bytes per triangle for its block, and 432 bytes per fork, one fork per 12 to 48 triangles.
-pub struct WindingTree {
+pub(super) struct WindingTree {
     /// `[(4^levels − 1) / 3]`, each fork before those below it; coordinates about `center_m`, in units of the half box.
     forks: Vec<Fork>,
     /// Triangles of the leaves.
@@ -70,7 +70,7 @@ struct Item {
 
 impl WindingTree {
     /// Builds the tree. Runs on the current rayon pool, with the same result whatever its size. Cost: O(n log n) for n triangles.
-    pub fn new(mesh: &TriangleMesh) -> Self {
+    pub(super) fn new(mesh: &TriangleMesh) -> Self {
         let (low, high) = mesh.bounds().unwrap_or_default();
         let center_m = 0.5 * (low + high);
         let half_m = 0.5 * (high - low).max_element();
@@ -99,7 +99,7 @@ impl WindingTree {
     ///
     /// Error against the exact sum, by the tests below: at most 0.01, typically 10⁻³. Cost, measured on one thread over
     /// 0.7 M triangles with the test profile: 0.7 µs anywhere in the box, 6 µs beside the surface; twice that over 2 M at worst.
-    pub fn at(&self, point: DVec3) -> f64 {
+    pub(super) fn at(&self, point: DVec3) -> f64 {
         let local = (point - self.center_m) * self.per_metre;
         let place = Wide::splat(local.as_vec3());
         let (mut far, mut near) = (Vec4::ZERO, Vec4::ZERO);
