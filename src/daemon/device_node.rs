@@ -109,7 +109,7 @@ pub fn open_arm(
     Ok((Box::new(SimArm::new(sim_parameters(profile, hand, period_s))?), None))
 }
 
-/// The simulated arm of a profile, without a scene.
+/// The simulated arm of a profile.
 pub fn sim_parameters(profile: &Profile, hand: Option<HandParameters>, period_s: f64) -> SimParameters {
     SimParameters {
         period_s,

@@ -7,6 +7,7 @@ use crossbeam::channel::Receiver;
 use glam::DVec3;
 use thiserror::Error;
 
+use super::device_node::sim_parameters;
 use super::remote::RemoteArm;
 use crate::config::scene::{DeviceConfig, RealtimeConfig};
 use crate::config::{ConfigErrors, SceneConfig};
@@ -197,26 +198,12 @@ fn simulated_arm(
         start: port.start,
         grip_tool: center_of_mass_tool,
     };
-    SimParameters {
-        period_s,
-        plant,
-        hand: sim.hand_present.then(|| HandParameters {
-            stiffness_n_per_m: sim.hand_stiffness_n_per_m,
-            damping_n_s_per_m: sim.hand_damping_n_s_per_m,
-            mass_kg: sim.hand_mass_kg,
-            path: hand.map(|path| path.to_device(indexing)),
-            ..HandParameters::default()
-        }),
-        sensed: profile.sensed,
-        actuated: profile.actuated,
-        force_limit_n: profile.limits.force_n,
-        torque_limit_nm: profile.limits.torque_nm,
-        window_linear_s: profile.velocity_window_ms[0] * 1e-3,
-        window_angular_s: profile.velocity_window_ms[1] * 1e-3,
-        watchdog_ms: profile.link.device_watchdog_ms,
-        holds_last_command: profile.link.holds_last_command,
-        homed: true,
-        fault: None,
-        seed: sim.seed,
-    }
+    let hand = sim.hand_present.then(|| HandParameters {
+        stiffness_n_per_m: sim.hand_stiffness_n_per_m,
+        damping_n_s_per_m: sim.hand_damping_n_s_per_m,
+        mass_kg: sim.hand_mass_kg,
+        path: hand.map(|path| path.to_device(indexing)),
+        ..HandParameters::default()
+    });
+    SimParameters { plant, seed: sim.seed, ..sim_parameters(profile, hand, period_s) }
 }

@@ -14,7 +14,7 @@ use zenoh::{Session, Wait};
 
 use super::keys::{Owner, WorldName, owner_key, owner_keys};
 use super::plan::PublishError;
-use super::sender::refused;
+use super::plan::refused;
 
 /// How long owners have to say that they are there.
 const LOOK: Duration = Duration::from_secs(1);

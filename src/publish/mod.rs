@@ -35,4 +35,6 @@ pub use keys::{
 };
 pub use plan::{Plan, PublishError, Share, Topics};
 #[cfg(feature = "zenoh")]
-pub use sender::{Opened, Sender, Tell};
+pub use sender::{Opened, Sender};
+#[cfg(feature = "zenoh")]
+pub use world::Tell;

@@ -64,3 +64,10 @@ pub enum PublishError {
         owner: Owner,
     },
 }
+
+/// What a session says about a key, as an error.
+#[cfg(feature = "zenoh")]
+pub(super) fn refused(key: &str) -> impl FnOnce(zenoh::Error) -> PublishError {
+    let key = key.to_owned();
+    move |cause| PublishError::Refused { key, cause: cause.to_string() }
+}

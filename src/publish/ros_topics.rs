@@ -8,8 +8,8 @@ use zenoh::pubsub::Publisher;
 use zenoh::qos::CongestionControl;
 use zenoh::{Session, Wait};
 
+use super::plan::refused;
 use super::plan::{PublishError, Topics};
-use super::sender::refused;
 use crate::ros::{Attachment, Gid, Moment, Node, Topic, gid, node_token, publisher_token, topic_key};
 use crate::telemetry::TickRecord;
 

@@ -13,17 +13,14 @@ use zenoh::qos::CongestionControl;
 use zenoh::{Session, Wait};
 
 use super::keys::{binary_state_key, state_key};
-use super::plan::{Plan, PublishError};
+use super::plan::{Plan, PublishError, refused};
 use super::ros_topics::RosTopics;
-use super::world::World;
+use super::world::{Tell, World};
 use crate::daemon::desk::Counter;
 use crate::monitor::{Hub, Observer, Seen};
 use crate::network::session;
 use crate::ros::Namespace;
 use crate::telemetry::Tap;
-
-/// Hears what people should know: a sentence, and the names in it.
-pub type Tell = Arc<dyn Fn(&str, &[&str]) + Send + Sync>;
 
 /// Everything that a plan needs of the network, before the run.
 pub struct Opened {
@@ -129,10 +126,4 @@ impl Drop for Sender {
             let _ = thread.join();
         }
     }
-}
-
-/// What a session says about a key, as an error.
-pub(super) fn refused(key: &str) -> impl FnOnce(zenoh::Error) -> PublishError {
-    let key = key.to_owned();
-    move |cause| PublishError::Refused { key, cause: cause.to_string() }
 }

@@ -14,8 +14,7 @@ use zenoh::{Session, Wait};
 
 use super::claims::{Claims, News};
 use super::keys::{Owner, WorldName, pose_key, pose_keys, posed_object};
-use super::plan::{PublishError, Share};
-use super::sender::{Tell, refused};
+use super::plan::{PublishError, Share, refused};
 use crate::daemon::desk::{Ask, Counter, Refusal, Request};
 use crate::monitor::{Seen, read_pose};
 
@@ -25,6 +24,9 @@ const MOST_OBJECTS: usize = 256;
 const LONGEST: usize = 512;
 /// An object that rests is told so often: whoever joins later hears of it.
 const AGAIN: Duration = Duration::from_millis(500);
+
+/// Hears what people should know: a sentence, and the names in it.
+pub type Tell = Arc<dyn Fn(&str, &[&str]) + Send + Sync>;
 
 type Shared<T> = Arc<Mutex<BTreeMap<String, T>>>;
 
