@@ -8,10 +8,14 @@
 . ./gadget.sh
 export NO_COLOR=1
 TRIES=6
+# The host of an emulated machine takes up to two seconds from its first frame to its first tick, so the hand begins that much later: it presses from 3.7 s
+# to 5.5 s after that frame.
+awk -F, -v OFS=, 'NR > 1 { $1 += 1.5 } { print }' config/scenes/hands/block-on-plane.csv >config/scenes/hands/links.csv
+FAST=config/scenes/links-fast.toml
 SCENE=config/scenes/links.toml
-sed 's/^rate_hz = 1000$/rate_hz = 125/' config/scenes/block-on-plane.toml >$SCENE
-# The hand presses from 1.2 s to 3 s of its own time, which begins one second after the host's first frame.
-WRONG_AT=2600ms
+sed 's#hands/block-on-plane.csv#hands/links.csv#' config/scenes/block-on-plane.toml >$FAST
+sed 's/^rate_hz = 1000$/rate_hz = 125/' $FAST >$SCENE
+WRONG_AT=4100ms
 
 # patient PROFILE: a copy for the emulated machine, whose signs somebody has checked.
 patient() {
@@ -76,10 +80,10 @@ exchange() {
 for profile in open6-hid open6-serial; do patient $profile; done
 
 # --- HID devices of the kernel's making: /dev/uhid on one side, /dev/hidrawN on the other
-exchange hidraw /tmp/open6-hid.toml "" --uhid "" "--duration 8s"
-exchange woodenhaptics woodenhaptics-v15 "" --uhid "" "--duration 4s"
-exchange polhem-mbed polhem-v1 "" --uhid "" "--duration 4s"
-exchange polhem-rawhid polhem-2019 "" --uhid "" "--duration 4s"
+exchange hidraw /tmp/open6-hid.toml "" --uhid "" "--duration 9500ms"
+exchange woodenhaptics woodenhaptics-v15 "" --uhid "" "--duration 5500ms"
+exchange polhem-mbed polhem-v1 "" --uhid "" "--duration 5500ms"
+exchange polhem-rawhid polhem-2019 "" --uhid "" "--duration 5500ms"
 
 # Two boards with the same USB numbers: each host refuses the other's reports by their length.
 arm not-woodenhaptics polhem-v1 --uhid
@@ -90,16 +94,16 @@ host not-polhem polhem-v1 --enable --duration 1s
 arm_ends
 
 # An input without motors: the tool goes where the hand goes.
-exchange spacemouse spacemouse "" --uhid "" "--duration 4s"
+exchange spacemouse spacemouse "" --uhid "" "--duration 5500ms"
 
 # What goes wrong while the arm pushes.
-exchange nan /tmp/open6-hid.toml '"non-finite"' --uhid "--fault nan@$WRONG_AT" "--duration 5s"
+exchange nan /tmp/open6-hid.toml '"non-finite"' --uhid "--fault nan@$WRONG_AT" "--duration 6500ms"
 # Eleven garbled replies are `protocol`; at 125 Hz four are `stale` before that.
-SCENE=config/scenes/block-on-plane.toml
-exchange garbage /tmp/open6-hid.toml '"protocol"' --uhid "--fault garbage@$WRONG_AT" "--duration 5s"
+SCENE=$FAST
+exchange garbage /tmp/open6-hid.toml '"protocol"' --uhid "--fault garbage@$WRONG_AT" "--duration 6500ms"
 SCENE=config/scenes/links.toml
-exchange stall /tmp/open6-hid.toml '"stale"' --uhid "--fault stall@$WRONG_AT" "--duration 5s"
-exchange unplug /tmp/open6-hid.toml '"disconnected"' --uhid "--fault unplug@$WRONG_AT" "--duration 5s"
+exchange stall /tmp/open6-hid.toml '"stale"' --uhid "--fault stall@$WRONG_AT" "--duration 6500ms"
+exchange unplug /tmp/open6-hid.toml '"disconnected"' --uhid "--fault unplug@$WRONG_AT" "--duration 6500ms"
 
 # The plug comes back, and the operator lets force flow again.
 mkfifo /tmp/console
@@ -121,15 +125,15 @@ done
 
 # --- a USB device, plugged into this machine: a serial port and a HID interface
 gadget_up 64 || exit 1
-exchange acm /tmp/open6-serial.toml "" "--gadget /dev/ttyGS0" "" "--duration 8s"
-exchange usb-hid /tmp/open6-hid.toml "" "--gadget /dev/hidg0" "" "--duration 8s"
+exchange acm /tmp/open6-serial.toml "" "--gadget /dev/ttyGS0" "" "--duration 9500ms"
+exchange usb-hid /tmp/open6-hid.toml "" "--gadget /dev/hidg0" "" "--duration 9500ms"
 
 # Its plug is pulled while it pushes.
 for try in $(seq $TRIES); do
   arm usb-unplug /tmp/open6-hid.toml --gadget /dev/hidg0
-  host usb-unplug /tmp/open6-hid.toml --enable --duration 8s &
+  host usb-unplug /tmp/open6-hid.toml --enable --duration 9500ms &
   host_pid=$!
-  heard "$OUT/usb-unplug.host.err" "^state: enabled" && sleep 2.6 && gadget_unplug
+  heard "$OUT/usb-unplug.host.err" "^state: enabled" && sleep 3.2 && gadget_unplug
   wait $host_pid
   arm_ends
   late usb-unplug '"disconnected"' || break
