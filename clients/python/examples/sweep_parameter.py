@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import csv
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -29,8 +30,10 @@ def stretch(arm: Client, duration_s: float) -> Path:
     set_s = arm.state().time_s
     arm.wait_until(lambda state: state.time_s > set_s + SETTLE_S)
     arm.record()
-    begin_s = arm.state().time_s
-    arm.wait_until(lambda state: state.time_s > begin_s + duration_s)
+    # States arrive some time after their tick, and loop time may run a hundred times as fast as ours: only the recording knows how long it is.
+    n_ticks = round(duration_s * arm.info()["rate_hz"])
+    while (recording := arm.info()["recording"]) and recording["records"] < n_ticks:
+        time.sleep(0.01)
     return Path(arm.end_recording().file)
 
 
