@@ -73,18 +73,20 @@ class PageTest(unittest.TestCase):
         """How many pixels in the middle of the view have the hue of the force arrow."""
         return page.count_pixels("#view", "--force")
 
+    def test_no_arrow_without_contact(self):
+        self.assertEqual(self.force_pixels(self.open(self.run_scene("rest"))), 0)
+
     def test_moves_and_shows_the_force(self):
         run = self.run_scene("press")
         page = self.open(run)
         self.assertEqual(page.run("document.querySelector('#scene-name').textContent"), "press scene")
-        self.assertEqual(self.force_pixels(page), 0, "no arrow before contact")
-        before = page.picture_of("#view")
         page.wait(IN_CONTACT)
+        before = page.picture_of("#view")
         page.wait(f"{number('read-force')} > 0.5")
-        self.assertGreater(page.run(number("read-depth")), 0)
+        page.wait(f"{number('read-depth')} > 0")
         page.wait(f"{number('read-speed')} > 1")
         self.assertGreater(self.force_pixels(page), 50, "an arrow in contact")
-        self.assertNotEqual(page.picture_of("#view"), before, "the tool moved")
+        self.assertNotEqual(page.picture_of("#view"), before, "the tool moves")
         for plot, color in (("plot-force", "--force"), ("plot-depth", "--point"), ("plot-compute", "--series-a"), ("plot-wakeup", "--series-b")):
             self.assertGreater(page.count_pixels(f"#{plot} canvas", color), 20, f"a line in {plot}")
             self.assertRegex(page.run(f"document.querySelector('#{plot} output').value"), r"^−?\d")
