@@ -519,11 +519,16 @@ class PageTest(unittest.TestCase):
         held = "fetch('/api/v1/clay').then((r) => r.json()).then(({ is_held }) => is_held)"
         page.wait("!document.querySelector('#clay-hold').matches(':disabled')")
         at = page.middle_of("#clay-hold")
-        page.touch("Start", at)
-        page.wait(held)
-        # Longer than a menu takes to come up, and off the button: a finger that slips still holds.
-        page.touch("Move", (at[0] + 30, at[1] - 60))
-        page.wait("new Promise((done) => setTimeout(() => done(true), 800))")
+        # A page that a busy machine keeps waiting lets go by itself, as it should; not three times.
+        for attempt in range(3):
+            page.touch("Start", at)
+            page.wait(held)
+            # Longer than a menu takes to come up, and off the button: a finger that slips still holds.
+            page.touch("Move", (at[0] + 30, at[1] - 60))
+            page.wait("new Promise((done) => setTimeout(() => done(true), 800))")
+            if page.run(held) or attempt == 2:
+                break
+            page.touch("End")
         self.assertTrue(page.run(held))
         page.touch("End")
         page.wait(f"{held}.then((is) => !is)")
