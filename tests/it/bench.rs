@@ -118,12 +118,15 @@ fn a_quick_bench_of_quality_writes_its_raw_results() {
     }
     assert!(find(&rows, "Q1 up a slope", "implicit, trilinear: delay")["value"].is_number());
     assert!(find(&rows, "smoothness", "block-on-plane: ripple on the hand")["peer_value"].is_number());
+    assert!(rows.len() > 100, "{} rows", rows.len());
     for (file, columns, least_lines) in [("q1-q3.csv", 18, 48), ("q1-q3-series.csv", 11, 48 * 240), ("q1-couplings.csv", 7, 9000)] {
         let written = std::fs::read_to_string(folder.path().join("raw").join(file)).unwrap();
         let commas = |line: &str| line.split('"').step_by(2).map(|part| part.matches(',').count()).sum::<usize>();
         assert!(written.lines().all(|line| commas(line) == columns - 1), "{file}");
         assert!(written.lines().count() > least_lines, "{file}: {} lines", written.lines().count());
     }
+    let cases = std::fs::read_to_string(folder.path().join("raw/q1-q3.csv")).unwrap();
+    assert_eq!(cases.lines().count(), 49, "a line for each case, and the head");
     assert!(std::fs::read(folder.path().join("raw/smoothness-on-the-hand.png")).unwrap().starts_with(b"\x89PNG\r\n\x1a\n"));
 }
 
@@ -131,6 +134,7 @@ fn a_quick_bench_of_quality_writes_its_raw_results() {
 fn a_quick_torture_judges_every_tick() {
     let folder = tempfile::tempdir().unwrap();
     let rows = rows_of(folder.path(), &["bench", "torture", "--quick"]);
+    assert!(rows.len() > 30, "{} rows", rows.len());
     assert!(find(&rows, "torture", "ticks")["value"].as_f64() >= Some(20_000.0));
     assert!(find(&rows, "torture", "ticks in contact")["value"].as_f64() > Some(1000.0), "it is violent");
     assert!(find(&rows, "torture", "largest force")["value"].as_f64() > Some(4.0), "it is violent");
