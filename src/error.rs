@@ -24,6 +24,20 @@ pub enum Exit {
     Internal = 70,
 }
 
+impl Exit {
+    /// Every ending, with what people are told of it.
+    pub const TABLE: [(Self, &str); 8] = [
+        (Self::Ok, "Everything asked for was done."),
+        (Self::Usage, "The command line makes no sense, or a file that is there already is to be kept."),
+        (Self::Configuration, "A scene or profile is wrong."),
+        (Self::Asset, "A mesh, cache or recording cannot be used, or a file cannot be written."),
+        (Self::Device, "The arm cannot be opened, or was lost before rendering."),
+        (Self::RealtimeRefused, "The scene enforces real time, and this machine does not keep it."),
+        (Self::Fault, "A fault happened while rendering."),
+        (Self::Internal, "A mistake of the program."),
+    ];
+}
+
 impl From<Exit> for ExitCode {
     fn from(exit: Exit) -> Self {
         Self::from(exit as u8)

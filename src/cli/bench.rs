@@ -7,6 +7,7 @@ use clap::ValueEnum;
 use super::bake::print_json;
 use super::{Talk, plots, report, say};
 use crate::bench::{BenchError, Machine, Report, Row, commit_of, contact, generation, loops, sculpt};
+use crate::document::PACKAGED;
 use crate::error::Exit;
 
 /// Arguments of `hapticd bench`.
@@ -62,14 +63,17 @@ enum Group {
     Sculpt,
 }
 
-/// Where the shipped scenes may be: in a checkout, and from the package.
-const SHIPPED: [&str; 2] = ["config/scenes", "/usr/share/hapticd/scenes"];
+/// Where the shipped scenes are in a checkout.
+const SHIPPED: &str = "config/scenes";
 
 impl Args {
-    /// The folder of scenes; where none is found, the first one is told.
+    /// The folder of scenes: of a checkout, or of the package; where there is none, that of a checkout is told.
     fn scenes(&self) -> PathBuf {
-        let found = || SHIPPED.into_iter().find(|folder| Path::new(folder).is_dir());
-        self.scenes.clone().unwrap_or_else(|| found().unwrap_or(SHIPPED[0]).into())
+        let shipped = || {
+            let packaged = Path::new(PACKAGED).join("scenes");
+            if !Path::new(SHIPPED).is_dir() && packaged.is_dir() { packaged } else { SHIPPED.into() }
+        };
+        self.scenes.clone().unwrap_or_else(shipped)
     }
 
     fn wants(&self, group: Group) -> bool {

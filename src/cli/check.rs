@@ -5,15 +5,17 @@ use std::path::{Path, PathBuf};
 use super::{Talk, report, say};
 use crate::config::scene::{ClaySource, MeshSource, SculptConfig};
 use crate::config::strokes::{self, Script, Timed};
-use crate::config::{self, SceneConfig};
+use crate::config::{self, SceneConfig, StiffnessBound};
 use crate::daemon::{PrepareError, inputs};
 use crate::device::profile::{self, Profile, ProfileError};
 use crate::document::show;
 use crate::error::Exit;
 use crate::haptics::CouplingMode;
 use crate::mesh;
+use crate::scene::SceneError;
 use crate::sculpt::studio::{Order, ToolSettings};
 use crate::spatial::{Axes, Metres};
+use crate::voxmap::grid::Grid;
 
 /// Arguments of `hapticd check`.
 #[derive(Debug, clap::Args)]
@@ -38,7 +40,10 @@ pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
             };
             match loaded {
                 Ok(profile) if talk.quiet => drop(profile),
-                Ok(profile) => say::result(format_args!("ok {}\n", profile_summary(scene, &profile))),
+                Ok(profile) => {
+                    profile.doubts().iter().for_each(|doubt| report::warning(&format!("{}: {doubt}", scene.display()), talk));
+                    say::result(format_args!("ok {}\n", profile_summary(scene, &profile)));
+                }
                 Err(errors) => exit = report::config_errors(&errors, talk),
             }
             continue;
@@ -56,14 +61,12 @@ pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
             if let Some(SculptConfig { strokes: Some(file), tool, .. }) = &config.sculpt {
                 strokes::load(file, tool).map_err(PrepareError::Config)?;
             }
+            look_at_parts(&config, talk)?;
             Ok(config)
         });
         match checked {
             Ok(config) if talk.quiet => drop(config),
-            Ok(config) => {
-                warn_of_units(&config, talk);
-                say::result(format_args!("ok {}\n", summary(&config)));
-            }
+            Ok(config) => say::result(format_args!("ok {}\n", summary(&config))),
             Err(error) => exit = report::prepare_error(&error, talk),
         }
     }
@@ -93,17 +96,31 @@ fn profile_summary(path: &Path, profile: &Profile) -> String {
 /// Longest part that is likely to be meant, m.
 const LIKELY_M: f64 = 5.0;
 
-/// Warns of parts that are so large that their unit is likely to be wrong. One that cannot be read is told when it is baked.
-fn warn_of_units(config: &SceneConfig, talk: Talk) {
-    let statics = config.statics.iter().map(|object| (object.name.as_str(), &object.source));
-    for (name, source) in statics.chain([("tool", &config.tool.source)]) {
-        let MeshSource::File { path, metres_per_unit } = source else { continue };
-        let bounds = mesh::load(path, *metres_per_unit).ok().and_then(|mesh| mesh.bounds());
-        let longest_m = bounds.map_or(0.0, |(low, high)| (high - low).max_element());
-        if longest_m > LIKELY_M {
+/// Looks at the box of each part: a mesh that cannot be read, or a grid that is too large, is refused as `run` would; of a part that is so large that
+/// its unit is likely to be wrong is warned.
+fn look_at_parts(config: &SceneConfig, talk: Talk) -> Result<(), SceneError> {
+    let SceneConfig { statics, tool, .. } = config;
+    let statics = statics.iter().map(|object| (object.name.as_str(), &object.source, object.voxel_size_m, object.layers));
+    for (name, source, voxel_size_m, layers) in statics.chain([("tool", &tool.source, tool.voxel_size_m, tool.layers)]) {
+        let bounds = match source {
+            MeshSource::File { path, metres_per_unit } => {
+                let mesh = mesh::load(path, *metres_per_unit);
+                mesh.map_err(|source| SceneError::Mesh { name: name.to_owned(), source })?.bounds()
+            }
+            // As coarse as may be: its box hardly depends on it.
+            MeshSource::Shape(shape) => shape.tessellate(0.0).bounds(),
+        };
+        let Some((low, high)) = bounds else { continue };
+        let longest_m = (high - low).max_element();
+        if let MeshSource::File { path, .. } = source
+            && longest_m > LIKELY_M
+        {
             report::warning(&format!("{name}: {} is {} long: is its `units` right?", path.display(), Metres(longest_m)), talk);
         }
+        let grid = Grid::around(low, high, voxel_size_m, layers);
+        grid.map_err(|source| SceneError::Grid { name: name.to_owned(), source })?;
     }
+    Ok(())
 }
 
 /// One line: `strokes.toml: 5 orders from 0.5 s to 3 s`. How many of them are strokes of the clay shows when they are carried out.
@@ -119,7 +136,7 @@ fn script_summary(script: &Script) -> String {
     }
 }
 
-/// One line: `scene.toml: "gear", 1 static + tool, sim-sigma7 at 1000 Hz, implicit, 4000 N/m (bound 4000) 1 N·m/rad (bound 1)`.
+/// One line: `scene.toml: "gear", 1 static + tool, sim-sigma7 at 1000 Hz, implicit, 4000 N/m (declared bound 4000), 1 N·m/rad (declared bound 1)`.
 pub(super) fn summary(config: &SceneConfig) -> String {
     let coupling = &config.parameters.coupling;
     let mode = match coupling.mode {
@@ -134,17 +151,21 @@ pub(super) fn summary(config: &SceneConfig) -> String {
         CouplingMode::Direct => config.parameters.contact.stiffness_n_per_m,
         _ => coupling.stiffness_n_per_m,
     } * config.parameters.port.scale;
-    let bound = |bound: f64| if bound.is_finite() { format!("bound {}", show(bound)) } else { "no bound".into() };
+    let bound = |bound: &StiffnessBound| match bound.value() {
+        value if value.is_infinite() => "no bound".to_owned(),
+        value if bound.declared == Some(value) => format!("declared bound {}", show(value)),
+        value => format!("stability bound {}", show(value)),
+    };
     let mut parts = vec![
         format!("{}: \"{}\"", config.path.display(), config.name),
         format!("{} static + tool{}", config.statics.len(), if config.sculpt.is_some() { " + clay" } else { "" }),
         format!("{} at {} Hz", config.device.profile.name, config.rate_hz),
         mode.to_owned(),
-        format!("{} N/m ({})", show(translation), bound(config.stability.translation.value())),
+        format!("{} N/m ({})", show(translation), bound(&config.stability.translation)),
     ];
     if coupling.mode != CouplingMode::Direct {
         let rotation = coupling.stiffness_nm_per_rad;
-        parts.push(format!("{} N·m/rad ({})", show(rotation), bound(config.stability.rotation.value())));
+        parts.push(format!("{} N·m/rad ({})", show(rotation), bound(&config.stability.rotation)));
     }
     if config.stability.allow_unstable {
         parts.push("allow_unstable".to_owned());

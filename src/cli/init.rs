@@ -101,7 +101,7 @@ fn init(args: &Args, talk: Talk) -> Result<(), Refused> {
         let message = format!("{}: no mesh files here", args.folder.display());
         return Err(refuse(Exit::Asset, &message, Some(&format!("files that end in {} are read", EXTENSIONS.join(", ")))));
     }
-    place.is_free(args, talk)?;
+    place.check_free(args, talk)?;
     let mut found = Vec::new();
     for path in &files {
         match read(path) {

@@ -26,7 +26,7 @@ pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
     // Before the recording is read, which may take a while.
     if let Err(problem) = may_write(args, &out) {
         report::error(&format!("{} {problem}", out.display()), Some("give another name, or --overwrite"), talk);
-        return Exit::Asset;
+        return Exit::Usage;
     }
     let page = match read(args) {
         Ok(page) => page,

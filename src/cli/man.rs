@@ -1,11 +1,15 @@
 //! `hapticd man`: manual pages, made from what `--help` says.
 
+use std::fmt::Write as _;
+use std::fs::OpenOptions;
+use std::io::Write as _;
 use std::path::PathBuf;
 
 use clap::CommandFactory as _;
 use clap_mangen::Man;
 
 use super::{Cli, Talk, report, say};
+use crate::document::PACKAGED;
 use crate::error::Exit;
 
 /// Arguments of `hapticd man`.
@@ -23,10 +27,12 @@ pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
         let mut page = Vec::new();
         // True invariant: writing to memory does not fail.
         let _ = Man::new(command).render(&mut page);
-        say::result(format_args!("{}", String::from_utf8_lossy(&page)));
+        say::result(format_args!("{}{}", String::from_utf8_lossy(&page), endings_and_files()));
         return Exit::Ok;
     };
-    match std::fs::create_dir_all(folder).and_then(|()| clap_mangen::generate_to(command, folder)) {
+    let written = std::fs::create_dir_all(folder).and_then(|()| clap_mangen::generate_to(command, folder));
+    let main_page = || OpenOptions::new().append(true).open(folder.join("hapticd.1"));
+    match written.and_then(|()| main_page()?.write_all(endings_and_files().as_bytes())) {
         Ok(()) => Exit::Ok,
         Err(error) => {
             report::error(
@@ -37,4 +43,26 @@ pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
             Exit::Asset
         }
     }
+}
+
+/// Sections of the main page that no `--help` has.
+fn endings_and_files() -> String {
+    let mut page = ".SH \"EXIT STATUS\"\n".to_owned();
+    for (exit, meaning) in Exit::TABLE {
+        // True invariant: writing to memory does not fail.
+        let _ = write!(page, ".TP\n{}\n{meaning}\n", exit as u8);
+    }
+    let scenes = format!("{PACKAGED}/scenes, {PACKAGED}/clay");
+    let files = [
+        (scenes.as_str(), "Scenes of the Debian package."),
+        ("~/.cache/hapticd", "What was baked; $XDG_CACHE_HOME goes before it."),
+        ("~/.local/state/hapticd/faults", "Recordings of faults; $XDG_STATE_HOME goes before it."),
+        ("/etc/hapticd", "Scenes of the systemd unit hapticd@."),
+        ("/usr/share/doc/hapticd/README.md", "Where the documents begin."),
+    ];
+    page.push_str(".SH FILES\n");
+    for (file, what) in files {
+        let _ = write!(page, ".TP\n{file}\n{what}\n");
+    }
+    page
 }

@@ -5,18 +5,20 @@ use std::path::PathBuf;
 use crate::error::Exit;
 use crate::network::{Endpoints, NetworkError};
 
+/// Where `--help` lists what needs the feature.
+pub(super) const HEADING: &str = "Network (feature zenoh)";
+
 /// Where to meet others.
 #[derive(Clone, Debug, Default, clap::Args)]
-#[command(next_help_heading = "Network (feature zenoh)")]
 pub(crate) struct NetworkArgs {
     /// Connect to this address, such as udp/192.168.1.10:7447; may be repeated.
-    #[arg(long, value_name = "ENDPOINT")]
+    #[arg(long, help_heading = HEADING, value_name = "ENDPOINT")]
     connect: Vec<String>,
     /// Listen on this address, such as udp/0.0.0.0:7447; may be repeated.
-    #[arg(long, value_name = "ENDPOINT")]
+    #[arg(long, help_heading = HEADING, value_name = "ENDPOINT")]
     listen: Vec<String>,
     /// Zenoh's own settings, JSON5.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, help_heading = HEADING, value_name = "FILE")]
     zenoh_config: Option<PathBuf>,
 }
 

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use super::network::HEADING;
 use super::{Talk, report};
 use crate::config::SceneConfig;
 use crate::daemon::desk::Counter;
@@ -24,23 +25,22 @@ const MOST_HZ: f64 = 1000.0;
 
 /// Arguments of what is published and shared.
 #[derive(Debug, clap::Args)]
-#[command(next_help_heading = "Network (feature zenoh)")]
 pub(crate) struct PublishArgs {
     /// Publish the run: topics of ROS 2 (rmw_zenoh) under this namespace, and hapticd/NAMESPACE/state for other viewers. Without --listen and
     /// --connect those of this machine find it at udp/127.0.0.1:7447.
-    #[arg(long, value_name = "NAMESPACE", num_args = 0..=1, default_missing_value = "hapticd")]
+    #[arg(long, help_heading = HEADING, value_name = "NAMESPACE", num_args = 0..=1, default_missing_value = "hapticd")]
     publish: Option<Namespace>,
     /// Domain of the topics [default: that of ROS_DOMAIN_ID, else 0].
-    #[arg(long, value_name = "N", requires = "publish")]
+    #[arg(long, help_heading = HEADING, value_name = "N", requires = "publish")]
     ros_domain: Option<Domain>,
     /// How often messages are sent, and poses of a world, Hz [default: 100].
-    #[arg(long, value_name = "HZ", value_parser = parse_hz)]
+    #[arg(long, help_heading = HEADING, value_name = "HZ", value_parser = parse_hz)]
     publish_hz: Option<f64>,
     /// Take part in a world that several runs share: movable objects stand where their owners say.
-    #[arg(long, value_name = "NAME")]
+    #[arg(long, help_heading = HEADING, value_name = "NAME")]
     world: Option<WorldName>,
     /// Own these movable objects of the world: the others see them where they stand here.
-    #[arg(long, value_name = "OBJECT,...", value_delimiter = ',', requires = "world")]
+    #[arg(long, help_heading = HEADING, value_name = "OBJECT,...", value_delimiter = ',', requires = "world")]
     own: Vec<String>,
 }
 

@@ -55,7 +55,11 @@ impl RecordingArgs {
                 _ => None,
             };
             report::error(&format!("--record: {error}"), hint, talk);
-            if matches!(error, RecordingError::Thread(_)) { Exit::Internal } else { Exit::Asset }
+            match error {
+                RecordingError::Exists(_) => Exit::Usage,
+                RecordingError::Thread(_) => Exit::Internal,
+                _ => Exit::Asset,
+            }
         };
         let recording = self.record.as_ref().map(|file| recorder.start(file, overwrite, failed(talk)));
         let recording = recording.transpose().map_err(refused)?;
@@ -217,10 +221,7 @@ fn processor() -> String {
 /// What the machine offers, for whoever looks at a recording.
 pub(crate) fn note_machine(recorder: &Recorder, machine: &Report) {
     for check in &machine.rows {
-        recorder.facts.note(
-            &format!("machine.{}", check.name),
-            format!("{}: {}", format!("{:?}", check.outcome).to_lowercase(), check.found),
-        );
+        recorder.facts.note(&format!("machine.{}", check.name), format!("{}: {}", check.outcome.name(), check.found));
     }
 }
 

@@ -108,14 +108,10 @@ impl<'a> Screen<'a> {
             return;
         }
         for row in &report.rows {
-            let (level, outcome) = match row.outcome {
-                preflight::Outcome::Passed => (Level::Info, "passed"),
-                preflight::Outcome::Failed => (Level::Warning, "failed"),
-                preflight::Outcome::Unknown => (Level::Info, "unknown"),
-            };
+            let level = if row.outcome == preflight::Outcome::Failed { Level::Warning } else { Level::Info };
             let fields = [
                 ("check", Value::from(row.name)),
-                ("outcome", outcome.into()),
+                ("outcome", row.outcome.name().into()),
                 ("found", row.found.as_str().into()),
                 ("hint", row.hint.into()),
             ];

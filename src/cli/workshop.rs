@@ -28,24 +28,26 @@ use crate::scene::Piece;
 use crate::sculpt::PointSet;
 use crate::sculpt::studio::{Order, Studio, ToolBody};
 
+/// Where `--help` lists it.
+const HEADING: &str = "Clay";
+
 /// What is to become of the clay.
 #[derive(Debug, clap::Args)]
-#[command(next_help_heading = "Clay")]
 pub(crate) struct ClayArgs {
     /// Strokes of this file instead of the scene's.
-    #[arg(long, value_name = "FILE.toml")]
+    #[arg(long, help_heading = HEADING, value_name = "FILE.toml")]
     strokes: Option<PathBuf>,
     /// At the end, write the samples with normals and colours.
-    #[arg(long, value_name = "FILE.ply")]
+    #[arg(long, help_heading = HEADING, value_name = "FILE.ply")]
     save: Option<PathBuf>,
     /// At the end, write all that is needed to go on another day: `session` under [sculpt] takes it.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, help_heading = HEADING, value_name = "FILE")]
     session: Option<PathBuf>,
     /// At the end, write the piece as a closed mesh that `bake` and rigid scenes take.
-    #[arg(long, value_name = "FILE.ply")]
+    #[arg(long, help_heading = HEADING, value_name = "FILE.ply")]
     export: Option<PathBuf>,
     /// At the end, draw the piece as it was and as it is: SCENE-before.png and SCENE-after.png in this folder.
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, help_heading = HEADING, value_name = "DIR")]
     pictures: Option<PathBuf>,
 }
 

@@ -106,27 +106,7 @@ pub fn open_arm(
         let opened = open::open(profile, &OpenOptions { selector, io_request: Some(io_request), period_s })?;
         return Ok((Box::new(opened.arm), Some(Attached { node: opened.path, news: opened.news, link: None })));
     }
-    Ok((Box::new(SimArm::new(sim_parameters(profile, hand, period_s))?), None))
-}
-
-/// The simulated arm of a profile.
-pub fn sim_parameters(profile: &Profile, hand: Option<HandParameters>, period_s: f64) -> SimParameters {
-    SimParameters {
-        period_s,
-        plant: profile.plant,
-        hand,
-        sensed: profile.sensed,
-        actuated: profile.actuated,
-        force_limit_n: profile.limits.force_n,
-        torque_limit_nm: profile.limits.torque_nm,
-        window_linear_s: profile.velocity_window_ms[0] * 1e-3,
-        window_angular_s: profile.velocity_window_ms[1] * 1e-3,
-        watchdog_ms: profile.link.device_watchdog_ms,
-        holds_last_command: profile.link.holds_last_command,
-        homed: true,
-        fault: None,
-        seed: 0,
-    }
+    Ok((Box::new(SimArm::new(SimParameters::of(profile, hand, period_s))?), None))
 }
 
 /// Runs the loop until it is told to end: by a message of `interrupts`, or by its time. The arm hears zero last, whatever happens.

@@ -7,7 +7,6 @@ use crossbeam::channel::Receiver;
 use glam::DVec3;
 use thiserror::Error;
 
-use super::device_node::sim_parameters;
 use super::remote::RemoteArm;
 use crate::config::scene::{DeviceConfig, RealtimeConfig};
 use crate::config::{ConfigErrors, SceneConfig};
@@ -205,5 +204,5 @@ fn simulated_arm(
         path: hand.map(|path| path.to_device(indexing)),
         ..HandParameters::default()
     });
-    SimParameters { plant, seed: sim.seed, ..sim_parameters(profile, hand, period_s) }
+    SimParameters { plant, seed: sim.seed, ..SimParameters::of(profile, hand, period_s) }
 }

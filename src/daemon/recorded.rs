@@ -1,7 +1,7 @@
 //! What a recording brings along of a scene.
 
-use std::fs;
 use std::path::{Path, PathBuf};
+use std::{fmt, fs};
 
 use serde_json::{Value, json};
 
@@ -90,6 +90,18 @@ fn shown(name: &str, source: &MeshSource, pose: Pose, is_tool: bool) -> Shown {
     Shown { name: name.to_owned(), pose, is_tool, form }
 }
 
+/// A word of the program as a scene file has it: `SemiImplicit` as `semi-implicit`.
+fn scene_word(name: &impl fmt::Debug) -> String {
+    let mut word = String::new();
+    for letter in format!("{name:?}").chars() {
+        if letter.is_uppercase() && !word.is_empty() {
+            word.push('-');
+        }
+        word.extend(letter.to_lowercase());
+    }
+    word
+}
+
 /// What a scene comes to, SI. JSON has no infinity: null stands for it.
 pub fn resolved(config: &SceneConfig) -> Value {
     let ToolConfig { source: _, voxel_size_m, layers, sides, mass_kg, center_of_mass_m, inertia_kg_m2 } = &config.tool;
@@ -102,7 +114,7 @@ pub fn resolved(config: &SceneConfig) -> Value {
         "tool": {
             "voxel_size_m": voxel_size_m,
             "layers": layers,
-            "sides": format!("{sides:?}"),
+            "sides": scene_word(sides),
             "mass_kg": mass_kg,
             "center_of_mass_m": center_of_mass_m.map(|center| center.to_array()),
             "inertia_kg_m2": inertia_kg_m2.map(|inertia| inertia.to_cols_array()),
@@ -119,7 +131,7 @@ fn static_object(object: &StaticConfig) -> Value {
         "name": name,
         "voxel_size_m": voxel_size_m,
         "layers": layers,
-        "sides": format!("{sides:?}"),
+        "sides": scene_word(sides),
         "pose": pose(*world_from_map),
         "movable": movable,
     })
@@ -136,8 +148,8 @@ fn parameters(p: &Parameters) -> Value {
         contact;
     let FrictionParameters { r#static, dynamic, stiffness_n_per_m: friction_stiffness_n_per_m } = friction;
     let contact = json!({
-        "field": format!("{field:?}"), "stiffness_n_per_m": stiffness_n_per_m, "damping_ratio": damping_ratio,
-        "normalization": format!("{normalization:?}"), "damping_n_s_per_m": damping_n_s_per_m, "braking": braking,
+        "field": scene_word(field), "stiffness_n_per_m": stiffness_n_per_m, "damping_ratio": damping_ratio,
+        "normalization": scene_word(normalization), "damping_n_s_per_m": damping_n_s_per_m, "braking": braking,
         "friction": { "static": r#static, "dynamic": dynamic, "stiffness_n_per_m": friction_stiffness_n_per_m },
     });
     let CouplingParameters {
@@ -152,9 +164,9 @@ fn parameters(p: &Parameters) -> Value {
         bound_nm_per_rad,
     } = coupling;
     let coupling = json!({
-        "mode": format!("{mode:?}"), "stiffness_n_per_m": stiffness_n_per_m, "stiffness_nm_per_rad": stiffness_nm_per_rad,
+        "mode": scene_word(mode), "stiffness_n_per_m": stiffness_n_per_m, "stiffness_nm_per_rad": stiffness_nm_per_rad,
         "felt_damping_n_s_per_m": felt_damping_n_s_per_m, "felt_damping_nm_s_per_rad": felt_damping_nm_s_per_rad,
-        "clamp": format!("{clamp:?}"), "free_space": format!("{free_space:?}"),
+        "clamp": scene_word(clamp), "free_space": scene_word(free_space),
         "bound_n_per_m": bound_n_per_m, "bound_nm_per_rad": bound_nm_per_rad,
     });
     let FilterParameters { spatial, cutoff_hz } = filter;

@@ -15,5 +15,5 @@ mod values;
 pub(crate) use self::toml::Document;
 pub(crate) use checks::{Checks, FINITE, Interval, NOT_NEGATIVE, POSITIVE};
 pub use problem::{ConfigErrors, Problem, ProblemKind};
-pub(crate) use problem::{any_of, did_you_mean, nearest, show};
+pub(crate) use problem::{PACKAGED, any_of, did_you_mean, nearest, show};
 pub(crate) use values::{Numbers, words};

@@ -69,8 +69,8 @@ impl Problem {
         Self { file: file.to_path_buf(), line: None, key: None, value: None, kind }
     }
 
-    /// True for what the file system says by itself, whatever else is wrong with the file.
-    pub(crate) fn is_of_a_name(&self) -> bool {
+    /// True where something that is named is not there: the file system says so by itself, whatever else is wrong with the file.
+    pub(crate) fn is_missing(&self) -> bool {
         use ProblemKind::{FileMissing, NotAFile, UnknownProfile};
         matches!(self.kind, FileMissing { .. } | NotAFile { .. } | UnknownProfile { .. })
     }
@@ -134,9 +134,12 @@ impl Problem {
     }
 }
 
+/// Where the Debian package keeps what it shares.
+pub(crate) const PACKAGED: &str = "/usr/share/hapticd";
+
 /// The file of that name that the Debian package brought.
 fn packaged(file: &Path) -> Option<PathBuf> {
-    let folders = ["scenes", "clay"].map(|folder| Path::new("/usr/share/hapticd").join(folder));
+    let folders = ["scenes", "clay"].map(|folder| Path::new(PACKAGED).join(folder));
     folders.iter().map(|folder| folder.join(file.file_name().unwrap_or_default())).find(|file| file.is_file())
 }
 

@@ -8,7 +8,7 @@ use super::encode::LastFault;
 use crate::config::SceneConfig;
 use crate::daemon::Phase;
 use crate::haptics::Faults;
-use crate::rt::preflight::{Outcome, Report};
+use crate::rt::preflight::Report;
 use crate::spatial::Axes;
 
 /// Version of the API.
@@ -37,14 +37,8 @@ impl Default for Facts {
 impl Facts {
     /// The machine was checked.
     pub(super) fn checked(&mut self, report: &Report) {
-        let rows = report.rows.iter().map(|row| {
-            let outcome = match row.outcome {
-                Outcome::Passed => "passed",
-                Outcome::Failed => "failed",
-                Outcome::Unknown => "unknown",
-            };
-            json!({ "name": row.name, "outcome": outcome, "found": row.found, "hint": row.hint })
-        });
+        let rows = report.rows.iter();
+        let rows = rows.map(|row| json!({ "name": row.name, "outcome": row.outcome.name(), "found": row.found, "hint": row.hint }));
         self.realtime = rows.collect();
     }
 

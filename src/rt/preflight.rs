@@ -18,6 +18,17 @@ pub enum Outcome {
     Unknown,
 }
 
+impl Outcome {
+    /// The word that clients and recordings have for it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Passed => "passed",
+            Self::Failed => "failed",
+            Self::Unknown => "unknown",
+        }
+    }
+}
+
 /// One check.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Row {

@@ -49,7 +49,7 @@ fn load_with(scene: &str, options: &LoadOptions) -> Result<SceneConfig, ConfigEr
 }
 
 fn write_into(dir: &Path, scene: &str) {
-    fs::write(dir.join("base.obj"), "v 0 0 0\n").unwrap();
+    fs::write(dir.join("base.obj"), "v 0 0 0\nv 9 0 0\nv 0 9 0\nf 1 2 3\n").unwrap();
     fs::write(dir.join("scene.toml"), scene).unwrap();
 }
 
@@ -449,8 +449,7 @@ fn check_prints_results_on_stdout_and_problems_on_stderr() {
     let dir = tempfile::tempdir().unwrap();
     write_into(dir.path(), SCENE);
     fs::write(dir.path().join("wrong.toml"), with("layers = 8", "layers = 0")).unwrap();
-    let ok =
-        "ok scene.toml: \"scene\", 2 static + tool, sim-sigma7 at 1000 Hz, implicit, 4000 N/m (bound 4000), 1 N·m/rad (bound 1)\n";
+    let ok = "ok scene.toml: \"scene\", 2 static + tool, sim-sigma7 at 1000 Hz, implicit, 4000 N/m (declared bound 4000), 1 N·m/rad (declared bound 1)\n";
 
     let output = hapticd(dir.path(), &["check", "scene.toml"]);
     assert_eq!(output.status.code(), Some(0));
@@ -463,6 +462,20 @@ fn check_prints_results_on_stdout_and_problems_on_stderr() {
     let errors = "error: wrong.toml:11: static[0].layers = 0: must be a whole number from 1 to 60\n\
                   error: none.toml: cannot be read: No such file or directory (os error 2)\n";
     assert_eq!(String::from_utf8_lossy(&output.stderr), errors);
+}
+
+#[test]
+fn check_refuses_a_mesh_and_a_grid_that_run_would_refuse() {
+    let dir = tempfile::tempdir().unwrap();
+    write_into(dir.path(), SCENE);
+    for (edge, code, said) in [("9e6", 3, "is too large (at most 32768 per axis and"), ("", 4, "base.obj")] {
+        fs::write(dir.path().join("base.obj"), format!("v 0 0 0\nv {edge} 0 0\nv 0 {edge} 0\nf 1 2 3\n")).unwrap();
+        for line in [&["check", "scene.toml"][..], &["run", "scene.toml", "--clock", "virtual", "--duration", "1s"]] {
+            let output = hapticd(dir.path(), line);
+            let stderr = String::from_utf8_lossy(&output.stderr);
+            assert!(output.status.code() == Some(code) && stderr.contains(said), "{line:?}: {stderr}");
+        }
+    }
 }
 
 #[test]

@@ -142,6 +142,7 @@ fn every_command_has_a_manual_page() {
         assert!(page.contains(".TH") && page.contains(".SH SYNOPSIS") && page.contains("hapticd"), "{name}:\n{page}");
     }
     let main = text(&hapticd(dir.path(), "man").stdout);
+    assert!(main.contains(".SH \"EXIT STATUS\"\n.TP\n0\n") && main.contains(".SH FILES\n.TP\n"), "{main}");
     assert_eq!(main, fs::read_to_string(dir.path().join("man/man1/hapticd.1")).unwrap());
 
     fs::write(dir.path().join("file"), "").unwrap();

@@ -139,7 +139,33 @@ fn profiles_to_copy_are_sound() {
     for path in examples {
         let loaded = profile::load(&path).unwrap_or_else(|errors| panic!("{errors}"));
         assert!(loaded.has_unverified_signs() && loaded.is_unidentified(), "{}: nobody has checked it", path.display());
+        assert_eq!(loaded.doubts(), [""; 0], "{}", path.display());
     }
+    for name in profile::names() {
+        let shipped = profile::find(name, Path::new("")).unwrap_or_else(|error| panic!("{error}"));
+        assert_eq!(shipped.doubts(), [""; 0], "{name}");
+    }
+}
+
+#[test]
+fn an_arm_that_cannot_move_as_it_says_is_doubted() {
+    let hinges = fs::read_to_string(Path::new(ROOT).join("devices/examples/hinges.toml")).unwrap();
+    let without_checks = &hinges[..hinges.find("[[check]]").unwrap()];
+    let dir = tempfile::tempdir().unwrap();
+    let doubts_of = |from: &str, to: &str| {
+        assert!(without_checks.contains(from), "{from}");
+        let file = dir.path().join("arm.toml");
+        fs::write(&file, without_checks.replace(from, to)).unwrap();
+        profile::load(&file).unwrap_or_else(|errors| panic!("{errors}")).doubts()
+    };
+    let no_check = "no [[check]]: nothing holds geometry and signs against a position that you know";
+    assert_eq!(doubts_of("version = 1", "version = 1"), [no_check]);
+    let stretched = "at home the motors cannot push along x: the arm is stretched out or folded there, and a joint without `home_rad` stands at 0";
+    assert_eq!(doubts_of("home_rad = ", "home_rad = 0.0 # "), [no_check, stretched]);
+    let away = "at home the grip is 253 mm from the origin, outside of `workspace_radius_m` = 0.1: the origin is the middle of the workspace";
+    assert_eq!(doubts_of("grip_position_m = [0.05, 0.0, 0.0]", "grip_position_m = [0.05, 0.253, 0.0]"), [no_check, away]);
+    let nowhere = "the motors push along y nowhere: `axis` of a joint is wrong, or a motor is missing";
+    assert_eq!(doubts_of("axis = [0, 0, 1]", "axis = [0, 1, 0]"), [no_check, nowhere]);
 }
 
 #[test]

@@ -6,14 +6,14 @@ use std::time::Duration;
 
 use crossbeam::channel::Receiver;
 use hapticd::config::SceneConfig;
-use hapticd::daemon::device_node::{node_parameters, sim_parameters};
+use hapticd::daemon::device_node::node_parameters;
 use hapticd::daemon::prepare_with;
 use hapticd::device::attached::open::LinkNews;
 use hapticd::device::remote::figures::{NodeReport, Phase};
 use hapticd::device::remote::hold::HoldTiming;
 use hapticd::device::remote::{LinkFigures, Node, NodeFigures, RemoteOptions, open};
 use hapticd::device::simulated::hand::{HandPath, Indexing};
-use hapticd::device::simulated::{HandParameters, SimArm};
+use hapticd::device::simulated::{HandParameters, SimArm, SimParameters};
 use hapticd::device::transport::{LinkQuality, NetworkEnd, SimulatedNetwork, Transport, TransportError};
 use hapticd::device::{Capabilities, Device, DeviceError, Timebase};
 use hapticd::haptics::{Drive, Faults, Parameters, RenderScene, TickOutput};
@@ -201,7 +201,7 @@ impl Stage {
         };
         let path = HandPath::read(device.hand.as_deref().expect("a hand")).expect("a hand file").to_device(indexing);
         let hand = HandParameters { path: Some(path.delayed(HAND_DELAY_S)), ..HandParameters::default() };
-        SimArm::new(sim_parameters(&device.profile, Some(hand), T)).expect("an arm")
+        SimArm::new(SimParameters::of(&device.profile, Some(hand), T)).expect("an arm")
     }
 
     fn node(&self, link: NetworkEnd) -> Node {

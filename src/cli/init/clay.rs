@@ -32,7 +32,7 @@ pub(super) fn init(args: &Args, talk: Talk) -> Result<(), Refused> {
     if args.tool.is_some() {
         return Err(refuse(Exit::Usage, "--tool goes with a folder: a ball works the clay", None));
     }
-    place.is_free(args, talk)?;
+    place.check_free(args, talk)?;
     let Found { is_mesh, bounds, own_unit } = look(file).map_err(|error| {
         report::error(&error.to_string(), error.hint(), talk);
         Refused(Exit::Asset)

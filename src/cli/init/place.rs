@@ -31,7 +31,7 @@ impl Place {
     }
 
     /// Refuses a file that is there and is to be kept.
-    pub(super) fn is_free(&self, args: &Args, talk: Talk) -> Result<(), Refused> {
+    pub(super) fn check_free(&self, args: &Args, talk: Talk) -> Result<(), Refused> {
         match self {
             Self::File(file) if file.exists() && !args.overwrite => {
                 let message = format!("{} is there already", file.display());

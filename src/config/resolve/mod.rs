@@ -74,7 +74,7 @@ pub fn load_with(path: &Path, options: &LoadOptions) -> Result<SceneConfig, Conf
     let checked = resolve.checks.finish();
     if !problems.is_empty() {
         // What follows from a wrong key is not judged; a file that is not there is.
-        let names = checked.err().into_iter().flat_map(ConfigErrors::into_problems).filter(Problem::is_of_a_name);
+        let names = checked.err().into_iter().flat_map(ConfigErrors::into_problems).filter(Problem::is_missing);
         return Err(ConfigErrors::new(problems.into_iter().chain(names).collect()));
     }
     checked?;

@@ -14,6 +14,7 @@
 //! | `packet` | those of frames described as data |
 //! | `known_answers` | `[[check]]`: what the rest of the file has to agree with |
 
+mod doubts;
 mod joints;
 mod known_answers;
 mod packet;

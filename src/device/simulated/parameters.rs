@@ -1,6 +1,6 @@
 //! What a simulated arm and its hand are made of, and which numbers the plant can follow.
 
-use crate::device::profile::Plant;
+use crate::device::profile::{Plant, Profile};
 use crate::device::simulated::fault::FaultPlan;
 use crate::device::simulated::hand::GripPath;
 use crate::device::velocity::{DEFAULT_WINDOW_ANGULAR_S, DEFAULT_WINDOW_LINEAR_S};
@@ -76,6 +76,27 @@ pub struct SimParameters {
 }
 
 impl SimParameters {
+    /// The twin of a profile's arm, at home and sound.
+    pub fn of(profile: &Profile, hand: Option<HandParameters>, period_s: f64) -> Self {
+        let [window_linear_s, window_angular_s] = profile.velocity_window_ms.map(|window_ms| window_ms * 1e-3);
+        Self {
+            period_s,
+            plant: profile.plant,
+            hand,
+            sensed: profile.sensed,
+            actuated: profile.actuated,
+            force_limit_n: profile.limits.force_n,
+            torque_limit_nm: profile.limits.torque_nm,
+            window_linear_s,
+            window_angular_s,
+            watchdog_ms: profile.link.device_watchdog_ms,
+            holds_last_command: profile.link.holds_last_command,
+            homed: true,
+            fault: None,
+            seed: 0,
+        }
+    }
+
     /// An arm without mass to speak of, friction, steps, delay or limits that matter: six axes, for analytic checks.
     pub fn ideal(period_s: f64) -> Self {
         Self {

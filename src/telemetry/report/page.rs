@@ -171,10 +171,7 @@ fn scene_facts(scene_idx: u32, scene: &SceneFacts, body: &mut String) {
     body.push_str("</section>");
 }
 
-/// Keys whose values are words of the program; a scene file writes them in small letters.
-const WORDS: [&str; 6] = ["sides", "field", "normalization", "mode", "clamp", "free_space"];
-
-/// Everything that a scene came to: keys as paths, words as a scene file has them.
+/// Everything that a scene came to, keys as paths.
 fn flatten(key: &str, value: &Value, rows: &mut Vec<(String, String)>) {
     match value {
         Value::Object(object) => {
@@ -190,23 +187,8 @@ fn flatten(key: &str, value: &Value, rows: &mut Vec<(String, String)>) {
             }
         }
         Value::Null if key.is_empty() => {}
-        Value::String(text) if key.rsplit('.').next().is_some_and(|name| WORDS.contains(&name)) => {
-            rows.push((key.to_owned(), escaped(&scene_word(text))));
-        }
         other => rows.push((key.to_owned(), escaped(&shown(other)))),
     }
-}
-
-/// `SemiImplicit` as `semi-implicit`.
-fn scene_word(text: &str) -> String {
-    let mut word = String::new();
-    for letter in text.chars() {
-        if letter.is_uppercase() && !word.is_empty() {
-            word.push('-');
-        }
-        word.extend(letter.to_lowercase());
-    }
-    word
 }
 
 /// A value for people.
@@ -233,12 +215,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_scene_is_told_in_its_own_words_and_in_figures_that_can_be_read() {
+    fn a_scene_is_told_in_paths_and_in_figures_that_can_be_read() {
         let resolved = json!({
             "name": "MyScene",
-            "tool": { "sides": "Flood", "mass_kg": 0.1, "inertia_kg_m2": null },
+            "tool": { "sides": "flood", "mass_kg": 0.1, "inertia_kg_m2": null },
             "parameters": {
-                "coupling": { "mode": "SemiImplicit", "clamp": "HalfVoxel" },
+                "coupling": { "mode": "semi-implicit", "clamp": "half-voxel" },
                 "limits": { "slew_n_per_s": 24.773803641699697, "stale_ticks_max": 3, "speed_m_per_s": 1.0, "small": 1.234567891e-9 },
                 "port": { "start": [0.1, -0.2, 1234567.8], "sensed": ["x", "rx"] },
             },

@@ -136,7 +136,8 @@ class Client:
     def capture(self, duration_s: float, rate_hz: float = 1000.0, *, timeout_s: float | None = None) -> NDArray[np.void]:
         """States over a stretch of loop time as an array of `STATE_DTYPE`: `rows["servo_cf"]["f"]` are forces (N), one row each.
 
-        At 1000 Hz and a loop of 1 kHz every tick comes, or is counted in `dropped`. Fewer rows come where the run ends first. Raises `NoAnswer` after
+        At 1000 Hz and a loop of 1 kHz every tick comes, or is counted in `dropped`. Simulated time (`clock="virtual"`) runs as fast as it can: there the
+        rate is that of the wall clock, ticks between are not counted, and a recording is what has all of them. Fewer rows come where the run ends first. Raises `NoAnswer` after
         `timeout_s` of the wall clock [default: the duration and `timeout_s` of the client], and `Invalid` for a rate that the server does not accept.
         """
         stream = Stream(is_binary=True, backlog=None)

@@ -1,0 +1,101 @@
+//! What a profile may say, and an arm is unlikely to be: told by `hapticd check`, refused nowhere.
+
+use core::array::from_fn;
+
+use super::{Profile, RealArm};
+use crate::device::kinematics::{Configuration, Kinematics};
+use crate::device::protocol::MAX_AXES;
+use crate::spatial::Axes;
+
+/// A radian weighs as much as this way, m: the reach of an arm on a desk.
+const M_PER_RAD: f64 = 0.1;
+/// A joint that moves the grip this little off the way of the joints before it, as a share of its own, adds no direction.
+const ALIKE: f64 = 1e-3;
+/// Poses that are looked at beside home, and how far their joints are from it, rad or m.
+const N_POSES: u32 = 16;
+const SPREAD: f64 = 0.6;
+
+impl Profile {
+    /// What deserves a second look, each as a sentence. Nothing for simulated arms, and for those that report a pose.
+    ///
+    /// Cold: some 20 configurations are solved.
+    pub fn doubts(&self) -> Vec<String> {
+        match &self.real {
+            Some(real) if !matches!(real.kinematics, Kinematics::Cartesian | Kinematics::Rate(_)) => self.of_geometry(real),
+            _ => Vec::new(),
+        }
+    }
+
+    fn of_geometry(&self, real: &RealArm) -> Vec<String> {
+        let mut doubts = Vec::new();
+        if real.checks.is_empty() {
+            doubts.push("no [[check]]: nothing holds geometry and signs against a position that you know".to_owned());
+        }
+        let home = real.kinematics.home();
+        let Some(at_home) = real.kinematics.solve(&home, &Configuration::default()) else {
+            doubts.push("the arm cannot be at home: geometry, signs or `home_rad` are wrong".to_owned());
+            return doubts;
+        };
+        let away_m = at_home.native_from_grip.translation.length();
+        if away_m > self.limits.workspace_radius_m {
+            doubts.push(format!(
+                "at home the grip is {:.0} mm from the origin, outside of `workspace_radius_m` = {}: the origin is the middle of the workspace",
+                away_m * 1e3,
+                self.limits.workspace_radius_m
+            ));
+        }
+        let mut never = self.lacking(real, &at_home);
+        let lacking_at_home = never.clone();
+        for round in 1..=N_POSES {
+            if let Some(there) = real.kinematics.solve(&around(home, round), &at_home) {
+                let lacking = self.lacking(real, &there);
+                never.retain(|axis| lacking.contains(axis));
+            }
+        }
+        if !never.is_empty() {
+            doubts.push(format!(
+                "the motors push along {} nowhere: `axis` of a joint is wrong, or a motor is missing",
+                never.join(", ")
+            ));
+        } else if !lacking_at_home.is_empty() {
+            doubts.push(format!(
+                "at home the motors cannot push along {}: the arm is stretched out or folded there, and a joint without `home_rad` stands at 0",
+                lacking_at_home.join(", ")
+            ));
+        }
+        doubts
+    }
+
+    /// Actuated axes along which the motors cannot push by themselves, the grip being there.
+    fn lacking(&self, real: &RealArm, there: &Configuration) -> Vec<&'static str> {
+        let mut directions: Vec<Push> = Vec::new();
+        for (joint, column) in real.transmission.joints.iter().zip(there.columns) {
+            let [linear, angular] = [column.linear, M_PER_RAD * column.angular].map(|part| real.device_from_native * part);
+            let moved: Push = [linear.to_array(), angular.to_array()].concat().try_into().unwrap_or_default();
+            let mut push: Push = from_fn(|axis| if self.actuated.has(axis) { moved[axis] } else { 0.0 });
+            let own = norm(&push);
+            for known in &directions {
+                let along: f64 = push.iter().zip(known).map(|(push, known)| push * known).sum();
+                push = from_fn(|axis| push[axis] - along * known[axis]);
+            }
+            let left = norm(&push);
+            if joint.motor.is_some() && left > ALIKE * own {
+                directions.push(push.map(|part| part / left));
+            }
+        }
+        let share = |axis: usize| directions.iter().map(|push| push[axis].powi(2)).sum::<f64>();
+        (0..6).filter(|axis| self.actuated.has(*axis) && share(*axis) < 1.0 - ALIKE).map(|axis| Axes::NAMES[axis]).collect()
+    }
+}
+
+/// A push along x, y, z and about them.
+type Push = [f64; 6];
+
+fn norm(push: &Push) -> f64 {
+    push.iter().map(|part| part * part).sum::<f64>().sqrt()
+}
+
+/// Angles around these, by golden-ratio steps: an even spread without a random number.
+fn around(home: [f64; MAX_AXES], round: u32) -> [f64; MAX_AXES] {
+    from_fn(|joint| home[joint] + SPREAD * ((f64::from(round) * 0.618_033_988_75 + joint as f64 * 0.754_877_666_25).fract() - 0.5))
+}
