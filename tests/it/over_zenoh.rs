@@ -1,7 +1,7 @@
 //! The real programs over a real network on this machine's loopback: a node, a host, and one of them killed. What is judged is what they do, not when:
 //! where the machine was too late for the link, a run is repeated.
 
-use std::io::{BufRead as _, BufReader, Read as _};
+use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::sync::mpsc::{Receiver, channel};
@@ -34,7 +34,7 @@ impl Running {
         command.env("NO_COLOR", "1").env("XDG_CACHE_HOME", dir).env("XDG_STATE_HOME", dir).env_remove("NOTIFY_SOCKET");
         let mut child = command
             .args(line.split_whitespace())
-            .stdin(Stdio::null())
+            .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())
             .spawn()
@@ -56,6 +56,12 @@ impl Running {
             }
         }
         false
+    }
+
+    /// Types a line.
+    fn say(&mut self, words: &str) {
+        let stdin = self.child.stdin.as_mut().expect("piped");
+        writeln!(stdin, "{words}").expect("read");
     }
 
     fn interrupt(&self) {
@@ -177,6 +183,43 @@ fn a_node_that_is_killed_is_a_fault_of_the_link() {
         return;
     }
     panic!("the machine was too late {TRIES} times");
+}
+
+#[test]
+fn a_node_that_is_started_again_is_found_and_waits_for_the_operator() {
+    let dir = tempfile::tempdir().expect("a folder");
+    let mut talk = String::new();
+    for _ in 0..TRIES {
+        let endpoint = endpoint();
+        let mut first = node(dir.path(), &endpoint, "block-on-plane");
+        let mut host = host(dir.path(), &endpoint, "block-on-plane", "--console");
+        if !host.hears("state: enabled") {
+            assert!(host.talk.contains("fault:"), "{}", host.talk);
+            continue;
+        }
+        first.child.kill().expect("killed");
+        first.child.wait().expect("ended");
+        assert!(host.hears("state: fault"), "{}", host.talk);
+        let killed = Instant::now();
+        let second = node(dir.path(), &endpoint, "block-on-plane");
+        assert!(host.hears("device: back at zenoh:arm; it waits for `enable`"), "{}", host.talk);
+        eprintln!("found again after {:.1} s", killed.elapsed().as_secs_f64());
+        host.say("enable");
+        let is_enabled = host.hears("state: enabled");
+        host.say("stop");
+        let (code, result, said) = host.end();
+        second.interrupt();
+        let (_, node_result, node_said) = second.end();
+        if !is_enabled || !node_result["link"]["commands"].is_u64() {
+            talk += &format!("{said}{node_said}");
+            continue;
+        }
+        assert_eq!(code, Some(7), "{said}");
+        assert!(is_link_fault(&result), "{result}");
+        assert!(node_result["link"]["commands"].as_u64().is_some_and(|n| n > 100), "{node_result}");
+        return;
+    }
+    panic!("the machine was too late {TRIES} times\n{talk}");
 }
 
 #[test]
