@@ -11,8 +11,8 @@ use crate::device::profile::{self, Profile, ProfileError};
 use crate::document::show;
 use crate::error::Exit;
 use crate::haptics::CouplingMode;
-use crate::mesh;
-use crate::scene::SceneError;
+use crate::scene::cache::Spacing;
+use crate::scene::{Geometry, Role, SceneError};
 use crate::sculpt::studio::{Order, ToolSettings};
 use crate::spatial::{Axes, Metres};
 use crate::voxmap::grid::Grid;
@@ -96,20 +96,14 @@ fn profile_summary(path: &Path, profile: &Profile) -> String {
 /// Longest part that is likely to be meant, m.
 const LIKELY_M: f64 = 5.0;
 
-/// Looks at the box of each part: a mesh that cannot be read, or a grid that is too large, is refused as `run` would; of a part that is so large that
+/// Looks at the box of each part: a mesh that cannot be used, or a grid that is too large, is refused as `run` would; of a part that is so large that
 /// its unit is likely to be wrong is warned.
 fn look_at_parts(config: &SceneConfig, talk: Talk) -> Result<(), SceneError> {
     let SceneConfig { statics, tool, .. } = config;
     let statics = statics.iter().map(|object| (object.name.as_str(), &object.source, object.voxel_size_m, object.layers));
     for (name, source, voxel_size_m, layers) in statics.chain([("tool", &tool.source, tool.voxel_size_m, tool.layers)]) {
-        let bounds = match source {
-            MeshSource::File { path, metres_per_unit } => {
-                let mesh = mesh::load(path, *metres_per_unit);
-                mesh.map_err(|source| SceneError::Mesh { name: name.to_owned(), source })?.bounds()
-            }
-            // As coarse as may be: its box hardly depends on it.
-            MeshSource::Shape(shape) => shape.tessellate(0.0).bounds(),
-        };
+        // The box of a shape hardly depends on how finely it is cut.
+        let bounds = Geometry::load(name, Role::Static, source, Spacing::LongestAxis(1))?.mesh.bounds();
         let Some((low, high)) = bounds else { continue };
         let longest_m = (high - low).max_element();
         if let MeshSource::File { path, .. } = source

@@ -55,8 +55,8 @@ fn endings_and_files() -> String {
     let scenes = format!("{PACKAGED}/scenes, {PACKAGED}/clay");
     let files = [
         (scenes.as_str(), "Scenes of the Debian package."),
-        ("~/.cache/hapticd", "What was baked; $XDG_CACHE_HOME goes before it."),
-        ("~/.local/state/hapticd/faults", "Recordings of faults; $XDG_STATE_HOME goes before it."),
+        ("~/.cache/hapticd", "What was baked; $XDG_CACHE_HOME/hapticd where that is set."),
+        ("~/.local/state/hapticd/faults", "Recordings of faults; $XDG_STATE_HOME/hapticd/faults where that is set."),
         ("/etc/hapticd", "Scenes of the systemd unit hapticd@."),
         ("/usr/share/doc/hapticd/README.md", "Where the documents begin."),
     ];

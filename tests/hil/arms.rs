@@ -13,7 +13,7 @@ fn speaks(profile: &str, rate_hz: f64) {
     // A lower bound that a busy machine meets too; an arm that says nothing does not.
     assert!(fresh > 0.3 * ticks * (rate_hz / 1000.0).min(1.0), "{profile}: {fresh} of {ticks}");
     assert!(mock.number("frames_received") > 0.3 * ticks * (rate_hz / 1000.0).min(1.0), "{profile}: {}", mock.json);
-    assert_eq!(host.number("corrupt_packets"), 0.0, "{profile}");
+    assert_eq!(host.number("corrupt_packets"), 0.0, "{profile}: {}\n{}\n{}", host.json, mock.json, host.stderr);
     for component in ["fx_n", "fy_n", "fz_n", "tx_nm", "ty_nm", "tz_nm"] {
         assert_eq!(mock.json["last_command"][component].as_f64(), Some(0.0), "{profile}: {component}");
     }

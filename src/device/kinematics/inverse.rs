@@ -11,7 +11,7 @@ use crate::spatial::{Axes, Pose};
 /// Position counts as reached, m.
 const TOLERANCE_M: f64 = 1e-11;
 /// Weight of a radian beside a metre: the reach of a hand-held arm.
-const M_PER_RAD: f64 = 0.1;
+pub(in crate::device) const M_PER_RAD: f64 = 0.1;
 const STEPS_MAX: usize = 200;
 
 pub(super) fn joints(kinematics: &Kinematics, target: &Pose, near: &[f64; MAX_AXES]) -> Option<[f64; MAX_AXES]> {
@@ -90,18 +90,20 @@ fn start(kinematics: &Kinematics) -> [f64; MAX_AXES] {
 /// Tries the angles before, then the usual ones, then some around those.
 fn search(kinematics: &Kinematics, n: usize, axes: Axes, target: &Pose, near: &[f64; MAX_AXES]) -> Option<[f64; MAX_AXES]> {
     let usual = start(kinematics);
-    let around = |round: u32| {
-        let mut angles = usual;
-        for (idx, angle) in angles.iter_mut().take(n).enumerate() {
-            // Golden-ratio steps: an even spread without a random number.
-            let spread = (f64::from(round) * 0.618_033_988_75 + idx as f64 * 0.754_877_666_25).fract();
-            *angle += 2.0 * (spread - 0.5);
-        }
-        angles
-    };
     descend(kinematics, n, axes, target, *near)
         .or_else(|| descend(kinematics, n, axes, target, usual))
-        .or_else(|| (1..8).find_map(|round| descend(kinematics, n, axes, target, around(round))))
+        .or_else(|| (1..8).find_map(|round| descend(kinematics, n, axes, target, around(&usual, n, round))))
+}
+
+/// The first `n` angles, each moved by at most 1 rad (1 m).
+pub(super) fn around(angles: &[f64; MAX_AXES], n: usize, round: u32) -> [f64; MAX_AXES] {
+    let mut moved = *angles;
+    for (idx, angle) in moved.iter_mut().take(n).enumerate() {
+        // Golden-ratio steps: an even spread without a random number.
+        let spread = (f64::from(round) * 0.618_033_988_75 + idx as f64 * 0.754_877_666_25).fract();
+        *angle += 2.0 * (spread - 0.5);
+    }
+    moved
 }
 
 fn descend(kinematics: &Kinematics, n: usize, axes: Axes, target: &Pose, start: [f64; MAX_AXES]) -> Option<[f64; MAX_AXES]> {

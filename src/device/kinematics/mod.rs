@@ -36,6 +36,7 @@ pub(super) use chain::{Chain, ChainJoint};
 pub(super) use delta::Delta;
 pub(super) use five_link::{FiveLink, PlaneLink};
 pub(super) use gimbal::Gimbal;
+pub(super) use inverse::M_PER_RAD;
 pub(super) use pantograph::Pantograph;
 pub(super) use plain::{OneAxis, Rate};
 
@@ -200,5 +201,10 @@ impl Kinematics {
     /// Joint angles with the grip at the native origin, the centre of the workspace, or as close as the arm is described to come.
     pub(super) fn home(&self) -> [f64; MAX_AXES] {
         inverse::home(self)
+    }
+
+    /// Joint angles around these: others for each round, evenly spread, at most 1 rad (1 m) away.
+    pub(super) fn around(&self, joints: &[f64; MAX_AXES], round: u32) -> [f64; MAX_AXES] {
+        inverse::around(joints, self.n_joints(), round)
     }
 }

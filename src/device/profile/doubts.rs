@@ -3,17 +3,13 @@
 use core::array::from_fn;
 
 use super::{Profile, RealArm};
-use crate::device::kinematics::{Configuration, Kinematics};
-use crate::device::protocol::MAX_AXES;
+use crate::device::kinematics::{Configuration, Kinematics, M_PER_RAD};
 use crate::spatial::Axes;
 
-/// A radian weighs as much as this way, m: the reach of an arm on a desk.
-const M_PER_RAD: f64 = 0.1;
 /// A joint that moves the grip this little off the way of the joints before it, as a share of its own, adds no direction.
 const ALIKE: f64 = 1e-3;
-/// Poses that are looked at beside home, and how far their joints are from it, rad or m.
+/// Poses that are looked at beside home.
 const N_POSES: u32 = 16;
-const SPREAD: f64 = 0.6;
 
 impl Profile {
     /// What deserves a second look, each as a sentence. Nothing for simulated arms, and for those that report a pose.
@@ -47,7 +43,7 @@ impl Profile {
         let mut never = self.lacking(real, &at_home);
         let lacking_at_home = never.clone();
         for round in 1..=N_POSES {
-            if let Some(there) = real.kinematics.solve(&around(home, round), &at_home) {
+            if let Some(there) = real.kinematics.solve(&real.kinematics.around(&home, round), &at_home) {
                 let lacking = self.lacking(real, &there);
                 never.retain(|axis| lacking.contains(axis));
             }
@@ -71,8 +67,11 @@ impl Profile {
         let mut directions: Vec<Push> = Vec::new();
         for (joint, column) in real.transmission.joints.iter().zip(there.columns) {
             let [linear, angular] = [column.linear, M_PER_RAD * column.angular].map(|part| real.device_from_native * part);
-            let moved: Push = [linear.to_array(), angular.to_array()].concat().try_into().unwrap_or_default();
-            let mut push: Push = from_fn(|axis| if self.actuated.has(axis) { moved[axis] } else { 0.0 });
+            let mut push: Push = from_fn(|axis| match axis {
+                _ if !self.actuated.has(axis) => 0.0,
+                0..3 => linear[axis],
+                _ => angular[axis - 3],
+            });
             let own = norm(&push);
             for known in &directions {
                 let along: f64 = push.iter().zip(known).map(|(push, known)| push * known).sum();
@@ -93,9 +92,4 @@ type Push = [f64; 6];
 
 fn norm(push: &Push) -> f64 {
     push.iter().map(|part| part * part).sum::<f64>().sqrt()
-}
-
-/// Angles around these, by golden-ratio steps: an even spread without a random number.
-fn around(home: [f64; MAX_AXES], round: u32) -> [f64; MAX_AXES] {
-    from_fn(|joint| home[joint] + SPREAD * ((f64::from(round) * 0.618_033_988_75 + joint as f64 * 0.754_877_666_25).fract() - 0.5))
 }

@@ -13,6 +13,7 @@
 //! | `joints` | those of kinematics and transmission |
 //! | `packet` | those of frames described as data |
 //! | `known_answers` | `[[check]]`: what the rest of the file has to agree with |
+//! | `doubts` | what may be written, and no arm is likely to be |
 
 mod doubts;
 mod joints;

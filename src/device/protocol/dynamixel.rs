@@ -161,7 +161,9 @@ pub(super) struct Host {
     next: Option<usize>,
     round: Report,
     report: Report,
-    /// A round was begun and not ended when the next command went out.
+    /// A command went out in the middle of the round. What a busy host reads late may still end it, before the next command.
+    is_late: bool,
+    /// Rounds that were begun and never ended.
     unfinished: u32,
     arm_watchdog: bool,
     answer_within: Duration,
@@ -178,6 +180,7 @@ impl Host {
             next: Some(0),
             round: Report::default(),
             report: Report::default(),
+            is_late: false,
             unfinished: 0,
             arm_watchdog: false,
             answer_within: Duration::from_millis(100),
@@ -209,7 +212,7 @@ impl Host {
     }
 
     fn take(&mut self, byte: u8, fed: &mut Fed) {
-        let Self { chain, packets, next, round, report, .. } = self;
+        let Self { chain, packets, next, round, report, is_late, .. } = self;
         fed.corrupt += packets.push(byte, |packet| {
             if packet.instruction != STATUS {
                 // The echo of our own packets on a half-duplex bus.
@@ -240,6 +243,7 @@ impl Host {
                 return;
             }
             if idx == 0 {
+                *is_late = false;
                 *round = Report { rates: Some([0.0; MAX_AXES]), ..Report::default() };
             }
             round.readings[idx] = f64::from(i32_at(data, 6));
@@ -378,9 +382,13 @@ impl Codec for Host {
 
     fn encode(&mut self, command: &MotorCommand, frame: &mut Frame) {
         frame.clear();
-        if self.next != Some(0) {
-            self.unfinished = 1;
-            self.next = Some(0);
+        match self.next {
+            Some(0) => {}
+            Some(_) if !self.is_late => self.is_late = true,
+            _ => {
+                self.unfinished = 1;
+                self.next = Some(0);
+            }
         }
         if core::mem::take(&mut self.arm_watchdog) {
             self.rearm(frame);

@@ -470,6 +470,16 @@ fn dynamixel2() {
     assert_eq!(two.feed(&first), fed(0, 0));
     encode(&mut *two, &[0.0, 0.0]);
     assert_eq!(two.feed(&[&first[..], &second].concat()), fed(1, 1), "the second one was missing");
+    // A host that reads late has the rest of a round after its next command, every time; but not after two.
+    assert_eq!(two.feed(&first), fed(0, 0));
+    for _ in 0..3 {
+        encode(&mut *two, &[0.0, 0.0]);
+        assert_eq!(two.feed(&[&second[..], &first].concat()), fed(1, 0));
+    }
+    encode(&mut *two, &[0.0, 0.0]);
+    encode(&mut *two, &[0.0, 0.0]);
+    assert_eq!(two.feed(&second), fed(0, 2), "a round without an end, an end without a round");
+    two.resume();
     assert_eq!(two.feed(&packet(1, STATUS, &[0])), fed(0, 1), "an answer without numbers");
     assert_eq!(two.feed(&[&first[..], &status(2, 0x80)].concat()).reports, 1);
     assert_eq!(two.newest().error, 0x0280);
