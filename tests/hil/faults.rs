@@ -13,7 +13,7 @@ const STALE_TICKS: f64 = 20.0;
 
 /// Injects a fault into an open6 arm while it pushes, and expects one of these sets of faults and zero force within `ticks`.
 fn ends_in(fault: &str, expected: &[&[&str]], ticks: f64) {
-    let bench = Bench::verified("open6-serial");
+    let bench = Bench::viscous();
     let fault = format!("{fault}@{WRONG_AT}");
     let (host, mock) = exchange(&bench, &["--fault", &fault], &["--enable", "--duration", "6s"], expected);
     let said = format!("{}\n{}\n{}", host.json, host.stderr, mock.json);
@@ -85,7 +85,7 @@ fn ends_by_itself_in(bench: &Bench, mock_args: &[&str], expected: &str) -> (supe
 
 #[test]
 fn a_hand_that_is_too_fast() {
-    let bench = Bench::verified("open6-serial");
+    let bench = Bench::viscous();
     // Pressed, then 80 mm in 40 ms.
     let hand = bench.hand(&[(0.0, 0.0, 15.0), (0.5, 0.0, 8.5), (1.0, 0.0, 8.5), (1.04, 80.0, 8.5), (3.0, 80.0, 8.5)]);
     ends_by_itself_in(&bench, &["--hand", &hand], "speed");
@@ -93,7 +93,7 @@ fn a_hand_that_is_too_fast() {
 
 #[test]
 fn more_power_into_the_hand_than_is_allowed() {
-    let bench = Bench::verified("open6-serial").scene_with("[safety]\npower_w = 0.01");
+    let bench = Bench::viscous().scene_with("[safety]\npower_w = 0.01");
     // Pressed hard, then drawn back at 0.5 m/s by a hand that the arm says stands still: the limiter sees no power, the window does.
     let hand = bench.hand(&[(0.0, 0.0, 15.0), (0.5, 0.0, 2.0), (1.5, 0.0, 2.0), (1.54, 0.0, 22.0), (3.0, 0.0, 22.0)]);
     ends_by_itself_in(&bench, &["--hand", &hand, "--fault", "no-velocity@1s"], "power");
@@ -101,7 +101,7 @@ fn more_power_into_the_hand_than_is_allowed() {
 
 #[test]
 fn a_host_that_misses_a_deadline_where_none_may_be_missed() {
-    let bench = Bench::verified("open6-serial").scene_with("[safety]\noverrun = 1");
+    let bench = Bench::viscous().scene_with("[safety]\noverrun = 1");
     let (host, mock) = repeat(|| {
         let mock = bench.mock(&[]);
         let mut host = bench.host(&["--enable", "--duration", "6s"]);
@@ -123,7 +123,7 @@ fn a_host_that_misses_a_deadline_where_none_may_be_missed() {
 
 #[test]
 fn encoders_that_freeze_in_a_fast_motion() {
-    let bench = Bench::verified("open6-serial");
+    let bench = Bench::viscous();
     // 0.5 m/s through free space; frozen in the middle of it.
     let hand = bench.hand(&[(0.0, -40.0, 15.0), (0.5, -40.0, 15.0), (0.66, 40.0, 15.0), (3.0, 40.0, 15.0)]);
     let (_, mock) = ends_by_itself_in(&bench, &["--hand", &hand, "--fault", "stuck@1600ms"], "stuck");
@@ -141,7 +141,7 @@ fn a_motor_that_gets_too_hot() {
 
 #[test]
 fn a_deadman_that_is_let_go() {
-    let bench = Bench::verified("open6-serial").scene_with("[safety]\ndeadman = 3");
+    let bench = Bench::viscous().scene_with("[safety]\ndeadman = 3");
     // Held while it presses, let go, held again.
     let held = ["--fault", "press=3@1s+1600ms", "--fault", "press=3@2900ms+1s"];
     let (host, mock) = exchange(&bench, &held, &["--duration", "5s"], &[&[]]);
@@ -155,7 +155,7 @@ fn a_deadman_that_is_let_go() {
 
 /// What the host does not take for a fault leaves a run that ends well.
 fn is_survived(fault: &str) -> (super::link::Ended, super::link::Ended) {
-    let bench = Bench::verified("open6-serial");
+    let bench = Bench::viscous();
     let (host, mock) = exchange(&bench, &["--fault", fault], &["--enable", "--duration", "5s"], &[&[]]);
     assert_eq!((host.code(), host.faults()), (Some(0), Vec::new()), "{}\n{}\n{}", host.json, host.stderr, mock.json);
     assert_eq!(mock.json["last_command"]["fz_n"].as_f64(), Some(0.0));

@@ -164,6 +164,11 @@ impl Bench {
         Self { profile: path.display().to_string(), ..bench }
     }
 
+    /// A verified open6 arm, so viscous that a link which is some ticks late makes nothing softer: what it feels does not depend on the machine.
+    pub(crate) fn viscous() -> Self {
+        Self::verified("open6-serial").changed(&[("damping_n_s_per_m = 1.875", "damping_n_s_per_m = 15.0")])
+    }
+
     fn link(&self) -> String {
         self.folder.path().join("arm").display().to_string()
     }

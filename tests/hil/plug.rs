@@ -4,14 +4,9 @@ use std::time::Duration;
 
 use super::link::{Bench, is_lateness, repeat};
 
-/// An arm so viscous that a link which is some ticks late makes nothing softer: what it feels does not depend on the machine.
-fn viscous() -> Bench {
-    Bench::verified("open6-serial").changed(&[("damping_n_s_per_m = 1.875", "damping_n_s_per_m = 15.0")])
-}
-
 #[test]
 fn a_replugged_arm_waits_for_the_operator() {
-    let bench = viscous();
+    let bench = Bench::viscous();
     let (host, mock) = repeat(|| {
         let mock = bench.mock(&["--fault", "unplug@2600ms+700ms"]);
         let mut host = bench.host(&["--console"]);
@@ -60,7 +55,7 @@ fn force_n(felt: &serde_json::Value) -> f64 {
 
 #[test]
 fn an_arm_with_a_watchdog_lets_go_of_a_dead_host() {
-    let felt = killed(&viscous(), "KILL");
+    let felt = killed(&Bench::viscous(), "KILL");
     assert!(felt["largest_force_n"].as_f64().is_some_and(|force_n| force_n > 0.3), "{felt}");
     assert_eq!((felt["watchdog_trips"].as_f64(), force_n(&felt)), (Some(1.0), 0.0), "{felt}");
 }

@@ -11,7 +11,7 @@ fn final_position(json: &serde_json::Value) -> [f64; 3] {
 
 #[test]
 fn in_process_and_over_a_tty() {
-    let bench = Bench::verified("open6-serial");
+    let bench = Bench::viscous();
     let (host, mock) = exchange(&bench, &[], &["--enable", "--duration", "8s"], &[&[]]);
     assert_eq!((host.code(), host.faults()), (Some(0), Vec::new()), "{}\n{}\n{}", host.json, host.stderr, mock.json);
     assert!(host.number("contact_ticks") > 500.0 && host.number("max_force_n") > 0.3, "{}", host.json);
