@@ -17,6 +17,8 @@ from pathlib import Path
 SAME_END_M = 0.3e-3
 # A hand that wants to be 1.5 mm deep feels more than this.
 PUSHED_N = 0.1
+# The most that an arm does whose signs nobody has checked.
+UNVERIFIED_N = 0.5
 # Where the tool begins.
 START_M = [0.0, 0.0, 15e-3]
 
@@ -60,12 +62,10 @@ def pressed(run, _):
     assert run.arm_feels_nothing(), "nothing pushes afterwards"
 
 
-def moved(run, _):
-    """Force below 0.5 N, since nobody has checked the signs; the tool moves all the same."""
-    assert (run.code, run.faults) == (0, []), "no fault"
-    assert run.host["contact_ticks"] > 0, "it touched"
-    assert 0.05 < run.arm["largest_force_n"], "it was felt"
-    assert run.arm_feels_nothing(), "nothing pushes afterwards"
+def unverified(run, folder):
+    """Pressed, with what an arm may do whose signs nobody has checked."""
+    pressed(run, folder)
+    assert run.arm["largest_force_n"] <= UNVERIFIED_N, "no more than that"
 
 
 def steered(run, _):
@@ -114,9 +114,9 @@ def unplugged(run, _):
 
 CHECKS = {
     "hidraw": same_end,
-    "woodenhaptics": moved,
-    "polhem-mbed": moved,
-    "polhem-rawhid": moved,
+    "woodenhaptics": unverified,
+    "polhem-mbed": unverified,
+    "polhem-rawhid": unverified,
     "not-woodenhaptics": refused("haptikfabriken-hid14"),
     "not-polhem": refused("woodenhaptics-hid8"),
     "spacemouse": steered,
