@@ -15,6 +15,7 @@ use crate::scene::cache::Spacing;
 use crate::scene::{Geometry, Role, SceneError};
 use crate::sculpt::studio::{Order, ToolSettings};
 use crate::spatial::{Axes, Metres};
+use crate::storage::printable::{one_line, shown};
 use crate::voxmap::grid::Grid;
 
 /// Arguments of `hapticd check`.
@@ -77,7 +78,7 @@ pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
 fn profile_summary(path: &Path, profile: &Profile) -> String {
     let axes = |axes: Axes| axes.names().collect::<Vec<_>>().join(" ");
     let mut parts = vec![
-        format!("{}: \"{}\"", path.display(), profile.title),
+        format!("{}: \"{}\"", shown(path), profile.title),
         format!("senses {}", axes(profile.sensed)),
         format!("actuates {}", if profile.actuated == Axes::NONE { "nothing".into() } else { axes(profile.actuated) }),
     ];
@@ -119,7 +120,7 @@ fn look_at_parts(config: &SceneConfig, talk: Talk) -> Result<(), SceneError> {
 
 /// One line: `strokes.toml: 5 orders from 0.5 s to 3 s`. How many of them are strokes of the clay shows when they are carried out.
 fn script_summary(script: &Script) -> String {
-    let file = script.file.display();
+    let file = shown(&script.file);
     // The end of a hold is part of the same order as its beginning.
     let n_orders = script.orders.iter().filter(|timed| !matches!(timed.order, Order::Hold(false))).count();
     let at_s = |timed: Option<&Timed>| show(timed.map_or(0.0, |timed| timed.at.as_secs_f64()));
@@ -151,7 +152,7 @@ pub(super) fn summary(config: &SceneConfig) -> String {
         value => format!("stability bound {}", show(value)),
     };
     let mut parts = vec![
-        format!("{}: \"{}\"", config.path.display(), config.name),
+        format!("{}: \"{}\"", shown(&config.path), one_line(&config.name)),
         format!("{} static + tool{}", config.statics.len(), if config.sculpt.is_some() { " + clay" } else { "" }),
         format!("{} at {} Hz", config.device.profile.name, config.rate_hz),
         mode.to_owned(),
@@ -174,7 +175,7 @@ pub(super) fn summary(config: &SceneConfig) -> String {
             }
         };
         parts.push(format!("{raster} updated at {} Hz, {} in the hand", show(update_hz), sculpt.tool.craft));
-        parts.extend(sculpt.strokes.as_ref().map(|file| format!("strokes of {}", file.display())));
+        parts.extend(sculpt.strokes.as_ref().map(|file| format!("strokes of {}", shown(file))));
     }
     parts.join(", ")
 }

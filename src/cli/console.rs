@@ -1,11 +1,13 @@
 //! `run --console`: an operator who types, or a program that writes lines.
 
 use std::io::BufRead;
+use std::sync::Arc;
 
 use crossbeam::channel::Sender;
 
 use super::say;
-use crate::daemon::OperatorOrder;
+use crate::daemon::Enable;
+use crate::servo::Control;
 
 /// What may be typed.
 const WORDS: &str = "enable, disable, stop";
@@ -15,31 +17,26 @@ const WORDS: &str = "enable, disable, stop";
 ///
 /// # Errors
 /// The thread could not be started.
-pub(super) fn begin(orders: Sender<OperatorOrder>) -> Result<(), std::io::Error> {
-    std::thread::Builder::new().name("console".to_owned()).spawn(move || read(std::io::stdin().lock(), &orders))?;
+pub(super) fn begin(control: Arc<Control>, enables: Sender<Enable>) -> Result<(), std::io::Error> {
+    std::thread::Builder::new().name("console".to_owned()).spawn(move || read(std::io::stdin().lock(), &control, &enables))?;
     Ok(())
 }
 
-fn read(input: impl BufRead, orders: &Sender<OperatorOrder>) {
+fn read(input: impl BufRead, control: &Control, enables: &Sender<Enable>) {
     for line in input.lines() {
         let Ok(line) = line else { break };
-        let order = match line.trim() {
-            "" => continue,
-            "enable" | "e" => OperatorOrder::Enable,
-            "disable" | "d" => OperatorOrder::Disable,
-            "stop" | "s" => OperatorOrder::Stop,
-            word => {
-                say::talk(format_args!("console: `{word}` is not an order; orders are {WORDS}\n"));
-                continue;
-            }
-        };
-        if orders.send(order).is_err() {
-            return;
+        match line.trim() {
+            "" => {}
+            "disable" | "d" => control.disable(),
+            "stop" | "s" => control.stop(),
+            // If the run is over, nobody takes it.
+            "enable" | "e" => _ = enables.send(Enable),
+            word => say::talk(format_args!("console: `{word}` is not an order; orders are {WORDS}\n")),
         }
     }
+    // First the order, then the words.
+    control.stop();
     say::talk(format_args!("console: the input has ended: stop\n"));
-    // If the run is over, nobody listens.
-    let _ = orders.send(OperatorOrder::Stop);
 }
 
 #[cfg(test)]
@@ -47,13 +44,15 @@ mod tests {
     use crossbeam::channel::bounded;
 
     use super::*;
+    use crate::servo::Order;
 
     #[test]
     fn words_become_orders_and_the_end_a_stop() {
-        let (sender, receiver) = bounded(16);
-        read("enable\n\n d \nfaster\ne\n".as_bytes(), &sender);
-        let orders: Vec<_> = receiver.try_iter().collect();
-        use OperatorOrder::{Disable, Enable, Stop};
-        assert_eq!(orders, [Enable, Disable, Enable, Stop]);
+        let (control, (sender, enables)) = (Control::enabled(), bounded(16));
+        let permit = control.permit();
+        read("enable\n\n d \nfaster\ne\n".as_bytes(), &control, &sender);
+        assert_eq!(enables.try_iter().count(), 2);
+        assert_ne!(control.permit(), permit, "d took force away");
+        assert_eq!(control.order(), Order::Stop);
     }
 }

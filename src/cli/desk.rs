@@ -11,12 +11,12 @@ use crate::config::{LoadOptions, SceneConfig};
 use crate::daemon::desk::{Board, Counter, Desk, Tools};
 use crate::daemon::reload::{Known, News, Reloader};
 use crate::daemon::switch::{Offered, Switch, objects};
-use crate::daemon::{Live, Notice, Operator, OperatorOrder};
+use crate::daemon::{Enable, Live, Notice, Operator};
 use crate::haptics::RenderScene;
 use crate::monitor::{Bound, ClayParts, Hub, HubParts, Monitor, Recorder};
 use crate::rt::clock::ClockKind;
 use crate::rt::signals::hangups;
-use crate::servo::Reins;
+use crate::servo::{Control, Lowered, Reins};
 use crate::telemetry::metrics::metrics_tap;
 
 /// Where a desk that is not there yet will take what is offered.
@@ -41,9 +41,13 @@ pub(crate) struct Means<'a> {
     /// What is to be published and shared, if anything.
     pub(crate) opened: Option<publish::Opened>,
     pub(crate) talk: Talk,
+    /// Takes force away.
+    pub(crate) control: &'a Arc<Control>,
     pub(crate) has_console: bool,
     pub(crate) enables_at_start: bool,
     pub(crate) switches: Option<Sender<Switch>>,
+    /// Limits that every scene keeps once a client lowered them.
+    pub(crate) lowered: Lowered,
     /// The scenes that the loop will take, in order.
     pub(crate) offered: live::OfferedScenes,
     /// Records when clients ask for it.
@@ -61,30 +65,44 @@ pub(crate) struct Company {
     config: Option<SceneConfig>,
     board: Option<Board>,
     known: Option<Known>,
+    lowered: Lowered,
 }
 
 impl Company {
     /// Opens the desk and the monitor; gives what the supervisor hears of them. Until [`Self::begin`] clients see a scene that is baked.
     pub(crate) fn open(means: Means<'_>, opening: &Opening, live: &mut Live) -> io::Result<Self> {
-        let Means { config, options, clock, bound, opened, talk, has_console, enables_at_start, switches, offered, recorder } =
-            means;
-        let (orders, taken) = unbounded::<OperatorOrder>();
+        let Means {
+            config,
+            options,
+            clock,
+            bound,
+            opened,
+            talk,
+            control,
+            has_console,
+            enables_at_start,
+            switches,
+            lowered,
+            offered,
+            recorder,
+        } = means;
+        let (enables, taken) = unbounded::<Enable>();
         if has_console {
-            console::begin(orders.clone())?;
+            console::begin(control.clone(), enables.clone())?;
         }
         let is_asked = has_console || bound.is_some();
         live.operator = Operator {
             enables_at_start,
             waits_after_fault: is_asked,
             holds_back: config.heartbeat.is_some(),
-            orders: is_asked.then_some(taken),
+            enables: is_asked.then_some(taken),
         };
         if switches.is_none() {
             return Ok(Self::default());
         }
         let board = Board::new(config.clone());
         let look = Arc::new(move |config: &SceneConfig| offered.look(config, None));
-        let tools = Tools { board: board.clone(), switches, options: options.clone(), look };
+        let tools = Tools { board: board.clone(), switches, options: options.clone(), lowered: lowered.clone(), look };
         let (desk, counter) = Desk::new(tools);
         // Set once: there is one desk.
         let _ = opening.0.set(counter.clone());
@@ -94,6 +112,7 @@ impl Company {
             config: Some(config.clone()),
             board: Some(board.clone()),
             known: Some(Known::of(config)),
+            lowered,
             ..Self::default()
         };
         if bound.is_none() && opened.is_none() {
@@ -102,7 +121,9 @@ impl Company {
         let heartbeat = config.heartbeat;
         let (metrics, counts) = metrics_tap(config.rate_hz);
         live.taps.add(counts);
-        let parts = HubParts { board, counter: counter.clone(), orders, heartbeat, clock, recorder, metrics: Some(metrics) };
+        let control = control.clone();
+        let parts =
+            HubParts { board, counter: counter.clone(), control, enables, heartbeat, clock, recorder, metrics: Some(metrics) };
         let hub = Hub::new(parts);
         if let Some(bound) = bound {
             let (monitor, tap) = bound.serve(hub.clone())?;
@@ -149,7 +170,8 @@ impl Company {
                 hub.scene_refused(&path.file_stem().unwrap_or_default().to_string_lossy(), &refusal.to_string());
             }
         });
-        Reloader { options, counter, board, hangups: hangups(), watches, known, tell }.spawn()
+        let lowered = self.lowered.clone();
+        Reloader { options, counter, board, hangups: hangups(), watches, known, lowered, tell }.spawn()
     }
 
     /// Ears for what the supervisor tells.

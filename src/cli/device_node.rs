@@ -75,10 +75,12 @@ mod over_network {
 
 #[cfg(feature = "zenoh")]
 mod over_network {
+    use std::sync::Arc;
+
     use serde_json::json;
 
     use super::super::network::exit_of;
-    use super::super::{probe, say};
+    use super::super::{guard, probe, say};
     use super::*;
     use crate::daemon::device_node::{NodeJob, NodeNotice, NodeOutcome, node_parameters, open_arm, run_node};
     use crate::device::attached::open::LinkNews;
@@ -91,6 +93,7 @@ mod over_network {
     use crate::network::{NetworkError, session};
     use crate::rt::schedule::{self, ThreadRequest};
     use crate::rt::signals;
+    use crate::servo::Control;
     use crate::spatial::Axes;
 
     impl From<NetworkError> for Failure {
@@ -120,11 +123,12 @@ mod over_network {
 
         let endpoints = args.network.endpoints().or_listen_here();
         let session = session::open(&endpoints)?;
-        let (arm, attached) = open_arm(&profile, hand, args.selector.clone(), period_s, request)
+        let (arm, attached) = open_arm(&profile, hand, args.selector.clone(), period_s, request, guard::program())
             .map_err(|error| (report::prepare_error(&error, talk), String::new(), None))?;
         let io_request = ThreadRequest { priority: args.priority.saturating_sub(1).max(1), ..request };
         let link = ZenohLink::to_host(&session, &name, Some(io_request))?;
-        let interrupts = signals::interrupts().map_err(|error| (Exit::Internal, error.to_string(), None))?;
+        let control = Arc::new(Control::new());
+        signals::end_by_signals(&control).map_err(|error| (Exit::Internal, error.to_string(), None))?;
         let node = Node::new(node_parameters(&profile, &name, period_s, timing), Box::new(link));
         // From here on hosts find it.
         let toml = profile::text(&args.profile, &here).unwrap_or_default();
@@ -140,8 +144,10 @@ mod over_network {
         }
         let news = attached.map(|attached| attached.news);
         let job = NodeJob { node, arm, news, period_s, request, duration: args.duration };
-        let outcome = run_node(job, &interrupts, |notice| tell(&notice, talk))
-            .map_err(|error| (Exit::Internal, format!("cannot start a thread: {error}"), None))?;
+        let no_thread = |error: std::io::Error| (Exit::Internal, format!("cannot start a thread: {error}"), None);
+        say::detach().map_err(no_thread)?;
+        let outcome = run_node(job, &control, |notice| tell(&notice, talk)).map_err(no_thread)?;
+        say::attach();
         result(&outcome, &profile, &name, args.json);
         if outcome.panicked {
             return Err((Exit::Internal, "the loop of the node stopped on an internal error; the arm heard zero".to_owned(), None));
@@ -184,6 +190,7 @@ mod over_network {
                 say::event(say::Level::Info, "arm", &format!("device: back at {}", node.display()), &[]);
             }
             NodeNotice::Link(LinkNews::Fails(why)) => say::event(say::Level::Warning, "arm", &format!("device: {why}"), &[]),
+            NodeNotice::Link(LinkNews::Unguarded(why)) => say::event(say::Level::Warning, "arm", &guard::missing_text(why), &[]),
         }
     }
 

@@ -12,6 +12,7 @@ use crate::device::attached::nodes;
 use crate::device::profile::{self, Profile, ProfileError};
 use crate::error::Exit;
 use crate::rt::finding::{Finding, Root, Standing};
+use crate::storage::printable::one_line;
 
 /// Arguments of `hapticd devices`.
 #[derive(Debug, clap::Args)]
@@ -62,7 +63,8 @@ pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
         return Exit::Ok;
     }
     for found in &attached {
-        say::result(format_args!("{}\n", node_line(found)));
+        // What devices call themselves.
+        say::result(format_args!("{}\n", one_line(&node_line(found))));
         for finding in troubles(found, &root) {
             say::result(format_args!("    {}: {}\n", finding.name, finding.found));
             for line in finding.advice_lines() {

@@ -1,13 +1,13 @@
 //! `hapticd doctor`: is this machine, and is this arm, good enough? Every finding says what to type.
 
-use core::sync::atomic::{AtomicBool, Ordering};
+use core::sync::atomic::AtomicBool;
 use core::time::Duration;
 use std::path::PathBuf;
 
 use serde_json::{Value, json};
 
 use super::findings::finding_json;
-use super::{Talk, report, say};
+use super::{Talk, guard, report, say};
 use crate::config::{self, SceneConfig};
 use crate::device::attached::discover;
 use crate::device::attached::nodes;
@@ -64,8 +64,10 @@ pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
         &format!("measuring wake-ups for {:.0} s on processor {} (Ctrl-C ends it)", args.duration.as_secs_f64(), request.cpu),
         talk,
     );
-    let quit = AtomicBool::new(false);
-    let test = match measure(request, rate_hz, args.duration, &quit) {
+    static NEVER: AtomicBool = AtomicBool::new(false);
+    // Without a handler Ctrl-C ends the program, which is what it does elsewhere.
+    let quit = signals::interrupted().unwrap_or(&NEVER);
+    let test = match wakeup::measure(request, Duration::from_secs(1) / rate_hz, args.duration, quit) {
         Ok(test) => test,
         Err(error) => {
             report::error(&format!("cannot measure wake-ups: {error}"), None, talk);
@@ -80,7 +82,7 @@ pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
     let mut trips_us = Vec::new();
     if let Some(config) = config.as_ref().filter(|config| config.device.profile.real.is_some()) {
         devices.extend(arm_findings(config));
-        match exchange(config, args.duration, &quit, talk) {
+        match exchange(config, args.duration, quit, talk) {
             Ok(trips) => {
                 devices.extend(answers(&trips, rate_hz));
                 trips_us = trips;
@@ -125,7 +127,7 @@ fn arm_findings(config: &SceneConfig) -> Vec<Finding> {
 fn exchange(config: &SceneConfig, duration: Duration, quit: &AtomicBool, talk: Talk) -> Result<Vec<u64>, Finding> {
     let profile = &config.device.profile;
     let period_s = 1.0 / f64::from(config.rate_hz);
-    let options = OpenOptions { selector: config.device.selector.clone(), io_request: None, period_s };
+    let options = OpenOptions { selector: config.device.selector.clone(), io_request: None, period_s, guard: guard::program() };
     let again = "hapticd devices";
     let is_named = config.device.selector.is_some();
     let mut opened = open::open(profile, &options).map_err(|error| match is_named {
@@ -171,27 +173,6 @@ fn wanted(config: Option<&SceneConfig>) -> (ThreadRequest, u32) {
     let cpu = realtime.and_then(|realtime| realtime.cpu).unwrap_or_else(schedule::default_cpu);
     let priority = realtime.map_or(DEFAULT_PRIORITY, |realtime| realtime.priority);
     (ThreadRequest { cpu, priority }, config.map_or(DEFAULT_RATE_HZ, |config| config.rate_hz))
-}
-
-fn measure(request: ThreadRequest, rate_hz: u32, duration: Duration, quit: &AtomicBool) -> std::io::Result<WakeupTest> {
-    let done = AtomicBool::new(false);
-    std::thread::scope(|scope| {
-        // Without a handler Ctrl-C ends the program, which is what it does elsewhere.
-        if let Ok(interrupts) = signals::interrupts() {
-            let (done, quit) = (&done, quit);
-            scope.spawn(move || {
-                while !done.load(Ordering::Relaxed) {
-                    if interrupts.recv_timeout(Duration::from_millis(50)).is_ok() {
-                        quit.store(true, Ordering::Relaxed);
-                    }
-                }
-            });
-            let test = wakeup::measure(request, Duration::from_secs(1) / rate_hz, duration, quit);
-            done.store(true, Ordering::Relaxed);
-            return test;
-        }
-        wakeup::measure(request, Duration::from_secs(1) / rate_hz, duration, quit)
-    })
 }
 
 /// Findings about arms: those attached, and the one that a scene names.

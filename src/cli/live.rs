@@ -24,7 +24,9 @@ use crate::rt::clock::ClockKind;
 use crate::rt::duration;
 use crate::scene::cache::Residence;
 use crate::scene::{self, BakeMeans, SceneError};
-use crate::servo::{PlaceError, SwapSlot, Wishes};
+use crate::servo::{Lowered, PlaceError, SwapSlot, Wishes};
+use crate::storage::memory::available_bytes;
+use crate::storage::printable::shown;
 use crate::telemetry::SwapSummary;
 use crate::telemetry::recording::Recorder;
 
@@ -83,8 +85,8 @@ pub(crate) struct SwapReport {
 impl Display for SwapReport {
     fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
         match (self.at_s, self.tick) {
-            (Some(at_s), Some(tick)) => write!(f, "{} from {at_s:.3} s on (tick {tick})", self.scene.display()),
-            _ => write!(f, "{} did not come, wanted at {:.3} s", self.scene.display(), self.wanted_s),
+            (Some(at_s), Some(tick)) => write!(f, "{} from {at_s:.3} s on (tick {tick})", shown(&self.scene)),
+            _ => write!(f, "{} did not come, wanted at {:.3} s", shown(&self.scene), self.wanted_s),
         }
     }
 }
@@ -202,6 +204,8 @@ pub(crate) struct Begun {
     pub(crate) under_way: UnderWay,
     /// Takes more scenes; `None` where nothing was planned and nobody may ask.
     pub(crate) switches: Option<Sender<Switch>>,
+    /// Limits that every scene keeps once a client lowered them.
+    pub(crate) lowered: Lowered,
 }
 
 /// Hears of every planned scene that is offered.
@@ -226,12 +230,13 @@ impl Changes {
         let (failures, failed) = unbounded();
         let offered = OfferedScenes { recorded: self.recorded, ..OfferedScenes::default() };
         let planned = self.swaps.iter().map(|swap| (swap.config.path.clone(), swap.at)).collect();
-        let (mut swaps, mut switches) = (None, None);
+        let (mut swaps, mut switches, lowered) = (None, None, Lowered::default());
         if is_open || !self.swaps.is_empty() {
             let (swapper, slot) = SwapSlot::new(self.swaps.iter().map(|swap| swap.at_tick).collect());
             swaps = Some(slot);
             let (cache, memory) = (cache.clone(), memory.clone());
-            let sender = switch::spawn(Box::new(move |config| bake(config, &cache, &memory, talk)), swapper, clock)?;
+            let sender =
+                switch::spawn(Box::new(move |config| bake(config, &cache, &memory, talk)), swapper, clock, lowered.clone())?;
             for (idx, PlannedSwap { config, at_tick, .. }) in self.swaps.into_iter().enumerate() {
                 let (failures, note, hears, path) =
                     (failures.clone(), offered.look(&config, Some(idx)), hears(), config.path.clone());
@@ -252,7 +257,7 @@ impl Changes {
             switches = Some(sender);
         }
         let live = Live { wishes: self.wishes, swaps, ..Live::default() };
-        Ok(Begun { live, under_way: UnderWay { failed, planned, offered }, switches })
+        Ok(Begun { live, under_way: UnderWay { failed, planned, offered }, switches, lowered })
     }
 }
 
@@ -260,7 +265,7 @@ fn bake(config: &SceneConfig, cache: &CacheArgs, memory: &MemoryArgs, talk: Talk
     let mut cache = cache.open(Residence::Owned, talk);
     // Quiet: the screen belongs to the run.
     let progress = BakeProgress::new(Talk { quiet: true, verbose: 0, ..talk });
-    let mut means = BakeMeans { cache: &mut cache, memory: memory.plan(&progress, talk) };
+    let mut means = BakeMeans { cache: &mut cache, memory: memory.plan_within(available_bytes, &progress, talk) };
     let built = scene::build_with(config, &mut means, |_| ());
     drop(means);
     cache::tell(&mut cache, talk);

@@ -3,6 +3,7 @@
 use super::progress::BakeProgress;
 use super::{Talk, report, say};
 use crate::scene::MemoryPlan;
+use crate::storage::memory::available_bytes;
 use crate::voxmap::estimate::Estimate;
 use crate::voxmap::grid::show_bytes;
 
@@ -18,7 +19,16 @@ impl MemoryArgs {
     /// The limit, and what is said of each object before its work begins.
     pub(crate) fn plan<'a>(&self, progress: &'a BakeProgress, talk: Talk) -> MemoryPlan<'a> {
         let max_bytes = self.max_bytes;
-        MemoryPlan::new(max_bytes, move |name, estimate| tell(name, estimate, max_bytes, progress, talk))
+        MemoryPlan::new(max_bytes, move |name, estimate| {
+            tell(name, estimate, progress, talk);
+            warn(name, estimate, max_bytes, progress, talk);
+        })
+    }
+
+    /// The same, and what the machine may not have room for is refused, not only warned of: beside force, as to be ended by the system leaves the last
+    /// command to an arm; and for scenes that come from elsewhere.
+    pub(crate) fn plan_within<'a>(&self, left: fn() -> Option<u64>, progress: &'a BakeProgress, talk: Talk) -> MemoryPlan<'a> {
+        MemoryPlan::new(self.max_bytes, move |name, estimate| tell(name, estimate, progress, talk)).within(left)
     }
 }
 
@@ -58,9 +68,8 @@ fn parse_size(text: &str) -> Result<u64, String> {
     })
 }
 
-/// Says what an object will take: when it is much, or when asked to say more. Warns of more than the machine has left, unless a limit
-/// was given.
-fn tell(name: &str, estimate: &Estimate, max_bytes: Option<u64>, progress: &BakeProgress, talk: Talk) {
+/// Says what an object will take: when it is much, or when asked to say more.
+fn tell(name: &str, estimate: &Estimate, progress: &BakeProgress, talk: Talk) {
     if !talk.quiet && (talk.verbose > 0 || estimate.peak_bytes > LARGE_BYTES) {
         progress.aside(|| {
             say::talk(format_args!(
@@ -71,6 +80,10 @@ fn tell(name: &str, estimate: &Estimate, max_bytes: Option<u64>, progress: &Bake
             ));
         });
     }
+}
+
+/// Warns of more than the machine has left, unless a limit was given.
+fn warn(name: &str, estimate: &Estimate, max_bytes: Option<u64>, progress: &BakeProgress, talk: Talk) {
     if let Some(available_bytes) = available_bytes().filter(|available| max_bytes.is_none() && estimate.peak_bytes > *available) {
         let (needed, available) = (show_bytes(estimate.peak_bytes), show_bytes(available_bytes));
         progress.aside(|| {
@@ -85,17 +98,58 @@ fn tell(name: &str, estimate: &Estimate, max_bytes: Option<u64>, progress: &Bake
     }
 }
 
-/// Memory that the machine can give without swapping; `None` where /proc does not say.
-fn available_bytes() -> Option<u64> {
-    let text = std::fs::read_to_string("/proc/meminfo").ok()?;
-    let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
-    let kib: u64 = line.trim().trim_end_matches("kB").trim().parse().ok()?;
-    Some(kib * 1024)
-}
-
 #[cfg(test)]
 mod tests {
+    use super::super::When;
+    use super::super::say::LogFormat;
     use super::*;
+    use crate::scene::cache::{Cache, Residence};
+    use crate::scene::{self, BakeMeans, SceneError};
+    use crate::storage::memory;
+    use crate::voxmap::grid::GridError;
+    use crate::voxmap::memory_limit::{FREE_BYTES, MemoryLimit};
+
+    #[test]
+    fn a_scene_that_the_machine_has_no_room_for_is_refused_before_it_is_baked_and_not_taken_from_the_cache() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let path = folder.path().join("scene.toml");
+        let shape = "shape = { box_mm = [20.0, 20.0, 20.0] }\nvoxel_size_mm = 0.5\n";
+        std::fs::write(&path, format!("version = 1\n[[static]]\nname = \"base\"\n{shape}[tool]\n{shape}")).expect("written");
+        let config = crate::config::load(&path).unwrap_or_else(|errors| panic!("{errors}"));
+        let talk = Talk { verbose: 0, quiet: true, color: When::Never, log_format: LogFormat::Text };
+        let build = |left: fn() -> Option<u64>, max_bytes: Option<u64>| {
+            let progress = BakeProgress::new(talk);
+            let mut cache = Cache::at(folder.path().join("cache"), Residence::Owned);
+            let args = MemoryArgs { max_bytes };
+            let mut means = BakeMeans { cache: &mut cache, memory: args.plan_within(left, &progress, talk) };
+            let mut n_baked = 0;
+            let built = scene::build_with(&config, &mut means, |event| {
+                n_baked += usize::from(event.stage == crate::voxmap::Stage::Surface)
+            });
+            (built.map(drop), n_baked)
+        };
+        let scarce: fn() -> Option<u64> = || Some(FREE_BYTES + (1 << 20));
+        let refused = |(built, n_baked): (Result<(), SceneError>, usize)| {
+            let error = built.expect_err("a mebibyte is not enough");
+            let is_memory =
+                matches!(&error, SceneError::Grid { source: GridError::Memory { limit: MemoryLimit::Left(_), .. }, .. });
+            assert!(is_memory && n_baked == 0, "{error}, {n_baked} baked");
+            assert!(
+                error.to_string().contains("are left") && error.hint().is_some_and(|hint| hint.contains("end programs")),
+                "{error}"
+            );
+        };
+        refused(build(scarce, None));
+        refused(build(scarce, Some(1 << 40)));
+        assert!(matches!(
+            build(|| Some(1 << 40), Some(1000)).0,
+            Err(SceneError::Grid { source: GridError::Memory { limit: MemoryLimit::Given(1000), .. }, .. })
+        ));
+        assert!(build(memory::available_bytes, None).0.is_ok());
+        // What the cache has by now takes room as well.
+        refused(build(|| Some(FREE_BYTES + 3000), None));
+        assert!(build(|| None, None).0.is_ok());
+    }
 
     #[test]
     fn sizes_in_both_systems_are_read_and_anything_else_is_refused() {

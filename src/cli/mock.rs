@@ -1,5 +1,6 @@
 //! `hapticd mock`: the simulated arm as a process of its own, behind a real link, in the arm's own protocol.
 
+use core::sync::atomic::Ordering;
 use core::time::Duration;
 use std::path::PathBuf;
 
@@ -12,6 +13,7 @@ use crate::device::mock::gadget::Gadget;
 use crate::device::mock::profiled::{self, MockSettings};
 use crate::device::mock::pty::Pty;
 use crate::device::mock::serve::{Ended, Serving, serve};
+use crate::device::mock::trace::Trace;
 use crate::device::mock::uhid::Uhid;
 use crate::device::mock::{ArmLink, LinkError, MockArm, MockReport};
 use crate::device::profile::{self, Profile, ProfileError};
@@ -38,8 +40,9 @@ pub(crate) struct Args {
     gadget: Option<PathBuf>,
     #[command(flatten)]
     hand: HandArgs,
-    /// What goes wrong: drop=P%, stall, nan, garbage, unplug, slow=TIME, stuck, jump, truncate, sign-flip or saturate, then @START[+LENGTH] since
-    /// the host's first frame, such as unplug@2s+500ms; may be repeated.
+    /// What goes wrong: drop=P%, stall, deaf, nan, garbage, unplug, slow=TIME, stuck, jump, truncate, lost-byte, repeat, reorder, sign-flip, saturate,
+    /// unhome, skip=COUNT or no-velocity, then @START[+LENGTH] since the host's first frame, such as unplug@2s+500ms; press=BUTTON holds a
+    /// button; may be repeated.
     #[arg(long = "fault", value_name = "SPEC", value_parser = parse_fault)]
     faults: Vec<(String, FaultPlan)>,
     /// End after this time.
@@ -51,6 +54,10 @@ pub(crate) struct Args {
     /// Seed of everything random.
     #[arg(long, default_value_t = 0)]
     seed: u64,
+    /// Write what the motors do into this file while they do it, a line per change, ten a second without: t_ns (CLOCK_MONOTONIC), force_n, torque_nm, frames received,
+    /// late periods, faults that are there.
+    #[arg(long, value_name = "FILE.csv")]
+    trace: Option<PathBuf>,
     /// Print one JSON object at the end.
     #[arg(long)]
     json: bool,
@@ -98,7 +105,12 @@ fn mock(args: &Args, talk: Talk) -> Result<(), Exit> {
     let period_s = parameters.period_s;
     let mut arm = MockArm::new(parameters, protocol.firmware(carriage))
         .map_err(|error| fail(Exit::Configuration, &error.to_string(), None))?;
-    let interrupts = signals::interrupts().map_err(|error| fail(Exit::Internal, &error.to_string(), None))?;
+    let mut trace = match args.trace.as_deref().map(|path| (path, Trace::create(path))) {
+        Some((path, Err(error))) => return Err(fail(Exit::Usage, &format!("cannot write {}: {error}", path.display()), None)),
+        Some((_, Ok(trace))) => Some(trace),
+        None => None,
+    };
+    let interrupted = signals::interrupted().map_err(|error| fail(Exit::Internal, &error.to_string(), None))?;
     let (mut link, name) =
         open(args, &profile, &protocol).map_err(|error| fail(Exit::Device, &error.to_string(), link_hint(args)))?;
 
@@ -113,10 +125,13 @@ fn mock(args: &Args, talk: Talk) -> Result<(), Exit> {
     let cpu = schedule::allowed_cpus().first().copied().unwrap_or(0);
     schedule::enter_realtime(ThreadRequest { cpu, priority: ARM_PRIORITY });
     let serving = Serving { period_s, duration: args.duration, until_host_gone: args.once };
-    let ended = serve(&mut arm, &mut *link, serving, || interrupts.try_recv().is_ok())
+    let ended = serve(&mut arm, &mut *link, serving, trace.as_mut(), || interrupted.load(Ordering::Relaxed))
         .map_err(|error| fail(Exit::Device, &error.to_string(), None))?;
     // The node goes away before the words come: whoever reads them may look.
     drop(link);
+    if let (Some(path), Some(cause)) = (&args.trace, trace.as_ref().and_then(Trace::ended)) {
+        report::warning(&format!("{} does not go to the end: {cause}", path.display()), talk);
+    }
     tell(&arm.report(), &profile, protocol.name(), &name, ended, args.json, talk);
     Ok(())
 }

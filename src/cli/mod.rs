@@ -14,6 +14,7 @@ mod doctor;
 mod eval;
 mod findings;
 mod foxglove;
+mod guard;
 mod hand;
 mod init;
 mod lab_report;
@@ -121,6 +122,10 @@ enum Command {
 
 /// Parses the command line, runs the command and gives the process's exit code.
 pub fn main() -> ExitCode {
+    // Before anything else is started: it is to stay small.
+    if let Some(exit) = guard::main() {
+        return exit;
+    }
     let started_ns = monotonic_ns();
     let Cli { command, talk } = Cli::parse();
     say::use_format(talk.log_format);

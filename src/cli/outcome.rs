@@ -97,12 +97,19 @@ pub(super) fn result_text(totals: &Totals, start_s: StartTimes, more: &More<'_>,
     if rendered.max_dropped_torque_nm > 0.0
         || rendered.max_dropped_force_n > 0.0
         || rendered.weakened_ticks + rendered.unsent_ticks > 0
+        || rendered.max_beside_force_n + rendered.max_beside_torque_nm > 0.0
     {
-        row("largest rendered", format_args!("{:.3} N, {:.4} N·m", rendered.max_force_n, rendered.max_torque_nm));
+        row(
+            "largest rendered",
+            format_args!(
+                "{:.3} N, {:.4} N·m; of it {:.3} N, {:.4} N·m beside the command",
+                rendered.max_force_n, rendered.max_torque_nm, rendered.max_beside_force_n, rendered.max_beside_torque_nm
+            ),
+        );
         row(
             "not rendered",
             format_args!(
-                "up to {:.3} N and {:.4} N·m without a motor; {} ticks weakened by a motor at its limit, {} not sent in time",
+                "up to {:.3} N and {:.4} N·m without a motor; {} ticks weakened by the limits of the motors, {} not sent in time",
                 rendered.max_dropped_force_n, rendered.max_dropped_torque_nm, rendered.weakened_ticks, rendered.unsent_ticks
             ),
         );

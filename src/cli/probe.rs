@@ -9,10 +9,10 @@ use serde_json::{Value, json};
 
 use super::findings::finding_json;
 use super::screen::error_text;
-use super::{Talk, report, say};
+use super::{Talk, guard, report, say};
 use crate::device::attached::identify::Made;
 use crate::device::attached::nodes::Selector;
-use crate::device::attached::open::{self, OpenOptions};
+use crate::device::attached::open::{self, LinkNews, OpenOptions};
 use crate::device::attached::probe::{self, Answers, Ended, Found, Plan, Push, Sign, Step, Trial};
 use crate::device::profile::{self, Homing, HomingMode, Profile, ProfileError, RealArm};
 use crate::device::protocol::Declared;
@@ -82,7 +82,7 @@ fn probe(args: &Args, talk: Talk) -> Result<Exit, Exit> {
         error => fail(Exit::Configuration, error.to_string()),
     })?;
     let period_s = 1.0 / f64::from(profile.link.rate_hz);
-    let options = OpenOptions { selector: args.selector.clone(), io_request: None, period_s };
+    let options = OpenOptions { selector: args.selector.clone(), io_request: None, period_s, guard: guard::program() };
     if let Some(real) = &profile.real {
         // An arm that is not there is not waited for.
         open::look_for(&profile, &options).map_err(|error| fail(Exit::Device, error.to_string()))?;
@@ -91,23 +91,34 @@ fn probe(args: &Args, talk: Talk) -> Result<Exit, Exit> {
     let mut opened = open::open(&profile, &options).map_err(|error| fail(Exit::Device, error.to_string()))?;
     // True invariant: what was opened has a profile of metal.
     let Some(real) = &profile.real else { unreachable!("a simulated arm is not opened") };
+    for news in opened.news.try_iter() {
+        if let LinkNews::Unguarded(why) = news {
+            report::warning(&guard::missing_text(&why), talk);
+        }
+    }
     let path = opened.path.display().to_string();
     report::note(&format!("{} at {path}: listening for {:.0} s", profile.title, args.duration.as_secs_f64()), talk);
     // From here on Ctrl-C takes the force off first.
-    let quit = Arc::new(AtomicBool::new(false));
-    let interrupts = signals::interrupts().map_err(|error| fail(Exit::Internal, error.to_string()))?;
-    let flag = quit.clone();
-    std::thread::spawn(move || {
-        if interrupts.recv().is_ok() {
-            flag.store(true, Ordering::Relaxed);
-        }
-    });
+    let quit = signals::interrupted().map_err(|error| fail(Exit::Internal, error.to_string()))?;
+    say::detach().map_err(|error| fail(Exit::Internal, format!("cannot start a thread: {error}")))?;
     let arm = &mut opened.arm;
-    let mut trial = Trial::new(RealClock, period_s, &quit).with_torque(probe::torque_max_nm(&profile));
+    let go = Arc::new(AtomicBool::new(false));
+    let mut trial = Trial::new(RealClock, period_s, quit).with_torque(probe::torque_max_nm(&profile));
+    let has_person = std::io::stdin().is_terminal();
+    if has_person {
+        trial = trial.asking(&go);
+    }
     let plan = Plan { listen: args.duration, push: args.sign_check.then(|| Push::of(&profile)), identify: args.identify };
     let mut found = Found::default();
-    let ended = probe::try_out(arm, &mut trial, &plan, &mut found, |step| report::note(step_text(step, &profile), talk)).err();
+    let tell = |step| {
+        report::note(step_text(step, &profile), talk);
+        if has_person {
+            ask(&go, quit);
+        }
+    };
+    let ended = probe::try_out(arm, &mut trial, &plan, &mut found, tell).err();
     arm.stop();
+    say::attach();
     let told = Told {
         profile: &profile,
         real,
@@ -153,6 +164,17 @@ fn home(homing: &Homing, talk: Talk) {
         // The end of the input is an answer as good as any.
         let _ = std::io::stdin().read_line(&mut String::new());
     }
+}
+
+/// Asks a person whether force may come, and does not wait: until the answer is there the arm hears zero in every tick.
+fn ask(go: &Arc<AtomicBool>, quit: &'static AtomicBool) {
+    say::talk(format_args!("Enter when you are ready, Ctrl-C to end it: "));
+    let go = go.clone();
+    std::thread::spawn(move || {
+        // The end of the input is no answer.
+        let is_answer = std::io::stdin().read_line(&mut String::new()).is_ok_and(|n| n > 0);
+        if is_answer { go.store(true, Ordering::Relaxed) } else { quit.store(true, Ordering::Relaxed) }
+    });
 }
 
 fn step_text(step: Step, profile: &Profile) -> &'static str {
@@ -331,6 +353,15 @@ impl Told<'_> {
                 );
                 Finding::bad("watchdog", found, "close what keeps the processors busy, and try again").by_hand()
             }
+            Ended::Moves(mm_per_s, mrad_per_s) => {
+                let found = format!(
+                    "the grip came to {:.2} m/s and {:.1} rad/s, which no push of this trial does: let go; {rest}",
+                    f64::from(mm_per_s) * 1e-3,
+                    f64::from(mrad_per_s) * 1e-3
+                );
+                let advice = "hold the grip still and try again; if it moves by itself, look at motor_sign, encoder_sign and the masses of the links";
+                Finding::bad("moves by itself", found, advice).by_hand()
+            }
         })
     }
 
@@ -347,6 +378,7 @@ impl Told<'_> {
             Ended::NotHomed => "not-homed",
             Ended::Reports(_) => "device-error",
             Ended::Watchdog(_) => "watchdog",
+            Ended::Moves(..) => "moves",
         });
         json!({
             "profile": self.profile.name,

@@ -12,6 +12,7 @@ use crate::monitor::{self, RecorderError, RecorderStatus};
 use crate::rt::clock::ClockKind;
 use crate::rt::preflight::Report;
 use crate::servo::LoopReport;
+use crate::storage::printable::shown;
 use crate::telemetry::Taps;
 use crate::telemetry::recording::{Failed, FaultFile, FaultFiles, Recorder, RecorderHandle, RecordingError, RecordingSummary, now};
 
@@ -65,7 +66,7 @@ impl RecordingArgs {
         let recording = recording.transpose().map_err(refused)?;
         let fault_files = self.fault_folder(clock).map(|folder| {
             let told = move |file: &FaultFile| match &file.file {
-                Ok(path) if !talk.quiet => say::talk(format_args!("flight recorder: {}\n", path.display())),
+                Ok(path) if !talk.quiet => say::talk(format_args!("flight recorder: {}\n", shown(path))),
                 Ok(_) => {}
                 Err(error) => report::warning(&format!("flight recorder: {error}"), talk),
             };

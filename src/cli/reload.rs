@@ -8,6 +8,7 @@ use crate::daemon::desk::Refusal;
 use crate::daemon::reload::{Cause, News, Reloaded, Tuned};
 use crate::daemon::service;
 use crate::document::show;
+use crate::storage::printable::shown;
 
 /// Tells people, and a service manager, how a reload goes.
 pub(super) fn tell(news: &News, talk: Talk) {
@@ -47,7 +48,7 @@ fn outcome(done: &Reloaded) -> (&'static str, String) {
             let one = |Tuned { name, from, to }: &Tuned| format!("{name} {} -> {}", show(*from), show(*to));
             ("tuned", format!("reload: {}", tunes.iter().map(one).collect::<Vec<_>>().join(", ")))
         }
-        Reloaded::Baked(path) => ("baked", format!("reload: {} is baked and comes next", path.display())),
+        Reloaded::Baked(path) => ("baked", format!("reload: {} is baked and comes next", shown(path))),
     }
 }
 

@@ -6,8 +6,6 @@ mod arm;
 use std::cell::{Cell, RefCell};
 use std::sync::Arc;
 
-use crossbeam::channel::Receiver;
-
 pub(crate) use self::args::{LoopArgs, Own};
 
 use self::args::ClockArg;
@@ -17,7 +15,7 @@ use super::outcome::{More, StartTimes, lets_go_text, result_text};
 use super::progress::BakeProgress;
 use super::screen::{Screen, report_lines};
 use super::workshop::{self, Workshop};
-use super::{Talk, bake, cache, check, live, network, recording, report, say};
+use super::{Talk, bake, cache, check, guard, live, network, recording, report, say};
 use crate::config::{self, ConfigErrors, LoadOptions};
 use crate::daemon::remote::RemoteArm;
 use crate::daemon::service::Service;
@@ -27,9 +25,10 @@ use crate::device::protocol::Protocol;
 use crate::error::Exit;
 use crate::mesh;
 use crate::rt::clock::{ClockKind, monotonic_ns};
-use crate::rt::signals::{SignalError, interrupts};
+use crate::rt::signals::{self, SignalError};
 use crate::scene::BakeMeans;
 use crate::scene::cache::Residence;
+use crate::servo::Control;
 use crate::telemetry::Taps;
 /// Why a run ended before it began.
 #[derive(Debug)]
@@ -44,6 +43,11 @@ enum Refusal {
 pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: Talk, started_ns: i64) -> Exit {
     // Before any thread that loads parts begins: some of them do while force flows.
     mesh::copy_only();
+    // From the first word on: nobody who takes orders, or renders, waits for a reader.
+    if let Err(error) = say::detach() {
+        report::error(&format!("cannot start a thread: {error}"), None, talk);
+        return Exit::Internal;
+    }
     let since_start_s = |ns: i64| (ns - started_ns) as f64 * 1e-9;
     let baked_s = Cell::new(0.0);
     let figures = RefCell::new(None);
@@ -143,7 +147,7 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: Talk, started_ns: i64) 
         let mut cache = args.cache.open(Residence::Owned, talk);
         let progress = BakeProgress::new(talk);
         let mut means = BakeMeans { cache: &mut cache, memory: args.memory.plan(&progress, talk) };
-        let prepared = prepare_on(&config, &mut means, remote.as_ref(), |event| progress.tell(&event));
+        let prepared = prepare_on(&config, &mut means, remote.as_ref(), guard::program(), |event| progress.tell(&event));
         drop(means);
         progress.finish();
         cache::tell(&mut cache, talk);
@@ -162,10 +166,11 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: Talk, started_ns: i64) 
     };
     // Under the virtual clock a scene changes as it was planned, unless somebody watches.
     let is_open = clock == ClockKind::Real || bound.is_some() || opened.is_some() || own.live.watch;
+    let control = Arc::new(Control::new());
     let opening = Opening::default();
     let hears = || is_open.then(|| opening.hears());
     let begun = changes.begin(&args.cache, &args.memory, clock, is_open, hears, talk).and_then(|begun| {
-        let live::Begun { mut live, under_way, switches } = begun;
+        let live::Begun { mut live, under_way, switches, lowered } = begun;
         live.taps = taps;
         let means = Means {
             config: &config,
@@ -174,9 +179,11 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: Talk, started_ns: i64) 
             bound,
             opened,
             talk,
+            control: &control,
             has_console: args.console,
             enables_at_start: args.enables_at_start(&config),
             switches: switches.filter(|_| is_open),
+            lowered,
             offered: under_way.offered.clone(),
             recorder: Some(Box::new(recordings.for_clients(talk))),
         };
@@ -202,7 +209,9 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: Talk, started_ns: i64) 
         workshop: workshop.as_mut(),
         watches: own.live.watch,
     };
-    let rendered = run(args, talk, beside, interrupts, bake);
+    let rendered = run(args, talk, beside, &control, signals::end_by_signals, bake);
+    // Force is off: from here on words may wait for whoever reads them.
+    say::attach();
     // Whatever became of the loop: what hands made is not lost with it.
     let clay = workshop.and_then(|workshop| workshop.close(talk));
     let refusal = match rendered {
@@ -269,10 +278,11 @@ fn run(
     args: &LoopArgs,
     talk: Talk,
     beside: Beside<'_>,
-    interrupts: impl FnOnce() -> Result<Receiver<()>, SignalError>,
+    control: &Arc<Control>,
+    end_by_signals: impl FnOnce(&Arc<Control>) -> Result<(), SignalError>,
     bake: impl FnOnce() -> Result<Prepared, PrepareError>,
 ) -> Result<Outcome, Refusal> {
-    let Beside { overrides, mut live, under_way, protocol, company, mut workshop, watches } = beside;
+    let Beside { overrides, mut live, under_way, protocol, company, workshop, watches } = beside;
     let mut screen = Screen::new(talk, under_way, protocol, live.operator.waits_after_fault);
     let ears = company.ears();
     let mut service = Service::of_environment();
@@ -286,7 +296,7 @@ fn run(
     });
     let prepared = supervisor.bake(bake).map_err(Refusal::Prepare)?;
     let scene = Arc::new(prepared.scene);
-    if let (Some(workshop), Some(piece)) = (workshop.as_deref_mut(), prepared.piece) {
+    if let (Some(workshop), Some(piece)) = (workshop, prepared.piece) {
         workshop.fit(&piece, talk).map_err(Refusal::Strokes)?;
         workshop.open(piece, &scene, &mut live).map_err(|error| Refusal::Run(error.into()))?;
         company.sculpts(workshop.for_clients(&scene));
@@ -310,12 +320,10 @@ fn run(
         duration: args.duration,
     };
     // Only now: until here no force can flow, and Ctrl-C ends a long bake at once as it does everywhere.
-    let interrupts = interrupts().map_err(Refusal::Signals)?;
-    if let Some(workshop) = workshop {
-        workshop.heed(interrupts.clone());
-    }
+    end_by_signals(control).map_err(Refusal::Signals)?;
+    signals::suspend_without_force();
     company.reload(overrides, watches, talk).map_err(|error| Refusal::Run(error.into()))?;
-    supervisor.render_live(job, live, &interrupts).map_err(Refusal::Run)
+    supervisor.render_live(job, live, control).map_err(Refusal::Run)
 }
 
 #[cfg(test)]

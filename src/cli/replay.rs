@@ -13,6 +13,8 @@ use crate::error::Exit;
 use crate::haptics::RenderScene;
 use crate::scene::cache::Residence;
 use crate::scene::{self, BakeMeans, SceneError};
+use crate::storage::memory::available_bytes;
+use crate::storage::printable::one_line;
 use crate::telemetry::recording::ReadError;
 
 /// Arguments of `hapticd replay`.
@@ -44,7 +46,7 @@ pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
         Err(problem) => return refuse(&problem, talk),
     };
     for changed in &replayed.changed {
-        report::warning(&format!("this version reads the scene in another way: {changed}"), talk);
+        report::warning(&format!("this version reads the scene in another way: {}", one_line(changed)), talk);
     }
     if !replayed.whole && replayed.is_identical() {
         report::note("the file has no end, its recorder was stopped short: this is what can be read of it", talk);
@@ -80,7 +82,9 @@ fn verdict(replayed: &Replayed) -> String {
 fn bake(config: &SceneConfig, args: &Args, talk: Talk) -> Result<RenderScene, SceneError> {
     let mut cache = args.cache.open(Residence::Owned, talk);
     let progress = BakeProgress::new(talk);
-    let mut means = BakeMeans { cache: &mut cache, memory: args.memory.plan(&progress, talk) };
+    // The scene is whoever's made the recording: it is not to end this program.
+    let memory = args.memory.plan_within(available_bytes, &progress, talk);
+    let mut means = BakeMeans { cache: &mut cache, memory };
     let built = scene::build_with(config, &mut means, |event| progress.tell(&event));
     drop(means);
     progress.finish();
@@ -102,7 +106,8 @@ fn refuse(problem: &ReplayError, talk: Talk) -> Exit {
         ReplayError::Read(problem) => read_hint(problem),
         ReplayError::Unpack(_) | ReplayError::Empty { .. } => None,
     };
-    report::error(&problem.to_string(), hint, talk);
+    // Names in a recording are those of whoever made it.
+    report::error(&one_line(&problem.to_string()), hint, talk);
     Exit::Asset
 }
 

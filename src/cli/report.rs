@@ -5,22 +5,24 @@ use std::io::IsTerminal;
 use super::say::{self, Level};
 use super::{Talk, When};
 use crate::config::ConfigErrors;
-use crate::daemon::PrepareError;
+use crate::daemon::{PrepareError, service};
 use crate::error::Exit;
 use crate::scene::{ObjectReport, PieceReport, SceneError};
 use crate::sculpt::workpiece::WorkpieceError;
+use crate::storage::printable::{one_line, printable};
 
 /// Prints every problem of a scene on stderr and gives the exit code for it.
 pub(crate) fn config_errors(errors: &ConfigErrors, talk: Talk) -> Exit {
     for problem in errors.problems() {
-        error(&problem.to_string(), problem.hint().as_deref(), talk);
+        error(&one_line(&problem.to_string()), problem.hint().as_deref(), talk);
     }
     Exit::Configuration
 }
 
 /// Prints why an object cannot be built and gives the exit code for it: an asset, or a grid that the configuration asks for.
 pub(crate) fn scene_error(problem: &SceneError, talk: Talk) -> Exit {
-    error(&problem.to_string(), problem.hint().as_deref(), talk);
+    // What a mesh file says of itself may be in it.
+    error(&one_line(&problem.to_string()), problem.hint().as_deref(), talk);
     match problem {
         SceneError::Mesh { .. } | SceneError::Load(_) | SceneError::Session(_) | SceneError::Piece(WorkpieceError::Surface(_)) => {
             Exit::Asset
@@ -37,11 +39,11 @@ pub(crate) fn prepare_error(problem: &PrepareError, talk: Talk) -> Exit {
         PrepareError::Config(errors) => config_errors(errors, talk),
         PrepareError::Scene(problem) => scene_error(problem, talk),
         PrepareError::Open(_) => {
-            error(&problem.to_string(), None, talk);
+            error(&one_line(&problem.to_string()), None, talk);
             Exit::Device
         }
         PrepareError::Hand(_) | PrepareError::Fault { .. } | PrepareError::Arm(_) => {
-            error(&problem.to_string(), None, talk);
+            error(&one_line(&problem.to_string()), None, talk);
             Exit::Configuration
         }
     }
@@ -56,7 +58,7 @@ pub(crate) fn bake_warnings(reports: &[ObjectReport], talk: Talk) {
 pub(crate) fn bake_warnings_of(scene: &str, reports: &[ObjectReport], talk: Talk) {
     for object in reports {
         for text in &object.warnings {
-            warning(&format!("{scene}{}: {text}", object.name), talk);
+            warning(&one_line(&format!("{scene}{}: {text}", object.name)), talk);
         }
     }
 }
@@ -75,9 +77,9 @@ pub(crate) fn error(message: &str, hint: Option<&str>, talk: Talk) {
         return say::event(Level::Error, "error", message, hint.as_slice());
     }
     let [red, cyan, plain] = if is_coloured(talk) { ["\x1b[1;31m", "\x1b[1;36m", "\x1b[0m"] } else { [""; 3] };
-    say::talk(format_args!("{red}error:{plain} {message}\n"));
+    say::talk(format_args!("{red}error:{plain} {}\n", printable(message)));
     if let Some(hint) = hint {
-        say::talk(format_args!("  {cyan}hint:{plain} {hint}\n"));
+        say::talk(format_args!("  {cyan}hint:{plain} {}\n", one_line(hint)));
     }
 }
 
@@ -99,18 +101,20 @@ fn remark(level: Level, word: &str, colour: &str, message: &str, talk: Talk) {
         return say::event(level, word, message, &[]);
     }
     let [colour, plain] = if is_coloured(talk) { [colour, "\x1b[0m"] } else { [""; 2] };
-    say::talk(format_args!("{colour}{word}:{plain} {message}\n"));
+    say::talk(format_args!("{colour}{word}:{plain} {}\n", printable(message)));
 }
 
 /// Prints a line as it is, unless told to be quiet.
 pub(crate) fn line(text: &str, talk: Talk) {
     if !talk.quiet {
-        say::talk(format_args!("{text}\n"));
+        say::talk(format_args!("{}\n", printable(text)));
     }
 }
 
 /// The last word: a result that could not be delivered spoils a good ending.
 pub(crate) fn finish(exit: Exit, talk: Talk) -> Exit {
+    say::attach();
+    service::finish();
     let Some(lost) = say::lost_result() else { return exit };
     error(&format!("cannot write the result to stdout: {lost}"), None, talk);
     if exit == Exit::Ok { Exit::Asset } else { exit }

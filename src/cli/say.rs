@@ -5,19 +5,26 @@
 //!
 //! Talk is text for people, or with `--log-format json` one JSON object per line for programs: `time` (UTC), `level`, `event`, `message` (the
 //! text without decoration), and the fields of that event.
+//!
+//! While force may flow nobody waits for a reader: from [`detach`] to [`attach`] a thread of its own writes, behind a queue that drops the oldest
+//! lines and says how many. A terminal that is stopped, or a program that reads no more, costs words and nothing else.
 
 use std::fmt;
 use std::io::{self, Write as _};
+use std::panic::PanicHookInfo;
 use std::path::Path;
 use std::sync::OnceLock;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::SystemTime;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::thread::Thread;
+use std::time::{Duration, Instant, SystemTime};
 
 use clap::ValueEnum;
+use crossbeam::queue::ArrayQueue;
 use serde::ser::{Serialize, SerializeMap, Serializer};
 use serde_json::Value;
 
 use crate::rt::utc::timestamp;
+use crate::storage::printable::printable;
 
 /// Why the first result that did not arrive did not.
 static LOST_RESULT: OnceLock<io::Error> = OnceLock::new();
@@ -62,11 +69,94 @@ impl Level {
 /// Names and values that go with an event.
 pub(crate) type Fields<'a> = &'a [(&'a str, Value)];
 
-/// Decides what talk looks like from here on. A panic, too, speaks the language that was chosen.
+/// Decides what talk looks like from here on. A panic, too, speaks the language that was chosen, and waits for nobody.
 pub(crate) fn use_format(format: LogFormat) {
-    if format == LogFormat::Json {
-        IS_JSON.store(true, Ordering::Relaxed);
-        std::panic::set_hook(Box::new(|info| event(Level::Error, "panic", &info.to_string(), &[])));
+    IS_JSON.store(format == LogFormat::Json, Ordering::Relaxed);
+    std::panic::set_hook(Box::new(panicked));
+}
+
+/// Tells of a panic, before the stack of its thread is unwound and an arm gets its zero: it must not block.
+fn panicked(info: &PanicHookInfo<'_>) {
+    let thread = std::thread::current();
+    let mut text = format!("thread '{}' {info}", thread.name().unwrap_or("unnamed"));
+    let trace = std::backtrace::Backtrace::capture();
+    if trace.status() == std::backtrace::BacktraceStatus::Captured {
+        text += &format!("\n{trace}");
+    }
+    event(Level::Error, "panic", &text, &[]);
+}
+
+/// Lines that may wait for whoever reads stderr.
+const QUEUED_LINES: usize = 1024;
+/// How long [`attach`] waits for a reader.
+const FLUSH: Duration = Duration::from_secs(1);
+
+/// Lines on their way to stderr.
+struct Queue {
+    lines: ArrayQueue<String>,
+    /// Lines that made room for newer ones and that nobody was told of.
+    lost: AtomicU64,
+    /// Lines that were queued and neither written nor dropped.
+    waiting: AtomicU64,
+    writer: Thread,
+}
+
+static QUEUE: OnceLock<Queue> = OnceLock::new();
+/// Talk goes through the queue.
+static IS_DETACHED: AtomicBool = AtomicBool::new(false);
+
+/// From now on talk waits for nobody.
+///
+/// # Errors
+/// The thread that writes cannot be started.
+pub(crate) fn detach() -> io::Result<()> {
+    if QUEUE.get().is_none() {
+        let thread = std::thread::Builder::new().name("output".to_owned()).spawn(|| write_queued(QUEUE.wait()))?;
+        let lines = ArrayQueue::new(QUEUED_LINES);
+        let queue = Queue { lines, lost: AtomicU64::new(0), waiting: AtomicU64::new(0), writer: thread.thread().clone() };
+        // Only this thread sets it.
+        let _ = QUEUE.set(queue);
+    }
+    IS_DETACHED.store(true, Ordering::Relaxed);
+    Ok(())
+}
+
+/// From now on talk is written by whoever talks, behind what is still queued; a reader that takes nothing for a second gets none of it.
+pub(crate) fn attach() {
+    let Some(queue) = QUEUE.get().filter(|_| IS_DETACHED.load(Ordering::Relaxed)) else { return };
+    let begin = Instant::now();
+    while queue.waiting.load(Ordering::Acquire) > 0 {
+        if begin.elapsed() > FLUSH {
+            return;
+        }
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    IS_DETACHED.store(false, Ordering::Relaxed);
+}
+
+impl Queue {
+    /// Never blocks.
+    fn push(&self, text: String) {
+        self.waiting.fetch_add(1, Ordering::Relaxed);
+        if self.lines.force_push(text).is_some() {
+            self.lost.fetch_add(1, Ordering::Relaxed);
+            self.waiting.fetch_sub(1, Ordering::Relaxed);
+        }
+        self.writer.unpark();
+    }
+}
+
+fn write_queued(queue: &Queue) {
+    loop {
+        while let Some(text) = queue.lines.pop() {
+            let lost = queue.lost.swap(0, Ordering::Relaxed);
+            if lost > 0 {
+                write_now(&line_of(Level::Warning, "lost-output", &format!("{lost} lines were lost: nobody read them"), &[]));
+            }
+            write_now(&text);
+            queue.waiting.fetch_sub(1, Ordering::Release);
+        }
+        std::thread::park();
     }
 }
 
@@ -94,22 +184,32 @@ pub(crate) fn talk(text: fmt::Arguments<'_>) {
     if is_json() {
         text.to_string().lines().filter(|line| !line.trim().is_empty()).for_each(|line| event(Level::Info, "message", line, &[]));
     } else {
-        write(&text.to_string());
+        write(text.to_string());
     }
 }
 
 /// Writes one event to stderr: its text in a line, or an object with its fields.
 pub(crate) fn event(level: Level, name: &str, text: &str, fields: Fields<'_>) {
-    if is_json() {
-        let line = Line { time: &timestamp(SystemTime::now()), level, name, text: text.trim(), fields };
-        // True invariant: names and plain values.
-        write(&format!("{}\n", serde_json::to_string(&line).unwrap_or_default()));
-    } else {
-        write(&format!("{text}\n"));
+    write(line_of(level, name, text, fields));
+}
+
+fn line_of(level: Level, name: &str, text: &str, fields: Fields<'_>) -> String {
+    if !is_json() {
+        return format!("{}\n", printable(text));
+    }
+    let line = Line { time: &timestamp(SystemTime::now()), level, name, text: text.trim(), fields };
+    // True invariant: names and plain values.
+    format!("{}\n", serde_json::to_string(&line).unwrap_or_default())
+}
+
+fn write(text: String) {
+    match QUEUE.get().filter(|_| IS_DETACHED.load(Ordering::Relaxed)) {
+        Some(queue) => queue.push(text),
+        None => write_now(&text),
     }
 }
 
-fn write(text: &str) {
+fn write_now(text: &str) {
     // One write, so that lines of other processes do not cut in. If it fails, nobody is left to be told.
     let _ = io::stderr().write_all(text.as_bytes());
 }

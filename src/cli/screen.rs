@@ -6,12 +6,13 @@ use std::time::{Duration, Instant};
 use serde_json::{Value, json};
 
 use super::say::{self, Fields, Level};
-use super::{Talk, live};
+use super::{Talk, guard, live};
 use crate::daemon::{Notice, Phase};
 use crate::device::attached::open::LinkNews;
 use crate::device::protocol::Protocol;
 use crate::haptics::Faults;
 use crate::rt::preflight::{self, Report};
+use crate::storage::printable::shown;
 use crate::telemetry::TickRecord;
 
 /// How often `--log-format json -v` has the newest tick.
@@ -58,7 +59,7 @@ impl<'a> Screen<'a> {
                 if !self.quiet {
                     let (path, at_s) = (self.under_way.scene(record.scene_idx), record.time_ns as f64 * 1e-9);
                     let [tick, time] = at(record);
-                    let text = format!("scene: {} from {at_s:.3} s on (tick {})", path.display(), record.tick);
+                    let text = format!("scene: {} from {at_s:.3} s on (tick {})", shown(&path), record.tick);
                     self.line(Level::Info, "scene", &text, &[("file", path.to_string_lossy().into()), tick, time]);
                 }
             }
@@ -72,6 +73,7 @@ impl<'a> Screen<'a> {
                         (Level::Info, "back", format!("device: back at {}; it waits for `enable`.{homing}", node.display()))
                     }
                     LinkNews::Fails(why) => (Level::Warning, "fails", format!("device: {why}")),
+                    LinkNews::Unguarded(why) => (Level::Warning, "unguarded", guard::missing_text(why)),
                 };
                 self.line(level, "link", &text, &[("link", state.into())]);
             }

@@ -6,8 +6,6 @@ mod summary;
 
 use std::path::{Path, PathBuf};
 
-use crossbeam::channel::{Receiver, never};
-
 pub(crate) use self::summary::SculptReport;
 
 use self::ending::{carry_out, hint, rescue, wait};
@@ -68,7 +66,6 @@ pub(crate) struct Workshop {
     outputs: Vec<Order>,
     pictures: Option<Pictures>,
     open: Option<Open>,
-    interrupts: Receiver<()>,
 }
 
 struct Open {
@@ -129,7 +126,6 @@ impl Workshop {
             pictures,
             sculpt,
             open: None,
-            interrupts: never(),
         }))
     }
 
@@ -173,16 +169,11 @@ impl Workshop {
         })
     }
 
-    /// From now on whoever interrupts does so while the studio is waited for as well.
-    pub(crate) fn heed(&mut self, interrupts: Receiver<()>) {
-        self.interrupts = interrupts;
-    }
-
     /// After the last tick: waits for the studio, writes what was asked for and says what went wrong. `None`: it was never open.
     pub(crate) fn close(self, talk: Talk) -> Option<SculptReport> {
         let Open { thread, door, volume_before_m3 } = self.open?;
         drop(door);
-        let Ended { report, mut studio } = match wait(thread, &self.interrupts, talk) {
+        let Ended { report, mut studio } = match wait(thread, talk) {
             Ok(ended) => ended,
             Err((why, hint)) => {
                 report::error(why, Some(hint), talk);

@@ -153,6 +153,7 @@ pub(super) struct Safety {
     pub(super) slew_n_per_s: Option<f64>,
     pub(super) power_w: Option<f64>,
     pub(super) overrun: Option<Overrun>,
+    pub(super) stall_ms: Option<f64>,
     pub(super) brake_ms: Option<f64>,
     pub(super) deadman: Option<Deadman>,
     pub(super) heartbeat_ms: Option<f64>,

@@ -7,7 +7,6 @@ mod laid;
 mod naming;
 mod size;
 
-use std::fs;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -20,6 +19,7 @@ use super::schema::{Deed, Stroke, Strokes, holds_strokes};
 use crate::document::{Checks, ConfigErrors, Document, Interval, Problem, ProblemKind, any_of};
 use crate::sculpt::boolean::Boolean;
 use crate::sculpt::studio::{Order, ToolSettings};
+use crate::storage::regular;
 
 /// A file of strokes.
 #[derive(Clone, Debug)]
@@ -54,7 +54,7 @@ const TIME_S: Interval = Interval::from(0.0).to(1e5).unit("s");
 /// Every problem of the first pass that found any.
 pub fn load(path: &Path, tool: &ToolSettings) -> Result<Script, ConfigErrors> {
     let of_file = |kind| ConfigErrors::new(vec![Problem::of_file(path, kind)]);
-    let text = fs::read_to_string(path).map_err(|cause| {
+    let text = regular::written(path).map_err(|cause| {
         of_file(match cause.kind() {
             ErrorKind::NotFound => ProblemKind::StrokesMissing,
             _ => ProblemKind::Unreadable { cause },
@@ -86,7 +86,7 @@ pub fn load(path: &Path, tool: &ToolSettings) -> Result<Script, ConfigErrors> {
 
 /// A file of strokes, as far as can be told without checking it.
 pub fn is_script(path: &Path) -> bool {
-    fs::read_to_string(path).is_ok_and(|text| Document::parse(path, &text).is_ok_and(|document| holds_strokes(&document)))
+    regular::written(path).is_ok_and(|text| Document::parse(path, &text).is_ok_and(|document| holds_strokes(&document)))
 }
 
 impl Script {

@@ -17,7 +17,7 @@ use super::switch::{Done, Offered, Switch};
 use crate::config::{self, ConfigErrors, LoadOptions, SceneConfig};
 use crate::haptics::{KnobRange, RenderScene};
 use crate::scene::SceneError;
-use crate::servo::{PlaceError, Reins, TuneError};
+use crate::servo::{Lowered, PlaceError, Reins, TuneError};
 use crate::spatial::Pose;
 
 /// What a client asks for.
@@ -30,7 +30,7 @@ pub enum Ask {
         /// To what.
         value: f64,
     },
-    /// Several parameters of one scene to what its file says now, or none of them.
+    /// Parameters of one scene to what its file says now, or none of them; a limit that a person lowered stays lowered.
     SetAll {
         /// Number of the scene.
         scene_idx: u32,
@@ -232,6 +232,8 @@ pub struct Tools {
     pub switches: Option<Sender<Switch>>,
     /// How scenes are read.
     pub options: LoadOptions,
+    /// Where limits are kept that clients lowered.
+    pub lowered: Lowered,
     /// Looks at every scene that was asked for, as its files are before it is baked.
     pub look: Arc<dyn Fn(&SceneConfig) -> Noted + Send + Sync>,
 }
@@ -289,9 +291,10 @@ impl Desk {
     /// Goes over to what is rendered, as far as it is known here.
     fn show(&mut self) {
         while self.shown_idx < self.rendered_idx
-            && let Some((Offered { config, scene, reins }, was_asked_for)) = self.coming.pop_front()
+            && let Some((Offered { config, scene, mut reins }, was_asked_for)) = self.coming.pop_front()
         {
             self.shown_idx += 1;
+            reins.tuner.show_lowered(&self.tools.lowered);
             self.tools.board.show(self.shown_idx, config, scene, &reins);
             if was_asked_for {
                 self.tools.board.change(|view| view.switching_to = None);
@@ -302,9 +305,9 @@ impl Desk {
 
     fn answer(&mut self, ask: Ask, answer: Answer) {
         match ask {
-            Ask::Set { parameter, value } => answer(self.set([(&*parameter, value)], false)),
+            Ask::Set { parameter, value } => answer(self.set(&parameter, value)),
             Ask::SetAll { scene_idx, .. } if scene_idx != self.shown_idx => answer(Err(TuneError::Over.into())),
-            Ask::SetAll { values, .. } => answer(self.set(values, true)),
+            Ask::SetAll { values, .. } => answer(self.set_as_file(&values)),
             Ask::Place { object, world_from_object } => {
                 let Some(reins) = &mut self.reins else { return answer(Err(Refusal::Over)) };
                 answer(reins.placer.place(&object, world_from_object).map_err(Refusal::from));
@@ -314,16 +317,50 @@ impl Desk {
         }
     }
 
-    /// Turns knobs; `as_scene`: to what the scene's file says now.
-    fn set<'n>(&mut self, values: impl IntoIterator<Item = (&'n str, f64)>, as_scene: bool) -> Result<(), Refusal> {
+    /// Turns a knob for a client.
+    fn set(&mut self, name: &str, value: f64) -> Result<(), Refusal> {
         let reins = self.reins.as_mut().ok_or(Refusal::Over)?;
-        reins.tuner.set_all(values)?;
-        if as_scene {
-            reins.tuner.adopt();
+        let scene = reins.tuner.knobs().iter().find(|(knob, ..)| knob.name() == name).map(|(knob, range, _)| (*knob, range.scene));
+        let set = reins.tuner.set(name, value);
+        match (scene, &set) {
+            (Some((knob, scene)), Ok(())) => self.tools.lowered.keep(knob, value, scene),
+            // Another scene is rendered already, and is not known here yet: it is lowered all the same.
+            (Some((knob, scene)), Err(TuneError::Over)) if value < self.tools.lowered.bound(knob, scene) => {
+                self.tools.lowered.keep(knob, value, scene);
+            }
+            _ => {}
         }
-        let settings = settings(reins);
-        self.tools.board.change(|view| view.settings = settings);
+        set?;
+        self.show_settings();
         Ok(())
+    }
+
+    /// Turns knobs to what the scene's file says now.
+    fn set_as_file(&mut self, values: &[(&'static str, f64)]) -> Result<(), Refusal> {
+        let reins = self.reins.as_mut().ok_or(Refusal::Over)?;
+        let turned = |(name, value): &(&'static str, f64)| {
+            let Some((knob, range, target)) = reins.tuner.knobs().iter().find(|(knob, ..)| knob.name() == *name) else {
+                return Some((*name, *value));
+            };
+            let value = match self.tools.lowered.bound(*knob, *value) {
+                bounded if bounded < *value => bounded.max(range.least),
+                _ => *value,
+            };
+            // Bits: what is the same stays the same.
+            (value.to_bits() != target.to_bits()).then_some((*name, value))
+        };
+        let turned: Vec<_> = values.iter().filter_map(turned).collect();
+        reins.tuner.set_all(turned)?;
+        reins.tuner.adopt(values.iter().copied());
+        self.show_settings();
+        Ok(())
+    }
+
+    fn show_settings(&self) {
+        if let Some(reins) = &self.reins {
+            let settings = settings(reins);
+            self.tools.board.change(|view| view.settings = settings);
+        }
     }
 
     /// Reads a scene, or the one that is rendered again, and lets it be baked; the answer comes when it is offered.

@@ -3,14 +3,14 @@
 //! It does what the servo does for a tick, with [`Node::step`] in its place: absolute deadlines, a thread of its own under SCHED_FIFO where the system
 //! allows it, and a zero on every way out. It has no scene, and knows nothing of what the force is for.
 
-use core::sync::atomic::{AtomicBool, Ordering};
 use core::time::Duration;
 use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
 
-use crossbeam::channel::{Receiver, RecvTimeoutError};
+use crossbeam::channel::Receiver;
 
 use super::{Attached, PrepareError};
 use crate::device::Device;
@@ -21,10 +21,9 @@ use crate::device::remote::figures::{NodeReport, Phase};
 use crate::device::remote::hold::HoldTiming;
 use crate::device::remote::{Node, NodeFigures, NodeParameters};
 use crate::device::simulated::{HandParameters, SimArm, SimParameters};
-use crate::haptics::LimitParameters;
 use crate::rt::clock::{Clock as _, RealClock};
 use crate::rt::schedule::{self, ThreadRequest, ThreadStanding};
-use crate::servo::{Pace, StopGuard};
+use crate::servo::{Control, Pace, StopGuard};
 
 /// How often the loop is looked at.
 const LOOK: Duration = Duration::from_millis(20);
@@ -71,18 +70,14 @@ pub struct NodeOutcome {
 
 /// What the node tells a host of its arm, and holds the host to. A real arm whose signs nobody has verified gets no more here than there.
 pub fn node_parameters(profile: &Profile, name: &str, period_s: f64, timing: HoldTiming) -> NodeParameters {
-    let limits = profile.limits;
-    let share = match profile.has_unverified_signs() && limits.force_n > 0.0 {
-        true => (LimitParameters::UNVERIFIED_SIGNS_FORCE_N / limits.force_n).min(1.0),
-        false => 1.0,
-    };
+    let limits = profile.limits_now();
     NodeParameters {
         name: name.to_owned(),
         sensed: profile.sensed,
         actuated: profile.actuated,
         period_s,
-        force_limit_n: share * limits.force_n,
-        torque_limit_nm: share * limits.torque_nm,
+        force_limit_n: limits.force_n,
+        torque_limit_nm: limits.torque_nm,
         workspace_radius_m: limits.workspace_radius_m,
         timing,
         deadman: profile.real.as_ref().and_then(|real| real.deadman_button),
@@ -90,7 +85,7 @@ pub fn node_parameters(profile: &Profile, name: &str, period_s: f64, timing: Hol
     }
 }
 
-/// Opens the arm of a profile, or makes the simulated one with that hand.
+/// Opens the arm of a profile, with that program as its [guard](crate::device::guard), or makes the simulated one with that hand.
 ///
 /// # Errors
 /// The arm cannot be opened, or not be simulated.
@@ -100,30 +95,30 @@ pub fn open_arm(
     selector: Option<Selector>,
     period_s: f64,
     request: ThreadRequest,
+    guard: Option<PathBuf>,
 ) -> Result<(Box<dyn Device>, Option<Attached>), PrepareError> {
     if profile.real.is_some() {
         let io_request = ThreadRequest { priority: request.priority.saturating_sub(1).max(1), ..request };
-        let opened = open::open(profile, &OpenOptions { selector, io_request: Some(io_request), period_s })?;
+        let opened = open::open(profile, &OpenOptions { selector, io_request: Some(io_request), period_s, guard })?;
         return Ok((Box::new(opened.arm), Some(Attached { node: opened.path, news: opened.news, link: None })));
     }
     Ok((Box::new(SimArm::new(SimParameters::of(profile, hand, period_s))?), None))
 }
 
-/// Runs the loop until it is told to end: by a message of `interrupts`, or by its time. The arm hears zero last, whatever happens.
+/// Runs the loop until it is told to end: by `control`, or by its time. The arm hears zero last, whatever happens.
 ///
 /// # Errors
 /// The thread cannot be started.
-pub fn run_node(job: NodeJob, interrupts: &Receiver<()>, mut notify: impl FnMut(NodeNotice<'_>)) -> io::Result<NodeOutcome> {
+pub fn run_node(job: NodeJob, control: &Arc<Control>, mut notify: impl FnMut(NodeNotice<'_>)) -> io::Result<NodeOutcome> {
     let NodeJob { node, arm, news, period_s, request, duration } = job;
-    let (figures, quit) = (node.figures(), Arc::new(AtomicBool::new(false)));
+    let figures = node.figures();
     let locked = schedule::lock_memory();
     let thread = {
-        let quit = quit.clone();
-        std::thread::Builder::new().name("device-node".to_owned()).spawn(move || turn(node, arm, period_s, request, &quit))?
+        let control = control.clone();
+        std::thread::Builder::new().name("device-node".to_owned()).spawn(move || turn(node, arm, period_s, request, &control))?
     };
-    watch(&figures, news.as_ref(), interrupts, duration, &thread, &mut notify);
-    // Relaxed: the flag is the whole message.
-    quit.store(true, Ordering::Relaxed);
+    watch(&figures, news.as_ref(), duration, &thread, &mut notify);
+    control.stop();
     let (periods, missed_periods, panicked, standing) = thread.join().unwrap_or((0, 0, true, ThreadStanding::default()));
     if locked.is_ok() {
         schedule::unlock_memory();
@@ -133,7 +128,7 @@ pub fn run_node(job: NodeJob, interrupts: &Receiver<()>, mut notify: impl FnMut(
 
 type Turned = (u64, u64, bool, ThreadStanding);
 
-fn turn(mut node: Node, arm: Box<dyn Device>, period_s: f64, request: ThreadRequest, quit: &AtomicBool) -> Turned {
+fn turn(mut node: Node, arm: Box<dyn Device>, period_s: f64, request: ThreadRequest, control: &Control) -> Turned {
     let standing = schedule::enter_realtime(request);
     // Writes zero while a panic unwinds, too.
     let mut arm = StopGuard::new(arm);
@@ -142,7 +137,8 @@ fn turn(mut node: Node, arm: Box<dyn Device>, period_s: f64, request: ThreadRequ
         let mut clock = RealClock;
         let start_ns = clock.now_ns();
         let mut pace = Pace::new(start_ns, (period_s * 1e9).round() as i64);
-        while !quit.load(Ordering::Relaxed) {
+        // A node has no ramp of its own: the first order to end is the last period.
+        while !control.is_ending() {
             let due = pace.wait(&mut clock);
             missed += due.missed;
             periods += 1;
@@ -157,7 +153,6 @@ fn turn(mut node: Node, arm: Box<dyn Device>, period_s: f64, request: ThreadRequ
 fn watch<T>(
     figures: &NodeFigures,
     news: Option<&Receiver<LinkNews>>,
-    interrupts: &Receiver<()>,
     duration: Option<Duration>,
     thread: &std::thread::JoinHandle<T>,
     notify: &mut impl FnMut(NodeNotice<'_>),
@@ -178,10 +173,6 @@ fn watch<T>(
         for news in news.into_iter().flat_map(Receiver::try_iter) {
             notify(NodeNotice::Link(&news));
         }
-        match interrupts.recv_timeout(LOOK) {
-            Ok(()) => return,
-            Err(RecvTimeoutError::Timeout) => {}
-            Err(RecvTimeoutError::Disconnected) => std::thread::sleep(LOOK),
-        }
+        std::thread::sleep(LOOK);
     }
 }

@@ -43,5 +43,5 @@ mod unpacked;
 pub use prepare::{Attached, PrepareError, Prepared, inputs, prepare, prepare_on, prepare_with};
 pub use recorded::{resolved, scene_files};
 pub use replay::{Difference, Gap, ReplayError, Replayed, replay};
-pub use supervisor::{Live, Notice, Operator, OperatorOrder, Outcome, Phase, RenderJob, RunError, Supervisor};
+pub use supervisor::{Enable, Live, Notice, Operator, Outcome, Phase, RenderJob, RunError, Supervisor};
 pub use unpacked::UnpackError;

@@ -112,10 +112,11 @@ pub fn prepare_with(
     means: &mut BakeMeans<'_>,
     watch: impl FnMut(Event<'_>),
 ) -> Result<(Prepared, Vec<ObjectReport>), PrepareError> {
-    prepare_on(config, means, None, watch)
+    prepare_on(config, means, None, None, watch)
 }
 
-/// The same with an arm on another machine, if there is one: the scene's profile is that of its arm.
+/// The same with an arm on another machine, if there is one: the scene's profile is that of its arm; and with a program that is started as the
+/// [guard](crate::device::guard) of a real arm on this machine.
 ///
 /// # Errors
 /// As [`prepare_with`].
@@ -123,11 +124,12 @@ pub fn prepare_on(
     config: &SceneConfig,
     means: &mut BakeMeans<'_>,
     remote: Option<&RemoteArm>,
+    guard: Option<PathBuf>,
     watch: impl FnMut(Event<'_>),
 ) -> Result<(Prepared, Vec<ObjectReport>), PrepareError> {
     let (hand, fault) = inputs(config)?;
     let profile = &config.device.profile;
-    let to_open = (remote.is_some() || profile.real.is_some()).then(|| open_options(config));
+    let to_open = (remote.is_some() || profile.real.is_some()).then(|| open_options(config, guard));
     if let (Some(options), None) = (&to_open, remote) {
         open::look_for(profile, options)?;
     }
@@ -157,7 +159,7 @@ pub fn prepare_on(
     Ok((Prepared { scene, piece, device, attached, realtime, rate_hz, time_budget_s }, reports))
 }
 
-fn open_options(config: &SceneConfig) -> OpenOptions {
+fn open_options(config: &SceneConfig, guard: Option<PathBuf>) -> OpenOptions {
     let RealtimeConfig { cpu, priority, .. } = config.realtime;
     OpenOptions {
         selector: config.device.selector.clone(),
@@ -167,6 +169,7 @@ fn open_options(config: &SceneConfig) -> OpenOptions {
             priority: priority.saturating_sub(1).max(1),
         }),
         period_s: config.parameters.period_s,
+        guard,
     }
 }
 

@@ -1,7 +1,7 @@
 //! What a recording brings along of a scene.
 
+use std::fmt;
 use std::path::{Path, PathBuf};
-use std::{fmt, fs};
 
 use serde_json::{Value, json};
 
@@ -14,11 +14,12 @@ use crate::haptics::{
 };
 use crate::mesh::{self, primitives::Shape};
 use crate::spatial::Pose;
+use crate::storage::regular;
 use crate::telemetry::recording::{Form, NamedFile, SceneFiles, Shown};
 
 /// Everything that makes up a checked scene. Reads the scene file and the profile once more.
 pub fn scene_files(config: &SceneConfig, options: &LoadOptions) -> SceneFiles {
-    let toml = fs::read_to_string(&config.path).unwrap_or_default();
+    let toml = regular::written(&config.path).unwrap_or_default();
     let folder = config.path.parent().unwrap_or(Path::new(""));
     let table = toml.parse::<toml::Table>().unwrap_or_default();
     let named = files(&table).into_iter().map(|written| {
@@ -181,11 +182,12 @@ fn parameters(p: &Parameters) -> Value {
         stale_ticks_max,
         stale_fault_ticks,
         overrun_fault_ticks,
+        stall_s,
     } = limits;
     let limits = json!({
         "force_n": force_n, "torque_nm": torque_nm, "speed_m_per_s": speed_m_per_s, "slew_n_per_s": slew_n_per_s,
         "slew_nm_per_s": slew_nm_per_s, "power_w": power_w, "ramp_s": ramp_s, "stale_ticks_max": stale_ticks_max,
-        "stale_fault_ticks": stale_fault_ticks, "overrun_fault_ticks": overrun_fault_ticks,
+        "stale_fault_ticks": stale_fault_ticks, "overrun_fault_ticks": overrun_fault_ticks, "stall_s": stall_s,
     });
     let SafetyParameters {
         deadman,

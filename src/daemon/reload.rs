@@ -19,7 +19,8 @@ use crate::config::scene::MeshSource;
 use crate::config::{self, LoadOptions, SceneConfig};
 use crate::haptics::Knob;
 use crate::mesh;
-use crate::rt::signals::{Hangup, Hangups, interrupt};
+use crate::rt::signals::{Hangup, Hangups};
+use crate::servo::Lowered;
 
 /// How often signals are looked for.
 const LISTEN: Duration = Duration::from_millis(100);
@@ -42,6 +43,8 @@ pub struct Reloader {
     pub watches: bool,
     /// The files as they were before they were baked.
     pub known: Known,
+    /// Limits that clients lowered: no file raises them.
+    pub lowered: Lowered,
     /// Hears what comes of it, on the thread of the reloader.
     pub tell: Box<dyn Fn(&News) + Send>,
 }
@@ -109,8 +112,8 @@ impl Reloader {
             std::thread::sleep(LISTEN);
             match self.hangups.take() {
                 Some(Hangup::TerminalGone) => {
+                    // The signal has ended the run itself.
                     (self.tell)(&News::TerminalGone);
-                    interrupt();
                     return;
                 }
                 Some(Hangup::Reload) => pending = Some(Cause::Signal),
@@ -175,9 +178,9 @@ impl Reloader {
             return Err(Refusal::Unlike { key, its, ours });
         }
         let meshes = self.known.companions.meshes(&config);
-        match tunes(&config, &view) {
+        match tunes(&config, &view, &self.lowered) {
             Some(tunes) if meshes == self.known.meshes => {
-                let values = tunes.iter().map(|Tuned { name, to, .. }| (*name, *to)).collect();
+                let values = values(&config, &view);
                 let set = self.ask(Ask::SetAll { scene_idx: view.scene_idx, values });
                 set.recv().unwrap_or(Err(Refusal::Over))?;
                 Ok(Step::Done(if tunes.is_empty() { Reloaded::Unchanged } else { Reloaded::Tuned(tunes) }))
@@ -307,8 +310,18 @@ fn stamp(path: &Path) -> Stamp {
     Some((meta.modified().ok()?, meta.len()))
 }
 
-/// What has to be set so that what is rendered is what the scene says; `None` where that takes more than setting.
-fn tunes(config: &SceneConfig, view: &View) -> Option<Vec<Tuned>> {
+/// What the scene says of everything that can be set.
+fn values(config: &SceneConfig, view: &View) -> Vec<(&'static str, f64)> {
+    let value = |setting: &Setting| {
+        let knob = Knob::ALL.into_iter().find(|knob| knob.name() == setting.name)?;
+        Some((setting.name, knob.read(&config.parameters)))
+    };
+    view.settings.iter().filter_map(value).collect()
+}
+
+/// What has to be set so that what is rendered is what the scene says, and no limit is raised that a person lowered; `None` where that takes more
+/// than setting.
+fn tunes(config: &SceneConfig, view: &View, lowered: &Lowered) -> Option<Vec<Tuned>> {
     let mut same = config.clone();
     let mut tunes = Vec::new();
     for Setting { name, range, value } in &view.settings {
@@ -317,6 +330,7 @@ fn tunes(config: &SceneConfig, view: &View) -> Option<Vec<Tuned>> {
         if !(to >= range.least && to <= range.most) {
             return None;
         }
+        let to = lowered.bound(knob, to).max(range.least);
         knob.copy(&view.config.parameters, &mut same.parameters);
         if to != *value {
             tunes.push(Tuned { name, from: *value, to });

@@ -163,7 +163,7 @@ impl Stage {
         let mut state = State::new(&scene);
         state.set_budget(first.contact_budget_points.map_or(Budget::Unlimited, Budget::Points));
         if let Some(before) = before {
-            state.resume_at(&scene, before.last.world_from_tool);
+            state.resume_at(&scene, before.last.world_from_tool, before.state.handover());
         }
         Self { scene_idx: first.scene_idx, scene, state, last: TickOutput::default() }
     }

@@ -1,11 +1,15 @@
 //! What a service manager is told of a run: systemd, or whoever set `NOTIFY_SOCKET`.
 //!
 //! Data in: the supervisor's notices. Data out: datagrams of the `sd_notify` protocol; nothing where nobody asked for them. A message that does
-//! not arrive is lost: a service manager that has gone is no reason to let an arm go.
+//! not arrive is lost: a service manager that has gone is no reason to let an arm go. A thread of its own sends them: the socket of a manager that does
+//! not read blocks, and nobody else waits for it.
 
+use core::sync::atomic::{AtomicUsize, Ordering};
 use core::time::Duration;
+use std::sync::OnceLock;
 use std::time::Instant;
 
+use crossbeam::channel::{Sender, bounded};
 use sd_notify::NotifyState;
 
 use super::{Notice, Phase};
@@ -100,7 +104,41 @@ fn one_line(text: &str) -> String {
     text.replace(['\n', '\r'], " ")
 }
 
+/// Messages that may wait for the service manager; more are dropped.
+const QUEUED: usize = 64;
+/// How long the end of the program waits for a service manager to take what it was told.
+const FLUSH: Duration = Duration::from_millis(500);
+/// Messages that were queued and not sent yet.
+static WAITING: AtomicUsize = AtomicUsize::new(0);
+
+/// Lets the last messages leave, as long as that is not for ever.
+pub fn finish() {
+    let begin = Instant::now();
+    while WAITING.load(Ordering::Acquire) > 0 && begin.elapsed() < FLUSH {
+        std::thread::sleep(Duration::from_millis(1));
+    }
+}
+
 fn tell(states: &[NotifyState<'_>]) {
-    // Nobody is left to be told.
-    let _ = sd_notify::notify(states);
+    static QUEUE: OnceLock<Option<Sender<String>>> = OnceLock::new();
+    let begin = || {
+        std::env::var_os("NOTIFY_SOCKET")?;
+        let (sender, messages) = bounded::<String>(QUEUED);
+        let send = move || {
+            for message in messages {
+                // Nobody is left to be told.
+                let _ = sd_notify::notify(&[NotifyState::Custom(&message)]);
+                WAITING.fetch_sub(1, Ordering::Release);
+            }
+        };
+        std::thread::Builder::new().name("notify".to_owned()).spawn(send).ok()?;
+        Some(sender)
+    };
+    if let Some(queue) = QUEUE.get_or_init(begin) {
+        let lines: Vec<String> = states.iter().map(ToString::to_string).collect();
+        WAITING.fetch_add(1, Ordering::Relaxed);
+        if queue.try_send(lines.join("\n")).is_err() {
+            WAITING.fetch_sub(1, Ordering::Relaxed);
+        }
+    }
 }

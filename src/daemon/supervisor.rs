@@ -10,10 +10,10 @@ use core::time::Duration;
 use std::sync::Arc;
 use std::time::Instant;
 
-use crossbeam::channel::{Receiver, after, never, select_biased, unbounded};
+use crossbeam::channel::{Receiver, after, never, select_biased, tick, unbounded};
 use rtrb::RingBuffer;
 
-pub use self::job::{Live, Operator, OperatorOrder, Outcome, RenderJob, RunError};
+pub use self::job::{Enable, Live, Operator, Outcome, RenderJob, RunError};
 pub use self::phase::{Notice, Phase};
 use self::threads::{MemoryLock, Servo, spawn_drain, spawn_servo, with_live};
 use crate::device::attached::open::LinkNews;
@@ -21,7 +21,8 @@ use crate::haptics::{Drive, OffCause};
 use crate::rt::clock::{ClockKind, RealClock, VirtualClock};
 use crate::rt::preflight::{KernelFacts, Report};
 use crate::rt::schedule::{self, ThreadRequest};
-use crate::servo::{Control, Ending, LoopReport, Order, RunPlan, ServoLoop, StopGuard};
+use crate::rt::signals;
+use crate::servo::{Control, Ending, LoopReport, Order, Permit, RunPlan, ServoLoop, StopGuard};
 use crate::telemetry::{Counted, RealtimeSummary, Watch};
 
 /// Records under way between servo and drain: four seconds at 1 kHz.
@@ -35,6 +36,10 @@ const STOP_PATIENCE_VIRTUAL: Duration = Duration::from_secs(60);
 const ACKNOWLEDGE: Duration = Duration::from_millis(50);
 /// How long it may take to quit before it is given up.
 const QUIT_PATIENCE: Duration = Duration::from_secs(2);
+/// How often the control word is looked at for ends that others asked for.
+const LOOK: Duration = Duration::from_millis(20);
+/// How long the process goes on after Ctrl-Z: the zero command has left by then, as a disable takes a tick.
+const BEFORE_SUSPEND: Duration = Duration::from_millis(60);
 
 /// Owns the phase. Everything it learns goes to `notify`.
 pub struct Supervisor<N: FnMut(Notice<'_>)> {
@@ -77,25 +82,29 @@ impl<N: FnMut(Notice<'_>)> Supervisor<N> {
     ///
     /// # Errors
     /// As there.
-    pub fn render(&mut self, job: RenderJob, interrupts: &Receiver<()>) -> Result<Outcome, RunError> {
-        self.render_live(job, Live::default(), interrupts)
+    pub fn render(&mut self, job: RenderJob, control: &Arc<Control>) -> Result<Outcome, RunError> {
+        self.render_live(job, Live::default(), control)
     }
 
-    /// Preflight, enable, render, stop. Blocks until the arm is at rest; each message of `interrupts` asks for a stop, a second one for a stop
-    /// at once.
+    /// Preflight, enable, render, stop. Blocks until the arm is at rest. Whoever holds `control` takes force away or ends the run through it, at any
+    /// time, before this call as well: force that was taken away then is not given at the start.
     ///
     /// # Errors
     /// See [`RunError`]; no tick was rendered then, except under [`RunError::Servo`].
-    pub fn render_live(&mut self, job: RenderJob, live: Live, interrupts: &Receiver<()>) -> Result<Outcome, RunError> {
+    pub fn render_live(&mut self, job: RenderJob, live: Live, control: &Arc<Control>) -> Result<Outcome, RunError> {
         let capabilities = job.device.capabilities();
-        let Operator { enables_at_start, waits_after_fault, holds_back, orders } = live.operator;
+        let Operator { enables_at_start, waits_after_fault, holds_back, enables } = live.operator;
         let enabled = !holds_back && (capabilities.simulated || enables_at_start);
-        if !enabled && orders.is_none() {
+        if !enabled && enables.is_none() {
             // Zero on every failed start.
             drop(StopGuard::new(job.device));
             return Err(RunError::NobodyEnables);
         }
-        let control = Arc::new(Control::new(if enabled { Order::Enable } else { Order::Disable }));
+        if enabled {
+            control.enable(Permit::FIRST);
+        }
+        // Nobody could enable a simulated arm without an operator after Ctrl-Z.
+        let goes_on_after_suspend = enabled && capabilities.simulated && enables.is_none();
         let period_s = job.scene.parameters.period_s;
         let plan = RunPlan {
             stop_at_tick: job.duration.map(|duration| (duration.as_secs_f64() / period_s).round() as u64),
@@ -125,7 +134,7 @@ impl<N: FnMut(Notice<'_>)> Supervisor<N> {
             }
         };
 
-        let _quit_on_unwind = QuitOnUnwind { control: &control, ended: servo.ended.clone() };
+        let _quit_on_unwind = QuitOnUnwind { control, ended: servo.ended.clone() };
         let standing = servo.standing.recv().map_err(|_| RunError::Servo("ended before it began"))?;
         let kernel = KernelFacts::read(request.cpu);
         let preflight = match &memory_lock.outcome {
@@ -142,8 +151,8 @@ impl<N: FnMut(Notice<'_>)> Supervisor<N> {
         let drain_thread = spawn_drain(consumer, taps, events_sender)?;
         servo.go.send(()).map_err(|_| RunError::Servo("ended before it began"))?;
 
-        let orders = orders.unwrap_or_else(never);
-        self.watch_until_ended(&servo, &control, &events, (interrupts, &orders, &news), stop_patience)?;
+        let enables = enables.unwrap_or_else(never);
+        self.watch_until_ended(&servo, control, &events, (&enables, &news), (stop_patience, goes_on_after_suspend))?;
         let report = servo.thread.join().ok().flatten().ok_or(RunError::Servo("died outside its own net"))?;
         let drained = drain_thread.join().map_err(|_| RunError::Servo("lost its drain"))?;
         for event in events.try_iter() {
@@ -156,67 +165,61 @@ impl<N: FnMut(Notice<'_>)> Supervisor<N> {
         Ok(Outcome { swaps: drained.summary.swaps().to_vec(), totals, report, preflight })
     }
 
-    /// Passes on what is told and turns signals into orders, until the servo thread has ended.
+    /// Passes on what is told, lets force flow when asked to, and watches over the end, until the servo thread has ended.
     fn watch_until_ended(
         &mut self,
         servo: &Servo,
         control: &Control,
         events: &Receiver<Watch>,
-        (interrupts, orders, news): (&Receiver<()>, &Receiver<OperatorOrder>, &Receiver<LinkNews>),
-        stop_patience: Duration,
+        (enables, news): (&Receiver<Enable>, &Receiver<LinkNews>),
+        (stop_patience, goes_on_after_suspend): (Duration, bool),
     ) -> Result<(), RunError> {
+        let look = tick(LOOK);
         let mut patience: Receiver<Instant> = never();
+        let mut ending = None;
         let mut acknowledged: Receiver<Instant> = never();
+        let mut permit = control.permit();
+        let mut suspends_at: Option<Instant> = None;
         let mut events = events.clone();
-        let (mut interrupts, mut orders, mut news) = (interrupts.clone(), orders.clone(), news.clone());
+        let (mut enables, mut news) = (enables.clone(), news.clone());
         loop {
+            let order = control.order();
+            if control.is_ending() && ending != Some(order) {
+                ending = Some(order);
+                patience = after(if order == Order::Quit { QUIT_PATIENCE } else { stop_patience });
+            }
+            if signals::take_suspend() {
+                suspends_at = Some(Instant::now() + BEFORE_SUSPEND);
+            }
+            if suspends_at.take_if(|at| Instant::now() >= *at).is_some() {
+                signals::stop_process();
+                if goes_on_after_suspend {
+                    control.enable(control.permit());
+                }
+            }
             select_biased! {
-                recv(interrupts) -> message => match message {
-                    Ok(()) if control.order() == Order::Stop => {
-                        control.give(Order::Quit);
-                        patience = after(QUIT_PATIENCE);
-                    }
-                    Ok(()) => {
-                        control.give(Order::Stop);
-                        patience = after(stop_patience);
-                    }
-                    // Nobody will interrupt: a caller without signals.
-                    Err(_) => interrupts = never(),
-                },
                 recv(patience) -> _ => {
                     if control.order() == Order::Quit {
                         return Err(RunError::Servo("did not end; the arm may still hold its last command"));
                     }
-                    control.give(Order::Quit);
-                    patience = after(QUIT_PATIENCE);
+                    control.quit();
                 }
                 recv(servo.ended) -> _ => return Ok(()),
-                // A stop under way is not taken back.
-                recv(orders) -> message => match message {
-                    Ok(_) if matches!(control.order(), Order::Stop | Order::Quit) => {}
+                recv(enables) -> message => match message {
                     // Force flows already: nothing is to begin again at zero.
-                    Ok(OperatorOrder::Enable)
-                        if control.order() == Order::Enable && matches!(self.phase, Phase::Enabling | Phase::Enabled) => {}
-                    Ok(OperatorOrder::Enable) => {
-                        // Off first: a fault is acknowledged that way, and force starts from zero.
-                        control.give(Order::Disable);
+                    Ok(Enable) if control.order() == Order::Enable && matches!(self.phase, Phase::Enabling | Phase::Enabled) => {}
+                    Ok(Enable) => {
+                        // Off first: a fault is acknowledged that way, and force starts from zero. The permit is worth nothing if anybody takes
+                        // force away meanwhile.
+                        control.disable();
+                        permit = control.permit();
                         acknowledged = after(ACKNOWLEDGE);
                     }
-                    Ok(OperatorOrder::Disable) => {
-                        acknowledged = never();
-                        control.give(Order::Disable);
-                    }
-                    Ok(OperatorOrder::Stop) => {
-                        control.give(Order::Stop);
-                        patience = after(stop_patience);
-                    }
-                    Err(_) => orders = never(),
+                    Err(_) => enables = never(),
                 },
                 recv(acknowledged) -> _ => {
                     acknowledged = never();
-                    if control.order() == Order::Disable {
-                        control.give(Order::Enable);
-                    }
+                    control.enable(permit);
                 }
                 recv(news) -> message => match message {
                     Ok(message) => (self.notify)(Notice::Link(&message)),
@@ -226,6 +229,7 @@ impl<N: FnMut(Notice<'_>)> Supervisor<N> {
                     Ok(event) => self.tell(&event),
                     Err(_) => events = never(),
                 },
+                recv(look) -> _ => {}
             }
         }
     }
@@ -255,7 +259,7 @@ struct QuitOnUnwind<'c> {
 impl Drop for QuitOnUnwind<'_> {
     fn drop(&mut self) {
         if std::thread::panicking() {
-            self.control.give(Order::Quit);
+            self.control.quit();
             let _ = self.ended.recv_timeout(QUIT_PATIENCE);
         }
     }

@@ -9,7 +9,7 @@ use crate::config::SceneConfig;
 use crate::haptics::RenderScene;
 use crate::rt::clock::ClockKind;
 use crate::scene::SceneError;
-use crate::servo::{Refused, Reins, Stage, Swapper, Wishes};
+use crate::servo::{Lowered, Refused, Reins, Stage, Swapper, Wishes};
 
 /// How often the cold side looks for what came back.
 const POLL: Duration = Duration::from_millis(2);
@@ -75,17 +75,17 @@ pub fn objects(config: &SceneConfig) -> Vec<(String, bool)> {
 }
 
 /// Begins a thread that bakes scenes in the order in which they are sent, and ends with the loop, or when the sender has gone and every scene
-/// has been taken. Not joined: a bake that nobody waits for any more ends with the process.
+/// has been taken. Not joined: a bake that nobody waits for any more ends with the process. `lowered`: limits that every one of them keeps.
 ///
 /// # Errors
 /// The thread could not be started.
-pub fn spawn(baker: Baker, swapper: Swapper, clock: ClockKind) -> std::io::Result<Sender<Switch>> {
+pub fn spawn(baker: Baker, swapper: Swapper, clock: ClockKind, lowered: Lowered) -> std::io::Result<Sender<Switch>> {
     let (sender, switches) = unbounded();
-    std::thread::Builder::new().name("switch".to_owned()).spawn(move || run(baker, swapper, clock, &switches))?;
+    std::thread::Builder::new().name("switch".to_owned()).spawn(move || run(baker, swapper, clock, &lowered, &switches))?;
     Ok(sender)
 }
 
-fn run(mut baker: Baker, mut swapper: Swapper, clock: ClockKind, switches: &Receiver<Switch>) {
+fn run(mut baker: Baker, mut swapper: Swapper, clock: ClockKind, lowered: &Lowered, switches: &Receiver<Switch>) {
     while !swapper.is_over() {
         drop(swapper.take_back());
         let switch = match switches.recv_timeout(IDLE) {
@@ -111,7 +111,7 @@ fn run(mut baker: Baker, mut swapper: Swapper, clock: ClockKind, switches: &Rece
         };
         let (reins, ends) = Reins::new(&scene.parameters, objects(&config));
         let stage = Stage::new(scene.clone())
-            .with_wishes(Wishes::default().with_reins(ends))
+            .with_wishes(Wishes::default().with_reins(ends).with_lowered(lowered))
             .with_time_budget(config.time_budget_s, clock)
             .at_tick(at_tick);
         let mut offered = swapper.offer(Box::new(stage));
@@ -158,7 +158,7 @@ mod tests {
             Ok(Arc::try_unwrap(empty_scene()).expect("not shared"))
         });
         let (swapper, slot) = SwapSlot::new(Box::new([0]));
-        let switches = spawn(baker, swapper, clock).expect("a thread");
+        let switches = spawn(baker, swapper, clock, Lowered::default()).expect("a thread");
         let (sender, heard) = unbounded();
         for is_promised in [true, false] {
             let sender = sender.clone();

@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use super::desk::{Board, Counter, Desk, Tools};
 use crate::config::{self, LoadOptions, SceneConfig};
+use crate::servo::Lowered;
 
 /// A box over a plate, on a simulated arm; more keys may follow.
 pub(crate) const SCENE: &str = r#"version = 1
@@ -33,7 +34,7 @@ pub(crate) fn scene(text: &str) -> SceneConfig {
 pub(crate) fn desk() -> (Desk, Counter, Board) {
     let board = Board::new(scene(SCENE));
     let look = Arc::new(|_: &_| Box::new(|| ()) as Box<dyn FnOnce() + Send>);
-    let tools = Tools { board: board.clone(), switches: None, options: LoadOptions::default(), look };
+    let tools = Tools { board: board.clone(), switches: None, options: LoadOptions::default(), lowered: Lowered::default(), look };
     let (desk, counter) = Desk::new(tools);
     (desk, counter, board)
 }

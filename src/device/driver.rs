@@ -1,7 +1,5 @@
 //! The one interface between the servo and an arm.
 
-use core::time::Duration;
-
 use crate::spatial::{Axes, DeviceSample, Wrench};
 
 /// Who sets the rate of the exchange with the arm.
@@ -28,18 +26,6 @@ pub enum IoPlacement {
     OwnThread,
 }
 
-/// What wakes the servo for its next tick.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Wakeup {
-    /// The clock: the servo sleeps to an absolute deadline, then reads. The usual case, and the only one for arms whose
-    /// samples arrive with jitter.
-    #[default]
-    Clock,
-    /// The arm: the servo calls [`Device::wait`], which returns when a sample has come. For arms with a steady rate of their own,
-    /// so that a sample is never up to one period old.
-    Device,
-}
-
 /// What an arm can do. A `Copy` record that does not change while the arm is open; one that was lost may come back with another watchdog.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Capabilities {
@@ -51,8 +37,6 @@ pub struct Capabilities {
     pub pacing: Pacing,
     /// In which thread bytes are moved.
     pub io: IoPlacement,
-    /// What wakes the servo.
-    pub wakeup: Wakeup,
     /// The arm drops its command when none came for this long; `None`: never, the last command stays on.
     pub watchdog_ms: Option<u32>,
     /// After the watchdog tripped, the next command does not enable the motors by itself.
@@ -86,29 +70,18 @@ pub enum DeviceError {
 /// An open arm. One owner, one thread: the servo.
 ///
 /// # The exchange
-/// Each tick the servo calls, in this order, `wait` (only if [`Capabilities::wakeup`] is [`Wakeup::Device`]), `read` and
-/// `write`. Both rhythms of real arms fit:
+/// Each tick the servo calls `read`, then `write`. Both rhythms of real arms fit:
 /// - *host-paced* (ping-pong, service): `read` takes the reply to the command of the tick before, `write` sends the next one;
 /// - *device-paced* (stream, event): `read` drains the queue and keeps the newest report, `write` sends whenever the tick is done.
 ///
 /// A `write` always follows a successful `read`, so a driver never has two commands in flight. After [`DeviceError::Lost`] the
 /// servo keeps calling; the driver keeps answering `Lost`.
 ///
-/// RT: `wait`, `read`, `write` and `stop` run in the servo thread. They do not allocate, lock, print or panic, and make at most
+/// RT: `read`, `write` and `stop` run in the servo thread. They do not allocate, lock, print or panic, and make at most
 /// a fixed number of non-blocking system calls.
 pub trait Device: Send {
     /// What the arm can do.
     fn capabilities(&self) -> Capabilities;
-
-    /// Waits until a report has come, at most `timeout`; true if one has. Called only for [`Wakeup::Device`], and the one method that
-    /// may sleep. A false answer counts as a missed deadline, and the tick goes on with a stale sample.
-    ///
-    /// # Errors
-    /// [`DeviceError::Lost`] or [`DeviceError::Os`]; the tick goes on and sees the loss in `read`.
-    fn wait(&mut self, timeout: Duration) -> Result<bool, DeviceError> {
-        let _ = timeout;
-        Ok(false)
-    }
 
     /// The newest sample: grip pose in the device frame. Fresh when a report arrived since the last call, else the last values
     /// again with status stale.
@@ -125,10 +98,22 @@ pub trait Device: Send {
     /// [`DeviceError::NonFinite`]: a zero command went out instead. Anything else: the arm is lost.
     fn write(&mut self, wrench_device: &Wrench) -> Result<Wrench, DeviceError>;
 
+    /// What the motors make beside the command of the last `write`, as a wrench at the grip: gravity compensation and damping of joints. The
+    /// hand feels it where a link weighs less than its profile says, or where a motor pushes the wrong way. The default is none.
+    fn beside_device(&self) -> Wrench {
+        Wrench::ZERO
+    }
+
     /// Told by the servo whether force may flow from the next `write` on, each time that changes. Arms with an enable bit pass it on, and only
     /// then does gravity compensation push. The default ignores it.
     fn set_enabled(&mut self, enabled: bool) {
         let _ = enabled;
+    }
+
+    /// Told before a trial of the signs: `true`, and they count as unverified whatever the profile says, until `false`. The motors then make the
+    /// command and nothing beside it, and no more of it than the cap. The default ignores it, as simulated arms may.
+    fn doubt_signs(&mut self, doubted: bool) {
+        let _ = doubted;
     }
 
     /// Sends the zero command, as well as it can: the last thing that happens to an arm, on every way out. Idempotent; may be called at
@@ -142,10 +127,6 @@ impl<T: Device + ?Sized> Device for Box<T> {
         (**self).capabilities()
     }
 
-    fn wait(&mut self, timeout: Duration) -> Result<bool, DeviceError> {
-        (**self).wait(timeout)
-    }
-
     fn read(&mut self) -> Result<DeviceSample, DeviceError> {
         (**self).read()
     }
@@ -154,8 +135,16 @@ impl<T: Device + ?Sized> Device for Box<T> {
         (**self).write(wrench_device)
     }
 
+    fn beside_device(&self) -> Wrench {
+        (**self).beside_device()
+    }
+
     fn set_enabled(&mut self, enabled: bool) {
         (**self).set_enabled(enabled);
+    }
+
+    fn doubt_signs(&mut self, doubted: bool) {
+        (**self).doubt_signs(doubted);
     }
 
     fn stop(&mut self) {

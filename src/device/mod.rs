@@ -11,8 +11,10 @@
 //! | [`profile`] | hardware as data |
 //! | [`attached`] | arms on this machine: found, opened, probed, identified |
 //! | `wired` | the driver of every arm on a wire, which joins the next four; how far away it is, how hot its motors |
+//! | [`guard`] | the process that takes the force away when this one dies or stands still |
 //! | [`transport`] | how bytes travel |
 //! | [`protocol`] | what they mean, both sides |
+//! | `motor_stage` | the one place between a wrench and a codec: caps, slew, power, what is beside the wrench |
 //! | `transmission` | readings into joint angles, joint torques into motor commands |
 //! | `kinematics` | joint angles into a pose, a wrench into joint torques |
 //! | `velocity` | how fast the grip is |
@@ -47,8 +49,10 @@ pub mod attached;
 #[cfg(test)]
 mod conformance;
 mod driver;
+pub mod guard;
 mod kinematics;
 pub mod mock;
+mod motor_stage;
 pub mod profile;
 pub mod protocol;
 pub mod remote;
@@ -58,6 +62,7 @@ pub mod transport;
 mod velocity;
 mod wired;
 
-pub use driver::{Capabilities, Device, DeviceError, IoPlacement, Pacing, Wakeup};
+pub use driver::{Capabilities, Device, DeviceError, IoPlacement, Pacing};
+pub use motor_stage::POWER_MAX_W;
 use wired::{Connection, Replacements, Thermal, WiredParameters};
 pub use wired::{Timebase, WiredArm};

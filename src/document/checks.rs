@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use glam::{DQuat, DVec3};
 
 use super::problem::{ConfigErrors, Problem, ProblemKind, show};
-use super::toml::Document;
+use super::toml::{Document, PROBLEMS_MAX};
 use super::values::Numbers;
 
 /// Numbers that a key accepts. Nothing that is not finite is in any interval.
@@ -80,7 +80,9 @@ impl<'d> Checks<'d> {
 
     /// Notes a problem at a key.
     pub(crate) fn refuse(&mut self, key: &str, kind: ProblemKind) {
-        self.problems.push(self.document.problem(key, kind));
+        if self.problems.len() < PROBLEMS_MAX {
+            self.problems.push(self.document.problem(key, kind));
+        }
     }
 
     /// Notes a problem with a value that the command line gives instead of the file, when there is one.
@@ -154,6 +156,17 @@ impl<'d> Checks<'d> {
         }
         self.not_accepted(key, interval);
         None
+    }
+
+    /// A number with a default that a rule of safety rests on: beyond its range the rule would hold nothing back. `from`: where the range comes from.
+    pub(crate) fn rule(&mut self, key: &str, written: Option<f64>, default: f64, interval: Interval, from: &str) -> f64 {
+        match written {
+            Some(number) if !interval.contains(number) => {
+                self.not_accepted(key, format_args!("{interval} ({from}): beyond that the rule would hold nothing back"));
+                default
+            }
+            written => written.unwrap_or(default),
+        }
     }
 
     /// A whole number with a default.

@@ -7,6 +7,10 @@ use std::path::{Path, PathBuf};
 use glam::{DQuat, DVec3};
 
 use crate::spatial::Pose;
+use crate::storage::regular;
+
+/// Bytes of a pose file at most: half an hour at 1 kHz.
+const LONGEST_FILE: u64 = 256 << 20;
 
 /// The header of a pose file.
 pub const HEADER: &str = "t_s,x_m,y_m,z_m,qx,qy,qz,qw";
@@ -98,7 +102,7 @@ pub struct TimedPose {
 /// # Errors
 /// See [`PoseFileError`]; every one names the file, and the line where there is one.
 pub fn read(path: &Path) -> Result<Vec<TimedPose>, PoseFileError> {
-    let text = std::fs::read_to_string(path).map_err(|source| PoseFileError::Read { path: path.to_owned(), source })?;
+    let text = regular::text(path, LONGEST_FILE).map_err(|source| PoseFileError::Read { path: path.to_owned(), source })?;
     parse(&text, path)
 }
 

@@ -4,6 +4,8 @@ use std::fmt;
 use std::io;
 use std::path::{Path, PathBuf};
 
+use crate::storage::printable::{one_line, shown};
+
 /// Every problem of the first pass that found any, in the order of the file.
 #[derive(Debug)]
 pub struct ConfigErrors {
@@ -145,14 +147,14 @@ fn packaged(file: &Path) -> Option<PathBuf> {
 
 impl fmt::Display for Problem {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}", self.file.display())?;
+        f.write_str(&shown(&self.file))?;
         if let Some(line) = self.line {
             write!(f, ":{line}")?;
         }
         write!(f, ": ")?;
         match (&self.key, &self.value) {
-            (Some(key), Some(value)) => write!(f, "{key} = {value}: ")?,
-            (Some(key), None) => write!(f, "{key}: ")?,
+            (Some(key), Some(value)) => write!(f, "{} = {}: ", one_line(key), one_line(value))?,
+            (Some(key), None) => write!(f, "{}: ", one_line(key))?,
             (None, _) => {}
         }
         write!(f, "{}", self.kind)
@@ -261,13 +263,13 @@ pub enum ProblemKind {
         accepted: String,
     },
     /// A file that is named but is not there.
-    #[error("no such file: {}", .path.display())]
+    #[error("no such file: {}", shown(.path))]
     FileMissing {
         /// The path as looked up.
         path: PathBuf,
     },
     /// A folder or device where a file must be.
-    #[error("not a file: {}", .path.display())]
+    #[error("not a file: {}", shown(.path))]
     NotAFile {
         /// The path as looked up.
         path: PathBuf,

@@ -8,9 +8,13 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue, Deserializer};
 
 use super::problem::{ConfigErrors, Problem, ProblemKind, nearest};
+use crate::storage::printable::is_control;
 
 /// The format version that scenes and profiles carry.
 const VERSION: i64 = 1;
+
+/// Problems that are told of one file: more help nobody, and finding them takes as long as there are.
+pub(super) const PROBLEMS_MAX: usize = 100;
 
 /// Longest value that a message repeats, characters.
 const VALUE_CHARS_MAX: usize = 60;
@@ -48,11 +52,66 @@ impl<'t> Document<'t> {
         })?;
         let document = Self { file, text, root };
         let problem = match document.root.get_ref().get("version").map(Spanned::get_ref) {
-            Some(DeValue::Integer(number)) if number.as_str() == "1" => return Ok(document),
+            Some(DeValue::Integer(number)) if number.as_str() == "1" => {
+                let problems = document.control_characters();
+                return if problems.is_empty() { Ok(document) } else { Err(ConfigErrors::new(problems)) };
+            }
             Some(_) => document.problem("version", ProblemKind::VersionUnknown { supported: VERSION }),
             None => document.problem("version", ProblemKind::VersionMissing { supported: VERSION }),
         };
         Err(ConfigErrors::new(vec![problem]))
+    }
+
+    /// Keys and strings that would say something to a terminal when they are shown. Bytes of packets are never shown as they are.
+    fn control_characters(&self) -> Vec<Problem> {
+        let mut problems = Vec::new();
+        let entries = self.root.get_ref().iter().filter(|(key, _)| key.get_ref() != "packet");
+        for (key, value) in entries {
+            let mut steps = vec![Step::Key(key.get_ref().to_string())];
+            self.control_characters_at(&mut steps, key.span(), key.get_ref().contains(is_control), value, &mut problems);
+        }
+        problems
+    }
+
+    fn control_characters_at(
+        &self,
+        steps: &mut Vec<Step>,
+        at: Range<usize>,
+        in_key: bool,
+        value: &Spanned<DeValue<'_>>,
+        problems: &mut Vec<Problem>,
+    ) {
+        if problems.len() >= PROBLEMS_MAX {
+            return;
+        }
+        let in_value = matches!(value.get_ref(), DeValue::String(text) if text.contains(is_control));
+        if in_key || in_value {
+            let accepted = "without control characters, such as an escape or a line break: names are shown to people".to_owned();
+            problems.push(Problem {
+                file: self.file.to_path_buf(),
+                line: Some(line_of(self.text, at.start)),
+                key: Some(path_of(steps)),
+                value: in_value.then(|| self.text_at(value.span())),
+                kind: ProblemKind::NotAccepted { accepted },
+            });
+        }
+        match value.get_ref() {
+            DeValue::Table(table) => {
+                for (key, value) in table.iter() {
+                    steps.push(Step::Key(key.get_ref().to_string()));
+                    self.control_characters_at(steps, key.span(), key.get_ref().contains(is_control), value, problems);
+                    steps.pop();
+                }
+            }
+            DeValue::Array(array) => {
+                for (index, element) in array.iter().enumerate() {
+                    steps.push(Step::Index(index));
+                    self.control_characters_at(steps, element.span(), false, element, problems);
+                    steps.pop();
+                }
+            }
+            _ => {}
+        }
     }
 
     /// Reads the whole document into `T`, whose types refuse unknown keys.
@@ -98,7 +157,7 @@ impl<'t> Document<'t> {
                 value,
                 kind,
             });
-            if !remove(rest.get_mut(), &place.steps) {
+            if problems.len() >= PROBLEMS_MAX || !remove(rest.get_mut(), &place.steps) {
                 return (None, problems);
             }
         }
@@ -350,6 +409,35 @@ mod tests {
         assert_eq!(at("tool"), (Some(11), None));
         assert_eq!(at("tool.shape"), (Some(12), Some("{ sphere_mm = 3 }".into())));
         assert_eq!(at("rendering.rate_hz"), (None, None));
+    }
+
+    #[test]
+    fn names_that_speak_to_a_terminal_are_refused_and_shown_escaped() {
+        let text = concat!(
+            "version = 1\nname = \"gear\\u001b[2J\"\n\"a\\u0007\" = 2\n[[static]]\nmesh = \"\"\"\na\nstate: disabled\"\"\"\n",
+            "[packet.report]\nclose = \"\\r\\n\"\n[device]\nprofile = \"plain\"\n"
+        );
+        let errors = Document::parse(Path::new("x\u{1b}.toml"), text).err().unwrap().to_string();
+        let accepted = "must be without control characters, such as an escape or a line break: names are shown to people";
+        let expected = format!(
+            "error: x\\u{{1b}}.toml:2: name = \"gear\\u001b[2J\": {accepted}\nerror: x\\u{{1b}}.toml:3: a\\u{{7}}: {accepted}\n\
+             error: x\\u{{1b}}.toml:5: static[0].mesh = \"\"\" a state: disabled\"\"\": {accepted}"
+        );
+        assert_eq!(errors, expected);
+    }
+
+    #[test]
+    fn problems_come_to_an_end() {
+        #[derive(serde::Deserialize)]
+        #[serde(deny_unknown_fields)]
+        struct Nothing {
+            #[serde(rename = "version")]
+            _version: i64,
+        }
+        let text = (0..1000).fold("version = 1\n".to_owned(), |text, n| format!("{text}key_{n} = 1\n"));
+        let document = Document::parse(Path::new("x.toml"), &text).unwrap();
+        let (read, problems) = document.read_around::<Nothing>();
+        assert!(read.is_none() && problems.len() == PROBLEMS_MAX, "{}", problems.len());
     }
 
     #[test]

@@ -99,9 +99,28 @@ impl Interlock {
         (self.cause, self.pending, self.holds_place, self.brake_ticks) = (cause, pending, holds_place, 0);
     }
 
+    /// There was a fault since the deadman was last let go.
+    pub(super) fn must_release(&self) -> bool {
+        self.must_release
+    }
+
+    /// As the interlock of another scene had it: a fault is acknowledged by an act, not by a change of scenes.
+    pub(super) fn take_over(&mut self, must_release: bool) {
+        self.must_release = must_release;
+    }
+
     /// Nothing is felt before the hand was out of the clay.
     pub(super) fn must_clear(&self) -> bool {
         self.must_clear
+    }
+
+    /// All that decides on what the drive does next, with ticks counted up to so many only.
+    #[cfg(test)]
+    pub(super) fn decides(&self, most_quiet_ticks: u32) -> (u32, [u32; 2], [bool; 5]) {
+        let Self { is_pressed, must_release, pending, brake_ticks, cause: _, holds_place, quiet_ticks, is_engaged, must_clear } =
+            *self;
+        let ticks = [brake_ticks, quiet_ticks.min(most_quiet_ticks)];
+        (pending.bits(), ticks, [is_pressed, must_release, holds_place, is_engaged, must_clear])
     }
 
     /// Since enable the ramp was let rise.

@@ -91,7 +91,7 @@ impl Ramp {
 
     /// The gain now.
     #[cfg(test)]
-    fn gain(&self) -> f64 {
+    pub(super) fn gain(&self) -> f64 {
         self.gain
     }
 

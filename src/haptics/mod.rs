@@ -52,5 +52,5 @@ pub use params::{
 pub use placing::Placement;
 pub(crate) use port::Port;
 pub use render_scene::{RenderScene, Tool};
-pub use tick::{FrameInUse, State, TickInput, TickOutput, tick};
+pub use tick::{FrameInUse, Handover, State, TickInput, TickOutput, tick};
 pub use tuning::{Knob, KnobRange, Tune};

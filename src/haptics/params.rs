@@ -183,6 +183,8 @@ pub struct LimitParameters {
     pub stale_fault_ticks: u32,
     /// Consecutive over-runs before the tick faults; 0 never.
     pub overrun_fault_ticks: u32,
+    /// Longest time between two commands while force is on, s: a longer one is a fault, whatever the rate.
+    pub stall_s: f64,
 }
 
 impl LimitParameters {
@@ -199,10 +201,8 @@ impl LimitParameters {
         stale_ticks_max: 3,
         stale_fault_ticks: 20,
         overrun_fault_ticks: 0,
+        stall_s: f64::INFINITY,
     };
-
-    /// Largest force of an arm whose profile says `signs_verified = false`, N: a motor that pushes the wrong way is positive feedback.
-    pub const UNVERIFIED_SIGNS_FORCE_N: f64 = 0.5;
 }
 
 /// What decides whether force may flow at all, next to the limits. The default asks for nothing: every gate is open.

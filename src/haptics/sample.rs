@@ -168,6 +168,7 @@ mod tests {
             slew_nm_per_s: 20.0,
             power_w: 5.0,
             overrun_fault_ticks: 10,
+            stall_s: 0.05,
             ..LimitParameters::NONE
         }
     }

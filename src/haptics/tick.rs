@@ -31,6 +31,8 @@ pub struct TickInput {
     pub request: DriveRequest,
     /// The loop woke up after its deadline had passed.
     pub overrun: bool,
+    /// No command was written for longer than [`LimitParameters::stall_s`](super::LimitParameters::stall_s): the arm held an old one meanwhile.
+    pub stalled: bool,
     /// Where an obstacle is asked to go from the next tick on.
     pub place: Option<Placement>,
     /// What a parameter is asked to become from the next tick on.
@@ -97,6 +99,8 @@ pub struct State {
     monitor: SampleMonitor,
     interlock: Interlock,
     overruns: u32,
+    /// The last command was not zero.
+    pushes: bool,
     port: Port,
     /// Where the tool's body axes stood at enable.
     start: Pose,
@@ -127,6 +131,12 @@ struct Resume {
     has_room: Option<bool>,
 }
 
+/// What a scene has to know of the one whose place it takes.
+#[derive(Clone, Copy, Debug)]
+pub struct Handover {
+    must_release: bool,
+}
+
 /// How deep the tool may stand in an obstacle at enable when it stays where it was, voxels: what pressing leaves.
 const RESUME_VOXELS: f64 = 0.5;
 
@@ -139,6 +149,7 @@ impl State {
             monitor: SampleMonitor::default(),
             interlock: Interlock::default(),
             overruns: 0,
+            pushes: false,
             port: Port::default(),
             start: scene.start(),
             resume: None,
@@ -169,11 +180,18 @@ impl State {
     }
 
     /// Lets the tool stand at a pose at the next enable, instead of its start, unless it would stand inside an obstacle there: what a
-    /// scene does that takes the place of another. The arm's pose at that enable is the new zero, as always. RT: safe; before the first tick.
-    pub fn resume_at(&mut self, scene: &RenderScene, world_from_tool: Pose) {
+    /// scene does that takes the place of another. The arm's pose at that enable is the new zero, as always, and a deadman that was to be let
+    /// go first still is. RT: safe; before the first tick.
+    pub fn resume_at(&mut self, scene: &RenderScene, world_from_tool: Pose, before: Handover) {
+        self.interlock.take_over(before.must_release);
         let body = world_from_tool * Pose::from_translation(scene.tool.center_of_mass_tool);
         self.resume = Some(Resume { body, has_room: None });
         self.tool = VirtualTool::at(body);
+    }
+
+    /// For the state of a scene that takes the place of this one. RT: safe.
+    pub fn handover(&self) -> Handover {
+        Handover { must_release: self.interlock.must_release() }
     }
 
     /// Takes a newer frame of the clay, and gives back one that is not needed any more; without clay in the scene the very same. The next tick
@@ -240,11 +258,13 @@ impl State {
 /// RT: safe. Pure and total: same scene, state and input, same bits; no allocation, no panic. Anything that is not finite gives a
 /// zero wrench and a fault. Cost: one walk over the shell's tree per obstacle plus a 6×6 solve.
 pub fn tick(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOutput {
-    let p = &state.tuning.next(&scene.parameters, input.tune);
+    let p = &state.tuning.next(&scene.parameters, input.tune, state.drive.has_force());
     let check = state.monitor.check(&input.sample, &p.limits, &p.safety, p.period_s);
     state.overruns = if input.overrun { state.overruns.saturating_add(1) } else { 0 };
     let mut faults = check.faults;
-    if p.limits.overrun_fault_ticks > 0 && state.overruns >= p.limits.overrun_fault_ticks {
+    let has_many_overruns = p.limits.overrun_fault_ticks > 0 && state.overruns >= p.limits.overrun_fault_ticks;
+    // In free space an arm without commands does nothing.
+    if has_many_overruns || input.stalled && state.pushes {
         faults |= Faults::OVERRUN;
     }
     advance::advance(scene, p, state, input, faults);
@@ -283,6 +303,7 @@ pub fn tick(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOu
         Felt::default()
     });
     state.passivity.hold(felt.command_device);
+    state.pushes = felt.command_device != Wrench::ZERO;
     let touching = TickOutput {
         contact_world: contact.wrench + felt.friction_world,
         contacts: contact.contacts,
@@ -422,3 +443,7 @@ fn observe(p: &Parameters, state: &mut State, sample: &DeviceSample) -> Result<u
 #[cfg(test)]
 #[expect(clippy::disallowed_types, clippy::expect_used, reason = "test code")]
 mod tests;
+
+#[cfg(test)]
+#[expect(clippy::disallowed_types, clippy::disallowed_macros, clippy::indexing_slicing, clippy::panic, reason = "test code")]
+mod exploration;

@@ -11,10 +11,14 @@ use super::params::{CouplingMode, Parameters};
 
 /// Time in which a value goes through all of its range, s.
 const FULL_RANGE_S: f64 = 0.5;
-/// A stiffness and a limit go from the scene's divided by this; without stiffness or force there would be nothing to feel ...
+/// A stiffness goes from the scene's divided by this, a small limit too; without stiffness or force there would be nothing to feel ...
 const LEAST_DIVISOR: f64 = 20.0;
 /// ... and a stiffness to this multiple, or to what the arm can take.
 const MOST_STIFFNESS: f64 = 4.0;
+/// A force limit goes at least as low as this, N, whatever the scene's: what a person chose in another scene can be kept ...
+const LEAST_FORCE_N: f64 = 0.05;
+/// ... and a torque limit, N·m.
+const LEAST_TORQUE_NM: f64 = 1e-3;
 /// Damping of the virtual tool in contact, shares of critical damping.
 const MOST_DAMPING_RATIO: f64 = 2.0;
 /// Rubber on dry rubber.
@@ -85,6 +89,14 @@ impl Knob {
         Self::TorqueLimit,
     ];
 
+    /// Those that hold back what the arm does. The others say how a scene feels: they belong to it, and go with it.
+    pub const LIMITS: [Self; 2] = [Self::ForceLimit, Self::TorqueLimit];
+
+    /// One of [`Self::LIMITS`].
+    pub fn is_limit(self) -> bool {
+        Self::LIMITS.contains(&self)
+    }
+
     /// Name with its unit, as clients and recordings use it.
     pub const fn name(self) -> &'static str {
         match self {
@@ -135,7 +147,8 @@ impl Knob {
             Self::CouplingTranslation | Self::CouplingRotation if mode == CouplingMode::SemiImplicit => stiffness(scene),
             Self::CouplingTranslation => stiffness(p.coupling.bound_n_per_m),
             Self::CouplingRotation => stiffness(p.coupling.bound_nm_per_rad),
-            Self::ForceLimit | Self::TorqueLimit => KnobRange { least: scene / LEAST_DIVISOR, most: scene, scene },
+            Self::ForceLimit => KnobRange { least: LEAST_FORCE_N.min(scene / LEAST_DIVISOR), most: scene, scene },
+            Self::TorqueLimit => KnobRange { least: LEAST_TORQUE_NM.min(scene / LEAST_DIVISOR), most: scene, scene },
         })
     }
 
@@ -201,8 +214,27 @@ pub(super) struct Tuning {
 }
 
 impl Tuning {
-    /// The parameters of a tick; a wish counts from the next tick on. RT: safe, O(1).
-    pub(super) fn next(&mut self, scene: &Parameters, wish: Option<Tune>) -> Parameters {
+    /// The parameters of a tick; a wish counts from the next tick on. A limit without force cannot jump in anybody's hand: it is where it is wished
+    /// at once, so that a scene that takes the place of another begins with the limits that a person has chosen. RT: safe, O(1).
+    pub(super) fn next(&mut self, scene: &Parameters, wish: Option<Tune>, has_force: bool) -> Parameters {
+        match wish {
+            Some(Tune { knob, .. }) if knob.is_limit() && !has_force => {
+                self.take(scene, wish);
+                if let Some(turned) = self.turned.get_mut(knob as usize).and_then(Option::as_mut) {
+                    turned.value = turned.target;
+                }
+                self.parameters(scene)
+            }
+            _ => {
+                let p = self.parameters(scene);
+                self.take(scene, wish);
+                p
+            }
+        }
+    }
+
+    /// Every knob a step further.
+    fn parameters(&mut self, scene: &Parameters) -> Parameters {
         let mut p = *scene;
         if self.is_used {
             for (knob, turned) in Knob::ALL.into_iter().zip(&mut self.turned) {
@@ -214,13 +246,16 @@ impl Tuning {
             p.contact.friction.dynamic = p.contact.friction.dynamic.min(p.contact.friction.r#static);
             p.filter.cutoff_hz[1] = p.filter.cutoff_hz[1].max(p.filter.cutoff_hz[0]);
         }
-        let Some(Tune { knob, value }) = wish.filter(|wish| wish.value.is_finite()) else { return p };
-        let (Some(range), Some(turned)) = (knob.range(scene), self.turned.get_mut(knob as usize)) else { return p };
+        p
+    }
+
+    fn take(&mut self, scene: &Parameters, wish: Option<Tune>) {
+        let Some(Tune { knob, value }) = wish.filter(|wish| wish.value.is_finite()) else { return };
+        let (Some(range), Some(turned)) = (knob.range(scene), self.turned.get_mut(knob as usize)) else { return };
         let step = (range.most - range.least) * scene.period_s / FULL_RANGE_S;
         let turned = turned.get_or_insert(Turned { value: range.scene, target: range.scene, step });
         turned.target = value.clamp(range.least, range.most);
         self.is_used = true;
-        p
     }
 }
 
@@ -250,10 +285,10 @@ mod tests {
     fn what_nobody_turned_keeps_its_bits() {
         let p = rubbing();
         let mut tuning = Tuning::default();
-        assert_eq!(tuning.next(&p, None), p);
+        assert_eq!(tuning.next(&p, None, true), p);
         for value in [f64::NAN, f64::INFINITY] {
-            tuning.next(&p, Some(Tune { knob: Knob::ContactStiffness, value }));
-            assert_eq!(tuning.next(&p, None), p);
+            tuning.next(&p, Some(Tune { knob: Knob::ContactStiffness, value }), true);
+            assert_eq!(tuning.next(&p, None, true), p);
         }
     }
 
@@ -265,9 +300,9 @@ mod tests {
             assert!(range.least <= range.scene && range.scene <= range.most, "{knob:?}: {range:?}");
             let mut tuning = Tuning::default();
             for (asked, reached) in [(-1e9, range.least), (1e9, range.most), (range.scene, range.scene)] {
-                let mut before = knob.read(&tuning.next(&p, Some(Tune { knob, value: asked })));
+                let mut before = knob.read(&tuning.next(&p, Some(Tune { knob, value: asked }), true));
                 for _ in 0..501 {
-                    let now = knob.read(&tuning.next(&p, None));
+                    let now = knob.read(&tuning.next(&p, None, true));
                     assert!((now - before).abs() <= (range.most - range.least) / 500.0 * (1.0 + 1e-9), "{knob:?}");
                     before = now;
                 }
@@ -280,7 +315,7 @@ mod tests {
                 assert!(before == reached, "{knob:?}: {before} and not {reached}");
             }
             if knob != Knob::ContactStiffness {
-                assert_eq!(tuning.next(&p, None), p, "{knob:?}");
+                assert_eq!(tuning.next(&p, None, true), p, "{knob:?}");
             }
         }
     }
@@ -301,9 +336,9 @@ mod tests {
     fn pairs_hold_each_other_and_friction_stiffness_follows() {
         let p = rubbing();
         let mut tuning = Tuning::default();
-        tuning.next(&p, Some(Tune { knob: Knob::FrictionStatic, value: 0.1 }));
-        tuning.next(&p, Some(Tune { knob: Knob::ContactStiffness, value: 0.5 * p.contact.stiffness_n_per_m }));
-        let settled = (0..600).map(|_| tuning.next(&p, None)).last().expect("ticks");
+        tuning.next(&p, Some(Tune { knob: Knob::FrictionStatic, value: 0.1 }), true);
+        tuning.next(&p, Some(Tune { knob: Knob::ContactStiffness, value: 0.5 * p.contact.stiffness_n_per_m }), true);
+        let settled = (0..600).map(|_| tuning.next(&p, None, true)).last().expect("ticks");
         assert_eq!((settled.contact.friction.r#static, settled.contact.friction.dynamic), (0.1, 0.1));
         assert_eq!(settled.contact.stiffness_n_per_m, 0.5 * p.contact.stiffness_n_per_m);
         assert_eq!(settled.contact.friction.stiffness_n_per_m, 0.5 * p.contact.friction.stiffness_n_per_m);
@@ -313,10 +348,25 @@ mod tests {
     fn a_low_cut_off_that_passes_the_high_one_takes_it_along() {
         let p = rubbing();
         let mut tuning = Tuning::default();
-        tuning.next(&p, Some(Tune { knob: Knob::CutoffLow, value: 400.0 }));
-        let cutoffs: [[f64; 2]; 600] = core::array::from_fn(|_| tuning.next(&p, None).filter.cutoff_hz);
+        tuning.next(&p, Some(Tune { knob: Knob::CutoffLow, value: 400.0 }), true);
+        let cutoffs: [[f64; 2]; 600] = core::array::from_fn(|_| tuning.next(&p, None, true).filter.cutoff_hz);
         assert!(cutoffs.iter().all(|[low, high]| *high == low.max(300.0)));
         assert!(cutoffs.iter().any(|[low, _]| *low > 300.0 && *low < 400.0) && cutoffs.last() == Some(&[400.0, 400.0]));
+    }
+
+    #[test]
+    fn without_force_a_limit_is_where_it_is_wished_at_once_and_nothing_else_is() {
+        let p = rubbing();
+        for knob in Knob::ALL {
+            let range = knob.range(&p).expect("acts");
+            let low = knob.read(&Tuning::default().next(&p, Some(Tune { knob, value: range.least }), false));
+            assert_eq!(low, if knob.is_limit() { range.least } else { range.scene }, "{knob:?}");
+        }
+        let mut tuning = Tuning::default();
+        tuning.next(&p, Some(Tune { knob: Knob::ForceLimit, value: 0.05 }), false);
+        assert_eq!(tuning.next(&p, None, true).limits.force_n, 0.05);
+        assert_eq!(tuning.next(&p, Some(Tune { knob: Knob::ForceLimit, value: f64::MAX }), false), p);
+        assert!(Knob::LIMITS.into_iter().all(|knob| knob.range(&p).is_some_and(|range| range.least <= 0.05)));
     }
 
     #[test]

@@ -6,9 +6,12 @@
 use std::path::Path;
 
 use super::MeshError;
+use crate::storage::memory;
 
 /// Vertices, and triangles, that copies may add: an assembly of thousands of screws fits, and half a gigabyte is enough for it.
 const COPIES: usize = 1 << 24;
+/// Memory that one of them and one triangle take while the mesh is read and inspected, bytes.
+const COPY_BYTES: u64 = 128;
 /// Placed parts beyond one per byte of the file.
 const PARTS: usize = 1 << 20;
 
@@ -24,7 +27,9 @@ pub(super) struct Room {
 impl Room {
     /// For a file of this size.
     pub(super) fn of_file(bytes: usize) -> Self {
-        let most = bytes.saturating_add(COPIES).min(u32::MAX as usize);
+        // No more than there is memory for: copies cost the file nothing.
+        let copies = memory::available_bytes().map_or(COPIES, |bytes| COPIES.min((bytes / COPY_BYTES) as usize));
+        let most = bytes.saturating_add(copies).min(u32::MAX as usize);
         Self { most, vertices: most, triangles: most, parts: bytes.saturating_add(PARTS) }
     }
 

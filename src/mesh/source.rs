@@ -15,6 +15,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::SystemTime;
 
 use super::MeshError;
+use crate::storage::{memory, regular};
 
 /// Smaller files are read: mapping saves nothing there.
 const MAP_FROM_BYTES: u64 = 4 << 20;
@@ -71,7 +72,7 @@ impl Bytes {
 /// Reads or maps a file.
 pub(super) fn read(path: &Path) -> Result<Bytes, MeshError> {
     let map_from_bytes = if COPIES_ONLY.load(Ordering::Relaxed) { u64::MAX } else { MAP_FROM_BYTES };
-    open(path, map_from_bytes, memory_free_bytes()).map_err(|refused| match refused {
+    open(path, map_from_bytes, memory::available_bytes()).map_err(|refused| match refused {
         Refused::System(source) if source.kind() == io::ErrorKind::NotFound => MeshError::Missing { path: path.to_owned() },
         Refused::System(source) => MeshError::Unreadable { path: path.to_owned(), source },
         Refused::TooLarge { file_bytes, free_bytes } => MeshError::TooLarge { path: path.to_owned(), file_bytes, free_bytes },
@@ -89,15 +90,7 @@ enum Refused {
 }
 
 fn open(path: &Path, map_from_bytes: u64, free_bytes: Option<u64>) -> Result<Bytes, Refused> {
-    // Asked before opening: to open a pipe waits for its writer.
-    let kind = std::fs::metadata(path).map_err(Refused::System)?;
-    if kind.is_dir() {
-        return Err(Refused::System(io::ErrorKind::IsADirectory.into()));
-    }
-    if !kind.is_file() {
-        return Err(Refused::System(io::Error::new(io::ErrorKind::InvalidInput, "it is a pipe, a socket or a device")));
-    }
-    let mut file = File::open(path).map_err(Refused::System)?;
+    let mut file = regular::open(path).map_err(Refused::System)?;
     let metadata = file.metadata().map_err(Refused::System)?;
     let file_bytes = metadata.len();
     let is_copied = file_bytes < map_from_bytes;
@@ -118,14 +111,6 @@ fn open(path: &Path, map_from_bytes: u64, free_bytes: Option<u64>) -> Result<Byt
     Ok(Bytes { contents: Contents::Mapped { map, file, modified: metadata.modified().ok() } })
 }
 
-/// What the system can still give without swapping; `None` where it does not say.
-fn memory_free_bytes() -> Option<u64> {
-    let text = std::fs::read_to_string("/proc/meminfo").ok()?;
-    let kibibytes: u64 =
-        text.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?.trim().strip_suffix("kB")?.trim().parse().ok()?;
-    Some(kibibytes * 1024)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -142,7 +127,6 @@ mod tests {
             assert_eq!(found.confirm(Ok(7), &path).unwrap(), 7);
         }
         assert!(matches!(open(&path, 0, Some(29_999)), Err(Refused::TooLarge { file_bytes: 10_000, free_bytes: 29_999 })));
-        assert!(memory_free_bytes().is_none_or(|bytes| bytes > 1 << 20));
     }
 
     #[test]

@@ -9,11 +9,14 @@ use std::path::{Path, PathBuf};
 use axum::http::{HeaderMap, StatusCode, header};
 
 use super::problem::Problem;
+use crate::storage::regular;
 
 /// Fewest characters of a token: 96 bits even of hexadecimal digits would be 24, and nobody types these.
 const LEAST_TOKEN: usize = 16;
 /// Most, so that a file that is something else is noticed.
 const MOST_TOKEN: usize = 512;
+/// Bytes of a file with a token at most: there may be blanks around it.
+const LONGEST_TOKEN_FILE: u64 = 4096;
 
 /// A secret that lets a client in.
 #[derive(Clone, PartialEq, Eq)]
@@ -60,7 +63,8 @@ impl Token {
     /// # Errors
     /// See [`TokenError`].
     pub fn read(path: &Path) -> Result<Self, TokenError> {
-        let text = std::fs::read_to_string(path).map_err(|cause| TokenError::Unreadable { path: path.to_owned(), cause })?;
+        let text =
+            regular::text(path, LONGEST_TOKEN_FILE).map_err(|cause| TokenError::Unreadable { path: path.to_owned(), cause })?;
         Self::new(&text, &path.display().to_string())
     }
 

@@ -16,7 +16,6 @@ use super::hub::Hub;
 use super::problem::Problem;
 use super::recorder::{RecorderError, RecorderStatus};
 use super::worker::Worker;
-use crate::daemon::OperatorOrder;
 use crate::daemon::desk::{Ask, Refusal, Request};
 use crate::sculpt::studio::Order;
 use crate::spatial::Pose;
@@ -156,9 +155,15 @@ fn is_short(id: &Value) -> bool {
 /// Does what a client asks for; `client` where it has a connection. The reply may come from another thread.
 pub(super) fn perform(hub: &Arc<Hub>, files: &Worker, client: Option<&Client>, asked: Do, reply: Reply) {
     match asked {
-        Do::Enable {} => reply(hub.order(OperatorOrder::Enable, client.map(|client| client.id)).map(nothing)),
-        Do::Disable {} => reply(hub.order(OperatorOrder::Disable, None).map(nothing)),
-        Do::Stop {} => reply(hub.order(OperatorOrder::Stop, None).map(nothing)),
+        Do::Enable {} => reply(hub.enable(client.map(|client| client.id)).map(nothing)),
+        Do::Disable {} => {
+            hub.control.disable();
+            reply(Ok(Done::Nothing));
+        }
+        Do::Stop {} => {
+            hub.control.stop();
+            reply(Ok(Done::Nothing));
+        }
         Do::Set { parameter, value } => ask(hub, Ask::Set { parameter, value }, reply),
         Do::Place { object, pose } => ask(hub, Ask::Place { object, world_from_object: pose.into() }, reply),
         Do::Switch { scene } => ask(hub, Ask::Switch { scene }, reply),

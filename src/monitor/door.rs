@@ -1,7 +1,7 @@
-//! The door: takes connections in, as many as there are places, and closes those that say nothing.
+//! The door: takes connections in, as many as there are places, and closes those that say nothing. Who has a place is said in
+//! [`places`](super::places).
 
 use core::pin::Pin;
-use core::sync::atomic::{AtomicBool, Ordering};
 use core::task::{Context, Poll};
 use core::time::Duration;
 use std::io;
@@ -14,13 +14,17 @@ use axum::serve::{IncomingStream, Listener};
 use tokio::io::{AsyncRead, AsyncWrite, AsyncWriteExt as _, ReadBuf};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::runtime::Handle;
-use tokio::sync::{OwnedSemaphorePermit, Semaphore};
+use tokio::sync::OwnedSemaphorePermit;
 use tokio::time::Sleep;
+
+use super::places::{Guest, Place, Places};
 
 /// Connections at the same time, WebSockets among them.
 const MOST_CONNECTIONS: usize = 192;
-/// Connections that are just being told that there is no place.
-const MOST_TURNED_AWAY: usize = 64;
+/// Connections that are just being told that there is no place, or why they were shut out.
+const MOST_LEAVING: usize = 64;
+/// A connection whose first request is not whole, or was refused, by then is closed.
+const FIRST_REQUEST: Duration = Duration::from_secs(5);
 /// A connection on which nothing comes for so long is closed. WebSockets are pinged more often.
 const SILENT: Duration = Duration::from_secs(30);
 /// A connection that is no WebSocket ends after so long whatever it does.
@@ -38,14 +42,12 @@ const NO_PLACE: &[u8] =
 /// Listens.
 pub(super) struct Door {
     listener: TcpListener,
-    places: Arc<Semaphore>,
-    turned_away: Arc<Semaphore>,
+    places: Arc<Places>,
 }
 
 impl Door {
     pub(super) fn new(listener: TcpListener) -> Self {
-        let places = |n| Arc::new(Semaphore::new(n));
-        Self { listener, places: places(MOST_CONNECTIONS), turned_away: places(MOST_TURNED_AWAY) }
+        Self { listener, places: Places::new(MOST_CONNECTIONS, MOST_LEAVING) }
     }
 }
 
@@ -56,18 +58,20 @@ impl Listener for Door {
     async fn accept(&mut self) -> (Connection, SocketAddr) {
         loop {
             match self.listener.accept().await {
-                Ok((stream, peer)) => match self.places.clone().try_acquire_owned() {
-                    Ok(place) => {
+                Ok((stream, peer)) => {
+                    if !self.places.has_room() {
+                        // What came just before may have a whole request in its socket: it is read before anybody has to give way.
+                        tokio::task::yield_now().await;
+                    }
+                    if let Some(place) = self.places.take() {
                         // Small messages leave at once; if that cannot be had they come a little later.
                         let _ = stream.set_nodelay(true);
                         return (Connection::new(stream, place), peer);
                     }
-                    Err(_) => {
-                        if let Ok(place) = self.turned_away.clone().try_acquire_owned() {
-                            tokio::spawn(turn_away(stream, place));
-                        }
+                    if let Ok(place) = self.places.leaving.clone().try_acquire_owned() {
+                        tokio::spawn(turn_away(stream, place));
                     }
-                },
+                }
                 Err(error) if error.kind() == io::ErrorKind::ConnectionAborted => {}
                 Err(_) => tokio::time::sleep(AFTER_ERROR).await,
             }
@@ -83,48 +87,62 @@ impl Listener for Door {
 #[derive(Clone, Debug)]
 pub(super) struct Peer {
     pub(super) address: SocketAddr,
-    /// Set when the connection becomes a WebSocket. Both ends use `Relaxed`: it is the whole message.
-    is_web_socket: Arc<AtomicBool>,
+    guest: Arc<Guest>,
+    places: Arc<Places>,
 }
 
 impl Peer {
+    /// It has sent a whole request for the page, which anybody may see.
+    pub(super) fn looks(&self) {
+        self.guest.asks();
+    }
+
+    /// It may use the API: from now on nobody takes its place.
+    pub(super) fn let_in(&self) {
+        self.places.let_in(&self.guest);
+    }
+
     pub(super) fn become_web_socket(&self) {
-        self.is_web_socket.store(true, Ordering::Relaxed);
+        self.guest.become_web_socket();
     }
 }
 
 impl Connected<IncomingStream<'_, Door>> for Peer {
     fn connect_info(stream: IncomingStream<'_, Door>) -> Self {
-        Self { address: *stream.remote_addr(), is_web_socket: stream.io().is_web_socket.clone() }
+        let Connection { guest, places, .. } = stream.io();
+        Self { address: *stream.remote_addr(), guest: guest.clone(), places: places.clone() }
     }
 }
 
 /// One connection with its place.
 pub(super) struct Connection {
     /// `None` while it is dropped only.
-    stream: Option<(TcpStream, OwnedSemaphorePermit)>,
-    is_web_socket: Arc<AtomicBool>,
+    stream: Option<(TcpStream, Place)>,
+    guest: Arc<Guest>,
+    places: Arc<Places>,
     opened: Instant,
     heard: Instant,
     silent: Pin<Box<Sleep>>,
 }
 
 impl Connection {
-    fn new(stream: TcpStream, place: OwnedSemaphorePermit) -> Self {
+    fn new(stream: TcpStream, place: Place) -> Self {
+        let (guest, places) = (place.guest.clone(), place.places.clone());
         let now = Instant::now();
-        let silent = Box::pin(tokio::time::sleep(SILENT));
-        Self { stream: Some((stream, place)), is_web_socket: Arc::default(), opened: now, heard: now, silent }
+        let silent = Box::pin(tokio::time::sleep(FIRST_REQUEST));
+        Self { stream: Some((stream, place)), guest, places, opened: now, heard: now, silent }
     }
 
-    fn with<T>(&mut self, act: impl FnOnce(Pin<&mut TcpStream>) -> Poll<io::Result<T>>) -> Poll<io::Result<T>> {
+    fn with<T>(
+        &mut self,
+        cx: &mut Context<'_>,
+        act: impl FnOnce(Pin<&mut TcpStream>, &mut Context<'_>) -> Poll<io::Result<T>>,
+    ) -> Poll<io::Result<T>> {
         match &mut self.stream {
-            Some((stream, _)) => act(Pin::new(stream)),
+            Some(_) if self.guest.must_leave(cx) => Poll::Ready(Err(io::ErrorKind::ConnectionAborted.into())),
+            Some((stream, _)) => act(Pin::new(stream), cx),
             None => Poll::Ready(Err(io::ErrorKind::NotConnected.into())),
         }
-    }
-
-    fn is_web_socket(&self) -> bool {
-        self.is_web_socket.load(Ordering::Relaxed)
     }
 
     /// What became of a write. Nothing is read while an answer waits to be taken, so that whoever asks and never reads is silent as well.
@@ -133,7 +151,7 @@ impl Connection {
             return self.poll_patience(cx);
         }
         // A long answer that is being taken is no silence.
-        if !self.is_web_socket() {
+        if !self.guest.is_web_socket() {
             self.heard = Instant::now();
         }
         written
@@ -148,7 +166,8 @@ impl Connection {
     fn poll_silent(&mut self, cx: &mut Context<'_>) -> Poll<()> {
         while self.silent.as_mut().poll(cx).is_ready() {
             let (since_heard, since_opened) = (self.heard.elapsed(), self.opened.elapsed());
-            if since_heard >= SILENT || !self.is_web_socket() && since_opened >= LONGEST {
+            let longest = if self.guest.has_asked() { LONGEST } else { FIRST_REQUEST };
+            if since_heard >= SILENT || !self.guest.is_web_socket() && since_opened >= longest {
                 return Poll::Ready(());
             }
             let left = (SILENT - since_heard).max(Duration::from_millis(10));
@@ -160,7 +179,7 @@ impl Connection {
 
 impl AsyncRead for Connection {
     fn poll_read(mut self: Pin<&mut Self>, cx: &mut Context<'_>, buffer: &mut ReadBuf<'_>) -> Poll<io::Result<()>> {
-        let read = self.with(|stream| stream.poll_read(cx, buffer));
+        let read = self.with(cx, |stream, cx| stream.poll_read(cx, buffer));
         if read.is_ready() {
             self.heard = Instant::now();
             return read;
@@ -171,23 +190,23 @@ impl AsyncRead for Connection {
 
 impl AsyncWrite for Connection {
     fn poll_write(mut self: Pin<&mut Self>, cx: &mut Context<'_>, bytes: &[u8]) -> Poll<io::Result<usize>> {
-        let written = self.with(|stream| stream.poll_write(cx, bytes));
+        let written = self.with(cx, |stream, cx| stream.poll_write(cx, bytes));
         self.taken(written, cx)
     }
 
     fn poll_flush(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<io::Result<()>> {
-        match self.with(|stream| stream.poll_flush(cx)) {
+        match self.with(cx, |stream, cx| stream.poll_flush(cx)) {
             Poll::Pending => self.poll_patience(cx),
             flushed => flushed,
         }
     }
 
     fn poll_shutdown(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<io::Result<()>> {
-        self.with(|stream| stream.poll_shutdown(cx))
+        self.with(cx, |stream, cx| stream.poll_shutdown(cx))
     }
 
     fn poll_write_vectored(mut self: Pin<&mut Self>, cx: &mut Context<'_>, slices: &[io::IoSlice<'_>]) -> Poll<io::Result<usize>> {
-        let written = self.with(|stream| stream.poll_write_vectored(cx, slices));
+        let written = self.with(cx, |stream, cx| stream.poll_write_vectored(cx, slices));
         self.taken(written, cx)
     }
 
@@ -197,10 +216,16 @@ impl AsyncWrite for Connection {
 }
 
 impl Drop for Connection {
-    /// A socket that is closed over bytes that nobody read takes back what was sent last: the answer that says why.
+    /// A socket that is closed over bytes that nobody read takes back what was sent last: the answer that says why. Whoever had to give way is
+    /// told nothing, and whoever was never let in keeps no place for that.
     fn drop(&mut self) {
-        if let (Some((stream, place)), Ok(runtime)) = (self.stream.take(), Handle::try_current()) {
+        let (Some((stream, place)), Ok(runtime)) = (self.stream.take(), Handle::try_current()) else { return };
+        if place.is_kept() {
             runtime.spawn(linger(stream, place));
+        } else if !place.is_gone()
+            && let Ok(leaving) = self.places.leaving.clone().try_acquire_owned()
+        {
+            runtime.spawn(linger(stream, leaving));
         }
     }
 }
@@ -213,7 +238,7 @@ async fn turn_away(mut stream: TcpStream, place: OwnedSemaphorePermit) {
 }
 
 /// Closes a connection after its other end has.
-async fn linger(mut stream: TcpStream, _place: OwnedSemaphorePermit) {
+async fn linger<T>(mut stream: TcpStream, _place: T) {
     let _ = core::future::poll_fn(|cx| Pin::new(&mut stream).poll_shutdown(cx)).await;
     let rest = async {
         let (mut scratch, mut left) = ([0; 4096], LINGER_BYTES);
@@ -242,7 +267,8 @@ mod tests {
             let listener = TcpListener::bind(("127.0.0.1", 0)).await.expect("a port");
             let deaf = TcpStream::connect(listener.local_addr().expect("it is bound")).await.expect("it listens");
             let (stream, _) = listener.accept().await.expect("a connection");
-            let place = Arc::new(Semaphore::new(1)).acquire_owned().await.expect("a place");
+            let place = Places::new(1, 1).take().expect("a place");
+            place.guest.asks();
             let mut connection = Connection::new(stream, place);
             let write = |connection: &mut Connection, cx: &mut Context<'_>| Pin::new(connection).poll_write(cx, &[0; 65_536]);
             let is_full = |connection: &mut Connection, cx: &mut Context<'_>| write(connection, cx).is_pending();

@@ -18,9 +18,10 @@ use super::outbox::AWAY;
 use super::problem::Problem;
 use super::recorder::Recorder;
 use crate::daemon::desk::{Board, Counter, Refusal, View};
-use crate::daemon::{Notice, OperatorOrder, Phase};
+use crate::daemon::{Enable, Notice, Phase};
 use crate::device::attached::open::LinkNews;
 use crate::rt::clock::ClockKind;
+use crate::rt::control::Control;
 use crate::spatial::Pose;
 use crate::telemetry::metrics::{Metrics, RecordingCounts};
 
@@ -30,8 +31,10 @@ pub struct HubParts {
     pub board: Board,
     /// Takes what clients ask for.
     pub counter: Counter,
-    /// To the supervisor.
-    pub orders: Sender<OperatorOrder>,
+    /// Takes force away and ends the run.
+    pub control: Arc<Control>,
+    /// To the supervisor, which lets force flow.
+    pub enables: Sender<Enable>,
     /// Longest silence of the client that drives; without such a client no force flows.
     pub heartbeat: Option<Duration>,
     /// Which time the run follows.
@@ -60,7 +63,9 @@ pub struct Hub {
     clay: OnceLock<Arc<Clay>>,
     metrics: Option<Metrics>,
     newest: Mutex<Option<Newest>>,
-    orders: Sender<OperatorOrder>,
+    /// Whatever takes force away goes here, and nowhere else first.
+    pub(super) control: Arc<Control>,
+    enables: Sender<Enable>,
     clients: Mutex<Vec<Arc<Client>>>,
     next_client: AtomicU64,
     facts: Mutex<Facts>,
@@ -72,7 +77,7 @@ pub struct Hub {
 impl Hub {
     /// A hub without clients.
     pub fn new(parts: HubParts) -> Arc<Self> {
-        let HubParts { board, counter, orders, heartbeat, clock, recorder, metrics } = parts;
+        let HubParts { board, counter, control, enables, heartbeat, clock, recorder, metrics } = parts;
         let since = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
         Arc::new(Self {
             board,
@@ -83,7 +88,8 @@ impl Hub {
             clay: OnceLock::new(),
             metrics,
             newest: Mutex::default(),
-            orders,
+            control,
+            enables,
             clients: Mutex::default(),
             next_client: AtomicU64::new(1),
             facts: Mutex::default(),
@@ -123,6 +129,7 @@ impl Hub {
                         ("up", format!("the arm is back at {}; it waits to be enabled. {homing}", node.display()))
                     }
                     LinkNews::Fails(why) => ("fails", why.clone()),
+                    LinkNews::Unguarded(why) => ("up", format!("the arm has no guard: {why}")),
                 };
                 self.facts().link = word;
                 self.tell("link", None, text.trim_end(), &[word]);
@@ -228,16 +235,16 @@ impl Hub {
         }
     }
 
-    /// Passes an order on.
-    pub(super) fn order(&self, order: OperatorOrder, client: Option<u64>) -> Result<(), Problem> {
-        if order == OperatorOrder::Enable && !self.heart.lets_enable(client) {
+    /// Asks the supervisor to let force flow.
+    pub(super) fn enable(&self, client: Option<u64>) -> Result<(), Problem> {
+        if !self.heart.lets_enable(client) {
             let hint = "send {\"do\":\"heartbeat\"} over a WebSocket, again and again, then enable";
             return Err(Problem::conflict("this scene wants a client with a heartbeat, and none beats", hint));
         }
         if self.is_baking() {
             return Err(Problem::conflict("the scene is being baked: nothing is rendered yet", "wait for the event `scene`"));
         }
-        self.orders.send(order).map_err(|_| Problem::from(&Refusal::Over))
+        self.enables.send(Enable).map_err(|_| Problem::from(&Refusal::Over))
     }
 
     /// Watches the heartbeats; for a thread of its own.
@@ -248,11 +255,11 @@ impl Hub {
                 Silence::StillHolding => return self.clay.get().map_or((), |clay| clay.let_go(self)),
                 Silence::Of(_) | Silence::Gone | Silence::Nobody => {}
             }
+            // Before anything that takes a lock.
+            self.control.disable();
             if has_force(self.phase()) {
                 self.fell_silent.store(true, Ordering::Relaxed);
             }
-            // If the run is over, nobody takes it, and there is no force.
-            let _ = self.orders.send(OperatorOrder::Disable);
             if is_news {
                 let text = match silence {
                     Silence::Holding | Silence::StillHolding => return,

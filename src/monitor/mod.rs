@@ -16,7 +16,7 @@
 //! |---|---|
 //! | `monitor` | everything on the wire; one tokio runtime of one thread, not pinned, of normal priority |
 //! | `heart` | notes that a controlling client, or one that holds clay, fell silent, even when `monitor` hangs |
-//! | `monitor-mesh`, `monitor-file` | meshes and samples for display; recordings that begin and end, files of clay |
+//! | `monitor-mesh`, `monitor-points`, `monitor-file` | meshes and samples for display; points in contact; recordings that begin and end, files of clay |
 
 pub mod access;
 mod answer;
@@ -35,6 +35,7 @@ mod info;
 mod observer;
 mod outbox;
 mod pace;
+mod places;
 mod problem;
 mod pump;
 mod recorder;

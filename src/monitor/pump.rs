@@ -5,6 +5,8 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use rtrb::Consumer;
+use tokio::sync::oneshot;
+use tokio::sync::oneshot::error::TryRecvError;
 
 use super::client::{Client, Wanted};
 use super::encode::{At, Extras};
@@ -12,7 +14,8 @@ use super::feed::Fed;
 use super::hub::{Hub, Newest};
 use super::rows::{Row, reduced};
 use super::sight::Sight;
-use crate::haptics::contact;
+use super::worker::Worker;
+use crate::haptics::{RenderScene, contact};
 use crate::rt::clock::ClockKind;
 use crate::spatial::Pose;
 use crate::telemetry::TickRecord;
@@ -27,7 +30,7 @@ const SOON_HZ: f64 = 125.0;
 const BOARD_EVERY: Duration = Duration::from_millis(50);
 /// How often over-runs are told.
 const OVERRUNS_EVERY: Duration = Duration::from_millis(100);
-/// How often contact points are looked for at most; and what share of this thread that may take.
+/// How often contact points are looked for at most; and what share of a thread that may take.
 const POINTS_EVERY: Duration = Duration::from_millis(33);
 const POINTS_SHARE: u32 = 10;
 /// Contact points of a state.
@@ -75,13 +78,20 @@ struct Points {
     found: Vec<[f32; 4]>,
 }
 
+/// Points that were found, and how long that took.
+type Found = (Vec<[f32; 4]>, Duration);
+
 pub(super) struct Pump {
     hub: Arc<Hub>,
+    /// For what a large scene takes long for: this thread has to hear every client meanwhile.
+    apart: Worker,
     sight: Sight,
     board_at: Instant,
     groups: Vec<Group>,
     points: Points,
     points_at: Instant,
+    /// Points that are being looked for.
+    sought: Option<oneshot::Receiver<Found>>,
     n_overruns: u32,
     /// The last of them.
     overrun_at: Option<At>,
@@ -89,10 +99,21 @@ pub(super) struct Pump {
 }
 
 impl Pump {
-    pub(super) fn new(hub: Arc<Hub>) -> Self {
+    pub(super) fn new(hub: Arc<Hub>, apart: Worker) -> Self {
         let (sight, now) = (Sight::new(hub.board.view()), Instant::now());
-        let (groups, points) = (Vec::new(), Points::default());
-        Self { hub, sight, board_at: now, groups, points, points_at: now, n_overruns: 0, overrun_at: None, overruns_at: now }
+        Self {
+            hub,
+            apart,
+            sight,
+            board_at: now,
+            groups: Vec::new(),
+            points: Points::default(),
+            points_at: now,
+            sought: None,
+            n_overruns: 0,
+            overrun_at: None,
+            overruns_at: now,
+        }
     }
 
     /// Works until the run is over.
@@ -202,27 +223,36 @@ impl Pump {
         }
     }
 
-    /// Looks for the points in contact, now and then, and no more than a share of the time.
+    /// Has the points in contact looked for, now and then, and no more than a share of the time.
     fn find_points(&mut self, record: &TickRecord, now: Instant) {
+        match self.sought.as_mut().map(oneshot::Receiver::try_recv) {
+            Some(Err(TryRecvError::Empty)) if record.output.contacts > 0 => return,
+            Some(Ok((found, took))) => {
+                self.points = Points { number: self.points.number + 1, found };
+                self.points_at = now + (took * POINTS_SHARE).max(POINTS_EVERY);
+            }
+            // Nothing touches any more, or the search has come to grief.
+            Some(Err(_)) | None => {}
+        }
+        self.sought = None;
         if now < self.points_at {
             return;
         }
-        let Some(scene) = self.sight.scene_of(record) else { return };
-        let mut found = Vec::new();
-        if record.output.contacts > 0 {
-            let world_from_body = record.output.world_from_tool * Pose::from_translation(scene.tool.center_of_mass_tool);
-            for (obstacle, world_from_map) in scene.obstacles.iter().zip(self.sight.poses()) {
-                let map_from_body = world_from_map.inverse() * world_from_body;
-                let kind = scene.parameters.contact.field;
-                contact::visit(&obstacle.field, kind, &scene.tool.shell, map_from_body, |touching| {
-                    let point = world_from_body.transform_point(touching.arm_body.as_dvec3()).as_vec3();
-                    found.push([point.x, point.y, point.z, touching.depth_m]);
-                });
-            }
+        let Some(scene) = self.sight.scene_of(record).cloned() else { return };
+        if record.output.contacts == 0 {
+            self.points = Points { number: self.points.number + 1, found: Vec::new() };
+            self.points_at = now + POINTS_EVERY;
+            return;
         }
-        let step = found.len().div_ceil(MOST_POINTS).max(1);
-        self.points = Points { number: self.points.number + 1, found: found.into_iter().step_by(step).collect() };
-        self.points_at = now + (now.elapsed() * POINTS_SHARE).max(POINTS_EVERY);
+        let (told, sought) = oneshot::channel();
+        let (poses, world_from_tool) = (self.sight.poses().to_vec(), record.output.world_from_tool);
+        self.apart.post(move || {
+            let began = Instant::now();
+            let found = points(&scene, &poses, world_from_tool);
+            // Whoever asked may not want it any more.
+            let _ = told.send((found, began.elapsed()));
+        });
+        self.sought = Some(sought);
     }
 
     /// Tells what has changed on the board.
@@ -250,7 +280,27 @@ impl Pump {
                 }
             }
         }
+        if is_another {
+            // Whoever is the last to know a large scene is busy freeing it for a while.
+            self.apart.post(move || drop(before));
+        }
     }
+}
+
+/// Some of the points in contact, and how deep they are; m.
+fn points(scene: &RenderScene, poses: &[Pose], world_from_tool: Pose) -> Vec<[f32; 4]> {
+    let world_from_body = world_from_tool * Pose::from_translation(scene.tool.center_of_mass_tool);
+    let mut found = Vec::new();
+    for (obstacle, world_from_map) in scene.obstacles.iter().zip(poses) {
+        let map_from_body = world_from_map.inverse() * world_from_body;
+        let kind = scene.parameters.contact.field;
+        contact::visit(&obstacle.field, kind, &scene.tool.shell, map_from_body, |touching| {
+            let point = world_from_body.transform_point(touching.arm_body.as_dvec3()).as_vec3();
+            found.push([point.x, point.y, point.z, touching.depth_m]);
+        });
+    }
+    let step = found.len().div_ceil(MOST_POINTS).max(1);
+    found.into_iter().step_by(step).collect()
 }
 
 #[cfg(test)]

@@ -81,19 +81,25 @@ pub(super) fn router(served: Arc<Served>) -> Router {
 }
 
 /// Whoever may not come in is told why.
-async fn let_in(State(served): State<Arc<Served>>, request: Request, next: Next) -> Response {
+async fn let_in(State(served): State<Arc<Served>>, ConnectInfo(peer): ConnectInfo<Peer>, request: Request, next: Next) -> Response {
     if request.uri().path_and_query().is_some_and(|path| path.as_str().len() > LONGEST_URI) {
         return Problem::new(StatusCode::URI_TOO_LONG, "the address is too long", "").into_response();
     }
     match served.access.may_ask(request.headers(), request.uri().query()) {
-        Ok(()) => next.run(request).await,
+        Ok(()) => {
+            peer.let_in();
+            next.run(request).await
+        }
         Err(problem) => problem.into_response(),
     }
 }
 
-async fn show(State(served): State<Arc<Served>>, request: Request, next: Next) -> Response {
+async fn show(State(served): State<Arc<Served>>, ConnectInfo(peer): ConnectInfo<Peer>, request: Request, next: Next) -> Response {
     match served.access.may_see_page(request.headers()) {
-        Ok(()) => next.run(request).await,
+        Ok(()) => {
+            peer.looks();
+            next.run(request).await
+        }
         Err(problem) => problem.into_response(),
     }
 }

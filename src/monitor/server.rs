@@ -84,7 +84,7 @@ impl Bound {
         let (end, mut ended) = watch::channel(());
         let watched = hub.clone();
         let heart = std::thread::Builder::new().name("heart".to_owned()).spawn(move || watched.watch_heart())?;
-        let pump = Pump::new(hub.clone());
+        let pump = Pump::new(hub.clone(), Worker::new("monitor-points")?);
         let work = async move {
             tokio::spawn(pump.run(fed));
             let seats = served.seats.clone();

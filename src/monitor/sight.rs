@@ -1,5 +1,7 @@
 //! What somebody who sees every record knows of a scene beside the newest one: where its objects stand, and where the arm wants the tool.
 
+use std::sync::Arc;
+
 use super::encode::WireObject;
 use super::feed::Fed;
 use super::hub::Newest;
@@ -53,8 +55,8 @@ impl Sight {
     }
 
     /// The scene, if the record is of it.
-    pub(super) fn scene_of(&self, record: &TickRecord) -> Option<&RenderScene> {
-        self.view.scene.as_deref().filter(|_| record.scene_idx == self.view.scene_idx)
+    pub(super) fn scene_of(&self, record: &TickRecord) -> Option<&Arc<RenderScene>> {
+        self.view.scene.as_ref().filter(|_| record.scene_idx == self.view.scene_idx)
     }
 
     /// A record with everything that is known beside it.

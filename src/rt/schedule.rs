@@ -54,6 +54,11 @@ pub fn enter_realtime(request: ThreadRequest) -> ThreadStanding {
     }
 }
 
+/// Puts the calling thread under SCHED_FIFO, on any processor; true where that is allowed. RT: start-up only.
+pub fn enter_fifo(priority: u8) -> bool {
+    set_fifo(priority).is_ok()
+}
+
 fn set_fifo(priority: u8) -> Result<(), i32> {
     let priority = ThreadPriorityValue::try_from(priority).map_err(|_| libc::EINVAL)?;
     set_thread_priority_and_policy(

@@ -19,7 +19,8 @@ use crate::sculpt::session::SessionError;
 use crate::sculpt::workpiece::{Foreseen, WorkpieceError};
 use crate::voxmap::estimate::{Estimate, MeshMeasures, Products, voxel_size_within};
 use crate::voxmap::field::Field;
-use crate::voxmap::grid::{Grid, GridError, show_bytes, show_decimal_bytes};
+use crate::voxmap::grid::{Grid, GridError};
+use crate::voxmap::memory_limit::MemoryLimit;
 use crate::voxmap::{Options, Stage, Voxmap};
 
 /// Why an object cannot be built.
@@ -49,15 +50,13 @@ pub enum SceneError {
     Piece(#[from] WorkpieceError),
     /// It would take too much memory.
     #[error(
-        "clay: {} samples and {} nodes of the raster take about {}, more than the {} that are allowed ({} and {})",
-        foreseen.samples, foreseen.nodes, show_bytes(foreseen.bytes), show_bytes(*max_bytes), show_decimal_bytes(foreseen.bytes),
-        show_decimal_bytes(*max_bytes)
+        "clay: {} samples and {} nodes of the raster take about {}", foreseen.samples, foreseen.nodes, limit.exceeded_by(foreseen.bytes)
     )]
     ClayMemory {
         /// What it would take, with what objects keep.
         foreseen: Foreseen,
-        /// Bytes allowed.
-        max_bytes: u64,
+        /// What may be taken.
+        limit: MemoryLimit,
     },
     /// A session that was saved.
     #[error("clay: {0}")]
@@ -79,8 +78,8 @@ impl SceneError {
             Self::Piece(WorkpieceError::Beside(..)) => {
                 Some("give `sculpt.region_mm` in the frame of the piece's file, and check `sculpt.units`".to_owned())
             }
-            Self::ClayMemory { .. } => {
-                Some("take fewer mass points in `sculpt.raster`, a larger `sculpt.spacing_mm`, or a larger --max-memory".to_owned())
+            Self::ClayMemory { limit, .. } => {
+                Some(format!("take fewer mass points in `sculpt.raster`, a larger `sculpt.spacing_mm`, or {}", limit.remedy()))
             }
             Self::Piece(_) | Self::Frame(_) => None,
         }
@@ -107,10 +106,15 @@ impl<'a> From<&'a mut Cache> for BakeMeans<'a> {
 pub struct MemoryPlan<'a> {
     /// Most bytes held at a time, by estimate; `None`: no limit.
     max_bytes: Option<u64>,
+    /// Asked before each object what the system has left; `None`: not a matter of the plan.
+    left: Option<Box<Left<'a>>>,
     /// What the objects done so far keep: by estimate, or by their size where the cache had them.
     kept_bytes: u64,
     tell: Box<Tell<'a>>,
 }
+
+/// What the system has left, bytes; `None` where it does not say.
+type Left<'a> = dyn Fn() -> Option<u64> + 'a;
 
 /// Is told an object's name and what baking it will take.
 type Tell<'a> = dyn FnMut(&str, &Estimate) + 'a;
@@ -119,27 +123,47 @@ impl<'a> MemoryPlan<'a> {
     /// A limit, if any, and what to do with each object's name and estimate before its work begins. The peak includes what the
     /// objects before it keep.
     pub fn new(max_bytes: Option<u64>, tell: impl FnMut(&str, &Estimate) + 'a) -> Self {
-        Self { max_bytes, kept_bytes: 0, tell: Box::new(tell) }
+        Self { max_bytes, left: None, kept_bytes: 0, tell: Box::new(tell) }
+    }
+
+    /// The same, and no object takes more than a part of what the system has left when its turn comes ([`MemoryLimit::Left`]): for a process that
+    /// must not be ended for want of memory.
+    #[must_use]
+    pub fn within(self, left: impl Fn() -> Option<u64> + 'a) -> Self {
+        Self { left: Some(Box::new(left)), ..self }
     }
 
     /// There is a limit to keep.
     pub(super) fn is_limited(&self) -> bool {
-        self.max_bytes.is_some()
+        self.max_bytes.is_some() || self.left.is_some()
+    }
+
+    /// What the system leaves the next object; `None`: whatever it takes.
+    fn left(&self) -> Option<MemoryLimit> {
+        self.left.as_ref()?().map(MemoryLimit::Left)
+    }
+
+    /// The limit that so many bytes exceed, and how many of them may be taken beside what is kept: what somebody allowed counts that too, and what
+    /// is left does not.
+    fn exceeded_by(&self, needed_bytes: u64) -> Option<(MemoryLimit, u64)> {
+        let given = self.max_bytes.map(|bytes| (MemoryLimit::Given(bytes), bytes.saturating_sub(self.kept_bytes)));
+        let left = self.left().map(|limit| (limit, limit.max_bytes()));
+        given.into_iter().chain(left).find(|(_, most_bytes)| needed_bytes > *most_bytes)
     }
 
     /// Judges the clay, beside what the objects before it keep.
     pub(super) fn judge_clay(&self, mut foreseen: Foreseen) -> Result<(), SceneError> {
-        foreseen.bytes = foreseen.bytes.saturating_add(self.kept_bytes);
-        match self.max_bytes {
-            Some(max_bytes) if foreseen.bytes > max_bytes => Err(SceneError::ClayMemory { foreseen, max_bytes }),
-            _ => Ok(()),
+        let Some((limit, _)) = self.exceeded_by(foreseen.bytes) else { return Ok(()) };
+        if let MemoryLimit::Given(_) = limit {
+            foreseen.bytes = foreseen.bytes.saturating_add(self.kept_bytes);
         }
+        Err(SceneError::ClayMemory { foreseen, limit })
     }
 }
 
 impl core::fmt::Debug for MemoryPlan<'_> {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        let Self { max_bytes, kept_bytes, tell: _ } = self;
+        let Self { max_bytes, kept_bytes, left: _, tell: _ } = self;
         f.debug_struct("MemoryPlan").field("max_bytes", max_bytes).field("kept_bytes", kept_bytes).finish_non_exhaustive()
     }
 }
@@ -154,7 +178,9 @@ pub(super) fn obtain(
     mut tell: impl FnMut(Stage),
 ) -> Result<Baked, SceneError> {
     tell(Stage::Load);
-    let slot = match cache.look_up(request) {
+    // What the cache has is read whole.
+    let most_bytes = memory.left().map_or(u64::MAX, MemoryLimit::max_bytes);
+    let slot = match cache.look_up(request, most_bytes) {
         Lookup::Hit(baked) => {
             memory.kept_bytes += baked.heap_bytes() as u64;
             return Ok(*baked);
@@ -237,23 +263,18 @@ impl Geometry {
         let grid = |source| SceneError::Grid { name: self.name.clone(), source };
         let around = Grid::around(low, high, options.voxel_size_m, options.layers).map_err(grid)?;
         let mut estimate = Estimate::new(&measures, &around, options.layers, products);
+        let own_bytes = estimate.peak_bytes;
+        let exceeded = memory.exceeded_by(own_bytes);
         estimate.peak_bytes += memory.kept_bytes;
         memory.kept_bytes += estimate.kept_bytes;
         (memory.tell)(&self.name, &estimate);
-        match memory.max_bytes {
-            Some(max_bytes) if estimate.peak_bytes > max_bytes => {
-                let kept_bytes = memory.kept_bytes - estimate.kept_bytes;
-                let left_bytes = max_bytes.saturating_sub(kept_bytes);
-                let voxel_size_m = voxel_size_within(&measures, options.voxel_size_m, options.layers, products, left_bytes);
-                Err(grid(GridError::Memory {
-                    needed_bytes: estimate.peak_bytes,
-                    max_bytes,
-                    asked_m: options.voxel_size_m,
-                    voxel_size_m,
-                }))
-            }
-            _ => Ok(()),
-        }
+        let Some((limit, most_bytes)) = exceeded else { return Ok(()) };
+        Err(grid(GridError::Memory {
+            needed_bytes: if let MemoryLimit::Given(_) = limit { estimate.peak_bytes } else { own_bytes },
+            limit,
+            asked_m: options.voxel_size_m,
+            voxel_size_m: voxel_size_within(&measures, options.voxel_size_m, options.layers, products, most_bytes),
+        }))
     }
 
     /// Voxel edge s, m.

@@ -9,6 +9,10 @@ use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
 use super::{Moved, PointSurface};
+use crate::storage::regular;
+
+/// Bytes of an image file at most.
+const LONGEST_IMAGE: u64 = 64 << 20;
 
 /// A grey-scale image.
 #[derive(Clone, Debug, PartialEq)]
@@ -65,7 +69,7 @@ impl GreyImage {
     /// # Errors
     /// [`ImageError`].
     pub fn read(path: &Path) -> Result<Self, ImageError> {
-        let bytes = std::fs::read(path).map_err(|source| ImageError::Read { path: path.to_owned(), source })?;
+        let bytes = regular::bytes(path, LONGEST_IMAGE).map_err(|source| ImageError::Read { path: path.to_owned(), source })?;
         let decoded = tiny_skia::Pixmap::decode_png(&bytes)
             .map_err(|error| ImageError::Decode { path: path.to_owned(), reason: error.to_string() })?;
         // Premultiplied: what is transparent is dark already.

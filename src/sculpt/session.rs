@@ -5,7 +5,6 @@
 //! of a material stands in `painted` once for all moments that share it. Fits are not kept: they follow from the samples.
 
 use std::collections::HashMap;
-use std::fs::File;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -19,8 +18,8 @@ use super::material_map::{Layer, MaterialMap};
 use super::whole_file::write_whole;
 use super::workpiece::{Moment, Session, Settings, Workpiece, WorkpieceError};
 use crate::haptics::clay::{Lattice, Raster};
-use crate::storage::Region;
 use crate::storage::sections::{Key, Reader, Refusal, Writer, key_of};
+use crate::storage::{Region, regular};
 
 /// Counts up when the meaning of a section changes.
 const GENERATION: u32 = 2;
@@ -201,7 +200,7 @@ impl Workpiece {
     /// [`SessionError`].
     pub fn load_session(path: &Path) -> Result<Self, SessionError> {
         let read = |source| SessionError::Io { what: "read", path: path.to_owned(), source };
-        let region = Region::read(&File::open(path).map_err(read)?).map_err(read)?;
+        let region = Region::read(&regular::open(path).map_err(read)?).map_err(read)?;
         let session = decode(region).map_err(|reason| SessionError::Refused { path: path.to_owned(), reason })?;
         Self::resume(session).map_err(|source| SessionError::Piece { path: path.to_owned(), source })
     }

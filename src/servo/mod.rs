@@ -23,7 +23,7 @@
 
 mod calibration;
 mod clay;
-mod control;
+mod lowered;
 mod pace;
 mod placing;
 mod reins;
@@ -35,8 +35,9 @@ pub(crate) mod testing;
 mod thread;
 mod tuner;
 
+pub use crate::rt::control::{Control, Order, Permit};
 pub use clay::{ClayFeed, ClaySlot, PublishError, ToolState};
-pub use control::{Control, Order};
+pub use lowered::Lowered;
 pub use pace::{Due, Pace};
 pub use placing::{PlaceError, Placer, Wishes};
 pub use reins::{ReinEnds, Reins};

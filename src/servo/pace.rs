@@ -59,14 +59,6 @@ impl Pace {
         Due { now_ns, late_ns: late_ns.unsigned_abs(), missed }
     }
 
-    /// Takes note of a tick that an arm called for at `now_ns`: late is what it came after the deadline, and the grid follows the arm.
-    pub fn follow(&mut self, now_ns: i64) -> Due {
-        let late_ns = (now_ns - self.next_ns).max(0);
-        let missed = (late_ns / self.period_ns).unsigned_abs();
-        self.next_ns = now_ns.saturating_add(self.period_ns);
-        Due { now_ns, late_ns: late_ns.unsigned_abs(), missed }
-    }
-
     fn skip(&mut self, n_periods: i64) -> u64 {
         self.next_ns = self.next_ns.saturating_add(n_periods.saturating_mul(self.period_ns));
         n_periods.unsigned_abs()
@@ -116,13 +108,5 @@ mod tests {
         assert_eq!(pace.wait(&mut clock), Due { now_ns: 3 * T + T / 2, late_ns: 2_500_000, missed: 2 });
         assert_eq!(pace.wait(&mut clock), Due { now_ns: 4 * T, late_ns: 0, missed: 0 });
         assert_eq!(pace.wait(&mut clock), Due { now_ns: 5 * T, late_ns: 0, missed: 0 });
-    }
-
-    #[test]
-    fn an_arm_that_sets_the_rate_moves_the_grid() {
-        let mut pace = Pace::new(0, T);
-        assert_eq!(pace.follow(T - 5).missed, 0);
-        assert_eq!(pace.follow(2 * T - 5), Due { now_ns: 2 * T - 5, late_ns: 0, missed: 0 });
-        assert_eq!(pace.follow(4 * T + 5).missed, 1);
     }
 }

@@ -10,6 +10,7 @@
 
 use rtrb::{Consumer, Producer, PushError, RingBuffer};
 
+use super::lowered::{Lowered, LoweredEnd};
 use crate::device::simulated::hand::HandPath;
 use crate::haptics::{Placement, Tune};
 use crate::spatial::Pose;
@@ -111,6 +112,7 @@ fn placement(objects: &[(String, bool)], name: &str, world_from_map: Pose) -> Re
 pub struct Wishes {
     pub(super) ring: Option<Consumer<Placement>>,
     pub(super) tunes: Option<Consumer<Tune>>,
+    lowered: Option<LoweredEnd>,
     paths: Vec<(u32, HandPath)>,
     turn: usize,
 }
@@ -137,12 +139,22 @@ impl Wishes {
             seen.push(obstacle_idx);
             Ok((obstacle_idx, path))
         };
-        Ok(Self { ring, tunes: None, paths: paths.into_iter().map(checked).collect::<Result<_, _>>()?, turn: 0 })
+        let paths = paths.into_iter().map(checked).collect::<Result<_, _>>()?;
+        Ok(Self { ring, tunes: None, lowered: None, paths, turn: 0 })
+    }
+
+    /// The same, with limits that hold from scene to scene.
+    #[must_use]
+    pub fn with_lowered(mut self, lowered: &Lowered) -> Self {
+        self.lowered = Some(LoweredEnd::new(lowered.clone()));
+        self
     }
 
     /// What a parameter is to become. RT: safe.
     pub(super) fn next_tune(&mut self) -> Option<Tune> {
-        self.tunes.as_mut().and_then(|ring| ring.pop().ok())
+        // Limits go first: of a scene that takes the place of another they count before its first force.
+        let lowered = self.lowered.as_mut().and_then(LoweredEnd::next);
+        lowered.or_else(|| self.tunes.as_mut().and_then(|ring| ring.pop().ok()))
     }
 
     /// Where an object is to go. RT: safe; O(log n) in the length of a path.

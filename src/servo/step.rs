@@ -1,13 +1,12 @@
 //! One turn of the loop.
 
-use core::time::Duration;
 use std::sync::Arc;
 
 use rtrb::{Producer, PushError};
 
 use super::clay::frame_in_use;
-use super::{ClaySlot, Control, Due, Order, Pace, Stage, StopGuard, SwapSlot, Wishes};
-use crate::device::{Capabilities, Device, DeviceError, Wakeup};
+use super::{ClaySlot, Control, Order, Pace, Stage, StopGuard, SwapSlot, Wishes};
+use crate::device::{Device, DeviceError};
 use crate::haptics::{self, Drive, DriveRequest, Faults, RenderScene, State, TickInput, TickOutput};
 use crate::rt::clock::{Clock, ClockKind};
 use crate::spatial::{DeviceSample, SampleStatus, Wrench};
@@ -94,7 +93,7 @@ pub struct LoopReport {
 ///  wait ──► read ──► tick ──► write ──► publish ──► ended? ──no───────────┘
 ///    │        │ error           │ error                └─yes─► zero command, report
 ///    │        └► stale or lost  └► lost: the next tick sees it
-///    └ late: count, skip
+///    └ late: count, skip; too late with force on: the tick faults
 /// ```
 #[derive(Debug)]
 pub struct ServoLoop<D: Device, C: Clock> {
@@ -104,7 +103,6 @@ pub struct ServoLoop<D: Device, C: Clock> {
     tick_function: TickFunction,
     time_budget_s: Option<f64>,
     device: StopGuard<D>,
-    capabilities: Capabilities,
     clock: C,
     pace: Pace,
     start_ns: i64,
@@ -133,6 +131,8 @@ pub struct ServoLoop<D: Device, C: Clock> {
     first_tick_ns: Option<i64>,
     ending: Ending,
     last: TickOutput,
+    /// When the last command was written, clock time, ns.
+    commanded_ns: Option<i64>,
 }
 
 impl<D: Device, C: Clock> ServoLoop<D, C> {
@@ -148,7 +148,6 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
         let period_s = scene.parameters.period_s;
         #[expect(clippy::disallowed_types, reason = "start-up")]
         let stage = Box::new(Stage::new(scene));
-        let capabilities = device.capabilities();
         Self {
             stop_ticks: stage.stop_ticks(),
             stage,
@@ -156,7 +155,6 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
             tick_function: haptics::tick,
             time_budget_s: None,
             device: StopGuard::new(device),
-            capabilities,
             clock,
             pace: Pace::new(0, (period_s * 1e9).round() as i64),
             start_ns: 0,
@@ -179,6 +177,7 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
             first_tick_ns: None,
             ending: Ending::Running,
             last: TickOutput::default(),
+            commanded_ns: None,
         }
     }
 
@@ -235,7 +234,7 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
                 break;
             }
             let sample = DeviceSample { sequence: u64::from(n) + 1, status: SampleStatus::Fresh, ..DeviceSample::default() };
-            let input = TickInput { sample, request: Order::Enable.request(), ..TickInput::default() };
+            let input = TickInput { sample, request: DriveRequest::Enable, ..TickInput::default() };
             core::hint::black_box((self.tick_function)(&self.stage.scene, &mut rehearsal, &input));
             core::hint::black_box((self.clock.now_ns(), self.clock.stopwatch_ns()));
         }
@@ -257,8 +256,11 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
             return Step::End;
         }
 
-        let due = self.wait();
+        let due = self.pace.wait(&mut self.clock);
         self.missed_deadlines += due.missed;
+        let stall_ns = (self.stage.scene.parameters.limits.stall_s * 1e9) as i64;
+        let stalled =
+            self.clock.kind() == ClockKind::Real && self.commanded_ns.is_some_and(|last_ns| due.now_ns - last_ns > stall_ns);
         // Before the clock of the tick starts: simulated time may wait here for a bake.
         let swaps = self.swap_is_due(wanted);
         self.exchange_clay();
@@ -271,14 +273,18 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
         let place = self.stage.wishes.next_place(self.tick as f64 * self.stage.scene.parameters.period_s);
         let tune = self.stage.wishes.next_tune();
         let clay = frame_in_use(self.stage.clay.as_ref(), &self.stage.state);
-        let input = TickInput { sample, request, overrun: due.missed > 0, place, tune, clay };
+        let input = TickInput { sample, request, overrun: due.missed > 0, stalled, place, tune, clay };
         let output = (self.tick_function)(&self.stage.scene, &mut self.stage.state, &input);
         let computed_ns = self.clock.stopwatch_ns();
         if output.drive.has_force() != self.enabled {
             self.enabled = output.drive.has_force();
             self.device.set_enabled(self.enabled);
         }
-        let rendered_device = self.write(&output.command_device);
+        // The machine may have stood still since the sample was read: what it asked for then is not for now. The arm gets zero, and the next tick
+        // the fault.
+        self.commanded_ns = Some(due.now_ns);
+        let is_old = self.clock.kind() == ClockKind::Real && self.clock.now_ns() - due.now_ns > stall_ns;
+        let rendered_device = self.write(if is_old { &Wrench::ZERO } else { &output.command_device });
         let written_ns = self.clock.stopwatch_ns();
 
         self.last = output;
@@ -292,6 +298,7 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
             input,
             output,
             rendered_device,
+            beside_device: self.device.beside_device(),
             contact_budget_points: self.stage.budget_points(),
         });
         if let Stage { clay: Some(clay), state, .. } = &mut *self.stage {
@@ -308,7 +315,7 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
     fn exchange_clay(&mut self) {
         let (control, clock) = (&self.control, self.clock.kind());
         if let Stage { clay: Some(clay), state, .. } = &mut *self.stage {
-            clay.exchange(state, clock, || matches!(control.order(), Order::Stop | Order::Quit));
+            clay.exchange(state, clock, || control.is_ending());
         }
     }
 
@@ -322,13 +329,14 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
     /// Exchanges the scenes once no force is left. The tool stays where it stands, if there is room in the new scene.
     fn swap_at_zero(&mut self, output: &TickOutput) {
         let at_zero = output.drive == Drive::Disabled && output.command_device == Wrench::ZERO;
+        let before = self.stage.state.handover();
         if at_zero
             && output.faults.is_empty()
             && !self.driver_fault
             && self.swaps.as_mut().is_some_and(|swaps| swaps.exchange(&mut self.stage))
         {
             let Stage { scene, state, .. } = &mut *self.stage;
-            state.resume_at(scene, output.world_from_tool);
+            state.resume_at(scene, output.world_from_tool, before);
             self.stop_ticks = self.stage.stop_ticks();
             self.scene_idx += 1;
         }
@@ -346,20 +354,11 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
 
     /// What the tick is told of it: after a fault that it does not know of, such as a command that the driver refused, zero now and no ramp.
     fn request(&self, wanted: Order) -> DriveRequest {
-        if self.driver_fault { DriveRequest::Disable } else { wanted.request() }
-    }
-
-    fn wait(&mut self) -> Due {
-        match self.capabilities.wakeup {
-            Wakeup::Clock => self.pace.wait(&mut self.clock),
-            Wakeup::Device => {
-                // Two periods: one late report is a missed deadline, not the end of the loop.
-                let timeout = Duration::from_nanos(self.pace.period_ns().unsigned_abs().saturating_mul(2));
-                // A loss shows again in `read`, which is where it is judged.
-                let _ = self.device.wait(timeout);
-                let now_ns = self.clock.now_ns();
-                self.pace.follow(now_ns)
-            }
+        match wanted {
+            _ if self.driver_fault => DriveRequest::Disable,
+            Order::Disable => DriveRequest::Disable,
+            Order::Enable => DriveRequest::Enable,
+            Order::Stop | Order::Quit => DriveRequest::Stop,
         }
     }
 

@@ -24,6 +24,7 @@ pub(crate) fn parameters() -> Parameters {
             slew_n_per_s: 1000.0,
             slew_nm_per_s: 20.0,
             power_w: 5.0,
+            stall_s: 0.05,
             ..LimitParameters::NONE
         },
         ..Parameters::unlimited(1e-3)
@@ -67,10 +68,6 @@ pub(crate) struct CountingArm {
 impl Device for CountingArm {
     fn capabilities(&self) -> Capabilities {
         self.capabilities
-    }
-
-    fn wait(&mut self, _timeout: core::time::Duration) -> Result<bool, DeviceError> {
-        Ok(true)
     }
 
     fn read(&mut self) -> Result<DeviceSample, DeviceError> {

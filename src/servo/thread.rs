@@ -32,11 +32,10 @@ mod tests {
 
     use super::*;
     use crate::device::simulated::{SimArm, SimParameters};
-    use crate::device::{Capabilities, Wakeup};
     use crate::haptics::{Drive, DriveRequest, Faults, RenderScene, State, TickInput, TickOutput};
     use crate::rt::clock::{RealClock, VirtualClock};
     use crate::servo::testing::{ArmLog, CountingArm, ScriptedClock, empty_scene};
-    use crate::servo::{Control, Ending, Order, RunPlan, Stage, SwapSlot, TickFunction};
+    use crate::servo::{Control, Ending, RunPlan, Stage, SwapSlot, TickFunction};
     use crate::spatial::{SampleStatus, Wrench};
     use crate::telemetry::TickRecord;
 
@@ -79,7 +78,7 @@ mod tests {
 
     fn bench<C: Clock>(clock: C, arm: CountingArm, stop_at_tick: Option<u64>, ring: usize, tick: TickFunction) -> Bench<C> {
         let (producer, records) = RingBuffer::new(ring);
-        let control = Arc::new(Control::new(Order::Enable));
+        let control = Arc::new(Control::enabled());
         let log = arm.log.clone();
         let servo =
             ServoLoop::new(empty_scene(), arm, clock, control.clone(), RunPlan { stop_at_tick, ..RunPlan::default() }, producer)
@@ -143,7 +142,7 @@ mod tests {
     fn once_a_fault_is_acknowledged_scenes_take_each_others_place_again() {
         let arm = CountingArm { lost_from_read: Some(30), back_from_read: Some(60), ..CountingArm::default() };
         let (producer, mut records) = RingBuffer::new(4096);
-        let control = Arc::new(Control::new(Order::Enable));
+        let control = Arc::new(Control::enabled());
         let (mut swapper, slot) = SwapSlot::new(Box::new([]));
         let plan = RunPlan { stop_at_tick: Some(1500), outlives_faults: true };
         let servo = ServoLoop::new(empty_scene(), arm, VirtualClock::default(), control.clone(), plan, producer);
@@ -153,8 +152,8 @@ mod tests {
             match n {
                 // Offered while the fault is latched: it waits.
                 100 => swapper.offer(Box::new(Stage::new(empty_scene()))).expect("room"),
-                300 => control.give(Order::Disable),
-                400 => control.give(Order::Enable),
+                300 => control.disable(),
+                400 => control.enable(control.permit()),
                 _ => {}
             }
             if servo.step() == Step::End {
@@ -195,6 +194,56 @@ mod tests {
         }
         let expected = [(1_000_000, 0, false), (4_500_000, 2_500_000, true), (5_000_000, 0, false), (6_000_000, 0, false)];
         assert_eq!(seen, expected);
+    }
+
+    /// Like the real tick: a stall while it pushes is a fault.
+    fn faulting_when_stalled(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOutput {
+        if input.stalled {
+            TickOutput { drive: Drive::Fault, faults: Faults::OVERRUN, ..TickOutput::default() }
+        } else {
+            pushing(scene, state, input)
+        }
+    }
+
+    #[test]
+    fn a_machine_that_stood_still_is_told_to_the_tick_by_time_whatever_the_number_of_ticks() {
+        let limit_ns = 50_000_000;
+        for (late_ns, is_stall) in [(limit_ns - 1_000_000, false), (limit_ns, true)] {
+            let mut bench =
+                bench(ScriptedClock::late_by(&[0, 0, late_ns, 0]), CountingArm::default(), Some(99), 256, faulting_when_stalled);
+            let report = run_to_end(bench.servo);
+            assert_eq!(report.faults.contains(Faults::OVERRUN), is_stall, "{late_ns} ns");
+            let mut stalled = Vec::new();
+            while let Ok(record) = bench.records.pop() {
+                stalled.extend(record.input.stalled.then_some(record.tick));
+            }
+            assert_eq!(stalled.as_slice(), if is_stall { &[2_u64][..] } else { &[] });
+        }
+    }
+
+    #[test]
+    fn a_command_that_took_too_long_to_compute_is_replaced_by_zero() {
+        fn slow(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOutput {
+            if input.sample.sequence == 12 {
+                let begin = std::time::Instant::now();
+                while begin.elapsed().as_millis() < 80 {}
+            }
+            pushing(scene, state, input)
+        }
+        let mut bench = bench(RealClock, CountingArm::default(), None, 1024, slow);
+        bench.servo.warm_up();
+        let mut forces = Vec::new();
+        for _ in 0..13 {
+            bench.servo.step();
+            forces.push(bench.log.held_force_x());
+        }
+        // The warm-up has samples of its own, the loop's begin at 1.
+        assert_eq!(forces.get(10..12), Some(&[1.0, 0.0][..]), "{forces:?}");
+        let mut stalled = Vec::new();
+        while let Ok(record) = bench.records.pop() {
+            stalled.extend(record.input.stalled.then_some(record.tick));
+        }
+        assert!(stalled.contains(&12), "the next tick hears of it: {stalled:?}");
     }
 
     #[test]
@@ -239,7 +288,7 @@ mod tests {
         let mut bench = bench(VirtualClock::default(), CountingArm::default(), None, 64, pushing);
         bench.servo.warm_up();
         assert_eq!(bench.servo.step(), Step::Continue);
-        bench.control.give(Order::Quit);
+        bench.control.quit();
         assert_eq!(bench.servo.step(), Step::End);
         assert_eq!(bench.servo.step(), Step::End);
         assert_eq!(bench.log.writes.load(Ordering::SeqCst), 1);
@@ -248,20 +297,11 @@ mod tests {
     }
 
     #[test]
-    fn an_arm_with_its_own_rate_paces_the_loop() {
-        let capabilities = Capabilities { wakeup: Wakeup::Device, ..Capabilities::default() };
-        let arm = CountingArm { capabilities, ..CountingArm::default() };
-        let bench = bench(ScriptedClock::default(), arm, Some(9), 64, pushing);
-        // The scripted clock stands still, so nothing but the arm can have paced these ticks.
-        assert_eq!(run_to_end(bench.servo).ticks, 10);
-    }
-
-    #[test]
     fn two_runs_on_the_simulated_arm_give_the_same_records() {
         let run = || {
             let (producer, mut records) = RingBuffer::new(4096);
             let arm = SimArm::new(SimParameters::ideal(1e-3)).expect("valid");
-            let control = Arc::new(Control::new(Order::Enable));
+            let control = Arc::new(Control::enabled());
             let plan = RunPlan { stop_at_tick: Some(2000), ..RunPlan::default() };
             let servo = ServoLoop::new(empty_scene(), arm, VirtualClock::default(), control, plan, producer).with_tick(pushing);
             let report = run_to_end(servo);

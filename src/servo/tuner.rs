@@ -3,6 +3,7 @@
 
 use rtrb::{Consumer, Producer, PushError, RingBuffer};
 
+use super::Lowered;
 use crate::haptics::{Knob, KnobRange, Parameters, Tune};
 
 /// Tunes under way: a slider that somebody drags gives some tens a second, the loop takes one per tick.
@@ -104,10 +105,22 @@ impl Tuner {
         Ok(())
     }
 
-    /// The file of the scene says now what is asked for now.
-    pub fn adopt(&mut self) {
-        for (_, range, target) in &mut self.knobs {
-            range.scene = *target;
+    /// The file of the scene has these values now. Of a limit that is the largest one that clients may ask for.
+    pub fn adopt<'n>(&mut self, values: impl IntoIterator<Item = (&'n str, f64)>) {
+        for (name, value) in values {
+            if let Some((knob, range, _)) = self.knobs.iter_mut().find(|(knob, ..)| knob.name() == name) {
+                range.scene = value;
+                if knob.is_limit() {
+                    range.most = value;
+                }
+            }
+        }
+    }
+
+    /// Limits that the loop keeps by itself are where they are kept.
+    pub fn show_lowered(&mut self, lowered: &Lowered) {
+        for (knob, range, target) in &mut self.knobs {
+            *target = lowered.bound(*knob, *target).max(range.least.min(*target));
         }
     }
 }
@@ -133,8 +146,23 @@ mod tests {
         assert_eq!(tuner.set_all([(first.name(), range.least), (second.name(), other.most)]), Err(TuneError::Full));
         assert_eq!((ring.slots(), tuner.knobs()[0].2), (RING_TUNES - 1, range.most));
         assert_eq!(tuner.knobs()[0].1, range);
-        tuner.adopt();
+        tuner.adopt([(first.name(), range.most)]);
         assert_eq!(tuner.knobs()[0].1, KnobRange { scene: range.most, ..range });
+    }
+
+    #[test]
+    fn a_client_asks_for_no_larger_limit_than_the_file_has_now() {
+        let (mut tuner, _ring) = Tuner::new(&parameters());
+        let name = Knob::ForceLimit.name();
+        let found = |tuner: &Tuner| *tuner.knobs().iter().find(|(knob, ..)| knob.name() == name).expect("a knob");
+        let scene = found(&tuner).1.scene;
+        tuner.adopt([(name, 0.5 * scene)]);
+        assert!(matches!(tuner.set(name, 0.6 * scene), Err(TuneError::Range { .. })));
+        assert_eq!(tuner.set(name, 0.4 * scene), Ok(()));
+        let lowered = Lowered::default();
+        lowered.keep(Knob::ForceLimit, 0.3 * scene, scene);
+        tuner.show_lowered(&lowered);
+        assert_eq!(found(&tuner).2, 0.3 * scene);
     }
 
     #[test]

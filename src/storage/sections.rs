@@ -12,7 +12,6 @@
 //! that is damaged. Checksums are XXH3 with 64 bits: they find accidents, not forgeries. A forged file gives wrong arrays, never an index
 //! out of range: who reads an array checks what it indexes.
 
-use std::fs::File;
 use std::io::{self, Read, Write};
 use std::path::Path;
 use std::sync::Arc;
@@ -21,7 +20,7 @@ use bytemuck::{Pod, Zeroable};
 use thiserror::Error;
 use twox_hash::XxHash3_64;
 
-use super::{Region, Slab};
+use super::{Region, Slab, regular};
 
 /// Format of the file; counts up when the head, the table or the meaning of a section changes.
 pub const FORMAT: u32 = 1;
@@ -184,7 +183,7 @@ fn window<T: Pod>(region: &Arc<Region>, offset: usize, n: usize) -> Option<Slab<
 /// The key in the head of a file of arrays; `None` for any other file, and for one that cannot be read.
 pub fn key_of(path: &Path) -> Option<Key> {
     let mut bytes = [0; HEAD_BYTES];
-    File::open(path).ok()?.read_exact(&mut bytes).ok()?;
+    regular::open(path).ok()?.read_exact(&mut bytes).ok()?;
     let head: Head = bytemuck::pod_read_unaligned(&bytes);
     (head.magic == MAGIC).then_some(head.key)
 }

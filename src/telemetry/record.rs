@@ -28,6 +28,9 @@ pub struct TickRecord {
     /// What the motors made of the command (`rendered`): device axes, reduced at the grip point. Torque that the arm has no motors for is
     /// gone from it, and all of it is smaller where a motor was at its limit.
     pub rendered_device: Wrench,
+    /// What the motors made beside the command: gravity compensation and damping of joints. The hand feels it where it does not match the weight
+    /// of the links.
+    pub beside_device: Wrench,
     /// What the contact query might look at; `None`: everything. It enters the tick, and is the same throughout a scene.
     pub contact_budget_points: Option<u32>,
 }

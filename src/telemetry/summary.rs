@@ -258,18 +258,22 @@ pub struct RealtimeSummary {
     pub kernel_rt: bool,
 }
 
-/// What the motors made of the command. An arm with three motors drops the torque, and a motor at its limit weakens all of them together.
+/// What the motors made, of the command and beside it. An arm with three motors drops the torque, and a motor at its limit weakens all of them together.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Rendered {
-    /// Largest |F| that the motors made, N.
+    /// Largest |F| that the motors made, all of it together, N.
     pub max_force_n: f64,
-    /// Largest |τ| that the motors made, N·m.
+    /// Largest |τ| that the motors made, all of it together, N·m.
     pub max_torque_nm: f64,
+    /// Largest |F| of it beside the command, N: gravity compensation and damping of joints.
+    pub max_beside_force_n: f64,
+    /// Largest |τ| of it beside the command, N·m.
+    pub max_beside_torque_nm: f64,
     /// Largest torque that was computed for the hand and that no motor makes, N·m.
     pub max_dropped_torque_nm: f64,
     /// Largest force that was computed for the hand and that no motor makes, N.
     pub max_dropped_force_n: f64,
-    /// Ticks in which motors at their limits weakened the command.
+    /// Ticks in which the limits of the motors weakened the command: their own, and the caps of the profile.
     pub weakened_ticks: u64,
     /// Ticks whose command did not go out: the motors kept an older one, or the link refused it.
     pub unsent_ticks: u64,
@@ -282,8 +286,12 @@ impl Rendered {
     /// `last`: the record before this one.
     fn add(&mut self, record: &TickRecord, last: Option<&(Wrench, Wrench)>) {
         let (rendered, command, commanded) = (record.rendered_device, record.output.command_device, record.output.commanded_device);
-        self.max_force_n = self.max_force_n.max(rendered.force.length());
-        self.max_torque_nm = self.max_torque_nm.max(rendered.torque.length());
+        let beside = record.beside_device;
+        let made = rendered + beside;
+        self.max_force_n = self.max_force_n.max(made.force.length());
+        self.max_torque_nm = self.max_torque_nm.max(made.torque.length());
+        self.max_beside_force_n = self.max_beside_force_n.max(beside.force.length());
+        self.max_beside_torque_nm = self.max_beside_torque_nm.max(beside.torque.length());
         // Against what the renderer wanted on the axes without a motor; what the motors' limits take is counted apart.
         self.max_dropped_force_n = self.max_dropped_force_n.max((commanded.force - command.force).length());
         self.max_dropped_torque_nm = self.max_dropped_torque_nm.max((commanded.torque - command.torque).length());

@@ -6,6 +6,8 @@
 use glam::DVec3;
 use thiserror::Error;
 
+use super::memory_limit::MemoryLimit;
+
 /// Cells on a brick's edge.
 pub const BRICK_EDGE: usize = 8;
 /// Cells in a brick.
@@ -54,15 +56,12 @@ pub enum GridError {
         voxel_size_m: f64,
     },
     /// More memory than allowed.
-    #[error(
-        "baking takes about {}, more than the {} that are allowed ({} and {})",
-        show_bytes(*needed_bytes), show_bytes(*max_bytes), show_decimal_bytes(*needed_bytes), show_decimal_bytes(*max_bytes)
-    )]
+    #[error("baking takes about {}", limit.exceeded_by(*needed_bytes))]
     Memory {
         /// Most bytes held at a time, by estimate.
         needed_bytes: u64,
-        /// Bytes allowed.
-        max_bytes: u64,
+        /// What may be taken.
+        limit: MemoryLimit,
         /// Voxel size asked for, m.
         asked_m: f64,
         /// Smallest voxel size that fits, m; `None` where coarser voxels do not help.
@@ -81,10 +80,15 @@ impl GridError {
                 format!("use a voxel size of at least {} mm, or check `units`", round_up(voxel_size_m * 1e3))
             }
             Self::Surface { voxel_size_m, .. } => format!("use a voxel size of at least {} mm", round_up(voxel_size_m * 1e3)),
-            Self::Memory { voxel_size_m: Some(voxel_size_m), .. } => {
-                format!("use a voxel size of at least {} mm, fewer layers, or a larger --max-memory", round_up(voxel_size_m * 1e3))
+            Self::Memory { voxel_size_m: Some(voxel_size_m), limit, .. } => {
+                format!("use a voxel size of at least {} mm, fewer layers, or {}", round_up(voxel_size_m * 1e3), limit.remedy())
             }
-            Self::Memory { voxel_size_m: None, .. } => "coarser voxels alone do not help: use a larger --max-memory".to_owned(),
+            Self::Memory { voxel_size_m: None, limit: MemoryLimit::Given(_), .. } => {
+                "coarser voxels alone do not help: use a larger --max-memory".to_owned()
+            }
+            Self::Memory { voxel_size_m: None, limit: MemoryLimit::Left(_), .. } => {
+                "coarser voxels alone do not help: end programs that hold memory".to_owned()
+            }
             Self::VoxelSize(_) => "give the edge of a voxel in millimetres, for example 0.5".to_owned(),
         }
     }

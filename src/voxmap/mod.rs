@@ -59,6 +59,7 @@ mod growth;
 pub mod layers;
 mod leak;
 mod lid;
+pub mod memory_limit;
 mod navigation;
 pub mod npy;
 mod orient;

@@ -106,6 +106,14 @@ def recovered(run, _):
     assert run.arm_feels_nothing(), "nothing pushes afterwards"
 
 
+def guarded(run, _):
+    """Killed while it pushed: the guard's zero came before the arm's own watchdog."""
+    assert run.code == 137 and run.host is None, "killed"
+    assert run.arm["largest_force_n"] > PUSHED_N, "it pushed before"
+    assert run.arm_feels_nothing(), "nothing pushes afterwards"
+    assert run.arm["watchdog_trips"] == 0, "not by its own watchdog"
+
+
 def unplugged(run, _):
     assert (run.code, run.faults) == (7, ["disconnected"]), "disconnected"
     assert run.arm["largest_force_n"] > PUSHED_N, "it pushed before"
@@ -125,6 +133,10 @@ CHECKS = {
     "stall": stopped("stale"),
     "unplug": stopped("disconnected"),
     "replug": recovered,
+    "killed-open6": guarded,
+    "killed-woodenhaptics": guarded,
+    "killed-polhem-mbed": guarded,
+    "killed-polhem-rawhid": guarded,
     "acm": same_end,
     "usb-hid": same_end,
     "usb-unplug": unplugged,

@@ -129,6 +129,27 @@ for try in $(seq $TRIES); do
   echo "links: replug: late in attempt $try"
 done
 
+# killed NAME PROFILE: the host is killed while it pushes. Its guard has the HID node too, and is in time where the arm's own watchdog waits half a second.
+killed() {
+  for try in $(seq $TRIES); do
+    arm "$1" "$2" --uhid
+    hapticd run $SCENE --device "$2" --json --cache /tmp/cache --monitor off --enable >"$OUT/$1.host.json" 2>"$OUT/$1.host.err" &
+    host_pid=$!
+    heard "$OUT/$1.host.err" "^state: enabled" && sleep 3.2
+    kill -KILL $host_pid
+    wait $host_pid
+    echo $? >"$OUT/$1.host.code"
+    arm_ends
+    # One that ended by itself was late.
+    [ "$(cat "$OUT/$1.host.code")" = 137 ] && ! late "$1" "" && break
+    echo "links: $1: late in attempt $try"
+  done
+}
+killed killed-open6 /tmp/open6-hid.toml
+killed killed-woodenhaptics /tmp/woodenhaptics-v15.toml
+killed killed-polhem-mbed /tmp/polhem-v1.toml
+killed killed-polhem-rawhid /tmp/polhem-2019.toml
+
 # --- a USB device, plugged into this machine: a serial port and a HID interface
 gadget_up 64 || exit 1
 exchange acm /tmp/open6-serial.toml "" "--gadget /dev/ttyGS0" "" "--duration 9500ms"

@@ -110,6 +110,10 @@ impl Running {
         writeln!(self.stdin.as_mut().expect("open"), "{line}").expect("listens");
     }
 
+    pub(crate) fn id(&self) -> u32 {
+        self.child.id()
+    }
+
     pub(crate) fn signal(&self, name: &str) {
         let status = Command::new("kill").args([format!("-{name}"), self.child.id().to_string()]).status().expect("kill");
         assert!(status.success());
@@ -145,7 +149,7 @@ pub(crate) struct Bench {
     /// Profile that the host uses.
     pub(crate) profile: String,
     /// Scene that the host renders; the hand of the arm is that of block-on-plane.
-    scene: PathBuf,
+    pub(crate) scene: PathBuf,
 }
 
 impl Bench {

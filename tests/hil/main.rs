@@ -5,6 +5,8 @@
 
 mod arms;
 mod faults;
+mod guard;
 mod link;
 mod plug;
 mod same_end;
+mod silence;

@@ -54,20 +54,6 @@ fn force_n(felt: &serde_json::Value) -> f64 {
 }
 
 #[test]
-fn an_arm_with_a_watchdog_lets_go_of_a_dead_host() {
-    let felt = killed(&Bench::viscous(), "KILL");
-    assert!(felt["largest_force_n"].as_f64().is_some_and(|force_n| force_n > 0.3), "{felt}");
-    assert_eq!((felt["watchdog_trips"].as_f64(), force_n(&felt)), (Some(1.0), 0.0), "{felt}");
-}
-
-#[test]
-fn an_arm_without_a_watchdog_holds_the_last_force_of_a_dead_host() {
-    // This is why zero is written on every way out that a program has: there is none left after SIGKILL.
-    let felt = killed(&Bench::verified("polhem-2022"), "KILL");
-    assert!(force_n(&felt) > 0.1, "{felt}");
-}
-
-#[test]
 fn a_host_that_is_told_to_end_leaves_no_force() {
     for signal in ["TERM", "INT"] {
         let felt = killed(&Bench::verified("polhem-2022"), signal);

@@ -1,7 +1,7 @@
 //! The import rules of the house, read from the source: [`MAY_USE`], which `ARCHITECTURE.md` lists with the reasons.
 //!
 //! `unsafe` stands in `rt`, in the serial transport, in the two SIMD kernels, where mesh files are mapped and in the storage of arrays only;
-//! only `cli` prints. Tests are exempt.
+//! only `cli` prints; files that others name are opened by `storage::regular`. Tests are exempt.
 
 use std::path::{Path, PathBuf};
 
@@ -13,16 +13,16 @@ const MAY_USE: [(&str, &[&str]); 19] = [
     ("rt", &[]),
     ("storage", &[]),
     ("network", &[]),
-    ("document", &["spatial"]),
+    ("document", &["spatial", "storage::regular", "storage::printable"]),
     ("mesh", &["spatial", "storage"]),
     ("voxmap", &["mesh", "spatial", "storage"]),
     ("pointshell", &["mesh", "voxmap", "spatial", "storage"]),
     ("haptics", &["spatial", "voxmap::field", "pointshell::shell", "pointshell::tree"]),
     ("sculpt", &["mesh", "spatial", "storage", "haptics::clay"]),
-    ("device", &["document", "network", "spatial", "rt"]),
-    ("config", &["document", "device", "haptics", "mesh", "sculpt", "spatial", "voxmap"]),
+    ("device", &["document", "network", "spatial", "storage::regular", "rt"]),
+    ("config", &["document", "device", "haptics", "mesh", "sculpt", "spatial", "storage::regular", "voxmap"]),
     ("scene", &["config", "haptics", "mesh", "pointshell", "sculpt", "spatial", "storage", "voxmap"]),
-    ("telemetry", &["haptics", "rt", "spatial"]),
+    ("telemetry", &["haptics", "rt", "spatial", "storage::regular"]),
     ("ros", &["haptics", "spatial", "telemetry"]),
     ("servo", &["device", "haptics", "rt", "spatial", "telemetry"]),
     ("picture", &["mesh", "pointshell", "spatial", "storage", "voxmap", "sculpt::PointSet", "sculpt::Neighbours"]),
@@ -35,6 +35,20 @@ const BENCH_OF_CONTACT: &str = "bench::contact";
 /// Prefixes of the files that may hold `unsafe`.
 const UNSAFE_ALLOWED: [&str; 6] =
     ["rt/", "device/transport/serial", "haptics/contact/simd", "voxmap/distance/simd", "mesh/source", "storage/slab"];
+
+/// Prefixes of the files that may open files by themselves: those of the system, and those that the program wrote.
+const OPENS_ALLOWED: [&str; 10] = [
+    "storage/",
+    "rt/",
+    "bench/",
+    "cli/bake/figures",
+    "cli/publish",
+    "daemon/unpacked",
+    "device/attached/discover",
+    "device/guard",
+    "scene/cache/folder",
+    "telemetry/recording/write",
+];
 
 /// Why a file of `room` must not use `path` (from the crate root on); `None` when it may.
 fn refusal(room: &str, path: &[String]) -> Option<String> {
@@ -259,6 +273,19 @@ fn violations(file: &str, text: &str) -> (Vec<String>, Vec<String>) {
                 .push(format!("src/{file}:{}: `unsafe` outside `rt`, the transports, the SIMD kernel and `storage/slab`", line(i)));
         }
     }
+    if !OPENS_ALLOWED.iter().any(|allowed| file.starts_with(allowed)) {
+        for (owner, name) in [("fs", "read"), ("fs", "read_to_string"), ("File", "open")] {
+            for i in places(&code, owner) {
+                let word: Vec<char> = format!("{owner}::{name}(").chars().collect();
+                if code[i..].starts_with(&word) {
+                    broken.push(format!(
+                        "src/{file}:{}: `{owner}::{name}`: a name of somebody else is opened by `storage::regular`",
+                        line(i)
+                    ));
+                }
+            }
+        }
+    }
     if room != "cli" {
         for name in ["print", "println", "eprint", "eprintln", "dbg"] {
             for i in places(&code, name).into_iter().filter(|i| code.get(i + name.len()) == Some(&'!')) {
@@ -336,6 +363,10 @@ fn planted_violations_are_caught() {
         ("mesh/obj.rs", "fn f() { unsafe { g() } }", Some("`unsafe`")),
         ("mesh/obj.rs", "#![expect(unsafe_code)] // unsafe\nconst X: &str = \"unsafe println!\"; const C: char = '\"';", None),
         ("mesh/obj.rs", "const S: &str = r#\"a \" unsafe\"#; fn f<'a>(x: &'a str) { unsafe {} }", Some("`unsafe`")),
+        ("config/strokes.rs", "fn f() { std::fs::read_to_string(path); }", Some("strokes.rs:1: `fs::read_to_string`")),
+        ("config/strokes.rs", "fn f() { fs::read(path); fs::read_dir(path); }", Some("`fs::read`")),
+        ("mesh/obj.rs", "fn f() {\n    File::open(path); }", Some("obj.rs:2: `File::open`")),
+        ("rt/machine.rs", "fn f() { fs::read_to_string(path); }", None),
         ("rt/clock.rs", "fn f() { unsafe { g() } }", None),
         ("daemon/mod.rs", "fn f() {\n    eprintln!(\"x\");\n}", Some("mod.rs:2: `eprintln!`")),
         ("cli/run.rs", "fn f() { println!(\"{}\", 1); }", None),

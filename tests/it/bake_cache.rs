@@ -490,12 +490,12 @@ fn a_mesh_that_changes_while_it_is_baked_is_not_kept() {
     let (_guard, files) = small_files();
     let baked = read(&files[2]).unwrap();
     let mut cache = Cache::at(dir.path().join("cache"), Residence::Owned);
-    let Lookup::Bake(slot) = cache.look_up(&request) else { panic!("an empty cache") };
+    let Lookup::Bake(slot) = cache.look_up(&request, u64::MAX) else { panic!("an empty cache") };
     fs::write(&path, CORNER.replace('9', "8")).unwrap();
     cache.store(&slot, &request, &baked);
     assert!(cache.take_notes()[0].contains("the mesh of part changed while it was baked"));
     assert!(!dir.path().join("cache").exists());
-    assert!(matches!(cache.look_up(&request), Lookup::Bake(_)));
+    assert!(matches!(cache.look_up(&request, u64::MAX), Lookup::Bake(_)));
 }
 
 /// Checksums of what two reference objects bake to, after the generation that they belong to. They hold on every machine: box and corner

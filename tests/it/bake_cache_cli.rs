@@ -388,7 +388,7 @@ fn a_pipe_in_the_cache_is_refused_and_replaced() {
     assert!(Command::new("mkfifo").arg(&file).status().is_ok_and(|made| made.success()), "mkfifo");
     // Would wait for a writer for ever.
     let output = hapticd(dir.path(), line);
-    assert!(output.status.success() && stderr(&output).contains("it is no regular file"), "{}", stderr(&output));
+    assert!(output.status.success() && stderr(&output).contains("not a regular file"), "{}", stderr(&output));
     assert_warm(dir.path(), &dir.path().join("cache"));
 }
 

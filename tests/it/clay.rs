@@ -14,7 +14,7 @@ use hapticd::haptics::{
 };
 use hapticd::pointshell::shell::Shell;
 use hapticd::rt::clock::{Clock, RealClock, VirtualClock};
-use hapticd::servo::{ClayFeed, ClaySlot, Control, Order, PublishError, RunPlan, ServoLoop, Step};
+use hapticd::servo::{ClayFeed, ClaySlot, Control, PublishError, RunPlan, ServoLoop, Step};
 use hapticd::spatial::{DeviceSample, Pose, SampleStatus, Wrench};
 use hapticd::telemetry::recording::Recorder;
 use hapticd::telemetry::{Taps, TickRecord, drain};
@@ -498,7 +498,7 @@ fn sculpting(clock: impl Clock, n_ticks: u64) -> (ServoLoop<Circling, impl Clock
     clay.smoothing = Clay::smoothing_between(UPDATE_TICKS as f64 * 1e-3, 1e-3);
     let (feed, slot) = ClaySlot::new(clay, UPDATE_TICKS);
     let (producer, consumer) = rtrb::RingBuffer::new(n_ticks as usize + 200);
-    let control = Arc::new(Control::new(Order::Enable));
+    let control = Arc::new(Control::enabled());
     let plan = RunPlan { stop_at_tick: Some(n_ticks), ..RunPlan::default() };
     let mut servo = ServoLoop::new(Arc::new(scene), Circling::default(), clock, control, plan, producer).with_clay(slot);
     servo.warm_up();

@@ -369,7 +369,7 @@ fn a_wrong_scene_is_a_configuration_error_of_every_command() {
     }
     for command in ["check", "run", "bake"] {
         refuses(dir.path(), &format!("{command} none.toml"), 3, &["error: none.toml: cannot be read: No such file"]);
-        refuses(dir.path(), &format!("{command} folder.toml"), 3, &["error: folder.toml: cannot be read: Is a directory"]);
+        refuses(dir.path(), &format!("{command} folder.toml"), 3, &["error: folder.toml: cannot be read: is a directory"]);
     }
     fs::write(dir.path().join("binary.toml"), [0xff, 0xfe, 0]).unwrap();
     refuses(dir.path(), "check binary.toml", 3, &["error: binary.toml: cannot be read"]);

@@ -146,7 +146,7 @@ error: scene.toml:25: device.profile = "sim-sigma": no device profile of this na
   hint: paths are relative to the file that names them"#;
     missing_hand_file: with("profile =", "hand = \"hands/insert.csv\"\nprofile =") => r#"error: scene.toml:25: device.hand = "hands/insert.csv": no such file: hands/insert.csv
   hint: paths are relative to the file that names them"#;
-    unknown_fault: SCENE.to_owned() + "[device.sim]\nfault = \"unplugged@2s\"\n" => r#"error: scene.toml:27: device.sim.fault = "unplugged@2s": must be "drop", "stall", "nan", "garbage", "unplug", "slow", "stuck", "jump", "truncate", "sign-flip", "saturate", "unhome", "skip", "no-velocity" or "press"; did you mean `unplug`?"#;
+    unknown_fault: SCENE.to_owned() + "[device.sim]\nfault = \"unplugged@2s\"\n" => r#"error: scene.toml:27: device.sim.fault = "unplugged@2s": must be "drop", "stall", "deaf", "nan", "garbage", "unplug", "slow", "stuck", "jump", "truncate", "lost-byte", "repeat", "reorder", "sign-flip", "saturate", "unhome", "skip", "no-velocity" or "press"; did you mean `unplug`?"#;
     hand_and_no_hand: with("profile =", "hand = \"base.obj\"\nprofile =") + "[device.sim]\nhand = \"none\"\n" => r#"error: scene.toml:28: device.sim.hand = "none": cannot stand beside device.hand; give exactly one of the two"#;
     unknown_coupling: with("rate_hz = 1000", "coupling = \"implict\"") => r#"error: scene.toml:4: rendering.coupling = "implict": must be "implicit", "semi-implicit", "static", "constraint" or "direct"; did you mean `implicit`?"#;
     bad_enum_value_of_another_type: SCENE.to_owned() + "[realtime]\nmode = true\n" => r#"error: scene.toml:27: realtime.mode = true: must be "best-effort" or "enforce""#;
@@ -160,7 +160,7 @@ error: scene.toml:28: coupling.rotation_nm_per_rad = 1.2: the arm would feel 1.2
   hint: write at most 1.425 N/mm, leave the key out to get the bound itself, or set rendering.allow_unstable = true";
     damping_above_the_profile: SCENE.to_owned() + "[coupling]\ndamping_n_s_per_m = 31\n" => "error: scene.toml:27: coupling.damping_n_s_per_m = 31: must be from 0 to 30 N·s/m: the arm's profile takes 30 at most, and it feels this times scale";
     cutoff_the_wrong_way_round: SCENE.to_owned() + "[filter]\ncutoff_hz = [300, 50]\n" => "error: scene.toml:27: filter.cutoff_hz = [300, 50]: must be [lowest, highest] in Hz, the lowest first";
-    overrun_of_none: SCENE.to_owned() + "[safety]\noverrun = 0\n" => r#"error: scene.toml:27: safety.overrun = 0: must be a whole number of consecutive missed ticks from 1 to 4294967295, or "off""#;
+    overrun_of_none: SCENE.to_owned() + "[safety]\noverrun = 0\n" => r#"error: scene.toml:27: safety.overrun = 0: must be a whole number of consecutive missed ticks from 1 to 1000, which is a second of them, or "off""#;
     overrun_of_another_word: SCENE.to_owned() + "[safety]\noverrun = \"never\"\n" => r#"error: scene.toml:27: safety.overrun = "never": must be a whole number of consecutive missed ticks or "off""#;
     several_problems_together: with("layers = 8", "layers = 0").replace("sphere_mm = 5", "sphere_mm = -5").replace("sim-sigma7", "sigma7") => r#"error: scene.toml:11: static[0].layers = 0: must be a whole number from 1 to 60
 error: scene.toml:20: tool.shape.sphere_mm = -5: must be greater than 0 and at most 1000000 mm
@@ -400,6 +400,46 @@ fn direct_mode_holds_the_contact_to_the_bound() {
     let unfiltered = with("rate_hz = 1000", "coupling = \"direct\"") + "[filter]\ncutoff_hz = \"off\"\n";
     let config = load(&unfiltered).unwrap_or_else(|errors| panic!("{errors}"));
     assert_eq!(config.parameters.contact.stiffness_n_per_m, 4000.0);
+}
+
+/// sim-sigma7 makes 12 N.
+#[test]
+fn no_number_switches_a_rule_off_and_the_message_names_the_ceiling() {
+    let force = "the arm's largest force of 12 N";
+    let nothing = "beyond that the rule would hold nothing back";
+    for (table, key, absurd, ceiling, from) in [
+        ("limits", "force_n", "1e9", "greater than 0 and at most 100 N", "no arm's profile has more"),
+        ("limits", "torque_nm", "1e9", "greater than 0 and at most 10 N·m", "no arm's profile has more"),
+        ("limits", "speed_mm_per_s", "1e30", "greater than 0 and at most 5000 mm/s", "no hand that holds an arm is faster"),
+        ("safety", "slew_n_per_s", "1e30", "greater than 0 and at most 12000 N/s", "within 1 ms"),
+        ("safety", "power_w", "1e9", "greater than 0 and at most 12 W", force),
+        ("safety", "power_w", "12.001", "greater than 0 and at most 12 W", force),
+        ("safety", "ramp_ms", "1e-9", "from 10 to 10000 ms", "a shorter one is a blow"),
+        ("safety", "ramp_ms", "9.9", "from 10 to 10000 ms", "a shorter one is a blow"),
+        ("safety", "brake_ms", "1e9", "from 0 to 100 ms", ""),
+        ("safety", "overrun", "4000000000", "from 1 to 1000", "a second of them"),
+        ("safety", "heartbeat_ms", "1e9", "from 20 to 10000 ms", ""),
+        ("coupling", "translation_n_per_mm", "1e300", "greater than 0 and at most 1000000 N/mm", ""),
+        ("coupling", "rotation_nm_per_rad", "1e300", "greater than 0 and at most 1000000 N·m/rad", ""),
+    ] {
+        let refused = refusal(&format!("{SCENE}[{table}]\n{key} = {absurd}\n"));
+        let expected = format!("error: scene.toml:27: {table}.{key} = {absurd}: must be ");
+        assert!(refused.starts_with(&expected) && refused.contains(ceiling) && refused.contains(from), "{refused}");
+        assert!(!refused.contains('(') || refused.contains(nothing), "{refused}");
+    }
+    // The ceilings themselves will do, allow_unstable lifts none of them, and a smaller arm has lower ones.
+    let most = "[safety]\nslew_n_per_s = 12000\npower_w = 12\nramp_ms = 10\noverrun = 1000\n[limits]\nspeed_mm_per_s = 5000\n";
+    let limits = load(&format!("{SCENE}{most}")).unwrap_or_else(|errors| panic!("{errors}")).parameters.limits;
+    assert_eq!((limits.slew_n_per_s, limits.power_w, limits.overrun_fault_ticks), (12000.0, 12.0, 1000));
+    let unstable = with("rate_hz = 1000", "rate_hz = 1000\nallow_unstable = true") + "[safety]\npower_w = 1e9\n";
+    assert!(refusal(&unstable).contains("at most 12 W"));
+    let small = with("sim-sigma7", "sim-touch") + most;
+    let refused = refusal(&small);
+    assert!(refused.contains("at most 3300 N/s") && refused.contains("at most 5 W"), "{refused}");
+    // A limit that the scene lowers takes the slew along: no force steps within a tick.
+    let low = load(&(SCENE.to_owned() + "[safety]\nslew_n_per_s = 12000\n[limits]\nforce_n = 2\n"))
+        .unwrap_or_else(|errors| panic!("{errors}"));
+    assert_eq!((low.parameters.limits.force_n, low.parameters.limits.slew_n_per_s), (2.0, 2000.0));
 }
 
 #[test]

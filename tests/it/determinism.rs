@@ -21,6 +21,7 @@ pub(crate) fn bits(record: &TickRecord) -> Vec<u64> {
         output,
         scene_idx,
         rendered_device,
+        beside_device,
         contact_budget_points: _,
     } = record;
     let mut pose = |Pose { rotation, translation }: Pose| {
@@ -32,7 +33,9 @@ pub(crate) fn bits(record: &TickRecord) -> Vec<u64> {
     let Twist { linear, angular } = input.sample.twist;
     put(&linear.to_array());
     put(&angular.to_array());
-    for Wrench { force, torque } in [output.command_device, output.commanded_device, output.contact_world, *rendered_device] {
+    for Wrench { force, torque } in
+        [output.command_device, output.commanded_device, output.contact_world, *rendered_device, *beside_device]
+    {
         put(&force.to_array());
         put(&torque.to_array());
     }

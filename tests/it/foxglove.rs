@@ -45,7 +45,7 @@ fn what_cannot_be_served_is_told_before_anything_is_baked() {
 mod live {
     use std::collections::BTreeMap;
     use std::io::{Read as _, Write as _};
-    use std::net::{SocketAddr, TcpStream};
+    use std::net::{Ipv4Addr, SocketAddr, SocketAddrV4, TcpStream};
     use std::time::{Duration, Instant};
 
     use base64::Engine as _;
@@ -289,6 +289,45 @@ mod live {
         assert!(ended.stderr.contains("connections turned away"), "{}", ended.stderr);
         let last = &mut seated[0].socket;
         while last.read().is_ok() {}
+    }
+
+    /// Where a process listens for IPv4 connections.
+    fn listeners(process: u32) -> Vec<SocketAddrV4> {
+        let files = std::fs::read_dir(format!("/proc/{process}/fd")).unwrap();
+        let links: Vec<_> = files.filter_map(|file| std::fs::read_link(file.ok()?.path()).ok()).collect();
+        let table = std::fs::read_to_string(format!("/proc/{process}/net/tcp")).unwrap();
+        let of = |line: &str| {
+            let columns: Vec<_> = line.split_whitespace().collect();
+            let socket = format!("socket:[{}]", columns[9]);
+            (columns[3] == "0A" && links.iter().any(|link| link.to_str() == Some(&socket))).then(|| {
+                let (ip, port) = columns[1].split_once(':').unwrap();
+                let ip = u32::from_str_radix(ip, 16).unwrap().to_ne_bytes();
+                SocketAddrV4::new(ip.into(), u16::from_str_radix(port, 16).unwrap())
+            })
+        };
+        table.lines().skip(1).filter_map(of).collect()
+    }
+
+    #[test]
+    fn a_page_finds_no_way_around_the_gate() {
+        let evil = [PROTOCOL, ("origin", "http://evil.example")];
+        let hidden: Vec<_> = (0..2)
+            .map(|_| {
+                let (daemon, address) = watched();
+                let (known, hidden): (Vec<_>, Vec<_>) =
+                    listeners(daemon.id()).into_iter().partition(|address| *address.ip() == Ipv4Addr::LOCALHOST);
+                // Whatever a page can guess: the monitor and the gate.
+                assert!(known.len() == 2 && known.contains(&address.to_string().parse().unwrap()), "{known:?}");
+                for address in known {
+                    assert!(Viewer::connect(address.into(), &evil).is_err(), "{address}");
+                }
+                assert_eq!(daemon.end().code, Some(0));
+                let [hidden] = <[_; 1]>::try_from(hidden).unwrap();
+                assert!(hidden.ip().is_loopback(), "other machines could reach {hidden}");
+                *hidden.ip()
+            })
+            .collect();
+        assert_ne!(hidden[0], hidden[1], "the place could be learnt");
     }
 
     #[test]

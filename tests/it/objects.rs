@@ -14,7 +14,7 @@ use hapticd::mesh::primitives::Shape;
 use hapticd::mesh::validate;
 use hapticd::pointshell::{self, shell::Shell};
 use hapticd::rt::clock::VirtualClock;
-use hapticd::servo::{Control, Ending, Order, Placer, RunPlan, ServoLoop, Stage, Step, SwapSlot, Wishes};
+use hapticd::servo::{Control, Ending, Placer, RunPlan, ServoLoop, Stage, Step, SwapSlot, Wishes};
 use hapticd::spatial::{DeviceSample, Pose, SampleStatus, Wrench};
 use hapticd::telemetry::TickRecord;
 use hapticd::voxmap::field::FieldKind;
@@ -413,7 +413,7 @@ type Loop = ServoLoop<Box<dyn hapticd::device::Device>, VirtualClock>;
 fn servo(text: &str, n_ticks: u64) -> (Loop, rtrb::Consumer<TickRecord>, Arc<Control>) {
     let (scene, device) = stage(text);
     let (producer, records) = rtrb::RingBuffer::new(64);
-    let control = Arc::new(Control::new(Order::Enable));
+    let control = Arc::new(Control::enabled());
     let plan = RunPlan { stop_at_tick: Some(n_ticks), ..RunPlan::default() };
     (ServoLoop::new(Arc::new(scene), device, VirtualClock::default(), control.clone(), plan, producer), records, control)
 }
@@ -515,7 +515,7 @@ fn a_fault_or_a_stop_in_a_swap_is_zero_force_and_no_swap() {
         swapper.offer(Box::new(Stage::new(Arc::new(stage(LIFT).0)).at_tick(700))).expect("room");
         let (all, faults, ending) = play_servo(servo.with_swaps(slot), records, |n| {
             if stop && n == 750 {
-                control.give(Order::Stop);
+                control.stop();
             }
         });
         assert_eq!(ending, if stop { Ending::Stopped } else { Ending::Faulted });

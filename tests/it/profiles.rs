@@ -119,7 +119,7 @@ fn a_wrong_profile_reports_all_its_problems() {
     let errors = profile::load(&path).unwrap_err().to_string().replace(&format!("{}/", dir.path().display()), "");
     let expected = r#"error: x.toml:12: device.actuated[0] = "u": must be "x", "y", "z", "rx", "ry", "rz" or "grip"
 error: x.toml:22: limits.torque_nm = 0.1: must be 0: device.actuated names none of its axes
-error: x.toml:32: plant.mass_kg = -1: must be finite and greater than 0"#;
+error: x.toml:32: plant.mass_kg = -1: must be greater than 0 and at most 100 kg"#;
     assert_eq!(errors, expected);
 }
 

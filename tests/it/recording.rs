@@ -14,7 +14,7 @@ use hapticd::daemon::switch::objects;
 use hapticd::daemon::{Live, RenderJob, ReplayError, Replayed, Supervisor, prepare, replay, scene_files};
 use hapticd::haptics::{Faults, Knob};
 use hapticd::rt::clock::ClockKind;
-use hapticd::servo::{Reins, Wishes};
+use hapticd::servo::{Control, Reins, Wishes};
 use hapticd::spatial::Pose;
 use hapticd::telemetry::recording::{Entry, Recorder, Recording, SceneFiles};
 use hapticd::telemetry::{Taps, TickRecord, drain};
@@ -172,7 +172,7 @@ fn record(scene: &Path, duration: Duration, path: &Path, turn: impl FnOnce(&mut 
         duration: Some(duration),
     };
     let live = Live { wishes: Wishes::default().with_reins(ends), taps, ..Live::default() };
-    let outcome = Supervisor::new(|_| ()).render_live(job, live, &crossbeam::channel::never()).expect("an outcome");
+    let outcome = Supervisor::new(|_| ()).render_live(job, live, &Arc::new(Control::new())).expect("an outcome");
     let summary = handle.stop();
     assert_eq!((summary.records, summary.error, outcome.report.faults), (outcome.report.ticks, None, Faults::NONE));
     outcome.report.ticks

@@ -10,7 +10,7 @@ use hapticd::haptics::{Faults, Parameters, RenderScene};
 use hapticd::rt::clock::VirtualClock;
 use hapticd::scene::cache::Cache;
 use hapticd::scene::{BakeMeans, ObjectReport};
-use hapticd::servo::{Control, Ending, Order, RunPlan, ServoLoop, Step, Wishes};
+use hapticd::servo::{Control, Ending, RunPlan, ServoLoop, Step, Wishes};
 use hapticd::spatial::{Pose, Wrench};
 use hapticd::telemetry::TickRecord;
 
@@ -106,7 +106,7 @@ fn run_wishing(config: &SceneConfig, cache: &mut Cache, n_ticks: u64, wishes: Wi
     let scene = Arc::new(prepared.scene);
     // Room for all: the virtual clock waits for a drain, and nobody drains here before the end.
     let (producer, mut consumer) = rtrb::RingBuffer::new(n_ticks as usize + 2000);
-    let control = Arc::new(Control::new(Order::Enable));
+    let control = Arc::new(Control::enabled());
     let plan = RunPlan { stop_at_tick: Some(n_ticks), ..RunPlan::default() };
     let mut servo =
         ServoLoop::new(scene.clone(), prepared.device, VirtualClock::default(), control, plan, producer).with_wishes(wishes);

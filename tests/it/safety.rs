@@ -5,11 +5,12 @@ use std::sync::Arc;
 
 use hapticd::config::{LoadOptions, SceneConfig, load_with};
 use hapticd::daemon::prepare_with;
-use hapticd::haptics::{Drive, Faults, LimitParameters, OffCause, Parameters};
+use hapticd::device::profile;
+use hapticd::haptics::{Drive, Faults, OffCause, Parameters};
 use hapticd::rt::clock::VirtualClock;
 use hapticd::scene::BakeMeans;
 use hapticd::scene::cache::Cache;
-use hapticd::servo::{Control, Ending, Order, RunPlan, ServoLoop, Step};
+use hapticd::servo::{Control, Ending, RunPlan, ServoLoop, Step};
 use hapticd::spatial::DeviceSample;
 use hapticd::telemetry::TickRecord;
 
@@ -40,7 +41,7 @@ fn play(
     let (producer, mut consumer) = rtrb::RingBuffer::new(n_ticks as usize + 2000);
     let device = Meddled { arm: prepared.device, n_reads: 0, meddle };
     let plan = RunPlan { stop_at_tick: Some(n_ticks), ..RunPlan::default() };
-    let control = Arc::new(Control::new(Order::Enable));
+    let control = Arc::new(Control::enabled());
     let mut servo = ServoLoop::new(Arc::new(prepared.scene), device, VirtualClock::default(), control, plan, producer);
     servo.warm_up();
     while servo.step() == Step::Continue {}
@@ -288,18 +289,18 @@ fn signs_that_nobody_verified_cap_the_force() {
         (0..played.records.len()).map(|tick| played.force_n(tick)).fold(0.0, f64::max)
     };
     assert!(strongest_n(|_| ()) > 2.0);
-    assert!(strongest_n(|p| p.limits.force_n = LimitParameters::UNVERIFIED_SIGNS_FORCE_N) <= 0.5 * (1.0 + 1e-12));
+    assert!(strongest_n(|p| p.limits.force_n = profile::UNVERIFIED_SIGNS_FORCE_N) <= 0.5 * (1.0 + 1e-12));
     // Every real arm that ships is such an arm, and no scene can raise it.
     let options = LoadOptions { device: Some("polhem-2022".to_owned()), ..LoadOptions::default() };
     let config = load_with(&rig::shipped("block-on-plane"), &options).unwrap_or_else(|errors| panic!("{errors}"));
-    assert_eq!(config.parameters.limits.force_n, LimitParameters::UNVERIFIED_SIGNS_FORCE_N);
+    assert_eq!(config.parameters.limits.force_n, profile::UNVERIFIED_SIGNS_FORCE_N);
     let folder = tempfile::tempdir().expect("a temporary folder");
     let path = folder.path().join("greedy.toml");
     let text = std::fs::read_to_string(rig::shipped("block-on-plane")).expect("readable");
     let text = text.replace("hand = \"hands/block-on-plane.csv\"", "").replace("[device]", "[limits]\nforce_n = 9.0\n\n[device]");
     std::fs::write(&path, text).expect("written");
     let greedy = load_with(&path, &options).unwrap_or_else(|errors| panic!("{errors}"));
-    assert_eq!(greedy.parameters.limits.force_n, LimitParameters::UNVERIFIED_SIGNS_FORCE_N);
+    assert_eq!(greedy.parameters.limits.force_n, profile::UNVERIFIED_SIGNS_FORCE_N);
 }
 
 #[test]

@@ -13,7 +13,7 @@ use hapticd::sculpt::falloff::Falloff;
 use hapticd::sculpt::studio::{Craft, Order, Studio, ToolBody, ToolSettings};
 use hapticd::sculpt::workpiece::{Settings, Workpiece};
 use hapticd::sculpt::{PointSet, sample};
-use hapticd::servo::{Control, Order as LoopOrder, RunPlan, ServoLoop, Step};
+use hapticd::servo::{Control, RunPlan, ServoLoop, Step};
 use hapticd::spatial::{DeviceSample, Pose, SampleStatus, Wrench};
 use hapticd::telemetry::TickRecord;
 
@@ -103,7 +103,7 @@ fn run(clock: impl Clock, n_ticks: u64, script: Vec<(u64, Order)>) -> (Vec<TickR
     let (slot, door, thread) = begin(studio, scene.clay.as_ref().expect("clay"), plan).expect("a thread");
     assert!(door.view().is_none_or(|view| view.version == 1));
     let (producer, mut consumer) = rtrb::RingBuffer::new(n_ticks as usize + 400);
-    let control = Arc::new(Control::new(LoopOrder::Enable));
+    let control = Arc::new(Control::enabled());
     let plan = RunPlan { stop_at_tick: Some(n_ticks), ..RunPlan::default() };
     let mut servo = ServoLoop::new(Arc::new(scene), Led::default(), clock, control, plan, producer).with_clay(slot);
     servo.warm_up();

@@ -7,7 +7,7 @@ use hapticd::daemon::prepare;
 use hapticd::daemon::switch::objects;
 use hapticd::haptics::{Faults, Knob, Parameters};
 use hapticd::rt::clock::VirtualClock;
-use hapticd::servo::{Control, Order, Reins, RunPlan, ServoLoop, Step, Wishes};
+use hapticd::servo::{Control, Reins, RunPlan, ServoLoop, Step, Wishes};
 use hapticd::telemetry::TickRecord;
 
 use super::rig;
@@ -27,7 +27,7 @@ fn play(config: &SceneConfig, change: impl Fn(&mut Parameters), mut turn: impl F
     let (mut reins, ends) = Reins::new(&prepared.scene.parameters, objects(config));
     let (producer, mut consumer) = rtrb::RingBuffer::new(N_TICKS as usize + 1000);
     let plan = RunPlan { stop_at_tick: Some(N_TICKS), ..RunPlan::default() };
-    let control = Arc::new(Control::new(Order::Enable));
+    let control = Arc::new(Control::enabled());
     let mut servo = ServoLoop::new(Arc::new(prepared.scene), prepared.device, VirtualClock::default(), control, plan, producer)
         .with_wishes(Wishes::default().with_reins(ends));
     servo.warm_up();

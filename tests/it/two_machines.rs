@@ -233,7 +233,7 @@ impl Stage {
         let watchdog_ms = opened.arm.capabilities().watchdog_ms;
         let device = Remote { arm: opened.arm, world: world.clone(), now_s: begin_s };
         let (producer, records) = rtrb::RingBuffer::new(n_records);
-        let control = Arc::new(Control::new(Order::Enable));
+        let control = Arc::new(Control::enabled());
         let mut servo = ServoLoop::new(self.scene.clone(), device, VirtualClock::default(), control.clone(), plan, producer);
         servo.warm_up();
         Playing { servo, control, records, world, is_starting, news: opened.news, figures, link, watchdog_ms, begin_s }
@@ -284,7 +284,10 @@ struct Playing {
 impl Playing {
     /// So many ticks under an order; what each gave, and the largest force that the arm was told meanwhile, N.
     fn ticks(&mut self, n: usize, order: Order) -> (Vec<TickOutput>, f64) {
-        self.control.give(order);
+        match order {
+            Order::Disable => self.control.disable(),
+            _ => self.control.enable(self.control.permit()),
+        }
         locked(&self.world).arm.log.clear();
         let outputs = (0..n).map(|_| {
             assert_eq!(self.servo.step(), Step::Continue);

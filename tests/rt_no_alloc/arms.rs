@@ -21,7 +21,7 @@ use hapticd::haptics::{Faults, OffCause, Parameters};
 use hapticd::rt::clock::VirtualClock;
 use hapticd::scene::BakeMeans;
 use hapticd::scene::cache::Cache;
-use hapticd::servo::{Control, Order, RunPlan, ServoLoop, Step};
+use hapticd::servo::{Control, RunPlan, ServoLoop, Step};
 use hapticd::spatial::{DeviceSample, SampleStatus, Wrench};
 
 use super::meddled::Meddled;
@@ -59,10 +59,15 @@ fn exchanges_of(name: &str) {
     let carriage = hapticd::device::transport::Carriage::Stream;
     let mut mock = MockArm::new(parameters, protocol.firmware(carriage)).expect("valid");
     let arm_side = std::thread::spawn(move || {
-        serve(&mut mock, &mut pty, serving, || told.load(Ordering::Relaxed)).expect("served");
+        serve(&mut mock, &mut pty, serving, None, || told.load(Ordering::Relaxed)).expect("served");
         mock.report()
     });
-    let options = OpenOptions { selector: Some(Selector::Path(node)), io_request: None, period_s: PERIOD.as_secs_f64() };
+    let options = OpenOptions {
+        selector: Some(Selector::Path(node)),
+        io_request: None,
+        period_s: PERIOD.as_secs_f64(),
+        guard: Some(env!("CARGO_BIN_EXE_hapticd").into()),
+    };
     let mut arm = open::open(&profile, &options).unwrap_or_else(|error| panic!("{name}: {error}")).arm;
     let (mut n_fresh, mut n_lost, mut n_fresh_again) = (0, 0, 0);
     let begin = Instant::now();
@@ -118,7 +123,7 @@ fn play(
     change(&mut prepared.scene.parameters);
     let (producer, mut consumer) = rtrb::RingBuffer::new(STRIDE);
     let device = Meddled { arm: prepared.device, n_reads: 0, meddle };
-    let control = Arc::new(Control::new(Order::Enable));
+    let control = Arc::new(Control::enabled());
     let plan = RunPlan { stop_at_tick: Some(10_000), ..RunPlan::default() };
     let mut servo = ServoLoop::new(Arc::new(prepared.scene), device, VirtualClock::default(), control, plan, producer);
     servo.warm_up();

@@ -23,7 +23,7 @@ use hapticd::haptics::{Faults, RenderScene};
 use hapticd::rt::clock::VirtualClock;
 use hapticd::scene::BakeMeans;
 use hapticd::scene::cache::{Cache, Residence};
-use hapticd::servo::{ClayFeed, ClaySlot, Control, Order, Reins, RunPlan, ServoLoop, Stage, Step, SwapSlot, Wishes};
+use hapticd::servo::{ClayFeed, ClaySlot, Control, Reins, RunPlan, ServoLoop, Stage, Step, SwapSlot, Wishes};
 use hapticd::spatial::Pose;
 
 /// Counts what the thread under test does; other threads (and the harness) allocate as they like.
@@ -144,7 +144,7 @@ fn step_through_with(what: &str, mut config: SceneConfig, cache: &mut Cache, n_t
     let (prepared, _) =
         prepare_with(&config, &mut BakeMeans::from(cache), |_| ()).unwrap_or_else(|error| panic!("{what}: {error}"));
     let (producer, mut consumer) = rtrb::RingBuffer::new(STRIDE);
-    let control = Arc::new(Control::new(Order::Enable));
+    let control = Arc::new(Control::enabled());
     let plan = RunPlan { stop_at_tick: Some(n_ticks), ..RunPlan::default() };
     let mut servo = ServoLoop::new(Arc::new(prepared.scene), prepared.device, VirtualClock::default(), control, plan, producer);
     servo.warm_up();
@@ -269,7 +269,7 @@ fn moving_objects_turning_knobs_and_swapping_scenes_allocate_nothing() {
     let (mut reins, ends) = Reins::new(&config.parameters, objects.clone());
     let (mut swapper, slot) = SwapSlot::new(Box::new([]));
     let (producer, mut consumer) = rtrb::RingBuffer::new(STRIDE);
-    let control = Arc::new(Control::new(Order::Enable));
+    let control = Arc::new(Control::enabled());
     let plan = RunPlan { stop_at_tick: Some(20_000), ..RunPlan::default() };
     let mut servo = ServoLoop::new(Arc::new(prepared.scene), prepared.device, VirtualClock::default(), control, plan, producer)
         .with_wishes(Wishes::default().with_reins(ends))
@@ -383,7 +383,7 @@ fn frames_of_clay_that_come_and_go_allocate_nothing() {
         let (feed, slot) = ClaySlot::new(&clay, 4);
         scene.clay = Some(clay);
         let (producer, mut consumer) = rtrb::RingBuffer::new(STRIDE);
-        let control = Arc::new(Control::new(Order::Enable));
+        let control = Arc::new(Control::enabled());
         let plan = RunPlan { stop_at_tick: Some(n_ticks), ..RunPlan::default() };
         let mut servo =
             ServoLoop::new(Arc::new(scene), prepared.device, VirtualClock::default(), control, plan, producer).with_clay(slot);

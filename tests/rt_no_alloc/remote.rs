@@ -90,9 +90,8 @@ fn both_ends_of_a_network_allocate_nothing() {
             // Force, silence, and the way back.
             let turn = n % 500;
             let enabled = (50..450).contains(&turn);
-            let motors = [1.0, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0];
             if !(200..300).contains(&turn) {
-                host.encode(&MotorCommand { motors, enabled }, &mut frame);
+                host.encode(&MotorCommand::at_rest(enabled), &mut frame);
                 let _ = end.send(frame.as_slice());
             }
             node.step(now_s, &mut arm);

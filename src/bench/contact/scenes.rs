@@ -13,7 +13,7 @@ use crate::haptics::{Faults, RenderScene};
 use crate::rt::clock::VirtualClock;
 use crate::scene::BakeMeans;
 use crate::scene::cache::Cache;
-use crate::servo::{Control, Order, RunPlan, ServoLoop, run_to_end};
+use crate::servo::{Control, RunPlan, ServoLoop, run_to_end};
 use crate::telemetry::TickRecord;
 
 /// A key, dotted, and what it is set to.
@@ -105,7 +105,7 @@ pub(super) fn play(config: &SceneConfig, cache: &mut Cache, longest_s: f64) -> R
     let scene = Arc::new(prepared.scene);
     // Room for all: the virtual clock waits for a drain, and nobody drains here before the end.
     let (producer, mut consumer) = rtrb::RingBuffer::new(n_ticks as usize + 2000);
-    let control = Arc::new(Control::new(Order::Enable));
+    let control = Arc::new(Control::enabled());
     let plan = RunPlan { stop_at_tick: Some(n_ticks), ..RunPlan::default() };
     let servo = ServoLoop::new(scene.clone(), prepared.device, VirtualClock::default(), control, plan, producer);
     let report = run_to_end(servo);

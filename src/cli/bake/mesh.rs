@@ -40,9 +40,9 @@ pub(super) fn mesh_error(args: &Args, error: &SceneError, talk: Talk) -> Exit {
                     "ask for fewer --longest-axis-voxels".to_owned()
                 }
                 (GridError::TooLarge { .. } | GridError::Surface { .. }, None) => source.hint().replace("`units`", "--units"),
-                (GridError::Memory { asked_m, voxel_size_m: Some(fits_m), .. }, Some(n)) => {
+                (GridError::Memory { asked_m, voxel_size_m: Some(fits_m), limit, .. }, Some(n)) => {
                     let n_fits = (f64::from(n) * asked_m / fits_m).floor();
-                    format!("use at most --longest-axis-voxels {n_fits}, fewer --layers, or a larger --max-memory")
+                    format!("use at most --longest-axis-voxels {n_fits}, fewer --layers, or {}", limit.remedy())
                 }
                 (GridError::Memory { .. } | GridError::VoxelSize(_), _) => source.hint(),
             };
@@ -119,7 +119,7 @@ pub(super) fn bake_mesh(args: &Args, talk: Talk) -> Result<(), Failure> {
     let progress = BakeProgress::new(talk);
     let tell = |stage| progress.tell(&Event { name: &name, object_idx: 0, n_objects: 1, stage });
     tell(Stage::Load);
-    let baked = match cache.look_up(&request) {
+    let baked = match cache.look_up(&request, u64::MAX) {
         Lookup::Hit(baked) => *baked,
         Lookup::Bake(slot) => {
             let mut memory = args.memory.plan(&progress, talk);

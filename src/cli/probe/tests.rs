@@ -75,6 +75,8 @@ fn why_nothing_was_pushed_is_said() {
     assert_eq!(not_homed.advice_lines().collect::<Vec<_>>(), ["do:   home it"]);
     let watchdog = end(Ended::Watchdog(61), "watchdog");
     assert!(watchdog.found.contains("no command for 61 ms, and its watchdog waits for 40 ms; nothing pushed"), "{watchdog:?}");
+    let moves = end(Ended::Moves(1240, 300), "moves by itself");
+    assert!(moves.standing == Standing::Bad && moves.found.contains("1.24 m/s and 0.3 rad/s"), "{moves:?}");
     assert!(end(Ended::Reports(0x0380), "arm's error").found.contains("servo 3: hardware alert"));
 }
 

@@ -1,7 +1,6 @@
 use std::time::Duration;
 
 use clap::Parser;
-use crossbeam::channel::never;
 
 use super::args::RealtimeMode;
 use super::*;
@@ -35,12 +34,7 @@ fn synthetic() -> Prepared {
 }
 
 /// A run in which nothing changes.
-fn run(
-    args: &LoopArgs,
-    talk: Talk,
-    interrupts: impl FnOnce() -> Result<Receiver<()>, SignalError>,
-    bake: impl FnOnce() -> Result<Prepared, PrepareError>,
-) -> Result<Outcome, Refusal> {
+fn run(args: &LoopArgs, talk: Talk, bake: impl FnOnce() -> Result<Prepared, PrepareError>) -> Result<Outcome, Refusal> {
     let (under_way, mut company) = (live::UnderWay::default(), Company::default());
     let beside = Beside {
         overrides: LoadOptions::default(),
@@ -51,7 +45,7 @@ fn run(
         workshop: None,
         watches: false,
     };
-    super::run(args, talk, beside, interrupts, bake)
+    super::run(args, talk, beside, &Arc::new(Control::new()), |_| Ok(()), bake)
 }
 
 fn result_text(totals: &Totals, start_s: StartTimes, json: bool) -> String {
@@ -71,7 +65,7 @@ fn the_command_line_is_read() {
 #[test]
 fn a_virtual_run_prints_one_json_object() {
     let args = args("s.toml --duration 2s --clock virtual --json").expect("valid");
-    let outcome = run(&args, QUIET, || Ok(never()), || Ok(synthetic())).expect("an outcome");
+    let outcome = run(&args, QUIET, || Ok(synthetic())).expect("an outcome");
     assert_eq!(outcome.exit(), Exit::Ok);
     let text = result_text(&outcome.totals, StartTimes::default(), true);
     assert_eq!(text.lines().count(), 1);
@@ -85,7 +79,7 @@ fn a_time_budget_is_a_fixed_count_under_the_virtual_clock() {
     let args = args("s.toml --duration 100ms --clock virtual --json").expect("valid");
     for (time_budget_s, expected) in [(None, serde_json::Value::Null), (Some(100e-6), 10_000.into())] {
         let prepared = Prepared { time_budget_s, ..synthetic() };
-        let outcome = run(&args, QUIET, || Ok(never()), || Ok(prepared)).expect("an outcome");
+        let outcome = run(&args, QUIET, || Ok(prepared)).expect("an outcome");
         let text = result_text(&outcome.totals, StartTimes::default(), true);
         let json: serde_json::Value = serde_json::from_str(&text).expect("json");
         assert_eq!(json["contact_budget_points"], expected);
@@ -96,7 +90,7 @@ fn a_time_budget_is_a_fixed_count_under_the_virtual_clock() {
 #[test]
 fn the_human_summary_names_what_happened() {
     let args = args("s.toml --duration 100ms --clock virtual").expect("valid");
-    let outcome = run(&args, QUIET, || Ok(never()), || Ok(synthetic())).expect("an outcome");
+    let outcome = run(&args, QUIET, || Ok(synthetic())).expect("an outcome");
     let text = result_text(&outcome.totals, StartTimes::default(), false);
     for fragment in ["virtual clock", "missed deadlines", "p99.9", "faults", "none"] {
         assert!(text.contains(fragment), "{text}");

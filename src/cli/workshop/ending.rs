@@ -4,10 +4,9 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::time::{Duration, SystemTime};
 
-use crossbeam::channel::{Receiver, RecvTimeoutError, never};
-
 use super::super::{Talk, destination, recording, report};
 use crate::daemon::studio::{Ended, StudioThread};
+use crate::rt::signals::interrupts;
 use crate::rt::utc::timestamp;
 use crate::sculpt::studio::{Order, Studio, StudioError};
 
@@ -15,20 +14,21 @@ use crate::sculpt::studio::{Order, Studio, StudioError};
 const LOOK: Duration = Duration::from_millis(5);
 
 /// Waits for a studio that finishes what it does. Whoever interrupts hears of that; the second time nobody waits any more.
-pub(super) fn wait(thread: StudioThread, interrupts: &Receiver<()>, talk: Talk) -> Result<Ended, (&'static str, &'static str)> {
+pub(super) fn wait(thread: StudioThread, talk: Talk) -> Result<Ended, (&'static str, &'static str)> {
     thread.end();
-    let mut interrupts = interrupts.clone();
+    let before = interrupts();
     let mut was_asked = false;
     while !thread.has_ended() {
-        match interrupts.recv_timeout(LOOK) {
-            Ok(()) if was_asked => return Err(("the studio was not waited for", "what was not saved before is lost")),
-            Ok(()) => {
+        match interrupts().wrapping_sub(before) {
+            0 => {}
+            1 if was_asked => {}
+            1 => {
                 was_asked = true;
                 report::note("the studio finishes what it does; interrupt once more to end without what it would save", talk);
             }
-            Err(RecvTimeoutError::Timeout) => {}
-            Err(RecvTimeoutError::Disconnected) => interrupts = never(),
+            _ => return Err(("the studio was not waited for", "what was not saved before is lost")),
         }
+        std::thread::sleep(LOOK);
     }
     thread.join().map_err(|why| (why, "this is a bug of hapticd: the piece is lost"))
 }

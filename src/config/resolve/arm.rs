@@ -7,9 +7,9 @@ use super::super::scene::{RealtimeConfig, SimConfig, StabilityConfig};
 use super::super::schema::{self, Deadman, Overrun};
 use super::{LoadOptions, MM, Resolve};
 use crate::device::attached::nodes::Selector;
-use crate::device::profile::{self, Plant, Profile, ProfileError};
+use crate::device::profile::{self, Plant, Profile, ProfileError, ceilings};
 use crate::device::simulated::fault;
-use crate::document::{Interval, POSITIVE, ProblemKind, nearest};
+use crate::document::{Interval, POSITIVE, ProblemKind, nearest, show};
 use crate::haptics::stability::SampledWall;
 use crate::haptics::stuck;
 use crate::haptics::{ArmParameters, LimitParameters, SafetyParameters};
@@ -21,9 +21,18 @@ const UNACTUATED_TORQUE_NM: f64 = 1.0;
 /// Force limit of the virtual tool where the arm renders no force at all, N.
 const UNACTUATED_FORCE_N: f64 = 10.0;
 const DEFAULT_SPEED_MM_PER_S: f64 = 1000.0;
+/// No hand that holds an arm is faster, mm/s: a throw has 10 m/s without one.
+const MOST_SPEED_MM_PER_S: f64 = 5000.0;
 /// Slew: from zero to the limit in 10 ms (devices reference, safety rule 7).
 const FULL_SLEW_S: f64 = 0.010;
+/// Shortest time from zero to the limit: a tick at 1 kHz. Faster, the force would step.
+const LEAST_SLEW_S: f64 = 0.001;
 const DEFAULT_POWER_W: f64 = 5.0;
+/// A hand that moves at 1 m/s goes 5 cm meanwhile, and the guard acts after as long. Less than a few periods would fault on a healthy machine.
+const DEFAULT_STALL_MS: f64 = 50.0;
+const STALL_MS: Interval = Interval::from(5.0).to(50.0);
+/// The power limit goes up to what the arm's largest force does at this speed, m/s: that of a hand that moves fast.
+const POWER_SPEED_M_PER_S: f64 = 1.0;
 /// Window of the fault for power (rule 9).
 const POWER_WINDOW_S: f64 = 0.050;
 /// Longest braking after too much speed, and the default.
@@ -32,6 +41,10 @@ const MOST_BRAKE_MS: f64 = 100.0;
 const ENGAGE_SHARE: f64 = 0.1;
 const ENGAGE_TICKS: u32 = 3;
 const DEFAULT_RAMP_MS: f64 = 100.0;
+/// The shortest ramp, ms: ten ticks at 1 kHz. A shorter one is a blow.
+const LEAST_RAMP_MS: f64 = 10.0;
+/// Over-runs that make a fault, as a time of them without a tick in time, s.
+const MOST_OVERRUN_S: u32 = 1;
 const STALE_TICKS_MAX: u32 = 3;
 const STALE_FAULT_S: f64 = 0.020;
 const ENFORCED_OVERRUN_TICKS: u32 = 20;
@@ -142,23 +155,31 @@ impl Resolve<'_> {
             declared.filter(|_| has_any(actuated, Axes::TRANSLATION)).map_or(UNACTUATED_FORCE_N, |limits| limits.force_n);
         let torque_max =
             declared.filter(|_| has_any(actuated, Axes::ROTATION)).map_or(UNACTUATED_TORQUE_NM, |limits| limits.torque_nm);
+        // What rules are measured by, whether the signs are verified or not: a scene does not change with that.
+        let arm_n = force_max;
         let (force_max, torque_max) = if profile.is_some_and(Profile::has_unverified_signs) {
-            let capped = force_max.min(LimitParameters::UNVERIFIED_SIGNS_FORCE_N);
+            let capped = force_max.min(profile::UNVERIFIED_SIGNS_FORCE_N);
             (capped, torque_max * capped / force_max)
         } else {
             (force_max, torque_max)
         };
         let checks = &mut self.checks;
-        let force_n = checks.number("limits.force_n", limits.force_n, force_max, POSITIVE.unit("N")).min(force_max);
-        let torque_nm = checks.number("limits.torque_nm", limits.torque_nm, torque_max, POSITIVE.unit("N·m")).min(torque_max);
+        let of_profiles = "no arm's profile has more, and the lower of profile and scene counts";
+        let range = POSITIVE.to(ceilings::FORCE_N).unit("N");
+        let force_n = checks.rule("limits.force_n", limits.force_n, force_max, range, of_profiles).min(force_max);
+        let range = POSITIVE.to(ceilings::TORQUE_NM).unit("N·m");
+        let torque_nm = checks.rule("limits.torque_nm", limits.torque_nm, torque_max, range, of_profiles).min(torque_max);
         let overrun_fault_ticks = match safety.overrun {
             Some(Overrun::Off) => 0,
             Some(Overrun::Consecutive(count)) => match u32::try_from(count) {
-                Ok(count) if count > 0 => count,
+                Ok(count) if (1..=MOST_OVERRUN_S * rate_hz).contains(&count) => count,
                 _ => {
+                    let most = MOST_OVERRUN_S * rate_hz;
                     checks.not_accepted(
                         "safety.overrun",
-                        "a whole number of consecutive missed ticks from 1 to 4294967295, or \"off\"",
+                        format_args!(
+                            "a whole number of consecutive missed ticks from 1 to {most}, which is a second of them, or \"off\""
+                        ),
                     );
                     0
                 }
@@ -170,19 +191,41 @@ impl Resolve<'_> {
         LimitParameters {
             force_n,
             torque_nm,
-            speed_m_per_s: checks.number(
+            speed_m_per_s: checks.rule(
                 "limits.speed_mm_per_s",
                 limits.speed_mm_per_s,
                 DEFAULT_SPEED_MM_PER_S,
-                POSITIVE.unit("mm/s"),
+                POSITIVE.to(MOST_SPEED_MM_PER_S).unit("mm/s"),
+                "no hand that holds an arm is faster",
             ) * MM,
-            slew_n_per_s: checks.number("safety.slew_n_per_s", safety.slew_n_per_s, force_n / FULL_SLEW_S, POSITIVE.unit("N/s")),
+            slew_n_per_s: checks
+                .rule(
+                    "safety.slew_n_per_s",
+                    safety.slew_n_per_s,
+                    force_n / FULL_SLEW_S,
+                    POSITIVE.to(show(arm_n / LEAST_SLEW_S)).unit("N/s"),
+                    &format!("the arm's largest force of {arm_n} N within 1 ms"),
+                )
+                .min(force_n / LEAST_SLEW_S),
             slew_nm_per_s: torque_nm / FULL_SLEW_S,
-            power_w: checks.number("safety.power_w", safety.power_w, DEFAULT_POWER_W, POSITIVE.unit("W")),
-            ramp_s: checks.number("safety.ramp_ms", safety.ramp_ms, DEFAULT_RAMP_MS, POSITIVE.to(10_000.0).unit("ms")) * 1e-3,
+            power_w: checks.rule(
+                "safety.power_w",
+                safety.power_w,
+                DEFAULT_POWER_W,
+                POSITIVE.to(show(DEFAULT_POWER_W.max(arm_n * POWER_SPEED_M_PER_S))).unit("W"),
+                &format!("the larger of 5 W and the arm's largest force of {arm_n} N at 1 m/s"),
+            ),
+            ramp_s: checks.rule(
+                "safety.ramp_ms",
+                safety.ramp_ms,
+                DEFAULT_RAMP_MS,
+                Interval::from(LEAST_RAMP_MS).to(10_000.0).unit("ms"),
+                "a shorter one is a blow",
+            ) * 1e-3,
             stale_ticks_max: STALE_TICKS_MAX,
             stale_fault_ticks,
             overrun_fault_ticks,
+            stall_s: checks.number("safety.stall_ms", safety.stall_ms, DEFAULT_STALL_MS, STALL_MS.unit("ms")) * 1e-3,
         }
     }
 

@@ -47,13 +47,19 @@ impl Resolve<'_> {
         profile: Option<&Profile>,
     ) -> CouplingParameters {
         let StabilityConfig { translation, rotation, allow_unstable } = *stability;
-        let stiffness_n_per_m = match self.checks.optional("coupling.translation_n_per_mm", written.translation_n_per_mm, POSITIVE)
-        {
+        let stiffness_n_per_m = match self.checks.optional(
+            "coupling.translation_n_per_mm",
+            written.translation_n_per_mm,
+            POSITIVE.to(1e6).unit("N/mm"),
+        ) {
             Some(n_per_mm) => n_per_mm / MM,
             None => or_if_infinite(translation.value() / scale, UNBOUNDED_N_PER_M),
         };
-        let stiffness_nm_per_rad = match self.checks.optional("coupling.rotation_nm_per_rad", written.rotation_nm_per_rad, POSITIVE)
-        {
+        let stiffness_nm_per_rad = match self.checks.optional(
+            "coupling.rotation_nm_per_rad",
+            written.rotation_nm_per_rad,
+            POSITIVE.to(1e6).unit("N·m/rad"),
+        ) {
             Some(nm_per_rad) => nm_per_rad,
             None => or_if_infinite(rotation.value(), UNBOUNDED_NM_PER_RAD),
         };
@@ -115,7 +121,7 @@ impl Resolve<'_> {
     }
 
     fn felt_damping(&mut self, key: &str, written: Option<f64>, declared: Option<f64>, unit: &'static str, scale: f64) -> f64 {
-        let damping = self.checks.number(key, written, 0.0, Interval::from(0.0).unit(unit));
+        let damping = self.checks.number(key, written, 0.0, Interval::from(0.0).to(1e4).unit(unit));
         if let Some(declared) = declared
             && scale * damping > declared
         {

@@ -6,7 +6,6 @@ mod monitor;
 mod objects;
 mod sculpt;
 
-use std::fs;
 use std::path::Path;
 
 use glam::DVec3;
@@ -23,6 +22,7 @@ use crate::haptics::{CouplingMode, Parameters, PortParameters};
 use crate::mesh::Format;
 use crate::sculpt::session::is_session;
 use crate::spatial::Pose;
+use crate::storage::regular;
 use crate::voxmap::field::FieldKind;
 
 /// What the command line sets over the scene.
@@ -58,7 +58,7 @@ pub fn load_with(path: &Path, options: &LoadOptions) -> Result<SceneConfig, Conf
     if is_session(path) {
         return Err(of_file(ProblemKind::IsSession));
     }
-    let text = fs::read_to_string(path).map_err(|cause| of_file(ProblemKind::Unreadable { cause }))?;
+    let text = regular::written(path).map_err(|cause| of_file(ProblemKind::Unreadable { cause }))?;
     let document = Document::parse(path, &text)?;
     if is_profile(path) {
         return Err(of_file(ProblemKind::IsProfile));

@@ -1,3 +1,5 @@
+use std::fs;
+
 use glam::DVec3;
 
 use super::*;

@@ -64,3 +64,27 @@ fn a_scene_is_shown_whether_it_was_offered_or_rendered_first() {
     assert!(ask(&counter, nothing()).is_err());
     assert_eq!(board.view().scene_idx, 3);
 }
+
+#[test]
+fn a_limit_that_was_lowered_bounds_files_and_is_shown_so_in_the_scene_that_comes() {
+    let (counter, board, ends) = desk();
+    let knob = |board: &Board| *board.view().settings.iter().find(|setting| setting.name == "limit_force_n").expect("a knob");
+    let Setting { name, range, .. } = knob(&board);
+    let half = 0.5 * range.scene;
+    assert!(matches!(ask(&counter, Ask::Set { parameter: name.to_owned(), value: half }), Ok(())));
+    assert!(matches!(ask(&counter, Ask::SetAll { scene_idx: 0, values: vec![(name, range.scene)] }), Ok(())));
+    assert_eq!((knob(&board).value, knob(&board).range.scene), (half, range.scene));
+    let (coming, others) = offered();
+    counter.offered(coming);
+    counter.rendered(1);
+    assert!(ask(&counter, nothing()).is_err());
+    assert_eq!((board.view().scene_idx, knob(&board).value), (1, half));
+    // The file says less now: no client asks for more than that.
+    assert!(matches!(ask(&counter, Ask::SetAll { scene_idx: 1, values: vec![(name, 0.8 * range.scene)] }), Ok(())));
+    assert_eq!((knob(&board).value, knob(&board).range.most), (half, 0.8 * range.scene));
+    let raise = |value: f64| ask(&counter, Ask::Set { parameter: name.to_owned(), value });
+    assert!(matches!(raise(0.9 * range.scene), Err(Refusal::Tune(TuneError::Range { .. }))));
+    assert!(matches!(raise(0.7 * range.scene), Ok(())));
+    assert_eq!(knob(&board).value, 0.7 * range.scene);
+    drop((ends, others));
+}

@@ -17,11 +17,14 @@ fn view(config: SceneConfig) -> View {
 #[test]
 fn what_can_be_set_is_set_and_nothing_more() {
     let view = view(scene(SCENE));
-    assert_eq!(tunes(&scene(SCENE), &view), Some(Vec::new()));
+    assert_eq!(tunes(&scene(SCENE), &view, &Lowered::default()), Some(Vec::new()));
     let softer =
         SCENE.replace("= 5.0", "= 4.3\nfriction = 0.3").replace("friction = 0.3", "friction = { static = 0.3, dynamic = 0.2 }");
     let expected = [("contact_stiffness_n_per_m", 5000.0, 4300.0), ("friction_static", 0.0, 0.3), ("friction_dynamic", 0.0, 0.2)];
-    assert_eq!(tunes(&scene(&softer), &view), Some(expected.map(|(name, from, to)| Tuned { name, from, to }).to_vec()));
+    assert_eq!(
+        tunes(&scene(&softer), &view, &Lowered::default()),
+        Some(expected.map(|(name, from, to)| Tuned { name, from, to }).to_vec())
+    );
 }
 
 #[test]
@@ -30,7 +33,7 @@ fn what_a_client_turned_goes_back_to_what_the_file_says() {
     let setting = view.settings.iter_mut().find(|setting| setting.name == "contact_stiffness_n_per_m").expect("a knob");
     setting.value = 2500.0;
     let back = Tuned { name: "contact_stiffness_n_per_m", from: 2500.0, to: 5000.0 };
-    assert_eq!(tunes(&scene(SCENE), &view), Some(vec![back]));
+    assert_eq!(tunes(&scene(SCENE), &view, &Lowered::default()), Some(vec![back]));
 }
 
 #[test]
@@ -69,7 +72,7 @@ fn anything_else_takes_a_bake() {
         ("= 5.0", "= 4.0\nbraking = true"),
     ] {
         assert!(SCENE.contains(from));
-        assert_eq!(tunes(&scene(&SCENE.replace(from, to)), &view), None, "{to}");
+        assert_eq!(tunes(&scene(&SCENE.replace(from, to)), &view, &Lowered::default()), None, "{to}");
     }
 }
 

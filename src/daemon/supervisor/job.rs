@@ -50,16 +50,10 @@ pub struct Live {
     pub taps: Taps,
 }
 
-/// What an operator asks for while a run goes on.
+/// An operator asks for force, from zero. After a fault this acknowledges it. Everything that takes force away goes to the [`Control`](crate::servo::Control)
+/// itself and waits for nobody.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum OperatorOrder {
-    /// Force on, from zero. After a fault this acknowledges it.
-    Enable,
-    /// Force off, at once.
-    Disable,
-    /// Ramp down and end.
-    Stop,
-}
+pub struct Enable;
 
 /// Who says when force may flow. A simulated arm has nobody to hurt and is enabled from the start, unless everybody is held back.
 #[derive(Debug, Default)]
@@ -70,8 +64,8 @@ pub struct Operator {
     pub waits_after_fault: bool,
     /// No arm is enabled before somebody says so, not even a simulated one.
     pub holds_back: bool,
-    /// Orders as they come; `None`: nobody gives any.
-    pub orders: Option<Receiver<OperatorOrder>>,
+    /// Orders to enable as they come; `None`: nobody gives any.
+    pub enables: Option<Receiver<Enable>>,
 }
 
 /// How a run ended.

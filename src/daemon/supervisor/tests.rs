@@ -36,7 +36,7 @@ fn a_virtual_run_ends_by_itself_and_gives_a_summary() {
         _ => {}
     });
     let prepared: Result<RenderJob, ()> = supervisor.bake(|| Ok(job(ideal(), ClockKind::Virtual, 20_000)));
-    let outcome = supervisor.render(prepared.expect("prepared"), &never()).expect("an outcome");
+    let outcome = supervisor.render(prepared.expect("prepared"), &Arc::new(Control::new())).expect("an outcome");
     assert_eq!(outcome.exit(), Exit::Ok);
     assert!(outcome.totals.ticks > 20_000);
     assert_eq!((outcome.totals.missed_deadlines, outcome.totals.dropped_records), (0, 0));
@@ -50,7 +50,8 @@ fn a_virtual_run_ends_by_itself_and_gives_a_summary() {
 #[test]
 fn two_virtual_runs_agree_in_every_bit_but_the_measured_times() {
     let run = || {
-        let outcome = Supervisor::new(|_| {}).render(job(ideal(), ClockKind::Virtual, 3000), &never()).expect("an outcome");
+        let outcome =
+            Supervisor::new(|_| {}).render(job(ideal(), ClockKind::Virtual, 3000), &Arc::new(Control::new())).expect("an outcome");
         let flight: Vec<_> = outcome.report.flight.records().map(|r| (r.tick, r.time_ns, r.wakeup_ns, r.input, r.output)).collect();
         (outcome.totals.ticks, outcome.totals.final_pose, outcome.report.last, flight)
     };
@@ -59,7 +60,8 @@ fn two_virtual_runs_agree_in_every_bit_but_the_measured_times() {
 
 #[test]
 fn a_real_run_of_a_fifth_of_a_second_comes_to_its_end() {
-    let outcome = Supervisor::new(|_| {}).render(job(ideal(), ClockKind::Real, 200), &never()).expect("an outcome");
+    let outcome =
+        Supervisor::new(|_| {}).render(job(ideal(), ClockKind::Real, 200), &Arc::new(Control::new())).expect("an outcome");
     assert_eq!(outcome.exit(), Exit::Ok);
     assert!(outcome.totals.ticks > 200);
     assert_eq!(outcome.report.packet_errors, 0);
@@ -70,7 +72,7 @@ fn a_real_run_of_a_fifth_of_a_second_comes_to_its_end() {
 fn a_real_arm_that_nobody_may_enable_is_refused() {
     let arm = CountingArm { capabilities: Capabilities { simulated: false, ..Capabilities::default() }, ..CountingArm::default() };
     let log = arm.log.clone();
-    let refused = Supervisor::new(|_| {}).render(job(Box::new(arm), ClockKind::Virtual, 100), &never());
+    let refused = Supervisor::new(|_| {}).render(job(Box::new(arm), ClockKind::Virtual, 100), &Arc::new(Control::new()));
     assert!(matches!(refused, Err(RunError::NobodyEnables)));
     assert_eq!(log.writes.load(core::sync::atomic::Ordering::SeqCst), 0);
     assert_eq!(log.stops.load(core::sync::atomic::Ordering::SeqCst), 1, "zero on a failed start too");
@@ -80,9 +82,11 @@ fn a_real_arm_that_nobody_may_enable_is_refused() {
 fn after_a_fault_force_waits_for_the_operator_and_the_run_still_counts_as_faulted() {
     let arm = CountingArm { lost_from_read: Some(60), back_from_read: Some(120), ..CountingArm::default() };
     let log = arm.log.clone();
-    let (order, orders) = bounded(4);
+    let (enable, enables) = bounded(4);
+    let control = Arc::new(Control::new());
+    let stops = control.clone();
     let live = Live {
-        operator: Operator { enables_at_start: true, waits_after_fault: true, holds_back: false, orders: Some(orders) },
+        operator: Operator { enables_at_start: true, waits_after_fault: true, holds_back: false, enables: Some(enables) },
         ..Live::default()
     };
     let mut job = job(Box::new(arm), ClockKind::Real, 0);
@@ -97,12 +101,12 @@ fn after_a_fault_force_waits_for_the_operator_and_the_run_still_counts_as_faulte
     };
     let operator = std::thread::spawn(move || {
         wait_for(200);
-        order.send(OperatorOrder::Enable).expect("the supervisor listens");
+        enable.send(Enable).expect("the supervisor listens");
         wait_for(400);
         // Force flows: this one changes nothing.
-        order.send(OperatorOrder::Enable).expect("the supervisor listens");
+        enable.send(Enable).expect("the supervisor listens");
         wait_for(600);
-        order.send(OperatorOrder::Stop).expect("the supervisor listens");
+        stops.stop();
     });
     let mut phases = Vec::new();
     let mut supervisor = Supervisor::new(|notice| {
@@ -110,7 +114,7 @@ fn after_a_fault_force_waits_for_the_operator_and_the_run_still_counts_as_faulte
             phases.push(phase);
         }
     });
-    let outcome = supervisor.render_live(job, live, &never()).expect("an outcome");
+    let outcome = supervisor.render_live(job, live, &control).expect("an outcome");
     operator.join().expect("no panic");
     assert_eq!((outcome.exit(), outcome.report.ending), (Exit::Fault, Ending::Stopped));
     assert_eq!(outcome.report.faults, Faults::DEVICE_LOST);
@@ -122,7 +126,8 @@ fn after_a_fault_force_waits_for_the_operator_and_the_run_still_counts_as_faulte
 
 #[test]
 fn an_interrupt_is_a_safe_stop() {
-    let (sender, interrupts) = bounded(1);
+    let control = Arc::new(Control::new());
+    let interrupts = control.clone();
     let arm = CountingArm { capabilities: Capabilities { simulated: true, ..Capabilities::default() }, ..CountingArm::default() };
     let log = arm.log.clone();
     let mut job = job(Box::new(arm), ClockKind::Real, 0);
@@ -132,9 +137,9 @@ fn an_interrupt_is_a_safe_stop() {
         while running.reads.load(core::sync::atomic::Ordering::SeqCst) < 20 {
             std::thread::sleep(Duration::from_millis(1));
         }
-        sender.send(()).expect("the supervisor listens");
+        interrupts.interrupt();
     });
-    let outcome = Supervisor::new(|_| {}).render(job, &interrupts).expect("an outcome");
+    let outcome = Supervisor::new(|_| {}).render(job, &control).expect("an outcome");
     interrupter.join().expect("no panic");
     assert_eq!((outcome.exit(), outcome.report.ending), (Exit::Ok, Ending::Stopped));
     assert!(log.stops.load(core::sync::atomic::Ordering::SeqCst) >= 1);
@@ -147,7 +152,7 @@ fn enforce_refuses_a_machine_that_fails_a_check_before_any_tick() {
     let mut job = job(Box::new(arm), ClockKind::Real, 100);
     // No machine has this processor, so the affinity row fails everywhere.
     job.realtime = RealtimeConfig { enforce: true, cpu: Some(1_000_000), priority: 10 };
-    let error = Supervisor::new(|_| {}).render(job, &never()).expect_err("refused");
+    let error = Supervisor::new(|_| {}).render(job, &Arc::new(Control::new())).expect_err("refused");
     assert_eq!(error.exit(), Exit::RealtimeRefused);
     assert_eq!(log.reads.load(core::sync::atomic::Ordering::SeqCst), 0);
     assert!(log.stops.load(core::sync::atomic::Ordering::SeqCst) >= 1, "zero on a failed start too");
@@ -162,7 +167,7 @@ fn a_listener_that_panics_does_not_leave_the_loop_alone() {
     let job = RenderJob { duration: None, ..job(Box::new(arm), ClockKind::Real, 0) };
     let rendered = std::panic::catch_unwind(core::panic::AssertUnwindSafe(|| {
         Supervisor::new(|notice| assert!(!matches!(notice, Notice::Phase(Phase::Enabling)), "a panic on purpose"))
-            .render(job, &never())
+            .render(job, &Arc::new(Control::new()))
     }));
     assert!(rendered.is_err());
     assert!(log.stops.load(core::sync::atomic::Ordering::SeqCst) >= 1, "zero before the panic goes on");
@@ -190,7 +195,7 @@ fn a_panic_of_the_driver_is_a_fault_with_its_exit_code() {
     }
     let arm = Exploding(SimArm::new(SimParameters::ideal(1e-3)).expect("valid"));
     let mut supervisor = Supervisor::new(|_| {});
-    let outcome = supervisor.render(job(Box::new(arm), ClockKind::Virtual, 1000), &never()).expect("an outcome");
+    let outcome = supervisor.render(job(Box::new(arm), ClockKind::Virtual, 1000), &Arc::new(Control::new())).expect("an outcome");
     assert_eq!(supervisor.phase(), Phase::Fault);
     assert_eq!(outcome.exit(), Exit::Fault);
     assert_eq!(outcome.totals.faults, ["panic"]);

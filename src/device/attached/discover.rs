@@ -7,6 +7,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use super::nodes::{Node, NodeKind};
+use crate::device::guard;
 use crate::device::profile::{self, Match, Profile, UsbId};
 use crate::rt::finding::{Finding, Root};
 
@@ -114,7 +115,7 @@ pub fn may_use(path: &Path) -> bool {
 }
 
 /// Processes that have a node open: those whose descriptors this user may see.
-fn holders(root: &Root, node: &Path) -> Vec<Holder> {
+pub(super) fn holders(root: &Root, node: &Path) -> Vec<Holder> {
     let own = std::process::id();
     let pids = root.names("/proc").into_iter().filter_map(|name| name.parse::<u32>().ok());
     let mut holders: Vec<Holder> = pids
@@ -126,6 +127,8 @@ fn holders(root: &Root, node: &Path) -> Vec<Holder> {
         })
         .map(|pid| Holder { pid, name: root.read(format!("/proc/{pid}/comm")).unwrap_or_else(|| "?".to_owned()) })
         .collect();
+    // A guard goes with the process that it guards, and heeds no signal.
+    holders.retain(|holder| holder.name != guard::NAME);
     holders.sort_by_key(|holder| holder.pid);
     holders
 }
@@ -290,6 +293,9 @@ mod tests {
         let (_folder, root) = tree(&[("/proc/42/comm", "spacenavd\n"), ("/proc/7/comm", "bash\n")]);
         fs::create_dir_all(root.join("/proc/42/fd")).expect("folder");
         symlink("/dev/hidraw3", root.join("/proc/42/fd/5")).expect("link");
+        fs::create_dir_all(root.join("/proc/43/fd")).expect("folder");
+        fs::write(root.join("/proc/43/comm"), "haptic-guard\n").expect("written");
+        symlink("/dev/hidraw3", root.join("/proc/43/fd/1")).expect("link");
         let emulated = Node { usages: vec![(0xffc9, 4)], interface: Some(1), path: "/dev/hidraw4".into(), ..raw_hid() };
         let found = attached(vec![raw_hid(), emulated, Node::at(Path::new("/dev/ttyS0"))], &known(), &root, |path| {
             path != Path::new("/dev/hidraw3")

@@ -70,6 +70,18 @@ impl Node {
             usages: Vec::new(),
         }
     }
+
+    /// It says what it is.
+    pub(super) fn has_identity(&self) -> bool {
+        self.vendor_id != 0
+    }
+
+    /// True for a node of the same device, under whatever name.
+    pub(super) fn is_of_device(&self, other: &Self) -> bool {
+        let identity =
+            |node: &Self| (node.kind, node.vendor_id, node.product_id, node.serial.clone(), node.interface, node.usages.clone());
+        identity(self) == identity(other)
+    }
 }
 
 /// Every node, hidraw first, in the order of their paths. What cannot be listed is left out. Cold.

@@ -2,17 +2,19 @@
 
 use core::time::Duration;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::OnceLock;
 
 use crossbeam::channel::{Receiver, Sender, bounded};
 use rtrb::{Consumer, Producer, RingBuffer};
 
+use super::discover::{Holder, holders};
 use super::nodes::{self, Node, NodeKind, Selector};
+use crate::device::guard::{Guard, ZeroFrame};
 use crate::device::profile::{HomingMode, Match, Profile, RealArm, TransportKind};
 use crate::device::protocol::StartError;
 use crate::device::transport::{Carriage, HidLink, HidOpenError, SerialError, SerialLink, Transport};
-use crate::device::{Capabilities, Connection, IoPlacement, Replacements, Timebase, Wakeup, WiredArm, WiredParameters};
+use crate::device::{Capabilities, Connection, IoPlacement, Replacements, Timebase, WiredArm, WiredParameters};
+use crate::rt::finding::Root;
 use crate::rt::schedule::ThreadRequest;
 
 /// How often a lost arm is looked for.
@@ -29,6 +31,8 @@ pub struct OpenOptions {
     pub io_request: Option<ThreadRequest>,
     /// One tick, s.
     pub period_s: f64,
+    /// A `hapticd` to start as the [guard](crate::device::guard) of the arm.
+    pub guard: Option<PathBuf>,
 }
 
 /// Why an arm cannot be opened.
@@ -57,6 +61,14 @@ pub enum OpenError {
         title: String,
         /// Which.
         candidates: Vec<Node>,
+    },
+    /// Another program has the node.
+    #[error("{} is held by {}: end that first", .path.display(), names(.holders))]
+    Held {
+        /// The node.
+        path: PathBuf,
+        /// Who has it open, as far as this user may see.
+        holders: Vec<Holder>,
     },
     /// A serial port.
     #[error(transparent)]
@@ -97,6 +109,14 @@ fn advice(path: &Path) -> &'static str {
     }
 }
 
+fn names(holders: &[Holder]) -> String {
+    if holders.is_empty() {
+        // `hapticd` alone locks a hidraw node.
+        return "another hapticd".to_owned();
+    }
+    holders.iter().map(|holder| format!("{} (process {})", holder.name, holder.pid)).collect::<Vec<_>>().join(", ")
+}
+
 fn paths(nodes: &[Node]) -> String {
     nodes.iter().map(|node| node.path.display().to_string()).collect::<Vec<_>>().join(", ")
 }
@@ -130,6 +150,8 @@ pub enum LinkNews {
     },
     /// It is there, and does not start.
     Fails(String),
+    /// It has no guard: nobody takes the force away when this process is killed or stands still.
+    Unguarded(String),
 }
 
 /// An arm that was opened.
@@ -151,7 +173,7 @@ pub fn look_for(profile: &Profile, options: &OpenOptions) -> Result<(), OpenErro
     if real.matching.transport == TransportKind::Usb {
         return Ok(());
     }
-    Door { title: profile.title.clone(), real: real.clone(), options: options.clone() }.node().map(|_| ())
+    Door::new(profile, real, options).node().map(|_| ())
 }
 
 /// Opens the arm of a profile. Cold; the dialogue of some arms takes seconds.
@@ -160,14 +182,25 @@ pub fn look_for(profile: &Profile, options: &OpenOptions) -> Result<(), OpenErro
 /// See [`OpenError`].
 pub fn open(profile: &Profile, options: &OpenOptions) -> Result<Opened, OpenError> {
     let real = profile.real.as_ref().ok_or_else(|| OpenError::Simulated { profile: profile.name.clone() })?;
-    let door = Door { title: profile.title.clone(), real: real.clone(), options: options.clone() };
+    let door = Door::new(profile, real, options);
     open_way(door, |io| wired_parameters(profile, real, options.period_s, io))
+}
+
+/// What was before a connection.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in crate::device) enum Before {
+    /// Nothing.
+    Nothing,
+    /// A link that was lost, and the arm may have been without power.
+    Unplugged,
+    /// A link that was lost because the arm fell silent: its plug was never out.
+    Silent,
 }
 
 /// How to come to an arm, once and again.
 pub(in crate::device) trait Way: Send + 'static {
     /// Opens the link and starts the arm.
-    fn connect(&self, again: bool) -> Result<(PathBuf, Connection), OpenError>;
+    fn connect(&self, before: Before) -> Result<(PathBuf, Connection), OpenError>;
 
     /// What an arm that may have lost its power cannot know by itself.
     fn homing(&self) -> Option<String>;
@@ -181,18 +214,20 @@ pub(in crate::device) fn open_way(
     door: impl Way,
     parameters: impl FnOnce(IoPlacement) -> WiredParameters,
 ) -> Result<Opened, OpenError> {
-    let (path, connection) = door.connect(false)?;
-    let lost = Arc::new(AtomicBool::new(false));
+    let (path, connection) = door.connect(Before::Nothing)?;
     let (to_arm, fresh) = RingBuffer::new(1);
-    let (spent, from_arm) = RingBuffer::new(2);
+    let (spent, from_arm) = RingBuffer::new(1);
     let (teller, news) = bounded(NEWS);
-    let replacements = Replacements { fresh, spent, lost: lost.clone() };
+    if let Err(cause) = &connection.guard {
+        let _ = teller.try_send(LinkNews::Unguarded(cause.to_string()));
+    }
+    let replacements = Replacements { fresh, spent };
     std::thread::Builder::new()
         .name("reconnect".to_owned())
-        .spawn(move || keep(&door, to_arm, from_arm, &lost, &teller))
+        .spawn(move || keep(&door, to_arm, from_arm, &teller))
         .map_err(OpenError::Thread)?;
     let io = connection.link.io();
-    let arm = WiredArm::new(connection, Some(replacements), parameters(io));
+    let arm = WiredArm::new(connection, replacements, parameters(io));
     Ok(Opened { arm, path, news })
 }
 
@@ -207,14 +242,14 @@ pub(in crate::device) fn wired_parameters(profile: &Profile, real: &RealArm, per
             actuated: profile.actuated,
             pacing: profile.link.pacing,
             io,
-            wakeup: Wakeup::Clock,
             watchdog_ms: profile.link.device_watchdog_ms,
             watchdog_latched: real.watchdog_latched,
             holds_last_command: profile.link.holds_last_command,
             simulated: false,
         },
-        force_limit_n: profile.limits.force_n,
-        torque_limit_nm: profile.limits.torque_nm,
+        signs_verified: !profile.has_unverified_signs(),
+        limits: profile.limits.of_motors(),
+        unverified_limits: profile.unverified_limits().of_motors(),
         velocity_window_s: profile.velocity_window_ms.map(|window_ms| window_ms * 1e-3),
         kick_s: real.kick_ms.map(|kick_ms| f64::from(kick_ms) * 1e-3),
         delay_ticks: profile.bound_plant().delay_ticks,
@@ -230,15 +265,55 @@ struct Door {
     title: String,
     real: RealArm,
     options: OpenOptions,
+    /// The node that was opened first: later ones have to be of the same device.
+    first: OnceLock<Node>,
+}
+
+/// The node of the device that was opened first: at the path that the user named, or wherever the device has come back. `None`: it is not there.
+fn again(first: &Node, path: &Path, attached: &[Node]) -> Option<Node> {
+    if !first.has_identity() {
+        return Some(Node::at(path));
+    }
+    let same: Vec<&Node> = attached.iter().filter(|node| node.is_of_device(first)).collect();
+    // One adapter with several ports: their paths may have changed places.
+    let by_name = same.iter().find(|node| first.by_id.is_some() && node.by_id == first.by_id);
+    let at_path = || same.iter().find(|node| node.path == *path);
+    let only = || if let [node] = same.as_slice() { Some(node) } else { None };
+    by_name.or_else(at_path).or_else(only).map(|node| (*node).clone())
+}
+
+/// A node that is held by somebody says by whom.
+fn held(path: &Path, error: OpenError) -> OpenError {
+    let is_held = match &error {
+        OpenError::Serial(SerialError::Open { cause, .. }) => cause.kind() == serialport::ErrorKind::NoDevice,
+        OpenError::Hid(HidOpenError::Locked { .. }) => true,
+        _ => false,
+    };
+    let holders = if is_held { holders(&Root::default(), path) } else { Vec::new() };
+    let is_known = !holders.is_empty() || matches!(error, OpenError::Hid(_));
+    if is_held && is_known { OpenError::Held { path: path.to_owned(), holders } } else { error }
 }
 
 impl Door {
+    fn new(profile: &Profile, real: &RealArm, options: &OpenOptions) -> Self {
+        Self { title: profile.title.clone(), real: real.clone(), options: options.clone(), first: OnceLock::new() }
+    }
+
     fn node(&self) -> Result<Node, OpenError> {
         let selector = self.options.selector.as_ref();
-        if let Some(Selector::Path(path)) = selector {
-            return Ok(Node::at(&resolved(path)));
-        }
         let attached = nodes::list();
+        if let Some(Selector::Path(path)) = selector {
+            let path = resolved(path);
+            let node = match self.first.get() {
+                Some(first) => again(first, &path, &attached),
+                None => Some(attached.iter().find(|node| node.path == path).cloned().unwrap_or_else(|| Node::at(&path))),
+            };
+            return node.ok_or_else(|| OpenError::Missing {
+                title: self.title.clone(),
+                matching: Box::new(self.real.matching.clone()),
+                found: attached,
+            });
+        }
         // Numbers of the user's own stand in for those of the profile: boards are sold under many.
         let matching = match selector {
             Some(Selector::Usb { .. }) => Match { ids: Vec::new(), by_id: None, ..self.real.matching.clone() },
@@ -270,16 +345,26 @@ impl Door {
             return Err(OpenError::NoUsb { title: self.title.clone() });
         }
         let node = self.node()?;
+        let (link, carriage) = self.link_at(&node).map_err(|error| held(&node.path, error))?;
+        let path = node.path.clone();
+        let _ = self.first.set(node);
+        Ok((path, link, carriage))
+    }
+
+    fn link_at(&self, node: &Node) -> Result<(Box<dyn Transport>, Carriage), OpenError> {
         Ok(match node.kind {
-            NodeKind::Hid => {
-                let link = HidLink::open(&node.path, self.options.io_request)?;
-                (node.path, Box::new(link) as Box<dyn Transport>, Carriage::Reports)
-            }
-            NodeKind::Serial => {
-                let link = SerialLink::open(&node.path, self.real.matching.baud)?;
-                (node.path, Box::new(link) as Box<dyn Transport>, Carriage::Stream)
-            }
+            NodeKind::Hid => (Box::new(HidLink::open(&node.path, self.options.io_request)?), Carriage::Reports),
+            NodeKind::Serial => (Box::new(SerialLink::open(&node.path, self.real.matching.baud)?), Carriage::Stream),
         })
+    }
+
+    /// Starts the guard of the arm at this link, if one is asked for and there are motors.
+    fn guard(&self, link: &dyn Transport, carriage: Carriage) -> std::io::Result<Option<Guard>> {
+        let zero = self.real.protocol.zero_frame(carriage);
+        let Some(program) = self.options.guard.as_ref().filter(|_| !zero.is_empty()) else { return Ok(None) };
+        // Above the loop, which is one above the threads of its link.
+        let priority = self.options.io_request.map(|request| request.priority.saturating_add(2).min(99));
+        Guard::start(program, link.descriptor()?, &ZeroFrame(zero.as_slice().to_vec()), priority).map(Some)
     }
 
     #[cfg(feature = "usb")]
@@ -297,18 +382,23 @@ impl Door {
 }
 
 impl Way for Door {
-    fn connect(&self, again: bool) -> Result<(PathBuf, Connection), OpenError> {
+    fn connect(&self, before: Before) -> Result<(PathBuf, Connection), OpenError> {
         let (path, mut link, carriage) = self.link()?;
         let mut codec = self.real.protocol.codec(carriage);
-        if again {
-            codec.started_before();
+        if before != Before::Nothing {
+            codec.started_before(before == Before::Silent);
         }
         if let Err(cause) = codec.start(&mut *link) {
             // Zero on every failed start: the dialogue may have woken motors.
-            codec.finish(&mut *link);
+            if before != Before::Nothing {
+                Connection { link, codec, guard: Ok(None) }.let_go();
+            } else {
+                codec.finish(&mut *link);
+            }
             return Err(OpenError::Start { path, cause });
         }
-        Ok((path, Connection { link, codec }))
+        let guard = self.guard(&*link, carriage);
+        Ok((path, Connection { link, codec, guard }))
     }
 
     fn homing(&self) -> Option<String> {
@@ -326,16 +416,11 @@ fn resolved(path: &Path) -> PathBuf {
     std::fs::canonicalize(path).unwrap_or_else(|_| path.to_owned())
 }
 
-/// Brings a lost arm back, until the driver has gone.
-fn keep(
-    door: &dyn Way,
-    mut to_arm: Producer<Connection>,
-    mut from_arm: Consumer<Connection>,
-    lost: &AtomicBool,
-    teller: &Sender<LinkNews>,
-) {
+/// Brings a lost arm back, until the driver has gone. The lost connection comes first: its arm may still make the last force, and its port is held by
+/// ourselves until it is closed.
+fn keep(door: &dyn Way, mut to_arm: Producer<Connection>, mut from_arm: Consumer<Connection>, teller: &Sender<LinkNews>) {
     let mut told: Option<LinkNews> = None;
-    let mut is_looking = false;
+    let mut looks_for: Option<Before> = None;
     let mut tell = |news: LinkNews| {
         if told.as_ref() != Some(&news) {
             // Nobody may be listening, or not fast enough: news are for people.
@@ -344,26 +429,32 @@ fn keep(
         }
     };
     while !to_arm.is_abandoned() {
-        while let Ok(mut spent) = from_arm.pop() {
-            let Connection { link, codec } = &mut spent;
-            codec.finish(&mut **link);
-        }
-        // Relaxed: the flag is the whole message.
-        if lost.load(Ordering::Relaxed) && !to_arm.is_full() {
+        if let Ok(lost) = from_arm.pop() {
             // Once: an arm that is there and does not start is not lost again with each try.
-            if !core::mem::replace(&mut is_looking, true) {
-                tell(LinkNews::Lost);
-            }
-            match door.connect(true) {
+            tell(LinkNews::Lost);
+            looks_for = Some(if lost.let_go() { Before::Silent } else { Before::Unplugged });
+        }
+        if let Some(before) = looks_for {
+            match door.connect(before) {
+                // The driver has gone meanwhile.
+                Ok((_, connection)) if to_arm.is_abandoned() => connection.close(),
                 Ok((path, connection)) => {
+                    let unguarded = connection.guard.as_ref().err().map(|cause| LinkNews::Unguarded(cause.to_string()));
                     let _ = to_arm.push(connection);
-                    is_looking = false;
+                    looks_for = None;
                     tell(LinkNews::Back { node: path, homing: door.homing() });
+                    unguarded.map(&mut tell);
                 }
-                Err(error) if door.is_absent(&error) => {}
+                Err(error) if door.is_absent(&error) => looks_for = Some(Before::Unplugged),
                 Err(error) => tell(LinkNews::Fails(error.to_string())),
             }
         }
         std::thread::sleep(LOOK_AGAIN);
     }
+    if let Ok(lost) = from_arm.pop() {
+        lost.let_go();
+    }
 }
+
+#[cfg(test)]
+mod tests;

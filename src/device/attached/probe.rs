@@ -9,15 +9,13 @@ use core::time::Duration;
 use glam::DVec3;
 
 use super::identify::{Made, Record, made_of};
-use crate::device::profile::Profile;
+use crate::device::profile::{Profile, UNACTUATED_FORCE_N};
 use crate::device::{Device, DeviceError};
 use crate::rt::clock::Clock;
-use crate::spatial::{DeviceSample, Pose, SampleStatus, Wrench};
+use crate::spatial::{DeviceSample, Pose, SampleStatus, Twist, Wrench};
 
 /// Largest force of any trial, N.
 pub const FORCE_MAX_N: f64 = 0.5;
-/// Force limit that a scene assumes of an arm that has none, N: what torque is in proportion to there.
-const UNACTUATED_FORCE_N: f64 = 10.0;
 /// Force of the sign check, N, and how long it is on, s. Torque is the same share of the most that may be.
 const SIGN_FORCE_N: f64 = 0.3;
 const SIGN_S: f64 = 0.2;
@@ -30,6 +28,12 @@ const SIGN_STEPS: f64 = 2.0;
 const SIGN_FAR: [f64; 2] = [0.01, 0.1];
 /// Time for hands to come or go before anything is pushed.
 const BEFORE_FORCE: Duration = Duration::from_secs(2);
+/// Speeds of the grip under a push of the sign check, and under a shake, above which it is let go, m/s and rad/s: what the lightest arm comes to with
+/// nobody at it, and half as much again.
+const PUSHED_SPEED: [f64; 2] = [0.5, 5.0];
+const SHAKEN_SPEED: [f64; 2] = [1.0, 10.0];
+/// How much faster the grip may become while nothing pushes it, m/s and rad/s: a hand may, an arm that drives itself does.
+const GROWN_SPEED: [f64; 2] = [0.2, 3.0];
 /// Share of a watchdog's time after which it counts as tripped: what the host sends late may arrive later still.
 const WATCHDOG_SHARE: f64 = 0.75;
 /// Force of the identification, N, and how long each axis is shaken, s.
@@ -54,6 +58,8 @@ pub enum Ended {
     Reports(u16),
     /// Its watchdog has seen no command for this long, ms, and stays tripped: the motors are off, or may be.
     Watchdog(u64),
+    /// The grip moves by itself, or faster than the push can have made it: mm/s and mrad/s.
+    Moves(u32, u32),
 }
 
 impl From<DeviceError> for Ended {
@@ -101,6 +107,8 @@ pub struct Trial<'a, C> {
     /// Ends it when set.
     pub quit: &'a AtomicBool,
     torque_max_nm: f64,
+    /// Set when a person says that force may come.
+    go: Option<&'a AtomicBool>,
     last_command_ns: Option<i64>,
     longest_gap_ns: i64,
 }
@@ -108,12 +116,24 @@ pub struct Trial<'a, C> {
 impl<'a, C: Clock> Trial<'a, C> {
     /// A trial of an arm that was just opened, without torque.
     pub fn new(clock: C, period_s: f64, quit: &'a AtomicBool) -> Self {
-        Self { clock, period_s, quit, torque_max_nm: 0.0, last_command_ns: None, longest_gap_ns: 0 }
+        Self { clock, period_s, quit, torque_max_nm: 0.0, go: None, last_command_ns: None, longest_gap_ns: 0 }
     }
 
     /// The same with torque: at most so much, N·m; see [`torque_max_nm`].
     pub fn with_torque(self, torque_max_nm: f64) -> Self {
         Self { torque_max_nm, ..self }
+    }
+
+    /// The same with a person who is asked before anything is pushed: `go` is set when force may come, and until then zero commands go out.
+    pub fn asking(self, go: &'a AtomicBool) -> Self {
+        Self { go: Some(go), ..self }
+    }
+
+    /// Nobody has said yet that force may come.
+    fn hold_back(&self) {
+        if let Some(go) = self.go {
+            go.store(false, Ordering::Relaxed);
+        }
     }
 
     fn commanded(&mut self) {
@@ -146,7 +166,8 @@ pub struct Found {
     pub made: [Option<Made>; 3],
 }
 
-/// What comes next, and wants hands on the grip or off it: nothing is pushed for [two seconds](try_out).
+/// What comes next, and wants hands on the grip or off it: nothing is pushed until whoever is [asked](Trial::asking) says so, and for two seconds
+/// after that.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Step {
     /// The sign check.
@@ -168,11 +189,13 @@ pub fn try_out(
 ) -> Result<(), Ended> {
     listen(device, trial, plan.listen, &mut found.answers)?;
     if let Some(push) = &plan.push {
+        trial.hold_back();
         tell(Step::Signs);
         stand_by(device, trial)?;
         check_signs(device, trial, push, &mut found.signs)?;
     }
     if plan.identify {
+        trial.hold_back();
         tell(Step::Identify);
         stand_by(device, trial)?;
         identify(device, trial, &mut found.made)?;
@@ -182,6 +205,12 @@ pub fn try_out(
 
 /// Waits for hands to come or go, and for a reason to push nothing.
 fn stand_by(device: &mut dyn Device, trial: &mut Trial<'_, impl Clock>) -> Result<(), Ended> {
+    if let Some(go) = trial.go {
+        let mut bench = Bench::new(device, trial);
+        while !go.load(Ordering::Relaxed) {
+            bench.tick(Wrench::ZERO)?;
+        }
+    }
     let mut stood = Answers::default();
     listen(device, trial, BEFORE_FORCE, &mut stood)?;
     match stood {
@@ -232,12 +261,14 @@ struct Bench<'a, 'q, C> {
     device: &'a mut dyn Device,
     trial: &'a mut Trial<'q, C>,
     deadline_ns: i64,
+    /// What the motors make of the last wrench.
+    made: Wrench,
 }
 
 impl<'a, 'q, C: Clock> Bench<'a, 'q, C> {
     fn new(device: &'a mut dyn Device, trial: &'a mut Trial<'q, C>) -> Self {
         let deadline_ns = trial.clock.now_ns();
-        Self { device, trial, deadline_ns }
+        Self { device, trial, deadline_ns, made: Wrench::ZERO }
     }
 
     /// One tick: the sample, then the wrench; limited here once more.
@@ -254,14 +285,40 @@ impl<'a, 'q, C: Clock> Bench<'a, 'q, C> {
             other => other?,
         };
         let force = wrench.force.clamp_length_max(FORCE_MAX_N);
-        self.device.write(&Wrench::new(force, wrench.torque.clamp_length_max(self.trial.torque_max_nm)))?;
+        self.made = self.device.write(&Wrench::new(force, wrench.torque.clamp_length_max(self.trial.torque_max_nm)))?;
         self.trial.commanded();
         Ok(sample)
     }
 
-    /// A tick of a push, as long as the arm can be pushed.
-    fn push(&mut self, wrench: Wrench) -> Result<DeviceSample, Ended> {
+    /// `n` ticks under a zero command, in which the grip may move as it did, but not start to. Gives where it is then.
+    fn rest(&mut self, n: u32) -> Result<Pose, Ended> {
+        let (mut pose, mut most) = (Pose::IDENTITY, [f64::INFINITY; 2]);
+        for _ in 0..n {
+            let sample = self.push(Wrench::ZERO, most)?;
+            if sample.status == SampleStatus::Fresh && most[0].is_infinite() {
+                let speeds = self.speeds(&sample);
+                most = [speeds[0] + GROWN_SPEED[0], speeds[1] + GROWN_SPEED[1]];
+            }
+            pose = sample.pose;
+        }
+        Ok(pose)
+    }
+
+    /// How fast the grip is on the axes that have motors, m/s and rad/s: a wrist without any is moved by whoever holds it.
+    fn speeds(&self, sample: &DeviceSample) -> [f64; 2] {
+        let actuated = self.device.capabilities().actuated;
+        let Twist { linear, angular } = sample.twist;
+        [(linear * actuated.linear_mask()).length(), (angular * actuated.angular_mask()).length()]
+    }
+
+    /// A tick of a push, as long as the arm can be pushed and is not faster than `most`, m/s and rad/s.
+    fn push(&mut self, wrench: Wrench, most: [f64; 2]) -> Result<DeviceSample, Ended> {
         let sample = self.tick(wrench)?;
+        let speeds = self.speeds(&sample);
+        if sample.status == SampleStatus::Fresh && (speeds[0] > most[0] || speeds[1] > most[1]) {
+            let [mm_per_s, mrad_per_s] = speeds.map(|speed| (speed * 1e3) as u32);
+            return Err(Ended::Moves(mm_per_s, mrad_per_s));
+        }
         let capabilities = self.device.capabilities();
         let gap_ms = self.trial.longest_gap_ns.unsigned_abs() / 1_000_000;
         let patience_ms = capabilities.watchdog_ms.map(|watchdog_ms| WATCHDOG_SHARE * f64::from(watchdog_ms));
@@ -370,7 +427,9 @@ pub(in crate::device) fn check_signs(
 ) -> Result<(), Ended> {
     let actuated = device.capabilities().actuated;
     let n = (SIGN_S / trial.period_s) as u32;
-    // Arms with an enable bit take no force without it, and others hold their own weight only with it.
+    // Whatever the profile says of them: that is what is tried.
+    device.doubt_signs(true);
+    // Arms with an enable bit take no force without it.
     device.set_enabled(true);
     let mut bench = Bench::new(device, trial);
     for (idx, sign) in signs.iter_mut().enumerate().filter(|(idx, _)| actuated.has(*idx)) {
@@ -379,15 +438,12 @@ pub(in crate::device) fn check_signs(
         let full =
             if is_turn { Wrench::new(DVec3::ZERO, axis * push.torque_nm) } else { Wrench::new(axis * push.force_n, DVec3::ZERO) };
         let way = |from: Pose, to: Pose| if is_turn { from.rotation_to(to) } else { to.translation - from.translation }.dot(axis);
-        let mut rest = Pose::IDENTITY;
-        for _ in 0..n {
-            rest = bench.push(Wrench::ZERO)?.pose;
-        }
+        let rest = bench.rest(n)?;
         let mut moved = 0.0_f64;
         for tick in 0..n {
             // Comes in over the first half.
             let share = (2.0 * f64::from(tick) / f64::from(n)).min(1.0);
-            let sample = bench.push(full * share)?;
+            let sample = bench.push(full * share, PUSHED_SPEED)?;
             if sample.status == SampleStatus::Fresh {
                 moved = way(rest, sample.pose);
             }
@@ -402,6 +458,8 @@ pub(in crate::device) fn check_signs(
             _ => Sign::Still,
         });
     }
+    drop(bench);
+    device.doubt_signs(false);
     Ok(())
 }
 
@@ -439,12 +497,11 @@ fn shaken(device: &mut dyn Device, trial: &mut Trial<'_, impl Clock>, axis: DVec
     let period_s = trial.period_s;
     let n = (SHAKE_S / period_s) as usize;
     let mut record = Record { forces_n: Vec::with_capacity(n), ways_m: Vec::with_capacity(n), delay_ticks: 0 };
+    // Nobody holds it, so an arm whose signs are verified holds the weight of its links; another one may fall, and is let go then.
     device.set_enabled(true);
     let mut bench = Bench::new(device, trial);
     // What the trial before left of motion dies away first.
-    for _ in 0..(REST_S / period_s) as usize {
-        bench.push(Wrench::ZERO)?;
-    }
+    bench.rest((REST_S / period_s) as u32)?;
     for tick in 0..n {
         let time_s = tick as f64 * period_s;
         // In and out over a fifth of the time, so that nothing jerks.
@@ -455,9 +512,10 @@ fn shaken(device: &mut dyn Device, trial: &mut Trial<'_, impl Clock>, axis: DVec
             .map(|(idx, hz)| (core::f64::consts::TAU * (hz * time_s + (idx * shake) as f64 * 0.618)).sin())
             .sum();
         let force_n = (SHAKE_N * window * sum / SHAKE_HZ.len() as f64 * 2.0).clamp(-FORCE_MAX_N, FORCE_MAX_N);
-        let sample = bench.push(Wrench::new(axis * force_n, DVec3::ZERO))?;
+        let sample = bench.push(Wrench::new(axis * force_n, DVec3::ZERO), SHAKEN_SPEED)?;
         record.delay_ticks = sample.delay_ticks as usize;
-        record.forces_n.push(force_n);
+        // A motor at its limit, or a cap, leaves less than was asked for.
+        record.forces_n.push(bench.made.force.dot(axis));
         record.ways_m.push((sample.status == SampleStatus::Fresh).then(|| sample.pose.translation.dot(axis)));
     }
     Ok(record)

@@ -1,8 +1,12 @@
 //! What every arm has to do, whatever it is made of: one suite, run on every shipped profile. Simulated ones are driven as they are, real ones over a
 //! link in memory against their mock arm, one of its periods per tick.
 
+#[cfg(test)]
+mod faults;
 mod rig;
 mod trials;
+#[cfg(test)]
+mod wrong_signs;
 
 use glam::DVec3;
 
@@ -41,31 +45,42 @@ fn push(rig: &dyn Rig) -> Wrench {
     Wrench::new((axes * DVec3::new(1.0, 2.0, -1.5)).normalize_or_zero() * PUSH_N, DVec3::ZERO)
 }
 
-/// What the motors make of a command, and what the arm answers: the mean over a while behind a longer one. A wrist may go back and forth by a step of
-/// its encoder for ever, and what its motors add to damp that is none of the wrench: over a while it adds up to nothing.
-fn settled(rig: &mut dyn Rig, asked: Wrench) -> (Wrench, Wrench) {
-    const WHILE: u32 = 200;
-    ticks(rig, 400, asked);
-    let (mut felt, mut made) = (Wrench::ZERO, Wrench::ZERO);
-    for _ in 0..WHILE {
-        made = made + ticks(rig, 1, asked).1;
-        felt = felt + rig.felt();
-    }
-    (felt * (1.0 / f64::from(WHILE)), made * (1.0 / f64::from(WHILE)))
+/// What the arm says that its motors make.
+#[derive(Clone, Copy, Debug, Default)]
+struct Answer {
+    /// Of the command.
+    made: Wrench,
+    /// Beside it.
+    beside: Wrench,
 }
 
-/// The motors make what the arm answered, as far as the grip can move: a wrench that the structure takes needs no motor. `share`: what was left of
-/// the wrench; as much is left of what holds the weight of the links.
-fn assert_felt(rig: &dyn Rig, felt: &Wrench, made: &Wrench, share: f64) {
-    let (of_felt, of_made) = (rig.torques(felt), rig.torques(made));
+/// What the motors make of a command, and what the arm answers: the mean over a while behind a longer one. A wrist may go back and forth by a step of
+/// its encoder for ever.
+fn settled(rig: &mut dyn Rig, asked: Wrench) -> (Wrench, Answer) {
+    const WHILE: u32 = 200;
+    ticks(rig, 400, asked);
+    let (mut felt, mut made, mut beside) = (Wrench::ZERO, Wrench::ZERO, Wrench::ZERO);
+    for _ in 0..WHILE {
+        made = made + ticks(rig, 1, asked).1;
+        beside = beside + rig.device().beside_device();
+        felt = felt + rig.felt();
+    }
+    let share = 1.0 / f64::from(WHILE);
+    (felt * share, Answer { made: made * share, beside: beside * share })
+}
+
+/// The motors make what the arm answered, as far as the grip can move: a wrench that the structure takes needs no motor. What is left of the weight of
+/// the links is felt.
+fn assert_felt(rig: &dyn Rig, felt: &Wrench, answer: &Answer) {
+    let (of_felt, of_made, of_beside) = (rig.torques(felt), rig.torques(&answer.made), rig.torques(&answer.beside));
     assert_eq!(of_felt.is_empty(), rig.profile().actuated == Axes::NONE, "{}: where is the grip?", rig.name());
-    let largest = of_made.iter().fold(0.0, |largest: f64, (torque, ..)| largest.max(torque.abs()));
-    for ((felt_nm, step_nm, weight_nm), (made_nm, ..)) in of_felt.iter().zip(&of_made) {
-        let expected_nm = made_nm - (1.0 - share) * weight_nm;
+    let largest = of_made.iter().chain(&of_beside).fold(0.0, |largest: f64, (torque, ..)| largest.max(torque.abs()));
+    for (((felt_nm, step_nm, weight_nm), (made_nm, ..)), (beside_nm, ..)) in of_felt.iter().zip(&of_made).zip(&of_beside) {
+        let expected_nm = made_nm + beside_nm - weight_nm;
         // An encoder step turns the columns of the Jacobian by less than half a percent.
         assert!(
             (felt_nm - expected_nm).abs() <= step_nm + 5e-3 * largest + 1e-9,
-            "{}: the motors make {felt:?}, the arm answered {made:?} ({share}): {felt_nm} for {expected_nm} N·m",
+            "{}: the motors make {felt:?}, the arm said {answer:?}: {felt_nm} for {expected_nm} N·m",
             rig.name()
         );
     }
@@ -161,8 +176,9 @@ fn the_answer_is_what_the_motors_make() {
         let small = push(&*rig);
         let torque = DVec3::new(0.3, -0.2, 0.25) * limits.torque_nm.max(0.1);
         for asked in [small, Wrench::new(small.force, torque), Wrench::new(DVec3::ZERO, torque)] {
-            let (felt, made) = settled(&mut *rig, asked);
-            assert_felt(&*rig, &felt, &made, 1.0);
+            let (felt, answer) = settled(&mut *rig, asked);
+            assert_felt(&*rig, &felt, &answer);
+            let made = answer.made;
             let wanted = asked.torque * mask(actuated, 3);
             assert!(made.torque.length() <= wanted.length() + 1e-12, "{name}: {made:?}");
             if mask(actuated, 3) == DVec3::ZERO {
@@ -170,8 +186,9 @@ fn the_answer_is_what_the_motors_make() {
             }
         }
         let far = Wrench::new(small.force.normalize_or_zero() * 100.0 * limits.force_n, torque * 100.0);
-        let (felt, made) = settled(&mut *rig, far);
-        assert_felt(&*rig, &felt, &made, made.force.length() / limits.force_n.max(f64::MIN_POSITIVE));
+        let (felt, answer) = settled(&mut *rig, far);
+        assert_felt(&*rig, &felt, &answer);
+        let made = answer.made;
         let (force_n, torque_nm) = (made.force.length(), made.torque.length());
         assert!(force_n <= limits.force_n * (1.0 + 1e-9) && torque_nm <= limits.torque_nm * (1.0 + 1e-9), "{name}: {made:?}");
         if actuated != Axes::NONE {
@@ -267,8 +284,8 @@ fn a_lost_arm_stays_lost_until_it_is_plugged_in_again() {
                 assert!((last.pose.translation - rig.pose().translation).length() < 1e-3, "{name}: {last:?}");
             }
             rig.device().set_enabled(true);
-            let (felt, made) = settled(&mut *rig, wrench);
-            assert_felt(&*rig, &felt, &made, 1.0);
+            let (felt, answer) = settled(&mut *rig, wrench);
+            assert_felt(&*rig, &felt, &answer);
             assert_eq!(rig.is_driven(), actuated != Axes::NONE, "{name}");
             assert_eq!(rig.device().capabilities(), before, "{name}");
         }

@@ -2,7 +2,6 @@
 
 use std::collections::VecDeque;
 use std::path::Path;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard};
 
 use glam::{DQuat, DVec3};
@@ -10,12 +9,12 @@ use rtrb::{Consumer, Producer, RingBuffer};
 
 use crate::device::attached::open::wired_parameters;
 use crate::device::kinematics::{Configuration, Kinematics};
-use crate::device::mock::MockArm;
 use crate::device::mock::linkage::Linkage;
 use crate::device::mock::profiled::{self, MockSettings};
+use crate::device::mock::{FaultReport, MockArm};
 use crate::device::profile::{self, Profile, RealArm};
 use crate::device::protocol::{MAX_AXES, Protocol};
-use crate::device::simulated::fault;
+use crate::device::simulated::fault::{self, FaultKind};
 use crate::device::simulated::hand::{GripPath, HandPath};
 use crate::device::simulated::{HandParameters, SimArm, SimParameters};
 use crate::device::transport::{Carriage, LoopbackEnd, Transport, TransportError, loopback};
@@ -54,6 +53,12 @@ pub(super) trait Rig: Send {
     fn is_rate_input(&self) -> bool;
     fn begin_trouble(&mut self);
     fn end_trouble(&mut self);
+    /// A fault of the arm that stays, of those that a mock arm has; an arm without a wire has none here.
+    fn fail(&mut self, _: FaultKind, _: &str) {}
+    /// What came of it.
+    fn felt_fault(&self) -> Option<FaultReport> {
+        None
+    }
     /// Joint torques that a wrench asks of the motors, N·m or N, each with what one step of its motor on the wire makes, and what it takes to hold the
     /// weight of the links.
     fn torques(&self, wrench: &Wrench) -> Vec<(f64, f64, f64)>;
@@ -77,11 +82,23 @@ fn hand_at(place: DVec3) -> HandParameters {
 /// Makes an arm: held there, or free.
 pub(super) type Make = dyn Fn(Option<DVec3>, Trouble) -> Box<dyn Rig>;
 
-/// Every shipped arm, simulated and real.
+/// Every shipped arm, simulated and real, its signs verified: what is left of the force of those whose signs are not is tried in `wrong_signs`.
 pub(super) fn every_arm() -> Vec<Box<Make>> {
+    arms(true)
+}
+
+/// The same with signs that nobody has verified, as they are shipped.
+pub(super) fn every_arm_as_shipped() -> Vec<Box<Make>> {
+    arms(false)
+}
+
+fn arms(signs_verified: bool) -> Vec<Box<Make>> {
     profile::names()
         .map(|name| {
-            let profile = profile::find(name, Path::new("")).expect(name);
+            let mut profile = profile::find(name, Path::new("")).expect(name);
+            if let Some(real) = &mut profile.real {
+                real.signs_verified = signs_verified;
+            }
             Box::new(move |hand, trouble| -> Box<dyn Rig> {
                 match &profile.real {
                     Some(real) => Box::new(WiredRig::new(&profile, real, hand, trouble)),
@@ -96,6 +113,7 @@ pub(super) fn every_arm() -> Vec<Box<Make>> {
 pub(super) fn turned_arm() -> Box<dyn Rig> {
     let mut profile = profile::find("polhem-2022", Path::new("")).expect("shipped");
     if let Some(real) = &mut profile.real {
+        real.signs_verified = true;
         real.device_from_native = DQuat::from_rotation_z(core::f64::consts::FRAC_PI_2);
     }
     let real = profile.real.clone().expect("real");
@@ -259,9 +277,14 @@ impl Transport for WireEnd {
         self.side.lock().expect("no panic").n_sent += 1;
         self.here.send(frame)
     }
+
+    fn send_now(&mut self, frame: &[u8]) -> Result<(), TransportError> {
+        self.side.lock().expect("no panic").n_sent += 1;
+        self.here.send_now(frame)
+    }
 }
 
-struct WiredRig {
+pub(super) struct WiredRig {
     profile: Profile,
     protocol: Protocol,
     carriage: Carriage,
@@ -270,16 +293,32 @@ struct WiredRig {
     linkage: Linkage,
     trouble: Trouble,
     is_rate_input: bool,
-    lost: Arc<AtomicBool>,
     to_arm: Producer<Connection>,
-    _spent: Consumer<Connection>,
+    spent: Consumer<Connection>,
 }
 
 impl WiredRig {
     fn new(profile: &Profile, real: &RealArm, hand: Option<DVec3>, trouble: Trouble) -> Self {
+        Self::unlike(profile, real, profile, hand, trouble)
+    }
+
+    /// An arm that is another one than the profile of its host says.
+    pub(super) fn miswired(profile: &Profile, arm: &Profile, hand: Option<DVec3>) -> Self {
+        Self::unlike(profile, profile.real.as_ref().expect("real"), arm, hand, Trouble::None)
+    }
+
+    /// What the motors make at the grip, the weight of the links included that they hold.
+    pub(super) fn made_by_motors(&self) -> Wrench {
+        let side = self.side();
+        let mut linkage = self.linkage.clone();
+        linkage.follow(side.mock.pose(), crate::spatial::Twist::ZERO, 1.0);
+        linkage.wrench(&side.mock.motors(), 0.0)
+    }
+
+    fn unlike(profile: &Profile, real: &RealArm, arm: &Profile, hand: Option<DVec3>, trouble: Trouble) -> Self {
         let settings =
             MockSettings { hand: hand.map(hand_at), hand_delay: core::time::Duration::ZERO, faults: Vec::new(), seed: 1 };
-        let (parameters, protocol) = profiled::parameters(profile, settings);
+        let (parameters, protocol) = profiled::parameters(arm, settings);
         let carriage = match real.matching.transport {
             profile::TransportKind::Hid => Carriage::Reports,
             _ => Carriage::Stream,
@@ -301,10 +340,9 @@ impl WiredRig {
             n_sent: 0,
         }));
         let connection = plugged(&side, &protocol, carriage, false);
-        let lost = Arc::new(AtomicBool::new(false));
         let (to_arm, fresh) = RingBuffer::new(1);
-        let (spent, from_arm) = RingBuffer::new(2);
-        let replacements = Replacements { fresh, spent, lost: lost.clone() };
+        let (spent, from_arm) = RingBuffer::new(1);
+        let replacements = Replacements { fresh, spent };
         let mut wired = wired_parameters(profile, real, period_s, IoPlacement::InLoop);
         wired.timebase = Timebase::Counted;
         Self {
@@ -312,13 +350,12 @@ impl WiredRig {
             protocol,
             carriage,
             side,
-            arm: Some(WiredArm::new(connection, Some(replacements), wired)),
+            arm: Some(WiredArm::new(connection, replacements, wired)),
             linkage,
             trouble,
             is_rate_input: matches!(real.kinematics, Kinematics::Rate(_)),
-            lost,
             to_arm,
-            _spent: from_arm,
+            spent: from_arm,
         }
     }
 
@@ -347,13 +384,13 @@ fn plugged(side: &Arc<Mutex<Side>>, protocol: &Protocol, carriage: Carriage, aga
     let mut link = WireEnd { here, side: side.clone() };
     let mut codec = protocol.codec(carriage);
     if again {
-        codec.started_before();
+        codec.started_before(false);
     }
     codec.start(&mut link).unwrap_or_else(|error| panic!("{}: {error}", protocol.name()));
     side.lock().expect("no panic").is_in_dialogue = false;
     let mut buffer = [0; 256];
     while link.receive(&mut buffer).expect("plugged") > 0 {}
-    Connection { link: Box::new(link), codec }
+    Connection { link: Box::new(link), codec, guard: Ok(None) }
 }
 
 impl Rig for WiredRig {
@@ -386,11 +423,11 @@ impl Rig for WiredRig {
         let mut linkage = self.linkage.clone();
         linkage.follow(self.pose(), crate::spatial::Twist::ZERO, 1.0);
         let motors = [1.0; MAX_AXES];
-        let base = linkage.wrench(&motors);
+        let base = linkage.wrench(&motors, 0.0);
         (0..MAX_AXES).fold((0.0, 0.0), |(force_n, torque_nm), idx| {
             let mut stepped = motors;
             stepped[idx] += self.motor_step();
-            let wrench = linkage.wrench(&stepped);
+            let wrench = linkage.wrench(&stepped, 0.0);
             (force_n + (wrench.force - base.force).length(), torque_nm + (wrench.torque - base.torque).length())
         })
     }
@@ -431,8 +468,18 @@ impl Rig for WiredRig {
         side.is_late = false;
     }
 
+    fn fail(&mut self, fault: FaultKind, name: &str) {
+        let mut side = self.side();
+        let now_s = side.now_s;
+        side.mock.fail(fault, name, now_s);
+    }
+
+    fn felt_fault(&self) -> Option<FaultReport> {
+        self.side().mock.report().faults.pop()
+    }
+
     fn reconnect(&mut self) -> bool {
-        assert!(self.lost.load(Ordering::Relaxed), "{}: nobody was told that it is lost", self.name());
+        assert!(self.spent.pop().is_ok(), "{}: nobody was given what was lost", self.name());
         let connection = plugged(&self.side, &self.protocol, self.carriage, true);
         assert!(self.to_arm.push(connection).is_ok(), "{}: the last one was not taken", self.name());
         true

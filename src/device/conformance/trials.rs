@@ -4,7 +4,7 @@ use core::sync::atomic::AtomicBool;
 use core::time::Duration;
 use std::sync::{Arc, Mutex, MutexGuard};
 
-use super::rig::{Rig, Trouble, every_arm};
+use super::rig::{Rig, Trouble, every_arm_as_shipped};
 use crate::device::attached::probe::{self, Answers, Ended, Found, Plan, Push, Sign, Trial};
 use crate::device::{Capabilities, Device, DeviceError};
 use crate::rt::clock::{Clock, ClockKind, VirtualClock};
@@ -32,6 +32,10 @@ impl Device for InStep {
         self.0.device().set_enabled(enabled);
     }
 
+    fn doubt_signs(&mut self, doubted: bool) {
+        self.0.device().doubt_signs(doubted);
+    }
+
     fn stop(&mut self) {
         self.0.device().stop();
     }
@@ -41,7 +45,7 @@ impl Device for InStep {
 #[test]
 fn an_arm_on_a_wire_is_identified() {
     let quit = AtomicBool::new(false);
-    for make in every_arm() {
+    for make in every_arm_as_shipped() {
         let rig = make(None, Trouble::None);
         let (name, plant) = (rig.name(), rig.profile().plant);
         if !["novint-falcon", "haply-2diy", "woodenhaptics-v15", "open6-serial"].contains(&name.as_str()) {
@@ -59,10 +63,14 @@ fn an_arm_on_a_wire_is_identified() {
 
 /// An arm and its time, which goes on whatever the host does meanwhile.
 #[derive(Clone)]
-struct Timed(Arc<Mutex<Box<dyn Rig>>>, i64);
+pub(super) struct Timed(Arc<Mutex<Box<dyn Rig>>>, i64);
 
 impl Timed {
-    fn rig(&self) -> MutexGuard<'_, Box<dyn Rig>> {
+    pub(super) fn of(rig: Box<dyn Rig>) -> Self {
+        Self(Arc::new(Mutex::new(rig)), 0)
+    }
+
+    pub(super) fn rig(&self) -> MutexGuard<'_, Box<dyn Rig>> {
         self.0.lock().expect("no panic")
     }
 }
@@ -82,6 +90,10 @@ impl Device for Timed {
 
     fn set_enabled(&mut self, enabled: bool) {
         self.rig().device().set_enabled(enabled);
+    }
+
+    fn doubt_signs(&mut self, doubted: bool) {
+        self.rig().device().doubt_signs(doubted);
     }
 
     fn stop(&mut self) {
@@ -113,7 +125,7 @@ impl Clock for Timed {
 fn every_arm_with_motors_is_tried_out_from_listening_to_shaking() {
     let quit = AtomicBool::new(false);
     let mut n_turned = 0;
-    for make in every_arm() {
+    for make in every_arm_as_shipped() {
         let rig = make(None, Trouble::None);
         let profile = rig.profile().clone();
         if profile.actuated == Axes::NONE || profile.real.is_none() {
@@ -143,7 +155,7 @@ fn every_arm_with_motors_is_tried_out_from_listening_to_shaking() {
 #[test]
 fn an_arm_that_was_left_alone_for_too_long_is_not_said_to_stand_still() {
     let quit = AtomicBool::new(false);
-    for make in every_arm() {
+    for make in every_arm_as_shipped() {
         let rig = make(None, Trouble::None);
         if rig.name() != "leader-arm-6" {
             continue;

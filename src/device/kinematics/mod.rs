@@ -31,6 +31,8 @@ mod plain;
 #[cfg(test)]
 mod tests;
 
+use glam::DQuat;
+
 pub(super) use capstan::{Capstan, CapstanLinks};
 pub(super) use chain::{Chain, ChainJoint};
 pub(super) use delta::Delta;
@@ -41,10 +43,12 @@ pub(super) use pantograph::Pantograph;
 pub(super) use plain::{OneAxis, Rate};
 
 use super::protocol::MAX_AXES;
-use crate::spatial::{Axes, Pose, Twist, Wrench};
+use crate::spatial::{Axes, Mat6, Pose, Twist, Wrench};
 
 /// Standard gravity for compensation torques, m/s².
 pub(super) const GRAVITY_M_PER_S2: f64 = 9.81;
+/// Share of the trace of J·Jᵀ that keeps the way from torques to a wrench well posed: far below what any wire resolves.
+const RIDGE: f64 = 1e-10;
 
 /// Where the grip is, and how each joint moves it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -73,6 +77,37 @@ impl Configuration {
             twist.angular += column.angular * *rate;
         }
         twist
+    }
+
+    /// What one N·m (N of a sliding joint) of each joint that `has_motor` makes at the grip: the columns of (J·Jᵀ)⁻¹·J, the least wrench W with
+    /// JᵀW = τ over the axes that have a motor. Device axes; zero for a joint without a motor. Where J loses rank the columns are huge, but finite.
+    /// `None`: they cannot be told.
+    ///
+    /// RT: safe; one 6×6 solve for each motor.
+    pub(super) fn pushes(
+        &self,
+        has_motor: impl Fn(usize) -> bool,
+        device_from_native: DQuat,
+        actuated: Axes,
+    ) -> Option<[Wrench; MAX_AXES]> {
+        let (forced, turned) = (actuated.linear_mask(), actuated.angular_mask());
+        let (mut columns, mut gram) = ([Wrench::ZERO; MAX_AXES], Mat6::ZERO);
+        for (idx, (column, moved)) in columns.iter_mut().zip(self.columns).enumerate() {
+            if has_motor(idx) {
+                *column = Wrench::new(device_from_native * moved.linear * forced, device_from_native * moved.angular * turned);
+                gram.add_outer(1.0, column.force, column.torque);
+            }
+        }
+        let trace: f64 = gram.traces().0 + gram.traces().1;
+        for idx in 0..6 {
+            gram.0[idx][idx] += RIDGE * trace.max(f64::MIN_POSITIVE);
+        }
+        let mut pushes = [Wrench::ZERO; MAX_AXES];
+        for (push, column) in pushes.iter_mut().zip(columns).filter(|(_, column)| *column != Wrench::ZERO) {
+            let (force, torque) = gram.solve_spd(column)?;
+            *push = Some(Wrench::new(force, torque)).filter(|push| push.is_finite())?;
+        }
+        Some(pushes)
     }
 
     fn is_finite(&self) -> bool {

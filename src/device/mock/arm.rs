@@ -6,7 +6,9 @@ use glam::DQuat;
 
 use super::linkage::Linkage;
 use super::tally::{MockReport, Tally};
+use super::trace::Felt;
 use crate::device::kinematics::Kinematics;
+use crate::device::motor_stage::RISE_S;
 use crate::device::profile::Plant;
 use crate::device::protocol::{ArmReadings, Firmware, MAX_AXES, Outbox};
 use crate::device::simulated::dice::Dice;
@@ -28,6 +30,8 @@ pub struct MockParameters {
     pub(in crate::device) sensed: Axes,
     /// Axes with a motor.
     pub(in crate::device) actuated: Axes,
+    /// The host holds the weight of the links: it does once the signs are verified.
+    pub(in crate::device) is_compensated: bool,
     /// The grip.
     pub(in crate::device) plant: Plant,
     /// The hand; its path counts from where the grip rests at the start. `None`: nobody holds it.
@@ -50,6 +54,8 @@ pub struct MockArm {
     linkage: Linkage,
     plant: GripPlant,
     firmware: Box<dyn Firmware>,
+    /// Share of the links' weight that is taken off what the motors make. It rises with the host's compensation.
+    held: f64,
     readings: ArmReadings,
     stuck_at: Option<ArmReadings>,
     /// What `skip` has still to lose.
@@ -61,6 +67,8 @@ pub struct MockArm {
     first_frame_s: Option<f64>,
     /// Frames to be sent, each from its time on.
     outgoing: VecDeque<(f64, Vec<u8>)>,
+    /// The frame that `reorder` lets the next one overtake.
+    overtaken: Option<Vec<u8>>,
     answers: Outbox,
     tally: Tally,
 }
@@ -80,6 +88,7 @@ impl MockArm {
             linkage,
             plant,
             firmware,
+            held: 0.0,
             stuck_at: None,
             skips: parameters.faults.iter().find_map(|(_, plan)| match plan.kind {
                 FaultKind::Skip { samples } => Some(samples),
@@ -89,12 +98,20 @@ impl MockArm {
             delay_line: VecDeque::new(),
             first_frame_s: None,
             outgoing: VecDeque::new(),
+            overtaken: None,
             answers: Outbox::new(),
             tally: Tally::default(),
             parameters,
         };
         arm.delay_line.extend(core::iter::repeat_n(Wrench::ZERO, arm.parameters.plant.delay_ticks as usize));
         Ok(arm)
+    }
+
+    /// Something goes wrong from now on.
+    #[cfg(test)]
+    pub(in crate::device) fn fail(&mut self, fault: FaultKind, name: &str, now_s: f64) {
+        let plan = FaultPlan::from(fault, self.time_s(now_s));
+        self.parameters.faults.push((name.to_owned(), plan));
     }
 
     /// True grip pose, `device_from_grip`.
@@ -130,6 +147,18 @@ impl MockArm {
         self.has(now_s, |kind| *kind == FaultKind::Unplug).is_some()
     }
 
+    /// True while it hears nothing.
+    pub(super) fn is_deaf(&self, now_s: f64) -> bool {
+        self.has(now_s, |kind| *kind == FaultKind::Deaf).is_some()
+    }
+
+    /// How many faults there are now; a button that is held is none.
+    pub(super) fn wrong(&self, now_s: f64) -> usize {
+        let (time_s, period_s) = (self.time_s(now_s), self.parameters.period_s);
+        let active = |plan: &FaultPlan| plan.active(time_s, period_s).is_some_and(|kind| !matches!(kind, FaultKind::Press { .. }));
+        self.parameters.faults.iter().filter(|(_, plan)| active(plan)).count()
+    }
+
     /// Takes bytes of the host.
     pub(in crate::device) fn receive(&mut self, bytes: &[u8], now_s: f64) {
         self.first_frame_s.get_or_insert(now_s);
@@ -150,7 +179,9 @@ impl MockArm {
         let motors = self.firmware.motors();
         self.tally.report.watchdog_trips += u64::from(was_on && !is_on(&motors));
 
-        let commanded = self.linkage.wrench(&motors);
+        let rising = if is_on(&motors) { self.held + period_s / RISE_S } else { 0.0 };
+        self.held = if self.parameters.is_compensated { rising.min(1.0) } else { 0.0 };
+        let commanded = self.linkage.wrench(&motors, self.held);
         self.tally.period(&commanded, &self.parameters.faults, time_s, period_s);
         self.delay_line.push_back(commanded);
         let mut felt = self.delay_line.pop_front().unwrap_or_default();
@@ -223,11 +254,21 @@ impl MockArm {
             if self.has(now_s, |kind| *kind == FaultKind::Truncate).is_some() {
                 frame.truncate(frame.len() / 2);
             }
+            if self.has(now_s, |kind| *kind == FaultKind::LostByte).is_some() && !frame.is_empty() {
+                frame.remove(frame.len() / 2);
+            }
             let delay_s = match self.has(now_s, |kind| matches!(kind, FaultKind::Slow { .. })) {
                 Some(FaultKind::Slow { delay_s }) => delay_s,
                 _ => 0.0,
             };
-            self.outgoing.push_back((now_s + delay_s, frame));
+            let due_s = now_s + delay_s;
+            if self.has(now_s, |kind| *kind == FaultKind::Repeat).is_some() {
+                self.outgoing.push_back((due_s, frame.clone()));
+            }
+            match self.overtaken.take() {
+                None if self.has(now_s, |kind| *kind == FaultKind::Reorder).is_some() => self.overtaken = Some(frame),
+                overtaken => self.outgoing.extend([Some(frame), overtaken].into_iter().flatten().map(|frame| (due_s, frame))),
+            }
         }
     }
 
@@ -244,7 +285,7 @@ impl MockArm {
 
     /// Forgets what was not sent: the plug is out.
     pub(super) fn discard(&mut self) {
-        self.tally.report.frames_lost += self.outgoing.len() as u64;
+        self.tally.report.frames_lost += self.outgoing.len() as u64 + u64::from(self.overtaken.take().is_some());
         self.outgoing.clear();
     }
 
@@ -260,6 +301,19 @@ impl MockArm {
     /// Counts a period that began late.
     pub(in crate::device) fn late(&mut self) {
         self.tally.report.late_periods += 1;
+    }
+
+    /// What it feels now, for a trace.
+    pub(super) fn felt(&self, now_s: f64) -> Felt {
+        let MockReport { last_command, frames_received, late_periods, .. } = &self.tally.report;
+        let wrench = Wrench::from(*last_command);
+        Felt {
+            force_n: wrench.force.length(),
+            torque_nm: wrench.torque.length(),
+            frames: *frames_received,
+            late: *late_periods,
+            wrong: self.wrong(now_s),
+        }
     }
 
     /// What it felt so far.

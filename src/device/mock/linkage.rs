@@ -1,14 +1,11 @@
 //! What lies between the grip of a simulated arm and its board: joints, encoders, motors.
 
-use glam::{DQuat, DVec3};
+use glam::DQuat;
 
 use crate::device::kinematics::{Configuration, Kinematics};
 use crate::device::protocol::{ArmReadings, MAX_AXES};
 use crate::device::transmission::Transmission;
-use crate::spatial::{Axes, Mat6, Pose, Twist, Wrench};
-
-/// Share of the mean stiffness that keeps the solve for a wrench well posed: far below what any wire resolves.
-const RIDGE: f64 = 1e-10;
+use crate::spatial::{Axes, Pose, Twist, Wrench};
 
 /// The mechanics of an arm, seen from its board.
 #[derive(Clone, Debug)]
@@ -81,36 +78,19 @@ impl Linkage {
         }
     }
 
-    /// What the motors do to the grip: device axes, at the grip point. The plant knows no weight, so what a command holds against the weight of the
-    /// links is taken off; without a command there is nothing.
-    pub(in crate::device) fn wrench(&self, motors: &[f64; MAX_AXES]) -> Wrench {
+    /// What the motors do to the grip: device axes, at the grip point. The plant knows no weight, so of what a command holds against the weight of
+    /// the links `held`, a share in 0..=1, is taken off; without a command there is nothing.
+    pub(in crate::device) fn wrench(&self, motors: &[f64; MAX_AXES], held: f64) -> Wrench {
         if motors.iter().all(|motor| *motor == 0.0) {
             return Wrench::ZERO;
         }
         let weight = self.kinematics.extra_torques(&self.joints, &[0.0; MAX_AXES]);
+        let has_motor = |idx: usize| self.transmission.joints.get(idx).is_some_and(|joint| joint.motor.is_some());
+        let Some(pushes) = self.configuration.pushes(has_motor, self.device_from_native, self.actuated) else {
+            return Wrench::ZERO;
+        };
         let torques = self.transmission.torques(motors);
-        let (forced, turned) = (self.actuated.linear_mask(), self.actuated.angular_mask());
-        // The least wrench W with JᵀW = τ: (J·Jᵀ)·W = J·τ, over the axes that have a motor.
-        let mut stiffness = Mat6::ZERO;
-        let mut pushed = Wrench::ZERO;
-        for (idx, column) in self.configuration.columns.iter().enumerate() {
-            if self.transmission.joints[idx].motor.is_none() {
-                continue;
-            }
-            let linear = self.device_from_native * column.linear * forced;
-            let angular = self.device_from_native * column.angular * turned;
-            stiffness.add_outer(1.0, linear, angular);
-            let torque = torques[idx] - weight[idx];
-            pushed.force += linear * torque;
-            pushed.torque += angular * torque;
-        }
-        let trace: f64 = (0..6).map(|idx| stiffness.0[idx][idx]).sum();
-        for idx in 0..6 {
-            stiffness.0[idx][idx] += RIDGE * trace.max(f64::MIN_POSITIVE);
-        }
-        match stiffness.solve_spd(pushed) {
-            Some((force, torque)) if force.is_finite() && torque.is_finite() => Wrench::new(force, torque),
-            _ => Wrench::new(DVec3::ZERO, DVec3::ZERO),
-        }
+        let each = pushes.iter().zip(torques).zip(weight);
+        each.fold(Wrench::ZERO, |wrench, ((push, torque), weight)| wrench + *push * (torque - held * weight))
     }
 }

@@ -15,6 +15,7 @@
 //! | `linkage` | grip pose into readings, motors into a wrench |
 //! | [`profiled`] | a mock arm from a profile |
 //! | `tally` | what it felt |
+//! | [`trace`] | the same while it feels it, line by line in a file |
 //! | `link` | the arm's end of a link; the one in memory, for tests |
 //! | [`pty`] | a pseudo-terminal |
 //! | [`uhid`] | a HID device of the kernel's making |
@@ -31,6 +32,7 @@ pub mod serve;
 mod tally;
 #[cfg(test)]
 mod tests;
+pub mod trace;
 pub mod uhid;
 
 pub use arm::{MockArm, MockParameters};

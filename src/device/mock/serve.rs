@@ -4,10 +4,13 @@ use core::time::Duration;
 
 use super::arm::MockArm;
 use super::link::{ArmLink, LinkError};
+use super::trace::Trace;
 use crate::rt::clock::monotonic_ns;
 
 /// Longest frame of a host.
 const BUFFER: usize = 1024;
+/// What an arm that wakes takes of a backlog per period: some frames, obeyed one after the other.
+const SHARE: usize = 128;
 
 /// How long to serve.
 #[derive(Clone, Copy, Debug, Default)]
@@ -42,7 +45,7 @@ impl Ended {
     }
 }
 
-/// Serves until `quit` says so or `serving` does.
+/// Serves until `quit` says so or `serving` does, and writes down in `trace` what the motors do.
 ///
 /// # Errors
 /// The plug cannot be pulled, or not be put in again.
@@ -50,6 +53,7 @@ pub fn serve(
     arm: &mut MockArm,
     link: &mut dyn ArmLink,
     serving: Serving,
+    mut trace: Option<&mut Trace>,
     mut quit: impl FnMut() -> bool,
 ) -> Result<Ended, LinkError> {
     let period_ns = (serving.period_s * 1e9) as i64;
@@ -58,6 +62,7 @@ pub fn serve(
     let mut is_unplugged = false;
     let mut was_gone = link.is_host_gone();
     let mut buffer = [0; BUFFER];
+    let mut has_backlog = false;
     loop {
         let now_ns = monotonic_ns();
         let now_s = (now_ns - start_ns) as f64 * 1e-9;
@@ -89,13 +94,23 @@ pub fn serve(
             }
             arm.advance((deadline_ns - start_ns) as f64 * 1e-9);
             deadline_ns += period_ns;
+            if let Some(trace) = &mut trace {
+                trace.note(monotonic_ns(), &arm.felt(now_s));
+            }
         }
+        let is_deaf = arm.is_deaf(now_s);
+        has_backlog |= is_deaf;
+        let most = if has_backlog { SHARE } else { BUFFER };
         loop {
-            let n = link.receive(&mut buffer);
+            let n = if is_deaf { 0 } else { link.receive(&mut buffer[..most]) };
+            has_backlog &= is_deaf || n > 0;
             if n == 0 {
                 break;
             }
             arm.receive(&buffer[..n], now_s);
+            if has_backlog {
+                break;
+            }
         }
         let mut due_ns = deadline_ns;
         while let Some(frame) = arm.next_frame((monotonic_ns() - start_ns) as f64 * 1e-9) {
@@ -107,7 +122,9 @@ pub fn serve(
         }
         let left_ns = due_ns - monotonic_ns();
         if left_ns > 0 {
-            link.wait(Duration::from_nanos(left_ns as u64));
+            let left = Duration::from_nanos(left_ns as u64);
+            // What has come and is not looked at yet would end the wait at once.
+            if is_deaf || has_backlog { std::thread::sleep(left) } else { link.wait(left) }
         }
     }
 }

@@ -1,5 +1,6 @@
 //! What a mock arm felt, for tests to judge a host by.
 
+use glam::DVec3;
 use serde::Serialize;
 
 use crate::device::simulated::fault::FaultPlan;
@@ -45,6 +46,13 @@ impl From<Wrench> for NamedWrench {
     fn from(wrench: Wrench) -> Self {
         let ([fx_n, fy_n, fz_n], [tx_nm, ty_nm, tz_nm]) = (wrench.force.to_array(), wrench.torque.to_array());
         Self { fx_n, fy_n, fz_n, tx_nm, ty_nm, tz_nm }
+    }
+}
+
+impl From<NamedWrench> for Wrench {
+    fn from(named: NamedWrench) -> Self {
+        let NamedWrench { fx_n, fy_n, fz_n, tx_nm, ty_nm, tz_nm } = named;
+        Self { force: DVec3::new(fx_n, fy_n, fz_n), torque: DVec3::new(tx_nm, ty_nm, tz_nm) }
     }
 }
 

@@ -11,6 +11,7 @@ use super::link::{ArmLink, Loopback};
 use super::linkage::Linkage;
 use super::pty::Pty;
 use super::serve::{Ended, Serving, serve};
+use super::trace::Trace;
 use crate::device::Device;
 use crate::device::kinematics::{Capstan, Configuration, Kinematics};
 use crate::device::protocol::{ArmReadings, Firmware, MAX_AXES, Outbox};
@@ -81,6 +82,7 @@ fn parameters(faults: &[&str]) -> MockParameters {
         device_from_native: DQuat::IDENTITY,
         sensed: Axes::SIX,
         actuated: Axes::SIX,
+        is_compensated: false,
         plant: SimParameters::ideal(T).plant,
         hand: Some(hand()),
         hand_delay_s: 0.0,
@@ -142,9 +144,9 @@ fn encoders_and_motors_of_a_linkage_say_the_same_as_the_host_computes() {
     let force = DVec3::new(0.5, -1.0, 0.75);
     let (motors, scale) = transmission.commands(&solved.torques(&Wrench::new(force, DVec3::ZERO)), &[0.0; MAX_AXES]);
     assert!((scale - 1.0).abs() < 1e-12);
-    let felt = linkage.wrench(&motors);
+    let felt = linkage.wrench(&motors, 0.0);
     assert!((felt.force - force).length() < 1e-6 && felt.torque.length() < 1e-9, "{felt:?}");
-    assert_eq!(linkage.wrench(&[0.0; MAX_AXES]), Wrench::ZERO);
+    assert_eq!(linkage.wrench(&[0.0; MAX_AXES], 0.0), Wrench::ZERO);
     // Out of reach it stays.
     let before = linkage.readings().readings;
     linkage.follow(Pose::from_translation(DVec3::splat(2.0)), crate::spatial::Twist::ZERO, T);
@@ -184,6 +186,13 @@ fn faults_of_the_wire_are_on_the_wire() {
     let garbled = of("garbage@50ms+10ms");
     assert!(garbled[50..60].iter().zip(&sound[50..60]).all(|(a, b)| a != b && a.len() == 24));
     assert_eq!(garbled[60..], sound[60..]);
+    let short = of("lost-byte@50ms");
+    assert!(short[..50] == sound[..50] && short[50..].iter().all(|frame| frame.len() == 23));
+    let twice = of("repeat@50ms+10ms");
+    assert!(twice.len() == 110 && (50..70).step_by(2).all(|n| twice[n] == twice[n + 1]));
+    let swapped = of("reorder@50ms+10ms");
+    assert!((50..60).step_by(2).all(|n| swapped[n] == sound[n + 1] && swapped[n + 1] == sound[n]));
+    assert_eq!(swapped[60..], sound[60..]);
     assert_eq!(of("slow=4ms").len(), 96);
     let x = |frame: &Vec<u8>| f32::from_le_bytes(frame[..4].try_into().expect("four bytes"));
     assert!(x(&of("nan@50ms")[60]).is_nan());
@@ -311,7 +320,7 @@ fn it_serves_a_host_over_a_pty_until_that_has_gone() {
     });
     let mut arm = mock(&[]);
     let serving = Serving { period_s: T, duration: Some(Duration::from_secs(20)), until_host_gone: true };
-    let ended = serve(&mut arm, &mut pty, serving, || false).expect("served");
+    let ended = serve(&mut arm, &mut pty, serving, None, || false).expect("served");
     assert_eq!(ended, Ended::HostGone);
     let replies = host.join().expect("no panic");
     let report = arm.report();
@@ -326,7 +335,40 @@ fn a_plug_that_is_pulled_in_memory_is_out() {
     let mut arm = mock(&["unplug@20ms"]);
     host.send(&command(DVec3::X)).expect("open");
     let serving = Serving { period_s: T, duration: Some(Duration::from_millis(60)), until_host_gone: false };
-    assert_eq!(serve(&mut arm, &mut link, serving, || false).expect("served"), Ended::Duration);
+    assert_eq!(serve(&mut arm, &mut link, serving, None, || false).expect("served"), Ended::Duration);
     assert!(host.send(&command(DVec3::X)).is_err());
     assert_eq!(arm.report().watchdog_trips, 1);
+}
+
+#[test]
+fn a_deaf_arm_leaves_what_it_is_told_in_the_tty_and_hears_it_when_it_wakes() {
+    let folder = tempfile::tempdir().expect("folder");
+    let path = link_path(&folder);
+    let traced = folder.path().join("trace.csv");
+    let mut pty = Pty::new(&path).expect("pty");
+    let mut arm = mock(&["deaf@100ms+300ms"]);
+    let mut trace = Trace::create(&traced).expect("made");
+    let host = std::thread::spawn(move || {
+        let mut link = SerialLink::open(&path, 115_200).expect("opened");
+        for _ in 0..3 {
+            link.send(&command(DVec3::X)).expect("sent");
+            std::thread::sleep(Duration::from_millis(10));
+        }
+        // It is deaf now, and whatever the machine does it is still deaf when these are written, or hears them awake.
+        std::thread::sleep(Duration::from_millis(150));
+        link.send(&command(DVec3::X * 3.0)).expect("the link is up");
+        std::thread::sleep(Duration::from_millis(400));
+        drop(link);
+    });
+    let serving = Serving { period_s: T, duration: Some(Duration::from_secs(20)), until_host_gone: true };
+    assert_eq!(serve(&mut arm, &mut pty, serving, Some(&mut trace), || false).expect("served"), Ended::HostGone);
+    host.join().expect("no panic");
+    let report = arm.report();
+    assert!((report.largest_force_n - 3.0).abs() < 1e-6, "what was written meanwhile is read at last: {report:?}");
+    let text = fs::read_to_string(&traced).expect("text");
+    let rows: Vec<Vec<f64>> =
+        text.lines().skip(1).map(|line| line.split(',').map(|cell| cell.parse().expect("a number")).collect()).collect();
+    let heard = rows.iter().find(|row| (row[1] - 3.0).abs() < 1e-3).expect("in the trace");
+    let deaf = rows.iter().find(|row| row[5] > 0.0).expect("in the trace");
+    assert!(heard[5] == 0.0 && heard[0] - deaf[0] > 0.25e9, "only when it is awake: {text}");
 }

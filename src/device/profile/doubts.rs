@@ -2,9 +2,11 @@
 
 use core::array::from_fn;
 
-use super::{Profile, RealArm};
+use super::{Profile, ProfileLimits, RealArm};
 use crate::device::kinematics::{Configuration, Kinematics, M_PER_RAD};
-use crate::spatial::Axes;
+use crate::device::motor_stage::{BESIDE_SHARE, at_grip};
+use crate::device::protocol::MAX_AXES;
+use crate::spatial::{Axes, Wrench};
 
 /// A joint that moves the grip this little off the way of the joints before it, as a share of its own, adds no direction.
 const ALIKE: f64 = 1e-3;
@@ -40,6 +42,7 @@ impl Profile {
                 self.limits.workspace_radius_m
             ));
         }
+        doubts.extend(self.heavy(real, &at_home));
         let mut never = self.lacking(real, &at_home);
         let lacking_at_home = never.clone();
         for round in 1..=N_POSES {
@@ -60,6 +63,22 @@ impl Profile {
             ));
         }
         doubts
+    }
+
+    /// More compensation at home than the motor stage lets through.
+    fn heavy(&self, real: &RealArm, at_home: &Configuration) -> Option<String> {
+        let has_motor = |idx: usize| real.transmission.joints.get(idx).is_some_and(|joint| joint.motor.is_some());
+        let pushes = at_home.pushes(has_motor, real.device_from_native, self.actuated)?;
+        let torques = real.kinematics.extra_torques(&real.kinematics.home(), &[0.0; MAX_AXES]);
+        let Wrench { force, torque } = at_grip(&pushes, &torques);
+        let (force_n, torque_nm) = (force.length(), torque.length());
+        let ProfileLimits { force_n: most_n, torque_nm: most_nm, .. } = self.limits;
+        (force_n > BESIDE_SHARE * most_n || torque_nm > BESIDE_SHARE * most_nm).then(|| {
+            format!(
+                "at home gravity compensation makes {force_n:.2} N and {torque_nm:.3} N·m at the grip, the limits are {most_n} N and {most_nm} N·m: more than {:.0} % of them does not go out; masses and centres of the links?",
+                100.0 * BESIDE_SHARE
+            )
+        })
     }
 
     /// Actuated axes along which the motors cannot push by themselves, the grip being there.

@@ -4,8 +4,8 @@ use core::f64::consts::TAU;
 
 use glam::{DQuat, DVec2, DVec3};
 
-use super::Profile;
 use super::written::{Geometry, GimbalWord, Joint as WrittenJoint, KinematicsWord, Written};
+use super::{Profile, ceilings};
 use crate::device::Thermal;
 use crate::device::kinematics::{
     Capstan, CapstanLinks, Chain, ChainJoint, Delta, FiveLink, GRAVITY_M_PER_S2, Gimbal, Kinematics, OneAxis, Pantograph,
@@ -13,13 +13,15 @@ use crate::device::kinematics::{
 };
 use crate::device::protocol::MAX_AXES;
 use crate::device::transmission::{Joint, Motor, Sensor, Transmission};
-use crate::document::{Checks, FINITE, Interval, NOT_NEGATIVE, Numbers, POSITIVE};
+use crate::document::{Checks, FINITE, Interval, NOT_NEGATIVE, Numbers, POSITIVE, show};
 use crate::spatial::{Axes, Pose};
 
 /// Damping of chain joints where a profile gives none, N·m·s/rad. *Assumed.*
 const DEFAULT_DAMPING_NM_S_PER_RAD: f64 = 0.02;
 /// Counts per turn of a Dynamixel servo.
 const SERVO_COUNTS_PER_REV: f64 = 4096.0;
+const MOTOR_SCALE: Interval = Interval::from(ceilings::MOTOR_SCALE[0]).to(ceilings::MOTOR_SCALE[1]);
+const LINK_CENTER: Interval = Interval::from(-ceilings::LINK_CENTER_MM).to(ceilings::LINK_CENTER_MM).unit("mm");
 
 /// What the joints of an arm come to.
 pub(super) struct Joints {
@@ -79,7 +81,8 @@ pub(super) fn joints(checks: &mut Checks<'_>, written: &Written, profile: &Profi
     };
     let Drive { transmission, continuous, .. } = drive;
     let thermal_time_s = written.motors.as_ref().and_then(|motors| motors.thermal_time_s);
-    let time_s = checks.optional("motors.thermal_time_s", thermal_time_s, POSITIVE.unit("s")).unwrap_or(0.0);
+    let time_s =
+        checks.optional("motors.thermal_time_s", thermal_time_s, POSITIVE.to(ceilings::THERMAL_TIME_S).unit("s")).unwrap_or(0.0);
     if continuous.iter().any(|units| *units > 0.0) && thermal_time_s.is_none() {
         checks.missing("motors.thermal_time_s", "the time constant of the winding, s");
     }
@@ -213,7 +216,7 @@ impl Drive<'_, '_> {
         if !self.is_driven {
             return;
         }
-        let scale = self.checks.number("geometry.current_scale", g.current_scale, 1.0, POSITIVE);
+        let scale = self.checks.number("geometry.current_scale", g.current_scale, 1.0, MOTOR_SCALE);
         let (link, motors) = (&self.written.link, self.written.motors.as_ref());
         let continuous = if let Some(per_nm) = &g.command_per_nm {
             let per_nm = self.list("geometry.command_per_nm", Some(per_nm), n, None, FINITE);
@@ -222,22 +225,47 @@ impl Drive<'_, '_> {
                 if per_nm[idx] == 0.0 {
                     self.checks.not_accepted(&format!("geometry.command_per_nm[{idx}]"), "other than 0");
                 }
-                self.transmission.joints[idx].motor = Some(Motor::torque(idx, per_nm[idx], limits[idx]));
+                let motor = Motor::torque(idx, per_nm[idx], limits[idx]);
+                self.within_reach(&format!("link.command_limit[{idx}]"), &motor);
+                self.transmission.joints[idx].motor = Some(motor);
             }
             let continuous = motors.and_then(|motors| motors.continuous_command.as_ref());
             self.list("motors.continuous_command", continuous, n, Some(0.0), NOT_NEGATIVE)
         } else {
             let constants = self.list("geometry.torque_constant_nm_per_a", g.torque_constant_nm_per_a.as_ref(), n, None, POSITIVE);
             let signs = self.signs("geometry.motor_sign", g.motor_sign.as_ref(), n);
-            let limits = self.list("link.current_limit_ma", link.current_limit_ma.as_ref(), n, None, POSITIVE.unit("mA"));
+            let limits = self.list(
+                "link.current_limit_ma",
+                link.current_limit_ma.as_ref(),
+                n,
+                None,
+                POSITIVE.to(ceilings::CURRENT_MA).unit("mA"),
+            );
             for idx in 0..n {
-                self.transmission.joints[idx].motor =
-                    Some(Motor::current(idx, ratio[idx], constants[idx], scale, signs[idx], limits[idx]));
+                let motor = Motor::current(idx, ratio[idx], constants[idx], scale, signs[idx], limits[idx]);
+                self.within_reach(&format!("link.current_limit_ma[{idx}]"), &motor);
+                self.transmission.joints[idx].motor = Some(motor);
             }
             let continuous = motors.and_then(|motors| motors.continuous_current_ma.as_ref());
             self.list("motors.continuous_current_ma", continuous, n, Some(0.0), NOT_NEGATIVE.unit("mA"))
         };
         self.continuous[..n].copy_from_slice(&continuous);
+    }
+
+    /// Refuses a limit with which a motor would make more than any joint of an arm for a hand.
+    fn within_reach(&mut self, key: &str, motor: &Motor) {
+        let joint_nm = motor.limit_units / motor.units_per_nm.abs();
+        // A constant of 0 is refused for itself.
+        if joint_nm > ceilings::JOINT_NM && joint_nm.is_finite() {
+            let (most, joint_nm) = (show(motor.limit_units * ceilings::JOINT_NM / joint_nm), show(joint_nm));
+            self.checks.not_accepted(
+                key,
+                format_args!(
+                    "at most {most}: with the constants beside it the motor would make {joint_nm} N·m at the joint, and {} is the most",
+                    ceilings::JOINT_NM
+                ),
+            );
+        }
     }
 
     /// Seven readings of a pose, six commands of a wrench; its limits are those of [limits].
@@ -281,10 +309,11 @@ impl Drive<'_, '_> {
         if !g.gravity_compensation.unwrap_or(default_on && g.link_mass_g.is_some()) {
             return None;
         }
-        let mass = self.list("geometry.link_mass_g", g.link_mass_g.as_ref(), n, None, NOT_NEGATIVE.unit("g"));
-        let along = self.list("geometry.link_along_mm", g.link_along_mm.as_ref(), n, None, FINITE);
+        let mass =
+            self.list("geometry.link_mass_g", g.link_mass_g.as_ref(), n, None, NOT_NEGATIVE.to(ceilings::LINK_MASS_G).unit("g"));
+        let along = self.list("geometry.link_along_mm", g.link_along_mm.as_ref(), n, None, LINK_CENTER);
         let across = if has_across {
-            self.list("geometry.link_across_mm", g.link_across_mm.as_ref(), n, None, FINITE)
+            self.list("geometry.link_across_mm", g.link_across_mm.as_ref(), n, None, LINK_CENTER)
         } else {
             vec![0.0; n]
         };
@@ -326,9 +355,15 @@ impl Drive<'_, '_> {
                 [1, 2]
             }
         };
-        let scale = self.checks.number("geometry.torque_scale", g.torque_scale, 1.0, POSITIVE);
+        let scale = self.checks.number("geometry.torque_scale", g.torque_scale, 1.0, MOTOR_SCALE);
         let limits = if self.is_driven {
-            self.list("link.command_limit", self.written.link.command_limit.as_ref(), 2, None, POSITIVE.unit("N·m"))
+            self.list(
+                "link.command_limit",
+                self.written.link.command_limit.as_ref(),
+                2,
+                None,
+                POSITIVE.to(ceilings::JOINT_NM).unit("N·m"),
+            )
         } else {
             Vec::new()
         };
@@ -467,7 +502,11 @@ impl Drive<'_, '_> {
         let motor = match (per_nm, limit) {
             _ if !self.is_driven => None,
             (Some(0.0), _) => None,
-            (Some(per_nm), Some(limit)) => Some(Motor::torque(idx, sign * per_nm, limit)),
+            (Some(per_nm), Some(limit)) => {
+                let motor = Motor::torque(idx, sign * per_nm, limit);
+                self.within_reach(&key("limit_counts"), &motor);
+                Some(motor)
+            }
             (None, _) => {
                 self.checks.missing(&key("counts_per_nm"), "the command per N·m, or servo_model");
                 None
@@ -484,13 +523,13 @@ impl Drive<'_, '_> {
             axis: axis.unwrap_or(DVec3::Z),
             point_m,
             slides: joint.slides.unwrap_or(false),
-            mass_kg: self.checks.number(&key("mass_g"), joint.mass_g, 0.0, NOT_NEGATIVE.unit("g")) * 1e-3,
+            mass_kg: self.checks.number(&key("mass_g"), joint.mass_g, 0.0, NOT_NEGATIVE.to(ceilings::LINK_MASS_G).unit("g")) * 1e-3,
             center_m: self.checks.position(&key("center_m"), joint.center_m),
             damping_nm_s_per_rad: self.checks.number(
                 &key("damping_nm_s_per_rad"),
                 joint.damping_nm_s_per_rad,
                 DEFAULT_DAMPING_NM_S_PER_RAD,
-                NOT_NEGATIVE,
+                NOT_NEGATIVE.to(ceilings::JOINT_DAMPING_NM_S_PER_RAD).unit("N·m·s/rad"),
             ),
             home_rad: self.checks.number(&key("home_rad"), joint.home_rad, 0.0, FINITE),
         }

@@ -9,12 +9,14 @@
 //! | `real` | what an arm of metal has beside that |
 //! | `written` | the file as it is written |
 //! | `resolve` | ranges and cross-checks of what every arm has |
+//! | `ceilings` | the largest values that may be declared |
 //! | `wiring` | those of match, protocol and link |
 //! | `joints` | those of kinematics and transmission |
 //! | `packet` | those of frames described as data |
 //! | `known_answers` | `[[check]]`: what the rest of the file has to agree with |
 //! | `doubts` | what may be written, and no arm is likely to be |
 
+pub(crate) mod ceilings;
 mod doubts;
 mod joints;
 mod known_answers;
@@ -26,15 +28,16 @@ mod tests;
 mod wiring;
 mod written;
 
-use std::fs;
 use std::path::{Path, PathBuf};
 
 pub(in crate::device) use real::{Check, Identified, Saturation};
 pub use real::{Homing, HomingMode, Match, RealArm, TransportKind, UsbId};
 
 use crate::device::Pacing;
+use crate::device::motor_stage::Limits;
 use crate::document::{ConfigErrors, Document, Problem, ProblemKind, nearest};
 use crate::spatial::Axes;
+use crate::storage::regular;
 
 /// JSON schema of a profile file, from the types that read it.
 pub(crate) fn schema() -> schemars::Schema {
@@ -101,6 +104,19 @@ impl Profile {
         self.real.as_ref().is_some_and(|real| !real.signs_verified)
     }
 
+    /// The limits that hold now: those of the profile, or what is left of them while nobody has verified the signs.
+    pub fn limits_now(&self) -> ProfileLimits {
+        if self.has_unverified_signs() { self.unverified_limits() } else { self.limits }
+    }
+
+    /// The limits while nobody has verified the signs: [`UNVERIFIED_SIGNS_FORCE_N`], and torque in proportion.
+    pub fn unverified_limits(&self) -> ProfileLimits {
+        let limits = self.limits;
+        let force_n = if limits.force_n > 0.0 { limits.force_n } else { UNACTUATED_FORCE_N };
+        let share = (UNVERIFIED_SIGNS_FORCE_N / force_n).min(1.0);
+        ProfileLimits { force_n: share * limits.force_n, torque_nm: share * limits.torque_nm, ..limits }
+    }
+
     /// True for a real arm that was never measured: its bounds rest on assumptions, and whoever enables it is told so.
     pub fn is_unidentified(&self) -> bool {
         self.real.as_ref().is_some_and(|real| real.identified.is_none())
@@ -125,6 +141,18 @@ pub struct ProfileLimits {
     /// Radius of the ball around the device origin in which the grip moves, m.
     pub workspace_radius_m: f64,
 }
+
+impl ProfileLimits {
+    /// What the motor stage holds to.
+    pub(in crate::device) fn of_motors(&self) -> Limits {
+        Limits { force_n: self.force_n, torque_nm: self.torque_nm }
+    }
+}
+
+/// Most that motors make at the grip whose signs nobody has verified, N; torque in proportion. One that pushes the wrong way is positive feedback.
+pub const UNVERIFIED_SIGNS_FORCE_N: f64 = 0.5;
+/// Force limit that a scene assumes of an arm that has none, N: what torque is in proportion to there.
+pub(in crate::device) const UNACTUATED_FORCE_N: f64 = 10.0;
 
 /// How reports and commands travel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -240,7 +268,8 @@ pub enum ProfileError {
 pub fn find(name_or_path: &str, base_dir: &Path) -> Result<Profile, ProfileError> {
     if name_or_path.contains('/') || name_or_path.ends_with(".toml") {
         let path = base_dir.join(name_or_path);
-        if !path.is_file() {
+        // What is there and no file is refused by its kind, when it is read.
+        if !path.exists() {
             return Err(ProfileError::FileMissing { path });
         }
         return Ok(load(&path)?);
@@ -257,14 +286,14 @@ pub fn find(name_or_path: &str, base_dir: &Path) -> Result<Profile, ProfileError
 /// A profile as it is written: that of an embedded one, or of a file that a scene in `base_dir` names by path. `None` where there is none.
 pub fn text(name_or_path: &str, base_dir: &Path) -> Option<String> {
     if name_or_path.contains('/') || name_or_path.ends_with(".toml") {
-        return fs::read_to_string(base_dir.join(name_or_path)).ok();
+        return regular::written(&base_dir.join(name_or_path)).ok();
     }
     EMBEDDED.iter().find(|(name, _)| *name == name_or_path).map(|(_, text)| (*text).to_owned())
 }
 
 /// True for a file that says what codec an arm speaks, as profiles do and scenes do not. False for one that is no TOML.
 pub fn is_profile(path: &Path) -> bool {
-    let table = fs::read_to_string(path).ok().and_then(|text| text.parse::<toml::Table>().ok());
+    let table = regular::written(path).ok().and_then(|text| text.parse::<toml::Table>().ok());
     table.is_some_and(|table| table.get("device").and_then(|device| device.get("codec")).is_some())
 }
 
@@ -273,7 +302,7 @@ pub fn is_profile(path: &Path) -> bool {
 /// # Errors
 /// Every problem of the first pass that found any.
 pub fn load(path: &Path) -> Result<Profile, ConfigErrors> {
-    let text = fs::read_to_string(path)
+    let text = regular::written(path)
         .map_err(|cause| ConfigErrors::new(vec![Problem::of_file(path, ProblemKind::Unreadable { cause })]))?;
     Ok(Profile { source: Some(path.to_owned()), ..parse(path, &text)? })
 }

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::written::{CodecWord, PacingWord, Written};
-use super::{Link, Plant, Profile, ProfileLimits, wiring};
+use super::{Link, Plant, Profile, ProfileLimits, ceilings, wiring};
 use crate::device::Pacing;
 use crate::document::{Checks, ConfigErrors, Document, FINITE, Interval, NOT_NEGATIVE, POSITIVE, ProblemKind, nearest};
 use crate::spatial::Axes;
@@ -27,16 +27,31 @@ pub(super) fn profile(document: &Document<'_>, dir: &Path, written: &Written) ->
         checks.not_accepted("device.actuated", format_args!("a subset of device.sensed, {}", sensed.join(" ")));
     }
 
-    let force_n = limit(&mut checks, "limits.force_n", limits.force_n, actuated, Axes::TRANSLATION);
-    let torque_nm = limit(&mut checks, "limits.torque_nm", limits.torque_nm, actuated, Axes::ROTATION);
+    let force_n = limit(&mut checks, "limits.force_n", limits.force_n, actuated, Axes::TRANSLATION, (ceilings::FORCE_N, "N"));
+    let torque_nm =
+        limit(&mut checks, "limits.torque_nm", limits.torque_nm, actuated, Axes::ROTATION, (ceilings::TORQUE_NM, "N·m"));
+    let damping = NOT_NEGATIVE.to(ceilings::DAMPING_N_S_PER_M).unit("N·s/m");
+    let damping_rotation = NOT_NEGATIVE.to(ceilings::DAMPING_NM_S_PER_RAD).unit("N·m·s/rad");
     let limits = ProfileLimits {
         force_n,
         torque_nm,
-        stiffness_n_per_m: checks.optional("limits.stiffness_n_per_m", limits.stiffness_n_per_m, POSITIVE),
-        stiffness_nm_per_rad: checks.optional("limits.stiffness_nm_per_rad", limits.stiffness_nm_per_rad, POSITIVE),
-        damping_n_s_per_m: checks.optional("limits.damping_n_s_per_m", limits.damping_n_s_per_m, NOT_NEGATIVE),
-        damping_nm_s_per_rad: checks.optional("limits.damping_nm_s_per_rad", limits.damping_nm_s_per_rad, NOT_NEGATIVE),
-        workspace_radius_m: checks.required("limits.workspace_radius_m", limits.workspace_radius_m, POSITIVE.to(10.0).unit("m")),
+        stiffness_n_per_m: checks.optional(
+            "limits.stiffness_n_per_m",
+            limits.stiffness_n_per_m,
+            POSITIVE.to(ceilings::STIFFNESS_N_PER_M).unit("N/m"),
+        ),
+        stiffness_nm_per_rad: checks.optional(
+            "limits.stiffness_nm_per_rad",
+            limits.stiffness_nm_per_rad,
+            POSITIVE.to(ceilings::STIFFNESS_NM_PER_RAD).unit("N·m/rad"),
+        ),
+        damping_n_s_per_m: checks.optional("limits.damping_n_s_per_m", limits.damping_n_s_per_m, damping),
+        damping_nm_s_per_rad: checks.optional("limits.damping_nm_s_per_rad", limits.damping_nm_s_per_rad, damping_rotation),
+        workspace_radius_m: checks.required(
+            "limits.workspace_radius_m",
+            limits.workspace_radius_m,
+            POSITIVE.to(ceilings::WORKSPACE_RADIUS_M).unit("m"),
+        ),
     };
 
     let pacing = match link.pacing {
@@ -55,7 +70,9 @@ pub(super) fn profile(document: &Document<'_>, dir: &Path, written: &Written) ->
     let link = Link {
         pacing,
         rate_hz: checks.whole("link.rate_hz", link.rate_hz, 1000, 1, 10_000),
-        device_watchdog_ms: link.device_watchdog_ms,
+        device_watchdog_ms: link
+            .device_watchdog_ms
+            .map(|ms| checks.whole("link.device_watchdog_ms", Some(ms), 100, 1, ceilings::WATCHDOG_MS)),
         holds_last_command: link.holds_last_command.unwrap_or(true),
     };
 
@@ -63,25 +80,51 @@ pub(super) fn profile(document: &Document<'_>, dir: &Path, written: &Written) ->
     let velocity_window_ms = checks.array("signal.velocity_window_ms", signal.velocity_window_ms, window).unwrap_or([15.0, 30.0]);
 
     let plant = Plant {
-        mass_kg: checks.required("plant.mass_kg", plant.mass_kg, POSITIVE),
-        damping_n_s_per_m: checks.required("plant.damping_n_s_per_m", plant.damping_n_s_per_m, NOT_NEGATIVE),
-        inertia_kg_m2: checks.required("plant.inertia_kg_m2", plant.inertia_kg_m2, POSITIVE),
-        damping_nm_s_per_rad: checks.required("plant.damping_nm_s_per_rad", plant.damping_nm_s_per_rad, NOT_NEGATIVE),
-        coulomb_n: checks.required("plant.coulomb_n", plant.coulomb_n, NOT_NEGATIVE),
-        coulomb_nm: checks.required("plant.coulomb_nm", plant.coulomb_nm, NOT_NEGATIVE),
-        encoder_step_m: checks.required("plant.encoder_step_mm", plant.encoder_step_mm, NOT_NEGATIVE) * 1e-3,
-        encoder_step_rad: checks.required("plant.encoder_step_rad", plant.encoder_step_rad, NOT_NEGATIVE),
+        mass_kg: checks.required("plant.mass_kg", plant.mass_kg, POSITIVE.to(ceilings::MASS_KG).unit("kg")),
+        damping_n_s_per_m: checks.required("plant.damping_n_s_per_m", plant.damping_n_s_per_m, damping),
+        inertia_kg_m2: checks.required(
+            "plant.inertia_kg_m2",
+            plant.inertia_kg_m2,
+            POSITIVE.to(ceilings::INERTIA_KG_M2).unit("kg·m²"),
+        ),
+        damping_nm_s_per_rad: checks.required("plant.damping_nm_s_per_rad", plant.damping_nm_s_per_rad, damping_rotation),
+        coulomb_n: checks.required("plant.coulomb_n", plant.coulomb_n, NOT_NEGATIVE.to(ceilings::FORCE_N).unit("N")),
+        coulomb_nm: checks.required("plant.coulomb_nm", plant.coulomb_nm, NOT_NEGATIVE.to(ceilings::TORQUE_NM).unit("N·m")),
+        encoder_step_m: checks.required(
+            "plant.encoder_step_mm",
+            plant.encoder_step_mm,
+            NOT_NEGATIVE.to(ceilings::ENCODER_STEP_MM).unit("mm"),
+        ) * 1e-3,
+        encoder_step_rad: checks.required(
+            "plant.encoder_step_rad",
+            plant.encoder_step_rad,
+            NOT_NEGATIVE.to(ceilings::ENCODER_STEP_RAD).unit("rad"),
+        ),
         delay_ticks: checks.whole("plant.delay_ticks", plant.delay_ticks, 1, 0, 100),
     };
     let title = device.title.clone().unwrap_or_else(|| name.clone());
     let mut profile = Profile { name, source: None, title, sensed, actuated, limits, link, velocity_window_ms, plant, real: None };
     match device.codec {
         Some(CodecWord::Sim) => refuse_real(&mut checks, written),
-        Some(codec) => profile.real = wiring::real_arm(&mut checks, dir, written, codec, &profile),
+        Some(codec) => {
+            profile.real = wiring::real_arm(&mut checks, dir, written, codec, &profile);
+            bounded_stiffness(&mut checks, &profile);
+        }
         None => {}
     }
     checks.finish()?;
     Ok(profile)
+}
+
+/// Only a simulated arm may be ideal: without a declared stiffness a scene could ask for any.
+fn bounded_stiffness(checks: &mut Checks<'_>, profile: &Profile) {
+    let any = |axes: Axes| (0..7).any(|axis| axes.has(axis) && profile.actuated.has(axis));
+    if any(Axes::TRANSLATION) && profile.limits.stiffness_n_per_m.is_none() {
+        checks.missing("limits.stiffness_n_per_m", "the largest stiffness that the arm renders, N/m; if nobody knows, 300");
+    }
+    if any(Axes::ROTATION) && profile.limits.stiffness_nm_per_rad.is_none() {
+        checks.missing("limits.stiffness_nm_per_rad", "the largest stiffness that the arm renders, N·m/rad; if nobody knows, 0.1");
+    }
 }
 
 /// Tables that a simulated arm has no use for.
@@ -135,9 +178,20 @@ fn axes(checks: &mut Checks<'_>, key: &str, written: Option<&[String]>) -> Axes 
 }
 
 /// A force or torque limit: zero exactly where none of the axes is actuated.
-fn limit(checks: &mut Checks<'_>, key: &str, written: Option<f64>, actuated: Axes, axes: Axes) -> f64 {
+fn limit(
+    checks: &mut Checks<'_>,
+    key: &str,
+    written: Option<f64>,
+    actuated: Axes,
+    axes: Axes,
+    (most, unit): (f64, &'static str),
+) -> f64 {
     let is_actuated = axes.names().any(|name| Axes::from_name(name).is_some_and(|axis| actuated.contains(axis)));
     let number = checks.required(key, written, FINITE);
+    if number > most {
+        checks.not_accepted(key, format_args!("at most {most} {unit}, whatever the arm"));
+        return number;
+    }
     if is_actuated && number <= 0.0 {
         checks.not_accepted(key, "greater than 0: device.actuated names axes that it limits");
     } else if !is_actuated && number != 0.0 && number.is_finite() {

@@ -270,7 +270,7 @@ fn a_new_arm_needs_no_rust() {
     let carriage = arm.protocol.carriages()[0];
     let (mut codec, mut firmware) = (arm.protocol.codec(carriage), arm.protocol.firmware(carriage));
     let mut frame = Frame::default();
-    codec.encode(&MotorCommand { motors: commands, enabled: true }, &mut frame);
+    codec.encode(&MotorCommand::of(commands, true), &mut frame);
     let joints =
         arm.kinematics.inverse(&Pose::from_translation(DVec3::new(0.01, -0.02, 0.15)), &arm.kinematics.home()).expect("in reach");
     let readings = arm.transmission.readings(&joints).map(f64::round);
@@ -305,6 +305,51 @@ error: my-arm.toml:46: geometry.length_mm = [50, 200]: must be an array of 3 num
 error: my-arm.toml:47: geometry.rod_mm = 3: must be left out: kinematics "serial-capstan" has none
 error: my-arm.toml:53: geometry.encoder_sign[1] = 0: must be 1 or -1"#;
     assert_eq!(errors, expected);
+}
+
+#[test]
+fn no_number_of_a_profile_switches_a_rule_off() {
+    let chain = include_str!("../../../devices/leader-arm-6.toml");
+    let capstan = include_str!("../../../devices/polhem-2022.toml");
+    let hinges = include_str!("../../../devices/examples/hinges.toml");
+    for (text, from, to, ceiling) in [
+        (NEW_ARM, "force_n = 4", "force_n = 1e9", "limits.force_n = 1e9: must be at most 100 N"),
+        (NEW_ARM, "stiffness_n_per_m = 500", "stiffness_n_per_m = 1e9", "at most 100000 N/m"),
+        (NEW_ARM, "stiffness_n_per_m = 500\n", "", "limits.stiffness_n_per_m: missing; give the largest stiffness"),
+        (NEW_ARM, "damping_n_s_per_m = 4", "damping_n_s_per_m = 1e9", "from 0 to 1000 N·s/m"),
+        (NEW_ARM, "workspace_radius_m = 0.1", "workspace_radius_m = 5.1", "at most 5 m"),
+        (NEW_ARM, "mass_kg = 0.2", "mass_kg = 1e9", "at most 100 kg"),
+        (NEW_ARM, "damping_n_s_per_m = 1\n", "damping_n_s_per_m = 1e9\n", "from 0 to 1000 N·s/m"),
+        (NEW_ARM, "inertia_kg_m2 = 2e-4", "inertia_kg_m2 = 1e9", "at most 10 kg·m²"),
+        (NEW_ARM, "encoder_step_mm = 0.02", "encoder_step_mm = 1e9", "from 0 to 10 mm"),
+        (NEW_ARM, "encoder_step_rad = 0", "encoder_step_rad = 1e9", "from 0 to 0.1 rad"),
+        (NEW_ARM, "device_watchdog_ms = 50", "device_watchdog_ms = 4000000000", "a whole number from 1 to 10000"),
+        (
+            NEW_ARM,
+            "current_limit_ma = [1000",
+            "current_limit_ma = [1e9",
+            "link.current_limit_ma[0] = 1e9: must be greater than 0 and at most 50000 mA",
+        ),
+        (
+            NEW_ARM,
+            "torque_constant_nm_per_a = [0.05",
+            "torque_constant_nm_per_a = [50.0",
+            "would make 500 N·m at the joint, and 100 is the most",
+        ),
+        (chain, "mass_g = 140.0", "mass_g = 1e9", "from 0 to 10000 g"),
+        (
+            hinges,
+            "limit_counts = 1500.0",
+            "limit_counts = 1e9",
+            "limit_counts = 1e9: must be at most 100000: with the constants beside it",
+        ),
+        (capstan, "link_mass_g = [157.64", "link_mass_g = [1e9", "geometry.link_mass_g[0] = 1e9: must be from 0 to 10000 g"),
+        (capstan, "current_scale = 1.0", "current_scale = 1e9", "from 0.1 to 10"),
+    ] {
+        assert!(text.contains(from), "{from}");
+        let errors = load_text(&text.replacen(from, to, 1)).expect_err(to);
+        assert!(errors.contains(ceiling), "{to}: {errors}");
+    }
 }
 
 #[test]

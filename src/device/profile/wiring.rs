@@ -8,7 +8,8 @@ use super::written::{
     CarrierWord, CodecWord, HomingWord, Identified as WrittenIdentified, SaturationWord, TransportWord, TurnWord, Written,
 };
 use super::{
-    Homing, HomingMode, Identified, Match, Profile, RealArm, Saturation, TransportKind, UsbId, joints, known_answers, packet,
+    Homing, HomingMode, Identified, Match, Profile, RealArm, Saturation, TransportKind, UsbId, ceilings, joints, known_answers,
+    packet,
 };
 use crate::device::kinematics::Kinematics;
 use crate::device::protocol::{HapiBoard, HapiEncoder, Hid14Carrier, Open6Arm, Protocol, Servo, Turn};
@@ -283,7 +284,8 @@ fn open6(checks: &mut Checks<'_>, written: &Written, profile: &Profile) -> Optio
         sensed: profile.sensed,
         actuated: profile.actuated,
         rate_hz: u16::try_from(profile.link.rate_hz).unwrap_or(u16::MAX),
-        watchdog_ms: checks.whole("link.device_watchdog_ms", Some(watchdog_ms), 100, 1, 10_000) as u16,
+        // Its range is that of every arm.
+        watchdog_ms: watchdog_ms.min(ceilings::WATCHDOG_MS) as u16,
         force_n: profile.limits.force_n as f32,
         torque_nm: profile.limits.torque_nm as f32,
         workspace_radius_m: profile.limits.workspace_radius_m as f32,
@@ -390,10 +392,22 @@ fn identified_of(checks: &mut Checks<'_>, written: &WrittenIdentified) -> Identi
     }
     Identified {
         round_trip_ticks: checks.whole("identified.round_trip_ticks", written.round_trip_ticks, 1, 0, 100),
-        mass_kg: checks.required("identified.mass_kg", written.mass_kg, POSITIVE),
-        damping_n_s_per_m: checks.required("identified.damping_n_s_per_m", written.damping_n_s_per_m, NOT_NEGATIVE),
-        inertia_kg_m2: checks.optional("identified.inertia_kg_m2", written.inertia_kg_m2, POSITIVE),
-        damping_nm_s_per_rad: checks.optional("identified.damping_nm_s_per_rad", written.damping_nm_s_per_rad, NOT_NEGATIVE),
+        mass_kg: checks.required("identified.mass_kg", written.mass_kg, POSITIVE.to(ceilings::MASS_KG).unit("kg")),
+        damping_n_s_per_m: checks.required(
+            "identified.damping_n_s_per_m",
+            written.damping_n_s_per_m,
+            NOT_NEGATIVE.to(ceilings::DAMPING_N_S_PER_M).unit("N·s/m"),
+        ),
+        inertia_kg_m2: checks.optional(
+            "identified.inertia_kg_m2",
+            written.inertia_kg_m2,
+            POSITIVE.to(ceilings::INERTIA_KG_M2).unit("kg·m²"),
+        ),
+        damping_nm_s_per_rad: checks.optional(
+            "identified.damping_nm_s_per_rad",
+            written.damping_nm_s_per_rad,
+            NOT_NEGATIVE.to(ceilings::DAMPING_NM_S_PER_RAD).unit("N·m·s/rad"),
+        ),
     }
 }
 

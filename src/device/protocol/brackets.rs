@@ -115,7 +115,7 @@ impl Codec for Host {
     }
 
     fn encode(&mut self, command: &MotorCommand, frame: &mut Frame) {
-        let [a, b, c] = [0, 1, 2].map(|idx| toward_zero(command.motors[idx], CURRENT_MAX_MA));
+        let [a, b, c] = [0, 1, 2].map(|idx| toward_zero(command.motors()[idx], CURRENT_MAX_MA));
         frame.clear();
         put!(frame, "[{a},{b},{c}]\n");
         pad(frame, 0, WRITE_MIN);

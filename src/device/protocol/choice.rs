@@ -5,11 +5,12 @@ use core::time::Duration;
 use std::path::PathBuf;
 
 use super::{
-    Codec, Firmware, HapiBoard, HapiEncoder, Hid14Carrier, MAX_AXES, Open6Arm, PacketLayout, ProtocolError, Servo, brackets,
-    declarative, dynamixel, dynamixel_bus, falcon, hapi, hapkit, hid14, open6, open6_arm, polhem, space_mouse, woodenhaptics,
+    Codec, Firmware, HapiBoard, HapiEncoder, Hid14Carrier, MAX_AXES, MotorCommand, Open6Arm, PacketLayout, ProtocolError, Servo,
+    brackets, declarative, dynamixel, dynamixel_bus, falcon, hapi, hapkit, hid14, open6, open6_arm, polhem, space_mouse,
+    woodenhaptics,
 };
 use crate::device::Pacing;
-use crate::device::transport::Carriage;
+use crate::device::transport::{Carriage, Frame};
 
 /// The protocol of an arm. The docs of each variant name its readings ([`Report::readings`]) and its motors ([`MotorCommand::motors`]) in
 /// order, in the units of the wire.
@@ -131,6 +132,15 @@ impl Protocol {
             Self::Open6(_) => 7,
             Self::Declarative(layout) => layout.n_motors(),
         }
+    }
+
+    /// A frame that takes the force away, whatever was exchanged before it; empty where there are no motors. Cold.
+    pub(in crate::device) fn zero_frame(&self, carriage: Carriage) -> Frame {
+        let mut frame = Frame::default();
+        if self.n_motors() > 0 {
+            self.codec(carriage).encode(&MotorCommand::default(), &mut frame);
+        }
+        frame
     }
 
     /// How its bytes may travel.

@@ -10,11 +10,18 @@ use super::{ArmReadings, Codec, Fed, Firmware, MAX_AXES, MotorCommand, Outbox, R
 use crate::device::Pacing;
 use crate::device::transport::{Frame, Transport};
 
+/// What stands in a command: the host's own, or what the arm has read.
+#[derive(Clone, Copy, Debug, Default)]
+struct Told {
+    motors: [f64; MAX_AXES],
+    enabled: bool,
+}
+
 /// The values of a packet of either direction.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Values {
     report: Report,
-    command: MotorCommand,
+    command: Told,
     counter: Option<u32>,
     whole: [Whole; MAX_AXES],
 }
@@ -55,7 +62,7 @@ fn raw_of(field: &Field, body: &[u8]) -> Option<f64> {
     };
     match run_of(field) {
         Some((shift, run)) => Some((bits >> shift & run) as f64),
-        None => raw.is_finite().then_some(raw),
+        None => Some(raw),
     }
 }
 
@@ -82,8 +89,18 @@ fn put_raw(field: &Field, raw: f64, body: &mut [u8]) {
 }
 
 impl Values {
-    /// Takes a number of a packet; false when it must not be there.
-    fn take(&mut self, field: &Field, raw: f64) -> bool {
+    /// Takes a number of a packet; false when it must not be there. `is_meant`: one that is none was not garbled on its way.
+    fn take(&mut self, field: &Field, raw: f64, is_meant: bool) -> bool {
+        if !raw.is_finite() {
+            // The arm says so of its readings, and the host has to know.
+            if let (Role::Reading(idx), true) = (field.role, is_meant)
+                && let Some(slot) = self.report.readings.get_mut(idx)
+            {
+                *slot = f64::NAN;
+                return true;
+            }
+            return false;
+        }
         let slot = |values: &mut [f64; MAX_AXES], idx: usize, value: f64| {
             if let Some(slot) = values.get_mut(idx) {
                 *slot = value;
@@ -149,6 +166,8 @@ impl Values {
 /// What a packet holds, on top of what was known: the counts that wrap. `None` when it is not sound.
 fn decode(packet: &Packet, body: &[u8], known: &Values) -> Option<Values> {
     let mut values = Values { whole: known.whole, ..Values::default() };
+    // Bytes without a check may be anything, words and reports are whole.
+    let is_meant = packet.checksum.is_some() || matches!(packet.framing, Framing::Line(_) | Framing::Report { .. });
     if let Framing::Line(line) = &packet.framing {
         let mut n = 0;
         for (idx, word) in words(body, line.separator).enumerate() {
@@ -156,16 +175,16 @@ fn decode(packet: &Packet, body: &[u8], known: &Values) -> Option<Values> {
             let field = packet.fields.iter().find(|field| field.offset == idx)?;
             let raw = match field.number {
                 Number::Text { places: 0 } => f64::from(word.parse::<i32>().ok()?),
-                _ => word.parse::<f64>().ok().filter(|number| number.is_finite())?,
+                _ => word.parse::<f64>().ok()?,
             };
-            if !values.take(field, raw) {
+            if !values.take(field, raw, is_meant) {
                 return None;
             }
         }
         return (n == packet.fields.len()).then_some(values);
     }
     for field in &packet.fields {
-        if !values.take(field, raw_of(field, body)?) {
+        if !values.take(field, raw_of(field, body)?, is_meant) {
             return None;
         }
     }
@@ -277,7 +296,8 @@ impl Codec for Host {
     fn encode(&mut self, command: &MotorCommand, frame: &mut Frame) {
         frame.clear();
         if let Some(packet) = &self.layout.command {
-            encode(packet, &Values { command: *command, ..Values::default() }, true, frame);
+            let command = Told { motors: *command.motors(), enabled: command.is_enabled() };
+            encode(packet, &Values { command, ..Values::default() }, true, frame);
         } else if let (Some(kick), Pacing::PingPong) = (&self.layout.kick, self.layout.pacing) {
             // Nothing to command, and yet it wants to be asked.
             frame.extend(kick);
@@ -306,7 +326,7 @@ impl Codec for Host {
 pub(super) struct Arm {
     layout: PacketLayout,
     reader: Reader,
-    command: MotorCommand,
+    command: Told,
     counter: u32,
     fed_s: f64,
     said: Option<Vec<u8>>,
@@ -314,7 +334,7 @@ pub(super) struct Arm {
 
 impl Arm {
     pub(super) fn new(layout: PacketLayout) -> Self {
-        Self { layout, reader: Reader::default(), command: MotorCommand::default(), counter: 0, fed_s: 0.0, said: None }
+        Self { layout, reader: Reader::default(), command: Told::default(), counter: 0, fed_s: 0.0, said: None }
     }
 
     fn report(&mut self, arm: &ArmReadings) -> Vec<u8> {
@@ -358,7 +378,7 @@ impl Firmware for Arm {
 
     fn advance(&mut self, now_s: f64, arm: &ArmReadings, out: &mut Outbox) {
         if self.layout.watchdog_ms.is_some_and(|ms| now_s - self.fed_s > f64::from(ms) * 1e-3) {
-            self.command = MotorCommand::default();
+            self.command = Told::default();
         }
         match self.layout.pacing {
             Pacing::Stream => {

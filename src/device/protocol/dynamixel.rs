@@ -396,7 +396,7 @@ impl Codec for Host {
         // The goals first: they are not answered, and answers must not meet another packet on the bus.
         self.sync_write(
             GOAL_CURRENT,
-            |idx, servo| toward_zero_i16(command.motors[idx], servo.model.limit_counts()).to_le_bytes(),
+            |idx, servo| toward_zero_i16(command.motors()[idx], servo.model.limit_counts()).to_le_bytes(),
             frame,
         );
         self.sync_read(frame);

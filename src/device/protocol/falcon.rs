@@ -19,6 +19,7 @@ use super::gather::Gather;
 use super::number::{low_16, toward_zero_i16};
 use super::{ArmReadings, Codec, Fed, Firmware, MAX_AXES, MotorCommand, Outbox, Report, StartError};
 use crate::device::transport::{Frame, Line, Transport};
+use crate::storage::regular;
 
 const LEN: usize = 16;
 const COMMAND_MAX: i16 = 4096;
@@ -173,9 +174,12 @@ impl Host {
     }
 }
 
+/// Bytes of a firmware image at most.
+const LONGEST_IMAGE: u64 = 1 << 20;
+
 fn read_image_file(path: &Path) -> Result<Vec<u8>, StartError> {
-    match std::fs::read(path) {
-        Ok(image) if (1..=1 << 20).contains(&image.len()) => Ok(image),
+    match regular::bytes(path, LONGEST_IMAGE) {
+        Ok(image) if !image.is_empty() => Ok(image),
         Ok(image) => Err(StartError::Refused(format!("{}: {} bytes are no Falcon firmware image", path.display(), image.len()))),
         Err(cause) => Err(StartError::Refused(format!("cannot read the Falcon firmware image {}: {cause}", path.display()))),
     }
@@ -231,12 +235,12 @@ impl Codec for Host {
     }
 
     fn encode(&mut self, command: &MotorCommand, frame: &mut Frame) {
-        let lamp = match (command.enabled, self.report.homed) {
+        let lamp = match (command.is_enabled(), self.report.homed) {
             (true, _) => GREEN,
             (false, Some(true)) => BLUE,
             _ => RED,
         };
-        let motors = [0, 1, 2].map(|idx| toward_zero_i16(command.motors[idx], COMMAND_MAX));
+        let motors = [0, 1, 2].map(|idx| toward_zero_i16(command.motors()[idx], COMMAND_MAX));
         put_frame(motors, HOMING | lamp, frame);
     }
 

@@ -3,7 +3,7 @@
 //! ```text
 //! host  setup ──► zero torque ──► torque ──► … ──► zero torque ─► zero torque ─► reset
 //! board               angles        angles             angles         angles
-//!                      └ wrong id, or bytes left over at the next command: silence for 1.2 s, flush, zero torque
+//!                      └ wrong id, or bytes left over at the next command: zero torque at once, silence for 1.2 s, flush, zero torque
 //! ```
 
 use core::time::Duration;
@@ -19,6 +19,10 @@ const SETUP: u8 = 1;
 const WRITE: u8 = 2;
 /// Silence after which a board has given up on whatever it was reading.
 const SILENCE: Duration = Duration::from_millis(1200);
+/// Every byte of a torque that is as good as zero, 4e-37 N·m. None of them begins a command.
+const NEXT_TO_ZERO: u8 = 3;
+/// Less than one step of the pulse width of any board, N·m.
+const TORQUE_STEP_NM: f64 = 1e-9;
 
 /// The host's side.
 #[derive(Debug)]
@@ -27,12 +31,14 @@ pub(super) struct Host {
     gather: Gather<32>,
     report: Report,
     is_set_up: bool,
+    /// It still is, whether it answers or not.
+    kept_power: bool,
     lost: bool,
 }
 
 impl Host {
     pub(super) fn new(board: HapiBoard) -> Self {
-        Self { board, gather: Gather::default(), report: Report::default(), is_set_up: false, lost: false }
+        Self { board, gather: Gather::default(), report: Report::default(), is_set_up: false, kept_power: false, lost: false }
     }
 
     fn reply_len(&self) -> usize {
@@ -77,6 +83,11 @@ impl Codec for Host {
             // The link was lost, not the board: a second setup would take this pose for the home pose.
             return Ok(());
         }
+        if self.kept_power {
+            // The setup would wait for the board to wake, and give it a home pose that is none. It may be in the middle of a command.
+            hush(link, SILENCE)?;
+            return self.exchange_zero(link, Duration::from_millis(500));
+        }
         let mut setup = Frame::default();
         self.setup(&mut setup);
         self.is_set_up = true;
@@ -97,8 +108,9 @@ impl Codec for Host {
         answered
     }
 
-    fn started_before(&mut self) {
+    fn started_before(&mut self, kept_power: bool) {
         self.is_set_up = true;
+        self.kept_power = kept_power;
     }
 
     fn feed(&mut self, bytes: &[u8]) -> Fed {
@@ -121,12 +133,9 @@ impl Codec for Host {
             for (idx, reading) in readings.iter_mut().enumerate().take(self.board.encoders.len().min(4)) {
                 *reading = f64::from(f32_at(reply, 1 + 4 * idx));
             }
-            if readings.iter().all(|reading| reading.is_finite()) {
-                self.report.readings = readings;
-                fed.reports += 1;
-            } else {
-                fed.corrupt += 1;
-            }
+            // An angle that is no number too: whether the board says so or a byte is missing, whoever judges it lets go at once.
+            self.report.readings = readings;
+            fed.reports += 1;
             self.gather.clear();
         }
         fed
@@ -144,13 +153,31 @@ impl Codec for Host {
             return;
         }
         frame.extend(&[WRITE, self.board.device_id]);
-        for motor in &command.motors[..self.board.motors.len().min(4)] {
+        for motor in &command.motors()[..self.board.motors.len().min(4)] {
             frame.extend(&finite_f32(*motor).to_le_bytes());
         }
     }
 
     fn silence(&self) -> Option<Duration> {
         self.lost.then_some(SILENCE)
+    }
+
+    /// The board is in step, and only its reply was cut short: it takes the command as any other, and lets go now and not after the silence.
+    ///
+    /// Or it has a part of a command: the missing bytes are filled with the first ones of this frame, which make the rest of a torque next to nothing,
+    /// as its most significant byte becomes 2, the id or 3. A torque that was whole already stays until the silence is over, as it would without
+    /// this. What is left over then stands where a command begins. A true zero would be a reset there, which leaves torques on and lets nothing
+    /// reach them any more; hence [`NEXT_TO_ZERO`], which begins no command and is thrown away.
+    fn zero_out_of_step(&mut self, frame: &mut Frame) {
+        frame.clear();
+        // The id may stand there too.
+        if matches!(self.board.device_id, RESET | SETUP | WRITE) {
+            return;
+        }
+        frame.extend(&[WRITE, self.board.device_id]);
+        for _ in self.board.motors.iter().take(4) {
+            frame.extend(&[NEXT_TO_ZERO; 4]);
+        }
     }
 
     fn resume(&mut self) {
@@ -170,6 +197,13 @@ impl Codec for Host {
         // After a reset no write can clear a torque: only when the zero is known to have arrived.
         if answered {
             let _ = link.send(&[RESET, 0]);
+        }
+    }
+
+    fn finish_lost(&mut self, link: &mut dyn Transport) {
+        // It may have a part of a command, which only silence takes away. No reset: it would forget its motors and not its torques.
+        if hush(link, SILENCE).is_ok() {
+            let _ = self.exchange_zero(link, Duration::from_millis(100));
         }
     }
 }
@@ -226,7 +260,8 @@ impl Arm {
             WRITE if !self.counts_per_rev.is_empty() && bytes[1] == self.device_id => {
                 for (idx, motor) in self.motors.iter_mut().enumerate().take(self.n_motors) {
                     let torque = f64::from(f32_at(bytes, 2 + 4 * idx));
-                    *motor = if torque.is_finite() { torque.clamp(-0.123, 0.123) } else { 0.0 };
+                    let is_felt = torque.is_finite() && torque.abs() >= TORQUE_STEP_NM;
+                    *motor = if is_felt { torque.clamp(-0.123, 0.123) } else { 0.0 };
                 }
                 let mut reply = vec![self.device_id];
                 for (idx, counts_per_rev) in self.counts_per_rev.iter().enumerate() {

@@ -16,6 +16,8 @@ const FORCE_MAX_N: f64 = 1000.0;
 pub(super) struct Host {
     gather: Gather<128>,
     report: Report,
+    /// Commands since the last `Ok`; `None`: there was none yet. A board need not answer.
+    unheard: Option<u32>,
 }
 
 impl Host {
@@ -23,6 +25,9 @@ impl Host {
     fn read_line(&mut self) -> Option<bool> {
         let line = self.gather.as_slice();
         let line = line.strip_suffix(b"\r").unwrap_or(line);
+        if line == b"Ok" {
+            self.unheard = Some(0);
+        }
         if line.is_empty() || line == b"Ok" {
             return None;
         }
@@ -30,14 +35,15 @@ impl Host {
         if words.next() != Some("Prm") {
             return Some(false);
         }
-        let mut number = || words.next()?.parse::<f64>().ok().filter(|number| number.is_finite());
+        let mut number = || words.next()?.parse::<f64>().ok();
         let (Some(position), Some(velocity), Some(_acceleration), Some(button)) = (number(), number(), number(), number()) else {
             return Some(false);
         };
         if words.next().is_some() {
             return Some(false);
         }
-        self.report.readings[0] = position;
+        // A number that is none was not garbled on its way, it is a whole word: the arm says so, and the host has to know.
+        self.report.readings[0] = if velocity.is_finite() { position } else { f64::NAN };
         let mut rates = [0.0; MAX_AXES];
         rates[0] = velocity;
         self.report.rates = Some(rates);
@@ -49,13 +55,21 @@ impl Host {
 impl Codec for Host {
     fn start(&mut self, link: &mut dyn Transport) -> Result<(), StartError> {
         *self = Self::default();
-        // A board that was reset by the opening drives its handle into both stops first.
-        let question =
-            Question { step: "waiting for a line", frame: &[], every: Duration::MAX, within: Duration::from_millis(10_000) };
-        ask(link, &question, |bytes| (self.feed(bytes).reports > 0).then_some(Ok(())))?;
-        // A board that was not reset holds the last force that anybody asked for.
+        // A board that was not reset holds the last force that anybody asked for, also while it says nothing.
         let mut zero = Frame::default();
         self.encode(&MotorCommand::default(), &mut zero);
+        // A board that was reset by the opening drives its handle into both stops first. One that speaks and does not hear is no use, and worse.
+        let question = Question {
+            step: "waiting for a line, and for Ok to a force of zero",
+            frame: zero.as_slice(),
+            every: Duration::from_millis(100),
+            within: Duration::from_millis(10_000),
+        };
+        let mut reports = 0;
+        ask(link, &question, |bytes| {
+            reports += self.feed(bytes).reports;
+            (reports > 0 && self.unheard.is_some()).then_some(Ok(()))
+        })?;
         link.send(zero.as_slice())?;
         Ok(())
     }
@@ -81,12 +95,24 @@ impl Codec for Host {
     }
 
     fn encode(&mut self, command: &MotorCommand, frame: &mut Frame) {
-        let force = command.motors[0];
+        let force = command.motors()[0];
         let force = if force.is_finite() { force.clamp(-FORCE_MAX_N, FORCE_MAX_N) } else { 0.0 };
         // Five places, toward zero; adding 0 makes −0 a 0.
         let force = (force * 1e5).trunc() / 1e5 + 0.0;
         frame.clear();
         put!(frame, "P1 {force}\n");
+        self.unheard = self.unheard.map(|unheard| unheard.saturating_add(1));
+    }
+
+    fn unheard(&self) -> Option<u32> {
+        self.unheard
+    }
+
+    fn finish(&mut self, link: &mut dyn Transport) {
+        // Also behind a start that failed: no watchdog lets go.
+        let mut zero = Frame::default();
+        self.encode(&MotorCommand::default(), &mut zero);
+        let _ = link.send(zero.as_slice());
     }
 
     fn resume(&mut self) {

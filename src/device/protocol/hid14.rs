@@ -82,7 +82,7 @@ impl Codec for Host {
     fn encode(&mut self, command: &MotorCommand, frame: &mut Frame) {
         frame.clear();
         frame.push(0);
-        for motor in &command.motors[..3] {
+        for motor in &command.motors()[..3] {
             frame.extend(&toward_zero_i16(*motor, i16::MAX).to_le_bytes());
         }
         self.finish_frame(frame);

@@ -46,6 +46,7 @@ pub use choice::Protocol;
 pub use layout::PacketLayout;
 pub use supplied::{HapiBoard, HapiEncoder, Hid14Carrier, Open6Arm, ProtocolError, Servo, ServoModel, Turn};
 
+pub use super::motor_stage::MotorCommand;
 use super::transport::{Frame, Transport, TransportError};
 
 /// Most readings and motors that an arm can have: seven joints and a gripper; a Cartesian pose takes seven.
@@ -135,16 +136,6 @@ pub enum StartError {
     Refused(String),
 }
 
-/// What the motors are to do, in the units of the wire (mA, N·m, counts), rounded toward zero by the codec where the wire is whole numbers.
-/// Arms that take a wrench: force x, y, z in N, then torque x, y, z in N·m.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct MotorCommand {
-    /// In the order of the protocol.
-    pub motors: [f64; MAX_AXES],
-    /// Force is on: what a protocol with an enable bit or a lamp shows.
-    pub enabled: bool,
-}
-
 /// The host's side of a protocol.
 ///
 /// RT: everything but `start` and `finish` is safe: no allocation, no panic on any bytes.
@@ -159,8 +150,10 @@ pub trait Codec: Send {
     }
 
     /// Told before [`Self::start`] by a host that has started this very arm before and lost the link to it: an arm that takes its pose at the start for
-    /// its home pose is asked first whether it still knows the old one. Cold.
-    fn started_before(&mut self) {}
+    /// its home pose is asked first whether it still knows the old one. `kept_power`: it only fell silent, its plug was never out, so it does. Cold.
+    fn started_before(&mut self, kept_power: bool) {
+        let _ = kept_power;
+    }
 
     /// Takes one report (HID) or any piece of a stream; keeps what is left of an unfinished frame for the next call.
     fn feed(&mut self, bytes: &[u8]) -> Fed;
@@ -183,9 +176,20 @@ pub trait Codec: Send {
         None
     }
 
-    /// The stream has lost its frames and cannot find them by itself. `Some`: send nothing for this long, throw away what is received, then call
-    /// [`Self::resume`] and send a zero command. Needed a second time without a sound report in between, the arm is lost.
+    /// The stream has lost its frames and cannot find them by itself. `Some`: send [`Self::zero_out_of_step`] once, then nothing for this long, throw
+    /// away what is received, then call [`Self::resume`] and send a zero command. Needed a second time without a sound report in between, the arm is lost.
     fn silence(&self) -> Option<Duration> {
+        None
+    }
+
+    /// A zero command for when nobody knows where in a frame the arm is: before a [`Self::silence`], and while the arm owes a reply. It takes force away
+    /// where it can, and does no harm where the arm reads it as something else. Leaves the frame empty where the ordinary zero does as well.
+    fn zero_out_of_step(&mut self, frame: &mut Frame) {
+        frame.clear();
+    }
+
+    /// How many commands left since the arm last said that it had heard one, where it says so: an arm may speak and hear nothing.
+    fn unheard(&self) -> Option<u32> {
         None
     }
 
@@ -231,6 +235,11 @@ pub trait Codec: Send {
     /// What follows the zero commands when the link is closed for good, such as switching torque off. Cold, short, must not panic.
     fn finish(&mut self, link: &mut dyn Transport) {
         let _ = link;
+    }
+
+    /// The same for a link that was lost and is to be opened again: what the arm was told at its start stays. Cold, short, must not panic.
+    fn finish_lost(&mut self, link: &mut dyn Transport) {
+        self.finish(link);
     }
 }
 

@@ -37,9 +37,7 @@ impl Host {
             let mut words = words(line, b' ');
             for (idx, reading) in readings[..7].iter_mut().enumerate() {
                 let Some(Ok(number)) = words.next().map(str::parse::<f64>) else { return false };
-                if !number.is_finite() {
-                    return false;
-                }
+                // One that is none is a whole word too: the arm says so, and the host has to know.
                 *reading = if idx < 3 { number * 1e-3 } else { number };
             }
             if words.next().is_none_or(|info| info.parse::<i32>().is_err()) || words.next().is_some() {
@@ -97,7 +95,7 @@ impl Codec for Host {
 
     fn encode(&mut self, command: &MotorCommand, frame: &mut Frame) {
         frame.clear();
-        let [a, b, c] = [0, 1, 2].map(|idx| command.motors[idx]);
+        let [a, b, c] = [0, 1, 2].map(|idx| command.motors()[idx]);
         if self.cartesian {
             let [x, y, z] = [a, b, c].map(|force| toward_zero(force * 1e3, FORCE_MAX_MN));
             put!(frame, "{x} {y} {z} 2 0 0 0");

@@ -61,9 +61,9 @@ impl Codec for Host {
 
     fn encode(&mut self, command: &MotorCommand, frame: &mut Frame) {
         frame.clear();
-        if self.lamp != Some(command.enabled) {
-            self.lamp = Some(command.enabled);
-            frame.extend(&[LAMP, u8::from(command.enabled)]);
+        if self.lamp != Some(command.is_enabled()) {
+            self.lamp = Some(command.is_enabled());
+            frame.extend(&[LAMP, u8::from(command.is_enabled())]);
         }
     }
 

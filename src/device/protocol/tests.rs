@@ -9,6 +9,7 @@ mod arms;
 mod golden;
 mod open6_frames;
 mod start;
+mod zero;
 
 /// Bytes of hex text.
 fn hex(text: &str) -> Vec<u8> {
@@ -24,10 +25,10 @@ fn encode(codec: &mut dyn Codec, motors: &[f64]) -> Vec<u8> {
 }
 
 fn encode_enabled(codec: &mut dyn Codec, motors: &[f64], enabled: bool) -> Vec<u8> {
-    let mut command = MotorCommand { enabled, ..MotorCommand::default() };
-    command.motors[..motors.len()].copy_from_slice(motors);
+    let mut all = [0.0; MAX_AXES];
+    all[..motors.len()].copy_from_slice(motors);
     let mut frame = Frame::default();
-    codec.encode(&command, &mut frame);
+    codec.encode(&MotorCommand::of(all, enabled), &mut frame);
     frame.as_slice().to_vec()
 }
 

@@ -9,13 +9,13 @@ use std::sync::{Arc, OnceLock};
 use glam::DQuat;
 
 use super::{Host, LinkFigures};
-use crate::device::attached::open::{OpenError, Opened, Way, open_way};
+use crate::device::attached::open::{Before, OpenError, Opened, Way, open_way};
 use crate::device::kinematics::Kinematics;
 use crate::device::mock::profiled::cartesian;
 use crate::device::profile::{HomingMode, Profile};
 use crate::device::protocol::{Codec as _, Declared, StartError};
 use crate::device::transport::Transport;
-use crate::device::{Capabilities, Connection, IoPlacement, Pacing, Thermal, Timebase, Wakeup, WiredParameters};
+use crate::device::{Capabilities, Connection, IoPlacement, Pacing, Thermal, Timebase, WiredParameters};
 
 /// Silence after which the link counts as lost: what a tick calls `stale` begins there too.
 const LINK_SILENCE: Duration = Duration::from_millis(20);
@@ -46,7 +46,7 @@ struct Door {
 }
 
 impl Way for Door {
-    fn connect(&self, _: bool) -> Result<(PathBuf, Connection), OpenError> {
+    fn connect(&self, _: Before) -> Result<(PathBuf, Connection), OpenError> {
         let Profile { sensed, actuated, .. } = self.profile;
         let path = PathBuf::from(format!("zenoh:{}", self.options.name));
         let mut link = (self.dial)()?;
@@ -65,7 +65,8 @@ impl Way for Door {
                 "it declares another rate, force, torque or workspace than when the run began: end the run, and start it again";
             return Err(OpenError::Start { path, cause: StartError::Refused(text.to_owned()) });
         }
-        Ok((path, Connection { link, codec: Box::new(codec) }))
+        // The machine beside the arm has a guard of its own.
+        Ok((path, Connection { link, codec: Box::new(codec), guard: Ok(None) }))
     }
 
     /// The node may have been started again because the arm lost its power; nothing on the network tells.
@@ -109,15 +110,16 @@ pub(super) fn parameters(profile: &Profile, options: &RemoteOptions, io: IoPlace
             actuated: profile.actuated,
             pacing: Pacing::Stream,
             io,
-            wakeup: Wakeup::Clock,
             // The node says it itself.
             watchdog_ms: None,
             watchdog_latched: true,
             holds_last_command: false,
             simulated: profile.real.is_none(),
         },
-        force_limit_n: profile.limits.force_n,
-        torque_limit_nm: profile.limits.torque_nm,
+        // The node sees to the motors of its arm; what goes there is a wrench.
+        signs_verified: true,
+        limits: profile.limits.of_motors(),
+        unverified_limits: profile.unverified_limits().of_motors(),
         velocity_window_s: profile.velocity_window_ms.map(|window_ms| window_ms * 1e-3),
         kick_s: None,
         delay_ticks: profile.bound_plant().delay_ticks,

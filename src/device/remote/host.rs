@@ -285,10 +285,10 @@ impl Codec for Host {
     fn encode(&mut self, command: &MotorCommand, frame: &mut Frame) {
         self.sequence = self.sequence.wrapping_add(1);
         let mut payload = [0; COMMAND_1_1_LEN];
-        for (four, motor) in payload.as_chunks_mut::<4>().0.iter_mut().zip(&command.motors[..7]) {
+        for (four, motor) in payload.as_chunks_mut::<4>().0.iter_mut().zip(&command.motors()[..7]) {
             *four = finite_f32(*motor).to_le_bytes();
         }
-        payload[28] = u8::from(command.enabled);
+        payload[28] = u8::from(command.is_enabled());
         payload[COMMAND_TOKEN..].copy_from_slice(&self.token.0.to_le_bytes());
         if let Some(sent_at_s) = self.sent_at_s.get_mut(usize::from(self.sequence) % SENT) {
             *sent_at_s = self.now_s;

@@ -419,3 +419,6 @@ fn towards(from: DVec3, to: DVec3, step: f64) -> DVec3 {
     let length = change.length();
     if length <= step { to } else { from + change * (step / length) }
 }
+
+#[cfg(test)]
+mod tests;

@@ -22,7 +22,7 @@ use super::fault::{FaultKind, FaultPlan, JUMP_M, SATURATED_SHARE};
 use super::parameters::{SimError, SimParameters, check_windows};
 use super::plant::GripPlant;
 use crate::device::velocity::VelocityWindow;
-use crate::device::{Capabilities, Device, DeviceError, IoPlacement, Pacing, Wakeup};
+use crate::device::{Capabilities, Device, DeviceError, IoPlacement, Pacing};
 use crate::spatial::{DeviceSample, Pose, SampleStatus, Twist, Wrench};
 
 /// The simulated arm. RT: `read`, `write` and `stop` are safe; everything is allocated by [`SimArm::new`].
@@ -78,7 +78,6 @@ impl SimArm {
                 actuated,
                 pacing: Pacing::PingPong,
                 io: IoPlacement::InLoop,
-                wakeup: Wakeup::Clock,
                 watchdog_ms: parameters.watchdog_ms,
                 watchdog_latched: false,
                 holds_last_command: parameters.holds_last_command,
@@ -131,6 +130,15 @@ impl SimArm {
 
     fn now_s(&self) -> f64 {
         self.n_reads as f64 * self.period_s
+    }
+
+    fn last_read_s(&self) -> f64 {
+        self.n_reads.saturating_sub(1) as f64 * self.period_s
+    }
+
+    /// What it is told is lost.
+    fn is_deaf(&self) -> bool {
+        self.fault_active(self.last_read_s()) == Some(FaultKind::Deaf)
     }
 
     /// Moves the plant from `n_reads − 1` to `n_reads` periods.
@@ -199,7 +207,8 @@ impl Device for SimArm {
         match fault {
             Some(FaultKind::Unplug) => return Err(DeviceError::Lost),
             Some(FaultKind::Stall) => return Ok(self.stale()),
-            Some(FaultKind::Garbage | FaultKind::Truncate) => return Err(DeviceError::Packet),
+            Some(FaultKind::Repeat | FaultKind::Reorder) if self.n_reads.is_multiple_of(2) => return Ok(self.stale()),
+            Some(FaultKind::Garbage | FaultKind::Truncate | FaultKind::LostByte) => return Err(DeviceError::Packet),
             Some(FaultKind::Slow { delay_s }) => {
                 // One exchange at a time: the next sample is measured when the one before has come.
                 let due = self.n_reads + (delay_s / self.period_s).ceil() as u64;
@@ -247,6 +256,9 @@ impl Device for SimArm {
     }
 
     fn write(&mut self, wrench_device: &Wrench) -> Result<Wrench, DeviceError> {
+        if self.is_deaf() {
+            return Ok(*wrench_device);
+        }
         self.ticks_since_write = 0;
         if !wrench_device.is_finite() {
             self.command = Wrench::ZERO;
@@ -254,14 +266,16 @@ impl Device for SimArm {
         }
         let actuated = self.capabilities.actuated;
         self.command = wrench_device.limited_to(actuated, self.force_limit_n, self.torque_limit_nm);
-        let last_read_s = self.n_reads.saturating_sub(1) as f64 * self.period_s;
-        match self.fault_active(last_read_s) {
+        match self.fault_active(self.last_read_s()) {
             Some(FaultKind::Unplug) => Err(DeviceError::Lost),
             _ => Ok(self.command),
         }
     }
 
     fn stop(&mut self) {
+        if self.is_deaf() {
+            return;
+        }
         self.command = Wrench::ZERO;
         self.ticks_since_write = 0;
     }

@@ -7,9 +7,13 @@
 //! |---|---|---|
 //! | `drop=P%` | a sample does not come | a frame is not sent |
 //! | `stall` | no fresh samples; commands arrive | sends nothing; commands arrive |
+//! | `deaf` | commands are lost; fresh samples | reads nothing, without a hang-up: what the host writes stays in the tty until it wakes. It sends what it sends unasked; with `stall` it hangs. Its watchdog, where it has one, goes on |
 //! | `nan` | x of the position is not a number | a reading is not a number; where the wire has whole numbers, it reads 0 |
 //! | `garbage` | a corrupt packet | random bytes in place of the frame |
 //! | `truncate` | a corrupt packet | the second half of the frame is missing |
+//! | `lost-byte` | a corrupt packet | one byte in the middle of the frame is missing |
+//! | `repeat` | every other sample is the one before again | a frame is sent twice |
+//! | `reorder` | every other sample is the one before again | frames change places two by two |
 //! | `unplug` | the arm is gone | the node goes away |
 //! | `slow=T` | a sample comes T after it was measured, and none in between | a frame is sent T later |
 //! | `stuck` | the encoders repeat their value while the counter runs on | the same |
@@ -33,6 +37,8 @@ pub enum FaultKind {
     },
     /// No fresh samples.
     Stall,
+    /// Hears nothing, and the link stays up.
+    Deaf,
     /// The x position is not a number.
     Nan,
     /// What comes is not a report.
@@ -50,6 +56,12 @@ pub enum FaultKind {
     Jump,
     /// Reports end in the middle.
     Truncate,
+    /// Reports lack a byte in the middle.
+    LostByte,
+    /// Reports come twice.
+    Repeat,
+    /// Reports change places two by two.
+    Reorder,
     /// The motors push the wrong way.
     SignFlip,
     /// The motors give [`SATURATED_SHARE`] of the arm's limit per axis at most.
@@ -94,6 +106,12 @@ pub struct FaultPlan {
 }
 
 impl FaultPlan {
+    /// A fault that stays.
+    #[cfg(test)]
+    pub(in crate::device) fn from(kind: FaultKind, start_s: f64) -> Self {
+        Self { kind, start_s, end_s: f64::INFINITY }
+    }
+
     /// What is wrong in the tick at `now_s`. RT: safe.
     pub(in crate::device) fn active(&self, now_s: f64, period_s: f64) -> Option<FaultKind> {
         // Half a period early: the tick that is nearest to the time asked for.
@@ -108,9 +126,10 @@ impl FaultPlan {
 }
 
 /// Names of the grammar.
-pub const NAMES: [&str; 15] = [
+pub const NAMES: [&str; 19] = [
     "drop",
     "stall",
+    "deaf",
     "nan",
     "garbage",
     "unplug",
@@ -118,6 +137,9 @@ pub const NAMES: [&str; 15] = [
     "stuck",
     "jump",
     "truncate",
+    "lost-byte",
+    "repeat",
+    "reorder",
     "sign-flip",
     "saturate",
     "unhome",
@@ -127,8 +149,8 @@ pub const NAMES: [&str; 15] = [
 ];
 
 /// Names with the values that some of them take, for people.
-const USAGE: &str = "drop=P%, stall, nan, garbage, unplug, slow=TIME, stuck, jump, truncate, sign-flip, saturate, unhome, skip=COUNT, \
-                     no-velocity, press=BUTTON";
+const USAGE: &str = "drop=P%, stall, deaf, nan, garbage, unplug, slow=TIME, stuck, jump, truncate, lost-byte, repeat, reorder, sign-flip, \
+                     saturate, unhome, skip=COUNT, no-velocity, press=BUTTON";
 
 /// Why a fault specification was refused.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -191,6 +213,7 @@ pub fn parse(text: &str) -> Result<FaultPlan, FaultError> {
     let kind = match name {
         "drop" => FaultKind::Drop { probability: value.and_then(share).ok_or(FaultError::Share)? },
         "stall" => FaultKind::Stall,
+        "deaf" => FaultKind::Deaf,
         "nan" => FaultKind::Nan,
         "garbage" => FaultKind::Garbage,
         "unplug" => FaultKind::Unplug,
@@ -198,6 +221,9 @@ pub fn parse(text: &str) -> Result<FaultPlan, FaultError> {
         "stuck" => FaultKind::Stuck,
         "jump" => FaultKind::Jump,
         "truncate" => FaultKind::Truncate,
+        "lost-byte" => FaultKind::LostByte,
+        "repeat" => FaultKind::Repeat,
+        "reorder" => FaultKind::Reorder,
         "sign-flip" => FaultKind::SignFlip,
         "saturate" => FaultKind::Saturate,
         "unhome" => FaultKind::Unhome,
@@ -268,6 +294,10 @@ mod tests {
             ("slow=4ms@1s", FaultKind::Slow { delay_s: 0.004 }, 1.0, EVER),
             ("garbage@2s", FaultKind::Garbage, 2.0, EVER),
             ("truncate", FaultKind::Truncate, 0.0, EVER),
+            ("deaf@2s+500ms", FaultKind::Deaf, 2.0, 2.5),
+            ("lost-byte@2s+1ms", FaultKind::LostByte, 2.0, 2.001),
+            ("repeat@2s", FaultKind::Repeat, 2.0, EVER),
+            ("reorder@2s", FaultKind::Reorder, 2.0, EVER),
             ("sign-flip@2s", FaultKind::SignFlip, 2.0, EVER),
             ("saturate@2s", FaultKind::Saturate, 2.0, EVER),
             ("skip=40@2s", FaultKind::Skip { samples: 40 }, 2.0, EVER),

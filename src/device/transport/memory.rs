@@ -10,6 +10,8 @@ struct Wire {
     to_arm: VecDeque<Vec<u8>>,
     to_host: VecDeque<Vec<u8>>,
     cut: bool,
+    /// Bytes that the way to the arm holds; `None`: all.
+    room: Option<usize>,
 }
 
 /// One end of a link in memory, for tests and for simulated arms that speak a real protocol. Not for a real-time loop: it locks.
@@ -27,6 +29,13 @@ pub(in crate::device) fn loopback(carriage: Carriage) -> (LoopbackEnd, LoopbackE
 }
 
 impl LoopbackEnd {
+    /// Gives the way to the arm an end: more bytes than `room` that nobody has taken do not fit.
+    pub(in crate::device) fn limit(&self, room: usize) {
+        if let Ok(mut wire) = self.wire.lock() {
+            wire.room = Some(room);
+        }
+    }
+
     /// Pulls the plug: both ends are lost from now on.
     pub(in crate::device) fn cut(&self) {
         if let Ok(mut wire) = self.wire.lock() {
@@ -65,9 +74,23 @@ impl Transport for LoopbackEnd {
         if wire.cut {
             return Err(TransportError::Lost);
         }
-        let queue = if self.is_arm { &mut wire.to_host } else { &mut wire.to_arm };
-        queue.push_back(frame.to_vec());
+        if self.is_arm {
+            wire.to_host.push_back(frame.to_vec());
+            return Ok(());
+        }
+        let waiting: usize = wire.to_arm.iter().map(Vec::len).sum();
+        if wire.room.is_some_and(|room| waiting + frame.len() > room) {
+            return Err(TransportError::Full);
+        }
+        wire.to_arm.push_back(frame.to_vec());
         Ok(())
+    }
+
+    fn send_now(&mut self, frame: &[u8]) -> Result<(), TransportError> {
+        if let Ok(mut wire) = self.wire.lock() {
+            if self.is_arm { wire.to_host.clear() } else { wire.to_arm.clear() }
+        }
+        self.send(frame)
     }
 }
 

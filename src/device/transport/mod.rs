@@ -2,7 +2,7 @@
 //!
 //! Data in: whole frames. Data out: reports (HID) or bytes as they come (streams). A transport knows nothing of what they mean.
 //!
-//! Invariant: [`Transport::receive`] and [`Transport::send`] never block and never allocate. Where the system call behind a write can block
+//! Invariant: [`Transport::receive`], [`Transport::send`] and [`Transport::send_now`] never block and never allocate. Where the system call behind a write can block
 //! (HID), a thread of the transport's own makes it.
 //!
 //! | file | owns |
@@ -38,6 +38,9 @@ pub use simulated::{LinkQuality, NetworkEnd, SimulatedNetwork};
 pub use usb::UsbError;
 #[cfg(feature = "usb")]
 pub(in crate::device) use usb::UsbLink;
+
+use std::io;
+use std::os::fd::OwnedFd;
 
 use super::IoPlacement;
 use crate::rt::clock::monotonic_ns;
@@ -133,7 +136,7 @@ pub enum Line {
 
 /// An open link to an arm.
 ///
-/// RT: `receive` and `send` are safe: a bounded number of non-blocking system calls, no allocation, no lock.
+/// RT: `receive`, `send` and `send_now` are safe: a bounded number of non-blocking system calls, no allocation, no lock.
 pub trait Transport: Send {
     /// Takes what has come into `buffer` and says how many bytes: one whole report (HID; a longer one is cut) or what there is of a stream;
     /// 0 when nothing has come.
@@ -148,6 +151,15 @@ pub trait Transport: Send {
     /// See [`TransportError`].
     fn send(&mut self, frame: &[u8]) -> Result<(), TransportError>;
 
+    /// Sends a whole frame in the place of everything that has not left yet: for a zero, which must not wait behind old commands that an arm has not
+    /// read. What is dropped may end in the middle of a frame, so that the arm may find this one garbled: send another one behind it.
+    ///
+    /// # Errors
+    /// As [`Self::send`].
+    fn send_now(&mut self, frame: &[u8]) -> Result<(), TransportError> {
+        self.send(frame)
+    }
+
     /// Sets a line. Cold.
     ///
     /// # Errors
@@ -155,6 +167,14 @@ pub trait Transport: Send {
     fn line(&mut self, line: Line) -> Result<(), TransportError> {
         let _ = line;
         Ok(())
+    }
+
+    /// A descriptor that another process can write the same frames to. Cold.
+    ///
+    /// # Errors
+    /// The system refuses, or the link has no such thing.
+    fn descriptor(&self) -> io::Result<OwnedFd> {
+        Err(io::Error::other("no other process can write to its link"))
     }
 
     /// Where its bytes are moved.
@@ -177,8 +197,16 @@ impl<T: Transport + ?Sized> Transport for Box<T> {
         (**self).send(frame)
     }
 
+    fn send_now(&mut self, frame: &[u8]) -> Result<(), TransportError> {
+        (**self).send_now(frame)
+    }
+
     fn line(&mut self, line: Line) -> Result<(), TransportError> {
         (**self).line(line)
+    }
+
+    fn descriptor(&self) -> io::Result<OwnedFd> {
+        (**self).descriptor()
     }
 
     fn io(&self) -> IoPlacement {

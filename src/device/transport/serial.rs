@@ -123,6 +123,12 @@ impl Transport for SerialLink {
         }
     }
 
+    fn send_now(&mut self, frame: &[u8]) -> Result<(), TransportError> {
+        // Drivers that keep no queue refuse, which is fine.
+        let _ = termios::tcflush(&self.fd, QueueSelector::OFlush);
+        self.send(frame)
+    }
+
     fn line(&mut self, line: Line) -> Result<(), TransportError> {
         let done = match line {
             Line::PurgeReceived => return termios::tcflush(&self.fd, QueueSelector::IFlush).map_err(lost_or),
@@ -137,6 +143,17 @@ impl Transport for SerialLink {
             Line::LatencyMs(_) => Ok(()),
         };
         done.map_err(|_| TransportError::Os(Errno::INVAL.raw_os_error()))
+    }
+
+    fn descriptor(&self) -> std::io::Result<OwnedFd> {
+        self.fd.try_clone()
+    }
+}
+
+impl Drop for SerialLink {
+    /// The mark of exclusive use stays on a pseudo-terminal for as long as its other end is open, and would keep ourselves out.
+    fn drop(&mut self) {
+        let _ = termios::ioctl_tiocnxcl(&self.fd);
     }
 }
 
@@ -216,6 +233,40 @@ mod tests {
         drop(far);
         assert_eq!(link.receive(&mut [0; 8]), Err(TransportError::Lost));
         assert_eq!(link.send(&[1]), Err(TransportError::Lost));
+    }
+
+    /// What an arm that did not read for seconds finds when it reads again.
+    #[test]
+    fn what_an_arm_has_not_read_does_not_stand_before_a_zero() {
+        let (mut far, mut link) = pair();
+        let mut n_waiting = 0;
+        while link.send(b"P1 0.36\n").is_ok() {
+            n_waiting += 1;
+        }
+        assert!(n_waiting > 2000, "{n_waiting}");
+        // Twice: the first may follow half a line. The second takes nothing back, or the first might go with it.
+        link.send_now(b"P1 0\n").expect("room has been made");
+        link.send(b"P1 0\n").expect("there is room");
+        let mut read = Vec::new();
+        far.set_timeout(Duration::from_millis(300)).expect("set");
+        // Its end is that nothing more comes.
+        let _ = far.read_to_end(&mut read);
+        let lines: Vec<&[u8]> = read.split_inclusive(|byte| *byte == b'\n').collect();
+        // The kernel keeps one page for the reader, which nobody else can take back.
+        assert!(lines.len() <= 4096 / 8 + 2, "{} of {n_waiting} lines", lines.len());
+        assert_eq!(lines.last(), Some(&&b"P1 0\n"[..]));
+    }
+
+    #[test]
+    fn a_port_that_was_closed_can_be_opened_again_while_its_other_end_lives() {
+        let (far, near) = serialport::TTYPort::pair().expect("a pty");
+        let path = std::path::PathBuf::from(near.name().expect("has one"));
+        drop(near);
+        let link = SerialLink::open(&path, 115_200).expect("free");
+        assert!(SerialLink::open(&path, 115_200).is_err(), "held");
+        drop(link);
+        drop(SerialLink::open(&path, 115_200).expect("free again"));
+        drop(far);
     }
 
     #[test]

@@ -2,11 +2,11 @@
 //!
 //! ```text
 //!   servo ── send ───► ring ──► writer thread ──► bus      the newest frame wins: what could not leave in time is skipped
-//!   servo ◄─ receive ─ ring ◄── reader thread ◄── bus      every report, in order
+//!   servo ◄─ receive ─ ring ◄── reader thread ◄── bus      every report, in order; of a backlog the oldest and the newest
 //! ```
 //! The writer sleeps on an eventfd, which costs the servo one non-blocking write.
 
-use core::sync::atomic::{AtomicBool, Ordering};
+use core::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use core::time::Duration;
 use std::os::fd::OwnedFd;
 use std::sync::Arc;
@@ -22,8 +22,12 @@ use crate::rt::schedule::{self, ThreadRequest};
 const REPORTS: usize = 64;
 /// Frames that may wait for the bus.
 const FRAMES: usize = 8;
+/// Room beside them for frames that take the place of all others.
+const FRAMES_NOW: usize = 4;
 /// How long the reader waits before it looks whether it is still wanted.
 const READ_WAIT: Duration = Duration::from_millis(50);
+/// The same while a report waits for room in the ring.
+const HELD_WAIT: Duration = Duration::from_millis(1);
 /// How long the last frames may take to leave when the link is closed.
 const CLOSE_PATIENCE: Duration = Duration::from_millis(200);
 
@@ -48,6 +52,10 @@ pub(super) trait Sink: Send + 'static {
 pub(super) struct Threaded {
     reports: Consumer<Frame>,
     frames: Producer<Frame>,
+    /// Frames given to the writer so far.
+    n_frames: u64,
+    /// Frames before this one are not to leave any more.
+    void_before: Arc<AtomicU64>,
     doorbell: Arc<OwnedFd>,
     lost: Arc<AtomicBool>,
     quit: Arc<AtomicBool>,
@@ -61,15 +69,27 @@ impl Threaded {
         let doorbell = Arc::new(eventfd(0, EventfdFlags::CLOEXEC)?);
         let (lost, quit) = (Arc::new(AtomicBool::new(false)), Arc::new(AtomicBool::new(false)));
         let (report_producer, reports) = RingBuffer::new(REPORTS);
-        let (frames, frame_consumer) = RingBuffer::new(FRAMES);
+        let (frames, frame_consumer) = RingBuffer::new(FRAMES + FRAMES_NOW);
+        let void_before = Arc::new(AtomicU64::new(0));
         let reader = {
             let (lost, quit) = (lost.clone(), quit.clone());
             spawn("link-read", request, move || read_reports(source, report_producer, &lost, &quit))?
         };
         // From here on the drop of `link` ends what was started.
-        let mut link = Self { reports, frames, doorbell, lost, quit, reader: Some(reader), writer: None };
+        let mut link = Self {
+            reports,
+            frames,
+            n_frames: 0,
+            void_before: void_before.clone(),
+            doorbell,
+            lost,
+            quit,
+            reader: Some(reader),
+            writer: None,
+        };
         let (doorbell, lost, quit) = (link.doorbell.clone(), link.lost.clone(), link.quit.clone());
-        link.writer = Some(spawn("link-write", request, move || write_frames(sink, frame_consumer, &doorbell, &lost, &quit))?);
+        let write = move || write_frames(sink, frame_consumer, &void_before, &doorbell, &lost, &quit);
+        link.writer = Some(spawn("link-write", request, write)?);
         Ok(link)
     }
 
@@ -97,14 +117,27 @@ impl Threaded {
 
     /// Gives a frame to the writer.
     pub(super) fn send(&mut self, frame: &[u8]) -> Result<(), TransportError> {
+        self.push(frame, FRAMES_NOW)
+    }
+
+    /// Gives a frame to the writer and takes all others away from it, but for the one that is on the bus.
+    pub(super) fn send_now(&mut self, frame: &[u8]) -> Result<(), TransportError> {
+        // Relaxed: the ring orders what it carries; a writer that sees the number late sends one frame too many.
+        self.void_before.store(self.n_frames, Ordering::Relaxed);
+        self.push(frame, 0)
+    }
+
+    /// `spared`: places that are to stay free.
+    fn push(&mut self, frame: &[u8], spared: usize) -> Result<(), TransportError> {
         if self.lost.load(Ordering::Relaxed) {
             return Err(TransportError::Lost);
         }
         let mut outgoing = Frame::default();
-        if !outgoing.extend(frame) {
+        if !outgoing.extend(frame) || self.frames.slots() <= spared {
             return Err(TransportError::Full);
         }
         self.frames.push(outgoing).map_err(|_| TransportError::Full)?;
+        self.n_frames += 1;
         self.ring();
         Ok(())
     }
@@ -126,26 +159,40 @@ fn spawn(
 
 fn read_reports(mut source: impl Source, mut reports: Producer<Frame>, lost: &AtomicBool, quit: &AtomicBool) {
     let mut buffer = [0; FRAME_MAX];
+    // The newest report while the ring is full: the servo has not looked for 64 of them, and wants to know where the arm is now, not where it was.
+    let mut held: Option<Frame> = None;
     // Relaxed: the flags are the whole message; the ring orders what it carries itself.
     while !quit.load(Ordering::Relaxed) {
-        match source.wait(&mut buffer, READ_WAIT) {
-            Ok(0) => {}
-            Ok(n) => {
-                let mut report = Frame::default();
-                report.extend(buffer.get(..n).unwrap_or_default());
-                // Full: the servo has not looked for 64 reports, and its stale check has long had its say.
-                let _ = reports.push(report);
+        let came = source.wait(&mut buffer, if held.is_some() { HELD_WAIT } else { READ_WAIT });
+        if let Ok(n @ 1..) = came {
+            let mut report = Frame::default();
+            report.extend(buffer.get(..n).unwrap_or_default());
+            if let Some(older) = held.replace(report).filter(|_| !reports.is_full()) {
+                let _ = reports.push(older);
             }
-            Err(Gone) => {
-                lost.store(true, Ordering::Relaxed);
-                return;
-            }
+        }
+        if !reports.is_full()
+            && let Some(newest) = held.take()
+        {
+            let _ = reports.push(newest);
+        }
+        if came.is_err() {
+            lost.store(true, Ordering::Relaxed);
+            return;
         }
     }
 }
 
-fn write_frames(mut sink: impl Sink, mut frames: Consumer<Frame>, doorbell: &OwnedFd, lost: &AtomicBool, quit: &AtomicBool) {
+fn write_frames(
+    mut sink: impl Sink,
+    mut frames: Consumer<Frame>,
+    void_before: &AtomicU64,
+    doorbell: &OwnedFd,
+    lost: &AtomicBool,
+    quit: &AtomicBool,
+) {
     let mut count = [0; 8];
+    let mut n_taken = 0_u64;
     loop {
         // Sleeps until somebody rings.
         if rustix::io::read(doorbell, &mut count).is_err() {
@@ -153,8 +200,9 @@ fn write_frames(mut sink: impl Sink, mut frames: Consumer<Frame>, doorbell: &Own
         }
         let ends = quit.load(Ordering::Relaxed);
         while let Ok(frame) = frames.pop() {
-            // A newer command is under way: this one is too late to be worth the bus. At the end everything leaves.
-            if !ends && !frames.is_empty() {
+            n_taken += 1;
+            // A newer command is under way: this one is too late to be worth the bus. At the end everything leaves that a zero has not replaced.
+            if !ends && !frames.is_empty() || n_taken <= void_before.load(Ordering::Relaxed) {
                 continue;
             }
             if sink.put(frame.as_slice()).is_err() {
@@ -272,6 +320,44 @@ mod tests {
         link.send(&[6]).expect("room");
         drop(link);
         assert_eq!(frames.try_iter().last(), Some(vec![6]));
+    }
+
+    #[test]
+    fn a_zero_takes_the_place_of_what_a_bus_that_hangs_has_not_taken() {
+        let (_to_host, source) = unbounded();
+        let (taken, frames) = unbounded();
+        let (open, gate) = bounded(0);
+        let mut link = Threaded::start(Bus(source), SlowBus { gate, taken }, None).expect("threads");
+        let sent = (1..100).take_while(|n| link.send(&[*n]).is_ok()).count();
+        assert!(sent >= FRAMES, "{sent}");
+        for _ in 0..2 {
+            link.send_now(&[0]).expect("there is room for it");
+        }
+        // At the end, when everything leaves.
+        drop(open);
+        drop(link);
+        let left: Vec<Vec<u8>> = frames.try_iter().collect();
+        assert!(left.len() <= 3 && left.ends_with(&[vec![0]]), "{left:?}");
+        assert!(left.iter().all(|frame| *frame == [0] || *frame == [1]), "but for the one that was on the bus: {left:?}");
+    }
+
+    #[test]
+    fn of_a_backlog_the_newest_report_is_kept() {
+        let (to_host, source) = unbounded();
+        let (taken, _frames) = unbounded();
+        let (_open, gate) = bounded(0);
+        let mut link = Threaded::start(Bus(source), SlowBus { gate, taken }, None).expect("threads");
+        for n in 0..200 {
+            to_host.send(vec![n]).expect("read");
+        }
+        while !to_host.is_empty() {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        let mut last = Vec::new();
+        for _ in 0..=REPORTS {
+            last = receive_one(&mut link).expect("there");
+        }
+        assert_eq!(last, [199]);
     }
 
     #[test]

@@ -154,6 +154,10 @@ impl Transport for UsbLink {
         self.threads.send(frame)
     }
 
+    fn send_now(&mut self, frame: &[u8]) -> Result<(), TransportError> {
+        self.threads.send_now(frame)
+    }
+
     fn line(&mut self, line: Line) -> Result<(), TransportError> {
         for (request, value) in requests_of(line) {
             let control =

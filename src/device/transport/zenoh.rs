@@ -125,6 +125,10 @@ impl Transport for ZenohLink {
         self.threads.send(frame)
     }
 
+    fn send_now(&mut self, frame: &[u8]) -> Result<(), TransportError> {
+        self.threads.send_now(frame)
+    }
+
     fn io(&self) -> IoPlacement {
         IoPlacement::OwnThread
     }

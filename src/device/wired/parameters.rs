@@ -5,6 +5,7 @@ use glam::DQuat;
 use super::Thermal;
 use crate::device::Capabilities;
 use crate::device::kinematics::Kinematics;
+use crate::device::motor_stage::Limits;
 use crate::device::transmission::Transmission;
 
 /// Where the time of samples comes from.
@@ -28,10 +29,12 @@ pub(in crate::device) struct WiredParameters {
     pub(in crate::device) device_from_native: DQuat,
     /// What the arm can do.
     pub(in crate::device) capabilities: Capabilities,
-    /// Largest |F|, N.
-    pub(in crate::device) force_limit_n: f64,
-    /// Largest |τ|, N·m.
-    pub(in crate::device) torque_limit_nm: f64,
+    /// Somebody has seen every motor push the way it is told.
+    pub(in crate::device) signs_verified: bool,
+    /// Of the profile.
+    pub(in crate::device) limits: Limits,
+    /// What is left of them while nobody has: they hold whichever motors push the wrong way.
+    pub(in crate::device) unverified_limits: Limits,
     /// Windows of the linear and the angular velocity, s.
     pub(in crate::device) velocity_window_s: [f64; 2],
     /// Silence after which the arm is woken, s; `None`: never.

@@ -86,10 +86,27 @@ impl ContactSum {
         self.is_roped = true;
     }
 
+    /// What touches moves less in the mean when clay, which stays where it is, presses on the tool as well.
+    fn stands_beside(&mut self, clay: &Self) {
+        let Some(faces) = self.carried_faces.as_mut() else { return };
+        let share = |ours_n: f64, clays_n: f64| if clays_n > 0.0 { ours_n / (ours_n + clays_n) } else { 1.0 };
+        let force_n = |patch: &Option<Patch>| patch.map_or(0.0, |patch| patch.force_n);
+        for ((carried, patch), clays) in faces.iter_mut().zip(&self.patches).zip(&clay.patches) {
+            *carried = carried.scaled(share(force_n(patch), force_n(clays)));
+        }
+        self.carried = self.carried.scaled(share(self.pressed_n(), clay.pressed_n()));
+    }
+
+    /// What presses on all faces, N.
+    fn pressed_n(&self) -> f64 {
+        self.patches().map(|patch| patch.force_n).sum()
+    }
+
     /// Rigid contact together with that of clay: each is normalised by itself, a face that touches both presses with what both press.
     #[must_use]
     pub(in crate::haptics) fn with_clay(mut self, clay: &Self) -> Self {
         if clay.acts() {
+            self.stands_beside(clay);
             let arm = weighted_arm(&self, clay);
             self.arm_world = arm;
             for (patch, other) in self.patches.iter_mut().zip(clay.patches) {
@@ -118,8 +135,7 @@ impl ContactSum {
 
 /// Middle of both contacts, each with the force that presses it.
 fn weighted_arm(one: &ContactSum, other: &ContactSum) -> glam::DVec3 {
-    let force_n = |sum: &ContactSum| sum.patches().map(|patch| patch.force_n).sum::<f64>();
-    let (by_one, by_other) = (force_n(one), force_n(other));
+    let (by_one, by_other) = (one.pressed_n(), other.pressed_n());
     let both = by_one + by_other;
     if both > 0.0 { (one.arm_world * by_one + other.arm_world * by_other) / both } else { one.arm_world }
 }

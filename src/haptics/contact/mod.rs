@@ -25,6 +25,8 @@ mod samples;
 mod simd;
 mod sum;
 mod summing;
+#[cfg(test)]
+mod tests;
 mod touched;
 mod traversal;
 mod walk;
@@ -43,7 +45,7 @@ pub use traversal::{Traversal, Way};
 use self::faces::face_of;
 use self::summing::Summing;
 use super::params::{ContactParameters, FilterParameters};
-use crate::pointshell::shell::Shell;
+use crate::pointshell::shell::{LANES, Lanes, Shell};
 use crate::spatial::{Mat6, Pose, Twist, Wrench};
 use crate::voxmap::field::Field;
 
@@ -229,19 +231,24 @@ impl ContactSum {
             let kind = |touched: &Touched| (traversal.face(touched.block), touched.bends(&obstacle.field, shell));
             for run in traversal.touched().chunk_by(|one, other| kind(one) == kind(other)) {
                 let Some((face, bends)) = run.first().map(kind) else { continue };
-                if let Some(carried) = carried {
-                    summing.carry(face, carried, run);
-                }
                 let Some(sums) = summing.face(face) else { continue };
                 n_contacts += run.iter().map(|touched| touched.lanes.count_ones()).sum::<u32>();
+                let mut depth_m = 0.0;
                 if bends {
                     for touched in run {
                         if let Some(pushes) = touched.pushes(&obstacle.field, shell, map_from_body) {
                             machine.add(sums, touched, &pushes, by);
+                            depth_m += if carried.is_some() { touched.depth_m(&pushes.weights) } else { 0.0 };
                         }
                     }
                 } else {
                     machine.add_all(sums, run, (shell.positions(), shell.normals()), by);
+                    if carried.is_some() {
+                        depth_m = run.iter().map(|touched| touched.depth_m(&Lanes([touched.weight; LANES]))).sum();
+                    }
+                }
+                if let Some(carried) = carried {
+                    summing.carry(face, carried, depth_m);
                 }
             }
             if let Some(also) = also.as_mut() {

@@ -5,7 +5,6 @@ use glam::DVec3;
 use super::faces::FACES;
 use super::places::{self, FarSum};
 use super::sum::{Sums, Total, Weighting};
-use super::touched::Touched;
 use super::{Carried, ContactSum, Obstacle, Patch};
 use crate::haptics::params::{ContactParameters, FilterParameters, Normalization};
 use crate::spatial::{Mat6, Pose, Wrench};
@@ -50,11 +49,8 @@ impl<'a> Summing<'a> {
         }
     }
 
-    /// Notes that what these blocks of a face touch has moved.
-    pub(super) fn carry(&mut self, face: u8, carried: Carried, run: &[Touched]) {
-        let depth_m =
-            |touched: &Touched| touched.lanes().filter_map(|lane| touched.depths_m.get(lane)).sum::<f32>() * touched.weight;
-        let depth_m = run.iter().map(|touched| f64::from(depth_m(touched))).sum();
+    /// Notes that what a face touches has moved; `depth_m`: all depths of these contacts, each with the weight that it has in the sums.
+    pub(super) fn carry(&mut self, face: u8, carried: Carried, depth_m: f64) {
         let faces = self.carried.get_or_insert_with(|| [Carried::default(); FACES]);
         if let Some(sum) = faces.get_mut(usize::from(face)) {
             sum.add(depth_m, carried);
@@ -151,9 +147,11 @@ impl<'a> Summing<'a> {
             sum.arm_world = rotation * depth_arm / depth;
         }
         if let Some(faces) = sum.carried_faces.as_mut() {
+            // Points without a share in the sum, such as an edge that has gone past the middle of a wall, have no depth there either.
+            let mean_over = |depth_m: f64| if depth_m > 0.0 { 1.0 / depth_m } else { 0.0 };
             for (carried, total) in faces.iter_mut().zip(&totals) {
-                sum.carried.add(1.0 / depth, *carried);
-                *carried = total.map_or(Carried::default(), |total| carried.scaled(1.0 / total.depth));
+                sum.carried.add(mean_over(depth), *carried);
+                *carried = carried.scaled(mean_over(total.map_or(0.0, |total| total.depth)));
             }
         }
         sum

@@ -45,6 +45,13 @@ impl Touched {
         lanes_of(self.lanes)
     }
 
+    /// The sum of what the lanes in contact are deep, each so often, m.
+    #[inline]
+    pub(super) fn depth_m(&self, weights: &Lanes) -> f64 {
+        let weighted = |lane: usize| Some(f64::from(self.depths_m.get(lane)? * weights.0.get(lane)?));
+        self.lanes().filter_map(weighted).sum()
+    }
+
     /// Lanes in contact whose own normal does not say which way is out.
     #[inline]
     fn bent_lanes(&self, field: &Field, shell: &Shell) -> u16 {

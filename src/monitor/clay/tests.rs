@@ -9,6 +9,7 @@ use super::*;
 use crate::daemon::studio::Refused;
 use crate::daemon::{Notice, Phase, testing};
 use crate::rt::clock::ClockKind;
+use crate::rt::control::Control;
 use crate::sculpt::PointSet;
 use crate::sculpt::dynamics::Material;
 use crate::sculpt::studio::StudioError;
@@ -74,8 +75,9 @@ struct Bench {
 
 fn hub() -> Arc<Hub> {
     let (_, counter, board) = testing::desk();
-    let (orders, _) = crossbeam::channel::unbounded();
-    Hub::new(HubParts { board, counter, orders, heartbeat: None, clock: ClockKind::Real, recorder: None, metrics: None })
+    let (enables, _) = crossbeam::channel::unbounded();
+    let control = Arc::new(Control::new());
+    Hub::new(HubParts { board, counter, control, enables, heartbeat: None, clock: ClockKind::Real, recorder: None, metrics: None })
 }
 
 fn bench() -> Bench {

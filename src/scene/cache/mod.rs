@@ -18,7 +18,6 @@ mod contents;
 mod folder;
 mod request;
 
-use std::fs::{self, File};
 use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -27,8 +26,8 @@ pub use contents::{Baked, read};
 pub use request::{Request, Spacing};
 
 use super::report::{CacheUse, Role, Timings};
-use crate::storage::Region;
 use crate::storage::sections::{Key, Refusal};
+use crate::storage::{Region, regular};
 
 /// Counts up whenever baking gives other bits than before for the same request. A test holds reference bakes against it.
 pub const GENERATION: u32 = 3;
@@ -91,15 +90,15 @@ impl Cache {
         core::mem::take(&mut self.notes)
     }
 
-    /// Looks for an object. Cost: hashing the mesh file and one pass over the cache file.
-    pub fn look_up(&mut self, request: &Request<'_>) -> Lookup {
+    /// Looks for an object of at most so many bytes. Cost: hashing the mesh file and one pass over the cache file.
+    pub fn look_up(&mut self, request: &Request<'_>, most_bytes: u64) -> Lookup {
         let since = Instant::now();
         // A mesh that cannot be read is the business of whoever bakes it.
         let Some((folder, key)) = self.folder.as_ref().zip(request.key()) else {
             return Lookup::Bake(Slot { cache: CacheUse::Off, key: None });
         };
         let path = folder::path(folder, &key);
-        let refusal = match self.load(&path, key, request.role) {
+        let refusal = match self.load(&path, key, request.role, most_bytes) {
             Ok(mut baked) => {
                 let load = since.elapsed().as_secs_f64();
                 request.name.clone_into(&mut baked.report.name);
@@ -125,12 +124,11 @@ impl Cache {
         Lookup::Bake(Slot { cache: CacheUse::Rebaked, key: replace.then_some(key) })
     }
 
-    fn load(&self, path: &Path, key: Key, role: Role) -> Result<Baked, Refusal> {
-        // Asked before opening: to open a pipe waits for its writer, and a device may have no end.
-        if !fs::metadata(path)?.is_file() {
-            return Err(Refusal::Io(io::Error::new(ErrorKind::InvalidInput, "it is no regular file")));
+    fn load(&self, path: &Path, key: Key, role: Role, most_bytes: u64) -> Result<Baked, Refusal> {
+        let file = regular::open(path)?;
+        if file.metadata()?.len() > most_bytes {
+            return Err(Refusal::Io(io::Error::new(ErrorKind::OutOfMemory, "there is no memory left for it")));
         }
-        let file = File::open(path)?;
         folder::touch(&file);
         let region = match self.residence {
             // An empty file cannot be mapped; a copy of it says what is wrong.

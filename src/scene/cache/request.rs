@@ -1,7 +1,6 @@
 //! What an object is baked from, and the key that follows from it.
 
 use std::fmt::Write as _;
-use std::fs::{self, File};
 use std::io::{self, Read as _};
 use std::path::Path;
 
@@ -11,6 +10,7 @@ use twox_hash::XxHash3_128;
 use crate::config::scene::MeshSource;
 use crate::mesh;
 use crate::scene::report::Role;
+use crate::storage::regular;
 use crate::storage::sections::Key;
 use crate::voxmap::estimate::Products;
 use crate::voxmap::sides::SidesRule;
@@ -90,11 +90,7 @@ impl Request<'_> {
 }
 
 fn hash_file(path: &Path) -> io::Result<u128> {
-    // To open a pipe waits for its writer, and a device may have no end.
-    if !fs::metadata(path)?.is_file() {
-        return Err(io::ErrorKind::InvalidInput.into());
-    }
-    let mut file = File::open(path)?;
+    let mut file = regular::open(path)?;
     let mut hasher = XxHash3_128::new();
     let mut buffer = vec![0; 1 << 18];
     loop {

@@ -103,7 +103,10 @@ impl Channel {
             Self::ObjectPose => object_pose(f, &mut row.record.output.object),
             Self::ContactWrench => contact_wrench(f, &mut row.record.output),
             Self::CommandWrench => command_wrench(f, &mut row.record.output),
-            Self::RenderedWrench => f.wrench(["force", "torque"], &mut row.record.rendered_device),
+            Self::RenderedWrench => {
+                f.wrench(["force", "torque"], &mut row.record.rendered_device);
+                f.wrench(["beside_force", "beside_torque"], &mut row.record.beside_device);
+            }
             Self::LoopTiming => loop_timing(f, row),
         }
     }
@@ -133,7 +136,7 @@ const DRIVES: [(Drive, &str); 6] = [
 /// Everything that enters the tick.
 fn device_sample<F: Fields>(f: &mut F, input: &mut TickInput) {
     // By name: a field that is added to the input has to be recorded.
-    let TickInput { sample, request, overrun, place, tune, clay } = input;
+    let TickInput { sample, request, overrun, stalled, place, tune, clay } = input;
     let DeviceSample {
         pose,
         twist,
@@ -177,6 +180,7 @@ fn device_sample<F: Fields>(f: &mut F, input: &mut TickInput) {
             f.flag("is_last", &mut clay.is_last);
         });
     });
+    f.flag("stalled", stalled);
 }
 
 /// A [`Tune`] that has a default.

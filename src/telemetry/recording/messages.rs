@@ -1,7 +1,5 @@
 //! What viewers show beside the ticks, in Foxglove's own messages: the parts, the tool's frame, faults.
 
-use std::fs::{self, File};
-use std::io::Read as _;
 use std::path::Path;
 use std::time::SystemTime;
 
@@ -15,6 +13,7 @@ use super::channels::Row;
 use super::scene_files::{Form, SceneFiles, Shown};
 use crate::haptics::Faults;
 use crate::spatial::Pose;
+use crate::storage::regular;
 use crate::telemetry::TickRecord;
 
 /// A topic whose messages come on occasion.
@@ -185,9 +184,7 @@ fn entity(shown: &Shown, scene: &SceneFiles, scene_idx: u32, left_bytes: &mut u6
 
 /// A file for which there is room left, and less room.
 fn contents(path: &Path, left_bytes: &mut u64) -> Option<Vec<u8>> {
-    let metadata = fs::metadata(path).ok().filter(|file| file.is_file() && file.len() <= *left_bytes)?;
-    let mut data = Vec::with_capacity(usize::try_from(metadata.len()).ok()?);
-    File::open(path).ok()?.take(metadata.len()).read_to_end(&mut data).ok()?;
+    let data = regular::bytes(path, *left_bytes).ok()?;
     *left_bytes -= data.len() as u64;
     Some(data)
 }

@@ -1,7 +1,6 @@
 //! Reads a recording, from begin to end, whole or cut off.
 
 use std::collections::BTreeMap;
-use std::fs::File;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
@@ -11,6 +10,7 @@ use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
 use super::channels::{Channel, Row};
 use super::scene_files::ROOM_BYTES;
+use crate::storage::regular;
 use crate::telemetry::TickRecord;
 
 /// A longer record is a mistake: the longest that is written is an attachment, with its name.
@@ -91,10 +91,7 @@ impl Recording {
     /// See [`ReadError`].
     pub fn open(path: &Path) -> Result<Self, ReadError> {
         let refused = |source| ReadError::File { file: path.to_owned(), source };
-        if std::fs::metadata(path).map_err(refused)?.is_dir() {
-            return Err(refused(io::ErrorKind::IsADirectory.into()));
-        }
-        let mut file = File::open(path).map_err(refused)?;
+        let mut file = regular::open(path).map_err(refused)?;
         let mut begin = Vec::with_capacity(mcap::MAGIC.len());
         file.by_ref().take(mcap::MAGIC.len() as u64).read_to_end(&mut begin).map_err(refused)?;
         if begin != mcap::MAGIC {

@@ -9,6 +9,7 @@ use std::time::SystemTime;
 use twox_hash::XxHash3_128;
 
 use crate::spatial::Pose;
+use crate::storage::regular;
 
 /// Files of one scene that are brought along, bytes; what does not fit is named with its hash.
 pub(super) const ROOM_BYTES: u64 = 256 << 20;
@@ -73,7 +74,7 @@ pub(super) fn stamp(metadata: &Metadata) -> Option<(u64, SystemTime)> {
 }
 
 fn open(path: &Path, before: Option<(u64, SystemTime)>) -> Result<(File, u64), Gone> {
-    let file = File::open(path).map_err(Gone::Unreadable)?;
+    let file = regular::open(path).map_err(Gone::Unreadable)?;
     let metadata = file.metadata().map_err(Gone::Unreadable)?;
     if before.is_none() || stamp(&metadata) != before {
         return Err(Gone::Changed);

@@ -48,6 +48,7 @@ fn odd_record(tick: u64) -> TickRecord {
             },
             request: [DriveRequest::Disable, DriveRequest::Enable, DriveRequest::Stop, DriveRequest::Pause][tick as usize % 4],
             overrun: tick.is_multiple_of(5),
+            stalled: tick.is_multiple_of(7),
             place: tick.is_multiple_of(2).then(|| Placement { obstacle_idx: 3, world_from_map: pose(20) }),
             tune: tick.is_multiple_of(3).then(|| Tune { knob: Knob::ALL[tick as usize % 10], value: number(30) }),
             clay: tick.is_multiple_of(7).then(|| FrameInUse { sequence: u64::MAX - tick, is_last: tick.is_multiple_of(14) }),
@@ -73,6 +74,7 @@ fn odd_record(tick: u64) -> TickRecord {
             off_cause: OffCause::ALL[tick as usize % 16],
         },
         rendered_device: wrench(90),
+        beside_device: wrench(100),
         contact_budget_points: tick.is_multiple_of(2).then_some(1234),
     }
 }

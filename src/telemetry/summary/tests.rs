@@ -89,6 +89,22 @@ fn a_motor_at_its_limit_is_told_from_a_command_that_did_not_go_out() {
 }
 
 #[test]
+fn what_the_motors_make_beside_the_command_counts_as_rendered() {
+    let pushes = |force_n: f64, torque_nm: f64| Wrench::new(DVec3::X * force_n, DVec3::Z * torque_nm);
+    let mut summary = Summary::new();
+    for (rendered, beside) in [((0.0, 0.0), (2.0, 0.1)), ((1.0, 0.0), (1.5, 0.0)), ((1.0, 0.2), (-1.0, 0.0))] {
+        let output = TickOutput { command_device: pushes(rendered.0, rendered.1), ..TickOutput::default() };
+        let (rendered_device, beside_device) = (output.command_device, pushes(beside.0, beside.1));
+        summary.add(&TickRecord { output, rendered_device, beside_device, ..TickRecord::default() });
+    }
+    let totals = summary.totals(counted());
+    let rendered = totals.rendered;
+    assert_eq!((totals.max_force_n, rendered.max_force_n, rendered.max_beside_force_n), (1.0, 2.5, 2.0));
+    assert_eq!((rendered.max_torque_nm, rendered.max_beside_torque_nm), (0.2, 0.1));
+    assert_eq!((rendered.weakened_ticks, rendered.unsent_ticks), (0, 0));
+}
+
+#[test]
 fn every_tick_lies_in_one_bin() {
     let mut summary = Summary::new();
     for compute_ns in [0, 900, 1000, 1100, 4_000, 180_000, 190_000, u64::MAX] {

@@ -1,15 +1,18 @@
 //! Clients that do not behave: each is answered as documented, and the loop does not notice.
 
 use std::io::{Read as _, Write as _};
-use std::net::TcpStream;
+use std::net::{SocketAddr, TcpStream};
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 
 use crossbeam::channel::unbounded;
 use hapticd::config::{self, LoadOptions, SceneConfig};
 use hapticd::daemon::desk::{Board, Desk, Noted, Tools};
-use hapticd::daemon::{Notice, OperatorOrder, Phase};
+use hapticd::daemon::{Notice, Phase};
 use hapticd::monitor::{Bound, Hub, HubParts};
 use hapticd::rt::clock::ClockKind;
+use hapticd::rt::control::{Control, Order};
+use hapticd::servo::Lowered;
 use serde_json::json;
 use tokio_tungstenite::tungstenite::Message;
 
@@ -139,14 +142,18 @@ fn a_flood_of_requests_is_answered_in_turn() {
 fn requests_that_wait_for_an_answer_are_counted_and_what_takes_force_away_is_not_among_them() {
     let folder = super::folder("");
     let config = config::load_with(&folder.path().join("press.toml"), &LoadOptions::default()).unwrap();
-    let (orders, taken) = unbounded();
+    let (enables, _taken) = unbounded();
+    let control = Arc::new(Control::enabled());
+    let permit = control.permit();
     let board = Board::new(config);
     let look = Arc::new(|_: &SceneConfig| Box::new(|| ()) as Noted);
-    let tools = Tools { board: board.clone(), switches: None, options: LoadOptions::default(), look };
+    let tools = Tools { board: board.clone(), switches: None, options: LoadOptions::default(), lowered: Lowered::default(), look };
     // A desk that is not served: whoever asks waits.
     let (_desk, counter) = Desk::new(tools);
     let clock = ClockKind::Real;
-    let hub = Hub::new(HubParts { board, counter, orders, heartbeat: None, clock, recorder: None, metrics: None });
+    let parts =
+        HubParts { board, counter, control: control.clone(), enables, heartbeat: None, clock, recorder: None, metrics: None };
+    let hub = Hub::new(parts);
     hub.notice(&Notice::Phase(Phase::Enabled));
     let bound = Bound::bind(([127, 0, 0, 1], 0).into(), None, Vec::new()).unwrap();
     let address = bound.address();
@@ -164,8 +171,71 @@ fn requests_that_wait_for_an_answer_are_counted_and_what_takes_force_away_is_not
         assert_eq!(reply["status"] == 429, id < 200, "{reply}");
         assert_eq!(reply["ok"] == true, id >= 200, "{reply}");
     }
-    assert_eq!(taken.try_iter().collect::<Vec<_>>(), [OperatorOrder::Disable, OperatorOrder::Stop]);
+    assert_ne!(control.permit(), permit, "disable");
+    assert_eq!(control.order(), Order::Stop);
     drop(monitor);
+}
+
+/// Connections that never say a whole request, as many as this process may have.
+fn half_open(address: SocketAddr, most: usize) -> Vec<TcpStream> {
+    // This end may have no more of them.
+    let open = || {
+        let mut stream = TcpStream::connect(address).ok()?;
+        stream.write_all(b"POST /api/v1/disable HTTP/1.1\r\nHost: ").ok()?;
+        Some(stream)
+    };
+    let held: Vec<_> = (0..most).map_while(|_| open()).collect();
+    assert!(held.len() > most / 2, "{}", held.len());
+    held
+}
+
+#[test]
+fn who_sends_half_a_request_keeps_nobody_from_switching_force_off() {
+    let token = "0123456789abcdef0123456789abcdef";
+    let mut daemon = Daemon::of(super::folder(""), "", &[("HAPTICD_TOKEN", token)]);
+    daemon.wait_for("state: enabled");
+    let mut client = Client::connect(daemon.address, &format!("?token={token}"), &[]).unwrap();
+    client.subscribe(100.0);
+    let bearer = format!("Bearer {token}");
+    for most in [240, 1000] {
+        let held = half_open(daemon.address, most);
+        // Strangers who ask, and are refused, are no better; nor is who only looks at the page.
+        for (path, expected) in [("/api/v1/info", 401), ("/", 200)] {
+            assert_eq!(daemon.http("GET", path, &[], "").0, expected, "among {most}");
+        }
+        for order in ["disable", "enable", "disable"] {
+            let asked = Instant::now();
+            let (status, body) = daemon.http("POST", &format!("/api/v1/{order}"), &[("Authorization", &bearer)], "");
+            assert_eq!(status, 200, "{order} among {most}: {body}");
+            assert!(asked.elapsed() < Duration::from_secs(2), "{order} among {most}: after {:?}", asked.elapsed());
+        }
+        client.state_where(|state| state["state"] == "DISABLED");
+        let open = std::fs::read_dir(format!("/proc/{}/fd", daemon.id())).unwrap().count();
+        assert!(open < 400, "{open} files are open");
+        drop(held);
+    }
+    // Those who were there before are there still.
+    let tick = client.state()["tick"].as_u64().unwrap();
+    client.state_where(|state| state["tick"].as_u64() > Some(tick + 100));
+    no_record_lost(&daemon.end());
+}
+
+#[test]
+fn who_sends_no_whole_request_is_let_go_after_some_seconds() {
+    let daemon = Daemon::enabled("", "");
+    let mut silent = TcpStream::connect(daemon.address).unwrap();
+    let [mut half] = <[_; 1]>::try_from(half_open(daemon.address, 1)).unwrap();
+    let began = Instant::now();
+    // A byte now and then is no request either.
+    while half.write_all(b"x").is_ok() {
+        assert!(began.elapsed() < HUNG, "it may go on for ever");
+        std::thread::sleep(Duration::from_millis(300));
+    }
+    assert!(began.elapsed() > Duration::from_secs(4), "after {:?}", began.elapsed());
+    silent.set_read_timeout(Some(HUNG)).unwrap();
+    assert!(matches!(silent.read(&mut [0; 8]), Ok(0) | Err(_)));
+    assert!(began.elapsed() < Duration::from_secs(20), "after {:?}", began.elapsed());
+    no_record_lost(&daemon.end());
 }
 
 /// Thousands of connections: as many as this process may have.
@@ -176,7 +246,11 @@ fn a_thousand_connections_find_what_places_there_are() {
     let mut held = Vec::new();
     for _ in 0..1000 {
         match TcpStream::connect(daemon.address) {
-            Ok(stream) => held.push(stream),
+            Ok(mut stream) => {
+                // Whoever has asked something keeps its place, and whoever has found none is gone.
+                let _ = stream.write_all(b"GET /api/v1/info HTTP/1.1\r\nHost: localhost\r\n\r\n");
+                held.push(stream);
+            }
             // This end has no more of them.
             Err(_) => break,
         }

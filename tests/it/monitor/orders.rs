@@ -140,6 +140,68 @@ fn another_scene_takes_over_and_is_told() {
 }
 
 #[test]
+fn a_limit_that_a_client_lowered_stays_lowered_in_every_scene_until_a_client_raises_it() {
+    let folder = super::folder("");
+    // Where the hand is when force comes back is the new zero: this one presses deeper each time, and draws back in between.
+    let press = |k: u32| {
+        let (t_s, z_m) = (1.5 * f64::from(k), 0.012 - 0.003 * f64::from(k + 2));
+        format!("{},0,0,0.012,0,0,0,1\n{},0,0,{z_m},0,0,0,1\n{},0,0,{z_m},0,0,0,1\n", t_s + 0.2, t_s + 0.5, t_s + 1.3)
+    };
+    let hand = "t_s,x_m,y_m,z_m,qx,qy,qz,qw\n0,0,0,0.012,0,0,0,1\n".to_owned() + &(0..30).map(press).collect::<String>();
+    std::fs::write(folder.path().join("hand.csv"), hand).unwrap();
+    scene_file(&folder, "other.toml", "[contact]\nstiffness_n_per_mm = 2.0\n[limits]\nforce_n = 1.8\n");
+    let mut daemon = Daemon::of(folder, "--watch --record run.mcap", &[]);
+    daemon.wait_for("state: enabled");
+    let mut client = daemon.connect();
+    client.subscribe(1000.0);
+    let force = |state: &Value| length(&state["servo_cf"]["f"]);
+    let knob = |daemon: &Daemon| {
+        let knobs = daemon.get("/api/v1/parameters");
+        knobs.as_array().unwrap().iter().find(|knob| knob["name"] == "limit_force_n").unwrap().clone()
+    };
+    client.state_where(|state| force(state) > 1.0);
+    client.does(json!({ "do": "set", "parameter": "limit_force_n", "value": 0.7 }));
+    client.state_where(|state| (force(state) - 0.7).abs() < 1e-9);
+    // Pressed on for half a second after each change, no state has more.
+    let mut stays = |what: &str, scene_idx: u64| {
+        let at_limit = client.state_where(|state| {
+            assert!(force(state) <= 0.7 + 1e-9, "{what}: {state}");
+            state["scene_idx"] == scene_idx && (force(state) - 0.7).abs() < 1e-9
+        });
+        let until = at_limit["tick"].as_u64().unwrap() + 500;
+        client.state_where(|state| {
+            assert!(force(state) <= 0.7 + 1e-9, "{what}: {state}");
+            state["tick"].as_u64() > Some(until)
+        });
+    };
+    assert_eq!(daemon.http("POST", "/api/v1/scene", &[], r#"{"scene": "other"}"#).0 / 100, 2);
+    stays("switched", 1);
+    assert_eq!((&knob(&daemon)["value"], &knob(&daemon)["scene"]), (&json!(0.7), &json!(1.8)));
+    // Parameters only, and then so that it is baked anew.
+    scene_file(&daemon.folder, "other.toml", "[contact]\nstiffness_n_per_mm = 3.0\n[limits]\nforce_n = 1.8\n");
+    daemon.wait_for("reload: contact_stiffness_n_per_m");
+    stays("read again", 1);
+    scene_file(&daemon.folder, "other.toml", "[contact]\nstiffness_n_per_mm = 3.0\n[limits]\nforce_n = 2.5\n");
+    stays("baked again", 2);
+    assert_eq!((&knob(&daemon)["value"], &knob(&daemon)["scene"]), (&json!(0.7), &json!(2.5)));
+    client.does(json!({ "do": "set", "parameter": "limit_force_n", "value": 1.2 }));
+    client.state_where(|state| (force(state) - 1.2).abs() < 1e-9);
+    let folder = daemon.folder.path().to_owned();
+    let (status, _) = daemon.http("POST", "/api/v1/stop", &[], "");
+    assert_eq!(status, 200);
+    let ended = daemon.ended();
+    assert_eq!(ended.code, Some(0), "{}", ended.stderr);
+    // The limits of a scene that took over are in what entered its ticks.
+    let replayed = std::process::Command::new(env!("CARGO_BIN_EXE_hapticd"))
+        .args(["replay", "run.mcap", "--cache", "off"])
+        .current_dir(&folder)
+        .output()
+        .unwrap();
+    let said = String::from_utf8_lossy(&replayed.stdout);
+    assert!(replayed.status.success() && said.contains("bit-identical"), "{said}{}", String::from_utf8_lossy(&replayed.stderr));
+}
+
+#[test]
 fn a_scene_that_is_refused_when_it_is_read_again_is_told_with_the_reason() {
     let mut daemon = Daemon::start("", "--watch");
     daemon.wait_for("state: enabled");

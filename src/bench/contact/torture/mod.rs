@@ -23,7 +23,7 @@ use crate::rt::clock::{Clock, RealClock, VirtualClock};
 use crate::rt::schedule::{self, ThreadRequest};
 use crate::scene::BakeMeans;
 use crate::scene::cache::{Cache, Residence};
-use crate::servo::{Control, LoopReport, Order, RunPlan, ServoLoop, run_to_end};
+use crate::servo::{Control, LoopReport, RunPlan, ServoLoop, run_to_end};
 
 const SCENE: &str = "nut-on-bolt";
 /// Spacing of the nut's points that makes a million of them, and of the quick run, mm.
@@ -86,7 +86,7 @@ fn play<C: Clock + Send>(
     let is_real = clock.kind() == crate::rt::clock::ClockKind::Real;
     let locked = is_real && schedule::lock_memory().is_ok();
     let (producer, mut records) = RingBuffer::new(RING_RECORDS);
-    let control = Arc::new(Control::new(Order::Enable));
+    let control = Arc::new(Control::enabled());
     let plan = RunPlan { stop_at_tick: Some((long_s / parameters.period_s).round() as u64), ..RunPlan::default() };
     let servo = ServoLoop::new(Arc::new(prepared.scene), prepared.device, clock, control, plan, producer)
         .with_time_budget(prepared.time_budget_s);

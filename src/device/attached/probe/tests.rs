@@ -133,6 +133,84 @@ fn what_was_found_before_the_end_is_kept() {
     assert_eq!(found.signs, [Some(Sign::Right), Some(Sign::Right), None, None, None, None]);
 }
 
+/// A clock by which somebody says something at a time.
+struct Says(VirtualClock, i64, &'static AtomicBool);
+
+impl Clock for Says {
+    fn kind(&self) -> crate::rt::clock::ClockKind {
+        self.0.kind()
+    }
+    fn now_ns(&mut self) -> i64 {
+        self.0.now_ns()
+    }
+    fn sleep_until(&mut self, deadline_ns: i64) {
+        self.0.sleep_until(deadline_ns);
+        if deadline_ns >= self.1 {
+            self.2.store(true, Ordering::Relaxed);
+        }
+    }
+}
+
+#[test]
+fn nothing_is_pushed_before_a_person_says_so() {
+    static GO: AtomicBool = AtomicBool::new(false);
+    static QUIT: AtomicBool = AtomicBool::new(false);
+    let plan = Plan { listen: Duration::from_millis(100), push: Some(PUSH), identify: false };
+    let says = |at_ns, flag| {
+        let mut arm = Miswired(arm(None), Wrench::ZERO);
+        let mut trial = Trial::new(Says(VirtualClock::default(), at_ns, flag), T, &QUIT).with_torque(TORQUE_MAX_NM).asking(&GO);
+        // An answer to an earlier question is none to this one.
+        GO.store(true, Ordering::Relaxed);
+        let ended = try_out(&mut arm, &mut trial, &plan, &mut Found::default(), |_| {}).err();
+        (ended, arm.1 != Wrench::ZERO, trial.clock.now_ns())
+    };
+    let (ended, is_pushed, end_ns) = says(30_000_000_000, &GO);
+    // Half a minute, two seconds, and six axes of 0.4 s at most.
+    assert!(ended.is_none() && is_pushed && (32_000_000_000..35_000_000_000).contains(&end_ns), "{ended:?}, {end_ns} ns");
+    let (ended, is_pushed, _) = says(10_000_000_000, &QUIT);
+    assert_eq!((ended, is_pushed), (Some(Ended::Told), false));
+}
+
+/// An arm that drives itself on once force is on: a motor pushes along with the motion.
+struct SelfDriven(SimArm, Wrench, bool);
+
+impl Device for SelfDriven {
+    fn capabilities(&self) -> Capabilities {
+        self.0.capabilities()
+    }
+
+    fn read(&mut self) -> Result<DeviceSample, DeviceError> {
+        let sample = self.0.read()?;
+        self.1 = Wrench::new(sample.twist.linear * 12.0 + DVec3::Y * 0.02, DVec3::ZERO);
+        Ok(sample)
+    }
+
+    fn write(&mut self, wrench: &Wrench) -> Result<Wrench, DeviceError> {
+        self.0.write(&if self.2 { *wrench + self.1 } else { *wrench })?;
+        Ok(*wrench)
+    }
+
+    fn set_enabled(&mut self, enabled: bool) {
+        self.2 = enabled;
+    }
+
+    fn stop(&mut self) {
+        self.0.stop();
+    }
+}
+
+#[test]
+fn a_grip_that_gets_faster_by_itself_is_let_go() {
+    let mut driven = SelfDriven(arm(None), Wrench::ZERO, false);
+    let (found, ended) = signs(&mut driven, &mut trial());
+    let Some(Ended::Moves(mm_per_s, _)) = ended else { panic!("{ended:?}, {found:?}") };
+    assert!((200..600).contains(&mm_per_s) && !driven.2, "{mm_per_s} mm/s");
+    let mut driven = SelfDriven(arm(None), Wrench::ZERO, false);
+    let mut made = [None; 3];
+    let ended = identify(&mut driven, &mut trial(), &mut made);
+    assert!(matches!(ended, Err(Ended::Moves(200..600, _))) && made == [None; 3], "{ended:?}");
+}
+
 #[test]
 fn an_arm_without_its_zero_is_not_pushed() {
     let mut parameters = SimParameters { hand: None, homed: false, ..SimParameters::ideal(T) };

@@ -264,8 +264,8 @@ fn hapi_f32() {
     assert_eq!(host.feed(&e6), fed(0, 0), "what comes then is thrown away");
     host.resume();
     assert_eq!((host.silence(), encode(&mut *host, &[0.0, 0.0])), (None, e4.clone()));
-    assert_eq!(host.feed(&hex("05 00 00 C0 7F 00 00 20 42")), fed(0, 1), "an angle that is no number");
-    assert_eq!(host.newest().readings[..2], [150.0, 40.0]);
+    assert_eq!(host.feed(&hex("05 00 00 C0 7F 00 00 20 42")), fed(1, 0), "an angle that is no number is told");
+    assert!(host.newest().readings[0].is_nan() && host.newest().readings[1] == 40.0);
     // 8 of 9 bytes when the next command is due.
     assert_eq!(host.feed(&e6[..8]), fed(0, 0));
     assert!(encode(&mut *host, &[0.1, 0.1]).is_empty());
@@ -295,7 +295,75 @@ fn hapkit_ascii() {
     assert_eq!(encode(&mut *host, &[-1e-9]), b"P1 0\n");
     assert_eq!(encode(&mut *host, &[f64::NAN]), b"P1 0\n");
     assert_eq!(host.feed(b"Ok\n"), fed(0, 0));
-    malformed_lines(&mut *host, &h1, &["Prm 1 2 3\n", "Prm 1 2 3 4 5\n", "Prm a 2 3 4\n", "Prm NaN 2 3 4\n", "1 2 3 4\n"]);
+    malformed_lines(&mut *host, &h1, &["Prm 1 2 3\n", "Prm 1 2 3 4 5\n", "Prm a 2 3 4\n", "1 2 3 4\n"]);
+}
+
+/// A number that is none is whole: whoever judges the samples has to hear of it.
+#[test]
+fn hapkit_says_that_a_number_is_none() {
+    let mut host = Protocol::HapkitAscii.codec(Carriage::Stream);
+    for line in ["Prm nan 0.1 0 0\n", "Prm 0.1 NaN 0 0\n", "Prm -inf 0.1 0 0\n"] {
+        assert_eq!(host.feed(line.as_bytes()), fed(1, 0), "{line}");
+        assert!(!host.newest().readings[0].is_finite(), "{line}");
+    }
+    assert_eq!(host.feed(b"Prm 0.1 0.2 0 0\n"), fed(1, 0));
+    assert_eq!(host.newest().readings[0], 0.1);
+}
+
+/// It hears its commands, and then not any more, while it goes on speaking.
+#[test]
+fn hapkit_says_how_long_it_has_heard_nothing() {
+    let mut host = Protocol::HapkitAscii.codec(Carriage::Stream);
+    encode(&mut *host, &[0.5]);
+    assert_eq!(host.unheard(), None, "a board need not answer");
+    host.feed(b"Ok\n");
+    assert_eq!(host.unheard(), Some(0));
+    for n in 1..5 {
+        encode(&mut *host, &[0.5]);
+        host.feed(b"Prm 0.1 0.2 0 0\n");
+        assert_eq!(host.unheard(), Some(n));
+    }
+    host.feed(b"Ok\n");
+    assert_eq!(host.unheard(), Some(0));
+}
+
+/// What a zero does to a board whose place in the stream nobody knows, for every number of bytes of a command that it has.
+#[test]
+fn a_hapi_board_takes_a_zero_wherever_it_stands() {
+    use Turn::Clockwise as Cw;
+    let encoder = HapiEncoder { direction: Cw, start_deg: 0.0, counts_per_rev: 13824.0 };
+    let protocol = Protocol::HapiF32(HapiBoard { device_id: 5, motors: vec![Cw; 2], encoders: vec![encoder; 2] });
+    let setup = hex("01 05 03 01 01 03 01 01 00 00 00 00 34 43 00 00 58 46 00 00 00 00 00 00 58 46");
+    let push = encode(&mut *protocol.codec(Carriage::Stream), &[0.1, 0.1]);
+    let zero = encode(&mut *protocol.codec(Carriage::Stream), &[0.0, 0.0]);
+    let mut host = protocol.codec(Carriage::Stream);
+    let mut frame = Frame::default();
+    host.zero_out_of_step(&mut frame);
+    for missing in 0..push.len() {
+        let mut firmware = protocol.firmware(Carriage::Stream);
+        let mut out = Outbox::new();
+        firmware.receive(&setup, 0.0, &arm_at(&[]), &mut out);
+        firmware.receive(&push, 0.0, &arm_at(&[]), &mut out);
+        assert!(firmware.motors()[0] > 0.09);
+        if missing > 0 {
+            firmware.receive(&push[..push.len() - missing], 0.001, &arm_at(&[]), &mut out);
+        }
+        for turn in 0..2 {
+            firmware.receive(frame.as_slice(), 0.002 + 0.001 * f64::from(turn), &arm_at(&[]), &mut out);
+        }
+        let left = firmware.motors();
+        // What was whole before stays; nothing gets larger, and in step everything goes.
+        assert!(left[..2].iter().all(|motor| *motor == 0.0 || (0.09..0.11).contains(motor)), "{missing}: {left:?}");
+        assert!(missing != 0 || left == [0.0; MAX_AXES]);
+        assert!(!(1..=4).contains(&missing) || left[1] == 0.0, "{missing}: {left:?}");
+        // After the silence it still hears: it was not reset.
+        firmware.receive(&zero, 2.0, &arm_at(&[]), &mut out);
+        assert_eq!(firmware.motors(), [0.0; MAX_AXES], "{missing}");
+    }
+    // An id that is a command itself leaves nothing that is safe.
+    let odd = Protocol::HapiF32(HapiBoard { device_id: 2, motors: vec![Cw; 2], encoders: vec![] });
+    odd.codec(Carriage::Stream).zero_out_of_step(&mut frame);
+    assert!(frame.is_empty());
 }
 
 /// I1–I6.

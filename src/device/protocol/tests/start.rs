@@ -105,6 +105,35 @@ fn a_hapi_board_is_set_up_once_and_left_without_torque() {
     assert_eq!(link.sent[before..], [zero.clone(), zero, hex("00 00")], "zero, reply, zero, reset");
 }
 
+/// The plug was never out: another setup would make a home pose of wherever the arm is when it wakes.
+#[test]
+fn a_hapi_board_that_only_fell_silent_is_not_set_up_again() {
+    let protocol = hapi();
+    let mut link = Linked::new(protocol.firmware(Carriage::Stream), Carriage::Stream, arm_at(&[150.0, 45.0]));
+    let mut codec = protocol.codec(Carriage::Stream);
+    codec.start(&mut link).expect("it answers");
+    link.exchange(&mut *codec, &[0.1, 0.1], true);
+    // Lost and let go of: no torque is left, and no reset is sent.
+    codec.finish_lost(&mut link);
+    assert_eq!(link.firmware.motors(), [0.0; MAX_AXES]);
+    let mut again = protocol.codec(Carriage::Stream);
+    again.started_before(true);
+    again.start(&mut link).expect("it answers");
+    link.exchange(&mut *again, &[0.1, 0.1], true);
+    assert!(link.firmware.motors()[0] > 0.09, "its motors can be reached");
+    assert_eq!(link.sent.iter().filter(|frame| frame[0] == 1).count(), 1, "one setup");
+    assert!(link.sent.iter().all(|frame| frame[0] != 0), "no reset");
+    // One that does not answer is left alone too.
+    let (mut here, mut there) = loopback(Carriage::Stream);
+    let mut asleep = protocol.codec(Carriage::Stream);
+    asleep.started_before(true);
+    assert!(matches!(asleep.start(&mut here), Err(StartError::Silent { .. })));
+    let mut buffer = [0; 128];
+    let n = there.receive(&mut buffer).expect("open");
+    let zero = "02 05 00 00 00 00 00 00 00 00";
+    assert_eq!(show(&buffer[..n]), format!("{zero} {zero}"));
+}
+
 fn hapi() -> Protocol {
     let (protocol, _) = every_protocol().into_iter().find(|(protocol, _)| matches!(protocol, Protocol::HapiF32(_))).expect("there");
     protocol

@@ -265,7 +265,7 @@ fn faults_begin_on_their_tick() {
 #[test]
 fn faults_of_the_wire_and_of_the_motors_have_their_likeness_here() {
     let clean = run(lively(None), 400);
-    for spec in ["garbage@200ms+3ms", "truncate@200ms+3ms"] {
+    for spec in ["garbage@200ms+3ms", "truncate@200ms+3ms", "lost-byte@200ms+3ms"] {
         let samples = run(lively(Some(spec)), 400);
         assert_eq!(samples[199], clean[199]);
         assert_eq!(samples[200..203], [Err(DeviceError::Packet); 3], "{spec}");
@@ -278,6 +278,10 @@ fn faults_of_the_wire_and_of_the_motors_have_their_likeness_here() {
     assert_eq!((late.status, late.pose), (SampleStatus::Fresh, measured.pose));
     let fresh = slow[200..].iter().filter(|s| s.is_ok_and(|s| s.status == SampleStatus::Fresh)).count();
     assert_eq!(fresh, 40, "one in five");
+    for spec in ["repeat@200ms", "reorder@200ms"] {
+        let fresh = run(lively(Some(spec)), 400)[200..].iter().filter(|s| s.is_ok_and(|s| s.status == SampleStatus::Fresh)).count();
+        assert_eq!(fresh, 100, "{spec}: one in two");
+    }
     // 1 N of 2 N: a quarter of the limit of 2 N acts, 0.5 N.
     let mut parameters = free_arm();
     parameters.force_limit_n = 2.0;
@@ -289,6 +293,25 @@ fn faults_of_the_wire_and_of_the_motors_have_their_likeness_here() {
         arm.read().expect("sample");
     }
     assert!((arm.true_twist().linear.x - 0.1 * 0.5 / 0.3).abs() < 1e-9);
+}
+
+#[test]
+fn a_deaf_arm_speaks_and_does_not_hear() {
+    let mut parameters = free_arm();
+    parameters.fault = Some(fault::parse("deaf@50ms+20ms").expect("grammar"));
+    let mut arm = arm(parameters);
+    let push = Wrench::new(DVec3::X, DVec3::ZERO);
+    for tick in 0..100 {
+        assert_eq!(arm.read().expect("the link is up").status, SampleStatus::Fresh, "{tick}");
+        // `arm` has read once.
+        let is_deaf = (49..69).contains(&tick);
+        let wrench = if is_deaf { Wrench::ZERO } else { push };
+        arm.write(&wrench).expect("the link is up");
+        if is_deaf {
+            arm.stop();
+        }
+        assert_eq!(arm.command(), push, "what it is told meanwhile is lost: {tick}");
+    }
 }
 
 #[test]

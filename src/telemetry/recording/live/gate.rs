@@ -1,6 +1,6 @@
 //! Who may come in, how many, and how much they may say: the crate's server bounds none of these.
 //!
-//! Bytes are passed on to the server behind, which listens on a port of its own.
+//! Bytes are passed on to the server behind, which listens at an address that only the gate knows.
 
 use core::sync::atomic::{AtomicU64, Ordering};
 use core::time::Duration;

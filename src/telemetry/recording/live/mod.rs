@@ -19,6 +19,7 @@ mod feed;
 mod gate;
 
 use core::sync::atomic::{AtomicU64, Ordering};
+use std::hash::{BuildHasher as _, RandomState};
 use std::io;
 use std::net::{Ipv4Addr, SocketAddr};
 use std::sync::Arc;
@@ -91,10 +92,11 @@ impl Bound {
         let context = Context::new();
         let channels = Channels::open(&context).map_err(io::Error::other)?;
         let newcomers = Arc::new(Newcomers::default());
+        let inner = hidden_loopback();
         let server = context
             .websocket_server()
             .name("hapticd")
-            .bind(Ipv4Addr::LOCALHOST.to_string(), 0)
+            .bind(inner.to_string(), 0)
             .message_backlog_size(BACKLOG_MESSAGES)
             .listener(newcomers.clone());
         let server = runtime.block_on(server.start()).map_err(|error| match error {
@@ -102,7 +104,7 @@ impl Bound {
             error => io::Error::other(error),
         })?;
         let counts = Arc::new(Counts::default());
-        let gate = Gate { inner: (Ipv4Addr::LOCALHOST, server.port()).into(), origins, counts: counts.clone() };
+        let gate = Gate { inner: (inner, server.port()).into(), origins, counts: counts.clone() };
         let (mut ring, rows) = RingBuffer::<Row>::new(RING_RECORDS);
         let feed = Feed::new(rows, recorder.scenes.clone(), channels, newcomers);
         let (end, ended) = oneshot::channel::<()>();
@@ -127,6 +129,15 @@ impl Bound {
         }));
         Ok(LiveServer { counts, end: Some(end), thread: Some(thread) })
     }
+}
+
+/// A loopback address that nobody is told: the crate's server behind the gate asks no page where it is from, so none may find it. With the port
+/// that the kernel chooses there are some 10¹¹ places to look at. Which it is stands in `/proc/net/tcp` for programs of this machine, which may
+/// watch anyway.
+fn hidden_loopback() -> Ipv4Addr {
+    // The keys of a `RandomState` are random.
+    let [.., b, c, d] = RandomState::new().hash_one(std::process::id()).to_be_bytes();
+    Ipv4Addr::new(127, 1 + b % 254, c, d)
 }
 
 /// What nobody got to see.

@@ -1,0 +1,176 @@
+//! Places for connections: who has one, and who has to give way.
+//!
+//! A connection has a place of its own from its first request on that was let in. Until then, half a request, a wrong token or somebody who
+//! only looks at the page among them, it keeps its place for as long as nobody else needs it: when all are taken, the oldest of these is
+//! closed for whoever comes. So what takes force away is heard however many others hold a connection open.
+
+use core::sync::atomic::{AtomicBool, Ordering};
+use core::task::Context;
+use std::collections::VecDeque;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use futures_util::task::AtomicWaker;
+use tokio::sync::Semaphore;
+
+/// All places of a server.
+#[derive(Debug)]
+pub(super) struct Places {
+    most: usize,
+    taken: Mutex<Taken>,
+    /// For those that are being shut out, who have no place any more, or never had one.
+    pub(super) leaving: Arc<Semaphore>,
+}
+
+#[derive(Debug, Default)]
+struct Taken {
+    n: usize,
+    /// Those that have to give way, the oldest first.
+    strangers: VecDeque<Arc<Guest>>,
+}
+
+/// A connection as its place knows it. The flags are `Relaxed`: each is the whole message, and all are on one thread but in tests.
+#[derive(Debug, Default)]
+pub(super) struct Guest {
+    has_asked: AtomicBool,
+    is_known: AtomicBool,
+    is_web_socket: AtomicBool,
+    must_leave: AtomicBool,
+    /// Of the task that serves it.
+    waker: AtomicWaker,
+}
+
+impl Guest {
+    /// It has sent a whole request, and was not refused.
+    pub(super) fn asks(&self) {
+        self.has_asked.store(true, Ordering::Relaxed);
+    }
+
+    pub(super) fn has_asked(&self) -> bool {
+        self.has_asked.load(Ordering::Relaxed)
+    }
+
+    pub(super) fn become_web_socket(&self) {
+        self.is_web_socket.store(true, Ordering::Relaxed);
+    }
+
+    pub(super) fn is_web_socket(&self) -> bool {
+        self.is_web_socket.load(Ordering::Relaxed)
+    }
+
+    /// True from the moment on in which somebody else got the place; the task is woken then.
+    pub(super) fn must_leave(&self, cx: &Context<'_>) -> bool {
+        self.waker.register(cx.waker());
+        self.must_leave.load(Ordering::Relaxed)
+    }
+}
+
+impl Places {
+    pub(super) fn new(most: usize, most_leaving: usize) -> Arc<Self> {
+        Arc::new(Self { most, taken: Mutex::default(), leaving: Arc::new(Semaphore::new(most_leaving)) })
+    }
+
+    /// A newcomer will have to wait for nobody, and nobody will have to give way.
+    pub(super) fn has_room(&self) -> bool {
+        self.taken().n < self.most
+    }
+
+    /// A place for a newcomer: a free one, or that of the oldest who has not been let in. `None`: all others have.
+    pub(super) fn take(self: &Arc<Self>) -> Option<Place> {
+        let mut taken = self.taken();
+        if taken.n < self.most {
+            taken.n += 1;
+        } else {
+            let oldest = taken.strangers.pop_front()?;
+            oldest.must_leave.store(true, Ordering::Relaxed);
+            oldest.waker.wake();
+        }
+        let guest = Arc::new(Guest::default());
+        taken.strangers.push_back(guest.clone());
+        Some(Place { guest, places: self.clone() })
+    }
+
+    /// A request of this connection was let in: it keeps its place.
+    pub(super) fn let_in(&self, guest: &Arc<Guest>) {
+        guest.asks();
+        if !guest.is_known.swap(true, Ordering::Relaxed) {
+            self.taken().strangers.retain(|stranger| !Arc::ptr_eq(stranger, guest));
+        }
+    }
+
+    fn taken(&self) -> MutexGuard<'_, Taken> {
+        // Every statement leaves numbers and a list that hold together.
+        self.taken.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// One place, free again when it is dropped, unless somebody else has got it.
+#[derive(Debug)]
+pub(super) struct Place {
+    pub(super) guest: Arc<Guest>,
+    pub(super) places: Arc<Places>,
+}
+
+impl Place {
+    /// Nobody takes it away.
+    pub(super) fn is_kept(&self) -> bool {
+        self.guest.is_known.load(Ordering::Relaxed) && !self.is_gone()
+    }
+
+    /// Somebody else has it.
+    pub(super) fn is_gone(&self) -> bool {
+        self.guest.must_leave.load(Ordering::Relaxed)
+    }
+}
+
+impl Drop for Place {
+    fn drop(&mut self) {
+        if !self.is_gone() {
+            let mut taken = self.places.taken();
+            taken.n -= 1;
+            taken.strangers.retain(|stranger| !Arc::ptr_eq(stranger, &self.guest));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use core::task::Waker;
+
+    use super::*;
+
+    #[test]
+    fn the_oldest_that_was_not_let_in_gives_way_and_nobody_else() {
+        let places = Places::new(3, 1);
+        let mut held: Vec<Place> = (0..3).filter_map(|_| places.take()).collect();
+        assert!(held.len() == 3 && !places.has_room());
+        places.let_in(&held[0].guest);
+        // Looking at the page is not enough.
+        held[1].guest.asks();
+        let gone = |held: &[Place]| {
+            held.iter().map(|place| place.guest.must_leave(&Context::from_waker(Waker::noop()))).collect::<Vec<_>>()
+        };
+        held.extend(places.take());
+        assert_eq!(gone(&held), [false, true, false, false]);
+        held.extend(places.take());
+        assert_eq!(gone(&held), [false, true, true, false, false]);
+        // What is let in too late has no place any more.
+        places.let_in(&held[1].guest);
+        assert!(!held[1].is_kept() && held[0].is_kept());
+        places.let_in(&held[3].guest);
+        places.let_in(&held[4].guest);
+        assert!(places.take().is_none());
+        // Those that had to go give nothing back, those that had a place do.
+        held.drain(1..3);
+        assert!(!places.has_room() && places.take().is_none());
+        held.remove(0);
+        assert!(places.has_room());
+        drop(places.take());
+        held.clear();
+        assert_eq!(
+            (0..9).filter_map(|_| places.take()).collect::<Vec<_>>().len(),
+            9,
+            "each at the cost of an older one, or of none"
+        );
+        assert!(places.has_room() && places.taken().strangers.is_empty());
+    }
+}

@@ -1,0 +1,121 @@
+//! The loop's control word: whether force may flow, and whether the loop is to end.
+//!
+//! Every source of "off" (a signal, a client, a heartbeat that is missing, the console) holds the word itself and takes force away with one atomic
+//! operation. Nothing in between can be late: no thread, no queue, no lock. Only the way back is slow on purpose: force is allowed by a [`Permit`]
+//! that was drawn before, and a permit is worthless once anybody has said "off" after it was drawn.
+//!
+//! ```text
+//!  disable()   offs += 1                     order() = Quit     if end = 2
+//!  permit()    Permit(offs)                          Stop       if end = 1
+//!  enable(p)   allowed = p                           Enable     if allowed = offs
+//!  stop()      end = max(end, 1)                     Disable    else
+//! ```
+//! All operations are `Relaxed`: each word is the whole message and publishes no other memory. A store becomes visible to the loop within one tick.
+//! `tests/loom` includes this file and checks it under every interleaving.
+
+use super::atomics::{AtomicU8, AtomicU64, Ordering};
+
+/// What the loop is to do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Order {
+    /// No force.
+    Disable,
+    /// Ramp up and render.
+    Enable,
+    /// Ramp down to zero, then end the loop.
+    Stop,
+    /// End the loop now, without a ramp; the arm still gets its zero command.
+    Quit,
+}
+
+/// Leave to let force flow, for as long as nobody takes force away after it was drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Permit(u64);
+
+impl Permit {
+    /// Drawn before anybody could take force away: for the start of a run.
+    pub const FIRST: Self = Self(0);
+}
+
+/// No permit has this number: force was never allowed.
+const NEVER: u64 = u64::MAX;
+const STOP: u8 = 1;
+const QUIT: u8 = 2;
+
+/// The control word of one loop, shared by the loop (reads) and everything that may take force away (writes).
+#[derive(Debug)]
+pub struct Control {
+    /// How often force was taken away.
+    offs: AtomicU64,
+    /// The number of `offs` for which force is allowed.
+    allowed: AtomicU64,
+    /// How the loop is to end; it only grows.
+    end: AtomicU8,
+}
+
+impl Default for Control {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Control {
+    /// A control without force.
+    pub fn new() -> Self {
+        Self { offs: AtomicU64::new(0), allowed: AtomicU64::new(NEVER), end: AtomicU8::new(0) }
+    }
+
+    /// A control under which force flows at once: for runs without a person.
+    pub fn enabled() -> Self {
+        let control = Self::new();
+        control.enable(Permit::FIRST);
+        control
+    }
+
+    /// Takes force away, without a ramp. Wait-free; safe in a signal handler.
+    pub fn disable(&self) {
+        self.offs.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// Lets force ramp down and the loop end. Wait-free; safe in a signal handler. It cannot be taken back.
+    pub fn stop(&self) {
+        self.end.fetch_max(STOP, Ordering::Relaxed);
+    }
+
+    /// Ends the loop in the next tick, without a ramp. Wait-free; safe in a signal handler. It cannot be taken back.
+    pub fn quit(&self) {
+        self.end.fetch_max(QUIT, Ordering::Relaxed);
+    }
+
+    /// A person asks for an end: the first time with a ramp, after that at once. Safe in a signal handler.
+    pub fn interrupt(&self) {
+        if self.end.fetch_max(STOP, Ordering::Relaxed) >= STOP {
+            self.quit();
+        }
+    }
+
+    /// Leave to let force flow if nobody takes it away until [`Self::enable`].
+    pub fn permit(&self) -> Permit {
+        Permit(self.offs.load(Ordering::Relaxed))
+    }
+
+    /// Lets force flow, unless it was taken away since the permit was drawn.
+    pub fn enable(&self, permit: Permit) {
+        self.allowed.store(permit.0, Ordering::Relaxed);
+    }
+
+    /// What the loop is to do now. RT: safe.
+    pub fn order(&self) -> Order {
+        match self.end.load(Ordering::Relaxed) {
+            0 if self.allowed.load(Ordering::Relaxed) == self.offs.load(Ordering::Relaxed) => Order::Enable,
+            0 => Order::Disable,
+            STOP => Order::Stop,
+            _ => Order::Quit,
+        }
+    }
+
+    /// The loop is to end.
+    pub fn is_ending(&self) -> bool {
+        matches!(self.order(), Order::Stop | Order::Quit)
+    }
+}
