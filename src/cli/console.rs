@@ -30,7 +30,7 @@ fn read(input: impl BufRead, control: &Control, enables: &Sender<Enable>) {
             "disable" | "d" => control.disable(),
             "stop" | "s" => control.stop(),
             // If the run is over, nobody takes it.
-            "enable" | "e" => _ = enables.send(Enable),
+            "enable" | "e" => _ = enables.send(Enable(control.permit())),
             word => say::talk(format_args!("console: `{word}` is not an order; orders are {WORDS}\n")),
         }
     }
@@ -51,8 +51,10 @@ mod tests {
         let (control, (sender, enables)) = (Control::enabled(), bounded(16));
         let permit = control.permit();
         read("enable\n\n d \nfaster\ne\n".as_bytes(), &control, &sender);
-        assert_eq!(enables.try_iter().count(), 2);
+        let asked: Vec<Enable> = enables.try_iter().collect();
+        assert_eq!(asked, [Enable(permit), Enable(control.permit())]);
         assert_ne!(control.permit(), permit, "d took force away");
+        assert_eq!(control.renew(permit), None, "the first word is overtaken");
         assert_eq!(control.order(), Order::Stop);
     }
 }

@@ -353,6 +353,10 @@ impl Told<'_> {
                 );
                 Finding::bad("watchdog", found, "close what keeps the processors busy, and try again").by_hand()
             }
+            Ended::Stalled(gap_ms) => {
+                let found = format!("the program stood still for {gap_ms} ms during a push; {rest}");
+                Finding::bad("stalled", found, "close what keeps the processors busy, and try again").by_hand()
+            }
             Ended::Moves(mm_per_s, mrad_per_s) => {
                 let found = format!(
                     "the grip came to {:.2} m/s and {:.1} rad/s, which no push of this trial does: let go; {rest}",
@@ -378,6 +382,7 @@ impl Told<'_> {
             Ended::NotHomed => "not-homed",
             Ended::Reports(_) => "device-error",
             Ended::Watchdog(_) => "watchdog",
+            Ended::Stalled(_) => "stalled",
             Ended::Moves(..) => "moves",
         });
         json!({

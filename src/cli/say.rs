@@ -9,6 +9,7 @@
 //! While force may flow nobody waits for a reader: from [`detach`] to [`attach`] a thread of its own writes, behind a queue that drops the oldest
 //! lines and says how many. A terminal that is stopped, or a program that reads no more, costs words and nothing else.
 
+use std::backtrace::{Backtrace, BacktraceStatus};
 use std::fmt;
 use std::io::{self, Write as _};
 use std::panic::PanicHookInfo;
@@ -79,8 +80,10 @@ pub(crate) fn use_format(format: LogFormat) {
 fn panicked(info: &PanicHookInfo<'_>) {
     let thread = std::thread::current();
     let mut text = format!("thread '{}' {info}", thread.name().unwrap_or("unnamed"));
-    let trace = std::backtrace::Backtrace::capture();
-    if trace.status() == std::backtrace::BacktraceStatus::Captured {
+    // A trace is looked up in the file of the program, which takes long: not while an arm waits for its zero.
+    let has_arm = matches!(thread.name(), Some("servo" | "device-node"));
+    let trace = if has_arm { Backtrace::disabled() } else { Backtrace::capture() };
+    if trace.status() == BacktraceStatus::Captured {
         text += &format!("\n{trace}");
     }
     event(Level::Error, "panic", &text, &[]);

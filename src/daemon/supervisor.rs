@@ -192,6 +192,9 @@ impl<N: FnMut(Notice<'_>)> Supervisor<N> {
                 suspends_at = Some(Instant::now() + BEFORE_SUSPEND);
             }
             if suspends_at.take_if(|at| Instant::now() >= *at).is_some() {
+                // An order that was taken meanwhile would give force to an arm that nobody drives.
+                control.disable();
+                acknowledged = never();
                 signals::stop_process();
                 if goes_on_after_suspend {
                     control.enable(control.permit());
@@ -207,12 +210,10 @@ impl<N: FnMut(Notice<'_>)> Supervisor<N> {
                 recv(servo.ended) -> _ => return Ok(()),
                 recv(enables) -> message => match message {
                     // Force flows already: nothing is to begin again at zero.
-                    Ok(Enable) if control.order() == Order::Enable && matches!(self.phase, Phase::Enabling | Phase::Enabled) => {}
-                    Ok(Enable) => {
-                        // Off first: a fault is acknowledged that way, and force starts from zero. The permit is worth nothing if anybody takes
-                        // force away meanwhile.
-                        control.disable();
-                        permit = control.permit();
+                    Ok(_) if control.order() == Order::Enable && matches!(self.phase, Phase::Enabling | Phase::Enabled) => {}
+                    // Off first: a fault is acknowledged that way, and force starts from zero.
+                    Ok(Enable(asked)) => if let Some(renewed) = control.renew(asked) {
+                        permit = renewed;
                         acknowledged = after(ACKNOWLEDGE);
                     }
                     Err(_) => enables = never(),

@@ -62,6 +62,9 @@ pub enum DeviceError {
     /// The command had a component that is not a finite number; a zero command was sent in its place.
     #[error("the command was not finite, and zero was sent in its place")]
     NonFinite,
+    /// The loop stood still with force on, and the guard of the arm has told it zero meanwhile; zero was sent again in place of the command.
+    #[error("the loop stood still with force on, and the arm was told zero meanwhile")]
+    Stalled,
     /// The operating system refused with this errno.
     #[error("the operating system refused the arm's link: {}", std::io::Error::from_raw_os_error(*.0))]
     Os(i32),
@@ -95,7 +98,7 @@ pub trait Device: Send {
     /// left after that and after the common scaling of motors at their limits.
     ///
     /// # Errors
-    /// [`DeviceError::NonFinite`]: a zero command went out instead. Anything else: the arm is lost.
+    /// [`DeviceError::NonFinite`], [`DeviceError::Stalled`]: a zero command went out instead. Anything else: the arm is lost.
     fn write(&mut self, wrench_device: &Wrench) -> Result<Wrench, DeviceError>;
 
     /// What the motors make beside the command of the last `write`, as a wrench at the grip: gravity compensation and damping of joints. The

@@ -94,6 +94,8 @@ pub struct WiredArm {
     /// Reports up to then may be older than a stall of this machine.
     old_until_s: Option<f64>,
     last_report_s: f64,
+    /// When the arm last said that it hears, where it says so.
+    last_heard_s: f64,
     last_sent_s: f64,
     /// The arm owes a reply to the last frame.
     owes_reply: bool,
@@ -143,6 +145,7 @@ impl WiredArm {
             last_read_s: 0.0,
             old_until_s: None,
             last_report_s: 0.0,
+            last_heard_s: 0.0,
             last_sent_s: 0.0,
             owes_reply: false,
             full_ticks: 0,
@@ -212,13 +215,13 @@ impl WiredArm {
             return false;
         }
         let deaf_s = DEAF_S.max(DEAF_KICKS * parameters.kick_s.unwrap_or(0.0));
-        now_s - self.last_report_s >= deaf_s || self.unheard_s().is_some_and(|unheard_s| unheard_s >= deaf_s)
+        now_s - self.last_report_s >= deaf_s || self.unheard_s(now_s).is_some_and(|unheard_s| unheard_s >= deaf_s)
     }
 
     /// Time for which the arm has not said that it hears, where it says so.
-    fn unheard_s(&self) -> Option<f64> {
-        let unheard = self.connection.as_ref()?.codec.unheard()?;
-        Some(f64::from(unheard) * self.parameters.period_s)
+    fn unheard_s(&self, now_s: f64) -> Option<f64> {
+        self.connection.as_ref()?.codec.unheard()?;
+        Some(now_s - self.last_heard_s)
     }
 
     /// Takes a new connection if the arm is back.
@@ -230,6 +233,7 @@ impl WiredArm {
         self.connection = Some(connection);
         self.full_ticks = 0;
         self.last_report_s = self.now_s();
+        self.last_heard_s = self.last_report_s;
         self.quiet_until_s = None;
         self.quiet_before = false;
         self.heard = 0;
@@ -240,9 +244,15 @@ impl WiredArm {
     /// Notes a stall of this machine: what came meanwhile describes the past, and its gaps are no loss of the link.
     fn note_stall(&mut self, now_s: f64) {
         let stall_s = STALL_S.max(STALL_TICKS * self.parameters.period_s);
-        let is_stall = self.n_reads > 1 && now_s - self.last_read_s > stall_s;
+        let since_s = now_s - self.last_read_s;
+        let is_stall = self.n_reads > 1 && since_s > stall_s;
         self.last_read_s = now_s;
         if is_stall {
+            // Nobody spoke to it meanwhile: its silence does not count. That of a network does.
+            self.last_heard_s += since_s;
+            if self.parameters.link_silence_s.is_none() {
+                self.last_report_s += since_s;
+            }
             // A link of the loop's own is empty after this read, one with threads may bring more.
             self.old_until_s = Some(if self.io == IoPlacement::OwnThread { now_s + BACKLOG_S } else { now_s });
             self.heard = 0;
@@ -321,7 +331,7 @@ impl WiredArm {
 
     /// Commands may lie in a queue that nobody reads: the arm is silent, or hears nothing, or nothing would tell.
     fn may_lie_unread(&self, now_s: f64) -> bool {
-        let is_unheard = match self.unheard_s() {
+        let is_unheard = match self.unheard_s(now_s) {
             Some(unheard_s) => unheard_s > REPLY_PATIENCE_S,
             None => self.parameters.capabilities.pacing == Pacing::Stream,
         };
@@ -351,7 +361,8 @@ impl WiredArm {
         }
         let is_zero = command.moves_nothing();
         // Not in every tick: on a slow line each would take the place of the one before, and none would ever arrive.
-        let replaces = is_zero && may_lie_unread && (takes_force_away || self.owes_reply);
+        let may_arrive = now_s - self.last_sent_s >= REPLY_PATIENCE_S;
+        let replaces = is_zero && may_lie_unread && (takes_force_away || self.owes_reply && may_arrive);
         let mut result =
             if replaces { connection.link.send_now(self.frame.as_slice()) } else { connection.link.send(self.frame.as_slice()) };
         if is_zero && result == Err(TransportError::Full) {
@@ -452,12 +463,16 @@ impl Device for WiredArm {
         if self.n_reads == 1 {
             // Whatever passed since the arm was opened is nobody's silence.
             self.last_report_s = now_s;
+            self.last_heard_s = now_s;
         }
         if let Some(connection) = &mut self.connection {
             connection.codec.tell_time(now_s);
         }
         let reads = if self.old_until_s.is_some() { READS_AFTER_STALL } else { READS_MAX };
         let Ok((mut fed, is_all)) = self.drain(reads) else { return Err(self.lose()) };
+        if self.connection.as_ref().is_some_and(|connection| connection.codec.unheard() == Some(0)) {
+            self.last_heard_s = now_s;
+        }
         // What lay in a queue says where the arm was, the next report says where it is. One that speaks on change only has said how it still is.
         let may_be_old = self.parameters.capabilities.pacing != Pacing::Event;
         let is_old = may_be_old && (!is_all || self.old_until_s.is_some_and(|until_s| now_s <= until_s));
@@ -490,7 +505,7 @@ impl Device for WiredArm {
                 self.round_trip.received(self.n_reads, behind);
             }
             self.last.delay_ticks = self.round_trip.ticks();
-            let is_unheard = self.unheard_s().is_some_and(|unheard_s| unheard_s >= UNHEARD_S);
+            let is_unheard = self.unheard_s(now_s).is_some_and(|unheard_s| unheard_s >= UNHEARD_S);
             if is_old || is_unheard {
                 self.window.restart();
             } else if self.take_report(now_s) {
@@ -523,10 +538,12 @@ impl Device for WiredArm {
         if let Some(connection) = &mut self.connection
             && connection.has_guard_acted()
         {
-            // The loop stood still with force on, and the arm was told zero meanwhile: what was computed before that goes nowhere.
+            // What was computed before that goes nowhere; and a frame that a thread of the link still held may have come after the guard's zero.
+            let told = connection.send_last_zero();
             self.sent = MotorCommand::default();
             self.rendered = Wrench::ZERO;
-            return Ok(Wrench::ZERO);
+            self.stage.begin();
+            return Err(if told.is_ok() || told == Err(TransportError::Full) { DeviceError::Stalled } else { self.lose() });
         }
         let now_s = self.now_s();
         let Some(connection) = &mut self.connection else { return Err(self.gone()) };

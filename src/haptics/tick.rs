@@ -31,7 +31,8 @@ pub struct TickInput {
     pub request: DriveRequest,
     /// The loop woke up after its deadline had passed.
     pub overrun: bool,
-    /// No command was written for longer than [`LimitParameters::stall_s`](super::LimitParameters::stall_s): the arm held an old one meanwhile.
+    /// No command was written for longer than [`LimitParameters::stall_s`](super::LimitParameters::stall_s), and the last one was not zero: the arm held it
+    /// meanwhile.
     pub stalled: bool,
     /// Where an obstacle is asked to go from the next tick on.
     pub place: Option<Placement>,
@@ -99,8 +100,6 @@ pub struct State {
     monitor: SampleMonitor,
     interlock: Interlock,
     overruns: u32,
-    /// The last command was not zero.
-    pushes: bool,
     port: Port,
     /// Where the tool's body axes stood at enable.
     start: Pose,
@@ -149,7 +148,6 @@ impl State {
             monitor: SampleMonitor::default(),
             interlock: Interlock::default(),
             overruns: 0,
-            pushes: false,
             port: Port::default(),
             start: scene.start(),
             resume: None,
@@ -263,8 +261,7 @@ pub fn tick(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOu
     state.overruns = if input.overrun { state.overruns.saturating_add(1) } else { 0 };
     let mut faults = check.faults;
     let has_many_overruns = p.limits.overrun_fault_ticks > 0 && state.overruns >= p.limits.overrun_fault_ticks;
-    // In free space an arm without commands does nothing.
-    if has_many_overruns || input.stalled && state.pushes {
+    if has_many_overruns || input.stalled {
         faults |= Faults::OVERRUN;
     }
     advance::advance(scene, p, state, input, faults);
@@ -303,7 +300,6 @@ pub fn tick(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOu
         Felt::default()
     });
     state.passivity.hold(felt.command_device);
-    state.pushes = felt.command_device != Wrench::ZERO;
     let touching = TickOutput {
         contact_world: contact.wrench + felt.friction_world,
         contacts: contact.contacts,

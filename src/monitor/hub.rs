@@ -237,6 +237,8 @@ impl Hub {
 
     /// Asks the supervisor to let force flow.
     pub(super) fn enable(&self, client: Option<u64>) -> Result<(), Problem> {
+        // First: a heartbeat that ends from now on counts for more.
+        let permit = self.control.permit();
         if !self.heart.lets_enable(client) {
             let hint = "send {\"do\":\"heartbeat\"} over a WebSocket, again and again, then enable";
             return Err(Problem::conflict("this scene wants a client with a heartbeat, and none beats", hint));
@@ -244,7 +246,7 @@ impl Hub {
         if self.is_baking() {
             return Err(Problem::conflict("the scene is being baked: nothing is rendered yet", "wait for the event `scene`"));
         }
-        self.enables.send(Enable).map_err(|_| Problem::from(&Refusal::Over))
+        self.enables.send(Enable(permit)).map_err(|_| Problem::from(&Refusal::Over))
     }
 
     /// Watches the heartbeats; for a thread of its own.

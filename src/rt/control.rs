@@ -7,8 +7,9 @@
 //! ```text
 //!  disable()   offs += 1                     order() = Quit     if end = 2
 //!  permit()    Permit(offs)                          Stop       if end = 1
-//!  enable(p)   allowed = p                           Enable     if allowed = offs
-//!  stop()      end = max(end, 1)                     Disable    else
+//!  renew(p)    offs = p + 1 if offs = p, else no     Enable     if allowed = offs
+//!  enable(p)   allowed = p                           Disable    else
+//!  stop()      end = max(end, 1)
 //! ```
 //! All operations are `Relaxed`: each word is the whole message and publishes no other memory. A store becomes visible to the loop within one tick.
 //! `tests/loom` includes this file and checks it under every interleaving.
@@ -99,6 +100,13 @@ impl Control {
         Permit(self.offs.load(Ordering::Relaxed))
     }
 
+    /// Takes force away on the way to letting it flow from zero: the permit for that, unless anybody has taken force away since `asked` was drawn.
+    pub fn renew(&self, asked: Permit) -> Option<Permit> {
+        let next = asked.0.wrapping_add(1);
+        let renewed = self.offs.compare_exchange(asked.0, next, Ordering::Relaxed, Ordering::Relaxed);
+        renewed.is_ok().then_some(Permit(next))
+    }
+
     /// Lets force flow, unless it was taken away since the permit was drawn.
     pub fn enable(&self, permit: Permit) {
         self.allowed.store(permit.0, Ordering::Relaxed);
@@ -107,11 +115,16 @@ impl Control {
     /// What the loop is to do now. RT: safe.
     pub fn order(&self) -> Order {
         match self.end.load(Ordering::Relaxed) {
-            0 if self.allowed.load(Ordering::Relaxed) == self.offs.load(Ordering::Relaxed) => Order::Enable,
+            0 if self.allows_force() => Order::Enable,
             0 => Order::Disable,
             STOP => Order::Stop,
             _ => Order::Quit,
         }
+    }
+
+    /// Nobody has taken force away since it was allowed: a stop may end in a ramp. RT: safe.
+    pub fn allows_force(&self) -> bool {
+        self.allowed.load(Ordering::Relaxed) == self.offs.load(Ordering::Relaxed)
     }
 
     /// The loop is to end.

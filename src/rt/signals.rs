@@ -4,7 +4,7 @@
 //! |---|---|
 //! | INT, TERM (by `ctrlc`), QUIT, ABRT, USR1, USR2, ALRM, VTALRM, PROF, XCPU, IO, PWR, SYS, TRAP, STKFLT, the real-time ones | ramp down and end; the second one at once |
 //! | HUP | the same when the terminal has gone; else the scene is read again |
-//! | TSTP (Ctrl-Z) | force off, then the process stops; `fg` leaves it off |
+//! | TSTP (Ctrl-Z) | force off, then the process stops; `fg` leaves it off. Of `devices probe` and `doctor`: an end |
 //! | TTOU, TTIN, PIPE, XFSZ | ignored: the write or read that caused it fails |
 //! | SEGV, BUS, ILL, FPE | sent by another process: ramp down and end; of an instruction of our own, as KILL: the guard process and the arm's own watchdog are what is left |
 //! | KILL, STOP | cannot be caught: likewise |
@@ -74,12 +74,14 @@ pub fn end_by_signals(control: &Arc<Control>) -> Result<(), SignalError> {
     catch_ends()
 }
 
-/// A flag that the first signal that asks for an end sets; for what has no [`Control`]. Once per process.
+/// A flag that the first signal that asks for an end sets; for what has no [`Control`]. Ctrl-Z asks for an end too: what is stopped in the middle
+/// would leave its last command on the arm. Once per process.
 ///
 /// # Errors
 /// As [`end_by_signals`].
 pub fn interrupted() -> Result<&'static AtomicBool, SignalError> {
     catch_ends()?;
+    handle(libc::SIGTSTP, on_end);
     Ok(&INTERRUPTED)
 }
 
@@ -164,6 +166,8 @@ pub fn hangups() -> Hangups {
 }
 
 extern "C" fn on_hangup(_signal: libc::c_int) {
+    // SAFETY: the place of this thread's errno: what was interrupted may be about to read it.
+    let errno = unsafe { *libc::__errno_location() };
     // A terminal that hangs up is taken away from its processes before they hear of it.
     if HAD_TERMINAL.load(Ordering::Relaxed) && !has_terminal() {
         TERMINAL_GONE.store(true, Ordering::Relaxed);
@@ -171,6 +175,8 @@ extern "C" fn on_hangup(_signal: libc::c_int) {
     } else {
         RELOADS.fetch_add(1, Ordering::Relaxed);
     }
+    // SAFETY: as above.
+    unsafe { *libc::__errno_location() = errno };
 }
 
 impl Hangups {

@@ -133,6 +133,8 @@ pub struct ServoLoop<D: Device, C: Clock> {
     last: TickOutput,
     /// When the last command was written, clock time, ns.
     commanded_ns: Option<i64>,
+    /// The motors were told to make something then, if only to hold the links of the arm.
+    has_force: bool,
 }
 
 impl<D: Device, C: Clock> ServoLoop<D, C> {
@@ -178,6 +180,7 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
             ending: Ending::Running,
             last: TickOutput::default(),
             commanded_ns: None,
+            has_force: false,
         }
     }
 
@@ -259,8 +262,8 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
         let due = self.pace.wait(&mut self.clock);
         self.missed_deadlines += due.missed;
         let stall_ns = (self.stage.scene.parameters.limits.stall_s * 1e9) as i64;
-        let stalled =
-            self.clock.kind() == ClockKind::Real && self.commanded_ns.is_some_and(|last_ns| due.now_ns - last_ns > stall_ns);
+        let is_late = |last_ns: i64| due.now_ns - last_ns > stall_ns;
+        let stalled = self.clock.kind() == ClockKind::Real && self.has_force && self.commanded_ns.is_some_and(is_late);
         // Before the clock of the tick starts: simulated time may wait here for a bake.
         let swaps = self.swap_is_due(wanted);
         self.exchange_clay();
@@ -286,6 +289,8 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
         let is_old = self.clock.kind() == ClockKind::Real && self.clock.now_ns() - due.now_ns > stall_ns;
         let rendered_device = self.write(if is_old { &Wrench::ZERO } else { &output.command_device });
         let written_ns = self.clock.stopwatch_ns();
+        let beside_device = self.device.beside_device();
+        self.has_force = [output.command_device, rendered_device, beside_device].iter().any(|wrench| *wrench != Wrench::ZERO);
 
         self.last = output;
         self.publish(&TickRecord {
@@ -298,7 +303,7 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
             input,
             output,
             rendered_device,
-            beside_device: self.device.beside_device(),
+            beside_device,
             contact_budget_points: self.stage.budget_points(),
         });
         if let Stage { clay: Some(clay), state, .. } = &mut *self.stage {
@@ -358,6 +363,8 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
             _ if self.driver_fault => DriveRequest::Disable,
             Order::Disable => DriveRequest::Disable,
             Order::Enable => DriveRequest::Enable,
+            // Force was taken away, and stays away also on the way to the end.
+            Order::Stop if !self.control.allows_force() => DriveRequest::Disable,
             Order::Stop | Order::Quit => DriveRequest::Stop,
         }
     }
@@ -368,7 +375,7 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
                 self.packet_errors += u64::from(sample.corrupt_packets);
                 self.sample = sample;
             }
-            Err(DeviceError::Packet | DeviceError::NonFinite) => {
+            Err(DeviceError::Packet | DeviceError::NonFinite | DeviceError::Stalled) => {
                 self.packet_errors += 1;
                 (self.sample.corrupt_packets, self.sample.lost_packets) = (1, 0);
                 self.sample.status = SampleStatus::Stale;
@@ -389,6 +396,10 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
             Err(DeviceError::NonFinite) => {
                 self.driver_fault = true;
                 self.note_faults(Faults::NON_FINITE);
+            }
+            Err(DeviceError::Stalled) => {
+                self.driver_fault = true;
+                self.note_faults(Faults::OVERRUN);
             }
             Err(DeviceError::Packet) => self.packet_errors += 1,
             Err(DeviceError::Lost | DeviceError::Os(_)) => self.device_lost = Some(SampleStatus::Lost),

@@ -206,6 +206,16 @@ mod tests {
     }
 
     #[test]
+    fn a_machine_that_stood_still_while_nothing_was_on_the_motors_goes_on() {
+        fn free(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOutput {
+            assert!(!input.stalled);
+            TickOutput { command_device: Wrench::ZERO, ..pushing(scene, state, input) }
+        }
+        let bench = bench(ScriptedClock::late_by(&[0, 0, 80_000_000, 0]), CountingArm::default(), Some(99), 256, free);
+        assert!(run_to_end(bench.servo).faults.is_empty());
+    }
+
+    #[test]
     fn a_machine_that_stood_still_is_told_to_the_tick_by_time_whatever_the_number_of_ticks() {
         let limit_ns = 50_000_000;
         for (late_ns, is_stall) in [(limit_ns - 1_000_000, false), (limit_ns, true)] {

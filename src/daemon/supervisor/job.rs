@@ -11,6 +11,7 @@ use crate::device::attached::open::LinkNews;
 use crate::error::Exit;
 use crate::haptics::RenderScene;
 use crate::rt::clock::ClockKind;
+use crate::rt::control::Permit;
 use crate::rt::preflight::Report;
 use crate::servo::{ClaySlot, Ending, LoopReport, SwapSlot, Wishes};
 use crate::telemetry::{SwapSummary, Taps, Totals};
@@ -51,9 +52,9 @@ pub struct Live {
 }
 
 /// An operator asks for force, from zero. After a fault this acknowledges it. Everything that takes force away goes to the [`Control`](crate::servo::Control)
-/// itself and waits for nobody.
+/// itself and waits for nobody; whoever asks draws the permit, so that force which was taken away after that stays away, however long this waits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Enable;
+pub struct Enable(pub Permit);
 
 /// Who says when force may flow. A simulated arm has nobody to hurt and is enabled from the start, unless everybody is held back.
 #[derive(Debug, Default)]

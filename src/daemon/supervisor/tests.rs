@@ -101,10 +101,10 @@ fn after_a_fault_force_waits_for_the_operator_and_the_run_still_counts_as_faulte
     };
     let operator = std::thread::spawn(move || {
         wait_for(200);
-        enable.send(Enable).expect("the supervisor listens");
+        enable.send(Enable(stops.permit())).expect("the supervisor listens");
         wait_for(400);
         // Force flows: this one changes nothing.
-        enable.send(Enable).expect("the supervisor listens");
+        enable.send(Enable(stops.permit())).expect("the supervisor listens");
         wait_for(600);
         stops.stop();
     });

@@ -32,6 +32,8 @@ const BEFORE_FORCE: Duration = Duration::from_secs(2);
 /// nobody at it, and half as much again.
 const PUSHED_SPEED: [f64; 2] = [0.5, 5.0];
 const SHAKEN_SPEED: [f64; 2] = [1.0, 10.0];
+/// Longest time between two commands while something is on the motors, ns.
+const STALL_NS: i64 = 50_000_000;
 /// How much faster the grip may become while nothing pushes it, m/s and rad/s: a hand may, an arm that drives itself does.
 const GROWN_SPEED: [f64; 2] = [0.2, 3.0];
 /// Share of a watchdog's time after which it counts as tripped: what the host sends late may arrive later still.
@@ -58,6 +60,8 @@ pub enum Ended {
     Reports(u16),
     /// Its watchdog has seen no command for this long, ms, and stays tripped: the motors are off, or may be.
     Watchdog(u64),
+    /// The program stood still for this long, ms, while something was on the motors: whoever held the grip may have let go.
+    Stalled(u64),
     /// The grip moves by itself, or faster than the push can have made it: mm/s and mrad/s.
     Moves(u32, u32),
 }
@@ -280,12 +284,20 @@ impl<'a, 'q, C: Clock> Bench<'a, 'q, C> {
         if self.trial.quit.load(Ordering::Relaxed) {
             return Err(Ended::Told);
         }
+        let gap_ns = self.trial.last_command_ns.map_or(0, |last_ns| self.trial.clock.now_ns() - last_ns);
+        if gap_ns > STALL_NS && self.made != Wrench::ZERO {
+            return Err(Ended::Stalled(gap_ns.unsigned_abs() / 1_000_000));
+        }
         let sample = match self.device.read() {
             Err(DeviceError::Packet) => DeviceSample { corrupt_packets: 1, ..DeviceSample::default() },
             other => other?,
         };
         let force = wrench.force.clamp_length_max(FORCE_MAX_N);
-        self.made = self.device.write(&Wrench::new(force, wrench.torque.clamp_length_max(self.trial.torque_max_nm)))?;
+        let written = self.device.write(&Wrench::new(force, wrench.torque.clamp_length_max(self.trial.torque_max_nm)));
+        self.made = match written {
+            Err(DeviceError::Stalled) => return Err(Ended::Stalled(gap_ns.unsigned_abs() / 1_000_000)),
+            made => made?,
+        };
         self.trial.commanded();
         Ok(sample)
     }

@@ -138,7 +138,11 @@ impl Protocol {
     pub(in crate::device) fn zero_frame(&self, carriage: Carriage) -> Frame {
         let mut frame = Frame::default();
         if self.n_motors() > 0 {
-            self.codec(carriage).encode(&MotorCommand::default(), &mut frame);
+            let mut codec = self.codec(carriage);
+            codec.zero_out_of_step(&mut frame);
+            if frame.is_empty() {
+                codec.encode(&MotorCommand::default(), &mut frame);
+            }
         }
         frame
     }

@@ -332,6 +332,17 @@ pub(super) struct Arm {
     said: Option<Vec<u8>>,
 }
 
+/// True where the arm would take these bytes for a command that moves a motor.
+pub(super) fn moves(command: &Packet, bytes: &[u8]) -> bool {
+    let mut moves = false;
+    Reader::default().feed(command, bytes, false, |body| {
+        let values = decode(command, body, &Values::default());
+        moves |= values.as_ref().is_some_and(|values| values.command.motors.iter().any(|motor| *motor != 0.0));
+        values.is_some()
+    });
+    moves
+}
+
 impl Arm {
     pub(super) fn new(layout: PacketLayout) -> Self {
         Self { layout, reader: Reader::default(), command: Told::default(), counter: 0, fed_s: 0.0, said: None }

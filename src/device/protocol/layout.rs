@@ -457,6 +457,11 @@ impl PacketLayout {
         if self.kick.as_ref().is_some_and(|kick| kick.is_empty() || kick.len() > FRAME_MAX) {
             return Err(format!("the kick frame is empty or longer than {FRAME_MAX} bytes"));
         }
+        if let (Some(command), Some(kick)) = (&self.command, &self.kick)
+            && super::declarative::moves(command, kick)
+        {
+            return Err("the kick frame is a command that moves a motor: write one of zeros, as it passes no limit".to_owned());
+        }
         match self.pacing {
             Pacing::Service => Err("pacing \"service\" is for programs on this machine, not for frames".to_owned()),
             Pacing::PingPong if self.command.is_none() && self.kick.is_none() => {

@@ -93,3 +93,23 @@ fn an_end_is_kept_beside_everything_else() {
         assert_eq!(control.order(), Order::Quit);
     });
 }
+
+/// An operator asks for force and then takes it away; the supervisor takes the first word whenever it comes to it. There is no force.
+#[test]
+fn an_off_after_an_enable_that_still_waits_is_obeyed() {
+    loom::model(|| {
+        let control = Arc::new(Control::new());
+        let asked = control.permit();
+        let supervisor = {
+            let control = control.clone();
+            thread::spawn(move || {
+                if let Some(permit) = control.renew(asked) {
+                    control.enable(permit);
+                }
+            })
+        };
+        control.disable();
+        supervisor.join().unwrap();
+        assert_eq!(control.order(), Order::Disable);
+    });
+}

@@ -364,6 +364,11 @@ fn layouts_that_cannot_be_spoken_are_refused_with_the_reason() {
     refused(&|layout| layout.report.framing = Framing::Report { id: None, len: 121 }, 0, "at most 120");
     refused(&|layout| layout.pacing = Pacing::Service, 0, "service");
     refused(&|layout| layout.kick = Some(vec![]), 0, "kick");
+    let pushing = |layout: &mut PacketLayout| {
+        let mut codec = Protocol::Declarative(layout.clone()).codec(Carriage::Stream);
+        layout.kick = Some(encode_enabled(&mut *codec, &[3.0], true));
+    };
+    refused(&pushing, 0, "moves a motor");
     refused(&|layout| layout.report.fields[2].mask = Some(0x105), 1, "mask 0x105");
     refused(&|layout| layout.report.fields[2].mask = Some(0x05), 1, "has a hole");
     refused(&|layout| layout.report.fields[4].role = Role::Constant(8), 1, "does not fit its mask");
