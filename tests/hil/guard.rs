@@ -18,7 +18,7 @@ use hapticd::device::mock::profiled::{self, MockSettings};
 use hapticd::device::mock::pty::Pty;
 use hapticd::device::mock::serve::{Serving, serve};
 use hapticd::device::transport::Carriage;
-use hapticd::device::{Device, profile};
+use hapticd::device::{Device, DeviceError, profile};
 use hapticd::spatial::Wrench;
 use rustix::fs::{Mode, OFlags};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
@@ -400,7 +400,7 @@ fn a_driver_that_slept_sends_nothing_that_it_computed_before() {
     assert!(rendered.force.length() > 0.1, "{rendered:?}");
     std::thread::sleep(Duration::from_millis(200));
     // Between the tick and its write.
-    assert_eq!(arm.write(&push), Ok(Wrench::ZERO));
+    assert_eq!(arm.write(&push), Err(DeviceError::Stalled));
     std::thread::sleep(Duration::from_millis(50));
     quit.store(true, Ordering::Relaxed);
     let report = arm_side.join().expect("no panic");
