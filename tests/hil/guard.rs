@@ -24,7 +24,7 @@ use rustix::fs::{Mode, OFlags};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
 
-use super::link::{Bench, Ended, Running, block_on_plane, is_lateness, repeat};
+use super::link::{Bench, Ended, Running, is_lateness, repeat};
 
 /// Longer than any guard takes to end on a machine that computes something else.
 const HUNG: Duration = Duration::from_secs(10);
@@ -99,59 +99,10 @@ fn hears_zero_of_a_dead_host(bench: &Bench, mock_args: &[&str]) {
     assert!(has_gone, "{profile}: nothing is left behind");
 }
 
-/// An arm that moves along y, which is up in its scene.
-fn along_y_hears_zero_of_a_dead_host(profile: &str) {
-    let mut bench = Bench::verified(profile);
-    let [scene, hand] = ["upright.toml", "down.csv"].map(|name| bench.folder.path().join(name));
-    let up = "world_from_device = { orientation_xyzw = [0.70710678, 0.0, 0.0, 0.70710678] }";
-    let text = std::fs::read_to_string(block_on_plane()).expect("shipped");
-    let text = text.replace("hand = \"hands/block-on-plane.csv\"", up);
-    std::fs::write(&scene, text).expect("written");
-    let down = "t_s,x_m,y_m,z_m,qx,qy,qz,qw\n0,0,0,0.015,0,0,0,1\n0.5,0,-0.0075,0.015,0,0,0,1\n9,0,-0.0075,0.015,0,0,0,1\n";
-    std::fs::write(&hand, down).expect("written");
-    bench.scene = scene;
-    hears_zero_of_a_dead_host(&bench, &["--hand", hand.to_str().expect("text")]);
-}
-
+/// The other arms, and hosts that stand still: `kill/*` and `stopped/*` of the fault campaign.
 #[test]
-fn lines_of_2020_hear_zero_of_a_dead_host() {
+fn an_arm_hears_zero_of_a_dead_host() {
     hears_zero_of_a_dead_host(&Bench::verified("polhem-2020"), &[]);
-}
-
-#[test]
-fn brackets_hear_zero_of_a_dead_host() {
-    for profile in ["polhem-2022", "vintage-2022", "woodenhaptics-2022"] {
-        hears_zero_of_a_dead_host(&Bench::verified(profile), &[]);
-    }
-}
-
-#[test]
-fn hapi_boards_hear_zero_of_a_dead_host() {
-    for profile in ["haply-2diy", "haply-2diy-v2", "haply-2diy-first"] {
-        along_y_hears_zero_of_a_dead_host(profile);
-    }
-}
-
-#[test]
-fn a_hapkit_hears_zero_of_a_dead_host() {
-    along_y_hears_zero_of_a_dead_host("hapkit");
-}
-
-#[test]
-fn a_leader_arm_hears_zero_of_a_dead_host() {
-    hears_zero_of_a_dead_host(&Bench::verified("leader-arm-6"), &[]);
-}
-
-#[test]
-fn open6_hears_zero_of_a_dead_host_before_its_watchdog_bites() {
-    hears_zero_of_a_dead_host(&Bench::verified("open6-serial"), &[]);
-}
-
-#[test]
-fn a_host_that_stands_still_leaves_no_force() {
-    let bench = Bench::verified("polhem-2022");
-    let (felt, has_gone) = pressed_then(&bench, &[], |host, _| host.signal("STOP"));
-    assert!(felt.number("largest_force_n") > 0.1 && force_n(&felt) == 0.0 && has_gone, "{}", felt.json);
 }
 
 #[test]

@@ -9,4 +9,3 @@ mod guard;
 mod link;
 mod plug;
 mod same_end;
-mod silence;
