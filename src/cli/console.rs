@@ -29,7 +29,7 @@ fn read(input: impl BufRead, control: &Control, enables: &Sender<Enable>) {
             "" => {}
             "disable" | "d" => control.disable(),
             "stop" | "s" => control.stop(),
-            // If the run is over, nobody takes it.
+            // If the run is over, the order is dropped.
             "enable" | "e" => _ = enables.send(Enable(control.permit())),
             word => say::talk(format_args!("console: `{word}` is not an order; orders are {WORDS}\n")),
         }

@@ -43,7 +43,7 @@ enum Refusal {
 pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: Talk, started_ns: i64) -> Exit {
     // Before any thread that loads parts begins: some of them do while force flows.
     mesh::copy_only();
-    // From the first word on: nobody who takes orders, or renders, waits for a reader.
+    // From the first word on: no thread that takes orders or renders waits for a reader.
     if let Err(error) = say::detach() {
         report::error(&format!("cannot start a thread: {error}"), None, talk);
         return Exit::Internal;
@@ -210,7 +210,7 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: Talk, started_ns: i64) 
         watches: own.live.watch,
     };
     let rendered = run(args, talk, beside, &control, signals::end_by_signals, bake);
-    // Force is off: from here on words may wait for whoever reads them.
+    // Force is off: from here on words may wait for their reader.
     say::attach();
     // Whatever became of the loop: what hands made is not lost with it.
     let clay = workshop.and_then(|workshop| workshop.close(talk));

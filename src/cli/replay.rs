@@ -82,7 +82,7 @@ fn verdict(replayed: &Replayed) -> String {
 fn bake(config: &SceneConfig, args: &Args, talk: Talk) -> Result<RenderScene, SceneError> {
     let mut cache = args.cache.open(Residence::Owned, talk);
     let progress = BakeProgress::new(talk);
-    // The scene is whoever's made the recording: it is not to end this program.
+    // The scene comes with the recording: it must not end this program.
     let memory = args.memory.plan_within(available_bytes, &progress, talk);
     let mut means = BakeMeans { cache: &mut cache, memory };
     let built = scene::build_with(config, &mut means, |event| progress.tell(&event));
@@ -106,7 +106,7 @@ fn refuse(problem: &ReplayError, talk: Talk) -> Exit {
         ReplayError::Read(problem) => read_hint(problem),
         ReplayError::Unpack(_) | ReplayError::Empty { .. } => None,
     };
-    // Names in a recording are those of whoever made it.
+    // Names in a recording are not ours.
     report::error(&one_line(&problem.to_string()), hint, talk);
     Exit::Asset
 }

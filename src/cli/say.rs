@@ -6,7 +6,7 @@
 //! Talk is text for people, or with `--log-format json` one JSON object per line for programs: `time` (UTC), `level`, `event`, `message` (the
 //! text without decoration), and the fields of that event.
 //!
-//! While force may flow nobody waits for a reader: from [`detach`] to [`attach`] a thread of its own writes, behind a queue that drops the oldest
+//! While force may flow no thread waits for a reader: from [`detach`] to [`attach`] a thread of its own writes, behind a queue that drops the oldest
 //! lines and says how many. A terminal that is stopped, or a program that reads no more, costs words and nothing else.
 
 use std::backtrace::{Backtrace, BacktraceStatus};
@@ -70,7 +70,7 @@ impl Level {
 /// Names and values that go with an event.
 pub(crate) type Fields<'a> = &'a [(&'a str, Value)];
 
-/// Decides what talk looks like from here on. A panic, too, speaks the language that was chosen, and waits for nobody.
+/// Decides what talk looks like from here on. A panic, too, uses the chosen format, and waits for no reader.
 pub(crate) fn use_format(format: LogFormat) {
     IS_JSON.store(format == LogFormat::Json, Ordering::Relaxed);
     std::panic::set_hook(Box::new(panicked));
@@ -89,7 +89,7 @@ fn panicked(info: &PanicHookInfo<'_>) {
     event(Level::Error, "panic", &text, &[]);
 }
 
-/// Lines that may wait for whoever reads stderr.
+/// Lines that may wait for the reader of stderr.
 const QUEUED_LINES: usize = 1024;
 /// How long [`attach`] waits for a reader.
 const FLUSH: Duration = Duration::from_secs(1);
@@ -97,7 +97,7 @@ const FLUSH: Duration = Duration::from_secs(1);
 /// Lines on their way to stderr.
 struct Queue {
     lines: ArrayQueue<String>,
-    /// Lines that made room for newer ones and that nobody was told of.
+    /// Lines that made room for newer ones and that are not reported yet.
     lost: AtomicU64,
     /// Lines that were queued and neither written nor dropped.
     waiting: AtomicU64,
@@ -108,7 +108,7 @@ static QUEUE: OnceLock<Queue> = OnceLock::new();
 /// Talk goes through the queue.
 static IS_DETACHED: AtomicBool = AtomicBool::new(false);
 
-/// From now on talk waits for nobody.
+/// From now on talk waits for no reader.
 ///
 /// # Errors
 /// The thread that writes cannot be started.
@@ -124,7 +124,7 @@ pub(crate) fn detach() -> io::Result<()> {
     Ok(())
 }
 
-/// From now on talk is written by whoever talks, behind what is still queued; a reader that takes nothing for a second gets none of it.
+/// From now on each thread writes its own talk, behind what is still queued; a reader that takes nothing for a second gets none of it.
 pub(crate) fn attach() {
     let Some(queue) = QUEUE.get().filter(|_| IS_DETACHED.load(Ordering::Relaxed)) else { return };
     let begin = Instant::now();
@@ -154,7 +154,7 @@ fn write_queued(queue: &Queue) {
         while let Some(text) = queue.lines.pop() {
             let lost = queue.lost.swap(0, Ordering::Relaxed);
             if lost > 0 {
-                write_now(&line_of(Level::Warning, "lost-output", &format!("{lost} lines were lost: nobody read them"), &[]));
+                write_now(&line_of(Level::Warning, "lost-output", &format!("{lost} lines were lost: stderr was not read"), &[]));
             }
             write_now(&text);
             queue.waiting.fetch_sub(1, Ordering::Release);

@@ -2,7 +2,7 @@
 //!
 //! Data in: the supervisor's notices. Data out: datagrams of the `sd_notify` protocol; nothing where nobody asked for them. A message that does
 //! not arrive is lost: a service manager that has gone is no reason to let an arm go. A thread of its own sends them: the socket of a manager that does
-//! not read blocks, and nobody else waits for it.
+//! not read blocks, and no other thread waits for it.
 
 use core::sync::atomic::{AtomicUsize, Ordering};
 use core::time::Duration;
@@ -126,7 +126,7 @@ fn tell(states: &[NotifyState<'_>]) {
         let (sender, messages) = bounded::<String>(QUEUED);
         let send = move || {
             for message in messages {
-                // Nobody is left to be told.
+                // The service manager is gone.
                 let _ = sd_notify::notify(&[NotifyState::Custom(&message)]);
                 WAITING.fetch_sub(1, Ordering::Release);
             }

@@ -86,7 +86,7 @@ impl<N: FnMut(Notice<'_>)> Supervisor<N> {
         self.render_live(job, Live::default(), control)
     }
 
-    /// Preflight, enable, render, stop. Blocks until the arm is at rest. Whoever holds `control` takes force away or ends the run through it, at any
+    /// Preflight, enable, render, stop. Blocks until the arm is at rest. Every holder of `control` can take force away or end the run through it, at any
     /// time, before this call as well: force that was taken away then is not given at the start.
     ///
     /// # Errors
@@ -103,7 +103,7 @@ impl<N: FnMut(Notice<'_>)> Supervisor<N> {
         if enabled {
             control.enable(Permit::FIRST);
         }
-        // Nobody could enable a simulated arm without an operator after Ctrl-Z.
+        // Without an operator a simulated arm could not be enabled again after Ctrl-Z.
         let goes_on_after_suspend = enabled && capabilities.simulated && enables.is_none();
         let period_s = job.scene.parameters.period_s;
         let plan = RunPlan {
@@ -192,7 +192,7 @@ impl<N: FnMut(Notice<'_>)> Supervisor<N> {
                 suspends_at = Some(Instant::now() + BEFORE_SUSPEND);
             }
             if suspends_at.take_if(|at| Instant::now() >= *at).is_some() {
-                // An order that was taken meanwhile would give force to an arm that nobody drives.
+                // An order that was taken meanwhile would give force to an arm while the process is stopped.
                 control.disable();
                 acknowledged = never();
                 signals::stop_process();

@@ -75,7 +75,7 @@ pub fn objects(config: &SceneConfig) -> Vec<(String, bool)> {
 }
 
 /// Begins a thread that bakes scenes in the order in which they are sent, and ends with the loop, or when the sender has gone and every scene
-/// has been taken. Not joined: a bake that nobody waits for any more ends with the process. `lowered`: limits that every one of them keeps.
+/// has been taken. Not joined: a bake that is no longer wanted ends with the process. `lowered`: limits that every one of them keeps.
 ///
 /// # Errors
 /// The thread could not be started.

@@ -79,7 +79,7 @@ impl FromStr for ZeroFrame {
 pub fn watch(zero: &ZeroFrame, priority: Option<u8>) -> io::Result<()> {
     let (pipe, arm) = (stdio::stdin(), stdio::stdout());
     let page = SharedPage::of(stdio::stderr())?;
-    // From here on nobody's last words end up in the page.
+    // stderr is the page: from here on nothing may be printed.
     stdio::dup2_stderr(File::options().write(true).open("/dev/null")?)?;
     stand_apart(NAME);
     std::env::set_current_dir("/")?;
@@ -158,7 +158,7 @@ fn act(arm: BorrowedFd<'_>, zero: &ZeroFrame) {
     // What waits in the port is older than the zero. A HID node has no such queue, and refuses.
     let _ = tcflush(arm, QueueSelector::OFlush);
     for _ in 0..2 {
-        // There is nobody to tell.
+        // The host is gone: the error cannot be reported.
         let _ = rustix::io::write(arm, &zero.0);
         sleep(AGAIN);
     }
@@ -230,7 +230,7 @@ impl Guard {
 
 impl Drop for Guard {
     fn drop(&mut self) {
-        // It may have been killed; then there is nobody to tell.
+        // It may have been killed; then there is no reader.
         let _ = self.pipe.write(&[0]);
         if !self.ends_in_time() {
             let _ = self.process.kill();

@@ -11,7 +11,7 @@
 //!
 //! Caps. Of an arm with verified signs the wrench of all motors together stays within the force and the torque limit of its profile. What they make
 //! beside the command stays within [`BESIDE_SHARE`] of these, and within the force limit whichever motors push the wrong way. Of an arm whose signs
-//! nobody has verified there is nothing beside the command, and all that the motors make stays within the cap whichever of them push the wrong way:
+//! are not verified there is nothing beside the command, and all that the motors make stays within the cap whichever of them push the wrong way:
 //! what counts is the largest |Σ ± τᵢ·pᵢ| over all signs, pᵢ being what one N·m of motor i makes at the grip. In a singular pose the pᵢ grow without
 //! bound, so nothing is left. A codec rounds toward zero, which cannot raise that largest: it is convex in each τᵢ, and even.
 //!

@@ -64,7 +64,7 @@ const GRIP_AXIS: usize = 6;
 
 /// An open arm. RT: as [`Device`] asks.
 pub struct WiredArm {
-    /// `None`: the arm is lost, and its connection is with whoever looks for it.
+    /// `None`: the arm is lost, and its connection is with the reconnect thread.
     connection: Option<Connection>,
     replacements: Replacements,
     /// Of the connection that is, or was last.
@@ -183,7 +183,7 @@ impl WiredArm {
         }
     }
 
-    /// Tells the arm zero while that still may reach it, and lets go of it: whoever looks for it tells it again, closes the link, and only then opens it
+    /// Tells the arm zero while that still may reach it, and lets go of it: the reconnect thread tells it again, closes the link, and only then opens it
     /// anew.
     fn lose(&mut self) -> DeviceError {
         if let Some(mut connection) = self.connection.take() {
@@ -248,7 +248,7 @@ impl WiredArm {
         let is_stall = self.n_reads > 1 && since_s > stall_s;
         self.last_read_s = now_s;
         if is_stall {
-            // Nobody spoke to it meanwhile: its silence does not count. That of a network does.
+            // The host said nothing meanwhile: its silence does not count. That of a network does.
             self.last_heard_s += since_s;
             if self.parameters.link_silence_s.is_none() {
                 self.last_report_s += since_s;
@@ -329,7 +329,7 @@ impl WiredArm {
         self.last.status = SampleStatus::Fresh;
     }
 
-    /// Commands may lie in a queue that nobody reads: the arm is silent, or hears nothing, or nothing would tell.
+    /// Commands may lie in a queue that the arm does not read: the arm is silent, or hears nothing, or nothing would tell.
     fn may_lie_unread(&self, now_s: f64) -> bool {
         let is_unheard = match self.unheard_s(now_s) {
             Some(unheard_s) => unheard_s > REPLY_PATIENCE_S,
@@ -397,7 +397,7 @@ impl WiredArm {
             }
             self.quiet_until_s = None;
             connection.codec.resume();
-            // Nobody was asked meanwhile.
+            // Nothing was asked meanwhile.
             self.last_report_s = now_s;
             self.send(MotorCommand::default(), Made::default(), now_s)?;
             return Ok(true);

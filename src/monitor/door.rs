@@ -97,7 +97,7 @@ impl Peer {
         self.guest.asks();
     }
 
-    /// It may use the API: from now on nobody takes its place.
+    /// It may use the API: from now on its place is its own.
     pub(super) fn let_in(&self) {
         self.places.let_in(&self.guest);
     }
@@ -216,8 +216,8 @@ impl AsyncWrite for Connection {
 }
 
 impl Drop for Connection {
-    /// A socket that is closed over bytes that nobody read takes back what was sent last: the answer that says why. Whoever had to give way is
-    /// told nothing, and whoever was never let in keeps no place for that.
+    /// A socket that is closed over unread bytes takes back what was sent last: the answer that says why. A connection that gave way is
+    /// told nothing, and one that was never let in keeps no place for that.
     fn drop(&mut self) {
         let (Some((stream, place)), Ok(runtime)) = (self.stream.take(), Handle::try_current()) else { return };
         if place.is_kept() {

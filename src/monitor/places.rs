@@ -1,8 +1,8 @@
-//! Places for connections: who has one, and who has to give way.
+//! Places for connections: which have one, and which give way.
 //!
-//! A connection has a place of its own from its first request on that was let in. Until then, half a request, a wrong token or somebody who
-//! only looks at the page among them, it keeps its place for as long as nobody else needs it: when all are taken, the oldest of these is
-//! closed for whoever comes. So what takes force away is heard however many others hold a connection open.
+//! A connection has a place of its own from its first request on that was let in. Until then, half a request, a wrong token or a reader of
+//! the page among them, it keeps its place for as long as no other connection needs it: when all are taken, the oldest of these is
+//! closed for the new one. So an order to take force away is heard however many other connections are open.
 
 use core::sync::atomic::{AtomicBool, Ordering};
 use core::task::Context;
@@ -57,7 +57,7 @@ impl Guest {
         self.is_web_socket.load(Ordering::Relaxed)
     }
 
-    /// True from the moment on in which somebody else got the place; the task is woken then.
+    /// True from the moment on in which another connection got the place; the task is woken then.
     pub(super) fn must_leave(&self, cx: &Context<'_>) -> bool {
         self.waker.register(cx.waker());
         self.must_leave.load(Ordering::Relaxed)
@@ -69,7 +69,7 @@ impl Places {
         Arc::new(Self { most, taken: Mutex::default(), leaving: Arc::new(Semaphore::new(most_leaving)) })
     }
 
-    /// A newcomer will have to wait for nobody, and nobody will have to give way.
+    /// There is a free place: no connection has to give way.
     pub(super) fn has_room(&self) -> bool {
         self.taken().n < self.most
     }
@@ -103,7 +103,7 @@ impl Places {
     }
 }
 
-/// One place, free again when it is dropped, unless somebody else has got it.
+/// One place, free again when it is dropped, unless another connection has got it.
 #[derive(Debug)]
 pub(super) struct Place {
     pub(super) guest: Arc<Guest>,
@@ -111,12 +111,12 @@ pub(super) struct Place {
 }
 
 impl Place {
-    /// Nobody takes it away.
+    /// It is kept until the connection ends.
     pub(super) fn is_kept(&self) -> bool {
         self.guest.is_known.load(Ordering::Relaxed) && !self.is_gone()
     }
 
-    /// Somebody else has it.
+    /// Another connection has it.
     pub(super) fn is_gone(&self) -> bool {
         self.guest.must_leave.load(Ordering::Relaxed)
     }
@@ -139,7 +139,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_oldest_that_was_not_let_in_gives_way_and_nobody_else() {
+    fn only_the_oldest_that_was_not_let_in_gives_way() {
         let places = Places::new(3, 1);
         let mut held: Vec<Place> = (0..3).filter_map(|_| places.take()).collect();
         assert!(held.len() == 3 && !places.has_room());

@@ -249,7 +249,7 @@ impl Pump {
         self.apart.post(move || {
             let began = Instant::now();
             let found = points(&scene, &poses, world_from_tool);
-            // Whoever asked may not want it any more.
+            // The client that asked may have gone.
             let _ = told.send((found, began.elapsed()));
         });
         self.sought = Some(sought);
@@ -281,7 +281,7 @@ impl Pump {
             }
         }
         if is_another {
-            // Whoever is the last to know a large scene is busy freeing it for a while.
+            // The thread that drops a large scene last frees it, which takes a while.
             self.apart.post(move || drop(before));
         }
     }

@@ -29,7 +29,7 @@ pub enum Order {
     Quit,
 }
 
-/// Leave to let force flow, for as long as nobody takes force away after it was drawn.
+/// Leave to let force flow, until force is taken away after it was drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Permit(u64);
 
@@ -95,7 +95,7 @@ impl Control {
         }
     }
 
-    /// Leave to let force flow if nobody takes it away until [`Self::enable`].
+    /// Leave to let force flow if it is not taken away until [`Self::enable`].
     pub fn permit(&self) -> Permit {
         Permit(self.offs.load(Ordering::Relaxed))
     }
@@ -122,7 +122,7 @@ impl Control {
         }
     }
 
-    /// Nobody has taken force away since it was allowed: a stop may end in a ramp. RT: safe.
+    /// Force was not taken away since it was allowed: a stop may end in a ramp. RT: safe.
     pub fn allows_force(&self) -> bool {
         self.allowed.load(Ordering::Relaxed) == self.offs.load(Ordering::Relaxed)
     }

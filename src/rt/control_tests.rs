@@ -3,7 +3,7 @@
 use super::control::{Control, Order};
 
 #[test]
-fn force_flows_by_a_permit_that_nobody_has_made_worthless() {
+fn force_flows_only_by_a_permit_that_is_still_worth_something() {
     let control = Control::new();
     assert_eq!(control.order(), Order::Disable);
     let old = control.permit();

@@ -108,7 +108,7 @@ fn catch_ends() -> Result<(), SignalError> {
     Ok(())
 }
 
-/// Somebody asks for an end. Only atomics: it runs in signal handlers.
+/// A signal asks for an end. Only atomics: it runs in signal handlers.
 fn end() {
     INTERRUPTED.store(true, Ordering::Relaxed);
     INTERRUPTS.fetch_add(1, Ordering::Relaxed);

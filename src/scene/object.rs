@@ -143,7 +143,7 @@ impl<'a> MemoryPlan<'a> {
         self.left.as_ref()?().map(MemoryLimit::Left)
     }
 
-    /// The limit that so many bytes exceed, and how many of them may be taken beside what is kept: what somebody allowed counts that too, and what
+    /// The limit that so many bytes exceed, and how many of them may be taken beside what is kept: an explicit allowance counts that too, and what
     /// is left does not.
     fn exceeded_by(&self, needed_bytes: u64) -> Option<(MemoryLimit, u64)> {
         let given = self.max_bytes.map(|bytes| (MemoryLimit::Given(bytes), bytes.saturating_sub(self.kept_bytes)));

@@ -13,12 +13,12 @@ use crate::haptics::{Knob, Tune};
 
 const N: usize = Knob::LIMITS.len();
 
-/// The largest values that a person lets limits have; no limit where nobody lowered one. Clones share them.
+/// The largest values that a person lets limits have; no limit where none was lowered. Clones share them.
 #[derive(Clone, Debug)]
 pub struct Lowered(Arc<[AtomicU64; N]>);
 
 impl Default for Lowered {
-    /// Nobody lowered anything.
+    /// Nothing is lowered.
     fn default() -> Self {
         Self(Arc::new([NOT_LOWERED; N].map(|value| AtomicU64::new(value.to_bits()))))
     }
@@ -91,7 +91,7 @@ mod tests {
         let lowered = Lowered::default();
         let mut early = LoweredEnd::new(lowered.clone());
         lowered.keep(Knob::ForceLimit, 1.8, 1.8);
-        assert_eq!((early.next(), lowered.bound(Knob::ForceLimit, 3.0)), (None, 3.0), "nobody lowered it");
+        assert_eq!((early.next(), lowered.bound(Knob::ForceLimit, 3.0)), (None, 3.0), "not lowered");
         lowered.keep(Knob::ForceLimit, 0.7, 1.8);
         lowered.keep(Knob::TorqueLimit, 0.1, 0.2);
         // Not a limit.

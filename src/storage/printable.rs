@@ -1,4 +1,4 @@
-//! Text of somebody else on a terminal: a name may hold bytes that move the cursor, recolour what was said, or begin a line of their own.
+//! Foreign text on a terminal: a name may hold bytes that move the cursor, recolour what was said, or begin a line of their own.
 
 use std::borrow::Cow;
 use std::path::Path;

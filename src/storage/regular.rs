@@ -1,4 +1,4 @@
-//! Opening what somebody else names: regular files only.
+//! Opening files by foreign names: regular files only.
 //!
 //! To open a pipe waits for its writer, a device may have no end, and to open a serial port already resets the board behind it. So what is no
 //! regular file is refused by its kind before it is opened, and once more afterwards, as the name may have been given to something else meanwhile:
@@ -99,7 +99,7 @@ mod tests {
                 assert_eq!(refused.unwrap_err().to_string(), kind, "{}", path.display());
             }
         }
-        assert!(since.elapsed().as_secs() < 5, "somebody waited");
+        assert!(since.elapsed().as_secs() < 5, "an open waited");
         assert_eq!(open(&at("none")).unwrap_err().kind(), ErrorKind::NotFound);
     }
 

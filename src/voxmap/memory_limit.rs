@@ -8,7 +8,7 @@ pub const FREE_BYTES: u64 = 128 << 20;
 /// A limit, and where it comes from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MemoryLimit {
-    /// Bytes that somebody allowed.
+    /// Bytes that the caller allowed.
     Given(u64),
     /// Bytes that the system had left. An estimate holds to within a half, and to run out of memory ends the process: [`FREE_BYTES`] and a third of
     /// the rest are not taken.

@@ -39,7 +39,7 @@ fn guard_of(host: u32) -> Option<u32> {
 }
 
 fn is_alive(pid: u32) -> bool {
-    // What nobody has waited for yet is not alive.
+    // A zombie is not alive.
     std::fs::read_to_string(format!("/proc/{pid}/stat")).is_ok_and(|stat| stat.contains("(haptic-guard)") && !stat.contains(") Z "))
 }
 
@@ -256,7 +256,7 @@ fn a_guard_that_is_dismissed_under_force_says_zero_first() {
 const PORT_OF_HOST: &str = "HAPTICD_TEST_PORT";
 
 #[test]
-#[ignore = "the host of the next test, in a process of its own"]
+#[ignore = "no test by itself: a_host_that_takes_long_to_die_is_not_waited_for starts it by name, as the host that it kills"]
 fn large_host() {
     let Ok(port) = std::env::var(PORT_OF_HOST) else { return };
     let port = File::options().write(true).open(port).expect("the port");
@@ -298,7 +298,7 @@ fn a_host_that_takes_long_to_die_is_not_waited_for() {
 #[test]
 fn what_waits_in_the_port_goes_before_the_zero() {
     let (mut far, near, mut guard) = guarded_terminal();
-    // More than a terminal passes on before somebody reads.
+    // More than a terminal passes on before it is read.
     rustix::fs::fcntl_setfl(&near, OFlags::NONBLOCK).expect("set");
     let mut n_waiting = 0;
     while let Ok(n) = rustix::io::write(&near, &[b'x'; 64]) {

@@ -278,10 +278,8 @@ fn violations(file: &str, text: &str) -> (Vec<String>, Vec<String>) {
             for i in places(&code, owner) {
                 let word: Vec<char> = format!("{owner}::{name}(").chars().collect();
                 if code[i..].starts_with(&word) {
-                    broken.push(format!(
-                        "src/{file}:{}: `{owner}::{name}`: a name of somebody else is opened by `storage::regular`",
-                        line(i)
-                    ));
+                    broken
+                        .push(format!("src/{file}:{}: `{owner}::{name}`: a foreign name is opened by `storage::regular`", line(i)));
                 }
             }
         }

@@ -52,7 +52,7 @@ pub struct Live {
 }
 
 /// An operator asks for force, from zero. After a fault this acknowledges it. Everything that takes force away goes to the [`Control`](crate::servo::Control)
-/// itself and waits for nobody; whoever asks draws the permit, so that force which was taken away after that stays away, however long this waits.
+/// itself and waits for no thread; the client that asks draws the permit, so that force which was taken away after that stays away, however long this waits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Enable(pub Permit);
 
@@ -65,7 +65,7 @@ pub struct Operator {
     pub waits_after_fault: bool,
     /// No arm is enabled before somebody says so, not even a simulated one.
     pub holds_back: bool,
-    /// Orders to enable as they come; `None`: nobody gives any.
+    /// Orders to enable as they come; `None`: there are none.
     pub enables: Option<Receiver<Enable>>,
 }
 

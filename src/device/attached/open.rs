@@ -150,7 +150,7 @@ pub enum LinkNews {
     },
     /// It is there, and does not start.
     Fails(String),
-    /// It has no guard: nobody takes the force away when this process is killed or stands still.
+    /// It has no guard: the force stays when this process is killed or stands still.
     Unguarded(String),
 }
 
@@ -282,7 +282,7 @@ fn again(first: &Node, path: &Path, attached: &[Node]) -> Option<Node> {
     by_name.or_else(at_path).or_else(only).map(|node| (*node).clone())
 }
 
-/// A node that is held by somebody says by whom.
+/// The error for a node that another process holds names that process.
 fn held(path: &Path, error: OpenError) -> OpenError {
     let is_held = match &error {
         OpenError::Serial(SerialError::Open { cause, .. }) => cause.kind() == serialport::ErrorKind::NoDevice,

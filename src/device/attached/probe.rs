@@ -29,7 +29,7 @@ const SIGN_FAR: [f64; 2] = [0.01, 0.1];
 /// Time for hands to come or go before anything is pushed.
 const BEFORE_FORCE: Duration = Duration::from_secs(2);
 /// Speeds of the grip under a push of the sign check, and under a shake, above which it is let go, m/s and rad/s: what the lightest arm comes to with
-/// nobody at it, and half as much again.
+/// no hand on it, and half as much again.
 const PUSHED_SPEED: [f64; 2] = [0.5, 5.0];
 const SHAKEN_SPEED: [f64; 2] = [1.0, 10.0];
 /// Longest time between two commands while something is on the motors, ns.
@@ -60,7 +60,7 @@ pub enum Ended {
     Reports(u16),
     /// Its watchdog has seen no command for this long, ms, and stays tripped: the motors are off, or may be.
     Watchdog(u64),
-    /// The program stood still for this long, ms, while something was on the motors: whoever held the grip may have let go.
+    /// The program stood still for this long, ms, while something was on the motors: the hand may have let go of the grip.
     Stalled(u64),
     /// The grip moves by itself, or faster than the push can have made it: mm/s and mrad/s.
     Moves(u32, u32),
@@ -133,7 +133,7 @@ impl<'a, C: Clock> Trial<'a, C> {
         Self { go: Some(go), ..self }
     }
 
-    /// Nobody has said yet that force may come.
+    /// From here on force needs a new answer of the operator.
     fn hold_back(&self) {
         if let Some(go) = self.go {
             go.store(false, Ordering::Relaxed);
@@ -170,7 +170,7 @@ pub struct Found {
     pub made: [Option<Made>; 3],
 }
 
-/// What comes next, and wants hands on the grip or off it: nothing is pushed until whoever is [asked](Trial::asking) says so, and for two seconds
+/// What comes next, and wants hands on the grip or off it: nothing is pushed until the person who is [asked](Trial::asking) says so, and for two seconds
 /// after that.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Step {
@@ -316,7 +316,7 @@ impl<'a, 'q, C: Clock> Bench<'a, 'q, C> {
         Ok(pose)
     }
 
-    /// How fast the grip is on the axes that have motors, m/s and rad/s: a wrist without any is moved by whoever holds it.
+    /// How fast the grip is on the axes that have motors, m/s and rad/s: a wrist without any is moved by the hand that holds it.
     fn speeds(&self, sample: &DeviceSample) -> [f64; 2] {
         let actuated = self.device.capabilities().actuated;
         let Twist { linear, angular } = sample.twist;
@@ -509,7 +509,7 @@ fn shaken(device: &mut dyn Device, trial: &mut Trial<'_, impl Clock>, axis: DVec
     let period_s = trial.period_s;
     let n = (SHAKE_S / period_s) as usize;
     let mut record = Record { forces_n: Vec::with_capacity(n), ways_m: Vec::with_capacity(n), delay_ticks: 0 };
-    // Nobody holds it, so an arm whose signs are verified holds the weight of its links; another one may fall, and is let go then.
+    // No hand holds it, so an arm whose signs are verified holds the weight of its links; another one may fall, and is let go then.
     device.set_enabled(true);
     let mut bench = Bench::new(device, trial);
     // What the trial before left of motion dies away first.

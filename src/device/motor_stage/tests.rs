@@ -196,7 +196,7 @@ fn a_command_that_was_kept_back_may_go_as_far_as_those_that_it_stands_for() {
 }
 
 #[test]
-fn the_power_of_the_motors_has_a_ceiling_whoever_asks_for_it() {
+fn the_power_of_the_motors_has_one_ceiling_for_every_source() {
     let mut arm = Arm::of("polhem-2022", true);
     let still = arm.settled(DVec3::Y * 3.0);
     assert!((still.command.force.y - 3.0).abs() < 1e-9, "{still:?}");

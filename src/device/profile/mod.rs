@@ -104,12 +104,12 @@ impl Profile {
         self.real.as_ref().is_some_and(|real| !real.signs_verified)
     }
 
-    /// The limits that hold now: those of the profile, or what is left of them while nobody has verified the signs.
+    /// The limits that hold now: those of the profile, or what is left of them until the signs are verified.
     pub fn limits_now(&self) -> ProfileLimits {
         if self.has_unverified_signs() { self.unverified_limits() } else { self.limits }
     }
 
-    /// The limits while nobody has verified the signs: [`UNVERIFIED_SIGNS_FORCE_N`], and torque in proportion.
+    /// The limits until the signs are verified: [`UNVERIFIED_SIGNS_FORCE_N`], and torque in proportion.
     pub fn unverified_limits(&self) -> ProfileLimits {
         let limits = self.limits;
         let force_n = if limits.force_n > 0.0 { limits.force_n } else { UNACTUATED_FORCE_N };
@@ -149,7 +149,7 @@ impl ProfileLimits {
     }
 }
 
-/// Most that motors make at the grip whose signs nobody has verified, N; torque in proportion. One that pushes the wrong way is positive feedback.
+/// Most that motors of unverified signs make at the grip, N; torque in proportion. One that pushes the wrong way is positive feedback.
 pub const UNVERIFIED_SIGNS_FORCE_N: f64 = 0.5;
 /// Force limit that a scene assumes of an arm that has none, N: what torque is in proportion to there.
 pub(in crate::device) const UNACTUATED_FORCE_N: f64 = 10.0;

@@ -120,10 +120,10 @@ pub(super) fn profile(document: &Document<'_>, dir: &Path, written: &Written) ->
 fn bounded_stiffness(checks: &mut Checks<'_>, profile: &Profile) {
     let any = |axes: Axes| (0..7).any(|axis| axes.has(axis) && profile.actuated.has(axis));
     if any(Axes::TRANSLATION) && profile.limits.stiffness_n_per_m.is_none() {
-        checks.missing("limits.stiffness_n_per_m", "the largest stiffness that the arm renders, N/m; if nobody knows, 300");
+        checks.missing("limits.stiffness_n_per_m", "the largest stiffness that the arm renders, N/m; if unknown, 300");
     }
     if any(Axes::ROTATION) && profile.limits.stiffness_nm_per_rad.is_none() {
-        checks.missing("limits.stiffness_nm_per_rad", "the largest stiffness that the arm renders, N·m/rad; if nobody knows, 0.1");
+        checks.missing("limits.stiffness_nm_per_rad", "the largest stiffness that the arm renders, N·m/rad; if unknown, 0.1");
     }
 }
 

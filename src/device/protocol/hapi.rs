@@ -133,7 +133,7 @@ impl Codec for Host {
             for (idx, reading) in readings.iter_mut().enumerate().take(self.board.encoders.len().min(4)) {
                 *reading = f64::from(f32_at(reply, 1 + 4 * idx));
             }
-            // An angle that is no number too: whether the board says so or a byte is missing, whoever judges it lets go at once.
+            // An angle that is no number too: whether the board says so or a byte is missing, the tick takes the force away at once.
             self.report.readings = readings;
             fed.reports += 1;
             self.gather.clear();

@@ -182,7 +182,7 @@ pub trait Codec: Send {
         None
     }
 
-    /// A zero command for when nobody knows where in a frame the arm is: before a [`Self::silence`], and while the arm owes a reply. It takes force away
+    /// A zero command for when it is unknown where in a frame the arm is: before a [`Self::silence`], and while the arm owes a reply. It takes force away
     /// where it can, and does no harm where the arm reads it as something else. Leaves the frame empty where the ordinary zero does as well.
     fn zero_out_of_step(&mut self, frame: &mut Frame) {
         frame.clear();

@@ -29,7 +29,7 @@ pub(in crate::device) fn loopback(carriage: Carriage) -> (LoopbackEnd, LoopbackE
 }
 
 impl LoopbackEnd {
-    /// Gives the way to the arm an end: more bytes than `room` that nobody has taken do not fit.
+    /// Gives the way to the arm an end: more than `room` unread bytes do not fit.
     pub(in crate::device) fn limit(&self, room: usize) {
         if let Ok(mut wire) = self.wire.lock() {
             wire.room = Some(room);

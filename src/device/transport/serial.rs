@@ -252,7 +252,7 @@ mod tests {
         // Its end is that nothing more comes.
         let _ = far.read_to_end(&mut read);
         let lines: Vec<&[u8]> = read.split_inclusive(|byte| *byte == b'\n').collect();
-        // The kernel keeps one page for the reader, which nobody else can take back.
+        // The kernel keeps one page for the reader, which cannot be taken back.
         assert!(lines.len() <= 4096 / 8 + 2, "{} of {n_waiting} lines", lines.len());
         assert_eq!(lines.last(), Some(&&b"P1 0\n"[..]));
     }

@@ -23,11 +23,11 @@ pub(in crate::device) struct Connection {
     pub(in crate::device) link: Box<dyn Transport>,
     /// What speaks over it.
     pub(in crate::device) codec: Box<dyn Codec>,
-    /// Who takes the force away where this process no longer can: nobody where none was asked for or none is needed, or why there is none.
+    /// What takes the force away where this process no longer can: `None` where it was not asked for or is not needed, an error where it could not start.
     pub(in crate::device) guard: io::Result<Option<Guard>>,
 }
 
-/// Where an arm leaves the connection that it has lost and finds the next one. The other ends belong to whoever opens it again, on a cold thread.
+/// Where an arm leaves the connection that it has lost and finds the next one. The other ends belong to the reconnect thread, which is cold.
 ///
 /// There is never more than one connection: the next one is opened only after the lost one was handed over and closed, and a connection that is handed
 /// over is the whole message that the arm is lost.

@@ -29,11 +29,11 @@ pub(in crate::device) struct WiredParameters {
     pub(in crate::device) device_from_native: DQuat,
     /// What the arm can do.
     pub(in crate::device) capabilities: Capabilities,
-    /// Somebody has seen every motor push the way it is told.
+    /// A sign check has seen every motor push the way it is told.
     pub(in crate::device) signs_verified: bool,
     /// Of the profile.
     pub(in crate::device) limits: Limits,
-    /// What is left of them while nobody has: they hold whichever motors push the wrong way.
+    /// What is left of them until then: they hold whichever motors push the wrong way.
     pub(in crate::device) unverified_limits: Limits,
     /// Windows of the linear and the angular velocity, s.
     pub(in crate::device) velocity_window_s: [f64; 2],

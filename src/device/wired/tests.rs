@@ -59,7 +59,7 @@ impl Board {
     }
 }
 
-/// Both ends of a way to new connections, as whoever looks for a lost arm holds them.
+/// Both ends of a way to new connections, as the reconnect thread holds them.
 struct Lost {
     spent: rtrb::Consumer<Connection>,
     _fresh: rtrb::Producer<Connection>,
@@ -78,7 +78,7 @@ fn attached(name: &str, timebase: Timebase) -> (WiredArm, Board, Lost) {
     let ((fresh, to_arm), (spent, from_arm)) = (RingBuffer::new(1), RingBuffer::new(1));
     let lost = Lost { spent: from_arm, _fresh: fresh };
     if name.starts_with("haply") {
-        // A board that nobody has set up does not answer.
+        // A board that was not set up does not answer.
         let setup = "01 05 03 01 00 03 01 01 00 00 00 00 34 43 00 00 58 46 00 00 00 00 00 00 58 46";
         let setup: Vec<u8> = setup.split(' ').map(|byte| u8::from_str_radix(byte, 16).expect("hex")).collect();
         board.firmware.receive(&setup, 0.0, &board.readings(), &mut Outbox::new());
@@ -165,7 +165,7 @@ fn an_arm_that_hears_nothing_reads_a_zero_and_no_old_force_when_it_wakes() {
     assert!(!board.is_driven(), "{}", String::from_utf8_lossy(&buffer[..n]));
     board.firmware.receive(&buffer[first..n], board.now_s, &board.readings(), &mut out);
     assert!(!board.is_driven());
-    assert!(lost.spent.pop().is_ok(), "whoever looks for it has the port");
+    assert!(lost.spent.pop().is_ok(), "the reconnect thread has the port");
 }
 
 /// Forces that fill the line to its end: the zero does not wait for room.

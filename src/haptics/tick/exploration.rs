@@ -375,7 +375,7 @@ impl World {
             let is_acknowledged = has_deadman && past.was_let_go && arm != Arm::LetGo && request == DriveRequest::Enable;
             // Homing is a gate for a drive without force.
             if !is_acknowledged || !sudden.without(Faults::NOT_HOMED).is_empty() {
-                return Err("a fault that nobody acknowledged is gone");
+                return Err("a fault is gone without an acknowledgement");
             }
         }
         if is == Drive::Enabling && was != Drive::Enabling {
@@ -566,7 +566,7 @@ fn a_tick_that_breaks_a_rule_is_found_out() {
                 }
                 tick(scene, state, input)
             },
-            "a fault that nobody acknowledged is gone",
+            "a fault is gone without an acknowledgement",
         ),
         (
             |scene, state, input| {

@@ -190,7 +190,7 @@ fn half_open(address: SocketAddr, most: usize) -> Vec<TcpStream> {
 }
 
 #[test]
-fn who_sends_half_a_request_keeps_nobody_from_switching_force_off() {
+fn half_a_request_does_not_block_a_disable() {
     let token = "0123456789abcdef0123456789abcdef";
     let mut daemon = Daemon::of(super::folder(""), "", &[("HAPTICD_TOKEN", token)]);
     daemon.wait_for("state: enabled");
@@ -247,7 +247,7 @@ fn a_thousand_connections_find_what_places_there_are() {
     for _ in 0..1000 {
         match TcpStream::connect(daemon.address) {
             Ok(mut stream) => {
-                // Whoever has asked something keeps its place, and whoever has found none is gone.
+                // A connection that was let in keeps its place, and one that found none is gone.
                 let _ = stream.write_all(b"GET /api/v1/info HTTP/1.1\r\nHost: localhost\r\n\r\n");
                 held.push(stream);
             }

@@ -15,7 +15,7 @@ use control::{Control, Order, Permit};
 use loom::sync::Arc;
 use loom::thread;
 
-/// Somebody enables while somebody else takes force away: once both are done, and the permit was drawn before the off, there is no force.
+/// The supervisor enables while a client takes force away: once both are done, and the permit was drawn before the off, there is no force.
 #[test]
 fn an_off_is_never_lost_to_an_enable_that_was_under_way() {
     loom::model(|| {
@@ -67,7 +67,7 @@ fn offs_of_two_clients_and_an_enable_end_without_force() {
     });
 }
 
-/// Ends only grow, whoever asks for them, and no enable takes one back.
+/// Ends only grow, whatever asks for them, and no enable takes one back.
 #[test]
 fn an_end_is_kept_beside_everything_else() {
     loom::model(|| {

@@ -31,7 +31,7 @@ fn a_board_that_comes_back_under_another_name_is_known_by_what_it_is() {
     assert_eq!(find(&[]), None);
     assert_eq!(find(std::slice::from_ref(&first)), Some("/dev/ttyACM0".into()));
     assert_eq!(find(&[board("/dev/ttyACM1", "77")]), Some("/dev/ttyACM1".into()));
-    // Somebody else has its name now.
+    // Another device has its name now.
     assert_eq!(find(&[board("/dev/ttyACM0", "78")]), None);
     assert_eq!(find(&[board("/dev/ttyACM0", "78"), board("/dev/ttyACM1", "77")]), Some("/dev/ttyACM1".into()));
     assert_eq!(find(&[Node { product_id: 0x0486, ..first.clone() }]), None);
@@ -66,7 +66,7 @@ fn a_port_that_is_held_says_by_whom() {
     let pid = other.id();
     other.kill().and_then(|()| other.wait()).expect("ours");
     assert!(text.contains(&format!("sleep (process {pid})")) && text.contains(&*path.to_string_lossy()), "{text}");
-    // Nobody that can be named: the words of the port.
+    // No other process: the words of the port.
     let busy = SerialLink::open(&path, 115_200).map(|_| ()).expect_err("held by ourselves");
     assert!(held(&path, busy.into()).to_string().contains("cannot open"));
     drop((lock, far));

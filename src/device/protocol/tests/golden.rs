@@ -298,7 +298,7 @@ fn hapkit_ascii() {
     malformed_lines(&mut *host, &h1, &["Prm 1 2 3\n", "Prm 1 2 3 4 5\n", "Prm a 2 3 4\n", "1 2 3 4\n"]);
 }
 
-/// A number that is none is whole: whoever judges the samples has to hear of it.
+/// A number that is none is whole: the tick has to hear of it.
 #[test]
 fn hapkit_says_that_a_number_is_none() {
     let mut host = Protocol::HapkitAscii.codec(Carriage::Stream);
@@ -327,7 +327,7 @@ fn hapkit_says_how_long_it_has_heard_nothing() {
     assert_eq!(host.unheard(), Some(0));
 }
 
-/// What a zero does to a board whose place in the stream nobody knows, for every number of bytes of a command that it has.
+/// What a zero does to a board whose place in the stream is unknown, for every number of bytes of a command that it has.
 #[test]
 fn a_hapi_board_takes_a_zero_wherever_it_stands() {
     use Turn::Clockwise as Cw;

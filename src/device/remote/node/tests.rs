@@ -261,7 +261,7 @@ fn an_arm_that_is_gone_silent_hot_or_without_its_zero_takes_no_force() {
             arm.is_gone = false;
             arm.sample = DeviceSample { status: SampleStatus::Fresh, ..DeviceSample::default() };
         });
-        assert_eq!(bench.ticks(30, true, 1.0), DVec3::ZERO, "{name}: nobody has acknowledged");
+        assert_eq!(bench.ticks(30, true, 1.0), DVec3::ZERO, "{name}: not acknowledged yet");
         bench.ticks(3, false, 0.0);
         assert!(bench.ticks(50, true, 1.0).x > 0.9, "{name}: well again");
     }

@@ -131,7 +131,7 @@ impl Bound {
     }
 }
 
-/// A loopback address that nobody is told: the crate's server behind the gate asks no page where it is from, so none may find it. With the port
+/// A loopback address that is not published: the crate's server behind the gate asks no page where it is from, so none may find it. With the port
 /// that the kernel chooses there are some 10¹¹ places to look at. Which it is stands in `/proc/net/tcp` for programs of this machine, which may
 /// watch anyway.
 fn hidden_loopback() -> Ipv4Addr {
