@@ -45,6 +45,10 @@ pub(super) trait Rig: Send {
     fn advance(&mut self);
     /// What the motors make.
     fn felt(&self) -> Wrench;
+    /// The same with the weight of the links that they hold.
+    fn made_by_motors(&self) -> Wrench {
+        self.felt()
+    }
     /// True while any motor has a command.
     fn is_driven(&self) -> bool;
     fn pose(&self) -> Pose;
@@ -87,7 +91,7 @@ pub(super) fn every_arm() -> Vec<Box<Make>> {
     arms(true)
 }
 
-/// The same with signs that nobody has verified, as they are shipped.
+/// The same with unverified signs, as they are shipped.
 pub(super) fn every_arm_as_shipped() -> Vec<Box<Make>> {
     arms(false)
 }
@@ -307,14 +311,6 @@ impl WiredRig {
         Self::unlike(profile, profile.real.as_ref().expect("real"), arm, hand, Trouble::None)
     }
 
-    /// What the motors make at the grip, the weight of the links included that they hold.
-    pub(super) fn made_by_motors(&self) -> Wrench {
-        let side = self.side();
-        let mut linkage = self.linkage.clone();
-        linkage.follow(side.mock.pose(), crate::spatial::Twist::ZERO, 1.0);
-        linkage.wrench(&side.mock.motors(), 0.0)
-    }
-
     fn unlike(profile: &Profile, real: &RealArm, arm: &Profile, hand: Option<DVec3>, trouble: Trouble) -> Self {
         let settings =
             MockSettings { hand: hand.map(hand_at), hand_delay: core::time::Duration::ZERO, faults: Vec::new(), seed: 1 };
@@ -411,6 +407,13 @@ impl Rig for WiredRig {
         Wrench::new(DVec3::new(named.fx_n, named.fy_n, named.fz_n), DVec3::new(named.tx_nm, named.ty_nm, named.tz_nm))
     }
 
+    fn made_by_motors(&self) -> Wrench {
+        let side = self.side();
+        let mut linkage = self.linkage.clone();
+        linkage.follow(side.mock.pose(), crate::spatial::Twist::ZERO, 1.0);
+        linkage.wrench(&side.mock.motors(), 0.0)
+    }
+
     fn is_driven(&self) -> bool {
         self.side().mock.motors() != [0.0; MAX_AXES]
     }
@@ -479,7 +482,7 @@ impl Rig for WiredRig {
     }
 
     fn reconnect(&mut self) -> bool {
-        assert!(self.spent.pop().is_ok(), "{}: nobody was given what was lost", self.name());
+        assert!(self.spent.pop().is_ok(), "{}: the lost connection was not handed over", self.name());
         let connection = plugged(&self.side, &self.protocol, self.carriage, true);
         assert!(self.to_arm.push(connection).is_ok(), "{}: the last one was not taken", self.name());
         true

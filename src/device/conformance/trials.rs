@@ -5,41 +5,11 @@ use core::time::Duration;
 use std::sync::{Arc, Mutex, MutexGuard};
 
 use super::rig::{Rig, Trouble, every_arm_as_shipped};
+use super::wrong_signs::InStep;
 use crate::device::attached::probe::{self, Answers, Ended, Found, Plan, Push, Sign, Trial};
 use crate::device::{Capabilities, Device, DeviceError};
 use crate::rt::clock::{Clock, ClockKind, VirtualClock};
 use crate::spatial::{Axes, DeviceSample, Wrench};
-
-/// The arm with a period of its mock after each command.
-struct InStep(Box<dyn Rig>);
-
-impl Device for InStep {
-    fn capabilities(&self) -> Capabilities {
-        Capabilities { actuated: Axes::from_name("x").expect("an axis"), ..Capabilities::default() }
-    }
-
-    fn read(&mut self) -> Result<DeviceSample, DeviceError> {
-        self.0.device().read()
-    }
-
-    fn write(&mut self, wrench_device: &Wrench) -> Result<Wrench, DeviceError> {
-        let made = self.0.device().write(wrench_device);
-        self.0.advance();
-        made
-    }
-
-    fn set_enabled(&mut self, enabled: bool) {
-        self.0.device().set_enabled(enabled);
-    }
-
-    fn doubt_signs(&mut self, doubted: bool) {
-        self.0.device().doubt_signs(doubted);
-    }
-
-    fn stop(&mut self) {
-        self.0.device().stop();
-    }
-}
 
 /// Joints, encoder steps, whole numbers of motor current and a wire lie between what is fitted and what moves.
 #[test]
@@ -53,7 +23,7 @@ fn an_arm_on_a_wire_is_identified() {
         }
         let mut trial = Trial::new(VirtualClock::default(), 1.0 / f64::from(rig.profile().link.rate_hz), &quit);
         let mut made = [None; 3];
-        probe::identify(&mut InStep(rig), &mut trial, &mut made).expect("there");
+        probe::identify(&mut InStep::new(rig, Axes::from_name("x").expect("an axis")), &mut trial, &mut made).expect("there");
         let made = made[0].expect("moved");
         let (bound, damping) = (made.damping_bound_n_s_per_m, plant.damping_n_s_per_m);
         assert!(bound <= 1.02 * damping && bound >= 0.6 * damping, "{name}: {damping} N·s/m, {made:?}");

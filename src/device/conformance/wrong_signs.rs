@@ -12,7 +12,7 @@ use crate::device::profile::{self, Profile};
 use crate::device::protocol::MAX_AXES;
 use crate::device::{Capabilities, Device, DeviceError};
 use crate::rt::clock::VirtualClock;
-use crate::spatial::{DeviceSample, Wrench};
+use crate::spatial::{Axes, DeviceSample, Wrench};
 
 /// What the grip may move from the sample that a command was made of until it acts.
 const LATE: f64 = 1.01;
@@ -156,35 +156,46 @@ fn motors_of_unverified_signs_never_make_more_than_the_cap() {
     }
 }
 
-/// Takes note of what the motors make, a period of the arm after each command.
-struct Watched(WiredRig, Largest);
+/// The arm with a period of its mock after each command; takes note of what the motors make.
+pub(super) struct InStep {
+    rig: Box<dyn Rig>,
+    actuated: Axes,
+    made: Largest,
+}
 
-impl Device for Watched {
+impl InStep {
+    /// `actuated`: the axes that are tried.
+    pub(super) fn new(rig: Box<dyn Rig>, actuated: Axes) -> Self {
+        Self { rig, actuated, made: Largest::default() }
+    }
+}
+
+impl Device for InStep {
     fn capabilities(&self) -> Capabilities {
-        Capabilities { actuated: self.0.profile().actuated, ..Capabilities::default() }
+        Capabilities { actuated: self.actuated, ..Capabilities::default() }
     }
 
     fn read(&mut self) -> Result<DeviceSample, DeviceError> {
-        self.0.device().read()
+        self.rig.device().read()
     }
 
     fn write(&mut self, wrench_device: &Wrench) -> Result<Wrench, DeviceError> {
-        let rendered = self.0.device().write(wrench_device);
-        self.0.advance();
-        self.1.take(self.0.made_by_motors());
+        let rendered = self.rig.device().write(wrench_device);
+        self.rig.advance();
+        self.made.take(self.rig.made_by_motors());
         rendered
     }
 
     fn set_enabled(&mut self, enabled: bool) {
-        self.0.device().set_enabled(enabled);
+        self.rig.device().set_enabled(enabled);
     }
 
     fn doubt_signs(&mut self, doubted: bool) {
-        self.0.device().doubt_signs(doubted);
+        self.rig.device().doubt_signs(doubted);
     }
 
     fn stop(&mut self) {
-        self.0.device().stop();
+        self.rig.device().stop();
     }
 }
 
@@ -202,11 +213,11 @@ fn a_sign_check_pushes_no_harder_than_it_says_whatever_is_wrong() {
                 for _ in 0..500 {
                     tick(&mut rig, Wrench::ZERO).expect("there");
                 }
-                let mut arm = Watched(rig, Largest::default());
+                let mut arm = InStep::new(Box::new(rig), profile.actuated);
                 let mut trial = Trial::new(VirtualClock::default(), 1e-3, &quit).with_torque(probe::torque_max_nm(&profile));
                 let mut signs = [None; 6];
                 let ended = probe::check_signs(&mut arm, &mut trial, &Push::of(&profile), &mut signs);
-                let made = arm.1;
+                let made = arm.made;
                 assert!(made.force_n <= LATE * probe::FORCE_MAX_N, "{name} {wrong:?} {is_verified}: {made:?}, {ended:?}");
                 assert!(made.torque_nm <= LATE * probe::torque_max_nm(&profile), "{name} {wrong:?} {is_verified}: {made:?}");
                 assert!(made.force_n > 0.1, "{name} {wrong:?}: {made:?} tries nothing");
@@ -224,7 +235,7 @@ fn motors_of_verified_signs_that_push_the_wrong_way_stay_within_the_profile() {
             for (deed, hand) in [(Deed::Idle, Some(HELD_M)), (Deed::Idle, None), (Deed::Press, Some(HELD_M))] {
                 // Through one wrong motor the force of a scene comes out another way, and longer by what the pose makes of it: a profile that
                 // says that the signs are verified is believed there.
-                // And one that nobody holds runs off into a singular pose, faster than a sample is told.
+                // And an arm without a hand on it runs off into a singular pose, faster than a sample is told.
                 if wrong.len() != 1 || matches!((deed, hand), (Deed::Idle, Some(_))) {
                     let mut rig = WiredRig::miswired(&profile, &reversed(&profile, &wrong), hand);
                     let made = driven(&mut rig, deed, 600);

@@ -110,21 +110,8 @@ fn torque_is_in_proportion_to_the_force_of_unverified_signs() {
 #[test]
 fn what_was_found_before_the_end_is_kept() {
     // Told to end after the second axis: 2 s of listening, 2 s before force, 0.4 s for each.
-    struct Quits(VirtualClock, i64, &'static AtomicBool);
-    impl Clock for Quits {
-        fn kind(&self) -> crate::rt::clock::ClockKind {
-            self.0.kind()
-        }
-        fn now_ns(&mut self) -> i64 {
-            self.0.now_ns()
-        }
-        fn sleep_until(&mut self, deadline_ns: i64) {
-            self.0.sleep_until(deadline_ns);
-            self.2.store(deadline_ns > self.1, Ordering::Relaxed);
-        }
-    }
     static QUIT: AtomicBool = AtomicBool::new(false);
-    let mut trial = Trial::new(Quits(VirtualClock::default(), 4_900_000_000, &QUIT), T, &QUIT).with_torque(TORQUE_MAX_NM);
+    let mut trial = Trial::new(Says(VirtualClock::default(), 4_900_000_000, &QUIT), T, &QUIT).with_torque(TORQUE_MAX_NM);
     let plan = Plan { listen: Duration::from_secs(2), push: Some(PUSH), identify: true };
     let (mut found, mut steps) = (Found::default(), Vec::new());
     let ended = try_out(&mut arm(None), &mut trial, &plan, &mut found, |step| steps.push(step));
@@ -133,7 +120,7 @@ fn what_was_found_before_the_end_is_kept() {
     assert_eq!(found.signs, [Some(Sign::Right), Some(Sign::Right), None, None, None, None]);
 }
 
-/// A clock by which somebody says something at a time.
+/// A clock that sets a flag at a given time, as an operator would.
 struct Says(VirtualClock, i64, &'static AtomicBool);
 
 impl Clock for Says {
