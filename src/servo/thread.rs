@@ -174,6 +174,29 @@ mod tests {
     }
 
     #[test]
+    fn a_disable_ends_the_ramp_of_a_stop() {
+        let steps_after_stop = |is_disabled: bool| {
+            let (producer, _records) = RingBuffer::new(4096);
+            let control = Arc::new(Control::enabled());
+            let plan = RunPlan::default();
+            let arm = CountingArm::default();
+            let mut servo = ServoLoop::new(empty_scene(), arm, VirtualClock::default(), control.clone(), plan, producer);
+            servo.warm_up();
+            assert!((0..400).all(|_| servo.step() == Step::Continue));
+            control.stop();
+            assert!((0..10).all(|_| servo.step() == Step::Continue), "it ramps");
+            if is_disabled {
+                control.disable();
+            }
+            let steps = (0..1000).take_while(|_| servo.step() == Step::Continue).count();
+            assert_eq!(servo.finish().ending, Ending::Stopped);
+            steps
+        };
+        assert_eq!(steps_after_stop(true), 0, "the next tick is the last one");
+        assert!(steps_after_stop(false) > 10);
+    }
+
+    #[test]
     fn a_refused_command_makes_the_next_sample_lost() {
         let arm = CountingArm { refuse_write_from: Some(10), ..CountingArm::default() };
         let bench = bench(VirtualClock::default(), arm, None, 64, faulting_when_lost);

@@ -79,6 +79,31 @@ fn a_real_arm_that_nobody_may_enable_is_refused() {
 }
 
 #[test]
+fn an_enable_that_waited_gives_no_force_after_a_later_disable() {
+    for is_disabled in [false, true] {
+        let arm =
+            CountingArm { capabilities: Capabilities { simulated: false, ..Capabilities::default() }, ..CountingArm::default() };
+        let (enable, enables) = bounded(4);
+        let control = Arc::new(Control::new());
+        // Both before the run begins, as during a bake.
+        enable.send(Enable(control.permit())).expect("room");
+        if is_disabled {
+            control.disable();
+        }
+        let operator = Operator { enables_at_start: false, waits_after_fault: true, holds_back: false, enables: Some(enables) };
+        let mut phases = Vec::new();
+        let mut supervisor = Supervisor::new(|notice| {
+            if let Notice::Phase(phase) = notice {
+                phases.push(phase);
+            }
+        });
+        let job = job(Box::new(arm), ClockKind::Real, 1000);
+        supervisor.render_live(job, Live { operator, ..Live::default() }, &control).expect("an outcome");
+        assert_eq!(phases.contains(&Phase::Enabling), !is_disabled, "{phases:?}");
+    }
+}
+
+#[test]
 fn after_a_fault_force_waits_for_the_operator_and_the_run_still_counts_as_faulted() {
     let arm = CountingArm { lost_from_read: Some(60), back_from_read: Some(120), ..CountingArm::default() };
     let log = arm.log.clone();
