@@ -248,10 +248,10 @@ impl WiredArm {
         let is_stall = self.n_reads > 1 && since_s > stall_s;
         self.last_read_s = now_s;
         if is_stall {
-            // The host said nothing meanwhile: its silence does not count. That of a network does.
-            self.last_heard_s += since_s;
+            // The host said nothing meanwhile: the silence of the arm counts no longer than up to the stall. That of a network does.
+            self.last_heard_s += since_s - stall_s;
             if self.parameters.link_silence_s.is_none() {
-                self.last_report_s += since_s;
+                self.last_report_s += since_s - stall_s;
             }
             // A link of the loop's own is empty after this read, one with threads may bring more.
             self.old_until_s = Some(if self.io == IoPlacement::OwnThread { now_s + BACKLOG_S } else { now_s });

@@ -17,7 +17,7 @@ const HUNG: Duration = Duration::from_secs(60);
 const ATTEMPTS: u64 = 6;
 
 /// One exchange at a time.
-fn alone() -> MutexGuard<'static, ()> {
+pub(crate) fn alone() -> MutexGuard<'static, ()> {
     static LINE: Mutex<()> = Mutex::new(());
     LINE.lock().unwrap_or_else(PoisonError::into_inner)
 }

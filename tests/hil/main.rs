@@ -4,6 +4,7 @@
 //! let them (no SCHED_FIFO, a busy host), a run that the machine itself has spoilt is repeated; see [`link::repeat`].
 
 mod arms;
+mod deaf;
 mod faults;
 mod guard;
 mod link;
