@@ -94,7 +94,7 @@ impl PublishArgs {
             Err(problem) => {
                 let hint = match &problem {
                     PublishError::Owned { .. } => "leave it out of --own to see it where its owner says, or end the other run",
-                    _ => "docs/ros2.md says how endpoints are written and who has to listen",
+                    _ => "docs/how-to/ros2.md says how endpoints are written and who has to listen",
                 };
                 refuse(&problem.to_string(), hint)
             }

@@ -1,4 +1,4 @@
-//! States and events as they go over the wire; `docs/api.md` is their description.
+//! States and events as they go over the wire; `docs/reference/api.md` is their description.
 
 use axum::extract::ws::Message;
 use glam::{DQuat, DVec3};
@@ -356,7 +356,7 @@ mod tests {
 
     #[test]
     fn the_numbers_of_a_binary_state_are_the_documented_ones() {
-        let page = include_str!("../../docs/api.md");
+        let page = include_str!("../../docs/reference/api.md");
         for (number, cause) in OffCause::ALL.into_iter().enumerate() {
             assert_eq!(cause as usize, number);
             assert!(page.contains(&format!("{number} `{}`", cause.name())), "{number} {}", cause.name());

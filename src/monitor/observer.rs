@@ -55,7 +55,7 @@ impl Seen<'_> {
         &self.newest.fed.record
     }
 
-    /// The state as `docs/api.md` has it, without contact points and history.
+    /// The state as `docs/reference/api.md` has it, without contact points and history.
     pub fn text(&self, seq: u64) -> String {
         encode::with_counts(&self.hub.text(&self.newest, Extras::default()), seq, 0)
     }

@@ -125,7 +125,7 @@ async fn in_our_words(response: Response) -> Response {
         return Problem::new(head.status, format!("a body has at most {MOST_BYTES} bytes"), "").into_response();
     }
     let text = axum::body::to_bytes(body, LONGEST_REFUSAL).await.unwrap_or_default();
-    Problem::new(head.status, String::from_utf8_lossy(&text), "docs/api.md lists what there is").into_response()
+    Problem::new(head.status, String::from_utf8_lossy(&text), "docs/reference/api.md lists what there is").into_response()
 }
 
 async fn hardened(mut response: Response) -> Response {
@@ -145,11 +145,11 @@ async fn page_file(name: String) -> Response {
 }
 
 async fn nothing() -> Problem {
-    Problem::new(StatusCode::NOT_FOUND, "there is nothing here", "docs/api.md lists what there is")
+    Problem::new(StatusCode::NOT_FOUND, "there is nothing here", "docs/reference/api.md lists what there is")
 }
 
 async fn wrong_method() -> Problem {
-    Problem::new(StatusCode::METHOD_NOT_ALLOWED, "not with this method", "docs/api.md lists what there is")
+    Problem::new(StatusCode::METHOD_NOT_ALLOWED, "not with this method", "docs/reference/api.md lists what there is")
 }
 
 async fn info(State(served): State<Arc<Served>>) -> Json<Value> {

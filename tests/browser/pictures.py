@@ -1,4 +1,4 @@
-"""Makes the pictures of docs/gallery.md that show the monitor page, and frames of the moving one of the README.
+"""Makes the pictures of docs/reference/gallery.md that show the monitor page, and frames of the moving one of the README.
 
     HAPTICD=target/release/hapticd python3 tests/browser/pictures.py DIR [SCENE... | frames]
 

@@ -1,7 +1,7 @@
 //! Every craft as a scripted scene, held against what is known in closed form; and the clay scenes that are shipped.
 //!
 //! A ball of clay with a radius of 15 mm stands at the origin, the ball in the hand comes from above. With `CLAY_PICTURES` naming a folder,
-//! each leaves its pictures there: those of `docs/gallery.md`.
+//! each leaves its pictures there: those of `docs/reference/gallery.md`.
 
 use std::f64::consts::PI;
 use std::fmt::Write as _;

@@ -92,7 +92,7 @@ fn every_file_that_a_document_names_is_there() {
     for page in pages() {
         let text = fs::read_to_string(&page).unwrap();
         // What the page of the papers names is below `src` unless it says otherwise.
-        let is_of_code = page.ends_with("docs/papers.md");
+        let is_of_code = page.ends_with("docs/explanation/papers.md");
         for (n, word) in quoted(&text) {
             let is_file = OURS.iter().any(|start| word.starts_with(start)) || is_of_code && word.contains('/');
             if !is_file || word.contains([' ', '*', '…']) {
@@ -138,7 +138,7 @@ fn every_paper_that_the_code_names_is_in_the_bibliography() {
     let mut named = BTreeSet::new();
     walk(&root.join("src"), &mut named);
     assert!(named.len() > 15, "{named:?}");
-    let page = fs::read_to_string(root.join("docs/papers.md")).unwrap();
+    let page = fs::read_to_string(root.join("docs/explanation/papers.md")).unwrap();
     let listed: BTreeSet<String> =
         page.lines().filter_map(|line| line.strip_prefix("- **")).flat_map(keys).map(str::to_owned).collect();
     let missing: Vec<_> = named.difference(&listed).collect();

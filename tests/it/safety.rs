@@ -1,4 +1,4 @@
-//! The safety table against a whole loop: the simulated arm in contact, something goes wrong, ticks are counted. `docs/safety.md` names these
+//! The safety table against a whole loop: the simulated arm in contact, something goes wrong, ticks are counted. `docs/reference/safety.md` names these
 //! tests; what an arm in the same process cannot play is tested in `src/haptics/tick/tests.rs`.
 
 use std::sync::Arc;
@@ -305,7 +305,7 @@ fn signs_that_nobody_verified_cap_the_force() {
 
 #[test]
 fn the_table_names_every_fault_and_every_cause() {
-    let page = include_str!("../../docs/safety.md");
+    let page = include_str!("../../docs/reference/safety.md");
     let rules = page.split("## Rules").nth(1).and_then(|rest| rest.split("\n## ").next()).expect("the table");
     for (_, name, _) in Faults::TABLE {
         assert!(rules.contains(&format!("\n| `{name}` |")), "{name} has no row");

@@ -54,7 +54,7 @@ const FAULTS: [(&str, FaultKind); 6] = [
 ];
 
 /// Ticks from the fault to the first period without force, at most, by protocol; `None`: the wire cannot say it. On whole numbers a number that is none
-/// reads 0, which is a jump. A link adds what is on its way: a reply, and a frame. `docs/safety.md` repeats this table.
+/// reads 0, which is a jump. A link adds what is on its way: a reply, and a frame. `docs/reference/safety.md` repeats this table.
 const WITHIN: [(&str, [Option<u64>; 6]); 9] = [
     ("dynamixel2", [Some(2), Some(2), None, Some(21), Some(21), Some(21)]),
     ("falcon-nibble16", [None, Some(2), Some(2), Some(21), Some(21), Some(21)]),

@@ -325,5 +325,5 @@ fn parse(path: &Path, text: &str) -> Result<Profile, ConfigErrors> {
 /// Protocols that exist and that this version does not speak.
 const OTHER_CODECS: [(&str, &str); 2] = [
     ("haply-service", "of Haply's arms it drives the 2DIY, codec \"hapi-f32\""),
-    ("openffboard-hid", "an arm with firmware of one's own speaks \"open6\", see docs/protocol.md"),
+    ("openffboard-hid", "an arm with firmware of one's own speaks \"open6\", see docs/reference/protocol.md"),
 ];

@@ -69,7 +69,7 @@ pub enum Protocol {
         /// The servos from base to grip: at most [`MAX_AXES`], ids unique.
         servos: Vec<Servo>,
     },
-    /// The open protocol of `docs/protocol.md`, HID or serial, one state per command.
+    /// The open protocol of `docs/reference/protocol.md`, HID or serial, one state per command.
     /// Readings 0–2: x, y, z, m; 3–6: orientation x, y, z, w; 7: grip, rad. Rates: velocity, m/s; angular velocity, rad/s; 7: grip, rad/s
     /// (0 where not sent). Motors 0–2: force, N; 3–5: torque, N·m; 6: grip torque, N·m.
     Open6(Open6Arm),

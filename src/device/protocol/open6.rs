@@ -1,4 +1,4 @@
-//! `open6`: the open 6-DoF protocol of `docs/protocol.md`, over HID and serial. This file holds the packets and the host's side.
+//! `open6`: the open 6-DoF protocol of `docs/reference/protocol.md`, over HID and serial. This file holds the packets and the host's side.
 
 use core::time::Duration;
 

@@ -1,4 +1,4 @@
-//! The arm's side of `open6`: the state machine of `docs/protocol.md`, as the reference for firmware.
+//! The arm's side of `open6`: the state machine of `docs/reference/protocol.md`, as the reference for firmware.
 //!
 //! ```text
 //!            HELLO                 enable, homed               no COMMAND for the watchdog time

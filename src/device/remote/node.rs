@@ -7,7 +7,7 @@
 //!                      │  └───────────────────────────────┘                            │        │ enable clear, STOP
 //!                      └───────────────────────────────────────────────────────────────┴────────┘
 //! ```
-//! It is the state machine of open6 (`docs/protocol.md`, section 6), with [`Hold`] in the place of the watchdog. It listens to one host, by the token
+//! It is the state machine of open6 (`docs/reference/protocol.md`, section 6), with [`Hold`] in the place of the watchdog. It listens to one host, by the token
 //! of its HELLO, and to another one only after that one has said STOP, or nothing for a second.
 //!
 //! The node trusts nobody with its arm: force and torque are limited once more, their change too, and nothing pushes while the arm is lost, silent, not

@@ -1,4 +1,4 @@
-//! What open6 1.2 adds to the payloads of 1.0 (`docs/protocol.md`, section 11). A packet fills a report of 64 bytes, which is one datagram.
+//! What open6 1.2 adds to the payloads of 1.0 (`docs/reference/protocol.md`, section 11). A packet fills a report of 64 bytes, which is one datagram.
 
 use super::hold::HoldTiming;
 use crate::device::protocol::number::u16_at;

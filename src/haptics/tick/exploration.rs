@@ -7,7 +7,7 @@
 //! memory.
 //!
 //! Left out: `stuck`, `power` and `solver`, which need a motion, and the parameters and obstacles that a client changes. The rules are those
-//! of `docs/safety.md`; the time steps are coarse, so that a ramp has three.
+//! of `docs/reference/safety.md`; the time steps are coarse, so that a ramp has three.
 
 use std::collections::HashMap;
 

@@ -1,4 +1,4 @@
-//! The safety table, row by row: samples in, drive and wrench out, ticks counted. `docs/safety.md` names these tests.
+//! The safety table, row by row: samples in, drive and wrench out, ticks counted. `docs/reference/safety.md` names these tests.
 
 use glam::{DMat3, DVec3};
 

@@ -95,7 +95,7 @@ impl Splats {
     }
 }
 
-/// `docs/api.md` is the description. O(samples).
+/// `docs/reference/api.md` is the description. O(samples).
 fn encoded(view: &View, most: usize) -> Vec<u8> {
     let points = &*view.points;
     let kept = thinned(points, view.spacing_m, most);

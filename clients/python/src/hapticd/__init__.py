@@ -1,4 +1,4 @@
-"""A client of hapticd, an open 6-DoF haptic rendering server (`docs/api.md` of the server is the protocol).
+"""A client of hapticd, an open 6-DoF haptic rendering server (`docs/reference/api.md` of the server is the protocol).
 
     from hapticd import Client
 

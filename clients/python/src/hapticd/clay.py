@@ -1,4 +1,4 @@
-"""What clients do to clay (`hapticd sculpt`): choose the craft, hold, take strokes back, save, and look at the samples. `docs/api.md`, section 12."""
+"""What clients do to clay (`hapticd sculpt`): choose the craft, hold, take strokes back, save, and look at the samples. `docs/reference/api.md`, section 12."""
 
 from __future__ import annotations
 

@@ -73,7 +73,7 @@ class Client:
         return str(self._connection.hello["version"])
 
     def info(self) -> dict[str, Any]:
-        """What the run says of itself: program, clock, rate, arm, limits, what the machine lacks (`GET /api/v1/info` in `docs/api.md`)."""
+        """What the run says of itself: program, clock, rate, arm, limits, what the machine lacks (`GET /api/v1/info` in `docs/reference/api.md`)."""
         said: dict[str, Any] = self._connection.json("/api/v1/info")
         return said
 

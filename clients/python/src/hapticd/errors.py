@@ -13,7 +13,7 @@ class Refused(HapticdError):
     """The server did not do what it was asked for. The message is the server's own, with its hint."""
 
     status: int
-    """Number of the refusal, as in HTTP: `docs/api.md`, section 3."""
+    """Number of the refusal, as in HTTP: `docs/reference/api.md`, section 3."""
     error: str
     """What is wrong, in the server's words."""
     hint: str

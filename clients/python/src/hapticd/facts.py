@@ -79,7 +79,7 @@ class Scene:
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Something that happened: `docs/api.md`, section 7."""
+    """Something that happened: `docs/reference/api.md`, section 7."""
 
     event: str
     """Such as `state`, `fault`, `scene`, `parameter`, `recording`, `clay`."""
@@ -126,7 +126,7 @@ class Mesh:
 
     @classmethod
     def from_bytes(cls, data: bytes) -> Mesh:
-        """Takes a mesh as the server sends it (`docs/api.md`, section 9). Raises ValueError for anything else."""
+        """Takes a mesh as the server sends it (`docs/reference/api.md`, section 9). Raises ValueError for anything else."""
         head = np.frombuffer(data, "<u4", 4) if len(data) >= 16 else np.zeros(4, np.uint32)
         n_vertices, n_indices = int(head[2]), int(head[3])
         if data[:4] != b"HMSH" or head[1] != 1 or len(data) != 16 + 12 * n_vertices + 4 * n_indices:

@@ -1,8 +1,8 @@
-//! The frames and the states of `docs/protocol.md`.
+//! The frames and the states of `docs/reference/protocol.md`.
 
 use super::*;
 
-const PAGE: &str = include_str!("../../../../docs/protocol.md");
+const PAGE: &str = include_str!("../../../../docs/reference/protocol.md");
 
 /// The frame of that name on the page: its packet, and what of it goes over a serial line.
 fn frame(name: &str) -> (Vec<u8>, Vec<u8>) {

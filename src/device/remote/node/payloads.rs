@@ -1,4 +1,4 @@
-//! What a node says, byte by byte: CAPABILITIES when it is greeted, STATE in every period (`docs/protocol.md`, sections 5 and 11).
+//! What a node says, byte by byte: CAPABILITIES when it is greeted, STATE in every period (`docs/reference/protocol.md`, sections 5 and 11).
 
 use super::NodeParameters;
 use crate::device::protocol::open6::{ANGULAR_STEPS, CAPABILITIES_LEN, ENABLED, HOMED, LINEAR_STEPS, MAJOR, TRIPPED, bits_of};
