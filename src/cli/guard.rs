@@ -24,7 +24,7 @@ pub(super) fn main() -> Option<ExitCode> {
     words.next().filter(|word| word == "guard")?;
     let args = Args::parse_from(std::iter::once("hapticd guard".into()).chain(words));
     if guard::watch(&args.frame, args.priority).is_err() {
-        let message = "this is a part of a run, which starts it beside a real arm: see docs/how-to/operate.md";
+        let message = "this is a part of a run, which starts it beside a real arm: see docs/reference/safety.md";
         Args::command().error(ErrorKind::MissingRequiredArgument, message).exit();
     }
     Some(ExitCode::SUCCESS)

@@ -1,6 +1,6 @@
 //! Files of strokes: what is done to a piece of clay, and when.
 //!
-//! TOML, `version = 1`, then a `[[stroke]]` table for each, with `at_s` (loop time, s) and `do`; `docs/how-to/sculpting.md` lists the keys. Files
+//! TOML, `version = 1`, then a `[[stroke]]` table for each, with `at_s` (loop time, s) and `do`; `docs/reference/clay.md` lists the keys. Files
 //! that are read are relative to the file of strokes, files that are written to the working directory.
 
 mod laid;

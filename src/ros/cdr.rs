@@ -1,4 +1,4 @@
-//! Little-endian plain CDR (`docs/how-to/ros2.md`, *Messages as bytes*).
+//! Little-endian plain CDR (`docs/reference/ros2.md`, *Messages as bytes*).
 
 /// The encapsulation header: plain CDR, little-endian.
 const ENCAPSULATION: [u8; 4] = [0, 1, 0, 0];

@@ -1,7 +1,7 @@
 //! The messages that hapticd sends: fields in their order, type names, hashes.
 //!
 //! A hash is that of the type's definition (REP-2016, `RIHS01`). `tests/fixtures/cdr/type_hashes.json` has them as another program computes
-//! them from the definitions; docs/how-to/ros2.md names where they are published.
+//! them from the definitions; docs/reference/ros2.md names where they are published.
 
 use std::time::{SystemTime, UNIX_EPOCH};
 

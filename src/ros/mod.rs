@@ -9,7 +9,7 @@
 //! | `topics` | which part of a record is which message, on which topic |
 //! | `names` | namespaces, key expressions, liveliness tokens, attachments |
 //!
-//! Invariants: pure, always compiled, knows of no network. `docs/how-to/ros2.md` is its description; golden bytes and hashes by libraries that share no
+//! Invariants: pure, always compiled, knows of no network. `docs/reference/ros2.md` is its description; golden bytes and hashes by libraries that share no
 //! code with it are in `tests/fixtures/cdr`.
 
 mod cdr;

@@ -2,7 +2,7 @@
 //!
 //! # Source
 //! The design document of `rmw_zenoh` (`docs/design.md` of `ros2/rmw_zenoh`), and what its `liveliness_utils.cpp` and `qos.cpp` do beyond it. The
-//! words of both are quoted in docs/how-to/ros2.md.
+//! words of both are quoted in docs/reference/ros2.md.
 
 use core::fmt::{Display, Formatter};
 use core::str::FromStr;
@@ -180,7 +180,7 @@ mod tests {
 
     #[test]
     fn a_gid_is_the_one_that_rmw_zenoh_makes_of_the_token() {
-        // Captured from its own hash by others (docs/how-to/ros2.md).
+        // Captured from its own hash by others (docs/reference/ros2.md).
         let hash = STRING.hash;
         for (token, expected) in [
             (format!("@ros2_lv/0/1/0/0/MP/%/%/a/%b/a::msg::dds_::B_/{hash}/::,:,:,:,,"), "d6944d1f878b2ccca940730c04a67353"),

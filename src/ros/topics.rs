@@ -1,4 +1,4 @@
-//! Which part of a record is which message, on which topic: the table of `docs/how-to/ros2.md`.
+//! Which part of a record is which message, on which topic: the table of `docs/reference/ros2.md`.
 
 use super::messages::{
     DiagnosticArray, DiagnosticStatus, Header, JointState, Joy, Level, Message, MessageType, OperatingState, PoseStamped, Time,
@@ -193,7 +193,7 @@ mod tests {
 
     #[test]
     fn every_topic_is_in_the_table_with_its_type() {
-        let page = include_str!("../../docs/how-to/ros2.md");
+        let page = include_str!("../../docs/reference/ros2.md");
         for topic in Topic::ALL {
             let row = format!("`{}` | `{}/{}`", topic.name(), topic.message_type().package, topic.message_type().name);
             assert!(page.contains(&row), "{row}");

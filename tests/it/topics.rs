@@ -84,7 +84,7 @@ mod live {
         f64::from_le_bytes(bytes.try_into().unwrap())
     }
 
-    /// Position of a pose in the frame `device` or `world`: it begins at byte 28 (docs/how-to/ros2.md).
+    /// Position of a pose in the frame `device` or `world`: it begins at byte 28 (docs/reference/ros2.md).
     fn position(message: &[u8]) -> [f64; 3] {
         [0, 1, 2].map(|axis| number(&message[28 + 8 * axis..36 + 8 * axis]))
     }

@@ -1,5 +1,5 @@
 //! Two machines in simulated time: the host's loop here, the node with its arm and hand there, and a network with delay, jitter and loss between them.
-//! `docs/how-to/two-machines.md` has the figures that these tests print.
+//! `docs/explanation/two-machines.md` has the figures that these tests print.
 
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;

@@ -1,4 +1,4 @@
-"""The layouts of ROS 2 messages in docs/how-to/ros2.md, held against messages that CDR libraries made."""
+"""The layouts of ROS 2 messages in docs/reference/ros2.md, held against messages that CDR libraries made."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def test_a_message_is_where_the_document_says(message: dict[str, Any]) -> None:
         case "DiagnosticArray":
             assert statuses(read) == fields["status"]
         case other:
-            raise AssertionError(f"docs/how-to/ros2.md does not have {other}")
+            raise AssertionError(f"docs/reference/ros2.md does not have {other}")
     assert read.at == len(read.data), "nothing behind the last field"
 
 

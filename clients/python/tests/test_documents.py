@@ -58,6 +58,6 @@ def test_causes_and_faults_are_the_documented_ones() -> None:
 
 
 def test_the_ros_table_names_what_states_have() -> None:
-    table = (REPOSITORY / "docs" / "how-to" / "ros2.md").read_text().split("## From hapticd")[1].split("##")[0]
+    table = (REPOSITORY / "docs" / "reference" / "ros2.md").read_text().split("## From hapticd")[1].split("##")[0]
     named = re.findall(r"^\| `(\w+)` \| `", table, flags=re.M)
     assert len(named) > 10 and set(named) <= {field.name for field in dataclasses.fields(State)}

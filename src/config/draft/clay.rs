@@ -56,7 +56,7 @@ impl ClayDraft {
         remarked(text, "tool = \"push\"", "or pull, pull-curve, paint, emboss, engrave, union, difference, …")?;
         remarked(text, &format!("brush_mm = {}", mm(share(BRUSH_SHARE))), "radius within which the tool works")?;
         remarked(text, &format!("air_mm = {}", mm(share(AIR_SHARE))), "around the piece, for what is pulled out of it")?;
-        remarked(text, "# strokes = \"strokes.toml\"", "what is done when, by itself; docs/how-to/sculpting.md")?;
+        remarked(text, "# strokes = \"strokes.toml\"", "what is done when, by itself; docs/reference/clay.md")?;
         writeln!(text, "\n# The body in the hand.\n[tool]")?;
         remarked(text, &format!("shape = {{ sphere_mm = {} }}", mm(ball_m)), "radius")?;
         remarked(text, &format!("voxel_size_mm = {}", mm(two_digits(ball_m / BALL_VOXELS))), "spacing of its points")?;

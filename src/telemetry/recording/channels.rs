@@ -1,4 +1,4 @@
-//! The channels of a recording, and what a message of each holds: `docs/how-to/recording.md` has the same as a table.
+//! The channels of a recording, and what a message of each holds: `docs/reference/recordings.md` has the same as a table.
 //!
 //! Everything that enters and leaves a tick is in one of them, so that a recording can be run again and compared bit for bit.
 
