@@ -1,7 +1,11 @@
 //! Embossing and engraving: the greys of an image as heights of the surface.
 //!
-//! An image gives the distance value at each sample, and the sample goes to the isosurface of that distance (Guo2004, embossing and
-//! engraving). Engraving is the same with the sign turned.
+//! A sample moves along its own normal by the grey times a depth, and the fits are made from the moved samples; engraving is the same with the
+//! sign turned.
+//!
+//! # Source
+//! Guo2004, embossing and engraving: there the surface is fitted to the greys as distance values, and the samples go to the isosurface of the
+//! fit. We deviate because such a fit smooths relief as fine as the spacing of the samples.
 
 use std::path::Path;
 

@@ -1,14 +1,14 @@
 //! Painted material: mass, damping and stiffness of single mass points.
 //!
-//! Guo2004 lets the brush paint physical properties onto the mass points, as it paints colours onto the samples. A property q of a node under
-//! the brush becomes
+//! In Guo2004 the user may modify the distribution of mass, damping and stiffness; the paper does not say how, and its brush paints colour only.
+//! Here (ours) a brush paints them with the paper's equation of paint. A property q of a node under the brush becomes
 //!
 //! q = q_b I + q_p (1 − I)
 //!
 //! as colours do, with q_b that of the brush, q_p that from before the press, and I the weight of the fall-off at the distance of the node from
 //! the middle of the brush: a ball, so what is painted has depth. While the brush is pressed a node keeps the largest I that it was given.
 //!
-//! Invariant: a node that was never painted has the constants of the piece, to the bit. Nodes stay where they are in space, as in the paper:
+//! Invariant: a node that was never painted has the constants of the piece, to the bit. Nodes stay where they are in space, as mass points of the paper do:
 //! clay that is pulled away leaves its properties behind.
 
 use std::sync::Arc;
