@@ -49,4 +49,5 @@ mod traversal;
 mod tree;
 mod tuning;
 mod tunnelling;
+mod tutorial;
 mod two_machines;
