@@ -6,7 +6,6 @@ mod cache;
 mod check;
 mod completions;
 mod console;
-mod desk;
 mod destination;
 mod device_node;
 mod devices;
@@ -38,6 +37,7 @@ mod run;
 mod say;
 mod screen;
 mod sculpt;
+mod services;
 mod workshop;
 
 use std::process::ExitCode;

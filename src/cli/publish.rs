@@ -5,14 +5,13 @@ use std::sync::Arc;
 use super::network::HEADING;
 use super::{Talk, report};
 use crate::config::SceneConfig;
-use crate::daemon::desk::Counter;
-use crate::daemon::switch::objects;
+use crate::daemon::session::{SessionHandle, objects};
 use crate::error::Exit;
 use crate::monitor::Hub;
 use crate::network::Endpoints;
 use crate::publish::{Plan, PublishError, Share, Topics, WorldName};
 use crate::ros::{Domain, Namespace};
-use crate::servo::PlaceError;
+use crate::servo::ControlError;
 use crate::spatial::Axes;
 use crate::telemetry::Tap;
 
@@ -136,10 +135,10 @@ fn check_own(own: &[String], objects: &[(String, bool)]) -> Result<(), (String, 
         let known = objects.iter().find(|(known, _)| *known == name);
         let problem = match known {
             Some((_, true)) => continue,
-            Some((_, false)) => PlaceError::NotMovable { name },
+            Some((_, false)) => ControlError::NotMovable { name },
             None => {
                 let known = objects.iter().filter(|(_, movable)| *movable).map(|(name, _)| name.clone()).collect();
-                PlaceError::Unknown { name, known }
+                ControlError::UnknownObject { name, known }
             }
         };
         return Err((problem.to_string(), hint));
@@ -162,8 +161,8 @@ impl Opened {
     }
 
     /// Begins to send.
-    pub(crate) fn serve(self, hub: &Arc<Hub>, counter: Counter, talk: Talk) -> std::io::Result<(Sender, Tap)> {
-        self.0.serve(hub, counter, Arc::new(move |text, _| report::note(text, talk)))
+    pub(crate) fn serve(self, hub: &Arc<Hub>, session: SessionHandle, talk: Talk) -> std::io::Result<(Sender, Tap)> {
+        self.0.serve(hub, session, Arc::new(move |text, _| report::note(text, talk)))
     }
 }
 
@@ -181,7 +180,7 @@ impl Opened {
         Err(crate::network::NetworkError::NotBuilt.into())
     }
 
-    pub(crate) fn serve(self, _: &Arc<Hub>, _: Counter, _: Talk) -> std::io::Result<(Sender, Tap)> {
+    pub(crate) fn serve(self, _: &Arc<Hub>, _: SessionHandle, _: Talk) -> std::io::Result<(Sender, Tap)> {
         match self {}
     }
 }

@@ -4,10 +4,11 @@ use serde_json::Value;
 
 use super::say::{self, Level};
 use super::{Talk, report};
-use crate::daemon::desk::Refusal;
-use crate::daemon::reload::{Cause, News, Reloaded, Tuned};
+use crate::daemon::reload::{Cause, News, Reloaded};
 use crate::daemon::service;
+use crate::daemon::session::SessionError;
 use crate::document::show;
+use crate::servo::FileChange;
 use crate::storage::printable::shown;
 
 /// Tells people, and a service manager, how a reload goes.
@@ -25,8 +26,8 @@ pub(super) fn tell(news: &News, talk: Talk) {
             let (word, text) = outcome(done);
             service::reloaded(&text);
             let changes = match done {
-                Reloaded::Tuned(tunes) => {
-                    tunes.iter().map(|Tuned { name, to, .. }| ((*name).to_owned(), Value::from(*to))).collect()
+                Reloaded::Changed(changes) => {
+                    changes.iter().map(|FileChange { name, to, .. }| ((*name).to_owned(), Value::from(*to))).collect()
                 }
                 Reloaded::Unchanged | Reloaded::Baked(_) => serde_json::Map::new(),
             };
@@ -44,27 +45,27 @@ pub(super) fn tell(news: &News, talk: Talk) {
 fn outcome(done: &Reloaded) -> (&'static str, String) {
     match done {
         Reloaded::Unchanged => ("unchanged", "reload: nothing has changed".to_owned()),
-        Reloaded::Tuned(tunes) => {
-            let one = |Tuned { name, from, to }: &Tuned| format!("{name} {} -> {}", show(*from), show(*to));
-            ("tuned", format!("reload: {}", tunes.iter().map(one).collect::<Vec<_>>().join(", ")))
+        Reloaded::Changed(changes) => {
+            let one = |FileChange { name, from, to }: &FileChange| format!("{name} {} -> {}", show(*from), show(*to));
+            ("tuned", format!("reload: {}", changes.iter().map(one).collect::<Vec<_>>().join(", ")))
         }
         Reloaded::Baked(path) => ("baked", format!("reload: {} is baked and comes next", shown(path))),
     }
 }
 
 /// An error that ends nothing: every problem of the scene, and that the old one stays.
-fn say_why(refusal: &Refusal, talk: Talk) {
+fn say_why(refusal: &SessionError, talk: Talk) {
     match refusal {
-        Refusal::Config(errors) => {
+        SessionError::Config(errors) => {
             report::config_errors(errors, talk);
         }
-        Refusal::Scene(problem) => {
+        SessionError::Scene(problem) => {
             report::scene_error(problem, talk);
         }
-        Refusal::Unlike { .. } => {
+        SessionError::Unlike { .. } => {
             report::error(&refusal.to_string(), Some("this counts from the start of a run on: begin a new one"), talk)
         }
-        Refusal::Clay { .. } => {
+        SessionError::Clay { .. } => {
             let hint =
                 "the page chooses tools; whatever else counts from the start of a run on: save a session and begin a new one";
             report::error(&refusal.to_string(), Some(hint), talk);

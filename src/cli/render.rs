@@ -10,15 +10,16 @@ pub(crate) use self::args::{LoopArgs, Own};
 
 use self::args::ClockArg;
 use self::arm::tell_of_arm;
-use super::desk::{Company, Means, Opening};
 use super::outcome::{More, StartTimes, lets_go_text, result_text};
 use super::progress::BakeProgress;
 use super::screen::{Screen, report_lines};
+use super::services::{ServiceOptions, Services};
 use super::workshop::{self, Workshop};
 use super::{Talk, bake, cache, check, guard, live, network, recording, report, say};
-use crate::config::{self, ConfigErrors, LoadOptions};
+use crate::config::{self, ConfigErrors};
 use crate::daemon::remote::RemoteArm;
 use crate::daemon::service::Service;
+use crate::daemon::session::SessionHandle;
 use crate::daemon::{Attached, Live, Notice, Outcome, PrepareError, Prepared, RenderJob, RunError, Supervisor, prepare_on};
 use crate::device::mock::profiled;
 use crate::device::protocol::Protocol;
@@ -28,8 +29,10 @@ use crate::rt::clock::{ClockKind, monotonic_ns};
 use crate::rt::signals::{self, SignalError};
 use crate::scene::BakeMeans;
 use crate::scene::cache::Residence;
-use crate::servo::Control;
+use crate::servo::{Control, ObjectPaths};
 use crate::telemetry::Taps;
+use crate::telemetry::recording::Recorder;
+
 /// Why a run ended before it began.
 #[derive(Debug)]
 enum Refusal {
@@ -141,7 +144,6 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: Talk, started_ns: i64) 
             return exit;
         }
     };
-    let changes = changes.recorded_by(&recordings.recorder, &overrides);
     let bake = || {
         // Owned: nobody may take memory away from the loop.
         let mut cache = args.cache.open(Residence::Owned, talk);
@@ -167,14 +169,12 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: Talk, started_ns: i64) 
     // Under the virtual clock a scene changes as it was planned, unless somebody watches.
     let is_open = clock == ClockKind::Real || bound.is_some() || opened.is_some() || own.live.watch;
     let control = Arc::new(Control::new());
-    let opening = Opening::default();
-    let hears = || is_open.then(|| opening.hears());
-    let begun = changes.begin(&args.cache, &args.memory, clock, is_open, hears, talk).and_then(|begun| {
-        let live::Begun { mut live, under_way, switches, lowered } = begun;
-        live.taps = taps;
-        let means = Means {
+    let session = SessionHandle::new(config.clone(), overrides.clone(), clock, Some(recordings.recorder.clone()));
+    let begun = changes.begin(&session, &args.cache, &args.memory, is_open, talk).and_then(|(paths, swaps)| {
+        let mut live = Live { taps, ..Live::default() };
+        let options = ServiceOptions {
             config: &config,
-            options: &overrides,
+            session: &session,
             clock,
             bound,
             opened,
@@ -182,15 +182,12 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: Talk, started_ns: i64) 
             control: &control,
             has_console: args.console,
             enables_at_start: args.enables_at_start(&config),
-            switches: switches.filter(|_| is_open),
-            lowered,
-            offered: under_way.offered.clone(),
             recorder: Some(Box::new(recordings.for_clients(talk))),
         };
-        let company = Company::open(means, &opening, &mut live)?;
-        Ok((company, live, under_way))
+        let services = Services::open(options, &mut live)?;
+        Ok((services, live, paths, swaps))
     });
-    let (mut company, live, under_way) = match begun {
+    let (mut services, live, paths, swaps) = match begun {
         Ok(begun) => begun,
         Err(error) => {
             report::error(&format!("cannot start a thread: {error}"), None, talk);
@@ -201,12 +198,14 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: Talk, started_ns: i64) 
     let spoken = remote.as_ref().map(|_| Protocol::Open6(profiled::open6(&config.device.profile)));
     let protocol = spoken.as_ref().or(config.device.profile.real.as_ref().map(|real| &real.protocol));
     let beside = Beside {
-        overrides: overrides.clone(),
         live,
-        under_way: &under_way,
+        paths,
+        session: &session,
+        recorder: Some(&recordings.recorder),
         protocol,
-        company: &mut company,
+        services: &mut services,
         workshop: workshop.as_mut(),
+        reloads: is_open,
         watches: own.live.watch,
     };
     let rendered = run(args, talk, beside, &control, signals::end_by_signals, bake);
@@ -221,13 +220,13 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: Talk, started_ns: i64) 
             if let Some(audience) = audience {
                 audience.end();
             }
-            let (swaps, recording) = (under_way.reports(&outcome.swaps), recordings.end(&outcome.report));
+            let (swaps, recording) = (swaps.reports(&session, &outcome.swaps), recordings.end(&outcome.report));
             let link = figures.borrow().as_ref().map(|figures| figures.report());
             let more = More { swaps: &swaps, recording: recording.as_ref(), sculpt: clay.as_ref(), link };
             if args.json || !talk.quiet {
                 say::result(format_args!("{}", result_text(&outcome.totals, start_s, &more, args.json)));
             }
-            let failures = [Some(outcome.exit()), under_way.failure(talk), clay.map(|clay| clay.exit())];
+            let failures = [Some(outcome.exit()), live::failure(&session, talk), clay.map(|clay| clay.exit())];
             return failures.into_iter().flatten().find(|exit| *exit != Exit::Ok).unwrap_or(Exit::Ok);
         }
         Err(refusal) => refusal,
@@ -261,15 +260,18 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: Talk, started_ns: i64) 
 const HOW_TO_ENABLE: &str = "give --enable to let force flow from the start, --console to type `enable`, or --monitor for its page; \
                              with `safety.deadman` in the scene force flows while that button is held";
 
-/// Who and what is there beside the loop.
+/// What there is beside the loop.
 struct Beside<'a> {
-    /// What the command line sets over the scene, also when it is read again.
-    overrides: LoadOptions,
     live: Live,
-    under_way: &'a live::UnderWay,
+    /// Objects that follow paths.
+    paths: ObjectPaths,
+    session: &'a SessionHandle,
+    recorder: Option<&'a Recorder>,
     protocol: Option<&'a Protocol>,
-    company: &'a mut Company,
+    services: &'a mut Services,
     workshop: Option<&'a mut Workshop>,
+    /// The scene is read again when SIGHUP asks for it.
+    reloads: bool,
     /// The scene is read again when its files change.
     watches: bool,
 }
@@ -282,15 +284,15 @@ fn run(
     end_by_signals: impl FnOnce(&Arc<Control>) -> Result<(), SignalError>,
     bake: impl FnOnce() -> Result<Prepared, PrepareError>,
 ) -> Result<Outcome, Refusal> {
-    let Beside { overrides, mut live, under_way, protocol, company, workshop, watches } = beside;
-    let mut screen = Screen::new(talk, under_way, protocol, live.operator.waits_after_fault);
-    let ears = company.ears();
+    let Beside { mut live, paths, session, recorder, protocol, services, workshop, reloads, watches } = beside;
+    let mut screen = Screen::new(talk, session, protocol, live.operator.waits_after_fault);
+    let handle = services.notice_handler();
     let mut service = Service::of_environment();
     let mut supervisor = Supervisor::new(|notice| {
-        if let (Notice::Preflight(machine), Some(recorder)) = (&notice, under_way.offered.recorder()) {
+        if let (Notice::Preflight(machine), Some(recorder)) = (&notice, recorder) {
             recording::note_machine(recorder, machine);
         }
-        ears(&notice);
+        handle(&notice);
         service.hear(&notice);
         screen.show(&notice);
     });
@@ -299,11 +301,11 @@ fn run(
     if let (Some(workshop), Some(piece)) = (workshop, prepared.piece) {
         workshop.fit(&piece, talk).map_err(Refusal::Strokes)?;
         workshop.open(piece, &scene, &mut live).map_err(|error| Refusal::Run(error.into()))?;
-        company.sculpts(workshop.for_clients(&scene));
+        services.sculpts(workshop.for_clients(&scene));
     }
-    let node = prepared.attached.as_ref().map(|attached| attached.node.as_path());
-    company.begin(&scene, node, &mut live).map_err(|error| Refusal::Run(error.into()))?;
+    live.commands = session.begin(&scene).with_paths(paths);
     if let Some(Attached { node, news, link }) = prepared.attached {
+        services.attached(&node);
         if !talk.quiet {
             let lets_go = link.map_or(String::new(), |link| format!(", and {}", lets_go_text(&link.report())));
             say::talk(format_args!("device: {} is ready{lets_go}\n", node.display()));
@@ -322,7 +324,9 @@ fn run(
     // Only now: until here no force can flow, and Ctrl-C ends a long bake at once as it does everywhere.
     end_by_signals(control).map_err(Refusal::Signals)?;
     signals::suspend_without_force();
-    company.reload(overrides, watches, talk).map_err(|error| Refusal::Run(error.into()))?;
+    if reloads {
+        services.reload(session, watches, talk);
+    }
     supervisor.render_live(job, live, control).map_err(Refusal::Run)
 }
 

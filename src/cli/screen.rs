@@ -6,7 +6,8 @@ use std::time::{Duration, Instant};
 use serde_json::{Value, json};
 
 use super::say::{self, Fields, Level};
-use super::{Talk, guard, live};
+use super::{Talk, guard};
+use crate::daemon::session::SessionHandle;
 use crate::daemon::{Notice, Phase};
 use crate::device::attached::open::LinkNews;
 use crate::device::protocol::Protocol;
@@ -20,7 +21,7 @@ const STATUS_EVERY: Duration = Duration::from_secs(1);
 
 /// stderr while a run goes on: lines that stay, and on a terminal one status line that is written over.
 pub(super) struct Screen<'a> {
-    under_way: &'a live::UnderWay,
+    session: &'a SessionHandle,
     /// What a real arm speaks: it has words for its errors.
     protocol: Option<&'a Protocol>,
     quiet: bool,
@@ -34,10 +35,10 @@ pub(super) struct Screen<'a> {
 }
 
 impl<'a> Screen<'a> {
-    pub(super) fn new(talk: Talk, under_way: &'a live::UnderWay, protocol: Option<&'a Protocol>, waits_after_fault: bool) -> Self {
+    pub(super) fn new(talk: Talk, session: &'a SessionHandle, protocol: Option<&'a Protocol>, waits_after_fault: bool) -> Self {
         let live = !talk.quiet && !say::is_json() && std::io::stderr().is_terminal();
         let next_status = (say::is_json() && talk.verbose > 0).then(Instant::now);
-        Self { under_way, protocol, quiet: talk.quiet, live, waits_after_fault, status_on: false, next_status }
+        Self { session, protocol, quiet: talk.quiet, live, waits_after_fault, status_on: false, next_status }
     }
 
     pub(super) fn show(&mut self, notice: &Notice<'_>) {
@@ -57,7 +58,8 @@ impl<'a> Screen<'a> {
             }
             Notice::Scene(record) => {
                 if !self.quiet {
-                    let (path, at_s) = (self.under_way.scene(record.scene_idx), record.time_ns as f64 * 1e-9);
+                    let path = self.session.sent_file(record.scene_idx).unwrap_or_else(|| "another scene".into());
+                    let at_s = record.time_ns as f64 * 1e-9;
                     let [tick, time] = at(record);
                     let text = format!("scene: {} from {at_s:.3} s on (tick {})", shown(&path), record.tick);
                     self.line(Level::Info, "scene", &text, &[("file", path.to_string_lossy().into()), tick, time]);

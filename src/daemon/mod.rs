@@ -24,18 +24,17 @@
 //!
 //! Data in: a prepared [`RenderJob`]. Data out: [`Notice`]s while it runs, one [`Outcome`] at the end. Invariant: prints nothing.
 
-pub mod desk;
 pub mod device_node;
 mod prepare;
 mod recorded;
-pub mod refusal;
 pub mod reload;
 pub mod remote;
 mod replay;
+mod scene_keys;
 pub mod service;
+pub mod session;
 pub mod studio;
 mod supervisor;
-pub mod switch;
 #[cfg(test)]
 pub(crate) mod testing;
 mod unpacked;
@@ -43,5 +42,6 @@ mod unpacked;
 pub use prepare::{Attached, PrepareError, Prepared, inputs, prepare, prepare_on, prepare_with};
 pub use recorded::{resolved, scene_files};
 pub use replay::{Difference, Gap, ReplayError, Replayed, replay};
+pub use scene_keys::{scenes_beside, unlike};
 pub use supervisor::{Enable, Live, Notice, Operator, Outcome, Phase, RenderJob, RunError, Supervisor};
 pub use unpacked::UnpackError;

@@ -3,24 +3,22 @@
 //! ```text
 //!  SIGHUP ─┐                    ┌─ wrong, or for another arm ─► refused; the old scene stays
 //!  file  ──┴► read and check ───┼─ only parameters differ ────► set together, each along its ramp
-//!  changed                      └─ anything else ─────────────► baked meanwhile, then switched at zero force
+//!  changed                      └─ anything else ─────────────► baked meanwhile, then exchanged at zero force
 //! ```
-//! Data in: the board, for what is rendered now. Data out: requests to the desk, and [`News`]. Invariant: never touches the loop itself.
+//! Runs on the thread of scenes, between two bakes. Data in: the session, for what is rendered now. Data out: changes of the session, and [`News`].
 
 use core::time::Duration;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::{Instant, SystemTime};
 
-use crossbeam::channel::{Receiver, TryRecvError, bounded};
-
-use super::desk::{Ask, Board, Counter, Refusal, Request, Setting, View, unlike_at_the_arm};
+use super::scene_keys::{fixed, unlike_at_the_arm};
+use super::session::{Baker, SceneView, SessionError, SessionHandle};
 use crate::config::scene::MeshSource;
-use crate::config::{self, LoadOptions, SceneConfig};
-use crate::haptics::Knob;
+use crate::config::{self, SceneConfig};
 use crate::mesh;
 use crate::rt::signals::{Hangup, Hangups};
-use crate::servo::Lowered;
+use crate::servo::FileChange;
 
 /// How often signals are looked for.
 const LISTEN: Duration = Duration::from_millis(100);
@@ -31,22 +29,13 @@ const SETTLE: Duration = Duration::from_millis(300);
 
 /// Reads scenes again.
 pub struct Reloader {
-    /// How scenes are read.
-    pub options: LoadOptions,
-    /// Takes what is to change.
-    pub counter: Counter,
-    /// Shows what is rendered.
-    pub board: Board,
-    /// Says when it is asked for.
-    pub hangups: Hangups,
-    /// Look at the files as well.
-    pub watches: bool,
-    /// The files as they were before they were baked.
-    pub known: Known,
-    /// Limits that clients lowered: no file raises them.
-    pub lowered: Lowered,
-    /// Hears what comes of it, on the thread of the reloader.
-    pub tell: Box<dyn Fn(&News) + Send>,
+    hangups: Hangups,
+    watches: bool,
+    known: KnownFiles,
+    tell: Box<dyn Fn(&News) + Send>,
+    next_listen: Instant,
+    next_look: Instant,
+    pending: Option<Cause>,
 }
 
 /// What a reload has to say.
@@ -57,7 +46,7 @@ pub enum News {
     /// What came of it.
     Done(Reloaded),
     /// Nothing came of it: the old scene stays.
-    Refused(Refusal),
+    Refused(SessionError),
     /// SIGHUP, and the terminal has gone: the run ends with a ramp.
     TerminalGone,
 }
@@ -77,158 +66,76 @@ pub enum Reloaded {
     /// What is rendered is what the file says.
     Unchanged,
     /// Parameters go to new values.
-    Tuned(Vec<Tuned>),
+    Changed(Vec<FileChange>),
     /// The scene was baked, and takes the place of the old one at zero force.
     Baked(PathBuf),
 }
 
-/// One parameter that goes to a new value.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Tuned {
-    /// Name with its unit.
-    pub name: &'static str,
-    /// Where it was, or was going.
-    pub from: f64,
-    /// Where it goes.
-    pub to: f64,
-}
-
 impl Reloader {
-    /// Begins to listen, in a thread of its own that ends with the process.
-    ///
-    /// # Errors
-    /// The thread could not be started.
-    pub fn spawn(self) -> std::io::Result<()> {
-        std::thread::Builder::new().name("reload".to_owned()).spawn(move || self.run())?;
-        Ok(())
+    /// Reads the scene again when `hangups` says so, and where it `watches` when a file is not as it is `known` any more. `tell` hears what comes of
+    /// it, on the thread of scenes.
+    pub fn new(hangups: Hangups, watches: bool, known: KnownFiles, tell: Box<dyn Fn(&News) + Send>) -> Self {
+        let now = Instant::now();
+        Self { hangups, watches, known, tell, next_listen: now, next_look: now, pending: None }
     }
 
-    fn run(mut self) {
-        let mut next_look = Instant::now();
-        let mut pending = None;
-        let mut baking: Option<Baking> = None;
-        // Nothing here waits for a bake: a terminal that goes away is heard at once.
-        loop {
-            std::thread::sleep(LISTEN);
-            match self.hangups.take() {
-                Some(Hangup::TerminalGone) => {
-                    // The signal has ended the run itself.
-                    (self.tell)(&News::TerminalGone);
-                    return;
-                }
-                Some(Hangup::Reload) => pending = Some(Cause::Signal),
-                None if Instant::now() >= next_look => {
-                    next_look = Instant::now() + LOOK;
-                    self.follow();
-                    if self.watches && self.has_changed() {
-                        pending = Some(Cause::File);
-                    }
-                }
-                None => {}
-            }
-            if let Some(result) = baking.as_ref().and_then(Baking::result)
-                && let Some(Baking { meshes, path, .. }) = baking.take()
-            {
-                if result.is_ok() {
-                    self.known.meshes = meshes;
-                }
-                (self.tell)(&result.map_or_else(News::Refused, |()| News::Done(Reloaded::Baked(path))));
-            }
-            // One scene at a time: what is asked for meanwhile is done afterwards.
-            let is_free = baking.is_none() && self.board.view().switching_to.is_none();
-            if let Some(cause) = pending.take_if(|_| is_free) {
-                (self.tell)(&News::Begun(cause));
-                match self.reload() {
-                    Ok(Step::Done(reloaded)) => (self.tell)(&News::Done(reloaded)),
-                    Ok(Step::Bakes(bakes)) => baking = Some(bakes),
-                    Err(refusal) => (self.tell)(&News::Refused(refusal)),
+    /// Looks whether there is something to do, and does it. `is_free`: no other scene is on its way; what is asked for meanwhile is done afterwards.
+    pub(super) fn turn(&mut self, session: &SessionHandle, is_free: bool, baker: &mut Baker) {
+        let now = Instant::now();
+        if now < self.next_listen {
+            return;
+        }
+        self.next_listen = now + LISTEN;
+        match self.hangups.take() {
+            // The signal has ended the run itself.
+            Some(Hangup::TerminalGone) => return (self.tell)(&News::TerminalGone),
+            Some(Hangup::Reload) => self.pending = Some(Cause::Signal),
+            None if now >= self.next_look => {
+                self.next_look = now + LOOK;
+                let view = session.view();
+                self.known.go_over(&view);
+                if self.watches && self.known.have_changed(&view) {
+                    self.pending = Some(Cause::File);
                 }
             }
+            None => {}
+        }
+        if let Some(cause) = self.pending.take_if(|_| is_free) {
+            (self.tell)(&News::Begun(cause));
+            let reloaded = self.reload(session, baker);
+            (self.tell)(&reloaded.map_or_else(News::Refused, News::Done));
         }
     }
 
-    /// Goes over to another scene as soon as it is rendered: from then on its files may change.
-    fn follow(&mut self) {
-        let view = self.board.view();
-        if view.scene_idx != self.known.scene_idx {
-            self.known.go_over(&view);
-        }
-    }
-
-    /// Whether a file is another one than at the last look, and stays as it is.
-    fn has_changed(&mut self) -> bool {
-        let view = self.board.view();
-        let files = self.known.companions.files(&view.config);
-        if files == self.known.files {
-            return false;
-        }
-        std::thread::sleep(SETTLE);
-        // One that is still being written is for the next look.
-        let has_settled = self.known.companions.files(&view.config) == files;
-        if has_settled {
-            self.known.files = files;
-        }
-        has_settled
-    }
-
-    fn reload(&mut self) -> Result<Step, Refusal> {
-        let view = self.board.view();
-        let config = config::load_with(&view.config.path, &self.options).map_err(Refusal::Config)?;
+    fn reload(&mut self, session: &SessionHandle, baker: &mut Baker) -> Result<Reloaded, SessionError> {
+        let view = session.view();
+        let config = config::load_with(&view.config.path, session.options()).map_err(SessionError::Config)?;
         if let Some((key, its, ours)) = unlike_at_the_arm(&config, &view.config).or_else(|| fixed(&config, &view.config)) {
-            return Err(Refusal::Unlike { key, its, ours });
+            return Err(SessionError::Unlike { key, its, ours });
         }
         let meshes = self.known.companions.meshes(&config);
-        match tunes(&config, &view, &self.lowered) {
-            Some(tunes) if meshes == self.known.meshes => {
-                let values = values(&config, &view);
-                let set = self.ask(Ask::SetAll { scene_idx: view.scene_idx, values });
-                set.recv().unwrap_or(Err(Refusal::Over))?;
-                Ok(Step::Done(if tunes.is_empty() { Reloaded::Unchanged } else { Reloaded::Tuned(tunes) }))
-            }
-            // What the hands of a person made of it would be lost.
-            _ if view.config.sculpt.is_some() => {
-                Err(Refusal::Clay { taken: view.settings.iter().map(|setting| setting.name).collect() })
-            }
-            _ => Ok(Step::Bakes(Baking { answer: self.ask(Ask::Reload), meshes, path: config.path })),
+        if meshes == self.known.meshes
+            && let Some(changes) = session.follow_file(view.scene_idx, &config)?
+        {
+            return Ok(if changes.is_empty() { Reloaded::Unchanged } else { Reloaded::Changed(changes) });
         }
-    }
-
-    /// Asks the desk; its answer comes.
-    fn ask(&self, ask: Ask) -> Receiver<Result<(), Refusal>> {
-        let (sender, answer) = bounded(1);
-        // Whoever has gone does not want to know.
-        self.counter.ask(Request { ask, answer: Box::new(move |result| drop(sender.send(result))) });
-        answer
-    }
-}
-
-/// How far a reload came.
-enum Step {
-    Done(Reloaded),
-    Bakes(Baking),
-}
-
-/// A scene that is being baked.
-struct Baking {
-    answer: Receiver<Result<(), Refusal>>,
-    meshes: Files,
-    path: PathBuf,
-}
-
-impl Baking {
-    /// What became of it; `None`: not known yet.
-    fn result(&self) -> Option<Result<(), Refusal>> {
-        match self.answer.try_recv() {
-            Ok(result) => Some(result),
-            Err(TryRecvError::Empty) => None,
-            Err(TryRecvError::Disconnected) => Some(Err(Refusal::Over)),
+        // What the hands of a person made of it would be lost.
+        if view.config.sculpt.is_some() {
+            return Err(SessionError::Clay { taken: view.settings.iter().map(|setting| setting.parameter.name()).collect() });
         }
+        if config.sculpt.is_some() {
+            return Err(SessionError::Unlike { key: "sculpt", its: "clay".to_owned(), ours: "none".to_owned() });
+        }
+        let path = config.path.clone();
+        session.switch_to(config, baker)?;
+        self.known.meshes = meshes;
+        Ok(Reloaded::Baked(path))
     }
 }
 
 /// The files of a scene, as they were when they were last looked at.
 #[derive(Clone, Debug)]
-pub struct Known {
+pub struct KnownFiles {
     scene_idx: u32,
     files: Files,
     /// Those that were baked.
@@ -236,18 +143,36 @@ pub struct Known {
     companions: Companions,
 }
 
-impl Known {
+impl KnownFiles {
     /// Of the first scene of a run.
     pub fn of(config: &SceneConfig) -> Self {
         let mut companions = Companions::default();
         Self { scene_idx: 0, files: companions.files(config), meshes: companions.meshes(config), companions }
     }
 
-    /// Another scene is rendered. What is known of files that both have stays: they may have changed meanwhile.
-    fn go_over(&mut self, view: &View) {
-        self.scene_idx = view.scene_idx;
-        self.files = self.companions.files(&view.config).knowing(&self.files);
-        self.meshes = self.companions.meshes(&view.config).knowing(&self.meshes);
+    /// Goes over to another scene as soon as it is rendered: from then on its files may change. What is known of files that both have stays: they may
+    /// have changed meanwhile.
+    fn go_over(&mut self, view: &SceneView) {
+        if view.scene_idx != self.scene_idx {
+            self.scene_idx = view.scene_idx;
+            self.files = self.companions.files(&view.config).knowing(&self.files);
+            self.meshes = self.companions.meshes(&view.config).knowing(&self.meshes);
+        }
+    }
+
+    /// Whether a file is another one than at the last look, and stays as it is.
+    fn have_changed(&mut self, view: &SceneView) -> bool {
+        let files = self.companions.files(&view.config);
+        if files == self.files {
+            return false;
+        }
+        std::thread::sleep(SETTLE);
+        // One that is still being written is for the next look.
+        let has_settled = self.companions.files(&view.config) == files;
+        if has_settled {
+            self.files = files;
+        }
+        has_settled
     }
 }
 
@@ -308,65 +233,6 @@ impl Companions {
 fn stamp(path: &Path) -> Stamp {
     let meta = std::fs::metadata(path).ok()?;
     Some((meta.modified().ok()?, meta.len()))
-}
-
-/// What the scene says of everything that can be set.
-fn values(config: &SceneConfig, view: &View) -> Vec<(&'static str, f64)> {
-    let value = |setting: &Setting| {
-        let knob = Knob::ALL.into_iter().find(|knob| knob.name() == setting.name)?;
-        Some((setting.name, knob.read(&config.parameters)))
-    };
-    view.settings.iter().filter_map(value).collect()
-}
-
-/// What has to be set so that what is rendered is what the scene says, and no limit is raised that a person lowered; `None` where that takes more
-/// than setting.
-fn tunes(config: &SceneConfig, view: &View, lowered: &Lowered) -> Option<Vec<Tuned>> {
-    let mut same = config.clone();
-    let mut tunes = Vec::new();
-    for Setting { name, range, value } in &view.settings {
-        let knob = Knob::ALL.into_iter().find(|knob| knob.name() == *name)?;
-        let to = knob.read(&config.parameters);
-        if !(to >= range.least && to <= range.most) {
-            return None;
-        }
-        let to = lowered.bound(knob, to).max(range.least);
-        knob.copy(&view.config.parameters, &mut same.parameters);
-        if to != *value {
-            tunes.push(Tuned { name, from: *value, to });
-        }
-    }
-    (same == *view.config).then_some(tunes)
-}
-
-/// A key, and its value in a scene for people.
-type Shown = (&'static str, fn(&SceneConfig) -> String);
-
-/// What a run takes from its first scene and keeps.
-const FIXED: [Shown; 16] = [
-    ("device.selector", |scene| scene.device.selector.as_ref().map_or("none".to_owned(), |selector| format!("{selector:?}"))),
-    ("device.hand", |scene| scene.device.hand.as_ref().map_or("none".to_owned(), |path| format!("\"{}\"", path.display()))),
-    ("device.sim.hand_stiffness_n_per_m", |scene| scene.device.sim.hand_stiffness_n_per_m.to_string()),
-    ("device.sim.hand_damping_n_s_per_m", |scene| scene.device.sim.hand_damping_n_s_per_m.to_string()),
-    ("device.sim.hand_mass_g", |scene| (scene.device.sim.hand_mass_kg * 1e3).to_string()),
-    ("device.sim.hand", |scene| if scene.device.sim.hand_present { "present" } else { "\"none\"" }.to_owned()),
-    ("device.sim.hand_repeat", |scene| scene.device.sim.hand_repeats.to_string()),
-    ("device.sim.delay_ticks", |scene| scene.device.sim.delay_ticks.map_or("the profile's".to_owned(), |ticks| ticks.to_string())),
-    ("device.sim.fault", |scene| scene.device.sim.fault.as_ref().map_or("none".to_owned(), |fault| format!("\"{fault}\""))),
-    ("device.sim.seed", |scene| scene.device.sim.seed.to_string()),
-    ("realtime.mode", |scene| if scene.realtime.enforce { "\"enforce\"" } else { "\"best-effort\"" }.to_owned()),
-    ("realtime.cpu", |scene| scene.realtime.cpu.map_or("the last one".to_owned(), |cpu| cpu.to_string())),
-    ("realtime.priority", |scene| scene.realtime.priority.to_string()),
-    ("monitor.listen", |scene| scene.monitor.listen.map_or("\"off\"".to_owned(), |address| format!("\"{address}\""))),
-    ("monitor.token_file", |scene| {
-        scene.monitor.token_file.as_ref().map_or("none".to_owned(), |path| format!("\"{}\"", path.display()))
-    }),
-    ("monitor.origins", |scene| format!("{:?}", scene.monitor.origins)),
-];
-
-/// The key in which a scene differs although it counts at the start of a run only, and both values.
-fn fixed(config: &SceneConfig, rendered: &SceneConfig) -> Option<(&'static str, String, String)> {
-    FIXED.into_iter().map(|(key, show)| (key, show(config), show(rendered))).find(|(_, its, ours)| its != ours)
 }
 
 #[cfg(test)]

@@ -1,11 +1,10 @@
-//! Stand-ins for tests of what clients and files ask of a run: a small scene, and the desk that answers.
+//! Stand-ins for tests of what clients and files ask of a run: a small scene, and its session.
 
 use std::path::PathBuf;
-use std::sync::Arc;
 
-use super::desk::{Board, Counter, Desk, Tools};
+use super::session::SessionHandle;
 use crate::config::{self, LoadOptions, SceneConfig};
-use crate::servo::Lowered;
+use crate::rt::clock::ClockKind;
 
 /// A box over a plate, on a simulated arm; more keys may follow.
 pub(crate) const SCENE: &str = r#"version = 1
@@ -30,11 +29,7 @@ pub(crate) fn scene(text: &str) -> SceneConfig {
     SceneConfig { path: PathBuf::from("scene.toml"), ..config::load(&path).unwrap_or_else(|errors| panic!("{errors}")) }
 }
 
-/// A desk that is not open yet, without anybody who bakes other scenes.
-pub(crate) fn desk() -> (Desk, Counter, Board) {
-    let board = Board::new(scene(SCENE));
-    let look = Arc::new(|_: &_| Box::new(|| ()) as Box<dyn FnOnce() + Send>);
-    let tools = Tools { board: board.clone(), switches: None, options: LoadOptions::default(), lowered: Lowered::default(), look };
-    let (desk, counter) = Desk::new(tools);
-    (desk, counter, board)
+/// A session of that scene, which is still to be baked; no other scene is taken.
+pub(crate) fn session(clock: ClockKind) -> SessionHandle {
+    SessionHandle::new(scene(SCENE), LoadOptions::default(), clock, None)
 }

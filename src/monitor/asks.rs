@@ -16,7 +16,7 @@ use super::hub::Hub;
 use super::problem::Problem;
 use super::recorder::{RecorderError, RecorderStatus};
 use super::worker::Worker;
-use crate::daemon::desk::{Ask, Refusal, Request};
+use crate::daemon::session::{SessionError, SessionHandle};
 use crate::sculpt::studio::Order;
 use crate::spatial::Pose;
 
@@ -114,7 +114,7 @@ impl From<PoseAsked> for Pose {
     }
 }
 
-/// Reads a pose as `place` takes it, `{"p": [x, y, z], "q": [x, y, z, w]}`; whether an object can go there is the desk's to say.
+/// Reads a pose as `place` takes it, `{"p": [x, y, z], "q": [x, y, z, w]}`; whether an object can go there the session says.
 ///
 /// # Errors
 /// What is wrong with the text.
@@ -164,9 +164,13 @@ pub(super) fn perform(hub: &Arc<Hub>, files: &Worker, client: Option<&Client>, a
             hub.control.stop();
             reply(Ok(Done::Nothing));
         }
-        Do::Set { parameter, value } => ask(hub, Ask::Set { parameter, value }, reply),
-        Do::Place { object, pose } => ask(hub, Ask::Place { object, world_from_object: pose.into() }, reply),
-        Do::Switch { scene } => ask(hub, Ask::Switch { scene }, reply),
+        Do::Set { parameter, value } => {
+            reply(rendered(hub).and_then(|session| Ok(session.set(&parameter, value)?)).map(nothing));
+        }
+        Do::Place { object, pose } => {
+            reply(rendered(hub).and_then(|session| Ok(session.place(&object, pose.into())?)).map(nothing));
+        }
+        Do::Switch { scene } => switch(hub, scene, reply),
         Do::Record { file } => record(hub, files, Some(file), reply),
         Do::EndRecording {} => record(hub, files, None, reply),
         Do::Ping {} => reply(Ok(Done::Nothing)),
@@ -203,22 +207,28 @@ fn needs_connection() -> Problem {
     Problem::bad("this needs a connection", "use the WebSocket")
 }
 
-fn ask(hub: &Arc<Hub>, ask: Ask, reply: Reply) {
-    if hub.is_baking() {
-        return reply(Err(Problem::unavailable("the scene is being baked: nothing is rendered yet", "wait for the event `scene`")));
+/// The session, once there is something that can be changed.
+fn rendered(hub: &Hub) -> Result<&SessionHandle, Problem> {
+    match hub.is_baking() {
+        true => Err(Problem::unavailable("the scene is being baked: nothing is rendered yet", "wait for the event `scene`")),
+        false => Ok(&hub.session),
     }
-    let scene = match &ask {
-        Ask::Switch { scene } => Some((hub.clone(), scene.clone())),
-        _ => None,
+}
+
+fn switch(hub: &Arc<Hub>, scene: String, reply: Reply) {
+    let session = match rendered(hub) {
+        Ok(session) => session,
+        Err(problem) => return reply(Err(problem)),
     };
-    let answer = Box::new(move |result: Result<(), Refusal>| {
-        // Everybody heard that it is being baked.
-        if let (Err(refusal @ (Refusal::Scene(_) | Refusal::Over)), Some((hub, scene))) = (&result, scene) {
-            hub.scene_refused(&scene, &refusal.to_string());
+    let (told, name) = (hub.clone(), scene.clone());
+    let answer = move |result: Result<(), SessionError>| {
+        // Every client heard that it is being baked.
+        if let Err(error @ (SessionError::Scene(_) | SessionError::Over)) = &result {
+            told.scene_refused(&name, &error.to_string());
         }
-        reply(result.map(nothing).map_err(|refusal| Problem::from(&refusal)));
-    });
-    hub.counter.ask(Request { ask, answer });
+        reply(result.map(nothing).map_err(Problem::from));
+    };
+    session.switch(scene, Box::new(answer));
 }
 
 fn wanted(rate_hz: f64, format: Format, contacts: bool, history: bool) -> Result<Option<Wanted>, Problem> {

@@ -17,7 +17,7 @@ use super::info::{API, Facts, has_force};
 use super::outbox::AWAY;
 use super::problem::Problem;
 use super::recorder::Recorder;
-use crate::daemon::desk::{Board, Counter, Refusal, View};
+use crate::daemon::session::{SceneView, SessionError, SessionHandle};
 use crate::daemon::{Enable, Notice, Phase};
 use crate::device::attached::open::LinkNews;
 use crate::rt::clock::ClockKind;
@@ -27,10 +27,8 @@ use crate::telemetry::metrics::{Metrics, RecordingCounts};
 
 /// What a hub is made of.
 pub struct HubParts {
-    /// What is rendered.
-    pub board: Board,
-    /// Takes what clients ask for.
-    pub counter: Counter,
+    /// What is rendered, and what changes it.
+    pub session: SessionHandle,
     /// Takes force away and ends the run.
     pub control: Arc<Control>,
     /// To the supervisor, which lets force flow.
@@ -55,8 +53,7 @@ pub(super) struct Newest {
 
 /// Everything that the clients of a run share.
 pub struct Hub {
-    pub(super) board: Board,
-    pub(super) counter: Counter,
+    pub(super) session: SessionHandle,
     pub(super) heart: Heart,
     pub(super) clock: ClockKind,
     pub(super) recorder: Option<Arc<dyn Recorder>>,
@@ -77,11 +74,10 @@ pub struct Hub {
 impl Hub {
     /// A hub without clients.
     pub fn new(parts: HubParts) -> Arc<Self> {
-        let HubParts { board, counter, control, enables, heartbeat, clock, recorder, metrics } = parts;
+        let HubParts { session, control, enables, heartbeat, clock, recorder, metrics } = parts;
         let since = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
         Arc::new(Self {
-            board,
-            counter,
+            session,
             heart: Heart::new(heartbeat),
             clock,
             recorder: recorder.map(Arc::from),
@@ -135,7 +131,7 @@ impl Hub {
                 self.tell("link", None, text.trim_end(), &[word]);
             }
             Notice::Waiting(cause) => self.tell("waiting", None, cause.advice(), &[cause.name()]),
-            // The pump tells of a scene once its view is on the board, and of states at the rates of the clients.
+            // The pump tells of a scene once the session shows it, and of states at the rates of the clients.
             Notice::Scene(_) | Notice::Status(_) => {}
         }
     }
@@ -194,7 +190,7 @@ impl Hub {
     pub(super) fn join(&self) -> Arc<Client> {
         let id = self.next_client.fetch_add(1, Ordering::Relaxed);
         let client = Arc::new(Client::new(id));
-        let view = self.board.view();
+        let view = self.session.view();
         client.outbox.say(encode::json(&json!({
             "type": "hello",
             "api": API,
@@ -246,7 +242,7 @@ impl Hub {
         if self.is_baking() {
             return Err(Problem::conflict("the scene is being baked: nothing is rendered yet", "wait for the event `scene`"));
         }
-        self.enables.send(Enable(permit)).map_err(|_| Problem::from(&Refusal::Over))
+        self.enables.send(Enable(permit)).map_err(|_| Problem::from(SessionError::Over))
     }
 
     /// Watches the heartbeats; for a thread of its own.
@@ -328,7 +324,7 @@ impl Hub {
 
     /// `/api/v1/info`.
     pub(super) fn info(&self) -> Value {
-        let View { config, .. } = self.board.view();
+        let SceneView { config, .. } = self.session.view();
         let recording = self.recorder.as_ref().and_then(|recorder| recorder.status());
         let mut info = self.facts().info(&config);
         info["clock"] = self.clock.name().into();

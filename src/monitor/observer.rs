@@ -8,7 +8,7 @@ use super::encode::{self, Extras};
 use super::feed::{Fed, feed};
 use super::hub::{Hub, Newest};
 use super::sight::Sight;
-use crate::daemon::desk::View;
+use crate::daemon::session::SceneView;
 use crate::telemetry::{Tap, TickRecord};
 
 /// Watches a run; the newest record wins.
@@ -21,7 +21,7 @@ pub struct Observer {
 /// What a look showed.
 pub struct Seen<'a> {
     hub: &'a Hub,
-    view: &'a View,
+    view: &'a SceneView,
     newest: Newest,
 }
 
@@ -30,13 +30,13 @@ impl Observer {
     /// with them objects that moved.
     pub fn new(hub: Arc<Hub>) -> (Self, Tap) {
         let (tap, fed) = feed();
-        let sight = Sight::new(hub.board.view());
+        let sight = Sight::new(hub.session.view());
         (Self { hub, sight, fed }, tap)
     }
 
     /// The newest record; `None`: there was none since the last look. Cold.
     pub fn look(&mut self) -> Option<Seen<'_>> {
-        self.sight.look_at(self.hub.board.view());
+        self.sight.look_at(self.hub.session.view());
         let mut newest = None;
         // No more than there are now: under the virtual clock the ring fills as fast as it empties.
         for _ in 0..self.fed.slots() {

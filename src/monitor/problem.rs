@@ -5,9 +5,9 @@ use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 
-use crate::daemon::desk::Refusal;
-use crate::daemon::refusal::RefusalKind;
+use crate::daemon::session::{ControlError, SessionError};
 use crate::daemon::studio::Refused;
+use crate::sculpt::studio::StudioError;
 
 /// One refusal, the same over HTTP and WebSocket.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -51,26 +51,29 @@ impl Problem {
     }
 }
 
-impl From<&Refusal> for Problem {
-    fn from(refusal: &Refusal) -> Self {
-        let kind = refusal.kind();
-        let hint = if kind == RefusalKind::TooMany { "send at most one per tick" } else { "" };
-        Self::new(status_of(kind), refusal.to_string(), hint)
+impl From<SessionError> for Problem {
+    fn from(error: SessionError) -> Self {
+        let (status, hint) = match &error {
+            SessionError::UnknownScene { .. }
+            | SessionError::Control(ControlError::UnknownParameter { .. } | ControlError::UnknownObject { .. }) => {
+                (StatusCode::NOT_FOUND, "")
+            }
+            SessionError::Control(ControlError::Range { .. } | ControlError::Pose { .. }) => (StatusCode::BAD_REQUEST, ""),
+            SessionError::Control(ControlError::Full) => (StatusCode::TOO_MANY_REQUESTS, "send at most one per tick"),
+            _ => (StatusCode::CONFLICT, ""),
+        };
+        Self::new(status, error.to_string(), hint)
     }
 }
 
 impl From<&Refused> for Problem {
     fn from(refused: &Refused) -> Self {
-        Self::new(status_of(refused.kind()), refused.to_string(), refused.hint())
-    }
-}
-
-fn status_of(kind: RefusalKind) -> StatusCode {
-    match kind {
-        RefusalKind::Unknown => StatusCode::NOT_FOUND,
-        RefusalKind::Invalid => StatusCode::BAD_REQUEST,
-        RefusalKind::TooMany => StatusCode::TOO_MANY_REQUESTS,
-        RefusalKind::Conflict => StatusCode::CONFLICT,
+        let status = match refused {
+            Refused::Studio(StudioError::Length { .. }) => StatusCode::BAD_REQUEST,
+            Refused::Busy => StatusCode::TOO_MANY_REQUESTS,
+            Refused::Studio(_) | Refused::Over => StatusCode::CONFLICT,
+        };
+        Self::new(status, refused.to_string(), refused.hint())
     }
 }
 

@@ -26,8 +26,8 @@ const LATER: Duration = Duration::from_millis(4);
 const LATEST: Duration = Duration::from_millis(20);
 /// From this rate on a client gets the shortest pause.
 const SOON_HZ: f64 = 125.0;
-/// How often the board is compared with what clients were told.
-const BOARD_EVERY: Duration = Duration::from_millis(50);
+/// How often the session is compared with what clients were told.
+const SESSION_EVERY: Duration = Duration::from_millis(50);
 /// How often over-runs are told.
 const OVERRUNS_EVERY: Duration = Duration::from_millis(100);
 /// How often contact points are looked for at most; and what share of a thread that may take.
@@ -86,7 +86,7 @@ pub(super) struct Pump {
     /// For what a large scene takes long for: this thread has to hear every client meanwhile.
     apart: Worker,
     sight: Sight,
-    board_at: Instant,
+    session_at: Instant,
     groups: Vec<Group>,
     points: Points,
     points_at: Instant,
@@ -100,12 +100,12 @@ pub(super) struct Pump {
 
 impl Pump {
     pub(super) fn new(hub: Arc<Hub>, apart: Worker) -> Self {
-        let (sight, now) = (Sight::new(hub.board.view()), Instant::now());
+        let (sight, now) = (Sight::new(hub.session.view()), Instant::now());
         Self {
             hub,
             apart,
             sight,
-            board_at: now,
+            session_at: now,
             groups: Vec::new(),
             points: Points::default(),
             points_at: now,
@@ -137,9 +137,9 @@ impl Pump {
 
     fn turn(&mut self, fed: &mut Consumer<Fed>) {
         let now = Instant::now();
-        if now >= self.board_at {
-            self.board_at = now + BOARD_EVERY;
-            self.look_at_board();
+        if now >= self.session_at {
+            self.session_at = now + SESSION_EVERY;
+            self.look_at_session();
         }
         let clients: Vec<_> = self.hub.clients().clone();
         self.regroup(&clients, now);
@@ -255,12 +255,12 @@ impl Pump {
         self.sought = Some(sought);
     }
 
-    /// Tells what has changed on the board.
-    fn look_at_board(&mut self) {
+    /// Tells what has changed in the session.
+    fn look_at_session(&mut self) {
         if let Ok(clay) = self.hub.clay() {
             clay.tell_news(&self.hub);
         }
-        let (before, is_another) = self.sight.look_at(self.hub.board.view());
+        let (before, is_another) = self.sight.look_at(self.hub.session.view());
         let view = self.sight.view();
         if is_another {
             let text = format!("{} is rendered", view.config.name);
@@ -276,7 +276,12 @@ impl Pump {
         if before.scene_idx == view.scene_idx && before.scene.is_some() {
             for (before, now) in before.settings.iter().zip(&view.settings) {
                 if before.value != now.value {
-                    self.hub.tell("parameter", None, &format!("{} goes to {}", now.name, now.value), &[now.name]);
+                    self.hub.tell(
+                        "parameter",
+                        None,
+                        &format!("{} goes to {}", now.parameter.name(), now.value),
+                        &[now.parameter.name()],
+                    );
                 }
             }
         }

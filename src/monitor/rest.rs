@@ -25,7 +25,7 @@ use super::forms::{read, such_as};
 use super::problem::Problem;
 use super::served::Served;
 use super::{assets, ws};
-use crate::daemon::desk::scenes_beside;
+use crate::daemon::scenes_beside;
 use crate::telemetry::metrics;
 
 /// Largest body of a request, bytes.
@@ -168,7 +168,7 @@ async fn metrics(State(served): State<Arc<Served>>) -> Result<Response, Problem>
 }
 
 async fn scene(State(served): State<Arc<Served>>) -> Result<Json<Value>, Problem> {
-    let view = served.hub.board.view();
+    let view = served.hub.session.view();
     let Some(scene) = &view.scene else {
         return Err(Problem::unavailable("the scene is being baked", "wait for the event `scene`"));
     };
@@ -223,7 +223,7 @@ fn grown(bounds: Option<[DVec3; 2]>, point: DVec3) -> Option<[DVec3; 2]> {
 }
 
 async fn mesh(State(served): State<Arc<Served>>, Path((scene_idx, object_idx)): Path<(u32, usize)>) -> Result<Response, Problem> {
-    let view = served.hub.board.view();
+    let view = served.hub.session.view();
     if view.scene_idx != scene_idx {
         let hint = format!("scene {} is rendered", view.scene_idx);
         return Err(Problem::new(StatusCode::NOT_FOUND, "this scene is not rendered", hint));
@@ -235,17 +235,17 @@ async fn mesh(State(served): State<Arc<Served>>, Path((scene_idx, object_idx)): 
 }
 
 async fn scenes(State(served): State<Arc<Served>>) -> Json<Value> {
-    let view = served.hub.board.view();
+    let view = served.hub.session.view();
     // Folders may be on a disk that takes its time.
     let names = served.files.run(move || scenes_beside(&view.config.path).into_iter().map(|(name, _)| name).collect());
     Json(names.await.unwrap_or_else(|| Value::Array(Vec::new())))
 }
 
 async fn parameters(State(served): State<Arc<Served>>) -> Json<Value> {
-    let settings = served.hub.board.view().settings;
-    let parameter = |setting: &crate::daemon::desk::Setting| {
+    let settings = served.hub.session.view().settings;
+    let parameter = |setting: &crate::daemon::session::ParameterSetting| {
         let range = setting.range;
-        json!({ "name": setting.name, "value": setting.value, "least": range.least, "most": range.most, "scene": range.scene })
+        json!({ "name": setting.parameter.name(), "value": setting.value, "least": range.least, "most": range.most, "scene": range.scene })
     };
     Json(settings.iter().map(parameter).collect())
 }

@@ -5,27 +5,27 @@ use std::sync::Arc;
 use super::encode::WireObject;
 use super::feed::Fed;
 use super::hub::Newest;
-use crate::daemon::desk::View;
+use crate::daemon::session::SceneView;
 use crate::haptics::RenderScene;
 use crate::spatial::Pose;
 use crate::telemetry::TickRecord;
 
 /// A scene, seen record by record.
 pub(super) struct Sight {
-    view: View,
+    view: SceneView,
     /// Where every static object stands.
     poses: Vec<Pose>,
 }
 
 impl Sight {
     /// Everything stands where it starts.
-    pub(super) fn new(view: View) -> Self {
+    pub(super) fn new(view: SceneView) -> Self {
         let poses = starts(&view);
         Self { view, poses }
     }
 
     /// The scene and its parameters.
-    pub(super) fn view(&self) -> &View {
+    pub(super) fn view(&self) -> &SceneView {
         &self.view
     }
 
@@ -34,8 +34,8 @@ impl Sight {
         &self.poses
     }
 
-    /// Follows what has changed on the board; gives what it showed before, and whether another scene is rendered now.
-    pub(super) fn look_at(&mut self, view: View) -> (View, bool) {
+    /// Follows what has changed in the session; gives what it showed before, and whether another scene is rendered now.
+    pub(super) fn look_at(&mut self, view: SceneView) -> (SceneView, bool) {
         let before = core::mem::replace(&mut self.view, view);
         let is_first = before.scene.is_none() && self.view.scene.is_some();
         let is_another = is_first || before.scene_idx != self.view.scene_idx;
@@ -72,6 +72,6 @@ impl Sight {
     }
 }
 
-fn starts(view: &View) -> Vec<Pose> {
+fn starts(view: &SceneView) -> Vec<Pose> {
     view.config.statics.iter().map(|object| object.pose).collect()
 }

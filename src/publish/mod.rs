@@ -2,10 +2,10 @@
 //!
 //! ```text
 //!  drain ──ring──► observer ──newest record──► sender ──► topics of ROS 2, states, poses of objects that are owned here
-//!  other runs ──poses of their objects──► world ──► desk ──► loop
+//!  other runs ──poses of their objects──► world ──► session ──► loop
 //! ```
-//! Data in: the newest record of the run, a hundred times a second; poses that others publish. Data out: messages, and requests to the desk, which
-//! are those of any client.
+//! Data in: the newest record of the run, a hundred times a second; poses that others publish. Data out: messages, and poses for the session, as
+//! any client sends them.
 //!
 //! | file | owns |
 //! |---|---|

@@ -16,7 +16,7 @@ use super::keys::{binary_state_key, state_key};
 use super::plan::{Plan, PublishError, refused};
 use super::ros_topics::RosTopics;
 use super::world::{Tell, World};
-use crate::daemon::desk::Counter;
+use crate::daemon::session::SessionHandle;
 use crate::monitor::{Hub, Observer, Seen};
 use crate::network::session;
 use crate::ros::Namespace;
@@ -49,7 +49,7 @@ impl Opened {
     ///
     /// # Errors
     /// The thread could not be started.
-    pub fn serve(self, hub: &Arc<Hub>, counter: Counter, tell: Tell) -> io::Result<(Sender, Tap)> {
+    pub fn serve(self, hub: &Arc<Hub>, session: SessionHandle, tell: Tell) -> io::Result<(Sender, Tap)> {
         let (observer, tap) = Observer::new(hub.clone());
         let heard = hub.clone();
         let tell: Tell = Arc::new(move |text, names| {
@@ -57,13 +57,13 @@ impl Opened {
             heard.world(text, names);
         });
         let (stop, stopped) = bounded(0);
-        let run = move || self.run(observer, &counter, &tell, &stopped);
+        let run = move || self.run(observer, &session, &tell, &stopped);
         let thread = std::thread::Builder::new().name("sender".to_owned()).spawn(run)?;
         Ok((Sender { stop: Some(stop), thread: Some(thread) }, tap))
     }
 
-    fn run(self, mut observer: Observer, counter: &Counter, tell: &Tell, stopped: &channel::Receiver<()>) {
-        let Self { period, mut states, mut ros, mut world, session } = self;
+    fn run(self, mut observer: Observer, session: &SessionHandle, tell: &Tell, stopped: &channel::Receiver<()>) {
+        let Self { period, mut states, mut ros, mut world, session: network } = self;
         let mut next = Instant::now();
         while let Err(RecvTimeoutError::Timeout) = stopped.recv_deadline(next) {
             let now = Instant::now();
@@ -77,12 +77,12 @@ impl Opened {
                 states.publish(&seen);
             }
             if let Some(world) = &mut world {
-                world.turn(&seen, now, counter, tell);
+                world.turn(&seen, now, session, tell);
             }
         }
         drop((states, ros, world));
         // Others hear at once that this run has gone.
-        let _ = session.close().wait();
+        let _ = network.close().wait();
     }
 }
 

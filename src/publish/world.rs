@@ -15,7 +15,7 @@ use zenoh::{Session, Wait};
 use super::claims::{Claims, News};
 use super::keys::{Owner, WorldName, pose_key, pose_keys, posed_object};
 use super::plan::{PublishError, Share, refused};
-use crate::daemon::desk::{Ask, Counter, Refusal, Request};
+use crate::daemon::session::SessionHandle;
 use crate::monitor::{Seen, read_pose};
 
 /// Objects of a world whose poses wait to be looked at.
@@ -82,7 +82,7 @@ impl World {
     }
 
     /// One look at the newest record.
-    pub(super) fn turn(&mut self, seen: &Seen<'_>, now: Instant, counter: &Counter, tell: &Tell) {
+    pub(super) fn turn(&mut self, seen: &Seen<'_>, now: Instant, session: &SessionHandle, tell: &Tell) {
         let objects: BTreeMap<_, _> = seen.objects().collect();
         for news in self.claims.news() {
             self.note(news, objects.keys().copied(), tell);
@@ -97,7 +97,7 @@ impl World {
         let came = core::mem::take(&mut *lock(&self.inbox));
         for (object, pose) in came {
             if objects.contains_key(object.as_str()) && !self.claims.has(&object) {
-                self.place(object, &pose, counter, tell);
+                self.place(object, &pose, session, tell);
             }
         }
     }
@@ -121,8 +121,8 @@ impl World {
         }
     }
 
-    /// Asks the desk, as a client would.
-    fn place(&self, object: String, pose: &[u8], counter: &Counter, tell: &Tell) {
+    /// Asks the session, as a client does.
+    fn place(&self, object: String, pose: &[u8], session: &SessionHandle, tell: &Tell) {
         let (refused, tell, name) = (self.refused.clone(), tell.clone(), self.name.clone());
         let complain = move |object: String, why: Option<String>| {
             let mut refused = lock(&refused);
@@ -137,10 +137,8 @@ impl World {
         };
         match read_pose(pose) {
             Ok(world_from_object) => {
-                let ask = Ask::Place { object: object.clone(), world_from_object };
-                let answer =
-                    Box::new(move |result: Result<(), Refusal>| complain(object, result.err().map(|refusal| refusal.to_string())));
-                counter.ask(Request { ask, answer });
+                let placed = session.place(&object, world_from_object);
+                complain(object, placed.err().map(|error| error.to_string()));
             }
             Err(why) => complain(object, Some(why)),
         }

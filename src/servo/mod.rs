@@ -1,7 +1,7 @@
 //! The loop: wait → read → tick → write → publish, in a thread of its own.
 //!
-//! Data in: an immutable scene (exchanged as a whole when another is offered), poses of movable objects, frames of clay, an arm, a clock, one
-//! atomic request.
+//! Data in: an immutable scene (exchanged as a whole when another is offered), one ring of commands, frames of clay, an arm, a clock, one atomic
+//! request.
 //! Data out: one [`TickRecord`] per tick through a wait-free ring, and one
 //! [`LoopReport`] at the end.
 //!
@@ -23,26 +23,22 @@
 
 mod calibration;
 mod clay;
-mod lowered;
+mod commands;
+mod loaded_scene;
 mod pace;
-mod placing;
-mod reins;
+mod paths;
 mod step;
 mod stop_guard;
-mod swap;
 #[cfg(test)]
 pub(crate) mod testing;
 mod thread;
-mod tuner;
 
 pub use crate::rt::control::{Control, Order, Permit};
 pub use clay::{ClayFeed, ClaySlot, PublishError, ToolState};
-pub use lowered::Lowered;
+pub use commands::{CommandQueue, ControlError, FileChange, Objects, ParameterSetting, SceneControls, SwapError};
+pub use loaded_scene::LoadedScene;
 pub use pace::{Due, Pace};
-pub use placing::{PlaceError, Placer, Wishes};
-pub use reins::{ReinEnds, Reins};
+pub use paths::ObjectPaths;
 pub use step::{Ending, LoopReport, RunPlan, ServoLoop, Step, TickFunction};
 pub use stop_guard::StopGuard;
-pub use swap::{Refused, Stage, SwapSlot, Swapper};
 pub use thread::run_to_end;
-pub use tuner::{TuneError, Tuner};

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use rtrb::{Producer, PushError};
 
 use super::clay::frame_in_use;
-use super::{ClaySlot, Control, Order, Pace, Stage, StopGuard, SwapSlot, Wishes};
+use super::{ClaySlot, CommandQueue, Control, LoadedScene, Order, Pace, StopGuard};
 use crate::device::{Device, DeviceError};
 use crate::haptics::{self, Drive, DriveRequest, Faults, RenderScene, State, TickInput, TickOutput};
 use crate::rt::clock::{Clock, ClockKind};
@@ -98,8 +98,8 @@ pub struct LoopReport {
 #[derive(Debug)]
 pub struct ServoLoop<D: Device, C: Clock> {
     #[expect(clippy::disallowed_types, reason = "made and freed on the cold side, exchanged as a pointer")]
-    stage: Box<Stage>,
-    swaps: Option<SwapSlot>,
+    rendered: Box<LoadedScene>,
+    commands: CommandQueue,
     tick_function: TickFunction,
     time_budget_s: Option<f64>,
     device: StopGuard<D>,
@@ -149,11 +149,11 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
     ) -> Self {
         let period_s = scene.parameters.period_s;
         #[expect(clippy::disallowed_types, reason = "start-up")]
-        let stage = Box::new(Stage::new(scene));
+        let rendered = Box::new(LoadedScene::new(scene));
         Self {
-            stop_ticks: stage.stop_ticks(),
-            stage,
-            swaps: None,
+            stop_ticks: rendered.stop_ticks(),
+            rendered,
+            commands: CommandQueue::default(),
             tick_function: haptics::tick,
             time_budget_s: None,
             device: StopGuard::new(device),
@@ -198,24 +198,17 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
         self
     }
 
-    /// The same loop with wishes for the movable objects of its scene.
+    /// The same loop with commands that change its scene, or bring another one of the same period and arm.
     #[must_use]
-    pub fn with_wishes(mut self, wishes: Wishes) -> Self {
-        self.stage.wishes = wishes;
+    pub fn with_commands(mut self, commands: CommandQueue) -> Self {
+        self.commands = commands;
         self
     }
 
     /// The same loop with a slot for frames of its scene's clay.
     #[must_use]
     pub fn with_clay(mut self, clay: ClaySlot) -> Self {
-        self.stage.clay = Some(clay);
-        self
-    }
-
-    /// The same loop with a slot for other scenes, of the same period and arm.
-    #[must_use]
-    pub fn with_swaps(mut self, swaps: SwapSlot) -> Self {
-        self.swaps = Some(swaps);
+        self.rendered.clay = Some(clay);
         self
     }
 
@@ -228,9 +221,9 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
     /// the loop, before the first step.
     pub fn warm_up(&mut self) {
         if let Some(time_budget_s) = self.time_budget_s {
-            self.stage.calibrate(&self.clock, time_budget_s);
+            self.rendered.calibrate(&self.clock, time_budget_s);
         }
-        let mut rehearsal = self.stage.state.clone();
+        let mut rehearsal = self.rendered.state.clone();
         let begin_ns = self.clock.stopwatch_ns();
         for n in 0..WARM_UP_TICKS {
             if n >= WARM_UP_TICKS_MIN && self.clock.stopwatch_ns() - begin_ns > WARM_UP_NS {
@@ -238,7 +231,7 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
             }
             let sample = DeviceSample { sequence: u64::from(n) + 1, status: SampleStatus::Fresh, ..DeviceSample::default() };
             let input = TickInput { sample, request: DriveRequest::Enable, ..TickInput::default() };
-            core::hint::black_box((self.tick_function)(&self.stage.scene, &mut rehearsal, &input));
+            core::hint::black_box((self.tick_function)(&self.rendered.scene, &mut rehearsal, &input));
             core::hint::black_box((self.clock.now_ns(), self.clock.stopwatch_ns()));
         }
         self.flight.note(&TickRecord::default());
@@ -261,9 +254,10 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
 
         let due = self.pace.wait(&mut self.clock);
         self.missed_deadlines += due.missed;
-        let stall_ns = (self.stage.scene.parameters.limits.stall_s * 1e9) as i64;
+        let stall_ns = (self.rendered.scene.parameters.limits.stall_s * 1e9) as i64;
         let is_late = |last_ns: i64| due.now_ns - last_ns > stall_ns;
         let stalled = self.clock.kind() == ClockKind::Real && self.has_force && self.commanded_ns.is_some_and(is_late);
+        self.commands.receive(&mut self.rendered, self.scene_idx);
         // Before the clock of the tick starts: simulated time may wait here for a bake.
         let swaps = self.swap_is_due(wanted);
         self.exchange_clay();
@@ -273,11 +267,12 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
         let sample = self.read();
         let read_ns = self.clock.stopwatch_ns();
         let request = if swaps && wanted == Order::Enable { DriveRequest::Stop } else { self.request(wanted) };
-        let place = self.stage.wishes.next_place(self.tick as f64 * self.stage.scene.parameters.period_s);
-        let tune = self.stage.wishes.next_tune();
-        let clay = frame_in_use(self.stage.clay.as_ref(), &self.stage.state);
+        let time_s = self.tick as f64 * self.rendered.scene.parameters.period_s;
+        let place = self.commands.next_placement(&mut self.rendered, time_s);
+        let tune = self.commands.next_change();
+        let clay = frame_in_use(self.rendered.clay.as_ref(), &self.rendered.state);
         let input = TickInput { sample, request, overrun: due.missed > 0, stalled, place, tune, clay };
-        let output = (self.tick_function)(&self.stage.scene, &mut self.stage.state, &input);
+        let output = (self.tick_function)(&self.rendered.scene, &mut self.rendered.state, &input);
         let computed_ns = self.clock.stopwatch_ns();
         if output.drive.has_force() != self.enabled {
             self.enabled = output.drive.has_force();
@@ -304,9 +299,9 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
             output,
             rendered_device,
             beside_device,
-            contact_budget_points: self.stage.budget_points(),
+            contact_budget_points: self.rendered.budget_points(),
         });
-        if let Stage { clay: Some(clay), state, .. } = &mut *self.stage {
+        if let LoadedScene { clay: Some(clay), state, .. } = &mut *self.rendered {
             clay.tell(self.tick, sample.buttons, state, &output, self.clock.kind());
         }
         let step = self.conclude(wanted, &output);
@@ -319,30 +314,26 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
     /// Takes the newest frame of the clay. Who ends the loop from outside need not wait for one.
     fn exchange_clay(&mut self) {
         let (control, clock) = (&self.control, self.clock.kind());
-        if let Stage { clay: Some(clay), state, .. } = &mut *self.stage {
+        if let LoadedScene { clay: Some(clay), state, .. } = &mut *self.rendered {
             clay.exchange(state, clock, || control.is_ending());
         }
     }
 
     /// True when the force is to go to zero for another scene. A stop and a fault that nobody has acknowledged go first.
     fn swap_is_due(&mut self, wanted: Order) -> bool {
-        let (tick, clock) = (self.tick, self.clock.kind());
+        let (now, clock, control) = ((self.tick, self.scene_idx), self.clock.kind(), &self.control);
         let may = matches!(wanted, Order::Enable | Order::Disable) && self.last.faults.is_empty() && !self.driver_fault;
-        may && self.swaps.as_mut().is_some_and(|swaps| swaps.is_due(tick, clock))
+        may && self.commands.is_scene_due(&mut self.rendered, now, clock, || control.is_ending())
     }
 
     /// Exchanges the scenes once no force is left. The tool stays where it stands, if there is room in the new scene.
     fn swap_at_zero(&mut self, output: &TickOutput) {
         let at_zero = output.drive == Drive::Disabled && output.command_device == Wrench::ZERO;
-        let before = self.stage.state.handover();
-        if at_zero
-            && output.faults.is_empty()
-            && !self.driver_fault
-            && self.swaps.as_mut().is_some_and(|swaps| swaps.exchange(&mut self.stage))
-        {
-            let Stage { scene, state, .. } = &mut *self.stage;
+        let before = self.rendered.state.handover();
+        if at_zero && output.faults.is_empty() && !self.driver_fault && self.commands.exchange(&mut self.rendered) {
+            let LoadedScene { scene, state, .. } = &mut *self.rendered;
             state.resume_at(scene, output.world_from_tool, before);
-            self.stop_ticks = self.stage.stop_ticks();
+            self.stop_ticks = self.rendered.stop_ticks();
             self.scene_idx += 1;
         }
     }
@@ -472,7 +463,7 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
             missed_deadlines: self.missed_deadlines,
             dropped_records: self.dropped_records,
             packet_errors: self.packet_errors,
-            contact_budget_points: self.stage.budget_points(),
+            contact_budget_points: self.rendered.budget_points(),
             faults: self.faults,
             first_fault_tick: self.first_fault_tick,
             first_tick_ns: self.first_tick_ns,

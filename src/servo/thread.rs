@@ -35,7 +35,7 @@ mod tests {
     use crate::haptics::{Drive, DriveRequest, Faults, RenderScene, State, TickInput, TickOutput};
     use crate::rt::clock::{RealClock, VirtualClock};
     use crate::servo::testing::{ArmLog, CountingArm, ScriptedClock, empty_scene};
-    use crate::servo::{Control, Ending, RunPlan, Stage, SwapSlot, TickFunction};
+    use crate::servo::{Control, Ending, LoadedScene, RunPlan, SceneControls, TickFunction};
     use crate::spatial::{SampleStatus, Wrench};
     use crate::telemetry::TickRecord;
 
@@ -143,15 +143,15 @@ mod tests {
         let arm = CountingArm { lost_from_read: Some(30), back_from_read: Some(60), ..CountingArm::default() };
         let (producer, mut records) = RingBuffer::new(4096);
         let control = Arc::new(Control::enabled());
-        let (mut swapper, slot) = SwapSlot::new(Box::new([]));
+        let (mut controls, commands) = SceneControls::new(&empty_scene().parameters, Vec::new());
         let plan = RunPlan { stop_at_tick: Some(1500), outlives_faults: true };
         let servo = ServoLoop::new(empty_scene(), arm, VirtualClock::default(), control.clone(), plan, producer);
-        let mut servo = servo.with_swaps(slot);
+        let mut servo = servo.with_commands(commands);
         servo.warm_up();
         for n in 0.. {
             match n {
                 // Offered while the fault is latched: it waits.
-                100 => swapper.offer(Box::new(Stage::new(empty_scene()))).expect("room"),
+                100 => assert!(controls.offer(Box::new(LoadedScene::new(empty_scene())), Vec::new()).is_ok()),
                 300 => control.disable(),
                 400 => control.enable(control.permit()),
                 _ => {}
@@ -170,7 +170,7 @@ mod tests {
             assert!(record.scene_idx == 0 || record.output.faults.is_empty());
         }
         assert!(changed.is_some_and(|tick| (300..700).contains(&tick)), "{changed:?}");
-        assert!(swapper.take_back().is_some());
+        assert!(controls.take_replaced().is_some());
     }
 
     #[test]

@@ -350,7 +350,7 @@ fn planted_violations_are_caught() {
         ("storage/slab.rs", "use crate::spatial::Pose;", Some("may use only")),
         ("network/mod.rs", "use crate::spatial::Pose;", Some("may use only")),
         ("ros/names.rs", "use crate::monitor::Seen;\nuse crate::telemetry::TickRecord;", Some("crate::monitor::Seen")),
-        ("publish/world.rs", "use crate::monitor::Seen;\nuse crate::servo::Reins;", Some("crate::servo::Reins")),
+        ("publish/world.rs", "use crate::monitor::Seen;\nuse crate::servo::Pace;", Some("crate::servo::Pace")),
         ("scene/build.rs", "use crate::cli::Talk;", Some("nobody uses `cli`")),
         ("voxmap/build.rs", "use crate::picture::Subject;", Some("nobody but `cli`")),
         ("bench/generation/mod.rs", "use crate::scene::Geometry;", Some("`bench` may use only")),

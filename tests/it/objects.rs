@@ -14,7 +14,7 @@ use hapticd::mesh::primitives::Shape;
 use hapticd::mesh::validate;
 use hapticd::pointshell::{self, shell::Shell};
 use hapticd::rt::clock::VirtualClock;
-use hapticd::servo::{Control, Ending, Placer, RunPlan, ServoLoop, Stage, Step, SwapSlot, Wishes};
+use hapticd::servo::{Control, Ending, LoadedScene, RunPlan, SceneControls, ServoLoop, Step};
 use hapticd::spatial::{DeviceSample, Pose, SampleStatus, Wrench};
 use hapticd::telemetry::TickRecord;
 use hapticd::voxmap::field::FieldKind;
@@ -410,25 +410,24 @@ fn play_servo<D: hapticd::device::Device>(
 
 type Loop = ServoLoop<Box<dyn hapticd::device::Device>, VirtualClock>;
 
-fn servo(text: &str, n_ticks: u64) -> (Loop, rtrb::Consumer<TickRecord>, Arc<Control>) {
+fn servo(text: &str, n_ticks: u64) -> (Loop, rtrb::Consumer<TickRecord>, SceneControls, Arc<Control>) {
     let (scene, device) = stage(text);
+    let (controls, commands) = SceneControls::new(&scene.parameters, vec![("plate".to_owned(), true)]);
     let (producer, records) = rtrb::RingBuffer::new(64);
     let control = Arc::new(Control::enabled());
     let plan = RunPlan { stop_at_tick: Some(n_ticks), ..RunPlan::default() };
-    (ServoLoop::new(Arc::new(scene), device, VirtualClock::default(), control.clone(), plan, producer), records, control)
+    let servo = ServoLoop::new(Arc::new(scene), device, VirtualClock::default(), control.clone(), plan, producer);
+    (servo.with_commands(commands), records, controls, control)
 }
 
 #[test]
 fn a_plate_lifts_the_hand_and_its_work_is_no_debt_of_the_arm() {
-    let objects = vec![("plate".to_owned(), true)];
-    let (mut placer, ring) = Placer::new(objects.clone());
-    let (servo, records, _) = servo(LIFT, 4000);
-    let servo = servo.with_wishes(Wishes::new(&objects, Some(ring), []).expect("sound"));
+    let (servo, records, mut controls, _) = servo(LIFT, 4000);
     // Up by 15 mm and down again, ten times: a hand that holds with 500 N/m is pushed by some newtons.
     let (all, faults, ending) = play_servo(servo, records, |n| {
         if n >= 300 && n % 4 == 0 {
             let z_m = 7.5e-3 * (1.0 - (0.012 * (n - 300) as f64).cos());
-            placer.place("plate", Pose::from_translation(DVec3::Z * (z_m - 5e-3))).expect("room");
+            controls.place("plate", Pose::from_translation(DVec3::Z * (z_m - 5e-3))).expect("room");
         }
     });
     assert_eq!((faults, ending), (Faults::NONE, Ending::Stopped));
@@ -450,6 +449,11 @@ fn a_plate_lifts_the_hand_and_its_work_is_no_debt_of_the_arm() {
 
 const OTHER: &str = "shape = { box_mm = [40.0, 40.0, 10.0] }";
 
+/// A scene to go over to from a tick on.
+fn loaded(text: &str, at_tick: u64) -> Box<LoadedScene> {
+    Box::new(LoadedScene::new(Arc::new(stage(text).0)).at_tick(at_tick))
+}
+
 fn scenes_that_swap() -> [String; 2] {
     [LIFT.to_owned(), LIFT.replace(OTHER, "shape = { cylinder_mm = [20.0, 10.0] }")]
 }
@@ -457,19 +461,17 @@ fn scenes_that_swap() -> [String; 2] {
 #[test]
 fn scenes_take_each_others_place_at_zero_force_and_no_tick_is_missed() {
     let [first, second] = scenes_that_swap();
-    let (servo, records, _) = servo(&first, 3000);
-    let (mut swapper, slot) = SwapSlot::new(Box::new([]));
-    let servo = servo.with_swaps(slot);
+    let (servo, records, mut controls, _) = servo(&first, 3000);
     let mut n_back = 0;
     let (all, faults, ending) = play_servo(servo, records, |n| {
         if n == 800 || n == 1600 {
             let text = if n == 800 { &second } else { &first };
-            swapper.offer(Box::new(Stage::new(Arc::new(stage(text).0)))).expect("room");
+            assert!(controls.offer(loaded(text, 0), Vec::new()).is_ok());
         }
-        n_back += usize::from(swapper.take_back().is_some());
+        n_back += usize::from(controls.take_replaced().is_some());
     });
     assert_eq!((faults, ending, n_back), (Faults::NONE, Ending::Stopped, 2));
-    assert!(swapper.is_over());
+    assert!(controls.is_over());
     let changes: Vec<usize> = (1..all.len()).filter(|n| all[*n].scene_idx != all[n - 1].scene_idx).collect();
     assert_eq!(changes.len(), 2);
     for change in changes {
@@ -495,10 +497,9 @@ fn scenes_take_each_others_place_at_zero_force_and_no_tick_is_missed() {
 fn a_scene_without_room_for_the_tool_begins_at_its_own_start() {
     // A second scene whose plate is where the tool stands.
     let second = LIFT.replace("position_mm = [0, 0, -5]", "position_mm = [0, 0, 5]").replace("[0, 0, 6.0]", "[0, 0, 20.0]");
-    let (servo, records, _) = servo(LIFT, 1500);
-    let (mut swapper, slot) = SwapSlot::new(Box::new([]));
-    swapper.offer(Box::new(Stage::new(Arc::new(stage(&second).0)).at_tick(700))).expect("room");
-    let (all, faults, _) = play_servo(servo.with_swaps(slot), records, |_| ());
+    let (servo, records, mut controls, _) = servo(LIFT, 1500);
+    assert!(controls.offer(loaded(&second, 700), Vec::new()).is_ok());
+    let (all, faults, _) = play_servo(servo, records, |_| ());
     assert_eq!(faults, Faults::NONE);
     let change = all.iter().position(|record| record.scene_idx == 1).expect("swapped");
     assert!((700..900).contains(&change), "tick {change}");
@@ -510,10 +511,9 @@ fn a_scene_without_room_for_the_tool_begins_at_its_own_start() {
 #[test]
 fn a_fault_or_a_stop_in_a_swap_is_zero_force_and_no_swap() {
     for (text, stop) in [(format!("{LIFT}[device.sim]\nfault = \"unplug@0.75s\"\n"), false), (LIFT.to_owned(), true)] {
-        let (servo, records, control) = servo(&text, 3000);
-        let (mut swapper, slot) = SwapSlot::new(Box::new([]));
-        swapper.offer(Box::new(Stage::new(Arc::new(stage(LIFT).0)).at_tick(700))).expect("room");
-        let (all, faults, ending) = play_servo(servo.with_swaps(slot), records, |n| {
+        let (servo, records, mut controls, control) = servo(&text, 3000);
+        assert!(controls.offer(loaded(LIFT, 700), Vec::new()).is_ok());
+        let (all, faults, ending) = play_servo(servo, records, |n| {
             if stop && n == 750 {
                 control.stop();
             }
@@ -522,6 +522,6 @@ fn a_fault_or_a_stop_in_a_swap_is_zero_force_and_no_swap() {
         assert_eq!(faults, if stop { Faults::NONE } else { Faults::DEVICE_LOST });
         assert!(all.iter().all(|record| record.scene_idx == 0), "it went on to the other scene");
         assert!(rig::is_bit_zero(all.last().expect("records").output.command_device));
-        assert!(swapper.take_back().is_none() && swapper.is_over());
+        assert!(controls.take_replaced().is_none() && controls.is_over());
     }
 }

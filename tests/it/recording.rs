@@ -10,11 +10,11 @@ use std::time::{Duration, Instant};
 
 use glam::DVec3;
 use hapticd::config::LoadOptions;
-use hapticd::daemon::switch::objects;
+use hapticd::daemon::session::objects;
 use hapticd::daemon::{Live, RenderJob, ReplayError, Replayed, Supervisor, prepare, replay, scene_files};
 use hapticd::haptics::{Faults, Knob};
 use hapticd::rt::clock::ClockKind;
-use hapticd::servo::{Control, Reins, Wishes};
+use hapticd::servo::{Control, SceneControls};
 use hapticd::spatial::Pose;
 use hapticd::telemetry::recording::{Entry, Recorder, Recording, SceneFiles};
 use hapticd::telemetry::{Taps, TickRecord, drain};
@@ -149,11 +149,11 @@ fn a_run_with_a_moving_part_and_other_scenes_replays_bit_for_bit_without_its_fil
 }
 
 /// Runs a scene in this process and records it; `turn` has its parameters and parts in hand before the first tick.
-fn record(scene: &Path, duration: Duration, path: &Path, turn: impl FnOnce(&mut Reins)) -> u64 {
+fn record(scene: &Path, duration: Duration, path: &Path, turn: impl FnOnce(&mut SceneControls)) -> u64 {
     let config = rig::load(scene);
     let (prepared, _) = prepare(&config, |_| ()).expect("a scene");
-    let (mut reins, ends) = Reins::new(&prepared.scene.parameters, objects(&config));
-    turn(&mut reins);
+    let (mut controls, commands) = SceneControls::new(&prepared.scene.parameters, objects(&config));
+    turn(&mut controls);
     let taps = Taps::default();
     let recorder = Recorder::new(taps.clone(), true);
     recorder.facts.note("rate_hz", config.rate_hz);
@@ -171,7 +171,7 @@ fn record(scene: &Path, duration: Duration, path: &Path, turn: impl FnOnce(&mut 
         clock: ClockKind::Virtual,
         duration: Some(duration),
     };
-    let live = Live { wishes: Wishes::default().with_reins(ends), taps, ..Live::default() };
+    let live = Live { commands, taps, ..Live::default() };
     let outcome = Supervisor::new(|_| ()).render_live(job, live, &Arc::new(Control::new())).expect("an outcome");
     let summary = handle.stop();
     assert_eq!((summary.records, summary.error, outcome.report.faults), (outcome.report.ticks, None, Faults::NONE));
@@ -179,14 +179,13 @@ fn record(scene: &Path, duration: Duration, path: &Path, turn: impl FnOnce(&mut 
 }
 
 /// Every knob that acts, to its least value, and a part to another place.
-fn turn_everything(reins: &mut Reins) {
-    let knobs: Vec<(Knob, f64)> = reins.tuner.knobs().iter().map(|(knob, range, _)| (*knob, range.least)).collect();
-    for (knob, value) in knobs {
-        reins.tuner.set(knob.name(), value).expect("in range");
+fn turn_everything(controls: &mut SceneControls) {
+    for setting in controls.settings().to_vec() {
+        controls.set(setting.parameter.name(), setting.range.least).expect("in range");
     }
-    let movable: Vec<String> = reins.placer.movable().map(str::to_owned).collect();
+    let movable: Vec<String> = controls.movable().map(str::to_owned).collect();
     for name in movable {
-        reins.placer.place(&name, Pose::from_translation(DVec3::Z * 0.004)).expect("movable");
+        controls.place(&name, Pose::from_translation(DVec3::Z * 0.004)).expect("movable");
     }
 }
 

@@ -10,7 +10,7 @@ use hapticd::haptics::{Faults, Parameters, RenderScene};
 use hapticd::rt::clock::VirtualClock;
 use hapticd::scene::cache::Cache;
 use hapticd::scene::{BakeMeans, ObjectReport};
-use hapticd::servo::{Control, Ending, RunPlan, ServoLoop, Step, Wishes};
+use hapticd::servo::{CommandQueue, Control, Ending, ObjectPaths, RunPlan, ServoLoop, Step};
 use hapticd::spatial::{Pose, Wrench};
 use hapticd::telemetry::TickRecord;
 
@@ -93,23 +93,23 @@ pub(crate) fn run_moving<const N: usize>(config: &SceneConfig, paths: [(&str, Ha
     let n_ticks = ((hand_end_s(config) + 1.0) / config.parameters.period_s).round() as u64;
     let objects: Vec<(String, bool)> = config.statics.iter().map(|object| (object.name.clone(), object.movable)).collect();
     let paths = paths.map(|(name, path)| (name.to_owned(), path));
-    run_wishing(config, &mut Cache::off(), n_ticks, Wishes::new(&objects, None, paths).expect("movable"))
+    run_along(config, &mut Cache::off(), n_ticks, ObjectPaths::new(&objects, paths).expect("movable"))
 }
 
 /// The same, with a bake cache.
 pub(crate) fn run_ticks_with(config: &SceneConfig, cache: &mut Cache, n_ticks: u64) -> Run {
-    run_wishing(config, cache, n_ticks, Wishes::default())
+    run_along(config, cache, n_ticks, ObjectPaths::default())
 }
 
-fn run_wishing(config: &SceneConfig, cache: &mut Cache, n_ticks: u64, wishes: Wishes) -> Run {
+fn run_along(config: &SceneConfig, cache: &mut Cache, n_ticks: u64, paths: ObjectPaths) -> Run {
     let (prepared, reports) = prepare_with(config, &mut BakeMeans::from(cache), |_| ()).unwrap_or_else(|error| panic!("{error}"));
     let scene = Arc::new(prepared.scene);
     // Room for all: the virtual clock waits for a drain, and nobody drains here before the end.
     let (producer, mut consumer) = rtrb::RingBuffer::new(n_ticks as usize + 2000);
     let control = Arc::new(Control::enabled());
     let plan = RunPlan { stop_at_tick: Some(n_ticks), ..RunPlan::default() };
-    let mut servo =
-        ServoLoop::new(scene.clone(), prepared.device, VirtualClock::default(), control, plan, producer).with_wishes(wishes);
+    let mut servo = ServoLoop::new(scene.clone(), prepared.device, VirtualClock::default(), control, plan, producer)
+        .with_commands(CommandQueue::default().with_paths(paths));
     servo.warm_up();
     while servo.step() == Step::Continue {}
     let report = servo.finish();

@@ -4,10 +4,10 @@ use std::sync::Arc;
 
 use hapticd::config::SceneConfig;
 use hapticd::daemon::prepare;
-use hapticd::daemon::switch::objects;
+use hapticd::daemon::session::objects;
 use hapticd::haptics::{Faults, Knob, Parameters};
 use hapticd::rt::clock::VirtualClock;
-use hapticd::servo::{Control, Reins, RunPlan, ServoLoop, Step, Wishes};
+use hapticd::servo::{Control, RunPlan, SceneControls, ServoLoop, Step};
 use hapticd::telemetry::TickRecord;
 
 use super::rig;
@@ -21,18 +21,18 @@ const N_TICKS: u64 = 2000;
 const STEP_N: f64 = 0.06;
 
 /// The block on the plane; `turn` is asked before each tick.
-fn play(config: &SceneConfig, change: impl Fn(&mut Parameters), mut turn: impl FnMut(u64, &mut Reins)) -> Vec<TickRecord> {
+fn play(config: &SceneConfig, change: impl Fn(&mut Parameters), mut turn: impl FnMut(u64, &mut SceneControls)) -> Vec<TickRecord> {
     let (mut prepared, _) = prepare(config, |_| ()).expect("a scene");
     change(&mut prepared.scene.parameters);
-    let (mut reins, ends) = Reins::new(&prepared.scene.parameters, objects(config));
+    let (mut controls, commands) = SceneControls::new(&prepared.scene.parameters, objects(config));
     let (producer, mut consumer) = rtrb::RingBuffer::new(N_TICKS as usize + 1000);
     let plan = RunPlan { stop_at_tick: Some(N_TICKS), ..RunPlan::default() };
     let control = Arc::new(Control::enabled());
     let mut servo = ServoLoop::new(Arc::new(prepared.scene), prepared.device, VirtualClock::default(), control, plan, producer)
-        .with_wishes(Wishes::default().with_reins(ends));
+        .with_commands(commands);
     servo.warm_up();
     for tick in 0.. {
-        turn(tick, &mut reins);
+        turn(tick, &mut controls);
         if servo.step() == Step::End {
             break;
         }
@@ -66,9 +66,9 @@ fn every_knob_turned_to_both_ends_under_pressure_makes_no_step_and_no_energy() {
             let records = play(
                 &config,
                 |_| (),
-                |tick, reins| {
+                |tick, controls| {
                     if tick == PRESSED_FROM {
-                        reins.tuner.set(knob.name(), value).expect("in range");
+                        controls.set(knob.name(), value).expect("in range");
                     }
                 },
             );
@@ -92,9 +92,9 @@ fn a_knob_leads_to_where_a_scene_with_its_value_is() {
     let turned = play(
         &config,
         |_| (),
-        |tick, reins| {
+        |tick, controls| {
             if tick == PRESSED_FROM {
-                reins.tuner.set(Knob::CouplingTranslation.name(), half).expect("in range");
+                controls.set(Knob::CouplingTranslation.name(), half).expect("in range");
             }
         },
     );
@@ -117,9 +117,9 @@ fn a_value_out_of_range_is_refused_and_changes_no_bit() {
     let refused = play(
         &config,
         |_| (),
-        |tick, reins| {
+        |tick, controls| {
             if tick == PRESSED_FROM {
-                let error = reins.tuner.set("limit_force_n", 1e6).expect_err("too much").to_string();
+                let error = controls.set("limit_force_n", 1e6).expect_err("too much").to_string();
                 assert!(error.contains("limit_force_n") && error.contains("1000000"), "{error}");
             }
         },

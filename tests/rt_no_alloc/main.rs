@@ -23,7 +23,7 @@ use hapticd::haptics::{Faults, RenderScene};
 use hapticd::rt::clock::VirtualClock;
 use hapticd::scene::BakeMeans;
 use hapticd::scene::cache::{Cache, Residence};
-use hapticd::servo::{ClayFeed, ClaySlot, Control, Reins, RunPlan, ServoLoop, Stage, Step, SwapSlot, Wishes};
+use hapticd::servo::{ClayFeed, ClaySlot, Control, LoadedScene, RunPlan, SceneControls, ServoLoop, Step};
 use hapticd::spatial::Pose;
 
 /// Counts what the thread under test does; other threads (and the harness) allocate as they like.
@@ -262,38 +262,31 @@ fn moving_objects_turning_knobs_and_swapping_scenes_allocate_nothing() {
     let bake = || prepare_with(&config, &mut BakeMeans::from(&mut Cache::off()), |_| ()).expect("a scene").0;
     let prepared = bake();
     let objects = vec![(config.statics[0].name.clone(), true)];
-    let stage = || {
-        let (reins, ends) = Reins::new(&config.parameters, objects.clone());
-        (reins, Stage::new(Arc::new(bake().scene)).with_wishes(Wishes::default().with_reins(ends)))
-    };
-    let (mut reins, ends) = Reins::new(&config.parameters, objects.clone());
-    let (mut swapper, slot) = SwapSlot::new(Box::new([]));
+    let (mut controls, commands) = SceneControls::new(&config.parameters, objects.clone());
     let (producer, mut consumer) = rtrb::RingBuffer::new(STRIDE);
     let control = Arc::new(Control::enabled());
     let plan = RunPlan { stop_at_tick: Some(20_000), ..RunPlan::default() };
     let mut servo = ServoLoop::new(Arc::new(prepared.scene), prepared.device, VirtualClock::default(), control, plan, producer)
-        .with_wishes(Wishes::default().with_reins(ends))
-        .with_swaps(slot);
+        .with_commands(commands);
     servo.warm_up();
     let (mut n_swaps, mut n_tunes, mut moving, mut touching, mut round) = (0, 0, 0, 0, 0_u32);
     loop {
         // Up under the block and down again, round by round; another scene every fourth.
         for n in 0..10 {
             let turn = DQuat::from_rotation_x(0.05 * f64::from(round % 3));
-            reins.placer.place(&objects[0].0, Pose::new(turn, DVec3::Z * (1e-3 * f64::from((3 * round + n) % 12)))).expect("room");
+            controls.place(&objects[0].0, Pose::new(turn, DVec3::Z * (1e-3 * f64::from((3 * round + n) % 12)))).expect("room");
         }
-        let (knob, range, _) = reins.tuner.knobs()[round as usize % reins.tuner.knobs().len()];
-        reins.tuner.set(knob.name(), if round % 2 == 0 { range.least } else { range.most }).expect("room");
+        let setting = controls.settings()[round as usize % controls.settings().len()];
+        let value = if round % 2 == 0 { setting.range.least } else { setting.range.most };
+        controls.set(setting.parameter.name(), value).expect("room");
         if round % 4 == 1 {
-            let (next, stage) = stage();
-            if swapper.offer(Box::new(stage)).is_ok() {
-                reins = next;
-            }
+            // Refused while the one before waits.
+            let _ = controls.offer(Box::new(LoadedScene::new(Arc::new(bake().scene))), objects.clone());
         }
         let (last, allocations, frees) =
             counted(|| (0..STRIDE).map(|_| servo.step()).take_while(|step| *step == Step::Continue).count());
         assert_eq!((allocations, frees), (0, 0), "round {round}");
-        n_swaps += u32::from(swapper.take_back().is_some());
+        n_swaps += u32::from(controls.take_replaced().is_some());
         while let Ok(record) = consumer.pop() {
             assert_eq!(record.output.faults, Faults::NONE);
             n_tunes += u32::from(record.input.tune.is_some());

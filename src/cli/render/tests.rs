@@ -7,6 +7,7 @@ use super::*;
 use crate::cli::When;
 use crate::cli::say::LogFormat;
 use crate::config::scene::RealtimeConfig;
+use crate::daemon::testing;
 use crate::device::simulated::{SimArm, SimParameters};
 use crate::servo::testing::empty_scene;
 use crate::telemetry::Totals;
@@ -35,14 +36,16 @@ fn synthetic() -> Prepared {
 
 /// A run in which nothing changes.
 fn run(args: &LoopArgs, talk: Talk, bake: impl FnOnce() -> Result<Prepared, PrepareError>) -> Result<Outcome, Refusal> {
-    let (under_way, mut company) = (live::UnderWay::default(), Company::default());
+    let session = testing::session(args.clock.kind());
     let beside = Beside {
-        overrides: LoadOptions::default(),
         live: Live::default(),
-        under_way: &under_way,
+        paths: ObjectPaths::default(),
+        session: &session,
+        recorder: None,
         protocol: None,
-        company: &mut company,
+        services: &mut Services::default(),
         workshop: None,
+        reloads: false,
         watches: false,
     };
     super::run(args, talk, beside, &Arc::new(Control::new()), |_| Ok(()), bake)

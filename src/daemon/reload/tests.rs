@@ -1,40 +1,6 @@
-use std::sync::Arc;
-
-use super::super::desk::unlike;
+use super::super::scene_keys::unlike;
 use super::super::testing::{SCENE, scene};
 use super::*;
-
-/// A scene as it is rendered, nothing turned.
-fn view(config: SceneConfig) -> View {
-    let settings = Knob::ALL.into_iter().filter_map(|knob| {
-        let range = knob.range(&config.parameters)?;
-        Some(Setting { name: knob.name(), range, value: range.scene })
-    });
-    let settings = settings.collect();
-    View { scene_idx: 0, config: Arc::new(config), scene: None, settings, movable: Vec::new(), switching_to: None }
-}
-
-#[test]
-fn what_can_be_set_is_set_and_nothing_more() {
-    let view = view(scene(SCENE));
-    assert_eq!(tunes(&scene(SCENE), &view, &Lowered::default()), Some(Vec::new()));
-    let softer =
-        SCENE.replace("= 5.0", "= 4.3\nfriction = 0.3").replace("friction = 0.3", "friction = { static = 0.3, dynamic = 0.2 }");
-    let expected = [("contact_stiffness_n_per_m", 5000.0, 4300.0), ("friction_static", 0.0, 0.3), ("friction_dynamic", 0.0, 0.2)];
-    assert_eq!(
-        tunes(&scene(&softer), &view, &Lowered::default()),
-        Some(expected.map(|(name, from, to)| Tuned { name, from, to }).to_vec())
-    );
-}
-
-#[test]
-fn what_a_client_turned_goes_back_to_what_the_file_says() {
-    let mut view = view(scene(SCENE));
-    let setting = view.settings.iter_mut().find(|setting| setting.name == "contact_stiffness_n_per_m").expect("a knob");
-    setting.value = 2500.0;
-    let back = Tuned { name: "contact_stiffness_n_per_m", from: 2500.0, to: 5000.0 };
-    assert_eq!(tunes(&scene(SCENE), &view, &Lowered::default()), Some(vec![back]));
-}
 
 #[test]
 fn a_mesh_is_read_for_its_companions_only_when_it_was_written_anew() {
@@ -58,22 +24,6 @@ fn a_mesh_is_read_for_its_companions_only_when_it_was_written_anew() {
     assert!(named("one.bin") && !named("two.bin"));
     write("two.bin", noon + Duration::from_secs(1));
     assert!(!named("one.bin") && named("two.bin"));
-}
-
-#[test]
-fn anything_else_takes_a_bake() {
-    let view = view(scene(SCENE));
-    for (from, to) in [
-        ("[60.0, 60.0]", "[60.0, 50.0]"),
-        ("\"base\"", "\"floor\""),
-        ("= 5.0", "= 500.0"),
-        ("[contact]", "[limits]\nforce_n = 5.0\n[contact]"),
-        ("[contact]", "[rendering]\ncoupling = \"static\"\n[contact]"),
-        ("= 5.0", "= 4.0\nbraking = true"),
-    ] {
-        assert!(SCENE.contains(from));
-        assert_eq!(tunes(&scene(&SCENE.replace(from, to)), &view, &Lowered::default()), None, "{to}");
-    }
 }
 
 #[test]

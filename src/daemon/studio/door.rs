@@ -6,7 +6,6 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use crossbeam::channel::{Receiver, Sender, TrySendError, bounded};
 
-use super::super::refusal::RefusalKind;
 use crate::sculpt::studio::{Order, StudioError, View};
 
 /// Orders that may wait.
@@ -36,15 +35,6 @@ impl Refused {
             Self::Studio(error) => error.hint(),
             Self::Busy => "wait until the ones before are answered",
             Self::Over => "begin the scene again",
-        }
-    }
-
-    /// What whoever asked can do about it.
-    pub fn kind(&self) -> RefusalKind {
-        match self {
-            Self::Studio(StudioError::Length { .. }) => RefusalKind::Invalid,
-            Self::Busy => RefusalKind::TooMany,
-            Self::Studio(_) | Self::Over => RefusalKind::Conflict,
         }
     }
 }

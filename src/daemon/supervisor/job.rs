@@ -13,7 +13,7 @@ use crate::haptics::RenderScene;
 use crate::rt::clock::ClockKind;
 use crate::rt::control::Permit;
 use crate::rt::preflight::Report;
-use crate::servo::{ClaySlot, Ending, LoopReport, SwapSlot, Wishes};
+use crate::servo::{ClaySlot, CommandQueue, Ending, LoopReport};
 use crate::telemetry::{SwapSummary, Taps, Totals};
 
 /// Everything that rendering takes.
@@ -37,10 +37,8 @@ pub struct RenderJob {
 /// What may change while a run goes on.
 #[derive(Debug, Default)]
 pub struct Live {
-    /// Poses of movable objects.
-    pub wishes: Wishes,
-    /// Other scenes; the cold end is the caller's.
-    pub swaps: Option<SwapSlot>,
+    /// Parameters, poses of movable objects and other scenes; the cold end is the [session](crate::daemon::session)'s.
+    pub commands: CommandQueue,
     /// Frames of the scene's clay; the cold end is a [`studio`](crate::daemon::studio).
     pub clay: Option<ClaySlot>,
     /// Who says when force may flow.

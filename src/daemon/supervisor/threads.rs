@@ -24,11 +24,7 @@ pub(super) struct Servo {
 
 /// The loop with all that may change while it runs.
 pub(super) fn with_live<C: Clock>(servo: ServoLoop<Box<dyn Device>, C>, live: Live) -> ServoLoop<Box<dyn Device>, C> {
-    let servo = servo.with_wishes(live.wishes);
-    let servo = match live.swaps {
-        Some(swaps) => servo.with_swaps(swaps),
-        None => servo,
-    };
+    let servo = servo.with_commands(live.commands);
     match live.clay {
         Some(clay) => servo.with_clay(clay),
         None => servo,

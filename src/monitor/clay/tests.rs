@@ -74,10 +74,10 @@ struct Bench {
 }
 
 fn hub() -> Arc<Hub> {
-    let (_, counter, board) = testing::desk();
+    let session = testing::session(ClockKind::Real);
     let (enables, _) = crossbeam::channel::unbounded();
     let control = Arc::new(Control::new());
-    Hub::new(HubParts { board, counter, control, enables, heartbeat: None, clock: ClockKind::Real, recorder: None, metrics: None })
+    Hub::new(HubParts { session, control, enables, heartbeat: None, clock: ClockKind::Real, recorder: None, metrics: None })
 }
 
 fn bench() -> Bench {

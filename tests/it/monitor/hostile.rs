@@ -5,14 +5,13 @@ use std::net::{SocketAddr, TcpStream};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use crossbeam::channel::unbounded;
-use hapticd::config::{self, LoadOptions, SceneConfig};
-use hapticd::daemon::desk::{Board, Desk, Noted, Tools};
+use crossbeam::channel::{Receiver, Sender, unbounded};
+use hapticd::config::{self, LoadOptions};
+use hapticd::daemon::session::SessionHandle;
 use hapticd::daemon::{Notice, Phase};
-use hapticd::monitor::{Bound, Hub, HubParts};
+use hapticd::monitor::{Bound, Hub, HubParts, Recorder, RecorderError, RecorderStatus};
 use hapticd::rt::clock::ClockKind;
 use hapticd::rt::control::{Control, Order};
-use hapticd::servo::Lowered;
 use serde_json::json;
 use tokio_tungstenite::tungstenite::Message;
 
@@ -145,22 +144,25 @@ fn requests_that_wait_for_an_answer_are_counted_and_what_takes_force_away_is_not
     let (enables, _taken) = unbounded();
     let control = Arc::new(Control::enabled());
     let permit = control.permit();
-    let board = Board::new(config);
-    let look = Arc::new(|_: &SceneConfig| Box::new(|| ()) as Noted);
-    let tools = Tools { board: board.clone(), switches: None, options: LoadOptions::default(), lowered: Lowered::default(), look };
-    // A desk that is not served: whoever asks waits.
-    let (_desk, counter) = Desk::new(tools);
     let clock = ClockKind::Real;
-    let parts =
-        HubParts { board, counter, control: control.clone(), enables, heartbeat: None, clock, recorder: None, metrics: None };
-    let hub = Hub::new(parts);
+    let session = SessionHandle::new(config, LoadOptions::default(), clock, None);
+    let (recorder, done) = StuckRecorder::new();
+    let hub = Hub::new(HubParts {
+        session,
+        control: control.clone(),
+        enables,
+        heartbeat: None,
+        clock,
+        recorder: Some(Box::new(recorder)),
+        metrics: None,
+    });
     hub.notice(&Notice::Phase(Phase::Enabled));
     let bound = Bound::bind(([127, 0, 0, 1], 0).into(), None, Vec::new()).unwrap();
     let address = bound.address();
     let (monitor, _tap) = bound.serve(hub).unwrap();
     let mut client = Client::connect(address, "", &[]).unwrap();
     for id in 0..200 {
-        client.send(&json!({ "id": id, "do": "set", "parameter": "x", "value": 1 }));
+        client.send(&json!({ "id": id, "do": "record" }));
     }
     for (id, what) in (200..).zip(["ping", "heartbeat", "disable", "stop"]) {
         client.send(&json!({ "id": id, "do": what }));
@@ -173,7 +175,33 @@ fn requests_that_wait_for_an_answer_are_counted_and_what_takes_force_away_is_not
     }
     assert_ne!(control.permit(), permit, "disable");
     assert_eq!(control.order(), Order::Stop);
+    drop(done);
     drop(monitor);
+}
+
+/// A disk that does not answer until the sender is dropped.
+struct StuckRecorder(Receiver<()>);
+
+impl StuckRecorder {
+    fn new() -> (Self, Sender<()>) {
+        let (done, waits) = unbounded();
+        (Self(waits), done)
+    }
+}
+
+impl Recorder for StuckRecorder {
+    fn start(&self, _: Option<&str>) -> Result<RecorderStatus, RecorderError> {
+        let _ = self.0.recv();
+        Err(RecorderError::State("the run is over".to_owned()))
+    }
+
+    fn stop(&self) -> Result<RecorderStatus, RecorderError> {
+        Err(RecorderError::State("none is under way".to_owned()))
+    }
+
+    fn status(&self) -> Option<RecorderStatus> {
+        None
+    }
 }
 
 /// Connections that never say a whole request, as many as this process may have.

@@ -1,0 +1,130 @@
+//! The services beside one run: the monitor, the console, what is published, and reading the scene again.
+
+use std::io;
+use std::path::Path;
+use std::sync::Arc;
+
+use crossbeam::channel::unbounded;
+
+use super::{Talk, console, publish, reload};
+use crate::config::SceneConfig;
+use crate::daemon::reload::{KnownFiles, News, Reloader};
+use crate::daemon::session::SessionHandle;
+use crate::daemon::{Enable, Live, Notice, Operator};
+use crate::monitor::{Bound, ClayParts, Hub, HubParts, Monitor, Recorder};
+use crate::rt::clock::ClockKind;
+use crate::rt::signals::hangups;
+use crate::servo::Control;
+use crate::telemetry::metrics::metrics_tap;
+
+/// What services are wanted, and what they need.
+pub(crate) struct ServiceOptions<'a> {
+    pub(crate) config: &'a SceneConfig,
+    pub(crate) session: &'a SessionHandle,
+    pub(crate) clock: ClockKind,
+    /// The address of the monitor, if there is one.
+    pub(crate) bound: Option<Bound>,
+    /// What is to be published and shared, if anything.
+    pub(crate) opened: Option<publish::Opened>,
+    pub(crate) talk: Talk,
+    /// Takes force away.
+    pub(crate) control: &'a Arc<Control>,
+    pub(crate) has_console: bool,
+    pub(crate) enables_at_start: bool,
+    /// Records when clients ask for it.
+    pub(crate) recorder: Option<Box<dyn Recorder>>,
+}
+
+/// The services beside one run.
+#[derive(Default)]
+pub(crate) struct Services {
+    hub: Option<Arc<Hub>>,
+    /// Held until the run is over.
+    monitor: Option<Monitor>,
+    sender: Option<publish::Sender>,
+    known: Option<KnownFiles>,
+}
+
+impl Services {
+    /// Begins them, and gives the supervisor what it hears of them. Until the first scene is baked clients see that.
+    pub(crate) fn open(options: ServiceOptions<'_>, live: &mut Live) -> io::Result<Self> {
+        let ServiceOptions { config, session, clock, bound, opened, talk, control, has_console, enables_at_start, recorder } =
+            options;
+        let (enables, taken) = unbounded::<Enable>();
+        if has_console {
+            console::begin(control.clone(), enables.clone())?;
+        }
+        let is_asked = has_console || bound.is_some();
+        live.operator = Operator {
+            enables_at_start,
+            waits_after_fault: is_asked,
+            holds_back: config.heartbeat.is_some(),
+            enables: is_asked.then_some(taken),
+        };
+        let mut services = Self { known: Some(KnownFiles::of(config)), ..Self::default() };
+        if bound.is_none() && opened.is_none() {
+            return Ok(services);
+        }
+        let (metrics, counts) = metrics_tap(config.rate_hz);
+        live.taps.add(counts);
+        let hub = Hub::new(HubParts {
+            session: session.clone(),
+            control: control.clone(),
+            enables,
+            heartbeat: config.heartbeat,
+            clock,
+            recorder,
+            metrics: Some(metrics),
+        });
+        if let Some(bound) = bound {
+            let (monitor, tap) = bound.serve(hub.clone())?;
+            live.taps.add(tap);
+            services.monitor = Some(monitor);
+        }
+        if let Some(opened) = opened {
+            let (sender, tap) = opened.serve(&hub, session.clone(), talk)?;
+            live.taps.add(tap);
+            services.sender = Some(sender);
+        }
+        services.hub = Some(hub);
+        Ok(services)
+    }
+
+    /// The node of a real arm that was opened.
+    pub(crate) fn attached(&self, node: &Path) {
+        if let Some(hub) = &self.hub {
+            hub.attached(node);
+        }
+    }
+
+    /// Clients see this clay from now on, and work on it.
+    pub(crate) fn sculpts(&self, clay: Option<ClayParts>) {
+        if let (Some(hub), Some(clay)) = (&self.hub, clay) {
+            hub.sculpts(clay);
+        }
+    }
+
+    /// Begins to read the scene again when SIGHUP asks for it, and where wished when its files change. After signals are caught.
+    pub(crate) fn reload(&mut self, session: &SessionHandle, watches: bool, talk: Talk) {
+        let Some(known) = self.known.take() else { return };
+        let (hub, rendered) = (self.hub.clone(), session.clone());
+        let tell = Box::new(move |news: &News| {
+            reload::tell(news, talk);
+            if let (News::Refused(refusal), Some(hub)) = (news, &hub) {
+                let path = &rendered.view().config.path;
+                hub.scene_refused(&path.file_stem().unwrap_or_default().to_string_lossy(), &refusal.to_string());
+            }
+        });
+        session.reload_with(Reloader::new(hangups(), watches, known, tell));
+    }
+
+    /// Passes on what the supervisor tells.
+    pub(crate) fn notice_handler(&self) -> impl Fn(&Notice<'_>) + use<> {
+        let hub = self.hub.clone();
+        move |notice| {
+            if let Some(hub) = &hub {
+                hub.notice(notice);
+            }
+        }
+    }
+}

@@ -1,0 +1,455 @@
+//! The session: what is rendered, and what changes it while the loop runs.
+//!
+//! ```text
+//!  HTTP, WebSocket ─┐                   ┌─ parameter, pose ──────────────────────┐
+//!  SIGHUP, --watch ─┼─► SessionHandle ──┤                                        ├─ring─► loop
+//!  --swap          ─┘   (one mutex)     └─ scene ──► thread `scenes`: bakes it ──┘
+//! ```
+//! A parameter and a pose are answered at once; a scene is answered when it is baked and sent. What takes force away, or lets it flow, does not
+//! pass here. No caller waits for a file, for a bake or for the loop: the mutex is held for some copies only.
+
+use core::time::Duration;
+use std::collections::VecDeque;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::PathBuf;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+
+use super::recorded::scene_files;
+use super::reload::Reloader;
+use super::scene_keys::{path_of, unlike};
+use crate::config::{self, ConfigErrors, LoadOptions, SceneConfig};
+use crate::haptics::RenderScene;
+use crate::rt::clock::ClockKind;
+use crate::scene::SceneError;
+use crate::servo::{CommandQueue, FileChange, LoadedScene, Objects, SceneControls};
+use crate::spatial::Pose;
+use crate::telemetry::recording::Recorder;
+
+pub use crate::servo::{ControlError, ParameterSetting};
+
+/// How often the thread of scenes looks for a scene that the loop gave back, while one is to be sent.
+const POLL: Duration = Duration::from_millis(2);
+/// The same while none is.
+const IDLE: Duration = Duration::from_millis(10);
+
+/// Bakes a scene in whatever way the caller likes: with its cache, its limits, its progress.
+pub type Baker = Box<dyn FnMut(&SceneConfig) -> Result<RenderScene, SceneError> + Send>;
+
+/// Hears once what became of a scene: it is baked and sent to the loop, or why not. Called on the thread of scenes; must not block.
+pub type Reply = Box<dyn FnOnce(Result<(), SessionError>) + Send>;
+
+/// Why something was not done.
+#[derive(Debug, thiserror::Error)]
+pub enum SessionError {
+    /// A parameter or a pose.
+    #[error("{0}")]
+    Control(#[from] ControlError),
+    /// No such scene.
+    #[error("no scene is called `{name}`; known here: {}", known.join(", "))]
+    UnknownScene {
+        /// As asked for.
+        name: String,
+        /// What is there.
+        known: Vec<String>,
+    },
+    /// The scene file is wrong.
+    #[error("{0}")]
+    Config(ConfigErrors),
+    /// The scene differs in a key that counts from the start of a run on.
+    #[error("{key} = {its}, but the scene that is rendered has {ours}")]
+    Unlike {
+        /// The key.
+        key: &'static str,
+        /// What the scene has.
+        its: String,
+        /// What is rendered.
+        ours: String,
+    },
+    /// Something else than parameters of a scene with clay has changed.
+    #[error("the clay is worked until the run ends: of its scene only parameters are taken meanwhile ({}), and more than those has changed", .taken.join(", "))]
+    Clay {
+        /// The parameters.
+        taken: Vec<&'static str>,
+    },
+    /// The scene cannot be baked.
+    #[error("{0}")]
+    Scene(#[from] SceneError),
+    /// One scene at a time.
+    #[error("a scene is on its way already")]
+    Busy,
+    /// The run has ended, or has no part that could do it.
+    #[error("the run cannot do this any more")]
+    Over,
+}
+
+/// What is rendered, and what can be changed in it.
+#[derive(Clone, Debug)]
+pub struct SceneView {
+    /// Number of the scene, as records have it.
+    pub scene_idx: u32,
+    /// As checked.
+    pub config: Arc<SceneConfig>,
+    /// As rendered; `None` while the first one is baked.
+    pub scene: Option<Arc<RenderScene>>,
+    /// Parameters.
+    pub settings: Vec<ParameterSetting>,
+    /// Movable objects.
+    pub movable: Vec<String>,
+    /// The scene that a client or a reload asked for, while it is on its way.
+    pub switching_to: Option<PathBuf>,
+}
+
+/// A scene to go over to: one that is not [`unlike`] the first one.
+#[derive(Debug)]
+pub struct PlannedScene {
+    /// The checked scene.
+    pub config: SceneConfig,
+    /// First tick in which it may be taken. A run under the virtual clock waits for it at that tick.
+    pub at_tick: u64,
+}
+
+/// Names of the static objects in their order, and whether each may move.
+pub fn objects(config: &SceneConfig) -> Objects {
+    config.statics.iter().map(|object| (object.name.clone(), object.movable)).collect()
+}
+
+/// Everything that clients, files and the command line change while a scene is rendered. Clones are cheap, and are the same session.
+#[derive(Clone)]
+pub struct SessionHandle(Arc<Shared>);
+
+struct Shared {
+    state: Mutex<SessionState>,
+    /// A scene was asked for.
+    asked: Condvar,
+    options: LoadOptions,
+    clock: ClockKind,
+    /// Recordings bring along what each scene is made of.
+    recorder: Option<Recorder>,
+}
+
+struct SessionState {
+    config: Arc<SceneConfig>,
+    scene: Option<Arc<RenderScene>>,
+    /// `None` while the first scene is baked.
+    controls: Option<SceneControls>,
+    /// A scene that was sent to the loop and is not rendered yet.
+    coming: Option<(Arc<SceneConfig>, Arc<RenderScene>)>,
+    /// A client or a reload has asked for a scene that is not rendered yet ...
+    is_switching: bool,
+    /// ... and which.
+    switching_to: Option<PathBuf>,
+    jobs: VecDeque<Job>,
+    /// Ticks at which planned scenes are wanted.
+    promised_ticks: Vec<u64>,
+    /// Scenes in the order in which the loop takes them, and which of the planned ones each is.
+    sent: Vec<(PathBuf, Option<usize>)>,
+    /// Planned scenes that could not be baked.
+    failed: Vec<(PathBuf, SceneError)>,
+    /// Scenes that were rendered before, for the thread of scenes to free.
+    replaced: Vec<Box<LoadedScene>>,
+    reloader: Option<Reloader>,
+    /// The thread of scenes takes no more jobs.
+    has_ended: bool,
+}
+
+enum Job {
+    Planned(PlannedScene, usize),
+    Switch { name: String, reply: Reply },
+}
+
+impl SessionState {
+    /// Goes over to what the loop renders.
+    fn follow(&mut self) {
+        while let Some(replaced) = self.controls.as_mut().and_then(SceneControls::take_replaced) {
+            self.replaced.push(replaced);
+            if let Some((config, scene)) = self.coming.take() {
+                (self.config, self.scene) = (config, Some(scene));
+            }
+            if self.sent.last().is_some_and(|(_, planned)| planned.is_none()) {
+                (self.is_switching, self.switching_to) = (false, None);
+            }
+        }
+    }
+
+    fn controls(&mut self) -> Result<&mut SceneControls, SessionError> {
+        self.follow();
+        self.controls.as_mut().ok_or(SessionError::Over)
+    }
+
+    fn is_over(&self) -> bool {
+        self.controls.as_ref().is_some_and(SceneControls::is_over)
+    }
+}
+
+impl SessionHandle {
+    /// A session whose first scene is still to be baked. `options`: how scenes are read.
+    pub fn new(config: SceneConfig, options: LoadOptions, clock: ClockKind, recorder: Option<Recorder>) -> Self {
+        let state = SessionState {
+            config: Arc::new(config),
+            scene: None,
+            controls: None,
+            coming: None,
+            is_switching: false,
+            switching_to: None,
+            jobs: VecDeque::new(),
+            promised_ticks: Vec::new(),
+            sent: Vec::new(),
+            failed: Vec::new(),
+            replaced: Vec::new(),
+            reloader: None,
+            has_ended: true,
+        };
+        Self(Arc::new(Shared { state: Mutex::new(state), asked: Condvar::new(), options, clock, recorder }))
+    }
+
+    /// Begins the thread `scenes`, which bakes scenes one after the other, first the planned ones, sends them to the loop, and frees those that
+    /// were rendered before. It ends with the loop, and is not joined: a bake that is no longer wanted ends with the process. Without it no other
+    /// scene is taken.
+    ///
+    /// # Errors
+    /// The thread could not be started.
+    pub fn begin_baking(&self, mut baker: Baker, planned: Vec<PlannedScene>) -> std::io::Result<()> {
+        {
+            let mut state = self.state();
+            state.has_ended = false;
+            state.promised_ticks = planned.iter().map(|scene| scene.at_tick).collect();
+            state.jobs = planned.into_iter().enumerate().map(|(idx, scene)| Job::Planned(scene, idx)).collect();
+        }
+        let session = self.clone();
+        std::thread::Builder::new().name("scenes".to_owned()).spawn(move || session.work(&mut baker))?;
+        Ok(())
+    }
+
+    /// The first scene is baked: from now on it can be changed. Gives the loop's end.
+    pub fn begin(&self, scene: &Arc<RenderScene>) -> CommandQueue {
+        let mut state = self.state();
+        let (controls, queue) = SceneControls::new(&scene.parameters, objects(&state.config));
+        (state.controls, state.scene) = (Some(controls), Some(scene.clone()));
+        queue.with_promised(core::mem::take(&mut state.promised_ticks).into())
+    }
+
+    /// What is rendered now.
+    pub fn view(&self) -> SceneView {
+        let mut state = self.state();
+        state.follow();
+        let controls = state.controls.as_ref();
+        SceneView {
+            scene_idx: controls.map_or(0, SceneControls::scene_idx),
+            config: state.config.clone(),
+            scene: state.scene.clone(),
+            settings: controls.map_or(Vec::new(), |controls| controls.settings().to_vec()),
+            movable: controls.map_or(Vec::new(), |controls| controls.movable().map(str::to_owned).collect()),
+            switching_to: state.switching_to.clone(),
+        }
+    }
+
+    /// Sets a parameter, by its name (`haptics::Knob::name`), SI. A limit that is lowered stays lowered in every scene until it is raised here.
+    ///
+    /// # Errors
+    /// [`SessionError`]; nothing changes then.
+    pub fn set(&self, parameter: &str, value: f64) -> Result<(), SessionError> {
+        Ok(self.state().controls()?.set(parameter, value)?)
+    }
+
+    /// Asks a movable object to go to a pose, `world_from_object`.
+    ///
+    /// # Errors
+    /// [`SessionError`]; nothing moves then.
+    pub fn place(&self, object: &str, world_from_object: Pose) -> Result<(), SessionError> {
+        Ok(self.state().controls()?.place(object, world_from_object)?)
+    }
+
+    /// Asks for another scene of the folder of the one that is rendered, by its file name without the ending.
+    pub fn switch(&self, name: String, reply: Reply) {
+        let mut state = self.state();
+        state.follow();
+        let refusal = if state.has_ended || state.is_over() {
+            SessionError::Over
+        } else if state.is_switching {
+            SessionError::Busy
+        } else {
+            state.is_switching = true;
+            state.jobs.push_back(Job::Switch { name, reply });
+            return self.0.asked.notify_all();
+        };
+        drop(state);
+        reply(Err(refusal));
+    }
+
+    /// Begins to read the scene again when it is asked for. Without [`Self::begin_baking`] it never is.
+    pub fn reload_with(&self, reloader: Reloader) {
+        self.state().reloader = Some(reloader);
+    }
+
+    /// The file of a scene, by its number; `None`: there is no such scene, or it is the first one.
+    pub fn sent_file(&self, scene_idx: u32) -> Option<PathBuf> {
+        let sent_idx = (scene_idx as usize).checked_sub(1)?;
+        self.state().sent.get(sent_idx).map(|(path, _)| path.clone())
+    }
+
+    /// The number of a scene that was planned; `None`: it was not sent.
+    pub fn planned_scene_idx(&self, planned_idx: usize) -> Option<u32> {
+        let sent_idx = self.state().sent.iter().position(|(_, planned)| *planned == Some(planned_idx))?;
+        Some(sent_idx as u32 + 1)
+    }
+
+    /// Planned scenes that could not be baked, each told once.
+    pub fn take_failed(&self) -> Vec<(PathBuf, SceneError)> {
+        core::mem::take(&mut self.state().failed)
+    }
+
+    /// How scenes are read.
+    pub(super) fn options(&self) -> &LoadOptions {
+        &self.0.options
+    }
+
+    /// Sets what a file says differently, where the scene of this number is still rendered and nothing but parameters differs; `None`: more does.
+    pub(super) fn follow_file(&self, scene_idx: u32, file: &SceneConfig) -> Result<Option<Vec<FileChange>>, SessionError> {
+        let mut state = self.state();
+        state.follow();
+        let SessionState { config, controls: Some(controls), .. } = &mut *state else { return Err(SessionError::Over) };
+        if controls.scene_idx() != scene_idx {
+            return Err(ControlError::Over.into());
+        }
+        let mut same = file.clone();
+        for setting in controls.settings() {
+            setting.parameter.copy(&config.parameters, &mut same.parameters);
+        }
+        let Some(changes) = controls.file_changes(&file.parameters).filter(|_| same == **config) else { return Ok(None) };
+        controls.follow_file(&file.parameters, &changes)?;
+        Ok(Some(changes))
+    }
+
+    /// Bakes a scene that a client or a reload asked for, and sends it to the loop. On the thread of scenes.
+    pub(super) fn switch_to(&self, config: SceneConfig, baker: &mut Baker) -> Result<(), SessionError> {
+        let mut state = self.state();
+        (state.is_switching, state.switching_to) = (true, Some(config.path.clone()));
+        drop(state);
+        self.bake(PlannedScene { config, at_tick: 0 }, None, baker).inspect_err(|_| self.stop_switching())
+    }
+
+    fn stop_switching(&self) {
+        let mut state = self.state();
+        (state.is_switching, state.switching_to) = (false, None);
+    }
+
+    fn work(&self, baker: &mut Baker) {
+        loop {
+            self.free_replaced();
+            let mut state = self.state();
+            if state.is_over() {
+                state.has_ended = true;
+                let left = core::mem::take(&mut state.jobs);
+                drop(state);
+                for job in left {
+                    if let Job::Switch { reply, .. } = job {
+                        reply(Err(SessionError::Over));
+                    }
+                }
+                return;
+            }
+            if let Some(job) = state.jobs.pop_front() {
+                drop(state);
+                self.carry_out(job, baker);
+            } else if let Some(mut reloader) = state.reloader.take() {
+                let is_free = !state.is_switching;
+                drop(state);
+                // A panic there ends reloading and nothing else.
+                let turned = catch_unwind(AssertUnwindSafe(|| reloader.turn(self, is_free, baker)));
+                self.state().reloader = turned.is_ok().then_some(reloader);
+                self.rest(IDLE);
+            } else {
+                drop(state);
+                self.rest(IDLE);
+            }
+        }
+    }
+
+    /// Waits until a scene is asked for, or for a time.
+    fn rest(&self, time: Duration) {
+        let state = self.state();
+        if state.jobs.is_empty() {
+            drop(self.0.asked.wait_timeout(state, time));
+        }
+    }
+
+    fn carry_out(&self, job: Job, baker: &mut Baker) {
+        match job {
+            Job::Planned(planned, idx) => {
+                let path = planned.config.path.clone();
+                let Err(SessionError::Scene(problem)) = self.bake(planned, Some(idx), baker) else { return };
+                self.state().failed.push((path, problem));
+                if let Some(mut state) = self.with_room()
+                    && let Ok(controls) = state.controls()
+                {
+                    // If the loop has ended it does not wait.
+                    let _ = controls.skip();
+                }
+            }
+            Job::Switch { name, reply } => {
+                let switched = catch_unwind(AssertUnwindSafe(|| {
+                    let view = self.view();
+                    let config = config::load_with(&path_of(&name, &view.config)?, self.options()).map_err(SessionError::Config)?;
+                    match unlike(&config, &view.config) {
+                        Some((key, its, ours)) => Err(SessionError::Unlike { key, its, ours }),
+                        None => self.switch_to(config, baker),
+                    }
+                }));
+                let result = switched.unwrap_or(Err(SessionError::Over));
+                if result.is_err() {
+                    self.stop_switching();
+                }
+                reply(result);
+            }
+        }
+    }
+
+    fn bake(&self, planned: PlannedScene, planned_idx: Option<usize>, baker: &mut Baker) -> Result<(), SessionError> {
+        let PlannedScene { config, at_tick } = planned;
+        // Before it is baked: what is written meanwhile is not what is rendered.
+        let files = self.0.recorder.as_ref().map(|_| scene_files(&config, &self.0.options));
+        let scene = Arc::new(baker(&config)?);
+        let loaded = LoadedScene::new(scene.clone()).with_time_budget(config.time_budget_s, self.0.clock).at_tick(at_tick);
+        let mut state = self.with_room().ok_or(SessionError::Over)?;
+        // Before the loop can render it.
+        if let (Some(recorder), Some(files)) = (&self.0.recorder, files) {
+            recorder.scenes.add(files);
+        }
+        state.controls()?.offer(Box::new(loaded), objects(&config)).map_err(|_| SessionError::Over)?;
+        state.sent.push((config.path.clone(), planned_idx));
+        state.coming = Some((Arc::new(config), scene));
+        Ok(())
+    }
+
+    /// Waits until a scene can be sent: the first one is rendered, and no other is on its way. `None`: the loop is over.
+    fn with_room(&self) -> Option<MutexGuard<'_, SessionState>> {
+        loop {
+            self.free_replaced();
+            let state = self.state();
+            if state.is_over() {
+                return None;
+            }
+            if state.controls.is_some() && state.coming.is_none() {
+                return Some(state);
+            }
+            drop(state);
+            std::thread::sleep(POLL);
+        }
+    }
+
+    fn free_replaced(&self) {
+        let mut state = self.state();
+        state.follow();
+        let replaced = core::mem::take(&mut state.replaced);
+        drop(state);
+        drop(replaced);
+    }
+
+    fn state(&self) -> MutexGuard<'_, SessionState> {
+        // Nothing that is done under the lock can panic half-way.
+        self.0.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+#[cfg(test)]
+mod tests;
