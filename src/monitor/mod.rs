@@ -3,10 +3,10 @@
 //! ```text
 //!  drain ──ring──► pump ──► groups of clients (one encoding per rate and format) ──► outboxes ──► WebSockets
 //!  supervisor ──notices──► hub ──events──► outboxes
-//!  clients ──asks──► hub ──► desk (daemon), orders (supervisor)
+//!  clients ──asks──► hub ──► session (daemon), orders (supervisor)
 //!  clients ──beats──► heart (thread): silence ──► disable
 //! ```
-//! Data in: every record of the run, notices, the desk's board. Data out: state streams, events, replies, and what clients ask for.
+//! Data in: every record of the run, notices, what the session shows. Data out: state streams, events, replies, and what clients ask for.
 //!
 //! Invariants: the drain never waits for anything here, and the loop is not even known. Whatever a client sends or does not read costs a
 //! bounded amount of memory. Nobody sends a force: clients say when force may flow, set parameters within their ranges, move objects, and choose
