@@ -77,6 +77,36 @@ fn every_link_leads_somewhere() {
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
+#[test]
+fn every_page_of_docs_is_one_kind_and_in_the_index() {
+    let docs = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs");
+    let index = fs::read_to_string(docs.join("README.md")).unwrap();
+    for page in pages().iter().filter_map(|page| page.strip_prefix(&docs).ok()) {
+        let shown = page.to_string_lossy();
+        let is_of_a_kind = ["how-to/", "reference/", "explanation/", "adr/"].iter().any(|kind| shown.starts_with(kind));
+        assert!(is_of_a_kind || ["README.md", "tutorial.md"].contains(&&*shown), "{shown} is of no kind");
+        assert!(
+            shown.starts_with("adr/") || shown == "README.md" || index.contains(&format!("({shown})")),
+            "{shown} is not in docs/README.md"
+        );
+    }
+}
+
+#[test]
+fn sentences_of_documents_have_no_persons_that_stand_for_anything() {
+    const NEVER: [&str; 6] = ["whoever", "nobody", "somebody", "hangs on", "lives in", "lives on"];
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let mut wrong = Vec::new();
+    for page in pages().iter().filter(|page| !page.starts_with(root.join("tests")) && !page.ends_with("CHANGELOG.md")) {
+        for (n, line, _) in lines(&fs::read_to_string(page).unwrap()).filter(|(.., is_code)| !is_code) {
+            // Names of files and tests stand between backquotes.
+            let prose = line.split('`').step_by(2).collect::<Vec<_>>().join(" ").to_lowercase();
+            wrong.extend(NEVER.iter().filter(|word| prose.contains(**word)).map(|word| format!("{}:{n}: {word}", page.display())));
+        }
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
 /// What stands between single backquotes outside of blocks of code, line by line.
 fn quoted(text: &str) -> impl Iterator<Item = (usize, &str)> {
     let prose = lines(text).filter(|(_, line, is_code)| !is_code && !line.starts_with("```"));
