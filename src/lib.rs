@@ -124,11 +124,8 @@
 //! | [`daemon`] | supervisor: bake, preflight, enable, stop |
 //! | [`monitor`] | HTTP, WebSocket and the page of a run |
 //! | `picture` | cuts through a map with its shell, as PNG |
-//! | `bench` | stand-in models, peers and the tables of `hapticd bench` |
 //! | `cli` | one file per command; the only printer |
 
-#[doc(hidden)]
-pub mod bench;
 #[doc(hidden)]
 pub mod cli;
 pub mod config;

@@ -1,7 +1,6 @@
 //! The command line: one file per command. The only room that prints.
 
 mod bake;
-mod bench;
 mod cache;
 mod check;
 mod completions;
@@ -24,7 +23,6 @@ mod mock;
 mod monitor;
 mod network;
 mod outcome;
-mod plots;
 mod probe;
 mod progress;
 mod publish;
@@ -42,7 +40,8 @@ mod workshop;
 
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand, ValueEnum};
+use clap::error::{ContextKind, ContextValue, ErrorKind};
+use clap::{CommandFactory as _, Parser, Subcommand, ValueEnum};
 
 use crate::error::Exit;
 use crate::rt::clock::monotonic_ns;
@@ -102,8 +101,6 @@ enum Command {
     Replay(replay::Args),
     /// Make one page of a recording: force, depth, latency, faults.
     Report(lab_report::Args),
-    /// Measure, beside the paper's figures and other programs.
-    Bench(bench::Args),
     /// Write a first scene for a folder of meshes.
     Init(init::Args),
     /// Simulate an arm behind a real link, in its own protocol, with faults on demand.
@@ -127,7 +124,7 @@ pub fn main() -> ExitCode {
         return exit;
     }
     let started_ns = monotonic_ns();
-    let Cli { command, talk } = Cli::parse();
+    let Cli { command, talk } = Cli::try_parse().unwrap_or_else(|error| refused(error).exit());
     say::use_format(talk.log_format);
     let dispatched = std::panic::catch_unwind(|| match command {
         Command::Run(args) => run::main(&args, talk, started_ns),
@@ -137,7 +134,6 @@ pub fn main() -> ExitCode {
         Command::Eval(args) => eval::main(&args, talk),
         Command::Replay(args) => replay::main(&args, talk),
         Command::Report(args) => lab_report::main(&args, talk),
-        Command::Bench(args) => bench::main(&args, talk),
         Command::Mock(args) => mock::main(&args, talk),
         Command::DeviceNode(args) => device_node::main(&args, talk),
         Command::Devices(args) => devices::main(&args, talk),
@@ -151,4 +147,18 @@ pub fn main() -> ExitCode {
         Exit::Internal
     });
     report::finish(exit, talk).into()
+}
+
+/// What is said of a command line that is not one. `bench` was a command of version 0.1.0.
+fn refused(error: clap::Error) -> clap::Error {
+    if error.get(ContextKind::InvalidSubcommand) != Some(&ContextValue::String("bench".to_owned())) {
+        return error;
+    }
+    let rest = std::env::args_os().skip_while(|word| word != "bench").skip(1);
+    let words: Vec<String> = rest.map(|word| word.to_string_lossy().into_owned()).collect();
+    let message = format!(
+        "`bench` is a program of its own now; in a checkout of the sources: cargo run --release -p bench -- {}",
+        words.join(" ")
+    );
+    Cli::command().error(ErrorKind::InvalidSubcommand, message)
 }

@@ -52,7 +52,7 @@ pub mod mass;
 mod obj;
 mod ply;
 mod points;
-pub(crate) mod polygon;
+pub mod polygon;
 pub mod primitives;
 mod room;
 mod shards;

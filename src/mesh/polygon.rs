@@ -10,7 +10,7 @@ use glam::{DVec2, DVec3};
 const MOST_LOOKS: usize = 1 << 15;
 
 /// Appends triangles that cover `polygon`, in its direction of turning; fewer than three corners give nothing.
-pub(crate) fn triangulate(vertices: &[DVec3], polygon: &[u32], triangles: &mut Vec<[u32; 3]>) {
+pub fn triangulate(vertices: &[DVec3], polygon: &[u32], triangles: &mut Vec<[u32; 3]>) {
     if let [a, b, c] = *polygon {
         triangles.push([a, b, c]);
         return;

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 /// What each room may use beside itself: whole rooms, or single modules of one. A room that is not listed may use everything but the
 /// [`LAST`] ones.
-const MAY_USE: [(&str, &[&str]); 19] = [
+const MAY_USE: [(&str, &[&str]); 18] = [
     ("error", &[]),
     ("spatial", &[]),
     ("rt", &[]),
@@ -26,21 +26,17 @@ const MAY_USE: [(&str, &[&str]); 19] = [
     ("ros", &["haptics", "spatial", "telemetry"]),
     ("servo", &["device", "haptics", "rt", "spatial", "telemetry"]),
     ("picture", &["mesh", "pointshell", "spatial", "storage", "voxmap", "sculpt::PointSet", "sculpt::Neighbours"]),
-    ("bench", &["mesh", "pointshell", "spatial", "storage", "voxmap"]),
 ];
 /// Rooms that only `cli` uses.
-const LAST: [&str; 3] = ["cli", "picture", "bench"];
-/// The part of `bench` that plays scenes, and so may use what they are made of.
-const BENCH_OF_CONTACT: &str = "bench::contact";
+const LAST: [&str; 2] = ["cli", "picture"];
 /// Prefixes of the files that may hold `unsafe`.
 const UNSAFE_ALLOWED: [&str; 6] =
     ["rt/", "device/transport/serial", "haptics/contact/simd", "voxmap/distance/simd", "mesh/source", "storage/slab"];
 
 /// Prefixes of the files that may open files by themselves: those of the system, and those that the program wrote.
-const OPENS_ALLOWED: [&str; 10] = [
+const OPENS_ALLOWED: [&str; 9] = [
     "storage/",
     "rt/",
-    "bench/",
     "cli/bake/figures",
     "cli/publish",
     "daemon/unpacked",
@@ -53,11 +49,11 @@ const OPENS_ALLOWED: [&str; 10] = [
 /// Why a file of `room` must not use `path` (from the crate root on); `None` when it may.
 fn refusal(room: &str, path: &[String]) -> Option<String> {
     let first = path.first().map_or("", String::as_str);
-    if first == room || first == "bench" && room == BENCH_OF_CONTACT || matches!(room, "lib" | "main") {
+    if first == room || matches!(room, "lib" | "main") {
         return None;
     }
     if first == "cli" || LAST.contains(&first) && room != "cli" {
-        return Some(if first == "cli" { "nobody uses `cli`" } else { "nobody but `cli` uses `picture` and `bench`" }.to_owned());
+        return Some(if first == "cli" { "nobody uses `cli`" } else { "nobody but `cli` uses `picture`" }.to_owned());
     }
     if matches!(room, "monitor" | "publish") && first == "servo" {
         return Some("`monitor` and `publish` never call into `servo`".to_owned());
@@ -257,10 +253,7 @@ fn violations(file: &str, text: &str) -> (Vec<String>, Vec<String>) {
     let line = |i: usize| 1 + code[..i].iter().filter(|c| **c == '\n').count();
     let module: Vec<String> =
         file.trim_end_matches(".rs").split('/').filter(|part| !matches!(*part, "mod" | "lib")).map(str::to_owned).collect();
-    let room = match module.first().map_or("lib", String::as_str) {
-        "bench" if file.starts_with("bench/contact/") || file == "bench/sculpt.rs" => BENCH_OF_CONTACT,
-        room => room,
-    };
+    let room = module.first().map_or("lib", String::as_str);
     let mut broken = Vec::new();
     for (i, path) in imports(&code, &module) {
         if let Some(why) = refusal(room, &path) {
@@ -353,11 +346,6 @@ fn planted_violations_are_caught() {
         ("publish/world.rs", "use crate::monitor::Seen;\nuse crate::servo::Pace;", Some("crate::servo::Pace")),
         ("scene/build.rs", "use crate::cli::Talk;", Some("nobody uses `cli`")),
         ("voxmap/build.rs", "use crate::picture::Subject;", Some("nobody but `cli`")),
-        ("bench/generation/mod.rs", "use crate::scene::Geometry;", Some("`bench` may use only")),
-        ("bench/loops.rs", "use crate::servo::Order;", Some("`bench` may use only")),
-        ("bench/contact/scenes.rs", "use crate::servo::Order;\nuse super::super::Row;", None),
-        ("bench/contact/scenes.rs", "use crate::cli::Talk;", Some("nobody uses `cli`")),
-        ("bench/peers.rs", "use super::process;\nuse crate::voxmap::grid::Grid;", None),
         ("mesh/obj.rs", "fn f() { unsafe { g() } }", Some("`unsafe`")),
         ("mesh/obj.rs", "#![expect(unsafe_code)] // unsafe\nconst X: &str = \"unsafe println!\"; const C: char = '\"';", None),
         ("mesh/obj.rs", "const S: &str = r#\"a \" unsafe\"#; fn f<'a>(x: &'a str) { unsafe {} }", Some("`unsafe`")),

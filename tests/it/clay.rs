@@ -3,7 +3,6 @@
 use std::sync::Arc;
 
 use glam::{DMat3, DQuat, DVec3};
-use hapticd::bench::contact::clay::Receding;
 use hapticd::daemon::{ReplayError, replay};
 use hapticd::device::{Capabilities, Device, DeviceError};
 use hapticd::haptics::clay::{Clay, Frame, FrameError, Lattice, Raster, Rope};
@@ -352,31 +351,6 @@ fn clay_adds_to_a_rigid_obstacle_and_takes_nothing_from_it() {
     let error = both.contact_world.force - rigid.contact_world.force - clay.contact_world.force;
     assert!(error.length() < 1e-9, "{error}");
     assert!((both.max_depth_m - rigid.max_depth_m.max(clay.max_depth_m)).abs() < 1e-12);
-}
-
-/// The force between updates; `hapticd bench sculpt` draws the same series.
-#[test]
-fn extrapolation_takes_the_steps_out_of_receding_clay() {
-    for coupling in [CouplingMode::Direct, CouplingMode::Implicit, CouplingMode::Static] {
-        // An update moves the surface by 0.83, 0.2 and 0.1 mm.
-        for (update_hz, most_share) in [(60.0, 0.25), (250.0, 0.5), (500.0, 0.75)] {
-            let play =
-                |extrapolates| Receding { speed_m_per_s: 0.05, update_hz, extrapolates, coupling }.play(600).expect("sound frames");
-            let (stepped, smooth) = (play(false), play(true));
-            let (contact_n, contact_smooth_n) = (stepped.largest_contact_step_n(), smooth.largest_contact_step_n());
-            let (felt_n, felt_smooth_n) = (stepped.largest_felt_step_n(), smooth.largest_felt_step_n());
-            eprintln!(
-                "{coupling:?}, {update_hz} Hz: contact {contact_n:.3} N -> {contact_smooth_n:.3} N, \
-                 felt {felt_n:.3} N -> {felt_smooth_n:.3} N"
-            );
-            assert!(contact_smooth_n < most_share * contact_n, "{coupling:?}, {update_hz} Hz");
-            assert!(felt_smooth_n < felt_n, "{coupling:?}, {update_hz} Hz");
-            if coupling == CouplingMode::Direct {
-                let expected_n = 50.0 / update_hz - 0.05;
-                assert!((contact_n / expected_n - 1.0).abs() < 0.1, "{contact_n} N, expected {expected_n} N");
-            }
-        }
-    }
 }
 
 #[test]

@@ -164,6 +164,7 @@ fn a_wrong_command_line_is_a_usage_error() {
     for (line, fragments) in [
         ("", &["Usage: hapticd", "run", "bake", "check", "eval"][..]),
         ("runn ok.toml", &["'runn'", "'run'"]),
+        ("bench contact --quick", &["cargo run --release -p bench -- contact --quick"]),
         ("run", &["<SCENE>"]),
         ("run ok.toml --durration 10s", &["'--durration'", "'--duration'"]),
         ("run ok.toml --duration 10", &["--duration", "`10` is not a duration", "10s, 500ms or 2min"]),

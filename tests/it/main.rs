@@ -4,7 +4,6 @@
 mod architecture;
 mod bake_cache;
 mod bake_cache_cli;
-mod bench;
 mod braking;
 mod clay;
 mod clay_material;
@@ -30,10 +29,10 @@ mod objects;
 mod operate;
 #[cfg(feature = "zenoh")]
 mod over_zenoh;
+mod picture;
 mod presets;
 mod profiles;
 mod program;
-mod quality;
 mod real_scenes;
 mod recording;
 mod rest;

@@ -1,0 +1,198 @@
+//! The command line of the bench.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+use std::process::{Command, Output};
+
+use serde_json::Value;
+
+/// Runs the bench in a folder, without any peers or models.
+fn bench(folder: &Path, arguments: &[&str]) -> Output {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_bench"));
+    command.current_dir(folder).args(arguments).env_remove("HAPTICD_MODELS").env_remove("HAPTICD_PEERS").env("TMPDIR", folder);
+    // Never the cache of the user.
+    command.env("XDG_CACHE_HOME", folder.join("xdg-cache")).env("XDG_STATE_HOME", folder.join("xdg-state"));
+    command.output().unwrap()
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8(bytes.to_vec()).unwrap()
+}
+
+fn keys(value: &Value) -> BTreeSet<&str> {
+    value.as_object().unwrap().keys().map(String::as_str).collect()
+}
+
+#[test]
+fn a_quick_bench_prints_one_object_with_a_row_for_each_figure() {
+    let folder = tempfile::tempdir().unwrap();
+    let ended = bench(folder.path(), &["generation", "--quick", "--json", "--threads", "2"]);
+    assert_eq!(ended.status.code(), Some(0), "{}", text(&ended.stderr));
+    assert!(text(&ended.stderr).contains("run 1"), "progress goes to stderr");
+    let said = text(&ended.stdout);
+    assert_eq!(said.lines().count(), 1, "{said}");
+    let report: Value = serde_json::from_str(&said).unwrap();
+    assert_eq!(keys(&report), BTreeSet::from(["machine", "commit", "rows"]));
+    assert_eq!(keys(&report["machine"]), BTreeSet::from(["cpu", "cores", "kernel", "memory_gib"]));
+    let rows = report["rows"].as_array().unwrap();
+    let expected = ["group", "name", "value", "unit", "target", "met", "paper", "peer", "peer_value", "ratio"];
+    for row in rows {
+        assert_eq!(keys(row), BTreeSet::from(expected), "{row}");
+        assert_eq!(
+            row["met"].is_null(),
+            row["target"].is_null()
+                || (row["value"].is_null() || row["ratio"].is_null() && row["target"].as_str().unwrap().starts_with("ratio")),
+            "{row}"
+        );
+    }
+    let value = |group: &str, name: &str| {
+        let row =
+            rows.iter().find(|row| row["group"].as_str().unwrap().contains(group) && row["name"].as_str().unwrap().contains(name));
+        row.unwrap_or_else(|| panic!("no {name} of {group}"))["value"].as_f64()
+    };
+    assert_eq!(value("settings", "threads"), Some(2.0));
+    for navigation in ["plane-span", "two-sided"] {
+        assert_eq!(value(navigation, "triangles"), Some(7088.0));
+        assert_eq!(value(navigation, "watertight"), Some(1.0));
+        for figure in [
+            "load",
+            "init",
+            "generate",
+            "fill",
+            "layers",
+            "distance",
+            "pointshell",
+            "normals",
+            "all stages",
+            "peak memory",
+            "SAT tests",
+        ] {
+            assert!(value(navigation, figure) > Some(0.0), "{figure} of {navigation}");
+        }
+    }
+    assert!(value("two-sided", "SAT tests") <= value("plane-span", "SAT tests"));
+    let points = value("pointshell f", "points").unwrap();
+    assert!((points / 10_954.0 - 1.0).abs() < 0.2, "{points} points");
+    // The voxel size halves: four times the points.
+    let growth = value("beside twice the size", "points").unwrap();
+    assert!((3.0..5.0).contains(&growth), "{growth}");
+    let bunny = rows.iter().find(|row| row["group"] == "bunny").unwrap();
+    assert!(bunny["value"].is_null() && bunny["name"] == "skipped: HAPTICD_MODELS not set");
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0, "nothing stays in the temporary folder");
+}
+
+/// The rows of a bench of the shipped scenes that ended well.
+fn rows_of(folder: &Path, arguments: &[&str]) -> Vec<Value> {
+    let scenes = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/scenes");
+    let ended = bench(folder, &[arguments, &["--json", "--quiet", "--scenes", scenes.to_str().unwrap()]].concat());
+    assert_eq!(ended.status.code(), Some(0), "{}", text(&ended.stderr));
+    let report: Value = serde_json::from_str(&text(&ended.stdout)).unwrap();
+    report["rows"].as_array().unwrap().clone()
+}
+
+fn find<'a>(rows: &'a [Value], group: &str, name: &str) -> &'a Value {
+    let found =
+        rows.iter().find(|row| row["group"].as_str().unwrap().starts_with(group) && row["name"].as_str().unwrap().contains(name));
+    found.unwrap_or_else(|| panic!("no {name} of {group}"))
+}
+
+#[test]
+fn a_quick_bench_of_contacts_counts_points_and_says_what_it_skips() {
+    let folder = tempfile::tempdir().unwrap();
+    let rows = rows_of(folder.path(), &["contact", "--quick"]);
+    assert_eq!(find(&rows, "pin in a bore", "0 % touching: points in contact")["value"], 0.0);
+    assert!(find(&rows, "pin in a bore", "flat, 3 % touching: points in contact")["value"].as_f64() > Some(200.0));
+    assert!(find(&rows, "pin of ", "share")["target"] == "value within ±0.1000");
+    let nut = find(&rows, "M16 nut", "skipped");
+    assert!(nut["value"].is_null() && nut["met"].is_null());
+}
+
+#[test]
+fn a_quick_bench_of_quality_writes_its_raw_results() {
+    let folder = tempfile::tempdir().unwrap();
+    let rows = rows_of(folder.path(), &["contact", "--quality", "--quick", "--csv", "raw", "--plots", "raw"]);
+    for family in ["Q1", "Q2", "Q3"] {
+        assert!(
+            find(&rows, family, "trilinear: ripple")["value"].as_f64() < find(&rows, family, "layers: ripple")["value"].as_f64()
+        );
+    }
+    assert!(find(&rows, "Q1 up a slope", "implicit, trilinear: delay")["value"].is_number());
+    assert!(find(&rows, "smoothness", "block-on-plane: ripple on the hand")["peer_value"].is_number());
+    assert!(rows.len() > 100, "{} rows", rows.len());
+    for (file, columns, least_lines) in [("q1-q3.csv", 18, 48), ("q1-q3-series.csv", 11, 48 * 240), ("q1-couplings.csv", 7, 9000)] {
+        let written = std::fs::read_to_string(folder.path().join("raw").join(file)).unwrap();
+        let commas = |line: &str| line.split('"').step_by(2).map(|part| part.matches(',').count()).sum::<usize>();
+        assert!(written.lines().all(|line| commas(line) == columns - 1), "{file}");
+        assert!(written.lines().count() > least_lines, "{file}: {} lines", written.lines().count());
+    }
+    let cases = std::fs::read_to_string(folder.path().join("raw/q1-q3.csv")).unwrap();
+    assert_eq!(cases.lines().count(), 49, "a line for each case, and the head");
+    assert!(std::fs::read(folder.path().join("raw/smoothness-on-the-hand.png")).unwrap().starts_with(b"\x89PNG\r\n\x1a\n"));
+}
+
+#[test]
+fn a_quick_torture_judges_every_tick() {
+    let folder = tempfile::tempdir().unwrap();
+    let rows = rows_of(folder.path(), &["torture", "--quick"]);
+    assert!(rows.len() > 30, "{} rows", rows.len());
+    assert!(find(&rows, "torture", "ticks")["value"].as_f64() >= Some(20_000.0));
+    assert!(find(&rows, "torture", "ticks in contact")["value"].as_f64() > Some(1000.0), "it is violent");
+    assert!(find(&rows, "torture", "largest force")["value"].as_f64() > Some(4.0), "it is violent");
+    // Times of a busy machine aside.
+    for row in rows.iter().filter(|row| row["unit"] != "µs") {
+        assert_ne!(row["met"], false, "{row}");
+    }
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0, "nothing stays in the temporary folder");
+}
+
+#[test]
+fn a_quick_bench_of_the_loop_runs_on_the_real_clock() {
+    let folder = tempfile::tempdir().unwrap();
+    let rows = rows_of(folder.path(), &["loop", "--quick"]);
+    // A busy machine skips ticks, but not all of them.
+    assert!(find(&rows, "block-on-plane", "ticks")["value"].as_f64() > Some(100.0));
+    assert!(find(&rows, "block-on-plane", "tick compute, p99.9")["value"].as_f64() > Some(0.0));
+    assert!(find(&rows, "block-on-plane", "wake-up, p99")["peer"].as_str().unwrap().starts_with("cyclictest"));
+    let rows = bench(folder.path(), &["loop", "--quick", "--json", "--quiet", "--scenes", "nowhere"]);
+    assert!(text(&rows.stdout).contains("skipped: no scenes in nowhere"));
+}
+
+#[test]
+fn a_quick_bench_of_sculpting_times_builds_and_updates_and_draws_the_force() {
+    let folder = tempfile::tempdir().unwrap();
+    let rows = rows_of(folder.path(), &["sculpt", "--quick", "--plots", "pictures"]);
+    assert!(find(&rows, "building a surface", "4500 samples")["paper"].as_f64() == Some(8.177_936));
+    assert!(find(&rows, "updating a piece", "20³ mass points, 6060 samples, implicit")["value"].as_f64() > Some(0.0));
+    assert!(find(&rows, "largest step of the force", "updates at 60 Hz, extrapolated")["value"].as_f64() > Some(0.0));
+    assert!(folder.path().join("pictures/receding-clay.png").is_file());
+}
+
+#[test]
+fn groups_that_are_not_there_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let ended = bench(folder.path(), &["speed", "--quick"]);
+    assert_eq!(ended.status.code(), Some(2));
+    assert!(text(&ended.stderr).contains("sculpt") && ended.stdout.is_empty(), "{}", text(&ended.stderr));
+    let pictures = bench(folder.path(), &["loop", "--quick", "--plots", "here"]);
+    assert!(pictures.status.code() == Some(2) && text(&pictures.stderr).contains("bench sculpt --plots"));
+    let misplaced = bench(folder.path(), &["loop", "--quality", "--quick"]);
+    assert!(misplaced.status.code() == Some(2) && text(&misplaced.stderr).contains("bench contact --quality"));
+}
+
+#[test]
+fn every_command_of_the_bench_in_a_document_is_one_that_it_takes() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+    let folders = ["", "docs", "docs/adr", "docs/explanation", "docs/how-to", "docs/reference"].map(|folder| root.join(folder));
+    let pages = folders.iter().flat_map(|folder| std::fs::read_dir(folder).unwrap()).map(|entry| entry.unwrap().path());
+    let mut n_commands = 0;
+    for page in pages.filter(|page| page.extension().is_some_and(|extension| extension == "md")) {
+        let text = std::fs::read_to_string(&page).unwrap();
+        for command in text.split("cargo run --release -p bench -- ").skip(1) {
+            n_commands += 1;
+            let arguments = command.split(['`', '\n', '#']).next().unwrap().split_whitespace();
+            let shown = Command::new(env!("CARGO_BIN_EXE_bench")).args(arguments).arg("--help").output().unwrap();
+            assert!(shown.status.success(), "{}: {command}", page.display());
+        }
+    }
+    assert!(n_commands > 5, "{n_commands}");
+}
