@@ -10,8 +10,8 @@
 use std::error::Error;
 use std::path::Path;
 
-use hapticd::ros::{Moment, Time, Topic};
-use hapticd::telemetry::recording::{Entry, Recording};
+use link::{Moment, Time, Topic};
+use recording::file::{Entry, Recording};
 use serde_json::json;
 
 fn main() -> Result<(), Box<dyn Error>> {

@@ -6,8 +6,8 @@
 //!
 //! ```
 //! use glam::DVec3;
-//! use hapticd::haptics::contact::ContactSum;
-//! use hapticd::spatial::Pose;
+//! use vps::contact::ContactSum;
+//! use vps::spatial::Pose;
 //!
 //! # let folder = tempfile::tempdir()?;
 //! # let file = folder.path().join("ball.toml");
@@ -37,11 +37,11 @@
 //!
 //! ```
 //! use glam::DVec3;
-//! use hapticd::device::Device;
-//! use hapticd::device::simulated::hand::{GripPath, HandPath};
-//! use hapticd::device::simulated::{HandParameters, SimArm, SimParameters};
-//! use hapticd::haptics::{DriveRequest, State, TickInput, TickOutput, tick};
-//! use hapticd::spatial::Pose;
+//! use arms::Device;
+//! use arms::simulated::hand::{GripPath, HandPath};
+//! use arms::simulated::{HandParameters, SimArm, SimParameters};
+//! use haptics::{DriveRequest, State, TickInput, TickOutput, tick};
+//! use vps::spatial::Pose;
 //!
 //! # let folder = tempfile::tempdir()?;
 //! # let file = folder.path().join("ball.toml");
@@ -80,7 +80,7 @@
 //! # Read a recording
 //!
 //! ```
-//! use hapticd::telemetry::recording::{Entry, Recording};
+//! use recording::file::{Entry, Recording};
 //!
 //! let mut recording = Recording::open("tests/fixtures/block-on-plane.mcap".as_ref())?;
 //! let mut largest_n = 0.0_f64;
@@ -130,23 +130,10 @@
 pub mod cli;
 pub mod config;
 pub mod daemon;
-pub mod device;
-pub mod document;
 pub mod error;
-pub mod haptics;
-pub mod mesh;
 pub mod monitor;
-pub mod network;
 #[doc(hidden)]
 pub mod picture;
-pub mod pointshell;
 pub mod publish;
-pub mod ros;
-pub mod rt;
 pub mod scene;
-pub mod sculpt;
 pub mod servo;
-pub mod spatial;
-pub mod storage;
-pub mod telemetry;
-pub mod voxmap;

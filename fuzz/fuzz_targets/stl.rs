@@ -3,7 +3,7 @@
 #[path = "../src/mesh.rs"]
 mod mesh;
 
-use hapticd::mesh::Format;
+use vps::mesh::Format;
 
 libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
     mesh::exercise(bytes, Format::Stl);

@@ -1,12 +1,12 @@
 //! What the target of the bake cache does with its bytes. The tests of the program include this file and replay the corpus.
 
 use glam::{DVec3, Vec3};
-use hapticd::haptics::contact;
-use hapticd::pointshell::tree::CHILDREN;
 use hapticd::scene::cache;
-use hapticd::spatial::Pose;
-use hapticd::storage::sections;
-use hapticd::voxmap::field::FieldKind;
+use vps::contact;
+use vps::pointshell::tree::CHILDREN;
+use vps::spatial::Pose;
+use vps::storage::sections;
+use vps::voxmap::field::FieldKind;
 
 /// Reads the bytes as a file of the cache, once as they are and once with versions and checksums that fit (nothing would come past them
 /// by chance), and looks up what a tick looks up. Gives how many of the two were taken for sound.

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use hapticd::mesh::{self, Format, mass, validate};
+use vps::mesh::{self, Format, mass, validate};
 
 /// Reads the bytes as a mesh file, and takes what comes out through inspection, as loading a part does. True when a mesh came out.
 ///

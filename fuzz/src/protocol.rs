@@ -1,13 +1,13 @@
 //! What the target of the protocols does with its bytes. The tests of the program include this file and replay the corpus.
 
-use hapticd::device::Pacing;
-use hapticd::device::protocol::layout::{Checksum, ChecksumKind, Field, Framing, LineFraming, LinePad, Number, Packet, Role};
-use hapticd::device::protocol::{
+use arms::Pacing;
+use arms::protocol::layout::{Checksum, ChecksumKind, Field, Framing, LineFraming, LinePad, Number, Packet, Role};
+use arms::protocol::{
     ArmReadings, HapiBoard, HapiEncoder, Hid14Carrier, MAX_AXES, MotorCommand, Open6Arm, Outbox, PacketLayout, Protocol, Servo,
     ServoModel, Turn,
 };
-use hapticd::device::transport::{Carriage, FRAME_MAX, Frame};
-use hapticd::spatial::Axes;
+use arms::transport::{Carriage, FRAME_MAX, Frame};
+use vps::spatial::Axes;
 
 /// How many protocols there are to choose from.
 pub(crate) const N: u8 = 20;

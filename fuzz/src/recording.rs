@@ -3,8 +3,8 @@
 use std::io::Cursor;
 use std::path::Path;
 
-use hapticd::telemetry::recording::{Entry, Recording};
-use hapticd::telemetry::report::LabReport;
+use recording::file::{Entry, Recording};
+use recording::report::LabReport;
 
 /// Reads the bytes as a recording and makes a page of it, as `hapticd report` does. Gives how many ticks came out.
 ///

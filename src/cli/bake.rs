@@ -19,7 +19,7 @@ use crate::config;
 use crate::error::Exit;
 use crate::scene::cache::Residence;
 use crate::scene::{self, BakeMeans, Built, ObjectReport, PieceReport, SceneError};
-use crate::voxmap::sides::SidesRule;
+use vps::voxmap::sides::SidesRule;
 
 /// Arguments of `hapticd bake`.
 #[derive(Debug, clap::Args)]

@@ -7,16 +7,16 @@ use crate::config::scene::{ClaySource, MeshSource, SculptConfig};
 use crate::config::strokes::{self, Script, Timed};
 use crate::config::{self, SceneConfig, StiffnessBound};
 use crate::daemon::{PrepareError, inputs};
-use crate::device::profile::{self, Profile, ProfileError};
-use crate::document::show;
 use crate::error::Exit;
-use crate::haptics::CouplingMode;
 use crate::scene::cache::Spacing;
 use crate::scene::{Geometry, Role, SceneError};
-use crate::sculpt::studio::{Order, ToolSettings};
-use crate::spatial::{Axes, Metres};
-use crate::storage::printable::{one_line, shown};
-use crate::voxmap::grid::Grid;
+use arms::profile::{self, Profile, ProfileError};
+use clay::studio::{Order, ToolSettings};
+use document::show;
+use haptics::CouplingMode;
+use vps::spatial::{Axes, Metres};
+use vps::storage::printable::{one_line, shown};
+use vps::voxmap::grid::Grid;
 
 /// Arguments of `hapticd check`.
 #[derive(Debug, clap::Args)]

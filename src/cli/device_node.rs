@@ -5,9 +5,9 @@ use core::time::Duration;
 use super::hand::HandArgs;
 use super::network::NetworkArgs;
 use super::{Talk, report};
-use crate::device::attached::nodes::Selector;
 use crate::error::Exit;
-use crate::rt::duration;
+use arms::attached::nodes::Selector;
+use rt::duration;
 
 /// Arguments of `hapticd device-node`.
 #[derive(Debug, clap::Args)]
@@ -65,7 +65,7 @@ type Failure = (Exit, String, Option<&'static str>);
 #[cfg(not(feature = "zenoh"))]
 mod over_network {
     use super::*;
-    use crate::network::NetworkError;
+    use arms::network::NetworkError;
 
     pub(super) fn node(args: &Args, _: Talk) -> Result<Exit, Failure> {
         let Args { profile: _, name: _, selector: _, enable: _, hold_ms: _, fade_ms: _, network: _, .. } = args;
@@ -83,18 +83,18 @@ mod over_network {
     use super::super::{guard, probe, say};
     use super::*;
     use crate::daemon::device_node::{NodeJob, NodeNotice, NodeOutcome, node_parameters, open_arm, run_node};
-    use crate::device::attached::open::LinkNews;
-    use crate::device::profile::{self, Profile, ProfileError};
-    use crate::device::remote::Node;
-    use crate::device::remote::figures::{NodeReport, Phase};
-    use crate::device::remote::hold::HoldTiming;
-    use crate::device::simulated::hand::GripPath;
-    use crate::device::transport::zenoh::{ZenohLink, is_name, serve_profile};
-    use crate::network::{NetworkError, session};
-    use crate::rt::schedule::{self, ThreadRequest};
-    use crate::rt::signals;
     use crate::servo::Control;
-    use crate::spatial::Axes;
+    use arms::attached::open::LinkNews;
+    use arms::network::{NetworkError, session};
+    use arms::profile::{self, Profile, ProfileError};
+    use arms::remote::Node;
+    use arms::remote::figures::{NodeReport, Phase};
+    use arms::remote::hold::HoldTiming;
+    use arms::simulated::hand::GripPath;
+    use arms::transport::zenoh::{ZenohLink, is_name, serve_profile};
+    use rt::schedule::{self, ThreadRequest};
+    use rt::signals;
+    use vps::spatial::Axes;
 
     impl From<NetworkError> for Failure {
         fn from(error: NetworkError) -> Self {

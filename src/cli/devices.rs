@@ -7,12 +7,12 @@ use serde_json::{Value, json};
 
 use super::findings::finding_json;
 use super::{Talk, probe, report, say};
-use crate::device::attached::discover::{self, Attached};
-use crate::device::attached::nodes;
-use crate::device::profile::{self, Profile, ProfileError};
 use crate::error::Exit;
-use crate::rt::finding::{Finding, Root, Standing};
-use crate::storage::printable::one_line;
+use arms::attached::discover::{self, Attached};
+use arms::attached::nodes;
+use arms::profile::{self, Profile, ProfileError};
+use rt::finding::{Finding, Root, Standing};
+use vps::storage::printable::one_line;
 
 /// Arguments of `hapticd devices`.
 #[derive(Debug, clap::Args)]

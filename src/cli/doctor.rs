@@ -9,16 +9,16 @@ use serde_json::{Value, json};
 use super::findings::finding_json;
 use super::{Talk, guard, report, say};
 use crate::config::{self, SceneConfig};
-use crate::device::attached::discover;
-use crate::device::attached::nodes;
-use crate::device::attached::open::{self, OpenOptions};
-use crate::device::attached::probe::{self, Ended, Trial};
 use crate::error::Exit;
-use crate::rt::clock::RealClock;
-use crate::rt::finding::{Finding, Root, Standing};
-use crate::rt::schedule::{self, ThreadRequest};
-use crate::rt::wakeup::{self, WakeupTest};
-use crate::rt::{duration, machine, signals};
+use arms::attached::discover;
+use arms::attached::nodes;
+use arms::attached::open::{self, OpenOptions};
+use arms::attached::probe::{self, Ended, Trial};
+use rt::clock::RealClock;
+use rt::finding::{Finding, Root, Standing};
+use rt::schedule::{self, ThreadRequest};
+use rt::wakeup::{self, WakeupTest};
+use rt::{duration, machine, signals};
 
 /// Arguments of `hapticd doctor`.
 #[derive(Debug, clap::Args)]

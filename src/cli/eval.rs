@@ -11,14 +11,15 @@ use clap::ValueEnum;
 use super::progress::BakeProgress;
 use super::{Talk, cache, report, say};
 use crate::config::{self, SceneConfig};
-use crate::document::poses::{self, TimedPose};
 use crate::error::Exit;
-use crate::haptics::contact::{self, ContactSum};
-use crate::haptics::{ContactParameters, FilterParameters, Normalization, RenderScene};
 use crate::scene::cache::Residence;
 use crate::scene::{self, BakeMeans};
-use crate::spatial::Pose;
-use crate::voxmap::field::FieldKind;
+use document::poses::{self, TimedPose};
+use haptics::RenderScene;
+use vps::contact::{self, ContactSum};
+use vps::contact::{ForceLaw, Normalization};
+use vps::spatial::Pose;
+use vps::voxmap::field::FieldKind;
 
 /// Arguments of `hapticd eval`.
 #[derive(Debug, clap::Args)]
@@ -67,7 +68,6 @@ impl From<FieldChoice> for FieldKind {
 }
 
 /// Stage S is part of the shaping filter, which `eval` leaves out.
-const NO_FILTER: FilterParameters = FilterParameters { spatial: false, cutoff_hz: [f64::INFINITY; 2] };
 
 pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
     let mut config = match config::load(&args.scene) {
@@ -101,11 +101,11 @@ pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
     };
     report::bake_warnings(&reports, talk);
 
-    let mut parameters = scene.parameters.contact;
+    let mut law = scene.parameters.contact.force_law(false);
     if !args.normalize {
-        parameters.normalization = Normalization::None;
+        law.normalization = Normalization::None;
     }
-    let written = write_wrenches(&args.out, &scene, &parameters, &poses).map_err(|error| (&args.out, error)).and_then(|()| {
+    let written = write_wrenches(&args.out, &scene, law, &poses).map_err(|error| (&args.out, error)).and_then(|()| {
         let Some(path) = &args.contacts_out else { return Ok(()) };
         write_contacts(path, &config, &scene, &poses, args.max_contacts).map_err(|error| (path, error))
     });
@@ -123,13 +123,13 @@ fn body(scene: &RenderScene, world_from_tool: Pose) -> Pose {
     world_from_tool * Pose::from_translation(scene.tool.center_of_mass_tool)
 }
 
-fn write_wrenches(path: &Path, scene: &RenderScene, parameters: &ContactParameters, poses: &[TimedPose]) -> io::Result<()> {
+fn write_wrenches(path: &Path, scene: &RenderScene, law: ForceLaw, poses: &[TimedPose]) -> io::Result<()> {
     let mut file = BufWriter::new(File::create(path)?);
     writeln!(file, "t_s,fx_n,fy_n,fz_n,tx_nm,ty_nm,tz_nm,contacts,max_depth_m,clearance_m,query_ns")?;
     for timed in poses {
         let world_from_body = body(scene, timed.pose);
         let since = Instant::now();
-        let sum = ContactSum::flat(&scene.obstacles, &scene.tool.shell, world_from_body, parameters, &NO_FILTER);
+        let sum = ContactSum::flat(&scene.obstacles, &scene.tool.shell, world_from_body, law);
         let query_ns = since.elapsed().as_nanos();
         let wrench = sum.wrench.moved(world_from_body.translation, timed.pose.translation);
         let [fx, fy, fz] = wrench.force.to_array();

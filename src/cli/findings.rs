@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use crate::rt::finding::Finding;
+use rt::finding::Finding;
 
 /// One finding as an object.
 pub(super) fn finding_json(finding: &Finding) -> Value {

@@ -6,8 +6,8 @@ use super::{Talk, report};
 use crate::config::SceneConfig;
 use crate::config::{FOXGLOVE_ACCEPTED, parse_foxglove};
 use crate::error::Exit;
-use crate::rt::clock::ClockKind;
-use crate::telemetry::recording::Recorder;
+use recording::file::Recorder;
+use rt::clock::ClockKind;
 
 /// Arguments of the server for the Foxglove app.
 #[derive(Debug, clap::Args)]
@@ -52,14 +52,14 @@ impl FoxgloveArgs {
 /// Whoever watches.
 #[cfg(feature = "foxglove-live")]
 pub(crate) struct Audience {
-    server: crate::telemetry::recording::live::LiveServer,
+    server: recording::file::live::LiveServer,
     talk: Talk,
 }
 
 #[cfg(feature = "foxglove-live")]
 impl Audience {
     fn open(address: SocketAddr, config: &SceneConfig, recorder: &Recorder, talk: Talk) -> Result<Self, (String, &'static str)> {
-        use crate::telemetry::recording::live::Bound;
+        use recording::file::live::Bound;
 
         let served = Bound::bind(address).and_then(|bound| {
             let address = bound.address();

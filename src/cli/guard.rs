@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use clap::error::ErrorKind;
 use clap::{CommandFactory as _, Parser};
 
-use crate::device::guard::{self, ZeroFrame};
+use arms::guard::{self, ZeroFrame};
 
 #[derive(Debug, Parser)]
 #[command(name = "hapticd guard", about = "Part of a run, which starts it beside a real arm.")]

@@ -7,13 +7,13 @@ use super::cache::CacheArgs;
 use super::progress::BakeProgress;
 use super::{Talk, cache, report};
 use crate::config::{self, SceneConfig};
-use crate::device::simulated::HandParameters;
-use crate::device::simulated::hand::{HandPath, Indexing};
 use crate::error::Exit;
-use crate::rt::duration;
 use crate::scene::cache::Residence;
 use crate::scene::{self, BakeMeans};
-use crate::spatial::Pose;
+use arms::simulated::HandParameters;
+use arms::simulated::hand::{HandPath, Indexing};
+use rt::duration;
+use vps::spatial::Pose;
 
 /// Who holds the grip.
 #[derive(Debug, clap::Args)]

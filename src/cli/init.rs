@@ -12,10 +12,10 @@ use clap::ValueEnum;
 use self::place::Place;
 use super::{Talk, report};
 use crate::config::draft::{self, Draft, Part, Tool};
-use crate::document::show;
 use crate::error::Exit;
-use crate::mesh::validate::inspect;
-use crate::mesh::{self, EXTENSIONS, Format, MeshError, TriangleMesh};
+use document::show;
+use vps::mesh::validate::inspect;
+use vps::mesh::{self, EXTENSIONS, Format, MeshError, TriangleMesh};
 
 /// Arguments of `hapticd init`.
 #[derive(Debug, clap::Args)]

@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 
 use super::{Talk, report, say};
 use crate::error::Exit;
-use crate::telemetry::recording::{ReadError, Recording};
-use crate::telemetry::report::LabReport;
+use recording::file::{ReadError, Recording};
+use recording::report::LabReport;
 
 /// Arguments of `hapticd report`.
 #[derive(Debug, clap::Args)]

@@ -13,17 +13,17 @@ use super::{Talk, cache, report};
 use crate::config::{self, LoadOptions, SceneConfig};
 use crate::daemon::session::{PlannedScene, SessionHandle, objects};
 use crate::daemon::unlike;
-use crate::device::simulated::hand::HandPath;
-use crate::document::poses::PoseFileError;
 use crate::error::Exit;
-use crate::haptics::RenderScene;
-use crate::rt::duration;
 use crate::scene::cache::Residence;
 use crate::scene::{self, BakeMeans, SceneError};
 use crate::servo::{ControlError, ObjectPaths};
-use crate::storage::memory::available_bytes;
-use crate::storage::printable::shown;
-use crate::telemetry::SwapSummary;
+use arms::simulated::hand::HandPath;
+use document::poses::PoseFileError;
+use haptics::RenderScene;
+use recording::SwapSummary;
+use rt::duration;
+use vps::storage::memory::available_bytes;
+use vps::storage::printable::shown;
 
 /// Arguments that change a run while it goes on.
 #[derive(Debug, Default, clap::Args)]

@@ -9,8 +9,8 @@ use clap::CommandFactory as _;
 use clap_mangen::Man;
 
 use super::{Cli, Talk, report, say};
-use crate::document::PACKAGED;
 use crate::error::Exit;
+use document::PACKAGED;
 
 /// Arguments of `hapticd man`.
 #[derive(Debug, clap::Args)]

@@ -3,9 +3,9 @@
 use super::progress::BakeProgress;
 use super::{Talk, report, say};
 use crate::scene::MemoryPlan;
-use crate::storage::memory::available_bytes;
-use crate::voxmap::estimate::Estimate;
-use crate::voxmap::grid::show_bytes;
+use vps::storage::memory::available_bytes;
+use vps::voxmap::estimate::Estimate;
+use vps::voxmap::grid::show_bytes;
 
 /// How much memory baking may take.
 #[derive(Clone, Debug, clap::Args)]
@@ -105,9 +105,9 @@ mod tests {
     use super::*;
     use crate::scene::cache::{Cache, Residence};
     use crate::scene::{self, BakeMeans, SceneError};
-    use crate::storage::memory;
-    use crate::voxmap::grid::GridError;
-    use crate::voxmap::memory_limit::{FREE_BYTES, MemoryLimit};
+    use vps::storage::memory;
+    use vps::voxmap::grid::GridError;
+    use vps::voxmap::memory_limit::{FREE_BYTES, MemoryLimit};
 
     #[test]
     fn a_scene_that_the_machine_has_no_room_for_is_refused_before_it_is_baked_and_not_taken_from_the_cache() {
@@ -123,9 +123,8 @@ mod tests {
             let args = MemoryArgs { max_bytes };
             let mut means = BakeMeans { cache: &mut cache, memory: args.plan_within(left, &progress, talk) };
             let mut n_baked = 0;
-            let built = scene::build_with(&config, &mut means, |event| {
-                n_baked += usize::from(event.stage == crate::voxmap::Stage::Surface)
-            });
+            let built =
+                scene::build_with(&config, &mut means, |event| n_baked += usize::from(event.stage == vps::voxmap::Stage::Surface));
             (built.map(drop), n_baked)
         };
         let scarce: fn() -> Option<u64> = || Some(FREE_BYTES + (1 << 20));

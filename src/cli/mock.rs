@@ -9,19 +9,19 @@ use serde_json::json;
 
 use super::hand::HandArgs;
 use super::{Talk, report, say};
-use crate::device::mock::gadget::Gadget;
-use crate::device::mock::profiled::{self, MockSettings};
-use crate::device::mock::pty::Pty;
-use crate::device::mock::serve::{Ended, Serving, serve};
-use crate::device::mock::trace::Trace;
-use crate::device::mock::uhid::Uhid;
-use crate::device::mock::{ArmLink, LinkError, MockArm, MockReport};
-use crate::device::profile::{self, Profile, ProfileError};
-use crate::device::simulated::fault::{self, FaultPlan};
-use crate::device::transport::Carriage;
 use crate::error::Exit;
-use crate::rt::schedule::{self, ThreadRequest};
-use crate::rt::{duration, signals};
+use arms::mock::gadget::Gadget;
+use arms::mock::profiled::{self, MockSettings};
+use arms::mock::pty::Pty;
+use arms::mock::serve::{Ended, Serving, serve};
+use arms::mock::trace::Trace;
+use arms::mock::uhid::Uhid;
+use arms::mock::{ArmLink, LinkError, MockArm, MockReport};
+use arms::profile::{self, Profile, ProfileError};
+use arms::simulated::fault::{self, FaultPlan};
+use arms::transport::Carriage;
+use rt::schedule::{self, ThreadRequest};
+use rt::{duration, signals};
 
 /// Arguments of `hapticd mock`.
 #[derive(Debug, clap::Args)]
@@ -150,11 +150,7 @@ fn link_hint(args: &Args) -> Option<&'static str> {
     args.gadget.is_some().then_some("make the gadget first: scripts/hil-vm shows how")
 }
 
-fn open(
-    args: &Args,
-    profile: &Profile,
-    protocol: &crate::device::protocol::Protocol,
-) -> Result<(Box<dyn ArmLink>, String), LinkError> {
+fn open(args: &Args, profile: &Profile, protocol: &arms::protocol::Protocol) -> Result<(Box<dyn ArmLink>, String), LinkError> {
     if let Some(link) = &args.pty {
         return Ok((Box::new(Pty::new(link)?), link.display().to_string()));
     }

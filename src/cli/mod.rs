@@ -44,7 +44,7 @@ use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{CommandFactory as _, Parser, Subcommand, ValueEnum};
 
 use crate::error::Exit;
-use crate::rt::clock::monotonic_ns;
+use rt::clock::monotonic_ns;
 
 /// Open, device-agnostic, 6-DoF haptic rendering server.
 #[derive(Debug, Parser)]

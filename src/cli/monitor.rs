@@ -8,7 +8,7 @@ use crate::config::SceneConfig;
 use crate::config::{LISTEN_ACCEPTED, parse_listen};
 use crate::error::Exit;
 use crate::monitor::{Access, Bound, Token, TokenError};
-use crate::rt::clock::ClockKind;
+use rt::clock::ClockKind;
 
 /// Variable of the environment that holds a token.
 const TOKEN_VARIABLE: &str = "HAPTICD_TOKEN";

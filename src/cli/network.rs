@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use crate::error::Exit;
-use crate::network::{Endpoints, NetworkError};
+use arms::network::{Endpoints, NetworkError};
 
 /// Where `--help` lists what needs the feature.
 pub(super) const HEADING: &str = "Network (feature zenoh)";

@@ -6,9 +6,9 @@ use serde::Serialize;
 
 use super::live;
 use super::workshop::SculptReport;
-use crate::device::remote::figures::LinkReport;
-use crate::telemetry::recording::RecordingSummary;
-use crate::telemetry::{LatencySummary, Totals};
+use arms::remote::figures::LinkReport;
+use recording::file::RecordingSummary;
+use recording::{LatencySummary, Totals};
 
 /// How long a run took to begin, s since the first instruction of `main`.
 #[derive(Clone, Copy, Debug, Default, Serialize)]

@@ -10,18 +10,18 @@ use serde_json::{Value, json};
 use super::findings::finding_json;
 use super::screen::error_text;
 use super::{Talk, guard, report, say};
-use crate::device::attached::identify::Made;
-use crate::device::attached::nodes::Selector;
-use crate::device::attached::open::{self, LinkNews, OpenOptions};
-use crate::device::attached::probe::{self, Answers, Ended, Found, Plan, Push, Sign, Step, Trial};
-use crate::device::profile::{self, Homing, HomingMode, Profile, ProfileError, RealArm};
-use crate::device::protocol::Declared;
-use crate::device::{Device as _, Pacing};
 use crate::error::Exit;
-use crate::rt::clock::RealClock;
-use crate::rt::finding::{Finding, Standing};
-use crate::rt::{duration, signals};
-use crate::spatial::Axes;
+use arms::attached::identify::Made;
+use arms::attached::nodes::Selector;
+use arms::attached::open::{self, LinkNews, OpenOptions};
+use arms::attached::probe::{self, Answers, Ended, Found, Plan, Push, Sign, Step, Trial};
+use arms::profile::{self, Homing, HomingMode, Profile, ProfileError, RealArm};
+use arms::protocol::Declared;
+use arms::{Device as _, Pacing};
+use rt::clock::RealClock;
+use rt::finding::{Finding, Standing};
+use rt::{duration, signals};
+use vps::spatial::Axes;
 
 /// Arguments of `hapticd devices probe`.
 #[derive(Debug, clap::Args)]

@@ -7,7 +7,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use super::{Talk, say};
 use crate::scene::Event;
-use crate::voxmap::Stage;
+use vps::voxmap::Stage;
 
 /// A line on stderr that says which object is at which stage; silent on a pipe and with `--quiet`.
 pub(crate) struct BakeProgress(Option<ProgressBar>);

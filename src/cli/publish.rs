@@ -8,12 +8,12 @@ use crate::config::SceneConfig;
 use crate::daemon::session::{SessionHandle, objects};
 use crate::error::Exit;
 use crate::monitor::Hub;
-use crate::network::Endpoints;
 use crate::publish::{Plan, PublishError, Share, Topics, WorldName};
-use crate::ros::{Domain, Namespace};
 use crate::servo::ControlError;
-use crate::spatial::Axes;
-use crate::telemetry::Tap;
+use arms::network::Endpoints;
+use link::{Domain, Namespace};
+use recording::Tap;
+use vps::spatial::Axes;
 
 /// Variable of the environment that says which domain is meant.
 const DOMAIN_VARIABLE: &str = "ROS_DOMAIN_ID";
@@ -177,7 +177,7 @@ pub(crate) enum Sender {}
 #[cfg(not(feature = "zenoh"))]
 impl Opened {
     fn open(_: Plan) -> Result<Self, PublishError> {
-        Err(crate::network::NetworkError::NotBuilt.into())
+        Err(arms::network::NetworkError::NotBuilt.into())
     }
 
     pub(crate) fn serve(self, _: &Arc<Hub>, _: SessionHandle, _: Talk) -> std::io::Result<(Sender, Tap)> {

@@ -9,12 +9,12 @@ use crate::config::{LoadOptions, SceneConfig};
 use crate::daemon::scene_files;
 use crate::error::Exit;
 use crate::monitor::{self, RecorderError, RecorderStatus};
-use crate::rt::clock::ClockKind;
-use crate::rt::preflight::Report;
 use crate::servo::LoopReport;
-use crate::storage::printable::shown;
-use crate::telemetry::Taps;
-use crate::telemetry::recording::{Failed, FaultFile, FaultFiles, Recorder, RecorderHandle, RecordingError, RecordingSummary, now};
+use recording::Taps;
+use recording::file::{Failed, FaultFile, FaultFiles, Recorder, RecorderHandle, RecordingError, RecordingSummary, now};
+use rt::clock::ClockKind;
+use rt::preflight::Report;
+use vps::storage::printable::shown;
 
 /// Arguments that leave recordings behind.
 #[derive(Debug, clap::Args)]
@@ -232,8 +232,8 @@ mod tests {
     use crate::cli::When;
     use crate::cli::say::LogFormat;
     use crate::monitor::Recorder as _;
-    use crate::telemetry::recording::SceneFiles;
-    use crate::telemetry::{TickRecord, drain};
+    use recording::file::SceneFiles;
+    use recording::{TickRecord, drain};
 
     const QUIET: Talk = Talk { verbose: 0, quiet: true, color: When::Never, log_format: LogFormat::Text };
 

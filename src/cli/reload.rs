@@ -7,9 +7,9 @@ use super::{Talk, report};
 use crate::daemon::reload::{Cause, News, Reloaded};
 use crate::daemon::service;
 use crate::daemon::session::SessionError;
-use crate::document::show;
 use crate::servo::FileChange;
-use crate::storage::printable::shown;
+use document::show;
+use vps::storage::printable::shown;
 
 /// Tells people, and a service manager, how a reload goes.
 pub(super) fn tell(news: &News, talk: Talk) {

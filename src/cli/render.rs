@@ -21,17 +21,17 @@ use crate::daemon::remote::RemoteArm;
 use crate::daemon::service::Service;
 use crate::daemon::session::SessionHandle;
 use crate::daemon::{Attached, Live, Notice, Outcome, PrepareError, Prepared, RenderJob, RunError, Supervisor, prepare_on};
-use crate::device::mock::profiled;
-use crate::device::protocol::Protocol;
 use crate::error::Exit;
-use crate::mesh;
-use crate::rt::clock::{ClockKind, monotonic_ns};
-use crate::rt::signals::{self, SignalError};
 use crate::scene::BakeMeans;
 use crate::scene::cache::Residence;
 use crate::servo::{Control, ObjectPaths};
-use crate::telemetry::Taps;
-use crate::telemetry::recording::Recorder;
+use ::recording::Taps;
+use ::recording::file::Recorder;
+use arms::mock::profiled;
+use arms::protocol::Protocol;
+use rt::clock::{ClockKind, monotonic_ns};
+use rt::signals::{self, SignalError};
+use vps::mesh;
 
 /// Why a run ended before it began.
 #[derive(Debug)]

@@ -10,12 +10,12 @@ use super::{Talk, cache, report, say};
 use crate::config::SceneConfig;
 use crate::daemon::{ReplayError, Replayed, UnpackError, replay};
 use crate::error::Exit;
-use crate::haptics::RenderScene;
 use crate::scene::cache::Residence;
 use crate::scene::{self, BakeMeans, SceneError};
-use crate::storage::memory::available_bytes;
-use crate::storage::printable::one_line;
-use crate::telemetry::recording::ReadError;
+use haptics::RenderScene;
+use recording::file::ReadError;
+use vps::storage::memory::available_bytes;
+use vps::storage::printable::one_line;
 
 /// Arguments of `hapticd replay`.
 #[derive(Debug, clap::Args)]

@@ -8,8 +8,8 @@ use crate::config::ConfigErrors;
 use crate::daemon::{PrepareError, service};
 use crate::error::Exit;
 use crate::scene::{ObjectReport, PieceReport, SceneError};
-use crate::sculpt::workpiece::WorkpieceError;
-use crate::storage::printable::{one_line, printable};
+use clay::workpiece::WorkpieceError;
+use vps::storage::printable::{one_line, printable};
 
 /// Prints every problem of a scene on stderr and gives the exit code for it.
 pub(crate) fn config_errors(errors: &ConfigErrors, talk: Talk) -> Exit {

@@ -24,8 +24,8 @@ use crossbeam::queue::ArrayQueue;
 use serde::ser::{Serialize, SerializeMap, Serializer};
 use serde_json::Value;
 
-use crate::rt::utc::timestamp;
-use crate::storage::printable::printable;
+use rt::utc::timestamp;
+use vps::storage::printable::printable;
 
 /// Why the first result that did not arrive did not.
 static LOST_RESULT: OnceLock<io::Error> = OnceLock::new();

@@ -9,12 +9,12 @@ use super::say::{self, Fields, Level};
 use super::{Talk, guard};
 use crate::daemon::session::SessionHandle;
 use crate::daemon::{Notice, Phase};
-use crate::device::attached::open::LinkNews;
-use crate::device::protocol::Protocol;
-use crate::haptics::Faults;
-use crate::rt::preflight::{self, Report};
-use crate::storage::printable::shown;
-use crate::telemetry::TickRecord;
+use arms::attached::open::LinkNews;
+use arms::protocol::Protocol;
+use haptics::Faults;
+use recording::TickRecord;
+use rt::preflight::{self, Report};
+use vps::storage::printable::shown;
 
 /// How often `--log-format json -v` has the newest tick.
 const STATUS_EVERY: Duration = Duration::from_secs(1);
@@ -207,9 +207,9 @@ fn status_fields(record: &TickRecord) -> [(&'static str, Value); 7] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::device::profile;
-    use crate::haptics::{TickInput, TickOutput};
-    use crate::spatial::DeviceSample;
+    use arms::profile;
+    use haptics::{TickInput, TickOutput};
+    use vps::spatial::DeviceSample;
 
     #[test]
     fn an_error_of_the_arm_is_told_with_its_number_and_its_words() {

@@ -12,10 +12,10 @@ use crate::daemon::reload::{KnownFiles, News, Reloader};
 use crate::daemon::session::SessionHandle;
 use crate::daemon::{Enable, Live, Notice, Operator};
 use crate::monitor::{Bound, ClayParts, Hub, HubParts, Monitor, Recorder};
-use crate::rt::clock::ClockKind;
-use crate::rt::signals::hangups;
 use crate::servo::Control;
-use crate::telemetry::metrics::metrics_tap;
+use recording::metrics::metrics_tap;
+use rt::clock::ClockKind;
+use rt::signals::hangups;
 
 /// What services are wanted, and what they need.
 pub(crate) struct ServiceOptions<'a> {

@@ -18,13 +18,13 @@ use crate::config::{ConfigErrors, SceneConfig};
 use crate::daemon::Live;
 use crate::daemon::studio::{self, Door, Ended, Plan, Scripted, StudioReport, StudioThread};
 use crate::error::Exit;
-use crate::haptics::RenderScene;
-use crate::mesh::{self, cloud};
 use crate::monitor::ClayParts;
-use crate::rt::clock::ClockKind;
 use crate::scene::Piece;
-use crate::sculpt::PointSet;
-use crate::sculpt::studio::{Order, Studio, ToolBody};
+use clay::PointSet;
+use clay::studio::{Order, Studio, ToolBody};
+use haptics::RenderScene;
+use rt::clock::ClockKind;
+use vps::mesh::{self, cloud};
 
 /// Where `--help` lists it.
 const HEADING: &str = "Clay";

@@ -2,8 +2,8 @@
 
 use core::fmt;
 
-use crate::document::show;
-use crate::haptics::stability::SampledWall;
+use document::show;
+use haptics::stability::SampledWall;
 
 /// A bound on translational (N/m) or rotational (N·m/rad) stiffness felt by the arm, with the numbers that gave it.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -12,9 +12,9 @@ use glam::DVec3;
 
 pub use self::clay::ClayDraft;
 
-use crate::mesh::TriangleMesh;
-use crate::voxmap::estimate::{Estimate, MeshMeasures, Products, voxel_size_within};
-use crate::voxmap::grid::{Grid, show_bytes};
+use vps::mesh::TriangleMesh;
+use vps::voxmap::estimate::{Estimate, MeshMeasures, Products, voxel_size_within};
+use vps::voxmap::grid::{Grid, show_bytes};
 
 /// Numbers up to this long are read as metres, longer ones as millimetres: few things that are felt with an arm are longer than two metres, or
 /// shorter than two millimetres.
@@ -316,7 +316,7 @@ fn quoted(text: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::primitives::Shape;
+    use vps::mesh::primitives::Shape;
 
     fn part(name: &str, size_m: [f64; 3], at_m: [f64; 3]) -> Part {
         let mut mesh = Shape::Box { size_m: DVec3::from_array(size_m) }.tessellate(1.0);

@@ -6,7 +6,7 @@ use schemars::Schema;
 use serde_json::Value;
 
 use super::schema;
-use crate::device::profile;
+use arms::profile;
 
 /// Schema of a scene file, indented, with a line feed at the end.
 pub fn scene() -> String {

@@ -1,7 +1,7 @@
 //! Scene files: version → schema (as written) → resolved (checked, SI, typed).
 //!
 //! Data in: a TOML scene and device profiles. Data out: one [`SceneConfig`], or every problem of the first
-//! pass that found any. [`document`](crate::document) reads syntax and version, `schema` holds the keys, `resolve` checks
+//! pass that found any. [`document`](document) reads syntax and version, `schema` holds the keys, `resolve` checks
 //! and converts, [`scene`] is the result. Beside that: [`strokes`] (scripted work on clay), [`draft`] (a first scene for
 //! meshes that have none), [`json_schema`] (what editors complete keys from).
 //!
@@ -33,7 +33,7 @@ pub(crate) use resolve::{FOXGLOVE_ACCEPTED, LISTEN_ACCEPTED, parse_foxglove, par
 pub use resolve::{LoadOptions, load, load_with};
 pub use scene::SceneConfig;
 
-pub use crate::document::{ConfigErrors, Problem, ProblemKind};
+pub use document::{ConfigErrors, Problem, ProblemKind};
 
 /// The shipped `config/default.toml`: every key with its default and unit.
 pub const DEFAULT_SCENE: &str = include_str!("../../config/default.toml");

@@ -7,14 +7,14 @@ use std::time::Duration;
 use glam::{DMat3, DVec3};
 
 use super::bound::StiffnessBound;
-use crate::device::attached::nodes::Selector;
-use crate::device::profile::Profile;
-use crate::haptics::Parameters;
-use crate::mesh::primitives::Shape;
-use crate::sculpt::studio::ToolSettings;
-use crate::sculpt::{Solid, workpiece};
-use crate::spatial::Pose;
-use crate::voxmap::sides::SidesRule;
+use arms::attached::nodes::Selector;
+use arms::profile::Profile;
+use clay::studio::ToolSettings;
+use clay::{Solid, workpiece};
+use haptics::Parameters;
+use vps::mesh::primitives::Shape;
+use vps::spatial::Pose;
+use vps::voxmap::sides::SidesRule;
 
 /// A checked scene.
 #[derive(Clone, Debug, PartialEq)]

@@ -12,7 +12,7 @@ use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::Deserialize;
 use serde::de::{self, Deserializer, IgnoredAny, SeqAccess, Visitor};
 
-use crate::document::{Numbers, words};
+use document::{Numbers, words};
 
 pub(super) use self::sculpt::{
     CraftWord, Creep, Deed, FalloffWritten, IntegratorWord, PaintedWritten, Sculpt, Stroke, Strokes, WrittenSolid, WrittenTool,

@@ -16,10 +16,10 @@ use self::naming::in_words;
 use self::size::Size;
 use super::resolve::Resolve;
 use super::schema::{Deed, Stroke, Strokes, holds_strokes};
-use crate::document::{Checks, ConfigErrors, Document, Interval, Problem, ProblemKind, any_of};
-use crate::sculpt::boolean::Boolean;
-use crate::sculpt::studio::{Order, ToolSettings};
-use crate::storage::regular;
+use clay::boolean::Boolean;
+use clay::studio::{Order, ToolSettings};
+use document::{Checks, ConfigErrors, Document, Interval, Problem, ProblemKind, any_of};
+use vps::storage::regular;
 
 /// A file of strokes.
 #[derive(Clone, Debug)]

@@ -13,17 +13,17 @@ use std::time::Instant;
 use crossbeam::channel::Receiver;
 
 use super::{Attached, PrepareError};
-use crate::device::Device;
-use crate::device::attached::nodes::Selector;
-use crate::device::attached::open::{self, LinkNews, OpenOptions};
-use crate::device::profile::Profile;
-use crate::device::remote::figures::{NodeReport, Phase};
-use crate::device::remote::hold::HoldTiming;
-use crate::device::remote::{Node, NodeFigures, NodeParameters};
-use crate::device::simulated::{HandParameters, SimArm, SimParameters};
-use crate::rt::clock::{Clock as _, RealClock};
-use crate::rt::schedule::{self, ThreadRequest, ThreadStanding};
 use crate::servo::{Control, Pace, StopGuard};
+use arms::Device;
+use arms::attached::nodes::Selector;
+use arms::attached::open::{self, LinkNews, OpenOptions};
+use arms::profile::Profile;
+use arms::remote::figures::{NodeReport, Phase};
+use arms::remote::hold::HoldTiming;
+use arms::remote::{Node, NodeFigures, NodeParameters};
+use arms::simulated::{HandParameters, SimArm, SimParameters};
+use rt::clock::{Clock as _, RealClock};
+use rt::schedule::{self, ThreadRequest, ThreadStanding};
 
 /// How often the loop is looked at.
 const LOOK: Duration = Duration::from_millis(20);
@@ -85,7 +85,7 @@ pub fn node_parameters(profile: &Profile, name: &str, period_s: f64, timing: Hol
     }
 }
 
-/// Opens the arm of a profile, with that program as its [guard](crate::device::guard), or makes the simulated one with that hand.
+/// Opens the arm of a profile, with that program as its [guard](arms::guard), or makes the simulated one with that hand.
 ///
 /// # Errors
 /// The arm cannot be opened, or not be simulated.

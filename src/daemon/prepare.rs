@@ -10,17 +10,17 @@ use thiserror::Error;
 use super::remote::RemoteArm;
 use crate::config::scene::{DeviceConfig, RealtimeConfig};
 use crate::config::{ConfigErrors, SceneConfig};
-use crate::device::Device;
-use crate::device::attached::open::{self, LinkNews, OpenError, OpenOptions};
-use crate::device::remote::LinkFigures;
-use crate::device::simulated::fault::{self, FaultError, FaultPlan};
-use crate::device::simulated::hand::{HandPath, Indexing};
-use crate::device::simulated::{HandParameters, SimArm, SimError, SimParameters};
-use crate::document::poses::PoseFileError;
-use crate::haptics::{PortParameters, RenderScene};
-use crate::rt::schedule::{self, ThreadRequest};
 use crate::scene::cache::Cache;
 use crate::scene::{self, BakeMeans, Built, Event, ObjectReport, Piece, SceneError};
+use arms::Device;
+use arms::attached::open::{self, LinkNews, OpenError, OpenOptions};
+use arms::remote::LinkFigures;
+use arms::simulated::fault::{self, FaultError, FaultPlan};
+use arms::simulated::hand::{HandPath, Indexing};
+use arms::simulated::{HandParameters, SimArm, SimError, SimParameters};
+use document::poses::PoseFileError;
+use haptics::{PortParameters, RenderScene};
+use rt::schedule::{self, ThreadRequest};
 
 /// A scene that is ready to be rendered.
 pub struct Prepared {
@@ -116,7 +116,7 @@ pub fn prepare_with(
 }
 
 /// The same with an arm on another machine, if there is one: the scene's profile is that of its arm; and with a program that is started as the
-/// [guard](crate::device::guard) of a real arm on this machine.
+/// [guard](arms::guard) of a real arm on this machine.
 ///
 /// # Errors
 /// As [`prepare_with`].

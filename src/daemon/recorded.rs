@@ -7,15 +7,15 @@ use serde_json::{Value, json};
 
 use crate::config::scene::{MeshSource, StaticConfig, ToolConfig};
 use crate::config::{LoadOptions, SceneConfig};
-use crate::device::profile;
-use crate::haptics::{
+use arms::profile;
+use haptics::{
     ArmParameters, ContactParameters, CouplingParameters, FilterParameters, FrictionParameters, LimitParameters, Parameters,
     PortParameters, SafetyParameters,
 };
-use crate::mesh::{self, primitives::Shape};
-use crate::spatial::Pose;
-use crate::storage::regular;
-use crate::telemetry::recording::{Form, NamedFile, SceneFiles, Shown};
+use recording::file::{Form, NamedFile, SceneFiles, Shown};
+use vps::mesh::{self, primitives::Shape};
+use vps::spatial::Pose;
+use vps::storage::regular;
 
 /// Everything that makes up a checked scene. Reads the scene file and the profile once more.
 pub fn scene_files(config: &SceneConfig, options: &LoadOptions) -> SceneFiles {

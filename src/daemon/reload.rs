@@ -16,9 +16,9 @@ use super::scene_keys::{fixed, unlike_at_the_arm};
 use super::session::{Baker, SceneView, SessionError, SessionHandle};
 use crate::config::scene::MeshSource;
 use crate::config::{self, SceneConfig};
-use crate::mesh;
-use crate::rt::signals::{Hangup, Hangups};
 use crate::servo::FileChange;
+use rt::signals::{Hangup, Hangups};
+use vps::mesh;
 
 /// How often signals are looked for.
 const LISTEN: Duration = Duration::from_millis(100);

@@ -8,11 +8,11 @@ use std::sync::Arc;
 
 use tempfile::TempDir;
 
-use crate::device::attached::open::{OpenError, Opened};
-use crate::device::profile::Profile;
-use crate::device::remote::LinkFigures;
-use crate::network::{Endpoints, NetworkError};
-use crate::rt::schedule::ThreadRequest;
+use arms::attached::open::{OpenError, Opened};
+use arms::network::{Endpoints, NetworkError};
+use arms::profile::Profile;
+use arms::remote::LinkFigures;
+use rt::schedule::ThreadRequest;
 
 /// What `--device` has before the name of a node.
 const PREFIX: &str = "zenoh:";
@@ -68,11 +68,11 @@ mod over_zenoh {
     use core::time::Duration;
 
     use super::*;
-    use crate::device::Timebase;
-    use crate::device::remote::{Dial, RemoteOptions, open};
-    use crate::device::transport::Transport;
-    use crate::device::transport::zenoh::{ZenohLink, ask_profile, is_name};
-    use crate::network::session;
+    use arms::Timebase;
+    use arms::network::session;
+    use arms::remote::{Dial, RemoteOptions, open};
+    use arms::transport::Transport;
+    use arms::transport::zenoh::{ZenohLink, ask_profile, is_name};
 
     /// How long a node may take to answer.
     const FIND_WITHIN: Duration = Duration::from_secs(10);

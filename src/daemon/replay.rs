@@ -7,12 +7,12 @@ use serde::Serialize;
 
 use super::unpacked::{RecordedScene, UnpackError, Unpacked};
 use crate::config::SceneConfig;
-use crate::haptics::contact::Budget;
-use crate::haptics::{self, Drive, Faults, OffCause, Placement, RenderScene, State, TickOutput};
 use crate::scene::SceneError;
-use crate::spatial::{Pose, Wrench};
-use crate::telemetry::TickRecord;
-use crate::telemetry::recording::{Entry, ReadError, Recording};
+use haptics::{self, Drive, Faults, OffCause, Placement, RenderScene, State, TickOutput};
+use recording::TickRecord;
+use recording::file::{Entry, ReadError, Recording};
+use vps::contact::Budget;
+use vps::spatial::{Pose, Wrench};
 
 /// Why a recording cannot be run again, or no further.
 #[derive(Debug, thiserror::Error)]

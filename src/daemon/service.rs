@@ -13,7 +13,7 @@ use crossbeam::channel::{Sender, bounded};
 use sd_notify::NotifyState;
 
 use super::{Notice, Phase};
-use crate::haptics::Faults;
+use haptics::Faults;
 
 /// A watchdog is fed this many times within its time.
 const FEEDS: u32 = 4;

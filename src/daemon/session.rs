@@ -18,12 +18,12 @@ use super::recorded::scene_files;
 use super::reload::Reloader;
 use super::scene_keys::{path_of, unlike};
 use crate::config::{self, ConfigErrors, LoadOptions, SceneConfig};
-use crate::haptics::RenderScene;
-use crate::rt::clock::ClockKind;
 use crate::scene::SceneError;
 use crate::servo::{CommandQueue, FileChange, LoadedScene, Objects, SceneControls};
-use crate::spatial::Pose;
-use crate::telemetry::recording::Recorder;
+use haptics::RenderScene;
+use recording::file::Recorder;
+use rt::clock::ClockKind;
+use vps::spatial::Pose;
 
 pub use crate::servo::{ControlError, ParameterSetting};
 

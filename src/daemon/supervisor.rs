@@ -16,14 +16,14 @@ use rtrb::RingBuffer;
 pub use self::job::{Enable, Live, Operator, Outcome, RenderJob, RunError};
 pub use self::phase::{Notice, Phase};
 use self::threads::{MemoryLock, Servo, spawn_drain, spawn_servo, with_live};
-use crate::device::attached::open::LinkNews;
-use crate::haptics::{Drive, OffCause};
-use crate::rt::clock::{ClockKind, RealClock, VirtualClock};
-use crate::rt::preflight::{KernelFacts, Report};
-use crate::rt::schedule::{self, ThreadRequest};
-use crate::rt::signals;
 use crate::servo::{Control, Ending, LoopReport, Order, Permit, RunPlan, ServoLoop, StopGuard};
-use crate::telemetry::{Counted, RealtimeSummary, Watch};
+use arms::attached::open::LinkNews;
+use haptics::{Drive, OffCause};
+use recording::{Counted, RealtimeSummary, Watch};
+use rt::clock::{ClockKind, RealClock, VirtualClock};
+use rt::preflight::{KernelFacts, Report};
+use rt::schedule::{self, ThreadRequest};
+use rt::signals;
 
 /// Records under way between servo and drain: four seconds at 1 kHz.
 const RING_RECORDS: usize = 4096;

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use super::session::SessionHandle;
 use crate::config::{self, LoadOptions, SceneConfig};
-use crate::rt::clock::ClockKind;
+use rt::clock::ClockKind;
 
 /// A box over a plate, on a simulated arm; more keys may follow.
 pub(crate) const SCENE: &str = r#"version = 1

@@ -7,7 +7,7 @@ use std::path::{Component, Path, PathBuf};
 
 use super::recorded::{file_keys, resolved};
 use crate::config::{self, ConfigErrors, LoadOptions, SceneConfig};
-use crate::telemetry::recording::LONGEST_TEXT;
+use recording::file::LONGEST_TEXT;
 
 /// Why a recorded scene cannot be put back.
 #[derive(Debug, thiserror::Error)]

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use axum::http::{HeaderMap, StatusCode, header};
 
 use super::problem::Problem;
-use crate::storage::regular;
+use vps::storage::regular;
 
 /// Fewest characters of a token: 96 bits even of hexadecimal digits would be 24, and nobody types these.
 const LEAST_TOKEN: usize = 16;

@@ -17,8 +17,8 @@ use super::problem::Problem;
 use super::recorder::{RecorderError, RecorderStatus};
 use super::worker::Worker;
 use crate::daemon::session::{SessionError, SessionHandle};
-use crate::sculpt::studio::Order;
-use crate::spatial::Pose;
+use ::clay::studio::Order;
+use vps::spatial::Pose;
 
 /// Fastest and slowest stream.
 const MOST_RATE_HZ: f64 = 1000.0;

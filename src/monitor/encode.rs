@@ -7,9 +7,9 @@ use serde::{Serialize, Serializer};
 
 use super::rows::Row;
 use crate::daemon::Phase;
-use crate::haptics::{Faults, OffCause};
-use crate::spatial::{Pose, Wrench};
-use crate::telemetry::TickRecord;
+use haptics::{Faults, OffCause};
+use recording::TickRecord;
+use vps::spatial::{Pose, Wrench};
 
 /// The number of a tick, and its time since the loop began, ns.
 pub(super) type At = (u64, i64);
@@ -310,7 +310,7 @@ mod tests {
     use serde_json::Value;
 
     use super::*;
-    use crate::haptics::{Drive, TickOutput};
+    use haptics::{Drive, TickOutput};
 
     fn record() -> TickRecord {
         let output = TickOutput {

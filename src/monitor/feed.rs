@@ -3,7 +3,7 @@
 use rtrb::{Consumer, RingBuffer};
 
 use super::ghost::{Anchor, Watcher};
-use crate::telemetry::{Tap, TickRecord};
+use recording::{Tap, TickRecord};
 
 /// Records under way: two seconds at 1 kHz.
 const RING_RECORDS: usize = 2048;

@@ -4,9 +4,9 @@
 
 use glam::DVec3;
 
-use crate::haptics::{Drive, Port, PortParameters};
-use crate::spatial::{DeviceSample, Pose};
-use crate::telemetry::TickRecord;
+use haptics::{Drive, Port, PortParameters};
+use recording::TickRecord;
+use vps::spatial::{DeviceSample, Pose};
 
 /// Where arm and tool stood when force was enabled.
 #[derive(Clone, Copy, Debug, PartialEq)]

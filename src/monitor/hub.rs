@@ -19,11 +19,11 @@ use super::problem::Problem;
 use super::recorder::Recorder;
 use crate::daemon::session::{SceneView, SessionError, SessionHandle};
 use crate::daemon::{Enable, Notice, Phase};
-use crate::device::attached::open::LinkNews;
-use crate::rt::clock::ClockKind;
-use crate::rt::control::Control;
-use crate::spatial::Pose;
-use crate::telemetry::metrics::{Metrics, RecordingCounts};
+use arms::attached::open::LinkNews;
+use recording::metrics::{Metrics, RecordingCounts};
+use rt::clock::ClockKind;
+use rt::control::Control;
+use vps::spatial::Pose;
 
 /// What a hub is made of.
 pub struct HubParts {

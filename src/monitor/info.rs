@@ -7,9 +7,9 @@ use serde_json::{Value, json};
 use super::encode::LastFault;
 use crate::config::SceneConfig;
 use crate::daemon::Phase;
-use crate::haptics::Faults;
-use crate::rt::preflight::Report;
-use crate::spatial::Axes;
+use haptics::Faults;
+use rt::preflight::Report;
+use vps::spatial::Axes;
 
 /// Version of the API.
 pub(super) const API: u32 = 1;

@@ -9,7 +9,7 @@ use super::feed::{Fed, feed};
 use super::hub::{Hub, Newest};
 use super::sight::Sight;
 use crate::daemon::session::SceneView;
-use crate::telemetry::{Tap, TickRecord};
+use recording::{Tap, TickRecord};
 
 /// Watches a run; the newest record wins.
 pub struct Observer {

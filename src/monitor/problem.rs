@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use crate::daemon::session::{ControlError, SessionError};
 use crate::daemon::studio::Refused;
-use crate::sculpt::studio::StudioError;
+use clay::studio::StudioError;
 
 /// One refusal, the same over HTTP and WebSocket.
 #[derive(Clone, Debug, PartialEq, Eq)]

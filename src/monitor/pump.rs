@@ -15,10 +15,11 @@ use super::hub::{Hub, Newest};
 use super::rows::{Row, reduced};
 use super::sight::Sight;
 use super::worker::Worker;
-use crate::haptics::{RenderScene, contact};
-use crate::rt::clock::ClockKind;
-use crate::spatial::Pose;
-use crate::telemetry::TickRecord;
+use haptics::RenderScene;
+use recording::TickRecord;
+use rt::clock::ClockKind;
+use vps::contact;
+use vps::spatial::Pose;
 
 /// Pauses between two looks at the ring: for clients that want every tick, for others, and for nobody.
 const SOON: Duration = Duration::from_millis(1);

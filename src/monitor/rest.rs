@@ -26,7 +26,7 @@ use super::problem::Problem;
 use super::served::Served;
 use super::{assets, ws};
 use crate::daemon::scenes_beside;
-use crate::telemetry::metrics;
+use recording::metrics;
 
 /// Largest body of a request, bytes.
 const MOST_BYTES: usize = 64 << 10;

@@ -2,7 +2,7 @@
 
 use serde::{Serialize, Serializer};
 
-use crate::telemetry::TickRecord;
+use recording::TickRecord;
 
 /// What a plot needs of one tick: time s, force N, depth mm, computing µs, wake-up µs.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -20,7 +20,7 @@ use super::rest::router;
 use super::served::Served;
 use super::visual::Visuals;
 use super::worker::Worker;
-use crate::telemetry::Tap;
+use recording::Tap;
 
 /// WebSockets at the same time.
 const MOST_WEB_SOCKETS: usize = 64;

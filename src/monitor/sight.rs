@@ -6,9 +6,9 @@ use super::encode::WireObject;
 use super::feed::Fed;
 use super::hub::Newest;
 use crate::daemon::session::SceneView;
-use crate::haptics::RenderScene;
-use crate::spatial::Pose;
-use crate::telemetry::TickRecord;
+use haptics::RenderScene;
+use recording::TickRecord;
+use vps::spatial::Pose;
 
 /// A scene, seen record by record.
 pub(super) struct Sight {

@@ -9,7 +9,7 @@ use glam::DVec3;
 use super::worker::Worker;
 use crate::config::SceneConfig;
 use crate::config::scene::MeshSource;
-use crate::mesh::{self, TriangleMesh};
+use vps::mesh::{self, TriangleMesh};
 
 /// Triangles of one object on a page.
 const MOST_TRIANGLES: usize = 100_000;
@@ -156,7 +156,7 @@ fn clustered(mesh: &TriangleMesh, cell_m: f64) -> (Vec<[f32; 3]>, Vec<[u32; 3]>)
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::primitives::Shape;
+    use vps::mesh::primitives::Shape;
 
     #[test]
     fn a_fine_sphere_becomes_a_coarse_one_of_the_same_size() {

@@ -184,11 +184,11 @@ mod tests {
     use glam::DVec3;
 
     use super::*;
-    use crate::mesh::primitives::Shape;
-    use crate::mesh::validate::inspect;
-    use crate::pointshell;
-    use crate::voxmap::sides::SidesRule;
-    use crate::voxmap::{Options, Voxmap};
+    use vps::mesh::primitives::Shape;
+    use vps::mesh::validate::inspect;
+    use vps::pointshell;
+    use vps::voxmap::sides::SidesRule;
+    use vps::voxmap::{Options, Voxmap};
 
     fn sheet(size_m: DVec3, voxel_size_m: f64) -> ([Panel; 3], tiny_skia::Pixmap) {
         let mesh = Shape::Box { size_m }.tessellate(1e-4);

@@ -2,9 +2,9 @@
 
 use glam::DVec3;
 
-use crate::pointshell::shell::Shell;
-use crate::voxmap::layers::Layers;
-use crate::voxmap::surface::Surface;
+use vps::pointshell::shell::Shell;
+use vps::voxmap::layers::Layers;
+use vps::voxmap::surface::Surface;
 
 /// An object as it was baked.
 #[derive(Clone, Copy, Debug)]

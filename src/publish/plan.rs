@@ -1,8 +1,8 @@
 //! What is asked for, and why it cannot be.
 
 use super::keys::{Owner, WorldName};
-use crate::network::{Endpoints, NetworkError};
-use crate::ros::{Domain, Namespace};
+use arms::network::{Endpoints, NetworkError};
+use link::{Domain, Namespace};
 
 /// What a run is to publish and to share.
 #[derive(Clone, Debug)]

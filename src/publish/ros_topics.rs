@@ -10,8 +10,8 @@ use zenoh::{Session, Wait};
 
 use super::plan::refused;
 use super::plan::{PublishError, Topics};
-use crate::ros::{Attachment, Gid, Moment, Node, Topic, gid, node_token, publisher_token, topic_key};
-use crate::telemetry::TickRecord;
+use link::{Attachment, Gid, Moment, Node, Topic, gid, node_token, publisher_token, topic_key};
+use recording::TickRecord;
 
 /// Name of the node.
 const NAME: &str = "hapticd";

@@ -18,9 +18,9 @@ use super::ros_topics::RosTopics;
 use super::world::{Tell, World};
 use crate::daemon::session::SessionHandle;
 use crate::monitor::{Hub, Observer, Seen};
-use crate::network::session;
-use crate::ros::Namespace;
-use crate::telemetry::Tap;
+use arms::network::session;
+use link::Namespace;
+use recording::Tap;
 
 /// Everything that a plan needs of the network, before the run.
 pub struct Opened {

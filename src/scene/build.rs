@@ -8,13 +8,13 @@ use super::piece::Piece;
 use super::report::{ObjectReport, Role};
 use crate::config::SceneConfig;
 use crate::config::scene::ToolConfig;
-use crate::haptics::clay::{Clay, PUT_DOWN_SPACINGS};
-use crate::haptics::contact::{ContactSum, Obstacle};
-use crate::haptics::{CouplingMode, Inertia, RenderScene, Tool};
-use crate::mesh::mass::MassProperties;
-use crate::spatial::{Metres, Pose};
-use crate::voxmap::Stage;
-use crate::voxmap::field::FieldKind;
+use haptics::clay::{Clay, PUT_DOWN_SPACINGS};
+use haptics::{CouplingMode, Inertia, RenderScene, Tool};
+use vps::contact::{ContactSum, Obstacle};
+use vps::mesh::mass::MassProperties;
+use vps::spatial::{Metres, Pose};
+use vps::voxmap::Stage;
+use vps::voxmap::field::FieldKind;
 
 /// What a watcher is told while a scene is baked.
 #[derive(Clone, Copy, Debug)]
@@ -142,7 +142,7 @@ pub fn build_all(config: &SceneConfig, means: &mut BakeMeans<'_>, mut watch: imp
 fn inside_at_start(scene: &RenderScene) -> Option<String> {
     let RenderScene { parameters, obstacles, tool, .. } = scene;
     let world_from_body = parameters.port.start * Pose::from_translation(tool.center_of_mass_tool);
-    let sum = ContactSum::flat(obstacles, &tool.shell, world_from_body, &parameters.contact, &parameters.filter);
+    let sum = ContactSum::flat(obstacles, &tool.shell, world_from_body, parameters.force_law());
     // A tenth of a voxel is a tool that was put down, not one that was put inside.
     (sum.contacts > 0 && sum.max_value_m > 0.1 * sum.voxel_size_m).then(|| {
         format!(

@@ -1,6 +1,6 @@
 //! The one door between the cold rooms and the hot ones: a checked scene in, everything baked, or taken from the bake cache, out.
 //!
-//! Data in: a [`SceneConfig`](crate::config::SceneConfig). Data out: one immutable [`RenderScene`](crate::haptics::RenderScene) with
+//! Data in: a [`SceneConfig`](crate::config::SceneConfig). Data out: one immutable [`RenderScene`](haptics::RenderScene) with
 //! all memory allocated and touched, and a report on each object. [`build()`] bakes, [`build_with`] asks the [`cache`] first; the
 //! [front page](crate) of the crate has an example.
 //!

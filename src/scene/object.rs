@@ -8,20 +8,20 @@ use thiserror::Error;
 use super::cache::{Baked, Cache, Lookup, Request, Spacing};
 use super::report::{ObjectReport, Role};
 use crate::config::scene::MeshSource;
-use crate::haptics::clay::FrameError;
-use crate::mesh::mass::{MassProperties, mass_properties_of_inspected};
-use crate::mesh::validate::{MeshReport, inspect};
-use crate::mesh::{self, MeshError, TriangleMesh};
-use crate::pointshell::shell::Shell;
-use crate::pointshell::{self, ShellReport};
-use crate::sculpt::LoadError;
-use crate::sculpt::session::SessionError;
-use crate::sculpt::workpiece::{Foreseen, WorkpieceError};
-use crate::voxmap::estimate::{Estimate, MeshMeasures, Products, voxel_size_within};
-use crate::voxmap::field::Field;
-use crate::voxmap::grid::{Grid, GridError};
-use crate::voxmap::memory_limit::MemoryLimit;
-use crate::voxmap::{Options, Stage, Voxmap};
+use clay::LoadError;
+use clay::session::SessionError;
+use clay::workpiece::{Foreseen, WorkpieceError};
+use vps::density::FrameError;
+use vps::mesh::mass::{MassProperties, mass_properties_of_inspected};
+use vps::mesh::validate::{MeshReport, inspect};
+use vps::mesh::{self, MeshError, TriangleMesh};
+use vps::pointshell::shell::Shell;
+use vps::pointshell::{self, ShellReport};
+use vps::voxmap::estimate::{Estimate, MeshMeasures, Products, voxel_size_within};
+use vps::voxmap::field::Field;
+use vps::voxmap::grid::{Grid, GridError};
+use vps::voxmap::memory_limit::MemoryLimit;
+use vps::voxmap::{Options, Stage, Voxmap};
 
 /// Why an object cannot be built.
 #[derive(Debug, Error)]

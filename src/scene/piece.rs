@@ -11,11 +11,12 @@ use serde::Serialize;
 use super::object::{MemoryPlan, SceneError};
 use crate::config::SceneConfig;
 use crate::config::scene::{ClaySource, MeshSource, SculptConfig};
-use crate::haptics::clay::{Clay, Lattice, Rope};
-use crate::haptics::{CouplingParameters, LimitParameters};
-use crate::sculpt::workpiece::Foreseen;
-use crate::sculpt::{Neighbours, NormalSource, PointSet, PointSurface, Solid, Workpiece};
-use crate::spatial::Metres;
+use clay::workpiece::Foreseen;
+use clay::{Neighbours, NormalSource, PointSet, PointSurface, Solid, Workpiece};
+use haptics::clay::{Clay, Rope};
+use haptics::{CouplingParameters, LimitParameters};
+use vps::density::Lattice;
+use vps::spatial::Metres;
 
 /// A rope is so much softer than what holds the arm to the virtual tool, and pulls with this share of the largest force.
 const ROPE_SHARE_OF_COUPLING: f64 = 0.25;

@@ -4,11 +4,11 @@ use std::borrow::Cow;
 
 use serde::{Deserialize, Serialize};
 
-use crate::mesh::validate::{FACES_INWARD, MeshReport};
-use crate::pointshell::{LevelReport, ShellReport};
-use crate::voxmap::MOSTLY_THIN;
-use crate::voxmap::Voxmap;
-use crate::voxmap::sides::SidesBasis;
+use vps::mesh::validate::{FACES_INWARD, MeshReport};
+use vps::pointshell::{LevelReport, ShellReport};
+use vps::voxmap::MOSTLY_THIN;
+use vps::voxmap::Voxmap;
+use vps::voxmap::sides::SidesBasis;
 
 /// What the cache did for an object.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]

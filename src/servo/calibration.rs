@@ -6,9 +6,9 @@
 //!
 //! Simulated time has no speed: there the count comes from [`NOMINAL_NS_PER_POINT`], the same on every machine.
 
-use crate::haptics::contact::Budget;
-use crate::haptics::{RenderScene, State};
-use crate::rt::clock::{Clock, ClockKind};
+use haptics::{RenderScene, State};
+use rt::clock::{Clock, ClockKind};
+use vps::contact::Budget;
 
 /// What a point is taken to cost under the virtual clock, and before anything is measured, ns.
 const NOMINAL_NS_PER_POINT: f64 = 10.0;
@@ -51,8 +51,8 @@ pub(super) fn budget<C: Clock>(scene: &RenderScene, state: &State, clock: &C, ti
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rt::clock::{RealClock, VirtualClock};
-    use crate::servo::testing::empty_scene;
+    use haptics::testing::empty_scene;
+    use rt::clock::{RealClock, VirtualClock};
 
     #[test]
     fn simulated_time_has_a_fixed_rate() {

@@ -18,10 +18,11 @@ use std::sync::Arc;
 use glam::DVec3;
 use rtrb::{Consumer, Producer, PushError, RingBuffer};
 
-use crate::haptics::clay::{Clay, Frame, FrameError, Raster};
-use crate::haptics::{FrameInUse, State, TickOutput};
-use crate::rt::clock::ClockKind;
-use crate::spatial::Pose;
+use haptics::clay::Clay;
+use haptics::{FrameInUse, State, TickOutput};
+use rt::clock::ClockKind;
+use vps::density::{Frame, FrameError, Raster};
+use vps::spatial::Pose;
 
 /// Frames made for the simulation, next to the two that the tick holds: one that is filled, one under way, one on its way back.
 const SPARES: usize = 3;

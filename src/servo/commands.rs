@@ -17,9 +17,9 @@ use rtrb::{Consumer, Producer, PushError, RingBuffer};
 
 use super::LoadedScene;
 use super::paths::ObjectPaths;
-use crate::haptics::{Knob, KnobRange, Parameters, Placement, Tune};
-use crate::rt::clock::ClockKind;
-use crate::spatial::Pose;
+use haptics::{Knob, KnobRange, Parameters, Placement, Tune};
+use rt::clock::ClockKind;
+use vps::spatial::Pose;
 
 /// Commands that may wait for the next tick.
 const RING_COMMANDS: usize = 64;
@@ -184,7 +184,7 @@ impl SceneControls {
         self.rendered.objects.iter().filter(|(_, movable)| *movable).map(|(name, _)| name.as_str())
     }
 
-    /// Sets a parameter, by its name, as a person asks. It gets there along a ramp, see [`Tune`](crate::haptics::Tune).
+    /// Sets a parameter, by its name, as a person asks. It gets there along a ramp, see [`Tune`](haptics::Tune).
     ///
     /// # Errors
     /// [`ControlError`]; nothing changes then.

@@ -4,10 +4,10 @@
 use std::sync::Arc;
 
 use super::{ClaySlot, calibration};
-use crate::haptics::contact::Budget;
-use crate::haptics::{RenderScene, State};
-use crate::rt::clock::{Clock, ClockKind, RealClock, VirtualClock};
-use crate::spatial::Pose;
+use haptics::{RenderScene, State};
+use rt::clock::{Clock, ClockKind, RealClock, VirtualClock};
+use vps::contact::Budget;
+use vps::spatial::Pose;
 
 /// How much longer than the ramp a stop may take before the loop ends anyway, s.
 const STOP_GRACE_S: f64 = 0.25;

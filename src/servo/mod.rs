@@ -10,7 +10,7 @@
 //!
 //! Invariant: whichever way the loop ends, the last thing that the arm hears is a zero command.
 //!
-//! [`TickRecord`]: crate::telemetry::TickRecord
+//! [`TickRecord`]: recording::TickRecord
 #![deny(
     clippy::disallowed_methods,
     clippy::disallowed_macros,
@@ -33,12 +33,12 @@ mod stop_guard;
 pub(crate) mod testing;
 mod thread;
 
-pub use crate::rt::control::{Control, Order, Permit};
 pub use clay::{ClayFeed, ClaySlot, PublishError, ToolState};
 pub use commands::{CommandQueue, ControlError, FileChange, Objects, ParameterSetting, SceneControls, SwapError};
 pub use loaded_scene::LoadedScene;
 pub use pace::{Due, Pace};
 pub use paths::ObjectPaths;
+pub use rt::control::{Control, Order, Permit};
 pub use step::{Ending, LoopReport, RunPlan, ServoLoop, Step, TickFunction};
 pub use stop_guard::StopGuard;
 pub use thread::run_to_end;

@@ -10,7 +10,7 @@
 //! Deadlines stay on one grid, k·T after the start. A deadline that passed is counted and skipped: ticks are never made up in a burst, which would
 //! feed the arm two commands at once.
 
-use crate::rt::clock::Clock;
+use rt::clock::Clock;
 
 /// How a tick comes to be due.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -88,6 +88,27 @@ mod tests {
         let mut pace = Pace::new(0, T);
         assert_eq!(pace.wait(&mut clock), Due { now_ns: T + 70_000, late_ns: 70_000, missed: 0 });
         assert_eq!(pace.wait(&mut clock), Due { now_ns: 2 * T, late_ns: 0, missed: 0 }, "back on the grid");
+    }
+
+    #[test]
+    fn missed_deadlines_of_the_metrics_are_those_that_the_pace_counts() {
+        let (metrics, mut subscriber) = recording::metrics::metrics_tap(1000);
+        let mut clock = ScriptedClock::late_by(&[0, 2 * T + T / 2, 70_000, 0, 0]);
+        let mut pace = Pace::new(0, T);
+        let mut missed = 0;
+        for (tick, busy_ns) in (0..).zip([0, 300_000, 0, T + T / 2, 0]) {
+            clock.now_ns += busy_ns;
+            let due = pace.wait(&mut clock);
+            missed += due.missed;
+            subscriber(&recording::TickRecord {
+                tick,
+                time_ns: due.now_ns,
+                wakeup_ns: due.late_ns,
+                ..recording::TickRecord::default()
+            });
+        }
+        assert_eq!(missed, 3);
+        assert!(metrics.text().lines().any(|line| line == "hapticd_missed_deadlines_total 3"));
     }
 
     #[test]

@@ -3,9 +3,9 @@
 
 use super::ControlError;
 use super::commands::checked;
-use crate::device::simulated::hand::HandPath;
-use crate::haptics::Placement;
-use crate::spatial::Pose;
+use arms::simulated::hand::HandPath;
+use haptics::Placement;
+use vps::spatial::Pose;
 
 /// Poses over time for movable objects of one scene.
 #[derive(Debug, Default)]

@@ -6,11 +6,11 @@ use rtrb::{Producer, PushError};
 
 use super::clay::frame_in_use;
 use super::{ClaySlot, CommandQueue, Control, LoadedScene, Order, Pace, StopGuard};
-use crate::device::{Device, DeviceError};
-use crate::haptics::{self, Drive, DriveRequest, Faults, RenderScene, State, TickInput, TickOutput};
-use crate::rt::clock::{Clock, ClockKind};
-use crate::spatial::{DeviceSample, SampleStatus, Wrench};
-use crate::telemetry::{FlightRecorder, TickRecord};
+use arms::{Device, DeviceError};
+use haptics::{self, Drive, DriveRequest, Faults, RenderScene, State, TickInput, TickOutput};
+use recording::{FlightRecorder, TickRecord};
+use rt::clock::{Clock, ClockKind};
+use vps::spatial::{DeviceSample, SampleStatus, Wrench};
 
 /// The tick. Always [`haptics::tick`] in the program; tests of the loop bring their own, to panic or fault on demand.
 pub type TickFunction = fn(&RenderScene, &mut State, &TickInput) -> TickOutput;

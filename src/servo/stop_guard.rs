@@ -2,7 +2,7 @@
 
 use core::ops::{Deref, DerefMut};
 
-use crate::device::Device;
+use arms::Device;
 
 /// Owns the arm and writes a zero command when it goes: at the end of the loop, on an early return, while a panic unwinds.
 ///

@@ -1,42 +1,12 @@
-//! Stand-ins for tests of the loop: an arm that counts, a clock that follows a script, a scene without objects.
+//! Stand-ins for tests of the loop: an arm that counts, a clock that follows a script.
 #![expect(clippy::disallowed_types, reason = "test code outside the loop")]
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use glam::{DMat3, DVec3};
-
-use crate::device::{Capabilities, Device, DeviceError};
-use crate::haptics::{CouplingParameters, FilterParameters, Inertia, LimitParameters, Parameters, RenderScene, Tool};
-use crate::pointshell::shell::Shell;
-use crate::rt::clock::{Clock, ClockKind};
-use crate::spatial::{DeviceSample, SampleStatus, Wrench};
-
-/// Parameters of a 1 kHz scene with nothing in it.
-pub(crate) fn parameters() -> Parameters {
-    Parameters {
-        coupling: CouplingParameters { stiffness_nm_per_rad: 0.3, ..CouplingParameters::PLAIN },
-        filter: FilterParameters { spatial: true, cutoff_hz: [f64::INFINITY, f64::INFINITY] },
-        limits: LimitParameters {
-            force_n: 10.0,
-            torque_nm: 0.2,
-            speed_m_per_s: 1.0,
-            slew_n_per_s: 1000.0,
-            slew_nm_per_s: 20.0,
-            power_w: 5.0,
-            stall_s: 0.05,
-            ..LimitParameters::NONE
-        },
-        ..Parameters::unlimited(1e-3)
-    }
-}
-
-/// A scene without objects. The one place to extend when `RenderScene` grows.
-pub(crate) fn empty_scene() -> Arc<RenderScene> {
-    let inertia = Inertia { mass_kg: 0.1, body_kg_m2: DMat3::IDENTITY * 1e-5, least_kg_m2: 1e-5 };
-    let tool = Tool { shell: Shell::new(&[], 1e-3), inertia, center_of_mass_tool: DVec3::ZERO };
-    Arc::new(RenderScene { parameters: parameters(), obstacles: Vec::new(), clay: None, tool })
-}
+use arms::{Capabilities, Device, DeviceError};
+use rt::clock::{Clock, ClockKind};
+use vps::spatial::{DeviceSample, SampleStatus, Wrench};
 
 /// What happened to a [`CountingArm`]; outlives it.
 #[derive(Debug, Default)]

@@ -3,8 +3,8 @@
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use super::{LoopReport, ServoLoop, Step};
-use crate::device::Device;
-use crate::rt::clock::Clock;
+use arms::Device;
+use rt::clock::Clock;
 
 /// Warms up, then steps to the end. A panic of the tick or the driver ends here: the arm hears zero, and the report names the fault and keeps
 /// the flight recorder.
@@ -31,13 +31,14 @@ mod tests {
     use rtrb::{Consumer, RingBuffer};
 
     use super::*;
-    use crate::device::simulated::{SimArm, SimParameters};
-    use crate::haptics::{Drive, DriveRequest, Faults, RenderScene, State, TickInput, TickOutput};
-    use crate::rt::clock::{RealClock, VirtualClock};
-    use crate::servo::testing::{ArmLog, CountingArm, ScriptedClock, empty_scene};
+    use crate::servo::testing::{ArmLog, CountingArm, ScriptedClock};
     use crate::servo::{Control, Ending, LoadedScene, RunPlan, SceneControls, TickFunction};
-    use crate::spatial::{SampleStatus, Wrench};
-    use crate::telemetry::TickRecord;
+    use arms::simulated::{SimArm, SimParameters};
+    use haptics::testing::empty_scene;
+    use haptics::{Drive, DriveRequest, Faults, RenderScene, State, TickInput, TickOutput};
+    use recording::TickRecord;
+    use rt::clock::{RealClock, VirtualClock};
+    use vps::spatial::{SampleStatus, Wrench};
 
     /// Pushes with 1 N while enabled; stops at once when told.
     fn pushing(_: &RenderScene, _: &mut State, input: &TickInput) -> TickOutput {

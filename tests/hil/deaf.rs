@@ -8,18 +8,18 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+use arms::attached::nodes::Selector;
+use arms::attached::open::{LinkNews, OpenOptions, Opened, open};
+use arms::mock::profiled::{self, MockSettings};
+use arms::mock::pty::Pty;
+use arms::mock::serve::{Serving, serve};
+use arms::mock::{MockArm, MockReport};
+use arms::simulated::hand::{GripPath, HandPath};
+use arms::simulated::{HandParameters, fault};
+use arms::transport::Carriage;
+use arms::{Device, WiredArm, profile};
 use glam::DVec3;
-use hapticd::device::attached::nodes::Selector;
-use hapticd::device::attached::open::{LinkNews, OpenOptions, Opened, open};
-use hapticd::device::mock::profiled::{self, MockSettings};
-use hapticd::device::mock::pty::Pty;
-use hapticd::device::mock::serve::{Serving, serve};
-use hapticd::device::mock::{MockArm, MockReport};
-use hapticd::device::simulated::hand::{GripPath, HandPath};
-use hapticd::device::simulated::{HandParameters, fault};
-use hapticd::device::transport::Carriage;
-use hapticd::device::{Device, WiredArm, profile};
-use hapticd::spatial::{Pose, SampleStatus, Wrench};
+use vps::spatial::{Pose, SampleStatus, Wrench};
 
 use super::link::alone;
 

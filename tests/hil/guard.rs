@@ -9,20 +9,20 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
+use arms::attached::nodes::Selector;
+use arms::attached::open::{self, OpenOptions};
+use arms::guard::{Guard, ZeroFrame};
+use arms::mock::MockArm;
+use arms::mock::profiled::{self, MockSettings};
+use arms::mock::pty::Pty;
+use arms::mock::serve::{Serving, serve};
+use arms::transport::Carriage;
+use arms::{Device, DeviceError, profile};
 use glam::DVec3;
-use hapticd::device::attached::nodes::Selector;
-use hapticd::device::attached::open::{self, OpenOptions};
-use hapticd::device::guard::{Guard, ZeroFrame};
-use hapticd::device::mock::MockArm;
-use hapticd::device::mock::profiled::{self, MockSettings};
-use hapticd::device::mock::pty::Pty;
-use hapticd::device::mock::serve::{Serving, serve};
-use hapticd::device::transport::Carriage;
-use hapticd::device::{Device, DeviceError, profile};
-use hapticd::spatial::Wrench;
 use rustix::fs::{Mode, OFlags};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
+use vps::spatial::Wrench;
 
 use super::link::{Bench, Ended, Running, is_lateness, repeat};
 

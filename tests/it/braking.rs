@@ -1,8 +1,8 @@
 //! What takes speed from the virtual tool at a surface: braking ahead of it (acceptance test 13 under its number), dampers behind it.
 
 use glam::{DQuat, DVec3};
-use hapticd::haptics::{CouplingMode, DriveRequest, RenderScene, State, TickInput, tick};
-use hapticd::spatial::{DeviceSample, SampleStatus};
+use haptics::{CouplingMode, DriveRequest, RenderScene, State, TickInput, tick};
+use vps::spatial::{DeviceSample, SampleStatus};
 
 use super::friction::{HALF_M, MASS_KG, S, SLOPE_RAD, T, scene, slide};
 

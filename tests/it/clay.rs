@@ -2,21 +2,22 @@
 
 use std::sync::Arc;
 
+use arms::{Capabilities, Device, DeviceError};
 use glam::{DMat3, DQuat, DVec3};
 use hapticd::daemon::{ReplayError, replay};
-use hapticd::device::{Capabilities, Device, DeviceError};
-use hapticd::haptics::clay::{Clay, Frame, FrameError, Lattice, Raster, Rope};
-use hapticd::haptics::contact::Obstacle;
-use hapticd::haptics::{
+use hapticd::servo::{ClayFeed, ClaySlot, Control, PublishError, RunPlan, ServoLoop, Step};
+use haptics::clay::{Clay, Rope};
+use haptics::{
     CouplingMode, DriveRequest, Faults, FilterParameters, FrameInUse, FrictionParameters, Inertia, RenderScene, State, TickInput,
     TickOutput, Tool, tick,
 };
-use hapticd::pointshell::shell::Shell;
-use hapticd::rt::clock::{Clock, RealClock, VirtualClock};
-use hapticd::servo::{ClayFeed, ClaySlot, Control, PublishError, RunPlan, ServoLoop, Step};
-use hapticd::spatial::{DeviceSample, Pose, SampleStatus, Wrench};
-use hapticd::telemetry::recording::Recorder;
-use hapticd::telemetry::{Taps, TickRecord, drain};
+use recording::file::Recorder;
+use recording::{Taps, TickRecord, drain};
+use rt::clock::{Clock, RealClock, VirtualClock};
+use vps::contact::Obstacle;
+use vps::density::{Frame, FrameError, Lattice, Raster};
+use vps::pointshell::shell::Shell;
+use vps::spatial::{DeviceSample, Pose, SampleStatus, Wrench};
 
 use super::rig;
 
@@ -323,10 +324,10 @@ fn every_coupling_that_takes_clay_feels_it() {
 
 #[test]
 fn clay_adds_to_a_rigid_obstacle_and_takes_nothing_from_it() {
-    use hapticd::mesh::primitives::Shape;
-    use hapticd::mesh::validate::inspect;
-    use hapticd::voxmap::sides::SidesRule;
-    use hapticd::voxmap::{Options, Voxmap};
+    use vps::mesh::primitives::Shape;
+    use vps::mesh::validate::inspect;
+    use vps::voxmap::sides::SidesRule;
+    use vps::voxmap::{Options, Voxmap};
 
     let slab = Shape::Plane { x_m: 0.04, y_m: 0.04, thickness_m: 0.02 }.tessellate(1e-5);
     let options = Options { voxel_size_m: H, layers: 8, navigation: None, sides: SidesRule::Auto };

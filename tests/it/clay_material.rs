@@ -2,14 +2,14 @@
 
 use std::f64::consts::PI;
 
+use clay::PointSet;
+use clay::dynamics::Material;
+use clay::falloff::Falloff;
+use clay::material_map::Painted;
+use clay::studio::{Craft, Handling, Order, Studio, ToolBody, ToolSettings};
+use clay::workpiece::{Settings, Workpiece};
 use glam::DVec3;
-use hapticd::sculpt::PointSet;
-use hapticd::sculpt::dynamics::Material;
-use hapticd::sculpt::falloff::Falloff;
-use hapticd::sculpt::material_map::Painted;
-use hapticd::sculpt::studio::{Craft, Handling, Order, Studio, ToolBody, ToolSettings};
-use hapticd::sculpt::workpiece::{Settings, Workpiece};
-use hapticd::spatial::Pose;
+use vps::spatial::Pose;
 
 /// Half edges of the plate, and what is between its samples and its mass points, m.
 const HALF_M: DVec3 = DVec3::new(0.036, 0.018, 0.012);

@@ -9,8 +9,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use clay::{self, PointSet};
 use glam::DVec3;
-use hapticd::sculpt::{self, PointSet};
 use serde_json::Value;
 use tempfile::TempDir;
 
@@ -80,7 +80,7 @@ fn hapticd(dir: &Path, arguments: &[&str]) -> Value {
 }
 
 fn samples(path: &Path) -> PointSet {
-    sculpt::load(path, 1.0, None).unwrap().points
+    clay::load(path, 1.0, None).unwrap().points
 }
 
 fn worked(craft: &Craft<'_>) -> Worked {

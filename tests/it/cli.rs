@@ -462,7 +462,7 @@ fn built_in_profiles_are_listed_and_can_be_copied() {
     let listed = hapticd(dir.path(), "devices profiles");
     assert_eq!((listed.code, listed.stderr.as_str()), (Some(0), ""));
     let names: Vec<&str> = listed.stdout.lines().filter_map(|line| line.split_whitespace().next()).collect();
-    assert_eq!(names, hapticd::device::profile::names().collect::<Vec<_>>());
+    assert_eq!(names, arms::profile::names().collect::<Vec<_>>());
     let json = hapticd(dir.path(), "devices --json profiles").json();
     assert_eq!(json["profiles"].as_array().map(Vec::len), Some(names.len()));
     let one = hapticd(dir.path(), "devices profiles polhem-2022");

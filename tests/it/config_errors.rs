@@ -6,9 +6,9 @@ use std::path::Path;
 use std::process::{Command, Output};
 
 use hapticd::config::{self, ConfigErrors, LoadOptions, ProblemKind, SceneConfig};
-use hapticd::haptics::CouplingMode;
-use hapticd::mesh::primitives::Shape;
-use hapticd::voxmap::sides::SidesRule;
+use haptics::CouplingMode;
+use vps::mesh::primitives::Shape;
+use vps::voxmap::sides::SidesRule;
 
 const SCENE: &str = r#"version = 1
 

@@ -1,22 +1,22 @@
 //! Acceptance tests 9, 10, 12, 15 and 18 (contact and force), under their numbers.
 
 use glam::{DQuat, DVec3};
-use hapticd::haptics::contact::{ContactSum, Obstacle};
-use hapticd::haptics::filter::{ShapingFilter, Slide};
-use hapticd::haptics::{ContactParameters, FilterParameters, Normalization};
-use hapticd::mesh::primitives::Shape;
-use hapticd::mesh::{TriangleMesh, validate};
-use hapticd::pointshell::{self, shell::Shell};
-use hapticd::spatial::{Pose, Wrench};
-use hapticd::voxmap::field::FieldKind;
-use hapticd::voxmap::sides::SidesRule;
-use hapticd::voxmap::{Options, Voxmap};
+use haptics::FilterParameters;
+use haptics::filter::{ShapingFilter, Slide};
+use vps::contact::{ContactSum, Obstacle};
+use vps::contact::{ForceLaw, Normalization};
+use vps::mesh::primitives::Shape;
+use vps::mesh::{TriangleMesh, validate};
+use vps::pointshell::{self, shell::Shell};
+use vps::spatial::{Pose, Wrench};
+use vps::voxmap::field::FieldKind;
+use vps::voxmap::sides::SidesRule;
+use vps::voxmap::{Options, Voxmap};
 
 const STIFFNESS_N_PER_M: f64 = 1000.0;
-const NO_FILTER: FilterParameters = FilterParameters { spatial: false, cutoff_hz: [f64::INFINITY; 2] };
 
-fn contact(field: FieldKind) -> ContactParameters {
-    ContactParameters { field, stiffness_n_per_m: STIFFNESS_N_PER_M, ..ContactParameters::PLAIN }
+fn contact(field: FieldKind) -> ForceLaw {
+    ForceLaw { field, stiffness_n_per_m: STIFFNESS_N_PER_M, ..ForceLaw::PLAIN }
 }
 
 fn build(mesh: &TriangleMesh, voxel_size_m: f64, layers: u32) -> Voxmap {
@@ -61,7 +61,7 @@ fn acceptance_9_a_flat_face_gives_stiffness_times_depth_times_area() {
         let (x_m, y_m) = if kind == FieldKind::Layers { (0.0, 0.0) } else { (1.3e-4, -2.1e-4) };
         for depth_m in [3e-4, 5e-4, 1e-3, 1.3e-3, 1.6e-3] {
             let pose = at(x_m, y_m, 0.5 * EDGE + zero_m - depth_m);
-            let sum = ContactSum::flat(&obstacles, &shell, pose, &contact(kind), &NO_FILTER);
+            let sum = ContactSum::flat(&obstacles, &shell, pose, contact(kind));
             let expected_n = STIFFNESS_N_PER_M * (EDGE / S).powi(2) * depth_m;
             let force = sum.wrench.force;
             let ratio = force.z / expected_n;
@@ -78,7 +78,7 @@ fn acceptance_9_a_flat_face_gives_stiffness_times_depth_times_area() {
         }
         // V_L may reach half a voxel's diagonal above its zero plane where a normal is tilted; the others end at the surface.
         let margin_m = if kind == FieldKind::Layers { 0.5 * 3_f64.sqrt() * 5e-4 } else { 1e-6 };
-        let apart = ContactSum::flat(&obstacles, &shell, at(0.0, 0.0, 0.5 * EDGE + zero_m + margin_m), &contact(kind), &NO_FILTER);
+        let apart = ContactSum::flat(&obstacles, &shell, at(0.0, 0.0, 0.5 * EDGE + zero_m + margin_m), contact(kind));
         assert_eq!((apart.contacts, apart.wrench), (0, Wrench::ZERO), "{kind:?}: exactly zero when nothing touches");
     }
 }
@@ -89,9 +89,7 @@ fn acceptance_9_sideways_forces_cancel_to_rounding_for_a_centred_face() {
     let slab = Shape::Plane { x_m: 0.05, y_m: 0.05, thickness_m: 0.02 }.tessellate(1e-5);
     let obstacles = [obstacle(&slab, 5e-4).0];
     for depth_m in [3e-4, 9e-4, 1.6e-3] {
-        let force = ContactSum::flat(&obstacles, &shell, at(0.0, 0.0, 0.01 - depth_m), &contact(FieldKind::Trilinear), &NO_FILTER)
-            .wrench
-            .force;
+        let force = ContactSum::flat(&obstacles, &shell, at(0.0, 0.0, 0.01 - depth_m), contact(FieldKind::Trilinear)).wrench.force;
         assert!(force.x.abs().max(force.y.abs()) < 1e-3 * force.z, "{force}");
     }
 }
@@ -100,12 +98,12 @@ fn acceptance_9_sideways_forces_cancel_to_rounding_for_a_centred_face() {
 fn acceptance_10_averaging_divides_by_a_tenth_of_the_contacts_from_ten_on() {
     let slab = Shape::Plane { x_m: 0.02, y_m: 0.02, thickness_m: 0.02 }.tessellate(1e-5);
     let obstacles = [obstacle(&slab, 1e-3).0];
-    let averaged = ContactParameters { normalization: Normalization::Average, ..contact(FieldKind::Trilinear) };
+    let averaged = ForceLaw { normalization: Normalization::Average, ..contact(FieldKind::Trilinear) };
     for (n, factor) in [(5, 1.0), (10, 1.0), (20, 0.5), (100, 0.1)] {
         let shell = Shell::new(&vec![(DVec3::ZERO, DVec3::Z); n], 1e-3);
         let pose = at(0.0, 0.0, -5e-4);
-        let plain = ContactSum::flat(&obstacles, &shell, pose, &contact(FieldKind::Trilinear), &NO_FILTER);
-        let scaled = ContactSum::flat(&obstacles, &shell, pose, &averaged, &NO_FILTER);
+        let plain = ContactSum::flat(&obstacles, &shell, pose, contact(FieldKind::Trilinear));
+        let scaled = ContactSum::flat(&obstacles, &shell, pose, averaged);
         assert_eq!(plain.contacts as usize, n);
         assert!((plain.wrench.force.z - n as f64 * 0.5).abs() < 1e-4 * n as f64, "{:?}", plain.wrench);
         assert!((scaled.wrench.force.z / plain.wrench.force.z - factor).abs() < 1e-9, "{n} contacts");
@@ -126,7 +124,7 @@ fn acceptance_12_free_space_is_bit_exactly_zero() {
     for _ in 0..300 {
         let axis = DVec3::new(random() - 0.5, random() - 0.5, random() - 0.5).normalize();
         let pose = Pose::new(DQuat::from_axis_angle(axis, 6.0 * random()), axis * (0.012 + 0.02 * random()));
-        let sum = ContactSum::flat(&obstacles, &shell, pose, &contact(FieldKind::Trilinear), &NO_FILTER);
+        let sum = ContactSum::flat(&obstacles, &shell, pose, contact(FieldKind::Trilinear));
         assert_eq!(sum.contacts > 0, sum.max_value_m > 0.0, "a contact is a point inside, and nothing else");
         if sum.max_value_m <= 0.0 {
             apart += 1;
@@ -161,7 +159,7 @@ fn acceptance_15_continuous_fields_and_the_filter_smooth_a_slide() {
         (0..1000)
             .map(|tick| {
                 let position = along * (-0.025 + 5e-5 * f64::from(tick)) - outward * DEPTH;
-                let sum = ContactSum::flat(&obstacles, &shell, Pose::from_translation(position), &contact(kind), &NO_FILTER);
+                let sum = ContactSum::flat(&obstacles, &shell, Pose::from_translation(position), contact(kind));
                 sum.wrench.force.dot(outward)
             })
             .collect()
@@ -227,13 +225,13 @@ fn a_thin_skin_pushes_out_on_the_side_that_it_was_entered_from() {
     for (height_m, normal) in [(0.6 * S, DVec3::Z), (-0.6 * S, DVec3::NEG_Z)] {
         // The point's own normal is useless here on purpose: the skin's gradient decides.
         let shell = Shell::new(&[(DVec3::ZERO, DVec3::X)], S);
-        let sum = ContactSum::flat(&obstacles, &shell, at(1e-3, 1e-3, height_m), &contact(FieldKind::Trilinear), &NO_FILTER);
+        let sum = ContactSum::flat(&obstacles, &shell, at(1e-3, 1e-3, height_m), contact(FieldKind::Trilinear));
         assert_eq!(sum.contacts, 1);
         assert!((sum.max_value_m - 0.4 * S).abs() < 0.02 * S, "{}", sum.max_value_m);
         assert!(sum.wrench.force.angle_between(normal).to_degrees() < 1.0, "{}", sum.wrench.force);
     }
     let shell = Shell::new(&[(DVec3::ZERO, DVec3::X)], S);
-    let apart = ContactSum::flat(&obstacles, &shell, at(0.0, 0.0, 1.2 * S), &contact(FieldKind::Trilinear), &NO_FILTER);
+    let apart = ContactSum::flat(&obstacles, &shell, at(0.0, 0.0, 1.2 * S), contact(FieldKind::Trilinear));
     assert_eq!(apart.wrench, Wrench::ZERO);
 }
 
@@ -247,7 +245,7 @@ fn a_closed_plate_thinner_than_a_voxel_is_felt_as_a_skin() {
         assert!(map.thin && map.watertight && map.leak.is_none(), "{thickness_m} m");
         let obstacles = [Obstacle { field: map.field(&plate, false), world_from_map: Pose::IDENTITY }];
         let pose = at(1e-3, 1e-3, 0.5 * thickness_m + 0.5 * S);
-        let sum = ContactSum::flat(&obstacles, &shell, pose, &contact(FieldKind::Trilinear), &NO_FILTER);
+        let sum = ContactSum::flat(&obstacles, &shell, pose, contact(FieldKind::Trilinear));
         assert!(sum.contacts == 1 && (sum.max_value_m - 0.5 * S).abs() < 0.1 * S, "{thickness_m} m: {}", sum.max_value_m);
         assert!(sum.wrench.force.angle_between(DVec3::Z).to_degrees() < 1.0);
     }
@@ -383,10 +381,10 @@ fn acceptance_18_the_wrench_of_the_tick_has_that_jacobian_and_gauss_newton_is_ne
     let parameters = contact(FieldKind::Trilinear);
     // Even the outermost point is half a millimetre deep, so none comes or goes.
     let pose = ball_at(8e-4, -1.5e-3, 8.7e-3);
-    let sum = |pose: Pose| ContactSum::flat(&obstacles, &shell, pose, &parameters, &NO_FILTER);
+    let sum = |pose: Pose| ContactSum::flat(&obstacles, &shell, pose, parameters);
     assert_eq!(sum(pose).contacts, 2000);
     let mut contacts = Vec::new();
-    hapticd::haptics::contact::visit(field, FieldKind::Trilinear, &shell, pose, |contact| {
+    vps::contact::visit(field, FieldKind::Trilinear, &shell, pose, |contact| {
         let arm = pose.rotation * contact.arm_body.as_dvec3();
         let cells = (pose.translation + arm - field.origin_map().as_dvec3()) / f64::from(field.voxel_size_m());
         contacts.push(Pushed {

@@ -4,18 +4,18 @@ use glam::{DMat3, DQuat, DVec3};
 use hapticd::config;
 use hapticd::config::LoadOptions;
 use hapticd::daemon::prepare;
-use hapticd::haptics::contact::Obstacle;
-use hapticd::haptics::{
+use haptics::{
     CouplingMode, Drive, DriveRequest, Faults, FreeSpace, Inertia, Parameters, RenderScene, SpringClamp, State, TickInput,
     TickOutput, Tool, tick,
 };
-use hapticd::mesh::TriangleMesh;
-use hapticd::mesh::primitives::Shape;
-use hapticd::mesh::validate;
-use hapticd::pointshell::{self, shell::Shell};
-use hapticd::spatial::{Axes, DeviceSample, Pose, SampleStatus, Twist, Wrench};
-use hapticd::voxmap::sides::SidesRule;
-use hapticd::voxmap::{Options, Voxmap};
+use vps::contact::Obstacle;
+use vps::mesh::TriangleMesh;
+use vps::mesh::primitives::Shape;
+use vps::mesh::validate;
+use vps::pointshell::{self, shell::Shell};
+use vps::spatial::{Axes, DeviceSample, Pose, SampleStatus, Twist, Wrench};
+use vps::voxmap::sides::SidesRule;
+use vps::voxmap::{Options, Voxmap};
 
 use super::rig;
 

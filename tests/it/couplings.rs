@@ -3,18 +3,18 @@
 
 use std::path::Path;
 
+use arms::Device;
+use arms::profile::Plant;
+use arms::simulated::hand::{GripPath, HandPath};
+use arms::simulated::{HandParameters, SimArm, SimParameters};
+use document::poses::TimedPose;
 use glam::DVec3;
 use hapticd::config::SceneConfig;
 use hapticd::daemon::prepare;
-use hapticd::device::Device;
-use hapticd::device::profile::Plant;
-use hapticd::device::simulated::hand::{GripPath, HandPath};
-use hapticd::device::simulated::{HandParameters, SimArm, SimParameters};
-use hapticd::document::poses::TimedPose;
-use hapticd::haptics::filter::low_pass_alpha;
-use hapticd::haptics::stability::SampledWall;
-use hapticd::haptics::{ArmParameters, CouplingMode, DriveRequest, Faults, FilterParameters, RenderScene, State, TickInput, tick};
-use hapticd::spatial::{Axes, Pose};
+use haptics::filter::low_pass_alpha;
+use haptics::stability::SampledWall;
+use haptics::{ArmParameters, CouplingMode, DriveRequest, Faults, FilterParameters, RenderScene, State, TickInput, tick};
+use vps::spatial::{Axes, Pose};
 
 use super::rest::{self, ARMS, HANDS, MORE_DELAY, Outcome, Still, T};
 use super::rig;

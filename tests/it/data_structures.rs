@@ -1,15 +1,15 @@
 //! Acceptance tests 2, 3, 4, 6, 7 and 8 (data structures), under their numbers.
 
 use glam::DVec3;
-use hapticd::mesh::primitives::Shape;
-use hapticd::mesh::{TriangleMesh, validate};
-use hapticd::pointshell;
-use hapticd::pointshell::project::{SurfacePoint, project};
-use hapticd::voxmap::fill::Side;
-use hapticd::voxmap::grid::Grid;
-use hapticd::voxmap::sides::SidesRule;
-use hapticd::voxmap::surface::{Navigation, Surface, visit_hits};
-use hapticd::voxmap::{Options, Voxmap};
+use vps::mesh::primitives::Shape;
+use vps::mesh::{TriangleMesh, validate};
+use vps::pointshell;
+use vps::pointshell::project::{SurfacePoint, project};
+use vps::voxmap::fill::Side;
+use vps::voxmap::grid::Grid;
+use vps::voxmap::sides::SidesRule;
+use vps::voxmap::surface::{Navigation, Surface, visit_hits};
+use vps::voxmap::{Options, Voxmap};
 
 use super::models;
 
@@ -141,7 +141,7 @@ fn acceptance_3_brick_fill_equals_the_voxelwise_fill_and_is_6_connected() {
     for (name, mesh) in &meshes {
         let grid = grid_for(mesh, 90.0);
         let surface = Surface::mark(mesh, &grid, Navigation::PlaneSpan);
-        let sides = hapticd::voxmap::fill::Sides::flood(&surface);
+        let sides = vps::voxmap::fill::Sides::flood(&surface);
         let dense = dense_fill(&surface);
         for (cell, expected) in each_cell(&grid).zip(&dense) {
             assert_eq!(sides.side(&surface, cell), *expected, "{name} {cell:?}");
@@ -209,7 +209,7 @@ fn distances_are_exact_on_a_sphere_and_a_box_and_signed_in_surface_voxels() {
                 if layer.abs() > 4 {
                     continue;
                 }
-                let cell = hapticd::voxmap::grid::cell_of(map.surface.grid.brick_coord(*brick as usize), inside);
+                let cell = vps::voxmap::grid::cell_of(map.surface.grid.brick_coord(*brick as usize), inside);
                 let center = map.surface.grid.center_map(cell);
                 let expected = exact(center) / S;
                 if expected < -8.0 {

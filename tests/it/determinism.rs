@@ -1,7 +1,7 @@
 //! Same scene, same hand: same bits, run after run and whatever the number of threads that baked it.
 
-use hapticd::spatial::{Pose, Twist, Wrench};
-use hapticd::telemetry::TickRecord;
+use recording::TickRecord;
+use vps::spatial::{Pose, Twist, Wrench};
 
 use super::rig;
 

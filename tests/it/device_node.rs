@@ -1,4 +1,4 @@
-//! The command beside the arm; what its node does packet by packet is tested in `src/device/remote/node/tests.rs`.
+//! The command beside the arm; what its node does packet by packet is tested in `crates/arms/src/remote/node/tests.rs`.
 
 #[cfg(not(feature = "zenoh"))]
 #[test]

@@ -1,12 +1,12 @@
 //! How far are the distances from an exact search over all triangles? On real meshes and on meshes much finer than the voxels.
 
 use glam::DVec3;
-use hapticd::mesh::closest_point::TriangleProjector;
-use hapticd::mesh::primitives::Shape;
-use hapticd::mesh::{TriangleMesh, validate};
-use hapticd::voxmap::grid::cell_of;
-use hapticd::voxmap::sides::SidesRule;
-use hapticd::voxmap::{Options, Voxmap};
+use vps::mesh::closest_point::TriangleProjector;
+use vps::mesh::primitives::Shape;
+use vps::mesh::{TriangleMesh, validate};
+use vps::voxmap::grid::cell_of;
+use vps::voxmap::sides::SidesRule;
+use vps::voxmap::{Options, Voxmap};
 
 use super::models;
 

@@ -1,19 +1,19 @@
 //! Friction and normalisation by face: what stands on a slope stays, what slides gains the speed that Coulomb says.
 
 use glam::{DMat3, DQuat, DVec3};
-use hapticd::haptics::contact::{ContactSum, Obstacle};
-use hapticd::haptics::{
-    ContactParameters, Drive, DriveRequest, Faults, FilterParameters, FrictionParameters, Inertia, Normalization, RenderScene,
-    State, TickInput, Tool, tick,
+use haptics::{
+    ContactParameters, Drive, DriveRequest, Faults, FrictionParameters, Inertia, RenderScene, State, TickInput, Tool, tick,
 };
-use hapticd::mesh::TriangleMesh;
-use hapticd::mesh::primitives::Shape;
-use hapticd::mesh::validate;
-use hapticd::pointshell::{self, shell::Shell};
-use hapticd::spatial::{DeviceSample, Pose, SampleStatus};
-use hapticd::voxmap::field::FieldKind;
-use hapticd::voxmap::sides::SidesRule;
-use hapticd::voxmap::{Options, Voxmap};
+use vps::contact::Normalization;
+use vps::contact::{ContactSum, Obstacle};
+use vps::mesh::TriangleMesh;
+use vps::mesh::primitives::Shape;
+use vps::mesh::validate;
+use vps::pointshell::{self, shell::Shell};
+use vps::spatial::{DeviceSample, Pose, SampleStatus};
+use vps::voxmap::field::FieldKind;
+use vps::voxmap::sides::SidesRule;
+use vps::voxmap::{Options, Voxmap};
 
 use super::rig;
 
@@ -121,12 +121,11 @@ fn a_block_that_slides_gains_the_speed_that_coulomb_says() {
 #[test]
 fn by_face_the_stiffness_does_not_grow_with_the_area_that_touches() {
     let floor = [slope(0.0)];
-    let filter = FilterParameters { spatial: true, cutoff_hz: [f64::INFINITY; 2] };
     let depth_m = 4e-4;
     for normalization in [Normalization::None, Normalization::Cluster] {
         let [small, large] = [0.01, 0.03].map(|edge_m| {
             let at = Pose::from_translation(DVec3::Z * (0.5 * edge_m - depth_m));
-            ContactSum::flat(&floor, &block(DVec3::splat(edge_m)), at, &contact(normalization, 0.0), &filter)
+            ContactSum::flat(&floor, &block(DVec3::splat(edge_m)), at, contact(normalization, 0.0).force_law(true))
         });
         let growth = large.wrench.force.z / small.wrench.force.z;
         match normalization {

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use hapticd::mesh::Format;
+use vps::mesh::Format;
 
 #[path = "../../fuzz/src/cache.rs"]
 pub(super) mod cache;

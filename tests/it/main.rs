@@ -35,6 +35,7 @@ mod profiles;
 mod program;
 mod real_scenes;
 mod recording;
+mod release_times;
 mod rest;
 mod rig;
 mod safety;

@@ -1,7 +1,7 @@
 //! An arm whose samples a test changes on their way; shared with the test of allocations.
 
-use hapticd::device::{Capabilities, Device, DeviceError};
-use hapticd::spatial::{DeviceSample, Wrench};
+use arms::{Capabilities, Device, DeviceError};
+use vps::spatial::{DeviceSample, Wrench};
 
 /// The simulated arm, and what a test does to its samples (tick, sample).
 pub(crate) struct Meddled<F> {

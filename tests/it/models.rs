@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use hapticd::mesh::{self, TriangleMesh};
+use vps::mesh::{self, TriangleMesh};
 
 /// File names with metres per unit.
 pub(crate) const MODELS: [(&str, f64); 15] = [

@@ -4,22 +4,22 @@ use std::sync::Arc;
 
 use glam::{DMat3, DQuat, DVec3};
 use hapticd::daemon::prepare;
-use hapticd::haptics::contact::{ContactSum, Machine, Obstacle, Traversal, Way};
-use hapticd::haptics::{
-    ContactParameters, CouplingMode, Drive, DriveRequest, Faults, FrictionParameters, Inertia, LimitParameters, Parameters,
-    Placement, RenderScene, State, TickInput, TickOutput, Tool, tick,
-};
-use hapticd::mesh::TriangleMesh;
-use hapticd::mesh::primitives::Shape;
-use hapticd::mesh::validate;
-use hapticd::pointshell::{self, shell::Shell};
-use hapticd::rt::clock::VirtualClock;
 use hapticd::servo::{Control, Ending, LoadedScene, RunPlan, SceneControls, ServoLoop, Step};
-use hapticd::spatial::{DeviceSample, Pose, SampleStatus, Wrench};
-use hapticd::telemetry::TickRecord;
-use hapticd::voxmap::field::FieldKind;
-use hapticd::voxmap::sides::SidesRule;
-use hapticd::voxmap::{Options, Voxmap};
+use haptics::{
+    CouplingMode, Drive, DriveRequest, Faults, FrictionParameters, Inertia, LimitParameters, Parameters, Placement, RenderScene,
+    State, TickInput, TickOutput, Tool, tick,
+};
+use recording::TickRecord;
+use rt::clock::VirtualClock;
+use vps::contact::{ContactSum, ForceLaw, Machine, Obstacle, Traversal, Way};
+use vps::mesh::TriangleMesh;
+use vps::mesh::primitives::Shape;
+use vps::mesh::validate;
+use vps::pointshell::{self, shell::Shell};
+use vps::spatial::{DeviceSample, Pose, SampleStatus, Wrench};
+use vps::voxmap::field::FieldKind;
+use vps::voxmap::sides::SidesRule;
+use vps::voxmap::{Options, Voxmap};
 
 use super::rig;
 use super::traversal::Random;
@@ -149,10 +149,10 @@ fn passing_over_what_is_far_away_changes_no_bit() {
     let obstacles: Vec<Obstacle> =
         (0..40).map(|n| obstacle(shapes[n % 4], Pose::new(DQuat::from_scaled_axis(vector() * 3.0), vector() * 0.05))).collect();
     let shell = ball();
-    let Parameters { contact, filter, .. } = parameters(CouplingMode::Implicit);
+    let law = parameters(CouplingMode::Implicit).force_law();
     let (mut n_near, mut n_touching, mut n_free) = (0, 0, 0);
     for kind in [FieldKind::Trilinear, FieldKind::Layers, FieldKind::Octant] {
-        let contact = ContactParameters { field: kind, ..contact };
+        let law = ForceLaw { field: kind, ..law };
         for way in [Way::Tree, Way::Flat] {
             let make = |on| Traversal::new(Machine::best(), way, &obstacles, &shell).with_broad_phase(on);
             let (mut with, mut without) = (make(true), make(false));
@@ -168,8 +168,8 @@ fn passing_over_what_is_far_away_changes_no_bit() {
                     72 => pose = Pose::from_translation(vector() * 0.1),
                     _ => {}
                 }
-                let ask = |traversal: &mut Traversal| ContactSum::of(traversal, &obstacles, &shell, pose, &contact, &filter, None);
-                let sums = [ask(&mut with), ask(&mut without), ContactSum::flat(&obstacles, &shell, pose, &contact, &filter)];
+                let ask = |traversal: &mut Traversal| ContactSum::of(traversal, &obstacles, &shell, pose, law, None);
+                let sums = [ask(&mut with), ask(&mut without), ContactSum::flat(&obstacles, &shell, pose, law)];
                 let [culled, whole, flat] = &sums;
                 assert_eq!(bits(culled), bits(flat), "{kind:?}, {way:?}, pose {n}");
                 assert_eq!(bits(whole), bits(flat), "{kind:?}, {way:?}, pose {n}");
@@ -381,13 +381,13 @@ stiffness_n_per_mm = 5.0
 profile = "sim-sigma7"
 "#;
 
-fn stage(text: &str) -> (RenderScene, Box<dyn hapticd::device::Device>) {
+fn stage(text: &str) -> (RenderScene, Box<dyn arms::Device>) {
     let (prepared, _) = prepare(&rig::written(text), |_| ()).unwrap_or_else(|error| panic!("{error}"));
     (prepared.scene, prepared.device)
 }
 
 /// Runs to the end, calling between the ticks; gives the records and how the run ended.
-fn play_servo<D: hapticd::device::Device>(
+fn play_servo<D: arms::Device>(
     mut servo: ServoLoop<D, VirtualClock>,
     mut records: rtrb::Consumer<TickRecord>,
     mut between: impl FnMut(u64),
@@ -408,7 +408,7 @@ fn play_servo<D: hapticd::device::Device>(
     }
 }
 
-type Loop = ServoLoop<Box<dyn hapticd::device::Device>, VirtualClock>;
+type Loop = ServoLoop<Box<dyn arms::Device>, VirtualClock>;
 
 fn servo(text: &str, n_ticks: u64) -> (Loop, rtrb::Consumer<TickRecord>, SceneControls, Arc<Control>) {
     let (scene, device) = stage(text);

@@ -1,10 +1,10 @@
 //! Every shipped scene on every simulated preset of an arm, in a stiff and a loose hand, with more and less delay: stable as shipped.
 //! Each scene is baked once for all of its runs.
 
+use arms::simulated::hand::HandPath;
+use document::poses;
 use hapticd::config::SceneConfig;
 use hapticd::daemon::prepare;
-use hapticd::device::simulated::hand::HandPath;
-use hapticd::document::poses;
 
 use super::rest::{self, ARMS, HANDS, MORE_DELAY, Still};
 use super::rig;

@@ -4,9 +4,9 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use arms::profile::{self, Profile, ProfileError};
 use hapticd::config::{self, ProblemKind};
-use hapticd::device::profile::{self, Profile, ProfileError};
-use hapticd::spatial::Axes;
+use vps::spatial::Axes;
 
 const ROOT: &str = env!("CARGO_MANIFEST_DIR");
 

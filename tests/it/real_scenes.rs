@@ -4,15 +4,15 @@ use core::f64::consts::TAU;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
+use document::poses::HEADER;
 use glam::{DQuat, DVec3};
 use hapticd::config::SceneConfig;
 use hapticd::daemon::prepare;
-use hapticd::document::poses::HEADER;
-use hapticd::haptics::contact::ContactSum;
-use hapticd::mesh::{self, validate};
-use hapticd::spatial::Pose;
-use hapticd::voxmap::sides::SidesRule;
-use hapticd::voxmap::{Options, Voxmap};
+use vps::contact::ContactSum;
+use vps::mesh::{self, validate};
+use vps::spatial::Pose;
+use vps::voxmap::sides::SidesRule;
+use vps::voxmap::{Options, Voxmap};
 
 use super::models;
 use super::rig::{self, Run};
@@ -87,7 +87,7 @@ impl Bench {
         let p = &scene.parameters;
         let clearance_mm = |height_mm: f64| {
             let pose = Pose::from_translation(DVec3::Z * height_mm * MM + scene.tool.center_of_mass_tool);
-            -ContactSum::flat(&scene.obstacles, &scene.tool.shell, pose, &p.contact, &p.filter).max_value_m / MM
+            -ContactSum::flat(&scene.obstacles, &scene.tool.shell, pose, p.force_law()).max_value_m / MM
         };
         let heights = (-100..=100).map(|step| base_mm + reach_mm * 0.01 * f64::from(step));
         let best = heights.map(|height_mm| (height_mm, clearance_mm(height_mm))).max_by(|a, b| a.1.total_cmp(&b.1));

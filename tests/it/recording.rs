@@ -12,14 +12,14 @@ use glam::DVec3;
 use hapticd::config::LoadOptions;
 use hapticd::daemon::session::objects;
 use hapticd::daemon::{Live, RenderJob, ReplayError, Replayed, Supervisor, prepare, replay, scene_files};
-use hapticd::haptics::{Faults, Knob};
-use hapticd::rt::clock::ClockKind;
 use hapticd::servo::{Control, SceneControls};
-use hapticd::spatial::Pose;
-use hapticd::telemetry::recording::{Entry, Recorder, Recording, SceneFiles};
-use hapticd::telemetry::{Taps, TickRecord, drain};
+use haptics::{Faults, Knob};
+use recording::file::{Entry, Recorder, Recording, SceneFiles};
+use recording::{Taps, TickRecord, drain};
+use rt::clock::ClockKind;
 use serde_json::Value;
 use tempfile::TempDir;
+use vps::spatial::Pose;
 
 use super::program::{hapticd, program};
 use super::rig;
@@ -350,7 +350,7 @@ fn what_cannot_be_replayed_is_told() {
             producer.push(record).expect("room");
         }
         drop(producer);
-        hapticd::telemetry::drain(consumer, &taps, |_| ());
+        recording::drain(consumer, &taps, |_| ());
         assert_eq!(handle.stop().error, None);
         to
     };

@@ -1,11 +1,11 @@
 //! A scene, an arm and a hand, tick by tick on the virtual clock: does it come to rest, and what did it come to?
 
+use arms::Device;
+use arms::simulated::hand::{HandPath, Indexing};
+use arms::simulated::{HandParameters, SimArm, SimParameters};
 use glam::DVec3;
 use hapticd::config::SceneConfig;
-use hapticd::device::Device;
-use hapticd::device::simulated::hand::{HandPath, Indexing};
-use hapticd::device::simulated::{HandParameters, SimArm, SimParameters};
-use hapticd::haptics::{CouplingMode, Drive, DriveRequest, Faults, Inertia, RenderScene, State, TickInput, TickOutput, tick};
+use haptics::{CouplingMode, Drive, DriveRequest, Faults, Inertia, RenderScene, State, TickInput, TickOutput, tick};
 
 pub(crate) const T: f64 = 1e-3;
 

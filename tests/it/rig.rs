@@ -3,16 +3,16 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use arms::simulated::hand::HandPath;
 use hapticd::config::{self, SceneConfig};
 use hapticd::daemon::prepare_with;
-use hapticd::device::simulated::hand::HandPath;
-use hapticd::haptics::{Faults, Parameters, RenderScene};
-use hapticd::rt::clock::VirtualClock;
 use hapticd::scene::cache::Cache;
 use hapticd::scene::{BakeMeans, ObjectReport};
 use hapticd::servo::{CommandQueue, Control, Ending, ObjectPaths, RunPlan, ServoLoop, Step};
-use hapticd::spatial::{Pose, Wrench};
-use hapticd::telemetry::TickRecord;
+use haptics::{Faults, Parameters, RenderScene};
+use recording::TickRecord;
+use rt::clock::VirtualClock;
+use vps::spatial::{Pose, Wrench};
 
 /// One tick may round a limit up by this share.
 const ROUNDING: f64 = 1.0 + 1e-12;

@@ -1,18 +1,18 @@
 //! The safety table against a whole loop: the simulated arm in contact, something goes wrong, ticks are counted. `docs/reference/safety.md` names these
-//! tests; what an arm in the same process cannot play is tested in `src/haptics/tick/tests.rs`.
+//! tests; what an arm in the same process cannot play is tested in `crates/haptics/src/tick/tests.rs`.
 
 use std::sync::Arc;
 
+use arms::profile;
 use hapticd::config::{LoadOptions, SceneConfig, load_with};
 use hapticd::daemon::prepare_with;
-use hapticd::device::profile;
-use hapticd::haptics::{Drive, Faults, OffCause, Parameters};
-use hapticd::rt::clock::VirtualClock;
 use hapticd::scene::BakeMeans;
 use hapticd::scene::cache::Cache;
 use hapticd::servo::{Control, Ending, RunPlan, ServoLoop, Step};
-use hapticd::spatial::DeviceSample;
-use hapticd::telemetry::TickRecord;
+use haptics::{Drive, Faults, OffCause, Parameters};
+use recording::TickRecord;
+use rt::clock::VirtualClock;
+use vps::spatial::DeviceSample;
 
 use super::meddled::Meddled;
 use super::rig;

@@ -2,10 +2,10 @@
 
 use core::f64::consts::PI;
 
+use arms::simulated::hand::HandPath;
 use glam::DVec3;
-use hapticd::device::simulated::hand::HandPath;
-use hapticd::spatial::Pose;
-use hapticd::telemetry::TickRecord;
+use recording::TickRecord;
+use vps::spatial::Pose;
 
 use super::rig::{self, Run};
 

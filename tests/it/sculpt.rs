@@ -4,13 +4,13 @@ use std::fs;
 use std::path::Path;
 use std::process::Command;
 
+use clay::dynamics::Material;
+use clay::export::write_mesh;
+use clay::falloff::Falloff;
+use clay::pull::Pull;
+use clay::workpiece::Settings;
+use clay::{PointSet, Workpiece};
 use glam::DVec3;
-use hapticd::sculpt::dynamics::Material;
-use hapticd::sculpt::export::write_mesh;
-use hapticd::sculpt::falloff::Falloff;
-use hapticd::sculpt::pull::Pull;
-use hapticd::sculpt::workpiece::Settings;
-use hapticd::sculpt::{PointSet, Workpiece};
 
 const RADIUS_M: f64 = 0.02;
 

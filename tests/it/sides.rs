@@ -1,13 +1,13 @@
 //! Inside and outside of meshes that are not one closed, outward shell: what a user expects from a solid.
 
 use glam::{DQuat, DVec3};
-use hapticd::mesh::primitives::Shape;
-use hapticd::mesh::{TriangleMesh, validate};
-use hapticd::pointshell;
-use hapticd::voxmap::fill::Side;
-use hapticd::voxmap::grid::cell_of;
-use hapticd::voxmap::sides::{SidesBasis, SidesRule};
-use hapticd::voxmap::{Options, Voxmap};
+use vps::mesh::primitives::Shape;
+use vps::mesh::{TriangleMesh, validate};
+use vps::pointshell;
+use vps::voxmap::fill::Side;
+use vps::voxmap::grid::cell_of;
+use vps::voxmap::sides::{SidesBasis, SidesRule};
+use vps::voxmap::{Options, Voxmap};
 
 use super::models;
 

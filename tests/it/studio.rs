@@ -2,20 +2,20 @@
 
 use std::sync::{Arc, mpsc};
 
+use arms::{Capabilities, Device, DeviceError};
+use clay::falloff::Falloff;
+use clay::studio::{Craft, Order, Studio, ToolBody, ToolSettings};
+use clay::workpiece::{Settings, Workpiece};
+use clay::{PointSet, sample};
 use glam::{DMat3, DVec3};
 use hapticd::daemon::studio::{Ended, Plan, Refused, begin};
-use hapticd::device::{Capabilities, Device, DeviceError};
-use hapticd::haptics::clay::{Clay, Rope};
-use hapticd::haptics::{CouplingMode, Faults, Inertia, RenderScene, Tool};
-use hapticd::pointshell::shell::Shell;
-use hapticd::rt::clock::{Clock, RealClock, VirtualClock};
-use hapticd::sculpt::falloff::Falloff;
-use hapticd::sculpt::studio::{Craft, Order, Studio, ToolBody, ToolSettings};
-use hapticd::sculpt::workpiece::{Settings, Workpiece};
-use hapticd::sculpt::{PointSet, sample};
 use hapticd::servo::{Control, RunPlan, ServoLoop, Step};
-use hapticd::spatial::{DeviceSample, Pose, SampleStatus, Wrench};
-use hapticd::telemetry::TickRecord;
+use haptics::clay::{Clay, Rope};
+use haptics::{CouplingMode, Faults, Inertia, RenderScene, Tool};
+use recording::TickRecord;
+use rt::clock::{Clock, RealClock, VirtualClock};
+use vps::pointshell::shell::Shell;
+use vps::spatial::{DeviceSample, Pose, SampleStatus, Wrench};
 
 use super::rig;
 
@@ -24,7 +24,7 @@ const UPDATE_TICKS: u64 = 4;
 const SLEW_N_PER_S: f64 = 500.0;
 
 fn ball() -> PointSet {
-    use hapticd::mesh::primitives::Shape;
+    use vps::mesh::primitives::Shape;
     sample(&Shape::Sphere { radius_m: R }.tessellate(2e-5), 1.2e-3).expect("a spacing that fits")
 }
 
@@ -215,5 +215,5 @@ fn a_studio_that_breaks_lets_go_of_the_hand_and_leaves_the_loop_and_the_piece() 
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("rescued.ply");
     studio.order(Order::SavePoints(path.clone())).expect("saved");
-    assert_eq!(hapticd::sculpt::load(&path, 1.0, None).map(|loaded| loaded.points.len()).ok(), Some(ball().len()));
+    assert_eq!(clay::load(&path, 1.0, None).map(|loaded| loaded.points.len()).ok(), Some(ball().len()));
 }

@@ -40,10 +40,10 @@ mod live {
     use std::net::TcpListener;
     use std::time::{Duration, Instant, SystemTime};
 
+    use arms::network::{Endpoints, session};
     use crossbeam::channel::{Receiver, unbounded};
-    use hapticd::network::{Endpoints, session};
     use hapticd::publish::{owner_keys, pose_key, pose_keys};
-    use hapticd::ros::{Topic, gid};
+    use link::{Topic, gid};
     use serde_json::{Value, json};
     use zenoh::qos::CongestionControl;
     use zenoh::sample::{Sample, SampleKind};

@@ -1,21 +1,20 @@
 //! Kernels and tree walk against the scalar flat traversal; acceptance tests 16 and 17 under their numbers.
 
 use glam::{DQuat, DVec3};
-use hapticd::haptics::contact::{self, Budget, ContactSum, Machine, Obstacle, Traversal, Way};
-use hapticd::haptics::{ContactParameters, FilterParameters, Normalization};
-use hapticd::mesh::primitives::Shape;
-use hapticd::mesh::{TriangleMesh, validate};
-use hapticd::pointshell::{self, shell::Shell};
-use hapticd::spatial::Pose;
-use hapticd::voxmap::field::FieldKind;
-use hapticd::voxmap::sides::SidesRule;
-use hapticd::voxmap::{Options, Voxmap};
+use vps::contact::Normalization;
+use vps::contact::{self, Budget, ContactSum, ForceLaw, Machine, Obstacle, Traversal, Way};
+use vps::mesh::primitives::Shape;
+use vps::mesh::{TriangleMesh, validate};
+use vps::pointshell::{self, shell::Shell};
+use vps::spatial::Pose;
+use vps::voxmap::field::FieldKind;
+use vps::voxmap::sides::SidesRule;
+use vps::voxmap::{Options, Voxmap};
 
 use super::models;
 
-const FILTER: FilterParameters = FilterParameters { spatial: true, cutoff_hz: [f64::INFINITY; 2] };
-const CONTACT: ContactParameters =
-    ContactParameters { stiffness_n_per_m: 1000.0, normalization: Normalization::Average, ..ContactParameters::PLAIN };
+const LAW: ForceLaw =
+    ForceLaw { stiffness_n_per_m: 1000.0, normalization: Normalization::Average, smooth_entry: true, ..ForceLaw::PLAIN };
 
 /// A linear congruential generator; numbers between −1 and 1.
 pub(crate) struct Random(pub(crate) u64);
@@ -72,11 +71,11 @@ impl Pair {
     }
 
     fn flat(&self, pose: Pose) -> ContactSum {
-        ContactSum::flat(&self.obstacles, &self.shell, pose, &CONTACT, &FILTER)
+        ContactSum::flat(&self.obstacles, &self.shell, pose, LAW)
     }
 
     fn by(&self, traversal: &mut Traversal, pose: Pose) -> ContactSum {
-        ContactSum::of(traversal, &self.obstacles, &self.shell, pose, &CONTACT, &FILTER, None)
+        ContactSum::of(traversal, &self.obstacles, &self.shell, pose, LAW, None)
     }
 
     fn traversal(&self, machine: Machine, way: Way) -> Traversal {

@@ -1,14 +1,14 @@
 //! The point-sphere tree: what a walk may rely on.
 
 use glam::{DVec3, Vec3};
-use hapticd::mesh::primitives::Shape;
-use hapticd::mesh::{TriangleMesh, validate};
-use hapticd::pointshell::shell::{LANES, Shell};
-use hapticd::pointshell::tree::{CHILDREN, Tree};
-use hapticd::pointshell::{self, ShellReport};
-use hapticd::voxmap::sides::SidesRule;
-use hapticd::voxmap::{Options, Voxmap};
 use proptest::prelude::*;
+use vps::mesh::primitives::Shape;
+use vps::mesh::{TriangleMesh, validate};
+use vps::pointshell::shell::{LANES, Shell};
+use vps::pointshell::tree::{CHILDREN, Tree};
+use vps::pointshell::{self, ShellReport};
+use vps::voxmap::sides::SidesRule;
+use vps::voxmap::{Options, Voxmap};
 
 use super::models;
 

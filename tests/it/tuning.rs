@@ -5,10 +5,10 @@ use std::sync::Arc;
 use hapticd::config::SceneConfig;
 use hapticd::daemon::prepare;
 use hapticd::daemon::session::objects;
-use hapticd::haptics::{Faults, Knob, Parameters};
-use hapticd::rt::clock::VirtualClock;
 use hapticd::servo::{Control, RunPlan, SceneControls, ServoLoop, Step};
-use hapticd::telemetry::TickRecord;
+use haptics::{Faults, Knob, Parameters};
+use recording::TickRecord;
+use rt::clock::VirtualClock;
 
 use super::rig;
 

@@ -1,15 +1,15 @@
 //! Nothing goes through a plate, however fast the hand is: acceptance test 14 under its number.
 
 use glam::{DMat3, DQuat, DVec3};
-use hapticd::haptics::contact::Obstacle;
-use hapticd::haptics::{CouplingMode, DriveRequest, Faults, Inertia, LimitParameters, RenderScene, State, TickInput, Tool, tick};
-use hapticd::mesh::TriangleMesh;
-use hapticd::mesh::primitives::Shape;
-use hapticd::mesh::validate;
-use hapticd::pointshell;
-use hapticd::spatial::{DeviceSample, Pose, SampleStatus, Twist};
-use hapticd::voxmap::sides::SidesRule;
-use hapticd::voxmap::{Options, Voxmap};
+use haptics::{CouplingMode, DriveRequest, Faults, Inertia, LimitParameters, RenderScene, State, TickInput, Tool, tick};
+use vps::contact::Obstacle;
+use vps::mesh::TriangleMesh;
+use vps::mesh::primitives::Shape;
+use vps::mesh::validate;
+use vps::pointshell;
+use vps::spatial::{DeviceSample, Pose, SampleStatus, Twist};
+use vps::voxmap::sides::SidesRule;
+use vps::voxmap::{Options, Voxmap};
 
 use super::rig;
 use super::traversal::Random;

@@ -4,27 +4,27 @@
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
 
+use arms::attached::open::LinkNews;
+use arms::network::NetworkError;
+use arms::remote::figures::{NodeReport, Phase};
+use arms::remote::hold::HoldTiming;
+use arms::remote::{LinkFigures, Node, NodeFigures, RemoteOptions, open};
+use arms::simulated::hand::{HandPath, Indexing};
+use arms::simulated::{HandParameters, SimArm, SimParameters};
+use arms::transport::{LinkQuality, NetworkEnd, SimulatedNetwork, Transport, TransportError};
+use arms::{Capabilities, Device, DeviceError, Timebase};
 use crossbeam::channel::Receiver;
 use hapticd::config::SceneConfig;
 use hapticd::daemon::device_node::node_parameters;
 use hapticd::daemon::prepare_with;
-use hapticd::device::attached::open::LinkNews;
-use hapticd::device::remote::figures::{NodeReport, Phase};
-use hapticd::device::remote::hold::HoldTiming;
-use hapticd::device::remote::{LinkFigures, Node, NodeFigures, RemoteOptions, open};
-use hapticd::device::simulated::hand::{HandPath, Indexing};
-use hapticd::device::simulated::{HandParameters, SimArm, SimParameters};
-use hapticd::device::transport::{LinkQuality, NetworkEnd, SimulatedNetwork, Transport, TransportError};
-use hapticd::device::{Capabilities, Device, DeviceError, Timebase};
-use hapticd::haptics::{Drive, Faults, Parameters, RenderScene, TickOutput};
-use hapticd::network::NetworkError;
-use hapticd::rt::clock::VirtualClock;
 use hapticd::scene::BakeMeans;
 use hapticd::scene::cache::Cache;
 use hapticd::servo::{Control, Ending, Order, RunPlan, ServoLoop, Step};
-use hapticd::spatial::{DeviceSample, Wrench};
-use hapticd::telemetry::TickRecord;
+use haptics::{Drive, Faults, Parameters, RenderScene, TickOutput};
+use recording::TickRecord;
+use rt::clock::VirtualClock;
 use rtrb::Consumer;
+use vps::spatial::{DeviceSample, Wrench};
 
 use super::rig;
 
@@ -126,7 +126,7 @@ impl Transport for HostEnd {
 
 /// The arm as the host's loop sees it: each read is a tick later.
 struct Remote {
-    arm: hapticd::device::WiredArm,
+    arm: arms::WiredArm,
     world: Shared,
     now_s: f64,
 }

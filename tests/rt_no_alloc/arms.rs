@@ -5,24 +5,24 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
+use arms::attached::nodes::Selector;
+use arms::attached::open::{self, OpenOptions};
+use arms::mock::MockArm;
+use arms::mock::profiled::{self, MockSettings};
+use arms::mock::pty::Pty;
+use arms::mock::serve::{Serving, serve};
+use arms::simulated::HandParameters;
+use arms::simulated::fault;
+use arms::{Device, DeviceError, profile};
 use glam::DVec3;
 use hapticd::config::SceneConfig;
 use hapticd::daemon::prepare_with;
-use hapticd::device::attached::nodes::Selector;
-use hapticd::device::attached::open::{self, OpenOptions};
-use hapticd::device::mock::MockArm;
-use hapticd::device::mock::profiled::{self, MockSettings};
-use hapticd::device::mock::pty::Pty;
-use hapticd::device::mock::serve::{Serving, serve};
-use hapticd::device::simulated::HandParameters;
-use hapticd::device::simulated::fault;
-use hapticd::device::{Device, DeviceError, profile};
-use hapticd::haptics::{Faults, OffCause, Parameters};
-use hapticd::rt::clock::VirtualClock;
 use hapticd::scene::BakeMeans;
 use hapticd::scene::cache::Cache;
 use hapticd::servo::{Control, RunPlan, ServoLoop, Step};
-use hapticd::spatial::{DeviceSample, SampleStatus, Wrench};
+use haptics::{Faults, OffCause, Parameters};
+use rt::clock::VirtualClock;
+use vps::spatial::{DeviceSample, SampleStatus, Wrench};
 
 use super::meddled::Meddled;
 use super::{STRIDE, counted, scene};
@@ -56,7 +56,7 @@ fn exchanges_of(name: &str) {
     let quit = Arc::new(AtomicBool::new(false));
     let mut pty = Pty::new(&node).expect("a terminal");
     let told = quit.clone();
-    let carriage = hapticd::device::transport::Carriage::Stream;
+    let carriage = arms::transport::Carriage::Stream;
     let mut mock = MockArm::new(parameters, protocol.firmware(carriage)).expect("valid");
     let arm_side = std::thread::spawn(move || {
         serve(&mut mock, &mut pty, serving, None, || told.load(Ordering::Relaxed)).expect("served");

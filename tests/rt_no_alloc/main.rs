@@ -17,14 +17,15 @@ use std::sync::Arc;
 use glam::{DQuat, DVec3};
 use hapticd::config::{self, SceneConfig};
 use hapticd::daemon::prepare_with;
-use hapticd::haptics::clay::{Clay, Frame, Lattice, Raster, Rope};
-use hapticd::haptics::contact::{Budget, ContactSum, Machine, Traversal, Way};
-use hapticd::haptics::{Faults, RenderScene};
-use hapticd::rt::clock::VirtualClock;
 use hapticd::scene::BakeMeans;
 use hapticd::scene::cache::{Cache, Residence};
 use hapticd::servo::{ClayFeed, ClaySlot, Control, LoadedScene, RunPlan, SceneControls, ServoLoop, Step};
-use hapticd::spatial::Pose;
+use haptics::clay::{Clay, Rope};
+use haptics::{Faults, RenderScene};
+use rt::clock::VirtualClock;
+use vps::contact::{Budget, ContactSum, Machine, Traversal, Way};
+use vps::density::{Frame, Lattice, Raster};
+use vps::spatial::Pose;
 
 /// Counts what the thread under test does; other threads (and the harness) allocate as they like.
 struct CountingAllocator;
@@ -420,9 +421,8 @@ fn no_walk_allocates_whatever_its_pose_and_budget() {
                 let reach_m = if turn % 50 == 49 { 1e9 } else { 0.05 };
                 let place_m = DVec3::new((1.3 * angle).sin(), (2.1 * angle).sin(), (0.7 * angle).sin()) * reach_m;
                 let pose = Pose::new(DQuat::from_scaled_axis(DVec3::new(0.9, 1.7, 0.4) * angle), place_m);
-                let (sum, allocations, frees) = counted(|| {
-                    ContactSum::of(&mut traversal, obstacles, &tool.shell, pose, &parameters.contact, &parameters.filter, None)
-                });
+                let (sum, allocations, frees) =
+                    counted(|| ContactSum::of(&mut traversal, obstacles, &tool.shell, pose, parameters.force_law(), None));
                 assert_eq!((allocations, frees), (0, 0), "{machine:?}, {way:?}, {budget:?}, {pose:?}");
                 touching += sum.contacts;
                 left_out += sum.left_out;

@@ -4,14 +4,14 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use hapticd::device::protocol::{Codec as _, MotorCommand};
-use hapticd::device::remote::figures::Phase;
-use hapticd::device::remote::hold::HoldTiming;
-use hapticd::device::remote::{Host, LinkFigures, Node, NodeParameters};
-use hapticd::device::simulated::{SimArm, SimParameters};
-use hapticd::device::transport::{Frame, Transport, TransportError};
-use hapticd::spatial::Axes;
+use arms::protocol::{Codec as _, MotorCommand};
+use arms::remote::figures::Phase;
+use arms::remote::hold::HoldTiming;
+use arms::remote::{Host, LinkFigures, Node, NodeParameters};
+use arms::simulated::{SimArm, SimParameters};
+use arms::transport::{Frame, Transport, TransportError};
 use rtrb::{Consumer, Producer, RingBuffer};
+use vps::spatial::Axes;
 
 use super::counted;
 

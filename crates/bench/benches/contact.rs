@@ -8,18 +8,16 @@ use std::time::Instant;
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use glam::{DQuat, DVec3};
-use hapticd::haptics::contact::{ContactSum, Machine, Obstacle, Traversal, Way};
-use hapticd::haptics::{ContactParameters, FilterParameters};
-use hapticd::mesh::TriangleMesh;
-use hapticd::mesh::primitives::Shape;
-use hapticd::mesh::validate::inspect;
-use hapticd::pointshell::{self, shell::Shell};
-use hapticd::spatial::Pose;
-use hapticd::voxmap::sides::SidesRule;
-use hapticd::voxmap::{Options, Voxmap};
+use vps::contact::{ContactSum, ForceLaw, Machine, Obstacle, Traversal, Way};
+use vps::mesh::TriangleMesh;
+use vps::mesh::primitives::Shape;
+use vps::mesh::validate::inspect;
+use vps::pointshell::{self, shell::Shell};
+use vps::spatial::Pose;
+use vps::voxmap::sides::SidesRule;
+use vps::voxmap::{Options, Voxmap};
 
-const CONTACT: ContactParameters = ContactParameters { stiffness_n_per_m: 1000.0, damping_ratio: 0.7, ..ContactParameters::PLAIN };
-const FILTER: FilterParameters = FilterParameters { spatial: true, cutoff_hz: [50.0, 300.0] };
+const LAW: ForceLaw = ForceLaw { stiffness_n_per_m: 1000.0, smooth_entry: true, ..ForceLaw::PLAIN };
 /// Radius of the tool, a ball, m.
 const RADIUS_M: f64 = 0.046;
 /// Voxel edge of the obstacles, m.
@@ -62,7 +60,7 @@ fn ring() -> Obstacle {
 fn height_m(obstacle: &[Obstacle], shell: &Shell, share: f64) -> f64 {
     let touching = |z_m: f64| {
         let pose = Pose::from_translation(DVec3::new(0.0, 0.0, z_m));
-        f64::from(ContactSum::flat(obstacle, shell, pose, &CONTACT, &FILTER).contacts) / shell.len() as f64
+        f64::from(ContactSum::flat(obstacle, shell, pose, LAW).contacts) / shell.len() as f64
     };
     let (mut low, mut high) = (0.0, 2.0 * RADIUS_M);
     for _ in 0..30 {
@@ -84,7 +82,7 @@ fn path(height_m: f64) -> Vec<Pose> {
 }
 
 fn tick(traversal: &mut Traversal, obstacles: &[Obstacle], shell: &Shell, pose: Pose) -> ContactSum {
-    ContactSum::of(traversal, obstacles, shell, pose, &CONTACT, &FILTER, None)
+    ContactSum::of(traversal, obstacles, shell, pose, LAW, None)
 }
 
 /// Median and 99.9th percentile of some rounds on the path, µs, and what the walk looked at.

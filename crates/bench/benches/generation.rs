@@ -4,17 +4,17 @@ use std::hint::black_box;
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use glam::DVec3;
-use hapticd::mesh::TriangleMesh;
-use hapticd::mesh::closest_point::{TriangleProjector, project_by_voronoi_clamp};
-use hapticd::mesh::primitives::Shape;
-use hapticd::mesh::validate::inspect;
-use hapticd::pointshell;
-use hapticd::voxmap::fill::Sides;
-use hapticd::voxmap::grid::Grid;
-use hapticd::voxmap::layers::Layers;
-use hapticd::voxmap::sides::SidesRule;
-use hapticd::voxmap::surface::{Navigation, Surface, visit_hits};
-use hapticd::voxmap::{Options, Voxmap};
+use vps::mesh::TriangleMesh;
+use vps::mesh::closest_point::{TriangleProjector, project_by_voronoi_clamp};
+use vps::mesh::primitives::Shape;
+use vps::mesh::validate::inspect;
+use vps::pointshell;
+use vps::voxmap::fill::Sides;
+use vps::voxmap::grid::Grid;
+use vps::voxmap::layers::Layers;
+use vps::voxmap::sides::SidesRule;
+use vps::voxmap::surface::{Navigation, Surface, visit_hits};
+use vps::voxmap::{Options, Voxmap};
 
 /// A tilted triangle with edges of about this many voxels, in the middle of a grid of 512³.
 fn triangle(edge_cells: f64) -> [DVec3; 3] {

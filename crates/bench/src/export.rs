@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-use hapticd::mesh::TriangleMesh;
+use vps::mesh::TriangleMesh;
 
 /// Writes a binary STL in millimetres.
 pub(super) fn write_stl(path: &Path, mesh: &TriangleMesh) -> io::Result<()> {
@@ -53,8 +53,8 @@ mod tests {
 
     use super::*;
     use crate::stand_ins::StandIn;
-    use hapticd::mesh::load;
-    use hapticd::mesh::validate::inspect;
+    use vps::mesh::load;
+    use vps::mesh::validate::inspect;
 
     #[test]
     fn a_stand_in_survives_its_file() {

@@ -9,12 +9,12 @@ use glam::DVec3;
 
 use super::contact::clay::{Receding, RecedingForce};
 use super::{BenchError, Row, statistics};
-use hapticd::haptics::CouplingMode;
-use hapticd::sculpt::dynamics::Integrator;
-use hapticd::sculpt::falloff::Falloff;
-use hapticd::sculpt::pull::Pull;
-use hapticd::sculpt::workpiece::{Settings, Workpiece};
-use hapticd::sculpt::{PointSet, PointSurface};
+use clay::dynamics::Integrator;
+use clay::falloff::Falloff;
+use clay::pull::Pull;
+use clay::workpiece::{Settings, Workpiece};
+use clay::{PointSet, PointSurface};
+use haptics::CouplingMode;
 
 /// What to measure.
 #[derive(Clone, Copy, Debug)]

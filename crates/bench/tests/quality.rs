@@ -8,9 +8,9 @@ use bench::contact::fields::{Depths, Measured, measure};
 use bench::contact::scenarios::{self, Ideal};
 use bench::contact::sliding::{self, DEPTHS_VOXELS, ripple_percent};
 use bench::contact::{Csv, FieldErrors, field_errors};
-use hapticd::haptics::CouplingMode;
-use hapticd::mesh::primitives::Shape;
-use hapticd::voxmap::field::FieldKind;
+use haptics::CouplingMode;
+use vps::mesh::primitives::Shape;
+use vps::voxmap::field::FieldKind;
 
 /// Bounds: what was measured over whole paths (1,200 ticks), times two to five.
 const TRILINEAR: Depths = Depths::Of(FieldKind::Trilinear, false);
@@ -126,7 +126,7 @@ fn acceptance_19_fields_of_real_meshes_beside_exact_distances() {
     };
     for (name, metres_per_unit) in [("rocker-arm.obj", 1.0), ("factory_round_peg_8mm_tight.obj", 1.0), ("featuretype.STL", 0.0254)]
     {
-        let mesh = hapticd::mesh::load(&folder.join(name), metres_per_unit).expect("a mesh");
+        let mesh = vps::mesh::load(&folder.join(name), metres_per_unit).expect("a mesh");
         let (low, high) = mesh.bounds().expect("not empty");
         assert_sane(name, told(name, &field_errors(name, &mesh, (high - low).max_element() / 118.0, 1000).expect("baked")));
     }

@@ -3,9 +3,9 @@
 use serde::Serialize;
 
 use super::super::say;
-use crate::document::show;
 use crate::scene::CacheUse;
 use crate::scene::{ObjectReport, PieceReport};
+use document::show;
 
 /// One object, in one line of JSON with the keys in the order of the struct.
 pub(in crate::cli) fn print_json(report: &impl Serialize) {

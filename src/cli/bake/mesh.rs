@@ -10,15 +10,15 @@ use super::figures::{peak_rss_bytes, print_json, report_text};
 use super::{Args, Failure, NavigationChoice};
 use crate::config::scene::MeshSource;
 use crate::error::Exit;
-use crate::mesh::MeshError;
 use crate::picture::{self, Subject};
-use crate::pointshell::ply;
 use crate::scene::cache::{Baked, Cache, Lookup, Request, Residence, Spacing};
 use crate::scene::{Event, Geometry, MemoryPlan, ObjectReport, Role, SceneError};
-use crate::voxmap::grid::GridError;
-use crate::voxmap::sides::SidesRule;
-use crate::voxmap::surface::Navigation;
-use crate::voxmap::{Options, Stage, npy};
+use vps::mesh::MeshError;
+use vps::pointshell::ply;
+use vps::voxmap::grid::GridError;
+use vps::voxmap::sides::SidesRule;
+use vps::voxmap::surface::Navigation;
+use vps::voxmap::{Options, Stage, npy};
 
 /// Layers where none are asked for: the default of the scene file.
 const DEFAULT_LAYERS: u32 = 8;

@@ -10,9 +10,9 @@ use super::place::Place;
 use super::{Args, Refused, guessed, read, relative};
 use crate::config::draft::{ClayDraft, Unit};
 use crate::error::Exit;
-use crate::mesh::cloud::{self, Contents};
-use crate::mesh::{Format, MeshError};
-use crate::spatial::Metres;
+use vps::mesh::cloud::{self, Contents};
+use vps::mesh::{Format, MeshError};
+use vps::spatial::Metres;
 
 /// What a file has of a piece, in units of the file; in metres where it names its own.
 struct Found {

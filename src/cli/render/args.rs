@@ -9,10 +9,10 @@ use super::super::workshop::ClayArgs;
 use super::super::{cache, foxglove, live, memory, monitor, network, publish, recording};
 use crate::config::{LoadOptions, SceneConfig};
 use crate::daemon::remote::RemoteArm;
-use crate::device::attached::nodes::Selector;
-use crate::network::NetworkError;
-use crate::rt::clock::ClockKind;
-use crate::rt::duration;
+use arms::attached::nodes::Selector;
+use arms::network::NetworkError;
+use rt::clock::ClockKind;
+use rt::duration;
 
 /// Arguments of every command that renders.
 #[derive(Debug, clap::Args)]

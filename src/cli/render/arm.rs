@@ -2,8 +2,8 @@
 
 use super::super::{Talk, probe, report};
 use crate::config::SceneConfig;
-use crate::device::profile::RealArm;
-use crate::spatial::Axes;
+use arms::profile::RealArm;
+use vps::spatial::Axes;
 
 /// What an operator has to know of a real arm before it moves.
 pub(super) fn tell_of_arm(config: &SceneConfig, real: &RealArm, talk: Talk) {

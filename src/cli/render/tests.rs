@@ -8,9 +8,9 @@ use crate::cli::When;
 use crate::cli::say::LogFormat;
 use crate::config::scene::RealtimeConfig;
 use crate::daemon::testing;
-use crate::device::simulated::{SimArm, SimParameters};
-use crate::servo::testing::empty_scene;
-use crate::telemetry::Totals;
+use ::recording::Totals;
+use arms::simulated::{SimArm, SimParameters};
+use haptics::testing::empty_scene;
 
 #[derive(Debug, Parser)]
 struct Command {

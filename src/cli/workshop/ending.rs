@@ -6,9 +6,9 @@ use std::time::{Duration, SystemTime};
 
 use super::super::{Talk, destination, recording, report};
 use crate::daemon::studio::{Ended, StudioThread};
-use crate::rt::signals::interrupts;
-use crate::rt::utc::timestamp;
-use crate::sculpt::studio::{Order, Studio, StudioError};
+use clay::studio::{Order, Studio, StudioError};
+use rt::signals::interrupts;
+use rt::utc::timestamp;
 
 /// How often somebody who waits for the studio looks whether it has ended.
 const LOOK: Duration = Duration::from_millis(5);

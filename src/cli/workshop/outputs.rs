@@ -7,10 +7,10 @@ use super::super::{Talk, destination, report};
 use crate::config::SceneConfig;
 use crate::config::strokes::Script;
 use crate::error::Exit;
-use crate::mesh;
 use crate::picture::splats::{self, Subject};
-use crate::sculpt::PointSet;
-use crate::sculpt::studio::Order;
+use clay::PointSet;
+use clay::studio::Order;
+use vps::mesh;
 
 /// Drawings of the piece at the start and at the end.
 pub(super) struct Pictures {

@@ -6,8 +6,8 @@ use serde::Serialize;
 
 use super::super::{Talk, report};
 use crate::daemon::studio::{FailedOrder, StudioReport};
-use crate::document::show;
 use crate::error::Exit;
+use document::show;
 
 /// A share of late updates that is felt.
 const LATE_SHARE: f64 = 0.05;

@@ -6,14 +6,14 @@ use super::super::bound::StiffnessBound;
 use super::super::scene::{RealtimeConfig, SimConfig, StabilityConfig};
 use super::super::schema::{self, Deadman, Overrun};
 use super::{LoadOptions, MM, Resolve};
-use crate::device::attached::nodes::Selector;
-use crate::device::profile::{self, Plant, Profile, ProfileError, ceilings};
-use crate::device::simulated::fault;
-use crate::document::{Interval, POSITIVE, ProblemKind, nearest, show};
-use crate::haptics::stability::SampledWall;
-use crate::haptics::stuck;
-use crate::haptics::{ArmParameters, LimitParameters, SafetyParameters};
-use crate::spatial::Axes;
+use arms::attached::nodes::Selector;
+use arms::profile::{self, Plant, Profile, ProfileError, ceilings};
+use arms::simulated::fault;
+use document::{Interval, POSITIVE, ProblemKind, nearest, show};
+use haptics::stability::SampledWall;
+use haptics::stuck;
+use haptics::{ArmParameters, LimitParameters, SafetyParameters};
+use vps::spatial::Axes;
 
 const DEFAULT_PROFILE: &str = "sim-sigma7";
 /// Torque limit of the virtual tool where the arm renders no torque at all, N·m: the coupling still has to turn the tool.

@@ -5,14 +5,12 @@ use super::super::scene::StabilityConfig;
 use super::super::schema::{self, Cutoff};
 use super::arm::or_if_infinite;
 use super::{MM, Resolve};
-use crate::device::profile::Profile;
-use crate::document::{Interval, Numbers, POSITIVE, ProblemKind};
-use crate::haptics::contact::AVERAGED_CONTACTS;
-use crate::haptics::{
-    ContactParameters, CouplingMode, CouplingParameters, FilterParameters, FreeSpace, FrictionParameters, Normalization,
-    SpringClamp,
-};
-use crate::voxmap::field::FieldKind;
+use arms::profile::Profile;
+use document::{Interval, Numbers, POSITIVE, ProblemKind};
+use haptics::{ContactParameters, CouplingMode, CouplingParameters, FilterParameters, FreeSpace, FrictionParameters, SpringClamp};
+use vps::contact::AVERAGED_CONTACTS;
+use vps::contact::Normalization;
+use vps::voxmap::field::FieldKind;
 
 const DEFAULT_CONTACT_N_PER_MM: f64 = 5.0;
 const DEFAULT_DAMPING_RATIO: f64 = 0.7;

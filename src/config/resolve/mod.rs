@@ -14,16 +14,16 @@ use self::arm::{arm_parameters, stability};
 pub(crate) use self::monitor::{FOXGLOVE_ACCEPTED, LISTEN_ACCEPTED, parse_foxglove, parse_listen};
 use super::scene::{DeviceConfig, SceneConfig};
 use super::schema;
-use crate::device::attached::nodes::Selector;
-use crate::device::profile::is_profile;
-use crate::document::{Checks, ConfigErrors, Document, Interval, Problem, ProblemKind};
-use crate::haptics::filter::low_pass_alpha;
-use crate::haptics::{CouplingMode, Parameters, PortParameters};
-use crate::mesh::Format;
-use crate::sculpt::session::is_session;
-use crate::spatial::Pose;
-use crate::storage::regular;
-use crate::voxmap::field::FieldKind;
+use arms::attached::nodes::Selector;
+use arms::profile::is_profile;
+use clay::session::is_session;
+use document::{Checks, ConfigErrors, Document, Interval, Problem, ProblemKind};
+use haptics::filter::low_pass_alpha;
+use haptics::{CouplingMode, Parameters, PortParameters};
+use vps::mesh::Format;
+use vps::spatial::Pose;
+use vps::storage::regular;
+use vps::voxmap::field::FieldKind;
 
 /// What the command line sets over the scene.
 #[derive(Clone, Debug, Default)]

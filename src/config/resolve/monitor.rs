@@ -6,7 +6,7 @@ use std::time::Duration;
 use super::super::scene::MonitorConfig;
 use super::super::schema;
 use super::Resolve;
-use crate::document::Interval;
+use document::Interval;
 
 /// Where the monitor listens when nobody says otherwise.
 const DEFAULT_LISTEN: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 7878);

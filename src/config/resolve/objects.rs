@@ -7,11 +7,11 @@ use glam::{DMat3, DVec3};
 use super::super::scene::{MeshSource, StaticConfig, ToolConfig};
 use super::super::schema;
 use super::{MM, Resolve, SIZE_MM};
-use crate::document::{FINITE, Numbers, POSITIVE, ProblemKind};
-use crate::mesh::primitives::Shape;
-use crate::mesh::{EXTENSIONS, Format};
-use crate::spatial::Pose;
-use crate::voxmap::sides::SidesRule;
+use document::{FINITE, Numbers, POSITIVE, ProblemKind};
+use vps::mesh::primitives::Shape;
+use vps::mesh::{EXTENSIONS, Format};
+use vps::spatial::Pose;
+use vps::voxmap::sides::SidesRule;
 
 const DEFAULT_STATIC_LAYERS: u32 = 8;
 const DEFAULT_TOOL_LAYERS: u32 = 4;

@@ -8,7 +8,7 @@ use serde::Deserialize;
 use serde::de::{self, Deserializer, IgnoredAny, SeqAccess, Visitor};
 
 use super::{Shape, UnitWord};
-use crate::document::{Document, Numbers, words};
+use document::{Document, Numbers, words};
 
 /// A table that says something of clay: its own keys, and those that the scene and a stroke share, which are written here once.
 macro_rules! clay_table {

@@ -5,9 +5,9 @@ use glam::DVec3;
 use super::super::resolve::MM;
 use super::super::schema::{Deed, Stroke};
 use super::Reader;
-use crate::document::{FINITE, Interval, ProblemKind};
-use crate::sculpt::emboss::Laid;
-use crate::sculpt::studio::Order;
+use clay::emboss::Laid;
+use clay::studio::Order;
+use document::{FINITE, Interval, ProblemKind};
 
 /// Cosine of the largest angle by which the edges of an image may be off a right one.
 const SKEW: f64 = 1e-3;

@@ -1,7 +1,7 @@
 //! Problems of strokes in the words of whoever wrote them: nobody counts strokes, they have a line and a time.
 
 use super::super::schema::Deed;
-use crate::document::{ConfigErrors, Document, Problem, ProblemKind, nearest};
+use document::{ConfigErrors, Document, Problem, ProblemKind, nearest};
 
 /// The same problems: `stroke[2].brush_mm` becomes `stroke at 1.5 s (line 9): brush_mm`, and of unknown keys only those that its `do` takes
 /// are known.

@@ -7,10 +7,10 @@ use glam::DVec3;
 use super::super::schema::Stroke;
 use super::naming::name_of;
 use super::{Script, solid_key};
-use crate::document::{ConfigErrors, Document, Problem, ProblemKind};
-use crate::sculpt::boolean::Boolean;
-use crate::sculpt::studio::Order;
-use crate::spatial::Metres;
+use clay::boolean::Boolean;
+use clay::studio::Order;
+use document::{ConfigErrors, Document, Problem, ProblemKind};
+use vps::spatial::Metres;
 
 /// A solid so many times as large as the piece, or the piece as the solid, is a wrong unit: what is that much larger has hardly a sample where
 /// the piece is, and what is that much smaller is finer than its samples.

@@ -3,10 +3,10 @@ use std::fs;
 use glam::DVec3;
 
 use super::*;
-use crate::sculpt::emboss::Laid;
-use crate::sculpt::falloff::Falloff;
-use crate::sculpt::material_map::Painted;
-use crate::sculpt::studio::Craft;
+use clay::emboss::Laid;
+use clay::falloff::Falloff;
+use clay::material_map::Painted;
+use clay::studio::Craft;
 
 fn read(text: &str) -> Result<Vec<Timed>, String> {
     let folder = tempfile::tempdir().unwrap();

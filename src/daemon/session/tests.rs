@@ -2,9 +2,10 @@ use std::sync::mpsc::{Receiver, channel};
 
 use super::super::testing::{self, SCENE, scene};
 use super::*;
-use crate::rt::clock::VirtualClock;
-use crate::servo::testing::{CountingArm, empty_scene};
+use crate::servo::testing::CountingArm;
 use crate::servo::{Control, RunPlan, ServoLoop, Step};
+use haptics::testing::empty_scene;
+use rt::clock::VirtualClock;
 
 /// A loop over an empty scene, and the session that changes it. Of a real run but for the clock.
 struct Run {
@@ -102,7 +103,7 @@ fn a_planned_scene_that_cannot_be_baked_ends_no_other() {
     let baker: Baker = Box::new(move |_| {
         n_baked += 1;
         if n_baked == 1 {
-            let source = crate::mesh::MeshError::Empty { path: "a.obj".into() };
+            let source = vps::mesh::MeshError::Empty { path: "a.obj".into() };
             return Err(SceneError::Mesh { name: "base".to_owned(), source });
         }
         Ok(baked())
@@ -139,7 +140,7 @@ fn a_limit_that_was_lowered_bounds_files_and_is_shown_so_in_the_scene_that_comes
     assert_eq!((limit(&session).value, limit(&session).range.scene), (0.5 * all_n, all_n));
     // The file says less now: no client asks for more than that.
     let mut file = scene(SCENE);
-    file.parameters = crate::servo::testing::parameters();
+    file.parameters = haptics::testing::parameters();
     file.parameters.limits.force_n = 0.8 * all_n;
     let changes = session.0.state.lock().expect("whole").controls.as_mut().map(|controls| {
         let changes = controls.file_changes(&file.parameters).expect("in range");

@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use crossbeam::channel::{Receiver, Sender, TrySendError, bounded};
 
-use crate::sculpt::studio::{Order, StudioError, View};
+use clay::studio::{Order, StudioError, View};
 
 /// Orders that may wait.
 const WAITING_MAX: usize = 64;

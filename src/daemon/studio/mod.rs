@@ -24,10 +24,10 @@ use std::thread::JoinHandle;
 pub use door::{Door, Refused, Reply};
 pub use duty::DutyCycle;
 
-use crate::haptics::clay::Clay;
-use crate::rt::clock::ClockKind;
-use crate::sculpt::studio::{Order, Studio};
 use crate::servo::ClaySlot;
+use clay::studio::{Order, Studio};
+use haptics::clay::Clay;
+use rt::clock::ClockKind;
 
 /// How a studio runs.
 #[derive(Clone, Debug)]

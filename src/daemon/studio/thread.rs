@@ -11,11 +11,11 @@ use std::time::Instant;
 
 use super::door::Desk;
 use super::{DutyCycle, Ended, FailedOrder, Plan, Scripted, StudioReport};
-use crate::haptics::clay::Frame;
-use crate::rt::clock::ClockKind;
-use crate::sculpt::boolean::Boolean;
-use crate::sculpt::studio::{Grip, Handling, Order, Studio, StudioError};
 use crate::servo::{ClayFeed, PublishError, ToolState};
+use clay::boolean::Boolean;
+use clay::studio::{Grip, Handling, Order, Studio, StudioError};
+use rt::clock::ClockKind;
+use vps::density::Frame;
 
 /// Time from one view to the next, at least.
 const VIEW_PERIOD: Duration = Duration::from_micros(33_333);

@@ -6,15 +6,15 @@ use std::sync::Arc;
 use crossbeam::channel::Receiver;
 
 use crate::config::scene::RealtimeConfig;
-use crate::device::Device;
-use crate::device::attached::open::LinkNews;
 use crate::error::Exit;
-use crate::haptics::RenderScene;
-use crate::rt::clock::ClockKind;
-use crate::rt::control::Permit;
-use crate::rt::preflight::Report;
 use crate::servo::{ClaySlot, CommandQueue, Ending, LoopReport};
-use crate::telemetry::{SwapSummary, Taps, Totals};
+use arms::Device;
+use arms::attached::open::LinkNews;
+use haptics::RenderScene;
+use recording::{SwapSummary, Taps, Totals};
+use rt::clock::ClockKind;
+use rt::control::Permit;
+use rt::preflight::Report;
 
 /// Everything that rendering takes.
 pub struct RenderJob {

@@ -1,9 +1,9 @@
 //! What the supervisor tells while it works.
 
-use crate::device::attached::open::LinkNews;
-use crate::haptics::{Drive, OffCause};
-use crate::rt::preflight::Report;
-use crate::telemetry::TickRecord;
+use arms::attached::open::LinkNews;
+use haptics::{Drive, OffCause};
+use recording::TickRecord;
+use rt::preflight::Report;
 
 /// Where the program stands; see the picture in [`crate::daemon`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -4,11 +4,12 @@ use crossbeam::channel::bounded;
 
 use super::*;
 use crate::config::scene::RealtimeConfig;
-use crate::device::simulated::{SimArm, SimParameters};
-use crate::device::{Capabilities, Device};
 use crate::error::Exit;
-use crate::haptics::Faults;
-use crate::servo::testing::{CountingArm, empty_scene};
+use crate::servo::testing::CountingArm;
+use arms::simulated::{SimArm, SimParameters};
+use arms::{Capabilities, Device};
+use haptics::Faults;
+use haptics::testing::empty_scene;
 
 fn job(device: Box<dyn Device>, clock: ClockKind, duration_ms: u64) -> RenderJob {
     RenderJob {
@@ -206,12 +207,12 @@ fn a_panic_of_the_driver_is_a_fault_with_its_exit_code() {
         fn capabilities(&self) -> Capabilities {
             self.0.capabilities()
         }
-        fn read(&mut self) -> Result<crate::spatial::DeviceSample, crate::device::DeviceError> {
+        fn read(&mut self) -> Result<vps::spatial::DeviceSample, arms::DeviceError> {
             let sample = self.0.read()?;
             assert!(sample.sequence < 50, "a driver that panics on purpose");
             Ok(sample)
         }
-        fn write(&mut self, wrench: &crate::spatial::Wrench) -> Result<crate::spatial::Wrench, crate::device::DeviceError> {
+        fn write(&mut self, wrench: &vps::spatial::Wrench) -> Result<vps::spatial::Wrench, arms::DeviceError> {
             self.0.write(wrench)
         }
         fn stop(&mut self) {

@@ -5,11 +5,11 @@ use std::thread::JoinHandle;
 use crossbeam::channel::{Receiver, Sender, bounded};
 
 use super::job::Live;
-use crate::device::Device;
-use crate::rt::clock::{Clock, ClockKind};
-use crate::rt::schedule::{self, ThreadRequest, ThreadStanding};
 use crate::servo::{LoopReport, ServoLoop, run_to_end};
-use crate::telemetry::{Drained, Taps, TickRecord, Watch, drain};
+use arms::Device;
+use recording::{Drained, Taps, TickRecord, Watch, drain};
+use rt::clock::{Clock, ClockKind};
+use rt::schedule::{self, ThreadRequest, ThreadStanding};
 
 /// The servo thread, ready or running.
 pub(super) struct Servo {

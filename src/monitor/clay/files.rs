@@ -12,8 +12,8 @@ use super::super::problem::Problem;
 use super::super::worker::Worker;
 use super::Clay;
 use crate::daemon::studio::Refused;
-use crate::rt::utc;
-use crate::sculpt::studio::Order;
+use clay::studio::Order;
+use rt::utc;
 
 /// Longest name of a file that a client may choose, bytes.
 const LONGEST_NAME: usize = 120;

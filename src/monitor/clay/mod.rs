@@ -30,9 +30,9 @@ pub(super) use take::TakeAsked;
 use super::encode::WirePose;
 use super::problem::Problem;
 use crate::daemon::studio;
-use crate::sculpt::material_map::Painted;
-use crate::sculpt::studio::{Craft, Order, ToolSettings, View};
-use crate::spatial::Pose;
+use clay::material_map::Painted;
+use clay::studio::{Craft, Order, ToolSettings, View};
+use vps::spatial::Pose;
 
 /// A view is newer than the last answer after so long: until then what was asked for and not refused counts.
 const SETTLED: Duration = Duration::from_millis(500);

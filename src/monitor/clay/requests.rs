@@ -9,7 +9,7 @@ use super::super::hub::Hub;
 use super::super::problem::Problem;
 use super::{Asked, Clay, TakeAsked};
 use crate::daemon::studio::Refused;
-use crate::sculpt::studio::Order;
+use clay::studio::Order;
 
 /// Another craft or other settings. What the hand feels of that goes through the same limits as all else.
 pub(in crate::monitor) fn take(hub: &Arc<Hub>, asked: TakeAsked, reply: Reply) {

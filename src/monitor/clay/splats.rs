@@ -10,8 +10,8 @@ use glam::DVec3;
 
 use super::super::worker::Worker;
 use crate::daemon::studio::DutyCycle;
-use crate::sculpt::PointSet;
-use crate::sculpt::studio::View;
+use clay::PointSet;
+use clay::studio::View;
 
 /// Version of the layout.
 const FORMAT: u32 = 1;

@@ -4,9 +4,9 @@ use serde::Deserialize;
 use serde_json::Value;
 
 use super::super::problem::Problem;
-use crate::sculpt::falloff::Falloff;
-use crate::sculpt::material_map::Painted;
-use crate::sculpt::studio::{Craft, ToolSettings, View};
+use clay::falloff::Falloff;
+use clay::material_map::Painted;
+use clay::studio::{Craft, ToolSettings, View};
 
 /// What is to change; what is not given stays.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
@@ -123,7 +123,7 @@ mod tests {
 
     use super::super::tests::view_of;
     use super::*;
-    use crate::sculpt::PointSet;
+    use clay::PointSet;
 
     fn taken(asked: Value) -> Result<ToolSettings, String> {
         let asked = TakeAsked::deserialize(asked).map_err(|error| error.to_string())?;

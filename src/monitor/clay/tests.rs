@@ -8,11 +8,11 @@ use super::super::worker::Worker;
 use super::*;
 use crate::daemon::studio::Refused;
 use crate::daemon::{Notice, Phase, testing};
-use crate::rt::clock::ClockKind;
-use crate::rt::control::Control;
-use crate::sculpt::PointSet;
-use crate::sculpt::dynamics::Material;
-use crate::sculpt::studio::StudioError;
+use clay::PointSet;
+use clay::dynamics::Material;
+use clay::studio::StudioError;
+use rt::clock::ClockKind;
+use rt::control::Control;
 
 /// A view of these samples, 1 mm apart, with a region of 40 mm.
 pub(super) fn view_of(points: PointSet, version: u64) -> View {

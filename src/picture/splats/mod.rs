@@ -18,7 +18,7 @@ use super::canvas::{Align, Canvas};
 use super::palette::{FAINT, INK, Rgb, to_srgb};
 use super::panel::short;
 use super::sheet::{grouped, shortened};
-use crate::sculpt::PointSet;
+use clay::PointSet;
 
 /// A piece of clay at one moment.
 #[derive(Clone, Copy, Debug)]

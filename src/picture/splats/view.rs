@@ -3,7 +3,7 @@
 use glam::{DVec2, DVec3, Vec3};
 
 use super::super::palette::to_linear;
-use crate::sculpt::{Neighbours, PointSet};
+use clay::{Neighbours, PointSet};
 
 /// A sample's disc reaches this much farther than its [`AROUND`]th neighbour, so that discs overlap.
 const REACH: f64 = 0.8;

@@ -7,12 +7,12 @@ use bytemuck::{Pod, Zeroable};
 use glam::{DMat3, DVec3};
 
 use super::GENERATION;
-use crate::mesh::mass::MassProperties;
-use crate::pointshell::shell::Shell;
 use crate::scene::report::{ObjectReport, Role};
-use crate::storage::Region;
-use crate::storage::sections::{Key, Reader, Refusal, Writer};
-use crate::voxmap::field::Field;
+use vps::mesh::mass::MassProperties;
+use vps::pointshell::shell::Shell;
+use vps::storage::Region;
+use vps::storage::sections::{Key, Reader, Refusal, Writer};
+use vps::voxmap::field::Field;
 
 /// A baked object: what the tick reads of it, and its figures.
 #[derive(Debug)]

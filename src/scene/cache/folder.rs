@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, SystemTime};
 
-use crate::storage::sections::Key;
+use vps::storage::sections::Key;
 
 const EXTENSION: &str = "bake";
 const TEMPORARY: &str = "tmp";

@@ -26,8 +26,8 @@ pub use contents::{Baked, read};
 pub use request::{Request, Spacing};
 
 use super::report::{CacheUse, Role, Timings};
-use crate::storage::sections::{Key, Refusal};
-use crate::storage::{Region, regular};
+use vps::storage::sections::{Key, Refusal};
+use vps::storage::{Region, regular};
 
 /// Counts up whenever baking gives other bits than before for the same request. A test holds reference bakes against it.
 pub const GENERATION: u32 = 3;

@@ -8,12 +8,12 @@ use glam::DVec3;
 use twox_hash::XxHash3_128;
 
 use crate::config::scene::MeshSource;
-use crate::mesh;
 use crate::scene::report::Role;
-use crate::storage::regular;
-use crate::storage::sections::Key;
-use crate::voxmap::estimate::Products;
-use crate::voxmap::sides::SidesRule;
+use vps::mesh;
+use vps::storage::regular;
+use vps::storage::sections::Key;
+use vps::voxmap::estimate::Products;
+use vps::voxmap::sides::SidesRule;
 
 /// How large a voxel is.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -9,8 +9,8 @@
 use glam::{DQuat, DVec3};
 
 use super::*;
-use crate::device::simulated::hand::HandPath;
-use crate::servo::testing::{empty_scene, parameters};
+use arms::simulated::hand::HandPath;
+use haptics::testing::{empty_scene, parameters};
 
 fn objects() -> Objects {
     vec![("floor".to_owned(), false), ("plate".to_owned(), true)]

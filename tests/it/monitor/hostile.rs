@@ -10,8 +10,8 @@ use hapticd::config::{self, LoadOptions};
 use hapticd::daemon::session::SessionHandle;
 use hapticd::daemon::{Notice, Phase};
 use hapticd::monitor::{Bound, Hub, HubParts, Recorder, RecorderError, RecorderStatus};
-use hapticd::rt::clock::ClockKind;
-use hapticd::rt::control::{Control, Order};
+use rt::clock::ClockKind;
+use rt::control::{Control, Order};
 use serde_json::json;
 use tokio_tungstenite::tungstenite::Message;
 

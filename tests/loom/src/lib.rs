@@ -7,7 +7,7 @@ mod atomics {
     pub(super) use loom::sync::atomic::{AtomicU8, AtomicU64, Ordering};
 }
 
-#[path = "../../../src/rt/control.rs"]
+#[path = "../../../crates/rt/src/control.rs"]
 #[expect(dead_code, reason = "the models need a part of it")]
 mod control;
 

@@ -8,10 +8,10 @@ use super::super::Row;
 use super::super::random::Random;
 use super::super::statistics::Spread;
 use super::{Options, fixture};
-use hapticd::mesh::closest_point::TriangleProjector;
-use hapticd::mesh::primitives::Shape;
-use hapticd::mesh::{self, TriangleMesh};
-use hapticd::voxmap::field::FieldKind;
+use vps::mesh::closest_point::TriangleProjector;
+use vps::mesh::primitives::Shape;
+use vps::mesh::{self, TriangleMesh};
+use vps::voxmap::field::FieldKind;
 
 /// Errors of one field on one mesh.
 #[derive(Clone, Copy, Debug)]

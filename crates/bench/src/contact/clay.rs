@@ -8,13 +8,14 @@ use std::sync::Arc;
 
 use glam::{DMat3, DQuat, DVec3};
 
-use hapticd::haptics::clay::{Clay, Frame, FrameError, Lattice, Raster, Rope};
-use hapticd::haptics::{
+use haptics::clay::{Clay, Rope};
+use haptics::{
     CouplingMode, CouplingParameters, DriveRequest, FilterParameters, Inertia, Parameters, RenderScene, State, TickInput,
     TickOutput, Tool, tick,
 };
-use hapticd::pointshell::shell::Shell;
-use hapticd::spatial::{DeviceSample, Pose, SampleStatus, Twist};
+use vps::density::{Frame, FrameError, Lattice, Raster};
+use vps::pointshell::shell::Shell;
+use vps::spatial::{DeviceSample, Pose, SampleStatus, Twist};
 
 /// Length of a tick, s.
 const PERIOD_S: f64 = 1e-3;

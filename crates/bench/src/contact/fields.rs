@@ -7,10 +7,10 @@ use super::super::statistics::Spread;
 use super::Csv;
 use super::ripple::ripple_rms;
 use super::scenarios::{Ideal, RATE_HZ, STIFFNESS_N_PER_M, Scenario, VOXEL_M};
-use hapticd::haptics::contact::ContactSum;
-use hapticd::haptics::{ContactParameters, FilterParameters};
-use hapticd::spatial::Wrench;
-use hapticd::voxmap::field::FieldKind;
+use vps::contact::ContactSum;
+use vps::contact::ForceLaw;
+use vps::spatial::Wrench;
+use vps::voxmap::field::FieldKind;
 
 /// What gives the depth of a point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -115,10 +115,9 @@ impl Run {
                 run.contacts.push(0);
                 continue;
             };
-            let contact = contact(field);
-            let filter = FilterParameters { spatial, cutoff_hz: [f64::INFINITY; 2] };
+            let law = contact(field, spatial);
             let since = Instant::now();
-            let sum = ContactSum::flat(&scenario.obstacles, &scenario.shell, *pose, &contact, &filter);
+            let sum = ContactSum::flat(&scenario.obstacles, &scenario.shell, *pose, law);
             run.query_us.push(since.elapsed().as_secs_f64() * 1e6);
             run.wrenches.push(sum.wrench);
             run.contacts.push(sum.contacts);
@@ -164,8 +163,8 @@ impl Run {
 }
 
 /// A plain contact with this field.
-pub(super) fn contact(field: FieldKind) -> ContactParameters {
-    ContactParameters { field, stiffness_n_per_m: STIFFNESS_N_PER_M, ..ContactParameters::PLAIN }
+pub(super) fn contact(field: FieldKind, smooth_entry: bool) -> ForceLaw {
+    ForceLaw { field, stiffness_n_per_m: STIFFNESS_N_PER_M, smooth_entry, ..ForceLaw::PLAIN }
 }
 
 impl Measured {

@@ -5,13 +5,13 @@ use core::f64::consts::TAU;
 use glam::{DQuat, DVec2, DVec3};
 
 use super::super::BenchError;
-use hapticd::haptics::contact::Obstacle;
-use hapticd::mesh::primitives::Shape;
-use hapticd::mesh::{TriangleMesh, validate};
-use hapticd::pointshell::{self, shell::Shell};
-use hapticd::spatial::Pose;
-use hapticd::voxmap::sides::SidesRule;
-use hapticd::voxmap::{Options, Voxmap};
+use vps::contact::Obstacle;
+use vps::mesh::primitives::Shape;
+use vps::mesh::{TriangleMesh, validate};
+use vps::pointshell::{self, shell::Shell};
+use vps::spatial::Pose;
+use vps::voxmap::sides::SidesRule;
+use vps::voxmap::{Options, Voxmap};
 
 /// A tessellation's distance from its shape as a share of the voxel edge: as scenes have it.
 const CHORD_SHARE: f64 = 0.02;

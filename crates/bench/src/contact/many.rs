@@ -9,12 +9,11 @@ use super::super::statistics::{median, quantile};
 use super::super::{BenchError, Row};
 use super::fields::contact;
 use super::{Options, fixture};
-use hapticd::haptics::FilterParameters;
-use hapticd::haptics::contact::{ContactSum, Machine, Obstacle, Traversal, Way};
-use hapticd::mesh::primitives::Shape;
-use hapticd::pointshell::shell::Shell;
-use hapticd::spatial::Pose;
-use hapticd::voxmap::field::FieldKind;
+use vps::contact::{ContactSum, Machine, Obstacle, Traversal, Way};
+use vps::mesh::primitives::Shape;
+use vps::pointshell::shell::Shell;
+use vps::spatial::Pose;
+use vps::voxmap::field::FieldKind;
 
 const VOXEL_M: f64 = 5e-4;
 /// The tool, a ball.
@@ -73,7 +72,7 @@ fn scene(n_obstacles: usize) -> Result<Vec<Obstacle>, BenchError> {
 
 /// Times of the queries along the path, at 50 mm/s and one turn a second, half a voxel deep, µs.
 fn slide(traversal: &mut Traversal, obstacles: &[Obstacle], shell: &Shell) -> Vec<f64> {
-    let (contact, filter) = (contact(FieldKind::Trilinear), FilterParameters { spatial: true, cutoff_hz: [f64::INFINITY; 2] });
+    let law = contact(FieldKind::Trilinear, true);
     let pose = |n: usize| {
         let t = n as f64 * 1e-3;
         let place = DVec3::new(0.025 * (2.0 * t).sin(), 0.025 * (2.0 * t).cos(), RADIUS_M - 0.5 * VOXEL_M);
@@ -82,7 +81,7 @@ fn slide(traversal: &mut Traversal, obstacles: &[Obstacle], shell: &Shell) -> Ve
     let mut ask = |n: usize| {
         let pose = pose(n);
         let since = Instant::now();
-        black_box(ContactSum::of(traversal, obstacles, shell, black_box(pose), &contact, &filter, None));
+        black_box(ContactSum::of(traversal, obstacles, shell, black_box(pose), law, None));
         since.elapsed().as_secs_f64() * 1e6
     };
     (0..PATH_TICKS).map(&mut ask).collect()

@@ -7,10 +7,10 @@ use super::super::statistics::median;
 use super::super::{BenchError, Row};
 use super::speed::{Asking, name};
 use super::{Options, fixture};
-use hapticd::haptics::contact::Way;
-use hapticd::mesh;
-use hapticd::rt::clock::monotonic_ns;
-use hapticd::spatial::Pose;
+use rt::clock::monotonic_ns;
+use vps::contact::Way;
+use vps::mesh;
+use vps::spatial::Pose;
 
 /// Where nut and bolt stand: the nut's mesh lies at 16 to 29 mm along the bolt's axis, as the thread has it, and is lifted until flanks touch.
 const LIFT_M: f64 = 2e-4;

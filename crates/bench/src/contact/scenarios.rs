@@ -20,11 +20,11 @@ use glam::{DQuat, DVec3};
 
 use super::super::BenchError;
 use super::fixture::{self, Tube};
-use hapticd::haptics::contact::Obstacle;
-use hapticd::mesh::TriangleMesh;
-use hapticd::mesh::primitives::Shape;
-use hapticd::pointshell::shell::{LANES, Shell};
-use hapticd::spatial::{Pose, Wrench};
+use vps::contact::Obstacle;
+use vps::mesh::TriangleMesh;
+use vps::mesh::primitives::Shape;
+use vps::pointshell::shell::{LANES, Shell};
+use vps::spatial::{Pose, Wrench};
 
 /// s, m.
 pub const VOXEL_M: f64 = 1e-3;

@@ -6,15 +6,15 @@ use std::sync::Arc;
 use toml::{Table, Value};
 
 use super::super::BenchError;
+use document::poses;
 use hapticd::config::{self, SceneConfig};
 use hapticd::daemon::prepare_with;
-use hapticd::document::poses;
-use hapticd::haptics::{Faults, RenderScene};
-use hapticd::rt::clock::VirtualClock;
 use hapticd::scene::BakeMeans;
 use hapticd::scene::cache::Cache;
 use hapticd::servo::{Control, RunPlan, ServoLoop, run_to_end};
-use hapticd::telemetry::TickRecord;
+use haptics::{Faults, RenderScene};
+use recording::TickRecord;
+use rt::clock::VirtualClock;
 
 /// A key, dotted, and what it is set to.
 pub(super) type Edit = (&'static str, Value);
@@ -119,12 +119,12 @@ pub(super) fn play(config: &SceneConfig, cache: &mut Cache, longest_s: f64) -> R
 #[cfg(test)]
 mod tests {
     use super::*;
-    use hapticd::haptics::CouplingMode;
-    use hapticd::voxmap::field::FieldKind;
+    use haptics::CouplingMode;
+    use vps::voxmap::field::FieldKind;
 
     #[test]
     fn keys_are_changed_and_paths_still_lead_to_the_files() {
-        let scenes = shipped(&Path::new(env!("CARGO_MANIFEST_DIR")).join("config/scenes"));
+        let scenes = shipped(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/scenes"));
         assert!(scenes.len() >= 4);
         let folder = tempfile::tempdir().unwrap();
         for scene in &scenes {

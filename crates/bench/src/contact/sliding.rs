@@ -21,14 +21,15 @@ use super::ripple::{lag_s, ripple_rms};
 use super::scenarios::{RATE_HZ, SPEED_M_PER_S};
 use super::{Csv, scenes};
 use hapticd::daemon::prepare_with;
-use hapticd::haptics::contact::ContactSum;
-use hapticd::haptics::filter::{ShapingFilter, Slide};
-use hapticd::haptics::stability::filter_delay_s;
-use hapticd::haptics::{ContactParameters, FilterParameters, RenderScene};
 use hapticd::scene::BakeMeans;
 use hapticd::scene::cache::Cache;
-use hapticd::spatial::{Pose, Wrench};
-use hapticd::voxmap::field::FieldKind;
+use haptics::RenderScene;
+use haptics::filter::{ShapingFilter, Slide};
+use haptics::stability::filter_delay_s;
+use vps::contact::ContactSum;
+use vps::contact::ForceLaw;
+use vps::spatial::{Pose, Wrench};
+use vps::voxmap::field::FieldKind;
 
 const MM: f64 = 1e-3;
 /// Depths of the deepest point of a slide, voxels of the finest part that is touched. The first is what a tool gets to in the shipped
@@ -158,13 +159,12 @@ pub(super) fn slides_with(
 impl Track {
     fn slide(&self, scene: &RenderScene, depth_voxels: f64) -> Slid {
         let p = &scene.parameters;
-        let force_law = |contact: &ContactParameters, spatial: bool, pose: Pose| {
-            let filter = FilterParameters { spatial, cutoff_hz: [f64::INFINITY; 2] };
+        let force_law = |law: ForceLaw, pose: Pose| {
             let body = pose * Pose::from_translation(scene.tool.center_of_mass_tool);
-            ContactSum::flat(&scene.obstacles, &scene.tool.shell, body, contact, &filter)
+            ContactSum::flat(&scene.obstacles, &scene.tool.shell, body, law)
         };
-        let shipped_law = |pose: Pose| force_law(&p.contact, p.filter.spatial, pose);
-        let of_2008 = ContactParameters { field: FieldKind::Layers, ..p.contact };
+        let shipped_law = |pose: Pose| force_law(p.force_law(), pose);
+        let of_2008 = ForceLaw { field: FieldKind::Layers, ..p.contact.force_law(false) };
         let pressed = |pose: Pose, far_m: f64| Pose::new(pose.rotation, pose.translation + self.press * far_m);
         let middle = (self.at)(0.5 * self.long_s);
         let far_m = |wanted_voxels: f64| {
@@ -192,7 +192,7 @@ impl Track {
         let poses = || (0..n_ticks).map(|tick| pressed((self.at)(tick as f64 / RATE_HZ), depth_m));
         let n_ends = (SETTLED_S * RATE_HZ) as usize;
         let settled = |forces: Vec<DVec3>| forces[n_ends..n_ticks - n_ends].to_vec();
-        let raw = settled(poses().map(|pose| force_law(&of_2008, false, pose).wrench.force).collect());
+        let raw = settled(poses().map(|pose| force_law(of_2008, pose).wrench.force).collect());
         let unfiltered = settled(poses().map(|pose| shipped_law(pose).wrench.force).collect());
         let shipped = settled(filtered(&mut poses(), SPEED_M_PER_S));
         // At rest the filter is slowest.

@@ -13,13 +13,12 @@ use super::super::{BenchError, Row};
 use super::Options;
 use super::fields::contact;
 use super::fixture::{self, Tube};
-use hapticd::haptics::FilterParameters;
-use hapticd::haptics::contact::{ContactSum, Machine, Obstacle, Traversal, Way};
-use hapticd::mesh::primitives::Shape;
-use hapticd::pointshell::shell::Shell;
-use hapticd::rt::clock::thread_cpu_ns;
-use hapticd::spatial::Pose;
-use hapticd::voxmap::field::FieldKind;
+use rt::clock::thread_cpu_ns;
+use vps::contact::{ContactSum, Machine, Obstacle, Traversal, Way};
+use vps::mesh::primitives::Shape;
+use vps::pointshell::shell::Shell;
+use vps::spatial::Pose;
+use vps::voxmap::field::FieldKind;
 
 /// Voxel of the static parts, m; the tool's is what gives the wanted number of points.
 const VOXEL_M: f64 = 5e-4;
@@ -148,8 +147,7 @@ impl<'a> Asking<'a> {
     }
 
     pub(super) fn ask(&mut self, pose: Pose) -> ContactSum {
-        let filter = FilterParameters { spatial: true, cutoff_hz: [f64::INFINITY; 2] };
-        ContactSum::of(&mut self.traversal, self.obstacles, self.shell, pose, &contact(FieldKind::Trilinear), &filter, None)
+        ContactSum::of(&mut self.traversal, self.obstacles, self.shell, pose, contact(FieldKind::Trilinear, true), None)
     }
 
     /// Points in contact on some of the poses of a path, mean: facets of a round part come and go.

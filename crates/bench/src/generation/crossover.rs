@@ -9,8 +9,8 @@ use super::super::stand_ins::StandIn;
 use super::super::statistics::median;
 use super::super::{BenchError, Row};
 use super::{Bench, SEED};
-use hapticd::voxmap::grid::Grid;
-use hapticd::voxmap::surface::{Navigation, Surface};
+use vps::voxmap::grid::Grid;
+use vps::voxmap::surface::{Navigation, Surface};
 
 /// Voxel sizes from coarse to the finest of the paper.
 const SWEEPS: [(StandIn, [f64; 6], f64); 2] =

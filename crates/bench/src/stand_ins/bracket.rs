@@ -4,7 +4,7 @@ use glam::{DAffine3, DVec2, DVec3};
 
 use super::super::random::Random;
 use super::solids::{Assembly, ring};
-use hapticd::mesh::TriangleMesh;
+use vps::mesh::TriangleMesh;
 
 const BOX_MM: DVec3 = DVec3::new(242.6, 149.6, 805.1);
 /// Corners of a bore.

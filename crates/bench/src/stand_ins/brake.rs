@@ -9,7 +9,7 @@ use glam::{DAffine3, DVec2, DVec3};
 
 use super::super::random::Random;
 use super::solids::{Assembly, ring};
-use hapticd::mesh::TriangleMesh;
+use vps::mesh::TriangleMesh;
 
 const BOX_MM: DVec3 = DVec3::new(298.6, 299.6, 417.6);
 const N_TRIANGLES: usize = 24_250;

@@ -7,7 +7,7 @@ use glam::{DAffine3, DQuat, DVec2, DVec3};
 
 use super::super::random::Random;
 use super::solids::Assembly;
-use hapticd::mesh::TriangleMesh;
+use vps::mesh::TriangleMesh;
 
 const BOX_MM: DVec3 = DVec3::new(1494.0, 1770.0, 2038.0);
 const N_TRIANGLES: usize = 3_024_230;

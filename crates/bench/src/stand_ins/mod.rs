@@ -13,7 +13,7 @@ mod car;
 mod solids;
 
 use super::random::Random;
-use hapticd::mesh::TriangleMesh;
+use vps::mesh::TriangleMesh;
 
 /// A model of the paper.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -67,9 +67,9 @@ mod tests {
     use glam::DVec3;
 
     use super::*;
-    use hapticd::mesh::validate::inspect;
-    use hapticd::voxmap::grid::Grid;
-    use hapticd::voxmap::surface::{Navigation, Surface};
+    use vps::mesh::validate::inspect;
+    use vps::voxmap::grid::Grid;
+    use vps::voxmap::surface::{Navigation, Surface};
 
     const SEED: u64 = 2008;
 

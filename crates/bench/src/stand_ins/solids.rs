@@ -4,7 +4,7 @@ use core::f64::consts::TAU;
 
 use glam::{DAffine3, DVec2, DVec3};
 
-use hapticd::mesh::{TriangleMesh, polygon};
+use vps::mesh::{TriangleMesh, polygon};
 
 /// Parts in one mesh, millimetres.
 #[derive(Debug, Default)]
@@ -289,7 +289,7 @@ fn crosses([a, b]: [DVec2; 2], [c, d]: [DVec2; 2]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use hapticd::mesh::validate::inspect;
+    use vps::mesh::validate::inspect;
 
     fn sound(build: impl FnOnce(&mut Assembly), n_triangles: usize, volume_mm3: f64) {
         let mut assembly = Assembly::default();

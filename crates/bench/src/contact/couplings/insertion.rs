@@ -6,7 +6,7 @@ use super::super::super::{BenchError, Row};
 use super::super::scenarios::RATE_HZ;
 use super::super::scenes::{self, Played};
 use super::{Bench, COUPLINGS, Tried, changes, commanded, coupled, ripple_over, windows};
-use hapticd::telemetry::TickRecord;
+use recording::TickRecord;
 
 /// The shipped peg with one coupling.
 pub(super) struct Inserted {

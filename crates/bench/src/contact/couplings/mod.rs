@@ -20,7 +20,7 @@ use super::scenarios::RATE_HZ;
 use super::scenes::{self, Edit, Played};
 use super::{Csv, Options};
 use hapticd::scene::cache::Cache;
-use hapticd::telemetry::TickRecord;
+use recording::TickRecord;
 
 /// The words of a scene file; one that this version lacks is a row that says so.
 const COUPLINGS: [&str; 4] = ["implicit", "semi-implicit", "static", "direct"];

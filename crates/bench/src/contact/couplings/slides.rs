@@ -12,7 +12,7 @@ use super::super::ripple::{lag_s, ripple_rms};
 use super::super::scenarios::{RATE_HZ, SPEED_M_PER_S, VOXEL_M, slab};
 use super::super::scenes::{Edit, Played};
 use super::{Bench, COUPLINGS, Tried, commanded, coupled, raw};
-use hapticd::telemetry::TickRecord;
+use recording::TickRecord;
 
 /// Q1 up the slope of 10°, guided by a stiff hand on the ideal arm.
 pub(super) struct Slid {

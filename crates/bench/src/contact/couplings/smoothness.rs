@@ -6,11 +6,11 @@ use toml::Value;
 use super::super::super::{BenchError, Row};
 use super::super::scenes::{self, Played};
 use super::{Bench, FeltSeries, Tried, changes, commanded, coupled, raw, ripple_over, windows};
-use hapticd::haptics::contact::ContactSum;
-use hapticd::haptics::stability::filter_delay_s;
-use hapticd::haptics::{ContactParameters, FilterParameters, Normalization};
-use hapticd::spatial::Pose;
-use hapticd::voxmap::field::FieldKind;
+use haptics::stability::filter_delay_s;
+use vps::contact::ContactSum;
+use vps::contact::{ForceLaw, Normalization};
+use vps::spatial::Pose;
+use vps::voxmap::field::FieldKind;
 
 /// A shipped scene as it is beside the force of 2008.
 pub(super) struct Smooth {
@@ -65,14 +65,13 @@ impl SmoothFigures {
     fn of(default: &Played, through_coupling: Tried<Rough>, direct: Option<Tried<Rough>>) -> Self {
         let records = default.before_stop();
         let parameters = &default.scene.parameters;
-        let contact = ContactParameters { field: FieldKind::Layers, normalization: Normalization::None, ..parameters.contact };
-        let filter = FilterParameters { spatial: false, cutoff_hz: [f64::INFINITY; 2] };
+        let law = ForceLaw { field: FieldKind::Layers, normalization: Normalization::None, ..parameters.contact.force_law(false) };
         let tool = &default.scene.tool;
         let at_poses: Vec<DVec3> = records
             .iter()
             .map(|record| {
                 let body = record.output.world_from_tool * Pose::from_translation(tool.center_of_mass_tool);
-                ContactSum::flat(&default.scene.obstacles, &tool.shell, body, &contact, &filter).wrench.force
+                ContactSum::flat(&default.scene.obstacles, &tool.shell, body, law).wrench.force
             })
             .collect();
         Self {

@@ -6,8 +6,8 @@ use core::fmt::Write as _;
 use glam::{DQuat, DVec3};
 
 use super::super::super::random::Random;
-use hapticd::document::poses::HEADER;
-use hapticd::spatial::Pose;
+use document::poses::HEADER;
+use vps::spatial::Pose;
 
 /// Between two rows of the path, s.
 const ROW_S: f64 = 5e-3;
@@ -186,7 +186,7 @@ mod tests {
     use std::path::Path;
 
     use super::*;
-    use hapticd::document::poses;
+    use document::poses;
 
     #[test]
     fn the_hand_is_fast_but_not_faster_than_an_arm_and_always_the_same() {

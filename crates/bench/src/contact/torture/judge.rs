@@ -1,10 +1,10 @@
 //! What every tick of a torture is held against.
 
 use super::super::super::Row;
-use hapticd::haptics::{LimitParameters, TickOutput};
 use hapticd::servo::LoopReport;
-use hapticd::spatial::SampleStatus;
-use hapticd::telemetry::{Counted, RealtimeSummary, Summary, TickRecord};
+use haptics::{LimitParameters, TickOutput};
+use recording::{Counted, RealtimeSummary, Summary, TickRecord};
+use vps::spatial::SampleStatus;
 
 /// One tick may round a limit up by this share.
 const ROUNDING: f64 = 1.0 + 1e-12;
@@ -127,8 +127,8 @@ mod tests {
     use glam::DVec3;
 
     use super::*;
-    use hapticd::haptics::Faults;
-    use hapticd::spatial::Wrench;
+    use haptics::Faults;
+    use vps::spatial::Wrench;
 
     #[test]
     fn what_must_not_happen_is_counted() {

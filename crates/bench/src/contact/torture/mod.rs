@@ -19,11 +19,11 @@ use super::super::{BenchError, Row};
 use super::{Options, scenes};
 use hapticd::config::SceneConfig;
 use hapticd::daemon::prepare_with;
-use hapticd::rt::clock::{Clock, RealClock, VirtualClock};
-use hapticd::rt::schedule::{self, ThreadRequest};
 use hapticd::scene::BakeMeans;
 use hapticd::scene::cache::{Cache, Residence};
 use hapticd::servo::{Control, LoopReport, RunPlan, ServoLoop, run_to_end};
+use rt::clock::{Clock, RealClock, VirtualClock};
+use rt::schedule::{self, ThreadRequest};
 
 const SCENE: &str = "nut-on-bolt";
 /// Spacing of the nut's points that makes a million of them, and of the quick run, mm.
@@ -83,7 +83,7 @@ fn play<C: Clock + Send>(
     let (n_points, parameters) = (prepared.scene.tool.shell.len(), prepared.scene.parameters);
     let request =
         ThreadRequest { cpu: prepared.realtime.cpu.unwrap_or_else(schedule::default_cpu), priority: prepared.realtime.priority };
-    let is_real = clock.kind() == hapticd::rt::clock::ClockKind::Real;
+    let is_real = clock.kind() == rt::clock::ClockKind::Real;
     let locked = is_real && schedule::lock_memory().is_ok();
     let (producer, mut records) = RingBuffer::new(RING_RECORDS);
     let control = Arc::new(Control::enabled());

@@ -1,0 +1,115 @@
+//! The network between machines: how this process takes part in it (feature `zenoh`).
+//!
+//! Data in: endpoints of the command line, or a file of zenoh's own. Data out: an open session. What travels over it is decided elsewhere:
+//! frames of an arm in [`crate::remote`].
+//!
+//! Invariant: a leaf, which uses no other room. Invariant: nothing is announced to a network that nobody named, see `session`.
+
+#[cfg(feature = "zenoh")]
+pub mod session;
+
+use std::path::PathBuf;
+
+/// Where a process meets others.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Endpoints {
+    /// Addresses to listen on, such as `udp/0.0.0.0:7447`.
+    pub listen: Vec<String>,
+    /// Addresses to connect to, again and again until somebody answers.
+    pub connect: Vec<String>,
+    /// A zenoh configuration, JSON5, for everything else: interfaces, certificates, scouting.
+    pub config_file: Option<PathBuf>,
+}
+
+/// Where two processes of one machine meet when nobody says anything else. Nothing outside of the machine hears it.
+pub const HERE: &str = "udp/127.0.0.1:7447";
+
+impl Endpoints {
+    /// True when nobody said where to meet.
+    pub fn is_empty(&self) -> bool {
+        self.listen.is_empty() && self.connect.is_empty() && self.config_file.is_none()
+    }
+
+    /// These, or a listener for processes of this machine alone.
+    #[must_use]
+    pub fn or_listen_here(self) -> Self {
+        if self.is_empty() { Self { listen: vec![HERE.to_owned()], ..self } } else { self }
+    }
+
+    /// These, or whoever listens on this machine.
+    #[must_use]
+    pub fn or_connect_here(self) -> Self {
+        if self.is_empty() { Self { connect: vec![HERE.to_owned()], ..self } } else { self }
+    }
+}
+
+/// Why there is no session.
+#[derive(Debug, thiserror::Error)]
+pub enum NetworkError {
+    /// An endpoint that cannot be read.
+    #[error(
+        "endpoint `{endpoint}`: {cause}; expected a protocol, a host and a port, such as udp/192.168.1.10:7447 or tcp/[::1]:7447"
+    )]
+    Endpoint {
+        /// As written.
+        endpoint: String,
+        /// What zenoh says.
+        cause: String,
+    },
+    /// The file of settings.
+    #[error("{}: {cause}", .path.display())]
+    ConfigFile {
+        /// Which.
+        path: PathBuf,
+        /// What zenoh says.
+        cause: String,
+    },
+    /// The session did not open.
+    #[error("cannot open a zenoh session{}: {cause}", if .listen.is_empty() { String::new() } else { format!(" that listens on {}", .listen.join(", ")) })]
+    Open {
+        /// Where it was to listen.
+        listen: Vec<String>,
+        /// What zenoh says.
+        cause: String,
+    },
+    /// A link over an open session.
+    #[error("cannot reach {name}: {cause}")]
+    Link {
+        /// Name of the node.
+        name: String,
+        /// What zenoh or the system says.
+        cause: String,
+    },
+    /// Nobody of that name.
+    #[error(
+        "no device node of the name {name} answered within {waited_s} s; run `hapticd device-node PROFILE --name {name}` beside the arm, and lead --connect to where it listens"
+    )]
+    NoNode {
+        /// Name.
+        name: String,
+        /// For how long it was asked for, s.
+        waited_s: u64,
+    },
+    /// A name that cannot be part of a key.
+    #[error("`{name}` is no name of a device node: 1 to 32 letters, digits, `-`, `_` and `.`")]
+    Name {
+        /// As written.
+        name: String,
+    },
+    /// This program was built without it.
+    #[error("this program was built without a network: build with `cargo build --release --features zenoh`")]
+    NotBuilt,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn without_a_word_both_ends_meet_on_this_machine_alone() {
+        let (node, host) = (Endpoints::default().or_listen_here(), Endpoints::default().or_connect_here());
+        assert_eq!((node.listen, host.connect), (vec![HERE.to_owned()], vec![HERE.to_owned()]));
+        let named = Endpoints { connect: vec!["tcp/host:1".to_owned()], ..Endpoints::default() };
+        assert_eq!(named.clone().or_listen_here(), named);
+    }
+}

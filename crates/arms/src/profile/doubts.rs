@@ -1,0 +1,114 @@
+//! What a profile may say, and an arm is unlikely to be: told by `hapticd check`, refused nowhere.
+
+use core::array::from_fn;
+
+use super::{Profile, ProfileLimits, RealArm};
+use crate::kinematics::{Configuration, Kinematics, M_PER_RAD};
+use crate::motor_stage::{BESIDE_SHARE, at_grip};
+use crate::protocol::MAX_AXES;
+use vps::spatial::{Axes, Wrench};
+
+/// A joint that moves the grip this little off the way of the joints before it, as a share of its own, adds no direction.
+const ALIKE: f64 = 1e-3;
+/// Poses that are looked at beside home.
+const N_POSES: u32 = 16;
+
+impl Profile {
+    /// What deserves a second look, each as a sentence. Nothing for simulated arms, and for those that report a pose.
+    ///
+    /// Cold: some 20 configurations are solved.
+    pub fn doubts(&self) -> Vec<String> {
+        match &self.real {
+            Some(real) if !matches!(real.kinematics, Kinematics::Cartesian | Kinematics::Rate(_)) => self.of_geometry(real),
+            _ => Vec::new(),
+        }
+    }
+
+    fn of_geometry(&self, real: &RealArm) -> Vec<String> {
+        let mut doubts = Vec::new();
+        if real.checks.is_empty() {
+            doubts.push("no [[check]]: nothing holds geometry and signs against a position that you know".to_owned());
+        }
+        let home = real.kinematics.home();
+        let Some(at_home) = real.kinematics.solve(&home, &Configuration::default()) else {
+            doubts.push("the arm cannot be at home: geometry, signs or `home_rad` are wrong".to_owned());
+            return doubts;
+        };
+        let away_m = at_home.native_from_grip.translation.length();
+        if away_m > self.limits.workspace_radius_m {
+            doubts.push(format!(
+                "at home the grip is {:.0} mm from the origin, outside of `workspace_radius_m` = {}: the origin is the middle of the workspace",
+                away_m * 1e3,
+                self.limits.workspace_radius_m
+            ));
+        }
+        doubts.extend(self.heavy(real, &at_home));
+        let mut never = self.lacking(real, &at_home);
+        let lacking_at_home = never.clone();
+        for round in 1..=N_POSES {
+            if let Some(there) = real.kinematics.solve(&real.kinematics.around(&home, round), &at_home) {
+                let lacking = self.lacking(real, &there);
+                never.retain(|axis| lacking.contains(axis));
+            }
+        }
+        if !never.is_empty() {
+            doubts.push(format!(
+                "the motors push along {} nowhere: `axis` of a joint is wrong, or a motor is missing",
+                never.join(", ")
+            ));
+        } else if !lacking_at_home.is_empty() {
+            doubts.push(format!(
+                "at home the motors cannot push along {}: the arm is stretched out or folded there, and a joint without `home_rad` stands at 0",
+                lacking_at_home.join(", ")
+            ));
+        }
+        doubts
+    }
+
+    /// More compensation at home than the motor stage lets through.
+    fn heavy(&self, real: &RealArm, at_home: &Configuration) -> Option<String> {
+        let has_motor = |idx: usize| real.transmission.joints.get(idx).is_some_and(|joint| joint.motor.is_some());
+        let pushes = at_home.pushes(has_motor, real.device_from_native, self.actuated)?;
+        let torques = real.kinematics.extra_torques(&real.kinematics.home(), &[0.0; MAX_AXES]);
+        let Wrench { force, torque } = at_grip(&pushes, &torques);
+        let (force_n, torque_nm) = (force.length(), torque.length());
+        let ProfileLimits { force_n: most_n, torque_nm: most_nm, .. } = self.limits;
+        (force_n > BESIDE_SHARE * most_n || torque_nm > BESIDE_SHARE * most_nm).then(|| {
+            format!(
+                "at home gravity compensation makes {force_n:.2} N and {torque_nm:.3} N·m at the grip, the limits are {most_n} N and {most_nm} N·m: more than {:.0} % of them does not go out; masses and centres of the links?",
+                100.0 * BESIDE_SHARE
+            )
+        })
+    }
+
+    /// Actuated axes along which the motors cannot push by themselves, the grip being there.
+    fn lacking(&self, real: &RealArm, there: &Configuration) -> Vec<&'static str> {
+        let mut directions: Vec<Push> = Vec::new();
+        for (joint, column) in real.transmission.joints.iter().zip(there.columns) {
+            let [linear, angular] = [column.linear, M_PER_RAD * column.angular].map(|part| real.device_from_native * part);
+            let mut push: Push = from_fn(|axis| match axis {
+                _ if !self.actuated.has(axis) => 0.0,
+                0..3 => linear[axis],
+                _ => angular[axis - 3],
+            });
+            let own = norm(&push);
+            for known in &directions {
+                let along: f64 = push.iter().zip(known).map(|(push, known)| push * known).sum();
+                push = from_fn(|axis| push[axis] - along * known[axis]);
+            }
+            let left = norm(&push);
+            if joint.motor.is_some() && left > ALIKE * own {
+                directions.push(push.map(|part| part / left));
+            }
+        }
+        let share = |axis: usize| directions.iter().map(|push| push[axis].powi(2)).sum::<f64>();
+        (0..6).filter(|axis| self.actuated.has(*axis) && share(*axis) < 1.0 - ALIKE).map(|axis| Axes::NAMES[axis]).collect()
+    }
+}
+
+/// A push along x, y, z and about them.
+type Push = [f64; 6];
+
+fn norm(push: &Push) -> f64 {
+    push.iter().map(|part| part * part).sum::<f64>().sqrt()
+}

@@ -1,0 +1,186 @@
+//! Frames described as data: `[packet]` into a [`PacketLayout`]. What fits together is checked by the layout itself.
+
+use super::Profile;
+use super::written::{ChecksumWord, Field as WrittenField, FramingWord, NumberWord, Packet as WrittenPacket, RoleWord, Written};
+use crate::protocol::PacketLayout;
+use crate::protocol::layout::{Checksum, ChecksumKind, Field, Framing, LineFraming, LinePad, Number, Packet, Role};
+use document::Checks;
+
+/// The layout as written; `None` when a packet could not be made of it.
+pub(super) fn layout(checks: &mut Checks<'_>, written: &Written, profile: &Profile) -> Option<PacketLayout> {
+    let Some(packets) = &written.packet else {
+        checks.missing("packet", "tables [packet.report] and [packet.command] that describe the frames");
+        return None;
+    };
+    let Some(report) = &packets.report else {
+        checks.missing("packet.report", "a table [packet.report] that describes what the arm sends");
+        return None;
+    };
+    let report = packet(checks, "packet.report", report);
+    let command = packets.command.as_ref().map(|command| packet(checks, "packet.command", command));
+    let kick = packets.kick_hex.as_ref().map(|hex| hex_bytes(checks, "packet.kick_hex", hex));
+    Some(PacketLayout {
+        report: report?,
+        command: match command {
+            Some(command) => Some(command?),
+            None => None,
+        },
+        kick: kick.flatten(),
+        pacing: profile.link.pacing,
+        watchdog_ms: profile.link.device_watchdog_ms,
+    })
+}
+
+fn packet(checks: &mut Checks<'_>, at: &str, written: &WrittenPacket) -> Option<Packet> {
+    let framing = framing(checks, at, written);
+    let fields: Vec<Option<Field>> =
+        written.fields.iter().enumerate().map(|(idx, field)| self::field(checks, &format!("{at}.fields[{idx}]"), field)).collect();
+    if written.fields.is_empty() {
+        checks.missing(
+            &format!("{at}.fields"),
+            "what is in the packet, such as [{ role = \"reading\", index = 0, offset = 0, type = \"i16\" }]",
+        );
+    }
+    let checksum = written.checksum.map(|word| Checksum {
+        kind: match word {
+            ChecksumWord::Sum8 => ChecksumKind::Sum8,
+            ChecksumWord::Xor8 => ChecksumKind::Xor8,
+            ChecksumWord::Crc8 => ChecksumKind::Crc8,
+            ChecksumWord::Crc16Ccitt => ChecksumKind::Crc16Ccitt,
+            ChecksumWord::Crc16Modbus => ChecksumKind::Crc16Modbus,
+            ChecksumWord::Crc32 => ChecksumKind::Crc32,
+        },
+        big_endian: written.checksum_big_endian.unwrap_or(false),
+    });
+    Some(Packet { framing: framing?, checksum, fields: fields.into_iter().collect::<Option<_>>()? })
+}
+
+fn framing(checks: &mut Checks<'_>, at: &str, written: &WrittenPacket) -> Option<Framing> {
+    let Some(word) = written.framing else {
+        checks.missing(&format!("{at}.framing"), "\"report\", \"sync\", \"cobs\", \"slip\" or \"line\"");
+        return None;
+    };
+    // Each key with the framings that have it; what another one has would silently do nothing.
+    let binary = [FramingWord::Report, FramingWord::Sync, FramingWord::Cobs, FramingWord::Slip];
+    let keys: [(&str, bool, &[FramingWord]); 10] = [
+        ("length", written.length.is_some(), &binary),
+        ("checksum", written.checksum.is_some(), &binary),
+        ("report_id", written.report_id.is_some(), &[FramingWord::Report]),
+        ("sync_hex", written.sync_hex.is_some(), &[FramingWord::Sync]),
+        ("checksum_covers_sync", written.checksum_covers_sync.is_some(), &[FramingWord::Sync]),
+        ("open", written.open.is_some(), &[FramingWord::Line]),
+        ("separator", written.separator.is_some(), &[FramingWord::Line]),
+        ("close", written.close.is_some(), &[FramingWord::Line]),
+        ("pad_length", written.pad_length.is_some(), &[FramingWord::Line]),
+        ("pad_byte", written.pad_byte.is_some(), &[FramingWord::Line]),
+    ];
+    for (key, _, _) in keys.into_iter().filter(|(_, is_written, of)| *is_written && !of.contains(&word)) {
+        checks.not_accepted(&format!("{at}.{key}"), format_args!("left out: framing \"{}\" has none", word));
+    }
+    if word != FramingWord::Line && written.length.is_none() {
+        checks.missing(&format!("{at}.length"), "the bytes of the body, checksum included");
+        return None;
+    }
+    let len = written.length.unwrap_or_default() as usize;
+    Some(match word {
+        FramingWord::Report => Framing::Report {
+            id: written.report_id.map(|id| checks.whole(&format!("{at}.report_id"), Some(id), 1, 1, 255) as u8),
+            len,
+        },
+        FramingWord::Sync => {
+            let Some(hex) = &written.sync_hex else {
+                checks.missing(&format!("{at}.sync_hex"), "the bytes before the body, such as \"AA 55\"");
+                return None;
+            };
+            Framing::Sync {
+                sync: hex_bytes(checks, &format!("{at}.sync_hex"), hex)?,
+                len,
+                covers_sync: written.checksum_covers_sync.unwrap_or(false),
+            }
+        }
+        FramingWord::Cobs => Framing::Cobs { len },
+        FramingWord::Slip => Framing::Slip { len },
+        FramingWord::Line => Framing::Line(LineFraming {
+            open: written.open.clone().unwrap_or_default(),
+            separator: match written.separator.as_deref().map(str::as_bytes) {
+                None => b' ',
+                Some([separator]) => *separator,
+                Some(_) => {
+                    checks.not_accepted(&format!("{at}.separator"), "one ASCII character, such as \",\"");
+                    return None;
+                }
+            },
+            close: written.close.clone().unwrap_or_else(|| "\n".to_owned()),
+            pad: written.pad_length.map(|len| LinePad {
+                byte: checks.whole(&format!("{at}.pad_byte"), written.pad_byte, 32, 0, 32) as u8,
+                len: len as usize,
+                before_close: written.pad_before_close.unwrap_or(false),
+            }),
+        }),
+    })
+}
+
+fn field(checks: &mut Checks<'_>, at: &str, written: &WrittenField) -> Option<Field> {
+    let index = written.index.unwrap_or_default() as usize;
+    let role = match written.role {
+        Some(RoleWord::Reading) => Role::Reading(index),
+        Some(RoleWord::Rate) => Role::Rate(index),
+        Some(RoleWord::Buttons) => Role::Buttons(u8::try_from(index).unwrap_or(u8::MAX)),
+        Some(RoleWord::Counter) => Role::Counter,
+        Some(RoleWord::Error) => Role::Error,
+        Some(RoleWord::Homed) => Role::Homed,
+        Some(RoleWord::Motor) => Role::Motor(index),
+        Some(RoleWord::Enabled) => Role::Enabled,
+        Some(RoleWord::Constant) => Role::Constant(written.value.unwrap_or_default()),
+        Some(RoleWord::Ignored) => Role::Ignored,
+        None => {
+            checks.missing(&format!("{at}.role"), "what the number is, such as \"reading\" or \"motor\"");
+            return None;
+        }
+    };
+    if matches!(role, Role::Constant(_)) != written.value.is_some() {
+        checks.not_accepted(at, "with `value` exactly for role \"constant\"");
+    }
+    if matches!(role, Role::Reading(_) | Role::Rate(_) | Role::Motor(_)) && written.index.is_none() {
+        checks.missing(&format!("{at}.index"), "which one, from 0");
+    }
+    let Some(offset) = written.offset else {
+        checks.missing(&format!("{at}.offset"), "the first byte in the body, or which number of the line, from 0");
+        return None;
+    };
+    let number = match written.kind {
+        Some(NumberWord::I8) => Number::I8,
+        Some(NumberWord::U8) => Number::U8,
+        Some(NumberWord::I16) => Number::I16,
+        Some(NumberWord::U16) => Number::U16,
+        Some(NumberWord::I32) => Number::I32,
+        Some(NumberWord::U32) => Number::U32,
+        Some(NumberWord::F32) => Number::F32,
+        Some(NumberWord::F64) => Number::F64,
+        Some(NumberWord::Text) => Number::Text { places: checks.whole(&format!("{at}.places"), written.places, 0, 0, 9) as u8 },
+        None => {
+            checks.missing(&format!("{at}.type"), "\"i16\", \"f32\", \"text\" …: how the number is written");
+            return None;
+        }
+    };
+    Some(Field {
+        role,
+        offset: offset as usize,
+        number,
+        big_endian: written.big_endian.unwrap_or(false),
+        scale: written.scale.unwrap_or(1.0),
+        mask: written.mask,
+        wraps: written.wraps.unwrap_or(false),
+    })
+}
+
+/// Bytes written as hexadecimal pairs.
+pub(super) fn hex_bytes(checks: &mut Checks<'_>, key: &str, hex: &str) -> Option<Vec<u8>> {
+    let bytes: Option<Vec<u8>> =
+        hex.split_whitespace().map(|pair| u8::from_str_radix(pair, 16).ok().filter(|_| pair.len() == 2)).collect();
+    if bytes.as_ref().is_none_or(Vec::is_empty) {
+        checks.not_accepted(key, "bytes as pairs of hexadecimal digits with blanks between, such as \"AA 55\"");
+        return None;
+    }
+    bytes
+}

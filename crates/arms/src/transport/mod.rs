@@ -1,0 +1,233 @@
+//! Transports: how bytes reach an arm and come back.
+//!
+//! Data in: whole frames. Data out: reports (HID) or bytes as they come (streams). A transport knows nothing of what they mean.
+//!
+//! Invariant: [`Transport::receive`], [`Transport::send`] and [`Transport::send_now`] never block and never allocate. Where the system call behind a write can block
+//! (HID), a thread of the transport's own makes it.
+//!
+//! | file | owns |
+//! |---|---|
+//! | `mod` | the trait, and the frame that encoders fill |
+//! | `serial` | ttys: CDC, FTDI, pty |
+//! | `hid` | hidraw nodes |
+//! | `usb` | bulk transfers to an FTDI chip (feature `usb`) |
+//! | `threaded` | the two threads of `hid` and `usb`, whose writes can block |
+//! | `memory` | a pair of ends in memory, for tests |
+//! | `simulated` | the same as a network: delay, jitter, loss, a cut |
+//! | `zenoh` | a network (feature `zenoh`) |
+
+mod hid;
+#[cfg(any(test, feature = "testing"))]
+mod memory;
+mod serial;
+mod simulated;
+mod threaded;
+#[cfg(feature = "usb")]
+mod usb;
+#[cfg(feature = "zenoh")]
+pub mod zenoh;
+
+pub(crate) use hid::HidLink;
+pub use hid::HidOpenError;
+#[cfg(any(test, feature = "testing"))]
+pub(crate) use memory::{LoopbackEnd, loopback};
+pub use serial::SerialError;
+pub(crate) use serial::SerialLink;
+pub use simulated::{LinkQuality, NetworkEnd, SimulatedNetwork};
+#[cfg(feature = "usb")]
+pub use usb::UsbError;
+#[cfg(feature = "usb")]
+pub(crate) use usb::UsbLink;
+
+use std::io;
+use std::os::fd::OwnedFd;
+
+use super::IoPlacement;
+use rt::clock::monotonic_ns;
+
+/// Longest frame of any protocol, bytes: a RawHID report with its ID is 65, a sync write to seven servos 42, and every packet of a
+/// declarative arm has to fit.
+pub const FRAME_MAX: usize = 256;
+
+/// One frame, or several that go out in one write. `Copy`: encoders fill it in the loop.
+#[derive(Clone, Copy, Debug)]
+pub struct Frame {
+    bytes: [u8; FRAME_MAX],
+    len: usize,
+}
+
+impl Default for Frame {
+    fn default() -> Self {
+        Self { bytes: [0; FRAME_MAX], len: 0 }
+    }
+}
+
+impl Frame {
+    /// Makes the frame empty. RT: safe.
+    pub fn clear(&mut self) {
+        self.len = 0;
+    }
+
+    /// Appends bytes; false, and nothing appended, when they do not fit.
+    pub fn extend(&mut self, bytes: &[u8]) -> bool {
+        let end = self.len + bytes.len();
+        let Some(room) = self.bytes.get_mut(self.len..end) else { return false };
+        room.copy_from_slice(bytes);
+        self.len = end;
+        true
+    }
+
+    /// Appends one byte; false when it does not fit.
+    pub fn push(&mut self, byte: u8) -> bool {
+        self.extend(&[byte])
+    }
+
+    /// The bytes of the frame. RT: safe.
+    pub fn as_slice(&self) -> &[u8] {
+        self.bytes.get(..self.len).unwrap_or_default()
+    }
+
+    /// True when it holds nothing.
+    pub fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+}
+
+/// How what is sent arrives at the other end.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Carriage {
+    /// One `receive` takes one frame, as HID does.
+    Reports,
+    /// One `receive` takes whatever bytes there are, as a tty does.
+    Stream,
+}
+
+/// Why a transport failed. `Copy`, no text: the cold side writes that.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TransportError {
+    /// The other end is gone; nothing more will come.
+    Lost,
+    /// There is no room for the frame; nothing of it was sent.
+    Full,
+    /// The operating system refused with this errno.
+    Os(i32),
+}
+
+/// What a serial adapter can be told beside bytes. Transports without such lines ignore it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Line {
+    /// Back to the state after plugging in.
+    Reset,
+    /// 8 data bits, no parity, one stop bit, no flow control.
+    Plain8N1,
+    /// Forget what was received and not taken.
+    PurgeReceived,
+    /// Forget what was not yet sent.
+    PurgeSent,
+    /// Data terminal ready.
+    Dtr(bool),
+    /// Request to send.
+    Rts(bool),
+    /// Baud rate.
+    Baud(u32),
+    /// How long an FTDI adapter collects bytes before it passes them on, ms.
+    LatencyMs(u8),
+}
+
+/// An open link to an arm.
+///
+/// RT: `receive`, `send` and `send_now` are safe: a bounded number of non-blocking system calls, no allocation, no lock.
+pub trait Transport: Send {
+    /// Takes what has come into `buffer` and says how many bytes: one whole report (HID; a longer one is cut) or what there is of a stream;
+    /// 0 when nothing has come.
+    ///
+    /// # Errors
+    /// [`TransportError::Lost`] or [`TransportError::Os`].
+    fn receive(&mut self, buffer: &mut [u8]) -> Result<usize, TransportError>;
+
+    /// Sends a whole frame in one call. The report ID of HID is its first byte.
+    ///
+    /// # Errors
+    /// See [`TransportError`].
+    fn send(&mut self, frame: &[u8]) -> Result<(), TransportError>;
+
+    /// Sends a whole frame in the place of everything that has not left yet: for a zero, which must not wait behind old commands that an arm has not
+    /// read. What is dropped may end in the middle of a frame, so that the arm may find this one garbled: send another one behind it.
+    ///
+    /// # Errors
+    /// As [`Self::send`].
+    fn send_now(&mut self, frame: &[u8]) -> Result<(), TransportError> {
+        self.send(frame)
+    }
+
+    /// Sets a line. Cold.
+    ///
+    /// # Errors
+    /// [`TransportError::Lost`] or [`TransportError::Os`].
+    fn line(&mut self, line: Line) -> Result<(), TransportError> {
+        let _ = line;
+        Ok(())
+    }
+
+    /// A descriptor that another process can write the same frames to. Cold.
+    ///
+    /// # Errors
+    /// The system refuses, or the link has no such thing.
+    fn descriptor(&self) -> io::Result<OwnedFd> {
+        Err(io::Error::other("no other process can write to its link"))
+    }
+
+    /// Where its bytes are moved.
+    fn io(&self) -> IoPlacement {
+        IoPlacement::InLoop
+    }
+
+    /// Time in the world of the link, ns from an arbitrary zero: a simulated network has its own.
+    fn now_ns(&self) -> i64 {
+        monotonic_ns()
+    }
+}
+
+impl<T: Transport + ?Sized> Transport for Box<T> {
+    fn receive(&mut self, buffer: &mut [u8]) -> Result<usize, TransportError> {
+        (**self).receive(buffer)
+    }
+
+    fn send(&mut self, frame: &[u8]) -> Result<(), TransportError> {
+        (**self).send(frame)
+    }
+
+    fn send_now(&mut self, frame: &[u8]) -> Result<(), TransportError> {
+        (**self).send_now(frame)
+    }
+
+    fn line(&mut self, line: Line) -> Result<(), TransportError> {
+        (**self).line(line)
+    }
+
+    fn descriptor(&self) -> io::Result<OwnedFd> {
+        (**self).descriptor()
+    }
+
+    fn io(&self) -> IoPlacement {
+        (**self).io()
+    }
+
+    fn now_ns(&self) -> i64 {
+        (**self).now_ns()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_frame_takes_what_fits() {
+        let mut frame = Frame::default();
+        assert!(frame.is_empty() && frame.extend(&[1; FRAME_MAX - 1]) && frame.push(2));
+        assert!(!frame.push(3) && frame.as_slice().len() == FRAME_MAX);
+        frame.clear();
+        assert!(frame.is_empty());
+    }
+}

@@ -1,0 +1,52 @@
+//! What the driver is told of an arm.
+
+use glam::DQuat;
+
+use super::Thermal;
+use crate::Capabilities;
+use crate::kinematics::Kinematics;
+use crate::motor_stage::Limits;
+use crate::transmission::Transmission;
+
+/// Where the time of samples comes from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Timebase {
+    /// The machine's monotonic clock.
+    #[default]
+    Monotonic,
+    /// One period per read, for arms that are simulated in the same loop.
+    Counted,
+}
+
+/// Everything that a profile says of a wired arm.
+#[derive(Clone, Debug)]
+pub(crate) struct WiredParameters {
+    /// Joint angles to grip.
+    pub(crate) kinematics: Kinematics,
+    /// Readings to joint angles, torques to commands.
+    pub(crate) transmission: Transmission,
+    /// Rotation from the frame of the kinematics to the device frame.
+    pub(crate) device_from_native: DQuat,
+    /// What the arm can do.
+    pub(crate) capabilities: Capabilities,
+    /// A sign check has seen every motor push the way it is told.
+    pub(crate) signs_verified: bool,
+    /// Of the profile.
+    pub(crate) limits: Limits,
+    /// What is left of them until then: they hold whichever motors push the wrong way.
+    pub(crate) unverified_limits: Limits,
+    /// Windows of the linear and the angular velocity, s.
+    pub(crate) velocity_window_s: [f64; 2],
+    /// Silence after which the arm is woken, s; `None`: never.
+    pub(crate) kick_s: Option<f64>,
+    /// Round trip to report before one has been measured, ticks.
+    pub(crate) delay_ticks: u32,
+    /// Heat of the motors.
+    pub(crate) thermal: Thermal,
+    /// One tick, s.
+    pub(crate) period_s: f64,
+    /// Time of samples.
+    pub(crate) timebase: Timebase,
+    /// The arm is on another machine: silence after which the network between counts as lost, s. `None`: it hangs on this one.
+    pub(crate) link_silence_s: Option<f64>,
+}

@@ -1,0 +1,344 @@
+//! A session as a file: samples, densities, settings and the past of a piece, to go on another day.
+//!
+//! The container is [`vps::storage::sections`]: versions, little-endian SI, a checksum for each array. Every moment (now, those that undo
+//! goes back to, those that redo goes on to) is one row of `moments`; its samples and densities follow each other in the arrays. What was painted
+//! of a material stands in `painted` once for all moments that share it. Fits are not kept: they follow from the samples.
+
+use std::collections::HashMap;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use bytemuck::{Pod, Zeroable};
+use glam::DVec3;
+
+use super::PointSet;
+use super::dynamics::{Integrator, Material};
+use super::material_map::{Layer, MaterialMap};
+use super::whole_file::write_whole;
+use super::workpiece::{Moment, Session, Settings, Workpiece, WorkpieceError};
+use vps::density::{Lattice, Raster};
+use vps::storage::sections::{Key, Reader, Refusal, Writer, key_of};
+use vps::storage::{Region, regular};
+
+/// Counts up when the meaning of a section changes.
+const GENERATION: u32 = 2;
+/// Tells a session from other files of sections.
+const KEY: Key = *b"hapticd, session";
+/// Past and future in a file at most, bytes: what is farther from now stays out.
+const MOMENTS_BYTES_MAX: usize = 64 << 20;
+
+/// A file that [`Workpiece::save_session`] wrote, as far as can be told from its first bytes.
+pub fn is_session(path: &Path) -> bool {
+    key_of(path) == Some(KEY)
+}
+
+/// Why a session cannot be written or read.
+#[derive(Debug, thiserror::Error)]
+pub enum SessionError {
+    /// The file system refuses.
+    #[error("cannot {what} {path}: {source}")]
+    Io {
+        /// `read` or `write`.
+        what: &'static str,
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// No session, another version's, or a damaged one.
+    #[error("{path} is no session that can be gone on with: {reason}")]
+    Refused {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        reason: Refusal,
+    },
+    /// Checksums fit, and yet it makes no piece.
+    #[error("the session {path} makes no piece: {source}")]
+    Piece {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: WorkpieceError,
+    },
+}
+
+#[derive(Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+struct SettingsRecord {
+    n_neighbours: u64,
+    raster: [u64; 3],
+    air_m: f64,
+    mass_kg: f64,
+    damping_n_s_per_m: f64,
+    stiffness_n_per_m: f64,
+    creep_s: f64,
+    acceleration_max_m_per_s2: f64,
+    gap_m: f64,
+    /// Of `moments`: how many lie before now; all others but the first come after it.
+    n_past: u64,
+    is_explicit: u64,
+}
+
+#[derive(Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+struct MomentRecord {
+    n_samples: u64,
+    base: LatticeRecord,
+    region: LatticeRecord,
+    /// As it was chosen; not used where `is_chosen` is 0.
+    region_map: [f64; 6],
+    is_chosen: u64,
+    /// Mass, damping, stiffness: where their values begin in `painted`, one for each node of the base; [`BARE`] where none were painted.
+    painted: [u64; 3],
+}
+
+const BARE: u64 = u64::MAX;
+
+#[derive(Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+struct LatticeRecord {
+    origin_map: [f64; 3],
+    spacing_m: f64,
+    dims: [u64; 3],
+}
+
+impl LatticeRecord {
+    fn of(lattice: &Lattice) -> Self {
+        let Lattice { origin_map, spacing_m, dims } = *lattice;
+        Self { origin_map: origin_map.to_array(), spacing_m, dims: dims.map(|n| n as u64) }
+    }
+
+    /// `None` for one without nodes or length, or with more nodes than numbers.
+    fn lattice(&self) -> Option<(Lattice, usize)> {
+        let dims = self.dims.map(|n| usize::try_from(n).unwrap_or(0));
+        let n_nodes = dims.iter().try_fold(1_usize, |n, dim| n.checked_mul(*dim))?;
+        let lattice = Lattice { origin_map: DVec3::from_array(self.origin_map), spacing_m: self.spacing_m, dims };
+        let is_sound = lattice.origin_map.is_finite() && lattice.spacing_m > 0.0 && lattice.spacing_m.is_finite();
+        (is_sound && dims.iter().all(|n| *n >= 4)).then_some((lattice, n_nodes))
+    }
+}
+
+/// Past, now and future as they stand in a file, the nearest to now as far as there is room: now, the past from its begin, what was undone.
+fn kept<'m>(now: &'m Moment, past: &'m [Moment], undone: &'m [Moment]) -> (Vec<&'m Moment>, usize) {
+    let mut left = MOMENTS_BYTES_MAX;
+    let mut newest = |moments: &'m [Moment]| {
+        let n = moments.iter().rev().take_while(|moment| {
+            let fits = moment.n_bytes_in_session() <= left;
+            left -= if fits { moment.n_bytes_in_session() } else { 0 };
+            fits
+        });
+        &moments[moments.len() - n.count()..]
+    };
+    let (past, undone) = (newest(past), newest(undone));
+    (core::iter::once(now).chain(past).chain(undone).collect(), past.len())
+}
+
+impl Workpiece {
+    /// Writes the piece with its past. A stroke under way is not part of it. What was there under that name stays until all is written.
+    ///
+    /// # Errors
+    /// [`SessionError::Io`].
+    pub fn save_session(&self, path: &Path) -> Result<(), SessionError> {
+        let now = self.moment();
+        let (past, undone) = self.moments();
+        let (moments, n_past) = kept(&now, past, undone);
+        let Settings { n_neighbours, raster, air_m, material, integrator, region_map: _ } = self.settings();
+        let settings = SettingsRecord {
+            n_neighbours: *n_neighbours as u64,
+            raster: raster.map(|n| n as u64),
+            air_m: *air_m,
+            mass_kg: material.mass_kg.into(),
+            damping_n_s_per_m: material.damping_n_s_per_m.into(),
+            stiffness_n_per_m: material.stiffness_n_per_m.into(),
+            creep_s: material.creep_s,
+            acceleration_max_m_per_s2: material.acceleration_max_m_per_s2,
+            gap_m: self.gap_m(),
+            n_past: n_past as u64,
+            is_explicit: u64::from(*integrator == Integrator::Explicit),
+        };
+        let mut layers = Layers::default();
+        let records: Vec<MomentRecord> = moments
+            .iter()
+            .map(|moment| {
+                let (low, high) = moment.region_map.unwrap_or_default();
+                MomentRecord {
+                    n_samples: moment.samples.points().len() as u64,
+                    base: LatticeRecord::of(moment.base.lattice()),
+                    region: LatticeRecord::of(&moment.region),
+                    region_map: [low.x, low.y, low.z, high.x, high.y, high.z],
+                    is_chosen: u64::from(moment.region_map.is_some()),
+                    painted: moment.material_map.layers().each_ref().map(|layer| layers.place(layer.as_ref())),
+                }
+            })
+            .collect();
+        let points = || moments.iter().map(|moment| moment.samples.points());
+        let positions: Vec<[f64; 3]> = points().flat_map(|points| points.positions_map.iter().map(DVec3::to_array)).collect();
+        let normals: Vec<[f64; 3]> = points().flat_map(|points| points.normals_map.iter().map(DVec3::to_array)).collect();
+        let colors: Vec<[u8; 3]> = points().flat_map(|points| points.colors.iter().copied()).collect();
+        let densities: Vec<f32> = moments.iter().flat_map(|moment| moment.base.values_m().iter().copied()).collect();
+
+        let mut file = Writer::default();
+        file.record("settings", &settings);
+        file.array("moments", &records);
+        file.array("positions_m", &positions);
+        file.array("normals", &normals);
+        file.array("colors", &colors);
+        file.array("densities_m", &densities);
+        file.array("painted", &layers.values);
+        write_whole(path, |out| file.write_to(KEY, GENERATION, out)).map_err(|source| SessionError::Io {
+            what: "write",
+            path: path.to_owned(),
+            source,
+        })
+    }
+
+    /// Reads a piece that [`Self::save_session`] wrote, with the settings and the material that it had.
+    ///
+    /// # Errors
+    /// [`SessionError`].
+    pub fn load_session(path: &Path) -> Result<Self, SessionError> {
+        let read = |source| SessionError::Io { what: "read", path: path.to_owned(), source };
+        let region = Region::read(&regular::open(path).map_err(read)?).map_err(read)?;
+        let session = decode(region).map_err(|reason| SessionError::Refused { path: path.to_owned(), reason })?;
+        Self::resume(session).map_err(|source| SessionError::Piece { path: path.to_owned(), source })
+    }
+}
+
+fn decode(region: Arc<Region>) -> Result<Session, Refusal> {
+    let file = Reader::new(region, Some(KEY), GENERATION)?;
+    let settings: SettingsRecord = file.record("settings")?;
+    let records = file.array::<MomentRecord>("moments")?;
+    let positions = file.array::<[f64; 3]>("positions_m")?;
+    let normals = file.array::<[f64; 3]>("normals")?;
+    let colors = file.array::<[u8; 3]>("colors")?;
+    let densities = file.array::<f32>("densities_m")?;
+    let painted = file.array::<f32>("painted")?;
+    let mut layers = HashMap::new();
+    let mut from = (0, 0);
+    let mut moments = Vec::new();
+    for record in records.iter() {
+        let samples = positions.get(from.0..).zip(normals.get(from.0..)).zip(colors.get(from.0..));
+        let values_m = densities.get(from.1..).unwrap_or_default();
+        let moment = samples.and_then(|((positions, normals), colors)| moment(record, positions, normals, colors, values_m));
+        let map = map_of(record, &painted, &mut layers).ok_or(Refusal::Damaged("painted"))?;
+        let moment = moment.map(|moment| Moment { material_map: map, ..moment });
+        let moment = moment.ok_or(Refusal::Damaged("moments"))?;
+        from = (from.0 + moment.samples.points().len(), from.1 + moment.base.values_m().len());
+        moments.push(moment);
+    }
+    let is_whole =
+        from == (positions.len(), densities.len()) && normals.len() == positions.len() && colors.len() == positions.len();
+    let n_past = usize::try_from(settings.n_past).unwrap_or(usize::MAX);
+    if !is_whole || moments.len() <= n_past {
+        return Err(Refusal::Damaged("moments"));
+    }
+    let undone = moments.split_off(n_past + 1);
+    let past = moments.split_off(1);
+    let now = moments.pop().ok_or(Refusal::Damaged("moments"))?;
+
+    let gap_m = settings.gap_m;
+    let raster = settings.raster.map(|n| usize::try_from(n).unwrap_or(0));
+    let is_sound = settings.air_m >= 0.0
+        && settings.gap_m > 0.0
+        && settings.creep_s > 0.0
+        && settings.acceleration_max_m_per_s2 > 0.0
+        && [settings.mass_kg, settings.damping_n_s_per_m, settings.stiffness_n_per_m]
+            .into_iter()
+            .enumerate()
+            .all(|(property, value)| is_property(property, value as f32));
+    let fits = |moment: &Moment| moment.region.dims == raster;
+    if !is_sound || settings.is_explicit > 1 || ![&now].into_iter().chain(&past).chain(&undone).all(fits) {
+        return Err(Refusal::Damaged("settings"));
+    }
+    let settings = Settings {
+        n_neighbours: usize::try_from(settings.n_neighbours).unwrap_or(0),
+        region_map: now.region_map,
+        raster,
+        air_m: settings.air_m,
+        material: Material {
+            mass_kg: settings.mass_kg as f32,
+            damping_n_s_per_m: settings.damping_n_s_per_m as f32,
+            stiffness_n_per_m: settings.stiffness_n_per_m as f32,
+            creep_s: settings.creep_s,
+            acceleration_max_m_per_s2: settings.acceleration_max_m_per_s2,
+        },
+        integrator: if settings.is_explicit == 1 { Integrator::Explicit } else { Integrator::Implicit },
+    };
+    Ok(Session { now, past, undone, settings, gap_m })
+}
+
+/// One row, with the samples and densities from where it begins; `None` where they are not all there, or fit nothing.
+fn moment(
+    record: &MomentRecord,
+    positions: &[[f64; 3]],
+    normals: &[[f64; 3]],
+    colors: &[[u8; 3]],
+    values_m: &[f32],
+) -> Option<Moment> {
+    let n = usize::try_from(record.n_samples).ok()?;
+    let vectors = |numbers: &[[f64; 3]]| Some(numbers.get(..n)?.iter().copied().map(DVec3::from_array).collect());
+    let points = PointSet { positions_map: vectors(positions)?, normals_map: vectors(normals)?, colors: colors.get(..n)?.to_vec() };
+    let (base, n_nodes) = record.base.lattice()?;
+    let (region, _) = record.region.lattice()?;
+    let values_m = values_m.get(..n_nodes).filter(|values_m| values_m.iter().all(|value_m| value_m.is_finite()))?;
+    let mut raster = Raster::uniform(base, 0.0);
+    raster.values_m_mut().copy_from_slice(values_m);
+    let [low_x, low_y, low_z, high_x, high_y, high_z] = record.region_map;
+    let region_map = (record.is_chosen != 0).then(|| (DVec3::new(low_x, low_y, low_z), DVec3::new(high_x, high_y, high_z)));
+    let is_region = region_map.is_none_or(|(low, high)| low.is_finite() && high.is_finite() && low.cmplt(high).all());
+    let moment = Moment::new(points, raster, MaterialMap::default(), region, region_map)?;
+    is_region.then_some(moment)
+}
+
+/// Values that moments share, once each.
+#[derive(Default)]
+struct Layers<'m> {
+    values: Vec<f32>,
+    /// Where each begins.
+    places: Vec<(&'m Layer, u64)>,
+}
+
+impl<'m> Layers<'m> {
+    fn place(&mut self, layer: Option<&'m Layer>) -> u64 {
+        let Some(layer) = layer else { return BARE };
+        if let Some((_, place)) = self.places.iter().find(|(known, _)| Arc::ptr_eq(known, layer)) {
+            return *place;
+        }
+        let place = self.values.len() as u64;
+        self.values.extend_from_slice(layer);
+        self.places.push((layer, place));
+        place
+    }
+}
+
+/// What was painted before a moment; `None` where it is not all there, or makes no material. Moments that share values share them again.
+fn map_of(record: &MomentRecord, painted: &[f32], layers: &mut HashMap<(u64, usize), Layer>) -> Option<MaterialMap> {
+    let (_, n_nodes) = record.base.lattice()?;
+    let mut map = [None, None, None];
+    for (property, (layer, place)) in map.iter_mut().zip(record.painted).enumerate() {
+        if place == BARE {
+            continue;
+        }
+        let from = usize::try_from(place).ok()?;
+        let values = painted.get(from..from.checked_add(n_nodes)?)?;
+        let is_sound = |value: &f32| value.is_nan() || is_property(property, *value);
+        let shared = match layers.get(&(place, n_nodes)) {
+            Some(shared) => shared.clone(),
+            None => layers.entry((place, n_nodes)).or_insert_with(|| Arc::from(values)).clone(),
+        };
+        *layer = values.iter().all(is_sound).then_some(shared);
+        layer.as_ref()?;
+    }
+    Some(MaterialMap::new(map))
+}
+
+/// Without damping a material still moves; without mass or springs it does not.
+fn is_property(property: usize, value: f32) -> bool {
+    const DAMPING: usize = 1;
+    value.is_finite() && (value > 0.0 || value == 0.0 && property == DAMPING)
+}
+
+#[cfg(test)]
+mod tests;

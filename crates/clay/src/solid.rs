@@ -1,0 +1,174 @@
+//! Solids that work a piece or become one: read, and sampled as densely as they are needed.
+
+use std::path::PathBuf;
+
+use glam::DVec3;
+
+use super::load::{DEFAULT_SAMPLES, Opened, area_m2, open, sample_of, spacing_of};
+use super::{LoadError, Loaded, NormalSource, PointSet, SurfaceError};
+use vps::mesh::TriangleMesh;
+use vps::mesh::primitives::Shape;
+use vps::spatial::Pose;
+
+/// Samples of a solid that is to work a piece, whatever the spacing of the piece: fewer make no surface, more take too long.
+const BESIDE_SAMPLES: (f64, f64) = (500.0, 500_000.0);
+/// How far a shape that is cut into triangles may be off, over the spacing of its samples.
+const CHORD_SHARE: f64 = 0.02;
+
+/// A solid that samples can be had of.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Solid {
+    /// A file of points or a mesh.
+    File {
+        /// Where it is.
+        path: PathBuf,
+        /// 1 for m, 1e-3 for mm.
+        metres_per_unit: f64,
+        /// Between samples of a mesh, m; `None`: about 20,000 samples, or as a piece has them.
+        spacing_m: Option<f64>,
+    },
+    /// A primitive shape.
+    Shape {
+        /// Centred on the origin.
+        shape: Shape,
+        /// Between samples, m; `None`: about 20,000 samples, or as a piece has them.
+        spacing_m: Option<f64>,
+    },
+}
+
+/// A solid in memory, in a frame of its own: its samples, or what they can be taken from.
+#[derive(Clone, Debug)]
+pub enum Body {
+    /// As it is.
+    Samples(PointSet),
+    /// A mesh, m.
+    Mesh(TriangleMesh),
+    /// A primitive shape, centred on the origin.
+    Shape(Shape),
+}
+
+impl Solid {
+    /// Its samples.
+    ///
+    /// # Errors
+    /// [`LoadError`].
+    pub fn load(&self) -> Result<Loaded, LoadError> {
+        match self {
+            Self::File { path, metres_per_unit, spacing_m } => super::load(path, *metres_per_unit, *spacing_m),
+            Self::Shape { shape, spacing_m } => {
+                let spacing_m = spacing_m.unwrap_or_else(|| spacing_of(&rough(shape), DEFAULT_SAMPLES));
+                let points = sampled(shape, spacing_m).map_err(LoadError::Shape)?;
+                Ok(Loaded { points, merged: 0, normals: NormalSource::Faces })
+            }
+        }
+    }
+
+    /// About how many samples it has, and the box around it, m. Cost: the file is read, and not sampled.
+    ///
+    /// # Errors
+    /// [`LoadError`].
+    pub fn look(&self) -> Result<(u64, (DVec3, DVec3)), LoadError> {
+        let (body, spacing_m) = match self {
+            Self::File { path, metres_per_unit, spacing_m } => {
+                (Self::File { path: path.clone(), metres_per_unit: *metres_per_unit, spacing_m: None }.open()?, *spacing_m)
+            }
+            Self::Shape { shape, spacing_m } => (Body::Shape(*shape), *spacing_m),
+        };
+        let n_of = |mesh: &TriangleMesh| spacing_m.map_or(DEFAULT_SAMPLES, |spacing_m| area_m2(mesh) / (spacing_m * spacing_m));
+        let n_samples = match &body {
+            Body::Samples(points) => points.len() as u64,
+            Body::Mesh(mesh) => n_of(mesh) as u64,
+            Body::Shape(shape) => n_of(&rough(shape)) as u64,
+        };
+        Ok((n_samples, body.bounds_map(&Pose::IDENTITY).unwrap_or_default()))
+    }
+
+    /// The same, not sampled yet where it names no spacing of its own: a piece does ([`Body::beside`]).
+    ///
+    /// # Errors
+    /// [`LoadError`].
+    pub fn open(&self) -> Result<Body, LoadError> {
+        match self {
+            Self::File { path, metres_per_unit, spacing_m: None } => Ok(match open(path, *metres_per_unit)? {
+                Opened::Samples(loaded) => Body::Samples(loaded.points),
+                Opened::Mesh(mesh) => Body::Mesh(mesh),
+            }),
+            Self::Shape { shape, spacing_m: None } => Ok(Body::Shape(*shape)),
+            Self::File { .. } | Self::Shape { .. } => Ok(Body::Samples(self.load()?.points)),
+        }
+    }
+
+    /// Its samples, as far apart as those of a piece ([`Body::beside`]), whatever its own spacing.
+    ///
+    /// # Errors
+    /// [`LoadError`].
+    pub fn load_beside(&self, spacing_m: f64) -> Result<PointSet, LoadError> {
+        match self {
+            Self::File { path, metres_per_unit, .. } => {
+                let body = Self::File { path: path.clone(), metres_per_unit: *metres_per_unit, spacing_m: None }.open()?;
+                body.beside(spacing_m).map_err(|source| LoadError::Surface { path: path.clone(), source })
+            }
+            Self::Shape { shape, .. } => Body::Shape(*shape).beside(spacing_m).map_err(LoadError::Shape),
+        }
+    }
+}
+
+impl Body {
+    /// Its samples: those it has, or as far apart as those of a piece that it is to join or cut; nearer where it is so small that it would
+    /// have hardly any, farther where it would have more than half a million.
+    ///
+    /// # Errors
+    /// [`SurfaceError`] for a mesh without area.
+    pub fn beside(&self, spacing_m: f64) -> Result<PointSet, SurfaceError> {
+        let (least, most) = BESIDE_SAMPLES;
+        let clamped = |mesh: &TriangleMesh| spacing_m.min(spacing_of(mesh, least)).max(spacing_of(mesh, most));
+        match self {
+            Self::Samples(points) => Ok(points.clone()),
+            Self::Mesh(mesh) => sample_of(mesh, clamped(mesh)),
+            Self::Shape(shape) => sampled(shape, clamped(&rough(shape))),
+        }
+    }
+
+    /// Lowest and highest corner of the box around it where it stands, map frame, m; `None` for a body of nothing.
+    pub fn bounds_map(&self, map_from_body: &Pose) -> Option<(DVec3, DVec3)> {
+        let around = |corners: &[DVec3]| {
+            let mut placed = corners.iter().map(|at| map_from_body.transform_point(*at));
+            let first = placed.next()?;
+            Some(placed.fold((first, first), |(low, high), at| (low.min(at), high.max(at))))
+        };
+        match self {
+            Self::Samples(points) => around(&points.positions_map),
+            Self::Mesh(mesh) => around(&mesh.vertices),
+            Self::Shape(shape) => around(&rough(shape).vertices),
+        }
+    }
+}
+
+/// Area and size of a shape hardly depend on how finely it is cut.
+fn rough(shape: &Shape) -> TriangleMesh {
+    shape.tessellate(f64::INFINITY)
+}
+
+fn sampled(shape: &Shape, spacing_m: f64) -> Result<PointSet, SurfaceError> {
+    sample_of(&shape.tessellate(CHORD_SHARE * spacing_m), spacing_m)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::PointSurface;
+
+    #[test]
+    fn a_solid_beside_a_piece_has_its_spacing_unless_that_makes_too_few_samples_or_too_many() {
+        let ball = |radius_m: f64| Solid::Shape { shape: Shape::Sphere { radius_m }, spacing_m: None };
+        let (spacing_m, area_m2) = (1e-3, |radius_m: f64| 4.0 * core::f64::consts::PI * radius_m * radius_m);
+        for (radius_m, expected) in [(0.5e-3, 500.0), (0.02, area_m2(0.02) / 1e-6)] {
+            let points = ball(radius_m).load_beside(spacing_m).unwrap();
+            let n = points.len() as f64;
+            assert!((n / expected - 1.0).abs() < 0.15, "{n} of {expected} for a ball of {radius_m} m");
+            assert!(PointSurface::build(points, PointSurface::DEFAULT_NEIGHBOURS).is_ok());
+        }
+        let most = ball(0.1).load_beside(1e-5).unwrap().len() as f64;
+        assert!((most / BESIDE_SAMPLES.1 - 1.0).abs() < 0.15, "{most}");
+    }
+}

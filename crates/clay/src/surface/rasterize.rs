@@ -1,0 +1,157 @@
+//! The field at all nodes of a lattice.
+//!
+//! Every sample adds itself to the nodes in its ball, one plane of the lattice after the other; what no ball reaches is filled from
+//! the nearest samples. Cost: proportional to the nodes, and to the nodes in the balls of all samples.
+
+use rayon::prelude::*;
+
+use super::PointSurface;
+use super::blend::Blend;
+use super::voronoi::nearest_samples;
+use vps::density::{Lattice, Raster};
+
+/// Nodes along the edge of a block beyond the shell, which is on one side as a whole.
+const BLOCK: usize = 4;
+
+/// Sums of equation 3 over one plane of the lattice.
+#[derive(Default)]
+struct Plane {
+    weights: Vec<f64>,
+    sums_m: Vec<f64>,
+}
+
+impl PointSurface {
+    /// The field at every node, as [`Self::at`] gives it. Far from the surface it may be off by a small part of the lattice's spacing,
+    /// and there it depends on the lattice: a region is cut out of the raster of the whole, not rasterized by itself.
+    pub(crate) fn rasterize(&self, lattice: Lattice) -> Raster {
+        let mut raster = Raster::uniform(lattice, f32::NAN);
+        let [_, ny, nz] = lattice.dims;
+        let by_plane = self.samples_by_plane(&lattice);
+        let nearest = nearest_samples(&lattice, &self.points.positions_map, &self.near);
+        let planes = raster.values_m_mut().par_chunks_mut((ny * nz).max(1)).enumerate();
+        planes.for_each_init(Plane::default, |sums, (x, values_m)| {
+            sums.weights.clear();
+            sums.weights.resize(ny * nz, 0.0);
+            sums.sums_m.clear();
+            sums.sums_m.resize(ny * nz, 0.0);
+            for sample in &by_plane[x] {
+                self.add(*sample, &lattice, x, sums);
+            }
+            self.near_shell(&lattice, x, sums, values_m);
+        });
+        let slabs = raster.values_m_mut().par_chunks_mut((BLOCK * ny * nz).max(1)).enumerate();
+        slabs.for_each(|(slab, values_m)| self.far_from_shell(&lattice, slab * BLOCK, &nearest, values_m));
+        raster
+    }
+
+    /// The samples whose ball reaches into each plane x, in ascending order.
+    fn samples_by_plane(&self, lattice: &Lattice) -> Vec<Vec<u32>> {
+        let mut planes = vec![Vec::new(); lattice.dims[0]];
+        let (low, high) = lattice.bounds();
+        for (fit, sample) in self.fits.iter().zip(0..) {
+            let (lowest, highest) = (fit.center_map - fit.half_m, fit.center_map + fit.half_m);
+            if lowest.cmple(high).all() && highest.cmpge(low).all() {
+                let (from, to) = nodes_within(lattice, 0, lowest.x, highest.x);
+                planes[from..to].iter_mut().for_each(|plane| plane.push(sample));
+            }
+        }
+        planes
+    }
+
+    fn add(&self, sample: u32, lattice: &Lattice, x: usize, Plane { weights, sums_m }: &mut Plane) {
+        let fit = &self.fits[sample as usize];
+        let (center, nz) = (fit.center_map, lattice.dims[2]);
+        let x_map = lattice.origin_map.x + x as f64 * lattice.spacing_m;
+        let left = fit.half_m * fit.half_m - (x_map - center.x).powi(2);
+        if left <= 0.0 {
+            return;
+        }
+        let reach_y = left.sqrt();
+        let (from_y, to_y) = nodes_within(lattice, 1, center.y - reach_y, center.y + reach_y);
+        for y in from_y..to_y {
+            let y_map = lattice.origin_map.y + y as f64 * lattice.spacing_m;
+            let off_squared = (x_map - center.x).powi(2) + (y_map - center.y).powi(2);
+            let left = fit.half_m * fit.half_m - off_squared;
+            if left <= 0.0 {
+                continue;
+            }
+            let reach_z = left.sqrt();
+            let (from_z, to_z) = nodes_within(lattice, 2, center.z - reach_z, center.z + reach_z);
+            let line = fit.along_z(x_map, y_map);
+            for z in from_z..to_z {
+                let off = lattice.origin_map.z + z as f64 * lattice.spacing_m - center.z;
+                let (weight, _) = fit.weight(off_squared + off * off);
+                weights[y * nz + z] += weight;
+                sums_m[y * nz + z] += weight * (line[0] + off * (line[1] + off * line[2]));
+            }
+        }
+    }
+
+    /// Nodes that a ball reaches; all others are left.
+    fn near_shell(&self, lattice: &Lattice, x: usize, Plane { weights, sums_m }: &Plane, values_m: &mut [f32]) {
+        let nz = lattice.dims[2];
+        for (place, ((value_m, weight), sum_m)) in values_m.iter_mut().zip(weights).zip(sums_m).enumerate() {
+            let blend = Blend::of(*weight, *sum_m);
+            if blend.is_full() {
+                *value_m = (sum_m / weight) as f32;
+            } else if *weight > 0.0 {
+                let point_map = lattice.position([x, place / nz, place % nz]);
+                if let Some(nearest) = self.near.nearest(point_map) {
+                    *value_m = blend.fade(self.far(nearest.sample, point_map)).value_m as f32;
+                }
+            }
+        }
+    }
+
+    /// Fills what is left in a slab of planes from `from_x` on.
+    fn far_from_shell(&self, lattice: &Lattice, from_x: usize, nearest: &[u32], values_m: &mut [f32]) {
+        let [_, ny, nz] = lattice.dims;
+        let n_planes = values_m.len() / (ny * nz);
+        let nearest = &nearest[from_x * ny * nz..][..values_m.len()];
+        for from_y in (0..ny).step_by(BLOCK) {
+            for from_z in (0..nz).step_by(BLOCK) {
+                let (to_y, to_z) = ((from_y + BLOCK).min(ny), (from_z + BLOCK).min(nz));
+                let nodes =
+                    || (0..n_planes).flat_map(move |x| (from_y..to_y).flat_map(move |y| (from_z..to_z).map(move |z| [x, y, z])));
+                let place = |[x, y, z]: [usize; 3]| (x * ny + y) * nz + z;
+                let left = nodes().filter(|node| values_m[place(*node)].is_nan()).count();
+                if left == 0 {
+                    continue;
+                }
+                let middle = [n_planes / 2, (from_y + to_y) / 2, (from_z + to_z) / 2];
+                let side = if left == nodes().count() {
+                    self.side_of_block(lattice, from_x, middle, nearest[place(middle)])
+                } else {
+                    None
+                };
+                for node @ [x, y, z] in nodes() {
+                    let place = place(node);
+                    if values_m[place].is_nan() {
+                        let (sample, point_map) = (nearest[place], lattice.position([from_x + x, y, z]));
+                        let distance_m = self.points.positions_map[sample as usize].distance(point_map);
+                        let is_inside = side.unwrap_or_else(|| self.is_inside(sample, point_map));
+                        values_m[place] = if is_inside { distance_m } else { -distance_m } as f32;
+                    }
+                }
+            }
+        }
+    }
+
+    /// The side of all nodes of a block, where that is certain from its middle.
+    fn side_of_block(&self, lattice: &Lattice, from_x: usize, [x, y, z]: [usize; 3], nearest: u32) -> Option<bool> {
+        let middle_map = lattice.position([from_x + x, y, z]);
+        let (position_map, _) = self.oriented(nearest);
+        let radius_m = BLOCK as f64 * 3.0_f64.sqrt() / 2.0 * lattice.spacing_m;
+        let is_far = middle_map.distance(position_map) > 2.0 * radius_m;
+        if is_far { self.side.of_ball(&self.near, middle_map) } else { None }
+    }
+}
+
+/// Nodes along an axis whose coordinate lies between two, m: the first, and one past the last.
+fn nodes_within(lattice: &Lattice, axis: usize, low_map: f64, high_map: f64) -> (usize, usize) {
+    let node = |at: f64| (at - lattice.origin_map[axis]) / lattice.spacing_m;
+    let from = node(low_map).ceil().max(0.0) as usize;
+    let to = (node(high_map).floor() + 1.0).max(0.0) as usize;
+    let to = to.min(lattice.dims[axis]);
+    (from.min(to), to)
+}

@@ -1,0 +1,167 @@
+//! Pose files: where a simulated hand wants to be over time, and where `eval` puts the tool.
+//!
+//! CSV with the header `t_s,x_m,y_m,z_m,qx,qy,qz,qw`: poses of the tool frame in the world.
+
+use std::path::{Path, PathBuf};
+
+use glam::{DQuat, DVec3};
+
+use vps::spatial::Pose;
+use vps::storage::regular;
+
+/// Bytes of a pose file at most: half an hour at 1 kHz.
+const LONGEST_FILE: u64 = 256 << 20;
+
+/// The header of a pose file.
+pub const HEADER: &str = "t_s,x_m,y_m,z_m,qx,qy,qz,qw";
+
+/// How far the length of a quaternion may be from 1: printed digits, not mistakes.
+const QUATERNION_LENGTH_TOLERANCE: f64 = 1e-2;
+
+/// Why a pose file was refused.
+#[derive(Debug, thiserror::Error)]
+pub enum PoseFileError {
+    /// The file cannot be read.
+    #[error("cannot read pose file {}: {source}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// A line is wrong.
+    #[error("{}:{line}: {problem}", path.display())]
+    Line {
+        /// The file.
+        path: PathBuf,
+        /// Counts from 1.
+        line: usize,
+        /// What is wrong with it.
+        problem: LineProblem,
+    },
+    /// There is a header and nothing else.
+    #[error("{}: no pose after the header", path.display())]
+    Empty {
+        /// The file.
+        path: PathBuf,
+    },
+}
+
+/// What is wrong with one line of a pose file.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum LineProblem {
+    /// The first line.
+    #[error("the header is `{found}`, expected `{HEADER}`")]
+    Header {
+        /// As found.
+        found: String,
+    },
+    /// Too few or too many fields.
+    #[error("{found} fields, expected 8 ({HEADER})")]
+    Fields {
+        /// How many.
+        found: usize,
+    },
+    /// A field that is not a finite number.
+    #[error("`{found}` is not a finite number (column {column})")]
+    Number {
+        /// As found.
+        found: String,
+        /// Name of the column.
+        column: &'static str,
+    },
+    /// Time does not increase.
+    #[error("t_s = {time_s} does not come after {previous_s} on the line before")]
+    Time {
+        /// On this line.
+        time_s: f64,
+        /// On the line before.
+        previous_s: f64,
+    },
+    /// The quaternion is not of unit length.
+    #[error("the quaternion has length {length}, expected 1")]
+    Quaternion {
+        /// Its length.
+        length: f64,
+    },
+}
+
+/// One line of a pose file.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TimedPose {
+    /// Time, s, as written; it grows from row to row.
+    pub time_s: f64,
+    /// Pose of the tool frame in the world, `world_from_tool`.
+    pub pose: Pose,
+    /// Line in the file, counted from 1.
+    pub line: usize,
+}
+
+/// Reads a pose file; at least one pose.
+///
+/// # Errors
+/// See [`PoseFileError`]; every one names the file, and the line where there is one.
+pub fn read(path: &Path) -> Result<Vec<TimedPose>, PoseFileError> {
+    let text = regular::text(path, LONGEST_FILE).map_err(|source| PoseFileError::Read { path: path.to_owned(), source })?;
+    parse(&text, path)
+}
+
+/// Reads the text of a pose file; `path` is for messages.
+///
+/// # Errors
+/// As [`read`].
+pub fn parse(text: &str, path: &Path) -> Result<Vec<TimedPose>, PoseFileError> {
+    let at = |line: usize, problem| PoseFileError::Line { path: path.to_owned(), line, problem };
+    let mut lines = text.trim_start_matches('\u{feff}').lines().map(str::trim).enumerate();
+    let header = lines.next().map_or("", |(_, line)| line);
+    if header.split(',').map(str::trim).ne(HEADER.split(',')) {
+        return Err(at(1, LineProblem::Header { found: header.to_owned() }));
+    }
+    let mut poses = Vec::new();
+    for (line_idx, line) in lines.filter(|(_, line)| !line.is_empty()) {
+        let line_number = line_idx + 1;
+        let (time_s, pose) = parse_line(line).map_err(|problem| at(line_number, problem))?;
+        poses.push(TimedPose { time_s, pose, line: line_number });
+    }
+    if poses.is_empty() {
+        return Err(PoseFileError::Empty { path: path.to_owned() });
+    }
+    Ok(poses)
+}
+
+/// Checks that time increases from pose to pose.
+///
+/// # Errors
+/// The first pose that does not come after the one before.
+pub fn check_order(poses: &[TimedPose], path: &Path) -> Result<(), PoseFileError> {
+    match poses.windows(2).find(|pair| pair[1].time_s <= pair[0].time_s) {
+        None => Ok(()),
+        Some(pair) => Err(PoseFileError::Line {
+            path: path.to_owned(),
+            line: pair[1].line,
+            problem: LineProblem::Time { time_s: pair[1].time_s, previous_s: pair[0].time_s },
+        }),
+    }
+}
+
+fn parse_line(line: &str) -> Result<(f64, Pose), LineProblem> {
+    let mut values = [0.0; 8];
+    let n_fields = line.split(',').count();
+    if n_fields != values.len() {
+        return Err(LineProblem::Fields { found: n_fields });
+    }
+    for ((value, field), column) in values.iter_mut().zip(line.split(',')).zip(HEADER.split(',')) {
+        let field = field.trim();
+        *value = match field.parse::<f64>() {
+            Ok(number) if number.is_finite() => number,
+            _ => return Err(LineProblem::Number { found: field.to_owned(), column }),
+        };
+    }
+    let [time_s, x, y, z, qx, qy, qz, qw] = values;
+    let rotation = DQuat::from_xyzw(qx, qy, qz, qw);
+    let length = rotation.length();
+    if (length - 1.0).abs() > QUATERNION_LENGTH_TOLERANCE {
+        return Err(LineProblem::Quaternion { length });
+    }
+    Ok((time_s, Pose::new(rotation.normalize(), DVec3::new(x, y, z))))
+}

@@ -1,0 +1,452 @@
+//! A TOML file that remembers where everything stands: syntax, version, and reading into a schema with every problem at once.
+
+use std::ops::Range;
+use std::path::Path;
+
+use serde::de::DeserializeOwned;
+use toml::Spanned;
+use toml::de::{DeTable, DeValue, Deserializer};
+
+use super::problem::{ConfigErrors, Problem, ProblemKind, nearest};
+use vps::storage::printable::is_control;
+
+/// The format version that scenes and profiles carry.
+const VERSION: i64 = 1;
+
+/// Problems that are told of one file: more do not help, and finding them takes as long as there are.
+pub(super) const PROBLEMS_MAX: usize = 100;
+
+/// Longest value that a message repeats, characters.
+const VALUE_CHARS_MAX: usize = 60;
+
+/// A parsed file; borrows its text.
+pub struct Document<'t> {
+    file: &'t Path,
+    text: &'t str,
+    root: Spanned<DeTable<'t>>,
+}
+
+/// One step into a document.
+#[derive(Clone, Debug, PartialEq, Eq)]
+enum Step {
+    Key(String),
+    Index(usize),
+}
+
+/// Where an entry stands.
+struct Place {
+    steps: Vec<Step>,
+    /// The key, or the element of an array.
+    span: Range<usize>,
+    /// The value; `None` for a table, whose text says too much.
+    value: Option<Range<usize>>,
+}
+
+impl<'t> Document<'t> {
+    /// Parses the text and checks its version, which is read before anything else: a file of another version is not judged by our keys.
+    pub fn parse(file: &'t Path, text: &'t str) -> Result<Self, ConfigErrors> {
+        let root = DeTable::parse(text).map_err(|error| {
+            let line = error.span().map(|span| line_of(text, span.start));
+            let message = error.message().to_owned();
+            ConfigErrors::new(vec![Problem { line, ..Problem::of_file(file, ProblemKind::Syntax { message }) }])
+        })?;
+        let document = Self { file, text, root };
+        let problem = match document.root.get_ref().get("version").map(Spanned::get_ref) {
+            Some(DeValue::Integer(number)) if number.as_str() == "1" => {
+                let problems = document.control_characters();
+                return if problems.is_empty() { Ok(document) } else { Err(ConfigErrors::new(problems)) };
+            }
+            Some(_) => document.problem("version", ProblemKind::VersionUnknown { supported: VERSION }),
+            None => document.problem("version", ProblemKind::VersionMissing { supported: VERSION }),
+        };
+        Err(ConfigErrors::new(vec![problem]))
+    }
+
+    /// Keys and strings that would say something to a terminal when they are shown. Bytes of packets are never shown as they are.
+    fn control_characters(&self) -> Vec<Problem> {
+        let mut problems = Vec::new();
+        let entries = self.root.get_ref().iter().filter(|(key, _)| key.get_ref() != "packet");
+        for (key, value) in entries {
+            let mut steps = vec![Step::Key(key.get_ref().to_string())];
+            self.control_characters_at(&mut steps, key.span(), key.get_ref().contains(is_control), value, &mut problems);
+        }
+        problems
+    }
+
+    fn control_characters_at(
+        &self,
+        steps: &mut Vec<Step>,
+        at: Range<usize>,
+        in_key: bool,
+        value: &Spanned<DeValue<'_>>,
+        problems: &mut Vec<Problem>,
+    ) {
+        if problems.len() >= PROBLEMS_MAX {
+            return;
+        }
+        let in_value = matches!(value.get_ref(), DeValue::String(text) if text.contains(is_control));
+        if in_key || in_value {
+            let accepted = "without control characters, such as an escape or a line break: names are shown to people".to_owned();
+            problems.push(Problem {
+                file: self.file.to_path_buf(),
+                line: Some(line_of(self.text, at.start)),
+                key: Some(path_of(steps)),
+                value: in_value.then(|| self.text_at(value.span())),
+                kind: ProblemKind::NotAccepted { accepted },
+            });
+        }
+        match value.get_ref() {
+            DeValue::Table(table) => {
+                for (key, value) in table.iter() {
+                    steps.push(Step::Key(key.get_ref().to_string()));
+                    self.control_characters_at(steps, key.span(), key.get_ref().contains(is_control), value, problems);
+                    steps.pop();
+                }
+            }
+            DeValue::Array(array) => {
+                for (index, element) in array.iter().enumerate() {
+                    steps.push(Step::Index(index));
+                    self.control_characters_at(steps, element.span(), false, element, problems);
+                    steps.pop();
+                }
+            }
+            _ => {}
+        }
+    }
+
+    /// Reads the whole document into `T`, whose types refuse unknown keys.
+    ///
+    /// # Errors
+    /// Every entry that cannot be read.
+    pub fn read<T: DeserializeOwned>(&self) -> Result<T, ConfigErrors> {
+        match self.read_around() {
+            (Some(value), problems) if problems.is_empty() => Ok(value),
+            (_, problems) => Err(ConfigErrors::new(problems)),
+        }
+    }
+
+    /// What the document says around the entries that cannot be read, and what is wrong with those.
+    ///
+    /// serde stops at the first problem. To report all of them, the offending entry is taken out of a copy and the rest read again.
+    pub fn read_around<T: DeserializeOwned>(&self) -> (Option<T>, Vec<Problem>) {
+        let mut rest = self.root.clone();
+        let mut problems = Vec::new();
+        loop {
+            let error = match T::deserialize(Deserializer::from(rest.clone())) {
+                Ok(value) => return (Some(value), problems),
+                Err(error) => error,
+            };
+            let place = error.span().and_then(|span| self.smallest_around(rest.get_ref(), span));
+            let Some(place) = place else {
+                let kind = kind_of(error.message(), "");
+                problems.push(Problem::of_file(self.file, kind));
+                return (None, problems);
+            };
+            let last_key = place.steps.iter().rev().find_map(|step| match step {
+                Step::Key(key) => Some(key.as_str()),
+                Step::Index(_) => None,
+            });
+            let value = place.value.clone().map(|range| self.text_at(range));
+            let word = value.as_deref().unwrap_or_default().trim_matches(['"', '\'']);
+            let is_unknown_key = error.message().starts_with("unknown field");
+            let kind = kind_of(error.message(), if is_unknown_key { last_key.unwrap_or_default() } else { word });
+            problems.push(Problem {
+                file: self.file.to_path_buf(),
+                line: Some(line_of(self.text, place.span.start)),
+                key: Some(path_of(&place.steps)),
+                value,
+                kind,
+            });
+            if problems.len() >= PROBLEMS_MAX || !remove(rest.get_mut(), &place.steps) {
+                return (None, problems);
+            }
+        }
+    }
+
+    /// A problem at a dotted key path; where nothing is written there, at the innermost table that is.
+    pub fn problem(&self, path: &str, kind: ProblemKind) -> Problem {
+        let (span, value) = self.locate(path);
+        Problem {
+            file: self.file.to_path_buf(),
+            line: span.map(|span| line_of(self.text, span.start)),
+            key: Some(path.to_owned()),
+            value: value.map(|range| self.text_at(range)),
+            kind,
+        }
+    }
+
+    /// The line of a dotted key path.
+    pub fn line(&self, path: &str) -> Option<usize> {
+        self.locate(path).0.map(|span| line_of(self.text, span.start))
+    }
+
+    /// It has this key at its top.
+    pub fn has(&self, key: &str) -> bool {
+        self.root.get_ref().contains_key(key)
+    }
+
+    /// What is written at a dotted key path, on one line, cut when long.
+    pub fn written(&self, path: &str) -> Option<String> {
+        self.locate(path).1.map(|range| self.text_at(range))
+    }
+
+    /// The string at a dotted key path, read without any schema.
+    pub fn string(&self, path: &str) -> Option<&str> {
+        let mut value: Option<&DeValue<'_>> = None;
+        for step in steps_of(path) {
+            let Step::Key(key) = step else { return None };
+            let table = match value {
+                None => self.root.get_ref(),
+                Some(DeValue::Table(table)) => table,
+                Some(_) => return None,
+            };
+            value = Some(table.get(key.as_str())?.get_ref());
+        }
+        match value {
+            Some(DeValue::String(text)) => Some(text.as_ref()),
+            _ => None,
+        }
+    }
+
+    /// Spans of the innermost entry on the path that exists, and of its value when the whole path does.
+    fn locate(&self, path: &str) -> (Option<Range<usize>>, Option<Range<usize>>) {
+        let steps = steps_of(path);
+        let mut span = None;
+        let mut value: Option<&Spanned<DeValue<'_>>> = None;
+        for step in &steps {
+            let next = match (step, value.map(Spanned::get_ref)) {
+                (Step::Key(key), None) => entry(self.root.get_ref(), key),
+                (Step::Key(key), Some(DeValue::Table(table))) => entry(table, key),
+                (Step::Index(index), Some(DeValue::Array(array))) => array.get(*index).map(|element| (element.span(), element)),
+                _ => None,
+            };
+            let Some((next_span, next_value)) = next else { return (span, None) };
+            span = Some(next_span);
+            value = Some(next_value);
+        }
+        (span, value.filter(|value| is_inline(self.text, value)).map(Spanned::span))
+    }
+
+    fn smallest_around(&self, root: &DeTable<'_>, span: Range<usize>) -> Option<Place> {
+        let mut search = Search { text: self.text, span, steps: Vec::new(), best: None };
+        search.table(root);
+        search.best.map(|(_, place)| place)
+    }
+
+    /// Source text on one line, cut when long.
+    fn text_at(&self, range: Range<usize>) -> String {
+        let text = self.text.get(range).unwrap_or_default().split_whitespace().collect::<Vec<_>>().join(" ");
+        if text.chars().count() <= VALUE_CHARS_MAX {
+            return text;
+        }
+        text.chars().take(VALUE_CHARS_MAX).chain(['…']).collect()
+    }
+}
+
+fn entry<'a, 't>(table: &'a DeTable<'t>, key: &str) -> Option<(Range<usize>, &'a Spanned<DeValue<'t>>)> {
+    table.get_key_value(key).map(|(key, value)| (key.span(), value))
+}
+
+/// True for a value that is written in place. A table under a `[header]` is not: its text would say too much or too little.
+fn is_inline(text: &str, value: &Spanned<DeValue<'_>>) -> bool {
+    match value.get_ref() {
+        DeValue::Table(_) => text.get(value.span()).is_some_and(|written| written.starts_with('{')),
+        DeValue::Array(array) => array.iter().all(|element| is_inline(text, element)),
+        _ => true,
+    }
+}
+
+/// Looks for the entry with the smallest span around `span`; the innermost of equals.
+struct Search<'s> {
+    text: &'s str,
+    span: Range<usize>,
+    steps: Vec<Step>,
+    best: Option<(usize, Place)>,
+}
+
+impl Search<'_> {
+    fn table(&mut self, table: &DeTable<'_>) {
+        for (key, value) in table.iter() {
+            self.steps.push(Step::Key(key.get_ref().to_string()));
+            self.consider(key.span(), key.span(), value);
+            self.value(key.span(), value);
+            self.steps.pop();
+        }
+    }
+
+    fn value(&mut self, at: Range<usize>, value: &Spanned<DeValue<'_>>) {
+        self.consider(value.span(), at, value);
+        match value.get_ref() {
+            DeValue::Table(table) => self.table(table),
+            DeValue::Array(array) => {
+                for (index, element) in array.iter().enumerate() {
+                    self.steps.push(Step::Index(index));
+                    self.value(element.span(), element);
+                    self.steps.pop();
+                }
+            }
+            _ => {}
+        }
+    }
+
+    fn consider(&mut self, outer: Range<usize>, at: Range<usize>, value: &Spanned<DeValue<'_>>) {
+        let encloses = outer.start <= self.span.start && self.span.end <= outer.end;
+        if encloses && self.best.as_ref().is_none_or(|(shortest, _)| outer.len() <= *shortest) {
+            let value = is_inline(self.text, value).then(|| value.span());
+            self.best = Some((outer.len(), Place { steps: self.steps.clone(), span: at, value }));
+        }
+    }
+}
+
+/// Takes the entry out; for an element of an array of numbers, the whole array. False when nothing was there.
+fn remove(root: &mut DeTable<'_>, steps: &[Step]) -> bool {
+    let Some(last_key_idx) = steps.iter().rposition(|step| matches!(step, Step::Key(_))) else { return false };
+    let (parents, last) = steps.split_at(last_key_idx);
+    let mut table = root;
+    let mut steps = parents.iter();
+    while let Some(Step::Key(key)) = steps.next() {
+        let Some(mut value) = table.get_mut(key.as_str()).map(Spanned::get_mut) else { return false };
+        let mut indices = steps.clone();
+        while let Some(Step::Index(index)) = indices.next() {
+            let DeValue::Array(array) = value else { return false };
+            let Some(element) = array.get_mut(*index) else { return false };
+            value = element.get_mut();
+            steps.next();
+        }
+        let DeValue::Table(inner) = value else { return false };
+        table = inner;
+    }
+    match last.first() {
+        Some(Step::Key(key)) => table.remove(key.as_str()).is_some(),
+        _ => false,
+    }
+}
+
+/// Turns serde's sentence into one of our kinds. `word` is the key or value that it complains about.
+fn kind_of(message: &str, word: &str) -> ProblemKind {
+    if let Some((_, expected)) = message.strip_prefix("unknown field ").and_then(|rest| rest.split_once(", expected ")) {
+        let known = in_backticks(expected);
+        return ProblemKind::UnknownKey { nearest: nearest(word, known.iter().map(String::as_str)), known };
+    }
+    if let Some((_, expected)) = message.strip_prefix("unknown variant ").and_then(|rest| rest.split_once(", expected ")) {
+        let known = in_backticks(expected);
+        return ProblemKind::UnknownWord { nearest: nearest(word, known.iter().map(String::as_str)), known };
+    }
+    if let Some((_, expected)) = message.strip_prefix("invalid ").and_then(|rest| rest.rsplit_once(", expected ")) {
+        return ProblemKind::WrongType { expected: in_our_words(expected).to_owned() };
+    }
+    ProblemKind::Syntax { message: message.to_owned() }
+}
+
+fn in_backticks(text: &str) -> Vec<String> {
+    text.split('`').skip(1).step_by(2).map(str::to_owned).collect()
+}
+
+/// serde names Rust types; the reader of a scene knows none of them.
+fn in_our_words(expected: &str) -> &str {
+    match expected {
+        "f64" => "a number",
+        "u32" | "u64" => "a whole number, 0 or more",
+        "a boolean" => "true or false",
+        "a string" => "a string in quotes",
+        "a sequence" => "an array",
+        other => other,
+    }
+}
+
+/// Splits `static[0].voxel_size_mm`; our own key paths only, so nothing is quoted.
+fn steps_of(path: &str) -> Vec<Step> {
+    let mut steps = Vec::new();
+    for part in path.split('.') {
+        let mut pieces = part.split('[');
+        steps.extend(pieces.next().map(|key| Step::Key(key.to_owned())));
+        steps.extend(pieces.filter_map(|index| index.trim_end_matches(']').parse().ok().map(Step::Index)));
+    }
+    steps
+}
+
+fn path_of(steps: &[Step]) -> String {
+    let mut path = String::new();
+    for step in steps {
+        match step {
+            Step::Key(key) => {
+                if !path.is_empty() {
+                    path.push('.');
+                }
+                path.push_str(key);
+            }
+            Step::Index(index) => path.push_str(&format!("[{index}]")),
+        }
+    }
+    path
+}
+
+/// Line of a byte offset, from 1.
+fn line_of(text: &str, offset: usize) -> usize {
+    1 + text.bytes().take(offset).filter(|byte| *byte == b'\n').count()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TEXT: &str = "version = 1\n\n[[static]]\nname = \"a\"\nposition_mm = [\n  1,\n  2,\n]\n[[static]]\nname = \"b\"\n[tool]\nshape = { sphere_mm = 3 }\n";
+
+    #[test]
+    fn a_key_path_knows_its_line_and_value() {
+        let document = Document::parse(Path::new("x.toml"), TEXT).unwrap();
+        let kind = || ProblemKind::IsMesh;
+        let at = |path: &str| {
+            let problem = document.problem(path, kind());
+            (problem.line, problem.value)
+        };
+        assert_eq!(at("static[1].name"), (Some(10), Some("\"b\"".into())));
+        assert_eq!(at("static[0].position_mm"), (Some(5), Some("[ 1, 2, ]".into())));
+        assert_eq!(at("static[0].position_mm[1]"), (Some(7), Some("2".into())));
+        assert_eq!(at("static[1].mesh"), (Some(9), None));
+        assert_eq!(at("static[1]"), (Some(9), None));
+        assert_eq!(at("static").1, None);
+        assert_eq!(at("tool"), (Some(11), None));
+        assert_eq!(at("tool.shape"), (Some(12), Some("{ sphere_mm = 3 }".into())));
+        assert_eq!(at("rendering.rate_hz"), (None, None));
+    }
+
+    #[test]
+    fn names_that_speak_to_a_terminal_are_refused_and_shown_escaped() {
+        let text = concat!(
+            "version = 1\nname = \"gear\\u001b[2J\"\n\"a\\u0007\" = 2\n[[static]]\nmesh = \"\"\"\na\nstate: disabled\"\"\"\n",
+            "[packet.report]\nclose = \"\\r\\n\"\n[device]\nprofile = \"plain\"\n"
+        );
+        let errors = Document::parse(Path::new("x\u{1b}.toml"), text).err().unwrap().to_string();
+        let accepted = "must be without control characters, such as an escape or a line break: names are shown to people";
+        let expected = format!(
+            "error: x\\u{{1b}}.toml:2: name = \"gear\\u001b[2J\": {accepted}\nerror: x\\u{{1b}}.toml:3: a\\u{{7}}: {accepted}\n\
+             error: x\\u{{1b}}.toml:5: static[0].mesh = \"\"\" a state: disabled\"\"\": {accepted}"
+        );
+        assert_eq!(errors, expected);
+    }
+
+    #[test]
+    fn problems_come_to_an_end() {
+        #[derive(serde::Deserialize)]
+        #[serde(deny_unknown_fields)]
+        struct Nothing {
+            #[serde(rename = "version")]
+            _version: i64,
+        }
+        let text = (0..1000).fold("version = 1\n".to_owned(), |text, n| format!("{text}key_{n} = 1\n"));
+        let document = Document::parse(Path::new("x.toml"), &text).unwrap();
+        let (read, problems) = document.read_around::<Nothing>();
+        assert!(read.is_none() && problems.len() == PROBLEMS_MAX, "{}", problems.len());
+    }
+
+    #[test]
+    fn entries_are_taken_out_one_by_one() {
+        let mut root = DeTable::parse(TEXT).unwrap();
+        assert!(remove(root.get_mut(), &steps_of("static[0].position_mm[1]")));
+        assert!(!remove(root.get_mut(), &steps_of("static[0].position_mm")));
+        assert!(remove(root.get_mut(), &steps_of("tool.shape.sphere_mm")));
+        assert!(remove(root.get_mut(), &steps_of("static")));
+        assert!(!remove(root.get_mut(), &steps_of("static[0].name")));
+    }
+}

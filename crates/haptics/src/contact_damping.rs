@@ -1,0 +1,218 @@
+//! Contact damping: a damper behind each face of the tool that touches, along its normal.
+//!
+//! Data in: the faces that touch, the velocity that a tick would give without dampers. Data out: the velocity with them.
+//!
+//! One damper per face, so it does not grow with the area, unlike the damping ratio, which goes with the stiffness. It resists both ways, but
+//! never so much that a face would pull: its coefficient is cut to what the face still presses with at the velocity without dampers, which
+//! a damper of its own can only lower; what several do to each other is looked at, and all are halved until none pulls.
+//!
+//! The dampers form Σ c w wᵀ, w = (n, r × n): symmetric and positive semi-definite, so they take energy only, and the implicit step stays
+//! solvable.
+//!
+//! # Source
+//! Ours. That a contact must not pull: Hunt, Crossley, "Coefficient of restitution interpreted as damping in vibroimpact", 1975.
+
+use glam::DVec3;
+
+use vps::contact::{FACES, Patch};
+use vps::spatial::{Mat6, Twist};
+
+/// How often all dampers are halved before a tick does without.
+const HALVINGS: usize = 4;
+
+/// Damper of one face.
+#[derive(Clone, Copy, Debug)]
+struct Damper {
+    normal: DVec3,
+    /// r × n, m.
+    moment: DVec3,
+    /// What it presses with now, N.
+    force_n: f64,
+    /// How much less of that when it recedes, and of what else damps it, N·s/m.
+    loss_n_s_per_m: f64,
+    coefficient_n_s_per_m: f64,
+}
+
+impl Damper {
+    fn speed(&self, twist: Twist) -> f64 {
+        self.normal.dot(twist.linear) + self.moment.dot(twist.angular)
+    }
+
+    /// What the face presses with at a velocity, apart from the damper, N.
+    fn presses_n(&self, speed: f64) -> f64 {
+        (self.force_n - self.loss_n_s_per_m * speed).max(0.0)
+    }
+
+    fn pulls(&self, share: f64, twist: Twist) -> bool {
+        let speed = self.speed(twist);
+        speed > 0.0 && share * self.coefficient_n_s_per_m * speed > self.presses_n(speed) * (1.0 + 1e-9)
+    }
+}
+
+/// The velocity with a damper of `damping_n_s_per_m` behind each of `patches`, or `undamped`, which is the one without, where they would pull
+/// all the same. `spring_s`: over how long a velocity changes the force of a face within the tick, times its stiffness. `solve`: the velocity for
+/// a sum of dampers. `None` only where `solve` gives none. RT: safe; two solves, at most [`HALVINGS`] more.
+pub(super) fn damped(
+    patches: impl Iterator<Item = Patch>,
+    damping_n_s_per_m: f64,
+    spring_s: f64,
+    undamped: Twist,
+    mut solve: impl FnMut(&Mat6) -> Option<Twist>,
+) -> Option<Twist> {
+    let mut dampers = [None; FACES];
+    for (patch, slot) in patches.zip(&mut dampers) {
+        let (normal, moment) = (patch.normal_world, patch.arm_world.cross(patch.normal_world));
+        let loss_n_s_per_m = spring_s * patch.stiffness_n_per_m;
+        let damper = Damper { normal, moment, force_n: patch.force_n, loss_n_s_per_m, coefficient_n_s_per_m: damping_n_s_per_m };
+        let speed = damper.speed(undamped);
+        let most = if speed > 0.0 { damper.presses_n(speed) / speed } else { f64::INFINITY };
+        *slot = Some(Damper { coefficient_n_s_per_m: damping_n_s_per_m.min(most), ..damper });
+    }
+    let mut share = 1.0;
+    for _ in 0..=HALVINGS {
+        let mut damping = Mat6::ZERO;
+        for damper in dampers.iter().flatten() {
+            damping.add_outer(share * damper.coefficient_n_s_per_m, damper.normal, damper.moment);
+        }
+        let twist = solve(&damping)?;
+        if !dampers.iter().flatten().any(|damper| damper.pulls(share, twist)) {
+            return Some(twist);
+        }
+        share *= 0.5;
+    }
+    Some(undamped)
+}
+
+#[cfg(test)]
+#[expect(clippy::disallowed_types, clippy::expect_used, reason = "test code")]
+mod tests {
+    use glam::DMat3;
+
+    use super::*;
+    use vps::spatial::Wrench;
+    use vps::spatial::testing::Random;
+
+    const PERIOD_S: f64 = 1e-3;
+    const MASS_KG: f64 = 0.1;
+    const INERTIA_KG_M2: f64 = 1e-5;
+
+    trait Draw {
+        fn vector(&mut self, length: f64) -> DVec3;
+        fn patch(&mut self, face: u8) -> Patch;
+    }
+
+    impl Draw for Random {
+        fn vector(&mut self, length: f64) -> DVec3 {
+            DVec3::new(self.signed(), self.signed(), self.signed()) * length
+        }
+
+        fn patch(&mut self, face: u8) -> Patch {
+            Patch {
+                face,
+                force_n: 5.0 * self.signed().abs(),
+                normal_world: self.vector(1.0).normalize(),
+                arm_world: self.vector(0.03),
+                radius_m: 0.01,
+                stiffness_n_per_m: 1e4 * self.signed().abs(),
+            }
+        }
+    }
+
+    fn mass() -> Mat6 {
+        Mat6::from_blocks(DMat3::IDENTITY * MASS_KG, DMat3::ZERO, DMat3::ZERO, DMat3::IDENTITY * INERTIA_KG_M2)
+    }
+
+    /// The faces push as they are: v' = (M + h D)⁻¹ (M v + h F).
+    fn step(patches: &[Patch], twist: Twist, damping: &Mat6) -> Option<Twist> {
+        let (force, torque) = mass().mul(twist.linear, twist.angular);
+        let mut impulse = Wrench::new(force, torque);
+        for patch in patches {
+            let force = patch.normal_world * (patch.force_n * PERIOD_S);
+            impulse = impulse + Wrench::new(force, patch.arm_world.cross(force));
+        }
+        let (linear, angular) = mass().plus_scaled(PERIOD_S, damping).solve_spd(impulse)?;
+        Some(Twist { linear, angular })
+    }
+
+    fn energy_j(twist: Twist) -> f64 {
+        0.5 * (MASS_KG * twist.linear.length_squared() + INERTIA_KG_M2 * twist.angular.length_squared())
+    }
+
+    #[test]
+    fn dampers_are_symmetric_positive_semi_definite_and_no_face_ever_pulls() {
+        let mut random = Random(11);
+        let (mut n_cut, mut n_full, mut n_without) = (0, 0, 0);
+        for _ in 0..4000 {
+            let n_patches = 1 + (random.signed().abs() * 4.0) as u8;
+            let patches: Vec<Patch> = (0..n_patches).map(|face| random.patch(face)).collect();
+            let before = Twist { linear: random.vector(0.2), angular: random.vector(5.0) };
+            let undamped = step(&patches, before, &Mat6::ZERO).expect("positive definite");
+            let mut used = Mat6::ZERO;
+            let after = damped(patches.iter().copied(), 50.0, 0.0, undamped, |damping| {
+                used = *damping;
+                step(&patches, before, damping)
+            })
+            .expect("positive definite");
+            for (i, row) in used.0.iter().enumerate() {
+                for (j, entry) in row.iter().enumerate() {
+                    let mirrored = used.0.get(j).and_then(|row| row.get(i)).expect("six by six");
+                    assert!((entry - mirrored).abs() <= 1e-12 * used.traces().0);
+                }
+            }
+            for _ in 0..10 {
+                let (linear, angular) = (random.vector(1.0), random.vector(30.0));
+                let (force, torque) = used.mul(linear, angular);
+                assert!(force.dot(linear) + torque.dot(angular) >= -1e-12);
+            }
+            if after == undamped {
+                n_without += 1;
+                continue;
+            }
+            // What acted, face by face: coefficients from the matrix are those that were cut, halved together or not.
+            let share = (0..=HALVINGS).map(|n| 0.5_f64.powi(n as i32)).find(|share| {
+                let mut sum = Mat6::ZERO;
+                for patch in &patches {
+                    sum.add_outer(share * cut(patch, undamped), patch.normal_world, patch.arm_world.cross(patch.normal_world));
+                }
+                (sum.traces().0 - used.traces().0).abs() <= 1e-9 * used.traces().0
+            });
+            let share = share.expect("one of the halvings");
+            for patch in &patches {
+                let speed = patch.normal_world.dot(after.linear + after.angular.cross(patch.arm_world));
+                let total_n = patch.force_n - share * cut(patch, undamped) * speed;
+                assert!(total_n >= -1e-6 * patch.force_n, "{total_n} N of {patch:?}");
+            }
+            if share < 1.0 {
+                n_cut += 1
+            } else {
+                n_full += 1
+            }
+            // Passive: dampers alone, from the velocity that they act at, never add to the energy.
+            let alone = step(&[], before, &used).expect("positive definite");
+            assert!(energy_j(alone) <= energy_j(before) * (1.0 + 1e-12));
+        }
+        assert!(n_full > 3000 && n_cut > 0 && n_without < 40, "{n_full} as they are, {n_cut} cut, {n_without} without");
+    }
+
+    fn cut(patch: &Patch, undamped: Twist) -> f64 {
+        let speed = patch.normal_world.dot(undamped.linear + undamped.angular.cross(patch.arm_world));
+        if speed > 0.0 { (patch.force_n / speed).min(50.0) } else { 50.0 }
+    }
+
+    #[test]
+    fn a_face_that_leaves_is_let_go_and_one_that_comes_is_held_up() {
+        let floor =
+            Patch { face: 0, force_n: 0.5, normal_world: DVec3::Z, arm_world: DVec3::ZERO, radius_m: 0.0, stiffness_n_per_m: 1e4 };
+        let with = |speed: f64| {
+            let before = Twist { linear: DVec3::Z * speed, angular: DVec3::ZERO };
+            let undamped = step(&[floor], before, &Mat6::ZERO).expect("positive definite");
+            let after = damped([floor].into_iter(), 100.0, 0.0, undamped, |damping| step(&[floor], before, damping));
+            (undamped.linear.z, after.expect("positive definite").linear.z)
+        };
+        let (undamped, after) = with(-0.1);
+        assert!((after - undamped / 2.0).abs() < 1e-9, "100 N·s/m on 0.1 kg for 1 ms halve it: {after}");
+        // Leaving at 0.1 m/s, it would pull with 10 N; the face presses with 0.5 N, so that is all that it loses.
+        let (undamped, after) = with(0.1);
+        assert!(after > 0.0999 && after < undamped, "{after}");
+    }
+}

@@ -1,0 +1,215 @@
+//! Virtual coupling: how the tool follows the arm, and what the arm feels of it.
+//!
+//! The tool is a rigid body at its centre of mass, pulled by a spring and damper towards the pose that the arm asks for and pushed
+//! by contact. The arm feels the **spring** (and a damper only where the scene asks for one): in contact the tool stands on the
+//! wall and the spring is what the hand presses against, so the arm's stability bound applies to the spring's stiffness.
+//!
+//! # Source
+//! McNeely1999 (spring-damper coupling, critical damping); OtaduyLin2006 (implicit step over linearised contact and coupling);
+//! saturation and the reading of the damper are ours.
+
+use glam::{DMat3, DVec3};
+
+use super::params::{CouplingParameters, LimitParameters, SpringClamp};
+use vps::spatial::{Mat6, Pose, Twist, Wrench};
+
+/// Mass properties of the tool.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Inertia {
+    /// Mass m, kg.
+    pub mass_kg: f64,
+    /// I about the centre of mass, tool axes, kg·m².
+    pub body_kg_m2: DMat3,
+    /// Smallest principal moment of inertia, kg·m².
+    pub least_kg_m2: f64,
+}
+
+impl Inertia {
+    /// The same body made heavy enough that a semi-implicit step of the coupling keeps most of its stability for contact.
+    ///
+    /// With k h²/m = ¼ · 0.6863 the critically damped coupling takes a quarter of what the step can take alone
+    /// ([`stability`](super::stability)), and about six times its stiffness is left for contact. Like McNeely1999, who let the
+    /// user feel some grams.
+    #[must_use]
+    pub fn at_least_for_semi_implicit(self, coupling: &CouplingParameters, period_s: f64) -> Self {
+        const SHARE: f64 = 0.25 * 0.6863;
+        let least = |stiffness: f64| stiffness * period_s * period_s / SHARE;
+        let missing_kg_m2 = (least(coupling.stiffness_nm_per_rad) - self.least_kg_m2).max(0.0);
+        Self {
+            mass_kg: self.mass_kg.max(least(coupling.stiffness_n_per_m)),
+            body_kg_m2: self.body_kg_m2 + DMat3::IDENTITY * missing_kg_m2,
+            least_kg_m2: self.least_kg_m2 + missing_kg_m2,
+        }
+    }
+}
+
+/// The virtual tool: pose of its axes at the centre of mass, and velocity of that point, world.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Body {
+    pub(super) pose: Pose,
+    pub(super) twist: Twist,
+}
+
+/// Spring wrench on the tool at its centre of mass, world axes, with its secant stiffness.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Spring {
+    pub(super) wrench: Wrench,
+    pub(super) stiffness_n_per_m: f64,
+    pub(super) stiffness_nm_per_rad: f64,
+}
+
+impl Spring {
+    /// The bounded spring from `body` to `target`. `voxel_size_m` and `radius_m` serve the half-voxel clamp only.
+    pub(super) fn between(
+        body: Pose,
+        target: Pose,
+        coupling: &CouplingParameters,
+        limits: &LimitParameters,
+        voxel_size_m: f64,
+        radius_m: f64,
+    ) -> Self {
+        let (mut force_max_n, mut torque_max_nm) = (limits.force_n, limits.torque_nm);
+        if coupling.clamp == SpringClamp::HalfVoxel {
+            force_max_n = force_max_n.min(coupling.stiffness_n_per_m * 0.5 * voxel_size_m);
+            torque_max_nm = torque_max_nm.min(coupling.stiffness_nm_per_rad * 0.5 * voxel_size_m / radius_m);
+        }
+        let (force, stiffness_n_per_m) = saturated(coupling.stiffness_n_per_m, target.translation - body.translation, force_max_n);
+        let (torque, stiffness_nm_per_rad) = saturated(coupling.stiffness_nm_per_rad, body.rotation_to(target), torque_max_nm);
+        Self { wrench: Wrench::new(force, torque), stiffness_n_per_m, stiffness_nm_per_rad }
+    }
+}
+
+/// F_max · tanh(k |x| / F_max) along x, with its secant stiffness |F|/|x|.
+///
+/// A limit of zero (an arm without torque) must not cut the spring inside the virtual tool: it then stays linear.
+pub(super) fn saturated(stiffness: f64, stretch: DVec3, limit: f64) -> (DVec3, f64) {
+    let length = stretch.length();
+    let linear = stiffness * length;
+    if !(limit > 0.0 && limit.is_finite()) || linear < 1e-9 * limit {
+        return (stretch * stiffness, stiffness);
+    }
+    let secant = limit * (linear / limit).tanh() / length;
+    (stretch * secant, secant)
+}
+
+/// Contact as the coupling sees it: wrench on the tool about its centre of mass, world axes, and how it answers to motion.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct LinearContact {
+    /// Filtered wrench y_k.
+    pub(super) wrench: Wrench,
+    /// (1 − α) · stiffness: the share that acts within the tick.
+    pub(super) stiffness: Mat6,
+    /// Contact damping per contact stiffness β, s.
+    pub(super) damping_s: f64,
+    /// Dampers beyond that: of the faces that touch, and of the brake; symmetric, positive semi-definite, N·s/m, N·s, N·m·s/rad.
+    pub(super) damping: Option<Mat6>,
+}
+
+/// What pulls and how the step is taken.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Pull {
+    pub(super) spring: Spring,
+    /// Velocity of the target at the centre of mass, world.
+    pub(super) target_twist: Twist,
+    /// Weight, N.
+    pub(super) weight: DVec3,
+    /// Internal damping between tool and arm, N·s/m and N·m·s/rad.
+    pub(super) damping: (f64, f64),
+    pub(super) period_s: f64,
+}
+
+impl Pull {
+    /// Critical damping of the coupling spring on the tool's inertia: b = 2 √(m k).
+    pub(super) fn critical_damping(coupling: &CouplingParameters, inertia: &Inertia) -> (f64, f64) {
+        (
+            2.0 * (inertia.mass_kg * coupling.stiffness_n_per_m).sqrt(),
+            2.0 * (inertia.least_kg_m2 * coupling.stiffness_nm_per_rad).sqrt(),
+        )
+    }
+
+    /// Everything but contact that acts at velocity `twist`.
+    fn wrench(&self, twist: Twist) -> Wrench {
+        let damper = Wrench::new(
+            (self.target_twist.linear - twist.linear) * self.damping.0,
+            (self.target_twist.angular - twist.angular) * self.damping.1,
+        );
+        self.spring.wrench + damper + Wrench::new(self.weight, DVec3::ZERO)
+    }
+}
+
+impl Body {
+    /// Implicit Euler over linearised contact and coupling:
+    /// `(M + h D + h² K) dv = h (W + y − (D_c + h K) v)`, then `v ← v + dv`, `x ← x + h v`.
+    ///
+    /// K sums the spring's secant stiffness and the contact stiffness, D the internal damper and the contact damping; all are
+    /// symmetric and positive semi-definite, so the system is positive definite for every stiffness. `None` only on non-finite
+    /// input. RT: safe; one 6×6 LDLᵀ. Gyroscopic torque is left out: at hand speeds it is below what encoders resolve.
+    pub(super) fn step_implicit(&self, pull: &Pull, contact: &LinearContact, inertia: &Inertia) -> Option<Twist> {
+        let h = pull.period_s;
+        let axes = self.pose.rotation_matrix();
+        let identity = DMat3::IDENTITY;
+        let mass =
+            Mat6::from_blocks(identity * inertia.mass_kg, DMat3::ZERO, DMat3::ZERO, axes * inertia.body_kg_m2 * axes.transpose());
+        let on_diagonal =
+            |linear: f64, angular: f64| Mat6::from_blocks(identity * linear, DMat3::ZERO, DMat3::ZERO, identity * angular);
+        let springs = on_diagonal(pull.spring.stiffness_n_per_m, pull.spring.stiffness_nm_per_rad);
+        let dampers = on_diagonal(pull.damping.0, pull.damping.1);
+        let mut system =
+            mass.plus_scaled(h, &dampers).plus_scaled(h * h, &springs).plus_scaled(h * (h + contact.damping_s), &contact.stiffness);
+        // What one more tick at the present velocity adds to spring and contact, and what contact damping takes now.
+        let mut resisting = Mat6::ZERO.plus_scaled(h, &springs).plus_scaled(h + contact.damping_s, &contact.stiffness);
+        if let Some(damping) = &contact.damping {
+            system = system.plus_scaled(h, damping);
+            resisting = resisting.plus_scaled(1.0, damping);
+        }
+        let (force, torque) = resisting.mul(self.twist.linear, self.twist.angular);
+        let wrench = (pull.wrench(self.twist) + contact.wrench - Wrench::new(force, torque)) * h;
+        let (linear, angular) = system.solve_spd(wrench)?;
+        Some(Twist { linear: self.twist.linear + linear, angular: self.twist.angular + angular })
+    }
+
+    /// Semi-implicit Euler: `v ← v + h M⁻¹ W`, then `x ← x + h v`. The caller limits the contact stiffness to what this step can
+    /// take. Dampers of contact act at the end of the step, `(M + h D) v ← M v + h W`: they are stable however large. `None` on a singular
+    /// inertia or non-finite input. RT: safe.
+    pub(super) fn step_semi_implicit(&self, pull: &Pull, contact: &LinearContact, inertia: &Inertia) -> Option<Twist> {
+        let wrench = pull.wrench(self.twist) + contact.wrench;
+        let axes = self.pose.rotation_matrix();
+        let inertia_world = axes * inertia.body_kg_m2 * axes.transpose();
+        if let Some(damping) = &contact.damping {
+            let mass = Mat6::from_blocks(DMat3::IDENTITY * inertia.mass_kg, DMat3::ZERO, DMat3::ZERO, inertia_world);
+            let (force, torque) = damping.mul(self.twist.linear, self.twist.angular);
+            let impulse = (wrench - Wrench::new(force, torque)) * pull.period_s;
+            let (linear, angular) = mass.plus_scaled(pull.period_s, damping).solve_spd(impulse)?;
+            return Some(Twist { linear: self.twist.linear + linear, angular: self.twist.angular + angular });
+        }
+        let twist = Twist {
+            linear: self.twist.linear + wrench.force * (pull.period_s / inertia.mass_kg),
+            angular: self.twist.angular + inertia_world.inverse() * wrench.torque * pull.period_s,
+        };
+        twist.is_finite().then_some(twist)
+    }
+
+    /// Moves by one tick at `twist`, but no point by more than `step_limit_m`: velocity and step are scaled down together, so
+    /// what is cut is not stored.
+    pub(super) fn moved(&self, twist: Twist, period_s: f64, radius_m: f64, step_limit_m: f64) -> Self {
+        let step_m = (twist.linear.length() + twist.angular.length() * radius_m) * period_s;
+        let scale = if step_m > step_limit_m { step_limit_m / step_m } else { 1.0 };
+        let twist = Twist { linear: twist.linear * scale, angular: twist.angular * scale };
+        Self { pose: self.pose.stepped(twist.linear * period_s, twist.angular * period_s), twist }
+    }
+
+    /// Stands at `target`, or on the way there where that is further than `step_limit_m` for some point.
+    pub(super) fn followed(&self, (target, twist): (Pose, Twist), radius_m: f64, step_limit_m: f64) -> Self {
+        let (way, turn) = (target.translation - self.pose.translation, self.pose.rotation_to(target));
+        let step_m = way.length() + turn.length() * radius_m;
+        if step_m <= step_limit_m {
+            return Self { pose: target, twist };
+        }
+        let share = step_limit_m / step_m;
+        // A target that is not a number must come through, to be refused.
+        if !share.is_finite() {
+            return Self { pose: target, twist };
+        }
+        Self { pose: self.pose.stepped(way * share, turn * share), twist }
+    }
+}

@@ -1,0 +1,196 @@
+//! Coulomb friction with stick and slip, one elastic element per face of the tool.
+//!
+//! While a face touches, the motion of the tool's material at the middle of its contact stretches an elastic element: along the wall,
+//! and about its normal. The element holds until the friction cone is reached (`static`), then gives way at the `dynamic`
+//! coefficient and is dragged along. A stretch that is not passed on is not forgotten either, so what stands on a slope does not creep.
+//!
+//! # Units and frames
+//! World axes, SI, wrenches about the centre of mass.
+//!
+//! # Source
+//! The tangential element that is stretched by increments and cut at the cone is that of discrete element methods (Cundall, Strack,
+//! "A discrete numerical model for granular assemblies", 1979); turning about the normal, the radius of a face and the common cone of
+//! both are ours.
+
+use glam::{DMat3, DVec3};
+
+use super::params::FrictionParameters;
+use vps::contact::{Carried, FACES, Patch};
+use vps::spatial::{Mat6, Pose, Wrench};
+
+/// What friction does in a tick.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct FrictionWrench {
+    /// On the tool, about its centre of mass.
+    pub(super) wrench: Wrench,
+    /// −dW/dx of the faces that stick, symmetric, positive semi-definite.
+    pub(super) stiffness: Mat6,
+}
+
+impl FrictionWrench {
+    /// Nothing rubs.
+    pub(super) const ZERO: Self = Self { wrench: Wrench::ZERO, stiffness: Mat6::ZERO };
+}
+
+/// The element of one face.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Element {
+    touches: bool,
+    slips: bool,
+    /// How far the material has gone along the wall, m.
+    stretch: DVec3,
+    /// How far it has turned about the normal, rad.
+    twist: f64,
+    /// What it touches moved by in this tick.
+    carried: Carried,
+}
+
+/// The elements of all faces, and where the tool was.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Friction {
+    elements: [Element; FACES],
+    before: Option<Pose>,
+}
+
+impl Friction {
+    /// Tells, before a tick, how each face is carried by what it touches: only what the tool moves against that stretches.
+    pub(super) fn carry(&mut self, faces: &[Carried; FACES]) {
+        for (element, carried) in self.elements.iter_mut().zip(faces) {
+            element.carried = *carried;
+        }
+    }
+
+    /// One tick with the tool at `world_from_body`. `patches`: what touches now, one per face. RT: safe, O(faces).
+    pub(super) fn update<'a>(
+        &mut self,
+        patches: impl Iterator<Item = &'a Patch>,
+        world_from_body: Pose,
+        params: &FrictionParameters,
+    ) -> FrictionWrench {
+        let before = self.before.replace(world_from_body).unwrap_or(world_from_body);
+        if !params.acts() {
+            return FrictionWrench::ZERO;
+        }
+        let mut touching = [false; FACES];
+        let mut sum = FrictionWrench::ZERO;
+        let turned = before.rotation_to(world_from_body);
+        let moved_center = world_from_body.translation - before.translation;
+        for patch in patches {
+            let face = usize::from(patch.face);
+            let (Some(element), Some(touches)) = (self.elements.get_mut(face), touching.get_mut(face)) else { continue };
+            *touches = true;
+            element.pull(patch, moved_center, turned, params, &mut sum);
+        }
+        for (element, touches) in self.elements.iter_mut().zip(touching) {
+            if !touches {
+                *element = Element::default();
+            }
+        }
+        sum
+    }
+}
+
+impl Element {
+    fn pull(&mut self, patch: &Patch, moved_center: DVec3, turned: DVec3, params: &FrictionParameters, sum: &mut FrictionWrench) {
+        let (normal, arm) = (patch.normal_world, patch.arm_world);
+        let carried = core::mem::take(&mut self.carried);
+        if self.touches {
+            // Small steps: the tool moves less than a voxel and a degree in a tick.
+            let turned = turned - carried.angular;
+            self.stretch += moved_center - carried.linear + turned.cross(arm) + carried.angular.cross(self.stretch);
+            self.twist += turned.dot(normal);
+        }
+        self.touches = true;
+        self.stretch -= normal * self.stretch.dot(normal);
+
+        let stiffness = params.stiffness_n_per_m;
+        let about = stiffness * patch.radius_m * patch.radius_m;
+        let holds_n = patch.force_n * if self.slips { params.dynamic } else { params.r#static };
+        // One cone for both: a face that slides along turns easily, as a rotating floor polisher shows.
+        let load = (stiffness * self.stretch).length().hypot(stiffness * patch.radius_m * self.twist);
+        if load > holds_n {
+            self.slips = true;
+            let share = patch.force_n * params.dynamic / load;
+            self.stretch *= share;
+            self.twist *= share;
+        } else {
+            self.slips = false;
+            let tangent = DMat3::IDENTITY - DMat3::from_cols(normal * normal.x, normal * normal.y, normal * normal.z);
+            for column in [tangent.x_axis, tangent.y_axis, tangent.z_axis] {
+                // t tᵀ over the three columns of a projection is the projection.
+                sum.stiffness.add_outer(stiffness, column, arm.cross(column));
+            }
+            sum.stiffness.add_outer(about, DVec3::ZERO, normal);
+        }
+        let force = self.stretch * -stiffness;
+        let torque = arm.cross(force) - normal * (about * self.twist);
+        sum.wrench = sum.wrench + Wrench::new(force, torque);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DQuat;
+
+    use super::*;
+
+    const PARAMS: FrictionParameters = FrictionParameters { r#static: 0.5, dynamic: 0.4, stiffness_n_per_m: 1e4 };
+
+    fn floor(force_n: f64) -> Patch {
+        Patch {
+            face: 3,
+            force_n,
+            normal_world: DVec3::Z,
+            arm_world: DVec3::new(0.0, 0.0, -0.01),
+            radius_m: 0.02,
+            stiffness_n_per_m: 1e4,
+        }
+    }
+
+    fn at(x_m: f64, turn_rad: f64) -> Pose {
+        Pose::new(DQuat::from_rotation_z(turn_rad), DVec3::new(x_m, 0.0, 0.0))
+    }
+
+    #[test]
+    fn it_holds_up_to_the_static_cone_and_drags_at_the_dynamic_one() {
+        let mut friction = Friction::default();
+        let patch = floor(10.0);
+        let mut pull = |x_m| friction.update([&patch].into_iter(), at(x_m, 0.0), &PARAMS);
+        assert_eq!(pull(0.0).wrench, Wrench::ZERO);
+        let held = pull(4.9e-4);
+        assert!((held.wrench.force - DVec3::new(-4.9, 0.0, 0.0)).length() < 1e-9, "{held:?}");
+        assert!((held.wrench.torque - DVec3::new(0.0, 0.049, 0.0)).length() < 1e-9, "{held:?}");
+        assert!((held.stiffness.0[0][0] - 1e4).abs() < 1e-6 && held.stiffness.0[2][2].abs() < 1e-9);
+        let slipping = pull(5.1e-4);
+        assert!((slipping.wrench.force.x + 4.0).abs() < 1e-9 && slipping.stiffness == Mat6::ZERO);
+        assert!((pull(2e-3).wrench.force.x + 4.0).abs() < 1e-9);
+        // Back by a little: it lets go elastically, then drags the other way.
+        assert!((pull(2e-3 - 1e-4).wrench.force.x + 3.0).abs() < 1e-9);
+        assert!((pull(2e-3 - 2e-3).wrench.force.x - 4.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_face_resists_turning_and_what_lets_go_forgets() {
+        let mut friction = Friction::default();
+        let patch = floor(10.0);
+        friction.update([&patch].into_iter(), at(0.0, 0.0), &PARAMS);
+        let held = friction.update([&patch].into_iter(), at(0.0, 0.01), &PARAMS);
+        assert!((held.wrench.torque.z + 1e4 * 4e-4 * 0.01).abs() < 1e-9, "{held:?}");
+        // The cone: µ N r.
+        let slipping = friction.update([&patch].into_iter(), at(0.0, 0.5), &PARAMS);
+        assert!((slipping.wrench.torque.z + 0.4 * 10.0 * 0.02).abs() < 1e-9, "{slipping:?}");
+        friction.update(core::iter::empty(), at(0.0, 0.5), &PARAMS);
+        let again = friction.update([&patch].into_iter(), at(0.0, 0.5), &PARAMS);
+        assert_eq!(again.wrench, Wrench::ZERO);
+    }
+
+    #[test]
+    fn without_coefficients_nothing_rubs() {
+        let mut friction = Friction::default();
+        let params = FrictionParameters { r#static: 0.0, dynamic: 0.0, ..PARAMS };
+        let patch = floor(10.0);
+        for x_m in [0.0, 1e-3, 2e-3] {
+            assert_eq!(friction.update([&patch].into_iter(), at(x_m, 0.0), &params).wrench, Wrench::ZERO);
+        }
+    }
+}

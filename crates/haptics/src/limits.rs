@@ -1,0 +1,293 @@
+//! Output stage: the last thing between the renderer and the arm, in the order power → slew → magnitude → finite.
+//!
+//! Data in: the wrench that coupling and passivity want on the hand. Data out: a wrench that an arm may be given. Force and torque
+//! have limits of their own and keep their directions.
+//!
+//! Slew before magnitude is safe: both outputs lie in the ball of the magnitude limit, and scaling a vector back into a ball never
+//! moves it further from a point inside, so the clamp cannot turn an allowed step into a larger one.
+
+use glam::DVec3;
+
+use super::LimitParameters;
+use vps::spatial::{Twist, Wrench};
+
+/// What the output stage makes of one wrench.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Limited {
+    /// The wrench on the hand, within all limits; zero when anything was not finite.
+    pub(super) wrench: Wrench,
+    /// False when the wanted wrench, the gain or the twist was not finite: the tick faults with `NON_FINITE`.
+    pub(super) finite: bool,
+}
+
+/// Power, slew and magnitude limits with the last output as state.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Limiter {
+    last: Wrench,
+}
+
+impl Limiter {
+    /// One tick. `wanted` is the wrench on the hand, `twist` the motion of the same point in the same frame, `gain` that of the
+    /// enable ramp in 0..=1.
+    ///
+    /// - Power: with W·V > P (the wrench drives the hand along its own motion) force and torque are scaled by P/(W·V).
+    /// - Slew: the output moves straight towards the wanted force by at most R T per tick, so a wanted zero is reached within
+    ///   |F|/R. It comes after the power limit and wins over it: a drop of the force is a step in the hand like any other.
+    /// - Magnitude: |F| and |τ| are scaled back to their limits. A limit lowered below the last output acts at once, before slew.
+    /// - Finite: anything else gives zero, and the state starts again from zero.
+    ///
+    /// A zero wrench out of a zero state stays zero bit for bit. RT: safe, O(1).
+    pub(super) fn apply(&mut self, wanted: Wrench, twist: Twist, gain: f64, limits: &LimitParameters, period_s: f64) -> Limited {
+        let ramped = wanted * gain.clamp(0.0, 1.0);
+        let powered = ramped * power_scale(ramped.power(twist), limits.power_w);
+        let slewed = Wrench {
+            force: stepped_towards(self.last.force, powered.force, limits.slew_n_per_s * period_s),
+            torque: stepped_towards(self.last.torque, powered.torque, limits.slew_nm_per_s * period_s),
+        };
+        let bounded = Wrench { force: shortened(slewed.force, limits.force_n), torque: shortened(slewed.torque, limits.torque_nm) };
+
+        // The input is judged as well as the result: a limit of zero or a huge slew step would hide a NaN or an infinity.
+        let finite = wanted.is_finite() && twist.is_finite() && gain.is_finite() && bounded.is_finite();
+        // A sum with +0 turns −0 into +0, so that "zero" has one bit pattern.
+        self.last = if finite { bounded + Wrench::ZERO } else { Wrench::ZERO };
+        Limited { wrench: self.last, finite }
+    }
+
+    /// The last output.
+    #[cfg(test)]
+    pub(super) fn last(&self) -> Wrench {
+        self.last
+    }
+
+    /// Zero from now on, without slew: for a fault, and when the drive is disabled.
+    pub(super) fn reset(&mut self) {
+        *self = Self::default();
+    }
+}
+
+/// Gain of the output between 0 and 1, linear in time: rises after enable, falls on a stop request and while samples are stale.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Ramp {
+    gain: f64,
+}
+
+impl Ramp {
+    /// One tick towards 1 (`up`) or towards 0. A full rise or fall takes `ramp_s`; at once when that is not positive.
+    ///
+    /// RT: safe.
+    pub(super) fn advance(&mut self, up: bool, ramp_s: f64, period_s: f64) -> f64 {
+        let step = if ramp_s > 0.0 { period_s / ramp_s } else { 1.0 };
+        let gain = if up { self.gain + step } else { self.gain - step };
+        // The ends are met exactly, however the steps were rounded: a hundred steps of 0.01 make 1.0000000000000007.
+        self.gain = if gain >= 1.0 - 1e-9 {
+            1.0
+        } else if gain > 1e-9 {
+            gain
+        } else {
+            0.0
+        };
+        self.gain
+    }
+
+    /// The gain now.
+    #[cfg(test)]
+    pub(super) fn gain(&self) -> f64 {
+        self.gain
+    }
+
+    /// Down to 0 at once: for a fault.
+    pub(super) fn reset(&mut self) {
+        *self = Self::default();
+    }
+}
+
+/// Factor in 0..=1 that brings the power to its limit; 0 for a power that is not a number.
+fn power_scale(power_w: f64, limit_w: f64) -> f64 {
+    // `max` drops the NaN; a negative limit takes all of the force.
+    if power_w <= limit_w { 1.0 } else { (limit_w / power_w).max(0.0) }
+}
+
+/// `from` moved straight towards `to` by at most `step`; `to` itself, bit for bit, when that is enough.
+fn stepped_towards(from: DVec3, to: DVec3, step: f64) -> DVec3 {
+    let change = to - from;
+    let length = change.length();
+    if length <= step { to } else { from + change * (step / length).max(0.0) }
+}
+
+/// `vector` scaled back to at most `limit`, direction kept.
+fn shortened(vector: DVec3, limit: f64) -> DVec3 {
+    let length = vector.length();
+    if length <= limit { vector } else { vector * (limit / length).max(0.0) }
+}
+
+#[cfg(test)]
+#[expect(clippy::disallowed_macros, reason = "test code")]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    const PERIOD_S: f64 = 1e-3;
+
+    fn free() -> LimitParameters {
+        LimitParameters { speed_m_per_s: 1.0, overrun_fault_ticks: 10, ..LimitParameters::NONE }
+    }
+
+    fn typical() -> LimitParameters {
+        LimitParameters { force_n: 10.0, torque_nm: 0.2, slew_n_per_s: 1000.0, slew_nm_per_s: 20.0, power_w: 5.0, ..free() }
+    }
+
+    fn bits(wrench: Wrench) -> [u64; 6] {
+        let ([a, b, c], [d, e, f]) = (wrench.force.to_array(), wrench.torque.to_array());
+        [a, b, c, d, e, f].map(f64::to_bits)
+    }
+
+    fn wrench(range: f64) -> impl Strategy<Value = Wrench> {
+        prop::array::uniform6(-range..range)
+            .prop_map(|[a, b, c, d, e, f]| Wrench::new(DVec3::new(a, b, c), DVec3::new(d, e, f) * 0.02))
+    }
+
+    fn twist() -> impl Strategy<Value = Twist> {
+        wrench(2.0).prop_map(|w| Twist { linear: w.force, angular: w.torque * 100.0 })
+    }
+
+    /// Any bit pattern, with the awkward ones often.
+    fn any_number() -> impl Strategy<Value = f64> {
+        prop_oneof![
+            any::<f64>(),
+            any::<u64>().prop_map(f64::from_bits),
+            prop::sample::select(
+                &[0.0, -0.0, f64::NAN, f64::INFINITY, f64::NEG_INFINITY, f64::MAX, f64::MIN_POSITIVE, 5e-324, 1.0][..]
+            ),
+        ]
+    }
+
+    fn any_wrench() -> impl Strategy<Value = Wrench> {
+        let six = (any_number(), any_number(), any_number(), any_number(), any_number(), any_number());
+        six.prop_map(|(a, b, c, d, e, f)| Wrench::new(DVec3::new(a, b, c), DVec3::new(d, e, f)))
+    }
+
+    proptest! {
+        #[test]
+        fn magnitude_and_slew_hold_on_every_tick(steps in prop::collection::vec((wrench(50.0), twist(), 0.0_f64..1.2), 1..80)) {
+            let limits = typical();
+            let mut limiter = Limiter::default();
+            let mut before = Wrench::ZERO;
+            for (wanted, twist, gain) in steps {
+                let limited = limiter.apply(wanted, twist, gain, &limits, PERIOD_S);
+                prop_assert!(limited.finite);
+                let now = limited.wrench;
+                prop_assert!(now.force.length() <= limits.force_n * (1.0 + 1e-14));
+                prop_assert!(now.torque.length() <= limits.torque_nm * (1.0 + 1e-14));
+                prop_assert!((now.force - before.force).length() <= limits.slew_n_per_s * PERIOD_S * (1.0 + 1e-12));
+                prop_assert!((now.torque - before.torque).length() <= limits.slew_nm_per_s * PERIOD_S * (1.0 + 1e-12));
+                before = now;
+            }
+        }
+
+        #[test]
+        fn the_magnitude_limit_keeps_direction_and_force_and_torque_apart(wanted in wrench(50.0)) {
+            let limits = LimitParameters { force_n: 3.0, torque_nm: 0.1, ..free() };
+            let limited = Limiter::default().apply(wanted, Twist::ZERO, 1.0, &limits, PERIOD_S).wrench;
+            for (now, raw, limit) in [(limited.force, wanted.force, 3.0), (limited.torque, wanted.torque, 0.1)] {
+                if raw.length() <= limit {
+                    prop_assert_eq!(now, raw);
+                } else {
+                    prop_assert!((now.length() - limit).abs() <= 1e-14 * limit);
+                    prop_assert!((now.normalize() - raw.normalize()).length() < 1e-14);
+                }
+            }
+        }
+
+        #[test]
+        fn the_power_limit_scales_the_whole_wrench_and_leaves_resisting_wrenches_alone(wanted in wrench(50.0), twist in twist(), power_w in 0.0_f64..10.0) {
+            let limits = LimitParameters { power_w, ..free() };
+            let limited = Limiter::default().apply(wanted, twist, 1.0, &limits, PERIOD_S).wrench;
+            let wanted_w = wanted.power(twist);
+            if wanted_w <= power_w {
+                prop_assert_eq!(limited, wanted);
+            } else {
+                prop_assert!((limited.power(twist) - power_w).abs() <= 1e-12 * wanted_w);
+                prop_assert!((limited - wanted * (power_w / wanted_w)).force.length() <= 1e-12 * wanted.force.length());
+                prop_assert!((limited - wanted * (power_w / wanted_w)).torque.length() <= 1e-12 * wanted.torque.length());
+            }
+        }
+
+        #[test]
+        fn a_wanted_zero_is_reached_within_force_over_slew(start in wrench(5.0)) {
+            let limits = LimitParameters { torque_nm: 1.0, ..typical() };
+            let mut limiter = Limiter { last: start };
+            let ticks = |length: f64, slew: f64| (length / (slew * PERIOD_S)).ceil() as usize;
+            let n_ticks = ticks(start.force.length(), limits.slew_n_per_s).max(ticks(start.torque.length(), limits.slew_nm_per_s));
+            let mut force_before = start.force.length();
+            for _ in 0..n_ticks {
+                limiter.apply(Wrench::ZERO, Twist::ZERO, 1.0, &limits, PERIOD_S);
+                prop_assert!(limiter.last.force.length() <= force_before);
+                force_before = limiter.last.force.length();
+            }
+            // One tick of grace for the rounding of n equal steps.
+            limiter.apply(Wrench::ZERO, Twist::ZERO, 1.0, &limits, PERIOD_S);
+            prop_assert_eq!(bits(limiter.last), [0; 6]);
+        }
+
+        #[test]
+        fn no_input_brings_out_anything_that_is_not_finite_or_beyond_the_limits(
+            inputs in prop::collection::vec((any_wrench(), any_wrench(), any_number()), 1..20),
+        ) {
+            let limits = typical();
+            let mut limiter = Limiter::default();
+            for (wanted, motion, gain) in inputs {
+                let twist = Twist { linear: motion.force, angular: motion.torque };
+                let limited = limiter.apply(wanted, twist, gain, &limits, PERIOD_S);
+                prop_assert!(limited.wrench.is_finite());
+                prop_assert!(limited.wrench.force.length() <= limits.force_n * (1.0 + 1e-14));
+                prop_assert!(limited.wrench.torque.length() <= limits.torque_nm * (1.0 + 1e-14));
+                if !(wanted.is_finite() && twist.is_finite() && gain.is_finite()) {
+                    prop_assert!(!limited.finite);
+                    prop_assert_eq!(limiter, Limiter::default());
+                }
+                if !limited.finite {
+                    prop_assert_eq!(bits(limited.wrench), [0; 6]);
+                }
+            }
+        }
+
+        #[test]
+        fn zero_stays_zero_bit_for_bit(twist in twist(), gain in 0.0_f64..1.0, negative in any::<bool>()) {
+            let zero = if negative { -Wrench::ZERO } else { Wrench::ZERO };
+            let limited = Limiter::default().apply(zero, twist, gain, &typical(), PERIOD_S);
+            prop_assert!(limited.finite);
+            prop_assert_eq!(bits(limited.wrench), [0; 6]);
+        }
+    }
+
+    #[test]
+    fn a_lowered_limit_acts_at_once() {
+        let mut limiter = Limiter { last: Wrench::new(DVec3::X * 10.0, DVec3::ZERO) };
+        let limits = LimitParameters { force_n: 0.5, ..typical() };
+        assert!((limiter.apply(limiter.last(), Twist::ZERO, 1.0, &limits, PERIOD_S).wrench.force.x - 0.5).abs() < 1e-15);
+    }
+
+    #[test]
+    fn the_ramp_is_linear_and_meets_its_ends_exactly() {
+        let mut ramp = Ramp::default();
+        for tick_idx in 1..=100 {
+            let gain = ramp.advance(true, 0.1, PERIOD_S);
+            assert!((gain - f64::from(tick_idx) / 100.0).abs() < 1e-9);
+        }
+        assert_eq!(ramp.gain(), 1.0);
+        assert_eq!(ramp.advance(true, 0.1, PERIOD_S), 1.0);
+        for _ in 0..50 {
+            ramp.advance(false, 0.1, PERIOD_S);
+        }
+        assert!((ramp.gain() - 0.5).abs() < 1e-9);
+        for _ in 0..50 {
+            ramp.advance(false, 0.1, PERIOD_S);
+        }
+        assert_eq!(ramp.gain().to_bits(), 0);
+        assert_eq!(ramp.advance(true, 0.0, PERIOD_S), 1.0);
+        assert_eq!(ramp.advance(false, f64::NAN, PERIOD_S), 0.0);
+        ramp.advance(true, 0.1, f64::NAN);
+        assert_eq!(ramp.gain(), 0.0);
+    }
+}

@@ -1,0 +1,451 @@
+//! Passivity controller: takes out of the motion what the loop has put into it.
+//!
+//! Data in: the wrench that the coupling wants, the motion of the port, the command that was written. Data out: that wrench, with damping
+//! added only where the port would otherwise have given the hand more than it took.
+//!
+//! Energy is counted over what is known exactly: the command that acted (held for a tick, `delay` ticks on its way) and the displacement
+//! over which it acted. The velocity, a difference over a window and late, only says which way to damp and how much. Where it says nothing,
+//! between two steps of the encoder, an arm that has given too much is weakened instead.
+//!
+//! # Source
+//! HannafordRyu2002, one port in impedance form: E_k = E_(k−1) + T (F_k v_k + a_(k−1) v_(k−1)²), a_k = −E_k/(T v_k²). Counting over
+//! displacements, one scalar energy for six axes, the delay line, the forgotten credit and the weakened wrench are ours.
+
+use glam::DVec3;
+
+use super::damper;
+use super::params::{ArmParameters, LimitParameters};
+use super::passivity::EnergyObserver;
+use vps::spatial::{Pose, Twist, Wrench};
+
+/// Longest delay for which the command that acted is known, ticks; a longer one counts as this long.
+pub(super) const MAX_DELAY_TICKS: u32 = 255;
+
+/// Commands that are remembered.
+const N_HELD: usize = MAX_DELAY_TICKS as usize + 1;
+
+/// Time without force after which energy that the hand has left in the port is no longer a credit, s. Otherwise an hour of friction
+/// would pay for a minute of trembling.
+const FORGET_AFTER_S: f64 = 0.01;
+
+/// Energy that may be owed without consequences, J: contact that ends leaves so much behind.
+const OWED_FREELY_J: f64 = 5e-4;
+/// What is left of the wrench however much is owed: a wall stays a wall.
+const LEAST_SHARE: f64 = 0.25;
+
+/// Observer and controller of one port. 24 KiB, no heap. Wrench, twist and pose are those of the grip in device axes.
+#[derive(Clone, Debug)]
+pub(super) struct PassivityController {
+    observer: EnergyObserver,
+    /// The observed energy without forgotten credit, J: never above it.
+    budget_j: f64,
+    /// `[N_HELD]`, ring of commands; `newest` was written in the last tick.
+    held: [Wrench; N_HELD],
+    newest: usize,
+    last_pose: Option<Pose>,
+    quiet_s: f64,
+    active: bool,
+    /// Energy that moving obstacles have put in, J.
+    carried_j: f64,
+    /// What the last [`damped`](PassivityController::damped) added.
+    injected: Wrench,
+    /// `[N_HELD]`, as `held`: the commands without what was injected, which is all that an obstacle can push with.
+    coupled: [Wrench; N_HELD],
+}
+
+impl Default for PassivityController {
+    fn default() -> Self {
+        Self {
+            observer: EnergyObserver::default(),
+            budget_j: 0.0,
+            held: [Wrench::ZERO; N_HELD],
+            newest: 0,
+            last_pose: None,
+            quiet_s: 0.0,
+            active: false,
+            carried_j: 0.0,
+            injected: Wrench::ZERO,
+            coupled: [Wrench::ZERO; N_HELD],
+        }
+    }
+}
+
+impl PassivityController {
+    /// Counts the energy of the interval that ends with this sample: the displacement since the last one, times the command that was
+    /// written `delay_ticks` before the newest. The first call only takes the pose. Returns the energy that the command put into the hand
+    /// in that interval, J. RT: safe, O(1).
+    pub(super) fn observe(&mut self, pose: Pose, delay_ticks: u32, period_s: f64) -> f64 {
+        let Some(last) = self.last_pose.replace(pose) else { return 0.0 };
+        let acted = self.acted(delay_ticks);
+        let before_j = self.observer.energy_j();
+        let energy_j = self.observer.observe_held(acted, pose.translation - last.translation, last.rotation_to(pose));
+        self.budget_j += energy_j - before_j;
+        self.quiet_s = if acted == Wrench::ZERO { self.quiet_s + period_s } else { 0.0 };
+        if self.quiet_s > FORGET_AFTER_S {
+            self.budget_j = self.budget_j.min(0.0);
+        }
+        before_j - energy_j
+    }
+
+    /// Takes note, after [`observe`](Self::observe), of how obstacles that move carry the port (device axes, m and rad in this tick).
+    ///
+    /// An obstacle is moved by a power of its own: what the coupling's command of `delay_ticks` ago does over the obstacle's way goes into
+    /// the spring or the hand and is no debt, and what the hand gives to one that recedes is not there any more. It makes a credit of
+    /// `spring_j` at most, what the spring can hold, so that an arm that does not give way saves nothing up; and it never makes a debt.
+    /// RT: safe, O(1).
+    pub(super) fn carry(&mut self, moved: DVec3, turned: DVec3, delay_ticks: u32, spring_j: f64) {
+        let acted = self.of(&self.coupled, delay_ticks);
+        let work_j = acted.force.dot(moved) + acted.torque.dot(turned);
+        // A NaN counts for nothing.
+        if !work_j.is_finite() {
+            return;
+        }
+        self.carried_j += work_j;
+        let carried_j = self.budget_j + work_j;
+        self.budget_j =
+            if work_j > 0.0 { carried_j.min(spring_j).max(self.budget_j) } else { carried_j.max(0.0).min(self.budget_j) };
+    }
+
+    /// The wrench on the hand, `wanted` plus a damper against `twist` where `wanted` would drive the energy below zero: so much that
+    /// it stays at zero, at most the arm's `injected_*` and the force limits.
+    ///
+    /// Each component of the velocity counts only as far as it exceeds what one step of the encoder makes of it: below, it says nothing of the
+    /// direction, and a damper that follows it drives the arm. (On an encoder of 0.04 mm and a window of 15 ms, a loose hand trembled with
+    /// 2.4 mm/s for that alone, and 0.35 N.)
+    ///
+    /// No wrench, no damper: free space stays free, and what is owed there is paid in the next contact. RT: safe, O(1). Input that is not
+    /// finite passes through, for the finite check to see.
+    pub(super) fn damped(
+        &mut self,
+        wanted: Wrench,
+        twist: Twist,
+        arm: &ArmParameters,
+        limits: &LimitParameters,
+        period_s: f64,
+    ) -> Wrench {
+        self.active = false;
+        self.injected = Wrench::ZERO;
+        let missing_j = period_s * wanted.power(twist) - self.budget_j;
+        let sure = damper::certain(twist, arm);
+        let damper = Wrench::new(sure.linear * -arm.injected_n_s_per_m, sure.angular * -arm.injected_nm_s_per_rad);
+        let largest_j = -period_s * damper.power(sure);
+        // Written so that a NaN injects nothing.
+        if !(missing_j > 0.0 && largest_j > 0.0 && largest_j.is_finite()) || wanted == Wrench::ZERO {
+            return wanted;
+        }
+        self.active = true;
+        let damper = damper * (missing_j / largest_j).min(1.0);
+        let within = |length: f64, limit: f64| if length > limit { (limit / length).max(0.0) } else { 1.0 };
+        self.injected = Wrench::new(
+            damper.force * within(damper.force.length(), limits.force_n),
+            damper.torque * within(damper.torque.length(), limits.torque_nm),
+        );
+        wanted + self.injected
+    }
+
+    /// Share of the wanted wrench that the arm gets while energy is owed: all of it up to half a millijoule, then less and less, so that
+    /// a loop which cannot be damped (motion within a step of the encoder has no velocity) is weakened until it rests. An arm that takes
+    /// no damping gets all of it: it is not watched. RT: safe, O(1).
+    pub(super) fn trusted_share(&self, arm: &ArmParameters) -> f64 {
+        let is_watched = arm.injected_n_s_per_m > 0.0 || arm.injected_nm_s_per_rad > 0.0;
+        let over = (-self.budget_j - OWED_FREELY_J) / OWED_FREELY_J;
+        // Written so that a NaN weakens nothing: the finite check sees it elsewhere.
+        if is_watched && over > 0.0 { (1.0 - over).max(LEAST_SHARE) } else { 1.0 }
+    }
+
+    /// Notes the command that was written. RT: safe.
+    pub(super) fn hold(&mut self, command: Wrench) {
+        self.newest = (self.newest + 1) % N_HELD;
+        if let Some(slot) = self.held.get_mut(self.newest) {
+            *slot = command;
+        }
+        if let Some(slot) = self.coupled.get_mut(self.newest) {
+            *slot = command - core::mem::take(&mut self.injected);
+        }
+    }
+
+    /// Energy that the port has taken from the hand since [`reset`](Self::reset), J.
+    pub(super) fn energy_j(&self) -> f64 {
+        self.observer.energy_j()
+    }
+
+    /// Energy that moving obstacles have put in since [`reset`](Self::reset), less what they took, J.
+    pub(super) fn carried_j(&self) -> f64 {
+        self.carried_j
+    }
+
+    /// The last [`damped`](Self::damped) injected damping.
+    pub(super) fn is_active(&self) -> bool {
+        self.active
+    }
+
+    /// Starts again from zero.
+    pub(super) fn reset(&mut self) {
+        *self = Self::default();
+    }
+
+    fn acted(&self, delay_ticks: u32) -> Wrench {
+        self.of(&self.held, delay_ticks)
+    }
+
+    fn of(&self, ring: &[Wrench; N_HELD], delay_ticks: u32) -> Wrench {
+        let back = delay_ticks.min(MAX_DELAY_TICKS) as usize;
+        ring.get((self.newest + N_HELD - back) % N_HELD).copied().unwrap_or(Wrench::ZERO)
+    }
+}
+
+#[cfg(test)]
+#[expect(clippy::indexing_slicing, reason = "test code")]
+mod tests {
+    use super::*;
+    use crate::testing::parameters;
+
+    const PERIOD_S: f64 = 1e-3;
+
+    fn free() -> LimitParameters {
+        LimitParameters { force_n: f64::INFINITY, torque_nm: f64::INFINITY, ..parameters().limits }
+    }
+
+    fn injecting(injected_n_s_per_m: f64) -> ArmParameters {
+        ArmParameters { injected_n_s_per_m, injected_nm_s_per_rad: 1e-3 * injected_n_s_per_m, ..ArmParameters::default() }
+    }
+
+    fn at(x_m: f64) -> Pose {
+        Pose::from_translation(DVec3::X * x_m)
+    }
+
+    fn along(speed_m_per_s: f64) -> Twist {
+        Twist { linear: DVec3::X * speed_m_per_s, angular: DVec3::ZERO }
+    }
+
+    fn push(force_n: f64) -> Wrench {
+        Wrench::new(DVec3::X * force_n, DVec3::ZERO)
+    }
+
+    /// Leader (1 kg, 2 N·s/m) and follower (1 kg, 300 N/m, 8 N·s/m) 30 ticks apart each way; the follower meets a wall of 800 N/m at
+    /// 50 mm; a hand pushes the leader with 5 N. Position and velocity go forward, the force comes back. Returns the largest |x| of the
+    /// leader in 10 s, its lowest observed energy, and whether damping was ever injected.
+    fn teleoperation(arm: &ArmParameters) -> (f64, f64, bool) {
+        const DELAY: usize = 30;
+        let (mut leader, mut follower) = ((0.0, 0.0), (0.0, 0.0));
+        let mut forward = [(0.0, 0.0); DELAY];
+        let mut back = [0.0; DELAY];
+        let mut controller = PassivityController::default();
+        let (mut farthest_m, mut lowest_j, mut injected) = (0.0_f64, 0.0_f64, false);
+        for n in 0..10_000 {
+            let (wanted_m, wanted_m_per_s) = core::mem::replace(&mut forward[n % DELAY], leader);
+            let spring_n = 300.0 * (wanted_m - follower.0) + 8.0 * (wanted_m_per_s - follower.1);
+            let wall_n = if follower.0 > 0.05 { -800.0 * (follower.0 - 0.05) } else { 0.0 };
+            follower.1 += PERIOD_S * (spring_n + wall_n);
+            follower.0 += PERIOD_S * follower.1;
+            let felt_n = -core::mem::replace(&mut back[n % DELAY], spring_n);
+
+            controller.observe(at(leader.0), 0, PERIOD_S);
+            let command = controller.damped(push(felt_n), along(leader.1), arm, &free(), PERIOD_S);
+            controller.hold(command);
+            leader.1 += PERIOD_S * (5.0 + command.force.x - 2.0 * leader.1);
+            leader.0 += PERIOD_S * leader.1;
+
+            farthest_m = farthest_m.max(leader.0.abs());
+            lowest_j = lowest_j.min(controller.energy_j());
+            injected |= controller.is_active();
+        }
+        (farthest_m, lowest_j, injected)
+    }
+
+    #[test]
+    fn acceptance_24_delayed_teleoperation_diverges_without_and_stays_with_the_controller() {
+        let (without_m, without_j, injected) = teleoperation(&injecting(0.0));
+        assert!(without_m > 1.0 && without_j < -1.0 && !injected, "{without_m} m, {without_j} J");
+        // Damping up to m/T, what stops the leader within one tick.
+        let (with_m, with_j, injected) = teleoperation(&injecting(1000.0));
+        assert!(with_m < 0.5 && injected, "{with_m} m");
+        assert!(with_j > -0.01, "{with_j} J");
+        // It still reaches the wall: the controller did not simply hold it.
+        assert!(with_m > 0.05, "{with_m} m");
+    }
+
+    #[test]
+    fn a_passive_port_keeps_its_bits() {
+        let mut controller = PassivityController::default();
+        let mut wanted = Wrench::ZERO;
+        for n in 0..1000 {
+            // A damped spring, pressed and let go, ever slower.
+            let x_m = 1e-3 * (1.0 - (0.02 * f64::from(n)).cos());
+            let speed = 0.02e-3 * (0.02 * f64::from(n)).sin() / PERIOD_S;
+            controller.observe(at(x_m), 0, PERIOD_S);
+            let damped = controller.damped(wanted, along(speed), &injecting(100.0), &free(), PERIOD_S);
+            assert!(damped == wanted && !controller.is_active(), "tick {n}");
+            controller.hold(damped);
+            wanted = push(-1000.0 * x_m - 5.0 * speed);
+        }
+        assert!(controller.energy_j() > 0.0);
+    }
+
+    #[test]
+    fn damping_repays_what_was_given_and_no_more() {
+        let mut controller = PassivityController::default();
+        controller.observe(at(0.0), 0, PERIOD_S);
+        controller.hold(push(2.0));
+        // 2 N drove the hand by 1 mm: 2 mJ are owed.
+        controller.observe(at(1e-3), 0, PERIOD_S);
+        assert!((controller.energy_j() + 2e-3).abs() < 1e-15);
+        let (wanted, speed) = (push(1.0), 1.0);
+        let damped = controller.damped(wanted, along(speed), &injecting(1e6), &free(), PERIOD_S);
+        assert!(controller.is_active());
+        controller.hold(damped);
+        controller.observe(at(1e-3 + speed * PERIOD_S), 0, PERIOD_S);
+        assert!(controller.energy_j().abs() < 1e-12, "{} J", controller.energy_j());
+    }
+
+    #[test]
+    fn an_arm_that_gave_too_much_is_weakened_until_it_is_repaid() {
+        let mut controller = PassivityController::default();
+        controller.observe(at(0.0), 0, PERIOD_S);
+        controller.hold(push(1.0));
+        for (owed_mj, expected) in [(0.1, 1.0), (0.5, 1.0), (0.6, 0.8), (0.75, 0.5), (1.0, 0.25), (5.0, 0.25), (0.2, 1.0)] {
+            controller.observe(at(1e-3 * owed_mj), 0, PERIOD_S);
+            let share = controller.trusted_share(&injecting(5.0));
+            assert!((share - expected).abs() < 1e-9, "{owed_mj} mJ: {share}");
+            assert!(controller.trusted_share(&injecting(0.0)) == 1.0);
+        }
+    }
+
+    #[test]
+    fn damping_is_bounded_by_the_arm_and_by_the_force_limit() {
+        let mut controller = PassivityController::default();
+        controller.observe(at(0.0), 0, PERIOD_S);
+        controller.hold(push(10.0));
+        controller.observe(at(0.1), 0, PERIOD_S);
+        let damped = controller.damped(push(1.0), along(0.2), &injecting(5.0), &free(), PERIOD_S);
+        assert!((damped.force.x - (1.0 - 5.0 * 0.2)).abs() < 1e-12);
+        let limits = LimitParameters { force_n: 0.3, torque_nm: 0.0, ..free() };
+        let twist = Twist { linear: DVec3::X * 0.2, angular: DVec3::Y };
+        let damped = controller.damped(push(1.0), twist, &injecting(5.0), &limits, PERIOD_S);
+        assert!((damped.force.x - 0.7).abs() < 1e-12 && damped.torque == DVec3::ZERO, "{damped:?}");
+        // At rest there is nothing to damp, and free space stays free.
+        assert_eq!(controller.damped(push(1.0), Twist::ZERO, &injecting(5.0), &limits, PERIOD_S), push(1.0));
+        assert_eq!(controller.damped(Wrench::ZERO, twist, &injecting(5.0), &limits, PERIOD_S), Wrench::ZERO);
+        assert!(!controller.is_active());
+    }
+
+    #[test]
+    fn a_velocity_that_may_be_rest_is_not_damped() {
+        let stepping = ArmParameters { velocity_step_m_per_s: 0.1, velocity_step_rad_per_s: 2.0, ..injecting(5.0) };
+        let mut controller = PassivityController::default();
+        controller.observe(at(0.0), 0, PERIOD_S);
+        controller.hold(push(10.0));
+        controller.observe(at(0.1), 0, PERIOD_S);
+        for twist in [along(0.1), along(-0.1), Twist { linear: DVec3::ZERO, angular: DVec3::Y * 2.0 }] {
+            assert_eq!(controller.damped(push(1.0), twist, &stepping, &free(), PERIOD_S), push(1.0));
+            assert!(!controller.is_active());
+        }
+        for speed in [0.3, -0.3] {
+            let damped = controller.damped(push(1.0), along(speed), &stepping, &free(), PERIOD_S);
+            assert!(controller.is_active() && (damped.force.x - (1.0 - 5.0 * (speed - speed.signum() * 0.1))).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn the_command_that_acted_is_the_one_that_had_arrived() {
+        for delay_ticks in [0, 1, 5, MAX_DELAY_TICKS] {
+            let mut controller = PassivityController::default();
+            controller.observe(at(0.0), delay_ticks, PERIOD_S);
+            for n in 0..200 {
+                controller.hold(push(f64::from(n)));
+                let before_j = controller.energy_j();
+                controller.observe(at(1e-3 * f64::from(n + 1)), delay_ticks, PERIOD_S);
+                let acted_n = (f64::from(n) - f64::from(delay_ticks)).max(0.0);
+                assert!((before_j - controller.energy_j() - 1e-3 * acted_n).abs() < 1e-9, "tick {n}, delay {delay_ticks}");
+            }
+        }
+    }
+
+    #[test]
+    fn credit_is_forgotten_without_force_and_debt_is_not() {
+        for (sign, owed) in [(-1.0, false), (1.0, true)] {
+            let mut controller = PassivityController::default();
+            controller.observe(at(0.0), 0, PERIOD_S);
+            controller.hold(push(sign));
+            controller.observe(at(1e-3), 0, PERIOD_S);
+            let energy_j = controller.energy_j();
+            for _ in 0..20 {
+                controller.hold(Wrench::ZERO);
+                controller.observe(at(1e-3), 0, PERIOD_S);
+            }
+            assert_eq!(controller.energy_j(), energy_j, "what is reported is not forgotten");
+            controller.damped(push(1.0), along(0.5), &injecting(5.0), &free(), PERIOD_S);
+            assert!(controller.is_active(), "{owed}: nothing is left to pay with");
+            let damped = controller.damped(push(1.0), along(0.5), &injecting(1e6), &free(), PERIOD_S);
+            let taken_j = PERIOD_S * 0.5 * (1.0 - damped.force.x);
+            let expected_j = PERIOD_S * 0.5 + if owed { 1e-3 } else { 0.0 };
+            assert!((taken_j - expected_j).abs() < 1e-12, "{taken_j} J");
+        }
+    }
+
+    /// A spring of 1 kN/m that is pressed by a wall that goes to `wall_m`, while the hand is at `hand_m`; gives the controller after that.
+    fn pushed(steps: impl Iterator<Item = (f64, f64)>) -> PassivityController {
+        let mut controller = PassivityController::default();
+        let mut last_m = 0.0;
+        controller.observe(at(0.0), 0, PERIOD_S);
+        for (wall_m, hand_m) in steps {
+            controller.observe(at(hand_m), 0, PERIOD_S);
+            controller.carry(DVec3::X * (wall_m - last_m), DVec3::ZERO, 0, SPRING_J);
+            last_m = wall_m;
+            controller.hold(push(1000.0 * (wall_m - hand_m)));
+        }
+        controller
+    }
+
+    /// What 10 N hold in it.
+    const SPRING_J: f64 = 0.5 * 10.0 * 0.01;
+
+    #[test]
+    fn the_work_of_a_wall_that_moves_is_no_debt() {
+        // The wall goes ahead by 4 mm, and takes the hand 46 mm along.
+        let way_m = |n: u32| 1e-4 * f64::from(n);
+        let mut controller = pushed((0..500).map(|n| (way_m(n), way_m(n.saturating_sub(40)))));
+        assert!(controller.energy_j() < -0.15, "{} J: the wall did no work", controller.energy_j());
+        // What is left is in the spring.
+        let left_j = controller.energy_j() + controller.carried_j();
+        assert!((left_j - 0.5 * 4.0 * 4e-3).abs() < 1e-3, "{left_j} J");
+        controller.damped(push(1.0), along(0.01), &injecting(5.0), &free(), PERIOD_S);
+        assert!(!controller.is_active(), "nothing is owed");
+        // The same without the wall's account is a debt.
+        let mut blind = PassivityController::default();
+        for n in 0..500_u32 {
+            blind.observe(at(way_m(n.saturating_sub(40))), 0, PERIOD_S);
+            blind.hold(push(1000.0 * (way_m(n) - way_m(n.saturating_sub(40)))));
+        }
+        blind.damped(push(1.0), along(0.01), &injecting(5.0), &free(), PERIOD_S);
+        assert!(blind.is_active());
+    }
+
+    #[test]
+    fn a_wall_makes_no_credit_beyond_what_the_spring_holds_and_no_debt() {
+        // 100 mm against a hand that does not give way, and back again.
+        let mut controller = pushed((0..1000).map(|n| (1e-4 * f64::from(n), 0.0)));
+        let damped = controller.damped(push(1.0), along(1000.0), &injecting(1e9), &free(), PERIOD_S);
+        let taken_j = PERIOD_S * 1000.0 * (1.0 - damped.force.x);
+        assert!((taken_j - (1.0 - SPRING_J)).abs() < 1e-9, "a credit of {} J", 1.0 - taken_j);
+        let mut controller = pushed((0..2000_u32).map(|n| (1e-4 * f64::from(n.min(2000 - n)), 0.0)));
+        controller.damped(push(1e-6), along(1e-9), &injecting(5.0), &free(), PERIOD_S);
+        let damped = controller.damped(push(1.0), along(1.0), &injecting(1e9), &free(), PERIOD_S);
+        assert!(PERIOD_S * (1.0 - damped.force.x) < 2e-3, "a debt without any flow");
+        for nan in [f64::NAN, f64::INFINITY] {
+            controller.carry(DVec3::X * nan, DVec3::ZERO, 0, SPRING_J);
+            assert!(controller.carried_j().is_finite());
+        }
+    }
+
+    #[test]
+    fn what_is_not_finite_passes_through_and_leaves_no_trace() {
+        let mut controller = PassivityController::default();
+        controller.observe(at(0.0), 0, PERIOD_S);
+        let poisoned = controller.damped(push(f64::NAN), along(0.1), &injecting(5.0), &free(), PERIOD_S);
+        assert!(!poisoned.is_finite() && !controller.is_active());
+        assert_eq!(controller.damped(push(1.0), along(f64::NAN), &injecting(5.0), &free(), PERIOD_S), push(1.0));
+        controller.observe(at(f64::NAN), 0, PERIOD_S);
+        assert_eq!(controller.energy_j(), 0.0);
+    }
+}

@@ -1,0 +1,446 @@
+//! The one step, in one place: sample check → contact sum → friction → shaping filter → coupling → passivity → power → slew →
+//! magnitude → finite check.
+
+mod advance;
+
+use super::auto_limit::LoopDelay;
+use super::braking::Braking;
+use super::clay::{ClayForces, Held};
+use super::damper;
+use super::interlock::{Interlock, is_outside};
+use super::limits::{Limiter, Ramp};
+use super::params::CouplingMode;
+use super::passivity_control::PassivityController;
+use super::placing::{Movers, Placement};
+use super::port::Port;
+use super::power_window::PowerWindow;
+use super::sample::{SampleCheck, SampleMonitor};
+use super::stability::filter_delay_s;
+use super::tuning::{Tune, Tuning};
+use super::virtual_tool::{Touch, VirtualTool};
+use super::{Drive, DriveRequest, Faults, OffCause, Parameters, RenderScene};
+use vps::contact::{Budget, ContactSum, Machine, Traversal, Way};
+use vps::density::Frame;
+use vps::spatial::{DeviceSample, Pose, Twist, Wrench};
+
+/// Everything that enters one tick from outside.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct TickInput {
+    /// Newest device sample.
+    pub sample: DeviceSample,
+    /// Whether force shall flow.
+    pub request: DriveRequest,
+    /// The loop woke up after its deadline had passed.
+    pub overrun: bool,
+    /// No command was written for longer than [`LimitParameters::stall_s`](super::LimitParameters::stall_s), and the last one was not zero: the arm held it
+    /// meanwhile.
+    pub stalled: bool,
+    /// Where an obstacle is asked to go from the next tick on.
+    pub place: Option<Placement>,
+    /// What a parameter is asked to become from the next tick on.
+    pub tune: Option<Tune>,
+    /// Which frame of the clay is touched, where there is clay: told for the record, the frame itself is in the [`State`].
+    pub clay: Option<FrameInUse>,
+}
+
+/// The frame of the clay that a tick touches.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct FrameInUse {
+    /// Number of the frame, counted from 1.
+    pub sequence: u64,
+    /// Nobody makes frames any more: it is the last one, and its rope is let go.
+    pub is_last: bool,
+}
+
+/// Everything that leaves one tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct TickOutput {
+    /// Wrench to write to the arm (`rendered`): device axes, reduced at the grip point, limited, only actuated axes.
+    pub command_device: Wrench,
+    /// The same before axes that the arm cannot actuate were dropped (`commanded`).
+    pub commanded_device: Wrench,
+    /// Raw contact wrench on the tool, friction, and the pull of a rope, included, world axes, about the centre of mass, before filter and
+    /// coupling. The part of clay goes on smoothly from update to update.
+    pub contact_world: Wrench,
+    /// Pose of the tool (mesh file frame) in the world.
+    pub world_from_tool: Pose,
+    /// Points with V > 0.
+    pub contacts: u32,
+    /// Deepest penetration, m; 0 without contact.
+    pub max_depth_m: f64,
+    /// How far the tool is proven to be from contact, clipped at the band, m; negative: how deep it is. The query looks no closer than it must, so
+    /// the tool may be much farther away than this.
+    pub clearance_m: f64,
+    /// Points that the contact query's budget left out, which others stood for.
+    pub points_left_out: u32,
+    /// Energy that the arm has taken from the hand since enable, J; negative means that it gave more than it took.
+    pub energy_j: f64,
+    /// Energy that moving obstacles have put into the hand through the command since enable, J: `energy_j` may be lower by so much.
+    pub object_work_j: f64,
+    /// Number of obstacles that are under way to another place.
+    pub objects_moving: u32,
+    /// Where one of them stands now, turn by turn.
+    pub object: Option<Placement>,
+    /// The passivity controller damps in this tick.
+    pub passivity_active: bool,
+    /// Longest round trip measured since enable, ticks; 0 where the arm does not measure it.
+    pub delay_ticks: u32,
+    /// State of the drive after this tick.
+    pub drive: Drive,
+    /// Faults that are latched.
+    pub faults: Faults,
+    /// Why no force flows, or why it is on its way out; `None` while it flows or ramps up.
+    pub off_cause: OffCause,
+}
+
+/// What the tick remembers from one call to the next. Everything it needs is allocated when it is made.
+#[derive(Clone, Debug)]
+pub struct State {
+    drive: Drive,
+    faults: Faults,
+    monitor: SampleMonitor,
+    interlock: Interlock,
+    overruns: u32,
+    port: Port,
+    /// Where the tool's body axes stood at enable.
+    start: Pose,
+    resume: Option<Resume>,
+    /// Nothing was in the tool's way where it stood in the last tick.
+    has_room: bool,
+    tool: VirtualTool,
+    /// Finds what touches, and knows where the obstacles stand.
+    traversal: Traversal,
+    movers: Movers,
+    tuning: Tuning,
+    /// Where the scene has some.
+    clay: Option<Held>,
+    /// Where the scene asks for it.
+    braking: Option<Braking>,
+    delay: LoopDelay,
+    passivity: PassivityController,
+    power: PowerWindow,
+    enable_gain: Ramp,
+    limiter: Limiter,
+}
+
+/// Where the tool is to stand at the next enable.
+#[derive(Clone, Copy, Debug)]
+struct Resume {
+    body: Pose,
+    /// Known after a tick there: nothing is in the way.
+    has_room: Option<bool>,
+}
+
+/// What a scene has to know of the one whose place it takes.
+#[derive(Clone, Copy, Debug)]
+pub struct Handover {
+    must_release: bool,
+}
+
+/// How deep the tool may stand in an obstacle at enable when it stays where it was, voxels: what pressing leaves.
+const RESUME_VOXELS: f64 = 0.5;
+
+impl State {
+    /// The state before the first tick of `scene`: disabled, the tool at its start pose.
+    pub fn new(scene: &RenderScene) -> Self {
+        Self {
+            drive: Drive::Disabled,
+            faults: Faults::NONE,
+            monitor: SampleMonitor::default(),
+            interlock: Interlock::default(),
+            overruns: 0,
+            port: Port::default(),
+            start: scene.start(),
+            resume: None,
+            has_room: false,
+            tool: VirtualTool::at(scene.start()),
+            traversal: Traversal::new(Machine::best(), Way::Tree, &scene.obstacles, &scene.tool.shell),
+            movers: Movers::new(scene.obstacles.len()),
+            tuning: Tuning::default(),
+            clay: scene.clay.as_ref().map(|clay| Held::new(clay, &scene.tool.shell)),
+            braking: Braking::of(scene),
+            delay: LoopDelay::default(),
+            passivity: PassivityController::default(),
+            power: PowerWindow::default(),
+            enable_gain: Ramp::default(),
+            limiter: Limiter::default(),
+        }
+    }
+
+    /// Limits what the contact query of a tick may look at. It is part of what enters the ticks: a recording that is to be replayed has to
+    /// know it.
+    pub fn set_budget(&mut self, budget: Budget) {
+        self.traversal.set_budget(budget);
+    }
+
+    /// What the contact query of a tick may look at.
+    pub fn budget(&self) -> Budget {
+        self.traversal.budget()
+    }
+
+    /// Lets the tool stand at a pose at the next enable, instead of its start, unless it would stand inside an obstacle there: what a
+    /// scene does that takes the place of another. The arm's pose at that enable is the new zero, as always, and a deadman that was to be let
+    /// go first still is. RT: safe; before the first tick.
+    pub fn resume_at(&mut self, scene: &RenderScene, world_from_tool: Pose, before: Handover) {
+        self.interlock.take_over(before.must_release);
+        let body = world_from_tool * Pose::from_translation(scene.tool.center_of_mass_tool);
+        self.resume = Some(Resume { body, has_room: None });
+        self.tool = VirtualTool::at(body);
+    }
+
+    /// For the state of a scene that takes the place of this one. RT: safe.
+    pub fn handover(&self) -> Handover {
+        Handover { must_release: self.interlock.must_release() }
+    }
+
+    /// Takes a newer frame of the clay, and gives back one that is not needed any more; without clay in the scene the very same. The next tick
+    /// touches both, so that the force goes on without a step. RT: safe; pointers.
+    #[expect(clippy::disallowed_types, reason = "made and freed on the cold side, exchanged as a pointer")]
+    pub fn exchange(&mut self, frame: Box<Frame>) -> Box<Frame> {
+        match &mut self.clay {
+            Some(held) => held.exchange(frame),
+            None => frame,
+        }
+    }
+
+    /// Number of the frame of the clay that the next tick touches; `None` without clay.
+    pub fn frame_sequence(&self) -> Option<u64> {
+        self.clay.as_ref().map(Held::sequence)
+    }
+
+    /// What the clay did to the tool in the last tick; nothing where there is none.
+    pub fn clay_forces(&self) -> ClayForces {
+        self.clay.as_ref().map_or(ClayForces::default(), Held::forces)
+    }
+
+    /// What the tool does in the clay is felt: force flows, and no ramp waits before it.
+    pub fn feels_clay(&self) -> bool {
+        self.drive.has_force() && self.interlock.is_engaged()
+    }
+
+    /// Where an obstacle stands now.
+    pub fn world_from_map(&self, obstacle_idx: usize) -> Option<Pose> {
+        self.traversal.places().stand(obstacle_idx).map(|stand| stand.world_from_map)
+    }
+
+    /// One contact query at a pose where the tool overlaps an obstacle, another one each `turn`, as if nothing were known from earlier ones;
+    /// returns what it looked at. To learn what queries cost before the first tick; use a copy of the state.
+    pub fn rehearse(&mut self, scene: &RenderScene, turn: usize) -> u32 {
+        let (p, shell) = (&scene.parameters, &scene.tool.shell);
+        let pose = self.traversal.overlapping_pose(&scene.obstacles, shell, turn).unwrap_or(self.tool.pose());
+        self.traversal.forget();
+        ContactSum::of(&mut self.traversal, &scene.obstacles, shell, pose, p.force_law(), None).looked_at
+    }
+
+    /// Forgets all motion and force; the drive state is the caller's.
+    fn at_rest(&mut self, body: Pose) {
+        self.tool = VirtualTool::at(body);
+        self.enable_gain.reset();
+        self.limiter.reset();
+        if let Some(clay) = &mut self.clay {
+            clay.at_rest();
+        }
+    }
+
+    fn fail(&mut self, faults: Faults) {
+        self.faults |= faults;
+        if !self.faults.is_empty() {
+            self.drive = Drive::Fault;
+            self.interlock.fail(self.faults);
+            self.at_rest(self.tool.pose());
+        }
+    }
+}
+
+/// One step of the loop.
+///
+/// RT: safe. Pure and total: same scene, state and input, same bits; no allocation, no panic. Anything that is not finite gives a
+/// zero wrench and a fault. Cost: one walk over the shell's tree per obstacle plus a 6×6 solve.
+pub fn tick(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOutput {
+    let p = &state.tuning.next(&scene.parameters, input.tune, state.drive.has_force());
+    let check = state.monitor.check(&input.sample, &p.limits, &p.safety, p.period_s);
+    state.overruns = if input.overrun { state.overruns.saturating_add(1) } else { 0 };
+    let mut faults = check.faults;
+    let has_many_overruns = p.limits.overrun_fault_ticks > 0 && state.overruns >= p.limits.overrun_fault_ticks;
+    if has_many_overruns || input.stalled {
+        faults |= Faults::OVERRUN;
+    }
+    advance::advance(scene, p, state, input, faults);
+    state.movers.advance(state.traversal.places_mut(), input.place, state.drive.has_force(), p);
+
+    let target = state.port.target(&input.sample, &p.port, state.start);
+    if state.drive.renders() && p.coupling.mode == CouplingMode::Direct {
+        state.tool.stand_at(target, scene);
+    }
+    let moving = state.movers.n_under_way() > 0;
+    if let (Some(clay), Some(FrameInUse { is_last: true, .. })) = (&mut state.clay, input.clay) {
+        clay.let_go();
+    }
+    let touch = state.tool.touch(&mut state.traversal, state.clay.as_mut(), state.braking.as_mut(), scene, p, moving);
+    let contact = &touch.contact;
+    // A tool that only tries where it could stand touches nothing yet.
+    let tries = state.resume.is_some();
+    state.has_room = contact.max_value_m <= RESUME_VOXELS * contact.voxel_size_m;
+    if let Some(resume) = &mut state.resume {
+        resume.has_room = Some(state.has_room);
+    }
+    if !contact.wrench.is_finite() || contact.max_value_m.is_nan() {
+        state.fail(Faults::NON_FINITE);
+    }
+    let ramp_down = match check.ramp_down {
+        OffCause::None if is_outside(&input.sample, &p.safety) => OffCause::Workspace,
+        ramp_down => ramp_down,
+    };
+    let result = match state.drive {
+        Drive::Braking => brake(p, state, input, check),
+        drive if drive.renders() => render((scene, p), state, &touch, target, input, ramp_down),
+        _ => Ok(Felt::default()),
+    };
+    let felt = result.unwrap_or_else(|faults| {
+        state.fail(faults);
+        Felt::default()
+    });
+    state.passivity.hold(felt.command_device);
+    let touching = TickOutput {
+        contact_world: contact.wrench + felt.friction_world,
+        contacts: contact.contacts,
+        max_depth_m: contact.max_value_m.max(0.0),
+        clearance_m: -contact.max_value_m,
+        points_left_out: contact.left_out,
+        ..TickOutput::default()
+    };
+    let body_from_tool = Pose::from_translation(-scene.tool.center_of_mass_tool);
+    TickOutput {
+        command_device: felt.command_device,
+        commanded_device: felt.commanded_device,
+        world_from_tool: state.tool.pose() * body_from_tool,
+        energy_j: state.passivity.energy_j(),
+        object_work_j: state.passivity.carried_j(),
+        objects_moving: state.movers.n_under_way(),
+        object: state.movers.told(),
+        passivity_active: state.drive.renders() && state.passivity.is_active(),
+        delay_ticks: state.delay.worst_ticks(),
+        drive: state.drive,
+        faults: state.faults,
+        off_cause: match state.drive {
+            Drive::Enabling | Drive::Enabled => ramp_down,
+            Drive::Disabled | Drive::Stopping | Drive::Braking | Drive::Fault => state.interlock.cause,
+        },
+        ..if tries { TickOutput::default() } else { touching }
+    }
+}
+
+/// What a tick with force gives.
+#[derive(Clone, Copy, Default)]
+struct Felt {
+    command_device: Wrench,
+    commanded_device: Wrench,
+    friction_world: Wrench,
+}
+
+/// From contact to command: friction, coupling, passivity, limits. An error is a fault that leaves no force.
+fn render(
+    (scene, p): (&RenderScene, &Parameters),
+    state: &mut State,
+    touch: &Touch,
+    target: (Pose, Twist),
+    input: &TickInput,
+    ramp_down: OffCause,
+) -> Result<Felt, Faults> {
+    let sample = &input.sample;
+    state.delay.measure(sample.delay_ticks, p.period_s);
+    let delay_ticks = observe(p, state, sample)?;
+    let (moved, turned) = p.port.way_device(touch.contact.carried.linear, touch.contact.carried.angular);
+    let spring_j = 0.5 * p.limits.force_n * p.limits.force_n / p.coupling.stiffness_n_per_m;
+    state.passivity.carry(moved, turned, delay_ticks, spring_j);
+    let filter_lag_s = match p.coupling.mode {
+        CouplingMode::Direct => filter_delay_s(p.filter.cutoff_hz[0], p.period_s),
+        _ => 0.0,
+    };
+    let coupling = state.delay.limited(&p.coupling, &p.arm, filter_lag_s, p.period_s);
+    let arm = &state.delay.damped(&p.arm);
+
+    let rubbing = state.tool.rub(touch, p);
+    let felt_world =
+        state.tool.follow((scene, p), state.traversal.places(), touch, &rubbing, &coupling, target).ok_or(Faults::SOLVER)?;
+    if !state.tool.is_finite() {
+        return Err(Faults::NON_FINITE);
+    }
+
+    let wanted = p.port.wrench_device(felt_world);
+    // Only what the motors give has power and is limited; the rest is reported and dropped.
+    let actuated = p.port.actuated_part(wanted);
+    // The tool is pushed out of the clay by itself while nothing is felt; what counts is where the hand is.
+    let is_in_clay = state.interlock.must_clear() && {
+        let clay = state.clay.as_ref().zip(scene.clay.as_ref());
+        clay.is_some_and(|(held, clay)| held.is_inside(clay, &scene.tool.shell, target.0, p))
+    };
+    let engages = state.interlock.engages(actuated, is_in_clay, &p.limits, &p.safety);
+    let up = state.drive != Drive::Stopping && ramp_down == OffCause::None && engages;
+    let gain = state.enable_gain.advance(up, p.limits.ramp_s, p.period_s);
+    let trusted = actuated * state.passivity.trusted_share(arm);
+    let damped = state.passivity.damped(trusted, sample.twist, arm, &p.limits, p.period_s);
+    let mut ramped = p.port.actuated_part(damped) * gain;
+    if state.drive == Drive::Enabling && engages && actuated != Wrench::ZERO {
+        // While the force rises the hand is steadied. Free space stays free.
+        ramped = ramped + p.port.actuated_part(damper::strongest(sample.twist, arm, 1.0 - gain));
+    }
+    let limited = state.limiter.apply(ramped, sample.twist, 1.0, &p.limits, p.period_s);
+    if !limited.finite {
+        return Err(Faults::NON_FINITE);
+    }
+    state.drive = match state.drive {
+        Drive::Enabling if gain >= 1.0 => Drive::Enabled,
+        Drive::Stopping if gain <= 0.0 && limited.wrench == Wrench::ZERO => {
+            if !state.interlock.pending.is_empty() {
+                return Err(state.interlock.pending);
+            }
+            Drive::Disabled
+        }
+        drive => drive,
+    };
+    Ok(Felt {
+        command_device: limited.wrench,
+        commanded_device: limited.wrench + (wanted - actuated) * gain,
+        friction_world: rubbing.wrench,
+    })
+}
+
+/// A damper on the arm, without a scene. When the pause is over it fades, and the drive is disabled at zero.
+fn brake(p: &Parameters, state: &mut State, input: &TickInput, check: SampleCheck) -> Result<Felt, Faults> {
+    observe(p, state, &input.sample)?;
+    let is_paused = input.request == DriveRequest::Pause && state.interlock.is_held();
+    let brakes = is_paused || !state.interlock.pending.is_empty();
+    // Old velocities would drive the arm.
+    let wanted = if brakes && check.ramp_down == OffCause::None {
+        p.port.actuated_part(damper::brake(input.sample.twist, &state.delay.damped(&p.arm)))
+    } else {
+        Wrench::ZERO
+    };
+    let limited = state.limiter.apply(wanted, input.sample.twist, 1.0, &p.limits, p.period_s);
+    if !limited.finite {
+        return Err(Faults::NON_FINITE);
+    }
+    if !brakes && limited.wrench == Wrench::ZERO {
+        state.drive = Drive::Disabled;
+    }
+    Ok(Felt { command_device: limited.wrench, commanded_device: limited.wrench, friction_world: Wrench::ZERO })
+}
+
+/// Counts the energy of the tick that ends with this sample. Returns the delay of the command that acted.
+fn observe(p: &Parameters, state: &mut State, sample: &DeviceSample) -> Result<u32, Faults> {
+    let delay_ticks = sample.delay_ticks.max(p.arm.delay_ticks);
+    let given_j = state.passivity.observe(sample.pose, delay_ticks, p.period_s);
+    if state.power.exceeds(given_j, p.limits.power_w, p.safety.power_window_s, p.period_s) {
+        return Err(Faults::POWER);
+    }
+    Ok(delay_ticks)
+}
+
+#[cfg(test)]
+#[expect(clippy::disallowed_types, clippy::expect_used, reason = "test code")]
+mod tests;
+
+#[cfg(test)]
+#[expect(clippy::disallowed_types, clippy::disallowed_macros, clippy::indexing_slicing, clippy::panic, reason = "test code")]
+mod exploration;

@@ -1,0 +1,588 @@
+//! Every way of the drive: whatever orders, gates, faults and scene swaps follow on one another, in any order and number.
+//!
+//! The real [`tick`] is driven breadth-first from the first tick on, with every order together with everything that an arm can show, one of
+//! [`ARM`] per tick. Two states count as the same when [`Seen`] is: the drive and its gates, the steps of every ramp and every counter that
+//! decides on anything. All that is new is gone on from until nothing is, so there is no depth beyond which nothing was
+//! looked at. What the arm has shown is also noted beside the tick ([`Past`]), so that the rules are judged by that and not by the tick's own
+//! memory.
+//!
+//! Left out: `stuck`, `power` and `solver`, which need a motion, and the parameters and obstacles that a client changes. The rules are those
+//! of `docs/reference/safety.md`; the time steps are coarse, so that a ramp has three.
+
+use std::collections::HashMap;
+
+use glam::{DMat3, DVec3};
+
+use super::*;
+use crate::testing::parameters;
+use crate::{ArmParameters, FreeSpace, Inertia, LimitParameters, SafetyParameters, Tool};
+use vps::pointshell::shell::Shell;
+use vps::spatial::SampleStatus;
+
+const PERIOD_S: f64 = 0.05;
+const RAMP_TICKS: u8 = 3;
+const BRAKE_TICKS: u8 = 2;
+/// What the slew limit and rounding may add to a ramp.
+const GRACE_TICKS: u8 = 2;
+const STALE_TICKS: u8 = 1;
+const STALE_FAULT_TICKS: u8 = 3;
+const LATE_TICKS: u8 = 2;
+/// Garbled packets count for so long: a tenth of a second.
+const GARBLED_TICKS: u8 = 2;
+const ENGAGE_TICKS: u32 = 1;
+const SLEW_N: f64 = 2.5;
+const BUTTON: u8 = 2;
+/// K of the spring to a tool that does not move, and where the arm may be: at rest, pulled with 3.9 N, outside, and somewhere else
+/// altogether.
+const K_N_PER_M: f64 = 100.0;
+const PLACES_M: [f64; 4] = [0.0, 0.039, 0.045, 100.0];
+const OUTSIDE: u8 = 2;
+const AFAR: u8 = 3;
+const FAST_M_PER_S: f64 = 1.2;
+/// States beyond which something grows that the abstraction forgot to bound.
+const MOST_STATES: usize = 1_000_000;
+
+type TickFunction = fn(&RenderScene, &mut State, &TickInput) -> TickOutput;
+
+/// What the arm shows in a tick.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Arm {
+    /// Nothing is wrong, and it is there.
+    At(u8),
+    LetGo,
+    NotHomed,
+    Overheated,
+    Stale,
+    Lost,
+    LinkLost,
+    NotANumber,
+    Fast,
+    Late,
+    Error,
+    Garbled,
+    Gap,
+}
+
+const ARM: [Arm; 16] = [
+    Arm::At(0),
+    Arm::At(1),
+    Arm::At(OUTSIDE),
+    Arm::At(AFAR),
+    Arm::LetGo,
+    Arm::NotHomed,
+    Arm::Overheated,
+    Arm::Stale,
+    Arm::Lost,
+    Arm::LinkLost,
+    Arm::NotANumber,
+    Arm::Fast,
+    Arm::Late,
+    Arm::Error,
+    Arm::Garbled,
+    Arm::Gap,
+];
+
+const ORDERS: [DriveRequest; 4] = [DriveRequest::Disable, DriveRequest::Enable, DriveRequest::Stop, DriveRequest::Pause];
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Event {
+    Tick(DriveRequest, Arm),
+    /// Another scene waits to take the place of this one.
+    Offered,
+}
+
+impl Arm {
+    fn status(self) -> SampleStatus {
+        match self {
+            Self::Stale => SampleStatus::Stale,
+            Self::Lost => SampleStatus::Lost,
+            Self::LinkLost => SampleStatus::LinkLost,
+            _ => SampleStatus::Fresh,
+        }
+    }
+
+    fn input(self, request: DriveRequest, past: &Past) -> TickInput {
+        let place = if let Self::At(place) = self { place } else { past.place };
+        let mut sample = DeviceSample {
+            status: self.status(),
+            buttons: u32::from(self != Self::LetGo) << BUTTON,
+            homed: self != Self::NotHomed,
+            overheated: self == Self::Overheated,
+            device_error: u16::from(self == Self::Error),
+            corrupt_packets: if self == Self::Garbled { 11 } else { 0 },
+            lost_packets: if self == Self::Gap { u16::from(STALE_FAULT_TICKS) } else { 0 },
+            ..DeviceSample::default()
+        };
+        sample.pose.translation.x = PLACES_M[usize::from(place)];
+        if self == Self::NotANumber {
+            sample.pose.translation.y = f64::NAN;
+        }
+        if self == Self::Fast {
+            sample.twist.linear.x = FAST_M_PER_S;
+        }
+        TickInput { sample, request, overrun: self == Self::Late, ..TickInput::default() }
+    }
+}
+
+/// What was shown and ordered until now, as far as rules ask for it. Counters stop where no rule asks any further.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+struct Past {
+    place: u8,
+    /// Where it was at enable: what pulls now follows from both.
+    zero: u8,
+    /// Where the last sample was that can be compared with; what a jump is.
+    compared: Option<bool>,
+    stale: u8,
+    late: u8,
+    since_garbled: u8,
+    /// The deadman was seen open since the last fault.
+    was_let_go: bool,
+    is_offered: bool,
+    /// Ticks in a row in which something takes the force away, and in `Stopping`.
+    down: u8,
+    stopping: u8,
+    /// Ticks in a row in `Enabling`.
+    enabling: u8,
+}
+
+const START: Past = Past {
+    place: 0,
+    zero: 0,
+    compared: None,
+    stale: 0,
+    late: 0,
+    since_garbled: GARBLED_TICKS,
+    was_let_go: true,
+    is_offered: false,
+    down: 0,
+    stopping: 0,
+    enabling: 0,
+};
+
+impl Past {
+    /// The same after the arm has shown this.
+    fn after(mut self, arm: Arm, request: DriveRequest, has_deadman: bool) -> Self {
+        let count = |held: bool, ticks: u8, most: u8| if held { (ticks + 1).min(most) } else { 0 };
+        if let Arm::At(place) = arm {
+            self.place = place;
+        }
+        let is_gone = arm.status().is_gone();
+        self.late = count(arm == Arm::Late, self.late, LATE_TICKS);
+        self.stale = count(arm.status() != SampleStatus::Fresh, self.stale, STALE_FAULT_TICKS + 1);
+        self.since_garbled = if arm == Arm::Garbled { 0 } else { (self.since_garbled + 1).min(GARBLED_TICKS) };
+        if is_gone {
+            (self.since_garbled, self.compared) = (GARBLED_TICKS, None);
+        } else if arm.status() == SampleStatus::Fresh && arm != Arm::NotANumber {
+            self.compared = Some(self.place == AFAR);
+        }
+        self.was_let_go |= arm == Arm::LetGo;
+        let takes_away = request == DriveRequest::Stop
+            || arm == Arm::Overheated
+            || has_deadman && arm == Arm::LetGo
+            || self.place >= OUTSIDE
+            || self.stale > STALE_TICKS;
+        self.down = count(takes_away, self.down, u8::MAX);
+        self
+    }
+
+    /// Faults other than `speed` that a drive with force has to have after the arm has shown this, at once.
+    fn faults(&self, before: &Self, arm: Arm) -> Faults {
+        let jumped = arm.status() == SampleStatus::Fresh
+            && arm != Arm::NotANumber
+            && before.compared.is_some_and(|was_afar| was_afar != (self.place == AFAR));
+        let is_gone = arm.status().is_gone();
+        [
+            (arm == Arm::Lost, Faults::DEVICE_LOST),
+            (arm == Arm::LinkLost, Faults::LINK),
+            (arm == Arm::NotHomed, Faults::NOT_HOMED),
+            (arm == Arm::NotANumber, Faults::NON_FINITE),
+            (arm == Arm::Error, Faults::DEVICE_ERROR),
+            (arm == Arm::Gap, Faults::SEQUENCE_GAP),
+            (self.since_garbled < GARBLED_TICKS && !is_gone, Faults::PROTOCOL),
+            (self.late >= LATE_TICKS, Faults::OVERRUN),
+            (arm == Arm::Stale && self.stale > STALE_FAULT_TICKS, Faults::STALE),
+            (jumped, Faults::POSITION_JUMP),
+        ]
+        .into_iter()
+        .filter(|(is_so, _)| *is_so)
+        .fold(Faults::NONE, |faults, (_, fault)| faults | fault)
+    }
+}
+
+/// What tells two states apart.
+#[derive(PartialEq, Eq, Hash)]
+struct Seen {
+    drive: u8,
+    interlock: (u32, [u32; 2], [bool; 5]),
+    gain_steps: u8,
+    force_steps: u8,
+    resume: Option<Option<bool>>,
+    past: Past,
+}
+
+#[derive(Clone)]
+struct Node {
+    state: State,
+    past: Past,
+    last: TickOutput,
+}
+
+impl Node {
+    fn seen(&self) -> Seen {
+        let Self { state, past, .. } = self;
+        Seen {
+            drive: state.drive as u8,
+            interlock: state.interlock.decides(ENGAGE_TICKS + 1),
+            gain_steps: (state.enable_gain.gain() * f64::from(RAMP_TICKS)).round() as u8,
+            force_steps: (state.limiter.last().force.length() / SLEW_N).ceil() as u8,
+            resume: state.resume.map(|resume| resume.has_room),
+            past: *past,
+        }
+    }
+}
+
+/// What is explored: an arm on a spring to a tool that nothing moves, and who judges whether a swap may happen.
+struct World {
+    scene: RenderScene,
+    tick: TickFunction,
+    may_swap: fn(&TickOutput) -> bool,
+    hand_over: fn(&State, &RenderScene) -> Handover,
+}
+
+/// As the loop has it (`swap_at_zero` in `servo/step.rs`).
+fn is_at_zero(output: &TickOutput) -> bool {
+    output.drive == Drive::Disabled && output.command_device == Wrench::ZERO && output.faults.is_empty()
+}
+
+/// A rule that was broken.
+type Broken = &'static str;
+
+impl World {
+    fn new(change: impl FnOnce(&mut Parameters)) -> Self {
+        let mut p = parameters();
+        p.period_s = PERIOD_S;
+        p.coupling.free_space = FreeSpace::Drag;
+        p.coupling.stiffness_n_per_m = K_N_PER_M;
+        p.arm = ArmParameters { injected_n_s_per_m: 20.0, injected_nm_s_per_rad: 0.01, ..p.arm };
+        p.limits = LimitParameters {
+            slew_n_per_s: SLEW_N / PERIOD_S,
+            ramp_s: f64::from(RAMP_TICKS) * PERIOD_S,
+            stale_ticks_max: u32::from(STALE_TICKS),
+            stale_fault_ticks: u32::from(STALE_FAULT_TICKS),
+            overrun_fault_ticks: u32::from(LATE_TICKS),
+            ..p.limits
+        };
+        p.safety = SafetyParameters {
+            deadman: Some(BUTTON),
+            workspace_radius_m: 0.04,
+            brake_s: f64::from(BRAKE_TICKS) * PERIOD_S,
+            engage_share: 0.1,
+            engage_ticks: ENGAGE_TICKS,
+            ..p.safety
+        };
+        change(&mut p);
+        let inertia = Inertia { mass_kg: 1e7, body_kg_m2: DMat3::IDENTITY, least_kg_m2: 1.0 };
+        let tool = Tool { shell: Shell::new(&[], 1e-3), inertia, center_of_mass_tool: DVec3::ZERO };
+        let scene = RenderScene { parameters: p, obstacles: Vec::new(), clay: None, tool };
+        Self { scene, tick, may_swap: is_at_zero, hand_over: |state, _| state.handover() }
+    }
+
+    fn has_deadman(&self) -> bool {
+        self.scene.parameters.safety.deadman.is_some()
+    }
+
+    fn start(&self) -> Node {
+        Node { state: State::new(&self.scene), past: START, last: TickOutput::default() }
+    }
+
+    /// One event. `None`: it changes nothing.
+    fn follow(&self, node: &Node, event: Event) -> Result<Option<Node>, Broken> {
+        let mut next = node.clone();
+        let Event::Tick(order, arm) = event else {
+            next.past.is_offered = true;
+            return Ok((!node.past.is_offered).then_some(next));
+        };
+        // As in the loop: a swap that is due ramps down first, and waits while a stop or a fault goes before it.
+        let swaps =
+            node.past.is_offered && matches!(order, DriveRequest::Enable | DriveRequest::Disable) && node.last.faults.is_empty();
+        let request = if swaps && order == DriveRequest::Enable { DriveRequest::Stop } else { order };
+        next.past = node.past.after(arm, request, self.has_deadman());
+        let input = arm.input(request, &next.past);
+        let output = (self.tick)(&self.scene, &mut next.state, &input);
+        next.last = output;
+        self.judge(node, &next.past, (request, arm), &output)?;
+
+        let count = |held: bool, ticks: u8, most: u8| if held { (ticks + 1).min(most) } else { 0 };
+        next.past.enabling = count(output.drive == Drive::Enabling, node.past.enabling, RAMP_TICKS);
+        next.past.stopping = count(output.drive == Drive::Stopping, node.past.stopping, u8::MAX);
+        if output.command_device == Wrench::ZERO {
+            next.past.down = 0;
+        }
+        match output.drive {
+            Drive::Enabling if node.last.drive != Drive::Enabling => next.past.zero = next.past.place,
+            // Without force nothing pulls.
+            drive if !drive.has_force() => next.past.zero = 0,
+            _ => {}
+        }
+        // A fault counts from its own tick on.
+        if output.drive == Drive::Fault && node.last.drive != Drive::Fault {
+            next.past.was_let_go = false;
+        }
+        if swaps && (self.may_swap)(&output) {
+            if output.command_device != Wrench::ZERO || output.drive != Drive::Disabled {
+                return Err("a swap under force");
+            }
+            let mut state = State::new(&self.scene);
+            state.resume_at(&self.scene, output.world_from_tool, (self.hand_over)(&next.state, &self.scene));
+            next = Node { state, past: Past { is_offered: false, was_let_go: next.past.was_let_go, ..START }, last: output };
+            next.past.place = node.past.place;
+        }
+        Ok(Some(next))
+    }
+
+    /// The rules.
+    fn judge(&self, before: &Node, past: &Past, (request, arm): (DriveRequest, Arm), output: &TickOutput) -> Result<(), Broken> {
+        let (was, is, force_n) = (before.last.drive, output.drive, output.command_device.force.length());
+        let before_n = before.last.command_device.force.length();
+        let is_zero = output.command_device == Wrench::ZERO;
+        let has_deadman = self.has_deadman();
+        let rules = [
+            ("a command that is not a number", output.command_device.is_finite()),
+            ("force in a state without", is.has_force() || is_zero),
+            ("force while a fault is latched", output.faults.is_empty() || is_zero && is == Drive::Fault),
+            ("a disable that is not obeyed in its tick", request != DriveRequest::Disable || is_zero && !is.has_force()),
+            ("force too long after it was taken away", is_zero || past.down <= RAMP_TICKS + BRAKE_TICKS + GRACE_TICKS),
+            ("a stop that takes longer than its ramp", is != Drive::Stopping || before.past.stopping < RAMP_TICKS + GRACE_TICKS),
+            ("full force without a ramp", is != Drive::Enabled || was == Drive::Enabled || before.past.enabling >= RAMP_TICKS - 1),
+            ("a step of the force", is_zero || force_n <= before_n + SLEW_N * (1.0 + 1e-9)),
+            ("a ramp that begins with force", is != Drive::Enabling || was == Drive::Enabling || is_zero),
+        ];
+        let broken = rules.into_iter().find(|(_, holds)| !holds);
+        broken.map_or(Ok(()), |(rule, _)| Err(rule))?;
+
+        let sudden = past.faults(&before.past, arm);
+        if was.has_force() && !sudden.is_empty() && (is != Drive::Fault || !output.faults.contains(sudden)) {
+            return Err("a fault that does not end the force in its tick");
+        }
+        if was.has_force() && arm == Arm::Fast && is.renders() {
+            return Err("the scene goes on driving an arm that is too fast");
+        }
+        let takes_away = request == DriveRequest::Stop || arm == Arm::Overheated || has_deadman && arm == Arm::LetGo;
+        if takes_away && matches!(is, Drive::Enabling | Drive::Enabled) {
+            return Err("a drive that goes on although a stop, heat or an open deadman says no");
+        }
+        if was == Drive::Fault && is != Drive::Fault && request != DriveRequest::Disable {
+            let is_acknowledged = has_deadman && past.was_let_go && arm != Arm::LetGo && request == DriveRequest::Enable;
+            // Homing is a gate for a drive without force.
+            if !is_acknowledged || !sudden.without(Faults::NOT_HOMED).is_empty() {
+                return Err("a fault is gone without an acknowledgement");
+            }
+        }
+        if is == Drive::Enabling && was != Drive::Enabling {
+            if !matches!(was, Drive::Disabled | Drive::Fault) || request != DriveRequest::Enable {
+                return Err("enabled out of turn");
+            }
+            let is_open = matches!(arm, Arm::At(_) | Arm::Late) || arm == Arm::LetGo && !has_deadman;
+            let is_sound = is_open && sudden.is_empty() && past.place < OUTSIDE;
+            if !is_sound {
+                return Err("enabled behind a shut gate");
+            }
+            if has_deadman && !past.was_let_go {
+                return Err("enabled by a deadman that was not let go since the fault");
+            }
+        }
+        Ok(())
+    }
+
+    /// Goes every way. What was reached, or the shortest way to a broken rule.
+    fn explore(&self) -> Result<Reached, (Broken, Vec<Event>)> {
+        let events: Vec<Event> = ORDERS.into_iter().flat_map(|order| ARM.map(|arm| Event::Tick(order, arm))).collect();
+        // By number: where it was come from, and how.
+        let mut steps: Vec<(usize, Event)> = Vec::new();
+        let mut seen = HashMap::new();
+        let start = self.start();
+        seen.insert(start.seen(), 0);
+        let mut reached = Reached::default();
+        let (mut ring, mut number) = (vec![(0, start)], 0);
+        while !ring.is_empty() {
+            reached.depth += 1;
+            let mut next_ring = Vec::new();
+            for (from, node) in ring {
+                for event in events.iter().copied().chain([Event::Offered]) {
+                    let next = match self.follow(&node, event) {
+                        Ok(Some(next)) => next,
+                        Ok(None) => continue,
+                        Err(rule) => return Err((rule, way(&steps, from, event))),
+                    };
+                    reached.ticks += 1;
+                    reached.drives |= 1 << next.state.drive as u8;
+                    reached.faults |= next.last.faults;
+                    reached.most_n = reached.most_n.max(next.last.command_device.force.length());
+                    if let std::collections::hash_map::Entry::Vacant(place) = seen.entry(next.seen()) {
+                        number += 1;
+                        place.insert(number);
+                        steps.push((from, event));
+                        next_ring.push((number, next));
+                    }
+                }
+            }
+            assert!(seen.len() < MOST_STATES, "something grows without end");
+            ring = next_ring;
+        }
+        reached.states = seen.len();
+        Ok(reached)
+    }
+}
+
+fn way(steps: &[(usize, Event)], mut from: usize, last: Event) -> Vec<Event> {
+    let mut way = vec![last];
+    while let Some((before, event)) = from.checked_sub(1).and_then(|idx| steps.get(idx)) {
+        way.push(*event);
+        from = *before;
+    }
+    way.reverse();
+    way
+}
+
+#[derive(Debug, Default)]
+struct Reached {
+    states: usize,
+    ticks: usize,
+    /// Longest of the shortest ways.
+    depth: usize,
+    drives: u8,
+    faults: Faults,
+    most_n: f64,
+}
+
+/// All that the arm can show leads to.
+const ALL_FAULTS: [Faults; 12] = [
+    Faults::NON_FINITE,
+    Faults::SPEED,
+    Faults::STALE,
+    Faults::DEVICE_LOST,
+    Faults::OVERRUN,
+    Faults::POSITION_JUMP,
+    Faults::NOT_HOMED,
+    Faults::PROTOCOL,
+    Faults::DEVICE_ERROR,
+    Faults::SEQUENCE_GAP,
+    Faults::THERMAL,
+    Faults::LINK,
+];
+
+fn assert_explored(world: &World, drives: &[Drive]) {
+    let reached = world.explore().unwrap_or_else(|(rule, way)| panic!("{rule}, after {way:#?}"));
+    let wanted = drives.iter().fold(0, |drives, drive| drives | 1 << *drive as u8);
+    assert_eq!(reached.drives, wanted, "{reached:?}");
+    assert!(ALL_FAULTS.into_iter().all(|fault| reached.faults.contains(fault)), "{reached:?}");
+    assert!(reached.most_n > 1.0, "no force to speak of: {reached:?}");
+    assert!(reached.depth > usize::from(2 * RAMP_TICKS), "no ramp up and down fits in: {reached:?}");
+}
+
+const ALL: [Drive; 6] = [Drive::Disabled, Drive::Enabling, Drive::Enabled, Drive::Stopping, Drive::Fault, Drive::Braking];
+
+#[test]
+fn no_order_gate_fault_or_swap_leads_to_force_where_none_may_be() {
+    assert_explored(&World::new(|_| ()), &ALL);
+}
+
+#[test]
+fn nor_does_any_without_a_deadman() {
+    assert_explored(&World::new(|p| p.safety.deadman = None), &ALL);
+}
+
+#[test]
+fn nor_does_any_with_an_arm_that_takes_no_damping() {
+    // A pause brakes such an arm too, with nothing.
+    assert_explored(&World::new(|p| p.arm = ArmParameters::default()), &ALL);
+}
+
+/// Ticks that are wrong in one way each, and the rule that they break.
+#[test]
+fn a_tick_that_breaks_a_rule_is_found_out() {
+    let broken: [(TickFunction, Broken); 9] = [
+        (
+            |scene, state, input| {
+                let last = state.limiter.last();
+                let output = tick(scene, state, input);
+                if input.request == DriveRequest::Disable { TickOutput { command_device: last, ..output } } else { output }
+            },
+            "force in a state without",
+        ),
+        (
+            |scene, state, input| {
+                let last = state.limiter.last();
+                let output = tick(scene, state, input);
+                if output.drive == Drive::Fault { TickOutput { command_device: last, ..output } } else { output }
+            },
+            "force in a state without",
+        ),
+        (
+            |scene, state, input| {
+                let is_on = state.drive == Drive::Enabled;
+                let request = if is_on && input.request == DriveRequest::Disable { DriveRequest::Stop } else { input.request };
+                tick(scene, state, &TickInput { request, ..*input })
+            },
+            "a disable that is not obeyed in its tick",
+        ),
+        (
+            |scene, state, input| {
+                let request = if input.request == DriveRequest::Stop { DriveRequest::Enable } else { input.request };
+                tick(scene, state, &TickInput { request, ..*input })
+            },
+            "a drive that goes on although a stop, heat or an open deadman says no",
+        ),
+        (
+            |scene, state, input| {
+                if state.drive == Drive::Stopping {
+                    state.enable_gain.advance(true, scene.parameters.limits.ramp_s, scene.parameters.period_s);
+                }
+                tick(scene, state, input)
+            },
+            "a stop that takes longer than its ramp",
+        ),
+        (
+            |scene, state, input| {
+                if state.drive == Drive::Enabling {
+                    state.enable_gain.advance(true, 0.0, scene.parameters.period_s);
+                }
+                tick(scene, state, input)
+            },
+            "full force without a ramp",
+        ),
+        (
+            |scene, state, input| {
+                let device_error = if state.drive.has_force() { 0 } else { input.sample.device_error };
+                let sample = DeviceSample { device_error, ..input.sample };
+                tick(scene, state, &TickInput { sample, ..*input })
+            },
+            "a fault that does not end the force in its tick",
+        ),
+        (
+            |scene, state, input| {
+                if state.drive == Drive::Fault && input.request == DriveRequest::Pause {
+                    (state.drive, state.faults) = (Drive::Disabled, Faults::NONE);
+                }
+                tick(scene, state, input)
+            },
+            "a fault is gone without an acknowledgement",
+        ),
+        (
+            |scene, state, input| {
+                let sample = DeviceSample { homed: true, ..input.sample };
+                tick(scene, state, &TickInput { sample, ..*input })
+            },
+            "enabled behind a shut gate",
+        ),
+    ];
+    for (idx, (tick, rule)) in broken.into_iter().enumerate() {
+        let found = World { tick, ..World::new(|_| ()) }.explore();
+        assert_eq!(found.map_err(|(rule, _)| rule).err(), Some(rule), "tick {idx}");
+    }
+    let forgetful = World { hand_over: |_, scene| State::new(scene).handover(), ..World::new(|_| ()) };
+    let rule = "enabled by a deadman that was not let go since the fault";
+    assert_eq!(forgetful.explore().map_err(|(rule, _)| rule).err(), Some(rule));
+    let careless = World { may_swap: |output| output.faults.is_empty() && output.drive != Drive::Fault, ..World::new(|_| ()) };
+    assert_eq!(careless.explore().map_err(|(rule, _)| rule).err(), Some("a swap under force"));
+}

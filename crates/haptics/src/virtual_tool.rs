@@ -1,0 +1,291 @@
+//! The virtual tool: what touches it, how it follows the arm in each coupling, and what the arm feels of it.
+
+use glam::DVec3;
+
+use super::RenderScene;
+use super::braking::{Brake, Braking};
+use super::clay::Held;
+use super::constraint::{self, SLOP_VOXELS};
+use super::contact_damping;
+use super::coupling::{Body, Inertia, LinearContact, Pull, Spring};
+use super::filter::{ShapingFilter, Slide};
+use super::friction::{Friction, FrictionWrench};
+use super::limits::Ramp;
+use super::params::{CouplingMode, CouplingParameters, FreeSpace, Parameters};
+use super::placing::ALWAYS_VOXELS;
+use super::quasi_static::StaticBalance;
+use super::stability::semi_implicit_max_stiffness;
+use vps::contact::places::Places;
+use vps::contact::planes::DeepestContacts;
+use vps::contact::{Carried, Contact, ContactSum, Patch, Traversal};
+use vps::spatial::{Mat6, Pose, Twist, Wrench};
+
+/// Time in which the coupling wrench comes in at first contact, s (decision: free space).
+const CONTACT_RISE_S: f64 = 5e-3;
+
+/// How far the shell may follow the arm in one tick without a virtual tool, voxels.
+const SEEN_VOXELS: f64 = 2.9;
+
+/// What the contact query of a tick found.
+pub(super) struct Touch {
+    pub(super) contact: ContactSum,
+    /// For the constraint coupling only.
+    deepest: Option<DeepestContacts>,
+    brake: Option<Brake>,
+}
+
+/// Pose, velocity and all memory of force.
+#[derive(Clone, Debug)]
+pub(super) struct VirtualTool {
+    body: Body,
+    filter: ShapingFilter,
+    friction: Friction,
+    balance: StaticBalance,
+    /// 0 in free space, 1 in contact, so that the coupling comes in over [`CONTACT_RISE_S`].
+    contact_gain: Ramp,
+    /// How far a point of the tool may go in the next tick without a virtual tool, m.
+    step_limit_m: f64,
+}
+
+impl VirtualTool {
+    /// At rest, with nothing remembered.
+    pub(super) fn at(pose: Pose) -> Self {
+        Self {
+            body: Body { pose, twist: Twist::ZERO },
+            filter: ShapingFilter::default(),
+            friction: Friction::default(),
+            balance: StaticBalance::default(),
+            contact_gain: Ramp::default(),
+            step_limit_m: 0.0,
+        }
+    }
+
+    /// Pose of the axes at the centre of mass, world.
+    pub(super) fn pose(&self) -> Pose {
+        self.body.pose
+    }
+
+    pub(super) fn is_finite(&self) -> bool {
+        self.body.pose.is_finite() && self.body.twist.is_finite()
+    }
+
+    /// Without a virtual tool the shell stands where the arm is now, so contact has no delay of its own. Only what is too fast to be seen
+    /// in passing is followed more slowly.
+    pub(super) fn stand_at(&mut self, target: (Pose, Twist), scene: &RenderScene) {
+        self.body = self.body.followed(target, scene.tool.shell.radius_m(), self.step_limit_m);
+    }
+
+    /// Looks for contact where the tool stands, and with `braking` for what it approaches; `moving`: obstacles are under way.
+    pub(super) fn touch(
+        &mut self,
+        traversal: &mut Traversal,
+        clay: Option<&mut Held>,
+        braking: Option<&mut Braking>,
+        scene: &RenderScene,
+        p: &Parameters,
+        moving: bool,
+    ) -> Touch {
+        let (obstacles, shell, body) = (&scene.obstacles, &scene.tool.shell, self.body.pose);
+        let mut deepest = (p.coupling.mode == CouplingMode::Constraint).then(DeepestContacts::default);
+        let contact = match deepest.as_mut() {
+            Some(deepest) => {
+                let mut also = |obstacle_idx: usize, contact: &Contact| deepest.add(obstacle_idx, contact);
+                ContactSum::of(traversal, obstacles, shell, body, p.force_law(), Some(&mut also))
+            }
+            None => ContactSum::of(traversal, obstacles, shell, body, p.force_law(), None),
+        };
+        let contact = match (clay, &scene.clay) {
+            (Some(held), Some(clay)) => contact.with_clay(&held.touch(clay, shell, body, p)),
+            _ => contact,
+        };
+        // A point that goes no further than this is seen inside of a wall of three voxels.
+        let seen_voxels = if moving { SEEN_VOXELS - ALWAYS_VOXELS } else { SEEN_VOXELS };
+        self.step_limit_m = contact.step_limit_m.max(seen_voxels * contact.voxel_size_m);
+        let brake = braking.and_then(|braking| braking.brake(scene, traversal, &self.body, &contact));
+        Touch { contact, deepest, brake }
+    }
+
+    /// Friction of what touches.
+    pub(super) fn rub(&mut self, touch: &Touch, p: &Parameters) -> FrictionWrench {
+        if let Some(faces) = touch.contact.carried_faces() {
+            self.friction.carry(faces);
+        }
+        self.friction.update(touch.contact.patches(), self.body.pose, &p.contact.friction)
+    }
+
+    /// Steps the tool in its coupling and gives the wrench that the arm feels (world axes, about the grip point). `None` on non-finite input.
+    pub(super) fn follow(
+        &mut self,
+        (scene, p): (&RenderScene, &Parameters),
+        places: &Places,
+        touch: &Touch,
+        rubbing: &FrictionWrench,
+        coupling: &CouplingParameters,
+        target: (Pose, Twist),
+    ) -> Option<Wrench> {
+        let Touch { contact, deepest, brake } = touch;
+        if coupling.mode == CouplingMode::Direct {
+            return Some(self.direct(contact, rubbing, coupling, p));
+        }
+        let radius_m = scene.tool.shell.radius_m();
+        let (target_pose, target_twist) = target;
+        let touching = contact.acts();
+
+        let spring = |body: Pose| Spring::between(body, target_pose, coupling, &p.limits, contact.voxel_size_m, radius_m);
+        let stretched = spring(self.body.pose);
+        let weight = p.gravity_m_per_s2 * scene.tool.inertia.mass_kg;
+        let over_a_tick = |(way, turn): (DVec3, DVec3)| Twist { linear: way / p.period_s, angular: turn / p.period_s };
+        let twist = match (coupling.mode, deepest) {
+            (CouplingMode::Static, _) => {
+                let stiffness = contact.stiffness.plus_scaled(1.0, &rubbing.stiffness);
+                let met = contact.wrench + rubbing.wrench + pushed(&stiffness, &contact.carried);
+                over_a_tick(self.balance.step(&stretched, weight, met, &stiffness)?)
+            }
+            (CouplingMode::Constraint, Some(deepest)) => {
+                let sag_m = weight / coupling.stiffness_n_per_m;
+                let body = self.body.pose;
+                // As seen from what it touches, which may move.
+                let Carried { linear, angular } = contact.carried;
+                let free = (target_pose.translation - body.translation + sag_m - linear, body.rotation_to(target_pose) - angular);
+                let way_out = |idx: usize, contact: &Contact| match (scene.obstacles.get(idx), places.stand(idx)) {
+                    (Some(obstacle), Some(stand)) => obstacle.way_out_world(stand.world_from_map, body, contact),
+                    _ => body.transform_vector(contact.normal_body.as_dvec3()),
+                };
+                let step = constraint::step(free, body, coupling, deepest, way_out, SLOP_VOXELS * contact.voxel_size_m)?;
+                over_a_tick((step.0 + linear, step.1 + angular))
+            }
+            _ => {
+                self.step_with_mass((scene, p), (contact, rubbing, brake.as_ref()), coupling, (stretched, target_twist, weight))?
+            }
+        };
+        self.body = self.body.moved(twist, p.period_s, radius_m, contact.step_limit_m);
+
+        // The spring after the step: what the tool holds on to now is what the hand feels now.
+        let damper = Wrench::new(
+            (self.body.twist.linear - target_twist.linear) * coupling.felt_damping_n_s_per_m,
+            (self.body.twist.angular - target_twist.angular) * coupling.felt_damping_nm_s_per_rad,
+        );
+        let felt = damper - spring(self.body.pose).wrench;
+        Some(match coupling.free_space {
+            FreeSpace::Drag => felt,
+            FreeSpace::Zero => {
+                let gain = self.contact_gain.advance(touching, CONTACT_RISE_S, p.period_s);
+                if touching { felt * gain } else { Wrench::ZERO }
+            }
+        })
+    }
+
+    /// Velocity of a virtual tool with mass after one step. `None` on non-finite input.
+    fn step_with_mass(
+        &mut self,
+        (scene, p): (&RenderScene, &Parameters),
+        (contact, rubbing, brake): (&ContactSum, &FrictionWrench, Option<&Brake>),
+        coupling: &CouplingParameters,
+        (spring, target_twist, weight): (Spring, Twist, DVec3),
+    ) -> Option<Twist> {
+        let inertia = &scene.tool.inertia;
+        let damping = Pull::critical_damping(coupling, inertia);
+        let scale = match coupling.mode {
+            CouplingMode::SemiImplicit => semi_implicit_share(contact, rubbing, p, inertia, damping),
+            _ => 1.0,
+        };
+        let (along, about) = contact.stiffness.bounds();
+        let step_stiffness = scale * p.period_s * p.period_s * (along / inertia.mass_kg).max(about / inertia.least_kg_m2);
+        let wrench = self.shaped(contact, scale, step_stiffness, p);
+        // Friction is smooth by itself: it goes past the filter.
+        let stiffness =
+            Mat6::ZERO.plus_scaled(scale * (1.0 - self.filter.alpha()), &contact.stiffness).plus_scaled(scale, &rubbing.stiffness);
+        let damping_s = if along > 0.0 { 2.0 * p.contact.damping_ratio * (inertia.mass_kg / along).sqrt() } else { 0.0 };
+
+        let pull = Pull { spring, target_twist, weight, damping, period_s: p.period_s };
+        let mut wrench = wrench + rubbing.wrench * scale;
+        if coupling.mode != CouplingMode::SemiImplicit {
+            // What moves towards the tool will push by so much more at the end of the tick, and damping acts on the speed between both.
+            wrench = wrench + pushed(&stiffness, &contact.carried) * (1.0 + damping_s / p.period_s);
+        }
+        let braking = brake.map(|brake| brake.damping(inertia.mass_kg, p.period_s));
+        let ground = contact.carried.over(p.period_s);
+        let solve = |faces: Option<&Mat6>| {
+            let (mut damping, mut wrench) = (braking, wrench);
+            if let Some(faces) = faces {
+                damping = Some(damping.unwrap_or(Mat6::ZERO).plus_scaled(1.0, faces));
+                let (force, torque) = faces.mul(ground.linear, ground.angular);
+                wrench = wrench + Wrench::new(force, torque);
+            }
+            let linear = LinearContact { wrench, stiffness, damping_s, damping };
+            match coupling.mode {
+                CouplingMode::SemiImplicit => self.body.step_semi_implicit(&pull, &linear, inertia),
+                _ => self.body.step_implicit(&pull, &linear, inertia),
+            }
+        };
+        let undamped = solve(None)?;
+        if contact.contacts == 0 || p.contact.damping_n_s_per_m <= 0.0 {
+            return Some(undamped);
+        }
+        // In an explicit step the faces press as they did at its begin.
+        let spring_s = if coupling.mode == CouplingMode::SemiImplicit { 0.0 } else { p.period_s + damping_s };
+        let patches = contact.patches().map(|patch| Patch { force_n: scale * patch.force_n, ..*patch });
+        // As seen from what the faces touch, which may move.
+        let seen = contact_damping::damped(patches, p.contact.damping_n_s_per_m, spring_s, undamped - ground, |dampers| {
+            solve(Some(dampers)).map(|twist| twist - ground)
+        })?;
+        Some(seen + ground)
+    }
+
+    /// No virtual tool: the shell stands where the arm is, the arm gets the filtered contact wrench, its stiffness limited to what
+    /// the arm can take.
+    fn direct(&mut self, contact: &ContactSum, rubbing: &FrictionWrench, coupling: &CouplingParameters, p: &Parameters) -> Wrench {
+        let stiffness = contact.stiffness.plus_scaled(1.0, &rubbing.stiffness);
+        let share = within(stiffness.bounds(), (coupling.bound_n_per_m, coupling.bound_nm_per_rad));
+        self.shaped(contact, share, 0.0, p) + rubbing.wrench * share
+    }
+
+    /// A share of the contact wrench through the dynamic shaping filter.
+    fn shaped(&mut self, contact: &ContactSum, share: f64, step_stiffness: f64, p: &Parameters) -> Wrench {
+        let against = self.body.twist - contact.carried.over(p.period_s);
+        let slide = Slide { speed_m_per_s: slide_speed(contact, against), voxel_size_m: contact.voxel_size_m, step_stiffness };
+        self.filter.update(contact.wrench * share, slide, contact.acts(), &p.filter, p.period_s)
+    }
+}
+
+/// What a contact stiffness adds to its wrench when what touches moves by so much.
+fn pushed(stiffness: &Mat6, carried: &Carried) -> Wrench {
+    let (force, torque) = stiffness.mul(carried.linear, carried.angular);
+    Wrench::new(force, torque)
+}
+
+/// The share of the contact stiffness that the semi-implicit step can take beside the coupling spring.
+///
+/// # Source
+/// The inequality of [`semi_implicit_max_stiffness`](super::stability::semi_implicit_max_stiffness), ours.
+fn semi_implicit_share(
+    contact: &ContactSum,
+    rubbing: &FrictionWrench,
+    p: &Parameters,
+    inertia: &Inertia,
+    damping: (f64, f64),
+) -> f64 {
+    // Half of the bound: it holds for one axis, and contact couples translation and rotation.
+    let room =
+        |mass: f64, damping: f64, spring: f64| (0.5 * semi_implicit_max_stiffness(mass, damping, p.period_s) - spring).max(0.0);
+    within(
+        contact.stiffness.plus_scaled(1.0, &rubbing.stiffness).bounds(),
+        (
+            room(inertia.mass_kg, damping.0, p.coupling.stiffness_n_per_m),
+            room(inertia.least_kg_m2, damping.1, p.coupling.stiffness_nm_per_rad),
+        ),
+    )
+}
+
+/// The largest factor up to 1 that keeps both stiffnesses within their bounds.
+fn within(stiffness: (f64, f64), bounds: (f64, f64)) -> f64 {
+    let share = |stiffness: f64, bound: f64| if stiffness > bound { bound / stiffness } else { 1.0 };
+    share(stiffness.0, bounds.0).min(share(stiffness.1, bounds.1))
+}
+
+/// Speed of the contact along the surface, m/s: what excites the voxel line that the filter removes.
+fn slide_speed(contact: &ContactSum, tool: Twist) -> f64 {
+    let Some(normal) = contact.wrench.force.try_normalize() else { return 0.0 };
+    let velocity = tool.linear + tool.angular.cross(contact.arm_world);
+    (velocity - normal * velocity.dot(normal)).length()
+}

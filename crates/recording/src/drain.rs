@@ -1,0 +1,117 @@
+//! Empties the ring of records on a normal thread.
+
+use core::time::Duration;
+use std::time::Instant;
+
+use rtrb::Consumer;
+
+use super::{Summary, Taps, TickRecord};
+use haptics::Drive;
+
+/// How long the drain rests when the ring is empty: a ring of some seconds never fills in that time.
+const REST: Duration = Duration::from_millis(1);
+
+/// How often a watcher gets a snapshot.
+const SNAPSHOT_EVERY: Duration = Duration::from_millis(100);
+
+/// What a watcher hears while records come in.
+#[derive(Clone, Copy, Debug)]
+pub enum Watch {
+    /// The drive changed its state in this record.
+    Drive(TickRecord),
+    /// A fault appeared in this record.
+    Fault(TickRecord),
+    /// The first record of another scene.
+    Scene(TickRecord),
+    /// The newest record, about ten times a second.
+    Snapshot(TickRecord),
+}
+
+/// What is left when the servo has gone.
+#[derive(Debug)]
+pub struct Drained {
+    /// Statistics over every record that arrived.
+    pub summary: Summary,
+    /// The last record.
+    pub last: Option<TickRecord>,
+}
+
+/// Takes records until the producer is gone and the ring is empty. Blocks; for a thread of its own.
+pub fn drain(mut records: Consumer<TickRecord>, taps: &Taps, mut watch: impl FnMut(Watch)) -> Drained {
+    let mut summary = Summary::new();
+    let mut last: Option<TickRecord> = None;
+    let mut next_snapshot = Instant::now() + SNAPSHOT_EVERY;
+    loop {
+        // Asked before popping: a record that was pushed before the producer went is then always seen.
+        let producer_gone = records.is_abandoned();
+        let mut n_taken = 0u32;
+        while let Ok(record) = records.pop() {
+            summary.add(&record);
+            taps.pass(&record);
+            let drive_before = last.map_or(Drive::Disabled, |record| record.output.drive);
+            let faults_before = last.is_some_and(|record| !record.output.faults.is_empty());
+            let scene_before = last.map_or(0, |record| record.scene_idx);
+            last = Some(record);
+            if record.scene_idx != scene_before {
+                watch(Watch::Scene(record));
+            }
+            if record.output.drive != drive_before {
+                watch(Watch::Drive(record));
+            }
+            if !record.output.faults.is_empty() && !faults_before {
+                watch(Watch::Fault(record));
+            }
+            n_taken += 1;
+        }
+        if let Some(record) = last
+            && n_taken > 0
+            && Instant::now() >= next_snapshot
+        {
+            next_snapshot = Instant::now() + SNAPSHOT_EVERY;
+            watch(Watch::Snapshot(record));
+        }
+        if producer_gone {
+            taps.close();
+            return Drained { summary, last };
+        }
+        if n_taken == 0 {
+            std::thread::sleep(REST);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use haptics::{Faults, TickOutput};
+
+    #[test]
+    fn every_record_is_taken_and_changes_are_told() {
+        let (mut producer, consumer) = rtrb::RingBuffer::new(16);
+        for tick in 0..10 {
+            let mut output = TickOutput::default();
+            if tick >= 3 {
+                output.drive = Drive::Enabled;
+            }
+            if tick >= 7 {
+                output.drive = Drive::Fault;
+                output.faults = Faults::STALE;
+            }
+            producer.push(TickRecord { tick, output, ..TickRecord::default() }).expect("room");
+        }
+        drop(producer);
+        let (mut told, taps) = (Vec::new(), Taps::default());
+        let (sender, tapped) = std::sync::mpsc::channel();
+        taps.add(Box::new(move |record| record.tick < 5 && sender.send(record.tick).is_ok()));
+        let drained = drain(consumer, &taps, |watch| match watch {
+            Watch::Drive(record) => told.push((record.tick, "drive")),
+            Watch::Fault(record) => told.push((record.tick, "fault")),
+            Watch::Scene(_) | Watch::Snapshot(_) => {}
+        });
+        assert_eq!(told, [(3, "drive"), (7, "drive"), (7, "fault")]);
+        assert_eq!(drained.last.map(|record| record.tick), Some(9));
+        assert_eq!(drained.summary.ticks(), 10);
+        assert_eq!(tapped.iter().collect::<Vec<_>>(), [0, 1, 2, 3, 4], "until it wants no more");
+        taps.add(Box::new(|_| panic!("the run is over")));
+    }
+}

@@ -1,0 +1,232 @@
+//! The page that a lab keeps with its notes: what a recording shows, in one HTML file that needs nothing else.
+//!
+//! Data in: the entries of a recording, one after another. Data out: the text of the page. It holds no script, loads nothing and prints well.
+//!
+//! | file | owns |
+//! |---|---|
+//! | `trace` | values over time, as envelopes of bounded size |
+//! | `chart` | SVG |
+//! | `page` | HTML |
+
+mod chart;
+mod page;
+mod trace;
+
+use std::collections::BTreeMap;
+
+use serde_json::Value;
+
+use super::file::{Entry, LONGEST_TEXT};
+use super::{Counted, RealtimeSummary, Summary, TickRecord, Totals};
+use haptics::Faults;
+use trace::Trace;
+
+/// A page in the making.
+#[derive(Debug)]
+pub struct LabReport {
+    /// Path of the file.
+    file: String,
+    run: BTreeMap<String, String>,
+    /// By number: manifest, and what the scene came to.
+    scenes: BTreeMap<u32, SceneFacts>,
+    summary: Summary,
+    faults: Vec<FaultSpan>,
+    trace: Trace,
+    first: Option<TickRecord>,
+    last: Option<TickRecord>,
+    missing_ticks: u64,
+    dropped: u64,
+    is_cut_off: bool,
+}
+
+#[derive(Debug, Default)]
+struct SceneFacts {
+    manifest: BTreeMap<String, String>,
+    resolved: Value,
+    first_time_s: Option<f64>,
+}
+
+/// A time in which faults were latched.
+#[derive(Debug)]
+struct FaultSpan {
+    tick: u64,
+    time_s: f64,
+    faults: Faults,
+    cause: &'static str,
+}
+
+impl LabReport {
+    /// Of a recording at this path.
+    pub fn new(file: String) -> Self {
+        Self {
+            file,
+            run: BTreeMap::new(),
+            scenes: BTreeMap::new(),
+            summary: Summary::new(),
+            faults: Vec::new(),
+            trace: Trace::default(),
+            first: None,
+            last: None,
+            missing_ticks: 0,
+            dropped: 0,
+            is_cut_off: false,
+        }
+    }
+
+    /// After the last entry: the file has no end.
+    pub fn cut_off(&mut self) {
+        self.is_cut_off = true;
+    }
+
+    /// Takes the next entry.
+    pub fn take(&mut self, entry: &Entry) {
+        match entry {
+            Entry::Metadata { name, values } if name == "run" => self.run.clone_from(values),
+            // What was dropped after the last tick is told here alone.
+            Entry::Metadata { name, values } if name == "end" => {
+                let dropped = values.get("dropped").and_then(|dropped| dropped.parse().ok());
+                self.dropped = dropped.map_or(self.dropped, |dropped| self.dropped.max(dropped));
+            }
+            Entry::Metadata { name, values } => {
+                if let Some(scene_idx) = name.strip_prefix("scenes/").and_then(|idx| idx.parse().ok()) {
+                    self.scenes.entry(scene_idx).or_default().manifest.clone_from(values);
+                }
+            }
+            Entry::Attachment { name, data } => {
+                let scene = name.strip_prefix("scenes/").and_then(|name| name.strip_suffix("/resolved.json"));
+                if let Some(scene_idx) = scene.and_then(|idx| idx.parse().ok())
+                    && data.len() <= LONGEST_TEXT
+                {
+                    self.scenes.entry(scene_idx).or_default().resolved = serde_json::from_slice(data).unwrap_or_default();
+                }
+            }
+            Entry::Tick { record, dropped } => self.record(record, *dropped),
+        }
+    }
+
+    /// Ticks so far.
+    pub fn ticks(&self) -> u64 {
+        self.summary.ticks()
+    }
+
+    fn record(&mut self, record: &TickRecord, dropped: u64) {
+        let time_s = record.time_ns as f64 * 1e-9;
+        if let Some(last) = &self.last {
+            self.missing_ticks += record.tick.saturating_sub(last.tick.saturating_add(1));
+        }
+        let faults = record.output.faults;
+        if !faults.is_empty() && self.last.is_none_or(|last| last.output.faults != faults) {
+            let cause = record.output.off_cause.name();
+            self.faults.push(FaultSpan { tick: record.tick, time_s, faults, cause });
+        }
+        self.scenes.entry(record.scene_idx).or_default().first_time_s.get_or_insert(time_s);
+        self.summary.add(record);
+        self.trace.add(record);
+        self.dropped = dropped;
+        self.first.get_or_insert(*record);
+        self.last = Some(*record);
+    }
+
+    /// The finished page: HTML that loads nothing.
+    pub fn page(&self) -> String {
+        page::page(self)
+    }
+
+    /// Period of a tick, s.
+    fn period_s(&self) -> f64 {
+        let rate_hz: f64 = self.run.get("rate_hz").and_then(|rate_hz| rate_hz.parse().ok()).unwrap_or(1000.0);
+        rate_hz.recip()
+    }
+
+    /// The run followed the machine's clock.
+    fn keeps_time(&self) -> bool {
+        self.run.get("clock").is_none_or(|clock| clock != "virtual")
+    }
+
+    fn totals(&self) -> Totals {
+        self.summary.totals(Counted {
+            ticks: self.summary.ticks(),
+            rate_hz: (1.0 / self.period_s()).round() as u32,
+            clock: if self.keeps_time() { "real" } else { "virtual" },
+            missed_deadlines: 0,
+            dropped_records: self.dropped,
+            contact_budget_points: self.last.and_then(|record| record.contact_budget_points),
+            faults: Faults::NONE,
+            realtime: RealtimeSummary::default(),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+
+    use super::*;
+    use haptics::TickOutput;
+    use vps::spatial::Wrench;
+
+    fn tick(tick: u64, faults: Faults) -> Entry {
+        let output = TickOutput {
+            command_device: Wrench::new(DVec3::Z * (tick as f64 * 0.01), DVec3::ZERO),
+            max_depth_m: 1e-4,
+            faults,
+            ..TickOutput::default()
+        };
+        let record = TickRecord { tick, time_ns: tick as i64 * 1_000_000, compute_ns: 7000, output, ..TickRecord::default() };
+        Entry::Tick { record: Box::new(record), dropped: 0 }
+    }
+
+    #[test]
+    fn a_page_stands_alone_and_says_what_happened() {
+        let mut report = LabReport::new("<b>.mcap".to_owned());
+        let begun = [("begun".to_owned(), "2026-01-31T12:34:56.789Z".to_owned())].into();
+        report.take(&Entry::Metadata { name: "run".to_owned(), values: begun });
+        let values = [("name".to_owned(), "peg & hole <script>".to_owned())].into();
+        report.take(&Entry::Metadata { name: "scenes/0".to_owned(), values });
+        let resolved = br#"{"statics": [{"name": "plate"}], "parameters": {"limits": {"force_n": 8.0}}}"#.to_vec();
+        report.take(&Entry::Attachment { name: "scenes/0/resolved.json".to_owned(), data: resolved });
+        (0..500).for_each(|n| report.take(&tick(n, Faults::NONE)));
+        (510..520).for_each(|n| report.take(&tick(n, Faults::STALE)));
+        let page = report.page();
+        for fragment in [
+            "peg &amp; hole &lt;script&gt;",
+            "&lt;b&gt;.mcap · begun 2026-01-31T12:34:56.789Z",
+            "stale",
+            "no new sample for too long",
+            "plate",
+            "10 ticks are missing",
+        ] {
+            assert!(page.contains(fragment), "{fragment}\n{page}");
+        }
+        for loads in ["<script", "http://", "https://", "src=", "url(", "@import", "NaN"] {
+            assert!(!page.replace("http://www.w3.org/2000/svg", "").contains(loads), "{loads}");
+        }
+        assert_eq!(page.matches("<svg").count(), page.matches("</svg>").count());
+    }
+
+    #[test]
+    fn a_page_says_what_the_recording_lacks() {
+        let mut report = LabReport::new("f.mcap".to_owned());
+        (0..500).for_each(|n| report.take(&tick(n, Faults::NONE)));
+        assert!(!report.page().contains("class=\"warning\""));
+        let values = [("records".to_owned(), "500".to_owned()), ("dropped".to_owned(), "23".to_owned())].into();
+        report.take(&Entry::Metadata { name: "end".to_owned(), values });
+        assert!(report.page().contains("23 ticks were dropped"));
+        report.cut_off();
+        assert!(report.page().contains("has no end"));
+    }
+
+    #[test]
+    fn nothing_and_nonsense_make_a_page_too() {
+        let mut report = LabReport::new("f.mcap".to_owned());
+        assert!(report.page().contains("no tick"));
+        let mut entry = tick(0, Faults::NONE);
+        if let Entry::Tick { record, .. } = &mut entry {
+            record.output.command_device.force.x = f64::NAN;
+            record.output.clearance_m = f64::INFINITY;
+        }
+        report.take(&entry);
+        let page = report.page();
+        assert!(!page.contains("NaN") && !page.contains("inf "), "{page}");
+    }
+}

@@ -1,0 +1,291 @@
+//! Contact: which points of the shell are inside which obstacle, and what wrench and stiffness that makes.
+//!
+//! # Units and frames
+//! Sums are formed in tool axes about the centre of mass, where normals and arms are constants of the shell, and turned to world
+//! axes once. `f32` per point and over a few blocks, `f64` beyond; always added in the order of the blocks: the same bits on every
+//! machine.
+//!
+//! ```text
+//!   flat (specification) ─┐
+//!   traversal ─┬─ all ────┼─► Touched: blocks of the shell and depths ─► sum by face ─► normalisation ─► wrench, patches
+//!              └─ walk ───┘
+//! ```
+//!
+//! # Source
+//! Sagardia2008, section 2 (traverse all points, sum penetration × normal); McNeely1999 (wrench about the centre of mass).
+
+mod budget;
+mod clay;
+pub mod faces;
+mod flat;
+pub mod places;
+pub mod planes;
+mod proximity;
+mod samples;
+mod simd;
+mod sum;
+mod summing;
+#[cfg(test)]
+mod tests;
+mod touched;
+mod traversal;
+mod walk;
+
+use glam::DVec3;
+
+pub use budget::Budget;
+pub use faces::FACES;
+pub use flat::visit;
+pub use proximity::Proximity;
+pub use simd::Machine;
+pub use summing::AVERAGED_CONTACTS;
+pub use touched::{Contact, Touched};
+pub use traversal::{Traversal, Way};
+
+use self::faces::face_of;
+use self::summing::Summing;
+use crate::pointshell::shell::{LANES, Lanes, Shell};
+use crate::spatial::{Mat6, Pose, Twist, Wrench};
+use crate::voxmap::field::{Field, FieldKind};
+
+/// What normalisation does with the sum over points.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Normalization {
+    /// The plain sum of the paper: stiffness grows with contact area.
+    #[default]
+    None,
+    /// McNeely's averaging without its steps: F / max(1, N_eff/10).
+    Average,
+    /// The same by face of the tool, so that each wall keeps the stiffness of ten points however large the area that touches it.
+    Cluster,
+}
+
+/// How depths become forces.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ForceLaw {
+    /// Field look-up that gives the depth of a point.
+    pub field: FieldKind,
+    /// Penalty stiffness of one point, N/m.
+    pub stiffness_n_per_m: f64,
+    /// What many points that touch are worth together.
+    pub normalization: Normalization,
+    /// Stage S of the shaping filter: a smooth entry weight over the first half voxel of depth.
+    pub smooth_entry: bool,
+}
+
+impl ForceLaw {
+    /// Interpolated depths, 1 N/mm for each point, nothing else.
+    pub const PLAIN: Self =
+        Self { field: FieldKind::Trilinear, stiffness_n_per_m: 1000.0, normalization: Normalization::None, smooth_entry: false };
+}
+
+/// A static object as a query sees it.
+#[derive(Debug)]
+pub struct Obstacle {
+    /// Its depths, map frame.
+    pub field: Field,
+    /// Where it stands until it is asked to go elsewhere.
+    pub world_from_map: Pose,
+}
+
+impl Obstacle {
+    /// Unit direction in world axes in which a contact leaves this obstacle fastest, −grad V; the contact's own normal where the gradient
+    /// vanishes. The poses are those at which the contact was found. RT: safe, O(1).
+    pub fn way_out_world(&self, world_from_map: Pose, world_from_body: Pose, contact: &Contact) -> DVec3 {
+        let point_map = world_from_map.inverse().transform_point(world_from_body.transform_point(contact.arm_body.as_dvec3()));
+        let cells = (point_map - self.field.origin_map().as_dvec3()) / f64::from(self.field.voxel_size_m());
+        match (-self.field.gradient(cells.as_vec3())).as_dvec3().try_normalize() {
+            Some(normal_map) => world_from_map.transform_vector(normal_map),
+            None => world_from_body.transform_vector(contact.normal_body.as_dvec3()),
+        }
+    }
+}
+
+/// What touches with one face of the tool.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Patch {
+    /// Number of the face.
+    pub face: u8,
+    /// Force that presses it, normalisation included, N.
+    pub force_n: f64,
+    /// Unit direction that pushes the tool out, world axes.
+    pub normal_world: DVec3,
+    /// Depth-weighted middle, relative to the centre of mass, world axes, m.
+    pub arm_world: DVec3,
+    /// Radius of gyration about the normal through the middle, m.
+    pub radius_m: f64,
+    /// Stiffness along the normal, N/m.
+    pub stiffness_n_per_m: f64,
+}
+
+/// The sum over all contacts of all obstacles, world axes, about the tool's centre of mass.
+#[derive(Clone, Copy, Debug)]
+pub struct ContactSum {
+    /// Points with V > 0.
+    pub contacts: u32,
+    /// Largest V over all points and obstacles, m; −band when everything is far. See [`Self::of`] for what a walk gives.
+    pub max_value_m: f64,
+    /// Contact wrench on the tool: stiffness times depths, stage S and normalisation applied where they are on.
+    pub wrench: Wrench,
+    /// Symmetric positive semi-definite contact stiffness −dW/dx, N/m, N, N·m/rad.
+    pub stiffness: Mat6,
+    /// Depth-weighted mean contact point relative to the centre of mass, m.
+    pub arm_world: DVec3,
+    /// Smallest voxel edge among the obstacles that are touched, m; of all obstacles when none is.
+    pub voxel_size_m: f64,
+    /// Largest displacement that a point may make in one tick without passing unnoticed through any
+    /// obstacle: the proven clearance, or half a voxel near contact, m.
+    pub step_limit_m: f64,
+    /// Points and spheres that a walk looked at; 0 of the flat traversal, which looks at all points.
+    pub looked_at: u32,
+    /// Points that a budget left out: others stood for them.
+    pub left_out: u32,
+    /// How what touches moved in this tick, weighted by depth.
+    pub carried: Carried,
+    /// A rope pulls as well.
+    is_roped: bool,
+    patches: [Option<Patch>; FACES],
+    /// The same face by face; `None` while nothing that touches moves.
+    carried_faces: Option<[Carried; FACES]>,
+}
+
+/// A small motion in one tick of what the tool touches: its material at the tool's centre of mass goes by `linear` (m), and turns by
+/// `angular` (rad); world axes.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Carried {
+    /// m.
+    pub linear: DVec3,
+    /// rad.
+    pub angular: DVec3,
+}
+
+impl Carried {
+    fn add(&mut self, weight: f64, other: Self) {
+        self.linear += other.linear * weight;
+        self.angular += other.angular * weight;
+    }
+
+    fn scaled(self, share: f64) -> Self {
+        Self { linear: self.linear * share, angular: self.angular * share }
+    }
+
+    /// The velocity of what goes so far in a tick.
+    pub fn over(self, period_s: f64) -> Twist {
+        Twist { linear: self.linear / period_s, angular: self.angular / period_s }
+    }
+}
+
+/// Gets every contact with the number of its obstacle.
+type Also<'a> = dyn FnMut(usize, &Contact) + 'a;
+
+impl ContactSum {
+    /// What touches, face by face.
+    pub fn patches(&self) -> impl Iterator<Item = &Patch> {
+        self.patches.iter().flatten()
+    }
+
+    /// True when the wrench is that of something: a contact or a rope.
+    pub fn acts(&self) -> bool {
+        self.contacts > 0 || self.is_roped
+    }
+
+    /// How each face is carried by what it touches.
+    pub fn carried_faces(&self) -> Option<&[Carried; FACES]> {
+        self.carried_faces.as_ref()
+    }
+
+    /// Traverses the whole shell against every obstacle, each where it stood at the start.
+    ///
+    /// `world_from_body`: tool axes at the centre of mass. Contact stiffness is the Gauss-Newton form K Σ w wᵀ with
+    /// w = (n, r × n): the depth's gradient is taken as −n, which keeps the matrix positive semi-definite, so the implicit step
+    /// can never gain energy from it. The exact Jacobian K n gᵀ differs where the shell's normal and the field's gradient do.
+    ///
+    /// RT: safe; O(obstacles · points).
+    pub fn flat(obstacles: &[Obstacle], shell: &Shell, world_from_body: Pose, law: ForceLaw) -> Self {
+        let mut summing = Summing::new(law, world_from_body);
+        for obstacle in obstacles {
+            let map_from_body = obstacle.world_from_map.inverse() * world_from_body;
+            let by = summing.weighting(obstacle);
+            let mut n_contacts = 0;
+            let max_value_m = flat::blocks(&obstacle.field, law.field, shell, map_from_body, |touched| {
+                n_contacts += touched.lanes.count_ones();
+                let face = shell.normals().get(touched.block as usize).map_or(0, face_of);
+                if let (Some(pushes), Some(sums)) = (touched.pushes(&obstacle.field, shell, map_from_body), summing.face(face)) {
+                    Machine::Portable.add(sums, touched, &pushes, by);
+                }
+            });
+            summing.note(obstacle, n_contacts, max_value_m, 0.0);
+        }
+        summing.finish()
+    }
+
+    /// The same by a prepared [`Traversal`], which remembers what cannot touch from one call to the next.
+    ///
+    /// While something touches, and the budget suffices, every bit is that of [`Self::flat`]. While nothing touches, −`max_value_m` of a
+    /// walk is the clearance that it has proven, which is less. `obstacles` and `shell` must be those that the traversal was made for.
+    /// `also` gets every contact with the number of its obstacle.
+    ///
+    /// RT: safe; allocates nothing.
+    pub fn of(
+        traversal: &mut Traversal,
+        obstacles: &[Obstacle],
+        shell: &Shell,
+        world_from_body: Pose,
+        law: ForceLaw,
+        mut also: Option<&mut Also<'_>>,
+    ) -> Self {
+        let machine = traversal.machine();
+        let mut summing = Summing::new(law, world_from_body);
+        summing.note_far(traversal.begin(shell, world_from_body, summing.overstated_voxels()));
+        for n in 0..traversal.n_near() {
+            let Some(obstacle_idx) = traversal.places().near(n) else { break };
+            let (Some(obstacle), Some(stand)) = (obstacles.get(obstacle_idx), traversal.places().stand(obstacle_idx)) else {
+                break;
+            };
+            let map_from_body = stand.world_from_map.inverse() * world_from_body;
+            let reserve_m = stand.reserve_m;
+            let center = world_from_body.translation;
+            let carried =
+                (!stand.moved.is_none()).then(|| Carried { linear: stand.moved.at(center), angular: stand.moved.angular });
+            let by = summing.weighting(obstacle);
+            let found = traversal.find((n, obstacle_idx), obstacle, law.field, shell, map_from_body);
+            let mut n_contacts = 0;
+            // Blocks of one face come mostly one after the other.
+            let kind = |touched: &Touched| (traversal.face(touched.block), touched.bends(&obstacle.field, shell));
+            for run in traversal.touched().chunk_by(|one, other| kind(one) == kind(other)) {
+                let Some((face, bends)) = run.first().map(kind) else { continue };
+                let Some(sums) = summing.face(face) else { continue };
+                n_contacts += run.iter().map(|touched| touched.lanes.count_ones()).sum::<u32>();
+                let mut depth_m = 0.0;
+                if bends {
+                    for touched in run {
+                        if let Some(pushes) = touched.pushes(&obstacle.field, shell, map_from_body) {
+                            machine.add(sums, touched, &pushes, by);
+                            depth_m += if carried.is_some() { touched.depth_m(&pushes.weights) } else { 0.0 };
+                        }
+                    }
+                } else {
+                    machine.add_all(sums, run, (shell.positions(), shell.normals()), by);
+                    if carried.is_some() {
+                        depth_m = run.iter().map(|touched| touched.depth_m(&Lanes([touched.weight; LANES]))).sum();
+                    }
+                }
+                if let Some(carried) = carried {
+                    summing.carry(face, carried, depth_m);
+                }
+            }
+            if let Some(also) = also.as_mut() {
+                for touched in traversal.touched() {
+                    touched.contacts(&obstacle.field, shell, map_from_body, |contact| also(obstacle_idx, contact));
+                }
+            }
+            summing.note(obstacle, n_contacts, found.max_value_m, reserve_m);
+            if reserve_m > 0.0 {
+                traversal.note_pressed((obstacle_idx, obstacle), shell, (world_from_body, map_from_body), found.max_value_m);
+            }
+            summing.left_out += found.left_out;
+            summing.looked_at += found.looked_at;
+        }
+        summing.finish()
+    }
+}

@@ -1,0 +1,247 @@
+//! Where the obstacles stand now, which of them are near (the broad phase), and how they move from tick to tick.
+//!
+//! An obstacle whose box of samples lies clear of a sphere around the whole tool is not asked in that tick. All that is outside the box
+//! has the same V, so it is known what asking would have given: the broad phase changes no bit of the specification's answer
+//! ([`ContactSum::flat`](super::ContactSum::flat)).
+//!
+//! How long it stays so is remembered: the gap is used up by the way that the tool's centre goes (turning moves no sphere about
+//! it) and by the obstacle's own moves. So an obstacle far away costs one comparison per tick.
+//!
+//! # Source
+//! A sphere against boxes is the commonest broad phase; the gap that motion uses up is that of McNeely2006 for points.
+
+#![expect(clippy::disallowed_types, reason = "sized when the scene is made ready, never resized")]
+
+use glam::DVec3;
+
+use super::Obstacle;
+use crate::pointshell::shell::Shell;
+use crate::spatial::Pose;
+use crate::voxmap::field::chart::Chart;
+
+/// Way of the tool after which all gaps are measured anew, so that their sums stay exact, m.
+const FORGET_M: f64 = 1e3;
+/// By how much a box is grown for what rounding may do to a point beside it: so many voxels …
+const GROWN_VOXELS: f64 = 1.0;
+/// … and so much of its size.
+const GROWN_SHARE: f64 = 1e-5;
+
+/// What an obstacle far away costs.
+#[derive(Clone, Copy, Debug)]
+struct Far {
+    /// Way of the tool at which the gap may be used up, m; −∞: near, or never known to be far.
+    due_m: f64,
+    /// V of everything outside the box, m.
+    outside_m: f32,
+    voxel_size_m: f32,
+}
+
+/// One obstacle: where it stands, and its box.
+#[derive(Clone, Copy, Debug)]
+pub struct Stand {
+    /// Its pose in this tick.
+    pub world_from_map: Pose,
+    /// What it moved by in this tick.
+    pub moved: Move,
+    /// Middle of the box, map frame, m.
+    pub center_map: DVec3,
+    /// Half the edges of the box, m.
+    half_m: DVec3,
+    /// Farthest corner from the middle, m.
+    pub reach_m: f64,
+    /// Voxel edge, m.
+    pub voxel_size_m: f64,
+    /// What its points may go in the next tick, m; taken off the tool's step limit. 0 of what stands.
+    pub reserve_m: f64,
+    /// Largest V of this tick, m.
+    pub max_value_m: f64,
+    /// The deepest contact of this tick, in the world, and the unit direction in which it leaves the obstacle; found only while it moves.
+    pub deepest_world: Option<(DVec3, DVec3)>,
+    /// False of what cannot be told by its box.
+    boxed: bool,
+}
+
+/// A small motion of an obstacle in one tick, world axes: its material at a point x goes by `linear` + `angular` × (x − `center`).
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Move {
+    /// The point that moves by `linear`, world axes, m.
+    pub center: DVec3,
+    /// Its displacement in the tick, m.
+    pub linear: DVec3,
+    /// Rotation in the tick, rad.
+    pub angular: DVec3,
+}
+
+impl Move {
+    /// Nothing moves.
+    pub fn is_none(&self) -> bool {
+        self.linear == DVec3::ZERO && self.angular == DVec3::ZERO
+    }
+
+    /// What the material at a point goes by, m.
+    pub fn at(&self, point: DVec3) -> DVec3 {
+        self.linear + self.angular.cross(point - self.center)
+    }
+}
+
+impl Stand {
+    /// The middle of the box in the world.
+    pub fn center_world(&self) -> DVec3 {
+        self.world_from_map.transform_point(self.center_map)
+    }
+
+    /// How far a sphere is from the box, m; negative where they may meet.
+    fn gap_m(&self, center_world: DVec3, radius_m: f64) -> f64 {
+        let from_middle = self.world_from_map.inverse().transform_point(center_world) - self.center_map;
+        (from_middle.abs() - self.half_m).max(DVec3::ZERO).length() - radius_m
+    }
+}
+
+/// All obstacles of a scene.
+#[derive(Clone, Debug)]
+pub struct Places {
+    far: Vec<Far>,
+    stands: Vec<Stand>,
+    /// Numbers of the near ones of this tick, rising.
+    near: Vec<u32>,
+    /// Σ|Δx| of the tool's centre, m.
+    way_m: f64,
+    last: Option<DVec3>,
+    culls: bool,
+}
+
+impl Places {
+    /// Cold. `charts`: one per obstacle, `None` where the box does not bound what can touch.
+    pub(super) fn new<'a>(obstacles: &[Obstacle], charts: impl Iterator<Item = Option<&'a Chart>>) -> Self {
+        let stands: Vec<Stand> = obstacles.iter().zip(charts).map(|(obstacle, chart)| Stand::new(obstacle, chart)).collect();
+        Self {
+            far: obstacles.iter().zip(&stands).map(|(obstacle, stand)| Far::new(obstacle, stand)).collect(),
+            near: Vec::with_capacity(stands.len()),
+            stands,
+            way_m: 0.0,
+            last: None,
+            culls: true,
+        }
+    }
+
+    /// Whether far ones are passed over; without, every one is asked, for comparison.
+    pub(super) fn set_culling(&mut self, culls: bool) {
+        self.culls = culls;
+    }
+
+    /// One obstacle.
+    pub fn stand(&self, obstacle_idx: usize) -> Option<&Stand> {
+        self.stands.get(obstacle_idx)
+    }
+
+    /// One obstacle.
+    pub fn stand_mut(&mut self, obstacle_idx: usize) -> Option<&mut Stand> {
+        self.stands.get_mut(obstacle_idx)
+    }
+
+    /// Puts an obstacle to a pose, of which `moved` is what is new; no point of its box goes by more than `way_m`. RT: safe.
+    pub fn put(&mut self, obstacle_idx: usize, world_from_map: Pose, moved: Move, way_m: f64) {
+        if let (Some(stand), Some(far)) = (self.stands.get_mut(obstacle_idx), self.far.get_mut(obstacle_idx)) {
+            stand.world_from_map = world_from_map;
+            stand.moved = moved;
+            // A way that is not a number leaves nothing known.
+            far.due_m = if way_m >= 0.0 { far.due_m - way_m } else { f64::NEG_INFINITY };
+        }
+    }
+
+    /// Finds out who is near the tool at this pose. Returns what is to be noted of the others all together. RT: safe; one comparison for
+    /// each obstacle that is known to be far.
+    pub(super) fn look_around(&mut self, shell: &Shell, world_from_body: Pose, overstated_voxels: f64) -> FarSum {
+        let center = world_from_body.translation;
+        let step_m = self.last.replace(center).map_or(0.0, |last| (center - last).length());
+        self.way_m += step_m;
+        if self.way_m.is_nan() || self.way_m >= FORGET_M {
+            self.way_m = 0.0;
+            self.far.iter_mut().for_each(|far| far.due_m = f64::NEG_INFINITY);
+        }
+        let culls = self.culls && world_from_body.is_finite() && !shell.is_empty();
+        self.near.clear();
+        let mut sum = FarSum::default();
+        for ((obstacle_idx, far), stand) in (0..).zip(&mut self.far).zip(&mut self.stands) {
+            if culls && far.due_m <= self.way_m {
+                let gap_m = if stand.boxed { stand.gap_m(center, shell.radius_m()) } else { -1.0 };
+                far.due_m = if gap_m > 0.0 { self.way_m + gap_m } else { f64::NEG_INFINITY };
+            }
+            if !(culls && far.due_m > self.way_m) {
+                self.near.push(obstacle_idx);
+                continue;
+            }
+            let (outside_m, voxel_size_m) = (f64::from(far.outside_m), f64::from(far.voxel_size_m));
+            sum.max_value_m = sum.max_value_m.max(outside_m);
+            sum.voxel_size_m = sum.voxel_size_m.min(voxel_size_m);
+            sum.step_limit_m = sum.step_limit_m.min(step_limit_m(outside_m, voxel_size_m, overstated_voxels, stand.reserve_m));
+            if stand.reserve_m > 0.0 {
+                (stand.max_value_m, stand.deepest_world) = (outside_m, None);
+            }
+        }
+        sum
+    }
+
+    /// The n-th of those that are near.
+    pub(super) fn near(&self, n: usize) -> Option<usize> {
+        self.near.get(n).map(|obstacle_idx| *obstacle_idx as usize)
+    }
+
+    /// How many are near.
+    pub(super) fn n_near(&self) -> usize {
+        self.near.len()
+    }
+}
+
+/// What obstacles far away add to a sum.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct FarSum {
+    pub(super) max_value_m: f64,
+    pub(super) voxel_size_m: f64,
+    pub(super) step_limit_m: f64,
+}
+
+impl Default for FarSum {
+    fn default() -> Self {
+        Self { max_value_m: f64::NEG_INFINITY, voxel_size_m: f64::INFINITY, step_limit_m: f64::INFINITY }
+    }
+}
+
+/// What a point of the tool may go in one tick without passing unnoticed through an obstacle, whose own points may go by up to `reserve_m`
+/// meanwhile, but for half of the clearance (a quarter of a voxel is always theirs), m.
+pub(super) fn step_limit_m(max_value_m: f64, voxel_size_m: f64, overstated_voxels: f64, reserve_m: f64) -> f64 {
+    let clearance_m = -max_value_m - overstated_voxels * voxel_size_m;
+    (clearance_m - reserve_m.min(OWN_SHARE * clearance_m.max(0.0))).max(0.5 * voxel_size_m)
+}
+
+/// The share of a clearance that an obstacle may use up in one tick by its own motion.
+pub const OWN_SHARE: f64 = 0.5;
+
+impl Stand {
+    fn new(obstacle: &Obstacle, chart: Option<&Chart>) -> Self {
+        let Obstacle { field, world_from_map } = obstacle;
+        let voxel_size_m = f64::from(field.voxel_size_m());
+        let size_m = chart.map_or(DVec3::ZERO, |chart| DVec3::from_array(chart.dims().map(f64::from)) * (8.0 * voxel_size_m));
+        let grown_m = GROWN_VOXELS * voxel_size_m + GROWN_SHARE * size_m.length();
+        let half_m = 0.5 * size_m + DVec3::splat(grown_m);
+        Self {
+            world_from_map: *world_from_map,
+            moved: Move::default(),
+            center_map: field.origin_map().as_dvec3() + 0.5 * size_m,
+            half_m,
+            reach_m: half_m.length(),
+            voxel_size_m,
+            reserve_m: 0.0,
+            max_value_m: f64::NEG_INFINITY,
+            deepest_world: None,
+            boxed: chart.is_some(),
+        }
+    }
+}
+
+impl Far {
+    fn new(obstacle: &Obstacle, stand: &Stand) -> Self {
+        let outside_m = obstacle.field.outside_m();
+        Self { due_m: f64::NEG_INFINITY, outside_m, voxel_size_m: stand.voxel_size_m as f32 }
+    }
+}

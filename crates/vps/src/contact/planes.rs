@@ -1,0 +1,113 @@
+//! Few contacts that stand for many: the deepest point of each direction and place.
+//!
+//! Data in: contact records, in any number. Data out: at most [`N_BINS`] of them. A record falls into a bin by the direction that it
+//! pushes (26 directions: per axis back, none, forth) and by the octant of the tool in which it lies; each bin keeps its deepest point.
+//! So a face that rests flat is stood for by its outermost points, an edge by its two sides, and the cost does not depend on what is
+//! chosen: O(1) per record, no allocation.
+//!
+//! # Source
+//! Sagardia2014 (few contacts per manifold, deepest first, then far apart) as the idea; the bins are ours.
+
+use glam::Vec3;
+
+use super::Contact;
+
+/// 3³ directions times 8 octants.
+pub const N_BINS: usize = 27 * 8;
+
+/// A component of a unit normal counts as a direction of its own from tan 22.5° on, less than 1/√3: no normal is without any.
+const COUNTS_FROM: f32 = 0.41;
+
+/// Of points equally deep, the outer one stands for the place: its depth counts this much of the lever more.
+const OUTWARD_PER_M: f32 = 1e-3;
+
+/// The deepest contact of every bin.
+#[derive(Clone, Debug)]
+pub struct DeepestContacts {
+    /// Number of the obstacle, and the contact with it.
+    bins: [Option<(usize, Contact)>; N_BINS],
+}
+
+impl Default for DeepestContacts {
+    fn default() -> Self {
+        Self { bins: [None; N_BINS] }
+    }
+}
+
+impl DeepestContacts {
+    /// Takes one record. The result depends on the set of records, and on their order only between points that are equal in depth and
+    /// lever to the last bit. RT: safe, O(1).
+    #[inline]
+    pub fn add(&mut self, obstacle_idx: usize, contact: &Contact) {
+        let Some(slot) = self.bins.get_mut(bin(contact.normal_body, contact.arm_body)) else { return };
+        if slot.is_none_or(|(_, kept)| score(contact) > score(&kept)) {
+            *slot = Some((obstacle_idx, *contact));
+        }
+    }
+
+    /// The contacts that were kept and their obstacles, in the order of the bins.
+    pub fn iter(&self) -> impl Iterator<Item = &(usize, Contact)> {
+        self.bins.iter().flatten()
+    }
+}
+
+fn score(contact: &Contact) -> f32 {
+    contact.depth_m + OUTWARD_PER_M * contact.arm_body.length()
+}
+
+fn bin(normal: Vec3, arm: Vec3) -> usize {
+    let direction = |component: f32| if component > COUNTS_FROM { 2 } else { usize::from(component >= -COUNTS_FROM) };
+    let side = |component: f32| usize::from(component > 0.0);
+    let directions = (direction(normal.x) * 3 + direction(normal.y)) * 3 + direction(normal.z);
+    directions * 8 + side(arm.x) * 4 + side(arm.y) * 2 + side(arm.z)
+}
+
+#[cfg(test)]
+#[expect(clippy::disallowed_types, reason = "test code")]
+mod tests {
+    use super::*;
+
+    fn contact(point_idx: u32, depth_m: f32, arm_body: Vec3, normal_body: Vec3) -> Contact {
+        Contact { point_idx, depth_m, weight: 1.0, arm_body, normal_body: normal_body.normalize() }
+    }
+
+    #[test]
+    fn a_flat_face_is_stood_for_by_its_corners() {
+        let mut deepest = DeepestContacts::default();
+        let mut point_idx = 0;
+        for x in -5..=5_i16 {
+            for y in -5..=5_i16 {
+                let arm = Vec3::new(f32::from(x) + 0.5, f32::from(y) + 0.5, -5.0) * 1e-3;
+                deepest.add(0, &contact(point_idx, 1e-5, arm, Vec3::Z));
+                point_idx += 1;
+            }
+        }
+        let kept: Vec<Vec3> = deepest.iter().map(|(_, contact)| contact.arm_body * 1e3).collect();
+        assert_eq!(kept.len(), 4);
+        for (x, y) in [(5.5, 5.5), (-4.5, 5.5), (5.5, -4.5), (-4.5, -4.5)] {
+            assert!(kept.iter().any(|arm| (*arm - Vec3::new(x, y, -5.0)).length() < 1e-3), "{kept:?}");
+        }
+    }
+
+    #[test]
+    fn the_deepest_of_each_direction_is_kept_whatever_the_order() {
+        let contacts: Vec<Contact> = (0..500_u16)
+            .map(|n| {
+                let t = f32::from(n);
+                let (arm, normal) =
+                    (Vec3::new((t * 1.3).sin(), (t * 0.7).cos(), (t * 2.1).sin()), Vec3::new(t.sin(), t.cos(), (t * 0.3).sin()));
+                contact(u32::from(n), 1e-4 * (2.0 + (t * 5.1).sin()), arm * 1e-2, normal)
+            })
+            .collect();
+        let kept = |order: &mut dyn Iterator<Item = &Contact>| {
+            let mut deepest = DeepestContacts::default();
+            order.for_each(|contact| deepest.add(0, contact));
+            deepest.iter().map(|(_, contact)| contact.point_idx).collect::<Vec<_>>()
+        };
+        let forth = kept(&mut contacts.iter());
+        assert_eq!(forth, kept(&mut contacts.iter().rev()));
+        assert!(forth.len() > 26);
+        let global = contacts.iter().max_by(|a, b| score(a).total_cmp(&score(b))).map(|contact| contact.point_idx);
+        assert!(forth.iter().any(|point_idx| Some(*point_idx) == global));
+    }
+}

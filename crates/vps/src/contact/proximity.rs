@@ -1,0 +1,111 @@
+//! Points of the tool that are about to touch: within a voxel of an obstacle's surface, not in it yet, and turned to it.
+//!
+//! Turned to it, because the foot of a face that stands upright on a floor is near to it as well, and slides along without ever touching.
+//!
+//! The walk that finds contacts, over a chart of the obstacle that is a voxel thicker, with proofs of its own. It costs what a contact
+//! query costs, and only while something is near.
+
+#![expect(clippy::disallowed_types, reason = "sized when the scene is made ready, never resized")]
+
+use super::simd::{Machine, Place};
+use super::touched::{Contact, Touched, Wall};
+use super::walk::{Lists, Walk};
+use super::{ContactSum, Obstacle, Traversal};
+use crate::pointshell::shell::{LANES, Shell};
+use crate::spatial::Pose;
+use crate::voxmap::field::chart::Chart;
+
+/// Thickness of the layer ahead of a surface, voxels.
+const LAYER_VOXELS: f32 = 1.0;
+/// A point is turned to a surface when its normal is within 60° of the way out.
+const TURNED_COSINE: f32 = 0.5;
+/// Share of what is known of a field outside its object that the layer may take: beyond, far and near look alike.
+const KNOWN_SHARE: f32 = 0.99;
+
+/// Finds the points ahead of contact, tick after tick. Owns all memory that this takes.
+#[derive(Clone, Debug)]
+pub struct Proximity {
+    machine: Machine,
+    /// One per obstacle; `None` where it cannot be walked, which nothing is near to then.
+    layers: Vec<Option<Layer>>,
+    thickest_m: f64,
+    lists: Lists,
+    touched: Vec<Touched>,
+}
+
+#[derive(Clone, Debug)]
+struct Layer {
+    walk: Walk,
+    thickness_m: f32,
+}
+
+impl Layer {
+    fn new(obstacle: &Obstacle, shell: &Shell) -> Option<Self> {
+        let field = &obstacle.field;
+        let thickness_m = (LAYER_VOXELS * field.voxel_size_m()).min(KNOWN_SHARE * field.known_outside_m());
+        let chart = (thickness_m > 0.0).then(|| Chart::thicker(field, thickness_m)).flatten()?;
+        Some(Self { walk: Walk::over(chart, shell)?, thickness_m })
+    }
+}
+
+impl Proximity {
+    /// Prepares the search. Allocates; RT: start-up only.
+    pub fn new(machine: Machine, obstacles: &[Obstacle], shell: &Shell) -> Self {
+        let layers: Vec<_> = obstacles.iter().map(|obstacle| Layer::new(obstacle, shell)).collect();
+        let thickest_m = layers.iter().flatten().map(|layer| f64::from(layer.thickness_m)).fold(0.0, f64::max);
+        Self { machine, layers, thickest_m, lists: Lists::new(shell), touched: Vec::with_capacity(shell.positions().len()) }
+    }
+
+    /// Calls `near` with every such point as if it touched, its normal the way out. The layer is thinner than a voxel where less than that is
+    /// known of the field outside.
+    ///
+    /// `contact`: what `traversal`, which knows where the obstacles stand, found at this pose; where its clearance says that nothing is near,
+    /// nothing is looked at. What its budget left is what this may look at. RT: safe; allocates nothing.
+    pub fn visit(
+        &mut self,
+        traversal: &Traversal,
+        obstacles: &[Obstacle],
+        shell: &Shell,
+        world_from_body: Pose,
+        contact: &ContactSum,
+        mut near: impl FnMut(&Contact),
+    ) {
+        if contact.max_value_m <= -self.thickest_m {
+            return;
+        }
+        let Self { machine, layers, thickest_m: _, lists, touched } = self;
+        let mut left = traversal.budget().without(contact.looked_at);
+        let n_obstacles = layers.len();
+        for ((idx, obstacle), layer) in obstacles.iter().enumerate().zip(layers) {
+            let (Some(Layer { walk, thickness_m }), Some(stand)) = (layer, traversal.places().stand(idx)) else { continue };
+            let map_from_body = stand.world_from_map.inverse() * world_from_body;
+            let place = Place::new(&obstacle.field, map_from_body);
+            if !place.is_finite() {
+                continue;
+            }
+            touched.clear();
+            let found = walk.find(*machine, shell, (&place, map_from_body), left.share(n_obstacles - idx), lists, touched);
+            left = left.without(found.looked_at);
+            let wall = Wall::new(&obstacle.field, map_from_body);
+            for block in touched.iter() {
+                let number = block.block as usize;
+                let (Some(positions), Some(normals)) = (shell.positions().get(number), shell.normals().get(number)) else {
+                    continue;
+                };
+                for lane in block.lanes() {
+                    let depth_m = block.depths_m.get(lane).copied().unwrap_or(0.0);
+                    // What is deeper than the layer touches.
+                    if depth_m > *thickness_m {
+                        continue;
+                    }
+                    let arm_body = positions.get(lane);
+                    let way_out = wall.way_out(arm_body).filter(|out| out.dot(normals.get(lane)) > TURNED_COSINE);
+                    if let Some(normal_body) = way_out {
+                        let point_idx = block.block * LANES as u32 + lane as u32;
+                        near(&Contact { point_idx, depth_m, weight: block.weight, arm_body, normal_body });
+                    }
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,179 @@
+//! The sum over obstacles while it grows: faces, what was found of each obstacle, normalisation.
+
+use glam::DVec3;
+
+use super::faces::FACES;
+use super::places::{self, FarSum};
+use super::sum::{Sums, Total, Weighting};
+use super::{Carried, ContactSum, ForceLaw, Normalization, Obstacle, Patch};
+use crate::spatial::{Mat6, Pose, Wrench};
+use crate::voxmap::field::FieldKind;
+
+/// Contacts from which an averaged sum stops growing (McNeely1999: F_tot below ten contacts, F_tot/(N/10) from ten on).
+pub const AVERAGED_CONTACTS: f64 = 10.0;
+
+/// The sums while obstacles are added.
+pub(super) struct Summing {
+    law: ForceLaw,
+    world_from_body: Pose,
+    /// Tool axes; of all obstacles together. `None` until a face touches: they are large, and most never do.
+    faces: [Option<Sums>; FACES],
+    contacts: u32,
+    max_value_m: f64,
+    voxel_size_m: f64,
+    touched_voxel_m: f64,
+    step_limit_m: f64,
+    pub(super) looked_at: u32,
+    pub(super) left_out: u32,
+    /// Σ depth · motion of what is touched by each face.
+    carried: Option<[Carried; FACES]>,
+}
+
+impl Summing {
+    pub(super) fn new(law: ForceLaw, world_from_body: Pose) -> Self {
+        Self {
+            law,
+            world_from_body,
+            faces: [const { None }; FACES],
+            contacts: 0,
+            max_value_m: f64::NEG_INFINITY,
+            voxel_size_m: f64::INFINITY,
+            touched_voxel_m: f64::INFINITY,
+            step_limit_m: f64::INFINITY,
+            looked_at: 0,
+            left_out: 0,
+            carried: None,
+        }
+    }
+
+    /// Notes that what a face touches has moved; `depth_m`: all depths of these contacts, each with the weight that it has in the sums.
+    pub(super) fn carry(&mut self, face: u8, carried: Carried, depth_m: f64) {
+        let faces = self.carried.get_or_insert_with(|| [Carried::default(); FACES]);
+        if let Some(sum) = faces.get_mut(usize::from(face)) {
+            sum.add(depth_m, carried);
+        }
+    }
+
+    pub(super) fn weighting(&self, obstacle: &Obstacle) -> Weighting {
+        Weighting::new(obstacle.field.voxel_size_m(), self.law.smooth_entry)
+    }
+
+    /// The sums of a face that touches.
+    #[inline]
+    pub(super) fn face(&mut self, face: u8) -> Option<&mut Sums> {
+        self.faces.get_mut(usize::from(face)).map(|sums| sums.get_or_insert_with(|| Sums::ZERO))
+    }
+
+    /// By how much a clearance may be overstated: interpolation by half the diagonal of a cell, the other look-ups by up to two voxels.
+    pub(super) fn overstated_voxels(&self) -> f64 {
+        if self.law.field == FieldKind::Trilinear { 0.5 * 3_f64.sqrt() } else { 2.0 }
+    }
+
+    /// Notes the obstacles that need not be asked.
+    pub(super) fn note_far(&mut self, far: FarSum) {
+        self.max_value_m = self.max_value_m.max(far.max_value_m);
+        self.voxel_size_m = self.voxel_size_m.min(far.voxel_size_m);
+        self.step_limit_m = self.step_limit_m.min(far.step_limit_m);
+    }
+
+    /// Notes what else was found at an obstacle.
+    pub(super) fn note(&mut self, obstacle: &Obstacle, n_contacts: u32, max_value_m: f32, reserve_m: f64) {
+        let max_value_m = f64::from(max_value_m);
+        let voxel_size_m = f64::from(obstacle.field.voxel_size_m());
+        let limit_m = places::step_limit_m(max_value_m, voxel_size_m, self.overstated_voxels(), reserve_m);
+        self.note_found(voxel_size_m, n_contacts, max_value_m, limit_m);
+    }
+
+    /// Notes what was found of something whose voxels are so large, and how far a point of the tool may go.
+    pub(super) fn note_found(&mut self, voxel_size_m: f64, n_contacts: u32, max_value_m: f64, limit_m: f64) {
+        self.contacts += n_contacts;
+        self.max_value_m = self.max_value_m.max(max_value_m);
+        self.voxel_size_m = self.voxel_size_m.min(voxel_size_m);
+        self.step_limit_m = self.step_limit_m.min(limit_m);
+        if n_contacts > 0 {
+            self.touched_voxel_m = self.touched_voxel_m.min(voxel_size_m);
+        }
+    }
+
+    pub(super) fn finish(&self) -> ContactSum {
+        let rotation = self.world_from_body.rotation_matrix();
+        let stiffness_n_per_m = self.law.stiffness_n_per_m;
+        // Turned zeros may get a sign; free space is exactly zero.
+        let rotation = if self.contacts > 0 { rotation } else { glam::DMat3::IDENTITY };
+        let mut totals = [None; FACES];
+        let mut effective = 0.0;
+        for (total, sums) in totals.iter_mut().zip(&self.faces) {
+            if let Some(sums) = sums {
+                effective += total.insert(sums.total()).effective;
+            }
+        }
+        let mut sum = ContactSum {
+            contacts: self.contacts,
+            max_value_m: self.max_value_m,
+            wrench: Wrench::ZERO,
+            stiffness: Mat6::ZERO,
+            arm_world: DVec3::ZERO,
+            voxel_size_m: if self.contacts > 0 { self.touched_voxel_m } else { self.voxel_size_m },
+            step_limit_m: self.step_limit_m,
+            looked_at: self.looked_at,
+            left_out: self.left_out,
+            carried: Carried::default(),
+            is_roped: false,
+            patches: [None; FACES],
+            carried_faces: self.carried,
+        };
+        let (mut depth, mut depth_arm) = (0.0, DVec3::ZERO);
+        let (mut force, mut moment, mut stiffness) = (DVec3::ZERO, DVec3::ZERO, Mat6::ZERO);
+        for ((face, total), patch) in totals.iter().enumerate().zip(&mut sum.patches) {
+            let Some(total) = total else { continue };
+            let share = match self.law.normalization {
+                Normalization::None => 1.0,
+                Normalization::Average => within_ten(effective),
+                Normalization::Cluster => within_ten(total.effective),
+            };
+            force += total.depth_normal * share;
+            moment += total.depth_moment * share;
+            stiffness = stiffness.plus_scaled(share, &total.stiffness);
+            depth += total.depth;
+            depth_arm += total.depth_arm;
+            *patch = Patch::of(face as u8, total, share * stiffness_n_per_m, rotation);
+        }
+        sum.wrench = Wrench::new(rotation * force, rotation * moment) * stiffness_n_per_m;
+        sum.stiffness = Mat6::ZERO.plus_scaled(stiffness_n_per_m, &stiffness.rotated(rotation));
+        if depth > 0.0 {
+            sum.arm_world = rotation * depth_arm / depth;
+        }
+        if let Some(faces) = sum.carried_faces.as_mut() {
+            // Points without a share in the sum, such as an edge that has gone past the middle of a wall, have no depth there either.
+            let mean_over = |depth_m: f64| if depth_m > 0.0 { 1.0 / depth_m } else { 0.0 };
+            for (carried, total) in faces.iter_mut().zip(&totals) {
+                sum.carried.add(mean_over(depth), *carried);
+                *carried = carried.scaled(mean_over(total.map_or(0.0, |total| total.depth)));
+            }
+        }
+        sum
+    }
+}
+
+/// The factor that keeps a sum of so many contacts at what ten of them give.
+fn within_ten(effective: f64) -> f64 {
+    1.0 / (effective / AVERAGED_CONTACTS).max(1.0)
+}
+
+impl Patch {
+    /// From the sums of a face; `None` where it presses nothing.
+    fn of(face: u8, total: &Total, stiffness_n_per_m: f64, rotation: glam::DMat3) -> Option<Self> {
+        let normal = total.depth_normal.try_normalize()?;
+        let arm = total.depth_arm / total.depth;
+        let (along, about) = total.stiffness.traces();
+        let squared = if along > 0.0 { about / along - arm.cross(normal).length_squared() } else { 0.0 };
+        arm.is_finite().then(|| Self {
+            face,
+            force_n: stiffness_n_per_m * total.depth_normal.length(),
+            normal_world: rotation * normal,
+            arm_world: rotation * arm,
+            radius_m: squared.max(0.0).sqrt(),
+            stiffness_n_per_m: stiffness_n_per_m * total.stiffness.mul(normal, DVec3::ZERO).0.dot(normal),
+        })
+    }
+}

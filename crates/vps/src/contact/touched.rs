@@ -1,0 +1,169 @@
+//! What a traversal hands to the contact model: the blocks of the shell that touch, and how deep.
+//!
+//! A contact model reads them as they are, sixteen lanes at a time, or one [`Contact`] after the other; how they were found is not
+//! its concern.
+
+use glam::{Mat3, Vec3};
+
+use crate::pointshell::shell::{LANES, Lanes, Lanes3, Shell};
+use crate::spatial::Pose;
+use crate::voxmap::field::Field;
+
+/// One point in contact.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Contact {
+    /// Number of the point in the shell.
+    pub point_idx: u32,
+    /// V at the point, m, greater than 0.
+    pub depth_m: f32,
+    /// Points that it stands for: 1; more where a budget left out others, less on an edge of the tool.
+    pub weight: f32,
+    /// Point about the centre of mass, tool axes, m.
+    pub arm_body: Vec3,
+    /// Unit direction that pushes the tool out, tool axes: the point's normal, or −grad V where the point lies on an edge of the tool or the
+    /// obstacle is a thin skin.
+    pub normal_body: Vec3,
+}
+
+/// A block of the shell with points in contact.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Touched {
+    /// Number of the block.
+    pub block: u32,
+    /// One bit per lane in contact; never 0.
+    pub lanes: u16,
+    /// Points that each of them stands for.
+    pub weight: f32,
+    /// V, m, greater than 0 in these lanes.
+    pub depths_m: [f32; LANES],
+}
+
+impl Touched {
+    /// Lanes in contact, rising.
+    #[inline]
+    pub fn lanes(&self) -> impl Iterator<Item = usize> + use<> {
+        lanes_of(self.lanes)
+    }
+
+    /// The sum of what the lanes in contact are deep, each so often, m.
+    #[inline]
+    pub(super) fn depth_m(&self, weights: &Lanes) -> f64 {
+        let weighted = |lane: usize| Some(f64::from(self.depths_m.get(lane)? * weights.0.get(lane)?));
+        self.lanes().filter_map(weighted).sum()
+    }
+
+    /// Lanes in contact whose own normal does not say which way is out.
+    #[inline]
+    fn bent_lanes(&self, field: &Field, shell: &Shell) -> u16 {
+        // A thin skin pushes away from its middle; an edge has no normal of its own, and the mean of those beside it would push along the
+        // wall.
+        if field.is_thin() { self.lanes } else { self.lanes & shell.edges().get(self.block as usize).copied().unwrap_or(0) }
+    }
+
+    /// True when some direction is not the point's own normal.
+    #[inline]
+    pub(super) fn bends(&self, field: &Field, shell: &Shell) -> bool {
+        self.bent_lanes(field, shell) != 0
+    }
+
+    /// How the lanes of the block push.
+    #[inline]
+    pub(super) fn pushes(&self, field: &Field, shell: &Shell, map_from_body: Pose) -> Option<Pushes> {
+        let block = self.block as usize;
+        let (positions, normals) = (*shell.positions().get(block)?, *shell.normals().get(block)?);
+        let mut pushes = Pushes { positions, normals, weights: Lanes([self.weight; LANES]) };
+        let bent = self.bent_lanes(field, shell);
+        if bent != 0 {
+            let wall = Wall::new(field, map_from_body);
+            for lane in lanes_of(bent) {
+                let (direction, share) = wall.push(positions.get(lane), normals.get(lane));
+                pushes.normals.set(lane, direction);
+                if let Some(weight) = pushes.weights.0.get_mut(lane) {
+                    *weight *= share;
+                }
+            }
+        }
+        Some(pushes)
+    }
+
+    /// Tells of each lane in contact.
+    #[inline]
+    pub fn contacts(&self, field: &Field, shell: &Shell, map_from_body: Pose, mut touch: impl FnMut(&Contact)) {
+        let Some(Pushes { positions, normals, weights }) = self.pushes(field, shell, map_from_body) else { return };
+        for lane in self.lanes() {
+            touch(&Contact {
+                point_idx: self.block * LANES as u32 + lane as u32,
+                depth_m: self.depths_m.get(lane).copied().unwrap_or(0.0),
+                weight: weights.0.get(lane).copied().unwrap_or(0.0),
+                arm_body: positions.get(lane),
+                normal_body: normals.get(lane).normalize_or_zero(),
+            });
+        }
+    }
+}
+
+/// How the sixteen points of a block push.
+pub(super) struct Pushes {
+    /// Tool axes, m.
+    pub(super) positions: Lanes3,
+    /// Unit directions, tool axes.
+    pub(super) normals: Lanes3,
+    /// Points that each stands for.
+    pub(super) weights: Lanes,
+}
+
+/// Numbers of the set bits, rising.
+fn lanes_of(mut left: u16) -> impl Iterator<Item = usize> {
+    core::iter::from_fn(move || {
+        let lane = left.trailing_zeros() as usize;
+        left &= left.wrapping_sub(1);
+        (lane < LANES).then_some(lane)
+    })
+}
+
+/// Which way is out of an obstacle.
+pub(super) struct Wall<'a> {
+    field: &'a Field,
+    map_axes: Mat3,
+    cells_axes: Mat3,
+    cells_origin: Vec3,
+}
+
+impl<'a> Wall<'a> {
+    pub(super) fn new(field: &'a Field, map_from_body: Pose) -> Self {
+        let per_metre = 1.0 / f64::from(field.voxel_size_m());
+        Self {
+            field,
+            map_axes: map_from_body.rotation_matrix().as_mat3(),
+            cells_axes: (map_from_body.rotation_matrix() * per_metre).as_mat3(),
+            cells_origin: ((map_from_body.translation - field.origin_map().as_dvec3()) * per_metre).as_vec3(),
+        }
+    }
+
+    /// Unit −grad V in tool axes; `None` where it vanishes, as in the middle of a skin.
+    pub(super) fn way_out(&self, position: Vec3) -> Option<Vec3> {
+        self.against(self.field.gradient(self.cells(position)))
+    }
+
+    /// Direction and share with which a point pushes that has no normal of its own. A skin pushes along the way out. So does an edge, along
+    /// that of its surroundings, which does not turn in steps, and with the share that its mean normal has along it: no more than the
+    /// faces beside it. Where there is no way out, the point's own normal.
+    fn push(&self, position: Vec3, normal_body: Vec3) -> (Vec3, f32) {
+        if self.field.is_thin() {
+            return (self.way_out(position).unwrap_or(normal_body), 1.0);
+        }
+        match self.against(self.field.mean_gradient(self.cells(position))) {
+            Some(out) => (out, out.dot(normal_body).max(0.0)),
+            None => (normal_body, 1.0),
+        }
+    }
+
+    fn cells(&self, position: Vec3) -> Vec3 {
+        let Mat3 { x_axis, y_axis, z_axis } = self.cells_axes;
+        x_axis * position.x + y_axis * position.y + z_axis * position.z + self.cells_origin
+    }
+
+    fn against(&self, gradient_map: Vec3) -> Option<Vec3> {
+        (self.map_axes.transpose() * -gradient_map).try_normalize()
+    }
+}

@@ -1,0 +1,8 @@
+//! Voxmap-pointshell contact.
+pub mod contact;
+pub mod density;
+pub mod mesh;
+pub mod pointshell;
+pub mod spatial;
+pub mod storage;
+pub mod voxmap;

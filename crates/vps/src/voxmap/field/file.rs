@@ -1,0 +1,77 @@
+//! A field to and from a file of the bake cache.
+
+use bytemuck::{Pod, Zeroable};
+use glam::Vec3;
+
+use super::{DEEP_INSIDE, FAR_OUTSIDE, Field};
+use crate::storage::sections::{Reader, Refusal, Writer};
+
+/// Everything of a field but its arrays.
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C)]
+pub struct FieldHead {
+    origin: [f32; 3],
+    voxel_size_m: f32,
+    brick_dims: [i32; 3],
+    band_m: f32,
+    skin_m: f32,
+}
+
+impl Field {
+    /// What [`Self::store`] needs beside the field itself.
+    pub fn head(&self) -> FieldHead {
+        let Self { origin, voxel_size_m, brick_dims, band_m, skin_m, .. } = *self;
+        FieldHead { origin: origin.to_array(), voxel_size_m, brick_dims, band_m, skin_m }
+    }
+
+    /// Adds the field to a file.
+    pub fn store<'a>(&'a self, head: &'a FieldHead, to: &mut Writer<'a>) {
+        let Self { origin: _, voxel_size_m: _, brick_dims: _, band_m: _, skin_m: _, top, distances_m, layers, gradients } = self;
+        to.record("field", head);
+        to.array("field top", top);
+        to.array("field distances", distances_m);
+        to.array("field layers", layers);
+        to.array("field gradients", gradients);
+    }
+
+    /// True when a file holds a field.
+    pub fn is_in(from: &Reader) -> bool {
+        from.has("field")
+    }
+
+    /// Takes the field from a file. Every index in it is checked; distances, layers and gradients may be any numbers.
+    ///
+    /// # Errors
+    /// A section that is missing or damaged, or arrays that do not belong together.
+    pub fn load(from: &Reader) -> Result<Self, Refusal> {
+        let FieldHead { origin, voxel_size_m, brick_dims, band_m, skin_m } = from.record("field")?;
+        let field = Self {
+            origin: Vec3::from_array(origin),
+            voxel_size_m,
+            brick_dims,
+            top: from.array("field top")?,
+            distances_m: from.array("field distances")?,
+            layers: from.array("field layers")?,
+            gradients: from.array("field gradients")?,
+            band_m,
+            skin_m,
+        };
+        if field.is_consistent() { Ok(field) } else { Err(Refusal::Damaged("field")) }
+    }
+
+    fn is_consistent(&self) -> bool {
+        let Self { origin, voxel_size_m, brick_dims, top, distances_m, layers, gradients, band_m, skin_m } = self;
+        let n_bricks =
+            brick_dims.iter().try_fold(1_usize, |n, dim| n.checked_mul(usize::try_from(*dim).ok().filter(|dim| *dim > 0)?));
+        let n_slots = distances_m.len();
+        let positive = |length_m: f32| length_m > 0.0 && length_m.is_finite();
+        origin.is_finite()
+            && positive(*voxel_size_m)
+            && positive(*band_m)
+            && (*skin_m == 0.0 || positive(*skin_m))
+            && n_bricks == Some(top.len())
+            && layers.len() == n_slots
+            && (gradients.is_empty() || gradients.len() == n_slots)
+            && top.iter().all(|slot| matches!(*slot, FAR_OUTSIDE | DEEP_INSIDE) || (*slot as usize) < n_slots)
+    }
+}

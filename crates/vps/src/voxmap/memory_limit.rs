@@ -1,0 +1,65 @@
+//! How much memory a bake may take, and who says so.
+
+use super::grid::{show_bytes, show_decimal_bytes};
+
+/// Of what the system has left, bytes that stay free for everything else that runs on it.
+pub const FREE_BYTES: u64 = 128 << 20;
+
+/// A limit, and where it comes from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MemoryLimit {
+    /// Bytes that the caller allowed.
+    Given(u64),
+    /// Bytes that the system had left. An estimate holds to within a half, and to run out of memory ends the process: [`FREE_BYTES`] and a third of
+    /// the rest are not taken.
+    Left(u64),
+}
+
+impl MemoryLimit {
+    /// The largest estimate that keeps it.
+    pub fn max_bytes(self) -> u64 {
+        match self {
+            Self::Given(bytes) => bytes,
+            Self::Left(bytes) => bytes.saturating_sub(FREE_BYTES) / 3 * 2,
+        }
+    }
+
+    /// `2.0 GiB, more than the 1.0 GiB that are allowed (2.1 GB and 1.1 GB)`.
+    pub fn exceeded_by(self, needed_bytes: u64) -> String {
+        let max_bytes = self.max_bytes();
+        let (needed, most) = (show_bytes(needed_bytes), show_bytes(max_bytes));
+        match self {
+            Self::Given(_) => {
+                let [needed_decimal, most_decimal] = [needed_bytes, max_bytes].map(show_decimal_bytes);
+                format!("{needed}, more than the {most} that are allowed ({needed_decimal} and {most_decimal})")
+            }
+            Self::Left(left) => format!(
+                "{needed}, more than the {most} that can be taken here: {} are left, of which {} and a third of the rest stay free",
+                show_bytes(left),
+                show_bytes(FREE_BYTES)
+            ),
+        }
+    }
+
+    /// What would make it larger.
+    pub fn remedy(self) -> &'static str {
+        match self {
+            Self::Given(_) => "a larger --max-memory",
+            Self::Left(_) => "end programs that hold memory",
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_left_is_not_taken_to_the_last_byte() {
+        assert_eq!(MemoryLimit::Given(7).max_bytes(), 7);
+        assert_eq!(MemoryLimit::Left(FREE_BYTES + 300).max_bytes(), 200);
+        assert_eq!(MemoryLimit::Left(FREE_BYTES - 1).max_bytes(), 0);
+        let said = MemoryLimit::Left(FREE_BYTES + (3 << 30)).exceeded_by(5 << 30);
+        assert!(said.starts_with("5.0 GiB, more than the 2.0 GiB that can be taken here: 3.1 GiB are left"), "{said}");
+    }
+}
