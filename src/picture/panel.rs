@@ -5,6 +5,7 @@ use glam::DVec3;
 use super::canvas::{Align, Canvas};
 use super::palette::{self, FAINT, INK, PAPER};
 use super::subject::Subject;
+use recording::report::chart::{short, steps};
 
 /// Height of the words at the axes, pixels.
 const TEXT: f64 = 13.0;
@@ -113,15 +114,16 @@ impl Panel {
         let low_mm = |side: usize| grid.origin_m[self.axes[side]] * 1e3;
         let span_mm = |side: usize| f64::from(grid.dims[self.axes[side]]) * grid.voxel_size_m * 1e3;
         let bottom = top + height;
-        for (at, text) in ticks(low_mm(0), span_mm(0), width, 64.0) {
-            let x = left + at * width;
+        // Numbers stand at least so many pixels apart.
+        for value in steps([low_mm(0), low_mm(0) + span_mm(0)], width / 64.0) {
+            let x = left + (value - low_mm(0)) / span_mm(0) * width;
             canvas.line([x, bottom + 1.0], [x, bottom + 6.0], 1.0, INK);
-            canvas.text([x, bottom + 20.0], TEXT, Align::Middle, INK, &text);
+            canvas.text([x, bottom + 20.0], TEXT, Align::Middle, INK, &short(value));
         }
-        for (at, text) in ticks(low_mm(1), span_mm(1), height, 40.0) {
-            let y = bottom - at * height;
+        for value in steps([low_mm(1), low_mm(1) + span_mm(1)], height / 40.0) {
+            let y = bottom - (value - low_mm(1)) / span_mm(1) * height;
             canvas.line([left - 6.0, y], [left - 1.0, y], 1.0, INK);
-            canvas.text([left - 10.0, y + 4.5], TEXT, Align::Right, INK, &text);
+            canvas.text([left - 10.0, y + 4.5], TEXT, Align::Right, INK, &short(value));
         }
         let [across, up, cut] = self.axes.map(|axis| NAMES[axis]);
         canvas.text([left + 0.5 * width, bottom + 38.0], TEXT, Align::Middle, FAINT, &format!("{across} (mm)"));
@@ -140,48 +142,4 @@ pub(super) fn draw_point(canvas: &mut Canvas, at: [f64; 2], normal: [f64; 2], le
     canvas.line(at, tip, 1.6, INK);
     canvas.dot(at, 3.4, INK);
     canvas.dot(at, 2.2, PAPER);
-}
-
-/// Round numbers along an axis of `span` from `low`, at least `spacing` pixels apart: share of the axis and words.
-fn ticks(low: f64, span: f64, n_pixels: f64, spacing: f64) -> Vec<(f64, String)> {
-    let wanted = span * spacing / n_pixels;
-    let decade = 10_f64.powf(wanted.log10().floor());
-    let step = [1.0, 2.0, 5.0, 10.0]
-        .into_iter()
-        .map(|factor| factor * decade)
-        .find(|step| *step >= wanted * (1.0 - 1e-9))
-        .unwrap_or(wanted);
-    let decimals = (-step.log10().floor()).clamp(0.0, 9.0) as usize;
-    let first = (low / step).ceil() as i64;
-    // Half a label away from the corners, where the words of two axes would meet.
-    (first..)
-        .map(|k| (k as f64 * step, (k as f64 * step - low) / span))
-        .take_while(|(_, share)| *share <= 1.0)
-        .map(|(value, share)| (share, format!("{value:.decimals$}").replace('-', "\u{2212}")))
-        .collect()
-}
-
-/// Up to three decimals, without trailing zeros, with a true minus.
-pub(super) fn short(value: f64) -> String {
-    let text = format!("{value:.3}");
-    let text = text.trim_end_matches('0').trim_end_matches('.');
-    if matches!(text, "-0" | "0") { "0".to_owned() } else { text.replace('-', "\u{2212}") }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn ticks_are_round_apart_and_on_the_axis() {
-        for (low, span) in [(-13.7, 31.0), (0.0, 0.004), (-1e4, 2e4), (3.0, 1e-6), (812.5, 1.0)] {
-            for n_pixels in [72.0, 480.0, 1300.0] {
-                let ticks = ticks(low, span, n_pixels, 60.0);
-                assert!(ticks.len() <= 25 && (n_pixels < 400.0 || ticks.len() >= 2), "{low} {span} {n_pixels}: {ticks:?}");
-                assert!(ticks.windows(2).all(|pair| (pair[1].0 - pair[0].0) * n_pixels > 59.0), "{ticks:?}");
-                assert!(ticks.iter().all(|(share, text)| (0.0..=1.0).contains(share) && !text.is_empty()));
-            }
-        }
-        assert_eq!([short(-2.5), short(-0.0001), short(12.0)], ["\u{2212}2.5", "0", "12"]);
-    }
 }

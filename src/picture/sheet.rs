@@ -5,8 +5,9 @@ use std::path::Path;
 
 use super::canvas::{Align, Canvas};
 use super::palette::{self, FAINT, INK};
-use super::panel::{Panel, draw_point, short};
+use super::panel::{Panel, draw_point};
 use super::subject::Subject;
+use recording::report::chart::short;
 
 /// Largest sheet, pixels.
 const WIDTH: f64 = 1600.0;

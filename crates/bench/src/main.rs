@@ -42,7 +42,7 @@ struct Args {
     /// With --quality: write raw results there as CSV files.
     #[arg(long, value_name = "DIR", requires = "quality")]
     csv: Option<PathBuf>,
-    /// With --quality or sculpt: draw how smooth forces are there, as PNG files.
+    /// With --quality or sculpt: draw how smooth forces are there, as SVG files.
     #[arg(long, value_name = "DIR")]
     plots: Option<PathBuf>,
     /// Folder of the scenes that contact and loop play.

@@ -127,7 +127,8 @@ fn a_quick_bench_of_quality_writes_its_raw_results() {
     }
     let cases = std::fs::read_to_string(folder.path().join("raw/q1-q3.csv")).unwrap();
     assert_eq!(cases.lines().count(), 49, "a line for each case, and the head");
-    assert!(std::fs::read(folder.path().join("raw/smoothness-on-the-hand.png")).unwrap().starts_with(b"\x89PNG\r\n\x1a\n"));
+    let plot = std::fs::read_to_string(folder.path().join("raw/smoothness-on-the-hand.svg")).unwrap();
+    assert!(plot.starts_with("<svg") && plot.contains("block-on-plane, N") && !plot.contains("NaN"), "{plot}");
 }
 
 #[test]
@@ -164,7 +165,7 @@ fn a_quick_bench_of_sculpting_times_builds_and_updates_and_draws_the_force() {
     assert!(find(&rows, "building a surface", "4500 samples")["paper"].as_f64() == Some(8.177_936));
     assert!(find(&rows, "updating a piece", "20³ mass points, 6060 samples, implicit")["value"].as_f64() > Some(0.0));
     assert!(find(&rows, "largest step of the force", "updates at 60 Hz, extrapolated")["value"].as_f64() > Some(0.0));
-    assert!(folder.path().join("pictures/receding-clay.png").is_file());
+    assert!(folder.path().join("pictures/receding-clay.svg").is_file());
 }
 
 #[test]

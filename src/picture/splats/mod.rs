@@ -16,9 +16,9 @@ use glam::DVec3;
 use self::view::{Camera, Discs};
 use super::canvas::{Align, Canvas};
 use super::palette::{FAINT, INK, Rgb, to_srgb};
-use super::panel::short;
 use super::sheet::{grouped, shortened};
 use clay::PointSet;
+use recording::report::chart::short;
 
 /// A piece of clay at one moment.
 #[derive(Clone, Copy, Debug)]

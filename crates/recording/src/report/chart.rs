@@ -1,12 +1,16 @@
-//! Pictures as SVG text: envelopes over time, and histograms.
+//! Charts as SVG text: axes for any values, envelopes over time, histograms.
+//!
+//! Style sheets of the page give the classes their looks: `grid` and `tick` (with `end`: the text ends there) of the axes, `trace`, `bar`, `limit`, `fault`.
 
 use std::fmt::Write as _;
 
 use super::trace::Stretch;
 
+/// Of the charts of a report, pixels.
 const WIDTH: f64 = 960.0;
 const HEIGHT: f64 = 190.0;
-const LEFT: f64 = 64.0;
+/// Around what is inside the axes, pixels.
+pub const LEFT: f64 = 64.0;
 const RIGHT: f64 = 14.0;
 const TOP: f64 = 12.0;
 const BOTTOM: f64 = 30.0;
@@ -23,20 +27,41 @@ pub(super) struct Curve<'c> {
     pub(super) marks: &'c [f64],
 }
 
-/// Where the inside of a picture begins and ends.
-struct Frame {
-    x: [f64; 2],
-    y: [f64; 2],
+/// A chart and the values at its ends.
+#[derive(Clone, Copy, Debug)]
+pub struct Frame {
+    /// Width and height of the chart with its numbers, pixels.
+    pub size: [f64; 2],
+    /// Values at the left and at the right end; they differ.
+    pub x: [f64; 2],
+    /// Values at the bottom and at the top; they differ.
+    pub y: [f64; 2],
 }
 
 impl Frame {
-    fn x(&self, value: f64) -> f64 {
-        LEFT + (value - self.x[0]) / (self.x[1] - self.x[0]) * (WIDTH - LEFT - RIGHT)
+    /// Where a value is, pixels from the left.
+    pub fn x(&self, value: f64) -> f64 {
+        LEFT + (value - self.x[0]) / (self.x[1] - self.x[0]) * (self.size[0] - LEFT - RIGHT)
     }
 
-    fn y(&self, value: f64) -> f64 {
+    /// Where a value is, pixels from the top; far outside is at the edge.
+    pub fn y(&self, value: f64) -> f64 {
         let share = ((value - self.y[0]) / (self.y[1] - self.y[0])).clamp(-0.05, 1.05);
-        HEIGHT - BOTTOM - share * (HEIGHT - TOP - BOTTOM)
+        self.size[1] - BOTTOM - share * (self.size[1] - TOP - BOTTOM)
+    }
+
+    /// Grid and round numbers of both axes, with the unit of the lower one.
+    pub fn axes(&self, svg: &mut String, unit_x: &str) {
+        let [width, height] = self.size;
+        for value in steps(self.y, 4.0) {
+            let y = self.y(value);
+            let _ = write!(svg, "<line class=\"grid\" x1=\"{LEFT}\" x2=\"{}\" y1=\"{y:.1}\" y2=\"{y:.1}\"/>", width - RIGHT);
+            let _ = write!(svg, "<text class=\"tick end\" x=\"{}\" y=\"{:.1}\">{}</text>", LEFT - 6.0, y + 4.0, short(value));
+        }
+        for value in steps(self.x, 10.0) {
+            let _ = write!(svg, "<text class=\"tick\" x=\"{:.1}\" y=\"{}\">{}</text>", self.x(value), height - 12.0, short(value));
+        }
+        let _ = write!(svg, "<text class=\"tick end\" x=\"{}\" y=\"{}\">{unit_x}</text>", width - RIGHT, height - 1.0);
     }
 }
 
@@ -57,9 +82,9 @@ pub(super) fn curve(curve: &Curve<'_>, stretches: &[Stretch]) -> String {
     let shown_limit = limit.filter(|(limit, _)| limit.is_finite() && *limit <= 4.0 * highest.max(1e-12));
     let highest = shown_limit.map_or(highest, |(limit, _)| highest.max(limit * 1.05));
     let span = if highest - lowest > 0.0 { highest - lowest } else { 1.0 };
-    let frame = Frame { x: [begin_s, end_s], y: [lowest, lowest + 1.05 * span] };
+    let frame = Frame { size: [WIDTH, HEIGHT], x: [begin_s, end_s], y: [lowest, lowest + 1.05 * span] };
     let mut svg = open(title);
-    axes(&mut svg, &frame, "s");
+    frame.axes(&mut svg, "s");
     for mark_s in marks {
         let x = frame.x(*mark_s);
         // Writing to a string cannot fail, here and below.
@@ -122,20 +147,8 @@ fn line_across(svg: &mut String, y: f64, name: &str) {
     let _ = write!(svg, "<text class=\"limit end\" x=\"{}\" y=\"{:.1}\">{name}</text>", WIDTH - RIGHT - 4.0, y - 4.0);
 }
 
-fn axes(svg: &mut String, frame: &Frame, unit_x: &str) {
-    for value in steps(frame.y, 4.0) {
-        let y = frame.y(value);
-        let _ = write!(svg, "<line class=\"grid\" x1=\"{LEFT}\" x2=\"{}\" y1=\"{y:.1}\" y2=\"{y:.1}\"/>", WIDTH - RIGHT);
-        let _ = write!(svg, "<text class=\"tick end\" x=\"{}\" y=\"{:.1}\">{}</text>", LEFT - 6.0, y + 4.0, short(value));
-    }
-    for value in steps(frame.x, 10.0) {
-        let _ = write!(svg, "<text class=\"tick\" x=\"{:.1}\" y=\"{}\">{}</text>", frame.x(value), HEIGHT - 12.0, short(value));
-    }
-    let _ = write!(svg, "<text class=\"tick end\" x=\"{}\" y=\"{}\">{unit_x}</text>", WIDTH - RIGHT, HEIGHT - 1.0);
-}
-
-/// Round numbers in a range, about so many.
-fn steps([low, high]: [f64; 2], wanted: f64) -> Vec<f64> {
+/// Round numbers in a range, about so many; at most 40.
+pub fn steps([low, high]: [f64; 2], wanted: f64) -> Vec<f64> {
     let rough = (high - low) / wanted;
     let power = 10_f64.powf(rough.log10().floor());
     let step = [1.0, 2.0, 5.0, 10.0].into_iter().map(|factor| factor * power).find(|step| *step >= rough * 0.999).unwrap_or(rough);
@@ -143,10 +156,11 @@ fn steps([low, high]: [f64; 2], wanted: f64) -> Vec<f64> {
     (0..40).map(|n| (first + f64::from(n)) * step).take_while(|value| *value <= high * (1.0 + 1e-9)).collect()
 }
 
-fn short(value: f64) -> String {
+/// Up to four decimals, without trailing zeros, with a true minus.
+pub fn short(value: f64) -> String {
     let text = format!("{value:.4}");
     let text = text.trim_end_matches('0').trim_end_matches('.');
-    if text == "-0" { "0".to_owned() } else { text.to_owned() }
+    if text == "-0" { "0".to_owned() } else { text.replace('-', "\u{2212}") }
 }
 
 #[cfg(test)]
@@ -157,6 +171,13 @@ mod tests {
     fn axes_have_round_numbers() {
         assert_eq!(steps([0.0, 10.0], 5.0), [0.0, 2.0, 4.0, 6.0, 8.0, 10.0]);
         assert_eq!(steps([-0.3, 0.3], 4.0).len(), 3);
-        assert_eq!([short(0.25), short(-0.0), short(3.0)], ["0.25", "0", "3"]);
+        for (low, high) in [(-13.7, 17.3), (0.0, 0.004), (-1e4, 1e4), (3.0, 3.000_001), (812.5, 813.5)] {
+            let steps = steps([low, high], 8.0);
+            assert!(
+                (4..=9).contains(&steps.len()) && steps.iter().all(|step| (low..=high * 1.000_001).contains(step)),
+                "{steps:?}"
+            );
+        }
+        assert_eq!([short(0.25), short(-0.0), short(3.0), short(-2.5), short(-0.00001)], ["0.25", "0", "3", "\u{2212}2.5", "0"]);
     }
 }

@@ -5,10 +5,10 @@
 //! | file | owns |
 //! |---|---|
 //! | `trace` | values over time, as envelopes of bounded size |
-//! | `chart` | SVG |
+//! | [`chart`] | SVG |
 //! | `page` | HTML |
 
-mod chart;
+pub mod chart;
 mod page;
 mod trace;
 
