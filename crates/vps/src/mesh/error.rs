@@ -31,6 +31,14 @@ pub enum MeshError {
         /// Lower case, without the dot; empty when there is none.
         extension: String,
     },
+    /// A format that this build leaves out.
+    #[error("{}: this build of `vps` does not read {}", path.display(), format.name())]
+    NotBuilt {
+        /// As given.
+        path: PathBuf,
+        /// Its format.
+        format: Format,
+    },
     /// There is nothing in the file.
     #[error("{}: no triangles: the file is empty", path.display())]
     NoBytes {
@@ -170,6 +178,7 @@ impl MeshError {
             Self::Missing { .. } => Some("paths in a scene are relative to the scene file"),
             Self::Unreadable { .. } => Some("check that it is a file and that this user may read it"),
             Self::UnknownExtension { .. } => Some("export the part as STL or OBJ"),
+            Self::NotBuilt { .. } => Some("build `vps` with its features `gltf` and `threemf`, or export the part as STL or OBJ"),
             Self::NoBytes { .. } => Some("copy or export it again: the program that wrote it may have failed"),
             Self::OtherFormat { found, .. } => Some(found.rename_hint()),
             Self::NoArea { .. } => Some("export the part as a surface: points and lines written as triangles cannot be felt"),

@@ -5,7 +5,11 @@ use std::path::{Path, PathBuf};
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::{Format, MeshError, TriangleMesh, gltf, obj, ply, source, stl, threemf};
+#[cfg(feature = "gltf")]
+use super::gltf;
+#[cfg(feature = "threemf")]
+use super::threemf;
+use super::{Format, MeshError, TriangleMesh, obj, ply, source, stl};
 
 /// No part is this far from its origin; squares and fifth powers of what is nearer stay far inside the range of `f64`.
 const FARTHEST_M: f64 = 1e9;
@@ -37,8 +41,12 @@ pub fn parse(bytes: &[u8], format: Format, path: &Path, metres_per_unit: f64) ->
         Format::Obj => obj::parse(bytes, path),
         Format::Stl => stl::parse(bytes, path),
         Format::Ply => ply::parse(bytes, path),
+        #[cfg(feature = "gltf")]
         Format::Gltf => gltf::parse(bytes, path),
+        #[cfg(feature = "threemf")]
         Format::ThreeMf => threemf::parse(bytes, path, metres_per_unit),
+        #[cfg(not(all(feature = "gltf", feature = "threemf")))]
+        other => Err(MeshError::NotBuilt { path: path.to_owned(), format: other }),
     };
     let read = match read {
         Ok(mesh) if mesh.triangles.is_empty() => Err(MeshError::Empty { path: path.to_owned() }),
@@ -81,10 +89,11 @@ pub fn copy_only() {
 /// [`MeshError`] of a glTF file that cannot be read, or that names what it must not.
 pub fn companions(path: &Path) -> Result<Vec<PathBuf>, MeshError> {
     match Format::of(path)? {
+        #[cfg(feature = "gltf")]
         Format::Gltf => {
             let bytes = source::read(path)?;
             bytes.confirm(gltf::companions(&bytes, path), path)
         }
-        Format::Obj | Format::Stl | Format::Ply | Format::ThreeMf => Ok(Vec::new()),
+        _ => Ok(Vec::new()),
     }
 }

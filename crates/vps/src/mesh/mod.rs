@@ -38,7 +38,7 @@
 //! let mesh = parse(text, Format::Obj, "tetrahedron.obj".as_ref(), 1e-3)?;
 //! assert!(inspect(&mesh).closed);
 //! assert!((mass_properties(&mesh).volume_m3 - 0.03_f64.powi(3) / 6.0).abs() < 1e-12);
-//! # Ok::<(), crate::mesh::MeshError>(())
+//! # Ok::<(), vps::mesh::MeshError>(())
 //! ```
 
 pub mod closest_point;
@@ -46,6 +46,7 @@ pub mod cloud;
 mod edges;
 mod error;
 mod format;
+#[cfg(feature = "gltf")]
 mod gltf;
 mod load;
 pub mod mass;
@@ -54,12 +55,14 @@ mod ply;
 mod points;
 pub mod polygon;
 pub mod primitives;
+#[cfg(any(feature = "gltf", feature = "threemf"))]
 mod room;
 mod shards;
 mod source;
 mod stl;
 #[cfg(test)]
 mod tests;
+#[cfg(feature = "threemf")]
 mod threemf;
 mod triangle_mesh;
 pub mod validate;

@@ -1,13 +1,13 @@
 //! What the levels of a tree look like, in numbers.
 
 use glam::Vec3;
-use serde::{Deserialize, Serialize};
 
 use super::shell::{LANES, Shell};
 use super::tree::CHILDREN;
 
 /// One level of a point-sphere tree.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct LevelReport {
     /// Points that represent the nodes of the level; in the last level, all points of the shell.
     pub points: usize,

@@ -23,7 +23,7 @@
 //!
 //! assert_eq!(report.points, map.surface.n_voxels);
 //! assert!(shell.points().all(|(position, normal)| position.dot(normal) < 0.0), "normals point inward");
-//! # Ok::<(), crate::voxmap::grid::GridError>(())
+//! # Ok::<(), vps::voxmap::grid::GridError>(())
 //! ```
 
 mod bins;

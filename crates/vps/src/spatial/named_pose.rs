@@ -1,11 +1,10 @@
 //! A pose as results have it.
 
-use serde::Serialize;
-
 use super::Pose;
 
 /// A pose with a name for each component; the frames are named where it is declared.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[expect(missing_docs, reason = "the names are the unit and the component")]
 pub struct NamedPose {
     pub x_m: f64,

@@ -44,7 +44,7 @@
 //! let cells = map.surface.grid.to_cells(DVec3::X * 9.5e-3).as_vec3();
 //! let depth_m = field.value(FieldKind::Trilinear, cells, Vec3::ZERO);
 //! assert!((depth_m - 0.5e-3).abs() < 0.1e-3);
-//! # Ok::<(), crate::voxmap::grid::GridError>(())
+//! # Ok::<(), vps::voxmap::grid::GridError>(())
 //! ```
 
 mod bricks;
