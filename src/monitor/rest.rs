@@ -9,16 +9,14 @@ use axum::extract::{ConnectInfo, DefaultBodyLimit, Path, Query, Request, State};
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::middleware::{self, Next};
 use axum::response::{IntoResponse, Redirect, Response};
-use axum::routing::{delete, get, post, put};
+use axum::routing::{MethodRouter, delete, get, post, put};
 use axum::{Json, Router};
 use glam::DVec3;
 use serde::Deserialize;
-use serde::de::DeserializeOwned;
 use serde_json::{Map, Value, json};
 use tokio::sync::oneshot;
 
-use super::asks::{Do, PoseAsked, perform};
-use super::clay::{SaveKind, TakeAsked};
+use super::asks::{Do, perform};
 use super::door::Peer;
 use super::encode::{WirePose, with_counts};
 use super::forms::{read, such_as};
@@ -44,23 +42,24 @@ pub(super) fn router(served: Arc<Served>) -> Router {
     let api = Router::new()
         .route("/api/v1/info", get(info))
         .route("/api/v1/state", get(state))
-        .route("/api/v1/scene", get(scene).post(switch))
+        .route("/api/v1/scene", get(scene).merge(command("switch")))
         .route("/api/v1/scene/{scene_idx}/mesh/{object_idx}", get(mesh))
         .route("/api/v1/scenes", get(scenes))
         .route("/api/v1/parameters", get(parameters))
         .route("/api/v1/parameters/{name}", put(set))
         .route("/api/v1/objects/{name}/pose", put(place))
-        .route("/api/v1/enable", post(enable))
-        .route("/api/v1/disable", post(disable))
-        .route("/api/v1/stop", post(stop))
-        .route("/api/v1/recording", post(record))
-        .route("/api/v1/recording", delete(end_recording))
+        .route("/api/v1/enable", command("enable"))
+        // These are done whatever comes with them.
+        .route("/api/v1/disable", post(async |State(served): State<Arc<Served>>| done(&served, Do::Disable {}).await))
+        .route("/api/v1/stop", post(async |State(served): State<Arc<Served>>| done(&served, Do::Stop {}).await))
+        .route("/api/v1/recording", command("record"))
+        .route("/api/v1/recording", delete(async |State(served): State<Arc<Served>>| done(&served, Do::EndRecording {}).await))
         .route("/api/v1/clay", get(clay))
         .route("/api/v1/clay/points", get(clay_points))
-        .route("/api/v1/clay/tool", post(clay_take))
-        .route("/api/v1/clay/undo", post(clay_undo))
-        .route("/api/v1/clay/redo", post(clay_redo))
-        .route("/api/v1/clay/save", post(clay_save))
+        .route("/api/v1/clay/tool", command("clay_take"))
+        .route("/api/v1/clay/undo", command("clay_undo"))
+        .route("/api/v1/clay/redo", command("clay_redo"))
+        .route("/api/v1/clay/save", command("clay_save"))
         .route("/metrics", get(metrics))
         .layer(middleware::from_fn_with_state(served.clone(), paced))
         .route("/api/v1/ws", get(ws::open))
@@ -250,75 +249,43 @@ async fn parameters(State(served): State<Arc<Served>>) -> Json<Value> {
     Json(settings.iter().map(parameter).collect())
 }
 
-/// The body of a command; an empty one counts as an empty object.
-fn body<T: DeserializeOwned>(bytes: &Bytes, form: &str) -> Result<T, Problem> {
-    let bytes = if bytes.is_empty() { &b"{}"[..] } else { &bytes[..] };
-    let refused = |error: String| Problem::bad(error, form);
-    // Of a list serde would take the values in their order.
-    let object: Map<String, Value> =
-        serde_json::from_slice(bytes).map_err(|error| refused(format!("the body will not do: {error}")))?;
-    read(object, "the body will not do: ").map_err(refused)
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct NothingAsked {}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct ValueAsked {
-    value: f64,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct SceneAsked {
-    scene: String,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct FileAsked {
-    #[serde(default)]
-    file: Option<String>,
+/// A command whose body has what goes with it over the WebSocket.
+fn command(name: &'static str) -> MethodRouter<Arc<Served>> {
+    post(async move |State(served): State<Arc<Served>>, bytes: Bytes| {
+        let form = such_as(name, false);
+        let asked = asked(name, body(&bytes, &form)?, Map::new(), &form)?;
+        done(&served, asked).await
+    })
 }
 
 async fn set(State(served): State<Arc<Served>>, Path(parameter): Path<String>, bytes: Bytes) -> Result<Response, Problem> {
-    let ValueAsked { value } = body(&bytes, "such as {\"value\": 800}")?;
-    done(&served, Do::Set { parameter, value }).await
+    let form = "such as {\"value\": 800}";
+    let from_path = Map::from_iter([("parameter".to_owned(), parameter.into())]);
+    done(&served, asked("set", body(&bytes, form)?, from_path, form)?).await
 }
 
 async fn place(State(served): State<Arc<Served>>, Path(object): Path<String>, bytes: Bytes) -> Result<Response, Problem> {
-    let pose: PoseAsked = body(&bytes, "such as {\"p\": [0, 0, 0.01], \"q\": [0, 0, 0, 1]}")?;
-    done(&served, Do::Place { object, pose }).await
+    let form = "such as {\"p\": [0, 0, 0.01], \"q\": [0, 0, 0, 1]}";
+    let pose = body(&bytes, form)?;
+    let from_path = Map::from_iter([("object".to_owned(), object.into()), ("pose".to_owned(), pose.into())]);
+    done(&served, asked("place", Map::new(), from_path, form)?).await
 }
 
-async fn switch(State(served): State<Arc<Served>>, bytes: Bytes) -> Result<Response, Problem> {
-    let SceneAsked { scene } = body(&bytes, &such_as("switch", false))?;
-    done(&served, Do::Switch { scene }).await
+/// The body of a command; an empty one counts as an empty object.
+fn body(bytes: &Bytes, form: &str) -> Result<Map<String, Value>, Problem> {
+    let bytes = if bytes.is_empty() { &b"{}"[..] } else { &bytes[..] };
+    serde_json::from_slice(bytes).map_err(|error| Problem::bad(format!("the body will not do: {error}"), form))
 }
 
-async fn record(State(served): State<Arc<Served>>, bytes: Bytes) -> Result<Response, Problem> {
-    let FileAsked { file } = body(&bytes, &such_as("record", false))?;
-    done(&served, Do::Record { file }).await
-}
-
-async fn end_recording(State(served): State<Arc<Served>>) -> Result<Response, Problem> {
-    done(&served, Do::EndRecording {}).await
-}
-
-async fn enable(State(served): State<Arc<Served>>, bytes: Bytes) -> Result<Response, Problem> {
-    // Disable and stop are done whatever comes with them.
-    let NothingAsked {} = body(&bytes, "an empty body")?;
-    done(&served, Do::Enable {}).await
-}
-
-async fn disable(State(served): State<Arc<Served>>) -> Result<Response, Problem> {
-    done(&served, Do::Disable {}).await
-}
-
-async fn stop(State(served): State<Arc<Served>>) -> Result<Response, Problem> {
-    done(&served, Do::Stop {}).await
+/// A command: what its body says, and what its address does.
+fn asked(name: &str, mut body: Map<String, Value>, mut from_path: Map<String, Value>, form: &str) -> Result<Do, Problem> {
+    from_path.insert("do".to_owned(), name.into());
+    for (key, value) in from_path {
+        if body.insert(key.clone(), value).is_some() {
+            return Err(Problem::bad(format!("the body will not do: unknown field `{key}`"), form));
+        }
+    }
+    read(body, "the body will not do: ").map_err(|error| Problem::bad(error, form))
 }
 
 async fn clay(State(served): State<Arc<Served>>) -> Result<Json<Value>, Problem> {
@@ -355,34 +322,6 @@ async fn clay_points(
         return Ok(StatusCode::NO_CONTENT.into_response());
     }
     Ok(([(header::CONTENT_TYPE, "application/octet-stream")], bytes).into_response())
-}
-
-async fn clay_take(State(served): State<Arc<Served>>, bytes: Bytes) -> Result<Response, Problem> {
-    let asked: TakeAsked = body(&bytes, &such_as("clay_take", false))?;
-    done(&served, Do::ClayTake(asked)).await
-}
-
-async fn clay_undo(State(served): State<Arc<Served>>, bytes: Bytes) -> Result<Response, Problem> {
-    let NothingAsked {} = body(&bytes, "an empty body")?;
-    done(&served, Do::ClayUndo {}).await
-}
-
-async fn clay_redo(State(served): State<Arc<Served>>, bytes: Bytes) -> Result<Response, Problem> {
-    let NothingAsked {} = body(&bytes, "an empty body")?;
-    done(&served, Do::ClayRedo {}).await
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct SaveAsked {
-    kind: SaveKind,
-    #[serde(default)]
-    file: Option<String>,
-}
-
-async fn clay_save(State(served): State<Arc<Served>>, bytes: Bytes) -> Result<Response, Problem> {
-    let SaveAsked { kind, file } = body(&bytes, &such_as("clay_save", false))?;
-    done(&served, Do::ClaySave { kind, file }).await
 }
 
 /// Does it, and says that it is done, or that it goes on.
