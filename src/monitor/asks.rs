@@ -11,7 +11,7 @@ use super::clay::{self, SaveKind, TakeAsked};
 use super::client::{Client, Wanted};
 use super::encode::WirePose;
 use super::forms::{read, such_as};
-use super::heart::{LONGEST, SHORTEST};
+use super::heartbeat::{LONGEST, SHORTEST};
 use super::hub::Hub;
 use super::problem::Problem;
 use super::recorder::{RecorderError, RecorderStatus};
@@ -27,7 +27,7 @@ const LEAST_RATE_HZ: f64 = 0.1;
 /// One request. A key that is not known is refused: a misspelt one would otherwise pass for none.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(tag = "do", rename_all = "snake_case", deny_unknown_fields)]
-pub(super) enum Do {
+pub(super) enum ClientCommand {
     /// A stream of states; 0 Hz: none.
     Subscribe {
         rate_hz: f64,
@@ -125,7 +125,7 @@ pub fn read_pose(text: &[u8]) -> Result<Pose, String> {
 /// Longest `id` of a request as text, bytes: it is kept until the answer.
 const LONGEST_ID: usize = 256;
 
-impl Do {
+impl ClientCommand {
     /// True for what takes force away or says that somebody is there: heard however much else waits.
     pub(super) fn is_always_heard(&self) -> bool {
         matches!(self, Self::Disable {} | Self::Stop {} | Self::Heartbeat { .. } | Self::ClayHold { held: false } | Self::Ping {})
@@ -153,49 +153,49 @@ fn is_short(id: &Value) -> bool {
 }
 
 /// Does what a client asks for; `client` where it has a connection. The reply may come from another thread.
-pub(super) fn perform(hub: &Arc<Hub>, files: &Worker, client: Option<&Client>, asked: Do, reply: Reply) {
+pub(super) fn perform(hub: &Arc<Hub>, files: &Worker, client: Option<&Client>, asked: ClientCommand, reply: Reply) {
     match asked {
-        Do::Enable {} => reply(hub.enable(client.map(|client| client.id)).map(nothing)),
-        Do::Disable {} => {
+        ClientCommand::Enable {} => reply(hub.enable(client.map(|client| client.id)).map(nothing)),
+        ClientCommand::Disable {} => {
             hub.control.disable();
             reply(Ok(Done::Nothing));
         }
-        Do::Stop {} => {
+        ClientCommand::Stop {} => {
             hub.control.stop();
             reply(Ok(Done::Nothing));
         }
-        Do::Set { parameter, value } => {
+        ClientCommand::Set { parameter, value } => {
             reply(rendered(hub).and_then(|session| Ok(session.set(&parameter, value)?)).map(nothing));
         }
-        Do::Place { object, pose } => {
+        ClientCommand::Place { object, pose } => {
             reply(rendered(hub).and_then(|session| Ok(session.place(&object, pose.into())?)).map(nothing));
         }
-        Do::Switch { scene } => switch(hub, scene, reply),
-        Do::Record { file } => record(hub, files, Some(file), reply),
-        Do::EndRecording {} => record(hub, files, None, reply),
-        Do::Ping {} => reply(Ok(Done::Nothing)),
-        Do::Subscribe { rate_hz, format, contacts, history } => reply(match client {
+        ClientCommand::Switch { scene } => switch(hub, scene, reply),
+        ClientCommand::Record { file } => record(hub, files, Some(file), reply),
+        ClientCommand::EndRecording {} => record(hub, files, None, reply),
+        ClientCommand::Ping {} => reply(Ok(Done::Nothing)),
+        ClientCommand::Subscribe { rate_hz, format, contacts, history } => reply(match client {
             Some(client) => wanted(rate_hz, format, contacts, history).map(|wanted| {
                 client.want(wanted);
                 Done::Nothing
             }),
             None => Err(needs_connection()),
         }),
-        Do::Heartbeat { timeout_ms } => reply(match client {
+        ClientCommand::Heartbeat { timeout_ms } => reply(match client {
             Some(client) => longest(timeout_ms).map(|longest| {
-                hub.heart.beat(client.id, longest);
+                hub.watchdog.beat(client.id, longest);
                 Done::Nothing
             }),
             None => Err(needs_connection()),
         }),
-        Do::ClayTake(asked) => clay::take(hub, asked, reply),
-        Do::ClayHold { held } => match client {
+        ClientCommand::ClayTake(asked) => clay::take(hub, asked, reply),
+        ClientCommand::ClayHold { held } => match client {
             Some(client) => clay::hold(hub, client.id, held, reply),
             None => reply(Err(needs_connection())),
         },
-        Do::ClayUndo {} => clay::step(hub, Order::Undo, "undone", reply),
-        Do::ClayRedo {} => clay::step(hub, Order::Redo, "redone", reply),
-        Do::ClaySave { kind, file } => clay::save(hub, files, kind, file, reply),
+        ClientCommand::ClayUndo {} => clay::step(hub, Order::Undo, "undone", reply),
+        ClientCommand::ClayRedo {} => clay::step(hub, Order::Redo, "redone", reply),
+        ClientCommand::ClaySave { kind, file } => clay::save(hub, files, kind, file, reply),
     }
 }
 
@@ -286,28 +286,28 @@ mod tests {
 
     use super::*;
 
-    fn parsed(text: &str) -> (Value, Result<Do, String>) {
-        let (id, asked) = Do::parse(text.as_bytes());
+    fn parsed(text: &str) -> (Value, Result<ClientCommand, String>) {
+        let (id, asked) = ClientCommand::parse(text.as_bytes());
         (id, asked.map_err(|problem| problem.said.error))
     }
 
     #[test]
     fn requests_are_read_and_misspelt_ones_refused() {
-        assert_eq!(parsed(r#"{"id":7,"do":"enable"}"#), (7.into(), Ok(Do::Enable {})));
-        assert_eq!(parsed(r#"{"do":"heartbeat"}"#), (Value::Null, Ok(Do::Heartbeat { timeout_ms: None })));
-        let subscribe = Do::Subscribe { rate_hz: 60.0, format: Format::Json, contacts: true, history: true };
+        assert_eq!(parsed(r#"{"id":7,"do":"enable"}"#), (7.into(), Ok(ClientCommand::Enable {})));
+        assert_eq!(parsed(r#"{"do":"heartbeat"}"#), (Value::Null, Ok(ClientCommand::Heartbeat { timeout_ms: None })));
+        let subscribe = ClientCommand::Subscribe { rate_hz: 60.0, format: Format::Json, contacts: true, history: true };
         assert_eq!(parsed(r#"{"do":"subscribe","rate_hz":60,"contacts":true}"#).1, Ok(subscribe));
         let long = "x".repeat(300);
         for id in [json!(long), json!([long]), json!({ long: 1 })] {
             let (kept, asked) = parsed(&json!({ "id": id, "do": "ping" }).to_string());
             assert!(kept.is_null() && asked.is_err_and(|error| error.contains("256")), "{id}");
         }
-        assert_eq!(parsed(r#"{"id":[1,{"a":2}],"do":"ping"}"#), (json!([1, { "a": 2 }]), Ok(Do::Ping {})));
+        assert_eq!(parsed(r#"{"id":[1,{"a":2}],"do":"ping"}"#), (json!([1, { "a": 2 }]), Ok(ClientCommand::Ping {})));
         let place = r#"{"id":"a","do":"place","object":"lift","pose":{"p":[0,0,1],"q":[0,0,0,1]}}"#;
-        assert!(matches!(parsed(place), (Value::String(_), Ok(Do::Place { .. }))));
-        assert!(matches!(parsed(r#"{"do":"clay_take","craft":"paint","brush_m":0.003}"#).1, Ok(Do::ClayTake(_))));
-        assert_eq!(parsed(r#"{"do":"clay_hold","held":true}"#).1, Ok(Do::ClayHold { held: true }));
-        let save = Do::ClaySave { kind: SaveKind::Export, file: Some("bowl".to_owned()) };
+        assert!(matches!(parsed(place), (Value::String(_), Ok(ClientCommand::Place { .. }))));
+        assert!(matches!(parsed(r#"{"do":"clay_take","craft":"paint","brush_m":0.003}"#).1, Ok(ClientCommand::ClayTake(_))));
+        assert_eq!(parsed(r#"{"do":"clay_hold","held":true}"#).1, Ok(ClientCommand::ClayHold { held: true }));
+        let save = ClientCommand::ClaySave { kind: SaveKind::Export, file: Some("bowl".to_owned()) };
         assert_eq!(parsed(r#"{"do":"clay_save","kind":"export","file":"bowl"}"#).1, Ok(save));
         for (wrong, expected) in [
             ("", "no JSON"),

@@ -2,7 +2,7 @@
 
 use rtrb::{Consumer, RingBuffer};
 
-use super::ghost::{Anchor, Watcher};
+use super::index_origin::{IndexOrigin, IndexOriginTracker};
 use recording::{Tap, TickRecord};
 
 /// Records under way: two seconds at 1 kHz.
@@ -12,15 +12,15 @@ const RING_RECORDS: usize = 2048;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Fed {
     pub(super) record: TickRecord,
-    pub(super) anchor: Option<Anchor>,
+    pub(super) index_origin: Option<IndexOrigin>,
 }
 
 /// Both ends. A record that finds no room is gone.
 pub(super) fn feed() -> (Tap, Consumer<Fed>) {
     let (mut ring, consumer) = RingBuffer::new(RING_RECORDS);
-    let mut watcher = Watcher::default();
+    let mut watcher = IndexOriginTracker::default();
     let tap = Box::new(move |record: &TickRecord| {
-        let _ = ring.push(Fed { record: *record, anchor: watcher.see(record) });
+        let _ = ring.push(Fed { record: *record, index_origin: watcher.see(record) });
         !ring.is_abandoned()
     });
     (tap, consumer)

@@ -56,18 +56,18 @@ pub(super) fn read<T: DeserializeOwned>(object: Map<String, Value>, before: &str
 
 #[cfg(test)]
 mod tests {
-    use super::super::asks::Do;
+    use super::super::asks::ClientCommand;
     use super::*;
 
     #[test]
     fn every_form_that_is_shown_is_understood() {
         for (command, _) in FORMS {
             let form = such_as(command, true);
-            let asked = Do::parse(form.strip_prefix("such as ").unwrap().as_bytes()).1;
+            let asked = ClientCommand::parse(form.strip_prefix("such as ").unwrap().as_bytes()).1;
             assert!(asked.is_ok(), "{form}: {asked:?}");
             assert!(!such_as(command, false).contains("\"do\""));
         }
-        let hint_of = |text: &str| Do::parse(text.as_bytes()).1.unwrap_err().said.hint;
+        let hint_of = |text: &str| ClientCommand::parse(text.as_bytes()).1.unwrap_err().said.hint;
         assert!(hint_of(r#"{"do":"clay_hold"}"#).contains("\"held\": true"));
         assert_eq!(hint_of(r#"{"do":"fly"}"#), "", "the known ones are listed");
     }

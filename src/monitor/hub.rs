@@ -12,7 +12,7 @@ use super::clay::{Clay, ClayParts, no_clay};
 use super::client::Client;
 use super::encode::{self, At, Body, Event, Extras, LastFault, Moment, WireObject};
 use super::feed::Fed;
-use super::heart::{Heart, Silence};
+use super::heartbeat::{HeartbeatWatchdog, Timeout};
 use super::info::{API, Facts, has_force};
 use super::outbox::AWAY;
 use super::problem::Problem;
@@ -54,7 +54,7 @@ pub(super) struct Newest {
 /// Everything that the clients of a run share.
 pub struct Hub {
     pub(super) session: SessionHandle,
-    pub(super) heart: Heart,
+    pub(super) watchdog: HeartbeatWatchdog,
     pub(super) clock: ClockKind,
     pub(super) recorder: Option<Arc<dyn Recorder>>,
     clay: OnceLock<Arc<Clay>>,
@@ -78,7 +78,7 @@ impl Hub {
         let since = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
         Arc::new(Self {
             session,
-            heart: Heart::new(heartbeat),
+            watchdog: HeartbeatWatchdog::new(heartbeat),
             clock,
             recorder: recorder.map(Arc::from),
             clay: OnceLock::new(),
@@ -99,14 +99,14 @@ impl Hub {
         match notice {
             Notice::Phase(phase) => {
                 self.facts().phase = *phase;
-                if !has_force(*phase) && self.heart.let_all_go() {
+                if !has_force(*phase) && self.watchdog.let_all_go() {
                     self.let_clay_go("no force flows: the clay was let go");
                 }
                 if *phase == Phase::Enabling {
                     self.facts().last_fault = None;
                     self.fell_silent.store(false, Ordering::Relaxed);
                 }
-                self.heart.note_force(has_force(*phase));
+                self.watchdog.note_force(has_force(*phase));
                 self.tell("state", None, phase.name(), &[phase.name()]);
             }
             Notice::Preflight(report) => self.facts().checked(report),
@@ -206,7 +206,7 @@ impl Hub {
     /// The connection of a client has ended.
     pub(super) fn part(&self, id: u64) {
         self.clients().retain(|client| client.id != id);
-        self.heart.lose(id);
+        self.watchdog.lose(id);
     }
 
     /// The run in the text format of Prometheus; `None`: it has no figures.
@@ -225,7 +225,7 @@ impl Hub {
 
     /// Says good-bye.
     pub(super) fn end(&self) {
-        self.heart.end();
+        self.watchdog.end();
         for client in self.clients().iter() {
             client.outbox.end(AWAY, "the run is over");
         }
@@ -235,7 +235,7 @@ impl Hub {
     pub(super) fn enable(&self, client: Option<u64>) -> Result<(), Problem> {
         // First: a heartbeat that ends from now on counts for more.
         let permit = self.control.permit();
-        if !self.heart.lets_enable(client) {
+        if !self.watchdog.lets_enable(client) {
             let hint = "send {\"do\":\"heartbeat\"} over a WebSocket, again and again, then enable";
             return Err(Problem::conflict("this scene wants a client with a heartbeat, and none beats", hint));
         }
@@ -245,13 +245,13 @@ impl Hub {
         self.enables.send(Enable(permit)).map_err(|_| Problem::from(SessionError::Over))
     }
 
-    /// Watches the heartbeats; for a thread of its own.
-    pub(super) fn watch_heart(self: &Arc<Self>) {
-        self.heart.watch(|silence, is_news| {
-            match silence {
-                Silence::Holding => return self.let_clay_go("who held the clay fell silent: it was let go"),
-                Silence::StillHolding => return self.clay.get().map_or((), |clay| clay.let_go(self)),
-                Silence::Of(_) | Silence::Gone | Silence::Nobody => {}
+    /// Watches the heartbeats; for a thread of its own, which no lock of the session can hold up.
+    pub(super) fn watch_heartbeats(self: &Arc<Self>) {
+        self.watchdog.watch(|timeout, is_news| {
+            match timeout {
+                Timeout::Holding => return self.let_clay_go("who held the clay fell silent: it was let go"),
+                Timeout::StillHolding => return self.clay.get().map_or((), |clay| clay.let_go(self)),
+                Timeout::Of(_) | Timeout::Gone | Timeout::NoClient => {}
             }
             // Before anything that takes a lock.
             self.control.disable();
@@ -259,11 +259,11 @@ impl Hub {
                 self.fell_silent.store(true, Ordering::Relaxed);
             }
             if is_news {
-                let text = match silence {
-                    Silence::Holding | Silence::StillHolding => return,
-                    Silence::Of(longest) => format!("a controlling client was silent for {} ms: force off", longest.as_millis()),
-                    Silence::Gone => "a controlling client has gone: force off".to_owned(),
-                    Silence::Nobody => "no client beats, and this scene wants one: force off".to_owned(),
+                let text = match timeout {
+                    Timeout::Holding | Timeout::StillHolding => return,
+                    Timeout::Of(longest) => format!("a controlling client was silent for {} ms: force off", longest.as_millis()),
+                    Timeout::Gone => "a controlling client has gone: force off".to_owned(),
+                    Timeout::NoClient => "no client beats, and this scene wants one: force off".to_owned(),
                 };
                 self.tell("heartbeat", None, &text, &[]);
             }

@@ -1,10 +1,10 @@
 //! The window: HTTP, WebSocket and the page, for whoever watches and drives a run.
 //!
 //! ```text
-//!  drain ──ring──► pump ──► groups of clients (one encoding per rate and format) ──► outboxes ──► WebSockets
+//!  drain ──ring──► state publisher ──► groups of clients (one encoding per rate and format) ──► outboxes ──► WebSockets
 //!  supervisor ──notices──► hub ──events──► outboxes
 //!  clients ──asks──► hub ──► session (daemon), orders (supervisor)
-//!  clients ──beats──► heart (thread): silence ──► disable
+//!  clients ──heartbeats──► watchdog (thread): silence ──► disable
 //! ```
 //! Data in: every record of the run, notices, what the session shows. Data out: state streams, events, replies, and what clients ask for.
 //!
@@ -15,11 +15,12 @@
 //! | thread | does |
 //! |---|---|
 //! | `monitor` | everything on the wire; one tokio runtime of one thread, not pinned, of normal priority |
-//! | `heart` | notes that a controlling client, or one that holds clay, fell silent, even when `monitor` hangs |
+//! | `heartbeat` | notes that a controlling client, or one that holds clay, fell silent, even when `monitor` hangs |
 //! | `monitor-mesh`, `monitor-points`, `monitor-file` | meshes and samples for display; points in contact; recordings that begin and end, files of clay |
 
 pub mod access;
 mod answer;
+mod app_state;
 mod asks;
 mod assets;
 mod clay;
@@ -28,22 +29,21 @@ mod door;
 mod encode;
 mod feed;
 mod forms;
-mod ghost;
-mod heart;
+mod heartbeat;
 mod hub;
+mod index_origin;
 mod info;
 mod observer;
 mod outbox;
 mod pace;
 mod places;
 mod problem;
-mod pump;
 mod recorder;
 mod rest;
 mod rows;
-mod served;
+mod scene_tracker;
 mod server;
-mod sight;
+mod state_publisher;
 mod visual;
 mod worker;
 mod ws;

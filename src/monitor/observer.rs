@@ -7,14 +7,14 @@ use rtrb::Consumer;
 use super::encode::{self, Extras};
 use super::feed::{Fed, feed};
 use super::hub::{Hub, Newest};
-use super::sight::Sight;
+use super::scene_tracker::SceneTracker;
 use crate::daemon::session::SceneView;
 use recording::{Tap, TickRecord};
 
 /// Watches a run; the newest record wins.
 pub struct Observer {
     hub: Arc<Hub>,
-    sight: Sight,
+    tracker: SceneTracker,
     fed: Consumer<Fed>,
 }
 
@@ -30,22 +30,22 @@ impl Observer {
     /// with them objects that moved.
     pub fn new(hub: Arc<Hub>) -> (Self, Tap) {
         let (tap, fed) = feed();
-        let sight = Sight::new(hub.session.view());
-        (Self { hub, sight, fed }, tap)
+        let tracker = SceneTracker::new(hub.session.view());
+        (Self { hub, tracker, fed }, tap)
     }
 
     /// The newest record; `None`: there was none since the last look. Cold.
     pub fn look(&mut self) -> Option<Seen<'_>> {
-        self.sight.look_at(self.hub.session.view());
+        self.tracker.look_at(self.hub.session.view());
         let mut newest = None;
         // No more than there are now: under the virtual clock the ring fills as fast as it empties.
         for _ in 0..self.fed.slots() {
             let Ok(fed) = self.fed.pop() else { break };
-            self.sight.see(&fed.record);
+            self.tracker.see(&fed.record);
             newest = Some(fed);
         }
-        let newest = self.sight.newest(newest?);
-        Some(Seen { hub: &self.hub, view: self.sight.view(), newest })
+        let newest = self.tracker.newest(newest?);
+        Some(Seen { hub: &self.hub, view: self.tracker.view(), newest })
     }
 }
 

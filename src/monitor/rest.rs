@@ -16,12 +16,12 @@ use serde::Deserialize;
 use serde_json::{Map, Value, json};
 use tokio::sync::oneshot;
 
-use super::asks::{Do, perform};
+use super::app_state::AppState;
+use super::asks::{ClientCommand, perform};
 use super::door::Peer;
 use super::encode::{WirePose, with_counts};
 use super::forms::{read, such_as};
 use super::problem::Problem;
-use super::served::Served;
 use super::{assets, ws};
 use crate::daemon::scenes_beside;
 use recording::metrics;
@@ -38,7 +38,7 @@ const PATIENCE: Duration = Duration::from_secs(2);
 /// A page has nothing to load from elsewhere, and nobody to be framed by.
 const POLICY: &str = "default-src 'self'; connect-src 'self'; img-src 'self' data: blob:; frame-ancestors 'none'; base-uri 'none'; form-action 'none'";
 
-pub(super) fn router(served: Arc<Served>) -> Router {
+pub(super) fn router(app: Arc<AppState>) -> Router {
     let api = Router::new()
         .route("/api/v1/info", get(info))
         .route("/api/v1/state", get(state))
@@ -50,10 +50,13 @@ pub(super) fn router(served: Arc<Served>) -> Router {
         .route("/api/v1/objects/{name}/pose", put(place))
         .route("/api/v1/enable", command("enable"))
         // These are done whatever comes with them.
-        .route("/api/v1/disable", post(async |State(served): State<Arc<Served>>| done(&served, Do::Disable {}).await))
-        .route("/api/v1/stop", post(async |State(served): State<Arc<Served>>| done(&served, Do::Stop {}).await))
+        .route("/api/v1/disable", post(async |State(state): State<Arc<AppState>>| done(&state, ClientCommand::Disable {}).await))
+        .route("/api/v1/stop", post(async |State(state): State<Arc<AppState>>| done(&state, ClientCommand::Stop {}).await))
         .route("/api/v1/recording", command("record"))
-        .route("/api/v1/recording", delete(async |State(served): State<Arc<Served>>| done(&served, Do::EndRecording {}).await))
+        .route(
+            "/api/v1/recording",
+            delete(async |State(state): State<Arc<AppState>>| done(&state, ClientCommand::EndRecording {}).await),
+        )
         .route("/api/v1/clay", get(clay))
         .route("/api/v1/clay/points", get(clay_points))
         .route("/api/v1/clay/tool", command("clay_take"))
@@ -61,30 +64,35 @@ pub(super) fn router(served: Arc<Served>) -> Router {
         .route("/api/v1/clay/redo", command("clay_redo"))
         .route("/api/v1/clay/save", command("clay_save"))
         .route("/metrics", get(metrics))
-        .layer(middleware::from_fn_with_state(served.clone(), paced))
+        .layer(middleware::from_fn_with_state(app.clone(), paced))
         .route("/api/v1/ws", get(ws::open))
         .fallback(nothing)
         .method_not_allowed_fallback(wrong_method)
-        .layer(middleware::from_fn_with_state(served.clone(), let_in));
+        .layer(middleware::from_fn_with_state(app.clone(), let_in));
     let page = Router::new()
         .route("/", get(|| page_file("index.html".to_owned())))
         .route("/index.html", get(|| async { Redirect::permanent("/") }))
         .route("/favicon.ico", get(|| async { StatusCode::NO_CONTENT }))
         .route("/web/{name}", get(|Path(name): Path<String>| page_file(name)))
-        .layer(middleware::from_fn_with_state(served.clone(), show));
+        .layer(middleware::from_fn_with_state(app.clone(), show));
     api.merge(page)
         .layer(DefaultBodyLimit::max(MOST_BYTES))
         .layer(middleware::map_response(in_our_words))
         .layer(middleware::map_response(hardened))
-        .with_state(served)
+        .with_state(app)
 }
 
 /// Whoever may not come in is told why.
-async fn let_in(State(served): State<Arc<Served>>, ConnectInfo(peer): ConnectInfo<Peer>, request: Request, next: Next) -> Response {
+async fn let_in(
+    State(state): State<Arc<AppState>>,
+    ConnectInfo(peer): ConnectInfo<Peer>,
+    request: Request,
+    next: Next,
+) -> Response {
     if request.uri().path_and_query().is_some_and(|path| path.as_str().len() > LONGEST_URI) {
         return Problem::new(StatusCode::URI_TOO_LONG, "the address is too long", "").into_response();
     }
-    match served.access.may_ask(request.headers(), request.uri().query()) {
+    match state.access.may_ask(request.headers(), request.uri().query()) {
         Ok(()) => {
             peer.let_in();
             next.run(request).await
@@ -93,8 +101,8 @@ async fn let_in(State(served): State<Arc<Served>>, ConnectInfo(peer): ConnectInf
     }
 }
 
-async fn show(State(served): State<Arc<Served>>, ConnectInfo(peer): ConnectInfo<Peer>, request: Request, next: Next) -> Response {
-    match served.access.may_see_page(request.headers()) {
+async fn show(State(state): State<Arc<AppState>>, ConnectInfo(peer): ConnectInfo<Peer>, request: Request, next: Next) -> Response {
+    match state.access.may_see_page(request.headers()) {
         Ok(()) => {
             peer.looks();
             next.run(request).await
@@ -104,9 +112,9 @@ async fn show(State(served): State<Arc<Served>>, ConnectInfo(peer): ConnectInfo<
 }
 
 /// Whoever asks too often is told so; what takes force away is always heard.
-async fn paced(State(served): State<Arc<Served>>, ConnectInfo(peer): ConnectInfo<Peer>, request: Request, next: Next) -> Response {
+async fn paced(State(state): State<Arc<AppState>>, ConnectInfo(peer): ConnectInfo<Peer>, request: Request, next: Next) -> Response {
     let is_rescue = matches!(request.uri().path(), "/api/v1/disable" | "/api/v1/stop");
-    if is_rescue || served.pace.lets(peer.address.ip()) {
+    if is_rescue || state.pace.lets(peer.address.ip()) {
         return next.run(request).await;
     }
     Problem::new(StatusCode::TOO_MANY_REQUESTS, "too many requests", "use the WebSocket for what comes often").into_response()
@@ -151,23 +159,23 @@ async fn wrong_method() -> Problem {
     Problem::new(StatusCode::METHOD_NOT_ALLOWED, "not with this method", "docs/reference/api.md lists what there is")
 }
 
-async fn info(State(served): State<Arc<Served>>) -> Json<Value> {
-    Json(served.hub.info())
+async fn info(State(state): State<Arc<AppState>>) -> Json<Value> {
+    Json(state.hub.info())
 }
 
-async fn state(State(served): State<Arc<Served>>) -> Result<Response, Problem> {
+async fn state(State(state): State<Arc<AppState>>) -> Result<Response, Problem> {
     let body =
-        served.hub.state_text().ok_or_else(|| Problem::unavailable("no tick was rendered yet", "wait for the event `scene`"))?;
+        state.hub.state_text().ok_or_else(|| Problem::unavailable("no tick was rendered yet", "wait for the event `scene`"))?;
     Ok(([(header::CONTENT_TYPE, "application/json")], with_counts(&body, 0, 0)).into_response())
 }
 
-async fn metrics(State(served): State<Arc<Served>>) -> Result<Response, Problem> {
-    let metrics = served.hub.metrics().ok_or_else(|| Problem::unavailable("this run has no metrics", ""))?;
+async fn metrics(State(state): State<Arc<AppState>>) -> Result<Response, Problem> {
+    let metrics = state.hub.metrics().ok_or_else(|| Problem::unavailable("this run has no metrics", ""))?;
     Ok(([(header::CONTENT_TYPE, metrics::CONTENT_TYPE)], metrics).into_response())
 }
 
-async fn scene(State(served): State<Arc<Served>>) -> Result<Json<Value>, Problem> {
-    let view = served.hub.session.view();
+async fn scene(State(state): State<Arc<AppState>>) -> Result<Json<Value>, Problem> {
+    let view = state.hub.session.view();
     let Some(scene) = &view.scene else {
         return Err(Problem::unavailable("the scene is being baked", "wait for the event `scene`"));
     };
@@ -179,7 +187,7 @@ async fn scene(State(served): State<Arc<Served>>) -> Result<Json<Value>, Problem
     let mut bounds: Option<[DVec3; 2]> = None;
     let mut finest_m = f64::INFINITY;
     for (idx, (name, role, movable, pose, voxel_size_m)) in statics.chain([tool]).enumerate() {
-        let visual = served.visuals.get(view.scene_idx, config, idx).await;
+        let visual = state.visuals.get(view.scene_idx, config, idx).await;
         let visual = visual.as_deref();
         if let Some(own) = visual.and_then(|visual| visual.bounds) {
             bounds = Some(corners(own).fold(bounds, |bounds, corner| grown(bounds, pose.transform_point(corner))).unwrap_or(own));
@@ -203,7 +211,7 @@ async fn scene(State(served): State<Arc<Served>>) -> Result<Json<Value>, Problem
         "voxel_size_m": finest_m,
         "points": scene.tool.shell.len(),
         "objects": objects,
-        "clay": served.hub.clay().is_ok(),
+        "clay": state.hub.clay().is_ok(),
         "movable": view.movable,
         "bounds": bounds.map(|[low, high]| json!({ "min": low.to_array(), "max": high.to_array() })),
         "switching_to": view.switching_to.as_ref().map(|path| path.to_string_lossy()),
@@ -221,27 +229,27 @@ fn grown(bounds: Option<[DVec3; 2]>, point: DVec3) -> Option<[DVec3; 2]> {
     Some(bounds.map_or([point; 2], |[low, high]| [low.min(point), high.max(point)]))
 }
 
-async fn mesh(State(served): State<Arc<Served>>, Path((scene_idx, object_idx)): Path<(u32, usize)>) -> Result<Response, Problem> {
-    let view = served.hub.session.view();
+async fn mesh(State(state): State<Arc<AppState>>, Path((scene_idx, object_idx)): Path<(u32, usize)>) -> Result<Response, Problem> {
+    let view = state.hub.session.view();
     if view.scene_idx != scene_idx {
         let hint = format!("scene {} is rendered", view.scene_idx);
         return Err(Problem::new(StatusCode::NOT_FOUND, "this scene is not rendered", hint));
     }
-    let visual = served.visuals.get(scene_idx, &view.config, object_idx).await;
+    let visual = state.visuals.get(scene_idx, &view.config, object_idx).await;
     let visual = visual.ok_or_else(|| Problem::new(StatusCode::NOT_FOUND, "no such object, or its mesh file is gone", ""))?;
     let headers = [(header::CONTENT_TYPE, "application/octet-stream")];
     Ok((headers, visual.bytes.clone()).into_response())
 }
 
-async fn scenes(State(served): State<Arc<Served>>) -> Json<Value> {
-    let view = served.hub.session.view();
+async fn scenes(State(state): State<Arc<AppState>>) -> Json<Value> {
+    let view = state.hub.session.view();
     // Folders may be on a disk that takes its time.
-    let names = served.files.run(move || scenes_beside(&view.config.path).into_iter().map(|(name, _)| name).collect());
+    let names = state.files.run(move || scenes_beside(&view.config.path).into_iter().map(|(name, _)| name).collect());
     Json(names.await.unwrap_or_else(|| Value::Array(Vec::new())))
 }
 
-async fn parameters(State(served): State<Arc<Served>>) -> Json<Value> {
-    let settings = served.hub.session.view().settings;
+async fn parameters(State(state): State<Arc<AppState>>) -> Json<Value> {
+    let settings = state.hub.session.view().settings;
     let parameter = |setting: &crate::daemon::session::ParameterSetting| {
         let range = setting.range;
         json!({ "name": setting.parameter.name(), "value": setting.value, "least": range.least, "most": range.most, "scene": range.scene })
@@ -250,25 +258,25 @@ async fn parameters(State(served): State<Arc<Served>>) -> Json<Value> {
 }
 
 /// A command whose body has what goes with it over the WebSocket.
-fn command(name: &'static str) -> MethodRouter<Arc<Served>> {
-    post(async move |State(served): State<Arc<Served>>, bytes: Bytes| {
+fn command(name: &'static str) -> MethodRouter<Arc<AppState>> {
+    post(async move |State(state): State<Arc<AppState>>, bytes: Bytes| {
         let form = such_as(name, false);
         let asked = asked(name, body(&bytes, &form)?, Map::new(), &form)?;
-        done(&served, asked).await
+        done(&state, asked).await
     })
 }
 
-async fn set(State(served): State<Arc<Served>>, Path(parameter): Path<String>, bytes: Bytes) -> Result<Response, Problem> {
+async fn set(State(state): State<Arc<AppState>>, Path(parameter): Path<String>, bytes: Bytes) -> Result<Response, Problem> {
     let form = "such as {\"value\": 800}";
     let from_path = Map::from_iter([("parameter".to_owned(), parameter.into())]);
-    done(&served, asked("set", body(&bytes, form)?, from_path, form)?).await
+    done(&state, asked("set", body(&bytes, form)?, from_path, form)?).await
 }
 
-async fn place(State(served): State<Arc<Served>>, Path(object): Path<String>, bytes: Bytes) -> Result<Response, Problem> {
+async fn place(State(state): State<Arc<AppState>>, Path(object): Path<String>, bytes: Bytes) -> Result<Response, Problem> {
     let form = "such as {\"p\": [0, 0, 0.01], \"q\": [0, 0, 0, 1]}";
     let pose = body(&bytes, form)?;
     let from_path = Map::from_iter([("object".to_owned(), object.into()), ("pose".to_owned(), pose.into())]);
-    done(&served, asked("place", Map::new(), from_path, form)?).await
+    done(&state, asked("place", Map::new(), from_path, form)?).await
 }
 
 /// The body of a command; an empty one counts as an empty object.
@@ -278,7 +286,12 @@ fn body(bytes: &Bytes, form: &str) -> Result<Map<String, Value>, Problem> {
 }
 
 /// A command: what its body says, and what its address does.
-fn asked(name: &str, mut body: Map<String, Value>, mut from_path: Map<String, Value>, form: &str) -> Result<Do, Problem> {
+fn asked(
+    name: &str,
+    mut body: Map<String, Value>,
+    mut from_path: Map<String, Value>,
+    form: &str,
+) -> Result<ClientCommand, Problem> {
     from_path.insert("do".to_owned(), name.into());
     for (key, value) in from_path {
         if body.insert(key.clone(), value).is_some() {
@@ -288,11 +301,11 @@ fn asked(name: &str, mut body: Map<String, Value>, mut from_path: Map<String, Va
     read(body, "the body will not do: ").map_err(|error| Problem::bad(error, form))
 }
 
-async fn clay(State(served): State<Arc<Served>>) -> Result<Json<Value>, Problem> {
-    let clay = served.hub.clay()?;
-    let is_watched = !served.hub.clients().is_empty();
+async fn clay(State(state): State<Arc<AppState>>) -> Result<Json<Value>, Problem> {
+    let clay = state.hub.clay()?;
+    let is_watched = !state.hub.clients().is_empty();
     let view = clay.fresh_view(is_watched).await?;
-    Ok(Json(clay.facts(&view, served.hub.heart.holds())))
+    Ok(Json(clay.facts(&view, state.hub.watchdog.holds())))
 }
 
 /// Beside it there may be a token.
@@ -303,19 +316,19 @@ struct SinceAsked {
 }
 
 async fn clay_points(
-    State(served): State<Arc<Served>>,
+    State(state): State<Arc<AppState>>,
     since: Result<Query<SinceAsked>, QueryRejection>,
 ) -> Result<Response, Problem> {
     let Query(SinceAsked { since }) =
         since.map_err(|refused| Problem::bad(refused.body_text(), "`since` is the version that you have"))?;
-    let clay = served.hub.clay()?;
-    let is_watched = !served.hub.clients().is_empty();
+    let clay = state.hub.clay()?;
+    let is_watched = !state.hub.clients().is_empty();
     let view = clay.fresh_view(is_watched).await?;
     // A version of another run may be larger than all of this one.
     if view.version == since {
         return Ok(StatusCode::NO_CONTENT.into_response());
     }
-    let made = clay.splats.get(&served.shapes, view).await;
+    let made = clay.splats.get(&state.shapes, view).await;
     let (version, bytes) = made.ok_or_else(|| Problem::unavailable("the samples could not be made ready", "ask again"))?;
     // The newest that there are, while newer ones would be too soon.
     if version == since {
@@ -325,9 +338,9 @@ async fn clay_points(
 }
 
 /// Does it, and says that it is done, or that it goes on.
-async fn done(served: &Arc<Served>, asked: Do) -> Result<Response, Problem> {
+async fn done(state: &Arc<AppState>, asked: ClientCommand) -> Result<Response, Problem> {
     let (sender, told) = oneshot::channel();
-    perform(&served.hub, &served.files, None, asked, Box::new(move |result| drop(sender.send(result))));
+    perform(&state.hub, &state.files, None, asked, Box::new(move |result| drop(sender.send(result))));
     match tokio::time::timeout(PATIENCE, told).await {
         Ok(Ok(Ok(done))) => {
             let mut answer = json!({ "ok": true });

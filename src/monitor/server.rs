@@ -11,13 +11,13 @@ use tokio::runtime::{Builder, Runtime};
 use tokio::sync::{Semaphore, watch};
 
 use super::access::{Access, Token};
+use super::app_state::AppState;
 use super::door::{Door, Peer};
 use super::feed::feed;
 use super::hub::Hub;
 use super::pace::Pace;
-use super::pump::Pump;
 use super::rest::router;
-use super::served::Served;
+use super::state_publisher::StatePublisher;
 use super::visual::Visuals;
 use super::worker::Worker;
 use recording::Tap;
@@ -71,7 +71,7 @@ impl Bound {
     pub fn serve(self, hub: Arc<Hub>) -> io::Result<(Monitor, Tap)> {
         let Self { runtime, listener, access, .. } = self;
         let shapes = Worker::new("monitor-mesh")?;
-        let served = Arc::new(Served {
+        let state = Arc::new(AppState {
             hub: hub.clone(),
             access,
             visuals: Visuals::new(shapes.clone()),
@@ -83,12 +83,12 @@ impl Bound {
         let (tap, fed) = feed();
         let (end, mut ended) = watch::channel(());
         let watched = hub.clone();
-        let heart = std::thread::Builder::new().name("heart".to_owned()).spawn(move || watched.watch_heart())?;
-        let pump = Pump::new(hub.clone(), Worker::new("monitor-points")?);
+        let heartbeat = std::thread::Builder::new().name("heartbeat".to_owned()).spawn(move || watched.watch_heartbeats())?;
+        let states = StatePublisher::new(hub.clone(), Worker::new("monitor-points")?);
         let work = async move {
-            tokio::spawn(pump.run(fed));
-            let seats = served.seats.clone();
-            let router = router(served).into_make_service_with_connect_info::<Peer>();
+            tokio::spawn(states.run(fed));
+            let seats = state.seats.clone();
+            let router = router(state).into_make_service_with_connect_info::<Peer>();
             let mut over = ended.clone();
             let serving = axum::serve(Door::new(listener), router).with_graceful_shutdown(async move {
                 let _ = over.changed().await;
@@ -106,7 +106,7 @@ impl Bound {
             }
         };
         let thread = std::thread::Builder::new().name("monitor".to_owned()).spawn(move || runtime.block_on(work))?;
-        Ok((Monitor { hub, end: Some(end), threads: vec![thread, heart] }, tap))
+        Ok((Monitor { hub, end: Some(end), threads: vec![thread, heartbeat] }, tap))
     }
 }
 

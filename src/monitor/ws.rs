@@ -14,14 +14,14 @@ use serde_json::{Value, json};
 use tokio::sync::OwnedSemaphorePermit;
 
 use super::answer::Done;
-use super::asks::{Do, perform};
+use super::app_state::AppState;
+use super::asks::{ClientCommand, perform};
 use super::client::Client;
 use super::door::Peer;
 use super::encode;
 use super::outbox::Next;
 use super::pace::Bucket;
 use super::problem::Problem;
-use super::served::Served;
 
 /// Largest message of a client, bytes.
 const MOST_BYTES: usize = 64 << 10;
@@ -43,7 +43,7 @@ const TOO_LARGE: u16 = 1009;
 
 /// `/api/v1/ws`.
 pub(super) async fn open(
-    State(served): State<Arc<Served>>,
+    State(state): State<Arc<AppState>>,
     ConnectInfo(peer): ConnectInfo<Peer>,
     upgrade: Result<WebSocketUpgrade, WebSocketUpgradeRejection>,
 ) -> Response {
@@ -54,32 +54,32 @@ pub(super) async fn open(
                 .into_response();
         }
     };
-    let Ok(seat) = served.seats.clone().try_acquire_owned() else {
+    let Ok(seat) = state.seats.clone().try_acquire_owned() else {
         return Problem::unavailable("too many WebSockets", "close some, or try again later").into_response();
     };
     let upgrade = upgrade.max_message_size(MOST_BYTES).max_frame_size(MOST_BYTES).read_buffer_size(8 << 10).write_buffer_size(0);
     upgrade.on_upgrade(move |socket| async move {
         peer.become_web_socket();
-        serve(&served, socket, seat).await;
+        serve(&state, socket, seat).await;
     })
 }
 
-async fn serve(served: &Arc<Served>, socket: WebSocket, _seat: OwnedSemaphorePermit) {
-    let client = served.hub.join();
-    let _parted = Parted { served, id: client.id };
+async fn serve(state: &Arc<AppState>, socket: WebSocket, _seat: OwnedSemaphorePermit) {
+    let client = state.hub.join();
+    let _parted = Parted { state, id: client.id };
     let (sink, stream) = socket.split();
     let sending = send_all(sink, &client);
-    let taking = take_all(stream, served, &client);
+    let taking = take_all(stream, state, &client);
     tokio::pin!(sending, taking);
     tokio::select! {
         () = &mut sending => {
-            served.hub.part(client.id);
+            state.hub.part(client.id);
             // What a kernel has taken in and nobody read would make it reset the connection, and the good-bye would be lost with that.
             let _ = tokio::time::timeout(GOOD_BYE, taking).await;
         }
         () = &mut taking => {
             // Dropped by the heart at once; what is left to be said goes out, if somebody is there.
-            served.hub.part(client.id);
+            state.hub.part(client.id);
             let _ = tokio::time::timeout(GOOD_BYE, sending).await;
         }
     }
@@ -87,13 +87,13 @@ async fn serve(served: &Arc<Served>, socket: WebSocket, _seat: OwnedSemaphorePer
 
 /// However a connection ends, the hub hears of it.
 struct Parted<'s> {
-    served: &'s Arc<Served>,
+    state: &'s Arc<AppState>,
     id: u64,
 }
 
 impl Drop for Parted<'_> {
     fn drop(&mut self) {
-        self.served.hub.part(self.id);
+        self.state.hub.part(self.id);
     }
 }
 
@@ -126,7 +126,7 @@ async fn send_all(mut sink: SplitSink<WebSocket, Message>, client: &Client) {
     }
 }
 
-async fn take_all(mut stream: SplitStream<WebSocket>, served: &Arc<Served>, client: &Arc<Client>) {
+async fn take_all(mut stream: SplitStream<WebSocket>, state: &Arc<AppState>, client: &Arc<Client>) {
     let mut bucket = Bucket::new(MOST_PER_S, MOST_AT_ONCE);
     while let Some(message) = stream.next().await {
         if let Some(wait) = bucket.take() {
@@ -135,8 +135,8 @@ async fn take_all(mut stream: SplitStream<WebSocket>, served: &Arc<Served>, clie
         match message {
             Ok(Message::Text(_)) if client.outbox.has_ended() => {}
             Ok(Message::Text(text)) => {
-                served.hub.heart.hear(client.id);
-                let (id, asked) = Do::parse(text.as_bytes());
+                state.hub.watchdog.hear(client.id);
+                let (id, asked) = ClientCommand::parse(text.as_bytes());
                 let place = client.unanswered.clone().try_acquire_owned().ok();
                 match asked {
                     Ok(asked) if place.is_none() && !asked.is_always_heard() => {
@@ -148,7 +148,7 @@ async fn take_all(mut stream: SplitStream<WebSocket>, served: &Arc<Served>, clie
                             to.outbox.say(reply(&id, result));
                             drop(place);
                         });
-                        perform(&served.hub, &served.files, Some(client), asked, reply);
+                        perform(&state.hub, &state.files, Some(client), asked, reply);
                     }
                     Err(problem) => client.outbox.say(reply(&id, Err(problem))),
                 }

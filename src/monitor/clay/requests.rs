@@ -60,30 +60,30 @@ pub(in crate::monitor) fn hold(hub: &Arc<Hub>, client: u64, is_held: bool, reply
     };
     if !is_held {
         // Where it was let go already, by the end of force or after a silence, that is done.
-        if hub.heart.let_go(client) {
+        if hub.watchdog.let_go(client) {
             clay.let_go(hub);
         }
         return reply(Ok(Done::Nothing));
     }
-    if !hub.heart.hold(client) {
+    if !hub.watchdog.hold(client) {
         return reply(Err(Problem::conflict("another client holds the clay", "wait until it lets go")));
     }
     // In this order: whoever takes the force away looks for a hold after that.
     if !hub.has_force() {
-        hub.heart.let_go(client);
+        hub.watchdog.let_go(client);
         return reply(Err(Problem::conflict("no force flows: nothing can be held", "enable first")));
     }
     let (holder, held) = (hub.clone(), clay.clone());
     let answer = Box::new(move |result: Result<(), Refused>| {
         // It may have been held before: what is not watched any more is let go.
-        if result.is_err() && holder.heart.let_go(client) {
+        if result.is_err() && holder.watchdog.let_go(client) {
             held.let_go(&holder);
         }
         reply(result.map(|()| Done::Nothing).map_err(|refused| Problem::from(&refused)));
     });
     clay.door.ask(Order::Hold(true), answer);
     // Whoever took the hold away meanwhile has asked for that before this was asked.
-    if !hub.heart.holds() {
+    if !hub.watchdog.holds() {
         clay.let_go(hub);
     }
 }
@@ -113,7 +113,7 @@ impl Clay {
         let hub = hub.clone();
         let answer = Box::new(move |result: Result<(), Refused>| {
             if let Err(Refused::Busy) = result {
-                hub.heart.still_held();
+                hub.watchdog.still_held();
             }
         });
         self.door.ask(Order::Hold(false), answer);

@@ -129,7 +129,7 @@ impl Bench {
     }
 
     fn is_held(&self) -> bool {
-        self.hub.heart.holds()
+        self.hub.watchdog.holds()
     }
 
     fn hold(&self, client: u64, is_held: bool) -> Result<Done, Problem> {
@@ -233,7 +233,7 @@ fn a_hold_ends_with_force_with_the_client_and_when_it_is_let_go() {
 
     bench.hub.notice(&Notice::Phase(Phase::Enabled));
     let watched = bench.hub.clone();
-    let watching = std::thread::spawn(move || watched.watch_heart());
+    let watching = std::thread::spawn(move || watched.watch_heartbeats());
     bench.hold(1, true).unwrap();
     assert!(matches!(bench.next_order(), Order::Hold(true)));
     // The first time nobody hears that it is let go.

@@ -13,7 +13,7 @@ use super::encode::{At, Extras};
 use super::feed::Fed;
 use super::hub::{Hub, Newest};
 use super::rows::{Row, reduced};
-use super::sight::Sight;
+use super::scene_tracker::SceneTracker;
 use super::worker::Worker;
 use haptics::RenderScene;
 use recording::TickRecord;
@@ -82,11 +82,11 @@ struct Points {
 /// Points that were found, and how long that took.
 type Found = (Vec<[f32; 4]>, Duration);
 
-pub(super) struct Pump {
+pub(super) struct StatePublisher {
     hub: Arc<Hub>,
     /// For what a large scene takes long for: this thread has to hear every client meanwhile.
     apart: Worker,
-    sight: Sight,
+    tracker: SceneTracker,
     session_at: Instant,
     groups: Vec<Group>,
     points: Points,
@@ -99,13 +99,13 @@ pub(super) struct Pump {
     overruns_at: Instant,
 }
 
-impl Pump {
+impl StatePublisher {
     pub(super) fn new(hub: Arc<Hub>, apart: Worker) -> Self {
-        let (sight, now) = (Sight::new(hub.session.view()), Instant::now());
+        let (tracker, now) = (SceneTracker::new(hub.session.view()), Instant::now());
         Self {
             hub,
             apart,
-            sight,
+            tracker,
             session_at: now,
             groups: Vec::new(),
             points: Points::default(),
@@ -164,9 +164,9 @@ impl Pump {
             self.n_overruns += 1;
             self.overrun_at = Some((record.tick, record.time_ns));
         }
-        self.sight.see(record);
+        self.tracker.see(record);
         let row = Row::of(record);
-        let (is_virtual, rate_hz) = (self.hub.clock == ClockKind::Virtual, f64::from(self.sight.view().config.rate_hz));
+        let (is_virtual, rate_hz) = (self.hub.clock == ClockKind::Virtual, f64::from(self.tracker.view().config.rate_hz));
         let mut due = Vec::new();
         for (idx, group) in self.groups.iter_mut().enumerate() {
             if group.wanted.history {
@@ -185,7 +185,7 @@ impl Pump {
         if due.is_empty() && !is_newest {
             return;
         }
-        let newest = self.sight.newest(fed);
+        let newest = self.tracker.newest(fed);
         if due.iter().any(|(idx, _)| self.groups[*idx].wanted.contacts) {
             self.find_points(&newest.fed.record, now);
         }
@@ -239,14 +239,14 @@ impl Pump {
         if now < self.points_at {
             return;
         }
-        let Some(scene) = self.sight.scene_of(record).cloned() else { return };
+        let Some(scene) = self.tracker.scene_of(record).cloned() else { return };
         if record.output.contacts == 0 {
             self.points = Points { number: self.points.number + 1, found: Vec::new() };
             self.points_at = now + POINTS_EVERY;
             return;
         }
         let (told, sought) = oneshot::channel();
-        let (poses, world_from_tool) = (self.sight.poses().to_vec(), record.output.world_from_tool);
+        let (poses, world_from_tool) = (self.tracker.poses().to_vec(), record.output.world_from_tool);
         self.apart.post(move || {
             let began = Instant::now();
             let found = points(&scene, &poses, world_from_tool);
@@ -261,8 +261,8 @@ impl Pump {
         if let Ok(clay) = self.hub.clay() {
             clay.tell_news(&self.hub);
         }
-        let (before, is_another) = self.sight.look_at(self.hub.session.view());
-        let view = self.sight.view();
+        let (before, is_another) = self.tracker.look_at(self.hub.session.view());
+        let view = self.tracker.view();
         if is_another {
             let text = format!("{} is rendered", view.config.name);
             self.hub.tell("scene", None, &text, &["rendered", &view.config.name]);

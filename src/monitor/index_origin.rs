@@ -10,7 +10,7 @@ use vps::spatial::{DeviceSample, Pose};
 
 /// Where arm and tool stood when force was enabled.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Anchor {
+pub(super) struct IndexOrigin {
     port: Port,
     /// `world_from_tool`.
     start: Pose,
@@ -18,26 +18,27 @@ pub(super) struct Anchor {
 
 /// Watches for it.
 #[derive(Debug, Default)]
-pub(super) struct Watcher {
+pub(super) struct IndexOriginTracker {
     before: Drive,
-    anchor: Option<Anchor>,
+    index_origin: Option<IndexOrigin>,
 }
 
-impl Watcher {
-    /// The anchor of a record; `None` while no force may flow.
-    pub(super) fn see(&mut self, record: &TickRecord) -> Option<Anchor> {
+impl IndexOriginTracker {
+    /// The index_origin of a record; `None` while no force may flow.
+    pub(super) fn see(&mut self, record: &TickRecord) -> Option<IndexOrigin> {
         let drive = record.output.drive;
         if drive == Drive::Enabling && self.before != Drive::Enabling {
-            self.anchor = Some(Anchor { port: Port::indexed(&record.input.sample), start: record.output.world_from_tool });
+            self.index_origin =
+                Some(IndexOrigin { port: Port::indexed(&record.input.sample), start: record.output.world_from_tool });
         } else if !drive.has_force() {
-            self.anchor = None;
+            self.index_origin = None;
         }
         self.before = drive;
-        self.anchor
+        self.index_origin
     }
 }
 
-impl Anchor {
+impl IndexOrigin {
     /// `world_from_tool` as the arm wants it.
     pub(super) fn wanted(&self, sample: &DeviceSample, port: &PortParameters, center_of_mass_tool: DVec3) -> Pose {
         let start = self.start * Pose::from_translation(center_of_mass_tool);

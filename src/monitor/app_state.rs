@@ -11,7 +11,7 @@ use super::visual::Visuals;
 use super::worker::Worker;
 
 /// One for all connections of a server.
-pub(super) struct Served {
+pub(super) struct AppState {
     pub(super) hub: Arc<Hub>,
     pub(super) access: Access,
     pub(super) visuals: Visuals,

@@ -11,13 +11,13 @@ use recording::TickRecord;
 use vps::spatial::Pose;
 
 /// A scene, seen record by record.
-pub(super) struct Sight {
+pub(super) struct SceneTracker {
     view: SceneView,
     /// Where every static object stands.
     poses: Vec<Pose>,
 }
 
-impl Sight {
+impl SceneTracker {
     /// Everything stands where it starts.
     pub(super) fn new(view: SceneView) -> Self {
         let poses = starts(&view);
@@ -62,8 +62,10 @@ impl Sight {
     /// A record with everything that is known beside it.
     pub(super) fn newest(&self, fed: Fed) -> Newest {
         let port = &self.view.config.parameters.port;
-        let wanted = match (self.scene_of(&fed.record), fed.anchor) {
-            (Some(scene), Some(anchor)) => Some(anchor.wanted(&fed.record.input.sample, port, scene.tool.center_of_mass_tool)),
+        let wanted = match (self.scene_of(&fed.record), fed.index_origin) {
+            (Some(scene), Some(index_origin)) => {
+                Some(index_origin.wanted(&fed.record.input.sample, port, scene.tool.center_of_mass_tool))
+            }
             _ => None,
         };
         let movable = self.view.config.statics.iter().zip(&self.poses).enumerate().filter(|(_, (object, _))| object.movable);
