@@ -16,7 +16,7 @@ use crate::config::scene::SculptConfig;
 use crate::config::strokes::{self, Script, Timed};
 use crate::config::{ConfigErrors, SceneConfig};
 use crate::daemon::Live;
-use crate::daemon::studio::{self, Door, Ended, Plan, Scripted, StudioReport, StudioThread};
+use crate::daemon::studio::{self, ClayHandle, Ended, Plan, Scripted, StudioReport, StudioThread};
 use crate::error::Exit;
 use crate::monitor::ClayParts;
 use crate::scene::Piece;
@@ -70,8 +70,8 @@ pub(crate) struct Workshop {
 
 struct Open {
     thread: StudioThread,
-    /// Held for as long as the run goes on, for whoever asks.
-    door: Door,
+    /// Held for as long as the run goes on, for clients.
+    handle: ClayHandle,
     volume_before_m3: Option<f64>,
 }
 
@@ -152,16 +152,16 @@ impl Workshop {
         };
         let orders = self.script.as_mut().map(|script| std::mem::take(&mut script.orders)).unwrap_or_default();
         let plan = Plan { script: orders.into_iter().map(due).collect(), ..self.plan.clone() };
-        let (slot, door, thread) = studio::begin(studio, clay, plan)?;
+        let (slot, handle, thread) = studio::begin(studio, clay, plan)?;
         live.clay = Some(slot);
-        self.open = Some(Open { thread, door, volume_before_m3: report.volume_m3 });
+        self.open = Some(Open { thread, handle, volume_before_m3: report.volume_m3 });
         Ok(())
     }
 
     /// The clay for those who ask and look; `None` before it is open.
     pub(crate) fn for_clients(&self, scene: &RenderScene) -> Option<ClayParts> {
         Some(ClayParts {
-            door: Box::new(self.open.as_ref()?.door.clone()),
+            access: Box::new(self.open.as_ref()?.handle.clone()),
             world_from_map: scene.clay.as_ref()?.world_from_map,
             craft: self.sculpt.tool.craft,
             folder: recording::state_folder().map(|state| state.join("clay")),
@@ -171,8 +171,8 @@ impl Workshop {
 
     /// After the last tick: waits for the studio, writes what was asked for and says what went wrong. `None`: it was never open.
     pub(crate) fn close(self, talk: Talk) -> Option<SculptReport> {
-        let Open { thread, door, volume_before_m3 } = self.open?;
-        drop(door);
+        let Open { thread, handle, volume_before_m3 } = self.open?;
+        drop(handle);
         let Ended { report, mut studio } = match wait(thread, talk) {
             Ok(ended) => ended,
             Err((why, hint)) => {

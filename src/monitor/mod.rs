@@ -50,7 +50,7 @@ mod ws;
 
 pub use access::{Access, Token, TokenError};
 pub use asks::read_pose;
-pub use clay::{ClayDoor, ClayParts, plain_name};
+pub use clay::{ClayAccess, ClayParts, plain_name};
 pub use hub::{Hub, HubParts};
 pub use observer::{Observer, Seen};
 pub use recorder::{Recorder, RecorderError, RecorderStatus};

@@ -6,7 +6,7 @@ use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 
 use crate::daemon::session::{ControlError, SessionError};
-use crate::daemon::studio::Refused;
+use crate::daemon::studio::OrderError;
 use clay::studio::StudioError;
 
 /// One refusal, the same over HTTP and WebSocket.
@@ -66,12 +66,12 @@ impl From<SessionError> for Problem {
     }
 }
 
-impl From<&Refused> for Problem {
-    fn from(refused: &Refused) -> Self {
+impl From<&OrderError> for Problem {
+    fn from(refused: &OrderError) -> Self {
         let status = match refused {
-            Refused::Studio(StudioError::Length { .. }) => StatusCode::BAD_REQUEST,
-            Refused::Busy => StatusCode::TOO_MANY_REQUESTS,
-            Refused::Studio(_) | Refused::Over => StatusCode::CONFLICT,
+            OrderError::Engine(StudioError::Length { .. }) => StatusCode::BAD_REQUEST,
+            OrderError::Busy => StatusCode::TOO_MANY_REQUESTS,
+            OrderError::Engine(_) | OrderError::Over => StatusCode::CONFLICT,
         };
         Self::new(status, refused.to_string(), refused.hint())
     }

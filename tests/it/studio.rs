@@ -8,7 +8,7 @@ use clay::studio::{Craft, Order, Studio, ToolBody, ToolSettings};
 use clay::workpiece::{Settings, Workpiece};
 use clay::{PointSet, sample};
 use glam::{DMat3, DVec3};
-use hapticd::daemon::studio::{Ended, Plan, Refused, begin};
+use hapticd::daemon::studio::{Ended, OrderError, Plan, begin};
 use hapticd::servo::{Control, RunPlan, ServoLoop, Step};
 use haptics::clay::{Clay, Rope};
 use haptics::{CouplingMode, Faults, Inertia, RenderScene, Tool};
@@ -112,9 +112,9 @@ fn run(clock: impl Clock, n_ticks: u64, script: Vec<(u64, Order)>) -> (Vec<TickR
     let ended = thread.join().expect("joined");
     let (told, hears) = mpsc::channel();
     door.ask(Order::Undo, Box::new(move |result| told.send(result).expect("heard")));
-    assert!(matches!(hears.recv(), Ok(Err(Refused::Over))), "asked behind the end");
+    assert!(matches!(hears.recv(), Ok(Err(OrderError::Over))), "asked behind the end");
     let last = door.view().expect("a view");
-    assert_eq!(ended.report.broken.is_some(), last.trouble.contains("the studio has ended"), "{}", last.trouble);
+    assert_eq!(ended.report.broken.is_some(), last.trouble.contains("sculpting has ended"), "{}", last.trouble);
     (std::iter::from_fn(|| consumer.pop().ok()).collect(), ended)
 }
 

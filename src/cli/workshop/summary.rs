@@ -22,94 +22,22 @@ pub(crate) struct Saved {
 }
 
 /// A name that is no UTF-8 is told all the same.
-fn lossily<S: serde::Serializer>(file: &Path, serializer: S) -> Result<S::Ok, S::Error> {
-    serializer.serialize_str(&file.to_string_lossy())
+fn lossily<'f, S: serde::Serializer>(file: impl Into<Option<&'f PathBuf>>, serializer: S) -> Result<S::Ok, S::Error> {
+    file.into().map(|file| file.to_string_lossy()).serialize(serializer)
 }
 
 /// What became of the clay, as `--json` has it.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize)]
 pub(crate) struct SculptReport {
+    #[serde(flatten)]
     pub(super) studio: StudioReport,
     pub(super) update_hz: f64,
     pub(super) volume_before_mm3: Option<f64>,
     pub(super) volume_mm3: Option<f64>,
     pub(super) saved: Vec<Saved>,
     pub(super) unsaved: Vec<Saved>,
+    #[serde(skip_serializing_if = "Option::is_none", serialize_with = "lossily")]
     pub(super) rescued: Option<PathBuf>,
-}
-
-impl Serialize for SculptReport {
-    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        #[derive(Serialize)]
-        struct Failed<'r> {
-            tick: u64,
-            scripted: bool,
-            #[serde(skip_serializing_if = "Option::is_none")]
-            line: Option<usize>,
-            what: &'r str,
-            why: &'r str,
-        }
-        #[derive(Serialize)]
-        struct Shape<'r> {
-            samples_before: usize,
-            samples: usize,
-            strokes: u64,
-            taken_back: usize,
-            update_hz: f64,
-            updates: u64,
-            late: u64,
-            volume_before_mm3: Option<f64>,
-            volume_mm3: Option<f64>,
-            saved: &'r [Saved],
-            unsaved: &'r [Saved],
-            #[serde(skip_serializing_if = "Option::is_none")]
-            rescued: Option<std::borrow::Cow<'r, str>>,
-            failed: Vec<Failed<'r>>,
-            left_over: usize,
-            troubles: &'r [String],
-            #[serde(skip_serializing_if = "Option::is_none")]
-            broken: Option<&'r str>,
-        }
-        let StudioReport {
-            updates,
-            late,
-            strokes,
-            taken_back,
-            samples_before,
-            samples,
-            failed,
-            left_over,
-            troubles,
-            broken,
-            files: _,
-        } = &self.studio;
-        let failed = failed.iter().map(|FailedOrder { tick, is_scripted, line, what, why }| Failed {
-            tick: *tick,
-            scripted: *is_scripted,
-            line: *line,
-            what,
-            why,
-        });
-        let shape = Shape {
-            samples_before: *samples_before,
-            samples: *samples,
-            strokes: *strokes,
-            taken_back: *taken_back,
-            update_hz: self.update_hz,
-            updates: *updates,
-            late: *late,
-            volume_before_mm3: self.volume_before_mm3,
-            volume_mm3: self.volume_mm3,
-            saved: &self.saved,
-            unsaved: &self.unsaved,
-            rescued: self.rescued.as_deref().map(Path::to_string_lossy),
-            failed: failed.collect(),
-            left_over: *left_over,
-            troubles,
-            broken: broken.as_deref(),
-        };
-        shape.serialize(serializer)
-    }
 }
 
 impl SculptReport {

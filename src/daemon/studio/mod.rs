@@ -21,7 +21,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 
-pub use door::{Door, Refused, Reply};
+use serde::Serialize;
+
+pub use door::{ClayHandle, OrderError, Reply};
 pub use duty::DutyCycle;
 
 use crate::servo::ClaySlot;
@@ -60,13 +62,15 @@ impl From<(u64, Order)> for Scripted {
 }
 
 /// An order that was not carried out.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct FailedOrder {
     /// The tick before which it was due, or that was heard last when somebody asked.
     pub tick: u64,
     /// It came from the script.
+    #[serde(rename = "scripted")]
     pub is_scripted: bool,
     /// The line of the script.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub line: Option<usize>,
     /// What was asked for, a word or two.
     pub what: String,
@@ -75,7 +79,7 @@ pub struct FailedOrder {
 }
 
 /// What a studio has to say when it is over.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct StudioReport {
     /// Updates of the material.
     pub updates: u64,
@@ -94,10 +98,12 @@ pub struct StudioReport {
     /// Script orders whose tick never came; a hold is one.
     pub left_over: usize,
     /// Files that orders wrote while the loop ran, each once: what ([`Order::writes`]), and where.
+    #[serde(skip)]
     pub files: Vec<(&'static str, PathBuf)>,
     /// What went wrong by itself, such as a stroke that made no surface; each once.
     pub troubles: Vec<String>,
     /// Why the studio ended before the loop did: a defect of the program.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub broken: Option<String>,
 }
 
@@ -145,11 +151,11 @@ impl StudioThread {
 ///
 /// # Errors
 /// The thread could not be started.
-pub fn begin(studio: Studio, clay: &Clay, plan: Plan) -> std::io::Result<(ClaySlot, Door, StudioThread)> {
+pub fn begin(studio: Studio, clay: &Clay, plan: Plan) -> std::io::Result<(ClaySlot, ClayHandle, StudioThread)> {
     let update_ticks = plan.update_ticks.max(1);
     let (feed, slot) = ClaySlot::new(clay, update_ticks);
-    let (door, desk) = door::pair();
+    let (handle, orders) = door::pair();
     let is_over = Arc::new(AtomicBool::new(false));
-    let thread = thread::spawn(studio, (feed, is_over.clone()), desk, Plan { update_ticks, ..plan })?;
-    Ok((slot, door, StudioThread { thread, is_over }))
+    let thread = thread::spawn(studio, (feed, is_over.clone()), orders, Plan { update_ticks, ..plan })?;
+    Ok((slot, handle, StudioThread { thread, is_over }))
 }

@@ -9,7 +9,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::Instant;
 
-use super::door::Desk;
+use crossbeam::channel::Receiver;
+
+use super::door::{ViewCell, WaitingOrder};
 use super::{DutyCycle, Ended, FailedOrder, Plan, Scripted, StudioReport};
 use crate::servo::{ClayFeed, PublishError, ToolState};
 use clay::boolean::Boolean;
@@ -45,7 +47,8 @@ struct Worker<'s> {
     feed: ClayFeed,
     /// Whoever waits for the studio has given the loop up.
     is_told_over: Arc<AtomicBool>,
-    desk: Desk,
+    orders: Receiver<WaitingOrder>,
+    view: Arc<ViewCell>,
     plan: Plan,
     /// The next of the script.
     next: usize,
@@ -63,21 +66,22 @@ struct Worker<'s> {
 pub(super) fn spawn(
     mut studio: Studio,
     (feed, is_over): (ClayFeed, Arc<AtomicBool>),
-    desk: Desk,
+    (orders, view): (Receiver<WaitingOrder>, Arc<ViewCell>),
     mut plan: Plan,
 ) -> std::io::Result<JoinHandle<Ended>> {
     // Stable: equal ticks keep their order.
     plan.script.sort_by_key(|scripted| scripted.tick);
     std::thread::Builder::new().name("studio".to_owned()).spawn(move || {
         let mut report = StudioReport { samples_before: studio.piece().points().len(), ..StudioReport::default() };
-        let last_words = desk.last_words();
+        let shown = view.clone();
         let work = AssertUnwindSafe(|| {
             let mut worker = Worker {
                 studio: &mut studio,
                 report: &mut report,
                 feed,
                 is_told_over: is_over,
-                desk,
+                orders,
+                view,
                 plan,
                 next: 0,
                 hold: None,
@@ -107,7 +111,7 @@ pub(super) fn spawn(
             Err(panic) => Some(words_of(&*panic)),
         };
         if let Some(why) = &report.broken {
-            last_words.hang_out(why);
+            shown.end(why);
             rescue_stroke(&mut studio);
         }
         report.updates = studio.updates();
@@ -243,10 +247,12 @@ impl Worker<'_> {
 
     fn take_orders(&mut self) {
         // Those that are there now: somebody who asks without end holds nothing up.
-        for _ in 0..self.desk.asks.len() {
-            let Ok(asked) = self.desk.asks.try_recv() else { return };
-            let result = self.carry_out(asked.order.clone(), Asker { tick: self.tick, is_scripted: false, line: None });
-            asked.answer(result.map_err(Into::into));
+        for _ in 0..self.orders.len() {
+            let Ok(waiting) = self.orders.try_recv() else { return };
+            let result = self.carry_out(waiting.order.clone(), Asker { tick: self.tick, is_scripted: false, line: None });
+            // Before the answer: a client that looks after it sees what it asked for.
+            self.publish();
+            waiting.answer(result.map_err(Into::into));
         }
     }
 
@@ -325,20 +331,14 @@ impl Worker<'_> {
     /// A view for whoever looks.
     fn look(&mut self) {
         let begin = self.began.elapsed();
-        if self.has_viewed && !(self.desk.is_watched() && self.views.is_due(begin)) {
+        if self.has_viewed && !(self.view.is_watched() && self.views.is_due(begin)) {
             return;
         }
         let copies = self.studio.has_new_samples() && self.copies.is_due(begin);
         if copies {
             self.studio.copy_samples();
         }
-        let mut view = self.studio.view();
-        if self.plan.clock == ClockKind::Real {
-            view.update_s = self.update_s;
-        }
-        view.late = self.report.late;
-        // Frees the samples of the view before, unless somebody still looks at them.
-        self.desk.hang_out(view);
+        self.publish();
         let end = self.began.elapsed();
         self.has_viewed = true;
         self.views.worked(begin, end);
@@ -346,12 +346,22 @@ impl Worker<'_> {
             self.copies.worked(begin, end);
         }
     }
+
+    fn publish(&mut self) {
+        let mut view = self.studio.view();
+        if self.plan.clock == ClockKind::Real {
+            view.update_s = self.update_s;
+        }
+        view.late = self.report.late;
+        // Frees the samples of the view before, unless a client still looks at them.
+        self.view.publish(view);
+    }
 }
 
 /// For reports.
 fn name_of(order: &Order) -> &'static str {
     match order {
-        Order::Take(_) => "take",
+        Order::Take(_) | Order::Adjust(_) => "take",
         Order::Hold(_) => "hold",
         Order::Undo => "undo",
         Order::Redo => "redo",

@@ -11,9 +11,9 @@ use super::super::hub::Hub;
 use super::super::problem::Problem;
 use super::super::worker::Worker;
 use super::Clay;
-use crate::daemon::studio::Refused;
-use clay::studio::Order;
+use crate::daemon::studio::OrderError;
 use rt::utc;
+use clay::studio::Order;
 
 /// Longest name of a file that a client may choose, bytes.
 const LONGEST_NAME: usize = 120;
@@ -90,7 +90,7 @@ pub(in crate::monitor) fn save(hub: &Arc<Hub>, files: &Worker, kind: SaveKind, f
         };
         let saver = clay.clone();
         let order = kind.order(path.clone());
-        let answer = Box::new(move |result: Result<(), Refused>| {
+        let answer = Box::new(move |result: Result<(), OrderError>| {
             saver.saving.lock().unwrap_or_else(PoisonError::into_inner).remove(&path);
             if result.is_ok() {
                 let file = path.to_string_lossy();
@@ -98,7 +98,7 @@ pub(in crate::monitor) fn save(hub: &Arc<Hub>, files: &Worker, kind: SaveKind, f
             }
             reply(result.map(|()| Done::Saved(path)).map_err(|refused| Problem::from(&refused)));
         });
-        clay.door.ask(order, answer);
+        clay.access.ask(order, answer);
     });
 }
 

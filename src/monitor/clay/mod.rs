@@ -1,8 +1,8 @@
 //! Clay, for clients: what it is like, its samples, the tool that works it, and files of it.
 //!
 //! ```text
-//!  clients ──clay_take, clay_hold, clay_undo, …──► here ──Order──► studio ──answer──► clients
-//!  clients ◄──facts, samples────────────────────── here ◄──View── studio
+//!  clients ──clay_take, clay_hold, clay_undo, …──► here ──Order──► clay thread ──answer──► clients
+//!  clients ◄──facts, samples────────────────────── here ◄──View── clay thread
 //! ```
 //! Invariant: a hold lasts no longer than the client that asked for it gives signs of life, and no longer than force flows.
 
@@ -14,9 +14,7 @@ mod take;
 use core::time::Duration;
 use std::collections::HashSet;
 use std::path::PathBuf;
-use std::sync::atomic::AtomicU64;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::Instant;
+use std::sync::{Arc, Mutex};
 
 use axum::http::StatusCode;
 use serde_json::{Value, json};
@@ -29,32 +27,30 @@ pub(super) use take::TakeAsked;
 
 use super::encode::WirePose;
 use super::problem::Problem;
-use crate::daemon::studio;
+use crate::daemon::studio::{ClayHandle, Reply};
 use clay::material_map::Painted;
-use clay::studio::{Craft, Order, ToolSettings, View};
+use clay::studio::{Craft, Order, View};
 use vps::spatial::Pose;
 
-/// A view is newer than the last answer after so long: until then what was asked for and not refused counts.
-const SETTLED: Duration = Duration::from_millis(500);
-/// How often, and how many times, somebody looks for a view that is made because he looks.
+/// How often, and how many times, a request looks for a view that is made because of it.
 const BETWEEN_LOOKS: Duration = Duration::from_millis(20);
 const LOOKS: u32 = 15;
 
-/// The way to the studio.
-pub trait ClayDoor: Send + Sync {
+/// The way to the clay.
+pub trait ClayAccess: Send + Sync {
     /// The newest view; `None` before the first. Never waits for the material.
     fn view(&self) -> Option<Arc<View>>;
 
     /// Asks for something; the answer comes from another thread, or at once. Never waits.
-    fn ask(&self, order: Order, reply: studio::Reply);
+    fn ask(&self, order: Order, reply: Reply);
 }
 
-impl ClayDoor for studio::Door {
+impl ClayAccess for ClayHandle {
     fn view(&self) -> Option<Arc<View>> {
         self.view()
     }
 
-    fn ask(&self, order: Order, reply: studio::Reply) {
+    fn ask(&self, order: Order, reply: Reply) {
         self.ask(order, reply);
     }
 }
@@ -62,7 +58,7 @@ impl ClayDoor for studio::Door {
 /// The clay of a run, for [`Hub::sculpts`](super::Hub::sculpts).
 pub struct ClayParts {
     /// The way to it.
-    pub door: Box<dyn ClayDoor>,
+    pub access: Box<dyn ClayAccess>,
     /// Where it stands.
     pub world_from_map: Pose,
     /// What the tool does at the start.
@@ -75,25 +71,15 @@ pub struct ClayParts {
 
 /// What the clients of a run share of its clay.
 pub(super) struct Clay {
-    door: Box<dyn ClayDoor>,
+    access: Box<dyn ClayAccess>,
     world_from_map: Pose,
     folder: Option<PathBuf>,
     session_at_end: Option<PathBuf>,
-    asked: Mutex<Option<Asked>>,
-    next_asked: AtomicU64,
     /// Files that are being written.
     saving: Mutex<HashSet<PathBuf>>,
     /// What was told of the last view.
     told: Mutex<Told>,
     pub(super) splats: Splats,
-}
-
-/// Settings that were asked for, and not refused until now: a view that shows them comes later.
-struct Asked {
-    tool: ToolSettings,
-    at: Instant,
-    /// Tells it from those before and after.
-    number: u64,
 }
 
 struct Told {
@@ -103,15 +89,13 @@ struct Told {
 
 impl Clay {
     pub(super) fn new(parts: ClayParts) -> Self {
-        let ClayParts { door, world_from_map, craft, folder, session_at_end } = parts;
+        let ClayParts { access, world_from_map, craft, folder, session_at_end } = parts;
         let told = Told { craft, trouble: None };
         Self {
-            door,
+            access,
             world_from_map,
             folder,
             session_at_end,
-            asked: Mutex::default(),
-            next_asked: AtomicU64::new(1),
             saving: Mutex::default(),
             told: Mutex::new(told),
             splats: Splats::default(),
@@ -137,22 +121,12 @@ impl Clay {
 
     /// The newest view.
     pub(super) fn view(&self) -> Result<Arc<View>, Problem> {
-        self.door.view().ok_or_else(|| Problem::unavailable("the clay is not ready yet", "ask again in a moment"))
-    }
-
-    /// The tool as the studio has it, or will have it as soon as it has heard.
-    fn tool(&self, view: &View) -> ToolSettings {
-        let asked = self.asked();
-        asked.as_ref().filter(|asked| asked.at.elapsed() <= SETTLED).map_or_else(|| view.tool.clone(), |asked| asked.tool.clone())
-    }
-
-    fn asked(&self) -> MutexGuard<'_, Option<Asked>> {
-        self.asked.lock().unwrap_or_else(PoisonError::into_inner)
+        self.access.view().ok_or_else(|| Problem::unavailable("the clay is not ready yet", "ask again in a moment"))
     }
 
     /// `/api/v1/clay`.
     pub(super) fn facts(&self, view: &View, is_held: bool) -> Value {
-        let tool = self.tool(view);
+        let tool = &view.tool;
         let (low, high) = view.region_map;
         let (least_m, most_m) = take::brush_range(view);
         json!({

@@ -1,39 +1,24 @@
 //! What clients do to clay, and what all of them hear of it.
 
-use core::sync::atomic::Ordering;
 use std::sync::{Arc, PoisonError};
-use std::time::Instant;
 
 use super::super::answer::{Done, Reply};
 use super::super::hub::Hub;
 use super::super::problem::Problem;
-use super::{Asked, Clay, TakeAsked};
-use crate::daemon::studio::Refused;
+use super::{Clay, TakeAsked};
+use crate::daemon::studio::OrderError;
 use clay::studio::Order;
 
 /// Another craft or other settings. What the hand feels of that goes through the same limits as all else.
 pub(in crate::monitor) fn take(hub: &Arc<Hub>, asked: TakeAsked, reply: Reply) {
-    let taken = hub.clay().and_then(|clay| {
-        let view = clay.view()?;
-        let tool = asked.onto(clay.tool(&view), &view)?;
-        // Relaxed: it only counts.
-        let number = clay.next_asked.fetch_add(1, Ordering::Relaxed);
-        *clay.asked() = Some(Asked { tool: tool.clone(), at: Instant::now(), number });
-        Ok((clay, tool, number))
-    });
-    let (clay, tool, number) = match taken {
-        Ok(taken) => taken,
-        Err(problem) => return reply(Err(problem)),
-    };
-    let asker = clay.clone();
-    let answer = Box::new(move |result: Result<(), Refused>| {
-        if result.is_err() {
-            // What the studio has then is in a view; what was asked for since counts on.
-            asker.asked().take_if(|asked| asked.number == number);
-        }
-        reply(result.map(|()| Done::Nothing).map_err(|refused| Problem::from(&refused)));
-    });
-    clay.door.ask(Order::Take(tool), answer);
+    match hub.clay().and_then(|clay| Ok((asked.checked(&*clay.view()?)?, clay))) {
+        Ok((change, clay)) => clay.access.ask(Order::Adjust(change), Box::new(|result| reply(answer_of(result)))),
+        Err(problem) => reply(Err(problem)),
+    }
+}
+
+fn answer_of(result: Result<(), OrderError>) -> Result<Done, Problem> {
+    result.map(|()| Done::Nothing).map_err(|refused| Problem::from(&refused))
 }
 
 /// A stroke back, or forth again.
@@ -43,13 +28,13 @@ pub(in crate::monitor) fn step(hub: &Arc<Hub>, order: Order, word: &'static str,
         Err(problem) => return reply(Err(problem)),
     };
     let hub = hub.clone();
-    let answer = Box::new(move |result: Result<(), Refused>| {
+    let answer = Box::new(move |result: Result<(), OrderError>| {
         if result.is_ok() {
             hub.tell("clay", None, &format!("a stroke on the clay was {word}"), &[word]);
         }
-        reply(result.map(|()| Done::Nothing).map_err(|refused| Problem::from(&refused)));
+        reply(answer_of(result));
     });
-    clay.door.ask(order, answer);
+    clay.access.ask(order, answer);
 }
 
 /// Holds, or lets go, as the button of an arm does.
@@ -74,14 +59,14 @@ pub(in crate::monitor) fn hold(hub: &Arc<Hub>, client: u64, is_held: bool, reply
         return reply(Err(Problem::conflict("no force flows: nothing can be held", "enable first")));
     }
     let (holder, held) = (hub.clone(), clay.clone());
-    let answer = Box::new(move |result: Result<(), Refused>| {
+    let answer = Box::new(move |result: Result<(), OrderError>| {
         // It may have been held before: what is not watched any more is let go.
         if result.is_err() && holder.watchdog.let_go(client) {
             held.let_go(&holder);
         }
-        reply(result.map(|()| Done::Nothing).map_err(|refused| Problem::from(&refused)));
+        reply(answer_of(result));
     });
-    clay.door.ask(Order::Hold(true), answer);
+    clay.access.ask(Order::Hold(true), answer);
     // Whoever took the hold away meanwhile has asked for that before this was asked.
     if !hub.watchdog.holds() {
         clay.let_go(hub);
@@ -92,7 +77,7 @@ impl Clay {
     /// Tells what has changed since the last call, whoever changed it.
     pub(in crate::monitor) fn tell_news(&self, hub: &Hub) {
         // A view is made only for those who look.
-        let Some(view) = (!hub.clients().is_empty()).then(|| self.door.view()).flatten() else { return };
+        let Some(view) = (!hub.clients().is_empty()).then(|| self.access.view()).flatten() else { return };
         let (craft, trouble) = {
             let mut told = self.told.lock().unwrap_or_else(PoisonError::into_inner);
             let before = core::mem::replace(&mut told.craft, view.tool.craft);
@@ -111,11 +96,11 @@ impl Clay {
     /// Lets go for a client that does not do so itself. An order that found no room is given again by whoever watches.
     pub(in crate::monitor) fn let_go(&self, hub: &Arc<Hub>) {
         let hub = hub.clone();
-        let answer = Box::new(move |result: Result<(), Refused>| {
-            if let Err(Refused::Busy) = result {
+        let answer = Box::new(move |result: Result<(), OrderError>| {
+            if let Err(OrderError::Busy) = result {
                 hub.watchdog.still_held();
             }
         });
-        self.door.ask(Order::Hold(false), answer);
+        self.access.ask(Order::Hold(false), answer);
     }
 }

@@ -6,7 +6,7 @@ use serde_json::Value;
 use super::super::problem::Problem;
 use clay::falloff::Falloff;
 use clay::material_map::Painted;
-use clay::studio::{Craft, ToolSettings, View};
+use clay::studio::{Craft, ToolChange, View};
 
 /// What is to change; what is not given stays.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
@@ -34,46 +34,44 @@ struct PaintedAsked {
 }
 
 impl TakeAsked {
-    /// The settings with what was asked for.
-    pub(super) fn onto(self, tool: ToolSettings, view: &View) -> Result<ToolSettings, Problem> {
+    /// What is asked for, checked against the clay as it is.
+    pub(super) fn checked(self, view: &View) -> Result<ToolChange, Problem> {
         if self == Self::default() {
             let hint = "`craft`, `brush_m`, `falloff`, `color`, `painted`, `depth_m` or `is_sharp`";
             return Err(Problem::bad("nothing is to be taken", hint));
         }
         let (least_m, most_m) = brush_range(view);
-        let mut tool = tool;
-        if let Some(word) = &self.craft {
-            tool.craft = Craft::of(word).ok_or_else(|| Problem::bad(format!("no craft is called `{word}`"), known_crafts()))?;
+        if let Some(brush_m) = self.brush_m.filter(|brush_m| !(least_m..=most_m).contains(brush_m)) {
+            let error = format!("`brush_m` goes from {least_m:.2e} to {most_m:.2e}, not to {brush_m}");
+            return Err(Problem::bad(error, "a radius in m, of at least one sample and at most half the region"));
         }
-        if let Some(brush_m) = self.brush_m {
-            if !(least_m..=most_m).contains(&brush_m) {
-                let error = format!("`brush_m` goes from {least_m:.2e} to {most_m:.2e}, not to {brush_m}");
-                return Err(Problem::bad(error, "a radius in m, of at least one sample and at most half the region"));
-            }
-            tool.brush_m = brush_m;
+        if let Some(depth_m) = self.depth_m.filter(|depth_m| !(*depth_m > 0.0 && *depth_m <= most_m)) {
+            let error = format!("`depth_m` goes above 0 up to {most_m:.2e}, not to {depth_m}");
+            return Err(Problem::bad(error, "engraving sinks by it, embossing raises"));
         }
-        if let Some(depth_m) = self.depth_m {
-            if !(depth_m > 0.0 && depth_m <= most_m) {
-                let error = format!("`depth_m` goes above 0 up to {most_m:.2e}, not to {depth_m}");
-                return Err(Problem::bad(error, "engraving sinks by it, embossing raises"));
-            }
-            tool.depth_m = depth_m;
-        }
-        if let Some(falloff) = &self.falloff {
-            tool.falloff = falloff_of(falloff)?;
-        }
-        if let Some(color) = &self.color {
-            let hint = "such as \"#c83c28\"";
-            tool.color = color_of(color).ok_or_else(|| Problem::bad(format!("`{color}` is no color #rrggbb"), hint))?;
-        }
-        if let Some(PaintedAsked { mass_kg, damping_n_s_per_m, stiffness_n_per_m }) = self.painted {
-            tool.painted = Painted { mass_kg, damping_n_s_per_m, stiffness_n_per_m };
-            if let Some((name, value, unit)) = tool.painted.unsound() {
-                return Err(Problem::bad(format!("{name} of {value} {unit} cannot be painted"), Painted::KNOWN_GOOD));
-            }
-        }
-        tool.is_sharp = self.is_sharp.unwrap_or(tool.is_sharp);
-        Ok(tool)
+        let craft =
+            |word: String| Craft::of(&word).ok_or_else(|| Problem::bad(format!("no craft is called `{word}`"), known_crafts()));
+        let color = |text: String| {
+            color_of(&text).ok_or_else(|| Problem::bad(format!("`{text}` is no color #rrggbb"), "such as \"#c83c28\""))
+        };
+        Ok(ToolChange {
+            craft: self.craft.map(craft).transpose()?,
+            brush_m: self.brush_m,
+            falloff: self.falloff.as_ref().map(falloff_of).transpose()?,
+            color: self.color.map(color).transpose()?,
+            painted: self.painted.map(painted_of).transpose()?,
+            depth_m: self.depth_m,
+            is_sharp: self.is_sharp,
+        })
+    }
+}
+
+fn painted_of(asked: PaintedAsked) -> Result<Painted, Problem> {
+    let PaintedAsked { mass_kg, damping_n_s_per_m, stiffness_n_per_m } = asked;
+    let painted = Painted { mass_kg, damping_n_s_per_m, stiffness_n_per_m };
+    match painted.unsound() {
+        Some((name, value, unit)) => Err(Problem::bad(format!("{name} of {value} {unit} cannot be painted"), Painted::KNOWN_GOOD)),
+        None => Ok(painted),
     }
 }
 
@@ -124,10 +122,16 @@ mod tests {
     use super::super::tests::view_of;
     use super::*;
     use clay::PointSet;
+    use clay::studio::ToolSettings;
 
     fn taken(asked: Value) -> Result<ToolSettings, String> {
+        taken_after(ToolSettings::default(), asked)
+    }
+
+    fn taken_after(before: ToolSettings, asked: Value) -> Result<ToolSettings, String> {
         let asked = TakeAsked::deserialize(asked).map_err(|error| error.to_string())?;
-        asked.onto(ToolSettings::default(), &view_of(PointSet::default(), 1)).map_err(|problem| problem.said.error)
+        let change = asked.checked(&view_of(PointSet::default(), 1)).map_err(|problem| problem.said.error)?;
+        Ok(change.onto(&before))
     }
 
     #[test]
@@ -149,9 +153,8 @@ mod tests {
             })
         );
         let forgotten = ToolSettings { painted: Painted { mass_kg: Some(1e-3), ..Painted::default() }, ..ToolSettings::default() };
-        let asked = TakeAsked::deserialize(json!({ "painted": { "damping_n_s_per_m": null } })).unwrap();
-        let view = view_of(PointSet::default(), 1);
-        assert_eq!(asked.onto(forgotten, &view).map(|tool| tool.painted), Ok(Painted::default()), "a material is taken as a whole");
+        let taken = taken_after(forgotten, json!({ "painted": { "damping_n_s_per_m": null } }));
+        assert_eq!(taken.map(|tool| tool.painted), Ok(Painted::default()), "a material is taken as a whole");
         assert_eq!(color_text([10, 255, 16]), "#0aff10");
     }
 

@@ -6,13 +6,13 @@ use super::super::answer::{Done, Reply};
 use super::super::hub::{Hub, HubParts};
 use super::super::worker::Worker;
 use super::*;
-use crate::daemon::studio::Refused;
+use crate::daemon::studio::OrderError;
 use crate::daemon::{Notice, Phase, testing};
-use clay::PointSet;
-use clay::dynamics::Material;
-use clay::studio::StudioError;
 use rt::clock::ClockKind;
 use rt::control::Control;
+use clay::PointSet;
+use clay::dynamics::Material;
+use clay::studio::{StudioError, ToolChange, ToolSettings};
 
 /// A view of these samples, 1 mm apart, with a region of 40 mm.
 pub(super) fn view_of(points: PointSet, version: u64) -> View {
@@ -36,7 +36,7 @@ pub(super) fn view_of(points: PointSet, version: u64) -> View {
 }
 
 /// What it says no with, if it does.
-type Refuses = Arc<Mutex<Option<fn() -> Refused>>>;
+type Refuses = Arc<Mutex<Option<fn() -> OrderError>>>;
 
 /// What happens while the next order is on its way.
 type Before = Arc<Mutex<Option<Box<dyn FnOnce() + Send>>>>;
@@ -49,12 +49,12 @@ struct Fake {
     view: Arc<Mutex<Option<Arc<View>>>>,
 }
 
-impl ClayDoor for Fake {
+impl ClayAccess for Fake {
     fn view(&self) -> Option<Arc<View>> {
         self.view.lock().unwrap().clone()
     }
 
-    fn ask(&self, order: Order, reply: studio::Reply) {
+    fn ask(&self, order: Order, reply: crate::daemon::studio::Reply) {
         let before = self.before.lock().unwrap().take();
         before.into_iter().for_each(|before| before());
         let _ = self.orders.send(order);
@@ -86,10 +86,10 @@ fn bench() -> Bench {
     let (sender, orders) = channel();
     let (before, refuses) = (Before::default(), Refuses::default());
     let view = Arc::new(Mutex::new(Some(Arc::new(view_of(PointSet::default(), 1)))));
-    let door = Box::new(Fake { orders: sender, before: before.clone(), refuses: refuses.clone(), view: view.clone() });
+    let access = Box::new(Fake { orders: sender, before: before.clone(), refuses: refuses.clone(), view: view.clone() });
     let folder_of_clay = Some(folder.path().join("clay"));
     hub.sculpts(ClayParts {
-        door,
+        access,
         world_from_map: Pose::IDENTITY,
         craft: Craft::default(),
         folder: folder_of_clay,
@@ -156,51 +156,28 @@ fn a_scene_without_clay_says_so() {
 }
 
 #[test]
-fn settings_that_are_taken_one_after_the_other_add_up_before_a_view_shows_them() {
+fn settings_are_asked_for_as_a_change_and_told_as_the_view_has_them() {
     let bench = bench();
-    for asked in [json!({ "craft": "paint" }), json!({ "brush_m": 0.003 }), json!({ "color": "#102030" })] {
-        assert_eq!(answer_of(|reply| take(&bench.hub, took(asked), reply)), Ok(Done::Nothing));
-    }
-    let last = [(); 3].map(|()| bench.next_order()).into_iter().next_back();
-    let expected = ToolSettings { craft: Craft::Paint, brush_m: 0.003, color: [0x10, 0x20, 0x30], ..ToolSettings::default() };
-    assert!(matches!(last, Some(Order::Take(tool)) if tool == expected));
+    let asked = json!({ "craft": "paint", "brush_m": 0.003, "color": "#102030" });
+    assert_eq!(answer_of(|reply| take(&bench.hub, took(asked), reply)), Ok(Done::Nothing));
+    let expected =
+        ToolChange { craft: Some(Craft::Paint), brush_m: Some(0.003), color: Some([0x10, 0x20, 0x30]), ..ToolChange::default() };
+    assert!(matches!(bench.next_order(), Order::Adjust(change) if change == expected));
+    bench.shows(|view| view.tool = expected.onto(&view.tool));
     let facts = bench.facts();
     assert_eq!((&facts["craft"], &facts["brush_m"], &facts["color"]), (&json!("paint"), &json!(0.003), &json!("#102030")));
     assert_eq!(facts["crafts"].as_array().map(Vec::len), Some(Craft::NAMES.len()));
     assert_eq!(facts["painted"], json!({ "mass_kg": null, "damping_n_s_per_m": null, "stiffness_n_per_m": null }));
     assert_eq!(facts["paints"], json!({ "mass_kg": null, "damping_n_s_per_m": 5.0, "stiffness_n_per_m": 500.0 }));
-    answer_of(|reply| take(&bench.hub, took(json!({ "painted": { "mass_kg": 1e-4 } })), reply)).unwrap();
-    assert!(matches!(bench.next_order(), Order::Take(tool) if tool.painted.mass_kg == Some(1e-4)));
-    assert_eq!(bench.facts()["paints"], json!({ "mass_kg": 1e-4, "damping_n_s_per_m": null, "stiffness_n_per_m": null }));
     assert_eq!(facts["region_map"]["min"], json!([-0.02, -0.02, -0.02]));
+    bench.shows(|view| view.tool.painted.mass_kg = Some(1e-4));
+    assert_eq!(bench.facts()["paints"], json!({ "mass_kg": 1e-4, "damping_n_s_per_m": null, "stiffness_n_per_m": null }));
 
-    // What was refused does not stand, none of it, and a script's settings count once a view shows them.
-    bench.shows(|view| view.tool = expected.clone());
     *bench.refuses.lock().unwrap() = Some(|| StudioError::NoShape.into());
-    let wanted = json!({ "craft": "emboss", "falloff": "constant", "depth_m": 0.004, "is_sharp": true, "brush_m": 0.005 });
-    let refused = answer_of(|reply| take(&bench.hub, took(wanted), reply)).expect_err("refused");
+    let refused = answer_of(|reply| take(&bench.hub, took(json!({ "craft": "emboss" })), reply)).expect_err("refused");
     assert_eq!((refused.status, refused.said.hint), (StatusCode::CONFLICT, StudioError::NoShape.hint().to_owned()));
-    assert_eq!(bench.facts(), facts);
-    bench.shows(|view| view.tool.craft = Craft::PullCurve);
-    assert_eq!(bench.facts()["craft"], "pull-curve");
     *bench.view.lock().unwrap() = None;
     assert!(bench.hub.clay().unwrap().view().is_err());
-}
-
-#[test]
-fn a_refusal_takes_back_only_what_it_refuses() {
-    let bench = bench();
-    let (racing, second) = (bench.hub.clone(), Arc::new(Mutex::new(None)));
-    let kept = second.clone();
-    // While the first is on its way to its refusal, another one is taken.
-    let refuses = bench.refuses.clone();
-    *bench.before.lock().unwrap() = Some(Box::new(move || {
-        *kept.lock().unwrap() = Some(answer_of(|reply| take(&racing, took(json!({ "depth_m": 0.003 })), reply)));
-        *refuses.lock().unwrap() = Some(|| Refused::Busy);
-    }));
-    answer_of(|reply| take(&bench.hub, took(json!({ "craft": "paint" })), reply)).expect_err("refused");
-    assert_eq!(*second.lock().unwrap(), Some(Ok(Done::Nothing)));
-    assert_eq!(bench.facts()["depth_m"], 0.003);
 }
 
 #[test]
@@ -237,7 +214,7 @@ fn a_hold_ends_with_force_with_the_client_and_when_it_is_let_go() {
     bench.hold(1, true).unwrap();
     assert!(matches!(bench.next_order(), Order::Hold(true)));
     // The first time nobody hears that it is let go.
-    *bench.refuses.lock().unwrap() = Some(|| Refused::Busy);
+    *bench.refuses.lock().unwrap() = Some(|| OrderError::Busy);
     bench.hub.part(1);
     assert!(matches!(bench.orders.recv(), Ok(Order::Hold(false))));
     assert!(matches!(bench.orders.recv(), Ok(Order::Hold(false))), "again");
@@ -253,7 +230,7 @@ fn a_hold_ends_with_force_with_the_client_and_when_it_is_let_go() {
 fn a_hold_that_is_asked_for_twice_and_refused_once_is_let_go() {
     let bench = bench();
     bench.hold(1, true).unwrap();
-    *bench.refuses.lock().unwrap() = Some(|| Refused::Busy);
+    *bench.refuses.lock().unwrap() = Some(|| OrderError::Busy);
     assert_eq!(bench.hold(1, true).map_err(|problem| problem.status), Err(StatusCode::TOO_MANY_REQUESTS));
     let orders = [(); 3].map(|()| bench.next_order());
     assert!(matches!(orders, [Order::Hold(true), Order::Hold(true), Order::Hold(false)]), "{orders:?}");

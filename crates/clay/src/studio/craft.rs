@@ -110,6 +110,41 @@ impl ToolSettings {
     pub const FULL_FORCE_N: f64 = 2.0;
 }
 
+/// Settings of the tool that change; what is `None` stays.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ToolChange {
+    /// [`ToolSettings::craft`].
+    pub craft: Option<Craft>,
+    /// [`ToolSettings::brush_m`], m.
+    pub brush_m: Option<f64>,
+    /// [`ToolSettings::falloff`].
+    pub falloff: Option<Falloff>,
+    /// [`ToolSettings::color`].
+    pub color: Option<[u8; 3]>,
+    /// [`ToolSettings::painted`].
+    pub painted: Option<Painted>,
+    /// [`ToolSettings::depth_m`], m.
+    pub depth_m: Option<f64>,
+    /// [`ToolSettings::is_sharp`].
+    pub is_sharp: Option<bool>,
+}
+
+impl ToolChange {
+    /// The settings with this change.
+    pub fn onto(self, tool: &ToolSettings) -> ToolSettings {
+        ToolSettings {
+            craft: self.craft.unwrap_or(tool.craft),
+            brush_m: self.brush_m.unwrap_or(tool.brush_m),
+            falloff: self.falloff.unwrap_or_else(|| tool.falloff.clone()),
+            color: self.color.unwrap_or(tool.color),
+            painted: self.painted.unwrap_or(tool.painted),
+            depth_m: self.depth_m.unwrap_or(tool.depth_m),
+            image: tool.image.clone(),
+            is_sharp: self.is_sharp.unwrap_or(tool.is_sharp),
+        }
+    }
+}
+
 impl Default for ToolSettings {
     /// A soft push, 5 mm wide.
     fn default() -> Self {

@@ -19,7 +19,7 @@ mod work;
 
 use std::sync::Arc;
 
-pub use craft::{Craft, ToolSettings};
+pub use craft::{Craft, ToolChange, ToolSettings};
 pub use error::StudioError;
 pub use handling::{Grip, Handling, ToolBody};
 pub use order::Order;

@@ -8,7 +8,7 @@ use glam::DVec3;
 use super::super::Body;
 use super::super::boolean::Boolean;
 use super::super::emboss::{GreyImage, Laid};
-use super::ToolSettings;
+use super::{ToolChange, ToolSettings};
 use vps::spatial::Pose;
 
 /// What a person, a page or a script asks for. Taken between two updates of the material; what ends a stroke says so.
@@ -16,6 +16,8 @@ use vps::spatial::Pose;
 pub enum Order {
     /// Another craft, or other settings of the same one. Ends a stroke.
     Take(ToolSettings),
+    /// Some of the settings. Ends a stroke.
+    Adjust(ToolChange),
     /// As if the arm's first button were held (true) or let go (false).
     Hold(bool),
     /// Takes the last stroke back, or the one under way; refused where there is none.

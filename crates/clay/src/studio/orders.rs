@@ -16,6 +16,7 @@ impl Studio {
         }
         match order {
             Order::Take(tool) => self.take(tool),
+            Order::Adjust(change) => self.take(change.onto(&self.tool)),
             Order::Hold(is_held) => {
                 self.is_held_by_order = is_held;
                 self.heard.hold(is_held);
