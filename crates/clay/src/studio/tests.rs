@@ -449,3 +449,20 @@ fn a_piece_that_grows_beyond_its_mass_points_is_told_of() {
     studio.order(Order::Undo).unwrap();
     assert_eq!(&**studio.trouble(), "");
 }
+
+#[test]
+fn changes_of_the_tool_add_up_and_one_that_is_refused_changes_nothing() {
+    let mut studio = Studio::new(piece(), tool(Craft::Push), ToolBody::default());
+    for change in [
+        ToolChange { craft: Some(Craft::Paint), ..ToolChange::default() },
+        ToolChange { color: Some([1, 2, 3]), ..ToolChange::default() },
+        ToolChange { is_sharp: Some(true), ..ToolChange::default() },
+    ] {
+        studio.order(Order::Adjust(change)).unwrap();
+    }
+    let expected = ToolSettings { color: [1, 2, 3], is_sharp: true, ..tool(Craft::Paint) };
+    assert_eq!(studio.view().tool, expected);
+    let refused = ToolChange { craft: Some(Craft::Push), depth_m: Some(f64::NAN), ..ToolChange::default() };
+    assert!(matches!(studio.order(Order::Adjust(refused)), Err(StudioError::Length { .. })));
+    assert_eq!(studio.view().tool, expected);
+}
