@@ -18,7 +18,7 @@ use super::{Talk, cache, check, destination, memory, report, say};
 use crate::config;
 use crate::error::Exit;
 use crate::scene::cache::Residence;
-use crate::scene::{self, BakeMeans, Built, ObjectReport, PieceReport, SceneError};
+use crate::scene::{self, BakeMeans, Built, ClayReport, ObjectReport, SceneError};
 use vps::voxmap::sides::SidesRule;
 
 /// Arguments of `hapticd bake`.
@@ -198,7 +198,7 @@ fn bake_scene(args: &Args, talk: Talk) -> Result<Exit, Failure> {
         struct SceneReport {
             objects: Vec<ObjectReport>,
             #[serde(skip_serializing_if = "Option::is_none")]
-            clay: Option<PieceReport>,
+            clay: Option<ClayReport>,
             timings_s: Total,
             peak_rss_bytes: Option<u64>,
         }

@@ -11,7 +11,7 @@ use crate::error::Exit;
 use crate::scene::cache::Spacing;
 use crate::scene::{Geometry, Role, SceneError};
 use arms::profile::{self, Profile, ProfileError};
-use clay::studio::{Order, ToolSettings};
+use clay::engine::{SculptOrder, ToolSettings};
 use document::show;
 use haptics::CouplingMode;
 use vps::spatial::{Axes, Metres};
@@ -122,7 +122,7 @@ fn look_at_parts(config: &SceneConfig, talk: Talk) -> Result<(), SceneError> {
 fn script_summary(script: &Script) -> String {
     let file = shown(&script.file);
     // The end of a hold is part of the same order as its beginning.
-    let n_orders = script.orders.iter().filter(|timed| !matches!(timed.order, Order::Hold(false))).count();
+    let n_orders = script.orders.iter().filter(|timed| !matches!(timed.order, SculptOrder::Hold(false))).count();
     let at_s = |timed: Option<&Timed>| show(timed.map_or(0.0, |timed| timed.at.as_secs_f64()));
     match n_orders {
         0 => format!("{file}: no orders"),

@@ -35,8 +35,8 @@ mod run;
 mod say;
 mod screen;
 mod sculpt;
+mod sculpt_run;
 mod services;
-mod workshop;
 
 use std::process::ExitCode;
 

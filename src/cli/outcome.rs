@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use serde::Serialize;
 
 use super::live;
-use super::workshop::SculptReport;
+use super::sculpt_run::SculptSummary;
 use arms::remote::figures::LinkReport;
 use recording::file::RecordingSummary;
 use recording::{LatencySummary, Totals};
@@ -24,7 +24,7 @@ pub(super) struct StartTimes {
 pub(super) struct More<'a> {
     pub(super) swaps: &'a [live::SwapReport],
     pub(super) recording: Option<&'a RecordingSummary>,
-    pub(super) sculpt: Option<&'a SculptReport>,
+    pub(super) sculpt: Option<&'a SculptSummary>,
     pub(super) link: Option<LinkReport>,
 }
 
@@ -47,7 +47,7 @@ pub(super) fn result_text(totals: &Totals, start_s: StartTimes, more: &More<'_>,
             #[serde(skip_serializing_if = "Option::is_none")]
             recording: Option<&'t RecordingSummary>,
             #[serde(skip_serializing_if = "Option::is_none")]
-            sculpt: Option<&'t SculptReport>,
+            sculpt: Option<&'t SculptSummary>,
             #[serde(skip_serializing_if = "Option::is_none")]
             link: Option<LinkReport>,
         }
@@ -75,7 +75,7 @@ pub(super) fn result_text(totals: &Totals, start_s: StartTimes, more: &More<'_>,
         let early = error.as_ref().map_or_else(String::new, |error| format!(", ended early: {error}"));
         row("recording", format_args!("{}: {records} ticks{lost}{early}", file.display()));
     }
-    for (name, text) in sculpt.map(SculptReport::rows).into_iter().flatten() {
+    for (name, text) in sculpt.map(SculptSummary::rows).into_iter().flatten() {
         row(name, format_args!("{text}"));
     }
     if let Some(report @ LinkReport { there_ms, back_ms, old_packets, lost_packets, .. }) = link {

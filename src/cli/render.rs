@@ -13,8 +13,8 @@ use self::arm::tell_of_arm;
 use super::outcome::{More, StartTimes, lets_go_text, result_text};
 use super::progress::BakeProgress;
 use super::screen::{Screen, report_lines};
+use super::sculpt_run::{self, SculptRun};
 use super::services::{ServiceOptions, Services};
-use super::workshop::{self, Workshop};
 use super::{Talk, bake, cache, check, guard, live, network, recording, report, say};
 use crate::config::{self, ConfigErrors};
 use crate::daemon::remote::RemoteArm;
@@ -68,7 +68,7 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: Talk, started_ns: i64) 
         }
     };
     let overrides = args.overrides(remote.as_ref());
-    if own.clay.is_some() && args.scene.is_file() && workshop::is_source(&args.scene) {
+    if own.clay.is_some() && args.scene.is_file() && sculpt_run::is_source(&args.scene) {
         report::error(
             &format!("{}: this is a file of points or a mesh, not a scene", args.scene.display()),
             Some(&format!("`hapticd init --clay {}` writes a scene that sculpts it", say::quoted(&args.scene))),
@@ -82,8 +82,8 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: Talk, started_ns: i64) 
         Err(errors) => return report::config_errors(&errors, talk),
     };
     let clock = args.clock.kind();
-    let mut workshop = match Workshop::plan(&config, own.clay, own.overwrite, clock, args.recording.file(), talk) {
-        Ok(workshop) => workshop,
+    let mut sculpt_run = match SculptRun::plan(&config, own.clay, own.overwrite, clock, args.recording.file(), talk) {
+        Ok(sculpt_run) => sculpt_run,
         Err(exit) => return exit,
     };
     if let (Some(remote), Some(selector)) = (&remote, &args.selector) {
@@ -204,7 +204,7 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: Talk, started_ns: i64) 
         recorder: Some(&recordings.recorder),
         protocol,
         services: &mut services,
-        workshop: workshop.as_mut(),
+        sculpt_run: sculpt_run.as_mut(),
         reloads: is_open,
         watches: own.live.watch,
     };
@@ -212,7 +212,7 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: Talk, started_ns: i64) 
     // Force is off: from here on words may wait for their reader.
     say::attach();
     // Whatever became of the loop: what hands made is not lost with it.
-    let clay = workshop.and_then(|workshop| workshop.close(talk));
+    let clay = sculpt_run.and_then(|sculpt_run| sculpt_run.close(talk));
     let refusal = match rendered {
         Ok(outcome) => {
             let first_tick = outcome.report.first_tick_ns.map_or(0.0, since_start_s);
@@ -269,7 +269,7 @@ struct Beside<'a> {
     recorder: Option<&'a Recorder>,
     protocol: Option<&'a Protocol>,
     services: &'a mut Services,
-    workshop: Option<&'a mut Workshop>,
+    sculpt_run: Option<&'a mut SculptRun>,
     /// The scene is read again when SIGHUP asks for it.
     reloads: bool,
     /// The scene is read again when its files change.
@@ -284,7 +284,7 @@ fn run(
     end_by_signals: impl FnOnce(&Arc<Control>) -> Result<(), SignalError>,
     bake: impl FnOnce() -> Result<Prepared, PrepareError>,
 ) -> Result<Outcome, Refusal> {
-    let Beside { mut live, paths, session, recorder, protocol, services, workshop, reloads, watches } = beside;
+    let Beside { mut live, paths, session, recorder, protocol, services, sculpt_run, reloads, watches } = beside;
     let mut screen = Screen::new(talk, session, protocol, live.operator.waits_after_fault);
     let handle = services.notice_handler();
     let mut service = Service::of_environment();
@@ -298,10 +298,10 @@ fn run(
     });
     let prepared = supervisor.bake(bake).map_err(Refusal::Prepare)?;
     let scene = Arc::new(prepared.scene);
-    if let (Some(workshop), Some(piece)) = (workshop, prepared.piece) {
-        workshop.fit(&piece, talk).map_err(Refusal::Strokes)?;
-        workshop.open(piece, &scene, &mut live).map_err(|error| Refusal::Run(error.into()))?;
-        services.sculpts(workshop.for_clients(&scene));
+    if let (Some(sculpt_run), Some(piece)) = (sculpt_run, prepared.piece) {
+        sculpt_run.fit(&piece, talk).map_err(Refusal::Strokes)?;
+        sculpt_run.open(piece, &scene, &mut live).map_err(|error| Refusal::Run(error.into()))?;
+        services.sculpts(sculpt_run.for_clients(&scene));
     }
     live.commands = session.begin(&scene).with_paths(paths);
     if let Some(Attached { node, news, link }) = prepared.attached {

@@ -7,8 +7,8 @@ use super::{Talk, When};
 use crate::config::ConfigErrors;
 use crate::daemon::{PrepareError, service};
 use crate::error::Exit;
-use crate::scene::{ObjectReport, PieceReport, SceneError};
-use clay::workpiece::WorkpieceError;
+use crate::scene::{ClayReport, ObjectReport, SceneError};
+use clay::clay_model::ClayModelError;
 use vps::storage::printable::{one_line, printable};
 
 /// Prints every problem of a scene on stderr and gives the exit code for it.
@@ -24,7 +24,7 @@ pub(crate) fn scene_error(problem: &SceneError, talk: Talk) -> Exit {
     // What a mesh file says of itself may be in it.
     error(&one_line(&problem.to_string()), problem.hint().as_deref(), talk);
     match problem {
-        SceneError::Mesh { .. } | SceneError::Load(_) | SceneError::Session(_) | SceneError::Piece(WorkpieceError::Surface(_)) => {
+        SceneError::Mesh { .. } | SceneError::Load(_) | SceneError::Session(_) | SceneError::Piece(ClayModelError::Surface(_)) => {
             Exit::Asset
         }
         SceneError::Grid { .. } | SceneError::Piece(_) | SceneError::ClayMemory { .. } | SceneError::Frame(_) => {
@@ -64,7 +64,7 @@ pub(crate) fn bake_warnings_of(scene: &str, reports: &[ObjectReport], talk: Talk
 }
 
 /// Prints what a user should know of the clay of a scene.
-pub(crate) fn clay_warnings(clay: &PieceReport, talk: Talk) {
+pub(crate) fn clay_warnings(clay: &ClayReport, talk: Talk) {
     for text in &clay.warnings {
         warning(&format!("clay: {text}"), talk);
     }

@@ -1,7 +1,7 @@
 //! `hapticd sculpt`: a piece of clay, worked with the arm, by script and from the monitor page.
 
 use super::render::{self, LoopArgs, Own};
-use super::workshop::ClayArgs;
+use super::sculpt_run::ClayArgs;
 use super::{Talk, live, report};
 use crate::error::Exit;
 

@@ -9,8 +9,8 @@ use glam::{DMat3, DVec3};
 use super::bound::StiffnessBound;
 use arms::attached::nodes::Selector;
 use arms::profile::Profile;
-use clay::studio::ToolSettings;
-use clay::{Solid, workpiece};
+use clay::engine::ToolSettings;
+use clay::{Solid, clay_model};
 use haptics::Parameters;
 use vps::mesh::primitives::Shape;
 use vps::spatial::Pose;
@@ -135,7 +135,7 @@ pub struct SculptConfig {
     /// Where it stands in the world; the map frame is the file's own.
     pub world_from_map: Pose,
     /// How it is worked. A session brings its own.
-    pub settings: workpiece::Settings,
+    pub settings: clay_model::Settings,
     /// Ticks from one update of the material to the next.
     pub update_ticks: u64,
     /// What is in the hand at the start.

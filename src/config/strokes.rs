@@ -17,7 +17,7 @@ use self::size::Size;
 use super::resolve::Resolve;
 use super::schema::{Deed, Stroke, Strokes, holds_strokes};
 use clay::boolean::Boolean;
-use clay::studio::{Order, ToolSettings};
+use clay::engine::{SculptOrder, ToolSettings};
 use document::{Checks, ConfigErrors, Document, Interval, Problem, ProblemKind, any_of};
 use vps::storage::regular;
 
@@ -38,7 +38,7 @@ pub struct Timed {
     /// Time of the loop, from its first tick.
     pub at: Duration,
     /// What is done then.
-    pub order: Order,
+    pub order: SculptOrder,
     /// Line of its stroke.
     pub line: usize,
     /// What says how large the other solid of a Boolean is.
@@ -93,7 +93,7 @@ impl Script {
     /// The files that its orders write.
     pub fn writes(&self) -> impl Iterator<Item = &Path> {
         self.orders.iter().filter_map(|timed| match &timed.order {
-            Order::SavePoints(path) | Order::SaveSession(path) | Order::Export(path) => Some(path.as_path()),
+            SculptOrder::SavePoints(path) | SculptOrder::SaveSession(path) | SculptOrder::Export(path) => Some(path.as_path()),
             _ => None,
         })
     }
@@ -120,29 +120,29 @@ impl Reader<'_> {
         self.only_what_belongs(&table, stroke, deed);
         let at = Duration::try_from_secs_f64(at_s).unwrap_or_default();
         let order = match deed {
-            Deed::Take => Some(Order::Take(self.resolve.tool_settings(&table, &stroke.written_tool(), self.tool))),
+            Deed::Take => Some(SculptOrder::Take(self.resolve.tool_settings(&table, &stroke.written_tool(), self.tool))),
             Deed::Hold => {
                 self.hold(index, at_s, stroke.until_s);
                 return;
             }
             Deed::Union | Deed::Intersection | Deed::Difference => self.combine(&table, stroke, deed),
             Deed::Emboss | Deed::Engrave => self.emboss(&table, stroke, deed),
-            Deed::Undo => Some(Order::Undo),
-            Deed::Redo => Some(Order::Redo),
+            Deed::Undo => Some(SculptOrder::Undo),
+            Deed::Redo => Some(SculptOrder::Redo),
             Deed::Region => {
                 let key = format!("{table}.region_mm");
                 if stroke.region_mm.is_none() {
                     self.resolve.checks.missing(&key, "[[x, y, z], [x, y, z]], the lowest and the highest corner");
                 }
                 let region = self.resolve.region_m(&key, stroke.region_mm.as_deref());
-                region.map(|(low_map, high_map)| Order::Region { low_map, high_map })
+                region.map(|(low_map, high_map)| SculptOrder::Region { low_map, high_map })
             }
-            Deed::SavePoints => self.file(index, stroke, Some("ply")).map(Order::SavePoints),
-            Deed::SaveSession => self.file(index, stroke, None).map(Order::SaveSession),
-            Deed::Export => self.file(index, stroke, Some("ply")).map(Order::Export),
+            Deed::SavePoints => self.file(index, stroke, Some("ply")).map(SculptOrder::SavePoints),
+            Deed::SaveSession => self.file(index, stroke, None).map(SculptOrder::SaveSession),
+            Deed::Export => self.file(index, stroke, Some("ply")).map(SculptOrder::Export),
         };
         let Some(order) = order else { return };
-        let size = matches!(order, Order::Combine { .. }).then(|| Size::of(self.resolve.document, &table, stroke));
+        let size = matches!(order, SculptOrder::Combine { .. }).then(|| Size::of(self.resolve.document, &table, stroke));
         self.orders.push(Timed { at, order, line: self.line(index), size });
     }
 
@@ -159,7 +159,7 @@ impl Reader<'_> {
         self.holds.push((index, at_s, until_s));
         for (time_s, held) in [(at_s, true), (until_s, false)] {
             let at = Duration::try_from_secs_f64(time_s).unwrap_or_default();
-            self.orders.push(Timed { at, order: Order::Hold(held), line: self.line(index), size: None });
+            self.orders.push(Timed { at, order: SculptOrder::Hold(held), line: self.line(index), size: None });
         }
     }
 
@@ -182,7 +182,7 @@ impl Reader<'_> {
         }
     }
 
-    fn combine(&mut self, table: &str, stroke: &Stroke, deed: Deed) -> Option<Order> {
+    fn combine(&mut self, table: &str, stroke: &Stroke, deed: Deed) -> Option<SculptOrder> {
         let boolean = match deed {
             Deed::Intersection => Boolean::Intersection,
             Deed::Difference => Boolean::Difference,
@@ -195,7 +195,7 @@ impl Reader<'_> {
             return None;
         }
         match solid.open() {
-            Ok(body) => Some(Order::Combine {
+            Ok(body) => Some(SculptOrder::Combine {
                 boolean,
                 with: Arc::new(body),
                 map_from_body,

@@ -31,9 +31,9 @@ pub mod reload;
 pub mod remote;
 mod replay;
 mod scene_keys;
+pub mod sculpting;
 pub mod service;
 pub mod session;
-pub mod studio;
 mod supervisor;
 #[cfg(test)]
 pub(crate) mod testing;

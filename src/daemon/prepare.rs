@@ -11,7 +11,7 @@ use super::remote::RemoteArm;
 use crate::config::scene::{DeviceConfig, RealtimeConfig};
 use crate::config::{ConfigErrors, SceneConfig};
 use crate::scene::cache::Cache;
-use crate::scene::{self, BakeMeans, Built, Event, ObjectReport, Piece, SceneError};
+use crate::scene::{self, BakeMeans, Built, Event, LoadedClay, ObjectReport, SceneError};
 use arms::Device;
 use arms::attached::open::{self, LinkNews, OpenError, OpenOptions};
 use arms::remote::LinkFigures;
@@ -27,7 +27,7 @@ pub struct Prepared {
     /// Baked, immutable.
     pub scene: RenderScene,
     /// Its clay as a piece that can be worked, where it has some.
-    pub piece: Option<Piece>,
+    pub piece: Option<LoadedClay>,
     /// The opened arm.
     pub device: Box<dyn Device>,
     /// Where a real arm hangs.

@@ -17,7 +17,7 @@ use super::problem::Problem;
 use super::recorder::{RecorderError, RecorderStatus};
 use super::worker::Worker;
 use crate::daemon::session::{SessionError, SessionHandle};
-use ::clay::studio::Order;
+use ::clay::engine::SculptOrder;
 use vps::spatial::Pose;
 
 /// Fastest and slowest stream.
@@ -193,8 +193,8 @@ pub(super) fn perform(hub: &Arc<Hub>, files: &Worker, client: Option<&Client>, a
             Some(client) => clay::hold(hub, client.id, held, reply),
             None => reply(Err(needs_connection())),
         },
-        ClientCommand::ClayUndo {} => clay::step(hub, Order::Undo, "undone", reply),
-        ClientCommand::ClayRedo {} => clay::step(hub, Order::Redo, "redone", reply),
+        ClientCommand::ClayUndo {} => clay::step(hub, SculptOrder::Undo, "undone", reply),
+        ClientCommand::ClayRedo {} => clay::step(hub, SculptOrder::Redo, "redone", reply),
         ClientCommand::ClaySave { kind, file } => clay::save(hub, files, kind, file, reply),
     }
 }

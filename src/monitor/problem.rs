@@ -5,9 +5,9 @@ use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 
+use crate::daemon::sculpting::OrderError;
 use crate::daemon::session::{ControlError, SessionError};
-use crate::daemon::studio::OrderError;
-use clay::studio::StudioError;
+use clay::engine::EngineError;
 
 /// One refusal, the same over HTTP and WebSocket.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -69,7 +69,7 @@ impl From<SessionError> for Problem {
 impl From<&OrderError> for Problem {
     fn from(refused: &OrderError) -> Self {
         let status = match refused {
-            OrderError::Engine(StudioError::Length { .. }) => StatusCode::BAD_REQUEST,
+            OrderError::Engine(EngineError::Length { .. }) => StatusCode::BAD_REQUEST,
             OrderError::Busy => StatusCode::TOO_MANY_REQUESTS,
             OrderError::Engine(_) | OrderError::Over => StatusCode::CONFLICT,
         };

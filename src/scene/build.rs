@@ -3,8 +3,8 @@
 use glam::{DMat3, DVec3};
 
 use super::cache::{Baked, Cache, Request, Spacing};
+use super::loaded_clay::LoadedClay;
 use super::object::{self, BakeMeans, SceneError};
-use super::piece::Piece;
 use super::report::{ObjectReport, Role};
 use crate::config::SceneConfig;
 use crate::config::scene::ToolConfig;
@@ -62,7 +62,7 @@ pub struct Built {
     /// A report on each object, the tool last.
     pub objects: Vec<ObjectReport>,
     /// The clay, where the scene has some.
-    pub piece: Option<Piece>,
+    pub piece: Option<LoadedClay>,
 }
 
 /// The same with the clay, for those who work it.
@@ -129,7 +129,7 @@ pub fn build_all(config: &SceneConfig, means: &mut BakeMeans<'_>, mut watch: imp
     let mut piece = None;
     if let Some(sculpt) = &config.sculpt {
         watch(Event { name: "clay", object_idx: n_objects - 1, n_objects, stage: Stage::Surface });
-        let built = Piece::build(config, sculpt, &means.memory)?;
+        let built = LoadedClay::build(config, sculpt, &means.memory)?;
         scene.clay = Some(built.clay(config, sculpt)?);
         piece = Some(built);
     }

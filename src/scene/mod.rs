@@ -8,11 +8,11 @@
 
 mod build;
 pub mod cache;
+mod loaded_clay;
 mod object;
-mod piece;
 mod report;
 
 pub use build::{Built, Event, build, build_all, build_with};
+pub use loaded_clay::{BorderReport, ClayReport, LoadedClay};
 pub use object::{BakeMeans, Geometry, MemoryPlan, SceneError};
-pub use piece::{BorderReport, Piece, PieceReport};
 pub use report::{CacheUse, LeakReport, LidsReport, ObjectReport, Role, Timings};

@@ -9,8 +9,8 @@ use super::cache::{Baked, Cache, Lookup, Request, Spacing};
 use super::report::{ObjectReport, Role};
 use crate::config::scene::MeshSource;
 use clay::LoadError;
+use clay::clay_model::{ClayModelError, Foreseen};
 use clay::session::SessionError;
-use clay::workpiece::{Foreseen, WorkpieceError};
 use vps::density::FrameError;
 use vps::mesh::mass::{MassProperties, mass_properties_of_inspected};
 use vps::mesh::validate::{MeshReport, inspect};
@@ -47,7 +47,7 @@ pub enum SceneError {
     Load(#[from] LoadError),
     /// The clay itself.
     #[error("clay: {0}")]
-    Piece(#[from] WorkpieceError),
+    Piece(#[from] ClayModelError),
     /// It would take too much memory.
     #[error(
         "clay: {} samples and {} nodes of the raster take about {}", foreseen.samples, foreseen.nodes, limit.exceeded_by(foreseen.bytes)
@@ -73,9 +73,9 @@ impl SceneError {
             Self::Mesh { source, .. } => source.hint().map(str::to_owned),
             Self::Grid { source, .. } => Some(source.hint()),
             Self::Load(problem) => problem.hint().map(str::to_owned),
-            Self::Piece(WorkpieceError::Surface(problem)) => Some(problem.hint().to_owned()),
+            Self::Piece(ClayModelError::Surface(problem)) => Some(problem.hint().to_owned()),
             Self::Session(_) => Some("give a file of `hapticd sculpt --session`, or another source of clay".to_owned()),
-            Self::Piece(WorkpieceError::Beside(..)) => {
+            Self::Piece(ClayModelError::Beside(..)) => {
                 Some("give `sculpt.region_mm` in the frame of the piece's file, and check `sculpt.units`".to_owned())
             }
             Self::ClayMemory { limit, .. } => {

@@ -3,11 +3,11 @@
 use std::f64::consts::PI;
 
 use clay::PointSet;
+use clay::clay_model::{ClayModel, Settings};
 use clay::dynamics::Material;
+use clay::engine::{SculptEngine, SculptOrder, SculptTool, ToolBody, ToolMotion, ToolSettings};
 use clay::falloff::Falloff;
 use clay::material_map::Painted;
-use clay::studio::{Craft, Handling, Order, Studio, ToolBody, ToolSettings};
-use clay::workpiece::{Settings, Workpiece};
 use glam::DVec3;
 use vps::spatial::Pose;
 
@@ -38,22 +38,22 @@ fn plate() -> PointSet {
     points
 }
 
-fn tool(craft: Craft, brush_m: f64, falloff: Falloff) -> ToolSettings {
+fn tool(craft: SculptTool, brush_m: f64, falloff: Falloff) -> ToolSettings {
     let painted = Painted { stiffness_n_per_m: Some(STIFF_N_PER_M as f32), ..Painted::default() };
     ToolSettings { craft, brush_m, falloff, painted, ..ToolSettings::default() }
 }
 
 /// A force straight down at a place of the upper side, for some updates.
-fn press(studio: &mut Studio, (x_m, y_m): (f64, f64), force_n: f64, (n_updates, update_s): (usize, f64)) {
+fn press(engine: &mut SculptEngine, (x_m, y_m): (f64, f64), force_n: f64, (n_updates, update_s): (usize, f64)) {
     for _ in 0..n_updates {
-        studio.hear(&Handling {
+        engine.hear(&ToolMotion {
             map_from_tool: Pose::from_translation(DVec3::new(x_m, y_m, HALF_M.z)),
             force_map: DVec3::Z * force_n,
             touches: force_n > 0.0,
             has_force: true,
-            ..Handling::default()
+            ..ToolMotion::default()
         });
-        studio.advance(update_s);
+        engine.advance(update_s);
     }
 }
 
@@ -76,25 +76,25 @@ fn the_half_of_a_plate_that_is_ten_times_as_stiff_dents_as_the_springs_say() {
         material: Material { stiffness_n_per_m: SOFT_N_PER_M as f32, creep_s: f64::INFINITY, ..Material::default() },
         ..Settings::default()
     };
-    let piece = Workpiece::new(plate(), settings).expect("a piece");
-    let mut studio = Studio::new(piece, tool(Craft::Material, 0.02, Falloff::Constant), ToolBody::default());
+    let piece = ClayModel::new(plate(), settings).expect("a piece");
+    let mut engine = SculptEngine::new(piece, tool(SculptTool::Material, 0.02, Falloff::Constant), ToolBody::default());
     // A wide brush goes over the left half.
     for (x, y) in (0..9).flat_map(|x| (-2..=2).map(move |y| (x, y))) {
-        press(&mut studio, (-0.02 - 2e-3 * f64::from(x), 5e-3 * f64::from(y)), 2.0, (1, 0.01));
+        press(&mut engine, (-0.02 - 2e-3 * f64::from(x), 5e-3 * f64::from(y)), 2.0, (1, 0.01));
     }
-    studio.order(Order::Take(tool(Craft::Push, BRUSH_M, Falloff::Gaussian))).expect("taken");
-    assert_eq!(studio.piece().history(), (1, 0), "{}", studio.trouble());
+    engine.order(SculptOrder::Take(tool(SculptTool::Push, BRUSH_M, Falloff::Gaussian))).expect("taken");
+    assert_eq!(engine.model().history(), (1, 0), "{}", engine.trouble());
     for x in -20..=20 {
-        let stiffness = studio.piece().material_at(DVec3::new(1e-3 * f64::from(x), 0.0, HALF_M.z)).stiffness_n_per_m;
+        let stiffness = engine.model().material_at(DVec3::new(1e-3 * f64::from(x), 0.0, HALF_M.z)).stiffness_n_per_m;
         assert_eq!(f64::from(stiffness), if x <= 0 { STIFF_N_PER_M } else { SOFT_N_PER_M }, "at {x} mm");
     }
 
     let (force_n, from_border_m) = (0.1, 0.012);
     let mut dent = |x_m: f64| {
         // Any step is stable: three seconds are enough for all of it to come to rest.
-        press(&mut studio, (x_m, 0.0), force_n, (60, 0.05));
-        let upwards = studio.piece().onto_along(DVec3::new(x_m, 0.0, HALF_M.z), DVec3::Z, 4e-3).expect("a surface");
-        studio.order(Order::Undo).expect("undone");
+        press(&mut engine, (x_m, 0.0), force_n, (60, 0.05));
+        let upwards = engine.model().onto_along(DVec3::new(x_m, 0.0, HALF_M.z), DVec3::Z, 4e-3).expect("a surface");
+        engine.order(SculptOrder::Undo).expect("undone");
         HALF_M.z - upwards.z
     };
     let (stiff_m, soft_m) = (dent(-from_border_m), dent(from_border_m));

@@ -18,7 +18,7 @@ const RADIUS_MM: f64 = 15.0;
 const SPACING_MM: f64 = 0.7;
 
 /// One craft at work.
-struct Craft<'a> {
+struct SculptTool<'a> {
     /// Lines under `[sculpt]`, beside what all have.
     sculpt: &'a str,
     /// Radius of the ball in the hand, mm.
@@ -83,10 +83,10 @@ fn samples(path: &Path) -> PointSet {
     clay::load(path, 1.0, None).unwrap().points
 }
 
-fn worked(craft: &Craft<'_>) -> Worked {
+fn worked(craft: &SculptTool<'_>) -> Worked {
     let dir = tempfile::tempdir().unwrap();
     let write = |name: &str, text: &str| fs::write(dir.path().join(name), text).unwrap();
-    let Craft { sculpt, tool_mm, contact, hand, strokes } = craft;
+    let SculptTool { sculpt, tool_mm, contact, hand, strokes } = craft;
     let (_, [x, y, z]) = hand[0];
     let name = sculpt.split('"').nth(1).unwrap_or("script");
     let scene = format!(
@@ -121,11 +121,12 @@ fn press(to_mm: f64) -> [(f64, [f64; 3]); 4] {
     [(0.0, [0.0, 0.0, 21.0]), (0.4, [0.0, 0.0, to_mm]), (0.9, [0.0, 0.0, to_mm]), (1.4, [0.0, 0.0, 22.0])]
 }
 
-const ONLY_HAND: Craft<'_> = Craft { sculpt: "", tool_mm: 3.0, contact: "stiffness_n_per_mm = 1.0", hand: &[], strokes: "" };
+const ONLY_HAND: SculptTool<'_> =
+    SculptTool { sculpt: "", tool_mm: 3.0, contact: "stiffness_n_per_mm = 1.0", hand: &[], strokes: "" };
 
 #[test]
 fn touch_leaves_everything_as_it_was() {
-    let worked = worked(&Craft { sculpt: "tool = \"touch\"", hand: &press(13.0), ..ONLY_HAND });
+    let worked = worked(&SculptTool { sculpt: "tool = \"touch\"", hand: &press(13.0), ..ONLY_HAND });
     assert!(worked.json["contact_ticks"].as_u64().unwrap() > 300, "{}", worked.json);
     assert!(worked.json["max_force_n"].as_f64().unwrap() > 1.0, "{}", worked.json);
     assert_eq!(worked.strokes(), 0.0);
@@ -135,7 +136,7 @@ fn touch_leaves_everything_as_it_was() {
 
 #[test]
 fn push_dents_no_deeper_than_the_hand_goes() {
-    let worked = worked(&Craft { sculpt: "tool = \"push\"\nbrush_mm = 4", hand: &press(12.0), ..ONLY_HAND });
+    let worked = worked(&SculptTool { sculpt: "tool = \"push\"\nbrush_mm = 4", hand: &press(12.0), ..ONLY_HAND });
     assert_eq!(worked.strokes(), 1.0);
     // The lower end of the hand's ball wants to be at 9 mm.
     let top_mm = worked.after.positions_map.iter().filter(|at| at.truncate().length() < 1e-3).map(|at| at.z * 1e3);
@@ -149,7 +150,7 @@ fn push_dents_no_deeper_than_the_hand_goes() {
 fn pull_lengthens_no_farther_than_the_hand_goes() {
     let hand = [(0.0, [0.0, 0.0, 19.0]), (0.4, [0.0, 0.0, 19.0]), (1.2, [0.0, 0.0, 27.0]), (1.7, [0.0, 0.0, 27.0])];
     let strokes = "[[stroke]]\nat_s = 0.3\ndo = \"hold\"\nuntil_s = 1.6\n";
-    let worked = worked(&Craft { sculpt: "tool = \"pull\"\nbrush_mm = 5", hand: &hand, strokes, ..ONLY_HAND });
+    let worked = worked(&SculptTool { sculpt: "tool = \"pull\"\nbrush_mm = 5", hand: &hand, strokes, ..ONLY_HAND });
     assert_eq!(worked.strokes(), 1.0);
     let (_, top_mm) = worked.reach_mm();
     assert!((RADIUS_MM + 1.5..27.0).contains(&top_mm), "pulled up to {top_mm} mm");
@@ -174,7 +175,7 @@ fn pull_curve_raises_a_ridge_and_leaves_both_sides() {
         (3.8, [0.0, 0.0, 28.0]),
     ];
     let strokes = "[[stroke]]\nat_s = 0.25\ndo = \"hold\"\nuntil_s = 1.6\n[[stroke]]\nat_s = 2.3\ndo = \"hold\"\nuntil_s = 3.7\n";
-    let worked = worked(&Craft { sculpt: "tool = \"pull-curve\"\nbrush_mm = 4", hand: &hand, strokes, ..ONLY_HAND });
+    let worked = worked(&SculptTool { sculpt: "tool = \"pull-curve\"\nbrush_mm = 4", hand: &hand, strokes, ..ONLY_HAND });
     assert_eq!(worked.strokes(), 1.0, "drawing alone is no stroke: {}", worked.json);
     let ball_mm = |x: f64, y: f64| (RADIUS_MM * RADIUS_MM - x * x - y * y).sqrt();
     for x_mm in [-4.0, 0.0, 4.0] {
@@ -192,7 +193,7 @@ fn pull_curve_raises_a_ridge_and_leaves_both_sides() {
 fn paint_covers_the_disc_of_a_brush_that_is_pressed_hard() {
     // Eight millimetres into a millimetre per newton: more than the two newtons of the full brush.
     let sculpt = "tool = \"paint\"\nbrush_mm = 5\nfalloff = \"constant\"\ncolor = \"#c80000\"";
-    let worked = worked(&Craft { sculpt, hand: &press(10.0), ..ONLY_HAND });
+    let worked = worked(&SculptTool { sculpt, hand: &press(10.0), ..ONLY_HAND });
     assert!(worked.json["max_force_n"].as_f64().unwrap() > 2.0, "{}", worked.json);
     assert_eq!(worked.strokes(), 1.0);
     assert_eq!(worked.number("volume_before_mm3"), worked.number("volume_mm3"), "paint moves nothing");
@@ -222,7 +223,7 @@ fn material_that_is_painted_gives_way_less_to_the_same_hand() {
     let hand = [press(0.0, 5.0, 0.5, 0.5), press(1.2, 5.0, 0.5, 2.2), press(2.9, -5.0, 0.5, 3.9)].concat();
     let strokes = "[[stroke]]\nat_s = 1.0\ndo = \"take\"\ntool = \"push\"\nbrush_mm = 3\nfalloff = \"gaussian\"\n";
     let sculpt = "tool = \"material\"\nbrush_mm = 5\nfalloff = \"constant\"\ncolor = \"#4060c8\"\npainted = { stiffness = 500.0, damping = 5.0 }";
-    let worked = worked(&Craft { sculpt, hand: &hand, strokes, ..ONLY_HAND });
+    let worked = worked(&SculptTool { sculpt, hand: &hand, strokes, ..ONLY_HAND });
     assert_eq!(worked.strokes(), 3.0, "{}", worked.json);
     let dent_mm = |x_mm: f64| {
         let near = |at: &&DVec3| (at.x * 1e3 - x_mm).hypot(at.y * 1e3) < 2.0 * SPACING_MM;
@@ -242,7 +243,7 @@ fn emboss_and_engrave_reach_their_depth() {
     for (tool, sign) in [("emboss", 1.0), ("engrave", -1.0)] {
         let sculpt = format!("tool = \"{tool}\"\nbrush_mm = 6\ndepth_mm = 1.5");
         let strokes = "[[stroke]]\nat_s = 0.6\ndo = \"hold\"\nuntil_s = 0.7\n";
-        let worked = worked(&Craft { sculpt: &sculpt, hand: &press(16.0), strokes, ..ONLY_HAND });
+        let worked = worked(&SculptTool { sculpt: &sculpt, hand: &press(16.0), strokes, ..ONLY_HAND });
         assert_eq!(worked.strokes(), 1.0, "{tool}");
         let depth_mm = |at: &&DVec3| sign * (at.length() * 1e3 - RADIUS_MM);
         let deepest = worked.after.positions_map.iter().max_by(|one, other| depth_mm(one).total_cmp(&depth_mm(other))).unwrap();
@@ -282,7 +283,7 @@ fn booleans_by_script_leave_the_volume_of_the_lens_formula() {
             let strokes = format!(
                 "[[stroke]]\nat_s = 0.1\ndo = \"{boolean}\"\nshape = {{ sphere_mm = 10 }}\nspacing_mm = 1\nposition_mm = [13, 0, 0]\nsharp = {sharp}\n"
             );
-            let worked = worked(&Craft { hand: &hand, strokes: &strokes, ..ONLY_HAND });
+            let worked = worked(&SculptTool { hand: &hand, strokes: &strokes, ..ONLY_HAND });
             let (found, expected) = (worked.number("volume_mm3"), left_mm3(boolean, RADIUS_MM, 10.0, 13.0));
             assert!((found / expected - 1.0).abs() < 0.02, "{boolean}, sharp = {sharp}: {found} mm³, expected {expected}");
         }
@@ -297,7 +298,7 @@ fn booleans_by_hand_join_and_cut_the_ball_in_the_hand() {
     let strokes = "[[stroke]]\nat_s = 0.9\ndo = \"hold\"\nuntil_s = 1.0\n";
     for boolean in ["union", "intersection", "difference"] {
         let sculpt = format!("tool = \"{boolean}\"");
-        let worked = worked(&Craft { sculpt: &sculpt, tool_mm: 10.0, contact, hand: &hand, strokes });
+        let worked = worked(&SculptTool { sculpt: &sculpt, tool_mm: 10.0, contact, hand: &hand, strokes });
         assert_eq!(worked.strokes(), 1.0, "{boolean}");
         // How far apart both were shows in what is left.
         let (low_mm, high_mm) = worked.reach_mm();
@@ -316,7 +317,7 @@ fn booleans_by_hand_join_and_cut_the_ball_in_the_hand() {
 
 #[test]
 fn what_was_made_is_a_closed_mesh() {
-    let worked = worked(&Craft { sculpt: "tool = \"push\"\nbrush_mm = 4", hand: &press(12.0), ..ONLY_HAND });
+    let worked = worked(&SculptTool { sculpt: "tool = \"push\"\nbrush_mm = 4", hand: &press(12.0), ..ONLY_HAND });
     is_watertight(worked.dir.path(), "mesh.ply");
 }
 

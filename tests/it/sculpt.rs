@@ -4,17 +4,17 @@ use std::fs;
 use std::path::Path;
 use std::process::Command;
 
+use clay::clay_model::Settings;
 use clay::dynamics::Material;
 use clay::export::write_mesh;
 use clay::falloff::Falloff;
 use clay::pull::Pull;
-use clay::workpiece::Settings;
-use clay::{PointSet, Workpiece};
+use clay::{ClayModel, PointSet};
 use glam::DVec3;
 
 const RADIUS_M: f64 = 0.02;
 
-fn ball() -> Workpiece {
+fn ball() -> ClayModel {
     let mut points = PointSet::default();
     let n_samples = 3000;
     for n in 0..n_samples {
@@ -31,7 +31,7 @@ fn ball() -> Workpiece {
         material: Material { creep_s: 0.05, acceleration_max_m_per_s2: f64::INFINITY, ..Material::default() },
         ..Settings::default()
     };
-    Workpiece::new(points, settings).unwrap()
+    ClayModel::new(points, settings).unwrap()
 }
 
 /// Contacts of a ball of 5 mm radius at these places.

@@ -9,10 +9,10 @@ use glam::DVec3;
 
 use super::contact::clay::{Receding, RecedingForce};
 use super::{BenchError, Row, statistics};
+use clay::clay_model::{ClayModel, Settings};
 use clay::dynamics::Integrator;
 use clay::falloff::Falloff;
 use clay::pull::Pull;
-use clay::workpiece::{Settings, Workpiece};
 use clay::{PointSet, PointSurface};
 use haptics::CouplingMode;
 
@@ -130,7 +130,7 @@ fn build_s(n_samples: usize) -> Result<f64, BenchError> {
 /// Milliseconds of each update while the pole is pulled out.
 fn update_ms(edge: usize, n_samples: usize, integrator: Integrator) -> Result<Vec<f64>, BenchError> {
     let settings = Settings { raster: [edge; 3], integrator, ..Settings::default() };
-    let mut piece = Workpiece::new(sphere(n_samples), settings).map_err(refused)?;
+    let mut piece = ClayModel::new(sphere(n_samples), settings).map_err(refused)?;
     let mut times_ms = Vec::with_capacity(TIMED);
     for n in 0..BEFORE + TIMED {
         piece

@@ -15,7 +15,7 @@ use fast_surface_nets::ndshape::{RuntimeShape, Shape};
 use fast_surface_nets::{SurfaceNetsBuffer, surface_nets};
 use glam::DVec3;
 
-use super::Workpiece;
+use super::ClayModel;
 use super::whole_file::write_whole;
 use vps::density::{Lattice, Raster};
 use vps::mesh::TriangleMesh;
@@ -39,7 +39,7 @@ pub enum ExportError {
     TooLarge(usize),
 }
 
-impl Workpiece {
+impl ClayModel {
     /// The piece as a closed mesh, map frame, with normals outward. A stroke under way is not part of it. Cost: O(nodes of the base).
     ///
     /// # Errors

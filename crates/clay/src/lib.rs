@@ -1,7 +1,7 @@
 //! Sculpting: a dynamic implicit point-set surface, the second thing that a hand can touch.
 //!
-//! Data in: samples of a surface ([`load`] and [`sample`] give a [`PointSet`]), forces and orders. Data out: a [`Workpiece`] that they
-//! deform, [frames](vps::density::Frame) of it for the tick, files. [`studio`] puts a tool in the hand: it turns what the tick
+//! Data in: samples of a surface ([`load`] and [`sample`] give a [`PointSet`]), forces and orders. Data out: a [`ClayModel`] that they
+//! deform, [frames](vps::density::Frame) of it for the tick, files. [`engine`] puts a tool in the hand: it turns what the tick
 //! tells of it into strokes, and keeps order among the wishes of several people.
 //!
 //! Units and frames: metres and axes of the piece (its map frame); densities are distances, m, greater than 0 inside.
@@ -13,12 +13,12 @@
 //! use glam::DVec3;
 //! use vps::mesh::primitives::Shape;
 //! use clay::pull::Pull;
-//! use clay::workpiece::Settings;
-//! use clay::{Workpiece, falloff::Falloff, sample};
+//! use clay::clay_model::Settings;
+//! use clay::{ClayModel, falloff::Falloff, sample};
 //!
 //! // A ball of clay of 20 mm, pulled at its top for a tenth of a second.
 //! let ball = sample(&Shape::Sphere { radius_m: 20e-3 }.tessellate(2e-5), 2e-3)?;
-//! let mut piece = Workpiece::new(ball, Settings { raster: [24; 3], ..Settings::default() })?;
+//! let mut piece = ClayModel::new(ball, Settings { raster: [24; 3], ..Settings::default() })?;
 //! let above = DVec3::Z * 20.5e-3;
 //! let before_m = piece.density_m(above);
 //! let (along_map, force_n) = (vec![DVec3::Z * 20e-3], DVec3::Z * 10.0);
@@ -36,8 +36,10 @@
 
 mod advect;
 pub mod boolean;
+pub mod clay_model;
 pub mod dynamics;
 pub mod emboss;
+pub mod engine;
 mod error;
 pub mod export;
 pub mod falloff;
@@ -58,11 +60,10 @@ mod save;
 pub mod session;
 mod solid;
 mod spline;
-pub mod studio;
 mod surface;
 mod whole_file;
-pub mod workpiece;
 
+pub use clay_model::ClayModel;
 pub use error::SurfaceError;
 pub use load::{LoadError, Loaded, NormalSource, load};
 pub use neighbours::{Neighbour, Neighbours};
@@ -72,7 +73,6 @@ pub use save::{save, write};
 pub use solid::{Body, Solid};
 use surface::Moved;
 pub use surface::{Distance, PointSurface};
-pub use workpiece::Workpiece;
 
 #[cfg(test)]
 mod shapes;

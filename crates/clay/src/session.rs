@@ -13,10 +13,10 @@ use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
 
 use super::PointSet;
+use super::clay_model::{ClayModel, ClayModelError, Moment, Session, Settings};
 use super::dynamics::{Integrator, Material};
 use super::material_map::{Layer, MaterialMap};
 use super::whole_file::write_whole;
-use super::workpiece::{Moment, Session, Settings, Workpiece, WorkpieceError};
 use vps::density::{Lattice, Raster};
 use vps::storage::sections::{Key, Reader, Refusal, Writer, key_of};
 use vps::storage::{Region, regular};
@@ -28,7 +28,7 @@ const KEY: Key = *b"hapticd, session";
 /// Past and future in a file at most, bytes: what is farther from now stays out.
 const MOMENTS_BYTES_MAX: usize = 64 << 20;
 
-/// A file that [`Workpiece::save_session`] wrote, as far as can be told from its first bytes.
+/// A file that [`ClayModel::save_session`] wrote, as far as can be told from its first bytes.
 pub fn is_session(path: &Path) -> bool {
     key_of(path) == Some(KEY)
 }
@@ -60,7 +60,7 @@ pub enum SessionError {
         /// The file.
         path: PathBuf,
         /// Why.
-        source: WorkpieceError,
+        source: ClayModelError,
     },
 }
 
@@ -135,7 +135,7 @@ fn kept<'m>(now: &'m Moment, past: &'m [Moment], undone: &'m [Moment]) -> (Vec<&
     (core::iter::once(now).chain(past).chain(undone).collect(), past.len())
 }
 
-impl Workpiece {
+impl ClayModel {
     /// Writes the piece with its past. A stroke under way is not part of it. What was there under that name stays until all is written.
     ///
     /// # Errors

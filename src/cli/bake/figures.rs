@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use super::super::say;
 use crate::scene::CacheUse;
-use crate::scene::{ObjectReport, PieceReport};
+use crate::scene::{ClayReport, ObjectReport};
 use document::show;
 
 /// One object, in one line of JSON with the keys in the order of the struct.
@@ -53,7 +53,7 @@ pub(in crate::cli) fn report_text(object: &ObjectReport) -> String {
 }
 
 /// The clay of a scene, for people.
-pub(in crate::cli) fn clay_text(clay: &PieceReport) -> String {
+pub(in crate::cli) fn clay_text(clay: &ClayReport) -> String {
     let [nx, ny, nz] = clay.raster;
     let volume = clay.volume_m3.map_or("open".to_owned(), |volume_m3| format!("{:.2} mm³", volume_m3 * 1e9));
     let borders = match clay.borders.len() {

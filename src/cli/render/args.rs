@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use clap::ValueEnum;
 
-use super::super::workshop::ClayArgs;
+use super::super::sculpt_run::ClayArgs;
 use super::super::{cache, foxglove, live, memory, monitor, network, publish, recording};
 use crate::config::{LoadOptions, SceneConfig};
 use crate::daemon::remote::RemoteArm;

@@ -44,7 +44,7 @@ fn run(args: &LoopArgs, talk: Talk, bake: impl FnOnce() -> Result<Prepared, Prep
         recorder: None,
         protocol: None,
         services: &mut Services::default(),
-        workshop: None,
+        sculpt_run: None,
         reloads: false,
         watches: false,
     };

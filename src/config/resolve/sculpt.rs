@@ -10,12 +10,12 @@ use super::super::scene::{ClaySource, SculptConfig};
 use super::super::schema::{self, Creep, FalloffWritten, PaintedWritten, WrittenSolid, WrittenTool};
 use super::objects::WrittenSource;
 use super::{MM, Resolve};
+use clay::clay_model::Settings;
 use clay::dynamics::{Integrator, Material};
 use clay::emboss::GreyImage;
+use clay::engine::{SculptTool, ToolSettings};
 use clay::falloff::Falloff;
 use clay::material_map::Painted;
-use clay::studio::{Craft, ToolSettings};
-use clay::workpiece::Settings;
 use clay::{PointSurface, Solid};
 use document::{FINITE, Interval, Numbers, POSITIVE, ProblemKind, show};
 use haptics::CouplingMode;
@@ -290,20 +290,20 @@ impl Resolve<'_> {
     }
 }
 
-fn craft(word: schema::CraftWord) -> Craft {
+fn craft(word: schema::CraftWord) -> SculptTool {
     use schema::CraftWord;
     match word {
-        CraftWord::Touch => Craft::Touch,
-        CraftWord::Push => Craft::Push,
-        CraftWord::Pull => Craft::Pull,
-        CraftWord::PullCurve => Craft::PullCurve,
-        CraftWord::Paint => Craft::Paint,
-        CraftWord::Material => Craft::Material,
-        CraftWord::Emboss => Craft::Emboss,
-        CraftWord::Engrave => Craft::Engrave,
-        CraftWord::Union => Craft::Union,
-        CraftWord::Intersection => Craft::Intersection,
-        CraftWord::Difference => Craft::Difference,
+        CraftWord::Touch => SculptTool::Touch,
+        CraftWord::Push => SculptTool::Push,
+        CraftWord::Pull => SculptTool::Pull,
+        CraftWord::PullCurve => SculptTool::PullCurve,
+        CraftWord::Paint => SculptTool::Paint,
+        CraftWord::Material => SculptTool::Material,
+        CraftWord::Emboss => SculptTool::Emboss,
+        CraftWord::Engrave => SculptTool::Engrave,
+        CraftWord::Union => SculptTool::Union,
+        CraftWord::Intersection => SculptTool::Intersection,
+        CraftWord::Difference => SculptTool::Difference,
     }
 }
 
@@ -323,7 +323,7 @@ mod tests {
         for word in [Touch, Push, Pull, PullCurve, Paint, Material, Emboss, Engrave, Union, Intersection, Difference] {
             assert_eq!(craft(word).name(), word.to_string());
         }
-        assert_eq!(Craft::NAMES.len(), 11);
+        assert_eq!(SculptTool::NAMES.len(), 11);
     }
 
     #[test]

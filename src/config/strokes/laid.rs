@@ -6,14 +6,14 @@ use super::super::resolve::MM;
 use super::super::schema::{Deed, Stroke};
 use super::Reader;
 use clay::emboss::Laid;
-use clay::studio::Order;
+use clay::engine::SculptOrder;
 use document::{FINITE, Interval, ProblemKind};
 
 /// Cosine of the largest angle by which the edges of an image may be off a right one.
 const SKEW: f64 = 1e-3;
 
 impl Reader<'_> {
-    pub(super) fn emboss(&mut self, table: &str, stroke: &Stroke, deed: Deed) -> Option<Order> {
+    pub(super) fn emboss(&mut self, table: &str, stroke: &Stroke, deed: Deed) -> Option<SculptOrder> {
         let depth = Interval::above(0.0).to(100.0).unit("mm");
         let depth_m = self.resolve.checks.number(&format!("{table}.depth_mm"), stroke.depth_mm, self.tool.depth_m / MM, depth) * MM;
         let image_key = format!("{table}.image");
@@ -43,7 +43,7 @@ impl Reader<'_> {
             (None, Some(_)) => self.laid_around(table, stroke),
         };
         let depth_m = if deed == Deed::Engrave { -depth_m } else { depth_m };
-        Some(Order::Emboss { image: image?, laid: laid?, depth_m })
+        Some(SculptOrder::Emboss { image: image?, laid: laid?, depth_m })
     }
 
     fn laid_flat(&mut self, table: &str, stroke: &Stroke) -> Option<Laid> {

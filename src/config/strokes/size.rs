@@ -8,7 +8,7 @@ use super::super::schema::Stroke;
 use super::naming::name_of;
 use super::{Script, solid_key};
 use clay::boolean::Boolean;
-use clay::studio::Order;
+use clay::engine::SculptOrder;
 use document::{ConfigErrors, Document, Problem, ProblemKind};
 use vps::spatial::Metres;
 
@@ -51,7 +51,9 @@ impl Script {
         let (mut wrong, mut odd) = (Vec::new(), Vec::new());
         let (mut low, mut high) = piece;
         for timed in &self.orders {
-            let (Order::Combine { boolean, with, map_from_body, .. }, Some(size)) = (&timed.order, &timed.size) else { continue };
+            let (SculptOrder::Combine { boolean, with, map_from_body, .. }, Some(size)) = (&timed.order, &timed.size) else {
+                continue;
+            };
             let Some(solid) = with.bounds_map(map_from_body) else { continue };
             let solid_m = longest(solid);
             let ratio = solid_m / piece_m;

@@ -4,9 +4,9 @@ use glam::DVec3;
 
 use super::*;
 use clay::emboss::Laid;
+use clay::engine::SculptTool;
 use clay::falloff::Falloff;
 use clay::material_map::Painted;
-use clay::studio::Craft;
 
 fn read(text: &str) -> Result<Vec<Timed>, String> {
     let folder = tempfile::tempdir().unwrap();
@@ -33,15 +33,15 @@ fn strokes_come_in_the_order_of_their_times() {
     .unwrap();
     let seconds: Vec<f64> = orders.iter().map(|timed| timed.at.as_secs_f64()).collect();
     assert_eq!(seconds, [0.5, 1.0, 2.0, 2.0, 2.0]);
-    let Order::Take(tool) = &orders[0].order else { panic!("{orders:?}") };
-    assert_eq!((tool.craft, tool.brush_m, tool.color), (Craft::Pull, 4e-3, [1, 2, 255]));
+    let SculptOrder::Take(tool) = &orders[0].order else { panic!("{orders:?}") };
+    assert_eq!((tool.craft, tool.brush_m, tool.color), (SculptTool::Pull, 4e-3, [1, 2, 255]));
     assert_eq!(tool.falloff, Falloff::Table(vec![1.0, 0.5, 0.0]));
     assert_eq!(tool.depth_m, ToolSettings::default().depth_m);
-    assert!(matches!(orders[1].order, Order::Hold(true)));
+    assert!(matches!(orders[1].order, SculptOrder::Hold(true)));
     assert!(
-        matches!(orders[2].order, Order::Undo)
-            && matches!(orders[3].order, Order::Hold(false))
-            && matches!(orders[4].order, Order::Redo)
+        matches!(orders[2].order, SculptOrder::Undo)
+            && matches!(orders[3].order, SculptOrder::Hold(false))
+            && matches!(orders[4].order, SculptOrder::Redo)
     );
 }
 
@@ -49,8 +49,8 @@ fn strokes_come_in_the_order_of_their_times() {
 fn a_material_is_taken_as_a_whole_and_stays_where_none_is_written() {
     let painted = |written: &str| {
         let orders = read(&format!("[[stroke]]\nat_s = 0\ndo = \"take\"\ntool = \"material\"\n{written}\n")).unwrap();
-        let Order::Take(tool) = &orders[0].order else { panic!("{orders:?}") };
-        assert_eq!(tool.craft, Craft::Material);
+        let SculptOrder::Take(tool) = &orders[0].order else { panic!("{orders:?}") };
+        assert_eq!(tool.craft, SculptTool::Material);
         tool.painted
     };
     let stiff = Painted { stiffness_n_per_m: Some(300.0), ..Painted::default() };
@@ -65,7 +65,7 @@ fn solids_are_sampled_where_they_stand() {
         "[[stroke]]\nat_s = 0\ndo = \"difference\"\nshape = { sphere_mm = 5 }\nspacing_mm = 1\nposition_mm = [10, 0, 0]\nsharp = true\n",
     )
     .unwrap();
-    let Order::Combine { boolean: Boolean::Difference, with, map_from_body, is_sharp: true } = &orders[0].order else {
+    let SculptOrder::Combine { boolean: Boolean::Difference, with, map_from_body, is_sharp: true } = &orders[0].order else {
         panic!("{orders:?}")
     };
     let with = with.beside(1.0).unwrap().placed(map_from_body);
@@ -83,13 +83,13 @@ fn images_lie_as_their_edges_say() {
          [[stroke]]\nat_s = 0\ndo = \"emboss\"\nimage = \"a.png\"\ncenter_mm = [0, 0, 7]\naxis = [0, 2, 0]\nfront = [1, 1, 0]\n",
     )
     .unwrap();
-    let Order::Emboss { laid: Laid::Flat { middle_map, right_map, up_map }, depth_m, .. } = &orders[0].order else {
+    let SculptOrder::Emboss { laid: Laid::Flat { middle_map, right_map, up_map }, depth_m, .. } = &orders[0].order else {
         panic!("{orders:?}")
     };
     assert!((*depth_m + 2e-3).abs() < 1e-12);
     assert!(middle_map.distance(DVec3::Z * 1e-3) < 1e-12);
     assert!(right_map.distance(DVec3::X * 5e-3) < 1e-12 && up_map.distance(DVec3::Y * 5e-3) < 1e-12);
-    let Order::Emboss { laid: Laid::Around { center_map, north_map, front_map }, depth_m, .. } = &orders[1].order else {
+    let SculptOrder::Emboss { laid: Laid::Around { center_map, north_map, front_map }, depth_m, .. } = &orders[1].order else {
         panic!("{orders:?}")
     };
     assert!((depth_m - 1e-3).abs() < 1e-12);

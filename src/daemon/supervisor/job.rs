@@ -39,7 +39,7 @@ pub struct RenderJob {
 pub struct Live {
     /// Parameters, poses of movable objects and other scenes; the cold end is the [session](crate::daemon::session)'s.
     pub commands: CommandQueue,
-    /// Frames of the scene's clay; the cold end is a [`studio`](crate::daemon::studio).
+    /// Frames of the scene's clay; the cold end is the thread of [sculpting](crate::daemon::sculpting).
     pub clay: Option<ClaySlot>,
     /// Who says when force may flow.
     pub operator: Operator,

@@ -11,9 +11,9 @@ use super::super::hub::Hub;
 use super::super::problem::Problem;
 use super::super::worker::Worker;
 use super::Clay;
-use crate::daemon::studio::OrderError;
+use crate::daemon::sculpting::OrderError;
+use clay::engine::SculptOrder;
 use rt::utc;
-use clay::studio::Order;
 
 /// Longest name of a file that a client may choose, bytes.
 const LONGEST_NAME: usize = 120;
@@ -49,11 +49,11 @@ impl SaveKind {
         }
     }
 
-    fn order(self, file: PathBuf) -> Order {
+    fn order(self, file: PathBuf) -> SculptOrder {
         match self {
-            Self::Points => Order::SavePoints(file),
-            Self::Session => Order::SaveSession(file),
-            Self::Export => Order::Export(file),
+            Self::Points => SculptOrder::SavePoints(file),
+            Self::Session => SculptOrder::SaveSession(file),
+            Self::Export => SculptOrder::Export(file),
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Clay, for clients: what it is like, its samples, the tool that works it, and files of it.
 //!
 //! ```text
-//!  clients ──clay_take, clay_hold, clay_undo, …──► here ──Order──► clay thread ──answer──► clients
+//!  clients ──clay_take, clay_hold, clay_undo, …──► here ──SculptOrder──► clay thread ──answer──► clients
 //!  clients ◄──facts, samples────────────────────── here ◄──View── clay thread
 //! ```
 //! Invariant: a hold lasts no longer than the client that asked for it gives signs of life, and no longer than force flows.
@@ -27,9 +27,9 @@ pub(super) use take::TakeAsked;
 
 use super::encode::WirePose;
 use super::problem::Problem;
-use crate::daemon::studio::{ClayHandle, Reply};
+use crate::daemon::sculpting::{ClayHandle, Reply};
+use clay::engine::{ClayView, SculptOrder, SculptTool};
 use clay::material_map::Painted;
-use clay::studio::{Craft, Order, View};
 use vps::spatial::Pose;
 
 /// How often, and how many times, a request looks for a view that is made because of it.
@@ -39,18 +39,18 @@ const LOOKS: u32 = 15;
 /// The way to the clay.
 pub trait ClayAccess: Send + Sync {
     /// The newest view; `None` before the first. Never waits for the material.
-    fn view(&self) -> Option<Arc<View>>;
+    fn view(&self) -> Option<Arc<ClayView>>;
 
     /// Asks for something; the answer comes from another thread, or at once. Never waits.
-    fn ask(&self, order: Order, reply: Reply);
+    fn ask(&self, order: SculptOrder, reply: Reply);
 }
 
 impl ClayAccess for ClayHandle {
-    fn view(&self) -> Option<Arc<View>> {
+    fn view(&self) -> Option<Arc<ClayView>> {
         self.view()
     }
 
-    fn ask(&self, order: Order, reply: Reply) {
+    fn ask(&self, order: SculptOrder, reply: Reply) {
         self.ask(order, reply);
     }
 }
@@ -62,7 +62,7 @@ pub struct ClayParts {
     /// Where it stands.
     pub world_from_map: Pose,
     /// What the tool does at the start.
-    pub craft: Craft,
+    pub craft: SculptTool,
     /// Where clients may save; `None`: nowhere.
     pub folder: Option<PathBuf>,
     /// The session that is written when the run ends, if one is.
@@ -83,7 +83,7 @@ pub(super) struct Clay {
 }
 
 struct Told {
-    craft: Craft,
+    craft: SculptTool,
     trouble: Option<Arc<str>>,
 }
 
@@ -103,7 +103,7 @@ impl Clay {
     }
 
     /// A view of now: one is made for those who look, so the first may be old where nobody has looked for a while.
-    pub(super) async fn fresh_view(&self, is_watched: bool) -> Result<Arc<View>, Problem> {
+    pub(super) async fn fresh_view(&self, is_watched: bool) -> Result<Arc<ClayView>, Problem> {
         let mut view = self.view()?;
         if is_watched {
             return Ok(view);
@@ -120,12 +120,12 @@ impl Clay {
     }
 
     /// The newest view.
-    pub(super) fn view(&self) -> Result<Arc<View>, Problem> {
+    pub(super) fn view(&self) -> Result<Arc<ClayView>, Problem> {
         self.access.view().ok_or_else(|| Problem::unavailable("the clay is not ready yet", "ask again in a moment"))
     }
 
     /// `/api/v1/clay`.
-    pub(super) fn facts(&self, view: &View, is_held: bool) -> Value {
+    pub(super) fn facts(&self, view: &ClayView, is_held: bool) -> Value {
         let tool = &view.tool;
         let (low, high) = view.region_map;
         let (least_m, most_m) = take::brush_range(view);
@@ -136,7 +136,7 @@ impl Clay {
             "world_from_map": WirePose::from(self.world_from_map),
             "region_map": { "min": low.to_array(), "max": high.to_array() },
             "craft": tool.craft.name(),
-            "crafts": Craft::NAMES.map(|(name, _)| name),
+            "crafts": SculptTool::NAMES.map(|(name, _)| name),
             "brush_m": tool.brush_m,
             "brush_range_m": [least_m, most_m],
             "falloff": tool.falloff.to_string(),

@@ -6,13 +6,13 @@ use super::super::answer::{Done, Reply};
 use super::super::hub::Hub;
 use super::super::problem::Problem;
 use super::{Clay, TakeAsked};
-use crate::daemon::studio::OrderError;
-use clay::studio::Order;
+use crate::daemon::sculpting::OrderError;
+use clay::engine::SculptOrder;
 
 /// Another craft or other settings. What the hand feels of that goes through the same limits as all else.
 pub(in crate::monitor) fn take(hub: &Arc<Hub>, asked: TakeAsked, reply: Reply) {
     match hub.clay().and_then(|clay| Ok((asked.checked(&*clay.view()?)?, clay))) {
-        Ok((change, clay)) => clay.access.ask(Order::Adjust(change), Box::new(|result| reply(answer_of(result)))),
+        Ok((change, clay)) => clay.access.ask(SculptOrder::Adjust(change), Box::new(|result| reply(answer_of(result)))),
         Err(problem) => reply(Err(problem)),
     }
 }
@@ -22,7 +22,7 @@ fn answer_of(result: Result<(), OrderError>) -> Result<Done, Problem> {
 }
 
 /// A stroke back, or forth again.
-pub(in crate::monitor) fn step(hub: &Arc<Hub>, order: Order, word: &'static str, reply: Reply) {
+pub(in crate::monitor) fn step(hub: &Arc<Hub>, order: SculptOrder, word: &'static str, reply: Reply) {
     let clay = match hub.clay() {
         Ok(clay) => clay,
         Err(problem) => return reply(Err(problem)),
@@ -66,7 +66,7 @@ pub(in crate::monitor) fn hold(hub: &Arc<Hub>, client: u64, is_held: bool, reply
         }
         reply(answer_of(result));
     });
-    clay.access.ask(Order::Hold(true), answer);
+    clay.access.ask(SculptOrder::Hold(true), answer);
     // Whoever took the hold away meanwhile has asked for that before this was asked.
     if !hub.watchdog.holds() {
         clay.let_go(hub);
@@ -101,6 +101,6 @@ impl Clay {
                 hub.watchdog.still_held();
             }
         });
-        self.access.ask(Order::Hold(false), answer);
+        self.access.ask(SculptOrder::Hold(false), answer);
     }
 }

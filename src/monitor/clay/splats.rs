@@ -9,9 +9,9 @@ use axum::body::Bytes;
 use glam::DVec3;
 
 use super::super::worker::Worker;
-use crate::daemon::studio::DutyCycle;
+use crate::daemon::sculpting::DutyCycle;
 use clay::PointSet;
-use clay::studio::View;
+use clay::engine::ClayView;
 
 /// Version of the layout.
 const FORMAT: u32 = 1;
@@ -71,7 +71,7 @@ impl Made {
 impl Splats {
     /// The version of samples, and them as bytes: those of a view, or older ones where new ones would be too soon. Made on the worker's thread.
     /// `None`: that came to grief.
-    pub(in crate::monitor) async fn get(&self, worker: &Worker, view: Arc<View>) -> Option<(u64, Bytes)> {
+    pub(in crate::monitor) async fn get(&self, worker: &Worker, view: Arc<ClayView>) -> Option<(u64, Bytes)> {
         if let Some(ready) = self.made().ready(view.version, self.began.elapsed()) {
             return Some(ready);
         }
@@ -96,7 +96,7 @@ impl Splats {
 }
 
 /// `docs/reference/api.md` is the description. O(samples).
-fn encoded(view: &View, most: usize) -> Vec<u8> {
+fn encoded(view: &ClayView, most: usize) -> Vec<u8> {
     let points = &*view.points;
     let kept = thinned(points, view.spacing_m, most);
     let n_kept = kept.as_ref().map_or(points.len(), Vec::len);

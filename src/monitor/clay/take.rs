@@ -4,9 +4,9 @@ use serde::Deserialize;
 use serde_json::Value;
 
 use super::super::problem::Problem;
+use clay::engine::{ClayView, SculptTool, ToolChange};
 use clay::falloff::Falloff;
 use clay::material_map::Painted;
-use clay::studio::{Craft, ToolChange, View};
 
 /// What is to change; what is not given stays.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
@@ -35,7 +35,7 @@ struct PaintedAsked {
 
 impl TakeAsked {
     /// What is asked for, checked against the clay as it is.
-    pub(super) fn checked(self, view: &View) -> Result<ToolChange, Problem> {
+    pub(super) fn checked(self, view: &ClayView) -> Result<ToolChange, Problem> {
         if self == Self::default() {
             let hint = "`craft`, `brush_m`, `falloff`, `color`, `painted`, `depth_m` or `is_sharp`";
             return Err(Problem::bad("nothing is to be taken", hint));
@@ -49,8 +49,9 @@ impl TakeAsked {
             let error = format!("`depth_m` goes above 0 up to {most_m:.2e}, not to {depth_m}");
             return Err(Problem::bad(error, "engraving sinks by it, embossing raises"));
         }
-        let craft =
-            |word: String| Craft::of(&word).ok_or_else(|| Problem::bad(format!("no craft is called `{word}`"), known_crafts()));
+        let craft = |word: String| {
+            SculptTool::of(&word).ok_or_else(|| Problem::bad(format!("no craft is called `{word}`"), known_crafts()))
+        };
         let color = |text: String| {
             color_of(&text).ok_or_else(|| Problem::bad(format!("`{text}` is no color #rrggbb"), "such as \"#c83c28\""))
         };
@@ -76,7 +77,7 @@ fn painted_of(asked: PaintedAsked) -> Result<Painted, Problem> {
 }
 
 /// Smallest and largest radius of a brush that clients may take, m: a sample, and half of the region.
-pub(super) fn brush_range(view: &View) -> (f64, f64) {
+pub(super) fn brush_range(view: &ClayView) -> (f64, f64) {
     let (low, high) = view.region_map;
     let least_m = view.spacing_m.max(1e-6);
     (least_m, (0.5 * (high - low).max_element()).max(2.0 * least_m))
@@ -111,7 +112,7 @@ fn falloff_of(asked: &Value) -> Result<Falloff, Problem> {
 }
 
 fn known_crafts() -> String {
-    let names: Vec<_> = Craft::NAMES.iter().map(|(name, _)| *name).collect();
+    let names: Vec<_> = SculptTool::NAMES.iter().map(|(name, _)| *name).collect();
     format!("known: {}", names.join(", "))
 }
 
@@ -122,7 +123,7 @@ mod tests {
     use super::super::tests::view_of;
     use super::*;
     use clay::PointSet;
-    use clay::studio::ToolSettings;
+    use clay::engine::ToolSettings;
 
     fn taken(asked: Value) -> Result<ToolSettings, String> {
         taken_after(ToolSettings::default(), asked)
@@ -137,7 +138,7 @@ mod tests {
     #[test]
     fn what_is_not_given_stays() {
         let before = ToolSettings::default();
-        assert_eq!(taken(json!({ "craft": "pull-curve" })), Ok(ToolSettings { craft: Craft::PullCurve, ..before.clone() }));
+        assert_eq!(taken(json!({ "craft": "pull-curve" })), Ok(ToolSettings { craft: SculptTool::PullCurve, ..before.clone() }));
         assert_eq!(
             taken(
                 json!({ "brush_m": 0.004, "color": "#0aFF10", "falloff": [1, 0.5], "is_sharp": true, "depth_m": 0.002, "painted": { "mass_kg": 1e-3 } })

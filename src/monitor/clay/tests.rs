@@ -6,17 +6,17 @@ use super::super::answer::{Done, Reply};
 use super::super::hub::{Hub, HubParts};
 use super::super::worker::Worker;
 use super::*;
-use crate::daemon::studio::OrderError;
+use crate::daemon::sculpting::OrderError;
 use crate::daemon::{Notice, Phase, testing};
-use rt::clock::ClockKind;
-use rt::control::Control;
 use clay::PointSet;
 use clay::dynamics::Material;
-use clay::studio::{StudioError, ToolChange, ToolSettings};
+use clay::engine::{EngineError, ToolChange, ToolSettings};
+use rt::clock::ClockKind;
+use rt::control::Control;
 
 /// A view of these samples, 1 mm apart, with a region of 40 mm.
-pub(super) fn view_of(points: PointSet, version: u64) -> View {
-    View {
+pub(super) fn view_of(points: PointSet, version: u64) -> ClayView {
+    ClayView {
         version,
         points: Arc::new(points),
         spacing_m: 1e-3,
@@ -41,20 +41,20 @@ type Refuses = Arc<Mutex<Option<fn() -> OrderError>>>;
 /// What happens while the next order is on its way.
 type Before = Arc<Mutex<Option<Box<dyn FnOnce() + Send>>>>;
 
-/// A studio that writes down what it is asked, and answers as it is told.
+/// A clay that writes down what it is asked, and answers as it is told.
 struct Fake {
-    orders: Sender<Order>,
+    orders: Sender<SculptOrder>,
     before: Before,
     refuses: Refuses,
-    view: Arc<Mutex<Option<Arc<View>>>>,
+    view: Arc<Mutex<Option<Arc<ClayView>>>>,
 }
 
 impl ClayAccess for Fake {
-    fn view(&self) -> Option<Arc<View>> {
+    fn view(&self) -> Option<Arc<ClayView>> {
         self.view.lock().unwrap().clone()
     }
 
-    fn ask(&self, order: Order, reply: crate::daemon::studio::Reply) {
+    fn ask(&self, order: SculptOrder, reply: crate::daemon::sculpting::Reply) {
         let before = self.before.lock().unwrap().take();
         before.into_iter().for_each(|before| before());
         let _ = self.orders.send(order);
@@ -66,10 +66,10 @@ impl ClayAccess for Fake {
 struct Bench {
     hub: Arc<Hub>,
     files: Worker,
-    orders: Receiver<Order>,
+    orders: Receiver<SculptOrder>,
     before: Before,
     refuses: Refuses,
-    view: Arc<Mutex<Option<Arc<View>>>>,
+    view: Arc<Mutex<Option<Arc<ClayView>>>>,
     folder: tempfile::TempDir,
 }
 
@@ -91,7 +91,7 @@ fn bench() -> Bench {
     hub.sculpts(ClayParts {
         access,
         world_from_map: Pose::IDENTITY,
-        craft: Craft::default(),
+        craft: SculptTool::default(),
         folder: folder_of_clay,
         session_at_end: Some("/there/ball.session".into()),
     });
@@ -111,7 +111,7 @@ fn took(asked: Value) -> TakeAsked {
 }
 
 impl Bench {
-    fn next_order(&self) -> Order {
+    fn next_order(&self) -> SculptOrder {
         self.orders.try_recv().expect("an order")
     }
 
@@ -121,9 +121,9 @@ impl Bench {
     }
 
     /// The next view differs from the one before in this.
-    fn shows(&self, change: impl FnOnce(&mut View)) {
+    fn shows(&self, change: impl FnOnce(&mut ClayView)) {
         let mut shown = self.view.lock().unwrap();
-        let mut view = View::clone(shown.as_ref().expect("a view"));
+        let mut view = ClayView::clone(shown.as_ref().expect("a view"));
         change(&mut view);
         *shown = Some(Arc::new(view));
     }
@@ -146,7 +146,7 @@ fn a_scene_without_clay_says_so() {
         hub.clay().map(|_| Done::Nothing),
         answer_of(|reply| take(&hub, took(json!({ "craft": "paint" })), reply)),
         answer_of(|reply| hold(&hub, 1, true, reply)),
-        answer_of(|reply| step(&hub, Order::Undo, "undone", reply)),
+        answer_of(|reply| step(&hub, SculptOrder::Undo, "undone", reply)),
         answer_of(|reply| save(&hub, &Worker::new("files").unwrap(), SaveKind::Points, None, reply)),
     ] {
         let problem = result.expect_err("no clay");
@@ -160,22 +160,26 @@ fn settings_are_asked_for_as_a_change_and_told_as_the_view_has_them() {
     let bench = bench();
     let asked = json!({ "craft": "paint", "brush_m": 0.003, "color": "#102030" });
     assert_eq!(answer_of(|reply| take(&bench.hub, took(asked), reply)), Ok(Done::Nothing));
-    let expected =
-        ToolChange { craft: Some(Craft::Paint), brush_m: Some(0.003), color: Some([0x10, 0x20, 0x30]), ..ToolChange::default() };
-    assert!(matches!(bench.next_order(), Order::Adjust(change) if change == expected));
+    let expected = ToolChange {
+        craft: Some(SculptTool::Paint),
+        brush_m: Some(0.003),
+        color: Some([0x10, 0x20, 0x30]),
+        ..ToolChange::default()
+    };
+    assert!(matches!(bench.next_order(), SculptOrder::Adjust(change) if change == expected));
     bench.shows(|view| view.tool = expected.onto(&view.tool));
     let facts = bench.facts();
     assert_eq!((&facts["craft"], &facts["brush_m"], &facts["color"]), (&json!("paint"), &json!(0.003), &json!("#102030")));
-    assert_eq!(facts["crafts"].as_array().map(Vec::len), Some(Craft::NAMES.len()));
+    assert_eq!(facts["crafts"].as_array().map(Vec::len), Some(SculptTool::NAMES.len()));
     assert_eq!(facts["painted"], json!({ "mass_kg": null, "damping_n_s_per_m": null, "stiffness_n_per_m": null }));
     assert_eq!(facts["paints"], json!({ "mass_kg": null, "damping_n_s_per_m": 5.0, "stiffness_n_per_m": 500.0 }));
     assert_eq!(facts["region_map"]["min"], json!([-0.02, -0.02, -0.02]));
     bench.shows(|view| view.tool.painted.mass_kg = Some(1e-4));
     assert_eq!(bench.facts()["paints"], json!({ "mass_kg": 1e-4, "damping_n_s_per_m": null, "stiffness_n_per_m": null }));
 
-    *bench.refuses.lock().unwrap() = Some(|| StudioError::NoShape.into());
+    *bench.refuses.lock().unwrap() = Some(|| EngineError::NoShape.into());
     let refused = answer_of(|reply| take(&bench.hub, took(json!({ "craft": "emboss" })), reply)).expect_err("refused");
-    assert_eq!((refused.status, refused.said.hint), (StatusCode::CONFLICT, StudioError::NoShape.hint().to_owned()));
+    assert_eq!((refused.status, refused.said.hint), (StatusCode::CONFLICT, EngineError::NoShape.hint().to_owned()));
     *bench.view.lock().unwrap() = None;
     assert!(bench.hub.clay().unwrap().view().is_err());
 }
@@ -195,16 +199,16 @@ fn what_is_not_saved_and_what_will_be_is_told() {
 fn a_hold_ends_with_force_with_the_client_and_when_it_is_let_go() {
     let bench = bench();
     assert_eq!(bench.hold(1, true), Ok(Done::Nothing));
-    assert!(matches!(bench.next_order(), Order::Hold(true)) && bench.is_held());
+    assert!(matches!(bench.next_order(), SculptOrder::Hold(true)) && bench.is_held());
     assert_eq!(bench.hold(2, true).map_err(|problem| problem.status), Err(StatusCode::CONFLICT), "one at a time");
     assert_eq!((bench.hold(2, false), bench.is_held()), (Ok(Done::Nothing), true), "only one's own");
     assert_eq!(bench.hold(1, false), Ok(Done::Nothing));
-    assert!(matches!(bench.next_order(), Order::Hold(false)) && !bench.is_held());
+    assert!(matches!(bench.next_order(), SculptOrder::Hold(false)) && !bench.is_held());
 
     bench.hold(1, true).unwrap();
-    assert!(matches!(bench.next_order(), Order::Hold(true)));
+    assert!(matches!(bench.next_order(), SculptOrder::Hold(true)));
     bench.hub.notice(&Notice::Phase(Phase::Fault));
-    assert!(matches!(bench.next_order(), Order::Hold(false)) && !bench.is_held());
+    assert!(matches!(bench.next_order(), SculptOrder::Hold(false)) && !bench.is_held());
     assert_eq!(bench.hold(1, true).map_err(|problem| problem.status), Err(StatusCode::CONFLICT), "without force");
     assert!(!bench.is_held() && bench.orders.try_recv().is_err());
 
@@ -212,12 +216,12 @@ fn a_hold_ends_with_force_with_the_client_and_when_it_is_let_go() {
     let watched = bench.hub.clone();
     let watching = std::thread::spawn(move || watched.watch_heartbeats());
     bench.hold(1, true).unwrap();
-    assert!(matches!(bench.next_order(), Order::Hold(true)));
+    assert!(matches!(bench.next_order(), SculptOrder::Hold(true)));
     // The first time nobody hears that it is let go.
     *bench.refuses.lock().unwrap() = Some(|| OrderError::Busy);
     bench.hub.part(1);
-    assert!(matches!(bench.orders.recv(), Ok(Order::Hold(false))));
-    assert!(matches!(bench.orders.recv(), Ok(Order::Hold(false))), "again");
+    assert!(matches!(bench.orders.recv(), Ok(SculptOrder::Hold(false))));
+    assert!(matches!(bench.orders.recv(), Ok(SculptOrder::Hold(false))), "again");
     *bench.refuses.lock().unwrap() = None;
     while bench.is_held() {
         std::thread::yield_now();
@@ -233,7 +237,7 @@ fn a_hold_that_is_asked_for_twice_and_refused_once_is_let_go() {
     *bench.refuses.lock().unwrap() = Some(|| OrderError::Busy);
     assert_eq!(bench.hold(1, true).map_err(|problem| problem.status), Err(StatusCode::TOO_MANY_REQUESTS));
     let orders = [(); 3].map(|()| bench.next_order());
-    assert!(matches!(orders, [Order::Hold(true), Order::Hold(true), Order::Hold(false)]), "{orders:?}");
+    assert!(matches!(orders, [SculptOrder::Hold(true), SculptOrder::Hold(true), SculptOrder::Hold(false)]), "{orders:?}");
     assert!(bench.is_held(), "until it is heard that it was let go");
 }
 
@@ -245,7 +249,7 @@ fn a_hold_that_loses_the_race_with_the_force_is_let_go() {
     *bench.before.lock().unwrap() = Some(Box::new(move || racing.notice(&Notice::Phase(Phase::Fault))));
     bench.hold(1, true).unwrap();
     let orders = [(); 3].map(|()| bench.next_order());
-    assert!(matches!(orders, [Order::Hold(false), Order::Hold(true), Order::Hold(false)]), "{orders:?}");
+    assert!(matches!(orders, [SculptOrder::Hold(false), SculptOrder::Hold(true), SculptOrder::Hold(false)]), "{orders:?}");
     assert!(!bench.is_held());
 }
 
@@ -255,12 +259,12 @@ fn files_go_to_one_folder_and_never_over_others() {
     let save = |kind, file: Option<&str>| answer_of(|reply| save(&bench.hub, &bench.files, kind, file.map(str::to_owned), reply));
     let path = bench.folder.path().join("clay/bowl.ply");
     assert_eq!(save(SaveKind::Points, Some("bowl")), Ok(Done::Saved(path.clone())));
-    assert!(matches!(bench.next_order(), Order::SavePoints(file) if file == path));
+    assert!(matches!(bench.next_order(), SculptOrder::SavePoints(file) if file == path));
     std::fs::write(&path, "kept").unwrap();
     assert_eq!(save(SaveKind::Export, Some("bowl.ply")).map_err(|problem| problem.status), Err(StatusCode::CONFLICT));
     assert_eq!(save(SaveKind::Session, Some("../bowl")).map_err(|problem| problem.status), Err(StatusCode::BAD_REQUEST));
     let Ok(Done::Saved(dated)) = save(SaveKind::Session, None) else { panic!("a name of its own") };
     assert!(
-        matches!(bench.next_order(), Order::SaveSession(file) if file == dated && dated.to_string_lossy().ends_with(".session"))
+        matches!(bench.next_order(), SculptOrder::SaveSession(file) if file == dated && dated.to_string_lossy().ends_with(".session"))
     );
 }

@@ -9,7 +9,7 @@ use vps::storage::sections::reseal;
 const R: f64 = 0.02;
 
 /// A piece with two strokes, one of them taken back.
-fn piece() -> Workpiece {
+fn piece() -> ClayModel {
     let mut piece = piece_of(Material::default());
     for _ in 0..2 {
         for _ in 0..10 {
@@ -25,7 +25,7 @@ fn piece() -> Workpiece {
 }
 
 /// A piece without strokes.
-fn piece_of(material: Material) -> Workpiece {
+fn piece_of(material: Material) -> ClayModel {
     let settings = Settings {
         material,
         region_map: Some((DVec3::new(-0.01, -0.01, 0.01), DVec3::new(0.01, 0.01, 0.03))),
@@ -33,21 +33,21 @@ fn piece_of(material: Material) -> Workpiece {
         integrator: Integrator::Explicit,
         ..Settings::default()
     };
-    Workpiece::new(sphere(300, R), settings).unwrap()
+    ClayModel::new(sphere(300, R), settings).unwrap()
 }
 
-fn saved(piece: &Workpiece) -> Vec<u8> {
+fn saved(piece: &ClayModel) -> Vec<u8> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("clay.session");
     piece.save_session(&path).unwrap();
     std::fs::read(&path).unwrap()
 }
 
-fn loaded(bytes: &[u8]) -> Result<Workpiece, SessionError> {
+fn loaded(bytes: &[u8]) -> Result<ClayModel, SessionError> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("clay.session");
     std::fs::write(&path, bytes).unwrap();
-    Workpiece::load_session(&path)
+    ClayModel::load_session(&path)
 }
 
 #[test]
@@ -173,7 +173,7 @@ fn a_file_of_another_version_says_so() {
     reseal(&mut bytes);
     let error = loaded(&bytes).unwrap_err().to_string();
     assert!(error.contains("newer version") && error.contains("clay.session"), "{error}");
-    let error = Workpiece::load_session(Path::new("/no/such/session")).unwrap_err().to_string();
+    let error = ClayModel::load_session(Path::new("/no/such/session")).unwrap_err().to_string();
     assert!(error.starts_with("cannot read /no/such/session"), "{error}");
 }
 

@@ -1,0 +1,411 @@
+//! The piece that is worked on: its samples, its densities, and every stroke so far.
+//!
+//! ```text
+//!  samples ─► PointSurface ─► base raster ─┬─► region: Dynamics ◄── pulls
+//!     ▲                                    │         │ densities
+//!     │        stroke ends: distances ◄────┼─────────┤
+//!     └── fits from densities (Eq. 5) ◄────┘         └─► samples float along, come and go
+//! ```
+//! A stroke works on copies; what a look-up of [`ClayModel::surface`] gives changes when it ends.
+
+mod adopt;
+mod estimate_memory;
+mod lattices;
+mod material;
+mod painting;
+mod settings;
+mod undo_history;
+
+use std::sync::Arc;
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use self::adopt::{adopt, faint_m, forget_faint, moved_by};
+pub use self::estimate_memory::Foreseen;
+use self::lattices::{copy_into, cut, lattices, lattices_after};
+use self::painting::Press;
+pub use self::settings::{ClayModelError, Settings};
+pub(super) use self::undo_history::{Moment, Session};
+use super::advect::Afloat;
+use super::boolean::{self, Boolean};
+use super::dynamics::{Dynamics, Progress};
+use super::emboss::{GreyImage, Laid, embossed};
+use super::material_map::{MaterialCoat, MaterialMap};
+use super::pull::{Pull, add_pull};
+use super::redistance::redistance;
+use super::{PointSet, PointSurface, SurfaceError, advect, resample};
+use vps::density::{Density, Frame, FrameError, Lattice, Raster};
+
+/// Largest empty circle and closest pair of samples in a region, in spacings of the samples at the start.
+const GAP_SPACINGS: f64 = 1.0;
+const CLOSE_SPACINGS: f64 = 0.35;
+/// One smooth surface goes over the edge of a Boolean so far to both sides, in the largest of all spacings: fits reach no farther.
+const BLEND_SPACINGS: f64 = 4.0;
+
+/// The part that deforms.
+#[derive(Debug)]
+struct Region {
+    /// Its node `[0, 0, 0]` in the base.
+    first: [usize; 3],
+    dynamics: Dynamics,
+    afloat: Afloat,
+}
+
+/// A piece of clay.
+#[derive(Debug)]
+pub struct ClayModel {
+    /// Shared with what undo goes back to.
+    surface: Arc<PointSurface>,
+    /// While a stroke lasts: samples under way.
+    under_way: Option<PointSet>,
+    /// While the brush is pressed; never together with samples under way.
+    press: Option<Press>,
+    /// Of a press that paints material.
+    material_coat: Option<MaterialCoat>,
+    /// Measured, as frames want it.
+    base: Arc<Raster>,
+    /// What was painted, on the nodes of the base.
+    material_map: MaterialMap,
+    region: Region,
+    settings: Settings,
+    gap_m: f64,
+    /// How far samples went since gaps were filled, m.
+    went_m: f64,
+    past: Vec<Moment>,
+    undone: Vec<Moment>,
+    strokes: u64,
+    updates: u64,
+}
+
+impl ClayModel {
+    /// A piece from samples. Parallel; cost: a fit per sample, and the nodes of the base raster.
+    ///
+    /// # Errors
+    /// [`ClayModelError`].
+    pub fn new(points: PointSet, settings: Settings) -> Result<Self, ClayModelError> {
+        let surface = PointSurface::build(points, settings.n_neighbours)?;
+        let (whole, first, region) = lattices(surface.bounds(), &settings)?;
+        let base = measured(surface.rasterize(whole));
+        let material_map = MaterialMap::default();
+        let region = Region::new(surface.points(), (&base, &material_map), first, region, &settings);
+        region.check_holds_some()?;
+        let gap_m = GAP_SPACINGS * surface.spacing_m();
+        Ok(Self {
+            surface: Arc::new(surface),
+            under_way: None,
+            press: None,
+            material_coat: None,
+            base,
+            material_map,
+            region,
+            settings,
+            gap_m,
+            went_m: 0.0,
+            past: Vec::new(),
+            undone: Vec::new(),
+            strokes: 0,
+            updates: 0,
+        })
+    }
+
+    /// The surface as the last stroke left it.
+    pub fn surface(&self) -> &PointSurface {
+        &self.surface
+    }
+
+    /// The samples now, those of a stroke under way among them.
+    pub fn points(&self) -> &PointSet {
+        self.under_way.as_ref().unwrap_or(self.surface.points())
+    }
+
+    /// All of the densities as the last stroke left them.
+    pub fn base(&self) -> &Arc<Raster> {
+        &self.base
+    }
+
+    /// The densities of the region now.
+    pub fn region(&self) -> &Raster {
+        self.region.dynamics.now()
+    }
+
+    /// The largest empty circle between samples that is left open, m.
+    pub(super) fn gap_m(&self) -> f64 {
+        self.gap_m
+    }
+
+    /// How it is worked.
+    pub fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
+    /// Lowest and highest corner of what deforms, map frame, m.
+    pub(super) fn region_map(&self) -> (DVec3, DVec3) {
+        self.region().lattice().bounds()
+    }
+
+    /// A stroke is under way.
+    pub(super) fn is_stroke(&self) -> bool {
+        self.under_way.is_some() || self.press.is_some()
+    }
+
+    /// Strokes that were begun, without those that made no surface.
+    pub fn strokes(&self) -> u64 {
+        self.strokes
+    }
+
+    /// The nearest place of the surface to a point, and the way out there, as densities have it now; `None` far from it.
+    pub fn onto(&self, point_map: DVec3, within_m: f64) -> Option<(DVec3, DVec3)> {
+        advect::onto_level(|at| self.density_at(at), self.base.lattice().spacing_m, (point_map, 0.0), within_m)
+    }
+
+    /// The place of the surface on a line through a point near it; `None` where the line runs along the surface, or meets none within a distance.
+    pub fn onto_along(&self, point_map: DVec3, direction: DVec3, within_m: f64) -> Option<DVec3> {
+        advect::onto_level_along(|at| self.density_at(at), self.base.lattice().spacing_m, (point_map, direction), within_m)
+    }
+
+    /// The density at a point now, m, greater than 0 inside; `None` far from the piece.
+    pub fn density_m(&self, point_map: DVec3) -> Option<f64> {
+        self.density_at(point_map).map(|density| f64::from(density.value_m))
+    }
+
+    fn density_at(&self, point_map: DVec3) -> Option<Density> {
+        self.region().at(point_map).or_else(|| self.base.at(point_map))
+    }
+
+    /// Another part is to deform: a stroke under way ends first.
+    ///
+    /// # Errors
+    /// [`ClayModelError::Region`], [`ClayModelError::TooFine`]; nothing has changed then but that the stroke has ended.
+    pub(super) fn choose_region(&mut self, low_map: DVec3, high_map: DVec3) -> Result<(), ClayModelError> {
+        self.end_stroke()?;
+        let settings = Settings { region_map: Some((low_map, high_map)), ..self.settings.clone() };
+        let (whole, first, region) = lattices(self.surface.bounds(), &settings)?;
+        let base = measured(self.surface.rasterize(whole));
+        let material_map = self.material_map.onto(self.base.lattice(), &whole, &settings.material);
+        let region = Region::new(self.surface.points(), (&base, &material_map), first, region, &settings);
+        region.check_holds_some()?;
+        (self.base, self.material_map, self.region, self.settings) = (base, material_map, region, settings);
+        Ok(())
+    }
+
+    /// A stroke begins: what is there can be had back. Does nothing during one.
+    ///
+    /// # Errors
+    /// [`SurfaceError`] where the brush was pressed, and what it left makes no surface; that is taken back then, and no stroke begins.
+    pub fn begin_stroke(&mut self) -> Result<(), SurfaceError> {
+        if self.under_way.is_none() {
+            self.end_stroke()?;
+            self.remember();
+            self.under_way = Some(self.surface.points().clone());
+            self.went_m = 0.0;
+        }
+        Ok(())
+    }
+
+    /// A force on the material for the next update; begins a stroke.
+    ///
+    /// # Errors
+    /// As [`Self::begin_stroke`].
+    pub fn pull(&mut self, pull: &Pull) -> Result<(), SurfaceError> {
+        self.begin_stroke()?;
+        let (now, forces_n) = self.region.dynamics.forces_n_mut();
+        add_pull(now, pull, forces_n);
+        Ok(())
+    }
+
+    /// Lets the material move for a time. Cost: O(nodes and samples of the region); more when gaps are filled.
+    pub fn advance(&mut self, time_s: f64) -> Progress {
+        let Region { dynamics, afloat, .. } = &mut self.region;
+        let progress = dynamics.update(time_s);
+        self.updates += 1;
+        if let Some(points) = &mut self.under_way {
+            self.went_m += afloat.follow(points, dynamics.now(), dynamics.velocities_m_per_s(), progress.time_s);
+            if self.went_m > self.gap_m {
+                self.went_m = 0.0;
+                let moved = moved_by(points, self.surface.points(), afloat, faint_m(dynamics.lattice()));
+                resample::fill(points, afloat, &moved, dynamics.now(), self.gap_m);
+            }
+        }
+        progress
+    }
+
+    /// The stroke is over: what is there stays. Densities become distances, samples are made even, and fits are taken from the densities
+    /// (equation 5). Does nothing without a stroke.
+    ///
+    /// # Errors
+    /// [`SurfaceError`] when the samples make no surface any more; then it is as it was before the stroke.
+    pub fn end_stroke(&mut self) -> Result<(), SurfaceError> {
+        self.set_material();
+        self.lift_brush()?;
+        let Some(mut points) = self.under_way.take() else { return Ok(()) };
+        let Region { first, dynamics, afloat } = &mut self.region;
+        let mut now = dynamics.now().clone();
+        redistance(&mut now);
+        let rest = cut(&self.base, *first, *dynamics.lattice());
+        forget_faint(&mut points, self.surface.points(), &mut now, dynamics.now(), &rest);
+        if points == *self.surface.points() {
+            self.forget_stroke();
+            return Ok(());
+        }
+        let moved = moved_by(&points, self.surface.points(), afloat, 0.0);
+        resample::fill(&mut points, afloat, &moved, dynamics.now(), self.gap_m);
+        let kept = resample::thinned(&points, self.surface.points(), afloat, CLOSE_SPACINGS * self.surface.spacing_m());
+        let mut base = (*self.base).clone();
+        copy_into(&mut base, &now, *first);
+
+        let n_before = self.surface.points().len();
+        let result = adopt(Arc::make_mut(&mut self.surface), &points, &kept, n_before, &base);
+        if let Err(error) = result {
+            self.take_back();
+            return Err(error);
+        }
+        self.base = measured(base);
+        dynamics.replace(now);
+        *afloat = Afloat::new(self.surface.points(), dynamics.now(), 0.0);
+        self.settle();
+        Ok(())
+    }
+
+    /// Raises the surface by an image, or sinks it in: one stroke, or none where the image reaches no sample. Gives how many samples it moved.
+    ///
+    /// # Errors
+    /// [`SurfaceError`]; then it is as before.
+    pub(super) fn emboss(&mut self, image: &GreyImage, laid: &Laid, depth_m: f64) -> Result<usize, SurfaceError> {
+        self.end_stroke()?;
+        let moved = embossed(&self.surface, image, laid, depth_m);
+        if moved.is_empty() {
+            return Ok(0);
+        }
+        self.remember();
+        let lattice = *self.base.lattice();
+        let before = self.surface.rasterize(lattice);
+        let result = Arc::make_mut(&mut self.surface).move_and_refit(&moved);
+        if let Err(error) = result {
+            self.take_back();
+            return Err(error);
+        }
+        self.base = measured(changed(&self.base, &before, &self.surface.rasterize(lattice)));
+        self.cut_region(*self.region.dynamics.lattice());
+        self.settle();
+        Ok(moved.len())
+    }
+
+    /// Joins the piece with another solid, or cuts one by the other: one stroke.
+    ///
+    /// `is_sharp`: the edge between both stays, as far as the raster holds it; otherwise one smooth surface goes over it.
+    ///
+    /// # Errors
+    /// [`SurfaceError`] when nothing is left that makes a surface; then it is as before.
+    pub(super) fn combine(&mut self, boolean: Boolean, other: &PointSurface, is_sharp: bool) -> Result<(), ClayModelError> {
+        self.end_stroke()?;
+        let points = boolean.samples(&self.surface, other, is_sharp);
+        if points.len() < PointSet::LEAST {
+            return Err(ClayModelError::NothingLeft);
+        }
+        let surface = PointSurface::build(points, self.settings.n_neighbours)?;
+        let now = (self.base.lattice(), self.region.dynamics.lattice());
+        let (whole, first, region) = lattices_after(now, surface.bounds(), &self.settings)?;
+        let (of_first, of_second) = (self.densities_on(whole), other.rasterize(whole));
+        let mut left = boolean.densities(&of_first, &of_second);
+        if !is_sharp {
+            let width_m = BLEND_SPACINGS * self.surface.spacing_m().max(other.spacing_m()).max(whole.spacing_m);
+            boolean::blend(&mut left, [&of_first, &of_second], &surface.rasterize(whole), width_m);
+        }
+        let base = measured(left);
+        self.remember();
+        self.surface = Arc::new(surface);
+        self.material_map = self.material_map.onto(self.base.lattice(), &whole, &self.settings.material);
+        self.base = base;
+        self.region = Region::new(self.surface.points(), (&self.base, &self.material_map), first, region, &self.settings);
+        self.settle();
+        Ok(())
+    }
+
+    /// The densities on another lattice: those that are known, and beyond them what fits say.
+    fn densities_on(&self, lattice: Lattice) -> Raster {
+        let known = |node| self.base.at(lattice.position(node)).map(|density| density.value_m);
+        if *self.base.lattice() == lattice {
+            return (*self.base).clone();
+        }
+        let mut raster = self.surface.rasterize(lattice);
+        let [nx, ny, nz] = lattice.dims;
+        raster.values_m_mut().par_chunks_mut(ny * nz).enumerate().take(nx).for_each(|(x, plane)| {
+            for (n, value_m) in plane.iter_mut().enumerate() {
+                *value_m = known([x, n / nz, n % nz]).unwrap_or(*value_m);
+            }
+        });
+        raster
+    }
+
+    /// Writes the densities into a frame for the tick. Cost: a copy of the region.
+    pub(super) fn show(&self, frame: &mut Frame) {
+        frame.sequence = self.updates;
+        frame.base = self.base.clone();
+        let now = self.region.dynamics.now();
+        if frame.region.lattice() == now.lattice() {
+            frame.region.values_m_mut().copy_from_slice(now.values_m());
+        } else {
+            frame.region = now.clone();
+        }
+    }
+
+    /// A frame of its own, such as a scene begins with. Allocates; `show` fills it again.
+    ///
+    /// # Errors
+    /// [`FrameError`], which no piece gives that could be made.
+    pub fn frame(&self) -> Result<Frame, FrameError> {
+        let mut frame = Frame {
+            sequence: self.updates,
+            base: self.base.clone(),
+            region: self.region().clone(),
+            rope_map: None,
+            is_leap: false,
+        };
+        frame.make_ready(None)?;
+        Ok(frame)
+    }
+}
+
+/// What a raster is after a change that fits know of: where they have not changed it is as before, and keeps edges and relief that are finer
+/// than fits are.
+fn changed(raster: &Raster, before: &Raster, after: &Raster) -> Raster {
+    let mut changed = raster.clone();
+    for ((value_m, before_m), after_m) in changed.values_m_mut().iter_mut().zip(before.values_m()).zip(after.values_m()) {
+        *value_m += after_m - before_m;
+    }
+    changed
+}
+
+/// How steep it is has to be known before it is shared.
+fn measured(mut raster: Raster) -> Arc<Raster> {
+    raster.measure();
+    Arc::new(raster)
+}
+
+impl Region {
+    fn new(
+        points: &PointSet,
+        (base, map): (&Raster, &MaterialMap),
+        first: [usize; 3],
+        lattice: Lattice,
+        settings: &Settings,
+    ) -> Self {
+        let now = cut(base, first, lattice);
+        let afloat = Afloat::new(points, &now, 0.0);
+        let material = map.of_part(base.lattice(), first, &lattice, &settings.material);
+        Self { first, dynamics: Dynamics::new(now, material, settings.integrator), afloat }
+    }
+
+    fn check_holds_some(&self) -> Result<(), ClayModelError> {
+        if !self.afloat.samples().is_empty() {
+            return Ok(());
+        }
+        let lattice = self.dynamics.lattice();
+        let last = lattice.dims.map(|n| n - 1);
+        Err(ClayModelError::Beside(lattice.position([0; 3]), lattice.position(last)))
+    }
+}
+
+#[cfg(test)]
+mod tests;

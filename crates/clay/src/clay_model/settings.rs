@@ -1,0 +1,73 @@
+//! How a piece is worked, and why one cannot be.
+
+use glam::DVec3;
+
+use super::super::dynamics::{Integrator, Material};
+use super::super::{PointSurface, SurfaceError};
+use vps::spatial::{Metres, Place};
+
+/// Nodes of the base raster at most: 128 MiB.
+pub(super) const NODES_MAX: usize = 1 << 25;
+
+/// How a piece is worked.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Settings {
+    /// Samples that a local fit takes into account.
+    pub n_neighbours: usize,
+    /// Lowest and highest corner of the region that deforms, map frame, m; `None`: all of the piece, and air around it.
+    pub region_map: Option<(DVec3, DVec3)>,
+    /// Mass points along x, y, z.
+    pub raster: [usize; 3],
+    /// Air around the piece that clay may be pulled into, m.
+    pub air_m: f64,
+    /// What it is made of where nothing else was painted.
+    pub material: Material,
+    /// How densities move on in time.
+    pub integrator: Integrator,
+}
+
+impl Default for Settings {
+    /// The paper's largest raster over the whole piece, a centimetre of air, soft clay.
+    fn default() -> Self {
+        Self {
+            n_neighbours: PointSurface::DEFAULT_NEIGHBOURS,
+            region_map: None,
+            raster: [40; 3],
+            air_m: 0.01,
+            material: Material::default(),
+            integrator: Integrator::default(),
+        }
+    }
+}
+
+/// Why a piece cannot be worked.
+#[derive(Debug, thiserror::Error)]
+pub enum ClayModelError {
+    /// Samples that make no surface.
+    #[error(transparent)]
+    Surface(#[from] SurfaceError),
+    /// Fewer mass points than there is something to interpolate between.
+    #[error("a raster of {0:?} mass points is too small; give at least 4 along every axis")]
+    Raster([usize; 3]),
+    /// A box without inside.
+    #[error("the region from {} to {} is empty; its first corner is the lowest, its second the highest", Place(*.0), Place(*.1))]
+    Region(DVec3, DVec3),
+    /// Nothing of the piece is in it.
+    #[error("no part of the surface is in the region from {} to {}", Place(*.0), Place(*.1))]
+    Beside(DVec3, DVec3),
+    /// A Boolean that leaves no solid.
+    #[error("nothing would be left of the piece")]
+    NothingLeft,
+    /// The base would be too large.
+    #[error(
+        "mass points {} apart make {n_nodes} of them over the whole piece, more than {NODES_MAX}; \
+         take fewer in `sculpt.raster`, or a larger `sculpt.region_mm`",
+        Metres(*spacing_m)
+    )]
+    TooFine {
+        /// Between mass points, m.
+        spacing_m: f64,
+        /// Over the whole piece.
+        n_nodes: f64,
+    },
+}

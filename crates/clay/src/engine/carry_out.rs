@@ -1,0 +1,106 @@
+//! Orders, carried out.
+
+use glam::DVec3;
+
+use super::super::boolean::Boolean;
+use super::super::emboss::{GreyImage, Laid};
+use super::super::{PointSet, PointSurface, export, save};
+use super::{EngineError, SculptEngine, SculptOrder, ToolSettings};
+
+impl SculptEngine {
+    pub(super) fn carry_out(&mut self, order: SculptOrder) -> Result<(), EngineError> {
+        // Even one that fails may have changed what is shown; a stroke that it ends says so by itself.
+        match order {
+            SculptOrder::Undo | SculptOrder::Redo | SculptOrder::Combine { .. } | SculptOrder::Emboss { .. } => self.note_change(),
+            _ => self.show_again(),
+        }
+        match order {
+            SculptOrder::Take(tool) => self.take(tool),
+            SculptOrder::Adjust(change) => self.take(change.onto(&self.tool)),
+            SculptOrder::Hold(is_held) => {
+                self.is_held_by_order = is_held;
+                self.heard.hold(is_held);
+                Ok(())
+            }
+            SculptOrder::Undo => {
+                self.let_go()?;
+                self.has_leapt = true;
+                if self.model.undo()? { Ok(()) } else { Err(EngineError::NothingToUndo) }
+            }
+            SculptOrder::Redo => {
+                self.let_go()?;
+                self.has_leapt = true;
+                if self.model.redo()? { Ok(()) } else { Err(EngineError::NothingToRedo) }
+            }
+            SculptOrder::Region { low_map, high_map } => {
+                self.let_go()?;
+                self.has_leapt = true;
+                Ok(self.model.choose_region(low_map, high_map)?)
+            }
+            SculptOrder::Combine { boolean, with, map_from_body, is_sharp } => {
+                self.let_go()?;
+                let with = with.beside(self.model.surface().spacing_m())?.placed(&map_from_body);
+                self.combine(boolean, with, is_sharp)
+            }
+            SculptOrder::Emboss { image, laid, depth_m } => {
+                self.let_go()?;
+                self.emboss(&image, &laid, depth_m)
+            }
+            SculptOrder::SavePoints(path) => {
+                save::save(&path, self.model.points()).map_err(|source| EngineError::write(&path, source))
+            }
+            SculptOrder::SaveSession(path) => {
+                self.let_go()?;
+                self.model.save_session(&path)?;
+                self.saved = super::past_of(&self.model);
+                Ok(())
+            }
+            SculptOrder::Export(path) => {
+                self.let_go()?;
+                let mesh = self.model.mesh()?;
+                export::write_mesh(&path, &mesh).map_err(|source| EngineError::write(&path, source))
+            }
+        }
+    }
+
+    fn take(&mut self, tool: ToolSettings) -> Result<(), EngineError> {
+        for (name, value, is_sound) in
+            [("a brush", tool.brush_m, tool.brush_m > 0.0), ("a depth of images", tool.depth_m, tool.depth_m >= 0.0)]
+        {
+            if !(is_sound && value.is_finite()) {
+                return Err(EngineError::Length { name, value });
+            }
+        }
+        if let Some((name, value, unit)) = tool.painted.unsound() {
+            return Err(EngineError::Property { name, value, unit });
+        }
+        // The stroke of the tool before; if it made no surface it is taken back, and the new tool is taken all the same.
+        let ended = self.let_go();
+        self.tool = tool;
+        ended
+    }
+
+    pub(super) fn combine(&mut self, boolean: Boolean, with: PointSet, is_sharp: bool) -> Result<(), EngineError> {
+        if boolean == Boolean::Difference && !with.bounds().is_some_and(|other| overlap(self.model.surface().bounds(), other)) {
+            return Err(EngineError::Beside);
+        }
+        let other = PointSurface::build(with, self.model.settings().n_neighbours)?;
+        self.has_leapt = true;
+        self.model.combine(boolean, &other, is_sharp)?;
+        Ok(())
+    }
+
+    pub(super) fn emboss(&mut self, image: &GreyImage, laid: &Laid, depth_m: f64) -> Result<(), EngineError> {
+        if !depth_m.is_finite() {
+            return Err(EngineError::Length { name: "a depth of images", value: depth_m });
+        }
+        self.has_leapt = true;
+        let n_moved = self.model.emboss(image, laid, depth_m)?;
+        if n_moved > 0 { Ok(()) } else { Err(EngineError::Nothing("image")) }
+    }
+}
+
+/// Two boxes have a place in common.
+fn overlap((low, high): (DVec3, DVec3), (other_low, other_high): (DVec3, DVec3)) -> bool {
+    low.cmple(other_high).all() && other_low.cmple(high).all()
+}

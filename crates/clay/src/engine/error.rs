@@ -1,0 +1,105 @@
+//! Why the engine did not do what it was asked for.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+use super::super::SurfaceError;
+use super::super::clay_model::ClayModelError;
+use super::super::export::ExportError;
+use super::super::material_map::Painted;
+use super::super::session::SessionError;
+use vps::spatial::Metres;
+
+/// Why the engine did not do what it was asked for. The piece is as it was; [`EngineError::hint`] says what would help.
+#[derive(Debug, thiserror::Error)]
+pub enum EngineError {
+    /// What would come out is no surface.
+    #[error("{0}")]
+    Surface(#[from] SurfaceError),
+    /// What would come out cannot be worked.
+    #[error("{0}")]
+    Piece(#[from] ClayModelError),
+    /// No closed mesh.
+    #[error("{0}")]
+    Export(#[from] ExportError),
+    /// A session that cannot be written.
+    #[error("{0}")]
+    Session(#[from] SessionError),
+    /// A file that cannot be written.
+    #[error("cannot write {path}: {source}")]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// There is no stroke to take back.
+    #[error("there is no stroke to take back")]
+    NothingToUndo,
+    /// Nothing was taken back since the last stroke.
+    #[error("there is no stroke to do again")]
+    NothingToRedo,
+    /// A craft needs a shape that the tool does not have.
+    #[error("the tool has no shape that could be joined with the piece")]
+    NoShape,
+    /// The tool is too far from the piece.
+    #[error("there is no surface within the brush")]
+    OutOfReach,
+    /// The tool works where the piece is stiff.
+    #[error("the tool is outside of the region that deforms")]
+    OutsideRegion,
+    /// The hand does not feel what it does.
+    #[error("no force flows, and nothing is worked that the hand does not feel")]
+    NoForce,
+    /// The tool touches none of the samples that it could work on.
+    #[error("nothing of the piece lies under the {0}")]
+    Nothing(&'static str),
+    /// A difference that cuts nothing off.
+    #[error("the other solid is beside the piece and cuts nothing off")]
+    Beside,
+    /// A property that no mass point may have.
+    #[error("{name} of {value} {unit}")]
+    Property {
+        /// What it is of.
+        name: &'static str,
+        /// As given.
+        value: f32,
+        /// Its unit.
+        unit: &'static str,
+    },
+    /// A number that means nothing.
+    #[error("{name} of {}", Metres(*value))]
+    Length {
+        /// What it is of.
+        name: &'static str,
+        /// As given.
+        value: f64,
+    },
+}
+
+impl EngineError {
+    pub(super) fn write(path: &Path, source: io::Error) -> Self {
+        Self::Write { path: path.to_owned(), source }
+    }
+
+    /// What to do about it.
+    pub fn hint(&self) -> &'static str {
+        match self {
+            Self::Surface(error) | Self::Piece(ClayModelError::Surface(error)) => error.hint(),
+            Self::Piece(ClayModelError::NothingLeft) => "move or shrink the other solid, and check its unit",
+            Self::Piece(_) => "choose another region or another raster",
+            Self::Export(_) => "undo the last stroke, or load the piece with more air around it",
+            Self::Session(_) | Self::Write { .. } => "choose a file in a folder that exists and may be written to",
+            Self::NothingToUndo => "nothing has changed since the piece was loaded",
+            Self::NothingToRedo => "only what was taken back can be done again, until the next stroke",
+            Self::NoShape => "give the scene's tool a mesh or a shape, or combine with another solid",
+            Self::OutOfReach => "bring the tool nearer to the surface, or take a larger brush",
+            Self::OutsideRegion => "choose a region around it, or work within the one there is",
+            Self::NoForce => "enable the arm",
+            Self::Nothing(_) => "lay it on the surface, facing out of it",
+            Self::Beside => "move it, and check its unit",
+            Self::Property { .. } => Painted::KNOWN_GOOD,
+            Self::Length { .. } => "give a finite length, above 0 for a brush",
+        }
+    }
+}

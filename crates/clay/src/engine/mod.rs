@@ -1,0 +1,270 @@
+//! The engine of sculpting: a model of clay, and the tool that works it.
+//!
+//! Data in: what the tool does, tick by tick, and [`SculptOrder`]s of people, pages and scripts. Data out: frames for the loop, [`ClayView`]s for those
+//! who look.
+//!
+//! ```text
+//!  ToolMotion ──► tool: push, pull, paint, … ──────┐
+//!  SculptOrder ─► undo, emboss, combine, save, … ──┴─► ClayModel ─► Frame (to the loop), ClayView (to clients)
+//! ```
+//! Pure: no clock and no thread of its own; the same calls give the same bits.
+
+mod carry_out;
+mod clay_view;
+mod error;
+mod order;
+mod sculpt_tool;
+mod tool_motion;
+mod work;
+
+use std::sync::Arc;
+
+pub use clay_view::ClayView;
+pub use error::EngineError;
+pub use order::SculptOrder;
+pub use sculpt_tool::{SculptTool, ToolChange, ToolSettings};
+pub use tool_motion::{Grip, ToolBody, ToolMotion};
+
+use self::work::{Doing, Heard};
+use super::{ClayModel, PointSet};
+use vps::density::Frame;
+use vps::spatial::Metres;
+
+/// Strokes that were made, and how many can be taken back and done again.
+type Past = (u64, (usize, usize));
+
+/// Mass points that have come to stand so many times farther apart are told of.
+const COARSER: f64 = 1.25;
+
+/// A model of clay and the tool that works it.
+#[derive(Debug)]
+pub struct SculptEngine {
+    model: ClayModel,
+    tool: ToolSettings,
+    body: ToolBody,
+    heard: Heard,
+    /// Somebody ordered what the arm's button does.
+    is_held_by_order: bool,
+    doing: Doing,
+    updates: u64,
+    /// Of the points that were shown last.
+    version: u64,
+    /// As they were copied last; `None`: never.
+    shown: Option<Arc<PointSet>>,
+    /// They have changed since.
+    is_outdated: bool,
+    /// Strokes, and strokes to be taken back and done again, when a session was saved last.
+    saved: Past,
+    /// Of the last update.
+    grip: Grip,
+    /// The loop has not been shown what there is.
+    has_changed: bool,
+    /// The surface may have gone elsewhere at once since it was shown.
+    has_leapt: bool,
+    trouble: Arc<str>,
+}
+
+impl SculptEngine {
+    /// A piece, the craft to begin with, and the body in the hand.
+    pub fn new(model: ClayModel, tool: ToolSettings, body: ToolBody) -> Self {
+        Self {
+            saved: past_of(&model),
+            model,
+            tool,
+            body,
+            heard: Heard::default(),
+            is_held_by_order: false,
+            doing: Doing::Nothing,
+            updates: 0,
+            version: 0,
+            shown: None,
+            is_outdated: true,
+            grip: Grip::None,
+            has_changed: true,
+            has_leapt: false,
+            trouble: Arc::from(""),
+        }
+    }
+
+    /// The model.
+    pub fn model(&self) -> &ClayModel {
+        &self.model
+    }
+
+    /// Updates of the material so far.
+    pub fn updates(&self) -> u64 {
+        self.updates
+    }
+
+    /// What went wrong last, for people; empty when nothing did since.
+    pub fn trouble(&self) -> &Arc<str> {
+        &self.trouble
+    }
+
+    /// What became in the last update of somebody who took hold; [`Self::trouble`] says why nothing did.
+    pub fn grip(&self) -> Grip {
+        self.grip
+    }
+
+    /// What a tick of the loop told; every tick is heard once, in order. Cost: none to speak of.
+    pub fn hear(&mut self, handling: &ToolMotion) {
+        self.heard.add(handling, self.is_held_by_order);
+    }
+
+    /// Carries out an order.
+    ///
+    /// # Errors
+    /// [`EngineError`]; the piece is as it was, but that a stroke may have ended.
+    pub fn order(&mut self, order: SculptOrder) -> Result<(), EngineError> {
+        let spacing_m = self.model.region().lattice().spacing_m;
+        self.carry_out(order)?;
+        self.trouble = self.coarser_than(spacing_m);
+        Ok(())
+    }
+
+    /// Lets the hand work, and the material move, for a time. False when nothing has changed since the update before: then there is
+    /// nothing new to show.
+    pub fn advance(&mut self, time_s: f64) -> bool {
+        self.updates += 1;
+        let heard = self.heard.take();
+        let had_rope = self.rope_map().is_some();
+        let strokes_before = self.model.strokes();
+        let spacing_m = self.model.region().lattice().spacing_m;
+        let worked = self.work(&heard, time_s);
+        self.grip = heard.grip(worked.is_ok() || !self.tool.craft.is_held());
+        if let Err(error) = worked {
+            self.complain(&error);
+        } else if self.model.strokes() > strokes_before {
+            self.trouble = self.coarser_than(spacing_m);
+        }
+        let is_stroke = self.model.is_stroke();
+        if is_stroke {
+            self.model.advance(time_s);
+            self.follow();
+        }
+        if is_stroke || self.model.strokes() != strokes_before || had_rope != self.rope_map().is_some() {
+            self.note_change();
+        }
+        core::mem::take(&mut self.has_changed)
+    }
+
+    /// The stroke under way ends, and the rope is let go.
+    pub fn finish(&mut self) {
+        self.grip = Grip::None;
+        if let Err(error) = self.let_go() {
+            self.complain(&error);
+        }
+    }
+
+    /// The rope is let go, and the stroke goes on without it; false where there is none.
+    pub fn slacken(&mut self) -> bool {
+        let had_rope = self.rope_map().is_some();
+        if had_rope {
+            self.doing = Doing::Nothing;
+        }
+        had_rope
+    }
+
+    /// The stroke under way has never been: after densities that cannot be touched.
+    pub fn give_up_stroke(&mut self, why: &str) {
+        self.doing = Doing::Nothing;
+        self.has_leapt = true;
+        self.model.cancel_stroke();
+        self.note_change();
+        self.trouble = format!("the stroke was taken back: {why}").into();
+    }
+
+    /// Writes what there is into a frame for the loop. Cost: a copy of the region.
+    pub fn show(&mut self, frame: &mut Frame) {
+        self.model.show(frame);
+        frame.sequence = self.updates;
+        frame.rope_map = self.rope_map();
+        frame.is_leap = core::mem::take(&mut self.has_leapt);
+    }
+
+    /// The samples are others than [`Self::view`] shows.
+    pub fn has_new_samples(&self) -> bool {
+        self.is_outdated
+    }
+
+    /// From now on [`Self::view`] shows the samples as they are. Cost: a copy of them where they have changed.
+    pub fn copy_samples(&mut self) {
+        if core::mem::take(&mut self.is_outdated) || self.shown.is_none() {
+            self.version += 1;
+            self.shown = Some(Arc::new(self.model.points().clone()));
+        }
+    }
+
+    /// What those see who look: all as it is, but samples as of the last [`Self::copy_samples`]. Cost: little; the first one copies.
+    pub fn view(&mut self) -> ClayView {
+        let points = match &self.shown {
+            Some(points) => points.clone(),
+            None => {
+                self.copy_samples();
+                self.shown.clone().unwrap_or_default()
+            }
+        };
+        let (n_undo, n_redo) = self.model.history();
+        ClayView {
+            version: self.version,
+            points,
+            spacing_m: self.model.surface().spacing_m(),
+            region_map: self.model.region_map(),
+            tool: self.tool.clone(),
+            material: self.model.settings().material.clone(),
+            is_stroke: self.model.is_stroke(),
+            is_unsaved: self.is_unsaved(),
+            is_over: false,
+            n_undo,
+            n_redo,
+            updates: self.updates,
+            update_s: 0.0,
+            late: 0,
+            trouble: self.trouble.clone(),
+        }
+    }
+
+    /// Strokes were made, taken back or done again since a session was saved, or since the start.
+    pub(crate) fn is_unsaved(&self) -> bool {
+        self.model.is_stroke() || past_of(&self.model) != self.saved
+    }
+
+    /// What there is has not been shown: the next [`Self::advance`] says so.
+    pub fn show_again(&mut self) {
+        self.has_changed = true;
+    }
+
+    /// What to say of mass points that have come to stand farther apart, such as after a union with something far away; empty: nothing.
+    fn coarser_than(&self, before_m: f64) -> Arc<str> {
+        let now_m = self.model.region().lattice().spacing_m;
+        if now_m <= COARSER * before_m {
+            return Arc::from("");
+        }
+        let (before, now) = (Metres(before_m), Metres(now_m));
+        format!(
+            "the model has grown, and its mass points are {now} apart instead of {before}: what is finer than that is lost; undo, or choose a region \
+             around what is worked"
+        )
+        .into()
+    }
+
+    fn note_change(&mut self) {
+        self.is_outdated = true;
+        self.has_changed = true;
+    }
+
+    fn complain(&mut self, error: &EngineError) {
+        let trouble = format!("{error}; {}", error.hint());
+        if *self.trouble != *trouble {
+            self.show_again();
+            self.trouble = trouble.into();
+        }
+    }
+}
+
+fn past_of(model: &ClayModel) -> Past {
+    (model.strokes(), model.history())
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,162 @@
+//! What the tool does to the clay.
+
+use std::fmt;
+use std::sync::Arc;
+
+use super::super::boolean::Boolean;
+use super::super::emboss::GreyImage;
+use super::super::falloff::Falloff;
+use super::super::material_map::Painted;
+
+/// What the tool does to the clay. Whatever it does, the hand feels the surface.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum SculptTool {
+    /// Nothing: the hand feels the surface, and it stays as it is.
+    Touch,
+    /// The force of the hand dents the surface where the tool touches it.
+    #[default]
+    Push,
+    /// Point rope: while it is held, a rope from the place that was grabbed to the tool pulls the material along.
+    Pull,
+    /// Curve rope: the first hold draws a curve over the surface, the next one pulls all of it along.
+    PullCurve,
+    /// Colours the surface where the tool presses; harder is wider.
+    Paint,
+    /// Paints mass, damping and stiffness of the mass points where the tool presses, and colours the surface there; harder is wider.
+    Material,
+    /// Raises the surface by an image where it is held.
+    Emboss,
+    /// Sinks an image into the surface where it is held.
+    Engrave,
+    /// Adds the tool's own shape where it is held.
+    Union,
+    /// Leaves what is inside of the tool's own shape.
+    Intersection,
+    /// Cuts the tool's own shape out.
+    Difference,
+}
+
+impl SculptTool {
+    /// The words in files, commands and menus, in the order of a menu.
+    pub const NAMES: [(&'static str, Self); 11] = [
+        ("touch", Self::Touch),
+        ("push", Self::Push),
+        ("pull", Self::Pull),
+        ("pull-curve", Self::PullCurve),
+        ("paint", Self::Paint),
+        ("material", Self::Material),
+        ("emboss", Self::Emboss),
+        ("engrave", Self::Engrave),
+        ("union", Self::Union),
+        ("intersection", Self::Intersection),
+        ("difference", Self::Difference),
+    ];
+
+    /// The craft of a word.
+    pub fn of(word: &str) -> Option<Self> {
+        Self::NAMES.iter().find(|(name, _)| *name == word).map(|(_, craft)| *craft)
+    }
+
+    /// The word for it in scenes and orders.
+    pub fn name(self) -> &'static str {
+        Self::NAMES.iter().find(|(_, craft)| *craft == self).map_or("touch", |(name, _)| name)
+    }
+
+    /// It works while the tool is held, or when it is taken hold of; the others work by touch.
+    pub(crate) fn is_held(self) -> bool {
+        !matches!(self, Self::Touch | Self::Push | Self::Paint | Self::Material)
+    }
+
+    /// What becomes of the tool's shape and the piece, for those three crafts.
+    pub(crate) fn boolean(self) -> Option<Boolean> {
+        match self {
+            Self::Union => Some(Boolean::Union),
+            Self::Intersection => Some(Boolean::Intersection),
+            Self::Difference => Some(Boolean::Difference),
+            _ => None,
+        }
+    }
+}
+
+impl fmt::Display for SculptTool {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// A craft with its settings.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ToolSettings {
+    /// What it does.
+    pub craft: SculptTool,
+    /// Radius around the tool within which material moves, is coloured (at [`Self::FULL_FORCE_N`]) or embossed, m.
+    pub brush_m: f64,
+    /// How push, pull, paint and material fade towards that radius; constant paint has a sharp rim.
+    pub falloff: Falloff,
+    /// Of paint, and of the surface where material is painted, sRGB.
+    pub color: [u8; 3],
+    /// Of the craft material; where it says nothing, [so many times](Painted::HARDER) as hard as the piece.
+    pub painted: Painted,
+    /// Depth of white in an image, m.
+    pub depth_m: f64,
+    /// What is embossed and engraved; without one, a round dome.
+    pub image: Option<Arc<GreyImage>>,
+    /// Edges of Booleans stay sharp, as far as the raster holds them.
+    pub is_sharp: bool,
+}
+
+impl ToolSettings {
+    /// The force at which a brush has its full radius, N.
+    pub const FULL_FORCE_N: f64 = 2.0;
+}
+
+/// Settings of the tool that change; what is `None` stays.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ToolChange {
+    /// [`ToolSettings::craft`].
+    pub craft: Option<SculptTool>,
+    /// [`ToolSettings::brush_m`], m.
+    pub brush_m: Option<f64>,
+    /// [`ToolSettings::falloff`].
+    pub falloff: Option<Falloff>,
+    /// [`ToolSettings::color`].
+    pub color: Option<[u8; 3]>,
+    /// [`ToolSettings::painted`].
+    pub painted: Option<Painted>,
+    /// [`ToolSettings::depth_m`], m.
+    pub depth_m: Option<f64>,
+    /// [`ToolSettings::is_sharp`].
+    pub is_sharp: Option<bool>,
+}
+
+impl ToolChange {
+    /// The settings with this change.
+    pub fn onto(self, tool: &ToolSettings) -> ToolSettings {
+        ToolSettings {
+            craft: self.craft.unwrap_or(tool.craft),
+            brush_m: self.brush_m.unwrap_or(tool.brush_m),
+            falloff: self.falloff.unwrap_or_else(|| tool.falloff.clone()),
+            color: self.color.unwrap_or(tool.color),
+            painted: self.painted.unwrap_or(tool.painted),
+            depth_m: self.depth_m.unwrap_or(tool.depth_m),
+            image: tool.image.clone(),
+            is_sharp: self.is_sharp.unwrap_or(tool.is_sharp),
+        }
+    }
+}
+
+impl Default for ToolSettings {
+    /// A soft push, 5 mm wide.
+    fn default() -> Self {
+        Self {
+            craft: SculptTool::default(),
+            brush_m: 5e-3,
+            falloff: Falloff::default(),
+            color: [200, 60, 40],
+            painted: Painted::default(),
+            depth_m: 1e-3,
+            image: None,
+            is_sharp: false,
+        }
+    }
+}

@@ -1,0 +1,468 @@
+use core::f64::consts::PI;
+use std::sync::Arc;
+
+use glam::DVec3;
+
+use super::*;
+use crate::Body;
+use crate::boolean::Boolean;
+use crate::clay_model::Settings;
+use crate::dynamics::Material;
+use crate::emboss::{GreyImage, Laid};
+use crate::falloff::Falloff;
+use crate::shapes::sphere;
+use vps::mesh::mass::mass_properties;
+use vps::spatial::Pose;
+
+const R: f64 = 0.02;
+const UPDATE_S: f64 = 4e-3;
+const TICKS: usize = 4;
+
+fn model() -> ClayModel {
+    let settings = Settings {
+        region_map: Some((DVec3::new(-0.012, -0.012, 0.006), DVec3::new(0.012, 0.012, 0.030))),
+        raster: [31; 3],
+        air_m: 5e-3,
+        material: Material { creep_s: 0.05, ..Material::default() },
+        ..Settings::default()
+    };
+    ClayModel::new(sphere(4000, R), settings).unwrap()
+}
+
+fn tool(craft: SculptTool) -> ToolSettings {
+    ToolSettings { craft, brush_m: 4e-3, ..ToolSettings::default() }
+}
+
+/// A point in a hand, with the springs of the tick.
+struct Hand {
+    engine: SculptEngine,
+    at: DVec3,
+    is_held: bool,
+    has_force: bool,
+}
+
+impl Hand {
+    fn with(craft: SculptTool) -> Self {
+        Self::of(SculptEngine::new(model(), tool(craft), ToolBody::default()))
+    }
+
+    fn of(engine: SculptEngine) -> Self {
+        Self { engine, at: DVec3::Z * (R + 8e-3), is_held: false, has_force: true }
+    }
+
+    /// Updates with the hand on its way to a place.
+    fn go(&mut self, to: DVec3, n_updates: usize) {
+        let from = self.at;
+        for update in 0..n_updates {
+            for tick in 1..=TICKS {
+                let share = (update * TICKS + tick) as f64 / (n_updates * TICKS) as f64;
+                self.at = from + (to - from) * share;
+                let model = self.engine.model();
+                let depth_m = model.density_m(self.at).unwrap_or(-1.0);
+                let out = model.onto(self.at, 0.02).map_or(DVec3::ZERO, |(_, normal)| normal);
+                let force_map = if depth_m > 0.0 { out * (1500.0 * depth_m).min(8.0) } else { DVec3::ZERO };
+                let stretch = self.engine.rope_map().map_or(DVec3::ZERO, |anchor| anchor - self.at);
+                self.engine.hear(&ToolMotion {
+                    map_from_tool: Pose::from_translation(self.at),
+                    force_map,
+                    rope_map: (stretch * 1000.0).clamp_length_max(6.0),
+                    touches: depth_m > 0.0,
+                    is_held: self.is_held,
+                    has_force: self.has_force,
+                });
+            }
+            self.engine.advance(UPDATE_S);
+        }
+    }
+
+    /// Where a ray from above meets the surface.
+    fn top_m(&self) -> f64 {
+        let step_m = 2e-5;
+        let inside = |n: &u32| self.engine.model().density_m(DVec3::Z * (R + 9e-3 - step_m * f64::from(*n))).unwrap_or(-1.0) > 0.0;
+        R + 9e-3 - step_m * f64::from((0..1000).find(inside).unwrap())
+    }
+
+    fn history(&self) -> (usize, usize) {
+        self.engine.model().history()
+    }
+
+    fn volume_m3(&self) -> f64 {
+        mass_properties(&self.engine.model().mesh().unwrap()).volume_m3
+    }
+}
+
+#[test]
+fn push_dents_until_the_hand_is_not_resisted_and_ends_when_it_has_left() {
+    let mut hand = Hand::with(SculptTool::Push);
+    hand.go(DVec3::Z * R, 20);
+    assert_eq!(hand.history(), (0, 0), "nothing was touched");
+    hand.go(DVec3::Z * (R - 2e-3), 50);
+    hand.go(DVec3::Z * (R - 2e-3), 250);
+    let dented_m = hand.top_m();
+    assert!((dented_m - (R - 2e-3)).abs() < 0.4e-3, "{dented_m}");
+    hand.go(DVec3::Z * (R + 5e-3), 60);
+    assert!(!hand.engine.model().is_stroke());
+    assert_eq!(hand.history(), (1, 0));
+    assert!((hand.top_m() - dented_m).abs() < 0.5e-3, "clay stays where it was left: {} of {dented_m}", hand.top_m());
+    hand.engine.order(SculptOrder::Undo).unwrap();
+    assert!((hand.top_m() - R).abs() < 5e-5);
+}
+
+#[test]
+fn pull_leads_the_surface_to_the_hand_and_lets_go_with_it() {
+    let mut hand = Hand::with(SculptTool::Pull);
+    hand.go(DVec3::Z * (R + 1e-3), 10);
+    hand.is_held = true;
+    hand.go(DVec3::Z * (R + 1e-3), 1);
+    let anchor = hand.engine.rope_map().unwrap();
+    assert!((anchor - DVec3::Z * R).length() < 1e-4, "{anchor}");
+    let length_m = 4e-3;
+    hand.go(DVec3::Z * (R + length_m), 50);
+    hand.go(DVec3::Z * (R + length_m), 300);
+    let (top_m, anchor) = (hand.top_m(), hand.engine.rope_map().unwrap());
+    assert!((top_m - (R + length_m)).abs() < 0.6e-3, "{top_m}");
+    assert!((anchor - DVec3::Z * top_m).length() < 0.2e-3, "{anchor} is on the surface at {top_m}");
+    hand.is_held = false;
+    hand.go(DVec3::Z * (R + 8e-3), 2);
+    assert_eq!((hand.engine.rope_map(), hand.engine.model().is_stroke(), hand.history()), (None, false, (1, 0)));
+}
+
+#[test]
+fn pull_curve_draws_first_and_then_lifts_all_of_it() {
+    let mut hand = Hand::with(SculptTool::PullCurve);
+    let along = |x: f64| DVec3::new(x, 0.0, (R * R - x * x).sqrt() + 0.5e-3);
+    hand.go(along(-5e-3), 10);
+    hand.is_held = true;
+    for n in -10..=10 {
+        hand.go(along(f64::from(n) * 0.5e-3), 2);
+    }
+    assert_eq!((hand.engine.rope_map(), hand.history()), (None, (0, 0)), "drawing moves nothing");
+    hand.is_held = false;
+    hand.go(along(0.0), 10);
+    hand.is_held = true;
+    hand.go(along(0.0), 1);
+    assert!(hand.engine.rope_map().is_some());
+    hand.go(along(0.0) + DVec3::Z * 3e-3, 250);
+    hand.is_held = false;
+    hand.go(along(0.0) + DVec3::Z * 8e-3, 2);
+    assert_eq!(hand.history(), (1, 0));
+    let raised_m = |at: DVec3| hand.engine.model().onto(at, 0.01).unwrap().0.length() - R;
+    let heights: Vec<f64> = [-4e-3, -2e-3, 0.0, 2e-3, 4e-3].iter().map(|x| raised_m(along(*x))).collect();
+    assert!(heights.iter().all(|height_m| *height_m > 0.7e-3), "{heights:?}");
+    assert!(raised_m(DVec3::new(0.0, 8e-3, (R * R - 64e-6).sqrt())) < 0.2e-3);
+}
+
+#[test]
+fn paint_is_as_wide_as_the_force_and_one_press_is_one_stroke() {
+    let red = [250, 10, 20];
+    let settings = ToolSettings { color: red, falloff: Falloff::Constant, ..tool(SculptTool::Paint) };
+    let mut engine = SculptEngine::new(model(), settings, ToolBody::default());
+    let before = engine.model().points().clone();
+    let touch = |engine: &mut SculptEngine, force_n: f64| {
+        engine.hear(&ToolMotion {
+            map_from_tool: Pose::from_translation(DVec3::Z * (R - 1e-4)),
+            force_map: DVec3::Z * force_n,
+            touches: force_n > 0.0,
+            has_force: true,
+            ..ToolMotion::default()
+        });
+        engine.advance(UPDATE_S);
+    };
+    (0..25).for_each(|_| touch(&mut engine, 1.0));
+    (0..100).for_each(|_| touch(&mut engine, 0.0));
+    assert_eq!((engine.model().history(), engine.model().is_stroke()), ((1, 0), false));
+    // 1 N of 2 N: half the brush.
+    let mut n_red = 0;
+    let points = engine.model().points();
+    for (at, color) in points.positions_map.iter().zip(&points.colors) {
+        let is_red = at.distance(DVec3::Z * R) < 2e-3;
+        assert_eq!(*color == red, is_red, "{at}: {color:?}");
+        n_red += u32::from(is_red);
+    }
+    assert!(n_red > 10 && points.len() > before.len(), "{n_red} red ones, {} samples: the rim is finer", points.len());
+    engine.order(SculptOrder::Undo).unwrap();
+    assert_eq!(*engine.model().points(), before);
+}
+
+#[test]
+fn an_image_is_raised_and_sunk_by_its_depth_where_the_tool_is() {
+    for (craft, sign) in [(SculptTool::Emboss, 1.0), (SculptTool::Engrave, -1.0)] {
+        let white = Arc::new(GreyImage::new(2, 2, vec![1.0; 4]).unwrap());
+        let depth_m = 0.8e-3;
+        for (image, depth_of_middle_m) in [(Some(white), depth_m), (None, depth_m)] {
+            let settings = ToolSettings { image, depth_m, brush_m: 8e-3, ..tool(craft) };
+            let mut hand = Hand::of(SculptEngine::new(model(), settings, ToolBody::default()));
+            hand.go(DVec3::Z * (R + 1e-3), 5);
+            hand.is_held = true;
+            hand.go(DVec3::Z * (R + 1e-3), 30);
+            assert_eq!(hand.history(), (1, 0), "once for each hold");
+            assert!((hand.top_m() - R - sign * depth_of_middle_m).abs() < 0.1e-3, "{craft}: {}", hand.top_m() - R);
+            let side = hand.engine.model().onto(DVec3::X * R, 0.01).unwrap().0.x;
+            assert!((side - R).abs() < 0.1e-3, "{side}");
+        }
+    }
+}
+
+#[test]
+fn the_tools_own_shape_is_joined_and_cut_out_with_the_volume_of_a_lens() {
+    let (r, away) = (0.01, 0.022);
+    let body = ToolBody { shape: Some(Arc::new(sphere(2000, r))), center_of_mass_tool: DVec3::ZERO };
+    let ball = |r: f64| 4.0 / 3.0 * PI * r.powi(3);
+    // Two balls whose middles are `away` apart.
+    let lens = PI * (R + r - away).powi(2) * (away * away + 2.0 * away * (R + r) - 3.0 * (R - r).powi(2)) / (12.0 * away);
+    for (craft, expected) in
+        [(SculptTool::Union, ball(R) + ball(r) - lens), (SculptTool::Intersection, lens), (SculptTool::Difference, ball(R) - lens)]
+    {
+        for is_sharp in [false, true] {
+            let settings = Settings { raster: [48; 3], air_m: 5e-3, ..Settings::default() };
+            let model = ClayModel::new(sphere(4000, R), settings).unwrap();
+            let before = model.base().values_m().to_vec();
+            let mut hand = Hand::of(SculptEngine::new(model, ToolSettings { is_sharp, ..tool(craft) }, body.clone()));
+            hand.at = DVec3::X * away;
+            hand.go(hand.at, 1);
+            hand.is_held = true;
+            hand.go(hand.at, 3);
+            assert_eq!(hand.history(), (1, 0), "{craft}: {}", hand.engine.trouble());
+            let volume = hand.volume_m3();
+            assert!((volume / expected - 1.0).abs() < 0.03, "{craft}, sharp {is_sharp}: {volume} of {expected}");
+            // The region has become another one with the piece, and comes back as it was.
+            hand.engine.order(SculptOrder::Undo).unwrap();
+            assert_eq!(hand.engine.model().base().values_m(), before);
+            assert!((hand.volume_m3() / ball(R) - 1.0).abs() < 0.02);
+            hand.engine.order(SculptOrder::Redo).unwrap();
+            assert!((hand.volume_m3() / volume - 1.0).abs() < 1e-9);
+        }
+    }
+}
+
+#[test]
+fn what_the_hand_does_not_feel_does_nothing() {
+    for (_, craft) in SculptTool::NAMES {
+        let mut hand = Hand::with(craft);
+        let before = hand.engine.model().points().clone();
+        hand.has_force = false;
+        hand.go(DVec3::Z * (R - 1e-3), 20);
+        hand.is_held = true;
+        hand.go(DVec3::Z * (R - 1e-3), 20);
+        assert_eq!((hand.engine.model().points(), hand.history()), (&before, (0, 0)), "{craft}");
+        assert_eq!(hand.engine.trouble().contains("no force"), craft.is_held(), "{craft}: {}", hand.engine.trouble());
+        // Force alone takes hold of nothing: that takes a new press.
+        hand.has_force = true;
+        hand.go(DVec3::Z * (R + 1e-3), 5);
+        assert_eq!(hand.engine.rope_map(), None, "{craft}");
+    }
+    // And force that goes lets go.
+    let mut hand = Hand::with(SculptTool::Pull);
+    hand.go(DVec3::Z * (R + 1e-3), 2);
+    hand.is_held = true;
+    hand.go(DVec3::Z * (R + 3e-3), 20);
+    assert!(hand.engine.rope_map().is_some());
+    hand.has_force = false;
+    hand.go(hand.at, 1);
+    assert_eq!((hand.engine.rope_map(), hand.engine.model().is_stroke()), (None, false));
+}
+
+#[test]
+fn outside_of_the_region_the_piece_is_stiff_and_says_so() {
+    for craft in [SculptTool::Push, SculptTool::Pull] {
+        let mut hand = Hand::with(craft);
+        hand.at = DVec3::X * (R + 1e-3);
+        hand.is_held = craft == SculptTool::Pull;
+        hand.go(DVec3::X * (R - 1e-3), 10);
+        assert!(hand.engine.trouble().contains("outside of the region"), "{craft}: {}", hand.engine.trouble());
+        assert_eq!((hand.history(), hand.engine.rope_map()), ((0, 0), None), "{craft}");
+        // The next stroke that works takes the complaint back.
+        hand.is_held = false;
+        hand.at = DVec3::Z * (R + 1e-3);
+        hand.go(hand.at, 1);
+        hand.is_held = craft == SculptTool::Pull;
+        hand.go(DVec3::Z * (R - 0.5e-3), 10);
+        assert_eq!((&**hand.engine.trouble(), hand.history()), ("", (1, 0)), "{craft}");
+    }
+}
+
+#[test]
+fn a_hold_that_is_ordered_before_anything_is_heard_waits_for_the_hand() {
+    let mut hand = Hand::with(SculptTool::Pull);
+    hand.engine.order(SculptOrder::Hold(true)).unwrap();
+    hand.engine.advance(UPDATE_S);
+    hand.engine.advance(UPDATE_S);
+    assert_eq!((hand.engine.rope_map(), &**hand.engine.trouble()), (None, ""));
+    hand.at = DVec3::Z * (R + 1e-3);
+    hand.go(hand.at, 1);
+    assert!(hand.engine.rope_map().is_some());
+}
+
+#[test]
+fn orders_end_what_the_hand_does_and_say_why_they_fail() {
+    let mut hand = Hand::with(SculptTool::Pull);
+    let before = hand.engine.model().points().clone();
+    assert!(matches!(hand.engine.order(SculptOrder::Undo), Err(EngineError::NothingToUndo)));
+    assert!(matches!(hand.engine.order(SculptOrder::Redo), Err(EngineError::NothingToRedo)));
+    let none = SculptOrder::Take(ToolSettings { brush_m: 0.0, ..tool(SculptTool::Push) });
+    assert!(matches!(hand.engine.order(none), Err(EngineError::Length { .. })));
+    let image = Arc::new(GreyImage::new(2, 2, vec![1.0; 4]).unwrap());
+    let beside = Laid::Flat { middle_map: DVec3::ONE, right_map: DVec3::Y * 1e-3, up_map: DVec3::Z * 1e-3 };
+    let refused = hand.engine.order(SculptOrder::Emboss { image: image.clone(), laid: beside, depth_m: 1e-3 });
+    assert!(matches!(refused, Err(EngineError::Nothing(_))), "{refused:?}");
+    let refused = hand.engine.order(SculptOrder::Emboss { image, laid: beside, depth_m: f64::NAN });
+    assert!(matches!(refused, Err(EngineError::Length { .. })), "{refused:?}");
+    let cut = |radius_m: f64, map_from_body: Pose| {
+        let with = Arc::new(Body::Samples(sphere(4000, radius_m)));
+        SculptOrder::Combine { boolean: Boolean::Difference, with, map_from_body, is_sharp: false }
+    };
+    let refused = hand.engine.order(cut(2.0 * R, Pose::IDENTITY));
+    assert!(matches!(refused, Err(EngineError::Piece(_))), "{refused:?}");
+    let refused = hand.engine.order(cut(R, Pose::from_translation(DVec3::X * 3.0 * R)));
+    assert!(matches!(refused, Err(EngineError::Beside)), "{refused:?}");
+    let refused = hand.engine.order(SculptOrder::Region { low_map: DVec3::ONE, high_map: DVec3::ZERO });
+    assert!(matches!(refused, Err(EngineError::Piece(_))));
+    for order in [SculptOrder::SavePoints, SculptOrder::SaveSession, SculptOrder::Export] {
+        let error = hand.engine.order(order("/no/such/folder/piece".into())).unwrap_err();
+        assert!(error.to_string().contains("/no/such/folder/piece"), "{error}");
+    }
+    assert_eq!((hand.engine.model().points(), hand.history().0), (&before, 0));
+
+    hand.go(DVec3::Z * (R + 1e-3), 2);
+    hand.engine.order(SculptOrder::Hold(true)).unwrap();
+    hand.go(DVec3::Z * (R + 4e-3), 50);
+    assert!(hand.engine.rope_map().is_some() && hand.engine.model().is_stroke());
+    hand.engine.order(SculptOrder::Take(tool(SculptTool::Push))).unwrap();
+    assert_eq!((hand.engine.rope_map(), hand.engine.model().is_stroke(), hand.history()), (None, false, (1, 0)));
+    hand.engine.order(SculptOrder::Take(tool(SculptTool::Pull))).unwrap();
+    hand.go(hand.at, 2);
+    assert_eq!(hand.engine.rope_map(), None, "a hold that goes on is no new one");
+    hand.engine.order(SculptOrder::Hold(false)).unwrap();
+    hand.engine.order(SculptOrder::Hold(true)).unwrap();
+    hand.go(hand.at, 2);
+    assert!(hand.engine.rope_map().is_some());
+    // An undo in the middle of a stroke takes that stroke back, and only it.
+    hand.engine.order(SculptOrder::Undo).unwrap();
+    assert_eq!((hand.engine.rope_map(), hand.history()), (None, (1, 1)));
+}
+
+#[test]
+fn a_view_has_new_points_only_when_there_are_some() {
+    let mut hand = Hand::with(SculptTool::Push);
+    let first = hand.engine.view();
+    hand.go(DVec3::Z * (R + 4e-3), 5);
+    // Neither what is asked for nor what is refused makes other points.
+    hand.engine.order(SculptOrder::Hold(true)).unwrap();
+    hand.engine.order(SculptOrder::Hold(false)).unwrap();
+    hand.engine.order(SculptOrder::Take(tool(SculptTool::Push))).unwrap();
+    hand.engine.order(SculptOrder::Export("/no/such/folder/piece".into())).unwrap_err();
+    assert!(hand.engine.advance(UPDATE_S), "but somebody else may see what the tool is now");
+    let second = hand.engine.view();
+    assert!(first.version == 1 && second.version == 1 && Arc::ptr_eq(&first.points, &second.points));
+    assert!(!hand.engine.has_new_samples());
+    hand.go(DVec3::Z * (R - 1e-3), 20);
+    // Samples are copied when somebody says so; all else is new at once.
+    let uncopied = hand.engine.view();
+    assert!(hand.engine.has_new_samples() && uncopied.is_stroke && uncopied.updates == 26);
+    assert!(uncopied.version == 1 && Arc::ptr_eq(&first.points, &uncopied.points));
+    hand.engine.copy_samples();
+    let third = hand.engine.view();
+    assert!(third.version == 2 && third.is_stroke && third.points != first.points);
+    assert_eq!((third.n_undo, third.tool.craft, third.updates), (1, SculptTool::Push, 26));
+    hand.engine.copy_samples();
+    assert!(!hand.engine.has_new_samples() && hand.engine.view().version == 2, "nothing is new");
+    hand.engine.order(SculptOrder::Undo).unwrap();
+    hand.engine.copy_samples();
+    let fourth = hand.engine.view();
+    assert_eq!((fourth.version, fourth.n_undo, fourth.n_redo, &*fourth.points), (3, 0, 1, &*first.points));
+}
+
+#[test]
+fn what_no_session_has_is_known() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut hand = Hand::with(SculptTool::Push);
+    let session = |hand: &mut Hand| hand.engine.order(SculptOrder::SaveSession(folder.path().join("piece.session"))).unwrap();
+    hand.engine.order(SculptOrder::Undo).unwrap_err();
+    assert!(!hand.engine.is_unsaved(), "as it was opened");
+    hand.go(DVec3::Z * (R - 1e-3), 20);
+    assert!(hand.engine.view().is_unsaved, "in the middle of the stroke");
+    hand.engine.order(SculptOrder::SavePoints(folder.path().join("piece.ply"))).unwrap();
+    hand.engine.order(SculptOrder::SaveSession("/no/such/folder/piece.session".into())).unwrap_err();
+    assert!(hand.engine.is_unsaved(), "samples are not all of it, and what failed saved nothing");
+    session(&mut hand);
+    assert!(!hand.engine.view().is_unsaved);
+    hand.engine.order(SculptOrder::Undo).unwrap();
+    assert!(hand.engine.is_unsaved());
+    hand.engine.order(SculptOrder::Redo).unwrap();
+    assert!(!hand.engine.is_unsaved(), "back where it was saved");
+}
+
+#[test]
+fn a_region_that_is_left_comes_back_with_the_stroke_that_was_made_in_it() {
+    let mut hand = Hand::with(SculptTool::Push);
+    let region = hand.engine.model().region_map();
+    hand.go(DVec3::Z * (R - 1e-3), 60);
+    let (low_map, high_map) = (DVec3::new(-0.026, -0.01, -0.01), DVec3::new(-0.006, 0.01, 0.01));
+    hand.engine.order(SculptOrder::Region { low_map, high_map }).unwrap();
+    assert_ne!(hand.engine.model().region_map(), region);
+    hand.engine.order(SculptOrder::Undo).unwrap();
+    assert_eq!(hand.engine.model().region_map(), region);
+    hand.engine.order(SculptOrder::Redo).unwrap();
+    assert!(hand.top_m() < R - 0.1e-3, "{}", hand.top_m());
+    assert_ne!(hand.engine.model().region_map(), region);
+}
+
+#[test]
+fn the_same_hand_leaves_the_same_bits_on_any_number_of_threads() {
+    let on = |threads: usize| {
+        rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(|| {
+            let mut hand = Hand::with(SculptTool::Push);
+            hand.go(DVec3::new(1e-3, 0.0, R - 2e-3), 40);
+            hand.engine.order(SculptOrder::Take(tool(SculptTool::Pull))).unwrap();
+            hand.is_held = true;
+            hand.go(DVec3::new(2e-3, 0.0, R + 3e-3), 60);
+            hand.engine.finish();
+            (hand.engine.model().points().clone(), hand.engine.model().base().values_m().to_vec())
+        })
+    };
+    assert!(on(1) == on(4));
+}
+
+/// The union with a ball somewhere.
+fn with_ball(n: usize, radius_m: f64, at_map: DVec3) -> SculptOrder {
+    let (with, map_from_body) = (Arc::new(Body::Samples(sphere(n, radius_m))), Pose::from_translation(at_map));
+    SculptOrder::Combine { boolean: Boolean::Union, with, map_from_body, is_sharp: false }
+}
+
+#[test]
+fn a_solid_is_joined_where_it_is_already() {
+    let mut hand = Hand::with(SculptTool::Touch);
+    hand.engine.order(with_ball(800, 5e-3, DVec3::Z * R)).unwrap();
+    let once_m3 = hand.volume_m3();
+    hand.engine.order(with_ball(800, 5e-3, DVec3::Z * R)).unwrap();
+    assert!((hand.volume_m3() / once_m3 - 1.0).abs() < 0.01, "{} of {once_m3}", hand.volume_m3());
+}
+
+#[test]
+fn a_piece_that_grows_beyond_its_mass_points_is_told_of() {
+    let model = ClayModel::new(sphere(1000, 0.01), Settings { raster: [25; 3], ..Settings::default() }).unwrap();
+    let mut engine = SculptEngine::new(model, tool(SculptTool::Touch), ToolBody::default());
+    engine.order(with_ball(500, 4e-3, DVec3::X * 0.01)).unwrap();
+    assert_eq!(&**engine.trouble(), "");
+    engine.order(with_ball(500, 4e-3, DVec3::X * 0.08)).unwrap();
+    assert!(engine.trouble().contains("mm apart instead of"), "{}", engine.trouble());
+    engine.order(SculptOrder::Undo).unwrap();
+    assert_eq!(&**engine.trouble(), "");
+}
+
+#[test]
+fn changes_of_the_tool_add_up_and_one_that_is_refused_changes_nothing() {
+    let mut engine = SculptEngine::new(model(), tool(SculptTool::Push), ToolBody::default());
+    for change in [
+        ToolChange { craft: Some(SculptTool::Paint), ..ToolChange::default() },
+        ToolChange { color: Some([1, 2, 3]), ..ToolChange::default() },
+        ToolChange { is_sharp: Some(true), ..ToolChange::default() },
+    ] {
+        engine.order(SculptOrder::Adjust(change)).unwrap();
+    }
+    let expected = ToolSettings { color: [1, 2, 3], is_sharp: true, ..tool(SculptTool::Paint) };
+    assert_eq!(engine.view().tool, expected);
+    let refused = ToolChange { craft: Some(SculptTool::Push), depth_m: Some(f64::NAN), ..ToolChange::default() };
+    assert!(matches!(engine.order(SculptOrder::Adjust(refused)), Err(EngineError::Length { .. })));
+    assert_eq!(engine.view().tool, expected);
+}

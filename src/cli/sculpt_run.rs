@@ -1,0 +1,242 @@
+//! Sculpting beside a run: what is planned, what runs while a scene renders, and what is written at its end.
+
+mod ending;
+mod outputs;
+mod summary;
+
+use std::path::{Path, PathBuf};
+
+pub(crate) use self::summary::SculptSummary;
+
+use self::ending::{carry_out, hint, rescue, wait};
+use self::outputs::{Pictures, Written, destination_of, session_of};
+use self::summary::Saved;
+use super::{Talk, destination, recording, report, say};
+use crate::config::scene::SculptConfig;
+use crate::config::strokes::{self, Script, Timed};
+use crate::config::{ConfigErrors, SceneConfig};
+use crate::daemon::Live;
+use crate::daemon::sculpting::{self, ClayHandle, Ended, Plan, Scripted, SculptReport, SculptThread};
+use crate::error::Exit;
+use crate::monitor::ClayParts;
+use crate::scene::LoadedClay;
+use clay::PointSet;
+use clay::engine::{SculptEngine, SculptOrder, ToolBody};
+use haptics::RenderScene;
+use rt::clock::ClockKind;
+use vps::mesh::{self, cloud};
+
+/// Where `--help` lists it.
+const HEADING: &str = "Clay";
+
+/// What is to become of the clay.
+#[derive(Debug, clap::Args)]
+pub(crate) struct ClayArgs {
+    /// Strokes of this file instead of the scene's.
+    #[arg(long, help_heading = HEADING, value_name = "FILE.toml")]
+    strokes: Option<PathBuf>,
+    /// At the end, write the samples with normals and colours.
+    #[arg(long, help_heading = HEADING, value_name = "FILE.ply")]
+    save: Option<PathBuf>,
+    /// At the end, write all that is needed to go on another day: `session` under [sculpt] takes it.
+    #[arg(long, help_heading = HEADING, value_name = "FILE")]
+    session: Option<PathBuf>,
+    /// At the end, write the piece as a closed mesh that `bake` and rigid scenes take.
+    #[arg(long, help_heading = HEADING, value_name = "FILE.ply")]
+    export: Option<PathBuf>,
+    /// At the end, draw the piece as it was and as it is: SCENE-before.png and SCENE-after.png in this folder.
+    #[arg(long, help_heading = HEADING, value_name = "DIR")]
+    pictures: Option<PathBuf>,
+}
+
+/// A file that samples can be taken from.
+pub(super) fn is_source(file: &Path) -> bool {
+    let ending = file.extension().map(|ending| ending.to_string_lossy().to_lowercase()).unwrap_or_default();
+    mesh::EXTENSIONS.iter().chain(cloud::EXTENSIONS).any(|known| *known == ending)
+}
+
+/// Sculpting beside one run: planned, open while the loop runs, closed after it.
+pub(crate) struct SculptRun {
+    plan: Plan,
+    script: Option<Script>,
+    sculpt: SculptConfig,
+    /// The stem of the scene's name.
+    name: String,
+    /// What is written at the end.
+    outputs: Vec<SculptOrder>,
+    pictures: Option<Pictures>,
+    open: Option<Open>,
+}
+
+struct Open {
+    thread: SculptThread,
+    /// Held for as long as the run goes on, for clients.
+    handle: ClayHandle,
+    volume_before_m3: Option<f64>,
+}
+
+impl SculptRun {
+    /// Reads the strokes and looks where files are to go, before anything takes long. `None`: the scene has no clay, and the command wants
+    /// none.
+    pub(crate) fn plan(
+        config: &SceneConfig,
+        args: Option<&ClayArgs>,
+        overwrite: bool,
+        clock: ClockKind,
+        recording: Option<&Path>,
+        talk: Talk,
+    ) -> Result<Option<Self>, Exit> {
+        let path = config.path.display();
+        let (sculpt, args) = match (&config.sculpt, args) {
+            (None, None) => return Ok(None),
+            (Some(sculpt), Some(args)) => (sculpt.clone(), args),
+            (Some(_), None) => {
+                let hint = format!("`hapticd sculpt {}` works it", say::quoted(&config.path));
+                report::error(&format!("{path}: [sculpt]: this scene has clay, and `run` is for rigid ones"), Some(&hint), talk);
+                return Err(Exit::Configuration);
+            }
+            (None, Some(_)) => {
+                let hint = format!("`hapticd run {}` renders it; a [sculpt] table would give it clay", say::quoted(&config.path));
+                report::error(&format!("{path}: this scene has no clay to sculpt"), Some(&hint), talk);
+                return Err(Exit::Configuration);
+            }
+        };
+        let file = args.strokes.as_ref().or(sculpt.strokes.as_ref());
+        let script = file.map(|file| strokes::load(file, &sculpt.tool)).transpose();
+        let script = script.map_err(|errors| report::config_errors(&errors, talk))?;
+        if script.is_none() && config.device.profile.real.is_none() && config.device.hand.is_none() {
+            let hint = "`hand` under [device] leads it along a path, --strokes FILE works the piece without it";
+            report::note(&format!("nothing moves the simulated arm: {hint}"), talk);
+        }
+        let outputs = args.outputs();
+        let pictures = args.pictures.as_ref().map(|folder| Pictures {
+            title: config.name.clone(),
+            name: config.path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
+            folder: folder.clone(),
+            before: PointSet::default(),
+        });
+        let written = Written { own: &outputs, script: script.as_ref(), pictures: pictures.as_ref(), recording };
+        written.check(config, overwrite, talk)?;
+        let tick_s = config.parameters.period_s;
+        Ok(Some(Self {
+            plan: Plan { tick_s, update_ticks: sculpt.update_ticks, clock, script: Vec::new() },
+            script,
+            name: config.path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
+            outputs,
+            pictures,
+            sculpt,
+            open: None,
+        }))
+    }
+
+    /// Holds the solids of the strokes against the piece: whether their units can be right.
+    pub(crate) fn fit(&self, piece: &LoadedClay, talk: Talk) -> Result<(), ConfigErrors> {
+        let odd = self.script.as_ref().map(|script| script.fit(piece.workpiece.surface().bounds())).transpose()?;
+        odd.into_iter().flatten().for_each(|problem| report::warning(&problem.to_string(), talk));
+        Ok(())
+    }
+
+    /// Begins to work the piece: the loop gets its clay.
+    pub(crate) fn open(&mut self, piece: LoadedClay, scene: &RenderScene, live: &mut Live) -> std::io::Result<()> {
+        let Some(clay) = &scene.clay else { return Ok(()) };
+        let LoadedClay { workpiece, tool_shape, report } = piece;
+        if let Some(pictures) = &mut self.pictures {
+            pictures.before = workpiece.points().clone();
+        }
+        let body = ToolBody { shape: Some(tool_shape), center_of_mass_tool: scene.tool.center_of_mass_tool };
+        let engine = SculptEngine::new(workpiece, self.sculpt.tool.clone(), body);
+        let due = |Timed { at, order, line, .. }: Timed| Scripted {
+            tick: (at.as_secs_f64() / self.plan.tick_s).round() as u64,
+            order,
+            line: Some(line),
+        };
+        let orders = self.script.as_mut().map(|script| std::mem::take(&mut script.orders)).unwrap_or_default();
+        let plan = Plan { script: orders.into_iter().map(due).collect(), ..self.plan.clone() };
+        let (slot, handle, thread) = sculpting::begin(engine, clay, plan)?;
+        live.clay = Some(slot);
+        self.open = Some(Open { thread, handle, volume_before_m3: report.volume_m3 });
+        Ok(())
+    }
+
+    /// The clay for those who ask and look; `None` before it is open.
+    pub(crate) fn for_clients(&self, scene: &RenderScene) -> Option<ClayParts> {
+        Some(ClayParts {
+            access: Box::new(self.open.as_ref()?.handle.clone()),
+            world_from_map: scene.clay.as_ref()?.world_from_map,
+            craft: self.sculpt.tool.craft,
+            folder: recording::state_folder().map(|state| state.join("clay")),
+            session_at_end: self.outputs.iter().find_map(session_of),
+        })
+    }
+
+    /// After the last tick: waits for the thread of the clay, writes what was asked for and says what went wrong. `None`: it was never open.
+    pub(crate) fn close(self, talk: Talk) -> Option<SculptSummary> {
+        let Open { thread, handle, volume_before_m3 } = self.open?;
+        drop(handle);
+        let Ended { report, mut engine } = match wait(thread, talk) {
+            Ok(ended) => ended,
+            Err((why, hint)) => {
+                report::error(why, Some(hint), talk);
+                return Some(SculptSummary {
+                    engine: SculptReport { broken: Some(why.to_owned()), ..SculptReport::default() },
+                    ..SculptSummary::default()
+                });
+            }
+        };
+        let mut summary = SculptSummary {
+            update_hz: 1.0 / (self.plan.update_ticks as f64 * self.plan.tick_s),
+            volume_before_mm3: volume_before_m3.map(|volume_m3| volume_m3 * 1e9),
+            volume_mm3: engine.model().volume_m3().map(|volume_m3| volume_m3 * 1e9),
+            engine: report,
+            ..SculptSummary::default()
+        };
+        for order in self.outputs {
+            let (kind, file) = destination_of(&order);
+            match carry_out(&mut engine, order) {
+                Some(Ok(())) => summary.saved.push(Saved { kind, file }),
+                Some(Err(error)) => {
+                    report::error(&error.to_string(), Some(hint(&error)), talk);
+                    summary.unsaved.push(Saved { kind, file });
+                }
+                None => {
+                    let message = format!("cannot write {}: the program failed while it wrote it", file.display());
+                    report::error(&message, Some("this is a bug of hapticd: please report it"), talk);
+                    summary.unsaved.push(Saved { kind, file });
+                }
+            }
+        }
+        if summary.is_at_risk() {
+            summary.rescued = rescue(&mut engine, &self.name, talk);
+        } else if summary.saved.is_empty() && summary.engine.files.is_empty() && summary.engine.strokes > 0 {
+            report::note(
+                "the strokes were not kept: --session FILE keeps all, --save FILE the samples, --export FILE a mesh",
+                talk,
+            );
+        }
+        // A picture keeps no stroke, and one that cannot be drawn loses none.
+        if let Some(pictures) = &self.pictures {
+            for (file, drawn) in pictures.draw(engine.model().points()) {
+                match drawn {
+                    Ok(()) => summary.saved.push(Saved { kind: "picture", file }),
+                    Err(error) => {
+                        report::error(&format!("cannot write {}: {error}", file.display()), destination::hint(&error), talk);
+                        summary.unsaved.push(Saved { kind: "picture", file });
+                    }
+                }
+            }
+        }
+        // Those of strokes and clients came first; what is at risk is judged without them, as they may be older than the last stroke.
+        let earlier = std::mem::take(&mut summary.engine.files);
+        summary.saved.splice(0..0, earlier.into_iter().map(|(kind, file)| Saved { kind, file }));
+        summary.tell(self.script.as_ref().map(|script| &*script.file), self.plan.tick_s, talk);
+        Some(summary)
+    }
+}
+
+impl ClayArgs {
+    fn outputs(&self) -> Vec<SculptOrder> {
+        let save = self.save.clone().map(SculptOrder::SavePoints);
+        let session = self.session.clone().map(SculptOrder::SaveSession);
+        [save, session, self.export.clone().map(SculptOrder::Export)].into_iter().flatten().collect()
+    }
+}

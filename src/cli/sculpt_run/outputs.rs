@@ -1,0 +1,144 @@
+//! What is to be written of a piece, and whether it can be: looked at before the work.
+
+use std::collections::HashSet;
+use std::path::{Path, PathBuf};
+
+use super::super::{Talk, destination, report};
+use crate::config::SceneConfig;
+use crate::config::strokes::Script;
+use crate::error::Exit;
+use crate::picture::splats::{self, Subject};
+use clay::PointSet;
+use clay::engine::SculptOrder;
+use vps::mesh;
+
+/// Drawings of the piece at the start and at the end.
+pub(super) struct Pictures {
+    /// Above the piece.
+    pub(super) title: String,
+    /// What the files' names begin with.
+    pub(super) name: String,
+    pub(super) folder: PathBuf,
+    pub(super) before: PointSet,
+}
+
+impl Pictures {
+    fn file(&self, moment: &str) -> PathBuf {
+        self.folder.join(format!("{}-{moment}.png", self.name))
+    }
+
+    fn files(&self) -> [PathBuf; 2] {
+        ["before", "after"].map(|moment| self.file(moment))
+    }
+
+    /// Draws both at one scale.
+    pub(super) fn draw(&self, after: &PointSet) -> [(PathBuf, std::io::Result<()>); 2] {
+        let moments = [("before", &self.before, after), ("after", after, &self.before)];
+        moments.map(|(moment, points, beside)| {
+            let (name, file) = (format!("{}, {moment}", self.title), self.file(moment));
+            let written = splats::write(&file, &[Subject { name: &name, points, beside: Some(beside) }]);
+            (file, written)
+        })
+    }
+}
+
+/// Every file that is to be written.
+pub(super) struct Written<'w> {
+    /// At the end.
+    pub(super) own: &'w [SculptOrder],
+    pub(super) script: Option<&'w Script>,
+    pub(super) pictures: Option<&'w Pictures>,
+    pub(super) recording: Option<&'w Path>,
+}
+
+impl Written<'_> {
+    /// Refuses what cannot be written, may not be written over, or is read.
+    pub(super) fn check(&self, config: &SceneConfig, overwrite: bool, talk: Talk) -> Result<(), Exit> {
+        let Self { own, script, pictures, recording } = self;
+        let refuse = |exit: Exit, message: String, hint: Option<&str>| {
+            report::error(&message, hint, talk);
+            Err(exit)
+        };
+        let own = own.iter().map(destination_of);
+        if let Some((_, file)) = own.clone().find(|(kind, file)| *kind != "session" && !is_ply(file)) {
+            return refuse(Exit::Usage, format!("{}: samples and meshes are .ply files", file.display()), None);
+        }
+        let mut files: Vec<PathBuf> = own.map(|(_, file)| file).collect();
+        files.extend(script.iter().flat_map(|script| script.writes()).map(Path::to_owned));
+        if let Some(pictures) = pictures {
+            let folder = pictures.folder.display();
+            let is_new = !pictures.folder.exists();
+            if let Err(error) = std::fs::create_dir_all(&pictures.folder) {
+                return refuse(Exit::Asset, format!("cannot make the folder {folder}: {error}"), destination::hint(&error));
+            }
+            if is_new {
+                report::note(&format!("made the folder {folder} for pictures"), talk);
+            }
+            files.extend(pictures.files());
+        }
+        let read: HashSet<PathBuf> = self.reads(config).iter().filter_map(|file| file.canonicalize().ok()).collect();
+        let mut places: HashSet<PathBuf> = HashSet::new();
+        // A recording knows by itself whether it can be written.
+        for (file, is_clay) in files.iter().map(|file| (&**file, true)).chain(recording.map(|file| (file, false))) {
+            if !places.insert(place_of(file)) {
+                let hint = "give each its own name";
+                return refuse(Exit::Usage, format!("{} would be written twice", file.display()), Some(hint));
+            }
+            if file.canonicalize().is_ok_and(|file| read.contains(&file)) {
+                let message = format!("{} is what the scene is read from: name another file to write", file.display());
+                return refuse(Exit::Usage, message, None);
+            }
+            if is_clay && file.exists() && !file.is_dir() && !overwrite {
+                let hint = "name another file, or give --overwrite";
+                return refuse(Exit::Usage, format!("{} is there already", file.display()), Some(hint));
+            }
+            if is_clay && let Err(error) = destination::check(file) {
+                let message = format!("cannot write {}: {error}", file.display());
+                return refuse(Exit::Asset, message, destination::hint(&error));
+            }
+        }
+        Ok(())
+    }
+
+    /// The scene, its strokes, and all that they name.
+    fn reads(&self, config: &SceneConfig) -> Vec<PathBuf> {
+        let mut files = vec![config.path.clone()];
+        files.extend_from_slice(&config.files);
+        if let Some(script) = self.script {
+            files.push(script.file.clone());
+            files.extend_from_slice(&script.reads);
+        }
+        // Files that meshes take their contents from; one that cannot be read names none.
+        let companions: Vec<PathBuf> = files.iter().flat_map(|file| mesh::companions(file).unwrap_or_default()).collect();
+        files.extend(companions);
+        files
+    }
+}
+
+/// The same for every way to write the name of a file, there or not.
+fn place_of(file: &Path) -> PathBuf {
+    let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    match (folder.canonicalize(), file.file_name()) {
+        (Ok(folder), Some(name)) => folder.join(name),
+        _ => file.to_owned(),
+    }
+}
+
+fn is_ply(file: &Path) -> bool {
+    file.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("ply"))
+}
+
+/// What an order writes, and where.
+pub(super) fn destination_of(order: &SculptOrder) -> (&'static str, PathBuf) {
+    // True invariant: made by `ClayArgs::outputs`.
+    let Some((kind, file)) = order.writes() else { unreachable!("an order that writes nothing") };
+    (kind, file.to_owned())
+}
+
+/// Where an order writes a session, whatever the working directory is; `None`: it writes none.
+pub(super) fn session_of(order: &SculptOrder) -> Option<PathBuf> {
+    match order {
+        SculptOrder::SaveSession(file) => Some(std::path::absolute(file).unwrap_or_else(|_| file.clone())),
+        _ => None,
+    }
+}

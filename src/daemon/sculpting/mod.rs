@@ -1,0 +1,161 @@
+//! Sculpting: the thread of the clay, beside the loop.
+//!
+//! ```text
+//!  servo ──ToolState──► thread `clay`: SculptEngine ──Frame──► servo
+//!                           ▲               │
+//!  page ──► ClayHandle ─────┤               └──► ClayView ──► ClayHandle ──► page
+//!  script ──────────────────┘
+//! ```
+//! Real time: an update every so many milliseconds, late ones are left out and counted. Simulated time: one update, and one frame, for
+//! every so many states; two runs give the same bits.
+//!
+//! An engine that panics takes nothing along: its slot is abandoned, the tick goes on with the last frame and lets go of the rope, and the
+//! piece comes back with what had been done until then.
+
+mod duty_cycle;
+mod handle;
+mod thread;
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
+
+use serde::Serialize;
+
+pub use duty_cycle::DutyCycle;
+pub use handle::{ClayHandle, OrderError, Reply};
+
+use crate::servo::ClaySlot;
+use clay::engine::{SculptEngine, SculptOrder};
+use haptics::clay::Clay;
+use rt::clock::ClockKind;
+
+/// How the clay is worked.
+#[derive(Clone, Debug)]
+pub struct Plan {
+    /// Of the loop, s.
+    pub tick_s: f64,
+    /// Ticks from one update of the material to the next, at least 1.
+    pub update_ticks: u64,
+    /// Which time the loop follows.
+    pub clock: ClockKind,
+    /// What is asked for by itself, each before the tick with its number is heard; in any order, equal ticks keep theirs.
+    pub script: Vec<Scripted>,
+}
+
+/// An order of a script.
+#[derive(Clone, Debug)]
+pub struct Scripted {
+    /// The tick before which it is due.
+    pub tick: u64,
+    /// What is asked for.
+    pub order: SculptOrder,
+    /// Where the script says so; `None`: it is no file.
+    pub line: Option<usize>,
+}
+
+impl From<(u64, SculptOrder)> for Scripted {
+    fn from((tick, order): (u64, SculptOrder)) -> Self {
+        Self { tick, order, line: None }
+    }
+}
+
+/// An order that was not carried out.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct FailedOrder {
+    /// The tick before which it was due, or that was heard last when a client asked.
+    pub tick: u64,
+    /// It came from the script.
+    #[serde(rename = "scripted")]
+    pub is_scripted: bool,
+    /// The line of the script.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub line: Option<usize>,
+    /// What was asked for, a word or two.
+    pub what: String,
+    /// Why not, and what would help.
+    pub why: String,
+}
+
+/// What there is to say of the work when it is over.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct SculptReport {
+    /// Updates of the material.
+    pub updates: u64,
+    /// Updates that were left out because they would have come too late.
+    pub late: u64,
+    /// Strokes that were made, those that were taken back among them.
+    pub strokes: u64,
+    /// Strokes that stand taken back at the end, and could be done again.
+    pub taken_back: usize,
+    /// Samples of the piece at the start.
+    pub samples_before: usize,
+    /// And at the end.
+    pub samples: usize,
+    /// Orders that were not carried out.
+    pub failed: Vec<FailedOrder>,
+    /// Script orders whose tick never came; a hold is one.
+    pub left_over: usize,
+    /// Files that orders wrote while the loop ran, each once: what ([`SculptOrder::writes`]), and where.
+    #[serde(skip)]
+    pub files: Vec<(&'static str, PathBuf)>,
+    /// What went wrong by itself, such as a stroke that made no surface; each once.
+    pub troubles: Vec<String>,
+    /// Why sculpting ended before the loop did: a defect of the program.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub broken: Option<String>,
+}
+
+/// An engine whose thread has ended.
+#[derive(Debug)]
+pub struct Ended {
+    /// What it has to say.
+    pub report: SculptReport,
+    /// The piece, the tool and the past, for saving: [`SculptEngine::order`] still works.
+    pub engine: SculptEngine,
+}
+
+/// The thread of the clay.
+#[derive(Debug)]
+pub struct SculptThread {
+    thread: JoinHandle<Ended>,
+    /// The loop is over, even if its thread never gave the slot back.
+    is_over: Arc<AtomicBool>,
+}
+
+impl SculptThread {
+    /// Tells the thread to end, as it does by itself when the loop is over. One that works finishes what it does first.
+    pub fn end(&self) {
+        // Relaxed: nothing else is told by it.
+        self.is_over.store(true, Ordering::Relaxed);
+    }
+
+    /// The thread has ended.
+    pub fn has_ended(&self) -> bool {
+        self.thread.is_finished()
+    }
+
+    /// Waits until the thread has ended, by itself or because of [`Self::end`].
+    ///
+    /// # Errors
+    /// The thread died outside its own net.
+    pub fn join(self) -> Result<Ended, &'static str> {
+        self.thread.join().map_err(|_| "the thread of the clay died outside its own net")
+    }
+}
+
+/// Begins to work the clay of a scene: the slot goes to the loop ([`super::Live::clay`]), the handle to clients.
+///
+/// `clay.frame` is to show the clay of the engine as it is (`ClayModel::frame`).
+///
+/// # Errors
+/// The thread could not be started.
+pub fn begin(engine: SculptEngine, clay: &Clay, plan: Plan) -> std::io::Result<(ClaySlot, ClayHandle, SculptThread)> {
+    let update_ticks = plan.update_ticks.max(1);
+    let (feed, slot) = ClaySlot::new(clay, update_ticks);
+    let (handle, orders) = handle::pair();
+    let is_over = Arc::new(AtomicBool::new(false));
+    let thread = thread::spawn(engine, (feed, is_over.clone()), orders, Plan { update_ticks, ..plan })?;
+    Ok((slot, handle, SculptThread { thread, is_over }))
+}
