@@ -5,6 +5,7 @@ use std::time::Duration;
 use super::link::{Bench, is_lateness, repeat};
 
 #[test]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_replugged_arm_waits_for_the_operator() {
     let bench = Bench::viscous();
     let (host, mock) = repeat(|| {

@@ -214,6 +214,7 @@ fn paint_covers_the_disc_of_a_brush_that_is_pressed_hard() {
 }
 
 #[test]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn material_that_is_painted_gives_way_less_to_the_same_hand() {
     // Blue and hard on the right, then the same press into both sides.
     let at = |x: f64, above: f64| [x, 0.0, (RADIUS_MM * RADIUS_MM - x * x).sqrt() + above];
@@ -239,6 +240,7 @@ fn material_that_is_painted_gives_way_less_to_the_same_hand() {
 }
 
 #[test]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn emboss_and_engrave_reach_their_depth() {
     for (tool, sign) in [("emboss", 1.0), ("engrave", -1.0)] {
         let sculpt = format!("tool = \"{tool}\"\nbrush_mm = 6\ndepth_mm = 1.5");
@@ -276,6 +278,7 @@ fn left_mm3(boolean: &str, one_mm: f64, other_mm: f64, apart_mm: f64) -> f64 {
 }
 
 #[test]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn booleans_by_script_leave_the_volume_of_the_lens_formula() {
     let hand = [(0.0, [0.0, 0.0, 40.0]), (0.3, [0.0, 0.0, 40.0])];
     for boolean in ["union", "intersection", "difference"] {
@@ -291,6 +294,7 @@ fn booleans_by_script_leave_the_volume_of_the_lens_formula() {
 }
 
 #[test]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn booleans_by_hand_join_and_cut_the_ball_in_the_hand() {
     // Soft contact: the hand's ball is far in the clay when it is held.
     let contact = "stiffness_n_per_mm = 0.005";
@@ -353,24 +357,28 @@ fn strokes_of(json: &Value) -> u64 {
 }
 
 #[test]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn the_letter_is_embossed_painted_and_underlined() {
     // The image, two strokes of paint, the line.
     assert_eq!(strokes_of(&shipped("letter", "12s")), 4);
 }
 
 #[test]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn the_character_is_joined_pulled_painted_and_poked() {
     // Six Booleans, the nose, two eyes, the belly.
     assert_eq!(strokes_of(&shipped("character", "12s")), 10);
 }
 
 #[test]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn the_globe_is_embossed_painted_and_pulled() {
     // The image, ice, sand, mountains.
     assert_eq!(strokes_of(&shipped("globe", "11s")), 4);
 }
 
 #[test]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn the_bowl_is_painted_three_times_around() {
     let json = shipped("bowl", "14s");
     assert_eq!(strokes_of(&json), 3);

@@ -87,21 +87,25 @@ fn block_that_is_held_on_the_plane_is_stable_on_every_preset() {
 }
 
 #[test]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn peg_in_hole_is_stable_on_every_preset() {
     is_stable(&shipped("peg-in-hole"));
 }
 
 #[test]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn gear_on_shaft_is_stable_on_every_preset() {
     is_stable(&shipped("gear-on-shaft"));
 }
 
 #[test]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn nut_on_bolt_is_stable_on_every_preset() {
     is_stable(&Played { touches: false, ..shipped("nut-on-bolt") });
 }
 
 #[test]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn nut_that_is_pressed_is_stable_on_every_preset() {
     is_stable(&Played { hand: Some("nut-press.csv"), ..shipped("nut-on-bolt") });
 }

@@ -495,6 +495,7 @@ fn a_piece_of_a_wrong_unit_is_told_by_its_size() {
 }
 
 #[test]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_tool_that_starts_in_the_clay_works_nothing_before_it_was_outside() {
     let dir = folder();
     let inside =

@@ -159,6 +159,7 @@ fn absurd() -> Vec<Pose> {
 }
 
 #[test]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn every_kernel_gives_the_bits_of_the_scalar_traversal() {
     let mut random = Random(4);
     let mut n_touching = 0;

@@ -145,6 +145,7 @@ fn facts_scene_and_meshes_are_there_to_draw() {
 }
 
 #[test]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_million_triangles_are_shown_as_a_hundred_thousand() {
     // A grid of 708 by 708 squares, a gentle wave.
     let folder = super::folder("");

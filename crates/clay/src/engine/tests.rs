@@ -185,6 +185,7 @@ fn paint_is_as_wide_as_the_force_and_one_press_is_one_stroke() {
 }
 
 #[test]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn an_image_is_raised_and_sunk_by_its_depth_where_the_tool_is() {
     for (craft, sign) in [(SculptTool::Emboss, 1.0), (SculptTool::Engrave, -1.0)] {
         let white = Arc::new(GreyImage::new(2, 2, vec![1.0; 4]).unwrap());
@@ -204,6 +205,7 @@ fn an_image_is_raised_and_sunk_by_its_depth_where_the_tool_is() {
 }
 
 #[test]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn the_tools_own_shape_is_joined_and_cut_out_with_the_volume_of_a_lens() {
     let (r, away) = (0.01, 0.022);
     let body = ToolBody { shape: Some(Arc::new(sphere(2000, r))), center_of_mass_tool: DVec3::ZERO };
@@ -236,6 +238,7 @@ fn the_tools_own_shape_is_joined_and_cut_out_with_the_volume_of_a_lens() {
 }
 
 #[test]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn what_the_hand_does_not_feel_does_nothing() {
     for (_, craft) in SculptTool::NAMES {
         let mut hand = Hand::with(craft);
@@ -430,6 +433,7 @@ fn with_ball(n: usize, radius_m: f64, at_map: DVec3) -> SculptOrder {
 }
 
 #[test]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_solid_is_joined_where_it_is_already() {
     let mut hand = Hand::with(SculptTool::Touch);
     hand.engine.order(with_ball(800, 5e-3, DVec3::Z * R)).unwrap();

@@ -150,6 +150,7 @@ fn what_is_damaged_anywhere_is_refused_or_the_same_piece() {
 }
 
 #[test]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn what_was_changed_with_its_checksums_makes_no_piece_but_no_panic_either() {
     let bytes = saved(&piece());
     let (mut n_refused, mut n) = (0, 0);
