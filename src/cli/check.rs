@@ -145,7 +145,7 @@ pub(super) fn summary(config: &SceneConfig) -> String {
     let translation = match coupling.mode {
         CouplingMode::Direct => config.parameters.contact.stiffness_n_per_m,
         _ => coupling.stiffness_n_per_m,
-    } * config.parameters.port.scale;
+    } * config.parameters.mapping.scale;
     let bound = |bound: &StiffnessBound| match bound.value() {
         value if value.is_infinite() => "no bound".to_owned(),
         value if bound.declared == Some(value) => format!("declared bound {}", show(value)),

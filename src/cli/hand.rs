@@ -83,7 +83,7 @@ impl HandArgs {
         progress.finish();
         cache::tell(&mut cache, talk);
         let (scene, _) = baked.map_err(|error| report::scene_error(&error, talk))?;
-        let port = &config.parameters.port;
+        let port = &config.parameters.mapping;
         Ok(Indexing {
             world_from_device: port.world_from_device,
             scale: port.scale,

@@ -16,10 +16,10 @@ use arms::Device;
 use arms::attached::open::{self, LinkNews, OpenError, OpenOptions};
 use arms::remote::LinkFigures;
 use arms::simulated::fault::{self, FaultError, FaultPlan};
-use arms::simulated::hand::{HandPath, Indexing};
+use arms::simulated::hand::{HandMapping, HandPath};
 use arms::simulated::{HandParameters, SimArm, SimError, SimParameters};
 use document::poses::PoseFileError;
-use haptics::{PortParameters, RenderScene};
+use haptics::{DeviceMapping, RenderScene};
 use rt::schedule::{self, ThreadRequest};
 
 /// A scene that is ready to be rendered.
@@ -135,9 +135,9 @@ pub fn prepare_on(
     }
     let Built { scene, objects: mut reports, piece } = scene::build_all(config, means, watch)?;
     if let (Some(path), Some(tool)) = (&hand, reports.last_mut()) {
-        tool.warnings.extend(far_from_start(path, &config.parameters.port));
+        tool.warnings.extend(far_from_start(path, &config.parameters.mapping));
     }
-    let port = &config.parameters.port;
+    let mapping = &config.parameters.mapping;
     let period_s = config.parameters.period_s;
     // Only now: an arm that has been greeted is not to wait for a bake.
     let (device, attached): (Box<dyn Device>, _) = match (&to_open, remote) {
@@ -150,7 +150,7 @@ pub fn prepare_on(
             (Box::new(opened.arm), Some(Attached { node: opened.path, news: opened.news, link: None }))
         }
         (None, _) => {
-            let mut arm = simulated_arm(&config.device, hand.as_ref(), port, scene.tool.center_of_mass_tool, period_s);
+            let mut arm = simulated_arm(&config.device, hand.as_ref(), mapping, scene.tool.center_of_mass_tool, period_s);
             arm.fault = fault;
             (Box::new(SimArm::new(arm)?), None)
         }
@@ -174,8 +174,8 @@ fn open_options(config: &SceneConfig, guard: Option<PathBuf>) -> OpenOptions {
 }
 
 /// What to say of a hand that would jerk the arm away from where it stands at enable.
-fn far_from_start(hand: &HandPath, port: &PortParameters) -> Option<String> {
-    let away_mm = (hand.sample(0.0).translation - port.start.translation).length() * 1e3;
+fn far_from_start(hand: &HandPath, mapping: &DeviceMapping) -> Option<String> {
+    let away_mm = (hand.sample(0.0).translation - mapping.start.translation).length() * 1e3;
     (away_mm > FAR_FROM_START_MM)
         .then(|| format!("the hand begins {away_mm:.1} mm away from `tool.start_position_mm` and will pull the arm there at once"))
 }
@@ -187,24 +187,24 @@ const FAR_FROM_START_MM: f64 = 5.0;
 fn simulated_arm(
     device: &DeviceConfig,
     hand: Option<&HandPath>,
-    port: &PortParameters,
+    mapping: &DeviceMapping,
     center_of_mass_tool: DVec3,
     period_s: f64,
 ) -> SimParameters {
     let DeviceConfig { profile, sim, .. } = device;
     let mut plant = profile.plant;
     plant.delay_ticks = sim.delay_ticks.unwrap_or(plant.delay_ticks);
-    let indexing = Indexing {
-        world_from_device: port.world_from_device,
-        scale: port.scale,
-        start: port.start,
+    let hand_mapping = HandMapping {
+        world_from_device: mapping.world_from_device,
+        scale: mapping.scale,
+        start: mapping.start,
         grip_tool: center_of_mass_tool,
     };
     let hand = sim.hand_present.then(|| HandParameters {
         stiffness_n_per_m: sim.hand_stiffness_n_per_m,
         damping_n_s_per_m: sim.hand_damping_n_s_per_m,
         mass_kg: sim.hand_mass_kg,
-        path: hand.map(|path| path.to_device(indexing)),
+        path: hand.map(|path| path.to_device(hand_mapping)),
         ..HandParameters::default()
     });
     SimParameters { plant, seed: sim.seed, ..SimParameters::of(profile, hand, period_s) }

@@ -9,8 +9,8 @@ use crate::config::scene::{MeshSource, StaticConfig, ToolConfig};
 use crate::config::{LoadOptions, SceneConfig};
 use arms::profile;
 use haptics::{
-    ArmParameters, ContactParameters, CouplingParameters, FilterParameters, FrictionParameters, LimitParameters, Parameters,
-    PortParameters, SafetyParameters,
+    ArmParameters, ContactParameters, CouplingParameters, DeviceMapping, FilterParameters, FrictionParameters, LimitParameters,
+    Parameters, SafetyParameters,
 };
 use recording::file::{Form, NamedFile, SceneFiles, Shown};
 use vps::mesh::{self, primitives::Shape};
@@ -33,7 +33,7 @@ pub fn scene_files(config: &SceneConfig, options: &LoadOptions) -> SceneFiles {
         None => profile::text(written_profile(&table).unwrap_or(&config.device.profile.name), folder),
     };
     let statics = config.statics.iter().map(|StaticConfig { name, source, pose, .. }| shown(name, source, *pose, false));
-    let tool = shown("tool", &config.tool.source, config.parameters.port.start, true);
+    let tool = shown("tool", &config.tool.source, config.parameters.mapping.start, true);
     SceneFiles {
         name: config.name.clone(),
         path: config.path.clone(),
@@ -144,7 +144,7 @@ fn pose(pose: Pose) -> Value {
 
 /// Every parameter of the tick, by name, so that none is forgotten.
 fn parameters(p: &Parameters) -> Value {
-    let Parameters { period_s, gravity_m_per_s2, contact, coupling, filter, limits, safety, port, arm } = p;
+    let Parameters { period_s, gravity_m_per_s2, contact, coupling, filter, limits, safety, mapping, arm } = p;
     let ContactParameters { field, stiffness_n_per_m, damping_ratio, normalization, friction, damping_n_s_per_m, braking } =
         contact;
     let FrictionParameters { r#static, dynamic, stiffness_n_per_m: friction_stiffness_n_per_m } = friction;
@@ -203,7 +203,7 @@ fn parameters(p: &Parameters) -> Value {
         "deadman": deadman, "workspace_radius_m": workspace_radius_m, "brake_s": brake_s, "engage_share": engage_share,
         "engage_ticks": engage_ticks, "power_window_s": power_window_s, "stuck_move_m": stuck_move_m, "stuck_turn_rad": stuck_turn_rad,
     });
-    let PortParameters { world_from_device, scale, sensed, actuated, start } = port;
+    let DeviceMapping { world_from_device, scale, sensed, actuated, start } = mapping;
     let port = json!({
         "world_from_device": pose(*world_from_device), "scale": scale,
         "sensed": sensed.names().collect::<Vec<_>>(), "actuated": actuated.names().collect::<Vec<_>>(), "start": pose(*start),

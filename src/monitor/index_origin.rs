@@ -4,14 +4,14 @@
 
 use glam::DVec3;
 
-use haptics::{Drive, Port, PortParameters};
+use haptics::{DeviceMapping, Drive, Indexing};
 use recording::TickRecord;
 use vps::spatial::{DeviceSample, Pose};
 
 /// Where arm and tool stood when force was enabled.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct IndexOrigin {
-    port: Port,
+    indexing: Indexing,
     /// `world_from_tool`.
     start: Pose,
 }
@@ -29,7 +29,7 @@ impl IndexOriginTracker {
         let drive = record.output.drive;
         if drive == Drive::Enabling && self.before != Drive::Enabling {
             self.index_origin =
-                Some(IndexOrigin { port: Port::indexed(&record.input.sample), start: record.output.world_from_tool });
+                Some(IndexOrigin { indexing: Indexing::indexed(&record.input.sample), start: record.output.world_from_tool });
         } else if !drive.has_force() {
             self.index_origin = None;
         }
@@ -40,9 +40,9 @@ impl IndexOriginTracker {
 
 impl IndexOrigin {
     /// `world_from_tool` as the arm wants it.
-    pub(super) fn wanted(&self, sample: &DeviceSample, port: &PortParameters, center_of_mass_tool: DVec3) -> Pose {
+    pub(super) fn wanted(&self, sample: &DeviceSample, mapping: &DeviceMapping, center_of_mass_tool: DVec3) -> Pose {
         let start = self.start * Pose::from_translation(center_of_mass_tool);
-        let (world_from_body, _) = self.port.target(sample, port, start);
+        let (world_from_body, _) = self.indexing.target(sample, mapping, start);
         world_from_body * Pose::from_translation(-center_of_mass_tool)
     }
 }

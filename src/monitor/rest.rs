@@ -180,7 +180,7 @@ async fn scene(State(state): State<Arc<AppState>>) -> Result<Json<Value>, Proble
         return Err(Problem::unavailable("the scene is being baked", "wait for the event `scene`"));
     };
     let config = &view.config;
-    let tool = ("tool", "tool", false, config.parameters.port.start, config.tool.voxel_size_m);
+    let tool = ("tool", "tool", false, config.parameters.mapping.start, config.tool.voxel_size_m);
     let statics =
         config.statics.iter().map(|object| (&object.name[..], "static", object.movable, object.pose, object.voxel_size_m));
     let mut objects = Vec::new();

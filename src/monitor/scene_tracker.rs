@@ -61,10 +61,10 @@ impl SceneTracker {
 
     /// A record with everything that is known beside it.
     pub(super) fn newest(&self, fed: Fed) -> Newest {
-        let port = &self.view.config.parameters.port;
+        let mapping = &self.view.config.parameters.mapping;
         let wanted = match (self.scene_of(&fed.record), fed.index_origin) {
             (Some(scene), Some(index_origin)) => {
-                Some(index_origin.wanted(&fed.record.input.sample, port, scene.tool.center_of_mass_tool))
+                Some(index_origin.wanted(&fed.record.input.sample, mapping, scene.tool.center_of_mass_tool))
             }
             _ => None,
         };

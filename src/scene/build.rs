@@ -141,7 +141,7 @@ pub fn build_all(config: &SceneConfig, means: &mut BakeMeans<'_>, mut watch: imp
 /// What to say of a tool that stands in an obstacle when the arm is enabled.
 fn inside_at_start(scene: &RenderScene) -> Option<String> {
     let RenderScene { parameters, obstacles, tool, .. } = scene;
-    let world_from_body = parameters.port.start * Pose::from_translation(tool.center_of_mass_tool);
+    let world_from_body = parameters.mapping.start * Pose::from_translation(tool.center_of_mass_tool);
     let sum = ContactSum::flat(obstacles, &tool.shell, world_from_body, parameters.force_law());
     // A tenth of a voxel is a tool that was put down, not one that was put inside.
     (sum.contacts > 0 && sum.max_value_m > 0.1 * sum.voxel_size_m).then(|| {
@@ -157,7 +157,7 @@ fn inside_at_start(scene: &RenderScene) -> Option<String> {
 fn inside_clay_at_start(scene: &RenderScene) -> Option<String> {
     let RenderScene { parameters, clay, tool, .. } = scene;
     let Clay { world_from_map, frame, .. } = clay.as_ref()?;
-    let map_from_body = world_from_map.inverse() * parameters.port.start * Pose::from_translation(tool.center_of_mass_tool);
+    let map_from_body = world_from_map.inverse() * parameters.mapping.start * Pose::from_translation(tool.center_of_mass_tool);
     let points = tool.shell.points().map(|(position_body, _)| position_body);
     let inside =
         points.filter_map(|at| frame.at(map_from_body.transform_point(at.as_dvec3()))).map(|density| f64::from(density.value_m));

@@ -17,14 +17,14 @@ fn up() -> DVec3 {
 fn block(height_m: f64, gravity: f64, along: f64) -> RenderScene {
     let mut scene = scene(0.0);
     let p = &mut scene.parameters;
-    p.port.start.translation = up() * (HALF_M + height_m);
+    p.mapping.start.translation = up() * (HALF_M + height_m);
     p.gravity_m_per_s2 = up() * gravity + DQuat::from_rotation_y(SLOPE_RAD) * DVec3::X * along;
     scene
 }
 
 /// Height over the slope and velocity after each tick.
 fn fall(scene: &RenderScene, n_ticks: u64) -> Vec<(f64, DVec3)> {
-    let mut before = scene.parameters.port.start.translation;
+    let mut before = scene.parameters.mapping.start.translation;
     let heights = slide(scene, n_ticks).map(|pose| {
         let velocity = (pose.translation - before) / T;
         before = pose.translation;

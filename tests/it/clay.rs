@@ -94,14 +94,14 @@ impl<'s> Hand<'s> {
     /// Enabled where the scene begins: that is the arm's zero.
     fn new(scene: &'s RenderScene) -> Self {
         let mut hand = Self { scene, state: State::new(scene), sequence: 0 };
-        hand.at(scene.parameters.port.start.translation);
+        hand.at(scene.parameters.mapping.start.translation);
         hand
     }
 
     /// One tick with the hand there.
     fn at(&mut self, place: DVec3) -> TickOutput {
         self.sequence += 1;
-        let from = self.scene.parameters.port.start.translation;
+        let from = self.scene.parameters.mapping.start.translation;
         let pose = Pose::from_translation(place - from);
         let sample = DeviceSample { sequence: self.sequence, status: SampleStatus::Fresh, pose, ..DeviceSample::default() };
         let input = TickInput { sample, request: DriveRequest::Enable, ..TickInput::default() };
@@ -163,7 +163,7 @@ fn a_ball_of_clay_pushes_along_its_radius() {
     if let Some(clay) = &mut scene.clay {
         clay.world_from_map = world_from_map;
     }
-    scene.parameters.port.start = world_from_map;
+    scene.parameters.mapping.start = world_from_map;
     for n in 0..60_u32 {
         let t = f64::from(n);
         let way = DVec3::new((1.3 * t).sin(), (0.7 * t).cos(), (2.1 * t).sin()).normalize();

@@ -449,7 +449,7 @@ fn units_become_si() {
     let base = &config.statics[0];
     assert!((base.voxel_size_m - 5e-4).abs() < 1e-18);
     assert!((base.pose.translation - glam::DVec3::new(1e-3, 2e-3, 3e-3)).length() < 1e-15);
-    assert!((config.parameters.port.start.translation.z - 0.04).abs() < 1e-15);
+    assert!((config.parameters.mapping.start.translation.z - 0.04).abs() < 1e-15);
     // A slab thicker than its band of (8 + 1.5) voxels on both faces.
     let hapticd::config::scene::MeshSource::Shape(Shape::Plane { thickness_m, .. }) = config.statics[1].source else { panic!() };
     assert!((thickness_m - 4.0 * 9.5e-3).abs() < 1e-12);

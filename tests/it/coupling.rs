@@ -59,7 +59,7 @@ fn cube() -> Shell {
 
 /// A tool over a slab whose top is z = 0, its start at a height.
 fn scene(mut parameters: Parameters, shell: Shell, start_z_m: f64) -> RenderScene {
-    parameters.port.start = at(0.0, 0.0, start_z_m);
+    parameters.mapping.start = at(0.0, 0.0, start_z_m);
     let slab = Shape::Plane { x_m: 0.06, y_m: 0.06, thickness_m: 0.03 }.tessellate(1e-5);
     let field = build(&slab, S).field(&slab, false);
     let least_kg_m2 = 1.7e-6;
@@ -367,8 +367,9 @@ fn enabling_anywhere_is_without_force() {
     for free_space in [FreeSpace::Zero, FreeSpace::Drag] {
         let p = coupling_with(|p| {
             p.coupling.free_space = free_space;
-            p.port.scale = 2.5;
-            p.port.world_from_device = Pose::new(DQuat::from_scaled_axis(DVec3::new(0.4, 0.9, -1.1)), DVec3::new(0.3, 0.1, -0.2));
+            p.mapping.scale = 2.5;
+            p.mapping.world_from_device =
+                Pose::new(DQuat::from_scaled_axis(DVec3::new(0.4, 0.9, -1.1)), DVec3::new(0.3, 0.1, -0.2));
         });
         let mut arm = Arm::new(scene(p, cube(), 0.03));
         for n in 0..20 {
@@ -413,7 +414,7 @@ fn torque_that_an_arm_has_no_motors_for_is_reported_and_dropped() {
 #[test]
 fn scale_multiplies_the_way_and_not_the_force() {
     const SCALE: f64 = 3.0;
-    let p = coupling_with(|p| p.port.scale = SCALE);
+    let p = coupling_with(|p| p.mapping.scale = SCALE);
     let mut arm = Arm::new(scene(p, cube(), 0.03)).ramped();
     let mut last = TickOutput::default();
     for n in 0..600 {
@@ -439,7 +440,7 @@ fn forces_come_back_in_the_axes_of_the_arm() {
             let rotation = DQuat::from_scaled_axis(axis);
             let p = coupling_with(|p| {
                 p.coupling.mode = mode;
-                p.port.world_from_device = Pose::new(rotation, DVec3::new(0.2, -0.1, 0.5));
+                p.mapping.world_from_device = Pose::new(rotation, DVec3::new(0.2, -0.1, 0.5));
             });
             let mut arm = Arm::new(scene(p, cube(), HALF + 1e-3)).ramped();
             let push_device = rotation.conjugate() * DVec3::NEG_Z;
@@ -476,7 +477,7 @@ fn power_counts_only_what_has_motors() {
     let arm_of = |actuated: Axes| {
         let parameters = coupling_with(|parameters| {
             parameters.limits.power_w = 0.5;
-            parameters.port.actuated = actuated;
+            parameters.mapping.actuated = actuated;
         });
         let mut arm = Arm::new(scene(parameters, cube(), HALF)).ramped();
         let mut sample = DeviceSample { pose: at(0.0, 0.0, -2e-3), sequence: 500, status: SampleStatus::Fresh, ..arm.last };

@@ -226,7 +226,7 @@ fn shaken_m(scene: &mut RenderScene, mode: CouplingMode, stiffness: f64, cutoff_
     p.contact.stiffness_n_per_m = if direct { 1e5 } else { 5e3 };
     p.filter = FilterParameters { spatial: !direct, cutoff_hz: [cutoff_hz; 2] };
     (p.limits.slew_n_per_s, p.limits.power_w) = (f64::INFINITY, f64::INFINITY);
-    (p.port.sensed, p.port.actuated) = (Axes::TRANSLATION, Axes::TRANSLATION);
+    (p.mapping.sensed, p.mapping.actuated) = (Axes::TRANSLATION, Axes::TRANSLATION);
     p.arm = ArmParameters { stiffness_lag_n_s_per_m: 0.8 * B, ..ArmParameters::default() };
     // It lands slowly, 2 mm below, and then leans on: what is asked is whether contact stays, not how a light arm bounces.
     let leaning = |time_s: f64, z_m: f64| TimedPose { time_s, pose: Pose::from_translation(DVec3::Z * z_m), line: 1 };

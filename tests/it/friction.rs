@@ -65,7 +65,7 @@ pub(super) fn scene(coefficient: f64) -> RenderScene {
     parameters.contact = contact(Normalization::Cluster, coefficient);
     // A hand that is not there.
     (parameters.coupling.stiffness_n_per_m, parameters.coupling.stiffness_nm_per_rad) = (1e-9, 1e-12);
-    parameters.port.start = Pose::new(up, up * DVec3::Z * half_m);
+    parameters.mapping.start = Pose::new(up, up * DVec3::Z * half_m);
     RenderScene {
         parameters,
         obstacles: vec![slope(SLOPE_RAD)],

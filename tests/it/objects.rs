@@ -64,7 +64,7 @@ fn parameters(mode: CouplingMode) -> Parameters {
         ramp_s: 0.01,
         ..p.limits
     };
-    p.port.start = Pose::from_translation(DVec3::Z * 0.03);
+    p.mapping.start = Pose::from_translation(DVec3::Z * 0.03);
     p
 }
 

@@ -67,7 +67,7 @@ impl Bench {
             time_s += takes_s;
         }
         std::fs::write(&self.hand, text).expect("written");
-        self.config.parameters.port.start = way[0].1;
+        self.config.parameters.mapping.start = way[0].1;
         let run = rig::run(&self.config);
         for report in &run.reports {
             // What is left inside of a solid is most of it: a fill that got in leaves pockets.

@@ -1,7 +1,7 @@
 //! A scene, an arm and a hand, tick by tick on the virtual clock: does it come to rest, and what did it come to?
 
 use arms::Device;
-use arms::simulated::hand::{HandPath, Indexing};
+use arms::simulated::hand::{HandMapping, HandPath};
 use arms::simulated::{HandParameters, SimArm, SimParameters};
 use glam::DVec3;
 use hapticd::config::SceneConfig;
@@ -94,13 +94,13 @@ pub(crate) fn play(scene: &mut RenderScene, config: &SceneConfig, path: &HandPat
 }
 
 fn arm(config: &SceneConfig, scene: &RenderScene, path: &HandPath) -> SimArm {
-    let (profile, port) = (&config.device.profile, &config.parameters.port);
+    let (profile, mapping) = (&config.device.profile, &config.parameters.mapping);
     let mut plant = profile.plant;
     plant.delay_ticks = config.device.sim.delay_ticks.unwrap_or(plant.delay_ticks);
-    let indexing = Indexing {
-        world_from_device: port.world_from_device,
-        scale: port.scale,
-        start: port.start,
+    let hand_mapping = HandMapping {
+        world_from_device: mapping.world_from_device,
+        scale: mapping.scale,
+        start: mapping.start,
         grip_tool: scene.tool.center_of_mass_tool,
     };
     let sim = &config.device.sim;
@@ -110,7 +110,7 @@ fn arm(config: &SceneConfig, scene: &RenderScene, path: &HandPath) -> SimArm {
             stiffness_n_per_m: sim.hand_stiffness_n_per_m,
             damping_n_s_per_m: sim.hand_damping_n_s_per_m,
             mass_kg: sim.hand_mass_kg,
-            path: Some(path.to_device(indexing)),
+            path: Some(path.to_device(hand_mapping)),
             ..HandParameters::default()
         }),
         sensed: profile.sensed,

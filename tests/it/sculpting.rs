@@ -43,7 +43,7 @@ fn scene(engine: &SculptEngine) -> RenderScene {
     parameters.coupling.mode = CouplingMode::Direct;
     parameters.limits.slew_n_per_s = SLEW_N_PER_S;
     parameters.limits.force_n = 6.0;
-    parameters.port.start = Pose::from_translation(DVec3::Z * (R + 6e-3));
+    parameters.mapping.start = Pose::from_translation(DVec3::Z * (R + 6e-3));
     let clay = Clay {
         world_from_map: Pose::IDENTITY,
         frame: engine.model().frame().expect("a sound frame"),

@@ -34,7 +34,7 @@ fn scene(mode: CouplingMode) -> RenderScene {
     let mut parameters = rig::unlimited();
     parameters.coupling.mode = mode;
     parameters.limits = LimitParameters { force_n: 10.0, torque_nm: 0.2, speed_m_per_s: 20.0, ramp_s: T, ..parameters.limits };
-    parameters.port.start = Pose::from_translation(DVec3::Z * 0.03);
+    parameters.mapping.start = Pose::from_translation(DVec3::Z * 0.03);
     RenderScene {
         parameters,
         obstacles: vec![Obstacle { field: build(&plate).field(&plate, false), world_from_map: Pose::IDENTITY }],

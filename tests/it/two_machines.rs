@@ -9,7 +9,7 @@ use arms::network::NetworkError;
 use arms::remote::figures::{NodeReport, Phase};
 use arms::remote::hold::HoldTiming;
 use arms::remote::{LinkFigures, Node, NodeFigures, RemoteOptions, open};
-use arms::simulated::hand::{HandPath, Indexing};
+use arms::simulated::hand::{HandMapping, HandPath};
 use arms::simulated::{HandParameters, SimArm, SimParameters};
 use arms::transport::{LinkQuality, NetworkEnd, SimulatedNetwork, Transport, TransportError};
 use arms::{Capabilities, Device, DeviceError, Timebase};
@@ -192,14 +192,14 @@ impl Stage {
 
     /// The simulated arm with the scene's hand, for the other machine.
     fn arm(&self) -> SimArm {
-        let (device, port) = (&self.config.device, &self.config.parameters.port);
-        let indexing = Indexing {
-            world_from_device: port.world_from_device,
-            scale: port.scale,
-            start: port.start,
+        let (device, mapping) = (&self.config.device, &self.config.parameters.mapping);
+        let hand_mapping = HandMapping {
+            world_from_device: mapping.world_from_device,
+            scale: mapping.scale,
+            start: mapping.start,
             grip_tool: self.scene.tool.center_of_mass_tool,
         };
-        let path = HandPath::read(device.hand.as_deref().expect("a hand")).expect("a hand file").to_device(indexing);
+        let path = HandPath::read(device.hand.as_deref().expect("a hand")).expect("a hand file").to_device(hand_mapping);
         let hand = HandParameters { path: Some(path.delayed(HAND_DELAY_S)), ..HandParameters::default() };
         SimArm::new(SimParameters::of(&device.profile, Some(hand), T)).expect("an arm")
     }

@@ -21,6 +21,7 @@ mod drive;
 mod faults;
 pub mod filter;
 mod friction;
+mod indexing;
 mod interlock;
 mod limits;
 mod off_cause;
@@ -29,7 +30,6 @@ mod params;
 mod passivity;
 mod passivity_control;
 mod placing;
-mod port;
 mod power_window;
 mod quasi_static;
 mod render_scene;
@@ -46,13 +46,13 @@ mod virtual_tool;
 pub use coupling::Inertia;
 pub use drive::{Drive, DriveRequest};
 pub use faults::Faults;
+pub use indexing::Indexing;
 pub use off_cause::OffCause;
 pub use params::{
-    ArmParameters, ContactParameters, CouplingMode, CouplingParameters, FilterParameters, FreeSpace, FrictionParameters,
-    LimitParameters, Parameters, PortParameters, SafetyParameters, SpringClamp,
+    ArmParameters, ContactParameters, CouplingMode, CouplingParameters, DeviceMapping, FilterParameters, FreeSpace,
+    FrictionParameters, LimitParameters, Parameters, SafetyParameters, SpringClamp,
 };
 pub use placing::Placement;
-pub use port::Port;
 pub use render_scene::{RenderScene, Tool};
 pub use tick::{FrameInUse, Handover, State, TickInput, TickOutput, tick};
 pub use tuning::{Knob, KnobRange, Tune};

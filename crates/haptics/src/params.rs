@@ -238,7 +238,7 @@ impl Default for SafetyParameters {
 
 /// How device coordinates become world coordinates, and which axes exist.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PortParameters {
+pub struct DeviceMapping {
     /// Where the arm stands: `world_from_device`.
     pub world_from_device: Pose,
     /// World metres per device metre; forces are not scaled.
@@ -251,7 +251,7 @@ pub struct PortParameters {
     pub start: Pose,
 }
 
-impl PortParameters {
+impl DeviceMapping {
     /// The arm's axes are the world's, six of them sensed and actuated; the tool starts at the origin.
     pub const PLAIN: Self =
         Self { world_from_device: Pose::IDENTITY, scale: 1.0, sensed: Axes::SIX, actuated: Axes::SIX, start: Pose::IDENTITY };
@@ -318,9 +318,9 @@ pub struct Parameters {
     pub limits: LimitParameters,
     /// Gates.
     pub safety: SafetyParameters,
-    /// Device port.
-    pub port: PortParameters,
-    /// The arm behind the port.
+    /// How the device is mapped to the world.
+    pub mapping: DeviceMapping,
+    /// The arm of the device.
     pub arm: ArmParameters,
 }
 
@@ -341,7 +341,7 @@ impl Parameters {
             filter: FilterParameters { spatial: true, cutoff_hz: [50.0, 300.0] },
             limits: LimitParameters::NONE,
             safety: SafetyParameters::default(),
-            port: PortParameters::PLAIN,
+            mapping: DeviceMapping::PLAIN,
             arm: ArmParameters::default(),
         }
     }

@@ -37,6 +37,6 @@ pub struct RenderScene {
 impl RenderScene {
     /// Start pose of the body axes (tool axes at the centre of mass).
     pub(super) fn start(&self) -> Pose {
-        self.parameters.port.start * Pose::from_translation(self.tool.center_of_mass_tool)
+        self.parameters.mapping.start * Pose::from_translation(self.tool.center_of_mass_tool)
     }
 }

@@ -7,12 +7,12 @@ use super::auto_limit::LoopDelay;
 use super::braking::Braking;
 use super::clay::{ClayForces, Held};
 use super::damper;
+use super::indexing::Indexing;
 use super::interlock::{Interlock, is_outside};
 use super::limits::{Limiter, Ramp};
 use super::params::CouplingMode;
 use super::passivity_control::PassivityController;
 use super::placing::{Movers, Placement};
-use super::port::Port;
 use super::power_window::PowerWindow;
 use super::sample::{SampleCheck, SampleMonitor};
 use super::stability::filter_delay_s;
@@ -101,7 +101,7 @@ pub struct State {
     monitor: SampleMonitor,
     interlock: Interlock,
     overruns: u32,
-    port: Port,
+    indexing: Indexing,
     /// Where the tool's body axes stood at enable.
     start: Pose,
     resume: Option<Resume>,
@@ -149,7 +149,7 @@ impl State {
             monitor: SampleMonitor::default(),
             interlock: Interlock::default(),
             overruns: 0,
-            port: Port::default(),
+            indexing: Indexing::default(),
             start: scene.start(),
             resume: None,
             has_room: false,
@@ -268,7 +268,7 @@ pub fn tick(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOu
     advance::advance(scene, p, state, input, faults);
     state.movers.advance(state.traversal.places_mut(), input.place, state.drive.has_force(), p);
 
-    let target = state.port.target(&input.sample, &p.port, state.start);
+    let target = state.indexing.target(&input.sample, &p.mapping, state.start);
     if state.drive.renders() && p.coupling.mode == CouplingMode::Direct {
         state.tool.stand_at(target, scene);
     }
@@ -350,7 +350,7 @@ fn render(
     let sample = &input.sample;
     state.delay.measure(sample.delay_ticks, p.period_s);
     let delay_ticks = observe(p, state, sample)?;
-    let (moved, turned) = p.port.way_device(touch.contact.carried.linear, touch.contact.carried.angular);
+    let (moved, turned) = p.mapping.way_device(touch.contact.carried.linear, touch.contact.carried.angular);
     let spring_j = 0.5 * p.limits.force_n * p.limits.force_n / p.coupling.stiffness_n_per_m;
     state.passivity.carry(moved, turned, delay_ticks, spring_j);
     let filter_lag_s = match p.coupling.mode {
@@ -367,9 +367,9 @@ fn render(
         return Err(Faults::NON_FINITE);
     }
 
-    let wanted = p.port.wrench_device(felt_world);
+    let wanted = p.mapping.wrench_device(felt_world);
     // Only what the motors give has power and is limited; the rest is reported and dropped.
-    let actuated = p.port.actuated_part(wanted);
+    let actuated = p.mapping.actuated_part(wanted);
     // The tool is pushed out of the clay by itself while nothing is felt; what counts is where the hand is.
     let is_in_clay = state.interlock.must_clear() && {
         let clay = state.clay.as_ref().zip(scene.clay.as_ref());
@@ -380,10 +380,10 @@ fn render(
     let gain = state.enable_gain.advance(up, p.limits.ramp_s, p.period_s);
     let trusted = actuated * state.passivity.trusted_share(arm);
     let damped = state.passivity.damped(trusted, sample.twist, arm, &p.limits, p.period_s);
-    let mut ramped = p.port.actuated_part(damped) * gain;
+    let mut ramped = p.mapping.actuated_part(damped) * gain;
     if state.drive == Drive::Enabling && engages && actuated != Wrench::ZERO {
         // While the force rises the hand is steadied. Free space stays free.
-        ramped = ramped + p.port.actuated_part(damper::strongest(sample.twist, arm, 1.0 - gain));
+        ramped = ramped + p.mapping.actuated_part(damper::strongest(sample.twist, arm, 1.0 - gain));
     }
     let limited = state.limiter.apply(ramped, sample.twist, 1.0, &p.limits, p.period_s);
     if !limited.finite {
@@ -413,7 +413,7 @@ fn brake(p: &Parameters, state: &mut State, input: &TickInput, check: SampleChec
     let brakes = is_paused || !state.interlock.pending.is_empty();
     // Old velocities would drive the arm.
     let wanted = if brakes && check.ramp_down == OffCause::None {
-        p.port.actuated_part(damper::brake(input.sample.twist, &state.delay.damped(&p.arm)))
+        p.mapping.actuated_part(damper::brake(input.sample.twist, &state.delay.damped(&p.arm)))
     } else {
         Wrench::ZERO
     };

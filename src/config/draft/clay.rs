@@ -94,7 +94,7 @@ mod tests {
             std::fs::write(&path, draft.text("scene.toml", "as the test says")).expect("written");
             let config = crate::config::load(&path).unwrap_or_else(|errors| panic!("{errors}\n{}", draft.text("", "")));
             let sculpt = config.sculpt.expect("clay");
-            assert!(sculpt.tool.brush_m > 0.0 && config.parameters.port.start.translation.z > size_m);
+            assert!(sculpt.tool.brush_m > 0.0 && config.parameters.mapping.start.translation.z > size_m);
         }
     }
 }

@@ -19,7 +19,7 @@ use arms::profile::is_profile;
 use clay::session::is_session;
 use document::{Checks, ConfigErrors, Document, Interval, Problem, ProblemKind};
 use haptics::filter::low_pass_alpha;
-use haptics::{CouplingMode, Parameters, PortParameters};
+use haptics::{CouplingMode, DeviceMapping, Parameters};
 use vps::mesh::Format;
 use vps::spatial::Pose;
 use vps::storage::regular;
@@ -178,8 +178,8 @@ impl Resolve<'_> {
 
         let (profile, tool) = (profile?, tool?);
         let arm = arm_parameters(&profile, &stability, port_scale);
-        let port =
-            PortParameters { world_from_device, scale: port_scale, sensed: profile.sensed, actuated: profile.actuated, start };
+        let mapping =
+            DeviceMapping { world_from_device, scale: port_scale, sensed: profile.sensed, actuated: profile.actuated, start };
         Some(SceneConfig {
             files: self.checks.files().to_vec(),
             path: path.to_path_buf(),
@@ -190,7 +190,7 @@ impl Resolve<'_> {
             statics,
             tool,
             sculpt,
-            parameters: Parameters { period_s, gravity_m_per_s2, contact, coupling, filter, limits, safety, port, arm },
+            parameters: Parameters { period_s, gravity_m_per_s2, contact, coupling, filter, limits, safety, mapping, arm },
             device: DeviceConfig { profile, selector, hand, sim },
             realtime,
             stability,

@@ -89,8 +89,8 @@ impl HandPath {
     }
 
     /// The same path as the arm's grip sees it.
-    pub fn to_device(&self, indexing: Indexing) -> GripPath {
-        GripPath { path: self.clone(), indexing }
+    pub fn to_device(&self, mapping: HandMapping) -> GripPath {
+        GripPath { path: self.clone(), mapping }
     }
 }
 
@@ -99,7 +99,7 @@ impl HandPath {
 /// At enable the tool stands at `start` and the arm at its zero pose. From there on a grip translation d moves the grip point by
 /// scale · R_wd · d in the world, and a grip rotation turns the tool by the same rotation seen in world axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Indexing {
+pub struct HandMapping {
     /// Where the arm stands; only its rotation matters here.
     pub world_from_device: Pose,
     /// World metres per device metre.
@@ -110,7 +110,7 @@ pub struct Indexing {
     pub grip_tool: DVec3,
 }
 
-impl Indexing {
+impl HandMapping {
     /// The grip pose, `device_from_grip`, that holds the tool at `world_from_tool`. RT: safe.
     fn device_from_grip(&self, world_from_tool: Pose) -> Pose {
         let device_from_world = self.world_from_device.rotation.conjugate();
@@ -128,13 +128,13 @@ impl Indexing {
 #[derive(Clone, Debug, PartialEq)]
 pub struct GripPath {
     path: HandPath,
-    indexing: Indexing,
+    mapping: HandMapping,
 }
 
 impl GripPath {
     /// The target pose of the grip, `device_from_grip`, at `time_s`. RT: safe; O(log n).
     pub(crate) fn sample(&self, time_s: f64) -> Pose {
-        self.indexing.device_from_grip(self.path.sample(time_s))
+        self.mapping.device_from_grip(self.path.sample(time_s))
     }
 
     /// The same path, begun so much later, s; until then the hand stays where it begins.
@@ -146,8 +146,8 @@ impl GripPath {
 
     /// A path given in the frame of the arm itself: the device stands in the world's origin and the tool is the grip.
     pub fn in_device_frame(path: HandPath) -> Self {
-        let indexing = Indexing { world_from_device: Pose::IDENTITY, scale: 1.0, start: Pose::IDENTITY, grip_tool: DVec3::ZERO };
-        Self { path, indexing }
+        let mapping = HandMapping { world_from_device: Pose::IDENTITY, scale: 1.0, start: Pose::IDENTITY, grip_tool: DVec3::ZERO };
+        Self { path, mapping }
     }
 }
 
@@ -226,13 +226,13 @@ mod tests {
 
     #[test]
     fn at_the_start_pose_the_arm_stands_at_its_zero() {
-        let indexing = Indexing {
+        let mapping = HandMapping {
             world_from_device: Pose::new(DQuat::from_rotation_y(0.4), DVec3::new(1.0, 2.0, 3.0)),
             scale: 2.0,
             start: Pose::new(DQuat::from_rotation_x(1.1), DVec3::new(0.3, 0.0, 0.6)),
             grip_tool: DVec3::new(0.01, -0.02, 0.05),
         };
-        let grip = indexing.device_from_grip(indexing.start);
+        let grip = mapping.device_from_grip(mapping.start);
         assert!(grip.translation.length() < 1e-15);
         assert!(Pose::IDENTITY.rotation_to(grip).length() < 1e-12);
     }
@@ -240,14 +240,14 @@ mod tests {
     #[test]
     fn the_grip_follows_the_centre_of_mass_and_the_world_turn() {
         // The device's x axis points along world y; two world metres per device metre; the grip is 0.1 m above the tool's origin.
-        let indexing = Indexing {
+        let mapping = HandMapping {
             world_from_device: Pose::new(DQuat::from_rotation_z(FRAC_PI_2), DVec3::ZERO),
             scale: 2.0,
             start: Pose::IDENTITY,
             grip_tool: DVec3::new(0.0, 0.0, 0.1),
         };
         // A quarter turn about world x moves the grip point from (0, 0, 0.1) to (0, -0.1, 0).
-        let grip = indexing.device_from_grip(Pose::new(DQuat::from_rotation_x(FRAC_PI_2), DVec3::ZERO));
+        let grip = mapping.device_from_grip(Pose::new(DQuat::from_rotation_x(FRAC_PI_2), DVec3::ZERO));
         // World (0, -0.1, -0.1) is device (-0.1, 0, -0.1), halved.
         assert!((grip.translation - DVec3::new(-0.05, 0.0, -0.05)).length() < 1e-15, "{grip:?}");
         // World x is device -y.

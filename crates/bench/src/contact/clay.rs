@@ -87,7 +87,7 @@ impl Receding {
         // A hand on a spring of the same stiffness has to go as deep again.
         let stretch_m = if self.coupling == CouplingMode::Direct { 0.0 } else { DEPTH_M };
         let top_m = |tick: u64| TOP_M - self.speed_m_per_s * PERIOD_S * tick.saturating_sub(MOVES_FROM_TICK) as f64;
-        scene.parameters.port.start = Pose::from_translation(DVec3::Z * (TOP_M - DEPTH_M - stretch_m));
+        scene.parameters.mapping.start = Pose::from_translation(DVec3::Z * (TOP_M - DEPTH_M - stretch_m));
         let mut state = State::new(&scene);
         let (mut force, mut n_updates) = (RecedingForce { steady_n: 1e3 * DEPTH_M, ..RecedingForce::default() }, 0);
         for tick_idx in 0..JUDGED_FROM_TICK + n_ticks {
@@ -136,7 +136,7 @@ impl Turning {
             (Shell::new(&[(DVec3::ZERO, DVec3::Z)], SPACING_M), 0.0)
         };
         let mut scene = scene(&frame(lattice, &|point: DVec3| -point.z)?, shell);
-        scene.parameters.port.start = Pose::from_translation(DVec3::Z * (reach_m - depth_m));
+        scene.parameters.mapping.start = Pose::from_translation(DVec3::Z * (reach_m - depth_m));
         let state = State::new(&scene);
         Ok(Self { scene, state, sequence: 0 })
     }

@@ -2,7 +2,7 @@
 
 use super::super::auto_limit::LoopDelay;
 use super::super::damper;
-use super::super::port::Port;
+use super::super::indexing::Indexing;
 use super::super::sample::MOST_TURN_RAD;
 use super::super::{Drive, DriveRequest, Faults, OffCause, Parameters, RenderScene};
 use super::{State, TickInput};
@@ -128,7 +128,7 @@ fn try_to_enable(scene: &RenderScene, state: &mut State, sample: &DeviceSample, 
     let place = resume.or_else(|| (state.interlock.holds_place && state.has_room).then(|| state.tool.pose()));
     state.start = place.unwrap_or(scene.start());
     state.at_rest(state.start);
-    state.port = Port::indexed(sample);
+    state.indexing = Indexing::indexed(sample);
     state.passivity.reset();
     state.power.reset();
     state.delay = LoopDelay::starting_at(sample.delay_ticks);

@@ -6,16 +6,16 @@
 
 use glam::{DQuat, DVec3};
 
-use super::params::PortParameters;
+use super::params::DeviceMapping;
 use vps::spatial::{Axes, DeviceSample, Pose, Twist, Wrench};
 
 /// The zero of the indexing: `device_from_grip` at enable.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Port {
+pub struct Indexing {
     zero: Pose,
 }
 
-impl Port {
+impl Indexing {
     /// Takes the arm's present pose as zero.
     pub fn indexed(sample: &DeviceSample) -> Self {
         Self { zero: sample.pose }
@@ -23,28 +23,28 @@ impl Port {
 
     /// Where the arm wants the tool's body axes (at the centre of mass), and how fast they move; world. `start` is where they
     /// stood at enable. Axes that the arm does not sense stay at their start value.
-    pub fn target(&self, sample: &DeviceSample, port: &PortParameters, start: Pose) -> (Pose, Twist) {
-        let axes = port.world_from_device.rotation;
-        let moved_device = keep(sample.pose.translation - self.zero.translation, port.sensed, 0);
-        let velocity_device = keep(sample.twist.linear, port.sensed, 0);
+    pub fn target(&self, sample: &DeviceSample, mapping: &DeviceMapping, start: Pose) -> (Pose, Twist) {
+        let axes = mapping.world_from_device.rotation;
+        let moved_device = keep(sample.pose.translation - self.zero.translation, mapping.sensed, 0);
+        let velocity_device = keep(sample.twist.linear, mapping.sensed, 0);
         let turn_device = sample.pose.rotation * self.zero.rotation.conjugate();
-        let turn_device = if port.sensed.contains(Axes::ROTATION) {
+        let turn_device = if mapping.sensed.contains(Axes::ROTATION) {
             turn_device
         } else {
             // Some axes only, or none: the part of the rotation vector along them.
-            DQuat::from_scaled_axis(keep(turn_device.to_scaled_axis(), port.sensed, 3))
+            DQuat::from_scaled_axis(keep(turn_device.to_scaled_axis(), mapping.sensed, 3))
         };
         let turn_world = axes * turn_device * axes.conjugate();
-        let spin_world = axes * keep(sample.twist.angular, port.sensed, 3);
+        let spin_world = axes * keep(sample.twist.angular, mapping.sensed, 3);
         let pose = Pose {
             rotation: (turn_world * start.rotation).normalize(),
-            translation: start.translation + axes * moved_device * port.scale,
+            translation: start.translation + axes * moved_device * mapping.scale,
         };
-        (pose, Twist { linear: axes * velocity_device * port.scale, angular: spin_world })
+        (pose, Twist { linear: axes * velocity_device * mapping.scale, angular: spin_world })
     }
 }
 
-impl PortParameters {
+impl DeviceMapping {
     /// A wrench at the grip point, from world to device axes.
     pub(super) fn wrench_device(&self, wrench_world: Wrench) -> Wrench {
         let back = self.world_from_device.rotation.conjugate();
