@@ -11,7 +11,7 @@ use crate::error::Exit;
 use crate::scene::cache::Residence;
 use crate::scene::{self, BakeMeans};
 use arms::simulated::HandParameters;
-use arms::simulated::hand::{HandPath, Indexing};
+use arms::simulated::hand::{HandMapping, HandPath};
 use rt::duration;
 use vps::spatial::Pose;
 
@@ -68,7 +68,7 @@ impl HandArgs {
         let indexing = match &config {
             Some(config) => self.indexing_of(config, talk)?,
             None => {
-                Indexing { world_from_device: Pose::IDENTITY, scale: 1.0, start: path.sample(0.0), grip_tool: glam::DVec3::ZERO }
+                HandMapping { world_from_device: Pose::IDENTITY, scale: 1.0, start: path.sample(0.0), grip_tool: glam::DVec3::ZERO }
             }
         };
         hand.path = Some(path.to_device(indexing));
@@ -76,7 +76,7 @@ impl HandArgs {
     }
 
     /// How the grip follows the tool of a scene; the tool's centre of mass takes a bake, or the cache.
-    fn indexing_of(&self, config: &SceneConfig, talk: Talk) -> Result<Indexing, Exit> {
+    fn indexing_of(&self, config: &SceneConfig, talk: Talk) -> Result<HandMapping, Exit> {
         let mut cache = self.cache.open(Residence::Mapped, talk);
         let progress = BakeProgress::new(talk);
         let baked = scene::build_with(config, &mut BakeMeans::from(&mut cache), |event| progress.tell(&event));
@@ -84,7 +84,7 @@ impl HandArgs {
         cache::tell(&mut cache, talk);
         let (scene, _) = baked.map_err(|error| report::scene_error(&error, talk))?;
         let port = &config.parameters.mapping;
-        Ok(Indexing {
+        Ok(HandMapping {
             world_from_device: port.world_from_device,
             scale: port.scale,
             start: port.start,

@@ -243,7 +243,7 @@ impl SessionHandle {
         }
     }
 
-    /// Sets a parameter, by its name (`haptics::Knob::name`), SI. A limit that is lowered stays lowered in every scene until it is raised here.
+    /// Sets a parameter, by its name (`haptics::LiveParameter::name`), SI. A limit that is lowered stays lowered in every scene until it is raised here.
     ///
     /// # Errors
     /// [`SessionError`]; nothing changes then.

@@ -2,12 +2,12 @@
 //!
 //! ```text
 //!  cold side                                servo
-//!  SceneControls::set, place ──┐            ┌─► at most one Tune and one Placement per tick ─► tick
+//!  SceneControls::set, place ──┐            ┌─► at most one ParameterChange and one Placement per tick ─► tick
 //!  SceneControls::offer ───────┴──ring──► CommandQueue
 //!  SceneControls::take_replaced ◄─ring──────┴─► a scene: ramp down ──► zero force ──► exchange two pointers ──► ramp up
 //! ```
 //! The newest value of a parameter and the newest pose of an object count. Limits go first. What a value or a pose becomes, and how fast, is the
-//! tick's concern (`haptics::tuning`, `haptics::placing`).
+//! tick's concern (`haptics::live_parameters`, `haptics::placing`).
 //!
 //! The servo moves one box in and one out when scenes are exchanged: nothing is allocated, freed or copied, and no tick is missed. The order of
 //! the supervisor goes first: after a stop nothing is exchanged, and after a fault not before it is acknowledged.
@@ -17,7 +17,7 @@ use rtrb::{Consumer, Producer, PushError, RingBuffer};
 
 use super::LoadedScene;
 use super::paths::ObjectPaths;
-use haptics::{Knob, KnobRange, Parameters, Placement, Tune};
+use haptics::{LiveParameter, ParameterChange, ParameterRange, Parameters, Placement};
 use rt::clock::ClockKind;
 use vps::spatial::Pose;
 
@@ -28,7 +28,7 @@ const RING_COMMANDS: usize = 64;
 #[derive(Debug)]
 enum Command {
     /// A parameter of one scene goes to a value. A limit that a person lowered is kept in every later scene.
-    Change { scene_idx: u32, change: Tune, is_kept: bool },
+    Change { scene_idx: u32, change: ParameterChange, is_kept: bool },
     /// An object of one scene goes to a pose.
     Place { scene_idx: u32, placement: Placement },
     /// Another scene, when it is due.
@@ -56,7 +56,7 @@ pub enum ControlError {
         /// As asked for.
         value: f64,
         /// What is accepted.
-        range: KnobRange,
+        range: ParameterRange,
     },
     /// The scene has no such object.
     #[error("no object is called `{name}`; known here: {}", if known.is_empty() { "none".to_owned() } else { known.join(", ") })]
@@ -105,9 +105,9 @@ pub enum SwapError {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ParameterSetting {
     /// Which.
-    pub parameter: Knob,
+    pub parameter: LiveParameter,
     /// How far it goes.
-    pub range: KnobRange,
+    pub range: ParameterRange,
     /// Where it stands or goes to, SI.
     pub value: f64,
 }
@@ -135,9 +135,10 @@ struct Controls {
 
 impl Controls {
     fn new(parameters: &Parameters, objects: Objects) -> Self {
-        let setting =
-            |parameter: Knob| parameter.range(parameters).map(|range| ParameterSetting { parameter, range, value: range.scene });
-        Self { objects, settings: Knob::ALL.into_iter().filter_map(setting).collect() }
+        let setting = |parameter: LiveParameter| {
+            parameter.range(parameters).map(|range| ParameterSetting { parameter, range, value: range.scene })
+        };
+        Self { objects, settings: LiveParameter::ALL.into_iter().filter_map(setting).collect() }
     }
 }
 
@@ -151,7 +152,7 @@ pub struct SceneControls {
     /// Of a scene that was sent and is not rendered yet.
     coming: Option<Controls>,
     /// Limits that a person lowered: no file and no other scene raises them.
-    lowered: [Option<f64>; Knob::LIMITS.len()],
+    lowered: [Option<f64>; LiveParameter::LIMITS.len()],
 }
 
 impl SceneControls {
@@ -184,7 +185,7 @@ impl SceneControls {
         self.rendered.objects.iter().filter(|(_, movable)| *movable).map(|(name, _)| name.as_str())
     }
 
-    /// Sets a parameter, by its name, as a person asks. It gets there along a ramp, see [`Tune`](haptics::Tune).
+    /// Sets a parameter, by its name, as a person asks. It gets there along a ramp, see [`ParameterChange`](haptics::ParameterChange).
     ///
     /// # Errors
     /// [`ControlError`]; nothing changes then.
@@ -201,7 +202,7 @@ impl SceneControls {
         let lowered = limit_idx(parameter).and_then(|idx| self.lowered.get_mut(idx));
         let lowered = lowered.filter(|lowered| lowered.is_some() || value < range.scene);
         let command =
-            Command::Change { scene_idx: self.scene_idx, change: Tune { knob: parameter, value }, is_kept: lowered.is_some() };
+            Command::Change { scene_idx: self.scene_idx, change: ParameterChange { parameter, value }, is_kept: lowered.is_some() };
         send(&mut self.commands, command)?;
         setting.value = value;
         if let Some(lowered) = lowered {
@@ -242,7 +243,7 @@ impl SceneControls {
         for setting in &mut self.rendered.settings {
             let parameter = setting.parameter;
             if let Some(change) = changes.iter().find(|change| change.name == parameter.name()) {
-                let change = Tune { knob: parameter, value: change.to };
+                let change = ParameterChange { parameter, value: change.to };
                 send(&mut self.commands, Command::Change { scene_idx: self.scene_idx, change, is_kept: false })?;
                 setting.value = change.value;
             }
@@ -310,12 +311,12 @@ fn send(commands: &mut Producer<Command>, command: Command) -> Result<(), Contro
     commands.push(command).map_err(|PushError::Full(_)| ControlError::Full)
 }
 
-fn limit_idx(parameter: Knob) -> Option<usize> {
-    Knob::LIMITS.into_iter().position(|limit| limit == parameter)
+fn limit_idx(parameter: LiveParameter) -> Option<usize> {
+    LiveParameter::LIMITS.into_iter().position(|limit| limit == parameter)
 }
 
 /// What a scene or a file may have of a value where persons lowered limits.
-fn bound(lowered: &[Option<f64>; Knob::LIMITS.len()], parameter: Knob, value: f64) -> f64 {
+fn bound(lowered: &[Option<f64>; LiveParameter::LIMITS.len()], parameter: LiveParameter, value: f64) -> f64 {
     let lowered = limit_idx(parameter).and_then(|idx| lowered.get(idx).copied().flatten());
     lowered.map_or(value, |lowered| value.min(lowered))
 }
@@ -338,10 +339,10 @@ pub(super) fn checked(objects: &[(String, bool)], name: &str, world_from_map: Po
 pub struct CommandQueue {
     commands: Consumer<Command>,
     replaced: Producer<Box<LoadedScene>>,
-    /// Values that the tick has not been told yet, in the order of [`Knob::ALL`].
-    changes: [Option<f64>; Knob::ALL.len()],
+    /// Values that the tick has not been told yet, in the order of [`LiveParameter::ALL`].
+    changes: [Option<f64>; LiveParameter::ALL.len()],
     /// Limits that a person lowered.
-    kept: [Option<f64>; Knob::LIMITS.len()],
+    kept: [Option<f64>; LiveParameter::LIMITS.len()],
     next_scene: Option<Box<LoadedScene>>,
     paths: ObjectPaths,
     /// Ticks at which simulated time waits for a scene that has been promised, rising; and how many scenes there have been.
@@ -361,8 +362,8 @@ impl CommandQueue {
         Self {
             commands,
             replaced,
-            changes: [None; Knob::ALL.len()],
-            kept: [None; Knob::LIMITS.len()],
+            changes: [None; LiveParameter::ALL.len()],
+            kept: [None; LiveParameter::LIMITS.len()],
             next_scene: None,
             paths: ObjectPaths::default(),
             promised_ticks: Box::default(),
@@ -391,12 +392,12 @@ impl CommandQueue {
         for _ in 0..RING_COMMANDS {
             let Ok(command) = self.commands.pop() else { return };
             match command {
-                Command::Change { scene_idx, change: Tune { knob, value }, is_kept } => {
-                    if is_kept && let Some(kept) = limit_idx(knob).and_then(|idx| self.kept.get_mut(idx)) {
+                Command::Change { scene_idx, change: ParameterChange { parameter, value }, is_kept } => {
+                    if is_kept && let Some(kept) = limit_idx(parameter).and_then(|idx| self.kept.get_mut(idx)) {
                         *kept = Some(value);
                     }
                     if (is_kept || scene_idx == rendered_idx)
-                        && let Some(change) = self.changes.get_mut(knob as usize)
+                        && let Some(change) = self.changes.get_mut(parameter as usize)
                     {
                         *change = Some(value);
                     }
@@ -421,9 +422,9 @@ impl CommandQueue {
     }
 
     /// What a parameter is to become; limits first: of a scene that takes the place of another they count before its first force. RT: safe.
-    pub(super) fn next_change(&mut self) -> Option<Tune> {
-        let mut order = Knob::LIMITS.into_iter().chain(Knob::ALL);
-        order.find_map(|knob| Some(Tune { knob, value: self.changes.get_mut(knob as usize)?.take()? }))
+    pub(super) fn next_change(&mut self) -> Option<ParameterChange> {
+        let mut order = LiveParameter::LIMITS.into_iter().chain(LiveParameter::ALL);
+        order.find_map(|parameter| Some(ParameterChange { parameter, value: self.changes.get_mut(parameter as usize)?.take()? }))
     }
 
     /// Where an object is to go: what a client asked for, then the paths. RT: safe; O(objects), O(log n) in the length of a path.
@@ -462,8 +463,8 @@ impl CommandQueue {
             // Cannot be: `is_scene_due` saw room, and only this side fills it. Kept rather than freed.
             core::mem::forget(old);
         }
-        self.changes = [None; Knob::ALL.len()];
-        for (limit, kept) in Knob::LIMITS.into_iter().zip(self.kept) {
+        self.changes = [None; LiveParameter::ALL.len()];
+        for (limit, kept) in LiveParameter::LIMITS.into_iter().zip(self.kept) {
             if let Some(change) = self.changes.get_mut(limit as usize) {
                 *change = kept;
             }

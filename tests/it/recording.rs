@@ -13,7 +13,7 @@ use hapticd::config::LoadOptions;
 use hapticd::daemon::session::objects;
 use hapticd::daemon::{Live, RenderJob, ReplayError, Replayed, Supervisor, prepare, replay, scene_files};
 use hapticd::servo::{Control, SceneControls};
-use haptics::{Faults, Knob};
+use haptics::{Faults, LiveParameter};
 use recording::file::{Entry, Recorder, Recording, SceneFiles};
 use recording::{Taps, TickRecord, drain};
 use rt::clock::ClockKind;
@@ -178,7 +178,7 @@ fn record(scene: &Path, duration: Duration, path: &Path, turn: impl FnOnce(&mut 
     outcome.report.ticks
 }
 
-/// Every knob that acts, to its least value, and a part to another place.
+/// Every parameter that acts, to its least value, and a part to another place.
 fn turn_everything(controls: &mut SceneControls) {
     for setting in controls.settings().to_vec() {
         controls.set(setting.parameter.name(), setting.range.least).expect("in range");
@@ -196,7 +196,7 @@ fn turned_parameters_and_placed_parts_are_in_the_recording() {
     let n_ticks = record(&dir.path().join("a.toml"), Duration::from_millis(1500), &path, turn_everything);
     assert_identical(&path, n_ticks);
     let records = records(&path);
-    let turned: Vec<Knob> = records.iter().filter_map(|record| record.input.tune.map(|tune| tune.knob)).collect();
+    let turned: Vec<LiveParameter> = records.iter().filter_map(|record| record.input.tune.map(|tune| tune.parameter)).collect();
     assert!(turned.len() > 6, "{turned:?}");
     assert!(records.iter().any(|record| record.output.object.is_some()) && records[0].input.place.is_some());
     // A recorder that forgot them would be found out.

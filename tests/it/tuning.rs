@@ -6,7 +6,7 @@ use hapticd::config::SceneConfig;
 use hapticd::daemon::prepare;
 use hapticd::daemon::session::objects;
 use hapticd::servo::{Control, RunPlan, SceneControls, ServoLoop, Step};
-use haptics::{Faults, Knob, Parameters};
+use haptics::{Faults, LiveParameter, Parameters};
 use recording::TickRecord;
 use rt::clock::VirtualClock;
 
@@ -45,7 +45,7 @@ fn force_n(records: &[TickRecord], tick: u64) -> f64 {
     records[tick as usize].output.command_device.force.length()
 }
 
-/// The hand pushes and rubs. An arm without encoder steps, which would hide what a knob does.
+/// The hand pushes and rubs. An arm without encoder steps, which would hide what a parameter does.
 fn rubbing() -> SceneConfig {
     let friction = "damping_ratio = 0.7\nfriction = { static = 0.3, dynamic = 0.2 }";
     let mut config = rig::rewritten("block-on-plane", &[("damping_ratio = 0.7", friction)]);
@@ -59,8 +59,8 @@ fn every_knob_turned_to_both_ends_under_pressure_makes_no_step_and_no_energy() {
     let config = rubbing();
     let untouched = play(&config, |_| (), |_, _| ());
     let mut n_knobs = 0;
-    for knob in Knob::ALL {
-        let Some(range) = knob.range(&config.parameters) else { continue };
+    for parameter in LiveParameter::ALL {
+        let Some(range) = parameter.range(&config.parameters) else { continue };
         n_knobs += 1;
         for value in [range.least, range.most] {
             let records = play(
@@ -68,17 +68,17 @@ fn every_knob_turned_to_both_ends_under_pressure_makes_no_step_and_no_energy() {
                 |_| (),
                 |tick, controls| {
                     if tick == PRESSED_FROM {
-                        controls.set(knob.name(), value).expect("in range");
+                        controls.set(parameter.name(), value).expect("in range");
                     }
                 },
             );
-            assert_eq!(records[PRESSED_FROM as usize].input.tune.map(|tune| tune.knob), Some(knob));
+            assert_eq!(records[PRESSED_FROM as usize].input.tune.map(|tune| tune.parameter), Some(parameter));
             for tick in PRESSED_FROM..SETTLED_AT {
                 let step_n = (force_n(&records, tick + 1) - force_n(&records, tick)).abs();
-                assert!(step_n < STEP_N, "{knob:?} to {value}: {step_n} N in tick {tick}");
+                assert!(step_n < STEP_N, "{parameter:?} to {value}: {step_n} N in tick {tick}");
             }
             let lowest_j = records.iter().map(|record| record.output.energy_j).fold(0.0, f64::min);
-            assert!(lowest_j > -1e-3, "{knob:?} to {value}: {lowest_j} J");
+            assert!(lowest_j > -1e-3, "{parameter:?} to {value}: {lowest_j} J");
         }
     }
     assert!(n_knobs >= 9, "{n_knobs}");
@@ -94,7 +94,7 @@ fn a_knob_leads_to_where_a_scene_with_its_value_is() {
         |_| (),
         |tick, controls| {
             if tick == PRESSED_FROM {
-                controls.set(Knob::CouplingTranslation.name(), half).expect("in range");
+                controls.set(LiveParameter::CouplingTranslation.name(), half).expect("in range");
             }
         },
     );
@@ -107,7 +107,7 @@ fn a_knob_leads_to_where_a_scene_with_its_value_is() {
         force_n(&turned, at),
         force_n(&set, at)
     );
-    assert!((force_n(&scene, at) - force_n(&set, at)).abs() > 0.05 * force_n(&set, at), "the knob is felt");
+    assert!((force_n(&scene, at) - force_n(&set, at)).abs() > 0.05 * force_n(&set, at), "the change is felt");
 }
 
 #[test]

@@ -24,6 +24,7 @@ mod friction;
 mod indexing;
 mod interlock;
 mod limits;
+mod live_parameters;
 mod off_cause;
 mod packets;
 mod params;
@@ -40,13 +41,13 @@ pub mod stuck;
 #[doc(hidden)]
 pub mod testing;
 mod tick;
-mod tuning;
 mod virtual_tool;
 
 pub use coupling::Inertia;
 pub use drive::{Drive, DriveRequest};
 pub use faults::Faults;
 pub use indexing::Indexing;
+pub use live_parameters::{LiveParameter, ParameterChange, ParameterRange};
 pub use off_cause::OffCause;
 pub use params::{
     ArmParameters, ContactParameters, CouplingMode, CouplingParameters, DeviceMapping, FilterParameters, FreeSpace,
@@ -55,4 +56,3 @@ pub use params::{
 pub use placing::Placement;
 pub use render_scene::{RenderScene, Tool};
 pub use tick::{FrameInUse, Handover, State, TickInput, TickOutput, tick};
-pub use tuning::{Knob, KnobRange, Tune};

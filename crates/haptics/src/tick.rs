@@ -10,13 +10,13 @@ use super::damper;
 use super::indexing::Indexing;
 use super::interlock::{Interlock, is_outside};
 use super::limits::{Limiter, Ramp};
+use super::live_parameters::{ParameterChange, ParameterRamps};
 use super::params::CouplingMode;
 use super::passivity_control::PassivityController;
 use super::placing::{Movers, Placement};
 use super::power_window::PowerWindow;
 use super::sample::{SampleCheck, SampleMonitor};
 use super::stability::filter_delay_s;
-use super::tuning::{Tune, Tuning};
 use super::virtual_tool::{Touch, VirtualTool};
 use super::{Drive, DriveRequest, Faults, OffCause, Parameters, RenderScene};
 use vps::contact::{Budget, ContactSum, Machine, Traversal, Way};
@@ -38,7 +38,7 @@ pub struct TickInput {
     /// Where an obstacle is asked to go from the next tick on.
     pub place: Option<Placement>,
     /// What a parameter is asked to become from the next tick on.
-    pub tune: Option<Tune>,
+    pub tune: Option<ParameterChange>,
     /// Which frame of the clay is touched, where there is clay: told for the record, the frame itself is in the [`State`].
     pub clay: Option<FrameInUse>,
 }
@@ -111,7 +111,7 @@ pub struct State {
     /// Finds what touches, and knows where the obstacles stand.
     traversal: Traversal,
     movers: Movers,
-    tuning: Tuning,
+    parameter_ramps: ParameterRamps,
     /// Where the scene has some.
     clay: Option<Held>,
     /// Where the scene asks for it.
@@ -156,7 +156,7 @@ impl State {
             tool: VirtualTool::at(scene.start()),
             traversal: Traversal::new(Machine::best(), Way::Tree, &scene.obstacles, &scene.tool.shell),
             movers: Movers::new(scene.obstacles.len()),
-            tuning: Tuning::default(),
+            parameter_ramps: ParameterRamps::default(),
             clay: scene.clay.as_ref().map(|clay| Held::new(clay, &scene.tool.shell)),
             braking: Braking::of(scene),
             delay: LoopDelay::default(),
@@ -257,7 +257,7 @@ impl State {
 /// RT: safe. Pure and total: same scene, state and input, same bits; no allocation, no panic. Anything that is not finite gives a
 /// zero wrench and a fault. Cost: one walk over the shell's tree per obstacle plus a 6×6 solve.
 pub fn tick(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOutput {
-    let p = &state.tuning.next(&scene.parameters, input.tune, state.drive.has_force());
+    let p = &state.parameter_ramps.next(&scene.parameters, input.tune, state.drive.has_force());
     let check = state.monitor.check(&input.sample, &p.limits, &p.safety, p.period_s);
     state.overruns = if input.overrun { state.overruns.saturating_add(1) } else { 0 };
     let mut faults = check.faults;

@@ -32,7 +32,7 @@ fn at(x_m: f64) -> Pose {
     Pose::from_translation(DVec3::X * x_m)
 }
 
-fn setting(controls: &SceneControls, parameter: Knob) -> ParameterSetting {
+fn setting(controls: &SceneControls, parameter: LiveParameter) -> ParameterSetting {
     *controls.settings().iter().find(|setting| setting.parameter == parameter).expect("a parameter")
 }
 
@@ -97,7 +97,7 @@ fn a_value_within_its_range_goes_in_and_nothing_else() {
     assert_eq!(controls.set(parameter.name(), half), Ok(()));
     assert_eq!(queue.next_change(), None, "nothing was received");
     queue.receive(&mut scene, 0);
-    assert_eq!(queue.next_change(), Some(Tune { knob: parameter, value: half }));
+    assert_eq!(queue.next_change(), Some(ParameterChange { parameter, value: half }));
     assert_eq!(controls.settings()[0], ParameterSetting { parameter, range, value: half });
     for value in [f64::NAN, range.most * 1.001, -1.0, f64::INFINITY] {
         assert!(matches!(controls.set(parameter.name(), value), Err(ControlError::Range { .. })), "{value}");
@@ -132,10 +132,10 @@ fn several_go_in_together_or_none_does() {
     assert_eq!(controls.follow_file(&file, &changes), Ok(()));
     queue.receive(&mut scene, 0);
     // The limit goes first.
-    let next = [(); 3].map(|()| queue.next_change().map(|change| change.knob));
-    assert_eq!(next, [Some(Knob::ForceLimit), Some(Knob::ContactStiffness), None]);
+    let next = [(); 3].map(|()| queue.next_change().map(|change| change.parameter));
+    assert_eq!(next, [Some(LiveParameter::ForceLimit), Some(LiveParameter::ContactStiffness), None]);
     assert_eq!(controls.file_changes(&file), Some(Vec::new()));
-    assert_eq!(setting(&controls, Knob::ForceLimit).range.scene, file.limits.force_n);
+    assert_eq!(setting(&controls, LiveParameter::ForceLimit).range.scene, file.limits.force_n);
     file.contact.stiffness_n_per_m = f64::NAN;
     assert_eq!(controls.file_changes(&file), None);
 }
@@ -148,17 +148,17 @@ fn a_client_asks_for_no_larger_limit_than_the_file_has_now() {
     file.limits.force_n = 0.5 * scene_n;
     let changes = controls.file_changes(&file).expect("in range");
     controls.follow_file(&file, &changes).expect("room");
-    let name = Knob::ForceLimit.name();
+    let name = LiveParameter::ForceLimit.name();
     assert!(matches!(controls.set(name, 0.6 * scene_n), Err(ControlError::Range { .. })));
     assert_eq!(controls.set(name, 0.4 * scene_n), Ok(()));
     queue.receive(&mut scene, 0);
-    assert_eq!(queue.next_change(), Some(Tune { knob: Knob::ForceLimit, value: 0.4 * scene_n }));
+    assert_eq!(queue.next_change(), Some(ParameterChange { parameter: LiveParameter::ForceLimit, value: 0.4 * scene_n }));
 }
 
 #[test]
 fn what_a_person_lowered_holds_until_a_person_raises_it() {
     let (mut controls, mut queue, mut scene) = ends();
-    let name = Knob::ForceLimit.name();
+    let name = LiveParameter::ForceLimit.name();
     let all_n = parameters().limits.force_n;
     let mut rendered_idx = 0;
     // Another scene takes over; what its first tick is told of the limit, and what is shown of it.
@@ -174,12 +174,12 @@ fn what_a_person_lowered_holds_until_a_person_raises_it() {
         queue.receive(&mut scene, rendered_idx);
         let told = [queue.next_change(), queue.next_change()];
         assert!(controls.take_replaced().is_some() && controls.scene_idx() == rendered_idx);
-        (told, setting(controls, Knob::ForceLimit).value)
+        (told, setting(controls, LiveParameter::ForceLimit).value)
     };
     // The value of the scene is not lowered.
     controls.set(name, all_n).expect("room");
     assert_eq!(exchange(&mut controls, &mut queue), ([None, None], all_n));
-    let limit = |value: f64| [Some(Tune { knob: Knob::ForceLimit, value }), None];
+    let limit = |value: f64| [Some(ParameterChange { parameter: LiveParameter::ForceLimit, value }), None];
     controls.set(name, 0.5 * all_n).expect("room");
     assert_eq!(exchange(&mut controls, &mut queue), (limit(0.5 * all_n), 0.5 * all_n));
     assert_eq!(controls.file_changes(&parameters()), Some(Vec::new()), "no file raises it");

@@ -36,14 +36,16 @@ fn a_parameter_goes_there_and_others_hear_of_it() {
     let before = other.state_where(|state| length(&state["measured_cf"]["f"]) > 1.0);
     let name = "limit_force_n";
     let least =
-        daemon.get("/api/v1/parameters").as_array().unwrap().iter().find(|knob| knob["name"] == name).unwrap()["least"].clone();
+        daemon.get("/api/v1/parameters").as_array().unwrap().iter().find(|parameter| parameter["name"] == name).unwrap()["least"]
+            .clone();
     client.does(json!({ "do": "set", "parameter": name, "value": least }));
     let event = other.event("parameter", name);
     assert!(event["text"].as_str().unwrap().contains(name));
     let after = other.state_where(|state| length(&state["measured_cf"]["f"]) <= least.as_f64().unwrap() + 1e-9);
     assert!(length(&before["measured_cf"]["f"]) > length(&after["measured_cf"]["f"]));
     let set =
-        daemon.get("/api/v1/parameters").as_array().unwrap().iter().find(|knob| knob["name"] == name).unwrap()["value"].clone();
+        daemon.get("/api/v1/parameters").as_array().unwrap().iter().find(|parameter| parameter["name"] == name).unwrap()["value"]
+            .clone();
     assert_eq!(set, least);
     for (path, body, expected) in [
         ("limit_force_n", r#"{"value": 1e6}"#, 400),
@@ -129,7 +131,7 @@ fn another_scene_takes_over_and_is_told() {
     assert!(scene["scene_idx"] == 1 && scene["file"].as_str().unwrap().ends_with("other.toml"), "{scene}");
     let stiffness = &daemon.get("/api/v1/parameters")[0];
     assert_eq!((&stiffness["name"], &stiffness["value"]), (&"contact_stiffness_n_per_m".into(), &2000.0.into()));
-    // A knob of the new scene, and back over HTTP.
+    // A parameter of the new scene, and back over HTTP.
     client.does(json!({ "do": "set", "parameter": "contact_stiffness_n_per_m", "value": 3000 }));
     let (status, answer) = daemon.http("POST", "/api/v1/scene", &[], r#"{"scene": "press"}"#);
     assert!(status == 200 || status == 202, "{answer}");
@@ -155,9 +157,9 @@ fn a_limit_that_a_client_lowered_stays_lowered_in_every_scene_until_a_client_rai
     let mut client = daemon.connect();
     client.subscribe(1000.0);
     let force = |state: &Value| length(&state["servo_cf"]["f"]);
-    let knob = |daemon: &Daemon| {
-        let knobs = daemon.get("/api/v1/parameters");
-        knobs.as_array().unwrap().iter().find(|knob| knob["name"] == "limit_force_n").unwrap().clone()
+    let parameter = |daemon: &Daemon| {
+        let parameters = daemon.get("/api/v1/parameters");
+        parameters.as_array().unwrap().iter().find(|parameter| parameter["name"] == "limit_force_n").unwrap().clone()
     };
     client.state_where(|state| force(state) > 1.0);
     client.does(json!({ "do": "set", "parameter": "limit_force_n", "value": 0.7 }));
@@ -176,14 +178,14 @@ fn a_limit_that_a_client_lowered_stays_lowered_in_every_scene_until_a_client_rai
     };
     assert_eq!(daemon.http("POST", "/api/v1/scene", &[], r#"{"scene": "other"}"#).0 / 100, 2);
     stays("switched", 1);
-    assert_eq!((&knob(&daemon)["value"], &knob(&daemon)["scene"]), (&json!(0.7), &json!(1.8)));
+    assert_eq!((&parameter(&daemon)["value"], &parameter(&daemon)["scene"]), (&json!(0.7), &json!(1.8)));
     // Parameters only, and then so that it is baked anew.
     scene_file(&daemon.folder, "other.toml", "[contact]\nstiffness_n_per_mm = 3.0\n[limits]\nforce_n = 1.8\n");
     daemon.wait_for("reload: contact_stiffness_n_per_m");
     stays("read again", 1);
     scene_file(&daemon.folder, "other.toml", "[contact]\nstiffness_n_per_mm = 3.0\n[limits]\nforce_n = 2.5\n");
     stays("baked again", 2);
-    assert_eq!((&knob(&daemon)["value"], &knob(&daemon)["scene"]), (&json!(0.7), &json!(2.5)));
+    assert_eq!((&parameter(&daemon)["value"], &parameter(&daemon)["scene"]), (&json!(0.7), &json!(2.5)));
     client.does(json!({ "do": "set", "parameter": "limit_force_n", "value": 1.2 }));
     client.state_where(|state| (force(state) - 1.2).abs() < 1e-9);
     let folder = daemon.folder.path().to_owned();

@@ -7,7 +7,9 @@ use foxglove::Encode as _;
 use super::fields::{Fields, Garbled, Kind, Reader, Writer};
 use super::schema;
 use crate::TickRecord;
-use haptics::{Drive, DriveRequest, Faults, FrameInUse, Knob, OffCause, Placement, TickInput, TickOutput, Tune};
+use haptics::{
+    Drive, DriveRequest, Faults, FrameInUse, LiveParameter, OffCause, ParameterChange, Placement, TickInput, TickOutput,
+};
 use vps::spatial::{DeviceSample, SampleStatus};
 
 /// One tick as it is recorded.
@@ -183,34 +185,34 @@ fn device_sample<F: Fields>(f: &mut F, input: &mut TickInput) {
     f.flag("stalled", stalled);
 }
 
-/// A [`Tune`] that has a default.
+/// A [`ParameterChange`] that has a default.
 #[derive(Clone, Copy)]
 struct Wish {
-    knob: Knob,
+    parameter: LiveParameter,
     value: f64,
 }
 
 impl Default for Wish {
     fn default() -> Self {
-        Self { knob: Knob::ContactStiffness, value: 0.0 }
+        Self { parameter: LiveParameter::ContactStiffness, value: 0.0 }
     }
 }
 
-impl From<Tune> for Wish {
-    fn from(Tune { knob, value }: Tune) -> Self {
-        Self { knob, value }
+impl From<ParameterChange> for Wish {
+    fn from(ParameterChange { parameter, value }: ParameterChange) -> Self {
+        Self { parameter, value }
     }
 }
 
-impl From<Wish> for Tune {
-    fn from(Wish { knob, value }: Wish) -> Self {
-        Self { knob, value }
+impl From<Wish> for ParameterChange {
+    fn from(Wish { parameter, value }: Wish) -> Self {
+        Self { parameter, value }
     }
 }
 
 impl Wish {
     fn body<F: Fields>(f: &mut F, wish: &mut Self) {
-        f.choice("parameter", "Parameter", &Knob::ALL.map(|knob| (knob, knob.name())), &mut wish.knob);
+        f.choice("parameter", "Parameter", &LiveParameter::ALL.map(|parameter| (parameter, parameter.name())), &mut wish.parameter);
         f.double("value", &mut wish.value);
     }
 }

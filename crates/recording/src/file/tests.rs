@@ -9,7 +9,9 @@ use super::channels::{Channel, Row};
 use super::fields::Writer;
 use super::*;
 use crate::{Taps, TickRecord, drain};
-use haptics::{Drive, DriveRequest, Faults, FrameInUse, Knob, OffCause, Placement, TickInput, TickOutput, Tune};
+use haptics::{
+    Drive, DriveRequest, Faults, FrameInUse, LiveParameter, OffCause, ParameterChange, Placement, TickInput, TickOutput,
+};
 use vps::spatial::{DeviceSample, Pose, SampleStatus, Twist, Wrench};
 
 /// A record in which every value differs from its neighbours, some of them in ways that are easily lost.
@@ -50,7 +52,9 @@ fn odd_record(tick: u64) -> TickRecord {
             overrun: tick.is_multiple_of(5),
             stalled: tick.is_multiple_of(7),
             place: tick.is_multiple_of(2).then(|| Placement { obstacle_idx: 3, world_from_map: pose(20) }),
-            tune: tick.is_multiple_of(3).then(|| Tune { knob: Knob::ALL[tick as usize % 10], value: number(30) }),
+            tune: tick
+                .is_multiple_of(3)
+                .then(|| ParameterChange { parameter: LiveParameter::ALL[tick as usize % 10], value: number(30) }),
             clay: tick.is_multiple_of(7).then(|| FrameInUse { sequence: u64::MAX - tick, is_last: tick.is_multiple_of(14) }),
         },
         output: TickOutput {

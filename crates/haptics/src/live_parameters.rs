@@ -1,8 +1,8 @@
 //! Parameters that may change while the loop runs: which, how far, how fast.
 //!
-//! Data in: the scene's parameters and at most one [`Tune`] per tick. Data out: the parameters of the tick. A value is a wish, never a jump: it
-//! goes from where it is to where it is asked to be along a straight line, and takes [`FULL_RANGE_S`] for its whole range. What nobody has
-//! turned keeps the scene's bits.
+//! Data in: the scene's parameters and at most one [`ParameterChange`] per tick. Data out: the parameters of the tick. A value never jumps: it
+//! goes from where it is to where it is asked to be along a straight line, and takes [`FULL_RANGE_S`] for its whole range. A parameter without a change
+//! keeps the scene's bits.
 //!
 //! # Source
 //! Ours.
@@ -31,7 +31,7 @@ const MOST_CUTOFF: f64 = 0.45;
 /// A parameter that can be set while the loop runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
-pub enum Knob {
+pub enum LiveParameter {
     /// Penalty stiffness of one point.
     ContactStiffness = 0,
     /// Damping of the virtual tool in contact.
@@ -54,9 +54,9 @@ pub enum Knob {
     TorqueLimit = 9,
 }
 
-/// Where a knob stands and how far it goes, SI.
+/// The values that a live parameter may take, SI.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct KnobRange {
+pub struct ParameterRange {
     /// Smallest value.
     pub least: f64,
     /// Largest value.
@@ -65,16 +65,16 @@ pub struct KnobRange {
     pub scene: f64,
 }
 
-/// What a knob is asked to become.
+/// The value that a client asks for.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Tune {
+pub struct ParameterChange {
     /// Which.
-    pub knob: Knob,
-    /// SI; clamped to the knob's range. What is not finite is ignored.
+    pub parameter: LiveParameter,
+    /// SI; clamped to the parameter's range. What is not finite is ignored.
     pub value: f64,
 }
 
-impl Knob {
+impl LiveParameter {
     /// All of them, each at its number.
     pub const ALL: [Self; 10] = [
         Self::ContactStiffness,
@@ -113,16 +113,16 @@ impl Knob {
         }
     }
 
-    /// How far the knob goes in a scene of these parameters; `None` where it would do nothing.
-    pub fn range(self, p: &Parameters) -> Option<KnobRange> {
+    /// The range of the parameter in a scene of these parameters; `None` where it would do nothing.
+    pub fn range(self, p: &Parameters) -> Option<ParameterRange> {
         let mode = p.coupling.mode;
         let scene = self.read(p);
         let stiffness = |most: f64| {
             // Not more than the arm takes, not less than the scene has: what it allows itself stays reachable.
             let most = most.min(MOST_STIFFNESS * scene).max(scene);
-            KnobRange { least: scene / LEAST_DIVISOR, most, scene }
+            ParameterRange { least: scene / LEAST_DIVISOR, most, scene }
         };
-        let up_to = |most: f64| KnobRange { least: 0.0, most: most.max(scene), scene };
+        let up_to = |most: f64| ParameterRange { least: 0.0, most: most.max(scene), scene };
         let acts = match self {
             // What acts on the virtual tool's velocity needs one.
             Self::ContactDampingRatio => mode.has_mass(),
@@ -141,14 +141,14 @@ impl Knob {
             Self::ContactDampingRatio => up_to(MOST_DAMPING_RATIO),
             Self::FrictionStatic | Self::FrictionDynamic => up_to(MOST_FRICTION),
             Self::CutoffLow | Self::CutoffHigh => {
-                KnobRange { least: LEAST_CUTOFF_HZ.min(scene), most: (MOST_CUTOFF / p.period_s).max(scene), scene }
+                ParameterRange { least: LEAST_CUTOFF_HZ.min(scene), most: (MOST_CUTOFF / p.period_s).max(scene), scene }
             }
             // The tool's mass was chosen for the scene's.
             Self::CouplingTranslation | Self::CouplingRotation if mode == CouplingMode::SemiImplicit => stiffness(scene),
             Self::CouplingTranslation => stiffness(p.coupling.bound_n_per_m),
             Self::CouplingRotation => stiffness(p.coupling.bound_nm_per_rad),
-            Self::ForceLimit => KnobRange { least: LEAST_FORCE_N.min(scene / LEAST_DIVISOR), most: scene, scene },
-            Self::TorqueLimit => KnobRange { least: LEAST_TORQUE_NM.min(scene / LEAST_DIVISOR), most: scene, scene },
+            Self::ForceLimit => ParameterRange { least: LEAST_FORCE_N.min(scene / LEAST_DIVISOR), most: scene, scene },
+            Self::TorqueLimit => ParameterRange { least: LEAST_TORQUE_NM.min(scene / LEAST_DIVISOR), most: scene, scene },
         })
     }
 
@@ -196,51 +196,51 @@ impl Knob {
     }
 }
 
-/// One knob that somebody has turned.
+/// One parameter that a change was asked for.
 #[derive(Clone, Copy, Debug)]
-struct Turned {
+struct Ramped {
     value: f64,
     target: f64,
     /// Largest change in a tick.
     step: f64,
 }
 
-/// Where the knobs stand. No heap.
+/// The ramps of all live parameters. No heap.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Tuning {
-    /// In the order of [`Knob::ALL`].
-    turned: [Option<Turned>; Knob::ALL.len()],
+pub(super) struct ParameterRamps {
+    /// In the order of [`LiveParameter::ALL`].
+    ramped: [Option<Ramped>; LiveParameter::ALL.len()],
     is_used: bool,
 }
 
-impl Tuning {
-    /// The parameters of a tick; a wish counts from the next tick on. A limit without force cannot jump in anybody's hand: it is where it is wished
+impl ParameterRamps {
+    /// The parameters of a tick; a change counts from the next tick on. A limit without force cannot jump in a hand: it takes its new value
     /// at once, so that a scene that takes the place of another begins with the limits that a person has chosen. RT: safe, O(1).
-    pub(super) fn next(&mut self, scene: &Parameters, wish: Option<Tune>, has_force: bool) -> Parameters {
-        match wish {
-            Some(Tune { knob, .. }) if knob.is_limit() && !has_force => {
-                self.take(scene, wish);
-                if let Some(turned) = self.turned.get_mut(knob as usize).and_then(Option::as_mut) {
-                    turned.value = turned.target;
+    pub(super) fn next(&mut self, scene: &Parameters, change: Option<ParameterChange>, has_force: bool) -> Parameters {
+        match change {
+            Some(ParameterChange { parameter, .. }) if parameter.is_limit() && !has_force => {
+                self.take(scene, change);
+                if let Some(ramped) = self.ramped.get_mut(parameter as usize).and_then(Option::as_mut) {
+                    ramped.value = ramped.target;
                 }
                 self.parameters(scene)
             }
             _ => {
                 let p = self.parameters(scene);
-                self.take(scene, wish);
+                self.take(scene, change);
                 p
             }
         }
     }
 
-    /// Every knob a step further.
+    /// Every ramp a step further.
     fn parameters(&mut self, scene: &Parameters) -> Parameters {
         let mut p = *scene;
         if self.is_used {
-            for (knob, turned) in Knob::ALL.into_iter().zip(&mut self.turned) {
-                if let Some(turned) = turned {
-                    turned.value += (turned.target - turned.value).clamp(-turned.step, turned.step);
-                    knob.write(&mut p, turned.value);
+            for (parameter, ramped) in LiveParameter::ALL.into_iter().zip(&mut self.ramped) {
+                if let Some(ramped) = ramped {
+                    ramped.value += (ramped.target - ramped.value).clamp(-ramped.step, ramped.step);
+                    parameter.write(&mut p, ramped.value);
                 }
             }
             p.contact.friction.dynamic = p.contact.friction.dynamic.min(p.contact.friction.r#static);
@@ -249,12 +249,12 @@ impl Tuning {
         p
     }
 
-    fn take(&mut self, scene: &Parameters, wish: Option<Tune>) {
-        let Some(Tune { knob, value }) = wish.filter(|wish| wish.value.is_finite()) else { return };
-        let (Some(range), Some(turned)) = (knob.range(scene), self.turned.get_mut(knob as usize)) else { return };
+    fn take(&mut self, scene: &Parameters, change: Option<ParameterChange>) {
+        let Some(ParameterChange { parameter, value }) = change.filter(|change| change.value.is_finite()) else { return };
+        let (Some(range), Some(ramped)) = (parameter.range(scene), self.ramped.get_mut(parameter as usize)) else { return };
         let step = (range.most - range.least) * scene.period_s / FULL_RANGE_S;
-        let turned = turned.get_or_insert(Turned { value: range.scene, target: range.scene, step });
-        turned.target = value.clamp(range.least, range.most);
+        let ramped = ramped.get_or_insert(Ramped { value: range.scene, target: range.scene, step });
+        ramped.target = value.clamp(range.least, range.most);
         self.is_used = true;
     }
 }
@@ -275,47 +275,47 @@ mod tests {
 
     #[test]
     fn numbers_and_names_are_those_of_their_place() {
-        for (idx, knob) in Knob::ALL.into_iter().enumerate() {
-            assert_eq!(knob as usize, idx);
-            assert_eq!(Knob::ALL.iter().filter(|other| other.name() == knob.name()).count(), 1);
+        for (idx, parameter) in LiveParameter::ALL.into_iter().enumerate() {
+            assert_eq!(parameter as usize, idx);
+            assert_eq!(LiveParameter::ALL.iter().filter(|other| other.name() == parameter.name()).count(), 1);
         }
     }
 
     #[test]
-    fn what_nobody_turned_keeps_its_bits() {
+    fn without_a_change_the_bits_stay() {
         let p = rubbing();
-        let mut tuning = Tuning::default();
-        assert_eq!(tuning.next(&p, None, true), p);
+        let mut ramps = ParameterRamps::default();
+        assert_eq!(ramps.next(&p, None, true), p);
         for value in [f64::NAN, f64::INFINITY] {
-            tuning.next(&p, Some(Tune { knob: Knob::ContactStiffness, value }), true);
-            assert_eq!(tuning.next(&p, None, true), p);
+            ramps.next(&p, Some(ParameterChange { parameter: LiveParameter::ContactStiffness, value }), true);
+            assert_eq!(ramps.next(&p, None, true), p);
         }
     }
 
     #[test]
     fn every_knob_goes_to_both_ends_in_time_without_a_jump_and_moves_nothing_else() {
         let p = rubbing();
-        for knob in Knob::ALL {
-            let range = knob.range(&p).expect("every knob acts in this scene");
-            assert!(range.least <= range.scene && range.scene <= range.most, "{knob:?}: {range:?}");
-            let mut tuning = Tuning::default();
+        for parameter in LiveParameter::ALL {
+            let range = parameter.range(&p).expect("every parameter acts in this scene");
+            assert!(range.least <= range.scene && range.scene <= range.most, "{parameter:?}: {range:?}");
+            let mut ramps = ParameterRamps::default();
             for (asked, reached) in [(-1e9, range.least), (1e9, range.most), (range.scene, range.scene)] {
-                let mut before = knob.read(&tuning.next(&p, Some(Tune { knob, value: asked }), true));
+                let mut before = parameter.read(&ramps.next(&p, Some(ParameterChange { parameter, value: asked }), true));
                 for _ in 0..501 {
-                    let now = knob.read(&tuning.next(&p, None, true));
-                    assert!((now - before).abs() <= (range.most - range.least) / 500.0 * (1.0 + 1e-9), "{knob:?}");
+                    let now = parameter.read(&ramps.next(&p, None, true));
+                    assert!((now - before).abs() <= (range.most - range.least) / 500.0 * (1.0 + 1e-9), "{parameter:?}");
                     before = now;
                 }
                 // The other one of a pair, which nobody turned, holds these two.
-                let reached = match knob {
-                    Knob::FrictionDynamic => reached.min(p.contact.friction.r#static),
-                    Knob::CutoffHigh => reached.max(p.filter.cutoff_hz[0]),
+                let reached = match parameter {
+                    LiveParameter::FrictionDynamic => reached.min(p.contact.friction.r#static),
+                    LiveParameter::CutoffHigh => reached.max(p.filter.cutoff_hz[0]),
                     _ => reached,
                 };
-                assert!(before == reached, "{knob:?}: {before} and not {reached}");
+                assert!(before == reached, "{parameter:?}: {before} and not {reached}");
             }
-            if knob != Knob::ContactStiffness {
-                assert_eq!(tuning.next(&p, None, true), p, "{knob:?}");
+            if parameter != LiveParameter::ContactStiffness {
+                assert_eq!(ramps.next(&p, None, true), p, "{parameter:?}");
             }
         }
     }
@@ -323,22 +323,26 @@ mod tests {
     #[test]
     fn a_knob_that_is_copied_is_the_other_s_and_all_of_them_are_what_can_be_turned() {
         let p = rubbing();
-        for knob in Knob::ALL {
+        for parameter in LiveParameter::ALL {
             let mut other = p;
-            knob.write(&mut other, 0.7 * knob.read(&p));
-            assert_ne!(other, p, "{knob:?}");
-            knob.copy(&p, &mut other);
-            assert_eq!(other, p, "{knob:?}");
+            parameter.write(&mut other, 0.7 * parameter.read(&p));
+            assert_ne!(other, p, "{parameter:?}");
+            parameter.copy(&p, &mut other);
+            assert_eq!(other, p, "{parameter:?}");
         }
     }
 
     #[test]
     fn pairs_hold_each_other_and_friction_stiffness_follows() {
         let p = rubbing();
-        let mut tuning = Tuning::default();
-        tuning.next(&p, Some(Tune { knob: Knob::FrictionStatic, value: 0.1 }), true);
-        tuning.next(&p, Some(Tune { knob: Knob::ContactStiffness, value: 0.5 * p.contact.stiffness_n_per_m }), true);
-        let settled = (0..600).map(|_| tuning.next(&p, None, true)).last().expect("ticks");
+        let mut ramps = ParameterRamps::default();
+        ramps.next(&p, Some(ParameterChange { parameter: LiveParameter::FrictionStatic, value: 0.1 }), true);
+        ramps.next(
+            &p,
+            Some(ParameterChange { parameter: LiveParameter::ContactStiffness, value: 0.5 * p.contact.stiffness_n_per_m }),
+            true,
+        );
+        let settled = (0..600).map(|_| ramps.next(&p, None, true)).last().expect("ticks");
         assert_eq!((settled.contact.friction.r#static, settled.contact.friction.dynamic), (0.1, 0.1));
         assert_eq!(settled.contact.stiffness_n_per_m, 0.5 * p.contact.stiffness_n_per_m);
         assert_eq!(settled.contact.friction.stiffness_n_per_m, 0.5 * p.contact.friction.stiffness_n_per_m);
@@ -347,9 +351,9 @@ mod tests {
     #[test]
     fn a_low_cut_off_that_passes_the_high_one_takes_it_along() {
         let p = rubbing();
-        let mut tuning = Tuning::default();
-        tuning.next(&p, Some(Tune { knob: Knob::CutoffLow, value: 400.0 }), true);
-        let cutoffs: [[f64; 2]; 600] = core::array::from_fn(|_| tuning.next(&p, None, true).filter.cutoff_hz);
+        let mut ramps = ParameterRamps::default();
+        ramps.next(&p, Some(ParameterChange { parameter: LiveParameter::CutoffLow, value: 400.0 }), true);
+        let cutoffs: [[f64; 2]; 600] = core::array::from_fn(|_| ramps.next(&p, None, true).filter.cutoff_hz);
         assert!(cutoffs.iter().all(|[low, high]| *high == low.max(300.0)));
         assert!(cutoffs.iter().any(|[low, _]| *low > 300.0 && *low < 400.0) && cutoffs.last() == Some(&[400.0, 400.0]));
     }
@@ -357,28 +361,29 @@ mod tests {
     #[test]
     fn without_force_a_limit_is_where_it_is_wished_at_once_and_nothing_else_is() {
         let p = rubbing();
-        for knob in Knob::ALL {
-            let range = knob.range(&p).expect("acts");
-            let low = knob.read(&Tuning::default().next(&p, Some(Tune { knob, value: range.least }), false));
-            assert_eq!(low, if knob.is_limit() { range.least } else { range.scene }, "{knob:?}");
+        for parameter in LiveParameter::ALL {
+            let range = parameter.range(&p).expect("acts");
+            let low =
+                parameter.read(&ParameterRamps::default().next(&p, Some(ParameterChange { parameter, value: range.least }), false));
+            assert_eq!(low, if parameter.is_limit() { range.least } else { range.scene }, "{parameter:?}");
         }
-        let mut tuning = Tuning::default();
-        tuning.next(&p, Some(Tune { knob: Knob::ForceLimit, value: 0.05 }), false);
-        assert_eq!(tuning.next(&p, None, true).limits.force_n, 0.05);
-        assert_eq!(tuning.next(&p, Some(Tune { knob: Knob::ForceLimit, value: f64::MAX }), false), p);
-        assert!(Knob::LIMITS.into_iter().all(|knob| knob.range(&p).is_some_and(|range| range.least <= 0.05)));
+        let mut ramps = ParameterRamps::default();
+        ramps.next(&p, Some(ParameterChange { parameter: LiveParameter::ForceLimit, value: 0.05 }), false);
+        assert_eq!(ramps.next(&p, None, true).limits.force_n, 0.05);
+        assert_eq!(ramps.next(&p, Some(ParameterChange { parameter: LiveParameter::ForceLimit, value: f64::MAX }), false), p);
+        assert!(LiveParameter::LIMITS.into_iter().all(|parameter| parameter.range(&p).is_some_and(|range| range.least <= 0.05)));
     }
 
     #[test]
     fn nothing_exceeds_what_the_arm_takes() {
         let mut p = rubbing();
         (p.coupling.stiffness_n_per_m, p.coupling.bound_n_per_m) = (800.0, 1000.0);
-        assert_eq!(Knob::CouplingTranslation.range(&p).expect("acts").most, 1000.0);
+        assert_eq!(LiveParameter::CouplingTranslation.range(&p).expect("acts").most, 1000.0);
         p.coupling.mode = CouplingMode::SemiImplicit;
-        assert_eq!(Knob::CouplingTranslation.range(&p).expect("acts").most, 800.0);
+        assert_eq!(LiveParameter::CouplingTranslation.range(&p).expect("acts").most, 800.0);
         p.coupling.mode = CouplingMode::Direct;
-        assert_eq!(Knob::CouplingTranslation.range(&p), None);
-        assert_eq!(Knob::ContactStiffness.range(&p).expect("acts").most, p.contact.stiffness_n_per_m);
-        assert_eq!(Knob::ForceLimit.range(&p).expect("acts").most, p.limits.force_n);
+        assert_eq!(LiveParameter::CouplingTranslation.range(&p), None);
+        assert_eq!(LiveParameter::ContactStiffness.range(&p).expect("acts").most, p.contact.stiffness_n_per_m);
+        assert_eq!(LiveParameter::ForceLimit.range(&p).expect("acts").most, p.limits.force_n);
     }
 }
