@@ -29,10 +29,11 @@ const LEAST_CUTOFF_HZ: f64 = 1.0;
 const MOST_CUTOFF: f64 = 0.45;
 
 /// A parameter that can be set while the loop runs.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(u8)]
 pub enum LiveParameter {
     /// Penalty stiffness of one point.
+    #[default]
     ContactStiffness = 0,
     /// Damping of the virtual tool in contact.
     ContactDampingRatio = 1,
@@ -66,7 +67,7 @@ pub struct ParameterRange {
 }
 
 /// The value that a client asks for.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ParameterChange {
     /// Which.
     pub parameter: LiveParameter,

@@ -4,8 +4,8 @@
 //!
 //! | file | owns |
 //! |---|---|
-//! | `channels` | topics, and what a message of each holds |
-//! | `fields`, `schema` | one description of a message → its bytes and back, its schema |
+//! | `channels` | topics |
+//! | `wire` | one description of a message → its bytes and back, its schema |
 //! | `messages` | Foxglove's own messages: parts, the tool's frame, faults |
 //! | `scene_files` | what a scene was made of |
 //! | `write`, `read` | one file |
@@ -17,16 +17,15 @@
 
 mod channels;
 mod fault_files;
-mod fields;
 #[cfg(feature = "foxglove-live")]
 pub mod live;
 mod messages;
 mod read;
 mod recorder;
 mod scene_files;
-mod schema;
 #[cfg(test)]
 mod tests;
+mod wire;
 mod write;
 
 pub use fault_files::{FaultFile, FaultFiles, Told, now};

@@ -15,7 +15,7 @@ use vps::storage::regular;
 
 /// A longer record is a mistake: the longest that is written is an attachment, with its name.
 const LONGEST_RECORD: usize = (ROOM_BYTES + (1 << 20)) as usize;
-/// The same for a message of a tick. They take some hundred bytes; every field of one is held in memory at once.
+/// The same for a message of a tick. They take some hundred bytes.
 const LONGEST_MESSAGE: usize = 64 << 10;
 /// What an attachment takes beside its name and data, bytes: so many empty ones are no attachments either.
 const LEAST_ATTACHMENT: usize = 40;
@@ -198,9 +198,11 @@ fn take(
                 *row = Row::default();
                 row.record.tick = u64::from(header.sequence);
             }
-            let is_short = data.len() <= LONGEST_MESSAGE;
-            let read = is_short.then(|| channel.read(&data, row)).and_then(Result::ok);
-            read.ok_or_else(|| format!("a message of {} is garbled", channel.topic()))?;
+            let garbled = |why: String| format!("a message of {} is garbled: {why}", channel.topic());
+            if data.len() > LONGEST_MESSAGE {
+                return Err(garbled(format!("it has {} bytes, more than any", data.len())));
+            }
+            channel.read(&data, row).map_err(|error| garbled(error.to_string()))?;
             if *channel == Channel::LoopTiming {
                 let Row { record, dropped, .. } = *row;
                 return Ok(Some(Entry::Tick { record: Box::new(record), dropped }));

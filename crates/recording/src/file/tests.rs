@@ -4,9 +4,9 @@ use std::io::Read as _;
 use std::path::Path;
 
 use glam::{DQuat, DVec3};
+use prost::Message as _;
 
 use super::channels::{Channel, Row};
-use super::fields::Writer;
 use super::*;
 use crate::{Taps, TickRecord, drain};
 use haptics::{
@@ -85,14 +85,14 @@ fn odd_record(tick: u64) -> TickRecord {
 
 /// Every bit of a record.
 fn bits(record: &TickRecord) -> Vec<Vec<u8>> {
-    let mut message = Writer::default();
+    let mut message = Vec::new();
     let row = Row { record: *record, ..Row::default() };
     Channel::ALL
         .into_iter()
         .filter(|channel| channel.has_message(&row))
         .map(|channel| {
             channel.write(&row, &mut message);
-            message.bytes().to_vec()
+            message.clone()
         })
         .collect()
 }
@@ -159,6 +159,7 @@ fn every_bit_of_every_tick_comes_back_with_the_files_of_its_scene() {
     assert_eq!(read.len(), 20);
     for (tick, (record, dropped)) in (0..).zip(&read) {
         assert_eq!((bits(record), *dropped), (bits(&odd_record(tick)), 0), "{tick}");
+        assert_eq!(format!("{record:?}"), format!("{:?}", odd_record(tick)), "a field that no message holds");
     }
     let attachment = |wanted: &str| {
         entries.iter().find_map(|entry| match entry {
@@ -274,6 +275,65 @@ fn packed(topic: &str, write: impl FnOnce(&mut mcap::Writer<std::io::Cursor<Vec<
     write(&mut writer, channel);
     writer.finish().expect("finished");
     writer.into_inner().into_inner()
+}
+
+#[test]
+fn garbage_is_refused_and_never_panics() {
+    // Every optional field is there.
+    let row = Row { record: odd_record(84), ..Row::default() };
+    let mut whole = Vec::new();
+    for channel in Channel::ALL {
+        channel.write(&row, &mut whole);
+        for n in 0..whole.len() {
+            for byte in [0, 0x7f, 0x80, 0xff] {
+                let mut broken = whole.clone();
+                broken[n] = byte;
+                for bytes in [&broken[..], &broken[..n]] {
+                    let _ = channel.read(bytes, &mut Row::default());
+                }
+            }
+        }
+    }
+    let why = |channel: Channel, bytes: &[u8]| channel.read(bytes, &mut Row::default()).expect_err("refused").to_string();
+    assert_eq!(why(Channel::CommandWrench, &[5 << 3, 9]), "there is no Drive 9");
+    assert_eq!(why(Channel::DeviceSample, &[10 << 3, 0x80, 0x80, 4]), "65536 is above 65535");
+    let number_for_a_pose = why(Channel::DeviceSample, &[1 << 3, 1]);
+    assert!(number_for_a_pose.contains("DeviceSample.pose"), "{number_for_a_pose}");
+}
+
+#[test]
+fn messages_and_schemas_are_those_of_version_0_1_0() {
+    for fixture in ["block-on-plane", "lift-with-block"] {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../../tests/fixtures/{fixture}.mcap"));
+        let bytes = std::fs::read(path).expect("a fixture");
+        let (mut written, mut described, mut n_messages) = (Vec::new(), Vec::new(), 0);
+        for message in mcap::MessageStream::new(&bytes).expect("a recording") {
+            let message = message.expect("a message");
+            let Some(channel) = Channel::of_topic(&message.channel.topic) else { continue };
+            let mut row = Row { stamp_ns: message.log_time, ..Row::default() };
+            channel.read(&message.data, &mut row).expect("it was sound");
+            channel.write(&row, &mut written);
+            // Later versions add fields at the end.
+            assert!(written.starts_with(&message.data), "{fixture}: {}: {written:?} for {:?}", channel.topic(), message.data);
+            n_messages += 1;
+            if described.contains(&channel) {
+                continue;
+            }
+            described.push(channel);
+            let schema = message.channel.schema.as_ref().expect("a schema");
+            let (name, data) = channel.schema();
+            assert_eq!(schema.name, name);
+            let types = |data: &[u8]| {
+                let set = prost_types::FileDescriptorSet::decode(data).expect("descriptors");
+                set.file.into_iter().flat_map(|file| file.message_type)
+            };
+            for known in types(&schema.data) {
+                let now = types(&data).find(|now| now.name == known.name).expect("the type is still there");
+                assert!(now.field.starts_with(&known.field), "{fixture}: {}", known.name());
+            }
+        }
+        assert!(n_messages > 1000, "{fixture}: {n_messages}");
+    }
 }
 
 #[test]

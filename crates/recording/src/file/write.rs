@@ -13,7 +13,6 @@ use mcap::write::{NoSeek, WriteOptions};
 use mcap::{Attachment, Compression, McapError, Writer};
 
 use super::channels::{Channel, Row};
-use super::fields;
 use super::messages::{self, Occasion, Stamps};
 use super::scene_files::{self, Gone, SceneFiles};
 use crate::TickRecord;
@@ -82,7 +81,7 @@ pub(super) struct RecordingFile {
     channels: Vec<(Channel, u16)>,
     occasions: [u16; Occasion::ALL.len()],
     next_transform_ns: u64,
-    message: fields::Writer,
+    message: Vec<u8>,
     chunk_begun: Option<Instant>,
     chunk_bytes: u64,
     /// Ticks that were written, and those of them that can be read whatever happens.
@@ -130,7 +129,7 @@ impl RecordingFile {
             channels,
             occasions,
             next_transform_ns: 0,
-            message: fields::Writer::default(),
+            message: Vec::new(),
             chunk_begun: None,
             chunk_bytes: 0,
             n_records: 0,
@@ -176,9 +175,9 @@ impl RecordingFile {
             if channel.has_message(&row) {
                 channel.write(&row, &mut self.message);
                 let header = header(*id, &row);
-                let written = self.mcap.write_to_known_channel(&header, self.message.bytes());
+                let written = self.mcap.write_to_known_channel(&header, &self.message);
                 written.map_err(|error| failed(&self.path, &error))?;
-                self.chunk_bytes += self.message.bytes().len() as u64 + MESSAGE_HEAD_BYTES;
+                self.chunk_bytes += self.message.len() as u64 + MESSAGE_HEAD_BYTES;
             }
         }
         if row.stamp_ns >= self.next_transform_ns {

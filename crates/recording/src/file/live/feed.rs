@@ -10,7 +10,6 @@ use rtrb::Consumer;
 use tokio::time::MissedTickBehavior;
 
 use super::super::channels::{Channel, Row};
-use super::super::fields;
 use super::super::messages::{self, Occasion, encoded};
 use super::super::scene_files::Scenes;
 use haptics::Faults;
@@ -82,21 +81,12 @@ pub(super) struct Feed {
     shown: Option<(u32, u64, Vec<u8>)>,
     /// How often each client was shown it.
     greeted: BTreeMap<SinkId, u32>,
-    message: fields::Writer,
+    message: Vec<u8>,
 }
 
 impl Feed {
     pub(super) fn new(rows: Consumer<Row>, scenes: Scenes, channels: Channels, newcomers: Arc<Newcomers>) -> Self {
-        Self {
-            rows,
-            scenes,
-            channels,
-            newcomers,
-            faults: Faults::NONE,
-            shown: None,
-            greeted: BTreeMap::new(),
-            message: fields::Writer::default(),
-        }
+        Self { rows, scenes, channels, newcomers, faults: Faults::NONE, shown: None, greeted: BTreeMap::new(), message: Vec::new() }
     }
 
     /// For ever.
@@ -138,7 +128,7 @@ impl Feed {
         for (channel, to) in &self.channels.ticks {
             if wanted(*channel) && to.has_sinks() {
                 channel.write(row, &mut self.message);
-                to.log_with_meta(self.message.bytes(), PartialMetadata::with_log_time(row.stamp_ns));
+                to.log_with_meta(&self.message, PartialMetadata::with_log_time(row.stamp_ns));
             }
         }
     }
