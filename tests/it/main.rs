@@ -51,3 +51,4 @@ mod tuning;
 mod tunnelling;
 mod tutorial;
 mod two_machines;
+mod version_0_1_0;

@@ -1,7 +1,7 @@
 //! The monitor as its clients meet it: a real run, real connections.
 
 mod access;
-mod clay;
+pub(crate) mod clay;
 mod heartbeat;
 mod hostile;
 mod orders;
@@ -230,6 +230,8 @@ pub(crate) fn http(
 pub(crate) struct Client {
     pub(crate) socket: WebSocket<TcpStream>,
     next_id: u64,
+    /// The greeting.
+    pub(crate) hello: Value,
     /// Events that came while something else was waited for.
     pub(crate) events: Vec<Value>,
 }
@@ -248,9 +250,9 @@ impl Client {
             tungstenite::HandshakeError::Failure(tungstenite::Error::Http(response)) => response.status().as_str().to_owned(),
             error => error.to_string(),
         })?;
-        let mut client = Self { socket, next_id: 1, events: Vec::new() };
-        let hello = client.json();
-        assert_eq!((&hello["type"], &hello["api"]), (&"hello".into(), &1.into()));
+        let mut client = Self { socket, next_id: 1, hello: Value::Null, events: Vec::new() };
+        client.hello = client.json();
+        assert_eq!((&client.hello["type"], &client.hello["api"]), (&"hello".into(), &1.into()));
         Ok(client)
     }
 

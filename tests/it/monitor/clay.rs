@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use super::{Client, Daemon, HUNG, http};
 
 /// A ball of clay with a ball over it in the hand.
-const SCENE: &str = r#"version = 1
+pub(crate) const SCENE: &str = r#"version = 1
 [sculpt]
 shape = { sphere_mm = 15 }
 spacing_mm = 1.5
@@ -28,7 +28,7 @@ hand = "hand.csv"
 "#;
 const SLEW_N_PER_S: f64 = 400.0;
 /// Just over the ball, so that it is within the brush.
-const STILL: &str = "t_s,x_m,y_m,z_m,qx,qy,qz,qw\n0,0,0,0.020,0,0,0,1\n1,0,0,0.020,0,0,0,1\n";
+pub(crate) const STILL: &str = "t_s,x_m,y_m,z_m,qx,qy,qz,qw\n0,0,0,0.020,0,0,0,1\n1,0,0,0.020,0,0,0,1\n";
 /// To and fro above it: what is held is pulled.
 const PULLING: &str =
     "t_s,x_m,y_m,z_m,qx,qy,qz,qw\n0,0,0,0.019,0,0,0,1\n0.3,0,0,0.019,0,0,0,1\n0.8,0,0,0.026,0,0,0,1\n1.0,0,0,0.026,0,0,0,1\n";
