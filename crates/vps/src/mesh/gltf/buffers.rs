@@ -76,7 +76,7 @@ impl<'a> Buffers<'a> {
         }
         let kind = ComponentKind::of(accessor.component_type).ok_or_else(|| refuse(unknown_kind(accessor.component_type)))?;
         let mut numbers = match accessor.buffer_view {
-            Some(view) => self.read(view, accessor.byte_offset, accessor.count, n_components, kind).map_err(&refuse)??,
+            Some(view) => self.read(view, accessor.byte_offset, accessor.count, n_components, kind, &refuse)?,
             // Without a view they are zero, and the number of them rests on the file's word.
             None if accessor.count <= (self.file_bytes + self.read_bytes.get()) as u64 => {
                 vec![0.0; accessor.count as usize * n_components]
@@ -88,8 +88,8 @@ impl<'a> Buffers<'a> {
                 .filter(|kind| kind.is_index())
                 .ok_or_else(|| refuse(unknown_kind(sparse.indices.component_type)))?;
             let (places, values) = (&sparse.indices, &sparse.values);
-            let places = self.read(places.buffer_view, places.byte_offset, sparse.count, 1, index_kind).map_err(&refuse)??;
-            let values = self.read(values.buffer_view, values.byte_offset, sparse.count, n_components, kind).map_err(&refuse)??;
+            let places = self.read(places.buffer_view, places.byte_offset, sparse.count, 1, index_kind, &refuse)?;
+            let values = self.read(values.buffer_view, values.byte_offset, sparse.count, n_components, kind, &refuse)?;
             for (place, value) in places.into_iter().zip(values.chunks_exact(n_components)) {
                 let element = numbers.chunks_exact_mut(n_components).nth(place as usize);
                 element.ok_or_else(|| refuse(format!("sparse element {place} of {}", accessor.count)))?.copy_from_slice(value);
@@ -101,7 +101,7 @@ impl<'a> Buffers<'a> {
         Ok(numbers)
     }
 
-    /// Elements of a buffer view. The outer error is what is wrong with the numbers, the inner one what is wrong with a buffer.
+    /// Elements of a buffer view; `refuse` says which accessor asks for them.
     fn read(
         &self,
         view_idx: u32,
@@ -109,37 +109,32 @@ impl<'a> Buffers<'a> {
         count: u64,
         n_components: usize,
         kind: ComponentKind,
-    ) -> Result<Result<Vec<f64>, MeshError>, String> {
-        let view = self.document.buffer_views.get(view_idx as usize).ok_or(format!("bufferViews[{view_idx}] is not there"))?;
-        let buffer = match self.buffer(view.buffer) {
-            Ok(buffer) => buffer,
-            Err(error) => return Ok(Err(error)),
-        };
+        refuse: &dyn Fn(String) -> MeshError,
+    ) -> Result<Vec<f64>, MeshError> {
+        let view = self.document.buffer_views.get(view_idx as usize);
+        let view = view.ok_or_else(|| refuse(format!("bufferViews[{view_idx}] is not there")))?;
+        let buffer = self.buffer(view.buffer)?;
         let bytes = part_of(buffer, view.byte_offset, view.byte_length).ok_or_else(|| {
-            format!(
-                "bufferViews[{view_idx}] ends at byte {}, buffers[{}] has {}",
-                view.byte_offset.saturating_add(view.byte_length),
-                view.buffer,
-                buffer.len()
-            )
+            let end = view.byte_offset.saturating_add(view.byte_length);
+            refuse(format!("bufferViews[{view_idx}] ends at byte {end}, buffers[{}] has {}", view.buffer, buffer.len()))
         })?;
         let size = (kind.size_bytes() * n_components) as u64;
         let stride = view.byte_stride.unwrap_or(size);
         if stride < size {
-            return Err(format!("bufferViews[{view_idx}]: byteStride {stride} is below {size}, the size of an element"));
+            return Err(refuse(format!("bufferViews[{view_idx}]: byteStride {stride} is below {size}, the size of an element")));
         }
-        let Some(last) = count.checked_sub(1) else { return Ok(Ok(Vec::new())) };
+        let Some(last) = count.checked_sub(1) else { return Ok(Vec::new()) };
         let end =
             last.checked_mul(stride).and_then(|bytes| bytes.checked_add(size)).and_then(|bytes| bytes.checked_add(byte_offset));
         if end.is_none_or(|end| end > bytes.len() as u64) {
-            return Err(format!("{count} elements announced, bufferViews[{view_idx}] has {} bytes", bytes.len()));
+            return Err(refuse(format!("{count} elements announced, bufferViews[{view_idx}] has {} bytes", bytes.len())));
         }
         let elements = bytes[byte_offset as usize..].chunks(stride as usize).take(count as usize);
         let mut numbers = Vec::with_capacity(count as usize * n_components);
         for element in elements {
             numbers.extend(element[..size as usize].chunks_exact(kind.size_bytes()).map(|bytes| kind.number(bytes)));
         }
-        Ok(Ok(numbers))
+        Ok(numbers)
     }
 
     fn buffer(&self, buffer_idx: u32) -> Result<&[u8], MeshError> {

@@ -88,25 +88,20 @@ pub(super) struct Accessor {
 #[derive(Deserialize)]
 pub(super) struct Sparse {
     pub(super) count: u64,
-    pub(super) indices: SparseIndices,
-    pub(super) values: SparseValues,
+    pub(super) indices: SparsePart,
+    pub(super) values: SparsePart,
 }
 
+/// Where the indices or the values of a sparse accessor are.
 #[derive(Deserialize)]
 #[serde(rename_all = "camelCase")]
-pub(super) struct SparseIndices {
+pub(super) struct SparsePart {
     pub(super) buffer_view: u32,
     #[serde(default)]
     pub(super) byte_offset: u64,
+    /// Of indices; values have that of the accessor.
+    #[serde(default)]
     pub(super) component_type: u32,
-}
-
-#[derive(Deserialize)]
-#[serde(rename_all = "camelCase")]
-pub(super) struct SparseValues {
-    pub(super) buffer_view: u32,
-    #[serde(default)]
-    pub(super) byte_offset: u64,
 }
 
 #[derive(Deserialize)]

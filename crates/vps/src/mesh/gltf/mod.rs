@@ -167,8 +167,7 @@ impl Walk<'_> {
             };
             last = Some((position, base, n_vertices));
             let first_triangle = self.mesh.triangles.len();
-            self.add_triangles(primitive, base, n_vertices)
-                .map_err(|what| self.refuse(format!("meshes[{mesh_idx}].primitives[{primitive_idx}]: {what}")))??;
+            self.add_triangles(primitive, &format!("meshes[{mesh_idx}].primitives[{primitive_idx}]"), base, n_vertices)?;
             if DMat3::from_mat4(world_from_mesh).determinant() < 0.0 {
                 self.mesh.triangles[first_triangle..].iter_mut().for_each(|corners| corners.swap(1, 2));
             }
@@ -192,28 +191,25 @@ impl Walk<'_> {
         Ok((base as u32, (numbers.len() / 3) as u32))
     }
 
-    /// Appends the triangles of a primitive. Errors as of [`Buffers`]: what is wrong here outside, with a buffer inside.
-    fn add_triangles(&mut self, primitive: &Primitive, base: u32, n_vertices: u32) -> Result<Result<(), MeshError>, String> {
+    /// Appends the triangles of a primitive, which stands at `place`.
+    fn add_triangles(&mut self, primitive: &Primitive, place: &str, base: u32, n_vertices: u32) -> Result<(), MeshError> {
+        let path = self.path;
+        let refuse = |what: String| refusal(path, format!("{place}: {what}"));
         let corners: Vec<u32> = match primitive.indices {
             None => (base..base + n_vertices).collect(),
             Some(accessor) => {
                 if self.document.accessors.get(accessor as usize).is_some_and(|accessor| !is_index(accessor)) {
-                    return Err(format!("accessors[{accessor}] has no unsigned integers, as indices must be"));
+                    return Err(refuse(format!("accessors[{accessor}] has no unsigned integers, as indices must be")));
                 }
-                let numbers = match self.buffers.numbers(accessor, 1) {
-                    Ok(numbers) => numbers,
-                    Err(error) => return Ok(Err(error)),
-                };
+                let numbers = self.buffers.numbers(accessor, 1)?;
                 if let Some(wrong) = numbers.iter().find(|number| **number >= f64::from(n_vertices)) {
-                    return Err(format!("names vertex {wrong} (counted from 0), it has {n_vertices}"));
+                    return Err(refuse(format!("names vertex {wrong} (counted from 0), it has {n_vertices}")));
                 }
                 numbers.into_iter().map(|number| base + number as u32).collect()
             }
         };
         // Strips make most triangles of a number of corners.
-        if let Err(error) = self.room.add(0, corners.len(), self.path) {
-            return Ok(Err(error));
-        }
+        self.room.add(0, corners.len(), path)?;
         let triangles = &mut self.mesh.triangles;
         match primitive.mode {
             Some(5) => ply::strip(&corners, triangles),
@@ -225,9 +221,9 @@ impl Walk<'_> {
             _ if corners.len().is_multiple_of(3) => {
                 triangles.extend(corners.chunks_exact(3).map(|corner| [corner[0], corner[1], corner[2]]))
             }
-            _ => return Err(format!("{} corners are no whole number of triangles", corners.len())),
+            _ => return Err(refuse(format!("{} corners are no whole number of triangles", corners.len()))),
         }
-        Ok(Ok(()))
+        Ok(())
     }
 }
 
