@@ -51,9 +51,6 @@ pub(crate) struct Args {
     /// End when the host has gone.
     #[arg(long)]
     once: bool,
-    /// Seed of everything random.
-    #[arg(long, default_value_t = 0)]
-    seed: u64,
     /// Write what the motors do into this file while they do it, a line per change, ten a second without: t_ns (CLOCK_MONOTONIC), force_n, torque_nm, frames received,
     /// late periods, faults that are there.
     #[arg(long, value_name = "FILE.csv")]
@@ -93,7 +90,7 @@ fn mock(args: &Args, talk: Talk) -> Result<(), Exit> {
         return Err(fail(Exit::Usage, "the plug of a gadget cannot be pulled from its own side", Some(hint)));
     }
     let settings =
-        MockSettings { hand: args.hand.hand(talk)?, hand_delay: args.hand.delay(), faults: args.faults.clone(), seed: args.seed };
+        MockSettings { hand: args.hand.hand(talk)?, hand_delay: args.hand.delay(), faults: args.faults.clone(), seed: 0 };
     let (parameters, protocol) = profiled::parameters(&profile, settings);
     if !protocol.carriages().contains(&carriage) {
         let (message, hint) = match carriage {

@@ -112,8 +112,10 @@ enum Command {
     /// Examine this machine and its arms: rights, scheduling, 10 s of wake-ups, udev rules. Says what to type.
     Doctor(doctor::Args),
     /// Print what a shell needs to complete the command line.
+    #[command(hide = true)]
     Completions(completions::Args),
     /// Write manual pages.
+    #[command(hide = true)]
     Man(man::Args),
 }
 

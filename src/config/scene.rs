@@ -183,8 +183,6 @@ pub struct SimConfig {
     pub delay_ticks: Option<u32>,
     /// Fault to inject, as written (`nan@2s`); `None`: none.
     pub fault: Option<String>,
-    /// Seed of everything random.
-    pub seed: u64,
 }
 
 /// What the loop asks of the operating system.

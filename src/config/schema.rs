@@ -5,22 +5,21 @@
 
 mod sculpt;
 
-use std::borrow::Cow;
-use std::fmt;
-
-use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
+use schemars::JsonSchema;
 use serde::Deserialize;
-use serde::de::{self, Deserializer, IgnoredAny, SeqAccess, Visitor};
+use serde::de::IgnoredAny;
 
 use document::{Numbers, words};
+use haptics::{CouplingMode, FreeSpace, SpringClamp};
+use vps::contact::Normalization;
+use vps::voxmap::field::FieldKind;
+use vps::voxmap::sides::SidesRule;
 
+#[cfg(test)]
+pub(super) use self::sculpt::CraftWord;
 pub(super) use self::sculpt::{
-    CraftWord, Creep, Deed, FalloffWritten, IntegratorWord, PaintedWritten, Sculpt, Stroke, Strokes, WrittenSolid, WrittenTool,
-    holds_strokes,
+    Creep, Deed, FalloffWritten, PaintedWritten, Sculpt, Stroke, Strokes, WrittenSolid, WrittenTool, holds_strokes,
 };
-
-/// A key of a later version: any value is read, so that the third pass can refuse it by name.
-pub(crate) type Later = Option<IgnoredAny>;
 
 /// The whole file.
 #[derive(Debug, Default, Deserialize, JsonSchema)]
@@ -185,15 +184,11 @@ pub(super) struct WorldFromDevice {
 #[serde(deny_unknown_fields, default, expecting = "a table, written [device.sim]")]
 pub(super) struct Sim {
     pub(super) hand: Option<HandWord>,
-    pub(super) hand_repeat: Option<bool>,
     pub(super) hand_stiffness_n_per_m: Option<f64>,
     pub(super) hand_damping_n_s_per_m: Option<f64>,
     pub(super) hand_mass_g: Option<f64>,
     pub(super) delay_ticks: Option<u32>,
     pub(super) fault: Option<String>,
-    pub(super) seed: Option<u64>,
-    #[schemars(skip)]
-    pub(super) jitter_us: Later,
 }
 
 #[derive(Debug, Default, Deserialize, JsonSchema)]
@@ -214,122 +209,39 @@ pub(super) struct Monitor {
 }
 
 words! {
-    CouplingWord { Implicit = "implicit", SemiImplicit = "semi-implicit", Static = "static", Constraint = "constraint", Direct = "direct" }
-    FieldWord { Layers = "layers", SurfacePoint = "surface-point", Octant = "octant", Trilinear = "trilinear" }
+    CouplingWord for CouplingMode { Implicit = "implicit", SemiImplicit = "semi-implicit", Static = "static", Constraint = "constraint", Direct = "direct" }
+    FieldWord for FieldKind { Layers = "layers", SurfacePoint = "surface-point", Octant = "octant", Trilinear = "trilinear" }
     UnitWord { Metre = "m", Millimetre = "mm", Centimetre = "cm", Inch = "in" }
-    SidesWord { Auto = "auto", Flood = "flood", Winding = "winding", Thin = "thin" }
+    SidesWord for SidesRule { Auto = "auto", Flood = "flood", Winding = "winding", Thin = "thin" }
     AwarenessWord { Edges = "edges", Off = "off" }
-    NormalizeWord { None = "none", Average = "average", Cluster = "cluster" }
-    ClampWord { Saturate = "saturate", HalfVoxel = "half-voxel" }
-    FreeSpaceWord { Zero = "zero", Drag = "drag" }
+    NormalizeWord for Normalization { None = "none", Average = "average", Cluster = "cluster" }
+    ClampWord for SpringClamp { Saturate = "saturate", HalfVoxel = "half-voxel" }
+    FreeSpaceWord for FreeSpace { Zero = "zero", Drag = "drag" }
     HandWord { None = "none" }
+    OffWord { Off = "off" }
     RealtimeWord { BestEffort = "best-effort", Enforce = "enforce" }
 }
 
 /// `filter.cutoff_hz`.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize, JsonSchema)]
+#[serde(untagged, expecting = "invalid value, expected [lowest, highest] in Hz or \"off\"")]
 pub(super) enum Cutoff {
-    Off,
-    Range([f64; 2]),
-}
-
-impl<'de> Deserialize<'de> for Cutoff {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        struct RangeOrOff;
-        impl<'de> Visitor<'de> for RangeOrOff {
-            type Value = Cutoff;
-            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                f.write_str("[lowest, highest] in Hz or \"off\"")
-            }
-            fn visit_str<E: de::Error>(self, word: &str) -> Result<Cutoff, E> {
-                if word == "off" { Ok(Cutoff::Off) } else { Err(E::invalid_value(de::Unexpected::Str(word), &self)) }
-            }
-            fn visit_seq<A: SeqAccess<'de>>(self, seq: A) -> Result<Cutoff, A::Error> {
-                Numbers::deserialize(de::value::SeqAccessDeserializer::new(seq)).map(|Numbers(range)| Cutoff::Range(range))
-            }
-        }
-        deserializer.deserialize_any(RangeOrOff)
-    }
-}
-
-impl JsonSchema for Cutoff {
-    fn schema_name() -> Cow<'static, str> {
-        "Cutoff".into()
-    }
-
-    fn json_schema(generator: &mut SchemaGenerator) -> Schema {
-        json_schema!({ "anyOf": [generator.subschema_for::<Numbers<2>>(), { "const": "off" }] })
-    }
+    Off(OffWord),
+    Range(Numbers<2>),
 }
 
 /// `safety.deadman`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(untagged, expecting = "invalid value, expected the number of a button or \"off\"")]
 pub(super) enum Deadman {
-    Off,
-    Button(i64),
-}
-
-impl<'de> Deserialize<'de> for Deadman {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        struct ButtonOrOff;
-        impl Visitor<'_> for ButtonOrOff {
-            type Value = Deadman;
-            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                f.write_str("the number of a button or \"off\"")
-            }
-            fn visit_i64<E: de::Error>(self, button: i64) -> Result<Deadman, E> {
-                Ok(Deadman::Button(button))
-            }
-            fn visit_str<E: de::Error>(self, word: &str) -> Result<Deadman, E> {
-                if word == "off" { Ok(Deadman::Off) } else { Err(E::invalid_value(de::Unexpected::Str(word), &self)) }
-            }
-        }
-        deserializer.deserialize_any(ButtonOrOff)
-    }
-}
-
-impl JsonSchema for Deadman {
-    fn schema_name() -> Cow<'static, str> {
-        "Deadman".into()
-    }
-
-    fn json_schema(_: &mut SchemaGenerator) -> Schema {
-        json_schema!({ "anyOf": [{ "type": "integer", "minimum": 0, "maximum": 31 }, { "const": "off" }] })
-    }
+    Off(OffWord),
+    Button(#[schemars(range(min = 0, max = 31))] i64),
 }
 
 /// `safety.overrun`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(untagged, expecting = "invalid value, expected a whole number of consecutive missed ticks or \"off\"")]
 pub(super) enum Overrun {
-    Off,
-    Consecutive(i64),
-}
-
-impl<'de> Deserialize<'de> for Overrun {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        struct CountOrOff;
-        impl Visitor<'_> for CountOrOff {
-            type Value = Overrun;
-            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                f.write_str("a whole number of consecutive missed ticks or \"off\"")
-            }
-            fn visit_i64<E: de::Error>(self, count: i64) -> Result<Overrun, E> {
-                Ok(Overrun::Consecutive(count))
-            }
-            fn visit_str<E: de::Error>(self, word: &str) -> Result<Overrun, E> {
-                if word == "off" { Ok(Overrun::Off) } else { Err(E::invalid_value(de::Unexpected::Str(word), &self)) }
-            }
-        }
-        deserializer.deserialize_any(CountOrOff)
-    }
-}
-
-impl JsonSchema for Overrun {
-    fn schema_name() -> Cow<'static, str> {
-        "Overrun".into()
-    }
-
-    fn json_schema(_: &mut SchemaGenerator) -> Schema {
-        json_schema!({ "anyOf": [{ "type": "integer", "minimum": 1 }, { "const": "off" }] })
-    }
+    Off(OffWord),
+    Consecutive(#[schemars(range(min = 1))] i64),
 }

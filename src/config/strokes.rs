@@ -113,10 +113,8 @@ impl Reader<'_> {
     fn stroke(&mut self, index: usize, stroke: &Stroke) {
         let table = format!("stroke[{index}]");
         let at_s = self.resolve.checks.required(&format!("{table}.at_s"), stroke.at_s, TIME_S);
-        let Some(deed) = stroke.deed else {
-            self.resolve.checks.missing(&format!("{table}.do"), any_of(&Deed::ALL.map(|deed| deed.to_string())));
-            return;
-        };
+        let accepted = any_of(&Deed::ALL.map(|deed| deed.to_string()));
+        let Some(deed) = self.resolve.checks.given(&format!("{table}.do"), stroke.deed, accepted) else { return };
         self.only_what_belongs(&table, stroke, deed);
         let at = Duration::try_from_secs_f64(at_s).unwrap_or_default();
         let order = match deed {
@@ -131,10 +129,9 @@ impl Reader<'_> {
             Deed::Redo => Some(SculptOrder::Redo),
             Deed::Region => {
                 let key = format!("{table}.region_mm");
-                if stroke.region_mm.is_none() {
-                    self.resolve.checks.missing(&key, "[[x, y, z], [x, y, z]], the lowest and the highest corner");
-                }
-                let region = self.resolve.region_m(&key, stroke.region_mm.as_deref());
+                let accepted = "[[x, y, z], [x, y, z]], the lowest and the highest corner";
+                let region = self.resolve.checks.given(&key, stroke.region_mm.as_deref(), accepted);
+                let region = self.resolve.region_m(&key, region);
                 region.map(|(low_map, high_map)| SculptOrder::Region { low_map, high_map })
             }
             Deed::SavePoints => self.file(index, stroke, Some("ply")).map(SculptOrder::SavePoints),
@@ -213,11 +210,8 @@ impl Reader<'_> {
 
     fn file(&mut self, index: usize, stroke: &Stroke, ending: Option<&str>) -> Option<PathBuf> {
         let key = format!("stroke[{index}].file");
-        let Some(file) = &stroke.file else {
-            self.resolve.checks.missing(&key, "the file to write, relative to the working directory");
-            return None;
-        };
-        let path = PathBuf::from(file);
+        let accepted = "the file to write, relative to the working directory";
+        let path = PathBuf::from(self.resolve.checks.given(&key, stroke.file.as_ref(), accepted)?);
         if let Some(ending) = ending
             && !path.extension().is_some_and(|found| found.eq_ignore_ascii_case(ending))
         {

@@ -207,5 +207,5 @@ fn simulated_arm(
         path: hand.map(|path| path.to_device(hand_mapping)),
         ..HandParameters::default()
     });
-    SimParameters { plant, seed: sim.seed, ..SimParameters::of(profile, hand, period_s) }
+    SimParameters { plant, ..SimParameters::of(profile, hand, period_s) }
 }

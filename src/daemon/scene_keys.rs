@@ -69,17 +69,15 @@ pub(super) fn unlike_at_the_arm(scene: &SceneConfig, rendered: &SceneConfig) -> 
 type Shown = (&'static str, fn(&SceneConfig) -> String);
 
 /// What a run takes from its first scene and keeps.
-const FIXED: [Shown; 16] = [
+const FIXED: [Shown; 14] = [
     ("device.selector", |scene| scene.device.selector.as_ref().map_or("none".to_owned(), |selector| format!("{selector:?}"))),
     ("device.hand", |scene| scene.device.hand.as_ref().map_or("none".to_owned(), |path| format!("\"{}\"", path.display()))),
     ("device.sim.hand_stiffness_n_per_m", |scene| scene.device.sim.hand_stiffness_n_per_m.to_string()),
     ("device.sim.hand_damping_n_s_per_m", |scene| scene.device.sim.hand_damping_n_s_per_m.to_string()),
     ("device.sim.hand_mass_g", |scene| (scene.device.sim.hand_mass_kg * 1e3).to_string()),
     ("device.sim.hand", |scene| if scene.device.sim.hand_present { "present" } else { "\"none\"" }.to_owned()),
-    ("device.sim.hand_repeat", |scene| scene.device.sim.hand_repeats.to_string()),
     ("device.sim.delay_ticks", |scene| scene.device.sim.delay_ticks.map_or("the profile's".to_owned(), |ticks| ticks.to_string())),
     ("device.sim.fault", |scene| scene.device.sim.fault.as_ref().map_or("none".to_owned(), |fault| format!("\"{fault}\""))),
-    ("device.sim.seed", |scene| scene.device.sim.seed.to_string()),
     ("realtime.mode", |scene| if scene.realtime.enforce { "\"enforce\"" } else { "\"best-effort\"" }.to_owned()),
     ("realtime.cpu", |scene| scene.realtime.cpu.map_or("the last one".to_owned(), |cpu| cpu.to_string())),
     ("realtime.priority", |scene| scene.realtime.priority.to_string()),

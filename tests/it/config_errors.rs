@@ -189,21 +189,24 @@ fn an_object_is_movable_as_written() {
     assert!(config.statics[0].movable && !config.statics[1].movable);
 }
 
-/// Keys and values of a later version exit with 3 and say so; nothing is read and ignored.
+/// Keys of other versions are accepted with the value that holds, and else refused by name; nothing is read and ignored.
 #[test]
-fn what_this_version_lacks_is_refused_by_name() {
-    let scene = SCENE.to_owned()
-        + r#"[device.sim]
-jitter_us = 20
-"#;
-    let errors = load(&scene).unwrap_err();
-    let keys: Vec<&str> = errors.problems().iter().filter_map(|problem| problem.key.as_deref()).collect();
-    let expected = ["device.sim.jitter_us"];
-    assert_eq!(keys, expected);
-    for problem in errors.problems() {
-        assert!(matches!(problem.kind, ProblemKind::NotAvailable { .. }), "{problem}");
-        assert!(problem.to_string().contains("not available in this version"), "{problem}");
-    }
+fn keys_that_this_version_lacks_say_what_holds_or_are_refused_by_name() {
+    let same = "[device.sim]\nhand_repeat = false\nseed = 0\n";
+    load(&format!("{SCENE}{same}")).unwrap_or_else(|errors| panic!("{errors}"));
+    let other = "[device.sim]\njitter_us = 20\nhand_repeat = true\nseed = 3\nhand_maas_g = 1\n";
+    let errors = load(&format!("{SCENE}{other}")).unwrap_err();
+    let lines: Vec<String> =
+        errors.problems().iter().map(|problem| format!("{}: {}", problem.key.as_deref().unwrap(), problem.kind)).collect();
+    assert_eq!(
+        lines,
+        [
+            "device.sim.jitter_us: is no longer a key; leave it out: no version has read it",
+            "device.sim.hand_repeat: is no longer a key; leave it out, and write --hand-repeat on the command line",
+            "device.sim.seed: is no longer a key; leave it out: chance has the seed 0, so that every run of a scene is the same",
+            "device.sim.hand_maas_g: unknown key; did you mean `hand_mass_g`?",
+        ]
+    );
 }
 
 #[test]

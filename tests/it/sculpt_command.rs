@@ -219,7 +219,10 @@ fn every_key_is_held_against_its_range_in_the_words_of_the_scene() {
         (with("painted = 10\n"), "must be a table such as { stiffness = 500.0 }"),
         (with("creep_ms = \"never\"\n"), "must be a number of milliseconds or \"off\""),
         (with("creep_ms = -5\n"), "must be from 1 to 1000000 ms, or \"off\""),
-        (with("integrator = \"rk4\"\n"), "must be \"implicit\" or \"explicit\""),
+        (
+            with("integrator = \"explicit\"\n"),
+            "sculpt.integrator = \"explicit\": is no longer a key; leave it out: mass points are stepped implicitly",
+        ),
         (with("neighbours = 2\n"), "must be a whole number from 8 to 128"),
         (with("strokes = \"none.toml\"\n"), "no such file: none.toml"),
         (with("colour = \"#000000\"\n"), "sculpt.colour = \"#000000\": unknown key; did you mean `color`?"),

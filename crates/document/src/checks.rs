@@ -116,16 +116,17 @@ impl<'d> Checks<'d> {
         self.refuse(key, ProblemKind::Missing { accepted: accepted.to_string() });
     }
 
+    /// What is written at a key that must be given; notes it where it is not.
+    pub fn given<T>(&mut self, key: &str, written: Option<T>, accepted: impl fmt::Display) -> Option<T> {
+        if written.is_none() {
+            self.missing(key, accepted);
+        }
+        written
+    }
+
     /// Notes a key or value of a later version.
     pub fn not_available(&mut self, key: &str, accepted: impl Into<String>) {
         self.refuse(key, ProblemKind::NotAvailable { accepted: accepted.into() });
-    }
-
-    /// Refuses a key of a later version when it is set.
-    pub fn later(&mut self, key: &str, is_set: bool) {
-        if is_set {
-            self.not_available(key, "leave it out");
-        }
     }
 
     /// Takes over problems of another file.

@@ -12,7 +12,7 @@ mod problem;
 mod toml;
 mod values;
 
-pub use self::toml::Document;
+pub use self::toml::{Document, GoneKey};
 pub use checks::{Checks, FINITE, Interval, NOT_NEGATIVE, POSITIVE};
 pub use problem::{ConfigErrors, Problem, ProblemKind};
 pub use problem::{PACKAGED, any_of, did_you_mean, nearest, show};

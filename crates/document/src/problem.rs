@@ -129,6 +129,7 @@ impl Problem {
             | ProblemKind::NotAccepted { .. }
             | ProblemKind::Disagrees { .. }
             | ProblemKind::NotAvailable { .. }
+            | ProblemKind::Gone { .. }
             | ProblemKind::NotAFile { .. }
             | ProblemKind::Exclusive { .. }
             | ProblemKind::DuplicateName { .. }
@@ -262,6 +263,12 @@ pub enum ProblemKind {
     NotAvailable {
         /// What this version accepts.
         accepted: String,
+    },
+    /// A key that an earlier version had, with another value than the one that holds now.
+    #[error("is no longer a key; {instead}")]
+    Gone {
+        /// What holds now, or what to write instead.
+        instead: &'static str,
     },
     /// A file that is named but is not there.
     #[error("no such file: {}", shown(.path))]

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use serde::de::DeserializeOwned;
 use toml::Spanned;
-use toml::de::{DeTable, DeValue, Deserializer};
+use toml::de::{DeTable, DeValue, ValueDeserializer};
 
 use super::problem::{ConfigErrors, Problem, ProblemKind, nearest};
 use vps::storage::printable::is_control;
@@ -19,11 +19,24 @@ pub(super) const PROBLEMS_MAX: usize = 100;
 /// Longest value that a message repeats, characters.
 const VALUE_CHARS_MAX: usize = 60;
 
+type Value<'t> = Spanned<DeValue<'t>>;
+
+/// A key that files of an earlier version may have.
+pub struct GoneKey {
+    /// Dotted path.
+    pub key: &'static str,
+    /// The value that holds now, as TOML writes it: a file that says so is right.
+    pub now: &'static str,
+    /// What to do about another one.
+    pub instead: &'static str,
+}
+
 /// A parsed file; borrows its text.
 pub struct Document<'t> {
     file: &'t Path,
     text: &'t str,
-    root: Spanned<DeTable<'t>>,
+    /// A table.
+    root: Value<'t>,
 }
 
 /// One step into a document.
@@ -50,8 +63,9 @@ impl<'t> Document<'t> {
             let message = error.message().to_owned();
             ConfigErrors::new(vec![Problem { line, ..Problem::of_file(file, ProblemKind::Syntax { message }) }])
         })?;
+        let root = Spanned::new(root.span(), DeValue::Table(root.into_inner()));
         let document = Self { file, text, root };
-        let problem = match document.root.get_ref().get("version").map(Spanned::get_ref) {
+        let problem = match document.find("version").1.map(Spanned::get_ref) {
             Some(DeValue::Integer(number)) if number.as_str() == "1" => {
                 let problems = document.control_characters();
                 return if problems.is_empty() { Ok(document) } else { Err(ConfigErrors::new(problems)) };
@@ -65,53 +79,40 @@ impl<'t> Document<'t> {
     /// Keys and strings that would say something to a terminal when they are shown. Bytes of packets are never shown as they are.
     fn control_characters(&self) -> Vec<Problem> {
         let mut problems = Vec::new();
-        let entries = self.root.get_ref().iter().filter(|(key, _)| key.get_ref() != "packet");
-        for (key, value) in entries {
-            let mut steps = vec![Step::Key(key.get_ref().to_string())];
-            self.control_characters_at(&mut steps, key.span(), key.get_ref().contains(is_control), value, &mut problems);
-        }
+        walk(&self.root, &mut Vec::new(), &mut |steps, at, value| {
+            if problems.len() >= PROBLEMS_MAX || steps[0] == Step::Key("packet".to_owned()) {
+                return;
+            }
+            let in_key = matches!(steps.last(), Some(Step::Key(key)) if key.contains(is_control));
+            let in_value = matches!(value.get_ref(), DeValue::String(text) if text.contains(is_control));
+            if in_key || in_value {
+                let accepted =
+                    "without control characters, such as an escape or a line break: names are shown to people".to_owned();
+                problems.push(Problem {
+                    file: self.file.to_path_buf(),
+                    line: Some(line_of(self.text, at.start)),
+                    key: Some(path_of(steps)),
+                    value: in_value.then(|| self.text_at(value.span())),
+                    kind: ProblemKind::NotAccepted { accepted },
+                });
+            }
+        });
         problems
     }
 
-    fn control_characters_at(
-        &self,
-        steps: &mut Vec<Step>,
-        at: Range<usize>,
-        in_key: bool,
-        value: &Spanned<DeValue<'_>>,
-        problems: &mut Vec<Problem>,
-    ) {
-        if problems.len() >= PROBLEMS_MAX {
-            return;
-        }
-        let in_value = matches!(value.get_ref(), DeValue::String(text) if text.contains(is_control));
-        if in_key || in_value {
-            let accepted = "without control characters, such as an escape or a line break: names are shown to people".to_owned();
-            problems.push(Problem {
-                file: self.file.to_path_buf(),
-                line: Some(line_of(self.text, at.start)),
-                key: Some(path_of(steps)),
-                value: in_value.then(|| self.text_at(value.span())),
-                kind: ProblemKind::NotAccepted { accepted },
-            });
-        }
-        match value.get_ref() {
-            DeValue::Table(table) => {
-                for (key, value) in table.iter() {
-                    steps.push(Step::Key(key.get_ref().to_string()));
-                    self.control_characters_at(steps, key.span(), key.get_ref().contains(is_control), value, problems);
-                    steps.pop();
-                }
+    /// Takes keys out that are no longer read; gives those that ask for something else than what holds now.
+    pub fn take_gone(&mut self, gone: &[GoneKey]) -> Vec<Problem> {
+        let mut problems = Vec::new();
+        for GoneKey { key, now, instead } in gone {
+            let Some(value) = self.find(key).1 else { continue };
+            let (written, number) = (self.text_at(value.span()), |text: &str| text.parse::<f64>().ok());
+            let is_same = written == *now || number(&written).is_some() && number(&written) == number(now);
+            if !is_same {
+                problems.push(self.problem(key, ProblemKind::Gone { instead }));
             }
-            DeValue::Array(array) => {
-                for (index, element) in array.iter().enumerate() {
-                    steps.push(Step::Index(index));
-                    self.control_characters_at(steps, element.span(), false, element, problems);
-                    steps.pop();
-                }
-            }
-            _ => {}
+            remove(&mut self.root, &steps_of(key));
         }
+        problems
     }
 
     /// Reads the whole document into `T`, whose types refuse unknown keys.
@@ -132,11 +133,11 @@ impl<'t> Document<'t> {
         let mut rest = self.root.clone();
         let mut problems = Vec::new();
         loop {
-            let error = match T::deserialize(Deserializer::from(rest.clone())) {
+            let error = match T::deserialize(ValueDeserializer::from(rest.clone())) {
                 Ok(value) => return (Some(value), problems),
                 Err(error) => error,
             };
-            let place = error.span().and_then(|span| self.smallest_around(rest.get_ref(), span));
+            let place = error.span().and_then(|span| self.smallest_around(&rest, span));
             let Some(place) = place else {
                 let kind = kind_of(error.message(), "");
                 problems.push(Problem::of_file(self.file, kind));
@@ -157,7 +158,7 @@ impl<'t> Document<'t> {
                 value,
                 kind,
             });
-            if problems.len() >= PROBLEMS_MAX || !remove(rest.get_mut(), &place.steps) {
+            if problems.len() >= PROBLEMS_MAX || remove(&mut rest, &place.steps).is_none() {
                 return (None, problems);
             }
         }
@@ -182,7 +183,7 @@ impl<'t> Document<'t> {
 
     /// It has this key at its top.
     pub fn has(&self, key: &str) -> bool {
-        self.root.get_ref().contains_key(key)
+        self.find(key).1.is_some()
     }
 
     /// What is written at a dotted key path, on one line, cut when long.
@@ -192,45 +193,48 @@ impl<'t> Document<'t> {
 
     /// The string at a dotted key path, read without any schema.
     pub fn string(&self, path: &str) -> Option<&str> {
-        let mut value: Option<&DeValue<'_>> = None;
-        for step in steps_of(path) {
-            let Step::Key(key) = step else { return None };
-            let table = match value {
-                None => self.root.get_ref(),
-                Some(DeValue::Table(table)) => table,
-                Some(_) => return None,
-            };
-            value = Some(table.get(key.as_str())?.get_ref());
-        }
-        match value {
-            Some(DeValue::String(text)) => Some(text.as_ref()),
+        match self.find(path).1?.get_ref() {
+            DeValue::String(text) => Some(text.as_ref()),
             _ => None,
         }
     }
 
-    /// Spans of the innermost entry on the path that exists, and of its value when the whole path does.
-    fn locate(&self, path: &str) -> (Option<Range<usize>>, Option<Range<usize>>) {
-        let steps = steps_of(path);
-        let mut span = None;
-        let mut value: Option<&Spanned<DeValue<'_>>> = None;
-        for step in &steps {
-            let next = match (step, value.map(Spanned::get_ref)) {
-                (Step::Key(key), None) => entry(self.root.get_ref(), key),
-                (Step::Key(key), Some(DeValue::Table(table))) => entry(table, key),
-                (Step::Index(index), Some(DeValue::Array(array))) => array.get(*index).map(|element| (element.span(), element)),
+    /// Where the innermost entry on the path stands that exists, and the value at its end.
+    fn find(&self, path: &str) -> (Option<Range<usize>>, Option<&Value<'t>>) {
+        let (mut at, mut value) = (None, &self.root);
+        for step in steps_of(path) {
+            let child = match (&step, value.get_ref()) {
+                (Step::Key(key), DeValue::Table(table)) => {
+                    table.get_key_value(key.as_str()).map(|(key, value)| (key.span(), value))
+                }
+                (Step::Index(index), DeValue::Array(array)) => array.get(*index).map(|element| (element.span(), element)),
                 _ => None,
             };
-            let Some((next_span, next_value)) = next else { return (span, None) };
-            span = Some(next_span);
-            value = Some(next_value);
+            let Some((span, child)) = child else { return (at, None) };
+            (at, value) = (Some(span), child);
         }
-        (span, value.filter(|value| is_inline(self.text, value)).map(Spanned::span))
+        (at, Some(value))
     }
 
-    fn smallest_around(&self, root: &DeTable<'_>, span: Range<usize>) -> Option<Place> {
-        let mut search = Search { text: self.text, span, steps: Vec::new(), best: None };
-        search.table(root);
-        search.best.map(|(_, place)| place)
+    /// The spans of what [`find`](Self::find) finds; of a value only when it can be shown.
+    fn locate(&self, path: &str) -> (Option<Range<usize>>, Option<Range<usize>>) {
+        let (at, value) = self.find(path);
+        (at, value.filter(|value| is_inline(self.text, value)).map(Spanned::span))
+    }
+
+    /// The entry with the smallest span around `span`; the innermost of equals.
+    fn smallest_around(&self, root: &Value<'_>, span: Range<usize>) -> Option<Place> {
+        let mut best: Option<(usize, Place)> = None;
+        walk(root, &mut Vec::new(), &mut |steps, at, value| {
+            for outer in [at.clone(), value.span()] {
+                let encloses = outer.start <= span.start && span.end <= outer.end;
+                if encloses && best.as_ref().is_none_or(|(shortest, _)| outer.len() <= *shortest) {
+                    let value = is_inline(self.text, value).then(|| value.span());
+                    best = Some((outer.len(), Place { steps: steps.to_vec(), span: at.clone(), value }));
+                }
+            }
+        });
+        best.map(|(_, place)| place)
     }
 
     /// Source text on one line, cut when long.
@@ -243,8 +247,23 @@ impl<'t> Document<'t> {
     }
 }
 
-fn entry<'a, 't>(table: &'a DeTable<'t>, key: &str) -> Option<(Range<usize>, &'a Spanned<DeValue<'t>>)> {
-    table.get_key_value(key).map(|(key, value)| (key.span(), value))
+/// Shows `see` every entry below a value, the outer ones first: the way to it, where its key or element stands, and its value.
+fn walk<'t>(value: &Value<'t>, steps: &mut Vec<Step>, see: &mut impl FnMut(&[Step], &Range<usize>, &Value<'t>)) {
+    let mut enter = |step, at: Range<usize>, value: &Value<'t>| {
+        steps.push(step);
+        see(steps, &at, value);
+        walk(value, steps, see);
+        steps.pop();
+    };
+    match value.get_ref() {
+        DeValue::Table(table) => {
+            table.iter().for_each(|(key, value)| enter(Step::Key(key.get_ref().to_string()), key.span(), value));
+        }
+        DeValue::Array(array) => {
+            array.iter().enumerate().for_each(|(index, element)| enter(Step::Index(index), element.span(), element));
+        }
+        _ => {}
+    }
 }
 
 /// True for a value that is written in place. A table under a `[header]` is not: its text would say too much or too little.
@@ -256,69 +275,20 @@ fn is_inline(text: &str, value: &Spanned<DeValue<'_>>) -> bool {
     }
 }
 
-/// Looks for the entry with the smallest span around `span`; the innermost of equals.
-struct Search<'s> {
-    text: &'s str,
-    span: Range<usize>,
-    steps: Vec<Step>,
-    best: Option<(usize, Place)>,
-}
-
-impl Search<'_> {
-    fn table(&mut self, table: &DeTable<'_>) {
-        for (key, value) in table.iter() {
-            self.steps.push(Step::Key(key.get_ref().to_string()));
-            self.consider(key.span(), key.span(), value);
-            self.value(key.span(), value);
-            self.steps.pop();
-        }
+/// Takes the entry out; for an element of an array of numbers, the whole array. `None` when nothing was there.
+fn remove(root: &mut Value<'_>, steps: &[Step]) -> Option<()> {
+    let last = steps.iter().rposition(|step| matches!(step, Step::Key(_)))?;
+    let mut value = root.get_mut();
+    for step in &steps[..last] {
+        value = match (step, value) {
+            (Step::Key(key), DeValue::Table(table)) => table.get_mut(key.as_str())?.get_mut(),
+            (Step::Index(index), DeValue::Array(array)) => array.get_mut(*index)?.get_mut(),
+            _ => return None,
+        };
     }
-
-    fn value(&mut self, at: Range<usize>, value: &Spanned<DeValue<'_>>) {
-        self.consider(value.span(), at, value);
-        match value.get_ref() {
-            DeValue::Table(table) => self.table(table),
-            DeValue::Array(array) => {
-                for (index, element) in array.iter().enumerate() {
-                    self.steps.push(Step::Index(index));
-                    self.value(element.span(), element);
-                    self.steps.pop();
-                }
-            }
-            _ => {}
-        }
-    }
-
-    fn consider(&mut self, outer: Range<usize>, at: Range<usize>, value: &Spanned<DeValue<'_>>) {
-        let encloses = outer.start <= self.span.start && self.span.end <= outer.end;
-        if encloses && self.best.as_ref().is_none_or(|(shortest, _)| outer.len() <= *shortest) {
-            let value = is_inline(self.text, value).then(|| value.span());
-            self.best = Some((outer.len(), Place { steps: self.steps.clone(), span: at, value }));
-        }
-    }
-}
-
-/// Takes the entry out; for an element of an array of numbers, the whole array. False when nothing was there.
-fn remove(root: &mut DeTable<'_>, steps: &[Step]) -> bool {
-    let Some(last_key_idx) = steps.iter().rposition(|step| matches!(step, Step::Key(_))) else { return false };
-    let (parents, last) = steps.split_at(last_key_idx);
-    let mut table = root;
-    let mut steps = parents.iter();
-    while let Some(Step::Key(key)) = steps.next() {
-        let Some(mut value) = table.get_mut(key.as_str()).map(Spanned::get_mut) else { return false };
-        let mut indices = steps.clone();
-        while let Some(Step::Index(index)) = indices.next() {
-            let DeValue::Array(array) = value else { return false };
-            let Some(element) = array.get_mut(*index) else { return false };
-            value = element.get_mut();
-            steps.next();
-        }
-        let DeValue::Table(inner) = value else { return false };
-        table = inner;
-    }
-    match last.first() {
-        Some(Step::Key(key)) => table.remove(key.as_str()).is_some(),
-        _ => false,
+    match (&steps[last], value) {
+        (Step::Key(key), DeValue::Table(table)) => table.remove(key.as_str()).map(|_| ()),
+        _ => None,
     }
 }
 
@@ -442,11 +412,12 @@ mod tests {
 
     #[test]
     fn entries_are_taken_out_one_by_one() {
-        let mut root = DeTable::parse(TEXT).unwrap();
-        assert!(remove(root.get_mut(), &steps_of("static[0].position_mm[1]")));
-        assert!(!remove(root.get_mut(), &steps_of("static[0].position_mm")));
-        assert!(remove(root.get_mut(), &steps_of("tool.shape.sphere_mm")));
-        assert!(remove(root.get_mut(), &steps_of("static")));
-        assert!(!remove(root.get_mut(), &steps_of("static[0].name")));
+        let mut root = Document::parse(Path::new("x.toml"), TEXT).unwrap().root;
+        let mut takes = |path: &str| remove(&mut root, &steps_of(path)).is_some();
+        assert!(takes("static[0].position_mm[1]"));
+        assert!(!takes("static[0].position_mm"));
+        assert!(takes("tool.shape.sphere_mm"));
+        assert!(takes("static"));
+        assert!(!takes("static[0].name"));
     }
 }

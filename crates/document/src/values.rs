@@ -45,9 +45,17 @@ impl<const N: usize> JsonSchema for Numbers<N> {
 }
 
 /// Enums that are written as strings. Derived ones would speak of "variants" and "maps" to somebody who wrote a number.
+/// `for TYPE`: each becomes the variant of that name of another enum.
 #[macro_export]
 macro_rules! words {
-    ($($name:ident { $($variant:ident = $word:literal),+ $(,)? })+) => { $(
+    () => {};
+    ($name:ident for $domain:ident $variants:tt $($rest:tt)*) => {
+        $crate::words! { @into $domain, $name $variants }
+        $crate::words! { $name $variants $($rest)* }
+    };
+    ($name:ident { $($variant:ident = $word:literal),+ $(,)? } $($rest:tt)*) => {
+        $crate::words! { $($rest)* }
+
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         pub enum $name { $($variant),+ }
 
@@ -88,5 +96,12 @@ macro_rules! words {
                 deserializer.deserialize_any(Words)
             }
         }
-    )+ };
+    };
+    (@into $domain:ident, $name:ident { $($variant:ident = $word:literal),+ $(,)? }) => {
+        impl From<$name> for $domain {
+            fn from(word: $name) -> Self {
+                match word { $($name::$variant => Self::$variant),+ }
+            }
+        }
+    };
 }

@@ -98,10 +98,9 @@ impl Resolve<'_> {
                 not_negative.to(1e5).unit("g"),
             ) * 1e-3,
             hand_present,
-            hand_repeats: options.hand_repeat || written.hand_repeat == Some(true),
+            hand_repeats: options.hand_repeat,
             delay_ticks: written.delay_ticks.map(|ticks| checks.whole("device.sim.delay_ticks", Some(ticks), 0, 0, 100)),
             fault: written.fault.clone(),
-            seed: written.seed.unwrap_or(0),
         }
     }
 
@@ -170,7 +169,7 @@ impl Resolve<'_> {
         let range = POSITIVE.to(ceilings::TORQUE_NM).unit("N·m");
         let torque_nm = checks.rule("limits.torque_nm", limits.torque_nm, torque_max, range, of_profiles).min(torque_max);
         let overrun_fault_ticks = match safety.overrun {
-            Some(Overrun::Off) => 0,
+            Some(Overrun::Off(_)) => 0,
             Some(Overrun::Consecutive(count)) => match u32::try_from(count) {
                 Ok(count) if (1..=MOST_OVERRUN_S * rate_hz).contains(&count) => count,
                 _ => {
@@ -231,7 +230,7 @@ impl Resolve<'_> {
 
     pub(super) fn safety(&mut self, written: &schema::Safety, profile: Option<&Profile>, period_s: f64) -> SafetyParameters {
         let deadman = match written.deadman {
-            Some(Deadman::Off) => None,
+            Some(Deadman::Off(_)) => None,
             None => profile.and_then(|profile| profile.real.as_ref()).and_then(|real| real.deadman_button),
             Some(Deadman::Button(number)) => {
                 let button = u8::try_from(number).ok().filter(|button| u32::from(*button) < u32::BITS);

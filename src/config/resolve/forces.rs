@@ -6,7 +6,7 @@ use super::super::schema::{self, Cutoff};
 use super::arm::or_if_infinite;
 use super::{MM, Resolve};
 use arms::profile::Profile;
-use document::{Interval, Numbers, POSITIVE, ProblemKind};
+use document::{Interval, POSITIVE, ProblemKind};
 use haptics::{ContactParameters, CouplingMode, CouplingParameters, FilterParameters, FreeSpace, FrictionParameters, SpringClamp};
 use vps::contact::AVERAGED_CONTACTS;
 use vps::contact::Normalization;
@@ -23,9 +23,9 @@ impl Resolve<'_> {
     pub(super) fn filter(&mut self, written: &schema::Filter) -> FilterParameters {
         let cutoff_hz = match written.cutoff_hz {
             None => DEFAULT_CUTOFF_HZ,
-            Some(Cutoff::Off) => [f64::INFINITY; 2],
+            Some(Cutoff::Off(_)) => [f64::INFINITY; 2],
             Some(Cutoff::Range(range)) => {
-                let range = self.checks.array("filter.cutoff_hz", Some(Numbers(range)), POSITIVE.unit("Hz"));
+                let range = self.checks.array("filter.cutoff_hz", Some(range), POSITIVE.unit("Hz"));
                 let range = range.unwrap_or(DEFAULT_CUTOFF_HZ);
                 if range[0] > range[1] {
                     self.checks.not_accepted("filter.cutoff_hz", "[lowest, highest] in Hz, the lowest first");
@@ -86,14 +86,8 @@ impl Resolve<'_> {
                 "N·m·s/rad",
                 1.0,
             ),
-            clamp: match written.clamp {
-                Some(schema::ClampWord::HalfVoxel) => SpringClamp::HalfVoxel,
-                Some(schema::ClampWord::Saturate) | None => SpringClamp::Saturate,
-            },
-            free_space: match written.free_space {
-                Some(schema::FreeSpaceWord::Drag) => FreeSpace::Drag,
-                Some(schema::FreeSpaceWord::Zero) | None => FreeSpace::Zero,
-            },
+            clamp: written.clamp.map_or(SpringClamp::Saturate, Into::into),
+            free_space: written.free_space.map_or(FreeSpace::Zero, Into::into),
             // In world units, like the stiffness that they bound.
             bound_n_per_m: if allow_unstable { f64::INFINITY } else { translation.value() / scale },
             bound_nm_per_rad: if allow_unstable { f64::INFINITY } else { rotation.value() },
@@ -159,11 +153,7 @@ impl Resolve<'_> {
                 DEFAULT_DAMPING_RATIO,
                 Interval::from(0.0).to(10.0),
             ),
-            normalization: match written.normalize {
-                Some(schema::NormalizeWord::Average) => Normalization::Average,
-                Some(schema::NormalizeWord::Cluster) => Normalization::Cluster,
-                Some(schema::NormalizeWord::None) | None => Normalization::None,
-            },
+            normalization: written.normalize.map_or(Normalization::None, Into::into),
             friction: self.friction(written.friction.as_ref(), stiffness_n_per_m),
             damping_n_s_per_m: self.of_a_mass(mode, "contact.damping_n_s_per_m", damping_n_s_per_m, damping_n_s_per_m > 0.0),
             braking: self.of_a_mass(mode, "contact.braking", braking, braking),

@@ -17,7 +17,7 @@ use super::schema;
 use arms::attached::nodes::Selector;
 use arms::profile::is_profile;
 use clay::session::is_session;
-use document::{Checks, ConfigErrors, Document, Interval, Problem, ProblemKind};
+use document::{Checks, ConfigErrors, Document, GoneKey, Interval, Problem, ProblemKind};
 use haptics::filter::low_pass_alpha;
 use haptics::{CouplingMode, DeviceMapping, Parameters};
 use vps::mesh::Format;
@@ -34,7 +34,7 @@ pub struct LoadOptions {
     pub selector: Option<Selector>,
     /// `run --realtime MODE`: instead of `realtime.mode`; true for `enforce`.
     pub enforce: Option<bool>,
-    /// `run --hand-repeat`: as if `device.sim.hand_repeat` were true.
+    /// `run --hand-repeat`: the simulated hand goes its path there and back, again and again.
     pub hand_repeat: bool,
 }
 
@@ -59,14 +59,16 @@ pub fn load_with(path: &Path, options: &LoadOptions) -> Result<SceneConfig, Conf
         return Err(of_file(ProblemKind::IsSession));
     }
     let text = regular::written(path).map_err(|cause| of_file(ProblemKind::Unreadable { cause }))?;
-    let document = Document::parse(path, &text)?;
+    let mut document = Document::parse(path, &text)?;
     if is_profile(path) {
         return Err(of_file(ProblemKind::IsProfile));
     }
     if schema::holds_strokes(&document) {
         return Err(of_file(ProblemKind::IsStrokes));
     }
-    let (scene, problems) = document.read_around::<schema::Scene>();
+    let gone = document.take_gone(&GONE);
+    let (scene, mut problems) = document.read_around::<schema::Scene>();
+    problems.extend(gone);
     let Some(scene) = scene else { return Err(ConfigErrors::new(problems)) };
     let dir = path.parent().unwrap_or(Path::new(""));
     let mut resolve = Resolve { checks: Checks::new(&document), document: &document, dir };
@@ -88,6 +90,22 @@ pub fn load_with(path: &Path, options: &LoadOptions) -> Result<SceneConfig, Conf
     }
 }
 
+/// Keys of version 0.1.0 that nothing varied, or that said what a flag says.
+const GONE: [GoneKey; 4] = [
+    GoneKey { key: "device.sim.hand_repeat", now: "false", instead: "leave it out, and write --hand-repeat on the command line" },
+    GoneKey {
+        key: "device.sim.seed",
+        now: "0",
+        instead: "leave it out: chance has the seed 0, so that every run of a scene is the same",
+    },
+    GoneKey { key: "device.sim.jitter_us", now: "", instead: "leave it out: no version has read it" },
+    GoneKey {
+        key: "sculpt.integrator",
+        now: "\"implicit\"",
+        instead: "leave it out: mass points are stepped implicitly, which is stable at every stiffness",
+    },
+];
+
 const DEFAULT_RATE_HZ: u32 = 1000;
 
 pub(super) const MM: f64 = 1e-3;
@@ -104,7 +122,6 @@ pub(super) struct Resolve<'d> {
 impl Resolve<'_> {
     /// `None` without a usable profile or a tool, which is then among the problems.
     fn scene(&mut self, path: &Path, scene: schema::Scene, options: &LoadOptions) -> Option<SceneConfig> {
-        self.later_keys(&scene);
         let name = scene.name.unwrap_or_else(|| path.file_stem().unwrap_or_default().to_string_lossy().into_owned());
         let rate_hz = self.checks.whole("rendering.rate_hz", scene.rendering.rate_hz, DEFAULT_RATE_HZ, 100, 10_000);
         let period_s = f64::from(rate_hz).recip();
@@ -138,13 +155,7 @@ impl Resolve<'_> {
             .map_or(DVec3::ZERO, DVec3::from_array);
 
         // Without a profile, the keys that need one are still checked for themselves, against an arm that bounds nothing.
-        let mode = match scene.rendering.coupling {
-            Some(schema::CouplingWord::SemiImplicit) => CouplingMode::SemiImplicit,
-            Some(schema::CouplingWord::Direct) => CouplingMode::Direct,
-            Some(schema::CouplingWord::Static) => CouplingMode::Static,
-            Some(schema::CouplingWord::Constraint) => CouplingMode::Constraint,
-            Some(schema::CouplingWord::Implicit) | None => CouplingMode::Implicit,
-        };
+        let mode = scene.rendering.coupling.map_or(CouplingMode::Implicit, Into::into);
         if mode == CouplingMode::Direct && gravity_m_per_s2 != DVec3::ZERO {
             let accepted = "zero: without a virtual tool, nothing has weight in \"direct\"";
             self.checks.not_available("rendering.gravity_m_per_s2", accepted);
@@ -154,12 +165,10 @@ impl Resolve<'_> {
         let filter_alpha = if mode == CouplingMode::Direct { low_pass_alpha(filter.cutoff_hz[0], period_s) } else { 0.0 };
         let stability = stability(profile.as_ref(), period_s, sim.delay_ticks, filter_alpha, allow_unstable);
         let coupling = self.coupling(&scene.coupling, mode, &stability, port_scale, profile.as_ref());
-        let field = match scene.rendering.field {
-            Some(schema::FieldWord::Layers) => FieldKind::Layers,
-            Some(schema::FieldWord::SurfacePoint) => FieldKind::SurfacePoint,
-            Some(schema::FieldWord::Octant) => FieldKind::Octant,
-            Some(schema::FieldWord::Trilinear) | None => FieldKind::Trilinear,
-        };
+        let field = scene.rendering.field.map_or(FieldKind::Trilinear, Into::into);
+        if mode == CouplingMode::Constraint && scene.contact.friction.is_some() {
+            self.checks.not_available("contact.friction", "leave it out, or use another rendering.coupling");
+        }
         let contact = self.contact(&scene.contact, field, mode, &stability, port_scale);
         let limits = self.limits(&scene.limits, &scene.safety, profile.as_ref(), rate_hz, realtime.enforce);
         let safety = self.safety(&scene.safety, profile.as_ref(), period_s);
@@ -197,14 +206,5 @@ impl Resolve<'_> {
             monitor,
             heartbeat,
         })
-    }
-
-    /// Keys and values that the format has and this version lacks. Nothing is read and ignored.
-    fn later_keys(&mut self, scene: &schema::Scene) {
-        let checks = &mut self.checks;
-        if scene.rendering.coupling == Some(schema::CouplingWord::Constraint) && scene.contact.friction.is_some() {
-            checks.not_available("contact.friction", "leave it out, or use another rendering.coupling");
-        }
-        checks.later("device.sim.jitter_us", scene.device.sim.jitter_us.is_some());
     }
 }

@@ -44,7 +44,7 @@ impl Resolve<'_> {
             source: self.source(&table, written, voxel_size_m, layers),
             voxel_size_m,
             layers,
-            sides: sides(object.sides),
+            sides: object.sides.map_or(SidesRule::Auto, Into::into),
             pose: Pose::new(
                 self.checks.orientation(&key("orientation_xyzw"), object.orientation_xyzw),
                 self.checks.position(&key("position_mm"), object.position_mm) * MM,
@@ -65,7 +65,7 @@ impl Resolve<'_> {
             source: self.source("tool", written, voxel_size_m, layers),
             voxel_size_m,
             layers,
-            sides: sides(tool.sides),
+            sides: tool.sides.map_or(SidesRule::Auto, Into::into),
             mass_kg: self.checks.number("tool.mass_g", tool.mass_g, DEFAULT_TOOL_MASS_G, POSITIVE.to(1e5).unit("g")) * 1e-3,
             center_of_mass_m,
             inertia_kg_m2: self.inertia_kg_m2(tool.inertia_kg_mm2),
@@ -197,14 +197,6 @@ pub(super) struct WrittenSource<'s> {
     pub(super) mesh: Option<&'s str>,
     pub(super) shape: Option<&'s schema::Shape>,
     pub(super) units: Option<schema::UnitWord>,
-}
-fn sides(written: Option<schema::SidesWord>) -> SidesRule {
-    match written {
-        Some(schema::SidesWord::Auto) | None => SidesRule::Auto,
-        Some(schema::SidesWord::Flood) => SidesRule::Flood,
-        Some(schema::SidesWord::Winding) => SidesRule::Winding,
-        Some(schema::SidesWord::Thin) => SidesRule::Thin,
-    }
 }
 /// Sylvester's criterion.
 fn is_positive_definite(matrix: DMat3) -> bool {

@@ -13,7 +13,7 @@ use super::{MM, Resolve};
 use clay::clay_model::Settings;
 use clay::dynamics::{Integrator, Material};
 use clay::emboss::GreyImage;
-use clay::engine::{SculptTool, ToolSettings};
+use clay::engine::ToolSettings;
 use clay::falloff::Falloff;
 use clay::material_map::Painted;
 use clay::{PointSurface, Solid};
@@ -96,7 +96,7 @@ impl Resolve<'_> {
             stiffness_n_per_m: quantity("sculpt.stiffness", written.stiffness, stiffness_n_per_m, STIFFNESS_N_PER_M),
             creep_s: match written.creep_ms {
                 None => creep_s,
-                Some(Creep::Off) => f64::INFINITY,
+                Some(Creep::Off(_) | Creep::Milliseconds(0.0)) => f64::INFINITY,
                 Some(Creep::Milliseconds(ms)) => {
                     let interval = Interval::from(1.0).to(1e6).unit("ms, or \"off\"");
                     self.checks.number("sculpt.creep_ms", Some(ms), creep_s / MM, interval) * MM
@@ -111,10 +111,7 @@ impl Resolve<'_> {
             raster: self.raster(written.raster).unwrap_or(own.raster),
             air_m: self.checks.number("sculpt.air_mm", written.air_mm, own.air_m / MM, Interval::from(0.0).to(1e3).unit("mm")) * MM,
             material,
-            integrator: match written.integrator {
-                Some(schema::IntegratorWord::Explicit) => Integrator::Explicit,
-                Some(schema::IntegratorWord::Implicit) | None => Integrator::Implicit,
-            },
+            integrator: Integrator::Implicit,
         }
     }
 
@@ -230,13 +227,11 @@ impl Resolve<'_> {
         let key = |name: &str| format!("{table}.{name}");
         let length = |most_mm: f64| POSITIVE.to(most_mm).unit("mm");
         ToolSettings {
-            craft: written.tool.map_or(before.craft, craft),
+            craft: written.tool.map_or(before.craft, Into::into),
             brush_m: self.checks.number(&key("brush_mm"), written.brush_mm, before.brush_m / MM, length(1e3)) * MM,
             falloff: match written.falloff {
                 None => before.falloff.clone(),
-                Some(FalloffWritten::Gaussian) => Falloff::Gaussian,
-                Some(FalloffWritten::Constant) => Falloff::Constant,
-                Some(FalloffWritten::Spherical) => Falloff::Spherical,
+                Some(FalloffWritten::Word(word)) => (*word).into(),
                 Some(FalloffWritten::Weights(weights)) => Falloff::table(weights.clone()).unwrap_or_else(|problem| {
                     self.checks.refuse(&key("falloff"), ProblemKind::refused(problem));
                     before.falloff.clone()
@@ -290,23 +285,6 @@ impl Resolve<'_> {
     }
 }
 
-fn craft(word: schema::CraftWord) -> SculptTool {
-    use schema::CraftWord;
-    match word {
-        CraftWord::Touch => SculptTool::Touch,
-        CraftWord::Push => SculptTool::Push,
-        CraftWord::Pull => SculptTool::Pull,
-        CraftWord::PullCurve => SculptTool::PullCurve,
-        CraftWord::Paint => SculptTool::Paint,
-        CraftWord::Material => SculptTool::Material,
-        CraftWord::Emboss => SculptTool::Emboss,
-        CraftWord::Engrave => SculptTool::Engrave,
-        CraftWord::Union => SculptTool::Union,
-        CraftWord::Intersection => SculptTool::Intersection,
-        CraftWord::Difference => SculptTool::Difference,
-    }
-}
-
 fn color(text: &str) -> Option<[u8; 3]> {
     let digits = text.strip_prefix('#').filter(|digits| digits.len() == 6 && digits.bytes().all(|c| c.is_ascii_hexdigit()))?;
     let [_, red, green, blue] = u32::from_str_radix(digits, 16).ok()?.to_be_bytes();
@@ -316,12 +294,13 @@ fn color(text: &str) -> Option<[u8; 3]> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use clay::engine::SculptTool;
 
     #[test]
     fn a_craft_has_the_word_of_the_scene() {
         use schema::CraftWord::*;
         for word in [Touch, Push, Pull, PullCurve, Paint, Material, Emboss, Engrave, Union, Intersection, Difference] {
-            assert_eq!(craft(word).name(), word.to_string());
+            assert_eq!(SculptTool::from(word).name(), word.to_string());
         }
         assert_eq!(SculptTool::NAMES.len(), 11);
     }

@@ -1,14 +1,14 @@
 //! `[sculpt]` of a scene, and files of strokes: what both say of a piece of clay, its tool and other solids.
 
-use std::borrow::Cow;
-use std::fmt;
-
-use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
+use schemars::JsonSchema;
 use serde::Deserialize;
-use serde::de::{self, Deserializer, IgnoredAny, SeqAccess, Visitor};
+use serde::de::IgnoredAny;
 
-use super::{Shape, UnitWord};
+use clay::engine::SculptTool;
+use clay::falloff::Falloff;
 use document::{Document, Numbers, words};
+
+use super::{OffWord, Shape, UnitWord};
 
 /// A table that says something of clay: its own keys, and those that the scene and a stroke share, which are written here once.
 macro_rules! clay_table {
@@ -91,7 +91,6 @@ clay_table! {
         damping: f64,
         stiffness: f64,
         creep_ms: Creep,
-        integrator: IntegratorWord,
         update_hz: f64,
         strokes: String,
     }
@@ -152,11 +151,11 @@ pub(in crate::config) struct WrittenSolid<'w> {
 }
 
 words! {
-    CraftWord {
+    CraftWord for SculptTool {
         Touch = "touch", Push = "push", Pull = "pull", PullCurve = "pull-curve", Paint = "paint", Material = "material",
         Emboss = "emboss", Engrave = "engrave", Union = "union", Intersection = "intersection", Difference = "difference",
     }
-    IntegratorWord { Implicit = "implicit", Explicit = "explicit" }
+    FalloffWord for Falloff { Gaussian = "gaussian", Constant = "constant", Spherical = "spherical" }
     Deed {
         Take = "take", Hold = "hold", Union = "union", Intersection = "intersection", Difference = "difference",
         Emboss = "emboss", Engrave = "engrave", Undo = "undo", Redo = "redo", Region = "region",
@@ -216,90 +215,21 @@ pub(in crate::config) struct PaintedWritten {
 }
 
 /// `falloff`: a word or weights.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
+#[serde(
+    untagged,
+    expecting = "invalid value, expected \"gaussian\", \"constant\", \"spherical\" or an array of weights from 0 to 1"
+)]
+#[schemars(rename = "Falloff")]
 pub(in crate::config) enum FalloffWritten {
-    Gaussian,
-    Constant,
-    Spherical,
-    Weights(Vec<f64>),
-}
-
-impl<'de> Deserialize<'de> for FalloffWritten {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        struct WordOrWeights;
-        impl<'de> Visitor<'de> for WordOrWeights {
-            type Value = FalloffWritten;
-            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                f.write_str(r#""gaussian", "constant", "spherical" or an array of weights from 0 to 1"#)
-            }
-            fn visit_str<E: de::Error>(self, word: &str) -> Result<FalloffWritten, E> {
-                match word {
-                    "gaussian" => Ok(FalloffWritten::Gaussian),
-                    "constant" => Ok(FalloffWritten::Constant),
-                    "spherical" => Ok(FalloffWritten::Spherical),
-                    _ => Err(E::invalid_value(de::Unexpected::Str(word), &self)),
-                }
-            }
-            fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<FalloffWritten, A::Error> {
-                let mut weights = Vec::new();
-                while let Some(weight) = seq.next_element()? {
-                    weights.push(weight);
-                }
-                Ok(FalloffWritten::Weights(weights))
-            }
-        }
-        deserializer.deserialize_any(WordOrWeights)
-    }
-}
-
-impl JsonSchema for FalloffWritten {
-    fn schema_name() -> Cow<'static, str> {
-        "Falloff".into()
-    }
-
-    fn json_schema(_: &mut SchemaGenerator) -> Schema {
-        json_schema!({ "anyOf": [
-            { "type": "string", "enum": ["gaussian", "constant", "spherical"] },
-            { "type": "array", "items": { "type": "number" }, "minItems": 2 },
-        ] })
-    }
+    Word(FalloffWord),
+    Weights(#[schemars(length(min = 2))] Vec<f64>),
 }
 
 /// `creep_ms`.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize, JsonSchema)]
+#[serde(untagged, expecting = "invalid value, expected a number of milliseconds or \"off\"")]
 pub(in crate::config) enum Creep {
-    Off,
-    Milliseconds(f64),
-}
-
-impl<'de> Deserialize<'de> for Creep {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        struct TimeOrOff;
-        impl Visitor<'_> for TimeOrOff {
-            type Value = Creep;
-            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                f.write_str("a number of milliseconds or \"off\"")
-            }
-            fn visit_i64<E: de::Error>(self, ms: i64) -> Result<Creep, E> {
-                self.visit_f64(ms as f64)
-            }
-            fn visit_f64<E: de::Error>(self, ms: f64) -> Result<Creep, E> {
-                Ok(if ms == 0.0 { Creep::Off } else { Creep::Milliseconds(ms) })
-            }
-            fn visit_str<E: de::Error>(self, word: &str) -> Result<Creep, E> {
-                if word == "off" { Ok(Creep::Off) } else { Err(E::invalid_value(de::Unexpected::Str(word), &self)) }
-            }
-        }
-        deserializer.deserialize_any(TimeOrOff)
-    }
-}
-
-impl JsonSchema for Creep {
-    fn schema_name() -> Cow<'static, str> {
-        "Creep".into()
-    }
-
-    fn json_schema(_: &mut SchemaGenerator) -> Schema {
-        json_schema!({ "anyOf": [{ "type": "number", "minimum": 0 }, { "const": "off" }] })
-    }
+    Off(OffWord),
+    Milliseconds(#[schemars(range(min = 0))] f64),
 }

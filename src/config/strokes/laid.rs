@@ -19,13 +19,7 @@ impl Reader<'_> {
         let image_key = format!("{table}.image");
         let image = match &stroke.image {
             Some(image) => self.resolve.image(&image_key, Some(image)),
-            None => {
-                let of_scene = self.tool.image.clone();
-                if of_scene.is_none() {
-                    self.resolve.checks.missing(&image_key, "a PNG file, whose white is deep");
-                }
-                of_scene
-            }
+            None => self.resolve.checks.given(&image_key, self.tool.image.clone(), "a PNG file, whose white is deep"),
         };
         let laid = match (stroke.corner_mm, stroke.center_mm) {
             (Some(_), Some(_)) => {
@@ -50,11 +44,8 @@ impl Reader<'_> {
         self.leave_out(table, given(stroke, &["axis", "front"]), "beside corner_mm");
         let mut vector = |name: &str, written| {
             let key = format!("{table}.{name}");
-            let found = self.resolve.checks.array(&key, written, FINITE).map(|mm| DVec3::from_array(mm) * MM);
-            if written.is_none() {
-                self.resolve.checks.missing(&key, "an edge of the image as [x, y, z]");
-            }
-            found
+            let written = self.resolve.checks.given(&key, written, "an edge of the image as [x, y, z]");
+            self.resolve.checks.array(&key, written, FINITE).map(|mm| DVec3::from_array(mm) * MM)
         };
         let (corner, across, down) =
             (vector("corner_mm", stroke.corner_mm)?, vector("across_mm", stroke.across_mm), vector("down_mm", stroke.down_mm));

@@ -48,7 +48,6 @@ fn what_counts_at_the_start_is_named() {
     let rendered = scene(SCENE);
     assert_eq!(fixed(&rendered, &rendered), None);
     for (more, expected) in [
-        ("[device.sim]\nseed = 3", ("device.sim.seed", "3", "0")),
         ("[device.sim]\nhand = \"none\"", ("device.sim.hand", "\"none\"", "present")),
         ("[device.sim]\nfault = \"nan@2s\"", ("device.sim.fault", "\"nan@2s\"", "none")),
         ("[device.sim]\nhand_mass_g = 80.0", ("device.sim.hand_mass_g", "80", "150")),

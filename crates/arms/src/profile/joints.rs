@@ -4,14 +4,14 @@ use core::f64::consts::TAU;
 
 use glam::{DQuat, DVec2, DVec3};
 
-use super::written::{Geometry, GimbalWord, Joint as WrittenJoint, KinematicsWord, Written};
+use super::written::{Geometry, Joint as WrittenJoint, KinematicsWord, Written};
 use super::{Profile, ceilings};
 use crate::Thermal;
 use crate::kinematics::{
     Capstan, CapstanLinks, Chain, ChainJoint, Delta, FiveLink, GRAVITY_M_PER_S2, Gimbal, Kinematics, OneAxis, Pantograph,
     PlaneLink, Rate,
 };
-use crate::protocol::MAX_AXES;
+use crate::protocol::{MAX_AXES, ServoModel};
 use crate::transmission::{Joint, Motor, Sensor, Transmission};
 use document::{Checks, FINITE, Interval, NOT_NEGATIVE, Numbers, POSITIVE, show};
 use vps::spatial::{Axes, Pose};
@@ -50,13 +50,8 @@ const DRIVE_KEYS: [&str; 10] = [
 const WRIST_KEYS: [&str; 4] = ["gimbal", "gimbal_counts_per_rev", "gimbal_sign", "gimbal_home_counts"];
 
 pub(super) fn joints(checks: &mut Checks<'_>, written: &Written, profile: &Profile, device_from_native: DQuat) -> Option<Joints> {
-    let Some(word) = written.device.kinematics else {
-        checks.missing(
-            "device.kinematics",
-            "how the joints move the grip, such as \"serial-capstan\", or \"cartesian\" for an arm that reports a pose",
-        );
-        return None;
-    };
+    let accepted = "how the joints move the grip, such as \"serial-capstan\", or \"cartesian\" for an arm that reports a pose";
+    let word = checks.given("device.kinematics", written.device.kinematics, accepted)?;
     let nothing = Geometry::default();
     let geometry = written.geometry.as_ref().unwrap_or(&nothing);
     refuse_others(checks, geometry, word);
@@ -280,10 +275,7 @@ impl Drive<'_, '_> {
 
     fn gimbal(&mut self) -> Option<Gimbal> {
         let g = self.geometry;
-        let gimbal = match g.gimbal? {
-            GimbalWord::Roll => Gimbal::Roll,
-            GimbalWord::Yaw => Gimbal::Yaw,
-        };
+        let gimbal = g.gimbal?.into();
         let counts = self.list("geometry.gimbal_counts_per_rev", g.gimbal_counts_per_rev.as_ref(), 3, None, POSITIVE);
         let signs = self.signs("geometry.gimbal_sign", g.gimbal_sign.as_ref(), 3);
         let homes = self.list("geometry.gimbal_home_counts", g.gimbal_home_counts.as_ref(), 3, Some(0.0), FINITE);
@@ -390,16 +382,11 @@ impl Drive<'_, '_> {
         let rod_m = length("rod_mm", g.rod_mm, POSITIVE);
         let radius_m = length("radius_mm", g.radius_mm, POSITIVE);
         let shift_m = length("shift_mm", g.shift_mm, FINITE);
-        if g.offset_mm.is_none() {
-            self.checks.missing("geometry.offset_mm", "c, d, e, f of the legs, mm");
-        }
-        if g.azimuth_deg.is_none() {
-            self.checks.missing("geometry.azimuth_deg", "the azimuth of the three legs, degrees");
-        }
+        let offset_mm = self.checks.given("geometry.offset_mm", g.offset_mm, "c, d, e, f of the legs, mm");
+        let azimuth_deg = self.checks.given("geometry.azimuth_deg", g.azimuth_deg, "the azimuth of the three legs, degrees");
         let offsets_m =
-            self.checks.array("geometry.offset_mm", g.offset_mm, FINITE).map(|offsets| offsets.map(|offset| offset * 1e-3));
-        let azimuth_rad =
-            self.checks.array("geometry.azimuth_deg", g.azimuth_deg, FINITE).map(|angles| angles.map(f64::to_radians));
+            self.checks.array("geometry.offset_mm", offset_mm, FINITE).map(|offsets| offsets.map(|offset| offset * 1e-3));
+        let azimuth_rad = self.checks.array("geometry.azimuth_deg", azimuth_deg, FINITE).map(|angles| angles.map(f64::to_radians));
         let origin_m = self.origin();
         Some(Delta { driven_m, rod_m, offsets_m: offsets_m?, radius_m, shift_m, azimuth_rad: azimuth_rad?, origin_m })
     }
@@ -446,10 +433,8 @@ impl Drive<'_, '_> {
             joints.push(self.chain_joint(idx, joint));
         }
         let g = self.geometry;
-        if g.grip_position_m.is_none() {
-            self.checks.missing("geometry.grip_position_m", "the grip point at zero angles, m");
-        }
-        let position = self.checks.position("geometry.grip_position_m", g.grip_position_m);
+        let position = self.checks.given("geometry.grip_position_m", g.grip_position_m, "the grip point at zero angles, m");
+        let position = self.checks.position("geometry.grip_position_m", position);
         let orientation = self.checks.orientation("geometry.grip_orientation_xyzw", g.grip_orientation_xyzw);
         let gravity = if g.gravity_compensation.unwrap_or(false) {
             device_from_native.conjugate() * DVec3::new(0.0, 0.0, -GRAVITY_M_PER_S2)
@@ -462,9 +447,7 @@ impl Drive<'_, '_> {
     fn chain_joint(&mut self, idx: usize, joint: &WrittenJoint) -> ChainJoint {
         let key = |name: &str| format!("joint[{idx}].{name}");
         let vector = |checks: &mut Checks<'_>, name: &str, written: Option<Numbers<3>>, accepted: &str| {
-            if written.is_none() {
-                checks.missing(&key(name), accepted);
-            }
+            let written = checks.given(&key(name), written, accepted);
             checks.position(&key(name), written)
         };
         let axis = vector(self.checks, "axis", joint.axis, "the axis at zero angles, such as [0, 0, 1]").try_normalize();
@@ -481,7 +464,7 @@ impl Drive<'_, '_> {
         let counts_per_rev = self.checks.number(&key("counts_per_rev"), joint.counts_per_rev, default, POSITIVE);
         let home = self.checks.number(&key("home_counts"), joint.home_counts, 0.0, FINITE);
         let offset_rad = self.checks.number(&key("offset_rad"), joint.offset_rad, 0.0, FINITE);
-        let servo = joint.servo_model.map(|word| word.model());
+        let servo = joint.servo_model.map(ServoModel::from);
         let per_nm = self
             .checks
             .optional(&key("counts_per_nm"), joint.counts_per_nm, NOT_NEGATIVE)

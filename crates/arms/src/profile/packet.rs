@@ -1,21 +1,17 @@
 //! Frames described as data: `[packet]` into a [`PacketLayout`]. What fits together is checked by the layout itself.
 
 use super::Profile;
-use super::written::{ChecksumWord, Field as WrittenField, FramingWord, NumberWord, Packet as WrittenPacket, RoleWord, Written};
+use super::written::{Field as WrittenField, FramingWord, NumberWord, Packet as WrittenPacket, RoleWord, Written};
 use crate::protocol::PacketLayout;
-use crate::protocol::layout::{Checksum, ChecksumKind, Field, Framing, LineFraming, LinePad, Number, Packet, Role};
+use crate::protocol::layout::{Checksum, Field, Framing, LineFraming, LinePad, Number, Packet, Role};
 use document::Checks;
 
 /// The layout as written; `None` when a packet could not be made of it.
 pub(super) fn layout(checks: &mut Checks<'_>, written: &Written, profile: &Profile) -> Option<PacketLayout> {
-    let Some(packets) = &written.packet else {
-        checks.missing("packet", "tables [packet.report] and [packet.command] that describe the frames");
-        return None;
-    };
-    let Some(report) = &packets.report else {
-        checks.missing("packet.report", "a table [packet.report] that describes what the arm sends");
-        return None;
-    };
+    let accepted = "tables [packet.report] and [packet.command] that describe the frames";
+    let packets = checks.given("packet", written.packet.as_ref(), accepted)?;
+    let accepted = "a table [packet.report] that describes what the arm sends";
+    let report = checks.given("packet.report", packets.report.as_ref(), accepted)?;
     let report = packet(checks, "packet.report", report);
     let command = packets.command.as_ref().map(|command| packet(checks, "packet.command", command));
     let kick = packets.kick_hex.as_ref().map(|hex| hex_bytes(checks, "packet.kick_hex", hex));
@@ -41,25 +37,14 @@ fn packet(checks: &mut Checks<'_>, at: &str, written: &WrittenPacket) -> Option<
             "what is in the packet, such as [{ role = \"reading\", index = 0, offset = 0, type = \"i16\" }]",
         );
     }
-    let checksum = written.checksum.map(|word| Checksum {
-        kind: match word {
-            ChecksumWord::Sum8 => ChecksumKind::Sum8,
-            ChecksumWord::Xor8 => ChecksumKind::Xor8,
-            ChecksumWord::Crc8 => ChecksumKind::Crc8,
-            ChecksumWord::Crc16Ccitt => ChecksumKind::Crc16Ccitt,
-            ChecksumWord::Crc16Modbus => ChecksumKind::Crc16Modbus,
-            ChecksumWord::Crc32 => ChecksumKind::Crc32,
-        },
-        big_endian: written.checksum_big_endian.unwrap_or(false),
-    });
+    let checksum =
+        written.checksum.map(|word| Checksum { kind: word.into(), big_endian: written.checksum_big_endian.unwrap_or(false) });
     Some(Packet { framing: framing?, checksum, fields: fields.into_iter().collect::<Option<_>>()? })
 }
 
 fn framing(checks: &mut Checks<'_>, at: &str, written: &WrittenPacket) -> Option<Framing> {
-    let Some(word) = written.framing else {
-        checks.missing(&format!("{at}.framing"), "\"report\", \"sync\", \"cobs\", \"slip\" or \"line\"");
-        return None;
-    };
+    let accepted = "\"report\", \"sync\", \"cobs\", \"slip\" or \"line\"";
+    let word = checks.given(&format!("{at}.framing"), written.framing, accepted)?;
     // Each key with the framings that have it; what another one has would silently do nothing.
     let binary = [FramingWord::Report, FramingWord::Sync, FramingWord::Cobs, FramingWord::Slip];
     let keys: [(&str, bool, &[FramingWord]); 10] = [
@@ -88,15 +73,9 @@ fn framing(checks: &mut Checks<'_>, at: &str, written: &WrittenPacket) -> Option
             len,
         },
         FramingWord::Sync => {
-            let Some(hex) = &written.sync_hex else {
-                checks.missing(&format!("{at}.sync_hex"), "the bytes before the body, such as \"AA 55\"");
-                return None;
-            };
-            Framing::Sync {
-                sync: hex_bytes(checks, &format!("{at}.sync_hex"), hex)?,
-                len,
-                covers_sync: written.checksum_covers_sync.unwrap_or(false),
-            }
+            let key = format!("{at}.sync_hex");
+            let hex = checks.given(&key, written.sync_hex.as_ref(), "the bytes before the body, such as \"AA 55\"")?;
+            Framing::Sync { sync: hex_bytes(checks, &key, hex)?, len, covers_sync: written.checksum_covers_sync.unwrap_or(false) }
         }
         FramingWord::Cobs => Framing::Cobs { len },
         FramingWord::Slip => Framing::Slip { len },
@@ -122,21 +101,18 @@ fn framing(checks: &mut Checks<'_>, at: &str, written: &WrittenPacket) -> Option
 
 fn field(checks: &mut Checks<'_>, at: &str, written: &WrittenField) -> Option<Field> {
     let index = written.index.unwrap_or_default() as usize;
-    let role = match written.role {
-        Some(RoleWord::Reading) => Role::Reading(index),
-        Some(RoleWord::Rate) => Role::Rate(index),
-        Some(RoleWord::Buttons) => Role::Buttons(u8::try_from(index).unwrap_or(u8::MAX)),
-        Some(RoleWord::Counter) => Role::Counter,
-        Some(RoleWord::Error) => Role::Error,
-        Some(RoleWord::Homed) => Role::Homed,
-        Some(RoleWord::Motor) => Role::Motor(index),
-        Some(RoleWord::Enabled) => Role::Enabled,
-        Some(RoleWord::Constant) => Role::Constant(written.value.unwrap_or_default()),
-        Some(RoleWord::Ignored) => Role::Ignored,
-        None => {
-            checks.missing(&format!("{at}.role"), "what the number is, such as \"reading\" or \"motor\"");
-            return None;
-        }
+    let accepted = "what the number is, such as \"reading\" or \"motor\"";
+    let role = match checks.given(&format!("{at}.role"), written.role, accepted)? {
+        RoleWord::Reading => Role::Reading(index),
+        RoleWord::Rate => Role::Rate(index),
+        RoleWord::Buttons => Role::Buttons(u8::try_from(index).unwrap_or(u8::MAX)),
+        RoleWord::Counter => Role::Counter,
+        RoleWord::Error => Role::Error,
+        RoleWord::Homed => Role::Homed,
+        RoleWord::Motor => Role::Motor(index),
+        RoleWord::Enabled => Role::Enabled,
+        RoleWord::Constant => Role::Constant(written.value.unwrap_or_default()),
+        RoleWord::Ignored => Role::Ignored,
     };
     if matches!(role, Role::Constant(_)) != written.value.is_some() {
         checks.not_accepted(at, "with `value` exactly for role \"constant\"");
@@ -144,24 +120,19 @@ fn field(checks: &mut Checks<'_>, at: &str, written: &WrittenField) -> Option<Fi
     if matches!(role, Role::Reading(_) | Role::Rate(_) | Role::Motor(_)) && written.index.is_none() {
         checks.missing(&format!("{at}.index"), "which one, from 0");
     }
-    let Some(offset) = written.offset else {
-        checks.missing(&format!("{at}.offset"), "the first byte in the body, or which number of the line, from 0");
-        return None;
-    };
-    let number = match written.kind {
-        Some(NumberWord::I8) => Number::I8,
-        Some(NumberWord::U8) => Number::U8,
-        Some(NumberWord::I16) => Number::I16,
-        Some(NumberWord::U16) => Number::U16,
-        Some(NumberWord::I32) => Number::I32,
-        Some(NumberWord::U32) => Number::U32,
-        Some(NumberWord::F32) => Number::F32,
-        Some(NumberWord::F64) => Number::F64,
-        Some(NumberWord::Text) => Number::Text { places: checks.whole(&format!("{at}.places"), written.places, 0, 0, 9) as u8 },
-        None => {
-            checks.missing(&format!("{at}.type"), "\"i16\", \"f32\", \"text\" …: how the number is written");
-            return None;
-        }
+    let accepted = "the first byte in the body, or which number of the line, from 0";
+    let offset = checks.given(&format!("{at}.offset"), written.offset, accepted)?;
+    let accepted = "\"i16\", \"f32\", \"text\" …: how the number is written";
+    let number = match checks.given(&format!("{at}.type"), written.kind, accepted)? {
+        NumberWord::I8 => Number::I8,
+        NumberWord::U8 => Number::U8,
+        NumberWord::I16 => Number::I16,
+        NumberWord::U16 => Number::U16,
+        NumberWord::I32 => Number::I32,
+        NumberWord::U32 => Number::U32,
+        NumberWord::F32 => Number::F32,
+        NumberWord::F64 => Number::F64,
+        NumberWord::Text => Number::Text { places: checks.whole(&format!("{at}.places"), written.places, 0, 0, 9) as u8 },
     };
     Some(Field {
         role,

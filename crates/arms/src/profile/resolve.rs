@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::written::{CodecWord, PacingWord, Written};
+use super::written::{CodecWord, Written};
 use super::{Link, Plant, Profile, ProfileLimits, ceilings, wiring};
 use crate::Pacing;
 use document::{Checks, ConfigErrors, Document, FINITE, Interval, NOT_NEGATIVE, POSITIVE, ProblemKind, nearest};
@@ -13,13 +13,9 @@ pub(super) fn profile(document: &Document<'_>, dir: &Path, written: &Written) ->
     let mut checks = Checks::new(document);
     let Written { device, link, limits, signal, plant, .. } = written;
 
-    let name = device.name.clone().unwrap_or_default();
-    if name.is_empty() {
-        checks.missing("device.name", "the name that scenes write");
-    }
-    if device.codec.is_none() {
-        checks.missing("device.codec", "the protocol that the arm speaks, or \"sim\" for a simulated arm");
-    }
+    let name = device.name.clone().filter(|name| !name.is_empty());
+    let name = checks.given("device.name", name, "the name that scenes write").unwrap_or_default();
+    let codec = checks.given("device.codec", device.codec, "the protocol that the arm speaks, or \"sim\" for a simulated arm");
     let sensed = axes(&mut checks, "device.sensed", device.sensed.as_deref());
     let actuated = axes(&mut checks, "device.actuated", device.actuated.as_deref());
     if !sensed.contains(actuated) {
@@ -54,26 +50,17 @@ pub(super) fn profile(document: &Document<'_>, dir: &Path, written: &Written) ->
         ),
     };
 
-    let pacing = match link.pacing {
-        Some(PacingWord::PingPong) => Pacing::PingPong,
-        Some(PacingWord::Stream) => Pacing::Stream,
-        Some(PacingWord::Event) => Pacing::Event,
-        Some(PacingWord::Service) => Pacing::Service,
-        None => {
-            checks.missing("link.pacing", "who sets the rate: \"ping-pong\", \"stream\", \"event\" or \"service\"");
-            Pacing::Stream
-        }
-    };
-    if link.holds_last_command.is_none() {
-        checks.missing("link.holds_last_command", "true or false: whether the motors keep the last command when the link closes");
-    }
+    let accepted = "who sets the rate: \"ping-pong\", \"stream\", \"event\" or \"service\"";
+    let pacing = checks.given("link.pacing", link.pacing, accepted);
+    let accepted = "true or false: whether the motors keep the last command when the link closes";
+    let holds_last_command = checks.given("link.holds_last_command", link.holds_last_command, accepted);
     let link = Link {
-        pacing,
+        pacing: pacing.map_or(Pacing::Stream, Into::into),
         rate_hz: checks.whole("link.rate_hz", link.rate_hz, 1000, 1, 10_000),
         device_watchdog_ms: link
             .device_watchdog_ms
             .map(|ms| checks.whole("link.device_watchdog_ms", Some(ms), 100, 1, ceilings::WATCHDOG_MS)),
-        holds_last_command: link.holds_last_command.unwrap_or(true),
+        holds_last_command: holds_last_command.unwrap_or(true),
     };
 
     let window = Interval::from(0.0).to(1000.0).unit("ms");
@@ -104,7 +91,7 @@ pub(super) fn profile(document: &Document<'_>, dir: &Path, written: &Written) ->
     };
     let title = device.title.clone().unwrap_or_else(|| name.clone());
     let mut profile = Profile { name, source: None, title, sensed, actuated, limits, link, velocity_window_ms, plant, real: None };
-    match device.codec {
+    match codec {
         Some(CodecWord::Sim) => refuse_real(&mut checks, written),
         Some(codec) => {
             profile.real = wiring::real_arm(&mut checks, dir, written, codec, &profile);
@@ -158,12 +145,9 @@ fn refuse_real(checks: &mut Checks<'_>, written: &Written) {
 }
 
 fn axes(checks: &mut Checks<'_>, key: &str, written: Option<&[String]>) -> Axes {
-    let Some(names) = written else {
-        checks.missing(key, "an array of axes out of x, y, z, rx, ry, rz, grip");
-        return Axes::NONE;
-    };
+    let names = checks.given(key, written, "an array of axes out of x, y, z, rx, ry, rz, grip");
     let mut axes = Axes::NONE;
-    for (index, name) in names.iter().enumerate() {
+    for (index, name) in names.into_iter().flatten().enumerate() {
         let key = format!("{key}[{index}]");
         match Axes::from_name(name) {
             Some(axis) if axes.contains(axis) => checks.not_accepted(&key, "an axis that was not named before"),

@@ -4,15 +4,13 @@ use std::path::Path;
 
 use glam::{DMat3, DQuat, DVec3};
 
-use super::written::{
-    CarrierWord, CodecWord, HomingWord, Identified as WrittenIdentified, SaturationWord, TransportWord, TurnWord, Written,
-};
+use super::written::{CodecWord, Identified as WrittenIdentified, TransportWord, TurnWord, Written};
 use super::{
     Homing, HomingMode, Identified, Match, Profile, RealArm, Saturation, TransportKind, UsbId, ceilings, joints, known_answers,
     packet,
 };
 use crate::kinematics::Kinematics;
-use crate::protocol::{HapiBoard, HapiEncoder, Hid14Carrier, Open6Arm, Protocol, Servo, Turn};
+use crate::protocol::{HapiBoard, HapiEncoder, Open6Arm, Protocol, Servo, Turn};
 use crate::transport::Carriage;
 use document::{Checks, NOT_NEGATIVE, POSITIVE};
 use vps::spatial::Axes;
@@ -33,12 +31,9 @@ pub(super) fn real_arm(
     let device_from_native = frame(checks, written);
     let joints = joints::joints(checks, written, profile, device_from_native);
     let homing = homing(checks, written);
-    if written.device.signs_verified.is_none() {
-        checks.missing(
-            "device.signs_verified",
-            "false, until `hapticd devices probe PROFILE --sign-check` has passed on such an arm; force stays below 0.5 N until then",
-        );
-    }
+    let accepted =
+        "false, until `hapticd devices probe PROFILE --sign-check` has passed on such an arm; force stays below 0.5 N until then";
+    let signs_verified = checks.given("device.signs_verified", written.device.signs_verified, accepted);
     let deadman_button = written.safety.as_ref().and_then(|safety| safety.deadman_button);
     let deadman_button = deadman_button.map(|button| checks.whole("safety.deadman_button", Some(button), 0, 0, 31) as u8);
     let identified = written.identified.as_ref().map(|identified| identified_of(checks, identified));
@@ -81,13 +76,9 @@ pub(super) fn real_arm(
         transmission,
         device_from_native,
         homing,
-        signs_verified: written.device.signs_verified.unwrap_or(false),
+        signs_verified: signs_verified.unwrap_or(false),
         watchdog_latched: written.link.watchdog_latched.unwrap_or(false),
-        saturates_by: match written.link.saturates_by {
-            Some(SaturationWord::Clamp) => Saturation::Clamp,
-            Some(SaturationWord::Zero) => Saturation::Zero,
-            Some(SaturationWord::Undefined) | None => Saturation::Undefined,
-        },
+        saturates_by: written.link.saturates_by.map_or(Saturation::Undefined, Into::into),
         kick_ms: written.link.kick_ms,
         thermal,
         orientation_sensed,
@@ -108,10 +99,8 @@ fn packet_or_protocol(protocol: &Protocol) -> &'static str {
 }
 
 fn matching(checks: &mut Checks<'_>, written: &Written) -> Option<Match> {
-    let Some(matching) = &written.matching else {
-        checks.missing("match", "a table [match] with `transport` and what tells this arm from others");
-        return None;
-    };
+    let accepted = "a table [match] with `transport` and what tells this arm from others";
+    let matching = checks.given("match", written.matching.as_ref(), accepted)?;
     let sixteen = |checks: &mut Checks<'_>, key: &str, number: Option<u32>| {
         number.map(|number| checks.whole(&format!("match.{key}"), Some(number), 0, 0, 0xFFFF) as u16)
     };
@@ -131,15 +120,11 @@ fn matching(checks: &mut Checks<'_>, written: &Written) -> Option<Match> {
             None => checks.not_accepted(&format!("match.ids[{idx}]"), "vendor and product in hexadecimal, such as \"256F:C635\""),
         }
     }
-    let transport = match matching.transport {
-        Some(TransportWord::Hid) => TransportKind::Hid,
-        Some(TransportWord::Serial) => TransportKind::Serial,
-        Some(TransportWord::Usb) => TransportKind::Usb,
-        Some(TransportWord::None) => TransportKind::Socket,
-        None => {
-            checks.missing("match.transport", "\"hid\", \"serial\", \"usb\" or \"none\"");
-            return None;
-        }
+    let transport = match checks.given("match.transport", matching.transport, "\"hid\", \"serial\", \"usb\" or \"none\"")? {
+        TransportWord::Hid => TransportKind::Hid,
+        TransportWord::Serial => TransportKind::Serial,
+        TransportWord::Usb => TransportKind::Usb,
+        TransportWord::None => TransportKind::Socket,
     };
     let selects_hid = matching.usage_page.is_some() || matching.usage.is_some();
     if selects_hid && transport != TransportKind::Hid {
@@ -171,24 +156,16 @@ fn protocol(checks: &mut Checks<'_>, dir: &Path, written: &Written, codec: Codec
     Some(match codec {
         CodecWord::Sim => return None,
         CodecWord::WoodenhapticsHid8 => Protocol::WoodenhapticsHid8,
-        CodecWord::HaptikfabrikenHid14 => Protocol::HaptikfabrikenHid14 {
-            carrier: match given.carrier {
-                Some(CarrierWord::Mbed) => Hid14Carrier::Mbed,
-                Some(CarrierWord::TeensyRawHid) => Hid14Carrier::TeensyRawHid,
-                None => {
-                    checks.missing("protocol.carrier", "\"mbed\" (reports of 14 bytes) or \"teensy-rawhid\" (of 64)");
-                    return None;
-                }
-            },
-        },
+        CodecWord::HaptikfabrikenHid14 => {
+            let accepted = "\"mbed\" (reports of 14 bytes) or \"teensy-rawhid\" (of 64)";
+            Protocol::HaptikfabrikenHid14 { carrier: checks.given("protocol.carrier", given.carrier, accepted)?.into() }
+        }
         CodecWord::PolhemAscii64 => Protocol::PolhemAscii64 { cartesian: false },
-        CodecWord::HaptikfabrikenBrackets => match given.model {
-            Some(model) => Protocol::HaptikfabrikenBrackets { model: u8::try_from(model).unwrap_or(u8::MAX) },
-            None => {
-                checks.missing("protocol.model", "1 (Polhem 2022), 2 (vintage) or 3 (WoodenHaptics): what the arm calls itself");
-                return None;
-            }
-        },
+        CodecWord::HaptikfabrikenBrackets => {
+            let accepted = "1 (Polhem 2022), 2 (vintage) or 3 (WoodenHaptics): what the arm calls itself";
+            let model = checks.given("protocol.model", given.model, accepted)?;
+            Protocol::HaptikfabrikenBrackets { model: u8::try_from(model).unwrap_or(u8::MAX) }
+        }
         CodecWord::HapiF32 => Protocol::HapiF32(board(checks, given)?),
         CodecWord::FalconNibble16 => {
             let image = given.firmware.as_ref().map(|name| checks.file("protocol.firmware", name, dir));
@@ -224,10 +201,7 @@ fn only_of(checks: &mut Checks<'_>, given: &super::written::Protocol, codec: Cod
 }
 
 fn board(checks: &mut Checks<'_>, given: &super::written::Protocol) -> Option<HapiBoard> {
-    let turn = |word: &TurnWord| match word {
-        TurnWord::Clockwise => Turn::Clockwise,
-        TurnWord::CounterClockwise => Turn::CounterClockwise,
-    };
+    let turn = |word: &TurnWord| Turn::from(*word);
     let (Some(motors), Some(directions), Some(starts), Some(counts)) =
         (&given.motor_direction, &given.encoder_direction, &given.encoder_start_deg, &given.encoder_counts_per_rev)
     else {
@@ -265,7 +239,7 @@ fn servos(checks: &mut Checks<'_>, written: &Written) -> Option<Vec<Servo>> {
         match (joint.servo_id, joint.servo_model) {
             (Some(id), Some(model)) => {
                 let id = checks.whole(&format!("joint[{idx}].servo_id"), Some(id), 0, 0, 252) as u8;
-                servos.push(Servo { id, model: model.model() });
+                servos.push(Servo { id, model: model.into() });
             }
             (None, _) => checks.missing(&format!("joint[{idx}].servo_id"), "the id of the servo on the bus"),
             (_, None) => checks.missing(&format!("joint[{idx}].servo_model"), "\"XC330-T288\" or \"XM430-W210\""),
@@ -361,22 +335,11 @@ fn frame(checks: &mut Checks<'_>, written: &Written) -> DQuat {
 }
 
 fn homing(checks: &mut Checks<'_>, written: &Written) -> Homing {
-    let Some(homing) = &written.homing else {
-        checks.missing("homing", "a table [homing] with `mode`");
+    let Some(homing) = checks.given("homing", written.homing.as_ref(), "a table [homing] with `mode`") else {
         return Homing::default();
     };
-    let mode = match homing.mode {
-        Some(HomingWord::None) => HomingMode::None,
-        Some(HomingWord::PowerOnPose) => HomingMode::PowerOnPose,
-        Some(HomingWord::HostOffset) => HomingMode::HostOffset,
-        Some(HomingWord::DeviceCommand) => HomingMode::DeviceCommand,
-        Some(HomingWord::DeviceProcedure) => HomingMode::DeviceProcedure,
-        None => {
-            checks
-                .missing("homing.mode", "\"none\", \"power-on-pose\", \"host-offset\", \"device-command\" or \"device-procedure\"");
-            HomingMode::None
-        }
-    };
+    let accepted = "\"none\", \"power-on-pose\", \"host-offset\", \"device-command\" or \"device-procedure\"";
+    let mode = checks.given("homing.mode", homing.mode, accepted).map_or(HomingMode::None, Into::into);
     if mode != HomingMode::None && homing.instruction.is_none() {
         checks.missing("homing.instruction", "a sentence that tells a person what to do");
     }

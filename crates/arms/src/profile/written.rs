@@ -4,7 +4,11 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 
-use crate::protocol::ServoModel;
+use super::{HomingMode, Saturation};
+use crate::Pacing;
+use crate::kinematics::Gimbal;
+use crate::protocol::layout::ChecksumKind;
+use crate::protocol::{Hid14Carrier, ServoModel, Turn};
 use document::{Numbers, words};
 
 /// A device profile of hapticd.
@@ -448,21 +452,21 @@ words! {
         None = "none",
     }
     TransportWord { Hid = "hid", Serial = "serial", Usb = "usb", None = "none" }
-    CarrierWord { Mbed = "mbed", TeensyRawHid = "teensy-rawhid" }
-    TurnWord { Clockwise = "cw", CounterClockwise = "ccw" }
-    PacingWord { PingPong = "ping-pong", Stream = "stream", Event = "event", Service = "service" }
-    SaturationWord { Clamp = "clamp", Zero = "zero", Undefined = "undefined" }
-    HomingWord {
+    CarrierWord for Hid14Carrier { Mbed = "mbed", TeensyRawHid = "teensy-rawhid" }
+    TurnWord for Turn { Clockwise = "cw", CounterClockwise = "ccw" }
+    PacingWord for Pacing { PingPong = "ping-pong", Stream = "stream", Event = "event", Service = "service" }
+    SaturationWord for Saturation { Clamp = "clamp", Zero = "zero", Undefined = "undefined" }
+    HomingWord for HomingMode {
         None = "none",
         PowerOnPose = "power-on-pose",
         HostOffset = "host-offset",
         DeviceCommand = "device-command",
         DeviceProcedure = "device-procedure",
     }
-    GimbalWord { Roll = "roll", Yaw = "yaw" }
-    ServoWord { Xc330T288 = "XC330-T288", Xm430W210 = "XM430-W210" }
+    GimbalWord for Gimbal { Roll = "roll", Yaw = "yaw" }
+    ServoWord for ServoModel { Xc330T288 = "XC330-T288", Xm430W210 = "XM430-W210" }
     FramingWord { Report = "report", Sync = "sync", Cobs = "cobs", Slip = "slip", Line = "line" }
-    ChecksumWord {
+    ChecksumWord for ChecksumKind {
         Sum8 = "sum8",
         Xor8 = "xor8",
         Crc8 = "crc8",
@@ -492,15 +496,5 @@ words! {
         F32 = "f32",
         F64 = "f64",
         Text = "text",
-    }
-}
-
-impl ServoWord {
-    /// The servo of that name.
-    pub(super) const fn model(self) -> ServoModel {
-        match self {
-            Self::Xc330T288 => ServoModel::Xc330T288,
-            Self::Xm430W210 => ServoModel::Xm430W210,
-        }
     }
 }
