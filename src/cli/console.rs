@@ -12,7 +12,7 @@ use crate::servo::Control;
 /// What may be typed.
 const WORDS: &str = "enable, disable, stop";
 
-/// Begins to take orders from standard input, one word a line, in a thread of its own. The end of the input is a stop: whoever gave the orders
+/// Begins to take orders from standard input, one word a line, in a thread of its own. The end of the input is a stop: the operator
 /// has gone.
 ///
 /// # Errors

@@ -160,7 +160,7 @@ mod over_network {
         let Some(real) = &profile.real else { return Ok(()) };
         if profile.actuated != Axes::NONE && !args.enable && real.deadman_button.is_none() {
             let hint = "give --enable to let hosts put force on it; a profile with a deadman needs none";
-            return Err((Exit::Device, "this is a real arm, and nobody may let force flow".to_owned(), Some(hint)));
+            return Err((Exit::Device, "this is a real arm, and no operator can let force flow".to_owned(), Some(hint)));
         }
         if let Some(instruction) = &real.homing.instruction {
             report::note(&format!("homing: {instruction}"), talk);

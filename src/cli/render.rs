@@ -57,7 +57,7 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: Talk, started_ns: i64) 
     let names_node = args.device.as_deref().is_some_and(|device| RemoteArm::name_in(device).is_some());
     if names_node && args.clock == ClockArg::Virtual {
         let hint = "leave out --clock virtual, or name a simulated arm with --device";
-        report::error("an arm on another machine lives in real time", Some(hint), talk);
+        report::error("an arm on another machine needs `--clock real`", Some(hint), talk);
         return Exit::Usage;
     }
     let remote = match args.remote() {
@@ -87,13 +87,12 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: Talk, started_ns: i64) 
         Err(exit) => return exit,
     };
     if let (Some(remote), Some(selector)) = (&remote, &args.selector) {
-        let message = format!("--selector {selector}: the arm hangs on the machine of zenoh:{}", remote.name());
+        let message = format!("--selector {selector}: the arm is attached to the machine of zenoh:{}", remote.name());
         report::error(&message, Some("give it to `hapticd device-node`"), talk);
         return Exit::Usage;
     }
     if let (Some(selector), None) = (&args.selector, &config.device.profile.real) {
-        let message =
-            format!("--selector {selector}: {} is simulated in this process and hangs on no node", config.device.profile.name);
+        let message = format!("--selector {selector}: {} is simulated in this process and has no node", config.device.profile.name);
         report::error(&message, Some("name the profile of a real arm with --device"), talk);
         return Exit::Usage;
     }
@@ -113,11 +112,11 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: Talk, started_ns: i64) 
     if let Some(real) = &config.device.profile.real {
         if args.clock == ClockArg::Virtual {
             let hint = "leave out --clock virtual, or name a simulated arm with --device";
-            report::error("a real arm lives in real time", Some(hint), talk);
+            report::error("a real arm needs `--clock real`", Some(hint), talk);
             return Exit::Usage;
         }
         if !args.enables_at_start(&config) && !args.console && bound.is_none() {
-            report::error(&RunError::NobodyEnables.to_string(), Some(HOW_TO_ENABLE), talk);
+            report::error(&RunError::NoOperator.to_string(), Some(HOW_TO_ENABLE), talk);
             return Exit::Device;
         }
         tell_of_arm(&config, real, talk);
@@ -145,7 +144,7 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: Talk, started_ns: i64) 
         }
     };
     let bake = || {
-        // Owned: nobody may take memory away from the loop.
+        // A copy: no other program may take memory away from the loop.
         let mut cache = args.cache.open(Residence::Owned, talk);
         let progress = BakeProgress::new(talk);
         let mut means = BakeMeans { cache: &mut cache, memory: args.memory.plan(&progress, talk) };
@@ -166,7 +165,7 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: Talk, started_ns: i64) 
         baked_s.set(since_start_s(monotonic_ns()));
         Ok(prepared)
     };
-    // Under the virtual clock a scene changes as it was planned, unless somebody watches.
+    // Under the virtual clock a scene changes as it was planned, unless clients can ask for more.
     let is_open = clock == ClockKind::Real || bound.is_some() || opened.is_some() || own.live.watch;
     let control = Arc::new(Control::new());
     let session = SessionHandle::new(config.clone(), overrides.clone(), clock, Some(recordings.recorder.clone()));
@@ -244,7 +243,7 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: Talk, started_ns: i64) 
             }
             let hint = match &error {
                 RunError::Refused(_) => Some("--realtime best-effort runs anyway, with the latency that this machine gives"),
-                RunError::NobodyEnables => Some(HOW_TO_ENABLE),
+                RunError::NoOperator => Some(HOW_TO_ENABLE),
                 _ => None,
             };
             report::error(&error.to_string(), hint, talk);

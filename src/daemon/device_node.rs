@@ -68,7 +68,7 @@ pub struct NodeOutcome {
     pub standing: ThreadStanding,
 }
 
-/// What the node tells a host of its arm, and holds the host to. A real arm whose signs nobody has verified gets no more here than there.
+/// What the node tells a host of its arm, and holds the host to. A real arm with unverified signs gets no more here than there.
 pub fn node_parameters(profile: &Profile, name: &str, period_s: f64, timing: HoldTiming) -> NodeParameters {
     let limits = profile.limits_now();
     NodeParameters {

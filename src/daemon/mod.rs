@@ -4,7 +4,7 @@
 //!  ┌──────┐  file read  ┌────────┐  baked  ┌──────────┐  enable  ┌──────────┐  ramp up  ┌─────────┐
 //!  │ Init ├────────────►│ Baking ├────────►│ Disabled ├─────────►│ Enabling ├──────────►│ Enabled │
 //!  └──┬───┘             └───┬────┘         └────┬─────┘          └────┬─────┘           └────┬────┘
-//!     │ 3 configuration     │ 3, 4 asset        │ 5 nobody may enable │ stop, signal,        │
+//!     │ 3 configuration     │ 3, 4 asset        │ 5 no operator       │ stop, signal,        │
 //!     │                     │                   │ 6 refused           │ duration             │
 //!     ▼                     ▼                   ▼                     ▼                      ▼
 //!   exit                  exit                exit              ┌──────────┐ ◄───────────────┤

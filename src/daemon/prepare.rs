@@ -30,7 +30,7 @@ pub struct Prepared {
     pub piece: Option<LoadedClay>,
     /// The opened arm.
     pub device: Box<dyn Device>,
-    /// Where a real arm hangs.
+    /// The node of a real arm.
     pub attached: Option<Attached>,
     /// Scheduling.
     pub realtime: RealtimeConfig,
@@ -40,14 +40,14 @@ pub struct Prepared {
     pub time_budget_s: Option<f64>,
 }
 
-/// Where a real arm hangs.
+/// The node of a real arm.
 #[derive(Debug)]
 pub struct Attached {
     /// Its node.
     pub node: PathBuf,
     /// What becomes of its link.
     pub news: Receiver<LinkNews>,
-    /// How far away it is; `None`: it hangs on this machine.
+    /// How far away it is; `None`: it is attached to this machine.
     pub link: Option<Arc<LinkFigures>>,
 }
 

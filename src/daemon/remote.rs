@@ -81,7 +81,7 @@ mod over_zenoh {
         /// Opens a session and asks the node of that name for its profile. Cold.
         ///
         /// # Errors
-        /// No session, or nobody of that name.
+        /// No session, or no node of that name.
         pub fn find(name: &str, endpoints: &Endpoints) -> Result<Self, NetworkError> {
             let failed = |cause: std::io::Error| NetworkError::Link { name: name.to_owned(), cause: cause.to_string() };
             if !is_name(name) {

@@ -99,7 +99,7 @@ pub fn replay(path: &Path, mut bake: impl FnMut(&SceneConfig) -> Result<RenderSc
     let mut recording = Recording::open(path)?;
     let mut unpacked = Unpacked::new()?;
     let mut replayed = Replayed::default();
-    let mut stage: Option<Stage> = None;
+    let mut rendered: Option<ReplayedScene> = None;
     while let Some(entry) = recording.next_entry()? {
         let record = match entry {
             Entry::Attachment { name, data } => {
@@ -113,7 +113,7 @@ pub fn replay(path: &Path, mut bake: impl FnMut(&SceneConfig) -> Result<RenderSc
             Entry::Tick { record, .. } => record,
         };
         let due = replayed.ticks;
-        if stage.is_none() && (record.tick, record.scene_idx) != (0, 0) {
+        if rendered.is_none() && (record.tick, record.scene_idx) != (0, 0) {
             return Err(ReplayError::BeganLate(record.tick));
         }
         if record.input.clay.is_some() {
@@ -123,16 +123,16 @@ pub fn replay(path: &Path, mut bake: impl FnMut(&SceneConfig) -> Result<RenderSc
             replayed.gap = Some(Gap { first_missing: due, next: record.tick });
             break;
         }
-        let current = match stage.take() {
-            Some(stage) if stage.scene_idx == record.scene_idx => stage,
+        let current = match rendered.take() {
+            Some(rendered) if rendered.scene_idx == record.scene_idx => rendered,
             before => {
                 let RecordedScene { config, changed } = unpacked.scene(record.scene_idx)?;
                 replayed.changed.extend(changed);
                 replayed.scenes += 1;
-                Stage::new(bake(&config)?, &record, before.as_ref())
+                ReplayedScene::new(bake(&config)?, &record, before.as_ref())
             }
         };
-        let current = stage.insert(current);
+        let current = rendered.insert(current);
         let output = haptics::tick(&current.scene, &mut current.state, &record.input);
         current.last = output;
         if let Some((field, recorded, now)) = first_difference(&record.output, &output) {
@@ -142,7 +142,7 @@ pub fn replay(path: &Path, mut bake: impl FnMut(&SceneConfig) -> Result<RenderSc
         }
         replayed.ticks += 1;
     }
-    if stage.is_none() {
+    if rendered.is_none() {
         return Err(ReplayError::Empty { file: path.to_owned() });
     }
     replayed.whole = recording.is_whole();
@@ -150,14 +150,14 @@ pub fn replay(path: &Path, mut bake: impl FnMut(&SceneConfig) -> Result<RenderSc
 }
 
 /// A scene with the state of its ticks.
-struct Stage {
+struct ReplayedScene {
     scene_idx: u32,
     scene: RenderScene,
     state: State,
     last: TickOutput,
 }
 
-impl Stage {
+impl ReplayedScene {
     /// As the loop makes one ready: the first one, or one that takes the place of another.
     fn new(scene: RenderScene, first: &TickRecord, before: Option<&Self>) -> Self {
         let mut state = State::new(&scene);

@@ -1,6 +1,6 @@
-//! What a service manager is told of a run: systemd, or whoever set `NOTIFY_SOCKET`.
+//! What a service manager is told of a run: systemd, or another one that set `NOTIFY_SOCKET`.
 //!
-//! Data in: the supervisor's notices. Data out: datagrams of the `sd_notify` protocol; nothing where nobody asked for them. A message that does
+//! Data in: the supervisor's notices. Data out: datagrams of the `sd_notify` protocol; nothing where no manager asked for them. A message that does
 //! not arrive is lost: a service manager that has gone is no reason to let an arm go. A thread of its own sends them: the socket of a manager that does
 //! not read blocks, and no other thread waits for it.
 

@@ -98,7 +98,7 @@ impl<N: FnMut(Notice<'_>)> Supervisor<N> {
         if !enabled && enables.is_none() {
             // Zero on every failed start.
             drop(StopGuard::new(job.device));
-            return Err(RunError::NobodyEnables);
+            return Err(RunError::NoOperator);
         }
         if enabled {
             control.enable(Permit::FIRST);
@@ -251,7 +251,7 @@ impl<N: FnMut(Notice<'_>)> Supervisor<N> {
     }
 }
 
-/// A panic in whoever is told must not leave the loop alone: a process that ends takes its threads with it, stop guard or not.
+/// A panic in a handler of notices must not leave the loop alone: a process that ends takes its threads with it, stop guard or not.
 struct QuitOnUnwind<'c> {
     control: &'c Control,
     ended: Receiver<()>,

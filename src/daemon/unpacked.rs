@@ -118,7 +118,7 @@ impl Unpacked {
                 let about = |what: &str| manifest.get(&format!("file.{n}.{part}.{what}"));
                 let Some(name) = about("name") else {
                     if part == 0 {
-                        // What the scene calls it is a file of whoever replays it.
+                        // That name may be one of a file of the person who replays it.
                         return Err(missing(&written, "nobody named it".to_owned()));
                     }
                     break;
@@ -140,7 +140,7 @@ impl Unpacked {
         let profile = folder.join("profile.toml");
         let mut arm: toml::Table =
             read("profile.toml")?.parse().map_err(|error: toml::de::Error| garbled(error.message().to_owned()))?;
-        // Nobody loads firmware into an arm that is not there.
+        // An arm that is not there takes no firmware.
         let firmware = arm.get_mut("protocol").and_then(toml::Value::as_table_mut).and_then(|protocol| protocol.remove("firmware"));
         if firmware.is_some() {
             let text = toml::to_string(&arm).map_err(|error| garbled(error.to_string()))?;

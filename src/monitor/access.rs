@@ -1,4 +1,4 @@
-//! Who may come in: loopback unless there is a token, and no page of somebody else.
+//! Who may come in: loopback unless there is a token, and no page of another server.
 //!
 //! A web page that the operator has open can send requests to this machine too. It betrays itself by its `Origin`; and where its name was
 //! bent to point here (DNS rebinding), by the `Host` that it asked for.
@@ -11,7 +11,7 @@ use axum::http::{HeaderMap, StatusCode, header};
 use super::problem::Problem;
 use vps::storage::regular;
 
-/// Fewest characters of a token: 96 bits even of hexadecimal digits would be 24, and nobody types these.
+/// Fewest characters of a token: 96 bits even of hexadecimal digits would be 24, and no person types these.
 const LEAST_TOKEN: usize = 16;
 /// Most, so that a file that is something else is noticed.
 const MOST_TOKEN: usize = 512;
@@ -95,12 +95,12 @@ impl Access {
         address.ip().is_loopback() || token.is_some()
     }
 
-    /// Anybody may read what this page is made of; it holds no secret.
+    /// Every client may read what this page is made of; it holds no secret.
     pub(super) fn may_see_page(&self, headers: &HeaderMap) -> Result<(), Problem> {
         self.host(headers)
     }
 
-    /// May whoever sent this use the API?
+    /// May the client that sent this use the API?
     pub(super) fn may_ask(&self, headers: &HeaderMap, query: Option<&str>) -> Result<(), Problem> {
         self.host(headers)?;
         self.origin(headers)?;
@@ -115,7 +115,7 @@ impl Access {
         }
     }
 
-    /// On loopback only the names of this machine: no name that somebody else made point here.
+    /// On loopback only the names of this machine: no name that others made point here.
     fn host(&self, headers: &HeaderMap) -> Result<(), Problem> {
         if !self.address.ip().is_loopback() {
             return Ok(());

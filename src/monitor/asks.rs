@@ -126,7 +126,7 @@ pub fn read_pose(text: &[u8]) -> Result<Pose, String> {
 const LONGEST_ID: usize = 256;
 
 impl ClientCommand {
-    /// True for what takes force away or says that somebody is there: heard however much else waits.
+    /// True for what takes force away or is a sign of life: heard however much else waits.
     pub(super) fn is_always_heard(&self) -> bool {
         matches!(self, Self::Disable {} | Self::Stop {} | Self::Heartbeat { .. } | Self::ClayHold { held: false } | Self::Ping {})
     }

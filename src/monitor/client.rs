@@ -14,7 +14,7 @@ const MOST_UNANSWERED: usize = 64;
 pub(super) struct Client {
     pub(super) id: u64,
     pub(super) outbox: Outbox,
-    /// Places for requests that wait for somebody: whoever is asked may be slow.
+    /// Places for requests that wait for an answer, which may be slow.
     pub(super) unanswered: Arc<Semaphore>,
     wants: Mutex<Option<Wanted>>,
 }

@@ -134,7 +134,7 @@ pub(super) struct Moment<'a> {
     pub(super) phase: Phase,
     /// Force went off because a client fell silent.
     pub(super) fell_silent: bool,
-    /// Until somebody enables again.
+    /// Until the next enable.
     pub(super) last_fault: Option<LastFault>,
     /// Where the arm wants the tool, `world_from_tool`.
     pub(super) wanted: Option<Pose>,

@@ -8,7 +8,7 @@ use recording::{Tap, TickRecord};
 /// Records under way: two seconds at 1 kHz.
 const RING_RECORDS: usize = 2048;
 
-/// A record with what only somebody who sees every record can know.
+/// A record with what only all records together tell.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Fed {
     pub(super) record: TickRecord,

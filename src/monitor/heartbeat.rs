@@ -1,6 +1,6 @@
 //! The watchdog of heartbeats: when a client that drives falls silent, the force goes off.
 //!
-//! It has a thread of its own, so that a monitor that hangs is silence as well.
+//! It has a thread of its own, so that a monitor that stands still counts as silence.
 
 use core::time::Duration;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
@@ -297,7 +297,7 @@ mod tests {
             assert!(watchdog.holds(), "who says something still holds");
             assert_eq!(next(), (Timeout::Holding, true));
             assert!(!watchdog.holds() && !watchdog.let_go(2));
-            // Nobody heard of it.
+            // The order was not taken.
             watchdog.still_held();
             assert_eq!(next(), (Timeout::StillHolding, false));
             assert!(watchdog.hold(3) && watchdog.let_all_go() && !watchdog.holds());

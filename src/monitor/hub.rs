@@ -166,7 +166,7 @@ impl Hub {
         }
     }
 
-    /// A scene that somebody asked for is not rendered, and why.
+    /// A scene that was asked for is not rendered, and why.
     pub fn scene_refused(&self, name: &str, why: &str) {
         self.tell("scene", None, &format!("{name} is not rendered: {why}"), &["refused", name]);
     }

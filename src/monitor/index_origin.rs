@@ -1,6 +1,6 @@
 //! Where the arm itself wants the tool: its device pose, seen in the world.
 //!
-//! The loop does not tell the zero of its indexing; whoever sees every record can know it: the pose of the arm in the tick that enabled.
+//! The loop does not tell the zero of its indexing; all records together tell it: the pose of the arm in the tick that enabled.
 
 use glam::DVec3;
 

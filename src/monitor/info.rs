@@ -24,7 +24,7 @@ pub(super) struct Facts {
     pub(super) node: Option<PathBuf>,
     /// How its link is.
     pub(super) link: &'static str,
-    /// Until somebody enables again: whatever acknowledged it may have been no person.
+    /// Until the next enable: what acknowledged it may have been a program.
     pub(super) last_fault: Option<LastFault>,
 }
 

@@ -1,4 +1,4 @@
-//! The window: HTTP, WebSocket and the page, for whoever watches and drives a run.
+//! HTTP, WebSocket and the page, for clients that watch and drive a run.
 //!
 //! ```text
 //!  drain ──ring──► state publisher ──► groups of clients (one encoding per rate and format) ──► outboxes ──► WebSockets
@@ -9,13 +9,13 @@
 //! Data in: every record of the run, notices, what the session shows. Data out: state streams, events, replies, and what clients ask for.
 //!
 //! Invariants: the drain never waits for anything here, and the loop is not even known. Whatever a client sends or does not read costs a
-//! bounded amount of memory. Nobody sends a force: clients say when force may flow, set parameters within their ranges, move objects, and choose
+//! bounded amount of memory. No client sends a force: clients say when force may flow, set parameters within their ranges, move objects, and choose
 //! what the tool does to clay.
 //!
 //! | thread | does |
 //! |---|---|
 //! | `monitor` | everything on the wire; one tokio runtime of one thread, not pinned, of normal priority |
-//! | `heartbeat` | notes that a controlling client, or one that holds clay, fell silent, even when `monitor` hangs |
+//! | `heartbeat` | notes that a controlling client, or one that holds clay, fell silent, even when `monitor` stands still |
 //! | `monitor-mesh`, `monitor-points`, `monitor-file` | meshes and samples for display; points in contact; recordings that begin and end, files of clay |
 
 pub mod access;

@@ -26,7 +26,7 @@ pub struct Seen<'a> {
 }
 
 impl Observer {
-    /// One that has not looked yet, and the tap that feeds it. Whoever looks less often than once in two seconds misses records in between, and
+    /// One that has not looked yet, and the tap that feeds it. An observer that looks less often than once in two seconds misses records in between, and
     /// with them objects that moved.
     pub fn new(hub: Arc<Hub>) -> (Self, Tap) {
         let (tap, fed) = feed();

@@ -35,7 +35,7 @@ const LONGEST_REFUSAL: usize = 1024;
 /// A request that takes longer goes on; its outcome is told as an event.
 const PATIENCE: Duration = Duration::from_secs(2);
 
-/// A page has nothing to load from elsewhere, and nobody to be framed by.
+/// A page loads nothing from elsewhere, and no other page may frame it.
 const POLICY: &str = "default-src 'self'; connect-src 'self'; img-src 'self' data: blob:; frame-ancestors 'none'; base-uri 'none'; form-action 'none'";
 
 pub(super) fn router(app: Arc<AppState>) -> Router {
@@ -82,7 +82,7 @@ pub(super) fn router(app: Arc<AppState>) -> Router {
         .with_state(app)
 }
 
-/// Whoever may not come in is told why.
+/// A client without access is told why.
 async fn let_in(
     State(state): State<Arc<AppState>>,
     ConnectInfo(peer): ConnectInfo<Peer>,
@@ -111,7 +111,7 @@ async fn show(State(state): State<Arc<AppState>>, ConnectInfo(peer): ConnectInfo
     }
 }
 
-/// Whoever asks too often is told so; what takes force away is always heard.
+/// A client that asks too often is told so; what takes force away is always heard.
 async fn paced(State(state): State<Arc<AppState>>, ConnectInfo(peer): ConnectInfo<Peer>, request: Request, next: Next) -> Response {
     let is_rescue = matches!(request.uri().path(), "/api/v1/disable" | "/api/v1/stop");
     if is_rescue || state.pace.lets(peer.address.ip()) {

@@ -29,7 +29,7 @@ impl Row {
 
 impl Serialize for Row {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        // Steps that no plot shows: digits that nobody needs are most of the bytes.
+        // Steps that no plot shows: digits that no reader needs are most of the bytes.
         let step = |value: f32, per_one: f64| (f64::from(value) * per_one).round() / per_one;
         let [force_n, depth_mm, compute_us, wakeup_us] = self.values;
         let row = [step(force_n, 1e4), step(depth_mm, 1e5), step(compute_us, 1e2), step(wakeup_us, 1e2)];

@@ -1,4 +1,4 @@
-//! What somebody who sees every record knows of a scene beside the newest one: where its objects stand, and where the arm wants the tool.
+//! What the records of a run tell of its scene beside the newest one: where its objects stand, and where the arm wants the tool.
 
 use std::sync::Arc;
 

@@ -31,7 +31,7 @@ const SEND_BUFFER_BYTES: u32 = 64 << 10;
 /// How long good-byes may take at the end of a run: for the rest of what a slow page has not read yet.
 const GOOD_BYE: Duration = Duration::from_secs(3);
 
-/// An address that is taken, before anybody is answered there.
+/// An address that is taken, before any client is answered there.
 pub struct Bound {
     runtime: Runtime,
     listener: TcpListener,
@@ -40,7 +40,7 @@ pub struct Bound {
 }
 
 impl Bound {
-    /// Takes an address. `token`: without it nobody comes in; `origins`: pages of other servers that may.
+    /// Takes an address. `token`: clients need it; `origins`: pages of other servers that may.
     ///
     /// # Errors
     /// The address is taken, or not one of this machine.
@@ -120,7 +120,7 @@ pub struct Monitor {
 impl Drop for Monitor {
     fn drop(&mut self) {
         self.hub.end();
-        // Whoever waits for a change hears that there will be none.
+        // The tasks that wait for a change hear that there will be none.
         drop(self.end.take());
         for thread in self.threads.drain(..) {
             // A server that panicked has nothing more to say.

@@ -21,7 +21,7 @@ use rt::clock::ClockKind;
 use vps::contact;
 use vps::spatial::Pose;
 
-/// Pauses between two looks at the ring: for clients that want every tick, for others, and for nobody.
+/// Pauses between two looks at the ring: for clients that want every tick, for others, and without clients.
 const SOON: Duration = Duration::from_millis(1);
 const LATER: Duration = Duration::from_millis(4);
 const LATEST: Duration = Duration::from_millis(20);
@@ -269,7 +269,7 @@ impl StatePublisher {
         }
         if before.switching_to != view.switching_to {
             let name = |path: &std::path::Path| path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-            // Whoever hears why a scene is refused tells that.
+            // The handler of the request tells why a scene is refused.
             if let Some(path) = &view.switching_to {
                 self.hub.tell("scene", None, &format!("{} is being baked", name(path)), &["baking", &name(path)]);
             }

@@ -1,4 +1,4 @@
-//! Meshes for display: decimated, made when somebody asks, kept while their scene is rendered.
+//! Meshes for display: decimated, made when a client asks, kept while their scene is rendered.
 
 use std::collections::{HashMap, HashSet};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -55,7 +55,7 @@ impl Visuals {
         }
         let (config, made) = (config.clone(), self.made.clone());
         let make = move || {
-            // Somebody else may have asked meanwhile.
+            // Another client may have asked meanwhile.
             if let Some(visual) = find(&made) {
                 return Some(visual);
             }

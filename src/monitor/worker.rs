@@ -1,4 +1,4 @@
-//! A thread that does one thing after the other, for what would hold up everybody else.
+//! A thread that does one thing after the other, for what would hold up every client.
 
 use std::sync::mpsc::{Sender, channel};
 
@@ -23,7 +23,7 @@ impl Worker {
         Ok(Self(sender))
     }
 
-    /// Does `work` there, and nobody waits.
+    /// Does `work` there, and does not wait.
     pub(super) fn post(&self, work: impl FnOnce() + Send + 'static) {
         // The thread outlives its senders.
         let _ = self.0.send(Box::new(work));

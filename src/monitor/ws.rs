@@ -28,7 +28,7 @@ const MOST_BYTES: usize = 64 << 10;
 /// Requests of one client a second, and at once. More are read later.
 const MOST_PER_S: f64 = 2000.0;
 const MOST_AT_ONCE: f64 = 2000.0;
-/// Whoever takes nothing for so long is let go.
+/// A client that takes nothing for so long is disconnected.
 const STALLED: Duration = Duration::from_secs(5);
 /// A WebSocket on which nothing else happens.
 const PING_EVERY: Duration = Duration::from_secs(10);
@@ -74,11 +74,11 @@ async fn serve(state: &Arc<AppState>, socket: WebSocket, _seat: OwnedSemaphorePe
     tokio::select! {
         () = &mut sending => {
             state.hub.part(client.id);
-            // What a kernel has taken in and nobody read would make it reset the connection, and the good-bye would be lost with that.
+            // What the kernel has received and this program has not read would make it reset the connection, and the good-bye would be lost with that.
             let _ = tokio::time::timeout(GOOD_BYE, taking).await;
         }
         () = &mut taking => {
-            // Dropped by the heart at once; what is left to be said goes out, if somebody is there.
+            // The watchdog forgets it at once; what is left to be said goes out, if the client still reads.
             state.hub.part(client.id);
             let _ = tokio::time::timeout(GOOD_BYE, sending).await;
         }

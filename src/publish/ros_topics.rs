@@ -80,7 +80,7 @@ impl RosTopic {
         self.sent += 1;
         self.told = Some((self.topic.news(moment.record), now));
         let attachment = Attachment { sequence_number: self.sent, source_timestamp_ns, source_gid: self.gid };
-        // A session that is closed has nobody to tell.
+        // A session that is closed has no receiver.
         let _ = self.publisher.put(message).attachment(attachment.to_bytes().as_slice()).wait();
     }
 }

@@ -105,7 +105,7 @@ impl States {
 
     fn publish(&mut self, seen: &Seen<'_>) {
         self.sent += 1;
-        // A session that is closed has nobody to tell.
+        // A session that is closed has no receiver.
         let _ = self.text.put(seen.text(self.sent)).wait();
         let _ = self.binary.put(seen.binary(self.sent)).wait();
     }

@@ -8,7 +8,7 @@
 //! ```
 //! Frames are boxes that go round: the servo moves pointers, and nothing is allocated, freed or copied there.
 //!
-//! Real time waits for nobody: a frame that is late is touched late, a state without room is dropped and counted. Simulated time waits in
+//! Real time does not wait: a frame that is late is touched late, a state without room is dropped and counted. Simulated time waits in
 //! every `update_ticks`-th tick for one frame, so that two runs are the same. A simulation that has gone is not waited for: the tick goes on
 //! with the last frame.
 #![expect(clippy::disallowed_types, reason = "made and freed on the cold side")]
@@ -79,7 +79,7 @@ pub struct ClayFeed {
 }
 
 impl ClayFeed {
-    /// A frame that nobody touches any more, to be filled: it has some earlier content. `None` while all are under way. Wait-free.
+    /// A frame that no tick touches any more, to be filled: it has some earlier content. `None` while all are under way. Wait-free.
     pub fn spare(&mut self) -> Option<Box<Frame>> {
         self.spares.pop().ok()
     }
@@ -179,7 +179,7 @@ impl ClaySlot {
         }
     }
 
-    /// Nobody makes frames any more, and none is waiting. RT: safe.
+    /// The simulation has gone, and no frame is waiting. RT: safe.
     pub(super) fn is_abandoned(&self) -> bool {
         self.frames.is_abandoned() && self.frames.is_empty()
     }

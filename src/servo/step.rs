@@ -319,7 +319,7 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
         }
     }
 
-    /// True when the force is to go to zero for another scene. A stop and a fault that nobody has acknowledged go first.
+    /// True when the force is to go to zero for another scene. A stop and a fault that is not acknowledged go first.
     fn swap_is_due(&mut self, wanted: Order) -> bool {
         let (now, clock, control) = ((self.tick, self.scene_idx), self.clock.kind(), &self.control);
         let may = matches!(wanted, Order::Enable | Order::Disable) && self.last.faults.is_empty() && !self.driver_fault;

@@ -2,7 +2,7 @@
 
 use core::time::Duration;
 
-/// When something may be done again so that it takes no more than a share of the time, however long it takes. Pure: whoever asks says what time
+/// When something may be done again so that it takes no more than a share of the time, however long it takes. Pure: the caller says what time
 /// it is, as the time since some beginning.
 #[derive(Clone, Copy, Debug)]
 pub struct DutyCycle {
@@ -40,7 +40,7 @@ impl DutyCycle {
 mod tests {
     use super::*;
 
-    /// How often it is done in a minute by somebody who asks every millisecond, when each time takes so many, and how many that is of 60,000.
+    /// How often it is done in a minute by a caller that asks every millisecond, when each time takes so many, and how many that is of 60,000.
     fn in_a_minute(mut duty: DutyCycle, cost_ms: u64) -> (u64, u64) {
         let (mut now_ms, mut times, mut worked_ms) = (0, 0, 0);
         while now_ms < 60_000 {

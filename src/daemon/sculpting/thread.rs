@@ -104,7 +104,7 @@ pub(super) fn spawn(
             worker.note_trouble();
             result
         });
-        // The feed goes with the closure: the loop learns at once that nobody makes frames any more.
+        // The feed goes with the closure: the loop learns at once that there will be no more frames.
         report.broken = match catch_unwind(work) {
             Ok(Ok(())) => None,
             Ok(Err(Unshowable(error))) => Some(error.to_string()),

@@ -54,14 +54,14 @@ pub struct Live {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Enable(pub Permit);
 
-/// Who says when force may flow. A simulated arm has nobody to hurt and is enabled from the start, unless everybody is held back.
+/// Who says when force may flow. A simulated arm can hurt no person and is enabled from the start, unless every arm is held back.
 #[derive(Debug, Default)]
 pub struct Operator {
     /// Force flows from the start; with a deadman, while it is held.
     pub enables_at_start: bool,
     /// After a fault the loop goes on with zero force and waits for an order; else it ends.
     pub waits_after_fault: bool,
-    /// No arm is enabled before somebody says so, not even a simulated one.
+    /// No arm is enabled before an operator says so, not even a simulated one.
     pub holds_back: bool,
     /// Orders to enable as they come; `None`: there are none.
     pub enables: Option<Receiver<Enable>>,
@@ -99,9 +99,9 @@ pub enum RunError {
     /// `enforce`, and a preflight check failed. The report was told as a notice.
     #[error("real-time preflight refused: {} check(s) failed and the mode is `enforce`", .0.failed().count())]
     Refused(Report),
-    /// A real arm, and nobody who could let force flow.
-    #[error("this is a real arm, and nobody may let force flow")]
-    NobodyEnables,
+    /// A real arm, and no operator who could let force flow.
+    #[error("this is a real arm, and no operator can let force flow")]
+    NoOperator,
     /// A thread could not be started.
     #[error("cannot start a thread: {0}")]
     Thread(#[from] std::io::Error),
@@ -115,7 +115,7 @@ impl RunError {
     pub const fn exit(&self) -> Exit {
         match self {
             Self::Refused(_) => Exit::RealtimeRefused,
-            Self::NobodyEnables => Exit::Device,
+            Self::NoOperator => Exit::Device,
             Self::Thread(_) | Self::Servo(_) => Exit::Internal,
         }
     }

@@ -74,7 +74,7 @@ fn a_real_arm_that_nobody_may_enable_is_refused() {
     let arm = CountingArm { capabilities: Capabilities { simulated: false, ..Capabilities::default() }, ..CountingArm::default() };
     let log = arm.log.clone();
     let refused = Supervisor::new(|_| {}).render(job(Box::new(arm), ClockKind::Virtual, 100), &Arc::new(Control::new()));
-    assert!(matches!(refused, Err(RunError::NobodyEnables)));
+    assert!(matches!(refused, Err(RunError::NoOperator)));
     assert_eq!(log.writes.load(core::sync::atomic::Ordering::SeqCst), 0);
     assert_eq!(log.stops.load(core::sync::atomic::Ordering::SeqCst), 1, "zero on a failed start too");
 }

@@ -57,7 +57,7 @@ pub(super) fn spawn_drain(
 ) -> Result<JoinHandle<Drained>, std::io::Error> {
     std::thread::Builder::new().name("drain".to_owned()).spawn(move || {
         drain(records, &taps, |watch| {
-            // The supervisor outlives the drain; if it has given up, nobody listens.
+            // The supervisor outlives the drain; if it has given up, the message is dropped.
             let _ = events.send(watch);
         })
     })

@@ -103,7 +103,7 @@ pub(in crate::monitor) fn save(hub: &Arc<Hub>, files: &Worker, kind: SaveKind, f
 }
 
 impl Clay {
-    /// A path that nobody else writes to.
+    /// A path that no other request writes to.
     fn reserve(&self, kind: SaveKind, file: Option<&str>) -> Result<PathBuf, Problem> {
         let folder = self.folder.as_ref().ok_or_else(|| Problem::unavailable("there is no folder to save to", NO_FOLDER))?;
         let dated = || utc::timestamp(SystemTime::now()).replace(':', "");

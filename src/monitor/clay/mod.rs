@@ -102,7 +102,7 @@ impl Clay {
         }
     }
 
-    /// A view of now: one is made for those who look, so the first may be old where nobody has looked for a while.
+    /// A view of now. Views are made while clients look, so the first may be old where none has looked for a while.
     pub(super) async fn fresh_view(&self, is_watched: bool) -> Result<Arc<ClayView>, Problem> {
         let mut view = self.view()?;
         if is_watched {

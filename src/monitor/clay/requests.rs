@@ -53,7 +53,7 @@ pub(in crate::monitor) fn hold(hub: &Arc<Hub>, client: u64, is_held: bool, reply
     if !hub.watchdog.hold(client) {
         return reply(Err(Problem::conflict("another client holds the clay", "wait until it lets go")));
     }
-    // In this order: whoever takes the force away looks for a hold after that.
+    // In this order: the handler that hears of no force looks for a hold after that.
     if !hub.has_force() {
         hub.watchdog.let_go(client);
         return reply(Err(Problem::conflict("no force flows: nothing can be held", "enable first")));
@@ -67,14 +67,14 @@ pub(in crate::monitor) fn hold(hub: &Arc<Hub>, client: u64, is_held: bool, reply
         reply(answer_of(result));
     });
     clay.access.ask(SculptOrder::Hold(true), answer);
-    // Whoever took the hold away meanwhile has asked for that before this was asked.
+    // An order to let go that came meanwhile was sent before this one.
     if !hub.watchdog.holds() {
         clay.let_go(hub);
     }
 }
 
 impl Clay {
-    /// Tells what has changed since the last call, whoever changed it.
+    /// Tells what has changed since the last call, by any client.
     pub(in crate::monitor) fn tell_news(&self, hub: &Hub) {
         // A view is made only for those who look.
         let Some(view) = (!hub.clients().is_empty()).then(|| self.access.view()).flatten() else { return };
@@ -93,7 +93,7 @@ impl Clay {
         }
     }
 
-    /// Lets go for a client that does not do so itself. An order that found no room is given again by whoever watches.
+    /// Lets go for a client that does not do so itself. An order that found no room is given again by the watchdog.
     pub(in crate::monitor) fn let_go(&self, hub: &Arc<Hub>) {
         let hub = hub.clone();
         let answer = Box::new(move |result: Result<(), OrderError>| {

@@ -28,7 +28,7 @@ const SHARE: f64 = 0.2;
 /// Each client gets at most so much of a piece that changes all the time.
 const MOST_BYTES_PER_S: f64 = 10e6;
 
-/// The newest samples that somebody asked for. They are as new as making and sending them is cheap: those of a large piece in the middle of a
+/// The newest samples that a client asked for. They are as new as making and sending them is cheap: those of a large piece in the middle of a
 /// stroke are older than its newest view.
 #[derive(Clone, Debug)]
 pub(in crate::monitor) struct Splats {
@@ -79,7 +79,7 @@ impl Splats {
         worker
             .run(move || {
                 let begin = splats.began.elapsed();
-                // Somebody else may have asked meanwhile.
+                // Another client may have asked meanwhile.
                 if let Some(ready) = splats.made().ready(view.version, begin) {
                     return ready;
                 }

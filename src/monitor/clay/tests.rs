@@ -217,7 +217,7 @@ fn a_hold_ends_with_force_with_the_client_and_when_it_is_let_go() {
     let watching = std::thread::spawn(move || watched.watch_heartbeats());
     bench.hold(1, true).unwrap();
     assert!(matches!(bench.next_order(), SculptOrder::Hold(true)));
-    // The first time nobody hears that it is let go.
+    // The first order to let go is not taken.
     *bench.refuses.lock().unwrap() = Some(|| OrderError::Busy);
     bench.hub.part(1);
     assert!(matches!(bench.orders.recv(), Ok(SculptOrder::Hold(false))));

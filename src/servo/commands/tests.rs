@@ -206,5 +206,5 @@ fn simulated_time_waits_for_a_promised_scene_and_not_for_one_that_will_not_come(
     drop(sender.join().expect("no panic"));
     let (_, queue, mut scene) = ends();
     let mut queue = queue.with_promised(Box::new([0]));
-    assert!(!queue.is_scene_due(&mut scene, (0, 0), ClockKind::Virtual, || false), "nobody is left to send it");
+    assert!(!queue.is_scene_due(&mut scene, (0, 0), ClockKind::Virtual, || false), "the sender has gone");
 }

@@ -18,7 +18,7 @@ pub enum EngineError {
     Surface(#[from] SurfaceError),
     /// What would come out cannot be worked.
     #[error("{0}")]
-    Piece(#[from] ClayModelError),
+    Model(#[from] ClayModelError),
     /// No closed mesh.
     #[error("{0}")]
     Export(#[from] ExportError),
@@ -85,9 +85,9 @@ impl EngineError {
     /// What to do about it.
     pub fn hint(&self) -> &'static str {
         match self {
-            Self::Surface(error) | Self::Piece(ClayModelError::Surface(error)) => error.hint(),
-            Self::Piece(ClayModelError::NothingLeft) => "move or shrink the other solid, and check its unit",
-            Self::Piece(_) => "choose another region or another raster",
+            Self::Surface(error) | Self::Model(ClayModelError::Surface(error)) => error.hint(),
+            Self::Model(ClayModelError::NothingLeft) => "move or shrink the other solid, and check its unit",
+            Self::Model(_) => "choose another region or another raster",
             Self::Export(_) => "undo the last stroke, or load the piece with more air around it",
             Self::Session(_) | Self::Write { .. } => "choose a file in a folder that exists and may be written to",
             Self::NothingToUndo => "nothing has changed since the piece was loaded",

@@ -31,7 +31,7 @@ use vps::density::Frame;
 use vps::spatial::Metres;
 
 /// Strokes that were made, and how many can be taken back and done again.
-type Past = (u64, (usize, usize));
+type History = (u64, (usize, usize));
 
 /// Mass points that have come to stand so many times farther apart are told of.
 const COARSER: f64 = 1.25;
@@ -43,7 +43,7 @@ pub struct SculptEngine {
     tool: ToolSettings,
     body: ToolBody,
     heard: Heard,
-    /// Somebody ordered what the arm's button does.
+    /// An order holds, as the arm's button does.
     is_held_by_order: bool,
     doing: Doing,
     updates: u64,
@@ -54,7 +54,7 @@ pub struct SculptEngine {
     /// They have changed since.
     is_outdated: bool,
     /// Strokes, and strokes to be taken back and done again, when a session was saved last.
-    saved: Past,
+    saved: History,
     /// Of the last update.
     grip: Grip,
     /// The loop has not been shown what there is.
@@ -101,7 +101,7 @@ impl SculptEngine {
         &self.trouble
     }
 
-    /// What became in the last update of somebody who took hold; [`Self::trouble`] says why nothing did.
+    /// What became of a hold in the last update; [`Self::trouble`] says why nothing did.
     pub fn grip(&self) -> Grip {
         self.grip
     }
@@ -262,7 +262,7 @@ impl SculptEngine {
     }
 }
 
-fn past_of(model: &ClayModel) -> Past {
+fn past_of(model: &ClayModel) -> History {
     (model.strokes(), model.history())
 }
 

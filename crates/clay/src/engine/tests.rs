@@ -315,11 +315,11 @@ fn orders_end_what_the_hand_does_and_say_why_they_fail() {
         SculptOrder::Combine { boolean: Boolean::Difference, with, map_from_body, is_sharp: false }
     };
     let refused = hand.engine.order(cut(2.0 * R, Pose::IDENTITY));
-    assert!(matches!(refused, Err(EngineError::Piece(_))), "{refused:?}");
+    assert!(matches!(refused, Err(EngineError::Model(_))), "{refused:?}");
     let refused = hand.engine.order(cut(R, Pose::from_translation(DVec3::X * 3.0 * R)));
     assert!(matches!(refused, Err(EngineError::Beside)), "{refused:?}");
     let refused = hand.engine.order(SculptOrder::Region { low_map: DVec3::ONE, high_map: DVec3::ZERO });
-    assert!(matches!(refused, Err(EngineError::Piece(_))));
+    assert!(matches!(refused, Err(EngineError::Model(_))));
     for order in [SculptOrder::SavePoints, SculptOrder::SaveSession, SculptOrder::Export] {
         let error = hand.engine.order(order("/no/such/folder/piece".into())).unwrap_err();
         assert!(error.to_string().contains("/no/such/folder/piece"), "{error}");
@@ -354,12 +354,12 @@ fn a_view_has_new_points_only_when_there_are_some() {
     hand.engine.order(SculptOrder::Hold(false)).unwrap();
     hand.engine.order(SculptOrder::Take(tool(SculptTool::Push))).unwrap();
     hand.engine.order(SculptOrder::Export("/no/such/folder/piece".into())).unwrap_err();
-    assert!(hand.engine.advance(UPDATE_S), "but somebody else may see what the tool is now");
+    assert!(hand.engine.advance(UPDATE_S), "but a view may show what the tool is now");
     let second = hand.engine.view();
     assert!(first.version == 1 && second.version == 1 && Arc::ptr_eq(&first.points, &second.points));
     assert!(!hand.engine.has_new_samples());
     hand.go(DVec3::Z * (R - 1e-3), 20);
-    // Samples are copied when somebody says so; all else is new at once.
+    // Samples are copied when the caller says so; all else is new at once.
     let uncopied = hand.engine.view();
     assert!(hand.engine.has_new_samples() && uncopied.is_stroke && uncopied.updates == 26);
     assert!(uncopied.version == 1 && Arc::ptr_eq(&first.points, &uncopied.points));

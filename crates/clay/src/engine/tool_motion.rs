@@ -24,15 +24,15 @@ pub struct ToolMotion {
     pub has_force: bool,
 }
 
-/// What becomes of a hand that takes hold.
+/// What becomes of a hold.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Grip {
-    /// Nobody took hold.
+    /// No hold began.
     #[default]
     None,
-    /// Somebody did, and the tool did what it does.
+    /// A hold began, and the tool did what it does.
     Taken,
-    /// Somebody did, and there was nothing that the tool could work on.
+    /// A hold began, and there was nothing that the tool could work on.
     Missed,
 }
 
