@@ -6,7 +6,7 @@ use tokio::sync::Semaphore;
 
 use super::access::Access;
 use super::hub::Hub;
-use super::pace::Pace;
+use super::rate_limiter::RateLimiter;
 use super::visual::Visuals;
 use super::worker::Worker;
 
@@ -19,5 +19,5 @@ pub(super) struct AppState {
     pub(super) shapes: Worker,
     pub(super) files: Worker,
     pub(super) seats: Arc<Semaphore>,
-    pub(super) pace: Pace,
+    pub(super) rate_limiter: RateLimiter,
 }

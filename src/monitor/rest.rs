@@ -18,7 +18,7 @@ use tokio::sync::oneshot;
 
 use super::app_state::AppState;
 use super::asks::{ClientCommand, perform};
-use super::door::Peer;
+use super::connection::Peer;
 use super::encode::{WirePose, with_counts};
 use super::forms::{read, such_as};
 use super::problem::Problem;
@@ -114,7 +114,7 @@ async fn show(State(state): State<Arc<AppState>>, ConnectInfo(peer): ConnectInfo
 /// A client that asks too often is told so; what takes force away is always heard.
 async fn paced(State(state): State<Arc<AppState>>, ConnectInfo(peer): ConnectInfo<Peer>, request: Request, next: Next) -> Response {
     let is_rescue = matches!(request.uri().path(), "/api/v1/disable" | "/api/v1/stop");
-    if is_rescue || state.pace.lets(peer.address.ip()) {
+    if is_rescue || state.rate_limiter.allows(peer.address.ip()) {
         return next.run(request).await;
     }
     Problem::new(StatusCode::TOO_MANY_REQUESTS, "too many requests", "use the WebSocket for what comes often").into_response()

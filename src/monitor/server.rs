@@ -12,10 +12,10 @@ use tokio::sync::{Semaphore, watch};
 
 use super::access::{Access, Token};
 use super::app_state::AppState;
-use super::door::{Door, Peer};
+use super::connection::{ConnectionListener, Peer};
 use super::feed::feed;
 use super::hub::Hub;
-use super::pace::Pace;
+use super::rate_limiter::RateLimiter;
 use super::rest::router;
 use super::state_publisher::StatePublisher;
 use super::visual::Visuals;
@@ -78,7 +78,7 @@ impl Bound {
             shapes,
             files: Worker::new("monitor-file")?,
             seats: Arc::new(Semaphore::new(MOST_WEB_SOCKETS)),
-            pace: Pace::default(),
+            rate_limiter: RateLimiter::default(),
         });
         let (tap, fed) = feed();
         let (end, mut ended) = watch::channel(());
@@ -90,7 +90,7 @@ impl Bound {
             let seats = state.seats.clone();
             let router = router(state).into_make_service_with_connect_info::<Peer>();
             let mut over = ended.clone();
-            let serving = axum::serve(Door::new(listener), router).with_graceful_shutdown(async move {
+            let serving = axum::serve(ConnectionListener::new(listener), router).with_graceful_shutdown(async move {
                 let _ = over.changed().await;
             });
             tokio::select! {

@@ -17,11 +17,11 @@ use super::answer::Done;
 use super::app_state::AppState;
 use super::asks::{ClientCommand, perform};
 use super::client::Client;
-use super::door::Peer;
+use super::connection::Peer;
 use super::encode;
 use super::outbox::Next;
-use super::pace::Bucket;
 use super::problem::Problem;
+use super::rate_limiter::TokenBucket;
 
 /// Largest message of a client, bytes.
 const MOST_BYTES: usize = 64 << 10;
@@ -127,7 +127,7 @@ async fn send_all(mut sink: SplitSink<WebSocket, Message>, client: &Client) {
 }
 
 async fn take_all(mut stream: SplitStream<WebSocket>, state: &Arc<AppState>, client: &Arc<Client>) {
-    let mut bucket = Bucket::new(MOST_PER_S, MOST_AT_ONCE);
+    let mut bucket = TokenBucket::new(MOST_PER_S, MOST_AT_ONCE);
     while let Some(message) = stream.next().await {
         if let Some(wait) = bucket.take() {
             tokio::time::sleep(wait).await;

@@ -1,7 +1,7 @@
 //! The messages of a recording for whoever is connected: a server of the Foxglove WebSocket protocol (`foxglove.sdk.v1`).
 //!
 //! ```text
-//!  drain ──ring──► feed ──► channels ──► queues of the crate's server ──► gate ──► clients
+//!  drain ──ring──► feed ──► channels ──► queues of the crate's server ──► proxy ──► clients
 //!             └ full: dropped and counted
 //! ```
 //! Data in: every record, through a tap. Data out: a hundred times a second the newest of them, and what must not be missed of those between:
@@ -10,13 +10,13 @@
 //! | file | owns |
 //! |---|---|
 //! | `feed` | which messages leave, and when |
-//! | `gate` | who may come in, how many, and how much they may say |
+//! | `proxy` | who may come in, how many, and how much they may say |
 //!
 //! Invariants: the drain never waits, and the loop is not even known. Everything is on one thread, with one tokio runtime of its own. Clients
 //! can only look: the server takes no messages, no parameters and no services.
 
 mod feed;
-mod gate;
+mod proxy;
 
 use core::sync::atomic::{AtomicU64, Ordering};
 use std::hash::{BuildHasher as _, RandomState};
@@ -32,7 +32,7 @@ use tokio::runtime::{Builder, Runtime};
 use tokio::sync::oneshot;
 
 use self::feed::{Channels, Feed, Newcomers};
-use self::gate::{Counts, Gate};
+use self::proxy::{Counts, Proxy};
 use super::channels::Row;
 use super::recorder::Recorder;
 
@@ -69,7 +69,7 @@ impl Bound {
             let socket = if address.is_ipv4() { TcpSocket::new_v4() } else { TcpSocket::new_v6() }?;
             socket.set_reuseaddr(true)?;
             // Connections inherit it.
-            socket.set_send_buffer_size(gate::BUFFER_BYTES)?;
+            socket.set_send_buffer_size(proxy::BUFFER_BYTES)?;
             socket.bind(address)?;
             socket.listen(BACKLOG_CONNECTIONS)?
         };
@@ -104,13 +104,13 @@ impl Bound {
             error => io::Error::other(error),
         })?;
         let counts = Arc::new(Counts::default());
-        let gate = Gate { inner: (inner, server.port()).into(), origins, counts: counts.clone() };
+        let proxy = Proxy { inner: (inner, server.port()).into(), origins, counts: counts.clone() };
         let (mut ring, rows) = RingBuffer::<Row>::new(RING_RECORDS);
         let feed = Feed::new(rows, recorder.scenes.clone(), channels, newcomers);
         let (end, ended) = oneshot::channel::<()>();
         let work = async move {
             tokio::select! {
-                () = gate.run(listener) => {}
+                () = proxy.run(listener) => {}
                 () = feed.run() => {}
                 _ = ended => {}
             }
@@ -131,7 +131,7 @@ impl Bound {
     }
 }
 
-/// A loopback address that is not published: the crate's server behind the gate asks no page where it is from, so none may find it. With the port
+/// A loopback address that is not published: the crate's server behind the proxy asks no page where it is from, so none may find it. With the port
 /// that the kernel chooses there are some 10¹¹ places to look at. Which it is stands in `/proc/net/tcp` for programs of this machine, which may
 /// watch anyway.
 fn hidden_loopback() -> Ipv4Addr {

@@ -1,4 +1,4 @@
-//! How often somebody may ask.
+//! How often a client may ask.
 
 use core::time::Duration;
 use std::collections::HashMap;
@@ -14,14 +14,14 @@ const MOST_MACHINES: usize = 256;
 
 /// So many at once, and so many a second.
 #[derive(Debug)]
-pub(super) struct Bucket {
+pub(super) struct TokenBucket {
     per_s: f64,
     most: f64,
     left: f64,
     at: Instant,
 }
 
-impl Bucket {
+impl TokenBucket {
     pub(super) fn new(per_s: f64, most: f64) -> Self {
         Self { per_s, most, left: most, at: Instant::now() }
     }
@@ -44,16 +44,16 @@ impl Bucket {
 
 /// Counts the requests of each machine.
 #[derive(Debug, Default)]
-pub(super) struct Pace(Mutex<HashMap<IpAddr, Bucket>>);
+pub(super) struct RateLimiter(Mutex<HashMap<IpAddr, TokenBucket>>);
 
-impl Pace {
+impl RateLimiter {
     /// True when one more request of this machine may be done.
-    pub(super) fn lets(&self, machine: IpAddr) -> bool {
+    pub(super) fn allows(&self, machine: IpAddr) -> bool {
         let mut buckets = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         if buckets.len() >= MOST_MACHINES && !buckets.contains_key(&machine) {
             buckets.clear();
         }
-        buckets.entry(machine).or_insert_with(|| Bucket::new(MOST_PER_S, MOST_AT_ONCE)).try_take()
+        buckets.entry(machine).or_insert_with(|| TokenBucket::new(MOST_PER_S, MOST_AT_ONCE)).try_take()
     }
 }
 
@@ -63,7 +63,7 @@ mod tests {
 
     #[test]
     fn what_was_there_at_once_comes_back_with_time() {
-        let mut bucket = Bucket::new(0.001, 3.0);
+        let mut bucket = TokenBucket::new(0.001, 3.0);
         assert_eq!((0..5).filter(|_| bucket.try_take()).count(), 3);
         // One comes every thousand seconds.
         let wait = bucket.take().expect("to wait");
@@ -73,13 +73,13 @@ mod tests {
 
     #[test]
     fn machines_are_counted_apart_and_not_for_ever() {
-        let pace = Pace::default();
+        let limiter = RateLimiter::default();
         let machine = |n: u32| IpAddr::from(n.to_be_bytes());
-        while pace.lets(machine(1)) {}
-        assert!(pace.lets(machine(2)));
+        while limiter.allows(machine(1)) {}
+        assert!(limiter.allows(machine(2)));
         for n in 0..10 * MOST_MACHINES as u32 {
-            pace.lets(machine(n));
+            limiter.allows(machine(n));
         }
-        assert!(pace.0.lock().expect("whole").len() <= MOST_MACHINES);
+        assert!(limiter.0.lock().expect("whole").len() <= MOST_MACHINES);
     }
 }

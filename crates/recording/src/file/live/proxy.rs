@@ -1,6 +1,6 @@
-//! Who may come in, how many, and how much they may say: the crate's server bounds none of these.
+//! Which clients may connect, how many, and how much they may send: the server of the `foxglove` crate bounds none of these.
 //!
-//! Bytes are passed on to the server behind, which listens at an address that only the gate knows.
+//! Bytes are passed on to the server behind, which listens at an address that only the proxy knows.
 
 use core::sync::atomic::{AtomicU64, Ordering};
 use core::time::Duration;
@@ -37,11 +37,11 @@ const AFTER_ERROR: Duration = Duration::from_millis(50);
 /// The page of the Foxglove app.
 const FOXGLOVE_APP: &str = "https://app.foxglove.dev";
 
-const NO_PLACE: &[u8] = b"HTTP/1.1 503 Service Unavailable\r\nConnection: close\r\nContent-Length: 0\r\n\r\n";
+const NO_SLOT: &[u8] = b"HTTP/1.1 503 Service Unavailable\r\nConnection: close\r\nContent-Length: 0\r\n\r\n";
 const NOT_WELCOME: &[u8] = b"HTTP/1.1 403 Forbidden\r\nConnection: close\r\nContent-Length: 0\r\n\r\n";
 
 #[derive(Clone)]
-pub(super) struct Gate {
+pub(super) struct Proxy {
     /// The server behind.
     pub(super) inner: SocketAddr,
     /// Web pages that are welcome.
@@ -49,26 +49,26 @@ pub(super) struct Gate {
     pub(super) counts: Arc<Counts>,
 }
 
-impl Gate {
+impl Proxy {
     /// For ever.
     pub(super) async fn run(self, listener: TcpListener) {
-        let (gate, places) = (Arc::new(self), Arc::new(Semaphore::new(MOST_CLIENTS)));
+        let (proxy, slots) = (Arc::new(self), Arc::new(Semaphore::new(MOST_CLIENTS)));
         loop {
             let Ok((client, _)) = listener.accept().await else {
                 tokio::time::sleep(AFTER_ERROR).await;
                 continue;
             };
-            let Ok(place) = places.clone().try_acquire_owned() else {
-                gate.counts.turned_away.fetch_add(1, Ordering::Relaxed);
+            let Ok(slot) = slots.clone().try_acquire_owned() else {
+                proxy.counts.turned_away.fetch_add(1, Ordering::Relaxed);
                 // Written into an empty buffer: there is room.
-                let _ = client.try_write(NO_PLACE);
+                let _ = client.try_write(NO_SLOT);
                 continue;
             };
-            let gate = gate.clone();
+            let proxy = proxy.clone();
             tokio::spawn(async move {
                 // A connection that breaks is over; nobody else has to know.
-                let _ = gate.pass(client).await;
-                drop(place);
+                let _ = proxy.pass(client).await;
+                drop(slot);
             });
         }
     }
@@ -159,8 +159,8 @@ mod tests {
     #[test]
     fn web_pages_of_others_do_not_come_in() {
         let counts = Arc::default();
-        let gate = Gate { inner: ([127, 0, 0, 1], 1).into(), origins: vec!["https://lab.example".to_owned()], counts };
-        let welcomes = |origin: &str| gate.welcomes(format!("GET / HTTP/1.1\r\nHost: x\r\norigin: {origin}\r\n\r\n").as_bytes());
+        let proxy = Proxy { inner: ([127, 0, 0, 1], 1).into(), origins: vec!["https://lab.example".to_owned()], counts };
+        let welcomes = |origin: &str| proxy.welcomes(format!("GET / HTTP/1.1\r\nHost: x\r\norigin: {origin}\r\n\r\n").as_bytes());
         for origin in
             ["http://localhost:8080", "http://127.0.0.1", "https://[::1]:1", FOXGLOVE_APP, "https://lab.example", "file://"]
         {
@@ -170,6 +170,6 @@ mod tests {
         {
             assert!(!welcomes(origin), "{origin}");
         }
-        assert!(gate.welcomes(b"GET / HTTP/1.1\r\nHost: x\r\n\r\n"), "a program");
+        assert!(proxy.welcomes(b"GET / HTTP/1.1\r\nHost: x\r\n\r\n"), "a program");
     }
 }

@@ -1,5 +1,4 @@
-//! The door: takes connections in, as many as there are places, and closes those that say nothing. Who has a place is said in
-//! [`places`](super::places).
+//! Accepts connections, as many as there are slots, and closes those on which nothing comes. [`connection_slots`](super::connection_slots) says which have one.
 
 use core::pin::Pin;
 use core::task::{Context, Poll};
@@ -17,11 +16,11 @@ use tokio::runtime::Handle;
 use tokio::sync::OwnedSemaphorePermit;
 use tokio::time::Sleep;
 
-use super::places::{Guest, Place, Places};
+use super::connection_slots::{ConnectionSlots, ConnectionState, Slot};
 
 /// Connections at the same time, WebSockets among them.
 const MOST_CONNECTIONS: usize = 192;
-/// Connections that are just being told that there is no place, or why they were shut out.
+/// Connections that are just being told that there is no slot, or why they were shut out.
 const MOST_LEAVING: usize = 64;
 /// A connection whose first request is not whole, or was refused, by then is closed.
 const FIRST_REQUEST: Duration = Duration::from_secs(5);
@@ -35,23 +34,23 @@ const LINGER_BYTES: usize = 4 << 20;
 /// Rest after an error that is not the fault of one connection, such as too many open files.
 const AFTER_ERROR: Duration = Duration::from_millis(50);
 
-const NO_PLACE: &[u8] =
+const NO_SLOT: &[u8] =
     b"HTTP/1.1 503 Service Unavailable\r\nContent-Type: application/json\r\nConnection: close\r\nContent-Length: 72\r\n\r\n\
     {\"error\":\"too many connections\",\"hint\":\"close some, or try again later\"}";
 
-/// Listens.
-pub(super) struct Door {
+/// Accepts connections for axum.
+pub(super) struct ConnectionListener {
     listener: TcpListener,
-    places: Arc<Places>,
+    slots: Arc<ConnectionSlots>,
 }
 
-impl Door {
+impl ConnectionListener {
     pub(super) fn new(listener: TcpListener) -> Self {
-        Self { listener, places: Places::new(MOST_CONNECTIONS, MOST_LEAVING) }
+        Self { listener, slots: ConnectionSlots::new(MOST_CONNECTIONS, MOST_LEAVING) }
     }
 }
 
-impl Listener for Door {
+impl Listener for ConnectionListener {
     type Io = Connection;
     type Addr = SocketAddr;
 
@@ -59,17 +58,17 @@ impl Listener for Door {
         loop {
             match self.listener.accept().await {
                 Ok((stream, peer)) => {
-                    if !self.places.has_room() {
+                    if !self.slots.has_room() {
                         // What came just before may have a whole request in its socket: it is read before anybody has to give way.
                         tokio::task::yield_now().await;
                     }
-                    if let Some(place) = self.places.take() {
+                    if let Some(slot) = self.slots.take() {
                         // Small messages leave at once; if that cannot be had they come a little later.
                         let _ = stream.set_nodelay(true);
-                        return (Connection::new(stream, place), peer);
+                        return (Connection::new(stream, slot), peer);
                     }
-                    if let Ok(place) = self.places.leaving.clone().try_acquire_owned() {
-                        tokio::spawn(turn_away(stream, place));
+                    if let Ok(slot) = self.slots.leaving.clone().try_acquire_owned() {
+                        tokio::spawn(turn_away(stream, slot));
                     }
                 }
                 Err(error) if error.kind() == io::ErrorKind::ConnectionAborted => {}
@@ -87,50 +86,50 @@ impl Listener for Door {
 #[derive(Clone, Debug)]
 pub(super) struct Peer {
     pub(super) address: SocketAddr,
-    guest: Arc<Guest>,
-    places: Arc<Places>,
+    state: Arc<ConnectionState>,
+    slots: Arc<ConnectionSlots>,
 }
 
 impl Peer {
     /// It has sent a whole request for the page, which anybody may see.
     pub(super) fn looks(&self) {
-        self.guest.asks();
+        self.state.asks();
     }
 
-    /// It may use the API: from now on its place is its own.
+    /// It may use the API: from now on its slot is its own.
     pub(super) fn let_in(&self) {
-        self.places.let_in(&self.guest);
+        self.slots.let_in(&self.state);
     }
 
     pub(super) fn become_web_socket(&self) {
-        self.guest.become_web_socket();
+        self.state.become_web_socket();
     }
 }
 
-impl Connected<IncomingStream<'_, Door>> for Peer {
-    fn connect_info(stream: IncomingStream<'_, Door>) -> Self {
-        let Connection { guest, places, .. } = stream.io();
-        Self { address: *stream.remote_addr(), guest: guest.clone(), places: places.clone() }
+impl Connected<IncomingStream<'_, ConnectionListener>> for Peer {
+    fn connect_info(stream: IncomingStream<'_, ConnectionListener>) -> Self {
+        let Connection { state, slots, .. } = stream.io();
+        Self { address: *stream.remote_addr(), state: state.clone(), slots: slots.clone() }
     }
 }
 
-/// One connection with its place.
+/// One connection with its slot.
 pub(super) struct Connection {
     /// `None` while it is dropped only.
-    stream: Option<(TcpStream, Place)>,
-    guest: Arc<Guest>,
-    places: Arc<Places>,
+    stream: Option<(TcpStream, Slot)>,
+    state: Arc<ConnectionState>,
+    slots: Arc<ConnectionSlots>,
     opened: Instant,
     heard: Instant,
     silent: Pin<Box<Sleep>>,
 }
 
 impl Connection {
-    fn new(stream: TcpStream, place: Place) -> Self {
-        let (guest, places) = (place.guest.clone(), place.places.clone());
+    fn new(stream: TcpStream, slot: Slot) -> Self {
+        let (state, slots) = (slot.state.clone(), slot.slots.clone());
         let now = Instant::now();
         let silent = Box::pin(tokio::time::sleep(FIRST_REQUEST));
-        Self { stream: Some((stream, place)), guest, places, opened: now, heard: now, silent }
+        Self { stream: Some((stream, slot)), state, slots, opened: now, heard: now, silent }
     }
 
     fn with<T>(
@@ -139,7 +138,7 @@ impl Connection {
         act: impl FnOnce(Pin<&mut TcpStream>, &mut Context<'_>) -> Poll<io::Result<T>>,
     ) -> Poll<io::Result<T>> {
         match &mut self.stream {
-            Some(_) if self.guest.must_leave(cx) => Poll::Ready(Err(io::ErrorKind::ConnectionAborted.into())),
+            Some(_) if self.state.must_leave(cx) => Poll::Ready(Err(io::ErrorKind::ConnectionAborted.into())),
             Some((stream, _)) => act(Pin::new(stream), cx),
             None => Poll::Ready(Err(io::ErrorKind::NotConnected.into())),
         }
@@ -151,7 +150,7 @@ impl Connection {
             return self.poll_patience(cx);
         }
         // A long answer that is being taken is no silence.
-        if !self.guest.is_web_socket() {
+        if !self.state.is_web_socket() {
             self.heard = Instant::now();
         }
         written
@@ -166,8 +165,8 @@ impl Connection {
     fn poll_silent(&mut self, cx: &mut Context<'_>) -> Poll<()> {
         while self.silent.as_mut().poll(cx).is_ready() {
             let (since_heard, since_opened) = (self.heard.elapsed(), self.opened.elapsed());
-            let longest = if self.guest.has_asked() { LONGEST } else { FIRST_REQUEST };
-            if since_heard >= SILENT || !self.guest.is_web_socket() && since_opened >= longest {
+            let longest = if self.state.has_asked() { LONGEST } else { FIRST_REQUEST };
+            if since_heard >= SILENT || !self.state.is_web_socket() && since_opened >= longest {
                 return Poll::Ready(());
             }
             let left = (SILENT - since_heard).max(Duration::from_millis(10));
@@ -217,24 +216,24 @@ impl AsyncWrite for Connection {
 
 impl Drop for Connection {
     /// A socket that is closed over unread bytes takes back what was sent last: the answer that says why. A connection that gave way is
-    /// told nothing, and one that was never let in keeps no place for that.
+    /// told nothing, and one that was never let in keeps no slot for that.
     fn drop(&mut self) {
-        let (Some((stream, place)), Ok(runtime)) = (self.stream.take(), Handle::try_current()) else { return };
-        if place.is_kept() {
-            runtime.spawn(linger(stream, place));
-        } else if !place.is_gone()
-            && let Ok(leaving) = self.places.leaving.clone().try_acquire_owned()
+        let (Some((stream, slot)), Ok(runtime)) = (self.stream.take(), Handle::try_current()) else { return };
+        if slot.is_kept() {
+            runtime.spawn(linger(stream, slot));
+        } else if !slot.is_gone()
+            && let Ok(leaving) = self.slots.leaving.clone().try_acquire_owned()
         {
             runtime.spawn(linger(stream, leaving));
         }
     }
 }
 
-/// Says that there is no place.
-async fn turn_away(mut stream: TcpStream, place: OwnedSemaphorePermit) {
+/// Says that there is no slot.
+async fn turn_away(mut stream: TcpStream, slot: OwnedSemaphorePermit) {
     // Whoever does not take so little is not there to be told.
-    let _ = tokio::time::timeout(LINGER, stream.write_all(NO_PLACE)).await;
-    linger(stream, place).await;
+    let _ = tokio::time::timeout(LINGER, stream.write_all(NO_SLOT)).await;
+    linger(stream, slot).await;
 }
 
 /// Closes a connection after its other end has.
@@ -267,9 +266,9 @@ mod tests {
             let listener = TcpListener::bind(("127.0.0.1", 0)).await.expect("a port");
             let deaf = TcpStream::connect(listener.local_addr().expect("it is bound")).await.expect("it listens");
             let (stream, _) = listener.accept().await.expect("a connection");
-            let place = Places::new(1, 1).take().expect("a place");
-            place.guest.asks();
-            let mut connection = Connection::new(stream, place);
+            let slot = ConnectionSlots::new(1, 1).take().expect("a slot");
+            slot.state.asks();
+            let mut connection = Connection::new(stream, slot);
             let write = |connection: &mut Connection, cx: &mut Context<'_>| Pin::new(connection).poll_write(cx, &[0; 65_536]);
             let is_full = |connection: &mut Connection, cx: &mut Context<'_>| write(connection, cx).is_pending();
             while !poll_fn(|cx| Poll::Ready(is_full(&mut connection, cx))).await {}
