@@ -13,7 +13,7 @@ use vps::voxmap::fill::Sides;
 use vps::voxmap::grid::Grid;
 use vps::voxmap::layers::Layers;
 use vps::voxmap::sides::SidesRule;
-use vps::voxmap::surface::{Navigation, Surface, visit_hits};
+use vps::voxmap::surface::{Navigation, Surface, visit_hits, visit_hits_by_brute_force};
 use vps::voxmap::{Options, Voxmap};
 
 /// A tilted triangle with edges of about this many voxels, in the middle of a grid of 512³.
@@ -43,6 +43,14 @@ fn navigation(criterion: &mut Criterion) {
                 });
             });
         }
+        // The naive baseline.
+        group.bench_with_input(BenchmarkId::new("brute force", edge_cells), &corners, |bencher, corners| {
+            bencher.iter(|| {
+                let mut checksum = 0;
+                visit_hits_by_brute_force(black_box(corners), [512; 3], |[x, y, z]| checksum ^= x ^ y ^ z);
+                checksum
+            });
+        });
     }
     group.finish();
 }

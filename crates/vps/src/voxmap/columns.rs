@@ -106,7 +106,6 @@ impl<'a> Columns<'a> {
 
     /// Calls `visit` for every run of voxels that the triangle touches within these slabs; returns the number of tests.
     pub(super) fn walk(&self, (first_u, last_u): (i32, i32), navigation: Navigation, mut visit: impl FnMut(Run)) -> u64 {
-        debug_assert!(navigation != Navigation::BruteForce, "it has no columns");
         let [u_axis, v_axis, w_axis] = self.axes;
         let mut specification: Option<TriangleSat> = None;
         let mut tests = 0;

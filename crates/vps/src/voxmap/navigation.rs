@@ -7,8 +7,6 @@ pub enum Navigation {
     PlaneSpan,
     /// Second approach: test from both ends of the span inward, mark what lies between the first hits.
     TwoSided,
-    /// Every voxel of the triangle's box: slow, the reference for tests.
-    BruteForce,
 }
 
 impl Navigation {
@@ -17,7 +15,6 @@ impl Navigation {
         match self {
             Self::PlaneSpan => "plane-span",
             Self::TwoSided => "two-sided",
-            Self::BruteForce => "brute-force",
         }
     }
 

@@ -14,7 +14,6 @@ use super::bricks::{BrickSet, MarkedCells, Marks};
 use super::columns::{Columns, Run};
 use super::grid::{BRICK_EDGE, Grid};
 pub use super::navigation::Navigation;
-use super::sat::TriangleSat;
 use crate::mesh::TriangleMesh;
 
 /// The voxels that the surface touches, sparse.
@@ -53,12 +52,6 @@ impl Surface {
             .with_min_len(64)
             .map(|triangle_idx| {
                 let corners = mesh.corners(triangle_idx).map(|corner| grid.to_cells(corner));
-                if navigation == Navigation::BruteForce {
-                    let mut pen = Pen::new(grid, &marks);
-                    return visit_hits(&corners, grid.dims, navigation, |cell| {
-                        pen.draw(Run { first: cell, axis: 2, last: cell[2] })
-                    });
-                }
                 let columns = Columns::new(&corners, grid.dims);
                 let slabs = columns.slabs();
                 let mark = |slabs| {
@@ -164,25 +157,6 @@ impl Surface {
 /// `corners` in cell coordinates. Candidate ranges are closed intervals (touching counts), so the set of hits is that of
 /// `TriangleSat::hits` over the whole grid, whatever the navigation.
 pub fn visit_hits(corners: &[DVec3; 3], dims: [u32; 3], navigation: Navigation, mut visit: impl FnMut([i32; 3])) -> u64 {
-    if navigation == Navigation::BruteForce {
-        let sat = TriangleSat::new(corners);
-        let (low, high) = sat.bounds;
-        let mut tests = 0;
-        // A cell more than needed on every side: the reference must not share the candidate ranges that it checks.
-        let around = |low: f64, high: f64, n_cells: u32| (low as i32 - 2).max(0)..=(high as i32 + 2).min(n_cells as i32 - 1);
-        for x in around(low.x, high.x, dims[0]) {
-            for y in around(low.y, high.y, dims[1]) {
-                for z in around(low.z, high.z, dims[2]) {
-                    tests += 1;
-                    if sat.hits([x, y, z]) {
-                        visit([x, y, z]);
-                    }
-                }
-            }
-        }
-        return tests;
-    }
-
     let columns = Columns::new(corners, dims);
     columns.walk(columns.slabs(), navigation, |run| {
         let mut cell = run.first;
@@ -191,6 +165,27 @@ pub fn visit_hits(corners: &[DVec3; 3], dims: [u32; 3], navigation: Navigation, 
             visit(cell);
         }
     })
+}
+
+/// As [`visit_hits`], by a test of every voxel in the triangle's box: the reference of tests, and what the bench measures the navigations against.
+#[cfg(any(test, feature = "testing"))]
+pub fn visit_hits_by_brute_force(corners: &[DVec3; 3], dims: [u32; 3], mut visit: impl FnMut([i32; 3])) -> u64 {
+    let sat = super::sat::TriangleSat::new(corners);
+    let (low, high) = sat.bounds;
+    let mut tests = 0;
+    // A cell more than needed on every side: the reference must not share the candidate ranges that it checks.
+    let around = |low: f64, high: f64, n_cells: u32| (low as i32 - 2).max(0)..=(high as i32 + 2).min(n_cells as i32 - 1);
+    for x in around(low.x, high.x, dims[0]) {
+        for y in around(low.y, high.y, dims[1]) {
+            for z in around(low.z, high.z, dims[2]) {
+                tests += 1;
+                if sat.hits([x, y, z]) {
+                    visit([x, y, z]);
+                }
+            }
+        }
+    }
+    tests
 }
 
 /// Draws runs of voxels into the masks of their bricks; knows the brick it drew in last.
