@@ -97,8 +97,8 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: Talk, started_ns: i64) 
         return Exit::Usage;
     }
     if args.meets_nobody() {
-        let message = "--connect, --listen and --zenoh-config say where to meet others, and nothing is published or shared";
-        report::error(message, Some("give --publish or --world NAME beside them"), talk);
+        let message = "--connect, --listen and --zenoh-config say where to meet others, and nothing is published";
+        report::error(message, Some("give --publish beside them"), talk);
         return Exit::Usage;
     }
     let changes = match own.live.check(&config, &overrides, args.duration, talk) {
@@ -177,7 +177,6 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: Talk, started_ns: i64) 
             clock,
             bound,
             opened,
-            talk,
             control: &control,
             has_console: args.console,
             enables_at_start: args.enables_at_start(&config),

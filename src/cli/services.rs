@@ -24,9 +24,8 @@ pub(crate) struct ServiceOptions<'a> {
     pub(crate) clock: ClockKind,
     /// The address of the monitor, if there is one.
     pub(crate) bound: Option<Bound>,
-    /// What is to be published and shared, if anything.
+    /// What is to be published, if anything.
     pub(crate) opened: Option<publish::Opened>,
-    pub(crate) talk: Talk,
     /// Takes force away.
     pub(crate) control: &'a Arc<Control>,
     pub(crate) has_console: bool,
@@ -48,8 +47,7 @@ pub(crate) struct Services {
 impl Services {
     /// Begins them, and gives the supervisor what it hears of them. Until the first scene is baked clients see that.
     pub(crate) fn open(options: ServiceOptions<'_>, live: &mut Live) -> io::Result<Self> {
-        let ServiceOptions { config, session, clock, bound, opened, talk, control, has_console, enables_at_start, recorder } =
-            options;
+        let ServiceOptions { config, session, clock, bound, opened, control, has_console, enables_at_start, recorder } = options;
         let (enables, taken) = unbounded::<Enable>();
         if has_console {
             console::begin(control.clone(), enables.clone())?;
@@ -82,7 +80,7 @@ impl Services {
             services.monitor = Some(monitor);
         }
         if let Some(opened) = opened {
-            let (sender, tap) = opened.serve(&hub, session.clone(), talk)?;
+            let (sender, tap) = opened.serve(&hub)?;
             live.taps.add(tap);
             services.sender = Some(sender);
         }

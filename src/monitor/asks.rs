@@ -114,14 +114,6 @@ impl From<PoseAsked> for Pose {
     }
 }
 
-/// Reads a pose as `place` takes it, `{"p": [x, y, z], "q": [x, y, z, w]}`; whether an object can go there the session says.
-///
-/// # Errors
-/// What is wrong with the text.
-pub fn read_pose(text: &[u8]) -> Result<Pose, String> {
-    serde_json::from_slice::<PoseAsked>(text).map(Pose::from).map_err(|error| error.to_string())
-}
-
 /// Longest `id` of a request as text, bytes: it is kept until the answer.
 const LONGEST_ID: usize = 256;
 
@@ -342,6 +334,7 @@ mod tests {
 
     #[test]
     fn a_pose_is_read_whole_or_not_at_all() {
+        let read_pose = |text: &[u8]| serde_json::from_slice::<PoseAsked>(text).map(Pose::from);
         let pose = read_pose(br#"{"p":[1,2,3],"q":[0,0,0,1]}"#).unwrap();
         assert_eq!(pose, Pose::from_translation(glam::DVec3::new(1.0, 2.0, 3.0)));
         for wrong in

@@ -171,11 +171,6 @@ impl Hub {
         self.tell("scene", None, &format!("{name} is not rendered: {why}"), &["refused", name]);
     }
 
-    /// Something happened in a world that several servers share.
-    pub fn world(&self, text: &str, names: &[&str]) {
-        self.tell("world", None, text, names);
-    }
-
     /// Tells every client. `at`: of the newest tick where it is of none.
     pub(super) fn tell(&self, event: &'static str, at: Option<At>, text: &str, names: &[&str]) {
         let newest = || self.newest().as_ref().map(|newest| (newest.fed.record.tick, newest.fed.record.time_ns));

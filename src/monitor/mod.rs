@@ -49,7 +49,6 @@ mod worker;
 mod ws;
 
 pub use access::{Access, Token, TokenError};
-pub use asks::read_pose;
 pub use clay::{ClayAccess, ClayParts, plain_name};
 pub use hub::{Hub, HubParts};
 pub use observer::{Observer, Seen};

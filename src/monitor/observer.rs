@@ -8,7 +8,6 @@ use super::encode::{self, Extras};
 use super::feed::{Fed, feed};
 use super::hub::{Hub, Newest};
 use super::scene_tracker::SceneTracker;
-use crate::daemon::session::SceneView;
 use recording::{Tap, TickRecord};
 
 /// Watches a run; the newest record wins.
@@ -21,7 +20,6 @@ pub struct Observer {
 /// What a look showed.
 pub struct Seen<'a> {
     hub: &'a Hub,
-    view: &'a SceneView,
     newest: Newest,
 }
 
@@ -45,7 +43,7 @@ impl Observer {
             newest = Some(fed);
         }
         let newest = self.tracker.newest(newest?);
-        Some(Seen { hub: &self.hub, view: self.tracker.view(), newest })
+        Some(Seen { hub: &self.hub, newest })
     }
 }
 
@@ -65,12 +63,5 @@ impl Seen<'_> {
         let mut bytes = self.hub.binary(&self.newest);
         encode::count_in(&mut bytes, seq, 0);
         bytes
-    }
-
-    /// Every movable object with its pose as `place` takes it: where it stands, `world_from_object`.
-    pub fn objects(&self) -> impl Iterator<Item = (&str, String)> {
-        let named =
-            self.newest.objects.iter().filter_map(|object| Some((self.view.config.statics.get(object.idx as usize)?, object)));
-        named.map(|(of, object)| (of.name.as_str(), encode::json(&object.pose)))
     }
 }

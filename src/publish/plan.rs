@@ -1,27 +1,15 @@
 //! What is asked for, and why it cannot be.
 
-use super::keys::{Owner, WorldName};
 use arms::network::{Endpoints, NetworkError};
 use link::{Domain, Namespace};
 
-/// What a run is to publish and to share.
+/// What a run publishes: topics of ROS 2, and states for other viewers.
 #[derive(Clone, Debug)]
 pub struct Plan {
     /// Where others are met.
     pub endpoints: Endpoints,
     /// How often the newest record is looked at, Hz.
     pub rate_hz: f64,
-    /// Topics of ROS 2 and states; `None`: none.
-    pub topics: Option<Topics>,
-    /// A world; `None`: none.
-    pub share: Option<Share>,
-    /// This run, for people who run others.
-    pub who: String,
-}
-
-/// Topics of ROS 2 and states for other viewers.
-#[derive(Clone, Debug)]
-pub struct Topics {
     /// In front of all topics.
     pub namespace: Namespace,
     /// `ROS_DOMAIN_ID`.
@@ -30,15 +18,6 @@ pub struct Topics {
     pub arm: String,
     /// It senses how far its gripper is open.
     pub has_gripper: bool,
-}
-
-/// A world that several runs share.
-#[derive(Clone, Debug)]
-pub struct Share {
-    /// Its name.
-    pub world: WorldName,
-    /// Objects whose poses this run decides.
-    pub own: Vec<String>,
 }
 
 /// Why nothing can be published.
@@ -54,14 +33,6 @@ pub enum PublishError {
         key: String,
         /// What zenoh says.
         cause: String,
-    },
-    /// An object has an owner.
-    #[error("`{}` of world `{world}` is owned by {} already", .owner.object, .owner.who)]
-    Owned {
-        /// Which world.
-        world: WorldName,
-        /// Who has it.
-        owner: Owner,
     },
 }
 

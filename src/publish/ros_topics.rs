@@ -8,8 +8,7 @@ use zenoh::pubsub::Publisher;
 use zenoh::qos::CongestionControl;
 use zenoh::{Session, Wait};
 
-use super::plan::refused;
-use super::plan::{PublishError, Topics};
+use super::plan::{Plan, PublishError, refused};
 use link::{Attachment, Gid, Moment, Node, Topic, gid, node_token, publisher_token, topic_key};
 use recording::TickRecord;
 
@@ -39,8 +38,8 @@ struct RosTopic {
 
 impl RosTopics {
     /// Declares the node and its publishers.
-    pub(super) fn open(session: &Session, topics: &Topics) -> Result<Self, PublishError> {
-        let Topics { namespace, domain, arm, has_gripper } = topics;
+    pub(super) fn open(session: &Session, plan: &Plan) -> Result<Self, PublishError> {
+        let Plan { namespace, domain, arm, has_gripper, .. } = plan;
         let node = Node { domain: *domain, session: session.zid().to_string(), namespace: namespace.clone(), name: NAME };
         let declare = |key: &str| session.liveliness().declare_token(key.to_owned()).wait().map_err(refused(key));
         let token = declare(&node_token(&node))?;
@@ -80,7 +79,7 @@ impl RosTopic {
         self.sent += 1;
         self.told = Some((self.topic.news(moment.record), now));
         let attachment = Attachment { sequence_number: self.sent, source_timestamp_ns, source_gid: self.gid };
-        // A session that is closed has no receiver.
+        // A closed session has no subscribers.
         let _ = self.publisher.put(message).attachment(attachment.to_bytes().as_slice()).wait();
     }
 }

@@ -2,7 +2,6 @@
 
 use core::time::Duration;
 use std::io;
-use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::Instant;
 
@@ -12,77 +11,70 @@ use zenoh::pubsub::Publisher;
 use zenoh::qos::CongestionControl;
 use zenoh::{Session, Wait};
 
-use super::keys::{binary_state_key, state_key};
 use super::plan::{Plan, PublishError, refused};
 use super::ros_topics::RosTopics;
-use super::world::{Tell, World};
-use crate::daemon::session::SessionHandle;
-use crate::monitor::{Hub, Observer, Seen};
 use arms::network::session;
 use link::Namespace;
-use recording::Tap;
+use recording::TickRecord;
+
+/// What a run shows of itself at one moment.
+#[derive(Clone, Debug)]
+pub struct Newest {
+    /// Its newest record.
+    pub record: TickRecord,
+    /// The state as `docs/api.md` has it, JSON.
+    pub text: String,
+    /// The same in the binary layout.
+    pub binary: Vec<u8>,
+}
 
 /// Everything that a plan needs of the network, before the run.
 pub struct Opened {
     period: Duration,
-    states: Option<States>,
-    ros: Option<RosTopics>,
-    world: Option<World>,
+    states: States,
+    ros: RosTopics,
     session: Session,
 }
 
 impl Opened {
-    /// Opens a session and claims what is to be owned; takes some seconds at most. Cold.
+    /// Opens a session and announces the topics; takes some seconds at most. Cold.
     ///
     /// # Errors
     /// See [`PublishError`]; nothing is announced any more then.
-    pub fn open(plan: Plan) -> Result<Self, PublishError> {
-        let Plan { endpoints, rate_hz, topics, share, who } = plan;
-        let session = session::open(&endpoints)?;
-        let world = share.map(|share| World::join(&session, share, &who)).transpose()?;
-        let states = topics.as_ref().map(|topics| States::open(&session, &topics.namespace)).transpose()?;
-        let ros = topics.as_ref().map(|topics| RosTopics::open(&session, topics)).transpose()?;
-        Ok(Self { period: Duration::from_secs_f64(1.0 / rate_hz), states, ros, world, session })
+    pub fn open(plan: &Plan) -> Result<Self, PublishError> {
+        let session = session::open(&plan.endpoints)?;
+        let states = States::open(&session, &plan.namespace)?;
+        let ros = RosTopics::open(&session, plan)?;
+        Ok(Self { period: Duration::from_secs_f64(1.0 / plan.rate_hz), states, ros, session })
     }
 
-    /// Begins to send, in a thread of its own; `tell` hears beside the clients of the hub.
+    /// Begins to send, in a thread of its own. `look` is called once a period with the number of the next state, from 1; it gives `None` when there
+    /// was no record since the last call, and must not wait.
     ///
     /// # Errors
     /// The thread could not be started.
-    pub fn serve(self, hub: &Arc<Hub>, session: SessionHandle, tell: Tell) -> io::Result<(Sender, Tap)> {
-        let (observer, tap) = Observer::new(hub.clone());
-        let heard = hub.clone();
-        let tell: Tell = Arc::new(move |text, names| {
-            tell(text, names);
-            heard.world(text, names);
-        });
+    pub fn serve(self, look: impl FnMut(u64) -> Option<Newest> + Send + 'static) -> io::Result<Sender> {
         let (stop, stopped) = bounded(0);
-        let run = move || self.run(observer, &session, &tell, &stopped);
-        let thread = std::thread::Builder::new().name("sender".to_owned()).spawn(run)?;
-        Ok((Sender { stop: Some(stop), thread: Some(thread) }, tap))
+        let thread = std::thread::Builder::new().name("sender".to_owned()).spawn(move || self.run(look, &stopped))?;
+        Ok(Sender { stop: Some(stop), thread: Some(thread) })
     }
 
-    fn run(self, mut observer: Observer, session: &SessionHandle, tell: &Tell, stopped: &channel::Receiver<()>) {
-        let Self { period, mut states, mut ros, mut world, session: network } = self;
+    fn run(self, mut look: impl FnMut(u64) -> Option<Newest>, stopped: &channel::Receiver<()>) {
+        let Self { period, states, mut ros, session } = self;
         let mut next = Instant::now();
+        let mut seq = 1;
         while let Err(RecvTimeoutError::Timeout) = stopped.recv_deadline(next) {
             let now = Instant::now();
             // What was late is left out.
             next = (next + period).max(now);
-            let Some(seen) = observer.look() else { continue };
-            if let Some(ros) = &mut ros {
-                ros.publish(seen.record(), now);
-            }
-            if let Some(states) = &mut states {
-                states.publish(&seen);
-            }
-            if let Some(world) = &mut world {
-                world.turn(&seen, now, session, tell);
-            }
+            let Some(newest) = look(seq) else { continue };
+            seq += 1;
+            ros.publish(&newest.record, now);
+            states.publish(newest);
         }
-        drop((states, ros, world));
+        drop((states, ros));
         // Others hear at once that this run has gone.
-        let _ = network.close().wait();
+        let _ = session.close().wait();
     }
 }
 
@@ -90,7 +82,6 @@ impl Opened {
 struct States {
     text: Publisher<'static>,
     binary: Publisher<'static>,
-    sent: u64,
 }
 
 impl States {
@@ -99,15 +90,15 @@ impl States {
             let publisher = session.declare_publisher(key.clone()).congestion_control(CongestionControl::Drop).encoding(encoding);
             publisher.wait().map_err(refused(&key))
         };
-        let text = open(state_key(namespace), Encoding::APPLICATION_JSON)?;
-        Ok(Self { text, binary: open(binary_state_key(namespace), Encoding::APPLICATION_OCTET_STREAM)?, sent: 0 })
+        let text = open(format!("hapticd/{namespace}/state"), Encoding::APPLICATION_JSON)?;
+        let binary = open(format!("hapticd/{namespace}/state/binary"), Encoding::APPLICATION_OCTET_STREAM)?;
+        Ok(Self { text, binary })
     }
 
-    fn publish(&mut self, seen: &Seen<'_>) {
-        self.sent += 1;
-        // A session that is closed has no receiver.
-        let _ = self.text.put(seen.text(self.sent)).wait();
-        let _ = self.binary.put(seen.binary(self.sent)).wait();
+    fn publish(&self, newest: Newest) {
+        // A closed session has no subscribers.
+        let _ = self.text.put(newest.text).wait();
+        let _ = self.binary.put(newest.binary).wait();
     }
 }
 

@@ -1,4 +1,4 @@
-//! What a run tells a network, and the worlds that runs share; and what a program says that was built without a network.
+//! What a run tells a network; and what a program says that was built without a network.
 
 use super::monitor::{command, folder};
 
@@ -12,10 +12,9 @@ fn refused(line: &str) -> (Option<i32>, String) {
 #[test]
 fn what_makes_no_sense_is_told_before_anything_is_baked() {
     for (line, wanted) in [
-        ("--world w --own plaet", "known here: plate"),
-        ("--world w --own plate,plate", "given twice"),
-        ("--connect tcp/127.0.0.1:1", "nothing is published or shared"),
-        ("--publish-hz 50", "nothing is published or shared"),
+        ("--world w --own plate", "PUT /api/v1/objects/OBJECT/pose"),
+        ("--connect tcp/127.0.0.1:1", "nothing is published"),
+        ("--publish-hz 50", "nothing is published"),
         ("--publish 2d", "begins with a digit"),
     ] {
         let (code, told) = refused(line);
@@ -27,11 +26,9 @@ fn what_makes_no_sense_is_told_before_anything_is_baked() {
 #[cfg(not(feature = "zenoh"))]
 #[test]
 fn a_program_without_a_network_says_how_to_build_one() {
-    for line in ["--publish", "--world w"] {
-        let (code, told) = refused(line);
-        assert_eq!(code, Some(2), "{told}");
-        assert!(told.contains("--features zenoh") && !told.contains("state: baking"), "{told}");
-    }
+    let (code, told) = refused("--publish");
+    assert_eq!(code, Some(2), "{told}");
+    assert!(told.contains("--features zenoh") && !told.contains("state: baking"), "{told}");
 }
 
 #[cfg(feature = "zenoh")]
@@ -41,11 +38,9 @@ mod live {
     use std::time::{Duration, Instant, SystemTime};
 
     use arms::network::{Endpoints, session};
-    use crossbeam::channel::{Receiver, unbounded};
-    use hapticd::publish::{owner_keys, pose_key, pose_keys};
+    use arms::network::{Endpoints, session};
     use link::{Topic, gid};
     use serde_json::{Value, json};
-    use zenoh::qos::CongestionControl;
     use zenoh::sample::{Sample, SampleKind};
     use zenoh::{Session, Wait};
 
@@ -217,127 +212,5 @@ mod live {
             assert!(seqs.is_sorted() && seqs[19] >= seqs[0] + 19, "{seqs:?}");
         }
         assert_eq!(run.wait_with_output().unwrap().status.code(), Some(0));
-    }
-
-    /// Waits until the plate of a run stands at this height; its states go into what is said when it does not.
-    fn plate_comes_to(daemon: &Daemon, height_m: f64) {
-        let began = Instant::now();
-        loop {
-            // Before the first tick there is no state.
-            let (_, state) = daemon.http("GET", "/api/v1/state", &[], "");
-            let found = state["objects"][0]["p"][2].as_f64().unwrap_or(f64::NAN);
-            if (found - height_m).abs() < 1e-9 {
-                return;
-            }
-            assert!(began.elapsed() < HUNG, "{found} is not {height_m}: {state}");
-            std::thread::sleep(Duration::from_millis(20));
-        }
-    }
-
-    fn pose(height_m: f64) -> Value {
-        json!({ "p": [0.0, 0.0, height_m], "q": [0.0, 0.0, 0.0, 1.0] })
-    }
-
-    #[test]
-    fn an_object_stands_in_every_run_where_its_owner_says() {
-        let (owner, endpoint) = published("--world bench --own plate");
-        let mut guest = Daemon::start("", &format!("--world bench --connect {endpoint}"));
-        guest.wait_for("note: `plate` of world `bench` follows press on ");
-        let (status, answer) = owner.http("PUT", "/api/v1/objects/plate/pose", &[], &pose(-0.02).to_string());
-        assert_eq!(status, 200, "{answer}");
-        plate_comes_to(&owner, -0.02);
-        plate_comes_to(&guest, -0.02);
-
-        // Whoever comes later finds it there, and cannot own it.
-        let late = Daemon::enabled("", &format!("--world bench --connect {endpoint}"));
-        plate_comes_to(&late, -0.02);
-        let folder = folder("");
-        let line = format!("press.toml --duration 1s --monitor off --world bench --own plate --connect {endpoint}");
-        let refused = command(folder.path(), &line).output().unwrap();
-        let told = String::from_utf8_lossy(&refused.stderr).into_owned();
-        assert_eq!(refused.status.code(), Some(2), "{told}");
-        let process = format!("(process {})", owner.id());
-        assert!(told.contains("`plate` of world `bench` is owned by press on") && told.contains(&process), "{told}");
-        assert!(!told.contains("state: baking"), "{told}");
-        // Another world is another thing.
-        let line = line.replace("--world bench", "--world desk");
-        assert_eq!(command(folder.path(), &line).output().unwrap().status.code(), Some(0));
-
-        // Gone without a word: it stays where it is.
-        drop(owner);
-        guest.wait_for("note: press on ");
-        plate_comes_to(&guest, -0.02);
-        ended(late);
-        let ended = ended(guest);
-        assert!(ended.stderr.contains("has gone: it stays where it is"), "{}", ended.stderr);
-    }
-
-    #[test]
-    fn two_owners_that_meet_only_later_come_to_one() {
-        let endpoint = free();
-        // Nobody listens there yet.
-        let first = Daemon::enabled("", &format!("--world bench --own plate --connect {endpoint}"));
-        let folder = folder("");
-        let line = format!("press.toml --duration 8s --monitor off --world bench --own plate --listen {endpoint}");
-        let second = command(folder.path(), &line).output().unwrap();
-        let told = String::from_utf8_lossy(&second.stderr).into_owned();
-        // It met the other one before it had claimed anything, or, most of the time, thereafter.
-        let (code, words) = (second.status.code(), |verb: &str| format!("`plate` of world `bench` {verb} press on"));
-        assert!(
-            code == Some(2) && told.contains(&words("is owned by")) || code == Some(0) && told.contains(&words("follows")),
-            "{told}"
-        );
-        assert!(told.contains(&format!("(process {})", first.id())), "{told}");
-        assert!(!ended(first).stderr.contains("follows"), "the first stays");
-    }
-
-    #[test]
-    fn a_pose_that_is_none_moves_nothing() {
-        let (mut daemon, endpoint) = published("--world bench");
-        let session = visit(&endpoint);
-        let key = pose_key(&"bench".parse().unwrap(), "plate");
-        for (wrong, why) in [
-            (b"up".to_vec(), "expected value"),
-            (json!({ "p": [0, 0, 1e9], "q": [0, 0, 0, 1] }).to_string().into_bytes(), "within 1 km"),
-            (json!({ "p": [0, 0] }).to_string().into_bytes(), "length 2"),
-            (json!({ "p": [0, 0, 0], "q": [0, 0, 0, 2] }).to_string().into_bytes(), "a unit quaternion"),
-        ] {
-            // Told once, however often it comes.
-            for _ in 0..3 {
-                session.put(key.clone(), wrong.clone()).wait().unwrap();
-            }
-            let line = daemon.wait_for("note: a pose of `plate`");
-            assert!(line.contains("is not taken") && line.contains(why), "{line}");
-        }
-        // Names that this scene does not have, and messages without end, are not even told.
-        session.put(pose_key(&"bench".parse().unwrap(), "nobody"), pose(0.0).to_string()).wait().unwrap();
-        session.put(key.clone(), vec![b' '; 1 << 20]).wait().unwrap();
-        plate_comes_to(&daemon, -0.01);
-        // Behind the long one, which may still be under way.
-        session.put(key, pose(-0.03).to_string()).congestion_control(CongestionControl::Block).wait().unwrap();
-        plate_comes_to(&daemon, -0.03);
-        assert_eq!(ended(daemon).stderr.matches("is not taken").count(), 4);
-    }
-
-    #[test]
-    fn poses_of_a_world_are_published_by_owners_alone() {
-        let (daemon, endpoint) = published("--world bench --own plate");
-        let guest = Daemon::enabled("", &format!("--world bench --connect {endpoint}"));
-        let session = visit(&endpoint);
-        let world = "bench".parse().unwrap();
-        let poses = subscribe(&session, &pose_keys(&world));
-        let owners = watch(&session, &owner_keys(&world));
-        // An object that rests is told now and then.
-        for _ in 0..3 {
-            let sample = poses.recv_timeout(HUNG).unwrap();
-            assert_eq!(sample.key_expr().as_str(), "hapticd/world/bench/objects/plate/pose");
-            assert_eq!(state(&sample), pose(-0.01));
-        }
-        let (is_there, token) = owners.recv_timeout(HUNG).unwrap();
-        assert!(is_there && token.contains(&format!("process%20{}", daemon.id())), "{token}");
-        ended(guest);
-        assert!(owners.try_recv().is_err(), "a guest owns nothing");
-        ended(daemon);
-        assert_eq!(owners.recv_timeout(HUNG).unwrap(), (false, token));
     }
 }
