@@ -120,7 +120,6 @@
 //! | [`network`] | sessions with other machines |
 //! | [`servo`] | the 1 kHz loop: wait → read → tick → write → publish |
 //! | [`ros`] | records as messages of ROS 2, without ROS |
-//! | [`publish`] | what a run tells a network, and worlds that runs share |
 //! | [`daemon`] | supervisor: bake, preflight, enable, stop |
 //! | [`monitor`] | HTTP, WebSocket and the page of a run |
 //! | `picture` | cuts through a map with its shell, as PNG |
@@ -134,6 +133,5 @@ pub mod error;
 pub mod monitor;
 #[doc(hidden)]
 pub mod picture;
-pub mod publish;
 pub mod scene;
 pub mod servo;

@@ -65,7 +65,7 @@ type Failure = (Exit, String, Option<&'static str>);
 #[cfg(not(feature = "zenoh"))]
 mod over_network {
     use super::*;
-    use arms::network::NetworkError;
+    use link::network::NetworkError;
 
     pub(super) fn node(args: &Args, _: Talk) -> Result<Exit, Failure> {
         let Args { profile: _, name: _, selector: _, enable: _, hold_ms: _, fade_ms: _, network: _, .. } = args;
@@ -85,21 +85,19 @@ mod over_network {
     use crate::daemon::device_node::{NodeJob, NodeNotice, NodeOutcome, node_parameters, open_arm, run_node};
     use crate::servo::Control;
     use arms::attached::open::LinkNews;
-    use arms::network::{NetworkError, session};
     use arms::profile::{self, Profile, ProfileError};
     use arms::remote::Node;
     use arms::remote::figures::{NodeReport, Phase};
     use arms::remote::hold::HoldTiming;
     use arms::simulated::hand::GripPath;
-    use arms::transport::zenoh::{ZenohLink, is_name, serve_profile};
+    use link::network::link::{ZenohLink, is_name, serve_profile};
+    use link::network::{NetworkError, session};
     use rt::schedule::{self, ThreadRequest};
     use rt::signals;
     use vps::spatial::Axes;
 
-    impl From<NetworkError> for Failure {
-        fn from(error: NetworkError) -> Self {
-            (exit_of(&error), error.to_string(), None)
-        }
+    fn no_network(error: NetworkError) -> Failure {
+        (exit_of(&error), error.to_string(), None)
     }
 
     pub(super) fn node(args: &Args, talk: Talk) -> Result<Exit, Failure> {
@@ -110,7 +108,7 @@ mod over_network {
         })?;
         let name = args.name.clone().unwrap_or_else(|| profile.name.clone());
         if !is_name(&name) {
-            return Err(NetworkError::Name { name }.into());
+            return Err(no_network(NetworkError::Name { name }));
         }
         may_push(args, &profile, talk)?;
         let hand = args.hand.hand(talk).map_err(|exit| (exit, String::new(), None))?.map(|mut hand| {
@@ -122,17 +120,17 @@ mod over_network {
         let timing = HoldTiming { hold_s: f64::from(args.hold_ms) * 1e-3, fade_s: f64::from(args.fade_ms) * 1e-3 };
 
         let endpoints = args.network.endpoints().or_listen_here();
-        let session = session::open(&endpoints)?;
+        let session = session::open(&endpoints).map_err(no_network)?;
         let (arm, attached) = open_arm(&profile, hand, args.selector.clone(), period_s, request, guard::program())
             .map_err(|error| (report::prepare_error(&error, talk), String::new(), None))?;
         let io_request = ThreadRequest { priority: args.priority.saturating_sub(1).max(1), ..request };
-        let link = ZenohLink::to_host(&session, &name, Some(io_request))?;
+        let link = ZenohLink::to_host(&session, &name, Some(io_request)).map_err(no_network)?;
         let control = Arc::new(Control::new());
         signals::end_by_signals(&control).map_err(|error| (Exit::Internal, error.to_string(), None))?;
         let node = Node::new(node_parameters(&profile, &name, period_s, timing), Box::new(link));
         // From here on hosts find it.
         let toml = profile::text(&args.profile, &here).unwrap_or_default();
-        let _profile = serve_profile(&session, &name, toml)?;
+        let _profile = serve_profile(&session, &name, toml).map_err(no_network)?;
 
         let meets = [endpoints.listen.join(", "), endpoints.connect.join(", ")].join(" ");
         let ready = format!("ready zenoh:{name} on {}\n", meets.trim());

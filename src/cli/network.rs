@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use crate::error::Exit;
-use arms::network::{Endpoints, NetworkError};
+use link::network::{Endpoints, NetworkError};
 
 /// Where `--help` lists what needs the feature.
 pub(super) const HEADING: &str = "Network (feature zenoh)";

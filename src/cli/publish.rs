@@ -9,10 +9,10 @@ use crate::error::Exit;
 use crate::monitor::Hub;
 #[cfg(feature = "zenoh")]
 use crate::monitor::Observer;
+use link::network::Endpoints;
 #[cfg(feature = "zenoh")]
-use crate::publish::Newest;
-use crate::publish::{Plan, PublishError};
-use arms::network::Endpoints;
+use link::publish::Newest;
+use link::publish::{Plan, PublishError};
 use link::{Domain, Namespace};
 use recording::Tap;
 use vps::spatial::Axes;
@@ -122,16 +122,16 @@ impl PublishArgs {
 
 /// What is open before the run begins.
 #[cfg(feature = "zenoh")]
-pub(crate) struct Opened(crate::publish::Opened);
+pub(crate) struct Opened(link::publish::Opened);
 
 /// A run that is published; it ends when this is dropped.
 #[cfg(feature = "zenoh")]
-pub(crate) use crate::publish::Sender;
+pub(crate) use link::publish::Sender;
 
 #[cfg(feature = "zenoh")]
 impl Opened {
     fn open(plan: &Plan) -> Result<Self, PublishError> {
-        crate::publish::Opened::open(plan).map(Self)
+        link::publish::Opened::open(plan).map(Self)
     }
 
     /// Begins to send what the hub shows.
@@ -156,7 +156,7 @@ pub(crate) enum Sender {}
 #[cfg(not(feature = "zenoh"))]
 impl Opened {
     fn open(_: &Plan) -> Result<Self, PublishError> {
-        Err(arms::network::NetworkError::NotBuilt.into())
+        Err(link::network::NetworkError::NotBuilt.into())
     }
 
     pub(crate) fn serve(self, _: &Arc<Hub>) -> std::io::Result<(Sender, Tap)> {

@@ -9,9 +9,9 @@ use std::sync::Arc;
 use tempfile::TempDir;
 
 use arms::attached::open::{OpenError, Opened};
-use arms::network::{Endpoints, NetworkError};
 use arms::profile::Profile;
 use arms::remote::LinkFigures;
+use link::network::{Endpoints, NetworkError};
 use rt::schedule::ThreadRequest;
 
 /// What `--device` has before the name of a node.
@@ -59,7 +59,7 @@ impl RemoteArm {
     /// # Errors
     /// Always.
     pub fn open(&self, _: &Profile, _: f64, _: Option<ThreadRequest>) -> Result<(Opened, Arc<LinkFigures>), OpenError> {
-        Err(NetworkError::NotBuilt.into())
+        Err(OpenError::Link(Box::new(NetworkError::NotBuilt)))
     }
 }
 
@@ -69,10 +69,10 @@ mod over_zenoh {
 
     use super::*;
     use arms::Timebase;
-    use arms::network::session;
     use arms::remote::{Dial, RemoteOptions, open};
     use arms::transport::Transport;
-    use arms::transport::zenoh::{ZenohLink, ask_profile, is_name};
+    use link::network::link::{ZenohLink, ask_profile, is_name};
+    use link::network::session;
 
     /// How long a node may take to answer.
     const FIND_WITHIN: Duration = Duration::from_secs(10);
@@ -107,7 +107,7 @@ mod over_zenoh {
         ) -> Result<(Opened, Arc<LinkFigures>), OpenError> {
             let (session, name) = (self.session.clone(), self.name.clone());
             let dial: Dial = Box::new(move || {
-                let link = ZenohLink::to_node(&session, &name, request)?;
+                let link = ZenohLink::to_node(&session, &name, request).map_err(|error| OpenError::Link(Box::new(error)))?;
                 Ok(Box::new(link) as Box<dyn Transport>)
             });
             let options = RemoteOptions { name: self.name.clone(), period_s, timebase: Timebase::Monotonic };

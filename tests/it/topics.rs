@@ -37,8 +37,8 @@ mod live {
     use std::net::TcpListener;
     use std::time::{Duration, Instant, SystemTime};
 
-    use arms::network::{Endpoints, session};
-    use arms::network::{Endpoints, session};
+    use crossbeam::channel::{Receiver, unbounded};
+    use link::network::{Endpoints, session};
     use link::{Topic, gid};
     use serde_json::{Value, json};
     use zenoh::sample::{Sample, SampleKind};

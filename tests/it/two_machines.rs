@@ -4,8 +4,7 @@
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
 
-use arms::attached::open::LinkNews;
-use arms::network::NetworkError;
+use arms::attached::open::{LinkNews, OpenError};
 use arms::remote::figures::{NodeReport, Phase};
 use arms::remote::hold::HoldTiming;
 use arms::remote::{LinkFigures, Node, NodeFigures, RemoteOptions, open};
@@ -225,7 +224,7 @@ impl Stage {
                 let end = HostEnd { end: host_end.clone(), world: far.clone(), is_starting: may_start.clone() };
                 Ok(Box::new(end) as Box<dyn Transport>)
             }
-            false => Err(NetworkError::Link { name: "arm".into(), cause: "cut".into() }.into()),
+            false => Err(OpenError::Link("cut".into())),
         };
         let (opened, link) = open(&self.config.device.profile, &options, Box::new(dial)).expect("a node");
         *is_starting.lock().expect("no panic") = false;

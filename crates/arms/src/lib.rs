@@ -53,7 +53,6 @@ pub mod guard;
 mod kinematics;
 pub mod mock;
 mod motor_stage;
-pub mod network;
 pub mod profile;
 pub mod protocol;
 pub mod remote;

@@ -10,7 +10,7 @@ use super::super::{cache, foxglove, live, memory, monitor, network, publish, rec
 use crate::config::{LoadOptions, SceneConfig};
 use crate::daemon::remote::RemoteArm;
 use arms::attached::nodes::Selector;
-use arms::network::NetworkError;
+use link::network::NetworkError;
 use rt::clock::ClockKind;
 use rt::duration;
 

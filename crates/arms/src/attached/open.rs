@@ -94,9 +94,9 @@ pub enum OpenError {
         /// Why.
         cause: StartError,
     },
-    /// The network to a node.
-    #[error(transparent)]
-    Network(#[from] crate::network::NetworkError),
+    /// The link to an arm on another machine.
+    #[error("{0}")]
+    Link(Box<dyn std::error::Error + Send + Sync>),
     /// The thread that looks for a lost arm.
     #[error("cannot start a thread: {0}")]
     Thread(std::io::Error),

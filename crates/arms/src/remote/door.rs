@@ -141,7 +141,7 @@ mod tests {
             let door = Door {
                 profile: profile::find(name, std::path::Path::new("")).expect(name),
                 options: RemoteOptions { name: "left".into(), period_s: 1e-3, timebase: Timebase::Counted },
-                dial: Box::new(|| Err(crate::network::NetworkError::NotBuilt.into())),
+                dial: Box::new(|| Err(OpenError::Link("no link".into()))),
                 token: AtomicU32::new(0),
                 declared: OnceLock::new(),
                 figures: Arc::default(),

@@ -11,21 +11,18 @@
 //! | `serial` | ttys: CDC, FTDI, pty |
 //! | `hid` | hidraw nodes |
 //! | `usb` | bulk transfers to an FTDI chip (feature `usb`) |
-//! | `threaded` | the two threads of `hid` and `usb`, whose writes can block |
+//! | `threaded` | the two threads of links whose writes can block: `hid`, `usb`, and a network |
 //! | `memory` | a pair of ends in memory, for tests |
 //! | `simulated` | the same as a network: delay, jitter, loss, a cut |
-//! | `zenoh` | a network (feature `zenoh`) |
 
 mod hid;
 #[cfg(any(test, feature = "testing"))]
 mod memory;
 mod serial;
 mod simulated;
-mod threaded;
+pub mod threaded;
 #[cfg(feature = "usb")]
 mod usb;
-#[cfg(feature = "zenoh")]
-pub mod zenoh;
 
 pub(crate) use hid::HidLink;
 pub use hid::HidOpenError;

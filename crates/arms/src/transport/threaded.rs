@@ -33,23 +33,23 @@ const CLOSE_PATIENCE: Duration = Duration::from_millis(200);
 
 /// The other end is gone, whatever the reason.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Gone;
+pub struct Gone;
 
 /// Where reports come from. May block and allocate.
-pub(super) trait Source: Send + 'static {
+pub trait Source: Send + 'static {
     /// Waits for a report for at most `patience`; its length, or 0.
     fn wait(&mut self, buffer: &mut [u8; FRAME_MAX], patience: Duration) -> Result<usize, Gone>;
 }
 
 /// Where frames go. May block and allocate.
-pub(super) trait Sink: Send + 'static {
+pub trait Sink: Send + 'static {
     /// Hands a whole frame to the bus.
     fn put(&mut self, frame: &[u8]) -> Result<(), Gone>;
 }
 
 /// Both threads with their rings. RT: `receive` and `send` are safe.
 #[derive(Debug)]
-pub(super) struct Threaded {
+pub struct Threaded {
     reports: Consumer<Frame>,
     frames: Producer<Frame>,
     /// Frames given to the writer so far.
@@ -65,7 +65,7 @@ pub(super) struct Threaded {
 
 impl Threaded {
     /// Starts both threads, under SCHED_FIFO where `request` asks for it and the system allows it. Cold.
-    pub(super) fn start(source: impl Source, sink: impl Sink, request: Option<ThreadRequest>) -> Result<Self, std::io::Error> {
+    pub fn start(source: impl Source, sink: impl Sink, request: Option<ThreadRequest>) -> Result<Self, std::io::Error> {
         let doorbell = Arc::new(eventfd(0, EventfdFlags::CLOEXEC)?);
         let (lost, quit) = (Arc::new(AtomicBool::new(false)), Arc::new(AtomicBool::new(false)));
         let (report_producer, reports) = RingBuffer::new(REPORTS);
@@ -99,7 +99,7 @@ impl Threaded {
     }
 
     /// The next report.
-    pub(super) fn receive(&mut self, buffer: &mut [u8]) -> Result<usize, TransportError> {
+    pub fn receive(&mut self, buffer: &mut [u8]) -> Result<usize, TransportError> {
         match self.reports.pop() {
             Ok(report) => {
                 let bytes = report.as_slice();
@@ -116,12 +116,12 @@ impl Threaded {
     }
 
     /// Gives a frame to the writer.
-    pub(super) fn send(&mut self, frame: &[u8]) -> Result<(), TransportError> {
+    pub fn send(&mut self, frame: &[u8]) -> Result<(), TransportError> {
         self.push(frame, FRAMES_NOW)
     }
 
     /// Gives a frame to the writer and takes all others away from it, but for the one that is on the bus.
-    pub(super) fn send_now(&mut self, frame: &[u8]) -> Result<(), TransportError> {
+    pub fn send_now(&mut self, frame: &[u8]) -> Result<(), TransportError> {
         // Relaxed: the ring orders what it carries; a writer that sees the number late sends one frame too many.
         self.void_before.store(self.n_frames, Ordering::Relaxed);
         self.push(frame, 0)

@@ -10,17 +10,17 @@
 
 use core::time::Duration;
 
-use ::zenoh::bytes::ZBytes;
-use ::zenoh::pubsub::{Publisher, Subscriber};
-use ::zenoh::qos::{CongestionControl, Priority};
-use ::zenoh::query::Queryable;
-use ::zenoh::{Session, Wait};
 use crossbeam::channel::{Receiver, RecvTimeoutError, bounded};
+use zenoh::bytes::ZBytes;
+use zenoh::pubsub::{Publisher, Subscriber};
+use zenoh::qos::{CongestionControl, Priority};
+use zenoh::query::Queryable;
+use zenoh::{Session, Wait};
 
-use super::threaded::{Gone, Sink, Source, Threaded};
-use super::{FRAME_MAX, Frame, Transport, TransportError};
-use crate::IoPlacement;
-use crate::network::NetworkError;
+use super::NetworkError;
+use arms::IoPlacement;
+use arms::transport::threaded::{Gone, Sink, Source, Threaded};
+use arms::transport::{FRAME_MAX, Frame, Transport, TransportError};
 use rt::schedule::ThreadRequest;
 
 /// Packets that may wait between zenoh's thread and ours.

@@ -1,7 +1,7 @@
 //! What is asked for, and why it cannot be.
 
-use arms::network::{Endpoints, NetworkError};
-use link::{Domain, Namespace};
+use crate::network::{Endpoints, NetworkError};
+use crate::{Domain, Namespace};
 
 /// What a run publishes: topics of ROS 2, and states for other viewers.
 #[derive(Clone, Debug)]

@@ -13,8 +13,8 @@ use zenoh::{Session, Wait};
 
 use super::plan::{Plan, PublishError, refused};
 use super::ros_topics::RosTopics;
-use arms::network::session;
-use link::Namespace;
+use crate::Namespace;
+use crate::network::session;
 use recording::TickRecord;
 
 /// What a run shows of itself at one moment.

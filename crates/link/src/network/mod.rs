@@ -1,10 +1,12 @@
 //! The network between machines: how this process takes part in it (feature `zenoh`).
 //!
-//! Data in: endpoints of the command line, or a file of zenoh's own. Data out: an open session. What travels over it is decided elsewhere:
-//! frames of an arm in [`crate::remote`].
+//! Data in: endpoints of the command line, or a file of zenoh's own. Data out: an open session. The packets of an arm on another machine
+//! ([`arms::remote`]) travel over `link`.
 //!
-//! Invariant: a leaf, which uses no other room. Invariant: nothing is announced to a network that nobody named, see `session`.
+//! Invariant: nothing is announced to a network that nobody named, see `session`.
 
+#[cfg(feature = "zenoh")]
+pub mod link;
 #[cfg(feature = "zenoh")]
 pub mod session;
 

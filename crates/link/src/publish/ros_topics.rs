@@ -9,7 +9,7 @@ use zenoh::qos::CongestionControl;
 use zenoh::{Session, Wait};
 
 use super::plan::{Plan, PublishError, refused};
-use link::{Attachment, Gid, Moment, Node, Topic, gid, node_token, publisher_token, topic_key};
+use crate::{Attachment, Gid, Moment, Node, Topic, gid, node_token, publisher_token, topic_key};
 use recording::TickRecord;
 
 /// Name of the node.
