@@ -16,7 +16,7 @@ use vps::spatial::{Twist, Wrench};
 pub(super) struct Limited {
     /// The wrench on the hand, within all limits; zero when anything was not finite.
     pub(super) wrench: Wrench,
-    /// False when the wanted wrench, the gain or the twist was not finite: the tick faults with `NON_FINITE`.
+    /// False when the wanted wrench or the twist was not finite: the tick faults with `NON_FINITE`.
     pub(super) finite: bool,
 }
 
@@ -27,8 +27,7 @@ pub(super) struct Limiter {
 }
 
 impl Limiter {
-    /// One tick. `wanted` is the wrench on the hand, `twist` the motion of the same point in the same frame, `gain` that of the
-    /// enable ramp in 0..=1.
+    /// One tick. `wanted` is the wrench on the hand, `twist` the motion of the same point in the same frame.
     ///
     /// - Power: with W·V > P (the wrench drives the hand along its own motion) force and torque are scaled by P/(W·V).
     /// - Slew: the output moves straight towards the wanted force by at most R T per tick, so a wanted zero is reached within
@@ -37,9 +36,8 @@ impl Limiter {
     /// - Finite: anything else gives zero, and the state starts again from zero.
     ///
     /// A zero wrench out of a zero state stays zero bit for bit. RT: safe, O(1).
-    pub(super) fn apply(&mut self, wanted: Wrench, twist: Twist, gain: f64, limits: &LimitParameters, period_s: f64) -> Limited {
-        let ramped = wanted * gain.clamp(0.0, 1.0);
-        let powered = ramped * power_scale(ramped.power(twist), limits.power_w);
+    pub(super) fn apply(&mut self, wanted: Wrench, twist: Twist, limits: &LimitParameters, period_s: f64) -> Limited {
+        let powered = wanted * power_scale(wanted.power(twist), limits.power_w);
         let slewed = Wrench {
             force: stepped_towards(self.last.force, powered.force, limits.slew_n_per_s * period_s),
             torque: stepped_towards(self.last.torque, powered.torque, limits.slew_nm_per_s * period_s),
@@ -47,7 +45,7 @@ impl Limiter {
         let bounded = Wrench { force: shortened(slewed.force, limits.force_n), torque: shortened(slewed.torque, limits.torque_nm) };
 
         // The input is judged as well as the result: a limit of zero or a huge slew step would hide a NaN or an infinity.
-        let finite = wanted.is_finite() && twist.is_finite() && gain.is_finite() && bounded.is_finite();
+        let finite = wanted.is_finite() && twist.is_finite() && bounded.is_finite();
         // A sum with +0 turns −0 into +0, so that "zero" has one bit pattern.
         self.last = if finite { bounded + Wrench::ZERO } else { Wrench::ZERO };
         Limited { wrench: self.last, finite }
@@ -169,12 +167,12 @@ mod tests {
 
     proptest! {
         #[test]
-        fn magnitude_and_slew_hold_on_every_tick(steps in prop::collection::vec((wrench(50.0), twist(), 0.0_f64..1.2), 1..80)) {
+        fn magnitude_and_slew_hold_on_every_tick(steps in prop::collection::vec((wrench(50.0), twist()), 1..80)) {
             let limits = typical();
             let mut limiter = Limiter::default();
             let mut before = Wrench::ZERO;
-            for (wanted, twist, gain) in steps {
-                let limited = limiter.apply(wanted, twist, gain, &limits, PERIOD_S);
+            for (wanted, twist) in steps {
+                let limited = limiter.apply(wanted, twist, &limits, PERIOD_S);
                 prop_assert!(limited.finite);
                 let now = limited.wrench;
                 prop_assert!(now.force.length() <= limits.force_n * (1.0 + 1e-14));
@@ -188,7 +186,7 @@ mod tests {
         #[test]
         fn the_magnitude_limit_keeps_direction_and_force_and_torque_apart(wanted in wrench(50.0)) {
             let limits = LimitParameters { force_n: 3.0, torque_nm: 0.1, ..free() };
-            let limited = Limiter::default().apply(wanted, Twist::ZERO, 1.0, &limits, PERIOD_S).wrench;
+            let limited = Limiter::default().apply(wanted, Twist::ZERO, &limits, PERIOD_S).wrench;
             for (now, raw, limit) in [(limited.force, wanted.force, 3.0), (limited.torque, wanted.torque, 0.1)] {
                 if raw.length() <= limit {
                     prop_assert_eq!(now, raw);
@@ -202,7 +200,7 @@ mod tests {
         #[test]
         fn the_power_limit_scales_the_whole_wrench_and_leaves_resisting_wrenches_alone(wanted in wrench(50.0), twist in twist(), power_w in 0.0_f64..10.0) {
             let limits = LimitParameters { power_w, ..free() };
-            let limited = Limiter::default().apply(wanted, twist, 1.0, &limits, PERIOD_S).wrench;
+            let limited = Limiter::default().apply(wanted, twist, &limits, PERIOD_S).wrench;
             let wanted_w = wanted.power(twist);
             if wanted_w <= power_w {
                 prop_assert_eq!(limited, wanted);
@@ -221,28 +219,28 @@ mod tests {
             let n_ticks = ticks(start.force.length(), limits.slew_n_per_s).max(ticks(start.torque.length(), limits.slew_nm_per_s));
             let mut force_before = start.force.length();
             for _ in 0..n_ticks {
-                limiter.apply(Wrench::ZERO, Twist::ZERO, 1.0, &limits, PERIOD_S);
+                limiter.apply(Wrench::ZERO, Twist::ZERO, &limits, PERIOD_S);
                 prop_assert!(limiter.last.force.length() <= force_before);
                 force_before = limiter.last.force.length();
             }
             // One tick of grace for the rounding of n equal steps.
-            limiter.apply(Wrench::ZERO, Twist::ZERO, 1.0, &limits, PERIOD_S);
+            limiter.apply(Wrench::ZERO, Twist::ZERO, &limits, PERIOD_S);
             prop_assert_eq!(bits(limiter.last), [0; 6]);
         }
 
         #[test]
         fn no_input_brings_out_anything_that_is_not_finite_or_beyond_the_limits(
-            inputs in prop::collection::vec((any_wrench(), any_wrench(), any_number()), 1..20),
+            inputs in prop::collection::vec((any_wrench(), any_wrench()), 1..20),
         ) {
             let limits = typical();
             let mut limiter = Limiter::default();
-            for (wanted, motion, gain) in inputs {
+            for (wanted, motion) in inputs {
                 let twist = Twist { linear: motion.force, angular: motion.torque };
-                let limited = limiter.apply(wanted, twist, gain, &limits, PERIOD_S);
+                let limited = limiter.apply(wanted, twist, &limits, PERIOD_S);
                 prop_assert!(limited.wrench.is_finite());
                 prop_assert!(limited.wrench.force.length() <= limits.force_n * (1.0 + 1e-14));
                 prop_assert!(limited.wrench.torque.length() <= limits.torque_nm * (1.0 + 1e-14));
-                if !(wanted.is_finite() && twist.is_finite() && gain.is_finite()) {
+                if !(wanted.is_finite() && twist.is_finite()) {
                     prop_assert!(!limited.finite);
                     prop_assert_eq!(limiter, Limiter::default());
                 }
@@ -253,9 +251,9 @@ mod tests {
         }
 
         #[test]
-        fn zero_stays_zero_bit_for_bit(twist in twist(), gain in 0.0_f64..1.0, negative in any::<bool>()) {
+        fn zero_stays_zero_bit_for_bit(twist in twist(), negative in any::<bool>()) {
             let zero = if negative { -Wrench::ZERO } else { Wrench::ZERO };
-            let limited = Limiter::default().apply(zero, twist, gain, &typical(), PERIOD_S);
+            let limited = Limiter::default().apply(zero, twist, &typical(), PERIOD_S);
             prop_assert!(limited.finite);
             prop_assert_eq!(bits(limited.wrench), [0; 6]);
         }
@@ -265,7 +263,7 @@ mod tests {
     fn a_lowered_limit_acts_at_once() {
         let mut limiter = Limiter { last: Wrench::new(DVec3::X * 10.0, DVec3::ZERO) };
         let limits = LimitParameters { force_n: 0.5, ..typical() };
-        assert!((limiter.apply(limiter.last(), Twist::ZERO, 1.0, &limits, PERIOD_S).wrench.force.x - 0.5).abs() < 1e-15);
+        assert!((limiter.apply(limiter.last(), Twist::ZERO, &limits, PERIOD_S).wrench.force.x - 0.5).abs() < 1e-15);
     }
 
     #[test]

@@ -385,7 +385,7 @@ fn render(
         // While the force rises the hand is steadied. Free space stays free.
         ramped = ramped + p.mapping.actuated_part(damper::strongest(sample.twist, arm, 1.0 - gain));
     }
-    let limited = state.limiter.apply(ramped, sample.twist, 1.0, &p.limits, p.period_s);
+    let limited = state.limiter.apply(ramped, sample.twist, &p.limits, p.period_s);
     if !limited.finite {
         return Err(Faults::NON_FINITE);
     }
@@ -417,7 +417,7 @@ fn brake(p: &Parameters, state: &mut State, input: &TickInput, check: SampleChec
     } else {
         Wrench::ZERO
     };
-    let limited = state.limiter.apply(wanted, input.sample.twist, 1.0, &p.limits, p.period_s);
+    let limited = state.limiter.apply(wanted, input.sample.twist, &p.limits, p.period_s);
     if !limited.finite {
         return Err(Faults::NON_FINITE);
     }
