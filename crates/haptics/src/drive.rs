@@ -3,11 +3,9 @@
 //! ```text
 //!                 Enable, no gate shut                      gain = 1
 //!   Disabled ───────────────────────────────► Enabling ───────────────► Enabled
-//!    ▲ ▲   ▲                                     │  Pause, too fast       │ │
-//!    │ │   │                                     ├────────►  Braking  ◄───┘ │
-//!    │ │   │ zero command                        │            │   │         │
-//!    │ │   └──────────────────────────────────── │ ───────────┘   │         │
-//!    │ │     Pause is over, deadman let go       │ Stop,          │         │ Stop, deadman let go,
+//!    ▲ ▲                                         │  too fast              │ │
+//!    │ │                                         ├────────►  Braking  ◄───┘ │
+//!    │ │                                         │ Stop,          │         │ Stop, deadman let go,
 //!    │ │                                         │ ...            │         │ overheated
 //!    │ │ gain = 0                                ▼                │         ▼
 //!    │ └────────────────────────────────────  Stopping  ◄─────────│─────────┘
@@ -24,7 +22,7 @@
 //! until the wrench has been small for some ticks: a tool that stands pressed against something is not switched on with a blow. It waits as
 //! long as that takes; the arm moves freely and ends it.
 //!
-//! A drive that the deadman or a pause switched off holds the tool's place: the tool stands where it stood, and the arm's pose at the next
+//! A drive that the deadman switched off holds the tool's place: the tool stands where it stood, and the arm's pose at the next
 //! enable is its new zero. After a `Disable` the tool stands at the start of the scene.
 
 /// What the supervisor wants of the servo.
@@ -37,8 +35,6 @@ pub enum DriveRequest {
     Enable,
     /// Ramp down to zero, then stay disabled.
     Stop,
-    /// From force to a damper without stiffness, for as long as it is asked for. Without force: as `Stop`.
-    Pause,
 }
 
 /// Where the drive stands (CRTK: DISABLED, ENABLED + is_busy, ENABLED, ENABLED + is_busy, PAUSED, FAULT).
@@ -55,7 +51,7 @@ pub enum Drive {
     Stopping,
     /// Zero wrench until a `Disable` request, then `Enable`; with a deadman also until it is let go and pressed again.
     Fault,
-    /// Damping without stiffness: after too much speed for a moment, in a pause for as long as it lasts.
+    /// Damping without stiffness, for a moment after too much speed.
     Braking,
 }
 

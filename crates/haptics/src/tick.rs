@@ -406,13 +406,11 @@ fn render(
     })
 }
 
-/// A damper on the arm, without a scene. When the pause is over it fades, and the drive is disabled at zero.
+/// A damper on the arm, without a scene, until [`advance`] ends it with a fault.
 fn brake(p: &Parameters, state: &mut State, input: &TickInput, check: SampleCheck) -> Result<Felt, Faults> {
     observe(p, state, &input.sample)?;
-    let is_paused = input.request == DriveRequest::Pause && state.interlock.is_held();
-    let brakes = is_paused || !state.interlock.pending.is_empty();
     // Old velocities would drive the arm.
-    let wanted = if brakes && check.ramp_down == OffCause::None {
+    let wanted = if check.ramp_down == OffCause::None {
         p.mapping.actuated_part(damper::brake(input.sample.twist, &state.delay.damped(&p.arm)))
     } else {
         Wrench::ZERO
@@ -420,9 +418,6 @@ fn brake(p: &Parameters, state: &mut State, input: &TickInput, check: SampleChec
     let limited = state.limiter.apply(wanted, input.sample.twist, &p.limits, p.period_s);
     if !limited.finite {
         return Err(Faults::NON_FINITE);
-    }
-    if !brakes && limited.wrench == Wrench::ZERO {
-        state.drive = Drive::Disabled;
     }
     Ok(Felt { command_device: limited.wrench, commanded_device: limited.wrench, friction_world: Wrench::ZERO })
 }

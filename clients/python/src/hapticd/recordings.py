@@ -92,7 +92,7 @@ class DeviceSamples:
     status: Words
     """`FRESH`, `STALE` or `LOST`."""
     request: Words
-    """What the supervisor asked for: `DISABLE`, `ENABLE`, `STOP` or `PAUSE`."""
+    """What the supervisor asked for: `DISABLE`, `ENABLE` or `STOP`."""
     overrun: Bools
     """The tick came too late."""
 

@@ -31,7 +31,7 @@ pub(super) fn advance(scene: &RenderScene, p: &Parameters, state: &mut State, in
     }
     match (state.drive, input.request) {
         (Drive::Disabled, DriveRequest::Enable) => try_to_enable(scene, state, sample, faults),
-        (Drive::Disabled, DriveRequest::Stop | DriveRequest::Pause) => state.interlock.cause = OffCause::Software,
+        (Drive::Disabled, DriveRequest::Stop) => state.interlock.cause = OffCause::Software,
         (Drive::Enabling | Drive::Enabled, DriveRequest::Stop) => {
             state.drive = Drive::Stopping;
             state.interlock.leave(OffCause::Software, Faults::NONE, false);
@@ -44,19 +44,6 @@ pub(super) fn advance(scene: &RenderScene, p: &Parameters, state: &mut State, in
             state.drive = Drive::Stopping;
             state.interlock.leave(OffCause::Thermal, Faults::THERMAL, false);
         }
-        (Drive::Braking, _) if sample.overheated && state.interlock.pending.is_empty() => {
-            // The gain is zero already: the damper fades by the slew limit.
-            state.drive = Drive::Stopping;
-            state.interlock.leave(OffCause::Thermal, Faults::THERMAL, false);
-        }
-        (Drive::Enabling | Drive::Enabled, DriveRequest::Pause) => {
-            // The limiter keeps its last output: the spring goes over into the damper without a step.
-            let limiter = state.limiter;
-            state.at_rest(state.tool.pose());
-            state.limiter = limiter;
-            state.drive = Drive::Braking;
-            state.interlock.leave(OffCause::Software, Faults::NONE, true);
-        }
         _ => {}
     }
 }
@@ -67,7 +54,7 @@ fn fault_with_force(p: &Parameters, state: &mut State, sample: &DeviceSample, mu
         faults |= Faults::NOT_HOMED;
     }
     let pending = state.interlock.pending;
-    if state.drive == Drive::Braking && !pending.is_empty() {
+    if state.drive == Drive::Braking {
         state.interlock.brake_ticks = state.interlock.brake_ticks.saturating_add(1);
         // Half a tick of grace for the rounding of the time.
         let is_over = (f64::from(state.interlock.brake_ticks) + 0.5) * p.period_s > p.safety.brake_s;

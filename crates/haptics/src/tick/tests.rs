@@ -190,7 +190,7 @@ fn without_a_deadman_a_fault_takes_a_disable_then_an_enable() {
     rig.sample.device_error = 1;
     rig.tick();
     rig.sample.device_error = 0;
-    for request in [DriveRequest::Enable, DriveRequest::Stop, DriveRequest::Pause, DriveRequest::Enable] {
+    for request in [DriveRequest::Enable, DriveRequest::Stop, DriveRequest::Enable] {
         rig.request = request;
         assert_eq!(rig.ticks(20).drive, Drive::Fault);
     }
@@ -318,36 +318,6 @@ fn speed_ends_braking_when_the_arm_is_slow_and_at_once_with_any_other_fault() {
         let mut rig = Rig::new(change).pulling();
         assert_fault_at_once(&rig.move_by(1.2e-3, 1.2), Faults::SPEED, OffCause::Velocity);
     }
-}
-
-#[test]
-fn pause_goes_from_spring_to_damper_without_a_step_and_back_from_zero() {
-    let mut rig = Rig::new(|_| ()).pulling();
-    let mut before_n = rig.force_n();
-    rig.request = DriveRequest::Pause;
-    for n in 1..=1000 {
-        let output = rig.tick();
-        assert_eq!((output.drive, output.faults, output.off_cause), (Drive::Braking, Faults::NONE, OffCause::Software));
-        let force_n = rig.force_n();
-        assert!((force_n - before_n).abs() <= SLEW_N + 1e-9 && (n < 5 || force_n == 0.0), "tick {n}: {force_n} N");
-        before_n = force_n;
-    }
-    for _ in 0..10 {
-        rig.move_by(1e-4, 0.1);
-    }
-    assert!((rig.force_n() - 1.0).abs() < 1e-9);
-    // Over: the damper fades, and the drive starts from zero where the arm is now.
-    rig.request = DriveRequest::Enable;
-    rig.sample.twist.linear.x = 0.0;
-    assert_eq!(rig.tick_until(10, |output| output.drive == Drive::Disabled), 1);
-    let again = rig.tick();
-    assert!(again.drive == Drive::Enabling && is_zero(&again));
-    assert!(rig.ticks(RAMP_TICKS).command_device.force.length() < 1e-6);
-    // A stop, a deadman that is let go and heat end it as well.
-    rig.request = DriveRequest::Pause;
-    rig.tick();
-    rig.sample.overheated = true;
-    assert_eq!(rig.tick_until(20, |output| output.faults == Faults::THERMAL), 1);
 }
 
 #[test]

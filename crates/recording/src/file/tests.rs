@@ -48,7 +48,7 @@ fn odd_record(tick: u64) -> TickRecord {
                 device_error: 5,
                 overheated: tick.is_multiple_of(3),
             },
-            request: [DriveRequest::Disable, DriveRequest::Enable, DriveRequest::Stop, DriveRequest::Pause][tick as usize % 4],
+            request: [DriveRequest::Disable, DriveRequest::Enable, DriveRequest::Stop][tick as usize % 3],
             overrun: tick.is_multiple_of(5),
             stalled: tick.is_multiple_of(7),
             place: tick.is_multiple_of(2).then(|| Placement { obstacle_idx: 3, world_from_map: pose(20) }),
