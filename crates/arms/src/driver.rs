@@ -12,8 +12,6 @@ pub enum Pacing {
     Stream,
     /// Reports arrive on change only: no report means unchanged, not stale.
     Event,
-    /// One state message per message sent, from a service on this machine.
-    Service,
 }
 
 /// Where the bytes of a transport are moved.

@@ -291,7 +291,6 @@ fn fit(checks: &mut Checks<'_>, matching: &Match, protocol: &Protocol, profile: 
             crate::Pacing::PingPong => "ping-pong",
             crate::Pacing::Stream => "stream",
             crate::Pacing::Event => "event",
-            crate::Pacing::Service => "service",
         };
         checks.not_accepted("link.pacing", format_args!("\"{pacing}\": so does `{}` talk", protocol.name()));
     }

@@ -454,7 +454,7 @@ words! {
     TransportWord { Hid = "hid", Serial = "serial", Usb = "usb", None = "none" }
     CarrierWord for Hid14Carrier { Mbed = "mbed", TeensyRawHid = "teensy-rawhid" }
     TurnWord for Turn { Clockwise = "cw", CounterClockwise = "ccw" }
-    PacingWord for Pacing { PingPong = "ping-pong", Stream = "stream", Event = "event", Service = "service" }
+    PacingWord for Pacing { PingPong = "ping-pong", Stream = "stream", Event = "event" }
     SaturationWord for Saturation { Clamp = "clamp", Zero = "zero", Undefined = "undefined" }
     HomingWord for HomingMode {
         None = "none",

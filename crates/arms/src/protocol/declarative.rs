@@ -405,7 +405,7 @@ impl Firmware for Arm {
                     self.said = Some(self.report(arm));
                 }
             }
-            Pacing::PingPong | Pacing::Service => {}
+            Pacing::PingPong => {}
         }
     }
 

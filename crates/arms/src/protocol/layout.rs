@@ -463,7 +463,6 @@ impl PacketLayout {
             return Err("the kick frame is a command that moves a motor: write one of zeros, as it passes no limit".to_owned());
         }
         match self.pacing {
-            Pacing::Service => Err("pacing \"service\" is for programs on this machine, not for frames".to_owned()),
             Pacing::PingPong if self.command.is_none() && self.kick.is_none() => {
                 Err("pacing \"ping-pong\" without a command or a kick frame: nothing would ask the arm".to_owned())
             }

@@ -389,7 +389,7 @@ macro_rules! enumerations {
 }
 enumerations! {
     SampleStatus "SampleStatus" { Fresh "fresh", Stale "stale", Lost "lost", LinkLost "link-lost" }
-    DriveRequest "DriveRequest" { Disable "disable", Enable "enable", Stop "stop", Pause "pause" }
+    DriveRequest "DriveRequest" { Disable "disable", Enable "enable", Stop "stop" }
     Drive "Drive" {
         Disabled "disabled", Enabling "enabling", Enabled "enabled", Stopping "stopping", Fault "fault", Braking "braking"
     }

@@ -362,7 +362,6 @@ fn layouts_that_cannot_be_spoken_are_refused_with_the_reason() {
     refused(&|layout| layout.report.fields[3].wraps = true, 0, "only a reading");
     refused(&|layout| layout.report.framing = Framing::Slip { len: 8 }, 0, "one link");
     refused(&|layout| layout.report.framing = Framing::Report { id: None, len: 121 }, 0, "at most 120");
-    refused(&|layout| layout.pacing = Pacing::Service, 0, "service");
     refused(&|layout| layout.kick = Some(vec![]), 0, "kick");
     let pushing = |layout: &mut PacketLayout| {
         let mut codec = Protocol::Declarative(layout.clone()).codec(Carriage::Stream);
