@@ -136,7 +136,6 @@ pub(super) fn summary(config: &SceneConfig) -> String {
     let coupling = &config.parameters.coupling;
     let mode = match coupling.mode {
         CouplingMode::Implicit => "implicit",
-        CouplingMode::SemiImplicit => "semi-implicit",
         CouplingMode::Static => "static",
         CouplingMode::Constraint => "constraint",
         CouplingMode::Direct => "direct",

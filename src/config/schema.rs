@@ -209,7 +209,7 @@ pub(super) struct Monitor {
 }
 
 words! {
-    CouplingWord for CouplingMode { Implicit = "implicit", SemiImplicit = "semi-implicit", Static = "static", Constraint = "constraint", Direct = "direct" }
+    CouplingWord for CouplingMode { Implicit = "implicit", Static = "static", Constraint = "constraint", Direct = "direct" }
     FieldWord for FieldKind { Layers = "layers", SurfacePoint = "surface-point", Octant = "octant", Trilinear = "trilinear" }
     UnitWord { Metre = "m", Millimetre = "mm", Centimetre = "cm", Inch = "in" }
     SidesWord for SidesRule { Auto = "auto", Flood = "flood", Winding = "winding", Thin = "thin" }

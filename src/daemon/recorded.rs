@@ -91,7 +91,7 @@ fn shown(name: &str, source: &MeshSource, pose: Pose, is_tool: bool) -> Shown {
     Shown { name: name.to_owned(), pose, is_tool, form }
 }
 
-/// A word of the program as a scene file has it: `SemiImplicit` as `semi-implicit`.
+/// A word of the program as a scene file has it: `SurfacePoint` as `surface-point`.
 fn scene_word(name: &impl fmt::Debug) -> String {
     let mut word = String::new();
     for letter in format!("{name:?}").chars() {

@@ -9,7 +9,7 @@ use super::report::{ObjectReport, Role};
 use crate::config::SceneConfig;
 use crate::config::scene::ToolConfig;
 use haptics::clay::{Clay, PUT_DOWN_SPACINGS};
-use haptics::{CouplingMode, Inertia, RenderScene, Tool};
+use haptics::{Inertia, RenderScene, Tool};
 use vps::contact::{ContactSum, Obstacle};
 use vps::mesh::mass::MassProperties;
 use vps::spatial::{Metres, Pose};
@@ -107,23 +107,7 @@ pub fn build_all(config: &SceneConfig, means: &mut BakeMeans<'_>, mut watch: imp
     let (Some(shell), Some(mass)) = (shell, mass) else { unreachable!("a tool has a shell and a mass") };
     let shell = if config.knows_edges { shell } else { shell.without_edges() };
     let center_of_mass_tool = config.tool.center_of_mass_m.unwrap_or(mass.center_m);
-    let mut inertia = inertia(&config.tool, &mass, shell.radius_m(), center_of_mass_tool);
-    if config.parameters.coupling.mode == CouplingMode::SemiImplicit {
-        let own = inertia;
-        inertia = own.at_least_for_semi_implicit(&config.parameters.coupling, config.parameters.period_s);
-        if inertia.mass_kg > own.mass_kg {
-            let [needed_g, own_g] = [inertia.mass_kg, own.mass_kg].map(|mass_kg| mass_kg * 1e3);
-            tool_report
-                .warnings
-                .push(format!("the semi-implicit step takes a tool of {needed_g:.1} g for this one of {own_g:.1} g"));
-        }
-        if inertia.least_kg_m2 > own.least_kg_m2 {
-            let [needed, own] = [inertia.least_kg_m2, own.least_kg_m2];
-            tool_report.warnings.push(format!(
-                "the semi-implicit step takes a tool that turns like {needed:.1e} kg·m² for this one of {own:.1e} kg·m²"
-            ));
-        }
-    }
+    let inertia = inertia(&config.tool, &mass, shell.radius_m(), center_of_mass_tool);
     let tool = Tool { shell, inertia, center_of_mass_tool };
     let mut scene = RenderScene { parameters: config.parameters, obstacles, clay: None, tool };
     let mut piece = None;

@@ -130,38 +130,34 @@ fn acceptance_11_the_half_voxel_clamp_bounds_what_is_felt_and_how_far_the_tool_s
     let point = || Shell::new(&[(DVec3::new(0.0, 0.0, -HALF), DVec3::Z)], S);
     // The worst case of the rule: one point, its contact as soft as the coupling. The full spring then sinks it by s/2.
     for (what, shell, contact_n_per_m) in [("cube", cube(), 2000.0), ("one point", point(), K)] {
-        for mode in [CouplingMode::Implicit, CouplingMode::SemiImplicit] {
-            for free_space in [FreeSpace::Zero, FreeSpace::Drag] {
-                let parameters = coupling_with(|p| {
-                    p.coupling.clamp = SpringClamp::HalfVoxel;
-                    p.coupling.mode = mode;
-                    p.coupling.free_space = free_space;
-                    p.contact.stiffness_n_per_m = contact_n_per_m;
-                });
-                let radius_m = shell.radius_m();
-                let copy = Shell::new(&shell.points().map(|(p, n)| (p.as_dvec3(), n.as_dvec3())).collect::<Vec<_>>(), S);
-                let mut arm = Arm::new(scene(parameters, copy, HALF + 1e-3)).ramped();
-                let mut last = TickOutput::default();
-                for n in 0..1200 {
-                    // Down by 21 mm, 20 mm into the slab, with a wobble, then still.
-                    let share = smooth(f64::from(n) / 500.0);
-                    let wobble = if n < 700 { (f64::from(n) * 0.05).sin() } else { 0.0 };
-                    let turn = DQuat::from_rotation_x(0.3 * wobble);
-                    last = arm.enable(Pose::new(turn, DVec3::new(2e-3 * wobble, 0.0, -0.021 * share)));
-                    let felt = last.commanded_device;
-                    // The voxel edge is an `f32` in the field.
-                    assert!(felt.force.length() <= K * 0.5 * S * (1.0 + 1e-7), "{what}, {mode:?}, tick {n}: {felt:?}");
-                    let torque_max_nm = K_R * 0.5 * S / radius_m;
-                    assert!(felt.torque.length() <= torque_max_nm * (1.0 + 1e-7), "{what}, {mode:?}, tick {n}: {felt:?}");
-                }
-                let sunk_m = HALF - last.world_from_tool.translation.z;
-                assert!(sunk_m > 0.0 && sunk_m <= 0.5 * S * 1.001, "{what}, {mode:?}, {free_space:?}: sinks {sunk_m} m");
-                assert!(last.max_depth_m <= 0.5 * S * 1.001, "{what}, {mode:?}: {} m deep", last.max_depth_m);
-                assert!(
-                    (last.commanded_device.force.z / (K * 0.5 * S) - 1.0).abs() < 1e-3,
-                    "{what}: pressed with all of the spring"
-                );
+        let mode = CouplingMode::Implicit;
+        for free_space in [FreeSpace::Zero, FreeSpace::Drag] {
+            let parameters = coupling_with(|p| {
+                p.coupling.clamp = SpringClamp::HalfVoxel;
+                p.coupling.mode = mode;
+                p.coupling.free_space = free_space;
+                p.contact.stiffness_n_per_m = contact_n_per_m;
+            });
+            let radius_m = shell.radius_m();
+            let copy = Shell::new(&shell.points().map(|(p, n)| (p.as_dvec3(), n.as_dvec3())).collect::<Vec<_>>(), S);
+            let mut arm = Arm::new(scene(parameters, copy, HALF + 1e-3)).ramped();
+            let mut last = TickOutput::default();
+            for n in 0..1200 {
+                // Down by 21 mm, 20 mm into the slab, with a wobble, then still.
+                let share = smooth(f64::from(n) / 500.0);
+                let wobble = if n < 700 { (f64::from(n) * 0.05).sin() } else { 0.0 };
+                let turn = DQuat::from_rotation_x(0.3 * wobble);
+                last = arm.enable(Pose::new(turn, DVec3::new(2e-3 * wobble, 0.0, -0.021 * share)));
+                let felt = last.commanded_device;
+                // The voxel edge is an `f32` in the field.
+                assert!(felt.force.length() <= K * 0.5 * S * (1.0 + 1e-7), "{what}, {mode:?}, tick {n}: {felt:?}");
+                let torque_max_nm = K_R * 0.5 * S / radius_m;
+                assert!(felt.torque.length() <= torque_max_nm * (1.0 + 1e-7), "{what}, {mode:?}, tick {n}: {felt:?}");
             }
+            let sunk_m = HALF - last.world_from_tool.translation.z;
+            assert!(sunk_m > 0.0 && sunk_m <= 0.5 * S * 1.001, "{what}, {mode:?}, {free_space:?}: sinks {sunk_m} m");
+            assert!(last.max_depth_m <= 0.5 * S * 1.001, "{what}, {mode:?}: {} m deep", last.max_depth_m);
+            assert!((last.commanded_device.force.z / (K * 0.5 * S) - 1.0).abs() < 1e-3, "{what}: pressed with all of the spring");
         }
     }
 }
@@ -174,31 +170,30 @@ fn acceptance_12_free_space_is_zero_to_the_bit_or_drags_with_the_whole_coupling(
         let shift = DVec3::new((9.0 * t).sin(), (7.0 * t).sin(), (11.0 * t).sin()) * 8e-3;
         Pose::new(DQuat::from_scaled_axis(DVec3::new(0.2, -0.1, 0.3) * (8.0 * t).sin()), shift)
     };
-    for mode in [CouplingMode::Implicit, CouplingMode::SemiImplicit] {
-        let start_z_m = 0.02 + HALF;
-        let with = |free_space| {
-            let p = coupling_with(|p| (p.coupling.mode, p.coupling.free_space) = (mode, free_space));
-            Arm::new(scene(p, cube(), start_z_m)).ramped()
-        };
-        let (mut zero, mut drag) = (with(FreeSpace::Zero), with(FreeSpace::Drag));
-        let mut strongest_n = 0.0_f64;
-        for n in 0..1500 {
-            let pose = path(n);
-            let (free, felt) = (zero.enable(pose), drag.enable(pose));
-            assert_eq!((free.contacts, felt.contacts), (0, 0));
-            assert!(is_zero(free.contact_world) && is_zero(felt.contact_world), "{mode:?}, tick {n}");
-            assert!(is_zero(free.commanded_device) && is_zero(free.command_device), "{mode:?}, tick {n}: {free:?}");
-            assert_eq!(free.world_from_tool, felt.world_from_tool, "what the hand feels does not move the tool");
-            // The spring between where the arm wants the tool and where it is.
-            let target = DVec3::Z * start_z_m + pose.translation;
-            let expected = (felt.world_from_tool.translation - target) * K;
-            assert!((felt.commanded_device.force - expected).length() < 1e-9, "{mode:?}, tick {n}: {felt:?}");
-            let turn = felt.world_from_tool.rotation_to(Pose::new(pose.rotation, target));
-            assert!((felt.commanded_device.torque + turn * K_R).length() < 1e-9, "{mode:?}, tick {n}: {felt:?}");
-            strongest_n = strongest_n.max(expected.length());
-        }
-        assert!(strongest_n > 0.3, "{mode:?}: the spring was hardly stretched, {strongest_n} N");
+    let mode = CouplingMode::Implicit;
+    let start_z_m = 0.02 + HALF;
+    let with = |free_space| {
+        let p = coupling_with(|p| (p.coupling.mode, p.coupling.free_space) = (mode, free_space));
+        Arm::new(scene(p, cube(), start_z_m)).ramped()
+    };
+    let (mut zero, mut drag) = (with(FreeSpace::Zero), with(FreeSpace::Drag));
+    let mut strongest_n = 0.0_f64;
+    for n in 0..1500 {
+        let pose = path(n);
+        let (free, felt) = (zero.enable(pose), drag.enable(pose));
+        assert_eq!((free.contacts, felt.contacts), (0, 0));
+        assert!(is_zero(free.contact_world) && is_zero(felt.contact_world), "{mode:?}, tick {n}");
+        assert!(is_zero(free.commanded_device) && is_zero(free.command_device), "{mode:?}, tick {n}: {free:?}");
+        assert_eq!(free.world_from_tool, felt.world_from_tool, "what the hand feels does not move the tool");
+        // The spring between where the arm wants the tool and where it is.
+        let target = DVec3::Z * start_z_m + pose.translation;
+        let expected = (felt.world_from_tool.translation - target) * K;
+        assert!((felt.commanded_device.force - expected).length() < 1e-9, "{mode:?}, tick {n}: {felt:?}");
+        let turn = felt.world_from_tool.rotation_to(Pose::new(pose.rotation, target));
+        assert!((felt.commanded_device.torque + turn * K_R).length() < 1e-9, "{mode:?}, tick {n}: {felt:?}");
+        strongest_n = strongest_n.max(expected.length());
     }
+    assert!(strongest_n > 0.3, "{mode:?}: the spring was hardly stretched, {strongest_n} N");
     // No virtual tool, no spring.
     let p = coupling_with(|p| p.coupling.mode = CouplingMode::Direct);
     let mut direct = Arm::new(scene(p, cube(), 0.02 + HALF)).ramped();
@@ -309,7 +304,7 @@ fn a_sample_that_is_not_a_number_is_zero_force_at_once_and_stays_a_fault_until_d
         |sample| sample.twist.linear.y = f64::NEG_INFINITY,
     ];
     for (which, poison) in poisons.into_iter().enumerate() {
-        for mode in [CouplingMode::Implicit, CouplingMode::SemiImplicit, CouplingMode::Direct] {
+        for mode in [CouplingMode::Implicit, CouplingMode::Direct] {
             let p = coupling_with(|p| p.coupling.mode = mode);
             let mut arm = Arm::new(scene(p, cube(), HALF - 3e-4)).ramped();
             assert!(arm.enable(at(0.0, 0.0, -5e-4)).commanded_device.force.z > 0.1, "{mode:?}");
@@ -436,7 +431,7 @@ fn scale_multiplies_the_way_and_not_the_force() {
 #[test]
 fn forces_come_back_in_the_axes_of_the_arm() {
     for axis in [DVec3::new(0.0, 0.0, 1.57), DVec3::new(1.2, 0.0, 0.0), DVec3::new(0.7, -1.4, 2.0), DVec3::new(3.0, 0.5, 0.1)] {
-        for mode in [CouplingMode::Implicit, CouplingMode::SemiImplicit, CouplingMode::Direct] {
+        for mode in [CouplingMode::Implicit, CouplingMode::Direct] {
             let rotation = DQuat::from_scaled_axis(axis);
             let p = coupling_with(|p| {
                 p.coupling.mode = mode;

@@ -25,7 +25,6 @@ const N_TICKS: usize = 1500;
 /// The ticks at the end in which everything has to be at rest.
 const N_REST: usize = 300;
 
-/// Without "semi-implicit": its contact is undamped and rings on a light arm.
 const MODES: [&str; 4] = ["implicit", "static", "constraint", "direct"];
 
 /// Static objects and tool of a situation, and where the hand wants the tool to end.

@@ -28,8 +28,7 @@ const T: f64 = 1e-3;
 /// s, m.
 const S: f64 = 1e-3;
 const BALL_M: f64 = 6e-3;
-const MODES: [CouplingMode; 5] =
-    [CouplingMode::Implicit, CouplingMode::SemiImplicit, CouplingMode::Static, CouplingMode::Constraint, CouplingMode::Direct];
+const MODES: [CouplingMode; 4] = [CouplingMode::Implicit, CouplingMode::Static, CouplingMode::Constraint, CouplingMode::Direct];
 
 fn build(mesh: &TriangleMesh, voxel_size_m: f64) -> Voxmap {
     let options = Options { voxel_size_m, layers: 8, navigation: None, sides: SidesRule::Auto };

@@ -5,7 +5,7 @@ use arms::simulated::hand::{HandMapping, HandPath};
 use arms::simulated::{HandParameters, SimArm, SimParameters};
 use glam::DVec3;
 use hapticd::config::SceneConfig;
-use haptics::{CouplingMode, Drive, DriveRequest, Faults, Inertia, RenderScene, State, TickInput, TickOutput, tick};
+use haptics::{Drive, DriveRequest, Faults, RenderScene, State, TickInput, TickOutput, tick};
 
 pub(crate) const T: f64 = 1e-3;
 
@@ -49,11 +49,7 @@ pub(crate) struct Outcome {
 ///
 /// In every tick: no fault, every number finite, command within the limits.
 pub(crate) fn play(scene: &mut RenderScene, config: &SceneConfig, path: &HandPath, n_ticks: usize, n_rest: usize) -> Outcome {
-    let own = scene.tool.inertia;
     scene.parameters = config.parameters;
-    if config.parameters.coupling.mode == CouplingMode::SemiImplicit {
-        scene.tool.inertia = Inertia::at_least_for_semi_implicit(own, &config.parameters.coupling, T);
-    }
     let mut arm = arm(config, scene, path);
     let mut state = State::new(scene);
     let mut outputs = Vec::with_capacity(n_ticks);
@@ -70,7 +66,6 @@ pub(crate) fn play(scene: &mut RenderScene, config: &SceneConfig, path: &HandPat
         outputs.push(output);
         speeds.push(arm.true_twist().linear.length());
     }
-    scene.tool.inertia = own;
     let rest = &outputs[n_ticks - n_rest..];
     let spread = |of: &dyn Fn(&TickOutput) -> DVec3| {
         let low = rest.iter().map(of).fold(DVec3::INFINITY, DVec3::min);

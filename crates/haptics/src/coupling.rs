@@ -24,25 +24,6 @@ pub struct Inertia {
     pub least_kg_m2: f64,
 }
 
-impl Inertia {
-    /// The same body made heavy enough that a semi-implicit step of the coupling keeps most of its stability for contact.
-    ///
-    /// With k h²/m = ¼ · 0.6863 the critically damped coupling takes a quarter of what the step can take alone
-    /// ([`stability`](super::stability)), and about six times its stiffness is left for contact. Like McNeely1999, who let the
-    /// user feel some grams.
-    #[must_use]
-    pub fn at_least_for_semi_implicit(self, coupling: &CouplingParameters, period_s: f64) -> Self {
-        const SHARE: f64 = 0.25 * 0.6863;
-        let least = |stiffness: f64| stiffness * period_s * period_s / SHARE;
-        let missing_kg_m2 = (least(coupling.stiffness_nm_per_rad) - self.least_kg_m2).max(0.0);
-        Self {
-            mass_kg: self.mass_kg.max(least(coupling.stiffness_n_per_m)),
-            body_kg_m2: self.body_kg_m2 + DMat3::IDENTITY * missing_kg_m2,
-            least_kg_m2: self.least_kg_m2 + missing_kg_m2,
-        }
-    }
-}
-
 /// The virtual tool: pose of its axes at the centre of mass, and velocity of that point, world.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Body {
@@ -166,27 +147,6 @@ impl Body {
         let wrench = (pull.wrench(self.twist) + contact.wrench - Wrench::new(force, torque)) * h;
         let (linear, angular) = system.solve_spd(wrench)?;
         Some(Twist { linear: self.twist.linear + linear, angular: self.twist.angular + angular })
-    }
-
-    /// Semi-implicit Euler: `v ← v + h M⁻¹ W`, then `x ← x + h v`. The caller limits the contact stiffness to what this step can
-    /// take. Dampers of contact act at the end of the step, `(M + h D) v ← M v + h W`: they are stable however large. `None` on a singular
-    /// inertia or non-finite input. RT: safe.
-    pub(super) fn step_semi_implicit(&self, pull: &Pull, contact: &LinearContact, inertia: &Inertia) -> Option<Twist> {
-        let wrench = pull.wrench(self.twist) + contact.wrench;
-        let axes = self.pose.rotation_matrix();
-        let inertia_world = axes * inertia.body_kg_m2 * axes.transpose();
-        if let Some(damping) = &contact.damping {
-            let mass = Mat6::from_blocks(DMat3::IDENTITY * inertia.mass_kg, DMat3::ZERO, DMat3::ZERO, inertia_world);
-            let (force, torque) = damping.mul(self.twist.linear, self.twist.angular);
-            let impulse = (wrench - Wrench::new(force, torque)) * pull.period_s;
-            let (linear, angular) = mass.plus_scaled(pull.period_s, damping).solve_spd(impulse)?;
-            return Some(Twist { linear: self.twist.linear + linear, angular: self.twist.angular + angular });
-        }
-        let twist = Twist {
-            linear: self.twist.linear + wrench.force * (pull.period_s / inertia.mass_kg),
-            angular: self.twist.angular + inertia_world.inverse() * wrench.torque * pull.period_s,
-        };
-        twist.is_finite().then_some(twist)
     }
 
     /// Moves by one tick at `twist`, but no point by more than `step_limit_m`: velocity and step are scaled down together, so

@@ -144,8 +144,6 @@ impl LiveParameter {
             Self::CutoffLow | Self::CutoffHigh => {
                 ParameterRange { least: LEAST_CUTOFF_HZ.min(scene), most: (MOST_CUTOFF / p.period_s).max(scene), scene }
             }
-            // The tool's mass was chosen for the scene's.
-            Self::CouplingTranslation | Self::CouplingRotation if mode == CouplingMode::SemiImplicit => stiffness(scene),
             Self::CouplingTranslation => stiffness(p.coupling.bound_n_per_m),
             Self::CouplingRotation => stiffness(p.coupling.bound_nm_per_rad),
             Self::ForceLimit => ParameterRange { least: LEAST_FORCE_N.min(scene / LEAST_DIVISOR), most: scene, scene },
@@ -380,8 +378,6 @@ mod tests {
         let mut p = rubbing();
         (p.coupling.stiffness_n_per_m, p.coupling.bound_n_per_m) = (800.0, 1000.0);
         assert_eq!(LiveParameter::CouplingTranslation.range(&p).expect("acts").most, 1000.0);
-        p.coupling.mode = CouplingMode::SemiImplicit;
-        assert_eq!(LiveParameter::CouplingTranslation.range(&p).expect("acts").most, 800.0);
         p.coupling.mode = CouplingMode::Direct;
         assert_eq!(LiveParameter::CouplingTranslation.range(&p), None);
         assert_eq!(LiveParameter::ContactStiffness.range(&p).expect("acts").most, p.contact.stiffness_n_per_m);

@@ -12,8 +12,6 @@ pub enum CouplingMode {
     /// Virtual tool with mass, implicit Euler over linearised contact and coupling: stable for every stiffness.
     #[default]
     Implicit,
-    /// Virtual tool with mass, semi-implicit Euler; total stiffness is limited to what that step can take.
-    SemiImplicit,
     /// Virtual tool without mass: each tick one Newton step towards the balance of coupling and contact.
     Static,
     /// Virtual tool without mass that stays on the surface: each tick the pose nearest to the arm's that the contact planes allow.
@@ -25,7 +23,7 @@ pub enum CouplingMode {
 impl CouplingMode {
     /// The virtual tool has a mass, and so a velocity of its own.
     pub fn has_mass(self) -> bool {
-        matches!(self, Self::Implicit | Self::SemiImplicit)
+        self == Self::Implicit
     }
 }
 

@@ -205,27 +205,6 @@ pub fn filter_delay_s(cutoff_hz: f64, period_s: f64) -> f64 {
     alpha_lag_s(low_pass_alpha(cutoff_hz, period_s), period_s)
 }
 
-/// Largest total stiffness in N/m that a semi-implicit step of the virtual tool takes with that damping: k h²/m + 2 b h/m < 4.
-///
-/// `damping_n_s_per_m` is the damping in the step itself, not that of the arm; the stiffness is the total, coupling plus
-/// contacts. 0 where the damping alone is too much for the step.
-///
-/// # Source
-/// Our derivation (Jury's conditions on the two-by-two step), checked by stepping it.
-pub(super) fn semi_implicit_max_stiffness(mass_kg: f64, damping_n_s_per_m: f64, period_s: f64) -> f64 {
-    positive_or_zero((4.0 * mass_kg / period_s - 2.0 * damping_n_s_per_m) / period_s)
-}
-
-/// The same when the damping is critical for the total stiffness, b = 2 √(m k): k < (2√2 − 2)² m/h².
-///
-/// # Source
-/// Our derivation, the inequality of [`semi_implicit_max_stiffness`] with that b.
-#[cfg(test)]
-fn semi_implicit_max_stiffness_critically_damped(mass_kg: f64, period_s: f64) -> f64 {
-    let root = 2.0 * core::f64::consts::SQRT_2 - 2.0;
-    root * root * mass_kg / (period_s * period_s)
-}
-
 fn alpha_lag_s(alpha: f64, period_s: f64) -> f64 {
     period_s * alpha / (1.0 - alpha)
 }

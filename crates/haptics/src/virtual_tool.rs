@@ -7,17 +7,16 @@ use super::braking::{Brake, Braking};
 use super::clay::Held;
 use super::constraint::{self, SLOP_VOXELS};
 use super::contact_damping;
-use super::coupling::{Body, Inertia, LinearContact, Pull, Spring};
+use super::coupling::{Body, LinearContact, Pull, Spring};
 use super::filter::{ShapingFilter, Slide};
 use super::friction::{Friction, FrictionWrench};
 use super::limits::Ramp;
 use super::params::{CouplingMode, CouplingParameters, FreeSpace, Parameters};
 use super::placing::ALWAYS_VOXELS;
 use super::quasi_static::StaticBalance;
-use super::stability::semi_implicit_max_stiffness;
 use vps::contact::places::Places;
 use vps::contact::planes::DeepestContacts;
-use vps::contact::{Carried, Contact, ContactSum, Patch, Traversal};
+use vps::contact::{Carried, Contact, ContactSum, Traversal};
 use vps::spatial::{Mat6, Pose, Twist, Wrench};
 
 /// Time in which the coupling wrench comes in at first contact, s (decision: free space).
@@ -185,24 +184,17 @@ impl VirtualTool {
     ) -> Option<Twist> {
         let inertia = &scene.tool.inertia;
         let damping = Pull::critical_damping(coupling, inertia);
-        let scale = match coupling.mode {
-            CouplingMode::SemiImplicit => semi_implicit_share(contact, rubbing, p, inertia, damping),
-            _ => 1.0,
-        };
         let (along, about) = contact.stiffness.bounds();
-        let step_stiffness = scale * p.period_s * p.period_s * (along / inertia.mass_kg).max(about / inertia.least_kg_m2);
-        let wrench = self.shaped(contact, scale, step_stiffness, p);
+        let step_stiffness = p.period_s * p.period_s * (along / inertia.mass_kg).max(about / inertia.least_kg_m2);
+        let wrench = self.shaped(contact, 1.0, step_stiffness, p);
         // Friction is smooth by itself: it goes past the filter.
-        let stiffness =
-            Mat6::ZERO.plus_scaled(scale * (1.0 - self.filter.alpha()), &contact.stiffness).plus_scaled(scale, &rubbing.stiffness);
+        let stiffness = Mat6::ZERO.plus_scaled(1.0 - self.filter.alpha(), &contact.stiffness).plus_scaled(1.0, &rubbing.stiffness);
         let damping_s = if along > 0.0 { 2.0 * p.contact.damping_ratio * (inertia.mass_kg / along).sqrt() } else { 0.0 };
 
         let pull = Pull { spring, target_twist, weight, damping, period_s: p.period_s };
-        let mut wrench = wrench + rubbing.wrench * scale;
-        if coupling.mode != CouplingMode::SemiImplicit {
-            // What moves towards the tool will push by so much more at the end of the tick, and damping acts on the speed between both.
-            wrench = wrench + pushed(&stiffness, &contact.carried) * (1.0 + damping_s / p.period_s);
-        }
+        // What moves towards the tool will push by so much more at the end of the tick, and damping acts on the speed between both.
+        let carried = pushed(&stiffness, &contact.carried) * (1.0 + damping_s / p.period_s);
+        let wrench = wrench + rubbing.wrench + carried;
         let braking = brake.map(|brake| brake.damping(inertia.mass_kg, p.period_s));
         let ground = contact.carried.over(p.period_s);
         let solve = |faces: Option<&Mat6>| {
@@ -212,23 +204,20 @@ impl VirtualTool {
                 let (force, torque) = faces.mul(ground.linear, ground.angular);
                 wrench = wrench + Wrench::new(force, torque);
             }
-            let linear = LinearContact { wrench, stiffness, damping_s, damping };
-            match coupling.mode {
-                CouplingMode::SemiImplicit => self.body.step_semi_implicit(&pull, &linear, inertia),
-                _ => self.body.step_implicit(&pull, &linear, inertia),
-            }
+            self.body.step_implicit(&pull, &LinearContact { wrench, stiffness, damping_s, damping }, inertia)
         };
         let undamped = solve(None)?;
         if contact.contacts == 0 || p.contact.damping_n_s_per_m <= 0.0 {
             return Some(undamped);
         }
-        // In an explicit step the faces press as they did at its begin.
-        let spring_s = if coupling.mode == CouplingMode::SemiImplicit { 0.0 } else { p.period_s + damping_s };
-        let patches = contact.patches().map(|patch| Patch { force_n: scale * patch.force_n, ..*patch });
         // As seen from what the faces touch, which may move.
-        let seen = contact_damping::damped(patches, p.contact.damping_n_s_per_m, spring_s, undamped - ground, |dampers| {
-            solve(Some(dampers)).map(|twist| twist - ground)
-        })?;
+        let seen = contact_damping::damped(
+            contact.patches().copied(),
+            p.contact.damping_n_s_per_m,
+            p.period_s + damping_s,
+            undamped - ground,
+            |dampers| solve(Some(dampers)).map(|twist| twist - ground),
+        )?;
         Some(seen + ground)
     }
 
@@ -252,29 +241,6 @@ impl VirtualTool {
 fn pushed(stiffness: &Mat6, carried: &Carried) -> Wrench {
     let (force, torque) = stiffness.mul(carried.linear, carried.angular);
     Wrench::new(force, torque)
-}
-
-/// The share of the contact stiffness that the semi-implicit step can take beside the coupling spring.
-///
-/// # Source
-/// The inequality of [`semi_implicit_max_stiffness`](super::stability::semi_implicit_max_stiffness), ours.
-fn semi_implicit_share(
-    contact: &ContactSum,
-    rubbing: &FrictionWrench,
-    p: &Parameters,
-    inertia: &Inertia,
-    damping: (f64, f64),
-) -> f64 {
-    // Half of the bound: it holds for one axis, and contact couples translation and rotation.
-    let room =
-        |mass: f64, damping: f64, spring: f64| (0.5 * semi_implicit_max_stiffness(mass, damping, p.period_s) - spring).max(0.0);
-    within(
-        contact.stiffness.plus_scaled(1.0, &rubbing.stiffness).bounds(),
-        (
-            room(inertia.mass_kg, damping.0, p.coupling.stiffness_n_per_m),
-            room(inertia.least_kg_m2, damping.1, p.coupling.stiffness_nm_per_rad),
-        ),
-    )
 }
 
 /// The largest factor up to 1 that keeps both stiffnesses within their bounds.

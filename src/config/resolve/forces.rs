@@ -164,7 +164,7 @@ impl Resolve<'_> {
     fn of_a_mass<T>(&mut self, mode: CouplingMode, key: &str, value: T, acts: bool) -> T {
         if acts && !mode.has_mass() {
             let accepted = "left out with this rendering.coupling, whose virtual tool has no mass and so no velocity to take from; \
-                            \"implicit\" and \"semi-implicit\" have one";
+                            that of \"implicit\" has one";
             self.checks.not_accepted(key, accepted);
         }
         value

@@ -128,13 +128,10 @@ mod tests {
         assert!(scenes.len() >= 4);
         let folder = tempfile::tempdir().unwrap();
         for scene in &scenes {
-            let edits = [
-                ("rendering.coupling", "semi-implicit".into()),
-                ("rendering.field", "layers".into()),
-                ("filter.spatial", false.into()),
-            ];
+            let edits =
+                [("rendering.coupling", "static".into()), ("rendering.field", "layers".into()), ("filter.spatial", false.into())];
             let config = load(scene, &edits, folder.path()).unwrap();
-            assert_eq!(config.parameters.coupling.mode, CouplingMode::SemiImplicit);
+            assert_eq!(config.parameters.coupling.mode, CouplingMode::Static);
             assert_eq!((config.parameters.contact.field, config.parameters.filter.spatial), (FieldKind::Layers, false));
         }
         let refused = load(&scenes[0], &[("rendering.coupling", "magic".into())], folder.path()).unwrap_err();

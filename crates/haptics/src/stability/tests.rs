@@ -305,6 +305,23 @@ fn acceptance_22_the_auto_limit_keeps_a_delayed_loop_stable_and_a_stiffer_one_di
     }
 }
 
+/// Largest total stiffness in N/m that a semi-implicit step of the virtual tool takes with that damping: k h²/m + 2 b h/m < 4.
+///
+/// `damping_n_s_per_m` is the damping in the step itself, not that of the arm; the stiffness is the total, coupling plus
+/// contacts. 0 where the damping alone is too much for the step.
+///
+/// The virtual tool steps implicitly because of this bound: contact of many points exceeds it. Our derivation (Jury's conditions on the
+/// two-by-two step).
+fn semi_implicit_max_stiffness(mass_kg: f64, damping_n_s_per_m: f64, period_s: f64) -> f64 {
+    positive_or_zero((4.0 * mass_kg / period_s - 2.0 * damping_n_s_per_m) / period_s)
+}
+
+/// The same when the damping is critical for the total stiffness, b = 2 √(m k): k < (2√2 − 2)² m/h².
+fn semi_implicit_max_stiffness_critically_damped(mass_kg: f64, period_s: f64) -> f64 {
+    let root = 2.0 * core::f64::consts::SQRT_2 - 2.0;
+    root * root * mass_kg / (period_s * period_s)
+}
+
 /// Stiffness and damping of a virtual tool stepped as v' = v + h a, x' = x + h v', with a = −(k x + b v)/m.
 fn semi_implicit_growth(mass_kg: f64, damping: f64, stiffness: f64) -> f64 {
     let (mut x, mut v) = (1e-3, 0.0);

@@ -220,7 +220,7 @@ mod tests {
             "name": "MyScene",
             "tool": { "sides": "flood", "mass_kg": 0.1, "inertia_kg_m2": null },
             "parameters": {
-                "coupling": { "mode": "semi-implicit", "clamp": "half-voxel" },
+                "coupling": { "mode": "constraint", "clamp": "half-voxel" },
                 "limits": { "slew_n_per_s": 24.773803641699697, "stale_ticks_max": 3, "speed_m_per_s": 1.0, "small": 1.234567891e-9 },
                 "port": { "start": [0.1, -0.2, 1234567.8], "sensed": ["x", "rx"] },
             },
@@ -232,7 +232,7 @@ mod tests {
             ("tool.sides", "flood"),
             ("tool.mass_kg", "0.1"),
             ("tool.inertia_kg_m2", "–"),
-            ("coupling.mode", "semi-implicit"),
+            ("coupling.mode", "constraint"),
             ("coupling.clamp", "half-voxel"),
             ("limits.slew_n_per_s", "24.7738"),
             ("limits.stale_ticks_max", "3"),

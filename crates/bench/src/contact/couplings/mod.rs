@@ -23,7 +23,7 @@ use hapticd::scene::cache::Cache;
 use recording::TickRecord;
 
 /// The words of a scene file; one that this version lacks is a row that says so.
-const COUPLINGS: [&str; 4] = ["implicit", "semi-implicit", "static", "direct"];
+const COUPLINGS: [&str; 3] = ["implicit", "static", "direct"];
 
 /// The force of 2008: the plane through the voxel, no entry weight, no filter.
 fn raw() -> Vec<Edit> {
