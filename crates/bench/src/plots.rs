@@ -168,7 +168,7 @@ fn write(path: PathBuf, title: &str, note: &str, charts: &[Chart]) -> Result<(),
     for Line { name, color, .. } in charts.iter().take(1).flat_map(|chart| &chart.lines) {
         let _ = write!(
             svg,
-            "<path stroke=\"{color}\" stroke-width=\"3\" d=\"M{x} 86h26\"/><text class=\"left\" x=\"{}\" y=\"91\">{name}</text>",
+            "<path stroke=\"{color}\" style=\"stroke-width: 3\" d=\"M{x} 86h26\"/><text class=\"left\" x=\"{}\" y=\"91\">{name}</text>",
             x + 34.0
         );
         // About the width of a letter.

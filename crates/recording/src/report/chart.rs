@@ -53,7 +53,8 @@ impl Frame {
     /// Grid and round numbers of both axes, with the unit of the lower one.
     pub fn axes(&self, svg: &mut String, unit_x: &str) {
         let [width, height] = self.size;
-        for value in steps(self.y, 4.0) {
+        // Four on the charts of a report, more on taller ones.
+        for value in steps(self.y, height / 47.5) {
             let y = self.y(value);
             let _ = write!(svg, "<line class=\"grid\" x1=\"{LEFT}\" x2=\"{}\" y1=\"{y:.1}\" y2=\"{y:.1}\"/>", width - RIGHT);
             let _ = write!(svg, "<text class=\"tick end\" x=\"{}\" y=\"{:.1}\">{}</text>", LEFT - 6.0, y + 4.0, short(value));
