@@ -19,6 +19,7 @@ use crate::config;
 use crate::error::Exit;
 use crate::scene::cache::Residence;
 use crate::scene::{self, BakeMeans, Built, ClayReport, ObjectReport, SceneError};
+use vps::part::PartError;
 use vps::voxmap::sides::SidesRule;
 
 /// Arguments of `hapticd bake`.
@@ -119,12 +120,14 @@ impl From<SidesChoice> for SidesRule {
 enum Failure {
     Usage(String),
     Scene(SceneError),
+    /// Of a mesh on its own.
+    Part(PartError),
     Write(PathBuf, std::io::Error),
 }
 
-impl From<SceneError> for Failure {
-    fn from(error: SceneError) -> Self {
-        Self::Scene(error)
+impl From<PartError> for Failure {
+    fn from(error: PartError) -> Self {
+        Self::Part(error)
     }
 }
 
@@ -142,8 +145,8 @@ pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
             report::error(&message, None, talk);
             Exit::Usage
         }
-        Err(Failure::Scene(error)) if is_scene => report::scene_error(&error, talk),
-        Err(Failure::Scene(error)) => mesh_error(args, &error, talk),
+        Err(Failure::Scene(error)) => report::scene_error(&error, talk),
+        Err(Failure::Part(error)) => mesh_error(args, &error, talk),
         Err(Failure::Write(path, error)) => {
             report::error(&format!("cannot write {}: {error}", path.display()), destination::hint(&error), talk);
             Exit::Asset
@@ -182,7 +185,7 @@ fn bake_scene(args: &Args, talk: Talk) -> Result<Exit, Failure> {
     drop(means);
     progress.finish();
     cache::tell(&mut cache, talk);
-    let Built { objects: reports, piece, .. } = baked?;
+    let Built { objects: reports, piece, .. } = baked.map_err(Failure::Scene)?;
     let clay = piece.map(|piece| piece.report);
     let total_s = since.elapsed().as_secs_f64();
     report::bake_warnings(&reports, talk);

@@ -8,12 +8,12 @@ use crate::config::strokes::{self, Script, Timed};
 use crate::config::{self, SceneConfig, StiffnessBound};
 use crate::daemon::{PrepareError, inputs};
 use crate::error::Exit;
-use crate::scene::cache::Spacing;
-use crate::scene::{Geometry, Role, SceneError};
+use crate::scene::{self, SceneError, cache::Spacing};
 use arms::profile::{self, Profile, ProfileError};
 use clay::engine::{SculptOrder, ToolSettings};
 use document::show;
 use haptics::CouplingMode;
+use vps::part::PartError;
 use vps::spatial::{Axes, Metres};
 use vps::storage::printable::{one_line, shown};
 use vps::voxmap::grid::Grid;
@@ -62,7 +62,7 @@ pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
             if let Some(SculptConfig { strokes: Some(file), tool, .. }) = &config.sculpt {
                 strokes::load(file, tool).map_err(PrepareError::Config)?;
             }
-            look_at_parts(&config, talk)?;
+            look_at_parts(&config, talk).map_err(SceneError::from)?;
             Ok(config)
         });
         match checked {
@@ -99,12 +99,12 @@ const LIKELY_M: f64 = 5.0;
 
 /// Looks at the box of each part: a mesh that cannot be used, or a grid that is too large, is refused as `run` would; of a part that is so large that
 /// its unit is likely to be wrong is warned.
-fn look_at_parts(config: &SceneConfig, talk: Talk) -> Result<(), SceneError> {
+fn look_at_parts(config: &SceneConfig, talk: Talk) -> Result<(), PartError> {
     let SceneConfig { statics, tool, .. } = config;
     let statics = statics.iter().map(|object| (object.name.as_str(), &object.source, object.voxel_size_m, object.layers));
     for (name, source, voxel_size_m, layers) in statics.chain([("tool", &tool.source, tool.voxel_size_m, tool.layers)]) {
         // The box of a shape hardly depends on how finely it is cut.
-        let bounds = Geometry::load(name, Role::Static, source, Spacing::LongestAxis(1))?.mesh.bounds();
+        let bounds = scene::load(name, source, Spacing::LongestAxis(1))?.mesh.bounds();
         let Some((low, high)) = bounds else { continue };
         let longest_m = (high - low).max_element();
         if let MeshSource::File { path, .. } = source
@@ -113,7 +113,7 @@ fn look_at_parts(config: &SceneConfig, talk: Talk) -> Result<(), SceneError> {
             report::warning(&format!("{name}: {} is {} long: is its `units` right?", path.display(), Metres(longest_m)), talk);
         }
         let grid = Grid::around(low, high, voxel_size_m, layers);
-        grid.map_err(|source| SceneError::Grid { name: name.to_owned(), source })?;
+        grid.map_err(|source| PartError::Grid { name: name.to_owned(), source })?;
     }
     Ok(())
 }

@@ -105,6 +105,7 @@ mod tests {
     use super::*;
     use crate::scene::cache::{Cache, Residence};
     use crate::scene::{self, BakeMeans, SceneError};
+    use vps::part::PartError;
     use vps::storage::memory;
     use vps::voxmap::grid::GridError;
     use vps::voxmap::memory_limit::{FREE_BYTES, MemoryLimit};
@@ -130,8 +131,10 @@ mod tests {
         let scarce: fn() -> Option<u64> = || Some(FREE_BYTES + (1 << 20));
         let refused = |(built, n_baked): (Result<(), SceneError>, usize)| {
             let error = built.expect_err("a mebibyte is not enough");
-            let is_memory =
-                matches!(&error, SceneError::Grid { source: GridError::Memory { limit: MemoryLimit::Left(_), .. }, .. });
+            let is_memory = matches!(
+                &error,
+                SceneError::Part(PartError::Grid { source: GridError::Memory { limit: MemoryLimit::Left(_), .. }, .. })
+            );
             assert!(is_memory && n_baked == 0, "{error}, {n_baked} baked");
             assert!(
                 error.to_string().contains("are left") && error.hint().is_some_and(|hint| hint.contains("end programs")),
@@ -142,7 +145,7 @@ mod tests {
         refused(build(scarce, Some(1 << 40)));
         assert!(matches!(
             build(|| Some(1 << 40), Some(1000)).0,
-            Err(SceneError::Grid { source: GridError::Memory { limit: MemoryLimit::Given(1000), .. }, .. })
+            Err(SceneError::Part(PartError::Grid { source: GridError::Memory { limit: MemoryLimit::Given(1000), .. }, .. }))
         ));
         assert!(build(memory::available_bytes, None).0.is_ok());
         // What the cache has by now takes room as well.

@@ -7,8 +7,9 @@ use super::{Talk, When};
 use crate::config::ConfigErrors;
 use crate::daemon::{PrepareError, service};
 use crate::error::Exit;
-use crate::scene::{ClayReport, ObjectReport, SceneError};
+use crate::scene::{ClayError, ClayReport, ObjectReport, SceneError};
 use clay::clay_model::ClayModelError;
+use vps::part::PartError;
 use vps::storage::printable::{one_line, printable};
 
 /// Prints every problem of a scene on stderr and gives the exit code for it.
@@ -24,12 +25,12 @@ pub(crate) fn scene_error(problem: &SceneError, talk: Talk) -> Exit {
     // What a mesh file says of itself may be in it.
     error(&one_line(&problem.to_string()), problem.hint().as_deref(), talk);
     match problem {
-        SceneError::Mesh { .. } | SceneError::Load(_) | SceneError::Session(_) | SceneError::Piece(ClayModelError::Surface(_)) => {
+        SceneError::Part(PartError::Mesh { .. })
+        | SceneError::Clay(ClayError::Load(_) | ClayError::Session(_) | ClayError::Piece(ClayModelError::Surface(_))) => {
             Exit::Asset
         }
-        SceneError::Grid { .. } | SceneError::Piece(_) | SceneError::ClayMemory { .. } | SceneError::Frame(_) => {
-            Exit::Configuration
-        }
+        SceneError::Part(PartError::Grid { .. })
+        | SceneError::Clay(ClayError::Piece(_) | ClayError::Memory { .. } | ClayError::Frame(_)) => Exit::Configuration,
     }
 }
 

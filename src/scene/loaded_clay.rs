@@ -7,27 +7,68 @@ use std::time::Instant;
 
 use glam::DVec3;
 use serde::Serialize;
+use thiserror::Error;
 
-use super::object::{MemoryPlan, SceneError};
+use super::object::MemoryPlan;
 use crate::config::SceneConfig;
 use crate::config::scene::{ClaySource, MeshSource, SculptConfig};
-use clay::clay_model::Foreseen;
-use clay::{ClayModel, Neighbours, NormalSource, PointSet, PointSurface, Solid};
-use haptics::clay::{Clay, Rope};
-use haptics::{CouplingParameters, LimitParameters};
-use vps::density::Lattice;
+use clay::clay_model::{ClayModelError, Foreseen};
+use clay::session::SessionError;
+use clay::{ClayModel, LoadError, Neighbours, NormalSource, PointSet, PointSurface, Solid};
+use haptics::clay::Clay;
+use vps::density::{FrameError, Lattice};
 use vps::spatial::Metres;
+use vps::voxmap::memory_limit::MemoryLimit;
 
-/// A rope is so much softer than what holds the arm to the virtual tool, and pulls with this share of the largest force.
-const ROPE_SHARE_OF_COUPLING: f64 = 0.25;
-const ROPE_N_PER_M_MAX: f64 = 500.0;
-const ROPE_SHARE_OF_LIMIT: f64 = 0.5;
 /// Few things that are felt with an arm are shorter, or longer.
 const HANDY_M: RangeInclusive<f64> = 2e-3..=2.0;
 /// Mass points farther apart than this many spacings of the samples miss what the samples show.
 const COARSE: f64 = 6.0;
 /// Samples of a border nearer to each other than this, in spacings, are of one border: of a small hole some are not seen as such.
 const BORDER_STEP: f64 = 6.0;
+
+/// Why clay cannot be built.
+#[derive(Debug, Error)]
+pub enum ClayError {
+    /// The source of the clay, or of the tool as a solid.
+    #[error(transparent)]
+    Load(#[from] LoadError),
+    /// The clay itself.
+    #[error(transparent)]
+    Piece(#[from] ClayModelError),
+    /// It would take too much memory.
+    #[error("{} samples and {} nodes of the raster take about {}", foreseen.samples, foreseen.nodes, limit.exceeded_by(foreseen.bytes))]
+    Memory {
+        /// What it would take, with what objects keep.
+        foreseen: Foreseen,
+        /// What may be taken.
+        limit: MemoryLimit,
+    },
+    /// A session that was saved.
+    #[error(transparent)]
+    Session(#[from] SessionError),
+    /// What the tick would touch of it.
+    #[error(transparent)]
+    Frame(#[from] FrameError),
+}
+
+impl ClayError {
+    /// What to do about it.
+    pub fn hint(&self) -> Option<String> {
+        match self {
+            Self::Load(problem) => problem.hint().map(str::to_owned),
+            Self::Piece(ClayModelError::Surface(problem)) => Some(problem.hint().to_owned()),
+            Self::Session(_) => Some("give a file of `hapticd sculpt --session`, or another source of clay".to_owned()),
+            Self::Piece(ClayModelError::Beside(..)) => {
+                Some("give `sculpt.region_mm` in the frame of the piece's file, and check `sculpt.units`".to_owned())
+            }
+            Self::Memory { limit, .. } => {
+                Some(format!("take fewer mass points in `sculpt.raster`, a larger `sculpt.spacing_mm`, or {}", limit.remedy()))
+            }
+            Self::Piece(_) | Self::Frame(_) => None,
+        }
+    }
+}
 
 /// A piece of clay, ready to be worked.
 #[derive(Debug)]
@@ -83,7 +124,7 @@ impl LoadedClay {
     ///
     /// # Errors
     /// A source that cannot be read, samples that make no surface, or too much memory.
-    pub(super) fn build(config: &SceneConfig, sculpt: &SculptConfig, memory: &MemoryPlan<'_>) -> Result<Self, SceneError> {
+    pub(super) fn build(config: &SceneConfig, sculpt: &SculptConfig, memory: &MemoryPlan<'_>) -> Result<Self, ClayError> {
         let since = Instant::now();
         let (workpiece, normals, merged) = match &sculpt.source {
             ClaySource::Solid(solid) => {
@@ -130,29 +171,15 @@ impl LoadedClay {
     }
 
     /// What the tick touches before the first update.
-    pub(super) fn clay(&self, config: &SceneConfig, sculpt: &SculptConfig) -> Result<Clay, SceneError> {
+    pub(super) fn clay(&self, config: &SceneConfig, sculpt: &SculptConfig) -> Result<Clay, ClayError> {
         let frame = self.workpiece.frame()?;
-        let period_s = config.parameters.period_s;
-        Ok(Clay {
-            world_from_map: sculpt.world_from_map,
-            frame,
-            smoothing: Clay::smoothing_between(sculpt.update_ticks as f64 * period_s, period_s),
-            rope: rope(&config.parameters.coupling, &config.parameters.limits),
-        })
-    }
-}
-
-/// A rope that no arm can be made unstable by, and that always leaves force for the contact.
-fn rope(coupling: &CouplingParameters, limits: &LimitParameters) -> Rope {
-    let holds_n_per_m = coupling.stiffness_n_per_m.min(coupling.bound_n_per_m);
-    Rope {
-        stiffness_n_per_m: (ROPE_SHARE_OF_COUPLING * holds_n_per_m).min(ROPE_N_PER_M_MAX),
-        force_n: ROPE_SHARE_OF_LIMIT * limits.force_n,
+        let update_period_s = sculpt.update_ticks as f64 * config.parameters.period_s;
+        Ok(Clay::new(sculpt.world_from_map, frame, update_period_s, &config.parameters))
     }
 }
 
 /// The samples of the tool, as dense as those of the clay where that is enough of them.
-fn tool_shape(source: &MeshSource, spacing_m: f64) -> Result<Arc<PointSet>, SceneError> {
+fn tool_shape(source: &MeshSource, spacing_m: f64) -> Result<Arc<PointSet>, ClayError> {
     let solid = match source.clone() {
         MeshSource::File { path, metres_per_unit } => Solid::File { path, metres_per_unit, spacing_m: None },
         MeshSource::Shape(shape) => Solid::Shape { shape, spacing_m: None },

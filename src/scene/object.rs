@@ -1,87 +1,34 @@
 //! One object: from its source to voxmap, field and pointshell.
 
-use std::time::Instant;
-
-use glam::DVec3;
 use thiserror::Error;
 
 use super::cache::{Baked, Cache, Lookup, Request, Spacing};
-use super::report::{ObjectReport, Role};
+use super::loaded_clay::ClayError;
 use crate::config::scene::MeshSource;
-use clay::LoadError;
-use clay::clay_model::{ClayModelError, Foreseen};
-use clay::session::SessionError;
-use vps::density::FrameError;
-use vps::mesh::mass::{MassProperties, mass_properties_of_inspected};
-use vps::mesh::validate::{MeshReport, inspect};
-use vps::mesh::{self, MeshError, TriangleMesh};
-use vps::pointshell::shell::Shell;
-use vps::pointshell::{self, ShellReport};
+use clay::clay_model::Foreseen;
+use vps::part::{Part, PartError, Role};
 use vps::voxmap::estimate::{Estimate, MeshMeasures, Products, voxel_size_within};
-use vps::voxmap::field::Field;
 use vps::voxmap::grid::{Grid, GridError};
 use vps::voxmap::memory_limit::MemoryLimit;
-use vps::voxmap::{Options, Stage, Voxmap};
+use vps::voxmap::{Options, Stage};
 
-/// Why an object cannot be built.
+/// Why a scene cannot be built.
 #[derive(Debug, Error)]
 pub enum SceneError {
-    /// Its mesh.
-    #[error("{name}: {source}")]
-    Mesh {
-        /// Object.
-        name: String,
-        /// Cause.
-        source: MeshError,
-    },
-    /// Its grid.
-    #[error("{name}: {source}")]
-    Grid {
-        /// Object.
-        name: String,
-        /// Cause.
-        source: GridError,
-    },
-    /// The source of the clay, or of the tool as a solid.
+    /// The mesh or the grid of a part.
+    #[error(transparent)]
+    Part(#[from] PartError),
+    /// Its clay.
     #[error("clay: {0}")]
-    Load(#[from] LoadError),
-    /// The clay itself.
-    #[error("clay: {0}")]
-    Piece(#[from] ClayModelError),
-    /// It would take too much memory.
-    #[error(
-        "clay: {} samples and {} nodes of the raster take about {}", foreseen.samples, foreseen.nodes, limit.exceeded_by(foreseen.bytes)
-    )]
-    ClayMemory {
-        /// What it would take, with what objects keep.
-        foreseen: Foreseen,
-        /// What may be taken.
-        limit: MemoryLimit,
-    },
-    /// A session that was saved.
-    #[error("clay: {0}")]
-    Session(#[from] SessionError),
-    /// What the tick would touch of it.
-    #[error("clay: {0}")]
-    Frame(#[from] FrameError),
+    Clay(#[from] ClayError),
 }
 
 impl SceneError {
     /// What to do about it.
     pub fn hint(&self) -> Option<String> {
         match self {
-            Self::Mesh { source, .. } => source.hint().map(str::to_owned),
-            Self::Grid { source, .. } => Some(source.hint()),
-            Self::Load(problem) => problem.hint().map(str::to_owned),
-            Self::Piece(ClayModelError::Surface(problem)) => Some(problem.hint().to_owned()),
-            Self::Session(_) => Some("give a file of `hapticd sculpt --session`, or another source of clay".to_owned()),
-            Self::Piece(ClayModelError::Beside(..)) => {
-                Some("give `sculpt.region_mm` in the frame of the piece's file, and check `sculpt.units`".to_owned())
-            }
-            Self::ClayMemory { limit, .. } => {
-                Some(format!("take fewer mass points in `sculpt.raster`, a larger `sculpt.spacing_mm`, or {}", limit.remedy()))
-            }
-            Self::Piece(_) | Self::Frame(_) => None,
+            Self::Part(problem) => problem.hint(),
+            Self::Clay(problem) => problem.hint(),
         }
     }
 }
@@ -151,13 +98,37 @@ impl<'a> MemoryPlan<'a> {
         given.into_iter().chain(left).find(|(_, most_bytes)| needed_bytes > *most_bytes)
     }
 
+    /// Says what baking a part will take, and refuses it where that is too much.
+    ///
+    /// # Errors
+    /// A grid that is too large, or too much memory.
+    pub fn judge(&mut self, part: &Part, options: &Options, products: Products) -> Result<(), PartError> {
+        let measures = MeshMeasures::of(&part.mesh);
+        let (low, high) = measures.bounds_m;
+        let grid = |source| PartError::Grid { name: part.name().to_owned(), source };
+        let around = Grid::around(low, high, options.voxel_size_m, options.layers).map_err(grid)?;
+        let mut estimate = Estimate::new(&measures, &around, options.layers, products);
+        let own_bytes = estimate.peak_bytes;
+        let exceeded = self.exceeded_by(own_bytes);
+        estimate.peak_bytes += self.kept_bytes;
+        self.kept_bytes += estimate.kept_bytes;
+        (self.tell)(part.name(), &estimate);
+        let Some((limit, most_bytes)) = exceeded else { return Ok(()) };
+        Err(grid(GridError::Memory {
+            needed_bytes: if let MemoryLimit::Given(_) = limit { estimate.peak_bytes } else { own_bytes },
+            limit,
+            asked_m: options.voxel_size_m,
+            voxel_size_m: voxel_size_within(&measures, options.voxel_size_m, options.layers, products, most_bytes),
+        }))
+    }
+
     /// Judges the clay, beside what the objects before it keep.
-    pub(super) fn judge_clay(&self, mut foreseen: Foreseen) -> Result<(), SceneError> {
+    pub(super) fn judge_clay(&self, mut foreseen: Foreseen) -> Result<(), ClayError> {
         let Some((limit, _)) = self.exceeded_by(foreseen.bytes) else { return Ok(()) };
         if let MemoryLimit::Given(_) = limit {
             foreseen.bytes = foreseen.bytes.saturating_add(self.kept_bytes);
         }
-        Err(SceneError::ClayMemory { foreseen, limit })
+        Err(ClayError::Memory { foreseen, limit })
     }
 }
 
@@ -176,7 +147,7 @@ pub(super) fn obtain(
     request: &Request<'_>,
     BakeMeans { cache, memory }: &mut BakeMeans<'_>,
     mut tell: impl FnMut(Stage),
-) -> Result<Baked, SceneError> {
+) -> Result<Baked, PartError> {
     tell(Stage::Load);
     // What the cache has is read whole.
     let most_bytes = memory.left().map_or(u64::MAX, MemoryLimit::max_bytes);
@@ -193,121 +164,27 @@ pub(super) fn obtain(
     Ok(baked)
 }
 
-fn bake(request: &Request<'_>, memory: &mut MemoryPlan<'_>, mut tell: impl FnMut(Stage)) -> Result<Baked, SceneError> {
-    let geometry = Geometry::load(request.name, request.role, request.source, request.spacing)?;
-    let voxel_size_m = geometry.voxel_size_m(request.spacing);
-    let options = Options { voxel_size_m, layers: request.layers, navigation: None, sides: request.sides };
-    geometry.foresee(&options, request.products(), memory)?;
-    let mut map = geometry.voxmap(&options, &mut tell)?;
+fn bake(request: &Request<'_>, memory: &mut MemoryPlan<'_>, tell: impl FnMut(Stage)) -> Result<Baked, PartError> {
+    let part = load(request.name, request.source, request.spacing)?;
+    let options = request.options(&part);
+    memory.judge(&part, &options, request.products())?;
     if request.role == Role::Static {
-        tell(Stage::Distance);
-        let field = geometry.field(&mut map, request.with_gradients);
-        let report = geometry.report(&map, &ShellReport::default());
+        let (field, report) = part.bake_field(&options, request.with_gradients, tell)?;
         return Ok(Baked { field: Some(field), shell: None, mass: None, report });
     }
-    let mass = geometry.mass_properties();
-    tell(Stage::Pointshell);
-    let (shell, shell_report) = geometry.shell(&map, request.center_of_mass.unwrap_or(mass.center_m));
-    let report = geometry.report(&map, &shell_report);
+    let (shell, mass, report) = part.bake_shell(&options, request.center_of_mass, tell)?;
     Ok(Baked { field: None, shell: Some(shell), mass: Some(mass), report })
 }
 
-/// A tessellation's chord error as a share of the voxel edge, so that the voxel size limits accuracy.
-const CHORD_SHARE: f64 = 0.02;
-
-/// An object on its way through the stages.
-pub struct Geometry {
-    name: String,
-    role: Role,
-    /// The mesh, in metres and in its file's frame.
-    pub mesh: TriangleMesh,
-    /// What is wrong with them.
-    inspected: MeshReport,
-    load_s: f64,
-}
-
-impl Geometry {
-    /// Reads or tessellates an object and inspects it.
-    ///
-    /// # Errors
-    /// A mesh that cannot be used.
-    pub fn load(name: &str, role: Role, source: &MeshSource, spacing: Spacing) -> Result<Self, SceneError> {
-        let since = Instant::now();
-        let mesh = match source {
-            MeshSource::File { path, metres_per_unit } => {
-                mesh::load(path, *metres_per_unit).map_err(|source| SceneError::Mesh { name: name.to_owned(), source })?
-            }
-            // The box of a shape hardly depends on how finely it is cut; only a size of voxels can be too fine for a coarse cut.
-            MeshSource::Shape(shape) => match spacing {
-                Spacing::Size(voxel_size_m) => shape.tessellate(CHORD_SHARE * voxel_size_m),
-                Spacing::LongestAxis(_) => shape.tessellate(0.0),
-            },
-        };
-        let inspected = inspect(&mesh);
-        if let MeshSource::File { path, .. } = source
-            && inspected.degenerate_triangles == inspected.triangles
-        {
-            let source = MeshError::NoArea { path: path.clone(), triangles: inspected.triangles };
-            return Err(SceneError::Mesh { name: name.to_owned(), source });
-        }
-        Ok(Self { name: name.to_owned(), role, mesh, inspected, load_s: since.elapsed().as_secs_f64() })
-    }
-
-    /// What baking the object will take; refused where that is more than `memory` allows.
-    ///
-    /// # Errors
-    /// A grid that is too large, or too much memory.
-    pub fn foresee(&self, options: &Options, products: Products, memory: &mut MemoryPlan<'_>) -> Result<(), SceneError> {
-        let measures = MeshMeasures::of(&self.mesh);
-        let (low, high) = measures.bounds_m;
-        let grid = |source| SceneError::Grid { name: self.name.clone(), source };
-        let around = Grid::around(low, high, options.voxel_size_m, options.layers).map_err(grid)?;
-        let mut estimate = Estimate::new(&measures, &around, options.layers, products);
-        let own_bytes = estimate.peak_bytes;
-        let exceeded = memory.exceeded_by(own_bytes);
-        estimate.peak_bytes += memory.kept_bytes;
-        memory.kept_bytes += estimate.kept_bytes;
-        (memory.tell)(&self.name, &estimate);
-        let Some((limit, most_bytes)) = exceeded else { return Ok(()) };
-        Err(grid(GridError::Memory {
-            needed_bytes: if let MemoryLimit::Given(_) = limit { estimate.peak_bytes } else { own_bytes },
-            limit,
-            asked_m: options.voxel_size_m,
-            voxel_size_m: voxel_size_within(&measures, options.voxel_size_m, options.layers, products, most_bytes),
-        }))
-    }
-
-    /// Voxel edge s, m.
-    pub fn voxel_size_m(&self, spacing: Spacing) -> f64 {
-        spacing.voxel_size_m(self.mesh.bounds().map_or(DVec3::ZERO, |(low, high)| high - low))
-    }
-
-    /// Classifies the object's volume.
-    ///
-    /// # Errors
-    /// A grid that is too large.
-    pub fn voxmap(&self, options: &Options, watch: impl FnMut(Stage)) -> Result<Voxmap, SceneError> {
-        Voxmap::build(&self.mesh, &self.inspected, options, watch)
-            .map_err(|source| SceneError::Grid { name: self.name.clone(), source })
-    }
-
-    /// The field that the tick reads.
-    pub fn field(&self, map: &mut Voxmap, with_gradients: bool) -> Field {
-        map.field(&self.mesh, with_gradients)
-    }
-
-    /// The pointshell about a centre of mass (mesh frame, m).
-    pub fn shell(&self, map: &Voxmap, center_of_mass: DVec3) -> (Shell, ShellReport) {
-        pointshell::build(&self.mesh, map, center_of_mass)
-    }
-
-    /// Volume, centre and inertia; of the surface where the mesh is open. Frame and units of [`MassProperties`].
-    pub fn mass_properties(&self) -> MassProperties {
-        mass_properties_of_inspected(&self.mesh, &self.inspected)
-    }
-
-    /// The figures of what was built, for people and `--json`.
-    pub fn report(&self, map: &Voxmap, shell: &ShellReport) -> ObjectReport {
-        ObjectReport::new(&self.name, self.role, &self.inspected, map, shell, self.load_s)
+/// Reads or tessellates an object and inspects it.
+///
+/// # Errors
+/// A mesh that cannot be used.
+pub fn load(name: &str, source: &MeshSource, spacing: Spacing) -> Result<Part, PartError> {
+    match (source, spacing) {
+        (MeshSource::File { path, metres_per_unit }, _) => Part::load(name, path, *metres_per_unit),
+        (MeshSource::Shape(shape), Spacing::Size(voxel_size_m)) => Ok(Part::of_shape(name, shape, voxel_size_m)),
+        // The box of a shape hardly depends on how finely it is cut; only a size of voxels can be too fine for a coarse cut.
+        (MeshSource::Shape(shape), Spacing::LongestAxis(_)) => Ok(Part::of_shape(name, shape, 0.0)),
     }
 }

@@ -39,6 +39,7 @@ mod release_times;
 mod rest;
 mod rig;
 mod safety;
+mod scene_in_code;
 mod scenes;
 mod sculpt;
 mod sculpt_command;

@@ -35,6 +35,7 @@ mod power_window;
 mod quasi_static;
 mod render_scene;
 mod sample;
+mod scene_builder;
 pub mod stability;
 pub mod stuck;
 #[cfg(any(test, feature = "testing"))]
@@ -55,4 +56,5 @@ pub use params::{
 };
 pub use placing::Placement;
 pub use render_scene::{RenderScene, Tool};
+pub use scene_builder::{SceneBuilder, ToolOptions};
 pub use tick::{FrameInUse, Handover, State, TickInput, TickOutput, tick};

@@ -328,8 +328,8 @@ impl Parameters {
         self.contact.force_law(self.filter.spatial)
     }
 
-    /// A virtual tool in an implicit coupling, and nothing that holds the force back. For figures and tests, like [`LimitParameters::NONE`].
-    #[doc(hidden)]
+    /// A virtual tool in an implicit coupling, and no limit: for figures, tests, and scenes that no arm renders. Set `limits`, `safety` and `arm`
+    /// for a person's hand.
     pub fn unlimited(period_s: f64) -> Self {
         Self {
             period_s,

@@ -12,29 +12,27 @@ use crate::config::scene::MeshSource;
 use crate::error::Exit;
 use crate::picture::{self, Subject};
 use crate::scene::cache::{Baked, Cache, Lookup, Request, Residence, Spacing};
-use crate::scene::{Event, Geometry, MemoryPlan, ObjectReport, Role, SceneError};
+use crate::scene::{self, Event, MemoryPlan, ObjectReport, Role};
 use vps::mesh::MeshError;
-use vps::pointshell::ply;
+use vps::part::PartError;
+use vps::pointshell::{self, ply};
 use vps::voxmap::grid::GridError;
 use vps::voxmap::sides::SidesRule;
 use vps::voxmap::surface::Navigation;
 use vps::voxmap::{Options, Stage, npy};
 
-/// Layers where none are asked for: the default of the scene file.
-const DEFAULT_LAYERS: u32 = 8;
-
 /// Largest voxel edge: that of the scene file.
 const VOXEL_SIZE_MAX_MM: f64 = 1000.0;
 
 /// A mesh of the command line: no scene that it could be relative to, and flags instead of keys.
-pub(super) fn mesh_error(args: &Args, error: &SceneError, talk: Talk) -> Exit {
+pub(super) fn mesh_error(args: &Args, error: &PartError, talk: Talk) -> Exit {
     match error {
-        SceneError::Mesh { source, .. } => {
+        PartError::Mesh { source, .. } => {
             let hint = if matches!(source, MeshError::Missing { .. }) { None } else { source.hint() };
             report::error(&source.to_string(), hint, talk);
             Exit::Asset
         }
-        SceneError::Grid { source, .. } => {
+        PartError::Grid { source, .. } => {
             let hint = match (source, args.longest_axis_voxels) {
                 (GridError::TooLarge { .. } | GridError::Surface { .. }, Some(_)) => {
                     "ask for fewer --longest-axis-voxels".to_owned()
@@ -49,12 +47,6 @@ pub(super) fn mesh_error(args: &Args, error: &SceneError, talk: Talk) -> Exit {
             report::error(&format!("{}: {source}", args.input.display()), Some(&hint), talk);
             Exit::Configuration
         }
-        // A mesh has no clay.
-        SceneError::Load(_)
-        | SceneError::Session(_)
-        | SceneError::Piece(_)
-        | SceneError::ClayMemory { .. }
-        | SceneError::Frame(_) => report::scene_error(error, talk),
     }
 }
 
@@ -96,7 +88,7 @@ pub(super) fn bake_mesh(args: &Args, talk: Talk) -> Result<(), Failure> {
             (Some(size_mm), _) => Spacing::Size(size_mm * 1e-3),
             (None, n) => Spacing::LongestAxis(n.unwrap_or(1)),
         },
-        layers: args.layers.unwrap_or(DEFAULT_LAYERS),
+        layers: args.layers.unwrap_or(Options::DEFAULT_LAYERS),
         sides: args.sides.map_or(SidesRule::Auto, SidesRule::from),
         with_gradients: false,
         center_of_mass: None,
@@ -164,21 +156,20 @@ fn generate(
     memory: &mut MemoryPlan<'_>,
     tell: impl Fn(Stage),
 ) -> Result<Baked, Failure> {
-    let geometry = Geometry::load(request.name, request.role, request.source, request.spacing)?;
-    let options =
-        Options { voxel_size_m: geometry.voxel_size_m(request.spacing), layers: request.layers, navigation, sides: request.sides };
-    geometry.foresee(&options, request.products(), memory)?;
-    let mut map = geometry.voxmap(&options, &tell)?;
+    let part = scene::load(request.name, request.source, request.spacing)?;
+    let options = Options { navigation, ..request.options(&part) };
+    memory.judge(&part, &options, request.products())?;
+    let mut map = part.voxmap(&options, &tell)?;
     tell(Stage::Distance);
     if let Some(path) = &args.field_out {
-        let distances = map.distances(&geometry.mesh, false);
+        let distances = map.distances(&part.mesh, false);
         write(path, |path| npy::write_distances(path, &map.layers, &distances))?;
     }
-    let field = geometry.field(&mut map, request.with_gradients);
+    let field = map.field(&part.mesh, request.with_gradients);
     tell(Stage::Pointshell);
-    let mass = geometry.mass_properties();
+    let mass = part.mass_properties();
     let center_of_mass = request.center_of_mass.unwrap_or(mass.center_m);
-    let (shell, shell_report) = geometry.shell(&map, center_of_mass);
+    let (shell, shell_report) = pointshell::build(&part.mesh, &map, center_of_mass);
     if let Some(path) = &args.voxmap_out {
         write(path, |path| npy::write_layers(path, &map.layers))?;
     }
@@ -196,7 +187,7 @@ fn generate(
         };
         write(path, |path| picture::write(path, &subject))?;
     }
-    let report = geometry.report(&map, &shell_report);
+    let report = part.report(Role::Mesh, &map, &shell_report);
     Ok(Baked { field: Some(field), shell: Some(shell), mass: Some(mass), report })
 }
 

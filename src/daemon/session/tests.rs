@@ -104,7 +104,7 @@ fn a_planned_scene_that_cannot_be_baked_ends_no_other() {
         n_baked += 1;
         if n_baked == 1 {
             let source = vps::mesh::MeshError::Empty { path: "a.obj".into() };
-            return Err(SceneError::Mesh { name: "base".to_owned(), source });
+            return Err(vps::part::PartError::Mesh { name: "base".to_owned(), source }.into());
         }
         Ok(baked())
     });

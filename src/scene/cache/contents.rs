@@ -7,8 +7,8 @@ use bytemuck::{Pod, Zeroable};
 use glam::{DMat3, DVec3};
 
 use super::GENERATION;
-use crate::scene::report::{ObjectReport, Role};
 use vps::mesh::mass::MassProperties;
+use vps::part::{ObjectReport, Role};
 use vps::pointshell::shell::Shell;
 use vps::storage::Region;
 use vps::storage::sections::{Key, Reader, Refusal, Writer};

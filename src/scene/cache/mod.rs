@@ -25,7 +25,7 @@ use std::time::Instant;
 pub use contents::{Baked, read};
 pub use request::{Request, Spacing};
 
-use super::report::{CacheUse, Role, Timings};
+use vps::part::{CacheUse, Role, Timings};
 use vps::storage::sections::{Key, Refusal};
 use vps::storage::{Region, regular};
 

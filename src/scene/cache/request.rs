@@ -8,10 +8,11 @@ use glam::DVec3;
 use twox_hash::XxHash3_128;
 
 use crate::config::scene::MeshSource;
-use crate::scene::report::Role;
 use vps::mesh;
+use vps::part::{Part, Role};
 use vps::storage::regular;
 use vps::storage::sections::Key;
+use vps::voxmap::Options;
 use vps::voxmap::estimate::Products;
 use vps::voxmap::sides::SidesRule;
 
@@ -22,16 +23,6 @@ pub enum Spacing {
     Size(f64),
     /// So many on the longest edge of the mesh's box.
     LongestAxis(u32),
-}
-
-impl Spacing {
-    /// s of a mesh whose box has these edges, m.
-    pub(in crate::scene) fn voxel_size_m(self, extent_m: DVec3) -> f64 {
-        match self {
-            Self::Size(voxel_size_m) => voxel_size_m,
-            Self::LongestAxis(n) => extent_m.max_element() / f64::from(n.max(1)),
-        }
-    }
 }
 
 /// Everything that decides what is baked of an object, and its name.
@@ -62,6 +53,17 @@ impl Request<'_> {
     pub fn products(&self) -> Products {
         let Self { role, with_gradients, .. } = *self;
         Products { field: role != Role::Tool, gradients: with_gradients, shell: role != Role::Static }
+    }
+
+    /// How a part is voxelised.
+    pub(crate) fn options(&self, part: &Part) -> Options {
+        let voxel_size_m = match self.spacing {
+            Spacing::Size(voxel_size_m) => voxel_size_m,
+            Spacing::LongestAxis(n) => {
+                part.mesh.bounds().map_or(0.0, |(low, high)| (high - low).max_element()) / f64::from(n.max(1))
+            }
+        };
+        Options { voxel_size_m, layers: self.layers, navigation: None, sides: self.sides }
     }
 
     /// Hash of all that the result depends on; `None` when the mesh file, or one that it takes triangles from, cannot be read. Cost: one

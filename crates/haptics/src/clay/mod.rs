@@ -20,7 +20,7 @@ pub use held::ClayForces;
 pub(crate) use held::Held;
 pub use rope::Rope;
 
-use super::CouplingMode;
+use super::{CouplingMode, CouplingParameters, Parameters};
 use vps::density::Frame;
 use vps::spatial::Pose;
 
@@ -43,7 +43,23 @@ pub const PUT_DOWN_SPACINGS: f64 = 0.1;
 /// Share of a step that is left after one interval between updates, by default.
 const LEFT_AFTER_UPDATE: f64 = 0.1;
 
+/// A rope is so much softer than what holds the arm to the virtual tool, and pulls with this share of the largest force.
+const ROPE_SHARE_OF_COUPLING: f64 = 0.25;
+const ROPE_N_PER_M_MAX: f64 = 500.0;
+const ROPE_SHARE_OF_LIMIT: f64 = 0.5;
+
 impl Clay {
+    /// Material of which a new frame comes every `update_period_s`, with a rope that makes no arm unstable and always leaves force for the
+    /// contact.
+    pub fn new(world_from_map: Pose, frame: Frame, update_period_s: f64, parameters: &Parameters) -> Self {
+        let CouplingParameters { stiffness_n_per_m, bound_n_per_m, .. } = parameters.coupling;
+        let rope = Rope {
+            stiffness_n_per_m: (ROPE_SHARE_OF_COUPLING * stiffness_n_per_m.min(bound_n_per_m)).min(ROPE_N_PER_M_MAX),
+            force_n: ROPE_SHARE_OF_LIMIT * parameters.limits.force_n,
+        };
+        Self { world_from_map, frame, smoothing: Self::smoothing_between(update_period_s, parameters.period_s), rope }
+    }
+
     /// The α with which nine tenths of a step are felt when the next update comes.
     pub fn smoothing_between(update_period_s: f64, tick_period_s: f64) -> f64 {
         LEFT_AFTER_UPDATE.powf(tick_period_s / update_period_s)

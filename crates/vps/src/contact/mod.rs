@@ -16,9 +16,12 @@
 
 mod budget;
 mod clay;
+#[doc(hidden)]
 pub mod faces;
 mod flat;
+#[doc(hidden)]
 pub mod places;
+#[doc(hidden)]
 pub mod planes;
 mod proximity;
 mod samples;

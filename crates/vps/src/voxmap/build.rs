@@ -28,6 +28,16 @@ pub struct Options {
     pub sides: SidesRule,
 }
 
+impl Options {
+    /// Layers on each side where none are asked for: those of a scene file.
+    pub const DEFAULT_LAYERS: u32 = 8;
+
+    /// Voxels of this edge, m, and for the rest what a scene file has where it says nothing.
+    pub fn new(voxel_size_m: f64) -> Self {
+        Self { voxel_size_m, layers: Self::DEFAULT_LAYERS, navigation: None, sides: SidesRule::Auto }
+    }
+}
+
 /// A stage of generation, told to whoever watches.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stage {

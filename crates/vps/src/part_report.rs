@@ -1,18 +1,16 @@
-//! What was built of an object, in the words of `bake --json`.
+//! What was built of a part, in the words of `hapticd bake --json`.
 
 use std::borrow::Cow;
 
-use serde::{Deserialize, Serialize};
-
-use vps::mesh::validate::{FACES_INWARD, MeshReport};
-use vps::pointshell::{LevelReport, ShellReport};
-use vps::voxmap::MOSTLY_THIN;
-use vps::voxmap::Voxmap;
-use vps::voxmap::sides::SidesBasis;
+use crate::mesh::validate::{FACES_INWARD, MeshReport};
+use crate::pointshell::{LevelReport, ShellReport};
+use crate::voxmap::MOSTLY_THIN;
+use crate::voxmap::Voxmap;
+use crate::voxmap::sides::SidesBasis;
 
 /// What the cache did for an object.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "lowercase"))]
 pub enum CacheUse {
     /// Not asked.
     #[default]
@@ -26,8 +24,8 @@ pub enum CacheUse {
 }
 
 /// What an object is for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "lowercase"))]
 pub enum Role {
     /// One voxmap of a scene.
     Static,
@@ -38,7 +36,8 @@ pub enum Role {
 }
 
 /// Where the fill got in.
-#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct LeakReport {
     /// Centre of the largest hole, mesh frame, m.
     pub position_m: [f64; 3],
@@ -47,7 +46,8 @@ pub struct LeakReport {
 }
 
 /// Lids that close the holes of a mesh.
-#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct LidsReport {
     /// Connected lids.
     pub count: usize,
@@ -56,7 +56,8 @@ pub struct LidsReport {
 }
 
 /// Seconds per stage of this run; 0 for a stage that the role does not need, and for all but `load` when the cache had the object.
-#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Timings {
     /// Reading or tessellating, and inspecting; or finding and reading the object in the cache.
     pub load: f64,
@@ -81,7 +82,8 @@ pub struct Timings {
 }
 
 /// One object's figures.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ObjectReport {
     /// Name in the scene, or the file name.
     pub name: String,
@@ -140,7 +142,7 @@ pub struct ObjectReport {
 }
 
 impl ObjectReport {
-    pub(super) fn new(name: &str, role: Role, mesh: &MeshReport, map: &Voxmap, shell: &ShellReport, load_s: f64) -> Self {
+    pub(crate) fn new(name: &str, role: Role, mesh: &MeshReport, map: &Voxmap, shell: &ShellReport, load_s: f64) -> Self {
         let grid = &map.surface.grid;
         let inside_voxels = map.sides.count_inside(&map.surface);
         let surface_voxels = map.surface.n_voxels as u64;

@@ -1,0 +1,173 @@
+//! A scene from typed values: what the program fills from TOML and its bake cache, and others from code.
+//!
+//! Data in: [`Parameters`], parts to bake (or baked ones), a tool, perhaps clay. Data out: one immutable [`RenderScene`] and a report on each
+//! object, the tool last. Units and frames: SI; poses are `world_from_map`, where the map frame is that of the mesh.
+//!
+//! Cost: baking, see [`vps::part`]. Cold: runs before the first tick.
+#![expect(clippy::disallowed_types, clippy::disallowed_macros, reason = "cold: all of it runs before the first tick")]
+
+use glam::{DMat3, DVec3};
+
+use super::clay::Clay;
+use super::{CouplingMode, Inertia, Parameters, RenderScene, Tool};
+use vps::contact::Obstacle;
+use vps::mesh::mass::MassProperties;
+use vps::part::{ObjectReport, Part, PartError};
+use vps::pointshell::shell::Shell;
+use vps::spatial::Pose;
+use vps::voxmap::Options;
+use vps::voxmap::field::{Field, FieldKind};
+
+/// What a tool is, beside its shape.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ToolOptions {
+    /// Mass, kg.
+    pub mass_kg: f64,
+    /// Centre of mass in the tool frame, m; `None`: from the mesh.
+    pub center_of_mass_m: Option<DVec3>,
+    /// Inertia about the centre of mass in tool axes, kg·m²; `None`: from the mesh.
+    pub inertia_kg_m2: Option<DMat3>,
+    /// Points on edges of the tool push the way that the obstacle says.
+    pub knows_edges: bool,
+}
+
+impl ToolOptions {
+    /// So heavy, with the centre of mass and the inertia of the mesh.
+    pub fn new(mass_kg: f64) -> Self {
+        Self { mass_kg, center_of_mass_m: None, inertia_kg_m2: None, knows_edges: true }
+    }
+}
+
+/// Builds a [`RenderScene`]: parts first, then clay if there is any, the tool last.
+#[derive(Debug)]
+pub struct SceneBuilder {
+    parameters: Parameters,
+    obstacles: Vec<Obstacle>,
+    clay: Option<Clay>,
+    reports: Vec<ObjectReport>,
+}
+
+/// A radius of gyration that no real tool falls below, as a share of its size: keeps the rotational step well-conditioned for
+/// needles, whose moment about their own axis is next to nothing.
+const GYRATION_SHARE: f64 = 0.05;
+
+impl SceneBuilder {
+    /// A scene without objects.
+    pub fn new(parameters: Parameters) -> Self {
+        Self { parameters, obstacles: Vec::new(), clay: None, reports: Vec::new() }
+    }
+
+    /// The contact model of the scene reads gradients.
+    pub fn needs_gradients(&self) -> bool {
+        self.parameters.contact.field == FieldKind::SurfacePoint
+    }
+
+    /// Bakes a part that the tool can touch.
+    ///
+    /// # Errors
+    /// A grid that is too large.
+    pub fn add_part(&mut self, part: &Part, options: &Options, world_from_map: Pose) -> Result<(), PartError> {
+        let (field, report) = part.bake_field(options, self.needs_gradients(), |_| ())?;
+        self.add_baked_part(field, report, world_from_map);
+        Ok(())
+    }
+
+    /// Adds a part that is baked, with gradients where the scene [needs them](Self::needs_gradients).
+    pub fn add_baked_part(&mut self, field: Field, report: ObjectReport, world_from_map: Pose) {
+        self.obstacles.push(Obstacle { field, world_from_map });
+        self.reports.push(report);
+    }
+
+    /// Gives the scene its clay.
+    pub fn set_clay(&mut self, clay: Clay) {
+        self.clay = Some(clay);
+    }
+
+    /// Bakes the tool and completes the scene.
+    ///
+    /// # Errors
+    /// A grid that is too large.
+    pub fn finish(
+        self,
+        tool: &Part,
+        options: &Options,
+        tool_options: &ToolOptions,
+    ) -> Result<(RenderScene, Vec<ObjectReport>), PartError> {
+        let (shell, mass, report) = tool.bake_shell(options, tool_options.center_of_mass_m, |_| ())?;
+        Ok(self.finish_baked(shell, &mass, report, tool_options))
+    }
+
+    /// Completes the scene with a tool that is baked, about the centre of mass that the options name.
+    pub fn finish_baked(
+        self,
+        shell: Shell,
+        mass: &MassProperties,
+        mut report: ObjectReport,
+        options: &ToolOptions,
+    ) -> (RenderScene, Vec<ObjectReport>) {
+        let Self { parameters, obstacles, clay, mut reports } = self;
+        let shell = if options.knows_edges { shell } else { shell.without_edges() };
+        let center_of_mass_tool = options.center_of_mass_m.unwrap_or(mass.center_m);
+        let mut inertia = inertia(options, mass, shell.radius_m(), center_of_mass_tool);
+        if parameters.coupling.mode == CouplingMode::SemiImplicit {
+            let own = inertia;
+            inertia = own.at_least_for_semi_implicit(&parameters.coupling, parameters.period_s);
+            if inertia.mass_kg > own.mass_kg {
+                let [needed_g, own_g] = [inertia.mass_kg, own.mass_kg].map(|mass_kg| mass_kg * 1e3);
+                let text = format!("the semi-implicit step takes a tool of {needed_g:.1} g for this one of {own_g:.1} g");
+                report.warnings.push(text);
+            }
+            if inertia.least_kg_m2 > own.least_kg_m2 {
+                let [needed, own] = [inertia.least_kg_m2, own.least_kg_m2];
+                report.warnings.push(format!(
+                    "the semi-implicit step takes a tool that turns like {needed:.1e} kg·m² for this one of {own:.1e} kg·m²"
+                ));
+            }
+        }
+        reports.push(report);
+        let tool = Tool { shell, inertia, center_of_mass_tool };
+        (RenderScene { parameters, obstacles, clay, tool }, reports)
+    }
+}
+
+/// The tool's inertia: as configured, or from the mesh about the configured centre of mass.
+fn inertia(tool: &ToolOptions, mass: &MassProperties, radius_m: f64, center_of_mass_tool: DVec3) -> Inertia {
+    let shift = mass.center_m - center_of_mass_tool;
+    // Parallel axes, for a centre of mass that is not the mesh's own.
+    let outer = DMat3::from_cols(shift * shift.x, shift * shift.y, shift * shift.z);
+    let about_center = mass.inertia_per_mass + DMat3::IDENTITY * shift.length_squared() - outer;
+    let floor = (GYRATION_SHARE * radius_m).powi(2);
+    let body_kg_m2 = tool.inertia_kg_m2.unwrap_or((about_center + DMat3::IDENTITY * floor) * tool.mass_kg);
+    Inertia { mass_kg: tool.mass_kg, body_kg_m2, least_kg_m2: least_eigenvalue(body_kg_m2) }
+}
+
+/// Smallest eigenvalue of a symmetric matrix, by the trigonometric solution of its characteristic cubic.
+fn least_eigenvalue(matrix: DMat3) -> f64 {
+    let mean = (matrix.x_axis.x + matrix.y_axis.y + matrix.z_axis.z) / 3.0;
+    let deviator = matrix - DMat3::IDENTITY * mean;
+    let spread =
+        ((deviator.x_axis.length_squared() + deviator.y_axis.length_squared() + deviator.z_axis.length_squared()) / 6.0).sqrt();
+    if spread <= f64::EPSILON * mean {
+        return mean;
+    }
+    let angle = (0.5 * (deviator * (1.0 / spread)).determinant()).clamp(-1.0, 1.0).acos() / 3.0;
+    mean + 2.0 * spread * (angle + core::f64::consts::TAU / 3.0).cos()
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DQuat;
+
+    use super::*;
+
+    #[test]
+    fn the_least_principal_moment_does_not_depend_on_the_axes() {
+        for moments in [DVec3::new(8.3e-7, 8.4e-5, 8.4e-5), DVec3::new(3e-6, 1e-6, 2e-6), DVec3::splat(1e-5)] {
+            for turn in [DVec3::ZERO, DVec3::new(0.3, -1.2, 0.7), DVec3::new(2.0, 0.1, -0.4)] {
+                let axes = DMat3::from_quat(DQuat::from_scaled_axis(turn));
+                let least = least_eigenvalue(axes * DMat3::from_diagonal(moments) * axes.transpose());
+                assert!((least / moments.min_element() - 1.0).abs() < 1e-9, "{moments} turned by {turn}: {least}");
+            }
+        }
+    }
+}

@@ -1,0 +1,159 @@
+//! One rigid part, from its triangles to what a contact query reads: the stages of [`voxmap`](crate::voxmap) and
+//! [`pointshell`](crate::pointshell) in order.
+//!
+//! Data in: a mesh file, a [`Shape`] or a [`TriangleMesh`]. Data out: a [`Field`] of what is touched or a [`Shell`] of what touches, each with
+//! a [`ObjectReport`]. Units and frames: metres and axes of the mesh.
+//!
+//! Invariant: cold; the same bits for any number of threads of the current rayon pool.
+
+use std::path::Path;
+use std::time::Instant;
+
+use glam::DVec3;
+use thiserror::Error;
+
+pub use crate::part_report::{CacheUse, LeakReport, LidsReport, ObjectReport, Role, Timings};
+
+use crate::mesh::mass::{MassProperties, mass_properties_of_inspected};
+use crate::mesh::primitives::Shape;
+use crate::mesh::validate::{MeshReport, inspect};
+use crate::mesh::{self, MeshError, TriangleMesh};
+use crate::pointshell::shell::Shell;
+use crate::pointshell::{self, ShellReport};
+use crate::voxmap::field::Field;
+use crate::voxmap::grid::GridError;
+use crate::voxmap::{Options, Stage, Voxmap};
+
+/// A tessellation's chord error as a share of the voxel edge, so that the voxel size limits accuracy.
+const CHORD_SHARE: f64 = 0.02;
+
+/// Why a part cannot be baked.
+#[derive(Debug, Error)]
+pub enum PartError {
+    /// Its mesh.
+    #[error("{name}: {source}")]
+    Mesh {
+        /// Part.
+        name: String,
+        /// Cause.
+        source: MeshError,
+    },
+    /// Its grid.
+    #[error("{name}: {source}")]
+    Grid {
+        /// Part.
+        name: String,
+        /// Cause.
+        source: GridError,
+    },
+}
+
+impl PartError {
+    /// What to do about it.
+    pub fn hint(&self) -> Option<String> {
+        match self {
+            Self::Mesh { source, .. } => source.hint().map(str::to_owned),
+            Self::Grid { source, .. } => Some(source.hint()),
+        }
+    }
+}
+
+/// A rigid part on its way through the stages.
+#[derive(Debug)]
+pub struct Part {
+    name: String,
+    /// The mesh, m.
+    pub mesh: TriangleMesh,
+    /// What is wrong with it.
+    inspected: MeshReport,
+    load_s: f64,
+}
+
+impl Part {
+    /// A part of triangles. Cost: one inspection of the mesh.
+    pub fn new(name: &str, mesh: TriangleMesh) -> Self {
+        Self::since(Instant::now(), name, mesh)
+    }
+
+    /// A shape, cut finely enough for voxels of this edge, m.
+    pub fn of_shape(name: &str, shape: &Shape, voxel_size_m: f64) -> Self {
+        Self::since(Instant::now(), name, shape.tessellate(CHORD_SHARE * voxel_size_m))
+    }
+
+    /// A mesh file whose numbers count `metres_per_unit`: 1e-3 for mm.
+    ///
+    /// # Errors
+    /// A file that cannot be read, or a mesh without area.
+    pub fn load(name: &str, path: &Path, metres_per_unit: f64) -> Result<Self, PartError> {
+        let failed = |source| PartError::Mesh { name: name.to_owned(), source };
+        let since = Instant::now();
+        let part = Self::since(since, name, mesh::load(path, metres_per_unit).map_err(failed)?);
+        if part.inspected.degenerate_triangles == part.inspected.triangles {
+            return Err(failed(MeshError::NoArea { path: path.to_owned(), triangles: part.inspected.triangles }));
+        }
+        Ok(part)
+    }
+
+    fn since(since: Instant, name: &str, mesh: TriangleMesh) -> Self {
+        let inspected = inspect(&mesh);
+        Self { name: name.to_owned(), mesh, inspected, load_s: since.elapsed().as_secs_f64() }
+    }
+
+    /// Name, for messages and reports.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Bakes what other parts touch; `with_gradients` for [`FieldKind::SurfacePoint`](crate::voxmap::field::FieldKind::SurfacePoint) alone.
+    /// Cost: that of the voxels near the surface.
+    ///
+    /// # Errors
+    /// A grid that is too large.
+    pub fn bake_field(
+        &self,
+        options: &Options,
+        with_gradients: bool,
+        mut watch: impl FnMut(Stage),
+    ) -> Result<(Field, ObjectReport), PartError> {
+        let mut map = self.voxmap(options, &mut watch)?;
+        watch(Stage::Distance);
+        let field = map.field(&self.mesh, with_gradients);
+        Ok((field, self.report(Role::Static, &map, &ShellReport::default())))
+    }
+
+    /// Bakes what touches other parts: points about a centre of mass (mesh frame, m; `None`: that of the mesh), and the mass of the mesh.
+    ///
+    /// # Errors
+    /// A grid that is too large.
+    pub fn bake_shell(
+        &self,
+        options: &Options,
+        center_of_mass: Option<DVec3>,
+        mut watch: impl FnMut(Stage),
+    ) -> Result<(Shell, MassProperties, ObjectReport), PartError> {
+        let map = self.voxmap(options, &mut watch)?;
+        let mass = self.mass_properties();
+        watch(Stage::Pointshell);
+        let (shell, report) = pointshell::build(&self.mesh, &map, center_of_mass.unwrap_or(mass.center_m));
+        Ok((shell, mass, self.report(Role::Tool, &map, &report)))
+    }
+
+    /// Classifies the part's volume.
+    ///
+    /// # Errors
+    /// A grid that is too large.
+    pub fn voxmap(&self, options: &Options, watch: impl FnMut(Stage)) -> Result<Voxmap, PartError> {
+        Voxmap::build(&self.mesh, &self.inspected, options, watch)
+            .map_err(|source| PartError::Grid { name: self.name.clone(), source })
+    }
+
+    /// Volume, centre and inertia; of the surface where the mesh is open. Frame and units of [`MassProperties`].
+    pub fn mass_properties(&self) -> MassProperties {
+        mass_properties_of_inspected(&self.mesh, &self.inspected)
+    }
+
+    /// The figures of what was built.
+    pub fn report(&self, role: Role, map: &Voxmap, shell: &ShellReport) -> ObjectReport {
+        ObjectReport::new(&self.name, role, &self.inspected, map, shell, self.load_s)
+    }
+}
