@@ -1,129 +1,65 @@
-//! `hapticd`: open, device-agnostic, 6-DoF haptic rendering with the voxmap-pointshell algorithm.
+//! The program `hapticd`: open, device-agnostic, 6-DoF haptic rendering with the voxmap-pointshell algorithm.
 //!
-//! Most people run the program. As a library it has three doors; vectors and quaternions are those of the crate `glam`.
+//! This package joins the crates below `crates/` to a program: scenes as files, the loop's thread, a run from start to rest, clients. Code that embeds
+//! the geometry or the tick uses `vps` or `haptics` alone.
 //!
-//! # Bake a scene, and ask it for a wrench
-//!
+//! ```text
+//!  scene.toml ─► config ─► scene ─► RenderScene ─► servo: wait ─► read ─► tick ─► write ─► ring of TickRecords
+//!                          (bake cache)              ▲  ▲                                            │
+//!  signals, heartbeats ─► control word (rt) ─────────┘  │ ring of commands                           ▼
+//!  clients ◄─► monitor ─► daemon::session ──────────────┘                               recording ─► monitor, publish, files
 //! ```
-//! use glam::DVec3;
-//! use vps::contact::ContactSum;
-//! use vps::spatial::Pose;
 //!
+//! # Units and frames
+//! SI behind [`config`]; the frames of [`vps::spatial`]. Quaternions and vectors are those of `glam`.
+//!
+//! # Cost
+//! Baking takes what [`vps::part`] says, a start from the bake cache one pass over its files. From the first tick on, the servo thread does not allocate, lock or print.
+//!
+//! # Example
+//! ```
 //! # let folder = tempfile::tempdir()?;
 //! # let file = folder.path().join("ball.toml");
-//! std::fs::write(&file, r#"
-//!     version = 1
-//!     [[static]]
-//!     name = "plate"
-//!     shape = { plane_mm = [60.0, 60.0] }
-//!     voxel_size_mm = 1.0
-//!     [tool]
-//!     shape = { sphere_mm = 10.0 }
-//!     voxel_size_mm = 1.0
-//!     start_position_mm = [0.0, 0.0, 12.0]
-//! "#)?;
-//! let config = hapticd::config::load(&file)?;
-//! let (scene, _reports) = hapticd::scene::build(&config, |_| {})?;
-//!
-//! // The ball half a millimetre deep in the plate.
-//! let world_from_body = Pose::from_translation(DVec3::Z * 9.5e-3);
-//! let parameters = &scene.parameters;
-//! let sum = ContactSum::flat(&scene.obstacles, &scene.tool.shell, world_from_body, &parameters.contact, &parameters.filter);
-//! assert!(sum.contacts > 0 && sum.wrench.force.z > 0.0);
-//! # Ok::<(), Box<dyn std::error::Error>>(())
-//! ```
-//!
-//! # Render it for an arm, tick by tick
-//!
-//! ```
-//! use glam::DVec3;
-//! use arms::Device;
-//! use arms::simulated::hand::{GripPath, HandPath};
-//! use arms::simulated::{HandParameters, SimArm, SimParameters};
-//! use haptics::{DriveRequest, State, TickInput, TickOutput, tick};
-//! use vps::spatial::Pose;
-//!
-//! # let folder = tempfile::tempdir()?;
-//! # let file = folder.path().join("ball.toml");
-//! # std::fs::write(&file, r#"
-//! #     version = 1
+//! # let text = r#"version = 1
 //! #     [[static]]
 //! #     name = "plate"
 //! #     shape = { plane_mm = [60.0, 60.0] }
 //! #     voxel_size_mm = 1.0
 //! #     [tool]
 //! #     shape = { sphere_mm = 10.0 }
-//! #     voxel_size_mm = 1.0
-//! #     start_position_mm = [0.0, 0.0, 12.0]
-//! # "#)?;
-//! # let config = hapticd::config::load(&file)?;
-//! # let (scene, _reports) = hapticd::scene::build(&config, |_| {})?;
-//! // A hand that wants the ball 5 mm further down; the plate is in the way.
-//! let down = GripPath::in_device_frame(HandPath::fixed(Pose::from_translation(DVec3::Z * -5e-3)));
-//! let hand = HandParameters { path: Some(down), ..HandParameters::default() };
-//! let mut arm = SimArm::new(SimParameters { hand: Some(hand), ..SimParameters::ideal(scene.parameters.period_s) })?;
-//!
-//! let mut state = State::new(&scene);
-//! let mut output = TickOutput::default();
-//! for _ in 0..1000 {
-//!     let sample = arm.read()?;
-//!     output = tick(&scene, &mut state, &TickInput { sample, request: DriveRequest::Enable, ..TickInput::default() });
-//!     arm.write(&output.command_device)?;
-//! }
-//! arm.stop();
-//! assert!(output.faults.is_empty() && output.command_device.force.z > 0.0);
+//! #     voxel_size_mm = 1.0"#;
+//! std::fs::write(&file, text)?; // a plate, and a ball that starts in its surface
+//! let config = hapticd::config::load(&file)?;
+//! let (scene, reports) = hapticd::scene::build(&config, |_event| ())?;
+//! let mut state = haptics::State::new(&scene);
+//! let output = haptics::tick(&scene, &mut state, &haptics::TickInput::default());
+//! assert!(output.contacts > 0 && reports.len() == 2);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! The program does the same with a clock, a thread of its own and a way out that ends in zero force: [`servo`].
+//! # Where to find what
 //!
-//! # Read a recording
-//!
-//! ```
-//! use recording::file::{Entry, Recording};
-//!
-//! let mut recording = Recording::open("tests/fixtures/block-on-plane.mcap".as_ref())?;
-//! let mut largest_n = 0.0_f64;
-//! while let Some(entry) = recording.next_entry()? {
-//!     if let Entry::Tick { record, .. } = entry {
-//!         largest_n = largest_n.max(record.output.command_device.force.length());
-//!     }
-//! }
-//! assert!(recording.is_whole() && largest_n > 0.0);
-//! # Ok::<(), Box<dyn std::error::Error>>(())
-//! ```
-//!
-//! # Rooms
-//!
-//! In the order in which the data walks them:
-//!
-//! | room | does |
+//! | crate | owns |
 //! |---|---|
-//! | [`spatial`] | poses, twists, wrenches, frames, signs: the shared vocabulary |
-//! | [`document`] | files that people write: TOML in which every entry knows its line, poses; what is wrong with them |
-//! | [`config`] | TOML scene → checked, SI, typed |
-//! | [`mesh`] | files and shapes → triangles |
-//! | [`voxmap`] | triangles → bricked voxel map: surface, sides, layers, distance, field |
-//! | [`pointshell`] | surface voxels → points with inward normals |
-//! | [`scene`] | everything baked or taken from the bake cache, immutable, in one place |
-//! | [`sculpt`] | point samples → a surface that a hand deforms |
-//! | [`haptics`] | the tick: contact, filter, coupling, limits |
-//! | [`device`] | arms: trait, profiles, the simulated arm |
-//! | [`telemetry`] | records out of the loop → histograms, summaries, recordings |
+//! | [`vps`] | meshes, voxmaps, pointshells, the contact wrench of a pose |
+//! | [`haptics`] | one tick: friction, damping, filter, couplings, passivity, limits of force and torque, faults |
+//! | [`clay`](::clay) | clay that a tool deforms |
+//! | [`arms`] | profiles, protocols, transports, kinematics, motor bounds, simulated arms |
+//! | [`recording`] | records, the threads that write recordings, reading, reports, metrics |
+//! | [`link`] | other machines: messages of ROS 2, sessions, what a run publishes |
+//! | [`rt`] | clocks, scheduling, signals, the control word |
+//! | [`document`] | the form of TOML and CSV files, and how errors in them are told |
 //!
-//! The inside of the program, public for itself, its tests and its benchmarks; any version may change it:
-//!
-//! | room | does |
+//! | module | owns |
 //! |---|---|
-//! | [`storage`] | arrays that are owned or lie in a mapped file; files of them |
-//! | [`rt`] | every operating-system call of the loop |
-//! | [`network`] | sessions with other machines |
-//! | [`servo`] | the 1 kHz loop: wait → read → tick → write → publish |
-//! | [`ros`] | records as messages of ROS 2, without ROS |
-//! | [`daemon`] | supervisor: bake, preflight, enable, stop |
-//! | [`monitor`] | HTTP, WebSocket and the page of a run |
-//! | `picture` | cuts through a map with its shell, as PNG |
-//! | `cli` | one file per command; the only printer |
+//! | [`config`] | the keys of a scene: read, checked, in SI |
+//! | [`scene`] | a checked scene → what the tick reads, through the bake cache |
+//! | [`servo`] | the 1 kHz loop and its thread; commands into it; zero force on every way out |
+//! | [`daemon`] | a run from start to rest: preflight, enabling, stop; the session that changes what is rendered; replay |
+//! | [`monitor`] | HTTP, WebSocket and the page; `monitor::heartbeat` takes the force away when a client that drives falls silent |
+//! | `picture` | cuts through a map, and clay, as PNG |
+//! | `cli` | one file for each command; the only module that prints |
+//! | [`error`] | exit codes |
 
 #[doc(hidden)]
 pub mod cli;

@@ -1,38 +1,54 @@
-//! Sculpting: a dynamic implicit point-set surface, the second thing that a hand can touch.
+//! Clay: a dynamic implicit point-set surface that a tool pulls, paints, cuts and embosses.
 //!
-//! Data in: samples of a surface ([`load`] and [`sample`] give a [`PointSet`]), forces and orders. Data out: a [`ClayModel`] that they
-//! deform, [frames](vps::density::Frame) of it for the tick, files. [`engine`] puts a tool in the hand: it turns what the tick
-//! tells of it into strokes, and keeps order among the wishes of several people.
+//! ```text
+//!  scan, mesh, shape ─► PointSet ─► PointSurface ─► ClayModel ─► Frame (vps::density) ─► tick
+//!    load, sample                   surface           ▲    └───► files: points, mesh, session
+//!               motions of the tool, orders ─► engine ┘
+//! ```
 //!
-//! Units and frames: metres and axes of the piece (its map frame); densities are distances, m, greater than 0 inside.
+//! # Units and frames
+//! Metres and axes of the file that the clay comes from (its map frame); densities are distances, m, greater than 0 inside.
 //!
-//! Invariant: cold and parallel; the same calls give the same bits on any number of threads.
+//! # Cost
+//! A fit for each sample when a surface is made; a step costs the mass points of the region that moves. Runs in parallel on the current rayon pool, never in
+//! the loop; the same calls give the same bits on any number of threads.
 //!
 //! # Example
 //! ```
-//! use glam::DVec3;
-//! use vps::mesh::primitives::Shape;
-//! use clay::pull::Pull;
-//! use clay::clay_model::Settings;
-//! use clay::{ClayModel, falloff::Falloff, sample};
-//!
-//! // A ball of clay of 20 mm, pulled at its top for a tenth of a second.
+//! # use glam::DVec3;
+//! # use vps::mesh::primitives::Shape;
+//! # use clay::{ClayModel, clay_model::Settings, falloff::Falloff, pull::Pull, sample};
+//! // A ball of clay with a radius of 20 mm, pulled at its top for a tenth of a second.
 //! let ball = sample(&Shape::Sphere { radius_m: 20e-3 }.tessellate(2e-5), 2e-3)?;
 //! let mut piece = ClayModel::new(ball, Settings { raster: [24; 3], ..Settings::default() })?;
-//! let above = DVec3::Z * 20.5e-3;
-//! let before_m = piece.density_m(above);
-//! let (along_map, force_n) = (vec![DVec3::Z * 20e-3], DVec3::Z * 10.0);
+//! let before_m = piece.density_m(DVec3::Z * 20.5e-3);
 //! for _ in 0..25 {
-//!     let along_map = along_map.clone();
+//!     let (along_map, force_n) = (vec![DVec3::Z * 20e-3], DVec3::Z * 10.0);
 //!     piece.pull(&Pull { along_map, force_n, reach_m: 3e-3, radius_m: 8e-3, falloff: Falloff::Gaussian })?;
 //!     piece.advance(4e-3);
 //! }
-//! assert!(piece.density_m(above) > before_m, "there is more of it now");
+//! assert!(piece.density_m(DVec3::Z * 20.5e-3) > before_m, "there is more of it now");
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
+//! # Where to find what
+//!
+//! | module | owns |
+//! |---|---|
+//! | `load`, `sample`, `normals`, `orient`, `solid` | samples from files, meshes and shapes, and what they lack made good |
+//! | `point_set`, `neighbours`, `save` | the samples, which are near a point, and their file |
+//! | `local_fit`, `spline`, `least_squares` | the field around one sample |
+//! | `surface` | all fits together: distance, side, border, raster |
+//! | [`clay_model`] | the clay that is worked on, stroke by stroke, with undo |
+//! | [`dynamics`], [`pull`], [`falloff`] | densities as masses on springs, and the forces of a tool on them |
+//! | `advect`, `resample`, `redistance` | samples and densities after a change of shape |
+//! | [`boolean`], [`emboss`], `paint`, [`material_map`] | the other tools: solids that join and cut, images, colour, painted material |
+//! | [`engine`] | what the tool does in a tick → strokes; orders of clients; views |
+//! | [`session`], [`export`], `whole_file` | clay as a file, as a closed mesh |
+//!
 //! # Source
 //! Guo2004 (haptic sculpting of dynamic point-set surfaces); equations are numbered as there.
+#![forbid(unsafe_code)]
 
 mod advect;
 pub mod boolean;

@@ -1,10 +1,39 @@
 //! Files that people write: TOML in which every entry knows its line, poses as CSV, and what is wrong with them.
 //!
-//! Data in: the text of a scene, a profile or a file of strokes, and types that name its keys. Data out: these types filled in, or every
-//! problem of a pass with file, line, key and value. `toml` reads syntax and version, `values` are words and arrays as they are written,
-//! `checks` gathers what is out of its range, `problem` says it; [`poses`] are files of their own.
+//! ```text
+//!  text ─► Document (syntax, version, lines) ─► types of the caller ─► Checks (ranges) ─► values
+//!            └──────────── ConfigErrors: file, line, key, value, what to write ◄──┘
+//! ```
 //!
-//! Invariant: knows the form of files, and nothing of what they are about.
+//! The crate knows the form of files, and nothing of what they are about. All problems of a pass are told at once.
+//!
+//! # Units and frames
+//! Values stay in the units that their keys name (`_mm`, `_g`); the caller converts. Poses are `world_from_tool`, m and unit quaternions, times in s.
+//!
+//! # Cost
+//! Linear in the text; for the start of a program, not for a loop.
+//!
+//! # Example
+//! ```
+//! use document::Document;
+//!
+//! let document = Document::parse("scene.toml".as_ref(), "version = 1\n[tool]\nmass_g = 50.0\n")?;
+//! assert_eq!((document.line("tool.mass_g"), document.has("tool")), (Some(3), true));
+//! let refused = Document::parse("scene.toml".as_ref(), "version = 2\n").err();
+//! assert!(refused.is_some_and(|errors| errors.problems()[0].to_string().contains("scene.toml")));
+//! # Ok::<(), document::ConfigErrors>(())
+//! ```
+//!
+//! # Where to find what
+//!
+//! | module | owns |
+//! |---|---|
+//! | `toml` | syntax, version, the line of every entry, keys that are not known |
+//! | `values` | words and arrays of numbers as they are written |
+//! | `checks` | what is out of its range |
+//! | `problem` | how a problem is told: file, line, key, value, remedy, the nearest word |
+//! | [`poses`] | files of timed poses |
+#![forbid(unsafe_code)]
 
 mod checks;
 pub mod poses;

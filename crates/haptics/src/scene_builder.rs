@@ -9,7 +9,7 @@
 use glam::{DMat3, DVec3};
 
 use super::clay::Clay;
-use super::{CouplingMode, Inertia, Parameters, RenderScene, Tool};
+use super::{Inertia, Parameters, RenderScene, Tool};
 use vps::contact::Obstacle;
 use vps::mesh::mass::MassProperties;
 use vps::part::{ObjectReport, Part, PartError};
@@ -102,28 +102,13 @@ impl SceneBuilder {
         self,
         shell: Shell,
         mass: &MassProperties,
-        mut report: ObjectReport,
+        report: ObjectReport,
         options: &ToolOptions,
     ) -> (RenderScene, Vec<ObjectReport>) {
         let Self { parameters, obstacles, clay, mut reports } = self;
         let shell = if options.knows_edges { shell } else { shell.without_edges() };
         let center_of_mass_tool = options.center_of_mass_m.unwrap_or(mass.center_m);
-        let mut inertia = inertia(options, mass, shell.radius_m(), center_of_mass_tool);
-        if parameters.coupling.mode == CouplingMode::SemiImplicit {
-            let own = inertia;
-            inertia = own.at_least_for_semi_implicit(&parameters.coupling, parameters.period_s);
-            if inertia.mass_kg > own.mass_kg {
-                let [needed_g, own_g] = [inertia.mass_kg, own.mass_kg].map(|mass_kg| mass_kg * 1e3);
-                let text = format!("the semi-implicit step takes a tool of {needed_g:.1} g for this one of {own_g:.1} g");
-                report.warnings.push(text);
-            }
-            if inertia.least_kg_m2 > own.least_kg_m2 {
-                let [needed, own] = [inertia.least_kg_m2, own.least_kg_m2];
-                report.warnings.push(format!(
-                    "the semi-implicit step takes a tool that turns like {needed:.1e} kg·m² for this one of {own:.1e} kg·m²"
-                ));
-            }
-        }
+        let inertia = inertia(options, mass, shell.radius_m(), center_of_mass_tool);
         reports.push(report);
         let tool = Tool { shell, inertia, center_of_mass_tool };
         (RenderScene { parameters, obstacles, clay, tool }, reports)

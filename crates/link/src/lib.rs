@@ -1,8 +1,29 @@
-//! Other machines: sessions with them, the link to an arm elsewhere, and what a run publishes, as messages of ROS 2 without ROS.
+//! Other machines: records of a loop as messages of ROS 2 without ROS, the names under which `rmw_zenoh` looks for them, and the
+//! sessions that send them.
 //!
-//! Data in: a record of the loop. Data out: messages as bytes, under the names where `rmw_zenoh` looks for them; [`publish`] sends them.
+//! ```text
+//!  TickRecord ─► topics: which part of it, on which topic ─► messages ─► cdr ─► bytes ─┐
+//!                                              names ─► key expression, attachment ────┴─► `publish`
+//! ```
 //!
-//! | file | owns |
+//! # Units and frames
+//! Those of ROS: SI, quaternions as x, y, z, w; each topic names its frame. `docs/reference/ros2.md` describes every topic.
+//!
+//! # Cost
+//! A message costs its bytes.
+//!
+//! # Example
+//! ```
+//! use link::Topic;
+//!
+//! let [pose, buttons] = [Topic::MeasuredCp, Topic::Joy];
+//! assert_eq!((pose.name(), pose.message_type().ros_name()), ("measured_cp", "geometry_msgs/msg/PoseStamped".to_owned()));
+//! assert!(!pose.is_occasional() && buttons.is_occasional(), "a pose leaves with every message, buttons when they change");
+//! ```
+//!
+//! # Where to find what
+//!
+//! | module | owns |
 //! |---|---|
 //! | `cdr` | numbers, words and lists as little-endian plain CDR |
 //! | `messages` | the messages, each with its type name and the hash of its definition |
@@ -11,8 +32,9 @@
 //! | [`publish`] | the thread that sends the newest record of a run |
 //! | [`network`] | endpoints, sessions, and the link to an arm on another machine |
 //!
-//! Invariants: messages and names are pure and always compiled; zenoh comes with the feature `zenoh`. `docs/reference/ros2.md` is its description; golden bytes and hashes by libraries that share no
-//! code with it are in `tests/fixtures/cdr`.
+//! Messages and names are pure and always compiled; [`publish`] and sessions come with the feature `zenoh`.
+//! Golden bytes and hashes by libraries that share no code with it are in `tests/fixtures/cdr`.
+#![forbid(unsafe_code)]
 
 mod cdr;
 mod messages;

@@ -1,16 +1,24 @@
-//! The way out of the loop: records, their ring, the flight recorder, the summary.
+//! What leaves a haptic loop: records of ticks, and all that is made of them.
 //!
-//! Data in: one [`TickRecord`] per tick through a wait-free ring. Data out: a [`Summary`] with latency histograms, and snapshots for whoever
-//! watches.
+//! ```text
+//!  loop ─► ring of TickRecords ─► drain thread ─┬─► Summary, metrics
+//!    └───► FlightRecorder (in the loop)         └─► subscribers: recorder thread ─► MCAP file ─► Recording ─► replay, report
+//!                     └─► thread `fault-files` ─► MCAP file of a fault       └─► viewers (`file::live`)
+//! ```
 //!
-//! Invariant: never calls into `servo`; everything but [`FlightRecorder::note`] runs on a normal thread.
+//! # Units and frames
+//! Those of the tick: SI; device axes at the grip, or world axes at the tool's centre of mass, as each field says. Times are nanoseconds of the loop's clock.
+//!
+//! # Cost
+//! The loop pays one copy of a record into a wait-free ring and one into the flight recorder; everything else runs on normal threads. A full ring or a slow disk
+//! drops records and counts them, and never delays the loop.
 //!
 //! # Example
 //! ```
 //! use recording::file::Recording;
 //! use recording::report::LabReport;
 //!
-//! let mut recording = Recording::open("tests/fixtures/block-on-plane.mcap".as_ref())?;
+//! let mut recording = Recording::open("../../tests/fixtures/block-on-plane.mcap".as_ref())?;
 //! let mut report = LabReport::new("block-on-plane.mcap".to_owned());
 //! while let Some(entry) = recording.next_entry()? {
 //!     report.take(&entry);
@@ -18,6 +26,19 @@
 //! assert!(report.ticks() > 0 && report.page().contains("<svg"));
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
+//!
+//! # Where to find what
+//!
+//! | module | owns |
+//! |---|---|
+//! | `record` | the record of one tick |
+//! | `drain` | the ring's other end, on the thread `drain` |
+//! | `taps` | who else gets every record: recorders, monitors, viewers |
+//! | `flight` | the last ticks before a fault, kept by the loop itself |
+//! | [`file`] | MCAP files: written by the thread `recorder`, read, live for the Foxglove app; files of faults |
+//! | `summary`, [`metrics`] | latency histograms and extremes as JSON, as text for Prometheus |
+//! | [`report`] | a page of a recording, with charts |
+#![forbid(unsafe_code)]
 
 mod drain;
 pub mod file;

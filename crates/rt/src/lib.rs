@@ -1,23 +1,44 @@
-//! The operating system: every libc call of the program, and everything about time.
+//! The operating system of a real-time loop: every libc call, and everything about time.
 //!
-//! Data in: what the scene asks for (a processor, a priority). Data out: what was obtained, as data; nothing here prints.
+//! ```text
+//!  signals, clients, watchdogs ─► control word ─► loop        what the scene asks for (processor, priority) ─► schedule ─► what was obtained
+//!                                 control           ▲                                    the machine ─► preflight ─► findings, and what to type
+//!                                                   └─ clock: absolute sleep
+//! ```
 //!
-//! Invariant: outside the byte transports of `device`, only the files of this room hold `unsafe`; each of them opens with a
-//! reason.
+//! # Units and frames
+//! Nanoseconds of `CLOCK_MONOTONIC` in the loop, [`Duration`](core::time::Duration) elsewhere.
 //!
-//! | file | owns |
+//! # Cost
+//! Reading the control word is two atomic loads, and a sleep is one system call. Everything else runs before the loop or beside it. Nothing here prints: results are data.
+//!
+//! # Example
+//! ```
+//! use rt::control::{Control, Order};
+//!
+//! let control = Control::new();
+//! let permit = control.permit();
+//! control.enable(permit);
+//! assert_eq!(control.order(), Order::Enable);
+//! control.disable(); // a signal, a client, a heartbeat that is missing
+//! control.enable(permit);
+//! assert_eq!(control.order(), Order::Disable, "a permit drawn before is worthless");
+//! ```
+//!
+//! # Where to find what
+//!
+//! | module | owns |
 //! |---|---|
+//! | [`control`] | the control word of a loop: whether force may flow, whether it is to end |
 //! | [`clock`] | `CLOCK_MONOTONIC`, absolute sleep; real and virtual time behind one trait |
 //! | [`schedule`] | policy, priority, processor, memory lock, stack prefault of one thread |
-//! | [`preflight`] | what the machine offers, row by row, with hints |
-//! | [`control`] | the control word of a loop: whether force may flow, whether it is to end |
-//! | [`signals`] | what each signal does to that word; what SIGHUP means |
-//! | [`duration`] | durations as people write them |
-//! | [`finding`] | what was found, and what to type |
-//! | [`machine`] | kernel, clock, processors, rights |
-//! | [`process`] | memory that two processes share, and how one of them stands apart |
-//! | [`utc`] | the time of day as text |
+//! | [`signals`] | what each signal does to the control word; what SIGHUP means |
+//! | [`preflight`], [`machine`], [`finding`] | what the machine offers and lacks, row by row, and what to type |
 //! | [`wakeup`] | how late the machine wakes a loop |
+//! | [`process`] | memory that two processes share, and how one of them stands apart |
+//! | [`duration`], [`utc`] | durations and the time of day as people write them |
+//!
+//! Every file with `unsafe` code opens with its reason.
 
 pub mod clock;
 pub mod control;
