@@ -20,7 +20,7 @@ use crate::error::Exit;
 use crate::scene::cache::Residence;
 use crate::scene::{self, BakeMeans, Built, ClayReport, ObjectReport, SceneError};
 use vps::part::PartError;
-use vps::voxmap::sides::SidesRule;
+use vps::voxmap::sides::InsideTest;
 
 /// Arguments of `hapticd bake`.
 #[derive(Debug, clap::Args)]
@@ -46,7 +46,7 @@ pub(crate) struct Args {
     /// How inside and outside are told: by the fill, where it leaks by winding numbers or else as a thin skin (auto); only what the
     /// fill left is inside (flood); with lids on holes (winding); a two-sided skin (thin) (mesh only).
     #[arg(long, value_name = "HOW")]
-    sides: Option<SidesChoice>,
+    sides: Option<InsideTestChoice>,
     /// Threads; all processors if not given.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
     threads: Option<u32>,
@@ -98,20 +98,20 @@ enum NavigationChoice {
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
-enum SidesChoice {
+enum InsideTestChoice {
     Auto,
     Flood,
     Winding,
     Thin,
 }
 
-impl From<SidesChoice> for SidesRule {
-    fn from(choice: SidesChoice) -> Self {
+impl From<InsideTestChoice> for InsideTest {
+    fn from(choice: InsideTestChoice) -> Self {
         match choice {
-            SidesChoice::Auto => Self::Auto,
-            SidesChoice::Flood => Self::Flood,
-            SidesChoice::Winding => Self::Winding,
-            SidesChoice::Thin => Self::Thin,
+            InsideTestChoice::Auto => Self::Auto,
+            InsideTestChoice::Flood => Self::Flood,
+            InsideTestChoice::Winding => Self::Winding,
+            InsideTestChoice::Thin => Self::Thin,
         }
     }
 }

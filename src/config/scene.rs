@@ -14,7 +14,7 @@ use clay::{Solid, clay_model};
 use haptics::Parameters;
 use vps::mesh::primitives::Shape;
 use vps::spatial::Pose;
-use vps::voxmap::sides::SidesRule;
+use vps::voxmap::inside_test::InsideTest;
 
 /// A checked scene.
 #[derive(Clone, Debug, PartialEq)]
@@ -101,7 +101,7 @@ pub struct StaticConfig {
     /// Layers on each side of the surface.
     pub layers: u32,
     /// How inside and outside are told.
-    pub sides: SidesRule,
+    pub sides: InsideTest,
     /// `world_from_map`; of a movable one where it stands at the start.
     pub pose: Pose,
     /// Its pose may be set while running.
@@ -118,7 +118,7 @@ pub struct ToolConfig {
     /// Layers on each side (at least 2, for normals).
     pub layers: u32,
     /// How inside and outside are told.
-    pub sides: SidesRule,
+    pub sides: InsideTest,
     /// Mass, kg.
     pub mass_kg: f64,
     /// Centre of mass in the tool frame, m; `None`: from the mesh.

@@ -14,5 +14,5 @@ mod object;
 
 pub use build::{Built, Event, build, build_all, build_with};
 pub use loaded_clay::{BorderReport, ClayError, ClayReport, LoadedClay};
-pub use object::{BakeMeans, MemoryPlan, SceneError, load};
+pub use object::{BakeOptions, MemoryPlan, SceneError, load};
 pub use vps::part::{CacheUse, ObjectReport, Role};

@@ -7,7 +7,7 @@
 //!  SceneControls::take_replaced ◄─ring──────┴─► a scene: ramp down ──► zero force ──► exchange two pointers ──► ramp up
 //! ```
 //! The newest value of a parameter and the newest pose of an object count. Limits go first. What a value or a pose becomes, and how fast, is the
-//! tick's concern (`haptics::live_parameters`, `haptics::placing`).
+//! tick's concern (`haptics::live_parameters`, `haptics::moving_obstacles`).
 //!
 //! The servo moves one box in and one out when scenes are exchanged: nothing is allocated, freed or copied, and no tick is missed. The order of
 //! the supervisor goes first: after a stop nothing is exchanged, and after a fault not before it is acknowledged.

@@ -11,10 +11,10 @@ use hapticd::scene::cache::{Baked, Cache, GENERATION, Lookup, Request, Residence
 use hapticd::scene::{self, BakeMeans, ObjectReport, Role};
 use tempfile::TempDir;
 use vps::mesh::primitives::Shape;
-use vps::storage::Region;
+use vps::storage::MappedFile;
 use vps::storage::sections::{FORMAT, Reader, reseal};
 use vps::voxmap::field::FieldKind;
-use vps::voxmap::sides::SidesRule;
+use vps::voxmap::inside_test::InsideTest;
 
 use super::determinism::bits;
 use super::fuzz_corpus::{cache, corpus};
@@ -142,7 +142,7 @@ fn the_key_knows_what_changes_a_bit_and_nothing_else() {
     let statics: [&dyn Fn(&mut SceneConfig); 5] = [
         &|scene| scene.statics[0].voxel_size_m *= 1.0 + f64::EPSILON,
         &|scene| scene.statics[0].layers += 1,
-        &|scene| scene.statics[0].sides = SidesRule::Flood,
+        &|scene| scene.statics[0].sides = InsideTest::Flood,
         &|scene| scene.parameters.contact.field = FieldKind::SurfacePoint,
         &|scene| scene.statics[0].source = MeshSource::File { path: dir.path().join("corner.obj"), metres_per_unit: 1.1e-3 },
     ];
@@ -153,7 +153,7 @@ fn the_key_knows_what_changes_a_bit_and_nothing_else() {
         assert_eq!(uses(&other), [CacheUse::Hit; 2], "change {idx}");
     }
     let tools: [&dyn Fn(&mut SceneConfig); 5] = [
-        &|scene| scene.tool.sides = SidesRule::Thin,
+        &|scene| scene.tool.sides = InsideTest::Thin,
         &|scene| scene.tool.voxel_size_m *= 0.9,
         &|scene| scene.tool.layers += 1,
         &|scene| scene.tool.center_of_mass_m = Some(DVec3::new(0.0, 0.0, 1e-9)),
@@ -483,7 +483,7 @@ fn a_mesh_that_changes_while_it_is_baked_is_not_kept() {
         source: &source,
         spacing: Spacing::Size(1e-3),
         layers: 2,
-        sides: SidesRule::Auto,
+        sides: InsideTest::Auto,
         with_gradients: false,
         center_of_mass: None,
     };
@@ -513,7 +513,7 @@ fn reference() -> String {
     let mut sums: Vec<String> = files(&dir.path().join("cache"))
         .iter()
         .flat_map(|file| {
-            let region = Region::copy(&fs::read(file).unwrap()).unwrap();
+            let region = MappedFile::copy(&fs::read(file).unwrap()).unwrap();
             Reader::new(region, None, GENERATION).unwrap().checksums().collect::<Vec<_>>()
         })
         .filter(|(name, _)| name != "report")

@@ -8,7 +8,7 @@ use std::process::{Command, Output};
 use hapticd::config::{self, ConfigErrors, LoadOptions, ProblemKind, SceneConfig};
 use haptics::CouplingMode;
 use vps::mesh::primitives::Shape;
-use vps::voxmap::sides::SidesRule;
+use vps::voxmap::inside_test::InsideTest;
 
 const SCENE: &str = r#"version = 1
 
@@ -176,11 +176,11 @@ error: scene.toml:25: device.profil = "sim-sigma7": unknown key; did you mean `p
 
 #[test]
 fn sides_are_told_as_written() {
-    for (word, rule) in SidesRule::NAMES {
+    for (word, rule) in InsideTest::NAMES {
         let sides = format!("sides = \"{word}\"");
         let scene = with("layers = 8", &sides).replace("[tool]", &format!("[tool]\n{sides}"));
         let config = load(&scene).unwrap();
-        assert_eq!((config.statics[0].sides, config.statics[1].sides, config.tool.sides), (rule, SidesRule::Auto, rule));
+        assert_eq!((config.statics[0].sides, config.statics[1].sides, config.tool.sides), (rule, InsideTest::Auto, rule));
     }
 }
 

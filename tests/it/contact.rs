@@ -10,7 +10,7 @@ use vps::mesh::{TriangleMesh, validate};
 use vps::pointshell::{self, shell::Shell};
 use vps::spatial::{Pose, Wrench};
 use vps::voxmap::field::FieldKind;
-use vps::voxmap::sides::SidesRule;
+use vps::voxmap::inside_test::InsideTest;
 use vps::voxmap::{Options, Voxmap};
 
 const STIFFNESS_N_PER_M: f64 = 1000.0;
@@ -20,7 +20,7 @@ fn contact(field: FieldKind) -> ForceLaw {
 }
 
 fn build(mesh: &TriangleMesh, voxel_size_m: f64, layers: u32) -> Voxmap {
-    let options = Options { voxel_size_m, layers, navigation: None, sides: SidesRule::Auto };
+    let options = Options { voxel_size_m, layers, navigation: None, sides: InsideTest::Auto };
     Voxmap::build(mesh, &validate::inspect(mesh), &options, |_| ()).expect("a grid that fits")
 }
 

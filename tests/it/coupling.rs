@@ -14,7 +14,7 @@ use vps::mesh::primitives::Shape;
 use vps::mesh::validate;
 use vps::pointshell::{self, shell::Shell};
 use vps::spatial::{Axes, DeviceSample, Pose, SampleStatus, Twist, Wrench};
-use vps::voxmap::sides::SidesRule;
+use vps::voxmap::inside_test::InsideTest;
 use vps::voxmap::{Options, Voxmap};
 
 use super::rig;
@@ -48,7 +48,7 @@ fn coupling_with(change: impl FnOnce(&mut Parameters)) -> Parameters {
 }
 
 fn build(mesh: &TriangleMesh, voxel_size_m: f64) -> Voxmap {
-    let options = Options { voxel_size_m, layers: 8, navigation: None, sides: SidesRule::Auto };
+    let options = Options { voxel_size_m, layers: 8, navigation: None, sides: InsideTest::Auto };
     Voxmap::build(mesh, &validate::inspect(mesh), &options, |_| ()).expect("a grid that fits")
 }
 

@@ -9,7 +9,7 @@ use vps::pointshell;
 use vps::pointshell::project::{SurfacePoint, project};
 use vps::voxmap::fill::Side;
 use vps::voxmap::grid::Grid;
-use vps::voxmap::sides::SidesRule;
+use vps::voxmap::inside_test::InsideTest;
 use vps::voxmap::surface::{Navigation, Surface, visit_hits, visit_hits_by_brute_force};
 use vps::voxmap::{Options, Voxmap};
 
@@ -34,7 +34,7 @@ fn sphere_at_offset(radius_in_voxels: f64, offset: DVec3) -> TriangleMesh {
 }
 
 fn build(mesh: &TriangleMesh, voxel_size_m: f64, layers: u32) -> Voxmap {
-    let options = Options { voxel_size_m, layers, navigation: None, sides: SidesRule::Auto };
+    let options = Options { voxel_size_m, layers, navigation: None, sides: InsideTest::Auto };
     Voxmap::build(mesh, &validate::inspect(mesh), &options, |_| ()).expect("a grid that fits")
 }
 

@@ -5,7 +5,7 @@ use vps::mesh::closest_point::TriangleProjector;
 use vps::mesh::primitives::Shape;
 use vps::mesh::{TriangleMesh, validate};
 use vps::voxmap::grid::cell_of;
-use vps::voxmap::sides::SidesRule;
+use vps::voxmap::inside_test::InsideTest;
 use vps::voxmap::{Options, Voxmap};
 
 use super::models;
@@ -91,7 +91,7 @@ struct Errors {
 fn errors(name: &str, mesh: &TriangleMesh, cells_on_longest_axis: f64, layers: u32) -> Errors {
     let (low, high) = mesh.bounds().expect("not empty");
     let voxel_size_m = (high - low).max_element() / cells_on_longest_axis;
-    let options = Options { voxel_size_m, layers, navigation: None, sides: SidesRule::Auto };
+    let options = Options { voxel_size_m, layers, navigation: None, sides: InsideTest::Auto };
     let map = Voxmap::build(mesh, &validate::inspect(mesh), &options, |_| ()).expect("a grid that fits");
     let distances = map.distances(mesh, false);
     let tree = Tree::new(map.mesh(mesh));

@@ -12,7 +12,7 @@ use vps::mesh::validate;
 use vps::pointshell::{self, shell::Shell};
 use vps::spatial::{DeviceSample, Pose, SampleStatus};
 use vps::voxmap::field::FieldKind;
-use vps::voxmap::sides::SidesRule;
+use vps::voxmap::inside_test::InsideTest;
 use vps::voxmap::{Options, Voxmap};
 
 use super::rig;
@@ -28,7 +28,7 @@ const STIFFNESS_N_PER_M: f64 = 2000.0;
 pub(super) const HALF_M: f64 = 5e-3;
 
 fn build(mesh: &TriangleMesh, voxel_size_m: f64) -> Voxmap {
-    let options = Options { voxel_size_m, layers: 8, navigation: None, sides: SidesRule::Auto };
+    let options = Options { voxel_size_m, layers: 8, navigation: None, sides: InsideTest::Auto };
     Voxmap::build(mesh, &validate::inspect(mesh), &options, |_| ()).expect("a grid that fits")
 }
 

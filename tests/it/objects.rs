@@ -18,7 +18,7 @@ use vps::mesh::validate;
 use vps::pointshell::{self, shell::Shell};
 use vps::spatial::{DeviceSample, Pose, SampleStatus, Wrench};
 use vps::voxmap::field::FieldKind;
-use vps::voxmap::sides::SidesRule;
+use vps::voxmap::inside_test::InsideTest;
 use vps::voxmap::{Options, Voxmap};
 
 use super::rig;
@@ -31,7 +31,7 @@ const BALL_M: f64 = 6e-3;
 const MODES: [CouplingMode; 4] = [CouplingMode::Implicit, CouplingMode::Static, CouplingMode::Constraint, CouplingMode::Direct];
 
 fn build(mesh: &TriangleMesh, voxel_size_m: f64) -> Voxmap {
-    let options = Options { voxel_size_m, layers: 8, navigation: None, sides: SidesRule::Auto };
+    let options = Options { voxel_size_m, layers: 8, navigation: None, sides: InsideTest::Auto };
     Voxmap::build(mesh, &validate::inspect(mesh), &options, |_| ()).expect("a grid that fits")
 }
 

@@ -8,7 +8,7 @@ use vps::mesh::{TriangleMesh, validate};
 use vps::pointshell::{self, shell::Shell};
 use vps::spatial::Pose;
 use vps::voxmap::field::FieldKind;
-use vps::voxmap::sides::SidesRule;
+use vps::voxmap::inside_test::InsideTest;
 use vps::voxmap::{Options, Voxmap};
 
 use super::models;
@@ -34,7 +34,7 @@ impl Random {
     }
 }
 
-fn build(mesh: &TriangleMesh, voxel_size_m: f64, layers: u32, sides: SidesRule) -> Voxmap {
+fn build(mesh: &TriangleMesh, voxel_size_m: f64, layers: u32, sides: InsideTest) -> Voxmap {
     let options = Options { voxel_size_m, layers, navigation: None, sides };
     Voxmap::build(mesh, &validate::inspect(mesh), &options, |_| ()).expect("a grid that fits")
 }
@@ -55,11 +55,11 @@ impl Pair {
         obstacle_voxel_m: f64,
         tool: &TriangleMesh,
         tool_voxel_m: f64,
-        sides: SidesRule,
+        sides: InsideTest,
     ) -> Self {
         let field = build(obstacle, obstacle_voxel_m, 8, sides).field(obstacle, false);
         let (low, high) = tool.bounds().expect("not empty");
-        let (shell, _) = pointshell::build(tool, &build(tool, tool_voxel_m, 3, SidesRule::Auto), 0.5 * (low + high));
+        let (shell, _) = pointshell::build(tool, &build(tool, tool_voxel_m, 3, InsideTest::Auto), 0.5 * (low + high));
         let (low, high) = obstacle.bounds().expect("not empty");
         Self {
             name: name.to_owned(),
@@ -119,10 +119,10 @@ fn primitives() -> Vec<Pair> {
     let mut open = block.clone();
     open.triangles.truncate(open.triangles.len() - 2);
     vec![
-        Pair::new("sphere in torus", &torus, 5e-4, &sphere, 3e-4, SidesRule::Auto),
-        Pair::new("torus on block", &block, 4e-4, &torus, 5e-4, SidesRule::Auto),
-        Pair::new("sphere on thin block", &block, 5e-4, &sphere, 4e-4, SidesRule::Thin),
-        Pair::new("sphere on open block", &open, 5e-4, &sphere, 4e-4, SidesRule::Winding),
+        Pair::new("sphere in torus", &torus, 5e-4, &sphere, 3e-4, InsideTest::Auto),
+        Pair::new("torus on block", &block, 4e-4, &torus, 5e-4, InsideTest::Auto),
+        Pair::new("sphere on thin block", &block, 5e-4, &sphere, 4e-4, InsideTest::Thin),
+        Pair::new("sphere on open block", &open, 5e-4, &sphere, 4e-4, InsideTest::Winding),
     ]
 }
 
@@ -133,7 +133,7 @@ fn real() -> Vec<Pair> {
     (0..meshes.len())
         .map(|idx| {
             let ((name, mesh), (_, tool)) = (&meshes[idx], &meshes[(idx + 1) % meshes.len()]);
-            Pair::new(name, mesh, voxel_m(mesh, 90.0), tool, voxel_m(tool, 60.0), SidesRule::Auto)
+            Pair::new(name, mesh, voxel_m(mesh, 90.0), tool, voxel_m(tool, 60.0), InsideTest::Auto)
         })
         .collect()
 }
@@ -320,7 +320,7 @@ fn acceptance_17_what_is_skipped_never_touches() {
     // A quarter of the points will do: the flat traversal beside is what takes the time.
     let small = Shape::Torus { major_m: 0.006, minor_m: 0.002 }.tessellate(1e-5);
     let block = Shape::Box { size_m: DVec3::new(0.03, 0.02, 0.012) }.tessellate(1e-5);
-    pairs.push(Pair::new("small torus on block", &block, 4e-4, &small, 4e-4, SidesRule::Auto));
+    pairs.push(Pair::new("small torus on block", &block, 4e-4, &small, 4e-4, InsideTest::Auto));
     let n_pairs = pairs.len();
     for (pair, seed) in pairs.iter().zip(100..) {
         let (mut walk, mut wander) = (pair.traversal(Machine::best(), Way::Tree), Wander::new(pair, seed));

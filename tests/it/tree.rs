@@ -7,13 +7,13 @@ use vps::mesh::{TriangleMesh, validate};
 use vps::pointshell::shell::{LANES, Shell};
 use vps::pointshell::tree::{CHILDREN, Tree};
 use vps::pointshell::{self, ShellReport};
-use vps::voxmap::sides::SidesRule;
+use vps::voxmap::inside_test::InsideTest;
 use vps::voxmap::{Options, Voxmap};
 
 use super::models;
 
 fn shell_of(mesh: &TriangleMesh, voxel_size_m: f64) -> (Shell, ShellReport) {
-    let options = Options { voxel_size_m, layers: 3, navigation: None, sides: SidesRule::Flood };
+    let options = Options { voxel_size_m, layers: 3, navigation: None, sides: InsideTest::Flood };
     let map = Voxmap::build(mesh, &validate::inspect(mesh), &options, |_| ()).expect("a grid that fits");
     pointshell::build(mesh, &map, DVec3::new(1e-3, -2e-3, 5e-4))
 }

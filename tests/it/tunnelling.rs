@@ -8,7 +8,7 @@ use vps::mesh::primitives::Shape;
 use vps::mesh::validate;
 use vps::pointshell;
 use vps::spatial::{DeviceSample, Pose, SampleStatus, Twist};
-use vps::voxmap::sides::SidesRule;
+use vps::voxmap::inside_test::InsideTest;
 use vps::voxmap::{Options, Voxmap};
 
 use super::rig;
@@ -21,7 +21,7 @@ const PLATE_M: f64 = 3.0 * S;
 const RADIUS_M: f64 = 6e-3;
 
 fn build(mesh: &TriangleMesh) -> Voxmap {
-    let options = Options { voxel_size_m: S, layers: 8, navigation: None, sides: SidesRule::Auto };
+    let options = Options { voxel_size_m: S, layers: 8, navigation: None, sides: InsideTest::Auto };
     Voxmap::build(mesh, &validate::inspect(mesh), &options, |_| ()).expect("a grid that fits")
 }
 

@@ -14,7 +14,7 @@ use vps::mesh::primitives::Shape;
 use vps::mesh::validate::inspect;
 use vps::pointshell::{self, shell::Shell};
 use vps::spatial::Pose;
-use vps::voxmap::sides::SidesRule;
+use vps::voxmap::inside_test::InsideTest;
 use vps::voxmap::{Options, Voxmap};
 
 const LAW: ForceLaw = ForceLaw { stiffness_n_per_m: 1000.0, smooth_entry: true, ..ForceLaw::PLAIN };
@@ -28,7 +28,7 @@ const PATH_TICKS: usize = 1000;
 const ROUNDS: usize = 3;
 
 fn build(mesh: &TriangleMesh, voxel_size_m: f64, layers: u32) -> Voxmap {
-    let options = Options { voxel_size_m, layers, navigation: None, sides: SidesRule::Auto };
+    let options = Options { voxel_size_m, layers, navigation: None, sides: InsideTest::Auto };
     match Voxmap::build(mesh, &inspect(mesh), &options, |_| {}) {
         Ok(map) => map,
         Err(error) => panic!("{error}"),

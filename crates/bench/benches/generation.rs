@@ -11,8 +11,8 @@ use vps::mesh::validate::inspect;
 use vps::pointshell;
 use vps::voxmap::fill::Sides;
 use vps::voxmap::grid::Grid;
+use vps::voxmap::inside_test::InsideTest;
 use vps::voxmap::layers::Layers;
-use vps::voxmap::sides::SidesRule;
 use vps::voxmap::surface::{Navigation, Surface, visit_hits, visit_hits_by_brute_force};
 use vps::voxmap::{Options, Voxmap};
 
@@ -97,7 +97,7 @@ fn map_and_shell(criterion: &mut Criterion) {
         group.bench_function(BenchmarkId::new("fill", radius_cells), |bencher| bencher.iter(|| Sides::flood(&surface)));
         group
             .bench_function(BenchmarkId::new("layers", radius_cells), |bencher| bencher.iter(|| Layers::grow(&surface, &sides, 8)));
-        let options = Options { voxel_size_m: 1e-3, layers: 8, navigation: None, sides: SidesRule::Auto };
+        let options = Options { voxel_size_m: 1e-3, layers: 8, navigation: None, sides: InsideTest::Auto };
         let Ok(map) = Voxmap::build(&mesh, &inspect(&mesh), &options, |_| {}) else { continue };
         group.bench_function(BenchmarkId::new("shell", radius_cells), |bencher| {
             bencher.iter(|| pointshell::build(&mesh, &map, DVec3::ZERO));

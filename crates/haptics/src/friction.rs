@@ -15,7 +15,7 @@
 use glam::{DMat3, DVec3};
 
 use super::params::FrictionParameters;
-use vps::contact::{Carried, FACES, Patch};
+use vps::contact::{FACES, ObstacleMotion, Patch};
 use vps::spatial::{Mat6, Pose, Wrench};
 
 /// What friction does in a tick.
@@ -42,7 +42,7 @@ struct Element {
     /// How far it has turned about the normal, rad.
     twist: f64,
     /// What it touches moved by in this tick.
-    carried: Carried,
+    obstacle_motion: ObstacleMotion,
 }
 
 /// The elements of all faces, and where the tool was.
@@ -54,9 +54,9 @@ pub(super) struct Friction {
 
 impl Friction {
     /// Tells, before a tick, how each face is carried by what it touches: only what the tool moves against that stretches.
-    pub(super) fn carry(&mut self, faces: &[Carried; FACES]) {
+    pub(super) fn carry(&mut self, faces: &[ObstacleMotion; FACES]) {
         for (element, carried) in self.elements.iter_mut().zip(faces) {
-            element.carried = *carried;
+            element.obstacle_motion = *carried;
         }
     }
 
@@ -93,7 +93,7 @@ impl Friction {
 impl Element {
     fn pull(&mut self, patch: &Patch, moved_center: DVec3, turned: DVec3, params: &FrictionParameters, sum: &mut FrictionWrench) {
         let (normal, arm) = (patch.normal_world, patch.arm_world);
-        let carried = core::mem::take(&mut self.carried);
+        let carried = core::mem::take(&mut self.obstacle_motion);
         if self.touches {
             // Small steps: the tool moves less than a voxel and a degree in a tick.
             let turned = turned - carried.angular;

@@ -70,12 +70,12 @@ mod indexing;
 mod interlock;
 mod limits;
 mod live_parameters;
+mod moving_obstacles;
 mod off_cause;
 mod packets;
 mod params;
 mod passivity;
 mod passivity_control;
-mod placing;
 mod power_window;
 mod quasi_static;
 mod render_scene;
@@ -94,12 +94,12 @@ pub use drive::{Drive, DriveRequest};
 pub use faults::Faults;
 pub use indexing::Indexing;
 pub use live_parameters::{LiveParameter, ParameterChange, ParameterRange};
+pub use moving_obstacles::Placement;
 pub use off_cause::OffCause;
 pub use params::{
     ArmParameters, ContactParameters, CouplingMode, CouplingParameters, DeviceMapping, FilterParameters, FreeSpace,
     FrictionParameters, LimitParameters, Parameters, SafetyParameters, SpringClamp,
 };
-pub use placing::Placement;
 pub use render_scene::{RenderScene, Tool};
 pub use scene_builder::{SceneBuilder, ToolOptions};
 pub use tick::{FrameInUse, Handover, State, TickInput, TickOutput, tick};

@@ -11,9 +11,9 @@ use super::indexing::Indexing;
 use super::interlock::{Interlock, is_outside};
 use super::limits::{Limiter, Ramp};
 use super::live_parameters::{ParameterChange, ParameterRamps};
+use super::moving_obstacles::{MovingObstacles, Placement};
 use super::params::CouplingMode;
 use super::passivity_control::PassivityController;
-use super::placing::{Movers, Placement};
 use super::power_window::PowerWindow;
 use super::sample::{SampleCheck, SampleMonitor};
 use super::stability::filter_delay_s;
@@ -110,7 +110,7 @@ pub struct State {
     tool: VirtualTool,
     /// Finds what touches, and knows where the obstacles stand.
     traversal: Traversal,
-    movers: Movers,
+    moving_obstacles: MovingObstacles,
     parameter_ramps: ParameterRamps,
     /// Where the scene has some.
     clay: Option<Held>,
@@ -155,7 +155,7 @@ impl State {
             has_room: false,
             tool: VirtualTool::at(scene.start()),
             traversal: Traversal::new(Machine::best(), Way::Tree, &scene.obstacles, &scene.tool.shell),
-            movers: Movers::new(scene.obstacles.len()),
+            moving_obstacles: MovingObstacles::new(scene.obstacles.len()),
             parameter_ramps: ParameterRamps::default(),
             clay: scene.clay.as_ref().map(|clay| Held::new(clay, &scene.tool.shell)),
             braking: Braking::of(scene),
@@ -220,7 +220,7 @@ impl State {
 
     /// Where an obstacle stands now.
     pub fn world_from_map(&self, obstacle_idx: usize) -> Option<Pose> {
-        self.traversal.places().stand(obstacle_idx).map(|stand| stand.world_from_map)
+        self.traversal.obstacle_poses().pose(obstacle_idx).map(|pose| pose.world_from_map)
     }
 
     /// One contact query at a pose where the tool overlaps an obstacle, another one each `turn`, as if nothing were known from earlier ones;
@@ -266,13 +266,13 @@ pub fn tick(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOu
         faults |= Faults::OVERRUN;
     }
     advance::advance(scene, p, state, input, faults);
-    state.movers.advance(state.traversal.places_mut(), input.place, state.drive.has_force(), p);
+    state.moving_obstacles.advance(state.traversal.obstacle_poses_mut(), input.place, state.drive.has_force(), p);
 
     let target = state.indexing.target(&input.sample, &p.mapping, state.start);
     if state.drive.renders() && p.coupling.mode == CouplingMode::Direct {
         state.tool.stand_at(target, scene);
     }
-    let moving = state.movers.n_under_way() > 0;
+    let moving = state.moving_obstacles.n_under_way() > 0;
     if let (Some(clay), Some(FrameInUse { is_last: true, .. })) = (&mut state.clay, input.clay) {
         clay.let_go();
     }
@@ -316,8 +316,8 @@ pub fn tick(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOu
         world_from_tool: state.tool.pose() * body_from_tool,
         energy_j: state.passivity.energy_j(),
         object_work_j: state.passivity.carried_j(),
-        objects_moving: state.movers.n_under_way(),
-        object: state.movers.told(),
+        objects_moving: state.moving_obstacles.n_under_way(),
+        object: state.moving_obstacles.reported(),
         passivity_active: state.drive.renders() && state.passivity.is_active(),
         delay_ticks: state.delay.worst_ticks(),
         drive: state.drive,
@@ -350,7 +350,7 @@ fn render(
     let sample = &input.sample;
     state.delay.measure(sample.delay_ticks, p.period_s);
     let delay_ticks = observe(p, state, sample)?;
-    let (moved, turned) = p.mapping.way_device(touch.contact.carried.linear, touch.contact.carried.angular);
+    let (moved, turned) = p.mapping.way_device(touch.contact.obstacle_motion.linear, touch.contact.obstacle_motion.angular);
     let spring_j = 0.5 * p.limits.force_n * p.limits.force_n / p.coupling.stiffness_n_per_m;
     state.passivity.carry(moved, turned, delay_ticks, spring_j);
     let filter_lag_s = match p.coupling.mode {
@@ -361,8 +361,10 @@ fn render(
     let arm = &state.delay.damped(&p.arm);
 
     let rubbing = state.tool.rub(touch, p);
-    let felt_world =
-        state.tool.follow((scene, p), state.traversal.places(), touch, &rubbing, &coupling, target).ok_or(Faults::SOLVER)?;
+    let felt_world = state
+        .tool
+        .follow((scene, p), state.traversal.obstacle_poses(), touch, &rubbing, &coupling, target)
+        .ok_or(Faults::SOLVER)?;
     if !state.tool.is_finite() {
         return Err(Faults::NON_FINITE);
     }

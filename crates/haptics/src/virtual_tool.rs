@@ -11,12 +11,12 @@ use super::coupling::{Body, LinearContact, Pull, Spring};
 use super::filter::{ShapingFilter, Slide};
 use super::friction::{Friction, FrictionWrench};
 use super::limits::Ramp;
+use super::moving_obstacles::ALWAYS_VOXELS;
 use super::params::{CouplingMode, CouplingParameters, FreeSpace, Parameters};
-use super::placing::ALWAYS_VOXELS;
 use super::quasi_static::StaticBalance;
-use vps::contact::places::Places;
+use vps::contact::obstacle_poses::ObstaclePoses;
 use vps::contact::planes::DeepestContacts;
-use vps::contact::{Carried, Contact, ContactSum, Traversal};
+use vps::contact::{ObstacleMotion, Contact, ContactSum, Traversal};
 use vps::spatial::{Mat6, Pose, Twist, Wrench};
 
 /// Time in which the coupling wrench comes in at first contact, s (decision: free space).
@@ -116,7 +116,7 @@ impl VirtualTool {
     pub(super) fn follow(
         &mut self,
         (scene, p): (&RenderScene, &Parameters),
-        places: &Places,
+        obstacle_poses: &ObstaclePoses,
         touch: &Touch,
         rubbing: &FrictionWrench,
         coupling: &CouplingParameters,
@@ -137,16 +137,16 @@ impl VirtualTool {
         let twist = match (coupling.mode, deepest) {
             (CouplingMode::Static, _) => {
                 let stiffness = contact.stiffness.plus_scaled(1.0, &rubbing.stiffness);
-                let met = contact.wrench + rubbing.wrench + pushed(&stiffness, &contact.carried);
+                let met = contact.wrench + rubbing.wrench + pushed(&stiffness, &contact.obstacle_motion);
                 over_a_tick(self.balance.step(&stretched, weight, met, &stiffness)?)
             }
             (CouplingMode::Constraint, Some(deepest)) => {
                 let sag_m = weight / coupling.stiffness_n_per_m;
                 let body = self.body.pose;
                 // As seen from what it touches, which may move.
-                let Carried { linear, angular } = contact.carried;
+                let ObstacleMotion { linear, angular } = contact.obstacle_motion;
                 let free = (target_pose.translation - body.translation + sag_m - linear, body.rotation_to(target_pose) - angular);
-                let way_out = |idx: usize, contact: &Contact| match (scene.obstacles.get(idx), places.stand(idx)) {
+                let way_out = |idx: usize, contact: &Contact| match (scene.obstacles.get(idx), obstacle_poses.pose(idx)) {
                     (Some(obstacle), Some(stand)) => obstacle.way_out_world(stand.world_from_map, body, contact),
                     _ => body.transform_vector(contact.normal_body.as_dvec3()),
                 };
@@ -193,10 +193,10 @@ impl VirtualTool {
 
         let pull = Pull { spring, target_twist, weight, damping, period_s: p.period_s };
         // What moves towards the tool will push by so much more at the end of the tick, and damping acts on the speed between both.
-        let carried = pushed(&stiffness, &contact.carried) * (1.0 + damping_s / p.period_s);
-        let wrench = wrench + rubbing.wrench + carried;
+        let obstacle_motion = pushed(&stiffness, &contact.obstacle_motion) * (1.0 + damping_s / p.period_s);
+        let wrench = wrench + rubbing.wrench + obstacle_motion;
         let braking = brake.map(|brake| brake.damping(inertia.mass_kg, p.period_s));
-        let ground = contact.carried.over(p.period_s);
+        let ground = contact.obstacle_motion.over(p.period_s);
         let solve = |faces: Option<&Mat6>| {
             let (mut damping, mut wrench) = (braking, wrench);
             if let Some(faces) = faces {
@@ -231,14 +231,14 @@ impl VirtualTool {
 
     /// A share of the contact wrench through the dynamic shaping filter.
     fn shaped(&mut self, contact: &ContactSum, share: f64, step_stiffness: f64, p: &Parameters) -> Wrench {
-        let against = self.body.twist - contact.carried.over(p.period_s);
+        let against = self.body.twist - contact.obstacle_motion.over(p.period_s);
         let slide = Slide { speed_m_per_s: slide_speed(contact, against), voxel_size_m: contact.voxel_size_m, step_stiffness };
         self.filter.update(contact.wrench * share, slide, contact.acts(), &p.filter, p.period_s)
     }
 }
 
 /// What a contact stiffness adds to its wrench when what touches moves by so much.
-fn pushed(stiffness: &Mat6, carried: &Carried) -> Wrench {
+fn pushed(stiffness: &Mat6, carried: &ObstacleMotion) -> Wrench {
     let (force, torque) = stiffness.mul(carried.linear, carried.angular);
     Wrench::new(force, torque)
 }

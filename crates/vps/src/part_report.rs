@@ -6,7 +6,7 @@ use crate::mesh::validate::{FACES_INWARD, MeshReport};
 use crate::pointshell::{LevelReport, ShellReport};
 use crate::voxmap::MOSTLY_THIN;
 use crate::voxmap::Voxmap;
-use crate::voxmap::sides::SidesBasis;
+use crate::voxmap::sides::InsideBasis;
 
 /// What the cache did for an object.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -48,7 +48,7 @@ pub struct LeakReport {
 /// Lids that close the holes of a mesh.
 #[derive(Clone, Copy, Debug)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub struct LidsReport {
+pub struct HoleCapsReport {
     /// Connected lids.
     pub count: usize,
     /// Their area, m².
@@ -114,7 +114,7 @@ pub struct ObjectReport {
     /// Share of the places beside the surface whose winding number is within 0.1 of a whole number; `None` where nobody asked.
     pub clear_winding_share: Option<f64>,
     /// Lids on its holes, where there are any.
-    pub lids: Option<LidsReport>,
+    pub lids: Option<HoleCapsReport>,
     /// Where it leaked; `None`: it did not.
     pub leak: Option<LeakReport>,
     /// Edges with one triangle only, after welding.
@@ -155,7 +155,7 @@ impl ObjectReport {
                 leak.size_m * 1e3
             ));
         }
-        if map.basis != SidesBasis::Thin && inside_voxels == 0 {
+        if map.basis != InsideBasis::Thin && inside_voxels == 0 {
             warnings.push("nothing is inside, so it will not be felt; a thin skin would be".to_owned());
         }
         if map.leak.is_none() && map.thin && map.thin_share > MOSTLY_THIN {
@@ -205,7 +205,7 @@ impl ObjectReport {
             watertight: map.watertight,
             sides: map.basis.name().into(),
             clear_winding_share: map.clear_share,
-            lids: map.lidded.as_ref().map(|lidded| LidsReport { count: lidded.n_lids, area_m2: lidded.area_m2 }),
+            lids: map.capped.as_ref().map(|capped| HoleCapsReport { count: capped.n_lids, area_m2: capped.area_m2 }),
             leak: map.leak.map(|leak| LeakReport { position_m: leak.position_m.to_array(), size_m: leak.size_m }),
             open_edges: mesh.open_edges,
             navigation: map.surface.navigation.name().into(),
@@ -225,17 +225,17 @@ impl ObjectReport {
 /// What became of an object whose fill leaks.
 fn what_was_done(map: &Voxmap) -> String {
     let clear = map.clear_share.map(|share| format!("{:.0} % of samples", 100.0 * share)).unwrap_or_default();
-    match (map.basis, &map.lidded) {
-        (SidesBasis::Flood, _) => "only what the fill left inside is solid".to_owned(),
-        (SidesBasis::Winding, Some(lidded)) => {
-            let lids = if lidded.n_lids == 1 { "1 lid closes".to_owned() } else { format!("{} lids close", lidded.n_lids) };
-            let area_mm2 = lidded.area_m2 * 1e6;
+    match (map.basis, &map.capped) {
+        (InsideBasis::Flood, _) => "only what the fill left inside is solid".to_owned(),
+        (InsideBasis::Winding, Some(capped)) => {
+            let lids = if capped.n_lids == 1 { "1 lid closes".to_owned() } else { format!("{} lids close", capped.n_lids) };
+            let area_mm2 = capped.area_m2 * 1e6;
             format!("sides were taken from winding numbers, clear at {clear}, and {lids} the holes ({area_mm2:.1} mm²)")
         }
-        (SidesBasis::Winding, None) => format!("winding numbers, clear at {clear}, found nothing to close"),
-        (SidesBasis::Thin, _) if map.clear_share.is_some() => {
+        (InsideBasis::Winding, None) => format!("winding numbers, clear at {clear}, found nothing to close"),
+        (InsideBasis::Thin, _) if map.clear_share.is_some() => {
             format!("it is treated as a thin two-sided skin, because winding numbers are clear at {clear} only")
         }
-        (SidesBasis::Thin, _) => "it is treated as a thin two-sided skin".to_owned(),
+        (InsideBasis::Thin, _) => "it is treated as a thin two-sided skin".to_owned(),
     }
 }

@@ -17,7 +17,7 @@ use vps::mesh::MeshError;
 use vps::part::PartError;
 use vps::pointshell::{self, ply};
 use vps::voxmap::grid::GridError;
-use vps::voxmap::sides::SidesRule;
+use vps::voxmap::inside_test::InsideTest;
 use vps::voxmap::surface::Navigation;
 use vps::voxmap::{Options, Stage, npy};
 
@@ -89,7 +89,7 @@ pub(super) fn bake_mesh(args: &Args, talk: Talk) -> Result<(), Failure> {
             (None, n) => Spacing::LongestAxis(n.unwrap_or(1)),
         },
         layers: args.layers.unwrap_or(Options::DEFAULT_LAYERS),
-        sides: args.sides.map_or(SidesRule::Auto, SidesRule::from),
+        sides: args.sides.map_or(InsideTest::Auto, InsideTest::from),
         with_gradients: false,
         center_of_mass: None,
     };

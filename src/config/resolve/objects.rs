@@ -11,7 +11,7 @@ use document::{FINITE, Numbers, POSITIVE, ProblemKind};
 use vps::mesh::primitives::Shape;
 use vps::mesh::{EXTENSIONS, Format};
 use vps::spatial::Pose;
-use vps::voxmap::sides::SidesRule;
+use vps::voxmap::inside_test::InsideTest;
 
 const DEFAULT_STATIC_LAYERS: u32 = 8;
 const DEFAULT_TOOL_LAYERS: u32 = 4;

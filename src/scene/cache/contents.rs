@@ -10,7 +10,7 @@ use super::GENERATION;
 use vps::mesh::mass::MassProperties;
 use vps::part::{ObjectReport, Role};
 use vps::pointshell::shell::Shell;
-use vps::storage::Region;
+use vps::storage::MappedFile;
 use vps::storage::sections::{Key, Reader, Refusal, Writer};
 use vps::voxmap::field::Field;
 
@@ -87,11 +87,11 @@ impl Baked {
 /// # Errors
 /// Everything that is not a sound file of this version.
 pub fn read(bytes: &[u8]) -> Result<Baked, Refusal> {
-    take(Region::copy(bytes)?, None)
+    take(MappedFile::copy(bytes)?, None)
 }
 
-pub(super) fn take(region: Arc<Region>, key: Option<Key>) -> Result<Baked, Refusal> {
-    let file = Reader::new(region, key, GENERATION)?;
+pub(super) fn take(mapped: Arc<MappedFile>, key: Option<Key>) -> Result<Baked, Refusal> {
+    let file = Reader::new(mapped, key, GENERATION)?;
     let report = serde_json::from_slice(&file.array::<u8>("report")?).map_err(|_| Refusal::Damaged("report"))?;
     let field = Field::is_in(&file).then(|| Field::load(&file)).transpose()?;
     let shell = Shell::is_in(&file).then(|| Shell::load(&file)).transpose()?;

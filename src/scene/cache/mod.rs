@@ -27,7 +27,7 @@ pub use request::{Request, Spacing};
 
 use vps::part::{CacheUse, Role, Timings};
 use vps::storage::sections::{Key, Refusal};
-use vps::storage::{Region, regular};
+use vps::storage::{MappedFile, regular};
 
 /// Counts up whenever baking gives other bits than before for the same request. A test holds reference bakes against it.
 pub const GENERATION: u32 = 3;
@@ -132,8 +132,8 @@ impl Cache {
         folder::touch(&file);
         let region = match self.residence {
             // An empty file cannot be mapped; a copy of it says what is wrong.
-            Residence::Mapped if file.metadata()?.len() > 0 => Region::map(&file)?,
-            Residence::Mapped | Residence::Owned => Region::read(&file)?,
+            Residence::Mapped if file.metadata()?.len() > 0 => MappedFile::map(&file)?,
+            Residence::Mapped | Residence::Owned => MappedFile::read(&file)?,
         };
         let baked = contents::take(region, Some(key))?;
         if baked.serves(role) { Ok(baked) } else { Err(Refusal::Damaged("its contents")) }

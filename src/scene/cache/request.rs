@@ -14,7 +14,7 @@ use vps::storage::regular;
 use vps::storage::sections::Key;
 use vps::voxmap::Options;
 use vps::voxmap::estimate::Products;
-use vps::voxmap::sides::SidesRule;
+use vps::voxmap::inside_test::InsideTest;
 
 /// How large a voxel is.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -41,7 +41,7 @@ pub struct Request<'a> {
     /// Layers on each side.
     pub layers: u32,
     /// How inside and outside are told.
-    pub sides: SidesRule,
+    pub sides: InsideTest,
     /// The field holds gradients.
     pub with_gradients: bool,
     /// Origin of the shell, mesh frame, m; `None`: the mesh's own centre of mass.

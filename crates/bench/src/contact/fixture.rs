@@ -10,7 +10,7 @@ use vps::mesh::primitives::Shape;
 use vps::mesh::{TriangleMesh, validate};
 use vps::pointshell::{self, shell::Shell};
 use vps::spatial::Pose;
-use vps::voxmap::sides::SidesRule;
+use vps::voxmap::inside_test::InsideTest;
 use vps::voxmap::{Options, Voxmap};
 
 /// A tessellation's distance from its shape as a share of the voxel edge: as scenes have it.
@@ -31,7 +31,7 @@ pub(super) fn shell(what: &str, mesh: &TriangleMesh, voxel_size_m: f64) -> Resul
 }
 
 fn voxmap(what: &str, mesh: &TriangleMesh, voxel_size_m: f64, layers: u32) -> Result<Voxmap, BenchError> {
-    let options = Options { voxel_size_m, layers, navigation: None, sides: SidesRule::Auto };
+    let options = Options { voxel_size_m, layers, navigation: None, sides: InsideTest::Auto };
     let refused = |why: String| BenchError::Prepare { what: what.to_owned(), why };
     Voxmap::build(mesh, &validate::inspect(mesh), &options, |_| ()).map_err(|error| refused(error.to_string()))
 }

@@ -8,9 +8,9 @@
 
 use glam::Vec3;
 
+use super::contact_block::{ContactBlock, Pushes};
 use super::sum::Weighting;
 use super::summing::Summing;
-use super::touched::{Pushes, Touched};
 use super::{ContactSum, ForceLaw, Machine, Patch};
 use crate::density::Probe;
 use crate::pointshell::shell::{LANES, Lanes, Lanes3, Shell};
@@ -43,7 +43,7 @@ impl ContactSum {
                 if found.lanes == 0 {
                     continue;
                 }
-                let touched = Touched { block, lanes: found.lanes, weight: 1.0, depths_m: found.depths_m };
+                let touched = ContactBlock { block, lanes: found.lanes, weight: 1.0, depths_m: found.depths_m };
                 let pushes = Pushes { positions: *positions, normals: found.directions, weights: Lanes([1.0; LANES]) };
                 n_contacts += found.lanes.count_ones();
                 if let Some(sums) = summing.face(*face) {
@@ -85,7 +85,7 @@ impl ContactSum {
         for ((carried, patch), clays) in faces.iter_mut().zip(&self.patches).zip(&clay.patches) {
             *carried = carried.scaled(share(force_n(patch), force_n(clays)));
         }
-        self.carried = self.carried.scaled(share(self.pressed_n(), clay.pressed_n()));
+        self.obstacle_motion = self.obstacle_motion.scaled(share(self.pressed_n(), clay.pressed_n()));
     }
 
     /// What presses on all faces, N.

@@ -2,7 +2,7 @@
 
 use glam::{Mat3, Vec3};
 
-use super::touched::{Contact, Touched};
+use super::contact_block::{Contact, ContactBlock};
 use crate::pointshell::shell::{LANES, Lanes3, Shell};
 use crate::spatial::Pose;
 use crate::voxmap::field::{Field, FieldKind};
@@ -18,7 +18,13 @@ pub fn visit(field: &Field, kind: FieldKind, shell: &Shell, map_from_body: Pose,
 
 /// The same, block by block.
 #[inline]
-pub(super) fn blocks(field: &Field, kind: FieldKind, shell: &Shell, map_from_body: Pose, mut touch: impl FnMut(&Touched)) -> f32 {
+pub(super) fn blocks(
+    field: &Field,
+    kind: FieldKind,
+    shell: &Shell,
+    map_from_body: Pose,
+    mut touch: impl FnMut(&ContactBlock),
+) -> f32 {
     let per_metre = 1.0 / f64::from(field.voxel_size_m());
     let map_axes: Mat3 = map_from_body.rotation_matrix().as_mat3();
     let cells_axes: Mat3 = (map_from_body.rotation_matrix() * per_metre).as_mat3();
@@ -29,7 +35,7 @@ pub(super) fn blocks(field: &Field, kind: FieldKind, shell: &Shell, map_from_bod
     for (block, (positions, normals)) in shell.blocks().enumerate() {
         // The transform of a whole block first: it vectorises, the look-ups do not.
         let cells = transformed(positions, cells_axes, cells_origin);
-        let mut touched = Touched { block: block as u32, lanes: 0, weight: 1.0, depths_m: [f32::NEG_INFINITY; LANES] };
+        let mut touched = ContactBlock { block: block as u32, lanes: 0, weight: 1.0, depths_m: [f32::NEG_INFINITY; LANES] };
         for (lane, (cells, depth)) in cells.into_iter().zip(&mut touched.depths_m).enumerate().take(n_left) {
             let normal_map = if kind == FieldKind::Layers { map_axes * normals.get(lane) } else { Vec3::ZERO };
             let depth_m = field.value(kind, cells, normal_map);

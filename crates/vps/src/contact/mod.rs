@@ -20,7 +20,7 @@ mod clay;
 pub mod faces;
 mod flat;
 #[doc(hidden)]
-pub mod places;
+pub mod obstacle_poses;
 #[doc(hidden)]
 pub mod planes;
 mod proximity;
@@ -30,19 +30,18 @@ mod sum;
 mod summing;
 #[cfg(test)]
 mod tests;
-mod touched;
 mod traversal;
-mod walk;
+mod tree_traversal;
 
 use glam::DVec3;
 
 pub use budget::Budget;
+pub use contact_block::{Contact, ContactBlock};
 pub use faces::FACES;
 pub use flat::visit;
 pub use proximity::Proximity;
 pub use simd::Machine;
 pub use summing::AVERAGED_CONTACTS;
-pub use touched::{Contact, Touched};
 pub use traversal::{Traversal, Way};
 
 use self::faces::face_of;
@@ -144,25 +143,25 @@ pub struct ContactSum {
     /// Points that a budget left out: others stood for them.
     pub left_out: u32,
     /// How what touches moved in this tick, weighted by depth.
-    pub carried: Carried,
+    pub obstacle_motion: ObstacleMotion,
     /// A rope pulls as well.
     is_roped: bool,
     patches: [Option<Patch>; FACES],
     /// The same face by face; `None` while nothing that touches moves.
-    carried_faces: Option<[Carried; FACES]>,
+    carried_faces: Option<[ObstacleMotion; FACES]>,
 }
 
 /// A small motion in one tick of what the tool touches: its material at the tool's centre of mass goes by `linear` (m), and turns by
 /// `angular` (rad); world axes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Carried {
+pub struct ObstacleMotion {
     /// m.
     pub linear: DVec3,
     /// rad.
     pub angular: DVec3,
 }
 
-impl Carried {
+impl ObstacleMotion {
     fn add(&mut self, weight: f64, other: Self) {
         self.linear += other.linear * weight;
         self.angular += other.angular * weight;
@@ -193,7 +192,7 @@ impl ContactSum {
     }
 
     /// How each face is carried by what it touches.
-    pub fn carried_faces(&self) -> Option<&[Carried; FACES]> {
+    pub fn carried_faces(&self) -> Option<&[ObstacleMotion; FACES]> {
         self.carried_faces.as_ref()
     }
 
@@ -241,20 +240,20 @@ impl ContactSum {
         let mut summing = Summing::new(law, world_from_body);
         summing.note_far(traversal.begin(shell, world_from_body, summing.overstated_voxels()));
         for n in 0..traversal.n_near() {
-            let Some(obstacle_idx) = traversal.places().near(n) else { break };
-            let (Some(obstacle), Some(stand)) = (obstacles.get(obstacle_idx), traversal.places().stand(obstacle_idx)) else {
+            let Some(obstacle_idx) = traversal.obstacle_poses().near(n) else { break };
+            let (Some(obstacle), Some(pose)) = (obstacles.get(obstacle_idx), traversal.obstacle_poses().pose(obstacle_idx)) else {
                 break;
             };
-            let map_from_body = stand.world_from_map.inverse() * world_from_body;
-            let reserve_m = stand.reserve_m;
+            let map_from_body = pose.world_from_map.inverse() * world_from_body;
+            let reserve_m = pose.reserve_m;
             let center = world_from_body.translation;
             let carried =
-                (!stand.moved.is_none()).then(|| Carried { linear: stand.moved.at(center), angular: stand.moved.angular });
+                (!pose.moved.is_none()).then(|| ObstacleMotion { linear: pose.moved.at(center), angular: pose.moved.angular });
             let by = summing.weighting(obstacle);
             let found = traversal.find((n, obstacle_idx), obstacle, law.field, shell, map_from_body);
             let mut n_contacts = 0;
             // Blocks of one face come mostly one after the other.
-            let kind = |touched: &Touched| (traversal.face(touched.block), touched.bends(&obstacle.field, shell));
+            let kind = |touched: &ContactBlock| (traversal.face(touched.block), touched.bends(&obstacle.field, shell));
             for run in traversal.touched().chunk_by(|one, other| kind(one) == kind(other)) {
                 let Some((face, bends)) = run.first().map(kind) else { continue };
                 let Some(sums) = summing.face(face) else { continue };

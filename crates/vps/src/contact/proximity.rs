@@ -7,13 +7,13 @@
 
 #![expect(clippy::disallowed_types, reason = "sized when the scene is made ready, never resized")]
 
+use super::contact_block::{Contact, ContactBlock, Wall};
 use super::simd::{Machine, Place};
-use super::touched::{Contact, Touched, Wall};
-use super::walk::{Lists, Walk};
+use super::tree_traversal::{Lists, TreeTraversal};
 use super::{ContactSum, Obstacle, Traversal};
 use crate::pointshell::shell::{LANES, Shell};
 use crate::spatial::Pose;
-use crate::voxmap::field::chart::Chart;
+use crate::voxmap::field::brick_bounds::BrickBounds;
 
 /// Thickness of the layer ahead of a surface, voxels.
 const LAYER_VOXELS: f32 = 1.0;
@@ -30,12 +30,12 @@ pub struct Proximity {
     layers: Vec<Option<Layer>>,
     thickest_m: f64,
     lists: Lists,
-    touched: Vec<Touched>,
+    touched: Vec<ContactBlock>,
 }
 
 #[derive(Clone, Debug)]
 struct Layer {
-    walk: Walk,
+    walk: TreeTraversal,
     thickness_m: f32,
 }
 
@@ -43,8 +43,8 @@ impl Layer {
     fn new(obstacle: &Obstacle, shell: &Shell) -> Option<Self> {
         let field = &obstacle.field;
         let thickness_m = (LAYER_VOXELS * field.voxel_size_m()).min(KNOWN_SHARE * field.known_outside_m());
-        let chart = (thickness_m > 0.0).then(|| Chart::thicker(field, thickness_m)).flatten()?;
-        Some(Self { walk: Walk::over(chart, shell)?, thickness_m })
+        let bounds = (thickness_m > 0.0).then(|| BrickBounds::thicker(field, thickness_m)).flatten()?;
+        Some(Self { walk: TreeTraversal::over(bounds, shell)?, thickness_m })
     }
 }
 
@@ -77,8 +77,8 @@ impl Proximity {
         let mut left = traversal.budget().without(contact.looked_at);
         let n_obstacles = layers.len();
         for ((idx, obstacle), layer) in obstacles.iter().enumerate().zip(layers) {
-            let (Some(Layer { walk, thickness_m }), Some(stand)) = (layer, traversal.places().stand(idx)) else { continue };
-            let map_from_body = stand.world_from_map.inverse() * world_from_body;
+            let (Some(Layer { walk, thickness_m }), Some(pose)) = (layer, traversal.obstacle_poses().pose(idx)) else { continue };
+            let map_from_body = pose.world_from_map.inverse() * world_from_body;
             let place = Place::new(&obstacle.field, map_from_body);
             if !place.is_finite() {
                 continue;

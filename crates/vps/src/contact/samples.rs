@@ -2,10 +2,10 @@
 
 #![expect(clippy::disallowed_types, reason = "pushes into a list that is sized when the scene is made ready")]
 
+use super::contact_block::ContactBlock;
 use super::simd::{Machine, Place};
-use super::touched::Touched;
 use crate::pointshell::shell::{LANES, Lanes, Lanes3, Shell};
-use crate::voxmap::field::chart::Chart;
+use crate::voxmap::field::brick_bounds::BrickBounds;
 
 /// Single points, gathered into a block.
 #[derive(Clone, Copy, Debug)]
@@ -36,19 +36,19 @@ impl Samples {
     }
 
     /// Reports those that touch, each as a block with one lane, and starts anew.
-    pub(super) fn look(&mut self, machine: Machine, chart: &Chart, place: &Place, touched: &mut Vec<Touched>) -> f32 {
+    pub(super) fn look(&mut self, machine: Machine, bounds: &BrickBounds, place: &Place, touched: &mut Vec<ContactBlock>) -> f32 {
         let Self { positions, points, n } = core::mem::take(self);
         if n == 0 {
             return f32::NEG_INFINITY;
         }
         let never = |_| f32::NEG_INFINITY;
-        machine.blocks(chart, place, core::slice::from_ref(&positions), core::iter::once(0), never, |_, depths| {
+        machine.blocks(bounds, place, core::slice::from_ref(&positions), core::iter::once(0), never, |_, depths| {
             for (lane, (point, weight)) in points.into_iter().enumerate().take(n) {
                 if depths.touching >> lane & 1 == 1 {
                     let (block, lane_of_block) = (point / LANES as u32, point % LANES as u32);
                     let depth_m = depths.depths_m.0.get(lane).copied().unwrap_or(0.0);
                     let depths_m = [depth_m; LANES];
-                    touched.push(Touched { block, lanes: 1 << lane_of_block, weight: weight as f32, depths_m });
+                    touched.push(ContactBlock { block, lanes: 1 << lane_of_block, weight: weight as f32, depths_m });
                 }
             }
         })

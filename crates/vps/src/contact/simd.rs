@@ -14,12 +14,12 @@ mod portable;
 
 use glam::{Mat3, Vec3};
 
+use super::contact_block::{ContactBlock, Pushes};
 use super::sum::{APART, Eight, Sums, Weighting};
-use super::touched::{Pushes, Touched};
 use crate::pointshell::shell::{LANES, Lanes, Lanes3};
 use crate::pointshell::tree::{CHILDREN, Spheres};
 use crate::spatial::Pose;
-use crate::voxmap::field::chart::Chart;
+use crate::voxmap::field::brick_bounds::BrickBounds;
 use crate::voxmap::field::{APRON_CELLS, APRON_EDGE, DEEP_INSIDE, FAR_OUTSIDE, Field};
 
 const ROW: usize = APRON_EDGE;
@@ -96,7 +96,7 @@ impl Machine {
     #[inline]
     pub(super) fn blocks(
         self,
-        chart: &Chart,
+        bounds: &BrickBounds,
         place: &Place,
         positions: &[Lanes3],
         which: impl Iterator<Item = u32> + Clone,
@@ -105,42 +105,49 @@ impl Machine {
     ) -> f32 {
         match self {
             Self::Portable => {
-                each(positions, which, floor, found, |positions, floor_m| portable::block(chart, place, positions, floor_m))
+                each(positions, which, floor, found, |positions, floor_m| portable::block(bounds, place, positions, floor_m))
             }
             #[cfg(target_arch = "x86_64")]
             // SAFETY: the processor has AVX2, of which `HasAvx2` is the proof.
-            Self::Avx2(HasAvx2(())) => unsafe { avx2::blocks(chart, place, positions, which, floor, found) },
+            Self::Avx2(HasAvx2(())) => unsafe { avx2::blocks(bounds, place, positions, which, floor, found) },
         }
     }
 
     /// Which of eight spheres may hold a point whose V is above the floor: one bit each. `margin_cells`: what rounding may take. RT: safe.
     #[inline]
-    pub(super) fn above(self, chart: &Chart, place: &Place, spheres: &Spheres, floor_m: f32, margin_cells: f32) -> u8 {
+    pub(super) fn above(self, bounds: &BrickBounds, place: &Place, spheres: &Spheres, floor_m: f32, margin_cells: f32) -> u8 {
         match self {
-            Self::Portable => portable::above(chart, place, spheres, floor_m, margin_cells),
+            Self::Portable => portable::above(bounds, place, spheres, floor_m, margin_cells),
             #[cfg(target_arch = "x86_64")]
             // SAFETY: as above.
-            Self::Avx2(HasAvx2(())) => unsafe { avx2::above(chart, place, spheres, floor_m, margin_cells) },
+            Self::Avx2(HasAvx2(())) => unsafe { avx2::above(bounds, place, spheres, floor_m, margin_cells) },
         }
     }
 
     /// For each of eight spheres, how far it may move in any way before one of its points can touch, cells; not above 0 when nothing is
     /// proven. `margin_cells`: what rounding may take. RT: safe.
     #[inline]
-    pub(super) fn spheres(self, chart: &Chart, place: &Place, spheres: &Spheres, margin_cells: f32) -> [f32; CHILDREN] {
+    pub(super) fn spheres(self, bounds: &BrickBounds, place: &Place, spheres: &Spheres, margin_cells: f32) -> [f32; CHILDREN] {
         match self {
-            Self::Portable => portable::spheres(chart, place, spheres, margin_cells),
+            Self::Portable => portable::spheres(bounds, place, spheres, margin_cells),
             #[cfg(target_arch = "x86_64")]
             // SAFETY: as above.
-            Self::Avx2(HasAvx2(())) => unsafe { avx2::spheres(chart, place, spheres, margin_cells) },
+            Self::Avx2(HasAvx2(())) => unsafe { avx2::spheres(bounds, place, spheres, margin_cells) },
         }
     }
 }
 
 impl Machine {
     /// Adds blocks to the sums, whose positions and normals are among these.
-    pub(super) fn add_all(self, sums: &mut Sums, touched: &[Touched], (positions, normals): (&[Lanes3], &[Lanes3]), by: Weighting) {
-        let geometry = |touched: &Touched| Some((positions.get(touched.block as usize)?, normals.get(touched.block as usize)?));
+    pub(super) fn add_all(
+        self,
+        sums: &mut Sums,
+        touched: &[ContactBlock],
+        (positions, normals): (&[Lanes3], &[Lanes3]),
+        by: Weighting,
+    ) {
+        let geometry =
+            |touched: &ContactBlock| Some((positions.get(touched.block as usize)?, normals.get(touched.block as usize)?));
         match self {
             Self::Portable => {
                 for touched in touched {
@@ -157,7 +164,7 @@ impl Machine {
 
     /// Adds a block to the sums, its lanes as they push.
     #[inline]
-    pub(super) fn add(self, sums: &mut Sums, touched: &Touched, pushes: &Pushes, by: Weighting) {
+    pub(super) fn add(self, sums: &mut Sums, touched: &ContactBlock, pushes: &Pushes, by: Weighting) {
         match self {
             Self::Portable => sums.add::<[f32; APART]>(touched, (&pushes.positions, &pushes.normals), Some(&pushes.weights), by),
             #[cfg(target_arch = "x86_64")]

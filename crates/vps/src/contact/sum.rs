@@ -5,7 +5,7 @@
 
 use glam::DVec3;
 
-use super::touched::Touched;
+use super::contact_block::ContactBlock;
 use crate::pointshell::shell::{LANES, Lanes, Lanes3};
 use crate::spatial::Mat6;
 
@@ -68,7 +68,13 @@ struct Half<E> {
 
 impl<E: Eight> Half<E> {
     #[inline(always)]
-    fn of(touched: &Touched, (positions, normals): (&Lanes3, &Lanes3), weights: Option<&Lanes>, by: Weighting, high: bool) -> Self {
+    fn of(
+        touched: &ContactBlock,
+        (positions, normals): (&Lanes3, &Lanes3),
+        weights: Option<&Lanes>,
+        by: Weighting,
+        high: bool,
+    ) -> Self {
         let wanted = touched.lanes;
         let (one, counts) = (E::splat(1.0), E::splat(touched.weight));
         let stands_for = match weights {
@@ -109,7 +115,7 @@ impl Sums {
 
     /// Adds the lanes of a block that touch, each by its own weight where these are given.
     #[inline(always)]
-    pub(super) fn add<E: Eight>(&mut self, touched: &Touched, at: (&Lanes3, &Lanes3), weights: Option<&Lanes>, by: Weighting) {
+    pub(super) fn add<E: Eight>(&mut self, touched: &ContactBlock, at: (&Lanes3, &Lanes3), weights: Option<&Lanes>, by: Weighting) {
         let low = Half::<E>::of(touched, at, weights, by, false);
         let high = Half::<E>::of(touched, at, weights, by, true);
         let mut sums = self.part.iter_mut();

@@ -3,9 +3,9 @@
 use glam::DVec3;
 
 use super::faces::FACES;
-use super::places::{self, FarSum};
+use super::obstacle_poses::{self, FarSum};
 use super::sum::{Sums, Total, Weighting};
-use super::{Carried, ContactSum, ForceLaw, Normalization, Obstacle, Patch};
+use super::{ContactSum, ForceLaw, Normalization, Obstacle, ObstacleMotion, Patch};
 use crate::spatial::{Mat6, Pose, Wrench};
 use crate::voxmap::field::FieldKind;
 
@@ -26,7 +26,7 @@ pub(super) struct Summing {
     pub(super) looked_at: u32,
     pub(super) left_out: u32,
     /// Σ depth · motion of what is touched by each face.
-    carried: Option<[Carried; FACES]>,
+    obstacle_motion: Option<[ObstacleMotion; FACES]>,
 }
 
 impl Summing {
@@ -42,13 +42,13 @@ impl Summing {
             step_limit_m: f64::INFINITY,
             looked_at: 0,
             left_out: 0,
-            carried: None,
+            obstacle_motion: None,
         }
     }
 
     /// Notes that what a face touches has moved; `depth_m`: all depths of these contacts, each with the weight that it has in the sums.
-    pub(super) fn carry(&mut self, face: u8, carried: Carried, depth_m: f64) {
-        let faces = self.carried.get_or_insert_with(|| [Carried::default(); FACES]);
+    pub(super) fn carry(&mut self, face: u8, carried: ObstacleMotion, depth_m: f64) {
+        let faces = self.obstacle_motion.get_or_insert_with(|| [ObstacleMotion::default(); FACES]);
         if let Some(sum) = faces.get_mut(usize::from(face)) {
             sum.add(depth_m, carried);
         }
@@ -80,7 +80,7 @@ impl Summing {
     pub(super) fn note(&mut self, obstacle: &Obstacle, n_contacts: u32, max_value_m: f32, reserve_m: f64) {
         let max_value_m = f64::from(max_value_m);
         let voxel_size_m = f64::from(obstacle.field.voxel_size_m());
-        let limit_m = places::step_limit_m(max_value_m, voxel_size_m, self.overstated_voxels(), reserve_m);
+        let limit_m = obstacle_poses::step_limit_m(max_value_m, voxel_size_m, self.overstated_voxels(), reserve_m);
         self.note_found(voxel_size_m, n_contacts, max_value_m, limit_m);
     }
 
@@ -117,10 +117,10 @@ impl Summing {
             step_limit_m: self.step_limit_m,
             looked_at: self.looked_at,
             left_out: self.left_out,
-            carried: Carried::default(),
+            obstacle_motion: ObstacleMotion::default(),
             is_roped: false,
             patches: [None; FACES],
-            carried_faces: self.carried,
+            carried_faces: self.obstacle_motion,
         };
         let (mut depth, mut depth_arm) = (0.0, DVec3::ZERO);
         let (mut force, mut moment, mut stiffness) = (DVec3::ZERO, DVec3::ZERO, Mat6::ZERO);
@@ -147,7 +147,7 @@ impl Summing {
             // Points without a share in the sum, such as an edge that has gone past the middle of a wall, have no depth there either.
             let mean_over = |depth_m: f64| if depth_m > 0.0 { 1.0 / depth_m } else { 0.0 };
             for (carried, total) in faces.iter_mut().zip(&totals) {
-                sum.carried.add(mean_over(depth), *carried);
+                sum.obstacle_motion.add(mean_over(depth), *carried);
                 *carried = carried.scaled(mean_over(total.map_or(0.0, |total| total.depth)));
             }
         }

@@ -3,23 +3,24 @@
 
 use glam::{DQuat, DVec3};
 
-use super::places::Move;
-use super::{Carried, ContactSum, FACES, ForceLaw, Machine, Obstacle, Traversal, Way};
+use super::obstacle_poses::PoseStep;
+use super::{ContactSum, FACES, ForceLaw, Machine, Obstacle, ObstacleMotion, Traversal, Way};
 use crate::mesh::primitives::Shape;
 use crate::mesh::validate::inspect;
 use crate::pointshell::{self, shell::Shell};
 use crate::spatial::Pose;
-use crate::voxmap::sides::SidesRule;
+use crate::voxmap::inside_test::InsideTest;
 use crate::voxmap::{Options, Voxmap};
 
 const TOOL_EDGE_M: f64 = 0.02;
 const PLATE_M: f64 = 4e-3;
 /// What the plate goes by in the tick, m and rad.
-const MOVED: Move = Move { center: DVec3::ZERO, linear: DVec3::new(1e-5, -2e-5, 3e-5), angular: DVec3::new(2e-4, 1e-4, -3e-4) };
+const MOVED: PoseStep =
+    PoseStep { center: DVec3::ZERO, linear: DVec3::new(1e-5, -2e-5, 3e-5), angular: DVec3::new(2e-4, 1e-4, -3e-4) };
 
 fn block(size_m: DVec3, voxel_size_m: f64) -> (crate::mesh::TriangleMesh, Voxmap) {
     let mesh = Shape::Box { size_m }.tessellate(1e-5);
-    let options = Options { voxel_size_m, layers: 8, navigation: None, sides: SidesRule::Auto };
+    let options = Options { voxel_size_m, layers: 8, navigation: None, sides: InsideTest::Auto };
     let map = Voxmap::build(&mesh, &inspect(&mesh), &options, |_| ()).expect("a grid that fits");
     (mesh, map)
 }
@@ -41,7 +42,7 @@ fn pressed(shell: &Shell, plates: &[Obstacle], machine: Machine, way: Way, turn:
     let body = Pose::new(turn, DVec3::Z * (-lowest_m - depth_m));
     let mut traversal = Traversal::new(machine, way, plates, shell);
     for (obstacle_idx, plate) in plates.iter().enumerate() {
-        traversal.places_mut().put(obstacle_idx, plate.world_from_map, MOVED, 1e-3);
+        traversal.obstacle_poses_mut().put(obstacle_idx, plate.world_from_map, MOVED, 1e-3);
     }
     (ContactSum::of(&mut traversal, plates, shell, body, ForceLaw { smooth_entry: true, ..ForceLaw::PLAIN }, None), body)
 }
@@ -52,7 +53,7 @@ fn turns() -> [(&'static str, DQuat); 3] {
     [("side", DQuat::IDENTITY), ("edge", on_edge), ("corner", on_corner)]
 }
 
-fn assert_same(carried: &Carried, wanted: &Carried, what: &str) {
+fn assert_same(carried: &ObstacleMotion, wanted: &ObstacleMotion, what: &str) {
     let off = (carried.linear - wanted.linear).length() / wanted.linear.length();
     let turned_off = (carried.angular - wanted.angular).length() / wanted.angular.length();
     // Depths are added up in `f32`.
@@ -67,8 +68,8 @@ fn a_side_an_edge_and_a_corner_are_carried_as_far_as_the_plate_goes() {
             for (machine, way) in [(Machine::Portable, Way::Flat), (Machine::Portable, Way::Tree), (Machine::best(), Way::Tree)] {
                 let (sum, body) = pressed(&shell, &plates, machine, way, turn, depth_m);
                 assert!(sum.contacts > 0, "{name} {depth_m}: nothing touches");
-                let wanted = Carried { linear: MOVED.at(body.translation), angular: MOVED.angular };
-                assert_same(&sum.carried, &wanted, &format!("{name}, {depth_m} m deep, {machine:?} {way:?}"));
+                let wanted = ObstacleMotion { linear: MOVED.at(body.translation), angular: MOVED.angular };
+                assert_same(&sum.obstacle_motion, &wanted, &format!("{name}, {depth_m} m deep, {machine:?} {way:?}"));
                 let faces = sum.carried_faces().expect("what touches moves");
                 for patch in sum.patches() {
                     let carried = &faces[usize::from(patch.face)];
@@ -87,8 +88,8 @@ fn points_without_a_share_carry_nothing_and_divide_by_nothing() {
         let (sum, _) = pressed(&shell, &plates, Machine::best(), Way::Tree, turn, 0.65 * PLATE_M);
         assert!(sum.contacts > 0, "{name}: nothing touches");
         assert_eq!(sum.patches().count(), 0, "{name}: some point has a share");
-        assert_eq!(sum.carried, Carried::default(), "{name}");
-        assert_eq!(sum.carried_faces(), Some(&[Carried::default(); FACES]), "{name}");
+        assert_eq!(sum.obstacle_motion, ObstacleMotion::default(), "{name}");
+        assert_eq!(sum.carried_faces(), Some(&[ObstacleMotion::default(); FACES]), "{name}");
         assert!(sum.wrench.is_finite() && sum.arm_world.is_finite(), "{name}");
     }
 }
@@ -99,8 +100,9 @@ fn clay_that_presses_as_hard_halves_what_the_tool_is_carried_by() {
     for (name, turn) in turns() {
         let pressed = || pressed(&shell, &plates, Machine::best(), Way::Tree, turn, 1e-3).0;
         let half = pressed().with_clay(&pressed());
-        let wanted = Carried { linear: pressed().carried.linear * 0.5, angular: pressed().carried.angular * 0.5 };
-        assert_same(&half.carried, &wanted, name);
+        let wanted =
+            ObstacleMotion { linear: pressed().obstacle_motion.linear * 0.5, angular: pressed().obstacle_motion.angular * 0.5 };
+        assert_same(&half.obstacle_motion, &wanted, name);
         let faces = half.carried_faces().expect("what touches moves");
         half.patches().for_each(|patch| assert_same(&faces[usize::from(patch.face)], &wanted, name));
     }

@@ -5,11 +5,11 @@
 use glam::{DQuat, DVec3};
 
 use super::budget::Budget;
+use super::contact_block::{Contact, ContactBlock};
 use super::faces::face_of;
-use super::places::{FarSum, Places};
+use super::obstacle_poses::{FarSum, ObstaclePoses};
 use super::simd::{Machine, Place};
-use super::touched::{Contact, Touched};
-use super::walk::{Found, Lists, Walk};
+use super::tree_traversal::{Found, Lists, TreeTraversal};
 use super::{Obstacle, flat};
 use crate::pointshell::shell::{LANES, Shell};
 use crate::pointshell::tree::CHILDREN;
@@ -38,10 +38,10 @@ pub struct Traversal {
     /// Of what is left of it in this tick.
     left: Budget,
     /// One per obstacle.
-    walks: Vec<Option<Walk>>,
-    places: Places,
+    walks: Vec<Option<TreeTraversal>>,
+    obstacle_poses: ObstaclePoses,
     lists: Lists,
-    touched: Vec<Touched>,
+    touched: Vec<ContactBlock>,
     /// `[n_blocks]`: the face of each block of the shell.
     faces: Vec<u8>,
 }
@@ -49,13 +49,14 @@ pub struct Traversal {
 impl Traversal {
     /// Prepares the traversal of a shell against obstacles. Allocates; RT: start-up only.
     pub fn new(machine: Machine, way: Way, obstacles: &[Obstacle], shell: &Shell) -> Self {
-        let walks: Vec<Option<Walk>> = obstacles.iter().map(|obstacle| Walk::new(&obstacle.field, shell)).collect();
+        let walks: Vec<Option<TreeTraversal>> =
+            obstacles.iter().map(|obstacle| TreeTraversal::new(&obstacle.field, shell)).collect();
         Self {
             machine,
             way,
             budget: Budget::Unlimited,
             left: Budget::Unlimited,
-            places: Places::new(obstacles, walks.iter().map(|walk| walk.as_ref().map(Walk::chart))),
+            obstacle_poses: ObstaclePoses::new(obstacles, walks.iter().map(|walk| walk.as_ref().map(TreeTraversal::bounds))),
             walks,
             lists: Lists::new(shell),
             touched: Vec::with_capacity(shell.positions().len()),
@@ -76,28 +77,28 @@ impl Traversal {
     /// Whether obstacles far away are passed over. They are, unless it is to be shown that it makes no difference.
     #[must_use]
     pub fn with_broad_phase(mut self, on: bool) -> Self {
-        self.places.set_culling(on);
+        self.obstacle_poses.set_culling(on);
         self
     }
 
     /// How many obstacles the last tick asked; the others are far away.
     pub fn n_near(&self) -> usize {
-        self.places.n_near()
+        self.obstacle_poses.n_near()
     }
 
     /// Where the obstacles stand.
-    pub fn places(&self) -> &Places {
-        &self.places
+    pub fn obstacle_poses(&self) -> &ObstaclePoses {
+        &self.obstacle_poses
     }
 
     /// Where the obstacles stand.
-    pub fn places_mut(&mut self) -> &mut Places {
-        &mut self.places
+    pub fn obstacle_poses_mut(&mut self) -> &mut ObstaclePoses {
+        &mut self.obstacle_poses
     }
 
     /// Forgets the proofs of earlier ticks.
     pub fn forget(&mut self) {
-        self.walks.iter_mut().flatten().for_each(Walk::forget);
+        self.walks.iter_mut().flatten().for_each(TreeTraversal::forget);
     }
 
     /// A pose of the shell at which one of its points lies at the surface of an obstacle, another one each `turn`; `None` without a
@@ -105,10 +106,10 @@ impl Traversal {
     pub fn overlapping_pose(&self, obstacles: &[Obstacle], shell: &Shell, turn: usize) -> Option<Pose> {
         let obstacle_idx = turn.checked_rem(obstacles.len())?;
         let (obstacle, walk) = (obstacles.get(obstacle_idx)?, self.walks.get(obstacle_idx)?.as_ref()?);
-        let world_from_map = self.places.stand(obstacle_idx)?.world_from_map;
+        let world_from_map = self.obstacle_poses.pose(obstacle_idx)?.world_from_map;
         // Multiples of the golden ratio: spread evenly, however many turns there are.
         let spread = |stride: f64, n: usize| ((turn as f64 * stride).fract() * n as f64) as usize;
-        let cells = walk.chart().surface_place(spread(0.618_034, walk.chart().top().len()))?;
+        let cells = walk.bounds().surface_place(spread(0.618_034, walk.bounds().top().len()))?;
         let place_map = obstacle.field.origin_map().as_dvec3() + cells.as_dvec3() * f64::from(obstacle.field.voxel_size_m());
         let point = spread(0.754_878, shell.len());
         let arm = shell.positions().get(point / LANES)?.get(point % LANES).as_dvec3();
@@ -130,7 +131,7 @@ impl Traversal {
     pub(super) fn begin(&mut self, shell: &Shell, world_from_body: Pose, overstated_voxels: f64) -> FarSum {
         self.left = self.budget;
         self.touched.clear();
-        self.places.look_around(shell, world_from_body, overstated_voxels)
+        self.obstacle_poses.look_around(shell, world_from_body, overstated_voxels)
     }
 
     /// Finds what touches an obstacle, the n-th of those that are near; [`Self::touched`] has it until the next call. RT: safe; allocates
@@ -143,9 +144,9 @@ impl Traversal {
         shell: &Shell,
         map_from_body: Pose,
     ) -> Found {
-        let Self { machine, way, budget: _, left, walks, places, lists, touched, faces: _ } = self;
+        let Self { machine, way, budget: _, left, walks, obstacle_poses, lists, touched, faces: _ } = self;
         touched.clear();
-        let n_obstacles_left = places.n_near().saturating_sub(n);
+        let n_obstacles_left = obstacle_poses.n_near().saturating_sub(n);
         let place = Place::new(&obstacle.field, map_from_body);
         let mut found = Found { max_value_m: f32::NEG_INFINITY, looked_at: 0, left_out: 0 };
         match walks.get_mut(obstacle_idx).and_then(Option::as_mut) {
@@ -158,7 +159,7 @@ impl Traversal {
                 }
             }
             _ => {
-                let all = |block: &Touched| touched.push(*block);
+                let all = |block: &ContactBlock| touched.push(*block);
                 found.max_value_m = flat::blocks(&obstacle.field, kind, shell, map_from_body, all);
             }
         }
@@ -176,7 +177,7 @@ impl Traversal {
         let mut deepest: Option<Contact> = None;
         for touched in &self.touched {
             let depth_m =
-                |touched: &Touched| touched.lanes().filter_map(|lane| touched.depths_m.get(lane)).fold(0.0, |a, b| b.max(a));
+                |touched: &ContactBlock| touched.lanes().filter_map(|lane| touched.depths_m.get(lane)).fold(0.0, |a, b| b.max(a));
             if deepest.is_none_or(|deepest| depth_m(touched) > deepest.depth_m) {
                 touched.contacts(&obstacle.field, shell, map_from_body, |contact| {
                     if deepest.is_none_or(|deepest| contact.depth_m > deepest.depth_m) {
@@ -185,42 +186,42 @@ impl Traversal {
                 });
             }
         }
-        let Some(stand) = self.places.stand_mut(obstacle_idx) else { return };
-        stand.max_value_m = f64::from(max_value_m);
-        stand.deepest_world = deepest.map(|contact| {
+        let Some(pose) = self.obstacle_poses.pose_mut(obstacle_idx) else { return };
+        pose.max_value_m = f64::from(max_value_m);
+        pose.deepest_world = deepest.map(|contact| {
             let point = world_from_body.transform_point(contact.arm_body.as_dvec3());
-            (point, obstacle.way_out_world(stand.world_from_map, world_from_body, &contact))
+            (point, obstacle.way_out_world(pose.world_from_map, world_from_body, &contact))
         });
     }
 
     /// What touches the obstacle that was asked for last, in the order of the shell; with a budget, points that stand for others first.
-    pub fn touched(&self) -> &[Touched] {
+    pub fn touched(&self) -> &[ContactBlock] {
         &self.touched
     }
 }
 
 /// Every block in turn, past those of which one look at their sphere says that they can neither touch nor hold the highest point so far.
-fn all(machine: Machine, walk: &Walk, shell: &Shell, place: &Place, touched: &mut Vec<Touched>) -> f32 {
+fn all(machine: Machine, walk: &TreeTraversal, shell: &Shell, place: &Place, touched: &mut Vec<ContactBlock>) -> f32 {
     let floor = |max_m: f32| if max_m < 0.0 { max_m } else { 0.0 };
-    let (chart, margin_cells) = (walk.chart(), walk.margin_cells(place));
+    let (bounds, margin_cells) = (walk.bounds(), walk.margin_cells(place));
     let tree = shell.tree();
     let leaves = tree.n_levels().checked_sub(1).map_or(&[][..], |last| tree.spheres(last));
     let mut highest_m = f32::NEG_INFINITY;
     for (first, spheres) in (0_u32..).step_by(CHILDREN).zip(leaves) {
-        let above = machine.above(chart, place, spheres, floor(highest_m), margin_cells);
+        let above = machine.above(bounds, place, spheres, floor(highest_m), margin_cells);
         if above == 0 {
             continue;
         }
         let which = (first..).take(CHILDREN).filter(|block| above >> (block - first) & 1 == 1);
         let max_m = machine.blocks(
-            chart,
+            bounds,
             place,
             shell.positions(),
             which,
             |max_m| floor(max_m.max(highest_m)),
             |block, depths| {
                 if depths.touching != 0 {
-                    touched.push(Touched { block, lanes: depths.touching, weight: 1.0, depths_m: depths.depths_m.0 });
+                    touched.push(ContactBlock { block, lanes: depths.touching, weight: 1.0, depths_m: depths.depths_m.0 });
                 }
             },
         );

@@ -79,10 +79,10 @@ fn for_each_brick(corners: &[DVec3; 3], brick_dims: [u32; 3], mut visit: impl Fn
 }
 
 /// Slabs that hold a large triangle: that of its plane, and one along each edge.
-struct Separators([Slab; 4]);
+struct Separators([SharedSlice; 4]);
 
 /// A triangle lies between `low` and `high` along `axis`, both widened by half a brick.
-struct Slab {
+struct SharedSlice {
     axis: DVec3,
     low: f64,
     high: f64,
@@ -100,7 +100,7 @@ impl Separators {
             let axis = axis.normalize_or_zero();
             let along = corners.map(|corner| axis.dot(corner));
             let half_width = HALF_BRICK_CELLS * axis.abs().element_sum();
-            Slab {
+            SharedSlice {
                 axis,
                 low: along[0].min(along[1]).min(along[2]) - half_width,
                 high: along[0].max(along[1]).max(along[2]) + half_width,
@@ -110,7 +110,7 @@ impl Separators {
 
     fn separates(&self, brick: [u32; 3]) -> bool {
         let center = center_cells(brick);
-        self.0.iter().any(|Slab { axis, low, high }| {
+        self.0.iter().any(|SharedSlice { axis, low, high }| {
             let along = axis.dot(center);
             along < *low || along > *high
         })
@@ -118,7 +118,7 @@ impl Separators {
 
     /// Bricks of a column along z between which the triangle's plane lies.
     fn column(&self, x: u32, y: u32, z: core::ops::Range<u32>) -> core::ops::Range<u32> {
-        let Slab { axis, low, high } = &self.0[0];
+        let SharedSlice { axis, low, high } = &self.0[0];
         // A steeper plane runs along the column: the other tests are enough.
         if axis.z.abs() < 0.1 {
             return z;

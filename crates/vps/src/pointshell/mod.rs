@@ -13,11 +13,11 @@
 //! ```
 //! use glam::DVec3;
 //! use vps::mesh::{primitives::Shape, validate::inspect};
-//! use vps::voxmap::sides::SidesRule;
+//! use vps::voxmap::inside_test::InsideTest;
 //! use vps::voxmap::{Options, Voxmap};
 //!
 //! let mesh = Shape::Sphere { radius_m: 10e-3 }.tessellate(5e-5);
-//! let options = Options { voxel_size_m: 1e-3, layers: 3, navigation: None, sides: SidesRule::Auto };
+//! let options = Options { voxel_size_m: 1e-3, layers: 3, navigation: None, sides: InsideTest::Auto };
 //! let map = Voxmap::build(&mesh, &inspect(&mesh), &options, |_stage| {})?;
 //! let (shell, report) = vps::pointshell::build(&mesh, &map, DVec3::ZERO);
 //!

@@ -228,7 +228,7 @@ mod tests {
     use crate::mesh::primitives::Shape;
     use crate::mesh::validate::inspect;
     use crate::voxmap::Options;
-    use crate::voxmap::sides::SidesRule;
+    use crate::voxmap::inside_test::InsideTest;
 
     #[test]
     fn the_sums_of_a_brick_are_those_of_the_definition() {
@@ -237,7 +237,7 @@ mod tests {
             Shape::Box { size_m: DVec3::new(0.03, 0.004, 0.0205) }.tessellate(1e-5),
         ];
         for (mesh, layers) in meshes.iter().flat_map(|mesh| [1, 2, 5].map(|layers| (mesh, layers))) {
-            let options = Options { voxel_size_m: 1e-3, layers, navigation: None, sides: SidesRule::Auto };
+            let options = Options { voxel_size_m: 1e-3, layers, navigation: None, sides: InsideTest::Auto };
             let map = Voxmap::build(mesh, &inspect(mesh), &options, |_| ()).expect("a grid that fits");
             let mut sums = BrickSums::default();
             for brick in 0..map.surface.grid.n_bricks() {

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use super::cluster::Site;
 pub use super::lanes::{LANES, Lanes, Lanes3};
 use super::tree::Tree;
-use crate::storage::Slab;
+use crate::storage::SharedSlice;
 
 /// Points and normals of the tool, and the tree over them.
 ///
@@ -16,11 +16,11 @@ use crate::storage::Slab;
 #[derive(Debug)]
 pub struct Shell {
     /// `[n_points / 16, rounded up]`, 64-byte aligned: positions, m. Unused lanes of the last block hold NaN, which is no contact.
-    positions: Slab<Lanes3>,
+    positions: SharedSlice<Lanes3>,
     /// Same layout: unit normals, pointing **into** the tool.
-    normals: Slab<Lanes3>,
+    normals: SharedSlice<Lanes3>,
     /// `[n_blocks]`, one bit per lane: points on edges and corners.
-    edges: Slab<u16>,
+    edges: SharedSlice<u16>,
     tree: Tree,
     n_points: usize,
     radius_m: f64,

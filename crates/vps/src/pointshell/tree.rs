@@ -42,7 +42,7 @@ use rayon::prelude::*;
 
 use super::lanes::{LANES, Lanes3};
 use super::sphere::{Ball, enclose};
-use crate::storage::Slab;
+use crate::storage::SharedSlice;
 
 /// Children of a node.
 pub const CHILDREN: usize = 8;
@@ -98,9 +98,9 @@ pub struct Tree {
     /// `[n_levels]`, from coarse to fine; empty without points.
     levels: Vec<Level>,
     /// `[n_blocks]`: the blocks of each level in turn.
-    spheres: Slab<Spheres>,
+    spheres: SharedSlice<Spheres>,
     /// `[n_blocks]`: number of the point that represents each node; the rest of a block repeats the last one.
-    representatives: Slab<[u32; CHILDREN]>,
+    representatives: SharedSlice<[u32; CHILDREN]>,
 }
 
 impl Tree {

@@ -20,7 +20,7 @@ use bytemuck::{Pod, Zeroable};
 use thiserror::Error;
 use twox_hash::XxHash3_64;
 
-use super::{Region, Slab, regular};
+use super::{MappedFile, SharedSlice, regular};
 
 /// Format of the file; counts up when the head, the table or the meaning of a section changes.
 pub const FORMAT: u32 = 1;
@@ -165,8 +165,8 @@ fn head_checksum(head: &Head) -> u64 {
 /// A file whose head and table have been checked.
 #[derive(Debug)]
 pub struct Reader {
-    region: Arc<Region>,
-    table: Slab<Entry>,
+    mapped: Arc<MappedFile>,
+    table: SharedSlice<Entry>,
 }
 
 impl core::fmt::Debug for Entry {
@@ -176,8 +176,8 @@ impl core::fmt::Debug for Entry {
 }
 
 /// `n` elements from `offset` on, where they are all there.
-fn window<T: Pod>(region: &Arc<Region>, offset: usize, n: usize) -> Option<Slab<T>> {
-    Slab::window(region, offset..offset.checked_add(n.checked_mul(size_of::<T>())?)?)
+fn window<T: Pod>(mapped: &Arc<MappedFile>, offset: usize, n: usize) -> Option<SharedSlice<T>> {
+    SharedSlice::window(mapped, offset..offset.checked_add(n.checked_mul(size_of::<T>())?)?)
 }
 
 /// The key in the head of a file of arrays; `None` for any other file, and for one that cannot be read.
@@ -193,8 +193,8 @@ impl Reader {
     ///
     /// # Errors
     /// See [`Refusal`]: a file of another version, a damaged one, or one that is somebody else's.
-    pub fn new(region: Arc<Region>, key: Option<Key>, generation: u32) -> Result<Self, Refusal> {
-        let Some([head]) = window::<Head>(&region, 0, 1).as_deref().map(<[Head; 1]>::try_from).and_then(Result::ok) else {
+    pub fn new(mapped: Arc<MappedFile>, key: Option<Key>, generation: u32) -> Result<Self, Refusal> {
+        let Some([head]) = window::<Head>(&mapped, 0, 1).as_deref().map(<[Head; 1]>::try_from).and_then(Result::ok) else {
             return Err(Refusal::Damaged("shorter than its head"));
         };
         // Swapped as a whole, and with a checksum that fits, it is no accident.
@@ -215,16 +215,17 @@ impl Reader {
         if key.is_some_and(|key| key != head.key) {
             return Err(Refusal::Damaged("it belongs to another object"));
         }
-        if head.file_bytes != region.bytes().len() as u64 {
+        if head.file_bytes != mapped.bytes().len() as u64 {
             return Err(Refusal::Damaged("its length"));
         }
         let n_sections = head.n_sections as usize;
-        let table = window::<Entry>(&region, HEAD_BYTES, n_sections);
-        let checksum = window::<u64>(&region, HEAD_BYTES + n_sections * size_of::<Entry>(), 1);
-        let sound =
-            |table: &Slab<Entry>| checksum.is_some_and(|checksum| *checksum == [XxHash3_64::oneshot(bytemuck::cast_slice(table))]);
+        let table = window::<Entry>(&mapped, HEAD_BYTES, n_sections);
+        let checksum = window::<u64>(&mapped, HEAD_BYTES + n_sections * size_of::<Entry>(), 1);
+        let sound = |table: &SharedSlice<Entry>| {
+            checksum.is_some_and(|checksum| *checksum == [XxHash3_64::oneshot(bytemuck::cast_slice(table))])
+        };
         let table = table.filter(sound).ok_or(Refusal::Damaged("the table"))?;
-        Ok(Self { region, table })
+        Ok(Self { mapped, table })
     }
 
     fn entry(&self, name: &str) -> Option<&Entry> {
@@ -247,11 +248,11 @@ impl Reader {
     ///
     /// # Errors
     /// No such section, one of other elements or beyond the end of the file, or one that does not match its checksum.
-    pub fn array<T: Pod>(&self, name: &'static str) -> Result<Slab<T>, Refusal> {
+    pub fn array<T: Pod>(&self, name: &'static str) -> Result<SharedSlice<T>, Refusal> {
         let checked = |entry: &Entry| {
             let (offset, n_bytes) = (usize::try_from(entry.offset).ok()?, usize::try_from(entry.bytes).ok()?);
             let whole = entry.element_bytes as usize == size_of::<T>() && n_bytes.is_multiple_of(size_of::<T>());
-            let values = window::<T>(&self.region, offset, n_bytes / size_of::<T>()).filter(|_| whole)?;
+            let values = window::<T>(&self.mapped, offset, n_bytes / size_of::<T>()).filter(|_| whole)?;
             (XxHash3_64::oneshot(bytemuck::cast_slice(&values)) == entry.checksum).then_some(values)
         };
         self.entry(name).and_then(checked).ok_or(Refusal::Damaged(name))
@@ -302,8 +303,8 @@ mod tests {
         file.array("numbers", &[1_u32, 2, 3]);
         let mut bytes = Vec::new();
         file.write_to([7; 16], 1, &mut bytes).unwrap();
-        let refusal = |bytes: &[u8]| Reader::new(Region::copy(bytes).unwrap(), None, 1).map(|_| ()).unwrap_err();
-        assert!(Reader::new(Region::copy(&bytes).unwrap(), None, 1).is_ok());
+        let refusal = |bytes: &[u8]| Reader::new(MappedFile::copy(bytes).unwrap(), None, 1).map(|_| ()).unwrap_err();
+        assert!(Reader::new(MappedFile::copy(&bytes).unwrap(), None, 1).is_ok());
         let mut head: Head = bytemuck::pod_read_unaligned(&bytes[..HEAD_BYTES]);
         head.byte_order = head.byte_order.swap_bytes();
         head.format = head.format.swap_bytes();

@@ -6,11 +6,11 @@ use super::distance::{Distances, Samples, Signs, sample_of};
 use super::field::Field;
 use super::fill::Sides;
 use super::grid::{Grid, GridError, SURFACE_VOXELS_MAX};
+use super::hole_cap::CappedMesh;
+use super::inside_test::{InsideBasis, InsideTest, Verdict};
 use super::layers::Layers;
 use super::leak::Leak;
-use super::lid::Lidded;
 use super::orient::Orientation;
-use super::sides::{SidesBasis, SidesRule, Verdict};
 use super::surface::{Navigation, Surface};
 use crate::mesh::TriangleMesh;
 use crate::mesh::validate::MeshReport;
@@ -25,7 +25,7 @@ pub struct Options {
     /// How candidates are walked: `None` takes [`Navigation::AUTO`]. The result is the same.
     pub navigation: Option<Navigation>,
     /// How inside and outside are told.
-    pub sides: SidesRule,
+    pub sides: InsideTest,
 }
 
 impl Options {
@@ -82,7 +82,7 @@ pub struct Voxmap {
     /// Layer values of the cells near the surface.
     pub layers: Layers,
     /// How outside and inside were told.
-    pub basis: SidesBasis,
+    pub basis: InsideBasis,
     /// The fill of the mesh as it is did not leak.
     pub watertight: bool,
     /// Where it leaked; `None`: it did not.
@@ -94,7 +94,7 @@ pub struct Voxmap {
     /// Share of the places beside the surface with a clear winding number; `None` where it was not asked.
     pub clear_share: Option<f64>,
     /// The mesh with lids on its holes, where they were needed.
-    pub lidded: Option<Lidded>,
+    pub capped: Option<CappedMesh>,
     /// Seconds per stage.
     pub timings: Timings,
 }
@@ -132,9 +132,9 @@ impl Voxmap {
         timings.surface_s = lap();
         watch(Stage::Fill);
         let verdict = Verdict::reach(mesh, report, surface, options.sides);
-        let Verdict { surface, sides, basis, leak, thin_share, clear_share, lidded } = verdict;
-        let thin = basis == SidesBasis::Thin;
-        let mesh = lidded.as_ref().map_or(mesh, |lidded| &lidded.mesh);
+        let Verdict { surface, sides, basis, leak, thin_share, clear_share, capped } = verdict;
+        let thin = basis == InsideBasis::Thin;
+        let mesh = capped.as_ref().map_or(mesh, |capped| &capped.mesh);
         let orientation =
             if thin { Orientation::as_filed(mesh.triangles.len()) } else { Orientation::judge(mesh, report, &surface, &sides) };
         timings.fill_s = lap();
@@ -152,14 +152,14 @@ impl Voxmap {
             thin_share,
             thin,
             clear_share,
-            lidded,
+            capped,
             timings,
         })
     }
 
     /// The triangles that the surface voxels are of: `mesh`, which the map was built from, or the one with lids instead.
     pub fn mesh<'a>(&'a self, mesh: &'a TriangleMesh) -> &'a TriangleMesh {
-        self.lidded.as_ref().map_or(mesh, |lidded| &lidded.mesh)
+        self.capped.as_ref().map_or(mesh, |capped| &capped.mesh)
     }
 
     /// Measures distances and assembles the look-up for the tick. `with_gradients` is needed for `field = "surface-point"`.
@@ -180,7 +180,7 @@ impl Voxmap {
         let signs = if self.thin { Signs::Thin } else { Signs::Solid(&self.orientation) };
         let mut samples = Samples::measure(self.mesh(mesh), &self.surface, &self.layers, signs, with_gradients);
         // Beside a lid the winding numbers know the side, not the nearest triangle.
-        for (cell, is_inside) in self.lidded.iter().flat_map(|lidded| &lidded.near) {
+        for (cell, is_inside) in self.capped.iter().flat_map(|capped| &capped.near) {
             let (brick, inside) = self.layers.grid.locate(*cell);
             let Some(slot) = self.layers.slot(brick).filter(|_| self.surface.contains(*cell)) else { continue };
             let value_m = &mut samples.values_m[slot][sample_of(inside)];

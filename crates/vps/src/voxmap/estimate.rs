@@ -170,7 +170,7 @@ mod tests {
     use crate::mesh::primitives::Shape;
     use crate::mesh::validate::inspect;
     use crate::pointshell;
-    use crate::voxmap::sides::SidesRule;
+    use crate::voxmap::inside_test::InsideTest;
     use crate::voxmap::surface::visit_hits;
     use crate::voxmap::{Options, Voxmap};
 
@@ -194,7 +194,7 @@ mod tests {
             let turn = glam::DQuat::from_scaled_axis(DVec3::new(0.5, -0.4, 0.9));
             mesh.vertices.iter_mut().for_each(|vertex| *vertex = turn * *vertex);
             for (cells, n_layers) in [(100.0, 3), (120.0, 8)] {
-                let options = Options { voxel_size_m: 1.0 / cells, layers: n_layers, navigation: None, sides: SidesRule::Auto };
+                let options = Options { voxel_size_m: 1.0 / cells, layers: n_layers, navigation: None, sides: InsideTest::Auto };
                 let mut map = Voxmap::build(&mesh, &inspect(&mesh), &options, |_| ()).expect("a grid that fits");
                 let grid = map.surface.grid;
                 let products = Products { field: true, gradients: false, shell: true };

@@ -7,7 +7,7 @@
 
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::indexing_slicing)]
 
-pub(crate) mod chart;
+pub(crate) mod brick_bounds;
 mod file;
 mod gradient;
 
@@ -20,7 +20,7 @@ use super::distance::{Samples, sample_of};
 use super::grid::{BRICK_CELLS, BRICK_EDGE, Grid};
 use super::layers::Layers;
 pub use super::layers::{DEEP_INSIDE, FAR_OUTSIDE};
-use crate::storage::Slab;
+use crate::storage::SharedSlice;
 
 /// Which formula turns the map into a depth at a point.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -51,13 +51,13 @@ pub struct Field {
     voxel_size_m: f32,
     brick_dims: [i32; 3],
     /// `[n_bricks]`, z fastest: slot, or [`FAR_OUTSIDE`], or [`DEEP_INSIDE`].
-    top: Slab<u32>,
+    top: SharedSlice<u32>,
     /// `[n_slots][9³]`, z fastest, m: signed distance at cell centres, with the next bricks' first samples.
-    distances_m: Slab<[f32; APRON_CELLS]>,
+    distances_m: SharedSlice<[f32; APRON_CELLS]>,
     /// `[n_slots][8³]`, z fastest; of a new field the map's own.
-    layers: Slab<[i8; BRICK_CELLS]>,
+    layers: SharedSlice<[i8; BRICK_CELLS]>,
     /// `[n_slots][8³]`, unit; empty unless `surface-point` is used.
-    gradients: Slab<[Vec3; BRICK_CELLS]>,
+    gradients: SharedSlice<[Vec3; BRICK_CELLS]>,
     /// Depth at which the field saturates on both sides, m.
     band_m: f32,
     /// Added to every value, m: 0 for a solid, one voxel for a thin skin.

@@ -32,11 +32,11 @@
 //! use glam::{DVec3, Vec3};
 //! use vps::mesh::{primitives::Shape, validate::inspect};
 //! use vps::voxmap::field::FieldKind;
-//! use vps::voxmap::sides::SidesRule;
+//! use vps::voxmap::inside_test::InsideTest;
 //! use vps::voxmap::{Options, Voxmap};
 //!
 //! let mesh = Shape::Sphere { radius_m: 10e-3 }.tessellate(5e-5);
-//! let options = Options { voxel_size_m: 1e-3, layers: 3, navigation: None, sides: SidesRule::Auto };
+//! let options = Options { voxel_size_m: 1e-3, layers: 3, navigation: None, sides: InsideTest::Auto };
 //! let mut map = Voxmap::build(&mesh, &inspect(&mesh), &options, |_stage| {})?;
 //! let field = map.field(&mesh, false);
 //!
@@ -56,21 +56,21 @@ pub mod field;
 pub mod fill;
 pub mod grid;
 mod growth;
+mod hole_cap;
+pub mod inside_test;
 pub mod layers;
 mod leak;
-mod lid;
 pub mod memory_limit;
 mod navigation;
 pub mod npy;
 mod orient;
 pub mod sat;
-pub mod sides;
 pub mod surface;
 mod winding;
 
 pub use build::{Options, Stage, Timings, Voxmap};
 pub use distance::Distances;
+pub use hole_cap::CappedMesh;
 pub use leak::Leak;
 pub use leak::MOSTLY_THIN;
-pub use lid::Lidded;
 pub use orient::Orientation;

@@ -238,14 +238,14 @@ mod tests {
     use super::*;
     use crate::mesh::primitives::Shape;
     use crate::mesh::validate::inspect;
-    use crate::voxmap::sides::SidesRule;
+    use crate::voxmap::inside_test::InsideTest;
     use crate::voxmap::{Options, Voxmap};
 
     #[test]
     fn every_machine_measures_the_same_bits() {
         let torus = Shape::Torus { major_m: 8e-3, minor_m: 3e-3 }.tessellate(1e-4);
         let plate = Shape::Box { size_m: DVec3::new(0.04, 0.03, 0.002) }.tessellate(1e-4);
-        for (mesh, sides) in [(&torus, SidesRule::Auto), (&plate, SidesRule::Auto), (&plate, SidesRule::Thin)] {
+        for (mesh, sides) in [(&torus, InsideTest::Auto), (&plate, InsideTest::Auto), (&plate, InsideTest::Thin)] {
             let options = Options { voxel_size_m: 4e-4, layers: 5, navigation: None, sides };
             let map = Voxmap::build(mesh, &inspect(mesh), &options, |_| ()).expect("a small grid");
             let signs = if map.thin { Signs::Thin } else { Signs::Solid(&map.orientation) };

@@ -61,13 +61,13 @@ mod tests {
     use super::*;
     use crate::mesh::primitives::Shape;
     use crate::mesh::validate::inspect;
-    use crate::voxmap::sides::SidesRule;
+    use crate::voxmap::inside_test::InsideTest;
     use crate::voxmap::{Options, Voxmap};
 
     #[test]
     fn it_is_the_central_difference_everywhere_and_steady() {
         let ball = Shape::Sphere { radius_m: 0.015 }.tessellate(1e-5);
-        let options = Options { voxel_size_m: 5e-4, layers: 6, navigation: None, sides: SidesRule::Auto };
+        let options = Options { voxel_size_m: 5e-4, layers: 6, navigation: None, sides: InsideTest::Auto };
         let field = Voxmap::build(&ball, &inspect(&ball), &options, |_| ()).expect("a grid that fits").field(&ball, false);
         let mut seed = 9_u64;
         let mut random = || {

@@ -4,14 +4,14 @@ use super::*;
 
 #[target_feature(enable = "avx2")]
 pub(in super::super) fn blocks(
-    chart: &Chart,
+    bounds: &BrickBounds,
     place: &Place,
     positions: &[Lanes3],
     which: impl Iterator<Item = u32> + Clone,
     floor: impl Fn(f32) -> f32,
     mut found: impl FnMut(u32, &Depths),
 ) -> f32 {
-    let (grid, place) = (Grid::new(chart), Axes::new(place));
+    let (grid, place) = (Grid::new(bounds), Axes::new(place));
     let mut max_m = f32::NEG_INFINITY;
     let mut soon = which.clone().skip(AHEAD);
     for block in which {

@@ -32,7 +32,7 @@ fn prefetch(Lanes3 { x, y, z }: &Lanes3) {
 
 /// The chart in registers.
 struct Grid<'a> {
-    chart: &'a Chart,
+    bounds: &'a BrickBounds,
     dims: [__m256i; 3],
     ny: __m256i,
     nz: __m256i,
@@ -45,17 +45,17 @@ struct Grid<'a> {
 impl<'a> Grid<'a> {
     #[target_feature(enable = "avx2")]
     #[inline]
-    fn new(chart: &'a Chart) -> Self {
-        let [nx, ny, nz] = chart.dims();
+    fn new(bounds: &'a BrickBounds) -> Self {
+        let [nx, ny, nz] = bounds.dims();
         Self {
-            chart,
+            bounds,
             dims: [_mm256_set1_epi32(nx), _mm256_set1_epi32(ny), _mm256_set1_epi32(nz)],
             ny: _mm256_set1_epi32(ny),
             nz: _mm256_set1_epi32(nz),
-            low: _mm256_set1_ps(-chart.band_m()),
-            high: _mm256_set1_ps(chart.band_m()),
-            skin: _mm256_set1_ps(chart.skin_m()),
-            outside: _mm256_set1_ps(chart.skin_m() - chart.band_m()),
+            low: _mm256_set1_ps(-bounds.band_m()),
+            high: _mm256_set1_ps(bounds.band_m()),
+            skin: _mm256_set1_ps(bounds.skin_m()),
+            outside: _mm256_set1_ps(bounds.skin_m() - bounds.band_m()),
         }
     }
 
@@ -98,13 +98,13 @@ impl<'a> Grid<'a> {
     /// What a brick says of points in it, of interest only above the floor.
     #[inline]
     fn brick_alone(&self, [bx, by, bz]: [i32; 3], floor_m: f32) -> Alone<'a> {
-        let (chart, [nx, ny, nz]) = (self.chart, self.chart.dims());
+        let (bounds, [nx, ny, nz]) = (self.bounds, self.bounds.dims());
         if bx as u32 >= nx as u32 || by as u32 >= ny as u32 || bz as u32 >= nz as u32 {
-            return Alone::Uniform(chart.skin_m() - chart.band_m());
+            return Alone::Uniform(bounds.skin_m() - bounds.band_m());
         }
         let brick = ((bx * ny + by) * nz + bz) as usize;
-        let ceiling_m = chart.ceilings_m().get(brick).copied().unwrap_or(f32::INFINITY);
-        let samples = || chart.samples_m().get(chart.top().get(brick).copied()? as usize);
+        let ceiling_m = bounds.max_depth_m().get(brick).copied().unwrap_or(f32::INFINITY);
+        let samples = || bounds.samples_m().get(bounds.top().get(brick).copied()? as usize);
         if ceiling_m <= floor_m { None } else { samples() }.map_or(Alone::Uniform(ceiling_m), Alone::Samples)
     }
 
@@ -121,14 +121,14 @@ impl<'a> Grid<'a> {
         let on_grid = _mm256_and_si256(_mm256_and_si256(within(0), within(1)), within(2));
         let brick = _mm256_and_si256(self.brick(bricks), on_grid);
         // SAFETY: lanes that are not on the grid read entry 0; by the chart's invariant there is one entry per brick.
-        let ceilings = unsafe { _mm256_i32gather_ps::<4>(self.chart.ceilings_m().as_ptr(), brick) };
+        let ceilings = unsafe { _mm256_i32gather_ps::<4>(self.bounds.max_depth_m().as_ptr(), brick) };
         let ceilings = _mm256_blendv_ps(self.outside, ceilings, _mm256_castsi256_ps(on_grid));
         let wanted = _mm256_and_ps(_mm256_cmp_ps::<_CMP_NLE_UQ>(ceilings, floor_m), _mm256_castsi256_ps(on_grid));
         if _mm256_movemask_ps(wanted) == 0 {
             return ceilings;
         }
         // SAFETY: as above.
-        let slots = unsafe { _mm256_i32gather_epi32::<4>(self.chart.top().as_ptr().cast(), brick) };
+        let slots = unsafe { _mm256_i32gather_epi32::<4>(self.bounds.top().as_ptr().cast(), brick) };
         // The two marks are −1 and −2 as signed numbers; slots are not negative.
         let is_slot = _mm256_cmpgt_epi32(slots, _mm256_set1_epi32(-1));
         let wanted = _mm256_and_ps(wanted, _mm256_castsi256_ps(is_slot));
@@ -150,7 +150,7 @@ impl<'a> Grid<'a> {
     unsafe fn corners(&self, slots: __m256i, base: [__m256i; 3]) -> [(__m256, __m256); 4] {
         let bricks = _mm256_mullo_epi32(slots, _mm256_set1_epi32(APRON_CELLS as i32));
         // SAFETY: whole bricks, by the caller's word; the sum is an `i32` by the chart's invariant.
-        unsafe { corners(self.chart.samples_m().as_ptr().cast(), _mm256_add_epi32(bricks, inside(base))) }
+        unsafe { corners(self.bounds.samples_m().as_ptr().cast(), _mm256_add_epi32(bricks, inside(base))) }
     }
 
     /// V from the corners and the place between them.

@@ -10,14 +10,14 @@ fn numbers(numbers: &[f32; CHILDREN]) -> __m256 {
 }
 
 #[target_feature(enable = "avx2")]
-pub(in super::super) fn above(chart: &Chart, place: &Place, spheres: &Spheres, floor_m: f32, margin_cells: f32) -> u8 {
-    let (grid, place) = (Grid::new(chart), Axes::new(place));
+pub(in super::super) fn above(bounds: &BrickBounds, place: &Place, spheres: &Spheres, floor_m: f32, margin_cells: f32) -> u8 {
+    let (grid, place) = (Grid::new(bounds), Axes::new(place));
     let lattice = place.lattice([numbers(&spheres.x), numbers(&spheres.y), numbers(&spheres.z)]);
     let (on_grid, base) = grid.on_grid(lattice);
-    let radius = _mm256_div_ps(numbers(&spheres.radius), _mm256_set1_ps(chart.voxel_size_m()));
+    let radius = _mm256_div_ps(numbers(&spheres.radius), _mm256_set1_ps(bounds.voxel_size_m()));
     let extent = _mm256_add_ps(radius, _mm256_set1_ps(margin_cells));
     // SAFETY: each is a brick of the grid, and by the chart's invariant there is one entry for it.
-    let around = unsafe { _mm256_i32gather_ps::<4>(chart.around_m().as_ptr(), grid.brick(eighths(base))) };
+    let around = unsafe { _mm256_i32gather_ps::<4>(bounds.max_depth_nearby_m().as_ptr(), grid.brick(eighths(base))) };
     // One cell more: casts that round towards zero let the first cell reach out of the grid.
     let far = _mm256_add_ps(extent, _mm256_set1_ps(1.0));
     let away = |k: usize| {
@@ -32,8 +32,8 @@ pub(in super::super) fn above(chart: &Chart, place: &Place, spheres: &Spheres, f
 }
 
 #[target_feature(enable = "avx2")]
-pub(in super::super) fn spheres(chart: &Chart, place: &Place, spheres: &Spheres, margin_cells: f32) -> [f32; CHILDREN] {
-    let (grid, place) = (Grid::new(chart), Axes::new(place));
+pub(in super::super) fn spheres(bounds: &BrickBounds, place: &Place, spheres: &Spheres, margin_cells: f32) -> [f32; CHILDREN] {
+    let (grid, place) = (Grid::new(bounds), Axes::new(place));
     let (zero, radius) = (_mm256_setzero_ps(), numbers(&spheres.radius));
     let lattice = place.lattice([numbers(&spheres.x), numbers(&spheres.y), numbers(&spheres.z)]);
     let (on_grid, base) = grid.on_grid(lattice);
@@ -41,9 +41,9 @@ pub(in super::super) fn spheres(chart: &Chart, place: &Place, spheres: &Spheres,
     // SAFETY: each is a brick of the grid, and by the chart's invariant there is one entry for it in each array.
     let (rooms, ceilings, slots) = unsafe {
         (
-            _mm256_i32gather_ps::<4>(chart.rooms_cells().as_ptr(), brick),
-            _mm256_i32gather_ps::<4>(chart.ceilings_m().as_ptr(), brick),
-            _mm256_i32gather_epi32::<4>(chart.top().as_ptr().cast(), brick),
+            _mm256_i32gather_ps::<4>(bounds.clearance_cells().as_ptr(), brick),
+            _mm256_i32gather_ps::<4>(bounds.max_depth_m().as_ptr(), brick),
+            _mm256_i32gather_epi32::<4>(bounds.top().as_ptr().cast(), brick),
         )
     };
     let is_slot = _mm256_castsi256_ps(_mm256_cmpgt_epi32(slots, _mm256_set1_epi32(-1)));
@@ -58,9 +58,9 @@ pub(in super::super) fn spheres(chart: &Chart, place: &Place, spheres: &Spheres,
         let t = fractions(on_grid, base);
         values = _mm256_blendv_ps(values, _mm256_add_ps(mixed(corners, t), grid.skin), is_slot);
     }
-    let size = _mm256_set1_ps(chart.voxel_size_m());
+    let size = _mm256_set1_ps(bounds.voxel_size_m());
     let negated = _mm256_xor_ps(values, _mm256_set1_ps(-0.0));
-    let depth = _mm256_sub_ps(_mm256_div_ps(negated, size), _mm256_set1_ps(chart.jump_cells()));
+    let depth = _mm256_sub_ps(_mm256_div_ps(negated, size), _mm256_set1_ps(bounds.jump_cells()));
     let depth = _mm256_max_ps(depth, zero);
     let squared = _mm256_sub_ps(_mm256_mul_ps(depth, depth), _mm256_set1_ps(SPREAD_CELLS_SQUARED));
     let by_spread = _mm256_sqrt_ps(_mm256_max_ps(squared, zero));

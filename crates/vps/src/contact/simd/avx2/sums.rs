@@ -58,15 +58,15 @@ impl Eight for __m256 {
 }
 
 #[target_feature(enable = "avx2")]
-pub(in super::super) fn add(sums: &mut Sums, touched: &Touched, pushes: &Pushes, by: Weighting) {
+pub(in super::super) fn add(sums: &mut Sums, touched: &ContactBlock, pushes: &Pushes, by: Weighting) {
     sums.add::<__m256>(touched, (&pushes.positions, &pushes.normals), Some(&pushes.weights), by);
 }
 
 #[target_feature(enable = "avx2")]
 pub(in super::super) fn add_all<'a>(
     sums: &mut Sums,
-    touched: &[Touched],
-    geometry: impl Fn(&Touched) -> Option<(&'a Lanes3, &'a Lanes3)>,
+    touched: &[ContactBlock],
+    geometry: impl Fn(&ContactBlock) -> Option<(&'a Lanes3, &'a Lanes3)>,
     by: Weighting,
 ) {
     let mut soon = touched.iter().skip(AHEAD);

@@ -18,7 +18,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::{APRON_CELLS, APRON_EDGE, DEEP_INSIDE, FAR_OUTSIDE, Field};
-use crate::storage::Slab;
+use crate::storage::SharedSlice;
 use crate::voxmap::grid::BRICK_EDGE;
 
 /// Rooms are measured up to so many bricks.
@@ -29,23 +29,23 @@ const ROUNDING: f32 = 1e-6;
 /// nearest triangle: the side changes without a surface between, cells.
 const JUMP_CELLS: f32 = 0.05;
 
-/// See the module page. Invariant: `dims` are positive, `top`, `ceilings_m`, `around_m` and `rooms_cells` have one entry per brick, every slot
+/// See the module page. Invariant: `dims` are positive, `top`, `max_depth_m`, `max_depth_nearby_m` and `clearance_cells` have one entry per brick, every slot
 /// of `top` is one of `samples_m`, and all samples can be counted by an `i32`.
 #[derive(Debug)]
-pub(crate) struct Chart {
+pub(crate) struct BrickBounds {
     dims: [i32; 3],
-    top: Slab<u32>,
-    samples_m: Slab<[f32; APRON_CELLS]>,
-    ceilings_m: Slab<f32>,
-    around_m: Slab<f32>,
-    rooms_cells: Slab<f32>,
+    top: SharedSlice<u32>,
+    samples_m: SharedSlice<[f32; APRON_CELLS]>,
+    max_depth_m: SharedSlice<f32>,
+    max_depth_nearby_m: SharedSlice<f32>,
+    clearance_cells: SharedSlice<f32>,
     band_m: f32,
     skin_m: f32,
     voxel_size_m: f32,
     jump_cells: f32,
 }
 
-impl Chart {
+impl BrickBounds {
     /// Looks a field over; `None` for one that is too large for the kernels' 32-bit indices, or whose outside is inside (a thin skin
     /// that is thicker than its band). Cold.
     pub(crate) fn of(field: &Field) -> Option<Self> {
@@ -68,7 +68,7 @@ impl Chart {
         }
         let looks: Vec<Look> = samples_m.par_iter().with_min_len(64).map(|brick| Look::at(brick, *band_m, *voxel_size_m)).collect();
         let margin_m = ROUNDING * (band_m + skin_m);
-        let mut ceilings_m: Vec<f32> = top
+        let mut max_depth_m: Vec<f32> = top
             .iter()
             .map(|slot| match *slot {
                 FAR_OUTSIDE => skin_m - band_m,
@@ -76,22 +76,22 @@ impl Chart {
                 slot => looks.get(slot as usize).map_or(f32::INFINITY, |look| look.highest_m + skin_m + margin_m),
             })
             .collect();
-        let rooms_cells = rooms_cells(&ceilings_m, *dims);
+        let clearance_cells = clearance_cells(&max_depth_m, *dims);
         // Casts that round towards zero let the first cell reach one cell out of the grid, where it extrapolates.
-        for (brick, (ceiling_m, slot)) in ceilings_m.iter_mut().zip(top.iter()).enumerate() {
+        for (brick, (ceiling_m, slot)) in max_depth_m.iter_mut().zip(top.iter()).enumerate() {
             if *slot < DEEP_INSIDE && coord_of(brick, *dims).contains(&0) {
                 *ceiling_m = f32::INFINITY;
             }
         }
-        let around_m = around(&ceilings_m, *dims, skin_m - band_m);
+        let max_depth_nearby_m = max_nearby(&max_depth_m, *dims, skin_m - band_m);
         let jump_cells = looks.iter().map(|look| look.steepest_m / voxel_size_m - 1.0).fold(0.0, f32::max);
         Some(Self {
             dims: *dims,
             top: top.clone(),
             samples_m: samples_m.clone(),
-            rooms_cells: rooms_cells.into(),
-            ceilings_m: ceilings_m.into(),
-            around_m: around_m.into(),
+            clearance_cells: clearance_cells.into(),
+            max_depth_m: max_depth_m.into(),
+            max_depth_nearby_m: max_depth_nearby_m.into(),
             band_m: *band_m,
             skin_m: *skin_m,
             voxel_size_m: *voxel_size_m,
@@ -120,20 +120,20 @@ impl Chart {
 
     /// `[n_bricks]`, m: no value in the brick is higher; the value itself where the brick has no samples.
     #[inline]
-    pub(crate) fn ceilings_m(&self) -> &[f32] {
-        &self.ceilings_m
+    pub(crate) fn max_depth_m(&self) -> &[f32] {
+        &self.max_depth_m
     }
 
     /// `[n_bricks]`, m: no value in the brick or in one of its 26 neighbours, on the grid or not, is higher.
     #[inline]
-    pub(crate) fn around_m(&self) -> &[f32] {
-        &self.around_m
+    pub(crate) fn max_depth_nearby_m(&self) -> &[f32] {
+        &self.max_depth_nearby_m
     }
 
     /// `[n_bricks]`, cells: from any place in the brick to anything with V > 0, at least.
     #[inline]
-    pub(crate) fn rooms_cells(&self) -> &[f32] {
-        &self.rooms_cells
+    pub(crate) fn clearance_cells(&self) -> &[f32] {
+        &self.clearance_cells
     }
 
     /// The middle of the first brick from this one on that the surface may run through, cells; `None` when none does. Cold.
@@ -217,23 +217,23 @@ fn axes(dims: [i32; 3]) -> [(usize, usize); 3] {
 }
 
 /// Largest ceiling among each brick and its 26 neighbours; that of what is not on the grid counts everywhere.
-fn around(ceilings_m: &[f32], dims: [i32; 3], outside_m: f32) -> Vec<f32> {
-    let mut around_m = ceilings_m.to_vec();
+fn max_nearby(max_depth_m: &[f32], dims: [i32; 3], outside_m: f32) -> Vec<f32> {
+    let mut max_depth_nearby_m = max_depth_m.to_vec();
     for (n, stride) in axes(dims) {
-        along(&mut around_m, n, stride, |line, k| {
+        along(&mut max_depth_nearby_m, n, stride, |line, k| {
             let beside = |k: usize| line.get(k).copied().unwrap_or(outside_m).max(outside_m);
             beside(k).max(beside(k.wrapping_sub(1))).max(beside(k + 1))
         });
     }
-    around_m
+    max_depth_nearby_m
 }
 
 /// Gaps between the cube of each brick and those that can touch, cells. As the gap along an axis is one brick less than the difference of the
 /// numbers, it is measured to the bricks that can touch and their 26 neighbours.
-fn rooms_cells(ceilings_m: &[f32], dims: [i32; 3]) -> Vec<f32> {
+fn clearance_cells(max_depth_m: &[f32], dims: [i32; 3]) -> Vec<f32> {
     const FAR: u32 = ROOM_BRICKS * ROOM_BRICKS;
     let axes = axes(dims);
-    let mut squares: Vec<u32> = ceilings_m.iter().map(|ceiling| if *ceiling > 0.0 { 0 } else { FAR }).collect();
+    let mut squares: Vec<u32> = max_depth_m.iter().map(|ceiling| if *ceiling > 0.0 { 0 } else { FAR }).collect();
     for (n, stride) in axes {
         along(&mut squares, n, stride, |line, k| {
             let beside = |k: usize| line.get(k).copied().unwrap_or(FAR);
@@ -279,13 +279,13 @@ mod tests {
     use super::*;
     use crate::mesh::primitives::Shape;
     use crate::mesh::validate::inspect;
-    use crate::voxmap::sides::SidesRule;
+    use crate::voxmap::inside_test::InsideTest;
     use crate::voxmap::{Options, Voxmap};
 
     fn fields() -> Vec<Field> {
         let ring = Shape::Torus { major_m: 0.02, minor_m: 0.006 }.tessellate(1e-5);
         let ball = Shape::Sphere { radius_m: 0.015 }.tessellate(1e-5);
-        let built = [(ring, SidesRule::Auto), (ball.clone(), SidesRule::Auto), (ball, SidesRule::Thin)].map(|(mesh, sides)| {
+        let built = [(ring, InsideTest::Auto), (ball.clone(), InsideTest::Auto), (ball, InsideTest::Thin)].map(|(mesh, sides)| {
             let options = Options { voxel_size_m: 5e-4, layers: 6, navigation: None, sides };
             Voxmap::build(&mesh, &inspect(&mesh), &options, |_| ()).expect("a grid that fits").field(&mesh, false)
         });
@@ -304,28 +304,28 @@ mod tests {
     }
 
     /// The brick that a place's samples are of, if it is on the grid.
-    fn brick_at(chart: &Chart, cells: Vec3) -> Option<usize> {
+    fn brick_at(bounds: &BrickBounds, cells: Vec3) -> Option<usize> {
         let lattice = cells - 0.5;
         let coord = [lattice.x, lattice.y, lattice.z].map(|at| at as i32 >> 3);
-        let on_grid = coord.iter().zip(chart.dims()).all(|(at, n)| (0..n).contains(at));
-        on_grid.then(|| ((coord[0] * chart.dims()[1] + coord[1]) * chart.dims()[2] + coord[2]) as usize)
+        let on_grid = coord.iter().zip(bounds.dims()).all(|(at, n)| (0..n).contains(at));
+        on_grid.then(|| ((coord[0] * bounds.dims()[1] + coord[1]) * bounds.dims()[2] + coord[2]) as usize)
     }
 
     #[test]
     fn no_value_is_above_its_ceiling_or_the_ceiling_around() {
         for field in fields() {
-            let chart = Chart::of(&field).expect("a chart");
+            let bounds = BrickBounds::of(&field).expect("a chart");
             let places = places(&field, 20_000);
             let mut n_inside = 0;
             for (place, step) in places.iter().zip(places.iter().rev()) {
                 let value_m = field.trilinear(*place);
                 n_inside += usize::from(value_m > 0.0);
-                let Some(brick) = brick_at(&chart, *place) else { continue };
-                assert!(value_m <= chart.ceilings_m()[brick]);
+                let Some(brick) = brick_at(&bounds, *place) else { continue };
+                assert!(value_m <= bounds.max_depth_m()[brick]);
                 // Less than eight cells away along every axis, on the grid or not.
                 let beside = *place + (*step * 0.37).fract_gl() * 15.9 - 7.95;
-                assert!(field.trilinear(beside) <= chart.around_m()[brick]);
-                assert!(chart.around_m()[brick] >= chart.ceilings_m()[brick]);
+                assert!(field.trilinear(beside) <= bounds.max_depth_nearby_m()[brick]);
+                assert!(bounds.max_depth_nearby_m()[brick] >= bounds.max_depth_m()[brick]);
             }
             assert!(n_inside > 100, "{n_inside}");
         }
@@ -334,13 +334,13 @@ mod tests {
     #[test]
     fn no_room_exceeds_the_distance_to_anything_that_touches() {
         for field in fields() {
-            let chart = Chart::of(&field).expect("a chart");
+            let bounds = BrickBounds::of(&field).expect("a chart");
             let places = places(&field, 6000);
             let touching: Vec<Vec3> = places.iter().copied().filter(|place| field.trilinear(*place) > 0.0).collect();
             let mut largest = 0.0_f32;
             for place in places {
-                let Some(brick) = brick_at(&chart, place) else { continue };
-                let room = chart.rooms_cells()[brick];
+                let Some(brick) = brick_at(&bounds, place) else { continue };
+                let room = bounds.clearance_cells()[brick];
                 largest = largest.max(room);
                 let nearest = touching.iter().map(|other| place.distance(*other)).fold(f32::INFINITY, f32::min);
                 assert!(room <= nearest, "{place}: {room} to {nearest}");
@@ -352,17 +352,17 @@ mod tests {
     #[test]
     fn what_kernels_index_by_stays_in_bounds() {
         for field in fields() {
-            let chart = Chart::of(&field).expect("a chart");
-            let n_bricks = chart.dims().iter().product::<i32>() as usize;
+            let bounds = BrickBounds::of(&field).expect("a chart");
+            let n_bricks = bounds.dims().iter().product::<i32>() as usize;
             assert_eq!(
-                [chart.top().len(), chart.ceilings_m().len(), chart.around_m().len(), chart.rooms_cells().len()],
+                [bounds.top().len(), bounds.max_depth_m().len(), bounds.max_depth_nearby_m().len(), bounds.clearance_cells().len()],
                 [n_bricks; 4]
             );
-            assert!(chart.top().iter().all(|slot| *slot >= DEEP_INSIDE || (*slot as usize) < chart.samples_m().len()));
+            assert!(bounds.top().iter().all(|slot| *slot >= DEEP_INSIDE || (*slot as usize) < bounds.samples_m().len()));
             for from_brick in [0, 1, n_bricks / 2, n_bricks - 1, n_bricks, usize::MAX / 2] {
-                let place = chart.surface_place(from_brick).expect("a surface");
-                assert!(brick_at(&chart, place).is_some());
-                assert!(field.trilinear(place).abs() < 8.0 * chart.voxel_size_m());
+                let place = bounds.surface_place(from_brick).expect("a surface");
+                assert!(brick_at(&bounds, place).is_some());
+                assert!(field.trilinear(place).abs() < 8.0 * bounds.voxel_size_m());
             }
         }
     }

@@ -17,7 +17,7 @@ use glam::DVec3;
 use super::Obstacle;
 use crate::pointshell::shell::Shell;
 use crate::spatial::Pose;
-use crate::voxmap::field::chart::Chart;
+use crate::voxmap::field::brick_bounds::BrickBounds;
 
 /// Way of the tool after which all gaps are measured anew, so that their sums stay exact, m.
 const FORGET_M: f64 = 1e3;
@@ -30,7 +30,7 @@ const GROWN_SHARE: f64 = 1e-5;
 #[derive(Clone, Copy, Debug)]
 struct Far {
     /// Way of the tool at which the gap may be used up, m; −∞: near, or never known to be far.
-    due_m: f64,
+    clear_until_m: f64,
     /// V of everything outside the box, m.
     outside_m: f32,
     voxel_size_m: f32,
@@ -38,11 +38,11 @@ struct Far {
 
 /// One obstacle: where it stands, and its box.
 #[derive(Clone, Copy, Debug)]
-pub struct Stand {
+pub struct ObstaclePose {
     /// Its pose in this tick.
     pub world_from_map: Pose,
     /// What it moved by in this tick.
-    pub moved: Move,
+    pub moved: PoseStep,
     /// Middle of the box, map frame, m.
     pub center_map: DVec3,
     /// Half the edges of the box, m.
@@ -63,7 +63,7 @@ pub struct Stand {
 
 /// A small motion of an obstacle in one tick, world axes: its material at a point x goes by `linear` + `angular` × (x − `center`).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Move {
+pub struct PoseStep {
     /// The point that moves by `linear`, world axes, m.
     pub center: DVec3,
     /// Its displacement in the tick, m.
@@ -72,7 +72,7 @@ pub struct Move {
     pub angular: DVec3,
 }
 
-impl Move {
+impl PoseStep {
     /// Nothing moves.
     pub fn is_none(&self) -> bool {
         self.linear == DVec3::ZERO && self.angular == DVec3::ZERO
@@ -84,7 +84,7 @@ impl Move {
     }
 }
 
-impl Stand {
+impl ObstaclePose {
     /// The middle of the box in the world.
     pub fn center_world(&self) -> DVec3 {
         self.world_from_map.transform_point(self.center_map)
@@ -99,9 +99,9 @@ impl Stand {
 
 /// All obstacles of a scene.
 #[derive(Clone, Debug)]
-pub struct Places {
+pub struct ObstaclePoses {
     far: Vec<Far>,
-    stands: Vec<Stand>,
+    poses: Vec<ObstaclePose>,
     /// Numbers of the near ones of this tick, rising.
     near: Vec<u32>,
     /// Σ|Δx| of the tool's centre, m.
@@ -110,14 +110,15 @@ pub struct Places {
     culls: bool,
 }
 
-impl Places {
-    /// Cold. `charts`: one per obstacle, `None` where the box does not bound what can touch.
-    pub(super) fn new<'a>(obstacles: &[Obstacle], charts: impl Iterator<Item = Option<&'a Chart>>) -> Self {
-        let stands: Vec<Stand> = obstacles.iter().zip(charts).map(|(obstacle, chart)| Stand::new(obstacle, chart)).collect();
+impl ObstaclePoses {
+    /// Cold. `all_bounds`: one per obstacle, `None` where the box does not bound what can touch.
+    pub(super) fn new<'a>(obstacles: &[Obstacle], all_bounds: impl Iterator<Item = Option<&'a BrickBounds>>) -> Self {
+        let poses: Vec<ObstaclePose> =
+            obstacles.iter().zip(all_bounds).map(|(obstacle, bounds)| ObstaclePose::new(obstacle, bounds)).collect();
         Self {
-            far: obstacles.iter().zip(&stands).map(|(obstacle, stand)| Far::new(obstacle, stand)).collect(),
-            near: Vec::with_capacity(stands.len()),
-            stands,
+            far: obstacles.iter().zip(&poses).map(|(obstacle, pose)| Far::new(obstacle, pose)).collect(),
+            near: Vec::with_capacity(poses.len()),
+            poses,
             way_m: 0.0,
             last: None,
             culls: true,
@@ -130,22 +131,22 @@ impl Places {
     }
 
     /// One obstacle.
-    pub fn stand(&self, obstacle_idx: usize) -> Option<&Stand> {
-        self.stands.get(obstacle_idx)
+    pub fn pose(&self, obstacle_idx: usize) -> Option<&ObstaclePose> {
+        self.poses.get(obstacle_idx)
     }
 
     /// One obstacle.
-    pub fn stand_mut(&mut self, obstacle_idx: usize) -> Option<&mut Stand> {
-        self.stands.get_mut(obstacle_idx)
+    pub fn pose_mut(&mut self, obstacle_idx: usize) -> Option<&mut ObstaclePose> {
+        self.poses.get_mut(obstacle_idx)
     }
 
     /// Puts an obstacle to a pose, of which `moved` is what is new; no point of its box goes by more than `way_m`. RT: safe.
-    pub fn put(&mut self, obstacle_idx: usize, world_from_map: Pose, moved: Move, way_m: f64) {
-        if let (Some(stand), Some(far)) = (self.stands.get_mut(obstacle_idx), self.far.get_mut(obstacle_idx)) {
-            stand.world_from_map = world_from_map;
-            stand.moved = moved;
+    pub fn put(&mut self, obstacle_idx: usize, world_from_map: Pose, moved: PoseStep, way_m: f64) {
+        if let (Some(pose), Some(far)) = (self.poses.get_mut(obstacle_idx), self.far.get_mut(obstacle_idx)) {
+            pose.world_from_map = world_from_map;
+            pose.moved = moved;
             // A way that is not a number leaves nothing known.
-            far.due_m = if way_m >= 0.0 { far.due_m - way_m } else { f64::NEG_INFINITY };
+            far.clear_until_m = if way_m >= 0.0 { far.clear_until_m - way_m } else { f64::NEG_INFINITY };
         }
     }
 
@@ -157,26 +158,26 @@ impl Places {
         self.way_m += step_m;
         if self.way_m.is_nan() || self.way_m >= FORGET_M {
             self.way_m = 0.0;
-            self.far.iter_mut().for_each(|far| far.due_m = f64::NEG_INFINITY);
+            self.far.iter_mut().for_each(|far| far.clear_until_m = f64::NEG_INFINITY);
         }
         let culls = self.culls && world_from_body.is_finite() && !shell.is_empty();
         self.near.clear();
         let mut sum = FarSum::default();
-        for ((obstacle_idx, far), stand) in (0..).zip(&mut self.far).zip(&mut self.stands) {
-            if culls && far.due_m <= self.way_m {
-                let gap_m = if stand.boxed { stand.gap_m(center, shell.radius_m()) } else { -1.0 };
-                far.due_m = if gap_m > 0.0 { self.way_m + gap_m } else { f64::NEG_INFINITY };
+        for ((obstacle_idx, far), pose) in (0..).zip(&mut self.far).zip(&mut self.poses) {
+            if culls && far.clear_until_m <= self.way_m {
+                let gap_m = if pose.boxed { pose.gap_m(center, shell.radius_m()) } else { -1.0 };
+                far.clear_until_m = if gap_m > 0.0 { self.way_m + gap_m } else { f64::NEG_INFINITY };
             }
-            if !(culls && far.due_m > self.way_m) {
+            if !(culls && far.clear_until_m > self.way_m) {
                 self.near.push(obstacle_idx);
                 continue;
             }
             let (outside_m, voxel_size_m) = (f64::from(far.outside_m), f64::from(far.voxel_size_m));
             sum.max_value_m = sum.max_value_m.max(outside_m);
             sum.voxel_size_m = sum.voxel_size_m.min(voxel_size_m);
-            sum.step_limit_m = sum.step_limit_m.min(step_limit_m(outside_m, voxel_size_m, overstated_voxels, stand.reserve_m));
-            if stand.reserve_m > 0.0 {
-                (stand.max_value_m, stand.deepest_world) = (outside_m, None);
+            sum.step_limit_m = sum.step_limit_m.min(step_limit_m(outside_m, voxel_size_m, overstated_voxels, pose.reserve_m));
+            if pose.reserve_m > 0.0 {
+                (pose.max_value_m, pose.deepest_world) = (outside_m, None);
             }
         }
         sum
@@ -217,16 +218,16 @@ pub(super) fn step_limit_m(max_value_m: f64, voxel_size_m: f64, overstated_voxel
 /// The share of a clearance that an obstacle may use up in one tick by its own motion.
 pub const OWN_SHARE: f64 = 0.5;
 
-impl Stand {
-    fn new(obstacle: &Obstacle, chart: Option<&Chart>) -> Self {
+impl ObstaclePose {
+    fn new(obstacle: &Obstacle, bounds: Option<&BrickBounds>) -> Self {
         let Obstacle { field, world_from_map } = obstacle;
         let voxel_size_m = f64::from(field.voxel_size_m());
-        let size_m = chart.map_or(DVec3::ZERO, |chart| DVec3::from_array(chart.dims().map(f64::from)) * (8.0 * voxel_size_m));
+        let size_m = bounds.map_or(DVec3::ZERO, |bounds| DVec3::from_array(bounds.dims().map(f64::from)) * (8.0 * voxel_size_m));
         let grown_m = GROWN_VOXELS * voxel_size_m + GROWN_SHARE * size_m.length();
         let half_m = 0.5 * size_m + DVec3::splat(grown_m);
         Self {
             world_from_map: *world_from_map,
-            moved: Move::default(),
+            moved: PoseStep::default(),
             center_map: field.origin_map().as_dvec3() + 0.5 * size_m,
             half_m,
             reach_m: half_m.length(),
@@ -234,14 +235,14 @@ impl Stand {
             reserve_m: 0.0,
             max_value_m: f64::NEG_INFINITY,
             deepest_world: None,
-            boxed: chart.is_some(),
+            boxed: bounds.is_some(),
         }
     }
 }
 
 impl Far {
-    fn new(obstacle: &Obstacle, stand: &Stand) -> Self {
+    fn new(obstacle: &Obstacle, pose: &ObstaclePose) -> Self {
         let outside_m = obstacle.field.outside_m();
-        Self { due_m: f64::NEG_INFINITY, outside_m, voxel_size_m: stand.voxel_size_m as f32 }
+        Self { clear_until_m: f64::NEG_INFINITY, outside_m, voxel_size_m: pose.voxel_size_m as f32 }
     }
 }

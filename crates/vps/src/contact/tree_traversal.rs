@@ -8,7 +8,7 @@
 //!     else                                ───────► its children; of a leaf, its sixteen points
 //! ```
 //! - **Clear** is proven, not guessed: a sphere is left out when its centre is farther from all that can touch than its radius (see
-//!   `Chart` and `simd`), and so are its points, wherever in it they lie.
+//!   `BrickBounds` and `simd`), and so are its points, wherever in it they lie.
 //! - **For how long**: the proof holds until the tool has moved by what was to spare. The way that a node's points have gone is at most
 //!   Σ|Δx| + r·Σ|Δθ|, x the centre of mass and r the node's reach about it, both seen from the obstacle. The sums are kept per obstacle, each node
 //!   remembers the value of its own at which it is due.
@@ -27,14 +27,14 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use super::budget::{Budget, Choice};
+use super::contact_block::ContactBlock;
 use super::samples::Samples;
 use super::simd::{Depths, Machine, Place, free_cells};
-use super::touched::Touched;
 use crate::pointshell::shell::{LANES, Shell};
 use crate::pointshell::tree::{CHILDREN, Spheres};
 use crate::spatial::Pose;
 use crate::voxmap::field::Field;
-use crate::voxmap::field::chart::Chart;
+use crate::voxmap::field::brick_bounds::BrickBounds;
 
 /// What rounding may take from a clearance, cells: of the sums of motion up to [`FORGET_CELLS`], of a due value, of a position.
 const MARGIN_CELLS: f32 = 2e-3;
@@ -81,12 +81,12 @@ impl Lists {
 
 /// One obstacle's walk.
 #[derive(Clone, Debug)]
-pub(super) struct Walk {
-    chart: Arc<Chart>,
+pub(super) struct TreeTraversal {
+    bounds: Arc<BrickBounds>,
     /// `[n_blocks of the tree]`, cells: farthest point of each node from the centre of mass, at most.
     reaches_cells: Arc<Vec<[f32; CHILDREN]>>,
     /// `[n_blocks of the tree]`, cells: motion up to which a node is clear; or, negative, up to which it is opened without another look.
-    due_cells: Vec<[f32; CHILDREN]>,
+    clear_until_cells: Vec<[f32; CHILDREN]>,
     /// First block of each level.
     first_blocks: Arc<Vec<u32>>,
     /// `[n_blocks of the tree]`: when something below a node touched last; kept while a budget limits the walk.
@@ -126,16 +126,16 @@ impl Motion {
     }
 }
 
-impl Walk {
+impl TreeTraversal {
     /// `None` when the field or the shell is not one that can be walked. Cold.
     pub(super) fn new(field: &Field, shell: &Shell) -> Option<Self> {
-        Self::over(Chart::of(field)?, shell)
+        Self::over(BrickBounds::of(field)?, shell)
     }
 
     /// The same over a chart that is not just the field's. Cold.
-    pub(super) fn over(chart: Chart, shell: &Shell) -> Option<Self> {
-        let (tree, voxel_size_m) = (shell.tree(), f64::from(chart.voxel_size_m()));
-        let chart = Arc::new(chart);
+    pub(super) fn over(bounds: BrickBounds, shell: &Shell) -> Option<Self> {
+        let (tree, voxel_size_m) = (shell.tree(), f64::from(bounds.voxel_size_m()));
+        let bounds = Arc::new(bounds);
         let (mut first_blocks, mut reaches_cells) = (Vec::new(), Vec::new());
         for level in 0..tree.n_levels() {
             first_blocks.push(reaches_cells.len() as u32);
@@ -150,8 +150,8 @@ impl Walk {
             }));
         }
         (!first_blocks.is_empty()).then(|| Self {
-            chart,
-            due_cells: vec_of(UNKNOWN, reaches_cells.len()),
+            bounds,
+            clear_until_cells: vec_of(UNKNOWN, reaches_cells.len()),
             touched_at: vec_of(0, reaches_cells.len()),
             now: 1,
             reaches_cells: Arc::new(reaches_cells),
@@ -163,8 +163,8 @@ impl Walk {
     }
 
     /// The chart that the kernels read.
-    pub(super) fn chart(&self) -> &Chart {
-        &self.chart
+    pub(super) fn bounds(&self) -> &BrickBounds {
+        &self.bounds
     }
 
     /// What rounding may take from a distance at this place, cells.
@@ -174,7 +174,7 @@ impl Walk {
 
     /// Forgets all proofs.
     pub(super) fn forget(&mut self) {
-        self.due_cells.fill([UNKNOWN; CHILDREN]);
+        self.clear_until_cells.fill([UNKNOWN; CHILDREN]);
         self.motion = Motion { last: self.motion.last, ..Motion::default() };
     }
 
@@ -188,14 +188,14 @@ impl Walk {
         (place, map_from_body): (&Place, Pose),
         budget: Budget,
         lists: &mut Lists,
-        touched: &mut Vec<Touched>,
+        touched: &mut Vec<ContactBlock>,
     ) -> Found {
-        self.motion.follow(map_from_body, f64::from(self.chart.voxel_size_m()));
+        self.motion.follow(map_from_body, f64::from(self.bounds.voxel_size_m()));
         let whole_way_cells = self.motion.along_cells + self.motion.about_rad * f64::from(self.reach_cells);
         if whole_way_cells.is_nan() || whole_way_cells >= FORGET_CELLS {
             self.forget();
         }
-        let mut pass = Pass {
+        let mut query = Query {
             machine,
             shell,
             place,
@@ -210,37 +210,37 @@ impl Walk {
         lists.open.clear();
         lists.open.push(0);
         for level in 0..self.first_blocks.len() {
-            self.refine(level, budget, &mut pass, lists);
+            self.refine(level, budget, &mut query, lists);
             // What could not be refined is represented on the level that it is of.
-            pass.represent(&self.chart, level.checked_sub(1), lists, touched);
+            query.represent(&self.bounds, level.checked_sub(1), lists, touched);
             core::mem::swap(&mut lists.open, &mut lists.next);
         }
-        let n_refined = budget.without(pass.looked_at).refinable(lists.open.len() as u32);
+        let n_refined = budget.without(query.looked_at).refinable(lists.open.len() as u32);
         let choice = self.choose(self.first_blocks.len().checked_sub(1), &mut lists.open, n_refined);
-        pass.look_at_leaves(self, choice, &lists.open, touched);
+        query.look_at_leaves(self, choice, &lists.open, touched);
         retain(&mut lists.open, choice);
-        pass.represent(&self.chart, self.first_blocks.len().checked_sub(1), lists, touched);
+        query.represent(&self.bounds, self.first_blocks.len().checked_sub(1), lists, touched);
         if budget != Budget::Unlimited {
             self.now = self.now.wrapping_add(1);
             touched.iter().for_each(|touched| self.mark(touched.block));
         }
-        let outside_m = self.chart.skin_m() - self.chart.band_m();
-        let voxel_size_m = self.chart.voxel_size_m();
-        let bound_m = if pass.max_m > 0.0 { pass.max_m } else { pass.max_m.max(-pass.clear_cells.max(0.0) * voxel_size_m) };
-        Found { max_value_m: bound_m.max(outside_m), looked_at: pass.looked_at, left_out: pass.left_out }
+        let outside_m = self.bounds.skin_m() - self.bounds.band_m();
+        let voxel_size_m = self.bounds.voxel_size_m();
+        let bound_m = if query.max_m > 0.0 { query.max_m } else { query.max_m.max(-query.clear_cells.max(0.0) * voxel_size_m) };
+        Found { max_value_m: bound_m.max(outside_m), looked_at: query.looked_at, left_out: query.left_out }
     }
 
     /// Replaces the open nodes by their children that are open, which go to `next`, as far as the budget allows.
-    fn refine(&mut self, level: usize, budget: Budget, pass: &mut Pass<'_>, lists: &mut Lists) {
+    fn refine(&mut self, level: usize, budget: Budget, query: &mut Query<'_>, lists: &mut Lists) {
         lists.next.clear();
-        pass.spheres = pass.shell.tree().spheres(level);
+        query.spheres = query.shell.tree().spheres(level);
         for round in 0..ROUNDS {
             let n_open = lists.open.len() as u32;
-            let n_refined = budget.without(pass.looked_at + lists.next.len() as u32).refinable(n_open);
+            let n_refined = budget.without(query.looked_at + lists.next.len() as u32).refinable(n_open);
             let choice = self.choose(level.checked_sub(1), &mut lists.open, n_refined);
             for (idx, node) in (0_u32..).zip(&lists.open) {
                 if choice.takes(idx) {
-                    pass.open_children(self, level, *node, &mut lists.next);
+                    query.open_children(self, level, *node, &mut lists.next);
                 }
             }
             retain(&mut lists.open, choice);
@@ -304,7 +304,7 @@ fn vec_of<T: Copy>(value: T, n: usize) -> Vec<[T; CHILDREN]> {
 }
 
 /// One walk through the tree.
-struct Pass<'a> {
+struct Query<'a> {
     machine: Machine,
     shell: &'a Shell,
     place: &'a Place,
@@ -320,31 +320,31 @@ struct Pass<'a> {
     left_out: u32,
 }
 
-impl Pass<'_> {
+impl Query<'_> {
     /// Looks at the children of a node, which are a block of the level.
     #[inline]
-    fn open_children(&mut self, walk: &mut Walk, level: usize, node: u32, open: &mut Vec<u32>) {
+    fn open_children(&mut self, walk: &mut TreeTraversal, level: usize, node: u32, open: &mut Vec<u32>) {
         let at = walk.at(level, node as usize);
-        let (Some(due), Some(reaches)) = (walk.due_cells.get_mut(at), walk.reaches_cells.get(at)) else { return };
+        let (Some(clear_until), Some(reaches)) = (walk.clear_until_cells.get_mut(at), walk.reaches_cells.get(at)) else { return };
         let [now, soon] = self.ways.map(|(along, about)| reaches.map(|reach| along + about * reach));
-        let mut n_due = 0;
-        for ((due, now), soon) in due.iter().zip(now).zip(soon) {
-            n_due += u32::from(*due <= soon && *due + now >= 0.0);
+        let mut n_unclear = 0;
+        for ((clear_until, now), soon) in clear_until.iter().zip(now).zip(soon) {
+            n_unclear += u32::from(*clear_until <= soon && *clear_until + now >= 0.0);
         }
         self.looked_at += 1;
-        if n_due > 0 {
+        if n_unclear > 0 {
             self.looked_at += CHILDREN as u32 - 1;
             let Some(spheres) = self.spheres.get(node as usize) else { return };
-            let rooms = self.machine.spheres(&walk.chart, self.place, spheres, self.margin_cells);
-            for (((due, room), now), soon) in due.iter_mut().zip(rooms).zip(now).zip(soon) {
-                if *due <= soon {
-                    *due = if room > 0.0 { now + room.min(PROOF_CELLS) } else { -(now + (-room).min(OPEN_CELLS)) };
+            let rooms = self.machine.spheres(&walk.bounds, self.place, spheres, self.margin_cells);
+            for (((clear_until, room), now), soon) in clear_until.iter_mut().zip(rooms).zip(now).zip(soon) {
+                if *clear_until <= soon {
+                    *clear_until = if room > 0.0 { now + room.min(PROOF_CELLS) } else { -(now + (-room).min(OPEN_CELLS)) };
                 }
             }
         }
-        for ((lane, due), now) in (0..).zip(due).zip(now) {
-            if *due > now {
-                self.clear_cells = self.clear_cells.min(*due - now);
+        for ((lane, clear_until), now) in (0..).zip(clear_until).zip(now) {
+            if *clear_until > now {
+                self.clear_cells = self.clear_cells.min(*clear_until - now);
             } else {
                 open.push(node * CHILDREN as u32 + lane);
             }
@@ -352,38 +352,38 @@ impl Pass<'_> {
     }
 
     /// Looks at the points of the leaves that are open.
-    fn look_at_leaves(&mut self, walk: &mut Walk, choice: Choice, open: &[u32], touched: &mut Vec<Touched>) {
-        let Walk { chart, due_cells, reaches_cells, first_blocks, .. } = walk;
+    fn look_at_leaves(&mut self, walk: &mut TreeTraversal, choice: Choice, open: &[u32], touched: &mut Vec<ContactBlock>) {
+        let TreeTraversal { bounds, clear_until_cells, reaches_cells, first_blocks, .. } = walk;
         let first = first_blocks.last().map_or(0, |first| *first as usize);
-        let per_voxel = 1.0 / chart.voxel_size_m();
-        let floor_m = -FLOOR_VOXELS * chart.voxel_size_m();
+        let per_voxel = 1.0 / bounds.voxel_size_m();
+        let floor_m = -FLOOR_VOXELS * bounds.voxel_size_m();
         let (along, about) = self.ways[0];
-        let margin_cells = self.margin_cells + chart.jump_cells();
+        let margin_cells = self.margin_cells + bounds.jump_cells();
         let mut n_looked_at = 0;
         let leaves = (0_u32..).zip(open).filter(|(idx, _)| choice.takes(*idx)).map(|(_, leaf)| *leaf);
         let found = |leaf: u32, depths: &Depths| {
             n_looked_at += LANES as u32;
             if depths.touching != 0 {
-                touched.push(Touched { block: leaf, lanes: depths.touching, weight: 1.0, depths_m: depths.depths_m.0 });
+                touched.push(ContactBlock { block: leaf, lanes: depths.touching, weight: 1.0, depths_m: depths.depths_m.0 });
                 return;
             }
             let (block, lane) = (first + leaf as usize / CHILDREN, leaf as usize % CHILDREN);
             let room = free_cells(-depths.max_m * per_voxel) - margin_cells;
-            let due = due_cells.get_mut(block).and_then(|due| due.get_mut(lane));
+            let clear_until = clear_until_cells.get_mut(block).and_then(|clear_until| clear_until.get_mut(lane));
             let reach = reaches_cells.get(block).and_then(|reaches| reaches.get(lane));
-            if let (Some(due), Some(reach)) = (due, reach)
+            if let (Some(clear_until), Some(reach)) = (clear_until, reach)
                 && room > 0.0
             {
-                *due = along + about * reach + room.min(PROOF_CELLS);
+                *clear_until = along + about * reach + room.min(PROOF_CELLS);
             }
         };
-        let max_m = self.machine.blocks(chart, self.place, self.shell.positions(), leaves, |_| floor_m, found);
+        let max_m = self.machine.blocks(bounds, self.place, self.shell.positions(), leaves, |_| floor_m, found);
         self.max_m = self.max_m.max(max_m);
         self.looked_at += n_looked_at;
     }
 
     /// Lets the representatives of the open nodes of a level stand for the points below them; without a level, of nothing for all.
-    fn represent(&mut self, chart: &Chart, level: Option<usize>, lists: &mut Lists, touched: &mut Vec<Touched>) {
+    fn represent(&mut self, bounds: &BrickBounds, level: Option<usize>, lists: &mut Lists, touched: &mut Vec<ContactBlock>) {
         let tree = self.shell.tree();
         let Some(level) = level else {
             if !lists.open.is_empty() {
@@ -402,9 +402,9 @@ impl Pass<'_> {
                 lists.samples.push(self.shell, *point, weight);
             }
             if lists.samples.is_full() {
-                self.max_m = self.max_m.max(lists.samples.look(self.machine, chart, self.place, touched));
+                self.max_m = self.max_m.max(lists.samples.look(self.machine, bounds, self.place, touched));
             }
         }
-        self.max_m = self.max_m.max(lists.samples.look(self.machine, chart, self.place, touched));
+        self.max_m = self.max_m.max(lists.samples.look(self.machine, bounds, self.place, touched));
     }
 }

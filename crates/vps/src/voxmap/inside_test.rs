@@ -4,8 +4,8 @@
 //! get there. So the fill alone makes one solid of parts that overlap, touch or repeat, whichever way their faces point.
 
 use super::fill::Sides;
+use super::hole_cap::{self, CappedMesh};
 use super::leak::{FaceProbe, FaceSamples, LEAKING, Leak, MOSTLY_THIN};
-use super::lid::{self, Lidded};
 use super::surface::Surface;
 use super::winding::WindingTree;
 use crate::mesh::TriangleMesh;
@@ -13,7 +13,7 @@ use crate::mesh::validate::MeshReport;
 
 /// How inside and outside are to be told.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum SidesRule {
+pub enum InsideTest {
     /// By the fill; where it leaks by winding numbers if they are clear, else a thin skin. A thin skin too where most of the
     /// surface is thinner than its voxels.
     #[default]
@@ -26,7 +26,7 @@ pub enum SidesRule {
     Thin,
 }
 
-impl SidesRule {
+impl InsideTest {
     /// The names of the scene file and of the command line.
     pub const NAMES: [(&'static str, Self); 4] =
         [("auto", Self::Auto), ("flood", Self::Flood), ("winding", Self::Winding), ("thin", Self::Thin)];
@@ -34,7 +34,7 @@ impl SidesRule {
 
 /// How inside and outside were told.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum SidesBasis {
+pub enum InsideBasis {
     /// By the fill alone.
     Flood,
     /// By the fill, stopped by lids where winding numbers put them.
@@ -43,7 +43,7 @@ pub enum SidesBasis {
     Thin,
 }
 
-impl SidesBasis {
+impl InsideBasis {
     /// The name in reports.
     pub fn name(self) -> &'static str {
         match self {
@@ -67,56 +67,56 @@ pub(super) struct Verdict {
     /// Surface voxels, those of the lids included.
     pub(super) surface: Surface,
     pub(super) sides: Sides,
-    pub(super) basis: SidesBasis,
+    pub(super) basis: InsideBasis,
     /// Where the fill of the mesh as it is got in.
     pub(super) leak: Option<Leak>,
     pub(super) thin_share: f64,
     /// Share of clear winding numbers beside the surface; `None` when nobody asked.
     pub(super) clear_share: Option<f64>,
-    pub(super) lidded: Option<Lidded>,
+    pub(super) capped: Option<CappedMesh>,
 }
 
 impl Verdict {
     /// Fills, looks for leaks and closes them. Winding numbers are asked only where the fill leaks, or on demand.
-    pub(super) fn reach(mesh: &TriangleMesh, report: &MeshReport, surface: Surface, rule: SidesRule) -> Self {
+    pub(super) fn reach(mesh: &TriangleMesh, report: &MeshReport, surface: Surface, rule: InsideTest) -> Self {
         let sides = Sides::flood(&surface);
         let samples = FaceSamples::draw(mesh);
         let FaceProbe { leak, thin_share, winding } = samples.probe(report, &surface, &sides);
         let winding = match rule {
-            SidesRule::Winding => Some(winding.unwrap_or_else(|| WindingTree::new(mesh))),
-            SidesRule::Auto => winding.filter(|_| leak.is_some()),
-            SidesRule::Flood | SidesRule::Thin => None,
+            InsideTest::Winding => Some(winding.unwrap_or_else(|| WindingTree::new(mesh))),
+            InsideTest::Auto => winding.filter(|_| leak.is_some()),
+            InsideTest::Flood | InsideTest::Thin => None,
         };
         let clear_share = winding.as_ref().map(|winding| samples.clear_share(&surface, &sides, winding));
         let closed = winding
-            .filter(|_| rule == SidesRule::Winding || clear_share >= Some(CLEAR_SHARE))
+            .filter(|_| rule == InsideTest::Winding || clear_share >= Some(CLEAR_SHARE))
             .and_then(|winding| Closed::new(&samples, mesh, report, &surface, &winding));
-        let mut verdict = Self { surface, sides, basis: SidesBasis::Flood, leak, thin_share, clear_share, lidded: None };
+        let mut verdict = Self { surface, sides, basis: InsideBasis::Flood, leak, thin_share, clear_share, capped: None };
         match (rule, closed) {
-            (SidesRule::Winding, closed) => {
+            (InsideTest::Winding, closed) => {
                 if let Some(closed) = closed {
                     verdict.adopt(closed);
                 }
-                verdict.basis = SidesBasis::Winding;
+                verdict.basis = InsideBasis::Winding;
             }
-            (SidesRule::Auto, Some(closed)) if closed.holds => verdict.adopt(closed),
-            (SidesRule::Auto, _) if leak.is_some() || thin_share > MOSTLY_THIN => verdict.become_thin(),
-            (SidesRule::Thin, _) => verdict.become_thin(),
-            (SidesRule::Auto | SidesRule::Flood, _) => {}
+            (InsideTest::Auto, Some(closed)) if closed.holds => verdict.adopt(closed),
+            (InsideTest::Auto, _) if leak.is_some() || thin_share > MOSTLY_THIN => verdict.become_thin(),
+            (InsideTest::Thin, _) => verdict.become_thin(),
+            (InsideTest::Auto | InsideTest::Flood, _) => {}
         }
         verdict
     }
 
     fn adopt(&mut self, closed: Closed) {
-        self.basis = SidesBasis::Winding;
+        self.basis = InsideBasis::Winding;
         self.surface = closed.surface;
         self.sides = closed.sides;
         self.thin_share = closed.thin_share;
-        self.lidded = Some(closed.lidded);
+        self.capped = Some(closed.capped);
     }
 
     fn become_thin(&mut self) {
-        self.basis = SidesBasis::Thin;
+        self.basis = InsideBasis::Thin;
         self.sides = Sides::without_inside(&self.surface);
     }
 }
@@ -125,7 +125,7 @@ impl Verdict {
 struct Closed {
     surface: Surface,
     sides: Sides,
-    lidded: Lidded,
+    capped: CappedMesh,
     thin_share: f64,
     /// The fill does not leak any more, and what it left is not mostly a skin.
     holds: bool,
@@ -140,9 +140,9 @@ impl Closed {
         open: &Surface,
         winding: &WindingTree,
     ) -> Option<Self> {
-        let (lidded, surface) = lid::close(mesh, report, open, winding)?;
+        let (capped, surface) = hole_cap::close(mesh, report, open, winding)?;
         let sides = Sides::flood(&surface);
         let (flooded_share, thin_share) = samples.flooded_and_thin(&surface, &sides, winding);
-        Some(Self { surface, sides, lidded, thin_share, holds: flooded_share < LEAKING && thin_share <= MOSTLY_THIN })
+        Some(Self { surface, sides, capped, thin_share, holds: flooded_share < LEAKING && thin_share <= MOSTLY_THIN })
     }
 }

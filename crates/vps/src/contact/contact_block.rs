@@ -27,7 +27,7 @@ pub struct Contact {
 
 /// A block of the shell with points in contact.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Touched {
+pub struct ContactBlock {
     /// Number of the block.
     pub block: u32,
     /// One bit per lane in contact; never 0.
@@ -38,7 +38,7 @@ pub struct Touched {
     pub depths_m: [f32; LANES],
 }
 
-impl Touched {
+impl ContactBlock {
     /// Lanes in contact, rising.
     #[inline]
     pub fn lanes(&self) -> impl Iterator<Item = usize> + use<> {

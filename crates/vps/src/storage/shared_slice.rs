@@ -13,9 +13,9 @@ use memmap2::{Advice, Mmap, MmapMut, MmapOptions};
 
 /// The bytes of a file, read-only, on a page boundary, all pages present.
 #[derive(Debug)]
-pub struct Region(Mmap);
+pub struct MappedFile(Mmap);
 
-impl Region {
+impl MappedFile {
     /// Maps a file: nothing is copied, processes share the memory and the kernel may take it back and read it again. The file must not be
     /// shortened or written to meanwhile: that ends the process (SIGBUS), or changes what was checked.
     ///
@@ -63,11 +63,11 @@ impl Region {
     }
 }
 
-/// `[len]` of `T`, immutable: a vector, or a window into a [`Region`], that lives as long as anybody needs it.
+/// `[len]` of `T`, immutable: a vector, or a window into a [`MappedFile`], that lives as long as anybody needs it.
 ///
 /// Reading costs the same either way: pointer and length are at hand, nothing is looked up. A clone is another handle on the same memory.
 /// RT: reading is safe.
-pub struct Slab<T> {
+pub struct SharedSlice<T> {
     first: NonNull<T>,
     len: usize,
     owner: Owner<T>,
@@ -76,51 +76,51 @@ pub struct Slab<T> {
 /// Keeps the memory of a slab; never read through.
 enum Owner<T> {
     Vector(Arc<Vec<T>>),
-    Region(Arc<Region>),
+    MappedFile(Arc<MappedFile>),
 }
 
 // SAFETY: a slab is a shared, immutable slice of T and a reference count that is itself thread-safe.
-unsafe impl<T: Send + Sync> Send for Slab<T> {}
+unsafe impl<T: Send + Sync> Send for SharedSlice<T> {}
 // SAFETY: as above.
-unsafe impl<T: Send + Sync> Sync for Slab<T> {}
+unsafe impl<T: Send + Sync> Sync for SharedSlice<T> {}
 
-impl<T: Pod> Slab<T> {
+impl<T: Pod> SharedSlice<T> {
     /// A window; `None` when `range` is not within the region, not aligned for `T`, or not a whole number of `T`.
-    pub fn window(region: &Arc<Region>, range: Range<usize>) -> Option<Self> {
-        let window: &[T] = bytemuck::try_cast_slice(region.bytes().get(range)?).ok()?;
-        Some(Self { first: NonNull::from(window).cast(), len: window.len(), owner: Owner::Region(region.clone()) })
+    pub fn window(mapped: &Arc<MappedFile>, range: Range<usize>) -> Option<Self> {
+        let window: &[T] = bytemuck::try_cast_slice(mapped.bytes().get(range)?).ok()?;
+        Some(Self { first: NonNull::from(window).cast(), len: window.len(), owner: Owner::MappedFile(mapped.clone()) })
     }
 }
 
-impl<T> From<Arc<Vec<T>>> for Slab<T> {
+impl<T> From<Arc<Vec<T>>> for SharedSlice<T> {
     fn from(values: Arc<Vec<T>>) -> Self {
         Self { first: NonNull::from(values.as_slice()).cast(), len: values.len(), owner: Owner::Vector(values) }
     }
 }
 
-impl<T> From<Vec<T>> for Slab<T> {
+impl<T> From<Vec<T>> for SharedSlice<T> {
     fn from(values: Vec<T>) -> Self {
         Arc::new(values).into()
     }
 }
 
-impl<T> Default for Slab<T> {
+impl<T> Default for SharedSlice<T> {
     fn default() -> Self {
         Vec::new().into()
     }
 }
 
-impl<T> Clone for Slab<T> {
+impl<T> Clone for SharedSlice<T> {
     fn clone(&self) -> Self {
         let owner = match &self.owner {
             Owner::Vector(values) => Owner::Vector(values.clone()),
-            Owner::Region(region) => Owner::Region(region.clone()),
+            Owner::MappedFile(mapped) => Owner::MappedFile(mapped.clone()),
         };
         Self { owner, ..*self }
     }
 }
 
-impl<T> Deref for Slab<T> {
+impl<T> Deref for SharedSlice<T> {
     type Target = [T];
 
     #[inline]
@@ -131,7 +131,7 @@ impl<T> Deref for Slab<T> {
     }
 }
 
-impl<T> core::fmt::Debug for Slab<T> {
+impl<T> core::fmt::Debug for SharedSlice<T> {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         write!(f, "Slab({})", self.len)
     }
@@ -152,7 +152,7 @@ mod tests {
     #[test]
     fn owned_values_are_read_and_dropped_once() {
         let witness = Arc::new(());
-        let slab = Slab::from(vec![witness.clone(), witness.clone()]);
+        let slab = SharedSlice::from(vec![witness.clone(), witness.clone()]);
         let other = slab.clone();
         assert_eq!((slab.len(), Arc::strong_count(&witness)), (2, 3));
         assert!(core::ptr::eq(&*slab, &*other), "one memory");
@@ -160,16 +160,16 @@ mod tests {
         assert_eq!((other.len(), Arc::strong_count(&witness)), (2, 3));
         drop(other);
         assert_eq!(Arc::strong_count(&witness), 1);
-        assert!(Slab::<u64>::default().is_empty());
+        assert!(SharedSlice::<u64>::default().is_empty());
     }
 
     #[test]
     fn a_window_outlives_its_file_and_every_other_handle() {
         let numbers: Vec<u32> = (0..100).collect();
-        for make in [Region::map, Region::read] {
-            let region = make(&file(bytemuck::cast_slice(&numbers))).unwrap();
-            let slab = Slab::<u32>::window(&region, 40..80).unwrap();
-            drop(region);
+        for make in [MappedFile::map, MappedFile::read] {
+            let mapped = make(&file(bytemuck::cast_slice(&numbers))).unwrap();
+            let slab = SharedSlice::<u32>::window(&mapped, 40..80).unwrap();
+            drop(mapped);
             assert_eq!(*slab, numbers[10..20]);
             assert_eq!(std::thread::spawn(move || slab[3]).join().unwrap(), 13);
         }
@@ -178,19 +178,19 @@ mod tests {
     #[test]
     fn what_was_read_does_not_change_with_its_file() {
         let file = file(&[7; 5000]);
-        let region = Region::read(&file).unwrap();
+        let mapped = MappedFile::read(&file).unwrap();
         file.set_len(0).unwrap();
-        assert_eq!(region.bytes(), [7; 5000]);
-        assert!(Region::read(&file).unwrap().bytes().len() <= 1);
+        assert_eq!(mapped.bytes(), [7; 5000]);
+        assert!(MappedFile::read(&file).unwrap().bytes().len() <= 1);
     }
 
     #[test]
     fn windows_that_are_none_are_refused() {
-        let region = Region::copy(&[0; 64]).unwrap();
-        assert!(Slab::<u32>::window(&region, 0..64).is_some());
-        assert!(Slab::<u32>::window(&region, 64..64).is_some_and(|slab| slab.is_empty()));
+        let mapped = MappedFile::copy(&[0; 64]).unwrap();
+        assert!(SharedSlice::<u32>::window(&mapped, 0..64).is_some());
+        assert!(SharedSlice::<u32>::window(&mapped, 64..64).is_some_and(|slab| slab.is_empty()));
         for range in [0..68, 2..6, 0..6, 68..72, usize::MAX - 3..usize::MAX] {
-            assert!(Slab::<u32>::window(&region, range.clone()).is_none(), "{range:?}");
+            assert!(SharedSlice::<u32>::window(&mapped, range.clone()).is_none(), "{range:?}");
         }
     }
 }

@@ -6,7 +6,7 @@ use vps::mesh::{TriangleMesh, validate};
 use vps::pointshell;
 use vps::voxmap::fill::Side;
 use vps::voxmap::grid::cell_of;
-use vps::voxmap::sides::{SidesBasis, SidesRule};
+use vps::voxmap::inside_test::{InsideBasis, InsideTest};
 use vps::voxmap::{Options, Voxmap};
 
 use super::models;
@@ -14,13 +14,13 @@ use super::models;
 const S: f64 = 1e-3;
 const LAYERS: u32 = 4;
 
-fn build_as(mesh: &TriangleMesh, sides: SidesRule) -> Voxmap {
+fn build_as(mesh: &TriangleMesh, sides: InsideTest) -> Voxmap {
     let options = Options { voxel_size_m: S, layers: LAYERS, navigation: None, sides };
     Voxmap::build(mesh, &validate::inspect(mesh), &options, |_| ()).expect("a grid that fits")
 }
 
 fn build(mesh: &TriangleMesh) -> Voxmap {
-    build_as(mesh, SidesRule::Auto)
+    build_as(mesh, InsideTest::Auto)
 }
 
 /// A box of edges in voxels around a centre in voxels.
@@ -98,7 +98,7 @@ fn assert_continuous(name: &str, map: &Voxmap, mesh: &TriangleMesh) {
             }
         }
     }
-    let allowed = if map.lidded.is_some() { 1.0 } else { 1e-3 };
+    let allowed = if map.capped.is_some() { 1.0 } else { 1e-3 };
     eprintln!("{name}: the field jumps by {worst:.3} voxels more than the way");
     assert!(worst < allowed, "{name}: the field jumps by {worst} voxels more than the way");
 }
@@ -155,7 +155,7 @@ fn parts_that_face_anyhow_overlap_touch_or_repeat_are_one_solid() {
     ];
     for (name, mesh, edges) in cases {
         let map = build(&mesh);
-        assert_eq!((map.watertight, map.basis, map.lidded.is_none()), (true, SidesBasis::Flood, true), "{name}");
+        assert_eq!((map.watertight, map.basis, map.capped.is_none()), (true, InsideBasis::Flood, true), "{name}");
         assert_continuous(name, &map, &mesh);
         // Walls within the solid are surface voxels, counted half; so compare what is enclosed.
         let hull = map.sides.count_inside(&map.surface) + map.surface.n_voxels as u64;
@@ -187,13 +187,13 @@ fn a_hole_of_several_voxels_gets_a_lid() {
             let name = format!("radius {radius}, hole {hole}, inverted {invert}");
             let map = build(&mesh);
             assert!(!map.watertight && map.leak.is_some() && !map.thin, "{name}: {:?}", map.clear_share);
-            assert_eq!(map.basis, SidesBasis::Winding, "{name}");
-            let lidded = map.lidded.as_ref().expect("a lid");
+            assert_eq!(map.basis, InsideBasis::Winding, "{name}");
+            let capped = map.capped.as_ref().expect("a lid");
             let disc_mm2 = core::f64::consts::PI * hole * hole;
-            let area_mm2 = lidded.area_m2 * 1e6;
+            let area_mm2 = capped.area_m2 * 1e6;
             // It ends at the voxels of the rim.
             assert!(
-                lidded.n_lids == 1 && area_mm2 > 0.15 * disc_mm2 && area_mm2 < 1.5 * disc_mm2,
+                capped.n_lids == 1 && area_mm2 > 0.15 * disc_mm2 && area_mm2 < 1.5 * disc_mm2,
                 "{name}: {area_mm2} for {disc_mm2}"
             );
             let exact = 4.0 / 3.0 * core::f64::consts::PI * radius.powi(3);
@@ -228,8 +228,8 @@ fn a_box_of_loose_faces_with_gaps_is_closed() {
         }
     }
     let mesh = turned(mesh);
-    let map = build_as(&mesh, SidesRule::Winding);
-    assert_eq!((map.watertight, map.basis), (false, SidesBasis::Winding));
+    let map = build_as(&mesh, InsideTest::Winding);
+    assert_eq!((map.watertight, map.basis), (false, InsideBasis::Winding));
     assert_continuous("loose faces", &map, &mesh);
     assert!((volume(&map) / 32.0_f64.powi(3) - 1.0).abs() < 0.05, "{}", volume(&map) / 32.0_f64.powi(3));
     assert_eq!(map.sides.side(&map.surface, cell_at(&map, DVec3::ZERO)), Side::Inside);
@@ -256,7 +256,7 @@ fn what_is_not_clear_becomes_a_thin_skin_and_says_how_unclear_it_is() {
     for (name, mesh) in [("tray", tray), ("bowl", bowl), ("tube", tube), ("faces that contradict", flipped)] {
         let map = build(&mesh);
         eprintln!("{name}: clear {:?}", map.clear_share);
-        assert!(map.thin && !map.watertight && map.lidded.is_none(), "{name}: {:?} {:?}", map.basis, map.clear_share);
+        assert!(map.thin && !map.watertight && map.capped.is_none(), "{name}: {:?} {:?}", map.basis, map.clear_share);
         assert!(map.clear_share.is_some_and(|share| share < 0.95), "{name}: {:?}", map.clear_share);
     }
 }
@@ -269,19 +269,19 @@ fn every_rule_does_what_it_says() {
         let map = build_as(mesh, rule);
         (map.basis, map.sides.count_inside(&map.surface) > 0, map.watertight)
     };
-    assert_eq!(told(&ball, SidesRule::Auto), (SidesBasis::Flood, true, true));
-    assert_eq!(told(&ball, SidesRule::Flood), (SidesBasis::Flood, true, true));
-    assert_eq!(told(&ball, SidesRule::Winding), (SidesBasis::Winding, true, true));
-    assert_eq!(told(&ball, SidesRule::Thin), (SidesBasis::Thin, false, true));
-    assert_eq!(told(&holed, SidesRule::Auto), (SidesBasis::Winding, true, false));
-    assert_eq!(told(&holed, SidesRule::Flood), (SidesBasis::Flood, false, false));
-    assert_eq!(told(&holed, SidesRule::Winding), (SidesBasis::Winding, true, false));
-    assert_eq!(told(&holed, SidesRule::Thin), (SidesBasis::Thin, false, false));
+    assert_eq!(told(&ball, InsideTest::Auto), (InsideBasis::Flood, true, true));
+    assert_eq!(told(&ball, InsideTest::Flood), (InsideBasis::Flood, true, true));
+    assert_eq!(told(&ball, InsideTest::Winding), (InsideBasis::Winding, true, true));
+    assert_eq!(told(&ball, InsideTest::Thin), (InsideBasis::Thin, false, true));
+    assert_eq!(told(&holed, InsideTest::Auto), (InsideBasis::Winding, true, false));
+    assert_eq!(told(&holed, InsideTest::Flood), (InsideBasis::Flood, false, false));
+    assert_eq!(told(&holed, InsideTest::Winding), (InsideBasis::Winding, true, false));
+    assert_eq!(told(&holed, InsideTest::Thin), (InsideBasis::Thin, false, false));
     // A bowl on demand: filled to the brim.
     let mut bowl = turned(sphere(16.0));
     let vertices = bowl.vertices.clone();
     bowl.triangles.retain(|corners| corners.iter().any(|vertex| vertices[*vertex as usize].z < 0.0));
-    let map = build_as(&bowl, SidesRule::Winding);
+    let map = build_as(&bowl, InsideTest::Winding);
     assert_continuous("bowl", &map, &bowl);
     assert_eq!(map.sides.side(&map.surface, cell_at(&map, DVec3::Z * -4.0 * S)), Side::Inside);
     assert_eq!(map.sides.side(&map.surface, cell_at(&map, DVec3::Z * 10.0 * S)), Side::Outside);
@@ -295,8 +295,8 @@ fn lids_are_the_same_on_one_and_two_threads() {
         pool.install(|| {
             let map = build(&mesh);
             let distances = map.distances(&mesh, false).values_m;
-            let lidded = map.lidded.expect("a lid");
-            (lidded.mesh.triangles, lidded.mesh.vertices, map.layers.values, distances)
+            let capped = map.capped.expect("a lid");
+            (capped.mesh.triangles, capped.mesh.vertices, map.layers.values, distances)
         })
     };
     assert!(bake(1) == bake(2));
@@ -309,12 +309,12 @@ fn a_scan_that_is_open_at_the_bottom_is_a_solid() {
         let (low, high) = mesh.bounds().expect("triangles");
         let extent = (high - low).max_element();
         let voxel_size_m = extent / 100.0;
-        let options = Options { voxel_size_m, layers: LAYERS, navigation: None, sides: SidesRule::Auto };
+        let options = Options { voxel_size_m, layers: LAYERS, navigation: None, sides: InsideTest::Auto };
         let report = validate::inspect(&mesh);
         let map = Voxmap::build(&mesh, &report, &options, |_| ()).expect("a grid that fits");
-        let area_mm2 = map.lidded.as_ref().map(|lidded| lidded.area_m2 * 1e6);
+        let area_mm2 = map.capped.as_ref().map(|capped| capped.area_m2 * 1e6);
         eprintln!("{name}: {:?}, clear {:?}, lids {area_mm2:?} mm², leak {:?}", map.basis, map.clear_share, map.leak);
-        assert!(!name.contains("bunny") || map.basis != SidesBasis::Thin, "{name}");
+        assert!(!name.contains("bunny") || map.basis != InsideBasis::Thin, "{name}");
     }
 }
 
@@ -331,12 +331,12 @@ fn a_lid_is_as_large_as_its_hole() {
     for voxel_size_mm in [2.0, 1.0, 0.75, 0.5, 0.4, 0.3] {
         for (pose, mesh) in [("along the grid", tray()), ("turned", turned(tray()))] {
             let options =
-                Options { voxel_size_m: voxel_size_mm * 1e-3, layers: LAYERS, navigation: None, sides: SidesRule::Winding };
+                Options { voxel_size_m: voxel_size_mm * 1e-3, layers: LAYERS, navigation: None, sides: InsideTest::Winding };
             let map = Voxmap::build(&mesh, &validate::inspect(&mesh), &options, |_| ()).expect("a grid that fits");
-            let lidded = map.lidded.as_ref().expect("a lid");
-            let area_mm2 = lidded.area_m2 * 1e6;
-            eprintln!("{pose}, voxels of {voxel_size_mm} mm: {} lids, {area_mm2:.1} mm²", lidded.n_lids);
-            assert_eq!(lidded.n_lids, 1, "{pose}, {voxel_size_mm} mm");
+            let capped = map.capped.as_ref().expect("a lid");
+            let area_mm2 = capped.area_m2 * 1e6;
+            eprintln!("{pose}, voxels of {voxel_size_mm} mm: {} lids, {area_mm2:.1} mm²", capped.n_lids);
+            assert_eq!(capped.n_lids, 1, "{pose}, {voxel_size_mm} mm");
             // The rim's own voxels need no lid: they are a larger part of a hole of ten voxels.
             let least = if voxel_size_mm > 1.0 { 0.7 } else { 0.8 };
             assert!((least..1.2).contains(&(area_mm2 / 400.0)), "{pose}, {voxel_size_mm} mm: {area_mm2} mm²");

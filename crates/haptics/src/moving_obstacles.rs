@@ -17,7 +17,7 @@
 use glam::DVec3;
 
 use super::params::Parameters;
-use vps::contact::places::{Move, OWN_SHARE, Places};
+use vps::contact::obstacle_poses::{OWN_SHARE, ObstaclePoses, PoseStep};
 use vps::spatial::Pose;
 
 /// An obstacle follows its target like a critically damped spring of this rate, 1/s: it starts and ends without a jerk, poses that come
@@ -59,17 +59,17 @@ impl Placement {
 
 /// The obstacles that are under way.
 #[derive(Clone, Debug)]
-pub(super) struct Movers {
+pub(super) struct MovingObstacles {
     /// Numbers and targets; room for every obstacle.
     under_way: Vec<Placement>,
     turn: usize,
-    told: Option<Placement>,
+    reported: Option<Placement>,
 }
 
-impl Movers {
+impl MovingObstacles {
     /// Nobody is under way. Cold.
     pub(super) fn new(n_obstacles: usize) -> Self {
-        Self { under_way: Vec::with_capacity(n_obstacles), turn: 0, told: None }
+        Self { under_way: Vec::with_capacity(n_obstacles), turn: 0, reported: None }
     }
 
     /// How many are under way.
@@ -78,23 +78,29 @@ impl Movers {
     }
 
     /// Where one of those under way stands after this tick, turn by turn: enough for whoever watches.
-    pub(super) fn told(&self) -> Option<Placement> {
-        self.told
+    pub(super) fn reported(&self) -> Option<Placement> {
+        self.reported
     }
 
     /// One tick: moves who is under way, then takes a new wish, which is followed from the next tick on. `with_force`: somebody may be
     /// pressed. RT: safe; O(obstacles under way).
-    pub(super) fn advance(&mut self, places: &mut Places, wish: Option<Placement>, with_force: bool, p: &Parameters) {
+    pub(super) fn advance(
+        &mut self,
+        obstacle_poses: &mut ObstaclePoses,
+        wish: Option<Placement>,
+        with_force: bool,
+        p: &Parameters,
+    ) {
         self.turn = if self.turn + 1 < self.under_way.len() { self.turn + 1 } else { 0 };
-        let told = self.under_way.get(self.turn).map(|target| target.obstacle_idx);
-        self.under_way.retain(|target| step(places, target, with_force, p));
-        self.told = told.and_then(|obstacle_idx| {
-            let stand = places.stand(obstacle_idx as usize)?;
-            Some(Placement { obstacle_idx, world_from_map: stand.world_from_map })
+        let reported = self.under_way.get(self.turn).map(|target| target.obstacle_idx);
+        self.under_way.retain(|target| step(obstacle_poses, target, with_force, p));
+        self.reported = reported.and_then(|obstacle_idx| {
+            let pose = obstacle_poses.pose(obstacle_idx as usize)?;
+            Some(Placement { obstacle_idx, world_from_map: pose.world_from_map })
         });
         let Some(wish) = wish.filter(Placement::is_sound) else { return };
-        let Some(stand) = places.stand_mut(wish.obstacle_idx as usize) else { return };
-        stand.reserve_m = p.limits.speed_m_per_s * p.period_s;
+        let Some(pose) = obstacle_poses.pose_mut(wish.obstacle_idx as usize) else { return };
+        pose.reserve_m = p.limits.speed_m_per_s * p.period_s;
         let Pose { rotation, translation } = wish.world_from_map;
         let wish = Placement { world_from_map: Pose::new(rotation.normalize(), translation), ..wish };
         match self.under_way.iter_mut().find(|target| target.obstacle_idx == wish.obstacle_idx) {
@@ -105,46 +111,46 @@ impl Movers {
 }
 
 /// Moves one obstacle towards its target; false when it stands there, and stood in this tick.
-fn step(places: &mut Places, target: &Placement, with_force: bool, p: &Parameters) -> bool {
+fn step(obstacle_poses: &mut ObstaclePoses, target: &Placement, with_force: bool, p: &Parameters) -> bool {
     let obstacle_idx = target.obstacle_idx as usize;
-    let Some(stand) = places.stand_mut(obstacle_idx) else { return false };
-    let (from, to) = (stand.world_from_map, target.world_from_map);
-    let center = stand.center_world();
-    let (way, turn) = (to.transform_point(stand.center_map) - center, from.rotation_to(to));
-    let way_m = way.length() + turn.length() * stand.reach_m;
+    let Some(pose) = obstacle_poses.pose_mut(obstacle_idx) else { return false };
+    let (from, to) = (pose.world_from_map, target.world_from_map);
+    let center = pose.center_world();
+    let (way, turn) = (to.transform_point(pose.center_map) - center, from.rotation_to(to));
+    let way_m = way.length() + turn.length() * pose.reach_m;
     if from == to || !way_m.is_finite() {
-        (stand.moved, stand.reserve_m) = (Move::default(), 0.0);
+        (pose.moved, pose.reserve_m) = (PoseStep::default(), 0.0);
         return false;
     }
-    let clearance_m = -stand.max_value_m - OVERSTATED_VOXELS * stand.voxel_size_m;
-    let allowed_m = (OWN_SHARE * clearance_m).max(ALWAYS_VOXELS * stand.voxel_size_m).min(stand.reserve_m);
+    let clearance_m = -pose.max_value_m - OVERSTATED_VOXELS * pose.voxel_size_m;
+    let allowed_m = (OWN_SHARE * clearance_m).max(ALWAYS_VOXELS * pose.voxel_size_m).min(pose.reserve_m);
     // Backward Euler on x″ = r² (target − x) − 2 r x′; what it went in the last tick is its velocity.
     let rate = FOLLOW_PER_S * p.period_s;
     let followed = |last: DVec3, left: DVec3| (last + left * (rate * rate)) / (1.0 + rate).powi(2);
-    let (mut linear, mut angular) = (followed(stand.moved.linear, way), followed(stand.moved.angular, turn));
-    let step_m = |linear: DVec3, angular: DVec3| linear.length() + angular.length() * stand.reach_m;
-    let arrived_m = (ARRIVED_VOXELS * stand.voxel_size_m).min(allowed_m);
+    let (mut linear, mut angular) = (followed(pose.moved.linear, way), followed(pose.moved.angular, turn));
+    let step_m = |linear: DVec3, angular: DVec3| linear.length() + angular.length() * pose.reach_m;
+    let arrived_m = (ARRIVED_VOXELS * pose.voxel_size_m).min(allowed_m);
     let arrives = way_m <= arrived_m && step_m(linear, angular) <= arrived_m;
     if arrives {
         (linear, angular) = (way, turn);
     }
     // Cut together, and what is cut is not stored.
     let mut share = (allowed_m / step_m(linear, angular)).min(1.0);
-    if let Some((point, way_out)) = stand.deepest_world.filter(|_| with_force) {
-        let deeper_m = share * Move { center, linear, angular }.at(point).dot(way_out);
-        let room_m = (WAIT_VOXELS * stand.voxel_size_m - stand.max_value_m).max(0.0);
+    if let Some((point, way_out)) = pose.deepest_world.filter(|_| with_force) {
+        let deeper_m = share * PoseStep { center, linear, angular }.at(point).dot(way_out);
+        let room_m = (WAIT_VOXELS * pose.voxel_size_m - pose.max_value_m).max(0.0);
         if deeper_m > room_m {
             share *= room_m / deeper_m;
         }
     }
-    let moved = Move { center, linear: linear * share, angular: angular * share };
+    let moved = PoseStep { center, linear: linear * share, angular: angular * share };
     let pose = if arrives && share >= 1.0 {
         to
     } else {
         let turned = from.stepped(DVec3::ZERO, moved.angular).rotation;
-        Pose::new(turned, center + moved.linear - turned * stand.center_map)
+        Pose::new(turned, center + moved.linear - turned * pose.center_map)
     };
     let moved_m = step_m(moved.linear, moved.angular);
-    places.put(obstacle_idx, pose, moved, moved_m);
+    obstacle_poses.put(obstacle_idx, pose, moved, moved_m);
     true
 }

@@ -31,7 +31,7 @@ use crate::mesh::validate::MeshReport;
 
 /// A mesh whose holes are closed.
 #[derive(Debug)]
-pub struct Lidded {
+pub struct CappedMesh {
     /// The triangles of the mesh and then those of the lids, over the vertices of the mesh and then those of the lids.
     pub mesh: TriangleMesh,
     /// Connected lids.
@@ -61,7 +61,7 @@ pub(super) fn close(
     report: &MeshReport,
     surface: &Surface,
     winding: &WindingTree,
-) -> Option<(Lidded, Surface)> {
+) -> Option<(CappedMesh, Surface)> {
     let rims: Vec<[DVec3; 2]> =
         report.open_edge_vertices.iter().map(|edge| edge.map(|vertex| mesh.vertices[vertex as usize])).collect();
     let boundary = Boundary::follow(surface, winding, &rims);
@@ -92,7 +92,7 @@ pub(super) fn close(
     let mut closed = mesh.clone();
     append(&mut closed, lids);
     let near = boundary.known.cells().map(|(cell, winding)| (cell, f64::from(winding.abs()) >= INSIDE)).collect();
-    Some((Lidded { mesh: closed, n_lids: pieces.len(), area_m2, near }, with_lids))
+    Some((CappedMesh { mesh: closed, n_lids: pieces.len(), area_m2, near }, with_lids))
 }
 
 fn append(mesh: &mut TriangleMesh, other: TriangleMesh) {
