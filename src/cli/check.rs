@@ -42,7 +42,10 @@ pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
             match loaded {
                 Ok(profile) if talk.quiet => drop(profile),
                 Ok(profile) => {
-                    profile.doubts().iter().for_each(|doubt| report::warning(&format!("{}: {doubt}", scene.display()), talk));
+                    profile
+                        .plausibility_warnings()
+                        .iter()
+                        .for_each(|doubt| report::warning(&format!("{}: {doubt}", scene.display()), talk));
                     say::result(format_args!("ok {}\n", profile_summary(scene, &profile)));
                 }
                 Err(errors) => exit = report::config_errors(&errors, talk),

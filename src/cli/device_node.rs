@@ -87,8 +87,8 @@ mod over_network {
     use arms::attached::open::LinkNews;
     use arms::profile::{self, Profile, ProfileError};
     use arms::remote::Node;
+    use arms::remote::command_hold::HoldTiming;
     use arms::remote::figures::{NodeReport, Phase};
-    use arms::remote::hold::HoldTiming;
     use arms::simulated::hand::GripPath;
     use link::network::link::{ZenohLink, is_name, serve_profile};
     use link::network::{NetworkError, session};

@@ -10,8 +10,8 @@ use serde_json::json;
 use super::hand::HandArgs;
 use super::{Talk, report, say};
 use crate::error::Exit;
+use arms::mock::builder::{self, MockSettings};
 use arms::mock::gadget::Gadget;
-use arms::mock::profiled::{self, MockSettings};
 use arms::mock::pty::Pty;
 use arms::mock::serve::{Ended, Serving, serve};
 use arms::mock::trace::Trace;
@@ -91,7 +91,7 @@ fn mock(args: &Args, talk: Talk) -> Result<(), Exit> {
     }
     let settings =
         MockSettings { hand: args.hand.hand(talk)?, hand_delay: args.hand.delay(), faults: args.faults.clone(), seed: 0 };
-    let (parameters, protocol) = profiled::parameters(&profile, settings);
+    let (parameters, protocol) = builder::parameters(&profile, settings);
     if !protocol.carriages().contains(&carriage) {
         let (message, hint) = match carriage {
             Carriage::Stream => (format!("{} speaks HID reports", profile.name), "use --uhid, or --gadget /dev/hidg0"),
@@ -154,7 +154,7 @@ fn open(args: &Args, profile: &Profile, protocol: &arms::protocol::Protocol) -> 
     if let Some(node) = &args.gadget {
         return Ok((Box::new(Gadget::open(node)?), node.display().to_string()));
     }
-    let identity = profiled::identity(profile, protocol);
+    let identity = builder::identity(profile, protocol);
     let name = format!("uhid {:04x}:{:04x}", identity.vendor_id, identity.product_id);
     Ok((Box::new(Uhid::new(identity)?), name))
 }

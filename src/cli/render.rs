@@ -27,7 +27,7 @@ use crate::scene::cache::Residence;
 use crate::servo::{Control, ObjectPaths};
 use ::recording::Taps;
 use ::recording::file::Recorder;
-use arms::mock::profiled;
+use arms::mock::builder;
 use arms::protocol::Protocol;
 use rt::clock::{ClockKind, monotonic_ns};
 use rt::signals::{self, SignalError};
@@ -193,7 +193,7 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: Talk, started_ns: i64) 
         }
     };
     // The node speaks for its arm, in its own words.
-    let spoken = remote.as_ref().map(|_| Protocol::Open6(profiled::open6(&config.device.profile)));
+    let spoken = remote.as_ref().map(|_| Protocol::Open6(builder::open6(&config.device.profile)));
     let protocol = spoken.as_ref().or(config.device.profile.real.as_ref().map(|real| &real.protocol));
     let beside = Beside {
         live,

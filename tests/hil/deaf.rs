@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use arms::attached::nodes::Selector;
 use arms::attached::open::{LinkNews, OpenOptions, Opened, open};
-use arms::mock::profiled::{self, MockSettings};
+use arms::mock::builder::{self, MockSettings};
 use arms::mock::pty::Pty;
 use arms::mock::serve::{Serving, serve};
 use arms::mock::{MockArm, MockReport};
@@ -36,7 +36,7 @@ impl Behind {
         let hand = HandParameters { path: Some(path), ..HandParameters::default() };
         let faults = vec![(fault.to_owned(), fault::parse(fault).expect("grammar"))];
         let settings = MockSettings { hand: Some(hand), hand_delay: Duration::ZERO, faults, seed: 1 };
-        let (parameters, protocol) = profiled::parameters(&profile, settings);
+        let (parameters, protocol) = builder::parameters(&profile, settings);
         let serving = Serving { period_s: parameters.period_s, ..Serving::default() };
         let mut tty = Pty::new(link).expect("a pty");
         let quit = Arc::new(AtomicBool::new(false));

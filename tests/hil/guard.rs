@@ -13,7 +13,7 @@ use arms::attached::nodes::Selector;
 use arms::attached::open::{self, OpenOptions};
 use arms::guard::{Guard, ZeroFrame};
 use arms::mock::MockArm;
-use arms::mock::profiled::{self, MockSettings};
+use arms::mock::builder::{self, MockSettings};
 use arms::mock::pty::Pty;
 use arms::mock::serve::{Serving, serve};
 use arms::transport::Carriage;
@@ -336,7 +336,7 @@ fn a_driver_that_slept_sends_nothing_that_it_computed_before() {
     let node: PathBuf = folder.path().join("arm");
     let profile = profile::find("polhem-2022", Path::new("")).expect("shipped");
     let settings = MockSettings { hand: None, hand_delay: Duration::ZERO, faults: Vec::new(), seed: 1 };
-    let (parameters, protocol) = profiled::parameters(&profile, settings);
+    let (parameters, protocol) = builder::parameters(&profile, settings);
     let serving = Serving { period_s: parameters.period_s, duration: None, until_host_gone: false };
     let mut mock = MockArm::new(parameters, protocol.firmware(Carriage::Stream)).expect("valid");
     let mut pty = Pty::new(&node).expect("a terminal");

@@ -139,11 +139,11 @@ fn profiles_to_copy_are_sound() {
     for path in examples {
         let loaded = profile::load(&path).unwrap_or_else(|errors| panic!("{errors}"));
         assert!(loaded.has_unverified_signs() && loaded.is_unidentified(), "{}: nobody has checked it", path.display());
-        assert_eq!(loaded.doubts(), [""; 0], "{}", path.display());
+        assert_eq!(loaded.plausibility_warnings(), [""; 0], "{}", path.display());
     }
     for name in profile::names() {
         let shipped = profile::find(name, Path::new("")).unwrap_or_else(|error| panic!("{error}"));
-        assert_eq!(shipped.doubts(), [""; 0], "{name}");
+        assert_eq!(shipped.plausibility_warnings(), [""; 0], "{name}");
     }
 }
 
@@ -156,7 +156,7 @@ fn an_arm_that_cannot_move_as_it_says_is_doubted() {
         assert!(without_checks.contains(from), "{from}");
         let file = dir.path().join("arm.toml");
         fs::write(&file, without_checks.replace(from, to)).unwrap();
-        profile::load(&file).unwrap_or_else(|errors| panic!("{errors}")).doubts()
+        profile::load(&file).unwrap_or_else(|errors| panic!("{errors}")).plausibility_warnings()
     };
     let no_check = "no [[check]]: nothing holds geometry and signs against a position that you know";
     assert_eq!(doubts_of("version = 1", "version = 1"), [no_check]);

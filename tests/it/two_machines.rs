@@ -6,7 +6,6 @@ use std::time::Duration;
 
 use arms::attached::open::{LinkNews, OpenError};
 use arms::remote::figures::{NodeReport, Phase};
-use arms::remote::hold::HoldTiming;
 use arms::remote::{LinkFigures, Node, NodeFigures, RemoteOptions, open};
 use arms::simulated::hand::{HandMapping, HandPath};
 use arms::simulated::{HandParameters, SimArm, SimParameters};

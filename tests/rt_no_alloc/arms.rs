@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use arms::attached::nodes::Selector;
 use arms::attached::open::{self, OpenOptions};
 use arms::mock::MockArm;
-use arms::mock::profiled::{self, MockSettings};
+use arms::mock::builder::{self, MockSettings};
 use arms::mock::pty::Pty;
 use arms::mock::serve::{Serving, serve};
 use arms::simulated::HandParameters;
@@ -51,7 +51,7 @@ fn exchanges_of(name: &str) {
     let faults =
         ["truncate@300ms+5ms", "unplug@2s+300ms"].map(|text| (text.to_owned(), fault::parse(text).expect("grammar"))).to_vec();
     let settings = MockSettings { hand: Some(HandParameters::default()), hand_delay: Duration::ZERO, faults, seed: 1 };
-    let (parameters, protocol) = profiled::parameters(&profile, settings);
+    let (parameters, protocol) = builder::parameters(&profile, settings);
     let serving = Serving { period_s: parameters.period_s, duration: Some(Duration::from_secs(60)), until_host_gone: false };
     let quit = Arc::new(AtomicBool::new(false));
     let mut pty = Pty::new(&node).expect("a terminal");

@@ -5,8 +5,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use arms::protocol::{Codec as _, MotorCommand};
+use arms::remote::command_hold::HoldTiming;
 use arms::remote::figures::Phase;
-use arms::remote::hold::HoldTiming;
 use arms::remote::{Host, LinkFigures, Node, NodeParameters};
 use arms::simulated::{SimArm, SimParameters};
 use arms::transport::{Frame, Transport, TransportError};

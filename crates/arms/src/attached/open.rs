@@ -173,7 +173,7 @@ pub fn look_for(profile: &Profile, options: &OpenOptions) -> Result<(), OpenErro
     if real.matching.transport == TransportKind::Usb {
         return Ok(());
     }
-    Door::new(profile, real, options).node().map(|_| ())
+    Connector::new(profile, real, options).node().map(|_| ())
 }
 
 /// Opens the arm of a profile. Cold; the dialogue of some arms takes seconds.
@@ -182,8 +182,8 @@ pub fn look_for(profile: &Profile, options: &OpenOptions) -> Result<(), OpenErro
 /// See [`OpenError`].
 pub fn open(profile: &Profile, options: &OpenOptions) -> Result<Opened, OpenError> {
     let real = profile.real.as_ref().ok_or_else(|| OpenError::Simulated { profile: profile.name.clone() })?;
-    let door = Door::new(profile, real, options);
-    open_way(door, |io| wired_parameters(profile, real, options.period_s, io))
+    let connector = Connector::new(profile, real, options);
+    open_with(connector, |io| wired_parameters(profile, real, options.period_s, io))
 }
 
 /// What was before a connection.
@@ -198,7 +198,7 @@ pub(crate) enum Before {
 }
 
 /// How to come to an arm, once and again.
-pub(crate) trait Way: Send + 'static {
+pub(crate) trait ConnectMethod: Send + 'static {
     /// Opens the link and starts the arm.
     fn connect(&self, before: Before) -> Result<(PathBuf, Connection), OpenError>;
 
@@ -210,8 +210,11 @@ pub(crate) trait Way: Send + 'static {
 }
 
 /// Opens the arm at the end of a way, and keeps a thread that finds it again.
-pub(crate) fn open_way(door: impl Way, parameters: impl FnOnce(IoPlacement) -> WiredParameters) -> Result<Opened, OpenError> {
-    let (path, connection) = door.connect(Before::Nothing)?;
+pub(crate) fn open_with(
+    connector: impl ConnectMethod,
+    parameters: impl FnOnce(IoPlacement) -> WiredParameters,
+) -> Result<Opened, OpenError> {
+    let (path, connection) = connector.connect(Before::Nothing)?;
     let (to_arm, fresh) = RingBuffer::new(1);
     let (spent, from_arm) = RingBuffer::new(1);
     let (teller, news) = bounded(NEWS);
@@ -221,7 +224,7 @@ pub(crate) fn open_way(door: impl Way, parameters: impl FnOnce(IoPlacement) -> W
     let replacements = Replacements { fresh, spent };
     std::thread::Builder::new()
         .name("reconnect".to_owned())
-        .spawn(move || keep(&door, to_arm, from_arm, &teller))
+        .spawn(move || reconnect_loop(&connector, to_arm, from_arm, &teller))
         .map_err(OpenError::Thread)?;
     let io = connection.link.io();
     let arm = WiredArm::new(connection, replacements, parameters(io));
@@ -258,7 +261,7 @@ pub(crate) fn wired_parameters(profile: &Profile, real: &RealArm, period_s: f64,
 }
 
 /// How to come to the arm, once and again.
-struct Door {
+struct Connector {
     title: String,
     real: RealArm,
     options: OpenOptions,
@@ -291,7 +294,7 @@ fn held(path: &Path, error: OpenError) -> OpenError {
     if is_held && is_known { OpenError::Held { path: path.to_owned(), holders } } else { error }
 }
 
-impl Door {
+impl Connector {
     fn new(profile: &Profile, real: &RealArm, options: &OpenOptions) -> Self {
         Self { title: profile.title.clone(), real: real.clone(), options: options.clone(), first: OnceLock::new() }
     }
@@ -378,7 +381,7 @@ impl Door {
     }
 }
 
-impl Way for Door {
+impl ConnectMethod for Connector {
     fn connect(&self, before: Before) -> Result<(PathBuf, Connection), OpenError> {
         let (path, mut link, carriage) = self.link()?;
         let mut codec = self.real.protocol.codec(carriage);
@@ -415,7 +418,12 @@ fn resolved(path: &Path) -> PathBuf {
 
 /// Brings a lost arm back, until the driver has gone. The lost connection comes first: its arm may still make the last force, and its port is held by
 /// ourselves until it is closed.
-fn keep(door: &dyn Way, mut to_arm: Producer<Connection>, mut from_arm: Consumer<Connection>, teller: &Sender<LinkNews>) {
+fn reconnect_loop(
+    connector: &dyn ConnectMethod,
+    mut to_arm: Producer<Connection>,
+    mut from_arm: Consumer<Connection>,
+    teller: &Sender<LinkNews>,
+) {
     let mut told: Option<LinkNews> = None;
     let mut looks_for: Option<Before> = None;
     let mut tell = |news: LinkNews| {
@@ -432,17 +440,17 @@ fn keep(door: &dyn Way, mut to_arm: Producer<Connection>, mut from_arm: Consumer
             looks_for = Some(if lost.let_go() { Before::Silent } else { Before::Unplugged });
         }
         if let Some(before) = looks_for {
-            match door.connect(before) {
+            match connector.connect(before) {
                 // The driver has gone meanwhile.
                 Ok((_, connection)) if to_arm.is_abandoned() => connection.close(),
                 Ok((path, connection)) => {
                     let unguarded = connection.guard.as_ref().err().map(|cause| LinkNews::Unguarded(cause.to_string()));
                     let _ = to_arm.push(connection);
                     looks_for = None;
-                    tell(LinkNews::Back { node: path, homing: door.homing() });
+                    tell(LinkNews::Back { node: path, homing: connector.homing() });
                     unguarded.map(&mut tell);
                 }
-                Err(error) if door.is_absent(&error) => looks_for = Some(Before::Unplugged),
+                Err(error) if connector.is_absent(&error) => looks_for = Some(Before::Unplugged),
                 Err(error) => tell(LinkNews::Fails(error.to_string())),
             }
         }

@@ -275,9 +275,9 @@ fn a_link_ten_times_too_heavy_does_not_push_beyond_the_profile() {
                 "{name}: {made:?}"
             );
         }
-        let doubts = profile.doubts();
-        let is_named = doubts.iter().any(|doubt| doubt.contains("gravity compensation makes"));
-        assert_eq!(is_named, is_doubted, "{name}: {doubts:?}");
+        let plausibility_warnings = profile.plausibility_warnings();
+        let is_named = plausibility_warnings.iter().any(|doubt| doubt.contains("gravity compensation makes"));
+        assert_eq!(is_named, is_doubted, "{name}: {plausibility_warnings:?}");
     }
 }
 
@@ -309,7 +309,11 @@ fn right_masses_are_held_in_full() {
     for profile in arms() {
         let profile = verified(&profile, true);
         let name = &profile.name;
-        assert!(profile.doubts().iter().all(|doubt| !doubt.contains("gravity compensation")), "{name}: {:?}", profile.doubts());
+        assert!(
+            profile.plausibility_warnings().iter().all(|doubt| !doubt.contains("gravity compensation")),
+            "{name}: {:?}",
+            profile.plausibility_warnings()
+        );
         let mut rig = WiredRig::miswired(&profile, &profile, Some(DVec3::ZERO));
         let made = driven(&mut rig, Deed::Idle, 1000);
         let (left, rounding) = (rig.felt(), rig.rounding());

@@ -13,7 +13,7 @@
 //! |---|---|
 //! | `arm` | plant, firmware and faults, period by period |
 //! | `linkage` | grip pose into readings, motors into a wrench |
-//! | [`profiled`] | a mock arm from a profile |
+//! | [`builder`] | a mock arm from a profile |
 //! | `tally` | what it felt |
 //! | [`trace`] | the same while it feels it, line by line in a file |
 //! | `link` | the arm's end of a link; the one in memory, for tests |
@@ -23,10 +23,10 @@
 //! | [`serve`] | the real clock |
 
 mod arm;
+pub mod builder;
 pub mod gadget;
 mod link;
 pub(crate) mod linkage;
-pub mod profiled;
 pub mod pty;
 pub mod serve;
 mod tally;

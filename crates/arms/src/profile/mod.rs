@@ -14,13 +14,13 @@
 //! | `joints` | those of kinematics and transmission |
 //! | `packet` | those of frames described as data |
 //! | `known_answers` | `[[check]]`: what the rest of the file has to agree with |
-//! | `doubts` | what may be written, and no arm is likely to be |
+//! | `plausibility` | what may be written, and no arm is likely to be |
 
 pub mod ceilings;
-mod doubts;
 mod joints;
 mod known_answers;
 mod packet;
+mod plausibility;
 mod real;
 mod resolve;
 #[cfg(test)]

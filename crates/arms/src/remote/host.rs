@@ -338,7 +338,7 @@ mod tests {
     use super::super::packets::{CAPABILITIES_1_1_LEN, put_timing};
     use super::*;
     use crate::protocol::open6::bits_of;
-    use crate::remote::hold::HoldTiming;
+    use crate::remote::command_hold::HoldTiming;
 
     const TOKEN: u32 = 7 << 16;
 

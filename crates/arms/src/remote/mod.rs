@@ -21,20 +21,20 @@
 //! | `packets` | what version 1.2 adds to the packets of open6 |
 //! | `host` | the workstation's side: a codec |
 //! | `node` | the arm's side: state machine, limits, states |
-//! | [`hold`] | the force between commands, and after the last one |
+//! | [`command_hold`] | the force between commands, and after the last one |
 //! | `clock` | two clocks and the ways between them |
 //! | [`figures`] | what both sides tell people |
-//! | `door` | how a host comes to a node, and back to it |
+//! | `connect` | how a host comes to a node, and back to it |
 
 mod clock;
-mod door;
+pub mod command_hold;
+mod connect;
 pub mod figures;
-pub mod hold;
 mod host;
 mod node;
 mod packets;
 
-pub use door::{Dial, RemoteOptions, open};
+pub use connect::{Dial, RemoteOptions, open};
 pub use figures::{LinkFigures, NodeFigures};
 pub use host::Host;
 pub use node::{Node, NodeParameters};

@@ -7,7 +7,7 @@
 //!                      │  └───────────────────────────────┘                            │        │ enable clear, STOP
 //!                      └───────────────────────────────────────────────────────────────┴────────┘
 //! ```
-//! It is the state machine of open6 (`docs/reference/protocol.md`, section 6), with [`Hold`] in the place of the watchdog. It listens to one host, by the token
+//! It is the state machine of open6 (`docs/reference/protocol.md`, section 6), with [`CommandHold`] in the place of the watchdog. It listens to one host, by the token
 //! of its HELLO, and to another one only after that one has said STOP, or nothing for a second.
 //!
 //! The node trusts nobody with its arm: force and torque are limited once more, their change too, and nothing pushes while the arm is lost, silent, not
@@ -21,8 +21,8 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use self::payloads::{Told, capabilities, state};
+use super::command_hold::{CommandHold, HoldTiming, LAG_TICKS};
 use super::figures::{NodeFigures, Phase};
-use super::hold::{Hold, HoldTiming, LAG_TICKS};
 use super::packets::{
     COMMAND_1_1_LEN, COMMAND_TOKEN, HELLO_1_1_LEN, HELLO_TOKEN, STOP_TOKEN, Token, put, reader, steps_ahead, token_at,
 };
@@ -98,7 +98,7 @@ pub struct Node {
     mode: Phase,
     error: u8,
     owner: Option<Owner>,
-    hold: Hold,
+    hold: CommandHold,
     newest: Taken,
     /// `[TAKEN]`, ring: the newest command in each of the last periods.
     taken: [Taken; TAKEN],
@@ -125,7 +125,7 @@ impl Node {
             mode: Phase::Silent,
             error: 0,
             owner: None,
-            hold: Hold::default(),
+            hold: CommandHold::default(),
             newest: Taken::default(),
             taken: [Taken::default(); TAKEN],
             n_steps: 0,

@@ -1,6 +1,6 @@
 //! What open6 1.2 adds to the payloads of 1.0 (`docs/reference/protocol.md`, section 11). A packet fills a report of 64 bytes, which is one datagram.
 
-use super::hold::HoldTiming;
+use super::command_hold::HoldTiming;
 use crate::protocol::number::u16_at;
 use crate::protocol::open6::{CAPABILITIES_LEN, COMMAND_LEN, HELLO_LEN, Packets, STATE_WITH_TWIST_LEN, put_packet};
 use crate::transport::{Carriage, Frame};

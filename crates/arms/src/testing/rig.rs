@@ -9,8 +9,8 @@ use rtrb::{Consumer, Producer, RingBuffer};
 
 use crate::attached::open::wired_parameters;
 use crate::kinematics::{Configuration, Kinematics};
+use crate::mock::builder::{self, MockSettings};
 use crate::mock::linkage::Linkage;
-use crate::mock::profiled::{self, MockSettings};
 use crate::mock::{FaultReport, MockArm};
 use crate::profile::{self, Profile, RealArm};
 use crate::protocol::{MAX_AXES, Protocol};
@@ -314,7 +314,7 @@ impl WiredRig {
     fn unlike(profile: &Profile, real: &RealArm, arm: &Profile, hand: Option<DVec3>, trouble: Trouble) -> Self {
         let settings =
             MockSettings { hand: hand.map(hand_at), hand_delay: core::time::Duration::ZERO, faults: Vec::new(), seed: 1 };
-        let (parameters, protocol) = profiled::parameters(arm, settings);
+        let (parameters, protocol) = builder::parameters(arm, settings);
         let carriage = match real.matching.transport {
             profile::TransportKind::Hid => Carriage::Reports,
             _ => Carriage::Stream,

@@ -11,7 +11,7 @@ use hidapi::{HidApi, HidDevice};
 use rustix::fs::{FlockOperation, Mode, OFlags, flock, open};
 use rustix::io::Errno;
 
-use super::threaded::{Gone, Sink, Source, Threaded};
+use super::threaded::{Disconnected, Sink, Source, Threaded};
 use super::{FRAME_MAX, Transport, TransportError};
 use crate::IoPlacement;
 use rt::schedule::ThreadRequest;
@@ -88,15 +88,15 @@ impl HidLink {
 struct Reports(HidDevice);
 
 impl Source for Reports {
-    fn wait(&mut self, buffer: &mut [u8; FRAME_MAX], patience: Duration) -> Result<usize, Gone> {
+    fn wait(&mut self, buffer: &mut [u8; FRAME_MAX], patience: Duration) -> Result<usize, Disconnected> {
         let patience_ms = i32::try_from(patience.as_millis()).unwrap_or(i32::MAX);
-        self.0.read_timeout(buffer, patience_ms).map_err(|_| Gone)
+        self.0.read_timeout(buffer, patience_ms).map_err(|_| Disconnected)
     }
 }
 
 impl Sink for Reports {
-    fn put(&mut self, frame: &[u8]) -> Result<(), Gone> {
-        self.0.write(frame).map(|_| ()).map_err(|_| Gone)
+    fn put(&mut self, frame: &[u8]) -> Result<(), Disconnected> {
+        self.0.write(frame).map(|_| ()).map_err(|_| Disconnected)
     }
 }
 

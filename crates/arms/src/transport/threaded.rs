@@ -33,18 +33,18 @@ const CLOSE_PATIENCE: Duration = Duration::from_millis(200);
 
 /// The other end is gone, whatever the reason.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Gone;
+pub struct Disconnected;
 
 /// Where reports come from. May block and allocate.
 pub trait Source: Send + 'static {
     /// Waits for a report for at most `patience`; its length, or 0.
-    fn wait(&mut self, buffer: &mut [u8; FRAME_MAX], patience: Duration) -> Result<usize, Gone>;
+    fn wait(&mut self, buffer: &mut [u8; FRAME_MAX], patience: Duration) -> Result<usize, Disconnected>;
 }
 
 /// Where frames go. May block and allocate.
 pub trait Sink: Send + 'static {
     /// Hands a whole frame to the bus.
-    fn put(&mut self, frame: &[u8]) -> Result<(), Gone>;
+    fn put(&mut self, frame: &[u8]) -> Result<(), Disconnected>;
 }
 
 /// Both threads with their rings. RT: `receive` and `send` are safe.
@@ -242,14 +242,14 @@ mod tests {
     struct Bus(Receiver<Vec<u8>>);
 
     impl Source for Bus {
-        fn wait(&mut self, buffer: &mut [u8; FRAME_MAX], patience: Duration) -> Result<usize, Gone> {
+        fn wait(&mut self, buffer: &mut [u8; FRAME_MAX], patience: Duration) -> Result<usize, Disconnected> {
             match self.0.recv_timeout(patience) {
                 Ok(bytes) => {
                     buffer[..bytes.len()].copy_from_slice(&bytes);
                     Ok(bytes.len())
                 }
                 Err(RecvTimeoutError::Timeout) => Ok(0),
-                Err(RecvTimeoutError::Disconnected) => Err(Gone),
+                Err(RecvTimeoutError::Disconnected) => Err(Disconnected),
             }
         }
     }
@@ -261,10 +261,10 @@ mod tests {
     }
 
     impl Sink for SlowBus {
-        fn put(&mut self, frame: &[u8]) -> Result<(), Gone> {
+        fn put(&mut self, frame: &[u8]) -> Result<(), Disconnected> {
             // A closed gate is a bus without a brake.
             let _ = self.gate.recv();
-            self.taken.send(frame.to_vec()).map_err(|_| Gone)
+            self.taken.send(frame.to_vec()).map_err(|_| Disconnected)
         }
     }
 

@@ -8,7 +8,7 @@ use core::time::Duration;
 use nusb::transfer::{Buffer, Bulk, ControlOut, ControlType, In, Out, Recipient, TransferError};
 use nusb::{Endpoint, Interface, MaybeFuture};
 
-use super::threaded::{Gone, Sink, Source, Threaded};
+use super::threaded::{Disconnected, Sink, Source, Threaded};
 use super::{FRAME_MAX, Line, Transport, TransportError};
 use crate::IoPlacement;
 use rt::schedule::ThreadRequest;
@@ -84,7 +84,7 @@ impl UsbLink {
 struct Packets(Endpoint<Bulk, In>);
 
 impl Source for Packets {
-    fn wait(&mut self, buffer: &mut [u8; FRAME_MAX], patience: Duration) -> Result<usize, Gone> {
+    fn wait(&mut self, buffer: &mut [u8; FRAME_MAX], patience: Duration) -> Result<usize, Disconnected> {
         if self.0.pending() == 0 {
             self.0.submit(Buffer::new(PACKET));
         }
@@ -93,7 +93,7 @@ impl Source for Packets {
         match completion.into_result() {
             Ok(packet) => Ok(strip_status(&packet, buffer)),
             Err(TransferError::Cancelled) => Ok(0),
-            Err(_) => Err(Gone),
+            Err(_) => Err(Disconnected),
         }
     }
 }
@@ -101,8 +101,8 @@ impl Source for Packets {
 struct Frames(Endpoint<Bulk, Out>);
 
 impl Sink for Frames {
-    fn put(&mut self, frame: &[u8]) -> Result<(), Gone> {
-        self.0.transfer_blocking(Buffer::from(frame), WRITE_PATIENCE).into_result().map(|_| ()).map_err(|_| Gone)
+    fn put(&mut self, frame: &[u8]) -> Result<(), Disconnected> {
+        self.0.transfer_blocking(Buffer::from(frame), WRITE_PATIENCE).into_result().map(|_| ()).map_err(|_| Disconnected)
     }
 }
 

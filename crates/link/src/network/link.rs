@@ -19,7 +19,7 @@ use zenoh::{Session, Wait};
 
 use super::NetworkError;
 use arms::IoPlacement;
-use arms::transport::threaded::{Gone, Sink, Source, Threaded};
+use arms::transport::threaded::{Disconnected, Sink, Source, Threaded};
 use arms::transport::{FRAME_MAX, Frame, Transport, TransportError};
 use rt::schedule::ThreadRequest;
 
@@ -47,7 +47,7 @@ pub struct ZenohLink {
 struct Packets(Receiver<Frame>);
 
 impl Source for Packets {
-    fn wait(&mut self, buffer: &mut [u8; FRAME_MAX], patience: Duration) -> Result<usize, Gone> {
+    fn wait(&mut self, buffer: &mut [u8; FRAME_MAX], patience: Duration) -> Result<usize, Disconnected> {
         match self.0.recv_timeout(patience) {
             Ok(packet) => {
                 let bytes = packet.as_slice();
@@ -55,7 +55,7 @@ impl Source for Packets {
                 Ok(bytes.len())
             }
             Err(RecvTimeoutError::Timeout) => Ok(0),
-            Err(RecvTimeoutError::Disconnected) => Err(Gone),
+            Err(RecvTimeoutError::Disconnected) => Err(Disconnected),
         }
     }
 }
@@ -67,8 +67,8 @@ struct Outlet {
 }
 
 impl Sink for Outlet {
-    fn put(&mut self, frame: &[u8]) -> Result<(), Gone> {
-        self.publisher.put(ZBytes::from(frame.to_vec())).wait().map_err(|_| Gone)
+    fn put(&mut self, frame: &[u8]) -> Result<(), Disconnected> {
+        self.publisher.put(ZBytes::from(frame.to_vec())).wait().map_err(|_| Disconnected)
     }
 }
 

@@ -4,8 +4,8 @@
 use std::sync::{Arc, Mutex};
 
 use crate::protocol::{Codec, MotorCommand, StartError};
+use crate::remote::command_hold::HoldTiming;
 use crate::remote::figures::{NodeReport, Phase};
-use crate::remote::hold::HoldTiming;
 use crate::remote::{Host, LinkFigures, Node, NodeFigures, NodeParameters};
 use crate::transport::{Frame, LinkQuality, NetworkEnd, SimulatedNetwork, Transport, TransportError};
 use crate::{Capabilities, Device, DeviceError};

@@ -17,7 +17,7 @@ impl Profile {
     /// What deserves a second look, each as a sentence. Nothing for simulated arms, and for those that report a pose.
     ///
     /// Cold: some 20 configurations are solved.
-    pub fn doubts(&self) -> Vec<String> {
+    pub fn plausibility_warnings(&self) -> Vec<String> {
         match &self.real {
             Some(real) if !matches!(real.kinematics, Kinematics::Cartesian | Kinematics::Rate(_)) => self.of_geometry(real),
             _ => Vec::new(),
@@ -25,24 +25,25 @@ impl Profile {
     }
 
     fn of_geometry(&self, real: &RealArm) -> Vec<String> {
-        let mut doubts = Vec::new();
+        let mut plausibility_warnings = Vec::new();
         if real.checks.is_empty() {
-            doubts.push("no [[check]]: nothing holds geometry and signs against a position that you know".to_owned());
+            plausibility_warnings
+                .push("no [[check]]: nothing holds geometry and signs against a position that you know".to_owned());
         }
         let home = real.kinematics.home();
         let Some(at_home) = real.kinematics.solve(&home, &Configuration::default()) else {
-            doubts.push("the arm cannot be at home: geometry, signs or `home_rad` are wrong".to_owned());
-            return doubts;
+            plausibility_warnings.push("the arm cannot be at home: geometry, signs or `home_rad` are wrong".to_owned());
+            return plausibility_warnings;
         };
         let away_m = at_home.native_from_grip.translation.length();
         if away_m > self.limits.workspace_radius_m {
-            doubts.push(format!(
+            plausibility_warnings.push(format!(
                 "at home the grip is {:.0} mm from the origin, outside of `workspace_radius_m` = {}: the origin is the middle of the workspace",
                 away_m * 1e3,
                 self.limits.workspace_radius_m
             ));
         }
-        doubts.extend(self.heavy(real, &at_home));
+        plausibility_warnings.extend(self.heavy(real, &at_home));
         let mut never = self.lacking(real, &at_home);
         let lacking_at_home = never.clone();
         for round in 1..=N_POSES {
@@ -52,17 +53,17 @@ impl Profile {
             }
         }
         if !never.is_empty() {
-            doubts.push(format!(
+            plausibility_warnings.push(format!(
                 "the motors push along {} nowhere: `axis` of a joint is wrong, or a motor is missing",
                 never.join(", ")
             ));
         } else if !lacking_at_home.is_empty() {
-            doubts.push(format!(
+            plausibility_warnings.push(format!(
                 "at home the motors cannot push along {}: the arm is stretched out or folded there, and a joint without `home_rad` stands at 0",
                 lacking_at_home.join(", ")
             ));
         }
-        doubts
+        plausibility_warnings
     }
 
     /// More compensation at home than the motor stage lets through.

@@ -34,14 +34,14 @@ pub struct HoldTiming {
 
 /// The force between commands. RT: safe.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Hold {
+pub(super) struct CommandHold {
     wanted: Wrench,
     average: Wrench,
     felt: Wrench,
     since_s: f64,
 }
 
-impl Hold {
+impl CommandHold {
     /// Takes a command. Zero is taken at once: free space stays free.
     pub(super) fn take(&mut self, wanted: Wrench, now_s: f64) {
         let average = if wanted == Wrench::ZERO { Wrench::ZERO } else { self.felt };
@@ -88,7 +88,7 @@ mod tests {
     #[test]
     fn a_force_is_approached_held_faded_and_gone_in_time() {
         for arm_ticks in [1, 2, 5] {
-            let mut hold = Hold::default();
+            let mut hold = CommandHold::default();
             hold.take(push(4.0), 0.0);
             let forces: Vec<f64> = (0..40)
                 .map(|n| hold.next(f64::from(n) * T, &TIMING, f64::from(arm_ticks) * T).map_or(-1.0, |wrench| wrench.force.x))
@@ -105,7 +105,7 @@ mod tests {
 
     #[test]
     fn a_command_in_the_fade_goes_on_from_what_is_felt_and_zero_is_zero_at_once() {
-        let mut hold = Hold::default();
+        let mut hold = CommandHold::default();
         hold.take(push(4.0), 0.0);
         let mut felt = 0.0;
         for n in 0..22 {
@@ -120,7 +120,7 @@ mod tests {
 
     #[test]
     fn a_time_that_is_no_number_is_the_end() {
-        let mut hold = Hold::default();
+        let mut hold = CommandHold::default();
         hold.take(push(1.0), f64::NAN);
         assert_eq!(hold.next(0.0, &TIMING, T), None);
     }

@@ -9,9 +9,9 @@ use std::sync::{Arc, OnceLock};
 use glam::DQuat;
 
 use super::{Host, LinkFigures};
-use crate::attached::open::{Before, OpenError, Opened, Way, open_way};
+use crate::attached::open::{Before, ConnectMethod, OpenError, Opened, open_with};
 use crate::kinematics::Kinematics;
-use crate::mock::profiled::cartesian;
+use crate::mock::builder::cartesian;
 use crate::profile::{HomingMode, Profile};
 use crate::protocol::{Codec as _, Declared, StartError};
 use crate::transport::Transport;
@@ -34,7 +34,7 @@ pub struct RemoteOptions {
     pub timebase: Timebase,
 }
 
-struct Door {
+struct RemoteConnector {
     profile: Profile,
     options: RemoteOptions,
     dial: Dial,
@@ -45,7 +45,7 @@ struct Door {
     figures: Arc<LinkFigures>,
 }
 
-impl Way for Door {
+impl ConnectMethod for RemoteConnector {
     fn connect(&self, _: Before) -> Result<(PathBuf, Connection), OpenError> {
         let Profile { sensed, actuated, .. } = self.profile;
         let path = PathBuf::from(format!("zenoh:{}", self.options.name));
@@ -87,7 +87,7 @@ impl Way for Door {
 pub fn open(profile: &Profile, options: &RemoteOptions, dial: Dial) -> Result<(Opened, Arc<LinkFigures>), OpenError> {
     let figures = Arc::new(LinkFigures::default());
     let process = RandomState::new().hash_one(std::process::id()) as u32;
-    let door = Door {
+    let connector = RemoteConnector {
         profile: profile.clone(),
         options: options.clone(),
         dial,
@@ -96,7 +96,7 @@ pub fn open(profile: &Profile, options: &RemoteOptions, dial: Dial) -> Result<(O
         figures: figures.clone(),
     };
     let parameters = |io| parameters(profile, options, io);
-    Ok((open_way(door, parameters)?, figures))
+    Ok((open_with(connector, parameters)?, figures))
 }
 
 /// What the driver is told: an arm that reports the pose of its grip and takes a wrench, whatever is behind the node.
@@ -138,7 +138,7 @@ mod tests {
     #[test]
     fn an_arm_that_counts_from_where_it_was_switched_on_is_told_so_when_its_node_is_back() {
         let homing = |name: &str| {
-            let door = Door {
+            let connector = RemoteConnector {
                 profile: profile::find(name, std::path::Path::new("")).expect(name),
                 options: RemoteOptions { name: "left".into(), period_s: 1e-3, timebase: Timebase::Counted },
                 dial: Box::new(|| Err(OpenError::Link("no link".into()))),
@@ -146,7 +146,7 @@ mod tests {
                 declared: OnceLock::new(),
                 figures: Arc::default(),
             };
-            door.homing()
+            connector.homing()
         };
         assert!(homing("haptikfabriken-woodenhaptics").is_some_and(|text| !text.is_empty()));
         assert_eq!((homing("open6-serial"), homing("sim-sigma7")), (None, None));
