@@ -17,8 +17,8 @@ use super::progress::BakeProgress;
 use super::{Talk, cache, check, destination, memory, report, say};
 use crate::config;
 use crate::error::Exit;
-use crate::scene::cache::Residence;
-use crate::scene::{self, BakeMeans, Built, ClayReport, ObjectReport, SceneError};
+use crate::scene::cache::CachePolicy;
+use crate::scene::{self, BakeOptions, Built, ClayReport, ObjectReport, SceneError};
 use vps::part::PartError;
 use vps::voxmap::sides::InsideTest;
 
@@ -178,9 +178,9 @@ fn bake_scene(args: &Args, talk: Talk) -> Result<Exit, Failure> {
         say::talk(format_args!("{}\n", check::summary(&config)));
     }
     let since = Instant::now();
-    let mut cache = args.cache.open(Residence::Mapped, talk);
+    let mut cache = args.cache.open(CachePolicy::Mapped, talk);
     let progress = BakeProgress::new(talk);
-    let mut means = BakeMeans { cache: &mut cache, memory: args.memory.plan(&progress, talk) };
+    let mut means = BakeOptions { cache: &mut cache, memory: args.memory.plan(&progress, talk) };
     let baked = scene::build_all(&config, &mut means, |event| progress.tell(&event));
     drop(means);
     progress.finish();

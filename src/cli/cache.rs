@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use super::{Talk, report, say};
-use crate::scene::cache::{Cache, Residence};
+use crate::scene::cache::{Cache, CachePolicy};
 
 /// Where baked objects are kept.
 #[derive(Clone, Debug, clap::Args)]
@@ -20,7 +20,7 @@ impl CacheArgs {
     }
 
     /// The cache that is asked for, or the user's own.
-    pub(crate) fn open(&self, residence: Residence, talk: Talk) -> Cache {
+    pub(crate) fn open(&self, residence: CachePolicy, talk: Talk) -> Cache {
         if self.is_off() {
             return Cache::off();
         }

@@ -9,8 +9,8 @@ use super::progress::BakeProgress;
 use super::{Talk, cache, report, say};
 use crate::config;
 use crate::error::Exit;
-use crate::scene::cache::Residence;
-use crate::scene::{self, BakeMeans};
+use crate::scene::cache::CachePolicy;
+use crate::scene::{self, BakeOptions};
 use document::poses::{self, TimedPose};
 use haptics::RenderScene;
 use vps::contact::{ContactSum, ForceLaw, Normalization};
@@ -51,9 +51,9 @@ pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
             return Exit::Asset;
         }
     };
-    let mut cache = args.cache.open(Residence::Mapped, talk);
+    let mut cache = args.cache.open(CachePolicy::Mapped, talk);
     let progress = BakeProgress::new(talk);
-    let baked = scene::build_with(&config, &mut BakeMeans::from(&mut cache), |event| progress.tell(&event));
+    let baked = scene::build_with(&config, &mut BakeOptions::from(&mut cache), |event| progress.tell(&event));
     progress.finish();
     cache::tell(&mut cache, talk);
     let (scene, reports) = match baked {

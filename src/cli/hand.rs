@@ -8,8 +8,8 @@ use super::progress::BakeProgress;
 use super::{Talk, cache, report};
 use crate::config::{self, SceneConfig};
 use crate::error::Exit;
-use crate::scene::cache::Residence;
-use crate::scene::{self, BakeMeans};
+use crate::scene::cache::CachePolicy;
+use crate::scene::{self, BakeOptions};
 use arms::simulated::HandParameters;
 use arms::simulated::hand::{HandMapping, HandPath};
 use rt::duration;
@@ -77,9 +77,9 @@ impl HandArgs {
 
     /// How the grip follows the tool of a scene; the tool's centre of mass takes a bake, or the cache.
     fn indexing_of(&self, config: &SceneConfig, talk: Talk) -> Result<HandMapping, Exit> {
-        let mut cache = self.cache.open(Residence::Mapped, talk);
+        let mut cache = self.cache.open(CachePolicy::Mapped, talk);
         let progress = BakeProgress::new(talk);
-        let baked = scene::build_with(config, &mut BakeMeans::from(&mut cache), |event| progress.tell(&event));
+        let baked = scene::build_with(config, &mut BakeOptions::from(&mut cache), |event| progress.tell(&event));
         progress.finish();
         cache::tell(&mut cache, talk);
         let (scene, _) = baked.map_err(|error| report::scene_error(&error, talk))?;

@@ -14,8 +14,8 @@ use crate::config::{self, LoadOptions, SceneConfig};
 use crate::daemon::session::{PlannedScene, SessionHandle, objects};
 use crate::daemon::unlike;
 use crate::error::Exit;
-use crate::scene::cache::Residence;
-use crate::scene::{self, BakeMeans, SceneError};
+use crate::scene::cache::CachePolicy;
+use crate::scene::{self, BakeOptions, SceneError};
 use crate::servo::{ControlError, ObjectPaths};
 use arms::simulated::hand::HandPath;
 use document::poses::PoseFileError;
@@ -162,10 +162,10 @@ impl Changes {
 }
 
 fn bake(config: &SceneConfig, cache: &CacheArgs, memory: &MemoryArgs, talk: Talk) -> Result<RenderScene, SceneError> {
-    let mut cache = cache.open(Residence::Owned, talk);
+    let mut cache = cache.open(CachePolicy::Copy, talk);
     // Quiet: the screen belongs to the run.
     let progress = BakeProgress::new(Talk { quiet: true, verbose: 0, ..talk });
-    let mut means = BakeMeans { cache: &mut cache, memory: memory.plan_within(available_bytes, &progress, talk) };
+    let mut means = BakeOptions { cache: &mut cache, memory: memory.plan_within(available_bytes, &progress, talk) };
     let built = scene::build_with(config, &mut means, |_| ());
     drop(means);
     cache::tell(&mut cache, talk);

@@ -103,8 +103,8 @@ mod tests {
     use super::super::When;
     use super::super::say::LogFormat;
     use super::*;
-    use crate::scene::cache::{Cache, Residence};
-    use crate::scene::{self, BakeMeans, SceneError};
+    use crate::scene::cache::{Cache, CachePolicy};
+    use crate::scene::{self, BakeOptions, SceneError};
     use vps::part::PartError;
     use vps::storage::memory;
     use vps::voxmap::grid::GridError;
@@ -120,9 +120,9 @@ mod tests {
         let talk = Talk { verbose: 0, quiet: true, color: When::Never, log_format: LogFormat::Text };
         let build = |left: fn() -> Option<u64>, max_bytes: Option<u64>| {
             let progress = BakeProgress::new(talk);
-            let mut cache = Cache::at(folder.path().join("cache"), Residence::Owned);
+            let mut cache = Cache::at(folder.path().join("cache"), CachePolicy::Copy);
             let args = MemoryArgs { max_bytes };
-            let mut means = BakeMeans { cache: &mut cache, memory: args.plan_within(left, &progress, talk) };
+            let mut means = BakeOptions { cache: &mut cache, memory: args.plan_within(left, &progress, talk) };
             let mut n_baked = 0;
             let built =
                 scene::build_with(&config, &mut means, |event| n_baked += usize::from(event.stage == vps::voxmap::Stage::Surface));

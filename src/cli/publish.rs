@@ -14,7 +14,7 @@ use link::network::Endpoints;
 use link::publish::Newest;
 use link::publish::{Plan, PublishError};
 use link::{Domain, Namespace};
-use recording::Tap;
+use recording::Subscriber;
 use vps::spatial::Axes;
 
 /// Variable of the environment that says which domain is meant.
@@ -135,13 +135,13 @@ impl Opened {
     }
 
     /// Begins to send what the hub shows.
-    pub(crate) fn serve(self, hub: &Arc<Hub>) -> std::io::Result<(Sender, Tap)> {
-        let (mut observer, tap) = Observer::new(hub.clone());
+    pub(crate) fn serve(self, hub: &Arc<Hub>) -> std::io::Result<(Sender, Subscriber)> {
+        let (mut observer, subscriber) = Observer::new(hub.clone());
         let look = move |seq| {
             let seen = observer.look()?;
             Some(Newest { record: *seen.record(), text: seen.text(seq), binary: seen.binary(seq) })
         };
-        Ok((self.0.serve(look)?, tap))
+        Ok((self.0.serve(look)?, subscriber))
     }
 }
 
@@ -159,7 +159,7 @@ impl Opened {
         Err(link::network::NetworkError::NotBuilt.into())
     }
 
-    pub(crate) fn serve(self, _: &Arc<Hub>) -> std::io::Result<(Sender, Tap)> {
+    pub(crate) fn serve(self, _: &Arc<Hub>) -> std::io::Result<(Sender, Subscriber)> {
         match self {}
     }
 }

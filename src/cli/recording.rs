@@ -10,7 +10,7 @@ use crate::daemon::scene_files;
 use crate::error::Exit;
 use crate::monitor::{self, RecorderError, RecorderStatus};
 use crate::servo::LoopReport;
-use recording::Taps;
+use recording::RecordSubscribers;
 use recording::file::{Failed, FaultFile, FaultFiles, Recorder, RecorderHandle, RecordingError, RecordingSummary, now};
 use rt::clock::ClockKind;
 use rt::preflight::Report;
@@ -41,10 +41,10 @@ impl RecordingArgs {
         options: &LoadOptions,
         overwrite: bool,
         clock: ClockKind,
-        taps: Taps,
+        subscribers: RecordSubscribers,
         talk: Talk,
     ) -> Result<Recordings, Exit> {
-        let recorder = Recorder::new(taps, clock == ClockKind::Virtual);
+        let recorder = Recorder::new(subscribers, clock == ClockKind::Virtual);
         recorder.facts.note("rate_hz", config.rate_hz);
         recorder.facts.note("device", &config.device.profile.name);
         recorder.facts.note("processor", processor());
@@ -244,13 +244,13 @@ mod tests {
         rustix::fs::mkfifoat(rustix::fs::CWD, &path, rustix::fs::Mode::RWXU).expect("a pipe");
         // Opened by a reader who does not read: the pipe takes 64 KiB and no more.
         let reader = fs::OpenOptions::new().read(true).write(true).open(&path).expect("opened");
-        let recorder = Recorder::new(Taps::default(), false);
+        let recorder = Recorder::new(RecordSubscribers::default(), false);
         recorder.scenes.add(SceneFiles { toml: "# long\n".repeat(1 << 16), ..SceneFiles::default() });
         let recording = recorder.start(&path, true, Box::new(|_| ())).expect("started");
         let (mut producer, records) = rtrb::RingBuffer::new(1);
         producer.push(TickRecord::default()).expect("room");
         drop(producer);
-        drain(records, recorder.taps(), |_| ());
+        drain(records, recorder.subscribers(), |_| ());
         let session = Arc::new(Session::of(Some(recording)));
         let clients = || ClientRecordings { recorder: recorder.clone(), session: session.clone(), talk: QUIET };
         assert_eq!(clients().status().map(|status| status.file), Some(path));

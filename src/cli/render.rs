@@ -22,10 +22,10 @@ use crate::daemon::service::Service;
 use crate::daemon::session::SessionHandle;
 use crate::daemon::{Attached, Live, Notice, Outcome, PrepareError, Prepared, RenderJob, RunError, Supervisor, prepare_on};
 use crate::error::Exit;
-use crate::scene::BakeMeans;
-use crate::scene::cache::Residence;
+use crate::scene::BakeOptions;
+use crate::scene::cache::CachePolicy;
 use crate::servo::{Control, ObjectPaths};
-use ::recording::Taps;
+use ::recording::RecordSubscribers;
 use ::recording::file::Recorder;
 use arms::mock::builder;
 use arms::protocol::Protocol;
@@ -124,8 +124,8 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: Talk, started_ns: i64) 
     if talk.verbose > 0 {
         say::talk(format_args!("{}\n", check::summary(&config)));
     }
-    let taps = Taps::default();
-    let recordings = match args.recording.begin(&config, &overrides, own.overwrite, clock, taps.clone(), talk) {
+    let subscribers = RecordSubscribers::default();
+    let recordings = match args.recording.begin(&config, &overrides, own.overwrite, clock, subscribers.clone(), talk) {
         Ok(recordings) => recordings,
         Err(exit) => return exit,
     };
@@ -145,9 +145,9 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: Talk, started_ns: i64) 
     };
     let bake = || {
         // A copy: no other program may take memory away from the loop.
-        let mut cache = args.cache.open(Residence::Owned, talk);
+        let mut cache = args.cache.open(CachePolicy::Copy, talk);
         let progress = BakeProgress::new(talk);
-        let mut means = BakeMeans { cache: &mut cache, memory: args.memory.plan(&progress, talk) };
+        let mut means = BakeOptions { cache: &mut cache, memory: args.memory.plan(&progress, talk) };
         let prepared = prepare_on(&config, &mut means, remote.as_ref(), guard::program(), |event| progress.tell(&event));
         drop(means);
         progress.finish();
@@ -170,7 +170,7 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: Talk, started_ns: i64) 
     let control = Arc::new(Control::new());
     let session = SessionHandle::new(config.clone(), overrides.clone(), clock, Some(recordings.recorder.clone()));
     let begun = changes.begin(&session, &args.cache, &args.memory, is_open, talk).and_then(|(paths, swaps)| {
-        let mut live = Live { taps, ..Live::default() };
+        let mut live = Live { subscribers, ..Live::default() };
         let options = ServiceOptions {
             config: &config,
             session: &session,

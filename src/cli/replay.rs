@@ -10,8 +10,8 @@ use super::{Talk, cache, report, say};
 use crate::config::SceneConfig;
 use crate::daemon::{ReplayError, Replayed, UnpackError, replay};
 use crate::error::Exit;
-use crate::scene::cache::Residence;
-use crate::scene::{self, BakeMeans, SceneError};
+use crate::scene::cache::CachePolicy;
+use crate::scene::{self, BakeOptions, SceneError};
 use haptics::RenderScene;
 use recording::file::ReadError;
 use vps::storage::memory::available_bytes;
@@ -80,11 +80,11 @@ fn verdict(replayed: &Replayed) -> String {
 }
 
 fn bake(config: &SceneConfig, args: &Args, talk: Talk) -> Result<RenderScene, SceneError> {
-    let mut cache = args.cache.open(Residence::Owned, talk);
+    let mut cache = args.cache.open(CachePolicy::Copy, talk);
     let progress = BakeProgress::new(talk);
     // The scene comes with the recording: it must not end this program.
     let memory = args.memory.plan_within(available_bytes, &progress, talk);
-    let mut means = BakeMeans { cache: &mut cache, memory };
+    let mut means = BakeOptions { cache: &mut cache, memory };
     let built = scene::build_with(config, &mut means, |event| progress.tell(&event));
     drop(means);
     progress.finish();

@@ -13,7 +13,7 @@ use crate::daemon::session::SessionHandle;
 use crate::daemon::{Enable, Live, Notice, Operator};
 use crate::monitor::{Bound, ClayParts, Hub, HubParts, Monitor, Recorder};
 use crate::servo::Control;
-use recording::metrics::metrics_tap;
+use recording::metrics::metrics_subscriber;
 use rt::clock::ClockKind;
 use rt::signals::hangups;
 
@@ -63,8 +63,8 @@ impl Services {
         if bound.is_none() && opened.is_none() {
             return Ok(services);
         }
-        let (metrics, counts) = metrics_tap(config.rate_hz);
-        live.taps.add(counts);
+        let (metrics, counts) = metrics_subscriber(config.rate_hz);
+        live.subscribers.add(counts);
         let hub = Hub::new(HubParts {
             session: session.clone(),
             control: control.clone(),
@@ -75,13 +75,13 @@ impl Services {
             metrics: Some(metrics),
         });
         if let Some(bound) = bound {
-            let (monitor, tap) = bound.serve(hub.clone())?;
-            live.taps.add(tap);
+            let (monitor, subscriber) = bound.serve(hub.clone())?;
+            live.subscribers.add(subscriber);
             services.monitor = Some(monitor);
         }
         if let Some(opened) = opened {
-            let (sender, tap) = opened.serve(&hub)?;
-            live.taps.add(tap);
+            let (sender, subscriber) = opened.serve(&hub)?;
+            live.subscribers.add(subscriber);
             services.sender = Some(sender);
         }
         services.hub = Some(hub);

@@ -11,7 +11,7 @@ use super::remote::RemoteArm;
 use crate::config::scene::{DeviceConfig, RealtimeConfig};
 use crate::config::{ConfigErrors, SceneConfig};
 use crate::scene::cache::Cache;
-use crate::scene::{self, BakeMeans, Built, Event, LoadedClay, ObjectReport, SceneError};
+use crate::scene::{self, BakeOptions, Built, Event, LoadedClay, ObjectReport, SceneError};
 use arms::Device;
 use arms::attached::open::{self, LinkNews, OpenError, OpenOptions};
 use arms::remote::LinkFigures;
@@ -100,7 +100,7 @@ pub fn inputs(config: &SceneConfig) -> Result<(Option<HandPath>, Option<FaultPla
 /// # Errors
 /// As [`prepare_with`].
 pub fn prepare(config: &SceneConfig, watch: impl FnMut(Event<'_>)) -> Result<(Prepared, Vec<ObjectReport>), PrepareError> {
-    prepare_with(config, &mut BakeMeans::from(&mut Cache::off()), watch)
+    prepare_with(config, &mut BakeOptions::from(&mut Cache::off()), watch)
 }
 
 /// Bakes the scene or takes it from the cache, and opens its arm. What costs nothing is checked before what takes long.
@@ -109,7 +109,7 @@ pub fn prepare(config: &SceneConfig, watch: impl FnMut(Event<'_>)) -> Result<(Pr
 /// A hand file, fault, mesh, grid or arm that cannot be used, or a bake that would take too much memory.
 pub fn prepare_with(
     config: &SceneConfig,
-    means: &mut BakeMeans<'_>,
+    means: &mut BakeOptions<'_>,
     watch: impl FnMut(Event<'_>),
 ) -> Result<(Prepared, Vec<ObjectReport>), PrepareError> {
     prepare_on(config, means, None, None, watch)
@@ -122,7 +122,7 @@ pub fn prepare_with(
 /// As [`prepare_with`].
 pub fn prepare_on(
     config: &SceneConfig,
-    means: &mut BakeMeans<'_>,
+    means: &mut BakeOptions<'_>,
     remote: Option<&RemoteArm>,
     guard: Option<PathBuf>,
     watch: impl FnMut(Event<'_>),

@@ -111,7 +111,7 @@ impl<N: FnMut(Notice<'_>)> Supervisor<N> {
             outlives_faults: waits_after_fault,
         };
         let news = live.news.unwrap_or_else(never);
-        let taps = live.taps.clone();
+        let subscribers = live.subscribers.clone();
         let live = Live { operator: Operator::default(), news: None, ..live };
         let stop_patience = match job.clock {
             ClockKind::Real => STOP_PATIENCE,
@@ -148,7 +148,7 @@ impl<N: FnMut(Notice<'_>)> Supervisor<N> {
             let _ = servo.thread.join();
             return Err(RunError::Refused(preflight));
         }
-        let drain_thread = spawn_drain(consumer, taps, events_sender)?;
+        let drain_thread = spawn_drain(consumer, subscribers, events_sender)?;
         servo.go.send(()).map_err(|_| RunError::Servo("ended before it began"))?;
 
         let enables = enables.unwrap_or_else(never);

@@ -3,7 +3,7 @@
 use rtrb::{Consumer, RingBuffer};
 
 use super::index_origin::{IndexOrigin, IndexOriginTracker};
-use recording::{Tap, TickRecord};
+use recording::{Subscriber, TickRecord};
 
 /// Records under way: two seconds at 1 kHz.
 const RING_RECORDS: usize = 2048;
@@ -16,12 +16,12 @@ pub(super) struct Fed {
 }
 
 /// Both ends. A record that finds no room is gone.
-pub(super) fn feed() -> (Tap, Consumer<Fed>) {
+pub(super) fn feed() -> (Subscriber, Consumer<Fed>) {
     let (mut ring, consumer) = RingBuffer::new(RING_RECORDS);
     let mut watcher = IndexOriginTracker::default();
-    let tap = Box::new(move |record: &TickRecord| {
+    let subscriber = Box::new(move |record: &TickRecord| {
         let _ = ring.push(Fed { record: *record, index_origin: watcher.see(record) });
         !ring.is_abandoned()
     });
-    (tap, consumer)
+    (subscriber, consumer)
 }

@@ -8,7 +8,7 @@ use super::encode::{self, Extras};
 use super::feed::{Fed, feed};
 use super::hub::{Hub, Newest};
 use super::scene_tracker::SceneTracker;
-use recording::{Tap, TickRecord};
+use recording::{Subscriber, TickRecord};
 
 /// Watches a run; the newest record wins.
 pub struct Observer {
@@ -24,12 +24,12 @@ pub struct Seen<'a> {
 }
 
 impl Observer {
-    /// One that has not looked yet, and the tap that feeds it. An observer that looks less often than once in two seconds misses records in between, and
+    /// One that has not looked yet, and the subscriber that feeds it. An observer that looks less often than once in two seconds misses records in between, and
     /// with them objects that moved.
-    pub fn new(hub: Arc<Hub>) -> (Self, Tap) {
-        let (tap, fed) = feed();
+    pub fn new(hub: Arc<Hub>) -> (Self, Subscriber) {
+        let (subscriber, fed) = feed();
         let tracker = SceneTracker::new(hub.session.view());
-        (Self { hub, tracker, fed }, tap)
+        (Self { hub, tracker, fed }, subscriber)
     }
 
     /// The newest record; `None`: there was none since the last look. Cold.

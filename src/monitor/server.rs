@@ -20,7 +20,7 @@ use super::rest::router;
 use super::state_publisher::StatePublisher;
 use super::visual::Visuals;
 use super::worker::Worker;
-use recording::Tap;
+use recording::Subscriber;
 
 /// WebSockets at the same time.
 const MOST_WEB_SOCKETS: usize = 64;
@@ -68,7 +68,7 @@ impl Bound {
     ///
     /// # Errors
     /// A thread could not be started.
-    pub fn serve(self, hub: Arc<Hub>) -> io::Result<(Monitor, Tap)> {
+    pub fn serve(self, hub: Arc<Hub>) -> io::Result<(Monitor, Subscriber)> {
         let Self { runtime, listener, access, .. } = self;
         let shapes = Worker::new("monitor-mesh")?;
         let state = Arc::new(AppState {
@@ -80,7 +80,7 @@ impl Bound {
             seats: Arc::new(Semaphore::new(MOST_WEB_SOCKETS)),
             rate_limiter: RateLimiter::default(),
         });
-        let (tap, fed) = feed();
+        let (subscriber, fed) = feed();
         let (end, mut ended) = watch::channel(());
         let watched = hub.clone();
         let heartbeat = std::thread::Builder::new().name("heartbeat".to_owned()).spawn(move || watched.watch_heartbeats())?;
@@ -106,7 +106,7 @@ impl Bound {
             }
         };
         let thread = std::thread::Builder::new().name("monitor".to_owned()).spawn(move || runtime.block_on(work))?;
-        Ok((Monitor { hub, end: Some(end), threads: vec![thread, heartbeat] }, tap))
+        Ok((Monitor { hub, end: Some(end), threads: vec![thread, heartbeat] }, subscriber))
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::cache::{Baked, Cache, Request, Spacing};
 use super::loaded_clay::LoadedClay;
-use super::object::{self, BakeMeans, SceneError};
+use super::object::{self, BakeOptions, SceneError};
 use crate::config::SceneConfig;
 use crate::config::scene::ToolConfig;
 use haptics::clay::{Clay, PUT_DOWN_SPACINGS};
@@ -30,7 +30,7 @@ pub struct Event<'a> {
 /// # Errors
 /// The first object whose mesh cannot be used or whose grid is too large.
 pub fn build(config: &SceneConfig, watch: impl FnMut(Event<'_>)) -> Result<(RenderScene, Vec<ObjectReport>), SceneError> {
-    build_with(config, &mut BakeMeans::from(&mut Cache::off()), watch)
+    build_with(config, &mut BakeOptions::from(&mut Cache::off()), watch)
 }
 
 /// The same, taking from the cache what it has and giving it what it has not; bit for bit the same scene. Memory is judged for each
@@ -40,7 +40,7 @@ pub fn build(config: &SceneConfig, watch: impl FnMut(Event<'_>)) -> Result<(Rend
 /// As [`build`], and an object that would take too much memory; the cache adds none.
 pub fn build_with(
     config: &SceneConfig,
-    means: &mut BakeMeans<'_>,
+    means: &mut BakeOptions<'_>,
     watch: impl FnMut(Event<'_>),
 ) -> Result<(RenderScene, Vec<ObjectReport>), SceneError> {
     build_all(config, means, watch).map(|Built { scene, objects, .. }| (scene, objects))
@@ -61,7 +61,7 @@ pub struct Built {
 ///
 /// # Errors
 /// As [`build_with`], and clay that cannot be read or makes no surface.
-pub fn build_all(config: &SceneConfig, means: &mut BakeMeans<'_>, mut watch: impl FnMut(Event<'_>)) -> Result<Built, SceneError> {
+pub fn build_all(config: &SceneConfig, means: &mut BakeOptions<'_>, mut watch: impl FnMut(Event<'_>)) -> Result<Built, SceneError> {
     let n_objects = config.statics.len() + 1 + usize::from(config.sculpt.is_some());
     let mut builder = SceneBuilder::new(config.parameters);
     for (object_idx, object) in config.statics.iter().enumerate() {

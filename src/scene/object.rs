@@ -35,14 +35,14 @@ impl SceneError {
 
 /// What a command lends to baking.
 #[derive(Debug)]
-pub struct BakeMeans<'a> {
+pub struct BakeOptions<'a> {
     /// What was baked before, and where to keep what is baked now.
     pub cache: &'a mut Cache,
     /// How much memory the rest may take.
     pub memory: MemoryPlan<'a>,
 }
 
-impl<'a> From<&'a mut Cache> for BakeMeans<'a> {
+impl<'a> From<&'a mut Cache> for BakeOptions<'a> {
     /// All the memory that it takes.
     fn from(cache: &'a mut Cache) -> Self {
         Self { cache, memory: MemoryPlan::new(None, |_, _| ()) }
@@ -145,7 +145,7 @@ impl core::fmt::Debug for MemoryPlan<'_> {
 /// A mesh that cannot be used, a grid that is too large, or too much memory.
 pub(super) fn obtain(
     request: &Request<'_>,
-    BakeMeans { cache, memory }: &mut BakeMeans<'_>,
+    BakeOptions { cache, memory }: &mut BakeOptions<'_>,
     mut tell: impl FnMut(Stage),
 ) -> Result<Baked, PartError> {
     tell(Stage::Load);

@@ -92,7 +92,7 @@ mod tests {
 
     #[test]
     fn missed_deadlines_of_the_metrics_are_those_that_the_pace_counts() {
-        let (metrics, mut subscriber) = recording::metrics::metrics_tap(1000);
+        let (metrics, mut subscriber) = recording::metrics::metrics_subscriber(1000);
         let mut clock = ScriptedClock::late_by(&[0, 2 * T + T / 2, 70_000, 0, 0]);
         let mut pace = Pace::new(0, T);
         let mut missed = 0;

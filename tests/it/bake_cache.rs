@@ -7,8 +7,8 @@ use glam::DVec3;
 use hapticd::config::SceneConfig;
 use hapticd::config::scene::MeshSource;
 use hapticd::scene::CacheUse;
-use hapticd::scene::cache::{Baked, Cache, GENERATION, Lookup, Request, Residence, Spacing, read};
-use hapticd::scene::{self, BakeMeans, ObjectReport, Role};
+use hapticd::scene::cache::{Baked, Cache, CachePolicy, GENERATION, Lookup, Request, Spacing, read};
+use hapticd::scene::{self, BakeOptions, ObjectReport, Role};
 use tempfile::TempDir;
 use vps::mesh::primitives::Shape;
 use vps::storage::MappedFile;
@@ -20,7 +20,7 @@ use super::determinism::bits;
 use super::fuzz_corpus::{cache, corpus};
 use super::rig;
 
-const BOTH: [Residence; 2] = [Residence::Mapped, Residence::Owned];
+const BOTH: [CachePolicy; 2] = [CachePolicy::Mapped, CachePolicy::Copy];
 
 /// Offsets in the head.
 const FORMAT_AT: usize = 20;
@@ -58,9 +58,9 @@ profile = "sim-sigma7"
 const CORNER: &str = "v 0 0 0\nv 11.3 0 0\nv 0 9.7 0\nv 1 2 8.1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n";
 
 /// Bakes a scene through the cache; what the cache did for each object, and what it said.
-fn bake(config: &SceneConfig, folder: &Path, residence: Residence) -> (Vec<CacheUse>, Vec<String>) {
+fn bake(config: &SceneConfig, folder: &Path, residence: CachePolicy) -> (Vec<CacheUse>, Vec<String>) {
     let mut cache = Cache::at(folder.to_owned(), residence);
-    let (_, reports) = scene::build_with(config, &mut BakeMeans::from(&mut cache), |_| ()).unwrap();
+    let (_, reports) = scene::build_with(config, &mut BakeOptions::from(&mut cache), |_| ()).unwrap();
     (reports.iter().map(|report| report.cache).collect(), cache.take_notes())
 }
 
@@ -123,7 +123,7 @@ fn a_scene_from_the_cache_gives_the_bits_of_a_baked_one() {
 fn the_key_knows_what_changes_a_bit_and_nothing_else() {
     let dir = tempfile::tempdir().unwrap();
     let cache = dir.path().join("cache");
-    let uses = |config: &SceneConfig| bake(config, &cache, Residence::Mapped).0;
+    let uses = |config: &SceneConfig| bake(config, &cache, CachePolicy::Mapped).0;
     let base = small_scene(dir.path(), "");
     assert_eq!(uses(&base), [CacheUse::Miss; 2]);
     assert_eq!(uses(&base), [CacheUse::Hit; 2]);
@@ -188,7 +188,7 @@ fn the_key_knows_the_files_that_a_mesh_file_names() {
     fs::write(dir.path().join("corner.gltf"), GLTF).unwrap();
     let mut config = small_scene(dir.path(), "");
     config.statics[0].source = MeshSource::File { path: dir.path().join("corner.gltf"), metres_per_unit: 1e-3 };
-    let uses = || bake(&config, &dir.path().join("cache"), Residence::Owned);
+    let uses = || bake(&config, &dir.path().join("cache"), CachePolicy::Copy);
     buffer(8.1);
     assert_eq!(uses(), (vec![CacheUse::Miss; 2], vec![]));
     assert_eq!(uses(), (vec![CacheUse::Hit; 2], vec![]));
@@ -198,8 +198,8 @@ fn the_key_knows_the_files_that_a_mesh_file_names() {
     assert_eq!(uses(), (vec![CacheUse::Hit; 2], vec![]));
     // A buffer that is gone is the business of whoever bakes it.
     fs::remove_file(dir.path().join("corner buffer.bin")).unwrap();
-    let mut cache = Cache::at(dir.path().join("cache"), Residence::Owned);
-    let error = scene::build_with(&config, &mut BakeMeans::from(&mut cache), |_| ()).unwrap_err();
+    let mut cache = Cache::at(dir.path().join("cache"), CachePolicy::Copy);
+    let error = scene::build_with(&config, &mut BakeOptions::from(&mut cache), |_| ()).unwrap_err();
     assert!(error.to_string().contains("corner buffer.bin"), "{error}");
     assert_eq!(cache.take_notes(), [""; 0]);
 }
@@ -250,7 +250,7 @@ fn a_damaged_file_is_told_baked_anew_and_replaced() {
     let dir = tempfile::tempdir().unwrap();
     let config = small_scene(dir.path(), "");
     let cache = dir.path().join("cache");
-    bake(&config, &cache, Residence::Owned);
+    bake(&config, &cache, CachePolicy::Copy);
     for file in files(&cache) {
         let sound = fs::read(&file).unwrap();
         let figures = contents(&read(&sound).unwrap()).len();
@@ -276,7 +276,7 @@ fn a_damaged_file_is_told_baked_anew_and_replaced() {
 fn any_single_byte_that_matters_is_found() {
     let dir = tempfile::tempdir().unwrap();
     let config = small_scene(dir.path(), "");
-    bake(&config, dir.path().join("cache").as_path(), Residence::Owned);
+    bake(&config, dir.path().join("cache").as_path(), CachePolicy::Copy);
     for file in files(&dir.path().join("cache")) {
         let sound = fs::read(&file).unwrap();
         let reference = contents(&read(&sound).unwrap());
@@ -313,7 +313,7 @@ fn other_versions_are_told_the_older_is_replaced_the_newer_left_alone() {
     let dir = tempfile::tempdir().unwrap();
     let config = small_scene(dir.path(), "");
     let cache = dir.path().join("cache");
-    bake(&config, &cache, Residence::Owned);
+    bake(&config, &cache, CachePolicy::Copy);
     let file = files(&cache).remove(0);
     let sound = fs::read(&file).unwrap();
     for residence in BOTH {
@@ -344,17 +344,17 @@ fn a_file_under_the_name_of_another_object_is_refused() {
     let dir = tempfile::tempdir().unwrap();
     let config = small_scene(dir.path(), "");
     let cache = dir.path().join("cache");
-    bake(&config, &cache, Residence::Owned);
+    bake(&config, &cache, CachePolicy::Copy);
     let [one, two] = files(&cache).try_into().unwrap();
     put(&two, &fs::read(one).unwrap());
-    let (uses, notes) = bake(&config, &cache, Residence::Mapped);
+    let (uses, notes) = bake(&config, &cache, CachePolicy::Mapped);
     assert!(uses.contains(&CacheUse::Hit) && uses.contains(&CacheUse::Rebaked), "{uses:?}");
     assert!(notes[0].contains("it belongs to another object"), "{notes:?}");
 }
 
 /// A file of each role: the static object, the tool, and a mesh that is both.
 fn roles(config: &SceneConfig, folder: &Path) -> [Vec<u8>; 3] {
-    bake(config, folder, Residence::Owned);
+    bake(config, folder, CachePolicy::Copy);
     let baked: Vec<Baked> = files(folder).iter().map(|file| read(&fs::read(file).unwrap()).unwrap()).collect();
     let [mut one, mut two] = <[Baked; 2]>::try_from(baked).unwrap();
     if one.field.is_none() {
@@ -489,7 +489,7 @@ fn a_mesh_that_changes_while_it_is_baked_is_not_kept() {
     };
     let (_guard, files) = small_files();
     let baked = read(&files[2]).unwrap();
-    let mut cache = Cache::at(dir.path().join("cache"), Residence::Owned);
+    let mut cache = Cache::at(dir.path().join("cache"), CachePolicy::Copy);
     let Lookup::Bake(slot) = cache.look_up(&request, u64::MAX) else { panic!("an empty cache") };
     fs::write(&path, CORNER.replace('9', "8")).unwrap();
     cache.store(&slot, &request, &baked);
@@ -509,7 +509,7 @@ fn reference() -> String {
     let dir = tempfile::tempdir().unwrap();
     let mut config = small_scene(dir.path(), "");
     config.parameters.contact.field = FieldKind::SurfacePoint;
-    bake(&config, &dir.path().join("cache"), Residence::Owned);
+    bake(&config, &dir.path().join("cache"), CachePolicy::Copy);
     let mut sums: Vec<String> = files(&dir.path().join("cache"))
         .iter()
         .flat_map(|file| {

@@ -12,7 +12,7 @@ use haptics::{
     TickOutput, Tool, tick,
 };
 use recording::file::Recorder;
-use recording::{Taps, TickRecord, drain};
+use recording::{RecordSubscribers, TickRecord, drain};
 use rt::clock::{Clock, RealClock, VirtualClock};
 use vps::contact::Obstacle;
 use vps::density::{Frame, FrameError, Lattice, Raster};
@@ -589,12 +589,12 @@ fn a_recording_on_clay_says_that_it_cannot_be_run_again() {
     let records = records(&mut consumer);
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("clay.mcap");
-    let recorder = Recorder::new(Taps::default(), true);
+    let recorder = Recorder::new(RecordSubscribers::default(), true);
     let handle = recorder.start(&path, false, Box::new(|error| panic!("{error}"))).expect("started");
     let (mut producer, ring) = rtrb::RingBuffer::new(records.len());
     records.iter().for_each(|record| producer.push(*record).expect("room"));
     drop(producer);
-    drain(ring, recorder.taps(), |_| ());
+    drain(ring, recorder.subscribers(), |_| ());
     assert_eq!(handle.stop().records, records.len() as u64);
     let error = replay(&path, |_| panic!("nothing is baked")).expect_err("refused");
     assert!(matches!(error, ReplayError::Clay { tick: 0 }), "{error}");

@@ -15,7 +15,7 @@ use hapticd::daemon::{Live, RenderJob, ReplayError, Replayed, Supervisor, prepar
 use hapticd::servo::{Control, SceneControls};
 use haptics::{Faults, LiveParameter};
 use recording::file::{Entry, Recorder, Recording, SceneFiles};
-use recording::{Taps, TickRecord, drain};
+use recording::{RecordSubscribers, TickRecord, drain};
 use rt::clock::ClockKind;
 use serde_json::Value;
 use tempfile::TempDir;
@@ -154,8 +154,8 @@ fn record(scene: &Path, duration: Duration, path: &Path, turn: impl FnOnce(&mut 
     let (prepared, _) = prepare(&config, |_| ()).expect("a scene");
     let (mut controls, commands) = SceneControls::new(&prepared.scene.parameters, objects(&config));
     turn(&mut controls);
-    let taps = Taps::default();
-    let recorder = Recorder::new(taps.clone(), true);
+    let subscribers = RecordSubscribers::default();
+    let recorder = Recorder::new(subscribers.clone(), true);
     recorder.facts.note("rate_hz", config.rate_hz);
     let mut files = scene_files(&config, &LoadOptions::default());
     // Where it lies on this machine is nobody's business.
@@ -171,7 +171,7 @@ fn record(scene: &Path, duration: Duration, path: &Path, turn: impl FnOnce(&mut 
         clock: ClockKind::Virtual,
         duration: Some(duration),
     };
-    let live = Live { commands, taps, ..Live::default() };
+    let live = Live { commands, subscribers, ..Live::default() };
     let outcome = Supervisor::new(|_| ()).render_live(job, live, &Arc::new(Control::new())).expect("an outcome");
     let summary = handle.stop();
     assert_eq!((summary.records, summary.error, outcome.report.faults), (outcome.report.ticks, None, Faults::NONE));
@@ -339,8 +339,8 @@ fn what_cannot_be_replayed_is_told() {
     let path = dir.path().join("r.mcap");
     record(&dir.path().join("a.toml"), Duration::from_millis(300), &path, |_| ());
     let rewrite = |name: &str, keep: &dyn Fn(&TickRecord) -> bool, change: &dyn Fn(&mut TickRecord)| {
-        let taps = Taps::default();
-        let recorder = Recorder::new(taps.clone(), true);
+        let subscribers = RecordSubscribers::default();
+        let recorder = Recorder::new(subscribers.clone(), true);
         recorder.scenes.add(scene_files(&rig::load(&dir.path().join("a.toml")), &LoadOptions::default()));
         let to = dir.path().join(name);
         let handle = recorder.start(&to, true, Box::new(|error| panic!("{error}"))).expect("started");
@@ -350,7 +350,7 @@ fn what_cannot_be_replayed_is_told() {
             producer.push(record).expect("room");
         }
         drop(producer);
-        recording::drain(consumer, &taps, |_| ());
+        recording::drain(consumer, &subscribers, |_| ());
         assert_eq!(handle.stop().error, None);
         to
     };
@@ -460,7 +460,7 @@ fn rewrite_the_recordings() {
 fn a_few_ticks() -> Vec<u8> {
     let dir = tempfile::tempdir().expect("a folder");
     let path = dir.path().join("few.mcap");
-    let recorder = Recorder::new(Taps::default(), true);
+    let recorder = Recorder::new(RecordSubscribers::default(), true);
     recorder.facts.note("rate_hz", 1000);
     let resolved_json = r#"{"statics": [{"name": "plate"}], "parameters": {"limits": {"force_n": 8.0}}}"#.to_owned();
     recorder.scenes.add(SceneFiles { name: "few".to_owned(), resolved_json, ..SceneFiles::default() });
@@ -473,7 +473,7 @@ fn a_few_ticks() -> Vec<u8> {
         producer.push(record).expect("room");
     }
     drop(producer);
-    drain(consumer, recorder.taps(), |_| ());
+    drain(consumer, recorder.subscribers(), |_| ());
     handle.stop();
     fs::read(&path).expect("bytes")
 }

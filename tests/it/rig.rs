@@ -7,7 +7,7 @@ use arms::simulated::hand::HandPath;
 use hapticd::config::{self, SceneConfig};
 use hapticd::daemon::prepare_with;
 use hapticd::scene::cache::Cache;
-use hapticd::scene::{BakeMeans, ObjectReport};
+use hapticd::scene::{BakeOptions, ObjectReport};
 use hapticd::servo::{CommandQueue, Control, Ending, ObjectPaths, RunPlan, ServoLoop, Step};
 use haptics::{Faults, Parameters, RenderScene};
 use recording::TickRecord;
@@ -102,7 +102,7 @@ pub(crate) fn run_ticks_with(config: &SceneConfig, cache: &mut Cache, n_ticks: u
 }
 
 fn run_along(config: &SceneConfig, cache: &mut Cache, n_ticks: u64, paths: ObjectPaths) -> Run {
-    let (prepared, reports) = prepare_with(config, &mut BakeMeans::from(cache), |_| ()).unwrap_or_else(|error| panic!("{error}"));
+    let (prepared, reports) = prepare_with(config, &mut BakeOptions::from(cache), |_| ()).unwrap_or_else(|error| panic!("{error}"));
     let scene = Arc::new(prepared.scene);
     // Room for all: the virtual clock waits for a drain, and nobody drains here before the end.
     let (producer, mut consumer) = rtrb::RingBuffer::new(n_ticks as usize + 2000);

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use arms::profile;
 use hapticd::config::{LoadOptions, SceneConfig, load_with};
 use hapticd::daemon::prepare_with;
-use hapticd::scene::BakeMeans;
+use hapticd::scene::BakeOptions;
 use hapticd::scene::cache::Cache;
 use hapticd::servo::{Control, Ending, RunPlan, ServoLoop, Step};
 use haptics::{Drive, Faults, OffCause, Parameters};
@@ -36,7 +36,7 @@ fn play(
     change: impl FnOnce(&mut Parameters),
     meddle: impl Fn(u64, &mut DeviceSample) + Send,
 ) -> Played {
-    let (mut prepared, _) = prepare_with(config, &mut BakeMeans::from(&mut Cache::off()), |_| ()).expect("a scene");
+    let (mut prepared, _) = prepare_with(config, &mut BakeOptions::from(&mut Cache::off()), |_| ()).expect("a scene");
     change(&mut prepared.scene.parameters);
     let (producer, mut consumer) = rtrb::RingBuffer::new(n_ticks as usize + 2000);
     let device = Meddled { arm: prepared.device, n_reads: 0, meddle };

@@ -15,7 +15,7 @@ use crossbeam::channel::Receiver;
 use hapticd::config::SceneConfig;
 use hapticd::daemon::device_node::node_parameters;
 use hapticd::daemon::prepare_with;
-use hapticd::scene::BakeMeans;
+use hapticd::scene::BakeOptions;
 use hapticd::scene::cache::Cache;
 use hapticd::servo::{Control, Ending, Order, RunPlan, ServoLoop, Step};
 use haptics::{Drive, Faults, Parameters, RenderScene, TickOutput};
@@ -183,7 +183,7 @@ impl Stage {
     }
 
     fn with(config: SceneConfig, change: impl FnOnce(&mut Parameters)) -> Self {
-        let (mut prepared, _) = prepare_with(&config, &mut BakeMeans::from(&mut Cache::off()), |_| ()).expect("a scene");
+        let (mut prepared, _) = prepare_with(&config, &mut BakeOptions::from(&mut Cache::off()), |_| ()).expect("a scene");
         change(&mut prepared.scene.parameters);
         Self { config, scene: Arc::new(prepared.scene), timing: TIMING }
     }

@@ -17,7 +17,7 @@ use arms::{Device, DeviceError, profile};
 use glam::DVec3;
 use hapticd::config::SceneConfig;
 use hapticd::daemon::prepare_with;
-use hapticd::scene::BakeMeans;
+use hapticd::scene::BakeOptions;
 use hapticd::scene::cache::Cache;
 use hapticd::servo::{Control, RunPlan, ServoLoop, Step};
 use haptics::{Faults, OffCause, Parameters};
@@ -119,7 +119,7 @@ fn play(
     change: impl FnOnce(&mut Parameters),
     meddle: impl Fn(u64, &mut DeviceSample) + Send,
 ) -> (Faults, Vec<OffCause>) {
-    let (mut prepared, _) = prepare_with(config, &mut BakeMeans::from(&mut Cache::off()), |_| ()).expect("a scene");
+    let (mut prepared, _) = prepare_with(config, &mut BakeOptions::from(&mut Cache::off()), |_| ()).expect("a scene");
     change(&mut prepared.scene.parameters);
     let (producer, mut consumer) = rtrb::RingBuffer::new(STRIDE);
     let device = Meddled { arm: prepared.device, n_reads: 0, meddle };

@@ -17,8 +17,8 @@ use std::sync::Arc;
 use glam::{DQuat, DVec3};
 use hapticd::config::{self, SceneConfig};
 use hapticd::daemon::prepare_with;
-use hapticd::scene::BakeMeans;
-use hapticd::scene::cache::{Cache, Residence};
+use hapticd::scene::BakeOptions;
+use hapticd::scene::cache::{Cache, CachePolicy};
 use hapticd::servo::{ClayFeed, ClaySlot, Control, LoadedScene, RunPlan, SceneControls, ServoLoop, Step};
 use haptics::clay::{Clay, Rope};
 use haptics::{Faults, RenderScene};
@@ -143,7 +143,7 @@ fn step_through_with(what: &str, mut config: SceneConfig, cache: &mut Cache, n_t
     let folder = tempfile::tempdir().expect("a temporary folder");
     config.device.hand = config.device.hand.map(|hand| hand_there_and_back(&hand, folder.path()));
     let (prepared, _) =
-        prepare_with(&config, &mut BakeMeans::from(cache), |_| ()).unwrap_or_else(|error| panic!("{what}: {error}"));
+        prepare_with(&config, &mut BakeOptions::from(cache), |_| ()).unwrap_or_else(|error| panic!("{what}: {error}"));
     let (producer, mut consumer) = rtrb::RingBuffer::new(STRIDE);
     let control = Arc::new(Control::enabled());
     let plan = RunPlan { stop_at_tick: Some(n_ticks), ..RunPlan::default() };
@@ -250,7 +250,7 @@ fn brakes_and_dampers_allocate_nothing() {
 #[test]
 fn a_scene_from_the_cache_allocates_nothing() {
     let folder = tempfile::tempdir().expect("a temporary folder");
-    for (what, residence) in [("baked", Residence::Owned), ("read", Residence::Owned), ("mapped", Residence::Mapped)] {
+    for (what, residence) in [("baked", CachePolicy::Copy), ("read", CachePolicy::Copy), ("mapped", CachePolicy::Mapped)] {
         let mut cache = Cache::at(folder.path().to_owned(), residence);
         let (faults, ticks, touching) = step_through_with(what, scene("block-on-plane", &[]), &mut cache, TICKS);
         assert!(faults.is_empty() && ticks >= TICKS && touching > 0, "{what}");
@@ -264,7 +264,7 @@ fn a_scene_from_the_cache_allocates_nothing() {
 fn moving_objects_turning_knobs_and_swapping_scenes_allocate_nothing() {
     let movable = [("layers = 8", "layers = 8\nmovable = true")];
     let config = scene("block-on-plane", &movable);
-    let bake = || prepare_with(&config, &mut BakeMeans::from(&mut Cache::off()), |_| ()).expect("a scene").0;
+    let bake = || prepare_with(&config, &mut BakeOptions::from(&mut Cache::off()), |_| ()).expect("a scene").0;
     let prepared = bake();
     let objects = vec![(config.statics[0].name.clone(), true)];
     let (mut controls, commands) = SceneControls::new(&config.parameters, objects.clone());
@@ -373,7 +373,7 @@ fn frames_of_clay_that_come_and_go_allocate_nothing() {
         );
         let folder = tempfile::tempdir().expect("a temporary folder");
         config.device.hand = config.device.hand.map(|hand| hand_there_and_back(&hand, folder.path()));
-        let (prepared, _) = prepare_with(&config, &mut BakeMeans::from(&mut Cache::off()), |_| ()).expect("a scene");
+        let (prepared, _) = prepare_with(&config, &mut BakeOptions::from(&mut Cache::off()), |_| ()).expect("a scene");
         let mut scene = prepared.scene;
         let smoothing = Clay::smoothing_between(4e-3, 1e-3);
         let rope = Rope { stiffness_n_per_m: 100.0, force_n: 1.0 };
@@ -414,7 +414,7 @@ fn frames_of_clay_that_come_and_go_allocate_nothing() {
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn no_walk_allocates_whatever_its_pose_and_budget() {
     let config = scene("block-on-plane", &[]);
-    let (prepared, _) = prepare_with(&config, &mut BakeMeans::from(&mut Cache::off()), |_| ()).expect("a scene");
+    let (prepared, _) = prepare_with(&config, &mut BakeOptions::from(&mut Cache::off()), |_| ()).expect("a scene");
     let RenderScene { parameters, obstacles, tool, .. } = &prepared.scene;
     for (machine, way) in [(Machine::Portable, Way::Tree), (Machine::best(), Way::Tree), (Machine::best(), Way::Flat)] {
         for budget in [Budget::Unlimited, Budget::Points(0), Budget::Points(100), Budget::Points(1000)] {

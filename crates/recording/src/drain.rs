@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use rtrb::Consumer;
 
-use super::{Summary, Taps, TickRecord};
+use super::{RecordSubscribers, Summary, TickRecord};
 use haptics::Drive;
 
 /// How long the drain rests when the ring is empty: a ring of some seconds never fills in that time.
@@ -37,7 +37,7 @@ pub struct Drained {
 }
 
 /// Takes records until the producer is gone and the ring is empty. Blocks; for a thread of its own.
-pub fn drain(mut records: Consumer<TickRecord>, taps: &Taps, mut watch: impl FnMut(Watch)) -> Drained {
+pub fn drain(mut records: Consumer<TickRecord>, subscribers: &RecordSubscribers, mut watch: impl FnMut(Watch)) -> Drained {
     let mut summary = Summary::new();
     let mut last: Option<TickRecord> = None;
     let mut next_snapshot = Instant::now() + SNAPSHOT_EVERY;
@@ -47,7 +47,7 @@ pub fn drain(mut records: Consumer<TickRecord>, taps: &Taps, mut watch: impl FnM
         let mut n_taken = 0u32;
         while let Ok(record) = records.pop() {
             summary.add(&record);
-            taps.pass(&record);
+            subscribers.pass(&record);
             let drive_before = last.map_or(Drive::Disabled, |record| record.output.drive);
             let faults_before = last.is_some_and(|record| !record.output.faults.is_empty());
             let scene_before = last.map_or(0, |record| record.scene_idx);
@@ -71,7 +71,7 @@ pub fn drain(mut records: Consumer<TickRecord>, taps: &Taps, mut watch: impl FnM
             watch(Watch::Snapshot(record));
         }
         if producer_gone {
-            taps.close();
+            subscribers.close();
             return Drained { summary, last };
         }
         if n_taken == 0 {
@@ -100,10 +100,10 @@ mod tests {
             producer.push(TickRecord { tick, output, ..TickRecord::default() }).expect("room");
         }
         drop(producer);
-        let (mut told, taps) = (Vec::new(), Taps::default());
+        let (mut told, subscribers) = (Vec::new(), RecordSubscribers::default());
         let (sender, tapped) = std::sync::mpsc::channel();
-        taps.add(Box::new(move |record| record.tick < 5 && sender.send(record.tick).is_ok()));
-        let drained = drain(consumer, &taps, |watch| match watch {
+        subscribers.add(Box::new(move |record| record.tick < 5 && sender.send(record.tick).is_ok()));
+        let drained = drain(consumer, &subscribers, |watch| match watch {
             Watch::Drive(record) => told.push((record.tick, "drive")),
             Watch::Fault(record) => told.push((record.tick, "fault")),
             Watch::Scene(_) | Watch::Snapshot(_) => {}
@@ -112,6 +112,6 @@ mod tests {
         assert_eq!(drained.last.map(|record| record.tick), Some(9));
         assert_eq!(drained.summary.ticks(), 10);
         assert_eq!(tapped.iter().collect::<Vec<_>>(), [0, 1, 2, 3, 4], "until it wants no more");
-        taps.add(Box::new(|_| panic!("the run is over")));
+        subscribers.add(Box::new(|_| panic!("the run is over")));
     }
 }

@@ -46,11 +46,11 @@ mod flight;
 pub mod metrics;
 mod record;
 pub mod report;
+mod subscribers;
 mod summary;
-mod taps;
 
 pub use drain::{Drained, Watch, drain};
 pub use flight::FlightRecorder;
 pub use record::TickRecord;
+pub use subscribers::{RecordSubscribers, Subscriber};
 pub use summary::{Counted, Histograms, LatencySummary, RealtimeSummary, Rendered, Summary, SwapSummary, Totals};
-pub use taps::{Tap, Taps};

@@ -1,6 +1,6 @@
 //! A run in the text format of Prometheus.
 //!
-//! Data in: every [`TickRecord`], through a [`Tap`], and what only others know ([`Metrics::set_clients`], [`Metrics::set_recording`]). Data out:
+//! Data in: every [`TickRecord`], through a [`Subscriber`], and what only others know ([`Metrics::set_clients`], [`Metrics::set_recording`]). Data out:
 //! [`Metrics::text`]. Base units throughout, as that format asks: seconds, newtons, metres.
 //!
 //! Counters begin at 0 with the run and never go back; a largest value is that of the run so far.
@@ -8,7 +8,7 @@
 use std::fmt::{self, Write as _};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use super::{Tap, TickRecord};
+use super::{Subscriber, TickRecord};
 use haptics::{Drive, Faults};
 
 /// Content type of [`Metrics::text`].
@@ -27,15 +27,15 @@ const PHASES: [(Drive, &str); 6] = [
     (Drive::Fault, "fault"),
 ];
 
-/// The figures of one run, and the tap that fills them. `rate_hz` is that of the scene.
-pub fn metrics_tap(rate_hz: u32) -> (Metrics, Tap) {
+/// The figures of one run, and the subscriber that fills them. `rate_hz` is that of the scene.
+pub fn metrics_subscriber(rate_hz: u32) -> (Metrics, Subscriber) {
     let metrics = Metrics(Arc::new(Mutex::new(Counts { rate_hz, ..Counts::default() })));
     let filled = metrics.clone();
-    let tap = Box::new(move |record: &TickRecord| {
+    let subscriber = Box::new(move |record: &TickRecord| {
         filled.counts().add(record);
         true
     });
-    (metrics, tap)
+    (metrics, subscriber)
 }
 
 /// The figures of one run. Clones share them.
@@ -323,9 +323,9 @@ mod tests {
 
     #[test]
     fn the_text_is_an_exposition_before_and_after_the_first_tick() {
-        let (metrics, mut tap) = metrics_tap(1000);
+        let (metrics, mut subscriber) = metrics_subscriber(1000);
         let before = parse(&metrics.text());
-        assert!(tap(&record(0, 0)));
+        assert!(subscriber(&record(0, 0)));
         let after = parse(&metrics.text());
         assert_eq!(before.keys().collect::<Vec<_>>(), after.keys().collect::<Vec<_>>(), "families neither come nor go");
         assert_eq!(after["hapticd_phase"].1.iter().map(|(.., value)| value).sum::<f64>(), 1.0);
@@ -334,7 +334,7 @@ mod tests {
 
     #[test]
     fn what_happened_is_counted_once() {
-        let (metrics, mut tap) = metrics_tap(1000);
+        let (metrics, mut subscriber) = metrics_subscriber(1000);
         let output = |faults, contacts, max_depth_m| TickOutput { faults, contacts, max_depth_m, ..TickOutput::default() };
         for (tick, output) in [
             output(Faults::NONE, 0, 0.0),
@@ -347,7 +347,7 @@ mod tests {
         .into_iter()
         .enumerate()
         {
-            tap(&TickRecord { output, ..record(tick as u64, tick as i64 * 1_000_000) });
+            subscriber(&TickRecord { output, ..record(tick as u64, tick as i64 * 1_000_000) });
         }
         let text = metrics.text();
         parse(&text);
@@ -367,9 +367,9 @@ mod tests {
 
     #[test]
     fn latencies_lie_in_the_bucket_that_ends_above_them() {
-        let (metrics, mut tap) = metrics_tap(1000);
+        let (metrics, mut subscriber) = metrics_subscriber(1000);
         for (tick, compute_ns) in [0, 1000, 1001, 180_000, 50_000_000].into_iter().enumerate() {
-            tap(&TickRecord { compute_ns, ..record(tick as u64, tick as i64 * 1_000_000) });
+            subscriber(&TickRecord { compute_ns, ..record(tick as u64, tick as i64 * 1_000_000) });
         }
         for (series, expected) in [
             ("hapticd_compute_seconds_bucket{le=\"0.000001\"}", 2.0),
@@ -386,16 +386,16 @@ mod tests {
 
     #[test]
     fn a_record_that_was_lost_is_no_missed_deadline() {
-        let (metrics, mut tap) = metrics_tap(1000);
-        tap(&record(0, 0));
-        tap(&record(5, 5_000_000));
+        let (metrics, mut subscriber) = metrics_subscriber(1000);
+        subscriber(&record(0, 0));
+        subscriber(&record(5, 5_000_000));
         assert_eq!(value(&metrics, "hapticd_dropped_records_total"), 4.0);
         assert_eq!(value(&metrics, "hapticd_missed_deadlines_total"), 0.0);
     }
 
     #[test]
     fn what_others_know_is_shown() {
-        let (metrics, _tap) = metrics_tap(1000);
+        let (metrics, _tap) = metrics_subscriber(1000);
         metrics.set_clients(3);
         metrics.set_recording(Some(RecordingCounts { records: 12, dropped: 1 }));
         for (series, expected) in [

@@ -11,7 +11,7 @@ use super::{Args, Failure, NavigationChoice};
 use crate::config::scene::MeshSource;
 use crate::error::Exit;
 use crate::picture::{self, Subject};
-use crate::scene::cache::{Baked, Cache, Lookup, Request, Residence, Spacing};
+use crate::scene::cache::{Baked, Cache, Lookup, Request, CachePolicy, Spacing};
 use crate::scene::{self, Event, MemoryPlan, ObjectReport, Role};
 use vps::mesh::MeshError;
 use vps::part::PartError;
@@ -100,7 +100,7 @@ pub(super) fn bake_mesh(args: &Args, talk: Talk) -> Result<(), Failure> {
         Some(NavigationChoice::Auto) | None => None,
     };
     let needs_more = navigation.is_some() || outputs.iter().any(|output| output.is_some());
-    let mut cache = if needs_more { Cache::off() } else { args.cache.open(Residence::Mapped, talk) };
+    let mut cache = if needs_more { Cache::off() } else { args.cache.open(CachePolicy::Mapped, talk) };
     if args.units.is_none() {
         report::note("the numbers of the mesh file are taken as metres; --units m|mm|cm|in says otherwise", talk);
     }

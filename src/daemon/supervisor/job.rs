@@ -11,7 +11,7 @@ use crate::servo::{ClaySlot, CommandQueue, Ending, LoopReport};
 use arms::Device;
 use arms::attached::open::LinkNews;
 use haptics::RenderScene;
-use recording::{SwapSummary, Taps, Totals};
+use recording::{RecordSubscribers, SwapSummary, Totals};
 use rt::clock::ClockKind;
 use rt::control::Permit;
 use rt::preflight::Report;
@@ -46,7 +46,7 @@ pub struct Live {
     /// What becomes of the link of a real arm.
     pub news: Option<Receiver<LinkNews>>,
     /// Who wants every record.
-    pub taps: Taps,
+    pub subscribers: RecordSubscribers,
 }
 
 /// An operator asks for force, from zero. After a fault this acknowledges it. Everything that takes force away goes to the [`Control`](crate::servo::Control)

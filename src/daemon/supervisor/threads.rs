@@ -7,7 +7,7 @@ use crossbeam::channel::{Receiver, Sender, bounded};
 use super::job::Live;
 use crate::servo::{LoopReport, ServoLoop, run_to_end};
 use arms::Device;
-use recording::{Drained, Taps, TickRecord, Watch, drain};
+use recording::{Drained, RecordSubscribers, TickRecord, Watch, drain};
 use rt::clock::{Clock, ClockKind};
 use rt::schedule::{self, ThreadRequest, ThreadStanding};
 
@@ -52,11 +52,11 @@ pub(super) fn spawn_servo<C: Clock + 'static>(
 
 pub(super) fn spawn_drain(
     records: rtrb::Consumer<TickRecord>,
-    taps: Taps,
+    subscribers: RecordSubscribers,
     events: Sender<Watch>,
 ) -> Result<JoinHandle<Drained>, std::io::Error> {
     std::thread::Builder::new().name("drain".to_owned()).spawn(move || {
-        drain(records, &taps, |watch| {
+        drain(records, &subscribers, |watch| {
             // The supervisor outlives the drain; if it has given up, the message is dropped.
             let _ = events.send(watch);
         })

@@ -37,12 +37,12 @@ const LIMIT_BYTES: u64 = 4 << 30;
 
 /// Where arrays from the cache are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Residence {
+pub enum CachePolicy {
     /// In the mapped file: no copy, memory that processes share and that the kernel may take back. Somebody who shortens the file ends
     /// the process: not for a hand.
     Mapped,
     /// In memory of the process, which nobody else can touch: for rendering.
-    Owned,
+    Copy,
 }
 
 /// The bake cache of a command.
@@ -50,7 +50,7 @@ pub enum Residence {
 pub struct Cache {
     /// `None`: off.
     folder: Option<PathBuf>,
-    residence: Residence,
+    residence: CachePolicy,
     /// One refusal is enough for a process.
     may_write: bool,
     notes: Vec<String>,
@@ -77,11 +77,11 @@ pub struct Slot {
 impl Cache {
     /// A cache that finds nothing and keeps nothing.
     pub fn off() -> Self {
-        Self { folder: None, residence: Residence::Owned, may_write: false, notes: Vec::new() }
+        Self { folder: None, residence: CachePolicy::Copy, may_write: false, notes: Vec::new() }
     }
 
     /// The cache in a folder, which need not exist yet.
-    pub fn at(folder: PathBuf, residence: Residence) -> Self {
+    pub fn at(folder: PathBuf, residence: CachePolicy) -> Self {
         Self { folder: Some(folder), residence, may_write: true, ..Self::off() }
     }
 
@@ -132,8 +132,8 @@ impl Cache {
         folder::touch(&file);
         let region = match self.residence {
             // An empty file cannot be mapped; a copy of it says what is wrong.
-            Residence::Mapped if file.metadata()?.len() > 0 => MappedFile::map(&file)?,
-            Residence::Mapped | Residence::Owned => MappedFile::read(&file)?,
+            CachePolicy::Mapped if file.metadata()?.len() > 0 => MappedFile::map(&file)?,
+            CachePolicy::Mapped | CachePolicy::Copy => MappedFile::read(&file)?,
         };
         let baked = contents::take(region, Some(key))?;
         if baked.serves(role) { Ok(baked) } else { Err(Refusal::Damaged("its contents")) }

@@ -38,7 +38,7 @@ pub use csv::Csv;
 use self::sliding::{DEPTHS_VOXELS, Slid};
 use super::export::TemporaryFolder;
 use super::{BenchError, Row};
-use hapticd::scene::cache::{Cache, Residence};
+use hapticd::scene::cache::{Cache, CachePolicy};
 
 /// What to measure, and with what.
 #[derive(Clone, Debug)]
@@ -84,7 +84,7 @@ pub fn quality(options: &Options, mut tell: impl FnMut(&str)) -> Result<Quality,
     let mut rows = fields::rows(&measured);
     rows.extend(accuracy::rows(options, &mut tell));
     let folder = TemporaryFolder::create().map_err(|source| BenchError::Write { path: std::env::temp_dir(), source })?;
-    let mut cache = Cache::at(folder.path().join("cache"), Residence::Owned);
+    let mut cache = Cache::at(folder.path().join("cache"), CachePolicy::Copy);
     let slides =
         if options.quick { Vec::new() } else { sliding::slides_with(&options.scenes, &DEPTHS_VOXELS, &mut cache, &mut tell)? };
     rows.extend(sliding::rows(&slides, &mut csv)?);

@@ -9,7 +9,7 @@ use super::super::BenchError;
 use document::poses;
 use hapticd::config::{self, SceneConfig};
 use hapticd::daemon::prepare_with;
-use hapticd::scene::BakeMeans;
+use hapticd::scene::BakeOptions;
 use hapticd::scene::cache::Cache;
 use hapticd::servo::{Control, RunPlan, ServoLoop, run_to_end};
 use haptics::{Faults, RenderScene};
@@ -101,7 +101,7 @@ pub(super) fn play(config: &SceneConfig, cache: &mut Cache, longest_s: f64) -> R
     let hand = config.device.hand.as_deref().map(poses::read).transpose().map_err(|error| failed(error.to_string()))?;
     let hand_s = hand.and_then(|poses| poses.last().map(|pose| pose.time_s)).unwrap_or_default();
     let n_ticks = ((hand_s + 1.0).min(longest_s) / config.parameters.period_s).round() as u64;
-    let (prepared, _) = prepare_with(config, &mut BakeMeans::from(cache), |_| ()).map_err(|error| failed(error.to_string()))?;
+    let (prepared, _) = prepare_with(config, &mut BakeOptions::from(cache), |_| ()).map_err(|error| failed(error.to_string()))?;
     let scene = Arc::new(prepared.scene);
     // Room for all: the virtual clock waits for a drain, and nobody drains here before the end.
     let (producer, mut consumer) = rtrb::RingBuffer::new(n_ticks as usize + 2000);

@@ -21,7 +21,7 @@ use super::ripple::{lag_s, ripple_rms};
 use super::scenarios::{RATE_HZ, SPEED_M_PER_S};
 use super::{Csv, scenes};
 use hapticd::daemon::prepare_with;
-use hapticd::scene::BakeMeans;
+use hapticd::scene::BakeOptions;
 use hapticd::scene::cache::Cache;
 use haptics::RenderScene;
 use haptics::filter::{ShapingFilter, Slide};
@@ -150,7 +150,7 @@ pub(super) fn slides_with(
         let failed = |why: String| BenchError::Prepare { what: track.scene.to_owned(), why };
         let config = hapticd::config::load(path).map_err(|errors| failed(errors.to_string()))?;
         let (prepared, _) =
-            prepare_with(&config, &mut BakeMeans::from(&mut *cache), |_| ()).map_err(|error| failed(error.to_string()))?;
+            prepare_with(&config, &mut BakeOptions::from(&mut *cache), |_| ()).map_err(|error| failed(error.to_string()))?;
         slid.extend(depths_voxels.iter().map(|depth_voxels| track.slide(&prepared.scene, *depth_voxels)));
     }
     Ok(slid)

@@ -12,7 +12,7 @@ use crossbeam::channel::{Receiver, Sender, bounded, unbounded};
 use super::Recorder;
 use super::messages::zero_ns;
 use super::write::{RecordingError, RecordingFile};
-use crate::{Tap, TickRecord};
+use crate::{Subscriber, TickRecord};
 use haptics::Faults;
 use rt::utc::timestamp;
 
@@ -46,11 +46,11 @@ pub struct FaultFiles {
     incidents: Sender<Incident>,
     /// Never sends: it disconnects when everything has been written.
     ended: Receiver<()>,
-    /// Complete when the taps are closed.
+    /// Complete when the subscribers are closed.
     left: Arc<Mutex<Left>>,
 }
 
-/// What the tap leaves behind.
+/// What the subscriber leaves behind.
 #[derive(Debug, Default)]
 struct Left {
     /// Faults that were handed over.
@@ -87,7 +87,7 @@ impl FaultFiles {
             }
         };
         std::thread::Builder::new().name("fault-files".to_owned()).spawn(run).map_err(RecordingError::Thread)?;
-        recorder.taps().add(tap(incidents.clone(), left.clone()));
+        recorder.subscribers().add(subscriber(incidents.clone(), left.clone()));
         Ok(Self { incidents, ended, left })
     }
 
@@ -118,7 +118,7 @@ struct Watch {
     left: Arc<Mutex<Left>>,
 }
 
-fn tap(incidents: Sender<Incident>, left: Arc<Mutex<Left>>) -> Tap {
+fn subscriber(incidents: Sender<Incident>, left: Arc<Mutex<Left>>) -> Subscriber {
     let ring = VecDeque::with_capacity(TICKS_BEFORE + TICKS_AFTER);
     let mut watch = Watch { ring, pending: None, had_faults: false, incidents, left };
     Box::new(move |record| {
@@ -232,25 +232,25 @@ pub fn now() -> String {
 mod tests {
     use super::*;
     use crate::file::SceneFiles;
-    use crate::{Taps, drain};
+    use crate::{RecordSubscribers, drain};
     use haptics::TickOutput;
 
-    fn feed(tap: &mut Tap, ticks: core::ops::Range<u64>, faults: Faults) {
+    fn feed(subscriber: &mut Subscriber, ticks: core::ops::Range<u64>, faults: Faults) {
         for tick in ticks {
             let output = TickOutput { faults, ..TickOutput::default() };
-            assert!(tap(&TickRecord { tick, output, ..TickRecord::default() }));
+            assert!(subscriber(&TickRecord { tick, output, ..TickRecord::default() }));
         }
     }
 
     #[test]
     fn every_fault_is_handed_over_with_what_was_before_and_after() {
         let (incidents, received) = unbounded();
-        let mut tap = tap(incidents, Arc::default());
-        feed(&mut tap, 0..5000, Faults::NONE);
-        feed(&mut tap, 5000..5700, Faults::STALE);
-        feed(&mut tap, 5700..5800, Faults::NONE);
-        feed(&mut tap, 5800..5810, Faults::POWER);
-        drop(tap);
+        let mut subscriber = subscriber(incidents, Arc::default());
+        feed(&mut subscriber, 0..5000, Faults::NONE);
+        feed(&mut subscriber, 5000..5700, Faults::STALE);
+        feed(&mut subscriber, 5700..5800, Faults::NONE);
+        feed(&mut subscriber, 5800..5810, Faults::POWER);
+        drop(subscriber);
         let told: Vec<_> = received
             .iter()
             .map(|Incident { faults, records, .. }| (faults, records.first().map(|r| r.tick), records.last().map(|r| r.tick)))
@@ -262,10 +262,10 @@ mod tests {
     fn finished(ticks: u64, acknowledged: Faults, faults: Faults, kept: core::ops::Range<u64>) -> (Faults, [u64; 2]) {
         let (incidents, received) = unbounded();
         let (left, (alive, ended)) = (Arc::default(), bounded(1));
-        let mut tap = tap(incidents.clone(), Arc::clone(&left));
-        feed(&mut tap, 0..100, acknowledged);
-        feed(&mut tap, 100..ticks, Faults::NONE);
-        drop((tap, alive));
+        let mut subscriber = subscriber(incidents.clone(), Arc::clone(&left));
+        feed(&mut subscriber, 0..100, acknowledged);
+        feed(&mut subscriber, 100..ticks, Faults::NONE);
+        drop((subscriber, alive));
         let kept: Vec<TickRecord> = kept.map(|tick| TickRecord { tick, ..TickRecord::default() }).collect();
         FaultFiles { incidents, ended, left }.finish(faults, kept.iter());
         let Incident { faults, records, .. } = received.iter().last().expect("an incident");
@@ -285,7 +285,7 @@ mod tests {
     #[test]
     fn what_is_written_late_has_the_time_at_which_it_came() {
         let folder = tempfile::tempdir().expect("a folder");
-        let recorder = Recorder::new(Taps::default(), false);
+        let recorder = Recorder::new(RecordSubscribers::default(), false);
         recorder.scenes.add(SceneFiles::default());
         let told = Box::new(|file: &FaultFile| assert!(file.file.is_ok()));
         let files = FaultFiles::watch(&recorder, folder.path().to_owned(), told).expect("a thread");
@@ -296,7 +296,7 @@ mod tests {
             producer.push(TickRecord { tick, time_ns: tick as i64 * 1_000_000, output, ..TickRecord::default() }).expect("room");
         }
         drop(producer);
-        drain(consumer, recorder.taps(), |_| ());
+        drain(consumer, recorder.subscribers(), |_| ());
         files.finish(Faults::STALE, [].iter());
         let after = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).expect("after 1970");
         let file = fs::read_dir(folder.path()).expect("a folder").next().expect("a file").expect("an entry").path();
@@ -310,7 +310,7 @@ mod tests {
     #[test]
     fn a_fault_that_no_record_shows_is_written_from_what_the_loop_kept() {
         let folder = tempfile::tempdir().expect("a folder");
-        let recorder = Recorder::new(Taps::default(), false);
+        let recorder = Recorder::new(RecordSubscribers::default(), false);
         let (told, heard) = std::sync::mpsc::channel();
         let watch = || {
             let told = told.clone();
@@ -318,11 +318,11 @@ mod tests {
             FaultFiles::watch(&recorder, folder.path().join("faults"), Box::new(told)).expect("a thread")
         };
         let kept: Vec<TickRecord> = (0..3).map(|tick| TickRecord { tick, ..TickRecord::default() }).collect();
-        // The run is over: its taps are gone.
+        // The run is over: its subscribers are gone.
         let files = watch();
         let (producer, consumer) = rtrb::RingBuffer::new(1);
         drop(producer);
-        drain(consumer, recorder.taps(), |_| ());
+        drain(consumer, recorder.subscribers(), |_| ());
         files.finish(Faults::PANIC, kept.iter());
         assert_eq!(heard.try_iter().collect::<Vec<_>>(), [(Faults::PANIC, true)]);
         watch().finish(Faults::NONE, kept.iter());

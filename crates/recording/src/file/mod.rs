@@ -1,6 +1,6 @@
 //! Recordings: every tick of a run in an MCAP file that other programs open and that this one can run again.
 //!
-//! Data in: records from a tap on the drain, and what the scenes are made of. Data out: files, and entries read back from them.
+//! Data in: records from a subscriber on the drain, and what the scenes are made of. Data out: files, and entries read back from them.
 //!
 //! | file | owns |
 //! |---|---|

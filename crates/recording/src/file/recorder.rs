@@ -1,7 +1,7 @@
 //! Starts and stops recordings while a run goes on.
 //!
 //! ```text
-//!  drain ──tap──► bounded queue ──► recorder thread ──► file
+//!  drain ──subscriber──► bounded queue ──► recorder thread ──► file
 //!             └ full: dropped and counted; under the virtual clock the drain waits
 //! ```
 //! Nothing that a disk does reaches the drain or the loop.
@@ -19,7 +19,7 @@ use serde::Serialize;
 use super::messages::zero_ns;
 use super::scene_files::{ROOM_BYTES, SceneFiles, Scenes};
 use super::write::{RecordingError, RecordingFile};
-use crate::{Taps, TickRecord};
+use crate::{RecordSubscribers, TickRecord};
 use rt::utc::timestamp;
 
 /// Records that may wait for the disk: eight seconds at 1 kHz, some megabytes.
@@ -53,7 +53,7 @@ pub struct Recorder {
     pub facts: Facts,
     /// The scenes of the run.
     pub scenes: Scenes,
-    taps: Taps,
+    subscribers: RecordSubscribers,
     is_virtual: bool,
 }
 
@@ -95,18 +95,18 @@ pub struct RecorderHandle {
 }
 
 impl Recorder {
-    /// For a run whose records pass these taps. `is_virtual`: its time is simulated and waits for the disk, so that nothing is dropped.
-    pub fn new(taps: Taps, is_virtual: bool) -> Self {
+    /// For a run whose records pass these subscribers. `is_virtual`: its time is simulated and waits for the disk, so that nothing is dropped.
+    pub fn new(subscribers: RecordSubscribers, is_virtual: bool) -> Self {
         let facts = Facts::default();
         facts.note("program", concat!("hapticd ", env!("CARGO_PKG_VERSION")));
         facts.note("begun", timestamp(SystemTime::now()));
         facts.note("clock", if is_virtual { "virtual" } else { "real" });
-        Self { facts, scenes: Scenes::default(), taps, is_virtual }
+        Self { facts, scenes: Scenes::default(), subscribers, is_virtual }
     }
 
-    /// The taps that the records pass.
-    pub fn taps(&self) -> &Taps {
-        &self.taps
+    /// The subscribers that the records pass.
+    pub fn subscribers(&self) -> &RecordSubscribers {
+        &self.subscribers
     }
 
     /// What time the messages of this run bear, from the next record on.
@@ -168,7 +168,7 @@ impl Recorder {
         };
         std::thread::Builder::new().name("recorder".to_owned()).spawn(run).map_err(RecordingError::Thread)?;
         let (counted, is_virtual) = (progress.clone(), self.is_virtual);
-        self.taps.add(Box::new(move |record| {
+        self.subscribers.add(Box::new(move |record| {
             counted.zero_ns.get_or_init(|| zero_ns(record));
             let dropped = counted.dropped.load(Ordering::Relaxed);
             if is_virtual {

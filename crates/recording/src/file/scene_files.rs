@@ -64,7 +64,7 @@ impl NamedFile {
     }
 
     /// The same, each opened and as it was when the scene was read; or what became of it.
-    pub(super) fn opened(&self) -> impl Iterator<Item = (PathBuf, Result<(File, u64), Gone>)> {
+    pub(super) fn opened(&self) -> impl Iterator<Item = (PathBuf, Result<(File, u64), MissingFile>)> {
         self.parts().zip(&self.stamps).map(|((path, beside), stamp)| (beside, open(&path, *stamp)))
     }
 }
@@ -73,18 +73,18 @@ pub(super) fn stamp(metadata: &Metadata) -> Option<(u64, SystemTime)> {
     Some((metadata.len(), metadata.modified().ok()?))
 }
 
-fn open(path: &Path, before: Option<(u64, SystemTime)>) -> Result<(File, u64), Gone> {
-    let file = regular::open(path).map_err(Gone::Unreadable)?;
-    let metadata = file.metadata().map_err(Gone::Unreadable)?;
+fn open(path: &Path, before: Option<(u64, SystemTime)>) -> Result<(File, u64), MissingFile> {
+    let file = regular::open(path).map_err(MissingFile::Unreadable)?;
+    let metadata = file.metadata().map_err(MissingFile::Unreadable)?;
     if before.is_none() || stamp(&metadata) != before {
-        return Err(Gone::Changed);
+        return Err(MissingFile::Changed);
     }
     Ok((file, metadata.len()))
 }
 
 /// Why a file is not in the recording.
 #[derive(Debug, thiserror::Error)]
-pub(super) enum Gone {
+pub(super) enum MissingFile {
     #[error("changed after it was baked")]
     Changed,
     #[error("changed while it was recorded")]

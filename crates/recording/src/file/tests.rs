@@ -8,7 +8,7 @@ use prost::Message as _;
 
 use super::channels::{Channel, Row};
 use super::*;
-use crate::{Taps, TickRecord, drain};
+use crate::{RecordSubscribers, TickRecord, drain};
 use haptics::{
     Drive, DriveRequest, Faults, FrameInUse, LiveParameter, OffCause, ParameterChange, Placement, TickInput, TickOutput,
 };
@@ -98,12 +98,12 @@ fn bits(record: &TickRecord) -> Vec<Vec<u8>> {
 }
 
 /// Passes records through a drain.
-fn feed(taps: &Taps, records: impl IntoIterator<Item = TickRecord>) {
+fn feed(subscribers: &RecordSubscribers, records: impl IntoIterator<Item = TickRecord>) {
     let records: Vec<TickRecord> = records.into_iter().collect();
     let (mut producer, consumer) = rtrb::RingBuffer::new(records.len().max(1));
     records.into_iter().for_each(|record| producer.push(record).expect("room"));
     drop(producer);
-    drain(consumer, taps, |_| ());
+    drain(consumer, subscribers, |_| ());
 }
 
 fn entries(path: &Path) -> (Vec<Entry>, bool) {
@@ -129,7 +129,7 @@ fn every_bit_of_every_tick_comes_back_with_the_files_of_its_scene() {
     let folder = tempfile::tempdir().expect("a folder");
     let mesh = folder.path().join("part.obj");
     std::fs::write(&mesh, "v 0 0 0\n").expect("written");
-    let recorder = Recorder::new(Taps::default(), true);
+    let recorder = Recorder::new(RecordSubscribers::default(), true);
     recorder.facts.note("rate_hz", 1000);
     for name in ["first", "second"] {
         recorder.scenes.add(SceneFiles {
@@ -150,7 +150,7 @@ fn every_bit_of_every_tick_comes_back_with_the_files_of_its_scene() {
     }
     let path = folder.path().join("all.mcap");
     let handle = recorder.start(&path, false, Box::new(never_fails)).expect("started");
-    feed(recorder.taps(), (0..20).map(odd_record));
+    feed(recorder.subscribers(), (0..20).map(odd_record));
     let summary = handle.stop();
     assert_eq!((summary.records, summary.dropped, summary.error), (20, 0, None));
     let (entries, is_whole) = entries(&path);
@@ -186,11 +186,11 @@ fn the_meshes_that_viewers_show_share_their_room() {
     let mesh = folder.path().join("part.stl");
     std::fs::File::create(&mesh).expect("created").set_len(14 << 20).expect("long");
     let shown = Shown { name: "part".to_owned(), pose: Pose::IDENTITY, is_tool: false, form: Form::Mesh(mesh, 1.0) };
-    let recorder = Recorder::new(Taps::default(), true);
+    let recorder = Recorder::new(RecordSubscribers::default(), true);
     recorder.scenes.add(SceneFiles { shown: vec![shown; 5], ..SceneFiles::default() });
     let path = folder.path().join("many.mcap");
     let handle = recorder.start(&path, false, Box::new(never_fails)).expect("started");
-    feed(recorder.taps(), [TickRecord::default()]);
+    feed(recorder.subscribers(), [TickRecord::default()]);
     handle.stop();
     let bytes = std::fs::read(&path).expect("bytes");
     let messages = mcap::MessageStream::new(&bytes).expect("mcap").map(|message| message.expect("sound"));
@@ -207,7 +207,7 @@ fn what_was_there_stays_until_there_is_something_to_take_its_place() {
     rustix::fs::mkfifoat(rustix::fs::CWD, &pipe, rustix::fs::Mode::RWXU).expect("a pipe");
     let _reader = std::fs::OpenOptions::new().read(true).write(true).open(&pipe).expect("opened");
     let begun = |path: &Path, overwrites| {
-        let recorder = Recorder::new(Taps::default(), true);
+        let recorder = Recorder::new(RecordSubscribers::default(), true);
         recorder.scenes.add(SceneFiles::default());
         let handle = recorder.start(path, overwrites, Box::new(never_fails)).expect("started");
         (recorder, handle)
@@ -225,7 +225,7 @@ fn what_was_there_stays_until_there_is_something_to_take_its_place() {
         assert_eq!(std::fs::read(&old).expect("there"), b"an old one");
     }
     let (recorder, handle) = begun(&link, true);
-    feed(recorder.taps(), [TickRecord::default()]);
+    feed(recorder.subscribers(), [TickRecord::default()]);
     assert_eq!(handle.stop().records, 1);
     assert_eq!(names(), ["link.mcap", "old.mcap", "pipe"]);
     assert_eq!(ticks(&entries(&old).0).len(), 1);
@@ -236,10 +236,10 @@ fn what_was_there_stays_until_there_is_something_to_take_its_place() {
 fn a_recording_that_is_cut_off_anywhere_can_be_read_up_to_there() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("cut.mcap");
-    let recorder = Recorder::new(Taps::default(), true);
+    let recorder = Recorder::new(RecordSubscribers::default(), true);
     recorder.scenes.add(SceneFiles::default());
     let handle = recorder.start(&path, false, Box::new(never_fails)).expect("started");
-    feed(recorder.taps(), (0..3000).map(|tick| TickRecord { scene_idx: 0, ..odd_record(tick) }));
+    feed(recorder.subscribers(), (0..3000).map(|tick| TickRecord { scene_idx: 0, ..odd_record(tick) }));
     assert_eq!(handle.stop().error, None);
     let bytes = std::fs::read(&path).expect("bytes");
     let mut n_before = 3000;
@@ -403,10 +403,10 @@ fn a_disk_that_takes_nothing_costs_records_and_holds_up_nobody() {
     rustix::fs::mkfifoat(rustix::fs::CWD, &path, rustix::fs::Mode::RWXU).expect("a pipe");
     // Opened by a reader who does not read: the pipe takes 64 KiB and no more.
     let mut reader = std::fs::OpenOptions::new().read(true).write(true).open(&path).expect("opened");
-    let recorder = Recorder::new(Taps::default(), false);
+    let recorder = Recorder::new(RecordSubscribers::default(), false);
     recorder.scenes.add(SceneFiles::default());
     let handle = recorder.start(&path, true, Box::new(never_fails)).expect("started");
-    feed(recorder.taps(), (0..30_000).map(|tick| TickRecord { scene_idx: 0, ..odd_record(tick) }));
+    feed(recorder.subscribers(), (0..30_000).map(|tick| TickRecord { scene_idx: 0, ..odd_record(tick) }));
     let stuck = handle.status();
     assert!(stuck.dropped > 10_000 && stuck.records < 20_000, "{stuck:?}");
     // Now somebody reads, and what was kept arrives with its gap.
@@ -432,7 +432,7 @@ fn a_disk_that_takes_nothing_costs_records_and_holds_up_nobody() {
 
 #[test]
 fn an_error_is_told_once_and_ends_the_recording_only() {
-    let recorder = Recorder::new(Taps::default(), false);
+    let recorder = Recorder::new(RecordSubscribers::default(), false);
     assert!(matches!(recorder.start(Path::new("/dev/full"), true, Box::new(never_fails)), Err(RecordingError::Write { .. })));
     assert!(matches!(recorder.start(Path::new("/proc/f.mcap"), false, Box::new(never_fails)), Err(RecordingError::Create { .. })));
     // A reader who goes away in the middle: every write fails from then on.
@@ -443,7 +443,7 @@ fn an_error_is_told_once_and_ends_the_recording_only() {
     let (told, heard) = std::sync::mpsc::channel();
     let handle = recorder.start(&path, true, Box::new(move |error| told.send(error.to_string()).expect("heard"))).expect("started");
     drop(reader);
-    feed(recorder.taps(), (0..9000).map(|tick| TickRecord { scene_idx: 0, ..odd_record(tick) }));
+    feed(recorder.subscribers(), (0..9000).map(|tick| TickRecord { scene_idx: 0, ..odd_record(tick) }));
     let summary = handle.stop();
     let message = heard.recv().expect("told");
     assert!(message.contains("cannot write") && summary.error.as_ref() == Some(&message), "{summary:?}");

@@ -14,7 +14,7 @@ use mcap::{Attachment, Compression, McapError, Writer};
 
 use super::channels::{Channel, Row};
 use super::messages::{self, Occasion, Stamps};
-use super::scene_files::{self, Gone, SceneFiles};
+use super::scene_files::{self, MissingFile, SceneFiles};
 use crate::TickRecord;
 use haptics::Faults;
 
@@ -223,7 +223,7 @@ impl RecordingFile {
                         if self.attach_file(&name, &mut file, n_bytes)? {
                             manifest.insert(key("attachment"), name);
                         } else {
-                            manifest.insert(key("missing"), Gone::ChangedMeanwhile.to_string());
+                            manifest.insert(key("missing"), MissingFile::ChangedMeanwhile.to_string());
                         }
                     }
                     Ok((mut file, _)) => {

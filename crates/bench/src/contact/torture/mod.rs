@@ -19,8 +19,8 @@ use super::super::{BenchError, Row};
 use super::{Options, scenes};
 use hapticd::config::SceneConfig;
 use hapticd::daemon::prepare_with;
-use hapticd::scene::BakeMeans;
-use hapticd::scene::cache::{Cache, Residence};
+use hapticd::scene::BakeOptions;
+use hapticd::scene::cache::{Cache, CachePolicy};
 use hapticd::servo::{Control, LoopReport, RunPlan, ServoLoop, run_to_end};
 use rt::clock::{Clock, RealClock, VirtualClock};
 use rt::schedule::{self, ThreadRequest};
@@ -47,7 +47,7 @@ pub(super) fn rows(options: &Options, tell: &mut dyn FnMut(&str)) -> Result<Vec<
         return Ok(vec![Row::new("torture", why, None, "")]);
     };
     let folder = TemporaryFolder::create().map_err(|source| BenchError::Write { path: std::env::temp_dir(), source })?;
-    let mut cache = Cache::at(folder.path().join("cache"), Residence::Owned);
+    let mut cache = Cache::at(folder.path().join("cache"), CachePolicy::Copy);
     let [virtual_s, real_s] = if options.quick { QUICK_S } else { LONG_S };
     let mut rows = Vec::new();
     for (is_real, long_s) in [(false, virtual_s), (true, real_s)] {
@@ -79,7 +79,7 @@ fn play<C: Clock + Send>(
     long_s: f64,
 ) -> Result<(Judge, LoopReport, usize), BenchError> {
     let failed = |why: String| BenchError::Prepare { what: config.name.clone(), why };
-    let (prepared, _) = prepare_with(config, &mut BakeMeans::from(cache), |_| ()).map_err(|error| failed(error.to_string()))?;
+    let (prepared, _) = prepare_with(config, &mut BakeOptions::from(cache), |_| ()).map_err(|error| failed(error.to_string()))?;
     let (n_points, parameters) = (prepared.scene.tool.shell.len(), prepared.scene.parameters);
     let request =
         ThreadRequest { cpu: prepared.realtime.cpu.unwrap_or_else(schedule::default_cpu), priority: prepared.realtime.priority };

@@ -4,7 +4,7 @@
 //!  drain ──ring──► feed ──► channels ──► queues of the crate's server ──► proxy ──► clients
 //!             └ full: dropped and counted
 //! ```
-//! Data in: every record, through a tap. Data out: a hundred times a second the newest of them, and what must not be missed of those between:
+//! Data in: every record, through a subscriber. Data out: a hundred times a second the newest of them, and what must not be missed of those between:
 //! other faults, other scenes, objects that moved.
 //!
 //! | file | owns |
@@ -120,7 +120,7 @@ impl Bound {
         };
         let thread = std::thread::Builder::new().name("foxglove".to_owned()).spawn(move || runtime.block_on(work))?;
         let (noted, mut stamps) = (counts.clone(), recorder.stamps());
-        recorder.taps().add(Box::new(move |record| {
+        recorder.subscribers().add(Box::new(move |record| {
             let dropped = noted.records.load(Ordering::Relaxed);
             if ring.push(stamps.row(record, dropped)).is_err() {
                 noted.records.store(dropped + 1, Ordering::Relaxed);

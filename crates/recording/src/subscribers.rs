@@ -4,49 +4,49 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use super::TickRecord;
 
-/// Takes every record in turn, on the drain's thread; false when it wants no more. What a tap cannot take at once it drops and counts
+/// Takes every record in turn, on the drain's thread; false when it wants no more. What a subscriber cannot take at once it drops and counts
 /// itself: under the real clock the drain waits for nobody.
-pub type Tap = Box<dyn FnMut(&TickRecord) -> bool + Send>;
+pub type Subscriber = Box<dyn FnMut(&TickRecord) -> bool + Send>;
 
-/// The taps of one drain. Clones share them.
+/// The subscribers of one drain. Clones share them.
 #[derive(Clone, Default)]
-pub struct Taps(Arc<Mutex<Open>>);
+pub struct RecordSubscribers(Arc<Mutex<Open>>);
 
 #[derive(Default)]
 struct Open {
-    taps: Vec<Tap>,
+    subscribers: Vec<Subscriber>,
     is_over: bool,
 }
 
-impl Taps {
+impl RecordSubscribers {
     /// From the next record on; ignored when the run is over.
-    pub fn add(&self, tap: Tap) {
+    pub fn add(&self, subscriber: Subscriber) {
         let mut open = self.open();
         if !open.is_over {
-            open.taps.push(tap);
+            open.subscribers.push(subscriber);
         }
     }
 
     /// Gives a record to all of them. Cold.
     pub(super) fn pass(&self, record: &TickRecord) {
-        self.open().taps.retain_mut(|tap| tap(record));
+        self.open().subscribers.retain_mut(|subscriber| subscriber(record));
     }
 
-    /// The run is over: drops all taps, which is how they hear of it.
+    /// The run is over: drops all subscribers, which is how they hear of it.
     pub(super) fn close(&self) {
         let mut open = self.open();
         open.is_over = true;
-        open.taps.clear();
+        open.subscribers.clear();
     }
 
     fn open(&self) -> MutexGuard<'_, Open> {
-        // A tap that panicked takes the drain with it; its list is whole.
+        // A subscriber that panicked takes the drain with it; its list is whole.
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-impl core::fmt::Debug for Taps {
+impl core::fmt::Debug for RecordSubscribers {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.debug_tuple("Taps").field(&self.open().taps.len()).finish()
+        f.debug_tuple("Taps").field(&self.open().subscribers.len()).finish()
     }
 }
