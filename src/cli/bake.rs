@@ -14,7 +14,7 @@ pub(super) use self::figures::{clay_text, print_json, report_text};
 use self::figures::peak_rss_bytes;
 use self::mesh::{bake_mesh, mesh_error};
 use super::progress::BakeProgress;
-use super::{Talk, cache, check, destination, memory, report, say};
+use super::{OutputOptions, cache, check, destination, memory, output, report};
 use crate::config;
 use crate::error::Exit;
 use crate::scene::cache::CachePolicy;
@@ -131,7 +131,7 @@ impl From<PartError> for Failure {
     }
 }
 
-pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
+pub(crate) fn main(args: &Args, talk: OutputOptions) -> Exit {
     if let Some(n_threads) = args.threads {
         // The pool of the process: nothing has used it before.
         let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads as usize).build_global();
@@ -154,7 +154,7 @@ pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
     }
 }
 
-fn bake_scene(args: &Args, talk: Talk) -> Result<Exit, Failure> {
+fn bake_scene(args: &Args, talk: OutputOptions) -> Result<Exit, Failure> {
     let mesh_only = [
         ("--voxel-size-mm", args.voxel_size_mm.is_some()),
         ("--longest-axis-voxels", args.longest_axis_voxels.is_some()),
@@ -175,7 +175,7 @@ fn bake_scene(args: &Args, talk: Talk) -> Result<Exit, Failure> {
         Err(errors) => return Ok(report::config_errors(&errors, talk)),
     };
     if talk.verbose > 0 {
-        say::talk(format_args!("{}\n", check::summary(&config)));
+        output::message(format_args!("{}\n", check::summary(&config)));
     }
     let since = Instant::now();
     let mut cache = args.cache.open(CachePolicy::Mapped, talk);
@@ -208,11 +208,11 @@ fn bake_scene(args: &Args, talk: Talk) -> Result<Exit, Failure> {
         let timings_s = Total { total: total_s };
         print_json(&SceneReport { objects: reports, clay, timings_s, peak_rss_bytes: peak_rss_bytes() });
     } else {
-        reports.iter().for_each(|object| say::result(format_args!("{}", report_text(object))));
+        reports.iter().for_each(|object| output::result(format_args!("{}", report_text(object))));
         if let Some(clay) = &clay {
-            say::result(format_args!("{}", clay_text(clay)));
+            output::result(format_args!("{}", clay_text(clay)));
         }
-        say::result(format_args!("{} objects in {total_s:.2} s\n", reports.len() + usize::from(clay.is_some())));
+        output::result(format_args!("{} objects in {total_s:.2} s\n", reports.len() + usize::from(clay.is_some())));
     }
     Ok(Exit::Ok)
 }

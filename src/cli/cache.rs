@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use super::{Talk, report, say};
+use super::{OutputOptions, output, report};
 use crate::scene::cache::{Cache, CachePolicy};
 
 /// Where baked objects are kept.
@@ -20,7 +20,7 @@ impl CacheArgs {
     }
 
     /// The cache that is asked for, or the user's own.
-    pub(crate) fn open(&self, residence: CachePolicy, talk: Talk) -> Cache {
+    pub(crate) fn open(&self, residence: CachePolicy, talk: OutputOptions) -> Cache {
         if self.is_off() {
             return Cache::off();
         }
@@ -41,7 +41,7 @@ impl CacheArgs {
             return Cache::at(folder, residence);
         }
         if talk.verbose > 0 {
-            say::talk(format_args!("bake cache: off, as neither XDG_CACHE_HOME nor HOME names a folder\n"));
+            output::message(format_args!("bake cache: off, as neither XDG_CACHE_HOME nor HOME names a folder\n"));
         }
         Cache::off()
     }
@@ -54,7 +54,7 @@ fn user_folder() -> Option<PathBuf> {
 }
 
 /// Prints what the cache has to say.
-pub(crate) fn tell(cache: &mut Cache, talk: Talk) {
+pub(crate) fn tell(cache: &mut Cache, talk: OutputOptions) {
     for note in cache.take_notes() {
         report::warning(&note, talk);
     }

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use super::{Talk, report, say};
+use super::{OutputOptions, output, report};
 use crate::config::scene::{ClaySource, MeshSource, SculptConfig};
 use crate::config::strokes::{self, Script, Timed};
 use crate::config::{self, SceneConfig, StiffnessBound};
@@ -26,7 +26,7 @@ pub(crate) struct Args {
     scenes: Vec<PathBuf>,
 }
 
-pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
+pub(crate) fn main(args: &Args, talk: OutputOptions) -> Exit {
     let mut exit = Exit::Ok;
     for scene in &args.scenes {
         let named = scene.to_str().filter(|name| !scene.exists() && profile::names().any(|known| known == *name));
@@ -46,7 +46,7 @@ pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
                         .plausibility_warnings()
                         .iter()
                         .for_each(|doubt| report::warning(&format!("{}: {doubt}", scene.display()), talk));
-                    say::result(format_args!("ok {}\n", profile_summary(scene, &profile)));
+                    output::result(format_args!("ok {}\n", profile_summary(scene, &profile)));
                 }
                 Err(errors) => exit = report::config_errors(&errors, talk),
             }
@@ -55,7 +55,7 @@ pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
         if strokes::is_script(scene) {
             match strokes::load(scene, &ToolSettings::default()) {
                 Ok(script) if talk.quiet => drop(script),
-                Ok(script) => say::result(format_args!("ok {}\n", script_summary(&script))),
+                Ok(script) => output::result(format_args!("ok {}\n", script_summary(&script))),
                 Err(errors) => exit = report::config_errors(&errors, talk),
             }
             continue;
@@ -70,7 +70,7 @@ pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
         });
         match checked {
             Ok(config) if talk.quiet => drop(config),
-            Ok(config) => say::result(format_args!("ok {}\n", summary(&config))),
+            Ok(config) => output::result(format_args!("ok {}\n", summary(&config))),
             Err(error) => exit = report::prepare_error(&error, talk),
         }
     }
@@ -102,7 +102,7 @@ const LIKELY_M: f64 = 5.0;
 
 /// Looks at the box of each part: a mesh that cannot be used, or a grid that is too large, is refused as `run` would; of a part that is so large that
 /// its unit is likely to be wrong is warned.
-fn look_at_parts(config: &SceneConfig, talk: Talk) -> Result<(), PartError> {
+fn look_at_parts(config: &SceneConfig, talk: OutputOptions) -> Result<(), PartError> {
     let SceneConfig { statics, tool, .. } = config;
     let statics = statics.iter().map(|object| (object.name.as_str(), &object.source, object.voxel_size_m, object.layers));
     for (name, source, voxel_size_m, layers) in statics.chain([("tool", &tool.source, tool.voxel_size_m, tool.layers)]) {

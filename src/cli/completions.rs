@@ -3,7 +3,7 @@
 use clap::CommandFactory as _;
 use clap_complete::Shell;
 
-use super::{Cli, say};
+use super::{Cli, output};
 use crate::error::Exit;
 
 /// Arguments of `hapticd completions`.
@@ -16,6 +16,6 @@ pub(crate) struct Args {
 pub(crate) fn main(args: &Args) -> Exit {
     let mut script = Vec::new();
     clap_complete::generate(args.shell, &mut Cli::command(), "hapticd", &mut script);
-    say::result(format_args!("{}", String::from_utf8_lossy(&script)));
+    output::result(format_args!("{}", String::from_utf8_lossy(&script)));
     Exit::Ok
 }

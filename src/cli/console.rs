@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use crossbeam::channel::Sender;
 
-use super::say;
+use super::output;
 use crate::daemon::Enable;
 use crate::servo::Control;
 
@@ -31,12 +31,12 @@ fn read(input: impl BufRead, control: &Control, enables: &Sender<Enable>) {
             "stop" | "s" => control.stop(),
             // If the run is over, the order is dropped.
             "enable" | "e" => _ = enables.send(Enable(control.permit())),
-            word => say::talk(format_args!("console: `{word}` is not an order; orders are {WORDS}\n")),
+            word => output::message(format_args!("console: `{word}` is not an order; orders are {WORDS}\n")),
         }
     }
     // First the order, then the words.
     control.stop();
-    say::talk(format_args!("console: the input has ended: stop\n"));
+    output::message(format_args!("console: the input has ended: stop\n"));
 }
 
 #[cfg(test)]

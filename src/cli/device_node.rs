@@ -4,7 +4,7 @@ use core::time::Duration;
 
 use super::hand::HandArgs;
 use super::network::NetworkArgs;
-use super::{Talk, report};
+use super::{OutputOptions, report};
 use crate::error::Exit;
 use arms::attached::nodes::Selector;
 use rt::duration;
@@ -47,7 +47,7 @@ pub(crate) struct Args {
     json: bool,
 }
 
-pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
+pub(crate) fn main(args: &Args, talk: OutputOptions) -> Exit {
     match over_network::node(args, talk) {
         Ok(exit) => exit,
         Err((exit, message, hint)) => {
@@ -67,7 +67,7 @@ mod over_network {
     use super::*;
     use link::network::NetworkError;
 
-    pub(super) fn node(args: &Args, _: Talk) -> Result<Exit, Failure> {
+    pub(super) fn node(args: &Args, _: OutputOptions) -> Result<Exit, Failure> {
         let Args { profile: _, name: _, selector: _, enable: _, hold_ms: _, fade_ms: _, network: _, .. } = args;
         Err((Exit::Usage, NetworkError::NotBuilt.to_string(), None))
     }
@@ -80,7 +80,7 @@ mod over_network {
     use serde_json::json;
 
     use super::super::network::exit_of;
-    use super::super::{guard, probe, say};
+    use super::super::{guard, output, probe};
     use super::*;
     use crate::daemon::device_node::{NodeJob, NodeNotice, NodeOutcome, node_parameters, open_arm, run_node};
     use crate::servo::Control;
@@ -100,7 +100,7 @@ mod over_network {
         (exit_of(&error), error.to_string(), None)
     }
 
-    pub(super) fn node(args: &Args, talk: Talk) -> Result<Exit, Failure> {
+    pub(super) fn node(args: &Args, talk: OutputOptions) -> Result<Exit, Failure> {
         let here = std::env::current_dir().unwrap_or_default();
         let profile = profile::find(&args.profile, &here).map_err(|error| match error {
             ProfileError::Invalid(errors) => (report::config_errors(&errors, talk), String::new(), None),
@@ -135,17 +135,17 @@ mod over_network {
         let meets = [endpoints.listen.join(", "), endpoints.connect.join(", ")].join(" ");
         let ready = format!("ready zenoh:{name} on {}\n", meets.trim());
         if args.json {
-            say::talk(format_args!("{ready}"));
+            output::message(format_args!("{ready}"));
         } else {
-            say::result(format_args!("{ready}"));
+            output::result(format_args!("{ready}"));
             let _ = std::io::Write::flush(&mut std::io::stdout());
         }
         let news = attached.map(|attached| attached.news);
         let job = NodeJob { node, arm, news, period_s, request, duration: args.duration };
         let no_thread = |error: std::io::Error| (Exit::Internal, format!("cannot start a thread: {error}"), None);
-        say::detach().map_err(no_thread)?;
+        output::detach().map_err(no_thread)?;
         let outcome = run_node(job, &control, |notice| tell(&notice, talk)).map_err(no_thread)?;
-        say::attach();
+        output::attach();
         result(&outcome, &profile, &name, args.json);
         if outcome.panicked {
             return Err((Exit::Internal, "the loop of the node stopped on an internal error; the arm heard zero".to_owned(), None));
@@ -154,7 +154,7 @@ mod over_network {
     }
 
     /// A real arm wants somebody's leave on this side too.
-    fn may_push(args: &Args, profile: &Profile, talk: Talk) -> Result<(), Failure> {
+    fn may_push(args: &Args, profile: &Profile, talk: OutputOptions) -> Result<(), Failure> {
         let Some(real) = &profile.real else { return Ok(()) };
         if profile.actuated != Axes::NONE && !args.enable && real.deadman_button.is_none() {
             let hint = "give --enable to let hosts put force on it; a profile with a deadman needs none";
@@ -170,7 +170,7 @@ mod over_network {
         Ok(())
     }
 
-    fn tell(notice: &NodeNotice<'_>, talk: Talk) {
+    fn tell(notice: &NodeNotice<'_>, talk: OutputOptions) {
         if talk.quiet {
             return;
         }
@@ -178,17 +178,19 @@ mod over_network {
             NodeNotice::Phase(Phase::Tripped, report) => {
                 let ms = report.zero_after_ms;
                 let text = format!("link: the host fell silent; no force {ms:.1} ms after its last command, until it has disabled");
-                say::event(say::Level::Warning, "link", &text, &[("link", "lost".into()), ("zero_after_ms", ms.into())]);
+                output::event(output::Level::Warning, "link", &text, &[("link", "lost".into()), ("zero_after_ms", ms.into())]);
             }
             NodeNotice::Phase(phase, _) => {
-                say::event(say::Level::Info, "node", &format!("node: {}", phase.name()), &[("phase", phase.name().into())]);
+                output::event(output::Level::Info, "node", &format!("node: {}", phase.name()), &[("phase", phase.name().into())]);
             }
-            NodeNotice::Link(LinkNews::Lost) => say::event(say::Level::Warning, "arm", "device: gone; looking for it", &[]),
+            NodeNotice::Link(LinkNews::Lost) => output::event(output::Level::Warning, "arm", "device: gone; looking for it", &[]),
             NodeNotice::Link(LinkNews::Back { node, .. }) => {
-                say::event(say::Level::Info, "arm", &format!("device: back at {}", node.display()), &[]);
+                output::event(output::Level::Info, "arm", &format!("device: back at {}", node.display()), &[]);
             }
-            NodeNotice::Link(LinkNews::Fails(why)) => say::event(say::Level::Warning, "arm", &format!("device: {why}"), &[]),
-            NodeNotice::Link(LinkNews::Unguarded(why)) => say::event(say::Level::Warning, "arm", &guard::missing_text(why), &[]),
+            NodeNotice::Link(LinkNews::Fails(why)) => output::event(output::Level::Warning, "arm", &format!("device: {why}"), &[]),
+            NodeNotice::Link(LinkNews::Unguarded(why)) => {
+                output::event(output::Level::Warning, "arm", &guard::missing_text(why), &[])
+            }
         }
     }
 
@@ -199,11 +201,11 @@ mod over_network {
                 "name": name, "profile": profile.name, "periods": periods, "missed_periods": missed_periods, "panicked": panicked,
                 "fifo": standing.fifo, "cpu": standing.cpu, "link": report,
             });
-            return say::result(format_args!("{object}\n"));
+            return output::result(format_args!("{object}\n"));
         }
         let NodeReport { commands, old_packets, lost_packets, strange_packets, link_losses, zero_after_ms, longest_gap_ms, .. } =
             report;
-        say::result(format_args!(
+        output::result(format_args!(
             "periods            {periods}, {missed_periods} missed\n\
              commands           {commands}; {lost_packets} lost, {old_packets} too late, {strange_packets} of other hosts\n\
              longest gap        {longest_gap_ms:.1} ms with force on\n\

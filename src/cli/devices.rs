@@ -6,7 +6,7 @@ use clap::Subcommand;
 use serde_json::{Value, json};
 
 use super::findings::finding_json;
-use super::{Talk, probe, report, say};
+use super::{OutputOptions, output, probe, report};
 use crate::error::Exit;
 use arms::attached::discover::{self, Attached};
 use arms::attached::nodes;
@@ -41,7 +41,7 @@ enum DevicesCommand {
     },
 }
 
-pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
+pub(crate) fn main(args: &Args, talk: OutputOptions) -> Exit {
     match &args.command {
         Some(DevicesCommand::Probe(args)) => return probe::main(args, talk),
         Some(DevicesCommand::Profiles { name }) => return profiles(name.as_deref(), args.json, talk),
@@ -52,7 +52,7 @@ pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
     let attached = discover::attached(nodes::list(), &discover::known_arms(), &root, discover::may_use);
     if as_json {
         let nodes: Vec<Value> = attached.iter().map(|found| node_json(found, &root)).collect();
-        say::result(format_args!("{}\n", json!({ "nodes": nodes })));
+        output::result(format_args!("{}\n", json!({ "nodes": nodes })));
         return Exit::Ok;
     }
     if attached.is_empty() {
@@ -64,11 +64,11 @@ pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
     }
     for found in &attached {
         // What devices call themselves.
-        say::result(format_args!("{}\n", one_line(&node_line(found))));
+        output::result(format_args!("{}\n", one_line(&node_line(found))));
         for finding in troubles(found, &root) {
-            say::result(format_args!("    {}: {}\n", finding.name, finding.found));
+            output::result(format_args!("    {}: {}\n", finding.name, finding.found));
             for line in finding.advice_lines() {
-                say::result(format_args!("        {line}\n"));
+                output::result(format_args!("        {line}\n"));
             }
         }
     }
@@ -76,7 +76,7 @@ pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
 }
 
 /// What is known of each built-in profile, or one of them as it is written.
-fn profiles(name: Option<&str>, as_json: bool, talk: Talk) -> Exit {
+fn profiles(name: Option<&str>, as_json: bool, talk: OutputOptions) -> Exit {
     let here = Path::new("");
     let names: Vec<&str> = name.map_or_else(|| profile::names().collect(), |name| vec![name]);
     let mut found = Vec::new();
@@ -92,14 +92,14 @@ fn profiles(name: Option<&str>, as_json: bool, talk: Talk) -> Exit {
     }
     let text = name.and_then(|name| profile::text(name, here));
     match (text, as_json) {
-        (Some(text), false) => say::result(format_args!("{text}")),
+        (Some(text), false) => output::result(format_args!("{text}")),
         (_, true) => {
             let rows: Vec<Value> = found.iter().map(profile_json).collect();
-            say::result(format_args!("{}\n", json!({ "profiles": rows })));
+            output::result(format_args!("{}\n", json!({ "profiles": rows })));
         }
         (None, false) => {
             for Profile { name, title, .. } in &found {
-                say::result(format_args!("{name:<28} {title}\n"));
+                output::result(format_args!("{name:<28} {title}\n"));
             }
         }
     }

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use serde_json::{Value, json};
 
 use super::findings::finding_json;
-use super::{Talk, guard, report, say};
+use super::{OutputOptions, guard, output, report};
 use crate::config::{self, SceneConfig};
 use crate::error::Exit;
 use arms::attached::discover;
@@ -46,9 +46,9 @@ const BOUNDS_US: [u64; 8] = [10, 20, 50, 100, 200, 500, 1000, 10_000];
 /// Share of missed ticks from which a machine is no good.
 const MISSED_SHARE: f64 = 1e-3;
 
-pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
+pub(crate) fn main(args: &Args, talk: OutputOptions) -> Exit {
     if args.udev_rules {
-        say::result(format_args!("{}", discover::UDEV_RULES));
+        output::result(format_args!("{}", discover::UDEV_RULES));
         return Exit::Ok;
     }
     let config = match args.scene.as_deref().map(config::load).transpose() {
@@ -124,7 +124,7 @@ fn arm_findings(config: &SceneConfig) -> Vec<Finding> {
 }
 
 /// Exchanges zero commands for samples with the arm of a scene.
-fn exchange(config: &SceneConfig, duration: Duration, quit: &AtomicBool, talk: Talk) -> Result<Vec<u64>, Finding> {
+fn exchange(config: &SceneConfig, duration: Duration, quit: &AtomicBool, talk: OutputOptions) -> Result<Vec<u64>, Finding> {
     let profile = &config.device.profile;
     let period_s = 1.0 / f64::from(config.rate_hz);
     let options = OpenOptions { selector: config.device.selector.clone(), io_request: None, period_s, guard: guard::program() };
@@ -241,11 +241,11 @@ fn verdict_text(exit: Exit) -> &'static str {
 
 fn print_text(groups: &[(&str, &[Finding])], test: &WakeupTest, trips_us: &[u64], exit: Exit) {
     for (title, findings) in groups {
-        say::result(format_args!("{title}\n"));
+        output::result(format_args!("{title}\n"));
         for finding in *findings {
-            say::result(format_args!("  {:<8} {:<20} {}\n", finding.standing.name(), finding.name, finding.found));
+            output::result(format_args!("  {:<8} {:<20} {}\n", finding.standing.name(), finding.name, finding.found));
             for line in finding.advice_lines() {
-                say::result(format_args!("  {:<8} {:<20} {line}\n", "", ""));
+                output::result(format_args!("  {:<8} {:<20} {line}\n", "", ""));
             }
         }
     }
@@ -253,11 +253,11 @@ fn print_text(groups: &[(&str, &[Finding])], test: &WakeupTest, trips_us: &[u64]
     if !trips_us.is_empty() {
         print_bins("round trips of the arm", &bins_of(trips_us));
     }
-    say::result(format_args!("verdict: {} (exit {})\n", verdict_text(exit), exit as u8));
+    output::result(format_args!("verdict: {} (exit {})\n", verdict_text(exit), exit as u8));
 }
 
 fn print_bins(title: &str, bins: &[u64]) {
-    say::result(format_args!("{title}\n"));
+    output::result(format_args!("{title}\n"));
     let most = bins.iter().copied().max().unwrap_or(1).max(1);
     for (idx, count) in bins.iter().enumerate() {
         let label = match BOUNDS_US.get(idx) {
@@ -265,7 +265,7 @@ fn print_bins(title: &str, bins: &[u64]) {
             None => "later".to_owned(),
         };
         let bar = "#".repeat((count * 40).div_ceil(most) as usize);
-        say::result(format_args!("  {label:<16} {count:>8}  {bar}\n"));
+        output::result(format_args!("  {label:<16} {count:>8}  {bar}\n"));
     }
 }
 
@@ -285,7 +285,7 @@ fn print_json(groups: &[&[Finding]], test: &WakeupTest, trips_us: &[u64], exit: 
         "histogram": bins,
         "round_trips": if trips_us.is_empty() { Value::Null } else { trips },
     });
-    say::result(format_args!("{object}\n"));
+    output::result(format_args!("{object}\n"));
 }
 
 fn bins_json(bins: &[u64], counted: &str) -> Value {

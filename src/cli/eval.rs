@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use super::progress::BakeProgress;
-use super::{Talk, cache, report, say};
+use super::{OutputOptions, cache, output, report};
 use crate::config;
 use crate::error::Exit;
 use crate::scene::cache::CachePolicy;

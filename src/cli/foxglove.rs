@@ -2,7 +2,7 @@
 
 use std::net::SocketAddr;
 
-use super::{Talk, report};
+use super::{OutputOptions, report};
 use crate::config::SceneConfig;
 use crate::config::{FOXGLOVE_ACCEPTED, parse_foxglove};
 use crate::error::Exit;
@@ -33,7 +33,7 @@ impl FoxgloveArgs {
         config: &SceneConfig,
         clock: ClockKind,
         recorder: &Recorder,
-        talk: Talk,
+        talk: OutputOptions,
     ) -> Result<Option<Audience>, Exit> {
         let listen = match (self.foxglove, clock) {
             (Some(Listen(listen)), _) => listen,
@@ -53,12 +53,17 @@ impl FoxgloveArgs {
 #[cfg(feature = "foxglove-live")]
 pub(crate) struct Audience {
     server: recording::file::live::LiveServer,
-    talk: Talk,
+    talk: OutputOptions,
 }
 
 #[cfg(feature = "foxglove-live")]
 impl Audience {
-    fn open(address: SocketAddr, config: &SceneConfig, recorder: &Recorder, talk: Talk) -> Result<Self, (String, &'static str)> {
+    fn open(
+        address: SocketAddr,
+        config: &SceneConfig,
+        recorder: &Recorder,
+        talk: OutputOptions,
+    ) -> Result<Self, (String, &'static str)> {
         use recording::file::live::Bound;
 
         let served = Bound::bind(address).and_then(|bound| {
@@ -95,7 +100,7 @@ pub(crate) enum Audience {}
 
 #[cfg(not(feature = "foxglove-live"))]
 impl Audience {
-    fn open(address: SocketAddr, _: &SceneConfig, _: &Recorder, _: Talk) -> Result<Self, (String, &'static str)> {
+    fn open(address: SocketAddr, _: &SceneConfig, _: &Recorder, _: OutputOptions) -> Result<Self, (String, &'static str)> {
         let hint = "build without `--no-default-features`, or record with --record and open the file in Foxglove";
         Err((format!("nothing can listen for Foxglove at {address}: the program was built without its server"), hint))
     }

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use super::cache::CacheArgs;
 use super::progress::BakeProgress;
-use super::{Talk, cache, report};
+use super::{OutputOptions, cache, report};
 use crate::config::{self, SceneConfig};
 use crate::error::Exit;
 use crate::scene::cache::CachePolicy;
@@ -41,7 +41,7 @@ impl HandArgs {
     }
 
     /// The hand that the arguments ask for.
-    pub(crate) fn hand(&self, talk: Talk) -> Result<Option<HandParameters>, Exit> {
+    pub(crate) fn hand(&self, talk: OutputOptions) -> Result<Option<HandParameters>, Exit> {
         let config = match self.scene.as_deref().map(config::load).transpose() {
             Ok(config) => config,
             Err(errors) => return Err(report::config_errors(&errors, talk)),
@@ -76,7 +76,7 @@ impl HandArgs {
     }
 
     /// How the grip follows the tool of a scene; the tool's centre of mass takes a bake, or the cache.
-    fn indexing_of(&self, config: &SceneConfig, talk: Talk) -> Result<HandMapping, Exit> {
+    fn indexing_of(&self, config: &SceneConfig, talk: OutputOptions) -> Result<HandMapping, Exit> {
         let mut cache = self.cache.open(CachePolicy::Mapped, talk);
         let progress = BakeProgress::new(talk);
         let baked = scene::build_with(config, &mut BakeOptions::from(&mut cache), |event| progress.tell(&event));

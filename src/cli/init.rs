@@ -10,7 +10,7 @@ use std::path::{Component, Path, PathBuf};
 use clap::ValueEnum;
 
 use self::place::Place;
-use super::{Talk, report};
+use super::{OutputOptions, report};
 use crate::config::draft::{self, Draft, Part, Tool};
 use crate::error::Exit;
 use document::show;
@@ -73,11 +73,11 @@ struct Found {
 /// What ends the command, said already.
 struct Refused(Exit);
 
-pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
+pub(crate) fn main(args: &Args, talk: OutputOptions) -> Exit {
     init(args, talk).map_or_else(|Refused(exit)| exit, |()| Exit::Ok)
 }
 
-fn init(args: &Args, talk: Talk) -> Result<(), Refused> {
+fn init(args: &Args, talk: OutputOptions) -> Result<(), Refused> {
     let refuse = |exit: Exit, message: &str, hint: Option<&str>| {
         report::error(message, hint, talk);
         Refused(exit)
@@ -205,7 +205,7 @@ fn read(path: &Path) -> Result<Found, MeshError> {
 }
 
 /// The unit of all files that do not say it, and why, as a comment.
-fn unit(args: &Args, found: &[Found], talk: Talk) -> (draft::Unit, String) {
+fn unit(args: &Args, found: &[Found], talk: OutputOptions) -> (draft::Unit, String) {
     if let Some(unit) = args.units {
         return (unit.into(), "of the mesh file".to_owned());
     }
@@ -218,7 +218,7 @@ fn unit(args: &Args, found: &[Found], talk: Talk) -> (draft::Unit, String) {
 }
 
 /// The likely unit where the longest edge of something has so many, and why, as a comment.
-fn guessed(longest: f64, what: &str, talk: Talk) -> (draft::Unit, String) {
+fn guessed(longest: f64, what: &str, talk: OutputOptions) -> (draft::Unit, String) {
     let unit = draft::Unit::guess(longest);
     let length = format!("{} {}", show(longest), unit.name());
     report::note(&format!("units are taken as {}: {what} is then {length} long; --units says otherwise", unit.name()), talk);

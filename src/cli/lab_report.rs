@@ -3,7 +3,7 @@
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
-use super::{Talk, report, say};
+use super::{OutputOptions, output, report};
 use crate::error::Exit;
 use recording::file::{ReadError, Recording};
 use recording::report::LabReport;
@@ -21,7 +21,7 @@ pub(crate) struct Args {
     overwrite: bool,
 }
 
-pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
+pub(crate) fn main(args: &Args, talk: OutputOptions) -> Exit {
     let out = args.out.clone().unwrap_or_else(|| args.recording.with_extension("html"));
     // Before the recording is read, which may take a while.
     if let Err(problem) = may_write(args, &out) {
@@ -45,7 +45,7 @@ pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
         return Exit::Asset;
     }
     if !talk.quiet {
-        say::talk(format_args!("{}: {n_ticks} ticks\n", out.display()));
+        output::message(format_args!("{}: {n_ticks} ticks\n", out.display()));
     }
     Exit::Ok
 }

@@ -9,7 +9,7 @@ use serde::Serialize;
 use super::cache::CacheArgs;
 use super::memory::MemoryArgs;
 use super::progress::BakeProgress;
-use super::{Talk, cache, report};
+use super::{OutputOptions, cache, report};
 use crate::config::{self, LoadOptions, SceneConfig};
 use crate::daemon::session::{PlannedScene, SessionHandle, objects};
 use crate::daemon::unlike;
@@ -98,7 +98,7 @@ impl LiveArgs {
         scene: &SceneConfig,
         options: &LoadOptions,
         ends: Option<Duration>,
-        talk: Talk,
+        talk: OutputOptions,
     ) -> Result<Changes, Exit> {
         let mut paths = Vec::new();
         for (name, file) in &self.moves {
@@ -151,7 +151,7 @@ impl Changes {
         cache: &CacheArgs,
         memory: &MemoryArgs,
         is_open: bool,
-        talk: Talk,
+        talk: OutputOptions,
     ) -> std::io::Result<(ObjectPaths, PlannedSwaps)> {
         if is_open || !self.planned.is_empty() {
             let (cache, memory) = (cache.clone(), memory.clone());
@@ -161,10 +161,10 @@ impl Changes {
     }
 }
 
-fn bake(config: &SceneConfig, cache: &CacheArgs, memory: &MemoryArgs, talk: Talk) -> Result<RenderScene, SceneError> {
+fn bake(config: &SceneConfig, cache: &CacheArgs, memory: &MemoryArgs, talk: OutputOptions) -> Result<RenderScene, SceneError> {
     let mut cache = cache.open(CachePolicy::Copy, talk);
     // Quiet: the screen belongs to the run.
-    let progress = BakeProgress::new(Talk { quiet: true, verbose: 0, ..talk });
+    let progress = BakeProgress::new(OutputOptions { quiet: true, verbose: 0, ..talk });
     let mut means = BakeOptions { cache: &mut cache, memory: memory.plan_within(available_bytes, &progress, talk) };
     let built = scene::build_with(config, &mut means, |_| ());
     drop(means);
@@ -175,7 +175,7 @@ fn bake(config: &SceneConfig, cache: &CacheArgs, memory: &MemoryArgs, talk: Talk
 }
 
 /// Says which planned scenes could not be baked, if any; the exit code of the first.
-pub(crate) fn failure(session: &SessionHandle, talk: Talk) -> Option<Exit> {
+pub(crate) fn failure(session: &SessionHandle, talk: OutputOptions) -> Option<Exit> {
     let say = |(path, problem): (PathBuf, SceneError)| {
         report::error(&format!("{} was not rendered: it cannot be baked", path.display()), None, talk);
         report::scene_error(&problem, talk)

@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use clap::CommandFactory as _;
 use clap_mangen::Man;
 
-use super::{Cli, Talk, report, say};
+use super::{Cli, OutputOptions, output, report};
 use crate::error::Exit;
 use document::PACKAGED;
 
@@ -20,14 +20,14 @@ pub(crate) struct Args {
     folder: Option<PathBuf>,
 }
 
-pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
+pub(crate) fn main(args: &Args, talk: OutputOptions) -> Exit {
     // `help` is no command of ours.
     let command = Cli::command().disable_help_subcommand(true);
     let Some(folder) = &args.folder else {
         let mut page = Vec::new();
         // True invariant: writing to memory does not fail.
         let _ = Man::new(command).render(&mut page);
-        say::result(format_args!("{}{}", String::from_utf8_lossy(&page), endings_and_files()));
+        output::result(format_args!("{}{}", String::from_utf8_lossy(&page), endings_and_files()));
         return Exit::Ok;
     };
     let written = std::fs::create_dir_all(folder).and_then(|()| clap_mangen::generate_to(command, folder));

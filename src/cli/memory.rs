@@ -1,7 +1,7 @@
 //! `--max-memory`, and what is said of memory before a bake.
 
 use super::progress::BakeProgress;
-use super::{Talk, report, say};
+use super::{OutputOptions, output, report};
 use crate::scene::MemoryPlan;
 use vps::storage::memory::available_bytes;
 use vps::voxmap::estimate::Estimate;
@@ -17,7 +17,7 @@ pub(crate) struct MemoryArgs {
 
 impl MemoryArgs {
     /// The limit, and what is said of each object before its work begins.
-    pub(crate) fn plan<'a>(&self, progress: &'a BakeProgress, talk: Talk) -> MemoryPlan<'a> {
+    pub(crate) fn plan<'a>(&self, progress: &'a BakeProgress, talk: OutputOptions) -> MemoryPlan<'a> {
         let max_bytes = self.max_bytes;
         MemoryPlan::new(max_bytes, move |name, estimate| {
             tell(name, estimate, progress, talk);
@@ -27,7 +27,12 @@ impl MemoryArgs {
 
     /// The same, and what the machine may not have room for is refused, not only warned of: beside force, as to be ended by the system leaves the last
     /// command to an arm; and for scenes that come from elsewhere.
-    pub(crate) fn plan_within<'a>(&self, left: fn() -> Option<u64>, progress: &'a BakeProgress, talk: Talk) -> MemoryPlan<'a> {
+    pub(crate) fn plan_within<'a>(
+        &self,
+        left: fn() -> Option<u64>,
+        progress: &'a BakeProgress,
+        talk: OutputOptions,
+    ) -> MemoryPlan<'a> {
         MemoryPlan::new(self.max_bytes, move |name, estimate| tell(name, estimate, progress, talk)).within(left)
     }
 }
@@ -69,10 +74,10 @@ fn parse_size(text: &str) -> Result<u64, String> {
 }
 
 /// Says what an object will take: when it is much, or when asked to say more.
-fn tell(name: &str, estimate: &Estimate, progress: &BakeProgress, talk: Talk) {
+fn tell(name: &str, estimate: &Estimate, progress: &BakeProgress, talk: OutputOptions) {
     if !talk.quiet && (talk.verbose > 0 || estimate.peak_bytes > LARGE_BYTES) {
         progress.aside(|| {
-            say::talk(format_args!(
+            output::message(format_args!(
                 "memory: {name} takes about {} ({} voxels in the box, about {} on the surface)\n",
                 show_bytes(estimate.peak_bytes),
                 estimate.voxels,
@@ -83,7 +88,7 @@ fn tell(name: &str, estimate: &Estimate, progress: &BakeProgress, talk: Talk) {
 }
 
 /// Warns of more than the machine has left, unless a limit was given.
-fn warn(name: &str, estimate: &Estimate, max_bytes: Option<u64>, progress: &BakeProgress, talk: Talk) {
+fn warn(name: &str, estimate: &Estimate, max_bytes: Option<u64>, progress: &BakeProgress, talk: OutputOptions) {
     if let Some(available_bytes) = available_bytes().filter(|available| max_bytes.is_none() && estimate.peak_bytes > *available) {
         let (needed, available) = (show_bytes(estimate.peak_bytes), show_bytes(available_bytes));
         progress.aside(|| {
@@ -101,7 +106,7 @@ fn warn(name: &str, estimate: &Estimate, max_bytes: Option<u64>, progress: &Bake
 #[cfg(test)]
 mod tests {
     use super::super::When;
-    use super::super::say::LogFormat;
+    use super::super::output::LogFormat;
     use super::*;
     use crate::scene::cache::{Cache, CachePolicy};
     use crate::scene::{self, BakeOptions, SceneError};
@@ -117,7 +122,7 @@ mod tests {
         let shape = "shape = { box_mm = [20.0, 20.0, 20.0] }\nvoxel_size_mm = 0.5\n";
         std::fs::write(&path, format!("version = 1\n[[static]]\nname = \"base\"\n{shape}[tool]\n{shape}")).expect("written");
         let config = crate::config::load(&path).unwrap_or_else(|errors| panic!("{errors}"));
-        let talk = Talk { verbose: 0, quiet: true, color: When::Never, log_format: LogFormat::Text };
+        let talk = OutputOptions { verbose: 0, quiet: true, color: When::Never, log_format: LogFormat::Text };
         let build = |left: fn() -> Option<u64>, max_bytes: Option<u64>| {
             let progress = BakeProgress::new(talk);
             let mut cache = Cache::at(folder.path().join("cache"), CachePolicy::Copy);

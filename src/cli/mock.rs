@@ -8,7 +8,7 @@ use clap::ArgGroup;
 use serde_json::json;
 
 use super::hand::HandArgs;
-use super::{Talk, report, say};
+use super::{OutputOptions, output, report};
 use crate::error::Exit;
 use arms::mock::builder::{self, MockSettings};
 use arms::mock::gadget::Gadget;
@@ -67,14 +67,14 @@ fn parse_fault(text: &str) -> Result<(String, FaultPlan), fault::FaultError> {
     fault::parse(text).map(|plan| (text.to_owned(), plan))
 }
 
-pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
+pub(crate) fn main(args: &Args, talk: OutputOptions) -> Exit {
     match mock(args, talk) {
         Ok(()) => Exit::Ok,
         Err(exit) => exit,
     }
 }
 
-fn mock(args: &Args, talk: Talk) -> Result<(), Exit> {
+fn mock(args: &Args, talk: OutputOptions) -> Result<(), Exit> {
     let fail = |exit: Exit, message: &str, hint: Option<&str>| {
         report::error(message, hint, talk);
         exit
@@ -113,9 +113,9 @@ fn mock(args: &Args, talk: Talk) -> Result<(), Exit> {
 
     let ready = format!("ready {name}\n");
     if args.json {
-        say::talk(format_args!("{ready}"));
+        output::message(format_args!("{ready}"));
     } else {
-        say::result(format_args!("{ready}"));
+        output::result(format_args!("{ready}"));
         let _ = std::io::Write::flush(&mut std::io::stdout());
     }
     // An arm keeps its time whatever else the machine does. Where that is not allowed, its late periods are counted.
@@ -159,17 +159,17 @@ fn open(args: &Args, profile: &Profile, protocol: &arms::protocol::Protocol) -> 
     Ok((Box::new(Uhid::new(identity)?), name))
 }
 
-fn tell(report: &MockReport, profile: &Profile, protocol: &str, link: &str, ended: Ended, as_json: bool, talk: Talk) {
+fn tell(report: &MockReport, profile: &Profile, protocol: &str, link: &str, ended: Ended, as_json: bool, talk: OutputOptions) {
     if as_json {
         let mut object = json!({ "profile": profile.name, "protocol": protocol, "link": link, "ended": ended.name() });
         if let (Some(object), Ok(serde_json::Value::Object(felt))) = (object.as_object_mut(), serde_json::to_value(report)) {
             object.extend(felt);
         }
-        say::result(format_args!("{object}\n"));
+        output::result(format_args!("{object}\n"));
         return;
     }
     report::note(&format!("{} over {link}: {}", profile.name, ended.name()), talk);
-    say::result(format_args!(
+    output::result(format_args!(
         "received           {} frames, {} bytes; longest gap {:.1} ms, {} gaps\n\
          sent               {} frames; {} lost\n\
          periods            {}, {} of them late\n\
@@ -192,11 +192,11 @@ fn tell(report: &MockReport, profile: &Profile, protocol: &str, link: &str, ende
             Some(ticks) => format!("no force after {ticks} periods"),
             None => "the force never stopped".to_owned(),
         };
-        say::result(format_args!(
+        output::result(format_args!(
             "fault              {} at {:.3} s: {zero}; {:.3} N before, {:.3} N at most\n",
             fault.fault, fault.began_s, fault.force_before_n, fault.largest_force_n
         ));
     }
     let pose = report.final_pose;
-    say::result(format_args!("grip at the end    {:.3} {:.3} {:.3} mm\n", pose.x_m * 1e3, pose.y_m * 1e3, pose.z_m * 1e3));
+    output::result(format_args!("grip at the end    {:.3} {:.3} {:.3} mm\n", pose.x_m * 1e3, pose.y_m * 1e3, pose.z_m * 1e3));
 }

@@ -23,6 +23,7 @@ mod mock;
 mod monitor;
 mod network;
 mod outcome;
+mod output;
 mod probe;
 mod progress;
 mod publish;
@@ -32,11 +33,10 @@ mod render;
 mod replay;
 mod report;
 mod run;
-mod say;
-mod screen;
 mod sculpt;
 mod sculpt_run;
 mod services;
+mod status_line;
 
 use std::process::ExitCode;
 
@@ -53,13 +53,13 @@ struct Cli {
     #[command(subcommand)]
     command: Command,
     #[command(flatten)]
-    talk: Talk,
+    talk: OutputOptions,
 }
 
-/// How much to say, and how.
+/// How much to output, and how.
 #[derive(Clone, Copy, Debug, clap::Args)]
 #[command(next_help_heading = "Talk")]
-pub(crate) struct Talk {
+pub(crate) struct OutputOptions {
     /// Say more: what the scene resolves to, and what was baked.
     #[arg(short, long, global = true, action = clap::ArgAction::Count)]
     pub(crate) verbose: u8,
@@ -71,7 +71,7 @@ pub(crate) struct Talk {
     pub(crate) color: When,
     /// What talk on stderr looks like: lines for people, or one JSON object per line.
     #[arg(long, global = true, value_name = "FORMAT", default_value = "text")]
-    pub(crate) log_format: say::LogFormat,
+    pub(crate) log_format: output::LogFormat,
 }
 
 /// When to use colour.
@@ -127,7 +127,7 @@ pub fn main() -> ExitCode {
     }
     let started_ns = monotonic_ns();
     let Cli { command, talk } = Cli::try_parse().unwrap_or_else(|error| refused(error).exit());
-    say::use_format(talk.log_format);
+    output::use_format(talk.log_format);
     let dispatched = std::panic::catch_unwind(|| match command {
         Command::Run(args) => run::main(&args, talk, started_ns),
         Command::Sculpt(args) => sculpt::main(&args, talk, started_ns),

@@ -3,7 +3,7 @@
 use std::net::SocketAddr;
 use std::path::PathBuf;
 
-use super::{Talk, report};
+use super::{OutputOptions, report};
 use crate::config::SceneConfig;
 use crate::config::{LISTEN_ACCEPTED, parse_listen};
 use crate::error::Exit;
@@ -36,7 +36,7 @@ fn parse(text: &str) -> Result<Listen, String> {
 impl MonitorArgs {
     /// Takes the address, before anything takes long. `None`: no monitor. A default that cannot be had is a warning, what was asked for an
     /// error.
-    pub(crate) fn open(&self, config: &SceneConfig, clock: ClockKind, talk: Talk) -> Result<Option<Bound>, Exit> {
+    pub(crate) fn open(&self, config: &SceneConfig, clock: ClockKind, talk: OutputOptions) -> Result<Option<Bound>, Exit> {
         let listen = match (self.monitor, clock) {
             (Some(Listen(listen)), _) => listen,
             (None, ClockKind::Virtual) => None,

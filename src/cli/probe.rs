@@ -8,8 +8,8 @@ use std::sync::Arc;
 use serde_json::{Value, json};
 
 use super::findings::finding_json;
-use super::screen::error_text;
-use super::{Talk, guard, report, say};
+use super::status_line::error_text;
+use super::{OutputOptions, guard, output, report};
 use crate::error::Exit;
 use arms::attached::identify::Made;
 use arms::attached::nodes::Selector;
@@ -67,11 +67,11 @@ struct Told<'a> {
     refused: u64,
 }
 
-pub(super) fn main(args: &Args, talk: Talk) -> Exit {
+pub(super) fn main(args: &Args, talk: OutputOptions) -> Exit {
     probe(args, talk).unwrap_or_else(|exit| exit)
 }
 
-fn probe(args: &Args, talk: Talk) -> Result<Exit, Exit> {
+fn probe(args: &Args, talk: OutputOptions) -> Result<Exit, Exit> {
     let fail = |exit: Exit, message: String| {
         report::error(&message, None, talk);
         exit
@@ -100,7 +100,7 @@ fn probe(args: &Args, talk: Talk) -> Result<Exit, Exit> {
     report::note(&format!("{} at {path}: listening for {:.0} s", profile.title, args.duration.as_secs_f64()), talk);
     // From here on Ctrl-C takes the force off first.
     let quit = signals::interrupted().map_err(|error| fail(Exit::Internal, error.to_string()))?;
-    say::detach().map_err(|error| fail(Exit::Internal, format!("cannot start a thread: {error}")))?;
+    output::detach().map_err(|error| fail(Exit::Internal, format!("cannot start a thread: {error}")))?;
     let arm = &mut opened.arm;
     let go = Arc::new(AtomicBool::new(false));
     let mut trial = Trial::new(RealClock, period_s, quit).with_torque(probe::torque_max_nm(&profile));
@@ -118,7 +118,7 @@ fn probe(args: &Args, talk: Talk) -> Result<Exit, Exit> {
     };
     let ended = probe::try_out(arm, &mut trial, &plan, &mut found, tell).err();
     arm.stop();
-    say::attach();
+    output::attach();
     let told = Told {
         profile: &profile,
         real,
@@ -131,16 +131,16 @@ fn probe(args: &Args, talk: Talk) -> Result<Exit, Exit> {
     };
     let findings = told.findings();
     if args.json {
-        say::result(format_args!("{}\n", told.json(&path, &findings)));
+        output::result(format_args!("{}\n", told.json(&path, &findings)));
     } else {
         for finding in &findings {
-            say::result(format_args!("{:<8} {:<16} {}\n", finding.standing.name(), finding.name, finding.found));
+            output::result(format_args!("{:<8} {:<16} {}\n", finding.standing.name(), finding.name, finding.found));
             for line in finding.advice_lines() {
-                say::result(format_args!("{:<8} {:<16} {line}\n", "", ""));
+                output::result(format_args!("{:<8} {:<16} {line}\n", "", ""));
             }
         }
         if ended.is_none() && found.made.iter().any(Option::is_some) {
-            say::result(format_args!("{}", identified_text(&found)));
+            output::result(format_args!("{}", identified_text(&found)));
         }
     }
     match ended {
@@ -156,11 +156,11 @@ fn probe(args: &Args, talk: Talk) -> Result<Exit, Exit> {
 }
 
 /// What a person has to do before the arm is opened. On a terminal it is waited for where the arm counts from that pose.
-fn home(homing: &Homing, talk: Talk) {
+fn home(homing: &Homing, talk: OutputOptions) {
     let Some(instruction) = &homing.instruction else { return };
     report::note(&format!("homing: {instruction}"), talk);
     if homing.mode == HomingMode::PowerOnPose && std::io::stdin().is_terminal() {
-        say::talk(format_args!("Enter when it is so: "));
+        output::message(format_args!("Enter when it is so: "));
         // The end of the input is an answer as good as any.
         let _ = std::io::stdin().read_line(&mut String::new());
     }
@@ -168,7 +168,7 @@ fn home(homing: &Homing, talk: Talk) {
 
 /// Asks a person whether force may come, and does not wait: until the answer is there the arm hears zero in every tick.
 fn ask(go: &Arc<AtomicBool>, quit: &'static AtomicBool) {
-    say::talk(format_args!("Enter when you are ready, Ctrl-C to end it: "));
+    output::message(format_args!("Enter when you are ready, Ctrl-C to end it: "));
     let go = go.clone();
     std::thread::spawn(move || {
         // The end of the input is no answer.

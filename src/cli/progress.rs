@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressStyle};
 
-use super::{Talk, say};
+use super::{OutputOptions, output};
 use crate::scene::Event;
 use vps::voxmap::Stage;
 
@@ -13,8 +13,8 @@ use vps::voxmap::Stage;
 pub(crate) struct BakeProgress(Option<ProgressBar>);
 
 impl BakeProgress {
-    pub(crate) fn new(talk: Talk) -> Self {
-        let shown = !talk.quiet && !say::is_json() && std::io::stderr().is_terminal();
+    pub(crate) fn new(talk: OutputOptions) -> Self {
+        let shown = !talk.quiet && !output::is_json() && std::io::stderr().is_terminal();
         Self(shown.then(|| {
             let bar = ProgressBar::new_spinner();
             if let Ok(style) = ProgressStyle::with_template("{spinner} baking {msg} ({elapsed})") {

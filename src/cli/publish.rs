@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::network::HEADING;
-use super::{Talk, report};
+use super::{OutputOptions, report};
 use crate::config::SceneConfig;
 use crate::error::Exit;
 use crate::monitor::Hub;
@@ -67,7 +67,7 @@ impl PublishArgs {
     }
 
     /// Opens a session and announces the topics, before anything takes long. `None`: nothing was asked for.
-    pub(crate) fn open(&self, endpoints: Endpoints, config: &SceneConfig, talk: Talk) -> Result<Option<Opened>, Exit> {
+    pub(crate) fn open(&self, endpoints: Endpoints, config: &SceneConfig, talk: OutputOptions) -> Result<Option<Opened>, Exit> {
         let refuse = |message: &str, hint: &str| {
             report::error(message, Some(hint), talk);
             Err(Exit::Usage)

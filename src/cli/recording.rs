@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use super::{Talk, report, say};
+use super::{OutputOptions, output, report};
 use crate::config::{LoadOptions, SceneConfig};
 use crate::daemon::scene_files;
 use crate::error::Exit;
@@ -42,7 +42,7 @@ impl RecordingArgs {
         overwrite: bool,
         clock: ClockKind,
         subscribers: RecordSubscribers,
-        talk: Talk,
+        talk: OutputOptions,
     ) -> Result<Recordings, Exit> {
         let recorder = Recorder::new(subscribers, clock == ClockKind::Virtual);
         recorder.facts.note("rate_hz", config.rate_hz);
@@ -66,7 +66,7 @@ impl RecordingArgs {
         let recording = recording.transpose().map_err(refused)?;
         let fault_files = self.fault_folder(clock).map(|folder| {
             let told = move |file: &FaultFile| match &file.file {
-                Ok(path) if !talk.quiet => say::talk(format_args!("flight recorder: {}\n", shown(path))),
+                Ok(path) if !talk.quiet => output::message(format_args!("flight recorder: {}\n", shown(path))),
                 Ok(_) => {}
                 Err(error) => report::warning(&format!("flight recorder: {error}"), talk),
             };
@@ -136,7 +136,7 @@ impl Session {
 
 impl Recordings {
     /// For clients, who may begin and end recordings too.
-    pub(crate) fn for_clients(&self, talk: Talk) -> ClientRecordings {
+    pub(crate) fn for_clients(&self, talk: OutputOptions) -> ClientRecordings {
         ClientRecordings { recorder: self.recorder.clone(), session: self.session.clone(), talk }
     }
 
@@ -163,7 +163,7 @@ impl Recordings {
 pub(crate) struct ClientRecordings {
     recorder: Recorder,
     session: Arc<Session>,
-    talk: Talk,
+    talk: OutputOptions,
 }
 
 impl monitor::Recorder for ClientRecordings {
@@ -205,7 +205,7 @@ impl monitor::Recorder for ClientRecordings {
     }
 }
 
-fn failed(talk: Talk) -> Failed {
+fn failed(talk: OutputOptions) -> Failed {
     Box::new(move |error| report::warning(&format!("recording ended early: {error}; the run goes on"), talk))
 }
 
@@ -230,12 +230,12 @@ pub(crate) fn note_machine(recorder: &Recorder, machine: &Report) {
 mod tests {
     use super::*;
     use crate::cli::When;
-    use crate::cli::say::LogFormat;
+    use crate::cli::output::LogFormat;
     use crate::monitor::Recorder as _;
     use recording::file::SceneFiles;
     use recording::{TickRecord, drain};
 
-    const QUIET: Talk = Talk { verbose: 0, quiet: true, color: When::Never, log_format: LogFormat::Text };
+    const QUIET: OutputOptions = OutputOptions { verbose: 0, quiet: true, color: When::Never, log_format: LogFormat::Text };
 
     #[test]
     fn how_a_recording_goes_is_known_while_a_disk_keeps_its_end_waiting() {

@@ -2,8 +2,8 @@
 
 use serde_json::Value;
 
-use super::say::{self, Level};
-use super::{Talk, report};
+use super::output::{self, Level};
+use super::{OutputOptions, report};
 use crate::daemon::reload::{Cause, News, Reloaded};
 use crate::daemon::service;
 use crate::daemon::session::SessionError;
@@ -12,7 +12,7 @@ use document::show;
 use vps::storage::printable::shown;
 
 /// Tells people, and a service manager, how a reload goes.
-pub(super) fn tell(news: &News, talk: Talk) {
+pub(super) fn tell(news: &News, talk: OutputOptions) {
     match news {
         News::Begun(cause) => {
             service::reloading();
@@ -54,7 +54,7 @@ fn outcome(done: &Reloaded) -> (&'static str, String) {
 }
 
 /// An error that ends nothing: every problem of the scene, and that the old one stays.
-fn say_why(refusal: &SessionError, talk: Talk) {
+fn say_why(refusal: &SessionError, talk: OutputOptions) {
     match refusal {
         SessionError::Config(errors) => {
             report::config_errors(errors, talk);
@@ -75,8 +75,8 @@ fn say_why(refusal: &SessionError, talk: Talk) {
     line(Level::Warning, "reload: refused, the old scene stays", &[("outcome", "refused".into())], talk);
 }
 
-fn line(level: Level, text: &str, fields: say::Fields<'_>, talk: Talk) {
+fn line(level: Level, text: &str, fields: output::Fields<'_>, talk: OutputOptions) {
     if !talk.quiet {
-        say::event(level, "reload", text, fields);
+        output::event(level, "reload", text, fields);
     }
 }

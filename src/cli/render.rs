@@ -12,10 +12,10 @@ use self::args::ClockArg;
 use self::arm::tell_of_arm;
 use super::outcome::{More, StartTimes, lets_go_text, result_text};
 use super::progress::BakeProgress;
-use super::screen::{Screen, report_lines};
 use super::sculpt_run::{self, SculptRun};
 use super::services::{ServiceOptions, Services};
-use super::{Talk, bake, cache, check, guard, live, network, recording, report, say};
+use super::status_line::{StatusLine, report_lines};
+use super::{OutputOptions, bake, cache, check, guard, live, network, output, recording, report};
 use crate::config::{self, ConfigErrors};
 use crate::daemon::remote::RemoteArm;
 use crate::daemon::service::Service;
@@ -43,11 +43,11 @@ enum Refusal {
 }
 
 /// Renders; `own` is what the command adds.
-pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: Talk, started_ns: i64) -> Exit {
+pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: OutputOptions, started_ns: i64) -> Exit {
     // Before any thread that loads parts begins: some of them do while force flows.
     mesh::copy_only();
     // From the first word on: no thread that takes orders or renders waits for a reader.
-    if let Err(error) = say::detach() {
+    if let Err(error) = output::detach() {
         report::error(&format!("cannot start a thread: {error}"), None, talk);
         return Exit::Internal;
     }
@@ -71,7 +71,7 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: Talk, started_ns: i64) 
     if own.clay.is_some() && args.scene.is_file() && sculpt_run::is_source(&args.scene) {
         report::error(
             &format!("{}: this is a file of points or a mesh, not a scene", args.scene.display()),
-            Some(&format!("`hapticd init --clay {}` writes a scene that sculpts it", say::quoted(&args.scene))),
+            Some(&format!("`hapticd init --clay {}` writes a scene that sculpts it", output::quoted(&args.scene))),
             talk,
         );
         return Exit::Configuration;
@@ -122,7 +122,7 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: Talk, started_ns: i64) 
         tell_of_arm(&config, real, talk);
     }
     if talk.verbose > 0 {
-        say::talk(format_args!("{}\n", check::summary(&config)));
+        output::message(format_args!("{}\n", check::summary(&config)));
     }
     let subscribers = RecordSubscribers::default();
     let recordings = match args.recording.begin(&config, &overrides, own.overwrite, clock, subscribers.clone(), talk) {
@@ -159,8 +159,8 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: Talk, started_ns: i64) 
         let clay = prepared.piece.as_ref().map(|piece| &piece.report);
         clay.inspect(|clay| report::clay_warnings(clay, talk));
         if talk.verbose > 0 {
-            clay.inspect(|clay| say::talk(format_args!("{}", bake::clay_text(clay))));
-            reports.iter().for_each(|object| say::talk(format_args!("{}", bake::report_text(object))));
+            clay.inspect(|clay| output::message(format_args!("{}", bake::clay_text(clay))));
+            reports.iter().for_each(|object| output::message(format_args!("{}", bake::report_text(object))));
         }
         baked_s.set(since_start_s(monotonic_ns()));
         Ok(prepared)
@@ -208,7 +208,7 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: Talk, started_ns: i64) 
     };
     let rendered = run(args, talk, beside, &control, signals::end_by_signals, bake);
     // Force is off: from here on words may wait for their reader.
-    say::attach();
+    output::attach();
     // Whatever became of the loop: what hands made is not lost with it.
     let clay = sculpt_run.and_then(|sculpt_run| sculpt_run.close(talk));
     let refusal = match rendered {
@@ -222,7 +222,7 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: Talk, started_ns: i64) 
             let link = figures.borrow().as_ref().map(|figures| figures.report());
             let more = More { swaps: &swaps, recording: recording.as_ref(), sculpt: clay.as_ref(), link };
             if args.json || !talk.quiet {
-                say::result(format_args!("{}", result_text(&outcome.totals, start_s, &more, args.json)));
+                output::result(format_args!("{}", result_text(&outcome.totals, start_s, &more, args.json)));
             }
             let failures = [Some(outcome.exit()), live::failure(&session, talk), clay.map(|clay| clay.exit())];
             return failures.into_iter().flatten().find(|exit| *exit != Exit::Ok).unwrap_or(Exit::Ok);
@@ -237,7 +237,7 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: Talk, started_ns: i64) 
             let refused = if let RunError::Refused(checks) = &error { Some(checks) } else { None };
             if let Some(checks) = refused.filter(|_| talk.quiet) {
                 for row in report_lines(checks, true) {
-                    say::talk(format_args!("{row}\n"));
+                    output::message(format_args!("{row}\n"));
                 }
             }
             let hint = match &error {
@@ -276,14 +276,14 @@ struct Beside<'a> {
 
 fn run(
     args: &LoopArgs,
-    talk: Talk,
+    talk: OutputOptions,
     beside: Beside<'_>,
     control: &Arc<Control>,
     end_by_signals: impl FnOnce(&Arc<Control>) -> Result<(), SignalError>,
     bake: impl FnOnce() -> Result<Prepared, PrepareError>,
 ) -> Result<Outcome, Refusal> {
     let Beside { mut live, paths, session, recorder, protocol, services, sculpt_run, reloads, watches } = beside;
-    let mut screen = Screen::new(talk, session, protocol, live.operator.waits_after_fault);
+    let mut screen = StatusLine::new(talk, session, protocol, live.operator.waits_after_fault);
     let handle = services.notice_handler();
     let mut service = Service::of_environment();
     let mut supervisor = Supervisor::new(|notice| {
@@ -306,7 +306,7 @@ fn run(
         services.attached(&node);
         if !talk.quiet {
             let lets_go = link.map_or(String::new(), |link| format!(", and {}", lets_go_text(&link.report())));
-            say::talk(format_args!("device: {} is ready{lets_go}\n", node.display()));
+            output::message(format_args!("device: {} is ready{lets_go}\n", node.display()));
         }
         live.news = Some(news);
     }

@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use super::memory::MemoryArgs;
 use super::progress::BakeProgress;
-use super::{Talk, cache, report, say};
+use super::{OutputOptions, cache, output, report};
 use crate::config::SceneConfig;
 use crate::daemon::{ReplayError, Replayed, UnpackError, replay};
 use crate::error::Exit;
@@ -39,7 +39,7 @@ struct ReplayReport<'r> {
     replayed: &'r Replayed,
 }
 
-pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
+pub(crate) fn main(args: &Args, talk: OutputOptions) -> Exit {
     let bake = |config: &SceneConfig| bake(config, args, talk);
     let replayed = match replay(&args.recording, bake) {
         Ok(replayed) => replayed,
@@ -53,12 +53,12 @@ pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
     }
     if args.json {
         match serde_json::to_string(&ReplayReport { identical: replayed.is_identical(), replayed: &replayed }) {
-            Ok(text) => say::result(format_args!("{text}\n")),
+            Ok(text) => output::result(format_args!("{text}\n")),
             // True invariant: numbers and names, no map with odd keys.
             Err(error) => unreachable!("plain data: {error}"),
         }
     } else {
-        say::result(format_args!("{}\n", verdict(&replayed)));
+        output::result(format_args!("{}\n", verdict(&replayed)));
     }
     if replayed.is_identical() { Exit::Ok } else { Exit::Asset }
 }
@@ -79,7 +79,7 @@ fn verdict(replayed: &Replayed) -> String {
     }
 }
 
-fn bake(config: &SceneConfig, args: &Args, talk: Talk) -> Result<RenderScene, SceneError> {
+fn bake(config: &SceneConfig, args: &Args, talk: OutputOptions) -> Result<RenderScene, SceneError> {
     let mut cache = args.cache.open(CachePolicy::Copy, talk);
     let progress = BakeProgress::new(talk);
     // The scene comes with the recording: it must not end this program.
@@ -92,7 +92,7 @@ fn bake(config: &SceneConfig, args: &Args, talk: Talk) -> Result<RenderScene, Sc
     built.map(|(scene, _)| scene)
 }
 
-fn refuse(problem: &ReplayError, talk: Talk) -> Exit {
+fn refuse(problem: &ReplayError, talk: OutputOptions) -> Exit {
     let hint = match problem {
         ReplayError::Scene(problem) => return report::scene_error(problem, talk),
         ReplayError::Unpack(UnpackError::Config(errors)) => {

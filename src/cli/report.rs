@@ -2,8 +2,8 @@
 
 use std::io::IsTerminal;
 
-use super::say::{self, Level};
-use super::{Talk, When};
+use super::output::{self, Level};
+use super::{OutputOptions, When};
 use crate::config::ConfigErrors;
 use crate::daemon::{PrepareError, service};
 use crate::error::Exit;
@@ -13,7 +13,7 @@ use vps::part::PartError;
 use vps::storage::printable::{one_line, printable};
 
 /// Prints every problem of a scene on stderr and gives the exit code for it.
-pub(crate) fn config_errors(errors: &ConfigErrors, talk: Talk) -> Exit {
+pub(crate) fn config_errors(errors: &ConfigErrors, talk: OutputOptions) -> Exit {
     for problem in errors.problems() {
         error(&one_line(&problem.to_string()), problem.hint().as_deref(), talk);
     }
@@ -21,7 +21,7 @@ pub(crate) fn config_errors(errors: &ConfigErrors, talk: Talk) -> Exit {
 }
 
 /// Prints why an object cannot be built and gives the exit code for it: an asset, or a grid that the configuration asks for.
-pub(crate) fn scene_error(problem: &SceneError, talk: Talk) -> Exit {
+pub(crate) fn scene_error(problem: &SceneError, talk: OutputOptions) -> Exit {
     // What a mesh file says of itself may be in it.
     error(&one_line(&problem.to_string()), problem.hint().as_deref(), talk);
     match problem {
@@ -35,7 +35,7 @@ pub(crate) fn scene_error(problem: &SceneError, talk: Talk) -> Exit {
 }
 
 /// Prints why a scene cannot be rendered and gives the exit code for it.
-pub(crate) fn prepare_error(problem: &PrepareError, talk: Talk) -> Exit {
+pub(crate) fn prepare_error(problem: &PrepareError, talk: OutputOptions) -> Exit {
     match problem {
         PrepareError::Config(errors) => config_errors(errors, talk),
         PrepareError::Scene(problem) => scene_error(problem, talk),
@@ -51,12 +51,12 @@ pub(crate) fn prepare_error(problem: &PrepareError, talk: Talk) -> Exit {
 }
 
 /// Prints what a user should know of the objects of a scene.
-pub(crate) fn bake_warnings(reports: &[ObjectReport], talk: Talk) {
+pub(crate) fn bake_warnings(reports: &[ObjectReport], talk: OutputOptions) {
     bake_warnings_of("", reports, talk);
 }
 
 /// The same, of a scene that is to be told from another: `scene` goes before each.
-pub(crate) fn bake_warnings_of(scene: &str, reports: &[ObjectReport], talk: Talk) {
+pub(crate) fn bake_warnings_of(scene: &str, reports: &[ObjectReport], talk: OutputOptions) {
     for object in reports {
         for text in &object.warnings {
             warning(&one_line(&format!("{scene}{}: {text}", object.name)), talk);
@@ -65,63 +65,63 @@ pub(crate) fn bake_warnings_of(scene: &str, reports: &[ObjectReport], talk: Talk
 }
 
 /// Prints what a user should know of the clay of a scene.
-pub(crate) fn clay_warnings(clay: &ClayReport, talk: Talk) {
+pub(crate) fn clay_warnings(clay: &ClayReport, talk: OutputOptions) {
     for text in &clay.warnings {
         warning(&format!("clay: {text}"), talk);
     }
 }
 
 /// Prints one error with what to do about it.
-pub(crate) fn error(message: &str, hint: Option<&str>, talk: Talk) {
-    if say::is_json() {
+pub(crate) fn error(message: &str, hint: Option<&str>, talk: OutputOptions) {
+    if output::is_json() {
         let hint = hint.map(|hint| ("hint", hint.into()));
-        return say::event(Level::Error, "error", message, hint.as_slice());
+        return output::event(Level::Error, "error", message, hint.as_slice());
     }
     let [red, cyan, plain] = if is_coloured(talk) { ["\x1b[1;31m", "\x1b[1;36m", "\x1b[0m"] } else { [""; 3] };
-    say::talk(format_args!("{red}error:{plain} {}\n", printable(message)));
+    output::message(format_args!("{red}error:{plain} {}\n", printable(message)));
     if let Some(hint) = hint {
-        say::talk(format_args!("  {cyan}hint:{plain} {}\n", one_line(hint)));
+        output::message(format_args!("  {cyan}hint:{plain} {}\n", one_line(hint)));
     }
 }
 
 /// Prints one warning, unless told to be quiet.
-pub(crate) fn warning(message: &str, talk: Talk) {
+pub(crate) fn warning(message: &str, talk: OutputOptions) {
     remark(Level::Warning, "warning", "\x1b[1;33m", message, talk);
 }
 
 /// Prints what was assumed, unless told to be quiet.
-pub(crate) fn note(message: &str, talk: Talk) {
+pub(crate) fn note(message: &str, talk: OutputOptions) {
     remark(Level::Info, "note", "\x1b[1;36m", message, talk);
 }
 
-fn remark(level: Level, word: &str, colour: &str, message: &str, talk: Talk) {
+fn remark(level: Level, word: &str, colour: &str, message: &str, talk: OutputOptions) {
     if talk.quiet {
         return;
     }
-    if say::is_json() {
-        return say::event(level, word, message, &[]);
+    if output::is_json() {
+        return output::event(level, word, message, &[]);
     }
     let [colour, plain] = if is_coloured(talk) { [colour, "\x1b[0m"] } else { [""; 2] };
-    say::talk(format_args!("{colour}{word}:{plain} {}\n", printable(message)));
+    output::message(format_args!("{colour}{word}:{plain} {}\n", printable(message)));
 }
 
 /// Prints a line as it is, unless told to be quiet.
-pub(crate) fn line(text: &str, talk: Talk) {
+pub(crate) fn line(text: &str, talk: OutputOptions) {
     if !talk.quiet {
-        say::talk(format_args!("{}\n", printable(text)));
+        output::message(format_args!("{}\n", printable(text)));
     }
 }
 
 /// The last word: a result that could not be delivered spoils a good ending.
-pub(crate) fn finish(exit: Exit, talk: Talk) -> Exit {
-    say::attach();
+pub(crate) fn finish(exit: Exit, talk: OutputOptions) -> Exit {
+    output::attach();
     service::finish();
-    let Some(lost) = say::lost_result() else { return exit };
+    let Some(lost) = output::lost_result() else { return exit };
     error(&format!("cannot write the result to stdout: {lost}"), None, talk);
     if exit == Exit::Ok { Exit::Asset } else { exit }
 }
 
-fn is_coloured(talk: Talk) -> bool {
+fn is_coloured(talk: OutputOptions) -> bool {
     match talk.color {
         When::Always => true,
         When::Never => false,

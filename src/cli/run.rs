@@ -1,7 +1,7 @@
 //! `hapticd run`: bake a scene and render it on its arm.
 
 use super::render::{self, LoopArgs, Own};
-use super::{Talk, live};
+use super::{OutputOptions, live};
 use crate::error::Exit;
 
 /// Arguments of `hapticd run`.
@@ -16,7 +16,7 @@ pub(crate) struct Args {
     overwrite: bool,
 }
 
-pub(crate) fn main(args: &Args, talk: Talk, started_ns: i64) -> Exit {
+pub(crate) fn main(args: &Args, talk: OutputOptions, started_ns: i64) -> Exit {
     let own = Own { live: &args.live, clay: None, overwrite: args.overwrite };
     render::main(&args.render, &own, talk, started_ns)
 }

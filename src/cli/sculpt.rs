@@ -2,7 +2,7 @@
 
 use super::render::{self, LoopArgs, Own};
 use super::sculpt_run::ClayArgs;
-use super::{Talk, live, report};
+use super::{OutputOptions, live, report};
 use crate::error::Exit;
 
 /// Arguments of `hapticd sculpt`.
@@ -45,7 +45,7 @@ impl RigidArgs {
     }
 }
 
-pub(crate) fn main(args: &Args, talk: Talk, started_ns: i64) -> Exit {
+pub(crate) fn main(args: &Args, talk: OutputOptions, started_ns: i64) -> Exit {
     if let Some((flag, hint)) = args.rigid.given() {
         report::error(&format!("{flag} is for rigid scenes, which `hapticd run` renders"), Some(hint), talk);
         return Exit::Usage;

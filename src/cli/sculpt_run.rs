@@ -11,7 +11,7 @@ pub(crate) use self::summary::SculptSummary;
 use self::ending::{carry_out, hint, rescue, wait};
 use self::outputs::{Pictures, Written, destination_of, session_of};
 use self::summary::Saved;
-use super::{Talk, destination, recording, report, say};
+use super::{OutputOptions, destination, output, recording, report};
 use crate::config::scene::SculptConfig;
 use crate::config::strokes::{self, Script, Timed};
 use crate::config::{ConfigErrors, SceneConfig};
@@ -84,19 +84,20 @@ impl SculptRun {
         overwrite: bool,
         clock: ClockKind,
         recording: Option<&Path>,
-        talk: Talk,
+        talk: OutputOptions,
     ) -> Result<Option<Self>, Exit> {
         let path = config.path.display();
         let (sculpt, args) = match (&config.sculpt, args) {
             (None, None) => return Ok(None),
             (Some(sculpt), Some(args)) => (sculpt.clone(), args),
             (Some(_), None) => {
-                let hint = format!("`hapticd sculpt {}` works it", say::quoted(&config.path));
+                let hint = format!("`hapticd sculpt {}` works it", output::quoted(&config.path));
                 report::error(&format!("{path}: [sculpt]: this scene has clay, and `run` is for rigid ones"), Some(&hint), talk);
                 return Err(Exit::Configuration);
             }
             (None, Some(_)) => {
-                let hint = format!("`hapticd run {}` renders it; a [sculpt] table would give it clay", say::quoted(&config.path));
+                let hint =
+                    format!("`hapticd run {}` renders it; a [sculpt] table would give it clay", output::quoted(&config.path));
                 report::error(&format!("{path}: this scene has no clay to sculpt"), Some(&hint), talk);
                 return Err(Exit::Configuration);
             }
@@ -130,7 +131,7 @@ impl SculptRun {
     }
 
     /// Holds the solids of the strokes against the piece: whether their units can be right.
-    pub(crate) fn fit(&self, piece: &LoadedClay, talk: Talk) -> Result<(), ConfigErrors> {
+    pub(crate) fn fit(&self, piece: &LoadedClay, talk: OutputOptions) -> Result<(), ConfigErrors> {
         let odd = self.script.as_ref().map(|script| script.fit(piece.workpiece.surface().bounds())).transpose()?;
         odd.into_iter().flatten().for_each(|problem| report::warning(&problem.to_string(), talk));
         Ok(())
@@ -170,7 +171,7 @@ impl SculptRun {
     }
 
     /// After the last tick: waits for the thread of the clay, writes what was asked for and says what went wrong. `None`: it was never open.
-    pub(crate) fn close(self, talk: Talk) -> Option<SculptSummary> {
+    pub(crate) fn close(self, talk: OutputOptions) -> Option<SculptSummary> {
         let Open { thread, handle, volume_before_m3 } = self.open?;
         drop(handle);
         let Ended { report, mut engine } = match wait(thread, talk) {

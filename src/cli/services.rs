@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use crossbeam::channel::unbounded;
 
-use super::{Talk, console, publish, reload};
+use super::{OutputOptions, console, publish, reload};
 use crate::config::SceneConfig;
 use crate::daemon::reload::{KnownFiles, News, Reloader};
 use crate::daemon::session::SessionHandle;
@@ -103,7 +103,7 @@ impl Services {
     }
 
     /// Begins to read the scene again when SIGHUP asks for it, and where wished when its files change. After signals are caught.
-    pub(crate) fn reload(&mut self, session: &SessionHandle, watches: bool, talk: Talk) {
+    pub(crate) fn reload(&mut self, session: &SessionHandle, watches: bool, talk: OutputOptions) {
         let Some(known) = self.known.take() else { return };
         let (hub, rendered) = (self.hub.clone(), session.clone());
         let tell = Box::new(move |news: &News| {

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::super::say;
+use super::super::output;
 use crate::scene::CacheUse;
 use crate::scene::{ClayReport, ObjectReport};
 use document::show;
@@ -10,7 +10,7 @@ use document::show;
 /// One object, in one line of JSON with the keys in the order of the struct.
 pub(in crate::cli) fn print_json(report: &impl Serialize) {
     match serde_json::to_string(report) {
-        Ok(text) => say::result(format_args!("{text}\n")),
+        Ok(text) => output::result(format_args!("{text}\n")),
         // True invariant: numbers, names and flags, no map with odd keys.
         Err(error) => unreachable!("plain data: {error}"),
     }

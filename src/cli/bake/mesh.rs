@@ -5,7 +5,7 @@ use std::path::Path;
 use serde::Serialize;
 
 use super::super::progress::BakeProgress;
-use super::super::{Talk, cache, destination, report, say};
+use super::super::{OutputOptions, cache, destination, output, report};
 use super::figures::{peak_rss_bytes, print_json, report_text};
 use super::{Args, Failure, NavigationChoice};
 use crate::config::scene::MeshSource;
@@ -25,7 +25,7 @@ use vps::voxmap::{Options, Stage, npy};
 const VOXEL_SIZE_MAX_MM: f64 = 1000.0;
 
 /// A mesh of the command line: no scene that it could be relative to, and flags instead of keys.
-pub(super) fn mesh_error(args: &Args, error: &PartError, talk: Talk) -> Exit {
+pub(super) fn mesh_error(args: &Args, error: &PartError, talk: OutputOptions) -> Exit {
     match error {
         PartError::Mesh { source, .. } => {
             let hint = if matches!(source, MeshError::Missing { .. }) { None } else { source.hint() };
@@ -50,7 +50,7 @@ pub(super) fn mesh_error(args: &Args, error: &PartError, talk: Talk) -> Exit {
     }
 }
 
-pub(super) fn bake_mesh(args: &Args, talk: Talk) -> Result<(), Failure> {
+pub(super) fn bake_mesh(args: &Args, talk: OutputOptions) -> Result<(), Failure> {
     let metres_per_unit = match (args.units, args.voxel_size_mm, args.longest_axis_voxels) {
         (_, None, None) => return Err(Failure::Usage("a mesh needs --voxel-size-mm S or --longest-axis-voxels N".into())),
         (None, Some(_), _) => return Err(Failure::Usage("--voxel-size-mm needs --units m|mm|cm|in of the mesh file".into())),
@@ -143,7 +143,7 @@ pub(super) fn bake_mesh(args: &Args, talk: Talk) -> Result<(), Failure> {
         };
         print_json(&report);
     } else {
-        say::result(format_args!("{}", report_text(&object)));
+        output::result(format_args!("{}", report_text(&object)));
     }
     Ok(())
 }

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use glam::DVec3;
 
-use super::super::{Talk, report};
+use super::super::{OutputOptions, report};
 use super::place::Place;
 use super::{Args, Refused, guessed, read, relative};
 use crate::config::draft::{ClayDraft, Unit};
@@ -22,7 +22,7 @@ struct Found {
 }
 
 /// Writes the scene.
-pub(super) fn init(args: &Args, talk: Talk) -> Result<(), Refused> {
+pub(super) fn init(args: &Args, talk: OutputOptions) -> Result<(), Refused> {
     let refuse = |exit: Exit, message: &str, hint: Option<&str>| {
         report::error(message, hint, talk);
         Refused(exit)

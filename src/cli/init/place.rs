@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use super::super::{Talk, report, say};
+use super::super::{OutputOptions, output, report};
 use super::{Args, Refused};
 use crate::config;
 use crate::error::Exit;
@@ -17,7 +17,7 @@ pub(super) enum Place {
 
 impl Place {
     /// What the command line says, or the default.
-    pub(super) fn of(args: &Args, default: impl FnOnce() -> PathBuf, talk: Talk) -> Result<Self, Refused> {
+    pub(super) fn of(args: &Args, default: impl FnOnce() -> PathBuf, talk: OutputOptions) -> Result<Self, Refused> {
         let file = match &args.out {
             Some(out) if out.as_os_str() == "-" => return Ok(Self::Stdout),
             Some(out) => out.clone(),
@@ -31,7 +31,7 @@ impl Place {
     }
 
     /// Refuses a file that is there and is to be kept.
-    pub(super) fn check_free(&self, args: &Args, talk: Talk) -> Result<(), Refused> {
+    pub(super) fn check_free(&self, args: &Args, talk: OutputOptions) -> Result<(), Refused> {
         match self {
             Self::File(file) if file.exists() && !args.overwrite => {
                 let message = format!("{} is there already", file.display());
@@ -53,15 +53,15 @@ impl Place {
     /// What commands call it, as a shell takes it.
     pub(super) fn named(&self) -> String {
         match self {
-            Self::File(file) => say::quoted(file),
+            Self::File(file) => output::quoted(file),
             Self::Stdout => "scene.toml".to_owned(),
         }
     }
 
     /// Writes the scene, reads it back, and says what it is. On stdout stands nothing but the scene. `next`: the command for it, and what that does.
-    pub(super) fn write(&self, text: &str, summary: &str, next: (&str, &str), talk: Talk) -> Result<(), Refused> {
+    pub(super) fn write(&self, text: &str, summary: &str, next: (&str, &str), talk: OutputOptions) -> Result<(), Refused> {
         let Self::File(file) = self else {
-            say::result(format_args!("{text}"));
+            output::result(format_args!("{text}"));
             report::line(summary.trim_end(), talk);
             return Ok(());
         };
@@ -71,7 +71,7 @@ impl Place {
         })?;
         config::load(file).map_err(|errors| Refused(report::config_errors(&errors, talk)))?;
         let (command, does) = next;
-        say::result(format_args!("{summary}wrote   {}: `hapticd {command} {}` {does} it\n", file.display(), self.named()));
+        output::result(format_args!("{summary}wrote   {}: `hapticd {command} {}` {does} it\n", file.display(), self.named()));
         Ok(())
     }
 }

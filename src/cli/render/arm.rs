@@ -1,12 +1,12 @@
 //! What an operator has to know of a real arm before it moves.
 
-use super::super::{Talk, probe, report};
+use super::super::{OutputOptions, probe, report};
 use crate::config::SceneConfig;
 use arms::profile::RealArm;
 use vps::spatial::Axes;
 
 /// What an operator has to know of a real arm before it moves.
-pub(super) fn tell_of_arm(config: &SceneConfig, real: &RealArm, talk: Talk) {
+pub(super) fn tell_of_arm(config: &SceneConfig, real: &RealArm, talk: OutputOptions) {
     let profile = &config.device.profile;
     if config.device.hand.is_some() {
         report::note("the scene's hand is for simulated arms: a real one has yours", talk);

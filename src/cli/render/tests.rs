@@ -5,7 +5,7 @@ use clap::Parser;
 use super::args::RealtimeMode;
 use super::*;
 use crate::cli::When;
-use crate::cli::say::LogFormat;
+use crate::cli::output::LogFormat;
 use crate::config::scene::RealtimeConfig;
 use crate::daemon::testing;
 use ::recording::Totals;
@@ -35,7 +35,7 @@ fn synthetic() -> Prepared {
 }
 
 /// A run in which nothing changes.
-fn run(args: &LoopArgs, talk: Talk, bake: impl FnOnce() -> Result<Prepared, PrepareError>) -> Result<Outcome, Refusal> {
+fn run(args: &LoopArgs, talk: OutputOptions, bake: impl FnOnce() -> Result<Prepared, PrepareError>) -> Result<Outcome, Refusal> {
     let session = testing::session(args.clock.kind());
     let beside = Beside {
         live: Live::default(),
@@ -55,7 +55,7 @@ fn result_text(totals: &Totals, start_s: StartTimes, json: bool) -> String {
     super::result_text(totals, start_s, &More::default(), json)
 }
 
-const QUIET: Talk = Talk { verbose: 0, quiet: true, color: When::Never, log_format: LogFormat::Text };
+const QUIET: OutputOptions = OutputOptions { verbose: 0, quiet: true, color: When::Never, log_format: LogFormat::Text };
 
 #[test]
 fn the_command_line_is_read() {

@@ -4,7 +4,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::time::{Duration, SystemTime};
 
-use super::super::{Talk, destination, recording, report};
+use super::super::{OutputOptions, destination, recording, report};
 use crate::daemon::sculpting::{Ended, SculptThread};
 use clay::engine::{EngineError, SculptEngine, SculptOrder};
 use rt::signals::interrupts;
@@ -14,7 +14,7 @@ use rt::utc::timestamp;
 const LOOK: Duration = Duration::from_millis(5);
 
 /// Waits for a thread that finishes what it does. A first interrupt is answered with words; a second one ends the wait.
-pub(super) fn wait(thread: SculptThread, talk: Talk) -> Result<Ended, (&'static str, &'static str)> {
+pub(super) fn wait(thread: SculptThread, talk: OutputOptions) -> Result<Ended, (&'static str, &'static str)> {
     thread.end();
     let before = interrupts();
     let mut was_asked = false;
@@ -39,7 +39,7 @@ pub(super) fn carry_out(engine: &mut SculptEngine, order: SculptOrder) -> Option
 }
 
 /// Keeps the session where it surely can be written: among what the program keeps for itself, else among temporary files.
-pub(super) fn rescue(engine: &mut SculptEngine, name: &str, talk: Talk) -> Option<PathBuf> {
+pub(super) fn rescue(engine: &mut SculptEngine, name: &str, talk: OutputOptions) -> Option<PathBuf> {
     let file = format!("{name}-{}-{}.session", timestamp(SystemTime::now()), std::process::id());
     let folders = [recording::state_folder().map(|state| state.join("rescued")), Some(std::env::temp_dir())];
     for folder in folders.into_iter().flatten() {

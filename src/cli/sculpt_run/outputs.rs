@@ -3,7 +3,7 @@
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
-use super::super::{Talk, destination, report};
+use super::super::{OutputOptions, destination, report};
 use crate::config::SceneConfig;
 use crate::config::strokes::Script;
 use crate::error::Exit;
@@ -53,7 +53,7 @@ pub(super) struct Written<'w> {
 
 impl Written<'_> {
     /// Refuses what cannot be written, may not be written over, or is read.
-    pub(super) fn check(&self, config: &SceneConfig, overwrite: bool, talk: Talk) -> Result<(), Exit> {
+    pub(super) fn check(&self, config: &SceneConfig, overwrite: bool, talk: OutputOptions) -> Result<(), Exit> {
         let Self { own, script, pictures, recording } = self;
         let refuse = |exit: Exit, message: String, hint: Option<&str>| {
             report::error(&message, hint, talk);

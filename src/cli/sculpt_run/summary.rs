@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
-use super::super::{Talk, report};
+use super::super::{OutputOptions, report};
 use crate::daemon::sculpting::{FailedOrder, SculptReport};
 use crate::error::Exit;
 use document::show;
@@ -59,7 +59,7 @@ impl SculptSummary {
         }
     }
 
-    pub(super) fn tell(&self, strokes: Option<&Path>, tick_s: f64, talk: Talk) {
+    pub(super) fn tell(&self, strokes: Option<&Path>, tick_s: f64, talk: OutputOptions) {
         let SculptReport { failed, left_over, troubles, broken, updates, late, .. } = &self.engine;
         for FailedOrder { tick, is_scripted, line, what, why } in failed {
             let at_s = show(*tick as f64 * tick_s);

@@ -5,8 +5,8 @@ use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
 
-use super::say::{self, Fields, Level};
-use super::{Talk, guard};
+use super::output::{self, Fields, Level};
+use super::{OutputOptions, guard};
 use crate::daemon::session::SessionHandle;
 use crate::daemon::{Notice, Phase};
 use arms::attached::open::LinkNews;
@@ -20,7 +20,7 @@ use vps::storage::printable::shown;
 const STATUS_EVERY: Duration = Duration::from_secs(1);
 
 /// stderr while a run goes on: lines that stay, and on a terminal one status line that is written over.
-pub(super) struct Screen<'a> {
+pub(super) struct StatusLine<'a> {
     session: &'a SessionHandle,
     /// What a real arm speaks: it has words for its errors.
     protocol: Option<&'a Protocol>,
@@ -34,10 +34,15 @@ pub(super) struct Screen<'a> {
     next_status: Option<Instant>,
 }
 
-impl<'a> Screen<'a> {
-    pub(super) fn new(talk: Talk, session: &'a SessionHandle, protocol: Option<&'a Protocol>, waits_after_fault: bool) -> Self {
-        let live = !talk.quiet && !say::is_json() && std::io::stderr().is_terminal();
-        let next_status = (say::is_json() && talk.verbose > 0).then(Instant::now);
+impl<'a> StatusLine<'a> {
+    pub(super) fn new(
+        talk: OutputOptions,
+        session: &'a SessionHandle,
+        protocol: Option<&'a Protocol>,
+        waits_after_fault: bool,
+    ) -> Self {
+        let live = !talk.quiet && !output::is_json() && std::io::stderr().is_terminal();
+        let next_status = (output::is_json() && talk.verbose > 0).then(Instant::now);
         Self { session, protocol, quiet: talk.quiet, live, waits_after_fault, status_on: false, next_status }
     }
 
@@ -95,7 +100,7 @@ impl<'a> Screen<'a> {
             Notice::Status(record) => {
                 if self.live {
                     // Cut at the edge of the terminal: a line that wraps could not be written over.
-                    say::talk(format_args!("\r\x1b[2K\x1b[?7l{}\x1b[?7h", status_text(record)));
+                    output::message(format_args!("\r\x1b[2K\x1b[?7l{}\x1b[?7h", status_text(record)));
                     self.status_on = true;
                 }
                 if self.next_status.is_some_and(|due| Instant::now() >= due) {
@@ -107,7 +112,7 @@ impl<'a> Screen<'a> {
     }
 
     fn preflight(&mut self, report: &Report) {
-        if !say::is_json() {
+        if !output::is_json() {
             report_lines(report, false).iter().for_each(|row| self.line(Level::Info, "preflight", row, &[]));
             return;
         }
@@ -125,12 +130,12 @@ impl<'a> Screen<'a> {
 
     fn line(&mut self, level: Level, event: &str, text: &str, fields: Fields<'_>) {
         self.clear_status();
-        say::event(level, event, text, fields);
+        output::event(level, event, text, fields);
     }
 
     fn clear_status(&mut self) {
         if self.status_on {
-            say::talk(format_args!("\r\x1b[2K"));
+            output::message(format_args!("\r\x1b[2K"));
             self.status_on = false;
         }
     }

@@ -183,7 +183,7 @@ pub(crate) fn result(text: fmt::Arguments<'_>) {
 }
 
 /// Writes talk to stderr at once: text as it is, or its lines as events without fields.
-pub(crate) fn talk(text: fmt::Arguments<'_>) {
+pub(crate) fn message(text: fmt::Arguments<'_>) {
     if is_json() {
         text.to_string().lines().filter(|line| !line.trim().is_empty()).for_each(|line| event(Level::Info, "message", line, &[]));
     } else {
