@@ -19,7 +19,7 @@ use super::material_map::{Layer, MaterialMap};
 use super::whole_file::write_whole;
 use vps::density::{Lattice, Raster};
 use vps::storage::sections::{Key, Reader, Refusal, Writer, key_of};
-use vps::storage::{Region, regular};
+use vps::storage::{MappedFile, regular};
 
 /// Counts up when the meaning of a section changes.
 const GENERATION: u32 = 2;
@@ -200,13 +200,13 @@ impl ClayModel {
     /// [`SessionError`].
     pub fn load_session(path: &Path) -> Result<Self, SessionError> {
         let read = |source| SessionError::Io { what: "read", path: path.to_owned(), source };
-        let region = Region::read(&regular::open(path).map_err(read)?).map_err(read)?;
+        let region = MappedFile::read(&regular::open(path).map_err(read)?).map_err(read)?;
         let session = decode(region).map_err(|reason| SessionError::Refused { path: path.to_owned(), reason })?;
         Self::resume(session).map_err(|source| SessionError::Piece { path: path.to_owned(), source })
     }
 }
 
-fn decode(region: Arc<Region>) -> Result<Session, Refusal> {
+fn decode(region: Arc<MappedFile>) -> Result<Session, Refusal> {
     let file = Reader::new(region, Some(KEY), GENERATION)?;
     let settings: SettingsRecord = file.record("settings")?;
     let records = file.array::<MomentRecord>("moments")?;
