@@ -20,7 +20,7 @@ use crate::error::Exit;
 use crate::scene::cache::CachePolicy;
 use crate::scene::{self, BakeOptions, Built, ClayReport, ObjectReport, SceneError};
 use vps::part::PartError;
-use vps::voxmap::sides::InsideTest;
+use vps::voxmap::inside_test::InsideTest;
 
 /// Arguments of `hapticd bake`.
 #[derive(Debug, clap::Args)]

@@ -33,14 +33,14 @@ pub(crate) struct Args {
 
 /// Stage S is part of the shaping filter, which `eval` leaves out.
 
-pub(crate) fn main(args: &Args, talk: Talk) -> Exit {
+pub(crate) fn main(args: &Args, talk: OutputOptions) -> Exit {
     let config = match config::load(&args.scene) {
         Ok(config) => config,
         Err(errors) => return report::config_errors(&errors, talk),
     };
     if config.sculpt.is_some() {
         let path = args.scene.display();
-        let hint = format!("clay has a force while it is worked: `hapticd sculpt {}`", say::quoted(&args.scene));
+        let hint = format!("clay has a force while it is worked: `hapticd sculpt {}`", output::quoted(&args.scene));
         report::error(&format!("{path}: [sculpt]: `eval` knows rigid parts only"), Some(&hint), talk);
         return Exit::Configuration;
     }

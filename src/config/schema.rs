@@ -13,7 +13,7 @@ use document::{Numbers, words};
 use haptics::{CouplingMode, FreeSpace, SpringClamp};
 use vps::contact::Normalization;
 use vps::voxmap::field::FieldKind;
-use vps::voxmap::sides::SidesRule;
+use vps::voxmap::inside_test::InsideTest;
 
 #[cfg(test)]
 pub(super) use self::sculpt::CraftWord;
@@ -212,7 +212,7 @@ words! {
     CouplingWord for CouplingMode { Implicit = "implicit", Static = "static", Constraint = "constraint", Direct = "direct" }
     FieldWord for FieldKind { Layers = "layers", SurfacePoint = "surface-point", Octant = "octant", Trilinear = "trilinear" }
     UnitWord { Metre = "m", Millimetre = "mm", Centimetre = "cm", Inch = "in" }
-    SidesWord for SidesRule { Auto = "auto", Flood = "flood", Winding = "winding", Thin = "thin" }
+    SidesWord for InsideTest { Auto = "auto", Flood = "flood", Winding = "winding", Thin = "thin" }
     AwarenessWord { Edges = "edges", Off = "off" }
     NormalizeWord for Normalization { None = "none", Average = "average", Cluster = "cluster" }
     ClampWord for SpringClamp { Saturate = "saturate", HalfVoxel = "half-voxel" }

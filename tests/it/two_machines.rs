@@ -5,6 +5,7 @@ use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
 
 use arms::attached::open::{LinkNews, OpenError};
+use arms::remote::command_hold::HoldTiming;
 use arms::remote::figures::{NodeReport, Phase};
 use arms::remote::{LinkFigures, Node, NodeFigures, RemoteOptions, open};
 use arms::simulated::hand::{HandMapping, HandPath};

@@ -16,7 +16,7 @@ use super::params::{CouplingMode, CouplingParameters, FreeSpace, Parameters};
 use super::quasi_static::StaticBalance;
 use vps::contact::obstacle_poses::ObstaclePoses;
 use vps::contact::planes::DeepestContacts;
-use vps::contact::{ObstacleMotion, Contact, ContactSum, Traversal};
+use vps::contact::{Contact, ContactSum, ObstacleMotion, Traversal};
 use vps::spatial::{Mat6, Pose, Twist, Wrench};
 
 /// Time in which the coupling wrench comes in at first contact, s (decision: free space).

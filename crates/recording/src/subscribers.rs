@@ -47,6 +47,6 @@ impl RecordSubscribers {
 
 impl core::fmt::Debug for RecordSubscribers {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.debug_tuple("Taps").field(&self.open().subscribers.len()).finish()
+        f.debug_tuple("RecordSubscribers").field(&self.open().subscribers.len()).finish()
     }
 }

@@ -12,7 +12,7 @@ use std::time::Instant;
 use glam::DVec3;
 use thiserror::Error;
 
-pub use crate::part_report::{CacheUse, LeakReport, LidsReport, ObjectReport, Role, Timings};
+pub use crate::part_report::{CacheUse, HoleCapsReport, LeakReport, ObjectReport, Role, Timings};
 
 use crate::mesh::mass::{MassProperties, mass_properties_of_inspected};
 use crate::mesh::primitives::Shape;

@@ -6,7 +6,7 @@ use crate::mesh::validate::{FACES_INWARD, MeshReport};
 use crate::pointshell::{LevelReport, ShellReport};
 use crate::voxmap::MOSTLY_THIN;
 use crate::voxmap::Voxmap;
-use crate::voxmap::sides::InsideBasis;
+use crate::voxmap::inside_test::InsideBasis;
 
 /// What the cache did for an object.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

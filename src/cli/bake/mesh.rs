@@ -11,7 +11,7 @@ use super::{Args, Failure, NavigationChoice};
 use crate::config::scene::MeshSource;
 use crate::error::Exit;
 use crate::picture::{self, Subject};
-use crate::scene::cache::{Baked, Cache, Lookup, Request, CachePolicy, Spacing};
+use crate::scene::cache::{Baked, Cache, CachePolicy, Lookup, Request, Spacing};
 use crate::scene::{self, Event, MemoryPlan, ObjectReport, Role};
 use vps::mesh::MeshError;
 use vps::part::PartError;

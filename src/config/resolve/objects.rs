@@ -44,7 +44,7 @@ impl Resolve<'_> {
             source: self.source(&table, written, voxel_size_m, layers),
             voxel_size_m,
             layers,
-            sides: object.sides.map_or(SidesRule::Auto, Into::into),
+            sides: object.sides.map_or(InsideTest::Auto, Into::into),
             pose: Pose::new(
                 self.checks.orientation(&key("orientation_xyzw"), object.orientation_xyzw),
                 self.checks.position(&key("position_mm"), object.position_mm) * MM,
@@ -65,7 +65,7 @@ impl Resolve<'_> {
             source: self.source("tool", written, voxel_size_m, layers),
             voxel_size_m,
             layers,
-            sides: tool.sides.map_or(SidesRule::Auto, Into::into),
+            sides: tool.sides.map_or(InsideTest::Auto, Into::into),
             mass_kg: self.checks.number("tool.mass_g", tool.mass_g, DEFAULT_TOOL_MASS_G, POSITIVE.to(1e5).unit("g")) * 1e-3,
             center_of_mass_m,
             inertia_kg_m2: self.inertia_kg_m2(tool.inertia_kg_mm2),

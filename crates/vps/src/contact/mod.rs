@@ -16,6 +16,7 @@
 
 mod budget;
 mod clay;
+mod contact_block;
 #[doc(hidden)]
 pub mod faces;
 mod flat;

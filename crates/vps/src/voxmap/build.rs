@@ -34,7 +34,7 @@ impl Options {
 
     /// Voxels of this edge, m, and for the rest what a scene file has where it says nothing.
     pub fn new(voxel_size_m: f64) -> Self {
-        Self { voxel_size_m, layers: Self::DEFAULT_LAYERS, navigation: None, sides: SidesRule::Auto }
+        Self { voxel_size_m, layers: Self::DEFAULT_LAYERS, navigation: None, sides: InsideTest::Auto }
     }
 }
 
