@@ -31,8 +31,6 @@ pub(crate) struct Args {
     cache: cache::CacheArgs,
 }
 
-/// Stage S is part of the shaping filter, which `eval` leaves out.
-
 pub(crate) fn main(args: &Args, talk: OutputOptions) -> Exit {
     let config = match config::load(&args.scene) {
         Ok(config) => config,

@@ -153,7 +153,7 @@ struct SessionState {
 }
 
 enum Job {
-    Planned(PlannedScene, usize),
+    Planned(Box<PlannedScene>, usize),
     Switch { name: String, reply: Reply },
 }
 
@@ -213,7 +213,7 @@ impl SessionHandle {
             let mut state = self.state();
             state.has_ended = false;
             state.promised_ticks = planned.iter().map(|scene| scene.at_tick).collect();
-            state.jobs = planned.into_iter().enumerate().map(|(idx, scene)| Job::Planned(scene, idx)).collect();
+            state.jobs = planned.into_iter().enumerate().map(|(idx, scene)| Job::Planned(Box::new(scene), idx)).collect();
         }
         let session = self.clone();
         std::thread::Builder::new().name("scenes".to_owned()).spawn(move || session.work(&mut baker))?;
@@ -377,7 +377,7 @@ impl SessionHandle {
         match job {
             Job::Planned(planned, idx) => {
                 let path = planned.config.path.clone();
-                let Err(SessionError::Scene(problem)) = self.bake(planned, Some(idx), baker) else { return };
+                let Err(SessionError::Scene(problem)) = self.bake(*planned, Some(idx), baker) else { return };
                 self.state().failed.push((path, problem));
                 if let Some(mut state) = self.with_room()
                     && let Ok(controls) = state.controls()

@@ -229,6 +229,9 @@ impl<'d> Checks<'d> {
     }
 
     /// All problems, if any.
+    ///
+    /// # Errors
+    /// All problems, where there is one.
     pub fn finish(self) -> Result<(), ConfigErrors> {
         if self.problems.is_empty() { Ok(()) } else { Err(ConfigErrors::new(self.problems)) }
     }

@@ -57,6 +57,9 @@ struct Place {
 
 impl<'t> Document<'t> {
     /// Parses the text and checks its version, which is read before anything else: a file of another version is not judged by our keys.
+    ///
+    /// # Errors
+    /// Text that is no TOML, with its line.
     pub fn parse(file: &'t Path, text: &'t str) -> Result<Self, ConfigErrors> {
         let root = DeTable::parse(text).map_err(|error| {
             let line = error.span().map(|span| line_of(text, span.start));

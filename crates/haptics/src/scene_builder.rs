@@ -4,7 +4,7 @@
 //! object, the tool last. Units and frames: SI; poses are `world_from_map`, where the map frame is that of the mesh.
 //!
 //! Cost: baking, see [`vps::part`]. Cold: runs before the first tick.
-#![expect(clippy::disallowed_types, clippy::disallowed_macros, reason = "cold: all of it runs before the first tick")]
+#![expect(clippy::disallowed_types, reason = "cold: all of it runs before the first tick")]
 
 use glam::{DMat3, DVec3};
 

@@ -38,12 +38,18 @@ pub struct Disconnected;
 /// Where reports come from. May block and allocate.
 pub trait Source: Send + 'static {
     /// Waits for a report for at most `patience`; its length, or 0.
+    ///
+    /// # Errors
+    /// The link is gone.
     fn wait(&mut self, buffer: &mut [u8; FRAME_MAX], patience: Duration) -> Result<usize, Disconnected>;
 }
 
 /// Where frames go. May block and allocate.
 pub trait Sink: Send + 'static {
     /// Hands a whole frame to the bus.
+    ///
+    /// # Errors
+    /// The link is gone.
     fn put(&mut self, frame: &[u8]) -> Result<(), Disconnected>;
 }
 
@@ -65,6 +71,9 @@ pub struct Threaded {
 
 impl Threaded {
     /// Starts both threads, under SCHED_FIFO where `request` asks for it and the system allows it. Cold.
+    ///
+    /// # Errors
+    /// A thread that the system does not give.
     pub fn start(source: impl Source, sink: impl Sink, request: Option<ThreadRequest>) -> Result<Self, std::io::Error> {
         let doorbell = Arc::new(eventfd(0, EventfdFlags::CLOEXEC)?);
         let (lost, quit) = (Arc::new(AtomicBool::new(false)), Arc::new(AtomicBool::new(false)));
@@ -99,6 +108,9 @@ impl Threaded {
     }
 
     /// The next report.
+    ///
+    /// # Errors
+    /// The link is gone.
     pub fn receive(&mut self, buffer: &mut [u8]) -> Result<usize, TransportError> {
         match self.reports.pop() {
             Ok(report) => {
@@ -116,11 +128,17 @@ impl Threaded {
     }
 
     /// Gives a frame to the writer.
+    ///
+    /// # Errors
+    /// The link is gone.
     pub fn send(&mut self, frame: &[u8]) -> Result<(), TransportError> {
         self.push(frame, FRAMES_NOW)
     }
 
     /// Gives a frame to the writer and takes all others away from it, but for the one that is on the bus.
+    ///
+    /// # Errors
+    /// The link is gone.
     pub fn send_now(&mut self, frame: &[u8]) -> Result<(), TransportError> {
         // Relaxed: the ring orders what it carries; a writer that sees the number late sends one frame too many.
         self.void_before.store(self.n_frames, Ordering::Relaxed);
