@@ -58,7 +58,7 @@ struct Cli {
 
 /// How much to output, and how.
 #[derive(Clone, Copy, Debug, clap::Args)]
-#[command(next_help_heading = "OutputOptions")]
+#[command(next_help_heading = "Output")]
 pub(crate) struct OutputOptions {
     /// Say more: what the scene resolves to, and what was baked.
     #[arg(short, long, global = true, action = clap::ArgAction::Count)]

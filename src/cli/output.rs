@@ -3,7 +3,7 @@
 //! `println!` panics when the reader is gone (`hapticd check … | head`) or the disk is full. While an arm is being rendered a panic of the
 //! talking thread would leave the loop alone, so nothing here panics: lost talk is lost, a lost result becomes the exit code.
 //!
-//! OutputOptions is text for people, or with `--log-format json` one JSON object per line for programs: `time` (UTC), `level`, `event`, `message` (the
+//! Messages are text for people, or with `--log-format json` one JSON object per line for programs: `time` (UTC), `level`, `event`, `message` (the
 //! text without decoration), and the fields of that event.
 //!
 //! While force may flow no thread waits for a reader: from [`detach`] to [`attach`] a thread of its own writes, behind a queue that drops the oldest
@@ -30,7 +30,7 @@ use vps::storage::printable::printable;
 /// Why the first result that did not arrive did not.
 static LOST_RESULT: OnceLock<io::Error> = OnceLock::new();
 
-/// OutputOptions is JSON. Set once, before anything is said.
+/// Messages are JSON. Set once, before anything is said.
 static IS_JSON: AtomicBool = AtomicBool::new(false);
 
 /// What talk looks like.
@@ -105,7 +105,7 @@ struct Queue {
 }
 
 static QUEUE: OnceLock<Queue> = OnceLock::new();
-/// OutputOptions goes through the queue.
+/// Messages go through the queue.
 static IS_DETACHED: AtomicBool = AtomicBool::new(false);
 
 /// From now on talk waits for no reader.
@@ -163,7 +163,7 @@ fn write_queued(queue: &Queue) {
     }
 }
 
-/// OutputOptions is read by a program.
+/// A program reads the messages.
 pub(crate) fn is_json() -> bool {
     IS_JSON.load(Ordering::Relaxed)
 }

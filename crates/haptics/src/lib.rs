@@ -50,7 +50,7 @@
 //! | `damper`, `passivity`, `passivity_control` | energy that the loop makes, and what takes it out |
 //! | [`stability`], `auto_limit` | how stiff an arm may be made to feel |
 //! | `limits`, `power_window` | the output stage: what bounds force, torque, slew and power |
-//! | `placing`, `live_parameters` | obstacles that move; parameters that change while the loop runs |
+//! | `moving_obstacles`, `live_parameters` | obstacles that move; parameters that change while the loop runs |
 #![forbid(unsafe_code)]
 #![deny(clippy::disallowed_methods, clippy::disallowed_macros, clippy::disallowed_types)]
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::indexing_slicing)]

@@ -33,7 +33,7 @@
 //! |---|---|
 //! | `record` | the record of one tick |
 //! | `drain` | the ring's other end, on the thread `drain` |
-//! | `taps` | who else gets every record: recorders, monitors, viewers |
+//! | `subscribers` | what else gets every record: recorders, monitors, viewers |
 //! | `flight` | the last ticks before a fault, kept by the loop itself |
 //! | [`file`] | MCAP files: written by the thread `recorder`, read, live for the Foxglove app; files of faults |
 //! | `summary`, [`metrics`] | latency histograms and extremes as JSON, as text for Prometheus |

@@ -7,7 +7,7 @@
 //!
 //! ```text
 //!   flat (specification) ─┐
-//!   traversal ─┬─ all ────┼─► Touched: blocks of the shell and depths ─► sum by face ─► normalisation ─► wrench, patches
+//!   traversal ─┬─ all ────┼─► ContactBlock: blocks of the shell and depths ─► sum by face ─► normalisation ─► wrench, patches
 //!              └─ walk ───┘
 //! ```
 //!

@@ -33,10 +33,10 @@
 //! ```
 
 mod axes;
+mod device_sample;
 mod length;
 mod mat6;
 mod named_pose;
-mod port;
 mod pose;
 #[cfg(any(test, feature = "testing"))]
 #[doc(hidden)]
@@ -44,9 +44,9 @@ pub mod testing;
 mod wrench;
 
 pub use axes::Axes;
+pub use device_sample::{DeviceSample, SampleStatus};
 pub use length::{Metres, Place};
 pub use mat6::Mat6;
 pub use named_pose::NamedPose;
-pub use port::{DeviceSample, SampleStatus};
 pub use pose::Pose;
 pub use wrench::{Twist, Wrench};

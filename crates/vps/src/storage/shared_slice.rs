@@ -133,7 +133,7 @@ impl<T> Deref for SharedSlice<T> {
 
 impl<T> core::fmt::Debug for SharedSlice<T> {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        write!(f, "Slab({})", self.len)
+        write!(f, "SharedSlice({})", self.len)
     }
 }
 

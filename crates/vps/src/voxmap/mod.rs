@@ -11,9 +11,9 @@
 //! | grid | [`grid`], `bricks` | index arithmetic; sparse sets of bricks |
 //! | surface | [`surface`], `navigation`, `columns`, `sat` | which voxels does a triangle touch? Two navigations, by columns; the test that specifies them |
 //! | fill | [`fill`] | which cells are reached from outside? |
-//! | | [`sides`] | what tells inside from outside: the fill, winding numbers or nothing? |
+//! | | [`inside_test`] | what tells inside from outside: the fill, winding numbers or nothing? |
 //! | | `leak`, `winding` | did the fill get in; how often does the surface wind around a point? |
-//! | | `lid` | triangles that close the holes |
+//! | | `hole_cap` | triangles that close the holes |
 //! | | `orient` | which way do faces point? |
 //! | layers | [`layers`], `growth` | how many voxels from the surface? |
 //! | distance | `distance` | how many metres? |

@@ -37,7 +37,7 @@ pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<TriangleMesh, MeshError
     }
     let buffers = Buffers::new(&document, binary, bytes.len(), path);
     let room = Room::of_file(bytes.len());
-    let mut walk = Walk { document: &document, buffers, path, room, mesh: TriangleMesh::default() };
+    let mut walk = NodeTraversal { document: &document, buffers, path, room, mesh: TriangleMesh::default() };
     walk.run()?;
     Ok(walk.mesh)
 }
@@ -99,7 +99,7 @@ fn parts_of_glb<'a>(bytes: &'a [u8], path: &Path) -> Result<(&'a [u8], Option<&'
 }
 
 /// Collects the triangles of a scene.
-struct Walk<'a> {
+struct NodeTraversal<'a> {
     document: &'a Document,
     buffers: Buffers<'a>,
     path: &'a Path,
@@ -107,7 +107,7 @@ struct Walk<'a> {
     mesh: TriangleMesh,
 }
 
-impl Walk<'_> {
+impl NodeTraversal<'_> {
     fn run(&mut self) -> Result<(), MeshError> {
         let document = self.document;
         if document.nodes.is_empty() {
