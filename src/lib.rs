@@ -43,7 +43,7 @@
 //! |---|---|
 //! | [`vps`] | meshes, voxmaps, pointshells, the contact wrench of a pose |
 //! | [`haptics`] | one tick: friction, damping, filter, couplings, passivity, limits of force and torque, faults |
-//! | [`clay`](::clay) | clay that a tool deforms |
+//! | [`clay`] | clay that a tool deforms |
 //! | [`arms`] | profiles, protocols, transports, kinematics, motor bounds, simulated arms |
 //! | [`recording`] | records, the threads that write recordings, reading, reports, metrics |
 //! | [`link`] | other machines: messages of ROS 2, sessions, what a run publishes |

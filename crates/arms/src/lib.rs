@@ -48,7 +48,7 @@
 //! | [`guard`] | the process that takes the force away when this one dies or stands still |
 //! | [`attached`] | arms on this machine: found, opened, probed, identified |
 //! | [`simulated`], [`mock`] | the simulated arm (plant, hand, encoder, faults); the same behind a real link |
-//! | [`remote`], [`network`] | an arm on another machine: both ends, force between commands, clocks; sessions |
+//! | [`remote`] | an arm on another machine: both ends, force between commands, clocks |
 //! | `conformance` | tests that every arm passes |
 
 pub mod attached;

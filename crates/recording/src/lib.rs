@@ -35,7 +35,7 @@
 //! | `drain` | the ring's other end, on the thread `drain` |
 //! | `subscribers` | what else gets every record: recorders, monitors, viewers |
 //! | `flight` | the last ticks before a fault, kept by the loop itself |
-//! | [`file`] | MCAP files: written by the thread `recorder`, read, live for the Foxglove app; files of faults |
+//! | [`mod@file`] | MCAP files: written by the thread `recorder`, read, live for the Foxglove app; files of faults |
 //! | `summary`, [`metrics`] | latency histograms and extremes as JSON, as text for Prometheus |
 //! | [`report`] | a page of a recording, with charts |
 #![forbid(unsafe_code)]

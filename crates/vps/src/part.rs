@@ -1,5 +1,5 @@
 //! One rigid part, from its triangles to what a contact query reads: the stages of [`voxmap`](crate::voxmap) and
-//! [`pointshell`](crate::pointshell) in order.
+//! [`pointshell`] in order.
 //!
 //! Data in: a mesh file, a [`Shape`] or a [`TriangleMesh`]. Data out: a [`Field`] of what is touched or a [`Shell`] of what touches, each with
 //! a [`ObjectReport`]. Units and frames: metres and axes of the mesh.

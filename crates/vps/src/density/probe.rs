@@ -111,7 +111,7 @@ impl<'a> Probe<'a> {
     }
 
     /// How a place with a density above 0 is pushed out; the `fallback`, unit, tool axes, where the density does not say which way. RT: safe;
-    /// at most [`STRIDES`] + [`CLOSING_STEPS`] + 6 look-ups.
+    /// at most `STRIDES` + `CLOSING_STEPS` + 6 look-ups.
     pub fn way_out(&self, nodes: Vec3, value_m: f32, fallback: Vec3) -> WayOut {
         let gradient = self.gradient(nodes, value_m);
         let body_from_map = self.axes.transpose() * self.spacing_m;
