@@ -1,20 +1,24 @@
 //! `hapticd eval`: the contact wrench at each given tool pose; no device, no time, no filter, no coupling, no limits.
 
+use std::borrow::Cow;
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+use clap::ValueEnum;
+
 use super::progress::BakeProgress;
 use super::{OutputOptions, cache, output, report};
-use crate::config;
+use crate::config::{self, SceneConfig};
 use crate::error::Exit;
 use crate::scene::cache::CachePolicy;
 use crate::scene::{self, BakeOptions};
 use document::poses::{self, TimedPose};
 use haptics::RenderScene;
-use vps::contact::{ContactSum, ForceLaw, Normalization};
+use vps::contact::{self, ContactSum, ForceLaw, Normalization};
 use vps::spatial::Pose;
+use vps::voxmap::field::FieldKind;
 
 /// Arguments of `hapticd eval`.
 #[derive(Debug, clap::Args)]
@@ -27,12 +31,43 @@ pub(crate) struct Args {
     /// Where to write the wrenches: CSV, world axes, torque about the tool frame's origin.
     #[arg(long, value_name = "F.csv")]
     out: PathBuf,
+    /// Field look-up instead of the scene's.
+    #[arg(long, value_name = "FIELD")]
+    field: Option<FieldChoice>,
+    /// Apply the scene's contact normalisation.
+    #[arg(long)]
+    normalize: bool,
+    /// List single contacts: CSV of points, normals and depths, world axes.
+    #[arg(long, value_name = "F.csv")]
+    contacts_out: Option<PathBuf>,
+    /// Contacts to list for each pose at most.
+    #[arg(long, value_name = "N", default_value_t = 1000, requires = "contacts_out")]
+    max_contacts: usize,
     #[command(flatten)]
     cache: cache::CacheArgs,
 }
 
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum FieldChoice {
+    Layers,
+    SurfacePoint,
+    Octant,
+    Trilinear,
+}
+
+impl From<FieldChoice> for FieldKind {
+    fn from(choice: FieldChoice) -> Self {
+        match choice {
+            FieldChoice::Layers => Self::Layers,
+            FieldChoice::SurfacePoint => Self::SurfacePoint,
+            FieldChoice::Octant => Self::Octant,
+            FieldChoice::Trilinear => Self::Trilinear,
+        }
+    }
+}
+
 pub(crate) fn main(args: &Args, talk: OutputOptions) -> Exit {
-    let config = match config::load(&args.scene) {
+    let mut config = match config::load(&args.scene) {
         Ok(config) => config,
         Err(errors) => return report::config_errors(&errors, talk),
     };
@@ -49,6 +84,9 @@ pub(crate) fn main(args: &Args, talk: OutputOptions) -> Exit {
             return Exit::Asset;
         }
     };
+    if let Some(field) = args.field {
+        config.parameters.contact.field = field.into();
+    }
     let mut cache = args.cache.open(CachePolicy::Mapped, talk);
     let progress = BakeProgress::new(talk);
     let baked = scene::build_with(&config, &mut BakeOptions::from(&mut cache), |event| progress.tell(&event));
@@ -60,11 +98,18 @@ pub(crate) fn main(args: &Args, talk: OutputOptions) -> Exit {
     };
     report::bake_warnings(&reports, talk);
 
-    let law = ForceLaw { normalization: Normalization::None, ..scene.parameters.contact.force_law(false) };
-    match write_wrenches(&args.out, &scene, law, &poses) {
+    let mut law = scene.parameters.contact.force_law(false);
+    if !args.normalize {
+        law.normalization = Normalization::None;
+    }
+    let written = write_wrenches(&args.out, &scene, law, &poses).map_err(|error| (&args.out, error)).and_then(|()| {
+        let Some(path) = &args.contacts_out else { return Ok(()) };
+        write_contacts(path, &config, &scene, &poses, args.max_contacts).map_err(|error| (path, error))
+    });
+    match written {
         Ok(()) => Exit::Ok,
-        Err(error) => {
-            report::error(&format!("cannot write {}: {error}", args.out.display()), None, talk);
+        Err((path, error)) => {
+            report::error(&format!("cannot write {}: {error}", path.display()), None, talk);
             Exit::Asset
         }
     }
@@ -90,4 +135,47 @@ fn write_wrenches(path: &Path, scene: &RenderScene, law: ForceLaw, poses: &[Time
         writeln!(file, "{},{fx},{fy},{fz},{tx},{ty},{tz},{},{depth_m},{clearance_m},{query_ns}", timed.time_s, sum.contacts)?;
     }
     file.flush()
+}
+
+fn write_contacts(path: &Path, config: &SceneConfig, scene: &RenderScene, poses: &[TimedPose], most: usize) -> io::Result<()> {
+    let mut file = BufWriter::new(File::create(path)?);
+    writeln!(file, "t_s,object,point,x_m,y_m,z_m,nx,ny,nz,depth_m")?;
+    let mut lines = Vec::new();
+    for timed in poses {
+        let world_from_body = body(scene, timed.pose);
+        lines.clear();
+        for (object, obstacle) in config.statics.iter().zip(&scene.obstacles) {
+            let name = field(&object.name);
+            let map_from_body = obstacle.world_from_map.inverse() * world_from_body;
+            contact::visit(&obstacle.field, scene.parameters.contact.field, &scene.tool.shell, map_from_body, |touching| {
+                if lines.len() < most {
+                    let [x, y, z] = world_from_body.transform_point(touching.arm_body.as_dvec3()).to_array();
+                    let [nx, ny, nz] = world_from_body.transform_vector(touching.normal_body.as_dvec3()).to_array();
+                    let (point, depth_m) = (touching.point_idx, touching.depth_m);
+                    lines.push(format!("{},{name},{point},{x},{y},{z},{nx},{ny},{nz},{depth_m}", timed.time_s));
+                }
+            });
+        }
+        for line in &lines {
+            writeln!(file, "{line}")?;
+        }
+    }
+    file.flush()
+}
+
+/// A name as one field of CSV (RFC 4180).
+fn field(name: &str) -> Cow<'_, str> {
+    if name.contains([',', '"', '\n', '\r']) { format!("\"{}\"", name.replace('"', "\"\"")).into() } else { name.into() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::field;
+
+    #[test]
+    fn a_name_is_one_field_whatever_is_in_it() {
+        assert_eq!(field("fixed gear"), "fixed gear");
+        assert_eq!(field("plate, 3\" wide"), "\"plate, 3\"\" wide\"");
+        assert_eq!(field("two\nlines"), "\"two\nlines\"");
+    }
 }
