@@ -3,7 +3,7 @@
 //! Data in: endpoints of the command line, or a file of zenoh's own. Data out: an open session. The packets of an arm on another machine
 //! ([`arms::remote`]) travel over `link`.
 //!
-//! Invariant: nothing is announced to a network that nobody named, see `session`.
+//! Invariant: nothing is announced to a network that the user did not name, see `session`.
 
 #[cfg(feature = "zenoh")]
 pub mod link;
