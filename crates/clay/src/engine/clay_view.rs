@@ -8,7 +8,8 @@ use super::super::PointSet;
 use super::super::dynamics::Material;
 use super::ToolSettings;
 
-/// The piece at one moment. Cheap to clone. Its samples may be older than the rest: they are copied as often as that is cheap.
+/// The piece at one moment. Cheap to clone. During a stroke its samples may be older than the rest: they are copied as often as that is
+/// cheap. Without one they are as new as the rest.
 #[derive(Clone, Debug)]
 pub struct ClayView {
     /// Counts up whenever `points` is another set than before; begins at 1.

@@ -195,15 +195,14 @@ impl SculptEngine {
         }
     }
 
-    /// What those see who look: all as it is, but samples as of the last [`Self::copy_samples`]. Cost: little; the first one copies.
+    /// What clients see: all as it is, but during a stroke the samples are those of the last [`Self::copy_samples`]. Without a stroke they are those of
+    /// now, so that a client which reads that a stroke has ended, or was undone, reads its samples as well. Cost: little; a copy of the samples where
+    /// they have changed without a stroke.
     pub fn view(&mut self) -> ClayView {
-        let points = match &self.shown {
-            Some(points) => points.clone(),
-            None => {
-                self.copy_samples();
-                self.shown.clone().unwrap_or_default()
-            }
-        };
+        if self.shown.is_none() || !self.model.is_stroke() {
+            self.copy_samples();
+        }
+        let points = self.shown.clone().unwrap_or_default();
         let (n_undo, n_redo) = self.model.history();
         ClayView {
             version: self.version,

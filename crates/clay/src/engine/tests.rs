@@ -359,7 +359,7 @@ fn a_view_has_new_points_only_when_there_are_some() {
     assert!(first.version == 1 && second.version == 1 && Arc::ptr_eq(&first.points, &second.points));
     assert!(!hand.engine.has_new_samples());
     hand.go(DVec3::Z * (R - 1e-3), 20);
-    // Samples are copied when the caller says so; all else is new at once.
+    // Samples of a stroke are copied when the caller says so; all else is new at once.
     let uncopied = hand.engine.view();
     assert!(hand.engine.has_new_samples() && uncopied.is_stroke && uncopied.updates == 26);
     assert!(uncopied.version == 1 && Arc::ptr_eq(&first.points, &uncopied.points));
@@ -369,10 +369,14 @@ fn a_view_has_new_points_only_when_there_are_some() {
     assert_eq!((third.n_undo, third.tool.craft, third.updates), (1, SculptTool::Push, 26));
     hand.engine.copy_samples();
     assert!(!hand.engine.has_new_samples() && hand.engine.view().version == 2, "nothing is new");
+    // A client that reads that a stroke was undone reads its samples as well, and so where it has ended.
     hand.engine.order(SculptOrder::Undo).unwrap();
-    hand.engine.copy_samples();
     let fourth = hand.engine.view();
     assert_eq!((fourth.version, fourth.n_undo, fourth.n_redo, &*fourth.points), (3, 0, 1, &*first.points));
+    hand.go(DVec3::Z * (R - 1e-3), 20);
+    hand.engine.finish();
+    let fifth = hand.engine.view();
+    assert!(!fifth.is_stroke && fifth.version == 4 && *fifth.points == *hand.engine.model().points());
 }
 
 #[test]
