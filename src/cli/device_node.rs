@@ -12,7 +12,7 @@ use rt::duration;
 /// Arguments of `hapticd device-node`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
-    /// Profile of the arm beside this machine: a name of devices/, or a file. Simulated ones (sim-…) live in this process.
+    /// Profile of the arm beside this machine: a name of devices/, or a file. Simulated ones (sim-…) run in this process.
     profile: String,
     /// Name by which hosts find it (`run --device zenoh:NAME`) [default: the profile's].
     #[arg(long, value_name = "NAME")]
@@ -153,7 +153,7 @@ mod over_network {
         Ok(Exit::Ok)
     }
 
-    /// A real arm wants somebody's leave on this side too.
+    /// A real arm needs an explicit permission on this side too.
     fn may_push(args: &Args, profile: &Profile, talk: OutputOptions) -> Result<(), Failure> {
         let Some(real) = &profile.real else { return Ok(()) };
         if profile.actuated != Axes::NONE && !args.enable && real.deadman_button.is_none() {

@@ -110,7 +110,7 @@ fn profile_json(profile: &Profile) -> Value {
     json!({ "name": profile.name, "title": profile.title, "simulated": profile.real.is_none() })
 }
 
-/// Troubles are told of arms only: what becomes of other nodes is nobody's concern here.
+/// Problems of arms only; the program does not judge other nodes.
 fn troubles(found: &Attached, root: &Root) -> Vec<Finding> {
     if found.profiles.is_empty() && found.beside.is_empty() {
         return Vec::new();

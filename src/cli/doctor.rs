@@ -143,7 +143,7 @@ fn exchange(config: &SceneConfig, duration: Duration, quit: &AtomicBool, talk: O
     })
 }
 
-/// How soon the arm answers. An arm that sends on change only has nothing to say while nobody touches it.
+/// How soon the arm answers. An arm that sends on change only sends nothing while no hand touches it.
 fn answers(trips_us: &[u64], rate_hz: u32) -> Option<Finding> {
     let mut sorted = trips_us.to_vec();
     sorted.sort_unstable();

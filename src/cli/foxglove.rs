@@ -49,7 +49,7 @@ impl FoxgloveArgs {
     }
 }
 
-/// Whoever watches.
+/// The server for connected Foxglove apps.
 #[cfg(feature = "foxglove-live")]
 pub(crate) struct Audience {
     server: recording::file::live::LiveServer,
@@ -78,7 +78,7 @@ impl Audience {
         Ok(Self { server, talk })
     }
 
-    /// After the last tick: says what nobody got to see.
+    /// After the last tick: reports what reached no client.
     pub(crate) fn end(self) {
         let summary = self.server.status();
         let told = [
@@ -94,7 +94,7 @@ impl Audience {
     }
 }
 
-/// Nobody: the program was built without the server.
+/// Empty: the program was built without the server.
 #[cfg(not(feature = "foxglove-live"))]
 pub(crate) enum Audience {}
 

@@ -21,7 +21,7 @@ pub(crate) struct HandArgs {
     /// Where the hand wants to be: CSV with the header t_s,x_m,y_m,z_m,qx,qy,qz,qw; it counts from the first pose, or as in SCENE.
     #[arg(long, value_name = "FILE.csv", conflicts_with = "no_hand")]
     hand: Option<PathBuf>,
-    /// Nobody holds the grip.
+    /// No hand holds the grip.
     #[arg(long)]
     no_hand: bool,
     /// Take the hand's file, strength and frame from this scene: the tool moves as it does with a simulated arm in the process.

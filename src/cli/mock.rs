@@ -60,7 +60,7 @@ pub(crate) struct Args {
     json: bool,
 }
 
-/// Above any host: its firmware waits for nobody.
+/// Above any host: firmware does not wait for the host.
 const ARM_PRIORITY: u8 = 90;
 
 fn parse_fault(text: &str) -> Result<(String, FaultPlan), fault::FaultError> {
@@ -124,7 +124,7 @@ fn mock(args: &Args, talk: OutputOptions) -> Result<(), Exit> {
     let serving = Serving { period_s, duration: args.duration, until_host_gone: args.once };
     let ended = serve(&mut arm, &mut *link, serving, trace.as_mut(), || interrupted.load(Ordering::Relaxed))
         .map_err(|error| fail(Exit::Device, &error.to_string(), None))?;
-    // The node goes away before the words come: whoever reads them may look.
+    // The node goes away before the output comes: its reader may check that.
     drop(link);
     if let (Some(path), Some(cause)) = (&args.trace, trace.as_ref().and_then(Trace::ended)) {
         report::warning(&format!("{} does not go to the end: {cause}", path.display()), talk);

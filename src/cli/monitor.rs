@@ -57,7 +57,7 @@ impl MonitorArgs {
             Exit::Usage
         })?;
         if !Access::is_safe(address, token.as_ref()) {
-            let hint = "give --monitor-token FILE, or set HAPTICD_TOKEN: whoever reaches this address could drive the arm";
+            let hint = "give --monitor-token FILE, or set HAPTICD_TOKEN: any machine that reaches this address could drive the arm";
             report::error(
                 &format!("the monitor at {address} can be reached from other machines, and has no token"),
                 Some(hint),

@@ -168,7 +168,7 @@ pub(crate) fn is_json() -> bool {
     IS_JSON.load(Ordering::Relaxed)
 }
 
-/// The name of a file as a shell takes it for one word, for commands that somebody is told to type.
+/// The name of a file as a shell takes it for one word, for commands that a message tells the user to type.
 pub(crate) fn quoted(file: &Path) -> String {
     let name = file.to_string_lossy();
     let is_plain = |c: char| c.is_alphanumeric() || "/._-+:@%,".contains(c);
@@ -213,7 +213,7 @@ fn write(text: String) {
 }
 
 fn write_now(text: &str) {
-    // One write, so that lines of other processes do not cut in. If it fails, nobody is left to be told.
+    // One write, so that lines of other processes do not cut in. If it fails, there is no other output to report it on.
     let _ = io::stderr().write_all(text.as_bytes());
 }
 

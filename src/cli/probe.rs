@@ -234,7 +234,7 @@ impl Told<'_> {
 
     fn arm(&self) -> Finding {
         match self.found.answers {
-            Answers { fresh: 0, .. } => Finding::unknown("arm", "no sample came: nobody knows whether it is homed"),
+            Answers { fresh: 0, .. } => Finding::unknown("arm", "no sample came: whether it is homed is unknown"),
             Answers { error: error @ 1.., .. } => {
                 Finding::bad("arm", error_text(error, Some(&self.real.protocol)), "switch the arm off and on").by_hand()
             }

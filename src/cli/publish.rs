@@ -149,7 +149,7 @@ impl Opened {
 #[cfg(not(feature = "zenoh"))]
 pub(crate) enum Opened {}
 
-/// Nobody.
+/// Empty: the program was built without a network.
 #[cfg(not(feature = "zenoh"))]
 pub(crate) enum Sender {}
 

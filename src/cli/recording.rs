@@ -167,7 +167,7 @@ pub(crate) struct ClientRecordings {
 }
 
 impl monitor::Recorder for ClientRecordings {
-    /// Into a folder of our own, never over a file that is there: whoever may watch a run is not to write where he likes.
+    /// Into a folder of our own, never over a file that is there: a client that may watch a run must not write to any place.
     fn start(&self, file: Option<&str>) -> Result<RecorderStatus, RecorderError> {
         let _turn = self.session.turn();
         if let Some(RecorderStatus { file, .. }) = self.status() {
@@ -219,7 +219,7 @@ fn processor() -> String {
     std::iter::once(std::env::consts::ARCH).chain(has).collect::<Vec<_>>().join(" ")
 }
 
-/// What the machine offers, for whoever looks at a recording.
+/// What the machine offers, for readers of the recording.
 pub(crate) fn note_machine(recorder: &Recorder, machine: &Report) {
     for check in &machine.rows {
         recorder.facts.note(&format!("machine.{}", check.name), format!("{}: {}", check.outcome.name(), check.found));
@@ -259,7 +259,7 @@ mod tests {
         while clients().status().is_some() {
             std::thread::yield_now();
         }
-        assert!(!stopped.is_finished(), "whoever asked waited for the disk");
+        assert!(!stopped.is_finished(), "the caller waited for the disk");
         drop(reader);
         assert!(stopped.join().expect("no panic").is_ok());
         assert!(session.now().last.as_ref().is_some_and(|last| last.error.is_some()));

@@ -96,7 +96,7 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: OutputOptions, started_
         report::error(&message, Some("name the profile of a real arm with --device"), talk);
         return Exit::Usage;
     }
-    if args.meets_nobody() {
+    if args.has_unused_endpoints() {
         let message = "--connect, --listen and --zenoh-config say where to meet others, and nothing is published";
         report::error(message, Some("give --publish beside them"), talk);
         return Exit::Usage;

@@ -47,7 +47,7 @@ pub struct SceneConfig {
     pub stability: StabilityConfig,
     /// Who may watch and drive.
     pub monitor: MonitorConfig,
-    /// Longest silence of the client that drives: without a client that beats no force flows. `None`: nobody has to.
+    /// Longest silence of the client that drives: without a client that beats no force flows. `None`: no client has to.
     pub heartbeat: Option<Duration>,
 }
 
@@ -175,7 +175,7 @@ pub struct SimConfig {
     pub hand_damping_n_s_per_m: f64,
     /// Mass of the hand, kg.
     pub hand_mass_kg: f64,
-    /// False: nobody holds the arm.
+    /// False: no hand holds the arm.
     pub hand_present: bool,
     /// The hand goes its path there and back, again and again.
     pub hand_repeats: bool,

@@ -100,7 +100,8 @@ impl Unpacked {
             fs::read_to_string(path).map_err(|error| missing(name, error.to_string()))
         };
         let manifest = self.manifests.get(&format!("scenes/{scene_idx}"));
-        let manifest = manifest.ok_or_else(|| missing("scene.toml", "it was not told what the run went over to".to_owned()))?;
+        let manifest = manifest
+            .ok_or_else(|| missing("scene.toml", "the recording does not say which scene the run went over to".to_owned()))?;
         let mut scene: toml::Table =
             read("scene.toml")?.parse().map_err(|error: toml::de::Error| garbled(error.message().to_owned()))?;
         // Of the arm only what it is made of matters: its samples are in the recording.
@@ -112,14 +113,14 @@ impl Unpacked {
             let written = key.as_str().unwrap_or_default().to_owned();
             let n = (0..).map_while(|n| manifest.get(&format!("file.{n}.written")).map(|other| (n, other)));
             let Some((n, _)) = n.into_iter().find(|(_, other)| **other == written) else {
-                return Err(missing(&written, "nobody wrote it".to_owned()));
+                return Err(missing(&written, "the recording does not list it".to_owned()));
             };
             for part in 0.. {
                 let about = |what: &str| manifest.get(&format!("file.{n}.{part}.{what}"));
                 let Some(name) = about("name") else {
                     if part == 0 {
                         // That name may be one of a file of the person who replays it.
-                        return Err(missing(&written, "nobody named it".to_owned()));
+                        return Err(missing(&written, "the recording names no file for it".to_owned()));
                     }
                     break;
                 };
@@ -198,10 +199,10 @@ mod tests {
     }
 
     #[test]
-    fn no_file_of_whoever_replays_is_read() {
+    fn no_file_of_the_replaying_user_is_read() {
         let written = ("file.0.written", "/etc/part.obj");
         let error = refused(&[written]);
-        assert!(matches!(&error, UnpackError::Missing { why, .. } if why == "nobody named it"), "{error}");
+        assert!(matches!(&error, UnpackError::Missing { why, .. } if why == "the recording names no file for it"), "{error}");
         for name in ["../../../etc/part.obj", "/etc/part.obj", "a/../../b", ""] {
             let error = refused(&[written, ("file.0.0.name", name)]);
             assert!(matches!(&error, UnpackError::Outside(outside) if outside == name), "{error}");
@@ -211,7 +212,7 @@ mod tests {
     #[test]
     fn what_belongs_to_no_scene_is_not_written() {
         let unpacked = Unpacked::new().expect("a folder");
-        unpacked.put("notes.txt", b"of somebody else").expect("not looked at");
+        unpacked.put("notes.txt", b"of another program").expect("not looked at");
         assert!(matches!(unpacked.put("scenes/../../x", b""), Err(UnpackError::Outside(_))));
         assert_eq!(fs::read_dir(unpacked.folder.path()).expect("a folder").count(), 0);
     }

@@ -59,7 +59,7 @@ impl Listener for ConnectionListener {
             match self.listener.accept().await {
                 Ok((stream, peer)) => {
                     if !self.slots.has_room() {
-                        // What came just before may have a whole request in its socket: it is read before anybody has to give way.
+                        // A connection that came just before may have a whole request in its socket: that is read before a slot is taken away.
                         tokio::task::yield_now().await;
                     }
                     if let Some(slot) = self.slots.take() {
@@ -91,7 +91,7 @@ pub(super) struct Peer {
 }
 
 impl Peer {
-    /// It has sent a whole request for the page, which anybody may see.
+    /// It has sent a whole request for the page, which needs no token.
     pub(super) fn looks(&self) {
         self.state.asks();
     }
@@ -144,7 +144,7 @@ impl Connection {
         }
     }
 
-    /// What became of a write. Nothing is read while an answer waits to be taken, so that whoever asks and never reads is silent as well.
+    /// What became of a write. Nothing is read while an answer waits to be taken, so that a client that asks and never reads counts as silent.
     fn taken(&mut self, written: Poll<io::Result<usize>>, cx: &mut Context<'_>) -> Poll<io::Result<usize>> {
         if written.is_pending() {
             return self.poll_patience(cx);
@@ -231,7 +231,7 @@ impl Drop for Connection {
 
 /// Says that there is no slot.
 async fn turn_away(mut stream: TcpStream, slot: OwnedSemaphorePermit) {
-    // Whoever does not take so little is not there to be told.
+    // A client that does not take so little is not there any more.
     let _ = tokio::time::timeout(LINGER, stream.write_all(NO_SLOT)).await;
     linger(stream, slot).await;
 }

@@ -241,7 +241,7 @@ mod tests {
     }
 
     #[test]
-    fn silence_a_closed_connection_and_nobody_take_the_force_away() {
+    fn silence_a_closed_connection_and_no_client_take_the_force_away() {
         let watchdog = HeartbeatWatchdog::new(None);
         assert!(watchdog.lets_enable(None) && watchdog.lets_enable(Some(3)));
         told(&watchdog, |next| {

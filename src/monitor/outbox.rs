@@ -8,7 +8,7 @@ use tokio::sync::Notify;
 
 use super::encode::Body;
 
-/// Words under way; whoever lets more of them pile up does not listen.
+/// Messages under way; a client that lets more of them pile up does not read.
 const MOST_WORDS: usize = 1024;
 /// The same in bytes: a reply repeats what the client wrote.
 const MOST_WORD_BYTES: usize = 1 << 20;

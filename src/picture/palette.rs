@@ -41,7 +41,7 @@ pub(super) fn to_linear(value: u8) -> f32 {
     if share <= 0.04045 { share / 12.92 } else { ((share + 0.055) / 1.055).powf(2.4) }
 }
 
-/// The other way round, in steps that nobody sees and that take a fifth off a file; more light than white is white.
+/// The other way round, in steps that no eye sees and that take a fifth off a file; more light than white is white.
 pub(super) fn to_srgb(light: f32) -> u8 {
     let light = light.clamp(0.0, 1.0);
     let share = if light <= 0.003_130_8 { 12.92 * light } else { 1.055 * light.powf(1.0 / 2.4) - 0.055 };

@@ -17,7 +17,7 @@ from pathlib import Path
 SAME_END_M = 0.3e-3
 # A hand that wants to be 1.5 mm deep feels more than this.
 PUSHED_N = 0.1
-# The most that an arm does whose signs nobody has checked.
+# The most that an arm does whose signs are unchecked.
 UNVERIFIED_N = 0.5
 # Where the tool begins.
 START_M = [0.0, 0.0, 15e-3]
@@ -63,7 +63,7 @@ def pressed(run, _):
 
 
 def unverified(run, folder):
-    """Pressed, with what an arm may do whose signs nobody has checked."""
+    """Pressed, with what an arm may do whose signs are unchecked."""
     pressed(run, folder)
     assert run.arm["largest_force_n"] <= UNVERIFIED_N, "no more than that"
 

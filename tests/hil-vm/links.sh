@@ -20,7 +20,7 @@ WRONG_AT=4100ms
 # viscous PROFILE: a copy for the emulated machine.
 viscous() { sed '/^.plant/,/^$/s/^damping_n_s_per_m = [0-9.]*/damping_n_s_per_m = 15.0/' "devices/$1.toml" >"/tmp/$1.toml"; }
 
-# patient PROFILE: such a copy whose watchdog waits, and whose signs somebody has checked.
+# patient PROFILE: such a copy whose watchdog waits, and whose signs count as checked.
 patient() {
   viscous "$1"
   sed -i 's/^signs_verified = false/signs_verified = true/; s/^device_watchdog_ms = 50 /device_watchdog_ms = 500 /' "/tmp/$1.toml"
@@ -55,7 +55,7 @@ arm_ends() {
   sleep 0.2
 }
 
-# host NAME PROFILE ARGS…: renders the scene on the attached arm; nobody says which node that is.
+# host NAME PROFILE ARGS…: renders the scene on the attached arm; the command does not name its node.
 host() {
   name="$1" profile="$2"
   shift 2

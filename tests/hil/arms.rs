@@ -1,4 +1,4 @@
-//! Every arm that hangs on a serial port speaks its protocol over a tty.
+//! Every arm with a serial port speaks its protocol over a tty.
 
 use super::link::{Bench, exchange};
 

@@ -65,7 +65,7 @@ impl Running {
         let mut child = Command::new(env!("CARGO_BIN_EXE_hapticd"))
             .args(args)
             .env("NO_COLOR", "1")
-            // Never among the recordings of whoever runs the tests.
+            // Never among the recordings of the user who runs the tests.
             .env("XDG_STATE_HOME", env!("CARGO_TARGET_TMPDIR"))
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
@@ -158,7 +158,7 @@ impl Bench {
         Self { folder: TempDir::new().expect("a folder"), profile: profile.to_owned(), scene: block_on_plane() }
     }
 
-    /// A shipped arm whose signs somebody has checked: it may push harder than 0.5 N.
+    /// A shipped arm whose signs count as checked: it may push harder than 0.5 N.
     pub(crate) fn verified(profile: &str) -> Self {
         let bench = Self::shipped(profile);
         let text = std::fs::read_to_string(root(&format!("devices/{profile}.toml"))).expect("shipped");

@@ -196,7 +196,7 @@ fn the_key_knows_the_files_that_a_mesh_file_names() {
     assert_eq!(uses(), (vec![CacheUse::Miss, CacheUse::Hit], vec![]));
     buffer(8.1);
     assert_eq!(uses(), (vec![CacheUse::Hit; 2], vec![]));
-    // A buffer that is gone is the business of whoever bakes it.
+    // A buffer that is gone is refused by the bake.
     fs::remove_file(dir.path().join("corner buffer.bin")).unwrap();
     let mut cache = Cache::at(dir.path().join("cache"), CachePolicy::Copy);
     let error = scene::build_with(&config, &mut BakeOptions::from(&mut cache), |_| ()).unwrap_err();
@@ -501,7 +501,7 @@ fn a_mesh_that_changes_while_it_is_baked_is_not_kept() {
 /// Checksums of what two reference objects bake to, after the generation that they belong to. They hold on every machine: box and corner
 /// take nothing but IEEE arithmetic and square roots, no library functions that round as they like.
 ///
-/// Other numbers mean that baking gives other bits than before: count [`GENERATION`] up, so that nobody's cache mixes both, and
+/// Other numbers mean that baking gives other bits than before: count [`GENERATION`] up, so that no cache mixes both, and
 /// [`refresh`] the numbers.
 const REFERENCE: &str = include_str!("bake_reference.txt");
 

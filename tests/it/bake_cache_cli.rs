@@ -241,7 +241,7 @@ fn a_bake_that_is_killed_leaves_no_broken_cache() {
         fs::remove_dir_all(&cache).unwrap();
         let mut child = program(dir.path(), line).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
         if round % 2 == 0 {
-            // As soon as somebody is writing.
+            // As soon as the child is writing.
             while extension(&cache, "tmp").is_empty() && child.try_wait().unwrap().is_none() {}
         } else {
             std::thread::sleep(whole * round / 8);
@@ -258,7 +258,7 @@ fn a_bake_that_is_killed_leaves_no_broken_cache() {
         fs::create_dir_all(&cache).unwrap();
     }
     eprintln!("{killed} of 8 killed, {left_behind} temporary files left behind");
-    // What they left behind goes, once it is certain that nobody writes to it any more.
+    // What they left behind goes, once it is certain that no process writes to it any more.
     fs::remove_dir_all(&cache).unwrap();
     fs::create_dir(&cache).unwrap();
     fs::write(cache.join("0.1-0.tmp"), "half").unwrap();
@@ -340,7 +340,7 @@ fn a_folder_that_cannot_be_written_is_told_and_what_is_in_it_still_serves() {
     fs::write(dir.path().join("file"), "").unwrap();
     assert_goes_on("a file", &hapticd(dir.path(), "bake scene.toml --json --cache file"), "File exists");
     assert_goes_on("in a file", &hapticd(dir.path(), "bake scene.toml --json --cache file/folder"), "Not a directory");
-    // Nobody may create anything there, not even root.
+    // No user may create anything there, not even root.
     let output = hapticd(dir.path(), "bake scene.toml --json --cache /proc/hapticd-cache");
     assert_goes_on("/proc", &output, "No such file or directory");
 

@@ -13,7 +13,7 @@ fn up() -> DVec3 {
     DQuat::from_rotation_y(SLOPE_RAD) * DVec3::Z
 }
 
-/// A block that nobody holds, at a height over the slope, and pulled by `gravity` along its normal and `along` the slope, m/s².
+/// A block that no hand holds, at a height over the slope, and pulled by `gravity` along its normal and `along` the slope, m/s².
 fn block(height_m: f64, gravity: f64, along: f64) -> RenderScene {
     let mut scene = scene(0.0);
     let p = &mut scene.parameters;

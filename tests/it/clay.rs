@@ -512,7 +512,7 @@ fn a_simulation_that_goes_leaves_its_last_frame_and_is_missed() {
     drop(feed);
     while servo.step() == Step::Continue {}
     let records = records(&mut consumer);
-    assert!(records.len() >= 400, "{} ticks: nobody was waited for", records.len());
+    assert!(records.len() >= 400, "{} ticks: the loop did not wait", records.len());
     let first = |wanted: FrameInUse| records.iter().position(|record| record.input.clay == Some(wanted));
     assert_eq!(first(FrameInUse { sequence: 0, is_last: false }), Some(0), "one frame is still to come");
     assert_eq!(first(FrameInUse { sequence: 77, is_last: true }), Some(UPDATE_TICKS as usize));
@@ -569,7 +569,7 @@ fn a_leap_in_a_frame_that_came_with_the_next_one_is_still_felt_slowly() {
 }
 
 #[test]
-fn states_that_nobody_takes_are_dropped_and_counted() {
+fn states_that_are_not_taken_are_dropped_and_counted() {
     let (mut servo, mut feed, _records) = sculpting(RealClock, 1200);
     for _ in 0..1100 {
         servo.step();

@@ -594,7 +594,7 @@ fn a_closed_pipe_and_a_full_disk_do_not_panic() {
         drop(err_reader);
         let mut child =
             program(dir.path()).args(line.split_whitespace()).stdin(Stdio::null()).stdout(out).stderr(err).spawn().unwrap();
-        assert_eq!(child.wait().unwrap().code(), Some(0), "{line}, nobody listens");
+        assert_eq!(child.wait().unwrap().code(), Some(0), "{line}, no reader");
 
         let full = || File::options().write(true).open("/dev/full").unwrap();
         let mut running = Running::start_into(program(dir.path()).args(line.split_whitespace()), full().into());
@@ -966,7 +966,7 @@ fn a_bake_beyond_max_memory_is_refused_before_the_work_with_a_size_that_fits() {
     assert!(ended.stderr.contains("memory: peg takes about "), "{}", ended.stderr);
 }
 
-/// What somebody meets who does the obvious wrong thing: one message that says what to do instead.
+/// Each obvious mistake gives one message that says what to do instead.
 #[test]
 fn obvious_mistakes_are_named_with_their_remedy() {
     let dir = folder();

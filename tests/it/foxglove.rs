@@ -58,7 +58,7 @@ mod live {
 
     use super::super::monitor::{Daemon, folder};
 
-    /// Whoever has not answered by then hangs.
+    /// A process that has not answered by then hangs.
     const HUNG: Duration = Duration::from_secs(120);
 
     /// A run that can be watched.
@@ -205,7 +205,7 @@ mod live {
     }
 
     #[test]
-    fn whoever_comes_again_is_shown_the_scene_again_but_not_for_ever() {
+    fn a_client_that_reconnects_gets_the_scene_again_but_not_for_ever() {
         let (daemon, address) = watched();
         let mut viewer = Viewer::of(address);
         let mut shown = 0;

@@ -55,7 +55,7 @@ fn contact(normalization: Normalization, coefficient: f64) -> ContactParameters 
     }
 }
 
-/// A block that nobody holds, on a slope.
+/// A block that no hand holds, on a slope.
 pub(super) fn scene(coefficient: f64) -> RenderScene {
     let half_m = HALF_M;
     let up = DQuat::from_rotation_y(SLOPE_RAD);

@@ -20,7 +20,7 @@ use tempfile::TempDir;
 use tokio_tungstenite::tungstenite::client::IntoClientRequest as _;
 use tokio_tungstenite::tungstenite::{self, Message, WebSocket};
 
-/// Whoever has not answered by then hangs.
+/// A process that has not answered by then hangs.
 const HUNG: Duration = Duration::from_secs(120);
 
 /// A block over a plate that may move, pressed on it by its hand from 300 ms on: a scene that bakes in no time.

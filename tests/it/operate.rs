@@ -1,4 +1,4 @@
-//! What whoever looks after a run sees of it: logs, manual pages, completions, first scenes, service managers, reloads.
+//! What an administrator sees of a run: logs, manual pages, completions, first scenes, service managers, reloads.
 
 use std::fs;
 use std::io::{BufRead as _, BufReader, Read as _};

@@ -16,7 +16,7 @@ const PATIENCE: Duration = Duration::from_secs(120);
 const TRIES: usize = 4;
 
 fn endpoint() -> String {
-    // Free a moment ago; whoever takes it meanwhile makes the node fail, which says so.
+    // Free a moment ago; a process that takes it meanwhile makes the node fail, which says so.
     let socket = std::net::UdpSocket::bind("127.0.0.1:0").expect("a port");
     format!("udp/{}", socket.local_addr().expect("an address"))
 }
@@ -223,11 +223,11 @@ fn a_node_that_is_started_again_is_found_and_waits_for_the_operator() {
 }
 
 #[test]
-fn a_name_that_nobody_has_is_said_with_what_to_do() {
+fn a_name_that_no_node_has_is_an_error_with_a_remedy() {
     let dir = tempfile::tempdir().expect("a folder");
     let scene = rig::shipped("block-on-plane");
-    let line = format!("run {} --device zenoh:nobody --connect {} --monitor off", scene.display(), endpoint());
+    let line = format!("run {} --device zenoh:absent --connect {} --monitor off", scene.display(), endpoint());
     let (code, _, said) = Running::start(dir.path(), &line).end();
     assert_eq!(code, Some(5), "{said}");
-    assert!(said.contains("no device node of the name nobody") && said.contains("device-node PROFILE --name nobody"), "{said}");
+    assert!(said.contains("no device node of the name absent") && said.contains("device-node PROFILE --name absent"), "{said}");
 }

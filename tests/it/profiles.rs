@@ -138,7 +138,7 @@ fn profiles_to_copy_are_sound() {
     assert!(!examples.is_empty());
     for path in examples {
         let loaded = profile::load(&path).unwrap_or_else(|errors| panic!("{errors}"));
-        assert!(loaded.has_unverified_signs() && loaded.is_unidentified(), "{}: nobody has checked it", path.display());
+        assert!(loaded.has_unverified_signs() && loaded.is_unidentified(), "{}: it is unchecked", path.display());
         assert_eq!(loaded.plausibility_warnings(), [""; 0], "{}", path.display());
     }
     for name in profile::names() {

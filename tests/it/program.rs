@@ -1,4 +1,4 @@
-//! The program as a process in a folder of its test: never the cache of whoever runs the tests, nor their recordings of faults.
+//! The program as a process in a folder of its test: never the cache of the user who runs the tests, nor their recordings of faults.
 
 use std::path::Path;
 use std::process::{Command, Output, Stdio};

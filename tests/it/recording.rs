@@ -158,7 +158,7 @@ fn record(scene: &Path, duration: Duration, path: &Path, turn: impl FnOnce(&mut 
     let recorder = Recorder::new(subscribers.clone(), true);
     recorder.facts.note("rate_hz", config.rate_hz);
     let mut files = scene_files(&config, &LoadOptions::default());
-    // Where it lies on this machine is nobody's business.
+    // A recording that is shared does not say where the file was on this machine.
     files.path = files.path.file_name().map(PathBuf::from).expect("a name");
     recorder.scenes.add(files);
     let handle = recorder.start(path, true, Box::new(|error| panic!("{error}"))).expect("started");

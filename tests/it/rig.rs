@@ -104,7 +104,7 @@ pub(crate) fn run_ticks_with(config: &SceneConfig, cache: &mut Cache, n_ticks: u
 fn run_along(config: &SceneConfig, cache: &mut Cache, n_ticks: u64, paths: ObjectPaths) -> Run {
     let (prepared, reports) = prepare_with(config, &mut BakeOptions::from(cache), |_| ()).unwrap_or_else(|error| panic!("{error}"));
     let scene = Arc::new(prepared.scene);
-    // Room for all: the virtual clock waits for a drain, and nobody drains here before the end.
+    // Capacity for all: the virtual clock waits for a drain, and nothing drains here before the end.
     let (producer, mut consumer) = rtrb::RingBuffer::new(n_ticks as usize + 2000);
     let control = Arc::new(Control::enabled());
     let plan = RunPlan { stop_at_tick: Some(n_ticks), ..RunPlan::default() };

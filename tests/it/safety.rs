@@ -156,7 +156,7 @@ fn a_deadman_that_is_let_go_ramps_to_zero_and_pressed_again_ramps_up() {
     assert!((from + RAMP_TICKS + SLEW_TICKS..from + 300).all(|tick| played.is_zero(tick) && drive(tick) == Drive::Disabled));
     assert_eq!(drive(from + 300), Drive::Enabling);
     assert!(played.is_zero(from + 300));
-    // The tool stays where it stood while nobody holds the deadman.
+    // The tool stays where it stood while the deadman is released.
     let place = |tick: usize| played.records[tick].output.world_from_tool.translation;
     assert!((place(from + 299) - place(from + 300)).length() < 1e-4);
     assert_eq!((played.faults, played.ending), (Faults::NONE, Ending::Stopped));
@@ -280,7 +280,7 @@ fn a_tool_that_starts_pressed_waits_for_a_small_force_and_the_hand_ends_it() {
 }
 
 #[test]
-fn signs_that_nobody_verified_cap_the_force() {
+fn unverified_signs_cap_the_force() {
     let hand = [(0.0, 0.0, 15.0), (0.2, 0.0, 15.0), (1.0, 0.0, 5.0), (2.0, 0.0, 5.0)];
     let (_folder, config) = with_hand(&hand, &[]);
     let strongest_n = |change: fn(&mut Parameters)| {

@@ -46,10 +46,10 @@ mod live {
 
     use super::super::monitor::{Daemon, Ended, command, folder};
 
-    /// Whoever has not answered by then hangs.
+    /// A process that has not answered by then hangs.
     const HUNG: Duration = Duration::from_secs(120);
 
-    /// An address of this machine where nobody listens yet.
+    /// An address of this machine where no process listens yet.
     fn free() -> String {
         let taken = TcpListener::bind("127.0.0.1:0").unwrap();
         format!("tcp/{}", taken.local_addr().unwrap())

@@ -33,7 +33,7 @@ const TIMING: HoldTiming = HoldTiming { hold_s: 10e-3, fade_s: 20e-3 };
 const HAND_DELAY_S: f64 = 1.0;
 /// The node's clock began so much earlier, s.
 const CLOCKS_APART_S: f64 = 4000.0;
-/// For the thread that looks for a lost node, which lives in real time.
+/// For the thread that looks for a lost node, which runs in real time.
 const PATIENCE: Duration = Duration::from_secs(60);
 
 /// The arm beside the node, and what it was told when.
@@ -96,7 +96,7 @@ fn locked(world: &Shared) -> MutexGuard<'_, World> {
     world.lock().expect("no panic")
 }
 
-/// The host's end. While the host starts, nobody else lets time pass: looking for an answer does.
+/// The host's end. While the host starts, only its look for an answer lets time pass.
 struct HostEnd {
     end: NetworkEnd,
     world: Shared,
@@ -218,7 +218,7 @@ impl Stage {
         let is_starting = Arc::new(Mutex::new(true));
         let options = RemoteOptions { name: "arm".into(), period_s: T, timebase: Timebase::Counted };
         let (far, may_start) = (world.clone(), is_starting.clone());
-        // Whoever lost the link finds it again when the test says so.
+        // The host finds the lost link again when the test says so.
         let dial = move || match *may_start.lock().expect("no panic") {
             true => {
                 let end = HostEnd { end: host_end.clone(), world: far.clone(), is_starting: may_start.clone() };
@@ -302,9 +302,9 @@ impl Playing {
         (outputs.last().expect("ticks").drive, force_n)
     }
 
-    /// Lets whoever looks for the lost node meet it. Time goes on for the node alone.
+    /// Lets the host's search find the lost node. Time goes on for the node alone.
     fn meet_again(&mut self) -> LinkNews {
-        let lost = self.news.recv_timeout(PATIENCE).expect("somebody looks for it");
+        let lost = self.news.recv_timeout(PATIENCE).expect("the host looks for it");
         assert_eq!(lost, LinkNews::Lost);
         *self.is_starting.lock().expect("no panic") = true;
         let news = loop {
@@ -389,7 +389,7 @@ fn pressed_unrest_n(change: impl FnOnce(&mut Parameters)) -> f64 {
 #[test]
 fn without_softening_the_same_link_would_tremble() {
     let softened = pressed_unrest_n(|_| ());
-    // As if nobody had measured how far away the arm is.
+    // As if the distance to the arm had not been measured.
     let stiff = pressed_unrest_n(|p| {
         p.arm.stiffness_lag_n_s_per_m = f64::INFINITY;
         p.arm.stiffness_lag_nm_s_per_rad = f64::INFINITY;
@@ -460,10 +460,10 @@ fn lost_in_contact(stage: &Stage) -> Playing {
 }
 
 #[test]
-fn a_node_whose_cable_is_back_gives_no_force_before_somebody_enables_again() {
+fn a_node_whose_cable_is_back_gives_no_force_before_the_next_enable() {
     let stage = Stage::of(rig::load(&rig::shipped("block-on-plane")));
     let mut playing = lost_in_contact(&stage);
-    // Nobody there: an enable leads to the same fault.
+    // No node answers: an enable leads to the same fault.
     assert_eq!(playing.drive(50, Order::Disable).1, 0.0);
     assert_eq!(playing.drive(50, Order::Enable), (Drive::Fault, 0.0));
     locked(&playing.world).network.cut(false);

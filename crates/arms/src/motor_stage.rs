@@ -41,7 +41,7 @@ const ROUNDING: f64 = 1.0 + 1e-9;
 /// What the motors are to do, in the units of the wire (mA, N·m, counts), rounded toward zero by the codec where the wire is whole numbers.
 /// Arms that take a wrench: force x, y, z in N, then torque x, y, z in N·m.
 ///
-/// Anybody can make a zero; only the motor stage makes anything else.
+/// Any code can make a zero; only the motor stage makes anything else.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct MotorCommand {
     motors: [f64; MAX_AXES],

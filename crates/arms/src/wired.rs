@@ -1,4 +1,4 @@
-//! The driver of every arm that hangs on a wire: transport, protocol, transmission and kinematics put together.
+//! The driver of every arm with a wire protocol: transport, protocol, transmission and kinematics put together.
 //!
 //! ```text
 //!  read    link ─► codec ─► readings ─► transmission ─► joint angles ─► kinematics ─► pose, twist (device axes)
@@ -33,7 +33,7 @@ use super::{Capabilities, Device, DeviceError, IoPlacement, Pacing};
 use rt::clock::monotonic_ns;
 use vps::spatial::{DeviceSample, Pose, SampleStatus, Twist, Wrench};
 
-/// Ticks with reports after an arm was opened in which a gap of its count is none: what came while nobody looked yet was not lost on the way. Two for
+/// Ticks with reports after an arm was opened in which a gap of its count is none: what came before the first read was not lost on the way. Two for
 /// the backlog and the gap behind it, and some for what comes meanwhile.
 const SETTLING: u32 = 4;
 /// Reads of one tick: what a kernel queue of 64 reports can hold. More would let a chattering arm keep the loop.
@@ -461,7 +461,7 @@ impl Device for WiredArm {
             return Err(self.gone());
         }
         if self.n_reads == 1 {
-            // Whatever passed since the arm was opened is nobody's silence.
+            // The time since the arm was opened is no silence of the arm.
             self.last_report_s = now_s;
             self.last_heard_s = now_s;
         }

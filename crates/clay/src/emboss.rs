@@ -153,7 +153,7 @@ impl Laid {
 /// Where the samples go when white lies `depth_m` above the surface (below: engraving), and their new normals; only those that move.
 ///
 /// The normals follow from the slope of the image along the surface: n' ∝ n − ∇h, its gradient by differences over a quarter of the sample's
-/// spacing. Fits are made again by whoever moves them. Cost: five look-ups of the image per sample.
+/// spacing. The caller, which moves the samples, makes their fits again. Cost: five look-ups of the image per sample.
 pub(super) fn embossed(surface: &PointSurface, image: &GreyImage, laid: &Laid, depth_m: f64) -> Vec<Moved> {
     let points = surface.points();
     (0..points.len() as u32)

@@ -140,7 +140,7 @@ pub(super) fn fill(points: &mut PointSet, afloat: &mut Afloat, moved: &[u32], no
             let level_m = known.clone().sum::<f64>() / known.clone().count().max(1) as f64;
             let found = onto_level(|at| now.at(at), now.lattice().spacing_m, (middle, level_m), FILLED_GAPS * gap_m);
             let Some((at, normal)) = found else { continue };
-            // It may have slid along a bent surface to where somebody is.
+            // It may have slid along a bent surface to where another sample is.
             let is_free = neighbours.nearest(at).is_none_or(|nearest| nearest.distance_squared_m2 > (0.5 * gap_m).powi(2));
             if !(is_free && taken.is_free(at)) {
                 continue;

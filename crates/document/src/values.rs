@@ -1,4 +1,4 @@
-//! Values as they are written, with messages for somebody who knows no Rust: words out of a list, arrays of numbers.
+//! Values as they are written, with messages for users who know no Rust: words out of a list, arrays of numbers.
 
 use std::borrow::Cow;
 use std::fmt;
@@ -44,7 +44,7 @@ impl<const N: usize> JsonSchema for Numbers<N> {
     }
 }
 
-/// Enums that are written as strings. Derived ones would speak of "variants" and "maps" to somebody who wrote a number.
+/// Enums that are written as strings. Derived messages would speak of "variants" and "maps" to a user who wrote a number.
 /// `for TYPE`: each becomes the variant of that name of another enum.
 #[macro_export]
 macro_rules! words {

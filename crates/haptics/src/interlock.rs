@@ -44,12 +44,12 @@ impl Interlock {
         }
     }
 
-    /// Somebody wants force and shows it. Without a deadman: always.
+    /// The user holds the deadman. Without a deadman: always true.
     pub(super) fn is_held(&self) -> bool {
         self.is_pressed && !self.must_release
     }
 
-    /// Somebody has let go since the fault and holds again: an explicit act, where there is a deadman.
+    /// The user has let go of the deadman since the fault and holds it again: an explicit act. False without a deadman.
     pub(super) fn acknowledges(&self, request: DriveRequest, safety: &SafetyParameters) -> bool {
         safety.deadman.is_some() && request == DriveRequest::Enable && self.is_held()
     }

@@ -305,7 +305,7 @@ mod tests {
                     assert!((now - before).abs() <= (range.most - range.least) / 500.0 * (1.0 + 1e-9), "{parameter:?}");
                     before = now;
                 }
-                // The other one of a pair, which nobody turned, holds these two.
+                // The other one of a pair, which has not changed, limits these two.
                 let reached = match parameter {
                     LiveParameter::FrictionDynamic => reached.min(p.contact.friction.r#static),
                     LiveParameter::CutoffHigh => reached.max(p.filter.cutoff_hz[0]),

@@ -67,7 +67,7 @@ pub(super) struct MovingObstacles {
 }
 
 impl MovingObstacles {
-    /// Nobody is under way. Cold.
+    /// No obstacle is under way. Cold.
     pub(super) fn new(n_obstacles: usize) -> Self {
         Self { under_way: Vec::with_capacity(n_obstacles), turn: 0, reported: None }
     }
@@ -77,13 +77,13 @@ impl MovingObstacles {
         self.under_way.len() as u32
     }
 
-    /// Where one of those under way stands after this tick, turn by turn: enough for whoever watches.
+    /// Where one of those under way stands after this tick, turn by turn: enough for a viewer.
     pub(super) fn reported(&self) -> Option<Placement> {
         self.reported
     }
 
-    /// One tick: moves who is under way, then takes a new wish, which is followed from the next tick on. `with_force`: somebody may be
-    /// pressed. RT: safe; O(obstacles under way).
+    /// One tick: moves the obstacles under way, then takes a new command, which is followed from the next tick on. `with_force`: an
+    /// obstacle may press the user. RT: safe; O(obstacles under way).
     pub(super) fn advance(
         &mut self,
         obstacle_poses: &mut ObstaclePoses,

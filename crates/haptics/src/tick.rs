@@ -48,7 +48,7 @@ pub struct TickInput {
 pub struct FrameInUse {
     /// Number of the frame, counted from 1.
     pub sequence: u64,
-    /// Nobody makes frames any more: it is the last one, and its rope is let go.
+    /// The simulation makes no more frames: it is the last one, and its rope is let go.
     pub is_last: bool,
 }
 

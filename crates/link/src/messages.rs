@@ -200,7 +200,7 @@ impl Joy<'_> {
 pub enum Level {
     /// Nothing is wrong.
     Ok = 0,
-    /// Somebody should know.
+    /// The user should know.
     Warn = 1,
     /// It does not work.
     Error = 2,

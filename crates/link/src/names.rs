@@ -85,7 +85,7 @@ impl Node {
     /// What all its tokens have in front.
     fn prefix(&self, entity_id: usize, kind: &str) -> String {
         let Self { domain, session, namespace, name } = self;
-        // The second `%` is an enclave that nobody set.
+        // The second `%` is an enclave that is not set.
         format!("{TOKENS}/{domain}/{session}/{NODE_ID}/{entity_id}/{kind}/%/%{}/{name}", mangled(&namespace.0))
     }
 }
@@ -124,7 +124,7 @@ pub struct Attachment {
     pub sequence_number: i64,
     /// When it left, ns since 1970.
     pub source_timestamp_ns: i64,
-    /// Of whom it is.
+    /// The publisher that sent it.
     pub source_gid: Gid,
 }
 

@@ -227,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_told_at_once_is_what_somebody_waits_for() {
+    fn what_is_sent_at_once_is_what_a_subscriber_waits_for() {
         let (before, mut after) = (record(), record());
         let changed = |after: &TickRecord| {
             Topic::ALL.into_iter().filter(|topic| topic.news(&before) != topic.news(after)).collect::<Vec<_>>()

@@ -164,7 +164,7 @@ fn is_zero(value: &f64) -> bool {
 /// One scene that took the place of another.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SwapSummary {
-    /// Number of the scene; the first one, which took nobody's place, is 0.
+    /// Number of the scene; the first one, which replaced none, is 0.
     pub scene_idx: u32,
     /// Its first tick, counted from the start of the run.
     pub tick: u64,

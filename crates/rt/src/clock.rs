@@ -57,7 +57,7 @@ impl Clock for RealClock {
     }
 }
 
-/// Simulated time: starts at 0, moves only when somebody sleeps, and then exactly to the deadline.
+/// Simulated time: starts at 0, moves only when the loop sleeps, and then exactly to the deadline.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct VirtualClock {
     now_ns: i64,
@@ -120,7 +120,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_virtual_clock_stands_still_until_somebody_sleeps() {
+    fn the_virtual_clock_stands_still_until_the_loop_sleeps() {
         let mut clock = VirtualClock::default();
         assert_eq!(clock.now_ns(), 0);
         clock.sleep_until(1_000_000);

@@ -2,7 +2,7 @@
 //!
 //! Every source of "off" (a signal, a client, a heartbeat that is missing, the console) holds the word itself and takes force away with one atomic
 //! operation. Nothing in between can be late: no thread, no queue, no lock. Only the way back is slow on purpose: force is allowed by a [`Permit`]
-//! that was drawn before, and a permit is worthless once anybody has said "off" after it was drawn.
+//! that was drawn before, and a permit is worthless once any source has said "off" after it was drawn.
 //!
 //! ```text
 //!  disable()   offs += 1                     order() = Quit     if end = 2
@@ -34,7 +34,7 @@ pub enum Order {
 pub struct Permit(u64);
 
 impl Permit {
-    /// Drawn before anybody could take force away: for the start of a run.
+    /// Drawn before any source could take force away: for the start of a run.
     pub const FIRST: Self = Self(0);
 }
 
@@ -100,7 +100,7 @@ impl Control {
         Permit(self.offs.load(Ordering::Relaxed))
     }
 
-    /// Takes force away on the way to letting it flow from zero: the permit for that, unless anybody has taken force away since `asked` was drawn.
+    /// Takes force away on the way to letting it flow from zero: the permit for that, unless a source has taken force away since `asked` was drawn.
     pub fn renew(&self, asked: Permit) -> Option<Permit> {
         let next = asked.0.wrapping_add(1);
         let renewed = self.offs.compare_exchange(asked.0, next, Ordering::Relaxed, Ordering::Relaxed);

@@ -49,7 +49,7 @@ impl Finding {
         Self { name: name.into(), standing: Standing::Good, found: found.into(), advice: String::new(), by_hand: false }
     }
 
-    /// Nobody knows.
+    /// The program cannot find out.
     pub fn unknown(name: impl Into<String>, found: impl Into<String>) -> Self {
         Self { standing: Standing::Unknown, ..Self::good(name, found) }
     }

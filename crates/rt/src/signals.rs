@@ -143,7 +143,7 @@ extern "C" fn on_instruction(signal: libc::c_int, info: *mut libc::siginfo_t, _c
 /// What a SIGHUP meant.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Hangup {
-    /// Somebody asks the program to read its files again.
+    /// The program is to read its files again.
     Reload,
     /// The terminal has gone, and with it the person who sat there: an end was asked for.
     TerminalGone,

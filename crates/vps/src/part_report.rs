@@ -111,7 +111,7 @@ pub struct ObjectReport {
     pub watertight: bool,
     /// `flood`: a solid by the fill; `winding`: by the fill with lids on the holes; `thin`: a two-sided skin.
     pub sides: Cow<'static, str>,
-    /// Share of the places beside the surface whose winding number is within 0.1 of a whole number; `None` where nobody asked.
+    /// Share of the places beside the surface whose winding number is within 0.1 of a whole number; `None` where it was not measured.
     pub clear_winding_share: Option<f64>,
     /// Lids on its holes, where there are any.
     pub lids: Option<HoleCapsReport>,

@@ -11,7 +11,7 @@ use crate::error::Exit;
 /// Where the scene goes.
 pub(super) enum Place {
     File(PathBuf),
-    /// Whoever reads it keeps it in the working directory.
+    /// The reader keeps it in the working directory.
     Stdout,
 }
 

@@ -119,7 +119,7 @@ impl LoopArgs {
     }
 
     /// Endpoints are given, and nothing uses them.
-    pub(super) fn meets_nobody(&self) -> bool {
+    pub(super) fn has_unused_endpoints(&self) -> bool {
         let is_remote = self.device.as_ref().is_some_and(|device| device.starts_with("zenoh:"));
         !self.network.endpoints().is_empty() && !self.publish.is_wanted() && !is_remote
     }

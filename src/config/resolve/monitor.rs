@@ -8,7 +8,7 @@ use super::super::schema;
 use super::Resolve;
 use document::Interval;
 
-/// Where the monitor listens when nobody says otherwise.
+/// Where the monitor listens when neither the scene nor the command line gives an address.
 const DEFAULT_LISTEN: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 7878);
 
 /// What `listen` and `--monitor` take.

@@ -1,4 +1,4 @@
-//! Problems of strokes in the words of whoever wrote them: nobody counts strokes, they have a line and a time.
+//! Problems of strokes by the line and the time that their author wrote, not by the number of the stroke.
 
 use super::super::schema::Deed;
 use document::{ConfigErrors, Document, Problem, ProblemKind, nearest};

@@ -27,7 +27,7 @@ fn a_mesh_is_read_for_its_companions_only_when_it_was_written_anew() {
 }
 
 #[test]
-fn a_scene_with_another_deadman_or_heartbeat_takes_nobody_s_place() {
+fn a_scene_with_another_deadman_or_heartbeat_replaces_none() {
     let rendered = scene(SCENE);
     let held = scene(&format!("{SCENE}[safety]\ndeadman = 2\n"));
     let differences = [

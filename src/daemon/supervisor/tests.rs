@@ -70,7 +70,7 @@ fn a_real_run_of_a_fifth_of_a_second_comes_to_its_end() {
 }
 
 #[test]
-fn a_real_arm_that_nobody_may_enable_is_refused() {
+fn a_real_arm_without_an_operator_is_refused() {
     let arm = CountingArm { capabilities: Capabilities { simulated: false, ..Capabilities::default() }, ..CountingArm::default() };
     let log = arm.log.clone();
     let refused = Supervisor::new(|_| {}).render(job(Box::new(arm), ClockKind::Virtual, 100), &Arc::new(Control::new()));

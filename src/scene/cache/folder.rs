@@ -11,7 +11,7 @@ use vps::storage::sections::Key;
 
 const EXTENSION: &str = "bake";
 const TEMPORARY: &str = "tmp";
-/// A temporary file that was not written to for so long belongs to nobody any more.
+/// A temporary file that was not written to for so long is abandoned.
 const ABANDONED: Duration = Duration::from_secs(600);
 
 /// Where the object of a key is.
@@ -57,7 +57,7 @@ impl Temporary {
         // Relaxed: only that no two are equal.
         let number = COUNT.fetch_add(1, Ordering::Relaxed);
         let path = to.with_extension(format!("{}-{number}.{TEMPORARY}", std::process::id()));
-        // Read-only for everybody else from the start: nobody changes it by accident.
+        // Read-only for other users and processes from the start: none changes it by accident.
         let file = OpenOptions::new().write(true).create_new(true).mode(0o444).open(&path)?;
         Ok(Self { path, file })
     }

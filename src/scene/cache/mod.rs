@@ -38,10 +38,10 @@ const LIMIT_BYTES: u64 = 4 << 30;
 /// Where arrays from the cache are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CachePolicy {
-    /// In the mapped file: no copy, memory that processes share and that the kernel may take back. Somebody who shortens the file ends
-    /// the process: not for a hand.
+    /// In the mapped file: no copy, memory that processes share and that the kernel may take back. A process that shortens the file
+    /// ends this one: not for a hand.
     Mapped,
-    /// In memory of the process, which nobody else can touch: for rendering.
+    /// In memory of the process, which no other process can touch: for rendering.
     Copy,
 }
 
@@ -93,7 +93,7 @@ impl Cache {
     /// Looks for an object of at most so many bytes. Cost: hashing the mesh file and one pass over the cache file.
     pub fn look_up(&mut self, request: &Request<'_>, most_bytes: u64) -> Lookup {
         let since = Instant::now();
-        // A mesh that cannot be read is the business of whoever bakes it.
+        // A mesh that cannot be read is refused by the bake, with its cause.
         let Some((folder, key)) = self.folder.as_ref().zip(request.key()) else {
             return Lookup::Bake(Slot { cache: CacheUse::Off, key: None });
         };

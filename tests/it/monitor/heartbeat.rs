@@ -89,7 +89,7 @@ fn a_scene_that_wants_a_heartbeat_has_no_force_without() {
     let mut daemon = Daemon::start("[safety]\nheartbeat_ms = 300\n", "");
     let mut client = daemon.connect();
     client.subscribe(1000.0);
-    // A simulated arm, and still nobody has enabled it.
+    // A simulated arm, and still no client has enabled it.
     let state = client.state_where(|state| state["tick"].as_u64() > Some(200));
     assert!(off(&state), "{state}");
     let reply = client.ask(json!({ "do": "enable" }));
@@ -100,7 +100,7 @@ fn a_scene_that_wants_a_heartbeat_has_no_force_without() {
     client.does(json!({ "do": "enable" }));
     daemon.wait_for("state: enabling");
     let mut other = daemon.connect();
-    assert_eq!(other.ask(json!({ "do": "enable" }))["status"], 409, "somebody else beats, not this one");
+    assert_eq!(other.ask(json!({ "do": "enable" }))["status"], 409, "another client beats, not this one");
     client.event("heartbeat", "");
     client.state_where(off);
     assert_eq!(daemon.end().code, Some(0));

@@ -289,7 +289,7 @@ fn a_thousand_connections_find_what_places_there_are() {
     client.subscribe(100.0);
     let tick = client.state()["tick"].as_u64().unwrap();
     client.state_where(|state| state["tick"].as_u64() > Some(tick + 500));
-    // Whoever comes then is told why; of a crowd only some are.
+    // A client that connects then gets the reason; of a crowd only some get it.
     let told = (0..1000).find_map(|_| {
         let mut last = TcpStream::connect(daemon.address).unwrap();
         last.set_read_timeout(Some(HUNG)).unwrap();

@@ -216,7 +216,7 @@ fn a_scene_that_is_refused_when_it_is_read_again_is_told_with_the_reason() {
 }
 
 #[test]
-fn after_a_fault_the_run_waits_for_somebody_to_enable() {
+fn after_a_fault_the_run_waits_for_a_client_to_enable() {
     let mut daemon = Daemon::start("[device.sim]\nfault = \"stall@700ms+300ms\"\n", "");
     let mut client = daemon.connect();
     let event = client.event("fault", "");
@@ -225,7 +225,7 @@ fn after_a_fault_the_run_waits_for_somebody_to_enable() {
     let state = client.state_where(|state| state["state"] == "FAULT");
     assert_eq!(length(&state["servo_cf"]["f"]), 0.0);
     assert_eq!(state["faults"], event["names"]);
-    // The arm sends nothing yet: whoever enables too early gets the same fault again.
+    // The arm sends nothing yet: a client that enables too early gets the same fault again.
     loop {
         client.does(json!({ "do": "enable" }));
         let state = client.state_where(|state| {

@@ -7,7 +7,7 @@
             print(state.servo_cf.f)
 
 SI throughout: m, rad, s, N, N·m. Quaternions are x, y, z, w. Clients say when force may flow, set parameters, move parts and choose what the tool
-does to clay; nobody sends a force. Recordings are read by `hapticd.recordings`, which needs the extra `hapticd[recordings]`.
+does to clay; no client sends a force. Recordings are read by `hapticd.recordings`, which needs the extra `hapticd[recordings]`.
 """
 
 from hapticd.clay import Clay, ClayFacts, ClayPoints

@@ -195,7 +195,7 @@ class Clay:
         return str(said["file"])
 
     def close(self) -> None:
-        """Says no longer that somebody holds the clay."""
+        """Says no longer that this client holds the clay."""
         if self._pings is not None:
             self._pings.stop()
             self._pings = None

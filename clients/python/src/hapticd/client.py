@@ -41,7 +41,7 @@ class Client:
         """Connects. `address` is what `hapticd run` prints (`monitor: http://…`), `HOST:PORT`, or the page's address with `#token=…`.
 
         `token`: where the server wants one; else that of the environment variable `HAPTICD_TOKEN`. `timeout_s`: how long a call waits for its answer
-        before it raises `NoAnswer`. Raises `Disconnected` where nobody listens, and `Forbidden` without the right token.
+        before it raises `NoAnswer`. Raises `Disconnected` where no daemon listens, and `Forbidden` without the right token.
         """
         self._connection = Connection(Address.parse(address, token or os.environ.get("HAPTICD_TOKEN")), timeout_s)
         self._heart: Every | None = None

@@ -74,7 +74,7 @@ class Address:
 
 
 class Stream:
-    """States that have come and nobody has taken yet; of more than `backlog` the oldest go."""
+    """States that have come and the caller has not taken yet; of more than `backlog` the oldest go."""
 
     def __init__(self, is_binary: bool, backlog: int | None) -> None:
         self.is_binary = is_binary
@@ -163,7 +163,7 @@ class Connection:
         return reply
 
     def tell(self, do: str, **fields: Any) -> None:
-        """Sends a request whose reply nobody waits for."""
+        """Sends a request without waiting for its reply."""
         self._send({"do": do, **fields})
 
     def json(self, path: str) -> Any:

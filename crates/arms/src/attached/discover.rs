@@ -163,7 +163,7 @@ pub fn modem_manager(root: &Root) -> Finding {
         (true, false) => Finding::bad(
             "ModemManager",
             "runs and talks to every new serial port: an arm seems to lose bytes at its start",
-            format!("{UDEV_ADVICE}\nsudo systemctl disable --now ModemManager   # instead, if nobody needs a modem"),
+            format!("{UDEV_ADVICE}\nsudo systemctl disable --now ModemManager   # instead, if no modem is in use"),
         ),
     }
 }
@@ -188,7 +188,7 @@ pub fn findings(attached: &Attached, root: &Root) -> Vec<Finding> {
         Finding::bad("permission", format!("{path} may not be opened by this user"), format!("{UDEV_ADVICE}{group}"))
     });
     match attached.holders.as_slice() {
-        [] => findings.push(Finding::good("holder", format!("nobody else has {path} open, as far as this user sees"))),
+        [] => findings.push(Finding::good("holder", format!("no other process has {path} open, as far as this user sees"))),
         holders => {
             let names: Vec<String> = holders.iter().map(|holder| format!("{} (process {})", holder.name, holder.pid)).collect();
             let stop: Vec<String> = holders.iter().map(|holder| format!("kill {}", holder.pid)).collect();
@@ -239,7 +239,7 @@ fn autosuspend(node: &Node, root: &Root) -> Option<Finding> {
     })
 }
 
-/// The USB device that a class device hangs on: the nearest folder above with a vendor.
+/// The USB device that a class device belongs to: the nearest folder above with a vendor.
 fn usb_device(device: &Path) -> Option<PathBuf> {
     let mut folder = fs::canonicalize(device).ok()?;
     loop {

@@ -231,7 +231,7 @@ impl Match {
                 .is_none_or(|part| node.by_id.as_ref().is_some_and(|name| name.to_string_lossy().contains(part.as_str())))
     }
 
-    /// True for a node of the right kind and interface, whoever made it.
+    /// True for a node of the right kind and interface, from any manufacturer.
     pub(super) fn has_form_of(&self, node: &Node) -> bool {
         let kind = match self.transport {
             TransportKind::Hid => NodeKind::Hid,

@@ -19,7 +19,7 @@ use rt::schedule::ThreadRequest;
 
 /// How often a lost arm is looked for.
 const LOOK_AGAIN: Duration = Duration::from_millis(200);
-/// News of an arm that nobody has taken yet; more are dropped.
+/// News of an arm that the receiver has not taken yet; more are dropped.
 const NEWS: usize = 16;
 
 /// What an open arm should be like.
@@ -428,7 +428,7 @@ fn reconnect_loop(
     let mut looks_for: Option<Before> = None;
     let mut tell = |news: LinkNews| {
         if told.as_ref() != Some(&news) {
-            // Nobody may be listening, or not fast enough: news are for people.
+            // The receiver may be gone or slow: news are for display only.
             let _ = teller.try_send(news.clone());
             told = Some(news);
         }

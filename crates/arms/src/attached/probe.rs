@@ -24,7 +24,7 @@ const SIGN_MOVED_M: f64 = 1e-4;
 const SIGN_TURNED_RAD: f64 = 1e-3;
 /// The same in encoder steps.
 const SIGN_STEPS: f64 = 2.0;
-/// Displacements at which a push has shown enough, m and rad: a light grip that nobody holds is not sent on its way.
+/// Displacements at which a push has shown enough, m and rad: a light grip that no hand holds is not pushed away.
 const SIGN_FAR: [f64; 2] = [0.01, 0.1];
 /// Time for hands to come or go before anything is pushed.
 const BEFORE_FORCE: Duration = Duration::from_secs(2);
@@ -52,7 +52,7 @@ const SHAKE_HZ: [f64; 4] = [1.7, 3.1, 5.3, 9.7];
 pub enum Ended {
     /// The arm failed.
     Device(DeviceError),
-    /// Somebody asked for it.
+    /// The caller asked for it.
     Told,
     /// The arm does not know its zero, or sends nothing that would say so: nothing is pushed.
     NotHomed,
@@ -245,7 +245,7 @@ pub struct Answers {
     pub error: u16,
     /// Mean position, m.
     pub position_m: DVec3,
-    /// Largest distance from it on any axis: the noise of the encoders, where nobody touches the grip, m.
+    /// Largest distance from it on any axis: the noise of the encoders, where no hand touches the grip, m.
     pub spread_m: f64,
 }
 
@@ -356,7 +356,7 @@ impl<C> Drop for Bench<'_, '_, C> {
 /// Listens with zero commands.
 ///
 /// # Errors
-/// The arm was lost, or somebody asked for an end; `answers` holds what came until then.
+/// The arm was lost, or the caller asked for an end; `answers` holds what came until then.
 pub(crate) fn listen(
     device: &mut dyn Device,
     trial: &mut Trial<'_, impl Clock>,
@@ -398,7 +398,7 @@ const LOOK_NS: i64 = 20_000;
 /// One that does not come within 20 ms counts as that.
 ///
 /// # Errors
-/// The arm was lost, or somebody asked for an end.
+/// The arm was lost, or the caller asked for an end.
 pub fn round_trips(device: &mut dyn Device, trial: &mut Trial<'_, impl Clock>, duration: Duration) -> Result<Vec<u64>, Ended> {
     let n = (duration.as_secs_f64() / trial.period_s) as usize;
     let mut bench = Bench::new(device, trial);
@@ -475,7 +475,7 @@ pub(crate) fn check_signs(
     Ok(())
 }
 
-/// Shakes each of x, y and z that has a motor [`SHAKES`] times and finds out what it is made of. Nobody may hold the grip. `None`: no axis, or it did
+/// Shakes each of x, y and z that has a motor [`SHAKES`] times and finds out what it is made of. No hand may hold the grip. `None`: no axis, or it did
 /// not move.
 ///
 /// # Errors

@@ -56,7 +56,7 @@ fn every_arm_with_motors_is_tried_out_from_listening_to_shaking() {
             let expected = profile.actuated.has(axis_idx).then_some(Sign::Right);
             assert_eq!(found.signs[axis_idx], expected, "{name}, axis {axis_idx}");
         }
-        // Nobody holds it: what the pushes sent out of reach does not move.
+        // No hand holds it: what the pushes sent out of reach does not move.
         assert_eq!(found.made.iter().any(Option::is_some), identify, "{name}: {found:?}");
         n_turned += u32::from(found.signs[5].is_some());
     }

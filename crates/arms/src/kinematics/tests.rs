@@ -72,7 +72,7 @@ fn falcon(origin_z_m: f64) -> Kinematics {
     })
 }
 
-/// Six joints of a desk-top arm, a metre tall in nobody's catalogue: shoulder yaw and pitch, elbow, and a wrist of three.
+/// Six joints of an invented arm on a table, a metre tall: shoulder yaw and pitch, elbow, and a wrist of three.
 fn leader() -> Kinematics {
     let joint = |axis: DVec3, point_mm: [f64; 3], home_rad: f64, mass_kg: f64| ChainJoint {
         axis,

@@ -1,4 +1,4 @@
-//! Plant, firmware and faults of a mock arm, period by period. Never looks at a clock: whoever drives it says what time it is.
+//! Plant, firmware and faults of a mock arm, period by period. Never looks at a clock: the caller gives the time.
 
 use std::collections::VecDeque;
 
@@ -34,7 +34,7 @@ pub struct MockParameters {
     pub(crate) is_compensated: bool,
     /// The grip.
     pub(crate) plant: Plant,
-    /// The hand; its path counts from where the grip rests at the start. `None`: nobody holds it.
+    /// The hand; its path counts from where the grip rests at the start. `None`: no hand holds it.
     pub(crate) hand: Option<HandParameters>,
     /// How long the hand waits where its path begins, from the host's first frame on, s.
     pub(crate) hand_delay_s: f64,

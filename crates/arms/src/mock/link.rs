@@ -19,7 +19,7 @@ pub enum LinkError {
         cause: io::Error,
     },
     /// Another arm, or another program, is behind the link.
-    #[error("{} leads to {}, which somebody has open; name another link, or remove this one", .link.display(), .taken_by.display())]
+    #[error("{} leads to {}, which another program has open; name another link, or remove this one", .link.display(), .taken_by.display())]
     Taken {
         /// The link.
         link: PathBuf,
@@ -39,7 +39,7 @@ pub trait ArmLink {
     /// Takes what has come: one report, or what there is of a stream; 0 when there is nothing.
     fn receive(&mut self, buffer: &mut [u8]) -> usize;
 
-    /// Sends a frame; false when nobody takes it.
+    /// Sends a frame; false when the host does not take it.
     fn send(&mut self, frame: &[u8]) -> bool;
 
     /// Pulls the plug.

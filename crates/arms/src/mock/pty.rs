@@ -50,7 +50,7 @@ impl Pty {
         let of = |what: String| move |cause: io::Error| LinkError::Node { what, cause };
         let (pair, name) = open_pair().map_err(|errno| of("make a pseudo-terminal".to_owned())(errno.into()))?;
         if fs::symlink_metadata(&self.link).is_ok_and(|found| found.is_symlink()) {
-            // What it leads to goes with its owner. Whatever stands there still is somebody's.
+            // What it leads to goes with the process that made it. What is still there is in use.
             if let (Ok(_), Ok(taken_by)) = (fs::metadata(&self.link), fs::read_link(&self.link)) {
                 return Err(LinkError::Taken { link: self.link.clone(), taken_by });
             }

@@ -69,7 +69,7 @@ pub struct MockReport {
     pub bytes_received: u64,
     /// Frames that went out.
     pub frames_sent: u64,
-    /// Frames that did not: nobody took them, or a fault kept them.
+    /// Frames that did not: the host did not take them, or a fault kept them.
     pub frames_lost: u64,
     /// Longest time between two frames of the host, ms.
     pub longest_gap_ms: f64,

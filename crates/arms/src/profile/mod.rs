@@ -70,7 +70,7 @@ pub struct Profile {
 }
 
 impl Profile {
-    /// What stability is judged by. Of a real arm that is what was measured on it; of one that nobody has measured, its twin with half the
+    /// What stability is judged by. Of a real arm that is what was measured on it; of one that was never measured, its twin with half the
     /// assumed viscosity.
     pub fn bound_plant(&self) -> Plant {
         let Some(real) = &self.real else { return self.plant };
@@ -99,7 +99,7 @@ impl Profile {
         }
     }
 
-    /// True for a real arm whose motors nobody has seen push the way they are told.
+    /// True for a real arm on which no test has shown that the motors push the way they are commanded.
     pub fn has_unverified_signs(&self) -> bool {
         self.real.as_ref().is_some_and(|real| !real.signs_verified)
     }
@@ -117,7 +117,7 @@ impl Profile {
         ProfileLimits { force_n: share * limits.force_n, torque_nm: share * limits.torque_nm, ..limits }
     }
 
-    /// True for a real arm that was never measured: its bounds rest on assumptions, and whoever enables it is told so.
+    /// True for a real arm that was never measured: its bounds rest on assumptions, and the program warns of that when it is enabled.
     pub fn is_unidentified(&self) -> bool {
         self.real.as_ref().is_some_and(|real| real.identified.is_none())
     }

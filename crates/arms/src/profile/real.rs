@@ -23,7 +23,7 @@ pub struct RealArm {
     pub(crate) device_from_native: DQuat,
     /// How it finds its zero.
     pub homing: Homing,
-    /// Somebody has checked on such an arm that every motor pushes the way its encoder counts. Without it force stays below 0.5 N.
+    /// A test on such an arm has shown that every motor pushes the way its encoder counts. Without it force stays below 0.5 N.
     pub(crate) signs_verified: bool,
     /// After its watchdog tripped, the next command does not enable the motors by itself.
     pub(crate) watchdog_latched: bool,
@@ -137,7 +137,7 @@ pub(crate) enum Saturation {
     Clamp,
     /// It takes zero.
     Zero,
-    /// Nobody has said.
+    /// The profile does not say.
     #[default]
     Undefined,
 }

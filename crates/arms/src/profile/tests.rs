@@ -41,7 +41,7 @@ fn every_real_arm_has_a_known_answer() {
     assert!(n_checks >= 15 && n_frames >= 7, "{n_checks} {n_frames}");
 }
 
-/// A shipped profile in which one thing was changed by somebody who copied it.
+/// A copy of a shipped profile with one change.
 fn changed(name: &str, from: &str, to: &str) -> String {
     let text = fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("devices/{name}.toml"))).expect("shipped");
     assert!(text.contains(from), "{name}: {from}");
@@ -154,7 +154,7 @@ fn ports_and_arms_of_a_pantograph_are_not_mixed_up() {
     let (_, haply) = real("haply-2diy");
     let Protocol::HapiF32(board) = &haply.protocol else { panic!("a hAPI board") };
     assert_eq!((board.encoders[0].start_deg, board.encoders[1].start_deg), (12.0, 168.0));
-    // Arm 1 hangs on port 2: its start angle is what port 2 reports.
+    // Arm 1 is wired to port 2: its start angle is what port 2 reports.
     let mut readings = [0.0; MAX_AXES];
     readings[..2].copy_from_slice(&[12.0, 168.0]);
     let joints = haply.transmission.angles(&readings);
@@ -177,7 +177,7 @@ fn a_spacemouse_is_looked_for_by_all_its_numbers() {
     }
 }
 
-/// An arm of a known family and a layout of its own, written by somebody who knows no Rust.
+/// An arm of a known family and a layout of its own, as a user writes it who knows no Rust.
 const NEW_ARM: &str = r#"
 version = 1
 [device]

@@ -59,7 +59,7 @@ pub(super) struct Device {
     /// Axes with a motor, a subset of `sensed`.
     #[schemars(extend("items" = {"enum": ["x", "y", "z", "rx", "ry", "rz", "grip"]}))]
     pub(super) actuated: Option<Vec<String>>,
-    /// Somebody has checked on such an arm that the motors push the way the encoders count.
+    /// A test on such an arm has shown that the motors push the way the encoders count.
     pub(super) signs_verified: Option<bool>,
 }
 

@@ -227,7 +227,7 @@ impl Host {
             let idx = match expected {
                 Some(servo) if servo.id == packet.id => next.unwrap_or(0),
                 _ => {
-                    // Somebody is missing or out of turn: the round is lost, and the first servo begins a new one.
+                    // A servo is missing or out of turn: the round is lost, and the first servo begins a new one.
                     fed.corrupt +=
                         u32::from(*next != Some(0) || chain.as_slice().first().is_none_or(|first| first.id != packet.id));
                     *next = None;

@@ -165,7 +165,7 @@ impl Host {
     fn read_image(&self) -> Result<Vec<u8>, StartError> {
         let Some(path) = &self.image else {
             return Err(StartError::Refused(
-                "the Falcon answers no run frames: it was just switched on and needs its firmware, which nobody may ship with this program; \
+                "the Falcon answers no run frames: it was just switched on and needs its firmware, which may not be shipped with this program; \
                  name the image that came with the device in the profile, or start it once with the maker's own program"
                     .to_owned(),
             ));

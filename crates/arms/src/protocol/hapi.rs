@@ -274,7 +274,7 @@ impl Arm {
             // The motors stay on, and nothing reaches them any more.
             RESET => {
                 self.n_motors = 0;
-                // The host has gone, and whoever opens the arm again holds it in its start pose for that.
+                // The host has gone, and the user holds the arm in its start pose when it is opened again.
                 self.was_set_up = false;
             }
             _ => {}

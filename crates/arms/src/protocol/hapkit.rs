@@ -55,7 +55,7 @@ impl Host {
 impl Codec for Host {
     fn start(&mut self, link: &mut dyn Transport) -> Result<(), StartError> {
         *self = Self::default();
-        // A board that was not reset holds the last force that anybody asked for, also while it says nothing.
+        // A board that was not reset holds the last commanded force, also while it sends nothing.
         let mut zero = Frame::default();
         self.encode(&MotorCommand::default(), &mut zero);
         // A board that was reset by the opening drives its handle into both stops first. One that speaks and does not hear is no use, and worse.

@@ -41,7 +41,7 @@ pub struct HapiEncoder {
     pub counts_per_rev: f32,
 }
 
-/// A hAPI board: ports are contiguous from 1, and everything is in **port order**, whichever arm hangs on a port.
+/// A hAPI board: ports are contiguous from 1, and everything is in **port order**, whichever arm is wired to a port.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HapiBoard {
     /// Device id that the host chooses; 5 by convention.

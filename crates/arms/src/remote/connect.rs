@@ -83,7 +83,7 @@ impl ConnectMethod for RemoteConnector {
 /// Greets the node that drives the arm of this profile, and measures the way to it. Cold; takes some tenths of a second.
 ///
 /// # Errors
-/// Nobody answers, the node listens to another host, or its arm is not that of the profile.
+/// No node answers, the node listens to another host, or its arm is not that of the profile.
 pub fn open(profile: &Profile, options: &RemoteOptions, dial: Dial) -> Result<(Opened, Arc<LinkFigures>), OpenError> {
     let figures = Arc::new(LinkFigures::default());
     let process = RandomState::new().hash_one(std::process::id()) as u32;

@@ -1,4 +1,4 @@
-//! What both sides tell people: written in the loop, read by whoever likes to know. Relaxed everywhere: each number is a message of its own.
+//! Figures of both sides for display: written in the loop, read by any thread. Relaxed everywhere: each number is a message of its own.
 
 use core::sync::atomic::{AtomicI64, AtomicU8, AtomicU32, AtomicU64, Ordering::Relaxed};
 

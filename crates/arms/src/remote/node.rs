@@ -1,4 +1,4 @@
-//! The arm's side: takes commands, drives the arm behind it, sends states. Never looks at a clock: whoever drives it says what time it is.
+//! The arm's side: takes commands, drives the arm behind it, sends states. Never looks at a clock: the caller gives the time.
 //!
 //! ```text
 //!           HELLO                 enable, arm sound              silence: hold, fade, zero
@@ -10,7 +10,7 @@
 //! It is the state machine of open6 (`docs/reference/protocol.md`, section 6), with [`CommandHold`] in the place of the watchdog. It listens to one host, by the token
 //! of its HELLO, and to another one only after that one has said STOP, or nothing for a second.
 //!
-//! The node trusts nobody with its arm: force and torque are limited once more, their change too, and nothing pushes while the arm is lost, silent, not
+//! The node trusts no host with its arm: force and torque are limited once more, their change too, and nothing pushes while the arm is lost, silent, not
 //! homed or hot, or its deadman is not held.
 
 mod payloads;
@@ -116,7 +116,7 @@ pub struct Node {
 }
 
 impl Node {
-    /// A node that nobody has greeted.
+    /// A node to which no host has sent HELLO.
     pub fn new(parameters: NodeParameters, link: Box<dyn Transport>) -> Self {
         Self {
             parameters,

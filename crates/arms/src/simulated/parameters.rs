@@ -49,7 +49,7 @@ pub struct SimParameters {
     pub period_s: f64,
     /// What the arm is made of.
     pub plant: Plant,
-    /// The hand; `None`: nobody holds the grip.
+    /// The hand; `None`: no hand holds the grip.
     pub hand: Option<HandParameters>,
     /// Axes that exist and are measured.
     pub sensed: Axes,

@@ -245,7 +245,7 @@ impl Side {
         }
         while let Some((_, frame)) = self.late.pop_front_if(|(due_s, _)| *due_s <= self.now_s) {
             let n = if self.is_cropped { frame.len() / 2 } else { frame.len() };
-            // Into a link that was cut: nobody hears it.
+            // Into a link that was cut: it does not arrive.
             let _ = self.there.send(&frame[..n]);
         }
     }

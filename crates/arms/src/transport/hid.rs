@@ -54,7 +54,7 @@ pub enum HidOpenError {
 pub(crate) struct HidLink {
     threads: Threaded,
     path: PathBuf,
-    /// A hidraw node may be opened as often as anybody likes, and two drivers on one arm would take turns with its motors.
+    /// Any number of processes may open a hidraw node, and two drivers on one arm would take turns with its motors.
     _lock: Option<OwnedFd>,
 }
 

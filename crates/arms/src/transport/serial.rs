@@ -86,7 +86,7 @@ impl SerialLink {
     /// The link over a port that is already open.
     fn over(port: serialport::TTYPort) -> Result<Self, Errno> {
         let twin = port.try_clone_native().map_err(|_| Errno::BADF)?;
-        // SAFETY: `into_raw_fd` gives the descriptor of the clone away; nobody else closes it.
+        // SAFETY: `into_raw_fd` gives the descriptor of the clone away; nothing else closes it.
         let fd = unsafe { OwnedFd::from_raw_fd(twin.into_raw_fd()) };
         let flags = rustix::fs::fcntl_getfl(&fd)?;
         rustix::fs::fcntl_setfl(&fd, flags | rustix::fs::OFlags::NONBLOCK)?;
@@ -227,7 +227,7 @@ mod tests {
         let mut n_sent = 0;
         while link.send(&[0x55; 256]).is_ok() {
             n_sent += 1;
-            assert!(n_sent < 10_000, "nobody reads, so it must fill");
+            assert!(n_sent < 10_000, "the other end does not read, so it must fill");
         }
         assert_eq!(link.send(&[0x55; 256]), Err(TransportError::Full));
         drop(far);

@@ -1,4 +1,4 @@
-//! A network in memory: two ends, with delay, jitter, loss and a cut, in the time of whoever drives it. The same seed, the same weather.
+//! A network in memory: two ends, with delay, jitter, loss and a cut, in the time that the caller gives. The same seed gives the same delays and losses.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -34,7 +34,7 @@ struct Network {
     last_to_arm_s: f64,
 }
 
-/// The network, as whoever drives it sees it.
+/// The network, for the caller that drives it.
 #[derive(Clone, Debug)]
 pub struct SimulatedNetwork(Arc<Mutex<Network>>);
 

@@ -212,7 +212,7 @@ fn write_frames(
     let mut count = [0; 8];
     let mut n_taken = 0_u64;
     loop {
-        // Sleeps until somebody rings.
+        // Sleeps until a caller writes to the doorbell.
         if rustix::io::read(doorbell, &mut count).is_err() {
             return;
         }

@@ -103,7 +103,7 @@ pub(super) fn play(config: &SceneConfig, cache: &mut Cache, longest_s: f64) -> R
     let n_ticks = ((hand_s + 1.0).min(longest_s) / config.parameters.period_s).round() as u64;
     let (prepared, _) = prepare_with(config, &mut BakeOptions::from(cache), |_| ()).map_err(|error| failed(error.to_string()))?;
     let scene = Arc::new(prepared.scene);
-    // Room for all: the virtual clock waits for a drain, and nobody drains here before the end.
+    // Capacity for all: the virtual clock waits for a drain, and nothing drains here before the end.
     let (producer, mut consumer) = rtrb::RingBuffer::new(n_ticks as usize + 2000);
     let control = Arc::new(Control::enabled());
     let plan = RunPlan { stop_at_tick: Some(n_ticks), ..RunPlan::default() };

@@ -31,7 +31,7 @@ pub struct Options {
     pub peers: Option<PathBuf>,
 }
 
-/// Seed of the stand-ins: everybody measures the same ones.
+/// Seed of the stand-ins: every run measures the same ones.
 const SEED: u64 = 2008;
 
 /// Measures generation. `tell` hears what is being done.

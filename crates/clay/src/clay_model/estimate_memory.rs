@@ -5,7 +5,7 @@ use glam::DVec3;
 use super::lattices::lattices;
 use super::{ClayModelError, Settings};
 
-/// Of each sample, bytes: itself in the surface, in a stroke and before it, for whoever looks, its fit of 27 coefficients, its share of the search
+/// Of each sample, bytes: itself in the surface, in a stroke, before it and in the view, its fit of 27 coefficients, its share of the search
 /// trees; and what it is chosen from where a mesh is sampled. Measured: 1,450 with one stroke on a ball of 2,000 to 20,000.
 const PER_SAMPLE: u64 = 1500;
 /// Of each node of the whole piece, bytes: its density, twice while a stroke ends, and in the frames.

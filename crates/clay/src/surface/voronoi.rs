@@ -1,7 +1,7 @@
 //! The nearest sample of every node of a lattice: nodes take it over from their neighbours.
 //!
 //! Cost: four passes over the lattice, whatever the samples; a tree would look at a large part of them wherever many are almost
-//! equally near. Where the right sample is nobody's around a node, a node keeps one that is farther by a small part of the spacing.
+//! equally near. Where no node around a node has the right sample, it keeps one that is farther by a small part of the spacing.
 //!
 //! # Source
 //! Danielsson 1980, "Euclidean distance mapping", with all 26 neighbours of a node.

@@ -83,7 +83,7 @@ impl Held {
         (self.residual, self.anchor_map) = (Residual::default(), None);
     }
 
-    /// Nobody moves the anchor of the rope any more: the tool is let go, as at the end of a pull. RT: safe.
+    /// The simulation does not move the anchor of the rope any more: the tool is let go, as at the end of a pull. RT: safe.
     pub(crate) fn let_go(&mut self) {
         (self.newest.rope_map, self.before.rope_map) = (None, None);
     }

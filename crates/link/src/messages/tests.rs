@@ -72,7 +72,7 @@ fn made(fields: &Value, ros_name: &str) -> (MessageType, Vec<u8>) {
             let state = fields["state"].as_str().unwrap();
             with_type(&OperatingState { header, state, is_homed: flag("is_homed"), is_busy: flag("is_busy") })
         }
-        other => panic!("nobody writes {other}"),
+        other => panic!("no topic has the type {other}"),
     }
 }
 

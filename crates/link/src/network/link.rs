@@ -103,7 +103,7 @@ impl ZenohLink {
             .declare_subscriber(key(name, from))
             .callback(move |sample| {
                 let mut packet = Frame::default();
-                // Full: nobody has looked for 64 packets, and whoever waits for them has long been told of silence.
+                // Full: the receiver has left 64 packets unread and has long reported silence.
                 if packet.extend(&sample.payload().to_bytes()) {
                     let _ = came.try_send(packet);
                 }
@@ -134,7 +134,7 @@ impl Transport for ZenohLink {
     }
 }
 
-/// Answers whoever asks for the profile of the arm, for as long as what it gives lives. Cold.
+/// Answers every query for the profile of the arm until the returned value is dropped. Cold.
 ///
 /// # Errors
 /// The session is closed.
@@ -152,7 +152,7 @@ pub fn serve_profile(session: &Session, name: &str, toml: String) -> Result<Quer
 /// Asks the node of that name for the profile of its arm, again and again. Cold.
 ///
 /// # Errors
-/// Nobody of that name answers in time.
+/// No node of that name answers in time.
 pub fn ask_profile(session: &Session, name: &str, within: Duration) -> Result<String, NetworkError> {
     let begin = std::time::Instant::now();
     while begin.elapsed() < within {
@@ -163,7 +163,7 @@ pub fn ask_profile(session: &Session, name: &str, within: Duration) -> Result<St
                 return Ok(text);
             }
         }
-        // Without anybody to ask it returns at once.
+        // Without a peer to ask it returns at once.
         std::thread::sleep(Duration::from_millis(20));
     }
     Err(NetworkError::NoNode { name: name.to_owned(), waited_s: within.as_secs() })

@@ -17,17 +17,17 @@ use std::path::PathBuf;
 pub struct Endpoints {
     /// Addresses to listen on, such as `udp/0.0.0.0:7447`.
     pub listen: Vec<String>,
-    /// Addresses to connect to, again and again until somebody answers.
+    /// Addresses to connect to, again and again until a peer answers.
     pub connect: Vec<String>,
     /// A zenoh configuration, JSON5, for everything else: interfaces, certificates, scouting.
     pub config_file: Option<PathBuf>,
 }
 
-/// Where two processes of one machine meet when nobody says anything else. Nothing outside of the machine hears it.
+/// Where two processes of one machine meet when no endpoint is given. It cannot be reached from outside of the machine.
 pub const HERE: &str = "udp/127.0.0.1:7447";
 
 impl Endpoints {
-    /// True when nobody said where to meet.
+    /// True when no endpoint is given.
     pub fn is_empty(&self) -> bool {
         self.listen.is_empty() && self.connect.is_empty() && self.config_file.is_none()
     }
@@ -38,7 +38,7 @@ impl Endpoints {
         if self.is_empty() { Self { listen: vec![HERE.to_owned()], ..self } } else { self }
     }
 
-    /// These, or whoever listens on this machine.
+    /// These, or a peer that listens on this machine.
     #[must_use]
     pub fn or_connect_here(self) -> Self {
         if self.is_empty() { Self { connect: vec![HERE.to_owned()], ..self } } else { self }
@@ -82,7 +82,7 @@ pub enum NetworkError {
         /// What zenoh or the system says.
         cause: String,
     },
-    /// Nobody of that name.
+    /// No node of that name.
     #[error(
         "no device node of the name {name} answered within {waited_s} s; run `hapticd device-node PROFILE --name {name}` beside the arm, and lead --connect to where it listens"
     )]

@@ -1,13 +1,13 @@
 //! Opening a zenoh session.
 //!
-//! Two rules differ from what zenoh does by itself. Nothing is looked for by multicast or gossip: a program that moves an arm talks to whom it was
-//! told to, and two test runs on one machine never find each other. And a session listens only where it was told to.
+//! Two rules differ from what zenoh does by itself. Nothing is looked for by multicast or gossip: a program that moves an arm connects only to the
+//! endpoints it was given, and two test runs on one machine never find each other. And a session listens only at the endpoints it was given.
 
 use zenoh::{Config, Session, Wait};
 
 use super::{Endpoints, NetworkError};
 
-/// Opens a session of a peer. Endpoints that nobody answers on yet are tried again in the background for as long as the session lives. Cold;
+/// Opens a session of a peer. Endpoints where no peer answers yet are tried again in the background until the session ends. Cold;
 /// starts zenoh's own threads.
 ///
 /// # Errors
@@ -35,7 +35,7 @@ fn words(cause: &impl core::fmt::Display) -> String {
     text.split(" at /").next().unwrap_or_default().to_owned()
 }
 
-/// A peer that looks for nobody and listens nowhere.
+/// A peer that looks for no other and listens nowhere.
 fn quiet() -> Result<Config, String> {
     let mut config = Config::default();
     for (key, value) in [

@@ -10,7 +10,7 @@
 //! | `scene_files` | what a scene was made of |
 //! | `write`, `read` | one file |
 //! | `recorder` | recordings that start and stop while a run goes on |
-//! | `live` | the same messages for whoever is connected (feature `foxglove-live`) |
+//! | `live` | the same messages for connected clients (feature `foxglove-live`) |
 //! | `fault_files` | the flight recorder's files |
 //!
 //! Invariant: a disk that is slow or full costs records, which are counted, and nothing else.

@@ -31,7 +31,7 @@ const FINISH_PATIENCE: Duration = Duration::from_secs(10);
 /// A scene is told of within this time after its first tick.
 const SCENE_PATIENCE: Duration = Duration::from_secs(1);
 
-/// Facts about a run and its machine, by name, for whoever looks at a recording. Clones share them.
+/// Facts about a run and its machine, by name, for readers of the recording. Clones share them.
 #[derive(Clone, Debug, Default)]
 pub struct Facts(Arc<Mutex<BTreeMap<String, String>>>);
 
@@ -150,7 +150,7 @@ impl Recorder {
                 missing(n_taken.saturating_sub(n_safe));
                 *noted.error.lock().unwrap_or_else(PoisonError::into_inner) = Some(error.to_string());
                 failed(&error);
-                // What still comes is missing too, until somebody ends the recording.
+                // What still comes is missing too, until the caller ends the recording.
                 while !is_told_to_stop {
                     select! {
                         recv(records) -> message => match message {
@@ -242,7 +242,7 @@ impl Recorder {
         file.record(record, dropped)
     }
 
-    /// Whoever offers a scene tells of it after the loop may have taken it.
+    /// The thread that offers a scene adds its files here after the loop may have taken it.
     fn scene(&self, scene_idx: u32) -> Option<Arc<SceneFiles>> {
         const PAUSE: Duration = Duration::from_millis(2);
         let mut waited = Duration::ZERO;

@@ -27,7 +27,7 @@ pub struct SceneFiles {
     pub resolved_json: String,
     /// The arm's profile as written.
     pub profile_toml: String,
-    /// The real-time mode was `enforce`, whoever said so: it decides what an over-run is.
+    /// The real-time mode was `enforce`, from the scene or the command line: it decides what an over-run is.
     pub enforce: bool,
     /// Meshes and hand.
     pub named: Vec<NamedFile>,

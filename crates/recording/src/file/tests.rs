@@ -397,7 +397,7 @@ fn what_unpacks_to_more_than_the_file_is_refused() {
 }
 
 #[test]
-fn a_disk_that_takes_nothing_costs_records_and_holds_up_nobody() {
+fn a_disk_that_takes_nothing_costs_records_and_delays_nothing() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("pipe.mcap");
     rustix::fs::mkfifoat(rustix::fs::CWD, &path, rustix::fs::Mode::RWXU).expect("a pipe");
@@ -409,7 +409,7 @@ fn a_disk_that_takes_nothing_costs_records_and_holds_up_nobody() {
     feed(recorder.subscribers(), (0..30_000).map(|tick| TickRecord { scene_idx: 0, ..odd_record(tick) }));
     let stuck = handle.status();
     assert!(stuck.dropped > 10_000 && stuck.records < 20_000, "{stuck:?}");
-    // Now somebody reads, and what was kept arrives with its gap.
+    // Now a reader reads, and what was kept arrives with its gap.
     let out = folder.path().join("out.mcap");
     let copy = out.clone();
     let reading = std::thread::spawn(move || {

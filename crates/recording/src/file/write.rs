@@ -157,7 +157,7 @@ impl RecordingFile {
         self.stamps.begin_at(zero_ns);
     }
 
-    /// Names and values for whoever looks at the file.
+    /// Names and values for readers of the file.
     pub(super) fn metadata(&mut self, name: &str, values: BTreeMap<String, String>) -> Result<(), RecordingError> {
         let written = self.mcap.write_metadata(&Metadata { name: name.to_owned(), metadata: values });
         written.map_err(|error| self.failed(&error))
@@ -256,7 +256,7 @@ impl RecordingFile {
         self.mcap.attach(&attachment).map_err(|error| self.failed(&error))
     }
 
-    /// False when the file was written to meanwhile: what is attached is nobody's then, as its length had to be told before.
+    /// False when the file was written to meanwhile: the attachment is invalid then, as its length had to be written before.
     fn attach_file(&mut self, name: &str, file: &mut File, n_bytes: u64) -> Result<bool, RecordingError> {
         let stamp_now = |file: &File| file.metadata().ok().as_ref().and_then(scene_files::stamp);
         let before = stamp_now(file);

@@ -131,7 +131,7 @@ fn latencies(report: &LabReport, body: &mut String) {
         ("Ticks by duration, logarithmic", &totals.histograms_us.compute),
         ("Ticks by lateness of the wake-up, logarithmic", &totals.histograms_us.wakeup),
     ];
-    // Simulated time wakes nobody up.
+    // Simulated time has no wake-ups.
     let (n_rows, n_histograms) = if report.keeps_time() { (3, 2) } else { (2, 1) };
     table(body, rows.into_iter().take(n_rows).map(|(name, latency)| (name, text(latency))));
     for (title, bins) in histograms.into_iter().take(n_histograms) {

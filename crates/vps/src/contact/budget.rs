@@ -1,6 +1,6 @@
 //! How much a walk may look at in one tick, and what it does when that is not enough.
 //!
-//! A budget is a **count**, so that a recording replays bit for bit wherever it runs; whoever has a time to spend turns it into a
+//! A budget is a **count**, so that a recording replays bit for bit wherever it runs; a caller with a time limit turns it into a
 //! count before the first tick. A point counts 1, a block of eight spheres
 //! 8, or 1 when all of them are still clear since an earlier tick.
 //!

@@ -92,7 +92,7 @@ impl Raster {
         &mut self.values_m
     }
 
-    /// No slope between the nodes is steeper than this, m/m; infinite when nobody has measured it since the last change.
+    /// No slope between the nodes is steeper than this, m/m; infinite when it was not measured since the last change.
     pub fn steepest(&self) -> f32 {
         self.steepest
     }

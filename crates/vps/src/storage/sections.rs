@@ -192,7 +192,7 @@ impl Reader {
     /// Checks head and table. `key: None` takes any.
     ///
     /// # Errors
-    /// See [`Refusal`]: a file of another version, a damaged one, or one that is somebody else's.
+    /// See [`Refusal`]: a file of another version, a damaged one, or one of another key.
     pub fn new(mapped: Arc<MappedFile>, key: Option<Key>, generation: u32) -> Result<Self, Refusal> {
         let Some([head]) = window::<Head>(&mapped, 0, 1).as_deref().map(<[Head; 1]>::try_from).and_then(Result::ok) else {
             return Err(Refusal::Damaged("shorter than its head"));

@@ -22,13 +22,13 @@ impl MappedFile {
     /// # Errors
     /// Any error of the operating system.
     pub fn map(file: &File) -> io::Result<Arc<Self>> {
-        // SAFETY: the pages are read-only here. That nobody else writes to the file is a rule of the bake cache: its files are written
-        // once under another name, made read-only, renamed, and from then on only replaced or deleted, which a mapping survives. For who
-        // breaks that rule on purpose there is no defence but a copy: what is read while forces are rendered is made by `read`.
+        // SAFETY: the pages are read-only here. That no other process writes to the file is a rule of the bake cache: its files are written
+        // once under another name, made read-only, renamed, and from then on only replaced or deleted, which a mapping survives. Only a
+        // copy helps against a process that breaks that rule: what is read while forces are rendered is made by `read`.
         Ok(Arc::new(Self(unsafe { MmapOptions::new().populate().map(file) }?)))
     }
 
-    /// Reads a file into memory that nobody else can reach; from then on the file does not matter. Cost: one copy.
+    /// Reads a file into memory that no other process can reach; from then on the file does not matter. Cost: one copy.
     ///
     /// # Errors
     /// Any error of the operating system; a file that becomes shorter meanwhile is one.
@@ -63,7 +63,7 @@ impl MappedFile {
     }
 }
 
-/// `[len]` of `T`, immutable: a vector, or a window into a [`MappedFile`], that lives as long as anybody needs it.
+/// `[len]` of `T`, immutable: a vector, or a window into a [`MappedFile`], that lives as long as its last handle.
 ///
 /// Reading costs the same either way: pointer and length are at hand, nothing is looked up. A clone is another handle on the same memory.
 /// RT: reading is safe.

@@ -138,7 +138,7 @@ impl Marks {
             .par_iter()
             .map(|(_, slot)| {
                 let segment = segments[*slot as usize / SEGMENT].get();
-                // Relaxed: whoever marked has been joined.
+                // Relaxed: the threads that marked have been joined.
                 segment.map_or([0; BRICK_EDGE], |cells| {
                     cells[*slot as usize % SEGMENT].each_ref().map(|word| word.load(Ordering::Relaxed))
                 })

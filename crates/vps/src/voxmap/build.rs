@@ -38,7 +38,7 @@ impl Options {
     }
 }
 
-/// A stage of generation, told to whoever watches.
+/// A stage of generation, for reports of progress.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stage {
     /// Reading or tessellating, and inspecting.

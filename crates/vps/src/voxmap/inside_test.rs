@@ -71,7 +71,7 @@ pub(super) struct Verdict {
     /// Where the fill of the mesh as it is got in.
     pub(super) leak: Option<Leak>,
     pub(super) thin_share: f64,
-    /// Share of clear winding numbers beside the surface; `None` when nobody asked.
+    /// Share of clear winding numbers beside the surface; `None` when it was not measured.
     pub(super) clear_share: Option<f64>,
     pub(super) capped: Option<CappedMesh>,
 }

@@ -51,7 +51,7 @@ impl Orientation {
         let (n_outward, n_inward) = (count(1), count(-1));
         let default = majority(n_outward - n_inward, 1);
         let signs: Vec<i8> = if n_outward == 0 || n_inward == 0 {
-            // Nobody differs, so there is nothing to vote on.
+            // No triangle differs, so there is nothing to vote on.
             vec![default; verdicts.len()]
         } else if report.inconsistent_edges == 0 && report.duplicate_triangles == 0 {
             let pieces = connected_pieces(mesh.vertices.len(), &mesh.triangles);

@@ -34,7 +34,7 @@ fn of_several_ports_of_one_device_the_one_of_the_same_name_is_taken() {
 }
 
 #[test]
-fn a_port_that_is_held_says_by_whom() {
+fn a_port_that_is_held_names_its_holder() {
     let (far, near) = serialport::TTYPort::pair().expect("a pty");
     let path = PathBuf::from(serialport::SerialPort::name(&near).expect("has one"));
     let file = std::fs::File::open(&path).expect("a tty");

@@ -85,7 +85,7 @@ impl Device for Miswired {
 }
 
 #[test]
-fn a_rotation_of_the_wrong_sign_is_found_with_a_torque_that_hurts_nobody() {
+fn a_rotation_of_the_wrong_sign_is_found_with_a_harmless_torque() {
     let mut arm = Miswired(arm(None), Wrench::ZERO);
     let (found, ended) = signs(&mut arm, &mut trial());
     let right = Some(Sign::Right);

@@ -229,7 +229,7 @@ fn hapi_f32() {
     ];
     for (protocol, setup) in &boards {
         let (mut here, mut there) = loopback(Carriage::Stream);
-        // Nobody answers: what was sent is there to be read.
+        // No board answers: what was sent is there to be read.
         assert!(matches!(protocol.codec(Carriage::Stream).start(&mut here), Err(StartError::Silent { .. })));
         let mut buffer = [0; 128];
         let n = there.receive(&mut buffer).expect("open");

@@ -133,7 +133,7 @@ impl Feed {
         }
     }
 
-    /// Everybody sees another scene when its first tick has come. Whoever offers it may tell of it a little later.
+    /// All clients get another scene when its first tick has come. Its files may be added a little later.
     fn show_scene(&mut self, row: &Row) {
         let scene_idx = row.record.scene_idx;
         if self.shown.as_ref().is_some_and(|(shown_idx, ..)| *shown_idx == scene_idx) {
@@ -148,7 +148,7 @@ impl Feed {
         }
     }
 
-    /// Whoever comes later sees the scene that is there.
+    /// A client that connects later gets the current scene.
     fn greet(&mut self) {
         let Some((_, stamp_ns, message)) = &self.shown else { return };
         for sink in self.newcomers.take() {
@@ -166,7 +166,7 @@ impl Feed {
     }
 }
 
-/// Makes a message where somebody wants it.
+/// Makes a message where a client has subscribed to it.
 fn log(channel: &RawChannel, stamp_ns: u64, message: impl FnOnce() -> Vec<u8>) {
     if channel.has_sinks() {
         channel.log_with_meta(&message(), PartialMetadata::with_log_time(stamp_ns));

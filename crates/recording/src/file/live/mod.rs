@@ -1,4 +1,4 @@
-//! The messages of a recording for whoever is connected: a server of the Foxglove WebSocket protocol (`foxglove.sdk.v1`).
+//! The messages of a recording for connected clients: a server of the Foxglove WebSocket protocol (`foxglove.sdk.v1`).
 //!
 //! ```text
 //!  drain ──ring──► feed ──► channels ──► queues of the crate's server ──► proxy ──► clients
@@ -43,7 +43,7 @@ const BACKLOG_MESSAGES: usize = 256;
 /// Connections that wait to be taken in.
 const BACKLOG_CONNECTIONS: u32 = 64;
 
-/// An address that is taken, before anybody is answered there.
+/// An address that is bound, before the server answers any client there.
 #[derive(Debug)]
 pub struct Bound {
     runtime: Runtime,
@@ -140,7 +140,7 @@ fn hidden_loopback() -> Ipv4Addr {
     Ipv4Addr::new(127, 1 + b % 254, c, d)
 }
 
-/// What nobody got to see.
+/// What reached no client.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct LiveSummary {
     /// Ticks that the server was too slow for; of each only a share would have been shown.

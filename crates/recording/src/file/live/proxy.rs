@@ -66,7 +66,7 @@ impl Proxy {
             };
             let proxy = proxy.clone();
             tokio::spawn(async move {
-                // A connection that breaks is over; nobody else has to know.
+                // A connection that breaks is over; no other part depends on it.
                 let _ = proxy.pass(client).await;
                 drop(slot);
             });

@@ -41,7 +41,7 @@ impl Known {
         self.windings[self.slots[brick] as usize - 1][inside] = winding;
     }
 
-    /// The cells of the grid that nobody asked for before; from now on they are asked for.
+    /// The cells of the grid that were not asked for before; from now on they are asked for.
     pub(super) fn ask(&mut self, cells: impl Iterator<Item = [i32; 3]>) -> Vec<[i32; 3]> {
         cells
             .filter(|cell| {
