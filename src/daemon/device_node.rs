@@ -13,7 +13,7 @@ use std::time::Instant;
 use crossbeam::channel::Receiver;
 
 use super::{Attached, PrepareError};
-use crate::servo::{Control, Pace, StopGuard};
+use crate::servo::{Control, DeadlineGrid, StopGuard};
 use arms::Device;
 use arms::attached::nodes::Selector;
 use arms::attached::open::{self, LinkNews, OpenOptions};
@@ -136,10 +136,10 @@ fn turn(mut node: Node, arm: Box<dyn Device>, period_s: f64, request: ThreadRequ
     let outcome = catch_unwind(AssertUnwindSafe(|| {
         let mut clock = RealClock;
         let start_ns = clock.now_ns();
-        let mut pace = Pace::new(start_ns, (period_s * 1e9).round() as i64);
+        let mut deadlines = DeadlineGrid::new(start_ns, (period_s * 1e9).round() as i64);
         // A node has no ramp of its own: the first order to end is the last period.
         while !control.is_ending() {
-            let due = pace.wait(&mut clock);
+            let due = deadlines.wait(&mut clock);
             missed += due.missed;
             periods += 1;
             node.step((due.now_ns - start_ns) as f64 * 1e-9, &mut **arm);

@@ -27,7 +27,7 @@ pub(super) struct HeartbeatWatchdog {
 #[derive(Debug, Default)]
 struct Timers {
     clients: Vec<ClientTimer>,
-    hold: Option<Hold>,
+    hold: Option<HoldTimer>,
     has_force: bool,
     is_told: bool,
     is_over: bool,
@@ -45,7 +45,7 @@ struct ClientTimer {
 
 /// A client holds the clay.
 #[derive(Clone, Copy, Debug)]
-struct Hold {
+struct HoldTimer {
     /// `None`: the client has let go, and the order to let go was not taken.
     client: Option<u64>,
     /// `None`: it has gone.
@@ -106,7 +106,7 @@ impl HeartbeatWatchdog {
         let mut timers = self.timers();
         let is_free = timers.hold.is_none_or(|hold| hold.client == Some(client));
         if is_free {
-            timers.hold = Some(Hold { client: Some(client), last: Some(Instant::now()) });
+            timers.hold = Some(HoldTimer { client: Some(client), last: Some(Instant::now()) });
             self.changed.notify_all();
         }
         is_free
@@ -124,7 +124,7 @@ impl HeartbeatWatchdog {
 
     /// The order to let go was not taken: it is given again.
     pub(super) fn still_held(&self) {
-        self.timers().hold.get_or_insert(Hold { client: None, last: None });
+        self.timers().hold.get_or_insert(HoldTimer { client: None, last: None });
         self.changed.notify_all();
     }
 

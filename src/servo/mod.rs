@@ -24,8 +24,8 @@
 mod calibration;
 mod clay;
 mod commands;
+mod deadlines;
 mod loaded_scene;
-mod pace;
 mod paths;
 mod step;
 mod stop_guard;
@@ -35,8 +35,8 @@ mod thread;
 
 pub use clay::{ClayFeed, ClaySlot, PublishError, ToolState};
 pub use commands::{CommandQueue, ControlError, FileChange, Objects, ParameterSetting, SceneControls, SwapError};
+pub use deadlines::{DeadlineGrid, TickTiming};
 pub use loaded_scene::LoadedScene;
-pub use pace::{Due, Pace};
 pub use paths::ObjectPaths;
 pub use rt::control::{Control, Order, Permit};
 pub use step::{Ending, LoopReport, RunPlan, ServoLoop, Step, TickFunction};

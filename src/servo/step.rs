@@ -5,7 +5,7 @@ use std::sync::Arc;
 use rtrb::{Producer, PushError};
 
 use super::clay::frame_in_use;
-use super::{ClaySlot, CommandQueue, Control, LoadedScene, Order, Pace, StopGuard};
+use super::{ClaySlot, CommandQueue, Control, DeadlineGrid, LoadedScene, Order, StopGuard};
 use arms::{Device, DeviceError};
 use haptics::{self, Drive, DriveRequest, Faults, RenderScene, State, TickInput, TickOutput};
 use recording::{FlightRecorder, TickRecord};
@@ -104,7 +104,7 @@ pub struct ServoLoop<D: Device, C: Clock> {
     time_budget_s: Option<f64>,
     device: StopGuard<D>,
     clock: C,
-    pace: Pace,
+    deadlines: DeadlineGrid,
     start_ns: i64,
     control: Arc<Control>,
     plan: RunPlan,
@@ -158,7 +158,7 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
             time_budget_s: None,
             device: StopGuard::new(device),
             clock,
-            pace: Pace::new(0, (period_s * 1e9).round() as i64),
+            deadlines: DeadlineGrid::new(0, (period_s * 1e9).round() as i64),
             start_ns: 0,
             control,
             plan,
@@ -237,7 +237,7 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
         self.flight.note(&TickRecord::default());
         self.flight.clear();
         self.start_ns = self.clock.now_ns();
-        self.pace = Pace::new(self.start_ns, self.pace.period_ns());
+        self.deadlines = DeadlineGrid::new(self.start_ns, self.deadlines.period_ns());
     }
 
     /// One turn: wait → read → tick → write → publish. After [`Step::End`] it does nothing more. RT: safe.
@@ -252,7 +252,7 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
             return Step::End;
         }
 
-        let due = self.pace.wait(&mut self.clock);
+        let due = self.deadlines.wait(&mut self.clock);
         self.missed_deadlines += due.missed;
         let stall_ns = (self.rendered.scene.parameters.limits.stall_s * 1e9) as i64;
         let is_late = |last_ns: i64| due.now_ns - last_ns > stall_ns;
@@ -269,9 +269,9 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
         let request = if swaps && wanted == Order::Enable { DriveRequest::Stop } else { self.request(wanted) };
         let time_s = self.tick as f64 * self.rendered.scene.parameters.period_s;
         let place = self.commands.next_placement(&mut self.rendered, time_s);
-        let tune = self.commands.next_change();
+        let parameter_change = self.commands.next_change();
         let clay = frame_in_use(self.rendered.clay.as_ref(), &self.rendered.state);
-        let input = TickInput { sample, request, overrun: due.missed > 0, stalled, place, tune, clay };
+        let input = TickInput { sample, request, overrun: due.missed > 0, stalled, place, parameter_change, clay };
         let output = (self.tick_function)(&self.rendered.scene, &mut self.rendered.state, &input);
         let computed_ns = self.clock.stopwatch_ns();
         if output.drive.has_force() != self.enabled {

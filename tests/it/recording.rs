@@ -196,7 +196,8 @@ fn turned_parameters_and_placed_parts_are_in_the_recording() {
     let n_ticks = record(&dir.path().join("a.toml"), Duration::from_millis(1500), &path, turn_everything);
     assert_identical(&path, n_ticks);
     let records = records(&path);
-    let turned: Vec<LiveParameter> = records.iter().filter_map(|record| record.input.tune.map(|tune| tune.parameter)).collect();
+    let turned: Vec<LiveParameter> =
+        records.iter().filter_map(|record| record.input.parameter_change.map(|change| change.parameter)).collect();
     assert!(turned.len() > 6, "{turned:?}");
     assert!(records.iter().any(|record| record.output.object.is_some()) && records[0].input.place.is_some());
     // A recorder that forgot them would be found out.

@@ -72,7 +72,7 @@ fn every_knob_turned_to_both_ends_under_pressure_makes_no_step_and_no_energy() {
                     }
                 },
             );
-            assert_eq!(records[PRESSED_FROM as usize].input.tune.map(|tune| tune.parameter), Some(parameter));
+            assert_eq!(records[PRESSED_FROM as usize].input.parameter_change.map(|change| change.parameter), Some(parameter));
             for tick in PRESSED_FROM..SETTLED_AT {
                 let step_n = (force_n(&records, tick + 1) - force_n(&records, tick)).abs();
                 assert!(step_n < STEP_N, "{parameter:?} to {value}: {step_n} N in tick {tick}");

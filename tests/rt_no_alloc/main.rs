@@ -274,7 +274,7 @@ fn moving_objects_turning_knobs_and_swapping_scenes_allocate_nothing() {
     let mut servo = ServoLoop::new(Arc::new(prepared.scene), prepared.device, VirtualClock::default(), control, plan, producer)
         .with_commands(commands);
     servo.warm_up();
-    let (mut n_swaps, mut n_tunes, mut moving, mut touching, mut round) = (0, 0, 0, 0, 0_u32);
+    let (mut n_swaps, mut n_changes, mut moving, mut touching, mut round) = (0, 0, 0, 0, 0_u32);
     loop {
         // Up under the block and down again, round by round; another scene every fourth.
         for n in 0..10 {
@@ -294,7 +294,7 @@ fn moving_objects_turning_knobs_and_swapping_scenes_allocate_nothing() {
         n_swaps += u32::from(controls.take_replaced().is_some());
         while let Ok(record) = consumer.pop() {
             assert_eq!(record.output.faults, Faults::NONE);
-            n_tunes += u32::from(record.input.tune.is_some());
+            n_changes += u32::from(record.input.parameter_change.is_some());
             moving += u32::from(record.output.objects_moving > 0);
             touching += u32::from(record.output.contacts > 0);
         }
@@ -303,7 +303,7 @@ fn moving_objects_turning_knobs_and_swapping_scenes_allocate_nothing() {
             break;
         }
     }
-    assert!(n_tunes > 10);
+    assert!(n_changes > 10);
     assert!(n_swaps >= 3 && moving > 1000 && touching > 1000, "{n_swaps} swaps, {moving} ticks moving, {touching} in contact");
 }
 

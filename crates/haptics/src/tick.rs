@@ -38,7 +38,7 @@ pub struct TickInput {
     /// Where an obstacle is asked to go from the next tick on.
     pub place: Option<Placement>,
     /// What a parameter is asked to become from the next tick on.
-    pub tune: Option<ParameterChange>,
+    pub parameter_change: Option<ParameterChange>,
     /// Which frame of the clay is touched, where there is clay: told for the record, the frame itself is in the [`State`].
     pub clay: Option<FrameInUse>,
 }
@@ -257,7 +257,7 @@ impl State {
 /// RT: safe. Pure and total: same scene, state and input, same bits; no allocation, no panic. Anything that is not finite gives a
 /// zero wrench and a fault. Cost: one walk over the shell's tree per obstacle plus a 6×6 solve.
 pub fn tick(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOutput {
-    let p = &state.parameter_ramps.next(&scene.parameters, input.tune, state.drive.has_force());
+    let p = &state.parameter_ramps.next(&scene.parameters, input.parameter_change, state.drive.has_force());
     let check = state.monitor.check(&input.sample, &p.limits, &p.safety, p.period_s);
     state.overruns = if input.overrun { state.overruns.saturating_add(1) } else { 0 };
     let mut faults = check.faults;

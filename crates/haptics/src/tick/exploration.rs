@@ -3,7 +3,7 @@
 //! The real [`tick`] is driven breadth-first from the first tick on, with every order together with everything that an arm can show, one of
 //! [`ARM`] per tick. Two states count as the same when [`Seen`] is: the drive and its gates, the steps of every ramp and every counter that
 //! decides on anything. All that is new is gone on from until nothing is, so there is no depth beyond which nothing was
-//! looked at. What the arm has shown is also noted beside the tick ([`Past`]), so that the rules are judged by that and not by the tick's own
+//! looked at. What the arm has shown is also noted beside the tick ([`History`]), so that the rules are judged by that and not by the tick's own
 //! memory.
 //!
 //! Left out: `stuck`, `power` and `solver`, which need a motion, and the parameters and obstacles that a client changes. The rules are those
@@ -101,8 +101,8 @@ impl Arm {
         }
     }
 
-    fn input(self, request: DriveRequest, past: &Past) -> TickInput {
-        let place = if let Self::At(place) = self { place } else { past.place };
+    fn input(self, request: DriveRequest, history: &History) -> TickInput {
+        let place = if let Self::At(place) = self { place } else { history.place };
         let mut sample = DeviceSample {
             status: self.status(),
             buttons: u32::from(self != Self::LetGo) << BUTTON,
@@ -126,7 +126,7 @@ impl Arm {
 
 /// What was shown and ordered until now, as far as rules ask for it. Counters stop where no rule asks any further.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-struct Past {
+struct History {
     place: u8,
     /// Where it was at enable: what pulls now follows from both.
     zero: u8,
@@ -145,7 +145,7 @@ struct Past {
     enabling: u8,
 }
 
-const START: Past = Past {
+const START: History = History {
     place: 0,
     zero: 0,
     compared: None,
@@ -159,7 +159,7 @@ const START: Past = Past {
     enabling: 0,
 };
 
-impl Past {
+impl History {
     /// The same after the arm has shown this.
     fn after(mut self, arm: Arm, request: DriveRequest, has_deadman: bool) -> Self {
         let count = |held: bool, ticks: u8, most: u8| if held { (ticks + 1).min(most) } else { 0 };
@@ -217,26 +217,26 @@ struct Seen {
     gain_steps: u8,
     force_steps: u8,
     resume: Option<Option<bool>>,
-    past: Past,
+    history: History,
 }
 
 #[derive(Clone)]
 struct Node {
     state: State,
-    past: Past,
+    history: History,
     last: TickOutput,
 }
 
 impl Node {
     fn seen(&self) -> Seen {
-        let Self { state, past, .. } = self;
+        let Self { state, history, .. } = self;
         Seen {
             drive: state.drive as u8,
             interlock: state.interlock.decides(ENGAGE_TICKS + 1),
             gain_steps: (state.enable_gain.gain() * f64::from(RAMP_TICKS)).round() as u8,
             force_steps: (state.limiter.last().force.length() / SLEW_N).ceil() as u8,
             resume: state.resume.map(|resume| resume.has_room),
-            past: *past,
+            history: *history,
         }
     }
 }
@@ -292,41 +292,41 @@ impl World {
     }
 
     fn start(&self) -> Node {
-        Node { state: State::new(&self.scene), past: START, last: TickOutput::default() }
+        Node { state: State::new(&self.scene), history: START, last: TickOutput::default() }
     }
 
     /// One event. `None`: it changes nothing.
     fn follow(&self, node: &Node, event: Event) -> Result<Option<Node>, Broken> {
         let mut next = node.clone();
         let Event::Tick(order, arm) = event else {
-            next.past.is_offered = true;
-            return Ok((!node.past.is_offered).then_some(next));
+            next.history.is_offered = true;
+            return Ok((!node.history.is_offered).then_some(next));
         };
         // As in the loop: a swap that is due ramps down first, and waits while a stop or a fault goes before it.
         let swaps =
-            node.past.is_offered && matches!(order, DriveRequest::Enable | DriveRequest::Disable) && node.last.faults.is_empty();
+            node.history.is_offered && matches!(order, DriveRequest::Enable | DriveRequest::Disable) && node.last.faults.is_empty();
         let request = if swaps && order == DriveRequest::Enable { DriveRequest::Stop } else { order };
-        next.past = node.past.after(arm, request, self.has_deadman());
-        let input = arm.input(request, &next.past);
+        next.history = node.history.after(arm, request, self.has_deadman());
+        let input = arm.input(request, &next.history);
         let output = (self.tick)(&self.scene, &mut next.state, &input);
         next.last = output;
-        self.judge(node, &next.past, (request, arm), &output)?;
+        self.judge(node, &next.history, (request, arm), &output)?;
 
         let count = |held: bool, ticks: u8, most: u8| if held { (ticks + 1).min(most) } else { 0 };
-        next.past.enabling = count(output.drive == Drive::Enabling, node.past.enabling, RAMP_TICKS);
-        next.past.stopping = count(output.drive == Drive::Stopping, node.past.stopping, u8::MAX);
+        next.history.enabling = count(output.drive == Drive::Enabling, node.history.enabling, RAMP_TICKS);
+        next.history.stopping = count(output.drive == Drive::Stopping, node.history.stopping, u8::MAX);
         if output.command_device == Wrench::ZERO {
-            next.past.down = 0;
+            next.history.down = 0;
         }
         match output.drive {
-            Drive::Enabling if node.last.drive != Drive::Enabling => next.past.zero = next.past.place,
+            Drive::Enabling if node.last.drive != Drive::Enabling => next.history.zero = next.history.place,
             // Without force nothing pulls.
-            drive if !drive.has_force() => next.past.zero = 0,
+            drive if !drive.has_force() => next.history.zero = 0,
             _ => {}
         }
         // A fault counts from its own tick on.
         if output.drive == Drive::Fault && node.last.drive != Drive::Fault {
-            next.past.was_let_go = false;
+            next.history.was_let_go = false;
         }
         if swaps && (self.may_swap)(&output) {
             if output.command_device != Wrench::ZERO || output.drive != Drive::Disabled {
@@ -334,14 +334,21 @@ impl World {
             }
             let mut state = State::new(&self.scene);
             state.resume_at(&self.scene, output.world_from_tool, (self.hand_over)(&next.state, &self.scene));
-            next = Node { state, past: Past { is_offered: false, was_let_go: next.past.was_let_go, ..START }, last: output };
-            next.past.place = node.past.place;
+            next =
+                Node { state, history: History { is_offered: false, was_let_go: next.history.was_let_go, ..START }, last: output };
+            next.history.place = node.history.place;
         }
         Ok(Some(next))
     }
 
     /// The rules.
-    fn judge(&self, before: &Node, past: &Past, (request, arm): (DriveRequest, Arm), output: &TickOutput) -> Result<(), Broken> {
+    fn judge(
+        &self,
+        before: &Node,
+        history: &History,
+        (request, arm): (DriveRequest, Arm),
+        output: &TickOutput,
+    ) -> Result<(), Broken> {
         let (was, is, force_n) = (before.last.drive, output.drive, output.command_device.force.length());
         let before_n = before.last.command_device.force.length();
         let is_zero = output.command_device == Wrench::ZERO;
@@ -351,16 +358,19 @@ impl World {
             ("force in a state without", is.has_force() || is_zero),
             ("force while a fault is latched", output.faults.is_empty() || is_zero && is == Drive::Fault),
             ("a disable that is not obeyed in its tick", request != DriveRequest::Disable || is_zero && !is.has_force()),
-            ("force too long after it was taken away", is_zero || past.down <= RAMP_TICKS + BRAKE_TICKS + GRACE_TICKS),
-            ("a stop that takes longer than its ramp", is != Drive::Stopping || before.past.stopping < RAMP_TICKS + GRACE_TICKS),
-            ("full force without a ramp", is != Drive::Enabled || was == Drive::Enabled || before.past.enabling >= RAMP_TICKS - 1),
+            ("force too long after it was taken away", is_zero || history.down <= RAMP_TICKS + BRAKE_TICKS + GRACE_TICKS),
+            ("a stop that takes longer than its ramp", is != Drive::Stopping || before.history.stopping < RAMP_TICKS + GRACE_TICKS),
+            (
+                "full force without a ramp",
+                is != Drive::Enabled || was == Drive::Enabled || before.history.enabling >= RAMP_TICKS - 1,
+            ),
             ("a step of the force", is_zero || force_n <= before_n + SLEW_N * (1.0 + 1e-9)),
             ("a ramp that begins with force", is != Drive::Enabling || was == Drive::Enabling || is_zero),
         ];
         let broken = rules.into_iter().find(|(_, holds)| !holds);
         broken.map_or(Ok(()), |(rule, _)| Err(rule))?;
 
-        let sudden = past.faults(&before.past, arm);
+        let sudden = history.faults(&before.history, arm);
         if was.has_force() && !sudden.is_empty() && (is != Drive::Fault || !output.faults.contains(sudden)) {
             return Err("a fault that does not end the force in its tick");
         }
@@ -372,7 +382,7 @@ impl World {
             return Err("a drive that goes on although a stop, heat or an open deadman says no");
         }
         if was == Drive::Fault && is != Drive::Fault && request != DriveRequest::Disable {
-            let is_acknowledged = has_deadman && past.was_let_go && arm != Arm::LetGo && request == DriveRequest::Enable;
+            let is_acknowledged = has_deadman && history.was_let_go && arm != Arm::LetGo && request == DriveRequest::Enable;
             // Homing is a gate for a drive without force.
             if !is_acknowledged || !sudden.without(Faults::NOT_HOMED).is_empty() {
                 return Err("a fault is gone without an acknowledgement");
@@ -383,11 +393,11 @@ impl World {
                 return Err("enabled out of turn");
             }
             let is_open = matches!(arm, Arm::At(_) | Arm::Late) || arm == Arm::LetGo && !has_deadman;
-            let is_sound = is_open && sudden.is_empty() && past.place < OUTSIDE;
+            let is_sound = is_open && sudden.is_empty() && history.place < OUTSIDE;
             if !is_sound {
                 return Err("enabled behind a shut gate");
             }
-            if has_deadman && !past.was_let_go {
+            if has_deadman && !history.was_let_go {
                 return Err("enabled by a deadman that was not let go since the fault");
             }
         }

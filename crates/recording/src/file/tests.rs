@@ -52,7 +52,7 @@ fn odd_record(tick: u64) -> TickRecord {
             overrun: tick.is_multiple_of(5),
             stalled: tick.is_multiple_of(7),
             place: tick.is_multiple_of(2).then(|| Placement { obstacle_idx: 3, world_from_map: pose(20) }),
-            tune: tick
+            parameter_change: tick
                 .is_multiple_of(3)
                 .then(|| ParameterChange { parameter: LiveParameter::ALL[tick as usize % 10], value: number(30) }),
             clay: tick.is_multiple_of(7).then(|| FrameInUse { sequence: u64::MAX - tick, is_last: tick.is_multiple_of(14) }),

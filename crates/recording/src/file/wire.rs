@@ -242,7 +242,7 @@ messages! { "hapticd"
         required int32 request: i32 = 14 of DriveRequest => request,
         required bool overrun: bool = 15 => overrun,
         optional message place: Option<Placement> = 16 => place,
-        optional message tune: Option<Tune> = 17 => tune,
+        optional message tune: Option<Tune> = 17 => parameter_change,
         optional message clay: Option<FrameInUse> = 18 => clay,
         required bool stalled: bool = 19 => stalled,
     }

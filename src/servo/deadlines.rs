@@ -14,7 +14,7 @@ use rt::clock::Clock;
 
 /// How a tick comes to be due.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Due {
+pub struct TickTiming {
     /// Loop time when it began, ns.
     pub now_ns: i64,
     /// How late after the deadline that it waited for, ns.
@@ -25,12 +25,12 @@ pub struct Due {
 
 /// The grid of deadlines.
 #[derive(Clone, Copy, Debug)]
-pub struct Pace {
+pub struct DeadlineGrid {
     period_ns: i64,
     next_ns: i64,
 }
 
-impl Pace {
+impl DeadlineGrid {
     /// A grid whose first deadline is one period after `now_ns`. A period below 1 ns becomes 1 ns.
     pub const fn new(now_ns: i64, period_ns: i64) -> Self {
         let period_ns = if period_ns < 1 { 1 } else { period_ns };
@@ -43,7 +43,7 @@ impl Pace {
     }
 
     /// Sleeps to the next deadline that is still ahead. RT: safe; one system call.
-    pub fn wait(&mut self, clock: &mut impl Clock) -> Due {
+    pub fn wait(&mut self, clock: &mut impl Clock) -> TickTiming {
         let before_ns = clock.now_ns();
         let mut missed = 0;
         if before_ns > self.next_ns {
@@ -56,7 +56,7 @@ impl Pace {
         // A wake-up that is whole periods late has slept through deadlines.
         missed += self.skip(late_ns / self.period_ns);
         self.next_ns = self.next_ns.saturating_add(self.period_ns);
-        Due { now_ns, late_ns: late_ns.unsigned_abs(), missed }
+        TickTiming { now_ns, late_ns: late_ns.unsigned_abs(), missed }
     }
 
     fn skip(&mut self, n_periods: i64) -> u64 {
@@ -75,30 +75,30 @@ mod tests {
     #[test]
     fn a_loop_in_time_misses_nothing() {
         let mut clock = ScriptedClock::default();
-        let mut pace = Pace::new(0, T);
+        let mut grid = DeadlineGrid::new(0, T);
         for k in 1..=5 {
             clock.now_ns += 300_000;
-            assert_eq!(pace.wait(&mut clock), Due { now_ns: k * T, late_ns: 0, missed: 0 });
+            assert_eq!(grid.wait(&mut clock), TickTiming { now_ns: k * T, late_ns: 0, missed: 0 });
         }
     }
 
     #[test]
     fn a_small_lateness_is_measured_and_not_counted_as_a_miss() {
         let mut clock = ScriptedClock::late_by(&[70_000, 0]);
-        let mut pace = Pace::new(0, T);
-        assert_eq!(pace.wait(&mut clock), Due { now_ns: T + 70_000, late_ns: 70_000, missed: 0 });
-        assert_eq!(pace.wait(&mut clock), Due { now_ns: 2 * T, late_ns: 0, missed: 0 }, "back on the grid");
+        let mut grid = DeadlineGrid::new(0, T);
+        assert_eq!(grid.wait(&mut clock), TickTiming { now_ns: T + 70_000, late_ns: 70_000, missed: 0 });
+        assert_eq!(grid.wait(&mut clock), TickTiming { now_ns: 2 * T, late_ns: 0, missed: 0 }, "back on the grid");
     }
 
     #[test]
-    fn missed_deadlines_of_the_metrics_are_those_that_the_pace_counts() {
+    fn missed_deadlines_of_the_metrics_are_those_that_the_grid_counts() {
         let (metrics, mut subscriber) = recording::metrics::metrics_subscriber(1000);
         let mut clock = ScriptedClock::late_by(&[0, 2 * T + T / 2, 70_000, 0, 0]);
-        let mut pace = Pace::new(0, T);
+        let mut grid = DeadlineGrid::new(0, T);
         let mut missed = 0;
         for (tick, busy_ns) in (0..).zip([0, 300_000, 0, T + T / 2, 0]) {
             clock.now_ns += busy_ns;
-            let due = pace.wait(&mut clock);
+            let due = grid.wait(&mut clock);
             missed += due.missed;
             subscriber(&recording::TickRecord {
                 tick,
@@ -114,20 +114,20 @@ mod tests {
     #[test]
     fn a_long_tick_skips_the_deadlines_it_ran_over() {
         let mut clock = ScriptedClock::default();
-        let mut pace = Pace::new(0, T);
-        pace.wait(&mut clock);
+        let mut grid = DeadlineGrid::new(0, T);
+        grid.wait(&mut clock);
         clock.now_ns += T + T / 2; // from 1 T to 2.5 T: the deadline at 2 T is gone
-        assert_eq!(pace.wait(&mut clock), Due { now_ns: 3 * T, late_ns: 0, missed: 1 });
+        assert_eq!(grid.wait(&mut clock), TickTiming { now_ns: 3 * T, late_ns: 0, missed: 1 });
         clock.now_ns += 3 * T + 1; // from 3 T to just over 6 T: 4, 5 and 6 are gone
-        assert_eq!(pace.wait(&mut clock), Due { now_ns: 7 * T, late_ns: 0, missed: 3 });
+        assert_eq!(grid.wait(&mut clock), TickTiming { now_ns: 7 * T, late_ns: 0, missed: 3 });
     }
 
     #[test]
     fn a_late_wake_up_is_one_tick_and_never_a_burst() {
         let mut clock = ScriptedClock::late_by(&[2 * T + T / 2, 0, 0]);
-        let mut pace = Pace::new(0, T);
-        assert_eq!(pace.wait(&mut clock), Due { now_ns: 3 * T + T / 2, late_ns: 2_500_000, missed: 2 });
-        assert_eq!(pace.wait(&mut clock), Due { now_ns: 4 * T, late_ns: 0, missed: 0 });
-        assert_eq!(pace.wait(&mut clock), Due { now_ns: 5 * T, late_ns: 0, missed: 0 });
+        let mut grid = DeadlineGrid::new(0, T);
+        assert_eq!(grid.wait(&mut clock), TickTiming { now_ns: 3 * T + T / 2, late_ns: 2_500_000, missed: 2 });
+        assert_eq!(grid.wait(&mut clock), TickTiming { now_ns: 4 * T, late_ns: 0, missed: 0 });
+        assert_eq!(grid.wait(&mut clock), TickTiming { now_ns: 5 * T, late_ns: 0, missed: 0 });
     }
 }
