@@ -131,30 +131,30 @@ impl From<PartError> for Failure {
     }
 }
 
-pub(crate) fn main(args: &Args, talk: OutputOptions) -> Exit {
+pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
     if let Some(n_threads) = args.threads {
         // The pool of the process: nothing has used it before.
         let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads as usize).build_global();
         debug_assert!(pool.is_ok(), "the global pool is built once");
     }
     let is_scene = args.input.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("toml"));
-    let outcome = if is_scene { bake_scene(args, talk) } else { bake_mesh(args, talk).map(|()| Exit::Ok) };
+    let outcome = if is_scene { bake_scene(args, output) } else { bake_mesh(args, output).map(|()| Exit::Ok) };
     match outcome {
         Ok(exit) => exit,
         Err(Failure::Usage(message)) => {
-            report::error(&message, None, talk);
+            report::error(&message, None, output);
             Exit::Usage
         }
-        Err(Failure::Scene(error)) => report::scene_error(&error, talk),
-        Err(Failure::Part(error)) => mesh_error(args, &error, talk),
+        Err(Failure::Scene(error)) => report::scene_error(&error, output),
+        Err(Failure::Part(error)) => mesh_error(args, &error, output),
         Err(Failure::Write(path, error)) => {
-            report::error(&format!("cannot write {}: {error}", path.display()), destination::hint(&error), talk);
+            report::error(&format!("cannot write {}: {error}", path.display()), destination::hint(&error), output);
             Exit::Asset
         }
     }
 }
 
-fn bake_scene(args: &Args, talk: OutputOptions) -> Result<Exit, Failure> {
+fn bake_scene(args: &Args, output: OutputOptions) -> Result<Exit, Failure> {
     let mesh_only = [
         ("--voxel-size-mm", args.voxel_size_mm.is_some()),
         ("--longest-axis-voxels", args.longest_axis_voxels.is_some()),
@@ -172,25 +172,25 @@ fn bake_scene(args: &Args, talk: OutputOptions) -> Result<Exit, Failure> {
     }
     let config = match config::load(&args.input) {
         Ok(config) => config,
-        Err(errors) => return Ok(report::config_errors(&errors, talk)),
+        Err(errors) => return Ok(report::config_errors(&errors, output)),
     };
-    if talk.verbose > 0 {
+    if output.verbose > 0 {
         output::message(format_args!("{}\n", check::summary(&config)));
     }
     let since = Instant::now();
-    let mut cache = args.cache.open(CachePolicy::Mapped, talk);
-    let progress = BakeProgress::new(talk);
-    let mut means = BakeOptions { cache: &mut cache, memory: args.memory.plan(&progress, talk) };
+    let mut cache = args.cache.open(CachePolicy::Mapped, output);
+    let progress = BakeProgress::new(output);
+    let mut means = BakeOptions { cache: &mut cache, memory: args.memory.plan(&progress, output) };
     let baked = scene::build_all(&config, &mut means, |event| progress.tell(&event));
     drop(means);
     progress.finish();
-    cache::tell(&mut cache, talk);
+    cache::tell(&mut cache, output);
     let Built { objects: reports, piece, .. } = baked.map_err(Failure::Scene)?;
     let clay = piece.map(|piece| piece.report);
     let total_s = since.elapsed().as_secs_f64();
-    report::bake_warnings(&reports, talk);
+    report::bake_warnings(&reports, output);
     if let Some(clay) = &clay {
-        report::clay_warnings(clay, talk);
+        report::clay_warnings(clay, output);
     }
     if args.json {
         #[derive(Serialize)]

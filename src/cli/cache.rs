@@ -20,7 +20,7 @@ impl CacheArgs {
     }
 
     /// The cache that is asked for, or the user's own.
-    pub(crate) fn open(&self, residence: CachePolicy, talk: OutputOptions) -> Cache {
+    pub(crate) fn open(&self, residence: CachePolicy, output: OutputOptions) -> Cache {
         if self.is_off() {
             return Cache::off();
         }
@@ -32,7 +32,7 @@ impl CacheArgs {
                     && !relative.as_os_str().is_empty()
                 {
                     let message = format!("XDG_CACHE_HOME is ignored, as {} is not an absolute path", relative.display());
-                    report::warning(&message, talk);
+                    report::warning(&message, output);
                 }
                 user_folder()
             }
@@ -40,7 +40,7 @@ impl CacheArgs {
         if let Some(folder) = folder {
             return Cache::at(folder, residence);
         }
-        if talk.verbose > 0 {
+        if output.verbose > 0 {
             output::message(format_args!("bake cache: off, as neither XDG_CACHE_HOME nor HOME names a folder\n"));
         }
         Cache::off()
@@ -54,8 +54,8 @@ fn user_folder() -> Option<PathBuf> {
 }
 
 /// Prints what the cache has to say.
-pub(crate) fn tell(cache: &mut Cache, talk: OutputOptions) {
+pub(crate) fn tell(cache: &mut Cache, output: OutputOptions) {
     for note in cache.take_notes() {
-        report::warning(&note, talk);
+        report::warning(&note, output);
     }
 }

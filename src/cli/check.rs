@@ -26,7 +26,7 @@ pub(crate) struct Args {
     scenes: Vec<PathBuf>,
 }
 
-pub(crate) fn main(args: &Args, talk: OutputOptions) -> Exit {
+pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
     let mut exit = Exit::Ok;
     for scene in &args.scenes {
         let named = scene.to_str().filter(|name| !scene.exists() && profile::names().any(|known| known == *name));
@@ -40,23 +40,23 @@ pub(crate) fn main(args: &Args, talk: OutputOptions) -> Exit {
                 None => profile::load(scene),
             };
             match loaded {
-                Ok(profile) if talk.quiet => drop(profile),
+                Ok(profile) if output.quiet => drop(profile),
                 Ok(profile) => {
                     profile
                         .plausibility_warnings()
                         .iter()
-                        .for_each(|doubt| report::warning(&format!("{}: {doubt}", scene.display()), talk));
+                        .for_each(|doubt| report::warning(&format!("{}: {doubt}", scene.display()), output));
                     output::result(format_args!("ok {}\n", profile_summary(scene, &profile)));
                 }
-                Err(errors) => exit = report::config_errors(&errors, talk),
+                Err(errors) => exit = report::config_errors(&errors, output),
             }
             continue;
         }
         if strokes::is_script(scene) {
             match strokes::load(scene, &ToolSettings::default()) {
-                Ok(script) if talk.quiet => drop(script),
+                Ok(script) if output.quiet => drop(script),
                 Ok(script) => output::result(format_args!("ok {}\n", script_summary(&script))),
-                Err(errors) => exit = report::config_errors(&errors, talk),
+                Err(errors) => exit = report::config_errors(&errors, output),
             }
             continue;
         }
@@ -65,13 +65,13 @@ pub(crate) fn main(args: &Args, talk: OutputOptions) -> Exit {
             if let Some(SculptConfig { strokes: Some(file), tool, .. }) = &config.sculpt {
                 strokes::load(file, tool).map_err(PrepareError::Config)?;
             }
-            look_at_parts(&config, talk).map_err(SceneError::from)?;
+            look_at_parts(&config, output).map_err(SceneError::from)?;
             Ok(config)
         });
         match checked {
-            Ok(config) if talk.quiet => drop(config),
+            Ok(config) if output.quiet => drop(config),
             Ok(config) => output::result(format_args!("ok {}\n", summary(&config))),
-            Err(error) => exit = report::prepare_error(&error, talk),
+            Err(error) => exit = report::prepare_error(&error, output),
         }
     }
     exit
@@ -102,7 +102,7 @@ const LIKELY_M: f64 = 5.0;
 
 /// Looks at the box of each part: a mesh that cannot be used, or a grid that is too large, is refused as `run` would; of a part that is so large that
 /// its unit is likely to be wrong is warned.
-fn look_at_parts(config: &SceneConfig, talk: OutputOptions) -> Result<(), PartError> {
+fn look_at_parts(config: &SceneConfig, output: OutputOptions) -> Result<(), PartError> {
     let SceneConfig { statics, tool, .. } = config;
     let statics = statics.iter().map(|object| (object.name.as_str(), &object.source, object.voxel_size_m, object.layers));
     for (name, source, voxel_size_m, layers) in statics.chain([("tool", &tool.source, tool.voxel_size_m, tool.layers)]) {
@@ -113,7 +113,7 @@ fn look_at_parts(config: &SceneConfig, talk: OutputOptions) -> Result<(), PartEr
         if let MeshSource::File { path, .. } = source
             && longest_m > LIKELY_M
         {
-            report::warning(&format!("{name}: {} is {} long: is its `units` right?", path.display(), Metres(longest_m)), talk);
+            report::warning(&format!("{name}: {} is {} long: is its `units` right?", path.display(), Metres(longest_m)), output);
         }
         let grid = Grid::around(low, high, voxel_size_m, layers);
         grid.map_err(|source| PartError::Grid { name: name.to_owned(), source })?;

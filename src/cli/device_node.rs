@@ -47,12 +47,12 @@ pub(crate) struct Args {
     json: bool,
 }
 
-pub(crate) fn main(args: &Args, talk: OutputOptions) -> Exit {
-    match over_network::node(args, talk) {
+pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
+    match over_network::node(args, output) {
         Ok(exit) => exit,
         Err((exit, message, hint)) => {
             if !message.is_empty() {
-                report::error(&message, hint, talk);
+                report::error(&message, hint, output);
             }
             exit
         }
@@ -100,18 +100,18 @@ mod over_network {
         (exit_of(&error), error.to_string(), None)
     }
 
-    pub(super) fn node(args: &Args, talk: OutputOptions) -> Result<Exit, Failure> {
+    pub(super) fn node(args: &Args, output: OutputOptions) -> Result<Exit, Failure> {
         let here = std::env::current_dir().unwrap_or_default();
         let profile = profile::find(&args.profile, &here).map_err(|error| match error {
-            ProfileError::Invalid(errors) => (report::config_errors(&errors, talk), String::new(), None),
+            ProfileError::Invalid(errors) => (report::config_errors(&errors, output), String::new(), None),
             error => (Exit::Configuration, error.to_string(), None),
         })?;
         let name = args.name.clone().unwrap_or_else(|| profile.name.clone());
         if !is_name(&name) {
             return Err(no_network(NetworkError::Name { name }));
         }
-        may_push(args, &profile, talk)?;
-        let hand = args.hand.hand(talk).map_err(|exit| (exit, String::new(), None))?.map(|mut hand| {
+        may_push(args, &profile, output)?;
+        let hand = args.hand.hand(output).map_err(|exit| (exit, String::new(), None))?.map(|mut hand| {
             hand.path = hand.path.map(|path: GripPath| path.delayed(args.hand.delay().as_secs_f64()));
             hand
         });
@@ -122,7 +122,7 @@ mod over_network {
         let endpoints = args.network.endpoints().or_listen_here();
         let session = session::open(&endpoints).map_err(no_network)?;
         let (arm, attached) = open_arm(&profile, hand, args.selector.clone(), period_s, request, guard::program())
-            .map_err(|error| (report::prepare_error(&error, talk), String::new(), None))?;
+            .map_err(|error| (report::prepare_error(&error, output), String::new(), None))?;
         let io_request = ThreadRequest { priority: args.priority.saturating_sub(1).max(1), ..request };
         let link = ZenohLink::to_host(&session, &name, Some(io_request)).map_err(no_network)?;
         let control = Arc::new(Control::new());
@@ -144,7 +144,7 @@ mod over_network {
         let job = NodeJob { node, arm, news, period_s, request, duration: args.duration };
         let no_thread = |error: std::io::Error| (Exit::Internal, format!("cannot start a thread: {error}"), None);
         output::detach().map_err(no_thread)?;
-        let outcome = run_node(job, &control, |notice| tell(&notice, talk)).map_err(no_thread)?;
+        let outcome = run_node(job, &control, |notice| tell(&notice, output)).map_err(no_thread)?;
         output::attach();
         result(&outcome, &profile, &name, args.json);
         if outcome.panicked {
@@ -154,24 +154,24 @@ mod over_network {
     }
 
     /// A real arm needs an explicit permission on this side too.
-    fn may_push(args: &Args, profile: &Profile, talk: OutputOptions) -> Result<(), Failure> {
+    fn may_push(args: &Args, profile: &Profile, output: OutputOptions) -> Result<(), Failure> {
         let Some(real) = &profile.real else { return Ok(()) };
         if profile.actuated != Axes::NONE && !args.enable && real.deadman_button.is_none() {
             let hint = "give --enable to let hosts put force on it; a profile with a deadman needs none";
             return Err((Exit::Device, "this is a real arm, and no operator can let force flow".to_owned(), Some(hint)));
         }
         if let Some(instruction) = &real.homing.instruction {
-            report::note(&format!("homing: {instruction}"), talk);
+            report::note(&format!("homing: {instruction}"), output);
         }
         if profile.has_unverified_signs() {
             let command = probe::command(profile, args.selector.as_ref(), "--sign-check");
-            report::warning(&format!("signs not verified: force stays below 0.5 N ({command})"), talk);
+            report::warning(&format!("signs not verified: force stays below 0.5 N ({command})"), output);
         }
         Ok(())
     }
 
-    fn tell(notice: &NodeNotice<'_>, talk: OutputOptions) {
-        if talk.quiet {
+    fn tell(notice: &NodeNotice<'_>, output: OutputOptions) {
+        if output.quiet {
             return;
         }
         match notice {

@@ -41,10 +41,10 @@ enum DevicesCommand {
     },
 }
 
-pub(crate) fn main(args: &Args, talk: OutputOptions) -> Exit {
+pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
     match &args.command {
-        Some(DevicesCommand::Probe(args)) => return probe::main(args, talk),
-        Some(DevicesCommand::Profiles { name }) => return profiles(name.as_deref(), args.json, talk),
+        Some(DevicesCommand::Probe(args)) => return probe::main(args, output),
+        Some(DevicesCommand::Profiles { name }) => return profiles(name.as_deref(), args.json, output),
         Some(DevicesCommand::List { .. }) | None => {}
     }
     let as_json = args.json || matches!(args.command, Some(DevicesCommand::List { json: true }));
@@ -58,7 +58,7 @@ pub(crate) fn main(args: &Args, talk: OutputOptions) -> Exit {
     if attached.is_empty() {
         report::note(
             "no hidraw node and no serial port: is the arm plugged in and switched on? `hapticd doctor` looks further",
-            talk,
+            output,
         );
         return Exit::Ok;
     }
@@ -76,16 +76,16 @@ pub(crate) fn main(args: &Args, talk: OutputOptions) -> Exit {
 }
 
 /// What is known of each built-in profile, or one of them as it is written.
-fn profiles(name: Option<&str>, as_json: bool, talk: OutputOptions) -> Exit {
+fn profiles(name: Option<&str>, as_json: bool, output: OutputOptions) -> Exit {
     let here = Path::new("");
     let names: Vec<&str> = name.map_or_else(|| profile::names().collect(), |name| vec![name]);
     let mut found = Vec::new();
     for name in names {
         match profile::find(name, here) {
             Ok(profile) => found.push(profile),
-            Err(ProfileError::Invalid(errors)) => return report::config_errors(&errors, talk),
+            Err(ProfileError::Invalid(errors)) => return report::config_errors(&errors, output),
             Err(error) => {
-                report::error(&format!("{name}: {error}"), None, talk);
+                report::error(&format!("{name}: {error}"), None, output);
                 return Exit::Configuration;
             }
         }

@@ -46,14 +46,14 @@ const BOUNDS_US: [u64; 8] = [10, 20, 50, 100, 200, 500, 1000, 10_000];
 /// Share of missed ticks from which a machine is no good.
 const MISSED_SHARE: f64 = 1e-3;
 
-pub(crate) fn main(args: &Args, talk: OutputOptions) -> Exit {
+pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
     if args.udev_rules {
         output::result(format_args!("{}", discover::UDEV_RULES));
         return Exit::Ok;
     }
     let config = match args.scene.as_deref().map(config::load).transpose() {
         Ok(config) => config,
-        Err(errors) => return report::config_errors(&errors, talk),
+        Err(errors) => return report::config_errors(&errors, output),
     };
     let (request, rate_hz) = wanted(config.as_ref());
     let root = Root::default();
@@ -62,7 +62,7 @@ pub(crate) fn main(args: &Args, talk: OutputOptions) -> Exit {
     let machine = machine::findings(&root, request.cpu);
     report::note(
         &format!("measuring wake-ups for {:.0} s on processor {} (Ctrl-C ends it)", args.duration.as_secs_f64(), request.cpu),
-        talk,
+        output,
     );
     static NEVER: AtomicBool = AtomicBool::new(false);
     // Without a handler Ctrl-C ends the program, which is what it does elsewhere.
@@ -70,7 +70,7 @@ pub(crate) fn main(args: &Args, talk: OutputOptions) -> Exit {
     let test = match wakeup::measure(request, Duration::from_secs(1) / rate_hz, args.duration, quit) {
         Ok(test) => test,
         Err(error) => {
-            report::error(&format!("cannot measure wake-ups: {error}"), None, talk);
+            report::error(&format!("cannot measure wake-ups: {error}"), None, output);
             return Exit::Internal;
         }
     };
@@ -82,7 +82,7 @@ pub(crate) fn main(args: &Args, talk: OutputOptions) -> Exit {
     let mut trips_us = Vec::new();
     if let Some(config) = config.as_ref().filter(|config| config.device.profile.real.is_some()) {
         devices.extend(arm_findings(config));
-        match exchange(config, args.duration, quit, talk) {
+        match exchange(config, args.duration, quit, output) {
             Ok(trips) => {
                 devices.extend(answers(&trips, rate_hz));
                 trips_us = trips;
@@ -124,7 +124,7 @@ fn arm_findings(config: &SceneConfig) -> Vec<Finding> {
 }
 
 /// Exchanges zero commands for samples with the arm of a scene.
-fn exchange(config: &SceneConfig, duration: Duration, quit: &AtomicBool, talk: OutputOptions) -> Result<Vec<u64>, Finding> {
+fn exchange(config: &SceneConfig, duration: Duration, quit: &AtomicBool, output: OutputOptions) -> Result<Vec<u64>, Finding> {
     let profile = &config.device.profile;
     let period_s = 1.0 / f64::from(config.rate_hz);
     let options = OpenOptions { selector: config.device.selector.clone(), io_request: None, period_s, guard: guard::program() };
@@ -135,7 +135,7 @@ fn exchange(config: &SceneConfig, duration: Duration, quit: &AtomicBool, talk: O
         // Said already, with what stands in its way.
         false => Finding::unknown("round trip", "not measured: the arm does not open"),
     })?;
-    report::note(&format!("exchanging zero commands with the {} for {:.0} s", profile.title, duration.as_secs_f64()), talk);
+    report::note(&format!("exchanging zero commands with the {} for {:.0} s", profile.title, duration.as_secs_f64()), output);
     let trial = &mut Trial::new(RealClock, period_s, quit);
     probe::round_trips(&mut opened.arm, trial, duration).map_err(|ended| match ended {
         Ended::Told => Finding::unknown("round trip", "not measured: it was told to end"),

@@ -66,37 +66,37 @@ impl From<FieldChoice> for FieldKind {
     }
 }
 
-pub(crate) fn main(args: &Args, talk: OutputOptions) -> Exit {
+pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
     let mut config = match config::load(&args.scene) {
         Ok(config) => config,
-        Err(errors) => return report::config_errors(&errors, talk),
+        Err(errors) => return report::config_errors(&errors, output),
     };
     if config.sculpt.is_some() {
         let path = args.scene.display();
         let hint = format!("clay has a force while it is worked: `hapticd sculpt {}`", output::quoted(&args.scene));
-        report::error(&format!("{path}: [sculpt]: `eval` knows rigid parts only"), Some(&hint), talk);
+        report::error(&format!("{path}: [sculpt]: `eval` knows rigid parts only"), Some(&hint), output);
         return Exit::Configuration;
     }
     let poses = match poses::read(&args.poses) {
         Ok(poses) => poses,
         Err(error) => {
-            report::error(&error.to_string(), None, talk);
+            report::error(&error.to_string(), None, output);
             return Exit::Asset;
         }
     };
     if let Some(field) = args.field {
         config.parameters.contact.field = field.into();
     }
-    let mut cache = args.cache.open(CachePolicy::Mapped, talk);
-    let progress = BakeProgress::new(talk);
+    let mut cache = args.cache.open(CachePolicy::Mapped, output);
+    let progress = BakeProgress::new(output);
     let baked = scene::build_with(&config, &mut BakeOptions::from(&mut cache), |event| progress.tell(&event));
     progress.finish();
-    cache::tell(&mut cache, talk);
+    cache::tell(&mut cache, output);
     let (scene, reports) = match baked {
         Ok(baked) => baked,
-        Err(error) => return report::scene_error(&error, talk),
+        Err(error) => return report::scene_error(&error, output),
     };
-    report::bake_warnings(&reports, talk);
+    report::bake_warnings(&reports, output);
 
     let mut law = scene.parameters.contact.force_law(false);
     if !args.normalize {
@@ -109,7 +109,7 @@ pub(crate) fn main(args: &Args, talk: OutputOptions) -> Exit {
     match written {
         Ok(()) => Exit::Ok,
         Err((path, error)) => {
-            report::error(&format!("cannot write {}: {error}", path.display()), None, talk);
+            report::error(&format!("cannot write {}: {error}", path.display()), None, output);
             Exit::Asset
         }
     }

@@ -33,7 +33,7 @@ impl FoxgloveArgs {
         config: &SceneConfig,
         clock: ClockKind,
         recorder: &Recorder,
-        talk: OutputOptions,
+        output: OutputOptions,
     ) -> Result<Option<Audience>, Exit> {
         let listen = match (self.foxglove, clock) {
             (Some(Listen(listen)), _) => listen,
@@ -42,8 +42,8 @@ impl FoxgloveArgs {
         };
         let Some(address) = listen else { return Ok(None) };
         let exit = if self.foxglove.is_some() { Exit::Usage } else { Exit::Configuration };
-        Audience::open(address, config, recorder, talk).map(Some).map_err(|(message, hint)| {
-            report::error(&message, Some(hint), talk);
+        Audience::open(address, config, recorder, output).map(Some).map_err(|(message, hint)| {
+            report::error(&message, Some(hint), output);
             exit
         })
     }
@@ -53,7 +53,7 @@ impl FoxgloveArgs {
 #[cfg(feature = "foxglove-live")]
 pub(crate) struct Audience {
     server: recording::file::live::LiveServer,
-    talk: OutputOptions,
+    output: OutputOptions,
 }
 
 #[cfg(feature = "foxglove-live")]
@@ -62,7 +62,7 @@ impl Audience {
         address: SocketAddr,
         config: &SceneConfig,
         recorder: &Recorder,
-        talk: OutputOptions,
+        output: OutputOptions,
     ) -> Result<Self, (String, &'static str)> {
         use recording::file::live::Bound;
 
@@ -74,8 +74,8 @@ impl Audience {
             let hint = "give another one with --foxglove, such as 127.0.0.1:0 for any port that is free";
             (format!("the server for Foxglove cannot listen at {address}: {error}"), hint)
         })?;
-        report::line(&format!("foxglove: ws://{address}"), talk);
-        Ok(Self { server, talk })
+        report::line(&format!("foxglove: ws://{address}"), output);
+        Ok(Self { server, output })
     }
 
     /// After the last tick: reports what reached no client.
@@ -88,7 +88,7 @@ impl Audience {
         ];
         for (what, count) in told {
             if count > 0 {
-                report::note(&format!("foxglove: {what}: {count}"), self.talk);
+                report::note(&format!("foxglove: {what}: {count}"), self.output);
             }
         }
     }

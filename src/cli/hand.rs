@@ -41,10 +41,10 @@ impl HandArgs {
     }
 
     /// The hand that the arguments ask for.
-    pub(crate) fn hand(&self, talk: OutputOptions) -> Result<Option<HandParameters>, Exit> {
+    pub(crate) fn hand(&self, output: OutputOptions) -> Result<Option<HandParameters>, Exit> {
         let config = match self.scene.as_deref().map(config::load).transpose() {
             Ok(config) => config,
-            Err(errors) => return Err(report::config_errors(&errors, talk)),
+            Err(errors) => return Err(report::config_errors(&errors, output)),
         };
         let is_held = config.as_ref().is_none_or(|config| config.device.sim.hand_present);
         if self.no_hand || !is_held {
@@ -54,7 +54,7 @@ impl HandArgs {
         let path = match file.as_deref().map(HandPath::read).transpose() {
             Ok(path) => path,
             Err(error) => {
-                report::error(&error.to_string(), None, talk);
+                report::error(&error.to_string(), None, output);
                 return Err(Exit::Configuration);
             }
         };
@@ -66,7 +66,7 @@ impl HandArgs {
         }
         let Some(path) = path else { return Ok(Some(hand)) };
         let indexing = match &config {
-            Some(config) => self.indexing_of(config, talk)?,
+            Some(config) => self.indexing_of(config, output)?,
             None => {
                 HandMapping { world_from_device: Pose::IDENTITY, scale: 1.0, start: path.sample(0.0), grip_tool: glam::DVec3::ZERO }
             }
@@ -76,13 +76,13 @@ impl HandArgs {
     }
 
     /// How the grip follows the tool of a scene; the tool's centre of mass takes a bake, or the cache.
-    fn indexing_of(&self, config: &SceneConfig, talk: OutputOptions) -> Result<HandMapping, Exit> {
-        let mut cache = self.cache.open(CachePolicy::Mapped, talk);
-        let progress = BakeProgress::new(talk);
+    fn indexing_of(&self, config: &SceneConfig, output: OutputOptions) -> Result<HandMapping, Exit> {
+        let mut cache = self.cache.open(CachePolicy::Mapped, output);
+        let progress = BakeProgress::new(output);
         let baked = scene::build_with(config, &mut BakeOptions::from(&mut cache), |event| progress.tell(&event));
         progress.finish();
-        cache::tell(&mut cache, talk);
-        let (scene, _) = baked.map_err(|error| report::scene_error(&error, talk))?;
+        cache::tell(&mut cache, output);
+        let (scene, _) = baked.map_err(|error| report::scene_error(&error, output))?;
         let port = &config.parameters.mapping;
         Ok(HandMapping {
             world_from_device: port.world_from_device,

@@ -71,16 +71,16 @@ struct Found {
 }
 
 /// What ends the command, said already.
-struct Refused(Exit);
+struct ReportedExit(Exit);
 
-pub(crate) fn main(args: &Args, talk: OutputOptions) -> Exit {
-    init(args, talk).map_or_else(|Refused(exit)| exit, |()| Exit::Ok)
+pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
+    init(args, output).map_or_else(|ReportedExit(exit)| exit, |()| Exit::Ok)
 }
 
-fn init(args: &Args, talk: OutputOptions) -> Result<(), Refused> {
+fn init(args: &Args, output: OutputOptions) -> Result<(), ReportedExit> {
     let refuse = |exit: Exit, message: &str, hint: Option<&str>| {
-        report::error(message, hint, talk);
-        Refused(exit)
+        report::error(message, hint, output);
+        ReportedExit(exit)
     };
     if args.clay || args.folder.is_file() {
         if !args.folder.is_file() {
@@ -91,9 +91,9 @@ fn init(args: &Args, talk: OutputOptions) -> Result<(), Refused> {
             let hint = "give its folder, or --clay to sculpt this file";
             return Err(refuse(Exit::Usage, &format!("{}: not a folder", args.folder.display()), Some(hint)));
         }
-        return clay::init(args, talk);
+        return clay::init(args, output);
     }
-    let place = Place::of(args, || args.folder.join("scene.toml"), talk)?;
+    let place = Place::of(args, || args.folder.join("scene.toml"), output)?;
     let files = mesh_files(&args.folder).map_err(|error| {
         refuse(Exit::Asset, &format!("{}: cannot be read: {error}", args.folder.display()), Some("name a folder with mesh files"))
     })?;
@@ -101,13 +101,13 @@ fn init(args: &Args, talk: OutputOptions) -> Result<(), Refused> {
         let message = format!("{}: no mesh files here", args.folder.display());
         return Err(refuse(Exit::Asset, &message, Some(&format!("files that end in {} are read", EXTENSIONS.join(", ")))));
     }
-    place.check_free(args, talk)?;
+    place.check_free(args, output)?;
     let mut found = Vec::new();
     for path in &files {
         match read(path) {
             Ok(read) => found.push(read),
             // One by one: the others make a scene all the same.
-            Err(error) => report::warning(&format!("{error}; it is left out"), talk),
+            Err(error) => report::warning(&format!("{error}; it is left out"), output),
         }
     }
     if found.is_empty() {
@@ -125,7 +125,7 @@ fn init(args: &Args, talk: OutputOptions) -> Result<(), Refused> {
         let hint = "without --tool the part stands, and a ball touches it";
         return Err(refuse(Exit::Usage, "the folder has one part only: nothing is left for it to touch", Some(hint)));
     }
-    let (unit, why) = unit(args, &found, talk);
+    let (unit, why) = unit(args, &found, output);
     let folder = place.folder();
     let mut parts = Vec::new();
     for Found { path, own_unit, mut mesh } in found {
@@ -137,7 +137,7 @@ fn init(args: &Args, talk: OutputOptions) -> Result<(), Refused> {
             mesh.vertices.iter_mut().for_each(|vertex| *vertex *= unit.metres());
         }
         for warning in inspect(&mesh).warnings() {
-            report::warning(&format!("{}: {warning}", path.display()), talk);
+            report::warning(&format!("{}: {warning}", path.display()), output);
         }
         parts.push(Part::new(file, stem.to_owned(), own_unit.unwrap_or(unit), &mesh));
     }
@@ -146,7 +146,7 @@ fn init(args: &Args, talk: OutputOptions) -> Result<(), Refused> {
         // True invariant: there is at least one part.
         unreachable!("a draft of no parts");
     };
-    place.write(&draft.text(&place.named(), &why), &summary(&draft), ("run", "renders"), talk)
+    place.write(&draft.text(&place.named(), &why), &summary(&draft), ("run", "renders"), output)
 }
 
 /// What was made of the folder, a line each.
@@ -205,7 +205,7 @@ fn read(path: &Path) -> Result<Found, MeshError> {
 }
 
 /// The unit of all files that do not say it, and why, as a comment.
-fn unit(args: &Args, found: &[Found], talk: OutputOptions) -> (draft::Unit, String) {
+fn unit(args: &Args, found: &[Found], output: OutputOptions) -> (draft::Unit, String) {
     if let Some(unit) = args.units {
         return (unit.into(), "of the mesh file".to_owned());
     }
@@ -214,14 +214,14 @@ fn unit(args: &Args, found: &[Found], talk: OutputOptions) -> (draft::Unit, Stri
         Some((high - low).max_element())
     });
     let Some(longest) = longest.reduce(f64::max) else { return (draft::Unit::Mm, "of the mesh file".to_owned()) };
-    guessed(longest, "the largest part", talk)
+    guessed(longest, "the largest part", output)
 }
 
 /// The likely unit where the longest edge of something has so many, and why, as a comment.
-fn guessed(longest: f64, what: &str, talk: OutputOptions) -> (draft::Unit, String) {
+fn guessed(longest: f64, what: &str, output: OutputOptions) -> (draft::Unit, String) {
     let unit = draft::Unit::guess(longest);
     let length = format!("{} {}", show(longest), unit.name());
-    report::note(&format!("units are taken as {}: {what} is then {length} long; --units says otherwise", unit.name()), talk);
+    report::note(&format!("units are taken as {}: {what} is then {length} long; --units says otherwise", unit.name()), output);
     (unit, format!("of the file; guessed: {what} is then {length} long"))
 }
 

@@ -21,30 +21,30 @@ pub(crate) struct Args {
     overwrite: bool,
 }
 
-pub(crate) fn main(args: &Args, talk: OutputOptions) -> Exit {
+pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
     let out = args.out.clone().unwrap_or_else(|| args.recording.with_extension("html"));
     // Before the recording is read, which may take a while.
     if let Err(problem) = may_write(args, &out) {
-        report::error(&format!("{} {problem}", out.display()), Some("give another name, or --overwrite"), talk);
+        report::error(&format!("{} {problem}", out.display()), Some("give another name, or --overwrite"), output);
         return Exit::Usage;
     }
     let page = match read(args) {
         Ok(page) => page,
         Err(problem) => {
-            report::error(&problem.to_string(), super::replay::read_hint(&problem), talk);
+            report::error(&problem.to_string(), super::replay::read_hint(&problem), output);
             return Exit::Asset;
         }
     };
     let n_ticks = page.ticks();
     if n_ticks == 0 {
-        report::error(&format!("{} ends before its first tick", args.recording.display()), None, talk);
+        report::error(&format!("{} ends before its first tick", args.recording.display()), None, output);
         return Exit::Asset;
     }
     if let Err(error) = write(&out, &page.page()) {
-        report::error(&format!("cannot write {}: {error}", out.display()), None, talk);
+        report::error(&format!("cannot write {}: {error}", out.display()), None, output);
         return Exit::Asset;
     }
-    if !talk.quiet {
+    if !output.quiet {
         output::message(format_args!("{}: {n_ticks} ticks\n", out.display()));
     }
     Exit::Ok

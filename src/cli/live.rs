@@ -98,13 +98,13 @@ impl LiveArgs {
         scene: &SceneConfig,
         options: &LoadOptions,
         ends: Option<Duration>,
-        talk: OutputOptions,
+        output: OutputOptions,
     ) -> Result<Changes, Exit> {
         let mut paths = Vec::new();
         for (name, file) in &self.moves {
             let path = HandPath::read(file).map_err(|problem| {
                 let remedy = matches!(problem, PoseFileError::Read { .. }).then_some("--move NAME=FILE takes a CSV file of poses");
-                report::error(&format!("--move {name}: {problem}"), remedy, talk);
+                report::error(&format!("--move {name}: {problem}"), remedy, output);
                 Exit::Configuration
             })?;
             paths.push((name.clone(), path));
@@ -116,21 +116,21 @@ impl LiveArgs {
                 }
                 _ => None,
             };
-            report::error(&format!("--move: {}: {problem}", scene.path.display()), remedy, talk);
+            report::error(&format!("--move: {}: {problem}", scene.path.display()), remedy, output);
             Exit::Configuration
         })?;
         let mut swaps = Vec::new();
         for (file, at) in &self.swaps {
-            let config = config::load_with(file, options).map_err(|errors| report::config_errors(&errors, talk))?;
+            let config = config::load_with(file, options).map_err(|errors| report::config_errors(&errors, output))?;
             let refusal = unlike(&config, scene);
             if let Some((key, its, ours)) = refusal {
                 let message = format!("{}: {key} = {its}, but {} has {ours}", file.display(), scene.path.display());
-                report::error(&message, Some("this counts from the start of a run on; write the same in both"), talk);
+                report::error(&message, Some("this counts from the start of a run on; write the same in both"), output);
                 return Err(Exit::Configuration);
             }
             if let Some(ends) = ends.filter(|ends| at >= ends) {
                 let message = format!("--swap {}: at {at:?}, but the run ends after {ends:?}", file.display());
-                report::error(&message, Some("give a time before the end of --duration"), talk);
+                report::error(&message, Some("give a time before the end of --duration"), output);
                 return Err(Exit::Usage);
             }
             let at_tick = (at.as_secs_f64() / scene.parameters.period_s).round() as u64;
@@ -151,34 +151,34 @@ impl Changes {
         cache: &CacheArgs,
         memory: &MemoryArgs,
         is_open: bool,
-        talk: OutputOptions,
+        output: OutputOptions,
     ) -> std::io::Result<(ObjectPaths, PlannedSwaps)> {
         if is_open || !self.planned.is_empty() {
             let (cache, memory) = (cache.clone(), memory.clone());
-            session.begin_baking(Box::new(move |config| bake(config, &cache, &memory, talk)), self.planned)?;
+            session.begin_baking(Box::new(move |config| bake(config, &cache, &memory, output)), self.planned)?;
         }
         Ok((self.paths, self.swaps))
     }
 }
 
-fn bake(config: &SceneConfig, cache: &CacheArgs, memory: &MemoryArgs, talk: OutputOptions) -> Result<RenderScene, SceneError> {
-    let mut cache = cache.open(CachePolicy::Copy, talk);
+fn bake(config: &SceneConfig, cache: &CacheArgs, memory: &MemoryArgs, output: OutputOptions) -> Result<RenderScene, SceneError> {
+    let mut cache = cache.open(CachePolicy::Copy, output);
     // Quiet: the screen belongs to the run.
-    let progress = BakeProgress::new(OutputOptions { quiet: true, verbose: 0, ..talk });
-    let mut means = BakeOptions { cache: &mut cache, memory: memory.plan_within(available_bytes, &progress, talk) };
+    let progress = BakeProgress::new(OutputOptions { quiet: true, verbose: 0, ..output });
+    let mut means = BakeOptions { cache: &mut cache, memory: memory.plan_within(available_bytes, &progress, output) };
     let built = scene::build_with(config, &mut means, |_| ());
     drop(means);
-    cache::tell(&mut cache, talk);
+    cache::tell(&mut cache, output);
     let (scene, reports) = built?;
-    report::bake_warnings_of(&format!("{}: ", config.path.display()), &reports, talk);
+    report::bake_warnings_of(&format!("{}: ", config.path.display()), &reports, output);
     Ok(scene)
 }
 
 /// Says which planned scenes could not be baked, if any; the exit code of the first.
-pub(crate) fn failure(session: &SessionHandle, talk: OutputOptions) -> Option<Exit> {
+pub(crate) fn failure(session: &SessionHandle, output: OutputOptions) -> Option<Exit> {
     let say = |(path, problem): (PathBuf, SceneError)| {
-        report::error(&format!("{} was not rendered: it cannot be baked", path.display()), None, talk);
-        report::scene_error(&problem, talk)
+        report::error(&format!("{} was not rendered: it cannot be baked", path.display()), None, output);
+        report::scene_error(&problem, output)
     };
     session.take_failed().into_iter().map(say).reduce(|first, _| first)
 }

@@ -20,7 +20,7 @@ pub(crate) struct Args {
     folder: Option<PathBuf>,
 }
 
-pub(crate) fn main(args: &Args, talk: OutputOptions) -> Exit {
+pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
     // `help` is no command of ours.
     let command = Cli::command().disable_help_subcommand(true);
     let Some(folder) = &args.folder else {
@@ -38,7 +38,7 @@ pub(crate) fn main(args: &Args, talk: OutputOptions) -> Exit {
             report::error(
                 &format!("cannot write to {}: {error}", folder.display()),
                 Some("name a folder that this user may write to"),
-                talk,
+                output,
             );
             Exit::Asset
         }

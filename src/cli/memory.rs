@@ -17,11 +17,11 @@ pub(crate) struct MemoryArgs {
 
 impl MemoryArgs {
     /// The limit, and what is said of each object before its work begins.
-    pub(crate) fn plan<'a>(&self, progress: &'a BakeProgress, talk: OutputOptions) -> MemoryPlan<'a> {
+    pub(crate) fn plan<'a>(&self, progress: &'a BakeProgress, output: OutputOptions) -> MemoryPlan<'a> {
         let max_bytes = self.max_bytes;
         MemoryPlan::new(max_bytes, move |name, estimate| {
-            tell(name, estimate, progress, talk);
-            warn(name, estimate, max_bytes, progress, talk);
+            tell(name, estimate, progress, output);
+            warn(name, estimate, max_bytes, progress, output);
         })
     }
 
@@ -31,9 +31,9 @@ impl MemoryArgs {
         &self,
         left: fn() -> Option<u64>,
         progress: &'a BakeProgress,
-        talk: OutputOptions,
+        output: OutputOptions,
     ) -> MemoryPlan<'a> {
-        MemoryPlan::new(self.max_bytes, move |name, estimate| tell(name, estimate, progress, talk)).within(left)
+        MemoryPlan::new(self.max_bytes, move |name, estimate| tell(name, estimate, progress, output)).within(left)
     }
 }
 
@@ -74,8 +74,8 @@ fn parse_size(text: &str) -> Result<u64, String> {
 }
 
 /// Says what an object will take: when it is much, or when asked to say more.
-fn tell(name: &str, estimate: &Estimate, progress: &BakeProgress, talk: OutputOptions) {
-    if !talk.quiet && (talk.verbose > 0 || estimate.peak_bytes > LARGE_BYTES) {
+fn tell(name: &str, estimate: &Estimate, progress: &BakeProgress, output: OutputOptions) {
+    if !output.quiet && (output.verbose > 0 || estimate.peak_bytes > LARGE_BYTES) {
         progress.aside(|| {
             output::message(format_args!(
                 "memory: {name} takes about {} ({} voxels in the box, about {} on the surface)\n",
@@ -88,7 +88,7 @@ fn tell(name: &str, estimate: &Estimate, progress: &BakeProgress, talk: OutputOp
 }
 
 /// Warns of more than the machine has left, unless a limit was given.
-fn warn(name: &str, estimate: &Estimate, max_bytes: Option<u64>, progress: &BakeProgress, talk: OutputOptions) {
+fn warn(name: &str, estimate: &Estimate, max_bytes: Option<u64>, progress: &BakeProgress, output: OutputOptions) {
     if let Some(available_bytes) = available_bytes().filter(|available| max_bytes.is_none() && estimate.peak_bytes > *available) {
         let (needed, available) = (show_bytes(estimate.peak_bytes), show_bytes(available_bytes));
         progress.aside(|| {
@@ -97,7 +97,7 @@ fn warn(name: &str, estimate: &Estimate, max_bytes: Option<u64>, progress: &Bake
                     "{name}: baking takes about {needed} and this machine has {available} left: it may be slow or be ended by the \
                      system; use larger voxels or fewer layers, or --max-memory to refuse"
                 ),
-                talk,
+                output,
             );
         });
     }
@@ -122,15 +122,16 @@ mod tests {
         let shape = "shape = { box_mm = [20.0, 20.0, 20.0] }\nvoxel_size_mm = 0.5\n";
         std::fs::write(&path, format!("version = 1\n[[static]]\nname = \"base\"\n{shape}[tool]\n{shape}")).expect("written");
         let config = crate::config::load(&path).unwrap_or_else(|errors| panic!("{errors}"));
-        let talk = OutputOptions { verbose: 0, quiet: true, color: When::Never, log_format: LogFormat::Text };
+        let output = OutputOptions { verbose: 0, quiet: true, color: When::Never, log_format: LogFormat::Text };
         let build = |left: fn() -> Option<u64>, max_bytes: Option<u64>| {
-            let progress = BakeProgress::new(talk);
+            let progress = BakeProgress::new(output);
             let mut cache = Cache::at(folder.path().join("cache"), CachePolicy::Copy);
             let args = MemoryArgs { max_bytes };
-            let mut means = BakeOptions { cache: &mut cache, memory: args.plan_within(left, &progress, talk) };
+            let mut means = BakeOptions { cache: &mut cache, memory: args.plan_within(left, &progress, output) };
             let mut n_baked = 0;
-            let built =
-                scene::build_with(&config, &mut means, |event| n_baked += usize::from(event.stage == vps::voxmap::Stage::Surface));
+            let built = scene::build_with(&config, &mut means, |event| {
+                n_baked += usize::from(event.stage == vps::voxmap::BakeStage::Surface)
+            });
             (built.map(drop), n_baked)
         };
         let scarce: fn() -> Option<u64> = || Some(FREE_BYTES + (1 << 20));

@@ -67,21 +67,21 @@ fn parse_fault(text: &str) -> Result<(String, FaultPlan), fault::FaultError> {
     fault::parse(text).map(|plan| (text.to_owned(), plan))
 }
 
-pub(crate) fn main(args: &Args, talk: OutputOptions) -> Exit {
-    match mock(args, talk) {
+pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
+    match mock(args, output) {
         Ok(()) => Exit::Ok,
         Err(exit) => exit,
     }
 }
 
-fn mock(args: &Args, talk: OutputOptions) -> Result<(), Exit> {
+fn mock(args: &Args, output: OutputOptions) -> Result<(), Exit> {
     let fail = |exit: Exit, message: &str, hint: Option<&str>| {
-        report::error(message, hint, talk);
+        report::error(message, hint, output);
         exit
     };
     let here = std::env::current_dir().unwrap_or_default();
     let profile = profile::find(&args.profile, &here).map_err(|error| match error {
-        ProfileError::Invalid(errors) => report::config_errors(&errors, talk),
+        ProfileError::Invalid(errors) => report::config_errors(&errors, output),
         error => fail(Exit::Configuration, &error.to_string(), None),
     })?;
     let carriage = if args.pty.is_some() { Carriage::Stream } else { gadget_carriage(args.gadget.as_deref()) };
@@ -90,7 +90,7 @@ fn mock(args: &Args, talk: OutputOptions) -> Result<(), Exit> {
         return Err(fail(Exit::Usage, "the plug of a gadget cannot be pulled from its own side", Some(hint)));
     }
     let settings =
-        MockSettings { hand: args.hand.hand(talk)?, hand_delay: args.hand.delay(), faults: args.faults.clone(), seed: 0 };
+        MockSettings { hand: args.hand.hand(output)?, hand_delay: args.hand.delay(), faults: args.faults.clone(), seed: 0 };
     let (parameters, protocol) = builder::parameters(&profile, settings);
     if !protocol.carriages().contains(&carriage) {
         let (message, hint) = match carriage {
@@ -127,9 +127,9 @@ fn mock(args: &Args, talk: OutputOptions) -> Result<(), Exit> {
     // The node goes away before the output comes: its reader may check that.
     drop(link);
     if let (Some(path), Some(cause)) = (&args.trace, trace.as_ref().and_then(Trace::ended)) {
-        report::warning(&format!("{} does not go to the end: {cause}", path.display()), talk);
+        report::warning(&format!("{} does not go to the end: {cause}", path.display()), output);
     }
-    tell(&arm.report(), &profile, protocol.name(), &name, ended, args.json, talk);
+    tell(&arm.report(), &profile, protocol.name(), &name, ended, args.json, output);
     Ok(())
 }
 
@@ -159,7 +159,7 @@ fn open(args: &Args, profile: &Profile, protocol: &arms::protocol::Protocol) -> 
     Ok((Box::new(Uhid::new(identity)?), name))
 }
 
-fn tell(report: &MockReport, profile: &Profile, protocol: &str, link: &str, ended: Ended, as_json: bool, talk: OutputOptions) {
+fn tell(report: &MockReport, profile: &Profile, protocol: &str, link: &str, ended: Ended, as_json: bool, output: OutputOptions) {
     if as_json {
         let mut object = json!({ "profile": profile.name, "protocol": protocol, "link": link, "ended": ended.name() });
         if let (Some(object), Ok(serde_json::Value::Object(felt))) = (object.as_object_mut(), serde_json::to_value(report)) {
@@ -168,7 +168,7 @@ fn tell(report: &MockReport, profile: &Profile, protocol: &str, link: &str, ende
         output::result(format_args!("{object}\n"));
         return;
     }
-    report::note(&format!("{} over {link}: {}", profile.name, ended.name()), talk);
+    report::note(&format!("{} over {link}: {}", profile.name, ended.name()), output);
     output::result(format_args!(
         "received           {} frames, {} bytes; longest gap {:.1} ms, {} gaps\n\
          sent               {} frames; {} lost\n\

@@ -53,7 +53,7 @@ struct Cli {
     #[command(subcommand)]
     command: Command,
     #[command(flatten)]
-    talk: OutputOptions,
+    output: OutputOptions,
 }
 
 /// How much to output, and how.
@@ -126,29 +126,29 @@ pub fn main() -> ExitCode {
         return exit;
     }
     let started_ns = monotonic_ns();
-    let Cli { command, talk } = Cli::try_parse().unwrap_or_else(|error| refused(error).exit());
-    output::use_format(talk.log_format);
+    let Cli { command, output } = Cli::try_parse().unwrap_or_else(|error| refused(error).exit());
+    output::use_format(output.log_format);
     let dispatched = std::panic::catch_unwind(|| match command {
-        Command::Run(args) => run::main(&args, talk, started_ns),
-        Command::Sculpt(args) => sculpt::main(&args, talk, started_ns),
-        Command::Bake(args) => bake::main(&args, talk),
-        Command::Check(args) => check::main(&args, talk),
-        Command::Eval(args) => eval::main(&args, talk),
-        Command::Replay(args) => replay::main(&args, talk),
-        Command::Report(args) => lab_report::main(&args, talk),
-        Command::Mock(args) => mock::main(&args, talk),
-        Command::DeviceNode(args) => device_node::main(&args, talk),
-        Command::Devices(args) => devices::main(&args, talk),
-        Command::Doctor(args) => doctor::main(&args, talk),
-        Command::Init(args) => init::main(&args, talk),
+        Command::Run(args) => run::main(&args, output, started_ns),
+        Command::Sculpt(args) => sculpt::main(&args, output, started_ns),
+        Command::Bake(args) => bake::main(&args, output),
+        Command::Check(args) => check::main(&args, output),
+        Command::Eval(args) => eval::main(&args, output),
+        Command::Replay(args) => replay::main(&args, output),
+        Command::Report(args) => lab_report::main(&args, output),
+        Command::Mock(args) => mock::main(&args, output),
+        Command::DeviceNode(args) => device_node::main(&args, output),
+        Command::Devices(args) => devices::main(&args, output),
+        Command::Doctor(args) => doctor::main(&args, output),
+        Command::Init(args) => init::main(&args, output),
         Command::Completions(args) => completions::main(&args),
-        Command::Man(args) => man::main(&args, talk),
+        Command::Man(args) => man::main(&args, output),
     });
     let exit = dispatched.unwrap_or_else(|_| {
-        report::error("this is a bug of hapticd: please report it with the lines above and the command line", None, talk);
+        report::error("this is a bug of hapticd: please report it with the lines above and the command line", None, output);
         Exit::Internal
     });
-    report::finish(exit, talk).into()
+    report::finish(exit, output).into()
 }
 
 /// What is said of a command line that is not one. `bench` was a command of version 0.1.0.

@@ -36,7 +36,7 @@ fn parse(text: &str) -> Result<Listen, String> {
 impl MonitorArgs {
     /// Takes the address, before anything takes long. `None`: no monitor. A default that cannot be had is a warning, what was asked for an
     /// error.
-    pub(crate) fn open(&self, config: &SceneConfig, clock: ClockKind, talk: OutputOptions) -> Result<Option<Bound>, Exit> {
+    pub(crate) fn open(&self, config: &SceneConfig, clock: ClockKind, output: OutputOptions) -> Result<Option<Bound>, Exit> {
         let listen = match (self.monitor, clock) {
             (Some(Listen(listen)), _) => listen,
             (None, ClockKind::Virtual) => None,
@@ -46,14 +46,14 @@ impl MonitorArgs {
         let Some(address) = listen else {
             if needed {
                 let hint = "give --monitor 127.0.0.1:7878, or leave out `safety.heartbeat_ms`";
-                report::error("the scene wants a client with a heartbeat, and the monitor is off", Some(hint), talk);
+                report::error("the scene wants a client with a heartbeat, and the monitor is off", Some(hint), output);
                 return Err(Exit::Usage);
             }
             return Ok(None);
         };
         let token = self.token(config).map_err(|error| {
             let hint = "`openssl rand -hex 24 > monitor.token` makes one";
-            report::error(&error.to_string(), Some(hint), talk);
+            report::error(&error.to_string(), Some(hint), output);
             Exit::Usage
         })?;
         if !Access::is_safe(address, token.as_ref()) {
@@ -61,22 +61,22 @@ impl MonitorArgs {
             report::error(
                 &format!("the monitor at {address} can be reached from other machines, and has no token"),
                 Some(hint),
-                talk,
+                output,
             );
             return Err(if self.monitor.is_some() { Exit::Usage } else { Exit::Configuration });
         }
         match Bound::bind(address, token, config.monitor.origins.clone()) {
             Ok(bound) => {
-                report::line(&format!("monitor: http://{}/", bound.address()), talk);
+                report::line(&format!("monitor: http://{}/", bound.address()), output);
                 Ok(Some(bound))
             }
             Err(error) if self.monitor.is_none() && !needed => {
-                report::warning(&format!("no monitor: cannot listen at {address}: {error} (--monitor ADDR takes another)"), talk);
+                report::warning(&format!("no monitor: cannot listen at {address}: {error} (--monitor ADDR takes another)"), output);
                 Ok(None)
             }
             Err(error) => {
                 let hint = "give another one with --monitor, such as 127.0.0.1:0 for any port that is free";
-                report::error(&format!("the monitor cannot listen at {address}: {error}"), Some(hint), talk);
+                report::error(&format!("the monitor cannot listen at {address}: {error}"), Some(hint), output);
                 Err(Exit::Usage)
             }
         }

@@ -67,18 +67,18 @@ struct Told<'a> {
     refused: u64,
 }
 
-pub(super) fn main(args: &Args, talk: OutputOptions) -> Exit {
-    probe(args, talk).unwrap_or_else(|exit| exit)
+pub(super) fn main(args: &Args, output: OutputOptions) -> Exit {
+    probe(args, output).unwrap_or_else(|exit| exit)
 }
 
-fn probe(args: &Args, talk: OutputOptions) -> Result<Exit, Exit> {
+fn probe(args: &Args, output: OutputOptions) -> Result<Exit, Exit> {
     let fail = |exit: Exit, message: String| {
-        report::error(&message, None, talk);
+        report::error(&message, None, output);
         exit
     };
     let here = std::env::current_dir().unwrap_or_default();
     let profile = profile::find(&args.profile, &here).map_err(|error| match error {
-        ProfileError::Invalid(errors) => report::config_errors(&errors, talk),
+        ProfileError::Invalid(errors) => report::config_errors(&errors, output),
         error => fail(Exit::Configuration, error.to_string()),
     })?;
     let period_s = 1.0 / f64::from(profile.link.rate_hz);
@@ -86,18 +86,18 @@ fn probe(args: &Args, talk: OutputOptions) -> Result<Exit, Exit> {
     if let Some(real) = &profile.real {
         // An arm that is not there is not waited for.
         open::look_for(&profile, &options).map_err(|error| fail(Exit::Device, error.to_string()))?;
-        home(&real.homing, talk);
+        home(&real.homing, output);
     }
     let mut opened = open::open(&profile, &options).map_err(|error| fail(Exit::Device, error.to_string()))?;
     // True invariant: what was opened has a profile of metal.
     let Some(real) = &profile.real else { unreachable!("a simulated arm is not opened") };
     for news in opened.news.try_iter() {
         if let LinkNews::Unguarded(why) = news {
-            report::warning(&guard::missing_text(&why), talk);
+            report::warning(&guard::missing_text(&why), output);
         }
     }
     let path = opened.path.display().to_string();
-    report::note(&format!("{} at {path}: listening for {:.0} s", profile.title, args.duration.as_secs_f64()), talk);
+    report::note(&format!("{} at {path}: listening for {:.0} s", profile.title, args.duration.as_secs_f64()), output);
     // From here on Ctrl-C takes the force off first.
     let quit = signals::interrupted().map_err(|error| fail(Exit::Internal, error.to_string()))?;
     output::detach().map_err(|error| fail(Exit::Internal, format!("cannot start a thread: {error}")))?;
@@ -111,7 +111,7 @@ fn probe(args: &Args, talk: OutputOptions) -> Result<Exit, Exit> {
     let plan = Plan { listen: args.duration, push: args.sign_check.then(|| Push::of(&profile)), identify: args.identify };
     let mut found = Found::default();
     let tell = |step| {
-        report::note(step_text(step, &profile), talk);
+        report::note(step_text(step, &profile), output);
         if has_person {
             ask(&go, quit);
         }
@@ -144,10 +144,10 @@ fn probe(args: &Args, talk: OutputOptions) -> Result<Exit, Exit> {
         }
     }
     match ended {
-        Some(Ended::Told) => report::error("interrupted: not finished", None, talk),
+        Some(Ended::Told) => report::error("interrupted: not finished", None, output),
         Some(Ended::Device(_)) => {
             let hint = "is its plug loose? `hapticd devices` lists what there is";
-            report::error(&format!("the arm at {path} went away"), Some(hint), talk);
+            report::error(&format!("the arm at {path} went away"), Some(hint), output);
         }
         _ => {}
     }
@@ -156,9 +156,9 @@ fn probe(args: &Args, talk: OutputOptions) -> Result<Exit, Exit> {
 }
 
 /// What a person has to do before the arm is opened. On a terminal it is waited for where the arm counts from that pose.
-fn home(homing: &Homing, talk: OutputOptions) {
+fn home(homing: &Homing, output: OutputOptions) {
     let Some(instruction) = &homing.instruction else { return };
-    report::note(&format!("homing: {instruction}"), talk);
+    report::note(&format!("homing: {instruction}"), output);
     if homing.mode == HomingMode::PowerOnPose && std::io::stdin().is_terminal() {
         output::message(format_args!("Enter when it is so: "));
         // The end of the input is an answer as good as any.

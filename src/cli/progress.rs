@@ -7,14 +7,14 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use super::{OutputOptions, output};
 use crate::scene::Event;
-use vps::voxmap::Stage;
+use vps::voxmap::BakeStage;
 
 /// A line on stderr that says which object is at which stage; silent on a pipe and with `--quiet`.
 pub(crate) struct BakeProgress(Option<ProgressBar>);
 
 impl BakeProgress {
-    pub(crate) fn new(talk: OutputOptions) -> Self {
-        let shown = !talk.quiet && !output::is_json() && std::io::stderr().is_terminal();
+    pub(crate) fn new(output: OutputOptions) -> Self {
+        let shown = !output.quiet && !output::is_json() && std::io::stderr().is_terminal();
         Self(shown.then(|| {
             let bar = ProgressBar::new_spinner();
             if let Ok(style) = ProgressStyle::with_template("{spinner} baking {msg} ({elapsed})") {
@@ -28,12 +28,12 @@ impl BakeProgress {
     pub(crate) fn tell(&self, event: &Event<'_>) {
         let Some(bar) = &self.0 else { return };
         let stage = match event.stage {
-            Stage::Load => "mesh",
-            Stage::Surface => "surface voxels",
-            Stage::Fill => "fill",
-            Stage::Layers => "layers",
-            Stage::Distance => "distances",
-            Stage::Pointshell => "pointshell",
+            BakeStage::Load => "mesh",
+            BakeStage::Surface => "surface voxels",
+            BakeStage::Fill => "fill",
+            BakeStage::Layers => "layers",
+            BakeStage::Distance => "distances",
+            BakeStage::Pointshell => "pointshell",
         };
         bar.set_message(format!("{} ({} of {}): {stage}", event.name, event.object_idx + 1, event.n_objects));
     }

@@ -67,9 +67,9 @@ impl PublishArgs {
     }
 
     /// Opens a session and announces the topics, before anything takes long. `None`: nothing was asked for.
-    pub(crate) fn open(&self, endpoints: Endpoints, config: &SceneConfig, talk: OutputOptions) -> Result<Option<Opened>, Exit> {
+    pub(crate) fn open(&self, endpoints: Endpoints, config: &SceneConfig, output: OutputOptions) -> Result<Option<Opened>, Exit> {
         let refuse = |message: &str, hint: &str| {
-            report::error(message, Some(hint), talk);
+            report::error(message, Some(hint), output);
             Err(Exit::Usage)
         };
         if let Some(flag) = self.removed() {
@@ -101,7 +101,7 @@ impl PublishArgs {
         };
         match Opened::open(&plan) {
             Ok(opened) => {
-                report::line(&format!("publishing: /{namespace} in domain {domain}"), talk);
+                report::line(&format!("publishing: /{namespace} in domain {domain}"), output);
                 Ok(Some(opened))
             }
             Err(problem) => {

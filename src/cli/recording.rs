@@ -42,7 +42,7 @@ impl RecordingArgs {
         overwrite: bool,
         clock: ClockKind,
         subscribers: RecordSubscribers,
-        talk: OutputOptions,
+        output: OutputOptions,
     ) -> Result<Recordings, Exit> {
         let recorder = Recorder::new(subscribers, clock == ClockKind::Virtual);
         recorder.facts.note("rate_hz", config.rate_hz);
@@ -55,20 +55,20 @@ impl RecordingArgs {
                 RecordingError::Create { .. } => Some("--record takes a file in a folder that can be written to"),
                 _ => None,
             };
-            report::error(&format!("--record: {error}"), hint, talk);
+            report::error(&format!("--record: {error}"), hint, output);
             match error {
                 RecordingError::Exists(_) => Exit::Usage,
                 RecordingError::Thread(_) => Exit::Internal,
                 _ => Exit::Asset,
             }
         };
-        let recording = self.record.as_ref().map(|file| recorder.start(file, overwrite, failed(talk)));
+        let recording = self.record.as_ref().map(|file| recorder.start(file, overwrite, failed(output)));
         let recording = recording.transpose().map_err(refused)?;
         let fault_files = self.fault_folder(clock).map(|folder| {
             let told = move |file: &FaultFile| match &file.file {
-                Ok(path) if !talk.quiet => output::message(format_args!("flight recorder: {}\n", shown(path))),
+                Ok(path) if !output.quiet => output::message(format_args!("flight recorder: {}\n", shown(path))),
                 Ok(_) => {}
-                Err(error) => report::warning(&format!("flight recorder: {error}"), talk),
+                Err(error) => report::warning(&format!("flight recorder: {error}"), output),
             };
             FaultFiles::watch(&recorder, folder, Box::new(told))
         });
@@ -136,8 +136,8 @@ impl Session {
 
 impl Recordings {
     /// For clients, who may begin and end recordings too.
-    pub(crate) fn for_clients(&self, talk: OutputOptions) -> ClientRecordings {
-        ClientRecordings { recorder: self.recorder.clone(), session: self.session.clone(), talk }
+    pub(crate) fn for_clients(&self, output: OutputOptions) -> ClientRecordings {
+        ClientRecordings { recorder: self.recorder.clone(), session: self.session.clone(), output }
     }
 
     /// After the last tick: ends the files. What the last recording came to.
@@ -163,7 +163,7 @@ impl Recordings {
 pub(crate) struct ClientRecordings {
     recorder: Recorder,
     session: Arc<Session>,
-    talk: OutputOptions,
+    output: OutputOptions,
 }
 
 impl monitor::Recorder for ClientRecordings {
@@ -181,7 +181,7 @@ impl monitor::Recorder for ClientRecordings {
         let folder = folder.join("recordings");
         fs::create_dir_all(&folder).map_err(|error| refused(format!("cannot create {}: {error}", folder.display())))?;
         let file = folder.join(name);
-        let started = self.recorder.start(&file, false, failed(self.talk)).map_err(|error| match error {
+        let started = self.recorder.start(&file, false, failed(self.output)).map_err(|error| match error {
             RecordingError::Exists(_) => RecorderError::State(error.to_string()),
             error => refused(error.to_string()),
         })?;
@@ -205,8 +205,8 @@ impl monitor::Recorder for ClientRecordings {
     }
 }
 
-fn failed(talk: OutputOptions) -> Failed {
-    Box::new(move |error| report::warning(&format!("recording ended early: {error}; the run goes on"), talk))
+fn failed(output: OutputOptions) -> Failed {
+    Box::new(move |error| report::warning(&format!("recording ended early: {error}; the run goes on"), output))
 }
 
 /// What a C library chooses its mathematics by: another choice may round the last bit otherwise.
@@ -252,7 +252,7 @@ mod tests {
         drop(producer);
         drain(records, recorder.subscribers(), |_| ());
         let session = Arc::new(Session::of(Some(recording)));
-        let clients = || ClientRecordings { recorder: recorder.clone(), session: session.clone(), talk: QUIET };
+        let clients = || ClientRecordings { recorder: recorder.clone(), session: session.clone(), output: QUIET };
         assert_eq!(clients().status().map(|status| status.file), Some(path));
         let stopping = clients();
         let stopped = std::thread::spawn(move || stopping.stop());

@@ -12,7 +12,7 @@ use document::show;
 use vps::storage::printable::shown;
 
 /// Tells people, and a service manager, how a reload goes.
-pub(super) fn tell(news: &News, talk: OutputOptions) {
+pub(super) fn tell(news: &News, output: OutputOptions) {
     match news {
         News::Begun(cause) => {
             service::reloading();
@@ -20,7 +20,7 @@ pub(super) fn tell(news: &News, talk: OutputOptions) {
                 Cause::Signal => ("signal", "reload: asked for by SIGHUP"),
                 Cause::File => ("file", "reload: a file has changed"),
             };
-            line(Level::Info, text, &[("cause", word.into())], talk);
+            line(Level::Info, text, &[("cause", word.into())], output);
         }
         News::Done(done) => {
             let (word, text) = outcome(done);
@@ -31,14 +31,14 @@ pub(super) fn tell(news: &News, talk: OutputOptions) {
                 }
                 Reloaded::Unchanged | Reloaded::Baked(_) => serde_json::Map::new(),
             };
-            line(Level::Info, &text, &[("outcome", word.into()), ("changes", Value::Object(changes))], talk);
+            line(Level::Info, &text, &[("outcome", word.into()), ("changes", Value::Object(changes))], output);
         }
         News::Refused(refusal) => {
             let text = format!("reload refused, the old scene stays: {refusal}");
             service::reloaded(&text);
-            say_why(refusal, talk);
+            say_why(refusal, output);
         }
-        News::TerminalGone => line(Level::Warning, "stop: the terminal has gone", &[("outcome", "stop".into())], talk),
+        News::TerminalGone => line(Level::Warning, "stop: the terminal has gone", &[("outcome", "stop".into())], output),
     }
 }
 
@@ -54,29 +54,29 @@ fn outcome(done: &Reloaded) -> (&'static str, String) {
 }
 
 /// An error that ends nothing: every problem of the scene, and that the old one stays.
-fn say_why(refusal: &SessionError, talk: OutputOptions) {
+fn say_why(refusal: &SessionError, output: OutputOptions) {
     match refusal {
         SessionError::Config(errors) => {
-            report::config_errors(errors, talk);
+            report::config_errors(errors, output);
         }
         SessionError::Scene(problem) => {
-            report::scene_error(problem, talk);
+            report::scene_error(problem, output);
         }
         SessionError::Unlike { .. } => {
-            report::error(&refusal.to_string(), Some("this counts from the start of a run on: begin a new one"), talk)
+            report::error(&refusal.to_string(), Some("this counts from the start of a run on: begin a new one"), output)
         }
         SessionError::Clay { .. } => {
             let hint =
                 "the page chooses tools; whatever else counts from the start of a run on: save a session and begin a new one";
-            report::error(&refusal.to_string(), Some(hint), talk);
+            report::error(&refusal.to_string(), Some(hint), output);
         }
-        _ => report::error(&refusal.to_string(), None, talk),
+        _ => report::error(&refusal.to_string(), None, output),
     }
-    line(Level::Warning, "reload: refused, the old scene stays", &[("outcome", "refused".into())], talk);
+    line(Level::Warning, "reload: refused, the old scene stays", &[("outcome", "refused".into())], output);
 }
 
-fn line(level: Level, text: &str, fields: output::Fields<'_>, talk: OutputOptions) {
-    if !talk.quiet {
+fn line(level: Level, text: &str, fields: output::Fields<'_>, output: OutputOptions) {
+    if !output.quiet {
         output::event(level, "reload", text, fields);
     }
 }

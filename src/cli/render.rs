@@ -43,12 +43,12 @@ enum Refusal {
 }
 
 /// Renders; `own` is what the command adds.
-pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: OutputOptions, started_ns: i64) -> Exit {
+pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, output: OutputOptions, started_ns: i64) -> Exit {
     // Before any thread that loads parts begins: some of them do while force flows.
     mesh::copy_only();
     // From the first word on: no thread that takes orders or renders waits for a reader.
     if let Err(error) = output::detach() {
-        report::error(&format!("cannot start a thread: {error}"), None, talk);
+        report::error(&format!("cannot start a thread: {error}"), None, output);
         return Exit::Internal;
     }
     let since_start_s = |ns: i64| (ns - started_ns) as f64 * 1e-9;
@@ -57,13 +57,13 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: OutputOptions, started_
     let names_node = args.device.as_deref().is_some_and(|device| RemoteArm::name_in(device).is_some());
     if names_node && args.clock == ClockArg::Virtual {
         let hint = "leave out --clock virtual, or name a simulated arm with --device";
-        report::error("an arm on another machine needs `--clock real`", Some(hint), talk);
+        report::error("an arm on another machine needs `--clock real`", Some(hint), output);
         return Exit::Usage;
     }
     let remote = match args.remote() {
         Ok(remote) => remote,
         Err(error) => {
-            report::error(&error.to_string(), None, talk);
+            report::error(&error.to_string(), None, output);
             return network::exit_of(&error);
         }
     };
@@ -72,71 +72,71 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: OutputOptions, started_
         report::error(
             &format!("{}: this is a file of points or a mesh, not a scene", args.scene.display()),
             Some(&format!("`hapticd init --clay {}` writes a scene that sculpts it", output::quoted(&args.scene))),
-            talk,
+            output,
         );
         return Exit::Configuration;
     }
     // Before anything is announced: a scene that cannot be read bakes nothing.
     let config = match config::load_with(&args.scene, &overrides) {
         Ok(config) => config,
-        Err(errors) => return report::config_errors(&errors, talk),
+        Err(errors) => return report::config_errors(&errors, output),
     };
     let clock = args.clock.kind();
-    let mut sculpt_run = match SculptRun::plan(&config, own.clay, own.overwrite, clock, args.recording.file(), talk) {
+    let mut sculpt_run = match SculptRun::plan(&config, own.clay, own.overwrite, clock, args.recording.file(), output) {
         Ok(sculpt_run) => sculpt_run,
         Err(exit) => return exit,
     };
     if let (Some(remote), Some(selector)) = (&remote, &args.selector) {
         let message = format!("--selector {selector}: the arm is attached to the machine of zenoh:{}", remote.name());
-        report::error(&message, Some("give it to `hapticd device-node`"), talk);
+        report::error(&message, Some("give it to `hapticd device-node`"), output);
         return Exit::Usage;
     }
     if let (Some(selector), None) = (&args.selector, &config.device.profile.real) {
         let message = format!("--selector {selector}: {} is simulated in this process and has no node", config.device.profile.name);
-        report::error(&message, Some("name the profile of a real arm with --device"), talk);
+        report::error(&message, Some("name the profile of a real arm with --device"), output);
         return Exit::Usage;
     }
     if args.has_unused_endpoints() {
         let message = "--connect, --listen and --zenoh-config say where to meet others, and nothing is published";
-        report::error(message, Some("give --publish beside them"), talk);
+        report::error(message, Some("give --publish beside them"), output);
         return Exit::Usage;
     }
-    let changes = match own.live.check(&config, &overrides, args.duration, talk) {
+    let changes = match own.live.check(&config, &overrides, args.duration, output) {
         Ok(changes) => changes,
         Err(exit) => return exit,
     };
-    let bound = match args.monitor.open(&config, clock, talk) {
+    let bound = match args.monitor.open(&config, clock, output) {
         Ok(bound) => bound,
         Err(exit) => return exit,
     };
     if let Some(real) = &config.device.profile.real {
         if args.clock == ClockArg::Virtual {
             let hint = "leave out --clock virtual, or name a simulated arm with --device";
-            report::error("a real arm needs `--clock real`", Some(hint), talk);
+            report::error("a real arm needs `--clock real`", Some(hint), output);
             return Exit::Usage;
         }
         if !args.enables_at_start(&config) && !args.console && bound.is_none() {
-            report::error(&RunError::NoOperator.to_string(), Some(HOW_TO_ENABLE), talk);
+            report::error(&RunError::NoOperator.to_string(), Some(HOW_TO_ENABLE), output);
             return Exit::Device;
         }
-        tell_of_arm(&config, real, talk);
+        tell_of_arm(&config, real, output);
     }
-    if talk.verbose > 0 {
+    if output.verbose > 0 {
         output::message(format_args!("{}\n", check::summary(&config)));
     }
     let subscribers = RecordSubscribers::default();
-    let recordings = match args.recording.begin(&config, &overrides, own.overwrite, clock, subscribers.clone(), talk) {
+    let recordings = match args.recording.begin(&config, &overrides, own.overwrite, clock, subscribers.clone(), output) {
         Ok(recordings) => recordings,
         Err(exit) => return exit,
     };
-    let audience = match args.foxglove.begin(&config, clock, &recordings.recorder, talk) {
+    let audience = match args.foxglove.begin(&config, clock, &recordings.recorder, output) {
         Ok(audience) => audience,
         Err(exit) => {
             recordings.abandon();
             return exit;
         }
     };
-    let opened = match args.publish.open(args.network.endpoints(), &config, talk) {
+    let opened = match args.publish.open(args.network.endpoints(), &config, output) {
         Ok(opened) => opened,
         Err(exit) => {
             recordings.abandon();
@@ -145,20 +145,20 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: OutputOptions, started_
     };
     let bake = || {
         // A copy: no other program may take memory away from the loop.
-        let mut cache = args.cache.open(CachePolicy::Copy, talk);
-        let progress = BakeProgress::new(talk);
-        let mut means = BakeOptions { cache: &mut cache, memory: args.memory.plan(&progress, talk) };
+        let mut cache = args.cache.open(CachePolicy::Copy, output);
+        let progress = BakeProgress::new(output);
+        let mut means = BakeOptions { cache: &mut cache, memory: args.memory.plan(&progress, output) };
         let prepared = prepare_on(&config, &mut means, remote.as_ref(), guard::program(), |event| progress.tell(&event));
         drop(means);
         progress.finish();
-        cache::tell(&mut cache, talk);
+        cache::tell(&mut cache, output);
         let (prepared, reports) = prepared?;
         let link = prepared.attached.as_ref().and_then(|attached| attached.link.clone());
         figures.replace(link);
-        report::bake_warnings(&reports, talk);
+        report::bake_warnings(&reports, output);
         let clay = prepared.piece.as_ref().map(|piece| &piece.report);
-        clay.inspect(|clay| report::clay_warnings(clay, talk));
-        if talk.verbose > 0 {
+        clay.inspect(|clay| report::clay_warnings(clay, output));
+        if output.verbose > 0 {
             clay.inspect(|clay| output::message(format_args!("{}", bake::clay_text(clay))));
             reports.iter().for_each(|object| output::message(format_args!("{}", bake::report_text(object))));
         }
@@ -169,7 +169,7 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: OutputOptions, started_
     let is_open = clock == ClockKind::Real || bound.is_some() || opened.is_some() || own.live.watch;
     let control = Arc::new(Control::new());
     let session = SessionHandle::new(config.clone(), overrides.clone(), clock, Some(recordings.recorder.clone()));
-    let begun = changes.begin(&session, &args.cache, &args.memory, is_open, talk).and_then(|(paths, swaps)| {
+    let begun = changes.begin(&session, &args.cache, &args.memory, is_open, output).and_then(|(paths, swaps)| {
         let mut live = Live { subscribers, ..Live::default() };
         let options = ServiceOptions {
             config: &config,
@@ -180,7 +180,7 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: OutputOptions, started_
             control: &control,
             has_console: args.console,
             enables_at_start: args.enables_at_start(&config),
-            recorder: Some(Box::new(recordings.for_clients(talk))),
+            recorder: Some(Box::new(recordings.for_clients(output))),
         };
         let services = Services::open(options, &mut live)?;
         Ok((services, live, paths, swaps))
@@ -188,7 +188,7 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: OutputOptions, started_
     let (mut services, live, paths, swaps) = match begun {
         Ok(begun) => begun,
         Err(error) => {
-            report::error(&format!("cannot start a thread: {error}"), None, talk);
+            report::error(&format!("cannot start a thread: {error}"), None, output);
             return Exit::Internal;
         }
     };
@@ -206,11 +206,11 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: OutputOptions, started_
         reloads: is_open,
         watches: own.live.watch,
     };
-    let rendered = run(args, talk, beside, &control, signals::end_by_signals, bake);
+    let rendered = run(args, output, beside, &control, signals::end_by_signals, bake);
     // Force is off: from here on words may wait for their reader.
     output::attach();
     // Whatever became of the loop: what hands made is not lost with it.
-    let clay = sculpt_run.and_then(|sculpt_run| sculpt_run.close(talk));
+    let clay = sculpt_run.and_then(|sculpt_run| sculpt_run.close(output));
     let refusal = match rendered {
         Ok(outcome) => {
             let first_tick = outcome.report.first_tick_ns.map_or(0.0, since_start_s);
@@ -221,21 +221,21 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: OutputOptions, started_
             let (swaps, recording) = (swaps.reports(&session, &outcome.swaps), recordings.end(&outcome.report));
             let link = figures.borrow().as_ref().map(|figures| figures.report());
             let more = More { swaps: &swaps, recording: recording.as_ref(), sculpt: clay.as_ref(), link };
-            if args.json || !talk.quiet {
+            if args.json || !output.quiet {
                 output::result(format_args!("{}", result_text(&outcome.totals, start_s, &more, args.json)));
             }
-            let failures = [Some(outcome.exit()), live::failure(&session, talk), clay.map(|clay| clay.exit())];
+            let failures = [Some(outcome.exit()), live::failure(&session, output), clay.map(|clay| clay.exit())];
             return failures.into_iter().flatten().find(|exit| *exit != Exit::Ok).unwrap_or(Exit::Ok);
         }
         Err(refusal) => refusal,
     };
     recordings.abandon();
     match refusal {
-        Refusal::Strokes(errors) => report::config_errors(&errors, talk),
-        Refusal::Prepare(error) => report::prepare_error(&error, talk),
+        Refusal::Strokes(errors) => report::config_errors(&errors, output),
+        Refusal::Prepare(error) => report::prepare_error(&error, output),
         Refusal::Run(error) => {
             let refused = if let RunError::Refused(checks) = &error { Some(checks) } else { None };
-            if let Some(checks) = refused.filter(|_| talk.quiet) {
+            if let Some(checks) = refused.filter(|_| output.quiet) {
                 for row in report_lines(checks, true) {
                     output::message(format_args!("{row}\n"));
                 }
@@ -245,11 +245,11 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, talk: OutputOptions, started_
                 RunError::NoOperator => Some(HOW_TO_ENABLE),
                 _ => None,
             };
-            report::error(&error.to_string(), hint, talk);
+            report::error(&error.to_string(), hint, output);
             error.exit()
         }
         Refusal::Signals(error) => {
-            report::error(&error.to_string(), None, talk);
+            report::error(&error.to_string(), None, output);
             Exit::Internal
         }
     }
@@ -276,14 +276,14 @@ struct Beside<'a> {
 
 fn run(
     args: &LoopArgs,
-    talk: OutputOptions,
+    output: OutputOptions,
     beside: Beside<'_>,
     control: &Arc<Control>,
     end_by_signals: impl FnOnce(&Arc<Control>) -> Result<(), SignalError>,
     bake: impl FnOnce() -> Result<Prepared, PrepareError>,
 ) -> Result<Outcome, Refusal> {
     let Beside { mut live, paths, session, recorder, protocol, services, sculpt_run, reloads, watches } = beside;
-    let mut screen = StatusLine::new(talk, session, protocol, live.operator.waits_after_fault);
+    let mut screen = StatusLine::new(output, session, protocol, live.operator.waits_after_fault);
     let handle = services.notice_handler();
     let mut service = Service::of_environment();
     let mut supervisor = Supervisor::new(|notice| {
@@ -297,14 +297,14 @@ fn run(
     let prepared = supervisor.bake(bake).map_err(Refusal::Prepare)?;
     let scene = Arc::new(prepared.scene);
     if let (Some(sculpt_run), Some(piece)) = (sculpt_run, prepared.piece) {
-        sculpt_run.fit(&piece, talk).map_err(Refusal::Strokes)?;
+        sculpt_run.fit(&piece, output).map_err(Refusal::Strokes)?;
         sculpt_run.open(piece, &scene, &mut live).map_err(|error| Refusal::Run(error.into()))?;
         services.sculpts(sculpt_run.for_clients(&scene));
     }
     live.commands = session.begin(&scene).with_paths(paths);
     if let Some(Attached { node, news, link }) = prepared.attached {
         services.attached(&node);
-        if !talk.quiet {
+        if !output.quiet {
             let lets_go = link.map_or(String::new(), |link| format!(", and {}", lets_go_text(&link.report())));
             output::message(format_args!("device: {} is ready{lets_go}\n", node.display()));
         }
@@ -323,7 +323,7 @@ fn run(
     end_by_signals(control).map_err(Refusal::Signals)?;
     signals::suspend_without_force();
     if reloads {
-        services.reload(session, watches, talk);
+        services.reload(session, watches, output);
     }
     supervisor.render_live(job, live, control).map_err(Refusal::Run)
 }

@@ -39,17 +39,17 @@ struct ReplayReport<'r> {
     replayed: &'r Replayed,
 }
 
-pub(crate) fn main(args: &Args, talk: OutputOptions) -> Exit {
-    let bake = |config: &SceneConfig| bake(config, args, talk);
+pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
+    let bake = |config: &SceneConfig| bake(config, args, output);
     let replayed = match replay(&args.recording, bake) {
         Ok(replayed) => replayed,
-        Err(problem) => return refuse(&problem, talk),
+        Err(problem) => return refuse(&problem, output),
     };
     for changed in &replayed.changed {
-        report::warning(&format!("this version reads the scene in another way: {}", one_line(changed)), talk);
+        report::warning(&format!("this version reads the scene in another way: {}", one_line(changed)), output);
     }
     if !replayed.whole && replayed.is_identical() {
-        report::note("the file has no end, its recorder was stopped short: this is what can be read of it", talk);
+        report::note("the file has no end, its recorder was stopped short: this is what can be read of it", output);
     }
     if args.json {
         match serde_json::to_string(&ReplayReport { identical: replayed.is_identical(), replayed: &replayed }) {
@@ -79,24 +79,24 @@ fn verdict(replayed: &Replayed) -> String {
     }
 }
 
-fn bake(config: &SceneConfig, args: &Args, talk: OutputOptions) -> Result<RenderScene, SceneError> {
-    let mut cache = args.cache.open(CachePolicy::Copy, talk);
-    let progress = BakeProgress::new(talk);
+fn bake(config: &SceneConfig, args: &Args, output: OutputOptions) -> Result<RenderScene, SceneError> {
+    let mut cache = args.cache.open(CachePolicy::Copy, output);
+    let progress = BakeProgress::new(output);
     // The scene comes with the recording: it must not end this program.
-    let memory = args.memory.plan_within(available_bytes, &progress, talk);
+    let memory = args.memory.plan_within(available_bytes, &progress, output);
     let mut means = BakeOptions { cache: &mut cache, memory };
     let built = scene::build_with(config, &mut means, |event| progress.tell(&event));
     drop(means);
     progress.finish();
-    cache::tell(&mut cache, talk);
+    cache::tell(&mut cache, output);
     built.map(|(scene, _)| scene)
 }
 
-fn refuse(problem: &ReplayError, talk: OutputOptions) -> Exit {
+fn refuse(problem: &ReplayError, output: OutputOptions) -> Exit {
     let hint = match problem {
-        ReplayError::Scene(problem) => return report::scene_error(problem, talk),
+        ReplayError::Scene(problem) => return report::scene_error(problem, output),
         ReplayError::Unpack(UnpackError::Config(errors)) => {
-            report::config_errors(errors, talk);
+            report::config_errors(errors, output);
             return Exit::Asset;
         }
         ReplayError::BeganLate(_) => {
@@ -107,7 +107,7 @@ fn refuse(problem: &ReplayError, talk: OutputOptions) -> Exit {
         ReplayError::Unpack(_) | ReplayError::Empty { .. } => None,
     };
     // Names in a recording are not ours.
-    report::error(&one_line(&problem.to_string()), hint, talk);
+    report::error(&one_line(&problem.to_string()), hint, output);
     Exit::Asset
 }
 

@@ -13,17 +13,17 @@ use vps::part::PartError;
 use vps::storage::printable::{one_line, printable};
 
 /// Prints every problem of a scene on stderr and gives the exit code for it.
-pub(crate) fn config_errors(errors: &ConfigErrors, talk: OutputOptions) -> Exit {
+pub(crate) fn config_errors(errors: &ConfigErrors, output: OutputOptions) -> Exit {
     for problem in errors.problems() {
-        error(&one_line(&problem.to_string()), problem.hint().as_deref(), talk);
+        error(&one_line(&problem.to_string()), problem.hint().as_deref(), output);
     }
     Exit::Configuration
 }
 
 /// Prints why an object cannot be built and gives the exit code for it: an asset, or a grid that the configuration asks for.
-pub(crate) fn scene_error(problem: &SceneError, talk: OutputOptions) -> Exit {
+pub(crate) fn scene_error(problem: &SceneError, output: OutputOptions) -> Exit {
     // What a mesh file says of itself may be in it.
-    error(&one_line(&problem.to_string()), problem.hint().as_deref(), talk);
+    error(&one_line(&problem.to_string()), problem.hint().as_deref(), output);
     match problem {
         SceneError::Part(PartError::Mesh { .. })
         | SceneError::Clay(ClayError::Load(_) | ClayError::Session(_) | ClayError::Piece(ClayModelError::Surface(_))) => {
@@ -35,49 +35,49 @@ pub(crate) fn scene_error(problem: &SceneError, talk: OutputOptions) -> Exit {
 }
 
 /// Prints why a scene cannot be rendered and gives the exit code for it.
-pub(crate) fn prepare_error(problem: &PrepareError, talk: OutputOptions) -> Exit {
+pub(crate) fn prepare_error(problem: &PrepareError, output: OutputOptions) -> Exit {
     match problem {
-        PrepareError::Config(errors) => config_errors(errors, talk),
-        PrepareError::Scene(problem) => scene_error(problem, talk),
+        PrepareError::Config(errors) => config_errors(errors, output),
+        PrepareError::Scene(problem) => scene_error(problem, output),
         PrepareError::Open(_) => {
-            error(&one_line(&problem.to_string()), None, talk);
+            error(&one_line(&problem.to_string()), None, output);
             Exit::Device
         }
         PrepareError::Hand(_) | PrepareError::Fault { .. } | PrepareError::Arm(_) => {
-            error(&one_line(&problem.to_string()), None, talk);
+            error(&one_line(&problem.to_string()), None, output);
             Exit::Configuration
         }
     }
 }
 
 /// Prints what a user should know of the objects of a scene.
-pub(crate) fn bake_warnings(reports: &[ObjectReport], talk: OutputOptions) {
-    bake_warnings_of("", reports, talk);
+pub(crate) fn bake_warnings(reports: &[ObjectReport], output: OutputOptions) {
+    bake_warnings_of("", reports, output);
 }
 
 /// The same, of a scene that is to be told from another: `scene` goes before each.
-pub(crate) fn bake_warnings_of(scene: &str, reports: &[ObjectReport], talk: OutputOptions) {
+pub(crate) fn bake_warnings_of(scene: &str, reports: &[ObjectReport], output: OutputOptions) {
     for object in reports {
         for text in &object.warnings {
-            warning(&one_line(&format!("{scene}{}: {text}", object.name)), talk);
+            warning(&one_line(&format!("{scene}{}: {text}", object.name)), output);
         }
     }
 }
 
 /// Prints what a user should know of the clay of a scene.
-pub(crate) fn clay_warnings(clay: &ClayReport, talk: OutputOptions) {
+pub(crate) fn clay_warnings(clay: &ClayReport, output: OutputOptions) {
     for text in &clay.warnings {
-        warning(&format!("clay: {text}"), talk);
+        warning(&format!("clay: {text}"), output);
     }
 }
 
 /// Prints one error with what to do about it.
-pub(crate) fn error(message: &str, hint: Option<&str>, talk: OutputOptions) {
+pub(crate) fn error(message: &str, hint: Option<&str>, output: OutputOptions) {
     if output::is_json() {
         let hint = hint.map(|hint| ("hint", hint.into()));
         return output::event(Level::Error, "error", message, hint.as_slice());
     }
-    let [red, cyan, plain] = if is_coloured(talk) { ["\x1b[1;31m", "\x1b[1;36m", "\x1b[0m"] } else { [""; 3] };
+    let [red, cyan, plain] = if is_coloured(output) { ["\x1b[1;31m", "\x1b[1;36m", "\x1b[0m"] } else { [""; 3] };
     output::message(format_args!("{red}error:{plain} {}\n", printable(message)));
     if let Some(hint) = hint {
         output::message(format_args!("  {cyan}hint:{plain} {}\n", one_line(hint)));
@@ -85,44 +85,44 @@ pub(crate) fn error(message: &str, hint: Option<&str>, talk: OutputOptions) {
 }
 
 /// Prints one warning, unless told to be quiet.
-pub(crate) fn warning(message: &str, talk: OutputOptions) {
-    remark(Level::Warning, "warning", "\x1b[1;33m", message, talk);
+pub(crate) fn warning(message: &str, output: OutputOptions) {
+    remark(Level::Warning, "warning", "\x1b[1;33m", message, output);
 }
 
 /// Prints what was assumed, unless told to be quiet.
-pub(crate) fn note(message: &str, talk: OutputOptions) {
-    remark(Level::Info, "note", "\x1b[1;36m", message, talk);
+pub(crate) fn note(message: &str, output: OutputOptions) {
+    remark(Level::Info, "note", "\x1b[1;36m", message, output);
 }
 
-fn remark(level: Level, word: &str, colour: &str, message: &str, talk: OutputOptions) {
-    if talk.quiet {
+fn remark(level: Level, word: &str, colour: &str, message: &str, output: OutputOptions) {
+    if output.quiet {
         return;
     }
     if output::is_json() {
         return output::event(level, word, message, &[]);
     }
-    let [colour, plain] = if is_coloured(talk) { [colour, "\x1b[0m"] } else { [""; 2] };
+    let [colour, plain] = if is_coloured(output) { [colour, "\x1b[0m"] } else { [""; 2] };
     output::message(format_args!("{colour}{word}:{plain} {}\n", printable(message)));
 }
 
 /// Prints a line as it is, unless told to be quiet.
-pub(crate) fn line(text: &str, talk: OutputOptions) {
-    if !talk.quiet {
+pub(crate) fn line(text: &str, output: OutputOptions) {
+    if !output.quiet {
         output::message(format_args!("{}\n", printable(text)));
     }
 }
 
 /// The last word: a result that could not be delivered spoils a good ending.
-pub(crate) fn finish(exit: Exit, talk: OutputOptions) -> Exit {
+pub(crate) fn finish(exit: Exit, output: OutputOptions) -> Exit {
     output::attach();
     service::finish();
     let Some(lost) = output::lost_result() else { return exit };
-    error(&format!("cannot write the result to stdout: {lost}"), None, talk);
+    error(&format!("cannot write the result to stdout: {lost}"), None, output);
     if exit == Exit::Ok { Exit::Asset } else { exit }
 }
 
-fn is_coloured(talk: OutputOptions) -> bool {
-    match talk.color {
+fn is_coloured(output: OutputOptions) -> bool {
+    match output.color {
         When::Always => true,
         When::Never => false,
         When::Auto => std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty()),

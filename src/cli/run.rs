@@ -16,9 +16,9 @@ pub(crate) struct Args {
     overwrite: bool,
 }
 
-pub(crate) fn main(args: &Args, talk: OutputOptions, started_ns: i64) -> Exit {
+pub(crate) fn main(args: &Args, output: OutputOptions, started_ns: i64) -> Exit {
     let own = Own { live: &args.live, clay: None, overwrite: args.overwrite };
-    render::main(&args.render, &own, talk, started_ns)
+    render::main(&args.render, &own, output, started_ns)
 }
 
 #[cfg(test)]

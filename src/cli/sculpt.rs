@@ -45,11 +45,11 @@ impl RigidArgs {
     }
 }
 
-pub(crate) fn main(args: &Args, talk: OutputOptions, started_ns: i64) -> Exit {
+pub(crate) fn main(args: &Args, output: OutputOptions, started_ns: i64) -> Exit {
     if let Some((flag, hint)) = args.rigid.given() {
-        report::error(&format!("{flag} is for rigid scenes, which `hapticd run` renders"), Some(hint), talk);
+        report::error(&format!("{flag} is for rigid scenes, which `hapticd run` renders"), Some(hint), output);
         return Exit::Usage;
     }
     let own = Own { live: &live::LiveArgs::default(), clay: Some(&args.clay), overwrite: args.overwrite };
-    render::main(&args.render, &own, talk, started_ns)
+    render::main(&args.render, &own, output, started_ns)
 }

@@ -84,7 +84,7 @@ impl SculptRun {
         overwrite: bool,
         clock: ClockKind,
         recording: Option<&Path>,
-        talk: OutputOptions,
+        output: OutputOptions,
     ) -> Result<Option<Self>, Exit> {
         let path = config.path.display();
         let (sculpt, args) = match (&config.sculpt, args) {
@@ -92,22 +92,22 @@ impl SculptRun {
             (Some(sculpt), Some(args)) => (sculpt.clone(), args),
             (Some(_), None) => {
                 let hint = format!("`hapticd sculpt {}` works it", output::quoted(&config.path));
-                report::error(&format!("{path}: [sculpt]: this scene has clay, and `run` is for rigid ones"), Some(&hint), talk);
+                report::error(&format!("{path}: [sculpt]: this scene has clay, and `run` is for rigid ones"), Some(&hint), output);
                 return Err(Exit::Configuration);
             }
             (None, Some(_)) => {
                 let hint =
                     format!("`hapticd run {}` renders it; a [sculpt] table would give it clay", output::quoted(&config.path));
-                report::error(&format!("{path}: this scene has no clay to sculpt"), Some(&hint), talk);
+                report::error(&format!("{path}: this scene has no clay to sculpt"), Some(&hint), output);
                 return Err(Exit::Configuration);
             }
         };
         let file = args.strokes.as_ref().or(sculpt.strokes.as_ref());
         let script = file.map(|file| strokes::load(file, &sculpt.tool)).transpose();
-        let script = script.map_err(|errors| report::config_errors(&errors, talk))?;
+        let script = script.map_err(|errors| report::config_errors(&errors, output))?;
         if script.is_none() && config.device.profile.real.is_none() && config.device.hand.is_none() {
             let hint = "`hand` under [device] leads it along a path, --strokes FILE works the piece without it";
-            report::note(&format!("nothing moves the simulated arm: {hint}"), talk);
+            report::note(&format!("nothing moves the simulated arm: {hint}"), output);
         }
         let outputs = args.outputs();
         let pictures = args.pictures.as_ref().map(|folder| Pictures {
@@ -117,7 +117,7 @@ impl SculptRun {
             before: PointSet::default(),
         });
         let written = Written { own: &outputs, script: script.as_ref(), pictures: pictures.as_ref(), recording };
-        written.check(config, overwrite, talk)?;
+        written.check(config, overwrite, output)?;
         let tick_s = config.parameters.period_s;
         Ok(Some(Self {
             plan: Plan { tick_s, update_ticks: sculpt.update_ticks, clock, script: Vec::new() },
@@ -131,9 +131,9 @@ impl SculptRun {
     }
 
     /// Holds the solids of the strokes against the piece: whether their units can be right.
-    pub(crate) fn fit(&self, piece: &LoadedClay, talk: OutputOptions) -> Result<(), ConfigErrors> {
+    pub(crate) fn fit(&self, piece: &LoadedClay, output: OutputOptions) -> Result<(), ConfigErrors> {
         let odd = self.script.as_ref().map(|script| script.fit(piece.workpiece.surface().bounds())).transpose()?;
-        odd.into_iter().flatten().for_each(|problem| report::warning(&problem.to_string(), talk));
+        odd.into_iter().flatten().for_each(|problem| report::warning(&problem.to_string(), output));
         Ok(())
     }
 
@@ -171,13 +171,13 @@ impl SculptRun {
     }
 
     /// After the last tick: waits for the thread of the clay, writes what was asked for and says what went wrong. `None`: it was never open.
-    pub(crate) fn close(self, talk: OutputOptions) -> Option<SculptSummary> {
+    pub(crate) fn close(self, output: OutputOptions) -> Option<SculptSummary> {
         let Open { thread, handle, volume_before_m3 } = self.open?;
         drop(handle);
-        let Ended { report, mut engine } = match wait(thread, talk) {
+        let Ended { report, mut engine } = match wait(thread, output) {
             Ok(ended) => ended,
             Err((why, hint)) => {
-                report::error(why, Some(hint), talk);
+                report::error(why, Some(hint), output);
                 return Some(SculptSummary {
                     engine: SculptReport { broken: Some(why.to_owned()), ..SculptReport::default() },
                     ..SculptSummary::default()
@@ -196,22 +196,22 @@ impl SculptRun {
             match carry_out(&mut engine, order) {
                 Some(Ok(())) => summary.saved.push(Saved { kind, file }),
                 Some(Err(error)) => {
-                    report::error(&error.to_string(), Some(hint(&error)), talk);
+                    report::error(&error.to_string(), Some(hint(&error)), output);
                     summary.unsaved.push(Saved { kind, file });
                 }
                 None => {
                     let message = format!("cannot write {}: the program failed while it wrote it", file.display());
-                    report::error(&message, Some("this is a bug of hapticd: please report it"), talk);
+                    report::error(&message, Some("this is a bug of hapticd: please report it"), output);
                     summary.unsaved.push(Saved { kind, file });
                 }
             }
         }
         if summary.is_at_risk() {
-            summary.rescued = rescue(&mut engine, &self.name, talk);
+            summary.rescued = rescue(&mut engine, &self.name, output);
         } else if summary.saved.is_empty() && summary.engine.files.is_empty() && summary.engine.strokes > 0 {
             report::note(
                 "the strokes were not kept: --session FILE keeps all, --save FILE the samples, --export FILE a mesh",
-                talk,
+                output,
             );
         }
         // A picture keeps no stroke, and one that cannot be drawn loses none.
@@ -220,7 +220,7 @@ impl SculptRun {
                 match drawn {
                     Ok(()) => summary.saved.push(Saved { kind: "picture", file }),
                     Err(error) => {
-                        report::error(&format!("cannot write {}: {error}", file.display()), destination::hint(&error), talk);
+                        report::error(&format!("cannot write {}: {error}", file.display()), destination::hint(&error), output);
                         summary.unsaved.push(Saved { kind: "picture", file });
                     }
                 }
@@ -229,7 +229,7 @@ impl SculptRun {
         // Those of strokes and clients came first; what is at risk is judged without them, as they may be older than the last stroke.
         let earlier = std::mem::take(&mut summary.engine.files);
         summary.saved.splice(0..0, earlier.into_iter().map(|(kind, file)| Saved { kind, file }));
-        summary.tell(self.script.as_ref().map(|script| &*script.file), self.plan.tick_s, talk);
+        summary.tell(self.script.as_ref().map(|script| &*script.file), self.plan.tick_s, output);
         Some(summary)
     }
 }

@@ -103,11 +103,11 @@ impl Services {
     }
 
     /// Begins to read the scene again when SIGHUP asks for it, and where wished when its files change. After signals are caught.
-    pub(crate) fn reload(&mut self, session: &SessionHandle, watches: bool, talk: OutputOptions) {
+    pub(crate) fn reload(&mut self, session: &SessionHandle, watches: bool, output: OutputOptions) {
         let Some(known) = self.known.take() else { return };
         let (hub, rendered) = (self.hub.clone(), session.clone());
         let tell = Box::new(move |news: &News| {
-            reload::tell(news, talk);
+            reload::tell(news, output);
             if let (News::Refused(refusal), Some(hub)) = (news, &hub) {
                 let path = &rendered.view().config.path;
                 hub.scene_refused(&path.file_stem().unwrap_or_default().to_string_lossy(), &refusal.to_string());

@@ -36,14 +36,14 @@ pub(super) struct StatusLine<'a> {
 
 impl<'a> StatusLine<'a> {
     pub(super) fn new(
-        talk: OutputOptions,
+        output: OutputOptions,
         session: &'a SessionHandle,
         protocol: Option<&'a Protocol>,
         waits_after_fault: bool,
     ) -> Self {
-        let live = !talk.quiet && !output::is_json() && std::io::stderr().is_terminal();
-        let next_status = (output::is_json() && talk.verbose > 0).then(Instant::now);
-        Self { session, protocol, quiet: talk.quiet, live, waits_after_fault, status_on: false, next_status }
+        let live = !output.quiet && !output::is_json() && std::io::stderr().is_terminal();
+        let next_status = (output::is_json() && output.verbose > 0).then(Instant::now);
+        Self { session, protocol, quiet: output.quiet, live, waits_after_fault, status_on: false, next_status }
     }
 
     pub(super) fn show(&mut self, notice: &Notice<'_>) {

@@ -10,7 +10,7 @@ use haptics::{RenderScene, SceneBuilder, ToolOptions};
 use vps::contact::ContactSum;
 use vps::part::{ObjectReport, Role};
 use vps::spatial::{Metres, Pose};
-use vps::voxmap::Stage;
+use vps::voxmap::BakeStage;
 
 /// What a watcher is told while a scene is baked.
 #[derive(Clone, Copy, Debug)]
@@ -22,7 +22,7 @@ pub struct Event<'a> {
     /// Objects in the scene.
     pub n_objects: usize,
     /// Stage that begins.
-    pub stage: Stage,
+    pub stage: BakeStage,
 }
 
 /// Bakes every object of a scene, without a cache and whatever memory it takes. Runs on the current rayon pool; the result does not depend on its size.
@@ -97,7 +97,7 @@ pub fn build_all(config: &SceneConfig, means: &mut BakeOptions<'_>, mut watch: i
     let (Some(shell), Some(mass)) = (shell, mass) else { unreachable!("a tool has a shell and a mass") };
     let mut piece = None;
     if let Some(sculpt) = &config.sculpt {
-        watch(Event { name: "clay", object_idx: n_objects - 1, n_objects, stage: Stage::Surface });
+        watch(Event { name: "clay", object_idx: n_objects - 1, n_objects, stage: BakeStage::Surface });
         let built = LoadedClay::build(config, sculpt, &means.memory)?;
         builder.set_clay(built.clay(config, sculpt)?);
         piece = Some(built);

@@ -10,7 +10,7 @@ use vps::part::{Part, PartError, Role};
 use vps::voxmap::estimate::{Estimate, MeshMeasures, Products, voxel_size_within};
 use vps::voxmap::grid::{Grid, GridError};
 use vps::voxmap::memory_limit::MemoryLimit;
-use vps::voxmap::{Options, Stage};
+use vps::voxmap::{BakeStage, Options};
 
 /// Why a scene cannot be built.
 #[derive(Debug, Error)]
@@ -146,9 +146,9 @@ impl core::fmt::Debug for MemoryPlan<'_> {
 pub(super) fn obtain(
     request: &Request<'_>,
     BakeOptions { cache, memory }: &mut BakeOptions<'_>,
-    mut tell: impl FnMut(Stage),
+    mut tell: impl FnMut(BakeStage),
 ) -> Result<Baked, PartError> {
-    tell(Stage::Load);
+    tell(BakeStage::Load);
     // What the cache has is read whole.
     let most_bytes = memory.left().map_or(u64::MAX, MemoryLimit::max_bytes);
     let slot = match cache.look_up(request, most_bytes) {
@@ -164,7 +164,7 @@ pub(super) fn obtain(
     Ok(baked)
 }
 
-fn bake(request: &Request<'_>, memory: &mut MemoryPlan<'_>, tell: impl FnMut(Stage)) -> Result<Baked, PartError> {
+fn bake(request: &Request<'_>, memory: &mut MemoryPlan<'_>, tell: impl FnMut(BakeStage)) -> Result<Baked, PartError> {
     let part = load(request.name, request.source, request.spacing)?;
     let options = request.options(&part);
     memory.judge(&part, &options, request.products())?;

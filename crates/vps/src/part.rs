@@ -22,7 +22,7 @@ use crate::pointshell::shell::Shell;
 use crate::pointshell::{self, ShellReport};
 use crate::voxmap::field::Field;
 use crate::voxmap::grid::GridError;
-use crate::voxmap::{Options, Stage, Voxmap};
+use crate::voxmap::{BakeStage, Options, Voxmap};
 
 /// A tessellation's chord error as a share of the voxel edge, so that the voxel size limits accuracy.
 const CHORD_SHARE: f64 = 0.02;
@@ -113,10 +113,10 @@ impl Part {
         &self,
         options: &Options,
         with_gradients: bool,
-        mut watch: impl FnMut(Stage),
+        mut watch: impl FnMut(BakeStage),
     ) -> Result<(Field, ObjectReport), PartError> {
         let mut map = self.voxmap(options, &mut watch)?;
-        watch(Stage::Distance);
+        watch(BakeStage::Distance);
         let field = map.field(&self.mesh, with_gradients);
         Ok((field, self.report(Role::Static, &map, &ShellReport::default())))
     }
@@ -129,11 +129,11 @@ impl Part {
         &self,
         options: &Options,
         center_of_mass: Option<DVec3>,
-        mut watch: impl FnMut(Stage),
+        mut watch: impl FnMut(BakeStage),
     ) -> Result<(Shell, MassProperties, ObjectReport), PartError> {
         let map = self.voxmap(options, &mut watch)?;
         let mass = self.mass_properties();
-        watch(Stage::Pointshell);
+        watch(BakeStage::Pointshell);
         let (shell, report) = pointshell::build(&self.mesh, &map, center_of_mass.unwrap_or(mass.center_m));
         Ok((shell, mass, self.report(Role::Tool, &map, &report)))
     }
@@ -142,7 +142,7 @@ impl Part {
     ///
     /// # Errors
     /// A grid that is too large.
-    pub fn voxmap(&self, options: &Options, watch: impl FnMut(Stage)) -> Result<Voxmap, PartError> {
+    pub fn voxmap(&self, options: &Options, watch: impl FnMut(BakeStage)) -> Result<Voxmap, PartError> {
         Voxmap::build(&self.mesh, &self.inspected, options, watch)
             .map_err(|source| PartError::Grid { name: self.name.clone(), source })
     }

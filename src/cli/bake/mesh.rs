@@ -19,17 +19,17 @@ use vps::pointshell::{self, ply};
 use vps::voxmap::grid::GridError;
 use vps::voxmap::inside_test::InsideTest;
 use vps::voxmap::surface::Navigation;
-use vps::voxmap::{Options, Stage, npy};
+use vps::voxmap::{BakeStage, Options, npy};
 
 /// Largest voxel edge: that of the scene file.
 const VOXEL_SIZE_MAX_MM: f64 = 1000.0;
 
 /// A mesh of the command line: no scene that it could be relative to, and flags instead of keys.
-pub(super) fn mesh_error(args: &Args, error: &PartError, talk: OutputOptions) -> Exit {
+pub(super) fn mesh_error(args: &Args, error: &PartError, output: OutputOptions) -> Exit {
     match error {
         PartError::Mesh { source, .. } => {
             let hint = if matches!(source, MeshError::Missing { .. }) { None } else { source.hint() };
-            report::error(&source.to_string(), hint, talk);
+            report::error(&source.to_string(), hint, output);
             Exit::Asset
         }
         PartError::Grid { source, .. } => {
@@ -44,13 +44,13 @@ pub(super) fn mesh_error(args: &Args, error: &PartError, talk: OutputOptions) ->
                 }
                 (GridError::Memory { .. } | GridError::VoxelSize(_), _) => source.hint(),
             };
-            report::error(&format!("{}: {source}", args.input.display()), Some(&hint), talk);
+            report::error(&format!("{}: {source}", args.input.display()), Some(&hint), output);
             Exit::Configuration
         }
     }
 }
 
-pub(super) fn bake_mesh(args: &Args, talk: OutputOptions) -> Result<(), Failure> {
+pub(super) fn bake_mesh(args: &Args, output: OutputOptions) -> Result<(), Failure> {
     let metres_per_unit = match (args.units, args.voxel_size_mm, args.longest_axis_voxels) {
         (_, None, None) => return Err(Failure::Usage("a mesh needs --voxel-size-mm S or --longest-axis-voxels N".into())),
         (None, Some(_), _) => return Err(Failure::Usage("--voxel-size-mm needs --units m|mm|cm|in of the mesh file".into())),
@@ -100,21 +100,24 @@ pub(super) fn bake_mesh(args: &Args, talk: OutputOptions) -> Result<(), Failure>
         Some(NavigationChoice::Auto) | None => None,
     };
     let needs_more = navigation.is_some() || outputs.iter().any(|output| output.is_some());
-    let mut cache = if needs_more { Cache::off() } else { args.cache.open(CachePolicy::Mapped, talk) };
+    let mut cache = if needs_more { Cache::off() } else { args.cache.open(CachePolicy::Mapped, output) };
     if args.units.is_none() {
-        report::note("the numbers of the mesh file are taken as metres; --units m|mm|cm|in says otherwise", talk);
+        report::note("the numbers of the mesh file are taken as metres; --units m|mm|cm|in says otherwise", output);
     }
     // JSON has it under "cache".
     if needs_more && !args.cache.is_off() && !args.json {
-        report::note("baked without the cache, which has neither layers nor distances by voxel nor what a navigation costs", talk);
+        report::note(
+            "baked without the cache, which has neither layers nor distances by voxel nor what a navigation costs",
+            output,
+        );
     }
-    let progress = BakeProgress::new(talk);
+    let progress = BakeProgress::new(output);
     let tell = |stage| progress.tell(&Event { name: &name, object_idx: 0, n_objects: 1, stage });
-    tell(Stage::Load);
+    tell(BakeStage::Load);
     let baked = match cache.look_up(&request, u64::MAX) {
         Lookup::Hit(baked) => *baked,
         Lookup::Bake(slot) => {
-            let mut memory = args.memory.plan(&progress, talk);
+            let mut memory = args.memory.plan(&progress, output);
             let mut baked = generate(args, &request, navigation, &mut memory, tell)?;
             baked.report.cache = slot.cache;
             cache.store(&slot, &request, &baked);
@@ -122,10 +125,10 @@ pub(super) fn bake_mesh(args: &Args, talk: OutputOptions) -> Result<(), Failure>
         }
     };
     progress.finish();
-    cache::tell(&mut cache, talk);
+    cache::tell(&mut cache, output);
 
     let Baked { field, shell, report: object, .. } = baked;
-    report::bake_warnings(core::slice::from_ref(&object), talk);
+    report::bake_warnings(core::slice::from_ref(&object), output);
     if args.json {
         #[derive(Serialize)]
         struct MeshReport {
@@ -154,19 +157,19 @@ fn generate(
     request: &Request<'_>,
     navigation: Option<Navigation>,
     memory: &mut MemoryPlan<'_>,
-    tell: impl Fn(Stage),
+    tell: impl Fn(BakeStage),
 ) -> Result<Baked, Failure> {
     let part = scene::load(request.name, request.source, request.spacing)?;
     let options = Options { navigation, ..request.options(&part) };
     memory.judge(&part, &options, request.products())?;
     let mut map = part.voxmap(&options, &tell)?;
-    tell(Stage::Distance);
+    tell(BakeStage::Distance);
     if let Some(path) = &args.field_out {
         let distances = map.distances(&part.mesh, false);
         write(path, |path| npy::write_distances(path, &map.layers, &distances))?;
     }
     let field = map.field(&part.mesh, request.with_gradients);
-    tell(Stage::Pointshell);
+    tell(BakeStage::Pointshell);
     let mass = part.mass_properties();
     let center_of_mass = request.center_of_mass.unwrap_or(mass.center_m);
     let (shell, shell_report) = pointshell::build(&part.mesh, &map, center_of_mass);

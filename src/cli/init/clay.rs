@@ -7,7 +7,7 @@ use glam::DVec3;
 
 use super::super::{OutputOptions, report};
 use super::place::Place;
-use super::{Args, Refused, guessed, read, relative};
+use super::{Args, ReportedExit, guessed, read, relative};
 use crate::config::draft::{ClayDraft, Unit};
 use crate::error::Exit;
 use vps::mesh::cloud::{self, Contents};
@@ -22,20 +22,20 @@ struct Found {
 }
 
 /// Writes the scene.
-pub(super) fn init(args: &Args, talk: OutputOptions) -> Result<(), Refused> {
+pub(super) fn init(args: &Args, output: OutputOptions) -> Result<(), ReportedExit> {
     let refuse = |exit: Exit, message: &str, hint: Option<&str>| {
-        report::error(message, hint, talk);
-        Refused(exit)
+        report::error(message, hint, output);
+        ReportedExit(exit)
     };
     let file = &args.folder;
-    let place = Place::of(args, || file.with_extension("toml"), talk)?;
+    let place = Place::of(args, || file.with_extension("toml"), output)?;
     if args.tool.is_some() {
         return Err(refuse(Exit::Usage, "--tool goes with a folder: a ball works the clay", None));
     }
-    place.check_free(args, talk)?;
+    place.check_free(args, output)?;
     let Found { is_mesh, bounds, own_unit } = look(file).map_err(|error| {
-        report::error(&error.to_string(), error.hint(), talk);
-        Refused(Exit::Asset)
+        report::error(&error.to_string(), error.hint(), output);
+        ReportedExit(Exit::Asset)
     })?;
     let Some((low, high)) = bounds.filter(|(low, high)| (*high - *low).max_element() > 0.0) else {
         return Err(refuse(Exit::Asset, &format!("{}: nothing in it has a size", file.display()), None));
@@ -44,7 +44,7 @@ pub(super) fn init(args: &Args, talk: OutputOptions) -> Result<(), Refused> {
     let (unit, why) = match (args.units, own_unit) {
         (_, Some(own)) => (own, "of the file, which names it itself".to_owned()),
         (Some(unit), None) => (unit.into(), "of the file".to_owned()),
-        (None, None) => guessed(longest, "the piece", talk),
+        (None, None) => guessed(longest, "the piece", output),
     };
     let metres = if own_unit.is_some() { 1.0 } else { unit.metres() };
     let folder = place.folder();
@@ -56,7 +56,7 @@ pub(super) fn init(args: &Args, talk: OutputOptions) -> Result<(), Refused> {
     let draft = ClayDraft { file: named, name, is_mesh, unit, bounds_m: (low * metres, high * metres) };
     let what = if is_mesh { "a mesh, sampled" } else { "points" };
     let summary = format!("clay    {} ({what}), {} across\n", draft.file, Metres(longest * metres));
-    place.write(&draft.text(&place.named(), &why), &summary, ("sculpt", "works"), talk)
+    place.write(&draft.text(&place.named(), &why), &summary, ("sculpt", "works"), output)
 }
 
 fn look(file: &Path) -> Result<Found, MeshError> {

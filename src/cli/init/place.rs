@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use super::super::{OutputOptions, output, report};
-use super::{Args, Refused};
+use super::{Args, ReportedExit};
 use crate::config;
 use crate::error::Exit;
 
@@ -17,7 +17,7 @@ pub(super) enum Place {
 
 impl Place {
     /// What the command line says, or the default.
-    pub(super) fn of(args: &Args, default: impl FnOnce() -> PathBuf, talk: OutputOptions) -> Result<Self, Refused> {
+    pub(super) fn of(args: &Args, default: impl FnOnce() -> PathBuf, output: OutputOptions) -> Result<Self, ReportedExit> {
         let file = match &args.out {
             Some(out) if out.as_os_str() == "-" => return Ok(Self::Stdout),
             Some(out) => out.clone(),
@@ -26,17 +26,17 @@ impl Place {
         if file.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("toml")) {
             return Ok(Self::File(file));
         }
-        report::error(&format!("{}: a scene is a .toml file", file.display()), None, talk);
-        Err(Refused(Exit::Usage))
+        report::error(&format!("{}: a scene is a .toml file", file.display()), None, output);
+        Err(ReportedExit(Exit::Usage))
     }
 
     /// Refuses a file that is there and is to be kept.
-    pub(super) fn check_free(&self, args: &Args, talk: OutputOptions) -> Result<(), Refused> {
+    pub(super) fn check_free(&self, args: &Args, output: OutputOptions) -> Result<(), ReportedExit> {
         match self {
             Self::File(file) if file.exists() && !args.overwrite => {
                 let message = format!("{} is there already", file.display());
-                report::error(&message, Some("--overwrite writes over it, -o names another file"), talk);
-                Err(Refused(Exit::Usage))
+                report::error(&message, Some("--overwrite writes over it, -o names another file"), output);
+                Err(ReportedExit(Exit::Usage))
             }
             _ => Ok(()),
         }
@@ -59,17 +59,17 @@ impl Place {
     }
 
     /// Writes the scene, reads it back, and says what it is. On stdout stands nothing but the scene. `next`: the command for it, and what that does.
-    pub(super) fn write(&self, text: &str, summary: &str, next: (&str, &str), talk: OutputOptions) -> Result<(), Refused> {
+    pub(super) fn write(&self, text: &str, summary: &str, next: (&str, &str), output: OutputOptions) -> Result<(), ReportedExit> {
         let Self::File(file) = self else {
             output::result(format_args!("{text}"));
-            report::line(summary.trim_end(), talk);
+            report::line(summary.trim_end(), output);
             return Ok(());
         };
         fs::write(file, text).map_err(|error| {
-            report::error(&format!("cannot write {}: {error}", file.display()), None, talk);
-            Refused(Exit::Asset)
+            report::error(&format!("cannot write {}: {error}", file.display()), None, output);
+            ReportedExit(Exit::Asset)
         })?;
-        config::load(file).map_err(|errors| Refused(report::config_errors(&errors, talk)))?;
+        config::load(file).map_err(|errors| ReportedExit(report::config_errors(&errors, output)))?;
         let (command, does) = next;
         output::result(format_args!("{summary}wrote   {}: `hapticd {command} {}` {does} it\n", file.display(), self.named()));
         Ok(())

@@ -6,13 +6,13 @@ use arms::profile::RealArm;
 use vps::spatial::Axes;
 
 /// What an operator has to know of a real arm before it moves.
-pub(super) fn tell_of_arm(config: &SceneConfig, real: &RealArm, talk: OutputOptions) {
+pub(super) fn tell_of_arm(config: &SceneConfig, real: &RealArm, output: OutputOptions) {
     let profile = &config.device.profile;
     if config.device.hand.is_some() {
-        report::note("the scene's hand is for simulated arms: a real one has yours", talk);
+        report::note("the scene's hand is for simulated arms: a real one has yours", output);
     }
     if let Some(instruction) = &real.homing.instruction {
-        report::note(&format!("homing: {instruction}"), talk);
+        report::note(&format!("homing: {instruction}"), output);
     }
     let has_motors = profile.actuated != Axes::NONE;
     if has_motors && profile.has_unverified_signs() {
@@ -23,7 +23,7 @@ pub(super) fn tell_of_arm(config: &SceneConfig, real: &RealArm, talk: OutputOpti
                  ({})",
                 probe::command(profile, config.device.selector.as_ref(), "--sign-check")
             ),
-            talk,
+            output,
         );
     }
     if has_motors && profile.is_unidentified() {
@@ -32,7 +32,7 @@ pub(super) fn tell_of_arm(config: &SceneConfig, real: &RealArm, talk: OutputOpti
                 "not identified: stiffness is bounded by half of the assumed damping ({})",
                 probe::command(profile, config.device.selector.as_ref(), "--identify")
             ),
-            talk,
+            output,
         );
     }
 }

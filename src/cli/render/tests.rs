@@ -35,7 +35,7 @@ fn synthetic() -> Prepared {
 }
 
 /// A run in which nothing changes.
-fn run(args: &LoopArgs, talk: OutputOptions, bake: impl FnOnce() -> Result<Prepared, PrepareError>) -> Result<Outcome, Refusal> {
+fn run(args: &LoopArgs, output: OutputOptions, bake: impl FnOnce() -> Result<Prepared, PrepareError>) -> Result<Outcome, Refusal> {
     let session = testing::session(args.clock.kind());
     let beside = Beside {
         live: Live::default(),
@@ -48,7 +48,7 @@ fn run(args: &LoopArgs, talk: OutputOptions, bake: impl FnOnce() -> Result<Prepa
         reloads: false,
         watches: false,
     };
-    super::run(args, talk, beside, &Arc::new(Control::new()), |_| Ok(()), bake)
+    super::run(args, output, beside, &Arc::new(Control::new()), |_| Ok(()), bake)
 }
 
 fn result_text(totals: &Totals, start_s: StartTimes, json: bool) -> String {

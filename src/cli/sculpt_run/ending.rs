@@ -14,7 +14,7 @@ use rt::utc::timestamp;
 const LOOK: Duration = Duration::from_millis(5);
 
 /// Waits for a thread that finishes what it does. A first interrupt is answered with words; a second one ends the wait.
-pub(super) fn wait(thread: SculptThread, talk: OutputOptions) -> Result<Ended, (&'static str, &'static str)> {
+pub(super) fn wait(thread: SculptThread, output: OutputOptions) -> Result<Ended, (&'static str, &'static str)> {
     thread.end();
     let before = interrupts();
     let mut was_asked = false;
@@ -24,7 +24,7 @@ pub(super) fn wait(thread: SculptThread, talk: OutputOptions) -> Result<Ended, (
             1 if was_asked => {}
             1 => {
                 was_asked = true;
-                report::note("the work on the clay finishes; interrupt once more to end without what it would save", talk);
+                report::note("the work on the clay finishes; interrupt once more to end without what it would save", output);
             }
             _ => return Err(("the work on the clay was not waited for", "what was not saved before is lost")),
         }
@@ -39,7 +39,7 @@ pub(super) fn carry_out(engine: &mut SculptEngine, order: SculptOrder) -> Option
 }
 
 /// Keeps the session where it surely can be written: among what the program keeps for itself, else among temporary files.
-pub(super) fn rescue(engine: &mut SculptEngine, name: &str, talk: OutputOptions) -> Option<PathBuf> {
+pub(super) fn rescue(engine: &mut SculptEngine, name: &str, output: OutputOptions) -> Option<PathBuf> {
     let file = format!("{name}-{}-{}.session", timestamp(SystemTime::now()), std::process::id());
     let folders = [recording::state_folder().map(|state| state.join("rescued")), Some(std::env::temp_dir())];
     for folder in folders.into_iter().flatten() {
@@ -48,11 +48,11 @@ pub(super) fn rescue(engine: &mut SculptEngine, name: &str, talk: OutputOptions)
             && matches!(carry_out(engine, SculptOrder::SaveSession(path.clone())), Some(Ok(())))
         {
             let hint = format!("`session = \"{}\"` under [sculpt] goes on from there", path.display());
-            report::warning(&format!("nothing is lost: the whole session is in {}; {hint}", path.display()), talk);
+            report::warning(&format!("nothing is lost: the whole session is in {}; {hint}", path.display()), output);
             return Some(path);
         }
     }
-    report::error("the session could not be kept anywhere", Some("free some space on the disk"), talk);
+    report::error("the session could not be kept anywhere", Some("free some space on the disk"), output);
     None
 }
 

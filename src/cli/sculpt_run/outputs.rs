@@ -53,10 +53,10 @@ pub(super) struct Written<'w> {
 
 impl Written<'_> {
     /// Refuses what cannot be written, may not be written over, or is read.
-    pub(super) fn check(&self, config: &SceneConfig, overwrite: bool, talk: OutputOptions) -> Result<(), Exit> {
+    pub(super) fn check(&self, config: &SceneConfig, overwrite: bool, output: OutputOptions) -> Result<(), Exit> {
         let Self { own, script, pictures, recording } = self;
         let refuse = |exit: Exit, message: String, hint: Option<&str>| {
-            report::error(&message, hint, talk);
+            report::error(&message, hint, output);
             Err(exit)
         };
         let own = own.iter().map(destination_of);
@@ -72,7 +72,7 @@ impl Written<'_> {
                 return refuse(Exit::Asset, format!("cannot make the folder {folder}: {error}"), destination::hint(&error));
             }
             if is_new {
-                report::note(&format!("made the folder {folder} for pictures"), talk);
+                report::note(&format!("made the folder {folder} for pictures"), output);
             }
             files.extend(pictures.files());
         }

@@ -59,7 +59,7 @@ impl SculptSummary {
         }
     }
 
-    pub(super) fn tell(&self, strokes: Option<&Path>, tick_s: f64, talk: OutputOptions) {
+    pub(super) fn tell(&self, strokes: Option<&Path>, tick_s: f64, output: OutputOptions) {
         let SculptReport { failed, left_over, troubles, broken, updates, late, .. } = &self.engine;
         for FailedOrder { tick, is_scripted, line, what, why } in failed {
             let at_s = show(*tick as f64 * tick_s);
@@ -67,15 +67,15 @@ impl SculptSummary {
                 (Some(file), Some(line)) => format!("{}:{line}: stroke not carried out: {what} at {at_s} s: {why}", file.display()),
                 _ => format!("{} not carried out: {what} at {at_s} s: {why}", if *is_scripted { "stroke" } else { "order" }),
             };
-            report::warning(&message, talk);
+            report::warning(&message, output);
         }
         for trouble in troubles {
-            report::warning(&format!("clay: {trouble}"), talk);
+            report::warning(&format!("clay: {trouble}"), output);
         }
         if *left_over > 0 {
             let (number, were) =
                 if *left_over == 1 { ("1 stroke".to_owned(), "was") } else { (format!("{left_over} strokes"), "were") };
-            report::warning(&format!("the run ended before {number} {were} due; --duration says how long it goes on"), talk);
+            report::warning(&format!("the run ended before {number} {were} due; --duration says how long it goes on"), output);
         }
         if *late as f64 > LATE_SHARE * (*updates + *late) as f64 {
             report::warning(
@@ -84,14 +84,14 @@ impl SculptSummary {
                      `sculpt.raster`, or a lower `sculpt.update_hz`",
                     updates + late
                 ),
-                talk,
+                output,
             );
         }
         if let Some(broken) = broken {
             report::error(
                 &format!("sculpting ended before the loop: {broken}"),
                 Some("this is a bug of hapticd: please report it"),
-                talk,
+                output,
             );
         }
     }

@@ -27,7 +27,7 @@ use glam::DVec3;
 
 /// Feature of a triangle on which a closest point lies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Region {
+pub enum TriangleFeature {
     /// Inside the triangle, or on its border by rounding only.
     Interior,
     /// On edge k, which runs from corner k to corner k + 1 (modulo 3).
@@ -36,7 +36,7 @@ pub enum Region {
     Vertex(u8),
 }
 
-impl Region {
+impl TriangleFeature {
     /// True for the interior: the points that phase 1 of the pointshell keeps.
     pub fn is_interior(self) -> bool {
         self == Self::Interior
@@ -49,7 +49,7 @@ pub struct Projection {
     /// The point of the triangle, same frame and unit as the corners.
     pub point: DVec3,
     /// Where on the triangle it lies.
-    pub region: Region,
+    pub feature: TriangleFeature,
     /// Squared distance to the projected point; infinite where the square is out of range.
     pub distance_squared: f64,
 }
@@ -141,29 +141,33 @@ impl TriangleProjector {
 
         if s_delta >= 0.0 && t_delta >= 0.0 && s_delta + t_delta <= delta {
             let (s, t) = (s_delta * self.inverse_delta, t_delta * self.inverse_delta);
-            return finish(point, self.corners[0] + self.edge0 * s + self.edge1 * t, Region::Interior);
+            return finish(point, self.corners[0] + self.edge0 * s + self.edge1 * t, TriangleFeature::Interior);
         }
         if t_delta <= 0.0 && d < 0.0 && -d < a {
-            return finish(point, self.corners[0] + self.edge0 * (-d * self.inverse_a), Region::Edge(self.names[0]));
+            return finish(point, self.corners[0] + self.edge0 * (-d * self.inverse_a), TriangleFeature::Edge(self.names[0]));
         }
         if s_delta <= 0.0 && e < 0.0 && -e < c {
-            return finish(point, self.corners[0] + self.edge1 * (-e * self.inverse_c), Region::Edge(self.names[2]));
+            return finish(point, self.corners[0] + self.edge1 * (-e * self.inverse_c), TriangleFeature::Edge(self.names[2]));
         }
         // Along the opposite edge the squared distance changes by these amounts at its two ends.
         let (from_second, from_first) = (c + e - b - d, a + d - b - e);
         if s_delta + t_delta >= delta && from_second > 0.0 && from_first > 0.0 {
             // Counted from the nearer corner, so that the result does not leave the edge by cancellation.
             let s = from_second * self.inverse_opposite;
-            return finish(point, self.corners[2] + (self.corners[1] - self.corners[2]) * s.min(1.0), Region::Edge(self.names[1]));
+            return finish(
+                point,
+                self.corners[2] + (self.corners[1] - self.corners[2]) * s.min(1.0),
+                TriangleFeature::Edge(self.names[1]),
+            );
         }
         if d >= 0.0 && e >= 0.0 {
-            return finish(point, self.corners[0], Region::Vertex(self.names[0]));
+            return finish(point, self.corners[0], TriangleFeature::Vertex(self.names[0]));
         }
         if a + d <= 0.0 && from_first <= 0.0 {
-            return finish(point, self.corners[1], Region::Vertex(self.names[1]));
+            return finish(point, self.corners[1], TriangleFeature::Vertex(self.names[1]));
         }
         if c + e <= 0.0 && from_second <= 0.0 {
-            return finish(point, self.corners[2], Region::Vertex(self.names[2]));
+            return finish(point, self.corners[2], TriangleFeature::Vertex(self.names[2]));
         }
         // In exact arithmetic one candidate holds. Rounding can refuse all of them on a border between two regions.
         self.project_carefully(point)
@@ -172,7 +176,7 @@ impl TriangleProjector {
     /// The same answer by comparing distances: for thin and degenerate triangles, borders, and overflow.
     #[cold]
     fn project_carefully(&self, point: DVec3) -> Projection {
-        let mut best = finish(point, self.corners[0], Region::Vertex(self.names[0]));
+        let mut best = finish(point, self.corners[0], TriangleFeature::Vertex(self.names[0]));
         for k in 0..3 {
             let next = (k + 1) % 3;
             let candidate = project_on_segment(self.corners[k], self.corners[next], [self.names[k], self.names[next]], point);
@@ -194,7 +198,7 @@ impl TriangleProjector {
                 foot = self.corners[0] + self.edge0 * s + self.edge1 * t;
             }
             if s >= 0.0 && t >= 0.0 && s + t <= 1.0 {
-                let candidate = finish(point, foot, Region::Interior);
+                let candidate = finish(point, foot, TriangleFeature::Interior);
                 if candidate.distance_squared <= best.distance_squared {
                     best = candidate;
                 }
@@ -208,7 +212,7 @@ impl TriangleProjector {
     fn project_scaled(&self, point: DVec3) -> Projection {
         let largest =
             self.corners.iter().fold(point.abs().max_element(), |largest, corner| largest.max(corner.abs().max_element()));
-        let corner = finish(point, self.corners[0], Region::Vertex(self.names[0]));
+        let corner = finish(point, self.corners[0], TriangleFeature::Vertex(self.names[0]));
         // Below this size a squared distance cannot have overflowed: some input was not a number.
         if !largest.is_finite() || largest < 1e100 {
             return corner;
@@ -217,15 +221,15 @@ impl TriangleProjector {
         let scale = 0.5 * largest;
         let mut scaled = Self::new(&self.corners.map(|corner| corner / scale)).project(point / scale);
         let names = &self.names;
-        scaled.region = match scaled.region {
-            Region::Interior => Region::Interior,
-            Region::Edge(k) => Region::Edge(names[usize::from(k)]),
-            Region::Vertex(k) => Region::Vertex(names[usize::from(k)]),
+        scaled.feature = match scaled.feature {
+            TriangleFeature::Interior => TriangleFeature::Interior,
+            TriangleFeature::Edge(k) => TriangleFeature::Edge(names[usize::from(k)]),
+            TriangleFeature::Vertex(k) => TriangleFeature::Vertex(names[usize::from(k)]),
         };
         let limit = DVec3::splat(f64::MAX);
         Projection {
             point: (scaled.point * scale).clamp(-limit, limit),
-            region: scaled.region,
+            feature: scaled.feature,
             distance_squared: scaled.distance_squared * scale * scale,
         }
     }
@@ -255,7 +259,7 @@ pub fn project_by_voronoi_clamp(corners: &[DVec3; 3], point: DVec3) -> Projectio
             }
         }
     }
-    best.unwrap_or_else(|| finish(point, foot, Region::Interior))
+    best.unwrap_or_else(|| finish(point, foot, TriangleFeature::Interior))
 }
 
 /// Closest point of a segment; `names` are the numbers of its two corners, the first also names the edge.
@@ -264,18 +268,18 @@ fn project_on_segment(from: DVec3, to: DVec3, names: [u8; 2], point: DVec3) -> P
     let length_squared = edge.length_squared();
     let along = edge.dot(point - from);
     if !(length_squared > 0.0 && along > 0.0) {
-        finish(point, from, Region::Vertex(names[0]))
+        finish(point, from, TriangleFeature::Vertex(names[0]))
     } else if along >= length_squared {
-        finish(point, to, Region::Vertex(names[1]))
+        finish(point, to, TriangleFeature::Vertex(names[1]))
     } else {
-        finish(point, from + edge * (along / length_squared), Region::Edge(names[0]))
+        finish(point, from + edge * (along / length_squared), TriangleFeature::Edge(names[0]))
     }
 }
 
 /// A projection with its distance measured at the point that is returned, not taken from the quadratic form.
 #[inline]
-fn finish(point: DVec3, foot: DVec3, region: Region) -> Projection {
-    Projection { point: foot, region, distance_squared: (point - foot).length_squared() }
+fn finish(point: DVec3, foot: DVec3, feature: TriangleFeature) -> Projection {
+    Projection { point: foot, feature, distance_squared: (point - foot).length_squared() }
 }
 
 #[cfg(test)]

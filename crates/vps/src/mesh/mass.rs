@@ -52,7 +52,7 @@ pub fn mass_properties_of_inspected(mesh: &TriangleMesh, report: &MeshReport) ->
     let usable = report.inconsistent_edges == 0 && missing <= HOLE_SHARE * volume && volume > FLAT_SHARE * report.area_m2.powf(1.5);
 
     let solid = usable.then(|| {
-        let moments = Moments::of(mesh, middle, |[a, b, c]| Piece {
+        let moments = Moments::of(mesh, middle, |[a, b, c]| TriangleContribution {
             amount: a.dot(b.cross(c)) / 6.0,
             // A tetrahedron has its fourth corner at the origin.
             center: (a + b + c) / 4.0,
@@ -62,7 +62,7 @@ pub fn mass_properties_of_inspected(mesh: &TriangleMesh, report: &MeshReport) ->
     });
     // Patches that face inward without a shared edge can leave a volume whose second moments make no body.
     solid.filter(is_a_body).unwrap_or_else(|| {
-        let moments = Moments::of(mesh, middle, |[a, b, c]| Piece {
+        let moments = Moments::of(mesh, middle, |[a, b, c]| TriangleContribution {
             amount: 0.5 * (b - a).cross(c - a).length(),
             center: (a + b + c) / 3.0,
             mean_square: (outer(a) + outer(b) + outer(c) + outer(a + b + c)) * (1.0 / 12.0),
@@ -80,13 +80,13 @@ fn is_a_body(properties: &MassProperties) -> bool {
 }
 
 /// What one triangle adds: an amount (volume or area), its centre, and the mean of `x xᵀ` over it.
-struct Piece {
+struct TriangleContribution {
     amount: f64,
     center: DVec3,
     mean_square: DMat3,
 }
 
-/// Sums over the pieces, about the middle of the box.
+/// Sums over the triangles, about the middle of the box.
 #[derive(Default)]
 struct Moments {
     amount: f64,
@@ -95,12 +95,12 @@ struct Moments {
 }
 
 impl Moments {
-    fn of(mesh: &TriangleMesh, middle: DVec3, piece: impl Fn([DVec3; 3]) -> Piece + Sync) -> Self {
+    fn of(mesh: &TriangleMesh, middle: DVec3, contribution: impl Fn([DVec3; 3]) -> TriangleContribution + Sync) -> Self {
         let sum_of = |corners: &[[u32; 3]]| {
             let mut sum = Self { second: DMat3::ZERO, ..Default::default() };
             for corners in corners {
                 let corners = corners.map(|vertex| mesh.vertices[vertex as usize] - middle);
-                let Piece { amount, center, mean_square } = piece(corners);
+                let TriangleContribution { amount, center, mean_square } = contribution(corners);
                 sum.amount += amount;
                 sum.first += center * amount;
                 sum.second += mean_square * amount;

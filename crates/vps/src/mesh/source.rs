@@ -73,9 +73,9 @@ impl Bytes {
 pub(super) fn read(path: &Path) -> Result<Bytes, MeshError> {
     let map_from_bytes = if COPIES_ONLY.load(Ordering::Relaxed) { u64::MAX } else { MAP_FROM_BYTES };
     open(path, map_from_bytes, memory::available_bytes()).map_err(|refused| match refused {
-        Refused::System(source) if source.kind() == io::ErrorKind::NotFound => MeshError::Missing { path: path.to_owned() },
-        Refused::System(source) => MeshError::Unreadable { path: path.to_owned(), source },
-        Refused::TooLarge { file_bytes, free_bytes } => MeshError::TooLarge { path: path.to_owned(), file_bytes, free_bytes },
+        OpenFailure::System(source) if source.kind() == io::ErrorKind::NotFound => MeshError::Missing { path: path.to_owned() },
+        OpenFailure::System(source) => MeshError::Unreadable { path: path.to_owned(), source },
+        OpenFailure::TooLarge { file_bytes, free_bytes } => MeshError::TooLarge { path: path.to_owned(), file_bytes, free_bytes },
     })
 }
 
@@ -84,30 +84,31 @@ fn is_still(file: &File, bytes: u64, modified: Option<SystemTime>) -> bool {
     file.metadata().is_ok_and(|now| now.len() == bytes && now.modified().ok() == modified)
 }
 
-enum Refused {
+enum OpenFailure {
     System(io::Error),
     TooLarge { file_bytes: u64, free_bytes: u64 },
 }
 
-fn open(path: &Path, map_from_bytes: u64, free_bytes: Option<u64>) -> Result<Bytes, Refused> {
-    let mut file = regular::open(path).map_err(Refused::System)?;
-    let metadata = file.metadata().map_err(Refused::System)?;
+fn open(path: &Path, map_from_bytes: u64, free_bytes: Option<u64>) -> Result<Bytes, OpenFailure> {
+    let mut file = regular::open(path).map_err(OpenFailure::System)?;
+    let metadata = file.metadata().map_err(OpenFailure::System)?;
     let file_bytes = metadata.len();
     let is_copied = file_bytes < map_from_bytes;
     let memory_bytes = file_bytes.saturating_mul(MEMORY_PER_FILE_BYTE + u64::from(is_copied));
     if let Some(free_bytes) = free_bytes.filter(|free| memory_bytes > *free) {
-        return Err(Refused::TooLarge { file_bytes, free_bytes });
+        return Err(OpenFailure::TooLarge { file_bytes, free_bytes });
     }
     if is_copied {
         let mut bytes = Vec::with_capacity(file_bytes as usize);
-        (&mut file).take(file_bytes).read_to_end(&mut bytes).map_err(Refused::System)?;
+        (&mut file).take(file_bytes).read_to_end(&mut bytes).map_err(OpenFailure::System)?;
         let changed_meanwhile = !is_still(&file, bytes.len() as u64, metadata.modified().ok());
         return Ok(Bytes { contents: Contents::Read { bytes, changed_meanwhile } });
     }
     // SAFETY: the map is private and read-only, so this program never writes through it. That no other program changes the file
     // meanwhile cannot be ensured on this system; the head of this file says what follows from it, and bytes of any value are
     // sound here, as every reader checks what it finds.
-    let map = unsafe { memmap2::MmapOptions::new().len(file_bytes as usize).map_copy_read_only(&file) }.map_err(Refused::System)?;
+    let map =
+        unsafe { memmap2::MmapOptions::new().len(file_bytes as usize).map_copy_read_only(&file) }.map_err(OpenFailure::System)?;
     Ok(Bytes { contents: Contents::Mapped { map, file, modified: metadata.modified().ok() } })
 }
 
@@ -126,7 +127,7 @@ mod tests {
             assert_eq!((&*found, matches!(found.contents, Contents::Mapped { .. })), (&bytes[..], is_mapped));
             assert_eq!(found.confirm(Ok(7), &path).unwrap(), 7);
         }
-        assert!(matches!(open(&path, 0, Some(29_999)), Err(Refused::TooLarge { file_bytes: 10_000, free_bytes: 29_999 })));
+        assert!(matches!(open(&path, 0, Some(29_999)), Err(OpenFailure::TooLarge { file_bytes: 10_000, free_bytes: 29_999 })));
     }
 
     #[test]

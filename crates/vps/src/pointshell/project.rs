@@ -126,7 +126,7 @@ impl Scratch {
                 let cell = [origin[0] + local[0], origin[1] + local[1], origin[2] + local[2]];
                 let center = DVec3::new(cell[0].into(), cell[1].into(), cell[2].into()) + 0.5;
                 let projection = projector.project(center);
-                let is_interior = projection.region.is_interior();
+                let is_interior = projection.feature.is_interior();
                 let distance = u64::from((projection.distance_squared as f32).to_bits()) << 32;
                 let key = if is_interior { 0 } else { BOUNDARY } | distance | u64::from(triangle_idx);
                 if key >= self.keys[inside] {

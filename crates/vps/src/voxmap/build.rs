@@ -40,7 +40,7 @@ impl Options {
 
 /// A stage of generation, for reports of progress.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Stage {
+pub enum BakeStage {
     /// Reading or tessellating, and inspecting.
     Load,
     /// Navigation and SAT.
@@ -108,7 +108,7 @@ impl Voxmap {
         mesh: &TriangleMesh,
         report: &MeshReport,
         options: &Options,
-        mut watch: impl FnMut(Stage),
+        mut watch: impl FnMut(BakeStage),
     ) -> Result<Self, GridError> {
         let mut timings = Timings::default();
         let mut since = Instant::now();
@@ -121,7 +121,7 @@ impl Voxmap {
         let grid = Grid::around(low, high, options.voxel_size_m, options.layers)?;
         let navigation = options.navigation.unwrap_or(Navigation::AUTO);
         timings.init_s = lap();
-        watch(Stage::Surface);
+        watch(BakeStage::Surface);
         let surface = Surface::mark(mesh, &grid, navigation);
         if surface.n_voxels as u64 > SURFACE_VOXELS_MAX {
             let n_voxels = surface.n_voxels as u64;
@@ -130,7 +130,7 @@ impl Voxmap {
             return Err(GridError::Surface { n_voxels, voxel_size_m: coarser * options.voxel_size_m });
         }
         timings.surface_s = lap();
-        watch(Stage::Fill);
+        watch(BakeStage::Fill);
         let verdict = Verdict::reach(mesh, report, surface, options.sides);
         let Verdict { surface, sides, basis, leak, thin_share, clear_share, capped } = verdict;
         let thin = basis == InsideBasis::Thin;
@@ -138,7 +138,7 @@ impl Voxmap {
         let orientation =
             if thin { Orientation::as_filed(mesh.triangles.len()) } else { Orientation::judge(mesh, report, &surface, &sides) };
         timings.fill_s = lap();
-        watch(Stage::Layers);
+        watch(BakeStage::Layers);
         let layers = Layers::grow(&surface, &sides, options.layers);
         timings.layers_s = lap();
         Ok(Self {

@@ -126,12 +126,12 @@ fn acceptance_5_agrees_with_exhaustive_search_and_covers_all_regions() {
         let expected = exhaustive_distance(&corners, point);
         let error = (distance - expected).abs() / scale_of(&corners, expected);
         worst = worst.max(error);
-        assert!(error <= 1e-12, "{corners:?} {point:?}: {distance:e} instead of {expected:e}, {:?}", found.region);
+        assert!(error <= 1e-12, "{corners:?} {point:?}: {distance:e} instead of {expected:e}, {:?}", found.feature);
         if kind % 8 > 4 {
-            seen[match found.region {
-                Region::Interior => 0,
-                Region::Edge(k) => 1 + usize::from(k),
-                Region::Vertex(k) => 4 + usize::from(k),
+            seen[match found.feature {
+                TriangleFeature::Interior => 0,
+                TriangleFeature::Edge(k) => 1 + usize::from(k),
+                TriangleFeature::Vertex(k) => 4 + usize::from(k),
             }] += 1;
         }
     }
@@ -146,14 +146,14 @@ fn region_names_the_feature_that_holds_the_point() {
         let corners = random_triangle(&mut random, kind);
         let point = random_point(&mut random, &corners);
         for found in [TriangleProjector::new(&corners).project(point), project_by_voronoi_clamp(&corners, point)] {
-            match found.region {
-                Region::Vertex(k) => assert_eq!(found.point, corners[usize::from(k)]),
-                Region::Edge(k) => {
+            match found.feature {
+                TriangleFeature::Vertex(k) => assert_eq!(found.point, corners[usize::from(k)]),
+                TriangleFeature::Edge(k) => {
                     let (from, to) = (corners[usize::from(k)], corners[usize::from((k + 1) % 3)]);
                     let gap = found.point.distance(from) + found.point.distance(to) - from.distance(to);
                     assert!(gap.abs() < 1e-14, "{gap:e}");
                 }
-                Region::Interior => {}
+                TriangleFeature::Interior => {}
             }
         }
     }
@@ -179,23 +179,23 @@ fn known_triangle_gives_each_region() {
     let corners = [DVec3::ZERO, DVec3::X, DVec3::Y];
     let projector = TriangleProjector::new(&corners);
     let cases = [
-        ((0.25, 0.25, 3.0), (0.25, 0.25, 0.0), Region::Interior),
-        ((0.5, -2.0, 1.0), (0.5, 0.0, 0.0), Region::Edge(0)),
-        ((1.0, 1.0, 0.0), (0.5, 0.5, 0.0), Region::Edge(1)),
-        ((-1.0, 0.5, 0.0), (0.0, 0.5, 0.0), Region::Edge(2)),
-        ((-1.0, -1.0, 0.0), (0.0, 0.0, 0.0), Region::Vertex(0)),
-        ((3.0, 0.0, 0.0), (1.0, 0.0, 0.0), Region::Vertex(1)),
-        ((0.0, 5.0, 1.0), (0.0, 1.0, 0.0), Region::Vertex(2)),
+        ((0.25, 0.25, 3.0), (0.25, 0.25, 0.0), TriangleFeature::Interior),
+        ((0.5, -2.0, 1.0), (0.5, 0.0, 0.0), TriangleFeature::Edge(0)),
+        ((1.0, 1.0, 0.0), (0.5, 0.5, 0.0), TriangleFeature::Edge(1)),
+        ((-1.0, 0.5, 0.0), (0.0, 0.5, 0.0), TriangleFeature::Edge(2)),
+        ((-1.0, -1.0, 0.0), (0.0, 0.0, 0.0), TriangleFeature::Vertex(0)),
+        ((3.0, 0.0, 0.0), (1.0, 0.0, 0.0), TriangleFeature::Vertex(1)),
+        ((0.0, 5.0, 1.0), (0.0, 1.0, 0.0), TriangleFeature::Vertex(2)),
     ];
-    for ((px, py, pz), (fx, fy, fz), region) in cases {
+    for ((px, py, pz), (fx, fy, fz), feature) in cases {
         let point = DVec3::new(px, py, pz);
         for found in [projector.project(point), project_by_voronoi_clamp(&corners, point)] {
-            assert_eq!(found.region, region);
+            assert_eq!(found.feature, feature);
             assert!(found.point.distance(DVec3::new(fx, fy, fz)) < 1e-15);
             assert!((found.distance_squared - point.distance_squared(found.point)).abs() < 1e-15);
         }
     }
-    assert!(Region::Interior.is_interior() && !Region::Edge(0).is_interior());
+    assert!(TriangleFeature::Interior.is_interior() && !TriangleFeature::Edge(0).is_interior());
 }
 
 #[test]
@@ -218,7 +218,7 @@ fn huge_and_tiny_finite_input_never_gives_nan() {
 fn overflowing_coordinates_keep_the_region_names() {
     let corners = [DVec3::ZERO, DVec3::X * 1e200, DVec3::Y * 1e200];
     let found = TriangleProjector::new(&corners).project(DVec3::new(0.5e200, -1e200, 0.0));
-    assert_eq!(found.region, Region::Edge(0));
+    assert_eq!(found.feature, TriangleFeature::Edge(0));
     assert!((found.point.x - 0.5e200).abs() < 1e186 && found.point.y == 0.0);
 }
 
