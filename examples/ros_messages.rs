@@ -10,7 +10,7 @@
 use std::error::Error;
 use std::path::Path;
 
-use link::{Moment, Time, Topic};
+use link::{Time, Topic, TopicInput};
 use recording::file::{Entry, Recording};
 use serde_json::json;
 
@@ -28,7 +28,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         let (sec, nanosec) = (record.time_ns / 1_000_000_000, record.time_ns % 1_000_000_000);
         let stamp = Time { sec: sec.try_into()?, nanosec: nanosec.try_into()? };
         for topic in Topic::ALL {
-            let Some(message) = topic.message(&Moment { record: &record, stamp, arm: "recorded" }) else { continue };
+            let Some(message) = topic.message(&TopicInput { record: &record, stamp, arm: "recorded" }) else { continue };
             let hex: String = message.iter().map(|byte| format!("{byte:02x}")).collect();
             let message_type = topic.message_type();
             let line = json!({ "tick": record.tick, "topic": topic.name(), "type": message_type.ros_name(), "hash": message_type.hash, "hex": hex });

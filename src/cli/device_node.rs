@@ -88,7 +88,7 @@ mod over_network {
     use arms::profile::{self, Profile, ProfileError};
     use arms::remote::Node;
     use arms::remote::command_hold::HoldTiming;
-    use arms::remote::figures::{NodeReport, Phase};
+    use arms::remote::figures::{LinkPhase, NodeReport};
     use arms::simulated::hand::GripPath;
     use link::network::link::{ZenohLink, is_name, serve_profile};
     use link::network::{NetworkError, session};
@@ -175,7 +175,7 @@ mod over_network {
             return;
         }
         match notice {
-            NodeNotice::Phase(Phase::Tripped, report) => {
+            NodeNotice::Phase(LinkPhase::Tripped, report) => {
                 let ms = report.zero_after_ms;
                 let text = format!("link: the host fell silent; no force {ms:.1} ms after its last command, until it has disabled");
                 output::event(output::Level::Warning, "link", &text, &[("link", "lost".into()), ("zero_after_ms", ms.into())]);

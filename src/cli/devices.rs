@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use super::findings::finding_json;
 use super::{OutputOptions, output, probe, report};
 use crate::error::Exit;
-use arms::attached::discover::{self, Attached};
+use arms::attached::discover::{self, AttachedNode};
 use arms::attached::nodes;
 use arms::profile::{self, Profile, ProfileError};
 use rt::finding::{Finding, Root, Standing};
@@ -111,14 +111,14 @@ fn profile_json(profile: &Profile) -> Value {
 }
 
 /// Problems of arms only; the program does not judge other nodes.
-fn troubles(found: &Attached, root: &Root) -> Vec<Finding> {
+fn troubles(found: &AttachedNode, root: &Root) -> Vec<Finding> {
     if found.profiles.is_empty() && found.beside.is_empty() {
         return Vec::new();
     }
     discover::findings(found, root).into_iter().filter(|finding| finding.standing >= Standing::Advice).collect()
 }
 
-fn node_line(found: &Attached) -> String {
+fn node_line(found: &AttachedNode) -> String {
     let node = &found.node;
     let mut words = vec![format!("{:<16} {:<6}", node.path.display(), node.kind.name())];
     if node.vendor_id != 0 {
@@ -140,7 +140,7 @@ fn node_line(found: &Attached) -> String {
     words.join("  ")
 }
 
-pub(super) fn node_json(found: &Attached, root: &Root) -> Value {
+pub(super) fn node_json(found: &AttachedNode, root: &Root) -> Value {
     let node = &found.node;
     json!({
         "path": node.path,

@@ -13,7 +13,7 @@ use crate::error::Exit;
 use arms::attached::discover;
 use arms::attached::nodes;
 use arms::attached::open::{self, OpenOptions};
-use arms::attached::probe::{self, Ended, Trial};
+use arms::attached::probe::{self, ProbeEnd, Trial};
 use rt::clock::RealClock;
 use rt::finding::{Finding, Root, Standing};
 use rt::schedule::{self, ThreadRequest};
@@ -138,7 +138,7 @@ fn exchange(config: &SceneConfig, duration: Duration, quit: &AtomicBool, output:
     report::note(&format!("exchanging zero commands with the {} for {:.0} s", profile.title, duration.as_secs_f64()), output);
     let trial = &mut Trial::new(RealClock, period_s, quit);
     probe::round_trips(&mut opened.arm, trial, duration).map_err(|ended| match ended {
-        Ended::Told => Finding::unknown("round trip", "not measured: it was told to end"),
+        ProbeEnd::Interrupted => Finding::unknown("round trip", "not measured: it was told to end"),
         ended => Finding::bad("round trip", format!("the arm went away: {ended:?}"), again),
     })
 }

@@ -34,7 +34,7 @@ impl FoxgloveArgs {
         clock: ClockKind,
         recorder: &Recorder,
         output: OutputOptions,
-    ) -> Result<Option<Audience>, Exit> {
+    ) -> Result<Option<FoxgloveServer>, Exit> {
         let listen = match (self.foxglove, clock) {
             (Some(Listen(listen)), _) => listen,
             (None, ClockKind::Virtual) => None,
@@ -42,7 +42,7 @@ impl FoxgloveArgs {
         };
         let Some(address) = listen else { return Ok(None) };
         let exit = if self.foxglove.is_some() { Exit::Usage } else { Exit::Configuration };
-        Audience::open(address, config, recorder, output).map(Some).map_err(|(message, hint)| {
+        FoxgloveServer::open(address, config, recorder, output).map(Some).map_err(|(message, hint)| {
             report::error(&message, Some(hint), output);
             exit
         })
@@ -51,22 +51,22 @@ impl FoxgloveArgs {
 
 /// The server for connected Foxglove apps.
 #[cfg(feature = "foxglove-live")]
-pub(crate) struct Audience {
+pub(crate) struct FoxgloveServer {
     server: recording::file::live::LiveServer,
     output: OutputOptions,
 }
 
 #[cfg(feature = "foxglove-live")]
-impl Audience {
+impl FoxgloveServer {
     fn open(
         address: SocketAddr,
         config: &SceneConfig,
         recorder: &Recorder,
         output: OutputOptions,
     ) -> Result<Self, (String, &'static str)> {
-        use recording::file::live::Bound;
+        use recording::file::live::BoundLiveServer;
 
-        let served = Bound::bind(address).and_then(|bound| {
+        let served = BoundLiveServer::bind(address).and_then(|bound| {
             let address = bound.address();
             Ok((address, bound.serve(recorder, config.monitor.origins.clone())?))
         });
@@ -96,10 +96,10 @@ impl Audience {
 
 /// Empty: the program was built without the server.
 #[cfg(not(feature = "foxglove-live"))]
-pub(crate) enum Audience {}
+pub(crate) enum FoxgloveServer {}
 
 #[cfg(not(feature = "foxglove-live"))]
-impl Audience {
+impl FoxgloveServer {
     fn open(address: SocketAddr, _: &SceneConfig, _: &Recorder, _: OutputOptions) -> Result<Self, (String, &'static str)> {
         let hint = "build without `--no-default-features`, or record with --record and open the file in Foxglove";
         Err((format!("nothing can listen for Foxglove at {address}: the program was built without its server"), hint))

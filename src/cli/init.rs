@@ -9,7 +9,7 @@ use std::path::{Component, Path, PathBuf};
 
 use clap::ValueEnum;
 
-use self::place::Place;
+use self::place::SceneDestination;
 use super::{OutputOptions, report};
 use crate::config::draft::{self, Draft, Part, Tool};
 use crate::error::Exit;
@@ -62,7 +62,7 @@ impl From<Unit> for draft::Unit {
 }
 
 /// A mesh file as it was read.
-struct Found {
+struct InputMesh {
     path: PathBuf,
     /// What the file itself says of its unit.
     own_unit: Option<draft::Unit>,
@@ -93,7 +93,7 @@ fn init(args: &Args, output: OutputOptions) -> Result<(), ReportedExit> {
         }
         return clay::init(args, output);
     }
-    let place = Place::of(args, || args.folder.join("scene.toml"), output)?;
+    let place = SceneDestination::of(args, || args.folder.join("scene.toml"), output)?;
     let files = mesh_files(&args.folder).map_err(|error| {
         refuse(Exit::Asset, &format!("{}: cannot be read: {error}", args.folder.display()), Some("name a folder with mesh files"))
     })?;
@@ -128,7 +128,7 @@ fn init(args: &Args, output: OutputOptions) -> Result<(), ReportedExit> {
     let (unit, why) = unit(args, &found, output);
     let folder = place.folder();
     let mut parts = Vec::new();
-    for Found { path, own_unit, mut mesh } in found {
+    for InputMesh { path, own_unit, mut mesh } in found {
         let (Some(file), Some(stem)) = (relative(&path, folder), path.file_stem().and_then(OsStr::to_str)) else {
             let message = format!("{}: a scene in {} cannot name this file", path.display(), folder.display());
             return Err(refuse(Exit::Asset, &message, Some("the folder of the scene must exist, and names must be UTF-8")));
@@ -184,28 +184,28 @@ fn mesh_files(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
 }
 
 /// 3MF is the one format whose files say what their numbers mean, and glTF the one that says it for all of its files.
-fn read(path: &Path) -> Result<Found, MeshError> {
+fn read(path: &Path) -> Result<InputMesh, MeshError> {
     let path = path.to_owned();
     match Format::of(&path)? {
-        Format::Gltf => Ok(Found { mesh: mesh::load(&path, 1.0)?, own_unit: Some(draft::Unit::M), path }),
+        Format::Gltf => Ok(InputMesh { mesh: mesh::load(&path, 1.0)?, own_unit: Some(draft::Unit::M), path }),
         Format::ThreeMf => {
             let tried = draft::Unit::ALL.into_iter().map(|unit| (unit, mesh::load(&path, unit.metres())));
             let mut first = None;
             for (unit, read) in tried {
                 match read {
-                    Ok(mesh) => return Ok(Found { path, own_unit: Some(unit), mesh }),
+                    Ok(mesh) => return Ok(InputMesh { path, own_unit: Some(unit), mesh }),
                     Err(error) => first = first.or(Some(error)),
                 }
             }
             // True invariant: there are units.
             Err(first.unwrap_or(MeshError::NoBytes { path }))
         }
-        Format::Obj | Format::Stl | Format::Ply => Ok(Found { mesh: mesh::load(&path, 1.0)?, own_unit: None, path }),
+        Format::Obj | Format::Stl | Format::Ply => Ok(InputMesh { mesh: mesh::load(&path, 1.0)?, own_unit: None, path }),
     }
 }
 
 /// The unit of all files that do not say it, and why, as a comment.
-fn unit(args: &Args, found: &[Found], output: OutputOptions) -> (draft::Unit, String) {
+fn unit(args: &Args, found: &[InputMesh], output: OutputOptions) -> (draft::Unit, String) {
     if let Some(unit) = args.units {
         return (unit.into(), "of the mesh file".to_owned());
     }
@@ -225,7 +225,7 @@ fn guessed(longest: f64, what: &str, output: OutputOptions) -> (draft::Unit, Str
     (unit, format!("of the file; guessed: {what} is then {length} long"))
 }
 
-fn index_of(tool: &Path, folder: &Path, found: &[Found]) -> Option<usize> {
+fn index_of(tool: &Path, folder: &Path, found: &[InputMesh]) -> Option<usize> {
     // As the shell completes it, or as the folder has it.
     let wanted = [tool.canonicalize(), folder.join(tool).canonicalize()];
     found.iter().position(|found| found.path.canonicalize().is_ok_and(|path| wanted.iter().flatten().any(|wanted| *wanted == path)))

@@ -13,7 +13,7 @@ use crate::error::Exit;
 use arms::mock::builder::{self, MockSettings};
 use arms::mock::gadget::Gadget;
 use arms::mock::pty::Pty;
-use arms::mock::serve::{Ended, Serving, serve};
+use arms::mock::serve::{ServeEnd, Serving, serve};
 use arms::mock::trace::Trace;
 use arms::mock::uhid::Uhid;
 use arms::mock::{ArmLink, LinkError, MockArm, MockReport};
@@ -159,7 +159,7 @@ fn open(args: &Args, profile: &Profile, protocol: &arms::protocol::Protocol) -> 
     Ok((Box::new(Uhid::new(identity)?), name))
 }
 
-fn tell(report: &MockReport, profile: &Profile, protocol: &str, link: &str, ended: Ended, as_json: bool, output: OutputOptions) {
+fn tell(report: &MockReport, profile: &Profile, protocol: &str, link: &str, ended: ServeEnd, as_json: bool, output: OutputOptions) {
     if as_json {
         let mut object = json!({ "profile": profile.name, "protocol": protocol, "link": link, "ended": ended.name() });
         if let (Some(object), Ok(serde_json::Value::Object(felt))) = (object.as_object_mut(), serde_json::to_value(report)) {

@@ -7,7 +7,7 @@ use super::{OutputOptions, report};
 use crate::config::SceneConfig;
 use crate::config::{LISTEN_ACCEPTED, parse_listen};
 use crate::error::Exit;
-use crate::monitor::{Access, Bound, Token, TokenError};
+use crate::monitor::{Access, BoundMonitor, Token, TokenError};
 use rt::clock::ClockKind;
 
 /// Variable of the environment that holds a token.
@@ -36,7 +36,7 @@ fn parse(text: &str) -> Result<Listen, String> {
 impl MonitorArgs {
     /// Takes the address, before anything takes long. `None`: no monitor. A default that cannot be had is a warning, what was asked for an
     /// error.
-    pub(crate) fn open(&self, config: &SceneConfig, clock: ClockKind, output: OutputOptions) -> Result<Option<Bound>, Exit> {
+    pub(crate) fn open(&self, config: &SceneConfig, clock: ClockKind, output: OutputOptions) -> Result<Option<BoundMonitor>, Exit> {
         let listen = match (self.monitor, clock) {
             (Some(Listen(listen)), _) => listen,
             (None, ClockKind::Virtual) => None,
@@ -65,7 +65,7 @@ impl MonitorArgs {
             );
             return Err(if self.monitor.is_some() { Exit::Usage } else { Exit::Configuration });
         }
-        match Bound::bind(address, token, config.monitor.origins.clone()) {
+        match BoundMonitor::bind(address, token, config.monitor.origins.clone()) {
             Ok(bound) => {
                 report::line(&format!("monitor: http://{}/", bound.address()), output);
                 Ok(Some(bound))

@@ -21,7 +21,7 @@ pub(super) struct StartTimes {
 
 /// What there was beside the loop.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct More<'a> {
+pub(super) struct RunExtras<'a> {
     pub(super) swaps: &'a [live::SwapReport],
     pub(super) recording: Option<&'a RecordingSummary>,
     pub(super) sculpt: Option<&'a SculptSummary>,
@@ -34,8 +34,8 @@ pub(super) fn lets_go_text(LinkReport { hold_ms, fade_ms, .. }: &LinkReport) -> 
 }
 
 /// What goes to stdout.
-pub(super) fn result_text(totals: &Totals, start_s: StartTimes, more: &More<'_>, json: bool) -> String {
-    let More { swaps, recording, sculpt, link } = *more;
+pub(super) fn result_text(totals: &Totals, start_s: StartTimes, more: &RunExtras<'_>, json: bool) -> String {
+    let RunExtras { swaps, recording, sculpt, link } = *more;
     if json {
         #[derive(Serialize)]
         struct RunReport<'t> {

@@ -11,12 +11,12 @@ use super::findings::finding_json;
 use super::status_line::error_text;
 use super::{OutputOptions, guard, output, report};
 use crate::error::Exit;
-use arms::attached::identify::Made;
+use arms::attached::identify::AxisDynamics;
 use arms::attached::nodes::Selector;
 use arms::attached::open::{self, LinkNews, OpenOptions};
-use arms::attached::probe::{self, Answers, Ended, Found, Plan, Push, Sign, Step, Trial};
+use arms::attached::probe::{self, Answers, ProbeEnd, ProbePlan, ProbeResult, ProbeStep, Push, Sign, Trial};
 use arms::profile::{self, Homing, HomingMode, Profile, ProfileError, RealArm};
-use arms::protocol::Declared;
+use arms::protocol::DeclaredLimits;
 use arms::{Device as _, Pacing};
 use rt::clock::RealClock;
 use rt::finding::{Finding, Standing};
@@ -55,14 +55,14 @@ pub(super) fn command(profile: &Profile, selector: Option<&Selector>, flag: &str
 const PARKED: f64 = 3.0;
 
 /// What there is to say at the end.
-struct Told<'a> {
+struct ProbeReport<'a> {
     profile: &'a Profile,
     real: &'a RealArm,
     args: &'a Args,
-    found: &'a Found,
-    ended: Option<Ended>,
+    found: &'a ProbeResult,
+    ended: Option<ProbeEnd>,
     identity: Option<String>,
-    declared: Option<Declared>,
+    declared: Option<DeclaredLimits>,
     /// Reports that were whole and made no sense.
     refused: u64,
 }
@@ -108,8 +108,8 @@ fn probe(args: &Args, output: OutputOptions) -> Result<Exit, Exit> {
     if has_person {
         trial = trial.asking(&go);
     }
-    let plan = Plan { listen: args.duration, push: args.sign_check.then(|| Push::of(&profile)), identify: args.identify };
-    let mut found = Found::default();
+    let plan = ProbePlan { listen: args.duration, push: args.sign_check.then(|| Push::of(&profile)), identify: args.identify };
+    let mut found = ProbeResult::default();
     let tell = |step| {
         report::note(step_text(step, &profile), output);
         if has_person {
@@ -119,7 +119,7 @@ fn probe(args: &Args, output: OutputOptions) -> Result<Exit, Exit> {
     let ended = probe::try_out(arm, &mut trial, &plan, &mut found, tell).err();
     arm.stop();
     output::attach();
-    let told = Told {
+    let report = ProbeReport {
         profile: &profile,
         real,
         args,
@@ -129,9 +129,9 @@ fn probe(args: &Args, output: OutputOptions) -> Result<Exit, Exit> {
         declared: arm.declared(),
         refused: arm.refused(),
     };
-    let findings = told.findings();
+    let findings = report.findings();
     if args.json {
-        output::result(format_args!("{}\n", told.json(&path, &findings)));
+        output::result(format_args!("{}\n", report.json(&path, &findings)));
     } else {
         for finding in &findings {
             output::result(format_args!("{:<8} {:<16} {}\n", finding.standing.name(), finding.name, finding.found));
@@ -144,8 +144,8 @@ fn probe(args: &Args, output: OutputOptions) -> Result<Exit, Exit> {
         }
     }
     match ended {
-        Some(Ended::Told) => report::error("interrupted: not finished", None, output),
-        Some(Ended::Device(_)) => {
+        Some(ProbeEnd::Interrupted) => report::error("interrupted: not finished", None, output),
+        Some(ProbeEnd::Device(_)) => {
             let hint = "is its plug loose? `hapticd devices` lists what there is";
             report::error(&format!("the arm at {path} went away"), Some(hint), output);
         }
@@ -177,17 +177,17 @@ fn ask(go: &Arc<AtomicBool>, quit: &'static AtomicBool) {
     });
 }
 
-fn step_text(step: Step, profile: &Profile) -> &'static str {
+fn step_text(step: ProbeStep, profile: &Profile) -> &'static str {
     match step {
-        Step::Signs if profile.limits.torque_nm > 0.0 => {
+        ProbeStep::Signs if profile.limits.torque_nm > 0.0 => {
             "sign check: hold the grip loosely; a push of 0.3 N along each axis follows, and a small turn about each that has a motor"
         }
-        Step::Signs => "sign check: hold the grip loosely; a push of 0.3 N along each axis follows",
-        Step::Identify => "identification: let go of the grip; each axis is shaken for 14 s",
+        ProbeStep::Signs => "sign check: hold the grip loosely; a push of 0.3 N along each axis follows",
+        ProbeStep::Identify => "identification: let go of the grip; each axis is shaken for 14 s",
     }
 }
 
-impl Told<'_> {
+impl ProbeReport<'_> {
     fn findings(&self) -> Vec<Finding> {
         let mut findings = vec![self.answers(), self.packets(), self.arm(), self.position()];
         findings.extend(self.identity.as_ref().map(|identity| Finding::good("says of itself", identity.clone())));
@@ -274,7 +274,7 @@ impl Told<'_> {
     }
 
     /// Where the profile asks for more than the arm says that it can.
-    fn asks_too_much(&self, declared: Declared) -> Option<Finding> {
+    fn asks_too_much(&self, declared: DeclaredLimits) -> Option<Finding> {
         let limits = &self.profile.limits;
         let rows = [
             ("limits.force_n", limits.force_n, declared.force_n, "N"),
@@ -322,7 +322,7 @@ impl Told<'_> {
         let mut findings = Vec::new();
         for (axis, made) in Axes::NAMES.iter().zip(self.found.made) {
             findings.extend(made.map(|made| {
-                let Made { mass_kg, mass_spread_kg, damping_n_s_per_m, damping_spread_n_s_per_m, coulomb_n, .. } = made;
+                let AxisDynamics { mass_kg, mass_spread_kg, damping_n_s_per_m, damping_spread_n_s_per_m, coulomb_n, .. } = made;
                 let found = format!(
                     "{mass_kg:.3} ± {mass_spread_kg:.3} kg, {damping_n_s_per_m:.2} ± {damping_spread_n_s_per_m:.2} N·s/m, dry friction {coulomb_n:.3} N"
                 );
@@ -340,24 +340,24 @@ impl Told<'_> {
         let has_pushed = self.found.signs.iter().any(Option::is_some) || self.found.made.iter().any(Option::is_some);
         let rest = if has_pushed { "the rest was not pushed" } else { "nothing pushed" };
         Some(match self.ended? {
-            Ended::Told | Ended::Device(_) => Finding::unknown("not finished", rest),
-            Ended::NotHomed => Finding::bad("not homed", rest, self.homing()).by_hand(),
-            Ended::Reports(error) => {
+            ProbeEnd::Interrupted | ProbeEnd::Device(_) => Finding::unknown("not finished", rest),
+            ProbeEnd::NotHomed => Finding::bad("not homed", rest, self.homing()).by_hand(),
+            ProbeEnd::Reports(error) => {
                 let found = format!("{}: {rest}", error_text(error, Some(&self.real.protocol)));
                 Finding::bad("arm's error", found, "switch the arm off and on, and try again").by_hand()
             }
-            Ended::Watchdog(gap_ms) => {
+            ProbeEnd::Watchdog(gap_ms) => {
                 let watchdog_ms = self.profile.link.device_watchdog_ms.unwrap_or_default();
                 let found = format!(
                     "the arm has switched itself off, or may have: no command for {gap_ms} ms, and its watchdog waits for {watchdog_ms} ms; {rest}"
                 );
                 Finding::bad("watchdog", found, "close what keeps the processors busy, and try again").by_hand()
             }
-            Ended::Stalled(gap_ms) => {
+            ProbeEnd::Stalled(gap_ms) => {
                 let found = format!("the program stood still for {gap_ms} ms during a push; {rest}");
                 Finding::bad("stalled", found, "close what keeps the processors busy, and try again").by_hand()
             }
-            Ended::Moves(mm_per_s, mrad_per_s) => {
+            ProbeEnd::Moves(mm_per_s, mrad_per_s) => {
                 let found = format!(
                     "the grip came to {:.2} m/s and {:.1} rad/s, which no push of this trial does: let go; {rest}",
                     f64::from(mm_per_s) * 1e-3,
@@ -370,20 +370,20 @@ impl Told<'_> {
     }
 
     fn json(&self, path: &str, findings: &[Finding]) -> Value {
-        let Found { answers, signs, made } = self.found;
+        let ProbeResult { answers, signs, made } = self.found;
         let sign_name = |sign: Sign| match sign {
             Sign::Right => "right",
             Sign::Wrong => "wrong",
             Sign::Still => "still",
         };
         let ended = self.ended.map(|ended| match ended {
-            Ended::Told => "interrupted",
-            Ended::Device(_) => "disconnected",
-            Ended::NotHomed => "not-homed",
-            Ended::Reports(_) => "device-error",
-            Ended::Watchdog(_) => "watchdog",
-            Ended::Stalled(_) => "stalled",
-            Ended::Moves(..) => "moves",
+            ProbeEnd::Interrupted => "interrupted",
+            ProbeEnd::Device(_) => "disconnected",
+            ProbeEnd::NotHomed => "not-homed",
+            ProbeEnd::Reports(_) => "device-error",
+            ProbeEnd::Watchdog(_) => "watchdog",
+            ProbeEnd::Stalled(_) => "stalled",
+            ProbeEnd::Moves(..) => "moves",
         });
         json!({
             "profile": self.profile.name,
@@ -408,7 +408,7 @@ impl Told<'_> {
     }
 }
 
-fn made_json(made: Made) -> Value {
+fn made_json(made: AxisDynamics) -> Value {
     json!({
         "mass_kg": made.mass_kg,
         "mass_spread_kg": made.mass_spread_kg,
@@ -420,8 +420,8 @@ fn made_json(made: Made) -> Value {
 }
 
 /// What to add to a copy of the profile: the lightest and the least damped axis, which is what stability is judged by. Of the viscosity only what is sure.
-fn identified_text(found: &Found) -> String {
-    let least = |of: fn(&Made) -> f64| found.made.iter().flatten().map(of).fold(f64::INFINITY, f64::min);
+fn identified_text(found: &ProbeResult) -> String {
+    let least = |of: fn(&AxisDynamics) -> f64| found.made.iter().flatten().map(of).fold(f64::INFINITY, f64::min);
     format!(
         "add to a copy of the profile (the damping is what was found less twice its spread):\n\n[identified]\nround_trip_ticks = {}\nmass_kg = {:.4}\ndamping_n_s_per_m = {:.3}\n",
         found.answers.round_trip_ticks,

@@ -6,7 +6,7 @@ use std::time::Duration;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::{OutputOptions, output};
-use crate::scene::Event;
+use crate::scene::BakeEvent;
 use vps::voxmap::BakeStage;
 
 /// A line on stderr that says which object is at which stage; silent on a pipe and with `--quiet`.
@@ -25,7 +25,7 @@ impl BakeProgress {
         }))
     }
 
-    pub(crate) fn tell(&self, event: &Event<'_>) {
+    pub(crate) fn tell(&self, event: &BakeEvent<'_>) {
         let Some(bar) = &self.0 else { return };
         let stage = match event.stage {
             BakeStage::Load => "mesh",

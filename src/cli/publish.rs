@@ -11,8 +11,8 @@ use crate::monitor::Hub;
 use crate::monitor::Observer;
 use link::network::Endpoints;
 #[cfg(feature = "zenoh")]
-use link::publish::Newest;
-use link::publish::{Plan, PublishError};
+use link::publish::RunState;
+use link::publish::{PublishError, PublishPlan};
 use link::{Domain, Namespace};
 use recording::Subscriber;
 use vps::spatial::Axes;
@@ -67,7 +67,12 @@ impl PublishArgs {
     }
 
     /// Opens a session and announces the topics, before anything takes long. `None`: nothing was asked for.
-    pub(crate) fn open(&self, endpoints: Endpoints, config: &SceneConfig, output: OutputOptions) -> Result<Option<Opened>, Exit> {
+    pub(crate) fn open(
+        &self,
+        endpoints: Endpoints,
+        config: &SceneConfig,
+        output: OutputOptions,
+    ) -> Result<Option<OpenedPublisher>, Exit> {
         let refuse = |message: &str, hint: &str| {
             report::error(message, Some(hint), output);
             Err(Exit::Usage)
@@ -91,7 +96,7 @@ impl PublishArgs {
             }
         };
         let profile = &config.device.profile;
-        let plan = Plan {
+        let plan = PublishPlan {
             endpoints: endpoints.or_listen_here(),
             rate_hz: self.publish_hz.unwrap_or(DEFAULT_HZ),
             namespace: namespace.clone(),
@@ -99,7 +104,7 @@ impl PublishArgs {
             arm: profile.name.clone(),
             has_gripper: Axes::from_name("grip").is_some_and(|grip| profile.sensed.contains(grip)),
         };
-        match Opened::open(&plan) {
+        match OpenedPublisher::open(&plan) {
             Ok(opened) => {
                 report::line(&format!("publishing: /{namespace} in domain {domain}"), output);
                 Ok(Some(opened))
@@ -122,16 +127,16 @@ impl PublishArgs {
 
 /// What is open before the run begins.
 #[cfg(feature = "zenoh")]
-pub(crate) struct Opened(link::publish::Opened);
+pub(crate) struct OpenedPublisher(link::publish::OpenedPublisher);
 
 /// A run that is published; it ends when this is dropped.
 #[cfg(feature = "zenoh")]
 pub(crate) use link::publish::Sender;
 
 #[cfg(feature = "zenoh")]
-impl Opened {
-    fn open(plan: &Plan) -> Result<Self, PublishError> {
-        link::publish::Opened::open(plan).map(Self)
+impl OpenedPublisher {
+    fn open(plan: &PublishPlan) -> Result<Self, PublishError> {
+        link::publish::OpenedPublisher::open(plan).map(Self)
     }
 
     /// Begins to send what the hub shows.
@@ -139,7 +144,7 @@ impl Opened {
         let (mut observer, subscriber) = Observer::new(hub.clone());
         let look = move |seq| {
             let seen = observer.look()?;
-            Some(Newest { record: *seen.record(), text: seen.text(seq), binary: seen.binary(seq) })
+            Some(RunState { record: *seen.record(), text: seen.text(seq), binary: seen.binary(seq) })
         };
         Ok((self.0.serve(look)?, subscriber))
     }
@@ -147,15 +152,15 @@ impl Opened {
 
 /// Nothing: the program was built without a network.
 #[cfg(not(feature = "zenoh"))]
-pub(crate) enum Opened {}
+pub(crate) enum OpenedPublisher {}
 
 /// Empty: the program was built without a network.
 #[cfg(not(feature = "zenoh"))]
 pub(crate) enum Sender {}
 
 #[cfg(not(feature = "zenoh"))]
-impl Opened {
-    fn open(_: &Plan) -> Result<Self, PublishError> {
+impl OpenedPublisher {
+    fn open(_: &PublishPlan) -> Result<Self, PublishError> {
         Err(link::network::NetworkError::NotBuilt.into())
     }
 

@@ -11,9 +11,9 @@ use crate::error::Exit;
 use crate::monitor::{self, RecorderError, RecorderStatus};
 use crate::servo::LoopReport;
 use recording::RecordSubscribers;
-use recording::file::{Failed, FaultFile, FaultFiles, Recorder, RecorderHandle, RecordingError, RecordingSummary, now};
+use recording::file::{FailureHandler, FaultFile, FaultFiles, Recorder, RecorderHandle, RecordingError, RecordingSummary, now};
 use rt::clock::ClockKind;
-use rt::preflight::Report;
+use rt::preflight::PreflightReport;
 use vps::storage::printable::shown;
 
 /// Arguments that leave recordings behind.
@@ -166,7 +166,7 @@ pub(crate) struct ClientRecordings {
     output: OutputOptions,
 }
 
-impl monitor::Recorder for ClientRecordings {
+impl monitor::RecordingControl for ClientRecordings {
     /// Into a folder of our own, never over a file that is there: a client that may watch a run must not write to any place.
     fn start(&self, file: Option<&str>) -> Result<RecorderStatus, RecorderError> {
         let _turn = self.session.turn();
@@ -205,7 +205,7 @@ impl monitor::Recorder for ClientRecordings {
     }
 }
 
-fn failed(output: OutputOptions) -> Failed {
+fn failed(output: OutputOptions) -> FailureHandler {
     Box::new(move |error| report::warning(&format!("recording ended early: {error}; the run goes on"), output))
 }
 
@@ -220,7 +220,7 @@ fn processor() -> String {
 }
 
 /// What the machine offers, for readers of the recording.
-pub(crate) fn note_machine(recorder: &Recorder, machine: &Report) {
+pub(crate) fn note_machine(recorder: &Recorder, machine: &PreflightReport) {
     for check in &machine.rows {
         recorder.facts.note(&format!("machine.{}", check.name), format!("{}: {}", check.outcome.name(), check.found));
     }
@@ -231,7 +231,7 @@ mod tests {
     use super::*;
     use crate::cli::When;
     use crate::cli::output::LogFormat;
-    use crate::monitor::Recorder as _;
+    use crate::monitor::RecordingControl as _;
     use recording::file::SceneFiles;
     use recording::{TickRecord, drain};
 

@@ -4,7 +4,7 @@ use serde_json::Value;
 
 use super::output::{self, Level};
 use super::{OutputOptions, report};
-use crate::daemon::reload::{Cause, News, Reloaded};
+use crate::daemon::reload::{Cause, ReloadNotice, Reloaded};
 use crate::daemon::service;
 use crate::daemon::session::SessionError;
 use crate::servo::FileChange;
@@ -12,9 +12,9 @@ use document::show;
 use vps::storage::printable::shown;
 
 /// Tells people, and a service manager, how a reload goes.
-pub(super) fn tell(news: &News, output: OutputOptions) {
+pub(super) fn tell(news: &ReloadNotice, output: OutputOptions) {
     match news {
-        News::Begun(cause) => {
+        ReloadNotice::Begun(cause) => {
             service::reloading();
             let (word, text) = match cause {
                 Cause::Signal => ("signal", "reload: asked for by SIGHUP"),
@@ -22,7 +22,7 @@ pub(super) fn tell(news: &News, output: OutputOptions) {
             };
             line(Level::Info, text, &[("cause", word.into())], output);
         }
-        News::Done(done) => {
+        ReloadNotice::Done(done) => {
             let (word, text) = outcome(done);
             service::reloaded(&text);
             let changes = match done {
@@ -33,12 +33,12 @@ pub(super) fn tell(news: &News, output: OutputOptions) {
             };
             line(Level::Info, &text, &[("outcome", word.into()), ("changes", Value::Object(changes))], output);
         }
-        News::Refused(refusal) => {
+        ReloadNotice::Refused(refusal) => {
             let text = format!("reload refused, the old scene stays: {refusal}");
             service::reloaded(&text);
             say_why(refusal, output);
         }
-        News::TerminalGone => line(Level::Warning, "stop: the terminal has gone", &[("outcome", "stop".into())], output),
+        ReloadNotice::TerminalGone => line(Level::Warning, "stop: the terminal has gone", &[("outcome", "stop".into())], output),
     }
 }
 

@@ -6,11 +6,11 @@ mod arm;
 use std::cell::{Cell, RefCell};
 use std::sync::Arc;
 
-pub(crate) use self::args::{LoopArgs, Own};
+pub(crate) use self::args::{CommandOptions, LoopArgs};
 
 use self::args::ClockArg;
 use self::arm::tell_of_arm;
-use super::outcome::{More, StartTimes, lets_go_text, result_text};
+use super::outcome::{RunExtras, StartTimes, lets_go_text, result_text};
 use super::progress::BakeProgress;
 use super::sculpt_run::{self, SculptRun};
 use super::services::{ServiceOptions, Services};
@@ -20,7 +20,9 @@ use crate::config::{self, ConfigErrors};
 use crate::daemon::remote::RemoteArm;
 use crate::daemon::service::Service;
 use crate::daemon::session::SessionHandle;
-use crate::daemon::{Attached, Live, Notice, Outcome, PrepareError, Prepared, RenderJob, RunError, Supervisor, prepare_on};
+use crate::daemon::{
+    LiveChannels, Notice, PrepareError, Prepared, RealArmNode, RenderJob, RunError, RunOutcome, Supervisor, prepare_on,
+};
 use crate::error::Exit;
 use crate::scene::BakeOptions;
 use crate::scene::cache::CachePolicy;
@@ -43,7 +45,7 @@ enum Refusal {
 }
 
 /// Renders; `own` is what the command adds.
-pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, output: OutputOptions, started_ns: i64) -> Exit {
+pub(crate) fn main(args: &LoopArgs, own: &CommandOptions<'_>, output: OutputOptions, started_ns: i64) -> Exit {
     // Before any thread that loads parts begins: some of them do while force flows.
     mesh::copy_only();
     // From the first word on: no thread that takes orders or renders waits for a reader.
@@ -170,7 +172,7 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, output: OutputOptions, starte
     let control = Arc::new(Control::new());
     let session = SessionHandle::new(config.clone(), overrides.clone(), clock, Some(recordings.recorder.clone()));
     let begun = changes.begin(&session, &args.cache, &args.memory, is_open, output).and_then(|(paths, swaps)| {
-        let mut live = Live { subscribers, ..Live::default() };
+        let mut live = LiveChannels { subscribers, ..LiveChannels::default() };
         let options = ServiceOptions {
             config: &config,
             session: &session,
@@ -220,7 +222,7 @@ pub(crate) fn main(args: &LoopArgs, own: &Own<'_>, output: OutputOptions, starte
             }
             let (swaps, recording) = (swaps.reports(&session, &outcome.swaps), recordings.end(&outcome.report));
             let link = figures.borrow().as_ref().map(|figures| figures.report());
-            let more = More { swaps: &swaps, recording: recording.as_ref(), sculpt: clay.as_ref(), link };
+            let more = RunExtras { swaps: &swaps, recording: recording.as_ref(), sculpt: clay.as_ref(), link };
             if args.json || !output.quiet {
                 output::result(format_args!("{}", result_text(&outcome.totals, start_s, &more, args.json)));
             }
@@ -260,7 +262,7 @@ const HOW_TO_ENABLE: &str = "give --enable to let force flow from the start, --c
 
 /// What there is beside the loop.
 struct Beside<'a> {
-    live: Live,
+    live: LiveChannels,
     /// Objects that follow paths.
     paths: ObjectPaths,
     session: &'a SessionHandle,
@@ -281,7 +283,7 @@ fn run(
     control: &Arc<Control>,
     end_by_signals: impl FnOnce(&Arc<Control>) -> Result<(), SignalError>,
     bake: impl FnOnce() -> Result<Prepared, PrepareError>,
-) -> Result<Outcome, Refusal> {
+) -> Result<RunOutcome, Refusal> {
     let Beside { mut live, paths, session, recorder, protocol, services, sculpt_run, reloads, watches } = beside;
     let mut screen = StatusLine::new(output, session, protocol, live.operator.waits_after_fault);
     let handle = services.notice_handler();
@@ -302,7 +304,7 @@ fn run(
         services.sculpts(sculpt_run.for_clients(&scene));
     }
     live.commands = session.begin(&scene).with_paths(paths);
-    if let Some(Attached { node, news, link }) = prepared.attached {
+    if let Some(RealArmNode { node, news, link }) = prepared.attached {
         services.attached(&node);
         if !output.quiet {
             let lets_go = link.map_or(String::new(), |link| format!(", and {}", lets_go_text(&link.report())));

@@ -1,6 +1,6 @@
 //! `hapticd run`: bake a scene and render it on its arm.
 
-use super::render::{self, LoopArgs, Own};
+use super::render::{self, CommandOptions, LoopArgs};
 use super::{OutputOptions, live};
 use crate::error::Exit;
 
@@ -17,7 +17,7 @@ pub(crate) struct Args {
 }
 
 pub(crate) fn main(args: &Args, output: OutputOptions, started_ns: i64) -> Exit {
-    let own = Own { live: &args.live, clay: None, overwrite: args.overwrite };
+    let own = CommandOptions { live: &args.live, clay: None, overwrite: args.overwrite };
     render::main(&args.render, &own, output, started_ns)
 }
 

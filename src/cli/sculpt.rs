@@ -1,6 +1,6 @@
 //! `hapticd sculpt`: a piece of clay, worked with the arm, by script and from the monitor page.
 
-use super::render::{self, LoopArgs, Own};
+use super::render::{self, CommandOptions, LoopArgs};
 use super::sculpt_run::ClayArgs;
 use super::{OutputOptions, live, report};
 use crate::error::Exit;
@@ -50,6 +50,6 @@ pub(crate) fn main(args: &Args, output: OutputOptions, started_ns: i64) -> Exit 
         report::error(&format!("{flag} is for rigid scenes, which `hapticd run` renders"), Some(hint), output);
         return Exit::Usage;
     }
-    let own = Own { live: &live::LiveArgs::default(), clay: Some(&args.clay), overwrite: args.overwrite };
+    let own = CommandOptions { live: &live::LiveArgs::default(), clay: Some(&args.clay), overwrite: args.overwrite };
     render::main(&args.render, &own, output, started_ns)
 }

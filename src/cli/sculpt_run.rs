@@ -9,14 +9,14 @@ use std::path::{Path, PathBuf};
 pub(crate) use self::summary::SculptSummary;
 
 use self::ending::{carry_out, hint, rescue, wait};
-use self::outputs::{Pictures, Written, destination_of, session_of};
-use self::summary::Saved;
+use self::outputs::{OutputFiles, Pictures, destination_of, session_of};
+use self::summary::SavedFile;
 use super::{OutputOptions, destination, output, recording, report};
 use crate::config::scene::SculptConfig;
 use crate::config::strokes::{self, Script, Timed};
 use crate::config::{ConfigErrors, SceneConfig};
-use crate::daemon::Live;
-use crate::daemon::sculpting::{self, ClayHandle, Ended, Plan, Scripted, SculptReport, SculptThread};
+use crate::daemon::LiveChannels;
+use crate::daemon::sculpting::{self, ClayHandle, ScriptedOrder, SculptOutcome, SculptPlan, SculptReport, SculptThread};
 use crate::error::Exit;
 use crate::monitor::ClayParts;
 use crate::scene::LoadedClay;
@@ -57,7 +57,7 @@ pub(super) fn is_source(file: &Path) -> bool {
 
 /// Sculpting beside one run: planned, open while the loop runs, closed after it.
 pub(crate) struct SculptRun {
-    plan: Plan,
+    plan: SculptPlan,
     script: Option<Script>,
     sculpt: SculptConfig,
     /// The stem of the scene's name.
@@ -116,11 +116,11 @@ impl SculptRun {
             folder: folder.clone(),
             before: PointSet::default(),
         });
-        let written = Written { own: &outputs, script: script.as_ref(), pictures: pictures.as_ref(), recording };
+        let written = OutputFiles { own: &outputs, script: script.as_ref(), pictures: pictures.as_ref(), recording };
         written.check(config, overwrite, output)?;
         let tick_s = config.parameters.period_s;
         Ok(Some(Self {
-            plan: Plan { tick_s, update_ticks: sculpt.update_ticks, clock, script: Vec::new() },
+            plan: SculptPlan { tick_s, update_ticks: sculpt.update_ticks, clock, script: Vec::new() },
             script,
             name: config.path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
             outputs,
@@ -138,7 +138,7 @@ impl SculptRun {
     }
 
     /// Begins to work the piece: the loop gets its clay.
-    pub(crate) fn open(&mut self, piece: LoadedClay, scene: &RenderScene, live: &mut Live) -> std::io::Result<()> {
+    pub(crate) fn open(&mut self, piece: LoadedClay, scene: &RenderScene, live: &mut LiveChannels) -> std::io::Result<()> {
         let Some(clay) = &scene.clay else { return Ok(()) };
         let LoadedClay { workpiece, tool_shape, report } = piece;
         if let Some(pictures) = &mut self.pictures {
@@ -146,13 +146,13 @@ impl SculptRun {
         }
         let body = ToolBody { shape: Some(tool_shape), center_of_mass_tool: scene.tool.center_of_mass_tool };
         let engine = SculptEngine::new(workpiece, self.sculpt.tool.clone(), body);
-        let due = |Timed { at, order, line, .. }: Timed| Scripted {
+        let due = |Timed { at, order, line, .. }: Timed| ScriptedOrder {
             tick: (at.as_secs_f64() / self.plan.tick_s).round() as u64,
             order,
             line: Some(line),
         };
         let orders = self.script.as_mut().map(|script| std::mem::take(&mut script.orders)).unwrap_or_default();
-        let plan = Plan { script: orders.into_iter().map(due).collect(), ..self.plan.clone() };
+        let plan = SculptPlan { script: orders.into_iter().map(due).collect(), ..self.plan.clone() };
         let (slot, handle, thread) = sculpting::begin(engine, clay, plan)?;
         live.clay = Some(slot);
         self.open = Some(Open { thread, handle, volume_before_m3: report.volume_m3 });
@@ -174,7 +174,7 @@ impl SculptRun {
     pub(crate) fn close(self, output: OutputOptions) -> Option<SculptSummary> {
         let Open { thread, handle, volume_before_m3 } = self.open?;
         drop(handle);
-        let Ended { report, mut engine } = match wait(thread, output) {
+        let SculptOutcome { report, mut engine } = match wait(thread, output) {
             Ok(ended) => ended,
             Err((why, hint)) => {
                 report::error(why, Some(hint), output);
@@ -194,15 +194,15 @@ impl SculptRun {
         for order in self.outputs {
             let (kind, file) = destination_of(&order);
             match carry_out(&mut engine, order) {
-                Some(Ok(())) => summary.saved.push(Saved { kind, file }),
+                Some(Ok(())) => summary.saved.push(SavedFile { kind, file }),
                 Some(Err(error)) => {
                     report::error(&error.to_string(), Some(hint(&error)), output);
-                    summary.unsaved.push(Saved { kind, file });
+                    summary.unsaved.push(SavedFile { kind, file });
                 }
                 None => {
                     let message = format!("cannot write {}: the program failed while it wrote it", file.display());
                     report::error(&message, Some("this is a bug of hapticd: please report it"), output);
-                    summary.unsaved.push(Saved { kind, file });
+                    summary.unsaved.push(SavedFile { kind, file });
                 }
             }
         }
@@ -218,17 +218,17 @@ impl SculptRun {
         if let Some(pictures) = &self.pictures {
             for (file, drawn) in pictures.draw(engine.model().points()) {
                 match drawn {
-                    Ok(()) => summary.saved.push(Saved { kind: "picture", file }),
+                    Ok(()) => summary.saved.push(SavedFile { kind: "picture", file }),
                     Err(error) => {
                         report::error(&format!("cannot write {}: {error}", file.display()), destination::hint(&error), output);
-                        summary.unsaved.push(Saved { kind: "picture", file });
+                        summary.unsaved.push(SavedFile { kind: "picture", file });
                     }
                 }
             }
         }
         // Those of strokes and clients came first; what is at risk is judged without them, as they may be older than the last stroke.
         let earlier = std::mem::take(&mut summary.engine.files);
-        summary.saved.splice(0..0, earlier.into_iter().map(|(kind, file)| Saved { kind, file }));
+        summary.saved.splice(0..0, earlier.into_iter().map(|(kind, file)| SavedFile { kind, file }));
         summary.tell(self.script.as_ref().map(|script| &*script.file), self.plan.tick_s, output);
         Some(summary)
     }

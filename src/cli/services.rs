@@ -8,10 +8,10 @@ use crossbeam::channel::unbounded;
 
 use super::{OutputOptions, console, publish, reload};
 use crate::config::SceneConfig;
-use crate::daemon::reload::{KnownFiles, News, Reloader};
+use crate::daemon::reload::{KnownFiles, ReloadNotice, Reloader};
 use crate::daemon::session::SessionHandle;
-use crate::daemon::{Enable, Live, Notice, Operator};
-use crate::monitor::{Bound, ClayParts, Hub, HubParts, Monitor, Recorder};
+use crate::daemon::{Enable, LiveChannels, Notice, Operator};
+use crate::monitor::{BoundMonitor, ClayParts, Hub, HubParts, Monitor, RecordingControl};
 use crate::servo::Control;
 use recording::metrics::metrics_subscriber;
 use rt::clock::ClockKind;
@@ -23,15 +23,15 @@ pub(crate) struct ServiceOptions<'a> {
     pub(crate) session: &'a SessionHandle,
     pub(crate) clock: ClockKind,
     /// The address of the monitor, if there is one.
-    pub(crate) bound: Option<Bound>,
+    pub(crate) bound: Option<BoundMonitor>,
     /// What is to be published, if anything.
-    pub(crate) opened: Option<publish::Opened>,
+    pub(crate) opened: Option<publish::OpenedPublisher>,
     /// Takes force away.
     pub(crate) control: &'a Arc<Control>,
     pub(crate) has_console: bool,
     pub(crate) enables_at_start: bool,
     /// Records when clients ask for it.
-    pub(crate) recorder: Option<Box<dyn Recorder>>,
+    pub(crate) recorder: Option<Box<dyn RecordingControl>>,
 }
 
 /// The services beside one run.
@@ -46,7 +46,7 @@ pub(crate) struct Services {
 
 impl Services {
     /// Begins them, and gives the supervisor what it hears of them. Until the first scene is baked clients see that.
-    pub(crate) fn open(options: ServiceOptions<'_>, live: &mut Live) -> io::Result<Self> {
+    pub(crate) fn open(options: ServiceOptions<'_>, live: &mut LiveChannels) -> io::Result<Self> {
         let ServiceOptions { config, session, clock, bound, opened, control, has_console, enables_at_start, recorder } = options;
         let (enables, taken) = unbounded::<Enable>();
         if has_console {
@@ -106,9 +106,9 @@ impl Services {
     pub(crate) fn reload(&mut self, session: &SessionHandle, watches: bool, output: OutputOptions) {
         let Some(known) = self.known.take() else { return };
         let (hub, rendered) = (self.hub.clone(), session.clone());
-        let tell = Box::new(move |news: &News| {
+        let tell = Box::new(move |news: &ReloadNotice| {
             reload::tell(news, output);
-            if let (News::Refused(refusal), Some(hub)) = (news, &hub) {
+            if let (ReloadNotice::Refused(refusal), Some(hub)) = (news, &hub) {
                 let path = &rendered.view().config.path;
                 hub.scene_refused(&path.file_stem().unwrap_or_default().to_string_lossy(), &refusal.to_string());
             }

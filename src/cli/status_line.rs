@@ -13,7 +13,7 @@ use arms::attached::open::LinkNews;
 use arms::protocol::Protocol;
 use haptics::Faults;
 use recording::TickRecord;
-use rt::preflight::{self, Report};
+use rt::preflight::{self, PreflightReport};
 use vps::storage::printable::shown;
 
 /// How often `--log-format json -v` has the newest tick.
@@ -111,13 +111,13 @@ impl<'a> StatusLine<'a> {
         }
     }
 
-    fn preflight(&mut self, report: &Report) {
+    fn preflight(&mut self, report: &PreflightReport) {
         if !output::is_json() {
             report_lines(report, false).iter().for_each(|row| self.line(Level::Info, "preflight", row, &[]));
             return;
         }
         for row in &report.rows {
-            let level = if row.outcome == preflight::Outcome::Failed { Level::Warning } else { Level::Info };
+            let level = if row.outcome == preflight::CheckOutcome::Failed { Level::Warning } else { Level::Info };
             let fields = [
                 ("check", Value::from(row.name)),
                 ("outcome", row.outcome.name().into()),
@@ -147,15 +147,15 @@ fn at(record: &TickRecord) -> [(&'static str, Value); 2] {
 }
 
 /// Checks of the machine, one line each, with what would help.
-pub(super) fn report_lines(report: &Report, failed_only: bool) -> Vec<String> {
+pub(super) fn report_lines(report: &PreflightReport, failed_only: bool) -> Vec<String> {
     let mut lines = Vec::new();
     for row in &report.rows {
         let mark = match row.outcome {
-            preflight::Outcome::Passed => "ok",
-            preflight::Outcome::Failed => "FAILED",
-            preflight::Outcome::Unknown => "unknown",
+            preflight::CheckOutcome::Passed => "ok",
+            preflight::CheckOutcome::Failed => "FAILED",
+            preflight::CheckOutcome::Unknown => "unknown",
         };
-        if failed_only && row.outcome != preflight::Outcome::Failed {
+        if failed_only && row.outcome != preflight::CheckOutcome::Failed {
             continue;
         }
         lines.push(format!("preflight: {:<12} {mark:<7} {}", row.name, row.found));

@@ -3,7 +3,7 @@
 //! TOML, `version = 1`, then a `[[stroke]]` table for each, with `at_s` (loop time, s) and `do`; `docs/reference/clay.md` lists the keys. Files
 //! that are read are relative to the file of strokes, files that are written to the working directory.
 
-mod laid;
+mod image_placement;
 mod naming;
 mod size;
 

@@ -12,14 +12,14 @@ use std::time::Instant;
 
 use crossbeam::channel::Receiver;
 
-use super::{Attached, PrepareError};
+use super::{PrepareError, RealArmNode};
 use crate::servo::{Control, DeadlineGrid, StopGuard};
 use arms::Device;
 use arms::attached::nodes::Selector;
 use arms::attached::open::{self, LinkNews, OpenOptions};
 use arms::profile::Profile;
 use arms::remote::command_hold::HoldTiming;
-use arms::remote::figures::{NodeReport, Phase};
+use arms::remote::figures::{LinkPhase, NodeReport};
 use arms::remote::{Node, NodeFigures, NodeParameters};
 use arms::simulated::{HandParameters, SimArm, SimParameters};
 use rt::clock::{Clock as _, RealClock};
@@ -32,7 +32,7 @@ const LOOK: Duration = Duration::from_millis(20);
 #[derive(Debug)]
 pub enum NodeNotice<'a> {
     /// A new phase, with what was counted so far.
-    Phase(Phase, NodeReport),
+    Phase(LinkPhase, NodeReport),
     /// What became of the link of a real arm.
     Link(&'a LinkNews),
 }
@@ -96,11 +96,11 @@ pub fn open_arm(
     period_s: f64,
     request: ThreadRequest,
     guard: Option<PathBuf>,
-) -> Result<(Box<dyn Device>, Option<Attached>), PrepareError> {
+) -> Result<(Box<dyn Device>, Option<RealArmNode>), PrepareError> {
     if profile.real.is_some() {
         let io_request = ThreadRequest { priority: request.priority.saturating_sub(1).max(1), ..request };
         let opened = open::open(profile, &OpenOptions { selector, io_request: Some(io_request), period_s, guard })?;
-        return Ok((Box::new(opened.arm), Some(Attached { node: opened.path, news: opened.news, link: None })));
+        return Ok((Box::new(opened.arm), Some(RealArmNode { node: opened.path, news: opened.news, link: None })));
     }
     Ok((Box::new(SimArm::new(SimParameters::of(profile, hand, period_s))?), None))
 }
@@ -158,13 +158,13 @@ fn watch<T>(
     notify: &mut impl FnMut(NodeNotice<'_>),
 ) {
     let begin = Instant::now();
-    let mut told = Phase::Silent;
+    let mut told = LinkPhase::Silent;
     let mut losses = 0;
     while !thread.is_finished() && duration.is_none_or(|duration| begin.elapsed() < duration) {
         let (phase, report) = (figures.phase(), figures.report());
         // A host that is quick to disable again must not hide that the link was lost.
-        if report.link_losses > losses && phase != Phase::Tripped {
-            notify(NodeNotice::Phase(Phase::Tripped, report));
+        if report.link_losses > losses && phase != LinkPhase::Tripped {
+            notify(NodeNotice::Phase(LinkPhase::Tripped, report));
         }
         if phase != told || report.link_losses > losses {
             (told, losses) = (phase, report.link_losses);

@@ -22,7 +22,7 @@
 //! Force flows in Enabling, Enabled and Stopping only. Every way out, drawn or not, passes the servo's stop guard: the last thing that the
 //! arm hears is a zero command.
 //!
-//! Data in: a prepared [`RenderJob`]. Data out: [`Notice`]s while it runs, one [`Outcome`] at the end. Invariant: prints nothing.
+//! Data in: a prepared [`RenderJob`]. Data out: [`Notice`]s while it runs, one [`RunOutcome`] at the end. Invariant: prints nothing.
 
 pub mod device_node;
 mod prepare;
@@ -39,9 +39,9 @@ mod supervisor;
 pub(crate) mod testing;
 mod unpacked;
 
-pub use prepare::{Attached, PrepareError, Prepared, inputs, prepare, prepare_on, prepare_with};
+pub use prepare::{PrepareError, Prepared, RealArmNode, inputs, prepare, prepare_on, prepare_with};
 pub use recorded::{resolved, scene_files};
 pub use replay::{Difference, Gap, ReplayError, Replayed, replay};
 pub use scene_keys::{scenes_beside, unlike};
-pub use supervisor::{Enable, Live, Notice, Operator, Outcome, Phase, RenderJob, RunError, Supervisor};
+pub use supervisor::{Enable, LiveChannels, Notice, Operator, Phase, RenderJob, RunError, RunOutcome, Supervisor};
 pub use unpacked::UnpackError;

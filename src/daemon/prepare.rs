@@ -11,7 +11,7 @@ use super::remote::RemoteArm;
 use crate::config::scene::{DeviceConfig, RealtimeConfig};
 use crate::config::{ConfigErrors, SceneConfig};
 use crate::scene::cache::Cache;
-use crate::scene::{self, BakeOptions, Built, Event, LoadedClay, ObjectReport, SceneError};
+use crate::scene::{self, BakeEvent, BakeOptions, Built, LoadedClay, ObjectReport, SceneError};
 use arms::Device;
 use arms::attached::open::{self, LinkNews, OpenError, OpenOptions};
 use arms::remote::LinkFigures;
@@ -31,7 +31,7 @@ pub struct Prepared {
     /// The opened arm.
     pub device: Box<dyn Device>,
     /// The node of a real arm.
-    pub attached: Option<Attached>,
+    pub attached: Option<RealArmNode>,
     /// Scheduling.
     pub realtime: RealtimeConfig,
     /// Ticks per second.
@@ -42,7 +42,7 @@ pub struct Prepared {
 
 /// The node of a real arm.
 #[derive(Debug)]
-pub struct Attached {
+pub struct RealArmNode {
     /// Its node.
     pub node: PathBuf,
     /// What becomes of its link.
@@ -99,7 +99,7 @@ pub fn inputs(config: &SceneConfig) -> Result<(Option<HandPath>, Option<FaultPla
 ///
 /// # Errors
 /// As [`prepare_with`].
-pub fn prepare(config: &SceneConfig, watch: impl FnMut(Event<'_>)) -> Result<(Prepared, Vec<ObjectReport>), PrepareError> {
+pub fn prepare(config: &SceneConfig, watch: impl FnMut(BakeEvent<'_>)) -> Result<(Prepared, Vec<ObjectReport>), PrepareError> {
     prepare_with(config, &mut BakeOptions::from(&mut Cache::off()), watch)
 }
 
@@ -110,7 +110,7 @@ pub fn prepare(config: &SceneConfig, watch: impl FnMut(Event<'_>)) -> Result<(Pr
 pub fn prepare_with(
     config: &SceneConfig,
     means: &mut BakeOptions<'_>,
-    watch: impl FnMut(Event<'_>),
+    watch: impl FnMut(BakeEvent<'_>),
 ) -> Result<(Prepared, Vec<ObjectReport>), PrepareError> {
     prepare_on(config, means, None, None, watch)
 }
@@ -125,7 +125,7 @@ pub fn prepare_on(
     means: &mut BakeOptions<'_>,
     remote: Option<&RemoteArm>,
     guard: Option<PathBuf>,
-    watch: impl FnMut(Event<'_>),
+    watch: impl FnMut(BakeEvent<'_>),
 ) -> Result<(Prepared, Vec<ObjectReport>), PrepareError> {
     let (hand, fault) = inputs(config)?;
     let profile = &config.device.profile;
@@ -143,11 +143,11 @@ pub fn prepare_on(
     let (device, attached): (Box<dyn Device>, _) = match (&to_open, remote) {
         (Some(options), Some(remote)) => {
             let (opened, link) = remote.open(profile, period_s, options.io_request)?;
-            (Box::new(opened.arm), Some(Attached { node: opened.path, news: opened.news, link: Some(link) }))
+            (Box::new(opened.arm), Some(RealArmNode { node: opened.path, news: opened.news, link: Some(link) }))
         }
         (Some(options), None) => {
             let opened = open::open(profile, options)?;
-            (Box::new(opened.arm), Some(Attached { node: opened.path, news: opened.news, link: None }))
+            (Box::new(opened.arm), Some(RealArmNode { node: opened.path, news: opened.news, link: None }))
         }
         (None, _) => {
             let mut arm = simulated_arm(&config.device, hand.as_ref(), mapping, scene.tool.center_of_mass_tool, period_s);

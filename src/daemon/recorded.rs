@@ -12,7 +12,7 @@ use haptics::{
     ArmParameters, ContactParameters, CouplingParameters, DeviceMapping, FilterParameters, FrictionParameters, LimitParameters,
     Parameters, SafetyParameters,
 };
-use recording::file::{Form, NamedFile, SceneFiles, Shown};
+use recording::file::{DisplayObject, DisplayShape, NamedFile, SceneFiles};
 use vps::mesh::{self, primitives::Shape};
 use vps::spatial::Pose;
 use vps::storage::regular;
@@ -76,19 +76,19 @@ fn files(table: &toml::Table) -> Vec<String> {
     files
 }
 
-fn shown(name: &str, source: &MeshSource, pose: Pose, is_tool: bool) -> Shown {
+fn shown(name: &str, source: &MeshSource, pose: Pose, is_tool: bool) -> DisplayObject {
     let form = match source {
-        MeshSource::File { path, metres_per_unit } => Form::Mesh(path.clone(), *metres_per_unit),
+        MeshSource::File { path, metres_per_unit } => DisplayShape::Mesh(path.clone(), *metres_per_unit),
         MeshSource::Shape(shape) => match *shape {
-            Shape::Box { size_m } => Form::Box(size_m.to_array(), [0.0; 3]),
-            Shape::Sphere { radius_m } => Form::Sphere(radius_m),
-            Shape::Cylinder { radius_m, height_m } => Form::Cylinder(radius_m, 1.0, height_m),
-            Shape::Cone { radius_m, height_m } => Form::Cylinder(radius_m, 0.0, height_m),
-            Shape::Plane { x_m, y_m, thickness_m } => Form::Box([x_m, y_m, thickness_m], [0.0, 0.0, -0.5 * thickness_m]),
-            Shape::Capsule { .. } | Shape::Torus { .. } => Form::Other,
+            Shape::Box { size_m } => DisplayShape::Box(size_m.to_array(), [0.0; 3]),
+            Shape::Sphere { radius_m } => DisplayShape::Sphere(radius_m),
+            Shape::Cylinder { radius_m, height_m } => DisplayShape::Cylinder(radius_m, 1.0, height_m),
+            Shape::Cone { radius_m, height_m } => DisplayShape::Cylinder(radius_m, 0.0, height_m),
+            Shape::Plane { x_m, y_m, thickness_m } => DisplayShape::Box([x_m, y_m, thickness_m], [0.0, 0.0, -0.5 * thickness_m]),
+            Shape::Capsule { .. } | Shape::Torus { .. } => DisplayShape::Other,
         },
     };
-    Shown { name: name.to_owned(), pose, is_tool, form }
+    DisplayObject { name: name.to_owned(), pose, is_tool, form }
 }
 
 /// A word of the program as a scene file has it: `SurfacePoint` as `surface-point`.

@@ -5,7 +5,7 @@
 //!  file  ──┴► read and check ───┼─ only parameters differ ────► set together, each along its ramp
 //!  changed                      └─ anything else ─────────────► baked meanwhile, then exchanged at zero force
 //! ```
-//! Runs on the thread of scenes, between two bakes. Data in: the session, for what is rendered now. Data out: changes of the session, and [`News`].
+//! Runs on the thread of scenes, between two bakes. Data in: the session, for what is rendered now. Data out: changes of the session, and [`ReloadNotice`].
 
 use core::time::Duration;
 use std::collections::BTreeMap;
@@ -32,7 +32,7 @@ pub struct Reloader {
     hangups: Hangups,
     watches: bool,
     known: KnownFiles,
-    tell: Box<dyn Fn(&News) + Send>,
+    tell: Box<dyn Fn(&ReloadNotice) + Send>,
     next_listen: Instant,
     next_look: Instant,
     pending: Option<Cause>,
@@ -40,7 +40,7 @@ pub struct Reloader {
 
 /// What a reload has to say.
 #[derive(Debug)]
-pub enum News {
+pub enum ReloadNotice {
     /// The scene is read again, and why.
     Begun(Cause),
     /// What came of it.
@@ -74,7 +74,7 @@ pub enum Reloaded {
 impl Reloader {
     /// Reads the scene again when `hangups` says so, and where it `watches` when a file is not as it is `known` any more. `tell` hears what comes of
     /// it, on the thread of scenes.
-    pub fn new(hangups: Hangups, watches: bool, known: KnownFiles, tell: Box<dyn Fn(&News) + Send>) -> Self {
+    pub fn new(hangups: Hangups, watches: bool, known: KnownFiles, tell: Box<dyn Fn(&ReloadNotice) + Send>) -> Self {
         let now = Instant::now();
         Self { hangups, watches, known, tell, next_listen: now, next_look: now, pending: None }
     }
@@ -88,7 +88,7 @@ impl Reloader {
         self.next_listen = now + LISTEN;
         match self.hangups.take() {
             // The signal has ended the run itself.
-            Some(Hangup::TerminalGone) => return (self.tell)(&News::TerminalGone),
+            Some(Hangup::TerminalGone) => return (self.tell)(&ReloadNotice::TerminalGone),
             Some(Hangup::Reload) => self.pending = Some(Cause::Signal),
             None if now >= self.next_look => {
                 self.next_look = now + LOOK;
@@ -101,9 +101,9 @@ impl Reloader {
             None => {}
         }
         if let Some(cause) = self.pending.take_if(|_| is_free) {
-            (self.tell)(&News::Begun(cause));
+            (self.tell)(&ReloadNotice::Begun(cause));
             let reloaded = self.reload(session, baker);
-            (self.tell)(&reloaded.map_or_else(News::Refused, News::Done));
+            (self.tell)(&reloaded.map_or_else(ReloadNotice::Refused, ReloadNotice::Done));
         }
     }
 

@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use tempfile::TempDir;
 
-use arms::attached::open::{OpenError, Opened};
+use arms::attached::open::{OpenError, OpenedArm};
 use arms::profile::Profile;
 use arms::remote::LinkFigures;
 use link::network::{Endpoints, NetworkError};
@@ -58,7 +58,7 @@ impl RemoteArm {
     ///
     /// # Errors
     /// Always.
-    pub fn open(&self, _: &Profile, _: f64, _: Option<ThreadRequest>) -> Result<(Opened, Arc<LinkFigures>), OpenError> {
+    pub fn open(&self, _: &Profile, _: f64, _: Option<ThreadRequest>) -> Result<(OpenedArm, Arc<LinkFigures>), OpenError> {
         Err(OpenError::Link(Box::new(NetworkError::NotBuilt)))
     }
 }
@@ -104,7 +104,7 @@ mod over_zenoh {
             profile: &Profile,
             period_s: f64,
             request: Option<ThreadRequest>,
-        ) -> Result<(Opened, Arc<LinkFigures>), OpenError> {
+        ) -> Result<(OpenedArm, Arc<LinkFigures>), OpenError> {
             let (session, name) = (self.session.clone(), self.name.clone());
             let dial: Dial = Box::new(move || {
                 let link = ZenohLink::to_node(&session, &name, request).map_err(|error| OpenError::Link(Box::new(error)))?;

@@ -13,15 +13,15 @@ use std::time::Instant;
 use crossbeam::channel::{Receiver, after, never, select_biased, tick, unbounded};
 use rtrb::RingBuffer;
 
-pub use self::job::{Enable, Live, Operator, Outcome, RenderJob, RunError};
+pub use self::job::{Enable, LiveChannels, Operator, RenderJob, RunError, RunOutcome};
 pub use self::phase::{Notice, Phase};
 use self::threads::{MemoryLock, Servo, spawn_drain, spawn_servo, with_live};
 use crate::servo::{Control, Ending, LoopReport, Order, Permit, RunPlan, ServoLoop, StopGuard};
 use arms::attached::open::LinkNews;
 use haptics::{Drive, OffCause};
-use recording::{Counted, RealtimeSummary, Watch};
+use recording::{LoopCounts, RealtimeSummary, Watch};
 use rt::clock::{ClockKind, RealClock, VirtualClock};
-use rt::preflight::{KernelFacts, Report};
+use rt::preflight::{KernelFacts, PreflightReport};
 use rt::schedule::{self, ThreadRequest};
 use rt::signals;
 
@@ -82,8 +82,8 @@ impl<N: FnMut(Notice<'_>)> Supervisor<N> {
     ///
     /// # Errors
     /// As there.
-    pub fn render(&mut self, job: RenderJob, control: &Arc<Control>) -> Result<Outcome, RunError> {
-        self.render_live(job, Live::default(), control)
+    pub fn render(&mut self, job: RenderJob, control: &Arc<Control>) -> Result<RunOutcome, RunError> {
+        self.render_live(job, LiveChannels::default(), control)
     }
 
     /// Preflight, enable, render, stop. Blocks until the arm is at rest. Every holder of `control` can take force away or end the run through it, at any
@@ -91,7 +91,7 @@ impl<N: FnMut(Notice<'_>)> Supervisor<N> {
     ///
     /// # Errors
     /// See [`RunError`]; no tick was rendered then, except under [`RunError::Servo`].
-    pub fn render_live(&mut self, job: RenderJob, live: Live, control: &Arc<Control>) -> Result<Outcome, RunError> {
+    pub fn render_live(&mut self, job: RenderJob, live: LiveChannels, control: &Arc<Control>) -> Result<RunOutcome, RunError> {
         let capabilities = job.device.capabilities();
         let Operator { enables_at_start, waits_after_fault, holds_back, enables } = live.operator;
         let enabled = !holds_back && (capabilities.simulated || enables_at_start);
@@ -112,7 +112,7 @@ impl<N: FnMut(Notice<'_>)> Supervisor<N> {
         };
         let news = live.news.unwrap_or_else(never);
         let subscribers = live.subscribers.clone();
-        let live = Live { operator: Operator::default(), news: None, ..live };
+        let live = LiveChannels { operator: Operator::default(), news: None, ..live };
         let stop_patience = match job.clock {
             ClockKind::Real => STOP_PATIENCE,
             ClockKind::Virtual => STOP_PATIENCE_VIRTUAL,
@@ -138,8 +138,8 @@ impl<N: FnMut(Notice<'_>)> Supervisor<N> {
         let standing = servo.standing.recv().map_err(|_| RunError::Servo("ended before it began"))?;
         let kernel = KernelFacts::read(request.cpu);
         let preflight = match &memory_lock.outcome {
-            Some(outcome) => Report::judge(&kernel, request, standing, *outcome),
-            None => Report::virtual_clock(&kernel),
+            Some(outcome) => PreflightReport::judge(&kernel, request, standing, *outcome),
+            None => PreflightReport::virtual_clock(&kernel),
         };
         (self.notify)(Notice::Preflight(&preflight));
         if job.realtime.enforce && !preflight.passed() {
@@ -162,7 +162,7 @@ impl<N: FnMut(Notice<'_>)> Supervisor<N> {
         let at_fault = matches!(report.ending, Ending::Faulted | Ending::Panicked) || report.last.drive == Drive::Fault;
         self.enter(if at_fault { Phase::Fault } else { Phase::Stopped });
         let totals = drained.summary.totals(counted(&report, &preflight, job.rate_hz, job.clock));
-        Ok(Outcome { swaps: drained.summary.swaps().to_vec(), totals, report, preflight })
+        Ok(RunOutcome { swaps: drained.summary.swaps().to_vec(), totals, report, preflight })
     }
 
     /// Passes on what is told, lets force flow when asked to, and watches over the end, until the servo thread has ended.
@@ -266,8 +266,8 @@ impl Drop for QuitOnUnwind<'_> {
     }
 }
 
-fn counted(report: &LoopReport, preflight: &Report, rate_hz: u32, clock: ClockKind) -> Counted {
-    Counted {
+fn counted(report: &LoopReport, preflight: &PreflightReport, rate_hz: u32, clock: ClockKind) -> LoopCounts {
+    LoopCounts {
         ticks: report.ticks,
         rate_hz,
         clock: clock.name(),

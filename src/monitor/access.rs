@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use axum::http::{HeaderMap, StatusCode, header};
 
-use super::problem::Problem;
+use super::problem::RequestError;
 use vps::storage::regular;
 
 /// Fewest characters of a token: 96 bits even of hexadecimal digits would be 24, and no person types these.
@@ -96,12 +96,12 @@ impl Access {
     }
 
     /// Every client may read what this page is made of; it holds no secret.
-    pub(super) fn may_see_page(&self, headers: &HeaderMap) -> Result<(), Problem> {
+    pub(super) fn may_see_page(&self, headers: &HeaderMap) -> Result<(), RequestError> {
         self.host(headers)
     }
 
     /// May the client that sent this use the API?
-    pub(super) fn may_ask(&self, headers: &HeaderMap, query: Option<&str>) -> Result<(), Problem> {
+    pub(super) fn may_ask(&self, headers: &HeaderMap, query: Option<&str>) -> Result<(), RequestError> {
         self.host(headers)?;
         self.origin(headers)?;
         let Some(token) = &self.token else { return Ok(()) };
@@ -110,13 +110,13 @@ impl Access {
             given => {
                 let error = if given.is_some() { "wrong token" } else { "a token is needed" };
                 let hint = "send it as `Authorization: Bearer TOKEN` or as `?token=TOKEN`; the page takes it as `/#token=TOKEN`";
-                Err(Problem::new(StatusCode::UNAUTHORIZED, error, hint))
+                Err(RequestError::new(StatusCode::UNAUTHORIZED, error, hint))
             }
         }
     }
 
     /// On loopback only the names of this machine: no name that others made point here.
-    fn host(&self, headers: &HeaderMap) -> Result<(), Problem> {
+    fn host(&self, headers: &HeaderMap) -> Result<(), RequestError> {
         if !self.address.ip().is_loopback() {
             return Ok(());
         }
@@ -125,7 +125,7 @@ impl Access {
             return Ok(());
         }
         let hint = format!("this server answers as localhost:{port} and {}", self.address, port = self.address.port());
-        Err(Problem::new(StatusCode::FORBIDDEN, format!("the host `{}` is not this server", shown(host)), hint))
+        Err(RequestError::new(StatusCode::FORBIDDEN, format!("the host `{}` is not this server", shown(host)), hint))
     }
 
     fn is_own_host(&self, host: &str) -> bool {
@@ -137,7 +137,7 @@ impl Access {
     }
 
     /// Programs send no origin; pages always do.
-    fn origin(&self, headers: &HeaderMap) -> Result<(), Problem> {
+    fn origin(&self, headers: &HeaderMap) -> Result<(), RequestError> {
         let Some(origin) = headers.get(header::ORIGIN) else { return Ok(()) };
         let origin = origin.to_str().unwrap_or_default();
         let own = text(headers, header::HOST).is_some_and(|host| {
@@ -147,7 +147,7 @@ impl Access {
             return Ok(());
         }
         let hint = "open the page of this server, or name the other one in `monitor.origins` of the scene";
-        Err(Problem::new(StatusCode::FORBIDDEN, format!("pages of `{}` may not use this server", shown(origin)), hint))
+        Err(RequestError::new(StatusCode::FORBIDDEN, format!("pages of `{}` may not use this server", shown(origin)), hint))
     }
 }
 

@@ -4,12 +4,12 @@ use std::path::PathBuf;
 
 use serde_json::Value;
 
-use super::problem::Problem;
+use super::problem::RequestError;
 use super::recorder::RecorderStatus;
 
 /// What a request came to.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) enum Done {
+pub(super) enum Completion {
     /// It is done, and there is no more to say.
     Nothing,
     /// A recording.
@@ -18,7 +18,7 @@ pub(super) enum Done {
     Saved(PathBuf),
 }
 
-impl Done {
+impl Completion {
     /// Adds what there is to say to an answer.
     pub(super) fn tell(&self, answer: &mut Value) {
         match self {
@@ -30,4 +30,4 @@ impl Done {
 }
 
 /// Hears what became of a request.
-pub(super) type Reply = Box<dyn FnOnce(Result<Done, Problem>) + Send>;
+pub(super) type Reply = Box<dyn FnOnce(Result<Completion, RequestError>) + Send>;

@@ -6,14 +6,14 @@ use std::sync::Arc;
 use serde::Deserialize;
 use serde_json::Value;
 
-use super::answer::{Done, Reply};
+use super::answer::{Completion, Reply};
 use super::clay::{self, SaveKind, TakeAsked};
-use super::client::{Client, Wanted};
+use super::client::{Client, Subscription};
 use super::encode::WirePose;
 use super::forms::{read, such_as};
 use super::heartbeat::{LONGEST, SHORTEST};
 use super::hub::Hub;
-use super::problem::Problem;
+use super::problem::RequestError;
 use super::recorder::{RecorderError, RecorderStatus};
 use super::worker::Worker;
 use crate::daemon::session::{SessionError, SessionHandle};
@@ -124,18 +124,20 @@ impl ClientCommand {
     }
 
     /// Takes a message apart: its `id`, whatever that is, and the request.
-    pub(super) fn parse(message: &[u8]) -> (Value, Result<Self, Problem>) {
+    pub(super) fn parse(message: &[u8]) -> (Value, Result<Self, RequestError>) {
         let mut object = match serde_json::from_slice(message) {
             Ok(Value::Object(object)) => object,
-            Ok(_) => return (Value::Null, Err(Problem::bad("a request is an object", "such as {\"id\":1,\"do\":\"ping\"}"))),
-            Err(error) => return (Value::Null, Err(Problem::bad(format!("no JSON: {error}"), "send one object in each message"))),
+            Ok(_) => return (Value::Null, Err(RequestError::bad("a request is an object", "such as {\"id\":1,\"do\":\"ping\"}"))),
+            Err(error) => {
+                return (Value::Null, Err(RequestError::bad(format!("no JSON: {error}"), "send one object in each message")));
+            }
         };
         let id = object.remove("id").unwrap_or(Value::Null);
         if !is_short(&id) {
-            return (Value::Null, Err(Problem::bad(format!("an `id` has at most {LONGEST_ID} bytes"), "a number will do")));
+            return (Value::Null, Err(RequestError::bad(format!("an `id` has at most {LONGEST_ID} bytes"), "a number will do")));
         }
         let command = object.get("do").and_then(Value::as_str).unwrap_or_default().to_owned();
-        let asked = read(object, "").map_err(|error| Problem::bad(error, such_as(&command, true)));
+        let asked = read(object, "").map_err(|error| RequestError::bad(error, such_as(&command, true)));
         (id, asked)
     }
 }
@@ -150,11 +152,11 @@ pub(super) fn perform(hub: &Arc<Hub>, files: &Worker, client: Option<&Client>, a
         ClientCommand::Enable {} => reply(hub.enable(client.map(|client| client.id)).map(nothing)),
         ClientCommand::Disable {} => {
             hub.control.disable();
-            reply(Ok(Done::Nothing));
+            reply(Ok(Completion::Nothing));
         }
         ClientCommand::Stop {} => {
             hub.control.stop();
-            reply(Ok(Done::Nothing));
+            reply(Ok(Completion::Nothing));
         }
         ClientCommand::Set { parameter, value } => {
             reply(rendered(hub).and_then(|session| Ok(session.set(&parameter, value)?)).map(nothing));
@@ -165,18 +167,18 @@ pub(super) fn perform(hub: &Arc<Hub>, files: &Worker, client: Option<&Client>, a
         ClientCommand::Switch { scene } => switch(hub, scene, reply),
         ClientCommand::Record { file } => record(hub, files, Some(file), reply),
         ClientCommand::EndRecording {} => record(hub, files, None, reply),
-        ClientCommand::Ping {} => reply(Ok(Done::Nothing)),
+        ClientCommand::Ping {} => reply(Ok(Completion::Nothing)),
         ClientCommand::Subscribe { rate_hz, format, contacts, history } => reply(match client {
             Some(client) => wanted(rate_hz, format, contacts, history).map(|wanted| {
                 client.want(wanted);
-                Done::Nothing
+                Completion::Nothing
             }),
             None => Err(needs_connection()),
         }),
         ClientCommand::Heartbeat { timeout_ms } => reply(match client {
             Some(client) => longest(timeout_ms).map(|longest| {
                 hub.watchdog.beat(client.id, longest);
-                Done::Nothing
+                Completion::Nothing
             }),
             None => Err(needs_connection()),
         }),
@@ -191,18 +193,18 @@ pub(super) fn perform(hub: &Arc<Hub>, files: &Worker, client: Option<&Client>, a
     }
 }
 
-fn nothing((): ()) -> Done {
-    Done::Nothing
+fn nothing((): ()) -> Completion {
+    Completion::Nothing
 }
 
-fn needs_connection() -> Problem {
-    Problem::bad("this needs a connection", "use the WebSocket")
+fn needs_connection() -> RequestError {
+    RequestError::bad("this needs a connection", "use the WebSocket")
 }
 
 /// The session, once there is something that can be changed.
-fn rendered(hub: &Hub) -> Result<&SessionHandle, Problem> {
+fn rendered(hub: &Hub) -> Result<&SessionHandle, RequestError> {
     match hub.is_baking() {
-        true => Err(Problem::unavailable("the scene is being baked: nothing is rendered yet", "wait for the event `scene`")),
+        true => Err(RequestError::unavailable("the scene is being baked: nothing is rendered yet", "wait for the event `scene`")),
         false => Ok(&hub.session),
     }
 }
@@ -218,31 +220,31 @@ fn switch(hub: &Arc<Hub>, scene: String, reply: Reply) {
         if let Err(error @ (SessionError::Scene(_) | SessionError::Over)) = &result {
             told.scene_refused(&name, &error.to_string());
         }
-        reply(result.map(nothing).map_err(Problem::from));
+        reply(result.map(nothing).map_err(RequestError::from));
     };
     session.switch(scene, Box::new(answer));
 }
 
-fn wanted(rate_hz: f64, format: Format, contacts: bool, history: bool) -> Result<Option<Wanted>, Problem> {
+fn wanted(rate_hz: f64, format: Format, contacts: bool, history: bool) -> Result<Option<Subscription>, RequestError> {
     if rate_hz == 0.0 {
         return Ok(None);
     }
     // A NaN is in no range.
     if !(LEAST_RATE_HZ..=MOST_RATE_HZ).contains(&rate_hz) {
         let hint = "0 ends the stream";
-        return Err(Problem::bad(format!("`rate_hz` goes from {LEAST_RATE_HZ} to {MOST_RATE_HZ}, not to {rate_hz}"), hint));
+        return Err(RequestError::bad(format!("`rate_hz` goes from {LEAST_RATE_HZ} to {MOST_RATE_HZ}, not to {rate_hz}"), hint));
     }
     let is_binary = format == Format::Binary;
-    Ok(Some(Wanted { rate_hz, is_binary, contacts: contacts && !is_binary, history: history && !is_binary }))
+    Ok(Some(Subscription { rate_hz, is_binary, contacts: contacts && !is_binary, history: history && !is_binary }))
 }
 
-fn longest(timeout_ms: Option<f64>) -> Result<Option<Duration>, Problem> {
+fn longest(timeout_ms: Option<f64>) -> Result<Option<Duration>, RequestError> {
     let Some(timeout_ms) = timeout_ms else { return Ok(None) };
     let [least_ms, most_ms] = [SHORTEST, LONGEST].map(|longest| longest.as_secs_f64() * 1e3);
     let is_sound = timeout_ms == 0.0 || timeout_ms >= least_ms && timeout_ms <= most_ms;
     if !is_sound {
         let error = format!("`timeout_ms` goes from {least_ms} to {most_ms}, not to {timeout_ms}");
-        return Err(Problem::bad(error, "0 ends the heartbeat"));
+        return Err(RequestError::bad(error, "0 ends the heartbeat"));
     }
     Ok(Some(Duration::from_secs_f64(timeout_ms * 1e-3)))
 }
@@ -250,7 +252,7 @@ fn longest(timeout_ms: Option<f64>) -> Result<Option<Duration>, Problem> {
 /// A recording begins (`Some`: with this file, if it is named) or ends, on the thread for files.
 fn record(hub: &Arc<Hub>, files: &Worker, begins: Option<Option<String>>, reply: Reply) {
     let Some(recorder) = hub.recorder.clone() else {
-        return reply(Err(Problem::unavailable("this run has no recorder", "")));
+        return reply(Err(RequestError::unavailable("this run has no recorder", "")));
     };
     let hub = hub.clone();
     files.post(move || {
@@ -265,9 +267,9 @@ fn record(hub: &Arc<Hub>, files: &Worker, begins: Option<Option<String>>, reply:
                 None => hub.tell("recording", None, &format!("{records} ticks are recorded in {file}"), &["ended", &file]),
             }
         }
-        reply(result.map(Done::Recording).map_err(|error| match &error {
-            RecorderError::File(_) => Problem::bad(error.to_string(), ""),
-            RecorderError::State(_) => Problem::conflict(error.to_string(), ""),
+        reply(result.map(Completion::Recording).map_err(|error| match &error {
+            RecorderError::File(_) => RequestError::bad(error.to_string(), ""),
+            RecorderError::State(_) => RequestError::conflict(error.to_string(), ""),
         }));
     });
 }
@@ -350,7 +352,7 @@ mod tests {
             assert!(wanted(rate_hz, Format::Json, false, true).is_err(), "{rate_hz}");
         }
         assert_eq!(wanted(0.0, Format::Json, false, true), Ok(None));
-        let binary = Wanted { rate_hz: 1000.0, is_binary: true, contacts: false, history: false };
+        let binary = Subscription { rate_hz: 1000.0, is_binary: true, contacts: false, history: false };
         assert_eq!(wanted(1000.0, Format::Binary, true, true), Ok(Some(binary)));
         assert_eq!(longest(Some(0.0)), Ok(Some(Duration::ZERO)));
         assert!(longest(Some(1.0)).is_err() && longest(Some(1e9)).is_err() && longest(Some(f64::NAN)).is_err());

@@ -4,7 +4,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use tokio::sync::Semaphore;
 
-use super::outbox::Outbox;
+use super::outbox::ClientQueue;
 
 /// Requests of one client that wait to be answered.
 const MOST_UNANSWERED: usize = 64;
@@ -13,15 +13,15 @@ const MOST_UNANSWERED: usize = 64;
 #[derive(Debug)]
 pub(super) struct Client {
     pub(super) id: u64,
-    pub(super) outbox: Outbox,
+    pub(super) outbox: ClientQueue,
     /// Places for requests that wait for an answer, which may be slow.
     pub(super) unanswered: Arc<Semaphore>,
-    wants: Mutex<Option<Wanted>>,
+    wants: Mutex<Option<Subscription>>,
 }
 
 /// What a client wants to see.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Wanted {
+pub(super) struct Subscription {
     pub(super) rate_hz: f64,
     pub(super) is_binary: bool,
     pub(super) contacts: bool,
@@ -31,15 +31,15 @@ pub(super) struct Wanted {
 impl Client {
     /// One that was not told anything yet, and wants to see nothing.
     pub(super) fn new(id: u64) -> Self {
-        Self { id, outbox: Outbox::default(), unanswered: Arc::new(Semaphore::new(MOST_UNANSWERED)), wants: Mutex::default() }
+        Self { id, outbox: ClientQueue::default(), unanswered: Arc::new(Semaphore::new(MOST_UNANSWERED)), wants: Mutex::default() }
     }
 
     /// What it wants to see, if anything.
-    pub(super) fn wants(&self) -> Option<Wanted> {
+    pub(super) fn wants(&self) -> Option<Subscription> {
         *self.wants.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    pub(super) fn want(&self, wanted: Option<Wanted>) {
+    pub(super) fn want(&self, wanted: Option<Subscription>) {
         *self.wants.lock().unwrap_or_else(PoisonError::into_inner) = wanted;
     }
 }

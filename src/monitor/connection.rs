@@ -16,7 +16,7 @@ use tokio::runtime::Handle;
 use tokio::sync::OwnedSemaphorePermit;
 use tokio::time::Sleep;
 
-use super::connection_slots::{ConnectionSlots, ConnectionState, Slot};
+use super::connection_slots::{ConnectionSlot, ConnectionSlots, ConnectionState};
 
 /// Connections at the same time, WebSockets among them.
 const MOST_CONNECTIONS: usize = 192;
@@ -51,10 +51,10 @@ impl ConnectionListener {
 }
 
 impl Listener for ConnectionListener {
-    type Io = Connection;
+    type Io = ClientConnection;
     type Addr = SocketAddr;
 
-    async fn accept(&mut self) -> (Connection, SocketAddr) {
+    async fn accept(&mut self) -> (ClientConnection, SocketAddr) {
         loop {
             match self.listener.accept().await {
                 Ok((stream, peer)) => {
@@ -65,7 +65,7 @@ impl Listener for ConnectionListener {
                     if let Some(slot) = self.slots.take() {
                         // Small messages leave at once; if that cannot be had they come a little later.
                         let _ = stream.set_nodelay(true);
-                        return (Connection::new(stream, slot), peer);
+                        return (ClientConnection::new(stream, slot), peer);
                     }
                     if let Ok(slot) = self.slots.leaving.clone().try_acquire_owned() {
                         tokio::spawn(turn_away(stream, slot));
@@ -108,15 +108,15 @@ impl Peer {
 
 impl Connected<IncomingStream<'_, ConnectionListener>> for Peer {
     fn connect_info(stream: IncomingStream<'_, ConnectionListener>) -> Self {
-        let Connection { state, slots, .. } = stream.io();
+        let ClientConnection { state, slots, .. } = stream.io();
         Self { address: *stream.remote_addr(), state: state.clone(), slots: slots.clone() }
     }
 }
 
 /// One connection with its slot.
-pub(super) struct Connection {
+pub(super) struct ClientConnection {
     /// `None` while it is dropped only.
-    stream: Option<(TcpStream, Slot)>,
+    stream: Option<(TcpStream, ConnectionSlot)>,
     state: Arc<ConnectionState>,
     slots: Arc<ConnectionSlots>,
     opened: Instant,
@@ -124,8 +124,8 @@ pub(super) struct Connection {
     silent: Pin<Box<Sleep>>,
 }
 
-impl Connection {
-    fn new(stream: TcpStream, slot: Slot) -> Self {
+impl ClientConnection {
+    fn new(stream: TcpStream, slot: ConnectionSlot) -> Self {
         let (state, slots) = (slot.state.clone(), slot.slots.clone());
         let now = Instant::now();
         let silent = Box::pin(tokio::time::sleep(FIRST_REQUEST));
@@ -176,7 +176,7 @@ impl Connection {
     }
 }
 
-impl AsyncRead for Connection {
+impl AsyncRead for ClientConnection {
     fn poll_read(mut self: Pin<&mut Self>, cx: &mut Context<'_>, buffer: &mut ReadBuf<'_>) -> Poll<io::Result<()>> {
         let read = self.with(cx, |stream, cx| stream.poll_read(cx, buffer));
         if read.is_ready() {
@@ -187,7 +187,7 @@ impl AsyncRead for Connection {
     }
 }
 
-impl AsyncWrite for Connection {
+impl AsyncWrite for ClientConnection {
     fn poll_write(mut self: Pin<&mut Self>, cx: &mut Context<'_>, bytes: &[u8]) -> Poll<io::Result<usize>> {
         let written = self.with(cx, |stream, cx| stream.poll_write(cx, bytes));
         self.taken(written, cx)
@@ -214,7 +214,7 @@ impl AsyncWrite for Connection {
     }
 }
 
-impl Drop for Connection {
+impl Drop for ClientConnection {
     /// A socket that is closed over unread bytes takes back what was sent last: the answer that says why. A connection that gave way is
     /// told nothing, and one that was never let in keeps no slot for that.
     fn drop(&mut self) {
@@ -268,9 +268,9 @@ mod tests {
             let (stream, _) = listener.accept().await.expect("a connection");
             let slot = ConnectionSlots::new(1, 1).take().expect("a slot");
             slot.state.asks();
-            let mut connection = Connection::new(stream, slot);
-            let write = |connection: &mut Connection, cx: &mut Context<'_>| Pin::new(connection).poll_write(cx, &[0; 65_536]);
-            let is_full = |connection: &mut Connection, cx: &mut Context<'_>| write(connection, cx).is_pending();
+            let mut connection = ClientConnection::new(stream, slot);
+            let write = |connection: &mut ClientConnection, cx: &mut Context<'_>| Pin::new(connection).poll_write(cx, &[0; 65_536]);
+            let is_full = |connection: &mut ClientConnection, cx: &mut Context<'_>| write(connection, cx).is_pending();
             while !poll_fn(|cx| Poll::Ready(is_full(&mut connection, cx))).await {}
             // As if all of its patience had passed.
             connection.heard = Instant::now().checked_sub(SILENT).expect("a machine that is up for longer");

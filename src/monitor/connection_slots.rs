@@ -75,7 +75,7 @@ impl ConnectionSlots {
     }
 
     /// A slot for a newcomer: a free one, or that of the oldest who has not been let in. `None`: all others have.
-    pub(super) fn take(self: &Arc<Self>) -> Option<Slot> {
+    pub(super) fn take(self: &Arc<Self>) -> Option<ConnectionSlot> {
         let mut taken = self.taken();
         if taken.n < self.most {
             taken.n += 1;
@@ -86,7 +86,7 @@ impl ConnectionSlots {
         }
         let state = Arc::new(ConnectionState::default());
         taken.pending.push_back(state.clone());
-        Some(Slot { state, slots: self.clone() })
+        Some(ConnectionSlot { state, slots: self.clone() })
     }
 
     /// A request of this connection was let in: it keeps its slot.
@@ -105,12 +105,12 @@ impl ConnectionSlots {
 
 /// One slot, free again when it is dropped, unless another connection has got it.
 #[derive(Debug)]
-pub(super) struct Slot {
+pub(super) struct ConnectionSlot {
     pub(super) state: Arc<ConnectionState>,
     pub(super) slots: Arc<ConnectionSlots>,
 }
 
-impl Slot {
+impl ConnectionSlot {
     /// It is kept until the connection ends.
     pub(super) fn is_kept(&self) -> bool {
         self.state.is_known.load(Ordering::Relaxed) && !self.is_gone()
@@ -122,7 +122,7 @@ impl Slot {
     }
 }
 
-impl Drop for Slot {
+impl Drop for ConnectionSlot {
     fn drop(&mut self) {
         if !self.is_gone() {
             let mut taken = self.slots.taken();
@@ -141,13 +141,14 @@ mod tests {
     #[test]
     fn only_the_oldest_that_was_not_let_in_gives_way() {
         let slots = ConnectionSlots::new(3, 1);
-        let mut held: Vec<Slot> = (0..3).filter_map(|_| slots.take()).collect();
+        let mut held: Vec<ConnectionSlot> = (0..3).filter_map(|_| slots.take()).collect();
         assert!(held.len() == 3 && !slots.has_room());
         slots.let_in(&held[0].state);
         // Looking at the page is not enough.
         held[1].state.asks();
-        let gone =
-            |held: &[Slot]| held.iter().map(|slot| slot.state.must_leave(&Context::from_waker(Waker::noop()))).collect::<Vec<_>>();
+        let gone = |held: &[ConnectionSlot]| {
+            held.iter().map(|slot| slot.state.must_leave(&Context::from_waker(Waker::noop()))).collect::<Vec<_>>()
+        };
         held.extend(slots.take());
         assert_eq!(gone(&held), [false, true, false, false]);
         held.extend(slots.take());

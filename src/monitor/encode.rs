@@ -5,7 +5,7 @@ use glam::{DQuat, DVec3};
 use serde::ser::SerializeStruct as _;
 use serde::{Serialize, Serializer};
 
-use super::rows::Row;
+use super::rows::HistoryRow;
 use crate::daemon::Phase;
 use haptics::{Faults, OffCause};
 use recording::TickRecord;
@@ -23,14 +23,14 @@ const BINARY_BYTES: usize = 344;
 
 /// A state without what differs from client to client.
 #[derive(Debug, PartialEq)]
-pub(super) enum Body {
+pub(super) enum EncodedState {
     /// An object.
     Text(String),
     /// The binary layout.
     Binary(Vec<u8>),
 }
 
-impl Body {
+impl EncodedState {
     /// The message for one client.
     pub(super) fn message(&self, seq: u64, dropped: u64) -> Message {
         match self {
@@ -129,7 +129,7 @@ impl Serialize for LastFault {
 
 /// What the state of a run is made of.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Moment<'a> {
+pub(super) struct StateInput<'a> {
     pub(super) record: &'a TickRecord,
     pub(super) phase: Phase,
     /// Force went off because a client fell silent.
@@ -146,7 +146,7 @@ pub(super) struct Moment<'a> {
 pub(super) struct Extras<'a> {
     /// World, m, with the depth.
     pub(super) points: Option<&'a [[f32; 4]]>,
-    pub(super) history: Option<&'a [Row]>,
+    pub(super) history: Option<&'a [HistoryRow]>,
 }
 
 #[derive(Serialize)]
@@ -181,11 +181,11 @@ struct State<'a> {
     #[serde(skip_serializing_if = "Option::is_none")]
     points: Option<&'a [[f32; 4]]>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    history: Option<&'a [Row]>,
+    history: Option<&'a [HistoryRow]>,
 }
 
 /// Name and advice of the cause.
-fn off_cause(moment: &Moment<'_>) -> (&'static str, &'static str) {
+fn off_cause(moment: &StateInput<'_>) -> (&'static str, &'static str) {
     let cause = moment.record.output.off_cause;
     if moment.fell_silent && cause == OffCause::Software {
         return ("heartbeat", "a controlling client fell silent: enable again");
@@ -194,7 +194,7 @@ fn off_cause(moment: &Moment<'_>) -> (&'static str, &'static str) {
 }
 
 /// The state as text.
-pub(super) fn text(moment: &Moment<'_>, extras: Extras<'_>) -> String {
+pub(super) fn text(moment: &StateInput<'_>, extras: Extras<'_>) -> String {
     let record = moment.record;
     let (sample, output) = (&record.input.sample, &record.output);
     let us = |ns: u64| ns as f64 * 1e-3;
@@ -243,7 +243,7 @@ pub(super) fn json(value: &impl Serialize) -> String {
 }
 
 /// The state in the binary layout, counts left zero.
-pub(super) fn binary(moment: &Moment<'_>) -> Vec<u8> {
+pub(super) fn binary(moment: &StateInput<'_>) -> Vec<u8> {
     let record = moment.record;
     let (sample, output) = (&record.input.sample, &record.output);
     let mut bytes = Vec::with_capacity(BINARY_BYTES);
@@ -282,7 +282,7 @@ pub(super) fn binary(moment: &Moment<'_>) -> Vec<u8> {
 
 /// Something that happened.
 #[derive(Clone, Debug, Serialize)]
-pub(super) struct Event<'a> {
+pub(super) struct MonitorEvent<'a> {
     #[serde(rename = "type")]
     kind: &'static str,
     event: &'static str,
@@ -292,7 +292,7 @@ pub(super) struct Event<'a> {
     names: &'a [&'a str],
 }
 
-impl<'a> Event<'a> {
+impl<'a> MonitorEvent<'a> {
     /// An event in the words of people, and the names that belong to it.
     pub(super) fn new(event: &'static str, at: Option<At>, text: &'a str, names: &'a [&'a str]) -> Self {
         Self { kind: "event", event, tick: at.map(|at| at.0), time_ns: at.map(|at| at.1), text, names }
@@ -324,15 +324,15 @@ mod tests {
         TickRecord { tick: 12, time_ns: 12_000_000, compute_ns: 1500, scene_idx: 3, output, ..TickRecord::default() }
     }
 
-    fn moment(record: &TickRecord) -> Moment<'_> {
-        Moment { record, phase: Phase::Enabling, fell_silent: false, last_fault: None, wanted: None, objects: &[] }
+    fn moment(record: &TickRecord) -> StateInput<'_> {
+        StateInput { record, phase: Phase::Enabling, fell_silent: false, last_fault: None, wanted: None, objects: &[] }
     }
 
     #[test]
     fn a_state_is_an_object_with_null_for_what_is_no_number() {
-        let rows = [Row { time_s: 0.012, values: [1.0, 2.0, 1.5, 0.25] }];
+        let rows = [HistoryRow { time_s: 0.012, values: [1.0, 2.0, 1.5, 0.25] }];
         let extras = Extras { points: Some(&[[0.5, 0.0, 1.0, 0.25]]), history: Some(&rows) };
-        let message = Body::Text(text(&moment(&record()), extras)).message(5, 2);
+        let message = EncodedState::Text(text(&moment(&record()), extras)).message(5, 2);
         let json: Value = serde_json::from_str(message.to_text().expect("text")).expect("JSON");
         assert_eq!((&json["type"], &json["seq"], &json["dropped"]), (&"state".into(), &5.into(), &2.into()));
         assert_eq!((&json["state"], &json["is_busy"], &json["phase"]), (&"ENABLED".into(), &true.into(), &"enabling".into()));
@@ -347,7 +347,7 @@ mod tests {
     #[test]
     fn a_fault_stays_known_after_it_was_acknowledged() {
         let now = TickRecord::default();
-        let after = Moment { last_fault: Some(LastFault::of(&record())), ..moment(&now) };
+        let after = StateInput { last_fault: Some(LastFault::of(&record())), ..moment(&now) };
         let json: Value = serde_json::from_str(&text(&after, Extras::default())).expect("JSON");
         assert_eq!(json["faults"], serde_json::json!([]));
         let expected = serde_json::json!({ "tick": 12, "time_ns": 12_000_000, "names": ["speed", "stale"] });
@@ -370,17 +370,17 @@ mod tests {
     fn silence_has_a_cause_of_its_own() {
         let mut record = record();
         record.output.off_cause = OffCause::Software;
-        let silent = Moment { fell_silent: true, ..moment(&record) };
+        let silent = StateInput { fell_silent: true, ..moment(&record) };
         assert_eq!(off_cause(&silent).0, "heartbeat");
         record.output.off_cause = OffCause::Deadman;
-        assert_eq!(off_cause(&Moment { fell_silent: true, ..moment(&record) }).0, "deadman");
+        assert_eq!(off_cause(&StateInput { fell_silent: true, ..moment(&record) }).0, "deadman");
     }
 
     #[test]
     fn the_binary_layout_is_the_documented_one() {
         let body = binary(&moment(&record()));
         assert_eq!(body.len(), BINARY_BYTES);
-        let message = Body::Binary(body).message(5, 2).into_data();
+        let message = EncodedState::Binary(body).message(5, 2).into_data();
         let u64_at = |at: usize| u64::from_le_bytes(message[at..at + 8].try_into().expect("eight"));
         let u32_at = |at: usize| u32::from_le_bytes(message[at..at + 4].try_into().expect("four"));
         assert_eq!(&message[..4], b"HSTA");

@@ -10,17 +10,17 @@ const RING_RECORDS: usize = 2048;
 
 /// A record with what only all records together tell.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Fed {
+pub(super) struct FeedRecord {
     pub(super) record: TickRecord,
     pub(super) index_origin: Option<IndexOrigin>,
 }
 
 /// Both ends. A record that finds no room is gone.
-pub(super) fn feed() -> (Subscriber, Consumer<Fed>) {
+pub(super) fn feed() -> (Subscriber, Consumer<FeedRecord>) {
     let (mut ring, consumer) = RingBuffer::new(RING_RECORDS);
     let mut watcher = IndexOriginTracker::default();
     let subscriber = Box::new(move |record: &TickRecord| {
-        let _ = ring.push(Fed { record: *record, index_origin: watcher.see(record) });
+        let _ = ring.push(FeedRecord { record: *record, index_origin: watcher.see(record) });
         !ring.is_abandoned()
     });
     (subscriber, consumer)

@@ -8,15 +8,15 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use crossbeam::channel::Sender;
 use serde_json::{Value, json};
 
-use super::clay::{Clay, ClayParts, no_clay};
+use super::clay::{ClayParts, ClayService, no_clay};
 use super::client::Client;
-use super::encode::{self, At, Body, Event, Extras, LastFault, Moment, WireObject};
-use super::feed::Fed;
+use super::encode::{self, At, EncodedState, Extras, LastFault, MonitorEvent, StateInput, WireObject};
+use super::feed::FeedRecord;
 use super::heartbeat::{HeartbeatWatchdog, Timeout};
-use super::info::{API, Facts, has_force};
+use super::info::{API, RunInfo, has_force};
 use super::outbox::AWAY;
-use super::problem::Problem;
-use super::recorder::Recorder;
+use super::problem::RequestError;
+use super::recorder::RecordingControl;
 use crate::daemon::session::{SceneView, SessionError, SessionHandle};
 use crate::daemon::{Enable, Notice, Phase};
 use arms::attached::open::LinkNews;
@@ -38,15 +38,15 @@ pub struct HubParts {
     /// Which time the run follows.
     pub clock: ClockKind,
     /// Begins and ends recordings; `None`: this run has none.
-    pub recorder: Option<Box<dyn Recorder>>,
+    pub recorder: Option<Box<dyn RecordingControl>>,
     /// The run in the text format of Prometheus.
     pub metrics: Option<Metrics>,
 }
 
 /// The newest record, with what the pump knows beside it.
 #[derive(Clone, Debug)]
-pub(super) struct Newest {
-    pub(super) fed: Fed,
+pub(super) struct NewestState {
+    pub(super) fed: FeedRecord,
     pub(super) wanted: Option<Pose>,
     pub(super) objects: Arc<[WireObject]>,
 }
@@ -56,16 +56,16 @@ pub struct Hub {
     pub(super) session: SessionHandle,
     pub(super) watchdog: HeartbeatWatchdog,
     pub(super) clock: ClockKind,
-    pub(super) recorder: Option<Arc<dyn Recorder>>,
-    clay: OnceLock<Arc<Clay>>,
+    pub(super) recorder: Option<Arc<dyn RecordingControl>>,
+    clay: OnceLock<Arc<ClayService>>,
     metrics: Option<Metrics>,
-    newest: Mutex<Option<Newest>>,
+    newest: Mutex<Option<NewestState>>,
     /// Whatever takes force away goes here, and nowhere else first.
     pub(super) control: Arc<Control>,
     enables: Sender<Enable>,
     clients: Mutex<Vec<Arc<Client>>>,
     next_client: AtomicU64,
-    facts: Mutex<Facts>,
+    facts: Mutex<RunInfo>,
     /// Force went off because a client fell silent. Read and written with `Relaxed`: it is a word for people and orders nothing.
     fell_silent: AtomicBool,
     started_unix_s: u64,
@@ -145,15 +145,15 @@ impl Hub {
     /// From now on clients see this clay and work on it. Once in a run.
     pub fn sculpts(&self, parts: ClayParts) {
         // A run has one piece.
-        let _ = self.clay.set(Arc::new(Clay::new(parts)));
+        let _ = self.clay.set(Arc::new(ClayService::new(parts)));
     }
 
     /// The clay of the scene that is rendered.
-    pub(super) fn clay(&self) -> Result<Arc<Clay>, Problem> {
+    pub(super) fn clay(&self) -> Result<Arc<ClayService>, RequestError> {
         match self.clay.get() {
             Some(clay) => Ok(clay.clone()),
             None if self.is_baking() => {
-                Err(Problem::unavailable("the scene is being baked: nothing is rendered yet", "wait for the event `scene`"))
+                Err(RequestError::unavailable("the scene is being baked: nothing is rendered yet", "wait for the event `scene`"))
             }
             None => Err(no_clay()),
         }
@@ -175,7 +175,7 @@ impl Hub {
     pub(super) fn tell(&self, event: &'static str, at: Option<At>, text: &str, names: &[&str]) {
         let newest = || self.newest().as_ref().map(|newest| (newest.fed.record.tick, newest.fed.record.time_ns));
         let at = at.or_else(newest);
-        let words = encode::json(&Event::new(event, at, text, names));
+        let words = encode::json(&MonitorEvent::new(event, at, text, names));
         for client in self.clients().iter() {
             client.outbox.say(words.clone());
         }
@@ -227,17 +227,17 @@ impl Hub {
     }
 
     /// Asks the supervisor to let force flow.
-    pub(super) fn enable(&self, client: Option<u64>) -> Result<(), Problem> {
+    pub(super) fn enable(&self, client: Option<u64>) -> Result<(), RequestError> {
         // First: a heartbeat that ends from now on counts for more.
         let permit = self.control.permit();
         if !self.watchdog.lets_enable(client) {
             let hint = "send {\"do\":\"heartbeat\"} over a WebSocket, again and again, then enable";
-            return Err(Problem::conflict("this scene wants a client with a heartbeat, and none beats", hint));
+            return Err(RequestError::conflict("this scene wants a client with a heartbeat, and none beats", hint));
         }
         if self.is_baking() {
-            return Err(Problem::conflict("the scene is being baked: nothing is rendered yet", "wait for the event `scene`"));
+            return Err(RequestError::conflict("the scene is being baked: nothing is rendered yet", "wait for the event `scene`"));
         }
-        self.enables.send(Enable(permit)).map_err(|_| Problem::from(SessionError::Over))
+        self.enables.send(Enable(permit)).map_err(|_| RequestError::from(SessionError::Over))
     }
 
     /// Watches the heartbeats; for a thread of its own, which no lock of the session can hold up.
@@ -287,27 +287,27 @@ impl Hub {
     }
 
     /// The newest record.
-    pub(super) fn newest(&self) -> MutexGuard<'_, Option<Newest>> {
+    pub(super) fn newest(&self) -> MutexGuard<'_, Option<NewestState>> {
         self.newest.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// The newest state in one of both formats.
-    pub(super) fn body(&self, newest: &Newest, is_binary: bool, extras: Extras<'_>) -> Body {
-        if is_binary { Body::Binary(self.binary(newest)) } else { Body::Text(self.text(newest, extras)) }
+    pub(super) fn body(&self, newest: &NewestState, is_binary: bool, extras: Extras<'_>) -> EncodedState {
+        if is_binary { EncodedState::Binary(self.binary(newest)) } else { EncodedState::Text(self.text(newest, extras)) }
     }
 
     /// The newest state as text, without counts.
-    pub(super) fn text(&self, newest: &Newest, extras: Extras<'_>) -> String {
+    pub(super) fn text(&self, newest: &NewestState, extras: Extras<'_>) -> String {
         encode::text(&self.moment(newest), extras)
     }
 
     /// The newest state in the binary layout, without counts.
-    pub(super) fn binary(&self, newest: &Newest) -> Vec<u8> {
+    pub(super) fn binary(&self, newest: &NewestState) -> Vec<u8> {
         encode::binary(&self.moment(newest))
     }
 
-    fn moment<'a>(&self, newest: &'a Newest) -> Moment<'a> {
-        Moment {
+    fn moment<'a>(&self, newest: &'a NewestState) -> StateInput<'a> {
+        StateInput {
             record: &newest.fed.record,
             phase: self.phase(),
             fell_silent: self.fell_silent.load(Ordering::Relaxed),
@@ -328,7 +328,7 @@ impl Hub {
         info
     }
 
-    fn facts(&self) -> MutexGuard<'_, Facts> {
+    fn facts(&self) -> MutexGuard<'_, RunInfo> {
         self.facts.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

@@ -8,7 +8,7 @@ use super::encode::LastFault;
 use crate::config::SceneConfig;
 use crate::daemon::Phase;
 use haptics::Faults;
-use rt::preflight::Report;
+use rt::preflight::PreflightReport;
 use vps::spatial::Axes;
 
 /// Version of the API.
@@ -16,7 +16,7 @@ pub(super) const API: u32 = 1;
 
 /// What stays until something else is told.
 #[derive(Debug)]
-pub(super) struct Facts {
+pub(super) struct RunInfo {
     pub(super) phase: Phase,
     /// The checks of the machine, as clients see them.
     realtime: Vec<Value>,
@@ -28,15 +28,15 @@ pub(super) struct Facts {
     pub(super) last_fault: Option<LastFault>,
 }
 
-impl Default for Facts {
+impl Default for RunInfo {
     fn default() -> Self {
         Self { phase: Phase::Init, realtime: Vec::new(), node: None, link: "unknown", last_fault: None }
     }
 }
 
-impl Facts {
+impl RunInfo {
     /// The machine was checked.
-    pub(super) fn checked(&mut self, report: &Report) {
+    pub(super) fn checked(&mut self, report: &PreflightReport) {
         let rows = report.rows.iter();
         let rows = rows.map(|row| json!({ "name": row.name, "outcome": row.outcome.name(), "found": row.found, "hint": row.hint }));
         self.realtime = rows.collect();

@@ -5,8 +5,8 @@ use std::sync::Arc;
 use rtrb::Consumer;
 
 use super::encode::{self, Extras};
-use super::feed::{Fed, feed};
-use super::hub::{Hub, Newest};
+use super::feed::{FeedRecord, feed};
+use super::hub::{Hub, NewestState};
 use super::scene_tracker::SceneTracker;
 use recording::{Subscriber, TickRecord};
 
@@ -14,13 +14,13 @@ use recording::{Subscriber, TickRecord};
 pub struct Observer {
     hub: Arc<Hub>,
     tracker: SceneTracker,
-    fed: Consumer<Fed>,
+    fed: Consumer<FeedRecord>,
 }
 
 /// What a look showed.
-pub struct Seen<'a> {
+pub struct Observation<'a> {
     hub: &'a Hub,
-    newest: Newest,
+    newest: NewestState,
 }
 
 impl Observer {
@@ -33,7 +33,7 @@ impl Observer {
     }
 
     /// The newest record; `None`: there was none since the last look. Cold.
-    pub fn look(&mut self) -> Option<Seen<'_>> {
+    pub fn look(&mut self) -> Option<Observation<'_>> {
         self.tracker.look_at(self.hub.session.view());
         let mut newest = None;
         // No more than there are now: under the virtual clock the ring fills as fast as it empties.
@@ -43,11 +43,11 @@ impl Observer {
             newest = Some(fed);
         }
         let newest = self.tracker.newest(newest?);
-        Some(Seen { hub: &self.hub, newest })
+        Some(Observation { hub: &self.hub, newest })
     }
 }
 
-impl Seen<'_> {
+impl Observation<'_> {
     /// The record itself.
     pub fn record(&self) -> &TickRecord {
         &self.newest.fed.record

@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use axum::extract::ws::Message;
 use tokio::sync::Notify;
 
-use super::encode::Body;
+use super::encode::EncodedState;
 
 /// Messages under way; a client that lets more of them pile up does not read.
 const MOST_WORDS: usize = 1024;
@@ -21,7 +21,7 @@ const POLICY: u16 = 1008;
 
 /// The queue of one client.
 #[derive(Debug, Default)]
-pub(super) struct Outbox {
+pub(super) struct ClientQueue {
     waiting: Mutex<Waiting>,
     changed: Notify,
 }
@@ -31,7 +31,7 @@ struct Waiting {
     words: VecDeque<String>,
     /// Of all words.
     n_bytes: usize,
-    states: VecDeque<Arc<Body>>,
+    states: VecDeque<Arc<EncodedState>>,
     /// States that this client was sent.
     sent: u64,
     /// States that were due and will not be sent.
@@ -41,14 +41,14 @@ struct Waiting {
 
 /// What to do next for a client.
 #[derive(Debug)]
-pub(super) enum Next {
+pub(super) enum OutboxAction {
     /// Send these.
     Send(Vec<Message>),
     /// Close, with a code and a reason.
     Close(u16, &'static str),
 }
 
-impl Outbox {
+impl ClientQueue {
     /// Words, in order.
     pub(super) fn say(&self, words: String) {
         let mut waiting = self.waiting();
@@ -66,7 +66,7 @@ impl Outbox {
     }
 
     /// A state; the oldest one makes room for it. `missed`: states that were due since the last one, of ticks that never came here.
-    pub(super) fn show(&self, state: Arc<Body>, rate_hz: f64, missed: u64) {
+    pub(super) fn show(&self, state: Arc<EncodedState>, rate_hz: f64, missed: u64) {
         let most = ((rate_hz * STATES_S).ceil() as usize).max(2);
         let mut waiting = self.waiting();
         // What keeps coming would keep the end away.
@@ -95,7 +95,7 @@ impl Outbox {
     }
 
     /// Waits for something to do.
-    pub(super) async fn next(&self) -> Next {
+    pub(super) async fn next(&self) -> OutboxAction {
         loop {
             if let Some(next) = self.take() {
                 return next;
@@ -104,7 +104,7 @@ impl Outbox {
         }
     }
 
-    fn take(&self) -> Option<Next> {
+    fn take(&self) -> Option<OutboxAction> {
         let mut waiting = self.waiting();
         waiting.n_bytes = 0;
         let mut messages: Vec<_> = waiting.words.drain(..).map(Message::from).collect();
@@ -114,8 +114,8 @@ impl Outbox {
             state.message(*sent, *dropped)
         }));
         match (messages.is_empty(), waiting.ends) {
-            (false, _) => Some(Next::Send(messages)),
-            (true, Some((code, reason))) => Some(Next::Close(code, reason)),
+            (false, _) => Some(OutboxAction::Send(messages)),
+            (true, Some((code, reason))) => Some(OutboxAction::Close(code, reason)),
             (true, None) => None,
         }
     }
@@ -130,27 +130,29 @@ impl Outbox {
 mod tests {
     use super::*;
 
-    fn words(next: Option<Next>) -> Vec<String> {
+    fn words(next: Option<OutboxAction>) -> Vec<String> {
         match next {
-            Some(Next::Send(messages)) => messages.iter().map(|message| message.to_text().expect("text").to_owned()).collect(),
+            Some(OutboxAction::Send(messages)) => {
+                messages.iter().map(|message| message.to_text().expect("text").to_owned()).collect()
+            }
             other => panic!("{other:?}"),
         }
     }
 
     #[test]
     fn states_make_room_for_newer_ones_and_words_do_not() {
-        let outbox = Outbox::default();
+        let outbox = ClientQueue::default();
         assert!(outbox.take().is_none());
         for tick in 0..5 {
             outbox.say(format!("word {tick}"));
-            outbox.show(Arc::new(Body::Text(format!("{{\"tick\":{tick}}}"))), 60.0, 0);
+            outbox.show(Arc::new(EncodedState::Text(format!("{{\"tick\":{tick}}}"))), 60.0, 0);
         }
         let told = words(outbox.take());
         assert_eq!(told[..5], ["word 0", "word 1", "word 2", "word 3", "word 4"]);
         assert_eq!(told[5], r#"{"type":"state","seq":1,"dropped":2,"tick":2}"#);
         assert_eq!((told.len(), &told[7][..]), (8, r#"{"type":"state","seq":3,"dropped":2,"tick":4}"#));
         assert!(outbox.take().is_none());
-        outbox.show(Arc::new(Body::Text(r#"{"tick":9}"#.to_owned())), 60.0, 5);
+        outbox.show(Arc::new(EncodedState::Text(r#"{"tick":9}"#.to_owned())), 60.0, 5);
         assert_eq!(
             words(outbox.take()),
             [r#"{"type":"state","seq":4,"dropped":7,"tick":9}"#],
@@ -160,28 +162,28 @@ mod tests {
 
     #[test]
     fn nothing_more_comes_between_a_client_and_its_end() {
-        let outbox = Outbox::default();
+        let outbox = ClientQueue::default();
         for _ in 0..=MOST_WORDS {
             outbox.say(String::new());
         }
         assert_eq!(words(outbox.take()).len(), MOST_WORDS);
         outbox.say("late".to_owned());
-        outbox.show(Arc::new(Body::Text("{}".to_owned())), 60.0, 0);
-        assert!(matches!(outbox.take(), Some(Next::Close(POLICY, _))));
+        outbox.show(Arc::new(EncodedState::Text("{}".to_owned())), 60.0, 0);
+        assert!(matches!(outbox.take(), Some(OutboxAction::Close(POLICY, _))));
     }
 
     #[test]
     fn who_never_reads_is_closed_at_the_end_of_what_is_there() {
-        let outbox = Outbox::default();
+        let outbox = ClientQueue::default();
         for _ in 0..=MOST_WORDS {
             outbox.say(String::new());
         }
         outbox.end(AWAY, "later");
         assert_eq!(words(outbox.take()).len(), MOST_WORDS);
-        assert!(matches!(outbox.take(), Some(Next::Close(POLICY, _))));
-        let outbox = Outbox::default();
+        assert!(matches!(outbox.take(), Some(OutboxAction::Close(POLICY, _))));
+        let outbox = ClientQueue::default();
         (0..3).for_each(|_| outbox.say("x".repeat(MOST_WORD_BYTES / 2)));
         assert_eq!(words(outbox.take()).len(), 2);
-        assert!(matches!(outbox.take(), Some(Next::Close(POLICY, _))));
+        assert!(matches!(outbox.take(), Some(OutboxAction::Close(POLICY, _))));
     }
 }

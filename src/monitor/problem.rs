@@ -11,23 +11,23 @@ use clay::engine::EngineError;
 
 /// One refusal, the same over HTTP and WebSocket.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Problem {
+pub(super) struct RequestError {
     pub(super) status: StatusCode,
-    pub(super) said: Said,
+    pub(super) said: ErrorBody,
 }
 
 /// Its words.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub(super) struct Said {
+pub(super) struct ErrorBody {
     pub(super) error: String,
     /// Empty where there is nothing to say.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub(super) hint: String,
 }
 
-impl Problem {
+impl RequestError {
     pub(super) fn new(status: StatusCode, error: impl Into<String>, hint: impl Into<String>) -> Self {
-        Self { status, said: Said { error: error.into(), hint: hint.into() } }
+        Self { status, said: ErrorBody { error: error.into(), hint: hint.into() } }
     }
 
     /// The request makes no sense.
@@ -51,7 +51,7 @@ impl Problem {
     }
 }
 
-impl From<SessionError> for Problem {
+impl From<SessionError> for RequestError {
     fn from(error: SessionError) -> Self {
         let (status, hint) = match &error {
             SessionError::UnknownScene { .. }
@@ -66,7 +66,7 @@ impl From<SessionError> for Problem {
     }
 }
 
-impl From<&OrderError> for Problem {
+impl From<&OrderError> for RequestError {
     fn from(refused: &OrderError) -> Self {
         let status = match refused {
             OrderError::Engine(EngineError::Length { .. }) => StatusCode::BAD_REQUEST,
@@ -77,7 +77,7 @@ impl From<&OrderError> for Problem {
     }
 }
 
-impl IntoResponse for Problem {
+impl IntoResponse for RequestError {
     fn into_response(self) -> Response {
         (self.status, Json(self.said)).into_response()
     }

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use serde_json::{Value, json};
 
 /// Begins and ends recordings when a client says so.
-pub trait Recorder: Send + Sync {
+pub trait RecordingControl: Send + Sync {
     /// Begins one, into a file of this name or of one that the recorder chooses, and says which. May block.
     ///
     /// # Errors

@@ -21,7 +21,7 @@ use super::asks::{ClientCommand, perform};
 use super::connection::Peer;
 use super::encode::{WirePose, with_counts};
 use super::forms::{read, such_as};
-use super::problem::Problem;
+use super::problem::RequestError;
 use super::{assets, ws};
 use crate::daemon::scenes_beside;
 use recording::metrics;
@@ -90,7 +90,7 @@ async fn let_in(
     next: Next,
 ) -> Response {
     if request.uri().path_and_query().is_some_and(|path| path.as_str().len() > LONGEST_URI) {
-        return Problem::new(StatusCode::URI_TOO_LONG, "the address is too long", "").into_response();
+        return RequestError::new(StatusCode::URI_TOO_LONG, "the address is too long", "").into_response();
     }
     match state.access.may_ask(request.headers(), request.uri().query()) {
         Ok(()) => {
@@ -117,7 +117,7 @@ async fn paced(State(state): State<Arc<AppState>>, ConnectInfo(peer): ConnectInf
     if is_rescue || state.rate_limiter.allows(peer.address.ip()) {
         return next.run(request).await;
     }
-    Problem::new(StatusCode::TOO_MANY_REQUESTS, "too many requests", "use the WebSocket for what comes often").into_response()
+    RequestError::new(StatusCode::TOO_MANY_REQUESTS, "too many requests", "use the WebSocket for what comes often").into_response()
 }
 
 /// What the framework refuses before a handler hears of it is said in the same form as everything else.
@@ -129,10 +129,10 @@ async fn in_our_words(response: Response) -> Response {
     }
     let (head, body) = response.into_parts();
     if head.status == StatusCode::PAYLOAD_TOO_LARGE {
-        return Problem::new(head.status, format!("a body has at most {MOST_BYTES} bytes"), "").into_response();
+        return RequestError::new(head.status, format!("a body has at most {MOST_BYTES} bytes"), "").into_response();
     }
     let text = axum::body::to_bytes(body, LONGEST_REFUSAL).await.unwrap_or_default();
-    Problem::new(head.status, String::from_utf8_lossy(&text), "docs/reference/api.md lists what there is").into_response()
+    RequestError::new(head.status, String::from_utf8_lossy(&text), "docs/reference/api.md lists what there is").into_response()
 }
 
 async fn hardened(mut response: Response) -> Response {
@@ -151,33 +151,35 @@ async fn page_file(name: String) -> Response {
     }
 }
 
-async fn nothing() -> Problem {
-    Problem::new(StatusCode::NOT_FOUND, "there is nothing here", "docs/reference/api.md lists what there is")
+async fn nothing() -> RequestError {
+    RequestError::new(StatusCode::NOT_FOUND, "there is nothing here", "docs/reference/api.md lists what there is")
 }
 
-async fn wrong_method() -> Problem {
-    Problem::new(StatusCode::METHOD_NOT_ALLOWED, "not with this method", "docs/reference/api.md lists what there is")
+async fn wrong_method() -> RequestError {
+    RequestError::new(StatusCode::METHOD_NOT_ALLOWED, "not with this method", "docs/reference/api.md lists what there is")
 }
 
 async fn info(State(state): State<Arc<AppState>>) -> Json<Value> {
     Json(state.hub.info())
 }
 
-async fn state(State(state): State<Arc<AppState>>) -> Result<Response, Problem> {
-    let body =
-        state.hub.state_text().ok_or_else(|| Problem::unavailable("no tick was rendered yet", "wait for the event `scene`"))?;
+async fn state(State(state): State<Arc<AppState>>) -> Result<Response, RequestError> {
+    let body = state
+        .hub
+        .state_text()
+        .ok_or_else(|| RequestError::unavailable("no tick was rendered yet", "wait for the event `scene`"))?;
     Ok(([(header::CONTENT_TYPE, "application/json")], with_counts(&body, 0, 0)).into_response())
 }
 
-async fn metrics(State(state): State<Arc<AppState>>) -> Result<Response, Problem> {
-    let metrics = state.hub.metrics().ok_or_else(|| Problem::unavailable("this run has no metrics", ""))?;
+async fn metrics(State(state): State<Arc<AppState>>) -> Result<Response, RequestError> {
+    let metrics = state.hub.metrics().ok_or_else(|| RequestError::unavailable("this run has no metrics", ""))?;
     Ok(([(header::CONTENT_TYPE, metrics::CONTENT_TYPE)], metrics).into_response())
 }
 
-async fn scene(State(state): State<Arc<AppState>>) -> Result<Json<Value>, Problem> {
+async fn scene(State(state): State<Arc<AppState>>) -> Result<Json<Value>, RequestError> {
     let view = state.hub.session.view();
     let Some(scene) = &view.scene else {
-        return Err(Problem::unavailable("the scene is being baked", "wait for the event `scene`"));
+        return Err(RequestError::unavailable("the scene is being baked", "wait for the event `scene`"));
     };
     let config = &view.config;
     let tool = ("tool", "tool", false, config.parameters.mapping.start, config.tool.voxel_size_m);
@@ -229,14 +231,17 @@ fn grown(bounds: Option<[DVec3; 2]>, point: DVec3) -> Option<[DVec3; 2]> {
     Some(bounds.map_or([point; 2], |[low, high]| [low.min(point), high.max(point)]))
 }
 
-async fn mesh(State(state): State<Arc<AppState>>, Path((scene_idx, object_idx)): Path<(u32, usize)>) -> Result<Response, Problem> {
+async fn mesh(
+    State(state): State<Arc<AppState>>,
+    Path((scene_idx, object_idx)): Path<(u32, usize)>,
+) -> Result<Response, RequestError> {
     let view = state.hub.session.view();
     if view.scene_idx != scene_idx {
         let hint = format!("scene {} is rendered", view.scene_idx);
-        return Err(Problem::new(StatusCode::NOT_FOUND, "this scene is not rendered", hint));
+        return Err(RequestError::new(StatusCode::NOT_FOUND, "this scene is not rendered", hint));
     }
     let visual = state.visuals.get(scene_idx, &view.config, object_idx).await;
-    let visual = visual.ok_or_else(|| Problem::new(StatusCode::NOT_FOUND, "no such object, or its mesh file is gone", ""))?;
+    let visual = visual.ok_or_else(|| RequestError::new(StatusCode::NOT_FOUND, "no such object, or its mesh file is gone", ""))?;
     let headers = [(header::CONTENT_TYPE, "application/octet-stream")];
     Ok((headers, visual.bytes.clone()).into_response())
 }
@@ -266,13 +271,13 @@ fn command(name: &'static str) -> MethodRouter<Arc<AppState>> {
     })
 }
 
-async fn set(State(state): State<Arc<AppState>>, Path(parameter): Path<String>, bytes: Bytes) -> Result<Response, Problem> {
+async fn set(State(state): State<Arc<AppState>>, Path(parameter): Path<String>, bytes: Bytes) -> Result<Response, RequestError> {
     let form = "such as {\"value\": 800}";
     let from_path = Map::from_iter([("parameter".to_owned(), parameter.into())]);
     done(&state, asked("set", body(&bytes, form)?, from_path, form)?).await
 }
 
-async fn place(State(state): State<Arc<AppState>>, Path(object): Path<String>, bytes: Bytes) -> Result<Response, Problem> {
+async fn place(State(state): State<Arc<AppState>>, Path(object): Path<String>, bytes: Bytes) -> Result<Response, RequestError> {
     let form = "such as {\"p\": [0, 0, 0.01], \"q\": [0, 0, 0, 1]}";
     let pose = body(&bytes, form)?;
     let from_path = Map::from_iter([("object".to_owned(), object.into()), ("pose".to_owned(), pose.into())]);
@@ -280,9 +285,9 @@ async fn place(State(state): State<Arc<AppState>>, Path(object): Path<String>, b
 }
 
 /// The body of a command; an empty one counts as an empty object.
-fn body(bytes: &Bytes, form: &str) -> Result<Map<String, Value>, Problem> {
+fn body(bytes: &Bytes, form: &str) -> Result<Map<String, Value>, RequestError> {
     let bytes = if bytes.is_empty() { &b"{}"[..] } else { &bytes[..] };
-    serde_json::from_slice(bytes).map_err(|error| Problem::bad(format!("the body will not do: {error}"), form))
+    serde_json::from_slice(bytes).map_err(|error| RequestError::bad(format!("the body will not do: {error}"), form))
 }
 
 /// A command: what its body says, and what its address does.
@@ -291,17 +296,17 @@ fn asked(
     mut body: Map<String, Value>,
     mut from_path: Map<String, Value>,
     form: &str,
-) -> Result<ClientCommand, Problem> {
+) -> Result<ClientCommand, RequestError> {
     from_path.insert("do".to_owned(), name.into());
     for (key, value) in from_path {
         if body.insert(key.clone(), value).is_some() {
-            return Err(Problem::bad(format!("the body will not do: unknown field `{key}`"), form));
+            return Err(RequestError::bad(format!("the body will not do: unknown field `{key}`"), form));
         }
     }
-    read(body, "the body will not do: ").map_err(|error| Problem::bad(error, form))
+    read(body, "the body will not do: ").map_err(|error| RequestError::bad(error, form))
 }
 
-async fn clay(State(state): State<Arc<AppState>>) -> Result<Json<Value>, Problem> {
+async fn clay(State(state): State<Arc<AppState>>) -> Result<Json<Value>, RequestError> {
     let clay = state.hub.clay()?;
     let is_watched = !state.hub.clients().is_empty();
     let view = clay.fresh_view(is_watched).await?;
@@ -318,9 +323,9 @@ struct SinceAsked {
 async fn clay_points(
     State(state): State<Arc<AppState>>,
     since: Result<Query<SinceAsked>, QueryRejection>,
-) -> Result<Response, Problem> {
+) -> Result<Response, RequestError> {
     let Query(SinceAsked { since }) =
-        since.map_err(|refused| Problem::bad(refused.body_text(), "`since` is the version that you have"))?;
+        since.map_err(|refused| RequestError::bad(refused.body_text(), "`since` is the version that you have"))?;
     let clay = state.hub.clay()?;
     let is_watched = !state.hub.clients().is_empty();
     let view = clay.fresh_view(is_watched).await?;
@@ -329,7 +334,7 @@ async fn clay_points(
         return Ok(StatusCode::NO_CONTENT.into_response());
     }
     let made = clay.splats.get(&state.shapes, view).await;
-    let (version, bytes) = made.ok_or_else(|| Problem::unavailable("the samples could not be made ready", "ask again"))?;
+    let (version, bytes) = made.ok_or_else(|| RequestError::unavailable("the samples could not be made ready", "ask again"))?;
     // The newest that there are, while newer ones would be too soon.
     if version == since {
         return Ok(StatusCode::NO_CONTENT.into_response());
@@ -338,7 +343,7 @@ async fn clay_points(
 }
 
 /// Does it, and says that it is done, or that it goes on.
-async fn done(state: &Arc<AppState>, asked: ClientCommand) -> Result<Response, Problem> {
+async fn done(state: &Arc<AppState>, asked: ClientCommand) -> Result<Response, RequestError> {
     let (sender, told) = oneshot::channel();
     perform(&state.hub, &state.files, None, asked, Box::new(move |result| drop(sender.send(result))));
     match tokio::time::timeout(PATIENCE, told).await {
@@ -348,7 +353,7 @@ async fn done(state: &Arc<AppState>, asked: ClientCommand) -> Result<Response, P
             Ok(Json(answer).into_response())
         }
         Ok(Ok(Err(problem))) => Err(problem),
-        Ok(Err(_)) => Err(Problem::conflict("the run cannot do this any more", "")),
+        Ok(Err(_)) => Err(RequestError::conflict("the run cannot do this any more", "")),
         Err(_) => Ok((StatusCode::ACCEPTED, Json(json!({ "ok": true, "goes_on": true }))).into_response()),
     }
 }

@@ -6,13 +6,13 @@ use recording::TickRecord;
 
 /// What a plot needs of one tick: time s, force N, depth mm, computing µs, wake-up µs.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Row {
+pub(super) struct HistoryRow {
     pub(super) time_s: f64,
     /// Force, depth, computing, wake-up.
     pub(super) values: [f32; 4],
 }
 
-impl Row {
+impl HistoryRow {
     pub(super) fn of(record: &TickRecord) -> Self {
         let us = |ns: u64| (ns as f64 * 1e-3) as f32;
         Self {
@@ -27,7 +27,7 @@ impl Row {
     }
 }
 
-impl Serialize for Row {
+impl Serialize for HistoryRow {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         // Steps that no plot shows: digits that no reader needs are most of the bytes.
         let step = |value: f32, per_one: f64| (f64::from(value) * per_one).round() / per_one;
@@ -38,16 +38,16 @@ impl Serialize for Row {
 }
 
 /// Rows for one message: at most `most`; of more, the smallest and the largest values of some stretches each.
-pub(super) fn reduced(rows: &[Row], most: usize) -> Vec<Row> {
+pub(super) fn reduced(rows: &[HistoryRow], most: usize) -> Vec<HistoryRow> {
     if rows.len() <= most {
         return rows.to_vec();
     }
     let stretch = rows.len().div_ceil(most / 2);
-    let envelope = |rows: &[Row], pick: fn(f32, f32) -> f32, time_s: f64| {
+    let envelope = |rows: &[HistoryRow], pick: fn(f32, f32) -> f32, time_s: f64| {
         let values = rows.iter().map(|row| row.values).reduce(|a, b| core::array::from_fn(|n| pick(a[n], b[n])));
-        values.map(|values| Row { time_s, values })
+        values.map(|values| HistoryRow { time_s, values })
     };
-    let both = |rows: &[Row]| {
+    let both = |rows: &[HistoryRow]| {
         let (first, last) = (rows.first().map_or(0.0, |row| row.time_s), rows.last().map_or(0.0, |row| row.time_s));
         envelope(rows, f32::min, first).into_iter().chain(envelope(rows, f32::max, last)).collect::<Vec<_>>()
     };
@@ -60,7 +60,7 @@ mod tests {
 
     #[test]
     fn many_rows_become_few_that_keep_the_extremes() {
-        let row = |n: usize| Row { time_s: n as f64, values: [if n == 501 { 9.0 } else { 1.0 }, n as f32, 0.0, 0.0] };
+        let row = |n: usize| HistoryRow { time_s: n as f64, values: [if n == 501 { 9.0 } else { 1.0 }, n as f32, 0.0, 0.0] };
         let rows: Vec<_> = (0..1000).map(row).collect();
         assert_eq!(reduced(&rows[..100], 100), rows[..100]);
         let few = reduced(&rows, 100);

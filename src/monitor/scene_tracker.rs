@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use super::encode::WireObject;
-use super::feed::Fed;
-use super::hub::Newest;
+use super::feed::FeedRecord;
+use super::hub::NewestState;
 use crate::daemon::session::SceneView;
 use haptics::RenderScene;
 use recording::TickRecord;
@@ -60,7 +60,7 @@ impl SceneTracker {
     }
 
     /// A record with everything that is known beside it.
-    pub(super) fn newest(&self, fed: Fed) -> Newest {
+    pub(super) fn newest(&self, fed: FeedRecord) -> NewestState {
         let mapping = &self.view.config.parameters.mapping;
         let wanted = match (self.scene_of(&fed.record), fed.index_origin) {
             (Some(scene), Some(index_origin)) => {
@@ -70,7 +70,7 @@ impl SceneTracker {
         };
         let movable = self.view.config.statics.iter().zip(&self.poses).enumerate().filter(|(_, (object, _))| object.movable);
         let objects = movable.map(|(idx, (_, pose))| WireObject { idx: idx as u32, pose: (*pose).into() }).collect();
-        Newest { fed, wanted, objects }
+        NewestState { fed, wanted, objects }
     }
 }
 

@@ -32,14 +32,14 @@ const SEND_BUFFER_BYTES: u32 = 64 << 10;
 const GOOD_BYE: Duration = Duration::from_secs(3);
 
 /// An address that is taken, before any client is answered there.
-pub struct Bound {
+pub struct BoundMonitor {
     runtime: Runtime,
     listener: TcpListener,
     access: Access,
     address: SocketAddr,
 }
 
-impl Bound {
+impl BoundMonitor {
     /// Takes an address. `token`: clients need it; `origins`: pages of other servers that may.
     ///
     /// # Errors

@@ -8,11 +8,11 @@ use rtrb::Consumer;
 use tokio::sync::oneshot;
 use tokio::sync::oneshot::error::TryRecvError;
 
-use super::client::{Client, Wanted};
+use super::client::{Client, Subscription};
 use super::encode::{At, Extras};
-use super::feed::Fed;
-use super::hub::{Hub, Newest};
-use super::rows::{Row, reduced};
+use super::feed::FeedRecord;
+use super::hub::{Hub, NewestState};
+use super::rows::{HistoryRow, reduced};
 use super::scene_tracker::SceneTracker;
 use super::worker::Worker;
 use haptics::RenderScene;
@@ -63,11 +63,11 @@ impl Rhythm {
 
 /// Clients that want the same.
 struct Group {
-    wanted: Wanted,
+    wanted: Subscription,
     rhythm: Rhythm,
     /// Under the virtual clock ticks say nothing of the time of a client.
     next_at: Instant,
-    history: Vec<Row>,
+    history: Vec<HistoryRow>,
     /// Number of the points that were sent last.
     points: u64,
 }
@@ -118,7 +118,7 @@ impl StatePublisher {
     }
 
     /// Works until the run is over.
-    pub(super) async fn run(mut self, mut fed: Consumer<Fed>) {
+    pub(super) async fn run(mut self, mut fed: Consumer<FeedRecord>) {
         loop {
             tokio::time::sleep(self.pause()).await;
             self.turn(&mut fed);
@@ -136,7 +136,7 @@ impl StatePublisher {
         }
     }
 
-    fn turn(&mut self, fed: &mut Consumer<Fed>) {
+    fn turn(&mut self, fed: &mut Consumer<FeedRecord>) {
         let now = Instant::now();
         if now >= self.session_at {
             self.session_at = now + SESSION_EVERY;
@@ -158,14 +158,14 @@ impl StatePublisher {
         }
     }
 
-    fn take(&mut self, fed: Fed, is_newest: bool, clients: &[Arc<Client>], now: Instant) {
+    fn take(&mut self, fed: FeedRecord, is_newest: bool, clients: &[Arc<Client>], now: Instant) {
         let record = &fed.record;
         if record.input.overrun {
             self.n_overruns += 1;
             self.overrun_at = Some((record.tick, record.time_ns));
         }
         self.tracker.see(record);
-        let row = Row::of(record);
+        let row = HistoryRow::of(record);
         let (is_virtual, rate_hz) = (self.hub.clock == ClockKind::Virtual, f64::from(self.tracker.view().config.rate_hz));
         let mut due = Vec::new();
         for (idx, group) in self.groups.iter_mut().enumerate() {
@@ -197,9 +197,9 @@ impl StatePublisher {
         }
     }
 
-    fn send(&mut self, idx: usize, missed: u64, newest: &Newest, clients: &[Arc<Client>], now: Instant) {
+    fn send(&mut self, idx: usize, missed: u64, newest: &NewestState, clients: &[Arc<Client>], now: Instant) {
         let group = &mut self.groups[idx];
-        let Wanted { rate_hz, is_binary, .. } = group.wanted;
+        let Subscription { rate_hz, is_binary, .. } = group.wanted;
         group.next_at = now + Duration::from_secs_f64(1.0 / rate_hz);
         let rows = group.wanted.history.then(|| reduced(&group.history, MOST_ROWS));
         group.history.clear();

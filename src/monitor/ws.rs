@@ -13,14 +13,14 @@ use futures_util::{SinkExt, StreamExt};
 use serde_json::{Value, json};
 use tokio::sync::OwnedSemaphorePermit;
 
-use super::answer::Done;
+use super::answer::Completion;
 use super::app_state::AppState;
 use super::asks::{ClientCommand, perform};
 use super::client::Client;
 use super::connection::Peer;
 use super::encode;
-use super::outbox::Next;
-use super::problem::Problem;
+use super::outbox::OutboxAction;
+use super::problem::RequestError;
 use super::rate_limiter::TokenBucket;
 
 /// Largest message of a client, bytes.
@@ -50,12 +50,12 @@ pub(super) async fn open(
     let upgrade = match upgrade {
         Ok(upgrade) => upgrade,
         Err(rejection) => {
-            return Problem::new(StatusCode::BAD_REQUEST, rejection.body_text(), "open this address as a WebSocket")
+            return RequestError::new(StatusCode::BAD_REQUEST, rejection.body_text(), "open this address as a WebSocket")
                 .into_response();
         }
     };
     let Ok(seat) = state.seats.clone().try_acquire_owned() else {
-        return Problem::unavailable("too many WebSockets", "close some, or try again later").into_response();
+        return RequestError::unavailable("too many WebSockets", "close some, or try again later").into_response();
     };
     let upgrade = upgrade.max_message_size(MOST_BYTES).max_frame_size(MOST_BYTES).read_buffer_size(8 << 10).write_buffer_size(0);
     upgrade.on_upgrade(move |socket| async move {
@@ -103,8 +103,8 @@ async fn send_all(mut sink: SplitSink<WebSocket, Message>, client: &Client) {
     loop {
         let messages = tokio::select! {
             next = client.outbox.next() => match next {
-                Next::Send(messages) => messages,
-                Next::Close(code, reason) => {
+                OutboxAction::Send(messages) => messages,
+                OutboxAction::Close(code, reason) => {
                     let close = Message::Close(Some(CloseFrame { code, reason: reason.into() }));
                     let _ = tokio::time::timeout(GOOD_BYE, sink.send(close)).await;
                     return;
@@ -140,7 +140,7 @@ async fn take_all(mut stream: SplitStream<WebSocket>, state: &Arc<AppState>, cli
                 let place = client.unanswered.clone().try_acquire_owned().ok();
                 match asked {
                     Ok(asked) if place.is_none() && !asked.is_always_heard() => {
-                        client.outbox.say(reply(&id, Err(Problem::too_many("too many requests wait for their answers"))));
+                        client.outbox.say(reply(&id, Err(RequestError::too_many("too many requests wait for their answers"))));
                     }
                     Ok(asked) => {
                         let to = client.clone();
@@ -172,14 +172,14 @@ async fn take_all(mut stream: SplitStream<WebSocket>, state: &Arc<AppState>, cli
 }
 
 /// The answer to one request.
-fn reply(id: &Value, result: Result<Done, Problem>) -> String {
+fn reply(id: &Value, result: Result<Completion, RequestError>) -> String {
     encode::json(&match result {
         Ok(done) => {
             let mut answer = json!({ "type": "reply", "id": id, "ok": true });
             done.tell(&mut answer);
             answer
         }
-        Err(Problem { said, status }) => json!({
+        Err(RequestError { said, status }) => json!({
             "type": "reply",
             "id": id,
             "ok": false,

@@ -14,7 +14,7 @@ use vps::voxmap::BakeStage;
 
 /// What a watcher is told while a scene is baked.
 #[derive(Clone, Copy, Debug)]
-pub struct Event<'a> {
+pub struct BakeEvent<'a> {
     /// Name of the object at work.
     pub name: &'a str,
     /// Number of the object, from 0.
@@ -29,7 +29,7 @@ pub struct Event<'a> {
 ///
 /// # Errors
 /// The first object whose mesh cannot be used or whose grid is too large.
-pub fn build(config: &SceneConfig, watch: impl FnMut(Event<'_>)) -> Result<(RenderScene, Vec<ObjectReport>), SceneError> {
+pub fn build(config: &SceneConfig, watch: impl FnMut(BakeEvent<'_>)) -> Result<(RenderScene, Vec<ObjectReport>), SceneError> {
     build_with(config, &mut BakeOptions::from(&mut Cache::off()), watch)
 }
 
@@ -41,7 +41,7 @@ pub fn build(config: &SceneConfig, watch: impl FnMut(Event<'_>)) -> Result<(Rend
 pub fn build_with(
     config: &SceneConfig,
     means: &mut BakeOptions<'_>,
-    watch: impl FnMut(Event<'_>),
+    watch: impl FnMut(BakeEvent<'_>),
 ) -> Result<(RenderScene, Vec<ObjectReport>), SceneError> {
     build_all(config, means, watch).map(|Built { scene, objects, .. }| (scene, objects))
 }
@@ -61,11 +61,15 @@ pub struct Built {
 ///
 /// # Errors
 /// As [`build_with`], and clay that cannot be read or makes no surface.
-pub fn build_all(config: &SceneConfig, means: &mut BakeOptions<'_>, mut watch: impl FnMut(Event<'_>)) -> Result<Built, SceneError> {
+pub fn build_all(
+    config: &SceneConfig,
+    means: &mut BakeOptions<'_>,
+    mut watch: impl FnMut(BakeEvent<'_>),
+) -> Result<Built, SceneError> {
     let n_objects = config.statics.len() + 1 + usize::from(config.sculpt.is_some());
     let mut builder = SceneBuilder::new(config.parameters);
     for (object_idx, object) in config.statics.iter().enumerate() {
-        let tell = |stage| watch(Event { name: &object.name, object_idx, n_objects, stage });
+        let tell = |stage| watch(BakeEvent { name: &object.name, object_idx, n_objects, stage });
         let request = Request {
             name: &object.name,
             role: Role::Static,
@@ -82,7 +86,7 @@ pub fn build_all(config: &SceneConfig, means: &mut BakeOptions<'_>, mut watch: i
     }
 
     let ToolConfig { source, voxel_size_m, layers, sides, mass_kg, center_of_mass_m, inertia_kg_m2 } = &config.tool;
-    let tell = |stage| watch(Event { name: "tool", object_idx: config.statics.len(), n_objects, stage });
+    let tell = |stage| watch(BakeEvent { name: "tool", object_idx: config.statics.len(), n_objects, stage });
     let request = Request {
         name: "tool",
         role: Role::Tool,
@@ -97,7 +101,7 @@ pub fn build_all(config: &SceneConfig, means: &mut BakeOptions<'_>, mut watch: i
     let (Some(shell), Some(mass)) = (shell, mass) else { unreachable!("a tool has a shell and a mass") };
     let mut piece = None;
     if let Some(sculpt) = &config.sculpt {
-        watch(Event { name: "clay", object_idx: n_objects - 1, n_objects, stage: BakeStage::Surface });
+        watch(BakeEvent { name: "clay", object_idx: n_objects - 1, n_objects, stage: BakeStage::Surface });
         let built = LoadedClay::build(config, sculpt, &means.memory)?;
         builder.set_clay(built.clay(config, sculpt)?);
         piece = Some(built);

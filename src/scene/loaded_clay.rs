@@ -12,8 +12,8 @@ use thiserror::Error;
 use super::object::MemoryPlan;
 use crate::config::SceneConfig;
 use crate::config::scene::{ClaySource, MeshSource, SculptConfig};
-use clay::clay_model::{ClayModelError, Foreseen};
-use clay::session::SessionError;
+use clay::clay_model::{ClayModelError, MemoryEstimate};
+use clay::session::SessionFileError;
 use clay::{ClayModel, LoadError, Neighbours, NormalSource, PointSet, PointSurface, Solid};
 use haptics::clay::Clay;
 use vps::density::{FrameError, Lattice};
@@ -40,13 +40,13 @@ pub enum ClayError {
     #[error("{} samples and {} nodes of the raster take about {}", foreseen.samples, foreseen.nodes, limit.exceeded_by(foreseen.bytes))]
     Memory {
         /// What it would take, with what objects keep.
-        foreseen: Foreseen,
+        foreseen: MemoryEstimate,
         /// What may be taken.
         limit: MemoryLimit,
     },
     /// A session that was saved.
     #[error(transparent)]
-    Session(#[from] SessionError),
+    Session(#[from] SessionFileError),
     /// What the tick would touch of it.
     #[error(transparent)]
     Frame(#[from] FrameError),
@@ -130,7 +130,7 @@ impl LoadedClay {
             ClaySource::Solid(solid) => {
                 if memory.is_limited() {
                     let (n_samples, bounds) = solid.look()?;
-                    memory.judge_clay(Foreseen::of(n_samples, bounds, &sculpt.settings)?)?;
+                    memory.judge_clay(MemoryEstimate::of(n_samples, bounds, &sculpt.settings)?)?;
                 }
                 let loaded = solid.load()?;
                 let workpiece = ClayModel::new(loaded.points, sculpt.settings.clone())?;
@@ -139,7 +139,7 @@ impl LoadedClay {
             ClaySource::Session(path) => {
                 let workpiece = ClayModel::load_session(path)?;
                 let (surface, settings) = (workpiece.surface(), workpiece.settings());
-                memory.judge_clay(Foreseen::of(surface.points().len() as u64, surface.bounds(), settings)?)?;
+                memory.judge_clay(MemoryEstimate::of(surface.points().len() as u64, surface.bounds(), settings)?)?;
                 (workpiece, "session", 0)
             }
         };

@@ -5,7 +5,7 @@ use thiserror::Error;
 use super::cache::{Baked, Cache, Lookup, Request, Spacing};
 use super::loaded_clay::ClayError;
 use crate::config::scene::MeshSource;
-use clay::clay_model::Foreseen;
+use clay::clay_model::MemoryEstimate;
 use vps::part::{Part, PartError, Role};
 use vps::voxmap::estimate::{Estimate, MeshMeasures, Products, voxel_size_within};
 use vps::voxmap::grid::{Grid, GridError};
@@ -123,7 +123,7 @@ impl<'a> MemoryPlan<'a> {
     }
 
     /// Judges the clay, beside what the objects before it keep.
-    pub(super) fn judge_clay(&self, mut foreseen: Foreseen) -> Result<(), ClayError> {
+    pub(super) fn judge_clay(&self, mut foreseen: MemoryEstimate) -> Result<(), ClayError> {
         let Some((limit, _)) = self.exceeded_by(foreseen.bytes) else { return Ok(()) };
         if let MemoryLimit::Given(_) = limit {
             foreseen.bytes = foreseen.bytes.saturating_add(self.kept_bytes);

@@ -9,7 +9,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use arms::attached::nodes::Selector;
-use arms::attached::open::{LinkNews, OpenOptions, Opened, open};
+use arms::attached::open::{LinkNews, OpenOptions, OpenedArm, open};
 use arms::mock::builder::{self, MockSettings};
 use arms::mock::pty::Pty;
 use arms::mock::serve::{Serving, serve};
@@ -85,7 +85,7 @@ fn an_arm_that_was_deaf_reads_a_zero_and_comes_back() {
             let behind = Behind::a_tty(name, "deaf@2s+1500ms", &link);
             let profile = profile::find(name, Path::new("")).expect(name);
             let options = OpenOptions { selector: Some(Selector::Path(link)), io_request: None, period_s: 1e-3, guard: None };
-            let Opened { mut arm, news, .. } = open(&profile, &options).unwrap_or_else(|error| panic!("{name}: {error}"));
+            let OpenedArm { mut arm, news, .. } = open(&profile, &options).unwrap_or_else(|error| panic!("{name}: {error}"));
             arm.set_enabled(true);
             let begin = Instant::now();
             while news.is_empty() {
@@ -147,7 +147,7 @@ fn an_arm_that_is_deaf_when_the_host_ends_wakes_to_a_zero() {
         let link = folder.path().join("arm");
         let behind = Behind::a_tty("hapkit", "deaf@1s+1s", &link);
         let options = OpenOptions { selector: Some(Selector::Path(link)), io_request: None, period_s: 1e-3, guard: None };
-        let Opened { mut arm, .. } = open(&profile, &options).expect("there");
+        let OpenedArm { mut arm, .. } = open(&profile, &options).expect("there");
         arm.set_enabled(true);
         let begin = Instant::now();
         // Deaf for some time, and not lost yet; the tick has seen no reason to let go.

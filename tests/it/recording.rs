@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 use glam::DVec3;
 use hapticd::config::LoadOptions;
 use hapticd::daemon::session::objects;
-use hapticd::daemon::{Live, RenderJob, ReplayError, Replayed, Supervisor, prepare, replay, scene_files};
+use hapticd::daemon::{LiveChannels, RenderJob, ReplayError, Replayed, Supervisor, prepare, replay, scene_files};
 use hapticd::servo::{Control, SceneControls};
 use haptics::{Faults, LiveParameter};
 use recording::file::{Entry, Recorder, Recording, SceneFiles};
@@ -171,7 +171,7 @@ fn record(scene: &Path, duration: Duration, path: &Path, turn: impl FnOnce(&mut 
         clock: ClockKind::Virtual,
         duration: Some(duration),
     };
-    let live = Live { commands, subscribers, ..Live::default() };
+    let live = LiveChannels { commands, subscribers, ..LiveChannels::default() };
     let outcome = Supervisor::new(|_| ()).render_live(job, live, &Arc::new(Control::new())).expect("an outcome");
     let summary = handle.stop();
     assert_eq!((summary.records, summary.error, outcome.report.faults), (outcome.report.ticks, None, Faults::NONE));

@@ -7,7 +7,7 @@ use rtrb::RingBuffer;
 
 use arms::mock::FaultReport;
 use arms::simulated::fault::FaultKind;
-use arms::testing::rig::{Make, Trouble, every_arm};
+use arms::testing::rig::{InjectedFault, Make, every_arm};
 use arms::testing::{HELD_M, Timed};
 use hapticd::servo::{Control, RunPlan, ServoLoop};
 use haptics::testing::empty_scene;
@@ -26,7 +26,7 @@ fn pushing(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOut
 
 /// What the arm felt of a fault while it pushed.
 fn felt(make: &Make, fault: FaultKind, name: &str) -> FaultReport {
-    let arm = Timed::of(make(Some(HELD_M), Trouble::None));
+    let arm = Timed::of(make(Some(HELD_M), InjectedFault::None));
     let control = Arc::new(Control::enabled());
     let plan = RunPlan { outlives_faults: true, ..RunPlan::default() };
     let (records, _drained) = RingBuffer::new(1 << 16);
@@ -74,7 +74,7 @@ const TOO_FAR: [&str; 3] = ["haply-2diy", "haply-2diy-first", "novint-falcon"];
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn every_arm_lets_go_within_the_time_of_its_protocol() {
     for make in every_arm() {
-        let profile = make(None, Trouble::None).profile().clone();
+        let profile = make(None, InjectedFault::None).profile().clone();
         let Some(real) = profile.real.as_ref().filter(|_| profile.actuated != Axes::NONE) else { continue };
         let (name, protocol) = (&profile.name, real.protocol.name());
         let (_, within) =

@@ -8,7 +8,7 @@ use clay::clay_model::Settings;
 use clay::dynamics::Material;
 use clay::export::write_mesh;
 use clay::falloff::Falloff;
-use clay::pull::Pull;
+use clay::pull::PullForce;
 use clay::{ClayModel, PointSet};
 use glam::DVec3;
 
@@ -53,7 +53,7 @@ fn what_was_pulled_out_is_baked_and_touched_as_a_rigid_part() {
     for _ in 0..60 {
         let top = piece.onto(DVec3::Z * RADIUS_M, 0.01).map_or(DVec3::Z * RADIUS_M, |(at, _)| at);
         piece
-            .pull(&Pull {
+            .pull(&PullForce {
                 along_map: vec![top],
                 force_n: DVec3::Z * 10.0,
                 reach_m: 3e-3,

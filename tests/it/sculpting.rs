@@ -8,7 +8,7 @@ use clay::engine::{SculptEngine, SculptOrder, SculptTool, ToolBody, ToolSettings
 use clay::falloff::Falloff;
 use clay::{PointSet, sample};
 use glam::{DMat3, DVec3};
-use hapticd::daemon::sculpting::{Ended, OrderError, Plan, begin};
+use hapticd::daemon::sculpting::{OrderError, SculptOutcome, SculptPlan, begin};
 use hapticd::servo::{Control, RunPlan, ServoLoop, Step};
 use haptics::clay::{Clay, Rope};
 use haptics::{CouplingMode, Faults, Inertia, RenderScene, Tool};
@@ -91,10 +91,10 @@ fn pull() -> SculptOrder {
     SculptOrder::Take(ToolSettings { craft: SculptTool::Pull, brush_m: 5e-3, ..ToolSettings::default() })
 }
 
-fn run(clock: impl Clock, n_ticks: u64, script: Vec<(u64, SculptOrder)>) -> (Vec<TickRecord>, Ended) {
+fn run(clock: impl Clock, n_ticks: u64, script: Vec<(u64, SculptOrder)>) -> (Vec<TickRecord>, SculptOutcome) {
     let engine = engine(SculptTool::Push);
     let scene = scene(&engine);
-    let plan = Plan {
+    let plan = SculptPlan {
         tick_s: 1e-3,
         update_ticks: UPDATE_TICKS,
         clock: clock.kind(),
@@ -185,7 +185,7 @@ fn a_studio_ends_when_it_is_told_to_though_the_loop_keeps_its_slot() {
     for clock in [VirtualClock::default().kind(), RealClock.kind()] {
         let engine = engine(SculptTool::Push);
         let scene = scene(&engine);
-        let plan = Plan { tick_s: 1e-3, update_ticks: UPDATE_TICKS, clock, script: Vec::new() };
+        let plan = SculptPlan { tick_s: 1e-3, update_ticks: UPDATE_TICKS, clock, script: Vec::new() };
         let (slot, _door, thread) = begin(engine, scene.clay.as_ref().expect("clay"), plan).expect("a thread");
         assert!(!thread.has_ended());
         thread.end();

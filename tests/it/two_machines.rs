@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use arms::attached::open::{LinkNews, OpenError};
 use arms::remote::command_hold::HoldTiming;
-use arms::remote::figures::{NodeReport, Phase};
+use arms::remote::figures::{LinkPhase, NodeReport};
 use arms::remote::{LinkFigures, Node, NodeFigures, RemoteOptions, open};
 use arms::simulated::hand::{HandMapping, HandPath};
 use arms::simulated::{HandParameters, SimArm, SimParameters};
@@ -37,14 +37,14 @@ const CLOCKS_APART_S: f64 = 4000.0;
 const PATIENCE: Duration = Duration::from_secs(60);
 
 /// The arm beside the node, and what it was told when.
-struct Told {
+struct LoggedArm {
     arm: SimArm,
     now_s: f64,
     /// Time and wrench of each write.
     log: Vec<(f64, Wrench)>,
 }
 
-impl Device for Told {
+impl Device for LoggedArm {
     fn capabilities(&self) -> Capabilities {
         self.arm.capabilities()
     }
@@ -67,7 +67,7 @@ impl Device for Told {
 struct World {
     network: SimulatedNetwork,
     node: Node,
-    arm: Told,
+    arm: LoggedArm,
     /// When the node's next period begins, s: its periods are not those of the host.
     next_s: f64,
     cut_at_s: Option<f64>,
@@ -161,7 +161,7 @@ struct Played {
     /// What the node's arm was told.
     told: Vec<(f64, Wrench)>,
     report: NodeReport,
-    phase: Phase,
+    phase: LinkPhase,
     link: Arc<LinkFigures>,
     /// What the host's driver says of the node's watchdog.
     watchdog_ms: Option<u32>,
@@ -213,7 +213,7 @@ impl Stage {
         let (host_end, arm_end) = network.ends();
         let node = self.node(arm_end);
         let figures = node.figures();
-        let arm = Told { arm: self.arm(), now_s: 0.0, log: Vec::new() };
+        let arm = LoggedArm { arm: self.arm(), now_s: 0.0, log: Vec::new() };
         let world: Shared = Arc::new(Mutex::new(World { network: network.clone(), node, arm, next_s: phase * T, cut_at_s: None }));
         let is_starting = Arc::new(Mutex::new(true));
         let options = RemoteOptions { name: "arm".into(), period_s: T, timebase: Timebase::Counted };
@@ -421,7 +421,7 @@ fn a_cut_cable_is_zero_at_the_arm_within_hold_and_fade_and_a_fault_of_the_link_a
             assert!(after_ms <= 30.0 + 1e-6, "{name}: zero {after_ms} ms after the last command");
             assert!((zero_s - cut_s) * 1e3 <= 30.0 + 1e-6, "{name}: zero {} ms after the cut", (zero_s - cut_s) * 1e3);
             (least_ms, most_ms) = (least_ms.min(after_ms), most_ms.max(after_ms));
-            assert_eq!((played.report.link_losses, played.phase), (1, Phase::Tripped), "{name}");
+            assert_eq!((played.report.link_losses, played.phase), (1, LinkPhase::Tripped), "{name}");
             assert!((played.report.zero_after_ms - 29.5).abs() < 1.0, "{name}: it says {} ms", played.report.zero_after_ms);
             let names: Vec<_> = played.faults.names().collect();
             assert_eq!((names, played.ending), (vec!["link"], Ending::Faulted), "{name}");
@@ -455,7 +455,7 @@ fn lost_in_contact(stage: &Stage) -> Playing {
     let (outputs, _) = playing.ticks(50, Order::Enable);
     assert!(outputs.iter().any(|output| output.faults.names().eq(["link"])), "{:?}", outputs.last());
     let (drive, force_n) = playing.drive(100, Order::Enable);
-    assert_eq!((drive, force_n, playing.figures.phase()), (Drive::Fault, 0.0, Phase::Tripped));
+    assert_eq!((drive, force_n, playing.figures.phase()), (Drive::Fault, 0.0, LinkPhase::Tripped));
     playing
 }
 
@@ -471,12 +471,12 @@ fn a_node_whose_cable_is_back_gives_no_force_before_the_next_enable() {
     assert!(matches!(&news, LinkNews::Back { node, homing: None } if node.ends_with("zenoh:arm")), "{news:?}");
     // The order is still *enable*, and the arm is there: it waits all the same.
     assert_eq!(playing.drive(300, Order::Enable), (Drive::Fault, 0.0));
-    assert_eq!(playing.figures.phase(), Phase::Disabled);
+    assert_eq!(playing.figures.phase(), LinkPhase::Disabled);
     assert_eq!(playing.drive(20, Order::Disable), (Drive::Disabled, 0.0));
     let (outputs, _) = playing.ticks(300, Order::Enable);
     assert!(rig::is_bit_zero(outputs[0].command_device), "it rises from zero");
     let last = outputs.last().expect("ticks");
-    assert_eq!((last.drive, last.faults, playing.figures.phase()), (Drive::Enabled, Faults::NONE, Phase::Enabled));
+    assert_eq!((last.drive, last.faults, playing.figures.phase()), (Drive::Enabled, Faults::NONE, LinkPhase::Enabled));
 }
 
 #[test]
@@ -495,7 +495,7 @@ fn a_node_that_was_started_again_is_greeted_and_gives_force_after_an_enable() {
     assert!(matches!(playing.meet_again(), LinkNews::Back { .. }));
     assert_eq!(playing.drive(100, Order::Enable), (Drive::Fault, 0.0));
     let link = playing.link.report();
-    assert_eq!((playing.figures.phase(), link.hold_ms, link.fade_ms), (Phase::Disabled, 5, 10));
+    assert_eq!((playing.figures.phase(), link.hold_ms, link.fade_ms), (LinkPhase::Disabled, 5, 10));
     assert_eq!(playing.drive(20, Order::Disable), (Drive::Disabled, 0.0));
     let (drive, force_n) = playing.drive(2200, Order::Enable);
     assert!(drive == Drive::Enabled && force_n > 0.1, "pressed again: {drive:?}, {force_n} N");

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use arms::protocol::{Codec as _, MotorCommand};
 use arms::remote::command_hold::HoldTiming;
-use arms::remote::figures::Phase;
+use arms::remote::figures::LinkPhase;
 use arms::remote::{Host, LinkFigures, Node, NodeParameters};
 use arms::simulated::{SimArm, SimParameters};
 use arms::transport::{Frame, Transport, TransportError};
@@ -100,6 +100,6 @@ fn both_ends_of_a_network_allocate_nothing() {
         }
     });
     assert_eq!((allocations, frees), (0, 0));
-    assert!(was[Phase::Disabled as usize] && was[Phase::Enabled as usize] && was[Phase::Tripped as usize], "{was:?}");
+    assert!(was[LinkPhase::Disabled as usize] && was[LinkPhase::Enabled as usize] && was[LinkPhase::Tripped as usize], "{was:?}");
     assert_eq!(figures.report().link_losses, 100);
 }

@@ -94,7 +94,7 @@ pub(super) struct Motion<'a> {
 
 /// What the motors make at the grip: device axes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Made {
+pub(super) struct MotorWrenches {
     /// Of the command.
     pub(super) command: Wrench,
     /// Beside it: gravity compensation and damping of joints.
@@ -149,7 +149,7 @@ impl MotorStage {
         wrench_device: &Wrench,
         enabled: bool,
         was_at_rest: bool,
-    ) -> (MotorCommand, Made) {
+    ) -> (MotorCommand, MotorWrenches) {
         self.since_s = (self.since_s + parameters.period_s).min(FULL_SLEW_S);
         if was_at_rest {
             self.sent = Parts::default();
@@ -158,7 +158,7 @@ impl MotorStage {
         let made = if enabled { self.wanted(parameters, motion, wrench_device) } else { None };
         let Some((motors, parts, made)) = made else {
             self.next = Parts::default();
-            return (MotorCommand::at_rest(enabled), Made::default());
+            return (MotorCommand::at_rest(enabled), MotorWrenches::default());
         };
         self.next = parts;
         (MotorCommand { motors, enabled }, made)
@@ -174,7 +174,7 @@ impl MotorStage {
         parameters: &WiredParameters,
         motion: &Motion<'_>,
         wrench_device: &Wrench,
-    ) -> Option<([f64; MAX_AXES], Parts, Made)> {
+    ) -> Option<([f64; MAX_AXES], Parts, MotorWrenches)> {
         let WiredParameters { transmission, device_from_native, capabilities, .. } = parameters;
         let trusts_signs = parameters.signs_verified && !self.doubts_signs;
         let limits = if trusts_signs { parameters.limits } else { parameters.unverified_limits };
@@ -213,7 +213,7 @@ impl MotorStage {
         }
         let (motors, scale) = transmission.commands(&torques(&Parts { beside: [0.0; MAX_AXES], ..parts }), &parts.beside);
         parts = parts.scaled(scale);
-        let made = Made { command: parts.command, beside: at_grip(&pushes, &parts.beside) };
+        let made = MotorWrenches { command: parts.command, beside: at_grip(&pushes, &parts.beside) };
         (made.command.is_finite() && made.beside.is_finite()).then_some((motors, parts, made))
     }
 
@@ -226,7 +226,7 @@ impl MotorStage {
 
     /// Towards what is wanted, as far as the sum of all may go since the last command that went out. The command goes first: what is beside it has
     /// what is left of the way. A zero of the command goes out as it is.
-    fn slewed(&self, wanted: Parts, pushes: &[Wrench; MAX_AXES], limits: Limits) -> Parts {
+    fn slewed(&self, wanted: Parts, pushes: &[Wrench; MAX_AXES], limits: MotorLimits) -> Parts {
         let step = limits.scaled(self.since_s / FULL_SLEW_S * ROUNDING);
         let mut parts = wanted;
         let mut left = step;
@@ -237,7 +237,7 @@ impl MotorStage {
                 parts.command = self.sent.command + change * share;
             }
             let [force_n, torque_nm] = lengths(change * share);
-            left = Limits { force_n: (step.force_n - force_n).max(0.0), torque_nm: (step.torque_nm - torque_nm).max(0.0) };
+            left = MotorLimits { force_n: (step.force_n - force_n).max(0.0), torque_nm: (step.torque_nm - torque_nm).max(0.0) };
         }
         let change: [f64; MAX_AXES] = core::array::from_fn(|idx| wanted.beside[idx] - self.sent.beside[idx]);
         let share = left.share_of(lengths(at_grip(pushes, &change)));
@@ -250,14 +250,14 @@ impl MotorStage {
 
 /// Most that the motors may make at the grip.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Limits {
+pub(super) struct MotorLimits {
     /// Largest |F|, N.
     pub(super) force_n: f64,
     /// Largest |τ|, N·m.
     pub(super) torque_nm: f64,
 }
 
-impl Limits {
+impl MotorLimits {
     fn scaled(self, share: f64) -> Self {
         Self { force_n: self.force_n * share, torque_nm: self.torque_nm * share }
     }

@@ -25,8 +25,8 @@ pub(super) use self::parameters::WiredParameters;
 pub(super) use self::round_trip::RoundTrip;
 pub(super) use self::thermal::Thermal;
 use super::kinematics::{Configuration, Kinematics};
-use super::motor_stage::{Made, Motion, MotorCommand, MotorStage};
-use super::protocol::{Declared, Fed, MAX_AXES};
+use super::motor_stage::{Motion, MotorCommand, MotorStage, MotorWrenches};
+use super::protocol::{DeclaredLimits, FeedCounts, MAX_AXES};
 use super::transport::{FRAME_MAX, Frame, TransportError};
 use super::velocity::VelocityWindow;
 use super::{Capabilities, Device, DeviceError, IoPlacement, Pacing};
@@ -167,7 +167,7 @@ impl WiredArm {
     }
 
     /// What it declared that it can do. Cold.
-    pub fn declared(&self) -> Option<Declared> {
+    pub fn declared(&self) -> Option<DeclaredLimits> {
         self.connection.as_ref()?.codec.declared()
     }
 
@@ -260,8 +260,8 @@ impl WiredArm {
     }
 
     /// Takes everything that has come, `reads` times at most; whether it was everything.
-    fn drain(&mut self, reads: usize) -> Result<(Fed, bool), TransportError> {
-        let mut total = Fed::default();
+    fn drain(&mut self, reads: usize) -> Result<(FeedCounts, bool), TransportError> {
+        let mut total = FeedCounts::default();
         let Some(connection) = &mut self.connection else { return Err(TransportError::Lost) };
         // One more look: whether that was all.
         for _ in 0..=reads {
@@ -338,7 +338,7 @@ impl WiredArm {
         is_unheard || self.full_ticks > 0 || now_s - self.last_report_s > REPLY_PATIENCE_S
     }
 
-    fn send(&mut self, mut command: MotorCommand, mut made: Made, now_s: f64) -> Result<(), DeviceError> {
+    fn send(&mut self, mut command: MotorCommand, mut made: MotorWrenches, now_s: f64) -> Result<(), DeviceError> {
         let takes_force_away = command.moves_nothing() && !self.sent.moves_nothing();
         let may_lie_unread = self.may_lie_unread(now_s);
         let Some(connection) = &mut self.connection else { return Err(self.gone()) };
@@ -356,7 +356,7 @@ impl WiredArm {
             let mut zero = Frame::default();
             connection.codec.zero_out_of_step(&mut zero);
             if !zero.is_empty() {
-                (self.frame, command, made) = (zero, MotorCommand::default(), Made::default());
+                (self.frame, command, made) = (zero, MotorCommand::default(), MotorWrenches::default());
             }
         }
         let is_zero = command.moves_nothing();
@@ -399,7 +399,7 @@ impl WiredArm {
             connection.codec.resume();
             // Nothing was asked meanwhile.
             self.last_report_s = now_s;
-            self.send(MotorCommand::default(), Made::default(), now_s)?;
+            self.send(MotorCommand::default(), MotorWrenches::default(), now_s)?;
             return Ok(true);
         }
         if connection.codec.silence().is_none() {

@@ -16,7 +16,7 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use super::process::{self, Ended};
+use super::process::{self, ProcessResult};
 
 /// A folder of peers, or the reason why there is none.
 #[derive(Debug)]
@@ -117,7 +117,7 @@ impl Peers {
         Ok(PeerRun { seconds, peak_mb: ended.peak_rss_bytes.map(|bytes| bytes as f64 * 1e-6) })
     }
 
-    fn ended(&self, program: &Path, arguments: impl FnOnce(&mut Command) -> &mut Command) -> Result<Ended, String> {
+    fn ended(&self, program: &Path, arguments: impl FnOnce(&mut Command) -> &mut Command) -> Result<ProcessResult, String> {
         let all = std::thread::available_parallelism().map_or(1, usize::from);
         // A peer takes every processor that it may use.
         let mut command = if self.n_threads < all {

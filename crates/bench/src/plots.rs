@@ -6,9 +6,9 @@ use std::path::{Path, PathBuf};
 use bench::BenchError;
 use bench::contact::Quality;
 use bench::contact::clay::RecedingForce;
-use bench::contact::sliding::{DEPTHS_VOXELS, Slid};
+use bench::contact::sliding::{DEPTHS_VOXELS, SlideForces};
 use bench::sculpt::RecedingAt;
-use recording::report::chart::{Frame, LEFT};
+use recording::report::chart::{LEFT, PlotArea};
 
 /// Of a sheet, pixels; charts stand two to a row.
 const WIDTH: f64 = 1400.0;
@@ -57,7 +57,8 @@ impl Chart {
         // A constant has a scale too.
         let margin = (0.06 * (high - low)).max(1e-3 * high.abs()).max(1e-12);
         let n_steps = self.lines.iter().map(|line| line.values.len()).max().unwrap_or(0).max(2) - 1;
-        let frame = Frame { size: [0.5 * WIDTH, ROW - TITLE], x: [0.0, n_steps as f64 * STEP_S], y: [low - margin, high + margin] };
+        let frame =
+            PlotArea { size: [0.5 * WIDTH, ROW - TITLE], x: [0.0, n_steps as f64 * STEP_S], y: [low - margin, high + margin] };
         let title = self.title.replace('&', "&amp;").replace('<', "&lt;");
         // Writing to a string cannot fail, here and below.
         let _ = write!(
@@ -135,7 +136,7 @@ pub(super) fn draw_receding(folder: &Path, receding: &[RecedingAt]) -> Result<()
     write(folder.join("receding-clay.svg"), title, note, &charts)
 }
 
-fn law_chart(slid: &Slid) -> Chart {
+fn law_chart(slid: &SlideForces) -> Chart {
     let percent = |forces: &[glam::DVec3]| -> Vec<f64> {
         let mean = forces.iter().sum::<glam::DVec3>() / forces.len() as f64;
         forces.iter().take(DRAWN_TICKS).map(|force| 100.0 * force.dot(mean) / mean.length_squared()).collect()

@@ -24,7 +24,7 @@ pub(super) fn hapticd(program: &Path) -> Command {
 
 /// What a process printed and took.
 #[derive(Debug)]
-pub(super) struct Ended {
+pub(super) struct ProcessResult {
     /// Its last line of output.
     pub(super) json: Value,
     /// From start to end, s.
@@ -34,7 +34,7 @@ pub(super) struct Ended {
 }
 
 /// Runs a command that prints a line of JSON.
-pub(super) fn run(command: &mut Command) -> Result<Ended, BenchError> {
+pub(super) fn run(command: &mut Command) -> Result<ProcessResult, BenchError> {
     let shown = format!("{command:?}");
     let failed = |why: String| BenchError::Process { command: shown.clone(), why };
     let since = Instant::now();
@@ -62,7 +62,7 @@ pub(super) fn run(command: &mut Command) -> Result<Ended, BenchError> {
     }
     let line = out.lines().last().unwrap_or_default();
     let json = serde_json::from_str(line).map_err(|error| failed(format!("its output is not JSON ({error}): {line}")))?;
-    Ok(Ended { json, wall_s, peak_rss_bytes })
+    Ok(ProcessResult { json, wall_s, peak_rss_bytes })
 }
 
 fn drain(mut pipe: Box<dyn Read + Send>) -> std::thread::JoinHandle<String> {
@@ -101,7 +101,7 @@ pub(super) struct Bake<'a> {
 
 impl Bake<'_> {
     /// A process that bakes this and nothing else.
-    pub(super) fn run(&self, program: &Path) -> Result<Ended, BenchError> {
+    pub(super) fn run(&self, program: &Path) -> Result<ProcessResult, BenchError> {
         let mut flags: Vec<OsString> =
             vec!["bake".into(), self.mesh.into(), "--json".into(), "--quiet".into(), "--cache".into(), "off".into()];
         match self.resolution {
@@ -122,13 +122,13 @@ impl Bake<'_> {
 
 /// The same bake, several times.
 #[derive(Debug, Default)]
-pub(super) struct Bakes(Vec<Ended>);
+pub(super) struct Bakes(Vec<ProcessResult>);
 
 /// Stages of a bake in order; one that the program does not have is left out of the tables.
 pub(super) const STAGES: [&str; 9] = ["load", "init", "surface", "fill", "layers", "distance", "pointshell", "normals", "tree"];
 
 impl Bakes {
-    pub(super) fn push(&mut self, ended: Ended) {
+    pub(super) fn push(&mut self, ended: ProcessResult) {
         self.0.push(ended);
     }
 
@@ -139,7 +139,7 @@ impl Bakes {
 
     /// Median over the runs of the sum of some stages, s; stages that do not exist count nothing.
     pub(super) fn sum_s(&self, stages: &[&str]) -> Option<f64> {
-        let sum = |ended: &Ended| stages.iter().filter_map(|stage| ended.json["timings_s"][stage].as_f64()).sum();
+        let sum = |ended: &ProcessResult| stages.iter().filter_map(|stage| ended.json["timings_s"][stage].as_f64()).sum();
         median(&self.0.iter().map(sum).collect::<Vec<f64>>())
     }
 

@@ -12,7 +12,7 @@ use super::{BenchError, Row, statistics};
 use clay::clay_model::{ClayModel, Settings};
 use clay::dynamics::Integrator;
 use clay::falloff::Falloff;
-use clay::pull::Pull;
+use clay::pull::PullForce;
 use clay::{PointSet, PointSurface};
 use haptics::CouplingMode;
 
@@ -134,7 +134,7 @@ fn update_ms(edge: usize, n_samples: usize, integrator: Integrator) -> Result<Ve
     let mut times_ms = Vec::with_capacity(TIMED);
     for n in 0..BEFORE + TIMED {
         piece
-            .pull(&Pull {
+            .pull(&PullForce {
                 along_map: vec![DVec3::Z * RADIUS_M],
                 force_n: DVec3::Z * 2.0,
                 reach_m: 5e-3,

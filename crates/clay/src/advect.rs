@@ -28,13 +28,13 @@ const PART: usize = 512;
 /// A raster cannot hold an edge, and rounds a curved surface a little: what its density is at a sample before anything moves is the
 /// sample's level, which it keeps. So nothing jumps when a region is chosen, and edges stay edges.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Afloat {
+pub(super) struct AdvectedSamples {
     samples: Vec<u32>,
     /// m, one per sample.
     levels_m: Vec<f64>,
 }
 
-impl Afloat {
+impl AdvectedSamples {
     /// The samples that lie within a raster at rest, further than `margin_m` from its faces. Cost: O(samples).
     pub(super) fn new(points: &PointSet, at_rest: &Raster, margin_m: f64) -> Self {
         let (low, high) = at_rest.lattice().bounds();
@@ -184,7 +184,7 @@ mod tests {
     use super::*;
     use crate::dynamics::{Dynamics, Integrator, Material};
     use crate::falloff::Falloff;
-    use crate::pull::{Pull, add_pull};
+    use crate::pull::{PullForce, add_pull};
     use vps::density::Lattice;
 
     const SPACING_M: f64 = 1e-3;
@@ -231,10 +231,10 @@ mod tests {
         let mut clay = clay(raster(|at| 3e-4 - at.z));
         let before = plate();
         let mut points = before.clone();
-        let afloat = Afloat::new(&points, clay.now(), 2.0 * SPACING_M);
+        let afloat = AdvectedSamples::new(&points, clay.now(), 2.0 * SPACING_M);
         assert_eq!(afloat.samples().len(), points.len());
         for _ in 0..100 {
-            let pull = Pull {
+            let pull = PullForce {
                 along_map: vec![DVec3::new(0.0, 0.0, 3e-4)],
                 force_n: DVec3::Z * 20.0,
                 reach_m: 5e-3,
@@ -279,7 +279,7 @@ mod tests {
             points.normals_map.push(normal);
             points.colors.push([0; 3]);
         }
-        let afloat = Afloat::new(&points, &small, SPACING_M);
+        let afloat = AdvectedSamples::new(&points, &small, SPACING_M);
         let rates = Raster::uniform(*small.lattice(), 0.1);
         afloat.follow(&mut points, &large, &rates, 4e-3);
         for (at, normal) in points.positions_map.iter().zip(&points.normals_map) {
@@ -296,7 +296,7 @@ mod tests {
         let still = raster(|at| 3e-4 - at.z);
         let before = plate();
         let mut points = before.clone();
-        let afloat = Afloat::new(&points, &still, SPACING_M);
+        let afloat = AdvectedSamples::new(&points, &still, SPACING_M);
         let rates = Raster::uniform(*still.lattice(), 0.0);
         assert_eq!(afloat.follow(&mut points, &still, &rates, 4e-3), 0.0);
         assert_eq!(points, before);
@@ -308,7 +308,7 @@ mod tests {
     fn a_long_way_is_gone_in_steps() {
         let (still, far) = (raster(|at| 3e-4 - at.z), raster(|at| 5.3e-3 - at.z));
         let mut points = plate();
-        let afloat = Afloat::new(&points, &still, SPACING_M);
+        let afloat = AdvectedSamples::new(&points, &still, SPACING_M);
         let rates = Raster::uniform(*still.lattice(), 0.0);
         let ways: Vec<f64> = (0..8).map(|_| afloat.follow(&mut points, &far, &rates, 4e-3)).collect();
         assert!(ways.iter().all(|way| *way <= SPACING_M * 1.000_001), "{ways:?}");

@@ -76,7 +76,7 @@ impl Boolean {
             of_second.normals_map.iter_mut().for_each(|normal| *normal = -*normal);
         }
         // Where both surfaces are the same, samples of both may be at one place: no surface goes through two of them.
-        let mut taken = super::resample::Taken::new(MEET_SPACINGS * first.spacing_m().min(second.spacing_m()));
+        let mut taken = super::resample::OccupiedPlaces::new(MEET_SPACINGS * first.spacing_m().min(second.spacing_m()));
         of_first.positions_map.iter().for_each(|at| taken.take(*at));
         let apart = (0..of_second.len() as u32).filter(|sample| taken.is_free(of_second.positions_map[*sample as usize]));
         of_first.append(&of_second.select(apart));
@@ -121,7 +121,7 @@ fn kept(surface: &PointSurface, other: &PointSurface, keeps: impl Fn(f64) -> boo
         let at_edge: Vec<u32> = (0..points.len() as u32).filter(at_edge).collect();
         let added: Vec<PointSet> = at_edge.par_iter().map(|sample| around(surface, other, *sample, &keeps)).collect();
         let apart_m = APART_SPACINGS * surface.spacing_m();
-        let mut taken = super::resample::Taken::new(apart_m);
+        let mut taken = super::resample::OccupiedPlaces::new(apart_m);
         left.positions_map.iter().for_each(|at| taken.take(*at));
         for added in &added {
             for n in 0..added.len() {

@@ -22,17 +22,17 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use self::adopt::{adopt, faint_m, forget_faint, moved_by};
-pub use self::estimate_memory::Foreseen;
+pub use self::estimate_memory::MemoryEstimate;
 use self::lattices::{copy_into, cut, lattices, lattices_after};
 use self::painting::Press;
 pub use self::settings::{ClayModelError, Settings};
-pub(super) use self::undo_history::{Moment, Session};
-use super::advect::Afloat;
+pub(super) use self::undo_history::{Session, Snapshot};
+use super::advect::AdvectedSamples;
 use super::boolean::{self, Boolean};
 use super::dynamics::{Dynamics, Progress};
-use super::emboss::{GreyImage, Laid, embossed};
+use super::emboss::{GreyImage, ImagePlacement, embossed};
 use super::material_map::{MaterialCoat, MaterialMap};
-use super::pull::{Pull, add_pull};
+use super::pull::{PullForce, add_pull};
 use super::redistance::redistance;
 use super::{PointSet, PointSurface, SurfaceError, advect, resample};
 use vps::density::{Density, Frame, FrameError, Lattice, Raster};
@@ -49,7 +49,7 @@ struct Region {
     /// Its node `[0, 0, 0]` in the base.
     first: [usize; 3],
     dynamics: Dynamics,
-    afloat: Afloat,
+    afloat: AdvectedSamples,
 }
 
 /// A piece of clay.
@@ -72,8 +72,8 @@ pub struct ClayModel {
     gap_m: f64,
     /// How far samples went since gaps were filled, m.
     went_m: f64,
-    past: Vec<Moment>,
-    undone: Vec<Moment>,
+    past: Vec<Snapshot>,
+    undone: Vec<Snapshot>,
     strokes: u64,
     updates: u64,
 }
@@ -207,7 +207,7 @@ impl ClayModel {
     ///
     /// # Errors
     /// As [`Self::begin_stroke`].
-    pub fn pull(&mut self, pull: &Pull) -> Result<(), SurfaceError> {
+    pub fn pull(&mut self, pull: &PullForce) -> Result<(), SurfaceError> {
         self.begin_stroke()?;
         let (now, forces_n) = self.region.dynamics.forces_n_mut();
         add_pull(now, pull, forces_n);
@@ -262,7 +262,7 @@ impl ClayModel {
         }
         self.base = measured(base);
         dynamics.replace(now);
-        *afloat = Afloat::new(self.surface.points(), dynamics.now(), 0.0);
+        *afloat = AdvectedSamples::new(self.surface.points(), dynamics.now(), 0.0);
         self.settle();
         Ok(())
     }
@@ -271,9 +271,9 @@ impl ClayModel {
     ///
     /// # Errors
     /// [`SurfaceError`]; then it is as before.
-    pub(super) fn emboss(&mut self, image: &GreyImage, laid: &Laid, depth_m: f64) -> Result<usize, SurfaceError> {
+    pub(super) fn emboss(&mut self, image: &GreyImage, placement: &ImagePlacement, depth_m: f64) -> Result<usize, SurfaceError> {
         self.end_stroke()?;
-        let moved = embossed(&self.surface, image, laid, depth_m);
+        let moved = embossed(&self.surface, image, placement, depth_m);
         if moved.is_empty() {
             return Ok(0);
         }
@@ -392,7 +392,7 @@ impl Region {
         settings: &Settings,
     ) -> Self {
         let now = cut(base, first, lattice);
-        let afloat = Afloat::new(points, &now, 0.0);
+        let afloat = AdvectedSamples::new(points, &now, 0.0);
         let material = map.of_part(base.lattice(), first, &lattice, &settings.material);
         Self { first, dynamics: Dynamics::new(now, material, settings.integrator), afloat }
     }

@@ -12,7 +12,7 @@ use std::path::Path;
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
-use super::{Moved, PointSurface};
+use super::{PointSurface, SampleMove};
 use vps::storage::regular;
 
 /// Bytes of an image file at most.
@@ -105,7 +105,7 @@ impl GreyImage {
 
 /// How an image lies over the surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Laid {
+pub enum ImagePlacement {
     /// Flat, as a stamp: its middle and the half edges of the image to the right and up, map frame, m. Only what faces the stamp gets it.
     Flat {
         /// Middle of the image.
@@ -126,7 +126,7 @@ pub enum Laid {
     },
 }
 
-impl Laid {
+impl ImagePlacement {
     /// Where on the image a sample lies; `None` where the image does not reach it.
     pub(super) fn place(&self, at_map: DVec3, normal_map: DVec3) -> Option<DVec2> {
         match self {
@@ -154,13 +154,13 @@ impl Laid {
 ///
 /// The normals follow from the slope of the image along the surface: n' ∝ n − ∇h, its gradient by differences over a quarter of the sample's
 /// spacing. The caller, which moves the samples, makes their fits again. Cost: five look-ups of the image per sample.
-pub(super) fn embossed(surface: &PointSurface, image: &GreyImage, laid: &Laid, depth_m: f64) -> Vec<Moved> {
+pub(super) fn embossed(surface: &PointSurface, image: &GreyImage, placement: &ImagePlacement, depth_m: f64) -> Vec<SampleMove> {
     let points = surface.points();
     (0..points.len() as u32)
         .into_par_iter()
         .filter_map(|sample| {
             let (at, normal) = (points.positions_map[sample as usize], points.normals_map[sample as usize]);
-            let height_m = |at: DVec3| laid.place(at, normal).map(|place| depth_m * image.at(place));
+            let height_m = |at: DVec3| placement.place(at, normal).map(|place| depth_m * image.at(place));
             let middle_m = height_m(at)?;
             let (u, v) = normal.any_orthonormal_pair();
             let step_m = 0.25 * surface.spacings_m()[sample as usize];
@@ -173,7 +173,7 @@ pub(super) fn embossed(surface: &PointSurface, image: &GreyImage, laid: &Laid, d
                 return None;
             }
             let normal_map = (normal - u * along_u - v * along_v).normalize();
-            Some(Moved { sample, position_map: at + normal * middle_m, normal_map })
+            Some(SampleMove { sample, position_map: at + normal * middle_m, normal_map })
         })
         .collect()
 }
@@ -200,7 +200,7 @@ mod tests {
         PointSurface::build(points, PointSurface::DEFAULT_NEIGHBOURS).unwrap()
     }
 
-    const GLOBE: Laid = Laid::Around { center_map: DVec3::ZERO, north_map: DVec3::Z, front_map: DVec3::X };
+    const GLOBE: ImagePlacement = ImagePlacement::Around { center_map: DVec3::ZERO, north_map: DVec3::Z, front_map: DVec3::X };
 
     #[test]
     fn greys_are_interpolated_between_the_middles_of_pixels() {
@@ -239,10 +239,10 @@ mod tests {
     #[test]
     fn a_stamp_reaches_only_what_faces_it_and_lies_under_it() {
         let surface = sphere(0.02);
-        let stamp = Laid::Flat { middle_map: DVec3::Z * 0.02, right_map: DVec3::X * 5e-3, up_map: DVec3::Y * 5e-3 };
+        let stamp = ImagePlacement::Flat { middle_map: DVec3::Z * 0.02, right_map: DVec3::X * 5e-3, up_map: DVec3::Y * 5e-3 };
         let moved = embossed(&surface, &GreyImage::new(2, 2, vec![1.0; 4]).unwrap(), &stamp, 1e-3);
         assert!(!moved.is_empty());
-        for Moved { sample, position_map, normal_map } in moved {
+        for SampleMove { sample, position_map, normal_map } in moved {
             let before = surface.points().positions_map[sample as usize];
             assert!(before.z > 0.0 && before.x.abs() <= 5e-3 && before.y.abs() <= 5e-3, "{before}");
             assert!((position_map.distance(before) - 1e-3).abs() < 1e-9 && normal_map.is_normalized());

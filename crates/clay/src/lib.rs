@@ -17,14 +17,14 @@
 //! ```
 //! # use glam::DVec3;
 //! # use vps::mesh::primitives::Shape;
-//! # use clay::{ClayModel, clay_model::Settings, falloff::Falloff, pull::Pull, sample};
+//! # use clay::{ClayModel, clay_model::Settings, falloff::Falloff, pull::PullForce, sample};
 //! // A ball of clay with a radius of 20 mm, pulled at its top for a tenth of a second.
 //! let ball = sample(&Shape::Sphere { radius_m: 20e-3 }.tessellate(2e-5), 2e-3)?;
 //! let mut piece = ClayModel::new(ball, Settings { raster: [24; 3], ..Settings::default() })?;
 //! let before_m = piece.density_m(DVec3::Z * 20.5e-3);
 //! for _ in 0..25 {
 //!     let (along_map, force_n) = (vec![DVec3::Z * 20e-3], DVec3::Z * 10.0);
-//!     piece.pull(&Pull { along_map, force_n, reach_m: 3e-3, radius_m: 8e-3, falloff: Falloff::Gaussian })?;
+//!     piece.pull(&PullForce { along_map, force_n, reach_m: 3e-3, radius_m: 8e-3, falloff: Falloff::Gaussian })?;
 //!     piece.advance(4e-3);
 //! }
 //! assert!(piece.density_m(DVec3::Z * 20.5e-3) > before_m, "there is more of it now");
@@ -81,13 +81,13 @@ mod whole_file;
 
 pub use clay_model::ClayModel;
 pub use error::SurfaceError;
-pub use load::{LoadError, Loaded, NormalSource, load};
+pub use load::{LoadError, LoadedPoints, NormalSource, load};
 pub use neighbours::{Neighbour, Neighbours};
 pub use point_set::PointSet;
 pub use sample::sample;
 pub use save::{save, write};
-pub use solid::{Body, Solid};
-use surface::Moved;
+pub use solid::{Solid, SolidSource};
+use surface::SampleMove;
 pub use surface::{Distance, PointSurface};
 
 #[cfg(test)]

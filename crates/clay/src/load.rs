@@ -29,7 +29,7 @@ pub enum NormalSource {
 
 /// Samples of a file, and what was done to them.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Loaded {
+pub struct LoadedPoints {
     /// Ready for [`super::PointSurface::build`].
     pub points: PointSet,
     /// Points at the place of another one, left out.
@@ -91,40 +91,40 @@ impl LoadError {
 ///
 /// # Errors
 /// [`LoadError`], naming the file and what is wrong in it.
-pub fn load(path: &Path, metres_per_unit: f64, mesh_spacing_m: Option<f64>) -> Result<Loaded, LoadError> {
+pub fn load(path: &Path, metres_per_unit: f64, mesh_spacing_m: Option<f64>) -> Result<LoadedPoints, LoadError> {
     match open(path, metres_per_unit)? {
-        Opened::Mesh(mesh) => {
+        FileContents::Mesh(mesh) => {
             let spacing_m = mesh_spacing_m.unwrap_or_else(|| spacing_of(&mesh, DEFAULT_SAMPLES));
             let points = sample_of(&mesh, spacing_m).map_err(|source| LoadError::Surface { path: path.to_owned(), source })?;
-            Ok(Loaded { points, merged: 0, normals: NormalSource::Faces })
+            Ok(LoadedPoints { points, merged: 0, normals: NormalSource::Faces })
         }
-        Opened::Samples(loaded) => Ok(loaded),
+        FileContents::Samples(loaded) => Ok(loaded),
     }
 }
 
 /// What a file holds.
-pub(super) enum Opened {
+pub(super) enum FileContents {
     /// Samples.
-    Samples(Loaded),
+    Samples(LoadedPoints),
     /// A mesh, in metres, from which samples can be taken.
     Mesh(TriangleMesh),
 }
 
 /// Reads a file of points, or a mesh as it is.
-pub(super) fn open(path: &Path, metres_per_unit: f64) -> Result<Opened, LoadError> {
+pub(super) fn open(path: &Path, metres_per_unit: f64) -> Result<FileContents, LoadError> {
     let extension = path.extension().map(|extension| extension.to_string_lossy().to_lowercase()).unwrap_or_default();
     if !mesh::EXTENSIONS.iter().chain(cloud::EXTENSIONS).any(|known| *known == extension) {
         return Err(LoadError::UnknownExtension { path: path.to_owned(), extension });
     }
     match cloud::load(path, metres_per_unit)? {
-        Contents::Mesh(mesh) => Ok(Opened::Mesh(mesh)),
+        Contents::Mesh(mesh) => Ok(FileContents::Mesh(mesh)),
         Contents::Cloud(cloud) => {
             let found = cloud.positions.len();
             if found > 1 && cloud.positions.iter().all(|at| *at == cloud.positions[0]) {
                 return Err(LoadError::OnePlace { path: path.to_owned(), found });
             }
             let refuse = |source: SurfaceError| LoadError::Surface { path: path.to_owned(), source };
-            complete(cloud).map(Opened::Samples).map_err(refuse)
+            complete(cloud).map(FileContents::Samples).map_err(refuse)
         }
     }
 }
@@ -154,7 +154,7 @@ pub(super) fn area_m2(mesh: &TriangleMesh) -> f64 {
 ///
 /// # Errors
 /// [`SurfaceError`] when there are too few, or no planes can be found.
-pub(super) fn complete(cloud: Cloud) -> Result<Loaded, SurfaceError> {
+pub(super) fn complete(cloud: Cloud) -> Result<LoadedPoints, SurfaceError> {
     let kept = distinct(&cloud.positions);
     let merged = cloud.positions.len() - kept.len();
     if kept.len() < PointSet::LEAST {
@@ -176,7 +176,7 @@ pub(super) fn complete(cloud: Cloud) -> Result<Loaded, SurfaceError> {
     };
     let points = PointSet { positions_map, normals_map, colors };
     points.check()?;
-    Ok(Loaded { points, merged, normals: source })
+    Ok(LoadedPoints { points, merged, normals: source })
 }
 
 /// The first point of every place, in order.

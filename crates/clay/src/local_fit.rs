@@ -35,7 +35,7 @@ const SHARP: f64 = 0.05;
 const CLEAR: f64 = 0.9;
 
 /// A sample with its normal, m and unit, map frame.
-pub(super) type Oriented = (DVec3, DVec3);
+pub(super) type OrientedPoint = (DVec3, DVec3);
 
 /// Field of one sample, within a cube around it.
 #[derive(Clone, Debug, PartialEq)]
@@ -53,10 +53,10 @@ impl LocalFit {
     /// here: neighbours count as exp(−distance²/spacing²), and have their points outside and inside that far away, or nearer where
     /// those would come close to another neighbour.
     pub(super) fn to_neighbours(
-        (center_map, normal_map): Oriented,
+        (center_map, normal_map): OrientedPoint,
         half_m: f64,
         spacing_m: f64,
-        neighbours: impl Iterator<Item = Oriented> + Clone,
+        neighbours: impl Iterator<Item = OrientedPoint> + Clone,
     ) -> Self {
         // Lengths in spacings, so that coefficients of every degree are of one size.
         let scaled = neighbours.map(|(position_map, normal)| ((position_map - center_map) / spacing_m, normal));
@@ -150,7 +150,7 @@ impl LocalFit {
 }
 
 /// How much normals differ from that of the sample: the mean of 1 − cosine.
-fn roughness(normal_map: DVec3, scaled: impl Iterator<Item = Oriented>) -> f64 {
+fn roughness(normal_map: DVec3, scaled: impl Iterator<Item = OrientedPoint>) -> f64 {
     let (mut sum, mut weights) = (0.0, 0.0);
     for (at, normal) in scaled {
         // Wider than the fit, which must not swing out between its neighbours and the end of the domain.
@@ -162,7 +162,7 @@ fn roughness(normal_map: DVec3, scaled: impl Iterator<Item = Oriented>) -> f64 {
 }
 
 /// The largest part of an offset along the normal that leads nearer to no other neighbour.
-fn clear_offset(at: DVec3, normal: DVec3, offset: f64, scaled: impl Iterator<Item = Oriented> + Clone) -> Option<f64> {
+fn clear_offset(at: DVec3, normal: DVec3, offset: f64, scaled: impl Iterator<Item = OrientedPoint> + Clone) -> Option<f64> {
     [1.0, 0.5, 0.25].into_iter().map(|part| offset * part).find(|offset| {
         let point = at + normal * *offset;
         let least = (CLEAR * offset).powi(2);
@@ -175,7 +175,7 @@ mod tests {
     use super::*;
 
     /// Samples of a surface around one of them.
-    fn around(point: impl Fn(f64, f64) -> Oriented) -> Vec<Oriented> {
+    fn around(point: impl Fn(f64, f64) -> OrientedPoint) -> Vec<OrientedPoint> {
         let mut samples = vec![point(0.0, 0.0)];
         for k in 1..24 {
             let (radius, angle) = (0.53 * f64::from(k).sqrt(), 2.4 * f64::from(k));
@@ -184,7 +184,7 @@ mod tests {
         samples
     }
 
-    fn fit(samples: &[Oriented]) -> LocalFit {
+    fn fit(samples: &[OrientedPoint]) -> LocalFit {
         LocalFit::to_neighbours(samples[0], 2.6, 1.0, samples.iter().copied())
     }
 

@@ -11,7 +11,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::falloff::Falloff;
-use super::resample::Taken;
+use super::resample::OccupiedPlaces;
 use super::{Neighbours, PointSet};
 
 /// Samples that are added around one that is half covered.
@@ -182,7 +182,7 @@ impl Coat {
         };
         let new: Vec<PointSet> = discs.par_iter().map(split).collect();
         // Discs overlap: what neighbours put at nearly one place is taken once.
-        let mut taken = Taken::new(APART * brush.smallest_m);
+        let mut taken = OccupiedPlaces::new(APART * brush.smallest_m);
         points.positions_map.iter().for_each(|at| taken.take(*at));
         for new in &new {
             for ((at, normal), color) in new.positions_map.iter().zip(&new.normals_map).zip(&new.colors) {

@@ -16,7 +16,7 @@ const STEPS_MAX: usize = 256;
 
 /// A force on the material.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Pull {
+pub struct PullForce {
     /// Corners of the curve along which it acts, map frame, m; one: a point.
     pub along_map: Vec<DVec3>,
     /// Force on the material, map axes, N.
@@ -56,7 +56,7 @@ fn mapped_share(raster: &Raster, from_map: DVec3, direction: DVec3, reach_m: f64
 /// hands out its share of the force among the mass points that are nearest to it, by the weights of the fall-off, which are scaled to a
 /// sum of 1: what arrives is the tool's force, whatever the spacing. Where nothing lies within the radius the nearest node takes all.
 /// Cost: O(nodes in the radius · corners).
-pub(super) fn add_pull(raster: &Raster, pull: &Pull, forces_n: &mut [f32]) {
+pub(super) fn add_pull(raster: &Raster, pull: &PullForce, forces_n: &mut [f32]) {
     let lattice = raster.lattice();
     let (Some(first), magnitude_n) = (pull.along_map.first(), pull.force_n.length()) else { return };
     let pulls = magnitude_n > 0.0 && pull.along_map.iter().all(|corner| corner.is_finite());
@@ -143,8 +143,8 @@ mod tests {
         raster
     }
 
-    fn pull(along_map: Vec<DVec3>, force_n: DVec3) -> Pull {
-        Pull { along_map, force_n, reach_m: 5e-3, radius_m: 6e-3, falloff: Falloff::Gaussian }
+    fn pull(along_map: Vec<DVec3>, force_n: DVec3) -> PullForce {
+        PullForce { along_map, force_n, reach_m: 5e-3, radius_m: 6e-3, falloff: Falloff::Gaussian }
     }
 
     #[test]
@@ -165,7 +165,7 @@ mod tests {
         for along in [vec![DVec3::ZERO], curve] {
             for falloff in [Falloff::Gaussian, Falloff::Constant, Falloff::Spherical, Falloff::table(vec![0.2, 1.0]).unwrap()] {
                 let mut forces = vec![0.0; raster.values_m().len()];
-                add_pull(&raster, &Pull { falloff: falloff.clone(), ..pull(along.clone(), DVec3::Z * 2.0) }, &mut forces);
+                add_pull(&raster, &PullForce { falloff: falloff.clone(), ..pull(along.clone(), DVec3::Z * 2.0) }, &mut forces);
                 let sum: f64 = forces.iter().map(|force| f64::from(*force)).sum();
                 assert!((sum - 2.0).abs() < 1e-4, "{falloff}: {sum}");
                 assert!(forces.iter().all(|force| *force >= 0.0));
@@ -195,7 +195,7 @@ mod tests {
     fn a_radius_below_the_spacing_moves_the_nearest_node_and_a_place_outside_none() {
         let raster = half_space();
         let mut forces = vec![0.0; raster.values_m().len()];
-        let thin = |at: DVec3| Pull { radius_m: 1e-4, ..pull(vec![at], DVec3::Z) };
+        let thin = |at: DVec3| PullForce { radius_m: 1e-4, ..pull(vec![at], DVec3::Z) };
         add_pull(&raster, &thin(DVec3::new(4e-4, 4e-4, 0.0)), &mut forces);
         assert_eq!(forces.iter().filter(|force| **force != 0.0).count(), 1);
         assert!(forces[raster.lattice().index([20, 20, 20])] > 0.9);

@@ -13,7 +13,7 @@ use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
 use super::PointSet;
-use super::advect::{Afloat, onto_level};
+use super::advect::{AdvectedSamples, onto_level};
 use super::neighbours::{Neighbour, Neighbours};
 use vps::density::Raster;
 
@@ -112,7 +112,7 @@ pub(super) fn largest_gap_m(points: &PointSet, samples: &[u32], gap_m: f64) -> f
 /// Puts samples into every empty circle with a radius above `gap_m` through samples that have `moved` (some of those that are afloat), on the
 /// isosurface of `now`, and lets them float as well. Returns how many came. Cost: O(samples that have moved) per round; each round fills all
 /// circles that are apart.
-pub(super) fn fill(points: &mut PointSet, afloat: &mut Afloat, moved: &[u32], now: &Raster, gap_m: f64) -> usize {
+pub(super) fn fill(points: &mut PointSet, afloat: &mut AdvectedSamples, moved: &[u32], now: &Raster, gap_m: f64) -> usize {
     let before = points.len();
     let mut level_of: HashMap<u32, f64> = afloat.samples().iter().copied().zip(afloat.levels_m().iter().copied()).collect();
     let mut looked_at = moved.to_vec();
@@ -126,7 +126,7 @@ pub(super) fn fill(points: &mut PointSet, afloat: &mut Afloat, moved: &[u32], no
             .collect();
         // The worst first; the same gap is seen by all three samples around it.
         gaps.sort_by(|a, b| b.radius_m.total_cmp(&a.radius_m).then(a.around.cmp(&b.around)));
-        let mut taken = Taken::new(APART * gap_m);
+        let mut taken = OccupiedPlaces::new(APART * gap_m);
         let first_new = points.len() as u32;
         for gap in gaps {
             let [seer, ..] = gap.around;
@@ -176,7 +176,7 @@ pub(super) fn fill(points: &mut PointSet, afloat: &mut Afloat, moved: &[u32], no
 /// The samples to keep, ascending: without those that are afloat and were squeezed closer than `close_m` to a kept one of the same side.
 /// What was as fine `before` the stroke, as the rim of paint is, stays so. Samples that are not afloat are all kept. Numbers up to the last
 /// of `before` mean the same samples in both. Cost: O(samples that are afloat).
-pub(super) fn thinned(points: &PointSet, before: &PointSet, afloat: &Afloat, close_m: f64) -> Vec<u32> {
+pub(super) fn thinned(points: &PointSet, before: &PointSet, afloat: &AdvectedSamples, close_m: f64) -> Vec<u32> {
     let neighbours = Neighbours::new(&points.positions_map);
     let was_apart = |one: u32, other: u32, apart_m: f64| {
         let (Some(one), Some(other)) = (before.positions_map.get(one as usize), before.positions_map.get(other as usize)) else {
@@ -210,12 +210,12 @@ pub(super) fn thinned(points: &PointSet, before: &PointSet, afloat: &Afloat, clo
 }
 
 /// Places that are taken, in cells of the distance that they keep.
-pub(super) struct Taken {
+pub(super) struct OccupiedPlaces {
     apart_m: f64,
     cells: HashMap<[i64; 3], Vec<DVec3>>,
 }
 
-impl Taken {
+impl OccupiedPlaces {
     pub(super) fn new(apart_m: f64) -> Self {
         Self { apart_m, cells: HashMap::new() }
     }
@@ -280,7 +280,7 @@ mod tests {
         let now = ball(0.01);
         // 100 samples on 4π cm²: circles of several millimetres.
         let mut points = spiral(100, 0.01);
-        let mut afloat = Afloat::new(&points, &now, 0.0);
+        let mut afloat = AdvectedSamples::new(&points, &now, 0.0);
         let all = afloat.samples().to_vec();
         let n = fill(&mut points, &mut afloat, &all, &now, GAP_M);
         assert!(n > 200, "{n}");
@@ -303,19 +303,19 @@ mod tests {
         let now = ball(0.01);
         let mut points = spiral(4000, 0.01);
         let before = points.clone();
-        let mut afloat = Afloat::new(&points, &now, 0.0);
+        let mut afloat = AdvectedSamples::new(&points, &now, 0.0);
         let all = afloat.samples().to_vec();
         assert_eq!(fill(&mut points, &mut afloat, &all, &now, GAP_M), 0);
         assert_eq!(points, before);
         let mut sparse = spiral(100, 0.01);
-        let mut afloat = Afloat::new(&sparse, &now, 0.0);
+        let mut afloat = AdvectedSamples::new(&sparse, &now, 0.0);
         assert_eq!(fill(&mut sparse, &mut afloat, &[], &now, GAP_M), 0, "none has moved");
     }
 
     #[test]
     fn crowded_samples_go_and_the_rest_covers_the_surface() {
         let (before, points) = (spiral(4000, 0.02), spiral(4000, 0.01));
-        let afloat = Afloat::new(&points, &ball(0.01), 0.0);
+        let afloat = AdvectedSamples::new(&points, &ball(0.01), 0.0);
         let kept = thinned(&points, &before, &afloat, 0.6 * GAP_M);
         assert!(kept.len() < 3000, "{}", kept.len());
         let left = PointSet {
@@ -325,7 +325,7 @@ mod tests {
         };
         let all: Vec<u32> = (0..left.len() as u32).collect();
         assert!(largest_gap_m(&left, &all, GAP_M) <= GAP_M);
-        assert_eq!(thinned(&points, &before, &Afloat::default(), 0.6 * GAP_M).len(), 4000);
+        assert_eq!(thinned(&points, &before, &AdvectedSamples::default(), 0.6 * GAP_M).len(), 4000);
         // Samples that came with the stroke crowd as well.
         assert!(thinned(&points, &PointSet::default(), &afloat, 0.6 * GAP_M).len() < 3000);
     }
@@ -333,7 +333,7 @@ mod tests {
     #[test]
     fn what_was_as_fine_before_stays_unless_samples_all_but_meet() {
         let points = spiral(4000, 0.01);
-        let afloat = Afloat::new(&points, &ball(0.01), 0.0);
+        let afloat = AdvectedSamples::new(&points, &ball(0.01), 0.0);
         assert_eq!(thinned(&points, &points, &afloat, 0.6 * GAP_M).len(), 4000);
         assert!(thinned(&points, &points, &afloat, 10.0 * GAP_M).len() < 500);
     }
@@ -350,7 +350,7 @@ mod tests {
                 }
             }
         }
-        let afloat = Afloat::new(&points, &ball(0.01), 0.0);
+        let afloat = AdvectedSamples::new(&points, &ball(0.01), 0.0);
         assert_eq!(thinned(&points, &PointSet::default(), &afloat, 0.6 * GAP_M).len(), points.len());
     }
 

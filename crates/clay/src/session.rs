@@ -13,7 +13,7 @@ use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
 
 use super::PointSet;
-use super::clay_model::{ClayModel, ClayModelError, Moment, Session, Settings};
+use super::clay_model::{ClayModel, ClayModelError, Session, Settings, Snapshot};
 use super::dynamics::{Integrator, Material};
 use super::material_map::{Layer, MaterialMap};
 use super::whole_file::write_whole;
@@ -35,7 +35,7 @@ pub fn is_session(path: &Path) -> bool {
 
 /// Why a session cannot be written or read.
 #[derive(Debug, thiserror::Error)]
-pub enum SessionError {
+pub enum SessionFileError {
     /// The file system refuses.
     #[error("cannot {what} {path}: {source}")]
     Io {
@@ -121,9 +121,9 @@ impl LatticeRecord {
 }
 
 /// Past, now and future as they stand in a file, the nearest to now as far as there is room: now, the past from its begin, what was undone.
-fn kept<'m>(now: &'m Moment, past: &'m [Moment], undone: &'m [Moment]) -> (Vec<&'m Moment>, usize) {
+fn kept<'m>(now: &'m Snapshot, past: &'m [Snapshot], undone: &'m [Snapshot]) -> (Vec<&'m Snapshot>, usize) {
     let mut left = MOMENTS_BYTES_MAX;
-    let mut newest = |moments: &'m [Moment]| {
+    let mut newest = |moments: &'m [Snapshot]| {
         let n = moments.iter().rev().take_while(|moment| {
             let fits = moment.n_bytes_in_session() <= left;
             left -= if fits { moment.n_bytes_in_session() } else { 0 };
@@ -139,8 +139,8 @@ impl ClayModel {
     /// Writes the piece with its past. A stroke under way is not part of it. What was there under that name stays until all is written.
     ///
     /// # Errors
-    /// [`SessionError::Io`].
-    pub fn save_session(&self, path: &Path) -> Result<(), SessionError> {
+    /// [`SessionFileError::Io`].
+    pub fn save_session(&self, path: &Path) -> Result<(), SessionFileError> {
         let now = self.moment();
         let (past, undone) = self.moments();
         let (moments, n_past) = kept(&now, past, undone);
@@ -187,7 +187,7 @@ impl ClayModel {
         file.array("colors", &colors);
         file.array("densities_m", &densities);
         file.array("painted", &layers.values);
-        write_whole(path, |out| file.write_to(KEY, GENERATION, out)).map_err(|source| SessionError::Io {
+        write_whole(path, |out| file.write_to(KEY, GENERATION, out)).map_err(|source| SessionFileError::Io {
             what: "write",
             path: path.to_owned(),
             source,
@@ -197,12 +197,12 @@ impl ClayModel {
     /// Reads a piece that [`Self::save_session`] wrote, with the settings and the material that it had.
     ///
     /// # Errors
-    /// [`SessionError`].
-    pub fn load_session(path: &Path) -> Result<Self, SessionError> {
-        let read = |source| SessionError::Io { what: "read", path: path.to_owned(), source };
+    /// [`SessionFileError`].
+    pub fn load_session(path: &Path) -> Result<Self, SessionFileError> {
+        let read = |source| SessionFileError::Io { what: "read", path: path.to_owned(), source };
         let region = MappedFile::read(&regular::open(path).map_err(read)?).map_err(read)?;
-        let session = decode(region).map_err(|reason| SessionError::Refused { path: path.to_owned(), reason })?;
-        Self::resume(session).map_err(|source| SessionError::Piece { path: path.to_owned(), source })
+        let session = decode(region).map_err(|reason| SessionFileError::Refused { path: path.to_owned(), reason })?;
+        Self::resume(session).map_err(|source| SessionFileError::Piece { path: path.to_owned(), source })
     }
 }
 
@@ -223,7 +223,7 @@ fn decode(region: Arc<MappedFile>) -> Result<Session, Refusal> {
         let values_m = densities.get(from.1..).unwrap_or_default();
         let moment = samples.and_then(|((positions, normals), colors)| moment(record, positions, normals, colors, values_m));
         let map = map_of(record, &painted, &mut layers).ok_or(Refusal::Damaged("painted"))?;
-        let moment = moment.map(|moment| Moment { material_map: map, ..moment });
+        let moment = moment.map(|moment| Snapshot { material_map: map, ..moment });
         let moment = moment.ok_or(Refusal::Damaged("moments"))?;
         from = (from.0 + moment.samples.points().len(), from.1 + moment.base.values_m().len());
         moments.push(moment);
@@ -248,7 +248,7 @@ fn decode(region: Arc<MappedFile>) -> Result<Session, Refusal> {
             .into_iter()
             .enumerate()
             .all(|(property, value)| is_property(property, value as f32));
-    let fits = |moment: &Moment| moment.region.dims == raster;
+    let fits = |moment: &Snapshot| moment.region.dims == raster;
     if !is_sound || settings.is_explicit > 1 || ![&now].into_iter().chain(&past).chain(&undone).all(fits) {
         return Err(Refusal::Damaged("settings"));
     }
@@ -276,7 +276,7 @@ fn moment(
     normals: &[[f64; 3]],
     colors: &[[u8; 3]],
     values_m: &[f32],
-) -> Option<Moment> {
+) -> Option<Snapshot> {
     let n = usize::try_from(record.n_samples).ok()?;
     let vectors = |numbers: &[[f64; 3]]| Some(numbers.get(..n)?.iter().copied().map(DVec3::from_array).collect());
     let points = PointSet { positions_map: vectors(positions)?, normals_map: vectors(normals)?, colors: colors.get(..n)?.to_vec() };
@@ -288,7 +288,7 @@ fn moment(
     let [low_x, low_y, low_z, high_x, high_y, high_z] = record.region_map;
     let region_map = (record.is_chosen != 0).then(|| (DVec3::new(low_x, low_y, low_z), DVec3::new(high_x, high_y, high_z)));
     let is_region = region_map.is_none_or(|(low, high)| low.is_finite() && high.is_finite() && low.cmplt(high).all());
-    let moment = Moment::new(points, raster, MaterialMap::default(), region, region_map)?;
+    let moment = Snapshot::new(points, raster, MaterialMap::default(), region, region_map)?;
     is_region.then_some(moment)
 }
 

@@ -4,8 +4,8 @@ use std::path::PathBuf;
 
 use glam::DVec3;
 
-use super::load::{DEFAULT_SAMPLES, Opened, area_m2, open, sample_of, spacing_of};
-use super::{LoadError, Loaded, NormalSource, PointSet, SurfaceError};
+use super::load::{DEFAULT_SAMPLES, FileContents, area_m2, open, sample_of, spacing_of};
+use super::{LoadError, LoadedPoints, NormalSource, PointSet, SurfaceError};
 use vps::mesh::TriangleMesh;
 use vps::mesh::primitives::Shape;
 use vps::spatial::Pose;
@@ -38,7 +38,7 @@ pub enum Solid {
 
 /// A solid in memory, in a frame of its own: its samples, or what they can be taken from.
 #[derive(Clone, Debug)]
-pub enum Body {
+pub enum SolidSource {
     /// As it is.
     Samples(PointSet),
     /// A mesh, m.
@@ -52,13 +52,13 @@ impl Solid {
     ///
     /// # Errors
     /// [`LoadError`].
-    pub fn load(&self) -> Result<Loaded, LoadError> {
+    pub fn load(&self) -> Result<LoadedPoints, LoadError> {
         match self {
             Self::File { path, metres_per_unit, spacing_m } => super::load(path, *metres_per_unit, *spacing_m),
             Self::Shape { shape, spacing_m } => {
                 let spacing_m = spacing_m.unwrap_or_else(|| spacing_of(&rough(shape), DEFAULT_SAMPLES));
                 let points = sampled(shape, spacing_m).map_err(LoadError::Shape)?;
-                Ok(Loaded { points, merged: 0, normals: NormalSource::Faces })
+                Ok(LoadedPoints { points, merged: 0, normals: NormalSource::Faces })
             }
         }
     }
@@ -72,33 +72,33 @@ impl Solid {
             Self::File { path, metres_per_unit, spacing_m } => {
                 (Self::File { path: path.clone(), metres_per_unit: *metres_per_unit, spacing_m: None }.open()?, *spacing_m)
             }
-            Self::Shape { shape, spacing_m } => (Body::Shape(*shape), *spacing_m),
+            Self::Shape { shape, spacing_m } => (SolidSource::Shape(*shape), *spacing_m),
         };
         let n_of = |mesh: &TriangleMesh| spacing_m.map_or(DEFAULT_SAMPLES, |spacing_m| area_m2(mesh) / (spacing_m * spacing_m));
         let n_samples = match &body {
-            Body::Samples(points) => points.len() as u64,
-            Body::Mesh(mesh) => n_of(mesh) as u64,
-            Body::Shape(shape) => n_of(&rough(shape)) as u64,
+            SolidSource::Samples(points) => points.len() as u64,
+            SolidSource::Mesh(mesh) => n_of(mesh) as u64,
+            SolidSource::Shape(shape) => n_of(&rough(shape)) as u64,
         };
         Ok((n_samples, body.bounds_map(&Pose::IDENTITY).unwrap_or_default()))
     }
 
-    /// The same, not sampled yet where it names no spacing of its own: a piece does ([`Body::beside`]).
+    /// The same, not sampled yet where it names no spacing of its own: a piece does ([`SolidSource::beside`]).
     ///
     /// # Errors
     /// [`LoadError`].
-    pub fn open(&self) -> Result<Body, LoadError> {
+    pub fn open(&self) -> Result<SolidSource, LoadError> {
         match self {
             Self::File { path, metres_per_unit, spacing_m: None } => Ok(match open(path, *metres_per_unit)? {
-                Opened::Samples(loaded) => Body::Samples(loaded.points),
-                Opened::Mesh(mesh) => Body::Mesh(mesh),
+                FileContents::Samples(loaded) => SolidSource::Samples(loaded.points),
+                FileContents::Mesh(mesh) => SolidSource::Mesh(mesh),
             }),
-            Self::Shape { shape, spacing_m: None } => Ok(Body::Shape(*shape)),
-            Self::File { .. } | Self::Shape { .. } => Ok(Body::Samples(self.load()?.points)),
+            Self::Shape { shape, spacing_m: None } => Ok(SolidSource::Shape(*shape)),
+            Self::File { .. } | Self::Shape { .. } => Ok(SolidSource::Samples(self.load()?.points)),
         }
     }
 
-    /// Its samples, as far apart as those of a piece ([`Body::beside`]), whatever its own spacing.
+    /// Its samples, as far apart as those of a piece ([`SolidSource::beside`]), whatever its own spacing.
     ///
     /// # Errors
     /// [`LoadError`].
@@ -108,12 +108,12 @@ impl Solid {
                 let body = Self::File { path: path.clone(), metres_per_unit: *metres_per_unit, spacing_m: None }.open()?;
                 body.beside(spacing_m).map_err(|source| LoadError::Surface { path: path.clone(), source })
             }
-            Self::Shape { shape, .. } => Body::Shape(*shape).beside(spacing_m).map_err(LoadError::Shape),
+            Self::Shape { shape, .. } => SolidSource::Shape(*shape).beside(spacing_m).map_err(LoadError::Shape),
         }
     }
 }
 
-impl Body {
+impl SolidSource {
     /// Its samples: those it has, or as far apart as those of a piece that it is to join or cut; nearer where it is so small that it would
     /// have hardly any, farther where it would have more than half a million.
     ///

@@ -88,7 +88,7 @@ pub(super) struct LinearContact {
 
 /// What pulls and how the step is taken.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Pull {
+pub(super) struct StepInput {
     pub(super) spring: Spring,
     /// Velocity of the target at the centre of mass, world.
     pub(super) target_twist: Twist,
@@ -99,7 +99,7 @@ pub(super) struct Pull {
     pub(super) period_s: f64,
 }
 
-impl Pull {
+impl StepInput {
     /// Critical damping of the coupling spring on the tool's inertia: b = 2 √(m k).
     pub(super) fn critical_damping(coupling: &CouplingParameters, inertia: &Inertia) -> (f64, f64) {
         (
@@ -125,7 +125,7 @@ impl Body {
     /// K sums the spring's secant stiffness and the contact stiffness, D the internal damper and the contact damping; all are
     /// symmetric and positive semi-definite, so the system is positive definite for every stiffness. `None` only on non-finite
     /// input. RT: safe; one 6×6 LDLᵀ. Gyroscopic torque is left out: at hand speeds it is below what encoders resolve.
-    pub(super) fn step_implicit(&self, pull: &Pull, contact: &LinearContact, inertia: &Inertia) -> Option<Twist> {
+    pub(super) fn step_implicit(&self, pull: &StepInput, contact: &LinearContact, inertia: &Inertia) -> Option<Twist> {
         let h = pull.period_s;
         let axes = self.pose.rotation_matrix();
         let identity = DMat3::IDENTITY;

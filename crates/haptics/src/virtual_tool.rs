@@ -7,7 +7,7 @@ use super::braking::{Brake, Braking};
 use super::clay::Held;
 use super::constraint::{self, SLOP_VOXELS};
 use super::contact_damping;
-use super::coupling::{Body, LinearContact, Pull, Spring};
+use super::coupling::{Body, LinearContact, Spring, StepInput};
 use super::filter::{ShapingFilter, Slide};
 use super::friction::{Friction, FrictionWrench};
 use super::limits::Ramp;
@@ -183,7 +183,7 @@ impl VirtualTool {
         (spring, target_twist, weight): (Spring, Twist, DVec3),
     ) -> Option<Twist> {
         let inertia = &scene.tool.inertia;
-        let damping = Pull::critical_damping(coupling, inertia);
+        let damping = StepInput::critical_damping(coupling, inertia);
         let (along, about) = contact.stiffness.bounds();
         let step_stiffness = p.period_s * p.period_s * (along / inertia.mass_kg).max(about / inertia.least_kg_m2);
         let wrench = self.shaped(contact, 1.0, step_stiffness, p);
@@ -191,7 +191,7 @@ impl VirtualTool {
         let stiffness = Mat6::ZERO.plus_scaled(1.0 - self.filter.alpha(), &contact.stiffness).plus_scaled(1.0, &rubbing.stiffness);
         let damping_s = if along > 0.0 { 2.0 * p.contact.damping_ratio * (inertia.mass_kg / along).sqrt() } else { 0.0 };
 
-        let pull = Pull { spring, target_twist, weight, damping, period_s: p.period_s };
+        let pull = StepInput { spring, target_twist, weight, damping, period_s: p.period_s };
         // What moves towards the tool will push by so much more at the end of the tick, and damping acts on the speed between both.
         let obstacle_motion = pushed(&stiffness, &contact.obstacle_motion) * (1.0 + damping_s / p.period_s);
         let wrench = wrench + rubbing.wrench + obstacle_motion;

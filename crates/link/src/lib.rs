@@ -44,8 +44,8 @@ pub mod publish;
 mod topics;
 
 pub use messages::{
-    DiagnosticArray, DiagnosticStatus, Header, JointState, Joy, Level, Message, MessageType, OperatingState, PoseStamped, Time,
-    TwistStamped, WrenchStamped,
+    DiagnosticArray, DiagnosticLevel, DiagnosticStatus, Header, JointState, Joy, Message, MessageType, OperatingState, PoseStamped,
+    Time, TwistStamped, WrenchStamped,
 };
 pub use names::{Attachment, Domain, Gid, Namespace, NamespaceError, Node, gid, node_token, publisher_token, topic_key};
-pub use topics::{Moment, Topic};
+pub use topics::{Topic, TopicInput};

@@ -197,7 +197,7 @@ impl Joy<'_> {
 /// How bad it is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
-pub enum Level {
+pub enum DiagnosticLevel {
     /// Nothing is wrong.
     Ok = 0,
     /// The user should know.
@@ -210,7 +210,7 @@ pub enum Level {
 #[derive(Clone, Debug)]
 pub struct DiagnosticStatus<'a> {
     /// How bad it is.
-    pub level: Level,
+    pub level: DiagnosticLevel,
     /// What is judged.
     pub name: &'a str,
     /// In words.

@@ -1,8 +1,8 @@
 //! Which part of a record is which message, on which topic: the table of `docs/reference/ros2.md`.
 
 use super::messages::{
-    DiagnosticArray, DiagnosticStatus, Header, JointState, Joy, Level, Message, MessageType, OperatingState, PoseStamped, Time,
-    TwistStamped, WrenchStamped,
+    DiagnosticArray, DiagnosticLevel, DiagnosticStatus, Header, JointState, Joy, Message, MessageType, OperatingState, PoseStamped,
+    Time, TwistStamped, WrenchStamped,
 };
 use haptics::{Faults, OffCause};
 use recording::TickRecord;
@@ -43,7 +43,7 @@ pub enum Topic {
 
 /// A record, and what its messages need beside it.
 #[derive(Clone, Copy, Debug)]
-pub struct Moment<'a> {
+pub struct TopicInput<'a> {
     /// The newest record.
     pub record: &'a TickRecord,
     /// When its messages leave.
@@ -102,8 +102,8 @@ impl Topic {
     }
 
     /// Its message; `None` where a number of it is none: ROS 2 has no word for that.
-    pub fn message(self, moment: &Moment<'_>) -> Option<Vec<u8>> {
-        let Moment { record, stamp, .. } = *moment;
+    pub fn message(self, moment: &TopicInput<'_>) -> Option<Vec<u8>> {
+        let TopicInput { record, stamp, .. } = *moment;
         let (sample, output) = (&record.input.sample, &record.output);
         let at = |frame_id| Header { stamp, frame_id };
         let pose = |frame_id, pose: Pose| pose.is_finite().then(|| PoseStamped { header: at(frame_id), pose }.to_cdr());
@@ -146,14 +146,16 @@ impl Topic {
 }
 
 /// Faults, why no force flows, and the contact.
-fn diagnostics<'a>(&Moment { record, stamp, arm }: &Moment<'a>) -> DiagnosticArray<'a> {
+fn diagnostics<'a>(&TopicInput { record, stamp, arm }: &TopicInput<'a>) -> DiagnosticArray<'a> {
     let (faults, cause) = (record.output.faults, record.output.off_cause);
     let status = |level, name, message, values| DiagnosticStatus { level, name, message, hardware_id: arm, values };
     let present = || Faults::TABLE.into_iter().filter(|(fault, ..)| faults.contains(*fault));
     let words: Vec<_> = present().map(|(.., words)| words).collect();
     let named = present().map(|(_, name, words)| (name, words.to_owned())).collect();
-    let (fault_level, force_level) =
-        (if faults.is_empty() { Level::Ok } else { Level::Error }, if cause == OffCause::None { Level::Ok } else { Level::Warn });
+    let (fault_level, force_level) = (
+        if faults.is_empty() { DiagnosticLevel::Ok } else { DiagnosticLevel::Error },
+        if cause == OffCause::None { DiagnosticLevel::Ok } else { DiagnosticLevel::Warn },
+    );
     let depth = Some(record.output.max_depth_m).filter(|depth_m| depth_m.is_finite());
     let depth = depth.map(|depth_m| ("max_depth_m", depth_m.to_string())).into_iter().collect();
     DiagnosticArray {
@@ -161,7 +163,7 @@ fn diagnostics<'a>(&Moment { record, stamp, arm }: &Moment<'a>) -> DiagnosticArr
         status: vec![
             status(fault_level, "hapticd: faults", words.join("; "), named),
             status(force_level, "hapticd: force", cause.name().to_owned(), vec![("advice", cause.advice().to_owned())]),
-            status(Level::Ok, "hapticd: contact", String::new(), depth),
+            status(DiagnosticLevel::Ok, "hapticd: contact", String::new(), depth),
         ],
     }
 }
@@ -184,7 +186,7 @@ mod tests {
     }
 
     fn message(topic: Topic, record: &TickRecord) -> Option<Vec<u8>> {
-        topic.message(&Moment { record, stamp: Time { sec: 7, nanosec: 9 }, arm: "sim-sigma7" })
+        topic.message(&TopicInput { record, stamp: Time { sec: 7, nanosec: 9 }, arm: "sim-sigma7" })
     }
 
     fn text(topic: Topic, record: &TickRecord) -> String {

@@ -53,4 +53,4 @@ pub use drain::{Drained, Watch, drain};
 pub use flight::FlightRecorder;
 pub use record::TickRecord;
 pub use subscribers::{RecordSubscribers, Subscriber};
-pub use summary::{Counted, Histograms, LatencySummary, RealtimeSummary, Rendered, Summary, SwapSummary, Totals};
+pub use summary::{Histograms, LatencySummary, LoopCounts, RealtimeSummary, Rendered, Summary, SwapSummary, Totals};

@@ -115,7 +115,7 @@ impl Summary {
     }
 
     /// The result of a run, from the records and what the servo itself counted.
-    pub fn totals(&self, counted: Counted) -> Totals {
+    pub fn totals(&self, counted: LoopCounts) -> Totals {
         let period_s = 1.0 / f64::from(counted.rate_hz);
         let duration_s = if self.n_ticks == 0 { 0.0 } else { (self.last_time_ns - self.first_time_ns) as f64 * 1e-9 + period_s };
         Totals {
@@ -174,7 +174,7 @@ pub struct SwapSummary {
 
 /// What the servo counts itself, as records can be lost.
 #[derive(Clone, Copy, Debug)]
-pub struct Counted {
+pub struct LoopCounts {
     /// Ticks done.
     pub ticks: u64,
     /// Configured rate, Hz.

@@ -9,7 +9,7 @@ use super::schedule::{MemoryLockRefusal, ThreadRequest, ThreadStanding};
 
 /// How a check ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Outcome {
+pub enum CheckOutcome {
     /// As a 1 kHz loop wants it.
     Passed,
     /// Not as it wants it.
@@ -18,7 +18,7 @@ pub enum Outcome {
     Unknown,
 }
 
-impl Outcome {
+impl CheckOutcome {
     /// The word that clients and recordings have for it.
     pub fn name(self) -> &'static str {
         match self {
@@ -35,7 +35,7 @@ pub struct Row {
     /// What was checked.
     pub name: &'static str,
     /// How it ended.
-    pub outcome: Outcome,
+    pub outcome: CheckOutcome,
     /// What was found.
     pub found: String,
     /// What to do about it; empty when there is nothing to do.
@@ -74,7 +74,7 @@ fn read_line(path: impl AsRef<Path>) -> Option<String> {
 
 /// The whole report: rows for people, and the facts that summaries repeat.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Report {
+pub struct PreflightReport {
     /// In the order in which they are printed.
     pub rows: Vec<Row>,
     /// What the servo thread got.
@@ -85,7 +85,7 @@ pub struct Report {
     pub kernel_rt: bool,
 }
 
-impl Report {
+impl PreflightReport {
     /// Judges what was asked for against what was obtained.
     pub fn judge(
         kernel: &KernelFacts,
@@ -109,7 +109,7 @@ impl Report {
     pub fn virtual_clock(kernel: &KernelFacts) -> Self {
         let rows = vec![Row {
             name: "clock",
-            outcome: Outcome::Passed,
+            outcome: CheckOutcome::Passed,
             found: "virtual: time is simulated, real-time scheduling is not used".to_owned(),
             hint: "",
         }];
@@ -118,7 +118,7 @@ impl Report {
 
     /// Rows that failed.
     pub fn failed(&self) -> impl Iterator<Item = &Row> {
-        self.rows.iter().filter(|row| row.outcome == Outcome::Failed)
+        self.rows.iter().filter(|row| row.outcome == CheckOutcome::Failed)
     }
 
     /// True when no row failed.
@@ -128,7 +128,7 @@ impl Report {
 }
 
 fn row(name: &'static str, passed: bool, found: String, hint: &'static str) -> Row {
-    let (outcome, hint) = if passed { (Outcome::Passed, "") } else { (Outcome::Failed, hint) };
+    let (outcome, hint) = if passed { (CheckOutcome::Passed, "") } else { (CheckOutcome::Failed, hint) };
     Row { name, outcome, found, hint }
 }
 
@@ -169,7 +169,7 @@ fn governor_row(kernel: &KernelFacts) -> Row {
         Some(governor) => {
             row("governor", governor == "performance", governor.to_owned(), "set the frequency governor to `performance`")
         }
-        None => Row { name: "governor", outcome: Outcome::Unknown, found: "not reported".to_owned(), hint: "" },
+        None => Row { name: "governor", outcome: CheckOutcome::Unknown, found: "not reported".to_owned(), hint: "" },
     }
 }
 
@@ -181,7 +181,7 @@ fn clocksource_row(kernel: &KernelFacts) -> Row {
         Some(source) => {
             row("clock source", FAST_CLOCKSOURCES.contains(&source), source.to_owned(), "choose `tsc` as the kernel's clock source")
         }
-        None => Row { name: "clock source", outcome: Outcome::Unknown, found: "not reported".to_owned(), hint: "" },
+        None => Row { name: "clock source", outcome: CheckOutcome::Unknown, found: "not reported".to_owned(), hint: "" },
     }
 }
 
@@ -210,7 +210,7 @@ mod tests {
 
     #[test]
     fn a_tuned_machine_passes_every_row() {
-        let report = Report::judge(&tuned(), REQUEST, obtained(), Ok(()));
+        let report = PreflightReport::judge(&tuned(), REQUEST, obtained(), Ok(()));
         assert!(report.passed(), "{report:?}");
         assert!(report.memory_locked && report.kernel_rt);
     }
@@ -224,7 +224,7 @@ mod tests {
             ..tuned()
         };
         let standing = ThreadStanding { schedule_errno: 1, affinity_errno: 22, ..ThreadStanding::default() };
-        let report = Report::judge(&kernel, REQUEST, standing, Err(MemoryLockRefusal::Limit { bytes: 65_536 }));
+        let report = PreflightReport::judge(&kernel, REQUEST, standing, Err(MemoryLockRefusal::Limit { bytes: 65_536 }));
         let failed: Vec<_> = report.failed().map(|row| row.name).collect();
         assert_eq!(failed, ["kernel", "scheduling", "affinity", "memory", "governor", "clock source"]);
         assert!(report.failed().all(|row| !row.hint.is_empty()));
@@ -233,13 +233,13 @@ mod tests {
     #[test]
     fn what_the_machine_does_not_say_is_not_held_against_it() {
         let kernel = KernelFacts { governor: None, clocksource: None, ..tuned() };
-        assert!(Report::judge(&kernel, REQUEST, obtained(), Ok(())).passed());
+        assert!(PreflightReport::judge(&kernel, REQUEST, obtained(), Ok(())).passed());
     }
 
     #[test]
     fn a_lower_priority_than_asked_for_fails() {
         let standing = ThreadStanding { priority: 10, ..obtained() };
-        assert!(!Report::judge(&tuned(), REQUEST, standing, Ok(())).passed());
+        assert!(!PreflightReport::judge(&tuned(), REQUEST, standing, Ok(())).passed());
     }
 
     #[test]

@@ -12,7 +12,7 @@ use crate::config::scene::MeshSource;
 use crate::error::Exit;
 use crate::picture::{self, Subject};
 use crate::scene::cache::{Baked, Cache, CachePolicy, Lookup, Request, Spacing};
-use crate::scene::{self, Event, MemoryPlan, ObjectReport, Role};
+use crate::scene::{self, BakeEvent, MemoryPlan, ObjectReport, Role};
 use vps::mesh::MeshError;
 use vps::part::PartError;
 use vps::pointshell::{self, ply};
@@ -112,7 +112,7 @@ pub(super) fn bake_mesh(args: &Args, output: OutputOptions) -> Result<(), Failur
         );
     }
     let progress = BakeProgress::new(output);
-    let tell = |stage| progress.tell(&Event { name: &name, object_idx: 0, n_objects: 1, stage });
+    let tell = |stage| progress.tell(&BakeEvent { name: &name, object_idx: 0, n_objects: 1, stage });
     tell(BakeStage::Load);
     let baked = match cache.look_up(&request, u64::MAX) {
         Lookup::Hit(baked) => *baked,

@@ -6,7 +6,7 @@ use std::path::Path;
 use glam::DVec3;
 
 use super::super::{OutputOptions, report};
-use super::place::Place;
+use super::place::SceneDestination;
 use super::{Args, ReportedExit, guessed, read, relative};
 use crate::config::draft::{ClayDraft, Unit};
 use crate::error::Exit;
@@ -15,7 +15,7 @@ use vps::mesh::{Format, MeshError};
 use vps::spatial::Metres;
 
 /// What a file has of a piece, in units of the file; in metres where it names its own.
-struct Found {
+struct InputMesh {
     is_mesh: bool,
     bounds: Option<(DVec3, DVec3)>,
     own_unit: Option<Unit>,
@@ -28,12 +28,12 @@ pub(super) fn init(args: &Args, output: OutputOptions) -> Result<(), ReportedExi
         ReportedExit(exit)
     };
     let file = &args.folder;
-    let place = Place::of(args, || file.with_extension("toml"), output)?;
+    let place = SceneDestination::of(args, || file.with_extension("toml"), output)?;
     if args.tool.is_some() {
         return Err(refuse(Exit::Usage, "--tool goes with a folder: a ball works the clay", None));
     }
     place.check_free(args, output)?;
-    let Found { is_mesh, bounds, own_unit } = look(file).map_err(|error| {
+    let InputMesh { is_mesh, bounds, own_unit } = look(file).map_err(|error| {
         report::error(&error.to_string(), error.hint(), output);
         ReportedExit(Exit::Asset)
     })?;
@@ -59,17 +59,17 @@ pub(super) fn init(args: &Args, output: OutputOptions) -> Result<(), ReportedExi
     place.write(&draft.text(&place.named(), &why), &summary, ("sculpt", "works"), output)
 }
 
-fn look(file: &Path) -> Result<Found, MeshError> {
+fn look(file: &Path) -> Result<InputMesh, MeshError> {
     if matches!(Format::of(file), Ok(Format::Gltf | Format::ThreeMf)) {
         let found = read(file)?;
-        return Ok(Found { is_mesh: true, bounds: found.mesh.bounds(), own_unit: found.own_unit });
+        return Ok(InputMesh { is_mesh: true, bounds: found.mesh.bounds(), own_unit: found.own_unit });
     }
     Ok(match cloud::load(file, 1.0)? {
-        Contents::Mesh(mesh) => Found { is_mesh: true, bounds: mesh.bounds(), own_unit: None },
+        Contents::Mesh(mesh) => InputMesh { is_mesh: true, bounds: mesh.bounds(), own_unit: None },
         Contents::Cloud(cloud) => {
             let mut points = cloud.positions.into_iter();
             let bounds = points.next().map(|first| points.fold((first, first), |(low, high), at| (low.min(at), high.max(at))));
-            Found { is_mesh: false, bounds, own_unit: None }
+            InputMesh { is_mesh: false, bounds, own_unit: None }
         }
     })
 }

@@ -9,13 +9,13 @@ use crate::config;
 use crate::error::Exit;
 
 /// Where the scene goes.
-pub(super) enum Place {
+pub(super) enum SceneDestination {
     File(PathBuf),
     /// The reader keeps it in the working directory.
     Stdout,
 }
 
-impl Place {
+impl SceneDestination {
     /// What the command line says, or the default.
     pub(super) fn of(args: &Args, default: impl FnOnce() -> PathBuf, output: OutputOptions) -> Result<Self, ReportedExit> {
         let file = match &args.out {

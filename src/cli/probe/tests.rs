@@ -14,20 +14,20 @@ struct Command {
 }
 
 /// What is said of an arm of which that was found.
-fn told(line: &str, found: &Found, ended: Option<Ended>, declared: Option<Declared>) -> Vec<Finding> {
+fn told(line: &str, found: &ProbeResult, ended: Option<ProbeEnd>, declared: Option<DeclaredLimits>) -> Vec<Finding> {
     let args = Command::try_parse_from(["probe"].into_iter().chain(line.split_whitespace())).expect("valid").args;
     let profile = profile::find(&args.profile, Path::new("")).expect("shipped");
     let real = profile.real.as_ref().expect("a real arm");
-    Told { profile: &profile, real, args: &args, found, ended, identity: None, declared, refused: 0 }.findings()
+    ProbeReport { profile: &profile, real, args: &args, found, ended, identity: None, declared, refused: 0 }.findings()
 }
 
 fn row<'f>(findings: &'f [Finding], name: &str) -> &'f Finding {
     findings.iter().find(|finding| finding.name == name).unwrap_or_else(|| panic!("{name}: {findings:?}"))
 }
 
-fn at(position_m: DVec3) -> Found {
+fn at(position_m: DVec3) -> ProbeResult {
     let answers = Answers { ticks: 100, fresh: 100, homed: true, position_m, ..Answers::default() };
-    Found { answers, ..Found::default() }
+    ProbeResult { answers, ..ProbeResult::default() }
 }
 
 #[test]
@@ -46,7 +46,7 @@ fn a_place_beyond_the_workspace_is_not_ok() {
 
 #[test]
 fn what_no_sample_said_is_not_known() {
-    let nothing = Found { answers: Answers { ticks: 1000, ..Answers::default() }, ..Found::default() };
+    let nothing = ProbeResult { answers: Answers { ticks: 1000, ..Answers::default() }, ..ProbeResult::default() };
     let findings = told("open6-serial", &nothing, None, None);
     let standing = |name| row(&findings, name).standing;
     assert_eq!((standing("answers"), standing("arm"), standing("position")), (Standing::Bad, Standing::Unknown, Standing::Unknown));
@@ -56,7 +56,7 @@ fn what_no_sample_said_is_not_known() {
 fn all_is_right_when_every_axis_was_pushed() {
     let mut found = at(DVec3::ZERO);
     found.signs[..3].fill(Some(Sign::Right));
-    let is_all = |profile: &str, found: &Found| {
+    let is_all = |profile: &str, found: &ProbeResult| {
         let findings = told(&format!("{profile} --sign-check"), found, None, None);
         findings.iter().any(|finding| finding.found.contains("signs_verified = true"))
     };
@@ -70,22 +70,23 @@ fn all_is_right_when_every_axis_was_pushed() {
 #[test]
 fn why_nothing_was_pushed_is_said() {
     let end = |ended, name: &str| row(&told("leader-arm-6 --sign-check", &at(DVec3::ZERO), Some(ended), None), name).clone();
-    let not_homed = end(Ended::NotHomed, "not homed");
+    let not_homed = end(ProbeEnd::NotHomed, "not homed");
     assert_eq!((not_homed.standing, not_homed.found.as_str()), (Standing::Bad, "nothing pushed"));
     assert_eq!(not_homed.advice_lines().collect::<Vec<_>>(), ["do:   home it"]);
-    let watchdog = end(Ended::Watchdog(61), "watchdog");
+    let watchdog = end(ProbeEnd::Watchdog(61), "watchdog");
     assert!(watchdog.found.contains("no command for 61 ms, and its watchdog waits for 40 ms; nothing pushed"), "{watchdog:?}");
-    let moves = end(Ended::Moves(1240, 300), "moves by itself");
+    let moves = end(ProbeEnd::Moves(1240, 300), "moves by itself");
     assert!(moves.standing == Standing::Bad && moves.found.contains("1.24 m/s and 0.3 rad/s"), "{moves:?}");
-    assert!(end(Ended::Reports(0x0380), "arm's error").found.contains("servo 3: hardware alert"));
+    assert!(end(ProbeEnd::Reports(0x0380), "arm's error").found.contains("servo 3: hardware alert"));
 }
 
 #[test]
 fn a_profile_that_asks_for_more_than_the_arm_has_is_told() {
-    let has = Declared { rate_hz: 1000, force_n: 4.0, torque_nm: f64::from(0.2_f32), workspace_radius_m: f64::from(0.12_f32) };
+    let has =
+        DeclaredLimits { rate_hz: 1000, force_n: 4.0, torque_nm: f64::from(0.2_f32), workspace_radius_m: f64::from(0.12_f32) };
     let findings = told("open6-serial", &at(DVec3::ZERO), None, Some(has));
     assert_eq!(row(&findings, "profile asks more").found, "limits.force_n = 8, the arm has 4.0000 N");
-    let enough = told("open6-serial", &at(DVec3::ZERO), None, Some(Declared { force_n: 8.0, ..has }));
+    let enough = told("open6-serial", &at(DVec3::ZERO), None, Some(DeclaredLimits { force_n: 8.0, ..has }));
     assert!(enough.iter().all(|finding| finding.name != "profile asks more"));
 }
 

@@ -64,7 +64,7 @@ pub(crate) struct LoopArgs {
 }
 
 /// What a command adds to them.
-pub(crate) struct Own<'a> {
+pub(crate) struct CommandOptions<'a> {
     /// What changes while it renders.
     pub(in crate::cli) live: &'a live::LiveArgs,
     /// What is to become of the clay; `None`: the command is for scenes without.

@@ -35,10 +35,14 @@ fn synthetic() -> Prepared {
 }
 
 /// A run in which nothing changes.
-fn run(args: &LoopArgs, output: OutputOptions, bake: impl FnOnce() -> Result<Prepared, PrepareError>) -> Result<Outcome, Refusal> {
+fn run(
+    args: &LoopArgs,
+    output: OutputOptions,
+    bake: impl FnOnce() -> Result<Prepared, PrepareError>,
+) -> Result<RunOutcome, Refusal> {
     let session = testing::session(args.clock.kind());
     let beside = Beside {
-        live: Live::default(),
+        live: LiveChannels::default(),
         paths: ObjectPaths::default(),
         session: &session,
         recorder: None,
@@ -52,7 +56,7 @@ fn run(args: &LoopArgs, output: OutputOptions, bake: impl FnOnce() -> Result<Pre
 }
 
 fn result_text(totals: &Totals, start_s: StartTimes, json: bool) -> String {
-    super::result_text(totals, start_s, &More::default(), json)
+    super::result_text(totals, start_s, &RunExtras::default(), json)
 }
 
 const QUIET: OutputOptions = OutputOptions { verbose: 0, quiet: true, color: When::Never, log_format: LogFormat::Text };

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::time::{Duration, SystemTime};
 
 use super::super::{OutputOptions, destination, recording, report};
-use crate::daemon::sculpting::{Ended, SculptThread};
+use crate::daemon::sculpting::{SculptOutcome, SculptThread};
 use clay::engine::{EngineError, SculptEngine, SculptOrder};
 use rt::signals::interrupts;
 use rt::utc::timestamp;
@@ -14,7 +14,7 @@ use rt::utc::timestamp;
 const LOOK: Duration = Duration::from_millis(5);
 
 /// Waits for a thread that finishes what it does. A first interrupt is answered with words; a second one ends the wait.
-pub(super) fn wait(thread: SculptThread, output: OutputOptions) -> Result<Ended, (&'static str, &'static str)> {
+pub(super) fn wait(thread: SculptThread, output: OutputOptions) -> Result<SculptOutcome, (&'static str, &'static str)> {
     thread.end();
     let before = interrupts();
     let mut was_asked = false;

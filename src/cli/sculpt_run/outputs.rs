@@ -43,7 +43,7 @@ impl Pictures {
 }
 
 /// Every file that is to be written.
-pub(super) struct Written<'w> {
+pub(super) struct OutputFiles<'w> {
     /// At the end.
     pub(super) own: &'w [SculptOrder],
     pub(super) script: Option<&'w Script>,
@@ -51,7 +51,7 @@ pub(super) struct Written<'w> {
     pub(super) recording: Option<&'w Path>,
 }
 
-impl Written<'_> {
+impl OutputFiles<'_> {
     /// Refuses what cannot be written, may not be written over, or is read.
     pub(super) fn check(&self, config: &SceneConfig, overwrite: bool, output: OutputOptions) -> Result<(), Exit> {
         let Self { own, script, pictures, recording } = self;

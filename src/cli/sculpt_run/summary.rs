@@ -14,7 +14,7 @@ const LATE_SHARE: f64 = 0.05;
 
 /// A file that was written.
 #[derive(Clone, Debug, Serialize)]
-pub(crate) struct Saved {
+pub(crate) struct SavedFile {
     /// `points`, `session`, `mesh` or `picture`.
     pub(super) kind: &'static str,
     #[serde(serialize_with = "lossily")]
@@ -34,8 +34,8 @@ pub(crate) struct SculptSummary {
     pub(super) update_hz: f64,
     pub(super) volume_before_mm3: Option<f64>,
     pub(super) volume_mm3: Option<f64>,
-    pub(super) saved: Vec<Saved>,
-    pub(super) unsaved: Vec<Saved>,
+    pub(super) saved: Vec<SavedFile>,
+    pub(super) unsaved: Vec<SavedFile>,
     #[serde(skip_serializing_if = "Option::is_none", serialize_with = "lossily")]
     pub(super) rescued: Option<PathBuf>,
 }
@@ -107,7 +107,7 @@ impl SculptSummary {
             ("volume", format!("{} mm³ before, {} mm³ after", volume(self.volume_before_mm3), volume(self.volume_mm3))),
             ("updates", format!("{updates} at {} Hz, {late} left out because they were late", show(self.update_hz))),
         ];
-        let saved = self.saved.iter().map(|Saved { kind, file }| ("saved", format!("{kind} in {}", file.display())));
+        let saved = self.saved.iter().map(|SavedFile { kind, file }| ("saved", format!("{kind} in {}", file.display())));
         rows.extend(saved);
         rows
     }

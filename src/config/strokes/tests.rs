@@ -3,7 +3,7 @@ use std::fs;
 use glam::DVec3;
 
 use super::*;
-use clay::emboss::Laid;
+use clay::emboss::ImagePlacement;
 use clay::engine::SculptTool;
 use clay::falloff::Falloff;
 use clay::material_map::Painted;
@@ -83,13 +83,16 @@ fn images_lie_as_their_edges_say() {
          [[stroke]]\nat_s = 0\ndo = \"emboss\"\nimage = \"a.png\"\ncenter_mm = [0, 0, 7]\naxis = [0, 2, 0]\nfront = [1, 1, 0]\n",
     )
     .unwrap();
-    let SculptOrder::Emboss { laid: Laid::Flat { middle_map, right_map, up_map }, depth_m, .. } = &orders[0].order else {
+    let SculptOrder::Emboss { placement: ImagePlacement::Flat { middle_map, right_map, up_map }, depth_m, .. } = &orders[0].order
+    else {
         panic!("{orders:?}")
     };
     assert!((*depth_m + 2e-3).abs() < 1e-12);
     assert!(middle_map.distance(DVec3::Z * 1e-3) < 1e-12);
     assert!(right_map.distance(DVec3::X * 5e-3) < 1e-12 && up_map.distance(DVec3::Y * 5e-3) < 1e-12);
-    let SculptOrder::Emboss { laid: Laid::Around { center_map, north_map, front_map }, depth_m, .. } = &orders[1].order else {
+    let SculptOrder::Emboss { placement: ImagePlacement::Around { center_map, north_map, front_map }, depth_m, .. } =
+        &orders[1].order
+    else {
         panic!("{orders:?}")
     };
     assert!((depth_m - 1e-3).abs() < 1e-12);

@@ -33,7 +33,7 @@ use rt::clock::ClockKind;
 
 /// How the clay is worked.
 #[derive(Clone, Debug)]
-pub struct Plan {
+pub struct SculptPlan {
     /// Of the loop, s.
     pub tick_s: f64,
     /// Ticks from one update of the material to the next, at least 1.
@@ -41,12 +41,12 @@ pub struct Plan {
     /// Which time the loop follows.
     pub clock: ClockKind,
     /// What is asked for by itself, each before the tick with its number is heard; in any order, equal ticks keep theirs.
-    pub script: Vec<Scripted>,
+    pub script: Vec<ScriptedOrder>,
 }
 
 /// An order of a script.
 #[derive(Clone, Debug)]
-pub struct Scripted {
+pub struct ScriptedOrder {
     /// The tick before which it is due.
     pub tick: u64,
     /// What is asked for.
@@ -55,7 +55,7 @@ pub struct Scripted {
     pub line: Option<usize>,
 }
 
-impl From<(u64, SculptOrder)> for Scripted {
+impl From<(u64, SculptOrder)> for ScriptedOrder {
     fn from((tick, order): (u64, SculptOrder)) -> Self {
         Self { tick, order, line: None }
     }
@@ -109,7 +109,7 @@ pub struct SculptReport {
 
 /// An engine whose thread has ended.
 #[derive(Debug)]
-pub struct Ended {
+pub struct SculptOutcome {
     /// What it has to say.
     pub report: SculptReport,
     /// The piece, the tool and the past, for saving: [`SculptEngine::order`] still works.
@@ -119,7 +119,7 @@ pub struct Ended {
 /// The thread of the clay.
 #[derive(Debug)]
 pub struct SculptThread {
-    thread: JoinHandle<Ended>,
+    thread: JoinHandle<SculptOutcome>,
     /// The loop is over, even if its thread never gave the slot back.
     is_over: Arc<AtomicBool>,
 }
@@ -140,22 +140,22 @@ impl SculptThread {
     ///
     /// # Errors
     /// The thread died outside its own net.
-    pub fn join(self) -> Result<Ended, &'static str> {
+    pub fn join(self) -> Result<SculptOutcome, &'static str> {
         self.thread.join().map_err(|_| "the thread of the clay died outside its own net")
     }
 }
 
-/// Begins to work the clay of a scene: the slot goes to the loop ([`super::Live::clay`]), the handle to clients.
+/// Begins to work the clay of a scene: the slot goes to the loop ([`super::LiveChannels::clay`]), the handle to clients.
 ///
 /// `clay.frame` is to show the clay of the engine as it is (`ClayModel::frame`).
 ///
 /// # Errors
 /// The thread could not be started.
-pub fn begin(engine: SculptEngine, clay: &Clay, plan: Plan) -> std::io::Result<(ClaySlot, ClayHandle, SculptThread)> {
+pub fn begin(engine: SculptEngine, clay: &Clay, plan: SculptPlan) -> std::io::Result<(ClaySlot, ClayHandle, SculptThread)> {
     let update_ticks = plan.update_ticks.max(1);
     let (feed, slot) = ClaySlot::new(clay, update_ticks);
     let (handle, orders) = handle::pair();
     let is_over = Arc::new(AtomicBool::new(false));
-    let thread = thread::spawn(engine, (feed, is_over.clone()), orders, Plan { update_ticks, ..plan })?;
+    let thread = thread::spawn(engine, (feed, is_over.clone()), orders, SculptPlan { update_ticks, ..plan })?;
     Ok((slot, handle, SculptThread { thread, is_over }))
 }

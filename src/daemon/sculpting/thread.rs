@@ -12,10 +12,10 @@ use std::time::Instant;
 use crossbeam::channel::Receiver;
 
 use super::handle::{ViewCell, WaitingOrder};
-use super::{DutyCycle, Ended, FailedOrder, Plan, Scripted, SculptReport};
+use super::{DutyCycle, FailedOrder, ScriptedOrder, SculptOutcome, SculptPlan, SculptReport};
 use crate::servo::{ClayFeed, PublishError, ToolState};
 use clay::boolean::Boolean;
-use clay::engine::{EngineError, Grip, SculptEngine, SculptOrder, ToolMotion};
+use clay::engine::{EngineError, HoldOutcome, SculptEngine, SculptOrder, ToolMotion};
 use rt::clock::ClockKind;
 use vps::density::Frame;
 
@@ -49,7 +49,7 @@ struct Worker<'s> {
     is_told_over: Arc<AtomicBool>,
     orders: Receiver<WaitingOrder>,
     view: Arc<ViewCell>,
-    plan: Plan,
+    plan: SculptPlan,
     /// The next of the script.
     next: usize,
     /// The last hold of the script, until it is known what it grabbed.
@@ -67,8 +67,8 @@ pub(super) fn spawn(
     mut engine: SculptEngine,
     (feed, is_over): (ClayFeed, Arc<AtomicBool>),
     (orders, view): (Receiver<WaitingOrder>, Arc<ViewCell>),
-    mut plan: Plan,
-) -> std::io::Result<JoinHandle<Ended>> {
+    mut plan: SculptPlan,
+) -> std::io::Result<JoinHandle<SculptOutcome>> {
     // Stable: equal ticks keep their order.
     plan.script.sort_by_key(|scripted| scripted.tick);
     std::thread::Builder::new().name("clay".to_owned()).spawn(move || {
@@ -118,7 +118,7 @@ pub(super) fn spawn(
         report.strokes = engine.model().strokes();
         report.taken_back = engine.model().history().1;
         report.samples = engine.model().points().len();
-        Ended { report, engine }
+        SculptOutcome { report, engine }
     })
 }
 
@@ -226,7 +226,8 @@ impl Worker<'_> {
     /// One tick's news, behind the orders of the script that are due before it.
     fn hear(&mut self, state: &ToolState) {
         self.tick = state.tick;
-        while let Some(Scripted { tick, order, line }) = self.plan.script.get(self.next).filter(|next| next.tick <= state.tick) {
+        while let Some(ScriptedOrder { tick, order, line }) = self.plan.script.get(self.next).filter(|next| next.tick <= state.tick)
+        {
             let (order, asker) = (order.clone(), Asker { tick: *tick, is_scripted: true, line: *line });
             self.next += 1;
             if let SculptOrder::Hold(true) = order {
@@ -299,7 +300,7 @@ impl Worker<'_> {
     /// What went wrong by itself; where a hold of the script took hold of nothing, that stroke has failed.
     fn note_trouble(&mut self) {
         let grip = self.engine.grip();
-        let missed = if grip == Grip::None { None } else { self.hold.take() }.filter(|_| grip == Grip::Missed);
+        let missed = if grip == HoldOutcome::None { None } else { self.hold.take() }.filter(|_| grip == HoldOutcome::Missed);
         let trouble = self.engine.trouble().clone();
         if let Some(asker) = missed {
             return self.note_failure(asker, "hold", trouble.to_string());

@@ -14,7 +14,7 @@ use haptics::RenderScene;
 use recording::{RecordSubscribers, SwapSummary, Totals};
 use rt::clock::ClockKind;
 use rt::control::Permit;
-use rt::preflight::Report;
+use rt::preflight::PreflightReport;
 
 /// Everything that rendering takes.
 pub struct RenderJob {
@@ -36,7 +36,7 @@ pub struct RenderJob {
 
 /// What may change while a run goes on.
 #[derive(Debug, Default)]
-pub struct Live {
+pub struct LiveChannels {
     /// Parameters, poses of movable objects and other scenes; the cold end is the [session](crate::daemon::session)'s.
     pub commands: CommandQueue,
     /// Frames of the scene's clay; the cold end is the thread of [sculpting](crate::daemon::sculpting).
@@ -69,7 +69,7 @@ pub struct Operator {
 
 /// How a run ended.
 #[derive(Debug)]
-pub struct Outcome {
+pub struct RunOutcome {
     /// When scenes were swapped.
     pub swaps: Vec<SwapSummary>,
     /// The result, as `--json` has it.
@@ -77,10 +77,10 @@ pub struct Outcome {
     /// What the servo had to say, with the flight recorder.
     pub report: LoopReport,
     /// What the machine offered.
-    pub preflight: Report,
+    pub preflight: PreflightReport,
 }
 
-impl Outcome {
+impl RunOutcome {
     /// The exit code of the run.
     pub fn exit(&self) -> Exit {
         if !self.report.faults.is_empty() {
@@ -98,7 +98,7 @@ impl Outcome {
 pub enum RunError {
     /// `enforce`, and a preflight check failed. The report was told as a notice.
     #[error("real-time preflight refused: {} check(s) failed and the mode is `enforce`", .0.failed().count())]
-    Refused(Report),
+    Refused(PreflightReport),
     /// A real arm, and no operator who could let force flow.
     #[error("this is a real arm, and no operator can let force flow")]
     NoOperator,

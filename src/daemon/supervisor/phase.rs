@@ -3,7 +3,7 @@
 use arms::attached::open::LinkNews;
 use haptics::{Drive, OffCause};
 use recording::TickRecord;
-use rt::preflight::Report;
+use rt::preflight::PreflightReport;
 
 /// Where the program stands; see the picture in [`crate::daemon`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -62,7 +62,7 @@ pub enum Notice<'a> {
     /// A new phase.
     Phase(Phase),
     /// What the machine offers; told before the first tick.
-    Preflight(&'a Report),
+    Preflight(&'a PreflightReport),
     /// The newest tick, about ten times a second.
     Status(&'a TickRecord),
     /// The tick in which a fault appeared.

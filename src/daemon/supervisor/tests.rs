@@ -99,7 +99,7 @@ fn an_enable_that_waited_gives_no_force_after_a_later_disable() {
             }
         });
         let job = job(Box::new(arm), ClockKind::Real, 1000);
-        supervisor.render_live(job, Live { operator, ..Live::default() }, &control).expect("an outcome");
+        supervisor.render_live(job, LiveChannels { operator, ..LiveChannels::default() }, &control).expect("an outcome");
         assert_eq!(phases.contains(&Phase::Enabling), !is_disabled, "{phases:?}");
     }
 }
@@ -111,9 +111,9 @@ fn after_a_fault_force_waits_for_the_operator_and_the_run_still_counts_as_faulte
     let (enable, enables) = bounded(4);
     let control = Arc::new(Control::new());
     let stops = control.clone();
-    let live = Live {
+    let live = LiveChannels {
         operator: Operator { enables_at_start: true, waits_after_fault: true, holds_back: false, enables: Some(enables) },
-        ..Live::default()
+        ..LiveChannels::default()
     };
     let mut job = job(Box::new(arm), ClockKind::Real, 0);
     job.duration = None;

@@ -4,7 +4,7 @@ use std::thread::JoinHandle;
 
 use crossbeam::channel::{Receiver, Sender, bounded};
 
-use super::job::Live;
+use super::job::LiveChannels;
 use crate::servo::{LoopReport, ServoLoop, run_to_end};
 use arms::Device;
 use recording::{Drained, RecordSubscribers, TickRecord, Watch, drain};
@@ -23,7 +23,7 @@ pub(super) struct Servo {
 }
 
 /// The loop with all that may change while it runs.
-pub(super) fn with_live<C: Clock>(servo: ServoLoop<Box<dyn Device>, C>, live: Live) -> ServoLoop<Box<dyn Device>, C> {
+pub(super) fn with_live<C: Clock>(servo: ServoLoop<Box<dyn Device>, C>, live: LiveChannels) -> ServoLoop<Box<dyn Device>, C> {
     let servo = servo.with_commands(live.commands);
     match live.clay {
         Some(clay) => servo.with_clay(clay),

@@ -6,11 +6,11 @@ use std::time::SystemTime;
 
 use serde::Deserialize;
 
-use super::super::answer::{Done, Reply};
+use super::super::answer::{Completion, Reply};
 use super::super::hub::Hub;
-use super::super::problem::Problem;
+use super::super::problem::RequestError;
 use super::super::worker::Worker;
-use super::Clay;
+use super::ClayService;
 use crate::daemon::sculpting::OrderError;
 use clay::engine::SculptOrder;
 use rt::utc;
@@ -96,27 +96,27 @@ pub(in crate::monitor) fn save(hub: &Arc<Hub>, files: &Worker, kind: SaveKind, f
                 let file = path.to_string_lossy();
                 hub.tell("clay", None, &format!("the {} of the clay went to {file}", kind.word()), &["saved", &file]);
             }
-            reply(result.map(|()| Done::Saved(path)).map_err(|refused| Problem::from(&refused)));
+            reply(result.map(|()| Completion::Saved(path)).map_err(|refused| RequestError::from(&refused)));
         });
         clay.access.ask(order, answer);
     });
 }
 
-impl Clay {
+impl ClayService {
     /// A path that no other request writes to.
-    fn reserve(&self, kind: SaveKind, file: Option<&str>) -> Result<PathBuf, Problem> {
-        let folder = self.folder.as_ref().ok_or_else(|| Problem::unavailable("there is no folder to save to", NO_FOLDER))?;
+    fn reserve(&self, kind: SaveKind, file: Option<&str>) -> Result<PathBuf, RequestError> {
+        let folder = self.folder.as_ref().ok_or_else(|| RequestError::unavailable("there is no folder to save to", NO_FOLDER))?;
         let dated = || utc::timestamp(SystemTime::now()).replace(':', "");
         let chosen = file.map_or_else(|| format!("{}-{}", kind.word(), dated()), str::to_owned);
         let name = plain_name(&chosen, kind.ending()).map_err(|accepted| {
-            Problem::bad(format!("a file of clay takes {accepted}"), format!("such as bowl{}", kind.ending()))
+            RequestError::bad(format!("a file of clay takes {accepted}"), format!("such as bowl{}", kind.ending()))
         })?;
         std::fs::create_dir_all(folder)
-            .map_err(|error| Problem::conflict(format!("cannot create {}: {error}", folder.display()), NO_FOLDER))?;
+            .map_err(|error| RequestError::conflict(format!("cannot create {}: {error}", folder.display()), NO_FOLDER))?;
         let path = folder.join(name);
         let mut saving = self.saving.lock().unwrap_or_else(PoisonError::into_inner);
         if path.symlink_metadata().is_ok() || saving.contains(&path) {
-            return Err(Problem::conflict(format!("{} exists already", path.display()), "choose another name"));
+            return Err(RequestError::conflict(format!("{} exists already", path.display()), "choose another name"));
         }
         saving.insert(path.clone());
         Ok(path)

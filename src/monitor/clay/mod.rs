@@ -26,7 +26,7 @@ pub(super) use splats::Splats;
 pub(super) use take::TakeAsked;
 
 use super::encode::WirePose;
-use super::problem::Problem;
+use super::problem::RequestError;
 use crate::daemon::sculpting::{ClayHandle, Reply};
 use clay::engine::{ClayView, SculptOrder, SculptTool};
 use clay::material_map::Painted;
@@ -70,40 +70,40 @@ pub struct ClayParts {
 }
 
 /// What the clients of a run share of its clay.
-pub(super) struct Clay {
+pub(super) struct ClayService {
     access: Box<dyn ClayAccess>,
     world_from_map: Pose,
     folder: Option<PathBuf>,
     session_at_end: Option<PathBuf>,
     /// Files that are being written.
     saving: Mutex<HashSet<PathBuf>>,
-    /// What was told of the last view.
-    told: Mutex<Told>,
+    /// What clients know of the last view.
+    last_view: Mutex<LastView>,
     pub(super) splats: Splats,
 }
 
-struct Told {
+struct LastView {
     craft: SculptTool,
     trouble: Option<Arc<str>>,
 }
 
-impl Clay {
+impl ClayService {
     pub(super) fn new(parts: ClayParts) -> Self {
         let ClayParts { access, world_from_map, craft, folder, session_at_end } = parts;
-        let told = Told { craft, trouble: None };
+        let last_view = LastView { craft, trouble: None };
         Self {
             access,
             world_from_map,
             folder,
             session_at_end,
             saving: Mutex::default(),
-            told: Mutex::new(told),
+            last_view: Mutex::new(last_view),
             splats: Splats::default(),
         }
     }
 
     /// A view of now. Views are made while clients look, so the first may be old where none has looked for a while.
-    pub(super) async fn fresh_view(&self, is_watched: bool) -> Result<Arc<ClayView>, Problem> {
+    pub(super) async fn fresh_view(&self, is_watched: bool) -> Result<Arc<ClayView>, RequestError> {
         let mut view = self.view()?;
         if is_watched {
             return Ok(view);
@@ -120,8 +120,8 @@ impl Clay {
     }
 
     /// The newest view.
-    pub(super) fn view(&self) -> Result<Arc<ClayView>, Problem> {
-        self.access.view().ok_or_else(|| Problem::unavailable("the clay is not ready yet", "ask again in a moment"))
+    pub(super) fn view(&self) -> Result<Arc<ClayView>, RequestError> {
+        self.access.view().ok_or_else(|| RequestError::unavailable("the clay is not ready yet", "ask again in a moment"))
     }
 
     /// `/api/v1/clay`.
@@ -172,8 +172,12 @@ fn properties(Painted { mass_kg, damping_n_s_per_m, stiffness_n_per_m }: Painted
 }
 
 /// There is none.
-pub(super) fn no_clay() -> Problem {
-    Problem::new(StatusCode::NOT_FOUND, "this scene has no clay", "`hapticd sculpt SCENE` renders one that has a [sculpt] table")
+pub(super) fn no_clay() -> RequestError {
+    RequestError::new(
+        StatusCode::NOT_FOUND,
+        "this scene has no clay",
+        "`hapticd sculpt SCENE` renders one that has a [sculpt] table",
+    )
 }
 
 #[cfg(test)]

@@ -2,10 +2,10 @@
 
 use std::sync::{Arc, PoisonError};
 
-use super::super::answer::{Done, Reply};
+use super::super::answer::{Completion, Reply};
 use super::super::hub::Hub;
-use super::super::problem::Problem;
-use super::{Clay, TakeAsked};
+use super::super::problem::RequestError;
+use super::{ClayService, TakeAsked};
 use crate::daemon::sculpting::OrderError;
 use clay::engine::SculptOrder;
 
@@ -17,8 +17,8 @@ pub(in crate::monitor) fn take(hub: &Arc<Hub>, asked: TakeAsked, reply: Reply) {
     }
 }
 
-fn answer_of(result: Result<(), OrderError>) -> Result<Done, Problem> {
-    result.map(|()| Done::Nothing).map_err(|refused| Problem::from(&refused))
+fn answer_of(result: Result<(), OrderError>) -> Result<Completion, RequestError> {
+    result.map(|()| Completion::Nothing).map_err(|refused| RequestError::from(&refused))
 }
 
 /// A stroke back, or forth again.
@@ -48,15 +48,15 @@ pub(in crate::monitor) fn hold(hub: &Arc<Hub>, client: u64, is_held: bool, reply
         if hub.watchdog.let_go(client) {
             clay.let_go(hub);
         }
-        return reply(Ok(Done::Nothing));
+        return reply(Ok(Completion::Nothing));
     }
     if !hub.watchdog.hold(client) {
-        return reply(Err(Problem::conflict("another client holds the clay", "wait until it lets go")));
+        return reply(Err(RequestError::conflict("another client holds the clay", "wait until it lets go")));
     }
     // In this order: the handler that hears of no force looks for a hold after that.
     if !hub.has_force() {
         hub.watchdog.let_go(client);
-        return reply(Err(Problem::conflict("no force flows: nothing can be held", "enable first")));
+        return reply(Err(RequestError::conflict("no force flows: nothing can be held", "enable first")));
     }
     let (holder, held) = (hub.clone(), clay.clone());
     let answer = Box::new(move |result: Result<(), OrderError>| {
@@ -73,16 +73,16 @@ pub(in crate::monitor) fn hold(hub: &Arc<Hub>, client: u64, is_held: bool, reply
     }
 }
 
-impl Clay {
+impl ClayService {
     /// Tells what has changed since the last call, by any client.
     pub(in crate::monitor) fn tell_news(&self, hub: &Hub) {
         // A view is made only for those who look.
         let Some(view) = (!hub.clients().is_empty()).then(|| self.access.view()).flatten() else { return };
         let (craft, trouble) = {
-            let mut told = self.told.lock().unwrap_or_else(PoisonError::into_inner);
-            let before = core::mem::replace(&mut told.craft, view.tool.craft);
+            let mut last_view = self.last_view.lock().unwrap_or_else(PoisonError::into_inner);
+            let before = core::mem::replace(&mut last_view.craft, view.tool.craft);
             let craft = (before != view.tool.craft).then_some(view.tool.craft);
-            let before = told.trouble.replace(view.trouble.clone()).unwrap_or_default();
+            let before = last_view.trouble.replace(view.trouble.clone()).unwrap_or_default();
             (craft, (before != view.trouble && !view.trouble.is_empty()).then(|| view.trouble.clone()))
         };
         if let Some(craft) = craft {

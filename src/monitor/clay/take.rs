@@ -3,7 +3,7 @@
 use serde::Deserialize;
 use serde_json::Value;
 
-use super::super::problem::Problem;
+use super::super::problem::RequestError;
 use clay::engine::{ClayView, SculptTool, ToolChange};
 use clay::falloff::Falloff;
 use clay::material_map::Painted;
@@ -35,25 +35,25 @@ struct PaintedAsked {
 
 impl TakeAsked {
     /// What is asked for, checked against the clay as it is.
-    pub(super) fn checked(self, view: &ClayView) -> Result<ToolChange, Problem> {
+    pub(super) fn checked(self, view: &ClayView) -> Result<ToolChange, RequestError> {
         if self == Self::default() {
             let hint = "`craft`, `brush_m`, `falloff`, `color`, `painted`, `depth_m` or `is_sharp`";
-            return Err(Problem::bad("nothing is to be taken", hint));
+            return Err(RequestError::bad("nothing is to be taken", hint));
         }
         let (least_m, most_m) = brush_range(view);
         if let Some(brush_m) = self.brush_m.filter(|brush_m| !(least_m..=most_m).contains(brush_m)) {
             let error = format!("`brush_m` goes from {least_m:.2e} to {most_m:.2e}, not to {brush_m}");
-            return Err(Problem::bad(error, "a radius in m, of at least one sample and at most half the region"));
+            return Err(RequestError::bad(error, "a radius in m, of at least one sample and at most half the region"));
         }
         if let Some(depth_m) = self.depth_m.filter(|depth_m| !(*depth_m > 0.0 && *depth_m <= most_m)) {
             let error = format!("`depth_m` goes above 0 up to {most_m:.2e}, not to {depth_m}");
-            return Err(Problem::bad(error, "engraving sinks by it, embossing raises"));
+            return Err(RequestError::bad(error, "engraving sinks by it, embossing raises"));
         }
         let craft = |word: String| {
-            SculptTool::of(&word).ok_or_else(|| Problem::bad(format!("no craft is called `{word}`"), known_crafts()))
+            SculptTool::of(&word).ok_or_else(|| RequestError::bad(format!("no craft is called `{word}`"), known_crafts()))
         };
         let color = |text: String| {
-            color_of(&text).ok_or_else(|| Problem::bad(format!("`{text}` is no color #rrggbb"), "such as \"#c83c28\""))
+            color_of(&text).ok_or_else(|| RequestError::bad(format!("`{text}` is no color #rrggbb"), "such as \"#c83c28\""))
         };
         Ok(ToolChange {
             craft: self.craft.map(craft).transpose()?,
@@ -67,11 +67,13 @@ impl TakeAsked {
     }
 }
 
-fn painted_of(asked: PaintedAsked) -> Result<Painted, Problem> {
+fn painted_of(asked: PaintedAsked) -> Result<Painted, RequestError> {
     let PaintedAsked { mass_kg, damping_n_s_per_m, stiffness_n_per_m } = asked;
     let painted = Painted { mass_kg, damping_n_s_per_m, stiffness_n_per_m };
     match painted.unsound() {
-        Some((name, value, unit)) => Err(Problem::bad(format!("{name} of {value} {unit} cannot be painted"), Painted::KNOWN_GOOD)),
+        Some((name, value, unit)) => {
+            Err(RequestError::bad(format!("{name} of {value} {unit} cannot be painted"), Painted::KNOWN_GOOD))
+        }
         None => Ok(painted),
     }
 }
@@ -94,9 +96,9 @@ fn color_of(text: &str) -> Option<[u8; 3]> {
     Some([red, green, blue])
 }
 
-fn falloff_of(asked: &Value) -> Result<Falloff, Problem> {
+fn falloff_of(asked: &Value) -> Result<Falloff, RequestError> {
     let hint = "\"gaussian\", \"constant\", \"spherical\" or a list of at least two weights from 0 to 1";
-    let refused = |what: &str| Problem::bad(what, hint);
+    let refused = |what: &str| RequestError::bad(what, hint);
     match asked {
         Value::String(word) => [Falloff::Gaussian, Falloff::Constant, Falloff::Spherical]
             .into_iter()

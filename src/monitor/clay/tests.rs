@@ -2,7 +2,7 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 
 use glam::DVec3;
 
-use super::super::answer::{Done, Reply};
+use super::super::answer::{Completion, Reply};
 use super::super::hub::{Hub, HubParts};
 use super::super::worker::Worker;
 use super::*;
@@ -100,7 +100,7 @@ fn bench() -> Bench {
 }
 
 /// What a request comes to.
-fn answer_of(ask: impl FnOnce(Reply)) -> Result<Done, Problem> {
+fn answer_of(ask: impl FnOnce(Reply)) -> Result<Completion, RequestError> {
     let (sender, answers) = channel();
     ask(Box::new(move |result| sender.send(result).unwrap()));
     answers.recv().unwrap()
@@ -132,7 +132,7 @@ impl Bench {
         self.hub.watchdog.holds()
     }
 
-    fn hold(&self, client: u64, is_held: bool) -> Result<Done, Problem> {
+    fn hold(&self, client: u64, is_held: bool) -> Result<Completion, RequestError> {
         answer_of(|reply| hold(&self.hub, client, is_held, reply))
     }
 }
@@ -143,7 +143,7 @@ fn a_scene_without_clay_says_so() {
     assert_eq!(hub.clay().err().map(|problem| problem.status), Some(StatusCode::SERVICE_UNAVAILABLE), "still baking");
     hub.notice(&Notice::Phase(Phase::Disabled));
     for result in [
-        hub.clay().map(|_| Done::Nothing),
+        hub.clay().map(|_| Completion::Nothing),
         answer_of(|reply| take(&hub, took(json!({ "craft": "paint" })), reply)),
         answer_of(|reply| hold(&hub, 1, true, reply)),
         answer_of(|reply| step(&hub, SculptOrder::Undo, "undone", reply)),
@@ -159,7 +159,7 @@ fn a_scene_without_clay_says_so() {
 fn settings_are_asked_for_as_a_change_and_told_as_the_view_has_them() {
     let bench = bench();
     let asked = json!({ "craft": "paint", "brush_m": 0.003, "color": "#102030" });
-    assert_eq!(answer_of(|reply| take(&bench.hub, took(asked), reply)), Ok(Done::Nothing));
+    assert_eq!(answer_of(|reply| take(&bench.hub, took(asked), reply)), Ok(Completion::Nothing));
     let expected = ToolChange {
         craft: Some(SculptTool::Paint),
         brush_m: Some(0.003),
@@ -198,11 +198,11 @@ fn what_is_not_saved_and_what_will_be_is_told() {
 #[test]
 fn a_hold_ends_with_force_with_the_client_and_when_it_is_let_go() {
     let bench = bench();
-    assert_eq!(bench.hold(1, true), Ok(Done::Nothing));
+    assert_eq!(bench.hold(1, true), Ok(Completion::Nothing));
     assert!(matches!(bench.next_order(), SculptOrder::Hold(true)) && bench.is_held());
     assert_eq!(bench.hold(2, true).map_err(|problem| problem.status), Err(StatusCode::CONFLICT), "one at a time");
-    assert_eq!((bench.hold(2, false), bench.is_held()), (Ok(Done::Nothing), true), "only one's own");
-    assert_eq!(bench.hold(1, false), Ok(Done::Nothing));
+    assert_eq!((bench.hold(2, false), bench.is_held()), (Ok(Completion::Nothing), true), "only one's own");
+    assert_eq!(bench.hold(1, false), Ok(Completion::Nothing));
     assert!(matches!(bench.next_order(), SculptOrder::Hold(false)) && !bench.is_held());
 
     bench.hold(1, true).unwrap();
@@ -258,12 +258,12 @@ fn files_go_to_one_folder_and_never_over_others() {
     let bench = bench();
     let save = |kind, file: Option<&str>| answer_of(|reply| save(&bench.hub, &bench.files, kind, file.map(str::to_owned), reply));
     let path = bench.folder.path().join("clay/bowl.ply");
-    assert_eq!(save(SaveKind::Points, Some("bowl")), Ok(Done::Saved(path.clone())));
+    assert_eq!(save(SaveKind::Points, Some("bowl")), Ok(Completion::Saved(path.clone())));
     assert!(matches!(bench.next_order(), SculptOrder::SavePoints(file) if file == path));
     std::fs::write(&path, "kept").unwrap();
     assert_eq!(save(SaveKind::Export, Some("bowl.ply")).map_err(|problem| problem.status), Err(StatusCode::CONFLICT));
     assert_eq!(save(SaveKind::Session, Some("../bowl")).map_err(|problem| problem.status), Err(StatusCode::BAD_REQUEST));
-    let Ok(Done::Saved(dated)) = save(SaveKind::Session, None) else { panic!("a name of its own") };
+    let Ok(Completion::Saved(dated)) = save(SaveKind::Session, None) else { panic!("a name of its own") };
     assert!(
         matches!(bench.next_order(), SculptOrder::SaveSession(file) if file == dated && dated.to_string_lossy().ends_with(".session"))
     );

@@ -3,7 +3,7 @@
 use glam::Vec3;
 
 use super::super::palette::{Rgb, to_linear};
-use super::view::Seeing;
+use super::view::RenderedView;
 
 /// Towards the lamps, camera axes, and how bright they are.
 const LAMPS: [(Vec3, f32); 2] = [(Vec3::new(-0.5, 0.62, 0.6), 0.82), (Vec3::new(0.8, 0.05, 0.35), 0.17)];
@@ -21,7 +21,7 @@ const IN_FRONT: f32 = 4.0;
 const LEAST_SKY: f32 = 0.35;
 
 /// Linear light of each pixel.
-pub(super) fn lit(seeing: &Seeing, backdrop: Rgb) -> Vec<[f32; 3]> {
+pub(super) fn lit(seeing: &RenderedView, backdrop: Rgb) -> Vec<[f32; 3]> {
     let backdrop = backdrop.map(to_linear);
     let ways: [(f32, f32); WAYS] = std::array::from_fn(|way| (core::f32::consts::TAU * way as f32 / WAYS as f32).sin_cos());
     let lamps = LAMPS.map(|(toward, brightness)| (toward.normalize(), brightness));
@@ -41,7 +41,7 @@ pub(super) fn lit(seeing: &Seeing, backdrop: Rgb) -> Vec<[f32; 3]> {
 }
 
 /// Share of the sky that a pixel sees over its surroundings, above [`LEAST_SKY`].
-fn openness(seeing: &Seeing, pixel: usize, ways: &[(f32, f32); WAYS]) -> f32 {
+fn openness(seeing: &RenderedView, pixel: usize, ways: &[(f32, f32); WAYS]) -> f32 {
     let (x, y) = ((pixel % seeing.width) as f32, (pixel / seeing.width) as f32);
     let own = &seeing.pixels[pixel];
     let mut hidden = 0.0;

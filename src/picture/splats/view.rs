@@ -101,7 +101,7 @@ impl<'a> Discs<'a> {
 
 /// What a pixel sees.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Seen {
+pub(super) struct PixelSample {
     /// Pixels towards the viewer; −∞ where there is nothing.
     pub(super) height: f32,
     /// Out of the surface, camera axes, unit.
@@ -111,13 +111,13 @@ pub(super) struct Seen {
 }
 
 /// A view, row by row from the top.
-pub(super) struct Seeing {
+pub(super) struct RenderedView {
     pub(super) width: usize,
-    pub(super) pixels: Vec<Seen>,
+    pub(super) pixels: Vec<PixelSample>,
 }
 
 /// Looks at the discs whose front is towards the viewer: first how near the nearest are, then what they are like.
-pub(super) fn seen(camera: &Camera, discs: &Discs<'_>, [width, height]: [usize; 2]) -> Seeing {
+pub(super) fn seen(camera: &Camera, discs: &Discs<'_>, [width, height]: [usize; 2]) -> RenderedView {
     let mut heights = vec![f32::NEG_INFINITY; width * height];
     for sample in 0..discs.points.len() {
         cover(camera, discs, sample, [width, height], |pixel, height, _| heights[pixel] = heights[pixel].max(height));
@@ -136,12 +136,12 @@ pub(super) fn seen(camera: &Camera, discs: &Discs<'_>, [width, height]: [usize; 
             }
         });
     }
-    let pixel = |(height, (normals, colors, weights)): (f32, (Vec3, [f32; 3], f32))| Seen {
+    let pixel = |(height, (normals, colors, weights)): (f32, (Vec3, [f32; 3], f32))| PixelSample {
         height,
         normal: normals.normalize_or(Vec3::Z),
         color: colors.map(|sum| sum / weights.max(f32::MIN_POSITIVE)),
     };
-    Seeing { width, pixels: heights.into_iter().zip(sums).map(pixel).collect() }
+    RenderedView { width, pixels: heights.into_iter().zip(sums).map(pixel).collect() }
 }
 
 /// Calls `on` with each pixel that a disc covers: its number, the height there in pixels, and a weight that fades towards the rim.

@@ -62,12 +62,12 @@ pub enum Lookup {
     /// The object.
     Hit(Box<Baked>),
     /// Nothing of use: bake it, and give it to [`Cache::store`] with this.
-    Bake(Slot),
+    Bake(CacheSlot),
 }
 
 /// The place of an object that is being baked.
 #[derive(Debug)]
-pub struct Slot {
+pub struct CacheSlot {
     /// For the report.
     pub cache: CacheUse,
     /// `None`: do not store.
@@ -95,7 +95,7 @@ impl Cache {
         let since = Instant::now();
         // A mesh that cannot be read is refused by the bake, with its cause.
         let Some((folder, key)) = self.folder.as_ref().zip(request.key()) else {
-            return Lookup::Bake(Slot { cache: CacheUse::Off, key: None });
+            return Lookup::Bake(CacheSlot { cache: CacheUse::Off, key: None });
         };
         let path = folder::path(folder, &key);
         let refusal = match self.load(&path, key, request.role, most_bytes) {
@@ -112,7 +112,7 @@ impl Cache {
         let name = request.name;
         let what = match &refusal {
             Refusal::Io(error) if matches!(error.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => {
-                return Lookup::Bake(Slot { cache: CacheUse::Miss, key: Some(key) });
+                return Lookup::Bake(CacheSlot { cache: CacheUse::Miss, key: Some(key) });
             }
             Refusal::Io(_) => format!("cannot be read ({refusal}): {name} is baked anew"),
             Refusal::Newer { .. } => format!("was {refusal}: {name} is baked anew and the file left alone"),
@@ -121,7 +121,7 @@ impl Cache {
         };
         self.notes.push(format!("the cache file {} {what}", path.display()));
         let replace = !matches!(refusal, Refusal::Newer { .. });
-        Lookup::Bake(Slot { cache: CacheUse::Rebaked, key: replace.then_some(key) })
+        Lookup::Bake(CacheSlot { cache: CacheUse::Rebaked, key: replace.then_some(key) })
     }
 
     fn load(&self, path: &Path, key: Key, role: Role, most_bytes: u64) -> Result<Baked, Refusal> {
@@ -140,7 +140,7 @@ impl Cache {
     }
 
     /// Keeps a baked object. Never fails: what goes wrong is a note.
-    pub fn store(&mut self, slot: &Slot, request: &Request<'_>, baked: &Baked) {
+    pub fn store(&mut self, slot: &CacheSlot, request: &Request<'_>, baked: &Baked) {
         let Some((folder, key)) = self.folder.as_ref().zip(slot.key).filter(|_| self.may_write) else { return };
         // A mesh file that changed while it was being read may be neither the old one nor the new one.
         if request.key() != Some(key) {

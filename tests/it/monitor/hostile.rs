@@ -9,7 +9,7 @@ use crossbeam::channel::{Receiver, Sender, unbounded};
 use hapticd::config::{self, LoadOptions};
 use hapticd::daemon::session::SessionHandle;
 use hapticd::daemon::{Notice, Phase};
-use hapticd::monitor::{Bound, Hub, HubParts, Recorder, RecorderError, RecorderStatus};
+use hapticd::monitor::{BoundMonitor, Hub, HubParts, RecorderError, RecorderStatus, RecordingControl};
 use rt::clock::ClockKind;
 use rt::control::{Control, Order};
 use serde_json::json;
@@ -158,7 +158,7 @@ fn requests_that_wait_for_an_answer_are_counted_and_what_takes_force_away_is_not
         metrics: None,
     });
     hub.notice(&Notice::Phase(Phase::Enabled));
-    let bound = Bound::bind(([127, 0, 0, 1], 0).into(), None, Vec::new()).unwrap();
+    let bound = BoundMonitor::bind(([127, 0, 0, 1], 0).into(), None, Vec::new()).unwrap();
     let address = bound.address();
     let (monitor, _tap) = bound.serve(hub).unwrap();
     let mut client = Client::connect(address, "", &[]).unwrap();
@@ -190,7 +190,7 @@ impl StuckRecorder {
     }
 }
 
-impl Recorder for StuckRecorder {
+impl RecordingControl for StuckRecorder {
     fn start(&self, _: Option<&str>) -> Result<RecorderStatus, RecorderError> {
         let _ = self.0.recv();
         Err(RecorderError::State("the run is over".to_owned()))

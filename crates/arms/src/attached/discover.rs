@@ -1,6 +1,6 @@
 //! Which arms are attached, and what stands in their way.
 //!
-//! Data in: the [nodes](super::nodes) of the machine, the arms that profiles know, and the files below a [`Root`]. Data out: [`Attached`] nodes, and
+//! Data in: the [nodes](super::nodes) of the machine, the arms that profiles know, and the files below a [`Root`]. Data out: [`AttachedNode`] nodes, and
 //! [`Finding`]s with what to type. Nothing is opened and nothing is changed.
 
 use std::fs;
@@ -81,7 +81,7 @@ pub struct Holder {
 
 /// A node and what is known of it.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Attached {
+pub struct AttachedNode {
     /// The node.
     pub node: Node,
     /// This user may read and write it.
@@ -95,11 +95,11 @@ pub struct Attached {
 }
 
 /// Looks at every node. `may_use`: whether this user may read and write a path.
-pub fn attached(nodes: Vec<Node>, known: &[KnownArm], root: &Root, may_use: impl Fn(&Path) -> bool) -> Vec<Attached> {
+pub fn attached(nodes: Vec<Node>, known: &[KnownArm], root: &Root, may_use: impl Fn(&Path) -> bool) -> Vec<AttachedNode> {
     let names = |fits: &dyn Fn(&KnownArm) -> bool| -> Vec<String> {
         known.iter().filter(|arm| fits(arm)).map(|arm| arm.profile.clone()).collect()
     };
-    let look = |node: Node| Attached {
+    let look = |node: Node| AttachedNode {
         permitted: may_use(&node.path),
         holders: holders(root, &node.path),
         profiles: names(&|arm| arm.matching.admits(&node)),
@@ -169,7 +169,7 @@ pub fn modem_manager(root: &Root) -> Finding {
 }
 
 /// What stands in the way of one node that fits a profile, or that the user named.
-pub fn findings(attached: &Attached, root: &Root) -> Vec<Finding> {
+pub fn findings(attached: &AttachedNode, root: &Root) -> Vec<Finding> {
     let node = &attached.node;
     let path = node.path.display();
     let mut findings = Vec::new();

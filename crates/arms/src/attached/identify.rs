@@ -28,7 +28,7 @@ const DEVIATIONS: f64 = 2.0;
 
 /// What an axis is made of.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Made {
+pub struct AxisDynamics {
     /// Effective mass, kg.
     pub mass_kg: f64,
     /// Viscosity, N·s/m.
@@ -196,14 +196,14 @@ fn mean_and_spread(numbers: &[f64]) -> (f64, f64) {
 }
 
 /// What several trials of one axis say. `None`: in one of them it did not move, or nothing fits.
-pub(super) fn made_of(records: &[Record], period_s: f64) -> Option<Made> {
+pub(super) fn made_of(records: &[Record], period_s: f64) -> Option<AxisDynamics> {
     if !records.iter().all(has_moved) {
         return None;
     }
     let models = fit(records, period_s)?;
     let of = |idx: usize| mean_and_spread(&models.iter().map(|model| model.0[idx]).collect::<Vec<_>>());
     let ((mass_kg, mass_spread_kg), (damping, damping_spread), (coulomb_n, _)) = (of(0), of(1), of(2));
-    Some(Made {
+    Some(AxisDynamics {
         mass_kg,
         damping_n_s_per_m: damping,
         coulomb_n,

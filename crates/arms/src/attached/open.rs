@@ -155,7 +155,7 @@ pub enum LinkNews {
 }
 
 /// An arm that was opened.
-pub struct Opened {
+pub struct OpenedArm {
     /// The driver, ready for the loop.
     pub arm: WiredArm,
     /// The device node that it was opened at.
@@ -180,7 +180,7 @@ pub fn look_for(profile: &Profile, options: &OpenOptions) -> Result<(), OpenErro
 ///
 /// # Errors
 /// See [`OpenError`].
-pub fn open(profile: &Profile, options: &OpenOptions) -> Result<Opened, OpenError> {
+pub fn open(profile: &Profile, options: &OpenOptions) -> Result<OpenedArm, OpenError> {
     let real = profile.real.as_ref().ok_or_else(|| OpenError::Simulated { profile: profile.name.clone() })?;
     let connector = Connector::new(profile, real, options);
     open_with(connector, |io| wired_parameters(profile, real, options.period_s, io))
@@ -188,7 +188,7 @@ pub fn open(profile: &Profile, options: &OpenOptions) -> Result<Opened, OpenErro
 
 /// What was before a connection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Before {
+pub(crate) enum PreviousLink {
     /// Nothing.
     Nothing,
     /// A link that was lost, and the arm may have been without power.
@@ -200,7 +200,7 @@ pub(crate) enum Before {
 /// How to come to an arm, once and again.
 pub(crate) trait ConnectMethod: Send + 'static {
     /// Opens the link and starts the arm.
-    fn connect(&self, before: Before) -> Result<(PathBuf, Connection), OpenError>;
+    fn connect(&self, before: PreviousLink) -> Result<(PathBuf, Connection), OpenError>;
 
     /// What an arm that may have lost its power cannot know by itself.
     fn homing(&self) -> Option<String>;
@@ -213,8 +213,8 @@ pub(crate) trait ConnectMethod: Send + 'static {
 pub(crate) fn open_with(
     connector: impl ConnectMethod,
     parameters: impl FnOnce(IoPlacement) -> WiredParameters,
-) -> Result<Opened, OpenError> {
-    let (path, connection) = connector.connect(Before::Nothing)?;
+) -> Result<OpenedArm, OpenError> {
+    let (path, connection) = connector.connect(PreviousLink::Nothing)?;
     let (to_arm, fresh) = RingBuffer::new(1);
     let (spent, from_arm) = RingBuffer::new(1);
     let (teller, news) = bounded(NEWS);
@@ -228,7 +228,7 @@ pub(crate) fn open_with(
         .map_err(OpenError::Thread)?;
     let io = connection.link.io();
     let arm = WiredArm::new(connection, replacements, parameters(io));
-    Ok(Opened { arm, path, news })
+    Ok(OpenedArm { arm, path, news })
 }
 
 /// What the driver is told of a profile.
@@ -382,15 +382,15 @@ impl Connector {
 }
 
 impl ConnectMethod for Connector {
-    fn connect(&self, before: Before) -> Result<(PathBuf, Connection), OpenError> {
+    fn connect(&self, before: PreviousLink) -> Result<(PathBuf, Connection), OpenError> {
         let (path, mut link, carriage) = self.link()?;
         let mut codec = self.real.protocol.codec(carriage);
-        if before != Before::Nothing {
-            codec.started_before(before == Before::Silent);
+        if before != PreviousLink::Nothing {
+            codec.started_before(before == PreviousLink::Silent);
         }
         if let Err(cause) = codec.start(&mut *link) {
             // Zero on every failed start: the dialogue may have woken motors.
-            if before != Before::Nothing {
+            if before != PreviousLink::Nothing {
                 Connection { link, codec, guard: Ok(None) }.let_go();
             } else {
                 codec.finish(&mut *link);
@@ -425,7 +425,7 @@ fn reconnect_loop(
     teller: &Sender<LinkNews>,
 ) {
     let mut told: Option<LinkNews> = None;
-    let mut looks_for: Option<Before> = None;
+    let mut looks_for: Option<PreviousLink> = None;
     let mut tell = |news: LinkNews| {
         if told.as_ref() != Some(&news) {
             // The receiver may be gone or slow: news are for display only.
@@ -437,7 +437,7 @@ fn reconnect_loop(
         if let Ok(lost) = from_arm.pop() {
             // Once: an arm that is there and does not start is not lost again with each try.
             tell(LinkNews::Lost);
-            looks_for = Some(if lost.let_go() { Before::Silent } else { Before::Unplugged });
+            looks_for = Some(if lost.let_go() { PreviousLink::Silent } else { PreviousLink::Unplugged });
         }
         if let Some(before) = looks_for {
             match connector.connect(before) {
@@ -450,7 +450,7 @@ fn reconnect_loop(
                     tell(LinkNews::Back { node: path, homing: connector.homing() });
                     unguarded.map(&mut tell);
                 }
-                Err(error) if connector.is_absent(&error) => looks_for = Some(Before::Unplugged),
+                Err(error) if connector.is_absent(&error) => looks_for = Some(PreviousLink::Unplugged),
                 Err(error) => tell(LinkNews::Fails(error.to_string())),
             }
         }

@@ -8,7 +8,7 @@ use core::time::Duration;
 
 use glam::DVec3;
 
-use super::identify::{Made, Record, made_of};
+use super::identify::{AxisDynamics, Record, made_of};
 use crate::profile::{Profile, UNACTUATED_FORCE_N};
 use crate::{Device, DeviceError};
 use rt::clock::Clock;
@@ -49,11 +49,11 @@ const SHAKE_HZ: [f64; 4] = [1.7, 3.1, 5.3, 9.7];
 
 /// Why a trial ended before its time. The arm was told to stop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Ended {
+pub enum ProbeEnd {
     /// The arm failed.
     Device(DeviceError),
     /// The caller asked for it.
-    Told,
+    Interrupted,
     /// The arm does not know its zero, or sends nothing that would say so: nothing is pushed.
     NotHomed,
     /// The arm reports this error, with which none pushes.
@@ -66,7 +66,7 @@ pub enum Ended {
     Moves(u32, u32),
 }
 
-impl From<DeviceError> for Ended {
+impl From<DeviceError> for ProbeEnd {
     fn from(error: DeviceError) -> Self {
         Self::Device(error)
     }
@@ -150,7 +150,7 @@ impl<'a, C: Clock> Trial<'a, C> {
 
 /// What is to be found out of an arm.
 #[derive(Clone, Copy, Debug)]
-pub struct Plan {
+pub struct ProbePlan {
     /// How long to listen.
     pub listen: Duration,
     /// Check the signs with such pushes.
@@ -161,19 +161,19 @@ pub struct Plan {
 
 /// What was found of an arm, as far as the trial came.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Found {
+pub struct ProbeResult {
     /// How it answers.
     pub answers: Answers,
     /// Where x, y, z, rx, ry and rz go when they are pushed; `None`: not pushed.
     pub signs: [Option<Sign>; 6],
     /// What x, y and z are made of.
-    pub made: [Option<Made>; 3],
+    pub made: [Option<AxisDynamics>; 3],
 }
 
 /// What comes next, and wants hands on the grip or off it: nothing is pushed until the person who is [asked](Trial::asking) says so, and for two seconds
 /// after that.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Step {
+pub enum ProbeStep {
     /// The sign check.
     Signs,
     /// The identification.
@@ -183,24 +183,24 @@ pub enum Step {
 /// Tries an arm out, from listening to shaking. `found` holds what there is, whatever the end.
 ///
 /// # Errors
-/// The trial ended before its time: see [`Ended`].
+/// The trial ended before its time: see [`ProbeEnd`].
 pub fn try_out(
     device: &mut dyn Device,
     trial: &mut Trial<'_, impl Clock>,
-    plan: &Plan,
-    found: &mut Found,
-    mut tell: impl FnMut(Step),
-) -> Result<(), Ended> {
+    plan: &ProbePlan,
+    found: &mut ProbeResult,
+    mut tell: impl FnMut(ProbeStep),
+) -> Result<(), ProbeEnd> {
     listen(device, trial, plan.listen, &mut found.answers)?;
     if let Some(push) = &plan.push {
         trial.hold_back();
-        tell(Step::Signs);
+        tell(ProbeStep::Signs);
         stand_by(device, trial)?;
         check_signs(device, trial, push, &mut found.signs)?;
     }
     if plan.identify {
         trial.hold_back();
-        tell(Step::Identify);
+        tell(ProbeStep::Identify);
         stand_by(device, trial)?;
         identify(device, trial, &mut found.made)?;
     }
@@ -208,7 +208,7 @@ pub fn try_out(
 }
 
 /// Waits for hands to come or go, and for a reason to push nothing.
-fn stand_by(device: &mut dyn Device, trial: &mut Trial<'_, impl Clock>) -> Result<(), Ended> {
+fn stand_by(device: &mut dyn Device, trial: &mut Trial<'_, impl Clock>) -> Result<(), ProbeEnd> {
     if let Some(go) = trial.go {
         let mut bench = Bench::new(device, trial);
         while !go.load(Ordering::Relaxed) {
@@ -218,8 +218,8 @@ fn stand_by(device: &mut dyn Device, trial: &mut Trial<'_, impl Clock>) -> Resul
     let mut stood = Answers::default();
     listen(device, trial, BEFORE_FORCE, &mut stood)?;
     match stood {
-        Answers { error: 1.., .. } => Err(Ended::Reports(stood.error)),
-        Answers { homed: false, .. } => Err(Ended::NotHomed),
+        Answers { error: 1.., .. } => Err(ProbeEnd::Reports(stood.error)),
+        Answers { homed: false, .. } => Err(ProbeEnd::NotHomed),
         _ => Ok(()),
     }
 }
@@ -276,17 +276,17 @@ impl<'a, 'q, C: Clock> Bench<'a, 'q, C> {
     }
 
     /// One tick: the sample, then the wrench; limited here once more.
-    fn tick(&mut self, wrench: Wrench) -> Result<DeviceSample, Ended> {
+    fn tick(&mut self, wrench: Wrench) -> Result<DeviceSample, ProbeEnd> {
         let period_ns = ((self.trial.period_s * 1e9) as i64).max(1);
         // A tick that took too long is not made up for.
         self.deadline_ns = (self.deadline_ns + period_ns).max(self.trial.clock.now_ns());
         self.trial.clock.sleep_until(self.deadline_ns);
         if self.trial.quit.load(Ordering::Relaxed) {
-            return Err(Ended::Told);
+            return Err(ProbeEnd::Interrupted);
         }
         let gap_ns = self.trial.last_command_ns.map_or(0, |last_ns| self.trial.clock.now_ns() - last_ns);
         if gap_ns > STALL_NS && self.made != Wrench::ZERO {
-            return Err(Ended::Stalled(gap_ns.unsigned_abs() / 1_000_000));
+            return Err(ProbeEnd::Stalled(gap_ns.unsigned_abs() / 1_000_000));
         }
         let sample = match self.device.read() {
             Err(DeviceError::Packet) => DeviceSample { corrupt_packets: 1, ..DeviceSample::default() },
@@ -295,7 +295,7 @@ impl<'a, 'q, C: Clock> Bench<'a, 'q, C> {
         let force = wrench.force.clamp_length_max(FORCE_MAX_N);
         let written = self.device.write(&Wrench::new(force, wrench.torque.clamp_length_max(self.trial.torque_max_nm)));
         self.made = match written {
-            Err(DeviceError::Stalled) => return Err(Ended::Stalled(gap_ns.unsigned_abs() / 1_000_000)),
+            Err(DeviceError::Stalled) => return Err(ProbeEnd::Stalled(gap_ns.unsigned_abs() / 1_000_000)),
             made => made?,
         };
         self.trial.commanded();
@@ -303,7 +303,7 @@ impl<'a, 'q, C: Clock> Bench<'a, 'q, C> {
     }
 
     /// `n` ticks under a zero command, in which the grip may move as it did, but not start to. Gives where it is then.
-    fn rest(&mut self, n: u32) -> Result<Pose, Ended> {
+    fn rest(&mut self, n: u32) -> Result<Pose, ProbeEnd> {
         let (mut pose, mut most) = (Pose::IDENTITY, [f64::INFINITY; 2]);
         for _ in 0..n {
             let sample = self.push(Wrench::ZERO, most)?;
@@ -324,22 +324,22 @@ impl<'a, 'q, C: Clock> Bench<'a, 'q, C> {
     }
 
     /// A tick of a push, as long as the arm can be pushed and is not faster than `most`, m/s and rad/s.
-    fn push(&mut self, wrench: Wrench, most: [f64; 2]) -> Result<DeviceSample, Ended> {
+    fn push(&mut self, wrench: Wrench, most: [f64; 2]) -> Result<DeviceSample, ProbeEnd> {
         let sample = self.tick(wrench)?;
         let speeds = self.speeds(&sample);
         if sample.status == SampleStatus::Fresh && (speeds[0] > most[0] || speeds[1] > most[1]) {
             let [mm_per_s, mrad_per_s] = speeds.map(|speed| (speed * 1e3) as u32);
-            return Err(Ended::Moves(mm_per_s, mrad_per_s));
+            return Err(ProbeEnd::Moves(mm_per_s, mrad_per_s));
         }
         let capabilities = self.device.capabilities();
         let gap_ms = self.trial.longest_gap_ns.unsigned_abs() / 1_000_000;
         let patience_ms = capabilities.watchdog_ms.map(|watchdog_ms| WATCHDOG_SHARE * f64::from(watchdog_ms));
         if capabilities.watchdog_latched && patience_ms.is_some_and(|patience_ms| gap_ms as f64 > patience_ms) {
-            return Err(Ended::Watchdog(gap_ms));
+            return Err(ProbeEnd::Watchdog(gap_ms));
         }
         match (sample.status, sample.device_error, sample.homed) {
-            (SampleStatus::Fresh, error @ 1.., _) => Err(Ended::Reports(error)),
-            (SampleStatus::Fresh, _, false) => Err(Ended::NotHomed),
+            (SampleStatus::Fresh, error @ 1.., _) => Err(ProbeEnd::Reports(error)),
+            (SampleStatus::Fresh, _, false) => Err(ProbeEnd::NotHomed),
             _ => Ok(sample),
         }
     }
@@ -362,7 +362,7 @@ pub(crate) fn listen(
     trial: &mut Trial<'_, impl Clock>,
     duration: Duration,
     answers: &mut Answers,
-) -> Result<(), Ended> {
+) -> Result<(), ProbeEnd> {
     let n = (duration.as_secs_f64() / trial.period_s) as u64;
     let mut bench = Bench::new(device, trial);
     let mut silence = 0;
@@ -399,7 +399,7 @@ const LOOK_NS: i64 = 20_000;
 ///
 /// # Errors
 /// The arm was lost, or the caller asked for an end.
-pub fn round_trips(device: &mut dyn Device, trial: &mut Trial<'_, impl Clock>, duration: Duration) -> Result<Vec<u64>, Ended> {
+pub fn round_trips(device: &mut dyn Device, trial: &mut Trial<'_, impl Clock>, duration: Duration) -> Result<Vec<u64>, ProbeEnd> {
     let n = (duration.as_secs_f64() / trial.period_s) as usize;
     let mut bench = Bench::new(device, trial);
     let mut trips_us = Vec::with_capacity(n);
@@ -420,7 +420,7 @@ pub fn round_trips(device: &mut dyn Device, trial: &mut Trial<'_, impl Clock>, d
                 break;
             }
             if bench.trial.quit.load(Ordering::Relaxed) {
-                return Err(Ended::Told);
+                return Err(ProbeEnd::Interrupted);
             }
         }
     }
@@ -436,7 +436,7 @@ pub(crate) fn check_signs(
     trial: &mut Trial<'_, impl Clock>,
     push: &Push,
     signs: &mut [Option<Sign>; 6],
-) -> Result<(), Ended> {
+) -> Result<(), ProbeEnd> {
     let actuated = device.capabilities().actuated;
     let n = (SIGN_S / trial.period_s) as u32;
     // Whatever the profile says of them: that is what is tried.
@@ -483,8 +483,8 @@ pub(crate) fn check_signs(
 pub(crate) fn identify(
     device: &mut dyn Device,
     trial: &mut Trial<'_, impl Clock>,
-    made: &mut [Option<Made>; 3],
-) -> Result<(), Ended> {
+    made: &mut [Option<AxisDynamics>; 3],
+) -> Result<(), ProbeEnd> {
     let mut records: [Vec<Record>; 3] = Default::default();
     let ended = shake_all(device, trial, &mut records);
     // Only now: a fit takes longer than the watchdog of some arms waits.
@@ -494,7 +494,7 @@ pub(crate) fn identify(
     ended
 }
 
-fn shake_all(device: &mut dyn Device, trial: &mut Trial<'_, impl Clock>, records: &mut [Vec<Record>; 3]) -> Result<(), Ended> {
+fn shake_all(device: &mut dyn Device, trial: &mut Trial<'_, impl Clock>, records: &mut [Vec<Record>; 3]) -> Result<(), ProbeEnd> {
     let actuated = device.capabilities().actuated;
     for (idx, records) in records.iter_mut().enumerate().filter(|(idx, _)| actuated.has(*idx)) {
         for shake in 0..SHAKES {
@@ -505,7 +505,7 @@ fn shake_all(device: &mut dyn Device, trial: &mut Trial<'_, impl Clock>, records
 }
 
 /// One trial along an axis. Each has other phases, so that they are not wrong in the same way.
-fn shaken(device: &mut dyn Device, trial: &mut Trial<'_, impl Clock>, axis: DVec3, shake: usize) -> Result<Record, Ended> {
+fn shaken(device: &mut dyn Device, trial: &mut Trial<'_, impl Clock>, axis: DVec3, shake: usize) -> Result<Record, ProbeEnd> {
     let period_s = trial.period_s;
     let n = (SHAKE_S / period_s) as usize;
     let mut record = Record { forces_n: Vec::with_capacity(n), ways_m: Vec::with_capacity(n), delay_ticks: 0 };

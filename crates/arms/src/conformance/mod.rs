@@ -7,7 +7,7 @@ mod wrong_signs;
 use glam::DVec3;
 
 use crate::testing::HELD_M;
-use crate::testing::rig::{Rig, Trouble, every_arm, turned_arm};
+use crate::testing::rig::{InjectedFault, Rig, every_arm, turned_arm};
 use crate::{DeviceError, Pacing};
 use vps::spatial::{Axes, DeviceSample, SampleStatus, Wrench};
 
@@ -84,7 +84,7 @@ fn assert_felt(rig: &dyn Rig, felt: &Wrench, answer: &Answer) {
 #[test]
 fn a_sample_is_fresh_when_a_report_came_and_is_counted_then() {
     for make in every_arm() {
-        let mut rig = make(None, Trouble::None);
+        let mut rig = make(None, InjectedFault::None);
         let (name, is_simulated) = (rig.name(), rig.profile().real.is_none());
         let before = rig.device().capabilities();
         let mut sequence = 0;
@@ -128,7 +128,7 @@ fn assert_pose(rig: &mut dyn Rig) {
 #[test]
 fn a_resting_arm_says_where_it_is() {
     for make in every_arm() {
-        let mut rig = make(Some(HELD_M), Trouble::None);
+        let mut rig = make(Some(HELD_M), InjectedFault::None);
         if !rig.is_rate_input() {
             assert_pose(&mut *rig);
         }
@@ -140,7 +140,7 @@ fn a_resting_arm_says_where_it_is() {
 fn a_push_moves_the_grip_its_way_where_there_is_a_motor() {
     for make in every_arm() {
         for (idx, axis) in DVec3::AXES.into_iter().enumerate() {
-            let mut rig = make(None, Trouble::None);
+            let mut rig = make(None, InjectedFault::None);
             let (name, actuated) = (rig.name(), rig.profile().actuated);
             rig.device().set_enabled(true);
             ticks(&mut *rig, 5, Wrench::ZERO);
@@ -163,7 +163,7 @@ fn a_push_moves_the_grip_its_way_where_there_is_a_motor() {
 #[test]
 fn the_answer_is_what_the_motors_make() {
     for make in every_arm() {
-        let mut rig = make(Some(HELD_M), Trouble::None);
+        let mut rig = make(Some(HELD_M), InjectedFault::None);
         let (name, actuated) = (rig.name(), rig.profile().actuated);
         let limits = rig.profile().limits;
         rig.device().set_enabled(true);
@@ -196,7 +196,7 @@ fn the_answer_is_what_the_motors_make() {
 #[test]
 fn what_is_not_a_number_and_a_stop_leave_nothing_on_the_motors() {
     for make in every_arm() {
-        let mut rig = make(Some(HELD_M), Trouble::None);
+        let mut rig = make(Some(HELD_M), InjectedFault::None);
         let (name, actuated) = (rig.name(), rig.profile().actuated);
         rig.device().set_enabled(true);
         let is_pushed = |rig: &mut dyn Rig| {
@@ -240,7 +240,7 @@ fn what_is_not_a_number_and_a_stop_leave_nothing_on_the_motors() {
 fn a_lost_arm_stays_lost_until_it_is_plugged_in_again() {
     for make in every_arm() {
         for cut_before_write in [false, true] {
-            let mut rig = make(Some(HELD_M), Trouble::Cut);
+            let mut rig = make(Some(HELD_M), InjectedFault::Cut);
             let (name, actuated) = (rig.name(), rig.profile().actuated);
             let before = rig.device().capabilities();
             rig.device().set_enabled(true);
@@ -290,7 +290,7 @@ fn a_lost_arm_stays_lost_until_it_is_plugged_in_again() {
 #[test]
 fn what_is_garbled_is_counted_and_got_over() {
     for make in every_arm() {
-        let mut rig = make(Some(HELD_M), Trouble::Cropped);
+        let mut rig = make(Some(HELD_M), InjectedFault::Cropped);
         let name = rig.name();
         if rig.is_rate_input() {
             continue;
@@ -321,7 +321,7 @@ fn what_is_garbled_is_counted_and_got_over() {
 #[test]
 fn one_command_is_under_way_however_late_the_answer_is() {
     for make in every_arm() {
-        let mut rig = make(None, Trouble::Late);
+        let mut rig = make(None, InjectedFault::Late);
         let name = rig.name();
         if rig.device().capabilities().pacing != Pacing::PingPong || rig.profile().real.is_none() {
             continue;

@@ -4,9 +4,9 @@ use core::sync::atomic::AtomicBool;
 use core::time::Duration;
 
 use super::wrong_signs::InStep;
-use crate::attached::probe::{self, Answers, Ended, Found, Plan, Push, Sign, Trial};
+use crate::attached::probe::{self, Answers, ProbeEnd, ProbePlan, ProbeResult, Push, Sign, Trial};
 use crate::testing::Timed;
-use crate::testing::rig::{Trouble, every_arm_as_shipped};
+use crate::testing::rig::{InjectedFault, every_arm_as_shipped};
 use rt::clock::{Clock, VirtualClock};
 use vps::spatial::Axes;
 
@@ -16,7 +16,7 @@ use vps::spatial::Axes;
 fn an_arm_on_a_wire_is_identified() {
     let quit = AtomicBool::new(false);
     for make in every_arm_as_shipped() {
-        let rig = make(None, Trouble::None);
+        let rig = make(None, InjectedFault::None);
         let (name, plant) = (rig.name(), rig.profile().plant);
         if !["novint-falcon", "haply-2diy", "woodenhaptics-v15", "open6-serial"].contains(&name.as_str()) {
             continue;
@@ -38,7 +38,7 @@ fn every_arm_with_motors_is_tried_out_from_listening_to_shaking() {
     let quit = AtomicBool::new(false);
     let mut n_turned = 0;
     for make in every_arm_as_shipped() {
-        let rig = make(None, Trouble::None);
+        let rig = make(None, InjectedFault::None);
         let profile = rig.profile().clone();
         if profile.actuated == Axes::NONE || profile.real.is_none() {
             continue;
@@ -49,8 +49,8 @@ fn every_arm_with_motors_is_tried_out_from_listening_to_shaking() {
         let mut trial = Trial::new(arm.clone(), period_s, &quit).with_torque(probe::torque_max_nm(&profile));
         // A fit takes long; what it must not do is to let a watchdog trip, and every kind of link and of watchdog is here.
         let identify = ["leader-arm-6", "open6-serial", "woodenhaptics-v15", "hapkit"].contains(&name.as_str());
-        let plan = Plan { listen: Duration::from_millis(200), push: Some(Push::of(&profile)), identify };
-        let mut found = Found::default();
+        let plan = ProbePlan { listen: Duration::from_millis(200), push: Some(Push::of(&profile)), identify };
+        let mut found = ProbeResult::default();
         assert_eq!(probe::try_out(&mut arm, &mut trial, &plan, &mut found, |_| {}), Ok(()), "{name}: {found:?}");
         for axis_idx in 0..6 {
             let expected = profile.actuated.has(axis_idx).then_some(Sign::Right);
@@ -68,7 +68,7 @@ fn every_arm_with_motors_is_tried_out_from_listening_to_shaking() {
 fn an_arm_that_was_left_alone_for_too_long_is_not_said_to_stand_still() {
     let quit = AtomicBool::new(false);
     for make in every_arm_as_shipped() {
-        let rig = make(None, Trouble::None);
+        let rig = make(None, InjectedFault::None);
         if rig.name() != "leader-arm-6" {
             continue;
         }
@@ -80,6 +80,6 @@ fn an_arm_that_was_left_alone_for_too_long_is_not_said_to_stand_still() {
         trial.clock.sleep_until(now_ns + 60_000_000);
         let mut signs = [None; 6];
         let ended = probe::check_signs(&mut arm, &mut trial, &push, &mut signs);
-        assert_eq!((ended, signs), (Err(Ended::Watchdog(61)), [None; 6]));
+        assert_eq!((ended, signs), (Err(ProbeEnd::Watchdog(61)), [None; 6]));
     }
 }

@@ -6,13 +6,13 @@ use glam::DQuat;
 
 use super::linkage::Linkage;
 use super::tally::{MockReport, Tally};
-use super::trace::Felt;
+use super::trace::TraceSample;
 use crate::kinematics::Kinematics;
 use crate::motor_stage::RISE_S;
 use crate::profile::Plant;
 use crate::protocol::{ArmReadings, Firmware, MAX_AXES, Outbox};
-use crate::simulated::dice::Dice;
 use crate::simulated::fault::{FaultKind, FaultPlan, JUMP_M};
+use crate::simulated::split_mix::SplitMix64;
 use crate::simulated::{GripPlant, HandParameters, SimError, saturated};
 use crate::transmission::Transmission;
 use vps::spatial::{Axes, Wrench};
@@ -60,7 +60,7 @@ pub struct MockArm {
     stuck_at: Option<ArmReadings>,
     /// What `skip` has still to lose.
     skips: Option<u16>,
-    dice: Dice,
+    random: SplitMix64,
     /// Wrenches under way from the firmware to the motors.
     delay_line: VecDeque<Wrench>,
     /// When the host first spoke, s of the caller's clock.
@@ -94,7 +94,7 @@ impl MockArm {
                 FaultKind::Skip { samples } => Some(samples),
                 _ => None,
             }),
-            dice: Dice::new(parameters.seed),
+            random: SplitMix64::new(parameters.seed),
             delay_line: VecDeque::new(),
             first_frame_s: None,
             outgoing: VecDeque::new(),
@@ -239,7 +239,7 @@ impl MockArm {
         let is_silent = self.has(now_s, |kind| matches!(kind, FaultKind::Stall | FaultKind::Unplug)).is_some();
         for mut frame in core::mem::take(&mut self.answers) {
             let lost = match self.has(now_s, |kind| matches!(kind, FaultKind::Drop { .. })) {
-                Some(FaultKind::Drop { probability }) => self.dice.roll() < probability,
+                Some(FaultKind::Drop { probability }) => self.random.unit() < probability,
                 _ => false,
             };
             if is_silent || lost {
@@ -248,7 +248,7 @@ impl MockArm {
             }
             if self.has(now_s, |kind| *kind == FaultKind::Garbage).is_some() {
                 for byte in &mut frame {
-                    *byte = (self.dice.roll() * 256.0) as u8;
+                    *byte = (self.random.unit() * 256.0) as u8;
                 }
             }
             if self.has(now_s, |kind| *kind == FaultKind::Truncate).is_some() {
@@ -304,10 +304,10 @@ impl MockArm {
     }
 
     /// What it feels now, for a trace.
-    pub(super) fn felt(&self, now_s: f64) -> Felt {
+    pub(super) fn trace_sample(&self, now_s: f64) -> TraceSample {
         let MockReport { last_command, frames_received, late_periods, .. } = &self.tally.report;
         let wrench = Wrench::from(*last_command);
-        Felt {
+        TraceSample {
             force_n: wrench.force.length(),
             torque_nm: wrench.torque.length(),
             frames: *frames_received,

@@ -25,20 +25,20 @@ pub struct Serving {
 
 /// Why serving ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Ended {
+pub enum ServeEnd {
     /// It was told to.
-    Told,
+    Interrupted,
     /// The time is over.
     Duration,
     /// The host has gone.
     HostGone,
 }
 
-impl Ended {
+impl ServeEnd {
     /// Word for reports.
     pub const fn name(self) -> &'static str {
         match self {
-            Self::Told => "interrupted",
+            Self::Interrupted => "interrupted",
             Self::Duration => "duration",
             Self::HostGone => "host-gone",
         }
@@ -55,7 +55,7 @@ pub fn serve(
     serving: Serving,
     mut trace: Option<&mut Trace>,
     mut quit: impl FnMut() -> bool,
-) -> Result<Ended, LinkError> {
+) -> Result<ServeEnd, LinkError> {
     let period_ns = (serving.period_s * 1e9) as i64;
     let start_ns = monotonic_ns();
     let mut deadline_ns = start_ns;
@@ -67,13 +67,13 @@ pub fn serve(
         let now_ns = monotonic_ns();
         let now_s = (now_ns - start_ns) as f64 * 1e-9;
         if quit() {
-            return Ok(Ended::Told);
+            return Ok(ServeEnd::Interrupted);
         }
         if serving.duration.is_some_and(|duration| now_s >= duration.as_secs_f64()) {
-            return Ok(Ended::Duration);
+            return Ok(ServeEnd::Duration);
         }
         if serving.until_host_gone && link.is_host_gone() && !was_gone && !is_unplugged {
-            return Ok(Ended::HostGone);
+            return Ok(ServeEnd::HostGone);
         }
         was_gone &= link.is_host_gone();
         if arm.is_unplugged(now_s) != is_unplugged {
@@ -95,7 +95,7 @@ pub fn serve(
             arm.advance((deadline_ns - start_ns) as f64 * 1e-9);
             deadline_ns += period_ns;
             if let Some(trace) = &mut trace {
-                trace.note(monotonic_ns(), &arm.felt(now_s));
+                trace.note(monotonic_ns(), &arm.trace_sample(now_s));
             }
         }
         let is_deaf = arm.is_deaf(now_s);

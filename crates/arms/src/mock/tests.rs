@@ -10,7 +10,7 @@ use super::arm::{MockArm, MockParameters};
 use super::link::{ArmLink, Loopback};
 use super::linkage::Linkage;
 use super::pty::Pty;
-use super::serve::{Ended, Serving, serve};
+use super::serve::{ServeEnd, Serving, serve};
 use super::trace::Trace;
 use crate::Device;
 use crate::kinematics::{Capstan, Configuration, Kinematics};
@@ -321,7 +321,7 @@ fn it_serves_a_host_over_a_pty_until_that_has_gone() {
     let mut arm = mock(&[]);
     let serving = Serving { period_s: T, duration: Some(Duration::from_secs(20)), until_host_gone: true };
     let ended = serve(&mut arm, &mut pty, serving, None, || false).expect("served");
-    assert_eq!(ended, Ended::HostGone);
+    assert_eq!(ended, ServeEnd::HostGone);
     let replies = host.join().expect("no panic");
     let report = arm.report();
     assert!(replies >= 90 * 24 && report.frames_sent >= 90, "{replies} bytes, {report:?}");
@@ -335,7 +335,7 @@ fn a_plug_that_is_pulled_in_memory_is_out() {
     let mut arm = mock(&["unplug@20ms"]);
     host.send(&command(DVec3::X)).expect("open");
     let serving = Serving { period_s: T, duration: Some(Duration::from_millis(60)), until_host_gone: false };
-    assert_eq!(serve(&mut arm, &mut link, serving, None, || false).expect("served"), Ended::Duration);
+    assert_eq!(serve(&mut arm, &mut link, serving, None, || false).expect("served"), ServeEnd::Duration);
     assert!(host.send(&command(DVec3::X)).is_err());
     assert_eq!(arm.report().watchdog_trips, 1);
 }
@@ -361,7 +361,7 @@ fn a_deaf_arm_leaves_what_it_is_told_in_the_tty_and_hears_it_when_it_wakes() {
         drop(link);
     });
     let serving = Serving { period_s: T, duration: Some(Duration::from_secs(20)), until_host_gone: true };
-    assert_eq!(serve(&mut arm, &mut pty, serving, Some(&mut trace), || false).expect("served"), Ended::HostGone);
+    assert_eq!(serve(&mut arm, &mut pty, serving, Some(&mut trace), || false).expect("served"), ServeEnd::HostGone);
     host.join().expect("no panic");
     let report = arm.report();
     assert!((report.largest_force_n - 3.0).abs() < 1e-6, "what was written meanwhile is read at last: {report:?}");

@@ -15,7 +15,7 @@ const QUIET: u64 = 100;
 
 /// What is traced.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Felt {
+pub(super) struct TraceSample {
     /// Of the motors, N.
     pub(super) force_n: f64,
     /// Of the motors, N·m.
@@ -32,7 +32,7 @@ pub(super) struct Felt {
 #[derive(Debug)]
 pub struct Trace {
     file: File,
-    last: Option<Felt>,
+    last: Option<TraceSample>,
     /// Periods since the last line.
     quiet: u64,
     left: u64,
@@ -51,17 +51,17 @@ impl Trace {
     }
 
     /// One period. What is written can be read at once.
-    pub(super) fn note(&mut self, now_ns: i64, felt: &Felt) {
+    pub(super) fn note(&mut self, now_ns: i64, sample: &TraceSample) {
         let is_news = self.last.is_none_or(|last| {
-            let same = Felt { frames: last.frames, late: last.late, ..*felt };
-            same != last || (last.frames == 0) != (felt.frames == 0)
+            let same = TraceSample { frames: last.frames, late: last.late, ..*sample };
+            same != last || (last.frames == 0) != (sample.frames == 0)
         });
         self.quiet += 1;
         if !is_news && self.quiet < QUIET || self.ended.is_some() {
             return;
         }
-        (self.last, self.quiet) = (Some(*felt), 0);
-        let Felt { force_n, torque_nm, frames, late, wrong } = felt;
+        (self.last, self.quiet) = (Some(*sample), 0);
+        let TraceSample { force_n, torque_nm, frames, late, wrong } = sample;
         let line = format!("{now_ns},{force_n:.4},{torque_nm:.5},{frames},{late},{wrong}\n");
         self.left -= 1;
         self.ended = match self.file.write_all(line.as_bytes()) {
@@ -85,16 +85,16 @@ mod tests {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("trace.csv");
         let mut trace = Trace::create(&path).expect("made");
-        let felt = Felt { force_n: 0.0, torque_nm: 0.0, frames: 0, late: 0, wrong: 0 };
-        trace.note(1, &felt);
-        trace.note(2, &Felt { late: 1, ..felt });
-        trace.note(3, &Felt { frames: 4, late: 1, ..felt });
-        trace.note(4, &Felt { frames: 5, late: 1, ..felt });
-        trace.note(5, &Felt { force_n: 1.25, frames: 6, late: 1, ..felt });
-        trace.note(6, &Felt { force_n: 1.25, frames: 7, late: 1, wrong: 1, ..felt });
-        trace.note(7, &Felt { frames: 7, late: 1, wrong: 1, ..felt });
+        let sample = TraceSample { force_n: 0.0, torque_nm: 0.0, frames: 0, late: 0, wrong: 0 };
+        trace.note(1, &sample);
+        trace.note(2, &TraceSample { late: 1, ..sample });
+        trace.note(3, &TraceSample { frames: 4, late: 1, ..sample });
+        trace.note(4, &TraceSample { frames: 5, late: 1, ..sample });
+        trace.note(5, &TraceSample { force_n: 1.25, frames: 6, late: 1, ..sample });
+        trace.note(6, &TraceSample { force_n: 1.25, frames: 7, late: 1, wrong: 1, ..sample });
+        trace.note(7, &TraceSample { frames: 7, late: 1, wrong: 1, ..sample });
         for n in 8..8 + QUIET as i64 {
-            trace.note(n, &Felt { frames: 9, late: 1, wrong: 1, ..felt });
+            trace.note(n, &TraceSample { frames: 9, late: 1, wrong: 1, ..sample });
         }
         let text = std::fs::read_to_string(&path).expect("text");
         let lines: Vec<&str> = text.lines().collect();
@@ -119,7 +119,7 @@ mod tests {
         let path = folder.path().join("trace.csv");
         let mut trace = Trace { left: 2, ..Trace::create(&path).expect("made") };
         for n in 0..5 {
-            trace.note(n, &Felt { force_n: n as f64, torque_nm: 0.0, frames: 1, late: 0, wrong: 0 });
+            trace.note(n, &TraceSample { force_n: n as f64, torque_nm: 0.0, frames: 1, late: 0, wrong: 0 });
         }
         assert_eq!(std::fs::read_to_string(&path).expect("text").lines().count(), 3);
         assert!(trace.ended().is_some_and(|error| error.to_string().contains("no more are written")));

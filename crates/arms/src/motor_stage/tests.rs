@@ -42,11 +42,11 @@ impl Arm {
         Self::at(&profile, 0).expect("at home")
     }
 
-    fn tick(&mut self, force: DVec3) -> Made {
+    fn tick(&mut self, force: DVec3) -> MotorWrenches {
         self.write(Wrench::new(force, DVec3::ZERO), true)
     }
 
-    fn write(&mut self, wrench: Wrench, enabled: bool) -> Made {
+    fn write(&mut self, wrench: Wrench, enabled: bool) -> MotorWrenches {
         let Self { parameters, configuration, joints, rates, twist, stage, sent } = self;
         let motion = Motion { configuration, joints, rates, twist: *twist };
         let (command, made) = stage.command(parameters, &motion, &wrench, enabled, sent.moves_nothing());
@@ -56,7 +56,7 @@ impl Arm {
         made
     }
 
-    fn settled(&mut self, force: DVec3) -> Made {
+    fn settled(&mut self, force: DVec3) -> MotorWrenches {
         (0..200).map(|_| self.tick(force)).last().expect("ticks")
     }
 
@@ -134,7 +134,9 @@ fn what_is_no_number_and_force_that_is_off_move_nothing() {
             arm.settled(DVec3::new(0.3, 0.2, 0.0));
             assert!(!arm.sent.moves_nothing(), "{name}");
         };
-        let rests = |arm: &Arm, made: Made| assert!(arm.sent.moves_nothing() && made == Made::default(), "{name}: {made:?}");
+        let rests = |arm: &Arm, made: MotorWrenches| {
+            assert!(arm.sent.moves_nothing() && made == MotorWrenches::default(), "{name}: {made:?}")
+        };
         for odd in [f64::NAN, f64::INFINITY] {
             is_driven(&mut arm);
             let made = arm.tick(DVec3::X * odd);
@@ -164,7 +166,7 @@ fn the_sum_of_all_changes_by_a_tenth_of_the_limit_in_a_ms() {
             let limit_n = if is_verified { arm.parameters.limits.force_n } else { arm.parameters.unverified_limits.force_n };
             let mut before = Wrench::ZERO;
             for n in 0..600 {
-                let Made { command, beside } = arm.tick(DVec3::Y * if n / 100 % 2 == 0 { 1e3 } else { -1e3 });
+                let MotorWrenches { command, beside } = arm.tick(DVec3::Y * if n / 100 % 2 == 0 { 1e3 } else { -1e3 });
                 let made = command + beside;
                 let step_n = (made.force - before.force).length();
                 assert!(step_n <= 0.1 * limit_n * (1.0 + 1e-6), "{name}, tick {n}: {step_n} N");
@@ -201,7 +203,7 @@ fn the_power_of_the_motors_has_one_ceiling_for_every_source() {
     let still = arm.settled(DVec3::Y * 3.0);
     assert!((still.command.force.y - 3.0).abs() < 1e-9, "{still:?}");
     arm.twist.linear = DVec3::new(0.0, 3.0, 3.0);
-    let Made { command, beside } = arm.settled(DVec3::Y * 3.0);
+    let MotorWrenches { command, beside } = arm.settled(DVec3::Y * 3.0);
     let power_w = (command + beside).power(arm.twist);
     assert!((power_w - POWER_MAX_W).abs() < 1e-9, "{power_w} W");
     // What takes energy is not held back.
@@ -226,7 +228,7 @@ fn compensation_waits_for_verified_signs_rises_and_goes_at_once() {
     let rise: Vec<f64> = (0..150).map(|_| arm.tick(DVec3::ZERO).beside.force.length()).collect();
     assert!((rise[49] / rise[149] - 0.5).abs() < 1e-9 && (rise[99] - rise[149]).abs() < 1e-12, "{rise:?}");
     assert!((rise[149] - 1.149).abs() < 1e-3, "{} N hold the links at home", rise[149]);
-    assert_eq!(arm.write(Wrench::ZERO, false), Made::default());
+    assert_eq!(arm.write(Wrench::ZERO, false), MotorWrenches::default());
     assert!(arm.sent.moves_nothing());
     // The next enable begins from nothing again.
     arm.stage.begin();

@@ -4,7 +4,7 @@ use core::f64::consts::TAU;
 
 use glam::{DQuat, DVec2, DVec3};
 
-use super::written::{Geometry, Joint as WrittenJoint, KinematicsWord, Written};
+use super::written::{Geometry, Joint as WrittenJoint, KinematicsWord, ProfileFile};
 use super::{Profile, ceilings};
 use crate::Thermal;
 use crate::kinematics::{
@@ -49,7 +49,12 @@ const DRIVE_KEYS: [&str; 10] = [
 ];
 const WRIST_KEYS: [&str; 4] = ["gimbal", "gimbal_counts_per_rev", "gimbal_sign", "gimbal_home_counts"];
 
-pub(super) fn joints(checks: &mut Checks<'_>, written: &Written, profile: &Profile, device_from_native: DQuat) -> Option<Joints> {
+pub(super) fn joints(
+    checks: &mut Checks<'_>,
+    written: &ProfileFile,
+    profile: &Profile,
+    device_from_native: DQuat,
+) -> Option<Joints> {
     let accepted = "how the joints move the grip, such as \"serial-capstan\", or \"cartesian\" for an arm that reports a pose";
     let word = checks.given("device.kinematics", written.device.kinematics, accepted)?;
     let nothing = Geometry::default();
@@ -154,7 +159,7 @@ fn refuse_others(checks: &mut Checks<'_>, geometry: &Geometry, word: KinematicsW
 struct Drive<'a, 'd> {
     checks: &'a mut Checks<'d>,
     geometry: &'a Geometry,
-    written: &'a Written,
+    written: &'a ProfileFile,
     is_driven: bool,
     transmission: Transmission,
     continuous: [f64; MAX_AXES],

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::packet::hex_bytes;
-use super::written::Written;
+use super::written::ProfileFile;
 use super::{Check, RealArm};
 use crate::kinematics::{Configuration, Kinematics};
 use crate::protocol::MAX_AXES;
@@ -16,7 +16,7 @@ const DEFAULT_TOLERANCE_MM: f64 = 0.01;
 const READ_ALIKE: f64 = 1e-6;
 
 /// The tables as they are written.
-pub(super) fn read(checks: &mut Checks<'_>, written: &Written) -> Vec<Check> {
+pub(super) fn read(checks: &mut Checks<'_>, written: &ProfileFile) -> Vec<Check> {
     let mut known = Vec::new();
     for (idx, check) in written.check.iter().enumerate() {
         let frame = check.frame_hex.as_ref().and_then(|hex| hex_bytes(checks, &format!("check[{idx}].frame_hex"), hex));

@@ -34,14 +34,14 @@ pub(crate) use real::{Check, Identified, Saturation};
 pub use real::{Homing, HomingMode, Match, RealArm, TransportKind, UsbId};
 
 use crate::Pacing;
-use crate::motor_stage::Limits;
+use crate::motor_stage::MotorLimits;
 use document::{ConfigErrors, Document, Problem, ProblemKind, nearest};
 use vps::spatial::Axes;
 use vps::storage::regular;
 
 /// JSON schema of a profile file, from the types that read it.
 pub fn schema() -> schemars::Schema {
-    schemars::schema_for!(written::Written)
+    schemars::schema_for!(written::ProfileFile)
 }
 
 /// A loaded profile.
@@ -144,8 +144,8 @@ pub struct ProfileLimits {
 
 impl ProfileLimits {
     /// What the motor stage holds to.
-    pub(crate) fn of_motors(&self) -> Limits {
-        Limits { force_n: self.force_n, torque_nm: self.torque_nm }
+    pub(crate) fn of_motors(&self) -> MotorLimits {
+        MotorLimits { force_n: self.force_n, torque_nm: self.torque_nm }
     }
 }
 

@@ -1,13 +1,13 @@
 //! Frames described as data: `[packet]` into a [`PacketLayout`]. What fits together is checked by the layout itself.
 
 use super::Profile;
-use super::written::{Field as WrittenField, FramingWord, NumberWord, Packet as WrittenPacket, RoleWord, Written};
+use super::written::{Field as WrittenField, FramingWord, NumberWord, Packet as WrittenPacket, ProfileFile, RoleWord};
 use crate::protocol::PacketLayout;
 use crate::protocol::layout::{Checksum, Field, Framing, LineFraming, LinePad, Number, Packet, Role};
 use document::Checks;
 
 /// The layout as written; `None` when a packet could not be made of it.
-pub(super) fn layout(checks: &mut Checks<'_>, written: &Written, profile: &Profile) -> Option<PacketLayout> {
+pub(super) fn layout(checks: &mut Checks<'_>, written: &ProfileFile, profile: &Profile) -> Option<PacketLayout> {
     let accepted = "tables [packet.report] and [packet.command] that describe the frames";
     let packets = checks.given("packet", written.packet.as_ref(), accepted)?;
     let accepted = "a table [packet.report] that describes what the arm sends";

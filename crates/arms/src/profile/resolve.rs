@@ -2,16 +2,16 @@
 
 use std::path::Path;
 
-use super::written::{CodecWord, Written};
+use super::written::{CodecWord, ProfileFile};
 use super::{Link, Plant, Profile, ProfileLimits, ceilings, wiring};
 use crate::Pacing;
 use document::{Checks, ConfigErrors, Document, FINITE, Interval, NOT_NEGATIVE, POSITIVE, ProblemKind, nearest};
 use vps::spatial::Axes;
 
 /// Checks a profile as it is written; files that it names are looked up in `dir`.
-pub(super) fn profile(document: &Document<'_>, dir: &Path, written: &Written) -> Result<Profile, ConfigErrors> {
+pub(super) fn profile(document: &Document<'_>, dir: &Path, written: &ProfileFile) -> Result<Profile, ConfigErrors> {
     let mut checks = Checks::new(document);
-    let Written { device, link, limits, signal, plant, .. } = written;
+    let ProfileFile { device, link, limits, signal, plant, .. } = written;
 
     let name = device.name.clone().filter(|name| !name.is_empty());
     let name = checks.given("device.name", name, "the name that scenes write").unwrap_or_default();
@@ -115,9 +115,22 @@ fn bounded_stiffness(checks: &mut Checks<'_>, profile: &Profile) {
 }
 
 /// Tables that a simulated arm has no use for.
-fn refuse_real(checks: &mut Checks<'_>, written: &Written) {
-    let Written {
-        device, matching, protocol, link, frame, homing, geometry, joint, motors, safety, identified, packet, check, ..
+fn refuse_real(checks: &mut Checks<'_>, written: &ProfileFile) {
+    let ProfileFile {
+        device,
+        matching,
+        protocol,
+        link,
+        frame,
+        homing,
+        geometry,
+        joint,
+        motors,
+        safety,
+        identified,
+        packet,
+        check,
+        ..
     } = written;
     let tables = [
         ("device.kinematics", device.kinematics.is_some()),

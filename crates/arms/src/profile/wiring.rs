@@ -4,7 +4,7 @@ use std::path::Path;
 
 use glam::{DMat3, DQuat, DVec3};
 
-use super::written::{CodecWord, Identified as WrittenIdentified, TransportWord, TurnWord, Written};
+use super::written::{CodecWord, Identified as WrittenIdentified, ProfileFile, TransportWord, TurnWord};
 use super::{
     Homing, HomingMode, Identified, Match, Profile, RealArm, Saturation, TransportKind, UsbId, ceilings, joints, known_answers,
     packet,
@@ -22,7 +22,7 @@ const DEFAULT_BAUD: u32 = 115_200;
 pub(super) fn real_arm(
     checks: &mut Checks<'_>,
     dir: &Path,
-    written: &Written,
+    written: &ProfileFile,
     codec: CodecWord,
     profile: &Profile,
 ) -> Option<RealArm> {
@@ -98,7 +98,7 @@ fn packet_or_protocol(protocol: &Protocol) -> &'static str {
     }
 }
 
-fn matching(checks: &mut Checks<'_>, written: &Written) -> Option<Match> {
+fn matching(checks: &mut Checks<'_>, written: &ProfileFile) -> Option<Match> {
     let accepted = "a table [match] with `transport` and what tells this arm from others";
     let matching = checks.given("match", written.matching.as_ref(), accepted)?;
     let sixteen = |checks: &mut Checks<'_>, key: &str, number: Option<u32>| {
@@ -146,7 +146,7 @@ fn matching(checks: &mut Checks<'_>, written: &Written) -> Option<Match> {
     })
 }
 
-fn protocol(checks: &mut Checks<'_>, dir: &Path, written: &Written, codec: CodecWord, profile: &Profile) -> Option<Protocol> {
+fn protocol(checks: &mut Checks<'_>, dir: &Path, written: &ProfileFile, codec: CodecWord, profile: &Profile) -> Option<Protocol> {
     let nothing = super::written::Protocol::default();
     let given = written.protocol.as_ref().unwrap_or(&nothing);
     only_of(checks, given, codec);
@@ -233,7 +233,7 @@ fn board(checks: &mut Checks<'_>, given: &super::written::Protocol) -> Option<Ha
     })
 }
 
-fn servos(checks: &mut Checks<'_>, written: &Written) -> Option<Vec<Servo>> {
+fn servos(checks: &mut Checks<'_>, written: &ProfileFile) -> Option<Vec<Servo>> {
     let mut servos = Vec::new();
     for (idx, joint) in written.joint.iter().enumerate() {
         match (joint.servo_id, joint.servo_model) {
@@ -248,7 +248,7 @@ fn servos(checks: &mut Checks<'_>, written: &Written) -> Option<Vec<Servo>> {
     (servos.len() == written.joint.len() && !servos.is_empty()).then_some(servos)
 }
 
-fn open6(checks: &mut Checks<'_>, written: &Written, profile: &Profile) -> Option<Open6Arm> {
+fn open6(checks: &mut Checks<'_>, written: &ProfileFile, profile: &Profile) -> Option<Open6Arm> {
     let Some(watchdog_ms) = written.link.device_watchdog_ms else {
         checks.missing("link.device_watchdog_ms", "a whole number of ms: an arm of this protocol has a watchdog");
         return None;
@@ -297,7 +297,7 @@ fn fit(checks: &mut Checks<'_>, matching: &Match, protocol: &Protocol, profile: 
 }
 
 /// The signed permutation of [frame], which has to be a rotation.
-fn frame(checks: &mut Checks<'_>, written: &Written) -> DQuat {
+fn frame(checks: &mut Checks<'_>, written: &ProfileFile) -> DQuat {
     const KEY: &str = "frame.device_from_native";
     let Some(axes) = written.frame.as_ref().and_then(|frame| frame.device_from_native.as_ref()) else {
         checks.missing(
@@ -333,7 +333,7 @@ fn frame(checks: &mut Checks<'_>, written: &Written) -> DQuat {
     DQuat::from_mat3(&DMat3::from_cols(x, y, z).transpose()).normalize()
 }
 
-fn homing(checks: &mut Checks<'_>, written: &Written) -> Homing {
+fn homing(checks: &mut Checks<'_>, written: &ProfileFile) -> Homing {
     let Some(homing) = checks.given("homing", written.homing.as_ref(), "a table [homing] with `mode`") else {
         return Homing::default();
     };

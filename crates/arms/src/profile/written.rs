@@ -15,7 +15,7 @@ use document::{Numbers, words};
 #[derive(Debug, Default, Deserialize, JsonSchema)]
 #[schemars(rename = "profile")]
 #[serde(deny_unknown_fields, default, expecting = "a device profile")]
-pub(super) struct Written {
+pub(super) struct ProfileFile {
     /// Format of the file: 1.
     #[serde(rename = "version")]
     #[schemars(with = "u32", extend("const" = 1))]

@@ -5,7 +5,7 @@ use core::time::Duration;
 use super::dialogue::{Question, ask, hush};
 use super::gather::Gather;
 use super::number::{count_32, integers, pad, put, toward_zero};
-use super::{ArmReadings, Codec, Fed, Firmware, MAX_AXES, MotorCommand, Outbox, Report, StartError};
+use super::{ArmReadings, Codec, FeedCounts, Firmware, MAX_AXES, MotorCommand, Outbox, Report, StartError};
 use crate::transport::{Frame, Transport};
 
 /// [`Report::error`] of an arm that calls itself another model than at the start: above every code of the arm's own.
@@ -84,8 +84,8 @@ impl Codec for Host {
         Ok(())
     }
 
-    fn feed(&mut self, bytes: &[u8]) -> Fed {
-        let mut fed = Fed::default();
+    fn feed(&mut self, bytes: &[u8]) -> FeedCounts {
+        let mut fed = FeedCounts::default();
         for byte in bytes {
             match self.gather.until(b']', *byte) {
                 Some(true) => {

@@ -6,13 +6,13 @@ use super::dialogue::{Question, ask, hush};
 use super::framing::Reader;
 use super::layout::{BODY_MAX, Field, Framing, Number, Packet, PacketLayout, Role};
 use super::number::{Whole, put, words};
-use super::{ArmReadings, Codec, Fed, Firmware, MAX_AXES, MotorCommand, Outbox, Report, StartError};
+use super::{ArmReadings, Codec, FeedCounts, Firmware, MAX_AXES, MotorCommand, Outbox, Report, StartError};
 use crate::Pacing;
 use crate::transport::{Frame, Transport};
 
 /// What stands in a command: the host's own, or what the arm has read.
 #[derive(Clone, Copy, Debug, Default)]
-struct Told {
+struct CommandValues {
     motors: [f64; MAX_AXES],
     enabled: bool,
 }
@@ -21,7 +21,7 @@ struct Told {
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Values {
     report: Report,
-    command: Told,
+    command: CommandValues,
     counter: Option<u32>,
     whole: [Whole; MAX_AXES],
 }
@@ -266,10 +266,10 @@ impl Codec for Host {
         ask(link, &question, |bytes| (self.feed(bytes).reports > 0).then_some(Ok(())))
     }
 
-    fn feed(&mut self, bytes: &[u8]) -> Fed {
+    fn feed(&mut self, bytes: &[u8]) -> FeedCounts {
         let Self { layout, reader, values, counter, .. } = self;
         let packet = &layout.report;
-        let mut fed = Fed::default();
+        let mut fed = FeedCounts::default();
         let corrupt = reader.feed(packet, bytes, true, |body| {
             let Some(new) = decode(packet, body, values) else { return false };
             *values = new;
@@ -296,7 +296,7 @@ impl Codec for Host {
     fn encode(&mut self, command: &MotorCommand, frame: &mut Frame) {
         frame.clear();
         if let Some(packet) = &self.layout.command {
-            let command = Told { motors: *command.motors(), enabled: command.is_enabled() };
+            let command = CommandValues { motors: *command.motors(), enabled: command.is_enabled() };
             encode(packet, &Values { command, ..Values::default() }, true, frame);
         } else if let (Some(kick), Pacing::PingPong) = (&self.layout.kick, self.layout.pacing) {
             // Nothing to command, and yet it wants to be asked.
@@ -326,7 +326,7 @@ impl Codec for Host {
 pub(super) struct Arm {
     layout: PacketLayout,
     reader: Reader,
-    command: Told,
+    command: CommandValues,
     counter: u32,
     fed_s: f64,
     said: Option<Vec<u8>>,
@@ -345,7 +345,7 @@ pub(super) fn moves(command: &Packet, bytes: &[u8]) -> bool {
 
 impl Arm {
     pub(super) fn new(layout: PacketLayout) -> Self {
-        Self { layout, reader: Reader::default(), command: Told::default(), counter: 0, fed_s: 0.0, said: None }
+        Self { layout, reader: Reader::default(), command: CommandValues::default(), counter: 0, fed_s: 0.0, said: None }
     }
 
     fn report(&mut self, arm: &ArmReadings) -> Vec<u8> {
@@ -389,7 +389,7 @@ impl Firmware for Arm {
 
     fn advance(&mut self, now_s: f64, arm: &ArmReadings, out: &mut Outbox) {
         if self.layout.watchdog_ms.is_some_and(|ms| now_s - self.fed_s > f64::from(ms) * 1e-3) {
-            self.command = Told::default();
+            self.command = CommandValues::default();
         }
         match self.layout.pacing {
             Pacing::Stream => {

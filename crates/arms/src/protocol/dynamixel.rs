@@ -8,7 +8,7 @@ use core::time::Duration;
 use super::dialogue::{Question, ask, hush};
 use super::gather::Gather;
 use super::number::{i32_at, toward_zero_i16, u16_at};
-use super::{Codec, Fed, MAX_AXES, MotorCommand, Report, Servo, ServoModel, StartError};
+use super::{Codec, FeedCounts, MAX_AXES, MotorCommand, Report, Servo, ServoModel, StartError};
 use crate::transport::{Frame, Transport};
 
 /// CRC-16 with polynomial 0x8005, start 0, not reflected.
@@ -211,7 +211,7 @@ impl Host {
         self.sync_write(BUS_WATCHDOG, |_, _| [WATCHDOG_STEPS], frame);
     }
 
-    fn take(&mut self, byte: u8, fed: &mut Fed) {
+    fn take(&mut self, byte: u8, fed: &mut FeedCounts) {
         let Self { chain, packets, next, round, report, is_late, .. } = self;
         fed.corrupt += packets.push(byte, |packet| {
             if packet.instruction != STATUS {
@@ -368,8 +368,8 @@ impl Codec for Host {
         Ok(())
     }
 
-    fn feed(&mut self, bytes: &[u8]) -> Fed {
-        let mut fed = Fed { corrupt: core::mem::take(&mut self.unfinished), ..Fed::default() };
+    fn feed(&mut self, bytes: &[u8]) -> FeedCounts {
+        let mut fed = FeedCounts { corrupt: core::mem::take(&mut self.unfinished), ..FeedCounts::default() };
         for byte in bytes {
             self.take(*byte, &mut fed);
         }

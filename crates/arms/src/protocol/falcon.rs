@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 use super::dialogue::{Question, ask, hush};
 use super::gather::Gather;
 use super::number::{low_16, toward_zero_i16};
-use super::{ArmReadings, Codec, Fed, Firmware, MAX_AXES, MotorCommand, Outbox, Report, StartError};
+use super::{ArmReadings, Codec, FeedCounts, Firmware, MAX_AXES, MotorCommand, Outbox, Report, StartError};
 use crate::transport::{Frame, Line, Transport};
 use vps::storage::regular;
 
@@ -210,8 +210,8 @@ impl Codec for Host {
         )))
     }
 
-    fn feed(&mut self, bytes: &[u8]) -> Fed {
-        let mut fed = Fed::default();
+    fn feed(&mut self, bytes: &[u8]) -> FeedCounts {
+        let mut fed = FeedCounts::default();
         let mut dropped = 0;
         for byte in bytes {
             self.gather.push(*byte);

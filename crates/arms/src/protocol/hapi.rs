@@ -11,7 +11,7 @@ use core::time::Duration;
 use super::dialogue::{Question, ask, hush};
 use super::gather::Gather;
 use super::number::{f32_at, finite_f32};
-use super::{ArmReadings, Codec, Fed, Firmware, HapiBoard, HapiEncoder, MAX_AXES, MotorCommand, Outbox, Report, StartError};
+use super::{ArmReadings, Codec, FeedCounts, Firmware, HapiBoard, HapiEncoder, MAX_AXES, MotorCommand, Outbox, Report, StartError};
 use crate::transport::{Frame, Transport};
 
 const RESET: u8 = 0;
@@ -113,8 +113,8 @@ impl Codec for Host {
         self.kept_power = kept_power;
     }
 
-    fn feed(&mut self, bytes: &[u8]) -> Fed {
-        let mut fed = Fed::default();
+    fn feed(&mut self, bytes: &[u8]) -> FeedCounts {
+        let mut fed = FeedCounts::default();
         for byte in bytes {
             if self.lost {
                 break;

@@ -5,7 +5,7 @@ use core::time::Duration;
 use super::dialogue::{Question, ask};
 use super::gather::Gather;
 use super::number::{put, words};
-use super::{ArmReadings, Codec, Fed, Firmware, MAX_AXES, MotorCommand, Outbox, Report, StartError};
+use super::{ArmReadings, Codec, FeedCounts, Firmware, MAX_AXES, MotorCommand, Outbox, Report, StartError};
 use crate::transport::{Frame, Transport};
 
 /// Most that is ever asked, N: keeps a line short; the limit of an arm is its profile's.
@@ -74,8 +74,8 @@ impl Codec for Host {
         Ok(())
     }
 
-    fn feed(&mut self, bytes: &[u8]) -> Fed {
-        let mut fed = Fed::default();
+    fn feed(&mut self, bytes: &[u8]) -> FeedCounts {
+        let mut fed = FeedCounts::default();
         for byte in bytes {
             match self.gather.until(b'\n', *byte) {
                 Some(true) => match self.read_line() {

@@ -4,7 +4,7 @@ use core::time::Duration;
 
 use super::dialogue::{Question, ask};
 use super::number::{Whole, i16_at, low_16, pad, toward_zero_i16};
-use super::{ArmReadings, Codec, Fed, Firmware, Hid14Carrier, MAX_AXES, MotorCommand, Outbox, Report, StartError};
+use super::{ArmReadings, Codec, FeedCounts, Firmware, Hid14Carrier, MAX_AXES, MotorCommand, Outbox, Report, StartError};
 use crate::transport::{Frame, Transport};
 
 /// The button is folded into encoder d: pressed above the first, which adds the second.
@@ -55,9 +55,9 @@ impl Codec for Host {
         })
     }
 
-    fn feed(&mut self, bytes: &[u8]) -> Fed {
+    fn feed(&mut self, bytes: &[u8]) -> FeedCounts {
         if bytes.len() != self.carrier.report_len() {
-            return Fed { corrupt: 1, ..Fed::default() };
+            return FeedCounts { corrupt: 1, ..FeedCounts::default() };
         }
         let mut buttons = 0;
         for (idx, whole) in self.whole.iter_mut().enumerate() {
@@ -72,7 +72,7 @@ impl Codec for Host {
             buttons |= 2;
         }
         self.report.buttons = buttons;
-        Fed { reports: 1, ..Fed::default() }
+        FeedCounts { reports: 1, ..FeedCounts::default() }
     }
 
     fn newest(&self) -> &Report {

@@ -79,7 +79,7 @@ impl Default for Report {
 
 /// What some bytes contained.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Fed {
+pub struct FeedCounts {
     /// Whole, sound reports; the newest of them is [`Codec::newest`].
     pub reports: u32,
     /// Reports that were short, long, garbled, or failed their check.
@@ -92,7 +92,7 @@ pub struct Fed {
     pub repeated: u32,
 }
 
-impl core::ops::AddAssign for Fed {
+impl core::ops::AddAssign for FeedCounts {
     fn add_assign(&mut self, other: Self) {
         self.reports = self.reports.saturating_add(other.reports);
         self.corrupt = self.corrupt.saturating_add(other.corrupt);
@@ -104,7 +104,7 @@ impl core::ops::AddAssign for Fed {
 
 /// What an arm says that it can do.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Declared {
+pub struct DeclaredLimits {
     /// Exchanges per second that it takes.
     pub rate_hz: u16,
     /// Largest force, N.
@@ -156,7 +156,7 @@ pub trait Codec: Send {
     }
 
     /// Takes one report (HID) or any piece of a stream; keeps what is left of an unfinished frame for the next call.
-    fn feed(&mut self, bytes: &[u8]) -> Fed;
+    fn feed(&mut self, bytes: &[u8]) -> FeedCounts;
 
     /// The newest sound report; the default one before the first.
     fn newest(&self) -> &Report;
@@ -223,7 +223,7 @@ pub trait Codec: Send {
     }
 
     /// What the arm declared at the start, where its protocol lets it. Cold.
-    fn declared(&self) -> Option<Declared> {
+    fn declared(&self) -> Option<DeclaredLimits> {
         None
     }
 

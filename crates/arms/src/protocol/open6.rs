@@ -5,7 +5,7 @@ use core::time::Duration;
 use super::dialogue::{Question, ask, hush};
 use super::gather::Gather;
 use super::number::{f32_at, finite_f32, i16_at, pad, u16_at};
-use super::{Codec, Declared, Fed, MAX_AXES, MotorCommand, Open6Arm, Report, StartError};
+use super::{Codec, DeclaredLimits, FeedCounts, MAX_AXES, MotorCommand, Open6Arm, Report, StartError};
 use crate::transport::{Carriage, Frame, Transport};
 use vps::spatial::Axes;
 
@@ -163,7 +163,7 @@ pub(super) struct Host {
     sequence: u16,
     state_sequence: Option<u16>,
     report: Report,
-    said: Option<(String, Declared)>,
+    said: Option<(String, DeclaredLimits)>,
     hello_within: Duration,
 }
 
@@ -182,7 +182,7 @@ impl Host {
     }
 
     /// What an arm says of itself, held against what the profile says.
-    fn greet(&self, payload: &[u8]) -> Result<(String, Declared), StartError> {
+    fn greet(&self, payload: &[u8]) -> Result<(String, DeclaredLimits), StartError> {
         let refuse = |text: String| Err(StartError::Refused(text));
         let (major, minor) = (payload.first().copied().unwrap_or(0), payload.get(1).copied().unwrap_or(0));
         if major != MAJOR {
@@ -208,13 +208,13 @@ impl Host {
                 self.arm.watchdog_ms
             ));
         }
-        let declared = Declared {
+        let declared = DeclaredLimits {
             rate_hz: u16_at(payload, 4),
             force_n: f32_at(payload, 8).into(),
             torque_nm: f32_at(payload, 12).into(),
             workspace_radius_m: f32_at(payload, 16).into(),
         };
-        let Declared { rate_hz, force_n, torque_nm, workspace_radius_m } = declared;
+        let DeclaredLimits { rate_hz, force_n, torque_nm, workspace_radius_m } = declared;
         let text = format!(
             "{name}, open6 {major}.{minor}, senses {}, drives {}, {rate_hz} Hz, watchdog {watchdog_ms} ms, \
              {force_n:.3} N, {torque_nm:.4} N·m, radius {workspace_radius_m:.3} m",
@@ -305,9 +305,9 @@ impl Codec for Host {
         Ok(())
     }
 
-    fn feed(&mut self, bytes: &[u8]) -> Fed {
+    fn feed(&mut self, bytes: &[u8]) -> FeedCounts {
         let Self { packets, report, state_sequence, .. } = self;
-        let mut fed = Fed::default();
+        let mut fed = FeedCounts::default();
         let mut senseless = 0;
         let corrupt = packets.feed(bytes, |packet| {
             if packet.kind != STATE {
@@ -364,7 +364,7 @@ impl Codec for Host {
         self.said.as_ref().map(|(text, _)| text.clone())
     }
 
-    fn declared(&self) -> Option<Declared> {
+    fn declared(&self) -> Option<DeclaredLimits> {
         self.said.as_ref().map(|(_, declared)| *declared)
     }
 

@@ -3,7 +3,7 @@
 
 use super::gather::Gather;
 use super::number::{i16_at, i32_at};
-use super::{ArmReadings, Codec, Fed, Firmware, MAX_AXES, MotorCommand, Outbox, Report};
+use super::{ArmReadings, Codec, FeedCounts, Firmware, MAX_AXES, MotorCommand, Outbox, Report};
 use crate::transport::Frame;
 
 /// Report IDs.
@@ -35,7 +35,7 @@ impl Host {
 }
 
 impl Codec for Host {
-    fn feed(&mut self, bytes: &[u8]) -> Fed {
+    fn feed(&mut self, bytes: &[u8]) -> FeedCounts {
         match (bytes.first(), bytes.len()) {
             // One byte more or less is a report that was cut.
             (Some(&TRANSLATION), 7) => self.axes(bytes, 0, 3),
@@ -48,11 +48,11 @@ impl Codec for Host {
                 }
                 self.report.buttons = u32::from_le_bytes(bits);
             }
-            (Some(&(TRANSLATION | ROTATION | BUTTONS)) | None, _) => return Fed { corrupt: 1, ..Fed::default() },
+            (Some(&(TRANSLATION | ROTATION | BUTTONS)) | None, _) => return FeedCounts { corrupt: 1, ..FeedCounts::default() },
             // Battery and the like.
-            _ => return Fed::default(),
+            _ => return FeedCounts::default(),
         }
-        Fed { reports: 1, ..Fed::default() }
+        FeedCounts { reports: 1, ..FeedCounts::default() }
     }
 
     fn newest(&self) -> &Report {
@@ -133,8 +133,8 @@ pub(super) struct SocketHost {
 }
 
 impl Codec for SocketHost {
-    fn feed(&mut self, bytes: &[u8]) -> Fed {
-        let mut fed = Fed::default();
+    fn feed(&mut self, bytes: &[u8]) -> FeedCounts {
+        let mut fed = FeedCounts::default();
         for byte in bytes {
             self.gather.push(*byte);
             let message = self.gather.as_slice();

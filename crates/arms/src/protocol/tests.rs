@@ -38,8 +38,8 @@ fn arm_at(readings: &[f64]) -> ArmReadings {
     arm
 }
 
-fn fed(reports: u32, corrupt: u32) -> Fed {
-    Fed { reports, corrupt, ..Fed::default() }
+fn fed(reports: u32, corrupt: u32) -> FeedCounts {
+    FeedCounts { reports, corrupt, ..FeedCounts::default() }
 }
 
 /// One of each, with the carriage it is tried on.
@@ -124,14 +124,14 @@ impl Linked {
     }
 
     /// One exchange a millisecond later.
-    fn exchange(&mut self, codec: &mut dyn Codec, motors: &[f64], enabled: bool) -> Fed {
+    fn exchange(&mut self, codec: &mut dyn Codec, motors: &[f64], enabled: bool) -> FeedCounts {
         self.now_s += 1e-3;
         let frame = encode_enabled(codec, motors, enabled);
         if !frame.is_empty() {
             self.here.send(&frame).expect("open");
         }
         self.pump();
-        let mut sum = Fed::default();
+        let mut sum = FeedCounts::default();
         for bytes in self.take() {
             sum += codec.feed(&bytes);
         }

@@ -4,7 +4,7 @@ use core::time::Duration;
 
 use super::dialogue::{Question, ask};
 use super::number::{Whole, i16_at, low_16, toward_zero_i16, u16_at};
-use super::{ArmReadings, Codec, Fed, Firmware, MAX_AXES, MotorCommand, Outbox, Report, StartError};
+use super::{ArmReadings, Codec, FeedCounts, Firmware, MAX_AXES, MotorCommand, Outbox, Report, StartError};
 use crate::transport::{Frame, Transport};
 
 const LEN: usize = 8;
@@ -41,9 +41,9 @@ impl Codec for Host {
         Ok(())
     }
 
-    fn feed(&mut self, bytes: &[u8]) -> Fed {
+    fn feed(&mut self, bytes: &[u8]) -> FeedCounts {
         if bytes.len() != LEN {
-            return Fed { corrupt: 1, ..Fed::default() };
+            return FeedCounts { corrupt: 1, ..FeedCounts::default() };
         }
         let counter = u16_at(bytes, 6);
         let step = self.counter.map_or(1, |last| counter.wrapping_sub(last));
@@ -51,7 +51,7 @@ impl Codec for Host {
         for (idx, whole) in self.whole.iter_mut().enumerate() {
             self.report.readings[idx] = whole.take_16(i16_at(bytes, 2 * idx));
         }
-        Fed { reports: 1, gap: u32::from(step.saturating_sub(1)), repeated: u32::from(step == 0), ..Fed::default() }
+        FeedCounts { reports: 1, gap: u32::from(step.saturating_sub(1)), repeated: u32::from(step == 0), ..FeedCounts::default() }
     }
 
     fn newest(&self) -> &Report {

@@ -112,14 +112,14 @@ impl LinkClock {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::simulated::dice::Dice;
+    use crate::simulated::split_mix::SplitMix64;
 
     /// Exchanges every ms with these ways and that offset of the clocks.
-    fn play(clock: &mut LinkClock, from_s: f64, n: usize, ways: impl Fn(&mut Dice) -> (f64, f64), offset_s: f64) {
-        let mut dice = Dice::new(3);
+    fn play(clock: &mut LinkClock, from_s: f64, n: usize, ways: impl Fn(&mut SplitMix64) -> (f64, f64), offset_s: f64) {
+        let mut random = SplitMix64::new(3);
         for idx in 0..n {
             let t1 = from_s + idx as f64 * 1e-3;
-            let (there, back) = ways(&mut dice);
+            let (there, back) = ways(&mut random);
             let age = 0.7e-3;
             let t2 = t1 + there + offset_s;
             clock.observe(&Exchange { t1, t2, t3: t2 + age, t4: t1 + there + age + back });
@@ -129,7 +129,7 @@ mod tests {
     #[test]
     fn the_offset_is_that_of_the_quickest_exchange_and_the_ways_follow() {
         let mut clock = LinkClock::default();
-        play(&mut clock, 0.0, 2000, |dice| (10e-3 + 1e-3 * dice.roll(), 10e-3 + 1e-3 * dice.roll()), 123.456);
+        play(&mut clock, 0.0, 2000, |random| (10e-3 + 1e-3 * random.unit(), 10e-3 + 1e-3 * random.unit()), 123.456);
         // The quickest of 2000 waited for next to nothing on both ways.
         assert!((clock.offset_s() - 123.456).abs() < 0.1e-3, "{}", clock.offset_s());
         let Ways { there_s, back_s } = clock.longest();

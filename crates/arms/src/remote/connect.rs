@@ -9,11 +9,11 @@ use std::sync::{Arc, OnceLock};
 use glam::DQuat;
 
 use super::{Host, LinkFigures};
-use crate::attached::open::{Before, ConnectMethod, OpenError, Opened, open_with};
+use crate::attached::open::{ConnectMethod, OpenError, OpenedArm, PreviousLink, open_with};
 use crate::kinematics::Kinematics;
 use crate::mock::builder::cartesian;
 use crate::profile::{HomingMode, Profile};
-use crate::protocol::{Codec as _, Declared, StartError};
+use crate::protocol::{Codec as _, DeclaredLimits, StartError};
 use crate::transport::Transport;
 use crate::{Capabilities, Connection, IoPlacement, Pacing, Thermal, Timebase, WiredParameters};
 
@@ -41,12 +41,12 @@ struct RemoteConnector {
     /// Upper half: this process. Lower half: counts greetings.
     token: AtomicU32,
     /// What the node declared when the run began: the scene was made for that arm.
-    declared: OnceLock<Declared>,
+    declared: OnceLock<DeclaredLimits>,
     figures: Arc<LinkFigures>,
 }
 
 impl ConnectMethod for RemoteConnector {
-    fn connect(&self, _: Before) -> Result<(PathBuf, Connection), OpenError> {
+    fn connect(&self, _: PreviousLink) -> Result<(PathBuf, Connection), OpenError> {
         let Profile { sensed, actuated, .. } = self.profile;
         let path = PathBuf::from(format!("zenoh:{}", self.options.name));
         let mut link = (self.dial)()?;
@@ -84,7 +84,7 @@ impl ConnectMethod for RemoteConnector {
 ///
 /// # Errors
 /// No node answers, the node listens to another host, or its arm is not that of the profile.
-pub fn open(profile: &Profile, options: &RemoteOptions, dial: Dial) -> Result<(Opened, Arc<LinkFigures>), OpenError> {
+pub fn open(profile: &Profile, options: &RemoteOptions, dial: Dial) -> Result<(OpenedArm, Arc<LinkFigures>), OpenError> {
     let figures = Arc::new(LinkFigures::default());
     let process = RandomState::new().hash_one(std::process::id()) as u32;
     let connector = RemoteConnector {

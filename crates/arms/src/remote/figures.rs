@@ -4,7 +4,7 @@ use core::sync::atomic::{AtomicI64, AtomicU8, AtomicU32, AtomicU64, Ordering::Re
 
 /// Where the node stands; the picture is in `node`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Phase {
+pub enum LinkPhase {
     /// No host has greeted yet.
     #[default]
     Silent,
@@ -18,7 +18,7 @@ pub enum Phase {
     Refusing,
 }
 
-impl Phase {
+impl LinkPhase {
     const ALL: [Self; 5] = [Self::Silent, Self::Disabled, Self::Enabled, Self::Tripped, Self::Refusing];
 
     /// For people.
@@ -77,13 +77,13 @@ pub struct NodeReport {
 }
 
 impl NodeFigures {
-    pub(super) fn enter(&self, phase: Phase) {
+    pub(super) fn enter(&self, phase: LinkPhase) {
         self.phase.store(phase as u8, Relaxed);
     }
 
     /// Where the node stands.
-    pub fn phase(&self) -> Phase {
-        Phase::ALL.get(usize::from(self.phase.load(Relaxed))).copied().unwrap_or_default()
+    pub fn phase(&self) -> LinkPhase {
+        LinkPhase::ALL.get(usize::from(self.phase.load(Relaxed))).copied().unwrap_or_default()
     }
 
     /// Everything else.

@@ -10,15 +10,15 @@ use std::sync::Arc;
 use super::clock::{Exchange, LinkClock};
 use super::figures::LinkFigures;
 use super::packets::{
-    CAPABILITIES_TOKEN, COMMAND_1_1_LEN, COMMAND_TOKEN, HELLO_1_1_LEN, HELLO_TOKEN, MINOR, NO_AGE, STATE_AGE, Token, put, reader,
-    steps_ahead, timing_at, token_at, u32_at,
+    CAPABILITIES_TOKEN, COMMAND_1_1_LEN, COMMAND_TOKEN, HELLO_1_1_LEN, HELLO_TOKEN, HostToken, MINOR, NO_AGE, STATE_AGE, put,
+    reader, steps_ahead, timing_at, token_at, u32_at,
 };
 use crate::protocol::dialogue::{Question, ask};
 use crate::protocol::number::{f32_at, finite_f32, u16_at};
 use crate::protocol::open6::{
     CAPABILITIES, CAPABILITIES_LEN, COMMAND, HELLO, MAGIC, MAJOR, Packets, STATE, STOP, WATCHDOG_TRIPPED, axes_of, list, report_of,
 };
-use crate::protocol::{Codec, Declared, Fed, MotorCommand, Report, StartError};
+use crate::protocol::{Codec, DeclaredLimits, FeedCounts, MotorCommand, Report, StartError};
 use crate::transport::{FRAME_MAX, Frame, Transport, TransportError};
 use vps::spatial::Axes;
 
@@ -40,7 +40,7 @@ const SENT: usize = 1024;
 /// What a node said of itself.
 struct Said {
     text: String,
-    declared: Declared,
+    declared: DeclaredLimits,
     /// It holds the last force for so long, ms,
     hold_ms: u32,
     /// and has let go after so long, ms.
@@ -52,7 +52,7 @@ pub struct Host {
     sensed: Axes,
     actuated: Axes,
     period_s: f64,
-    token: Token,
+    token: HostToken,
     packets: Packets,
     sequence: u16,
     state_sequence: Option<u16>,
@@ -78,7 +78,7 @@ impl Host {
             sensed,
             actuated,
             period_s,
-            token: Token(token),
+            token: HostToken(token),
             packets: reader(),
             sequence: 0,
             state_sequence: None,
@@ -127,7 +127,7 @@ impl Host {
                  give it other --hold-ms and --fade-ms"
             ));
         }
-        let declared = Declared {
+        let declared = DeclaredLimits {
             rate_hz: u16_at(payload, 4),
             force_n: f32_at(payload, 8).into(),
             torque_nm: f32_at(payload, 12).into(),
@@ -181,7 +181,7 @@ impl Host {
         Ok(trips_s.get(trips_s.len() - 1 - late).copied().unwrap_or(0.0))
     }
 
-    fn take_state(&mut self, sequence: u16, payload: &[u8], fed: &mut Fed) {
+    fn take_state(&mut self, sequence: u16, payload: &[u8], fed: &mut FeedCounts) {
         let steps = self.state_sequence.map_or(Some(1), |newest| steps_ahead(newest, sequence));
         let Some(steps) = steps else {
             self.figures.old.fetch_add(1, Relaxed);
@@ -261,8 +261,8 @@ impl Codec for Host {
         self.now_s = now_s;
     }
 
-    fn feed(&mut self, bytes: &[u8]) -> Fed {
-        let mut fed = Fed::default();
+    fn feed(&mut self, bytes: &[u8]) -> FeedCounts {
+        let mut fed = FeedCounts::default();
         let mut found = None;
         fed.corrupt = self.packets.feed(bytes, |packet| {
             if packet.kind == STATE {
@@ -317,7 +317,7 @@ impl Codec for Host {
         self.said.as_ref().map(|said| said.text.clone())
     }
 
-    fn declared(&self) -> Option<Declared> {
+    fn declared(&self) -> Option<DeclaredLimits> {
         self.said.as_ref().map(|said| said.declared)
     }
 

@@ -20,11 +20,11 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
-use self::payloads::{Told, capabilities, state};
+use self::payloads::{StateContent, capabilities, state};
 use super::command_hold::{CommandHold, HoldTiming, LAG_TICKS};
-use super::figures::{NodeFigures, Phase};
+use super::figures::{LinkPhase, NodeFigures};
 use super::packets::{
-    COMMAND_1_1_LEN, COMMAND_TOKEN, HELLO_1_1_LEN, HELLO_TOKEN, STOP_TOKEN, Token, put, reader, steps_ahead, token_at,
+    COMMAND_1_1_LEN, COMMAND_TOKEN, HELLO_1_1_LEN, HELLO_TOKEN, HostToken, STOP_TOKEN, put, reader, steps_ahead, token_at,
 };
 use crate::protocol::number::f32_at;
 use crate::protocol::open6::{CAPABILITIES, COMMAND, HELLO, MAGIC, MAJOR, Packet, Packets, STATE, STOP};
@@ -77,7 +77,7 @@ pub struct NodeParameters {
 
 #[derive(Clone, Copy, Debug)]
 struct Owner {
-    token: Token,
+    token: HostToken,
     heard_s: f64,
     /// Number of its newest packet.
     newest: Option<u16>,
@@ -95,7 +95,7 @@ pub struct Node {
     parameters: NodeParameters,
     link: Box<dyn Transport>,
     packets: Packets,
-    mode: Phase,
+    mode: LinkPhase,
     error: u8,
     owner: Option<Owner>,
     hold: CommandHold,
@@ -122,7 +122,7 @@ impl Node {
             parameters,
             link,
             packets: reader(),
-            mode: Phase::Silent,
+            mode: LinkPhase::Silent,
             error: 0,
             owner: None,
             hold: CommandHold::default(),
@@ -167,14 +167,14 @@ impl Node {
         self.write(wrench, arm);
         self.figures.enter(self.mode);
         // An answer to a greeting would be the older of two frames, and a link whose newest frame wins would drop it.
-        if self.mode != Phase::Silent && !core::mem::take(&mut self.has_described) {
+        if self.mode != LinkPhase::Silent && !core::mem::take(&mut self.has_described) {
             self.send_state(now_s);
         }
     }
 
     /// Zero, on every way out.
     pub fn stop(&mut self, arm: &mut dyn Device) {
-        (self.mode, self.enabled, self.written) = (Phase::Disabled, false, Wrench::ZERO);
+        (self.mode, self.enabled, self.written) = (LinkPhase::Disabled, false, Wrench::ZERO);
         self.hold.clear();
         arm.set_enabled(false);
         arm.stop();
@@ -223,9 +223,9 @@ impl Node {
         }
     }
 
-    fn greet(&mut self, token: Token, major: u8, sequence: u16, now_s: f64) {
+    fn greet(&mut self, token: HostToken, major: u8, sequence: u16, now_s: f64) {
         let is_taken = self.owner.is_some_and(|owner| {
-            !owner.token.is_of_process(token) && now_s - owner.heard_s < OWNER_SILENT_S && self.mode != Phase::Silent
+            !owner.token.is_of_process(token) && now_s - owner.heard_s < OWNER_SILENT_S && self.mode != LinkPhase::Silent
         });
         let is_known = self.owner.is_some_and(|owner| owner.token == token);
         // Another major version is told ours and gets nothing else; so does a second host, which is told who the first one is. A greeting that
@@ -242,7 +242,7 @@ impl Node {
     }
 
     /// True for a packet of the host that this node listens to that is newer than what it has sent so far.
-    fn is_newest(&mut self, token: Option<Token>, packet: &Packet<'_>, now_s: f64) -> bool {
+    fn is_newest(&mut self, token: Option<HostToken>, packet: &Packet<'_>, now_s: f64) -> bool {
         let Some(owner) = self.owner.as_mut().filter(|owner| Some(owner.token) == token) else {
             self.figures.strangers.fetch_add(1, Relaxed);
             return false;
@@ -263,13 +263,13 @@ impl Node {
     }
 
     fn disable(&mut self) {
-        (self.mode, self.error) = (Phase::Disabled, 0);
+        (self.mode, self.error) = (LinkPhase::Disabled, 0);
         self.hold.clear();
     }
 
     fn command(&mut self, payload: &[u8], sequence: u16, now_s: f64) {
         self.figures.commands.fetch_add(1, Relaxed);
-        if let (Phase::Enabled, Some(before_s)) = (self.mode, self.newest.at_s) {
+        if let (LinkPhase::Enabled, Some(before_s)) = (self.mode, self.newest.at_s) {
             self.figures.longest_gap_us.fetch_max(((now_s - before_s) * 1e6) as u32, Relaxed);
         }
         self.newest = Taken { sequence, at_s: Some(now_s) };
@@ -277,18 +277,18 @@ impl Node {
             self.disable();
             return;
         }
-        if !matches!(self.mode, Phase::Disabled | Phase::Enabled) {
+        if !matches!(self.mode, LinkPhase::Disabled | LinkPhase::Enabled) {
             return;
         }
         let number = |idx: usize| f64::from(f32_at(payload, 4 * idx));
         let vector = |first: usize| DVec3::new(number(first), number(first + 1), number(first + 2));
         let wanted = Wrench::new(vector(0), vector(3));
         if !(wanted.is_finite() && number(6).is_finite()) {
-            (self.mode, self.error) = (Phase::Refusing, NOT_FINITE);
+            (self.mode, self.error) = (LinkPhase::Refusing, NOT_FINITE);
             self.hold.clear();
             return;
         }
-        self.mode = Phase::Enabled;
+        self.mode = LinkPhase::Enabled;
         let NodeParameters { force_limit_n, torque_limit_nm, .. } = self.parameters;
         self.hold.take(Wrench::new(limited(wanted.force, force_limit_n), limited(wanted.torque, torque_limit_nm)), now_s);
     }
@@ -327,19 +327,19 @@ impl Node {
 
     /// The force of this period.
     fn force(&mut self, now_s: f64) -> Wrench {
-        if self.mode != Phase::Enabled {
+        if self.mode != LinkPhase::Enabled {
             return Wrench::ZERO;
         }
         let arm_error = self.arm_error();
         if arm_error != 0 {
-            (self.mode, self.error) = (Phase::Refusing, arm_error);
+            (self.mode, self.error) = (LinkPhase::Refusing, arm_error);
             self.hold.clear();
             return Wrench::ZERO;
         }
         let NodeParameters { period_s, timing, .. } = self.parameters;
         let arm_s = f64::from(1 + self.sample.delay_ticks) * period_s;
         let Some(felt) = self.hold.next(now_s, &timing, arm_s) else {
-            self.mode = Phase::Tripped;
+            self.mode = LinkPhase::Tripped;
             self.figures.link_losses.fetch_add(1, Relaxed);
             let silent_s = now_s - self.newest.at_s.unwrap_or(now_s);
             self.figures.zero_after_us.store(((silent_s + arm_s) * 1e6).round() as u32, Relaxed);
@@ -355,7 +355,7 @@ impl Node {
     }
 
     fn write(&mut self, wrench: Wrench, arm: &mut dyn Device) {
-        let enabled = self.mode == Phase::Enabled;
+        let enabled = self.mode == LinkPhase::Enabled;
         if enabled != self.enabled {
             self.enabled = enabled;
             arm.set_enabled(enabled);
@@ -369,7 +369,7 @@ impl Node {
     }
 
     fn describe(&mut self, sequence: u16) {
-        let listens_to = self.owner.map_or(Token(0), |owner| owner.token);
+        let listens_to = self.owner.map_or(HostToken(0), |owner| owner.token);
         self.has_described = true;
         put(CAPABILITIES, sequence, &capabilities(&self.parameters, listens_to), &mut self.frame);
         let _ = self.link.send(self.frame.as_slice());
@@ -384,7 +384,7 @@ impl Node {
 
     fn send_state(&mut self, now_s: f64) {
         let Taken { sequence: echo, at_s } = self.echoed();
-        let payload = state(&Told {
+        let payload = state(&StateContent {
             sample: &self.sample,
             now_s,
             echo,

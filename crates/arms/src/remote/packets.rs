@@ -33,9 +33,9 @@ pub(super) const NO_AGE: u32 = u32::MAX;
 
 /// Who speaks: the upper half is the process, the lower one counts its greetings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Token(pub(super) u32);
+pub(super) struct HostToken(pub(super) u32);
 
-impl Token {
+impl HostToken {
     pub(super) fn is_of_process(self, other: Self) -> bool {
         self.0 >> 16 == other.0 >> 16
     }
@@ -51,8 +51,8 @@ pub(super) fn u32_at(payload: &[u8], at: usize) -> Option<u32> {
     payload.get(at..at + 4)?.try_into().ok().map(u32::from_le_bytes)
 }
 
-pub(super) fn token_at(payload: &[u8], at: usize) -> Option<Token> {
-    u32_at(payload, at).map(Token)
+pub(super) fn token_at(payload: &[u8], at: usize) -> Option<HostToken> {
+    u32_at(payload, at).map(HostToken)
 }
 
 /// True for a packet that is newer than the newest one so far. Counters wrap; half of their range is ahead, half behind.

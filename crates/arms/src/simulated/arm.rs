@@ -17,10 +17,10 @@ mod tests;
 
 use glam::{DQuat, DVec3};
 
-use super::dice::Dice;
 use super::fault::{FaultKind, FaultPlan, JUMP_M, SATURATED_SHARE};
 use super::parameters::{SimError, SimParameters, check_windows};
 use super::plant::GripPlant;
+use super::split_mix::SplitMix64;
 use crate::velocity::VelocityWindow;
 use crate::{Capabilities, Device, DeviceError, IoPlacement, Pacing};
 use vps::spatial::{DeviceSample, Pose, SampleStatus, Twist, Wrench};
@@ -37,7 +37,7 @@ pub struct SimArm {
     torque_limit_nm: f64,
     fault: Option<FaultPlan>,
     homed: bool,
-    dice: Dice,
+    random: SplitMix64,
 
     /// Reads so far.
     n_reads: u64,
@@ -87,7 +87,7 @@ impl SimArm {
             torque_limit_nm: parameters.torque_limit_nm,
             fault: parameters.fault,
             homed: parameters.homed,
-            dice: Dice::new(parameters.seed),
+            random: SplitMix64::new(parameters.seed),
             n_reads: 0,
             delay_line: vec![Wrench::ZERO; plant.delay_ticks as usize + 1].into_boxed_slice(),
             delay_head: 0,
@@ -224,7 +224,7 @@ impl Device for SimArm {
                     }
                 }
             }
-            Some(FaultKind::Drop { probability }) if self.dice.roll() < probability => return Ok(self.stale()),
+            Some(FaultKind::Drop { probability }) if self.random.unit() < probability => return Ok(self.stale()),
             Some(FaultKind::Stuck) => pose = *self.stuck_at.get_or_insert(pose),
             Some(FaultKind::Jump) => pose.translation.x += JUMP_M,
             Some(FaultKind::Nan) => {

@@ -6,16 +6,16 @@
 //! | `plant` | the grip as a body, and the hand that holds it |
 //! | `parameters` | what both are made of |
 //! | [`hand`] | where the hand wants to be, over time |
-//! | [`fault`], `dice` | what goes wrong and when; chance from a seed |
+//! | [`fault`], `split_mix` | what goes wrong and when; chance from a seed |
 //!
 //! The same arm behind a real link, as a process of its own, is [`mock`](super::mock).
 
 mod arm;
-pub(super) mod dice;
 pub mod fault;
 pub mod hand;
 mod parameters;
 mod plant;
+pub(super) mod split_mix;
 
 pub use arm::SimArm;
 pub(crate) use arm::saturated;

@@ -23,7 +23,7 @@ use vps::spatial::{Pose, Wrench};
 
 /// What goes wrong when it is told to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Trouble {
+pub enum InjectedFault {
     /// Nothing.
     None,
     /// The plug.
@@ -84,7 +84,7 @@ fn hand_at(place: DVec3) -> HandParameters {
 }
 
 /// Makes an arm: held there, or free.
-pub type Make = dyn Fn(Option<DVec3>, Trouble) -> Box<dyn Rig>;
+pub type Make = dyn Fn(Option<DVec3>, InjectedFault) -> Box<dyn Rig>;
 
 /// Every shipped arm, simulated and real, its signs verified: what is left of the force of those whose signs are not is tried in `wrong_signs`.
 pub fn every_arm() -> Vec<Box<Make>> {
@@ -121,7 +121,7 @@ pub fn turned_arm() -> Box<dyn Rig> {
         real.device_from_native = DQuat::from_rotation_z(core::f64::consts::FRAC_PI_2);
     }
     let real = profile.real.clone().expect("real");
-    Box::new(WiredRig::new(&profile, &real, Some(DVec3::new(0.01, -0.02, 0.015)), Trouble::None))
+    Box::new(WiredRig::new(&profile, &real, Some(DVec3::new(0.01, -0.02, 0.015)), InjectedFault::None))
 }
 
 /// Reads before the trouble of a simulated arm.
@@ -134,14 +134,14 @@ struct SimRig {
 }
 
 impl SimRig {
-    fn new(profile: &Profile, hand: Option<DVec3>, trouble: Trouble) -> Self {
+    fn new(profile: &Profile, hand: Option<DVec3>, trouble: InjectedFault) -> Self {
         let period_s = 1.0 / f64::from(profile.link.rate_hz);
         let begin_ms = f64::from(TROUBLE_TICK) * period_s * 1e3;
         let fault = match trouble {
-            Trouble::None => None,
-            Trouble::Late => Some(format!("slow={}ms", LATE_TICKS * period_s * 1e3)),
-            Trouble::Cut => Some(format!("unplug@{begin_ms}ms")),
-            Trouble::Cropped => Some(format!("truncate@{begin_ms}ms+{}ms", 20.0 * period_s * 1e3)),
+            InjectedFault::None => None,
+            InjectedFault::Late => Some(format!("slow={}ms", LATE_TICKS * period_s * 1e3)),
+            InjectedFault::Cut => Some(format!("unplug@{begin_ms}ms")),
+            InjectedFault::Cropped => Some(format!("truncate@{begin_ms}ms+{}ms", 20.0 * period_s * 1e3)),
         };
         let parameters = SimParameters {
             period_s,
@@ -295,23 +295,23 @@ pub struct WiredRig {
     side: Arc<Mutex<Side>>,
     arm: Option<WiredArm>,
     linkage: Linkage,
-    trouble: Trouble,
+    trouble: InjectedFault,
     is_rate_input: bool,
     to_arm: Producer<Connection>,
     spent: Consumer<Connection>,
 }
 
 impl WiredRig {
-    fn new(profile: &Profile, real: &RealArm, hand: Option<DVec3>, trouble: Trouble) -> Self {
+    fn new(profile: &Profile, real: &RealArm, hand: Option<DVec3>, trouble: InjectedFault) -> Self {
         Self::unlike(profile, real, profile, hand, trouble)
     }
 
     /// An arm that is another one than the profile of its host says.
     pub fn miswired(profile: &Profile, arm: &Profile, hand: Option<DVec3>) -> Self {
-        Self::unlike(profile, profile.real.as_ref().expect("real"), arm, hand, Trouble::None)
+        Self::unlike(profile, profile.real.as_ref().expect("real"), arm, hand, InjectedFault::None)
     }
 
-    fn unlike(profile: &Profile, real: &RealArm, arm: &Profile, hand: Option<DVec3>, trouble: Trouble) -> Self {
+    fn unlike(profile: &Profile, real: &RealArm, arm: &Profile, hand: Option<DVec3>, trouble: InjectedFault) -> Self {
         let settings =
             MockSettings { hand: hand.map(hand_at), hand_delay: core::time::Duration::ZERO, faults: Vec::new(), seed: 1 };
         let (parameters, protocol) = builder::parameters(arm, settings);
@@ -459,8 +459,8 @@ impl Rig for WiredRig {
     fn begin_trouble(&mut self) {
         let mut side = self.side();
         match self.trouble {
-            Trouble::Cut => side.there.cut(),
-            Trouble::Late => side.is_late = true,
+            InjectedFault::Cut => side.there.cut(),
+            InjectedFault::Late => side.is_late = true,
             _ => side.is_cropped = true,
         }
     }

@@ -3,7 +3,7 @@
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use super::{Transport, TransportError};
-use crate::simulated::dice::Dice;
+use crate::simulated::split_mix::SplitMix64;
 
 /// What becomes of a datagram.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -25,7 +25,7 @@ struct Datagram {
 #[derive(Debug)]
 struct Network {
     quality: LinkQuality,
-    dice: Dice,
+    random: SplitMix64,
     now_s: f64,
     is_cut: bool,
     /// To the arm, to the host.
@@ -51,7 +51,7 @@ impl SimulatedNetwork {
         let under_way = [Vec::new(), Vec::new()];
         Self(Arc::new(Mutex::new(Network {
             quality,
-            dice: Dice::new(seed),
+            random: SplitMix64::new(seed),
             now_s: 0.0,
             is_cut: false,
             under_way,
@@ -109,7 +109,7 @@ impl Transport for NetworkEnd {
     fn send(&mut self, frame: &[u8]) -> Result<(), TransportError> {
         let mut network = self.network.lock();
         let LinkQuality { delay_s, jitter_s, loss } = network.quality;
-        let (is_lost, share) = (network.dice.roll() < loss, network.dice.roll());
+        let (is_lost, share) = (network.random.unit() < loss, network.random.unit());
         if !network.is_cut && !is_lost {
             let due_s = network.now_s + delay_s + share * jitter_s;
             network.under_way[usize::from(self.is_arm)].push(Datagram { due_s, bytes: frame.to_vec() });

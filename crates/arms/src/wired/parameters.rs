@@ -5,7 +5,7 @@ use glam::DQuat;
 use super::Thermal;
 use crate::Capabilities;
 use crate::kinematics::Kinematics;
-use crate::motor_stage::Limits;
+use crate::motor_stage::MotorLimits;
 use crate::transmission::Transmission;
 
 /// Where the time of samples comes from.
@@ -32,9 +32,9 @@ pub(crate) struct WiredParameters {
     /// A sign check has seen every motor push the way it is told.
     pub(crate) signs_verified: bool,
     /// Of the profile.
-    pub(crate) limits: Limits,
+    pub(crate) limits: MotorLimits,
     /// What is left of them until then: they hold whichever motors push the wrong way.
-    pub(crate) unverified_limits: Limits,
+    pub(crate) unverified_limits: MotorLimits,
     /// Windows of the linear and the angular velocity, s.
     pub(crate) velocity_window_s: [f64; 2],
     /// Silence after which the arm is woken, s; `None`: never.

@@ -32,10 +32,10 @@ mod torture;
 use std::path::PathBuf;
 
 pub use accuracy::{FieldErrors, field_errors};
-pub use couplings::FeltSeries;
+pub use couplings::ForceSeries;
 pub use csv::Csv;
 
-use self::sliding::{DEPTHS_VOXELS, Slid};
+use self::sliding::{DEPTHS_VOXELS, SlideForces};
 use super::export::TemporaryFolder;
 use super::{BenchError, Row};
 use hapticd::scene::cache::{Cache, CachePolicy};
@@ -65,9 +65,9 @@ pub struct Quality {
     /// The table that says what to choose, as markdown.
     pub choice: String,
     /// Slides over the shipped scenes at constant depth, for plots.
-    pub slides: Vec<Slid>,
+    pub slides: Vec<SlideForces>,
     /// What a hand feels of them, for plots.
-    pub felt: Vec<FeltSeries>,
+    pub felt: Vec<ForceSeries>,
 }
 
 /// Measures the quality of forces. `tell` hears what is being done.

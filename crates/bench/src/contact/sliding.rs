@@ -98,7 +98,7 @@ fn down_and_around(radius_m: f64, time_s: f64, from_m: f64, down_m: f64) -> Pose
 
 /// Forces of one slide, N, tick by tick.
 #[derive(Clone, Debug)]
-pub struct Slid {
+pub struct SlideForces {
     /// Name of the scene.
     pub scene: String,
     /// Depth of the deepest point, voxels.
@@ -121,7 +121,7 @@ pub fn ripple_percent(forces: &[DVec3]) -> Option<f64> {
     ripple_rms(forces, RATE_HZ).filter(|_| mean_n > 0.0).map(|rms_n| 100.0 * rms_n / mean_n)
 }
 
-impl Slid {
+impl SlideForces {
     /// How many times rougher the raw force is.
     pub fn times_smoother(&self) -> Option<f64> {
         Some(ripple_percent(&self.raw)? / ripple_percent(&self.shipped)?)
@@ -132,7 +132,7 @@ impl Slid {
 ///
 /// # Errors
 /// A scene that cannot be baked.
-pub fn slides(scenes_folder: &Path, depths_voxels: &[f64]) -> Result<Vec<Slid>, BenchError> {
+pub fn slides(scenes_folder: &Path, depths_voxels: &[f64]) -> Result<Vec<SlideForces>, BenchError> {
     slides_with(scenes_folder, depths_voxels, &mut Cache::off(), &mut |_| ())
 }
 
@@ -141,7 +141,7 @@ pub(super) fn slides_with(
     depths_voxels: &[f64],
     cache: &mut Cache,
     tell: &mut dyn FnMut(&str),
-) -> Result<Vec<Slid>, BenchError> {
+) -> Result<Vec<SlideForces>, BenchError> {
     let shipped: Vec<PathBuf> = scenes::shipped(folder);
     let mut slid = Vec::new();
     for track in &TRACKS {
@@ -157,7 +157,7 @@ pub(super) fn slides_with(
 }
 
 impl Track {
-    fn slide(&self, scene: &RenderScene, depth_voxels: f64) -> Slid {
+    fn slide(&self, scene: &RenderScene, depth_voxels: f64) -> SlideForces {
         let p = &scene.parameters;
         let force_law = |law: ForceLaw, pose: Pose| {
             let body = pose * Pose::from_translation(scene.tool.center_of_mass_tool);
@@ -209,16 +209,16 @@ impl Track {
         let from = (RATE_HZ / PRESS_HZ) as usize;
         let delay_s = lag_s(&at_once[from..], &answer[from..], PRESS_HZ, RATE_HZ).unwrap_or(f64::NAN);
         let stated_delay_s = filter_delay_s(p.filter.cutoff_hz[0], p.period_s);
-        Slid { scene: self.scene.to_owned(), depth_voxels, raw, unfiltered, shipped, delay_s, stated_delay_s }
+        SlideForces { scene: self.scene.to_owned(), depth_voxels, raw, unfiltered, shipped, delay_s, stated_delay_s }
     }
 }
 
-pub(super) fn rows(slides: &[Slid], csv: &mut Csv) -> Result<Vec<Row>, BenchError> {
+pub(super) fn rows(slides: &[SlideForces], csv: &mut Csv) -> Result<Vec<Row>, BenchError> {
     const GROUP: &str = "smoothness of the force law: sliding at constant depth, as shipped beside the raw force of 2008";
     let mut series = csv.file("slides.csv", "scene,depth_voxels,law,t_s,fx_n,fy_n,fz_n")?;
     let mut rows = Vec::new();
     for slid in slides {
-        let Slid { scene, depth_voxels, raw, unfiltered, shipped, delay_s, stated_delay_s } = slid;
+        let SlideForces { scene, depth_voxels, raw, unfiltered, shipped, delay_s, stated_delay_s } = slid;
         for (law, forces) in [("raw", raw), ("unfiltered", unfiltered), ("shipped", shipped)] {
             for (tick, force) in forces.iter().enumerate() {
                 let [x, y, z] = force.to_array();

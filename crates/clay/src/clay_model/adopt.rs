@@ -1,7 +1,7 @@
 //! What a stroke leaves to the surface.
 
-use super::super::advect::Afloat;
-use super::super::{Moved, PointSet, PointSurface, SurfaceError};
+use super::super::advect::AdvectedSamples;
+use super::super::{PointSet, PointSurface, SampleMove, SurfaceError};
 use vps::density::{Lattice, Raster};
 
 /// What moved by less, in spacings of the raster, has not moved.
@@ -13,7 +13,7 @@ pub(super) fn faint_m(lattice: &Lattice) -> f64 {
 }
 
 /// Samples that are afloat and farther from where they were before than a distance; those that came since are among them.
-pub(super) fn moved_by(points: &PointSet, before: &PointSet, afloat: &Afloat, least_m: f64) -> Vec<u32> {
+pub(super) fn moved_by(points: &PointSet, before: &PointSet, afloat: &AdvectedSamples, least_m: f64) -> Vec<u32> {
     let has_moved = |sample: &u32| {
         let was_map = before.positions_map.get(*sample as usize);
         was_map.is_none_or(|was_map| points.positions_map[*sample as usize].distance(*was_map) > least_m)
@@ -49,9 +49,9 @@ pub(super) fn adopt(
     base: &Raster,
 ) -> Result<(), SurfaceError> {
     let before = surface.points();
-    let moved: Vec<Moved> = (0..n_before)
+    let moved: Vec<SampleMove> = (0..n_before)
         .filter(|sample| before.positions_map[*sample] != points.positions_map[*sample])
-        .map(|sample| Moved {
+        .map(|sample| SampleMove {
             sample: sample as u32,
             position_map: points.positions_map[sample],
             normal_map: points.normals_map[sample],

@@ -15,7 +15,7 @@ const PER_MASS_POINT: u64 = 64;
 
 /// About what a piece takes while it is made and worked; strokes that can be taken back apart, which are bounded by themselves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Foreseen {
+pub struct MemoryEstimate {
     /// Samples.
     pub samples: u64,
     /// Nodes of the raster over the whole piece.
@@ -24,7 +24,7 @@ pub struct Foreseen {
     pub bytes: u64,
 }
 
-impl Foreseen {
+impl MemoryEstimate {
     /// Of a piece of so many samples in a box (map frame, m).
     ///
     /// # Errors
@@ -44,7 +44,7 @@ mod tests {
     #[test]
     fn more_samples_and_finer_rasters_take_more() {
         let bounds = (DVec3::splat(-0.02), DVec3::splat(0.02));
-        let of = |samples, n| Foreseen::of(samples, bounds, &Settings { raster: [n; 3], ..Settings::default() }).unwrap();
+        let of = |samples, n| MemoryEstimate::of(samples, bounds, &Settings { raster: [n; 3], ..Settings::default() }).unwrap();
         let (one, other, finer) = (of(1000, 40), of(101_000, 40), of(1000, 80));
         assert_eq!(other.bytes - one.bytes, 150_000_000);
         // Eight times the mass points, and nearly so many nodes.

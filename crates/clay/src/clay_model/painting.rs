@@ -6,7 +6,7 @@ use glam::DVec3;
 
 use super::super::SurfaceError;
 use super::super::paint::{Brush, Coat, Dab, Surfel};
-use super::{Afloat, ClayModel};
+use super::{AdvectedSamples, ClayModel};
 
 /// Radius of a sample's disc, in its spacings: neighbouring discs overlap.
 const DISC_SPACINGS: f64 = 0.75;
@@ -70,7 +70,7 @@ impl ClayModel {
             self.take_back();
             return Err(error);
         }
-        self.region.afloat = Afloat::new(self.surface.points(), self.region.dynamics.now(), 0.0);
+        self.region.afloat = AdvectedSamples::new(self.surface.points(), self.region.dynamics.now(), 0.0);
         self.settle();
         Ok(())
     }

@@ -26,7 +26,7 @@ pub(super) fn stroke(piece: &mut ClayModel, force_n: f64) {
     for _ in 0..50 {
         let top = piece.onto(DVec3::Z * R, 0.01).map_or(DVec3::Z * R, |(at, _)| at);
         piece
-            .pull(&Pull {
+            .pull(&PullForce {
                 along_map: vec![top],
                 force_n: DVec3::Z * force_n,
                 reach_m: 3e-3,
@@ -124,7 +124,7 @@ fn what_can_be_taken_back_is_bounded_by_memory_too() {
     let before = piece.moment();
     stroke(&mut piece, 3.0);
     let after = piece.moment();
-    let left = |mut past: Vec<Moment>, bytes_max: usize| {
+    let left = |mut past: Vec<Snapshot>, bytes_max: usize| {
         undo_history::forget(&mut past, bytes_max);
         past.len()
     };
@@ -189,8 +189,8 @@ fn a_bite_is_taken_out_and_an_image_stands_out() {
         assert!(piece.undo().unwrap());
     }
     let white = GreyImage::new(2, 2, vec![1.0; 4]).unwrap();
-    let laid = Laid::Around { center_map: DVec3::ZERO, north_map: DVec3::Z, front_map: DVec3::X };
-    assert_eq!(piece.emboss(&white, &laid, 1e-3).unwrap(), 4000);
+    let placement = ImagePlacement::Around { center_map: DVec3::ZERO, north_map: DVec3::Z, front_map: DVec3::X };
+    assert_eq!(piece.emboss(&white, &placement, 1e-3).unwrap(), 4000);
     assert!((top_m(&piece) - (R + 1e-3)).abs() < 1e-4, "{}", top_m(&piece));
 }
 
@@ -253,9 +253,12 @@ fn edges_and_relief_far_from_a_boolean_or_an_image_stay_as_they_are() {
         piece.combine(Boolean::Difference, &bite(DVec3::new(-0.4, -1.0, 0.0) * R), false).unwrap();
         is_as_before(&piece, "a blended bite");
         let image = GreyImage::new(4, 4, vec![1.0; 16]).unwrap();
-        let laid =
-            Laid::Flat { middle_map: DVec3::new(-0.3 * R, 0.0, 0.95 * R), right_map: DVec3::X * 3e-3, up_map: DVec3::Y * 3e-3 };
-        assert!(piece.emboss(&image, &laid, 1e-3).unwrap() > 10);
+        let placement = ImagePlacement::Flat {
+            middle_map: DVec3::new(-0.3 * R, 0.0, 0.95 * R),
+            right_map: DVec3::X * 3e-3,
+            up_map: DVec3::Y * 3e-3,
+        };
+        assert!(piece.emboss(&image, &placement, 1e-3).unwrap() > 10);
         is_as_before(&piece, "an image");
     }
 }

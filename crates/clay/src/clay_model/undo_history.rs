@@ -16,7 +16,7 @@ const PAST_BYTES_MAX: usize = 1 << 30;
 
 /// What was there before a stroke, and which part of it deformed.
 #[derive(Clone, Debug)]
-pub(in super::super) struct Moment {
+pub(in super::super) struct Snapshot {
     pub(in super::super) samples: Samples,
     /// Measured.
     pub(in super::super) base: Arc<Raster>,
@@ -58,7 +58,7 @@ impl Samples {
     }
 }
 
-impl Moment {
+impl Snapshot {
     /// `None` where the region is no part of the base.
     pub(in super::super) fn new(
         points: PointSet,
@@ -88,9 +88,9 @@ impl Moment {
 
 /// A piece with its past, as a file keeps it.
 pub(in super::super) struct Session {
-    pub(in super::super) now: Moment,
-    pub(in super::super) past: Vec<Moment>,
-    pub(in super::super) undone: Vec<Moment>,
+    pub(in super::super) now: Snapshot,
+    pub(in super::super) past: Vec<Snapshot>,
+    pub(in super::super) undone: Vec<Snapshot>,
     pub(in super::super) settings: Settings,
     pub(in super::super) gap_m: f64,
 }
@@ -160,13 +160,13 @@ impl ClayModel {
     }
 
     /// What undo and redo go to, each with the nearest at its end.
-    pub(in super::super) fn moments(&self) -> (&[Moment], &[Moment]) {
+    pub(in super::super) fn moments(&self) -> (&[Snapshot], &[Snapshot]) {
         (&self.past, &self.undone)
     }
 
     /// What is there, a stroke under way apart.
-    pub(in super::super) fn moment(&self) -> Moment {
-        Moment {
+    pub(in super::super) fn moment(&self) -> Snapshot {
+        Snapshot {
             samples: Samples::Fitted(self.surface.clone()),
             base: self.base.clone(),
             material_map: self.material_map.clone(),
@@ -204,7 +204,7 @@ impl ClayModel {
         self.cut_region(*self.region.dynamics.lattice());
     }
 
-    fn go_to(&mut self, Moment { samples, base, material_map, region, region_map }: Moment) -> Result<(), SurfaceError> {
+    fn go_to(&mut self, Snapshot { samples, base, material_map, region, region_map }: Snapshot) -> Result<(), SurfaceError> {
         self.surface = samples.fitted(self.settings.n_neighbours)?;
         (self.base, self.material_map) = (base, material_map);
         self.settings.region_map = region_map;
@@ -220,9 +220,9 @@ impl ClayModel {
 }
 
 /// Leaves the newest, as many as there is room for, and the last one in any case.
-pub(super) fn forget(past: &mut Vec<Moment>, bytes_max: usize) {
+pub(super) fn forget(past: &mut Vec<Snapshot>, bytes_max: usize) {
     let (mut n, mut bytes) = (0, 0);
-    let mut newer: Option<&Moment> = None;
+    let mut newer: Option<&Snapshot> = None;
     for moment in past.iter().rev() {
         bytes += moment.n_bytes(newer);
         if n == PAST_MAX || n > 0 && bytes > bytes_max {

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::super::boolean::Boolean;
-use super::super::emboss::{GreyImage, Laid};
+use super::super::emboss::{GreyImage, ImagePlacement};
 use super::super::{PointSet, PointSurface, export, save};
 use super::{EngineError, SculptEngine, SculptOrder, ToolSettings};
 
@@ -19,7 +19,7 @@ impl SculptEngine {
             SculptOrder::Adjust(change) => self.take(change.onto(&self.tool)),
             SculptOrder::Hold(is_held) => {
                 self.is_held_by_order = is_held;
-                self.heard.hold(is_held);
+                self.motion.hold(is_held);
                 Ok(())
             }
             SculptOrder::Undo => {
@@ -42,9 +42,9 @@ impl SculptEngine {
                 let with = with.beside(self.model.surface().spacing_m())?.placed(&map_from_body);
                 self.combine(boolean, with, is_sharp)
             }
-            SculptOrder::Emboss { image, laid, depth_m } => {
+            SculptOrder::Emboss { image, placement, depth_m } => {
                 self.let_go()?;
-                self.emboss(&image, &laid, depth_m)
+                self.emboss(&image, &placement, depth_m)
             }
             SculptOrder::SavePoints(path) => {
                 save::save(&path, self.model.points()).map_err(|source| EngineError::write(&path, source))
@@ -90,12 +90,12 @@ impl SculptEngine {
         Ok(())
     }
 
-    pub(super) fn emboss(&mut self, image: &GreyImage, laid: &Laid, depth_m: f64) -> Result<(), EngineError> {
+    pub(super) fn emboss(&mut self, image: &GreyImage, placement: &ImagePlacement, depth_m: f64) -> Result<(), EngineError> {
         if !depth_m.is_finite() {
             return Err(EngineError::Length { name: "a depth of images", value: depth_m });
         }
         self.has_leapt = true;
-        let n_moved = self.model.emboss(image, laid, depth_m)?;
+        let n_moved = self.model.emboss(image, placement, depth_m)?;
         if n_moved > 0 { Ok(()) } else { Err(EngineError::Nothing("image")) }
     }
 }

@@ -7,7 +7,7 @@ use super::super::SurfaceError;
 use super::super::clay_model::ClayModelError;
 use super::super::export::ExportError;
 use super::super::material_map::Painted;
-use super::super::session::SessionError;
+use super::super::session::SessionFileError;
 use vps::spatial::Metres;
 
 /// Why the engine did not do what it was asked for. The piece is as it was; [`EngineError::hint`] says what would help.
@@ -24,7 +24,7 @@ pub enum EngineError {
     Export(#[from] ExportError),
     /// A session that cannot be written.
     #[error("{0}")]
-    Session(#[from] SessionError),
+    Session(#[from] SessionFileError),
     /// A file that cannot be written.
     #[error("cannot write {path}: {source}")]
     Write {

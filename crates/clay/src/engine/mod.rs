@@ -23,9 +23,9 @@ pub use clay_view::ClayView;
 pub use error::EngineError;
 pub use order::SculptOrder;
 pub use sculpt_tool::{SculptTool, ToolChange, ToolSettings};
-pub use tool_motion::{Grip, ToolBody, ToolMotion};
+pub use tool_motion::{HoldOutcome, ToolBody, ToolMotion};
 
-use self::work::{Doing, Heard};
+use self::work::{Activity, MotionSummary};
 use super::{ClayModel, PointSet};
 use vps::density::Frame;
 use vps::spatial::Metres;
@@ -42,10 +42,10 @@ pub struct SculptEngine {
     model: ClayModel,
     tool: ToolSettings,
     body: ToolBody,
-    heard: Heard,
+    motion: MotionSummary,
     /// An order holds, as the arm's button does.
     is_held_by_order: bool,
-    doing: Doing,
+    activity: Activity,
     updates: u64,
     /// Of the points that were shown last.
     version: u64,
@@ -56,7 +56,7 @@ pub struct SculptEngine {
     /// Strokes, and strokes to be taken back and done again, when a session was saved last.
     saved: History,
     /// Of the last update.
-    grip: Grip,
+    grip: HoldOutcome,
     /// The loop has not been shown what there is.
     has_changed: bool,
     /// The surface may have gone elsewhere at once since it was shown.
@@ -72,14 +72,14 @@ impl SculptEngine {
             model,
             tool,
             body,
-            heard: Heard::default(),
+            motion: MotionSummary::default(),
             is_held_by_order: false,
-            doing: Doing::Nothing,
+            activity: Activity::Nothing,
             updates: 0,
             version: 0,
             shown: None,
             is_outdated: true,
-            grip: Grip::None,
+            grip: HoldOutcome::None,
             has_changed: true,
             has_leapt: false,
             trouble: Arc::from(""),
@@ -102,13 +102,13 @@ impl SculptEngine {
     }
 
     /// What became of a hold in the last update; [`Self::trouble`] says why nothing did.
-    pub fn grip(&self) -> Grip {
+    pub fn grip(&self) -> HoldOutcome {
         self.grip
     }
 
     /// What a tick of the loop told; every tick is heard once, in order. Cost: none to speak of.
     pub fn hear(&mut self, handling: &ToolMotion) {
-        self.heard.add(handling, self.is_held_by_order);
+        self.motion.add(handling, self.is_held_by_order);
     }
 
     /// Carries out an order.
@@ -126,12 +126,12 @@ impl SculptEngine {
     /// nothing new to show.
     pub fn advance(&mut self, time_s: f64) -> bool {
         self.updates += 1;
-        let heard = self.heard.take();
+        let motion = self.motion.take();
         let had_rope = self.rope_map().is_some();
         let strokes_before = self.model.strokes();
         let spacing_m = self.model.region().lattice().spacing_m;
-        let worked = self.work(&heard, time_s);
-        self.grip = heard.grip(worked.is_ok() || !self.tool.craft.is_held());
+        let worked = self.work(&motion, time_s);
+        self.grip = motion.grip(worked.is_ok() || !self.tool.craft.is_held());
         if let Err(error) = worked {
             self.complain(&error);
         } else if self.model.strokes() > strokes_before {
@@ -150,7 +150,7 @@ impl SculptEngine {
 
     /// The stroke under way ends, and the rope is let go.
     pub fn finish(&mut self) {
-        self.grip = Grip::None;
+        self.grip = HoldOutcome::None;
         if let Err(error) = self.let_go() {
             self.complain(&error);
         }
@@ -160,14 +160,14 @@ impl SculptEngine {
     pub fn slacken(&mut self) -> bool {
         let had_rope = self.rope_map().is_some();
         if had_rope {
-            self.doing = Doing::Nothing;
+            self.activity = Activity::Nothing;
         }
         had_rope
     }
 
     /// The stroke under way has never been: after densities that cannot be touched.
     pub fn give_up_stroke(&mut self, why: &str) {
-        self.doing = Doing::Nothing;
+        self.activity = Activity::Nothing;
         self.has_leapt = true;
         self.model.cancel_stroke();
         self.note_change();

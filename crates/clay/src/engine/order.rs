@@ -5,9 +5,9 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
-use super::super::Body;
+use super::super::SolidSource;
 use super::super::boolean::Boolean;
-use super::super::emboss::{GreyImage, Laid};
+use super::super::emboss::{GreyImage, ImagePlacement};
 use super::{ToolChange, ToolSettings};
 use vps::spatial::Pose;
 
@@ -36,7 +36,7 @@ pub enum SculptOrder {
         /// Which way.
         boolean: Boolean,
         /// The other solid; what is not sampled yet gets the spacing that the piece has then.
-        with: Arc<Body>,
+        with: Arc<SolidSource>,
         /// Where it stands.
         map_from_body: Pose,
         /// The edge between both stays.
@@ -47,7 +47,7 @@ pub enum SculptOrder {
         /// White is deep, black is none.
         image: Arc<GreyImage>,
         /// Where.
-        laid: Laid,
+        placement: ImagePlacement,
         /// m.
         depth_m: f64,
     },

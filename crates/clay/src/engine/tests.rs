@@ -4,11 +4,11 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use super::*;
-use crate::Body;
+use crate::SolidSource;
 use crate::boolean::Boolean;
 use crate::clay_model::Settings;
 use crate::dynamics::Material;
-use crate::emboss::{GreyImage, Laid};
+use crate::emboss::{GreyImage, ImagePlacement};
 use crate::falloff::Falloff;
 use crate::shapes::sphere;
 use vps::mesh::mass::mass_properties;
@@ -305,13 +305,13 @@ fn orders_end_what_the_hand_does_and_say_why_they_fail() {
     let none = SculptOrder::Take(ToolSettings { brush_m: 0.0, ..tool(SculptTool::Push) });
     assert!(matches!(hand.engine.order(none), Err(EngineError::Length { .. })));
     let image = Arc::new(GreyImage::new(2, 2, vec![1.0; 4]).unwrap());
-    let beside = Laid::Flat { middle_map: DVec3::ONE, right_map: DVec3::Y * 1e-3, up_map: DVec3::Z * 1e-3 };
-    let refused = hand.engine.order(SculptOrder::Emboss { image: image.clone(), laid: beside, depth_m: 1e-3 });
+    let beside = ImagePlacement::Flat { middle_map: DVec3::ONE, right_map: DVec3::Y * 1e-3, up_map: DVec3::Z * 1e-3 };
+    let refused = hand.engine.order(SculptOrder::Emboss { image: image.clone(), placement: beside, depth_m: 1e-3 });
     assert!(matches!(refused, Err(EngineError::Nothing(_))), "{refused:?}");
-    let refused = hand.engine.order(SculptOrder::Emboss { image, laid: beside, depth_m: f64::NAN });
+    let refused = hand.engine.order(SculptOrder::Emboss { image, placement: beside, depth_m: f64::NAN });
     assert!(matches!(refused, Err(EngineError::Length { .. })), "{refused:?}");
     let cut = |radius_m: f64, map_from_body: Pose| {
-        let with = Arc::new(Body::Samples(sphere(4000, radius_m)));
+        let with = Arc::new(SolidSource::Samples(sphere(4000, radius_m)));
         SculptOrder::Combine { boolean: Boolean::Difference, with, map_from_body, is_sharp: false }
     };
     let refused = hand.engine.order(cut(2.0 * R, Pose::IDENTITY));
@@ -432,7 +432,7 @@ fn the_same_hand_leaves_the_same_bits_on_any_number_of_threads() {
 
 /// The union with a ball somewhere.
 fn with_ball(n: usize, radius_m: f64, at_map: DVec3) -> SculptOrder {
-    let (with, map_from_body) = (Arc::new(Body::Samples(sphere(n, radius_m))), Pose::from_translation(at_map));
+    let (with, map_from_body) = (Arc::new(SolidSource::Samples(sphere(n, radius_m))), Pose::from_translation(at_map));
     SculptOrder::Combine { boolean: Boolean::Union, with, map_from_body, is_sharp: false }
 }
 

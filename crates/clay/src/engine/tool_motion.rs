@@ -26,7 +26,7 @@ pub struct ToolMotion {
 
 /// What becomes of a hold.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Grip {
+pub enum HoldOutcome {
     /// No hold began.
     #[default]
     None,

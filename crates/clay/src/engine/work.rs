@@ -3,10 +3,10 @@
 use glam::DVec3;
 
 use super::super::SurfaceError;
-use super::super::emboss::{GreyImage, Laid};
+use super::super::emboss::{GreyImage, ImagePlacement};
 use super::super::paint::Brush;
-use super::super::pull::Pull;
-use super::{EngineError, Grip, SculptEngine, SculptTool, ToolMotion, ToolSettings};
+use super::super::pull::PullForce;
+use super::{EngineError, HoldOutcome, SculptEngine, SculptTool, ToolMotion, ToolSettings};
 
 /// A stroke of push, paint or material is over when the tool has left for so long, s: a hand that trembles makes one stroke.
 const LEFT_S: f64 = 0.2;
@@ -25,7 +25,7 @@ const DOME_PIXELS: usize = 48;
 
 /// What ticks have told since the last update.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Heard {
+pub(super) struct MotionSummary {
     n: u32,
     force_map: DVec3,
     rope_map: DVec3,
@@ -37,7 +37,7 @@ pub(super) struct Heard {
     has_risen: bool,
 }
 
-impl Heard {
+impl MotionSummary {
     pub(super) fn add(&mut self, handling: &ToolMotion, is_held_by_order: bool) {
         self.n += 1;
         self.force_map += handling.force_map;
@@ -52,11 +52,11 @@ impl Heard {
     }
 
     /// What came of the work on this.
-    pub(super) fn grip(&self, has_worked: bool) -> Grip {
+    pub(super) fn grip(&self, has_worked: bool) -> HoldOutcome {
         match (self.has_risen && self.n > 0, has_worked) {
-            (false, _) => Grip::None,
-            (true, true) => Grip::Taken,
-            (true, false) => Grip::Missed,
+            (false, _) => HoldOutcome::None,
+            (true, true) => HoldOutcome::Taken,
+            (true, false) => HoldOutcome::Missed,
         }
     }
 
@@ -67,22 +67,22 @@ impl Heard {
 
     /// What there is to work on, forces as means; only where the hand is stays for the next update.
     pub(super) fn take(&mut self) -> Self {
-        let mut heard = *self;
+        let mut motion = *self;
         if self.n == 0 {
             // Nothing is known of the hand: what it takes hold of waits.
-            return heard;
+            return motion;
         }
         let share = 1.0 / f64::from(self.n);
-        heard.force_map *= share;
-        heard.rope_map *= share;
+        motion.force_map *= share;
+        motion.rope_map *= share;
         *self = Self { last: self.last, is_held: self.is_held, ..Self::default() };
-        heard
+        motion
     }
 }
 
 /// What is under way.
 #[derive(Clone, Debug, Default)]
-pub(super) enum Doing {
+pub(super) enum Activity {
     #[default]
     Nothing,
     /// Push, paint or material; for so long the tool has not touched, s.
@@ -101,20 +101,20 @@ pub(super) enum Doing {
 
 impl SculptEngine {
     /// One update's worth of work.
-    pub(super) fn work(&mut self, heard: &Heard, time_s: f64) -> Result<(), EngineError> {
-        if heard.n == 0 {
+    pub(super) fn work(&mut self, motion: &MotionSummary, time_s: f64) -> Result<(), EngineError> {
+        if motion.n == 0 {
             return Ok(());
         }
-        if !heard.last.has_force {
+        if !motion.last.has_force {
             self.let_go()?;
-            return if heard.has_risen && self.tool.craft.is_held() { Err(EngineError::NoForce) } else { Ok(()) };
+            return if motion.has_risen && self.tool.craft.is_held() { Err(EngineError::NoForce) } else { Ok(()) };
         }
         match self.tool.craft {
             SculptTool::Touch => Ok(()),
-            SculptTool::Push | SculptTool::Paint | SculptTool::Material => self.press(heard, time_s),
-            SculptTool::Pull | SculptTool::PullCurve => self.rope(heard),
-            SculptTool::Emboss | SculptTool::Engrave if heard.has_risen => self.stamp(heard),
-            SculptTool::Union | SculptTool::Intersection | SculptTool::Difference if heard.has_risen => self.join(heard),
+            SculptTool::Push | SculptTool::Paint | SculptTool::Material => self.press(motion, time_s),
+            SculptTool::Pull | SculptTool::PullCurve => self.rope(motion),
+            SculptTool::Emboss | SculptTool::Engrave if motion.has_risen => self.stamp(motion),
+            SculptTool::Union | SculptTool::Intersection | SculptTool::Difference if motion.has_risen => self.join(motion),
             SculptTool::Emboss | SculptTool::Engrave | SculptTool::Union | SculptTool::Intersection | SculptTool::Difference => {
                 Ok(())
             }
@@ -123,16 +123,16 @@ impl SculptEngine {
 
     /// Where a rope is tied to the surface, map frame.
     pub(super) fn rope_map(&self) -> Option<DVec3> {
-        match &self.doing {
-            Doing::Pulling { anchor_map } => Some(*anchor_map),
-            Doing::PullingCurve { curve_map, corner } => curve_map.get(*corner).copied(),
+        match &self.activity {
+            Activity::Pulling { anchor_map } => Some(*anchor_map),
+            Activity::PullingCurve { curve_map, corner } => curve_map.get(*corner).copied(),
             _ => None,
         }
     }
 
     /// The stroke under way ends, whatever it is.
     pub(super) fn let_go(&mut self) -> Result<(), EngineError> {
-        self.doing = Doing::Nothing;
+        self.activity = Activity::Nothing;
         if self.model.is_stroke() {
             self.note_change();
             if let Err(error) = self.model.end_stroke() {
@@ -148,7 +148,7 @@ impl SculptEngine {
     /// rope runs along the surface.
     pub(super) fn follow(&mut self) {
         let (model, within_m) = (&self.model, self.tool.brush_m);
-        let tip_map = self.body.tip_map(&self.heard.last);
+        let tip_map = self.body.tip_map(&self.motion.last);
         let along = |from: DVec3| (tip_map - from).normalize_or_zero();
         let follow = |at: &mut DVec3, along: DVec3| {
             let there = model.onto_along(*at, along, within_m);
@@ -156,9 +156,9 @@ impl SculptEngine {
                 *at = there;
             }
         };
-        match &mut self.doing {
-            Doing::Pulling { anchor_map } => follow(anchor_map, along(*anchor_map)),
-            Doing::PullingCurve { curve_map, corner } => {
+        match &mut self.activity {
+            Activity::Pulling { anchor_map } => follow(anchor_map, along(*anchor_map)),
+            Activity::PullingCurve { curve_map, corner } => {
                 let along = curve_map.get(*corner).map_or(DVec3::ZERO, |anchor_map| along(*anchor_map));
                 curve_map.iter_mut().for_each(|at| follow(at, along));
             }
@@ -167,19 +167,19 @@ impl SculptEngine {
     }
 
     /// Push, paint and material: what the hand presses on.
-    fn press(&mut self, heard: &Heard, time_s: f64) -> Result<(), EngineError> {
-        let force_map = -heard.force_map;
-        let place = if heard.touches && force_map.length() > LEAST_N { self.touched(&heard.last) } else { None };
+    fn press(&mut self, motion: &MotionSummary, time_s: f64) -> Result<(), EngineError> {
+        let force_map = -motion.force_map;
+        let place = if motion.touches && force_map.length() > LEAST_N { self.touched(&motion.last) } else { None };
         let Some((at_map, normal_map)) = place else {
-            if let Doing::Pressing { left_s } = &mut self.doing {
-                *left_s = if heard.touches { 0.0 } else { *left_s + time_s };
+            if let Activity::Pressing { left_s } = &mut self.activity {
+                *left_s = if motion.touches { 0.0 } else { *left_s + time_s };
                 if *left_s > LEFT_S {
                     return self.let_go();
                 }
             }
             return Ok(());
         };
-        self.doing = Doing::Pressing { left_s: 0.0 };
+        self.activity = Activity::Pressing { left_s: 0.0 };
         let force_n = force_map.length();
         match self.tool.craft {
             SculptTool::Paint => {
@@ -199,40 +199,40 @@ impl SculptEngine {
     }
 
     /// Pull and pull-curve: what is grabbed.
-    fn rope(&mut self, heard: &Heard) -> Result<(), EngineError> {
-        if heard.has_risen {
-            self.grab(heard)?;
+    fn rope(&mut self, motion: &MotionSummary) -> Result<(), EngineError> {
+        if motion.has_risen {
+            self.grab(motion)?;
         }
-        if !heard.is_held {
-            return match core::mem::take(&mut self.doing) {
-                Doing::Drawing { curve_map } => {
-                    self.doing = Doing::Drawn { curve_map };
+        if !motion.is_held {
+            return match core::mem::take(&mut self.activity) {
+                Activity::Drawing { curve_map } => {
+                    self.activity = Activity::Drawn { curve_map };
                     Ok(())
                 }
-                Doing::Drawn { curve_map } => {
-                    self.doing = Doing::Drawn { curve_map };
+                Activity::Drawn { curve_map } => {
+                    self.activity = Activity::Drawn { curve_map };
                     Ok(())
                 }
-                Doing::Pulling { .. } | Doing::PullingCurve { .. } => {
-                    self.doing = Doing::LettingGo;
+                Activity::Pulling { .. } | Activity::PullingCurve { .. } => {
+                    self.activity = Activity::LettingGo;
                     Ok(())
                 }
-                Doing::Nothing | Doing::Pressing { .. } | Doing::LettingGo => self.let_go(),
+                Activity::Nothing | Activity::Pressing { .. } | Activity::LettingGo => self.let_go(),
             };
         }
-        let force_map = -heard.rope_map;
-        match &mut self.doing {
-            Doing::Pulling { anchor_map } => {
+        let force_map = -motion.rope_map;
+        match &mut self.activity {
+            Activity::Pulling { anchor_map } => {
                 let along_map = vec![*anchor_map];
                 self.pull(along_map, force_map)?;
             }
-            Doing::PullingCurve { curve_map, .. } => {
+            Activity::PullingCurve { curve_map, .. } => {
                 let along_map = curve_map.clone();
                 self.pull(along_map, force_map)?;
             }
-            Doing::Drawing { curve_map } => {
+            Activity::Drawing { curve_map } => {
                 let least_m = CORNER_SPACINGS * self.model.region().lattice().spacing_m;
-                let corner = self.model.onto(self.body.tip_map(&heard.last), self.tool.brush_m);
+                let corner = self.model.onto(self.body.tip_map(&motion.last), self.tool.brush_m);
                 if let Some((at, _)) = corner
                     && curve_map.len() < CORNERS_MAX
                     && curve_map.last().is_none_or(|last| last.distance(at) >= least_m)
@@ -246,26 +246,26 @@ impl SculptEngine {
     }
 
     /// A hold begins.
-    fn grab(&mut self, heard: &Heard) -> Result<(), EngineError> {
-        let before = core::mem::take(&mut self.doing);
+    fn grab(&mut self, motion: &MotionSummary) -> Result<(), EngineError> {
+        let before = core::mem::take(&mut self.activity);
         self.let_go()?;
-        let tip_map = self.body.tip_map(&heard.last);
+        let tip_map = self.body.tip_map(&motion.last);
         let anchor_map = match self.model.onto(tip_map, self.tool.brush_m) {
             Some((anchor_map, _)) => self.check_region(anchor_map).map(|()| anchor_map),
             None => Err(EngineError::OutOfReach),
         };
         let anchor_map = anchor_map.inspect_err(|_| {
-            if let Doing::Drawn { .. } = &before {
-                self.doing = before.clone();
+            if let Activity::Drawn { .. } = &before {
+                self.activity = before.clone();
             }
         })?;
         if self.tool.craft == SculptTool::Pull {
             self.model.begin_stroke()?;
-            self.doing = Doing::Pulling { anchor_map };
+            self.activity = Activity::Pulling { anchor_map };
             return Ok(());
         }
-        self.doing = match before {
-            Doing::Drawn { mut curve_map } if curve_map.len() > 1 => {
+        self.activity = match before {
+            Activity::Drawn { mut curve_map } if curve_map.len() > 1 => {
                 // Other strokes may have moved the surface meanwhile.
                 for corner in &mut curve_map {
                     if let Some((there, _)) = self.model.onto(*corner, self.tool.brush_m) {
@@ -275,17 +275,17 @@ impl SculptEngine {
                 self.model.begin_stroke()?;
                 let from_tip = |corner: &DVec3| corner.distance_squared(tip_map);
                 let nearest = curve_map.iter().enumerate().min_by(|(_, one), (_, other)| from_tip(one).total_cmp(&from_tip(other)));
-                Doing::PullingCurve { corner: nearest.map_or(0, |(corner, _)| corner), curve_map }
+                Activity::PullingCurve { corner: nearest.map_or(0, |(corner, _)| corner), curve_map }
             }
-            _ => Doing::Drawing { curve_map: vec![anchor_map] },
+            _ => Activity::Drawing { curve_map: vec![anchor_map] },
         };
         Ok(())
     }
 
     /// Emboss and engrave: the image in the tangent plane, as wide as the brush, its upper edge towards +z of the map (+y where the surface
     /// faces along z).
-    fn stamp(&mut self, heard: &Heard) -> Result<(), EngineError> {
-        let place = self.touched(&heard.last);
+    fn stamp(&mut self, motion: &MotionSummary) -> Result<(), EngineError> {
+        let place = self.touched(&motion.last);
         let (middle_map, normal_map) = place.ok_or(EngineError::OutOfReach)?;
         let upward = if normal_map.z.abs() < 0.9 { DVec3::Z } else { DVec3::Y };
         let up = upward.reject_from_normalized(normal_map).normalize_or_zero();
@@ -297,17 +297,17 @@ impl SculptEngine {
             None => dome().ok_or(EngineError::Nothing("image"))?.into(),
         };
         let half_m = image.half_edges() * *brush_m;
-        let laid = Laid::Flat { middle_map, right_map: right * half_m.x, up_map: up * half_m.y };
+        let placement = ImagePlacement::Flat { middle_map, right_map: right * half_m.x, up_map: up * half_m.y };
         self.let_go()?;
         self.note_change();
-        self.emboss(&image, &laid, depth_m)
+        self.emboss(&image, &placement, depth_m)
     }
 
     /// Union, intersection, difference with the tool's own shape.
-    fn join(&mut self, heard: &Heard) -> Result<(), EngineError> {
+    fn join(&mut self, motion: &MotionSummary) -> Result<(), EngineError> {
         let Some(boolean) = self.tool.craft.boolean() else { return Ok(()) };
         let shape = self.body.shape.as_ref().ok_or(EngineError::NoShape)?;
-        let pose = heard.last.map_from_tool;
+        let pose = motion.last.map_from_tool;
         let with = shape.placed(&pose);
         self.let_go()?;
         self.note_change();
@@ -325,7 +325,7 @@ impl SculptEngine {
         }
         let ToolSettings { brush_m, falloff, .. } = &self.tool;
         let reach_m = (REACH_BRUSHES * brush_m).max(REACH_SPACINGS * self.model.region().lattice().spacing_m);
-        self.model.pull(&Pull { along_map, force_n, reach_m, radius_m: *brush_m, falloff: falloff.clone() })
+        self.model.pull(&PullForce { along_map, force_n, reach_m, radius_m: *brush_m, falloff: falloff.clone() })
     }
 
     fn brush(&self) -> Brush {

@@ -2,7 +2,7 @@ use super::*;
 use crate::falloff::Falloff;
 use crate::material_map::Painted;
 use crate::paint::Brush;
-use crate::pull::Pull;
+use crate::pull::PullForce;
 use crate::shapes::sphere;
 use vps::storage::sections::reseal;
 
@@ -15,7 +15,7 @@ fn piece() -> ClayModel {
         for _ in 0..10 {
             let along_map = vec![DVec3::Z * R];
             let force_n = DVec3::Z * 5.0;
-            piece.pull(&Pull { along_map, force_n, reach_m: 4e-3, radius_m: 6e-3, falloff: Falloff::Gaussian }).unwrap();
+            piece.pull(&PullForce { along_map, force_n, reach_m: 4e-3, radius_m: 6e-3, falloff: Falloff::Gaussian }).unwrap();
             piece.advance(4e-3);
         }
         piece.end_stroke().unwrap();
@@ -43,7 +43,7 @@ fn saved(piece: &ClayModel) -> Vec<u8> {
     std::fs::read(&path).unwrap()
 }
 
-fn loaded(bytes: &[u8]) -> Result<ClayModel, SessionError> {
+fn loaded(bytes: &[u8]) -> Result<ClayModel, SessionFileError> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("clay.session");
     std::fs::write(&path, bytes).unwrap();
@@ -80,7 +80,7 @@ fn whatever_material_a_scene_may_have_is_read_again() {
     };
     assert_eq!(loaded(&saved(&piece_of(material.clone()))).unwrap().settings().material, material);
     for wrong in [Material { mass_kg: 0.0, ..material.clone() }, Material { stiffness_n_per_m: -1.0, ..material }] {
-        assert!(matches!(loaded(&saved(&piece_of(wrong))), Err(SessionError::Refused { .. })));
+        assert!(matches!(loaded(&saved(&piece_of(wrong))), Err(SessionFileError::Refused { .. })));
     }
 }
 
@@ -99,7 +99,7 @@ fn painted_material_is_kept_with_its_past_and_shared_as_before() {
     assert!(saved(&after) == bytes, "saved again it has the same bytes");
     assert!(after.material_map().is_same(before.material_map()) && !after.material_map().is_bare());
     let [now, heavy_before] = [after.moment(), after.moments().0.last().unwrap().clone()];
-    let stiffness = |moment: &Moment| moment.material_map.layers()[2].clone().unwrap();
+    let stiffness = |moment: &Snapshot| moment.material_map.layers()[2].clone().unwrap();
     assert!(Arc::ptr_eq(&stiffness(&now), &stiffness(&heavy_before)), "one stiffness for both");
     while before.undo().unwrap() {
         assert!(after.undo().unwrap());
@@ -117,7 +117,7 @@ fn painted_material_is_kept_with_its_past_and_shared_as_before() {
         let at = forged.chunks_exact(4).position(|word| word == from.to_le_bytes()).unwrap() * 4;
         forged[at..at + 4].copy_from_slice(&to.to_le_bytes());
         reseal(&mut forged);
-        assert!(matches!(loaded(&forged), Err(SessionError::Refused { .. })), "{from}");
+        assert!(matches!(loaded(&forged), Err(SessionFileError::Refused { .. })), "{from}");
     }
 }
 
@@ -130,7 +130,7 @@ fn what_is_damaged_anywhere_is_refused_or_the_same_piece() {
         let mut damaged = bytes.clone();
         damaged[at] ^= 0x20;
         match loaded(&damaged) {
-            Err(SessionError::Refused { .. }) => {}
+            Err(SessionFileError::Refused { .. }) => {}
             // Between two arrays nothing is read.
             Ok(same) => {
                 n_harmless += 1;
@@ -141,11 +141,11 @@ fn what_is_damaged_anywhere_is_refused_or_the_same_piece() {
     }
     assert!(n_harmless < 200, "{n_harmless}");
     for n in [0, 1, 63, 64, 400, bytes.len() / 2, bytes.len() - 1] {
-        assert!(matches!(loaded(&bytes[..n]), Err(SessionError::Refused { .. })), "cut off behind {n} bytes");
+        assert!(matches!(loaded(&bytes[..n]), Err(SessionFileError::Refused { .. })), "cut off behind {n} bytes");
     }
     assert!(matches!(
         loaded(b"no session at all, but long enough to be looked at; really, it has more than 64 bytes"),
-        Err(SessionError::Refused { .. })
+        Err(SessionFileError::Refused { .. })
     ));
 }
 
@@ -187,7 +187,7 @@ fn the_past_that_is_kept_is_the_nearest() {
     assert_eq!((moments.len(), n_past), (9, 4));
     let mut points = moment.samples.points().clone();
     points.positions_map.resize(MOMENTS_BYTES_MAX / 48, DVec3::ZERO);
-    let large = Moment::new(points, (*moment.base).clone(), MaterialMap::default(), moment.region, None).unwrap();
+    let large = Snapshot::new(points, (*moment.base).clone(), MaterialMap::default(), moment.region, None).unwrap();
     let past = [moment.clone(), large, moment.clone(), moment.clone()];
     let (moments, n_past) = kept(&moment, &past, &[]);
     assert_eq!((moments.len(), n_past), (3, 2));

@@ -13,7 +13,7 @@ use super::{MOST_OF_MEDIAN, PointSurface, median};
 
 /// A sample and where it goes.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Moved {
+pub(crate) struct SampleMove {
     /// Number of the sample.
     pub(crate) sample: u32,
     /// Where it goes, map frame, m.
@@ -27,11 +27,11 @@ impl PointSurface {
     ///
     /// # Errors
     /// [`SurfaceError`] for a place or a normal that cannot be used; nothing has moved then.
-    pub(crate) fn move_samples(&mut self, moved: &[Moved]) -> Result<(), SurfaceError> {
-        for Moved { sample, position_map, normal_map } in moved {
+    pub(crate) fn move_samples(&mut self, moved: &[SampleMove]) -> Result<(), SurfaceError> {
+        for SampleMove { sample, position_map, normal_map } in moved {
             PointSet::check_sample(*sample as usize, *position_map, *normal_map)?;
         }
-        for Moved { sample, position_map, normal_map } in moved {
+        for SampleMove { sample, position_map, normal_map } in moved {
             let sample = *sample as usize;
             self.points.positions_map[sample] = *position_map;
             self.points.normals_map[sample] = *normal_map;
@@ -111,7 +111,7 @@ impl PointSurface {
     ///
     /// # Errors
     /// As [`Self::move_samples`]; [`SurfaceError::Coincident`] for samples that have come to one place, and then they have moved.
-    pub(crate) fn move_and_refit(&mut self, moved: &[Moved]) -> Result<(), SurfaceError> {
+    pub(crate) fn move_and_refit(&mut self, moved: &[SampleMove]) -> Result<(), SurfaceError> {
         let were_map: Vec<DVec3> = moved.iter().map(|moved| self.points.positions_map[moved.sample as usize]).collect();
         let had_one = self.have_one_of(&were_map);
         self.move_samples(moved)?;

@@ -21,9 +21,9 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use self::blend::Blend;
-pub(super) use self::edit::Moved;
+pub(super) use self::edit::SampleMove;
 use self::side::Side;
-use super::local_fit::{LocalFit, Oriented};
+use super::local_fit::{LocalFit, OrientedPoint};
 use super::neighbours::{Neighbour, Neighbours};
 use super::{PointSet, SurfaceError};
 
@@ -221,7 +221,7 @@ impl PointSurface {
         None
     }
 
-    fn oriented(&self, sample: u32) -> Oriented {
+    fn oriented(&self, sample: u32) -> OrientedPoint {
         (self.points.positions_map[sample as usize], self.points.normals_map[sample as usize])
     }
 

@@ -210,10 +210,10 @@ fn any_number_of_threads_gives_the_same_bits() {
 fn refreshed_fits_follow_the_field_that_they_are_taken_from() {
     let mut surface = build(sphere(4500, 0.05));
     // Grown by a millimetre.
-    let moved: Vec<Moved> = (0..4500)
+    let moved: Vec<SampleMove> = (0..4500)
         .map(|sample| {
             let normal_map = surface.points().normals_map[sample as usize];
-            Moved { sample, position_map: normal_map * 0.051, normal_map }
+            SampleMove { sample, position_map: normal_map * 0.051, normal_map }
         })
         .collect();
     surface.move_samples(&moved).unwrap();

@@ -1,7 +1,7 @@
 //! Every way of the drive: whatever orders, gates, faults and scene swaps follow on one another, in any order and number.
 //!
 //! The real [`tick`] is driven breadth-first from the first tick on, with every order together with everything that an arm can show, one of
-//! [`ARM`] per tick. Two states count as the same when [`Seen`] is: the drive and its gates, the steps of every ramp and every counter that
+//! [`ARM`] per tick. Two states count as the same when [`StateKey`] is: the drive and its gates, the steps of every ramp and every counter that
 //! decides on anything. All that is new is gone on from until nothing is, so there is no depth beyond which nothing was
 //! looked at. What the arm has shown is also noted beside the tick ([`History`]), so that the rules are judged by that and not by the tick's own
 //! memory.
@@ -211,7 +211,7 @@ impl History {
 
 /// What tells two states apart.
 #[derive(PartialEq, Eq, Hash)]
-struct Seen {
+struct StateKey {
     drive: u8,
     interlock: (u32, [u32; 2], [bool; 5]),
     gain_steps: u8,
@@ -228,9 +228,9 @@ struct Node {
 }
 
 impl Node {
-    fn seen(&self) -> Seen {
+    fn seen(&self) -> StateKey {
         let Self { state, history, .. } = self;
-        Seen {
+        StateKey {
             drive: state.drive as u8,
             interlock: state.interlock.decides(ENGAGE_TICKS + 1),
             gain_steps: (state.enable_gain.gain() * f64::from(RAMP_TICKS)).round() as u8,

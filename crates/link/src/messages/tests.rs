@@ -24,7 +24,7 @@ fn status(value: &Value) -> DiagnosticStatus<'_> {
     let word = |key: &str| value[key].as_str().unwrap();
     let values = value["values"].as_array().unwrap();
     DiagnosticStatus {
-        level: [Level::Ok, Level::Warn, Level::Error][value["level"].as_u64().unwrap() as usize],
+        level: [DiagnosticLevel::Ok, DiagnosticLevel::Warn, DiagnosticLevel::Error][value["level"].as_u64().unwrap() as usize],
         name: word("name"),
         message: word("message").to_owned(),
         hardware_id: word("hardware_id"),

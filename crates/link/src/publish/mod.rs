@@ -19,6 +19,6 @@ mod ros_topics;
 #[cfg(feature = "zenoh")]
 mod sender;
 
-pub use plan::{Plan, PublishError};
+pub use plan::{PublishError, PublishPlan};
 #[cfg(feature = "zenoh")]
-pub use sender::{Newest, Opened, Sender};
+pub use sender::{OpenedPublisher, RunState, Sender};

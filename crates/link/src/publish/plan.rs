@@ -5,7 +5,7 @@ use crate::{Domain, Namespace};
 
 /// What a run publishes: topics of ROS 2, and states for other viewers.
 #[derive(Clone, Debug)]
-pub struct Plan {
+pub struct PublishPlan {
     /// Where others are met.
     pub endpoints: Endpoints,
     /// How often the newest record is looked at, Hz.

@@ -8,8 +8,8 @@ use zenoh::pubsub::Publisher;
 use zenoh::qos::CongestionControl;
 use zenoh::{Session, Wait};
 
-use super::plan::{Plan, PublishError, refused};
-use crate::{Attachment, Gid, Moment, Node, Topic, gid, node_token, publisher_token, topic_key};
+use super::plan::{PublishError, PublishPlan, refused};
+use crate::{Attachment, Gid, Node, Topic, TopicInput, gid, node_token, publisher_token, topic_key};
 use recording::TickRecord;
 
 /// Name of the node.
@@ -38,8 +38,8 @@ struct RosTopic {
 
 impl RosTopics {
     /// Declares the node and its publishers.
-    pub(super) fn open(session: &Session, plan: &Plan) -> Result<Self, PublishError> {
-        let Plan { namespace, domain, arm, has_gripper, .. } = plan;
+    pub(super) fn open(session: &Session, plan: &PublishPlan) -> Result<Self, PublishError> {
+        let PublishPlan { namespace, domain, arm, has_gripper, .. } = plan;
         let node = Node { domain: *domain, session: session.zid().to_string(), namespace: namespace.clone(), name: NAME };
         let declare = |key: &str| session.liveliness().declare_token(key.to_owned()).wait().map_err(refused(key));
         let token = declare(&node_token(&node))?;
@@ -59,7 +59,7 @@ impl RosTopics {
     /// Sends what is due of a record.
     pub(super) fn publish(&mut self, record: &TickRecord, now: Instant) {
         let clock = SystemTime::now();
-        let moment = Moment { record, stamp: clock.into(), arm: &self.arm };
+        let moment = TopicInput { record, stamp: clock.into(), arm: &self.arm };
         let since = clock.duration_since(UNIX_EPOCH).unwrap_or_default();
         let source_timestamp_ns = since.as_nanos().try_into().unwrap_or(i64::MAX);
         for topic in self.topics.iter_mut().filter(|topic| topic.is_due(record, now)) {
@@ -74,7 +74,7 @@ impl RosTopic {
         !self.topic.is_occasional() || self.told.is_none_or(is_old)
     }
 
-    fn send(&mut self, moment: &Moment<'_>, source_timestamp_ns: i64, now: Instant) {
+    fn send(&mut self, moment: &TopicInput<'_>, source_timestamp_ns: i64, now: Instant) {
         let Some(message) = self.topic.message(moment) else { return };
         self.sent += 1;
         self.told = Some((self.topic.news(moment.record), now));

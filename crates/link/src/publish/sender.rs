@@ -11,7 +11,7 @@ use zenoh::pubsub::Publisher;
 use zenoh::qos::CongestionControl;
 use zenoh::{Session, Wait};
 
-use super::plan::{Plan, PublishError, refused};
+use super::plan::{PublishError, PublishPlan, refused};
 use super::ros_topics::RosTopics;
 use crate::Namespace;
 use crate::network::session;
@@ -19,7 +19,7 @@ use recording::TickRecord;
 
 /// What a run shows of itself at one moment.
 #[derive(Clone, Debug)]
-pub struct Newest {
+pub struct RunState {
     /// Its newest record.
     pub record: TickRecord,
     /// The state as `docs/api.md` has it, JSON.
@@ -29,19 +29,19 @@ pub struct Newest {
 }
 
 /// Everything that a plan needs of the network, before the run.
-pub struct Opened {
+pub struct OpenedPublisher {
     period: Duration,
     states: States,
     ros: RosTopics,
     session: Session,
 }
 
-impl Opened {
+impl OpenedPublisher {
     /// Opens a session and announces the topics; takes some seconds at most. Cold.
     ///
     /// # Errors
     /// See [`PublishError`]; nothing is announced any more then.
-    pub fn open(plan: &Plan) -> Result<Self, PublishError> {
+    pub fn open(plan: &PublishPlan) -> Result<Self, PublishError> {
         let session = session::open(&plan.endpoints)?;
         let states = States::open(&session, &plan.namespace)?;
         let ros = RosTopics::open(&session, plan)?;
@@ -53,13 +53,13 @@ impl Opened {
     ///
     /// # Errors
     /// The thread could not be started.
-    pub fn serve(self, look: impl FnMut(u64) -> Option<Newest> + Send + 'static) -> io::Result<Sender> {
+    pub fn serve(self, look: impl FnMut(u64) -> Option<RunState> + Send + 'static) -> io::Result<Sender> {
         let (stop, stopped) = bounded(0);
         let thread = std::thread::Builder::new().name("sender".to_owned()).spawn(move || self.run(look, &stopped))?;
         Ok(Sender { stop: Some(stop), thread: Some(thread) })
     }
 
-    fn run(self, mut look: impl FnMut(u64) -> Option<Newest>, stopped: &channel::Receiver<()>) {
+    fn run(self, mut look: impl FnMut(u64) -> Option<RunState>, stopped: &channel::Receiver<()>) {
         let Self { period, states, mut ros, session } = self;
         let mut next = Instant::now();
         let mut seq = 1;
@@ -95,7 +95,7 @@ impl States {
         Ok(Self { text, binary })
     }
 
-    fn publish(&self, newest: Newest) {
+    fn publish(&self, newest: RunState) {
         // A closed session has no subscribers.
         let _ = self.text.put(newest.text).wait();
         let _ = self.binary.put(newest.binary).wait();

@@ -6,7 +6,7 @@ use foxglove::Encode as _;
 use prost::Message;
 
 use super::wire::{
-    CommandWrench, ContactWrench, Described, DeviceSample, Garbled, LoopTiming, ObjectPose, Part, PoseInFrame, RenderedWrench,
+    CommandWrench, ContactWrench, DeviceSample, LoopTiming, ObjectPose, PoseInFrame, RenderedWrench, WireError, WirePart, WireType,
     schema,
 };
 use crate::TickRecord;
@@ -95,7 +95,7 @@ impl Channel {
         }
     }
 
-    pub(super) fn read(self, bytes: &[u8], row: &mut Row) -> Result<(), Garbled> {
+    pub(super) fn read(self, bytes: &[u8], row: &mut Row) -> Result<(), WireError> {
         let TickRecord { input, output, .. } = &mut row.record;
         match self {
             Self::DeviceSample => DeviceSample::read(bytes, input),
@@ -109,7 +109,7 @@ impl Channel {
     }
 }
 
-fn ours<T: Described>() -> (String, Vec<u8>) {
+fn ours<T: WireType>() -> (String, Vec<u8>) {
     (T::NAME.unwrap_or_default().to_owned(), schema::<T>(&foreign(), &["foxglove/Pose.proto", "foxglove/Vector3.proto"]))
 }
 

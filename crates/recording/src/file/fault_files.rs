@@ -38,7 +38,7 @@ pub struct FaultFile {
 }
 
 /// Hears of every file, on a thread of their own.
-pub type Told = Box<dyn FnMut(&FaultFile) + Send>;
+pub type FaultFileHandler = Box<dyn FnMut(&FaultFile) + Send>;
 
 /// Watches a run for faults and writes a recording of each.
 #[derive(Debug)]
@@ -73,7 +73,7 @@ impl FaultFiles {
     ///
     /// # Errors
     /// There is no thread for it.
-    pub fn watch(recorder: &Recorder, folder: PathBuf, mut told: Told) -> Result<Self, RecordingError> {
+    pub fn watch(recorder: &Recorder, folder: PathBuf, mut told: FaultFileHandler) -> Result<Self, RecordingError> {
         let (incidents, received) = unbounded::<Incident>();
         let (alive, ended) = bounded(1);
         let left = Arc::new(Mutex::new(Left::default()));

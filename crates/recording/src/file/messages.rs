@@ -10,7 +10,7 @@ use foxglove::messages::{
 use foxglove::{Encode, messages};
 
 use super::channels::Row;
-use super::scene_files::{Form, SceneFiles, Shown};
+use super::scene_files::{DisplayObject, DisplayShape, SceneFiles};
 use crate::TickRecord;
 use haptics::Faults;
 use vps::spatial::Pose;
@@ -126,13 +126,13 @@ pub(super) fn scene_update(scene: &SceneFiles, scene_idx: u32, stamp_ns: u64, mo
     let r#type = scene_entity_deletion::Type::All as i32;
     let before = SceneEntityDeletion { timestamp, r#type, ..SceneEntityDeletion::default() };
     let mut left_bytes = most_bytes;
-    let with_time = |shown: &Shown| SceneEntity { timestamp, ..entity(shown, scene, scene_idx, &mut left_bytes) };
+    let with_time = |shown: &DisplayObject| SceneEntity { timestamp, ..entity(shown, scene, scene_idx, &mut left_bytes) };
     let entities = scene.shown.iter().map(with_time).collect();
     SceneUpdate { deletions: if scene_idx == 0 { Vec::new() } else { vec![before] }, entities }
 }
 
 /// What viewers show of an object; its mesh file if there is room for it.
-fn entity(shown: &Shown, scene: &SceneFiles, scene_idx: u32, left_bytes: &mut u64) -> SceneEntity {
+fn entity(shown: &DisplayObject, scene: &SceneFiles, scene_idx: u32, left_bytes: &mut u64) -> SceneEntity {
     let (frame_id, origin) = if shown.is_tool { ("tool", Pose::IDENTITY) } else { ("world", shown.pose) };
     let at = |middle: [f64; 3]| Some(foxglove_pose(origin * Pose::from_translation(middle.into())));
     let color = Some(if shown.is_tool { TOOL_COLOR } else { STATIC_COLOR });
@@ -146,18 +146,18 @@ fn entity(shown: &Shown, scene: &SceneFiles, scene_idx: u32, left_bytes: &mut u6
         ..SceneEntity::default()
     };
     match &shown.form {
-        Form::Box([x, y, z], middle) => {
+        DisplayShape::Box([x, y, z], middle) => {
             entity.cubes.push(CubePrimitive { pose: at(*middle), size: Some(size(*x, *y, *z)), color });
         }
-        Form::Sphere(radius_m) => {
+        DisplayShape::Sphere(radius_m) => {
             let edge_m = 2.0 * radius_m;
             entity.spheres.push(SpherePrimitive { pose: at([0.0; 3]), size: Some(size(edge_m, edge_m, edge_m)), color });
         }
-        Form::Cylinder(radius_m, top_scale, height_m) => {
+        DisplayShape::Cylinder(radius_m, top_scale, height_m) => {
             let size = Some(size(2.0 * radius_m, 2.0 * radius_m, *height_m));
             entity.cylinders.push(CylinderPrimitive { pose: at([0.0; 3]), size, bottom_scale: 1.0, top_scale: *top_scale, color });
         }
-        Form::Mesh(path, metres_per_unit) => {
+        DisplayShape::Mesh(path, metres_per_unit) => {
             let ending = path.extension().map(|ending| ending.to_string_lossy().to_lowercase());
             let media_type = match ending.as_deref() {
                 Some("stl") => "model/stl",
@@ -177,7 +177,7 @@ fn entity(shown: &Shown, scene: &SceneFiles, scene_idx: u32, left_bytes: &mut u6
                 });
             }
         }
-        Form::Other => {}
+        DisplayShape::Other => {}
     }
     entity
 }

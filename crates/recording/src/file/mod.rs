@@ -28,8 +28,8 @@ mod tests;
 mod wire;
 mod write;
 
-pub use fault_files::{FaultFile, FaultFiles, Told, now};
+pub use fault_files::{FaultFile, FaultFileHandler, FaultFiles, now};
 pub use read::{Entry, LONGEST_TEXT, ReadError, Recording};
-pub use recorder::{Facts, Failed, Recorder, RecorderHandle, RecordingSummary};
-pub use scene_files::{Form, NamedFile, SceneFiles, Scenes, Shown};
+pub use recorder::{Facts, FailureHandler, Recorder, RecorderHandle, RecordingSummary};
+pub use scene_files::{DisplayObject, DisplayShape, NamedFile, SceneFiles, Scenes};
 pub use write::RecordingError;

@@ -71,7 +71,7 @@ pub struct RecordingSummary {
 }
 
 /// Hears, on the recorder's thread and at most once, why a recording ended early.
-pub type Failed = Box<dyn FnOnce(&RecordingError) + Send>;
+pub type FailureHandler = Box<dyn FnOnce(&RecordingError) + Send>;
 
 #[derive(Debug, Default)]
 struct Progress {
@@ -123,7 +123,7 @@ impl Recorder {
     ///
     /// # Errors
     /// The file cannot be created, or is there already and is not to be overwritten, or there is no thread for it.
-    pub fn start(&self, file: &Path, overwrites: bool, failed: Failed) -> Result<RecorderHandle, RecordingError> {
+    pub fn start(&self, file: &Path, overwrites: bool, failed: FailureHandler) -> Result<RecorderHandle, RecordingError> {
         let recording = self.create(file, overwrites)?;
         let is_new = recording.is_new();
         let progress = Arc::new(Progress::default());

@@ -32,7 +32,7 @@ pub struct SceneFiles {
     /// Meshes and hand.
     pub named: Vec<NamedFile>,
     /// What there is to see.
-    pub shown: Vec<Shown>,
+    pub shown: Vec<DisplayObject>,
 }
 
 /// A file that a scene names.
@@ -107,7 +107,7 @@ pub(super) fn hash(file: &mut File) -> io::Result<u128> {
 
 /// An object for the eye.
 #[derive(Clone, Debug)]
-pub struct Shown {
+pub struct DisplayObject {
     /// Name of the object in the scene.
     pub name: String,
     /// `world_from_object`; of the tool, where it stands at the start.
@@ -115,12 +115,12 @@ pub struct Shown {
     /// It moves with `/tool/pose`.
     pub is_tool: bool,
     /// Its form.
-    pub form: Form,
+    pub form: DisplayShape,
 }
 
 /// What an object looks like, m.
 #[derive(Clone, Debug)]
-pub enum Form {
+pub enum DisplayShape {
     /// Full edges along x, y and z, and its middle.
     Box([f64; 3], [f64; 3]),
     /// Radius.

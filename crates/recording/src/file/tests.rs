@@ -139,11 +139,11 @@ fn every_bit_of_every_tick_comes_back_with_the_files_of_its_scene() {
                 NamedFile::new("part.obj".to_owned(), mesh.clone(), Vec::new()),
                 NamedFile::new("gone.obj".to_owned(), folder.path().join("gone.obj"), Vec::new()),
             ],
-            shown: vec![Shown {
+            shown: vec![DisplayObject {
                 name: "part".to_owned(),
                 pose: Pose::IDENTITY,
                 is_tool: false,
-                form: Form::Mesh(mesh.clone(), 1.0),
+                form: DisplayShape::Mesh(mesh.clone(), 1.0),
             }],
             ..SceneFiles::default()
         });
@@ -185,7 +185,8 @@ fn the_meshes_that_viewers_show_share_their_room() {
     let folder = tempfile::tempdir().expect("a folder");
     let mesh = folder.path().join("part.stl");
     std::fs::File::create(&mesh).expect("created").set_len(14 << 20).expect("long");
-    let shown = Shown { name: "part".to_owned(), pose: Pose::IDENTITY, is_tool: false, form: Form::Mesh(mesh, 1.0) };
+    let shown =
+        DisplayObject { name: "part".to_owned(), pose: Pose::IDENTITY, is_tool: false, form: DisplayShape::Mesh(mesh, 1.0) };
     let recorder = Recorder::new(RecordSubscribers::default(), true);
     recorder.scenes.add(SceneFiles { shown: vec![shown; 5], ..SceneFiles::default() });
     let path = folder.path().join("many.mcap");

@@ -20,7 +20,7 @@ const PACKAGE: &str = "hapticd";
 
 /// Why bytes are not the message that they should be.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub(super) enum Garbled {
+pub(super) enum WireError {
     #[error(transparent)]
     Bytes(#[from] prost::DecodeError),
     #[error("there is no {0} {1}")]
@@ -30,14 +30,14 @@ pub(super) enum Garbled {
 }
 
 /// A message that stands for a value, or for a part of one.
-pub(super) trait Part<V>: Message + Default {
+pub(super) trait WirePart<V>: Message + Default {
     fn of(value: &V) -> Self;
 
     /// Writes the message into its part of the value.
-    fn put(self, value: &mut V) -> Result<(), Garbled>;
+    fn put(self, value: &mut V) -> Result<(), WireError>;
 
     /// Reads bytes into a value. What they lack stays as it is: they were written before that field existed.
-    fn read(bytes: &[u8], value: &mut V) -> Result<(), Garbled> {
+    fn read(bytes: &[u8], value: &mut V) -> Result<(), WireError> {
         let mut message = Self::of(value);
         message.merge(bytes)?;
         message.put(value)
@@ -48,11 +48,11 @@ pub(super) trait Part<V>: Message + Default {
 trait Wire<F>: Sized {
     fn to_wire(&self) -> F;
 
-    fn from_wire(field: F) -> Result<Self, Garbled>;
+    fn from_wire(field: F) -> Result<Self, WireError>;
 }
 
 /// A type of protobuf, as schemas describe it.
-pub(super) trait Described {
+pub(super) trait WireType {
     const TYPE: Type;
     /// Of a message, with its package.
     const NAME: Option<&'static str> = None;
@@ -63,7 +63,7 @@ pub(super) trait Described {
 
 macro_rules! numbers {
     ($($number:ty => $type:ident),+) => {$(
-        impl Described for $number {
+        impl WireType for $number {
             const TYPE: Type = Type::$type;
         }
 
@@ -72,7 +72,7 @@ macro_rules! numbers {
                 *self
             }
 
-            fn from_wire(number: $number) -> Result<Self, Garbled> {
+            fn from_wire(number: $number) -> Result<Self, WireError> {
                 Ok(number)
             }
         }
@@ -80,7 +80,7 @@ macro_rules! numbers {
 }
 numbers!(f64 => Double, u32 => Uint32, u64 => Uint64, i64 => Int64, bool => Bool);
 
-impl<T: Described> Described for Option<T> {
+impl<T: WireType> WireType for Option<T> {
     const TYPE: Type = T::TYPE;
     const NAME: Option<&'static str> = T::NAME;
 
@@ -94,8 +94,8 @@ impl Wire<u32> for u16 {
         u32::from(*self)
     }
 
-    fn from_wire(number: u32) -> Result<Self, Garbled> {
-        Self::try_from(number).map_err(|_| Garbled::Wide(number))
+    fn from_wire(number: u32) -> Result<Self, WireError> {
+        Self::try_from(number).map_err(|_| WireError::Wide(number))
     }
 }
 
@@ -104,7 +104,7 @@ impl Wire<u32> for Faults {
         self.bits()
     }
 
-    fn from_wire(bits: u32) -> Result<Self, Garbled> {
+    fn from_wire(bits: u32) -> Result<Self, WireError> {
         Ok(Self::from_bits(bits))
     }
 }
@@ -114,7 +114,7 @@ impl<F, T: Wire<F>> Wire<Option<F>> for Option<T> {
         self.as_ref().map(T::to_wire)
     }
 
-    fn from_wire(field: Option<F>) -> Result<Self, Garbled> {
+    fn from_wire(field: Option<F>) -> Result<Self, WireError> {
         field.map(T::from_wire).transpose()
     }
 }
@@ -133,9 +133,9 @@ impl<T: Enumeration> Wire<i32> for T {
         Self::ALL.iter().position(|known| known == self).unwrap_or(0) as i32
     }
 
-    fn from_wire(number: i32) -> Result<Self, Garbled> {
+    fn from_wire(number: i32) -> Result<Self, WireError> {
         let known = usize::try_from(number).ok().and_then(|number| Self::ALL.get(number));
-        known.copied().ok_or(Garbled::Word(Self::NAME, number))
+        known.copied().ok_or(WireError::Word(Self::NAME, number))
     }
 }
 
@@ -157,12 +157,12 @@ macro_rules! messages {
             $(#[prost($kind, $label, tag = $number)] $field: $type,)+
         }
 
-        impl Part<$value> for $message {
+        impl WirePart<$value> for $message {
             fn of(value: &$value) -> Self {
                 Self { $($field: value.$($place).+.to_wire(),)+ }
             }
 
-            fn put(self, value: &mut $value) -> Result<(), Garbled> {
+            fn put(self, value: &mut $value) -> Result<(), WireError> {
                 $(value.$($place).+ = Wire::from_wire(self.$field)?;)+
                 Ok(())
             }
@@ -173,14 +173,14 @@ macro_rules! messages {
                 $message::of(self)
             }
 
-            fn from_wire(message: $message) -> Result<Self, Garbled> {
+            fn from_wire(message: $message) -> Result<Self, WireError> {
                 let mut value = Self::default();
                 message.put(&mut value)?;
                 Ok(value)
             }
         }
 
-        impl Described for $message {
+        impl WireType for $message {
             const TYPE: Type = Type::Message;
             const NAME: Option<&'static str> = Some(concat!($package, ".", stringify!($message)));
 
@@ -322,14 +322,14 @@ pub(super) struct PoseInFrame {
     pose: Pose,
 }
 
-impl Part<Row> for PoseInFrame {
+impl WirePart<Row> for PoseInFrame {
     fn of(row: &Row) -> Self {
         const SECOND_NS: u64 = 1_000_000_000;
         let timestamp = Timestamp { seconds: (row.stamp_ns / SECOND_NS) as i64, nanos: (row.stamp_ns % SECOND_NS) as u32 };
         Self { timestamp, frame_id: "world".to_owned(), pose: row.record.output.world_from_tool.to_wire() }
     }
 
-    fn put(self, row: &mut Row) -> Result<(), Garbled> {
+    fn put(self, row: &mut Row) -> Result<(), WireError> {
         row.record.output.world_from_tool = Wire::from_wire(self.pose)?;
         Ok(())
     }
@@ -350,7 +350,7 @@ fn describe_enumeration<T: Enumeration>(file: &mut FileDescriptorProto) {
 }
 
 /// The serialized `FileDescriptorSet` of a message of ours: `known` holds the files of the foreign types that it may name, `imports` their names.
-pub(super) fn schema<T: Described>(known: &[u8], imports: &[&str]) -> Vec<u8> {
+pub(super) fn schema<T: WireType>(known: &[u8], imports: &[&str]) -> Vec<u8> {
     let mut file = FileDescriptorProto {
         name: T::NAME.map(|name| format!("{}.proto", name.replace('.', "/"))),
         package: Some(PACKAGE.to_owned()),

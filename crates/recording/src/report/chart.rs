@@ -29,7 +29,7 @@ pub(super) struct Curve<'c> {
 
 /// A chart and the values at its ends.
 #[derive(Clone, Copy, Debug)]
-pub struct Frame {
+pub struct PlotArea {
     /// Width and height of the chart with its numbers, pixels.
     pub size: [f64; 2],
     /// Values at the left and at the right end; they differ.
@@ -38,7 +38,7 @@ pub struct Frame {
     pub y: [f64; 2],
 }
 
-impl Frame {
+impl PlotArea {
     /// Where a value is, pixels from the left.
     pub fn x(&self, value: f64) -> f64 {
         LEFT + (value - self.x[0]) / (self.x[1] - self.x[0]) * (self.size[0] - LEFT - RIGHT)
@@ -83,7 +83,7 @@ pub(super) fn curve(curve: &Curve<'_>, stretches: &[Stretch]) -> String {
     let shown_limit = limit.filter(|(limit, _)| limit.is_finite() && *limit <= 4.0 * highest.max(1e-12));
     let highest = shown_limit.map_or(highest, |(limit, _)| highest.max(limit * 1.05));
     let span = if highest - lowest > 0.0 { highest - lowest } else { 1.0 };
-    let frame = Frame { size: [WIDTH, HEIGHT], x: [begin_s, end_s], y: [lowest, lowest + 1.05 * span] };
+    let frame = PlotArea { size: [WIDTH, HEIGHT], x: [begin_s, end_s], y: [lowest, lowest + 1.05 * span] };
     let mut svg = open(title);
     frame.axes(&mut svg, "s");
     for mark_s in marks {

@@ -17,7 +17,7 @@ use std::collections::BTreeMap;
 use serde_json::Value;
 
 use super::file::{Entry, LONGEST_TEXT};
-use super::{Counted, RealtimeSummary, Summary, TickRecord, Totals};
+use super::{LoopCounts, RealtimeSummary, Summary, TickRecord, Totals};
 use haptics::Faults;
 use trace::Trace;
 
@@ -144,7 +144,7 @@ impl LabReport {
     }
 
     fn totals(&self) -> Totals {
-        self.summary.totals(Counted {
+        self.summary.totals(LoopCounts {
             ticks: self.summary.ticks(),
             rate_hz: (1.0 / self.period_s()).round() as u32,
             clock: if self.keeps_time() { "real" } else { "virtual" },

@@ -3,8 +3,8 @@ use glam::{DQuat, DVec3};
 use super::*;
 use haptics::TickOutput;
 
-fn counted() -> Counted {
-    Counted {
+fn counted() -> LoopCounts {
+    LoopCounts {
         ticks: 3,
         rate_hz: 1000,
         clock: "virtual",

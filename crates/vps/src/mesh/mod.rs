@@ -43,6 +43,8 @@
 
 pub mod closest_point;
 pub mod cloud;
+#[cfg(any(feature = "gltf", feature = "threemf"))]
+mod copy_budget;
 mod edges;
 mod error;
 mod format;
@@ -55,8 +57,6 @@ mod ply;
 mod points;
 pub mod polygon;
 pub mod primitives;
-#[cfg(any(feature = "gltf", feature = "threemf"))]
-mod room;
 mod shards;
 mod source;
 mod stl;

@@ -21,7 +21,7 @@ mod known;
 use glam::DVec3;
 use rayon::prelude::*;
 
-use self::known::Known;
+use self::known::WindingCache;
 use super::grid::Grid;
 use super::orient::connected_pieces;
 use super::surface::Surface;
@@ -122,7 +122,7 @@ type Step = ([i32; 3], usize);
 /// The part of the boundary between inside and outside that lies off the surface.
 struct Boundary {
     /// Winding numbers near it and near the rims.
-    known: Known,
+    known: WindingCache,
     /// Steps that cross it, and where on the way, 0 to 1. Ascending.
     crossings: Vec<(Step, f64)>,
 }
@@ -141,7 +141,7 @@ impl Boundary {
         let n_around = 2 * SEED_CELLS + 1;
         let around = (0..n_around.pow(3))
             .map(|idx| [idx / (n_around * n_around), idx / n_around % n_around, idx % n_around].map(|step| step - SEED_CELLS));
-        let mut boundary = Self { known: Known::new(grid), crossings: Vec::new() };
+        let mut boundary = Self { known: WindingCache::new(grid), crossings: Vec::new() };
         let mut wave = boundary.known.ask(rim_cells.iter().flat_map(|cell| around.clone().map(|step| moved(*cell, step))));
         while !wave.is_empty() {
             let windings: Vec<f32> = wave.par_iter().map(|cell| winding_at(winding, grid, *cell, DVec3::ZERO) as f32).collect();

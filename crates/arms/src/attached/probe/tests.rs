@@ -40,10 +40,10 @@ fn an_arm_is_listened_to() {
     assert!(late.fresh == 200 && late.longest_silence_ticks == 4, "{late:?}");
     assert_eq!(listen(Some("garbage@500ms")).0.corrupt, 500);
     let (until_then, ended) = listen(Some("unplug@500ms"));
-    assert_eq!((until_then.fresh, ended), (500, Some(Ended::Device(DeviceError::Lost))));
+    assert_eq!((until_then.fresh, ended), (500, Some(ProbeEnd::Device(DeviceError::Lost))));
 }
 
-fn signs(arm: &mut dyn Device, trial: &mut Trial<'_, VirtualClock>) -> ([Option<Sign>; 6], Option<Ended>) {
+fn signs(arm: &mut dyn Device, trial: &mut Trial<'_, VirtualClock>) -> ([Option<Sign>; 6], Option<ProbeEnd>) {
     let mut signs = [None; 6];
     let ended = check_signs(arm, trial, &PUSH, &mut signs);
     (signs, ended.err())
@@ -112,10 +112,10 @@ fn what_was_found_before_the_end_is_kept() {
     // Told to end after the second axis: 2 s of listening, 2 s before force, 0.4 s for each.
     static QUIT: AtomicBool = AtomicBool::new(false);
     let mut trial = Trial::new(Says(VirtualClock::default(), 4_900_000_000, &QUIT), T, &QUIT).with_torque(TORQUE_MAX_NM);
-    let plan = Plan { listen: Duration::from_secs(2), push: Some(PUSH), identify: true };
-    let (mut found, mut steps) = (Found::default(), Vec::new());
+    let plan = ProbePlan { listen: Duration::from_secs(2), push: Some(PUSH), identify: true };
+    let (mut found, mut steps) = (ProbeResult::default(), Vec::new());
     let ended = try_out(&mut arm(None), &mut trial, &plan, &mut found, |step| steps.push(step));
-    assert_eq!((ended, steps.as_slice()), (Err(Ended::Told), &[Step::Signs][..]));
+    assert_eq!((ended, steps.as_slice()), (Err(ProbeEnd::Interrupted), &[ProbeStep::Signs][..]));
     assert_eq!(found.answers.fresh, 2000);
     assert_eq!(found.signs, [Some(Sign::Right), Some(Sign::Right), None, None, None, None]);
 }
@@ -142,20 +142,20 @@ impl Clock for Says {
 fn nothing_is_pushed_before_a_person_says_so() {
     static GO: AtomicBool = AtomicBool::new(false);
     static QUIT: AtomicBool = AtomicBool::new(false);
-    let plan = Plan { listen: Duration::from_millis(100), push: Some(PUSH), identify: false };
+    let plan = ProbePlan { listen: Duration::from_millis(100), push: Some(PUSH), identify: false };
     let says = |at_ns, flag| {
         let mut arm = Miswired(arm(None), Wrench::ZERO);
         let mut trial = Trial::new(Says(VirtualClock::default(), at_ns, flag), T, &QUIT).with_torque(TORQUE_MAX_NM).asking(&GO);
         // An answer to an earlier question is none to this one.
         GO.store(true, Ordering::Relaxed);
-        let ended = try_out(&mut arm, &mut trial, &plan, &mut Found::default(), |_| {}).err();
+        let ended = try_out(&mut arm, &mut trial, &plan, &mut ProbeResult::default(), |_| {}).err();
         (ended, arm.1 != Wrench::ZERO, trial.clock.now_ns())
     };
     let (ended, is_pushed, end_ns) = says(30_000_000_000, &GO);
     // Half a minute, two seconds, and six axes of 0.4 s at most.
     assert!(ended.is_none() && is_pushed && (32_000_000_000..35_000_000_000).contains(&end_ns), "{ended:?}, {end_ns} ns");
     let (ended, is_pushed, _) = says(10_000_000_000, &QUIT);
-    assert_eq!((ended, is_pushed), (Some(Ended::Told), false));
+    assert_eq!((ended, is_pushed), (Some(ProbeEnd::Interrupted), false));
 }
 
 /// An arm that drives itself on once force is on: a motor pushes along with the motion.
@@ -190,12 +190,12 @@ impl Device for SelfDriven {
 fn a_grip_that_gets_faster_by_itself_is_let_go() {
     let mut driven = SelfDriven(arm(None), Wrench::ZERO, false);
     let (found, ended) = signs(&mut driven, &mut trial());
-    let Some(Ended::Moves(mm_per_s, _)) = ended else { panic!("{ended:?}, {found:?}") };
+    let Some(ProbeEnd::Moves(mm_per_s, _)) = ended else { panic!("{ended:?}, {found:?}") };
     assert!((200..600).contains(&mm_per_s) && !driven.2, "{mm_per_s} mm/s");
     let mut driven = SelfDriven(arm(None), Wrench::ZERO, false);
     let mut made = [None; 3];
     let ended = identify(&mut driven, &mut trial(), &mut made);
-    assert!(matches!(ended, Err(Ended::Moves(200..600, _))) && made == [None; 3], "{ended:?}");
+    assert!(matches!(ended, Err(ProbeEnd::Moves(200..600, _))) && made == [None; 3], "{ended:?}");
 }
 
 #[test]
@@ -204,9 +204,9 @@ fn an_arm_without_its_zero_is_not_pushed() {
     parameters.plant.mass_kg = 0.25;
     let mut arm = Miswired(SimArm::new(parameters).expect("valid"), Wrench::ZERO);
     for (push, identify) in [(Some(PUSH), false), (None, true)] {
-        let plan = Plan { listen: Duration::from_millis(100), push, identify };
-        let mut found = Found::default();
-        assert_eq!(try_out(&mut arm, &mut trial(), &plan, &mut found, |_| {}), Err(Ended::NotHomed));
+        let plan = ProbePlan { listen: Duration::from_millis(100), push, identify };
+        let mut found = ProbeResult::default();
+        assert_eq!(try_out(&mut arm, &mut trial(), &plan, &mut found, |_| {}), Err(ProbeEnd::NotHomed));
         assert_eq!((found.signs, found.made, arm.1), ([None; 6], [None; 3], Wrench::ZERO));
     }
 }

@@ -33,8 +33,8 @@ fn woodenhaptics_hid8() {
 
     assert_eq!(host.feed(&a1[..7]), fed(0, 1));
     assert_eq!(host.feed(&[&a1[..], &[0]].concat()), fed(0, 1));
-    assert_eq!(host.feed(&a1), Fed { reports: 1, repeated: 1, ..Fed::default() });
-    assert_eq!(host.feed(&hex("64 00 38 FF 2C 01 0A 00")), Fed { reports: 1, gap: 2, ..Fed::default() });
+    assert_eq!(host.feed(&a1), FeedCounts { reports: 1, repeated: 1, ..FeedCounts::default() });
+    assert_eq!(host.feed(&hex("64 00 38 FF 2C 01 0A 00")), FeedCounts { reports: 1, gap: 2, ..FeedCounts::default() });
     // Over the end of 16 bits, there and back.
     for (count, low) in
         [(30_000, "30 75"), (40_000, "40 9C"), (30_000, "30 75"), (0, "00 00"), (-30_000, "D0 8A"), (-40_000, "C0 63")]

@@ -92,7 +92,7 @@ fn what_is_not_sound_is_dropped_and_counted() {
     assert_eq!(hid.feed(&good[..63]), fed(0, 1));
     assert_eq!(hid.feed(&[&good[..], &[0]].concat()), fed(0, 1));
     assert_eq!(hid.feed(&good), fed(1, 0));
-    assert_eq!(hid.feed(&good), Fed { reports: 1, repeated: 1, ..Fed::default() });
+    assert_eq!(hid.feed(&good), FeedCounts { reports: 1, repeated: 1, ..FeedCounts::default() });
     for at in 0..serial.len() - 1 {
         let mut bad = serial.clone();
         bad[at] ^= 0x10;
@@ -103,7 +103,7 @@ fn what_is_not_sound_is_dropped_and_counted() {
     // The later one of the page, after one that was lost: 1, then 3.
     let mut host = protocol.codec(Carriage::Reports);
     assert_eq!(host.feed(&report(&frame("state, disabled").0)), fed(1, 0));
-    assert_eq!(host.feed(&report(&frame("state, stopped").0)), Fed { reports: 1, gap: 1, ..Fed::default() });
+    assert_eq!(host.feed(&report(&frame("state, stopped").0)), FeedCounts { reports: 1, gap: 1, ..FeedCounts::default() });
 }
 
 #[test]

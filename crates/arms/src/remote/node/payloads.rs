@@ -2,9 +2,9 @@
 
 use super::NodeParameters;
 use crate::protocol::open6::{ANGULAR_STEPS, CAPABILITIES_LEN, ENABLED, HOMED, LINEAR_STEPS, MAJOR, TRIPPED, bits_of};
-use crate::remote::figures::Phase;
+use crate::remote::figures::LinkPhase;
 use crate::remote::packets::{
-    CAPABILITIES_1_1_LEN, CAPABILITIES_TOKEN, MINOR, NO_AGE, STATE_1_1_LEN, STATE_AGE, Token, put_timing,
+    CAPABILITIES_1_1_LEN, CAPABILITIES_TOKEN, HostToken, MINOR, NO_AGE, STATE_1_1_LEN, STATE_AGE, put_timing,
 };
 use vps::spatial::DeviceSample;
 
@@ -12,7 +12,7 @@ use vps::spatial::DeviceSample;
 const BUTTONS: u8 = 16;
 
 /// What the arm is, and which host is listened to.
-pub(super) fn capabilities(parameters: &NodeParameters, listens_to: Token) -> [u8; CAPABILITIES_1_1_LEN] {
+pub(super) fn capabilities(parameters: &NodeParameters, listens_to: HostToken) -> [u8; CAPABILITIES_1_1_LEN] {
     let NodeParameters { name, sensed, actuated, period_s, force_limit_n, torque_limit_nm, workspace_radius_m, timing, .. } =
         parameters;
     let mut payload = [0; CAPABILITIES_1_1_LEN];
@@ -30,19 +30,19 @@ pub(super) fn capabilities(parameters: &NodeParameters, listens_to: Token) -> [u
 }
 
 /// What a state tells.
-pub(super) struct Told<'n> {
+pub(super) struct StateContent<'n> {
     pub(super) sample: &'n DeviceSample,
     pub(super) now_s: f64,
     /// Number of the command whose force the sample can show, and how long ago that was taken, s.
     pub(super) echo: u16,
     pub(super) echo_age_s: Option<f64>,
-    pub(super) mode: Phase,
+    pub(super) mode: LinkPhase,
     pub(super) error: u8,
 }
 
 /// Where the arm is, and what became of the commands.
-pub(super) fn state(told: &Told<'_>) -> [u8; STATE_1_1_LEN] {
-    let Told { sample, now_s, echo, echo_age_s, mode, error } = *told;
+pub(super) fn state(told: &StateContent<'_>) -> [u8; STATE_1_1_LEN] {
+    let StateContent { sample, now_s, echo, echo_age_s, mode, error } = *told;
     let (place, turn) = (sample.pose.translation, sample.pose.rotation);
     let numbers = [place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w, sample.grip_rad];
     let mut payload = [0; STATE_1_1_LEN];
@@ -53,7 +53,7 @@ pub(super) fn state(told: &Told<'_>) -> [u8; STATE_1_1_LEN] {
     payload[36..38].copy_from_slice(&echo.to_le_bytes());
     payload[38..40].copy_from_slice(&(sample.buttons as u16).to_le_bytes());
     let flag = |bit: u8, is_set: bool| if is_set { bit } else { 0 };
-    payload[40] = flag(HOMED, sample.homed) | flag(ENABLED, mode == Phase::Enabled) | flag(TRIPPED, mode == Phase::Tripped);
+    payload[40] = flag(HOMED, sample.homed) | flag(ENABLED, mode == LinkPhase::Enabled) | flag(TRIPPED, mode == LinkPhase::Tripped);
     payload[41] = error;
     let rates = [(sample.twist.linear, LINEAR_STEPS), (sample.twist.angular, ANGULAR_STEPS)];
     for (idx, (vector, steps)) in rates.into_iter().enumerate() {

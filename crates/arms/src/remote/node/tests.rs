@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex};
 
 use crate::protocol::{Codec, MotorCommand, StartError};
 use crate::remote::command_hold::HoldTiming;
-use crate::remote::figures::{NodeReport, Phase};
+use crate::remote::figures::{LinkPhase, NodeReport};
 use crate::remote::{Host, LinkFigures, Node, NodeFigures, NodeParameters};
 use crate::transport::{Frame, LinkQuality, NetworkEnd, SimulatedNetwork, Transport, TransportError};
 use crate::{Capabilities, Device, DeviceError};
@@ -161,7 +161,7 @@ impl Bench {
         change(&mut self.far.lock().expect("no panic").arm)
     }
 
-    fn phase(&self) -> Phase {
+    fn phase(&self) -> LinkPhase {
         self.figures.phase()
     }
 
@@ -174,18 +174,18 @@ impl Bench {
 fn a_host_that_falls_silent_gets_its_force_back_only_after_it_has_disabled() {
     let mut bench = Bench::new(None);
     assert_eq!(bench.ticks(20, false, 2.0), DVec3::ZERO, "not enabled");
-    assert!((bench.ticks(60, true, 2.0).x - 2.0).abs() < 1e-6 && bench.phase() == Phase::Enabled);
+    assert!((bench.ticks(60, true, 2.0).x - 2.0).abs() < 1e-6 && bench.phase() == LinkPhase::Enabled);
     let silence: Vec<f64> = (0..60).map(|_| bench.silent_tick().x).collect();
     assert!(silence[..9].iter().all(|force| (force - 2.0).abs() < 1e-6), "held: {silence:?}");
     assert!(silence.windows(2).all(|pair| pair[1] <= pair[0]) && silence[30..].iter().all(|force| *force == 0.0), "{silence:?}");
-    assert_eq!((bench.phase(), bench.report().link_losses), (Phase::Tripped, 1));
+    assert_eq!((bench.phase(), bench.report().link_losses), (LinkPhase::Tripped, 1));
     assert!((28.0..=30.0).contains(&bench.report().zero_after_ms), "{} ms", bench.report().zero_after_ms);
     assert!(bench.host.is_cut(), "the host is told");
     // It comes back and goes on as if nothing had been.
     assert_eq!(bench.ticks(50, true, 2.0), DVec3::ZERO);
-    assert_eq!(bench.phase(), Phase::Tripped);
+    assert_eq!(bench.phase(), LinkPhase::Tripped);
     bench.ticks(3, false, 0.0);
-    assert!(bench.phase() == Phase::Disabled && !bench.host.is_cut());
+    assert!(bench.phase() == LinkPhase::Disabled && !bench.host.is_cut());
     assert!((bench.ticks(60, true, 2.0).x - 2.0).abs() < 1e-6);
     assert_eq!(bench.ticks(3, false, 0.0), DVec3::ZERO, "disabled is zero at once");
 }
@@ -216,7 +216,7 @@ fn packets_that_come_twice_or_late_change_nothing() {
     bench.copies = 1;
     bench.ticks(5, false, 0.0);
     bench.end.send(kept.as_slice()).expect("open");
-    assert_eq!((bench.ticks(3, false, 0.0), bench.phase()), (DVec3::ZERO, Phase::Disabled));
+    assert_eq!((bench.ticks(3, false, 0.0), bench.phase()), (DVec3::ZERO, LinkPhase::Disabled));
 }
 
 #[test]
@@ -237,9 +237,9 @@ fn a_node_listens_to_one_host_until_that_one_has_been_silent_for_a_second() {
         bench.silent_tick();
     }
     second.start(&mut link).expect("the first one is gone");
-    assert_eq!(bench.phase(), Phase::Disabled);
+    assert_eq!(bench.phase(), LinkPhase::Disabled);
     bench.now_s = bench.far.lock().expect("no panic").network.now_s();
-    assert_eq!((bench.ticks(20, true, 1.0), bench.phase()), (DVec3::ZERO, Phase::Disabled), "the first one is a stranger now");
+    assert_eq!((bench.ticks(20, true, 1.0), bench.phase()), (DVec3::ZERO, LinkPhase::Disabled), "the first one is a stranger now");
 }
 
 #[test]
@@ -256,7 +256,7 @@ fn an_arm_that_is_gone_silent_hot_or_without_its_zero_takes_no_force() {
         assert!(bench.ticks(50, true, 1.0).x > 0.9, "{name}");
         bench.arm(harm);
         assert_eq!(bench.ticks(30, true, 1.0), DVec3::ZERO, "{name}");
-        assert_eq!((bench.phase(), bench.host.newest().error), (Phase::Refusing, error), "{name}");
+        assert_eq!((bench.phase(), bench.host.newest().error), (LinkPhase::Refusing, error), "{name}");
         bench.arm(|arm| {
             arm.is_gone = false;
             arm.sample = DeviceSample { status: SampleStatus::Fresh, ..DeviceSample::default() };

@@ -5,11 +5,11 @@ use core::fmt::Write as _;
 use super::super::super::report::figure;
 use super::super::fields::{Depths, Measured};
 use super::COUPLINGS;
-use super::insertion::Inserted;
-use super::slides::{Slid, SlideFigures};
+use super::insertion::InsertionResult;
+use super::slides::{SlideFigures, SlideResult};
 
 /// Two short tables: fields, then couplings.
-pub(super) fn choice(measured: &[Measured], slides: &[Slid], insertions: &[Inserted]) -> String {
+pub(super) fn choice(measured: &[Measured], slides: &[SlideResult], insertions: &[InsertionResult]) -> String {
     let number = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), figure);
     let worst = |family: &str, depths: Depths, of: &dyn Fn(&Measured) -> Option<f64>| {
         let here = measured.iter().filter(|m| m.depths == depths && m.family.starts_with(family));

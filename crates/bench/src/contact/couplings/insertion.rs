@@ -9,7 +9,7 @@ use super::{Bench, COUPLINGS, Tried, changes, commanded, coupled, ripple_over, w
 use recording::TickRecord;
 
 /// The shipped peg with one coupling.
-pub(super) struct Inserted {
+pub(super) struct InsertionResult {
     pub(super) coupling: &'static str,
     pub(super) spatial: bool,
     pub(super) figures: Tried<InsertionFigures>,
@@ -44,7 +44,7 @@ impl InsertionFigures {
     }
 }
 
-impl Inserted {
+impl InsertionResult {
     pub(super) fn rows(&self) -> Vec<Row> {
         const GROUP: &str = "peg in hole, simulated sigma.7-class arm";
         let name = format!("{}, spatial {}", self.coupling, if self.spatial { "on" } else { "off" });
@@ -69,12 +69,12 @@ impl Inserted {
 }
 
 impl Bench<'_> {
-    pub(super) fn insertions(&mut self) -> Result<Vec<Inserted>, BenchError> {
+    pub(super) fn insertions(&mut self) -> Result<Vec<InsertionResult>, BenchError> {
         let Some(scene) = scenes::shipped(&self.options.scenes).into_iter().find(|path| scenes::name(path) == "peg-in-hole") else {
-            return Ok(vec![Inserted { coupling: "-", spatial: true, figures: Err(self.no_scenes()) }]);
+            return Ok(vec![InsertionResult { coupling: "-", spatial: true, figures: Err(self.no_scenes()) }]);
         };
         if self.options.quick {
-            return Ok(vec![Inserted { coupling: "-", spatial: true, figures: Err("--quick".to_owned()) }]);
+            return Ok(vec![InsertionResult { coupling: "-", spatial: true, figures: Err("--quick".to_owned()) }]);
         }
         let mut insertions = Vec::new();
         for coupling in COUPLINGS {
@@ -83,7 +83,7 @@ impl Bench<'_> {
                 let edits = self.as_stiff_as_allowed(&scene, vec![coupled(coupling), ("filter.spatial", Value::Boolean(spatial))]);
                 let played = self.played(&scene, &edits)?;
                 let lacking = played.is_err();
-                insertions.push(Inserted { coupling, spatial, figures: played.map(|played| InsertionFigures::of(&played)) });
+                insertions.push(InsertionResult { coupling, spatial, figures: played.map(|played| InsertionFigures::of(&played)) });
                 if lacking {
                     break;
                 }

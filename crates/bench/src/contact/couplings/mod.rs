@@ -10,8 +10,8 @@ use std::path::Path;
 use glam::DVec3;
 use toml::Value;
 
-use self::insertion::Inserted;
-use self::slides::Slid;
+use self::insertion::InsertionResult;
+use self::slides::SlideResult;
 use self::smoothness::Smooth;
 use super::super::{BenchError, Row};
 use super::fields::Measured;
@@ -35,17 +35,17 @@ fn coupled(coupling: &str) -> Edit {
 }
 
 /// Figures through couplings.
-pub(super) struct Felt {
+pub(super) struct CouplingFigures {
     pub(super) rows: Vec<Row>,
     /// What to choose, as markdown.
     pub(super) choice: String,
     /// The longest contacts of the shipped scenes, for plots.
-    pub(super) series: Vec<FeltSeries>,
+    pub(super) series: Vec<ForceSeries>,
 }
 
 /// Force on the hand in a shipped scene while it touches, N, tick by tick.
 #[derive(Clone, Debug)]
-pub struct FeltSeries {
+pub struct ForceSeries {
     /// Name of the scene.
     pub scene: String,
     /// As shipped.
@@ -61,15 +61,15 @@ pub(super) fn measure(
     csv: &mut Csv,
     cache: &mut Cache,
     tell: &mut dyn FnMut(&str),
-) -> Result<Felt, BenchError> {
+) -> Result<CouplingFigures, BenchError> {
     let mut bench = Bench { options, folder, csv, cache, tell };
     let slides = bench.slides()?;
     let insertions = bench.insertions()?;
     let (smoothness, series) = bench.smoothness()?;
-    let mut rows: Vec<Row> = slides.iter().flat_map(Slid::rows).collect();
-    rows.extend(insertions.iter().flat_map(Inserted::rows));
+    let mut rows: Vec<Row> = slides.iter().flat_map(SlideResult::rows).collect();
+    rows.extend(insertions.iter().flat_map(InsertionResult::rows));
     rows.extend(smoothness.iter().flat_map(Smooth::rows));
-    Ok(Felt { rows, choice: choice::choice(measured, &slides, &insertions), series })
+    Ok(CouplingFigures { rows, choice: choice::choice(measured, &slides, &insertions), series })
 }
 
 struct Bench<'a> {

@@ -15,7 +15,7 @@ use super::{Bench, COUPLINGS, Tried, commanded, coupled, raw};
 use recording::TickRecord;
 
 /// Q1 up the slope of 10°, guided by a stiff hand on the ideal arm.
-pub(super) struct Slid {
+pub(super) struct SlideResult {
     pub(super) coupling: &'static str,
     pub(super) what: &'static str,
     pub(super) figures: Tried<SlideFigures>,
@@ -33,7 +33,7 @@ const REST_S: f64 = 0.2;
 const PRESS_HZ: f64 = 5.0;
 
 impl Bench<'_> {
-    pub(super) fn slides(&mut self) -> Result<Vec<Slid>, BenchError> {
+    pub(super) fn slides(&mut self) -> Result<Vec<SlideResult>, BenchError> {
         let slide_s = if self.options.quick { 0.5 } else { 1.0 };
         let press_s = if self.options.quick { 0.4 } else { 1.0 };
         let (scene, normal) = self.slope(slide_s, press_s)?;
@@ -67,7 +67,7 @@ impl Bench<'_> {
                     Err(why) => Err(why),
                 };
                 let lacking = figures.is_err();
-                slides.push(Slid { coupling, what, figures });
+                slides.push(SlideResult { coupling, what, figures });
                 if lacking {
                     break;
                 }
@@ -144,7 +144,7 @@ fn slide_figures(
     })
 }
 
-impl Slid {
+impl SlideResult {
     pub(super) fn rows(&self) -> Vec<Row> {
         const GROUP: &str = "Q1 up a slope of 10° through the couplings, ideal arm";
         let Self { coupling, what, figures } = self;

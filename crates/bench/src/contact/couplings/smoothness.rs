@@ -5,7 +5,7 @@ use toml::Value;
 
 use super::super::super::{BenchError, Row};
 use super::super::scenes::{self, Played};
-use super::{Bench, FeltSeries, Tried, changes, commanded, coupled, raw, ripple_over, windows};
+use super::{Bench, ForceSeries, Tried, changes, commanded, coupled, raw, ripple_over, windows};
 use haptics::stability::filter_delay_s;
 use vps::contact::ContactSum;
 use vps::contact::{ForceLaw, Normalization};
@@ -118,7 +118,7 @@ impl Smooth {
 }
 
 impl Bench<'_> {
-    pub(super) fn smoothness(&mut self) -> Result<(Vec<Smooth>, Vec<FeltSeries>), BenchError> {
+    pub(super) fn smoothness(&mut self) -> Result<(Vec<Smooth>, Vec<ForceSeries>), BenchError> {
         let (mut found, mut series) = (Vec::new(), Vec::new());
         let scenes = scenes::shipped(&self.options.scenes);
         if scenes.is_empty() {
@@ -154,12 +154,12 @@ impl Bench<'_> {
 }
 
 /// The first second of the longest contact, as shipped and raw; `None` where nothing touches for long.
-fn side_by_side(scene: &str, shipped: &Played, raw: &Played) -> Option<FeltSeries> {
+fn side_by_side(scene: &str, shipped: &Played, raw: &Played) -> Option<ForceSeries> {
     const LONGEST_TICKS: usize = 1000;
     let (from, to) = windows(shipped.before_stop()).into_iter().max_by_key(|(from, to)| to - from)?;
     let forces = |played: &Played| -> Vec<f64> {
         let records = played.before_stop().iter().take(to).skip(from).take(LONGEST_TICKS);
         records.map(|record| commanded(record).length()).collect()
     };
-    Some(FeltSeries { scene: scene.to_owned(), shipped: forces(shipped), raw: forces(raw) })
+    Some(ForceSeries { scene: scene.to_owned(), shipped: forces(shipped), raw: forces(raw) })
 }

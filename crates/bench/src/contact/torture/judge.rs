@@ -3,7 +3,7 @@
 use super::super::super::Row;
 use hapticd::servo::LoopReport;
 use haptics::{LimitParameters, TickOutput};
-use recording::{Counted, RealtimeSummary, Summary, TickRecord};
+use recording::{LoopCounts, RealtimeSummary, Summary, TickRecord};
 use vps::spatial::SampleStatus;
 
 /// One tick may round a limit up by this share.
@@ -76,7 +76,7 @@ impl Judge {
         let clock = if is_real { "real" } else { "virtual" };
         let group = format!("torture: a nut of {n_points} points on its bolt, {long_s} s on the {clock} clock");
         let count = |what: &str, n: u64| Row::new(&group, what, n as f64, "");
-        let totals = self.summary.totals(Counted {
+        let totals = self.summary.totals(LoopCounts {
             ticks: report.ticks,
             rate_hz: 1000,
             clock,

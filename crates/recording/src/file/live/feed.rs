@@ -50,15 +50,15 @@ impl Channels {
 
 /// Who asked for the scene since the last look.
 #[derive(Default)]
-pub(super) struct Newcomers(Mutex<Vec<SinkId>>);
+pub(super) struct PendingClients(Mutex<Vec<SinkId>>);
 
-impl Newcomers {
+impl PendingClients {
     fn take(&self) -> Vec<SinkId> {
         core::mem::take(&mut *self.0.lock().unwrap_or_else(PoisonError::into_inner))
     }
 }
 
-impl ServerListener for Newcomers {
+impl ServerListener for PendingClients {
     fn on_subscribe(&self, client: Client, channel: ChannelView<'_>) {
         let mut waiting = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(sink) = client.sink_id()
@@ -75,7 +75,7 @@ pub(super) struct Feed {
     rows: Consumer<Row>,
     scenes: Scenes,
     channels: Channels,
-    newcomers: Arc<Newcomers>,
+    newcomers: Arc<PendingClients>,
     faults: Faults,
     /// Number, stamp and message of the scene that is shown.
     shown: Option<(u32, u64, Vec<u8>)>,
@@ -85,7 +85,7 @@ pub(super) struct Feed {
 }
 
 impl Feed {
-    pub(super) fn new(rows: Consumer<Row>, scenes: Scenes, channels: Channels, newcomers: Arc<Newcomers>) -> Self {
+    pub(super) fn new(rows: Consumer<Row>, scenes: Scenes, channels: Channels, newcomers: Arc<PendingClients>) -> Self {
         Self { rows, scenes, channels, newcomers, faults: Faults::NONE, shown: None, greeted: BTreeMap::new(), message: Vec::new() }
     }
 

@@ -31,7 +31,7 @@ use tokio::net::{TcpListener, TcpSocket};
 use tokio::runtime::{Builder, Runtime};
 use tokio::sync::oneshot;
 
-use self::feed::{Channels, Feed, Newcomers};
+use self::feed::{Channels, Feed, PendingClients};
 use self::proxy::{Counts, Proxy};
 use super::channels::Row;
 use super::recorder::Recorder;
@@ -45,13 +45,13 @@ const BACKLOG_CONNECTIONS: u32 = 64;
 
 /// An address that is bound, before the server answers any client there.
 #[derive(Debug)]
-pub struct Bound {
+pub struct BoundLiveServer {
     runtime: Runtime,
     listener: TcpListener,
     address: SocketAddr,
 }
 
-impl Bound {
+impl BoundLiveServer {
     /// Takes an address, which has to be of this machine alone: the protocol carries no token.
     ///
     /// # Errors
@@ -91,7 +91,7 @@ impl Bound {
         let Self { runtime, listener, .. } = self;
         let context = Context::new();
         let channels = Channels::open(&context).map_err(io::Error::other)?;
-        let newcomers = Arc::new(Newcomers::default());
+        let newcomers = Arc::new(PendingClients::default());
         let inner = hidden_loopback();
         let server = context
             .websocket_server()

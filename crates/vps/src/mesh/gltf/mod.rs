@@ -5,7 +5,7 @@
 //! targets are not, so a posed figure comes out in its rest pose. Coordinates keep the axes of the file (y points up by convention).
 //!
 //! Invariants: every number that a file announces is checked against the bytes at hand before room is made for it; copies of a
-//! mesh by many nodes are counted ([`Room`]).
+//! mesh by many nodes are counted ([`CopyBudget`]).
 //!
 //! # Units and frames
 //! The standard says metres, programs write what they like: `units` rules here as for every format.
@@ -22,7 +22,7 @@ use glam::{DMat3, DMat4, DQuat, DVec3};
 
 use self::buffers::{Buffers, is_index};
 use self::document::{Document, Mesh, Node, Primitive, refusal};
-use super::room::Room;
+use super::copy_budget::CopyBudget;
 use super::{MeshError, TriangleMesh, ply};
 
 /// Reads a glTF file of either kind; `path` is for messages, and where further files are looked for.
@@ -36,8 +36,8 @@ pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<TriangleMesh, MeshError
         return Err(refusal(path, what));
     }
     let buffers = Buffers::new(&document, binary, bytes.len(), path);
-    let room = Room::of_file(bytes.len());
-    let mut walk = NodeTraversal { document: &document, buffers, path, room, mesh: TriangleMesh::default() };
+    let budget = CopyBudget::of_file(bytes.len());
+    let mut walk = NodeTraversal { document: &document, buffers, path, budget, mesh: TriangleMesh::default() };
     walk.run()?;
     Ok(walk.mesh)
 }
@@ -103,7 +103,7 @@ struct NodeTraversal<'a> {
     document: &'a Document,
     buffers: Buffers<'a>,
     path: &'a Path,
-    room: Room,
+    budget: CopyBudget,
     mesh: TriangleMesh,
 }
 
@@ -178,8 +178,8 @@ impl NodeTraversal<'_> {
     /// Appends transformed positions; gives the number of the first and how many.
     fn add_vertices(&mut self, accessor: u32, world_from_mesh: DMat4) -> Result<(u32, u32), MeshError> {
         let numbers = self.buffers.numbers(accessor, 3)?;
-        self.room.grow(self.buffers.take_new_bytes());
-        self.room.add(numbers.len() / 3, 0, self.path)?;
+        self.budget.grow(self.buffers.take_new_bytes());
+        self.budget.add(numbers.len() / 3, 0, self.path)?;
         let base = self.mesh.vertices.len();
         for (k, position) in numbers.chunks_exact(3).enumerate() {
             let position = world_from_mesh.transform_point3(DVec3::from_slice(position));
@@ -209,7 +209,7 @@ impl NodeTraversal<'_> {
             }
         };
         // Strips make most triangles of a number of corners.
-        self.room.add(0, corners.len(), path)?;
+        self.budget.add(0, corners.len(), path)?;
         let triangles = &mut self.mesh.triangles;
         match primitive.mode {
             Some(5) => ply::strip(&corners, triangles),

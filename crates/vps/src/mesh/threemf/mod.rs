@@ -3,7 +3,7 @@
 //! Data in: bytes of the package (a ZIP archive of XML parts). Data out: one mesh. Parts of the production extension are followed;
 //! colours, materials and textures are skipped; an extension that changes the shape (beam lattices, slices, boolean operations) and
 //! that the package requires is refused. Invariants: what is unpacked is bounded by the size of the package, and copies of objects
-//! are counted ([`Room`]).
+//! are counted ([`CopyBudget`]).
 //!
 //! # Units and frames
 //! The file names its own unit. It must be the one of `units`: a part that is 25.4 times too large is a danger, not a detail.
@@ -22,7 +22,7 @@ use quick_xml::XmlVersion;
 use quick_xml::events::BytesStart;
 
 use self::package::{Element, Package, attribute, part_name, refusal};
-use super::room::Room;
+use super::copy_budget::CopyBudget;
 use super::{MeshError, TriangleMesh};
 
 /// Objects within objects; real files have two or three levels.
@@ -45,7 +45,7 @@ pub(super) fn parse(bytes: &[u8], path: &Path, metres_per_unit: f64) -> Result<T
     if (file_metres_per_unit / metres_per_unit - 1.0).abs() > 1e-9 {
         return Err(MeshError::UnitConflict { path: path.to_owned(), unit, file_metres_per_unit, metres_per_unit });
     }
-    let mut build = Build { parts: &parts, path, room: Room::of_file(bytes.len()), mesh: TriangleMesh::default() };
+    let mut build = Build { parts: &parts, path, budget: CopyBudget::of_file(bytes.len()), mesh: TriangleMesh::default() };
     for item in &parts[&root].items {
         build.place(item, &root, DMat4::IDENTITY, 0)?;
     }
@@ -185,7 +185,7 @@ impl Placement {
 struct Build<'a> {
     parts: &'a HashMap<String, Part>,
     path: &'a Path,
-    room: Room,
+    budget: CopyBudget,
     mesh: TriangleMesh,
 }
 
@@ -200,7 +200,7 @@ impl Build<'_> {
         }
         let world_from_object = world_from_parent * placement.parent_from_object;
         let base = self.mesh.vertices.len() as u32;
-        self.room.add(object.mesh.vertices.len(), object.mesh.triangles.len(), self.path)?;
+        self.budget.add(object.mesh.vertices.len(), object.mesh.triangles.len(), self.path)?;
         for vertex in &object.mesh.vertices {
             let vertex = world_from_object.transform_point3(*vertex);
             if !vertex.is_finite() {

@@ -3,7 +3,7 @@
 use crate::voxmap::grid::{BRICK_CELLS, Grid, cell_of};
 
 /// Winding numbers at the centres of some cells, brick by brick.
-pub(super) struct Known {
+pub(super) struct WindingCache {
     grid: Grid,
     /// `[n_bricks of the grid]`: 1 + slot of the brick, or 0.
     slots: Vec<u32>,
@@ -13,7 +13,7 @@ pub(super) struct Known {
     windings: Vec<[f32; BRICK_CELLS]>,
 }
 
-impl Known {
+impl WindingCache {
     const UNKNOWN: f32 = f32::NAN;
     const ASKED: f32 = f32::INFINITY;
 

@@ -5,7 +5,7 @@ use glam::DVec3;
 use super::super::resolve::MM;
 use super::super::schema::{Deed, Stroke};
 use super::Reader;
-use clay::emboss::Laid;
+use clay::emboss::ImagePlacement;
 use clay::engine::SculptOrder;
 use document::{FINITE, Interval, ProblemKind};
 
@@ -21,7 +21,7 @@ impl Reader<'_> {
             Some(image) => self.resolve.image(&image_key, Some(image)),
             None => self.resolve.checks.given(&image_key, self.tool.image.clone(), "a PNG file, whose white is deep"),
         };
-        let laid = match (stroke.corner_mm, stroke.center_mm) {
+        let placement = match (stroke.corner_mm, stroke.center_mm) {
             (Some(_), Some(_)) => {
                 let other = format!("{table}.corner_mm");
                 self.resolve.checks.refuse(&format!("{table}.center_mm"), ProblemKind::Exclusive { other });
@@ -37,10 +37,10 @@ impl Reader<'_> {
             (None, Some(_)) => self.laid_around(table, stroke),
         };
         let depth_m = if deed == Deed::Engrave { -depth_m } else { depth_m };
-        Some(SculptOrder::Emboss { image: image?, laid: laid?, depth_m })
+        Some(SculptOrder::Emboss { image: image?, placement: placement?, depth_m })
     }
 
-    fn laid_flat(&mut self, table: &str, stroke: &Stroke) -> Option<Laid> {
+    fn laid_flat(&mut self, table: &str, stroke: &Stroke) -> Option<ImagePlacement> {
         self.leave_out(table, given(stroke, &["axis", "front"]), "beside corner_mm");
         let mut vector = |name: &str, written| {
             let key = format!("{table}.{name}");
@@ -55,10 +55,10 @@ impl Reader<'_> {
             self.resolve.checks.not_accepted(&format!("{table}.down_mm"), accepted);
             return None;
         }
-        Some(Laid::Flat { middle_map: corner + 0.5 * (across + down), right_map: 0.5 * across, up_map: -0.5 * down })
+        Some(ImagePlacement::Flat { middle_map: corner + 0.5 * (across + down), right_map: 0.5 * across, up_map: -0.5 * down })
     }
 
-    fn laid_around(&mut self, table: &str, stroke: &Stroke) -> Option<Laid> {
+    fn laid_around(&mut self, table: &str, stroke: &Stroke) -> Option<ImagePlacement> {
         self.leave_out(table, given(stroke, &["across_mm", "down_mm"]), "beside center_mm");
         let center_map = self.resolve.checks.position(&format!("{table}.center_mm"), stroke.center_mm) * MM;
         let north_map = match stroke.axis {
@@ -75,7 +75,7 @@ impl Reader<'_> {
             self.resolve.checks.not_accepted(&front_key, "another direction than axis");
             return None;
         }
-        Some(Laid::Around { center_map, north_map, front_map: front_map? })
+        Some(ImagePlacement::Around { center_map, north_map, front_map: front_map? })
     }
 }
 

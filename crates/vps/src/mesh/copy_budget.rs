@@ -17,14 +17,14 @@ const PARTS: usize = 1 << 20;
 
 /// What is left of the largest number of vertices, of triangles, and of placed parts.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Room {
+pub(super) struct CopyBudget {
     most: usize,
     vertices: usize,
     triangles: usize,
     parts: usize,
 }
 
-impl Room {
+impl CopyBudget {
     /// For a file of this size.
     pub(super) fn of_file(bytes: usize) -> Self {
         // No more than there is memory for: copies cost the file nothing.
@@ -41,7 +41,7 @@ impl Room {
         self.triangles += more;
     }
 
-    /// Takes room for one more part; refuses when there is none, before anything is made.
+    /// Takes one more part out of the budget; refuses when it does not fit, before anything is made.
     pub(super) fn add(&mut self, vertices: usize, triangles: usize, path: &Path) -> Result<(), MeshError> {
         let take = |left: &mut usize, amount: usize| left.checked_sub(amount).map(|rest| *left = rest);
         let taken = [take(&mut self.vertices, vertices), take(&mut self.triangles, triangles), take(&mut self.parts, 1)];

@@ -2,16 +2,16 @@
 
 /// splitmix64 (Steele, Lea, Flood 2014). RT: safe.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Dice(u64);
+pub(crate) struct SplitMix64(u64);
 
-impl Dice {
+impl SplitMix64 {
     /// From a seed.
     pub(crate) const fn new(seed: u64) -> Self {
         Self(seed)
     }
 
     /// Uniform in 0..1.
-    pub(crate) fn roll(&mut self) -> f64 {
+    pub(crate) fn unit(&mut self) -> f64 {
         self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
         let mut bits = self.0;
         bits = (bits ^ (bits >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
@@ -28,8 +28,8 @@ mod tests {
     #[test]
     fn rolls_are_uniform_and_repeat_with_their_seed() {
         let rolls = |seed| {
-            let mut dice = Dice::new(seed);
-            core::array::from_fn::<f64, 4000, _>(|_| dice.roll())
+            let mut random = SplitMix64::new(seed);
+            core::array::from_fn::<f64, 4000, _>(|_| random.unit())
         };
         let (first, again, other) = (rolls(7), rolls(7), rolls(8));
         assert!(first == again && first != other);
