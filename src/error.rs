@@ -25,7 +25,7 @@ pub enum Exit {
 }
 
 impl Exit {
-    /// Every ending, with what people are told of it.
+    /// Every ending, with its text for users.
     pub const TABLE: [(Self, &str); 8] = [
         (Self::Ok, "Everything asked for was done."),
         (Self::Usage, "The command line makes no sense, or a file that is there already is to be kept."),

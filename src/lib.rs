@@ -48,7 +48,7 @@
 //! | [`recording`] | records, the threads that write recordings, reading, reports, metrics |
 //! | [`link`] | other machines: messages of ROS 2, sessions, what a run publishes |
 //! | [`rt`] | clocks, scheduling, signals, the control word |
-//! | [`document`] | the form of TOML and CSV files, and how errors in them are told |
+//! | [`document`] | the form of TOML and CSV files, and how errors in them are reported |
 //!
 //! | module | owns |
 //! |---|---|

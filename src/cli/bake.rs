@@ -43,7 +43,7 @@ pub(crate) struct Args {
     /// How candidates are walked; plane-span and two-sided bake without the cache (mesh only).
     #[arg(long, value_name = "HOW")]
     navigation: Option<NavigationChoice>,
-    /// How inside and outside are told: by the fill, where it leaks by winding numbers or else as a thin skin (auto); only what the
+    /// How inside and outside are distinguished: by the fill, where it leaks by winding numbers or else as a thin skin (auto); only what the
     /// fill left is inside (flood); with lids on holes (winding); a two-sided skin (thin) (mesh only).
     #[arg(long, value_name = "HOW")]
     sides: Option<InsideTestChoice>,

@@ -138,7 +138,7 @@ fn exchange(config: &SceneConfig, duration: Duration, quit: &AtomicBool, output:
     report::note(&format!("exchanging zero commands with the {} for {:.0} s", profile.title, duration.as_secs_f64()), output);
     let trial = &mut Trial::new(RealClock, period_s, quit);
     probe::round_trips(&mut opened.arm, trial, duration).map_err(|ended| match ended {
-        ProbeEnd::Interrupted => Finding::unknown("round trip", "not measured: it was told to end"),
+        ProbeEnd::Interrupted => Finding::unknown("round trip", "not measured: it was interrupted"),
         ended => Finding::bad("round trip", format!("the arm went away: {ended:?}"), again),
     })
 }

@@ -15,7 +15,7 @@ use arms::simulated::hand::{HandMapping, HandPath};
 use rt::duration;
 use vps::spatial::Pose;
 
-/// Who holds the grip.
+/// The hand on the grip.
 #[derive(Debug, clap::Args)]
 pub(crate) struct HandArgs {
     /// Where the hand wants to be: CSV with the header t_s,x_m,y_m,z_m,qx,qy,qz,qw; it counts from the first pose, or as in SCENE.

@@ -25,7 +25,7 @@ impl MemoryArgs {
         })
     }
 
-    /// The same, and what the machine may not have room for is refused, not only warned of: beside force, as to be ended by the system leaves the last
+    /// The same, and what may not fit into the machine's memory is refused, not only warned of: beside force, as to be ended by the system leaves the last
     /// command to an arm; and for scenes that come from elsewhere.
     pub(crate) fn plan_within<'a>(
         &self,
@@ -37,7 +37,7 @@ impl MemoryArgs {
     }
 }
 
-/// Estimates from here on are told without being asked for.
+/// Estimates from here on are reported without being asked for.
 const LARGE_BYTES: u64 = 256 << 20;
 
 /// Units of a size, with their length in bytes.

@@ -1,4 +1,4 @@
-//! The command line: one file per command. The only room that prints.
+//! The command line: one file per command. The only module that prints.
 
 mod bake;
 mod cache;
@@ -69,7 +69,7 @@ pub(crate) struct OutputOptions {
     /// Colour on stderr and stdout.
     #[arg(long, global = true, value_name = "WHEN", default_value = "auto")]
     pub(crate) color: When,
-    /// What talk on stderr looks like: lines for people, or one JSON object per line.
+    /// What messages on stderr look like: lines for people, or one JSON object per line.
     #[arg(long, global = true, value_name = "FORMAT", default_value = "text")]
     pub(crate) log_format: output::LogFormat,
 }

@@ -1,4 +1,4 @@
-//! `run --monitor`: where the page and its API are, and who may come in.
+//! `run --monitor`: where the page and its API are, and which clients have access.
 
 use std::net::SocketAddr;
 use std::path::PathBuf;

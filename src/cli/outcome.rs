@@ -28,7 +28,7 @@ pub(super) struct RunExtras<'a> {
     pub(super) link: Option<LinkReport>,
 }
 
-/// What a node does when it hears nothing, in its own words.
+/// What a node does when no command arrives.
 pub(super) fn lets_go_text(LinkReport { hold_ms, fade_ms, .. }: &LinkReport) -> String {
     format!("lets go {} ms after the last command ({hold_ms} held, {fade_ms} fading)", hold_ms + fade_ms)
 }

@@ -1,7 +1,7 @@
-//! Where every word leaves the program: results on stdout, talk on stderr.
+//! All output of the program: results on stdout, messages on stderr.
 //!
 //! `println!` panics when the reader is gone (`hapticd check … | head`) or the disk is full. While an arm is being rendered a panic of the
-//! talking thread would leave the loop alone, so nothing here panics: lost talk is lost, a lost result becomes the exit code.
+//! talking thread would leave the loop alone, so nothing here panics: a lost message is lost, a lost result becomes the exit code.
 //!
 //! Messages are text for people, or with `--log-format json` one JSON object per line for programs: `time` (UTC), `level`, `event`, `message` (the
 //! text without decoration), and the fields of that event.
@@ -33,7 +33,7 @@ static LOST_RESULT: OnceLock<io::Error> = OnceLock::new();
 /// Messages are JSON. Set once, before anything is said.
 static IS_JSON: AtomicBool = AtomicBool::new(false);
 
-/// What talk looks like.
+/// What messages look like.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub(crate) enum LogFormat {
     /// Lines for people.
@@ -43,7 +43,7 @@ pub(crate) enum LogFormat {
     Json,
 }
 
-/// How much a line of talk matters.
+/// How much a message matters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Level {
     /// Something was not done, or force went away.
@@ -70,13 +70,13 @@ impl Level {
 /// Names and values that go with an event.
 pub(crate) type Fields<'a> = &'a [(&'a str, Value)];
 
-/// Decides what talk looks like from here on. A panic, too, uses the chosen format, and waits for no reader.
+/// Decides what messages look like from here on. A panic, too, uses the chosen format, and waits for no reader.
 pub(crate) fn use_format(format: LogFormat) {
     IS_JSON.store(format == LogFormat::Json, Ordering::Relaxed);
     std::panic::set_hook(Box::new(panicked));
 }
 
-/// Tells of a panic, before the stack of its thread is unwound and an arm gets its zero: it must not block.
+/// Reports a panic, before the stack of its thread is unwound and an arm gets its zero: it must not block.
 fn panicked(info: &PanicHookInfo<'_>) {
     let thread = std::thread::current();
     let mut text = format!("thread '{}' {info}", thread.name().unwrap_or("unnamed"));
@@ -97,7 +97,7 @@ const FLUSH: Duration = Duration::from_secs(1);
 /// Lines on their way to stderr.
 struct Queue {
     lines: ArrayQueue<String>,
-    /// Lines that made room for newer ones and that are not reported yet.
+    /// Lines that were dropped for newer ones and are not reported yet.
     lost: AtomicU64,
     /// Lines that were queued and neither written nor dropped.
     waiting: AtomicU64,
@@ -108,7 +108,7 @@ static QUEUE: OnceLock<Queue> = OnceLock::new();
 /// Messages go through the queue.
 static IS_DETACHED: AtomicBool = AtomicBool::new(false);
 
-/// From now on talk waits for no reader.
+/// From now on messages wait for no reader.
 ///
 /// # Errors
 /// The thread that writes cannot be started.
@@ -124,7 +124,7 @@ pub(crate) fn detach() -> io::Result<()> {
     Ok(())
 }
 
-/// From now on each thread writes its own talk, behind what is still queued; a reader that takes nothing for a second gets none of it.
+/// From now on each thread writes its own messages, behind what is still queued; a reader that takes nothing for a second gets none of it.
 pub(crate) fn attach() {
     let Some(queue) = QUEUE.get().filter(|_| IS_DETACHED.load(Ordering::Relaxed)) else { return };
     let begin = Instant::now();
@@ -182,7 +182,7 @@ pub(crate) fn result(text: fmt::Arguments<'_>) {
     }
 }
 
-/// Writes talk to stderr at once: text as it is, or its lines as events without fields.
+/// Writes messages to stderr at once: text as it is, or its lines as events without fields.
 pub(crate) fn message(text: fmt::Arguments<'_>) {
     if is_json() {
         text.to_string().lines().filter(|line| !line.trim().is_empty()).for_each(|line| event(Level::Info, "message", line, &[]));

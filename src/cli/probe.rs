@@ -166,7 +166,7 @@ fn home(homing: &Homing, output: OutputOptions) {
     }
 }
 
-/// Asks a person whether force may come, and does not wait: until the answer is there the arm hears zero in every tick.
+/// Asks a person whether force may come, and does not wait: until the answer is there the arm gets zero in every tick.
 fn ask(go: &Arc<AtomicBool>, quit: &'static AtomicBool) {
     output::message(format_args!("Enter when you are ready, Ctrl-C to end it: "));
     let go = go.clone();

@@ -1,4 +1,4 @@
-//! `run --publish`: what a run tells others.
+//! `run --publish`: topics of a run on a network.
 
 use std::sync::Arc;
 
@@ -110,7 +110,7 @@ impl PublishArgs {
                 Ok(Some(opened))
             }
             Err(problem) => {
-                refuse(&problem.to_string(), "docs/how-to/ros2.md says how endpoints are written and who has to listen")
+                refuse(&problem.to_string(), "docs/how-to/ros2.md says how endpoints are written and which side has to listen")
             }
         }
     }

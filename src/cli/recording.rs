@@ -34,7 +34,7 @@ impl RecordingArgs {
         self.record.as_deref()
     }
 
-    /// Creates the file of --record, so that a folder that cannot be written to is told before anything is baked, and watches for faults.
+    /// Creates the file of --record, so that a folder that cannot be written to is an error before anything is baked, and watches for faults.
     pub(crate) fn begin(
         &self,
         config: &SceneConfig,
@@ -77,7 +77,7 @@ impl RecordingArgs {
         Ok(Recordings { recorder, session, fault_files })
     }
 
-    /// Where recordings of faults go; simulated time can be had again, so there they are for those who ask.
+    /// Where recordings of faults go; simulated time can be had again, so there they are written only if asked for.
     fn fault_folder(&self, clock: ClockKind) -> Option<PathBuf> {
         match &self.flight {
             Some(folder) if folder.as_os_str() == "off" => None,
@@ -106,7 +106,7 @@ pub(crate) struct Recordings {
 struct Session {
     /// Held while a recording begins or ends, for as long as a disk takes for it.
     turn: Mutex<()>,
-    /// Held to look, to put and to take: the thread that hears every client asks how it goes.
+    /// Held to look, to put and to take: the thread that serves every client reads its state.
     now: Mutex<Now>,
 }
 
@@ -135,7 +135,7 @@ impl Session {
 }
 
 impl Recordings {
-    /// For clients, who may begin and end recordings too.
+    /// For clients, which may begin and end recordings too.
     pub(crate) fn for_clients(&self, output: OutputOptions) -> ClientRecordings {
         ClientRecordings { recorder: self.recorder.clone(), session: self.session.clone(), output }
     }

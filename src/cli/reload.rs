@@ -11,7 +11,7 @@ use crate::servo::FileChange;
 use document::show;
 use vps::storage::printable::shown;
 
-/// Tells people, and a service manager, how a reload goes.
+/// Reports to the user, and to a service manager, how a reload goes.
 pub(super) fn tell(news: &ReloadNotice, output: OutputOptions) {
     match news {
         ReloadNotice::Begun(cause) => {

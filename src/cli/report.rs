@@ -55,7 +55,7 @@ pub(crate) fn bake_warnings(reports: &[ObjectReport], output: OutputOptions) {
     bake_warnings_of("", reports, output);
 }
 
-/// The same, of a scene that is to be told from another: `scene` goes before each.
+/// The same, of one of several scenes: `scene` goes before each.
 pub(crate) fn bake_warnings_of(scene: &str, reports: &[ObjectReport], output: OutputOptions) {
     for object in reports {
         for text in &object.warnings {
@@ -84,12 +84,12 @@ pub(crate) fn error(message: &str, hint: Option<&str>, output: OutputOptions) {
     }
 }
 
-/// Prints one warning, unless told to be quiet.
+/// Prints one warning, unless `--quiet` is given.
 pub(crate) fn warning(message: &str, output: OutputOptions) {
     remark(Level::Warning, "warning", "\x1b[1;33m", message, output);
 }
 
-/// Prints what was assumed, unless told to be quiet.
+/// Prints what was assumed, unless `--quiet` is given.
 pub(crate) fn note(message: &str, output: OutputOptions) {
     remark(Level::Info, "note", "\x1b[1;36m", message, output);
 }
@@ -105,7 +105,7 @@ fn remark(level: Level, word: &str, colour: &str, message: &str, output: OutputO
     output::message(format_args!("{colour}{word}:{plain} {}\n", printable(message)));
 }
 
-/// Prints a line as it is, unless told to be quiet.
+/// Prints a line as it is, unless `--quiet` is given.
 pub(crate) fn line(text: &str, output: OutputOptions) {
     if !output.quiet {
         output::message(format_args!("{}\n", printable(text)));

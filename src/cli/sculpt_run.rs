@@ -159,7 +159,7 @@ impl SculptRun {
         Ok(())
     }
 
-    /// The clay for those who ask and look; `None` before it is open.
+    /// The clay for clients; `None` before it is open.
     pub(crate) fn for_clients(&self, scene: &RenderScene) -> Option<ClayParts> {
         Some(ClayParts {
             access: Box::new(self.open.as_ref()?.handle.clone()),

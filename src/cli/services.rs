@@ -45,7 +45,7 @@ pub(crate) struct Services {
 }
 
 impl Services {
-    /// Begins them, and gives the supervisor what it hears of them. Until the first scene is baked clients see that.
+    /// Begins them, and gives the supervisor its ends of their queues. Until the first scene is baked clients see that.
     pub(crate) fn open(options: ServiceOptions<'_>, live: &mut LiveChannels) -> io::Result<Self> {
         let ServiceOptions { config, session, clock, bound, opened, control, has_console, enables_at_start, recorder } = options;
         let (enables, taken) = unbounded::<Enable>();
@@ -116,7 +116,7 @@ impl Services {
         session.reload_with(Reloader::new(hangups(), watches, known, tell));
     }
 
-    /// Passes on what the supervisor tells.
+    /// Passes on notices of the supervisor.
     pub(crate) fn notice_handler(&self) -> impl Fn(&Notice<'_>) + use<> {
         let hub = self.hub.clone();
         move |notice| {

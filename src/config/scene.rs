@@ -45,7 +45,7 @@ pub struct SceneConfig {
     pub realtime: RealtimeConfig,
     /// What the arm can take.
     pub stability: StabilityConfig,
-    /// Who may watch and drive.
+    /// Access of clients.
     pub monitor: MonitorConfig,
     /// Longest silence of the client that drives: without a client that beats no force flows. `None`: no client has to.
     pub heartbeat: Option<Duration>,

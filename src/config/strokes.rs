@@ -84,7 +84,7 @@ pub fn load(path: &Path, tool: &ToolSettings) -> Result<Script, ConfigErrors> {
     Ok(Script { file: path.to_owned(), orders, reads })
 }
 
-/// A file of strokes, as far as can be told without checking it.
+/// A file of strokes, as far as it can be read without checking it.
 pub fn is_script(path: &Path) -> bool {
     regular::written(path).is_ok_and(|text| Document::parse(path, &text).is_ok_and(|document| holds_strokes(&document)))
 }

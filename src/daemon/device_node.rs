@@ -28,7 +28,7 @@ use rt::schedule::{self, ThreadRequest, ThreadStanding};
 /// How often the loop is looked at.
 const LOOK: Duration = Duration::from_millis(20);
 
-/// What a node tells while it runs.
+/// What a node reports while it runs.
 #[derive(Debug)]
 pub enum NodeNotice<'a> {
     /// A new phase, with what was counted so far.
@@ -49,7 +49,7 @@ pub struct NodeJob {
     pub period_s: f64,
     /// Scheduling of the loop.
     pub request: ThreadRequest,
-    /// End after this; `None`: when told.
+    /// End after this; `None`: when the control says so.
     pub duration: Option<Duration>,
 }
 
@@ -68,7 +68,7 @@ pub struct NodeOutcome {
     pub standing: ThreadStanding,
 }
 
-/// What the node tells a host of its arm, and holds the host to. A real arm with unverified signs gets no more here than there.
+/// What the node reports of its arm to a host, and holds the host to. A real arm with unverified signs gets no more here than there.
 pub fn node_parameters(profile: &Profile, name: &str, period_s: f64, timing: HoldTiming) -> NodeParameters {
     let limits = profile.limits_now();
     NodeParameters {
@@ -105,7 +105,7 @@ pub fn open_arm(
     Ok((Box::new(SimArm::new(SimParameters::of(profile, hand, period_s))?), None))
 }
 
-/// Runs the loop until it is told to end: by `control`, or by its time. The arm hears zero last, whatever happens.
+/// Runs the loop until `control` or its time ends it. The arm gets zero last, whatever happens.
 ///
 /// # Errors
 /// The thread cannot be started.
@@ -149,7 +149,7 @@ fn turn(mut node: Node, arm: Box<dyn Device>, period_s: f64, request: ThreadRequ
     (periods, missed, outcome.is_err(), standing)
 }
 
-/// Tells of what changes until it is time to end.
+/// Reports what changes until it is time to end.
 fn watch<T>(
     figures: &NodeFigures,
     news: Option<&Receiver<LinkNews>>,

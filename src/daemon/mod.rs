@@ -20,7 +20,7 @@
 //! exchanged, Enabling, Enabled. The phases tell it as it is.
 //!
 //! Force flows in Enabling, Enabled and Stopping only. Every way out, drawn or not, passes the servo's stop guard: the last thing that the
-//! arm hears is a zero command.
+//! arm gets is a zero command.
 //!
 //! Data in: a prepared [`RenderJob`]. Data out: [`Notice`]s while it runs, one [`RunOutcome`] at the end. Invariant: prints nothing.
 

@@ -1,4 +1,4 @@
-//! From a checked scene to a baked one with its arm: where the cold rooms meet.
+//! From a checked scene to a baked one with its arm.
 
 use std::path::PathBuf;
 use std::sync::Arc;

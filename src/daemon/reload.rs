@@ -72,7 +72,7 @@ pub enum Reloaded {
 }
 
 impl Reloader {
-    /// Reads the scene again when `hangups` says so, and where it `watches` when a file is not as it is `known` any more. `tell` hears what comes of
+    /// Reads the scene again when `hangups` says so, and where it `watches` when a file is not as it is `known` any more. `tell` gets what comes of
     /// it, on the thread of scenes.
     pub fn new(hangups: Hangups, watches: bool, known: KnownFiles, tell: Box<dyn Fn(&ReloadNotice) + Send>) -> Self {
         let now = Instant::now();
@@ -119,7 +119,7 @@ impl Reloader {
         {
             return Ok(if changes.is_empty() { Reloaded::Unchanged } else { Reloaded::Changed(changes) });
         }
-        // What the hands of a person made of it would be lost.
+        // The user's work on it would be lost.
         if view.config.sculpt.is_some() {
             return Err(SessionError::Clay { taken: view.settings.iter().map(|setting| setting.parameter.name()).collect() });
         }

@@ -91,7 +91,7 @@ impl Replayed {
     }
 }
 
-/// Runs a recording again. `bake` makes a scene ready in whatever way the caller likes.
+/// Runs a recording again. `bake` makes a scene ready in a way that the caller chooses.
 ///
 /// # Errors
 /// See [`ReplayError`]; ticks that came out in another way are no error, they are in the result.

@@ -31,7 +31,7 @@ pub fn scenes_beside(path: &Path) -> Vec<(String, PathBuf)> {
 
 /// The key in which a scene differs from the one that it is to replace, and both values.
 pub fn unlike(scene: &SceneConfig, rendered: &SceneConfig) -> Option<(&'static str, String, String)> {
-    // What the hands of a person made of clay would be lost.
+    // The user's work on the clay would be lost.
     match (&scene.sculpt, &rendered.sculpt) {
         (None, None) => {}
         (its, Some(_)) => {
@@ -52,7 +52,7 @@ pub(super) fn unlike_at_the_arm(scene: &SceneConfig, rendered: &SceneConfig) -> 
     if its != ours {
         return Some(("device.profile", format!("\"{}\"", its.name), format!("\"{}\"", ours.name)));
     }
-    // Who lets force flow was settled when the run began: an arm that a deadman enabled is not to go on without one.
+    // The source that lets force flow was chosen when the run began: an arm that a deadman enabled is not to go on without one.
     let [its, ours] = [scene, rendered].map(|scene| scene.parameters.safety.deadman);
     if its != ours {
         let shown = |deadman: Option<u8>| deadman.map_or("\"off\"".to_owned(), |button| button.to_string());

@@ -1,4 +1,4 @@
-//! What a service manager is told of a run: systemd, or another one that set `NOTIFY_SOCKET`.
+//! What a service manager gets to know of a run: systemd, or another one that set `NOTIFY_SOCKET`.
 //!
 //! Data in: the supervisor's notices. Data out: datagrams of the `sd_notify` protocol; nothing where no manager asked for them. A message that does
 //! not arrive is lost: a service manager that has gone is no reason to let an arm go. A thread of its own sends them: the socket of a manager that does
@@ -18,14 +18,14 @@ use haptics::Faults;
 /// A watchdog is fed this many times within its time.
 const FEEDS: u32 = 4;
 
-/// Tells a service manager how a run stands.
+/// Reports the state of a run to a service manager.
 #[derive(Debug)]
 pub struct Service {
     is_ready: bool,
     /// How often the watchdog wants to be fed; `None`: there is none.
     feed_every: Option<Duration>,
     fed: Option<Instant>,
-    /// The newest tick that was told of.
+    /// The newest tick that was reported.
     tick: Option<u64>,
 }
 
@@ -106,7 +106,7 @@ fn one_line(text: &str) -> String {
 
 /// Messages that may wait for the service manager; more are dropped.
 const QUEUED: usize = 64;
-/// How long the end of the program waits for a service manager to take what it was told.
+/// How long the end of the program waits for a service manager to take the last report.
 const FLUSH: Duration = Duration::from_millis(500);
 /// Messages that were queued and not sent yet.
 static WAITING: AtomicUsize = AtomicUsize::new(0);

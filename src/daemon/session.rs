@@ -32,10 +32,10 @@ const POLL: Duration = Duration::from_millis(2);
 /// The same while none is.
 const IDLE: Duration = Duration::from_millis(10);
 
-/// Bakes a scene in whatever way the caller likes: with its cache, its limits, its progress.
+/// Bakes a scene in a way that the caller chooses: with its cache, its limits, its progress.
 pub type Baker = Box<dyn FnMut(&SceneConfig) -> Result<RenderScene, SceneError> + Send>;
 
-/// Hears once what became of a scene: it is baked and sent to the loop, or why not. Called on the thread of scenes; must not block.
+/// Called once with what became of a scene: it is baked and sent to the loop, or why not. Called on the thread of scenes; must not block.
 pub type Reply = Box<dyn FnOnce(Result<(), SessionError>) + Send>;
 
 /// Why something was not done.
@@ -293,7 +293,7 @@ impl SessionHandle {
         Some(sent_idx as u32 + 1)
     }
 
-    /// Planned scenes that could not be baked, each told once.
+    /// Planned scenes that could not be baked, each reported once.
     pub fn take_failed(&self) -> Vec<(PathBuf, SceneError)> {
         core::mem::take(&mut self.state().failed)
     }

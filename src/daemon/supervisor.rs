@@ -28,7 +28,7 @@ use rt::signals;
 /// Records under way between servo and drain: four seconds at 1 kHz.
 const RING_RECORDS: usize = 4096;
 
-/// Beyond its ramp, how long the servo may take to end after a stop before it is told to quit.
+/// Beyond its ramp, how long the servo may take to end after a stop before the supervisor orders it to quit.
 const STOP_PATIENCE: Duration = Duration::from_secs(2);
 /// The same under the virtual clock, where a tick takes as long as it takes.
 const STOP_PATIENCE_VIRTUAL: Duration = Duration::from_secs(60);
@@ -44,7 +44,7 @@ const BEFORE_SUSPEND: Duration = Duration::from_millis(60);
 /// Owns the phase. Everything it learns goes to `notify`.
 pub struct Supervisor<N: FnMut(Notice<'_>)> {
     phase: Phase,
-    /// Told last.
+    /// The last one that was passed on.
     waits_for: OffCause,
     notify: N,
 }
@@ -165,7 +165,7 @@ impl<N: FnMut(Notice<'_>)> Supervisor<N> {
         Ok(RunOutcome { swaps: drained.summary.swaps().to_vec(), totals, report, preflight })
     }
 
-    /// Passes on what is told, lets force flow when asked to, and watches over the end, until the servo thread has ended.
+    /// Passes on notices, lets force flow when asked to, and watches over the end, until the servo thread has ended.
     fn watch_until_ended(
         &mut self,
         servo: &Servo,

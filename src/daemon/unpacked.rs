@@ -119,7 +119,7 @@ impl Unpacked {
                 let about = |what: &str| manifest.get(&format!("file.{n}.{part}.{what}"));
                 let Some(name) = about("name") else {
                     if part == 0 {
-                        // That name may be one of a file of the person who replays it.
+                        // That name may be one of a file of the user who replays it.
                         return Err(missing(&written, "the recording names no file for it".to_owned()));
                     }
                     break;

@@ -1,4 +1,4 @@
-//! Who may come in: loopback unless there is a token, and no page of another server.
+//! Access of clients: loopback unless there is a token, and no page of another server.
 //!
 //! A web page that the operator has open can send requests to this machine too. It betrays itself by its `Origin`; and where its name was
 //! bent to point here (DNS rebinding), by the `Host` that it asked for.

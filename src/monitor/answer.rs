@@ -1,4 +1,4 @@
-//! What clients hear of their requests.
+//! Answers to requests of clients.
 
 use std::path::PathBuf;
 
@@ -29,5 +29,5 @@ impl Completion {
     }
 }
 
-/// Hears what became of a request.
+/// Called with what became of a request.
 pub(super) type Reply = Box<dyn FnOnce(Result<Completion, RequestError>) + Send>;

@@ -322,7 +322,7 @@ mod tests {
             let error = parsed(wrong).1.expect_err(wrong);
             assert!(error.contains(expected), "{wrong}: {error}");
         }
-        // A value of another type is told with its key.
+        // A value of another type is reported with its key.
         for (wrong, expected) in [
             (r#"{"do":"clay_take","brush_m":"wide","craft":"paint"}"#, "`brush_m`"),
             (r#"{"do":"clay_hold","held":"yes"}"#, "`held`"),

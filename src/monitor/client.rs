@@ -29,7 +29,7 @@ pub(super) struct Subscription {
 }
 
 impl Client {
-    /// One that was not told anything yet, and wants to see nothing.
+    /// One that was sent nothing yet, and wants to see nothing.
     pub(super) fn new(id: u64) -> Self {
         Self { id, outbox: ClientQueue::default(), unanswered: Arc::new(Semaphore::new(MOST_UNANSWERED)), wants: Mutex::default() }
     }

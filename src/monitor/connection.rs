@@ -20,7 +20,7 @@ use super::connection_slots::{ConnectionSlot, ConnectionSlots, ConnectionState};
 
 /// Connections at the same time, WebSockets among them.
 const MOST_CONNECTIONS: usize = 192;
-/// Connections that are just being told that there is no slot, or why they were shut out.
+/// Connections that are just being answered that there is no slot, or why they were shut out.
 const MOST_LEAVING: usize = 64;
 /// A connection whose first request is not whole, or was refused, by then is closed.
 const FIRST_REQUEST: Duration = Duration::from_secs(5);
@@ -28,7 +28,7 @@ const FIRST_REQUEST: Duration = Duration::from_secs(5);
 const SILENT: Duration = Duration::from_secs(30);
 /// A connection that is no WebSocket ends after so long whatever it does.
 const LONGEST: Duration = Duration::from_secs(300);
-/// Who is being shut out may take so long, and send so much more.
+/// A client that is being shut out may take so long, and send so much more.
 const LINGER: Duration = Duration::from_secs(1);
 const LINGER_BYTES: usize = 4 << 20;
 /// Rest after an error that is not the fault of one connection, such as too many open files.

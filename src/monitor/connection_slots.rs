@@ -17,7 +17,7 @@ use tokio::sync::Semaphore;
 pub(super) struct ConnectionSlots {
     most: usize,
     taken: Mutex<Taken>,
-    /// For those that are being shut out, who have no slot any more, or never had one.
+    /// For connections that are being shut out, which have no slot any more, or never had one.
     pub(super) leaving: Arc<Semaphore>,
 }
 
@@ -74,7 +74,7 @@ impl ConnectionSlots {
         self.taken().n < self.most
     }
 
-    /// A slot for a newcomer: a free one, or that of the oldest who has not been let in. `None`: all others have.
+    /// A slot for a newcomer: a free one, or that of the oldest connection without access. `None`: all others have.
     pub(super) fn take(self: &Arc<Self>) -> Option<ConnectionSlot> {
         let mut taken = self.taken();
         if taken.n < self.most {

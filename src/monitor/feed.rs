@@ -8,14 +8,14 @@ use recording::{Subscriber, TickRecord};
 /// Records under way: two seconds at 1 kHz.
 const RING_RECORDS: usize = 2048;
 
-/// A record with what only all records together tell.
+/// A record with what only all records together show.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct FeedRecord {
     pub(super) record: TickRecord,
     pub(super) index_origin: Option<IndexOrigin>,
 }
 
-/// Both ends. A record that finds no room is gone.
+/// Both ends. A record that finds the queue full is lost.
 pub(super) fn feed() -> (Subscriber, Consumer<FeedRecord>) {
     let (mut ring, consumer) = RingBuffer::new(RING_RECORDS);
     let mut watcher = IndexOriginTracker::default();

@@ -1,4 +1,4 @@
-//! How requests are written, for those who wrote one another way.
+//! How requests are written, for answers to malformed ones.
 
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Value};
@@ -41,7 +41,7 @@ pub(super) fn read<T: DeserializeOwned>(object: Map<String, Value>, before: &str
         Ok(read) => return Ok(read),
         Err(error) => error.to_string(),
     };
-    // A value of another type is told without its key: it is the one without which something else is wrong, or nothing.
+    // A value of another type is reported without its key: it is the one without which something else is wrong, or nothing.
     let is_wrong = |key: &&String| {
         let mut others = whole.clone();
         others.as_object_mut().and_then(|others| others.remove(*key));

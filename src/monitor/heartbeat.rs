@@ -12,10 +12,10 @@ pub(super) const LONGEST: Duration = Duration::from_secs(10);
 const DEFAULT: Duration = Duration::from_millis(500);
 /// Silence of a client that holds the clay.
 pub(super) const LONGEST_HOLD: Duration = Duration::from_secs(1);
-/// How often a loop that still has force is told again.
+/// How often a loop that still has force gets the order again.
 const AGAIN: Duration = Duration::from_millis(50);
 
-/// Who timers.
+/// The timers of clients.
 #[derive(Debug)]
 pub(super) struct HeartbeatWatchdog {
     timers: Mutex<Timers>,
@@ -39,7 +39,7 @@ struct ClientTimer {
     longest: Duration,
     /// `None`: it has gone.
     last: Option<Instant>,
-    /// It was silent for too long, and this was told. Its next message starts the timer again: the client still relies on it.
+    /// It was silent for too long, and that was reported. Its next message starts the timer again: the client still relies on it.
     has_lapsed: bool,
 }
 
@@ -250,7 +250,7 @@ mod tests {
             watchdog.beat(4, Some(LONGEST));
             watchdog.lose(4);
             assert_eq!(next(), (Timeout::Gone, true));
-            // Who has taken leave is not missed.
+            // A client that has signed off is not missed.
             watchdog.beat(5, Some(LONGEST));
             assert_eq!(watchdog.beat(5, Some(Duration::ZERO)), Duration::ZERO);
             watchdog.lose(5);
@@ -294,7 +294,7 @@ mod tests {
                 watchdog.hear(2);
                 std::thread::sleep(SHORTEST);
             }
-            assert!(watchdog.holds(), "who says something still holds");
+            assert!(watchdog.holds(), "a client that sends something still holds");
             assert_eq!(next(), (Timeout::Holding, true));
             assert!(!watchdog.holds() && !watchdog.let_go(2));
             // The order was not taken.

@@ -43,7 +43,7 @@ pub struct HubParts {
     pub metrics: Option<Metrics>,
 }
 
-/// The newest record, with what the pump knows beside it.
+/// The newest record, with what the publisher knows beside it.
 #[derive(Clone, Debug)]
 pub(super) struct NewestState {
     pub(super) fed: FeedRecord,
@@ -94,7 +94,7 @@ impl Hub {
         })
     }
 
-    /// Takes what the supervisor tells.
+    /// Takes a notice of the supervisor.
     pub fn notice(self: &Arc<Self>, notice: &Notice<'_>) {
         match notice {
             Notice::Phase(phase) => {
@@ -131,7 +131,7 @@ impl Hub {
                 self.tell("link", None, text.trim_end(), &[word]);
             }
             Notice::Waiting(cause) => self.tell("waiting", None, cause.advice(), &[cause.name()]),
-            // The pump tells of a scene once the session shows it, and of states at the rates of the clients.
+            // The publisher announces a scene once the session shows it, and of states at the rates of the clients.
             Notice::Scene(_) | Notice::Status(_) => {}
         }
     }
@@ -171,7 +171,7 @@ impl Hub {
         self.tell("scene", None, &format!("{name} is not rendered: {why}"), &["refused", name]);
     }
 
-    /// Tells every client. `at`: of the newest tick where it is of none.
+    /// Sends an event to every client. `at`: of the newest tick where it is of none.
     pub(super) fn tell(&self, event: &'static str, at: Option<At>, text: &str, names: &[&str]) {
         let newest = || self.newest().as_ref().map(|newest| (newest.fed.record.tick, newest.fed.record.time_ns));
         let at = at.or_else(newest);
@@ -244,7 +244,7 @@ impl Hub {
     pub(super) fn watch_heartbeats(self: &Arc<Self>) {
         self.watchdog.watch(|timeout, is_news| {
             match timeout {
-                Timeout::Holding => return self.let_clay_go("who held the clay fell silent: it was let go"),
+                Timeout::Holding => return self.let_clay_go("the client that held the clay fell silent: it was let go"),
                 Timeout::StillHolding => return self.clay.get().map_or((), |clay| clay.let_go(self)),
                 Timeout::Of(_) | Timeout::Gone | Timeout::NoClient => {}
             }

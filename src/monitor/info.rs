@@ -1,4 +1,4 @@
-//! What the supervisor has told of the run: where it stands, its machine and its arm.
+//! What the supervisor has reported of the run: where it stands, its machine and its arm.
 
 use std::path::PathBuf;
 
@@ -14,7 +14,7 @@ use vps::spatial::Axes;
 /// Version of the API.
 pub(super) const API: u32 = 1;
 
-/// What stays until something else is told.
+/// What holds until the next report.
 #[derive(Debug)]
 pub(super) struct RunInfo {
     pub(super) phase: Phase,

@@ -1,4 +1,4 @@
-//! A watcher inside the program: takes every record as a client does, and looks at the newest when it likes.
+//! A watcher inside the program: takes every record as a client does, and looks at the newest at any time.
 
 use std::sync::Arc;
 

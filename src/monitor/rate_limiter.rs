@@ -34,7 +34,7 @@ impl TokenBucket {
         (self.left < 0.0).then(|| Duration::from_secs_f64(-self.left / self.per_s))
     }
 
-    /// The same for those who will not wait: takes one only if it is there.
+    /// The same without waiting: takes one only if it is there.
     pub(super) fn try_take(&mut self) -> bool {
         let is_there = self.take().is_none();
         self.left += f64::from(u8::from(!is_there));

@@ -18,7 +18,7 @@ pub trait RecordingControl: Send + Sync {
     /// None is.
     fn stop(&self) -> Result<RecorderStatus, RecorderError>;
 
-    /// The one that is under way. Never blocks: it is asked on the thread that hears every client.
+    /// The one that is under way. Never blocks: it is asked on the thread that serves every client.
     fn status(&self) -> Option<RecorderStatus>;
 }
 
@@ -29,7 +29,7 @@ pub struct RecorderStatus {
     pub file: PathBuf,
     /// Ticks that are in it.
     pub records: u64,
-    /// Ticks that found no room.
+    /// Ticks that found the queue full.
     pub dropped: u64,
 }
 

@@ -32,7 +32,7 @@ const MOST_BYTES: usize = 64 << 10;
 const LONGEST_URI: usize = 2048;
 /// Longest refusal in the words of the framework, bytes.
 const LONGEST_REFUSAL: usize = 1024;
-/// A request that takes longer goes on; its outcome is told as an event.
+/// A request that takes longer goes on; its outcome is sent as an event.
 const PATIENCE: Duration = Duration::from_secs(2);
 
 /// A page loads nothing from elsewhere, and no other page may frame it.
@@ -82,7 +82,7 @@ pub(super) fn router(app: Arc<AppState>) -> Router {
         .with_state(app)
 }
 
-/// A client without access is told why.
+/// A client without access gets the reason.
 async fn let_in(
     State(state): State<Arc<AppState>>,
     ConnectInfo(peer): ConnectInfo<Peer>,
@@ -111,7 +111,7 @@ async fn show(State(state): State<Arc<AppState>>, ConnectInfo(peer): ConnectInfo
     }
 }
 
-/// A client that asks too often is told so; what takes force away is always heard.
+/// A client that asks too often gets that answer; what takes force away is always carried out.
 async fn paced(State(state): State<Arc<AppState>>, ConnectInfo(peer): ConnectInfo<Peer>, request: Request, next: Next) -> Response {
     let is_rescue = matches!(request.uri().path(), "/api/v1/disable" | "/api/v1/stop");
     if is_rescue || state.rate_limiter.allows(peer.address.ip()) {
@@ -120,7 +120,7 @@ async fn paced(State(state): State<Arc<AppState>>, ConnectInfo(peer): ConnectInf
     RequestError::new(StatusCode::TOO_MANY_REQUESTS, "too many requests", "use the WebSocket for what comes often").into_response()
 }
 
-/// What the framework refuses before a handler hears of it is said in the same form as everything else.
+/// What the framework refuses before a handler gets it is said in the same form as everything else.
 async fn in_our_words(response: Response) -> Response {
     let is_refusal = response.status().is_client_error() || response.status().is_server_error();
     let is_json = response.headers().get(header::CONTENT_TYPE).is_some_and(|kind| kind == "application/json");

@@ -120,7 +120,7 @@ pub struct Monitor {
 impl Drop for Monitor {
     fn drop(&mut self) {
         self.hub.end();
-        // The tasks that wait for a change hear that there will be none.
+        // The tasks that wait for a change are notified that there will be none.
         drop(self.end.take());
         for thread in self.threads.drain(..) {
             // A server that panicked has nothing more to say.

@@ -27,9 +27,9 @@ const LATER: Duration = Duration::from_millis(4);
 const LATEST: Duration = Duration::from_millis(20);
 /// From this rate on a client gets the shortest pause.
 const SOON_HZ: f64 = 125.0;
-/// How often the session is compared with what clients were told.
+/// How often the session is compared with what clients were sent.
 const SESSION_EVERY: Duration = Duration::from_millis(50);
-/// How often over-runs are told.
+/// How often over-runs are reported.
 const OVERRUNS_EVERY: Duration = Duration::from_millis(100);
 /// How often contact points are looked for at most; and what share of a thread that may take.
 const POINTS_EVERY: Duration = Duration::from_millis(33);
@@ -84,7 +84,7 @@ type Found = (Vec<[f32; 4]>, Duration);
 
 pub(super) struct StatePublisher {
     hub: Arc<Hub>,
-    /// For what a large scene takes long for: this thread has to hear every client meanwhile.
+    /// For what a large scene takes long for: this thread has to serve every client meanwhile.
     apart: Worker,
     tracker: SceneTracker,
     session_at: Instant,
@@ -256,7 +256,7 @@ impl StatePublisher {
         self.sought = Some(sought);
     }
 
-    /// Tells what has changed in the session.
+    /// Sends what has changed in the session.
     fn look_at_session(&mut self) {
         if let Ok(clay) = self.hub.clay() {
             clay.tell_news(&self.hub);
@@ -269,7 +269,7 @@ impl StatePublisher {
         }
         if before.switching_to != view.switching_to {
             let name = |path: &std::path::Path| path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-            // The handler of the request tells why a scene is refused.
+            // The handler of the request says why a scene is refused.
             if let Some(path) = &view.switching_to {
                 self.hub.tell("scene", None, &format!("{} is being baked", name(path)), &["baking", &name(path)]);
             }

@@ -16,7 +16,7 @@ impl Worker {
         let (sender, jobs) = channel::<Job>();
         std::thread::Builder::new().name(name.to_owned()).spawn(move || {
             for job in jobs {
-                // Who waits hears of a panic by the end of its channel; the next job is not to suffer.
+                // A caller that waits learns of a panic by the end of its channel; the next job must still run.
                 let _ = std::panic::catch_unwind(std::panic::AssertUnwindSafe(job));
             }
         })?;

@@ -85,7 +85,7 @@ async fn serve(state: &Arc<AppState>, socket: WebSocket, _seat: OwnedSemaphorePe
     }
 }
 
-/// However a connection ends, the hub hears of it.
+/// However a connection ends, the hub is notified.
 struct Parted<'s> {
     state: &'s Arc<AppState>,
     id: u64,

@@ -12,7 +12,7 @@ use vps::part::{ObjectReport, Role};
 use vps::spatial::{Metres, Pose};
 use vps::voxmap::BakeStage;
 
-/// What a watcher is told while a scene is baked.
+/// Progress of a bake.
 #[derive(Clone, Copy, Debug)]
 pub struct BakeEvent<'a> {
     /// Name of the object at work.
@@ -57,7 +57,7 @@ pub struct Built {
     pub piece: Option<LoadedClay>,
 }
 
-/// The same with the clay, for those who work it.
+/// The same with the clay, for commands that sculpt it.
 ///
 /// # Errors
 /// As [`build_with`], and clay that cannot be read or makes no surface.

@@ -49,7 +49,7 @@ impl<'a> From<&'a mut Cache> for BakeOptions<'a> {
     }
 }
 
-/// How much memory baking may take, and who is told how much it will.
+/// How much memory baking may take, and the callback that gets the estimate.
 pub struct MemoryPlan<'a> {
     /// Most bytes held at a time, by estimate; `None`: no limit.
     max_bytes: Option<u64>,
@@ -63,7 +63,7 @@ pub struct MemoryPlan<'a> {
 /// What the system has left, bytes; `None` where it does not say.
 type Left<'a> = dyn Fn() -> Option<u64> + 'a;
 
-/// Is told an object's name and what baking it will take.
+/// Gets an object's name and what baking it will take.
 type Tell<'a> = dyn FnMut(&str, &Estimate) + 'a;
 
 impl<'a> MemoryPlan<'a> {

@@ -8,7 +8,7 @@
 //! ```
 //! Frames are boxes that go round: the servo moves pointers, and nothing is allocated, freed or copied there.
 //!
-//! Real time does not wait: a frame that is late is touched late, a state without room is dropped and counted. Simulated time waits in
+//! Real time does not wait: a frame that is late is touched late, a state that finds the queue full is dropped and counted. Simulated time waits in
 //! every `update_ticks`-th tick for one frame, so that two runs are the same. A simulation that has gone is not waited for: the tick goes on
 //! with the last frame.
 #![expect(clippy::disallowed_types, reason = "made and freed on the cold side")]
@@ -26,12 +26,12 @@ use vps::spatial::Pose;
 
 /// Frames made for the simulation, next to the two that the tick holds: one that is filled, one under way, one on its way back.
 const SPARES: usize = 3;
-/// Room on the way there and on the way back: for all of them, and for some that the simulation may have made itself.
+/// Capacity of the queues there and back: for all of them, and for some that the simulation may have made itself.
 const RING_FRAMES: usize = 8;
 /// Tool states under way: at 1 kHz a second, ten times the longest sensible update.
 const RING_STATES: usize = 1024;
 
-/// What a tick tells the simulation.
+/// What a tick sends to the simulation.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ToolState {
     /// Tick of the loop, counted from 0.
@@ -50,7 +50,7 @@ pub struct ToolState {
     pub has_force: bool,
     /// Number of the frame that was touched.
     pub sequence: u64,
-    /// States that found no room before this one.
+    /// States that found the queue full before this one.
     pub dropped: u64,
 }
 
@@ -101,7 +101,7 @@ impl ClayFeed {
         self.frames.push(frame).map_err(|PushError::Full(frame)| (PublishError::Full, frame))
     }
 
-    /// What the oldest tick that was not asked for yet has to tell; `None` when all are told. Wait-free.
+    /// The state of the oldest tick that was not taken yet; `None` when all are taken. Wait-free.
     pub fn next_state(&mut self) -> Option<ToolState> {
         self.states.pop().ok()
     }
@@ -162,7 +162,7 @@ impl ClaySlot {
             }
             ClockKind::Real => {
                 let mut has_leapt = false;
-                // Without room for what comes back a frame stays where it is: nothing is ever freed here.
+                // Without a free place for what comes back a frame stays where it is: nothing is ever freed here.
                 while self.spares.slots() > usize::from(newest.is_some()) {
                     let Ok(mut frame) = self.frames.pop() else { break };
                     // A leap in a frame that no tick has touched is still to come.
@@ -184,7 +184,7 @@ impl ClaySlot {
         self.frames.is_abandoned() && self.frames.is_empty()
     }
 
-    /// After a tick: tells the simulation. RT: safe; simulated time waits for room.
+    /// After a tick: sends its state to the simulation. RT: safe; simulated time waits for a free place.
     pub(super) fn tell(&mut self, tick: u64, buttons: u32, state: &State, output: &TickOutput, clock: ClockKind) {
         let forces = state.clay_forces();
         let mut told = ToolState {
@@ -216,7 +216,7 @@ pub(super) fn frame_in_use(slot: Option<&ClaySlot>, state: &State) -> Option<Fra
 
 fn give_back(spares: &mut Producer<Box<Frame>>, frame: Box<Frame>) {
     if let Err(PushError::Full(frame)) = spares.push(frame) {
-        // Cannot be: there was room, and only this side fills it. Kept rather than freed.
+        // Cannot be: there was a free place, and only this side fills it. Kept rather than freed.
         core::mem::forget(frame);
     }
 }

@@ -277,7 +277,7 @@ impl SceneControls {
             return Err((SwapError::Waiting, scene));
         }
         let coming = Controls::new(&scene.scene.parameters, objects);
-        // There is room, and only this side fills it.
+        // There is a free place, and only this side fills it.
         if self.commands.push(Command::Render(scene)).is_ok() {
             self.coming = Some(coming);
         }
@@ -339,7 +339,7 @@ pub(super) fn checked(objects: &[(String, bool)], name: &str, world_from_map: Po
 pub struct CommandQueue {
     commands: Consumer<Command>,
     replaced: Producer<Box<LoadedScene>>,
-    /// Values that the tick has not been told yet, in the order of [`LiveParameter::ALL`].
+    /// Values that the tick has not got yet, in the order of [`LiveParameter::ALL`].
     changes: [Option<f64>; LiveParameter::ALL.len()],
     /// Limits that a person lowered.
     kept: [Option<f64>; LiveParameter::LIMITS.len()],
@@ -451,7 +451,7 @@ impl CommandQueue {
             self.receive(rendered, rendered_idx);
             std::thread::yield_now();
         }
-        // Without room for the old one the new one waits: nothing is ever freed here.
+        // Without a free place for the old one the new one waits: nothing is ever freed here.
         self.next_scene.as_ref().is_some_and(|next| tick >= next.at_tick) && self.replaced.slots() > 0
     }
 
@@ -460,7 +460,7 @@ impl CommandQueue {
         let Some(next) = self.next_scene.take() else { return false };
         let old = core::mem::replace(rendered, next);
         if let Err(PushError::Full(old)) = self.replaced.push(old) {
-            // Cannot be: `is_scene_due` saw room, and only this side fills it. Kept rather than freed.
+            // Cannot be: `is_scene_due` saw a free place, and only this side fills it. Kept rather than freed.
             core::mem::forget(old);
         }
         self.changes = [None; LiveParameter::ALL.len()];

@@ -18,7 +18,7 @@ pub struct LoadedScene {
     pub(super) scene: Arc<RenderScene>,
     pub(super) state: State,
     pub(super) clay: Option<ClaySlot>,
-    /// Where clients asked its objects to go and the tick has not been told yet.
+    /// Where clients asked its objects to go and the tick has not got yet.
     pub(super) asked_poses: Box<[Option<Pose>]>,
     /// First tick in which it may be rendered.
     pub(super) at_tick: u64,

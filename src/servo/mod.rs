@@ -8,7 +8,7 @@
 //! Invariant: between the first and the last [`ServoLoop::step`] nothing here allocates, locks, prints or panics, and the only system
 //! calls are the clock's sleep and the arm's own. (Under the virtual clock there is one more: a yield while the ring is full.)
 //!
-//! Invariant: whichever way the loop ends, the last thing that the arm hears is a zero command.
+//! Invariant: whichever way the loop ends, the last command that the arm gets is zero.
 //!
 //! [`TickRecord`]: recording::TickRecord
 #![deny(

@@ -25,7 +25,7 @@ const WARM_UP_TICKS_MIN: u32 = 8;
 /// How a run is to end by itself. Counted in ticks, so that two runs under the virtual clock end on the same bit.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct RunPlan {
-    /// From this tick on the loop stops: ramps down, then ends. `None`: until told.
+    /// From this tick on the loop stops: ramps down, then ends. `None`: until the control says so.
     pub stop_at_tick: Option<u64>,
     /// A fault does not end the loop: it goes on with zero force until the operator has enabled again or stops it.
     pub outlives_faults: bool,
@@ -133,7 +133,7 @@ pub struct ServoLoop<D: Device, C: Clock> {
     last: TickOutput,
     /// When the last command was written, clock time, ns.
     commanded_ns: Option<i64>,
-    /// The motors were told to make something then, if only to hold the links of the arm.
+    /// The motors were commanded to make something then, if only to hold the links of the arm.
     has_force: bool,
 }
 
@@ -311,7 +311,7 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
         step
     }
 
-    /// Takes the newest frame of the clay. Who ends the loop from outside need not wait for one.
+    /// Takes the newest frame of the clay. An end of the loop from outside does not wait for one.
     fn exchange_clay(&mut self) {
         let (control, clock) = (&self.control, self.clock.kind());
         if let LoadedScene { clay: Some(clay), state, .. } = &mut *self.rendered {
@@ -348,7 +348,7 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
         if planned_stop && order != Order::Quit { Order::Stop } else { order }
     }
 
-    /// What the tick is told of it: after a fault that it does not know of, such as a command that the driver refused, zero now and no ramp.
+    /// What the tick gets of it: after a fault that it does not know of, such as a command that the driver refused, zero now and no ramp.
     fn request(&self, wanted: Order) -> DriveRequest {
         match wanted {
             _ if self.driver_fault => DriveRequest::Disable,
@@ -456,7 +456,7 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
         self.ending = Ending::Panicked;
     }
 
-    /// Ends the loop: the arm hears zero, the ring's producer goes, the report comes out.
+    /// Ends the loop: the arm gets zero, the ring's producer goes, the report comes out.
     pub fn finish(self) -> LoopReport {
         LoopReport {
             ticks: self.tick,

@@ -6,7 +6,7 @@ use super::{LoopReport, ServoLoop, Step};
 use arms::Device;
 use rt::clock::Clock;
 
-/// Warms up, then steps to the end. A panic of the tick or the driver ends here: the arm hears zero, and the report names the fault and keeps
+/// Warms up, then steps to the end. A panic of the tick or the driver ends here: the arm gets zero, and the report names the fault and keeps
 /// the flight recorder.
 pub fn run_to_end<D: Device, C: Clock>(mut servo: ServoLoop<D, C>) -> LoopReport {
     // Unwind-safe: after a panic only the arm's `stop`, counters and the flight recorder are used, and each of them is whole between any two
@@ -40,7 +40,7 @@ mod tests {
     use rt::clock::{RealClock, VirtualClock};
     use vps::spatial::{SampleStatus, Wrench};
 
-    /// Pushes with 1 N while enabled; stops at once when told.
+    /// Pushes with 1 N while enabled; stops at once on the order to stop.
     fn pushing(_: &RenderScene, _: &mut State, input: &TickInput) -> TickOutput {
         if input.request == DriveRequest::Enable {
             let command_device = Wrench::new(DVec3::X, DVec3::ZERO);
@@ -277,7 +277,7 @@ mod tests {
         while let Ok(record) = bench.records.pop() {
             stalled.extend(record.input.stalled.then_some(record.tick));
         }
-        assert!(stalled.contains(&12), "the next tick hears of it: {stalled:?}");
+        assert!(stalled.contains(&12), "the next tick knows of it: {stalled:?}");
     }
 
     #[test]

@@ -63,7 +63,7 @@ fn frames_cut_short() {
 #[test]
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn the_plug_is_pulled() {
-    // The arm hears nothing more: its own watchdog of 50 ms lets go.
+    // The arm receives nothing more: its own watchdog of 50 ms lets go.
     ends_in("unplug", &[&["disconnected"]], 50.0 + AT_ONCE_TICKS);
 }
 

@@ -1,4 +1,4 @@
-//! The guard: whatever becomes of the program, the arm hears zero.
+//! The guard: whatever becomes of the program, the arm gets zero.
 
 use std::fs::File;
 use std::io::{Read, Write as _};

@@ -1,4 +1,4 @@
-//! Who goes away, and who comes back.
+//! Arms and hosts that go away and come back.
 
 use std::time::Duration;
 

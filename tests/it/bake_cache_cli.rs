@@ -1,4 +1,4 @@
-//! The bake cache through the real program: who shares it, and what becomes of it when things end badly.
+//! The bake cache through the real program: how processes share it, and what becomes of it when they end badly.
 
 use std::fs;
 use std::os::unix::process::ExitStatusExt as _;
@@ -9,7 +9,7 @@ use std::time::{Duration, Instant, SystemTime};
 use serde_json::Value;
 use tempfile::TempDir;
 
-/// Sent to who writes beyond the limit on the size of a file.
+/// Sent to a process that writes beyond the limit on the size of a file.
 const SIGXFSZ: i32 = 25;
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_hapticd");

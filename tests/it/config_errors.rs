@@ -329,7 +329,7 @@ fn the_default_scene_says_the_truth() {
     assert_eq!(shipped.tool, bare.tool);
     assert_eq!((shipped.monitor, shipped.heartbeat), (bare.monitor, bare.heartbeat));
 
-    // Each table tells its keys when it is asked for one that it does not have.
+    // Each table lists its keys when it is asked for one that it does not have.
     let mut asking = String::from("version = 1\nzz = 0\n[[static]]\nzz = 0\nshape = { zz = 0 }\n");
     for table in [
         "rendering",

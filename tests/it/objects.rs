@@ -74,7 +74,7 @@ fn scene(mode: CouplingMode, obstacles: Vec<Obstacle>, shell: Shell) -> RenderSc
     RenderScene { parameters: parameters(mode), obstacles, clay: None, tool }
 }
 
-/// A hand that holds still, or that goes where it is told, and a loop that asks obstacles to move.
+/// A hand that holds still, or that goes along a given path, and a loop that asks obstacles to move.
 struct Play<'a> {
     scene: &'a RenderScene,
     state: State,
@@ -478,7 +478,7 @@ fn scenes_take_each_others_place_at_zero_force_and_no_tick_is_missed() {
         let (last, first) = (&all[change - 1].output, &all[change].output);
         assert_eq!((last.drive, last.command_device), (Drive::Disabled, Wrench::ZERO));
         assert_eq!((first.drive, first.command_device), (Drive::Disabled, Wrench::ZERO));
-        // The tool stays where it stands: there is room.
+        // The tool stays where it stands: nothing is in its way.
         assert!((last.world_from_tool.translation - first.world_from_tool.translation).length() < 1e-12);
         let states: Vec<Drive> = all[change - 150..change + 200].iter().map(|record| record.output.drive).collect();
         let mut seen = states.clone();

@@ -359,7 +359,7 @@ fn init_names_what_it_cannot_use() {
     assert!(!fs::read_to_string(dir.path().join("parts/scene.toml")).unwrap().contains("one.obj"));
 }
 
-/// What a service manager hears, message by message.
+/// What a service manager receives, message by message.
 struct Manager {
     socket: UnixDatagram,
     path: PathBuf,

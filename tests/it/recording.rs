@@ -483,7 +483,7 @@ fn a_few_ticks() -> Vec<u8> {
     fs::read(&path).expect("bytes")
 }
 
-/// The same messages neither packed nor summed up: a byte that a fuzzer changes comes through to who reads it.
+/// The same messages neither packed nor summed up: a byte that a fuzzer changes comes through to the reader.
 fn plain(packed: &[u8]) -> Vec<u8> {
     let options = mcap::WriteOptions::new().compression(None).calculate_chunk_crcs(false).calculate_data_section_crc(false);
     let options = options.calculate_summary_section_crc(false).calculate_attachment_crcs(false);

@@ -1,4 +1,4 @@
-//! What a run tells a network; and what a program says that was built without a network.
+//! What a run publishes on a network; and what a program says that was built without a network.
 
 use super::monitor::{command, folder};
 

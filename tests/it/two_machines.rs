@@ -36,7 +36,7 @@ const CLOCKS_APART_S: f64 = 4000.0;
 /// For the thread that looks for a lost node, which runs in real time.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// The arm beside the node, and what it was told when.
+/// The arm beside the node, and its commands with their times.
 struct LoggedArm {
     arm: SimArm,
     now_s: f64,
@@ -158,7 +158,7 @@ struct Played {
     records: Vec<TickRecord>,
     faults: Faults,
     ending: Ending,
-    /// What the node's arm was told.
+    /// Commands to the node's arm.
     told: Vec<(f64, Wrench)>,
     report: NodeReport,
     phase: LinkPhase,
@@ -174,7 +174,7 @@ struct Played {
 struct Stage {
     config: SceneConfig,
     scene: Arc<RenderScene>,
-    /// What the node is told with `--hold-ms` and `--fade-ms`.
+    /// The node's `--hold-ms` and `--fade-ms`.
     timing: HoldTiming,
 }
 

@@ -204,7 +204,7 @@ impl Guard {
         Ok(guard)
     }
 
-    /// Says that the loop turns, and whether the motors were told to make any force. RT: safe; one store.
+    /// Says that the loop turns, and whether any force was commanded. RT: safe; one store.
     pub fn beat(&mut self, has_force: bool) {
         self.beats = self.beats.wrapping_add(FORCE + 1);
         self.page.words()[0].store(self.beats | if has_force { FORCE } else { 0 }, Ordering::Relaxed);

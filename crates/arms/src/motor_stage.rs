@@ -67,7 +67,7 @@ impl MotorCommand {
         self.enabled
     }
 
-    /// No motor is told anything.
+    /// No motor gets a command.
     pub fn moves_nothing(&self) -> bool {
         self.motors == [0.0; MAX_AXES]
     }

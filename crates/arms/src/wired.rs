@@ -48,7 +48,7 @@ const BACKLOG_S: f64 = 5e-3;
 /// Silence after which an arm counts as lost, s, and in kicks: it is looked for again.
 const DEAF_S: f64 = 0.5;
 const DEAF_KICKS: f64 = 4.0;
-/// How long an arm may hear nothing while it speaks until its samples count as stale, s.
+/// How long an arm may receive nothing while it sends until its samples count as stale, s.
 const UNHEARD_S: f64 = 20e-3;
 /// Ticks in a row in which the link takes no frame before the arm counts as lost: the time in which a silent one does.
 const FULL_TICKS_MAX: u32 = 20;
@@ -94,7 +94,7 @@ pub struct WiredArm {
     /// Reports up to then may be older than a stall of this machine.
     old_until_s: Option<f64>,
     last_report_s: f64,
-    /// When the arm last said that it hears, where it says so.
+    /// When the arm last said that it receives, where it says so.
     last_heard_s: f64,
     last_sent_s: f64,
     /// The arm owes a reply to the last frame.
@@ -183,7 +183,7 @@ impl WiredArm {
         }
     }
 
-    /// Tells the arm zero while that still may reach it, and lets go of it: the reconnect thread tells it again, closes the link, and only then opens it
+    /// Sends the arm zero while that still may reach it, and lets go of it: the reconnect thread sends it again, closes the link, and only then opens it
     /// anew.
     fn lose(&mut self) -> DeviceError {
         if let Some(mut connection) = self.connection.take() {
@@ -207,7 +207,7 @@ impl WiredArm {
         self.parameters.link_silence_s.is_some_and(|silence_s| now_s - self.last_report_s >= silence_s)
     }
 
-    /// The arm says nothing any more, or hears nothing. One that speaks on change only may be silent for as long as it likes; an arm behind a network
+    /// The arm sends nothing any more, or receives nothing. One that sends on change only may be silent for any time; an arm behind a network
     /// has a rule of its own.
     fn is_deaf(&self, now_s: f64) -> bool {
         let parameters = &self.parameters;
@@ -218,7 +218,7 @@ impl WiredArm {
         now_s - self.last_report_s >= deaf_s || self.unheard_s(now_s).is_some_and(|unheard_s| unheard_s >= deaf_s)
     }
 
-    /// Time for which the arm has not said that it hears, where it says so.
+    /// Time for which the arm has not said that it receives, where it says so.
     fn unheard_s(&self, now_s: f64) -> Option<f64> {
         self.connection.as_ref()?.codec.unheard()?;
         Some(now_s - self.last_heard_s)
@@ -329,7 +329,7 @@ impl WiredArm {
         self.last.status = SampleStatus::Fresh;
     }
 
-    /// Commands may lie in a queue that the arm does not read: the arm is silent, or hears nothing, or nothing would tell.
+    /// Commands may lie in a queue that the arm does not read: the arm is silent, or receives nothing, or nothing would show it.
     fn may_lie_unread(&self, now_s: f64) -> bool {
         let is_unheard = match self.unheard_s(now_s) {
             Some(unheard_s) => unheard_s > REPLY_PATIENCE_S,
@@ -372,7 +372,7 @@ impl WiredArm {
             Ok(()) => {
                 self.full_ticks = 0;
                 self.sent = command;
-                // Only what left counts: a command that found no room must not widen the step of the next one.
+                // Only what left counts: a command that found the queue full must not widen the step of the next one.
                 self.stage.went_out();
                 (self.rendered, self.beside) = (made.command, made.beside);
                 self.last_sent_s = now_s;
@@ -618,7 +618,7 @@ impl Drop for WiredArm {
         self.stop();
         match self.connection.take() {
             Some(connection) => connection.close(),
-            // What was told to the lost one.
+            // What was commanded to the lost one.
             None => std::thread::sleep(LINGER),
         }
         if let Some(unused) = self.replacements.take() {

@@ -19,7 +19,7 @@ pub struct Report {
     pub rows: Vec<Row>,
 }
 
-/// The machine, as /proc tells it.
+/// The machine, as /proc reports it.
 #[derive(Debug, Serialize)]
 pub struct Machine {
     /// Model of the processor.

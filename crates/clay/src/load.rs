@@ -129,7 +129,7 @@ pub(super) fn open(path: &Path, metres_per_unit: f64) -> Result<FileContents, Lo
     }
 }
 
-/// Samples of a mesh that can make a surface; what goes wrong is told with the size of the mesh, which a wrong unit makes wrong.
+/// Samples of a mesh that can make a surface; errors name the size of the mesh, which a wrong unit makes wrong.
 pub(super) fn sample_of(mesh: &TriangleMesh, spacing_m: f64) -> Result<PointSet, SurfaceError> {
     let points = sample(mesh, spacing_m)?;
     if points.len() < PointSet::LEAST {

@@ -23,12 +23,12 @@ use vps::storage::{MappedFile, regular};
 
 /// Counts up when the meaning of a section changes.
 const GENERATION: u32 = 2;
-/// Tells a session from other files of sections.
+/// Distinguishes a session from other files of sections.
 const KEY: Key = *b"hapticd, session";
 /// Past and future in a file at most, bytes: what is farther from now stays out.
 const MOMENTS_BYTES_MAX: usize = 64 << 20;
 
-/// A file that [`ClayModel::save_session`] wrote, as far as can be told from its first bytes.
+/// A file that [`ClayModel::save_session`] wrote, as far as its first bytes show.
 pub fn is_session(path: &Path) -> bool {
     key_of(path) == Some(KEY)
 }

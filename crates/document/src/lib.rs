@@ -5,7 +5,7 @@
 //!            └──────────── ConfigErrors: file, line, key, value, what to write ◄──┘
 //! ```
 //!
-//! The crate knows the form of files, and nothing of what they are about. All problems of a pass are told at once.
+//! The crate knows the form of files, and nothing of what they are about. All problems of a pass are reported at once.
 //!
 //! # Units and frames
 //! Values stay in the units that their keys name (`_mm`, `_g`); the caller converts. Poses are `world_from_tool`, m and unit quaternions, times in s.
@@ -31,7 +31,7 @@
 //! | `toml` | syntax, version, the line of every entry, keys that are not known |
 //! | `values` | words and arrays of numbers as they are written |
 //! | `checks` | what is out of its range |
-//! | `problem` | how a problem is told: file, line, key, value, remedy, the nearest word |
+//! | `problem` | how a problem is reported: file, line, key, value, remedy, the nearest word |
 //! | [`poses`] | files of timed poses |
 #![forbid(unsafe_code)]
 

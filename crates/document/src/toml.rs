@@ -13,7 +13,7 @@ use vps::storage::printable::is_control;
 /// The format version that scenes and profiles carry.
 const VERSION: i64 = 1;
 
-/// Problems that are told of one file: more do not help, and finding them takes as long as there are.
+/// Problems that are reported of one file: more do not help, and finding them takes as long as there are.
 pub(super) const PROBLEMS_MAX: usize = 100;
 
 /// Longest value that a message repeats, characters.

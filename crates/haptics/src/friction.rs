@@ -53,7 +53,7 @@ pub(super) struct Friction {
 }
 
 impl Friction {
-    /// Tells, before a tick, how each face is carried by what it touches: only what the tool moves against that stretches.
+    /// Sets, before a tick, how each face is carried by what it touches: only what the tool moves against that stretches.
     pub(super) fn carry(&mut self, faces: &[ObstacleMotion; FACES]) {
         for (element, carried) in self.elements.iter_mut().zip(faces) {
             element.obstacle_motion = *carried;

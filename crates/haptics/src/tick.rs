@@ -39,7 +39,7 @@ pub struct TickInput {
     pub place: Option<Placement>,
     /// What a parameter is asked to become from the next tick on.
     pub parameter_change: Option<ParameterChange>,
-    /// Which frame of the clay is touched, where there is clay: told for the record, the frame itself is in the [`State`].
+    /// Which frame of the clay is touched, where there is clay: kept for the record, the frame itself is in the [`State`].
     pub clay: Option<FrameInUse>,
 }
 

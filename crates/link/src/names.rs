@@ -1,4 +1,4 @@
-//! Where `rmw_zenoh` looks: the key expression of a topic, the liveliness tokens of who publishes on it, and what goes with each message.
+//! Where `rmw_zenoh` looks: the key expression of a topic, the liveliness tokens of its publishers, and what goes with each message.
 //!
 //! # Source
 //! The design document of `rmw_zenoh` (`docs/design.md` of `ros2/rmw_zenoh`), and what its `liveliness_utils.cpp` and `qos.cpp` do beyond it. The
@@ -16,13 +16,13 @@ const TOKENS: &str = "@ros2_lv";
 /// Quality of service of every publisher: reliable, volatile, the last 10, everything else as it comes. Only what differs from the defaults of
 /// `rmw_zenoh` is written, and of those only the depth (42) does.
 const QUALITY: &str = "::,10:,:,:,,";
-/// Longest namespace, bytes: with a topic behind it a name of ROS 2 still has room.
+/// Longest namespace, bytes: with a topic behind it a name still fits into one of ROS 2.
 const LONGEST_NAMESPACE: usize = 200;
 
 /// What keeps the systems of a network apart: `ROS_DOMAIN_ID`.
 pub type Domain = u32;
 
-/// What tells publishers apart.
+/// What distinguishes publishers.
 pub type Gid = [u8; 16];
 
 /// A namespace such as `left/arm`, without a slash at either end.

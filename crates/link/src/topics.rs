@@ -11,7 +11,7 @@ use vps::spatial::{Pose, Wrench};
 /// Frames of a run.
 const DEVICE: &str = "device";
 const WORLD: &str = "world";
-/// Name of the only joint that is told: the gripper.
+/// Name of the only joint that is published: the gripper.
 const GRIPPER: [&str; 1] = ["gripper"];
 /// Buttons of a `Joy`.
 const N_BUTTONS: u32 = 8;
@@ -131,7 +131,7 @@ impl Topic {
         }
     }
 
-    /// What has to be told at once when it differs from before; the same number for topics that do not wait for that.
+    /// What has to be sent at once when it differs from before; the same number for topics that do not wait for that.
     pub fn news(self, record: &TickRecord) -> u64 {
         let (sample, output) = (&record.input.sample, &record.output);
         match self {

@@ -14,7 +14,7 @@ const REST: Duration = Duration::from_millis(1);
 /// How often a watcher gets a snapshot.
 const SNAPSHOT_EVERY: Duration = Duration::from_millis(100);
 
-/// What a watcher hears while records come in.
+/// What a watcher gets while records come in.
 #[derive(Clone, Copy, Debug)]
 pub enum Watch {
     /// The drive changed its state in this record.

@@ -1,4 +1,4 @@
-//! Who else wants every record: recorders and monitors come and go while a run goes on.
+//! Subscribers to every record: recorders and monitors come and go while a run goes on.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -32,7 +32,7 @@ impl RecordSubscribers {
         self.open().subscribers.retain_mut(|subscriber| subscriber(record));
     }
 
-    /// The run is over: drops all subscribers, which is how they hear of it.
+    /// The run is over: drops all subscribers, which is how they learn of it.
     pub(super) fn close(&self) {
         let mut open = self.open();
         open.is_over = true;

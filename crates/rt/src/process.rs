@@ -47,13 +47,13 @@ impl SharedPage {
     }
 }
 
-/// Leaves the terminal, the session and the name of who started this process, and ignores every signal that can be ignored. RT: start-up only.
+/// Leaves the terminal, the session and the name of the parent process, and ignores every signal that can be ignored. RT: start-up only.
 pub fn stand_apart(name: &str) {
     for signal in 1..=64 {
         // SAFETY: SIG_IGN is a valid disposition and runs no code of ours; the system refuses signals that cannot be ignored, or are none.
         unsafe { libc::signal(signal, libc::SIG_IGN) };
     }
-    // SAFETY: takes no arguments; refused to who leads a session already, which is as good.
+    // SAFETY: takes no arguments; refused to a process that leads a session already, which is as good.
     unsafe { libc::setsid() };
     // A name is worth no failure.
     let _ = std::fs::write("/proc/self/comm", name);

@@ -198,7 +198,7 @@ mod tests {
         let cpu = default_cpu();
         let standing = std::thread::spawn(move || enter_realtime(ThreadRequest { cpu, priority: 1 })).join().expect("no panic");
         assert_eq!(standing.cpu, Some(cpu));
-        // Whether SCHED_FIFO was granted depends on who runs the test; that the answer is consistent does not.
+        // Whether SCHED_FIFO was granted depends on the user that runs the test; that the answer is consistent does not.
         assert_eq!(standing.fifo, standing.schedule_errno == 0);
         assert_eq!(standing.priority, u8::from(standing.fifo));
     }

@@ -145,7 +145,7 @@ extern "C" fn on_instruction(signal: libc::c_int, info: *mut libc::siginfo_t, _c
 pub enum Hangup {
     /// The program is to read its files again.
     Reload,
-    /// The terminal has gone, and with it the person who sat there: an end was asked for.
+    /// The terminal has gone, and with it its user: an end was asked for.
     TerminalGone,
 }
 

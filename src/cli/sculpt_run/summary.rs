@@ -21,7 +21,7 @@ pub(crate) struct SavedFile {
     pub(super) file: PathBuf,
 }
 
-/// A name that is no UTF-8 is told all the same.
+/// A name that is no UTF-8 is written all the same.
 fn lossily<'f, S: serde::Serializer>(file: impl Into<Option<&'f PathBuf>>, serializer: S) -> Result<S::Ok, S::Error> {
     file.into().map(|file| file.to_string_lossy()).serialize(serializer)
 }

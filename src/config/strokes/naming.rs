@@ -32,7 +32,7 @@ fn named(document: &Document<'_>, mut problem: Problem) -> Problem {
     problem
 }
 
-/// A key of a stroke as it is told.
+/// A key of a stroke as messages name it.
 pub(super) fn name_of(document: &Document<'_>, table: &str, key: &str) -> String {
     let at =
         document.written(&format!("{table}.at_s")).filter(|_| key != "at_s").map_or_else(String::new, |at| format!(" at {at} s"));

@@ -11,7 +11,7 @@ use clay::engine::{ClayView, EngineError, SculptOrder};
 /// Orders that may wait.
 const WAITING_MAX: usize = 64;
 
-/// Hears, once, what became of an order: on the thread of the clay, or at once where it is refused. Must not block.
+/// Called once with what became of an order: on the thread of the clay, or at once where it is refused. Must not block.
 pub type Reply = Box<dyn FnOnce(Result<(), OrderError>) + Send>;
 
 /// Why an order was not carried out.
@@ -39,7 +39,7 @@ impl OrderError {
     }
 }
 
-/// An order that waits. Dropped without an answer, its reply hears that there will be none.
+/// An order that waits. Dropped without an answer, it calls its reply with that.
 pub(super) struct WaitingOrder {
     pub(super) order: SculptOrder,
     reply: Option<Reply>,
@@ -108,7 +108,7 @@ impl fmt::Debug for ClayHandle {
 }
 
 impl ClayHandle {
-    /// Asks for something; `reply` hears once what became of it. Never blocks; refused while too many wait, and when the clay takes no more
+    /// Asks for something; `reply` is called once with what became of it. Never blocks; refused while too many wait, and when the clay takes no more
     /// orders.
     pub fn ask(&self, order: SculptOrder, reply: Reply) {
         match self.orders.try_send(WaitingOrder { order, reply: Some(reply) }) {

@@ -125,9 +125,9 @@ pub struct SculptThread {
 }
 
 impl SculptThread {
-    /// Tells the thread to end, as it does by itself when the loop is over. One that works finishes what it does first.
+    /// Orders the thread to end, as it does by itself when the loop is over. One that works finishes what it does first.
     pub fn end(&self) {
-        // Relaxed: nothing else is told by it.
+        // Relaxed: no other data depends on it.
         self.is_over.store(true, Ordering::Relaxed);
     }
 

@@ -1,4 +1,4 @@
-//! The thread: hears, orders, updates, shows.
+//! The thread: takes tool states and orders, updates the clay, shows it.
 
 use core::time::Duration;
 use std::any::Any;
@@ -149,7 +149,7 @@ impl Worker<'_> {
         let mut n_heard = 0;
         let mut turns = 0;
         loop {
-            // Before the states: what was told before the end is worked on still.
+            // Before the states: orders from before the end are still carried out.
             let is_over = self.is_over();
             while let Some(state) = self.feed.next_state() {
                 turns = 0;
@@ -233,7 +233,7 @@ impl Worker<'_> {
             if let SculptOrder::Hold(true) = order {
                 self.hold = Some(asker);
             }
-            // Told in the report.
+            // The report names it.
             let _ = self.carry_out(order, asker);
         }
         self.engine.hear(&ToolMotion {
@@ -271,7 +271,7 @@ impl Worker<'_> {
         result
     }
 
-    /// Lets the hand go before something that ends its pull and may take long: the loop would not hear meanwhile that it wants to be let go. Simulated
+    /// Lets the hand go before something that ends its pull and may take long: the loop would not learn meanwhile that it is to let go. Simulated
     /// time waits for whatever it is.
     fn slacken(&mut self) {
         if self.plan.clock == ClockKind::Real

@@ -41,11 +41,11 @@ pub struct LiveChannels {
     pub commands: CommandQueue,
     /// Frames of the scene's clay; the cold end is the thread of [sculpting](crate::daemon::sculpting).
     pub clay: Option<ClaySlot>,
-    /// Who says when force may flow.
+    /// The source that says when force may flow.
     pub operator: Operator,
     /// What becomes of the link of a real arm.
     pub news: Option<Receiver<LinkNews>>,
-    /// Who wants every record.
+    /// Subscribers to every record.
     pub subscribers: RecordSubscribers,
 }
 
@@ -54,7 +54,7 @@ pub struct LiveChannels {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Enable(pub Permit);
 
-/// Who says when force may flow. A simulated arm can hurt no person and is enabled from the start, unless every arm is held back.
+/// The source that says when force may flow. A simulated arm can hurt no person and is enabled from the start, unless every arm is held back.
 #[derive(Debug, Default)]
 pub struct Operator {
     /// Force flows from the start; with a deadman, while it is held.
@@ -96,10 +96,10 @@ impl RunOutcome {
 /// Why a run did not come to an outcome.
 #[derive(Debug, thiserror::Error)]
 pub enum RunError {
-    /// `enforce`, and a preflight check failed. The report was told as a notice.
+    /// `enforce`, and a preflight check failed. The report was sent as a notice.
     #[error("real-time preflight refused: {} check(s) failed and the mode is `enforce`", .0.failed().count())]
     Refused(PreflightReport),
-    /// A real arm, and no operator who could let force flow.
+    /// A real arm, and no operator that could let force flow.
     #[error("this is a real arm, and no operator can let force flow")]
     NoOperator,
     /// A thread could not be started.

@@ -1,4 +1,4 @@
-//! What the supervisor tells while it works.
+//! What the supervisor reports while it works.
 
 use arms::attached::open::LinkNews;
 use haptics::{Drive, OffCause};
@@ -56,12 +56,12 @@ impl Phase {
     }
 }
 
-/// What the supervisor tells while it works.
+/// What the supervisor reports while it works.
 #[derive(Debug)]
 pub enum Notice<'a> {
     /// A new phase.
     Phase(Phase),
-    /// What the machine offers; told before the first tick.
+    /// What the machine offers; reported before the first tick.
     Preflight(&'a PreflightReport),
     /// The newest tick, about ten times a second.
     Status(&'a TickRecord),

@@ -1,4 +1,4 @@
-//! What clients do to clay, and what all of them hear of it.
+//! What clients do to clay, and the events that all of them get.
 
 use std::sync::{Arc, PoisonError};
 
@@ -53,7 +53,7 @@ pub(in crate::monitor) fn hold(hub: &Arc<Hub>, client: u64, is_held: bool, reply
     if !hub.watchdog.hold(client) {
         return reply(Err(RequestError::conflict("another client holds the clay", "wait until it lets go")));
     }
-    // In this order: the handler that hears of no force looks for a hold after that.
+    // In this order: the handler of "no force" looks for a hold after that.
     if !hub.has_force() {
         hub.watchdog.let_go(client);
         return reply(Err(RequestError::conflict("no force flows: nothing can be held", "enable first")));
@@ -74,9 +74,9 @@ pub(in crate::monitor) fn hold(hub: &Arc<Hub>, client: u64, is_held: bool, reply
 }
 
 impl ClayService {
-    /// Tells what has changed since the last call, by any client.
+    /// Sends events of what has changed since the last call, by any client.
     pub(in crate::monitor) fn tell_news(&self, hub: &Hub) {
-        // A view is made only for those who look.
+        // A view is made only for clients that want one.
         let Some(view) = (!hub.clients().is_empty()).then(|| self.access.view()).flatten() else { return };
         let (craft, trouble) = {
             let mut last_view = self.last_view.lock().unwrap_or_else(PoisonError::into_inner);
@@ -93,7 +93,7 @@ impl ClayService {
         }
     }
 
-    /// Lets go for a client that does not do so itself. An order that found no room is given again by the watchdog.
+    /// Lets go for a client that does not do so itself. The watchdog repeats an order that found the queue full.
     pub(in crate::monitor) fn let_go(&self, hub: &Arc<Hub>) {
         let hub = hub.clone();
         let answer = Box::new(move |result: Result<(), OrderError>| {

@@ -1,4 +1,4 @@
-//! Samples of the clay for display: small, thinned out where there are too many, made once for all who ask.
+//! Samples of the clay for display: small, thinned out where there are too many, made once for all clients.
 
 use core::time::Duration;
 use std::collections::HashSet;

@@ -41,7 +41,7 @@ type Refuses = Arc<Mutex<Option<fn() -> OrderError>>>;
 /// What happens while the next order is on its way.
 type Before = Arc<Mutex<Option<Box<dyn FnOnce() + Send>>>>;
 
-/// A clay that writes down what it is asked, and answers as it is told.
+/// A clay that writes down what it is asked, and gives prepared answers.
 struct Fake {
     orders: Sender<SculptOrder>,
     before: Before,

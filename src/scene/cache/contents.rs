@@ -82,7 +82,7 @@ impl Baked {
     }
 }
 
-/// Reads a file of the cache from memory, whatever its key: the door for fuzzing.
+/// Reads a file of the cache from memory, whatever its key: for fuzzing.
 ///
 /// # Errors
 /// Everything that is not a sound file of this version.

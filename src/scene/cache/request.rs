@@ -40,7 +40,7 @@ pub struct Request<'a> {
     pub spacing: Spacing,
     /// Layers on each side.
     pub layers: u32,
-    /// How inside and outside are told.
+    /// How inside and outside are distinguished.
     pub sides: InsideTest,
     /// The field holds gradients.
     pub with_gradients: bool,

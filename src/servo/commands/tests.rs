@@ -161,7 +161,7 @@ fn what_a_person_lowered_holds_until_a_person_raises_it() {
     let name = LiveParameter::ForceLimit.name();
     let all_n = parameters().limits.force_n;
     let mut rendered_idx = 0;
-    // Another scene takes over; what its first tick is told of the limit, and what is shown of it.
+    // Another scene takes over; what its first tick gets of the limit, and what is shown of it.
     let mut exchange = |controls: &mut SceneControls, queue: &mut CommandQueue| {
         controls.offer(loaded(), objects()).map_err(|(error, _)| error).expect("room");
         assert!(matches!(controls.offer(loaded(), objects()), Err((SwapError::Waiting, _))));

@@ -1,4 +1,4 @@
-//! Who may come in, and at which address.
+//! Which clients have access, and at which address.
 
 use std::net::TcpListener;
 

@@ -28,7 +28,7 @@ fn silence_and_a_closed_connection_end_with_zero_force() {
         assert_eq!(state["off_cause"], "heartbeat");
         assert!(state["advice"].as_str().unwrap().contains("silent"), "{state}");
     }
-    // Who takes leave is not missed.
+    // A client that signs off is not missed.
     let mut driver = daemon.connect();
     driver.does(json!({ "do": "enable" }));
     driver.does(json!({ "do": "heartbeat", "timeout_ms": 5000 }));

@@ -228,7 +228,7 @@ fn half_a_request_does_not_block_a_disable() {
     let bearer = format!("Bearer {token}");
     for most in [240, 1000] {
         let held = half_open(daemon.address, most);
-        // Strangers who ask, and are refused, are no better; nor is who only looks at the page.
+        // Clients without access that ask, and are refused, do no better; nor does a client that only loads the page.
         for (path, expected) in [("/api/v1/info", 401), ("/", 200)] {
             assert_eq!(daemon.http("GET", path, &[], "").0, expected, "among {most}");
         }
@@ -243,7 +243,7 @@ fn half_a_request_does_not_block_a_disable() {
         assert!(open < 400, "{open} files are open");
         drop(held);
     }
-    // Those who were there before are there still.
+    // The connections from before are there still.
     let tick = client.state()["tick"].as_u64().unwrap();
     client.state_where(|state| state["tick"].as_u64() > Some(tick + 100));
     no_record_lost(&daemon.end());

@@ -231,7 +231,7 @@ pub(crate) fn open_with(
     Ok(OpenedArm { arm, path, news })
 }
 
-/// What the driver is told of a profile.
+/// What the driver needs of a profile.
 pub(crate) fn wired_parameters(profile: &Profile, real: &RealArm, period_s: f64, io: IoPlacement) -> WiredParameters {
     WiredParameters {
         kinematics: real.kinematics,

@@ -47,7 +47,7 @@ const REST_S: f64 = 0.5;
 /// Frequencies that it is shaken with, Hz: from where viscosity counts, but a light arm stays within its reach, to where mass does.
 const SHAKE_HZ: [f64; 4] = [1.7, 3.1, 5.3, 9.7];
 
-/// Why a trial ended before its time. The arm was told to stop.
+/// Why a trial ended before its time. The arm was sent zero.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ProbeEnd {
     /// The arm failed.

@@ -237,7 +237,7 @@ fn motors_of_verified_signs_that_push_the_wrong_way_stay_within_the_profile() {
             for (deed, hand) in [(Deed::Idle, Some(HELD_M)), (Deed::Idle, None), (Deed::Press, Some(HELD_M))] {
                 // Through one wrong motor the force of a scene comes out another way, and longer by what the pose makes of it: a profile that
                 // says that the signs are verified is believed there.
-                // And an arm without a hand on it runs off into a singular pose, faster than a sample is told.
+                // And an arm without a hand on it runs off into a singular pose within one sample.
                 if wrong.len() != 1 || matches!((deed, hand), (Deed::Idle, Some(_))) {
                     let mut rig = WiredRig::miswired(&profile, &reversed(&profile, &wrong), hand);
                     let made = driven(&mut rig, deed, 600);

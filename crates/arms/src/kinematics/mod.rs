@@ -81,7 +81,7 @@ impl Configuration {
 
     /// What one N·m (N of a sliding joint) of each joint that `has_motor` makes at the grip: the columns of (J·Jᵀ)⁻¹·J, the least wrench W with
     /// JᵀW = τ over the axes that have a motor. Device axes; zero for a joint without a motor. Where J loses rank the columns are huge, but finite.
-    /// `None`: they cannot be told.
+    /// `None`: they cannot be computed.
     ///
     /// RT: safe; one 6×6 solve for each motor.
     pub(super) fn pushes(

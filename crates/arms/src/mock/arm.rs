@@ -147,7 +147,7 @@ impl MockArm {
         self.has(now_s, |kind| *kind == FaultKind::Unplug).is_some()
     }
 
-    /// True while it hears nothing.
+    /// True while it receives nothing.
     pub(super) fn is_deaf(&self, now_s: f64) -> bool {
         self.has(now_s, |kind| *kind == FaultKind::Deaf).is_some()
     }

@@ -95,7 +95,7 @@ fn report_of(packet: &Packet) -> Option<(Option<u8>, usize)> {
     }
 }
 
-/// What the kernel is told of the HID device of a mock.
+/// What the kernel gets of the HID device of a mock.
 pub fn identity(profile: &Profile, protocol: &Protocol) -> HidIdentity {
     let matching = profile.real.as_ref().map(|real| &real.matching);
     // The interface that the profile looks for is the one that its arm has.

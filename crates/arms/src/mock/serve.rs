@@ -26,7 +26,7 @@ pub struct Serving {
 /// Why serving ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ServeEnd {
-    /// It was told to.
+    /// The caller asked for it.
     Interrupted,
     /// The time is over.
     Duration,

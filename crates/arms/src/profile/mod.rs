@@ -1,7 +1,7 @@
 //! Device profiles: hardware as data.
 //!
 //! Data in: a TOML file of `devices/`, embedded in the program, or one that a scene names by path. Data out: a checked [`Profile`].
-//! `devices/README.md` describes the format, `devices/profile.schema.json` tells it to editors.
+//! `devices/README.md` describes the format, `devices/profile.schema.json` is for editors.
 //!
 //! | file | owns |
 //! |---|---|

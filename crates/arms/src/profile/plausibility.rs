@@ -1,4 +1,4 @@
-//! What a profile may say, and an arm is unlikely to be: told by `hapticd check`, refused nowhere.
+//! What a profile may say, and an arm is unlikely to be: `hapticd check` warns of it, nothing refuses it.
 
 use core::array::from_fn;
 

@@ -50,7 +50,7 @@ pub(super) fn profile(document: &Document<'_>, dir: &Path, written: &ProfileFile
         ),
     };
 
-    let accepted = "who sets the rate: \"ping-pong\", \"stream\" or \"event\"";
+    let accepted = "what sets the rate: \"ping-pong\", \"stream\" or \"event\"";
     let pacing = checks.given("link.pacing", link.pacing, accepted);
     let accepted = "true or false: whether the motors keep the last command when the link closes";
     let holds_last_command = checks.given("link.holds_last_command", link.holds_last_command, accepted);

@@ -99,7 +99,7 @@ fn packet_or_protocol(protocol: &Protocol) -> &'static str {
 }
 
 fn matching(checks: &mut Checks<'_>, written: &ProfileFile) -> Option<Match> {
-    let accepted = "a table [match] with `transport` and what tells this arm from others";
+    let accepted = "a table [match] with `transport` and what distinguishes this arm from others";
     let matching = checks.given("match", written.matching.as_ref(), accepted)?;
     let sixteen = |checks: &mut Checks<'_>, key: &str, number: Option<u32>| {
         number.map(|number| checks.whole(&format!("match.{key}"), Some(number), 0, 0, 0xFFFF) as u16)

@@ -410,7 +410,7 @@ impl Firmware for Arm {
     }
 
     fn motors(&self) -> [f64; MAX_AXES] {
-        // An arm that is told when force is on keeps still while it is not.
+        // An arm that gets a bit for force on keeps still while it is off.
         let told = self.layout.command.as_ref().is_some_and(|packet| packet.fields.iter().any(|field| field.role == Role::Enabled));
         if told && !self.command.enabled { [0.0; MAX_AXES] } else { self.command.motors }
     }

@@ -426,7 +426,7 @@ impl Codec for Host {
         let mut answers = true;
         let patience = self.answer_within;
         for Servo { id, .. } in chain.as_slice().iter().copied() {
-            // A tripped watchdog has opened the motor already; torque off goes through either way. Once one is silent, the others are told and
+            // A tripped watchdog has opened the motor already; torque off goes through either way. Once one is silent, the others get it and
             // not waited for.
             if !answers {
                 self.answer_within = Duration::from_millis(1);

@@ -58,7 +58,7 @@ impl Codec for Host {
         // A board that was not reset holds the last commanded force, also while it sends nothing.
         let mut zero = Frame::default();
         self.encode(&MotorCommand::default(), &mut zero);
-        // A board that was reset by the opening drives its handle into both stops first. One that speaks and does not hear is no use, and worse.
+        // A board that was reset by the opening drives its handle into both stops first. A board that sends and does not receive cannot be used, and is dangerous.
         let question = Question {
             step: "waiting for a line, and for Ok to a force of zero",
             frame: zero.as_slice(),

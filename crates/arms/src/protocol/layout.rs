@@ -31,7 +31,7 @@ pub struct PacketLayout {
 /// How one packet is laid out.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Packet {
-    /// How it is told from the bytes around it.
+    /// How it is found among the bytes around it.
     pub framing: Framing,
     /// Its check, in the last bytes of the body.
     pub checksum: Option<Checksum>,
@@ -39,7 +39,7 @@ pub struct Packet {
     pub fields: Vec<Field>,
 }
 
-/// How a packet is told from the bytes around it. `len`: bytes of the body, checksum included.
+/// How a packet is found among the bytes around it. `len`: bytes of the body, checksum included.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Framing {
     /// A HID report of exactly `len` bytes beside its ID.

@@ -188,7 +188,7 @@ pub trait Codec: Send {
         frame.clear();
     }
 
-    /// How many commands left since the arm last said that it had heard one, where it says so: an arm may speak and hear nothing.
+    /// How many commands left since the arm last said that it had received one, where it says so: an arm may send and receive nothing.
     fn unheard(&self) -> Option<u32> {
         None
     }
@@ -196,7 +196,7 @@ pub trait Codec: Send {
     /// Forgets unfinished frames: after [`Self::silence`], and after bytes were thrown away.
     fn resume(&mut self) {}
 
-    /// Frame that tells the arm what its counters stand at now; `false` when the protocol has none. Motors are off in that exchange.
+    /// Frame that sets the arm's counters; `false` when the protocol has none. Motors are off in that exchange.
     fn set_readings(&mut self, readings: &[f64; MAX_AXES], frame: &mut Frame) -> bool {
         let _ = (readings, frame);
         false
@@ -237,7 +237,7 @@ pub trait Codec: Send {
         let _ = link;
     }
 
-    /// The same for a link that was lost and is to be opened again: what the arm was told at its start stays. Cold, short, must not panic.
+    /// The same for a link that was lost and is to be opened again: what the arm got at its start stays. Cold, short, must not panic.
     fn finish_lost(&mut self, link: &mut dyn Transport) {
         self.finish(link);
     }

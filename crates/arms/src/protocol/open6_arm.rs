@@ -77,7 +77,7 @@ impl Arm {
         let Packet { kind, sequence, payload } = packet;
         match kind {
             HELLO if payload.len() >= HELLO_LEN && payload[..4] == MAGIC => {
-                // Another major version is told ours and gets nothing else.
+                // Another major version gets our version and nothing else.
                 self.mode = if payload[4] == MAJOR { Mode::Disabled } else { Mode::Silent };
                 self.motors = [0.0; MAX_AXES];
                 (self.echo, self.error) = (0, 0);

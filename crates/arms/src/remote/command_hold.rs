@@ -18,7 +18,7 @@ use vps::spatial::Wrench;
 
 /// α: half of what is new is felt at once, nine tenths after four ticks.
 const WEIGHT: f64 = 0.5;
-/// Lag of that average on a force that changes slowly, α/(1 − α), ticks: part of the delay that the host is told.
+/// Lag of that average on a force that changes slowly, α/(1 − α), ticks: part of the delay that the node reports to the host.
 pub(super) const LAG_TICKS: u32 = 1;
 /// Less of a difference is none, N and N·m.
 const ARRIVED: f64 = 1e-6;

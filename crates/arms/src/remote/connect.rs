@@ -69,7 +69,7 @@ impl ConnectMethod for RemoteConnector {
         Ok((path, Connection { link, codec: Box::new(codec), guard: Ok(None) }))
     }
 
-    /// The node may have been started again because the arm lost its power; nothing on the network tells.
+    /// The node may have been started again because the arm lost its power; nothing on the network shows it.
     fn homing(&self) -> Option<String> {
         let homing = &self.profile.real.as_ref()?.homing;
         homing.instruction.clone().filter(|_| homing.mode == HomingMode::PowerOnPose)
@@ -99,7 +99,7 @@ pub fn open(profile: &Profile, options: &RemoteOptions, dial: Dial) -> Result<(O
     Ok((open_with(connector, parameters)?, figures))
 }
 
-/// What the driver is told: an arm that reports the pose of its grip and takes a wrench, whatever is behind the node.
+/// What the driver needs: an arm that reports the pose of its grip and takes a wrench, whatever is behind the node.
 pub(super) fn parameters(profile: &Profile, options: &RemoteOptions, io: IoPlacement) -> WiredParameters {
     WiredParameters {
         kinematics: Kinematics::Cartesian,

@@ -117,7 +117,7 @@ pub struct LinkFigures {
 /// The same as numbers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct LinkReport {
-    /// How long the node holds the last force when it hears nothing, ms: what it says of itself.
+    /// How long the node holds the last force when no command arrives, ms: what it says of itself.
     pub hold_ms: u32,
     /// Within what time it then fades to zero, ms.
     pub fade_ms: u32,

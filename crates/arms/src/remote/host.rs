@@ -1,6 +1,6 @@
 //! The workstation's side: a codec of open6 1.2, one packet to a datagram.
 //!
-//! It asks who is there, measures the link before any force can flow, and goes on measuring: each state says which command it can show and how old
+//! It asks for a node, measures the link before any force can flow, and goes on measuring: each state says which command it can show and how old
 //! that was, so that the round trip needs no clock in common and the ways themselves only an estimate of the offset.
 
 use core::sync::atomic::Ordering::Relaxed;
@@ -72,7 +72,7 @@ pub struct Host {
 }
 
 impl Host {
-    /// For an arm that senses and drives at least this. `token` says who speaks; each host process has its own.
+    /// For an arm that senses and drives at least this. `token` names the sender; each host process has its own.
     pub fn new(sensed: Axes, actuated: Axes, period_s: f64, token: u32, figures: Arc<LinkFigures>) -> Self {
         Self {
             sensed,

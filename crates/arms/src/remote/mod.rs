@@ -13,7 +13,7 @@
 //! Data in and out: frames of a [`Transport`](super::transport::Transport), which may lose, delay and reorder them. The newest wins: what is older
 //! than something already taken is dropped and counted.
 //!
-//! Invariant: silence is zero force. The node holds the last force for some ms, fades it, and then wants to be told *disabled* before it
+//! Invariant: silence is zero force. The node holds the last force for some ms, fades it, and then needs a *disabled* command before it
 //! listens to *enabled* again; the host calls the same silence a lost link. Invariant: `step` and `feed` do not allocate, lock or block.
 //!
 //! | file | owns |
@@ -23,7 +23,7 @@
 //! | `node` | the arm's side: state machine, limits, states |
 //! | [`command_hold`] | the force between commands, and after the last one |
 //! | `clock` | two clocks and the ways between them |
-//! | [`figures`] | what both sides tell people |
+//! | [`figures`] | figures of both sides for display |
 //! | `connect` | how a host comes to a node, and back to it |
 
 mod clock;

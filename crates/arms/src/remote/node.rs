@@ -50,7 +50,7 @@ const TOO_HOT: u8 = 3;
 const SENSOR: u8 = 5;
 const ARM_GONE: u8 = 6;
 
-/// What a node is told of its arm.
+/// What a node needs to know of its arm.
 #[derive(Clone, Debug)]
 pub struct NodeParameters {
     /// Name that it goes by, cut to 32 bytes.
@@ -228,7 +228,7 @@ impl Node {
             !owner.token.is_of_process(token) && now_s - owner.heard_s < OWNER_SILENT_S && self.mode != LinkPhase::Silent
         });
         let is_known = self.owner.is_some_and(|owner| owner.token == token);
-        // Another major version is told ours and gets nothing else; so does a second host, which is told who the first one is. A greeting that
+        // Another major version gets our version and nothing else; so does a second host, which gets the name of the first one. A greeting that
         // was repeated on its way changes nothing.
         if major == MAJOR && !is_taken && !is_known {
             self.owner = Some(Owner { token, heard_s: now_s, newest: None });
@@ -398,7 +398,7 @@ impl Node {
         let _ = self.link.send(self.frame.as_slice());
     }
 
-    /// What is told of the arm while nothing pushes. An arm without a zero says so by its flag.
+    /// What is sent of the arm while nothing pushes. An arm without a zero says so by its flag.
     fn reported_error(&self) -> u8 {
         match self.arm_error() {
             NOT_HOMED => 0,

@@ -136,7 +136,7 @@ impl SimArm {
         self.n_reads.saturating_sub(1) as f64 * self.period_s
     }
 
-    /// What it is told is lost.
+    /// Its commands are lost.
     fn is_deaf(&self) -> bool {
         self.fault_active(self.last_read_s()) == Some(FaultKind::Deaf)
     }

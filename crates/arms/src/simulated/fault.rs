@@ -1,4 +1,4 @@
-//! Faults that a simulated arm can be told to have: `nan@2s`, `drop=1%`, `slow=4ms@500ms`, `unplug@2s+500ms`.
+//! Faults that can be injected into a simulated arm: `nan@2s`, `drop=1%`, `slow=4ms@500ms`, `unplug@2s+500ms`.
 //!
 //! Grammar: `NAME[=VALUE][@START[+LENGTH]]`. Without a start the fault is there from the beginning, without a length it stays. The end of an
 //! `unplug` is the plug going in again. Time is the arm's own: one period per read in the process, its real clock as a mock.
@@ -37,7 +37,7 @@ pub enum FaultKind {
     },
     /// No fresh samples.
     Stall,
-    /// Hears nothing, and the link stays up.
+    /// Receives nothing, and the link stays up.
     Deaf,
     /// The x position is not a number.
     Nan,

@@ -108,7 +108,7 @@ impl GripPlant {
         Ok(Self { period_s, translation, rotation, path, pose: Pose::IDENTITY, twist: Twist::ZERO, target, origin: None })
     }
 
-    /// Puts the grip at rest where it is told. The path of the hand counts from there.
+    /// Puts the grip at rest at the given place. The path of the hand counts from there.
     pub(crate) fn rest_at(&mut self, device_from_grip: Pose) {
         self.pose = device_from_grip;
         self.twist = Twist::ZERO;

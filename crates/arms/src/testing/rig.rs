@@ -21,7 +21,7 @@ use crate::transport::{Carriage, LoopbackEnd, Transport, TransportError, loopbac
 use crate::{Connection, Device, IoPlacement, Replacements, Timebase, WiredArm};
 use vps::spatial::{Pose, Wrench};
 
-/// What goes wrong when it is told to.
+/// What goes wrong on command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum InjectedFault {
     /// Nothing.

@@ -104,13 +104,13 @@ pub enum Carriage {
 pub enum TransportError {
     /// The other end is gone; nothing more will come.
     Lost,
-    /// There is no room for the frame; nothing of it was sent.
+    /// The queue is full; nothing of the frame was sent.
     Full,
     /// The operating system refused with this errno.
     Os(i32),
 }
 
-/// What a serial adapter can be told beside bytes. Transports without such lines ignore it.
+/// What can be set at a serial adapter beside bytes. Transports without such lines ignore it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Line {
     /// Back to the state after plugging in.

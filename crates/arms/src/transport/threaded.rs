@@ -22,11 +22,11 @@ use rt::schedule::{self, ThreadRequest};
 const REPORTS: usize = 64;
 /// Frames that may wait for the bus.
 const FRAMES: usize = 8;
-/// Room beside them for frames that take the place of all others.
+/// Places beside them for frames that replace all others.
 const FRAMES_NOW: usize = 4;
 /// How long the reader waits before it looks whether it is still wanted.
 const READ_WAIT: Duration = Duration::from_millis(50);
-/// The same while a report waits for room in the ring.
+/// The same while a report waits for a place in the ring.
 const HELD_WAIT: Duration = Duration::from_millis(1);
 /// How long the last frames may take to leave when the link is closed.
 const CLOSE_PATIENCE: Duration = Duration::from_millis(200);

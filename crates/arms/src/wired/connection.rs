@@ -10,11 +10,11 @@ use crate::guard::Guard;
 use crate::protocol::{Codec, MotorCommand};
 use crate::transport::{Frame, Transport, TransportError};
 
-/// Zeros that a lost arm is told before its link is closed, as long as the link takes any, and the time between two.
+/// Zeros that a lost arm is sent before its link is closed, as long as the link takes any, and the time between two.
 const LAST_ZEROS: usize = 5;
 const BETWEEN_ZEROS: Duration = Duration::from_millis(2);
 /// How long a link stays open after its last frame: bytes of a tty pass through a worker of the kernel, and a close may overtake them. An arm
-/// that did not hear its zero would hold its force until its watchdog lets go.
+/// that did not get its zero would hold its force until its watchdog lets go.
 pub(super) const LINGER: Duration = Duration::from_millis(10);
 
 /// An opened link with a codec that has been through its start.
@@ -34,12 +34,12 @@ pub(crate) struct Connection {
 pub(crate) struct Replacements {
     /// New ones.
     pub(crate) fresh: Consumer<Connection>,
-    /// Lost ones: they are told zero and closed where that may wait.
+    /// Lost ones: they are sent zero and closed where that may wait.
     pub(crate) spent: Producer<Connection>,
 }
 
 impl Connection {
-    /// Tells the guard that the loop turns, and whether the motors were told to make any force. RT: safe.
+    /// Reports to the guard that the loop turns, and whether any force was commanded. RT: safe.
     pub(super) fn beat(&mut self, has_force: bool) {
         if let Ok(Some(guard)) = &mut self.guard {
             guard.beat(has_force);
@@ -85,7 +85,7 @@ impl Connection {
         self.link.send(frame.as_slice())
     }
 
-    /// Tells a lost arm zero for as long as its link takes bytes, and closes it; whether it took all. Cold: it waits.
+    /// Sends a lost arm zero for as long as its link takes bytes, and closes it; whether it took all. Cold: it waits.
     pub(crate) fn let_go(mut self) -> bool {
         let takes = (0..LAST_ZEROS).all(|_| {
             let is_open = !matches!(self.send_last_zero(), Err(TransportError::Lost | TransportError::Os(_)));
@@ -105,7 +105,7 @@ impl Connection {
 }
 
 impl Replacements {
-    /// Gives a lost connection away; back where there is no room, which one connection always finds. RT: safe.
+    /// Gives a lost connection away; back where the queue is full; one connection always finds a place. RT: safe.
     pub(super) fn give_away(&mut self, connection: Connection) -> Option<Connection> {
         self.spent.push(connection).err().map(|PushError::Full(connection)| connection)
     }

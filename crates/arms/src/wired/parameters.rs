@@ -1,4 +1,4 @@
-//! What the driver is told of an arm.
+//! What the driver needs to know of an arm.
 
 use glam::DQuat;
 
@@ -29,7 +29,7 @@ pub(crate) struct WiredParameters {
     pub(crate) device_from_native: DQuat,
     /// What the arm can do.
     pub(crate) capabilities: Capabilities,
-    /// A sign check has seen every motor push the way it is told.
+    /// A sign check has seen every motor push the way it is commanded.
     pub(crate) signs_verified: bool,
     /// Of the profile.
     pub(crate) limits: MotorLimits,

@@ -1,4 +1,4 @@
-//! Heat of the motors, from what they are told: the I²t model, for arms without a sensor.
+//! Heat of the motors, from their commands: the I²t model, for arms without a sensor.
 //!
 //! A motor that may carry its continuous command for ever takes T = (I / I_c)² as its final temperature rise, in units of the allowed one, and
 //! comes there with its time constant: θ' = ((I/I_c)² − θ) / τ. At θ = 1 it is too hot.

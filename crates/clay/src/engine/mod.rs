@@ -33,7 +33,7 @@ use vps::spatial::Metres;
 /// Strokes that were made, and how many can be taken back and done again.
 type History = (u64, (usize, usize));
 
-/// Mass points that have come to stand so many times farther apart are told of.
+/// Mass points that have come to stand so many times farther apart are reported.
 const COARSER: f64 = 1.25;
 
 /// A model of clay and the tool that works it.

@@ -1,4 +1,4 @@
-//! What the engine is told of the hand.
+//! What the engine gets of the hand.
 
 use std::sync::Arc;
 
@@ -7,7 +7,7 @@ use glam::DVec3;
 use super::super::PointSet;
 use vps::spatial::Pose;
 
-/// What one tick of the loop tells of the tool.
+/// The tool in one tick of the loop.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ToolMotion {
     /// Pose of the tool (mesh file frame) in the map frame.

@@ -34,7 +34,7 @@ struct Map<'a> {
 }
 
 impl Map<'_> {
-    /// Tells the nodes around every sample; false when a sample is outside the lattice.
+    /// Offers every sample to the nodes around it; false when a sample is outside the lattice.
     fn seed(&mut self) -> bool {
         let last = self.lattice.dims.map(|n| n as f64 - 1.0);
         let mut all_within = true;

@@ -209,7 +209,7 @@ impl History {
     }
 }
 
-/// What tells two states apart.
+/// What distinguishes two states.
 #[derive(PartialEq, Eq, Hash)]
 struct StateKey {
     drive: u8,
@@ -241,7 +241,7 @@ impl Node {
     }
 }
 
-/// What is explored: an arm on a spring to a tool that nothing moves, and who judges whether a swap may happen.
+/// What is explored: an arm on a spring to a tool that nothing moves, and the rule whether a swap may happen.
 struct World {
     scene: RenderScene,
     tick: TickFunction,

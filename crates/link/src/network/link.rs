@@ -142,7 +142,7 @@ pub fn serve_profile(session: &Session, name: &str, toml: String) -> Result<Quer
     session
         .declare_queryable(key(name, "profile"))
         .callback(move |query| {
-            // Who asked and has gone is not told.
+            // A peer that asked and has gone gets no answer.
             let _ = query.reply(query.key_expr().clone(), toml.clone()).wait();
         })
         .wait()

@@ -1,4 +1,4 @@
-//! What a run tells a network while it goes on (feature `zenoh`).
+//! Publishes a run on a network while it goes on (feature `zenoh`).
 //!
 //! ```text
 //!  run ──newest record and state──► sender ──► topics of ROS 2, states for other viewers

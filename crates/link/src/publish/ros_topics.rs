@@ -14,7 +14,7 @@ use recording::TickRecord;
 
 /// Name of the node.
 const NAME: &str = "hapticd";
-/// What changes now and then is told at once when it does, and this often when it does not.
+/// What changes now and then is sent at once when it does, and this often when it does not.
 const OCCASION: Duration = Duration::from_millis(100);
 
 /// The publishers of a run.
@@ -30,7 +30,7 @@ struct RosTopic {
     publisher: Publisher<'static>,
     gid: Gid,
     sent: i64,
-    /// What was told last, and when.
+    /// What was sent last, and when.
     told: Option<(u64, Instant)>,
     /// The publisher is there for as long.
     _token: LivelinessToken,

@@ -73,7 +73,7 @@ impl OpenedPublisher {
             states.publish(newest);
         }
         drop((states, ros));
-        // Others hear at once that this run has gone.
+        // Other peers learn at once that this run has gone.
         let _ = session.close().wait();
     }
 }

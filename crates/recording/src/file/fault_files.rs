@@ -37,7 +37,7 @@ pub struct FaultFile {
     pub file: Result<PathBuf, RecordingError>,
 }
 
-/// Hears of every file, on a thread of their own.
+/// Called with every file, on a thread of their own.
 pub type FaultFileHandler = Box<dyn FnMut(&FaultFile) + Send>;
 
 /// Watches a run for faults and writes a recording of each.

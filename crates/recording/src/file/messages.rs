@@ -73,7 +73,7 @@ impl Stamps {
         Self { zero_ns: is_virtual.then_some(0) }
     }
 
-    /// Tells what the wall clock showed at loop time zero ([`zero_ns`]). Counts before the first row, and not under the virtual clock.
+    /// Notes what the wall clock showed at loop time zero ([`zero_ns`]). Counts before the first row, and not under the virtual clock.
     pub(super) fn begin_at(&mut self, zero_ns: u64) {
         self.zero_ns.get_or_insert(zero_ns);
     }
@@ -131,7 +131,7 @@ pub(super) fn scene_update(scene: &SceneFiles, scene_idx: u32, stamp_ns: u64, mo
     SceneUpdate { deletions: if scene_idx == 0 { Vec::new() } else { vec![before] }, entities }
 }
 
-/// What viewers show of an object; its mesh file if there is room for it.
+/// What viewers show of an object; its mesh file if it fits.
 fn entity(shown: &DisplayObject, scene: &SceneFiles, scene_idx: u32, left_bytes: &mut u64) -> SceneEntity {
     let (frame_id, origin) = if shown.is_tool { ("tool", Pose::IDENTITY) } else { ("world", shown.pose) };
     let at = |middle: [f64; 3]| Some(foxglove_pose(origin * Pose::from_translation(middle.into())));
@@ -182,7 +182,7 @@ fn entity(shown: &DisplayObject, scene: &SceneFiles, scene_idx: u32, left_bytes:
     entity
 }
 
-/// A file for which there is room left, and less room.
+/// A file that fits, and what is left of the limit.
 fn contents(path: &Path, left_bytes: &mut u64) -> Option<Vec<u8>> {
     let data = regular::bytes(path, *left_bytes).ok()?;
     *left_bytes -= data.len() as u64;

@@ -28,7 +28,7 @@ const QUEUE_RECORDS: usize = 8192;
 const IDLE: Duration = Duration::from_millis(100);
 /// How long a disk may take to end a file.
 const FINISH_PATIENCE: Duration = Duration::from_secs(10);
-/// A scene is told of within this time after its first tick.
+/// The files of a scene are added within this time after its first tick.
 const SCENE_PATIENCE: Duration = Duration::from_secs(1);
 
 /// Facts about a run and its machine, by name, for readers of the recording. Clones share them.
@@ -70,7 +70,7 @@ pub struct RecordingSummary {
     pub error: Option<String>,
 }
 
-/// Hears, on the recorder's thread and at most once, why a recording ended early.
+/// Called on the recorder's thread, at most once, with the reason why a recording ended early.
 pub type FailureHandler = Box<dyn FnOnce(&RecordingError) + Send>;
 
 #[derive(Debug, Default)]
@@ -280,7 +280,7 @@ impl RecorderHandle {
 
     /// Ends the recording with what has been taken until now, and waits for the file; not for ever.
     pub fn stop(self) -> RecordingSummary {
-        // A thread that has ended hears nothing.
+        // A thread that has ended takes nothing.
         let _ = self.stop.try_send(());
         let hangs = self.ended.recv_timeout(FINISH_PATIENCE) == Err(RecvTimeoutError::Timeout);
         let mut summary = self.status();

@@ -24,7 +24,7 @@ const CHUNK_BYTES: u64 = 512 << 10;
 const MESSAGE_HEAD_BYTES: u64 = 31;
 /// ... or when it is so old.
 const CHUNK_AGE: Duration = Duration::from_millis(400);
-/// Viewers are told where the tool's frame is so often: as often as they draw.
+/// Viewers get the pose of the tool's frame so often: as often as they draw.
 const TRANSFORM_EVERY_NS: u64 = 16_000_000;
 /// Meshes of a scene are shown in the 3-D panels of viewers too, up to so many bytes together: they make one message.
 const SHOWN_BYTES: u64 = 32 << 20;
@@ -152,7 +152,7 @@ impl RecordingFile {
         self.n_safe
     }
 
-    /// Tells what the wall clock showed at loop time zero ([`zero_ns`](super::messages::zero_ns)). Counts before the first row, and not under the virtual clock.
+    /// Writes what the wall clock showed at loop time zero ([`zero_ns`](super::messages::zero_ns)). Counts before the first row, and not under the virtual clock.
     pub(super) fn begins_at(&mut self, zero_ns: u64) {
         self.stamps.begin_at(zero_ns);
     }

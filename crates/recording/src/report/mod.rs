@@ -82,7 +82,7 @@ impl LabReport {
     pub fn take(&mut self, entry: &Entry) {
         match entry {
             Entry::Metadata { name, values } if name == "run" => self.run.clone_from(values),
-            // What was dropped after the last tick is told here alone.
+            // Only this counts what was dropped after the last tick.
             Entry::Metadata { name, values } if name == "end" => {
                 let dropped = values.get("dropped").and_then(|dropped| dropped.parse().ok());
                 self.dropped = dropped.map_or(self.dropped, |dropped| self.dropped.max(dropped));

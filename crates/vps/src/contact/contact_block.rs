@@ -86,7 +86,7 @@ impl ContactBlock {
         Some(pushes)
     }
 
-    /// Tells of each lane in contact.
+    /// Reports each lane in contact.
     #[inline]
     pub fn contacts(&self, field: &Field, shell: &Shell, map_from_body: Pose, mut touch: impl FnMut(&Contact)) {
         let Some(Pushes { positions, normals, weights }) = self.pushes(field, shell, map_from_body) else { return };

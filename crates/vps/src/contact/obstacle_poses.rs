@@ -57,7 +57,7 @@ pub struct ObstaclePose {
     pub max_value_m: f64,
     /// The deepest contact of this tick, in the world, and the unit direction in which it leaves the obstacle; found only while it moves.
     pub deepest_world: Option<(DVec3, DVec3)>,
-    /// False of what cannot be told by its box.
+    /// False where the box does not decide it.
     boxed: bool,
 }
 
@@ -150,7 +150,7 @@ impl ObstaclePoses {
         }
     }
 
-    /// Finds out who is near the tool at this pose. Returns what is to be noted of the others all together. RT: safe; one comparison for
+    /// Finds out which obstacles are near the tool at this pose. Returns what is to be noted of the others all together. RT: safe; one comparison for
     /// each obstacle that is known to be far.
     pub(super) fn look_around(&mut self, shell: &Shell, world_from_body: Pose, overstated_voxels: f64) -> FarSum {
         let center = world_from_body.translation;

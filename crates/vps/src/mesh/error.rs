@@ -1,4 +1,4 @@
-//! Why a mesh file cannot be used: one enum for the whole room.
+//! Why a mesh file cannot be used: one enum for the whole module.
 
 use std::io;
 use std::path::PathBuf;

@@ -1,4 +1,4 @@
-//! Formats of mesh files, and how they are told apart.
+//! Formats of mesh files, and how they are recognised.
 
 use std::path::Path;
 

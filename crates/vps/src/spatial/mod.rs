@@ -1,4 +1,4 @@
-//! Poses, twists, wrenches: the vocabulary that every other room shares.
+//! Poses, twists, wrenches: the types that every other module shares.
 //!
 //! Invariant: a leaf. Nothing here knows of meshes, devices or threads.
 //!

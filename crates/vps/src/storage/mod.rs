@@ -4,7 +4,7 @@
 //! with a version, a key and checksums. What is in them, and where the files are, is the business of `scene`. `regular` opens what others name,
 //! `memory` says what can still be taken, `printable` is names of others on a terminal.
 //!
-//! Invariant: a leaf; knows nothing of any other room. Nothing that is read from a file is believed before it is checked.
+//! Invariant: a leaf; knows nothing of any other module. Nothing that is read from a file is believed before it is checked.
 
 pub mod memory;
 pub mod printable;

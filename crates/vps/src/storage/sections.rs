@@ -10,7 +10,7 @@
 //!
 //! The first 64 bytes keep their shape in every format, so that an older and a newer program can tell a file that is not theirs from one
 //! that is damaged. Checksums are XXH3 with 64 bits: they find accidents, not forgeries. A forged file gives wrong arrays, never an index
-//! out of range: who reads an array checks what it indexes.
+//! out of range: the reader of an array checks what it indexes.
 
 use std::io::{self, Read, Write};
 use std::path::Path;

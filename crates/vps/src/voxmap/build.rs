@@ -24,7 +24,7 @@ pub struct Options {
     pub layers: u32,
     /// How candidates are walked: `None` takes [`Navigation::AUTO`]. The result is the same.
     pub navigation: Option<Navigation>,
-    /// How inside and outside are told.
+    /// How to distinguish inside and outside.
     pub sides: InsideTest,
 }
 
@@ -81,7 +81,7 @@ pub struct Voxmap {
     pub orientation: Orientation,
     /// Layer values of the cells near the surface.
     pub layers: Layers,
-    /// How outside and inside were told.
+    /// How outside and inside were distinguished.
     pub basis: InsideBasis,
     /// The fill of the mesh as it is did not leak.
     pub watertight: bool,

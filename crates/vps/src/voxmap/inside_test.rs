@@ -1,4 +1,4 @@
-//! What tells inside from outside: the fill where it holds, winding numbers where it leaks and they are clear, else nothing.
+//! What distinguishes inside from outside: the fill where it holds, winding numbers where it leaks and they are clear, else nothing.
 //!
 //! What the fill does not reach is inside, also the hollow of a nested shell and the space between parts that touch: nothing can
 //! get there. So the fill alone makes one solid of parts that overlap, touch or repeat, whichever way their faces point.
@@ -11,7 +11,7 @@ use super::winding::WindingTree;
 use crate::mesh::TriangleMesh;
 use crate::mesh::validate::MeshReport;
 
-/// How inside and outside are to be told.
+/// How to distinguish inside and outside.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum InsideTest {
     /// By the fill; where it leaks by winding numbers if they are clear, else a thin skin. A thin skin too where most of the
@@ -32,7 +32,7 @@ impl InsideTest {
         [("auto", Self::Auto), ("flood", Self::Flood), ("winding", Self::Winding), ("thin", Self::Thin)];
 }
 
-/// How inside and outside were told.
+/// How inside and outside were distinguished.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum InsideBasis {
     /// By the fill alone.

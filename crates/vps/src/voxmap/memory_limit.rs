@@ -1,4 +1,4 @@
-//! How much memory a bake may take, and who says so.
+//! How much memory a bake may take, and where the limit comes from.
 
 use super::grid::{show_bytes, show_decimal_bytes};
 

@@ -11,7 +11,7 @@
 //! | grid | [`grid`], `bricks` | index arithmetic; sparse sets of bricks |
 //! | surface | [`surface`], `navigation`, `columns`, `sat` | which voxels does a triangle touch? Two navigations, by columns; the test that specifies them |
 //! | fill | [`fill`] | which cells are reached from outside? |
-//! | | [`inside_test`] | what tells inside from outside: the fill, winding numbers or nothing? |
+//! | | [`inside_test`] | what distinguishes inside from outside: the fill, winding numbers or nothing? |
 //! | | `leak`, `winding` | did the fill get in; how often does the surface wind around a point? |
 //! | | `hole_cap` | triangles that close the holes |
 //! | | `orient` | which way do faces point? |

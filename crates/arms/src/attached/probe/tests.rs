@@ -62,7 +62,7 @@ fn a_motor_that_pushes_or_turns_the_wrong_way_is_found() {
     assert_eq!(found, [Some(Sign::Right), Some(Sign::Right), Some(Sign::Right), None, None, None]);
 }
 
-/// Only one rotation is wired the wrong way round, and the arm remembers the largest wrench that it was told.
+/// Only one rotation is wired the wrong way round, and the arm remembers the largest wrench that it was commanded.
 struct Miswired(SimArm, Wrench);
 
 impl Device for Miswired {

@@ -8,7 +8,7 @@ use crate::remote::packets::{
 };
 use vps::spatial::DeviceSample;
 
-/// Buttons that a state has room for.
+/// Buttons that fit into a state.
 const BUTTONS: u8 = 16;
 
 /// What the arm is, and which host is listened to.
@@ -29,7 +29,7 @@ pub(super) fn capabilities(parameters: &NodeParameters, listens_to: HostToken) -
     payload
 }
 
-/// What a state tells.
+/// What a state message says.
 pub(super) struct StateContent<'n> {
     pub(super) sample: &'n DeviceSample,
     pub(super) now_s: f64,

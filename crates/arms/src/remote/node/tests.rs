@@ -15,7 +15,7 @@ use vps::spatial::{Axes, DeviceSample, SampleStatus, Wrench};
 const T: f64 = 1e-3;
 const LIMIT_N: f64 = 5.0;
 
-/// An arm that stands still and writes down what it is told.
+/// An arm that stands still and writes down its commands.
 struct Arm {
     sample: DeviceSample,
     is_gone: bool,

@@ -48,7 +48,7 @@ impl Channels {
     }
 }
 
-/// Who asked for the scene since the last look.
+/// Clients that asked for the scene since the last look.
 #[derive(Default)]
 pub(super) struct PendingClients(Mutex<Vec<SinkId>>);
 

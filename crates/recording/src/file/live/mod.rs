@@ -10,7 +10,7 @@
 //! | file | owns |
 //! |---|---|
 //! | `feed` | which messages leave, and when |
-//! | `proxy` | who may come in, how many, and how much they may say |
+//! | `proxy` | which clients may connect, how many, and how much they may send |
 //!
 //! Invariants: the drain never waits, and the loop is not even known. Everything is on one thread, with one tokio runtime of its own. Clients
 //! can only look: the server takes no messages, no parameters and no services.
@@ -114,7 +114,7 @@ impl BoundLiveServer {
                 () = feed.run() => {}
                 _ = ended => {}
             }
-            // Good-byes are put into sockets that have room, or are not said.
+            // Close frames go into sockets that take them at once, or are left out.
             drop(server.stop());
             drop(context);
         };

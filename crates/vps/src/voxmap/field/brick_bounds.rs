@@ -2,7 +2,7 @@
 //!
 //! - **Ceiling**: no interpolated value of the brick is above it. Points whose brick cannot touch are answered without a sample.
 //! - **Ceiling around**: the same of the brick and its 26 neighbours, for whole blocks of points.
-//! - **Room**: how far every place of the brick is from all that can touch, at least. It reaches where the band does not.
+//! - **Clearance**: how far every place of the brick is from all that can touch, at least. It reaches where the band does not.
 //!
 //! Built once per field when a scene is made ready, from the samples alone. Cost: one pass over them, and O(16) per brick of the
 //! grid. Reading is RT: safe.
@@ -11,7 +11,7 @@
 //! samples around a place are always those of its own brick.
 //!
 //! # Source
-//! Ours. The rooms are an exact distance transform by one axis after the other (Felzenszwalb2012's decomposition), its range cut
+//! Ours. The clearances are an exact distance transform by one axis after the other (Felzenszwalb2012's decomposition), its range cut
 //! short.
 
 use glam::Vec3;
@@ -21,7 +21,7 @@ use super::{APRON_CELLS, APRON_EDGE, DEEP_INSIDE, FAR_OUTSIDE, Field};
 use crate::storage::SharedSlice;
 use crate::voxmap::grid::BRICK_EDGE;
 
-/// Rooms are measured up to so many bricks.
+/// Clearances are measured up to so many bricks.
 const ROOM_BRICKS: u32 = 16;
 /// What rounding may add to an interpolated value, as a share of the band.
 const ROUNDING: f32 = 1e-6;
@@ -340,12 +340,12 @@ mod tests {
             let mut largest = 0.0_f32;
             for place in places {
                 let Some(brick) = brick_at(&bounds, place) else { continue };
-                let room = bounds.clearance_cells()[brick];
-                largest = largest.max(room);
+                let clearance = bounds.clearance_cells()[brick];
+                largest = largest.max(clearance);
                 let nearest = touching.iter().map(|other| place.distance(*other)).fold(f32::INFINITY, f32::min);
-                assert!(room <= nearest, "{place}: {room} to {nearest}");
+                assert!(clearance <= nearest, "{place}: {clearance} to {nearest}");
             }
-            assert!(largest >= 8.0, "some brick has room: {largest}");
+            assert!(largest >= 8.0, "some brick is clear: {largest}");
         }
     }
 
