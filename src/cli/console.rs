@@ -1,4 +1,4 @@
-//! `run --console`: an operator who types, or a program that writes lines.
+//! `run --console`: commands as lines, from an operator or a program.
 
 use std::io::BufRead;
 use std::sync::Arc;

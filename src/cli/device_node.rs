@@ -148,7 +148,7 @@ mod over_network {
         output::attach();
         result(&outcome, &profile, &name, args.json);
         if outcome.panicked {
-            return Err((Exit::Internal, "the loop of the node stopped on an internal error; the arm heard zero".to_owned(), None));
+            return Err((Exit::Internal, "the loop of the node stopped on an internal error; the arm got zero".to_owned(), None));
         }
         Ok(Exit::Ok)
     }

@@ -242,7 +242,7 @@ mod tests {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("pipe.mcap");
         rustix::fs::mkfifoat(rustix::fs::CWD, &path, rustix::fs::Mode::RWXU).expect("a pipe");
-        // Opened by a reader who does not read: the pipe takes 64 KiB and no more.
+        // Opened by a reader that does not read: the pipe takes 64 KiB and no more.
         let reader = fs::OpenOptions::new().read(true).write(true).open(&path).expect("opened");
         let recorder = Recorder::new(RecordSubscribers::default(), false);
         recorder.scenes.add(SceneFiles { toml: "# long\n".repeat(1 << 16), ..SceneFiles::default() });

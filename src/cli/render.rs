@@ -194,7 +194,7 @@ pub(crate) fn main(args: &LoopArgs, own: &CommandOptions<'_>, output: OutputOpti
             return Exit::Internal;
         }
     };
-    // The node speaks for its arm, in its own words.
+    // The node sends the text for its arm.
     let spoken = remote.as_ref().map(|_| Protocol::Open6(builder::open6(&config.device.profile)));
     let protocol = spoken.as_ref().or(config.device.profile.real.as_ref().map(|real| &real.protocol));
     let beside = Beside {
@@ -293,7 +293,7 @@ fn run(
             recording::note_machine(recorder, machine);
         }
         handle(&notice);
-        service.hear(&notice);
+        service.report(&notice);
         screen.show(&notice);
     });
     let prepared = supervisor.bake(bake).map_err(Refusal::Prepare)?;

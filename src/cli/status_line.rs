@@ -22,7 +22,7 @@ const STATUS_EVERY: Duration = Duration::from_secs(1);
 /// stderr while a run goes on: lines that stay, and on a terminal one status line that is written over.
 pub(super) struct StatusLine<'a> {
     session: &'a SessionHandle,
-    /// What a real arm speaks: it has words for its errors.
+    /// Protocol of a real arm: it has texts for its errors.
     protocol: Option<&'a Protocol>,
     quiet: bool,
     live: bool,

@@ -23,7 +23,7 @@ const LONGEST_IN_METRES: f64 = 2.0;
 const TOOL_VOXELS: f64 = 100.0;
 /// The same of a ball that touches a part: it has no features of its own.
 const BALL_VOXELS: f64 = 20.0;
-/// Finest voxels, m: a hundredth of a millimetre is finer than any arm tells.
+/// Finest voxels, m: a hundredth of a millimetre is finer than any arm resolves.
 const FINEST_M: f64 = 1e-5;
 /// Coarsest, m: the most that a scene takes.
 const COARSEST_M: f64 = 1.0;

@@ -62,7 +62,7 @@ pub struct NodeOutcome {
     pub periods: u64,
     /// Deadlines that passed without one.
     pub missed_periods: u64,
-    /// The loop stopped on an internal error; the arm heard zero.
+    /// The loop stopped on an internal error; the arm got zero.
     pub panicked: bool,
     /// What the thread obtained.
     pub standing: ThreadStanding,

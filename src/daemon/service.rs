@@ -38,7 +38,7 @@ impl Service {
 
     /// Passes on what a notice says. Ready is a loop that ticks: force flows, or could. The watchdog is fed by ticks and by nothing else, so
     /// that a loop that stands still is found out.
-    pub fn hear(&mut self, notice: &Notice<'_>) {
+    pub fn report(&mut self, notice: &Notice<'_>) {
         match notice {
             Notice::Phase(phase) => {
                 if matches!(phase, Phase::Enabling | Phase::Enabled) {

@@ -118,7 +118,7 @@ impl From<PoseAsked> for Pose {
 const LONGEST_ID: usize = 256;
 
 impl ClientCommand {
-    /// True for what takes force away or is a sign of life: heard however much else waits.
+    /// True for what takes force away or is a sign of life: carried out however much else waits.
     pub(super) fn is_always_heard(&self) -> bool {
         matches!(self, Self::Disable {} | Self::Stop {} | Self::Heartbeat { .. } | Self::ClayHold { held: false } | Self::Ping {})
     }
@@ -216,7 +216,7 @@ fn switch(hub: &Arc<Hub>, scene: String, reply: Reply) {
     };
     let (told, name) = (hub.clone(), scene.clone());
     let answer = move |result: Result<(), SessionError>| {
-        // Every client heard that it is being baked.
+        // Every client got the event that it is being baked.
         if let Err(error @ (SessionError::Scene(_) | SessionError::Over)) = &result {
             told.scene_refused(&name, &error.to_string());
         }

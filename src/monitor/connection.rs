@@ -144,7 +144,7 @@ impl ClientConnection {
         }
     }
 
-    /// What became of a write. Nothing is read while an answer waits to be taken, so that a client that asks and never reads counts as silent.
+    /// What became of a write. Nothing is read while an answer waits to be taken, so that a client that asks and never reads counts as silent, too.
     fn taken(&mut self, written: Poll<io::Result<usize>>, cx: &mut Context<'_>) -> Poll<io::Result<usize>> {
         if written.is_pending() {
             return self.poll_patience(cx);

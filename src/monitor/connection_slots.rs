@@ -2,7 +2,7 @@
 //!
 //! A connection has a slot of its own from its first request on that was let in. Until then, half a request, a wrong token or a reader of
 //! the page among them, it keeps its slot for as long as no other connection needs it: when all are taken, the oldest of these is
-//! closed for the new one. So an order to take force away is heard however many other connections are open.
+//! closed for the new one. So an order to take force away arrives however many other connections are open.
 
 use core::sync::atomic::{AtomicBool, Ordering};
 use core::task::Context;

@@ -134,7 +134,7 @@ impl HeartbeatWatchdog {
     }
 
     /// Every message of a client is a sign of life.
-    pub(super) fn hear(&self, client: u64) {
+    pub(super) fn note_message(&self, client: u64) {
         let mut timers = self.timers();
         if let Some(hold) = timers.hold.as_mut().filter(|hold| hold.client == Some(client)) {
             hold.last = Some(Instant::now());
@@ -230,7 +230,7 @@ mod tests {
 
     use super::*;
 
-    /// What a watchdog tells while `then` happens.
+    /// What a watchdog reports while `then` happens.
     fn told(watchdog: &HeartbeatWatchdog, then: impl FnOnce(&dyn Fn() -> (Timeout, bool))) {
         let (sender, said) = channel();
         std::thread::scope(|scope| {
@@ -264,7 +264,9 @@ mod tests {
         let watchdog = HeartbeatWatchdog::new(Some(LONGEST));
         told(&watchdog, |next| {
             watchdog.beat(1, Some(SHORTEST));
-            for say in [&|| watchdog.hear(1), &|| _ = watchdog.beat(1, None), &|| watchdog.hear(1)] as [&dyn Fn(); 3] {
+            for say in
+                [&|| watchdog.note_message(1), &|| _ = watchdog.beat(1, None), &|| watchdog.note_message(1)] as [&dyn Fn(); 3]
+            {
                 assert_eq!(next(), (Timeout::Of(SHORTEST), true));
                 assert!(!watchdog.lets_enable(None), "no client counts while it is silent");
                 say();
@@ -291,7 +293,7 @@ mod tests {
             assert!(watchdog.hold(2));
             let began = Instant::now();
             while began.elapsed() < LONGEST_HOLD + LONGEST_HOLD / 2 {
-                watchdog.hear(2);
+                watchdog.note_message(2);
                 std::thread::sleep(SHORTEST);
             }
             assert!(watchdog.holds(), "a client that sends something still holds");

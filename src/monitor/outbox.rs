@@ -65,7 +65,7 @@ impl ClientQueue {
         self.changed.notify_one();
     }
 
-    /// A state; the oldest one makes room for it. `missed`: states that were due since the last one, of ticks that never came here.
+    /// A state; it replaces the oldest one. `missed`: states that were due since the last one, of ticks that never came here.
     pub(super) fn show(&self, state: Arc<EncodedState>, rate_hz: f64, missed: u64) {
         let most = ((rate_hz * STATES_S).ceil() as usize).max(2);
         let mut waiting = self.waiting();

@@ -135,7 +135,7 @@ async fn take_all(mut stream: SplitStream<WebSocket>, state: &Arc<AppState>, cli
         match message {
             Ok(Message::Text(_)) if client.outbox.has_ended() => {}
             Ok(Message::Text(text)) => {
-                state.hub.watchdog.hear(client.id);
+                state.hub.watchdog.note_message(client.id);
                 let (id, asked) = ClientCommand::parse(text.as_bytes());
                 let place = client.unanswered.clone().try_acquire_owned().ok();
                 match asked {

@@ -326,7 +326,7 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
         may && self.commands.is_scene_due(&mut self.rendered, now, clock, || control.is_ending())
     }
 
-    /// Exchanges the scenes once no force is left. The tool stays where it stands, if there is room in the new scene.
+    /// Exchanges the scenes once no force is left. The tool stays where it stands, if it is free in the new scene.
     fn swap_at_zero(&mut self, output: &TickOutput) {
         let at_zero = output.drive == Drive::Disabled && output.command_device == Wrench::ZERO;
         let before = self.rendered.state.handover();
@@ -406,7 +406,7 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
             match self.records.push(record) {
                 Ok(()) => return,
                 // Simulated time can wait for the drain, so that nothing is lost and two runs give the same records. A drain that has
-                // gone will not make room.
+                // gone will not take anything out.
                 Err(PushError::Full(back)) if self.clock.kind() == ClockKind::Virtual && !self.records.is_abandoned() => {
                     record = back;
                     std::thread::yield_now();

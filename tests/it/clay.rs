@@ -83,7 +83,7 @@ fn scene(frame: Frame, shell: Shell) -> RenderScene {
     }
 }
 
-/// A hand that holds the tool where it likes.
+/// A hand that holds the tool at a given pose.
 struct Hand<'s> {
     scene: &'s RenderScene,
     state: State,

@@ -46,7 +46,7 @@ fn tool(craft: SculptTool, brush_m: f64, falloff: Falloff) -> ToolSettings {
 /// A force straight down at a place of the upper side, for some updates.
 fn press(engine: &mut SculptEngine, (x_m, y_m): (f64, f64), force_n: f64, (n_updates, update_s): (usize, f64)) {
     for _ in 0..n_updates {
-        engine.hear(&ToolMotion {
+        engine.take_motion(&ToolMotion {
             map_from_tool: Pose::from_translation(DVec3::new(x_m, y_m, HALF_M.z)),
             force_map: DVec3::Z * force_n,
             touches: force_n > 0.0,

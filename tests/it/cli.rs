@@ -865,7 +865,7 @@ fn the_files_of_a_bake_agree_with_its_figures() {
         let in_voxels: Vec<f64> = (0..3).map(|axis| (number(axis) - origin_m[axis]) / 5e-4).collect();
         let normal: f64 = (3..6).map(|index| number(index) * number(index)).sum();
         assert!((normal - 1.0).abs() < 1e-4, "unit normals");
-        // One voxel of slack: a point is projected onto the surface, which may be in the voxel next door.
+        // One voxel of slack: a point is projected onto the surface, which may be in the next voxel.
         let near_surface = in_voxels.iter().zip(&dims).all(|(cell, n)| *cell > 4.0 && *cell < (*n - 4) as f64);
         assert!(near_surface, "within the padding: {in_voxels:?}");
     }

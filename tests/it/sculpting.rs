@@ -100,8 +100,8 @@ fn run(clock: impl Clock, n_ticks: u64, script: Vec<(u64, SculptOrder)>) -> (Vec
         clock: clock.kind(),
         script: script.into_iter().map(Into::into).collect(),
     };
-    let (slot, door, thread) = begin(engine, scene.clay.as_ref().expect("clay"), plan).expect("a thread");
-    assert!(door.view().is_none_or(|view| view.version == 1));
+    let (slot, handle, thread) = begin(engine, scene.clay.as_ref().expect("clay"), plan).expect("a thread");
+    assert!(handle.view().is_none_or(|view| view.version == 1));
     let (producer, mut consumer) = rtrb::RingBuffer::new(n_ticks as usize + 400);
     let control = Arc::new(Control::enabled());
     let plan = RunPlan { stop_at_tick: Some(n_ticks), ..RunPlan::default() };
@@ -111,9 +111,9 @@ fn run(clock: impl Clock, n_ticks: u64, script: Vec<(u64, SculptOrder)>) -> (Vec
     drop(servo);
     let ended = thread.join().expect("joined");
     let (told, hears) = mpsc::channel();
-    door.ask(SculptOrder::Undo, Box::new(move |result| told.send(result).expect("heard")));
+    handle.ask(SculptOrder::Undo, Box::new(move |result| told.send(result).expect("heard")));
     assert!(matches!(hears.recv(), Ok(Err(OrderError::Over))), "asked behind the end");
-    let last = door.view().expect("a view");
+    let last = handle.view().expect("a view");
     assert_eq!(ended.report.broken.is_some(), last.trouble.contains("sculpting has ended"), "{}", last.trouble);
     (std::iter::from_fn(|| consumer.pop().ok()).collect(), ended)
 }

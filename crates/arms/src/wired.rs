@@ -473,7 +473,7 @@ impl Device for WiredArm {
         if self.connection.as_ref().is_some_and(|connection| connection.codec.unheard() == Some(0)) {
             self.last_heard_s = now_s;
         }
-        // What lay in a queue says where the arm was, the next report says where it is. One that speaks on change only has said how it still is.
+        // What lay in a queue says where the arm was, the next report says where it is. One that sends on change only has sent its current state.
         let may_be_old = self.parameters.capabilities.pacing != Pacing::Event;
         let is_old = may_be_old && (!is_all || self.old_until_s.is_some_and(|until_s| now_s <= until_s));
         if !is_old {

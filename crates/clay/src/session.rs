@@ -120,7 +120,7 @@ impl LatticeRecord {
     }
 }
 
-/// Past, now and future as they stand in a file, the nearest to now as far as there is room: now, the past from its begin, what was undone.
+/// Past, now and future as they stand in a file, the nearest to now as far as they fit: now, the past from its begin, what was undone.
 fn kept<'m>(now: &'m Snapshot, past: &'m [Snapshot], undone: &'m [Snapshot]) -> (Vec<&'m Snapshot>, usize) {
     let mut left = MOMENTS_BYTES_MAX;
     let mut newest = |moments: &'m [Snapshot]| {

@@ -7,7 +7,7 @@
 //!   the tool; a quarter of a voxel is always allowed. What it may go was taken off the tool's step limit the tick before, so that what
 //!   the two do together still cannot be missed;
 //! - while force flows it goes no deeper into the tool than `WAIT_VOXELS`: a tool that is jammed, or an arm that will not give way,
-//!   makes it wait, slowing down smoothly. Nothing is passed through, and it goes on when there is room.
+//!   makes it wait, slowing down smoothly. Nothing is passed through, and it goes on when its way is free.
 //!
 //! # Source
 //! Ours.
@@ -60,7 +60,7 @@ impl Placement {
 /// The obstacles that are under way.
 #[derive(Clone, Debug)]
 pub(super) struct MovingObstacles {
-    /// Numbers and targets; room for every obstacle.
+    /// Numbers and targets; capacity for every obstacle.
     under_way: Vec<Placement>,
     turn: usize,
     reported: Option<Placement>,

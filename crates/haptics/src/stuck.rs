@@ -203,7 +203,7 @@ mod tests {
             prop_assert_eq!(worst(poses, thresholds(4e-5, step_rad, T)), 0);
         }
 
-        /// A hand that trembles about a place, and rests whenever it likes.
+        /// A hand that trembles about a place, and rests at any time.
         #[test]
         fn a_trembling_hand_is_never_stuck(amplitude_mm in 0.0_f64..5.0, hertz in 0.5_f64..12.0, rest_from in 0_u32..400, step_um in 0.0_f64..100.0) {
             let step_m = step_um * 1e-6;

@@ -168,7 +168,7 @@ pub fn hangups() -> Hangups {
 extern "C" fn on_hangup(_signal: libc::c_int) {
     // SAFETY: the place of this thread's errno: what was interrupted may be about to read it.
     let errno = unsafe { *libc::__errno_location() };
-    // A terminal that hangs up is taken away from its processes before they hear of it.
+    // A terminal that hangs up is taken away from its processes before they get the signal.
     if HAD_TERMINAL.load(Ordering::Relaxed) && !has_terminal() {
         TERMINAL_GONE.store(true, Ordering::Relaxed);
         end();

@@ -23,7 +23,7 @@ use vps::mesh::primitives::Shape;
 use vps::mesh::{self, cloud};
 use vps::spatial::Pose;
 
-/// Updates of the material per second where none are asked for: what a raster of 40³ takes on two cores, with room.
+/// Updates of the material per second where none are asked for: what a raster of 40³ takes on two cores, with a margin.
 const DEFAULT_UPDATE_HZ: f64 = 100.0;
 const LEAST_UPDATE_HZ: f64 = 10.0;
 /// Whole ticks between updates may be off the rate that was asked for by this share.

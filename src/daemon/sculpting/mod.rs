@@ -40,7 +40,7 @@ pub struct SculptPlan {
     pub update_ticks: u64,
     /// Which time the loop follows.
     pub clock: ClockKind,
-    /// What is asked for by itself, each before the tick with its number is heard; in any order, equal ticks keep theirs.
+    /// What is asked for by itself, each before the state of the tick with its number is taken; in any order, equal ticks keep theirs.
     pub script: Vec<ScriptedOrder>,
 }
 
@@ -64,7 +64,7 @@ impl From<(u64, SculptOrder)> for ScriptedOrder {
 /// An order that was not carried out.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct FailedOrder {
-    /// The tick before which it was due, or that was heard last when a client asked.
+    /// The tick before which it was due, or that was taken last when a client asked.
     pub tick: u64,
     /// It came from the script.
     #[serde(rename = "scripted")]

@@ -54,7 +54,7 @@ struct Worker<'s> {
     next: usize,
     /// The last hold of the script, until it is known what it grabbed.
     hold: Option<Asker>,
-    /// Heard last.
+    /// The last one that was taken.
     tick: u64,
     update_s: f64,
     began: Instant,
@@ -153,7 +153,7 @@ impl Worker<'_> {
             let is_over = self.is_over();
             while let Some(state) = self.feed.next_state() {
                 turns = 0;
-                self.hear(&state);
+                self.take_state(&state);
                 n_heard += 1;
                 if n_heard == self.plan.update_ticks {
                     n_heard = 0;
@@ -192,7 +192,7 @@ impl Worker<'_> {
         loop {
             let is_over = self.is_over();
             while let Some(state) = self.feed.next_state() {
-                self.hear(&state);
+                self.take_state(&state);
             }
             self.take_orders();
             let begin = Instant::now();
@@ -224,7 +224,7 @@ impl Worker<'_> {
     }
 
     /// One tick's news, behind the orders of the script that are due before it.
-    fn hear(&mut self, state: &ToolState) {
+    fn take_state(&mut self, state: &ToolState) {
         self.tick = state.tick;
         while let Some(ScriptedOrder { tick, order, line }) = self.plan.script.get(self.next).filter(|next| next.tick <= state.tick)
         {
@@ -236,7 +236,7 @@ impl Worker<'_> {
             // The report names it.
             let _ = self.carry_out(order, asker);
         }
-        self.engine.hear(&ToolMotion {
+        self.engine.take_motion(&ToolMotion {
             map_from_tool: state.map_from_tool,
             force_map: state.force_map,
             rope_map: state.rope_map,

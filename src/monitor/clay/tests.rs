@@ -238,7 +238,7 @@ fn a_hold_that_is_asked_for_twice_and_refused_once_is_let_go() {
     assert_eq!(bench.hold(1, true).map_err(|problem| problem.status), Err(StatusCode::TOO_MANY_REQUESTS));
     let orders = [(); 3].map(|()| bench.next_order());
     assert!(matches!(orders, [SculptOrder::Hold(true), SculptOrder::Hold(true), SculptOrder::Hold(false)]), "{orders:?}");
-    assert!(bench.is_held(), "until it is heard that it was let go");
+    assert!(bench.is_held(), "until the view says that it was let go");
 }
 
 #[test]

@@ -1,4 +1,4 @@
-"""One WebSocket to a run, read by a thread of its own, and the HTTP door beside it."""
+"""One WebSocket to a run, read by a thread of its own, and the HTTP connection beside it."""
 
 from __future__ import annotations
 
@@ -55,17 +55,17 @@ class Address:
 
     def get(self, path: str, timeout_s: float) -> bytes | None:
         """The body of `GET path`; None for 204. Raises what the server refuses."""
-        door = http.client.HTTPConnection(self.host, self.port, timeout=timeout_s)
+        connection = http.client.HTTPConnection(self.host, self.port, timeout=timeout_s)
         try:
-            door.request("GET", path, headers=self.headers)
-            answer = door.getresponse()
+            connection.request("GET", path, headers=self.headers)
+            answer = connection.getresponse()
             body = answer.read()
         except TimeoutError as late:
             raise NoAnswer(f"no answer to GET {path} within {timeout_s:g} s") from late
         except (OSError, http.client.HTTPException) as error:
             raise Disconnected(f"no answer from {self.place}: {error}") from error
         finally:
-            door.close()
+            connection.close()
         if answer.status == 204:
             return None
         if answer.status != 200:
@@ -202,7 +202,7 @@ class Connection:
         except ConnectionClosed as closed:
             why = _why(closed)
         finally:
-            # Whatever ended it: who no longer hears gives no signs of life either.
+            # Whatever ended it: a connection without a reader sends no signs of life.
             self._socket.close()
             with self._lock:
                 self._ended = why
@@ -234,7 +234,7 @@ class Connection:
         number = said.get("id")
         with self._lock:
             asked = self._asked.pop(number, None) if isinstance(number, int) else None
-            # Here and not by the one who asked: the first state follows at once.
+            # Here and not in the thread that asked: the first state follows at once.
             before = self._stream
             if asked is not None and asked.stream is not None and said["ok"]:
                 self._stream = asked.stream

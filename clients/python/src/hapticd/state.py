@@ -1,6 +1,6 @@
 """States of a run: as a dataclass with everything there is to know (JSON), or as rows of a NumPy array (binary, for high rates).
 
-Names follow the Collaborative Robotics Toolkit: `measured_` is what the arm did, `servo_` what it was told, `_cp` a pose, `_cv` a velocity, `_cf` a
+Names follow the Collaborative Robotics Toolkit: `measured_` is what the arm did, `servo_` what it was commanded, `_cp` a pose, `_cv` a velocity, `_cf` a
 wrench. `docs/reference/api.md`, sections 5 and 6.
 """
 

@@ -217,7 +217,7 @@ impl MockArm {
         self.post(now_s);
     }
 
-    /// Lets the firmware answer as often as `skip` says and loses the answers: its counter then runs ahead of what the host has heard. Whether
+    /// Lets the firmware answer as often as `skip` says and loses the answers: its counter then runs ahead of what the host has got. Whether
     /// an arm answers the host or speaks by itself, the first of the two that gives a frame is the one that counts.
     fn skip(&mut self, now_s: f64, answer: impl Fn(&mut dyn Firmware, &ArmReadings, &mut Outbox)) {
         let Some(samples) = self.skips else { return };
@@ -316,7 +316,7 @@ impl MockArm {
         }
     }
 
-    /// What it felt so far.
+    /// What was measured so far.
     pub fn report(&self) -> MockReport {
         MockReport { final_pose: self.plant.pose().into(), ..self.tally.report.clone() }
     }

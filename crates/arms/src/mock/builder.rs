@@ -34,7 +34,7 @@ pub struct MockSettings {
     pub seed: u64,
 }
 
-/// The mock arm of a profile, and what it speaks: a simulated arm speaks open6.
+/// The mock arm of a profile, and its protocol: open6 for a simulated arm.
 pub fn parameters(profile: &Profile, settings: MockSettings) -> (MockParameters, Protocol) {
     let (kinematics, transmission, device_from_native, protocol) = match &profile.real {
         Some(real) => (real.kinematics, real.transmission, real.device_from_native, real.protocol.clone()),

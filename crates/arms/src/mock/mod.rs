@@ -14,7 +14,7 @@
 //! | `arm` | plant, firmware and faults, period by period |
 //! | `linkage` | grip pose into readings, motors into a wrench |
 //! | [`builder`] | a mock arm from a profile |
-//! | `tally` | what it felt |
+//! | `tally` | what it measured |
 //! | [`trace`] | the same while it feels it, line by line in a file |
 //! | `link` | the arm's end of a link; the one in memory, for tests |
 //! | [`pty`] | a pseudo-terminal |

@@ -1,4 +1,4 @@
-//! What a mock arm felt, for tests to judge a host by.
+//! What a mock arm measured, for tests to judge a host by.
 
 use glam::DVec3;
 use serde::Serialize;
@@ -56,7 +56,7 @@ impl From<NamedWrench> for Wrench {
     }
 }
 
-/// What it felt from its start to its end.
+/// What it measured from its start to its end.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct MockReport {
     /// Periods of the plant.

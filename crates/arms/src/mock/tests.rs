@@ -354,7 +354,7 @@ fn a_deaf_arm_leaves_what_it_is_told_in_the_tty_and_hears_it_when_it_wakes() {
             link.send(&command(DVec3::X)).expect("sent");
             std::thread::sleep(Duration::from_millis(10));
         }
-        // It is deaf now, and whatever the machine does it is still deaf when these are written, or hears them awake.
+        // It is deaf now, and whatever the machine does it is still deaf when these are written, or gets them awake.
         std::thread::sleep(Duration::from_millis(150));
         link.send(&command(DVec3::X * 3.0)).expect("the link is up");
         std::thread::sleep(Duration::from_millis(400));

@@ -115,7 +115,7 @@ pub enum HomingMode {
     PowerOnPose,
     /// The host keeps an offset.
     HostOffset,
-    /// The host tells the arm what its counters stand at.
+    /// The host sets the counters of the arm.
     DeviceCommand,
     /// The arm finds it while a person moves it, and says when.
     DeviceProcedure,

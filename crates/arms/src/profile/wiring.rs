@@ -340,7 +340,7 @@ fn homing(checks: &mut Checks<'_>, written: &ProfileFile) -> Homing {
     let accepted = "\"none\", \"power-on-pose\", \"host-offset\", \"device-command\" or \"device-procedure\"";
     let mode = checks.given("homing.mode", homing.mode, accepted).map_or(HomingMode::None, Into::into);
     if mode != HomingMode::None && homing.instruction.is_none() {
-        checks.missing("homing.instruction", "a sentence that tells a person what to do");
+        checks.missing("homing.instruction", "a sentence that says what the user has to do");
     }
     Homing { mode, instruction: homing.instruction.clone() }
 }

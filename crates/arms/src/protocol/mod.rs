@@ -207,7 +207,7 @@ pub trait Codec: Send {
         let _ = now_s;
     }
 
-    /// The other machine has taken the force away because it heard nothing for too long. Over a network only.
+    /// The other machine has taken the force away because it received nothing for too long. Over a network only.
     fn is_cut(&self) -> bool {
         false
     }

@@ -57,7 +57,7 @@ pub struct Host {
     sequence: u16,
     state_sequence: Option<u16>,
     report: Report,
-    /// The node took the force away because it heard nothing.
+    /// The node took the force away because it received nothing.
     is_cut: bool,
     said: Option<Said>,
     now_s: f64,

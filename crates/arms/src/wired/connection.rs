@@ -1,4 +1,4 @@
-//! A link with what speaks over it, and the next one when it is lost.
+//! A link with its codec, and the next one when it is lost.
 
 use core::time::Duration;
 use std::io;
@@ -21,7 +21,7 @@ pub(super) const LINGER: Duration = Duration::from_millis(10);
 pub(crate) struct Connection {
     /// The link.
     pub(crate) link: Box<dyn Transport>,
-    /// What speaks over it.
+    /// The codec.
     pub(crate) codec: Box<dyn Codec>,
     /// What takes the force away where this process no longer can: `None` where it was not asked for or is not needed, an error where it could not start.
     pub(crate) guard: io::Result<Option<Guard>>,

@@ -35,7 +35,7 @@ impl Board {
         }
     }
 
-    /// A period, in which the firmware may speak. `heard`: whether that reaches the link.
+    /// A period, in which the firmware may send. `heard`: whether that reaches the link.
     fn advance(&mut self, heard: bool) {
         self.now_s += PERIOD_S;
         let mut out = Outbox::new();
@@ -88,7 +88,7 @@ fn attached(name: &str, timebase: Timebase) -> (WiredArm, Board, Lost) {
 
 const PUSH: Wrench = Wrench { force: DVec3::new(0.3, 0.3, 0.0), torque: DVec3::ZERO };
 
-/// One tick against a board that speaks and hears.
+/// One tick against a board that sends and receives.
 fn exchange(arm: &mut WiredArm, board: &mut Board, wrench: &Wrench) -> Result<DeviceSample, DeviceError> {
     let sample = arm.read()?;
     arm.write(wrench)?;
@@ -127,7 +127,7 @@ fn a_rate_input_has_no_zero_to_find() {
     assert!(sample.homed && sample.status == SampleStatus::Fresh);
 }
 
-/// An arm that streams may go on speaking while it hears nothing: what it has not read must neither grow nor stand before the zero.
+/// An arm that streams may go on sending while it receives nothing: what it has not read must neither grow nor stand before the zero.
 #[test]
 fn an_arm_that_hears_nothing_reads_a_zero_and_no_old_force_when_it_wakes() {
     let (mut arm, mut board, mut lost) = attached("hapkit", Timebase::Counted);
@@ -168,7 +168,7 @@ fn an_arm_that_hears_nothing_reads_a_zero_and_no_old_force_when_it_wakes() {
     assert!(lost.spent.pop().is_ok(), "the reconnect thread has the port");
 }
 
-/// Forces that fill the line to its end: the zero does not wait for room.
+/// Forces that fill the line to its end: the zero does not wait for a free place.
 #[test]
 fn a_zero_finds_room_in_a_line_that_is_full() {
     let (mut arm, mut board, _lost) = attached("hapkit", Timebase::Counted);

@@ -219,7 +219,7 @@ impl ClayModel {
     }
 }
 
-/// Leaves the newest, as many as there is room for, and the last one in any case.
+/// Leaves the newest, as many as fit, and the last one in any case.
 pub(super) fn forget(past: &mut Vec<Snapshot>, bytes_max: usize) {
     let (mut n, mut bytes) = (0, 0);
     let mut newer: Option<&Snapshot> = None;

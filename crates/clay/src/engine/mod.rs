@@ -106,9 +106,9 @@ impl SculptEngine {
         self.grip
     }
 
-    /// What a tick of the loop told; every tick is heard once, in order. Cost: none to speak of.
-    pub fn hear(&mut self, handling: &ToolMotion) {
-        self.motion.add(handling, self.is_held_by_order);
+    /// Takes the tool of one tick of the loop; every tick once, in order. O(1).
+    pub fn take_motion(&mut self, motion: &ToolMotion) {
+        self.motion.add(motion, self.is_held_by_order);
     }
 
     /// Carries out an order.

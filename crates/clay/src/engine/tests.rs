@@ -62,7 +62,7 @@ impl Hand {
                 let out = model.onto(self.at, 0.02).map_or(DVec3::ZERO, |(_, normal)| normal);
                 let force_map = if depth_m > 0.0 { out * (1500.0 * depth_m).min(8.0) } else { DVec3::ZERO };
                 let stretch = self.engine.rope_map().map_or(DVec3::ZERO, |anchor| anchor - self.at);
-                self.engine.hear(&ToolMotion {
+                self.engine.take_motion(&ToolMotion {
                     map_from_tool: Pose::from_translation(self.at),
                     force_map,
                     rope_map: (stretch * 1000.0).clamp_length_max(6.0),
@@ -159,7 +159,7 @@ fn paint_is_as_wide_as_the_force_and_one_press_is_one_stroke() {
     let mut engine = SculptEngine::new(model(), settings, ToolBody::default());
     let before = engine.model().points().clone();
     let touch = |engine: &mut SculptEngine, force_n: f64| {
-        engine.hear(&ToolMotion {
+        engine.take_motion(&ToolMotion {
             map_from_tool: Pose::from_translation(DVec3::Z * (R - 1e-4)),
             force_map: DVec3::Z * force_n,
             touches: force_n > 0.0,

@@ -23,7 +23,7 @@ const ASKED_MAX: usize = 4096;
 /// Pixels along an edge of the dome that is embossed without an image.
 const DOME_PIXELS: usize = 48;
 
-/// What ticks have told since the last update.
+/// Motion of the tool in the ticks since the last update.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct MotionSummary {
     n: u32,
@@ -31,7 +31,7 @@ pub(super) struct MotionSummary {
     rope_map: DVec3,
     touches: bool,
     pub(super) last: ToolMotion,
-    /// Held when last heard, by the arm's button or an order.
+    /// Held in the last tick, by the arm's button or an order.
     is_held: bool,
     /// It has been taken hold of since the last update.
     has_risen: bool,

@@ -299,7 +299,7 @@ fn acceptance_22_the_auto_limit_keeps_a_delayed_loop_stable_and_a_stiffer_one_di
     for delay_ticks in [1, 2, 5] {
         let wall = wall(0.1, 1.0, 0.0, delay_ticks);
         assert!(SimulatedLoop::new(wall, wall.stiffness_bound()).growth(100_000) < 1e-3);
-        // The bound of the same loop without delay is what someone would set who ignores it.
+        // The bound of the same loop without delay is what a design gives that ignores it.
         let ignorant = SampledWall { delay_ticks: 0, ..wall }.stiffness_bound();
         assert!(SimulatedLoop::new(wall, ignorant).growth(100_000) > 1e3);
     }

@@ -102,7 +102,7 @@ fn try_to_enable(scene: &RenderScene, state: &mut State, sample: &DeviceSample, 
         state.fail(faults);
         return;
     }
-    // One tick shows whether there is room.
+    // One tick shows whether the tool can move.
     if state.resume.is_some_and(|resume| resume.has_room.is_none()) {
         return;
     }

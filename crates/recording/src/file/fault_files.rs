@@ -73,7 +73,7 @@ impl FaultFiles {
     ///
     /// # Errors
     /// There is no thread for it.
-    pub fn watch(recorder: &Recorder, folder: PathBuf, mut told: FaultFileHandler) -> Result<Self, RecordingError> {
+    pub fn watch(recorder: &Recorder, folder: PathBuf, mut handler: FaultFileHandler) -> Result<Self, RecordingError> {
         let (incidents, received) = unbounded::<Incident>();
         let (alive, ended) = bounded(1);
         let left = Arc::new(Mutex::new(Left::default()));
@@ -83,7 +83,7 @@ impl FaultFiles {
             for incident in received {
                 let file = write(&writer, &folder, &incident);
                 keep_newest(&folder);
-                told(&FaultFile { faults: incident.faults, file });
+                handler(&FaultFile { faults: incident.faults, file });
             }
         };
         std::thread::Builder::new().name("fault-files".to_owned()).spawn(run).map_err(RecordingError::Thread)?;
@@ -251,11 +251,11 @@ mod tests {
         feed(&mut subscriber, 5700..5800, Faults::NONE);
         feed(&mut subscriber, 5800..5810, Faults::POWER);
         drop(subscriber);
-        let told: Vec<_> = received
+        let written: Vec<_> = received
             .iter()
             .map(|Incident { faults, records, .. }| (faults, records.first().map(|r| r.tick), records.last().map(|r| r.tick)))
             .collect();
-        assert_eq!(told, [(Faults::STALE, Some(3000), Some(5499)), (Faults::POWER, Some(3800), Some(5809))]);
+        assert_eq!(written, [(Faults::STALE, Some(3000), Some(5499)), (Faults::POWER, Some(3800), Some(5809))]);
     }
 
     /// Runs ticks of these faults through a watch, and finishes it: which ticks are in the last file, and of what.
@@ -287,8 +287,8 @@ mod tests {
         let folder = tempfile::tempdir().expect("a folder");
         let recorder = Recorder::new(RecordSubscribers::default(), false);
         recorder.scenes.add(SceneFiles::default());
-        let told = Box::new(|file: &FaultFile| assert!(file.file.is_ok()));
-        let files = FaultFiles::watch(&recorder, folder.path().to_owned(), told).expect("a thread");
+        let handler = Box::new(|file: &FaultFile| assert!(file.file.is_ok()));
+        let files = FaultFiles::watch(&recorder, folder.path().to_owned(), handler).expect("a thread");
         let (mut producer, consumer) = rtrb::RingBuffer::new(4000);
         for tick in 0..4000 {
             let faults = if tick < 3000 { Faults::NONE } else { Faults::STALE };
@@ -311,11 +311,11 @@ mod tests {
     fn a_fault_that_no_record_shows_is_written_from_what_the_loop_kept() {
         let folder = tempfile::tempdir().expect("a folder");
         let recorder = Recorder::new(RecordSubscribers::default(), false);
-        let (told, heard) = std::sync::mpsc::channel();
+        let (sender, heard) = std::sync::mpsc::channel();
         let watch = || {
-            let told = told.clone();
-            let told = move |file: &FaultFile| told.send((file.faults, file.file.is_ok())).expect("heard");
-            FaultFiles::watch(&recorder, folder.path().join("faults"), Box::new(told)).expect("a thread")
+            let sender = sender.clone();
+            let handler = move |file: &FaultFile| sender.send((file.faults, file.file.is_ok())).expect("heard");
+            FaultFiles::watch(&recorder, folder.path().join("faults"), Box::new(handler)).expect("a thread")
         };
         let kept: Vec<TickRecord> = (0..3).map(|tick| TickRecord { tick, ..TickRecord::default() }).collect();
         // The run is over: its subscribers are gone.

@@ -402,7 +402,7 @@ fn a_disk_that_takes_nothing_costs_records_and_delays_nothing() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("pipe.mcap");
     rustix::fs::mkfifoat(rustix::fs::CWD, &path, rustix::fs::Mode::RWXU).expect("a pipe");
-    // Opened by a reader who does not read: the pipe takes 64 KiB and no more.
+    // Opened by a reader that does not read: the pipe takes 64 KiB and no more.
     let mut reader = std::fs::OpenOptions::new().read(true).write(true).open(&path).expect("opened");
     let recorder = Recorder::new(RecordSubscribers::default(), false);
     recorder.scenes.add(SceneFiles::default());
@@ -436,7 +436,7 @@ fn an_error_is_told_once_and_ends_the_recording_only() {
     let recorder = Recorder::new(RecordSubscribers::default(), false);
     assert!(matches!(recorder.start(Path::new("/dev/full"), true, Box::new(never_fails)), Err(RecordingError::Write { .. })));
     assert!(matches!(recorder.start(Path::new("/proc/f.mcap"), false, Box::new(never_fails)), Err(RecordingError::Create { .. })));
-    // A reader who goes away in the middle: every write fails from then on.
+    // A reader that goes away in the middle: every write fails from then on.
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("pipe.mcap");
     rustix::fs::mkfifoat(rustix::fs::CWD, &path, rustix::fs::Mode::RWXU).expect("a pipe");
@@ -446,7 +446,7 @@ fn an_error_is_told_once_and_ends_the_recording_only() {
     drop(reader);
     feed(recorder.subscribers(), (0..9000).map(|tick| TickRecord { scene_idx: 0, ..odd_record(tick) }));
     let summary = handle.stop();
-    let message = heard.recv().expect("told");
+    let message = heard.recv().expect("reported");
     assert!(message.contains("cannot write") && summary.error.as_ref() == Some(&message), "{summary:?}");
-    assert!(heard.recv().is_err(), "told once");
+    assert!(heard.recv().is_err(), "reported once");
 }

@@ -177,7 +177,7 @@ fn flatten(key: &str, value: &Value, rows: &mut Vec<(String, String)>) {
         Value::Object(object) => {
             for (name, value) in object {
                 let path = if key.is_empty() { name.clone() } else { format!("{key}.{name}") };
-                // The room is the same for all of them.
+                // The space is the same for all of them.
                 flatten(path.trim_start_matches("parameters."), value, rows);
             }
         }

@@ -24,7 +24,7 @@
 //!
 //! Invariants: cold, nothing here runs while forces are rendered. Nothing here repairs a mesh: what is wrong with it is said,
 //! and generation copes. No file, however damaged, ends the program: numbers that a file announces are checked against the bytes
-//! that are there before room is made for them. Results do not depend on the number of threads. Cost: every step is linear in the
+//! that are there before memory is allocated for them. Results do not depend on the number of threads. Cost: every step is linear in the
 //! file; binary STL and the inspection run in parallel.
 //!
 //! # Example

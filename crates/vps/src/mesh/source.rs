@@ -30,7 +30,7 @@ pub(super) fn copy_only() {
 
 /// Memory that a mesh takes while it is read and inspected, per byte of its file: an estimate from the arrays of a closed mesh in
 /// binary STL, the densest format. Of its 50 bytes per triangle 12 become corner numbers and 12 vertices (half a vertex of three
-/// `f64`); the rest is room for joining equal corners and for the edges of the inspection.
+/// `f64`); the rest is memory for joining equal corners and for the edges of the inspection.
 const MEMORY_PER_FILE_BYTE: u64 = 3;
 
 /// The contents of a file.

@@ -253,7 +253,7 @@ fn watchdogs_of_the_arms_are_theirs() {
         link.now_s += 2e-3;
         link.pump();
         assert_eq!(link.firmware.motors(), [0.0; MAX_AXES], "{}", protocol.name());
-        // Latched or not, the next command tells.
+        // Latched or not, the next command shows it.
         link.exchange(&mut *codec, &motors, true);
         let latched = matches!(protocol, Protocol::Open6(_) | Protocol::Dynamixel2 { .. });
         assert_eq!(link.firmware.motors()[0] == 0.0, latched, "{}", protocol.name());

@@ -264,7 +264,7 @@ fn hapi_f32() {
     assert_eq!(host.feed(&e6), fed(0, 0), "what comes then is thrown away");
     host.resume();
     assert_eq!((host.silence(), encode(&mut *host, &[0.0, 0.0])), (None, e4.clone()));
-    assert_eq!(host.feed(&hex("05 00 00 C0 7F 00 00 20 42")), fed(1, 0), "an angle that is no number is told");
+    assert_eq!(host.feed(&hex("05 00 00 C0 7F 00 00 20 42")), fed(1, 0), "an angle that is no number is reported");
     assert!(host.newest().readings[0].is_nan() && host.newest().readings[1] == 40.0);
     // 8 of 9 bytes when the next command is due.
     assert_eq!(host.feed(&e6[..8]), fed(0, 0));
@@ -298,7 +298,7 @@ fn hapkit_ascii() {
     malformed_lines(&mut *host, &h1, &["Prm 1 2 3\n", "Prm 1 2 3 4 5\n", "Prm a 2 3 4\n", "1 2 3 4\n"]);
 }
 
-/// A number that is none is whole: the tick has to hear of it.
+/// A report with NaN is whole: the tick has to get it.
 #[test]
 fn hapkit_says_that_a_number_is_none() {
     let mut host = Protocol::HapkitAscii.codec(Carriage::Stream);
@@ -310,7 +310,7 @@ fn hapkit_says_that_a_number_is_none() {
     assert_eq!(host.newest().readings[0], 0.1);
 }
 
-/// It hears its commands, and then not any more, while it goes on speaking.
+/// It receives its commands, and then not any more, while it goes on sending.
 #[test]
 fn hapkit_says_how_long_it_has_heard_nothing() {
     let mut host = Protocol::HapkitAscii.codec(Carriage::Stream);
@@ -356,7 +356,7 @@ fn a_hapi_board_takes_a_zero_wherever_it_stands() {
         assert!(left[..2].iter().all(|motor| *motor == 0.0 || (0.09..0.11).contains(motor)), "{missing}: {left:?}");
         assert!(missing != 0 || left == [0.0; MAX_AXES]);
         assert!(!(1..=4).contains(&missing) || left[1] == 0.0, "{missing}: {left:?}");
-        // After the silence it still hears: it was not reset.
+        // After the silence it still receives: it was not reset.
         firmware.receive(&zero, 2.0, &arm_at(&[]), &mut out);
         assert_eq!(firmware.motors(), [0.0; MAX_AXES], "{missing}");
     }

@@ -41,8 +41,8 @@ pub(super) struct StateContent<'n> {
 }
 
 /// Where the arm is, and what became of the commands.
-pub(super) fn state(told: &StateContent<'_>) -> [u8; STATE_1_1_LEN] {
-    let StateContent { sample, now_s, echo, echo_age_s, mode, error } = *told;
+pub(super) fn state(content: &StateContent<'_>) -> [u8; STATE_1_1_LEN] {
+    let StateContent { sample, now_s, echo, echo_age_s, mode, error } = *content;
     let (place, turn) = (sample.pose.translation, sample.pose.rotation);
     let numbers = [place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w, sample.grip_rad];
     let mut payload = [0; STATE_1_1_LEN];

@@ -180,7 +180,7 @@ fn a_host_that_falls_silent_gets_its_force_back_only_after_it_has_disabled() {
     assert!(silence.windows(2).all(|pair| pair[1] <= pair[0]) && silence[30..].iter().all(|force| *force == 0.0), "{silence:?}");
     assert_eq!((bench.phase(), bench.report().link_losses), (LinkPhase::Tripped, 1));
     assert!((28.0..=30.0).contains(&bench.report().zero_after_ms), "{} ms", bench.report().zero_after_ms);
-    assert!(bench.host.is_cut(), "the host is told");
+    assert!(bench.host.is_cut(), "the host gets it");
     // It comes back and goes on as if nothing had been.
     assert_eq!(bench.ticks(50, true, 2.0), DVec3::ZERO);
     assert_eq!(bench.phase(), LinkPhase::Tripped);

@@ -60,7 +60,7 @@ impl Proxy {
             };
             let Ok(slot) = slots.clone().try_acquire_owned() else {
                 proxy.counts.turned_away.fetch_add(1, Ordering::Relaxed);
-                // Written into an empty buffer: there is room.
+                // Written into an empty buffer: it fits.
                 let _ = client.try_write(NO_SLOT);
                 continue;
             };

@@ -4,7 +4,7 @@
 //! default scene, with the transforms of their nodes. Sparse accessors and `KHR_mesh_quantization` are read; skins and morph
 //! targets are not, so a posed figure comes out in its rest pose. Coordinates keep the axes of the file (y points up by convention).
 //!
-//! Invariants: every number that a file announces is checked against the bytes at hand before room is made for it; copies of a
+//! Invariants: every number that a file announces is checked against the bytes at hand before memory is allocated for it; copies of a
 //! mesh by many nodes are counted ([`CopyBudget`]).
 //!
 //! # Units and frames
