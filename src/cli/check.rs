@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use super::{OutputOptions, output, report};
 use crate::config::scene::{ClaySource, MeshSource, SculptConfig};
-use crate::config::strokes::{self, Script, Timed};
+use crate::config::strokes::{self, Script, TimedOrder};
 use crate::config::{self, SceneConfig, StiffnessBound};
 use crate::daemon::{PrepareError, inputs};
 use crate::error::Exit;
@@ -126,7 +126,7 @@ fn script_summary(script: &Script) -> String {
     let file = shown(&script.file);
     // The end of a hold is part of the same order as its beginning.
     let n_orders = script.orders.iter().filter(|timed| !matches!(timed.order, SculptOrder::Hold(false))).count();
-    let at_s = |timed: Option<&Timed>| show(timed.map_or(0.0, |timed| timed.at.as_secs_f64()));
+    let at_s = |timed: Option<&TimedOrder>| show(timed.map_or(0.0, |timed| timed.at.as_secs_f64()));
     match n_orders {
         0 => format!("{file}: no orders"),
         1 => format!("{file}: 1 order at {} s", at_s(script.orders.first())),

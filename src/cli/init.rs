@@ -11,7 +11,7 @@ use clap::ValueEnum;
 
 use self::place::SceneDestination;
 use super::{OutputOptions, report};
-use crate::config::draft::{self, Draft, Part, Tool};
+use crate::config::draft::{self, Draft, DraftPart, DraftTool};
 use crate::error::Exit;
 use document::show;
 use vps::mesh::validate::inspect;
@@ -139,7 +139,7 @@ fn init(args: &Args, output: OutputOptions) -> Result<(), ReportedExit> {
         for warning in inspect(&mesh).warnings() {
             report::warning(&format!("{}: {warning}", path.display()), output);
         }
-        parts.push(Part::new(file, stem.to_owned(), own_unit.unwrap_or(unit), &mesh));
+        parts.push(DraftPart::new(file, stem.to_owned(), own_unit.unwrap_or(unit), &mesh));
     }
     let name = args.folder.canonicalize().ok().and_then(|folder| Some(folder.file_name()?.to_str()?.to_owned()));
     let Some(draft) = Draft::new(name.as_deref().unwrap_or("scene"), parts, tool_idx) else {
@@ -153,8 +153,8 @@ fn init(args: &Args, output: OutputOptions) -> Result<(), ReportedExit> {
 fn summary(draft: &Draft) -> String {
     let mm = |metres: f64| show(metres * 1e3);
     let mut text = match draft.tool() {
-        Tool::Part(part) => format!("tool    {} ({}), points every {} mm\n", part.name, part.file, mm(draft.tool_voxel_m())),
-        Tool::Ball(radius_m) => format!("tool    a ball with a radius of {} mm\n", mm(*radius_m)),
+        DraftTool::Part(part) => format!("tool    {} ({}), points every {} mm\n", part.name, part.file, mm(draft.tool_voxel_m())),
+        DraftTool::Ball(radius_m) => format!("tool    a ball with a radius of {} mm\n", mm(*radius_m)),
     };
     for (part, voxel_m) in draft.statics() {
         text += &format!("static  {} ({}), voxels of {} mm\n", part.name, part.file, mm(*voxel_m));

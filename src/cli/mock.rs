@@ -14,7 +14,7 @@ use arms::mock::builder::{self, MockSettings};
 use arms::mock::gadget::Gadget;
 use arms::mock::pty::Pty;
 use arms::mock::serve::{ServeEnd, Serving, serve};
-use arms::mock::trace::Trace;
+use arms::mock::trace::TraceFile;
 use arms::mock::uhid::Uhid;
 use arms::mock::{ArmLink, LinkError, MockArm, MockReport};
 use arms::profile::{self, Profile, ProfileError};
@@ -102,7 +102,7 @@ fn mock(args: &Args, output: OutputOptions) -> Result<(), Exit> {
     let period_s = parameters.period_s;
     let mut arm = MockArm::new(parameters, protocol.firmware(carriage))
         .map_err(|error| fail(Exit::Configuration, &error.to_string(), None))?;
-    let mut trace = match args.trace.as_deref().map(|path| (path, Trace::create(path))) {
+    let mut trace = match args.trace.as_deref().map(|path| (path, TraceFile::create(path))) {
         Some((path, Err(error))) => return Err(fail(Exit::Usage, &format!("cannot write {}: {error}", path.display()), None)),
         Some((_, Ok(trace))) => Some(trace),
         None => None,
@@ -126,7 +126,7 @@ fn mock(args: &Args, output: OutputOptions) -> Result<(), Exit> {
         .map_err(|error| fail(Exit::Device, &error.to_string(), None))?;
     // The node goes away before the output comes: its reader may check that.
     drop(link);
-    if let (Some(path), Some(cause)) = (&args.trace, trace.as_ref().and_then(Trace::ended)) {
+    if let (Some(path), Some(cause)) = (&args.trace, trace.as_ref().and_then(TraceFile::ended)) {
         report::warning(&format!("{} does not go to the end: {cause}", path.display()), output);
     }
     tell(&arm.report(), &profile, protocol.name(), &name, ended, args.json, output);

@@ -13,7 +13,7 @@ use self::outputs::{OutputFiles, Pictures, destination_of, session_of};
 use self::summary::SavedFile;
 use super::{OutputOptions, destination, output, recording, report};
 use crate::config::scene::SculptConfig;
-use crate::config::strokes::{self, Script, Timed};
+use crate::config::strokes::{self, Script, TimedOrder};
 use crate::config::{ConfigErrors, SceneConfig};
 use crate::daemon::LiveChannels;
 use crate::daemon::sculpting::{self, ClayHandle, ScriptedOrder, SculptOutcome, SculptPlan, SculptReport, SculptThread};
@@ -146,7 +146,7 @@ impl SculptRun {
         }
         let body = ToolBody { shape: Some(tool_shape), center_of_mass_tool: scene.tool.center_of_mass_tool };
         let engine = SculptEngine::new(workpiece, self.sculpt.tool.clone(), body);
-        let due = |Timed { at, order, line, .. }: Timed| ScriptedOrder {
+        let due = |TimedOrder { at, order, line, .. }: TimedOrder| ScriptedOrder {
             tick: (at.as_secs_f64() / self.plan.tick_s).round() as u64,
             order,
             line: Some(line),

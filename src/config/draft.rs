@@ -85,7 +85,7 @@ impl Unit {
 
 /// One mesh file.
 #[derive(Clone, Debug)]
-pub struct Part {
+pub struct DraftPart {
     /// Path as the scene is to name it: relative to the scene file.
     pub file: String,
     /// Name of the object.
@@ -96,7 +96,7 @@ pub struct Part {
     pub measures: MeshMeasures,
 }
 
-impl Part {
+impl DraftPart {
     /// A part of a mesh in metres.
     pub fn new(file: String, name: String, unit: Unit, mesh: &TriangleMesh) -> Self {
         Self { file, name, unit, measures: MeshMeasures::of(mesh) }
@@ -111,9 +111,9 @@ impl Part {
 
 /// What moves.
 #[derive(Clone, Debug)]
-pub enum Tool {
+pub enum DraftTool {
     /// A part of the folder.
-    Part(Part),
+    Part(DraftPart),
     /// A ball, where the folder has one part only; its radius, m.
     Ball(f64),
 }
@@ -122,8 +122,8 @@ pub enum Tool {
 #[derive(Clone, Debug)]
 pub struct Draft {
     name: String,
-    statics: Vec<(Part, f64)>,
-    tool: Tool,
+    statics: Vec<(DraftPart, f64)>,
+    tool: DraftTool,
     tool_voxel_m: f64,
     start_m: DVec3,
     scale: f64,
@@ -133,22 +133,23 @@ pub struct Draft {
 
 impl Draft {
     /// The smallest part moves, or the one of this index; the others stand where their files put them. `None` without parts.
-    pub fn new(name: &str, mut parts: Vec<Part>, tool_idx: Option<usize>) -> Option<Self> {
-        let smallest = |parts: &[Part]| {
-            let by_size = |(_, a): &(usize, &Part), (_, b): &(usize, &Part)| a.size_m().length().total_cmp(&b.size_m().length());
+    pub fn new(name: &str, mut parts: Vec<DraftPart>, tool_idx: Option<usize>) -> Option<Self> {
+        let smallest = |parts: &[DraftPart]| {
+            let by_size =
+                |(_, a): &(usize, &DraftPart), (_, b): &(usize, &DraftPart)| a.size_m().length().total_cmp(&b.size_m().length());
             parts.iter().enumerate().min_by(by_size).map(|(idx, _)| idx)
         };
         let tool = if parts.len() > 1 {
-            Tool::Part(parts.remove(tool_idx.or_else(|| smallest(&parts))?))
+            DraftTool::Part(parts.remove(tool_idx.or_else(|| smallest(&parts))?))
         } else {
-            Tool::Ball(two_digits(BALL_SHARE * parts.first()?.size_m().max_element()))
+            DraftTool::Ball(two_digits(BALL_SHARE * parts.first()?.size_m().max_element()))
         };
         let (tool_low, tool_high) = match &tool {
-            Tool::Part(part) => part.measures.bounds_m,
-            Tool::Ball(radius_m) => (DVec3::splat(-radius_m), DVec3::splat(*radius_m)),
+            DraftTool::Part(part) => part.measures.bounds_m,
+            DraftTool::Ball(radius_m) => (DVec3::splat(-radius_m), DVec3::splat(*radius_m)),
         };
         let tool_m = (tool_high - tool_low).max_element();
-        let n_voxels = if matches!(tool, Tool::Ball(_)) { BALL_VOXELS } else { TOOL_VOXELS };
+        let n_voxels = if matches!(tool, DraftTool::Ball(_)) { BALL_VOXELS } else { TOOL_VOXELS };
         let wanted = |longest_m: f64| two_digits((longest_m / n_voxels).clamp(FINEST_M, COARSEST_M));
         let mut memory = [0, 0];
         let mut within = |measures: &MeshMeasures, layers, products| {
@@ -165,7 +166,7 @@ impl Draft {
             }
             voxel_m
         };
-        let statics: Vec<(Part, f64)> = parts
+        let statics: Vec<(DraftPart, f64)> = parts
             .into_iter()
             .map(|part| {
                 let voxel_m = within(&part.measures, LAYERS[0], Products { field: true, gradients: false, shell: false });
@@ -173,8 +174,8 @@ impl Draft {
             })
             .collect();
         let tool_voxel_m = match &tool {
-            Tool::Part(part) => within(&part.measures, LAYERS[1], Products { field: false, gradients: false, shell: true }),
-            Tool::Ball(_) => wanted(tool_m),
+            DraftTool::Part(part) => within(&part.measures, LAYERS[1], Products { field: false, gradients: false, shell: true }),
+            DraftTool::Ball(_) => wanted(tool_m),
         };
         let boxes = statics.iter().map(|(part, _)| part.measures.bounds_m);
         let (low, high) = boxes.reduce(|(low, high), (other_low, other_high)| (low.min(other_low), high.max(other_high)))?;
@@ -189,12 +190,12 @@ impl Draft {
     }
 
     /// The part that moves.
-    pub fn tool(&self) -> &Tool {
+    pub fn tool(&self) -> &DraftTool {
         &self.tool
     }
 
     /// The parts that stand, with their voxel edges, m.
-    pub fn statics(&self) -> &[(Part, f64)] {
+    pub fn statics(&self) -> &[(DraftPart, f64)] {
         &self.statics
     }
 
@@ -236,12 +237,12 @@ impl Draft {
         writeln!(text, "# The part in the hand.\n[tool]")?;
         let points = format!("voxel_size_mm = {}", mm(self.tool_voxel_m));
         match &self.tool {
-            Tool::Part(part) => {
+            DraftTool::Part(part) => {
                 writeln!(text, "mesh = {}", quoted(&part.file))?;
                 remarked(text, &format!("units = \"{}\"", part.unit.name()), units)?;
                 remarked(text, &points, &format!("spacing of its points; {}", box_text(part.size_m())))?;
             }
-            Tool::Ball(radius_m) => {
+            DraftTool::Ball(radius_m) => {
                 remarked(text, &format!("shape = {{ sphere_mm = {} }}", mm(*radius_m)), "radius; the folder has one part only")?;
                 remarked(text, &points, "spacing of its points")?;
             }
@@ -318,10 +319,10 @@ mod tests {
     use super::*;
     use vps::mesh::primitives::Shape;
 
-    fn part(name: &str, size_m: [f64; 3], at_m: [f64; 3]) -> Part {
+    fn part(name: &str, size_m: [f64; 3], at_m: [f64; 3]) -> DraftPart {
         let mut mesh = Shape::Box { size_m: DVec3::from_array(size_m) }.tessellate(1.0);
         mesh.vertices.iter_mut().for_each(|vertex| *vertex += DVec3::from_array(at_m));
-        Part::new(format!("{name}.obj"), name.to_owned(), Unit::Mm, &mesh)
+        DraftPart::new(format!("{name}.obj"), name.to_owned(), Unit::Mm, &mesh)
     }
 
     #[test]
@@ -332,14 +333,14 @@ mod tests {
             part("post", [0.02, 0.02, 0.08], [0.3, 0.1, 0.04]),
         ];
         let draft = Draft::new("parts", parts.clone(), None).expect("parts");
-        assert!(matches!(draft.tool(), Tool::Part(part) if part.name == "pin"));
+        assert!(matches!(draft.tool(), DraftTool::Part(part) if part.name == "pin"));
         assert_eq!(draft.tool_voxel_m(), 3e-4);
         // The pin's box at the start: over the middle of the others, its lower end a quarter of its length above the post.
         let (low, high) = parts[1].measures.bounds_m;
         let (low, high) = (low + draft.start_m, high + draft.start_m);
         assert!((low.z - 0.0875).abs() < 1e-12 && ((low + high).x - 0.6).abs() < 1e-12, "{low} {high}");
         let chosen = Draft::new("parts", parts, Some(0)).expect("parts");
-        assert!(matches!(chosen.tool(), Tool::Part(part) if part.name == "plate"));
+        assert!(matches!(chosen.tool(), DraftTool::Part(part) if part.name == "plate"));
         assert_eq!(chosen.statics()[0].1, 3e-4, "a part that is smaller than the tool has finer voxels");
     }
 

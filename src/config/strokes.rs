@@ -27,14 +27,14 @@ pub struct Script {
     /// The file.
     pub file: PathBuf,
     /// What is done, in the order of the times.
-    pub orders: Vec<Timed>,
+    pub orders: Vec<TimedOrder>,
     /// The files that it names to be read.
     pub reads: Vec<PathBuf>,
 }
 
 /// An order of a file of strokes.
 #[derive(Clone, Debug)]
-pub struct Timed {
+pub struct TimedOrder {
     /// Time of the loop, from its first tick.
     pub at: Duration,
     /// What is done then.
@@ -102,7 +102,7 @@ impl Script {
 struct Reader<'d> {
     resolve: Resolve<'d>,
     tool: &'d ToolSettings,
-    orders: Vec<Timed>,
+    orders: Vec<TimedOrder>,
     /// Number of the stroke, from and until, s.
     holds: Vec<(usize, f64, f64)>,
     /// Files and the strokes that write them.
@@ -140,7 +140,7 @@ impl Reader<'_> {
         };
         let Some(order) = order else { return };
         let size = matches!(order, SculptOrder::Combine { .. }).then(|| Size::of(self.resolve.document, &table, stroke));
-        self.orders.push(Timed { at, order, line: self.line(index), size });
+        self.orders.push(TimedOrder { at, order, line: self.line(index), size });
     }
 
     fn line(&self, index: usize) -> usize {
@@ -156,7 +156,7 @@ impl Reader<'_> {
         self.holds.push((index, at_s, until_s));
         for (time_s, held) in [(at_s, true), (until_s, false)] {
             let at = Duration::try_from_secs_f64(time_s).unwrap_or_default();
-            self.orders.push(Timed { at, order: SculptOrder::Hold(held), line: self.line(index), size: None });
+            self.orders.push(TimedOrder { at, order: SculptOrder::Hold(held), line: self.line(index), size: None });
         }
     }
 

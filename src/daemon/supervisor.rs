@@ -15,7 +15,7 @@ use rtrb::RingBuffer;
 
 pub use self::job::{Enable, LiveChannels, Operator, RenderJob, RunError, RunOutcome};
 pub use self::phase::{Notice, Phase};
-use self::threads::{MemoryLock, Servo, spawn_drain, spawn_servo, with_live};
+use self::threads::{MemoryLock, ServoThread, spawn_drain, spawn_servo, with_live};
 use crate::servo::{Control, Ending, LoopReport, Order, Permit, RunPlan, ServoLoop, StopGuard};
 use arms::attached::open::LinkNews;
 use haptics::{Drive, OffCause};
@@ -153,8 +153,8 @@ impl<N: FnMut(Notice<'_>)> Supervisor<N> {
 
         let enables = enables.unwrap_or_else(never);
         self.watch_until_ended(&servo, control, &events, (&enables, &news), (stop_patience, goes_on_after_suspend))?;
-        let report = servo.thread.join().ok().flatten().ok_or(RunError::Servo("died outside its own net"))?;
-        let drained = drain_thread.join().map_err(|_| RunError::Servo("lost its drain"))?;
+        let report = servo.thread.join().ok().flatten().ok_or(RunError::Servo("ended without a report"))?;
+        let drained = drain_thread.join().map_err(|_| RunError::Servo("ended, and the thread that drains its records panicked"))?;
         for event in events.try_iter() {
             self.tell(&event);
         }
@@ -168,7 +168,7 @@ impl<N: FnMut(Notice<'_>)> Supervisor<N> {
     /// Passes on notices, lets force flow when asked to, and watches over the end, until the servo thread has ended.
     fn watch_until_ended(
         &mut self,
-        servo: &Servo,
+        servo: &ServoThread,
         control: &Control,
         events: &Receiver<Watch>,
         (enables, news): (&Receiver<Enable>, &Receiver<LinkNews>),

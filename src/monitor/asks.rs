@@ -32,7 +32,7 @@ pub(super) enum ClientCommand {
     Subscribe {
         rate_hz: f64,
         #[serde(default)]
-        format: Format,
+        format: StateFormat,
         #[serde(default)]
         contacts: bool,
         #[serde(default = "yes")]
@@ -94,7 +94,7 @@ fn yes() -> bool {
 /// How states are written.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub(super) enum Format {
+pub(super) enum StateFormat {
     #[default]
     Json,
     Binary,
@@ -225,7 +225,7 @@ fn switch(hub: &Arc<Hub>, scene: String, reply: Reply) {
     session.switch(scene, Box::new(answer));
 }
 
-fn wanted(rate_hz: f64, format: Format, contacts: bool, history: bool) -> Result<Option<Subscription>, RequestError> {
+fn wanted(rate_hz: f64, format: StateFormat, contacts: bool, history: bool) -> Result<Option<Subscription>, RequestError> {
     if rate_hz == 0.0 {
         return Ok(None);
     }
@@ -234,7 +234,7 @@ fn wanted(rate_hz: f64, format: Format, contacts: bool, history: bool) -> Result
         let hint = "0 ends the stream";
         return Err(RequestError::bad(format!("`rate_hz` goes from {LEAST_RATE_HZ} to {MOST_RATE_HZ}, not to {rate_hz}"), hint));
     }
-    let is_binary = format == Format::Binary;
+    let is_binary = format == StateFormat::Binary;
     Ok(Some(Subscription { rate_hz, is_binary, contacts: contacts && !is_binary, history: history && !is_binary }))
 }
 
@@ -289,7 +289,7 @@ mod tests {
     fn requests_are_read_and_misspelt_ones_refused() {
         assert_eq!(parsed(r#"{"id":7,"do":"enable"}"#), (7.into(), Ok(ClientCommand::Enable {})));
         assert_eq!(parsed(r#"{"do":"heartbeat"}"#), (Value::Null, Ok(ClientCommand::Heartbeat { timeout_ms: None })));
-        let subscribe = ClientCommand::Subscribe { rate_hz: 60.0, format: Format::Json, contacts: true, history: true };
+        let subscribe = ClientCommand::Subscribe { rate_hz: 60.0, format: StateFormat::Json, contacts: true, history: true };
         assert_eq!(parsed(r#"{"do":"subscribe","rate_hz":60,"contacts":true}"#).1, Ok(subscribe));
         let long = "x".repeat(300);
         for id in [json!(long), json!([long]), json!({ long: 1 })] {
@@ -349,11 +349,11 @@ mod tests {
     #[test]
     fn rates_and_silences_have_bounds() {
         for rate_hz in [-1.0, 0.05, 1000.5, f64::NAN, f64::INFINITY] {
-            assert!(wanted(rate_hz, Format::Json, false, true).is_err(), "{rate_hz}");
+            assert!(wanted(rate_hz, StateFormat::Json, false, true).is_err(), "{rate_hz}");
         }
-        assert_eq!(wanted(0.0, Format::Json, false, true), Ok(None));
+        assert_eq!(wanted(0.0, StateFormat::Json, false, true), Ok(None));
         let binary = Subscription { rate_hz: 1000.0, is_binary: true, contacts: false, history: false };
-        assert_eq!(wanted(1000.0, Format::Binary, true, true), Ok(Some(binary)));
+        assert_eq!(wanted(1000.0, StateFormat::Binary, true, true), Ok(Some(binary)));
         assert_eq!(longest(Some(0.0)), Ok(Some(Duration::ZERO)));
         assert!(longest(Some(1.0)).is_err() && longest(Some(1e9)).is_err() && longest(Some(f64::NAN)).is_err());
     }

@@ -74,7 +74,7 @@ impl ConnectionSlots {
         self.taken().n < self.most
     }
 
-    /// A slot for a newcomer: a free one, or that of the oldest connection without access. `None`: all others have.
+    /// A slot for a new connection: a free one, or that of the oldest connection without access. `None`: all others have.
     pub(super) fn take(self: &Arc<Self>) -> Option<ConnectionSlot> {
         let mut taken = self.taken();
         if taken.n < self.most {

@@ -13,4 +13,4 @@ pub mod splats;
 mod subject;
 
 pub use sheet::write;
-pub use subject::Subject;
+pub use subject::BakedObject;

@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::canvas::{Align, Canvas};
 use super::palette::{self, FAINT, INK, PAPER};
-use super::subject::Subject;
+use super::subject::BakedObject;
 use recording::report::chart::{short, steps};
 
 /// Height of the words at the axes, pixels.
@@ -28,7 +28,7 @@ pub(super) struct Panel {
 
 impl Panel {
     /// Draws map, points, frame and axes.
-    pub(super) fn draw(&self, canvas: &mut Canvas, subject: &Subject<'_>) {
+    pub(super) fn draw(&self, canvas: &mut Canvas, subject: &BakedObject<'_>) {
         self.draw_layers(canvas, subject);
         self.draw_points(canvas, subject);
         canvas.frame(self.corner, self.size, INK);
@@ -36,11 +36,11 @@ impl Panel {
     }
 
     /// Cells per axis of the sheet: right, up.
-    fn n_cells(&self, subject: &Subject<'_>) -> [i32; 2] {
+    fn n_cells(&self, subject: &BakedObject<'_>) -> [i32; 2] {
         [0, 1].map(|side| subject.surface.grid.dims[self.axes[side]] as i32)
     }
 
-    fn draw_layers(&self, canvas: &mut Canvas, subject: &Subject<'_>) {
+    fn draw_layers(&self, canvas: &mut Canvas, subject: &BakedObject<'_>) {
         let ([width, height], n_cells) = (self.size, self.n_cells(subject));
         let cell_under =
             |pixel: i32, n_pixels: i32, n_cells: i32| ((f64::from(pixel) + 0.5) / f64::from(n_pixels) * f64::from(n_cells)) as i32;
@@ -74,7 +74,7 @@ impl Panel {
         }
     }
 
-    fn draw_points(&self, canvas: &mut Canvas, subject: &Subject<'_>) {
+    fn draw_points(&self, canvas: &mut Canvas, subject: &BakedObject<'_>) {
         let grid = &subject.surface.grid;
         let n_cells = self.n_cells(subject);
         let scale = [0, 1].map(|side| f64::from(self.size[side]) / f64::from(n_cells[side]));
@@ -107,7 +107,7 @@ impl Panel {
         }
     }
 
-    fn draw_axes(&self, canvas: &mut Canvas, subject: &Subject<'_>) {
+    fn draw_axes(&self, canvas: &mut Canvas, subject: &BakedObject<'_>) {
         let grid = &subject.surface.grid;
         let [left, top] = self.corner.map(f64::from);
         let [width, height] = self.size.map(f64::from);

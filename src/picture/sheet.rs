@@ -6,7 +6,7 @@ use std::path::Path;
 use super::canvas::{Align, Canvas};
 use super::palette::{self, FAINT, INK};
 use super::panel::{Panel, draw_point};
-use super::subject::Subject;
+use super::subject::BakedObject;
 use recording::report::chart::short;
 
 /// Largest sheet, pixels.
@@ -29,11 +29,11 @@ const LONG: f64 = 1.8;
 ///
 /// # Errors
 /// Any error of the file system.
-pub fn write(path: &Path, subject: &Subject<'_>) -> io::Result<()> {
+pub fn write(path: &Path, subject: &BakedObject<'_>) -> io::Result<()> {
     std::fs::write(path, png(subject)?)
 }
 
-fn png(subject: &Subject<'_>) -> io::Result<Vec<u8>> {
+fn png(subject: &BakedObject<'_>) -> io::Result<Vec<u8>> {
     let panels = panels(subject);
     let far = |side: usize| panels.iter().map(|panel| panel.corner[side] + panel.size[side]).max().unwrap_or(0);
     let (right, bottom) = (f64::from(far(0)), f64::from(far(1)));
@@ -51,7 +51,7 @@ fn png(subject: &Subject<'_>) -> io::Result<Vec<u8>> {
 
 /// Places three cuts on the sheet. Most bodies have them side by side; a long one has its longest edge to the right in the first,
 /// the second below and the third beside it, as in a drawing of three views.
-fn panels(subject: &Subject<'_>) -> [Panel; 3] {
+fn panels(subject: &BakedObject<'_>) -> [Panel; 3] {
     let dims = subject.surface.grid.dims;
     let extent = dims.map(f64::from);
     let mut by_length = [0, 1, 2];
@@ -102,7 +102,7 @@ fn scale_to_fit(extents: &[f64], n_pixels: f64) -> f64 {
 }
 
 /// Per axis the slice nearest to the middle of the grid that holds surface.
-fn cuts(subject: &Subject<'_>) -> [i32; 3] {
+fn cuts(subject: &BakedObject<'_>) -> [i32; 3] {
     let dims = subject.surface.grid.dims;
     let mut is_held = dims.map(|n| vec![false; n as usize]);
     for cell in subject.surface.cells() {
@@ -117,7 +117,7 @@ fn cuts(subject: &Subject<'_>) -> [i32; 3] {
     })
 }
 
-fn header(canvas: &mut Canvas, subject: &Subject<'_>) {
+fn header(canvas: &mut Canvas, subject: &BakedObject<'_>) {
     let grid = &subject.surface.grid;
     let [nx, ny, nz] = grid.dims;
     canvas.text([LEFT, 40.0], 24.0, Align::Left, INK, &shortened(subject.name, 60));
@@ -131,7 +131,7 @@ fn header(canvas: &mut Canvas, subject: &Subject<'_>) {
     canvas.text([LEFT, 66.0], 15.0, Align::Left, FAINT, &facts);
 }
 
-fn legend(canvas: &mut Canvas, subject: &Subject<'_>, top: f64) {
+fn legend(canvas: &mut Canvas, subject: &BakedObject<'_>, top: f64) {
     let n_layers = subject.layers.n_layers as i32;
     let values: Vec<i32> = (-n_layers - 1..=n_layers + 1).collect();
     let swatch = (320 / values.len() as i32).clamp(3, 18);
@@ -196,7 +196,7 @@ mod tests {
         let options = Options { voxel_size_m, layers: 3, navigation: None, sides: InsideTest::Auto };
         let map = Voxmap::build(&mesh, &inspect(&mesh), &options, |_| {}).unwrap();
         let (shell, _) = pointshell::build(&mesh, &map, DVec3::ZERO);
-        let subject = Subject {
+        let subject = BakedObject {
             name: "box",
             surface: &map.surface,
             layers: &map.layers,

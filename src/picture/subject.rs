@@ -8,7 +8,7 @@ use vps::voxmap::surface::Surface;
 
 /// An object as it was baked.
 #[derive(Clone, Copy, Debug)]
-pub struct Subject<'a> {
+pub struct BakedObject<'a> {
     /// Name of the object.
     pub name: &'a str,
     /// Surface voxels.

@@ -8,7 +8,7 @@ use crate::config::scene::ToolConfig;
 use haptics::clay::{Clay, PUT_DOWN_SPACINGS};
 use haptics::{RenderScene, SceneBuilder, ToolOptions};
 use vps::contact::ContactSum;
-use vps::part::{ObjectReport, Role};
+use vps::part::{ObjectReport, PartRole};
 use vps::spatial::{Metres, Pose};
 use vps::voxmap::BakeStage;
 
@@ -72,7 +72,7 @@ pub fn build_all(
         let tell = |stage| watch(BakeEvent { name: &object.name, object_idx, n_objects, stage });
         let request = Request {
             name: &object.name,
-            role: Role::Static,
+            role: PartRole::Static,
             source: &object.source,
             spacing: Spacing::Size(object.voxel_size_m),
             layers: object.layers,
@@ -89,7 +89,7 @@ pub fn build_all(
     let tell = |stage| watch(BakeEvent { name: "tool", object_idx: config.statics.len(), n_objects, stage });
     let request = Request {
         name: "tool",
-        role: Role::Tool,
+        role: PartRole::Tool,
         source,
         spacing: Spacing::Size(*voxel_size_m),
         layers: *layers,

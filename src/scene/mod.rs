@@ -15,4 +15,4 @@ mod object;
 pub use build::{BakeEvent, Built, build, build_all, build_with};
 pub use loaded_clay::{BorderReport, ClayError, ClayReport, LoadedClay};
 pub use object::{BakeOptions, MemoryPlan, SceneError, load};
-pub use vps::part::{CacheUse, ObjectReport, Role};
+pub use vps::part::{CacheUse, ObjectReport, PartRole};

@@ -6,7 +6,7 @@ use super::cache::{Baked, Cache, Lookup, Request, Spacing};
 use super::loaded_clay::ClayError;
 use crate::config::scene::MeshSource;
 use clay::clay_model::MemoryEstimate;
-use vps::part::{Part, PartError, Role};
+use vps::part::{Part, PartError, PartRole};
 use vps::voxmap::estimate::{Estimate, MeshMeasures, Products, voxel_size_within};
 use vps::voxmap::grid::{Grid, GridError};
 use vps::voxmap::memory_limit::MemoryLimit;
@@ -168,7 +168,7 @@ fn bake(request: &Request<'_>, memory: &mut MemoryPlan<'_>, tell: impl FnMut(Bak
     let part = load(request.name, request.source, request.spacing)?;
     let options = request.options(&part);
     memory.judge(&part, &options, request.products())?;
-    if request.role == Role::Static {
+    if request.role == PartRole::Static {
         let (field, report) = part.bake_field(&options, request.with_gradients, tell)?;
         return Ok(Baked { field: Some(field), shell: None, mass: None, report });
     }

@@ -56,7 +56,7 @@ pub struct ToolState {
 
 /// Why a frame was not taken. It comes back.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-pub enum PublishError {
+pub enum FramePublishError {
     /// It cannot be touched.
     #[error("{0}")]
     Frame(#[from] FrameError),
@@ -87,10 +87,10 @@ impl ClayFeed {
     /// Checks and measures a frame, then sends it. Wait-free for the loop; here O(nodes of the region).
     ///
     /// # Errors
-    /// See [`PublishError`]; the frame comes back.
-    pub fn publish(&mut self, mut frame: Box<Frame>) -> Result<(), (PublishError, Box<Frame>)> {
+    /// See [`FramePublishError`]; the frame comes back.
+    pub fn publish(&mut self, mut frame: Box<Frame>) -> Result<(), (FramePublishError, Box<Frame>)> {
         if self.is_over() {
-            return Err((PublishError::Over, frame));
+            return Err((FramePublishError::Over, frame));
         }
         if let Err(error) = frame.make_ready(self.base.as_ref()) {
             return Err((error.into(), frame));
@@ -98,7 +98,7 @@ impl ClayFeed {
         if !self.base.as_ref().is_some_and(|base| Arc::ptr_eq(base, &frame.base)) {
             self.base = Some(frame.base.clone());
         }
-        self.frames.push(frame).map_err(|PushError::Full(frame)| (PublishError::Full, frame))
+        self.frames.push(frame).map_err(|PushError::Full(frame)| (FramePublishError::Full, frame))
     }
 
     /// The state of the oldest tick that was not taken yet; `None` when all are taken. Wait-free.

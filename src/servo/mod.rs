@@ -33,7 +33,7 @@ mod stop_guard;
 pub(crate) mod testing;
 mod thread;
 
-pub use clay::{ClayFeed, ClaySlot, PublishError, ToolState};
+pub use clay::{ClayFeed, ClaySlot, FramePublishError, ToolState};
 pub use commands::{CommandQueue, ControlError, FileChange, Objects, ParameterSetting, SceneControls, SwapError};
 pub use deadlines::{DeadlineGrid, TickTiming};
 pub use loaded_scene::LoadedScene;

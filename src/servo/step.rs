@@ -383,7 +383,7 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
     fn write(&mut self, command_device: &Wrench) -> Wrench {
         match self.device.write(command_device) {
             Ok(rendered_device) => return rendered_device,
-            // The tick's own finite check comes first, so this is a second net; the driver sent zero.
+            // The tick's own finite check comes first, so this is a second check; the driver sent zero.
             Err(DeviceError::NonFinite) => {
                 self.driver_fault = true;
                 self.note_faults(Faults::NON_FINITE);

@@ -8,7 +8,7 @@ use hapticd::config::SceneConfig;
 use hapticd::config::scene::MeshSource;
 use hapticd::scene::CacheUse;
 use hapticd::scene::cache::{Baked, Cache, CachePolicy, GENERATION, Lookup, Request, Spacing, read};
-use hapticd::scene::{self, BakeOptions, ObjectReport, Role};
+use hapticd::scene::{self, BakeOptions, ObjectReport, PartRole};
 use tempfile::TempDir;
 use vps::mesh::primitives::Shape;
 use vps::storage::MappedFile;
@@ -362,7 +362,7 @@ fn roles(config: &SceneConfig, folder: &Path) -> [Vec<u8>; 3] {
     }
     let alone = [&one, &two].map(contents);
     let both = Baked { shell: two.shell, mass: two.mass, ..one };
-    assert!(both.serves(Role::Mesh));
+    assert!(both.serves(PartRole::Mesh));
     let [one, two] = alone;
     [one, two, contents(&both)]
 }
@@ -479,7 +479,7 @@ fn a_mesh_that_changes_while_it_is_baked_is_not_kept() {
     let source = MeshSource::File { path: path.clone(), metres_per_unit: 1e-3 };
     let request = Request {
         name: "part",
-        role: Role::Tool,
+        role: PartRole::Tool,
         source: &source,
         spacing: Spacing::Size(1e-3),
         layers: 2,

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use arms::{Capabilities, Device, DeviceError};
 use glam::{DMat3, DQuat, DVec3};
 use hapticd::daemon::{ReplayError, replay};
-use hapticd::servo::{ClayFeed, ClaySlot, Control, PublishError, RunPlan, ServoLoop, Step};
+use hapticd::servo::{ClayFeed, ClaySlot, Control, FramePublishError, RunPlan, ServoLoop, Step};
 use haptics::clay::{Clay, Rope};
 use haptics::{
     CouplingMode, DriveRequest, Faults, FilterParameters, FrameInUse, FrictionParameters, Inertia, RenderScene, State, TickInput,
@@ -393,9 +393,9 @@ fn a_frame_that_cannot_be_touched_is_refused_and_comes_back() {
     for _ in 0..5 {
         feed.publish(Box::new(sound())).expect("room");
     }
-    assert_eq!(feed.publish(Box::new(sound())).expect_err("full").0, PublishError::Full);
+    assert_eq!(feed.publish(Box::new(sound())).expect_err("full").0, FramePublishError::Full);
     drop(slot);
-    assert_eq!(feed.publish(Box::new(sound())).expect_err("over").0, PublishError::Over);
+    assert_eq!(feed.publish(Box::new(sound())).expect_err("over").0, FramePublishError::Over);
 }
 
 /// An arm that presses a point into the clay and draws circles.
@@ -454,7 +454,7 @@ fn simulate(mut feed: ClayFeed) -> u64 {
             }
             next.sequence = n_frames;
             if let Err((error, _)) = feed.publish(next) {
-                assert_eq!(error, PublishError::Over);
+                assert_eq!(error, FramePublishError::Over);
                 return n_frames;
             }
         }

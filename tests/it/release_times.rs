@@ -8,7 +8,7 @@ use rtrb::RingBuffer;
 use arms::mock::FaultReport;
 use arms::simulated::fault::FaultKind;
 use arms::testing::rig::{InjectedFault, Make, every_arm};
-use arms::testing::{HELD_M, Timed};
+use arms::testing::{HELD_M, TimedRig};
 use hapticd::servo::{Control, RunPlan, ServoLoop};
 use haptics::testing::empty_scene;
 use haptics::{self, Drive, RenderScene, State, TickInput, TickOutput};
@@ -26,7 +26,7 @@ fn pushing(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOut
 
 /// What the arm felt of a fault while it pushed.
 fn felt(make: &Make, fault: FaultKind, name: &str) -> FaultReport {
-    let arm = Timed::of(make(Some(HELD_M), InjectedFault::None));
+    let arm = TimedRig::of(make(Some(HELD_M), InjectedFault::None));
     let control = Arc::new(Control::enabled());
     let plan = RunPlan { outlives_faults: true, ..RunPlan::default() };
     let (records, _drained) = RingBuffer::new(1 << 16);

@@ -61,7 +61,7 @@ pub enum DeviceError {
     #[error("the command was not finite, and zero was sent in its place")]
     NonFinite,
     /// The loop stood still with force on, and the guard of the arm has told it zero meanwhile; zero was sent again in place of the command.
-    #[error("the loop stood still with force on, and the arm was commanded zero meanwhile")]
+    #[error("the loop stood still with force on, and the arm was sent zero meanwhile")]
     Stalled,
     /// The operating system refused with this errno.
     #[error("the operating system refused the arm's link: {}", std::io::Error::from_raw_os_error(*.0))]

@@ -1,7 +1,7 @@
 //! Measuring beside the paper and beside other programs.
 //!
 //! [`stand_ins`] makes the models of the paper's tables. [`generation`] bakes them, each bake a process of its own. [`contact`]
-//! asks how right and how fast contacts are, [`loops`] how punctual runs on the real clock are, [`sculpt`] how long clay takes. All figures end up in a [`Report`].
+//! asks how right and how fast contacts are, [`loops`] how punctual runs on the real clock are, [`sculpt`] how long clay takes. All figures end up in a [`BenchReport`].
 //!
 //! Invariants: cold. Nothing here decides whether a test passes; a target that is missed is a line that says so.
 
@@ -22,7 +22,7 @@ use std::path::PathBuf;
 use thiserror::Error;
 
 pub use process::HAPTICD;
-pub use report::{Machine, Report, Row, commit_of};
+pub use report::{BenchReport, Machine, Row, commit_of};
 pub use statistics::Spread;
 
 /// Why a bench ended early.

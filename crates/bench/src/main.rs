@@ -9,7 +9,7 @@ use std::io::{ErrorKind, Write as _};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use bench::{BenchError, HAPTICD, Machine, Report, Row, commit_of, contact, generation, loops, sculpt};
+use bench::{BenchError, BenchReport, HAPTICD, Machine, Row, commit_of, contact, generation, loops, sculpt};
 use clap::{Parser, ValueEnum};
 use hapticd::error::Exit;
 
@@ -107,7 +107,7 @@ fn run(args: &Args) -> Result<Exit, (Exit, String)> {
     debug_assert!(pool.is_ok(), "the global pool is built once");
     let commit = commit_of(&program);
     let (rows, table) = measure(args, program, n_threads).map_err(|error| (Exit::Asset, error.to_string()))?;
-    let report = Report { machine: Machine::read(), commit, rows };
+    let report = BenchReport { machine: Machine::read(), commit, rows };
     let text = if args.json {
         serde_json::to_string(&report).map_err(|error| (Exit::Internal, error.to_string()))? + "\n"
     } else {

@@ -8,7 +8,7 @@ use serde::{Serialize, Serializer};
 
 /// What `bench` found, as `bench --json` prints it.
 #[derive(Debug, Serialize)]
-pub struct Report {
+pub struct BenchReport {
     /// Where it ran.
     pub machine: Machine,
     /// Commit of the checkout that the program stands in, with `-dirty` when files differ from it.
@@ -148,7 +148,7 @@ fn commit_or_word<S: Serializer>(commit: &Option<String>, serializer: S) -> Resu
     serializer.serialize_str(commit.as_deref().unwrap_or("unknown: not in a git checkout"))
 }
 
-impl Report {
+impl BenchReport {
     /// The rows as markdown tables, one for each group, under the facts of the machine.
     pub fn markdown(&self) -> String {
         let Machine { cpu, cores, kernel, memory_gib } = &self.machine;
@@ -246,7 +246,7 @@ mod tests {
             Row::new("b", "not asked", 6.0, "s"),
             Row::new("b", "not measured", None, "s").at_most(5.0),
         ];
-        let text = Report { machine: Machine::read(), commit: None, rows }.markdown();
+        let text = BenchReport { machine: Machine::read(), commit: None, rows }.markdown();
         let (_, table) = text.split_once("## targets: 1 of 2 met").unwrap();
         assert_eq!(table.lines().filter(|line| line.contains("<= 5")).count(), 2);
         assert!(table.contains("| b | slow | value <= 5 | 6 s |  |  |  | **no** |") && !table.contains("not asked"), "{table}");
@@ -263,10 +263,10 @@ mod tests {
     #[test]
     fn the_tables_have_a_line_for_each_row() {
         let rows = vec![Row::new("a", "x", 1.0, "s"), Row::new("a", "y", None, "s"), Row::new("b", "z", 1.5, "s")];
-        let text = Report { machine: Machine::read(), commit: None, rows }.markdown();
+        let text = BenchReport { machine: Machine::read(), commit: None, rows }.markdown();
         assert_eq!(text.lines().filter(|line| line.starts_with("## ")).count(), 2);
         assert_eq!(text.lines().filter(|line| line.starts_with("| x |") || line.starts_with("| y |")).count(), 2);
-        let json = serde_json::to_value(Report { machine: Machine::read(), commit: None, rows: Vec::new() }).unwrap();
+        let json = serde_json::to_value(BenchReport { machine: Machine::read(), commit: None, rows: Vec::new() }).unwrap();
         assert_eq!(json["commit"], "unknown: not in a git checkout");
         assert!(text.contains("| z | 1.500 | s |") && text.starts_with("cpu "), "{text}");
     }

@@ -358,7 +358,7 @@ mod tests {
     }
 
     #[test]
-    fn without_force_a_limit_is_where_it_is_wished_at_once_and_nothing_else_is() {
+    fn without_force_a_limit_gets_its_value_at_once_and_nothing_else_does() {
         let p = rubbing();
         for parameter in LiveParameter::ALL {
             let range = parameter.range(&p).expect("acts");

@@ -1,6 +1,6 @@
 //! Obstacles that move: where they are asked to go, and how far they go in a tick.
 //!
-//! Data in: at most one [`Placement`] per tick. Data out: the poses of the obstacles, moved a little. A pose is a wish, never a jump:
+//! Data in: at most one [`Placement`] per tick. Data out: the poses of the obstacles, moved a little. A pose is a target, never a jump:
 //!
 //! - an obstacle follows its target as `FOLLOW_PER_S` says, along a straight line and the shortest turn of its box's middle;
 //! - no point of its box goes faster than the grip may (`limits.speed`), nor further in one tick than half of what lies between it and
@@ -87,7 +87,7 @@ impl MovingObstacles {
     pub(super) fn advance(
         &mut self,
         obstacle_poses: &mut ObstaclePoses,
-        wish: Option<Placement>,
+        command: Option<Placement>,
         with_force: bool,
         p: &Parameters,
     ) {
@@ -98,14 +98,14 @@ impl MovingObstacles {
             let pose = obstacle_poses.pose(obstacle_idx as usize)?;
             Some(Placement { obstacle_idx, world_from_map: pose.world_from_map })
         });
-        let Some(wish) = wish.filter(Placement::is_sound) else { return };
-        let Some(pose) = obstacle_poses.pose_mut(wish.obstacle_idx as usize) else { return };
+        let Some(command) = command.filter(Placement::is_sound) else { return };
+        let Some(pose) = obstacle_poses.pose_mut(command.obstacle_idx as usize) else { return };
         pose.reserve_m = p.limits.speed_m_per_s * p.period_s;
-        let Pose { rotation, translation } = wish.world_from_map;
-        let wish = Placement { world_from_map: Pose::new(rotation.normalize(), translation), ..wish };
-        match self.under_way.iter_mut().find(|target| target.obstacle_idx == wish.obstacle_idx) {
-            Some(target) => *target = wish,
-            None => self.under_way.push(wish),
+        let Pose { rotation, translation } = command.world_from_map;
+        let command = Placement { world_from_map: Pose::new(rotation.normalize(), translation), ..command };
+        match self.under_way.iter_mut().find(|target| target.obstacle_idx == command.obstacle_idx) {
+            Some(target) => *target = command,
+            None => self.under_way.push(command),
         }
     }
 }

@@ -15,7 +15,7 @@ const MANY: usize = 5;
 
 /// What the link is like.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) enum Link {
+pub(super) enum LinkState {
     #[default]
     Sound,
     /// The force has to go down.
@@ -26,15 +26,15 @@ pub(super) enum Link {
 
 /// When the last garbled packets came.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Packets {
+pub(super) struct GarbledPackets {
     tick: u64,
     /// Newest first.
     at_tick: [Option<u64>; MOST + 1],
 }
 
-impl Packets {
+impl GarbledPackets {
     /// Takes note of one tick's garbled packets. RT: safe, O(1).
-    pub(super) fn count(&mut self, n_garbled: u16, period_s: f64) -> Link {
+    pub(super) fn count(&mut self, n_garbled: u16, period_s: f64) -> LinkState {
         self.tick += 1;
         for _ in 0..usize::from(n_garbled).min(MOST + 1) {
             self.at_tick.rotate_right(1);
@@ -45,11 +45,11 @@ impl Packets {
         let window_ticks = (WINDOW_S / period_s).round() as u64;
         let more_than = |n: usize| self.at_tick.get(n).copied().flatten().is_some_and(|tick| self.tick - tick < window_ticks);
         if more_than(MOST) {
-            Link::Broken
+            LinkState::Broken
         } else if more_than(MANY) {
-            Link::Bad
+            LinkState::Bad
         } else {
-            Link::Sound
+            LinkState::Sound
         }
     }
 }
@@ -61,27 +61,27 @@ mod tests {
 
     #[test]
     fn eleven_within_a_tenth_of_a_second_are_too_many() {
-        let mut packets = Packets::default();
-        let links: Vec<Link> = (0..11).map(|_| packets.count(1, 1e-3)).collect();
-        assert!(links.iter().take(5).all(|link| *link == Link::Sound), "{links:?}");
-        assert!(links.iter().skip(5).take(5).all(|link| *link == Link::Bad), "{links:?}");
-        assert_eq!(links.last(), Some(&Link::Broken));
+        let mut packets = GarbledPackets::default();
+        let links: Vec<LinkState> = (0..11).map(|_| packets.count(1, 1e-3)).collect();
+        assert!(links.iter().take(5).all(|link| *link == LinkState::Sound), "{links:?}");
+        assert!(links.iter().skip(5).take(5).all(|link| *link == LinkState::Bad), "{links:?}");
+        assert_eq!(links.last(), Some(&LinkState::Broken));
         // The first of the eleven is 100 ticks old after 89 more.
-        let sound: Vec<Link> = (0..100).map(|_| packets.count(0, 1e-3)).collect();
-        assert_eq!(sound.iter().position(|link| *link != Link::Broken), Some(89));
-        assert_eq!(sound.iter().position(|link| *link == Link::Sound), Some(94));
+        let sound: Vec<LinkState> = (0..100).map(|_| packets.count(0, 1e-3)).collect();
+        assert_eq!(sound.iter().position(|link| *link != LinkState::Broken), Some(89));
+        assert_eq!(sound.iter().position(|link| *link == LinkState::Sound), Some(94));
     }
 
     #[test]
     fn the_window_is_a_time_not_a_number_of_ticks() {
         let trips = |period_s: f64, every: u32| {
-            let mut packets = Packets::default();
-            (0..10_000).any(|n| packets.count(u16::from(n % every == 0), period_s) == Link::Broken)
+            let mut packets = GarbledPackets::default();
+            (0..10_000).any(|n| packets.count(u16::from(n % every == 0), period_s) == LinkState::Broken)
         };
         // One in ten is ten in a window of 100 at 1 kHz, forty in one of 400 at 4 kHz, and five in one of 50 at 500 Hz.
         assert!(!trips(1e-3, 10) && trips(1e-3, 9));
         assert!(trips(2.5e-4, 10) && !trips(2.5e-4, 40) && !trips(2e-3, 5) && trips(2e-3, 4));
-        assert_eq!(Packets::default().count(u16::MAX, 1e-3), Link::Broken);
-        assert_eq!(Packets::default().count(1, f64::NAN), Link::Sound);
+        assert_eq!(GarbledPackets::default().count(u16::MAX, 1e-3), LinkState::Broken);
+        assert_eq!(GarbledPackets::default().count(1, f64::NAN), LinkState::Sound);
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! Data in: one device sample per tick. Data out: faults, and whether the wrench has to ramp down because samples are late.
 
-use super::packets::{Link, Packets};
+use super::packets::{GarbledPackets, LinkState};
 use super::stuck::StuckWatch;
 use super::{Faults, LimitParameters, OffCause, SafetyParameters};
 use vps::spatial::{DeviceSample, Pose, SampleStatus};
@@ -38,7 +38,7 @@ pub(super) struct SampleMonitor {
     previous: Option<Pose>,
     stale_ticks: u32,
     stuck: StuckWatch,
-    packets: Packets,
+    packets: GarbledPackets,
 }
 
 impl SampleMonitor {
@@ -90,7 +90,7 @@ impl SampleMonitor {
             faults |= Faults::DEVICE_ERROR;
         }
         let link = self.packets.count(sample.corrupt_packets, period_s);
-        if link == Link::Broken {
+        if link == LinkState::Broken {
             faults |= Faults::PROTOCOL;
         }
         // What this tick is worth: a gap that ends now still was one.
@@ -123,7 +123,7 @@ impl SampleMonitor {
         }
         let ramp_down = if worthless_ticks > limits.stale_ticks_max {
             OffCause::Stale
-        } else if link == Link::Sound {
+        } else if link == LinkState::Sound {
             OffCause::None
         } else {
             OffCause::Protocol

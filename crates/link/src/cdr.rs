@@ -5,11 +5,11 @@ const ENCAPSULATION: [u8; 4] = [0, 1, 0, 0];
 
 /// Writes one message, field by field.
 #[derive(Debug)]
-pub(super) struct Writer {
+pub(super) struct CdrWriter {
     bytes: Vec<u8>,
 }
 
-impl Writer {
+impl CdrWriter {
     /// An empty message.
     pub(super) fn new() -> Self {
         Self { bytes: ENCAPSULATION.to_vec() }

@@ -47,5 +47,5 @@ pub use messages::{
     DiagnosticArray, DiagnosticLevel, DiagnosticStatus, Header, JointState, Joy, Message, MessageType, OperatingState, PoseStamped,
     Time, TwistStamped, WrenchStamped,
 };
-pub use names::{Attachment, Domain, Gid, Namespace, NamespaceError, Node, gid, node_token, publisher_token, topic_key};
+pub use names::{Attachment, Domain, Gid, Namespace, NamespaceError, RosNode, gid, node_token, publisher_token, topic_key};
 pub use topics::{Topic, TopicInput};

@@ -5,7 +5,7 @@
 
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use super::cdr::Writer;
+use super::cdr::CdrWriter;
 use vps::spatial::{Pose, Twist, Wrench};
 
 /// A type as ROS 2 knows it.
@@ -47,7 +47,7 @@ macro_rules! message {
                 MessageType { package: $package, name: stringify!($message), hash: concat!("RIHS01_", $hash) };
 
             fn to_cdr(&self) -> Vec<u8> {
-                let mut cdr = Writer::new();
+                let mut cdr = CdrWriter::new();
                 self.write(&mut cdr);
                 cdr.finish()
             }
@@ -82,7 +82,7 @@ pub struct Header<'a> {
 }
 
 impl Header<'_> {
-    fn write(&self, cdr: &mut Writer) {
+    fn write(&self, cdr: &mut CdrWriter) {
         cdr.i32(self.stamp.sec);
         cdr.u32(self.stamp.nanosec);
         cdr.string(self.frame_id);
@@ -101,7 +101,7 @@ pub struct PoseStamped<'a> {
 message!(PoseStamped in "geometry_msgs", hash "10f3786d7d40fd2b54367835614bff85d4ad3b5dab62bf8bca0cc232d73b4cd8");
 
 impl PoseStamped<'_> {
-    fn write(&self, cdr: &mut Writer) {
+    fn write(&self, cdr: &mut CdrWriter) {
         self.header.write(cdr);
         let Pose { rotation, translation } = self.pose;
         translation.to_array().into_iter().chain(rotation.to_array()).for_each(|number| cdr.f64(number));
@@ -120,7 +120,7 @@ pub struct TwistStamped<'a> {
 message!(TwistStamped in "geometry_msgs", hash "5f0fcd4f81d5d06ad9b4c4c63e3ea51b82d6ae4d0558f1d475229b1121db6f64");
 
 impl TwistStamped<'_> {
-    fn write(&self, cdr: &mut Writer) {
+    fn write(&self, cdr: &mut CdrWriter) {
         self.header.write(cdr);
         let Twist { linear, angular } = self.twist;
         linear.to_array().into_iter().chain(angular.to_array()).for_each(|number| cdr.f64(number));
@@ -139,7 +139,7 @@ pub struct WrenchStamped<'a> {
 message!(WrenchStamped in "geometry_msgs", hash "8dc3deaf06b2ab281f9f9a742a8961c328ca7cec16e3fd6586d3a5c83fa78f77");
 
 impl WrenchStamped<'_> {
-    fn write(&self, cdr: &mut Writer) {
+    fn write(&self, cdr: &mut CdrWriter) {
         self.header.write(cdr);
         let Wrench { force, torque } = self.wrench;
         force.to_array().into_iter().chain(torque.to_array()).for_each(|number| cdr.f64(number));
@@ -164,7 +164,7 @@ pub struct JointState<'a> {
 message!(JointState in "sensor_msgs", hash "a13ee3a330e346c9d87b5aa18d24e11690752bd33a0350f11c5882bc9179260e");
 
 impl JointState<'_> {
-    fn write(&self, cdr: &mut Writer) {
+    fn write(&self, cdr: &mut CdrWriter) {
         self.header.write(cdr);
         cdr.sequence(self.name, |cdr, name| cdr.string(name));
         for numbers in [self.position, self.velocity, self.effort] {
@@ -187,7 +187,7 @@ pub struct Joy<'a> {
 message!(Joy in "sensor_msgs", hash "0d356c79cad3401e35ffeb75a96a96e08be3ef896b8b83841d73e890989372c5");
 
 impl Joy<'_> {
-    fn write(&self, cdr: &mut Writer) {
+    fn write(&self, cdr: &mut CdrWriter) {
         self.header.write(cdr);
         cdr.sequence(self.axes, |cdr, axis| cdr.f32(*axis));
         cdr.sequence(self.buttons, |cdr, button| cdr.i32(*button));
@@ -233,7 +233,7 @@ pub struct DiagnosticArray<'a> {
 message!(DiagnosticArray in "diagnostic_msgs", hash "5a8a36efb05fb25070fa0fb3810290c0e6cd4862b54a8fb975a1ee8dc55a333e");
 
 impl DiagnosticArray<'_> {
-    fn write(&self, cdr: &mut Writer) {
+    fn write(&self, cdr: &mut CdrWriter) {
         self.header.write(cdr);
         cdr.sequence(&self.status, |cdr, status| {
             cdr.u8(status.level as u8);
@@ -262,7 +262,7 @@ pub struct OperatingState<'a> {
 message!(OperatingState in "crtk_msgs", hash "5cc57eea589b217fe5194bf2735b91d4a7f2dd5ac1245ae657f7ea7590c2c80e");
 
 impl OperatingState<'_> {
-    fn write(&self, cdr: &mut Writer) {
+    fn write(&self, cdr: &mut CdrWriter) {
         self.header.write(cdr);
         cdr.string(self.state);
         cdr.bool(self.is_homed);

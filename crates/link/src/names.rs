@@ -67,7 +67,7 @@ impl Display for Namespace {
 
 /// A node of the graph of ROS 2, of which a session has one.
 #[derive(Clone, Debug)]
-pub struct Node {
+pub struct RosNode {
     /// `ROS_DOMAIN_ID`.
     pub domain: Domain,
     /// The session, as it writes its own number.
@@ -81,7 +81,7 @@ pub struct Node {
 /// Number of the only node of a session; its publishers come behind it.
 const NODE_ID: usize = 0;
 
-impl Node {
+impl RosNode {
     /// What all its tokens have in front.
     fn prefix(&self, entity_id: usize, kind: &str) -> String {
         let Self { domain, session, namespace, name } = self;
@@ -91,17 +91,17 @@ impl Node {
 }
 
 /// The key expression on which messages of a topic travel; `topic` without the namespace.
-pub fn topic_key(node: &Node, topic: &str, message_type: &MessageType) -> String {
+pub fn topic_key(node: &RosNode, topic: &str, message_type: &MessageType) -> String {
     format!("{}/{}/{topic}/{}/{}", node.domain, node.namespace, message_type.dds_name(), message_type.hash)
 }
 
 /// The token that says that a node is there.
-pub fn node_token(node: &Node) -> String {
+pub fn node_token(node: &RosNode) -> String {
     node.prefix(NODE_ID, "NN")
 }
 
 /// The token that says that a node publishes on a topic. `number` counts its publishers from 0.
-pub fn publisher_token(node: &Node, number: usize, topic: &str, message_type: &MessageType) -> String {
+pub fn publisher_token(node: &RosNode, number: usize, topic: &str, message_type: &MessageType) -> String {
     let before = node.prefix(NODE_ID + 1 + number, "MP");
     let name = mangled(&format!("{}/{topic}", node.namespace));
     format!("{before}/%{name}/{}/{}/{QUALITY}", message_type.dds_name(), message_type.hash)
@@ -150,8 +150,8 @@ mod tests {
         hash: "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18",
     };
 
-    fn node(domain: Domain, session: &str, namespace: &str) -> Node {
-        Node { domain, session: session.to_owned(), namespace: namespace.parse().expect("a namespace"), name: "talker" }
+    fn node(domain: Domain, session: &str, namespace: &str) -> RosNode {
+        RosNode { domain, session: session.to_owned(), namespace: namespace.parse().expect("a namespace"), name: "talker" }
     }
 
     #[test]

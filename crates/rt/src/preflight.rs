@@ -31,7 +31,7 @@ impl CheckOutcome {
 
 /// One check.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Row {
+pub struct CheckRow {
     /// What was checked.
     pub name: &'static str,
     /// How it ended.
@@ -76,7 +76,7 @@ fn read_line(path: impl AsRef<Path>) -> Option<String> {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PreflightReport {
     /// In the order in which they are printed.
-    pub rows: Vec<Row>,
+    pub rows: Vec<CheckRow>,
     /// What the servo thread got.
     pub standing: ThreadStanding,
     /// Every page of the process is locked.
@@ -107,7 +107,7 @@ impl PreflightReport {
     /// The report of a run under the virtual clock: nothing is asked of the scheduler, so nothing can be refused. A loop that never sleeps
     /// under SCHED_FIFO would only starve its processor.
     pub fn virtual_clock(kernel: &KernelFacts) -> Self {
-        let rows = vec![Row {
+        let rows = vec![CheckRow {
             name: "clock",
             outcome: CheckOutcome::Passed,
             found: "virtual: time is simulated, real-time scheduling is not used".to_owned(),
@@ -117,7 +117,7 @@ impl PreflightReport {
     }
 
     /// Rows that failed.
-    pub fn failed(&self) -> impl Iterator<Item = &Row> {
+    pub fn failed(&self) -> impl Iterator<Item = &CheckRow> {
         self.rows.iter().filter(|row| row.outcome == CheckOutcome::Failed)
     }
 
@@ -127,17 +127,17 @@ impl PreflightReport {
     }
 }
 
-fn row(name: &'static str, passed: bool, found: String, hint: &'static str) -> Row {
+fn row(name: &'static str, passed: bool, found: String, hint: &'static str) -> CheckRow {
     let (outcome, hint) = if passed { (CheckOutcome::Passed, "") } else { (CheckOutcome::Failed, hint) };
-    Row { name, outcome, found, hint }
+    CheckRow { name, outcome, found, hint }
 }
 
-fn kernel_row(kernel: &KernelFacts) -> Row {
+fn kernel_row(kernel: &KernelFacts) -> CheckRow {
     let kind = if kernel.preempt_rt { "PREEMPT_RT" } else { "not PREEMPT_RT" };
     row("kernel", kernel.preempt_rt, format!("{}, {kind}", kernel.release), "boot a kernel built with PREEMPT_RT")
 }
 
-fn policy_row(request: ThreadRequest, standing: ThreadStanding) -> Row {
+fn policy_row(request: ThreadRequest, standing: ThreadStanding) -> CheckRow {
     let found = if standing.fifo {
         format!("SCHED_FIFO, priority {}", standing.priority)
     } else {
@@ -147,7 +147,7 @@ fn policy_row(request: ThreadRequest, standing: ThreadStanding) -> Row {
     row("scheduling", passed, found, "allow it: `* - rtprio 99` in /etc/security/limits.d, or run with CAP_SYS_NICE")
 }
 
-fn affinity_row(request: ThreadRequest, standing: ThreadStanding) -> Row {
+fn affinity_row(request: ThreadRequest, standing: ThreadStanding) -> CheckRow {
     let found = match standing.cpu {
         Some(cpu) => format!("pinned to processor {cpu}"),
         None => format!("processor {} was refused ({})", request.cpu, errno_text(standing.affinity_errno)),
@@ -155,7 +155,7 @@ fn affinity_row(request: ThreadRequest, standing: ThreadStanding) -> Row {
     row("affinity", standing.cpu.is_some(), found, "name a processor that exists and that this process may use in [realtime] cpu")
 }
 
-fn memory_row(memory: Result<(), MemoryLockRefusal>) -> Row {
+fn memory_row(memory: Result<(), MemoryLockRefusal>) -> CheckRow {
     let found = match memory {
         Ok(()) => "every page is locked".to_owned(),
         Err(MemoryLockRefusal::Limit { bytes }) => format!("not locked; the memlock limit is {} KiB", bytes / 1024),
@@ -164,24 +164,24 @@ fn memory_row(memory: Result<(), MemoryLockRefusal>) -> Row {
     row("memory", memory.is_ok(), found, "allow it: `* - memlock unlimited` in /etc/security/limits.d, or run with CAP_IPC_LOCK")
 }
 
-fn governor_row(kernel: &KernelFacts) -> Row {
+fn governor_row(kernel: &KernelFacts) -> CheckRow {
     match kernel.governor.as_deref() {
         Some(governor) => {
             row("governor", governor == "performance", governor.to_owned(), "set the frequency governor to `performance`")
         }
-        None => Row { name: "governor", outcome: CheckOutcome::Unknown, found: "not reported".to_owned(), hint: "" },
+        None => CheckRow { name: "governor", outcome: CheckOutcome::Unknown, found: "not reported".to_owned(), hint: "" },
     }
 }
 
 /// Clock sources that a program can read without a system call.
 const FAST_CLOCKSOURCES: [&str; 3] = ["tsc", "kvm-clock", "arch_sys_counter"];
 
-fn clocksource_row(kernel: &KernelFacts) -> Row {
+fn clocksource_row(kernel: &KernelFacts) -> CheckRow {
     match kernel.clocksource.as_deref() {
         Some(source) => {
             row("clock source", FAST_CLOCKSOURCES.contains(&source), source.to_owned(), "choose `tsc` as the kernel's clock source")
         }
-        None => Row { name: "clock source", outcome: CheckOutcome::Unknown, found: "not reported".to_owned(), hint: "" },
+        None => CheckRow { name: "clock source", outcome: CheckOutcome::Unknown, found: "not reported".to_owned(), hint: "" },
     }
 }
 

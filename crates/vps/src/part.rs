@@ -12,7 +12,7 @@ use std::time::Instant;
 use glam::DVec3;
 use thiserror::Error;
 
-pub use crate::part_report::{CacheUse, HoleCapsReport, LeakReport, ObjectReport, Role, Timings};
+pub use crate::part_report::{CacheUse, HoleCapsReport, LeakReport, ObjectReport, PartRole, Timings};
 
 use crate::mesh::mass::{MassProperties, mass_properties_of_inspected};
 use crate::mesh::primitives::Shape;
@@ -118,7 +118,7 @@ impl Part {
         let mut map = self.voxmap(options, &mut watch)?;
         watch(BakeStage::Distance);
         let field = map.field(&self.mesh, with_gradients);
-        Ok((field, self.report(Role::Static, &map, &ShellReport::default())))
+        Ok((field, self.report(PartRole::Static, &map, &ShellReport::default())))
     }
 
     /// Bakes what touches other parts: points about a centre of mass (mesh frame, m; `None`: that of the mesh), and the mass of the mesh.
@@ -135,7 +135,7 @@ impl Part {
         let mass = self.mass_properties();
         watch(BakeStage::Pointshell);
         let (shell, report) = pointshell::build(&self.mesh, &map, center_of_mass.unwrap_or(mass.center_m));
-        Ok((shell, mass, self.report(Role::Tool, &map, &report)))
+        Ok((shell, mass, self.report(PartRole::Tool, &map, &report)))
     }
 
     /// Classifies the part's volume.
@@ -153,7 +153,7 @@ impl Part {
     }
 
     /// The figures of what was built.
-    pub fn report(&self, role: Role, map: &Voxmap, shell: &ShellReport) -> ObjectReport {
+    pub fn report(&self, role: PartRole, map: &Voxmap, shell: &ShellReport) -> ObjectReport {
         ObjectReport::new(&self.name, role, &self.inspected, map, shell, self.load_s)
     }
 }

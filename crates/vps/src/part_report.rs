@@ -26,7 +26,7 @@ pub enum CacheUse {
 /// What an object is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "lowercase"))]
-pub enum Role {
+pub enum PartRole {
     /// One voxmap of a scene.
     Static,
     /// The pointshell of a scene.
@@ -88,7 +88,7 @@ pub struct ObjectReport {
     /// Name in the scene, or the file name.
     pub name: String,
     /// Obstacle, tool or both.
-    pub role: Role,
+    pub role: PartRole,
     /// Triangles of the mesh, without lids.
     pub triangles: usize,
     /// Voxel edge s, m.
@@ -142,7 +142,7 @@ pub struct ObjectReport {
 }
 
 impl ObjectReport {
-    pub(crate) fn new(name: &str, role: Role, mesh: &MeshReport, map: &Voxmap, shell: &ShellReport, load_s: f64) -> Self {
+    pub(crate) fn new(name: &str, role: PartRole, mesh: &MeshReport, map: &Voxmap, shell: &ShellReport, load_s: f64) -> Self {
         let grid = &map.surface.grid;
         let inside_voxels = map.sides.count_inside(&map.surface);
         let surface_voxels = map.surface.n_voxels as u64;

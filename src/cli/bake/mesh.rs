@@ -10,9 +10,9 @@ use super::figures::{peak_rss_bytes, print_json, report_text};
 use super::{Args, Failure, NavigationChoice};
 use crate::config::scene::MeshSource;
 use crate::error::Exit;
-use crate::picture::{self, Subject};
+use crate::picture::{self, BakedObject};
 use crate::scene::cache::{Baked, Cache, CachePolicy, Lookup, Request, Spacing};
-use crate::scene::{self, BakeEvent, MemoryPlan, ObjectReport, Role};
+use crate::scene::{self, BakeEvent, MemoryPlan, ObjectReport, PartRole};
 use vps::mesh::MeshError;
 use vps::part::PartError;
 use vps::pointshell::{self, ply};
@@ -82,7 +82,7 @@ pub(super) fn bake_mesh(args: &Args, output: OutputOptions) -> Result<(), Failur
     let source = MeshSource::File { path: args.input.clone(), metres_per_unit };
     let request = Request {
         name: &name,
-        role: Role::Mesh,
+        role: PartRole::Mesh,
         source: &source,
         spacing: match (args.voxel_size_mm, args.longest_axis_voxels) {
             (Some(size_mm), _) => Spacing::Size(size_mm * 1e-3),
@@ -180,7 +180,7 @@ fn generate(
         write(path, |path| ply::write(path, &shell, center_of_mass))?;
     }
     if let Some(path) = &args.picture {
-        let subject = Subject {
+        let subject = BakedObject {
             name: request.name,
             surface: &map.surface,
             layers: &map.layers,
@@ -190,7 +190,7 @@ fn generate(
         };
         write(path, |path| picture::write(path, &subject))?;
     }
-    let report = part.report(Role::Mesh, &map, &shell_report);
+    let report = part.report(PartRole::Mesh, &map, &shell_report);
     Ok(Baked { field: Some(field), shell: Some(shell), mass: Some(mass), report })
 }
 

@@ -7,7 +7,7 @@ use super::super::{OutputOptions, destination, report};
 use crate::config::SceneConfig;
 use crate::config::strokes::Script;
 use crate::error::Exit;
-use crate::picture::splats::{self, Subject};
+use crate::picture::splats::{self, ClaySnapshot};
 use clay::PointSet;
 use clay::engine::SculptOrder;
 use vps::mesh;
@@ -36,7 +36,7 @@ impl Pictures {
         let moments = [("before", &self.before, after), ("after", after, &self.before)];
         moments.map(|(moment, points, beside)| {
             let (name, file) = (format!("{}, {moment}", self.title), self.file(moment));
-            let written = splats::write(&file, &[Subject { name: &name, points, beside: Some(beside) }]);
+            let written = splats::write(&file, &[ClaySnapshot { name: &name, points, beside: Some(beside) }]);
             (file, written)
         })
     }

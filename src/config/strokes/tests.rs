@@ -8,7 +8,7 @@ use clay::engine::SculptTool;
 use clay::falloff::Falloff;
 use clay::material_map::Painted;
 
-fn read(text: &str) -> Result<Vec<Timed>, String> {
+fn read(text: &str) -> Result<Vec<TimedOrder>, String> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("s.toml");
     fs::write(&path, format!("version = 1\n{text}")).unwrap();

@@ -139,9 +139,9 @@ impl SculptThread {
     /// Waits until the thread has ended, by itself or because of [`Self::end`].
     ///
     /// # Errors
-    /// The thread died outside its own net.
+    /// The thread panicked.
     pub fn join(self) -> Result<SculptOutcome, &'static str> {
-        self.thread.join().map_err(|_| "the thread of the clay died outside its own net")
+        self.thread.join().map_err(|_| "the thread of the clay panicked")
     }
 }
 

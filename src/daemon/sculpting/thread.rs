@@ -13,7 +13,7 @@ use crossbeam::channel::Receiver;
 
 use super::handle::{ViewCell, WaitingOrder};
 use super::{DutyCycle, FailedOrder, ScriptedOrder, SculptOutcome, SculptPlan, SculptReport};
-use crate::servo::{ClayFeed, PublishError, ToolState};
+use crate::servo::{ClayFeed, FramePublishError, ToolState};
 use clay::boolean::Boolean;
 use clay::engine::{EngineError, HoldOutcome, SculptEngine, SculptOrder, ToolMotion};
 use rt::clock::ClockKind;
@@ -31,7 +31,7 @@ const KEPT_MAX: usize = 200;
 
 /// No frame can be made that the loop would take: the engine is of no use any more.
 #[derive(Debug)]
-struct Unshowable(PublishError);
+struct Unshowable(FramePublishError);
 
 /// Where an order came from.
 #[derive(Clone, Copy)]
@@ -317,14 +317,14 @@ impl Worker<'_> {
     fn show(&mut self, mut frame: Box<Frame>) -> Result<(), Unshowable> {
         self.engine.show(&mut frame);
         let (error, mut frame) = match self.feed.publish(frame) {
-            Err((PublishError::Frame(error), frame)) => (error, frame),
+            Err((FramePublishError::Frame(error), frame)) => (error, frame),
             _ => return Ok(()),
         };
         self.engine.give_up_stroke(&error.to_string());
         self.note_trouble();
         self.engine.show(&mut frame);
         match self.feed.publish(frame) {
-            Err((error @ PublishError::Frame(_), _)) => Err(Unshowable(error)),
+            Err((error @ FramePublishError::Frame(_), _)) => Err(Unshowable(error)),
             _ => Ok(()),
         }
     }

@@ -105,7 +105,7 @@ pub enum RunError {
     /// A thread could not be started.
     #[error("cannot start a thread: {0}")]
     Thread(#[from] std::io::Error),
-    /// The servo did not end, or died outside its own net. The arm's own watchdog is the last resort.
+    /// The servo thread did not end, or ended without a report. The arm's own watchdog is the last resort.
     #[error("the servo thread {0}")]
     Servo(&'static str),
 }

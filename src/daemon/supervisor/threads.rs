@@ -12,7 +12,7 @@ use rt::clock::{Clock, ClockKind};
 use rt::schedule::{self, ThreadRequest, ThreadStanding};
 
 /// The servo thread, ready or running.
-pub(super) struct Servo {
+pub(super) struct ServoThread {
     pub(super) thread: JoinHandle<Option<LoopReport>>,
     /// What the thread obtained; sent once.
     pub(super) standing: Receiver<ThreadStanding>,
@@ -35,7 +35,7 @@ pub(super) fn with_live<C: Clock>(servo: ServoLoop<Box<dyn Device>, C>, live: Li
 pub(super) fn spawn_servo<C: Clock + 'static>(
     servo: ServoLoop<Box<dyn Device>, C>,
     request: Option<ThreadRequest>,
-) -> Result<Servo, std::io::Error> {
+) -> Result<ServoThread, std::io::Error> {
     let (standing_sender, standing) = bounded(1);
     let (go, go_receiver) = bounded(1);
     let (ended_sender, ended) = bounded(1);
@@ -47,7 +47,7 @@ pub(super) fn spawn_servo<C: Clock + 'static>(
         go_receiver.recv().ok()?;
         Some(run_to_end(servo))
     })?;
-    Ok(Servo { thread, standing, go, ended })
+    Ok(ServoThread { thread, standing, go, ended })
 }
 
 pub(super) fn spawn_drain(

@@ -22,7 +22,7 @@ use recording::report::chart::short;
 
 /// A piece of clay at one moment.
 #[derive(Clone, Copy, Debug)]
-pub struct Subject<'a> {
+pub struct ClaySnapshot<'a> {
     /// Above its row.
     pub name: &'a str,
     /// Its samples, map frame.
@@ -59,11 +59,11 @@ const VIEWS: [(&str, [i32; 2], [i32; 2], DVec3); 3] = [
 ///
 /// # Errors
 /// Any error of the file system; a sheet without memory for its pixels.
-pub fn write(path: &Path, subjects: &[Subject<'_>]) -> io::Result<()> {
+pub fn write(path: &Path, subjects: &[ClaySnapshot<'_>]) -> io::Result<()> {
     std::fs::write(path, png(subjects)?)
 }
 
-fn png(subjects: &[Subject<'_>]) -> io::Result<Vec<u8>> {
+fn png(subjects: &[ClaySnapshot<'_>]) -> io::Result<Vec<u8>> {
     let row = HEADER + LARGE[1] + MARGIN;
     let mut canvas = u32::try_from(row * subjects.len() as i32)
         .ok()
@@ -88,7 +88,7 @@ fn png(subjects: &[Subject<'_>]) -> io::Result<Vec<u8>> {
     canvas.png()
 }
 
-fn draw_words(canvas: &mut Canvas, subject: &Subject<'_>, top: f64) {
+fn draw_words(canvas: &mut Canvas, subject: &ClaySnapshot<'_>, top: f64) {
     let left = f64::from(MARGIN);
     canvas.text([left, top + 22.0], 17.0, Align::Left, INK, &shortened(subject.name, 90));
     let (low, high) = subject.points.bounds().unwrap_or_default();

@@ -13,11 +13,11 @@ fn ball(n: usize, radius_m: f64, middle_map: DVec3) -> PointSet {
     points
 }
 
-fn subject<'a>(points: &'a PointSet, beside: Option<&'a PointSet>) -> Subject<'a> {
-    Subject { name: "ball", points, beside }
+fn subject<'a>(points: &'a PointSet, beside: Option<&'a PointSet>) -> ClaySnapshot<'a> {
+    ClaySnapshot { name: "ball", points, beside }
 }
 
-fn decoded(subjects: &[Subject<'_>]) -> tiny_skia::Pixmap {
+fn decoded(subjects: &[ClaySnapshot<'_>]) -> tiny_skia::Pixmap {
     tiny_skia::Pixmap::decode_png(&png(subjects).unwrap()).unwrap()
 }
 

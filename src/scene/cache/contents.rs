@@ -8,7 +8,7 @@ use glam::{DMat3, DVec3};
 
 use super::GENERATION;
 use vps::mesh::mass::MassProperties;
-use vps::part::{ObjectReport, Role};
+use vps::part::{ObjectReport, PartRole};
 use vps::pointshell::shell::Shell;
 use vps::storage::MappedFile;
 use vps::storage::sections::{Key, Reader, Refusal, Writer};
@@ -38,12 +38,12 @@ struct MassRecord {
 
 impl Baked {
     /// True when everything is there that an object of this role needs.
-    pub fn serves(&self, role: Role) -> bool {
+    pub fn serves(&self, role: PartRole) -> bool {
         let (as_static, as_tool) = (self.field.is_some(), self.shell.is_some() && self.mass.is_some());
         match role {
-            Role::Static => as_static,
-            Role::Tool => as_tool,
-            Role::Mesh => as_static && as_tool,
+            PartRole::Static => as_static,
+            PartRole::Tool => as_tool,
+            PartRole::Mesh => as_static && as_tool,
         }
     }
 

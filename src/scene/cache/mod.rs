@@ -25,7 +25,7 @@ use std::time::Instant;
 pub use contents::{Baked, read};
 pub use request::{Request, Spacing};
 
-use vps::part::{CacheUse, Role, Timings};
+use vps::part::{CacheUse, PartRole, Timings};
 use vps::storage::sections::{Key, Refusal};
 use vps::storage::{MappedFile, regular};
 
@@ -124,7 +124,7 @@ impl Cache {
         Lookup::Bake(CacheSlot { cache: CacheUse::Rebaked, key: replace.then_some(key) })
     }
 
-    fn load(&self, path: &Path, key: Key, role: Role, most_bytes: u64) -> Result<Baked, Refusal> {
+    fn load(&self, path: &Path, key: Key, role: PartRole, most_bytes: u64) -> Result<Baked, Refusal> {
         let file = regular::open(path)?;
         if file.metadata()?.len() > most_bytes {
             return Err(Refusal::Io(io::Error::new(ErrorKind::OutOfMemory, "there is no memory left for it")));

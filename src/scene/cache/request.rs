@@ -9,7 +9,7 @@ use twox_hash::XxHash3_128;
 
 use crate::config::scene::MeshSource;
 use vps::mesh;
-use vps::part::{Part, Role};
+use vps::part::{Part, PartRole};
 use vps::storage::regular;
 use vps::storage::sections::Key;
 use vps::voxmap::Options;
@@ -33,7 +33,7 @@ pub struct Request<'a> {
     /// For messages and the report.
     pub name: &'a str,
     /// Which products are wanted.
-    pub role: Role,
+    pub role: PartRole,
     /// The mesh file or the shape.
     pub source: &'a MeshSource,
     /// The voxel edge, or what it follows from.
@@ -52,7 +52,7 @@ impl Request<'_> {
     /// What is to be baked.
     pub fn products(&self) -> Products {
         let Self { role, with_gradients, .. } = *self;
-        Products { field: role != Role::Tool, gradients: with_gradients, shell: role != Role::Static }
+        Products { field: role != PartRole::Tool, gradients: with_gradients, shell: role != PartRole::Static }
     }
 
     /// How a part is voxelised.

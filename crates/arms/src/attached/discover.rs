@@ -6,7 +6,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use super::nodes::{Node, NodeKind};
+use super::nodes::{DeviceFile, NodeKind};
 use crate::guard;
 use crate::profile::{self, Match, Profile, UsbId};
 use rt::finding::{Finding, Root};
@@ -40,7 +40,7 @@ impl KnownArm {
     }
 
     /// The node belongs to such a device, but is another of its interfaces.
-    fn is_beside(&self, node: &Node) -> bool {
+    fn is_beside(&self, node: &DeviceFile) -> bool {
         let is_of_device = |id: &UsbId| (id.vendor, id.product) == (node.vendor_id, node.product_id);
         self.matching.ids.iter().any(is_of_device) && !self.matching.has_form_of(node)
     }
@@ -83,7 +83,7 @@ pub struct Holder {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AttachedNode {
     /// The node.
-    pub node: Node,
+    pub node: DeviceFile,
     /// This user may read and write it.
     pub permitted: bool,
     /// Programs that have it open, as far as this user may see.
@@ -95,11 +95,11 @@ pub struct AttachedNode {
 }
 
 /// Looks at every node. `may_use`: whether this user may read and write a path.
-pub fn attached(nodes: Vec<Node>, known: &[KnownArm], root: &Root, may_use: impl Fn(&Path) -> bool) -> Vec<AttachedNode> {
+pub fn attached(nodes: Vec<DeviceFile>, known: &[KnownArm], root: &Root, may_use: impl Fn(&Path) -> bool) -> Vec<AttachedNode> {
     let names = |fits: &dyn Fn(&KnownArm) -> bool| -> Vec<String> {
         known.iter().filter(|arm| fits(arm)).map(|arm| arm.profile.clone()).collect()
     };
-    let look = |node: Node| AttachedNode {
+    let look = |node: DeviceFile| AttachedNode {
         permitted: may_use(&node.path),
         holders: holders(root, &node.path),
         profiles: names(&|arm| arm.matching.admits(&node)),
@@ -206,7 +206,7 @@ pub fn findings(attached: &AttachedNode, root: &Root) -> Vec<Finding> {
 }
 
 /// FTDI adapters collect bytes for 16 ms unless told otherwise.
-fn latency_timer(node: &Node, root: &Root) -> Option<Finding> {
+fn latency_timer(node: &DeviceFile, root: &Root) -> Option<Finding> {
     let name = node.path.file_name()?.to_str()?;
     let file = format!("/sys/bus/usb-serial/devices/{name}/latency_timer");
     let latency_ms: u32 = root.read(&file)?.parse().ok()?;
@@ -222,7 +222,7 @@ fn latency_timer(node: &Node, root: &Root) -> Option<Finding> {
 }
 
 /// A bus that goes to sleep under an arm takes milliseconds to wake.
-fn autosuspend(node: &Node, root: &Root) -> Option<Finding> {
+fn autosuspend(node: &DeviceFile, root: &Root) -> Option<Finding> {
     let name = node.path.file_name()?.to_str()?;
     let class = match node.kind {
         NodeKind::Hid => "hidraw",
@@ -260,13 +260,13 @@ mod tests {
     use crate::profile::TransportKind;
     use rt::finding::{Standing, tree};
 
-    fn raw_hid() -> Node {
-        Node {
+    fn raw_hid() -> DeviceFile {
+        DeviceFile {
             vendor_id: 0x16c0,
             product_id: 0x0486,
             interface: Some(0),
             usages: vec![(0xffab, 0x0200)],
-            ..Node::at(Path::new("/dev/hidraw3"))
+            ..DeviceFile::at(Path::new("/dev/hidraw3"))
         }
     }
 
@@ -296,8 +296,8 @@ mod tests {
         fs::create_dir_all(root.join("/proc/43/fd")).expect("folder");
         fs::write(root.join("/proc/43/comm"), "haptic-guard\n").expect("written");
         symlink("/dev/hidraw3", root.join("/proc/43/fd/1")).expect("link");
-        let emulated = Node { usages: vec![(0xffc9, 4)], interface: Some(1), path: "/dev/hidraw4".into(), ..raw_hid() };
-        let found = attached(vec![raw_hid(), emulated, Node::at(Path::new("/dev/ttyS0"))], &known(), &root, |path| {
+        let emulated = DeviceFile { usages: vec![(0xffc9, 4)], interface: Some(1), path: "/dev/hidraw4".into(), ..raw_hid() };
+        let found = attached(vec![raw_hid(), emulated, DeviceFile::at(Path::new("/dev/ttyS0"))], &known(), &root, |path| {
             path != Path::new("/dev/hidraw3")
         });
         assert_eq!((found[0].profiles.as_slice(), found[0].permitted), (&["polhem-2019".to_owned()][..], false));
@@ -314,7 +314,7 @@ mod tests {
 
     #[test]
     fn adapters_and_buses_that_wait_are_told() {
-        let node = Node::at(Path::new("/dev/ttyUSB0"));
+        let node = DeviceFile::at(Path::new("/dev/ttyUSB0"));
         let files = [
             ("/sys/bus/usb-serial/devices/ttyUSB0/latency_timer", "16\n"),
             ("/sys/devices/usb1/1-2/idVendor", "0403\n"),

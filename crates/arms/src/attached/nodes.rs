@@ -1,6 +1,6 @@
 //! The nodes of this machine that an arm may hang on: hidraw and serial ports.
 //!
-//! Data out: [`Node`]s with what USB says of them. Which of them is a certain arm is decided by [`Match`] of its profile, never by a product name alone: names
+//! Data out: [`DeviceFile`]s with what USB says of them. Which of them is a certain arm is decided by [`Match`] of its profile, never by a product name alone: names
 //! are empty without access to the node, and siblings share them.
 
 use core::fmt;
@@ -33,7 +33,7 @@ impl NodeKind {
 
 /// A node, and what the device behind it says of itself.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Node {
+pub struct DeviceFile {
     /// What kind of node it is.
     pub kind: NodeKind,
     /// Path to open.
@@ -54,7 +54,7 @@ pub struct Node {
     pub usages: Vec<(u16, u16)>,
 }
 
-impl Node {
+impl DeviceFile {
     /// A path that the user gave, of which nothing else is known.
     pub(crate) fn at(path: &Path) -> Self {
         let is_hid = path.file_name().is_some_and(|name| name.to_string_lossy().starts_with("hidraw"));
@@ -85,15 +85,15 @@ impl Node {
 }
 
 /// Every node, hidraw first, in the order of their paths. What cannot be listed is left out. Cold.
-pub fn list() -> Vec<Node> {
+pub fn list() -> Vec<DeviceFile> {
     let mut nodes = hid();
     nodes.extend(serial());
     nodes.sort_by(|a, b| (a.kind.name(), &a.path).cmp(&(b.kind.name(), &b.path)));
     nodes
 }
 
-fn hid() -> Vec<Node> {
-    let mut nodes: Vec<Node> = Vec::new();
+fn hid() -> Vec<DeviceFile> {
+    let mut nodes: Vec<DeviceFile> = Vec::new();
     let Ok(api) = hidapi::HidApi::new() else { return nodes };
     for info in api.device_list() {
         let path = PathBuf::from(info.path().to_string_lossy().into_owned());
@@ -103,7 +103,7 @@ fn hid() -> Vec<Node> {
             known.usages.push(usage);
             continue;
         }
-        nodes.push(Node {
+        nodes.push(DeviceFile {
             kind: NodeKind::Hid,
             vendor_id: info.vendor_id(),
             product_id: info.product_id(),
@@ -111,13 +111,13 @@ fn hid() -> Vec<Node> {
             product: info.product_string().unwrap_or_default().to_owned(),
             interface: u16::try_from(info.interface_number()).ok(),
             usages: vec![usage],
-            ..Node::at(&path)
+            ..DeviceFile::at(&path)
         });
     }
     nodes
 }
 
-fn serial() -> Vec<Node> {
+fn serial() -> Vec<DeviceFile> {
     // serialport panics where this folder is missing, as in a container without ttys.
     if !Path::new("/sys/class/tty").is_dir() {
         return Vec::new();
@@ -127,9 +127,9 @@ fn serial() -> Vec<Node> {
     let nodes = ports.into_iter().map(|port| {
         let path = PathBuf::from(&port.port_name);
         let by_id = stable.iter().find(|(target, _)| *target == path).map(|(_, name)| name.clone());
-        let node = Node { kind: NodeKind::Serial, by_id, ..Node::at(&path) };
+        let node = DeviceFile { kind: NodeKind::Serial, by_id, ..DeviceFile::at(&path) };
         match port.port_type {
-            SerialPortType::UsbPort(usb) => Node {
+            SerialPortType::UsbPort(usb) => DeviceFile {
                 vendor_id: usb.vid,
                 product_id: usb.pid,
                 serial: usb.serial_number.unwrap_or_default(),
@@ -203,7 +203,7 @@ impl fmt::Display for Selector {
 
 impl Selector {
     /// True for a node that it can mean.
-    pub(super) fn means(&self, node: &Node) -> bool {
+    pub(super) fn means(&self, node: &DeviceFile) -> bool {
         match self {
             Self::Usb { vendor_id, product_id, serial } => {
                 (node.vendor_id, node.product_id) == (*vendor_id, *product_id)
@@ -217,7 +217,7 @@ impl Selector {
 impl Match {
     /// True for a node that can be this arm: everything that is given has to fit. An arm of which neither numbers nor a stable name are given is no
     /// node by itself; the user has to name it.
-    pub(crate) fn admits(&self, node: &Node) -> bool {
+    pub(crate) fn admits(&self, node: &DeviceFile) -> bool {
         let numbers = self.ids.is_empty() || self.ids.iter().any(|id| (id.vendor, id.product) == (node.vendor_id, node.product_id));
         let is_named = !self.ids.is_empty() || self.by_id.is_some();
         is_named
@@ -232,7 +232,7 @@ impl Match {
     }
 
     /// True for a node of the right kind and interface, from any manufacturer.
-    pub(super) fn has_form_of(&self, node: &Node) -> bool {
+    pub(super) fn has_form_of(&self, node: &DeviceFile) -> bool {
         let kind = match self.transport {
             TransportKind::Hid => NodeKind::Hid,
             TransportKind::Serial => NodeKind::Serial,
@@ -266,14 +266,14 @@ mod tests {
 
     #[test]
     fn a_node_is_chosen_by_numbers_and_by_its_interface() {
-        let teensy = Node {
+        let teensy = DeviceFile {
             vendor_id: 0x16c0,
             product_id: 0x0486,
             interface: Some(0),
             usages: vec![(0xffab, 0x0200)],
-            ..Node::at(Path::new("/dev/hidraw3"))
+            ..DeviceFile::at(Path::new("/dev/hidraw3"))
         };
-        let emulated = Node { usages: vec![(0xffc9, 4)], interface: Some(1), ..teensy.clone() };
+        let emulated = DeviceFile { usages: vec![(0xffc9, 4)], interface: Some(1), ..teensy.clone() };
         let raw_hid = Match {
             transport: TransportKind::Hid,
             ids: vec![UsbId { vendor: 0x1234, product: 6 }, UsbId { vendor: 0x16c0, product: 0x0486 }],
@@ -286,11 +286,11 @@ mod tests {
             baud: 0,
         };
         assert!(raw_hid.admits(&teensy) && !raw_hid.admits(&emulated));
-        assert!(!raw_hid.admits(&Node { kind: NodeKind::Serial, ..teensy.clone() }));
+        assert!(!raw_hid.admits(&DeviceFile { kind: NodeKind::Serial, ..teensy.clone() }));
         assert!(!Match { ids: Vec::new(), ..raw_hid.clone() }.admits(&teensy), "a page alone is no arm");
         assert!(!Match { by_id: Some("Teensy".into()), ..raw_hid }.admits(&teensy));
         let of_serial: Selector = "16c0:0486:77".parse().expect("valid");
-        assert!(!of_serial.means(&teensy) && of_serial.means(&Node { serial: "77".into(), ..teensy.clone() }));
+        assert!(!of_serial.means(&teensy) && of_serial.means(&DeviceFile { serial: "77".into(), ..teensy.clone() }));
         assert!(Selector::Path("/dev/hidraw3".into()).means(&teensy));
     }
 

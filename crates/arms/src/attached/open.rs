@@ -8,7 +8,7 @@ use crossbeam::channel::{Receiver, Sender, bounded};
 use rtrb::{Consumer, Producer, RingBuffer};
 
 use super::discover::{Holder, holders};
-use super::nodes::{self, Node, NodeKind, Selector};
+use super::nodes::{self, DeviceFile, NodeKind, Selector};
 use crate::guard::{Guard, ZeroFrame};
 use crate::profile::{HomingMode, Match, Profile, RealArm, TransportKind};
 use crate::protocol::StartError;
@@ -52,7 +52,7 @@ pub enum OpenError {
         /// What was looked for.
         matching: Box<Match>,
         /// What is attached.
-        found: Vec<Node>,
+        found: Vec<DeviceFile>,
     },
     /// Several nodes fit.
     #[error("{} attached devices could be the {title}: {}; name one with --selector or `device.selector`", .candidates.len(), paths(.candidates))]
@@ -60,7 +60,7 @@ pub enum OpenError {
         /// Name for people.
         title: String,
         /// Which.
-        candidates: Vec<Node>,
+        candidates: Vec<DeviceFile>,
     },
     /// Another program has the node.
     #[error("{} is held by {}: end that first", .path.display(), names(.holders))]
@@ -117,7 +117,7 @@ fn names(holders: &[Holder]) -> String {
     holders.iter().map(|holder| format!("{} (process {})", holder.name, holder.pid)).collect::<Vec<_>>().join(", ")
 }
 
-fn paths(nodes: &[Node]) -> String {
+fn paths(nodes: &[DeviceFile]) -> String {
     nodes.iter().map(|node| node.path.display().to_string()).collect::<Vec<_>>().join(", ")
 }
 
@@ -128,7 +128,7 @@ fn looked_for(matching: &Match) -> String {
     if words.is_empty() { ", which names no device by itself".into() } else { format!(" ({})", words.join(", ")) }
 }
 
-fn attached(nodes: &[Node]) -> String {
+fn attached(nodes: &[DeviceFile]) -> String {
     if nodes.is_empty() {
         return "; no HID device or serial port is attached at all. Name the node of a mock arm or adapter with --selector PATH"
             .into();
@@ -266,15 +266,15 @@ struct Connector {
     real: RealArm,
     options: OpenOptions,
     /// The node that was opened first: later ones have to be of the same device.
-    first: OnceLock<Node>,
+    first: OnceLock<DeviceFile>,
 }
 
 /// The node of the device that was opened first: at the path that the user named, or wherever the device has come back. `None`: it is not there.
-fn again(first: &Node, path: &Path, attached: &[Node]) -> Option<Node> {
+fn again(first: &DeviceFile, path: &Path, attached: &[DeviceFile]) -> Option<DeviceFile> {
     if !first.has_identity() {
-        return Some(Node::at(path));
+        return Some(DeviceFile::at(path));
     }
-    let same: Vec<&Node> = attached.iter().filter(|node| node.is_of_device(first)).collect();
+    let same: Vec<&DeviceFile> = attached.iter().filter(|node| node.is_of_device(first)).collect();
     // One adapter with several ports: their paths may have changed places.
     let by_name = same.iter().find(|node| first.by_id.is_some() && node.by_id == first.by_id);
     let at_path = || same.iter().find(|node| node.path == *path);
@@ -299,14 +299,14 @@ impl Connector {
         Self { title: profile.title.clone(), real: real.clone(), options: options.clone(), first: OnceLock::new() }
     }
 
-    fn node(&self) -> Result<Node, OpenError> {
+    fn node(&self) -> Result<DeviceFile, OpenError> {
         let selector = self.options.selector.as_ref();
         let attached = nodes::list();
         if let Some(Selector::Path(path)) = selector {
             let path = resolved(path);
             let node = match self.first.get() {
                 Some(first) => again(first, &path, &attached),
-                None => Some(attached.iter().find(|node| node.path == path).cloned().unwrap_or_else(|| Node::at(&path))),
+                None => Some(attached.iter().find(|node| node.path == path).cloned().unwrap_or_else(|| DeviceFile::at(&path))),
             };
             return node.ok_or_else(|| OpenError::Missing {
                 title: self.title.clone(),
@@ -319,11 +319,11 @@ impl Connector {
             Some(Selector::Usb { .. }) => Match { ids: Vec::new(), by_id: None, ..self.real.matching.clone() },
             _ => self.real.matching.clone(),
         };
-        let fits = |node: &&Node| match selector {
+        let fits = |node: &&DeviceFile| match selector {
             Some(selector) => selector.means(node) && matching.has_form_of(node),
             None => matching.admits(node),
         };
-        let mut candidates: Vec<Node> = attached.iter().filter(fits).cloned().collect();
+        let mut candidates: Vec<DeviceFile> = attached.iter().filter(fits).cloned().collect();
         match candidates.len() {
             1 => Ok(candidates.remove(0)),
             0 => Err(OpenError::Missing {
@@ -351,7 +351,7 @@ impl Connector {
         Ok((path, link, carriage))
     }
 
-    fn link_at(&self, node: &Node) -> Result<(Box<dyn Transport>, Carriage), OpenError> {
+    fn link_at(&self, node: &DeviceFile) -> Result<(Box<dyn Transport>, Carriage), OpenError> {
         Ok(match node.kind {
             NodeKind::Hid => (Box::new(HidLink::open(&node.path, self.options.io_request)?), Carriage::Reports),
             NodeKind::Serial => (Box::new(SerialLink::open(&node.path, self.real.matching.baud)?), Carriage::Stream),

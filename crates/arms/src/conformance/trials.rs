@@ -5,7 +5,7 @@ use core::time::Duration;
 
 use super::wrong_signs::InStep;
 use crate::attached::probe::{self, Answers, ProbeEnd, ProbePlan, ProbeResult, Push, Sign, Trial};
-use crate::testing::Timed;
+use crate::testing::TimedRig;
 use crate::testing::rig::{InjectedFault, every_arm_as_shipped};
 use rt::clock::{Clock, VirtualClock};
 use vps::spatial::Axes;
@@ -44,7 +44,7 @@ fn every_arm_with_motors_is_tried_out_from_listening_to_shaking() {
             continue;
         }
         let name = &profile.name;
-        let mut arm = Timed::of(rig);
+        let mut arm = TimedRig::of(rig);
         let period_s = 1.0 / f64::from(profile.link.rate_hz);
         let mut trial = Trial::new(arm.clone(), period_s, &quit).with_torque(probe::torque_max_nm(&profile));
         // A fit takes long; what it must not do is to let a watchdog trip, and every kind of link and of watchdog is here.
@@ -73,7 +73,7 @@ fn an_arm_that_was_left_alone_for_too_long_is_not_said_to_stand_still() {
             continue;
         }
         let push = Push::of(rig.profile());
-        let mut arm = Timed::of(rig);
+        let mut arm = TimedRig::of(rig);
         let mut trial = Trial::new(arm.clone(), 1e-3, &quit).with_torque(0.025);
         probe::listen(&mut arm, &mut trial, Duration::from_millis(100), &mut Answers::default()).expect("there");
         let now_ns = trial.clock.now_ns();

@@ -128,7 +128,7 @@ mod tests {
     use std::path::Path;
 
     use super::*;
-    use crate::attached::nodes::{Node, NodeKind};
+    use crate::attached::nodes::{DeviceFile, NodeKind};
     use crate::mock::MockArm;
     use crate::profile::{self, TransportKind};
     use vps::spatial::Axes;
@@ -157,13 +157,13 @@ mod tests {
             let profile = profile::find(name, Path::new("")).expect(name);
             let Some(real) = profile.real.as_ref().filter(|real| real.matching.transport == TransportKind::Hid) else { continue };
             let identity = identity(&profile, &real.protocol);
-            let node = Node {
+            let node = DeviceFile {
                 vendor_id: identity.vendor_id,
                 product_id: identity.product_id,
                 serial: identity.serial,
                 product: identity.name,
                 usages: vec![usage_of(&identity.descriptor)],
-                ..Node::at(Path::new("/dev/hidraw0"))
+                ..DeviceFile::at(Path::new("/dev/hidraw0"))
             };
             assert!(node.kind == NodeKind::Hid && real.matching.admits(&node), "{name}: {node:?}");
             n_hid += 1;

@@ -4,7 +4,7 @@ use core::time::Duration;
 
 use super::arm::MockArm;
 use super::link::{ArmLink, LinkError};
-use super::trace::Trace;
+use super::trace::TraceFile;
 use rt::clock::monotonic_ns;
 
 /// Longest frame of a host.
@@ -53,7 +53,7 @@ pub fn serve(
     arm: &mut MockArm,
     link: &mut dyn ArmLink,
     serving: Serving,
-    mut trace: Option<&mut Trace>,
+    mut trace: Option<&mut TraceFile>,
     mut quit: impl FnMut() -> bool,
 ) -> Result<ServeEnd, LinkError> {
     let period_ns = (serving.period_s * 1e9) as i64;

@@ -11,7 +11,7 @@ use super::link::{ArmLink, Loopback};
 use super::linkage::Linkage;
 use super::pty::Pty;
 use super::serve::{ServeEnd, Serving, serve};
-use super::trace::Trace;
+use super::trace::TraceFile;
 use crate::Device;
 use crate::kinematics::{Capstan, Configuration, Kinematics};
 use crate::protocol::{ArmReadings, Firmware, MAX_AXES, Outbox};
@@ -347,7 +347,7 @@ fn a_deaf_arm_leaves_what_it_is_told_in_the_tty_and_hears_it_when_it_wakes() {
     let traced = folder.path().join("trace.csv");
     let mut pty = Pty::new(&path).expect("pty");
     let mut arm = mock(&["deaf@100ms+300ms"]);
-    let mut trace = Trace::create(&traced).expect("made");
+    let mut trace = TraceFile::create(&traced).expect("made");
     let host = std::thread::spawn(move || {
         let mut link = SerialLink::open(&path, 115_200).expect("opened");
         for _ in 0..3 {

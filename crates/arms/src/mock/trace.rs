@@ -30,7 +30,7 @@ pub(super) struct TraceSample {
 
 /// A trace on its way to a file.
 #[derive(Debug)]
-pub struct Trace {
+pub struct TraceFile {
     file: File,
     last: Option<TraceSample>,
     /// Periods since the last line.
@@ -39,7 +39,7 @@ pub struct Trace {
     ended: Option<io::Error>,
 }
 
-impl Trace {
+impl TraceFile {
     /// Makes the file, or empties it.
     ///
     /// # Errors
@@ -84,7 +84,7 @@ mod tests {
     fn a_trace_has_a_line_for_each_change_and_now_and_then_one_without() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("trace.csv");
-        let mut trace = Trace::create(&path).expect("made");
+        let mut trace = TraceFile::create(&path).expect("made");
         let sample = TraceSample { force_n: 0.0, torque_nm: 0.0, frames: 0, late: 0, wrong: 0 };
         trace.note(1, &sample);
         trace.note(2, &TraceSample { late: 1, ..sample });
@@ -117,13 +117,13 @@ mod tests {
     fn a_trace_is_bounded_and_says_so() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("trace.csv");
-        let mut trace = Trace { left: 2, ..Trace::create(&path).expect("made") };
+        let mut trace = TraceFile { left: 2, ..TraceFile::create(&path).expect("made") };
         for n in 0..5 {
             trace.note(n, &TraceSample { force_n: n as f64, torque_nm: 0.0, frames: 1, late: 0, wrong: 0 });
         }
         assert_eq!(std::fs::read_to_string(&path).expect("text").lines().count(), 3);
         assert!(trace.ended().is_some_and(|error| error.to_string().contains("no more are written")));
         // A disk that is full ends it as well.
-        assert!(Trace::create(Path::new("/dev/full")).is_err());
+        assert!(TraceFile::create(Path::new("/dev/full")).is_err());
     }
 }

@@ -6,7 +6,7 @@ use std::path::Path;
 use glam::{DQuat, DVec3};
 
 use super::*;
-use crate::attached::nodes::Node;
+use crate::attached::nodes::DeviceFile;
 use crate::kinematics::{Configuration, Kinematics};
 use crate::protocol::{ArmReadings, MAX_AXES, MotorCommand, Outbox, Protocol};
 use crate::transport::Frame;
@@ -171,9 +171,13 @@ fn a_spacemouse_is_looked_for_by_all_its_numbers() {
     let matching = &mouse.matching;
     assert_eq!((matching.ids.len(), matching.usage_page, matching.usage), (14, Some(1), Some(8)));
     for id in &matching.ids {
-        let mouse =
-            Node { vendor_id: id.vendor, product_id: id.product, usages: vec![(1, 8)], ..Node::at(Path::new("/dev/hidraw0")) };
-        assert!(matching.admits(&mouse) && !matching.admits(&Node { usages: vec![(1, 6)], ..mouse.clone() }), "{id:?}");
+        let mouse = DeviceFile {
+            vendor_id: id.vendor,
+            product_id: id.product,
+            usages: vec![(1, 8)],
+            ..DeviceFile::at(Path::new("/dev/hidraw0"))
+        };
+        assert!(matching.admits(&mouse) && !matching.admits(&DeviceFile { usages: vec![(1, 6)], ..mouse.clone() }), "{id:?}");
     }
 }
 

@@ -3,7 +3,7 @@
 use core::time::Duration;
 
 use super::dialogue::{Question, ask, hush};
-use super::framing::Reader;
+use super::framing::FrameReader;
 use super::layout::{BODY_MAX, Field, Framing, Number, Packet, PacketLayout, Role};
 use super::number::{Whole, put, words};
 use super::{ArmReadings, Codec, FeedCounts, Firmware, MAX_AXES, MotorCommand, Outbox, Report, StartError};
@@ -228,7 +228,7 @@ fn encode(packet: &Packet, values: &Values, from_host: bool, frame: &mut Frame) 
 #[derive(Debug)]
 pub(super) struct Host {
     layout: PacketLayout,
-    reader: Reader,
+    reader: FrameReader,
     values: Values,
     counter: Option<u32>,
     first_within: Duration,
@@ -238,7 +238,7 @@ impl Host {
     pub(super) fn new(layout: PacketLayout) -> Self {
         Self {
             layout,
-            reader: Reader::default(),
+            reader: FrameReader::default(),
             values: Values::default(),
             counter: None,
             first_within: Duration::from_millis(3000),
@@ -325,7 +325,7 @@ impl Codec for Host {
 #[derive(Debug)]
 pub(super) struct Arm {
     layout: PacketLayout,
-    reader: Reader,
+    reader: FrameReader,
     command: CommandValues,
     counter: u32,
     fed_s: f64,
@@ -335,7 +335,7 @@ pub(super) struct Arm {
 /// True where the arm would take these bytes for a command that moves a motor.
 pub(super) fn moves(command: &Packet, bytes: &[u8]) -> bool {
     let mut moves = false;
-    Reader::default().feed(command, bytes, false, |body| {
+    FrameReader::default().feed(command, bytes, false, |body| {
         let values = decode(command, body, &Values::default());
         moves |= values.as_ref().is_some_and(|values| values.command.motors.iter().any(|motor| *motor != 0.0));
         values.is_some()
@@ -345,7 +345,7 @@ pub(super) fn moves(command: &Packet, bytes: &[u8]) -> bool {
 
 impl Arm {
     pub(super) fn new(layout: PacketLayout) -> Self {
-        Self { layout, reader: Reader::default(), command: CommandValues::default(), counter: 0, fed_s: 0.0, said: None }
+        Self { layout, reader: FrameReader::default(), command: CommandValues::default(), counter: 0, fed_s: 0.0, said: None }
     }
 
     fn report(&mut self, arm: &ArmReadings) -> Vec<u8> {

@@ -106,11 +106,11 @@ fn unslip(bytes: &mut [u8]) -> Option<usize> {
 
 /// Finds the bodies of one packet in what a link delivers.
 #[derive(Debug, Default)]
-pub(super) struct Reader {
+pub(super) struct FrameReader {
     gather: Gather<FRAME_MAX>,
 }
 
-impl Reader {
+impl FrameReader {
     pub(super) fn clear(&mut self) {
         self.gather.clear();
     }

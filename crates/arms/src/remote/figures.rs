@@ -44,7 +44,7 @@ pub struct NodeFigures {
     /// Packets that never came, as far as their numbers show.
     pub(super) lost: AtomicU64,
     /// Packets of a host that this node does not listen to.
-    pub(super) strangers: AtomicU64,
+    pub(super) foreign_packets: AtomicU64,
     /// How often the link fell silent while force was on.
     pub(super) link_losses: AtomicU32,
     /// How long after the last command the motors were at zero, the last time, µs.
@@ -93,7 +93,7 @@ impl NodeFigures {
             commands: self.commands.load(Relaxed),
             old_packets: self.old.load(Relaxed),
             lost_packets: self.lost.load(Relaxed),
-            strange_packets: self.strangers.load(Relaxed),
+            strange_packets: self.foreign_packets.load(Relaxed),
             link_losses: self.link_losses.load(Relaxed),
             zero_after_ms: ms(&self.zero_after_us),
             longest_gap_ms: ms(&self.longest_gap_us),

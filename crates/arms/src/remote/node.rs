@@ -236,7 +236,7 @@ impl Node {
             self.disable();
         }
         if is_taken {
-            self.figures.strangers.fetch_add(1, Relaxed);
+            self.figures.foreign_packets.fetch_add(1, Relaxed);
         }
         self.describe(sequence);
     }
@@ -244,7 +244,7 @@ impl Node {
     /// True for a packet of the host that this node listens to that is newer than what it has sent so far.
     fn is_newest(&mut self, token: Option<HostToken>, packet: &Packet<'_>, now_s: f64) -> bool {
         let Some(owner) = self.owner.as_mut().filter(|owner| Some(owner.token) == token) else {
-            self.figures.strangers.fetch_add(1, Relaxed);
+            self.figures.foreign_packets.fetch_add(1, Relaxed);
             return false;
         };
         owner.heard_s = now_s;

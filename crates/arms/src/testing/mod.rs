@@ -16,9 +16,9 @@ pub const HELD_M: DVec3 = DVec3::new(0.008, -0.012, 0.006);
 
 /// An arm and its time, which goes on whatever the host does meanwhile.
 #[derive(Clone)]
-pub struct Timed(Arc<Mutex<Box<dyn Rig>>>, i64);
+pub struct TimedRig(Arc<Mutex<Box<dyn Rig>>>, i64);
 
-impl Timed {
+impl TimedRig {
     pub fn of(rig: Box<dyn Rig>) -> Self {
         Self(Arc::new(Mutex::new(rig)), 0)
     }
@@ -28,7 +28,7 @@ impl Timed {
     }
 }
 
-impl Device for Timed {
+impl Device for TimedRig {
     fn capabilities(&self) -> Capabilities {
         self.rig().device().capabilities()
     }
@@ -54,7 +54,7 @@ impl Device for Timed {
     }
 }
 
-impl Clock for Timed {
+impl Clock for TimedRig {
     fn kind(&self) -> ClockKind {
         ClockKind::Virtual
     }

@@ -17,7 +17,7 @@ const PAST_BYTES_MAX: usize = 1 << 30;
 /// What was there before a stroke, and which part of it deformed.
 #[derive(Clone, Debug)]
 pub(in super::super) struct Snapshot {
-    pub(in super::super) samples: Samples,
+    pub(in super::super) samples: SnapshotSamples,
     /// Measured.
     pub(in super::super) base: Arc<Raster>,
     pub(in super::super) material_map: MaterialMap,
@@ -27,14 +27,14 @@ pub(in super::super) struct Snapshot {
 
 /// Samples of a moment.
 #[derive(Clone, Debug)]
-pub(in super::super) enum Samples {
+pub(in super::super) enum SnapshotSamples {
     /// With their fits: what is gone back to is what it was, at once.
     Fitted(Arc<PointSurface>),
     /// Out of a file, which keeps no fits.
     Bare(PointSet),
 }
 
-impl Samples {
+impl SnapshotSamples {
     pub(in super::super) fn points(&self) -> &PointSet {
         match self {
             Self::Fitted(surface) => surface.points(),
@@ -67,7 +67,7 @@ impl Snapshot {
         region: Lattice,
         region_map: Option<(DVec3, DVec3)>,
     ) -> Option<Self> {
-        let samples = Samples::Bare(points);
+        let samples = SnapshotSamples::Bare(points);
         is_part(base.lattice(), &region).then(|| Self { samples, base: measured(base), material_map, region, region_map })
     }
 
@@ -167,7 +167,7 @@ impl ClayModel {
     /// What is there, a stroke under way apart.
     pub(in super::super) fn moment(&self) -> Snapshot {
         Snapshot {
-            samples: Samples::Fitted(self.surface.clone()),
+            samples: SnapshotSamples::Fitted(self.surface.clone()),
             base: self.base.clone(),
             material_map: self.material_map.clone(),
             region: *self.region.dynamics.lattice(),

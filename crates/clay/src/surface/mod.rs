@@ -22,7 +22,7 @@ use rayon::prelude::*;
 
 use self::blend::Blend;
 pub(super) use self::edit::SampleMove;
-use self::side::Side;
+use self::side::DipoleTree;
 use super::local_fit::{LocalFit, OrientedPoint};
 use super::neighbours::{Neighbour, Neighbours};
 use super::{PointSet, SurfaceError};
@@ -66,7 +66,7 @@ pub struct PointSurface {
     points: PointSet,
     n_neighbours: usize,
     near: Neighbours,
-    side: Side,
+    side: DipoleTree,
     /// `[n]`, m: how far apart samples are around each of them.
     spacings_m: Vec<f64>,
     /// `[n]`.
@@ -118,7 +118,7 @@ impl PointSurface {
             points: PointSet::default(),
             n_neighbours,
             near: Neighbours::default(),
-            side: Side::default(),
+            side: DipoleTree::default(),
             spacings_m: Vec::new(),
             fits: Vec::new(),
             spacing_m: 0.0,
@@ -264,7 +264,7 @@ impl PointSurface {
     fn measure(&mut self) {
         // Samples that lie at this distance from six others have so much of the surface each.
         let areas_m2: Vec<f64> = self.spacings_m.iter().map(|spacing_m| AREA_PER_SPACING * spacing_m * spacing_m).collect();
-        self.side = Side::new(&self.near, &self.points.normals_map, &areas_m2);
+        self.side = DipoleTree::new(&self.near, &self.points.normals_map, &areas_m2);
         self.spacing_m = median(self.spacings_m.iter().copied());
         self.reach_m = self.domains_m().fold(0.0, f64::max);
     }

@@ -38,7 +38,7 @@ struct Dipole {
 
 /// Dipoles of all groups of samples.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Side {
+pub(super) struct DipoleTree {
     /// One for each node of the tree.
     groups: Vec<Dipole>,
     /// `[n]`, area · normal, m², in the order of the leaves.
@@ -46,7 +46,7 @@ pub(super) struct Side {
     is_closed: bool,
 }
 
-impl Side {
+impl DipoleTree {
     /// `areas_m2` and `normals` are in the order of the samples.
     pub(super) fn new(near: &Neighbours, normals: &[DVec3], areas_m2: &[f64]) -> Self {
         let moments: Vec<DVec3> =
@@ -136,7 +136,7 @@ mod tests {
         for (lowest, is_closed) in [(-2.0, true), (-0.7, true), (0.6, false)] {
             let kept: Vec<DVec3> = all.iter().copied().filter(|at| at.z > lowest).collect();
             let near = Neighbours::new(&kept);
-            let side = Side::new(&near, &kept, &vec![4.0 * PI / 4000.0; kept.len()]);
+            let side = DipoleTree::new(&near, &kept, &vec![4.0 * PI / 4000.0; kept.len()]);
             assert_eq!(side.is_closed(), is_closed, "{lowest}");
             if is_closed {
                 for at in spread(500) {

@@ -9,7 +9,7 @@ use zenoh::qos::CongestionControl;
 use zenoh::{Session, Wait};
 
 use super::plan::{PublishError, PublishPlan, refused};
-use crate::{Attachment, Gid, Node, Topic, TopicInput, gid, node_token, publisher_token, topic_key};
+use crate::{Attachment, Gid, RosNode, Topic, TopicInput, gid, node_token, publisher_token, topic_key};
 use recording::TickRecord;
 
 /// Name of the node.
@@ -40,7 +40,7 @@ impl RosTopics {
     /// Declares the node and its publishers.
     pub(super) fn open(session: &Session, plan: &PublishPlan) -> Result<Self, PublishError> {
         let PublishPlan { namespace, domain, arm, has_gripper, .. } = plan;
-        let node = Node { domain: *domain, session: session.zid().to_string(), namespace: namespace.clone(), name: NAME };
+        let node = RosNode { domain: *domain, session: session.zid().to_string(), namespace: namespace.clone(), name: NAME };
         let declare = |key: &str| session.liveliness().declare_token(key.to_owned()).wait().map_err(refused(key));
         let token = declare(&node_token(&node))?;
         let wanted = Topic::ALL.into_iter().filter(|topic| *has_gripper || *topic != Topic::GripperMeasuredJs);

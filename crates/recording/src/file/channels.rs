@@ -13,7 +13,7 @@ use crate::TickRecord;
 
 /// One tick as it is recorded.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Row {
+pub(super) struct StampedRecord {
     pub(super) record: TickRecord,
     /// Records that the recorder had dropped when it took this one.
     pub(super) dropped: u64,
@@ -63,7 +63,7 @@ impl Channel {
     }
 
     /// Most ticks move no object.
-    pub(super) fn has_message(self, row: &Row) -> bool {
+    pub(super) fn has_message(self, row: &StampedRecord) -> bool {
         self != Self::ObjectPose || row.record.output.object.is_some()
     }
 
@@ -81,7 +81,7 @@ impl Channel {
     }
 
     /// Puts the bytes of its message of a tick in place of others.
-    pub(super) fn write(self, row: &Row, bytes: &mut Vec<u8>) {
+    pub(super) fn write(self, row: &StampedRecord, bytes: &mut Vec<u8>) {
         let TickRecord { input, output, .. } = &row.record;
         bytes.clear();
         match self {
@@ -95,7 +95,7 @@ impl Channel {
         }
     }
 
-    pub(super) fn read(self, bytes: &[u8], row: &mut Row) -> Result<(), WireError> {
+    pub(super) fn read(self, bytes: &[u8], row: &mut StampedRecord) -> Result<(), WireError> {
         let TickRecord { input, output, .. } = &mut row.record;
         match self {
             Self::DeviceSample => DeviceSample::read(bytes, input),

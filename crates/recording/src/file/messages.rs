@@ -9,7 +9,7 @@ use foxglove::messages::{
 };
 use foxglove::{Encode, messages};
 
-use super::channels::Row;
+use super::channels::StampedRecord;
 use super::scene_files::{DisplayObject, DisplayShape, SceneFiles};
 use crate::TickRecord;
 use haptics::Faults;
@@ -78,10 +78,10 @@ impl Stamps {
         self.zero_ns.get_or_insert(zero_ns);
     }
 
-    pub(super) fn row(&mut self, record: &TickRecord, dropped: u64) -> Row {
+    pub(super) fn row(&mut self, record: &TickRecord, dropped: u64) -> StampedRecord {
         let time_ns = record.time_ns.max(0).unsigned_abs();
         let zero_ns = *self.zero_ns.get_or_insert_with(|| zero_ns(record));
-        Row { record: *record, dropped, stamp_ns: zero_ns + time_ns }
+        StampedRecord { record: *record, dropped, stamp_ns: zero_ns + time_ns }
     }
 }
 
@@ -96,7 +96,7 @@ fn stamp(ns: u64) -> messages::Timestamp {
 }
 
 /// `/tf`: where the tool's frame is.
-pub(super) fn frame(row: &Row) -> FrameTransform {
+pub(super) fn frame(row: &StampedRecord) -> FrameTransform {
     let pose = foxglove_pose(row.record.output.world_from_tool);
     FrameTransform {
         timestamp: Some(stamp(row.stamp_ns)),
@@ -108,7 +108,7 @@ pub(super) fn frame(row: &Row) -> FrameTransform {
 }
 
 /// `/faults`: those of a tick, in words.
-pub(super) fn faults(row: &Row) -> Log {
+pub(super) fn faults(row: &StampedRecord) -> Log {
     let faults = row.record.output.faults;
     let told = Faults::TABLE.into_iter().filter(|(fault, ..)| faults.contains(*fault));
     let message = told.map(|(_, name, words)| format!("{name}: {words}")).collect::<Vec<_>>().join("; ");

@@ -8,7 +8,7 @@ use mcap::McapError;
 use mcap::records::Record;
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
-use super::channels::{Channel, Row};
+use super::channels::{Channel, StampedRecord};
 use super::scene_files::ROOM_BYTES;
 use crate::TickRecord;
 use vps::storage::regular;
@@ -79,7 +79,7 @@ pub struct Recording {
     n_brought: usize,
     /// By number.
     channels: BTreeMap<u16, Channel>,
-    row: Row,
+    row: StampedRecord,
     is_whole: bool,
     is_over: bool,
 }
@@ -111,7 +111,7 @@ impl Recording {
             n_read: 0,
             n_brought: 0,
             channels: BTreeMap::new(),
-            row: Row::default(),
+            row: StampedRecord::default(),
             is_whole: false,
             is_over: false,
         }
@@ -182,7 +182,7 @@ fn brought(entry: &Entry) -> usize {
 fn take(
     record: Record<'_>,
     channels: &mut BTreeMap<u16, Channel>,
-    row: &mut Row,
+    row: &mut StampedRecord,
     is_whole: &mut bool,
 ) -> Result<Option<Entry>, String> {
     match record {
@@ -195,7 +195,7 @@ fn take(
             let Some(channel) = channels.get(&header.channel_id) else { return Ok(None) };
             if row.record.tick as u32 != header.sequence {
                 // What the last tick left behind is not part of this one.
-                *row = Row::default();
+                *row = StampedRecord::default();
                 row.record.tick = u64::from(header.sequence);
             }
             let garbled = |why: String| format!("a message of {} is garbled: {why}", channel.topic());
@@ -204,7 +204,7 @@ fn take(
             }
             channel.read(&data, row).map_err(|error| garbled(error.to_string()))?;
             if *channel == Channel::LoopTiming {
-                let Row { record, dropped, .. } = *row;
+                let StampedRecord { record, dropped, .. } = *row;
                 return Ok(Some(Entry::Tick { record: Box::new(record), dropped }));
             }
         }

@@ -6,7 +6,7 @@ use std::path::Path;
 use glam::{DQuat, DVec3};
 use prost::Message as _;
 
-use super::channels::{Channel, Row};
+use super::channels::{Channel, StampedRecord};
 use super::*;
 use crate::{RecordSubscribers, TickRecord, drain};
 use haptics::{
@@ -86,7 +86,7 @@ fn odd_record(tick: u64) -> TickRecord {
 /// Every bit of a record.
 fn bits(record: &TickRecord) -> Vec<Vec<u8>> {
     let mut message = Vec::new();
-    let row = Row { record: *record, ..Row::default() };
+    let row = StampedRecord { record: *record, ..StampedRecord::default() };
     Channel::ALL
         .into_iter()
         .filter(|channel| channel.has_message(&row))
@@ -281,7 +281,7 @@ fn packed(topic: &str, write: impl FnOnce(&mut mcap::Writer<std::io::Cursor<Vec<
 #[test]
 fn garbage_is_refused_and_never_panics() {
     // Every optional field is there.
-    let row = Row { record: odd_record(84), ..Row::default() };
+    let row = StampedRecord { record: odd_record(84), ..StampedRecord::default() };
     let mut whole = Vec::new();
     for channel in Channel::ALL {
         channel.write(&row, &mut whole);
@@ -290,12 +290,12 @@ fn garbage_is_refused_and_never_panics() {
                 let mut broken = whole.clone();
                 broken[n] = byte;
                 for bytes in [&broken[..], &broken[..n]] {
-                    let _ = channel.read(bytes, &mut Row::default());
+                    let _ = channel.read(bytes, &mut StampedRecord::default());
                 }
             }
         }
     }
-    let why = |channel: Channel, bytes: &[u8]| channel.read(bytes, &mut Row::default()).expect_err("refused").to_string();
+    let why = |channel: Channel, bytes: &[u8]| channel.read(bytes, &mut StampedRecord::default()).expect_err("refused").to_string();
     assert_eq!(why(Channel::CommandWrench, &[5 << 3, 9]), "there is no Drive 9");
     assert_eq!(why(Channel::DeviceSample, &[10 << 3, 0x80, 0x80, 4]), "65536 is above 65535");
     let number_for_a_pose = why(Channel::DeviceSample, &[1 << 3, 1]);
@@ -311,7 +311,7 @@ fn messages_and_schemas_are_those_of_version_0_1_0() {
         for message in mcap::MessageStream::new(&bytes).expect("a recording") {
             let message = message.expect("a message");
             let Some(channel) = Channel::of_topic(&message.channel.topic) else { continue };
-            let mut row = Row { stamp_ns: message.log_time, ..Row::default() };
+            let mut row = StampedRecord { stamp_ns: message.log_time, ..StampedRecord::default() };
             channel.read(&message.data, &mut row).expect("it was sound");
             channel.write(&row, &mut written);
             // Later versions add fields at the end.

@@ -10,7 +10,7 @@ use prost_types::{
     DescriptorProto, EnumDescriptorProto, EnumValueDescriptorProto, FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet,
 };
 
-use super::channels::Row;
+use super::channels::StampedRecord;
 use crate::TickRecord;
 use haptics::{Drive, DriveRequest, Faults, LiveParameter, OffCause, TickInput, TickOutput};
 use vps::spatial::{self, SampleStatus};
@@ -290,7 +290,7 @@ messages! { "hapticd"
         required message beside_force: Vector3 = 3 => beside_device.force,
         required message beside_torque: Vector3 = 4 => beside_device.torque,
     }
-    LoopTiming for Row {
+    LoopTiming for StampedRecord {
         required uint64 tick: u64 = 1 => record.tick,
         required uint32 scene_idx: u32 = 2 => record.scene_idx,
         required int64 time_ns: i64 = 3 => record.time_ns,
@@ -322,14 +322,14 @@ pub(super) struct PoseInFrame {
     pose: Pose,
 }
 
-impl WirePart<Row> for PoseInFrame {
-    fn of(row: &Row) -> Self {
+impl WirePart<StampedRecord> for PoseInFrame {
+    fn of(row: &StampedRecord) -> Self {
         const SECOND_NS: u64 = 1_000_000_000;
         let timestamp = Timestamp { seconds: (row.stamp_ns / SECOND_NS) as i64, nanos: (row.stamp_ns % SECOND_NS) as u32 };
         Self { timestamp, frame_id: "world".to_owned(), pose: row.record.output.world_from_tool.to_wire() }
     }
 
-    fn put(self, row: &mut Row) -> Result<(), WireError> {
+    fn put(self, row: &mut StampedRecord) -> Result<(), WireError> {
         row.record.output.world_from_tool = Wire::from_wire(self.pose)?;
         Ok(())
     }

@@ -12,7 +12,7 @@ use mcap::records::{AttachmentHeader, MessageHeader, Metadata};
 use mcap::write::{NoSeek, WriteOptions};
 use mcap::{Attachment, Compression, McapError, Writer};
 
-use super::channels::{Channel, Row};
+use super::channels::{Channel, StampedRecord};
 use super::messages::{self, Occasion, Stamps};
 use super::scene_files::{self, MissingFile, SceneFiles};
 use crate::TickRecord;
@@ -289,7 +289,7 @@ impl RecordingFile {
         Ok(is_whole && before.is_some() && stamp_now(file) == before)
     }
 
-    fn write(&mut self, occasion: Occasion, row: &Row, message: &impl Encode) -> Result<(), RecordingError> {
+    fn write(&mut self, occasion: Occasion, row: &StampedRecord, message: &impl Encode) -> Result<(), RecordingError> {
         let bytes = messages::encoded(message);
         let known = Occasion::ALL.into_iter().zip(self.occasions).find(|(known, _)| *known == occasion);
         if let (Some((_, channel_id)), false) = (known, bytes.is_empty()) {
@@ -348,7 +348,7 @@ fn failed(path: &Path, error: &McapError) -> RecordingError {
     RecordingError::Write { file: path.to_owned(), message }
 }
 
-fn header(channel_id: u16, row: &Row) -> MessageHeader {
+fn header(channel_id: u16, row: &StampedRecord) -> MessageHeader {
     // The lowest bits are what a reader needs to find what belongs together.
     MessageHeader { channel_id, sequence: row.record.tick as u32, log_time: row.stamp_ns, publish_time: row.stamp_ns }
 }

@@ -57,7 +57,7 @@ pub enum BakeStage {
 
 /// Seconds per stage.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Timings {
+pub struct StageTimes {
     /// Grid set-up.
     pub init_s: f64,
     /// Navigation and SAT.
@@ -96,7 +96,7 @@ pub struct Voxmap {
     /// The mesh with lids on its holes, where they were needed.
     pub capped: Option<CappedMesh>,
     /// Seconds per stage.
-    pub timings: Timings,
+    pub timings: StageTimes,
 }
 
 impl Voxmap {
@@ -110,7 +110,7 @@ impl Voxmap {
         options: &Options,
         mut watch: impl FnMut(BakeStage),
     ) -> Result<Self, GridError> {
-        let mut timings = Timings::default();
+        let mut timings = StageTimes::default();
         let mut since = Instant::now();
         let mut lap = || {
             let lap_s = since.elapsed().as_secs_f64();

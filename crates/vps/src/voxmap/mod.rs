@@ -68,7 +68,7 @@ pub mod sat;
 pub mod surface;
 mod winding;
 
-pub use build::{BakeStage, Options, Timings, Voxmap};
+pub use build::{BakeStage, Options, StageTimes, Voxmap};
 pub use distance::Distances;
 pub use hole_cap::CappedMesh;
 pub use leak::Leak;

@@ -2,35 +2,36 @@
 
 use super::*;
 
-fn board(path: &str, serial: &str) -> Node {
-    Node { vendor_id: 0x16c0, product_id: 0x0483, serial: serial.to_owned(), ..Node::at(Path::new(path)) }
+fn board(path: &str, serial: &str) -> DeviceFile {
+    DeviceFile { vendor_id: 0x16c0, product_id: 0x0483, serial: serial.to_owned(), ..DeviceFile::at(Path::new(path)) }
 }
 
 #[test]
 fn a_board_that_comes_back_under_another_name_is_known_by_what_it_is() {
     let first = board("/dev/ttyACM0", "77");
-    let find = |attached: &[Node]| again(&first, Path::new("/dev/ttyACM0"), attached).map(|node| node.path);
+    let find = |attached: &[DeviceFile]| again(&first, Path::new("/dev/ttyACM0"), attached).map(|node| node.path);
     assert_eq!(find(&[]), None);
     assert_eq!(find(std::slice::from_ref(&first)), Some("/dev/ttyACM0".into()));
     assert_eq!(find(&[board("/dev/ttyACM1", "77")]), Some("/dev/ttyACM1".into()));
     // Another device has its name now.
     assert_eq!(find(&[board("/dev/ttyACM0", "78")]), None);
     assert_eq!(find(&[board("/dev/ttyACM0", "78"), board("/dev/ttyACM1", "77")]), Some("/dev/ttyACM1".into()));
-    assert_eq!(find(&[Node { product_id: 0x0486, ..first.clone() }]), None);
+    assert_eq!(find(&[DeviceFile { product_id: 0x0486, ..first.clone() }]), None);
 }
 
 #[test]
 fn of_several_ports_of_one_device_the_one_of_the_same_name_is_taken() {
-    let port = |path: &str, name: &str| Node { by_id: Some(name.into()), ..board(path, "77") };
+    let port = |path: &str, name: &str| DeviceFile { by_id: Some(name.into()), ..board(path, "77") };
     let first = port("/dev/ttyUSB0", "FT_77-port0");
     let moved = [port("/dev/ttyUSB4", "FT_77-port0"), port("/dev/ttyUSB5", "FT_77-port1")];
-    let find = |first: &Node, attached: &[Node]| again(first, Path::new("/dev/ttyUSB0"), attached).map(|node| node.path);
+    let find =
+        |first: &DeviceFile, attached: &[DeviceFile]| again(first, Path::new("/dev/ttyUSB0"), attached).map(|node| node.path);
     assert_eq!(find(&first, &moved), Some("/dev/ttyUSB4".into()));
     let swapped = [port("/dev/ttyUSB0", "FT_77-port1"), port("/dev/ttyUSB1", "FT_77-port0")];
     assert_eq!(find(&first, &swapped), Some("/dev/ttyUSB1".into()), "its path belongs to the other port now");
-    assert_eq!(find(&Node { by_id: None, ..first.clone() }, &moved), None, "which of the two?");
+    assert_eq!(find(&DeviceFile { by_id: None, ..first.clone() }, &moved), None, "which of the two?");
     // A pseudo-terminal says nothing of itself: its path is all there is.
-    assert_eq!(find(&Node::at(Path::new("/dev/pts/4")), &moved), Some("/dev/ttyUSB0".into()));
+    assert_eq!(find(&DeviceFile::at(Path::new("/dev/pts/4")), &moved), Some("/dev/ttyUSB0".into()));
 }
 
 #[test]

@@ -239,7 +239,11 @@ fn a_node_listens_to_one_host_until_that_one_has_been_silent_for_a_second() {
     second.start(&mut link).expect("the first one is gone");
     assert_eq!(bench.phase(), LinkPhase::Disabled);
     bench.now_s = bench.far.lock().expect("no panic").network.now_s();
-    assert_eq!((bench.ticks(20, true, 1.0), bench.phase()), (DVec3::ZERO, LinkPhase::Disabled), "the first one is a stranger now");
+    assert_eq!(
+        (bench.ticks(20, true, 1.0), bench.phase()),
+        (DVec3::ZERO, LinkPhase::Disabled),
+        "the node does not accept the first one any more"
+    );
 }
 
 #[test]

@@ -113,6 +113,6 @@ fn play<C: Clock + Send>(
     if locked {
         schedule::unlock_memory();
     }
-    let report = report.map_err(|_| failed("the loop died outside its own net".to_owned()))?;
+    let report = report.map_err(|_| failed("the loop ended without a report".to_owned()))?;
     Ok((judge, report, n_points))
 }

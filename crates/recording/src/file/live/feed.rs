@@ -9,7 +9,7 @@ use foxglove::{Context, FoxgloveError, PartialMetadata, RawChannel, Schema, Sink
 use rtrb::Consumer;
 use tokio::time::MissedTickBehavior;
 
-use super::super::channels::{Channel, Row};
+use super::super::channels::{Channel, StampedRecord};
 use super::super::messages::{self, Occasion, encoded};
 use super::super::scene_files::Scenes;
 use haptics::Faults;
@@ -72,7 +72,7 @@ impl ServerListener for PendingClients {
 
 /// Takes records and gives messages.
 pub(super) struct Feed {
-    rows: Consumer<Row>,
+    rows: Consumer<StampedRecord>,
     scenes: Scenes,
     channels: Channels,
     newcomers: Arc<PendingClients>,
@@ -85,7 +85,7 @@ pub(super) struct Feed {
 }
 
 impl Feed {
-    pub(super) fn new(rows: Consumer<Row>, scenes: Scenes, channels: Channels, newcomers: Arc<PendingClients>) -> Self {
+    pub(super) fn new(rows: Consumer<StampedRecord>, scenes: Scenes, channels: Channels, newcomers: Arc<PendingClients>) -> Self {
         Self { rows, scenes, channels, newcomers, faults: Faults::NONE, shown: None, greeted: BTreeMap::new(), message: Vec::new() }
     }
 
@@ -124,7 +124,7 @@ impl Feed {
         self.greet();
     }
 
-    fn log_ticks(&mut self, row: &Row, wanted: impl Fn(Channel) -> bool) {
+    fn log_ticks(&mut self, row: &StampedRecord, wanted: impl Fn(Channel) -> bool) {
         for (channel, to) in &self.channels.ticks {
             if wanted(*channel) && to.has_sinks() {
                 channel.write(row, &mut self.message);
@@ -134,7 +134,7 @@ impl Feed {
     }
 
     /// All clients get another scene when its first tick has come. Its files may be added a little later.
-    fn show_scene(&mut self, row: &Row) {
+    fn show_scene(&mut self, row: &StampedRecord) {
         let scene_idx = row.record.scene_idx;
         if self.shown.as_ref().is_some_and(|(shown_idx, ..)| *shown_idx == scene_idx) {
             return;

@@ -33,7 +33,7 @@ use tokio::sync::oneshot;
 
 use self::feed::{Channels, Feed, PendingClients};
 use self::proxy::{Counts, Proxy};
-use super::channels::Row;
+use super::channels::StampedRecord;
 use super::recorder::Recorder;
 
 /// Records under way: two seconds at 1 kHz.
@@ -105,7 +105,7 @@ impl BoundLiveServer {
         })?;
         let counts = Arc::new(Counts::default());
         let proxy = Proxy { inner: (inner, server.port()).into(), origins, counts: counts.clone() };
-        let (mut ring, rows) = RingBuffer::<Row>::new(RING_RECORDS);
+        let (mut ring, rows) = RingBuffer::<StampedRecord>::new(RING_RECORDS);
         let feed = Feed::new(rows, recorder.scenes.clone(), channels, newcomers);
         let (end, ended) = oneshot::channel::<()>();
         let work = async move {

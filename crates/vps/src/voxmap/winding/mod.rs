@@ -22,7 +22,7 @@ use rayon::prelude::*;
 
 use crate::mesh::TriangleMesh;
 use lanes::{Block, Expansions, WIDTH, Wide};
-use moments::Summary;
+use moments::SubtreeSummary;
 
 /// Radii of a node from which its expansion stands for it.
 const BETA: f64 = 2.0;
@@ -184,11 +184,11 @@ struct Subtree<'a> {
 }
 
 impl<'a> Subtree<'a> {
-    fn fill(self, local: &(impl Fn(u32) -> [DVec3; 3] + Sync)) -> Summary {
+    fn fill(self, local: &(impl Fn(u32) -> [DVec3; 3] + Sync)) -> SubtreeSummary {
         let Self { forks, first_fork, blocks, first_block, items } = self;
         let Some((fork, forks)) = forks.split_first_mut() else {
             // A leaf, whose blocks wait for its centre.
-            let summary = Summary::of_triangles(items.iter().map(|item| local(item.triangle_idx)));
+            let summary = SubtreeSummary::of_triangles(items.iter().map(|item| local(item.triangle_idx)));
             let center = summary.center.as_vec3().as_dvec3();
             for (block, items) in blocks.iter_mut().zip(items.chunks(WIDTH)) {
                 *block = Block::of_triangles(items.iter().map(|item| local(item.triangle_idx).map(|corner| corner - center)));
@@ -204,7 +204,7 @@ impl<'a> Subtree<'a> {
                 Below::Fork(part.first_fork)
             };
         }
-        let summaries: Vec<Summary> = if is_serial {
+        let summaries: Vec<SubtreeSummary> = if is_serial {
             parts.into_iter().map(|part| part.fill(local)).collect()
         } else {
             parts.into_par_iter().map(|part| part.fill(local)).collect()
@@ -214,7 +214,7 @@ impl<'a> Subtree<'a> {
             fork.far_squared[lane] = (BETA * summary.radius).powi(2) as f32;
             fork.expansions.set(lane, &summary.moments);
         }
-        Summary::of_parts(&summaries)
+        SubtreeSummary::of_parts(&summaries)
     }
 
     /// The four parts, forks below the first one shared out evenly.

@@ -14,7 +14,7 @@ pub(super) struct Moments {
 }
 
 /// What a parent needs to know of a subtree.
-pub(super) struct Summary {
+pub(super) struct SubtreeSummary {
     pub(super) n_triangles: usize,
     area: f64,
     pub(super) center: DVec3,
@@ -25,7 +25,7 @@ pub(super) struct Summary {
     pub(super) moments: Moments,
 }
 
-impl Summary {
+impl SubtreeSummary {
     pub(super) fn of_triangles(triangles: impl Iterator<Item = [DVec3; 3]> + Clone) -> Self {
         let (mut area, mut weighted, mut n_triangles) = (0.0, DVec3::ZERO, 0);
         let (mut low, mut high, mut middle) = (DVec3::INFINITY, DVec3::NEG_INFINITY, DVec3::ZERO);
