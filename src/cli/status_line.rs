@@ -52,7 +52,7 @@ impl<'a> StatusLine<'a> {
                 if !self.quiet {
                     let name = phase.name();
                     let waits = self.waits_after_fault && *phase == Phase::Fault;
-                    let what_now = if waits { "; no force until a client enables again, Ctrl-C ends the run" } else { "" };
+                    let what_now = if waits { "; no force until the next enable, Ctrl-C ends the run" } else { "" };
                     self.line(Level::Info, "phase", &format!("state: {name}{what_now}"), &[("phase", name.into())]);
                 }
             }

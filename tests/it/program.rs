@@ -21,7 +21,7 @@ impl Ended {
         json
     }
 
-    /// The phases that stderr tells, in order.
+    /// The phases that stderr names, in order.
     pub(crate) fn states(&self) -> Vec<&str> {
         self.stderr.lines().filter_map(|line| line.strip_prefix("state: ")).collect()
     }

@@ -26,7 +26,7 @@ const RUN_S: u32 = 6;
 /// Largest latency that `cyclictest` tells apart, µs.
 const HISTOGRAM_US: u32 = 20_000;
 
-/// Runs every scene, each a process of its own. `tell` hears what is being done. Cost: a dozen seconds for each scene.
+/// Runs every scene, each a process of its own. `tell` is called with each step. Cost: a dozen seconds for each scene.
 ///
 /// # Errors
 /// A run that fails. A folder without scenes, or no `cyclictest`, is a row that says so.

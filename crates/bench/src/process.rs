@@ -68,7 +68,7 @@ pub(super) fn run(command: &mut Command) -> Result<ProcessResult, BenchError> {
 fn drain(mut pipe: Box<dyn Read + Send>) -> std::thread::JoinHandle<String> {
     std::thread::spawn(move || {
         let mut bytes = Vec::new();
-        // A pipe that breaks ends the output there; the exit status tells the rest.
+        // A pipe that breaks ends the output there; the exit status says the rest.
         let _ = pipe.read_to_end(&mut bytes);
         String::from_utf8_lossy(&bytes).into_owned()
     })

@@ -72,7 +72,7 @@ const SPEED_M_PER_S: f64 = 0.05;
 /// Ticks that are judged.
 const TICKS: u64 = 400;
 
-/// Measures. `tell` hears what is being done. Cost: some seconds.
+/// Measures. `tell` is called with each step. Cost: some seconds.
 ///
 /// # Errors
 /// A piece that cannot be built, which a sphere can.

@@ -70,7 +70,7 @@ pub struct Quality {
     pub felt: Vec<ForceSeries>,
 }
 
-/// Measures the quality of forces. `tell` hears what is being done.
+/// Measures the quality of forces. `tell` is called with each step.
 ///
 /// Cost: a minute or two; quick, some seconds.
 ///
@@ -93,7 +93,7 @@ pub fn quality(options: &Options, mut tell: impl FnMut(&str)) -> Result<Quality,
     Ok(Quality { rows, choice: felt.choice, slides, felt: felt.series })
 }
 
-/// Measures the time of contact queries. `tell` hears what is being done. Cost: minutes, most of them peers; quick, some seconds.
+/// Measures the time of contact queries. `tell` is called with each step. Cost: minutes, most of them peers; quick, some seconds.
 ///
 /// # Errors
 /// A part that cannot be baked. A mesh or a peer that is not there is a row that says so.
@@ -104,7 +104,7 @@ pub fn speed(options: &Options, mut tell: impl FnMut(&str)) -> Result<Vec<Row>, 
     Ok(rows)
 }
 
-/// Plays a violent hand with a million points, and judges every tick. `tell` hears what is being done. Cost: a quarter of an hour; quick,
+/// Plays a violent hand with a million points, and judges every tick. `tell` is called with each step. Cost: a quarter of an hour; quick,
 /// half a minute.
 ///
 /// # Errors

@@ -34,7 +34,7 @@ pub struct Options {
 /// Seed of the stand-ins: every run measures the same ones.
 const SEED: u64 = 2008;
 
-/// Measures generation. `tell` hears what is being done.
+/// Measures generation. `tell` is called with each step.
 ///
 /// Needs the size of the stand-ins (about 155 MB) in the temporary folder. Cost: minutes to a quarter of an hour, mostly peers.
 ///

@@ -40,7 +40,7 @@ const TIME_BUDGET_US: i64 = 300;
 const STIFF_HAND: [(&str, f64); 3] =
     [("device.sim.hand_stiffness_n_per_m", 2000.0), ("device.sim.hand_damping_n_s_per_m", 20.0), ("device.sim.hand_mass_g", 200.0)];
 
-/// Plays the torture. `tell` hears what is being done. Cost: ten minutes of ticks as fast as they go, then two minutes; quick, some seconds.
+/// Plays the torture. `tell` is called with each step. Cost: ten minutes of ticks as fast as they go, then two minutes; quick, some seconds.
 pub(super) fn rows(options: &Options, tell: &mut dyn FnMut(&str)) -> Result<Vec<Row>, BenchError> {
     let Some(scene) = scenes::shipped(&options.scenes).into_iter().find(|path| scenes::name(path) == SCENE) else {
         let why = format!("skipped: no {SCENE} in {} (--scenes)", options.scenes.display());
