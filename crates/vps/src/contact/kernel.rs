@@ -44,6 +44,13 @@ impl Place {
         Self { axes: (map_from_body.rotation_matrix() * per_metre).as_mat3(), origin: origin.as_vec3() }
     }
 
+    /// Where a point of the tool is, cells.
+    #[inline]
+    pub(super) fn cells(&self, position: Vec3) -> Vec3 {
+        let Mat3 { x_axis, y_axis, z_axis } = self.axes;
+        x_axis * position.x + y_axis * position.y + z_axis * position.z + self.origin
+    }
+
     pub(super) fn is_finite(&self) -> bool {
         self.axes.is_finite() && self.origin.is_finite()
     }
