@@ -11,7 +11,7 @@ use haptics::{
 };
 use recording::TickRecord;
 use rt::clock::VirtualClock;
-use vps::contact::{ContactSum, ForceLaw, Machine, Obstacle, Traversal, Way};
+use vps::contact::{ContactSum, ForceLaw, Obstacle, SimdLevel, Traversal, TraversalMode};
 use vps::mesh::TriangleMesh;
 use vps::mesh::primitives::Shape;
 use vps::mesh::validate;
@@ -153,8 +153,8 @@ fn passing_over_what_is_far_away_changes_no_bit() {
     let (mut n_near, mut n_touching, mut n_free) = (0, 0, 0);
     for kind in [FieldKind::Trilinear, FieldKind::Layers, FieldKind::Octant] {
         let law = ForceLaw { field: kind, ..law };
-        for way in [Way::Tree, Way::Flat] {
-            let make = |on| Traversal::new(Machine::best(), way, &obstacles, &shell).with_broad_phase(on);
+        for mode in [TraversalMode::Tree, TraversalMode::Flat] {
+            let make = |on| Traversal::new(SimdLevel::best(), mode, &obstacles, &shell).with_broad_phase(on);
             let (mut with, mut without) = (make(true), make(false));
             let mut pose = Pose::from_translation(DVec3::ZERO);
             for n in 0..1500 {
@@ -171,8 +171,8 @@ fn passing_over_what_is_far_away_changes_no_bit() {
                 let ask = |traversal: &mut Traversal| ContactSum::of(traversal, &obstacles, &shell, pose, law, None);
                 let sums = [ask(&mut with), ask(&mut without), ContactSum::flat(&obstacles, &shell, pose, law)];
                 let [culled, whole, flat] = &sums;
-                assert_eq!(bits(culled), bits(flat), "{kind:?}, {way:?}, pose {n}");
-                assert_eq!(bits(whole), bits(flat), "{kind:?}, {way:?}, pose {n}");
+                assert_eq!(bits(culled), bits(flat), "{kind:?}, {mode:?}, pose {n}");
+                assert_eq!(bits(whole), bits(flat), "{kind:?}, {mode:?}, pose {n}");
                 // The specification looks at every point: no clearance, and no step, is longer than what it gives.
                 assert!(
                     !pose.is_finite() || (culled.max_value_m >= flat.max_value_m && culled.step_limit_m <= flat.step_limit_m),

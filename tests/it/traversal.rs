@@ -2,7 +2,7 @@
 
 use glam::{DQuat, DVec3};
 use vps::contact::Normalization;
-use vps::contact::{self, Budget, ContactSum, ForceLaw, Machine, Obstacle, Traversal, Way};
+use vps::contact::{self, Budget, ContactSum, ForceLaw, Obstacle, SimdLevel, Traversal, TraversalMode};
 use vps::mesh::primitives::Shape;
 use vps::mesh::{TriangleMesh, validate};
 use vps::pointshell::{self, shell::Shell};
@@ -78,8 +78,8 @@ impl Pair {
         ContactSum::of(traversal, &self.obstacles, &self.shell, pose, LAW, None)
     }
 
-    fn traversal(&self, machine: Machine, way: Way) -> Traversal {
-        Traversal::new(machine, way, &self.obstacles, &self.shell)
+    fn traversal(&self, level: SimdLevel, mode: TraversalMode) -> Traversal {
+        Traversal::new(level, mode, &self.obstacles, &self.shell)
     }
 
     /// Points in contact by the scalar flat traversal, with their depths as bits.
@@ -164,7 +164,7 @@ fn every_kernel_gives_the_bits_of_the_scalar_traversal() {
     let mut random = Random(4);
     let mut n_touching = 0;
     for pair in primitives().into_iter().chain(real()) {
-        let mut traversals = [Machine::Portable, Machine::best()].map(|machine| pair.traversal(machine, Way::Flat));
+        let mut traversals = [SimdLevel::Portable, SimdLevel::best()].map(|level| pair.traversal(level, TraversalMode::Flat));
         let poses: Vec<Pose> = (0..40).map(|_| pair.pose(&mut random)).chain(absurd()).collect();
         for pose in poses {
             let (expected, contacts) = (pair.flat(pose), pair.contacts(pose));
@@ -199,7 +199,7 @@ fn assert_same(pair: &Pair, traversal: &Traversal, sum: &ContactSum, pose: Pose,
 fn the_walk_finds_what_the_flat_traversal_finds_at_any_pose() {
     let mut random = Random(16);
     for pair in primitives().into_iter().chain(real()) {
-        let mut walks = [Machine::Portable, Machine::best()].map(|machine| pair.traversal(machine, Way::Tree));
+        let mut walks = [SimdLevel::Portable, SimdLevel::best()].map(|level| pair.traversal(level, TraversalMode::Tree));
         let (mut n_touching, mut looked_at) = (0, 0);
         const POSES: usize = 60;
         let mut poses: Vec<Pose> = (0..POSES).map(|_| pair.pose(&mut random)).chain(absurd()).collect();
@@ -264,7 +264,7 @@ fn acceptance_16_a_budget_is_kept_and_costs_accuracy_in_order() {
         let mut wander = Wander::new(pair, seed);
         let poses: Vec<Pose> = (0..400).map(|_| wander.step()).collect();
         let sums_of = |budgets: &[Budget]| -> Vec<ContactSum> {
-            let mut walk = pair.traversal(Machine::best(), Way::Tree);
+            let mut walk = pair.traversal(SimdLevel::best(), TraversalMode::Tree);
             poses
                 .iter()
                 .enumerate()
@@ -323,7 +323,7 @@ fn acceptance_17_what_is_skipped_never_touches() {
     pairs.push(Pair::new("small torus on block", &block, 4e-4, &small, 4e-4, InsideTest::Auto));
     let n_pairs = pairs.len();
     for (pair, seed) in pairs.iter().zip(100..) {
-        let (mut walk, mut wander) = (pair.traversal(Machine::best(), Way::Tree), Wander::new(pair, seed));
+        let (mut walk, mut wander) = (pair.traversal(SimdLevel::best(), TraversalMode::Tree), Wander::new(pair, seed));
         let (mut n_touching, mut looked_at) = (0, 0_u64);
         let n_steps = n_steps() / n_pairs;
         for step in 0..n_steps {

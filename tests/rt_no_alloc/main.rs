@@ -23,7 +23,7 @@ use hapticd::servo::{ClayFeed, ClaySlot, Control, LoadedScene, RunPlan, SceneCon
 use haptics::clay::{Clay, Rope};
 use haptics::{Faults, RenderScene};
 use rt::clock::VirtualClock;
-use vps::contact::{Budget, ContactSum, Machine, Traversal, Way};
+use vps::contact::{Budget, ContactSum, SimdLevel, Traversal, TraversalMode};
 use vps::density::{Frame, Lattice, Raster};
 use vps::spatial::Pose;
 
@@ -416,9 +416,13 @@ fn no_walk_allocates_whatever_its_pose_and_budget() {
     let config = scene("block-on-plane", &[]);
     let (prepared, _) = prepare_with(&config, &mut BakeOptions::from(&mut Cache::off()), |_| ()).expect("a scene");
     let RenderScene { parameters, obstacles, tool, .. } = &prepared.scene;
-    for (machine, way) in [(Machine::Portable, Way::Tree), (Machine::best(), Way::Tree), (Machine::best(), Way::Flat)] {
+    for (level, mode) in [
+        (SimdLevel::Portable, TraversalMode::Tree),
+        (SimdLevel::best(), TraversalMode::Tree),
+        (SimdLevel::best(), TraversalMode::Flat),
+    ] {
         for budget in [Budget::Unlimited, Budget::Points(0), Budget::Points(100), Budget::Points(1000)] {
-            let mut traversal = Traversal::new(machine, way, obstacles, &tool.shell);
+            let mut traversal = Traversal::new(level, mode, obstacles, &tool.shell);
             traversal.set_budget(budget);
             let (mut touching, mut left_out) = (0, 0);
             for turn in 0..500_u32 {
@@ -428,12 +432,12 @@ fn no_walk_allocates_whatever_its_pose_and_budget() {
                 let pose = Pose::new(DQuat::from_scaled_axis(DVec3::new(0.9, 1.7, 0.4) * angle), place_m);
                 let (sum, allocations, frees) =
                     counted(|| ContactSum::of(&mut traversal, obstacles, &tool.shell, pose, parameters.force_law(), None));
-                assert_eq!((allocations, frees), (0, 0), "{machine:?}, {way:?}, {budget:?}, {pose:?}");
+                assert_eq!((allocations, frees), (0, 0), "{level:?}, {mode:?}, {budget:?}, {pose:?}");
                 touching += sum.contacts;
                 left_out += sum.left_out;
             }
-            assert!(touching > 0 || budget == Budget::Points(0), "{machine:?}, {way:?}, {budget:?}");
-            assert_eq!(left_out > 0, way == Way::Tree && budget != Budget::Unlimited, "{machine:?}, {way:?}, {budget:?}");
+            assert!(touching > 0 || budget == Budget::Points(0), "{level:?}, {mode:?}, {budget:?}");
+            assert_eq!(left_out > 0, mode == TraversalMode::Tree && budget != Budget::Unlimited, "{level:?}, {mode:?}, {budget:?}");
         }
     }
 }

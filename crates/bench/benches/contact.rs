@@ -8,7 +8,7 @@ use std::time::Instant;
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use glam::{DQuat, DVec3};
-use vps::contact::{ContactSum, ForceLaw, Machine, Obstacle, Traversal, Way};
+use vps::contact::{ContactSum, ForceLaw, Obstacle, SimdLevel, Traversal, TraversalMode};
 use vps::mesh::TriangleMesh;
 use vps::mesh::primitives::Shape;
 use vps::mesh::validate::inspect;
@@ -114,10 +114,10 @@ fn measure(
     criterion: &mut Criterion,
     group: &str,
     name: &str,
-    (machine, way): (Machine, Way),
+    (level, mode): (SimdLevel, TraversalMode),
     (obstacles, shell, path): (&[Obstacle], &Shell, &[Pose]),
 ) {
-    let mut traversal = Traversal::new(machine, way, obstacles, shell);
+    let mut traversal = Traversal::new(level, mode, obstacles, shell);
     percentiles(&format!("{group}, {name}"), &mut traversal, obstacles, shell, path);
     let mut group = criterion.benchmark_group(group);
     group.sample_size(20);
@@ -136,9 +136,15 @@ fn points(criterion: &mut Criterion) {
         for share in [0.0, 0.03] {
             let path = path(height_m(&obstacles, &shell, share));
             let name = format!("{n_points:.0e}, {:.0} % touching", 100.0 * share);
-            measure(criterion, "flat", &name, (Machine::best(), Way::Flat), (&obstacles, &shell, &path));
+            measure(criterion, "flat", &name, (SimdLevel::best(), TraversalMode::Flat), (&obstacles, &shell, &path));
             if n_points < 1e6 {
-                measure(criterion, "flat, portable", &name, (Machine::Portable, Way::Flat), (&obstacles, &shell, &path));
+                measure(
+                    criterion,
+                    "flat, portable",
+                    &name,
+                    (SimdLevel::Portable, TraversalMode::Flat),
+                    (&obstacles, &shell, &path),
+                );
             }
         }
     }
@@ -151,7 +157,7 @@ fn tree(criterion: &mut Criterion) {
         for share in [0.0, 0.01, 0.03] {
             let path = path(height_m(&obstacles, &shell, share));
             let name = format!("{what}, {:.0} % touching", 100.0 * share);
-            measure(criterion, "tree", &name, (Machine::best(), Way::Tree), (&obstacles, &shell, &path));
+            measure(criterion, "tree", &name, (SimdLevel::best(), TraversalMode::Tree), (&obstacles, &shell, &path));
         }
     }
 }
@@ -163,9 +169,9 @@ fn static_model(criterion: &mut Criterion) {
         let mesh = Shape::Sphere { radius_m: 0.03 }.tessellate(tolerance_m);
         let obstacles = [obstacle(&mesh)];
         let path = path(height_m(&obstacles, &shell, 0.01));
-        for (name, way) in [("flat", Way::Flat), ("tree", Way::Tree)] {
+        for (name, mode) in [("flat", TraversalMode::Flat), ("tree", TraversalMode::Tree)] {
             let name = format!("{name}, {} triangles", mesh.triangles.len());
-            measure(criterion, "static model", &name, (Machine::best(), way), (&obstacles, &shell, &path));
+            measure(criterion, "static model", &name, (SimdLevel::best(), mode), (&obstacles, &shell, &path));
         }
     }
 }

@@ -21,7 +21,7 @@ use glam::DVec3;
 
 use super::RenderScene;
 use super::coupling::Body;
-use vps::contact::{Contact, ContactSum, Machine, Proximity, Traversal};
+use vps::contact::{Contact, ContactSum, Proximity, SimdLevel, Traversal};
 use vps::spatial::{Mat6, Twist};
 
 /// Share of the approach speed that a tick takes away.
@@ -38,7 +38,7 @@ impl Braking {
     pub(super) fn of(scene: &RenderScene) -> Option<Self> {
         let p = &scene.parameters;
         (p.contact.braking && p.coupling.mode.has_mass())
-            .then(|| Self { proximity: Proximity::new(Machine::best(), &scene.obstacles, &scene.tool.shell) })
+            .then(|| Self { proximity: Proximity::new(SimdLevel::best(), &scene.obstacles, &scene.tool.shell) })
     }
 
     /// The brake at this pose and velocity; `None` when nothing approaches. `contact`: what `traversal` found at this pose. RT: safe.

@@ -19,7 +19,7 @@ use super::sample::{SampleCheck, SampleMonitor};
 use super::stability::filter_delay_s;
 use super::virtual_tool::{Touch, VirtualTool};
 use super::{Drive, DriveRequest, Faults, OffCause, Parameters, RenderScene};
-use vps::contact::{Budget, ContactSum, Machine, Traversal, Way};
+use vps::contact::{Budget, ContactSum, SimdLevel, Traversal, TraversalMode};
 use vps::density::Frame;
 use vps::spatial::{DeviceSample, Pose, Twist, Wrench};
 
@@ -154,7 +154,7 @@ impl State {
             resume: None,
             has_room: false,
             tool: VirtualTool::at(scene.start()),
-            traversal: Traversal::new(Machine::best(), Way::Tree, &scene.obstacles, &scene.tool.shell),
+            traversal: Traversal::new(SimdLevel::best(), TraversalMode::Tree, &scene.obstacles, &scene.tool.shell),
             moving_obstacles: MovingObstacles::new(scene.obstacles.len()),
             parameter_ramps: ParameterRamps::default(),
             clay: scene.clay.as_ref().map(|clay| Held::new(clay, &scene.tool.shell)),

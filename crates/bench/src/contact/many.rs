@@ -9,7 +9,7 @@ use super::super::statistics::{median, quantile};
 use super::super::{BenchError, Row};
 use super::fields::contact;
 use super::{Options, fixture};
-use vps::contact::{ContactSum, Machine, Obstacle, Traversal, Way};
+use vps::contact::{ContactSum, Obstacle, SimdLevel, Traversal, TraversalMode};
 use vps::mesh::primitives::Shape;
 use vps::pointshell::shell::Shell;
 use vps::spatial::Pose;
@@ -38,7 +38,8 @@ pub(super) fn rows(options: &Options, tell: &mut dyn FnMut(&str)) -> Result<Vec<
         for _ in 0..options.n_runs.max(2) {
             // In turn, so that a busy moment of the machine meets both.
             for (broad_phase, times_us) in [true, false].into_iter().zip(&mut times_us) {
-                let mut traversal = Traversal::new(Machine::best(), Way::Tree, &obstacles, &shell).with_broad_phase(broad_phase);
+                let mut traversal =
+                    Traversal::new(SimdLevel::best(), TraversalMode::Tree, &obstacles, &shell).with_broad_phase(broad_phase);
                 times_us.extend(slide(&mut traversal, &obstacles, &shell));
                 near = if broad_phase { traversal.n_near() } else { near };
             }
@@ -97,7 +98,7 @@ mod tests {
         let shell =
             fixture::shell("a ball", &fixture::tessellated(Shape::Sphere { radius_m: RADIUS_M }, TOOL_VOXEL_M), TOOL_VOXEL_M)
                 .unwrap();
-        let mut traversal = Traversal::new(Machine::best(), Way::Tree, &obstacles, &shell);
+        let mut traversal = Traversal::new(SimdLevel::best(), TraversalMode::Tree, &obstacles, &shell);
         assert_eq!(slide(&mut traversal, &obstacles, &shell).len(), PATH_TICKS);
         assert!(traversal.n_near() == 1 && !traversal.touched().is_empty());
     }

@@ -8,7 +8,7 @@ use super::super::{BenchError, Row};
 use super::speed::{Asking, name};
 use super::{Options, fixture};
 use rt::clock::monotonic_ns;
-use vps::contact::Way;
+use vps::contact::TraversalMode;
 use vps::mesh;
 use vps::spatial::Pose;
 
@@ -36,7 +36,7 @@ pub(super) fn rows(options: &Options, tell: &mut dyn FnMut(&str)) -> Result<Vec<
     // The poses of the peers.
     let turned = |turn: u32| Pose::new(DQuat::from_rotation_z(0.01 * f64::from(turn)), DVec3::Z * LIFT_M);
     let path: Vec<Pose> = (0..11).map(turned).collect();
-    let mut flat = Asking::new(Way::Flat, &obstacles, &shell);
+    let mut flat = Asking::new(TraversalMode::Flat, &obstacles, &shell);
     let contacts: Vec<f64> = path.iter().map(|pose| f64::from(flat.ask(*pose).contacts)).collect();
     let mut rows = vec![Row::new(GROUP, "points in contact, median", median(&contacts), "")];
     let peers = Peers::new(options.peers.clone(), 1);
@@ -44,14 +44,14 @@ pub(super) fn rows(options: &Options, tell: &mut dyn FnMut(&str)) -> Result<Vec<
         tell(&format!("nut on bolt: {}", peer.name()));
         (peer, peers.contacts_ms(peer, &bolt_path, &nut_path, LIFT_M, shell.len()))
     });
-    for way in [Way::Tree, Way::Flat] {
-        let mut asking = Asking::new(way, &obstacles, &shell);
+    for mode in [TraversalMode::Tree, TraversalMode::Flat] {
+        let mut asking = Asking::new(mode, &obstacles, &shell);
         let median_ms = median(&asking.times_us(&path, monotonic_ns, options)).map(|us| us * 1e-3);
         for (peer, figure) in &figures {
-            let row = Row::new(GROUP, format!("{}, {} points: one query, median", name(way), shell.len()), median_ms, "ms");
+            let row = Row::new(GROUP, format!("{}, {} points: one query, median", name(mode), shell.len()), median_ms, "ms");
             let row = row.beside_peer(&peer.name(), figure);
             // What a tick does is the walk.
-            rows.push(if way == Way::Tree { row.at_least_times(1000.0) } else { row });
+            rows.push(if mode == TraversalMode::Tree { row.at_least_times(1000.0) } else { row });
         }
     }
     Ok(rows)

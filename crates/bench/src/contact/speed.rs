@@ -14,7 +14,7 @@ use super::Options;
 use super::fields::contact;
 use super::fixture::{self, Tube};
 use rt::clock::thread_cpu_ns;
-use vps::contact::{ContactSum, Machine, Obstacle, Traversal, Way};
+use vps::contact::{ContactSum, Obstacle, SimdLevel, Traversal, TraversalMode};
 use vps::mesh::primitives::Shape;
 use vps::pointshell::shell::Shell;
 use vps::spatial::Pose;
@@ -32,13 +32,13 @@ const PATH_TICKS: usize = 1000;
 /// Percentiles want so many queries at least, and so much time, s.
 const QUERIES_MIN: usize = 3 * PATH_TICKS;
 const MEASURED_S: f64 = 0.2;
-const WAYS: [Way; 2] = [Way::Flat, Way::Tree];
+const MODES: [TraversalMode; 2] = [TraversalMode::Flat, TraversalMode::Tree];
 const SHARES: [f64; 3] = [0.0, 0.01, 0.03];
 
-pub(super) fn name(way: Way) -> &'static str {
-    match way {
-        Way::Flat => "flat",
-        Way::Tree => "tree",
+pub(super) fn name(mode: TraversalMode) -> &'static str {
+    match mode {
+        TraversalMode::Flat => "flat",
+        TraversalMode::Tree => "tree",
     }
 }
 
@@ -117,7 +117,7 @@ impl Fit {
             Self::BallOnSlab => (-1.5 * VOXEL_M, -VOXEL_M, 0.2 * BALL_M),
         };
         if share > 0.0 {
-            let mut asking = Asking::new(Way::Flat, obstacles, shell);
+            let mut asking = Asking::new(TraversalMode::Flat, obstacles, shell);
             for _ in 0..20 {
                 let middle_m = 0.5 * (low_m + high_m);
                 let touching = asking.mean_contacts(self.path(middle_m));
@@ -142,8 +142,8 @@ pub(super) struct Asking<'a> {
 }
 
 impl<'a> Asking<'a> {
-    pub(super) fn new(way: Way, obstacles: &'a [Obstacle], shell: &'a Shell) -> Self {
-        Self { obstacles, shell, traversal: Traversal::new(Machine::best(), way, obstacles, shell) }
+    pub(super) fn new(mode: TraversalMode, obstacles: &'a [Obstacle], shell: &'a Shell) -> Self {
+        Self { obstacles, shell, traversal: Traversal::new(SimdLevel::best(), mode, obstacles, shell) }
     }
 
     pub(super) fn ask(&mut self, pose: Pose) -> ContactSum {
@@ -181,8 +181,8 @@ impl<'a> Asking<'a> {
 }
 
 /// Median and p99.9 of queries along a path: medians of some runs, µs.
-fn percentiles_us(way: Way, obstacles: &[Obstacle], shell: &Shell, path: &[Pose], options: &Options) -> [f64; 2] {
-    let mut asking = Asking::new(way, obstacles, shell);
+fn percentiles_us(mode: TraversalMode, obstacles: &[Obstacle], shell: &Shell, path: &[Pose], options: &Options) -> [f64; 2] {
+    let mut asking = Asking::new(mode, obstacles, shell);
     let runs: Vec<Vec<f64>> = (0..options.n_runs).map(|_| asking.times_us(path, thread_cpu_ns, options)).collect();
     [0.5, 0.999].map(|share| {
         let of_runs: Vec<f64> = runs.iter().filter_map(|times_us| quantile(times_us, share)).collect();
@@ -192,7 +192,7 @@ fn percentiles_us(way: Way, obstacles: &[Obstacle], shell: &Shell, path: &[Pose]
 
 /// Poses of a path at which the tree gives another wrench than the flat sum, in any bit.
 fn n_different(obstacles: &[Obstacle], shell: &Shell, path: &[Pose]) -> usize {
-    let [mut flat, mut tree] = WAYS.map(|way| Asking::new(way, obstacles, shell));
+    let [mut flat, mut tree] = MODES.map(|mode| Asking::new(mode, obstacles, shell));
     let bits = |sum: &ContactSum| {
         (sum.contacts, sum.wrench.force.to_array().map(f64::to_bits), sum.wrench.torque.to_array().map(f64::to_bits))
     };
@@ -211,18 +211,19 @@ fn points_and_share(fit: Fit, options: &Options, tell: &mut dyn FnMut(&str)) -> 
         for share in SHARES {
             tell(&format!("{}: {} points, {} % touching", fit.name(), shell.len(), 100.0 * share));
             let path = fit.path_at(&obstacles, &shell, share);
-            let touching = Asking::new(Way::Flat, &obstacles, &shell).mean_contacts(path.iter().copied());
+            let touching = Asking::new(TraversalMode::Flat, &obstacles, &shell).mean_contacts(path.iter().copied());
             let percent = format!("{} % touching", 100.0 * share);
-            for way in WAYS {
-                let [median_us, p999_us] = percentiles_us(way, &obstacles, &shell, &path, options);
-                let row = |what: &str, value: f64, unit| Row::new(&group, format!("{}, {percent}: {what}", name(way)), value, unit);
+            for mode in MODES {
+                let [median_us, p999_us] = percentiles_us(mode, &obstacles, &shell, &path, options);
+                let row =
+                    |what: &str, value: f64, unit| Row::new(&group, format!("{}, {percent}: {what}", name(mode)), value, unit);
                 let whole = row("one query, median", median_us, "µs");
                 let slow = row("one query, p99.9", p999_us, "µs");
                 let per_point = row("for one point", 1e3 * median_us / shell.len() as f64, "ns");
-                rows.extend(match (fit, way) {
-                    (_, Way::Flat) if is_paper => [whole.beside_paper(1000.0).at_most(16.0), slow, per_point],
-                    (_, Way::Flat) if is_million => [whole, slow, per_point.at_most(1.2)],
-                    (Fit::BallOnSlab, Way::Tree) if is_million => [whole.at_most(150.0), slow.at_most(300.0), per_point],
+                rows.extend(match (fit, mode) {
+                    (_, TraversalMode::Flat) if is_paper => [whole.beside_paper(1000.0).at_most(16.0), slow, per_point],
+                    (_, TraversalMode::Flat) if is_million => [whole, slow, per_point.at_most(1.2)],
+                    (Fit::BallOnSlab, TraversalMode::Tree) if is_million => [whole.at_most(150.0), slow.at_most(300.0), per_point],
                     _ => [whole, slow, per_point],
                 });
                 rows.push(row("points in contact", touching, ""));
@@ -253,11 +254,11 @@ fn triangles(options: &Options, tell: &mut dyn FnMut(&str)) -> Result<Vec<Row>, 
     };
     let baked = [bake(few)?, bake(many)?];
     let mut rows = Vec::new();
-    for way in WAYS {
+    for mode in MODES {
         let path = fit.path_at(&baked[0].1, &shell, 0.03);
         // In turn, so that a busy moment of the machine meets both.
         let mut times_us = [Vec::new(), Vec::new()];
-        let mut asking = baked.each_ref().map(|(_, obstacles)| Asking::new(way, obstacles, &shell));
+        let mut asking = baked.each_ref().map(|(_, obstacles)| Asking::new(mode, obstacles, &shell));
         for _ in 0..2 * options.n_runs.max(2) {
             for (asking, times_us) in asking.iter_mut().zip(&mut times_us) {
                 times_us.extend(median(&asking.times_us(&path, thread_cpu_ns, options)));
@@ -265,10 +266,10 @@ fn triangles(options: &Options, tell: &mut dyn FnMut(&str)) -> Result<Vec<Row>, 
         }
         let medians = times_us.map(|times_us| median(&times_us).unwrap_or_default());
         for ((n, _), median_us) in baked.iter().zip(medians) {
-            rows.push(Row::new(&group, format!("{}, {n} triangles: one query, median", name(way)), median_us, "µs"));
+            rows.push(Row::new(&group, format!("{}, {n} triangles: one query, median", name(mode)), median_us, "µs"));
         }
         let more = medians[1] / medians[0] - 1.0;
-        rows.push(Row::new(&group, format!("{}: more time with many triangles, share", name(way)), more, "").within(0.1));
+        rows.push(Row::new(&group, format!("{}: more time with many triangles, share", name(mode)), more, "").within(0.1));
     }
     Ok(rows)
 }
@@ -285,7 +286,8 @@ mod tests {
             assert!((shell.len() as f64 / 8e3 - 1.0).abs() < 0.3, "{} points", shell.len());
             for share in SHARES {
                 let path = fit.path_at(&obstacles, &shell, share);
-                let found = Asking::new(Way::Flat, &obstacles, &shell).mean_contacts(path.iter().copied()) / shell.len() as f64;
+                let found =
+                    Asking::new(TraversalMode::Flat, &obstacles, &shell).mean_contacts(path.iter().copied()) / shell.len() as f64;
                 assert!((found == 0.0) == (share == 0.0) && (found - share).abs() < 0.01, "{fit:?}, {share}: {found}");
                 assert_eq!(n_different(&obstacles, &shell, &path), 0, "{fit:?}, {share}");
             }

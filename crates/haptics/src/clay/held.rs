@@ -8,7 +8,7 @@ use super::residual::Residual;
 use super::{Clay, PUT_DOWN_SPACINGS};
 use crate::Parameters;
 use vps::contact::faces::face_of;
-use vps::contact::{ContactSum, Machine};
+use vps::contact::{ContactSum, SimdLevel};
 use vps::density::{Frame, Probe};
 use vps::pointshell::shell::Shell;
 use vps::spatial::{Pose, Wrench};
@@ -38,7 +38,7 @@ pub(crate) struct Held {
     /// Where the rope is felt to pull, map frame, m.
     anchor_map: Option<DVec3>,
     forces: ClayForces,
-    machine: Machine,
+    simd_level: SimdLevel,
     /// `[n_blocks]`: the face of each block of the shell.
     faces: Box<[u8]>,
 }
@@ -54,7 +54,7 @@ impl Held {
             residual: Residual::default(),
             anchor_map: None,
             forces: ClayForces::default(),
-            machine: Machine::best(),
+            simd_level: SimdLevel::best(),
             faces: shell.normals().iter().map(face_of).collect(),
         }
     }
@@ -91,7 +91,7 @@ impl Held {
     /// The tool at this pose would be in the clay, deeper than one that was put down on it. RT: safe; as much work as to touch it.
     pub(crate) fn is_inside(&self, clay: &Clay, shell: &Shell, world_from_body: Pose, p: &Parameters) -> bool {
         let probe = Probe::new(&self.newest, clay.world_from_map.inverse() * world_from_body);
-        let sum = ContactSum::of_clay(&probe, shell, &self.faces, self.machine, world_from_body, p.force_law());
+        let sum = ContactSum::of_clay(&probe, shell, &self.faces, self.simd_level, world_from_body, p.force_law());
         sum.contacts > 0 && sum.max_value_m > PUT_DOWN_SPACINGS * f64::from(probe.spacing_m())
     }
 
@@ -100,7 +100,7 @@ impl Held {
         let map_from_body = clay.world_from_map.inverse() * world_from_body;
         let ask = |frame: &Frame| {
             let probe = Probe::new(frame, map_from_body);
-            ContactSum::of_clay(&probe, shell, &self.faces, self.machine, world_from_body, p.force_law())
+            ContactSum::of_clay(&probe, shell, &self.faces, self.simd_level, world_from_body, p.force_law())
         };
         let mut sum = ask(&self.newest);
         let before = core::mem::take(&mut self.is_new).then(|| ask(&self.before).wrench);

@@ -9,9 +9,9 @@
 use glam::Vec3;
 
 use super::contact_block::{ContactBlock, Pushes};
-use super::sum::Weighting;
+use super::sum::{Add, Weighting};
 use super::summing::Summing;
-use super::{ContactSum, ForceLaw, Machine, Patch};
+use super::{ContactSum, ForceLaw, Patch, SimdLevel};
 use crate::density::Probe;
 use crate::pointshell::shell::{LANES, Lanes, Lanes3, Shell};
 use crate::pointshell::tree::{CHILDREN, Spheres};
@@ -23,7 +23,14 @@ impl ContactSum {
     /// an edge of the tool as well.
     ///
     /// RT: safe; a look-up per block, and up to one per point where the block is near, up to twenty where the point touches.
-    pub fn of_clay(probe: &Probe<'_>, shell: &Shell, faces: &[u8], machine: Machine, world_from_body: Pose, law: ForceLaw) -> Self {
+    pub fn of_clay(
+        probe: &Probe<'_>,
+        shell: &Shell,
+        faces: &[u8],
+        simd_level: SimdLevel,
+        world_from_body: Pose,
+        law: ForceLaw,
+    ) -> Self {
         let mut summing = Summing::new(law, world_from_body);
         let by = Weighting::new(probe.spacing_m(), law.smooth_entry);
         let (mut n_contacts, mut max_value_m) = (0, f32::NEG_INFINITY);
@@ -47,7 +54,7 @@ impl ContactSum {
                 let pushes = Pushes { positions: *positions, normals: found.directions, weights: Lanes([1.0; LANES]) };
                 n_contacts += found.lanes.count_ones();
                 if let Some(sums) = summing.face(*face) {
-                    machine.add(sums, &touched, &pushes, by);
+                    simd_level.run(Add { sums, touched: &touched, pushes: &pushes, by });
                 }
             }
         }

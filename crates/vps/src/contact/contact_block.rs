@@ -5,6 +5,7 @@
 
 use glam::{Mat3, Vec3};
 
+use super::kernel::Place;
 use crate::pointshell::shell::{LANES, Lanes, Lanes3, Shell};
 use crate::spatial::Pose;
 use crate::voxmap::field::Field;
@@ -125,24 +126,17 @@ fn lanes_of(mut left: u16) -> impl Iterator<Item = usize> {
 pub(super) struct Wall<'a> {
     field: &'a Field,
     map_axes: Mat3,
-    cells_axes: Mat3,
-    cells_origin: Vec3,
+    place: Place,
 }
 
 impl<'a> Wall<'a> {
     pub(super) fn new(field: &'a Field, map_from_body: Pose) -> Self {
-        let per_metre = 1.0 / f64::from(field.voxel_size_m());
-        Self {
-            field,
-            map_axes: map_from_body.rotation_matrix().as_mat3(),
-            cells_axes: (map_from_body.rotation_matrix() * per_metre).as_mat3(),
-            cells_origin: ((map_from_body.translation - field.origin_map().as_dvec3()) * per_metre).as_vec3(),
-        }
+        Self { field, map_axes: map_from_body.rotation_matrix().as_mat3(), place: Place::new(field, map_from_body) }
     }
 
     /// Unit −grad V in tool axes; `None` where it vanishes, as in the middle of a skin.
     pub(super) fn way_out(&self, position: Vec3) -> Option<Vec3> {
-        self.against(self.field.gradient(self.cells(position)))
+        self.against(self.field.gradient(self.place.cells(position)))
     }
 
     /// Direction and share with which a point pushes that has no normal of its own. A skin pushes along the way out. So does an edge, along
@@ -152,15 +146,10 @@ impl<'a> Wall<'a> {
         if self.field.is_thin() {
             return (self.way_out(position).unwrap_or(normal_body), 1.0);
         }
-        match self.against(self.field.mean_gradient(self.cells(position))) {
+        match self.against(self.field.mean_gradient(self.place.cells(position))) {
             Some(out) => (out, out.dot(normal_body).max(0.0)),
             None => (normal_body, 1.0),
         }
-    }
-
-    fn cells(&self, position: Vec3) -> Vec3 {
-        let Mat3 { x_axis, y_axis, z_axis } = self.cells_axes;
-        x_axis * position.x + y_axis * position.y + z_axis * position.z + self.cells_origin
     }
 
     fn against(&self, gradient_map: Vec3) -> Option<Vec3> {

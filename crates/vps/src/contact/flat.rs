@@ -3,6 +3,7 @@
 use glam::{Mat3, Vec3};
 
 use super::contact_block::{Contact, ContactBlock};
+use super::kernel::Place;
 use crate::pointshell::shell::{LANES, Lanes3, Shell};
 use crate::spatial::Pose;
 use crate::voxmap::field::{Field, FieldKind};
@@ -25,16 +26,17 @@ pub(super) fn blocks(
     map_from_body: Pose,
     mut touch: impl FnMut(&ContactBlock),
 ) -> f32 {
-    let per_metre = 1.0 / f64::from(field.voxel_size_m());
     let map_axes: Mat3 = map_from_body.rotation_matrix().as_mat3();
-    let cells_axes: Mat3 = (map_from_body.rotation_matrix() * per_metre).as_mat3();
-    // The subtraction in f64: what is left is small, whatever the origin.
-    let cells_origin = ((map_from_body.translation - field.origin_map().as_dvec3()) * per_metre).as_vec3();
+    let place = Place::new(field, map_from_body);
     let mut max_value = f32::NEG_INFINITY;
     let mut n_left = shell.len();
     for (block, (positions, normals)) in shell.blocks().enumerate() {
         // The transform of a whole block first: it vectorises, the look-ups do not.
-        let cells = transformed(positions, cells_axes, cells_origin);
+        let Lanes3 { x, y, z } = positions;
+        let mut cells = [Vec3::ZERO; LANES];
+        for (((cells, x), y), z) in cells.iter_mut().zip(x.0).zip(y.0).zip(z.0) {
+            *cells = place.cells(Vec3::new(x, y, z));
+        }
         let mut touched = ContactBlock { block: block as u32, lanes: 0, weight: 1.0, depths_m: [f32::NEG_INFINITY; LANES] };
         for (lane, (cells, depth)) in cells.into_iter().zip(&mut touched.depths_m).enumerate().take(n_left) {
             let normal_map = if kind == FieldKind::Layers { map_axes * normals.get(lane) } else { Vec3::ZERO };
@@ -49,15 +51,4 @@ pub(super) fn blocks(
         n_left = n_left.saturating_sub(LANES);
     }
     max_value
-}
-
-/// `axes · p + origin` for every lane of a block.
-#[inline]
-fn transformed(positions: &Lanes3, axes: Mat3, origin: Vec3) -> [Vec3; LANES] {
-    let Lanes3 { x, y, z } = positions;
-    let mut cells = [Vec3::ZERO; LANES];
-    for (((cells, x), y), z) in cells.iter_mut().zip(x.0).zip(y.0).zip(z.0) {
-        *cells = axes.x_axis * x + axes.y_axis * y + axes.z_axis * z + origin;
-    }
-    cells
 }

@@ -20,13 +20,13 @@ mod contact_block;
 #[doc(hidden)]
 pub mod faces;
 mod flat;
+mod kernel;
 #[doc(hidden)]
 pub mod obstacle_poses;
 #[doc(hidden)]
 pub mod planes;
 mod proximity;
 mod samples;
-mod simd;
 mod sum;
 mod summing;
 #[cfg(test)]
@@ -36,16 +36,17 @@ mod tree_traversal;
 
 use glam::DVec3;
 
+pub use crate::simd::SimdLevel;
 pub use budget::Budget;
 pub use contact_block::{Contact, ContactBlock};
 pub use faces::FACES;
 pub use flat::visit;
 pub use proximity::Proximity;
-pub use simd::Machine;
 pub use summing::AVERAGED_CONTACTS;
-pub use traversal::{Traversal, Way};
+pub use traversal::{Traversal, TraversalMode};
 
 use self::faces::face_of;
+use self::sum::{Add, AddAll};
 use self::summing::Summing;
 use crate::pointshell::shell::{LANES, Lanes, Shell};
 use crate::spatial::{Mat6, Pose, Twist, Wrench};
@@ -214,7 +215,7 @@ impl ContactSum {
                 n_contacts += touched.lanes.count_ones();
                 let face = shell.normals().get(touched.block as usize).map_or(0, face_of);
                 if let (Some(pushes), Some(sums)) = (touched.pushes(&obstacle.field, shell, map_from_body), summing.face(face)) {
-                    Machine::Portable.add(sums, touched, &pushes, by);
+                    SimdLevel::Portable.run(Add { sums, touched, pushes: &pushes, by });
                 }
             });
             summing.note(obstacle, n_contacts, max_value_m, 0.0);
@@ -237,7 +238,7 @@ impl ContactSum {
         law: ForceLaw,
         mut also: Option<&mut Also<'_>>,
     ) -> Self {
-        let machine = traversal.machine();
+        let simd_level = traversal.simd_level();
         let mut summing = Summing::new(law, world_from_body);
         summing.note_far(traversal.begin(shell, world_from_body, summing.overstated_voxels()));
         for n in 0..traversal.n_near() {
@@ -263,12 +264,13 @@ impl ContactSum {
                 if bends {
                     for touched in run {
                         if let Some(pushes) = touched.pushes(&obstacle.field, shell, map_from_body) {
-                            machine.add(sums, touched, &pushes, by);
+                            simd_level.run(Add { sums, touched, pushes: &pushes, by });
                             depth_m += if carried.is_some() { touched.depth_m(&pushes.weights) } else { 0.0 };
                         }
                     }
                 } else {
-                    machine.add_all(sums, run, (shell.positions(), shell.normals()), by);
+                    let (positions, normals) = (shell.positions(), shell.normals());
+                    simd_level.run(AddAll { sums, touched: run, positions, normals, by });
                     if carried.is_some() {
                         depth_m = run.iter().map(|touched| touched.depth_m(&Lanes([touched.weight; LANES]))).sum();
                     }

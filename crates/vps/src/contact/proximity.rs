@@ -8,10 +8,11 @@
 #![expect(clippy::disallowed_types, reason = "sized when the scene is made ready, never resized")]
 
 use super::contact_block::{Contact, ContactBlock, Wall};
-use super::simd::{Machine, Place};
+use super::kernel::Place;
 use super::tree_traversal::{Lists, TreeTraversal};
 use super::{ContactSum, Obstacle, Traversal};
 use crate::pointshell::shell::{LANES, Shell};
+use crate::simd::SimdLevel;
 use crate::spatial::Pose;
 use crate::voxmap::field::brick_bounds::BrickBounds;
 
@@ -25,7 +26,7 @@ const KNOWN_SHARE: f32 = 0.99;
 /// Finds the points ahead of contact, tick after tick. Owns all memory that this takes.
 #[derive(Clone, Debug)]
 pub struct Proximity {
-    machine: Machine,
+    simd_level: SimdLevel,
     /// One per obstacle; `None` where it cannot be walked, which nothing is near to then.
     layers: Vec<Option<Layer>>,
     thickest_m: f64,
@@ -50,10 +51,10 @@ impl Layer {
 
 impl Proximity {
     /// Prepares the search. Allocates; RT: start-up only.
-    pub fn new(machine: Machine, obstacles: &[Obstacle], shell: &Shell) -> Self {
+    pub fn new(simd_level: SimdLevel, obstacles: &[Obstacle], shell: &Shell) -> Self {
         let layers: Vec<_> = obstacles.iter().map(|obstacle| Layer::new(obstacle, shell)).collect();
         let thickest_m = layers.iter().flatten().map(|layer| f64::from(layer.thickness_m)).fold(0.0, f64::max);
-        Self { machine, layers, thickest_m, lists: Lists::new(shell), touched: Vec::with_capacity(shell.positions().len()) }
+        Self { simd_level, layers, thickest_m, lists: Lists::new(shell), touched: Vec::with_capacity(shell.positions().len()) }
     }
 
     /// Calls `near` with every such point as if it touched, its normal the way out. The layer is thinner than a voxel where less than that is
@@ -73,7 +74,7 @@ impl Proximity {
         if contact.max_value_m <= -self.thickest_m {
             return;
         }
-        let Self { machine, layers, thickest_m: _, lists, touched } = self;
+        let Self { simd_level, layers, thickest_m: _, lists, touched } = self;
         let mut left = traversal.budget().without(contact.looked_at);
         let n_obstacles = layers.len();
         for ((idx, obstacle), layer) in obstacles.iter().enumerate().zip(layers) {
@@ -84,7 +85,7 @@ impl Proximity {
                 continue;
             }
             touched.clear();
-            let found = walk.find(*machine, shell, (&place, map_from_body), left.share(n_obstacles - idx), lists, touched);
+            let found = walk.find(*simd_level, shell, (&place, map_from_body), left.share(n_obstacles - idx), lists, touched);
             left = left.without(found.looked_at);
             let wall = Wall::new(&obstacle.field, map_from_body);
             for block in touched.iter() {

@@ -3,8 +3,9 @@
 #![expect(clippy::disallowed_types, reason = "pushes into a list that is sized when the scene is made ready")]
 
 use super::contact_block::ContactBlock;
-use super::simd::{Machine, Place};
+use super::kernel::{Blocks, Depths, Place};
 use crate::pointshell::shell::{LANES, Lanes, Lanes3, Shell};
+use crate::simd::SimdLevel;
 use crate::voxmap::field::brick_bounds::BrickBounds;
 
 /// Single points, gathered into a block.
@@ -36,13 +37,18 @@ impl Samples {
     }
 
     /// Reports those that touch, each as a block with one lane, and starts anew.
-    pub(super) fn look(&mut self, machine: Machine, bounds: &BrickBounds, place: &Place, touched: &mut Vec<ContactBlock>) -> f32 {
+    pub(super) fn look(
+        &mut self,
+        simd_level: SimdLevel,
+        bounds: &BrickBounds,
+        place: &Place,
+        touched: &mut Vec<ContactBlock>,
+    ) -> f32 {
         let Self { positions, points, n } = core::mem::take(self);
         if n == 0 {
             return f32::NEG_INFINITY;
         }
-        let never = |_| f32::NEG_INFINITY;
-        machine.blocks(bounds, place, core::slice::from_ref(&positions), core::iter::once(0), never, |_, depths| {
+        let found = |_, depths: &Depths| {
             for (lane, (point, weight)) in points.into_iter().enumerate().take(n) {
                 if depths.touching >> lane & 1 == 1 {
                     let (block, lane_of_block) = (point / LANES as u32, point % LANES as u32);
@@ -51,6 +57,8 @@ impl Samples {
                     touched.push(ContactBlock { block, lanes: 1 << lane_of_block, weight: weight as f32, depths_m });
                 }
             }
-        })
+        };
+        let (positions, floor) = (core::slice::from_ref(&positions), |_| f32::NEG_INFINITY);
+        simd_level.run(Blocks { bounds, place, positions, which: core::iter::once(0), floor, found })
     }
 }

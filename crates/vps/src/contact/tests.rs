@@ -4,7 +4,7 @@
 use glam::{DQuat, DVec3};
 
 use super::obstacle_poses::PoseStep;
-use super::{ContactSum, FACES, ForceLaw, Machine, Obstacle, ObstacleMotion, Traversal, Way};
+use super::{ContactSum, FACES, ForceLaw, Obstacle, ObstacleMotion, SimdLevel, Traversal, TraversalMode};
 use crate::mesh::primitives::Shape;
 use crate::mesh::validate::inspect;
 use crate::pointshell::{self, shell::Shell};
@@ -37,10 +37,17 @@ fn plate() -> Obstacle {
 }
 
 /// The sum of a cube so turned whose lowest point is so deep under the upper side of a plate that moves.
-fn pressed(shell: &Shell, plates: &[Obstacle], machine: Machine, way: Way, turn: DQuat, depth_m: f64) -> (ContactSum, Pose) {
+fn pressed(
+    shell: &Shell,
+    plates: &[Obstacle],
+    level: SimdLevel,
+    mode: TraversalMode,
+    turn: DQuat,
+    depth_m: f64,
+) -> (ContactSum, Pose) {
     let lowest_m = shell.points().map(|(point, _)| (turn * point.as_dvec3()).z).fold(f64::INFINITY, f64::min);
     let body = Pose::new(turn, DVec3::Z * (-lowest_m - depth_m));
-    let mut traversal = Traversal::new(machine, way, plates, shell);
+    let mut traversal = Traversal::new(level, mode, plates, shell);
     for (obstacle_idx, plate) in plates.iter().enumerate() {
         traversal.obstacle_poses_mut().put(obstacle_idx, plate.world_from_map, MOVED, 1e-3);
     }
@@ -65,11 +72,15 @@ fn a_side_an_edge_and_a_corner_are_carried_as_far_as_the_plate_goes() {
     let (shell, plates) = (cube(1e-3), [plate()]);
     for (name, turn) in turns() {
         for depth_m in [2e-4, 1e-3, 1.8e-3] {
-            for (machine, way) in [(Machine::Portable, Way::Flat), (Machine::Portable, Way::Tree), (Machine::best(), Way::Tree)] {
-                let (sum, body) = pressed(&shell, &plates, machine, way, turn, depth_m);
+            for (level, mode) in [
+                (SimdLevel::Portable, TraversalMode::Flat),
+                (SimdLevel::Portable, TraversalMode::Tree),
+                (SimdLevel::best(), TraversalMode::Tree),
+            ] {
+                let (sum, body) = pressed(&shell, &plates, level, mode, turn, depth_m);
                 assert!(sum.contacts > 0, "{name} {depth_m}: nothing touches");
                 let wanted = ObstacleMotion { linear: MOVED.at(body.translation), angular: MOVED.angular };
-                assert_same(&sum.obstacle_motion, &wanted, &format!("{name}, {depth_m} m deep, {machine:?} {way:?}"));
+                assert_same(&sum.obstacle_motion, &wanted, &format!("{name}, {depth_m} m deep, {level:?} {mode:?}"));
                 let faces = sum.carried_faces().expect("what touches moves");
                 for patch in sum.patches() {
                     let carried = &faces[usize::from(patch.face)];
@@ -85,7 +96,7 @@ fn a_side_an_edge_and_a_corner_are_carried_as_far_as_the_plate_goes() {
 fn points_without_a_share_carry_nothing_and_divide_by_nothing() {
     let (shell, plates) = (cube(5e-3), [plate()]);
     for (name, turn) in turns().into_iter().skip(1) {
-        let (sum, _) = pressed(&shell, &plates, Machine::best(), Way::Tree, turn, 0.65 * PLATE_M);
+        let (sum, _) = pressed(&shell, &plates, SimdLevel::best(), TraversalMode::Tree, turn, 0.65 * PLATE_M);
         assert!(sum.contacts > 0, "{name}: nothing touches");
         assert_eq!(sum.patches().count(), 0, "{name}: some point has a share");
         assert_eq!(sum.obstacle_motion, ObstacleMotion::default(), "{name}");
@@ -98,7 +109,7 @@ fn points_without_a_share_carry_nothing_and_divide_by_nothing() {
 fn clay_that_presses_as_hard_halves_what_the_tool_is_carried_by() {
     let (shell, plates) = (cube(1e-3), [plate()]);
     for (name, turn) in turns() {
-        let pressed = || pressed(&shell, &plates, Machine::best(), Way::Tree, turn, 1e-3).0;
+        let pressed = || pressed(&shell, &plates, SimdLevel::best(), TraversalMode::Tree, turn, 1e-3).0;
         let half = pressed().with_clay(&pressed());
         let wanted =
             ObstacleMotion { linear: pressed().obstacle_motion.linear * 0.5, angular: pressed().obstacle_motion.angular * 0.5 };

@@ -7,18 +7,19 @@ use glam::{DQuat, DVec3};
 use super::budget::Budget;
 use super::contact_block::{Contact, ContactBlock};
 use super::faces::face_of;
+use super::kernel::{Above, Blocks, Depths, Place};
 use super::obstacle_poses::{FarSum, ObstaclePoses};
-use super::simd::{Machine, Place};
 use super::tree_traversal::{Found, Lists, TreeTraversal};
 use super::{Obstacle, flat};
 use crate::pointshell::shell::{LANES, Shell};
 use crate::pointshell::tree::CHILDREN;
+use crate::simd::SimdLevel;
 use crate::spatial::Pose;
 use crate::voxmap::field::FieldKind;
 
-/// Which way a traversal goes.
+/// What a traversal looks at.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Way {
+pub enum TraversalMode {
     /// Down the tree, past what cannot touch.
     #[default]
     Tree,
@@ -32,8 +33,8 @@ pub enum Way {
 /// is looked up, as `flat` does.
 #[derive(Clone, Debug)]
 pub struct Traversal {
-    machine: Machine,
-    way: Way,
+    simd_level: SimdLevel,
+    mode: TraversalMode,
     budget: Budget,
     /// Of what is left of it in this tick.
     left: Budget,
@@ -48,12 +49,12 @@ pub struct Traversal {
 
 impl Traversal {
     /// Prepares the traversal of a shell against obstacles. Allocates; RT: start-up only.
-    pub fn new(machine: Machine, way: Way, obstacles: &[Obstacle], shell: &Shell) -> Self {
+    pub fn new(simd_level: SimdLevel, mode: TraversalMode, obstacles: &[Obstacle], shell: &Shell) -> Self {
         let walks: Vec<Option<TreeTraversal>> =
             obstacles.iter().map(|obstacle| TreeTraversal::new(&obstacle.field, shell)).collect();
         Self {
-            machine,
-            way,
+            simd_level,
+            mode,
             budget: Budget::Unlimited,
             left: Budget::Unlimited,
             obstacle_poses: ObstaclePoses::new(obstacles, walks.iter().map(|walk| walk.as_ref().map(TreeTraversal::bounds))),
@@ -64,7 +65,7 @@ impl Traversal {
         }
     }
 
-    /// Limits what a tick may look at; the flat way knows no limit.
+    /// Limits what a tick may look at; `Flat` knows no limit.
     pub fn set_budget(&mut self, budget: Budget) {
         self.budget = budget;
     }
@@ -117,8 +118,8 @@ impl Traversal {
         Some(Pose::new(rotation, world_from_map.transform_point(place_map) - rotation * arm))
     }
 
-    pub(super) fn machine(&self) -> Machine {
-        self.machine
+    pub(super) fn simd_level(&self) -> SimdLevel {
+        self.simd_level
     }
 
     /// The face of a block.
@@ -144,18 +145,18 @@ impl Traversal {
         shell: &Shell,
         map_from_body: Pose,
     ) -> Found {
-        let Self { machine, way, budget: _, left, walks, obstacle_poses, lists, touched, faces: _ } = self;
+        let Self { simd_level, mode, budget: _, left, walks, obstacle_poses, lists, touched, faces: _ } = self;
         touched.clear();
         let n_obstacles_left = obstacle_poses.n_near().saturating_sub(n);
         let place = Place::new(&obstacle.field, map_from_body);
         let mut found = Found { max_value_m: f32::NEG_INFINITY, looked_at: 0, left_out: 0 };
         match walks.get_mut(obstacle_idx).and_then(Option::as_mut) {
             Some(walk) if kind == FieldKind::Trilinear => {
-                if *way == Way::Tree && place.is_finite() {
-                    found = walk.find(*machine, shell, (&place, map_from_body), left.share(n_obstacles_left), lists, touched);
+                if *mode == TraversalMode::Tree && place.is_finite() {
+                    found = walk.find(*simd_level, shell, (&place, map_from_body), left.share(n_obstacles_left), lists, touched);
                     *left = left.without(found.looked_at);
                 } else {
-                    found.max_value_m = all(*machine, walk, shell, &place, touched);
+                    found.max_value_m = all(*simd_level, walk, shell, &place, touched);
                 }
             }
             _ => {
@@ -201,30 +202,25 @@ impl Traversal {
 }
 
 /// Every block in turn, past those of which one look at their sphere says that they can neither touch nor hold the highest point so far.
-fn all(machine: Machine, walk: &TreeTraversal, shell: &Shell, place: &Place, touched: &mut Vec<ContactBlock>) -> f32 {
+fn all(simd_level: SimdLevel, walk: &TreeTraversal, shell: &Shell, place: &Place, touched: &mut Vec<ContactBlock>) -> f32 {
     let floor = |max_m: f32| if max_m < 0.0 { max_m } else { 0.0 };
     let (bounds, margin_cells) = (walk.bounds(), walk.margin_cells(place));
     let tree = shell.tree();
     let leaves = tree.n_levels().checked_sub(1).map_or(&[][..], |last| tree.spheres(last));
     let mut highest_m = f32::NEG_INFINITY;
     for (first, spheres) in (0_u32..).step_by(CHILDREN).zip(leaves) {
-        let above = machine.above(bounds, place, spheres, floor(highest_m), margin_cells);
+        let above = simd_level.run(Above { bounds, place, spheres, floor_m: floor(highest_m), margin_cells });
         if above == 0 {
             continue;
         }
         let which = (first..).take(CHILDREN).filter(|block| above >> (block - first) & 1 == 1);
-        let max_m = machine.blocks(
-            bounds,
-            place,
-            shell.positions(),
-            which,
-            |max_m| floor(max_m.max(highest_m)),
-            |block, depths| {
-                if depths.touching != 0 {
-                    touched.push(ContactBlock { block, lanes: depths.touching, weight: 1.0, depths_m: depths.depths_m.0 });
-                }
-            },
-        );
+        let found = |block, depths: &Depths| {
+            if depths.touching != 0 {
+                touched.push(ContactBlock { block, lanes: depths.touching, weight: 1.0, depths_m: depths.depths_m.0 });
+            }
+        };
+        let floor = |max_m: f32| floor(max_m.max(highest_m));
+        let max_m = simd_level.run(Blocks { bounds, place, positions: shell.positions(), which, floor, found });
         highest_m = highest_m.max(max_m);
     }
     highest_m

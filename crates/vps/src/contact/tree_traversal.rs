@@ -8,7 +8,7 @@
 //!     else                                ───────► its children; of a leaf, its sixteen points
 //! ```
 //! - **Clear** is proven, not guessed: a sphere is left out when its centre is farther from all that can touch than its radius (see
-//!   `BrickBounds` and `simd`), and so are its points, wherever in it they lie.
+//!   `BrickBounds` and `kernel`), and so are its points, wherever in it they lie.
 //! - **For how long**: the proof holds until the tool has moved by what was to spare. The way that a node's points have gone is at most
 //!   Σ|Δx| + r·Σ|Δθ|, x the centre of mass and r the node's reach about it, both seen from the obstacle. The sums are kept per obstacle, each node
 //!   remembers the value of its own at which it is due.
@@ -28,10 +28,11 @@ use glam::DVec3;
 
 use super::budget::{Budget, Choice};
 use super::contact_block::ContactBlock;
+use super::kernel::{Blocks, Clearance, Depths, Place, free_cells};
 use super::samples::Samples;
-use super::simd::{Depths, Machine, Place, free_cells};
 use crate::pointshell::shell::{LANES, Shell};
 use crate::pointshell::tree::{CHILDREN, Spheres};
+use crate::simd::SimdLevel;
 use crate::spatial::Pose;
 use crate::voxmap::field::Field;
 use crate::voxmap::field::brick_bounds::BrickBounds;
@@ -183,7 +184,7 @@ impl TreeTraversal {
     /// `map_from_body` must be finite. RT: safe; allocates nothing as long as `touched` has room for every block of the shell.
     pub(super) fn find(
         &mut self,
-        machine: Machine,
+        simd_level: SimdLevel,
         shell: &Shell,
         (place, map_from_body): (&Place, Pose),
         budget: Budget,
@@ -196,7 +197,7 @@ impl TreeTraversal {
             self.forget();
         }
         let mut query = Query {
-            machine,
+            simd_level,
             shell,
             place,
             spheres: &[],
@@ -305,7 +306,7 @@ fn vec_of<T: Copy>(value: T, n: usize) -> Vec<[T; CHILDREN]> {
 
 /// One walk through the tree.
 struct Query<'a> {
-    machine: Machine,
+    simd_level: SimdLevel,
     shell: &'a Shell,
     place: &'a Place,
     /// Of the level that is being refined.
@@ -335,7 +336,8 @@ impl Query<'_> {
         if n_unclear > 0 {
             self.looked_at += CHILDREN as u32 - 1;
             let Some(spheres) = self.spheres.get(node as usize) else { return };
-            let rooms = self.machine.spheres(&walk.bounds, self.place, spheres, self.margin_cells);
+            let (bounds, place, margin_cells) = (&walk.bounds, self.place, self.margin_cells);
+            let rooms = self.simd_level.run(Clearance { bounds, place, spheres, margin_cells });
             for (((clear_until, room), now), soon) in clear_until.iter_mut().zip(rooms).zip(now).zip(soon) {
                 if *clear_until <= soon {
                     *clear_until = if room > 0.0 { now + room.min(PROOF_CELLS) } else { -(now + (-room).min(OPEN_CELLS)) };
@@ -377,7 +379,8 @@ impl Query<'_> {
                 *clear_until = along + about * reach + room.min(PROOF_CELLS);
             }
         };
-        let max_m = self.machine.blocks(bounds, self.place, self.shell.positions(), leaves, |_| floor_m, found);
+        let (place, positions, floor) = (self.place, self.shell.positions(), |_| floor_m);
+        let max_m = self.simd_level.run(Blocks { bounds, place, positions, which: leaves, floor, found });
         self.max_m = self.max_m.max(max_m);
         self.looked_at += n_looked_at;
     }
@@ -402,9 +405,9 @@ impl Query<'_> {
                 lists.samples.push(self.shell, *point, weight);
             }
             if lists.samples.is_full() {
-                self.max_m = self.max_m.max(lists.samples.look(self.machine, bounds, self.place, touched));
+                self.max_m = self.max_m.max(lists.samples.look(self.simd_level, bounds, self.place, touched));
             }
         }
-        self.max_m = self.max_m.max(lists.samples.look(self.machine, bounds, self.place, touched));
+        self.max_m = self.max_m.max(lists.samples.look(self.simd_level, bounds, self.place, touched));
     }
 }

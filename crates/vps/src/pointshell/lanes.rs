@@ -3,6 +3,8 @@
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 
+use crate::simd;
+
 /// Points in one block: two AVX2 registers, one AVX-512 register, one cache line of `f32`.
 pub const LANES: usize = 16;
 
@@ -24,6 +26,20 @@ pub struct Lanes3 {
 }
 
 impl Lanes3 {
+    /// Each coordinate as the lanes of two kernels.
+    #[inline(always)]
+    pub(crate) fn halves(&self) -> [&[[f32; simd::LANES]; 2]; 3] {
+        [simd::halves(&self.x.0), simd::halves(&self.y.0), simd::halves(&self.z.0)]
+    }
+
+    /// Begins to bring the block into the first cache.
+    #[inline(always)]
+    pub(crate) fn prefetch(&self) {
+        simd::prefetch(&self.x.0);
+        simd::prefetch(&self.y.0);
+        simd::prefetch(&self.z.0);
+    }
+
     /// The vector in one lane; NaN beyond the block.
     #[inline]
     pub fn get(&self, lane: usize) -> Vec3 {

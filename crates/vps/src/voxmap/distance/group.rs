@@ -3,15 +3,16 @@
 //! Cells side by side have few patches to choose from, and mostly the same. One patch is measured against all eight at once; where
 //! it is the nearest so far and the closest point lies on one of its edges, the patch across that edge is next.
 
+use super::kernel::{Cube, Measured, NearestOfEight, OfCube, OnPlateau};
 use super::patches::{NONE, Patches};
-use super::simd::{Cube, LANES, Machine, Measured, NearestOfEight};
+use crate::simd::{LANES, SimdLevel};
 
 /// Patches that a group looks at, at most. More are worth a search: the mesh is much finer than the voxels, or made of slivers.
 const TRIED_MAX: usize = 32;
 
 /// Eight cells and what they have found. One group serves many cubes, as it is too large to be made anew for each.
 pub(super) struct Group {
-    machine: Machine,
+    simd_level: SimdLevel,
     pub(super) cube: Cube,
     pub(super) nearest: NearestOfEight,
     /// Cells that lead on to other patches.
@@ -26,9 +27,9 @@ pub(super) struct Group {
 }
 
 impl Group {
-    pub(super) fn new(machine: Machine) -> Self {
+    pub(super) fn new(simd_level: SimdLevel) -> Self {
         Self {
-            machine,
+            simd_level,
             cube: Cube { base: [0; 3], step: 1 },
             nearest: NearestOfEight { squared: [f32::INFINITY; LANES], patch_idx: [NONE; LANES] },
             wanted: 0,
@@ -78,11 +79,12 @@ impl Group {
                 let patch_idx = self.tried[idx];
                 let patch = &patches.all[patch_idx as usize];
                 // Written in place: a copy of bytes just written one by one would stall the processor.
-                self.machine.group(patch, patch_idx, self.cube, &mut self.nearest, &mut self.found[idx]);
+                let (nearest, measured) = (&mut self.nearest, &mut self.found[idx]);
+                self.simd_level.run(OfCube { patch, patch_idx, cube: self.cube, nearest, measured });
             }
             for idx in round {
                 let Measured { squared, on_edge } = &self.found[idx];
-                let near = self.machine.on_plateau(squared, &self.nearest) & self.wanted;
+                let near = self.simd_level.run(OnPlateau { squared, nearest: &self.nearest }) & self.wanted;
                 if near == 0 {
                     continue;
                 }

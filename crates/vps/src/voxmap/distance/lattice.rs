@@ -7,9 +7,10 @@
 use rayon::prelude::*;
 
 use super::group::Group;
+use super::kernel::Cube;
 use super::patches::{NONE, Patches};
-use super::simd::{Cube, Machine};
 use super::tree::PatchTree;
+use crate::simd::SimdLevel;
 use crate::voxmap::grid::{BRICK_EDGE, brick_origin};
 use crate::voxmap::layers::{DEEP_INSIDE, FAR_OUTSIDE, Layers};
 
@@ -38,14 +39,14 @@ pub(super) struct Lattice<'a> {
 
 impl<'a> Lattice<'a> {
     /// Cost: one exact search and eight walks of a group per brick of the band.
-    pub(super) fn new(patches: &'a Patches, layers: &Layers, n_surface_voxels: usize, machine: Machine) -> Self {
+    pub(super) fn new(patches: &'a Patches, layers: &Layers, n_surface_voxels: usize, simd_level: SimdLevel) -> Self {
         let grid = &layers.grid;
         let after: Vec<[u32; 8]> = layers.bricks.par_iter().with_min_len(64).map(|brick| bricks_after(layers, *brick)).collect();
-        let tree = PatchTree::new(&patches.all, machine);
+        let tree = PatchTree::new(&patches.all, simd_level);
         let searches_all = patches.all.len() > PATCHES_PER_VOXEL * n_surface_voxels;
         let mut quarter = vec![[NONE; 8]; layers.bricks.len()];
         quarter.par_chunks_mut(SEARCHED_TOGETHER).zip(layers.bricks.par_chunks(SEARCHED_TOGETHER)).for_each_init(
-            || Group::new(machine),
+            || Group::new(simd_level),
             |group, (quarter, bricks)| {
                 let mut before = [NONE; 8];
                 for (found, brick) in quarter.iter_mut().zip(bricks) {
@@ -66,7 +67,7 @@ impl<'a> Lattice<'a> {
             .zip(&after)
             .with_min_len(16)
             .map_init(
-                || Group::new(machine),
+                || Group::new(simd_level),
                 |group, (brick, after)| {
                     let origin = brick_origin(grid.brick_coord(*brick as usize));
                     let mut half = [NONE; HALF_EDGE * HALF_EDGE * HALF_EDGE];

@@ -8,7 +8,7 @@
 //! ```text
 //! mesh ─► patches ─┬─► near (surface voxels) ───────────┬───────────┬─► Samples ─► field
 //!                  └─► tree ─► lattice (¼, ½) ─► group (all cells) ──┘
-//!                        kernel on simd
+//!                        kernel
 //! ```
 
 mod group;
@@ -16,23 +16,23 @@ mod kernel;
 mod lattice;
 mod near;
 mod patches;
-mod simd;
 mod tree;
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use self::group::Group;
+use self::kernel::Cube;
 use self::lattice::Lattice;
 use self::near::{Around, Near, ON_SURFACE_CELLS};
 use self::patches::{NONE, Patches};
-use self::simd::{Cube, LANES, Machine};
 use super::grid::{BRICK_CELLS, BRICK_EDGE, brick_origin, cell_of};
 use super::layers::Layers;
 use super::orient::Orientation;
 use super::surface::Surface;
 use crate::mesh::TriangleMesh;
 use crate::mesh::closest_point::TriangleProjector;
+use crate::simd::{LANES, SimdLevel};
 
 /// Samples on a brick's edge: its own eight and the next brick's first, so that all corners of an interpolation cell lie in one
 /// brick.
@@ -85,11 +85,11 @@ impl Samples {
     /// Deterministic whatever the number of threads and the processor. Cost: O(triangles + band cells), a few triangle distances
     /// per cell; memory beside the result: a cache line per triangle and two layers of choices.
     pub(super) fn measure(mesh: &TriangleMesh, surface: &Surface, layers: &Layers, signs: Signs<'_>, with_gradients: bool) -> Self {
-        Self::measure_on(Machine::best(), mesh, surface, layers, signs, with_gradients)
+        Self::measure_on(SimdLevel::best(), mesh, surface, layers, signs, with_gradients)
     }
 
     fn measure_on(
-        machine: Machine,
+        simd_level: SimdLevel,
         mesh: &TriangleMesh,
         surface: &Surface,
         layers: &Layers,
@@ -106,23 +106,22 @@ impl Samples {
             surface,
             layers,
             signs,
-            near: Near::new(machine, &patches, surface, outward),
-            lattice: Lattice::new(&patches, layers, surface.n_voxels, machine),
+            near: Near::new(simd_level, &patches, surface, outward),
+            lattice: Lattice::new(&patches, layers, surface.n_voxels, simd_level),
             patches: &patches,
-            machine,
         };
         let mut values_m = vec![[0.0; APRON_CELLS]; layers.bricks.len()];
         let mut gradients = vec![[Vec3::ZERO; BRICK_CELLS]; if with_gradients { layers.bricks.len() } else { 0 }];
         if with_gradients {
             values_m.par_iter_mut().zip(&mut gradients).enumerate().for_each_init(
-                || (Group::new(machine), Around::new()),
+                || (Group::new(simd_level), Around::new()),
                 |scratch, (slot, (samples, gradients))| {
                     stage.measure(scratch, slot, samples, Some(gradients));
                 },
             );
         } else {
             values_m.par_iter_mut().enumerate().with_min_len(16).for_each_init(
-                || (Group::new(machine), Around::new()),
+                || (Group::new(simd_level), Around::new()),
                 |scratch, (slot, samples)| {
                     stage.measure(scratch, slot, samples, None);
                 },
@@ -141,7 +140,6 @@ struct Stage<'a> {
     patches: &'a Patches,
     near: Near,
     lattice: Lattice<'a>,
-    machine: Machine,
 }
 
 impl Stage<'_> {
@@ -179,10 +177,8 @@ impl Stage<'_> {
             }
             self.lattice.settle(group, patches);
             // All eight, as that is simpler for the processor; those that are not wanted are overwritten below.
-            let signed_m = self.machine.run(|| {
-                let side = layers.map(|layer| if is_solid && layer > 0 { voxel_size_m } else { -voxel_size_m });
-                core::array::from_fn::<f32, LANES, _>(|lane| side[lane] * group.nearest.squared[lane].sqrt())
-            });
+            let side = layers.map(|layer| if is_solid && layer > 0 { voxel_size_m } else { -voxel_size_m });
+            let signed_m: [f32; LANES] = core::array::from_fn(|lane| side[lane] * group.nearest.squared[lane].sqrt());
             for (row, pair) in signed_m.as_chunks::<2>().0.iter().enumerate() {
                 let first = sample_of(inside[2 * row]);
                 samples[first..first + 2].copy_from_slice(pair);
@@ -242,15 +238,15 @@ mod tests {
     use crate::voxmap::{Options, Voxmap};
 
     #[test]
-    fn every_machine_measures_the_same_bits() {
+    fn every_simd_level_measures_the_same_bits() {
         let torus = Shape::Torus { major_m: 8e-3, minor_m: 3e-3 }.tessellate(1e-4);
         let plate = Shape::Box { size_m: DVec3::new(0.04, 0.03, 0.002) }.tessellate(1e-4);
         for (mesh, sides) in [(&torus, InsideTest::Auto), (&plate, InsideTest::Auto), (&plate, InsideTest::Thin)] {
             let options = Options { voxel_size_m: 4e-4, layers: 5, navigation: None, sides };
             let map = Voxmap::build(mesh, &inspect(mesh), &options, |_| ()).expect("a small grid");
             let signs = if map.thin { Signs::Thin } else { Signs::Solid(&map.orientation) };
-            let measure = |machine| Samples::measure_on(machine, mesh, &map.surface, &map.layers, signs, true);
-            let (portable, best) = (measure(Machine::Portable), measure(Machine::best()));
+            let measure = |level| Samples::measure_on(level, mesh, &map.surface, &map.layers, signs, true);
+            let (portable, best) = (measure(SimdLevel::Portable), measure(SimdLevel::best()));
             let bits = |samples: &Samples| samples.values_m.as_flattened().iter().map(|value| value.to_bits()).collect::<Vec<_>>();
             assert_eq!(bits(&portable), bits(&best));
             assert_eq!(portable.gradients, best.gradients);

@@ -6,8 +6,9 @@ use core::sync::atomic::{AtomicU32, Ordering};
 use rayon::prelude::*;
 
 use super::group::Group;
+use super::kernel::OfCells;
 use super::patches::{NONE, Patch, Patches};
-use super::simd::{LANES, Machine};
+use crate::simd::{LANES, SimdLevel};
 use crate::voxmap::grid::{BRICK_CELLS, BRICK_EDGE, brick_origin};
 use crate::voxmap::surface::{FIRST_Z, Mask, Surface, bits};
 
@@ -112,13 +113,13 @@ impl Near {
     /// Measures all surface voxels. `outward`: 1 for a patch whose winding normal points out, −1 for one where it points in.
     ///
     /// Cost: O(pairs of a patch and a surface voxel near it).
-    pub(super) fn new(machine: Machine, patches: &Patches, surface: &Surface, outward: impl Fn(u32) -> f32 + Sync) -> Self {
+    pub(super) fn new(simd_level: SimdLevel, patches: &Patches, surface: &Surface, outward: impl Fn(u32) -> f32 + Sync) -> Self {
         let bins = Bins::new(patches, surface);
         let slots: Vec<usize> = (0..surface.bricks.len()).collect();
         let list = |slots: &[usize]| {
             let mut voxels = Vec::with_capacity(slots.iter().map(|slot| n_cells(&surface.masks[*slot])).sum());
             for slot in slots {
-                let found = Nearby::measure(machine, patches, &bins, surface, *slot, &outward);
+                let found = Nearby::measure(simd_level, patches, &bins, surface, *slot, &outward);
                 voxels.extend(cells(&surface.masks[*slot]).map(|inside| found.voxel(inside)));
             }
             voxels
@@ -211,7 +212,7 @@ struct Nearby {
 impl Nearby {
     /// Measures the surface voxels of one brick.
     fn measure(
-        machine: Machine,
+        simd_level: SimdLevel,
         patches: &Patches,
         bins: &Bins,
         surface: &Surface,
@@ -228,10 +229,10 @@ impl Nearby {
             let n_cells = gather(patch, mask, origin, &mut cells);
             for batch in cells[..n_cells.next_multiple_of(LANES)].as_chunks::<LANES>().0.iter().enumerate() {
                 let (batch_idx, batch) = batch;
-                let found = machine.broadcast(patch, origin, batch);
+                let (all_squared, heights) = simd_level.run(OfCells { patch, origin, cells: batch });
                 for (lane, cell) in batch.iter().enumerate().take(n_cells - batch_idx * LANES) {
                     let cell = *cell as usize;
-                    let (squared, height) = (found.squared[lane], found.height[lane] * outward);
+                    let (squared, height) = (all_squared[lane], heights[lane] * outward);
                     let so_far = best.squared[cell];
                     if squared > so_far * TIE.0 + TIE.1 {
                         continue;

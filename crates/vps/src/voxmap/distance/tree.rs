@@ -3,8 +3,9 @@
 use rayon::prelude::*;
 
 use super::group::Group;
+use super::kernel::{Measured, OfCube};
 use super::patches::Patch;
-use super::simd::{LANES, Machine, Measured};
+use crate::simd::{F32x8, Kernel, LANES, SimdLevel};
 
 /// Added to every box, cells: more than `f32` coordinates are rounded by on the largest grid.
 const SLACK_CELLS: f32 = 0.02;
@@ -22,30 +23,6 @@ impl Boxes {
     /// Boxes that nothing is in, infinitely far from everything.
     const EMPTY: Self = Self { low: [[f32::INFINITY; LANES]; 3], high: [[f32::NEG_INFINITY; LANES]; 3] };
 
-    /// For each box the least squared distance of a point that comes closer to it than to its own nearest patch, cells²; infinite
-    /// where none does.
-    #[inline(always)]
-    fn bounds(&self, points: &[[f32; LANES]; 3], nearest: &[f32; LANES]) -> [f32; LANES] {
-        // Comparisons rather than `f32::max`, which minds NaN: eight at a time they are one instruction.
-        let larger = |a: f32, b: f32| if a > b { a } else { b };
-        let mut bounds = [f32::INFINITY; LANES];
-        for lane in 0..LANES {
-            let mut squared = [0.0; LANES];
-            for (axis, lanes) in points.iter().enumerate() {
-                let point = lanes[lane];
-                for (squared, (low, high)) in squared.iter_mut().zip(self.low[axis].iter().zip(&self.high[axis])) {
-                    let away = larger(larger(low - point, point - high), 0.0);
-                    *squared += away * away;
-                }
-            }
-            for (least, squared) in bounds.iter_mut().zip(squared) {
-                let bound = if squared < nearest[lane] { squared } else { f32::INFINITY };
-                *least = if bound < *least { bound } else { *least };
-            }
-        }
-        bounds
-    }
-
     /// The box around all eight.
     fn hull(&self) -> ([f32; 3], [f32; 3]) {
         let fold = |lanes: &[f32; LANES], start: f32, choose: fn(f32, f32) -> f32| lanes.iter().copied().fold(start, choose);
@@ -62,17 +39,49 @@ impl Boxes {
     }
 }
 
+/// For each box the least squared distance of a point that comes closer to it than to its own nearest patch, cells²; infinite
+/// where none does.
+struct Bounds<'a> {
+    boxes: &'a Boxes,
+    points: &'a [[f32; LANES]; 3],
+    /// Of each point, cells².
+    nearest: &'a [f32; LANES],
+}
+
+impl Kernel for Bounds<'_> {
+    type Output = [f32; LANES];
+
+    #[inline(always)]
+    fn run<L: F32x8>(self) -> [f32; LANES] {
+        let Self { boxes, points, nearest } = self;
+        let (zero, infinite) = (L::splat(0.0), L::splat(f32::INFINITY));
+        let mut least = infinite;
+        for lane in 0..LANES {
+            let mut squared = zero;
+            for axis in 0..3 {
+                let point = L::splat(points[axis][lane]);
+                let away = (L::load(&boxes.low[axis]) - point).max(point - L::load(&boxes.high[axis])).max(zero);
+                squared = squared + away * away;
+            }
+            least = L::select(squared.lt(L::splat(nearest[lane])), squared, infinite).min(least);
+        }
+        let mut bounds = [0.0; LANES];
+        least.store(&mut bounds);
+        bounds
+    }
+}
+
 /// A complete tree of eight children a node over patches that are in the order of a space-filling curve.
 pub(super) struct PatchTree<'a> {
     patches: &'a [Patch],
-    machine: Machine,
+    simd_level: SimdLevel,
     /// Boxes of the patches, eight in a row a node; then of those nodes, and so on up to one node.
     levels: Vec<Vec<Boxes>>,
 }
 
 impl<'a> PatchTree<'a> {
     /// `patches` in the order of [`Patches`](super::patches::Patches), and not empty. Cost: O(patches); memory 28 bytes per patch.
-    pub(super) fn new(patches: &'a [Patch], machine: Machine) -> Self {
+    pub(super) fn new(patches: &'a [Patch], simd_level: SimdLevel) -> Self {
         let mut below: Vec<_> = patches.par_iter().map(|patch| patch.bounds(SLACK_CELLS)).collect();
         let mut levels = Vec::new();
         loop {
@@ -87,7 +96,7 @@ impl<'a> PatchTree<'a> {
             below = level.par_iter().map(Boxes::hull).collect();
             levels.push(level);
             if below.len() == 1 {
-                return Self { patches, machine, levels };
+                return Self { patches, simd_level, levels };
             }
         }
     }
@@ -109,11 +118,12 @@ impl<'a> PatchTree<'a> {
                 continue;
             }
             let Some(level) = usize::from(height).checked_sub(1) else {
-                self.machine.group(&self.patches[node as usize], node, group.cube, &mut group.nearest, &mut measured);
+                let (patch, nearest, measured) = (&self.patches[node as usize], &mut group.nearest, &mut measured);
+                self.simd_level.run(OfCube { patch, patch_idx: node, cube: group.cube, nearest, measured });
                 continue;
             };
             let boxes = &self.levels[level][node as usize];
-            let bounds = self.machine.run(|| boxes.bounds(&points, &group.nearest.squared));
+            let bounds = self.simd_level.run(Bounds { boxes, points: &points, nearest: &group.nearest.squared });
             let first = n_waiting;
             for (lane, bound) in bounds.iter().enumerate() {
                 if *bound < f32::INFINITY {

@@ -1,0 +1,438 @@
+//! Sixteen points, or eight spheres, against a field at once.
+//!
+//! Most points are never interpolated, because the bound of their brick says that they cannot touch.
+//!
+//! # Measured
+//! Where one brick holds all points of a block, which is mostly so, it is asked once: its largest depth answers for all of them, or its
+//! samples are read in pairs along z, which lie side by side. What the third cache holds is fetched four blocks before its turn.
+
+#![expect(unsafe_code, reason = "look-ups without checks, by the invariant of the bounds")]
+
+use glam::{Mat3, Vec3};
+
+use crate::pointshell::shell::{LANES, Lanes, Lanes3};
+use crate::pointshell::tree::{CHILDREN, Spheres};
+use crate::simd::{self, AHEAD, F32x8, I32x8, Kernel};
+use crate::spatial::Pose;
+use crate::voxmap::field::brick_bounds::BrickBounds;
+use crate::voxmap::field::{APRON_CELLS, APRON_EDGE, Field};
+
+const ROW: usize = APRON_EDGE;
+const PLANE: usize = APRON_EDGE * APRON_EDGE;
+/// What two interpolations take from a distance: the variance of a corner about the place it is interpolated for is at most ¼ per
+/// axis, and there are three axes and two places; cells².
+const SPREAD_CELLS_SQUARED: f32 = 1.5;
+/// A ball of this radius about a place in a brick, and what rounding may add, lie in the brick and its 26 neighbours, cells.
+const AROUND_CELLS: f32 = 8.0;
+/// 1/√3, a little less: an interpolation of values that grow by no more than their distance is at most √3 times as steep.
+const LEAST_SLOPE: f32 = 0.577;
+
+/// Where the tool stands on a field's grid: body axes about the centre of mass to cells.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Place {
+    /// Cells per metre, columns are the images of the body axes.
+    axes: Mat3,
+    /// The centre of mass, cells.
+    pub(super) origin: Vec3,
+}
+
+impl Place {
+    pub(super) fn new(field: &Field, map_from_body: Pose) -> Self {
+        let per_metre = 1.0 / f64::from(field.voxel_size_m());
+        // The subtraction in f64: what is left is small, whatever the origin.
+        let origin = (map_from_body.translation - field.origin_map().as_dvec3()) * per_metre;
+        Self { axes: (map_from_body.rotation_matrix() * per_metre).as_mat3(), origin: origin.as_vec3() }
+    }
+
+    /// Where a point of the tool is, cells.
+    #[inline]
+    pub(super) fn cells(&self, position: Vec3) -> Vec3 {
+        let Mat3 { x_axis, y_axis, z_axis } = self.axes;
+        x_axis * position.x + y_axis * position.y + z_axis * position.z + self.origin
+    }
+
+    pub(super) fn is_finite(&self) -> bool {
+        self.axes.is_finite() && self.origin.is_finite()
+    }
+}
+
+/// V of the points of a block.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Depths {
+    /// m; of a point that was not interpolated its brick's largest depth instead, which is no more than the floor asked for.
+    pub(super) depths_m: Lanes,
+    /// One bit per lane: V > 0.
+    pub(super) touching: u16,
+    /// Largest of them, m; lanes that are not a number do not count.
+    pub(super) max_m: f32,
+}
+
+/// Looks up blocks of points one after the other, and tells what it `found` of each. `floor` gives, from the largest V so far, the
+/// depth up to which a point's own V is of no interest. Gives the largest V. RT: safe; allocates nothing.
+pub(super) struct Blocks<'a, Which, Floor, Found> {
+    pub(super) bounds: &'a BrickBounds,
+    pub(super) place: &'a Place,
+    pub(super) positions: &'a [Lanes3],
+    pub(super) which: Which,
+    pub(super) floor: Floor,
+    pub(super) found: Found,
+}
+
+impl<Which, Floor, Found> Kernel for Blocks<'_, Which, Floor, Found>
+where
+    Which: Iterator<Item = u32> + Clone,
+    Floor: Fn(f32) -> f32,
+    Found: FnMut(u32, &Depths),
+{
+    type Output = f32;
+
+    #[inline(always)]
+    fn run<L: F32x8>(self) -> f32 {
+        let Self { bounds, place, positions, which, floor, mut found } = self;
+        let grid = Grid::<L>::new(bounds, place);
+        let mut max_m = f32::NEG_INFINITY;
+        let mut soon = which.clone().skip(AHEAD);
+        for block in which {
+            if let Some(points) = soon.next().and_then(|block| positions.get(block as usize)) {
+                points.prefetch();
+            }
+            let Some(points) = positions.get(block as usize) else { continue };
+            let depths = grid.depths(points, floor(max_m));
+            max_m = if depths.max_m > max_m { depths.max_m } else { max_m };
+            found(block, &depths);
+        }
+        max_m
+    }
+}
+
+/// Which of eight spheres may hold a point whose V is above the floor: one bit each. RT: safe.
+pub(super) struct Above<'a> {
+    pub(super) bounds: &'a BrickBounds,
+    pub(super) place: &'a Place,
+    pub(super) spheres: &'a Spheres,
+    pub(super) floor_m: f32,
+    /// What rounding may take.
+    pub(super) margin_cells: f32,
+}
+
+impl Kernel for Above<'_> {
+    type Output = u8;
+
+    #[inline(always)]
+    fn run<L: F32x8>(self) -> u8 {
+        let Self { bounds, place, spheres: Spheres { x, y, z, radius }, floor_m, margin_cells } = self;
+        let grid = Grid::<L>::new(bounds, place);
+        let lattice = grid.lattice([L::load(x), L::load(y), L::load(z)]);
+        let (on_grid, base) = grid.nearest(lattice);
+        let extent = L::load(radius) / L::splat(bounds.voxel_size_m()) + L::splat(margin_cells);
+        // SAFETY: each is a brick of the grid, and by the invariant of the bounds there is one entry for it.
+        let around = unsafe { L::gather(bounds.max_depth_nearby_m(), grid.brick(eighths(base))) };
+        // One cell more: casts that round towards zero let the first cell reach out of the grid.
+        let far = extent + L::splat(1.0);
+        let mut off = L::Int::splat(0);
+        for axis in 0..3 {
+            let away = (lattice[axis] - on_grid[axis]).max(on_grid[axis] - lattice[axis]);
+            off = off | far.lt(away);
+        }
+        let below = L::select(off, grid.outside, around).le(L::splat(floor_m));
+        !(below & (off | extent.lt(L::splat(AROUND_CELLS)))).bits()
+    }
+}
+
+/// For each of eight spheres, how far it may move in any way before one of its points can touch, cells; not above 0 when nothing is
+/// proven. RT: safe.
+pub(super) struct Clearance<'a> {
+    pub(super) bounds: &'a BrickBounds,
+    pub(super) place: &'a Place,
+    pub(super) spheres: &'a Spheres,
+    /// What rounding may take.
+    pub(super) margin_cells: f32,
+}
+
+impl Kernel for Clearance<'_> {
+    type Output = [f32; CHILDREN];
+
+    #[inline(always)]
+    fn run<L: F32x8>(self) -> [f32; CHILDREN] {
+        let Self { bounds, place, spheres: Spheres { x, y, z, radius }, margin_cells } = self;
+        let grid = Grid::<L>::new(bounds, place);
+        let lattice = grid.lattice([L::load(x), L::load(y), L::load(z)]);
+        let (on_grid, base) = grid.nearest(lattice);
+        let brick = grid.brick(eighths(base));
+        // SAFETY: each is a brick of the grid, and by the invariant of the bounds there is one entry for it in each array.
+        let (clearance, mut values, slots) = unsafe {
+            (
+                L::gather(bounds.clearance_cells(), brick),
+                L::gather(bounds.max_depth_m(), brick),
+                L::Int::gather(bounds.top(), brick),
+            )
+        };
+        let is_slot = slots.gt(L::Int::splat(-1));
+        if is_slot.bits() != 0 {
+            // SAFETY: a slot of `top`, or 0 beside one.
+            let mut corners = unsafe { grid.corners(slots & is_slot, base) };
+            // Beyond the band samples are not distances any more, only no nearer than it.
+            for (first, second) in &mut corners {
+                (*first, *second) = (grid.low.max(*first), grid.low.max(*second));
+            }
+            values = L::select(is_slot, mixed(corners, fractions(on_grid, base)) + grid.skin, values);
+        }
+        let (zero, size) = (L::splat(0.0), bounds.voxel_size_m());
+        let outside = (values / L::splat(-size) - L::splat(bounds.jump_cells())).max(zero);
+        let by_spread = (outside * outside - L::splat(SPREAD_CELLS_SQUARED)).max(zero).sqrt();
+        let free = clearance.max(by_spread.max(outside * L::splat(LEAST_SLOPE)));
+        let mut squared = zero;
+        for axis in 0..3 {
+            let away = lattice[axis] - on_grid[axis];
+            squared = squared + away * away;
+        }
+        let taken = L::load(radius) / L::splat(size) + L::splat(margin_cells);
+        let mut cells = [0.0; CHILDREN];
+        ((squared + free * free).sqrt() - taken).store(&mut cells);
+        cells
+    }
+}
+
+/// How far a place with V = −`depth_cells` is from anything with V > 0, cells, by the field itself.
+///
+/// # Source
+/// Ours. Samples are distances, so they differ by no more than they are apart. V at two places are means of such samples, hence
+/// V(b) − V(a) ≤ E|X − Y| ≤ √(E|X − Y|²) = √(|b − a|² + Var X + Var Y), X and Y the corners with their weights; also
+/// V(b) − V(a) ≤ √3·|b − a|, as no partial derivative exceeds 1. The better of the two counts.
+#[inline(always)]
+pub(super) fn free_cells(depth_cells: f32) -> f32 {
+    let outside_cells = depth_cells.max(0.0);
+    let by_spread = (outside_cells * outside_cells - SPREAD_CELLS_SQUARED).max(0.0).sqrt();
+    by_spread.max(outside_cells * LEAST_SLOPE)
+}
+
+/// The bounds and the place in lanes.
+struct Grid<'a, L: F32x8> {
+    bounds: &'a BrickBounds,
+    axes: [[L; 3]; 3],
+    origin: [L; 3],
+    dims: [L::Int; 3],
+    low: L,
+    high: L,
+    skin: L,
+    outside: L,
+}
+
+impl<'a, L: F32x8> Grid<'a, L> {
+    #[inline(always)]
+    fn new(bounds: &'a BrickBounds, place: &Place) -> Self {
+        let [nx, ny, nz] = bounds.dims();
+        let Mat3 { x_axis, y_axis, z_axis } = place.axes;
+        Self {
+            bounds,
+            axes: [splat(x_axis), splat(y_axis), splat(z_axis)],
+            origin: splat(place.origin),
+            dims: [L::Int::splat(nx), L::Int::splat(ny), L::Int::splat(nz)],
+            low: L::splat(-bounds.band_m()),
+            high: L::splat(bounds.band_m()),
+            skin: L::splat(bounds.skin_m()),
+            outside: L::splat(bounds.skin_m() - bounds.band_m()),
+        }
+    }
+
+    /// Coordinates on the lattice of cell centres.
+    #[inline(always)]
+    fn lattice(&self, [x, y, z]: [L; 3]) -> [L; 3] {
+        let mut lattice = self.origin;
+        for (k, along) in lattice.iter_mut().enumerate() {
+            *along = self.axes[0][k] * x + self.axes[1][k] * y + self.axes[2][k] * z + *along - L::splat(0.5);
+        }
+        lattice
+    }
+
+    /// Number of a brick. The product of the sizes fits, by the invariant of the bounds.
+    #[inline(always)]
+    fn brick(&self, [bx, by, bz]: [L::Int; 3]) -> L::Int {
+        (bx * self.dims[1] + by) * self.dims[2] + bz
+    }
+
+    /// The place of the grid that is nearest to one on the lattice, and its cell: all that can touch lies there, and the grid is convex.
+    /// What is not a number becomes 0.
+    #[inline(always)]
+    fn nearest(&self, lattice: [L; 3]) -> ([L; 3], [L::Int; 3]) {
+        let (mut on_grid, mut base) = (lattice, self.dims);
+        for (at, base) in on_grid.iter_mut().zip(&mut base) {
+            let end = *base * L::Int::splat(8);
+            *at = at.max(L::splat(0.0)).min(L::of_int(end));
+            // The far end belongs to the last cell.
+            *base = at.truncated().min(end + L::Int::splat(-1));
+        }
+        (on_grid, base)
+    }
+
+    /// V of the points of a block.
+    #[inline(always)]
+    fn depths(&self, points: &Lanes3, floor_m: f32) -> Depths {
+        let [x, y, z] = points.halves();
+        let low = self.lattice([L::load(&x[0]), L::load(&y[0]), L::load(&z[0])]);
+        let high = self.lattice([L::load(&x[1]), L::load(&y[1]), L::load(&z[1])]);
+        let bases = [whole(low), whole(high)];
+        // Points of a block are neighbours: mostly one brick holds them all, and one load is cheaper than sixteen.
+        let alone = match only_brick::<L>(bases) {
+            Some(brick) => Some(self.alone(brick, floor_m)),
+            None => None,
+        };
+        let mut depths = Depths { depths_m: Lanes([0.0; LANES]), touching: 0, max_m: f32::NEG_INFINITY };
+        let mut highest = L::splat(f32::NEG_INFINITY);
+        for (half, (lattice, base)) in [low, high].into_iter().zip(bases).enumerate() {
+            let values = match alone {
+                None => self.eight(lattice, base, L::splat(floor_m)),
+                Some(Alone::Uniform(value_m)) => L::splat(value_m),
+                Some(Alone::Samples(samples)) => {
+                    // SAFETY: one whole brick, and numbers of cells in it.
+                    let corners = unsafe { corners(samples, inside::<L>(base)) };
+                    self.finished(corners, fractions(lattice, base))
+                }
+            };
+            highest = values.max(highest);
+            depths.touching |= u16::from(L::splat(0.0).lt(values).bits()) << (half * simd::LANES);
+            values.store(&mut simd::halves_mut(&mut depths.depths_m.0)[half]);
+        }
+        depths.max_m = highest.max_lane();
+        depths
+    }
+
+    /// What a brick says of points in it, of interest only above the floor.
+    #[inline(always)]
+    fn alone(&self, [bx, by, bz]: [i32; 3], floor_m: f32) -> Alone<'a> {
+        let (bounds, [nx, ny, nz]) = (self.bounds, self.bounds.dims());
+        if bx as u32 >= nx as u32 || by as u32 >= ny as u32 || bz as u32 >= nz as u32 {
+            return Alone::Uniform(bounds.skin_m() - bounds.band_m());
+        }
+        let brick = ((bx * ny + by) * nz + bz) as usize;
+        let max_depth_m = bounds.max_depth_m().get(brick).copied().unwrap_or(f32::INFINITY);
+        let samples = || bounds.samples_m().get(bounds.top().get(brick).copied()? as usize);
+        if max_depth_m <= floor_m { None } else { samples() }.map_or(Alone::Uniform(max_depth_m), Alone::Samples)
+    }
+
+    /// V of eight points.
+    #[inline(always)]
+    fn eight(&self, lattice: [L; 3], base: [L::Int; 3], floor_m: L) -> L {
+        let (bricks, zero) = (eighths(base), L::Int::splat(0));
+        let mut off = zero;
+        for (brick, dim) in bricks.into_iter().zip(self.dims) {
+            off = off | zero.gt(brick) | brick.gt(dim + L::Int::splat(-1));
+        }
+        let brick = L::Int::select(off, zero, self.brick(bricks));
+        // SAFETY: lanes that are not on the grid read entry 0; by the invariant of the bounds there is one entry per brick.
+        let max_depths = L::select(off, self.outside, unsafe { L::gather(self.bounds.max_depth_m(), brick) });
+        let known = off | max_depths.le(floor_m);
+        if known.bits() == u8::MAX {
+            return max_depths;
+        }
+        // SAFETY: as above.
+        let slots = unsafe { L::Int::gather(self.bounds.top(), brick) };
+        // The two marks are −1 and −2 as signed numbers; slots are not negative.
+        let known = known | zero.gt(slots);
+        if known.bits() == u8::MAX {
+            return max_depths;
+        }
+        // SAFETY: a slot of `top`, or 0 where none is wanted; as one is wanted, there are samples.
+        let corners = unsafe { self.corners(L::Int::select(known, zero, slots), base) };
+        L::select(known, max_depths, self.finished(corners, fractions(lattice, base)))
+    }
+
+    /// Corners of interpolation cells of any bricks.
+    ///
+    /// # Safety
+    /// Each slot is below the number of bricks with samples.
+    #[inline(always)]
+    unsafe fn corners(&self, slots: L::Int, base: [L::Int; 3]) -> [(L, L); 4] {
+        let first = slots * L::Int::splat(APRON_CELLS as i32) + inside::<L>(base);
+        // SAFETY: whole bricks, by the caller's word; the sum is an `i32` by the invariant of the bounds.
+        unsafe { corners(self.bounds.samples_m().as_flattened(), first) }
+    }
+
+    /// V from the corners and the place between them.
+    #[inline(always)]
+    fn finished(&self, corners: [(L, L); 4], t: [L; 3]) -> L {
+        // Limit first: what is not a number stays what it is.
+        self.high.min(self.low.max(mixed(corners, t))) + self.skin
+    }
+}
+
+/// What one brick says of all points of a block.
+#[derive(Clone, Copy)]
+enum Alone<'a> {
+    Uniform(f32),
+    Samples(&'a [f32; APRON_CELLS]),
+}
+
+#[inline(always)]
+fn splat<L: F32x8>(v: Vec3) -> [L; 3] {
+    [L::splat(v.x), L::splat(v.y), L::splat(v.z)]
+}
+
+/// Cells. What is too large is in no brick either.
+#[inline(always)]
+fn whole<L: F32x8>([x, y, z]: [L; 3]) -> [L::Int; 3] {
+    [x.truncated(), y.truncated(), z.truncated()]
+}
+
+/// Numbers of the bricks, per axis.
+#[inline(always)]
+fn eighths<I: I32x8>([x, y, z]: [I; 3]) -> [I; 3] {
+    [x.shifted::<3>(), y.shifted::<3>(), z.shifted::<3>()]
+}
+
+#[inline(always)]
+fn fractions<L: F32x8>(at: [L; 3], base: [L::Int; 3]) -> [L; 3] {
+    [at[0] - L::of_int(base[0]), at[1] - L::of_int(base[1]), at[2] - L::of_int(base[2])]
+}
+
+/// The brick that all points lie in, if there is one.
+#[inline(always)]
+fn only_brick<L: F32x8>([low, high]: [[L::Int; 3]; 2]) -> Option<[i32; 3]> {
+    let mut differing = L::Int::splat(0);
+    let mut brick = [0; 3];
+    for ((low, high), brick) in low.into_iter().zip(high).zip(&mut brick) {
+        let first = L::Int::splat(low.first());
+        differing = differing | (low ^ first) | (high ^ first);
+        *brick = low.first() >> 3;
+    }
+    (differing & L::Int::splat(!7)).is_zero().then_some(brick)
+}
+
+/// Number of a cell's first sample within its brick: 9·(9·x + y) + z.
+#[inline(always)]
+fn inside<L: F32x8>([x, y, z]: [L::Int; 3]) -> L::Int {
+    let (seven, edge) = (L::Int::splat(7), L::Int::splat(APRON_EDGE as i32));
+    ((x & seven) * edge + (y & seven)) * edge + (z & seven)
+}
+
+/// Corners of interpolation cells, in pairs along z: `(first, second)` of rows 00, 01, 10, 11.
+///
+/// # Safety
+/// `samples_m` are whole bricks, and each number is that of a cell's [`inside`] one of them.
+#[inline(always)]
+unsafe fn corners<L: F32x8>(samples_m: &[f32], first: L::Int) -> [(L, L); 4] {
+    let mut at = [0; simd::LANES];
+    first.store(&mut at);
+    // SAFETY: in a brick x, y, z are at most 7, so the last number read is 7·91 + 91 = 728 of its 729.
+    unsafe {
+        [
+            L::gather_pairs(samples_m, &at, 0),
+            L::gather_pairs(samples_m, &at, ROW),
+            L::gather_pairs(samples_m, &at, PLANE),
+            L::gather_pairs(samples_m, &at, PLANE + ROW),
+        ]
+    }
+}
+
+/// Interpolation: z, then y, then x.
+#[inline(always)]
+fn mixed<L: F32x8>([c00, c01, c10, c11]: [(L, L); 4], [tx, ty, tz]: [L; 3]) -> L {
+    let y0 = mix(mix(c00.0, c00.1, tz), mix(c01.0, c01.1, tz), ty);
+    let y1 = mix(mix(c10.0, c10.1, tz), mix(c11.0, c11.1, tz), ty);
+    mix(y0, y1, tx)
+}
+
+#[inline(always)]
+fn mix<L: F32x8>(a: L, b: L, t: L) -> L {
+    a + (b - a) * t
+}
