@@ -9,11 +9,6 @@ use super::{EngineError, SculptEngine, SculptOrder, ToolSettings};
 
 impl SculptEngine {
     pub(super) fn carry_out(&mut self, order: SculptOrder) -> Result<(), EngineError> {
-        // Even one that fails may have changed what is shown; a stroke that it ends says so by itself.
-        match order {
-            SculptOrder::Undo | SculptOrder::Redo | SculptOrder::Combine { .. } | SculptOrder::Emboss { .. } => self.note_change(),
-            _ => self.show_again(),
-        }
         match order {
             SculptOrder::Take(tool) => self.take(tool),
             SculptOrder::Adjust(change) => self.take(change.onto(&self.tool)),

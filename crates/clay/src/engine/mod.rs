@@ -117,7 +117,16 @@ impl SculptEngine {
     /// [`EngineError`]; the piece is as it was, but that a stroke may have ended.
     pub fn order(&mut self, order: SculptOrder) -> Result<(), EngineError> {
         let spacing_m = self.model.region().lattice().spacing_m;
-        self.carry_out(order)?;
+        let changes_samples =
+            matches!(order, SculptOrder::Undo | SculptOrder::Redo | SculptOrder::Combine { .. } | SculptOrder::Emboss { .. });
+        let result = self.carry_out(order);
+        // An order that fails leaves the samples, but may have changed what else is shown. A stroke that it ends is noted by itself.
+        if changes_samples && result.is_ok() {
+            self.note_change();
+        } else {
+            self.show_again();
+        }
+        result?;
         self.trouble = self.coarser_than(spacing_m);
         Ok(())
     }

@@ -354,6 +354,7 @@ fn a_view_has_new_points_only_when_there_are_some() {
     hand.engine.order(SculptOrder::Hold(false)).unwrap();
     hand.engine.order(SculptOrder::Take(tool(SculptTool::Push))).unwrap();
     hand.engine.order(SculptOrder::Export("/no/such/folder/piece".into())).unwrap_err();
+    hand.engine.order(SculptOrder::Undo).unwrap_err();
     assert!(hand.engine.advance(UPDATE_S), "but a view may show what the tool is now");
     let second = hand.engine.view();
     assert!(first.version == 1 && second.version == 1 && Arc::ptr_eq(&first.points, &second.points));
