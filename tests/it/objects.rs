@@ -16,13 +16,13 @@ use vps::mesh::TriangleMesh;
 use vps::mesh::primitives::Shape;
 use vps::mesh::validate;
 use vps::pointshell::{self, shell::Shell};
+use vps::spatial::testing::Random;
 use vps::spatial::{DeviceSample, Pose, SampleStatus, Wrench};
 use vps::voxmap::field::FieldKind;
 use vps::voxmap::inside_test::InsideTest;
 use vps::voxmap::{Options, Voxmap};
 
 use super::rig;
-use super::traversal::Random;
 
 const T: f64 = 1e-3;
 /// s, m.
@@ -139,7 +139,7 @@ fn bits(sum: &ContactSum) -> Vec<u64> {
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn passing_over_what_is_far_away_changes_no_bit() {
     let mut random = Random(40);
-    let mut vector = || DVec3::new(random.number(), random.number(), random.number());
+    let mut vector = || DVec3::new(random.signed(), random.signed(), random.signed());
     let shapes = [
         Shape::Box { size_m: DVec3::new(0.02, 0.012, 0.008) },
         Shape::Sphere { radius_m: 7e-3 },
@@ -195,7 +195,7 @@ fn an_object_goes_where_it_is_asked_to_and_no_point_of_it_faster_than_it_may() {
     let mut play = Play::new(&scene);
     let mut random = Random(3);
     for _ in 0..6 {
-        let mut vector = || DVec3::new(random.number(), random.number(), random.number());
+        let mut vector = || DVec3::new(random.signed(), random.signed(), random.signed());
         // Far below, where the tool is not.
         let target = Pose::new(DQuat::from_scaled_axis(vector()), DVec3::NEG_Z * 0.2 + vector() * 0.05);
         let (mut place, mut n_ticks) = (wish(0, target), 0);
@@ -250,7 +250,7 @@ fn no_object_goes_through_the_tool_wherever_it_is_asked_to_go() {
         scene.parameters.contact.stiffness_n_per_m = 2e4;
         for run in 0..8 {
             let mut play = Play::new(&scene);
-            let mut signed = || random.number();
+            let mut signed = || random.signed();
             // From below to far above, aslant and turning.
             let turn = DQuat::from_scaled_axis(DVec3::new(signed(), signed(), signed()) * 0.3);
             let target = Pose::new(turn, DVec3::new(0.01 * signed(), 0.01 * signed(), 0.08));

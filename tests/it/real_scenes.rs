@@ -14,7 +14,6 @@ use vps::spatial::Pose;
 use vps::voxmap::inside_test::InsideTest;
 use vps::voxmap::{Options, Voxmap};
 
-use super::models;
 use super::rig::{self, Run};
 
 const MM: f64 = 1e-3;
@@ -99,6 +98,15 @@ fn at(x_mm: f64, y_mm: f64, z_mm: f64) -> Pose {
     Pose::from_translation(DVec3::new(x_mm, y_mm, z_mm) * MM)
 }
 
+/// The folder of real meshes; says so and gives `None` where the variable is unset.
+fn folder() -> Option<PathBuf> {
+    let folder = std::env::var_os("HAPTICD_MODELS").map(PathBuf::from);
+    if folder.is_none() {
+        eprintln!("skipped: HAPTICD_MODELS not set");
+    }
+    folder
+}
+
 fn end_mm(run: &Run) -> [f64; 3] {
     (run.final_pose().translation / MM).to_array()
 }
@@ -106,7 +114,7 @@ fn end_mm(run: &Run) -> [f64; 3] {
 #[test]
 fn a_real_peg_goes_through_a_real_hole_and_not_beside_it() {
     // Peg d 7.995, tip at its z = 0, chamfer 0.5; through hole d 8.1 along z, from 8.992 down to 0: 0.05 mm all around.
-    let Some(folder) = models::folder() else { return };
+    let Some(folder) = folder() else { return };
     let hole = ("factory_round_hole_8mm_subdiv_3x.obj", 0.2);
     let mut bench = Bench::new(&folder, hole, ("factory_round_peg_8mm_tight.obj", 0.5));
     let tilt = DQuat::from_rotation_y(0.4_f64.to_radians());
@@ -130,7 +138,7 @@ fn a_real_peg_goes_through_a_real_hole_and_not_beside_it() {
 fn a_real_gear_slides_down_a_real_shaft() {
     // Both in the frame of the assembly: seated at the identity, lower face on the plate at z = 5. Shaft d 10.0 at x = 20 mm up to
     // z = 25, bore d 10.0 with 0.3 mm chamfers: no clearance at all. Other shafts are further away than the gear's tips.
-    let Some(folder) = models::folder() else { return };
+    let Some(folder) = folder() else { return };
     let base = ("factory_gear_base_tight_space_5e-4_subdiv_4x.obj", 0.25);
     let mut bench = Bench::new(&folder, base, ("factory_gear_medium_space_5e-4.obj", 0.7));
     let way = [(0.0, at(3.0, 2.0, 26.0)), (0.6, at(0.15, 0.1, 21.0)), (2.0, at(0.15, 0.1, -2.0))];
@@ -149,7 +157,7 @@ fn a_real_gear_slides_down_a_real_shaft() {
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_real_nut_is_held_by_its_thread_and_follows_it() {
     // Bolt thread z = 16 to 41, nut z = 16 to 29 in its file; pitch 2 mm.
-    let Some(folder) = models::folder() else { return };
+    let Some(folder) = folder() else { return };
     let bolt = ("factory_bolt_m16_tight.obj", 0.2);
     let mut bench = Bench::new(&folder, bolt, ("factory_nut_m16_tight_subdiv_3x.obj", 0.5));
     let (start_mm, clearance_mm) = bench.roomiest_height(8.0, 1.0);
@@ -174,7 +182,7 @@ fn a_real_nut_is_held_by_its_thread_and_follows_it() {
 }
 #[test]
 fn the_inside_of_a_real_gear_does_not_depend_on_the_layers() {
-    let Some(folder) = models::folder() else { return };
+    let Some(folder) = folder() else { return };
     let mesh = mesh::load(&folder.join("factory_gear_medium_space_5e-4.obj"), 1.0).expect("a mesh");
     let report = validate::inspect(&mesh);
     // With 3, 4 and 5 layers a face lies on a cell boundary, but for rounding.

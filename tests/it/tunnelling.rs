@@ -7,12 +7,12 @@ use vps::mesh::TriangleMesh;
 use vps::mesh::primitives::Shape;
 use vps::mesh::validate;
 use vps::pointshell;
+use vps::spatial::testing::Random;
 use vps::spatial::{DeviceSample, Pose, SampleStatus, Twist};
 use vps::voxmap::inside_test::InsideTest;
 use vps::voxmap::{Options, Voxmap};
 
 use super::rig;
-use super::traversal::Random;
 
 const T: f64 = 1e-3;
 /// s, m.
@@ -74,7 +74,7 @@ fn acceptance_14_no_hand_is_fast_enough_to_go_through_a_plate_of_three_voxels() 
         let scene = scene(mode);
         for speed_m_per_s in [0.3, 1.0, 5.0, 15.0] {
             for run in 0..12 {
-                let mut signed = || random.number();
+                let mut signed = || random.signed();
                 let down = DVec3::new(0.7 * signed(), 0.7 * signed(), -1.0).normalize();
                 let (height_m, touched) = throw(&scene, down * speed_m_per_s, 30.0 * signed(), 0.05);
                 let what = format!("{mode:?}, {speed_m_per_s} m/s along {down}, run {run}");

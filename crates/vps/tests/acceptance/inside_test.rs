@@ -14,13 +14,12 @@ use super::models;
 const S: f64 = 1e-3;
 const LAYERS: u32 = 4;
 
-fn build_as(mesh: &TriangleMesh, sides: InsideTest) -> Voxmap {
-    let options = Options { voxel_size_m: S, layers: LAYERS, navigation: None, sides };
-    Voxmap::build(mesh, &validate::inspect(mesh), &options, |_| ()).expect("a grid that fits")
-}
-
 fn build(mesh: &TriangleMesh) -> Voxmap {
     build_as(mesh, InsideTest::Auto)
+}
+
+fn build_as(mesh: &TriangleMesh, sides: InsideTest) -> Voxmap {
+    super::build_as(mesh, S, LAYERS, sides)
 }
 
 /// A box of edges in voxels around a centre in voxels.

@@ -2,19 +2,17 @@
 
 use glam::{DVec3, Vec3};
 use proptest::prelude::*;
+use vps::mesh::TriangleMesh;
 use vps::mesh::primitives::Shape;
-use vps::mesh::{TriangleMesh, validate};
 use vps::pointshell::shell::{LANES, Shell};
 use vps::pointshell::tree::{CHILDREN, Tree};
 use vps::pointshell::{self, ShellReport};
 use vps::voxmap::inside_test::InsideTest;
-use vps::voxmap::{Options, Voxmap};
 
-use super::models;
+use super::{build_as, models};
 
 fn shell_of(mesh: &TriangleMesh, voxel_size_m: f64) -> (Shell, ShellReport) {
-    let options = Options { voxel_size_m, layers: 3, navigation: None, sides: InsideTest::Flood };
-    let map = Voxmap::build(mesh, &validate::inspect(mesh), &options, |_| ()).expect("a grid that fits");
+    let map = build_as(mesh, voxel_size_m, 3, InsideTest::Flood);
     pointshell::build(mesh, &map, DVec3::new(1e-3, -2e-3, 5e-4))
 }
 

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use vps::mesh::{self, TriangleMesh};
 
 /// File names with metres per unit.
-pub(crate) const MODELS: [(&str, f64); 15] = [
+const MODELS: [(&str, f64); 15] = [
     ("factory_gear_base_tight_space_5e-4_subdiv_4x.obj", 1.0),
     ("factory_gear_medium_space_5e-4.obj", 1.0),
     ("factory_round_hole_8mm_subdiv_3x.obj", 1.0),
@@ -24,7 +24,7 @@ pub(crate) const MODELS: [(&str, f64); 15] = [
 ];
 
 /// The folder of real meshes; says so and gives `None` where the variable is unset.
-pub(crate) fn folder() -> Option<PathBuf> {
+fn folder() -> Option<PathBuf> {
     let folder = std::env::var_os("HAPTICD_MODELS").map(PathBuf::from);
     if folder.is_none() {
         eprintln!("skipped: HAPTICD_MODELS not set");

@@ -3,17 +3,16 @@
 use std::collections::BTreeSet;
 
 use glam::DVec3;
+use vps::mesh::TriangleMesh;
 use vps::mesh::primitives::Shape;
-use vps::mesh::{TriangleMesh, validate};
 use vps::pointshell;
 use vps::pointshell::project::{SurfacePoint, project};
+use vps::voxmap::Voxmap;
 use vps::voxmap::fill::Side;
 use vps::voxmap::grid::Grid;
-use vps::voxmap::inside_test::InsideTest;
 use vps::voxmap::surface::{Navigation, Surface, visit_hits, visit_hits_by_brute_force};
-use vps::voxmap::{Options, Voxmap};
 
-use super::models;
+use super::{build, models};
 
 const S: f64 = 1e-3;
 
@@ -33,11 +32,6 @@ fn sphere_at_offset(radius_in_voxels: f64, offset: DVec3) -> TriangleMesh {
     mesh
 }
 
-fn build(mesh: &TriangleMesh, voxel_size_m: f64, layers: u32) -> Voxmap {
-    let options = Options { voxel_size_m, layers, navigation: None, sides: InsideTest::Auto };
-    Voxmap::build(mesh, &validate::inspect(mesh), &options, |_| ()).expect("a grid that fits")
-}
-
 fn on_threads<T: Send>(n_threads: usize, work: impl FnOnce() -> T + Send) -> T {
     rayon::ThreadPoolBuilder::new().num_threads(n_threads).build().expect("a pool").install(work)
 }
@@ -49,23 +43,39 @@ fn grid_for(mesh: &TriangleMesh, cells_on_longest_axis: f64) -> Grid {
 
 #[test]
 fn acceptance_2_navigations_and_brute_force_mark_the_same_voxels() {
+    let (mesh, voxel_size_m) = faces_on_voxel_boundaries();
+    let (low, high) = mesh.bounds().expect("not empty");
+    let lattice = Grid::around(low, high, voxel_size_m, 2).expect("a grid that fits");
+    navigations_mark_the_same(vec![("faces on voxel boundaries".to_owned(), mesh, lattice)]);
+    navigations_mark_the_same(primitives_at(60.0));
+}
+
+#[test]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
+fn acceptance_2_over_fine_grids_and_real_meshes() {
+    navigations_mark_the_same(primitives_at(151.3));
+    for cells in [60.0, 151.3] {
+        navigations_mark_the_same(models::all().into_iter().map(|(name, mesh)| in_grid(name.to_owned(), mesh, cells)).collect());
+    }
+}
+
+fn in_grid(name: String, mesh: TriangleMesh, cells: f64) -> (String, TriangleMesh, Grid) {
+    let grid = grid_for(&mesh, cells);
+    (format!("{name} at {cells}"), mesh, grid)
+}
+
+fn primitives_at(cells: f64) -> Vec<(String, TriangleMesh, Grid)> {
     let shapes = [
         Shape::Box { size_m: DVec3::new(0.02, 0.03, 0.01) },
         Shape::Cylinder { radius_m: 0.01, height_m: 0.02 },
         Shape::Cone { radius_m: 0.01, height_m: 0.02 },
         Shape::Torus { major_m: 0.02, minor_m: 0.005 },
     ];
-    let mut meshes: Vec<(String, TriangleMesh)> =
-        shapes.iter().map(|shape| (format!("{shape:?}"), shape.tessellate(1e-5))).collect();
-    meshes.extend(models::all().into_iter().map(|(name, mesh)| (name.to_owned(), mesh)));
-    let (mesh, voxel_size_m) = faces_on_voxel_boundaries();
-    let (low, high) = mesh.bounds().expect("not empty");
-    let lattice = Grid::around(low, high, voxel_size_m, 2).expect("a grid that fits");
-    let lattice = [("faces on voxel boundaries".to_owned(), mesh, lattice)];
-    let others = meshes
-        .into_iter()
-        .flat_map(|(name, mesh)| [60.0, 151.3].map(|cells| (format!("{name} at {cells}"), mesh.clone(), grid_for(&mesh, cells))));
-    for (name, mesh, grid) in lattice.into_iter().chain(others) {
+    shapes.iter().map(|shape| in_grid(format!("{shape:?}"), shape.tessellate(1e-5), cells)).collect()
+}
+
+fn navigations_mark_the_same(meshes: Vec<(String, TriangleMesh, Grid)>) {
+    for (name, mesh, grid) in meshes {
         let (mut hit, mut tests) = (BTreeSet::new(), 0);
         for triangle_idx in 0..mesh.triangles.len() {
             let corners = mesh.corners(triangle_idx).map(|corner| grid.to_cells(corner));

@@ -1,14 +1,12 @@
 //! How far are the distances from an exact search over all triangles? On real meshes and on meshes much finer than the voxels.
 
 use glam::DVec3;
+use vps::mesh::TriangleMesh;
 use vps::mesh::closest_point::TriangleProjector;
 use vps::mesh::primitives::Shape;
-use vps::mesh::{TriangleMesh, validate};
 use vps::voxmap::grid::cell_of;
-use vps::voxmap::inside_test::InsideTest;
-use vps::voxmap::{Options, Voxmap};
 
-use super::models;
+use super::{build, models};
 
 /// Cells that are searched per mesh.
 const SAMPLES: usize = 20_000;
@@ -91,8 +89,7 @@ struct Errors {
 fn errors(name: &str, mesh: &TriangleMesh, cells_on_longest_axis: f64, layers: u32) -> Errors {
     let (low, high) = mesh.bounds().expect("not empty");
     let voxel_size_m = (high - low).max_element() / cells_on_longest_axis;
-    let options = Options { voxel_size_m, layers, navigation: None, sides: InsideTest::Auto };
-    let map = Voxmap::build(mesh, &validate::inspect(mesh), &options, |_| ()).expect("a grid that fits");
+    let map = build(mesh, voxel_size_m, layers);
     let distances = map.distances(mesh, false);
     let tree = Tree::new(map.mesh(mesh));
     let in_band = |(_, layer): &(usize, &i8)| layer.unsigned_abs() <= layers as u8;

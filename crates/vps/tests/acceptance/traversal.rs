@@ -3,26 +3,29 @@
 use glam::{DQuat, DVec3};
 use vps::contact::Normalization;
 use vps::contact::{self, Budget, ContactSum, ForceLaw, Obstacle, SimdLevel, Traversal, TraversalMode};
+use vps::mesh::TriangleMesh;
 use vps::mesh::primitives::Shape;
-use vps::mesh::{TriangleMesh, validate};
 use vps::pointshell::{self, shell::Shell};
 use vps::spatial::Pose;
+use vps::spatial::testing::Random;
 use vps::voxmap::field::FieldKind;
 use vps::voxmap::inside_test::InsideTest;
-use vps::voxmap::{Options, Voxmap};
 
-use super::models;
+use super::{build_as, models};
 
 const LAW: ForceLaw =
     ForceLaw { stiffness_n_per_m: 1000.0, normalization: Normalization::Average, smooth_entry: true, ..ForceLaw::PLAIN };
 
-/// A linear congruential generator; numbers between −1 and 1.
-pub(crate) struct Random(pub(crate) u64);
+/// Poses, of seeded numbers.
+struct Poses(Random);
 
-impl Random {
-    pub(crate) fn number(&mut self) -> f64 {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (self.0 >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
+impl Poses {
+    fn new(seed: u64) -> Self {
+        Self(Random(seed))
+    }
+
+    fn number(&mut self) -> f64 {
+        self.0.signed()
     }
 
     fn vector(&mut self) -> DVec3 {
@@ -32,11 +35,6 @@ impl Random {
     fn rotation(&mut self) -> DQuat {
         DQuat::from_scaled_axis(self.vector() * 3.0)
     }
-}
-
-fn build(mesh: &TriangleMesh, voxel_size_m: f64, layers: u32, sides: InsideTest) -> Voxmap {
-    let options = Options { voxel_size_m, layers, navigation: None, sides };
-    Voxmap::build(mesh, &validate::inspect(mesh), &options, |_| ()).expect("a grid that fits")
 }
 
 struct Pair {
@@ -57,9 +55,9 @@ impl Pair {
         tool_voxel_m: f64,
         sides: InsideTest,
     ) -> Self {
-        let field = build(obstacle, obstacle_voxel_m, 8, sides).field(obstacle, false);
+        let field = build_as(obstacle, obstacle_voxel_m, 8, sides).field(obstacle, false);
         let (low, high) = tool.bounds().expect("not empty");
-        let (shell, _) = pointshell::build(tool, &build(tool, tool_voxel_m, 3, InsideTest::Auto), 0.5 * (low + high));
+        let (shell, _) = pointshell::build(tool, &build_as(tool, tool_voxel_m, 3, InsideTest::Auto), 0.5 * (low + high));
         let (low, high) = obstacle.bounds().expect("not empty");
         Self {
             name: name.to_owned(),
@@ -105,7 +103,7 @@ impl Pair {
     }
 
     /// A pose somewhere around the obstacle, in it or just beside it.
-    fn pose(&self, random: &mut Random) -> Pose {
+    fn pose(&self, random: &mut Poses) -> Pose {
         let reach = if random.number() > 0.0 { 1.2 } else { 0.4 };
         Pose::new(random.rotation(), self.middle + random.vector() * (reach * self.size_m + 0.5 * self.shell.radius_m()))
     }
@@ -161,7 +159,7 @@ fn absurd() -> Vec<Pose> {
 #[test]
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn every_kernel_gives_the_bits_of_the_scalar_traversal() {
-    let mut random = Random(4);
+    let mut random = Poses::new(4);
     let mut n_touching = 0;
     for pair in primitives().into_iter().chain(real()) {
         let mut traversals = [SimdLevel::Portable, SimdLevel::best()].map(|level| pair.traversal(level, TraversalMode::Flat));
@@ -197,7 +195,7 @@ fn assert_same(pair: &Pair, traversal: &Traversal, sum: &ContactSum, pose: Pose,
 
 #[test]
 fn the_walk_finds_what_the_flat_traversal_finds_at_any_pose() {
-    let mut random = Random(16);
+    let mut random = Poses::new(16);
     for pair in primitives().into_iter().chain(real()) {
         let mut walks = [SimdLevel::Portable, SimdLevel::best()].map(|level| pair.traversal(level, TraversalMode::Tree));
         let (mut n_touching, mut looked_at) = (0, 0);
@@ -232,12 +230,12 @@ struct Wander {
     pose: Pose,
     voxel_m: f64,
     radius_m: f64,
-    random: Random,
+    random: Poses,
 }
 
 impl Wander {
     fn new(pair: &Pair, seed: u64) -> Self {
-        let mut random = Random(seed);
+        let mut random = Poses::new(seed);
         let home = (0..10_000)
             .map(|_| pair.pose(&mut random))
             .find(|pose| (1..pair.shell.len() as u32 / 50).contains(&pair.flat(*pose).contacts))
@@ -309,23 +307,28 @@ fn acceptance_16_a_budget_is_kept_and_costs_accuracy_in_order() {
     }
 }
 
-/// Steps of the long walk: 10⁶ in all where `HAPTICD_LONG` is set; that takes minutes.
-fn n_steps() -> usize {
-    if std::env::var_os("HAPTICD_LONG").is_some() { 1_000_000 } else { 60_000 }
+#[test]
+fn acceptance_17_what_is_skipped_never_touches() {
+    what_is_skipped_never_touches(6_000);
 }
 
 #[test]
-fn acceptance_17_what_is_skipped_never_touches() {
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
+fn acceptance_17_what_is_skipped_never_touches_on_long_walks() {
+    what_is_skipped_never_touches(60_000);
+}
+
+/// `n_steps`: of all pairs together.
+fn what_is_skipped_never_touches(n_steps: usize) {
     let mut pairs = primitives();
     // A quarter of the points will do: the flat traversal beside is what takes the time.
     let small = Shape::Torus { major_m: 0.006, minor_m: 0.002 }.tessellate(1e-5);
     let block = Shape::Box { size_m: DVec3::new(0.03, 0.02, 0.012) }.tessellate(1e-5);
     pairs.push(Pair::new("small torus on block", &block, 4e-4, &small, 4e-4, InsideTest::Auto));
-    let n_pairs = pairs.len();
+    let n_steps = n_steps / pairs.len();
     for (pair, seed) in pairs.iter().zip(100..) {
         let (mut walk, mut wander) = (pair.traversal(SimdLevel::best(), TraversalMode::Tree), Wander::new(pair, seed));
         let (mut n_touching, mut looked_at) = (0, 0_u64);
-        let n_steps = n_steps() / n_pairs;
         for step in 0..n_steps {
             let pose = wander.step();
             let sum = pair.by(&mut walk, pose);
