@@ -47,6 +47,7 @@
 //! | [`pointshell`] | points with normals, their order, the tree of spheres over them |
 //! | [`contact`] | which points touch, and what wrench and stiffness that makes; the broad phase and moving obstacles |
 //! | [`density`] | rasters of clay that a query reads while another thread computes the next ones |
+//! | [`parallel`] | loops on the current rayon pool |
 //! | `simd` | what the processor can do, kernels over eight lanes |
 //! | `storage` | arrays that are owned or lie in a mapped file; opening files of other programs; memory that is left |
 //!
@@ -55,6 +56,7 @@
 pub mod contact;
 pub mod density;
 pub mod mesh;
+pub mod parallel;
 pub mod part;
 mod part_report;
 pub mod pointshell;

@@ -4,10 +4,9 @@
 //! mostly neighbours in the file, so the pieces are sorted in the cache. Cost: linear, in parallel; the same for any number of
 //! threads.
 
-use rayon::prelude::*;
-
 use super::SUM_TRIANGLES;
 use super::shards::Shards;
+use crate::parallel;
 
 /// Vertices whose items are sorted together: few enough for the cache.
 const SHARD_VERTICES: usize = 1 << 12;
@@ -37,8 +36,7 @@ pub(super) fn drop_duplicates(triangles: &mut Vec<[u32; 3]>, n_vertices: usize) 
             std::iter::once((corners, triangle_idx as u32))
         },
     );
-    let mut repeated: Vec<Vec<u32>> = Vec::new();
-    let repeats = shards.par_iter().map(|shard| {
+    let repeated = parallel::map(shards.n_shards, 1, |shard| {
         let first_vertex = shard * SHARD_VERTICES;
         let items = shards
             .shard(shard)
@@ -51,7 +49,6 @@ pub(super) fn drop_duplicates(triangles: &mut Vec<[u32; 3]>, n_vertices: usize) 
         }
         repeated
     });
-    repeats.collect_into_vec(&mut repeated);
     let repeated = repeated.concat();
     if !repeated.is_empty() {
         let mut keep = vec![true; triangles.len()];
@@ -81,8 +78,7 @@ pub(super) fn odd_edges(triangles: &[[u32; 3]], n_vertices: usize) -> OddEdges {
         |[from, to]: &[u32; 2]| *from.min(to),
         |_, [a, b, c]| [[a, b], [b, c], [c, a]].into_iter(),
     );
-    let mut odd: Vec<OddEdges> = Vec::new();
-    let counts = shards.par_iter().map(|shard| {
+    let odd = parallel::map(shards.n_shards, 1, |shard| {
         let first_vertex = shard * SHARD_VERTICES;
         let items = shards.shard(shard).map(|[from, to]| (from.min(to) as usize - first_vertex, (from.max(to), from < to)));
         let mut odd = OddEdges::default();
@@ -101,7 +97,6 @@ pub(super) fn odd_edges(triangles: &[[u32; 3]], n_vertices: usize) -> OddEdges {
         }
         odd
     });
-    counts.collect_into_vec(&mut odd);
     odd.into_iter().fold(OddEdges::default(), |mut sum, mut shard| {
         sum.open.append(&mut shard.open);
         sum.inconsistent += shard.inconsistent;

@@ -3,16 +3,18 @@
 use std::path::{Path, PathBuf};
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 #[cfg(feature = "gltf")]
 use super::gltf;
 #[cfg(feature = "threemf")]
 use super::threemf;
 use super::{Format, MeshError, TriangleMesh, obj, ply, source, stl};
+use crate::parallel;
 
 /// No part is this far from its origin; squares and fifth powers of what is nearer stay far inside the range of `f64`.
 const FARTHEST_M: f64 = 1e9;
+/// Vertices that are scaled in one go.
+const CHUNK_VERTICES: usize = 4096;
 
 /// Reads a mesh file, the format chosen by its extension (any case), and scales it to metres.
 ///
@@ -63,11 +65,13 @@ pub fn parse(bytes: &[u8], format: Format, path: &Path, metres_per_unit: f64) ->
 
 /// From the unit of the file to metres; refuses what is not finite, and what no part can be.
 pub(super) fn scale(vertices: &mut [DVec3], metres_per_unit: f64, path: &Path) -> Result<(), MeshError> {
-    let wrong = vertices.par_iter_mut().enumerate().find_map_first(|(vertex_idx, vertex)| {
-        *vertex *= metres_per_unit;
-        (!vertex.is_finite() || vertex.abs().max_element() > FARTHEST_M).then_some((vertex_idx, *vertex))
+    let mut chunks: Vec<_> = vertices.chunks_mut(CHUNK_VERTICES).collect();
+    let wrong = parallel::map_mut(&mut chunks, 1, |chunk_idx, chunk| {
+        chunk.iter_mut().for_each(|vertex| *vertex *= metres_per_unit);
+        let wrong = chunk.iter().position(|vertex| !vertex.is_finite() || vertex.abs().max_element() > FARTHEST_M)?;
+        Some((chunk_idx * CHUNK_VERTICES + wrong, chunk[wrong]))
     });
-    match wrong {
+    match wrong.into_iter().flatten().next() {
         None => Ok(()),
         Some((vertex_idx, vertex)) if vertex.is_finite() => {
             let distance_m = vertex.abs().max_element();

@@ -8,10 +8,10 @@
 //! moment of a tetrahedron, `∫ x xᵀ dV = V/20 (Σ vᵢ vᵢᵀ + (Σ vᵢ)(Σ vᵢ)ᵀ)`.
 
 use glam::{DMat3, DVec3};
-use rayon::prelude::*;
 
 use super::validate::{MeshReport, inspect};
 use super::{SUM_TRIANGLES, TriangleMesh};
+use crate::parallel;
 
 /// Lids on the holes may change the volume by this part of it at most, by a bound, before a shell is the better guess.
 const HOLE_SHARE: f64 = 0.1;
@@ -107,7 +107,7 @@ impl Moments {
             }
             sum
         };
-        let sums: Vec<Self> = mesh.triangles.par_chunks(SUM_TRIANGLES).map(sum_of).collect();
+        let sums = parallel::map_chunks(&mesh.triangles, SUM_TRIANGLES, sum_of);
         sums.into_iter().fold(Self { second: DMat3::ZERO, ..Default::default() }, |sum, part| Self {
             amount: sum.amount + part.amount,
             first: sum.first + part.first,

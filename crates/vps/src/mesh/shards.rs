@@ -4,11 +4,11 @@
 //! shards small enough for the cache, and each shard is then worked on by itself. Chunks of the input are sorted apart; a shard is
 //! the chain of its pieces of every chunk, so the items of a shard keep the order of the input.
 
-use rayon::prelude::*;
+use crate::parallel;
 
 /// Items by shard.
 pub(super) struct Shards<T> {
-    n_shards: usize,
+    pub(super) n_shards: usize,
     chunks: Vec<Chunk<T>>,
 }
 
@@ -44,7 +44,7 @@ impl<T: Copy + Default + Send + Sync> Shards<T> {
             }
             Chunk { starts, items }
         };
-        Self { n_shards, chunks: (0..n_chunks).into_par_iter().map_init(Vec::new, sort).collect() }
+        Self { n_shards, chunks: parallel::map_with(n_chunks, 1, Vec::new, sort) }
     }
 
     /// The items of one shard, in the order of the input.
@@ -58,11 +58,6 @@ impl<T: Copy + Default + Send + Sync> Shards<T> {
     /// How many items a shard has.
     pub(super) fn len_of(&self, shard: usize) -> usize {
         self.chunks.iter().map(|chunk| (chunk.starts[shard + 1] - chunk.starts[shard]) as usize).sum()
-    }
-
-    /// The shards, to be worked on in parallel.
-    pub(super) fn par_iter(&self) -> impl IndexedParallelIterator<Item = usize> {
-        (0..self.n_shards).into_par_iter()
     }
 }
 

@@ -8,8 +8,6 @@
 
 use std::path::Path;
 
-use rayon::prelude::*;
-
 use super::weld::weld_exact;
 use super::{MeshError, TriangleMesh};
 
@@ -67,7 +65,7 @@ fn parse_binary(triangles: &[u8], path: &Path) -> Result<TriangleMesh, MeshError
     };
     let mesh = weld_exact(records.len(), corners_of).ok_or_else(|| too_many(records.len(), path))?;
     // Vertices are numbered by first use: the first that is not finite belongs to the first such corner.
-    if let Some(wrong) = mesh.vertices.par_iter().position_first(|vertex| !vertex.is_finite()) {
+    if let Some(wrong) = mesh.vertices.iter().position(|vertex| !vertex.is_finite()) {
         let corner = mesh.triangles.as_flattened().iter().position(|vertex| *vertex as usize == wrong).unwrap_or_default();
         return Err(MeshError::NonFiniteVertex { path: path.to_owned(), vertex: corner + 1, line: None });
     }

@@ -1,7 +1,8 @@
 //! What every reader and every shape gives.
 
 use glam::DVec3;
-use rayon::prelude::*;
+
+use crate::parallel;
 
 /// Sums over triangles are taken in pieces of this many, in parallel, and the pieces added in order: the rounding is then the same
 /// for any number of threads.
@@ -29,7 +30,7 @@ impl TriangleMesh {
             let first = used.next()?;
             Some(used.fold((first, first), |(low, high), vertex| (low.min(vertex), high.max(vertex))))
         };
-        let boxes: Vec<_> = self.triangles.par_chunks(SUM_TRIANGLES).filter_map(around).collect();
-        boxes.into_iter().reduce(|(low, high), (other_low, other_high)| (low.min(other_low), high.max(other_high)))
+        let boxes = parallel::map_chunks(&self.triangles, SUM_TRIANGLES, around);
+        boxes.into_iter().flatten().reduce(|(low, high), (other_low, other_high)| (low.min(other_low), high.max(other_high)))
     }
 }

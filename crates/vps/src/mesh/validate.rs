@@ -5,11 +5,11 @@
 //! edges. Cost: linear, in parallel; edges are matched among neighbours in number, in pieces that the cache holds.
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::edges::{OddEdges, drop_duplicates, odd_edges};
 use super::weld::weld_within;
 use super::{SUM_TRIANGLES, TriangleMesh};
+use crate::parallel;
 
 /// Vertices closer than this part of the diagonal of the bounding box are one.
 pub const WELD_SHARE: f64 = 1e-6;
@@ -146,8 +146,8 @@ pub fn inspect(mesh: &TriangleMesh) -> MeshReport {
     };
     // Volumes are taken from the middle of the box: far from the part, their sum would lose digits.
     let center = 0.5 * (low + high);
-    let sums: Vec<Sums> =
-        mesh.triangles.par_chunks(SUM_TRIANGLES).map(|triangles| Sums::of(triangles, &mesh.vertices, center, &welded)).collect();
+    let sums =
+        parallel::map_chunks(&mesh.triangles, SUM_TRIANGLES, |triangles| Sums::of(triangles, &mesh.vertices, center, &welded));
     let mut triangles = Vec::with_capacity(mesh.triangles.len());
     for sums in sums {
         report.area_m2 += sums.area_m2;

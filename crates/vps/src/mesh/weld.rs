@@ -9,10 +9,10 @@ use std::hash::{BuildHasherDefault, Hasher};
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::TriangleMesh;
 use super::shards::{Shards, shards_for};
+use crate::parallel;
 
 /// Triangles that one task reads at a time.
 const CHUNK_TRIANGLES: usize = 1 << 15;
@@ -62,13 +62,10 @@ pub(super) fn weld_exact<B: Bits>(n_triangles: usize, corners_of: impl Fn(usize)
     let first_of = |corner: usize| firsts[corner].load(Ordering::Relaxed) as usize;
 
     // The number of a vertex is how many first corners come before its own: bits, with a sum at every word.
-    let mut words: Vec<(u64, u32)> = (0..n_corners.div_ceil(64))
-        .into_par_iter()
-        .map(|word| {
-            let corners = 64 * word..n_corners.min(64 * word + 64);
-            (corners.filter(|corner| first_of(*corner) == *corner).fold(0, |bits, corner| bits | (1 << (corner % 64))), 0)
-        })
-        .collect();
+    let mut words: Vec<(u64, u32)> = parallel::map(n_corners.div_ceil(64), 1, |word| {
+        let corners = 64 * word..n_corners.min(64 * word + 64);
+        (corners.filter(|corner| first_of(*corner) == *corner).fold(0, |bits, corner| bits | (1 << (corner % 64))), 0)
+    });
     let mut n_vertices = 0;
     for (bits, before) in &mut words {
         *before = n_vertices;
@@ -79,17 +76,16 @@ pub(super) fn weld_exact<B: Bits>(n_triangles: usize, corners_of: impl Fn(usize)
         before + (bits & ((1 << (corner % 64)) - 1)).count_ones()
     };
 
-    let triangles: Vec<[u32; 3]> =
-        (0..n_triangles).into_par_iter().map(|k| [3 * k, 3 * k + 1, 3 * k + 2].map(|corner| number_of(first_of(corner)))).collect();
+    let triangles = parallel::map(n_triangles, 1, |k| [3 * k, 3 * k + 1, 3 * k + 2].map(|corner| number_of(first_of(corner))));
     let mut vertices = vec![DVec3::ZERO; n_vertices as usize];
     let mut rest = &mut vertices[..];
     let mut pieces = Vec::new();
     for words in words.chunks(CHUNK_TRIANGLES / 64) {
         let (piece, later) = std::mem::take(&mut rest).split_at_mut(words.iter().map(|(bits, _)| bits.count_ones() as usize).sum());
-        pieces.push(piece);
+        pieces.push((piece, words));
         rest = later;
     }
-    pieces.into_par_iter().zip(words.par_chunks(CHUNK_TRIANGLES / 64)).enumerate().for_each(|(chunk, (piece, words))| {
+    parallel::map_mut(&mut pieces, 1, |chunk, (piece, words)| {
         let corners = (0..64 * words.len()).filter(|bit| words[bit / 64].0 >> (bit % 64) & 1 == 1);
         for (vertex, bit) in piece.iter_mut().zip(corners) {
             let corner = chunk * (CHUNK_TRIANGLES / 64) * 64 + bit;
@@ -115,8 +111,10 @@ fn first_corners<B: Bits>(n_triangles: usize, corners_of: &(impl Fn(usize) -> [B
         })
     });
     // Every place is written once, by the task of its shard; the tasks end before anyone reads.
-    let firsts: Vec<AtomicU32> = (0..n_corners).into_par_iter().map(|_| AtomicU32::new(0)).collect();
-    shards.par_iter().for_each_init(
+    let firsts: Vec<AtomicU32> = parallel::map(n_corners, 1, |_| AtomicU32::new(0));
+    parallel::map_with(
+        shards.n_shards,
+        1,
         || (Vec::new(), Vec::new()),
         |(slots, distinct): &mut (Vec<u32>, Vec<(B, u32)>), shard| {
             let mask = (2 * shards.len_of(shard)).next_power_of_two() - 1;
@@ -182,7 +180,11 @@ struct Cells {
 
 impl Cells {
     fn new(positions: &[DVec3], tolerance: f64) -> Self {
-        let origin = positions.par_iter().copied().reduce_with(DVec3::min).unwrap_or_default();
+        let origin = parallel::map_chunks(positions, 1 << 16, |chunk| chunk.iter().copied().reduce(DVec3::min))
+            .into_iter()
+            .flatten()
+            .reduce(DVec3::min)
+            .unwrap_or_default();
         let per_m = (CELL_TOLERANCES * tolerance).recip();
         // Of zero, and of what is so small that its inverse overflows.
         if per_m.is_finite() { Self { origin, per_m, tolerance } } else { Self { origin, per_m: 1.0, tolerance: 0.0 } }
@@ -208,7 +210,7 @@ impl Cells {
 /// greedy walk, which is sequential, sees only the rest.
 pub(super) fn weld_within(positions: &[DVec3], tolerance: f64) -> Vec<u32> {
     let cells = Cells::new(positions, tolerance);
-    let mut representative: Vec<u32> = (0..positions.len() as u32).into_par_iter().collect();
+    let mut representative: Vec<u32> = (0..positions.len() as u32).collect();
     let crowded = crowded(positions, cells);
     let mut in_cell: WordMap<[i64; 3]> = WordMap::with_capacity_and_hasher(crowded.len(), BuildHasherDefault::default());
     // The next representative of the same cell, by place in `crowded`.
@@ -251,49 +253,46 @@ fn crowded(positions: &[DVec3], cells: Cells) -> Vec<u32> {
             })
         })
     });
-    let mut crowded: Vec<Vec<u32>> = Vec::new();
-    shards
-        .par_iter()
-        .map_init(
-            || (Vec::new(), Vec::new()),
-            |(slots, firsts): &mut (Vec<u32>, Vec<(u32, u32, bool)>), shard| {
-                let mask = (2 * shards.len_of(shard)).next_power_of_two() - 1;
-                slots.clear();
-                slots.resize(mask + 1, u32::MAX);
-                firsts.clear();
-                let mut crowded = Vec::new();
-                for (hash, number) in shards.shard(shard) {
-                    let mut slot = hash as usize & mask;
-                    loop {
-                        match firsts.get_mut(slots[slot] as usize) {
-                            None => {
-                                slots[slot] = firsts.len() as u32;
-                                firsts.push((hash, number, false));
-                            }
-                            Some((there, ..)) if *there != hash => {
-                                slot = (slot + 1) & mask;
-                                continue;
-                            }
-                            // Two cells around one position that share a hash.
-                            Some((_, first, _)) if *first == number => {}
-                            Some((_, first, is_known)) => {
-                                if !std::mem::replace(is_known, true) {
-                                    crowded.push(*first);
-                                }
-                                crowded.push(number);
-                            }
+    let crowded = parallel::map_with(
+        shards.n_shards,
+        1,
+        || (Vec::new(), Vec::new()),
+        |(slots, firsts): &mut (Vec<u32>, Vec<(u32, u32, bool)>), shard| {
+            let mask = (2 * shards.len_of(shard)).next_power_of_two() - 1;
+            slots.clear();
+            slots.resize(mask + 1, u32::MAX);
+            firsts.clear();
+            let mut crowded = Vec::new();
+            for (hash, number) in shards.shard(shard) {
+                let mut slot = hash as usize & mask;
+                loop {
+                    match firsts.get_mut(slots[slot] as usize) {
+                        None => {
+                            slots[slot] = firsts.len() as u32;
+                            firsts.push((hash, number, false));
                         }
-                        break;
+                        Some((there, ..)) if *there != hash => {
+                            slot = (slot + 1) & mask;
+                            continue;
+                        }
+                        // Two cells around one position that share a hash.
+                        Some((_, first, _)) if *first == number => {}
+                        Some((_, first, is_known)) => {
+                            if !std::mem::replace(is_known, true) {
+                                crowded.push(*first);
+                            }
+                            crowded.push(number);
+                        }
                     }
+                    break;
                 }
-                crowded
-            },
-        )
-        .collect_into_vec(&mut crowded);
-    let mut crowded = crowded.concat();
-    crowded.par_sort_unstable();
-    crowded.dedup();
-    crowded
+            }
+            crowded
+        },
+    );
+    let mut is_crowded = vec![false; positions.len()];
+    crowded.iter().flatten().for_each(|number| is_crowded[*number as usize] = true);
+    (0..).zip(is_crowded).filter_map(|(number, is_crowded)| is_crowded.then_some(number)).collect()
 }
 
 #[cfg(test)]

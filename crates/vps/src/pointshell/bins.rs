@@ -3,9 +3,9 @@
 use core::sync::atomic::{AtomicU32, Ordering};
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use crate::mesh::TriangleMesh;
+use crate::parallel;
 use crate::voxmap::grid::BRICK_EDGE;
 use crate::voxmap::surface::Surface;
 
@@ -21,13 +21,15 @@ impl Bins {
     /// Sorts the triangles. Runs on the current rayon pool. Cost: two passes over pairs of triangle and brick; 4 bytes per pair.
     pub(super) fn sort(mesh: &TriangleMesh, surface: &Surface) -> Self {
         let for_each_pair = |visit: &(dyn Fn(u32, usize) + Sync)| {
-            (0..mesh.triangles.len()).into_par_iter().with_min_len(256).for_each(|triangle_idx| {
-                let corners = mesh.corners(triangle_idx).map(|corner| surface.grid.to_cells(corner));
-                for_each_brick(&corners, surface.grid.brick_dims(), |brick| {
-                    if let Some(slot) = surface.slot(surface.grid.brick_index(brick)) {
-                        visit(triangle_idx as u32, slot);
-                    }
-                });
+            parallel::for_each_range(mesh.triangles.len(), 256, &|range| {
+                range.for_each(|triangle_idx| {
+                    let corners = mesh.corners(triangle_idx).map(|corner| surface.grid.to_cells(corner));
+                    for_each_brick(&corners, surface.grid.brick_dims(), |brick| {
+                        if let Some(slot) = surface.slot(surface.grid.brick_index(brick)) {
+                            visit(triangle_idx as u32, slot);
+                        }
+                    });
+                })
             });
         };
         // Relaxed throughout: the joins publish what the passes wrote.

@@ -4,7 +4,6 @@ use core::ops::Range;
 use std::time::{Duration, Instant};
 
 use glam::{DVec3, Vec3};
-use rayon::prelude::*;
 
 use super::bins::Bins;
 use super::cluster::{Site, arrange};
@@ -13,6 +12,7 @@ use super::normals::{BrickSums, normal};
 use super::project::Scratch;
 use super::shell::Shell;
 use crate::mesh::TriangleMesh;
+use crate::parallel;
 use crate::voxmap::Voxmap;
 
 /// What was built.
@@ -123,8 +123,8 @@ struct Task<'a> {
 /// Projects and turns to a normal every surface voxel, brick by brick while the brick is in cache.
 fn place(mesh: &TriangleMesh, map: &Voxmap, bins: &Bins, center_of_mass_tool: DVec3) -> Placed {
     let (surface, grid) = (&map.surface, &map.surface.grid);
-    let mut sites: Vec<Site> = rayon::iter::repeat_n(Site::default(), surface.n_voxels).collect();
-    let mut normals: Vec<Vec3> = rayon::iter::repeat_n(Vec3::ZERO, surface.n_voxels).collect();
+    let mut sites = parallel::map(surface.n_voxels, 1, |_| Site::default());
+    let mut normals = parallel::map(surface.n_voxels, 1, |_| Vec3::ZERO);
     let mut on_edge = vec![false; surface.n_voxels];
     let mut tasks = Vec::with_capacity(surface.bricks.len() / BRICKS_PER_TASK + 1);
     let (mut sites_left, mut normals_left, mut edges_left) = (&mut sites[..], &mut normals[..], &mut on_edge[..]);
@@ -139,10 +139,10 @@ fn place(mesh: &TriangleMesh, map: &Voxmap, bins: &Bins, center_of_mass_tool: DV
         tasks.push(Task { slots, sites, normals, on_edge, first_idx });
         first_idx += n_points as u32;
     }
-    let run = |(scratch, sums): &mut (Scratch, BrickSums), task: Task<'_>| {
+    let run = |(scratch, sums): &mut (Scratch, BrickSums), _, task: &mut Task<'_>| {
         let mut tally = Tally::default();
-        let mut places = task.sites.iter_mut().zip(task.normals).zip(task.on_edge).zip(task.first_idx..);
-        for slot in task.slots {
+        let mut places = task.sites.iter_mut().zip(&mut *task.normals).zip(&mut *task.on_edge).zip(task.first_idx..);
+        for slot in task.slots.clone() {
             let start = Instant::now();
             let points = scratch.project(mesh, surface, bins, slot);
             let projected = Instant::now();
@@ -165,6 +165,7 @@ fn place(mesh: &TriangleMesh, map: &Voxmap, bins: &Bins, center_of_mass_tool: DV
         }
         tally
     };
-    let tally = tasks.into_par_iter().map_init(Default::default, run).reduce(Tally::default, Tally::plus);
+    let tallies = parallel::map_mut_with(&mut tasks, 1, Default::default, run);
+    let tally = tallies.into_iter().fold(Tally::default(), Tally::plus);
     Placed { sites, normals, on_edge, tally }
 }

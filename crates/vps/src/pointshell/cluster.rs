@@ -4,6 +4,7 @@ use glam::Vec3;
 
 use super::lanes::LANES;
 use super::tree::CHILDREN;
+use crate::parallel;
 
 /// A point on its way to its place in the shell.
 #[derive(Clone, Copy, Debug, Default)]
@@ -64,7 +65,7 @@ fn halve(sites: &mut [Site], mut child: usize) {
     let is_parallel = sites.len() > PARALLEL;
     let (left, right) = sites.split_at_mut(left);
     if is_parallel {
-        rayon::join(|| halve(left, child), || halve(right, child));
+        parallel::join(&mut || halve(left, child), &mut || halve(right, child));
     } else {
         halve(left, child);
         halve(right, child);

@@ -10,11 +10,11 @@
 //! result independent of the order of work.
 
 use glam::{DVec3, Vec4};
-use rayon::prelude::*;
 
 use super::bins::{Bins, cell_range};
 use crate::mesh::TriangleMesh;
 use crate::mesh::closest_point::TriangleProjector;
+use crate::parallel;
 use crate::voxmap::grid::{BRICK_CELLS, BRICK_EDGE, brick_origin};
 use crate::voxmap::sat::TriangleSat;
 use crate::voxmap::surface::{Surface, bits};
@@ -44,7 +44,7 @@ const TOLERANCE_CELLS: f64 = 1e-6;
 pub fn project(mesh: &TriangleMesh, surface: &Surface) -> Vec<SurfacePoint> {
     let bins = Bins::sort(mesh, surface);
     let brick = |scratch: &mut Scratch, slot| scratch.project(mesh, surface, &bins, slot).collect::<Vec<_>>();
-    (0..surface.bricks.len()).into_par_iter().map_init(Scratch::default, brick).flatten_iter().collect()
+    parallel::map_with(surface.bricks.len(), 1, Scratch::default, brick).concat()
 }
 
 /// The best projections of one brick so far, for each of its cells.

@@ -3,11 +3,11 @@
 mod file;
 
 use glam::{DVec3, Vec3};
-use rayon::prelude::*;
 
 use super::cluster::Site;
 pub use super::lanes::{LANES, Lanes, Lanes3};
 use super::tree::Tree;
+use crate::parallel;
 use crate::storage::SharedSlice;
 
 /// Points and normals of the tool, and the tree over them.
@@ -45,11 +45,10 @@ impl Shell {
     pub(super) fn lay_out(sites: &[Site], normals: &[Vec3], on_edge: &[bool], radius_m: f64, voxel_size_m: f64) -> Self {
         let edges =
             |chunk: &[Site]| (0..).zip(chunk).fold(0, |edges, (lane, site)| edges | u16::from(on_edge[site.idx as usize]) << lane);
-        let chunks = || sites.par_chunks(LANES);
         Self {
-            positions: chunks().map(|chunk| block(chunk, Site::position)).collect::<Vec<_>>().into(),
-            normals: chunks().map(|chunk| block(chunk, |site| normals[site.idx as usize])).collect::<Vec<_>>().into(),
-            edges: chunks().map(edges).collect::<Vec<_>>().into(),
+            positions: parallel::map_chunks(sites, LANES, |chunk| block(chunk, Site::position)).into(),
+            normals: parallel::map_chunks(sites, LANES, |chunk| block(chunk, |site| normals[site.idx as usize])).into(),
+            edges: parallel::map_chunks(sites, LANES, edges).into(),
             tree: Tree::default(),
             n_points: sites.len(),
             radius_m,

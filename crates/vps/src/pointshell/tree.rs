@@ -38,10 +38,10 @@ use core::ops::Range;
 
 use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::lanes::{LANES, Lanes3};
 use super::sphere::{Ball, enclose};
+use crate::parallel;
 use crate::storage::SharedSlice;
 
 /// Children of a node.
@@ -192,11 +192,11 @@ impl<'a> Builder<'a> {
         let mut builder = Self { positions, levels: Vec::new() };
         let n_leaves = n_points.div_ceil(LANES);
         if n_leaves > 0 {
-            builder.levels.push((0..n_leaves).into_par_iter().with_min_len(256).map(|block| builder.leaf(block)).collect());
+            builder.levels.push(parallel::map(n_leaves, 256, |block| builder.leaf(block)));
         }
         while let Some(children) = builder.levels.last().filter(|children| children.len() > 1) {
             let n_parents = children.len().div_ceil(CHILDREN);
-            let parents = (0..n_parents).into_par_iter().with_min_len(16).map(|node| builder.parent(node)).collect();
+            let parents = parallel::map(n_parents, 16, |node| builder.parent(node));
             builder.levels.push(parents);
         }
         builder

@@ -1,11 +1,11 @@
 //! Sparse sets of bricks: one bit per brick of the grid, and a number for each brick in the set.
 
 use core::sync::atomic::{AtomicU32, AtomicU64, Ordering};
+use rayon::prelude::*;
 use std::sync::{Mutex, OnceLock, PoisonError};
 
-use rayon::prelude::*;
-
 use super::grid::BRICK_EDGE;
+use crate::parallel;
 
 /// One bit per cell of a brick: word x, bit y·8 + z.
 pub type Mask = [u64; BRICK_EDGE];
@@ -132,19 +132,15 @@ impl Marks {
         let n_words = top.len().div_ceil(64);
         drop(top);
         let bricks = bricks.into_inner().unwrap_or_else(PoisonError::into_inner);
-        let mut order: Vec<(u32, u32)> = bricks.into_iter().zip(0..).collect();
+        let mut order: Vec<(u64, u32)> = bricks.into_iter().map(u64::from).zip(0..).collect();
         order.par_sort_unstable();
-        let masks = order
-            .par_iter()
-            .map(|(_, slot)| {
-                let segment = segments[*slot as usize / SEGMENT].get();
-                // Relaxed: the threads that marked have been joined.
-                segment.map_or([0; BRICK_EDGE], |cells| {
-                    cells[*slot as usize % SEGMENT].each_ref().map(|word| word.load(Ordering::Relaxed))
-                })
-            })
-            .collect();
-        let bricks: Vec<u32> = order.into_iter().map(|(brick, _)| brick).collect();
+        let masks = parallel::map(order.len(), 1, |place| {
+            let slot = order[place].1 as usize;
+            let segment = segments[slot / SEGMENT].get();
+            // Relaxed: the threads that marked have been joined.
+            segment.map_or([0; BRICK_EDGE], |cells| cells[slot % SEGMENT].each_ref().map(|word| word.load(Ordering::Relaxed)))
+        });
+        let bricks: Vec<u32> = order.into_iter().map(|(brick, _)| brick as u32).collect();
         let mut words = vec![0_u64; n_words];
         bricks.iter().for_each(|brick| words[*brick as usize / 64] |= 1 << (brick % 64));
         (BrickSet::new(words), bricks, masks)

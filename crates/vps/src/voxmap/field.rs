@@ -20,6 +20,7 @@ use super::distance::{Samples, sample_of};
 use super::grid::{BRICK_CELLS, BRICK_EDGE, Grid};
 use super::layers::Layers;
 pub use super::layers::{DEEP_INSIDE, FAR_OUTSIDE};
+use crate::parallel;
 use crate::storage::SharedSlice;
 
 /// Which formula turns the map into a depth at a point.
@@ -294,12 +295,10 @@ const APRON: [(usize, usize, usize); BORROWED] = {
 /// Copies the first samples of the next bricks into each brick. Cold.
 #[expect(clippy::indexing_slicing, reason = "start-up: slots of one map index the arrays of the other")]
 fn fill_aprons(layers: &Layers, band_m: f32, distances_m: &mut [[f32; APRON_CELLS]]) {
-    use rayon::prelude::*;
-    let mut borrowed = vec![[0.0; BORROWED]; APRON_CHUNK.min(distances_m.len())];
     for first in (0..distances_m.len()).step_by(APRON_CHUNK) {
         let bricks = &layers.bricks[first..layers.bricks.len().min(first + APRON_CHUNK)];
-        borrowed.par_iter_mut().zip(bricks).with_min_len(16).for_each(|(borrowed, brick)| {
-            let coord = layers.grid.brick_coord(*brick as usize);
+        let borrowed = parallel::map(bricks.len(), 16, |place| {
+            let coord = layers.grid.brick_coord(bricks[place] as usize);
             let outside = [-band_m; APRON_CELLS];
             let inside = [band_m; APRON_CELLS];
             let owners: [&[f32; APRON_CELLS]; 8] = core::array::from_fn(|owner| {
@@ -310,12 +309,14 @@ fn fill_aprons(layers: &Layers, band_m: f32, distances_m: &mut [[f32; APRON_CELL
                     slot => &distances_m[slot as usize],
                 }
             });
+            let mut borrowed = [0.0; BORROWED];
             for (value, (_, owner, there)) in borrowed.iter_mut().zip(APRON) {
                 *value = owners[owner][there];
             }
+            borrowed
         });
-        distances_m[first..].par_iter_mut().zip(&borrowed).with_min_len(16).for_each(|(samples, borrowed)| {
-            for (value, (sample, _, _)) in borrowed.iter().zip(APRON) {
+        parallel::map_mut(&mut distances_m[first..][..bricks.len()], 16, |place, samples| {
+            for (value, (sample, _, _)) in borrowed[place].iter().zip(APRON) {
                 samples[sample] = *value;
             }
         });

@@ -5,11 +5,10 @@
 //! Connectivity is ours: 6 neighbours, which a supercover surface stops. We flood bricks, not voxels: bricks without surface by whole
 //! runs along z, 64 to a word; a brick with surface by word-wide shifts until nothing changes. The set reached is the same.
 
-use rayon::prelude::*;
-
 use super::bricks::BrickSet;
 use super::grid::{BRICK_EDGE, Grid};
 use super::surface::{FIRST_Z, Mask, Surface, bits};
+use crate::parallel;
 
 /// All cells of a brick.
 pub(crate) const FULL: Mask = [u64::MAX; BRICK_EDGE];
@@ -59,17 +58,14 @@ impl Sides {
             if asked.is_empty() {
                 return sides;
             }
-            let grown: Vec<(u32, Mask)> = asked
-                .par_iter()
-                .with_min_len(64)
-                .filter_map(|brick| {
-                    let slot = surface.slot(*brick as usize)?;
-                    let mut outside = sides.outside_masks[slot];
-                    let entering = sides.entering(surface, *brick as usize);
-                    spread(&mut outside, &entering, &surface.masks[slot]).then_some((*brick, outside))
-                })
-                .collect();
-            for (brick, outside) in grown {
+            let grown = parallel::map(asked.len(), 64, |place| {
+                let brick = asked[place];
+                let slot = surface.slot(brick as usize)?;
+                let mut outside = sides.outside_masks[slot];
+                let entering = sides.entering(surface, brick as usize);
+                spread(&mut outside, &entering, &surface.masks[slot]).then_some((brick, outside))
+            });
+            for (brick, outside) in grown.into_iter().flatten() {
                 if let Some(slot) = surface.slot(brick as usize) {
                     sides.outside_masks[slot] = outside;
                 }
@@ -160,16 +156,11 @@ impl Sides {
     pub fn count_inside(&self, surface: &Surface) -> u64 {
         let grid = &surface.grid;
         let cells = super::grid::BRICK_CELLS as u64;
-        let words = self.outside_bricks.par_iter().enumerate();
+        let words = self.outside_bricks.iter().enumerate();
         let held: u64 = words.map(|(word, outside)| u64::from((outside | surface.brick_set().word(word)).count_ones())).sum();
         let uniform = grid.n_bricks() as u64 - held;
-        let mixed: u64 = surface
-            .masks
-            .par_iter()
-            .zip(&self.outside_masks)
-            .flat_map_iter(|(surface, outside)| surface.iter().zip(outside))
-            .map(|(surface, outside)| u64::from((!(surface | outside)).count_ones()))
-            .sum();
+        let words = surface.masks.as_flattened().iter().zip(self.outside_masks.as_flattened());
+        let mixed: u64 = words.map(|(surface, outside)| u64::from((!(surface | outside)).count_ones())).sum();
         // The padding keeps cells beyond `dims` in the last bricks outside, so no clipping is needed.
         uniform * cells + mixed
     }

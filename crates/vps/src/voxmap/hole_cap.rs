@@ -28,6 +28,7 @@ use super::surface::Surface;
 use super::winding::WindingTree;
 use crate::mesh::TriangleMesh;
 use crate::mesh::validate::MeshReport;
+use crate::parallel;
 
 /// A mesh whose holes are closed.
 #[derive(Debug)]
@@ -144,15 +145,15 @@ impl Boundary {
         let mut boundary = Self { known: WindingCache::new(grid), crossings: Vec::new() };
         let mut wave = boundary.known.ask(rim_cells.iter().flat_map(|cell| around.clone().map(|step| moved(*cell, step))));
         while !wave.is_empty() {
-            let windings: Vec<f32> = wave.par_iter().map(|cell| winding_at(winding, grid, *cell, DVec3::ZERO) as f32).collect();
+            let windings = parallel::map(wave.len(), 1, |place| winding_at(winding, grid, wave[place], DVec3::ZERO) as f32);
             let mut differing: Vec<Step> = Vec::new();
             for (cell, winding) in wave.iter().zip(windings) {
                 boundary.known.set(*cell, winding);
                 // Each step once: when the second of its cells becomes known.
                 differing.extend(steps_of(*cell).filter(|step| boundary.differs(*step)));
             }
-            let crossed: Vec<(Step, f64)> =
-                differing.into_par_iter().filter_map(|step| Some((step, boundary.cross(surface, winding, step)?))).collect();
+            let cross = |place: usize| Some((differing[place], boundary.cross(surface, winding, differing[place])?));
+            let crossed: Vec<(Step, f64)> = parallel::map(differing.len(), 1, cross).into_iter().flatten().collect();
             wave = boundary.known.ask(crossed.iter().flat_map(|(step, _)| around_step(*step)));
             boundary.crossings.extend(crossed);
         }
@@ -207,8 +208,8 @@ impl Boundary {
         near.sort_unstable();
         near.dedup();
         near.retain(|cell| self.is_inside(*cell) == Some(true) && !with_lids.contains(*cell));
-        near.par_iter()
-            .flat_map_iter(|cell| {
+        near.iter()
+            .flat_map(|cell| {
                 (0..27).filter_map(|idx| {
                     let offset = [idx / 9 - 1, idx / 3 % 3 - 1, idx % 3 - 1];
                     let other = moved(*cell, offset);

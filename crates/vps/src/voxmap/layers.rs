@@ -7,13 +7,12 @@
 
 use std::sync::Arc;
 
-use rayon::prelude::*;
-
 use super::bricks::BrickSet;
 use super::fill::Sides;
 use super::grid::{BRICK_CELLS, Grid};
 use super::growth;
-use super::surface::{Mask, Surface, bits};
+use super::surface::{Mask, Surface};
+use crate::parallel;
 
 /// Marks a brick of the top grid that holds no band cell and lies outside.
 pub const FAR_OUTSIDE: u32 = u32::MAX;
@@ -50,7 +49,7 @@ impl Layers {
         for first_layer in (1..=n_layers).step_by(growth::REACH) {
             let n_before = first_layer - 1;
             let n_more = (n_layers - n_before).min(growth::REACH as u32);
-            let masks: Vec<Mask> = reached.values.par_iter().map(|cells| growth::up_to(cells, n_before as i8)).collect();
+            let masks = parallel::map(reached.values.len(), 1, |slot| growth::up_to(&reached.values[slot], n_before as i8));
             let seen = match n_before {
                 0 => Seen { index: surface.brick_set(), bricks: &surface.bricks, masks: &surface.masks },
                 _ => Seen { index: &reached.index, bricks: &reached.bricks, masks: &masks },
@@ -63,12 +62,8 @@ impl Layers {
             });
         }
         let Reached { index: _, bricks, values } = reached;
-        let mut top = vec![DEEP_INSIDE; grid.n_bricks()];
-        top.par_chunks_mut(64).enumerate().for_each(|(word, entries)| {
-            for bit in bits(sides.outside_bricks(word)) {
-                entries[bit as usize] = FAR_OUTSIDE;
-            }
-        });
+        let is_outside = |brick: usize| sides.outside_bricks(brick / 64) >> (brick % 64) & 1 == 1;
+        let mut top = parallel::map(grid.n_bricks(), 64, |brick| if is_outside(brick) { FAR_OUTSIDE } else { DEEP_INSIDE });
         for (slot, brick) in bricks.iter().enumerate() {
             top[*brick as usize] = slot as u32;
         }
@@ -135,23 +130,21 @@ impl Reached {
         }
         let wider = BrickSet::new(words);
         let bricks = wider.members();
-        let values = bricks
-            .par_iter()
-            .map(|brick| {
-                let coord = grid.brick_coord(*brick as usize);
-                let around: [Option<&Mask>; 27] = core::array::from_fn(|idx| {
-                    let neighbour = grid.brick_neighbour(coord, growth::offset(idx))?;
-                    seen.index.slot(neighbour).map(|slot| &seen.masks[slot])
-                });
-                let mut cells = growth::distances(&around, n_more);
-                if n_before > 0 {
-                    let before = self.index.slot(*brick as usize).map(|slot| &self.values[slot]);
-                    growth::stack(&mut cells, before, n_before as i8);
-                }
-                finish(*brick, &mut cells);
-                cells
-            })
-            .collect();
+        let values = parallel::map(bricks.len(), 1, |slot| {
+            let brick = bricks[slot];
+            let coord = grid.brick_coord(brick as usize);
+            let around: [Option<&Mask>; 27] = core::array::from_fn(|idx| {
+                let neighbour = grid.brick_neighbour(coord, growth::offset(idx))?;
+                seen.index.slot(neighbour).map(|slot| &seen.masks[slot])
+            });
+            let mut cells = growth::distances(&around, n_more);
+            if n_before > 0 {
+                let before = self.index.slot(brick as usize).map(|slot| &self.values[slot]);
+                growth::stack(&mut cells, before, n_before as i8);
+            }
+            finish(brick, &mut cells);
+            cells
+        });
         Self { index: wider, bricks, values }
     }
 }

@@ -9,13 +9,13 @@
 //! that the object becomes a thin skin.
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::fill::{Side, Sides};
 use super::surface::Surface;
 use super::winding::WindingTree;
 use crate::mesh::TriangleMesh;
 use crate::mesh::validate::MeshReport;
+use crate::parallel;
 
 /// Where the fill got in.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -69,8 +69,7 @@ impl<'a> FaceSamples<'a> {
             (b - a).cross(c - a).length()
         };
         let chunk = |chunk_idx: usize| chunk_idx * CHUNK..((chunk_idx + 1) * CHUNK).min(n_triangles);
-        let sums: Vec<f64> =
-            (0..n_triangles.div_ceil(CHUNK)).into_par_iter().map(|chunk_idx| chunk(chunk_idx).map(area).sum()).collect();
+        let sums: Vec<f64> = parallel::map(n_triangles.div_ceil(CHUNK), 1, |chunk_idx| chunk(chunk_idx).map(area).sum());
         let total: f64 = sums.iter().sum();
         let per_area = if total > 0.0 { N_SAMPLES as f64 / total } else { 0.0 };
         let due = |passed: f64| (passed * per_area + 0.5) as usize;
@@ -82,21 +81,19 @@ impl<'a> FaceSamples<'a> {
                 Some(before)
             })
             .collect();
-        let drawn = befores
-            .par_iter()
-            .zip(&sums)
-            .enumerate()
-            .filter(|(_, (before, sum))| due(**before + **sum) > due(**before))
-            .flat_map_iter(|(chunk_idx, (before, sum))| {
-                let (mut passed, after) = (*before, before + sum);
-                chunk(chunk_idx).flat_map(move |triangle_idx| {
+        let drawn = parallel::map(sums.len(), 1, |chunk_idx| {
+            let (mut passed, after) = (befores[chunk_idx], befores[chunk_idx] + sums[chunk_idx]);
+            let mut drawn = Vec::new();
+            if due(after) > due(passed) {
+                for triangle_idx in chunk(chunk_idx) {
                     let from = due(passed);
                     passed = (passed + area(triangle_idx)).min(after);
-                    (from..due(passed)).map(move |k| (triangle_idx, place(mesh.corners(triangle_idx), k)))
-                })
-            })
-            .collect();
-        Self { mesh, drawn }
+                    drawn.extend((from..due(passed)).map(|k| (triangle_idx, place(mesh.corners(triangle_idx), k))));
+                }
+            }
+            drawn
+        });
+        Self { mesh, drawn: drawn.concat() }
     }
 
     /// Both sides of the places, up to three voxels away; places with surface all the way are left out.
@@ -161,11 +158,12 @@ impl<'a> FaceSamples<'a> {
     /// overlap or repeat; less the larger the holes are that are seen from there. 0 where no point was found.
     pub(super) fn clear_share(&self, surface: &Surface, sides: &Sides, winding: &WindingTree) -> f64 {
         let beside = self.beside(surface, sides);
-        let clear = beside.par_iter().flatten().filter(|(_, point)| {
-            let winding = winding.at(*point);
+        let is_clear = |(_, point): (Side, DVec3)| {
+            let winding = winding.at(point);
             (winding - winding.round()).abs() < CLEAR
-        });
-        clear.count() as f64 / (2 * beside.len()).max(1) as f64
+        };
+        let clear = parallel::map(beside.len(), 1, |place| beside[place].map(is_clear));
+        clear.as_flattened().iter().filter(|is_clear| **is_clear).count() as f64 / (2 * beside.len()).max(1) as f64
     }
 }
 
@@ -183,8 +181,9 @@ fn place([a, b, c]: [DVec3; 3], k: usize) -> DVec3 {
 
 /// Points, one for each place that has one, that were flooded although they lie within.
 fn flooded(outside_twice: &[Beside], winding: &WindingTree) -> Vec<DVec3> {
-    let within = |(_, point): &&(Side, DVec3)| winding.at(*point).abs() > WITHIN;
-    outside_twice.par_iter().filter_map(|points| points.iter().find(within).map(|(_, point)| *point)).collect()
+    let is_within = |(_, point): &(Side, DVec3)| winding.at(*point).abs() > WITHIN;
+    let flooded = |place: usize| outside_twice[place].into_iter().find(is_within).map(|(_, point)| point);
+    parallel::map(outside_twice.len(), 1, flooded).into_iter().flatten().collect()
 }
 
 /// True when the cells inside make up what the mesh's volume leaves beside its surface cells, to a quarter: parts that overlap or

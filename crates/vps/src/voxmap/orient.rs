@@ -5,12 +5,12 @@
 //! solid material) the winding of the file stands, turned by the verdict of the object's other faces.
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::fill::{Side, Sides};
 use super::surface::Surface;
 use crate::mesh::TriangleMesh;
 use crate::mesh::validate::MeshReport;
+use crate::parallel;
 
 /// One verdict per triangle.
 #[derive(Debug)]
@@ -30,24 +30,21 @@ impl Orientation {
     /// Probes both sides of every triangle. Where the mesh is consistently wound, the parts of a connected piece outvote those
     /// whose probe went astray in a groove or a thin rib. Cost: O(triangles).
     pub(super) fn judge(mesh: &TriangleMesh, report: &MeshReport, surface: &Surface, sides: &Sides) -> Self {
-        let verdicts: Vec<i8> = (0..mesh.triangles.len())
-            .into_par_iter()
-            .map(|triangle_idx| {
-                let corners = mesh.corners(triangle_idx).map(|corner| surface.grid.to_cells(corner));
-                let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize_or_zero();
-                let center = (corners[0] + corners[1] + corners[2]) / 3.0;
-                match (probe(surface, sides, center, normal), probe(surface, sides, center, -normal)) {
-                    (Some(Side::Outside), Some(Side::Inside)) => 1,
-                    (Some(Side::Inside), Some(Side::Outside)) => -1,
-                    _ => 0,
-                }
-            })
-            .collect();
+        let verdicts: Vec<i8> = parallel::map(mesh.triangles.len(), 1, |triangle_idx| {
+            let corners = mesh.corners(triangle_idx).map(|corner| surface.grid.to_cells(corner));
+            let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize_or_zero();
+            let center = (corners[0] + corners[1] + corners[2]) / 3.0;
+            match (probe(surface, sides, center, normal), probe(surface, sides, center, -normal)) {
+                (Some(Side::Outside), Some(Side::Inside)) => 1,
+                (Some(Side::Inside), Some(Side::Outside)) => -1,
+                _ => 0,
+            }
+        });
         let majority = |balance: i64, default: i8| match balance {
             0 => default,
             balance => balance.signum() as i8,
         };
-        let count = |sign: i8| verdicts.par_iter().filter(|verdict| **verdict == sign).count() as i64;
+        let count = |sign: i8| verdicts.iter().filter(|verdict| **verdict == sign).count() as i64;
         let (n_outward, n_inward) = (count(1), count(-1));
         let default = majority(n_outward - n_inward, 1);
         let signs: Vec<i8> = if n_outward == 0 || n_inward == 0 {

@@ -6,7 +6,6 @@
 use core::sync::atomic::{AtomicU64, Ordering};
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 pub use super::bricks::Mask;
 pub(crate) use super::bricks::bits;
@@ -15,6 +14,7 @@ use super::columns::{Columns, Run};
 use super::grid::{BRICK_EDGE, Grid};
 pub use super::navigation::Navigation;
 use crate::mesh::TriangleMesh;
+use crate::parallel;
 
 /// The voxels that the surface touches, sparse.
 #[derive(Debug)]
@@ -47,25 +47,35 @@ impl Surface {
     /// are numbered in grid order). Cost: O(surface voxels), 4 bytes per brick of the grid while it runs.
     pub fn mark(mesh: &TriangleMesh, grid: &Grid, navigation: Navigation) -> Self {
         let marks = Marks::new(grid.n_bricks());
-        let sat_tests = (0..mesh.triangles.len())
-            .into_par_iter()
-            .with_min_len(64)
-            .map(|triangle_idx| {
-                let corners = mesh.corners(triangle_idx).map(|corner| grid.to_cells(corner));
-                let columns = Columns::new(&corners, grid.dims);
-                let slabs = columns.slabs();
-                let mark = |slabs| {
-                    let mut pen = Pen::new(grid, &marks);
-                    columns.walk(slabs, navigation, |run| pen.draw(run))
-                };
-                if columns.n_columns() < LARGE_TRIANGLE_COLUMNS {
-                    return mark(slabs);
-                }
-                let edge = BRICK_EDGE as i32;
-                let share = |first: i32| mark((first.max(slabs.0), (first + edge - 1).min(slabs.1)));
-                (slabs.0 / edge..=slabs.1 / edge).into_par_iter().map(|brick| share(brick * edge)).sum()
-            })
-            .sum();
+        let sat_tests = AtomicU64::new(0);
+        let count = |tests: u64| _ = sat_tests.fetch_add(tests, Ordering::Relaxed);
+        parallel::for_each_range(mesh.triangles.len(), 64, &|range| {
+            count(
+                range
+                    .map(|triangle_idx| {
+                        let corners = mesh.corners(triangle_idx).map(|corner| grid.to_cells(corner));
+                        let columns = Columns::new(&corners, grid.dims);
+                        let slabs = columns.slabs();
+                        let mark = |slabs| {
+                            let mut pen = Pen::new(grid, &marks);
+                            columns.walk(slabs, navigation, |run| pen.draw(run))
+                        };
+                        if columns.n_columns() < LARGE_TRIANGLE_COLUMNS {
+                            return mark(slabs);
+                        }
+                        let edge = BRICK_EDGE as i32;
+                        let share = |first: i32| mark((first.max(slabs.0), (first + edge - 1).min(slabs.1)));
+                        let first_brick = slabs.0 / edge;
+                        let n_bricks = (slabs.1 / edge + 1 - first_brick).max(0) as usize;
+                        parallel::for_each_range(n_bricks, 1, &|range| {
+                            count(range.map(|brick| share((first_brick + brick as i32) * edge)).sum());
+                        });
+                        0
+                    })
+                    .sum(),
+            );
+        });
+        let sat_tests = sat_tests.into_inner();
         let (index, bricks, masks) = marks.into_masks();
         Self::of_masks(grid, index, bricks, masks, sat_tests, navigation)
     }
@@ -78,13 +88,10 @@ impl Surface {
         let index = BrickSet::new(words);
         let bricks = index.members();
         let mask = |surface: &Self, brick: &u32| surface.slot(*brick as usize).map_or([0; BRICK_EDGE], |slot| surface.masks[slot]);
-        let masks = bricks
-            .par_iter()
-            .map(|brick| {
-                let (one, other) = (mask(self, brick), mask(&added, brick));
-                core::array::from_fn(|x| one[x] | other[x])
-            })
-            .collect();
+        let masks = parallel::map(bricks.len(), 1, |slot| {
+            let (one, other) = (mask(self, &bricks[slot]), mask(&added, &bricks[slot]));
+            core::array::from_fn(|x| one[x] | other[x])
+        });
         Self::of_masks(grid, index, bricks, masks, self.sat_tests + added.sat_tests, *navigation)
     }
 

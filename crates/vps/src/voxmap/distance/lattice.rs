@@ -4,12 +4,11 @@
 //! more than one cell away from lattice points on all sides of it, so both of two surfaces between which it lies are on offer:
 //! that is what growing outward from the surface cannot promise, for what is fewest steps away need not be nearest.
 
-use rayon::prelude::*;
-
 use super::group::Group;
 use super::kernel::Cube;
 use super::patches::{NONE, Patches};
 use super::tree::PatchTree;
+use crate::parallel;
 use crate::simd::SimdLevel;
 use crate::voxmap::grid::{BRICK_EDGE, brick_origin};
 use crate::voxmap::layers::{DEEP_INSIDE, FAR_OUTSIDE, Layers};
@@ -41,15 +40,18 @@ impl<'a> Lattice<'a> {
     /// Cost: one exact search and eight walks of a group per brick of the band.
     pub(super) fn new(patches: &'a Patches, layers: &Layers, n_surface_voxels: usize, simd_level: SimdLevel) -> Self {
         let grid = &layers.grid;
-        let after: Vec<[u32; 8]> = layers.bricks.par_iter().with_min_len(64).map(|brick| bricks_after(layers, *brick)).collect();
+        let n_slots = layers.bricks.len();
+        let after = parallel::map(n_slots, 64, |slot| bricks_after(layers, layers.bricks[slot]));
         let tree = PatchTree::new(&patches.all, simd_level);
         let searches_all = patches.all.len() > PATCHES_PER_VOXEL * n_surface_voxels;
-        let mut quarter = vec![[NONE; 8]; layers.bricks.len()];
-        quarter.par_chunks_mut(SEARCHED_TOGETHER).zip(layers.bricks.par_chunks(SEARCHED_TOGETHER)).for_each_init(
+        let runs: Vec<_> = layers.bricks.chunks(SEARCHED_TOGETHER).collect();
+        let quarter = parallel::map_with(
+            runs.len(),
+            1,
             || Group::new(simd_level),
-            |group, (quarter, bricks)| {
+            |group, run| {
                 let mut before = [NONE; 8];
-                for (found, brick) in quarter.iter_mut().zip(bricks) {
+                let search = |brick: &u32| {
                     let base = brick_origin(grid.brick_coord(*brick as usize));
                     group.restart(Cube { base, step: QUARTER }, u8::MAX);
                     // The patches of the brick before are near, or at least a bound.
@@ -57,35 +59,33 @@ impl<'a> Lattice<'a> {
                     group.settle(patches);
                     tree.search(group);
                     before = group.nearest.patch_idx;
-                    *found = before;
-                }
+                    before
+                };
+                runs[run].iter().map(search).collect::<Vec<_>>()
+            },
+        )
+        .concat();
+        let half = parallel::map_with(
+            n_slots,
+            16,
+            || Group::new(simd_level),
+            |group, slot| {
+                let origin = brick_origin(grid.brick_coord(layers.bricks[slot] as usize));
+                let mut half = [NONE; HALF_EDGE * HALF_EDGE * HALF_EDGE];
+                let around = Block::<3, 27>::gather(&after[slot], |slot| &quarter[slot]);
+                around.each_cube(|[x, y, z], corners| {
+                    let first = [0, 1, 2].map(|axis| origin[axis] + QUARTER * [x, y, z][axis] as i32);
+                    group.restart(Cube { base: first, step: HALF }, u8::MAX);
+                    corners.iter().for_each(|patch_idx| group.consider(*patch_idx));
+                    group.settle(patches);
+                    for (lane, patch_idx) in group.nearest.patch_idx.iter().enumerate() {
+                        half[((2 * x + (lane >> 2)) * HALF_EDGE + 2 * y + (lane >> 1 & 1)) * HALF_EDGE + 2 * z + (lane & 1)] =
+                            *patch_idx;
+                    }
+                });
+                half
             },
         );
-        let half = layers
-            .bricks
-            .par_iter()
-            .zip(&after)
-            .with_min_len(16)
-            .map_init(
-                || Group::new(simd_level),
-                |group, (brick, after)| {
-                    let origin = brick_origin(grid.brick_coord(*brick as usize));
-                    let mut half = [NONE; HALF_EDGE * HALF_EDGE * HALF_EDGE];
-                    let around = Block::<3, 27>::gather(after, |slot| &quarter[slot]);
-                    around.each_cube(|[x, y, z], corners| {
-                        let first = [0, 1, 2].map(|axis| origin[axis] + QUARTER * [x, y, z][axis] as i32);
-                        group.restart(Cube { base: first, step: HALF }, u8::MAX);
-                        corners.iter().for_each(|patch_idx| group.consider(*patch_idx));
-                        group.settle(patches);
-                        for (lane, patch_idx) in group.nearest.patch_idx.iter().enumerate() {
-                            half[((2 * x + (lane >> 2)) * HALF_EDGE + 2 * y + (lane >> 1 & 1)) * HALF_EDGE + 2 * z + (lane & 1)] =
-                                *patch_idx;
-                        }
-                    });
-                    half
-                },
-            )
-            .collect();
         Self { tree, searches_all, half, after }
     }
 

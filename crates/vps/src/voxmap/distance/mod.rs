@@ -19,7 +19,6 @@ mod patches;
 mod tree;
 
 use glam::{DVec3, Vec3};
-use rayon::prelude::*;
 
 use self::group::Group;
 use self::kernel::Cube;
@@ -32,6 +31,7 @@ use super::orient::Orientation;
 use super::surface::Surface;
 use crate::mesh::TriangleMesh;
 use crate::mesh::closest_point::TriangleProjector;
+use crate::parallel;
 use crate::simd::{LANES, SimdLevel};
 
 /// Samples on a brick's edge: its own eight and the next brick's first, so that all corners of an interpolation cell lie in one
@@ -58,7 +58,7 @@ pub struct Distances {
 impl From<Samples> for Distances {
     fn from(Samples { values_m, gradients }: Samples) -> Self {
         let own = |brick: &[f32; APRON_CELLS]| core::array::from_fn(|inside| brick[sample_of(inside)]);
-        Self { values_m: values_m.par_iter().map(own).collect(), gradients }
+        Self { values_m: parallel::map(values_m.len(), 1, |slot| own(&values_m[slot])), gradients }
     }
 }
 
@@ -112,21 +112,14 @@ impl Samples {
         };
         let mut values_m = vec![[0.0; APRON_CELLS]; layers.bricks.len()];
         let mut gradients = vec![[Vec3::ZERO; BRICK_CELLS]; if with_gradients { layers.bricks.len() } else { 0 }];
-        if with_gradients {
-            values_m.par_iter_mut().zip(&mut gradients).enumerate().for_each_init(
-                || (Group::new(simd_level), Around::new()),
-                |scratch, (slot, (samples, gradients))| {
-                    stage.measure(scratch, slot, samples, Some(gradients));
-                },
-            );
-        } else {
-            values_m.par_iter_mut().enumerate().with_min_len(16).for_each_init(
-                || (Group::new(simd_level), Around::new()),
-                |scratch, (slot, samples)| {
-                    stage.measure(scratch, slot, samples, None);
-                },
-            );
-        }
+        let gradients_of = gradients.iter_mut().map(Some).chain(core::iter::repeat_with(|| None));
+        let mut bricks: Vec<_> = values_m.iter_mut().zip(gradients_of).collect();
+        parallel::map_mut_with(
+            &mut bricks,
+            16,
+            || (Group::new(simd_level), Around::new()),
+            |scratch, slot, (samples, gradients)| stage.measure(scratch, slot, samples, gradients.as_deref_mut()),
+        );
         Self { values_m, gradients }
     }
 }

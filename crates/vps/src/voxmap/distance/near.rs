@@ -3,11 +3,10 @@
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
-use rayon::prelude::*;
-
 use super::group::Group;
 use super::kernel::OfCells;
 use super::patches::{NONE, Patch, Patches};
+use crate::parallel;
 use crate::simd::{LANES, SimdLevel};
 use crate::voxmap::grid::{BRICK_CELLS, BRICK_EDGE, brick_origin};
 use crate::voxmap::surface::{FIRST_Z, Mask, Surface, bits};
@@ -35,8 +34,8 @@ impl Bins {
     fn new(patches: &Patches, surface: &Surface) -> Self {
         let counts: Vec<AtomicU32> = surface.bricks.iter().map(|_| AtomicU32::new(0)).collect();
         let each = |visit: &(dyn Fn(usize, u32) + Sync)| {
-            patches.all.par_iter().enumerate().with_min_len(256).for_each(|(patch_idx, patch)| {
-                each_brick(patch, surface, |slot| visit(slot, patch_idx as u32));
+            parallel::for_each_range(patches.all.len(), 256, &|range| {
+                range.for_each(|patch_idx| each_brick(&patches.all[patch_idx], surface, |slot| visit(slot, patch_idx as u32)));
             });
         };
         // Relaxed, here and below: counters need no order among each other; the joins publish them.
@@ -124,7 +123,7 @@ impl Near {
             }
             voxels
         };
-        Self { bricks: slots.par_chunks(MEASURED_TOGETHER).map(list).collect() }
+        Self { bricks: parallel::map_chunks(&slots, MEASURED_TOGETHER, list) }
     }
 
     /// The surface voxels of a brick, in order of rank.

@@ -11,6 +11,7 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use crate::mesh::TriangleMesh;
+use crate::parallel;
 use crate::voxmap::grid::Grid;
 
 /// No patch, no triangle.
@@ -142,8 +143,7 @@ impl Patches {
         let ((pieces, order), neighbours) = rayon::join(
             || {
                 let pieces = Pieces::new(mesh, grid);
-                let mut keyed: Vec<(u64, u32)> =
-                    pieces.all.par_iter().enumerate().map(|(piece, patch)| (curve(patch), piece as u32)).collect();
+                let mut keyed = parallel::map(pieces.all.len(), 1, |piece| (curve(&pieces.all[piece]), piece as u32));
                 keyed.par_sort_unstable();
                 (pieces, keyed)
             },
@@ -153,18 +153,14 @@ impl Patches {
         for (place, (_, piece)) in order.iter().enumerate() {
             places[*piece as usize] = place as u32;
         }
-        let all: Vec<Patch> = order.par_iter().map(|(_, piece)| pieces.all[*piece as usize]).collect();
-        let triangles = order.par_iter().map(|(_, piece)| pieces.triangle(*piece)).collect();
+        let all = parallel::map(order.len(), 1, |place| pieces.all[order[place].1 as usize]);
+        let triangles = parallel::map(order.len(), 1, |place| pieces.triangle(order[place].1));
         let across_pieces = pieces.across(mesh, grid, neighbours);
         let place = |piece: u32| if piece == NONE { NONE } else { places[piece as usize] };
-        let across = order
-            .par_iter()
-            .zip(&all)
-            .map(|((_, piece), patch)| {
-                let across = &across_pieces[*piece as usize];
-                core::array::from_fn(|edge| place(across[(patch.longest() + edge) % 3]))
-            })
-            .collect();
+        let across = parallel::map(order.len(), 1, |patch_idx| {
+            let across = &across_pieces[order[patch_idx].1 as usize];
+            core::array::from_fn(|edge| place(across[(all[patch_idx].longest() + edge) % 3]))
+        });
         Self { all, triangles, across }
     }
 
@@ -195,10 +191,10 @@ impl Pieces {
     ///
     /// Whether an edge is cut depends on its length alone, so pieces on both sides of one meet edge to edge.
     fn new(mesh: &TriangleMesh, grid: &Grid) -> Self {
-        let mut all: Vec<Patch> =
-            (0..mesh.triangles.len()).into_par_iter().map(|triangle_idx| Patch::new(&in_cells(mesh, grid, triangle_idx))).collect();
-        let is_cut = |triangle_idx: &u32| longest_edge(&in_cells(mesh, grid, *triangle_idx as usize)).1 > EDGE_MAX_CELLS;
-        let long: Vec<u32> = (0..all.len() as u32).into_par_iter().filter(is_cut).collect();
+        let is_cut = |corners: &[DVec3; 3]| longest_edge(corners).1 > EDGE_MAX_CELLS;
+        let mut all = parallel::map(mesh.triangles.len(), 1, |triangle_idx| Patch::new(&in_cells(mesh, grid, triangle_idx)));
+        let is_long = parallel::map(all.len(), 1, |triangle_idx| is_cut(&in_cells(mesh, grid, triangle_idx)));
+        let long = (0..).zip(is_long).filter_map(|(triangle_idx, is_long)| is_long.then_some(triangle_idx));
         let (mut triangles, mut cut) = (Vec::new(), Vec::new());
         for triangle_idx in long {
             let mut rest = vec![in_cells(mesh, grid, triangle_idx as usize)];

@@ -1,10 +1,9 @@
 //! The patches nearest to the cells of a group, searched exactly.
 
-use rayon::prelude::*;
-
 use super::group::Group;
 use super::kernel::{Measured, OfCube};
 use super::patches::Patch;
+use crate::parallel;
 use crate::simd::{F32x8, Kernel, LANES, SimdLevel};
 
 /// Added to every box, cells: more than `f32` coordinates are rounded by on the largest grid.
@@ -82,18 +81,15 @@ pub(super) struct PatchTree<'a> {
 impl<'a> PatchTree<'a> {
     /// `patches` in the order of [`Patches`](super::patches::Patches), and not empty. Cost: O(patches); memory 28 bytes per patch.
     pub(super) fn new(patches: &'a [Patch], simd_level: SimdLevel) -> Self {
-        let mut below: Vec<_> = patches.par_iter().map(|patch| patch.bounds(SLACK_CELLS)).collect();
+        let mut below = parallel::map(patches.len(), 1, |patch_idx| patches[patch_idx].bounds(SLACK_CELLS));
         let mut levels = Vec::new();
         loop {
-            let level: Vec<Boxes> = below
-                .par_chunks(LANES)
-                .map(|children| {
-                    let mut boxes = Boxes::EMPTY;
-                    children.iter().enumerate().for_each(|(lane, child)| boxes.set(lane, *child));
-                    boxes
-                })
-                .collect();
-            below = level.par_iter().map(Boxes::hull).collect();
+            let level = parallel::map_chunks(&below, LANES, |children| {
+                let mut boxes = Boxes::EMPTY;
+                children.iter().enumerate().for_each(|(lane, child)| boxes.set(lane, *child));
+                boxes
+            });
+            below = parallel::map(level.len(), 1, |node| level[node].hull());
             levels.push(level);
             if below.len() == 1 {
                 return Self { patches, simd_level, levels };

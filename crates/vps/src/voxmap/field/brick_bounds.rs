@@ -15,9 +15,9 @@
 //! short.
 
 use glam::Vec3;
-use rayon::prelude::*;
 
 use super::{APRON_CELLS, APRON_EDGE, DEEP_INSIDE, FAR_OUTSIDE, Field};
+use crate::parallel;
 use crate::storage::SharedSlice;
 use crate::voxmap::grid::BRICK_EDGE;
 
@@ -66,7 +66,7 @@ impl BrickBounds {
         if !fits || skin_m - band_m > 0.0 {
             return None;
         }
-        let looks: Vec<Look> = samples_m.par_iter().with_min_len(64).map(|brick| Look::at(brick, *band_m, *voxel_size_m)).collect();
+        let looks = parallel::map(n_slots, 64, |slot| Look::at(&samples_m[slot], *band_m, *voxel_size_m));
         let margin_m = ROUNDING * (band_m + skin_m);
         let mut max_depth_m: Vec<f32> = top
             .iter()

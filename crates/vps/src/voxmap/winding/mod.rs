@@ -18,9 +18,9 @@ mod moments;
 use core::f64::consts::PI;
 
 use glam::{DVec3, Vec3, Vec4};
-use rayon::prelude::*;
 
 use crate::mesh::TriangleMesh;
+use crate::parallel;
 use lanes::{Block, Expansions, WIDTH, Wide};
 use moments::SubtreeSummary;
 
@@ -76,13 +76,11 @@ impl WindingTree {
         let half_m = 0.5 * (high - low).max_element();
         let per_metre = if half_m > 0.0 { half_m.recip() } else { 1.0 };
         let local = |triangle_idx: u32| mesh.corners(triangle_idx as usize).map(|corner| (corner - center_m) * per_metre);
-        let mut items: Vec<Item> = (0..mesh.triangles.len() as u32)
-            .into_par_iter()
-            .map(|triangle_idx| {
-                let [a, b, c] = local(triangle_idx);
-                Item { middle: ((a + b + c) / 3.0).as_vec3(), triangle_idx }
-            })
-            .collect();
+        let mut items = parallel::map(mesh.triangles.len(), 1, |triangle_idx| {
+            let triangle_idx = triangle_idx as u32;
+            let [a, b, c] = local(triangle_idx);
+            Item { middle: ((a + b + c) / 3.0).as_vec3(), triangle_idx }
+        });
         let mut levels = 1;
         while LEAF_TRIANGLES << (2 * levels) < items.len() {
             levels += 1;
@@ -167,7 +165,7 @@ fn sort(items: &mut [Item], halvings: u32) {
     });
     let (lower, upper) = items.split_at_mut(n_lower);
     if lower.len() > SERIAL_TRIANGLES {
-        rayon::join(|| sort(lower, halvings - 1), || sort(upper, halvings - 1));
+        parallel::join(&mut || sort(lower, halvings - 1), &mut || sort(upper, halvings - 1));
     } else {
         sort(lower, halvings - 1);
         sort(upper, halvings - 1);
@@ -204,11 +202,10 @@ impl<'a> Subtree<'a> {
                 Below::Fork(part.first_fork)
             };
         }
-        let summaries: Vec<SubtreeSummary> = if is_serial {
-            parts.into_iter().map(|part| part.fill(local)).collect()
-        } else {
-            parts.into_par_iter().map(|part| part.fill(local)).collect()
-        };
+        // As one range, or as four.
+        let grain = if is_serial { WIDTH } else { 1 };
+        let fill = |_, part: &mut Option<Self>| part.take().map(|part| part.fill(local));
+        let summaries: Vec<_> = parallel::map_mut(&mut parts.map(Some), grain, fill).into_iter().flatten().collect();
         for (lane, summary) in summaries.iter().enumerate().filter(|(_, summary)| summary.n_triangles > 0) {
             fork.center.set(lane, summary.center.as_vec3());
             fork.far_squared[lane] = (BETA * summary.radius).powi(2) as f32;
