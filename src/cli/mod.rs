@@ -1,4 +1,4 @@
-//! The command line: one file per command. The only module that prints.
+//! The command line: one file for each command, and what several of them share. The only module that prints.
 
 mod bake;
 mod cache;

@@ -94,7 +94,7 @@ class Hapticd:
             stderr=subprocess.PIPE,
             text=True,
             cwd=scene.parent,
-            # Recordings stay out of the home of whoever runs this.
+            # Recordings stay out of the user's home.
             env=os.environ | {"XDG_STATE_HOME": str(scene.resolve().parent / "state")},
         )
         self.lines = []

@@ -172,7 +172,7 @@ class PageTest(unittest.TestCase):
         page.wait(f"document.querySelector('#answer-{name}').textContent.startsWith('set')")
         self.assertAlmostEqual(served(name)["value"], 3000, places=6)
 
-        # What somebody is writing stays, whatever others set meanwhile.
+        # What the user is writing stays, whatever other clients set meanwhile.
         page.run(f"(() => {{ const f = document.querySelector('#field-{name}'); f.focus(); f.value = '4'; f.dispatchEvent(new Event('input')); }})()")
         run.send("PUT", f"parameters/{name}", {"value": 3500})
         page.wait(f"document.querySelector('#slider-{name}').getAttribute('aria-valuetext').startsWith('3.5')")
@@ -194,7 +194,7 @@ class PageTest(unittest.TestCase):
         page.wait(f"{answer} === 'stands at 0.00, 0.00, −4.00 mm'")
         self.assertNotEqual(page.picture_of("#view"), before, "the part moved")
 
-        # The fields say where it stands, whoever moved it.
+        # The fields say where it stands, whichever client moved it.
         run.send("PUT", "objects/lift/pose", {"p": [0, 0, -0.006], "q": [0, 0, 0, 1]})
         page.wait(f"{height}.value === '-6'")
 
@@ -223,7 +223,7 @@ class PageTest(unittest.TestCase):
         page.wait(f"{number('read-force')} === 0")
         self.assertRegex(page.run("document.querySelector('#banner-title').textContent"), r"^Fault 6\.\d\d s after the start")
         page.screenshot(SHOTS / "fault.png")
-        # Whoever acknowledges it, the page says that it was there.
+        # The page says that it was there, whichever client acknowledged it.
         run.send("POST", "disable")
         page.wait(f"{WORD} === 'Disabled'")
         self.assertFalse(page.run("document.querySelector('#banner').hidden"))
@@ -564,7 +564,7 @@ class PageTest(unittest.TestCase):
         self.assertFalse(page.run("document.querySelector('#clay-undo').matches(':disabled') && document.querySelector('#clay-file').matches(':disabled')"))
         page.click("#enable")
         page.wait(f"!{hold}.matches(':disabled')")
-        # Somebody else holds, from this very page, as another one would hide it.
+        # Another client holds, from this very page, as another one would hide it.
         page.run(
             """new Promise((done) => {
               window.other = new WebSocket(new URL('/api/v1/ws', location.href.replace('http', 'ws')));
@@ -613,7 +613,7 @@ class PageTest(unittest.TestCase):
         page.screenshot(SHOTS / "clay-over.png")
 
     def test_stop_with_nothing_to_lose(self):
-        """A stroke that is saved, or will be: nobody is asked. And one that may be lost."""
+        """A stroke that is saved, or will be: the page does not ask. And one that may be lost."""
         session = self.folder / "at-the-end.session"
         run, page = self.sculpt(options=["--session", str(session)], complains=True)
         self.choose(run, page, "paint")

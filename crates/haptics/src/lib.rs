@@ -5,8 +5,9 @@
 //!
 //! ```text
 //!  TickInput ─► sample check ─► indexing ─► contact sum ─► friction, damping ─► shaping filter ─► coupling ─► passivity ─► output stage ─► TickOutput
-//!  (sample,     sample, stuck,  indexing    vps::contact   friction,            filter            coupling…   passivity…   power, slew,    (command,
-//!   request)    packets                                    contact_damping                                                 magnitude        faults)
+//!  (sample,     sample, stuck,  indexing    vps::contact   friction,            filter            coupling…   passivity…   ramp, power,    (command,
+//!   request)    packets                                    contact_damping                                                 slew, magnitude, faults)
+//!                                                                                                                          finite check
 //!                     └────────────────────────── interlock, drive: may force flow? ───────────────────────────────────────┘
 //! ```
 //!
@@ -47,7 +48,8 @@
 //! | `contact_damping`, `braking` | damping in contact and just ahead of it |
 //! | [`filter`] | the shaping filter of the contact wrench |
 //! | [`clay`] | contact with material that deforms, and the rope |
-//! | `damper`, `passivity`, `passivity_control` | energy that the loop makes, and what takes it out |
+//! | `energy_observer` | counts the energy that the loop makes at the grip |
+//! | `passivity_control`, `damper` | guarantees passivity: damping that takes out what the observer counts; damping against the arm's own tremble |
 //! | [`stability`], `auto_limit` | how stiff an arm may be made to feel |
 //! | `limits`, `power_window` | the output stage: what bounds force, torque, slew and power |
 //! | `moving_obstacles`, `live_parameters` | obstacles that move; parameters that change while the loop runs |
@@ -63,6 +65,7 @@ mod contact_damping;
 mod coupling;
 mod damper;
 mod drive;
+mod energy_observer;
 mod faults;
 pub mod filter;
 mod friction;
@@ -74,7 +77,6 @@ mod moving_obstacles;
 mod off_cause;
 mod packets;
 mod params;
-mod passivity;
 mod passivity_control;
 mod power_window;
 mod quasi_static;

@@ -15,7 +15,7 @@ use glam::DVec3;
 
 use super::damper;
 use super::params::{ArmParameters, LimitParameters};
-use super::passivity::EnergyObserver;
+use super::energy_observer::EnergyObserver;
 use vps::spatial::{Pose, Twist, Wrench};
 
 /// Longest delay for which the command that acted is known, ticks; a longer one counts as this long.

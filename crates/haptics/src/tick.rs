@@ -1,5 +1,5 @@
-//! The one step, in one place: sample check → contact sum → friction → shaping filter → coupling → passivity → power → slew →
-//! magnitude → finite check.
+//! The one step, in one place: sample check → indexing → contact sum → friction, damping → shaping filter → coupling → passivity → enable ramp →
+//! power → slew → magnitude → finite check.
 
 mod advance;
 

@@ -32,7 +32,7 @@
 //! | module | owns |
 //! |---|---|
 //! | `record` | the record of one tick |
-//! | `drain` | the ring's other end, on the thread `drain` |
+//! | `drain` | the reading end of the ring; the program runs it on its thread `drain` (`src/daemon/supervisor/threads.rs`) |
 //! | `subscribers` | what else gets every record: recorders, monitors, viewers |
 //! | `flight` | the last ticks before a fault, kept by the loop itself |
 //! | [`mod@file`] | MCAP files: written by the thread `recorder`, read, live for the Foxglove app; files of faults |

@@ -1,4 +1,4 @@
-//! The operating system of a real-time loop: every libc call, and everything about time.
+//! The operating system of a real-time loop: clocks, scheduling, signals, and the word that says whether force may flow.
 //!
 //! ```text
 //!  signals, clients, watchdogs ─► control word ─► loop        what the scene asks for (processor, priority) ─► schedule ─► what was obtained
@@ -34,8 +34,8 @@
 //! | [`schedule`] | policy, priority, processor, memory lock, stack prefault of one thread |
 //! | [`signals`] | what each signal does to the control word; what SIGHUP means |
 //! | [`preflight`], [`machine`], [`finding`] | what the machine offers and lacks, row by row, and what to type |
-//! | [`wakeup`] | how late the machine wakes a loop |
-//! | [`process`] | memory that two processes share, and how one of them stands apart |
+//! | [`wakeup`] | a test before the loop begins: how late the machine wakes it |
+//! | [`process`] | memory that two processes share, and a session of its own for a child process |
 //! | [`duration`], [`utc`] | durations and the time of day as people write them |
 //!
 //! Every file with `unsafe` code opens with its reason.

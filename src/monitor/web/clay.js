@@ -152,7 +152,7 @@ export class Clay {
     this.#show(facts);
   }
 
-  /** Again and again, while it is about the same scene and somebody looks. */
+  /** Again and again, while it is about the same scene and the tab is visible. */
   async #follow(turn, every_ms, ask) {
     while (turn === this.turn) {
       if (!document.hidden && this.link.isOpen) await ask().catch(() => {});

@@ -1,7 +1,7 @@
 /**
  * What the 3-D view is drawn with: faces, lines, dots, a ground with a grid, arrows and axes, all in world, in m.
  *
- * Knows nothing of scenes: what stands where, and in which colour, says whoever draws.
+ * Knows nothing of scenes: the caller says what stands where, and in which colour.
  */
 
 import { add, matrixAlong, matrixOfPose, multiply, normalize, scale } from "./math.js";

@@ -102,7 +102,7 @@ export class Drive {
     document.body.dataset.state = "waiting";
     byId("state-word").textContent = this.isOver ? "Stopped" : "Unknown";
     byId("state-note").textContent = this.isOver ? NOTES.stopped : this.phase && `${this.phase} when last heard of`;
-    // Nobody is there to hear it.
+    // The connection is closed.
     if (this.isOver) byId("enable").disabled = true;
     this.shown = "";
     this.prepared = "";
@@ -127,7 +127,7 @@ export class Drive {
     byId("enable").disabled = kind === "enabled" || phase === "enabling" || phase === "stopped";
     byId("enable").textContent = kind === "fault" ? "Enable again" : "Enable";
 
-    // Also of one that a silence acknowledged, or another client: until somebody enables.
+    // Also of one that a silence acknowledged, or another client: until a client enables.
     byId("banner").hidden = kind !== "fault" && !lastFault;
     if (byId("banner").hidden) return;
     const at = lastFault ? ` ${(lastFault.time_ns / 1e9).toFixed(2)} s after the start` : "";

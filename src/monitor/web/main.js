@@ -110,7 +110,7 @@ byId("pause").onclick = ({ currentTarget: button }) => {
   plots.pause(isPaused);
 };
 
-/** Says where the run stands to those whom that concerns. */
+/** Passes the state of the run to the panels that show it. */
 function stand() {
   clay.stand({ isOver: drive.isOver, isOpen: link.isOpen, phase: drive.phase });
   if (drive.isOver) unsaved.close();

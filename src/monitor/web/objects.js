@@ -51,7 +51,7 @@ export class Objects {
     );
     const answer = element("p", { class: "answer" });
     const go = element("button", { type: "button", hidden: true }, "Move it there");
-    // `isTyped`: which fields somebody wrote into; the others follow the part. `holdsAnswer`: what stands below is an answer, not the place.
+    // `isTyped`: which fields the user wrote into; the others follow the part. `holdsAnswer`: what stands below is an answer, not the place.
     const row = { idx, name: object.name, pose: object.pose, fields, answer, go, isTyped: [false, false, false], wish: null, holdsAnswer: false };
     row.root = element(
       "fieldset",
@@ -73,7 +73,7 @@ export class Objects {
     return row;
   }
 
-  /** Where the fields say that the part is to be; what nobody wrote into stays where it is, or is going, to the last digit. */
+  /** Where the fields say that the part is to be; what the user did not write into stays where it is, or is going, to the last digit. */
   #wish(row) {
     return row.fields.map((field, n) => (row.isTyped[n] ? field.valueAsNumber / 1e3 : (row.wish ?? row.pose.p)[n]));
   }
@@ -87,7 +87,7 @@ export class Objects {
       this.#place(row);
       return;
     }
-    // A slip of the finger is not to pull a part through the scene while somebody feels it.
+    // A slip of the finger is not to pull a part through the scene while force is on.
     row.go.hidden = false;
     row.holdsAnswer = true;
     row.answer.textContent = `${millimetres(p)} is far outside of the scene`;

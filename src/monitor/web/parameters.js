@@ -89,7 +89,7 @@ export class Row {
     );
     this.slider.oninput = () => this.#ask(this.#ofSlider(), true);
     this.slider.onchange = () => this.#ask(this.#ofSlider(), false);
-    // A number that somebody is writing is left alone, whatever the server says meanwhile.
+    // A number that the user is writing is left alone, whatever the server says meanwhile.
     this.isTyping = false;
     this.field.oninput = () => (this.isTyping = true);
     this.field.onchange = () => {

@@ -268,7 +268,7 @@ export class SceneView {
     const { middle } = this.tool;
     const full = 0.9 * this.camera.subject.radius;
     const { f, t } = state.contact_cf;
-    // A contact that nobody feels is pale.
+    // A contact without force is pale.
     const opacity = state.state === "ENABLED" ? 1 : 0.35;
     if (isFinite3(f)) this.draw.arrow(middle, f, (full * length(f)) / scales.force_n, full, [...colors.force, opacity], 1);
     if (isFinite3(t)) this.draw.arrow(middle, t, (full * length(t)) / scales.torque_nm, full, [...colors.torque, opacity], 2);

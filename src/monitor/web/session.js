@@ -5,7 +5,7 @@ import { count } from "./units.js";
 
 /** A guarding page that is silent for longer than this takes the force away. */
 const GUARD_TIMEOUT_MS = 2500;
-/** What the box says while nobody has asked for a guard. */
+/** What the box says while no guard was asked for. */
 const GUARD_OFFER = "force goes off when this page falls silent";
 /** Beats in that time. */
 const BEATS = 5;
@@ -72,7 +72,7 @@ export class Session {
     if (wasOnGuard) await this.link.send("heartbeat", { timeout_ms: 0 }).catch((error) => say(words(error)));
   }
 
-  /** For every occasion: a hidden tab hears of every state, and of its timers once a minute. */
+  /** Called with every state: a hidden tab gets every state, but its timers only once a minute. */
   beatIfDue() {
     if (this.silenceMs !== null && performance.now() - this.beatAt >= this.silenceMs / BEATS) this.#beat();
   }

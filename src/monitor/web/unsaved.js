@@ -1,5 +1,5 @@
 /**
- * Asks before a run ends whose clay no session has. The force is off meanwhile: whoever presses Stop wants it to go.
+ * Asks before a run ends whose clay no session has. The force is off meanwhile: Stop asks for that.
  *
  * It asks beside the buttons about force and never over them.
  */
@@ -21,7 +21,7 @@ export class Unsaved {
     byId("unsaved-go-on").onclick = () => this.close();
   }
 
-  /** Somebody wants to end the run. @returns {boolean} whether he is asked first; the force goes off at once then */
+  /** The user asks for the end of the run. @returns {boolean} whether the page asks first; the force goes off at once then */
   ask() {
     if (!this.clay.isAtRisk) return false;
     this.link.order("disable").catch((error) => this.#tell(`The force may still be on: ${words(error)}.`));

@@ -101,7 +101,7 @@ impl Samples {
             Signs::Solid(orientation) => orientation.sign(patches.triangle(patch_idx)) as f32,
             Signs::Thin => 1.0,
         };
-        let stage = Stage {
+        let inputs = DistanceInputs {
             mesh,
             surface,
             layers,
@@ -118,14 +118,14 @@ impl Samples {
             &mut bricks,
             16,
             || (Group::new(simd_level), Around::new()),
-            |scratch, slot, (samples, gradients)| stage.measure(scratch, slot, samples, gradients.as_deref_mut()),
+            |scratch, slot, (samples, gradients)| inputs.measure(scratch, slot, samples, gradients.as_deref_mut()),
         );
         Self { values_m, gradients }
     }
 }
 
 /// What every brick reads.
-struct Stage<'a> {
+struct DistanceInputs<'a> {
     mesh: &'a TriangleMesh,
     surface: &'a Surface,
     layers: &'a Layers,
@@ -135,7 +135,7 @@ struct Stage<'a> {
     lattice: Lattice<'a>,
 }
 
-impl Stage<'_> {
+impl DistanceInputs<'_> {
     /// Measures the cells of one brick.
     fn measure(
         &self,
