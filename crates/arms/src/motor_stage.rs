@@ -13,7 +13,8 @@
 //! beside the command stays within [`BESIDE_SHARE`] of these, and within the force limit whichever motors push the wrong way. Of an arm whose signs
 //! are not verified there is nothing beside the command, and all that the motors make stays within the cap whichever of them push the wrong way:
 //! what counts is the largest |Σ ± τᵢ·pᵢ| over all signs, pᵢ being what one N·m of motor i makes at the grip. In a singular pose the pᵢ grow without
-//! bound, so nothing is left. A codec rounds toward zero, which cannot raise that largest: it is convex in each τᵢ, and even.
+//! bound, so nothing is left. A codec rounds toward zero, which cannot raise that largest: it is convex in each τᵢ, and even. It can raise the sum that
+//! counts for verified signs, so that one is taken of the rounded commands.
 //!
 //! Energy. The passivity observer of the tick counts the command alone, and that is meant. Compensation is the negative of a force that is there
 //! anyway, the weight of the links: over any closed path the two do no work, and counting only one of them would charge the scene for each lift and
@@ -23,6 +24,7 @@
 
 use super::kinematics::Configuration;
 use super::protocol::MAX_AXES;
+use super::transmission::Transmission;
 use super::wired::WiredParameters;
 use vps::spatial::{Twist, Wrench};
 
@@ -35,6 +37,8 @@ pub(super) const BESIDE_SHARE: f64 = 0.75;
 pub(super) const RISE_S: f64 = 0.1;
 /// From zero to the limits, s (devices reference, safety rule 7).
 const FULL_SLEW_S: f64 = 0.01;
+/// Tries to come within the limits with commands that are rounded for the wire.
+const ON_WIRE_ROUNDS: u32 = 4;
 /// What rounding may add to a step: a command that rises just as fast as it may goes through as it is.
 const ROUNDING: f64 = 1.0 + 1e-9;
 
@@ -211,7 +215,13 @@ impl MotorStage {
         } else {
             parts = parts.scaled(limits.share_of(worst_of_signs(&pushes, &torques(&parts))));
         }
-        let (motors, scale) = transmission.commands(&torques(&Parts { beside: [0.0; MAX_AXES], ..parts }), &parts.beside);
+        let (motors, mut scale) = transmission.commands(&torques(&Parts { beside: [0.0; MAX_AXES], ..parts }), &parts.beside);
+        let mut motors = motors;
+        if trusts_signs {
+            let share = share_on_wire(&pushes, transmission, &motors, parameters.motor_step, limits);
+            motors = motors.map(|motor| motor * share);
+            scale *= share;
+        }
         parts = parts.scaled(scale);
         let made = MotorWrenches { command: parts.command, beside: at_grip(&pushes, &parts.beside) };
         (made.command.is_finite() && made.beside.is_finite()).then_some((motors, parts, made))
@@ -266,6 +276,38 @@ impl MotorLimits {
     fn share_of(self, [force_n, torque_nm]: [f64; 2]) -> f64 {
         share(force_n, self.force_n).min(share(torque_nm, self.torque_nm))
     }
+}
+
+/// Factor in 0..=1 that brings what the motors make within both limits once the codec has rounded each command toward zero by itself: rounding turns the
+/// sum, and where the motors pull against each other it makes it longer. Of six servos of a leader arm that push with 2 N it made 2.02 N.
+fn share_on_wire(
+    pushes: &[Wrench; MAX_AXES],
+    transmission: &Transmission,
+    motors: &[f64; MAX_AXES],
+    step: f64,
+    limits: MotorLimits,
+) -> f64 {
+    if step == 0.0 {
+        return 1.0;
+    }
+    let made = |motors: &[f64; MAX_AXES]| at_grip(pushes, &transmission.torques(motors));
+    let mut scaled = 1.0;
+    for _ in 0..ON_WIRE_ROUNDS {
+        let share = limits.share_of(lengths(made(&motors.map(|motor| (motor * scaled / step).trunc() * step))));
+        if share == 1.0 {
+            return scaled;
+        }
+        scaled *= share;
+    }
+    // Each command loses less than a step: below both limits by what a step of every motor makes there is nothing to exceed.
+    let [force_n, torque_nm] = lengths(made(motors));
+    let (step_n, step_nm) =
+        transmission.torques(&[step; MAX_AXES]).iter().zip(pushes).fold((0.0, 0.0), |(force_n, torque_nm), (torque, push)| {
+            let [step_n, step_nm] = lengths(*push * *torque);
+            (force_n + step_n, torque_nm + step_nm)
+        });
+    let below = MotorLimits { force_n: (limits.force_n - step_n).max(0.0), torque_nm: (limits.torque_nm - step_nm).max(0.0) };
+    below.share_of([force_n, torque_nm])
 }
 
 /// Factor in 0..=1 that brings a quantity to its limit; 0 for one that is not a number.

@@ -14,8 +14,8 @@
 use glam::DVec3;
 
 use super::damper;
-use super::params::{ArmParameters, LimitParameters};
 use super::energy_observer::EnergyObserver;
+use super::params::{ArmParameters, LimitParameters};
 use vps::spatial::{Pose, Twist, Wrench};
 
 /// Longest delay for which the command that acted is known, ticks; a longer one counts as this long.

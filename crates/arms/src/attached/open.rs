@@ -236,6 +236,7 @@ pub(crate) fn wired_parameters(profile: &Profile, real: &RealArm, period_s: f64,
     WiredParameters {
         kinematics: real.kinematics,
         transmission: real.transmission,
+        motor_step: real.protocol.motor_step(),
         device_from_native: real.device_from_native,
         capabilities: Capabilities {
             sensed: profile.sensed,

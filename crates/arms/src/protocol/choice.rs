@@ -105,6 +105,20 @@ impl Protocol {
         }
     }
 
+    /// Step of motor commands on the wire, in their units; 0 where it is too fine to matter.
+    pub(crate) fn motor_step(&self) -> f64 {
+        match self {
+            Self::HapiF32(_) | Self::HapkitAscii | Self::Open6(_) | Self::Declarative(_) => 0.0,
+            Self::PolhemAscii64 { cartesian: true } | Self::SpaceMouse { .. } | Self::Spacenav => 0.0,
+            Self::WoodenhapticsHid8
+            | Self::HaptikfabrikenHid14 { .. }
+            | Self::PolhemAscii64 { cartesian: false }
+            | Self::HaptikfabrikenBrackets { .. }
+            | Self::FalconNibble16 { .. }
+            | Self::Dynamixel2 { .. } => 1.0,
+        }
+    }
+
     /// How many readings a report has.
     pub(crate) fn n_readings(&self) -> usize {
         match self {

@@ -104,6 +104,7 @@ pub(super) fn parameters(profile: &Profile, options: &RemoteOptions, io: IoPlace
     WiredParameters {
         kinematics: Kinematics::Cartesian,
         transmission: cartesian(profile),
+        motor_step: 0.0,
         device_from_native: DQuat::IDENTITY,
         capabilities: Capabilities {
             sensed: profile.sensed,

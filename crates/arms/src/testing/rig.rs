@@ -363,8 +363,7 @@ impl WiredRig {
     fn motor_step(&self) -> f64 {
         match &self.protocol {
             Protocol::HapkitAscii => 1e-5,
-            Protocol::HapiF32(_) | Protocol::Open6(_) | Protocol::Declarative(_) => 1e-6,
-            _ => 1.0,
+            other => other.motor_step().max(1e-6),
         }
     }
 }

@@ -25,6 +25,8 @@ pub(crate) struct WiredParameters {
     pub(crate) kinematics: Kinematics,
     /// Readings to joint angles, torques to commands.
     pub(crate) transmission: Transmission,
+    /// Step of motor commands on the wire, in their units.
+    pub(crate) motor_step: f64,
     /// Rotation from the frame of the kinematics to the device frame.
     pub(crate) device_from_native: DQuat,
     /// What the arm can do.
