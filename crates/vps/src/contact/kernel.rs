@@ -273,6 +273,7 @@ impl<'a, L: F32x8> Grid<'a, L> {
         let high = self.lattice([L::load(&x[1]), L::load(&y[1]), L::load(&z[1])]);
         let bases = [whole(low), whole(high)];
         // Points of a block are neighbours: mostly one brick holds them all, and one load is cheaper than sixteen.
+        #[expect(clippy::manual_map, reason = "a closure would not be compiled for the SIMD level")]
         let alone = match only_brick::<L>(bases) {
             Some(brick) => Some(self.alone(brick, floor_m)),
             None => None,

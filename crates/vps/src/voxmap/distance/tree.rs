@@ -57,6 +57,7 @@ impl Kernel for Bounds<'_> {
         let mut least = infinite;
         for lane in 0..LANES {
             let mut squared = zero;
+            #[expect(clippy::needless_range_loop, reason = "three arrays are read at the same place")]
             for axis in 0..3 {
                 let point = L::splat(points[axis][lane]);
                 let away = (L::load(&boxes.low[axis]) - point).max(point - L::load(&boxes.high[axis])).max(zero);

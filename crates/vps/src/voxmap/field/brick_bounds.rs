@@ -66,7 +66,8 @@ impl BrickBounds {
         if !fits || skin_m - band_m > 0.0 {
             return None;
         }
-        let looks = parallel::map(n_slots, 64, |slot| Look::at(&samples_m[slot], *band_m, *voxel_size_m));
+        let look_at = |bricks: &[_]| bricks.iter().map(|brick| Look::at(brick, *band_m, *voxel_size_m)).collect::<Vec<Look>>();
+        let looks: Vec<Look> = parallel::map_chunks(samples_m, 64, look_at).into_iter().flatten().collect();
         let margin_m = ROUNDING * (band_m + skin_m);
         let mut max_depth_m: Vec<f32> = top
             .iter()
