@@ -234,6 +234,7 @@ fn what_was_there_stays_until_there_is_something_to_take_its_place() {
 }
 
 #[test]
+#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
 fn a_recording_that_is_cut_off_anywhere_can_be_read_up_to_there() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("cut.mcap");

@@ -45,7 +45,12 @@ impl Kernel for Everything {
         ints(L::Int::select(i.gt(j), i, j), &mut found);
         ints(L::Int::mask(self.i[0] as u8), &mut found);
         found.push(L::select(L::splat(f32::NEG_INFINITY).lt(a), a, L::splat(0.0)).max_lane().to_bits());
-        found.extend([i.first() as u32, lt.bits().into(), u32::from((i ^ j).is_zero()), u32::from((i ^ L::Int::load(&self.i)).is_zero())]);
+        found.extend([
+            i.first() as u32,
+            lt.bits().into(),
+            u32::from((i ^ j).is_zero()),
+            u32::from((i ^ L::Int::load(&self.i)).is_zero()),
+        ]);
         let table: [f32; 64] = core::array::from_fn(|k| k as f32);
         let words: [u32; 64] = core::array::from_fn(|k| 3 * k as u32);
         let at = i & L::Int::splat(31);
