@@ -5,7 +5,7 @@ use super::{OutputOptions, output, report};
 use crate::scene::MemoryPlan;
 use vps::storage::memory::available_bytes;
 use vps::voxmap::estimate::Estimate;
-use vps::voxmap::grid::show_bytes;
+use vps::voxmap::memory_limit::show_bytes;
 
 /// How much memory baking may take.
 #[derive(Clone, Debug, clap::Args)]

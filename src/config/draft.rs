@@ -14,7 +14,8 @@ pub use self::clay::ClayDraft;
 
 use vps::mesh::TriangleMesh;
 use vps::voxmap::estimate::{Estimate, MeshMeasures, Products, voxel_size_within};
-use vps::voxmap::grid::{Grid, show_bytes};
+use vps::voxmap::grid::Grid;
+use vps::voxmap::memory_limit::show_bytes;
 
 /// Numbers up to this long are read as metres, longer ones as millimetres: few things that are felt with an arm are longer than two metres, or
 /// shorter than two millimetres.

@@ -208,7 +208,7 @@ mod tests {
     }
 
     #[test]
-    #[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+    #[ignore = "takes long: `cargo test -- --include-ignored`"]
     fn cuts_of_any_proportion_lie_apart_on_the_sheet() {
         let sizes = [
             (DVec3::new(0.02, 0.02, 0.02), 1e-3),

@@ -25,37 +25,37 @@ fn open6_over_a_tty() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn lines_of_2020_over_a_tty() {
     speaks("polhem-2020", 1000.0);
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn brackets_of_2022_over_a_tty() {
     speaks("polhem-2022", 1000.0);
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn the_vintage_arm_over_a_tty() {
     speaks("vintage-2022", 1000.0);
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn woodenhaptics_of_2022_over_a_tty() {
     speaks("woodenhaptics-2022", 1000.0);
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_hapi_board_over_a_tty() {
     speaks("haply-2diy", 1000.0);
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_leader_arm_over_a_tty() {
     speaks("leader-arm-6", 500.0);
 }

@@ -74,7 +74,7 @@ fn play(arm: &mut WiredArm, n: u32, mut pushes: bool) -> u32 {
 
 /// The port of an arm that fell silent is let go of with a zero, and opened again: nothing but ourselves stands in the way.
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn an_arm_that_was_deaf_reads_a_zero_and_comes_back() {
     let _alone = alone();
     let all = ["hapkit", "haply-2diy", "polhem-2022", "open6-serial", "leader-arm-6"];
@@ -137,7 +137,7 @@ fn an_arm_that_was_deaf_reads_a_zero_and_comes_back() {
 
 /// A host that ends while the arm is deaf leaves it a zero to wake to.
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn an_arm_that_is_deaf_when_the_host_ends_wakes_to_a_zero() {
     let _alone = alone();
     let profile = profile::find("hapkit", Path::new("")).expect("shipped");

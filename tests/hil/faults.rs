@@ -28,53 +28,53 @@ fn ends_in(fault: &str, expected: &[&[&str]], ticks: f64) {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_sample_that_is_no_number() {
     ends_in("nan", &[&["non-finite"]], AT_ONCE_TICKS);
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_jump_of_the_position() {
     // The velocity is the arm's own word, so `speed` is not among the faults.
     ends_in("jump", &[&["position-jump"]], AT_ONCE_TICKS);
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn silence() {
     ends_in("stall", &[&["stale"]], STALE_TICKS + AT_ONCE_TICKS);
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn garbage() {
     // The marks between frames are garbled too, so it depends on chance whether frames are bad or missing.
     ends_in("garbage", &[&["stale"], &["protocol"]], STALE_TICKS + AT_ONCE_TICKS);
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn frames_cut_short() {
     // Half a frame of a stream has no end: what is cut is not garbled but missing.
     ends_in("truncate", &[&["stale"]], STALE_TICKS + AT_ONCE_TICKS);
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn the_plug_is_pulled() {
     // The arm receives nothing more: its own watchdog of 50 ms lets go.
     ends_in("unplug", &[&["disconnected"]], 50.0 + AT_ONCE_TICKS);
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_counter_that_runs_ahead() {
     ends_in("skip=40", &[&["sequence-gap"]], AT_ONCE_TICKS);
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn an_arm_that_loses_its_zero() {
     // Its error code says so too.
     ends_in("unhome", &[&["not-homed", "device-error"]], AT_ONCE_TICKS);
@@ -92,7 +92,7 @@ fn ends_by_itself_in(bench: &Bench, mock_args: &[&str], expected: &str) -> (supe
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_hand_that_is_too_fast() {
     let bench = Bench::viscous();
     // Pressed, then 80 mm in 40 ms.
@@ -101,7 +101,7 @@ fn a_hand_that_is_too_fast() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn more_power_into_the_hand_than_is_allowed() {
     let bench = Bench::viscous().scene_with("[safety]\npower_w = 0.01");
     // Pressed hard, then drawn back at 0.5 m/s by a hand that the arm says stands still: the limiter sees no power, the window does.
@@ -110,7 +110,7 @@ fn more_power_into_the_hand_than_is_allowed() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_host_that_misses_a_deadline_where_none_may_be_missed() {
     let bench = Bench::viscous().scene_with("[safety]\noverrun = 1");
     let (host, mock) = repeat(|| {
@@ -133,7 +133,7 @@ fn a_host_that_misses_a_deadline_where_none_may_be_missed() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn encoders_that_freeze_in_a_fast_motion() {
     let bench = Bench::viscous();
     // 0.5 m/s through free space; frozen in the middle of it.
@@ -143,7 +143,7 @@ fn encoders_that_freeze_in_a_fast_motion() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_motor_that_gets_too_hot() {
     let bench = Bench::verified("polhem-2022").changed(&[
         ("continuous_current_ma = [", "continuous_current_ma = [20, 20, 20] # ["),
@@ -153,7 +153,7 @@ fn a_motor_that_gets_too_hot() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_deadman_that_is_let_go() {
     let bench = Bench::viscous().scene_with("[safety]\ndeadman = 3");
     // Held while it presses, let go, held again.
@@ -177,21 +177,21 @@ fn is_survived(fault: &str) -> (super::link::Ended, super::link::Ended) {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn lost_reports_are_counted() {
     let (host, mock) = is_survived("drop=1%@2s");
     assert!(host.number("stale_samples") >= 0.5 * mock.number("frames_lost") && mock.number("frames_lost") > 5.0);
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn late_replies_weaken_and_do_not_fault() {
     let (host, _) = is_survived("slow=2ms@2s");
     assert!(host.number("delay_ticks") >= 3.0, "{}", host.json);
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn weak_motors_and_a_silent_moment_are_survived() {
     is_survived("saturate@2s");
     let (host, mock) = is_survived("stall@2600ms+10ms");

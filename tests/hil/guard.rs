@@ -101,13 +101,13 @@ fn hears_zero_of_a_dead_host(bench: &Bench, mock_args: &[&str]) {
 
 /// The other arms, and hosts that stand still: `kill/*` and `stopped/*` of the fault campaign.
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn an_arm_hears_zero_of_a_dead_host() {
     hears_zero_of_a_dead_host(&Bench::verified("polhem-2020"), &[]);
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn without_a_guard_an_arm_without_a_watchdog_holds_the_last_force_of_a_dead_host() {
     // This is what the guard is for: there is no way out left in which a program that was killed could write a zero.
     let bench = Bench::verified("polhem-2022");
@@ -119,7 +119,7 @@ fn without_a_guard_an_arm_without_a_watchdog_holds_the_last_force_of_a_dead_host
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn without_a_guard_an_arm_with_a_watchdog_lets_go_of_a_dead_host() {
     let (felt, _) = pressed_then(&Bench::viscous(), &[], |host, guard| {
         signal("KILL", guard);
@@ -130,7 +130,7 @@ fn without_a_guard_an_arm_with_a_watchdog_lets_go_of_a_dead_host() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn signals_of_a_terminal_do_not_reach_the_guard_and_its_death_does_not_disturb_the_run() {
     let bench = Bench::viscous();
     let (host, guards) = repeat(|| {
@@ -153,7 +153,7 @@ fn signals_of_a_terminal_do_not_reach_the_guard_and_its_death_does_not_disturb_t
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_run_that_ends_in_order_takes_its_guard_along() {
     let bench = Bench::viscous();
     let (host, has_gone) = repeat(|| {
@@ -217,7 +217,7 @@ const BOTH: &[u8] = b"zero\nzero\n";
 const SOON: Duration = Duration::from_millis(200);
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn beats_keep_a_guard_quiet_and_their_absence_counts_under_force_only() {
     repeat(|| {
         let (mut far, _near, mut guard) = guarded_terminal();
@@ -251,7 +251,7 @@ fn beats_keep_a_guard_quiet_and_their_absence_counts_under_force_only() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_guard_that_is_dismissed_under_force_says_zero_first() {
     let (mut far, _near, mut guard) = guarded_terminal();
     guard.beat(true);
@@ -280,7 +280,7 @@ fn large_host() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_host_that_takes_long_to_die_is_not_waited_for() {
     let took = repeat(|| {
         let (mut far, _near) = terminal();
@@ -304,7 +304,7 @@ fn a_host_that_takes_long_to_die_is_not_waited_for() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn what_waits_in_the_port_goes_before_the_zero() {
     let (mut far, near, mut guard) = guarded_terminal();
     // More than a terminal passes on before it is read.
@@ -330,7 +330,7 @@ fn a_program_that_is_no_guard_is_an_error_in_words() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_driver_that_slept_sends_nothing_that_it_computed_before() {
     let folder = tempfile::tempdir().expect("a folder");
     let node: PathBuf = folder.path().join("arm");

@@ -5,7 +5,7 @@ use std::time::Duration;
 use super::link::{Bench, is_lateness, repeat};
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_replugged_arm_waits_for_the_operator() {
     let bench = Bench::viscous();
     let (host, mock) = repeat(|| {
@@ -55,7 +55,7 @@ fn force_n(felt: &serde_json::Value) -> f64 {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_host_that_is_told_to_end_leaves_no_force() {
     for signal in ["TERM", "INT"] {
         let felt = killed(&Bench::verified("polhem-2022"), signal);

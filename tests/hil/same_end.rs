@@ -10,7 +10,7 @@ fn final_position(json: &serde_json::Value) -> [f64; 3] {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn in_process_and_over_a_tty() {
     let bench = Bench::viscous();
     let (host, mock) = exchange(&bench, &[], &["--enable", "--duration", "8s"], &[&[]]);

@@ -111,7 +111,7 @@ fn a_hit_is_a_bake(what: &str, config: &SceneConfig, n_ticks: u64) {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_scene_from_the_cache_gives_the_bits_of_a_baked_one() {
     a_hit_is_a_bake("peg-in-hole", &rig::load(&rig::shipped("peg-in-hole")), 3000);
     for field in ["layers", "surface-point", "octant"] {

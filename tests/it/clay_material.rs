@@ -67,7 +67,7 @@ fn dent_m(force_n: f64, own_n_per_m: f64, other_n_per_m: f64, from_border_m: f64
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn the_half_of_a_plate_that_is_ten_times_as_stiff_dents_as_the_springs_say() {
     let region = DVec3::new(0.032, 0.016, 0.016);
     let settings = Settings {

@@ -105,10 +105,25 @@ fn worked(craft: &SculptTool<'_>) -> Worked {
     });
     write("hand.csv", &rows);
     let duration = format!("{}s", hand.last().unwrap().0);
-    let ends = ["--save", "end.ply", "--export", "mesh.ply", "--pictures", "."];
-    let line = ["sculpt", "scene.toml", "--clock", "virtual", "--json", "--duration", &duration];
-    let json = hapticd(dir.path(), &[&line[..], &ends].concat());
-    if let Some(folder) = std::env::var_os("CLAY_PICTURES") {
+    let mut line = vec![
+        "sculpt",
+        "scene.toml",
+        "--clock",
+        "virtual",
+        "--json",
+        "--duration",
+        &duration,
+        "--save",
+        "end.ply",
+        "--export",
+        "mesh.ply",
+    ];
+    let pictures = std::env::var_os("CLAY_PICTURES");
+    if pictures.is_some() {
+        line.extend(["--pictures", "."]);
+    }
+    let json = hapticd(dir.path(), &line);
+    if let Some(folder) = pictures {
         fs::copy(dir.path().join("scene-after.png"), Path::new(&folder).join(format!("clay-{name}.png"))).unwrap();
     }
     assert_eq!(json["faults"], Value::Array(Vec::new()), "{json}");
@@ -125,7 +140,7 @@ const ONLY_HAND: SculptTool<'_> =
     SculptTool { sculpt: "", tool_mm: 3.0, contact: "stiffness_n_per_mm = 1.0", hand: &[], strokes: "" };
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn touch_leaves_everything_as_it_was() {
     let worked = worked(&SculptTool { sculpt: "tool = \"touch\"", hand: &press(13.0), ..ONLY_HAND });
     assert!(worked.json["contact_ticks"].as_u64().unwrap() > 300, "{}", worked.json);
@@ -136,7 +151,7 @@ fn touch_leaves_everything_as_it_was() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn push_dents_no_deeper_than_the_hand_goes() {
     let worked = worked(&SculptTool { sculpt: "tool = \"push\"\nbrush_mm = 4", hand: &press(12.0), ..ONLY_HAND });
     assert_eq!(worked.strokes(), 1.0);
@@ -149,7 +164,7 @@ fn push_dents_no_deeper_than_the_hand_goes() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn pull_lengthens_no_farther_than_the_hand_goes() {
     let hand = [(0.0, [0.0, 0.0, 19.0]), (0.4, [0.0, 0.0, 19.0]), (1.2, [0.0, 0.0, 27.0]), (1.7, [0.0, 0.0, 27.0])];
     let strokes = "[[stroke]]\nat_s = 0.3\ndo = \"hold\"\nuntil_s = 1.6\n";
@@ -162,7 +177,7 @@ fn pull_lengthens_no_farther_than_the_hand_goes() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn pull_curve_raises_a_ridge_and_leaves_both_sides() {
     let above = |x: f64| [x, 0.0, (RADIUS_MM * RADIUS_MM - x * x).sqrt() + 3.4];
     let hand = [
@@ -194,7 +209,7 @@ fn pull_curve_raises_a_ridge_and_leaves_both_sides() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn paint_covers_the_disc_of_a_brush_that_is_pressed_hard() {
     // Eight millimetres into a millimetre per newton: more than the two newtons of the full brush.
     let sculpt = "tool = \"paint\"\nbrush_mm = 5\nfalloff = \"constant\"\ncolor = \"#c80000\"";
@@ -219,7 +234,7 @@ fn paint_covers_the_disc_of_a_brush_that_is_pressed_hard() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn material_that_is_painted_gives_way_less_to_the_same_hand() {
     // Blue and hard on the right, then the same press into both sides.
     let at = |x: f64, above: f64| [x, 0.0, (RADIUS_MM * RADIUS_MM - x * x).sqrt() + above];
@@ -245,7 +260,7 @@ fn material_that_is_painted_gives_way_less_to_the_same_hand() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn emboss_and_engrave_reach_their_depth() {
     for (tool, sign) in [("emboss", 1.0), ("engrave", -1.0)] {
         let sculpt = format!("tool = \"{tool}\"\nbrush_mm = 6\ndepth_mm = 1.5");
@@ -283,7 +298,7 @@ fn left_mm3(boolean: &str, one_mm: f64, other_mm: f64, apart_mm: f64) -> f64 {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn booleans_by_script_leave_the_volume_of_the_lens_formula() {
     let hand = [(0.0, [0.0, 0.0, 40.0]), (0.3, [0.0, 0.0, 40.0])];
     for boolean in ["union", "intersection", "difference"] {
@@ -299,7 +314,7 @@ fn booleans_by_script_leave_the_volume_of_the_lens_formula() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn booleans_by_hand_join_and_cut_the_ball_in_the_hand() {
     // Soft contact: the hand's ball is far in the clay when it is held.
     let contact = "stiffness_n_per_mm = 0.005";
@@ -325,7 +340,7 @@ fn booleans_by_hand_join_and_cut_the_ball_in_the_hand() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn what_was_made_is_a_closed_mesh() {
     let worked = worked(&SculptTool { sculpt: "tool = \"push\"\nbrush_mm = 4", hand: &press(12.0), ..ONLY_HAND });
     is_watertight(worked.dir.path(), "mesh.ply");
@@ -363,28 +378,28 @@ fn strokes_of(json: &Value) -> u64 {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn the_letter_is_embossed_painted_and_underlined() {
     // The image, two strokes of paint, the line.
     assert_eq!(strokes_of(&shipped("letter", "12s")), 4);
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn the_character_is_joined_pulled_painted_and_poked() {
     // Six Booleans, the nose, two eyes, the belly.
     assert_eq!(strokes_of(&shipped("character", "12s")), 10);
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn the_globe_is_embossed_painted_and_pulled() {
     // The image, ice, sand, mountains.
     assert_eq!(strokes_of(&shipped("globe", "11s")), 4);
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn the_bowl_is_painted_three_times_around() {
     let json = shipped("bowl", "14s");
     assert_eq!(strokes_of(&json), 3);

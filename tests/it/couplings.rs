@@ -172,26 +172,26 @@ fn every_coupling_is_nothing_in_free_space() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn every_coupling_comes_to_rest_on_a_plane() {
     comes_to_rest(&SITUATIONS[1]);
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn every_coupling_comes_to_rest_in_a_corner() {
     comes_to_rest(&SITUATIONS[2]);
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn every_coupling_comes_to_rest_with_a_peg_in_its_hole() {
     comes_to_rest(&SITUATIONS[3]);
 }
 
 /// Dampers act on the virtual tool; what the arm feels stays as passive as it was.
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn with_dampers_everything_comes_to_rest_as_well() {
     for situation in &SITUATIONS {
         comes_to_rest_with(situation, &["implicit"], "[contact]\ndamping_n_s_per_m = 20\n");
@@ -202,7 +202,7 @@ fn with_dampers_everything_comes_to_rest_as_well() {
 /// done that work. The peg is left out: in a gap narrower than a voxel everything is just ahead of contact, and it takes longer to go in than
 /// this test lasts.
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn with_brakes_everything_comes_to_rest_as_well() {
     for situation in &SITUATIONS[1..3] {
         comes_to_rest_with(situation, &["implicit"], "[contact]\nbraking = true\n[coupling]\nfree_space = \"drag\"\n");
@@ -265,7 +265,7 @@ fn shaken_m(scene: &mut RenderScene, mode: CouplingMode, stiffness: f64, cutoff_
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn acceptance_22_the_automatic_limit_keeps_a_delayed_loop_stable() {
     let situation = &SITUATIONS[1];
     let mut scene = situation.bake();

@@ -205,7 +205,7 @@ mod live {
     }
 
     #[test]
-    #[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+    #[ignore = "takes long: `cargo test -- --include-ignored`"]
     fn a_client_that_reconnects_gets_the_scene_again_but_not_for_ever() {
         let (daemon, address) = watched();
         let mut viewer = Viewer::of(address);
@@ -231,7 +231,7 @@ mod live {
     }
 
     #[test]
-    #[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+    #[ignore = "takes long: `cargo test -- --include-ignored`"]
     fn clients_that_never_read_or_make_no_sense_change_nothing() {
         let (daemon, address) = watched();
         let mut silent = Viewer::of(address);

@@ -91,7 +91,7 @@ pub(super) fn slide(scene: &RenderScene, n_ticks: u64) -> impl Iterator<Item = P
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_block_on_a_slope_holds_for_ten_minutes() {
     let scene = scene(0.3);
     let mut settled = None;

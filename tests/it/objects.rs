@@ -136,7 +136,7 @@ fn bits(sum: &ContactSum) -> Vec<u64> {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn passing_over_what_is_far_away_changes_no_bit() {
     let mut random = Random(40);
     let mut vector = || DVec3::new(random.signed(), random.signed(), random.signed());

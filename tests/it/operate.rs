@@ -523,7 +523,7 @@ fn a_hangup_takes_parameters_of_a_scene_with_clay_and_leaves_the_piece() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_watched_scene_follows_its_files() {
     let dir = folder();
     fs::copy(shipped("peg.obj"), dir.path().join("part.obj")).unwrap();

@@ -17,7 +17,7 @@ fn text(bytes: &[u8]) -> String {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_picture_is_a_png_with_the_surface_on_it() {
     let folder = tempfile::tempdir().unwrap();
     let peg = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/models/peg.obj");

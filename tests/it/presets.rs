@@ -82,31 +82,31 @@ fn block_on_plane_is_stable_on_every_preset() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn block_that_is_held_on_the_plane_is_stable_on_every_preset() {
     is_stable(&Played { until_s: Some(2.4), ..shipped("block-on-plane") });
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn peg_in_hole_is_stable_on_every_preset() {
     is_stable(&shipped("peg-in-hole"));
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn gear_on_shaft_is_stable_on_every_preset() {
     is_stable(&shipped("gear-on-shaft"));
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn nut_on_bolt_is_stable_on_every_preset() {
     is_stable(&Played { touches: false, ..shipped("nut-on-bolt") });
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn nut_that_is_pressed_is_stable_on_every_preset() {
     is_stable(&Played { hand: Some("nut-press.csv"), ..shipped("nut-on-bolt") });
 }

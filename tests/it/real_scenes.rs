@@ -134,7 +134,7 @@ fn a_real_peg_goes_through_a_real_hole_and_not_beside_it() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_real_gear_slides_down_a_real_shaft() {
     // Both in the frame of the assembly: seated at the identity, lower face on the plate at z = 5. Shaft d 10.0 at x = 20 mm up to
     // z = 25, bore d 10.0 with 0.3 mm chamfers: no clearance at all. Other shafts are further away than the gear's tips.
@@ -154,7 +154,7 @@ fn a_real_gear_slides_down_a_real_shaft() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_real_nut_is_held_by_its_thread_and_follows_it() {
     // Bolt thread z = 16 to 41, nut z = 16 to 29 in its file; pitch 2 mm.
     let Some(folder) = folder() else { return };

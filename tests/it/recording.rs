@@ -211,7 +211,7 @@ fn turned_parameters_and_placed_parts_are_in_the_recording() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_fault_is_recorded_replayed_and_kept_by_the_flight_recorder() {
     let dir = folder();
     let ended = hapticd(dir.path(), "run nan.toml --clock virtual --duration 2s --record r.mcap --flight faults --json");
@@ -265,7 +265,7 @@ fn what_a_killed_run_leaves_behind_replays_to_its_last_chunk() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_folder_or_disk_that_takes_nothing_is_told_and_never_ends_a_run() {
     let dir = folder();
     for (line, code, fragments) in [

@@ -71,7 +71,7 @@ const WITHIN: [(&str, [Option<u64>; 6]); 9] = [
 const TOO_FAR: [&str; 3] = ["haply-2diy", "haply-2diy-first", "novint-falcon"];
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn every_arm_lets_go_within_the_time_of_its_protocol() {
     for make in every_arm() {
         let profile = make(None, InjectedFault::None).profile().clone();

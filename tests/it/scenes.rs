@@ -139,7 +139,7 @@ fn gear_seats_on_its_shaft_and_meshes() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn nut_follows_the_thread_when_it_is_turned() {
     let run = run("nut-on-bolt");
     let end = run.final_pose();
@@ -178,7 +178,7 @@ fn held(run: &Run) -> (f64, f64, usize) {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn nut_that_is_only_pressed_is_held_by_the_thread() {
     let run = pressed_nut("");
     run.assert_sound("nut, pressed");
@@ -190,7 +190,7 @@ fn nut_that_is_only_pressed_is_held_by_the_thread() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn nut_that_is_only_pressed_rests_when_the_low_pass_is_off() {
     let run = pressed_nut("[filter]\ncutoff_hz = \"off\"\n");
     run.assert_sound("nut, pressed, low-pass off");
@@ -200,7 +200,7 @@ fn nut_that_is_only_pressed_rests_when_the_low_pass_is_off() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn nut_that_is_only_pressed_rests_as_shipped() {
     let (low, high, changes) = held(&pressed_nut(""));
     assert_within("nut, pressed", "z", low, 33.85, 33.95);

@@ -114,7 +114,7 @@ fn a_piece_is_pressed_joined_saved_and_gone_on_with() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn people_read_what_became_of_the_clay() {
     let dir = folder();
     let ended =
@@ -317,7 +317,7 @@ fn what_a_scan_lacks_is_made_good_and_said() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn many_points_in_a_coarse_raster_work_and_say_so() {
     const N: u32 = 100_000;
     let dir = folder();
@@ -371,7 +371,7 @@ fn files_are_looked_at_before_the_work_and_nothing_is_written_over_unasked() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_session_that_cannot_be_written_is_kept_elsewhere() {
     let dir = folder();
     // A link to a disk that is full.
@@ -501,7 +501,7 @@ fn a_piece_of_a_wrong_unit_is_told_by_its_size() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_tool_that_starts_in_the_clay_works_nothing_before_it_was_outside() {
     let dir = folder();
     let inside =

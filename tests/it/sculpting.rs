@@ -125,7 +125,7 @@ fn largest_step_n(records: &[TickRecord]) -> f64 {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_hand_pushes_and_pulls_clay_through_the_loop_the_same_way_twice() {
     let script =
         || vec![(1200, pull()), (2500, SculptOrder::SavePoints("/no/such/folder/points.ply".into())), (9999, SculptOrder::Undo)];

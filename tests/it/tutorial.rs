@@ -53,7 +53,7 @@ fn is_in(output: &str, line: &str) -> bool {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn the_ten_steps_of_the_tutorial_give_what_the_page_says() {
     let steps = steps(PAGE);
     assert_eq!(steps.len(), 10);

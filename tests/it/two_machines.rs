@@ -335,7 +335,7 @@ fn unrest_n(told: &[(f64, Wrench)]) -> f64 {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_peg_goes_into_its_hole_over_every_delay_as_stiff_as_that_delay_allows() {
     let stage = Stage::of(rig::load(&rig::shipped("peg-in-hole")));
     let arm = stage.scene.parameters.arm;
@@ -400,7 +400,7 @@ fn without_softening_the_same_link_would_tremble() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_cut_cable_is_zero_at_the_arm_within_hold_and_fade_and_a_fault_of_the_link_at_the_host() {
     let stage = Stage::of(rig::load(&rig::shipped("block-on-plane")));
     let arm_s = f64::from(stage.config.device.profile.plant.delay_ticks) * T;

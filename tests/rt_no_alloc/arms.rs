@@ -38,7 +38,7 @@ const GIVEN_UP: Duration = Duration::from_secs(60);
 /// The real driver over a real terminal, with a thread that looks for the lost arm: sound exchanges, garbled ones, a plug that is pulled and put in
 /// again, enable and disable, numbers that are none, and stops.
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn an_arm_on_a_terminal_allocates_nothing() {
     for name in ["polhem-2022", "haply-2diy", "open6-serial"] {
         exchanges_of(name);
@@ -146,7 +146,7 @@ fn play(
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn no_safety_rule_allocates() {
     type Change = fn(&mut Parameters);
     type Meddle = fn(u64, &mut DeviceSample);

@@ -203,19 +203,19 @@ fn peg_in_hole_allocates_nothing() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn gear_on_shaft_allocates_nothing() {
     whole_scene("gear-on-shaft");
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn nut_on_bolt_allocates_nothing() {
     whole_scene("nut-on-bolt");
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn block_on_plane_allocates_nothing_in_any_coupling_and_field() {
     for coupling in ["implicit", "static", "constraint", "direct"] {
         for field in ["layers", "surface-point", "octant", "trilinear"] {
@@ -236,7 +236,7 @@ fn block_on_plane_allocates_nothing_in_any_coupling_and_field() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn brakes_and_dampers_allocate_nothing() {
     let coupling = "implicit";
     let what = format!("block-on-plane, {coupling}, with brakes and dampers");
@@ -248,7 +248,7 @@ fn brakes_and_dampers_allocate_nothing() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_scene_from_the_cache_allocates_nothing() {
     let folder = tempfile::tempdir().expect("a temporary folder");
     for (what, residence) in [("baked", CachePolicy::Copy), ("read", CachePolicy::Copy), ("mapped", CachePolicy::Mapped)] {
@@ -261,7 +261,7 @@ fn a_scene_from_the_cache_allocates_nothing() {
 
 /// Objects that move, parameters that change, and scenes that take each other's place: what is made for that is made and freed by another thread.
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn moving_objects_turning_knobs_and_swapping_scenes_allocate_nothing() {
     let movable = [("layers = 8", "layers = 8\nmovable = true")];
     let config = scene("block-on-plane", &movable);
@@ -362,7 +362,7 @@ fn knead(mut feed: ClayFeed) -> u64 {
 
 /// Clay that another thread kneads, on and beside a rigid plane: frames go round as pointers.
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn frames_of_clay_that_come_and_go_allocate_nothing() {
     for coupling in ["implicit", "static", "direct"] {
         let n_ticks = if coupling == "implicit" { TICKS } else { TICKS / 10 };
@@ -413,7 +413,7 @@ fn frames_of_clay_that_come_and_go_allocate_nothing() {
 
 /// The contact query alone, as no scene can drive it: leaping from pose to pose, deep inside, far off, with budgets of all sizes.
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn no_walk_allocates_whatever_its_pose_and_budget() {
     let config = scene("block-on-plane", &[]);
     let (prepared, _) = prepare_with(&config, &mut BakeOptions::from(&mut Cache::off()), |_| ()).expect("a scene");
@@ -445,7 +445,7 @@ fn no_walk_allocates_whatever_its_pose_and_budget() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn no_fault_allocates_on_its_way_in() {
     for (fault, expected) in [
         ("nan@1200ms", Some(Faults::NON_FINITE)),

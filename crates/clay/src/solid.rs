@@ -159,7 +159,7 @@ mod tests {
     use crate::PointSurface;
 
     #[test]
-    #[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+    #[ignore = "takes long: `cargo test -- --include-ignored`"]
     fn a_solid_beside_a_piece_has_its_spacing_unless_that_makes_too_few_samples_or_too_many() {
         let ball = |radius_m: f64| Solid::Shape { shape: Shape::Sphere { radius_m }, spacing_m: None };
         let (spacing_m, area_m2) = (1e-3, |radius_m: f64| 4.0 * core::f64::consts::PI * radius_m * radius_m);

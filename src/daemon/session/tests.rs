@@ -5,6 +5,7 @@ use super::*;
 use crate::servo::testing::CountingArm;
 use crate::servo::{Control, RunPlan, ServoLoop, Step};
 use haptics::testing::empty_scene;
+use recording::RecordSubscribers;
 use rt::clock::VirtualClock;
 
 /// A loop over an empty scene, and the session that changes it. Of a real run but for the clock.
@@ -44,16 +45,26 @@ fn switched(session: &SessionHandle, name: &str) -> Receiver<Result<(), SessionE
     heard
 }
 
-/// A session over a folder with `first.toml` and `second.toml`.
-fn in_folder(baker: Baker) -> (tempfile::TempDir, SessionHandle) {
+/// A folder with `first.toml` and `second.toml`.
+fn two_scenes() -> tempfile::TempDir {
     let folder = tempfile::tempdir().expect("a temporary folder");
-    let path = |name: &str| folder.path().join(name);
     for name in ["first.toml", "second.toml"] {
-        std::fs::write(path(name), SCENE).expect("written");
+        std::fs::write(folder.path().join(name), SCENE).expect("written");
     }
-    let config = config::load(&path("first.toml")).unwrap_or_else(|errors| panic!("{errors}"));
-    let session = SessionHandle::new(config, LoadOptions::default(), ClockKind::Real, None);
+    folder
+}
+
+/// A session that begins with the first scene of the folder.
+fn session_in(folder: &tempfile::TempDir, recorder: Option<Recorder>, baker: Baker) -> SessionHandle {
+    let config = config::load(&folder.path().join("first.toml")).unwrap_or_else(|errors| panic!("{errors}"));
+    let session = SessionHandle::new(config, LoadOptions::default(), ClockKind::Real, recorder);
     session.begin_baking(baker, Vec::new()).expect("a thread");
+    session
+}
+
+fn in_folder(baker: Baker) -> (tempfile::TempDir, SessionHandle) {
+    let folder = two_scenes();
+    let session = session_in(&folder, None, baker);
     (folder, session)
 }
 
@@ -81,6 +92,25 @@ fn a_scene_is_answered_when_it_is_sent_and_shown_when_it_is_rendered() {
     drop(run);
     assert!(matches!(switched(&session, "second").recv(), Ok(Err(SessionError::Over))));
     assert!(matches!(session.set("limit_force_n", 1.0), Err(SessionError::Control(ControlError::Over))));
+}
+
+#[test]
+fn a_scene_is_recorded_as_it_was_before_it_was_baked() {
+    let folder = two_scenes();
+    let recorder = Recorder::new(RecordSubscribers::default(), true);
+    let second = folder.path().join("second.toml");
+    let written_meanwhile = Box::new(move |_: &SceneConfig| {
+        std::fs::write(&second, "version = 2\n").expect("written");
+        Ok(baked())
+    });
+    let session = session_in(&folder, Some(recorder.clone()), written_meanwhile);
+    let n_scenes = || (0..).take_while(|idx| recorder.scenes.get(*idx).is_some()).count();
+    let n_before = n_scenes();
+    let mut run = Run::begin(session.clone());
+    assert!(matches!(switched(&session, "second").recv(), Ok(Ok(()))));
+    assert_eq!(n_scenes(), n_before + 1);
+    assert_eq!(recorder.scenes.get(n_before as u32).expect("recorded").toml, SCENE);
+    run.reach(1);
 }
 
 #[test]

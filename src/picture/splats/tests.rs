@@ -33,7 +33,7 @@ fn extent(sheet: &tiny_skia::Pixmap, [left, top]: [i32; 2], [width, height]: [i3
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_ball_is_round_from_every_side_and_without_holes() {
     let points = ball(3000, 0.02, DVec3::new(0.1, -0.2, 0.05));
     let sheet = decoded(&[subject(&points, None)]);
@@ -47,7 +47,7 @@ fn a_ball_is_round_from_every_side_and_without_holes() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn colours_lie_where_they_are_and_light_comes_from_above() {
     let points = ball(3000, 0.02, DVec3::ZERO);
     let sheet = decoded(&[subject(&points, None)]);
@@ -65,7 +65,7 @@ fn colours_lie_where_they_are_and_light_comes_from_above() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn pieces_that_are_beside_each_other_have_one_scale() {
     let (small, large) = (ball(2000, 0.01, DVec3::ZERO), ball(2000, 0.02, DVec3::ZERO));
     let sheet = decoded(&[subject(&small, Some(&large))]);
@@ -76,7 +76,7 @@ fn pieces_that_are_beside_each_other_have_one_scale() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn the_same_piece_gives_the_same_bytes() {
     let points = ball(500, 0.02, DVec3::ZERO);
     let folder = tempfile::tempdir().unwrap();

@@ -113,7 +113,7 @@ fn clients_see_the_clay_and_choose_what_the_tool_does_to_it() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_hold_ends_with_the_client_with_its_silence_and_with_the_force() {
     let daemon = Daemon::sculpting(SCENE, STILL);
     let (mut holder, mut other) = (daemon.connect(), daemon.connect());

@@ -63,7 +63,7 @@ fn too_much_at_once_is_refused() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn garbage_on_the_wire_ends_that_connection_only() {
     let daemon = Daemon::enabled("", "");
     let mut seed = 1_u64;
@@ -94,7 +94,7 @@ fn garbage_on_the_wire_ends_that_connection_only() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn who_never_reads_is_let_go_and_who_reads_goes_on() {
     let daemon = Daemon::enabled("", "");
     let mut deaf = daemon.connect();
@@ -110,7 +110,7 @@ fn who_never_reads_is_let_go_and_who_reads_goes_on() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_flood_of_requests_is_answered_in_turn() {
     let daemon = Daemon::enabled("", "");
     let mut client = daemon.connect();
@@ -252,7 +252,7 @@ fn half_a_request_does_not_block_a_disable() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn who_sends_no_whole_request_is_let_go_after_some_seconds() {
     let daemon = Daemon::enabled("", "");
     let mut silent = TcpStream::connect(daemon.address).unwrap();
@@ -272,7 +272,7 @@ fn who_sends_no_whole_request_is_let_go_after_some_seconds() {
 
 /// Thousands of connections: as many as this process may have.
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_thousand_connections_find_what_places_there_are() {
     let daemon = Daemon::enabled("", "");
     let mut client = daemon.connect();

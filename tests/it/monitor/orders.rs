@@ -142,7 +142,7 @@ fn another_scene_takes_over_and_is_told() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_limit_that_a_client_lowered_stays_lowered_in_every_scene_until_a_client_raises_it() {
     let folder = super::folder("");
     // Where the hand is when force comes back is the new zero: this one presses deeper each time, and draws back in between.

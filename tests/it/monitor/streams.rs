@@ -8,7 +8,7 @@ use tokio_tungstenite::tungstenite::Message;
 use super::{Client, Daemon, http, length, no_record_lost};
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_client_at_full_rate_sees_every_tick_or_hears_how_many_it_did_not() {
     let daemon = Daemon::enabled("", "");
     let mut client = daemon.connect();
@@ -40,7 +40,7 @@ fn a_client_at_full_rate_sees_every_tick_or_hears_how_many_it_did_not() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn who_reads_late_hears_the_good_bye_too() {
     let mut daemon = Daemon::enabled("", "");
     let mut slow = daemon.connect();
@@ -147,7 +147,7 @@ fn facts_scene_and_meshes_are_there_to_draw() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_million_triangles_are_shown_as_a_hundred_thousand() {
     // A grid of 708 by 708 squares, a gentle wave.
     let folder = super::folder("");

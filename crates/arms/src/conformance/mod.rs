@@ -237,7 +237,7 @@ fn what_is_not_a_number_and_a_stop_leave_nothing_on_the_motors() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_lost_arm_stays_lost_until_it_is_plugged_in_again() {
     for make in every_arm() {
         for cut_before_write in [false, true] {
@@ -320,7 +320,7 @@ fn what_is_garbled_is_counted_and_got_over() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn one_command_is_under_way_however_late_the_answer_is() {
     for make in every_arm() {
         let mut rig = make(None, InjectedFault::Late);

@@ -12,7 +12,7 @@ use vps::spatial::Axes;
 
 /// Joints, encoder steps, whole numbers of motor current and a wire lie between what is fitted and what moves.
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn an_arm_on_a_wire_is_identified() {
     let quit = AtomicBool::new(false);
     for make in every_arm_as_shipped() {
@@ -33,7 +33,7 @@ fn an_arm_on_a_wire_is_identified() {
 
 /// Waits, fits and pushes follow each other, and no watchdog of any shipped arm trips in between.
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn every_arm_with_motors_is_tried_out_from_listening_to_shaking() {
     let quit = AtomicBool::new(false);
     let mut n_turned = 0;

@@ -142,7 +142,7 @@ fn driven(rig: &mut WiredRig, deed: Deed, n: u32) -> Largest {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn motors_of_unverified_signs_never_make_more_than_the_cap() {
     for profile in arms() {
         let (name, cap) = (&profile.name, profile.limits_now());
@@ -209,7 +209,7 @@ impl Device for InStep {
 
 /// Whatever the profile says of its signs: that is what is being tried.
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_sign_check_pushes_no_harder_than_it_says_whatever_is_wrong() {
     let quit = AtomicBool::new(false);
     for profile in arms() {

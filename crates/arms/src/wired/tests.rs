@@ -251,7 +251,7 @@ fn half_a_reply(crop: usize) -> (u32, u32) {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn half_a_reply_takes_the_force_away_at_once_and_the_silence_follows() {
     for crop in [8, 4, 1] {
         let (zero_at, fresh_at) = half_a_reply(crop);

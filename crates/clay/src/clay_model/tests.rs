@@ -93,7 +93,7 @@ fn what_a_force_hardly_reaches_stays_to_the_bit() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn strokes_are_taken_back_and_done_again() {
     let mut piece = ball();
     let start = (piece.points().clone(), piece.base().clone());
@@ -169,7 +169,7 @@ fn the_same_strokes_give_the_same_bits_on_any_number_of_threads() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_bite_is_taken_out_and_an_image_stands_out() {
     let mut piece = ball();
     let bite = PointSurface::build(
@@ -229,7 +229,7 @@ fn what_cannot_be_worked_is_refused() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn edges_and_relief_far_from_a_boolean_or_an_image_stay_as_they_are() {
     let bite = |at: DVec3| PointSurface::build(shapes_at(at), PointSurface::DEFAULT_NEIGHBOURS).unwrap();
     for region_map in [None, settings().region_map] {

@@ -81,7 +81,7 @@ fn at_rest_nothing_moves() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn elastic_clay_springs_back_and_settled_clay_stays() {
     for integrator in [Integrator::Explicit, Integrator::Implicit] {
         for settles in [false, true] {
@@ -139,7 +139,7 @@ fn explicit_steps_are_halved_where_the_acceleration_is_beyond_the_threshold() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn painted_material_is_stiffer_where_it_was_painted() {
     let mut stiffness = Quantity::Constant(100.0);
     for x in 5..10 {

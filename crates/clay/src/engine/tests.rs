@@ -92,7 +92,7 @@ impl Hand {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn push_dents_until_the_hand_is_not_resisted_and_ends_when_it_has_left() {
     let mut hand = Hand::with(SculptTool::Push);
     hand.go(DVec3::Z * R, 20);
@@ -129,7 +129,7 @@ fn pull_leads_the_surface_to_the_hand_and_lets_go_with_it() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn pull_curve_draws_first_and_then_lifts_all_of_it() {
     let mut hand = Hand::with(SculptTool::PullCurve);
     let along = |x: f64| DVec3::new(x, 0.0, (R * R - x * x).sqrt() + 0.5e-3);
@@ -187,7 +187,7 @@ fn paint_is_as_wide_as_the_force_and_one_press_is_one_stroke() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn an_image_is_raised_and_sunk_by_its_depth_where_the_tool_is() {
     for (craft, sign) in [(SculptTool::Emboss, 1.0), (SculptTool::Engrave, -1.0)] {
         let white = Arc::new(GreyImage::new(2, 2, vec![1.0; 4]).unwrap());
@@ -207,7 +207,7 @@ fn an_image_is_raised_and_sunk_by_its_depth_where_the_tool_is() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn the_tools_own_shape_is_joined_and_cut_out_with_the_volume_of_a_lens() {
     let (r, away) = (0.01, 0.022);
     let body = ToolBody { shape: Some(Arc::new(sphere(2000, r))), center_of_mass_tool: DVec3::ZERO };
@@ -240,7 +240,7 @@ fn the_tools_own_shape_is_joined_and_cut_out_with_the_volume_of_a_lens() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn what_the_hand_does_not_feel_does_nothing() {
     for (_, craft) in SculptTool::NAMES {
         let mut hand = Hand::with(craft);
@@ -418,7 +418,7 @@ fn a_region_that_is_left_comes_back_with_the_stroke_that_was_made_in_it() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn the_same_hand_leaves_the_same_bits_on_any_number_of_threads() {
     let on = |threads: usize| {
         rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(|| {
@@ -441,7 +441,7 @@ fn with_ball(n: usize, radius_m: f64, at_map: DVec3) -> SculptOrder {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_solid_is_joined_where_it_is_already() {
     let mut hand = Hand::with(SculptTool::Touch);
     hand.engine.order(with_ball(800, 5e-3, DVec3::Z * R)).unwrap();

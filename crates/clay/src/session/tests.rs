@@ -122,7 +122,7 @@ fn painted_material_is_kept_with_its_past_and_shared_as_before() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn what_is_damaged_anywhere_is_refused_or_the_same_piece() {
     let bytes = saved(&piece());
     let mut n_harmless = 0;
@@ -151,7 +151,7 @@ fn what_is_damaged_anywhere_is_refused_or_the_same_piece() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn what_was_changed_with_its_checksums_makes_no_piece_but_no_panic_either() {
     let bytes = saved(&piece());
     let (mut n_refused, mut n) = (0, 0);

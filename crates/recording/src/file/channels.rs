@@ -10,16 +10,7 @@ use super::wire::{
     schema,
 };
 use crate::TickRecord;
-
-/// One tick as it is recorded.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct StampedRecord {
-    pub(super) record: TickRecord,
-    /// Records that the recorder had dropped when it took this one.
-    pub(super) dropped: u64,
-    /// Time of the messages: ns since 1970, or of the loop under the virtual clock.
-    pub(super) stamp_ns: u64,
-}
+use crate::record::StampedRecord;
 
 /// A topic with one message per tick.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

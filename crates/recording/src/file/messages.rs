@@ -9,9 +9,9 @@ use foxglove::messages::{
 };
 use foxglove::{Encode, messages};
 
-use super::channels::StampedRecord;
 use super::scene_files::{DisplayObject, DisplayShape, SceneFiles};
 use crate::TickRecord;
+use crate::record::StampedRecord;
 use haptics::Faults;
 use vps::spatial::Pose;
 use vps::storage::regular;

@@ -8,9 +8,10 @@ use mcap::McapError;
 use mcap::records::Record;
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
-use super::channels::{Channel, StampedRecord};
+use super::channels::Channel;
 use super::scene_files::ROOM_BYTES;
 use crate::TickRecord;
+use crate::record::StampedRecord;
 use vps::storage::regular;
 
 /// A longer record is a mistake: the longest that is written is an attachment, with its name.

@@ -6,8 +6,9 @@ use std::path::Path;
 use glam::{DQuat, DVec3};
 use prost::Message as _;
 
-use super::channels::{Channel, StampedRecord};
+use super::channels::Channel;
 use super::*;
+use crate::record::StampedRecord;
 use crate::{RecordSubscribers, TickRecord, drain};
 use haptics::{
     Drive, DriveRequest, Faults, FrameInUse, LiveParameter, OffCause, ParameterChange, Placement, TickInput, TickOutput,
@@ -234,7 +235,7 @@ fn what_was_there_stays_until_there_is_something_to_take_its_place() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_recording_that_is_cut_off_anywhere_can_be_read_up_to_there() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("cut.mcap");

@@ -10,8 +10,8 @@ use prost_types::{
     DescriptorProto, EnumDescriptorProto, EnumValueDescriptorProto, FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet,
 };
 
-use super::channels::StampedRecord;
 use crate::TickRecord;
+use crate::record::StampedRecord;
 use haptics::{Drive, DriveRequest, Faults, LiveParameter, OffCause, TickInput, TickOutput};
 use vps::spatial::{self, SampleStatus};
 

@@ -12,10 +12,11 @@ use mcap::records::{AttachmentHeader, MessageHeader, Metadata};
 use mcap::write::{NoSeek, WriteOptions};
 use mcap::{Attachment, Compression, McapError, Writer};
 
-use super::channels::{Channel, StampedRecord};
+use super::channels::Channel;
 use super::messages::{self, Occasion, Stamps};
 use super::scene_files::{self, MissingFile, SceneFiles};
 use crate::TickRecord;
+use crate::record::StampedRecord;
 use haptics::Faults;
 
 /// A chunk is cut when it holds so many bytes before compression: less than a second at 1 kHz.

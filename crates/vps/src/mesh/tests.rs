@@ -212,7 +212,7 @@ proptest::proptest! {
 
 #[test]
 #[expect(clippy::print_stdout, reason = "the figures are for a reader; a test sets no limit on time")]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn millions_of_triangles_go_through() {
     let torus = primitives::Shape::Torus { major_m: 0.05, minor_m: 0.02 }.tessellate(0.0);
     let mut bytes = vec![0; 80];

@@ -1,7 +1,5 @@
 //! How much memory a bake may take, and where the limit comes from.
 
-use super::grid::{show_bytes, show_decimal_bytes};
-
 /// Of what the system has left, bytes that stay free for everything else that runs on it.
 pub const FREE_BYTES: u64 = 128 << 20;
 
@@ -48,6 +46,22 @@ impl MemoryLimit {
             Self::Left(_) => "end programs that hold memory",
         }
     }
+}
+
+/// A number of bytes for people, in binary units.
+pub fn show_bytes(bytes: u64) -> String {
+    let bytes = bytes as f64;
+    let (unit, name) =
+        [(1_u64 << 30, "GiB"), (1 << 20, "MiB")].into_iter().find(|(unit, _)| bytes >= *unit as f64).unwrap_or((1 << 10, "KiB"));
+    let value = bytes / unit as f64;
+    if value < 10.0 { format!("{value:.1} {name}") } else { format!("{value:.0} {name}") }
+}
+
+/// The same in powers of ten, as people write sizes: `20 MB`.
+pub fn show_decimal_bytes(bytes: u64) -> String {
+    let (unit, name) = [(1e9, "GB"), (1e6, "MB")].into_iter().find(|(unit, _)| bytes as f64 >= *unit).unwrap_or((1e3, "kB"));
+    let value = bytes as f64 / unit;
+    if value < 10.0 { format!("{} {name}", (value * 10.0).round() / 10.0) } else { format!("{value:.0} {name}") }
 }
 
 #[cfg(test)]

@@ -51,7 +51,7 @@ fn acceptance_2_navigations_and_brute_force_mark_the_same_voxels() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn acceptance_2_over_fine_grids_and_real_meshes() {
     navigations_mark_the_same(primitives_at(151.3));
     for cells in [60.0, 151.3] {

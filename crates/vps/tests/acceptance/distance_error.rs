@@ -136,7 +136,7 @@ fn check(name: &str, mesh: &TriangleMesh, cells_on_longest_axis: f64, layers: u3
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn distances_on_real_meshes_are_those_of_an_exact_search() {
     for (name, mesh) in models::all() {
         check(name, &mesh, 48.0, 6);
@@ -145,7 +145,7 @@ fn distances_on_real_meshes_are_those_of_an_exact_search() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn distances_hold_on_meshes_finer_and_coarser_than_the_voxels() {
     let torus = Shape::Torus { major_m: 0.02, minor_m: 0.006 };
     let cone = Shape::Cone { radius_m: 0.01, height_m: 0.02 };

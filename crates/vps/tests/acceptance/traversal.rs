@@ -157,7 +157,7 @@ fn absurd() -> Vec<Pose> {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn every_kernel_gives_the_bits_of_the_scalar_traversal() {
     let mut random = Poses::new(4);
     let mut n_touching = 0;
@@ -313,7 +313,7 @@ fn acceptance_17_what_is_skipped_never_touches() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn acceptance_17_what_is_skipped_never_touches_on_long_walks() {
     what_is_skipped_never_touches(60_000);
 }

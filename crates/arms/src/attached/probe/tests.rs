@@ -212,7 +212,7 @@ fn an_arm_without_its_zero_is_not_pushed() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn what_an_axis_is_made_of_is_found_in_spite_of_steps_and_dry_friction() {
     for (mass_kg, damping, coulomb_n, step_m, delay_ticks) in [
         (0.25, 3.75, 0.05, 4.5e-5, 1),

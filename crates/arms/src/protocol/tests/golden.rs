@@ -211,7 +211,7 @@ fn hapi(motors: [Turn; 2], encoders: [(Turn, f32); 2], counts_per_rev: f32) -> P
 
 /// E1–E7.
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn hapi_f32() {
     use Turn::{Clockwise as Cw, CounterClockwise as Ccw};
     let boards = [

@@ -107,7 +107,7 @@ fn a_hapi_board_is_set_up_once_and_left_without_torque() {
 
 /// The plug was never out: another setup would make a home pose of wherever the arm is when it wakes.
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_hapi_board_that_only_fell_silent_is_not_set_up_again() {
     let protocol = hapi();
     let mut link = Linked::new(protocol.firmware(Carriage::Stream), Carriage::Stream, arm_at(&[150.0, 45.0]));
@@ -155,7 +155,7 @@ fn a_hapi_board_that_is_opened_again_says_the_same() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_hapi_board_that_was_spoken_to_in_another_protocol_is_found_again() {
     let protocol = hapi();
     for foreign in ["00 03 01 08 01 06 6F 70 36 64 01 02 64 03 F4 76 00", "02 05 00", "FF FF FD 00 01 07 00 02 84 00 0A 00 15"] {

@@ -47,7 +47,7 @@ fn painted_material_is_a_stroke_of_its_own_that_moves_nothing() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn what_is_stiffer_gives_way_less_from_the_next_stroke_on_and_after_undo_as_before() {
     let dent_m = |piece: &mut ClayModel| {
         stroke(piece, -1.0);
@@ -67,7 +67,7 @@ fn what_is_stiffer_gives_way_less_from_the_next_stroke_on_and_after_undo_as_befo
 }
 
 #[test]
-#[ignore = "takes long: `cargo test --release -- --include-ignored`"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn painted_material_goes_along_to_another_region_and_through_a_boolean() {
     let mut piece = ball();
     piece.paint_material(&brush(4e-3), stiff(700.0), DVec3::Z * R, 1.0).unwrap();

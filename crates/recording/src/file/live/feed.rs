@@ -9,9 +9,10 @@ use foxglove::{Context, FoxgloveError, PartialMetadata, RawChannel, Schema, Sink
 use rtrb::Consumer;
 use tokio::time::MissedTickBehavior;
 
-use super::super::channels::{Channel, StampedRecord};
+use super::super::channels::Channel;
 use super::super::messages::{self, Occasion, encoded};
 use super::super::scene_files::Scenes;
+use crate::record::StampedRecord;
 use haptics::Faults;
 
 /// Messages of one topic leave so often at most.

@@ -33,8 +33,8 @@ use tokio::sync::oneshot;
 
 use self::feed::{Channels, Feed, PendingClients};
 use self::proxy::{Counts, Proxy};
-use super::channels::StampedRecord;
 use super::recorder::Recorder;
+use crate::record::StampedRecord;
 
 /// Records under way: two seconds at 1 kHz.
 const RING_RECORDS: usize = 2048;
