@@ -169,13 +169,28 @@ fn every_paper_that_the_code_names_is_in_the_bibliography() {
     let mut named = BTreeSet::new();
     walk(&root.join("src"), &mut named);
     walk(&root.join("crates"), &mut named);
-    walk(&root.join("crates"), &mut named);
     assert!(named.len() > 15, "{named:?}");
     let page = fs::read_to_string(root.join("docs/explanation/papers.md")).unwrap();
     let listed: BTreeSet<String> =
         page.lines().filter_map(|line| line.strip_prefix("- **")).flat_map(keys).map(str::to_owned).collect();
     let missing: Vec<_> = named.difference(&listed).collect();
     assert!(missing.is_empty(), "{missing:?}");
+}
+
+#[test]
+fn every_dependency_has_a_row_with_its_reason() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let page = fs::read_to_string(root.join("docs/adr/deps.md")).unwrap();
+    // `| clap_complete 4.6, clap_mangen 0.3 | ...`: names come before their versions.
+    let cells = page.lines().filter_map(|line| line.strip_prefix("| ")?.split(" |").next());
+    let rows: BTreeSet<&str> = cells.flat_map(|cell| cell.split(", ")).filter_map(|name| name.split(' ').next()).collect();
+    let manifest = fs::read_to_string(root.join("Cargo.toml")).unwrap();
+    let tables = manifest.split("\n[").filter(|table| table.lines().next().is_some_and(|name| name.ends_with("dependencies]")));
+    let entries = tables.flat_map(|table| table.lines().skip(1)).filter(|line| !line.starts_with('#') && !line.contains("path ="));
+    let named: BTreeSet<&str> = entries.filter_map(|line| line.split([' ', '.']).next()).filter(|name| !name.is_empty()).collect();
+    let is_own = |name: &str| root.join("crates").join(name).is_dir();
+    let missing: Vec<_> = named.iter().filter(|name| !is_own(name) && !rows.contains(*name)).collect();
+    assert!(named.len() > 40 && missing.is_empty(), "{missing:?} of {}", named.len());
 }
 
 /// Words of a command line, up to where the shell takes over.
