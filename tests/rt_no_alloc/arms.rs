@@ -146,7 +146,6 @@ fn play(
 }
 
 #[test]
-#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn no_safety_rule_allocates() {
     type Change = fn(&mut Parameters);
     type Meddle = fn(u64, &mut DeviceSample);

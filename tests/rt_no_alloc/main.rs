@@ -236,7 +236,6 @@ fn block_on_plane_allocates_nothing_in_any_coupling_and_field() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn brakes_and_dampers_allocate_nothing() {
     let coupling = "implicit";
     let what = format!("block-on-plane, {coupling}, with brakes and dampers");
@@ -261,7 +260,6 @@ fn a_scene_from_the_cache_allocates_nothing() {
 
 /// Objects that move, parameters that change, and scenes that take each other's place: what is made for that is made and freed by another thread.
 #[test]
-#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn moving_objects_turning_knobs_and_swapping_scenes_allocate_nothing() {
     let movable = [("layers = 8", "layers = 8\nmovable = true")];
     let config = scene("block-on-plane", &movable);
@@ -413,7 +411,6 @@ fn frames_of_clay_that_come_and_go_allocate_nothing() {
 
 /// The contact query alone, as no scene can drive it: leaping from pose to pose, deep inside, far off, with budgets of all sizes.
 #[test]
-#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn no_walk_allocates_whatever_its_pose_and_budget() {
     let config = scene("block-on-plane", &[]);
     let (prepared, _) = prepare_with(&config, &mut BakeOptions::from(&mut Cache::off()), |_| ()).expect("a scene");

@@ -45,7 +45,6 @@ fn ends() -> (RingEnd, RingEnd) {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn both_ends_of_a_network_allocate_nothing() {
     let (mut end, arm_end) = ends();
     let parameters = NodeParameters {

@@ -418,7 +418,6 @@ fn a_region_that_is_left_comes_back_with_the_stroke_that_was_made_in_it() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn the_same_hand_leaves_the_same_bits_on_any_number_of_threads() {
     let on = |threads: usize| {
         rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(|| {

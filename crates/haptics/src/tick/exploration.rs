@@ -493,19 +493,16 @@ fn assert_explored(world: &World, drives: &[Drive]) {
 const ALL: [Drive; 6] = [Drive::Disabled, Drive::Enabling, Drive::Enabled, Drive::Stopping, Drive::Fault, Drive::Braking];
 
 #[test]
-#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn no_order_gate_fault_or_swap_leads_to_force_where_none_may_be() {
     assert_explored(&World::new(|_| ()), &ALL);
 }
 
 #[test]
-#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn nor_does_any_without_a_deadman() {
     assert_explored(&World::new(|p| p.safety.deadman = None), &ALL);
 }
 
 #[test]
-#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn nor_does_any_with_an_arm_that_takes_no_damping() {
     let all_but_braking = &ALL[..5];
     assert_explored(&World::new(|p| p.arm = ArmParameters::default()), all_but_braking);
