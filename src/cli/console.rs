@@ -7,22 +7,31 @@ use crossbeam::channel::Sender;
 
 use super::output;
 use crate::daemon::Enable;
+use crate::daemon::session::{HandOrder, SessionError, SessionHandle};
 use crate::servo::Control;
 
 /// What may be typed.
-const WORDS: &str = "enable, disable, stop";
+const WORDS: &str = "enable, disable, stop, restart (the hand), reset (the scene)";
 
 /// Begins to take orders from standard input, one word a line, in a thread of its own. The end of the input is a stop: the operator
 /// has gone.
 ///
 /// # Errors
 /// The thread could not be started.
-pub(super) fn begin(control: Arc<Control>, enables: Sender<Enable>) -> Result<(), std::io::Error> {
-    std::thread::Builder::new().name("console".to_owned()).spawn(move || read(std::io::stdin().lock(), &control, &enables))?;
+pub(super) fn begin(control: Arc<Control>, enables: Sender<Enable>, session: SessionHandle) -> Result<(), std::io::Error> {
+    let orders = move || read(std::io::stdin().lock(), &control, &enables, &session);
+    std::thread::Builder::new().name("console".to_owned()).spawn(orders)?;
     Ok(())
 }
 
-fn read(input: impl BufRead, control: &Control, enables: &Sender<Enable>) {
+fn read(input: impl BufRead, control: &Control, enables: &Sender<Enable>, session: &SessionHandle) {
+    let tell = |word: &'static str| {
+        move |result: Result<(), SessionError>| {
+            if let Err(error) = result {
+                output::message(format_args!("console: {word}: {error}\n"));
+            }
+        }
+    };
     for line in input.lines() {
         let Ok(line) = line else { break };
         match line.trim() {
@@ -31,6 +40,8 @@ fn read(input: impl BufRead, control: &Control, enables: &Sender<Enable>) {
             "stop" | "s" => control.stop(),
             // If the run is over, the order is dropped.
             "enable" | "e" => _ = enables.send(Enable(control.permit())),
+            "restart" => tell("restart")(session.hand(HandOrder::Restart)),
+            "reset" => session.reset(Box::new(tell("reset"))),
             word => output::message(format_args!("console: `{word}` is not an order; orders are {WORDS}\n")),
         }
     }
@@ -44,13 +55,18 @@ mod tests {
     use crossbeam::channel::bounded;
 
     use super::*;
+    use crate::config::LoadOptions;
+    use crate::daemon::testing::{SCENE, scene};
     use crate::servo::Order;
+    use rt::clock::ClockKind;
 
     #[test]
     fn words_become_orders_and_the_end_a_stop() {
         let (control, (sender, enables)) = (Control::enabled(), bounded(16));
         let permit = control.permit();
-        read("enable\n\n d \nfaster\ne\n".as_bytes(), &control, &sender);
+        let config = scene(SCENE);
+        let session = SessionHandle::new(config, LoadOptions::default(), ClockKind::Virtual, None);
+        read("enable\n\n d \nrestart\nreset\nfaster\ne\n".as_bytes(), &control, &sender, &session);
         let asked: Vec<Enable> = enables.try_iter().collect();
         assert_eq!(asked, [Enable(permit), Enable(control.permit())]);
         assert_ne!(control.permit(), permit, "d took force away");

@@ -303,7 +303,7 @@ fn run(
         sculpt_run.open(piece, &scene, &mut live).map_err(|error| Refusal::Run(error.into()))?;
         services.sculpts(sculpt_run.for_clients(&scene));
     }
-    live.commands = session.begin(&scene).with_paths(paths);
+    live.commands = session.begin(&scene, prepared.attached.is_none()).with_paths(paths);
     if let Some(RealArmNode { node, news, link }) = prepared.attached {
         services.attached(&node);
         if !output.quiet {

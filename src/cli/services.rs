@@ -50,7 +50,7 @@ impl Services {
         let ServiceOptions { config, session, clock, bound, opened, control, has_console, enables_at_start, recorder } = options;
         let (enables, taken) = unbounded::<Enable>();
         if has_console {
-            console::begin(control.clone(), enables.clone())?;
+            console::begin(control.clone(), enables.clone(), session.clone())?;
         }
         let is_asked = has_console || bound.is_some();
         live.operator = Operator {

@@ -16,8 +16,8 @@ use arms::Device;
 use arms::attached::open::{self, LinkNews, OpenError, OpenOptions};
 use arms::remote::LinkFigures;
 use arms::simulated::fault::{self, FaultError, FaultPlan};
-use arms::simulated::hand::{HandMapping, HandPath};
-use arms::simulated::{HandParameters, SimArm, SimError, SimParameters};
+use arms::simulated::hand::{GripPath, HandMapping, HandPath};
+use arms::simulated::{HandParameters, Reach, SimArm, SimError, SimParameters};
 use document::poses::PoseFileError;
 use haptics::{DeviceMapping, RenderScene};
 use rt::schedule::{self, ThreadRequest};
@@ -127,17 +127,16 @@ pub fn prepare_on(
     guard: Option<PathBuf>,
     watch: impl FnMut(BakeEvent<'_>),
 ) -> Result<(Prepared, Vec<ObjectReport>), PrepareError> {
-    let (hand, fault) = inputs(config)?;
+    let (path, fault) = inputs(config)?;
     let profile = &config.device.profile;
     let to_open = (remote.is_some() || profile.real.is_some()).then(|| open_options(config, guard));
     if let (Some(options), None) = (&to_open, remote) {
         open::look_for(profile, options)?;
     }
     let Built { scene, objects: mut reports, piece } = scene::build_all(config, means, watch)?;
-    if let (Some(path), Some(tool)) = (&hand, reports.last_mut()) {
+    if let (Some(path), Some(tool)) = (&path, reports.last_mut()) {
         tool.warnings.extend(far_from_start(path, &config.parameters.mapping));
     }
-    let mapping = &config.parameters.mapping;
     let period_s = config.parameters.period_s;
     // Only now: an arm that has been greeted is not to wait for a bake.
     let (device, attached): (Box<dyn Device>, _) = match (&to_open, remote) {
@@ -150,7 +149,7 @@ pub fn prepare_on(
             (Box::new(opened.arm), Some(RealArmNode { node: opened.path, news: opened.news, link: None }))
         }
         (None, _) => {
-            let mut arm = simulated_arm(&config.device, hand.as_ref(), mapping, scene.tool.center_of_mass_tool, period_s);
+            let mut arm = simulated_arm(&config.device, grip_path(config, path, scene.tool.center_of_mass_tool), period_s);
             arm.fault = fault;
             (Box::new(SimArm::new(arm)?), None)
         }
@@ -183,28 +182,44 @@ fn far_from_start(hand: &HandPath, mapping: &DeviceMapping) -> Option<String> {
 /// A stretch of the hand's default spring that is a quarter of what a small arm can push, mm.
 const FAR_FROM_START_MM: f64 = 5.0;
 
+/// Share of what the motors can push that a hand pulls with where a client moves it: what stops the tool stops the hand.
+const PULL_SHARE: f64 = 0.7;
+
+/// The path of the hand of a simulated arm in a scene, in the frame of the arm; without one the hand stays at the tool's start. `None`: there is no
+/// such hand.
+///
+/// # Errors
+/// A hand file that cannot be used.
+pub(super) fn hand_of(config: &SceneConfig, center_of_mass_tool: DVec3) -> Result<Option<GripPath>, PrepareError> {
+    let is_held = config.device.profile.real.is_none() && config.device.sim.hand_present;
+    Ok(if is_held { Some(grip_path(config, inputs(config)?.0, center_of_mass_tool)) } else { None })
+}
+
+fn grip_path(config: &SceneConfig, path: Option<HandPath>, center_of_mass_tool: DVec3) -> GripPath {
+    let DeviceMapping { world_from_device, scale, start, .. } = config.parameters.mapping;
+    let mapping = HandMapping { world_from_device, scale, start, grip_tool: center_of_mass_tool };
+    let (limits, coupling, most) = (&config.parameters.limits, &config.parameters.coupling, &config.device.profile.limits);
+    // Two springs in a row: of the hand and of the coupling.
+    let stretch = |force: f64, hand: f64, coupling: f64| PULL_SHARE * force * (1.0 / hand + 1.0 / coupling);
+    let (force_n, torque_nm) = (limits.force_n.min(most.force_n), limits.torque_nm.min(most.torque_nm));
+    let most_m = stretch(force_n, config.device.sim.hand_stiffness_n_per_m, coupling.stiffness_n_per_m);
+    let most_rad = stretch(torque_nm, HandParameters::default().stiffness_nm_per_rad, coupling.stiffness_nm_per_rad);
+    let or = |value: f64, otherwise: f64| if value.is_finite() && value > 0.0 { value } else { otherwise };
+    let plain = Reach::default();
+    let reach = Reach { most_m: or(most_m, plain.most_m), most_rad: or(most_rad, plain.most_rad) };
+    path.unwrap_or_else(|| HandPath::fixed(start)).to_device(mapping).reaching(reach)
+}
+
 /// The profile's simulated arm with the scene's hand.
-fn simulated_arm(
-    device: &DeviceConfig,
-    hand: Option<&HandPath>,
-    mapping: &DeviceMapping,
-    center_of_mass_tool: DVec3,
-    period_s: f64,
-) -> SimParameters {
+fn simulated_arm(device: &DeviceConfig, path: GripPath, period_s: f64) -> SimParameters {
     let DeviceConfig { profile, sim, .. } = device;
     let mut plant = profile.plant;
     plant.delay_ticks = sim.delay_ticks.unwrap_or(plant.delay_ticks);
-    let hand_mapping = HandMapping {
-        world_from_device: mapping.world_from_device,
-        scale: mapping.scale,
-        start: mapping.start,
-        grip_tool: center_of_mass_tool,
-    };
     let hand = sim.hand_present.then(|| HandParameters {
         stiffness_n_per_m: sim.hand_stiffness_n_per_m,
         damping_n_s_per_m: sim.hand_damping_n_s_per_m,
         mass_kg: sim.hand_mass_kg,
-        path: hand.map(|path| path.to_device(hand_mapping)),
+        path: Some(path),
         ..HandParameters::default()
     });
     SimParameters { plant, ..SimParameters::of(profile, hand, period_s) }

@@ -40,6 +40,7 @@ pub fn scene_files(config: &SceneConfig, options: &LoadOptions) -> SceneFiles {
         resolved_json: resolved(config).to_string(),
         profile_toml: profile.unwrap_or_default(),
         enforce: config.realtime.enforce,
+        starts_anew: false,
         named: named.collect(),
         shown: statics.chain([tool]).collect(),
         toml,

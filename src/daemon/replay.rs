@@ -126,10 +126,10 @@ pub fn replay(path: &Path, mut bake: impl FnMut(&SceneConfig) -> Result<RenderSc
         let current = match rendered.take() {
             Some(rendered) if rendered.scene_idx == record.scene_idx => rendered,
             before => {
-                let RecordedScene { config, changed } = unpacked.scene(record.scene_idx)?;
+                let RecordedScene { config, changed, starts_anew } = unpacked.scene(record.scene_idx)?;
                 replayed.changed.extend(changed);
                 replayed.scenes += 1;
-                ReplayedScene::new(bake(&config)?, &record, before.as_ref())
+                ReplayedScene::new(bake(&config)?, &record, before.as_ref(), starts_anew)
             }
         };
         let current = rendered.insert(current);
@@ -159,11 +159,12 @@ struct ReplayedScene {
 
 impl ReplayedScene {
     /// As the loop makes one ready: the first one, or one that takes the place of another.
-    fn new(scene: RenderScene, first: &TickRecord, before: Option<&Self>) -> Self {
+    fn new(scene: RenderScene, first: &TickRecord, before: Option<&Self>, starts_anew: bool) -> Self {
         let mut state = State::new(&scene);
         state.set_budget(first.contact_budget_points.map_or(Budget::Unlimited, Budget::Points));
         if let Some(before) = before {
-            state.resume_at(&scene, before.last.world_from_tool, before.state.handover());
+            let stays = (!starts_anew).then_some(before.last.world_from_tool);
+            state.resume_at(&scene, stays, before.state.handover());
         }
         Self { scene_idx: first.scene_idx, scene, state, last: TickOutput::default() }
     }

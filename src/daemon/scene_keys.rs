@@ -69,9 +69,8 @@ pub(super) fn unlike_at_the_arm(scene: &SceneConfig, rendered: &SceneConfig) -> 
 type Shown = (&'static str, fn(&SceneConfig) -> String);
 
 /// What a run takes from its first scene and keeps.
-const FIXED: [Shown; 14] = [
+const FIXED: [Shown; 13] = [
     ("device.selector", |scene| scene.device.selector.as_ref().map_or("none".to_owned(), |selector| format!("{selector:?}"))),
-    ("device.hand", |scene| scene.device.hand.as_ref().map_or("none".to_owned(), |path| format!("\"{}\"", path.display()))),
     ("device.sim.hand_stiffness_n_per_m", |scene| scene.device.sim.hand_stiffness_n_per_m.to_string()),
     ("device.sim.hand_damping_n_s_per_m", |scene| scene.device.sim.hand_damping_n_s_per_m.to_string()),
     ("device.sim.hand_mass_g", |scene| (scene.device.sim.hand_mass_kg * 1e3).to_string()),

@@ -1,7 +1,7 @@
 //! The session: what is rendered, and what changes it while the loop runs.
 //!
 //! ```text
-//!  HTTP, WebSocket ─┐                   ┌─ parameter, pose ──────────────────────┐
+//!  HTTP, WebSocket ─┐                   ┌─ parameter, pose, hand ────────────────┐
 //!  SIGHUP, --watch ─┼─► SessionHandle ──┤                                        ├─ring─► loop
 //!  --swap          ─┘   (one mutex)     └─ scene ──► thread `scenes`: bakes it ──┘
 //! ```
@@ -14,6 +14,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 
+use super::prepare::hand_of;
 use super::recorded::scene_files;
 use super::reload::Reloader;
 use super::scene_keys::{path_of, unlike};
@@ -21,11 +22,11 @@ use crate::config::{self, ConfigErrors, LoadOptions, SceneConfig};
 use crate::scene::SceneError;
 use crate::servo::{CommandQueue, FileChange, LoadedScene, Objects, SceneControls};
 use haptics::RenderScene;
-use recording::file::Recorder;
+use recording::file::{Recorder, SceneFiles};
 use rt::clock::ClockKind;
 use vps::spatial::Pose;
 
-pub use crate::servo::{ControlError, ParameterSetting};
+pub use crate::servo::{ControlError, HandOrder, ParameterSetting};
 
 /// How often the thread of scenes looks for a scene that the loop gave back, while one is to be sent.
 const POLL: Duration = Duration::from_millis(2);
@@ -44,6 +45,12 @@ pub enum SessionError {
     /// A parameter or a pose.
     #[error("{0}")]
     Control(#[from] ControlError),
+    /// The file of a scene's hand.
+    #[error("{0}")]
+    Hand(String),
+    /// Clay has no beginning to go back to but its strokes.
+    #[error("clay is not reset: undo its strokes")]
+    ClayStays,
     /// No such scene.
     #[error("no scene is called `{name}`; known here: {}", known.join(", "))]
     UnknownScene {
@@ -95,6 +102,8 @@ pub struct SceneView {
     pub settings: Vec<ParameterSetting>,
     /// Movable objects.
     pub movable: Vec<String>,
+    /// The hand of a simulated arm, which clients can move.
+    pub has_hand: bool,
     /// The scene that a client or a reload asked for, while it is on its way.
     pub switching_to: Option<PathBuf>,
 }
@@ -132,6 +141,8 @@ struct SessionState {
     scene: Option<Arc<RenderScene>>,
     /// `None` while the first scene is baked.
     controls: Option<SceneControls>,
+    /// A simulated arm: its hand can be moved.
+    is_simulated: bool,
     /// A scene that was sent to the loop and is not rendered yet.
     coming: Option<(Arc<SceneConfig>, Arc<RenderScene>)>,
     /// A client or a reload has asked for a scene that is not rendered yet ...
@@ -155,6 +166,27 @@ struct SessionState {
 enum Job {
     Planned(Box<PlannedScene>, usize),
     Switch { name: String, reply: Reply },
+    Reset { reply: Reply },
+}
+
+impl Job {
+    /// It will not be done.
+    fn refuse(self, refusal: SessionError) {
+        if let Self::Switch { reply, .. } | Self::Reset { reply } = self {
+            reply(Err(refusal));
+        }
+    }
+}
+
+/// A scene on its way to the loop.
+struct Coming {
+    config: Arc<SceneConfig>,
+    scene: Arc<RenderScene>,
+    /// What a recording brings along of it.
+    files: Option<SceneFiles>,
+    at_tick: u64,
+    planned_idx: Option<usize>,
+    starts_anew: bool,
 }
 
 impl SessionState {
@@ -176,6 +208,15 @@ impl SessionState {
         self.controls.as_mut().ok_or(SessionError::Over)
     }
 
+    /// Why no client can move the hand.
+    fn why_no_hand(&self) -> Option<&'static str> {
+        match &self.config.device {
+            _ if !self.is_simulated => Some("a person holds this one"),
+            device if !device.sim.hand_present => Some("`device.sim.hand` is \"none\" in this scene"),
+            _ => None,
+        }
+    }
+
     fn is_over(&self) -> bool {
         self.controls.as_ref().is_some_and(SceneControls::is_over)
     }
@@ -188,6 +229,7 @@ impl SessionHandle {
             config: Arc::new(config),
             scene: None,
             controls: None,
+            is_simulated: false,
             coming: None,
             is_switching: false,
             switching_to: None,
@@ -220,9 +262,10 @@ impl SessionHandle {
         Ok(())
     }
 
-    /// The first scene is baked: from now on it can be changed. Gives the loop's end.
-    pub fn begin(&self, scene: &Arc<RenderScene>) -> CommandQueue {
+    /// The first scene is baked: from now on it can be changed, and the hand of a simulated arm can be moved. Gives the loop's end.
+    pub fn begin(&self, scene: &Arc<RenderScene>, is_simulated: bool) -> CommandQueue {
         let mut state = self.state();
+        state.is_simulated = is_simulated;
         let (controls, queue) = SceneControls::new(&scene.parameters, objects(&state.config));
         (state.controls, state.scene) = (Some(controls), Some(scene.clone()));
         queue.with_promised(core::mem::take(&mut state.promised_ticks).into())
@@ -239,6 +282,7 @@ impl SessionHandle {
             scene: state.scene.clone(),
             settings: controls.map_or(Vec::new(), |controls| controls.settings().to_vec()),
             movable: controls.map_or(Vec::new(), |controls| controls.movable().map(str::to_owned).collect()),
+            has_hand: state.why_no_hand().is_none(),
             switching_to: state.switching_to.clone(),
         }
     }
@@ -259,8 +303,31 @@ impl SessionHandle {
         Ok(self.state().controls()?.place(object, world_from_object)?)
     }
 
+    /// Asks the hand of a simulated arm to go to a pose of the tool, or along the scene's path again.
+    ///
+    /// # Errors
+    /// [`SessionError`]; nothing moves then, as where a person holds the arm.
+    pub fn hand(&self, order: HandOrder) -> Result<(), SessionError> {
+        let mut state = self.state();
+        let missing = state.why_no_hand();
+        let controls = state.controls()?;
+        match missing {
+            Some(why) => Err(ControlError::NoHand(why).into()),
+            None => Ok(controls.hand(order)?),
+        }
+    }
+
+    /// Asks for the scene as it was at its beginning: tool and objects where they began, parameters as in its file. Limits that a person lowered stay.
+    pub fn reset(&self, reply: Reply) {
+        self.ask(Job::Reset { reply });
+    }
+
     /// Asks for another scene of the folder of the one that is rendered, by its file name without the ending.
     pub fn switch(&self, name: String, reply: Reply) {
+        self.ask(Job::Switch { name, reply });
+    }
+
+    fn ask(&self, job: Job) {
         let mut state = self.state();
         state.follow();
         let refusal = if state.has_ended || state.is_over() {
@@ -269,11 +336,11 @@ impl SessionHandle {
             SessionError::Busy
         } else {
             state.is_switching = true;
-            state.jobs.push_back(Job::Switch { name, reply });
+            state.jobs.push_back(job);
             return self.0.asked.notify_all();
         };
         drop(state);
-        reply(Err(refusal));
+        job.refuse(refusal);
     }
 
     /// Begins to read the scene again when it is asked for. Without [`Self::begin_baking`] it never is.
@@ -341,12 +408,7 @@ impl SessionHandle {
                 state.has_ended = true;
                 let left = core::mem::take(&mut state.jobs);
                 drop(state);
-                for job in left {
-                    if let Job::Switch { reply, .. } = job {
-                        reply(Err(SessionError::Over));
-                    }
-                }
-                return;
+                return left.into_iter().for_each(|job| job.refuse(SessionError::Over));
             }
             if let Some(job) = state.jobs.pop_front() {
                 drop(state);
@@ -395,11 +457,19 @@ impl SessionHandle {
                         None => self.switch_to(config, baker),
                     }
                 }));
-                let result = switched.unwrap_or(Err(SessionError::Over));
-                if result.is_err() {
-                    self.stop_switching();
-                }
-                reply(result);
+                self.answer(switched.unwrap_or(Err(SessionError::Over)), reply);
+            }
+            Job::Reset { reply } => {
+                let SceneView { config, scene, .. } = self.view();
+                let result = match (scene, &config.sculpt) {
+                    (_, Some(_)) => Err(SessionError::ClayStays),
+                    (None, None) => Err(SessionError::Over),
+                    (Some(scene), None) => {
+                        let files = self.0.recorder.as_ref().map(|_| scene_files(&config, &self.0.options));
+                        self.send(Coming { config, scene, files, at_tick: 0, planned_idx: None, starts_anew: true })
+                    }
+                };
+                self.answer(result, reply);
             }
         }
     }
@@ -409,16 +479,31 @@ impl SessionHandle {
         // Before it is baked: what is written meanwhile is not what is rendered.
         let files = self.0.recorder.as_ref().map(|_| scene_files(&config, &self.0.options));
         let scene = Arc::new(baker(&config)?);
-        let loaded = LoadedScene::new(scene.clone()).with_time_budget(config.time_budget_s, self.0.clock).at_tick(at_tick);
+        self.send(Coming { config: Arc::new(config), scene, files, at_tick, planned_idx, starts_anew: false })
+    }
+
+    /// Sends a scene to the loop, which takes it from its tick on.
+    fn send(&self, coming: Coming) -> Result<(), SessionError> {
+        let Coming { config, scene, files, at_tick, planned_idx, starts_anew } = coming;
+        let hand = hand_of(&config, scene.tool.center_of_mass_tool).map_err(|error| SessionError::Hand(error.to_string()))?;
+        let loaded = LoadedScene::new(scene.clone()).with_time_budget(config.time_budget_s, self.0.clock);
+        let loaded = loaded.at_tick(at_tick).with_hand(hand).starting_anew(starts_anew);
         let mut state = self.with_room().ok_or(SessionError::Over)?;
         // Before the loop can render it.
         if let (Some(recorder), Some(files)) = (&self.0.recorder, files) {
-            recorder.scenes.add(files);
+            recorder.scenes.add(SceneFiles { starts_anew, ..files });
         }
         state.controls()?.offer(Box::new(loaded), objects(&config)).map_err(|_| SessionError::Over)?;
         state.sent.push((config.path.clone(), planned_idx));
-        state.coming = Some((Arc::new(config), scene));
+        state.coming = Some((config, scene));
         Ok(())
+    }
+
+    fn answer(&self, result: Result<(), SessionError>, reply: Reply) {
+        if result.is_err() {
+            self.stop_switching();
+        }
+        reply(result);
     }
 
     /// Waits until a scene can be sent: the first one is rendered, and no other is on its way. `None`: the loop is over.

@@ -58,6 +58,8 @@ pub(super) struct RecordedScene {
     pub(super) config: SceneConfig,
     /// Keys of the resolved form.
     pub(super) changed: Vec<String>,
+    /// The tool began at its start.
+    pub(super) starts_anew: bool,
 }
 
 impl Unpacked {
@@ -159,7 +161,8 @@ impl Unpacked {
             now.insert("name".to_owned(), name.clone().into());
         }
         differences("", &recorded, &now, &mut changed);
-        Ok(RecordedScene { config, changed })
+        let starts_anew = manifest.get("starts_anew").is_some_and(|starts_anew| starts_anew == "true");
+        Ok(RecordedScene { config, changed, starts_anew })
     }
 }
 

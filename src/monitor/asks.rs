@@ -16,7 +16,7 @@ use super::hub::Hub;
 use super::problem::RequestError;
 use super::recorder::{RecorderError, RecorderStatus};
 use super::worker::Worker;
-use crate::daemon::session::{SessionError, SessionHandle};
+use crate::daemon::session::{HandOrder, SessionError, SessionHandle};
 use ::clay::engine::SculptOrder;
 use vps::spatial::Pose;
 
@@ -51,6 +51,14 @@ pub(super) enum ClientCommand {
         object: String,
         pose: PoseAsked,
     },
+    /// The hand of a simulated arm goes to a pose of the tool, `world_from_tool`, and stays there.
+    Hand {
+        pose: PoseAsked,
+    },
+    /// It follows the scene's path again.
+    RestartHand {},
+    /// The scene as it was at its beginning.
+    Reset {},
     /// Another scene.
     Switch {
         scene: String,
@@ -164,6 +172,12 @@ pub(super) fn perform(hub: &Arc<Hub>, files: &Worker, client: Option<&Client>, a
         ClientCommand::Place { object, pose } => {
             reply(rendered(hub).and_then(|session| Ok(session.place(&object, pose.into())?)).map(nothing));
         }
+        ClientCommand::Hand { pose } => reply(hand(hub, HandOrder::MoveTo(pose.into()))),
+        ClientCommand::RestartHand {} => reply(hand(hub, HandOrder::Restart)),
+        ClientCommand::Reset {} => match rendered(hub) {
+            Ok(session) => session.reset(Box::new(move |result| reply(result.map(nothing).map_err(RequestError::from)))),
+            Err(problem) => reply(Err(problem)),
+        },
         ClientCommand::Switch { scene } => switch(hub, scene, reply),
         ClientCommand::Record { file } => record(hub, files, Some(file), reply),
         ClientCommand::EndRecording {} => record(hub, files, None, reply),
@@ -207,6 +221,10 @@ fn rendered(hub: &Hub) -> Result<&SessionHandle, RequestError> {
         true => Err(RequestError::unavailable("the scene is being baked: nothing is rendered yet", "wait for the event `scene`")),
         false => Ok(&hub.session),
     }
+}
+
+fn hand(hub: &Hub, order: HandOrder) -> Result<Completion, RequestError> {
+    Ok(nothing(rendered(hub)?.hand(order)?))
 }
 
 fn switch(hub: &Arc<Hub>, scene: String, reply: Reply) {

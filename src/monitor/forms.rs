@@ -4,13 +4,16 @@ use serde::de::DeserializeOwned;
 use serde_json::{Map, Value};
 
 /// One request of each kind: its `do`, and what goes with it.
-const FORMS: [(&str, &str); 16] = [
+const FORMS: [(&str, &str); 19] = [
     ("subscribe", r#""rate_hz": 60, "format": "json", "contacts": true, "history": true"#),
     ("enable", ""),
     ("disable", ""),
     ("stop", ""),
     ("set", r#""parameter": "contact_stiffness_n_per_m", "value": 800"#),
     ("place", r#""object": "lift", "pose": {"p": [0, 0, 0.01], "q": [0, 0, 0, 1]}"#),
+    ("hand", r#""pose": {"p": [0, 0, 0.01], "q": [0, 0, 0, 1]}"#),
+    ("restart_hand", ""),
+    ("reset", ""),
     ("switch", r#""scene": "peg""#),
     ("record", r#""file": "trial.mcap""#),
     ("end_recording", ""),

@@ -48,6 +48,9 @@ pub(super) fn router(app: Arc<AppState>) -> Router {
         .route("/api/v1/parameters", get(parameters))
         .route("/api/v1/parameters/{name}", put(set))
         .route("/api/v1/objects/{name}/pose", put(place))
+        .route("/api/v1/hand", command("hand"))
+        .route("/api/v1/hand/restart", command("restart_hand"))
+        .route("/api/v1/scene/reset", command("reset"))
         .route("/api/v1/enable", command("enable"))
         // These are done whatever comes with them.
         .route("/api/v1/disable", post(async |State(state): State<Arc<AppState>>| done(&state, ClientCommand::Disable {}).await))
@@ -215,6 +218,7 @@ async fn scene(State(state): State<Arc<AppState>>) -> Result<Json<Value>, Reques
         "objects": objects,
         "clay": state.hub.clay().is_ok(),
         "movable": view.movable,
+        "hand": view.has_hand.then(|| json!({ "path": config.device.hand.is_some() })),
         "bounds": bounds.map(|[low, high]| json!({ "min": low.to_array(), "max": high.to_array() })),
         "switching_to": view.switching_to.as_ref().map(|path| path.to_string_lossy()),
     })))

@@ -1,8 +1,9 @@
-//! Commands into the loop: parameters, poses of movable objects, other scenes.
+//! Commands into the loop: parameters, poses of movable objects and of the hand of a simulated arm, other scenes.
 //!
 //! ```text
 //!  cold side                                servo
 //!  SceneControls::set, place ──┐            ┌─► at most one ParameterChange and one Placement per tick ─► tick
+//!  SceneControls::hand ────────┤            ├─► the newest HandOrder ─► hand of a simulated arm
 //!  SceneControls::offer ───────┴──ring──► CommandQueue
 //!  SceneControls::take_replaced ◄─ring──────┴─► a scene: ramp down ──► zero force ──► exchange two pointers ──► ramp up
 //! ```
@@ -17,6 +18,7 @@ use rtrb::{Consumer, Producer, PushError, RingBuffer};
 
 use super::LoadedScene;
 use super::paths::ObjectPaths;
+use arms::simulated::HandControl;
 use haptics::{LiveParameter, ParameterChange, ParameterRange, Parameters, Placement};
 use rt::clock::ClockKind;
 use vps::spatial::Pose;
@@ -31,10 +33,21 @@ enum Command {
     Change { scene_idx: u32, change: ParameterChange, is_kept: bool },
     /// An object of one scene goes to a pose.
     Place { scene_idx: u32, placement: Placement },
+    /// The hand of a simulated arm, in one scene.
+    Hand { scene_idx: u32, order: HandOrder },
     /// Another scene, when it is due.
     Render(Box<LoadedScene>),
     /// A scene that was promised will not come.
     Skip,
+}
+
+/// What the hand of a simulated arm is asked for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum HandOrder {
+    /// Hold the tool at a pose, `world_from_tool`.
+    MoveTo(Pose),
+    /// Follow the scene's path again, from its beginning.
+    Restart,
 }
 
 /// Why a command was not taken.
@@ -79,11 +92,14 @@ pub enum ControlError {
         name: String,
     },
     /// The pose is not finite, not a rotation, or absurdly far away.
-    #[error("not a pose that `{name}` can go to: finite, a unit quaternion, within 1 km of the world's origin")]
+    #[error("not a pose that {name} can go to: finite, a unit quaternion, within 1 km of the world's origin")]
     Pose {
         /// As asked for.
         name: String,
     },
+    /// A person holds the arm, or no hand does.
+    #[error("only the hand of a simulated arm can be moved: {0}")]
+    NoHand(&'static str),
     /// Commands come faster than the loop takes them.
     #[error("{RING_COMMANDS} commands are waiting for the next tick")]
     Full,
@@ -265,6 +281,19 @@ impl SceneControls {
         send(&mut self.commands, Command::Place { scene_idx: self.scene_idx, placement })
     }
 
+    /// Asks the hand of a simulated arm for something. It goes to a pose as fast as it may; a later order replaces this one.
+    ///
+    /// # Errors
+    /// [`ControlError`]; nothing moves then.
+    pub fn hand(&mut self, order: HandOrder) -> Result<(), ControlError> {
+        if let HandOrder::MoveTo(world_from_map) = order
+            && !(Placement { obstacle_idx: 0, world_from_map }).is_sound()
+        {
+            return Err(ControlError::Pose { name: "the hand".to_owned() });
+        }
+        send(&mut self.commands, Command::Hand { scene_idx: self.scene_idx, order })
+    }
+
     /// Sends a scene that takes the place of the one that is rendered; it must have been made for the same period and arm.
     ///
     /// # Errors
@@ -331,7 +360,7 @@ pub(super) fn checked(objects: &[(String, bool)], name: &str, world_from_map: Po
         return Err(ControlError::NotMovable { name: name.to_owned() });
     }
     let placement = Placement { obstacle_idx: obstacle_idx as u32, world_from_map };
-    if placement.is_sound() { Ok(placement) } else { Err(ControlError::Pose { name: name.to_owned() }) }
+    if placement.is_sound() { Ok(placement) } else { Err(ControlError::Pose { name: format!("`{name}`") }) }
 }
 
 /// The loop's end.
@@ -343,6 +372,8 @@ pub struct CommandQueue {
     changes: [Option<f64>; LiveParameter::ALL.len()],
     /// Limits that a person lowered.
     kept: [Option<f64>; LiveParameter::LIMITS.len()],
+    /// What the hand has not been told yet.
+    hand: Option<HandOrder>,
     next_scene: Option<Box<LoadedScene>>,
     paths: ObjectPaths,
     /// Ticks at which simulated time waits for a scene that has been promised, rising; and how many scenes there have been.
@@ -364,6 +395,7 @@ impl CommandQueue {
             replaced,
             changes: [None; LiveParameter::ALL.len()],
             kept: [None; LiveParameter::LIMITS.len()],
+            hand: None,
             next_scene: None,
             paths: ObjectPaths::default(),
             promised_ticks: Box::default(),
@@ -409,6 +441,8 @@ impl CommandQueue {
                         *pose = Some(world_from_map);
                     }
                 }
+                Command::Hand { scene_idx, order } if scene_idx == rendered_idx => self.hand = Some(order),
+                Command::Hand { .. } => {}
                 Command::Render(scene) => {
                     self.n_scenes += 1;
                     if let Some(unseen) = self.next_scene.replace(scene) {
@@ -432,6 +466,18 @@ impl CommandQueue {
         let mut asked = rendered.asked_poses.iter_mut().zip(0_u32..);
         let asked = asked.find_map(|(pose, obstacle_idx)| Some(Placement { obstacle_idx, world_from_map: pose.take()? }));
         asked.or_else(|| self.paths.next(time_s))
+    }
+
+    /// Passes on what the hand of a simulated arm is asked for, and where the tool is. RT: safe.
+    pub(super) fn guide_hand(&mut self, hand: Option<&mut HandControl>, world_from_tool: Pose) {
+        let order = self.hand.take();
+        let Some(hand) = hand else { return };
+        match order {
+            Some(HandOrder::MoveTo(pose)) => hand.move_to(pose),
+            Some(HandOrder::Restart) => hand.restart(world_from_tool),
+            None => {}
+        }
+        hand.see(world_from_tool);
     }
 
     /// True when there is a scene to be rendered in this tick. Simulated time waits for one that is promised, unless `is_hurried`. RT: safe.
@@ -469,6 +515,7 @@ impl CommandQueue {
                 *change = kept;
             }
         }
+        self.hand = None;
         self.paths.stop();
         true
     }

@@ -4,6 +4,7 @@
 use std::sync::Arc;
 
 use super::{ClaySlot, calibration};
+use arms::simulated::hand::GripPath;
 use haptics::{RenderScene, State};
 use rt::clock::{Clock, ClockKind, RealClock, VirtualClock};
 use vps::contact::Budget;
@@ -22,19 +23,37 @@ pub struct LoadedScene {
     pub(super) asked_poses: Box<[Option<Pose>]>,
     /// First tick in which it may be rendered.
     pub(super) at_tick: u64,
+    /// Path of the hand of a simulated arm in this scene; after the exchange that of the scene before, to be freed with it.
+    pub(super) hand: Option<GripPath>,
+    /// The tool begins at its start, and does not stay where it is.
+    pub(super) starts_anew: bool,
 }
 
 impl LoadedScene {
     /// A scene with its state before the first tick. Allocates; cold.
     pub fn new(scene: Arc<RenderScene>) -> Self {
         let asked_poses = scene.obstacles.iter().map(|_| None).collect();
-        Self { state: State::new(&scene), scene, clay: None, asked_poses, at_tick: 0 }
+        Self { state: State::new(&scene), scene, clay: None, asked_poses, at_tick: 0, hand: None, starts_anew: false }
     }
 
     /// The same, to be taken from this tick of the loop on.
     #[must_use]
     pub fn at_tick(mut self, at_tick: u64) -> Self {
         self.at_tick = at_tick;
+        self
+    }
+
+    /// The same with a path for the hand of a simulated arm, which it follows from its next enable on.
+    #[must_use]
+    pub fn with_hand(mut self, hand: Option<GripPath>) -> Self {
+        self.hand = hand;
+        self
+    }
+
+    /// The same with the tool at its start: of a scene that takes the place of another it stays where it is otherwise.
+    #[must_use]
+    pub fn starting_anew(mut self, starts_anew: bool) -> Self {
+        self.starts_anew = starts_anew;
         self
     }
 

@@ -277,7 +277,14 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
         if output.drive.has_force() != self.enabled {
             self.enabled = output.drive.has_force();
             self.device.set_enabled(self.enabled);
+            if self.enabled
+                && let Some(hand) = self.device.hand()
+            {
+                let (device_from_grip, world_from_tool) = self.rendered.state.indexed(&self.rendered.scene);
+                hand.index(device_from_grip, world_from_tool);
+            }
         }
+        self.commands.guide_hand(self.device.hand(), output.world_from_tool);
         // The machine may have stood still since the sample was read: what it asked for then is not for now. The arm gets zero, and the next tick
         // the fault.
         self.commanded_ns = Some(due.now_ns);
@@ -331,8 +338,11 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
         let at_zero = output.drive == Drive::Disabled && output.command_device == Wrench::ZERO;
         let before = self.rendered.state.handover();
         if at_zero && output.faults.is_empty() && !self.driver_fault && self.commands.exchange(&mut self.rendered) {
-            let LoadedScene { scene, state, .. } = &mut *self.rendered;
-            state.resume_at(scene, output.world_from_tool, before);
+            let LoadedScene { scene, state, hand, starts_anew, .. } = &mut *self.rendered;
+            state.resume_at(scene, (!*starts_anew).then_some(output.world_from_tool), before);
+            if let Some(own) = self.device.hand() {
+                own.exchange(hand);
+            }
             self.stop_ticks = self.rendered.stop_ticks();
             self.scene_idx += 1;
         }

@@ -19,6 +19,7 @@ mod docs;
 mod foxglove;
 mod friction;
 mod fuzz_corpus;
+mod hand;
 mod json_schemas;
 mod meddled;
 mod monitor;

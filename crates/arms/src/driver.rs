@@ -1,5 +1,6 @@
 //! The one interface between the servo and an arm.
 
+use crate::simulated::HandControl;
 use vps::spatial::{Axes, DeviceSample, Wrench};
 
 /// Who sets the rate of the exchange with the arm.
@@ -117,6 +118,11 @@ pub trait Device: Send {
         let _ = doubted;
     }
 
+    /// What moves the hand of a simulated arm; `None`: a person holds it.
+    fn hand(&mut self) -> Option<&mut HandControl> {
+        None
+    }
+
     /// Sends the zero command, as well as it can: the last thing that happens to an arm, on every way out. Idempotent; may be called at
     /// any time, after any error and from a drop guard while a panic unwinds, so it must not panic. A driver whose transport can
     /// lose a frame sends it twice.
@@ -146,6 +152,10 @@ impl<T: Device + ?Sized> Device for Box<T> {
 
     fn doubt_signs(&mut self, doubted: bool) {
         (**self).doubt_signs(doubted);
+    }
+
+    fn hand(&mut self) -> Option<&mut HandControl> {
+        (**self).hand()
     }
 
     fn stop(&mut self) {

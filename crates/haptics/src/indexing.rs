@@ -21,6 +21,11 @@ impl Indexing {
         Self { zero: sample.pose }
     }
 
+    /// The arm's pose that is zero, `device_from_grip`.
+    pub fn zero(&self) -> Pose {
+        self.zero
+    }
+
     /// Where the arm wants the tool's body axes (at the centre of mass), and how fast they move; world. `start` is where they
     /// stood at enable. Axes that the arm does not sense stay at their start value.
     pub fn target(&self, sample: &DeviceSample, mapping: &DeviceMapping, start: Pose) -> (Pose, Twist) {

@@ -178,14 +178,20 @@ impl State {
         self.traversal.budget()
     }
 
-    /// Lets the tool stand at a pose at the next enable, instead of its start, unless it would stand inside an obstacle there: what a
-    /// scene does that takes the place of another. The arm's pose at that enable is the new zero, as always, and a deadman that was to be let
-    /// go first still is. RT: safe; before the first tick.
-    pub fn resume_at(&mut self, scene: &RenderScene, world_from_tool: Pose, before: Handover) {
+    /// What a scene does that takes the place of another: a deadman that was to be let go first still is, and the tool stands at a pose at the next
+    /// enable, instead of its start, unless it would stand inside an obstacle there; `None`: at its start. The arm's pose at that enable is the
+    /// new zero, as always. RT: safe; before the first tick.
+    pub fn resume_at(&mut self, scene: &RenderScene, world_from_tool: Option<Pose>, before: Handover) {
         self.interlock.take_over(before.must_release);
+        let Some(world_from_tool) = world_from_tool else { return };
         let body = world_from_tool * Pose::from_translation(scene.tool.center_of_mass_tool);
         self.resume = Some(Resume { body, has_room: None });
         self.tool = VirtualTool::at(body);
+    }
+
+    /// Where grip and tool stood at the last enable, `device_from_grip` and `world_from_tool`: from there the motions of both count. RT: safe.
+    pub fn indexed(&self, scene: &RenderScene) -> (Pose, Pose) {
+        (self.indexing.zero(), self.start * Pose::from_translation(-scene.tool.center_of_mass_tool))
     }
 
     /// For the state of a scene that takes the place of this one. RT: safe.

@@ -17,7 +17,7 @@ struct Run {
 impl Run {
     fn begin(session: SessionHandle) -> Self {
         let first = empty_scene();
-        let commands = session.begin(&first);
+        let commands = session.begin(&first, true);
         let (records, _) = rtrb::RingBuffer::new(1);
         let control = Arc::new(Control::enabled());
         let servo = ServoLoop::new(first, CountingArm::default(), VirtualClock::default(), control, RunPlan::default(), records);
@@ -188,7 +188,7 @@ fn only_parameters_that_can_be_set_are_taken_from_a_file() {
     let changes = |rendered: &str, set: &[(&str, f64)], file: &str| {
         let session = SessionHandle::new(scene(rendered), LoadOptions::default(), ClockKind::Real, None);
         let first = RenderScene { parameters: scene(rendered).parameters, ..baked() };
-        let _queue = session.begin(&Arc::new(first));
+        let _queue = session.begin(&Arc::new(first), true);
         set.iter().for_each(|(name, value)| session.set(name, *value).expect("in range"));
         session.follow_file(0, &scene(file)).expect("rendered")
     };

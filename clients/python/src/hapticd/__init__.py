@@ -14,6 +14,7 @@ from hapticd.clay import Clay, ClayFacts, ClayPoints
 from hapticd.client import Client
 from hapticd.errors import Conflict, Disconnected, Forbidden, HapticdError, Invalid, NoAnswer, Refused, Unavailable, Unknown
 from hapticd.facts import ClientRecording, Event, Mesh, Parameter, Scene, SceneObject
+from hapticd.hand import Hand
 from hapticd.run import Run, RunError
 from hapticd.state import STATE_DTYPE, Pose, State, Twist, Wrench, fault_names, off_causes, state_names
 
@@ -28,6 +29,7 @@ __all__ = [
     "Disconnected",
     "Event",
     "Forbidden",
+    "Hand",
     "HapticdError",
     "Invalid",
     "Mesh",

@@ -15,6 +15,7 @@ from hapticd.clay import Clay
 from hapticd.connection import Address, Connection, Every, Stream
 from hapticd.errors import Disconnected, NoAnswer, Unavailable
 from hapticd.facts import ClientRecording, Event, Mesh, Parameter, Scene, SceneObject
+from hapticd.hand import Hand
 from hapticd.state import State, decode
 
 LOOKS_HZ = 20.0
@@ -29,6 +30,8 @@ class Client:
 
     clay: Clay
     """What is done to clay, where there is some."""
+    hand: Hand
+    """What moves the hand of a simulated arm."""
 
     def __init__(
         self,
@@ -46,6 +49,7 @@ class Client:
         self._connection = Connection(Address.parse(address, token or os.environ.get("HAPTICD_TOKEN")), timeout_s)
         self._heart: Every | None = None
         self.clay = Clay(self._connection)
+        self.hand = Hand(self._connection)
         if heartbeat_ms is not None:
             try:
                 self.heartbeat(heartbeat_ms)
@@ -226,6 +230,10 @@ class Client:
         """
         pose = {"p": _floats(position_m), "q": _floats(orientation_xyzw)}
         self._connection.ask("place", {"object": name, "pose": pose})
+
+    def reset(self, timeout_s: float = 600.0) -> None:
+        """The scene as it was at its beginning: tool and objects where they began, parameters as in its file. Raises `Conflict` for clay."""
+        self._connection.ask("reset", timeout_s=timeout_s)
 
     def parameters(self) -> dict[str, Parameter]:
         """What may be changed while the run goes on, by name, with its range."""

@@ -18,6 +18,7 @@ mod tests;
 use glam::{DQuat, DVec3};
 
 use super::fault::{FaultKind, FaultPlan, JUMP_M, SATURATED_SHARE};
+use super::hand_control::HandControl;
 use super::parameters::{SimError, SimParameters, check_windows};
 use super::plant::GripPlant;
 use super::split_mix::SplitMix64;
@@ -270,6 +271,14 @@ impl Device for SimArm {
             Some(FaultKind::Unplug) => Err(DeviceError::Lost),
             _ => Ok(self.command),
         }
+    }
+
+    fn set_enabled(&mut self, enabled: bool) {
+        self.plant.hand().set_enabled(enabled);
+    }
+
+    fn hand(&mut self) -> Option<&mut HandControl> {
+        Some(self.plant.hand())
     }
 
     fn stop(&mut self) {

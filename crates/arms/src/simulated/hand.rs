@@ -7,6 +7,7 @@ use std::path::Path;
 
 use glam::DVec3;
 
+use super::hand_control::Reach;
 use document::poses::{self, PoseFileError, TimedPose};
 use vps::spatial::Pose;
 
@@ -90,7 +91,7 @@ impl HandPath {
 
     /// The same path as the arm's grip sees it.
     pub fn to_device(&self, mapping: HandMapping) -> GripPath {
-        GripPath { path: self.clone(), mapping }
+        GripPath { path: self.clone(), mapping, reach: Reach::default() }
     }
 }
 
@@ -129,12 +130,49 @@ impl HandMapping {
 pub struct GripPath {
     path: HandPath,
     mapping: HandMapping,
+    reach: Reach,
 }
 
 impl GripPath {
     /// The target pose of the grip, `device_from_grip`, at `time_s`. RT: safe; O(log n).
     pub(crate) fn sample(&self, time_s: f64) -> Pose {
-        self.mapping.device_from_grip(self.path.sample(time_s))
+        self.grip_at(self.tool_at(time_s))
+    }
+
+    /// The pose of the tool, `world_from_tool`, at `time_s`. RT: safe; O(log n).
+    pub(super) fn tool_at(&self, time_s: f64) -> Pose {
+        self.path.sample(time_s)
+    }
+
+    /// The grip that holds the tool at a pose, `device_from_grip`. RT: safe.
+    pub(super) fn grip_at(&self, world_from_tool: Pose) -> Pose {
+        self.mapping.device_from_grip(world_from_tool)
+    }
+
+    /// Where the tool stands with the grip at its zero pose, `world_from_tool`.
+    pub(super) fn start(&self) -> Pose {
+        self.mapping.start
+    }
+
+    pub(super) fn set_start(&mut self, world_from_tool: Pose) {
+        self.mapping.start = world_from_tool;
+    }
+
+    /// Time of the first and of the last pose, s.
+    pub(super) fn span_s(&self) -> (f64, f64) {
+        let times_s = &self.path.times_s;
+        (times_s.first().copied().unwrap_or(0.0), times_s.last().copied().unwrap_or(0.0))
+    }
+
+    /// How far a hand that a client moves may be ahead of the tool.
+    pub(super) fn reach(&self) -> Reach {
+        self.reach
+    }
+
+    /// The same path, with a hand that has this reach where a client moves it.
+    #[must_use]
+    pub fn reaching(self, reach: Reach) -> Self {
+        Self { reach, ..self }
     }
 
     /// The same path, begun so much later, s; until then the hand stays where it begins.
@@ -147,7 +185,7 @@ impl GripPath {
     /// A path given in the frame of the arm itself: the device stands in the world's origin and the tool is the grip.
     pub fn in_device_frame(path: HandPath) -> Self {
         let mapping = HandMapping { world_from_device: Pose::IDENTITY, scale: 1.0, start: Pose::IDENTITY, grip_tool: DVec3::ZERO };
-        Self { path, mapping }
+        Self { path, mapping, reach: Reach::default() }
     }
 }
 

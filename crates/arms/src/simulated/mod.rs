@@ -6,6 +6,7 @@
 //! | `plant` | the grip as a body, and the hand that holds it |
 //! | `parameters` | what both are made of |
 //! | [`hand`] | where the hand wants to be, over time |
+//! | `hand_control` | what moves the hand: its path, or a client |
 //! | [`fault`], `split_mix` | what goes wrong and when; chance from a seed |
 //!
 //! The same arm behind a real link, as a process of its own, is [`mock`](super::mock).
@@ -13,11 +14,13 @@
 mod arm;
 pub mod fault;
 pub mod hand;
+mod hand_control;
 mod parameters;
 mod plant;
 pub(super) mod split_mix;
 
 pub use arm::SimArm;
 pub(crate) use arm::saturated;
+pub use hand_control::{HandControl, Reach};
 pub use parameters::{HandParameters, SimError, SimParameters};
 pub(crate) use plant::GripPlant;

@@ -16,9 +16,9 @@
 
 use glam::DVec3;
 
+use super::hand_control::HandControl;
 use super::parameters::{HandParameters, SimError, check_plant};
 use crate::profile;
-use crate::simulated::hand::GripPath;
 use vps::spatial::{Axes, Pose, Twist, Wrench};
 
 /// Plant steps in one period.
@@ -59,15 +59,11 @@ pub(crate) struct GripPlant {
     period_s: f64,
     translation: Body,
     rotation: Body,
-    path: Option<GripPath>,
+    hand: HandControl,
     /// True pose, `device_from_grip`.
     pose: Pose,
     /// True twist, device axes, at the grip point.
     twist: Twist,
-    /// Where the hand's target was at the end of the last step.
-    target: Pose,
-    /// Where a path begins that is not counted from the zero pose.
-    origin: Option<Pose>,
 }
 
 impl GripPlant {
@@ -103,24 +99,20 @@ impl GripPlant {
                 return Err(SimError::TooStiff { name, value: body.hand_stiffness, largest });
             }
         }
-        let path = if held { hand.path } else { None };
-        let target = path.as_ref().map_or(Pose::IDENTITY, |path| path.sample(0.0));
-        Ok(Self { period_s, translation, rotation, path, pose: Pose::IDENTITY, twist: Twist::ZERO, target, origin: None })
+        let hand = HandControl::new(if held { hand.path } else { None });
+        Ok(Self { period_s, translation, rotation, hand, pose: Pose::IDENTITY, twist: Twist::ZERO })
     }
 
     /// Puts the grip at rest at the given place. The path of the hand counts from there.
     pub(crate) fn rest_at(&mut self, device_from_grip: Pose) {
         self.pose = device_from_grip;
         self.twist = Twist::ZERO;
-        self.origin = Some(device_from_grip);
-        self.target = self.path.as_ref().map_or(device_from_grip, |path| self.counted_from_origin(path.sample(0.0)));
+        self.hand.rest_at(device_from_grip);
     }
 
-    fn counted_from_origin(&self, pose: Pose) -> Pose {
-        match self.origin {
-            Some(origin) => Pose::new(pose.rotation * origin.rotation, pose.translation + origin.translation),
-            None => pose,
-        }
+    /// What moves the hand.
+    pub(super) fn hand(&mut self) -> &mut HandControl {
+        &mut self.hand
     }
 
     /// True grip pose, `device_from_grip`.
@@ -143,19 +135,17 @@ impl GripPlant {
     /// the hand's path at its beginning.
     pub(crate) fn advance(&mut self, start_s: f64, command: &Wrench) {
         let h = self.period_s / f64::from(SUBSTEPS);
+        self.hand.begin(self.period_s);
         for substep in 1..=SUBSTEPS {
-            let target = match &self.path {
-                Some(path) => self.counted_from_origin(path.sample(start_s + f64::from(substep) * h)),
-                None => self.target,
-            };
-            let target_velocity = (target.translation - self.target.translation) / h;
-            let target_spin = self.target.rotation_to(target) / h;
-            let stretch = self.target.translation - self.pose.translation;
-            let twist_stretch = self.pose.rotation_to(self.target);
+            let before = self.hand.target();
+            let target = self.hand.next(start_s + f64::from(substep) * h, h);
+            let target_velocity = (target.translation - before.translation) / h;
+            let target_spin = before.rotation_to(target) / h;
+            let stretch = before.translation - self.pose.translation;
+            let twist_stretch = self.pose.rotation_to(before);
             self.twist.linear = self.translation.step(self.twist.linear, command.force, stretch, target_velocity, h);
             self.twist.angular = self.rotation.step(self.twist.angular, command.torque, twist_stretch, target_spin, h);
             self.pose = self.pose.stepped(self.twist.linear * h, self.twist.angular * h);
-            self.target = target;
         }
     }
 }

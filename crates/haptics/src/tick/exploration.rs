@@ -333,7 +333,7 @@ impl World {
                 return Err("a swap under force");
             }
             let mut state = State::new(&self.scene);
-            state.resume_at(&self.scene, output.world_from_tool, (self.hand_over)(&next.state, &self.scene));
+            state.resume_at(&self.scene, Some(output.world_from_tool), (self.hand_over)(&next.state, &self.scene));
             next =
                 Node { state, history: History { is_offered: false, was_let_go: next.history.was_let_go, ..START }, last: output };
             next.history.place = node.history.place;

@@ -29,6 +29,8 @@ pub struct SceneFiles {
     pub profile_toml: String,
     /// The real-time mode was `enforce`, from the scene or the command line: it decides what an over-run is.
     pub enforce: bool,
+    /// The tool began at its start again, where it stays in place otherwise as one scene takes the place of another.
+    pub starts_anew: bool,
     /// Meshes and hand.
     pub named: Vec<NamedFile>,
     /// What there is to see.

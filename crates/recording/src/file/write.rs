@@ -204,6 +204,9 @@ impl RecordingFile {
             ("path".to_owned(), scene.path.display().to_string()),
             ("enforce".to_owned(), scene.enforce.to_string()),
         ]);
+        if scene.starts_anew {
+            manifest.insert("starts_anew".to_owned(), "true".to_owned());
+        }
         for (name, media_type, text) in [
             ("scene.toml", "application/toml", &scene.toml),
             ("resolved.json", "application/json", &scene.resolved_json),
