@@ -51,6 +51,34 @@ export class OrbitCamera {
     return [flat * Math.cos(this.turn), flat * Math.sin(this.turn), Math.sin(this.tilt)];
   }
 
+  /** Unit vectors to the right, up, and from the target to the eye. */
+  get axes() {
+    const { backward } = this;
+    const right = normalize(cross([0, 0, 1], backward));
+    return { right, up: cross(backward, right), backward };
+  }
+
+  /** Length at a point that is one CSS pixel of the picture, m. */
+  pixelAt(point) {
+    return (2 * dot(subtract(this.eye, point), this.backward) * Math.tan(VIEW_ANGLE / 2)) / Math.max(1, this.canvas.clientHeight);
+  }
+
+  /** Where a point is in the picture, CSS pixels from the upper left corner of the canvas. */
+  toScreen(point) {
+    const { right, up } = this.axes;
+    const offset = subtract(point, this.target);
+    const pixel = this.pixelAt(point);
+    return [this.canvas.clientWidth / 2 + dot(offset, right) / pixel, this.canvas.clientHeight / 2 - dot(offset, up) / pixel];
+  }
+
+  /** Unit vector from the eye through a place in the picture. @param {number[]} at CSS pixels, as `toScreen` gives them */
+  rayThrough([x, y]) {
+    const { right, up, backward } = this.axes;
+    const slope = (2 * Math.tan(VIEW_ANGLE / 2)) / Math.max(1, this.canvas.clientHeight);
+    const across = scale(right, (x - this.canvas.clientWidth / 2) * slope);
+    return normalize(subtract(add(across, scale(up, (this.canvas.clientHeight / 2 - y) * slope)), backward));
+  }
+
   get eye() {
     return add(this.target, scale(this.backward, this.distance));
   }

@@ -83,7 +83,7 @@ export class Clay {
     this.drawn = null;
     this.keptIn = "";
     const { turn } = this;
-    this.#letGo();
+    this.letGo();
     this.#show(null);
     if (!hasClay) return;
     try {
@@ -103,7 +103,7 @@ export class Clay {
   /** @param {object} event of the server */
   hear({ event, names, text }) {
     if (event !== "clay" || !this.facts) return;
-    if (names[0] === "let-go") this.#letGo(false);
+    if (names[0] === "let-go") this.letGo(false);
     if (names[0] === "saved") Object.assign(byId("clay-saved"), { hidden: false, textContent: text });
     if (names[0] === "saved" && names[1].endsWith(".session")) this.keptIn = names[1];
     this.refresh().catch(() => {});
@@ -111,7 +111,7 @@ export class Clay {
 
   /** The connection is gone, and the hold with it. */
   lose() {
-    this.#letGo(false);
+    this.letGo(false);
   }
 
   /** Where the run stands, whenever that may have changed. @param {{isOver: boolean, isOpen: boolean, phase: string}} standing */
@@ -294,23 +294,23 @@ export class Clay {
     button.onpointerdown = (event) => {
       if (event.button !== 0) return;
       button.setPointerCapture(event.pointerId);
-      this.#hold();
+      this.hold();
     };
-    for (const end of ["pointerup", "pointercancel", "lostpointercapture", "blur"]) button.addEventListener(end, () => this.#letGo());
+    for (const end of ["pointerup", "pointercancel", "lostpointercapture", "blur"]) button.addEventListener(end, () => this.letGo());
     button.oncontextmenu = (event) => event.preventDefault();
     button.onkeydown = (event) => {
       if (event.key !== " ") return;
       event.preventDefault();
-      if (!event.repeat) this.#hold();
+      if (!event.repeat) this.hold();
     };
     button.onkeyup = (event) => {
       if (event.key !== " ") return;
       event.preventDefault();
-      this.#letGo();
+      this.letGo();
     };
-    addEventListener("blur", () => this.#letGo());
-    addEventListener("pagehide", () => this.#letGo());
-    document.addEventListener("visibilitychange", () => document.hidden && this.#letGo());
+    addEventListener("blur", () => this.letGo());
+    addEventListener("pagehide", () => this.letGo());
+    document.addEventListener("visibilitychange", () => document.hidden && this.letGo());
     addEventListener("keydown", (event) => {
       const isStep = (event.ctrlKey || event.metaKey) && !event.altKey && event.key.toLowerCase() === "z";
       // What is being written has an undo of its own.
@@ -320,11 +320,17 @@ export class Clay {
     });
   }
 
+  /** What the tool does to the clay, it does while it is held. */
+  get isHeldCraft() {
+    return Boolean(CRAFTS[this.facts?.craft]?.isHeld);
+  }
+
   get isHolding() {
     return this.beating !== null;
   }
 
-  async #hold() {
+  /** As if the arm's first button were held. */
+  async hold() {
     if (this.isHolding || byId("clay-hold").matches(":disabled")) return;
     byId("clay-hold").setAttribute("aria-pressed", "true");
     this.beating = setInterval(() => this.link.send("ping").catch(() => {}), BEAT_MS);
@@ -332,13 +338,13 @@ export class Clay {
       await this.link.send("clay_hold", { held: true });
     } catch (error) {
       // A hold whose answer is missing may have been heard.
-      this.#letGo(this.link.isOpen);
+      this.letGo(this.link.isOpen);
       say(words(error));
     }
   }
 
   /** @param {boolean=} isTold whether the server is to hear of it */
-  #letGo(isTold = true) {
+  letGo(isTold = true) {
     if (!this.isHolding) return;
     clearInterval(this.beating);
     this.beating = null;

@@ -10,9 +10,11 @@
  */
 
 import { Clay } from "./clay.js";
+import { ClayHand } from "./clay-hand.js";
 import { Drive } from "./drive.js";
 import { byId, say, words } from "./element.js";
 import { addEvent, showInfo } from "./facts.js";
+import { Hand } from "./hand.js";
 import { Link, tokenOfAddress } from "./link.js";
 import { MeshLoader } from "./mesh-loader.js";
 import { Objects } from "./objects.js";
@@ -35,11 +37,20 @@ const drive = new Drive(link);
 const readouts = new Readouts();
 const plots = new Plots(document);
 const objects = new Objects(link);
-const parameters = new Parameters(link, (all) => readouts.learn(all));
+const parameters = new Parameters(link, (all) => {
+  readouts.learn(all);
+  hand?.learnLimits(all);
+});
 const session = new Session(link, refreshInfo);
 const meshes = new MeshLoader(link);
 const view = openView();
+const hand = view && new Hand(link, view);
 const clay = new Clay(link, view);
+if (hand) {
+  // What is over the clay is for the clay, also where the tool is in between.
+  new ClayHand(link, view, hand, clay);
+  hand.listen();
+}
 const unsaved = new Unsaved(link, clay, () => drive.stop());
 drive.asksFirst = () => unsaved.ask();
 
@@ -77,6 +88,7 @@ link.addEventListener("state", ({ detail: state }) => {
   readouts.show(state);
   objects.show(state);
   view?.show(state);
+  hand?.show(state);
   if (state.history) plots.push(state.history);
   session.beatIfDue();
   if (state.scene_idx !== shown.idx && performance.now() > shown.askAgainAt) loadScene();
@@ -148,6 +160,7 @@ async function loadScene() {
     byId("scene-name").textContent = scene.name;
     document.title = `${scene.name} · hapticd`;
     objects.learn(scene);
+    hand?.learn(scene);
     parameters.refresh().catch((error) => say(words(error)));
     link.get("scenes").then((names) => session.offer(names, stemOf(scene.file)), () => {});
     const loading = loadMeshes(scene);

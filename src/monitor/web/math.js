@@ -42,6 +42,23 @@ export function rotate(q, v) {
   return add(add(v, scale(t, q[3])), cross(u, t));
 }
 
+/** The turn about an axis of length 1 by an angle, rad. @type {(axis: Vec3, angle: number) => Quat} */
+export function turnAbout(axis, angle) {
+  return [...scale(axis, Math.sin(angle / 2)), Math.cos(angle / 2)];
+}
+
+/** The turn `b`, then the turn `a`. @type {(a: Quat, b: Quat) => Quat} */
+export function turned(a, b) {
+  const [u, v] = [a.slice(0, 3), b.slice(0, 3)];
+  const w = a[3] * b[3] - dot(u, v);
+  const xyz = add(add(scale(v, a[3]), scale(u, b[3])), cross(u, v));
+  const size = Math.hypot(...xyz, w);
+  return [...scale(xyz, 1 / size), w / size];
+}
+
+/** A point of the outer frame in a posed one. @type {(pose: Pose, v: Vec3) => Vec3} */
+export const transformBack = ({ p, q: [x, y, z, w] }, v) => rotate([-x, -y, -z, w], subtract(v, p));
+
 /** A point of a posed frame in the outer frame. @type {(pose: Pose, v: Vec3) => Vec3} */
 export const transform = (pose, v) => add(rotate(pose.q, v), pose.p);
 

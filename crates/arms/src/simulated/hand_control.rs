@@ -21,6 +21,10 @@ use vps::spatial::Pose;
 const SPEED_M_PER_S: f64 = 0.25;
 /// The same for rotation, rad/s.
 const SPEED_RAD_PER_S: f64 = 3.0;
+/// It slows down in front of the pose that a client asks for, within so much time, s: the grip on its spring would swing beyond it otherwise.
+const SLOWING_S: f64 = 0.06;
+/// Nearer than this the hand is there, m.
+const THERE_M: f64 = 1e-7;
 /// From a pose of the path that is nearer than this to the tool the path goes on where it was, m.
 const NEAR_M: f64 = 5e-3;
 /// A turn by one radian counts as so many metres, where the pose of a path is sought that is nearest to the tool.
@@ -169,10 +173,10 @@ impl HandControl {
         let Some(path) = &self.path else { return self.target };
         if !self.waits {
             self.target = match self.asked {
-                Some(asked) => self.toward(self.counted_from_origin(path.grip_at(asked)), path.reach(), h),
+                Some(asked) => self.toward(self.counted_from_origin(path.grip_at(asked)), h / SLOWING_S, path.reach(), h),
                 None => {
                     let goal = self.counted_from_origin(path.sample((time_s - self.delay_s).abs()));
-                    let target = if self.returns { self.toward(goal, path.reach(), h) } else { goal };
+                    let target = if self.returns { self.toward(goal, 1.0, path.reach(), h) } else { goal };
                     self.returns &= target != goal;
                     target
                 }
@@ -188,11 +192,14 @@ impl HandControl {
         }
     }
 
-    /// One step from the target toward a goal, no faster than a client may move the hand, and no farther from the tool.
-    fn toward(&self, goal: Pose, reach: Reach, h: f64) -> Pose {
+    /// One step from the target toward a goal: a share of the way, no faster than a client may move the hand, and no farther from the tool.
+    fn toward(&self, goal: Pose, share: f64, reach: Reach, h: f64) -> Pose {
         let (way, turn) = (goal.translation - self.target.translation, self.target.rotation_to(goal));
-        let (step, spin) = (way.clamp_length_max(SPEED_M_PER_S * h), turn.clamp_length_max(SPEED_RAD_PER_S * h));
-        let stepped = if step == way && spin == turn { goal } else { self.target.stepped(step, spin) };
+        let (step, spin) = (way * share, turn * share);
+        let (step, spin) = (step.clamp_length_max(SPEED_M_PER_S * h), spin.clamp_length_max(SPEED_RAD_PER_S * h));
+        let is_near = way.length() < THERE_M && turn.length() * M_PER_RAD < THERE_M;
+        let is_there = is_near || step == way && spin == turn;
+        let stepped = if is_there { goal } else { self.target.stepped(step, spin) };
         let (ahead, turned) = (stepped.translation - self.held.translation, self.held.rotation_to(stepped));
         let translation = if ahead.length() > reach.most_m {
             self.held.translation + ahead.clamp_length_max(reach.most_m)
@@ -291,7 +298,7 @@ mod tests {
         let reached = run(&mut hand, 1.0, 3.0);
         assert!((reached.translation.z + 0.3).abs() < 1e-12, "{reached:?}");
         hand.move_to(Pose::new(DQuat::from_rotation_x(FRAC_PI_2), tool(0.2).translation));
-        let turned = run(&mut hand, 3.0, 4.0);
+        let turned = run(&mut hand, 3.0, 5.0);
         assert!((Pose::IDENTITY.rotation_to(turned).x - FRAC_PI_2).abs() < 1e-9);
     }
 

@@ -1,0 +1,218 @@
+/**
+ * Clay worked with the cursor: the tool hovers over the surface where the cursor is, and goes into it while the button is down.
+ *
+ * | | does |
+ * |---|---|
+ * | cursor over the clay | the tool comes there, a little above |
+ * | button down, finger, pen | it touches the clay, as deep as the strength says; what a craft holds is held until the button is up |
+ * | wheel over the clay | size of the brush; with Ctrl the view zooms |
+ * | [ and ] | strength of the press; a pen has its own |
+ */
+
+import { byId, say, words } from "./element.js";
+import { add, dot, length, rotate, scale, subtract, transform, transformBack } from "./math.js";
+import { fixed } from "./units.js";
+
+/** Above the clay, as a share of the tool's radius, while no button is down. */
+const HOVER = 0.6;
+/** Depth of a press at strength 1, as a share of the tool's radius. */
+const PRESS = 0.5;
+/** What is held is held from a light touch on. */
+const TOUCH = 0.1;
+const [LEAST, MOST, STEP] = [0.125, 4, Math.SQRT2];
+/** A hold begins when the tool is this near to its place, in radii, or after so long. */
+const THERE = 0.3;
+const LATEST_MS = 600;
+/** From this near, in radii, and from this much in front of it (cosine) the tool goes straight to its place; how often that is looked at. */
+const NEAR = 3;
+const IN_FRONT = 0.97;
+const LOOK_MS = 30;
+const BRUSH_STEP = 1.1;
+const SAMPLE_BYTES = 20;
+
+export class ClayHand {
+  /**
+   * @param {import("./link.js").Link} link
+   * @param {import("./scene.js").SceneView} view
+   * @param {import("./hand.js").Hand} hand
+   * @param {import("./clay.js").Clay} clay
+   */
+  constructor(link, view, hand, clay) {
+    Object.assign(this, { link, view, hand, clay });
+    this.strength = 1;
+    /** What the button does. @type {?{id: number, at: number[], isHeld: boolean, begun: number}} */
+    this.press = null;
+    this.#listen();
+    this.#tell();
+  }
+
+  get #canWork() {
+    return Boolean(this.clay.facts && this.view.clay.samples && this.hand.canMove);
+  }
+
+  #listen() {
+    const { canvas } = this.view;
+    const first = { capture: true };
+    const ours = (event) => {
+      event.stopImmediatePropagation();
+      event.preventDefault();
+    };
+    canvas.addEventListener("pointerdown", (event) => this.#begin(event) && ours(event), first);
+    canvas.addEventListener("pointermove", (event) => {
+      if (this.press?.id === event.pointerId) {
+        ours(event);
+        this.#work(event);
+      } else if (!event.buttons && event.pointerType !== "touch" && this.#canWork) this.#hover(event);
+    }, first);
+    for (const end of ["pointerup", "pointercancel", "lostpointercapture"]) {
+      canvas.addEventListener(end, ({ pointerId }) => this.press?.id === pointerId && this.#end(), first);
+    }
+    addEventListener("blur", () => this.press && this.#end());
+    canvas.addEventListener("wheel", (event) => {
+      if (event.ctrlKey || !this.#canWork || !this.view.clay.brush || !this.#under(event)) return;
+      ours(event);
+      this.#resize(event.deltaY < 0 ? BRUSH_STEP : 1 / BRUSH_STEP);
+    }, { capture: true, passive: false });
+    addEventListener("keydown", (event) => {
+      if (!"[]".includes(event.key) || !this.#canWork || event.target.matches?.("input:not([type=range]):not([type=checkbox]), select")) return;
+      this.strength = Math.min(MOST, Math.max(LEAST, this.strength * (event.key === "]" ? STEP : 1 / STEP)));
+      this.#tell();
+    });
+  }
+
+  #tell() {
+    byId("clay-strength").textContent = fixed(this.strength, 2);
+  }
+
+  /** The sample under the cursor: the nearest to the eye of those that face it, world. @returns {?{point: number[], normal: number[]}} */
+  #under({ clientX, clientY }) {
+    const { camera, canvas, clay } = this.view;
+    const { left, top } = canvas.getBoundingClientRect();
+    const eye = transformBack(clay.pose, camera.eye);
+    const ray = subtract(transformBack(clay.pose, add(camera.eye, camera.rayThrough([clientX - left, clientY - top]))), eye);
+    const { bytes, n, spacing } = clay.samples;
+    const data = new DataView(bytes.buffer, bytes.byteOffset);
+    let best = null;
+    for (let at = 0; at < n * SAMPLE_BYTES; at += SAMPLE_BYTES) {
+      const x = data.getFloat32(at, true) - eye[0];
+      const y = data.getFloat32(at + 4, true) - eye[1];
+      const z = data.getFloat32(at + 8, true) - eye[2];
+      const along = x * ray[0] + y * ray[1] + z * ray[2];
+      if ((best && along >= best.along) || x * x + y * y + z * z - along * along > spacing * spacing) continue;
+      const normal = [data.getInt8(at + 12), data.getInt8(at + 13), data.getInt8(at + 14)];
+      if (dot(normal, ray) < 0) best = { along, point: [x, y, z], normal };
+    }
+    if (!best) return null;
+    return { point: transform(clay.pose, add(eye, best.point)), normal: rotate(clay.pose.q, scale(best.normal, 1 / (length(best.normal) || 1))) };
+  }
+
+  /** Puts the tool over a point of the clay, its surface as many radii above it. */
+  #place({ point, normal }, above) {
+    const { radius_m, middle } = this.#tool;
+    const { q } = this.hand.tool;
+    const center = add(point, scale(normal, radius_m * (1 + above)));
+    this.goal = { center, middle, q, radius_m };
+    this.#approach();
+    return center;
+  }
+
+  /** Goes to the goal; from elsewhere first in front of it, as the eye sees it: there is no clay in between. */
+  #approach() {
+    const { goal, hand } = this;
+    if (!goal || !hand.canMove) return;
+    const { center, middle, q, radius_m } = goal;
+    const away = subtract(transform(hand.tool, middle), center);
+    const far = length(away);
+    const { backward } = this.view.camera;
+    const isInFront = far < NEAR * radius_m || dot(away, backward) > IN_FRONT * far;
+    const next = isInFront ? center : add(center, scale(backward, far));
+    hand.move({ p: subtract(next, rotate(q, middle)), q });
+    if (isInFront) this.goal = null;
+    else if (!this.isOnWay) {
+      this.isOnWay = true;
+      setTimeout(() => {
+        this.isOnWay = false;
+        this.#approach();
+      }, LOOK_MS);
+    }
+  }
+
+  /** Radius of the largest ball in the tool's box, and the middle of that, in its own frame. */
+  get #tool() {
+    const part = this.view.parts.find(({ role }) => role === "tool");
+    if (!part) return { radius_m: 1e-3, middle: [0, 0, 0] };
+    const { min, max } = part.mesh;
+    return { radius_m: Math.min(...subtract(max, min)) / 2, middle: scale(add(min, max), 0.5) };
+  }
+
+  #hover(event) {
+    const under = this.#under(event);
+    this.view.canvas.classList.toggle("is-on-clay", Boolean(under));
+    if (under) this.#place(under, HOVER);
+  }
+
+  #begin(event) {
+    if (this.press || event.button !== 0 || event.shiftKey || event.ctrlKey || document.body.dataset.pointer || !this.#canWork) return false;
+    const under = this.#under(event);
+    if (!under) return false;
+    this.view.canvas.setPointerCapture(event.pointerId);
+    this.view.canvas.focus({ preventScroll: true });
+    this.press = { id: event.pointerId, at: [event.clientX, event.clientY], isHeld: this.clay.isHeldCraft, begun: performance.now() };
+    if (this.press.isHeld) this.#hold(this.#place(under, -TOUCH));
+    else this.#work(event);
+    return true;
+  }
+
+  /** Holds what the craft holds, once the tool is there. */
+  #hold(center) {
+    const { press } = this;
+    const wait = () => {
+      if (this.press !== press) return;
+      const { radius_m, middle } = this.#tool;
+      const away = length(subtract(transform(this.hand.tool, middle), center));
+      if (away < THERE * radius_m || (!this.goal && performance.now() - press.begun > LATEST_MS)) {
+        press.holds = true;
+        this.clay.hold();
+      } else requestAnimationFrame(wait);
+    };
+    wait();
+  }
+
+  #work(event) {
+    const { press } = this;
+    if (press.isHeld) {
+      // In the plane of the picture, from where the hold began.
+      const [dx, dy] = [event.clientX - press.at[0], event.clientY - press.at[1]];
+      press.at = [event.clientX, event.clientY];
+      const { camera } = this.view;
+      const { right, up } = camera.axes;
+      const pixel = camera.pixelAt(this.hand.wish.p);
+      if (press.holds) this.hand.nudge(add(scale(right, dx * pixel), scale(up, -dy * pixel)));
+      return;
+    }
+    const under = this.#under(event);
+    const pressure = event.pointerType === "pen" && event.pressure > 0 ? 2 * event.pressure : 1;
+    if (under) this.#place(under, -PRESS * this.strength * pressure);
+  }
+
+  #end() {
+    const { press } = this;
+    [this.press, this.goal] = [null, null];
+    if (press.holds) this.clay.letGo();
+    // Out of the clay: the next stroke begins where the cursor is then.
+    const middle = transform(this.hand.tool, this.#tool.middle);
+    const away = subtract(middle, this.view.clay.pose.p);
+    const { p, q } = this.hand.tool;
+    this.hand.move({ p: add(p, scale(away, (2 * this.#tool.radius_m) / (length(away) || 1))), q });
+  }
+
+  async #resize(factor) {
+    const { brush_m, brush_range_m: [least, most] } = this.clay.facts;
+    try {
+      await this.link.send("clay_take", { brush_m: Math.min(most, Math.max(least, brush_m * factor)) });
+      await this.clay.refresh();
+    } catch (error) {
+      say(words(error));
+    }
+  }
+}
