@@ -11,10 +11,11 @@ use clap::ValueEnum;
 
 use self::place::SceneDestination;
 use super::{OutputOptions, report};
-use crate::config::draft::{self, Draft, DraftPart, DraftTool};
+use crate::config::draft::{self, Draft, DraftPart, DraftPath, DraftTool};
 use crate::error::Exit;
 use document::show;
 use vps::mesh::validate::inspect;
+use vps::storage::whole_file::write_bytes;
 use vps::mesh::{self, EXTENSIONS, Format, MeshError, TriangleMesh};
 
 /// Arguments of `hapticd init`.
@@ -146,7 +147,25 @@ fn init(args: &Args, output: OutputOptions) -> Result<(), ReportedExit> {
         // True invariant: there is at least one part.
         unreachable!("a draft of no parts");
     };
-    place.write(&draft.text(&place.named(), &why), &summary(&draft), ("run", "renders"), output)
+    let hand = place.hand();
+    let named = hand.as_deref().and_then(Path::file_name).and_then(OsStr::to_str);
+    let (text, mut told) = (draft.text(&place.named(), &why, named), summary(&draft));
+    if let (Some(hand), Some(named)) = (&hand, named) {
+        write_bytes(hand, draft.hand_csv().as_bytes())
+            .map_err(|error| refuse(Exit::Asset, &format!("cannot write {}: {error}", hand.display()), None))?;
+        told += &match draft.path() {
+            DraftPath::Assembly => format!("hand    {named}: into the place where its file puts {}, and out again\n", tool_name(&draft)),
+            DraftPath::Tour => format!("hand    {named}: onto the parts from above and from four sides\n"),
+        };
+    }
+    place.write(&text, &told, ("run", "renders"), output)
+}
+
+fn tool_name(draft: &Draft) -> &str {
+    match draft.tool() {
+        DraftTool::Part(part) => &part.name,
+        DraftTool::Ball(_) => "the ball",
+    }
 }
 
 /// What was made of the folder, a line each.

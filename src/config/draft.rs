@@ -38,6 +38,13 @@ const GAP_SHARE: f64 = 0.25;
 const BALL_SHARE: f64 = 0.05;
 /// Radius of the space in which the grip of `sim-sigma7` moves, m.
 const ARM_RADIUS_M: f64 = 0.075;
+/// How fast the hand of a draft goes, m/s of the grip, and how long it rests where it turns, s.
+const HAND_M_PER_S: f64 = 0.02;
+const HAND_RESTS_S: f64 = 0.5;
+/// How far beyond the boxes of the parts a tour presses, as a share of the tool's longest edge: what is felt is a part, which may be smaller.
+const PRESS_SHARE: f64 = 0.1;
+/// Boxes of tool and parts that reach into each other by this share of the tool's height, or more, are parts in their assembled places.
+const MATED_SHARE: f64 = 0.02;
 /// Largest scale that a scene takes.
 const MOST_SCALE: f64 = 1000.0;
 
@@ -119,6 +126,15 @@ pub enum DraftTool {
     Ball(f64),
 }
 
+/// What the hand of a draft does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DraftPath {
+    /// Into the place where its file puts the tool, and out again: the parts are drawn as they are assembled.
+    Assembly,
+    /// Onto the parts from above and from four sides.
+    Tour,
+}
+
 /// A scene that is yet to be written.
 #[derive(Clone, Debug)]
 pub struct Draft {
@@ -128,6 +144,9 @@ pub struct Draft {
     tool_voxel_m: f64,
     start_m: DVec3,
     scale: f64,
+    path: DraftPath,
+    /// Where the hand wants the tool's origin to be over time: s, m.
+    hand: Vec<(f64, DVec3)>,
     /// Of all objects together, and what the scene keeps, bytes.
     memory: [u64; 2],
 }
@@ -187,7 +206,17 @@ impl Draft {
         let start_m = place - held;
         let reach_m = 0.5 * (high - low).max_element() + gap_m;
         let scale = arm_scale(reach_m);
-        Some(Self { name: name.to_owned(), statics, tool, tool_voxel_m, start_m, scale, memory })
+        let is_mated = matches!(tool, DraftTool::Part(_)) && {
+            let shared = tool_high.min(high) - tool_low.max(low);
+            shared.min_element() > MATED_SHARE * (tool_high - tool_low).z
+        };
+        let path = if is_mated { DraftPath::Assembly } else { DraftPath::Tour };
+        let way = match path {
+            DraftPath::Assembly => vec![start_m, DVec3::new(0.0, 0.0, start_m.z), DVec3::ZERO, DVec3::new(0.0, 0.0, start_m.z), start_m],
+            DraftPath::Tour => tour((tool_low, tool_high), (low, high), start_m, gap_m, PRESS_SHARE * tool_m),
+        };
+        let hand = timed(&way, HAND_M_PER_S * scale);
+        Some(Self { name: name.to_owned(), statics, tool, tool_voxel_m, start_m, scale, path, hand, memory })
     }
 
     /// The part that moves.
@@ -210,20 +239,34 @@ impl Draft {
         self.scale
     }
 
+    /// What its hand does.
+    pub fn path(&self) -> DraftPath {
+        self.path
+    }
+
+    /// The file of its hand.
+    pub fn hand_csv(&self) -> String {
+        let row = |(time_s, position_m): &(f64, DVec3)| {
+            let [x, y, z] = position_m.to_array();
+            format!("{time_s:.3},{x:.7},{y:.7},{z:.7},0,0,0,1\n")
+        };
+        format!("{}\n{}", document::poses::HEADER, self.hand.iter().map(row).collect::<String>())
+    }
+
     /// About the most that baking will take, and what the scene will keep, bytes.
     pub fn memory_bytes(&self) -> [u64; 2] {
         self.memory
     }
 
-    /// The scene. `file` is what it will be called, `units` a remark on why the units are what they are.
-    pub fn text(&self, file: &str, units: &str) -> String {
+    /// The scene. `file` is what it will be called, `units` a remark on why the units are what they are, `hand` the file of its hand, if there is one.
+    pub fn text(&self, file: &str, units: &str, hand: Option<&str>) -> String {
         let mut text = String::new();
         // True invariant: writing to a string cannot fail.
-        let _ = self.write(&mut text, file, units);
+        let _ = self.write(&mut text, file, units, hand);
         text
     }
 
-    fn write(&self, text: &mut String, file: &str, units: &str) -> std::fmt::Result {
+    fn write(&self, text: &mut String, file: &str, units: &str, hand: Option<&str>) -> std::fmt::Result {
         let mm = |metres: f64| shown(metres * 1e3);
         write_head(text, file, &self.name, "run", "renders it until Ctrl-C")?;
         writeln!(text, "# Parts that stand, each where its file puts it.")?;
@@ -256,12 +299,47 @@ impl Draft {
         remarked(text, "# time_budget_us = 500", "most that a contact query may take; for parts with many points")?;
         writeln!(text, "\n[device]")?;
         remarked(text, "profile = \"sim-sigma7\"", "a simulated arm; `hapticd devices` lists those that are attached")?;
-        remarked(text, "# hand = \"path.csv\"", "where the simulated hand goes over time; without it, it stays")?;
+        let does = match self.path {
+            DraftPath::Assembly => "into the place where its file puts the tool, and out again",
+            DraftPath::Tour => "onto the parts from above and from four sides",
+        };
+        match hand {
+            Some(hand) => remarked(text, &format!("hand = {}", quoted(hand)), &format!("where the simulated hand goes: {does}"))?,
+            None => remarked(text, "# hand = \"path.csv\"", "where the simulated hand goes over time; without it, it stays")?,
+        }
         if self.scale != 1.0 {
             writeln!(text, "# The parts are larger than the space in which the arm's grip moves.")?;
         }
         remarked(text, &format!("world_from_device = {{ scale = {} }}", shown(self.scale)), "world metres per metre of the arm")
     }
+}
+
+/// Onto the box of the parts from above and from its four sides, and back to the start; beside the box the tool has `gap_m` of air. Places of the
+/// tool's origin.
+fn tour(tool: (DVec3, DVec3), parts: (DVec3, DVec3), start_m: DVec3, gap_m: f64, press_m: f64) -> Vec<DVec3> {
+    let ((tool_low, tool_high), (low, high)) = (tool, parts);
+    let held = 0.5 * (tool_low + tool_high);
+    let middle = 0.5 * (low + high) - held;
+    let mut way = vec![start_m, start_m - DVec3::Z * (gap_m + press_m), start_m];
+    for side in [DVec3::X, DVec3::Y, DVec3::NEG_X, DVec3::NEG_Y] {
+        // How far out the tool's middle is when the boxes meet.
+        let meets_m = (0.5 * (high - low) + 0.5 * (tool_high - tool_low)).dot(side.abs());
+        let over = DVec3::new(middle.x, middle.y, start_m.z) + side * (meets_m + gap_m);
+        let beside = DVec3::new(over.x, over.y, middle.z);
+        way.extend([over, beside, beside - side * (gap_m + press_m), beside, over]);
+    }
+    way.push(start_m);
+    way
+}
+
+/// The same way at a speed, with a rest at each of its places.
+fn timed(way: &[DVec3], speed_m_per_s: f64) -> Vec<(f64, DVec3)> {
+    let mut hand: Vec<(f64, DVec3)> = Vec::new();
+    for &place in way {
+        let arrives_s = hand.last().map_or(0.0, |&(time_s, before)| time_s + (place - before).length().max(1e-9) / speed_m_per_s);
+        hand.extend([(arrives_s, place), (arrives_s + HAND_RESTS_S, place)]);
+    }
+    hand
 }
 
 /// World metres per metre of the arm with which its grip reaches so far.
@@ -346,6 +424,21 @@ mod tests {
     }
 
     #[test]
+    fn the_hand_goes_into_the_assembled_place_or_around_the_parts() {
+        let block = part("block", [0.04, 0.04, 0.03], [0.0, 0.0, -0.015]);
+        let pin = [0.008, 0.008, 0.03];
+        let assembled = Draft::new("parts", vec![block.clone(), part("pin", pin, [0.0, 0.0, -0.005])], None).expect("parts");
+        assert_eq!(assembled.path(), DraftPath::Assembly);
+        assert!(assembled.hand.iter().any(|(_, place)| *place == DVec3::ZERO), "{:?}", assembled.hand);
+        let apart = Draft::new("parts", vec![block, part("pin", pin, [0.3, 0.0, 0.2])], None).expect("parts");
+        assert_eq!(apart.path(), DraftPath::Tour);
+        for draft in [assembled, apart] {
+            assert_eq!((draft.hand[0].1, draft.hand[draft.hand.len() - 1].1), (draft.start_m, draft.start_m));
+            assert!(draft.hand.windows(2).all(|pair| pair[1].0 > pair[0].0 && pair[1].0 - pair[0].0 < 10.0), "{:?}", draft.hand);
+        }
+    }
+
+    #[test]
     fn parts_that_would_take_too_much_memory_are_coarser() {
         let hall = part("hall", [40.0, 30.0, 8.0], [0.0; 3]);
         let draft = Draft::new("hall", vec![hall, part("screw", [0.005, 0.005, 0.02], [0.0; 3])], None).expect("parts");
@@ -369,8 +462,9 @@ mod tests {
                 std::fs::write(folder.path().join(&part.file), "").expect("written");
             }
             let path = folder.path().join("scene.toml");
-            std::fs::write(&path, draft.text("scene.toml", "as the test says")).expect("written");
-            let config = crate::config::load(&path).unwrap_or_else(|errors| panic!("{errors}\n{}", draft.text("", "")));
+            std::fs::write(&path, draft.text("scene.toml", "as the test says", Some("hand.csv"))).expect("written");
+            std::fs::write(folder.path().join("hand.csv"), draft.hand_csv()).expect("written");
+            let config = crate::config::load(&path).unwrap_or_else(|errors| panic!("{errors}\n{}", draft.text("", "", None)));
             assert_eq!(config.statics.len(), parts.len().max(2) - 1);
         }
     }

@@ -33,8 +33,9 @@ impl SceneDestination {
     /// Refuses a file that is there and is to be kept.
     pub(super) fn check_free(&self, args: &Args, output: OutputOptions) -> Result<(), ReportedExit> {
         match self {
-            Self::File(file) if file.exists() && !args.overwrite => {
-                let message = format!("{} is there already", file.display());
+            Self::File(file) if !args.overwrite && (file.exists() || self.hand().is_some_and(|hand| hand.exists() && !args.clay)) => {
+                let there = if file.exists() { file.clone() } else { self.hand().unwrap_or_default() };
+                let message = format!("{} is there already", there.display());
                 report::error(&message, Some("--overwrite writes over it, -o names another file"), output);
                 Err(ReportedExit(Exit::Usage))
             }
@@ -48,6 +49,12 @@ impl SceneDestination {
             Self::File(file) => file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new(".")),
             Self::Stdout => Path::new("."),
         }
+    }
+
+    /// The file of the scene's hand, beside it; none where the scene is read from stdout.
+    pub(super) fn hand(&self) -> Option<PathBuf> {
+        let Self::File(file) = self else { return None };
+        Some(file.with_file_name(format!("{}-hand.csv", file.file_stem()?.to_str()?)))
     }
 
     /// What commands call it, as a shell takes it.
