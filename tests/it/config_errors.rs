@@ -53,6 +53,27 @@ fn write_into(dir: &Path, scene: &str) {
     fs::write(dir.join("scene.toml"), scene).unwrap();
 }
 
+#[test]
+fn a_table_that_there_is_once_is_not_written_as_one_of_many() {
+    for table in
+        ["rendering", "tool", "contact", "coupling", "filter", "limits", "safety", "device", "realtime", "monitor", "sculpt"]
+    {
+        let rest = "[[static]]\nshape = { plane_mm = [60, 40] }\nvoxel_size_mm = 1\n";
+        for (repeats, line) in [(1, 2), (2, 2), (30, 2)] {
+            let tables = format!("[[{table}]]\n").repeat(repeats);
+            let errors = load(&format!("version = 1\n{tables}{rest}")).unwrap_err();
+            let problem = &errors.problems()[0];
+            assert_eq!(problem.line, Some(line), "{errors}");
+            let expected = format!("{table}: is one table: write [{table}], once, in place of [[{table}]]");
+            assert!(problem.to_string().ends_with(&expected), "{errors}");
+        }
+    }
+    let inner = refusal("version = 1\n[device]\nprofile = \"sim-sigma7\"\n[[device.sim]]\nhand = \"none\"\n");
+    assert!(inner.contains(":4: device.sim: is one table: write [device.sim], once, in place of [[device.sim]]"), "{inner}");
+    // What is a list, and what is no table, has the words that it had.
+    assert!(refusal("version = 1\ntool = 3\n").contains("tool = 3: must be a table, written [tool]"));
+}
+
 /// The message about a scene, without the folder of the test.
 fn refusal(scene: &str) -> String {
     let dir = tempfile::tempdir().unwrap();
