@@ -137,9 +137,14 @@ fn every_command_has_a_manual_page() {
         let page = fs::read_to_string(dir.path().join(format!("man/man1/hapticd-{name}.1")))
             .unwrap_or_else(|error| panic!("{name}: {error}"));
         assert!(page.contains(".TH") && page.contains(".SH SYNOPSIS") && page.contains("hapticd"), "{name}:\n{page}");
+        assert!(page.contains(".SH EXAMPLES\n") && page.ends_with(".SH \"SEE ALSO\"\nhapticd(1)\n"), "{name}:\n{page}");
     }
     let main = text(&hapticd(dir.path(), "man").stdout);
     assert!(main.contains(".SH \"EXIT STATUS\"\n.TP\n0\n") && main.contains(".SH FILES\n.TP\n"), "{main}");
+    for section in ["EXAMPLES", "ENVIRONMENT", "\"SEE ALSO\""] {
+        assert_eq!(main.matches(&format!(".SH {section}\n")).count(), 1, "{section}\n{main}");
+    }
+    assert!(main.contains("HAPTICD_TOKEN") && main.contains("hapticd\\-run(1)"), "{main}");
     assert_eq!(main, fs::read_to_string(dir.path().join("man/man1/hapticd.1")).unwrap());
 
     fs::write(dir.path().join("file"), "").unwrap();
