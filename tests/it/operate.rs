@@ -313,7 +313,9 @@ fn check_warns_of_a_part_of_many_metres() {
     let checked = hapticd(dir.path(), "check parts/scene.toml");
     let said = text(&checked.stderr);
     assert!(
-        checked.status.success() && said.contains("warning: block-hole: ") && said.contains("40 m long: is its `units` right?"),
+        checked.status.success()
+            && said.contains("warning: block-hole: ")
+            && said.contains("the box is 40.0 m long: is `units` right?"),
         "{said}"
     );
     assert!(hapticd(dir.path(), "init parts --units mm --overwrite").status.success());

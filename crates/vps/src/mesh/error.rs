@@ -206,7 +206,7 @@ impl MeshError {
 
 /// What is said of a file of [`cad_format`](super::cad_format).
 pub fn curved_surfaces(format: &str) -> String {
-    format!("a {format} file holds curved surfaces, and a mesh of triangles is needed")
+    format!("{format} files hold curved surfaces, and a mesh of triangles is needed")
 }
 
 fn what_extension(extension: &str) -> String {

@@ -27,7 +27,7 @@ fn files_that_cannot_be_used_say_why() {
     assert!(error.to_string().ends_with("part.dae: unknown mesh extension `dae`, known: obj, stl, ply, gltf, glb, 3mf"), "{error}");
     for (name, format) in [("part.step", "STEP"), ("part.STP", "STEP"), ("part.igs", "IGES"), ("part.brep", "BREP")] {
         let error = at(name, "");
-        let expected = format!("{name}: a {format} file holds curved surfaces, and a mesh of triangles is needed");
+        let expected = format!("{name}: {format} files hold curved surfaces, and a mesh of triangles is needed");
         assert!(
             error.to_string().ends_with(&expected) && error.hint().is_some_and(|hint| hint.contains("gmsh PART.step")),
             "{error}"
