@@ -44,6 +44,8 @@ fn script(shell: Shell) -> String {
     match shell {
         Shell::Bash => script.replace(&format!("compgen -W \"{names}\" --"), &format!("compgen -f -W \"{names}\" --")),
         Shell::Zsh => script.replace(&format!(":({names})'"), &format!(":{{compadd {names}; _files}}'")),
+        // `-f`: no files.
+        Shell::Fish => script.replace(&format!(" -r -f -a \"{}\\t", profiles[0]), &format!(" -r -F -a \"{}\\t", profiles[0])),
         _ => script.into_owned(),
     }
 }

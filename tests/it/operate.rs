@@ -168,6 +168,23 @@ fn shells_take_their_completions() {
             Err(error) => assert_ne!(shell, "bash", "{error}"),
         }
     }
+    // Profiles and files where a profile is asked for.
+    fs::write(dir.path().join("sim-mine.toml"), "").unwrap();
+    let complete = |words: &str, cur: &str, prev: &str| {
+        let n = words.split(' ').count() - 1;
+        let script = format!(
+            "source ./bash; COMP_WORDS=({words}); COMP_CWORD={n}; _hapticd hapticd {cur} {prev}; printf '%s\\n' \"${{COMPREPLY[@]}}\""
+        );
+        let ended = Command::new("bash").args(["-c", &script]).current_dir(dir.path()).output().unwrap();
+        text(&ended.stdout).lines().map(str::to_owned).collect::<Vec<_>>()
+    };
+    let offered = complete("hapticd run --device sim-", "sim-", "--device");
+    assert!(["sim-sigma7", "sim-touch", "sim-mine.toml"].iter().all(|name| offered.iter().any(|word| word == name)), "{offered:?}");
+    let offered = complete("hapticd devices probe pol", "pol", "probe");
+    assert!(offered.iter().any(|word| word == "polhem-2022"), "{offered:?}");
+    let [zsh, fish] = ["zsh", "fish"].map(|shell| fs::read_to_string(dir.path().join(shell)).unwrap());
+    assert!(zsh.matches("{compadd ").count() == 6 && zsh.contains("sim-sigma7") && zsh.contains("; _files}'"), "{zsh}");
+    assert!(fish.lines().any(|line| line.contains(" -l device ") && line.contains(" -r -F -a \"")), "{fish}");
     assert_eq!(hapticd(dir.path(), "completions tcsh").status.code(), Some(2));
 }
 
