@@ -52,8 +52,7 @@ fn write_pages(command: clap::Command, folder: &Path) -> io::Result<()> {
     clap_mangen::generate_to(command, folder)?;
     append("hapticd.1", main_sections())?;
     EXAMPLES.iter().try_for_each(|(command, lines)| {
-        let others = "hapticd(1)";
-        append(&format!("hapticd-{command}.1"), format!("{}.SH \"SEE ALSO\"\n{others}\n", examples(lines)))
+        append(&format!("hapticd-{command}.1"), format!("{}.SH \"SEE ALSO\"\nhapticd(1)\n", examples(lines)))
     })
 }
 

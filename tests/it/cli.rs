@@ -294,8 +294,8 @@ fn a_mesh_that_cannot_be_used_is_an_asset_error() {
         (
             "part.step",
             vec![
-                "error: part.step: unknown mesh extension `step`, known: obj, stl, ply, gltf, glb, 3mf",
-                "hint: export the part as STL or OBJ",
+                "error: part.step: STEP files hold curved surfaces, and a mesh of triangles is needed",
+                "hint: convert it: `gmsh PART.step -2",
             ],
         ),
         ("part", vec!["error: part: no mesh extension, known: obj, stl, ply, gltf, glb, 3mf"]),
