@@ -7,7 +7,6 @@ use std::path::{Path, PathBuf};
 
 use glam::{DQuat, DVec3};
 
-use super::problem::show;
 use vps::spatial::Pose;
 use vps::storage::regular;
 
@@ -86,7 +85,7 @@ pub enum LineProblem {
         previous_s: f64,
     },
     /// The quaternion is not of unit length.
-    #[error("the quaternion qx, qy, qz, qw has length {}, expected 1", show(*length))]
+    #[error("the quaternion has length {length}, expected 1")]
     Quaternion {
         /// Its length.
         length: f64,
