@@ -191,7 +191,7 @@ impl<'t> Document<'t> {
             (Step::Index(index), DeValue::Array(array)) => array.get(*index),
             _ => None,
         })?;
-        let first = array.get_ref().as_array()?.get(0)?;
+        let first = array.get_ref().as_array()?.first()?;
         let is_header = matches!(first.get_ref(), DeValue::Table(_)) && !is_inline(self.text, first);
         is_header.then(|| Place { steps: steps.to_vec(), span: first.span(), value: None })
     }
