@@ -2,21 +2,22 @@
 
 use std::path::{Path, PathBuf};
 
+use serde_json::{Value, json};
+
+use super::memory::scarce_text;
 use super::{OutputOptions, output, report};
 use crate::config::scene::{ClaySource, MeshSource, SculptConfig};
 use crate::config::strokes::{self, Script, TimedOrder};
-use crate::config::{self, SceneConfig, StiffnessBound};
-use crate::daemon::{PrepareError, inputs};
+use crate::config::{self, Problem, SceneConfig, StiffnessBound};
+use crate::daemon::{HandProblem, Inputs, PrepareError, inputs};
 use crate::error::Exit;
-use crate::scene::{self, SceneError, cache::Spacing};
+use crate::scene::{self, MemoryPlan, SceneError};
 use arms::profile::{self, Profile, ProfileError};
 use clay::engine::{SculptOrder, ToolSettings};
 use document::show;
 use haptics::CouplingMode;
-use vps::part::PartError;
-use vps::spatial::{Axes, Metres};
+use vps::spatial::Axes;
 use vps::storage::printable::{one_line, shown};
-use vps::voxmap::grid::Grid;
 
 /// Arguments of `hapticd check`.
 #[derive(Debug, clap::Args)]
@@ -24,57 +25,190 @@ pub(crate) struct Args {
     /// Scene files, files of strokes, or profiles of arms: files, or names of shipped ones.
     #[arg(required = true, value_name = "SCENE")]
     scenes: Vec<PathBuf>,
+    /// Print exactly one JSON object, with the problems of each file.
+    #[arg(long)]
+    json: bool,
+}
+
+/// What was found in one file.
+struct Checked {
+    kind: &'static str,
+    /// One line on what it is, where it is sound.
+    summary: Option<String>,
+    findings: Vec<Finding>,
+    exit: Exit,
+}
+
+/// One thing that is wrong, or likely to be.
+struct Finding {
+    is_error: bool,
+    /// All of it in one line, as `run` says it.
+    text: String,
+    hint: Option<String>,
+    file: Option<PathBuf>,
+    line: Option<usize>,
+    /// The key, the columns, or the part.
+    key: Option<String>,
+    value: Option<String>,
 }
 
 pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
-    let mut exit = Exit::Ok;
-    for scene in &args.scenes {
-        let named = scene.to_str().filter(|name| !scene.exists() && profile::names().any(|known| known == *name));
-        if named.is_some() || profile::is_profile(scene) {
-            let loaded = match named {
-                Some(name) => profile::find(name, Path::new("")).map_err(|error| match error {
-                    ProfileError::Invalid(errors) => errors,
-                    // True invariant: it was among the names.
-                    error => unreachable!("{error}"),
-                }),
-                None => profile::load(scene),
-            };
-            match loaded {
-                Ok(profile) if output.quiet => drop(profile),
-                Ok(profile) => {
-                    profile
-                        .plausibility_warnings()
-                        .iter()
-                        .for_each(|doubt| report::warning(&format!("{}: {doubt}", scene.display()), output));
-                    output::result(format_args!("ok {}\n", profile_summary(scene, &profile)));
-                }
-                Err(errors) => exit = report::config_errors(&errors, output),
-            }
-            continue;
+    let checked: Vec<Checked> = args.scenes.iter().map(|file| check(file)).collect();
+    if args.json {
+        let files: Vec<Value> = args.scenes.iter().zip(&checked).map(|(file, checked)| checked.json(file)).collect();
+        let is_ok = checked.iter().all(|checked| checked.exit == Exit::Ok);
+        output::result(format_args!("{}\n", json!({ "ok": is_ok, "files": files })));
+    } else {
+        checked.iter().for_each(|checked| checked.print(output));
+    }
+    checked.iter().map(|checked| checked.exit).filter(|exit| *exit != Exit::Ok).last().unwrap_or(Exit::Ok)
+}
+
+fn check(file: &Path) -> Checked {
+    let name = file.to_str().filter(|name| !file.exists() && profile::names().any(|known| known == *name));
+    if name.is_some() || profile::is_profile(file) {
+        return check_profile(file, name);
+    }
+    if strokes::is_script(file) {
+        return match strokes::load(file, &ToolSettings::default()) {
+            Ok(script) => Checked::sound("strokes", script_summary(&script), Vec::new()),
+            Err(errors) => Checked::refused("strokes", Vec::new(), &PrepareError::Config(errors)),
+        };
+    }
+    let mut warnings = Vec::new();
+    match check_scene(file, &mut warnings) {
+        Ok(config) => Checked::sound("scene", summary(&config), warnings),
+        Err(error) => Checked::refused("scene", warnings, &error),
+    }
+}
+
+fn check_profile(file: &Path, name: Option<&str>) -> Checked {
+    let loaded = match name {
+        Some(name) => profile::find(name, Path::new("")).map_err(|error| match error {
+            ProfileError::Invalid(errors) => errors,
+            // True invariant: it was among the names.
+            error => unreachable!("{error}"),
+        }),
+        None => profile::load(file),
+    };
+    match loaded {
+        Ok(profile) => {
+            let doubts = profile.plausibility_warnings();
+            let warnings = doubts.iter().map(|doubt| Finding::warning(format!("{}: {doubt}", file.display()), file)).collect();
+            Checked::sound("profile", profile_summary(file, &profile), warnings)
         }
-        if strokes::is_script(scene) {
-            match strokes::load(scene, &ToolSettings::default()) {
-                Ok(script) if output.quiet => drop(script),
-                Ok(script) => output::result(format_args!("ok {}\n", script_summary(&script))),
-                Err(errors) => exit = report::config_errors(&errors, output),
-            }
-            continue;
+        Err(errors) => Checked::refused("profile", Vec::new(), &PrepareError::Config(errors)),
+    }
+}
+
+/// What `run` would say before it bakes.
+fn check_scene(file: &Path, warnings: &mut Vec<Finding>) -> Result<SceneConfig, PrepareError> {
+    let config = config::load(file).map_err(PrepareError::Config)?;
+    let Inputs { warnings: of_hand, .. } = inputs(&config)?;
+    warnings.extend(of_hand.into_iter().map(|problem| Finding::of_hand(false, &problem)));
+    if let Some(SculptConfig { strokes: Some(file), tool, .. }) = &config.sculpt {
+        strokes::load(file, tool).map_err(PrepareError::Config)?;
+    }
+    let (mut of_parts, mut of_memory) = (Vec::new(), Vec::new());
+    let mut memory = MemoryPlan::new(None, |name, estimate| {
+        of_memory
+            .extend(scarce_text(name, estimate).map(|text| Finding { key: Some(name.to_owned()), ..Finding::warning(text, file) }));
+    });
+    let looked_at = scene::look_at_parts(&config, &mut memory, |part, source| {
+        let mesh = if let MeshSource::File { path, .. } = source { path } else { file };
+        let of_mesh = part.mesh_warnings().into_iter().map(|text| format!("{}: {text}", part.name()));
+        of_parts.extend(of_mesh.map(|text| Finding { key: Some(part.name().to_owned()), ..Finding::warning(text, mesh) }));
+    });
+    drop(memory);
+    warnings.extend(of_parts.into_iter().chain(of_memory));
+    looked_at.map_err(SceneError::from)?;
+    Ok(config)
+}
+
+impl Checked {
+    fn sound(kind: &'static str, summary: String, findings: Vec<Finding>) -> Self {
+        Self { kind, summary: Some(summary), findings, exit: Exit::Ok }
+    }
+
+    fn refused(kind: &'static str, mut findings: Vec<Finding>, error: &PrepareError) -> Self {
+        match error {
+            PrepareError::Config(errors) => findings.extend(errors.problems().iter().map(Finding::of_config)),
+            PrepareError::HandPath(problem) => findings.push(Finding::of_hand(true, problem)),
+            error => findings.push(Finding {
+                is_error: true,
+                text: error.to_string(),
+                hint: report::prepare_hint(error),
+                file: None,
+                line: None,
+                key: None,
+                value: None,
+            }),
         }
-        let checked = config::load(scene).map_err(PrepareError::Config).and_then(|config| {
-            inputs(&config)?;
-            if let Some(SculptConfig { strokes: Some(file), tool, .. }) = &config.sculpt {
-                strokes::load(file, tool).map_err(PrepareError::Config)?;
+        Self { kind, summary: None, findings, exit: report::prepare_exit(error) }
+    }
+
+    fn print(&self, output: OutputOptions) {
+        for finding in &self.findings {
+            let text = one_line(&finding.text);
+            match finding.is_error {
+                true => report::error(&text, finding.hint.as_deref(), output),
+                false => report::warning(&text, output),
             }
-            look_at_parts(&config, output).map_err(SceneError::from)?;
-            Ok(config)
-        });
-        match checked {
-            Ok(config) if output.quiet => drop(config),
-            Ok(config) => output::result(format_args!("ok {}\n", summary(&config))),
-            Err(error) => exit = report::prepare_error(&error, output),
+        }
+        if let Some(summary) = self.summary.as_ref().filter(|_| !output.quiet) {
+            output::result(format_args!("ok {summary}\n"));
         }
     }
-    exit
+
+    fn json(&self, file: &Path) -> Value {
+        json!({
+            "file": file.to_string_lossy(),
+            "kind": self.kind,
+            "ok": self.exit == Exit::Ok,
+            "exit_code": self.exit as u8,
+            "summary": self.summary,
+            "problems": self.findings.iter().map(Finding::json).collect::<Vec<_>>(),
+        })
+    }
+}
+
+impl Finding {
+    fn warning(text: String, file: &Path) -> Self {
+        Self { is_error: false, text, hint: None, file: Some(file.to_owned()), line: None, key: None, value: None }
+    }
+
+    fn of_config(problem: &Problem) -> Self {
+        let Problem { file, line, key, value, .. } = problem;
+        let (text, hint) = (problem.to_string(), problem.hint());
+        Self { is_error: true, text, hint, file: Some(file.clone()), line: *line, key: key.clone(), value: value.clone() }
+    }
+
+    /// `run` says it of the tool, which the hand moves.
+    fn of_hand(is_error: bool, problem: &HandProblem) -> Self {
+        let HandProblem { file, line, column, value, remedy, .. } = problem;
+        Self {
+            is_error,
+            text: if is_error { problem.to_string() } else { format!("tool: {}", problem.with_remedy()) },
+            hint: Some(remedy.clone()),
+            file: Some(file.clone()),
+            line: Some(*line),
+            key: Some((*column).to_owned()),
+            value: Some(value.clone()),
+        }
+    }
+
+    fn json(&self) -> Value {
+        let Self { is_error, text, hint, file, line, key, value } = self;
+        json!({
+            "severity": if *is_error { "error" } else { "warning" },
+            "message": text,
+            "hint": hint,
+            "file": file.as_deref().map(Path::to_string_lossy),
+            "line": line,
+            "key": key,
+            "value": value,
+        })
+    }
 }
 
 /// One line: `arm.toml: "My arm", senses x y z, actuates x y z, simulated`.
@@ -95,30 +229,6 @@ fn profile_summary(path: &Path, profile: &Profile) -> String {
         }
     }
     parts.join(", ")
-}
-
-/// Longest part that is likely to be meant, m.
-const LIKELY_M: f64 = 5.0;
-
-/// Looks at the box of each part: a mesh that cannot be used, or a grid that is too large, is refused as `run` would; of a part that is so large that
-/// its unit is likely to be wrong is warned.
-fn look_at_parts(config: &SceneConfig, output: OutputOptions) -> Result<(), PartError> {
-    let SceneConfig { statics, tool, .. } = config;
-    let statics = statics.iter().map(|object| (object.name.as_str(), &object.source, object.voxel_size_m, object.layers));
-    for (name, source, voxel_size_m, layers) in statics.chain([("tool", &tool.source, tool.voxel_size_m, tool.layers)]) {
-        // The box of a shape hardly depends on how finely it is cut.
-        let bounds = scene::load(name, source, Spacing::LongestAxis(1))?.mesh.bounds();
-        let Some((low, high)) = bounds else { continue };
-        let longest_m = (high - low).max_element();
-        if let MeshSource::File { path, .. } = source
-            && longest_m > LIKELY_M
-        {
-            report::warning(&format!("{name}: {} is {} long: is its `units` right?", path.display(), Metres(longest_m)), output);
-        }
-        let grid = Grid::around(low, high, voxel_size_m, layers);
-        grid.map_err(|source| PartError::Grid { name: name.to_owned(), source })?;
-    }
-    Ok(())
 }
 
 /// One line: `strokes.toml: 5 orders from 0.5 s to 3 s`. How many of them are strokes of the clay shows when they are carried out.

@@ -92,10 +92,11 @@ pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
     }
 
     let exit = verdict(&devices, &rights);
+    let sentence = verdict_text(&devices, &machine, &rights, rate_hz);
     if args.json {
-        print_json(&[&devices, &machine, &rights], &test, &trips_us, exit);
+        print_json(&[&devices, &machine, &rights], &test, &trips_us, exit, &sentence);
     } else {
-        print_text(&[("arms", &devices), ("machine", &machine), ("loop", &rights)], &test, &trips_us, exit);
+        print_text(&[("arms", &devices), ("machine", &machine), ("loop", &rights)], &test, &trips_us, exit, &sentence);
     }
     exit
 }
@@ -231,15 +232,32 @@ fn verdict(devices: &[Finding], rights: &[Finding]) -> Exit {
     }
 }
 
-fn verdict_text(exit: Exit) -> &'static str {
-    match exit {
-        Exit::Ok => "good",
-        Exit::Device => "an arm cannot be used as it is: see `bad` under arms",
-        _ => "this machine does not keep 1 ms as it is: see `bad` under loop",
+/// What it comes to, with its reason: the first finding that decides it.
+fn verdict_text(devices: &[Finding], machine: &[Finding], rights: &[Finding], rate_hz: u32) -> String {
+    let reason = |findings: &[Finding]| {
+        let mut bad = findings.iter().filter(|finding| finding.standing == Standing::Bad);
+        let first = bad.next().map(|finding| format!("{}: {}", finding.name, finding.found))?;
+        Some(match bad.count() {
+            0 => first,
+            1 => format!("{first}; and 1 more is `bad`"),
+            n => format!("{first}; and {n} more are `bad`"),
+        })
+    };
+    if let Some(reason) = reason(devices) {
+        return format!("an arm cannot be used as it is, because of {reason}");
     }
+    if let Some(reason) = reason(rights) {
+        return format!("this machine does not keep {rate_hz} Hz as it is, because of {reason}");
+    }
+    let groups = [devices, machine, rights];
+    let all = groups.iter().flat_map(|findings| findings.iter());
+    let better: Vec<&str> =
+        all.filter(|finding| finding.standing >= Standing::Advice).map(|finding| finding.name.as_str()).collect();
+    let good = format!("this machine keeps {rate_hz} Hz, because nothing that counts is `bad`");
+    if better.is_empty() { good } else { format!("{good}; better would be: {}", better.join(", ")) }
 }
 
-fn print_text(groups: &[(&str, &[Finding])], test: &WakeupTest, trips_us: &[u64], exit: Exit) {
+fn print_text(groups: &[(&str, &[Finding])], test: &WakeupTest, trips_us: &[u64], exit: Exit, sentence: &str) {
     for (title, findings) in groups {
         output::result(format_args!("{title}\n"));
         for finding in *findings {
@@ -253,7 +271,7 @@ fn print_text(groups: &[(&str, &[Finding])], test: &WakeupTest, trips_us: &[u64]
     if !trips_us.is_empty() {
         print_bins("round trips of the arm", &bins_of(trips_us));
     }
-    output::result(format_args!("verdict: {} (exit {})\n", verdict_text(exit), exit as u8));
+    output::result(format_args!("verdict: {sentence} (exit {})\n", exit as u8));
 }
 
 fn print_bins(title: &str, bins: &[u64]) {
@@ -269,12 +287,13 @@ fn print_bins(title: &str, bins: &[u64]) {
     }
 }
 
-fn print_json(groups: &[&[Finding]], test: &WakeupTest, trips_us: &[u64], exit: Exit) {
+fn print_json(groups: &[&[Finding]], test: &WakeupTest, trips_us: &[u64], exit: Exit, sentence: &str) {
     let findings: Vec<_> = groups.iter().flat_map(|findings| findings.iter()).map(finding_json).collect();
     let bins = bins_json(&test.bins(&BOUNDS_US), "wakeups");
     let trips = bins_json(&bins_of(trips_us), "exchanges");
     let object = json!({
         "verdict": match exit { Exit::Ok => "good", Exit::Device => "device", _ => "realtime" },
+        "reason": sentence,
         "exit_code": exit as u8,
         "findings": findings,
         "wakeup_us": {
@@ -315,5 +334,18 @@ mod tests {
         assert_eq!(verdict(&good, &good), Exit::Ok);
         assert_eq!(verdict(&good, &bad), Exit::RealtimeRefused);
         assert_eq!(verdict(&bad, &bad), Exit::Device);
+    }
+
+    #[test]
+    fn the_verdict_is_a_sentence_with_its_reason() {
+        let good = [Finding::good("wake-up", "p50 8 µs")];
+        let late = [Finding::bad("wake-up", "300 of 10000 ticks missed", "c"), Finding::bad("schedule", "normal", "c")];
+        let fast = [Finding::advice("processor", "powersave", "c")];
+        assert_eq!(verdict_text(&good, &good, &good, 1000), "this machine keeps 1000 Hz, because nothing that counts is `bad`");
+        let sentence = "this machine keeps 500 Hz, because nothing that counts is `bad`; better would be: processor";
+        assert_eq!(verdict_text(&good, &fast, &good, 500), sentence);
+        let reason = "because of wake-up: 300 of 10000 ticks missed; and 1 more is `bad`";
+        assert_eq!(verdict_text(&good, &fast, &late, 1000), format!("this machine does not keep 1000 Hz as it is, {reason}"));
+        assert_eq!(verdict_text(&late, &fast, &late, 1000), format!("an arm cannot be used as it is, {reason}"));
     }
 }

@@ -1,7 +1,6 @@
 //! `hapticd eval`: the contact wrench at each given tool pose; no device, no time, no filter, no coupling, no limits.
 
 use std::borrow::Cow;
-use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -9,7 +8,7 @@ use std::time::Instant;
 use clap::ValueEnum;
 
 use super::progress::BakeProgress;
-use super::{OutputOptions, cache, output, report};
+use super::{OutputOptions, cache, destination, output, report};
 use crate::config::{self, SceneConfig};
 use crate::error::Exit;
 use crate::scene::cache::CachePolicy;
@@ -18,6 +17,7 @@ use document::poses::{self, TimedPose};
 use haptics::RenderScene;
 use vps::contact::{self, ContactSum, ForceLaw, Normalization};
 use vps::spatial::Pose;
+use vps::storage::whole_file::write_whole;
 use vps::voxmap::field::FieldKind;
 
 /// Arguments of `hapticd eval`.
@@ -25,10 +25,10 @@ use vps::voxmap::field::FieldKind;
 pub(crate) struct Args {
     /// Scene file.
     scene: PathBuf,
-    /// Tool poses in the world: CSV with the header t_s,x_m,y_m,z_m,qx,qy,qz,qw.
+    /// Tool poses in the world: CSV with the header t_s,x_m,y_m,z_m,qx,qy,qz,qw, or x_mm,y_mm,z_mm.
     #[arg(long, value_name = "F.csv")]
     poses: PathBuf,
-    /// Where to write the wrenches: CSV, world axes, torque about the tool frame's origin.
+    /// Where to write the wrenches, or - for stdout: CSV, world axes, torque about the tool frame's origin.
     #[arg(long, value_name = "F.csv")]
     out: PathBuf,
     /// Field look-up instead of the scene's.
@@ -37,7 +37,7 @@ pub(crate) struct Args {
     /// Apply the scene's contact normalisation.
     #[arg(long)]
     normalize: bool,
-    /// List single contacts: CSV of points, normals and depths, world axes.
+    /// List single contacts in a file, or - for stdout: CSV of points, normals and depths, world axes.
     #[arg(long, value_name = "F.csv")]
     contacts_out: Option<PathBuf>,
     /// Contacts to list for each pose at most.
@@ -77,6 +77,17 @@ pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
         report::error(&format!("{path}: [sculpt]: `eval` knows rigid parts only"), Some(&hint), output);
         return Exit::Configuration;
     }
+    if is_stdout(&args.out) && args.contacts_out.as_deref().is_some_and(is_stdout) {
+        report::error("--out - and --contacts-out -: stdout takes one of the two", Some("name a file for the other one"), output);
+        return Exit::Usage;
+    }
+    // Before the work, not after it.
+    let files = [Some(&args.out), args.contacts_out.as_ref()].into_iter().flatten().filter(|path| !is_stdout(path));
+    for path in files {
+        if let Err(error) = destination::check(path) {
+            return cannot_write(path, &error, output);
+        }
+    }
     let poses = match poses::read(&args.poses) {
         Ok(poses) => poses,
         Err(error) => {
@@ -102,16 +113,36 @@ pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
     if !args.normalize {
         law.normalization = Normalization::None;
     }
-    let written = write_wrenches(&args.out, &scene, law, &poses).map_err(|error| (&args.out, error)).and_then(|()| {
+    let written = write_to(&args.out, |file| write_wrenches(file, &scene, law, &poses)).map_err(|error| (&args.out, error));
+    let written = written.and_then(|()| {
         let Some(path) = &args.contacts_out else { return Ok(()) };
-        write_contacts(path, &config, &scene, &poses, args.max_contacts).map_err(|error| (path, error))
+        write_to(path, |file| write_contacts(file, &config, &scene, &poses, args.max_contacts)).map_err(|error| (path, error))
     });
     match written {
         Ok(()) => Exit::Ok,
-        Err((path, error)) => {
-            report::error(&format!("cannot write {}: {error}", path.display()), None, output);
-            Exit::Asset
-        }
+        Err((path, error)) => cannot_write(path, &error, output),
+    }
+}
+
+fn cannot_write(path: &Path, error: &io::Error, output: OutputOptions) -> Exit {
+    let path = if is_stdout(path) { "to stdout".to_owned() } else { path.display().to_string() };
+    report::error(&format!("cannot write {path}: {error}"), destination::hint(error), output);
+    Exit::Asset
+}
+
+fn is_stdout(path: &Path) -> bool {
+    path.as_os_str() == "-"
+}
+
+/// Writes a file that appears whole, or to stdout. A reader of stdout that has seen enough is no error.
+fn write_to(path: &Path, contents: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::Result<()> {
+    if !is_stdout(path) {
+        return write_whole(path, |file| contents(file));
+    }
+    let mut stdout = BufWriter::new(io::stdout().lock());
+    match contents(&mut stdout).and_then(|()| stdout.flush()) {
+        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
+        written => written,
     }
 }
 
@@ -120,8 +151,7 @@ fn body(scene: &RenderScene, world_from_tool: Pose) -> Pose {
     world_from_tool * Pose::from_translation(scene.tool.center_of_mass_tool)
 }
 
-fn write_wrenches(path: &Path, scene: &RenderScene, law: ForceLaw, poses: &[TimedPose]) -> io::Result<()> {
-    let mut file = BufWriter::new(File::create(path)?);
+fn write_wrenches(file: &mut dyn Write, scene: &RenderScene, law: ForceLaw, poses: &[TimedPose]) -> io::Result<()> {
     writeln!(file, "t_s,fx_n,fy_n,fz_n,tx_nm,ty_nm,tz_nm,contacts,max_depth_m,clearance_m,query_ns")?;
     for timed in poses {
         let world_from_body = body(scene, timed.pose);
@@ -134,11 +164,16 @@ fn write_wrenches(path: &Path, scene: &RenderScene, law: ForceLaw, poses: &[Time
         let (depth_m, clearance_m) = (sum.max_value_m.max(0.0), -sum.max_value_m);
         writeln!(file, "{},{fx},{fy},{fz},{tx},{ty},{tz},{},{depth_m},{clearance_m},{query_ns}", timed.time_s, sum.contacts)?;
     }
-    file.flush()
+    Ok(())
 }
 
-fn write_contacts(path: &Path, config: &SceneConfig, scene: &RenderScene, poses: &[TimedPose], most: usize) -> io::Result<()> {
-    let mut file = BufWriter::new(File::create(path)?);
+fn write_contacts(
+    file: &mut dyn Write,
+    config: &SceneConfig,
+    scene: &RenderScene,
+    poses: &[TimedPose],
+    most: usize,
+) -> io::Result<()> {
     writeln!(file, "t_s,object,point,x_m,y_m,z_m,nx,ny,nz,depth_m")?;
     let mut lines = Vec::new();
     for timed in poses {
@@ -160,7 +195,7 @@ fn write_contacts(path: &Path, config: &SceneConfig, scene: &RenderScene, poses:
             writeln!(file, "{line}")?;
         }
     }
-    file.flush()
+    Ok(())
 }
 
 /// A name as one field of CSV (RFC 4180).

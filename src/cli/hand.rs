@@ -18,7 +18,7 @@ use vps::spatial::Pose;
 /// The hand on the grip.
 #[derive(Debug, clap::Args)]
 pub(crate) struct HandArgs {
-    /// Where the hand wants to be: CSV with the header t_s,x_m,y_m,z_m,qx,qy,qz,qw; it counts from the first pose, or as in SCENE.
+    /// Where the hand wants to be: CSV with the header t_s,x_m,y_m,z_m,qx,qy,qz,qw (or x_mm,y_mm,z_mm); it counts from the first pose, or as in SCENE.
     #[arg(long, value_name = "FILE.csv", conflicts_with = "no_hand")]
     hand: Option<PathBuf>,
     /// No hand holds the grip.

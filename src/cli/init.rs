@@ -100,7 +100,12 @@ fn init(args: &Args, output: OutputOptions) -> Result<(), ReportedExit> {
     })?;
     if files.is_empty() {
         let message = format!("{}: no mesh files here", args.folder.display());
-        return Err(refuse(Exit::Asset, &message, Some(&format!("files that end in {} are read", EXTENSIONS.join(", ")))));
+        let hint = if has_cad(&args.folder) {
+            mesh::CAD_HINT.to_owned()
+        } else {
+            format!("files that end in {} are read", EXTENSIONS.join(", "))
+        };
+        return Err(refuse(Exit::Asset, &message, Some(&hint)));
     }
     place.check_free(args, output)?;
     let mut found = Vec::new();
@@ -200,6 +205,11 @@ fn mesh_files(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
     files.sort_by_key(|path| (path.file_stem().map(OsStr::to_owned), rank(path)));
     files.dedup_by(|later, earlier| later.file_stem() == earlier.file_stem());
     Ok(files)
+}
+
+/// The folder has files of CAD programs.
+fn has_cad(folder: &Path) -> bool {
+    fs::read_dir(folder).is_ok_and(|entries| entries.flatten().any(|entry| mesh::cad_format(&entry.path()).is_some()))
 }
 
 /// 3MF is the one format whose files say what their numbers mean, and glTF the one that says it for all of its files.

@@ -1,12 +1,12 @@
 //! `hapticd report`: one page of a recording, for the notes of a lab.
 
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use super::{OutputOptions, output, report};
 use crate::error::Exit;
 use recording::file::{ReadError, Recording};
 use recording::report::LabReport;
+use vps::storage::whole_file::write_bytes;
 
 /// Arguments of `hapticd report`.
 #[derive(Debug, clap::Args)]
@@ -40,7 +40,7 @@ pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
         report::error(&format!("{} ends before its first tick", args.recording.display()), None, output);
         return Exit::Asset;
     }
-    if let Err(error) = write(&out, &page.page()) {
+    if let Err(error) = write_bytes(&out, page.page().as_bytes()) {
         report::error(&format!("cannot write {}: {error}", out.display()), None, output);
         return Exit::Asset;
     }
@@ -57,23 +57,6 @@ fn may_write(args: &Args, out: &Path) -> Result<(), &'static str> {
         return Err("is the recording itself");
     }
     if !args.overwrite && out.is_file() { Err("exists already") } else { Ok(()) }
-}
-
-/// Writes beside the page, then puts it in its place: a full disk leaves what was there.
-fn write(path: &Path, page: &str) -> std::io::Result<()> {
-    if std::fs::metadata(path).is_ok_and(|found| !found.is_file()) {
-        return std::fs::write(path, page);
-    }
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let mut beside = tempfile::Builder::new().permissions(readable()).tempfile_in(folder)?;
-    beside.write_all(page.as_bytes())?;
-    beside.persist(path)?;
-    Ok(())
-}
-
-/// As any new file, not as a temporary one: the process's mask takes off what it takes off.
-fn readable() -> std::fs::Permissions {
-    std::os::unix::fs::PermissionsExt::from_mode(0o666)
 }
 
 fn read(args: &Args) -> Result<LabReport, ReadError> {

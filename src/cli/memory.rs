@@ -89,18 +89,19 @@ fn tell(name: &str, estimate: &Estimate, progress: &BakeProgress, output: Output
 
 /// Warns of more than the machine has left, unless a limit was given.
 fn warn(name: &str, estimate: &Estimate, max_bytes: Option<u64>, progress: &BakeProgress, output: OutputOptions) {
-    if let Some(available_bytes) = available_bytes().filter(|available| max_bytes.is_none() && estimate.peak_bytes > *available) {
-        let (needed, available) = (show_bytes(estimate.peak_bytes), show_bytes(available_bytes));
-        progress.aside(|| {
-            report::warning(
-                &format!(
-                    "{name}: baking takes about {needed} and this machine has {available} left: it may be slow or be ended by the \
-                     system; use larger voxels or fewer layers, or --max-memory to refuse"
-                ),
-                output,
-            );
-        });
+    if let Some(text) = scarce_text(name, estimate).filter(|_| max_bytes.is_none()) {
+        progress.aside(|| report::warning(&text, output));
     }
+}
+
+/// What is said of a part that takes more than the machine has left.
+pub(super) fn scarce_text(name: &str, estimate: &Estimate) -> Option<String> {
+    let available_bytes = available_bytes().filter(|available| estimate.peak_bytes > *available)?;
+    let (needed, available) = (show_bytes(estimate.peak_bytes), show_bytes(available_bytes));
+    Some(format!(
+        "{name}: baking takes about {needed} and this machine has {available} left: it may be slow or be ended by the system; use larger voxels or \
+         fewer layers, or --max-memory to refuse"
+    ))
 }
 
 #[cfg(test)]

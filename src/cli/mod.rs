@@ -40,6 +40,7 @@ mod status_line;
 
 use std::process::ExitCode;
 
+use clap::builder::StyledStr;
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{CommandFactory as _, Parser, Subcommand, ValueEnum};
 
@@ -151,9 +152,32 @@ pub fn main() -> ExitCode {
     report::finish(exit, output).into()
 }
 
+/// Words of other programs for what a command does here: commands that look like them are found by clap itself.
+const SYNONYMS: [(&[&str], &str); 12] = [
+    (&["start", "play", "render", "simulate", "serve", "launch", "exec", "demo", "go"], "run SCENE"),
+    (&["record", "capture", "log"], "run SCENE --record FILE.mcap"),
+    (&["view", "gui", "ui", "web", "show", "monitor"], "run SCENE --monitor"),
+    (&["validate", "verify", "lint", "test", "info"], "check SCENE"),
+    (&["new", "create", "setup", "scaffold"], "init FOLDER"),
+    (&["build", "compile", "generate", "voxelize", "voxelise", "preprocess"], "bake SCENE"),
+    (&["clay", "carve"], "sculpt SCENE"),
+    (&["list", "ls", "scan", "arms", "device"], "devices"),
+    (&["probe", "identify", "calibrate"], "devices probe PROFILE"),
+    (&["profiles", "profile"], "devices profiles"),
+    (&["diagnose", "health", "status"], "doctor"),
+    (&["plot", "analyse", "analyze", "summary", "page"], "report FILE.mcap"),
+];
+
 /// What is said of a command line that is not one. `bench` was a command of version 0.1.0.
-fn refused(error: clap::Error) -> clap::Error {
-    if error.get(ContextKind::InvalidSubcommand) != Some(&ContextValue::String("bench".to_owned())) {
+fn refused(mut error: clap::Error) -> clap::Error {
+    let Some(ContextValue::String(word)) = error.get(ContextKind::InvalidSubcommand) else { return error };
+    if word != "bench" {
+        let command = SYNONYMS.iter().find(|(words, _)| words.contains(&word.as_str())).map(|(_, command)| command);
+        if let Some(command) = command {
+            error.remove(ContextKind::SuggestedSubcommand);
+            let tip = StyledStr::from(format!("the command for that is `hapticd {command}`"));
+            error.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![tip]));
+        }
         return error;
     }
     let rest = std::env::args_os().skip_while(|word| word != "bench").skip(1);

@@ -37,6 +37,9 @@ pub(super) struct Args {
     /// Push along each axis with a motor with 0.3 N for 0.2 s, turn about each with as little, and look which way it goes. Hold the grip loosely.
     #[arg(long)]
     sign_check: bool,
+    /// Push without asking first: for scripts, whose standard input is no terminal. Someone has to watch the arm.
+    #[arg(long)]
+    yes: bool,
     /// How long to listen.
     #[arg(long, value_name = "TIME", default_value = "10s", value_parser = duration::parse)]
     duration: Duration,
@@ -49,6 +52,13 @@ pub(super) struct Args {
 pub(super) fn command(profile: &Profile, selector: Option<&Selector>, flag: &str) -> String {
     let selector = selector.map_or(String::new(), |selector| format!(" --selector {selector}"));
     format!("hapticd devices probe {}{selector} {flag}", profile.given())
+}
+
+impl Args {
+    /// The flag that lets force come, if one does.
+    fn pushes(&self) -> Option<&'static str> {
+        if self.sign_check { Some("--sign-check") } else { self.identify.then_some("--identify") }
+    }
 }
 
 /// Times a parked arm may be further from the origin than its workspace reaches.
@@ -81,6 +91,12 @@ fn probe(args: &Args, output: OutputOptions) -> Result<Exit, Exit> {
         ProfileError::Invalid(errors) => report::config_errors(&errors, output),
         error => fail(Exit::Configuration, error.to_string()),
     })?;
+    let has_terminal = std::io::stdin().is_terminal();
+    if let Some(flag) = args.pushes().filter(|_| !args.yes && !has_terminal) {
+        let message = format!("{flag} pushes the grip and asks before that, and standard input is no terminal");
+        report::error(&message, Some("run it on a terminal, or give --yes and watch the arm"), output);
+        return Err(Exit::Usage);
+    }
     let period_s = 1.0 / f64::from(profile.link.rate_hz);
     let options = OpenOptions { selector: args.selector.clone(), io_request: None, period_s, guard: guard::program() };
     if let Some(real) = &profile.real {
@@ -104,15 +120,15 @@ fn probe(args: &Args, output: OutputOptions) -> Result<Exit, Exit> {
     let arm = &mut opened.arm;
     let go = Arc::new(AtomicBool::new(false));
     let mut trial = Trial::new(RealClock, period_s, quit).with_torque(probe::torque_max_nm(&profile));
-    let has_person = std::io::stdin().is_terminal();
-    if has_person {
+    let asks = has_terminal && !args.yes;
+    if asks {
         trial = trial.asking(&go);
     }
     let plan = ProbePlan { listen: args.duration, push: args.sign_check.then(|| Push::of(&profile)), identify: args.identify };
     let mut found = ProbeResult::default();
     let tell = |step| {
         report::note(step_text(step, &profile), output);
-        if has_person {
+        if asks {
             ask(&go, quit);
         }
     };

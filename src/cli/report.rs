@@ -20,10 +20,15 @@ pub(crate) fn config_errors(errors: &ConfigErrors, output: OutputOptions) -> Exi
     Exit::Configuration
 }
 
-/// Prints why an object cannot be built and gives the exit code for it: an asset, or a grid that the configuration asks for.
+/// Prints why an object cannot be built and gives the exit code for it.
 pub(crate) fn scene_error(problem: &SceneError, output: OutputOptions) -> Exit {
     // What a mesh file says of itself may be in it.
     error(&one_line(&problem.to_string()), problem.hint().as_deref(), output);
+    scene_exit(problem)
+}
+
+/// An asset, or a grid that the configuration asks for.
+fn scene_exit(problem: &SceneError) -> Exit {
     match problem {
         SceneError::Part(PartError::Mesh { .. })
         | SceneError::Clay(ClayError::Load(_) | ClayError::Session(_) | ClayError::Piece(ClayModelError::Surface(_))) => {
@@ -36,17 +41,32 @@ pub(crate) fn scene_error(problem: &SceneError, output: OutputOptions) -> Exit {
 
 /// Prints why a scene cannot be rendered and gives the exit code for it.
 pub(crate) fn prepare_error(problem: &PrepareError, output: OutputOptions) -> Exit {
+    if let PrepareError::Config(errors) = problem {
+        return config_errors(errors, output);
+    }
+    error(&one_line(&problem.to_string()), prepare_hint(problem).as_deref(), output);
+    prepare_exit(problem)
+}
+
+/// What to do about it.
+pub(super) fn prepare_hint(problem: &PrepareError) -> Option<String> {
     match problem {
-        PrepareError::Config(errors) => config_errors(errors, output),
-        PrepareError::Scene(problem) => scene_error(problem, output),
-        PrepareError::Open(_) => {
-            error(&one_line(&problem.to_string()), None, output);
-            Exit::Device
-        }
-        PrepareError::Hand(_) | PrepareError::Fault { .. } | PrepareError::Arm(_) => {
-            error(&one_line(&problem.to_string()), None, output);
-            Exit::Configuration
-        }
+        PrepareError::Scene(problem) => problem.hint(),
+        PrepareError::HandPath(problem) => Some(problem.remedy.clone()),
+        _ => None,
+    }
+}
+
+/// The exit code for it.
+pub(super) fn prepare_exit(problem: &PrepareError) -> Exit {
+    match problem {
+        PrepareError::Scene(problem) => scene_exit(problem),
+        PrepareError::Open(_) => Exit::Device,
+        PrepareError::Config(_)
+        | PrepareError::Hand(_)
+        | PrepareError::HandPath(_)
+        | PrepareError::Fault { .. }
+        | PrepareError::Arm(_) => Exit::Configuration,
     }
 }
 

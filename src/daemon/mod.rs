@@ -25,6 +25,7 @@
 //! Data in: a prepared [`RenderJob`]. Data out: [`Notice`]s while it runs, one [`RunOutcome`] at the end. Invariant: prints nothing.
 
 pub mod device_node;
+mod hand_checks;
 mod prepare;
 mod recorded;
 pub mod reload;
@@ -39,7 +40,8 @@ mod supervisor;
 pub(crate) mod testing;
 mod unpacked;
 
-pub use prepare::{PrepareError, Prepared, RealArmNode, inputs, prepare, prepare_on, prepare_with};
+pub use hand_checks::HandProblem;
+pub use prepare::{Inputs, PrepareError, Prepared, RealArmNode, inputs, prepare, prepare_on, prepare_with};
 pub use recorded::{resolved, scene_files};
 pub use replay::{Difference, Gap, ReplayError, Replayed, replay};
 pub use scene_keys::{scenes_beside, unlike};

@@ -7,6 +7,7 @@ use crossbeam::channel::Receiver;
 use glam::DVec3;
 use thiserror::Error;
 
+use super::hand_checks::{self, HandProblem};
 use super::remote::RemoteArm;
 use crate::config::scene::{DeviceConfig, RealtimeConfig};
 use crate::config::{ConfigErrors, SceneConfig};
@@ -18,7 +19,7 @@ use arms::remote::LinkFigures;
 use arms::simulated::fault::{self, FaultError, FaultPlan};
 use arms::simulated::hand::{GripPath, HandMapping, HandPath};
 use arms::simulated::{HandParameters, Reach, SimArm, SimError, SimParameters};
-use document::poses::PoseFileError;
+use document::poses::{self, PoseFileError};
 use haptics::{DeviceMapping, RenderScene};
 use rt::schedule::{self, ThreadRequest};
 
@@ -63,6 +64,9 @@ pub enum PrepareError {
     /// The hand file.
     #[error("{0}")]
     Hand(#[from] PoseFileError),
+    /// The path of the hand.
+    #[error("{0}")]
+    HandPath(Box<HandProblem>),
     /// The fault to inject.
     #[error("device.sim.fault = \"{written}\": {source}")]
     Fault {
@@ -79,20 +83,38 @@ pub enum PrepareError {
     Open(#[from] OpenError),
 }
 
-/// Reads what the simulated arm plays: the path of its hand, and its fault. Takes no time and bakes nothing.
+/// What the simulated arm plays.
+pub struct Inputs {
+    /// Path of its hand.
+    pub hand: Option<HandPath>,
+    /// Its fault.
+    pub fault: Option<FaultPlan>,
+    /// What is likely wrong with the path.
+    pub warnings: Vec<HandProblem>,
+}
+
+/// Reads and checks what the simulated arm plays, for `run` and `check` alike. Takes no time and bakes nothing.
 ///
 /// # Errors
 /// A hand file or a fault that cannot be used.
-pub fn inputs(config: &SceneConfig) -> Result<(Option<HandPath>, Option<FaultPlan>), PrepareError> {
-    let hand = config.device.hand.as_deref().map(HandPath::read).transpose()?;
-    let hand = hand.map(|hand| if config.device.sim.hand_repeats { hand.there_and_back() } else { hand });
+pub fn inputs(config: &SceneConfig) -> Result<Inputs, PrepareError> {
+    let (mut hand, mut warnings) = (None, Vec::new());
+    if let Some(file) = config.device.hand.as_deref() {
+        let poses = poses::read(file)?;
+        let path = HandPath::from_poses(&poses, file)?;
+        // A real arm is in a real hand.
+        if config.device.profile.real.is_none() {
+            warnings = hand_checks::check(&poses, file, config).map_err(|problem| PrepareError::HandPath(Box::new(problem)))?;
+        }
+        hand = Some(if config.device.sim.hand_repeats { path.there_and_back() } else { path });
+    }
     let fault = config
         .device
         .sim
         .fault
         .as_ref()
         .map(|written| fault::parse(written).map_err(|source| PrepareError::Fault { written: written.clone(), source }));
-    Ok((hand, fault.transpose()?))
+    Ok(Inputs { hand, fault: fault.transpose()?, warnings })
 }
 
 /// Bakes the scene, without a cache and whatever memory it takes, and opens its arm.
@@ -127,15 +149,15 @@ pub fn prepare_on(
     guard: Option<PathBuf>,
     watch: impl FnMut(BakeEvent<'_>),
 ) -> Result<(Prepared, Vec<ObjectReport>), PrepareError> {
-    let (path, fault) = inputs(config)?;
+    let Inputs { hand: path, fault, warnings } = inputs(config)?;
     let profile = &config.device.profile;
     let to_open = (remote.is_some() || profile.real.is_some()).then(|| open_options(config, guard));
     if let (Some(options), None) = (&to_open, remote) {
         open::look_for(profile, options)?;
     }
     let Built { scene, objects: mut reports, piece } = scene::build_all(config, means, watch)?;
-    if let (Some(path), Some(tool)) = (&path, reports.last_mut()) {
-        tool.warnings.extend(far_from_start(path, &config.parameters.mapping));
+    if let Some(tool) = reports.last_mut() {
+        tool.warnings.extend(warnings.iter().map(HandProblem::with_remedy));
     }
     let period_s = config.parameters.period_s;
     // Only now: an arm that has been greeted is not to wait for a bake.
@@ -172,16 +194,6 @@ fn open_options(config: &SceneConfig, guard: Option<PathBuf>) -> OpenOptions {
     }
 }
 
-/// What to say of a hand that would jerk the arm away from where it stands at enable.
-fn far_from_start(hand: &HandPath, mapping: &DeviceMapping) -> Option<String> {
-    let away_mm = (hand.sample(0.0).translation - mapping.start.translation).length() * 1e3;
-    (away_mm > FAR_FROM_START_MM)
-        .then(|| format!("the hand begins {away_mm:.1} mm away from `tool.start_position_mm` and will pull the arm there at once"))
-}
-
-/// A stretch of the hand's default spring that is a quarter of what a small arm can push, mm.
-const FAR_FROM_START_MM: f64 = 5.0;
-
 /// Share of what the motors can push that a hand pulls with where a client moves it: what stops the tool stops the hand.
 const PULL_SHARE: f64 = 0.7;
 
@@ -192,7 +204,7 @@ const PULL_SHARE: f64 = 0.7;
 /// A hand file that cannot be used.
 pub(super) fn hand_of(config: &SceneConfig, center_of_mass_tool: DVec3) -> Result<Option<GripPath>, PrepareError> {
     let is_held = config.device.profile.real.is_none() && config.device.sim.hand_present;
-    Ok(if is_held { Some(grip_path(config, inputs(config)?.0, center_of_mass_tool)) } else { None })
+    Ok(if is_held { Some(grip_path(config, inputs(config)?.hand, center_of_mass_tool)) } else { None })
 }
 
 fn grip_path(config: &SceneConfig, path: Option<HandPath>, center_of_mass_tool: DVec3) -> GripPath {

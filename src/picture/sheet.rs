@@ -8,6 +8,7 @@ use super::palette::{self, FAINT, INK};
 use super::panel::{Panel, draw_point};
 use super::subject::BakedObject;
 use recording::report::chart::short;
+use vps::storage::whole_file::write_bytes;
 
 /// Largest sheet, pixels.
 const WIDTH: f64 = 1600.0;
@@ -30,7 +31,7 @@ const LONG: f64 = 1.8;
 /// # Errors
 /// Any error of the file system.
 pub fn write(path: &Path, subject: &BakedObject<'_>) -> io::Result<()> {
-    std::fs::write(path, png(subject)?)
+    write_bytes(path, &png(subject)?)
 }
 
 fn png(subject: &BakedObject<'_>) -> io::Result<Vec<u8>> {

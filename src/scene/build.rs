@@ -2,13 +2,13 @@
 
 use super::cache::{Baked, Cache, Request, Spacing};
 use super::loaded_clay::LoadedClay;
-use super::object::{self, BakeOptions, SceneError};
+use super::object::{self, BakeOptions, MemoryPlan, SceneError};
 use crate::config::SceneConfig;
-use crate::config::scene::ToolConfig;
+use crate::config::scene::{MeshSource, StaticConfig, ToolConfig};
 use haptics::clay::{Clay, PUT_DOWN_SPACINGS};
 use haptics::{RenderScene, SceneBuilder, ToolOptions};
 use vps::contact::ContactSum;
-use vps::part::{ObjectReport, PartRole};
+use vps::part::{ObjectReport, Part, PartError, PartRole};
 use vps::spatial::{Metres, Pose};
 use vps::voxmap::BakeStage;
 
@@ -70,33 +70,15 @@ pub fn build_all(
     let mut builder = SceneBuilder::new(config.parameters);
     for (object_idx, object) in config.statics.iter().enumerate() {
         let tell = |stage| watch(BakeEvent { name: &object.name, object_idx, n_objects, stage });
-        let request = Request {
-            name: &object.name,
-            role: PartRole::Static,
-            source: &object.source,
-            spacing: Spacing::Size(object.voxel_size_m),
-            layers: object.layers,
-            sides: object.sides,
-            with_gradients: builder.needs_gradients(),
-            center_of_mass: None,
-        };
+        let request = static_request(object, builder.needs_gradients());
         let Baked { field, report, .. } = object::obtain(&request, means, tell)?;
         let Some(field) = field else { unreachable!("a static object has a field") };
         builder.add_baked_part(field, report, object.pose);
     }
 
-    let ToolConfig { source, voxel_size_m, layers, sides, mass_kg, center_of_mass_m, inertia_kg_m2 } = &config.tool;
+    let ToolConfig { mass_kg, center_of_mass_m, inertia_kg_m2, .. } = &config.tool;
     let tell = |stage| watch(BakeEvent { name: "tool", object_idx: config.statics.len(), n_objects, stage });
-    let request = Request {
-        name: "tool",
-        role: PartRole::Tool,
-        source,
-        spacing: Spacing::Size(*voxel_size_m),
-        layers: *layers,
-        sides: *sides,
-        with_gradients: false,
-        center_of_mass: *center_of_mass_m,
-    };
+    let request = tool_request(&config.tool);
     let Baked { shell, mass, report, .. } = object::obtain(&request, means, tell)?;
     let (Some(shell), Some(mass)) = (shell, mass) else { unreachable!("a tool has a shell and a mass") };
     let mut piece = None;
@@ -118,6 +100,53 @@ pub fn build_all(
         tool.warnings.extend(warnings);
     }
     Ok(Built { scene, objects, piece })
+}
+
+/// Looks at every part of a scene as [`build_all`] does before its work: reads it, judges its grid and memory, and bakes nothing. `see` gets each part
+/// with its source.
+///
+/// # Errors
+/// Those of [`build_all`] that come before any work.
+pub fn look_at_parts(
+    config: &SceneConfig,
+    memory: &mut MemoryPlan<'_>,
+    mut see: impl FnMut(&Part, &MeshSource),
+) -> Result<(), PartError> {
+    let needs_gradients = SceneBuilder::new(config.parameters).needs_gradients();
+    let statics = config.statics.iter().map(|object| static_request(object, needs_gradients));
+    for request in statics.chain([tool_request(&config.tool)]) {
+        // The box of a shape hardly depends on how finely it is cut.
+        let part = object::load(request.name, request.source, Spacing::LongestAxis(1))?;
+        see(&part, request.source);
+        memory.judge(&part, &request.options(&part), request.products())?;
+    }
+    Ok(())
+}
+
+fn static_request(object: &StaticConfig, with_gradients: bool) -> Request<'_> {
+    Request {
+        name: &object.name,
+        role: PartRole::Static,
+        source: &object.source,
+        spacing: Spacing::Size(object.voxel_size_m),
+        layers: object.layers,
+        sides: object.sides,
+        with_gradients,
+        center_of_mass: None,
+    }
+}
+
+fn tool_request(tool: &ToolConfig) -> Request<'_> {
+    Request {
+        name: "tool",
+        role: PartRole::Tool,
+        source: &tool.source,
+        spacing: Spacing::Size(tool.voxel_size_m),
+        layers: tool.layers,
+        sides: tool.sides,
+        with_gradients: false,
+        center_of_mass: tool.center_of_mass_m,
+    }
 }
 
 /// What to say of a tool that stands in an obstacle when the arm is enabled.

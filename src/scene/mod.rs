@@ -12,7 +12,7 @@ pub mod cache;
 mod loaded_clay;
 mod object;
 
-pub use build::{BakeEvent, Built, build, build_all, build_with};
+pub use build::{BakeEvent, Built, build, build_all, build_with, look_at_parts};
 pub use loaded_clay::{BorderReport, ClayError, ClayReport, LoadedClay};
 pub use object::{BakeOptions, MemoryPlan, SceneError, load};
 pub use vps::part::{CacheUse, ObjectReport, PartRole};

@@ -7,6 +7,7 @@ use super::loaded_clay::ClayError;
 use crate::config::scene::MeshSource;
 use clay::clay_model::MemoryEstimate;
 use vps::part::{Part, PartError, PartRole};
+use vps::storage::memory::available_bytes;
 use vps::voxmap::estimate::{Estimate, MeshMeasures, Products, voxel_size_within};
 use vps::voxmap::grid::{Grid, GridError};
 use vps::voxmap::memory_limit::MemoryLimit;
@@ -67,8 +68,8 @@ type Left<'a> = dyn Fn() -> Option<u64> + 'a;
 type Tell<'a> = dyn FnMut(&str, &Estimate) + 'a;
 
 impl<'a> MemoryPlan<'a> {
-    /// A limit, if any, and what to do with each object's name and estimate before its work begins. The peak includes what the
-    /// objects before it keep.
+    /// A limit, if any, and what to do with each object's name and estimate before its work begins. The estimate is of this object alone, without what
+    /// the objects before it keep.
     pub fn new(max_bytes: Option<u64>, tell: impl FnMut(&str, &Estimate) + 'a) -> Self {
         Self { max_bytes, left: None, kept_bytes: 0, tell: Box::new(tell) }
     }
@@ -98,6 +99,13 @@ impl<'a> MemoryPlan<'a> {
         given.into_iter().chain(left).find(|(_, most_bytes)| needed_bytes > *most_bytes)
     }
 
+    /// What the next object may take, bytes: what is allowed, and else what the system has left.
+    fn most_bytes(&self) -> Option<u64> {
+        let given = self.max_bytes.map(|bytes| bytes.saturating_sub(self.kept_bytes));
+        let left = self.left().or_else(|| available_bytes().map(MemoryLimit::Left)).map(MemoryLimit::max_bytes);
+        given.into_iter().chain(left).min()
+    }
+
     /// Says what baking a part will take, and refuses it where that is too much.
     ///
     /// # Errors
@@ -106,19 +114,28 @@ impl<'a> MemoryPlan<'a> {
         let measures = MeshMeasures::of(&part.mesh);
         let (low, high) = measures.bounds_m;
         let grid = |source| PartError::Grid { name: part.name().to_owned(), source };
-        let around = Grid::around(low, high, options.voxel_size_m, options.layers).map_err(grid)?;
-        let mut estimate = Estimate::new(&measures, &around, options.layers, products);
-        let own_bytes = estimate.peak_bytes;
-        let exceeded = self.exceeded_by(own_bytes);
-        estimate.peak_bytes += self.kept_bytes;
+        let fits = |from_m, most_bytes| voxel_size_within(&measures, from_m, options.layers, products, most_bytes);
+        let around = Grid::around(low, high, options.voxel_size_m, options.layers).map_err(|error| match error {
+            // The finest voxels of one map may take a hundred times the memory that there is.
+            GridError::TooLarge { dims, voxel_size_m } => {
+                let voxel_size_m = self.most_bytes().and_then(|most| fits(voxel_size_m, most)).unwrap_or(voxel_size_m);
+                grid(GridError::TooLarge { dims, voxel_size_m })
+            }
+            error => grid(error),
+        })?;
+        let estimate = Estimate::new(&measures, &around, options.layers, products);
+        let exceeded = self.exceeded_by(estimate.peak_bytes);
+        let kept_bytes = self.kept_bytes;
         self.kept_bytes += estimate.kept_bytes;
         (self.tell)(part.name(), &estimate);
         let Some((limit, most_bytes)) = exceeded else { return Ok(()) };
+        let kept_bytes = if let MemoryLimit::Given(_) = limit { kept_bytes } else { 0 };
         Err(grid(GridError::Memory {
-            needed_bytes: if let MemoryLimit::Given(_) = limit { estimate.peak_bytes } else { own_bytes },
+            needed_bytes: estimate.peak_bytes.saturating_add(kept_bytes),
+            kept_bytes,
             limit,
             asked_m: options.voxel_size_m,
-            voxel_size_m: voxel_size_within(&measures, options.voxel_size_m, options.layers, products, most_bytes),
+            voxel_size_m: fits(options.voxel_size_m, most_bytes),
         }))
     }
 

@@ -120,7 +120,7 @@ pub struct ServoLoop<D: Device, C: Clock> {
     sample: DeviceSample,
     /// The arm refused the last command: the next sample counts as lost, whatever it says.
     device_lost: Option<SampleStatus>,
-    /// A fault that only the driver knows of, until the operator acknowledges it with a disable. The tick latches its own.
+    /// A fault that only the driver knows of, until the operator acknowledges it with a disable. The tick holds its own.
     driver_fault: bool,
     enabled: bool,
     missed_deadlines: u64,

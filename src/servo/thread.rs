@@ -151,7 +151,7 @@ mod tests {
         servo.warm_up();
         for n in 0.. {
             match n {
-                // Offered while the fault is latched: it waits.
+                // Offered while the fault is active: it waits.
                 100 => assert!(controls.offer(Box::new(LoadedScene::new(empty_scene())), Vec::new()).is_ok()),
                 300 => control.disable(),
                 400 => control.enable(control.permit()),

@@ -1,4 +1,5 @@
-//! What Cargo and lints cannot hold: files that others name are opened by `vps::storage::regular`, which opens regular files only.
+//! What Cargo and lints cannot hold: files that others name are opened by `vps::storage::regular`, which opens regular files only, and results are
+//! written by `vps::storage::whole_file`, which leaves no half of one.
 //!
 //! Which crate uses which is the business of Cargo; `unsafe` and printing are denied by lints where no file expects them with a reason.
 
@@ -18,14 +19,33 @@ const OPENS_ALLOWED: [&str; 10] = [
     "src/scene/cache/folder",
 ];
 
-/// Where a file opens another by its name, outside of comments and of the test module at its end.
-fn opens(text: &str) -> Vec<(usize, &str)> {
+const OPENS: [&str; 3] = ["File::open(", "fs::read(", "fs::read_to_string("];
+
+/// Prefixes of the files that may write to files by themselves: those of the system, those in folders that go away, and those that grow with a run and
+/// are read while they do.
+const WRITES_ALLOWED: [&str; 8] = [
+    "crates/vps/src/storage/",
+    "crates/rt/src/",
+    "crates/bench/src/",
+    "crates/arms/src/guard",
+    "crates/arms/src/mock/trace",
+    "crates/recording/src/file/",
+    "src/daemon/unpacked",
+    "src/daemon/remote",
+];
+
+const WRITES: [&str; 2] = ["File::create(", "fs::write("];
+
+/// Where a file makes one of these calls, outside of comments and of the test module at its end.
+fn calls<'t>(text: &'t str, names: &[&str]) -> Vec<(usize, &'t str)> {
     let end = text.find("\n#[cfg(test)]\nmod tests").or_else(|| text.find("\n#[cfg(test)]\n#[expect")).unwrap_or(text.len());
-    let is_open = |line: &str| {
+    let is_call = |line: &str| {
         let code = line.split("//").next().unwrap_or_default();
-        ["File::open(", "fs::read(", "fs::read_to_string("].iter().any(|call| code.contains(call))
+        // `TraceFile::create(` is another one.
+        let is_whole = |at: usize| !code[..at].ends_with(|c: char| c.is_alphanumeric());
+        names.iter().any(|call| code.match_indices(call).any(|(at, _)| is_whole(at)))
     };
-    (1..).zip(text[..end].lines()).filter(|(_, line)| is_open(line)).collect()
+    (1..).zip(text[..end].lines()).filter(|(_, line)| is_call(line)).collect()
 }
 
 fn source_files(folder: &Path, files: &mut Vec<PathBuf>) {
@@ -41,6 +61,18 @@ fn source_files(folder: &Path, files: &mut Vec<PathBuf>) {
 
 #[test]
 fn foreign_names_are_opened_in_one_place() {
+    let broken = broken(&OPENS, &OPENS_ALLOWED);
+    assert!(broken.is_empty(), "open these by `vps::storage::regular`:\n{}", broken.join("\n"));
+}
+
+#[test]
+fn results_are_written_whole_in_one_place() {
+    let broken = broken(&WRITES, &WRITES_ALLOWED);
+    assert!(broken.is_empty(), "write these by `vps::storage::whole_file`:\n{}", broken.join("\n"));
+}
+
+/// Calls of these outside of tests and of the files that may make them.
+fn broken(names: &[&str], allowed: &[&str]) -> Vec<String> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let mut files = Vec::new();
     source_files(&root.join("src"), &mut files);
@@ -53,18 +85,20 @@ fn foreign_names_are_opened_in_one_place() {
         let file = path.strip_prefix(root).expect("below the root").to_string_lossy();
         let is_test = ["tests.rs", "testing.rs"].iter().any(|end| file.ends_with(end))
             || ["/tests/", "/testing/", "/conformance/"].iter().any(|part| file.contains(part));
-        if is_test || OPENS_ALLOWED.iter().any(|allowed| file.starts_with(allowed)) {
+        if is_test || allowed.iter().any(|allowed| file.starts_with(allowed)) {
             continue;
         }
         let text = std::fs::read_to_string(path).expect("text");
-        broken.extend(opens(&text).into_iter().map(|(line, code)| format!("{file}:{line}: {}", code.trim())));
+        broken.extend(calls(&text, names).into_iter().map(|(line, code)| format!("{file}:{line}: {}", code.trim())));
     }
-    assert!(broken.is_empty(), "open these by `vps::storage::regular`:\n{}", broken.join("\n"));
+    broken
 }
 
 #[test]
-fn a_planted_opening_is_found() {
+fn a_planted_call_is_found() {
     let text = "// fs::read(path)\nfn f() { fs::read(path); }\nfn g() { File::open(path) }\n\n#[cfg(test)]\nmod tests { fn h() { fs::read(path); } }";
-    assert_eq!(opens(text).iter().map(|(line, _)| *line).collect::<Vec<_>>(), [2, 3]);
-    assert!(opens("fn f() { fs::read_dir(path); }").is_empty());
+    assert_eq!(calls(text, &OPENS).iter().map(|(line, _)| *line).collect::<Vec<_>>(), [2, 3]);
+    assert!(calls("fn f() { fs::read_dir(path); File::create_new(path); }", &[&OPENS[..], &WRITES[..]].concat()).is_empty());
+    let text = "fn f() { std::fs::write(path, text) }\nfn g() { TraceFile::create(path) }\nlet file = File::create(path)?;";
+    assert_eq!(calls(text, &WRITES).iter().map(|(line, _)| *line).collect::<Vec<_>>(), [1, 3]);
 }

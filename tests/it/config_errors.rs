@@ -53,6 +53,27 @@ fn write_into(dir: &Path, scene: &str) {
     fs::write(dir.join("scene.toml"), scene).unwrap();
 }
 
+#[test]
+fn a_table_that_there_is_once_is_not_written_as_one_of_many() {
+    for table in
+        ["rendering", "tool", "contact", "coupling", "filter", "limits", "safety", "device", "realtime", "monitor", "sculpt"]
+    {
+        let rest = "[[static]]\nshape = { plane_mm = [60, 40] }\nvoxel_size_mm = 1\n";
+        for (repeats, line) in [(1, 2), (2, 2), (30, 2)] {
+            let tables = format!("[[{table}]]\n").repeat(repeats);
+            let errors = load(&format!("version = 1\n{tables}{rest}")).unwrap_err();
+            let problem = &errors.problems()[0];
+            assert_eq!(problem.line, Some(line), "{errors}");
+            let expected = format!("{table}: is one table: write [{table}], once, in place of [[{table}]]");
+            assert!(problem.to_string().ends_with(&expected), "{errors}");
+        }
+    }
+    let inner = refusal("version = 1\n[device]\nprofile = \"sim-sigma7\"\n[[device.sim]]\nhand = \"none\"\n");
+    assert!(inner.contains(":4: device.sim: is one table: write [device.sim], once, in place of [[device.sim]]"), "{inner}");
+    // What is a list, and what is no table, has the words that it had.
+    assert!(refusal("version = 1\ntool = 3\n").contains("tool = 3: must be a table, written [tool]"));
+}
+
 /// The message about a scene, without the folder of the test.
 fn refusal(scene: &str) -> String {
     let dir = tempfile::tempdir().unwrap();
@@ -119,7 +140,9 @@ error: scene.toml:25: device.profile = "sim-sigma": no device profile of this na
     infinite_position: with("[0, 0, 40]", "[0, 0, inf]") => "error: scene.toml:22: tool.start_position_mm[2] = inf: must be finite";
     missing_mesh_file: with("base.obj", "bse.obj") => r#"error: scene.toml:8: static[0].mesh = "bse.obj": no such file: bse.obj
   hint: paths are relative to the file that names them"#;
-    mesh_of_another_format: with("base.obj", "base.step") => r#"error: scene.toml:8: static[0].mesh = "base.step": must be a mesh file whose name ends in .obj, .stl, .ply, .gltf, .glb or .3mf"#;
+    mesh_of_another_format: with("base.obj", "base.step") => r#"error: scene.toml:8: static[0].mesh = "base.step": STEP files hold curved surfaces, and a mesh of triangles is needed
+  hint: convert it: `gmsh PART.step -2 -clmax 1 -o PART.stl` (edges of at most 1 mm), or FreeCAD with File, Export; then name the .stl with units "mm""#;
+    mesh_of_an_unknown_format: with("base.obj", "base.dae") => r#"error: scene.toml:8: static[0].mesh = "base.dae": must be a mesh file whose name ends in .obj, .stl, .ply, .gltf, .glb or .3mf"#;
     missing_mesh_file_of_another_format: with("base.obj", "base.GLB") => r#"error: scene.toml:8: static[0].mesh = "base.GLB": no such file: base.GLB
   hint: paths are relative to the file that names them"#;
     missing_units: with("units = \"mm\"\n", "") => r#"error: scene.toml:6: static[0].units: missing; give the unit of the mesh file: "m", "mm", "cm" or "in"
@@ -494,14 +517,19 @@ fn check_prints_results_on_stdout_and_problems_on_stderr() {
     let output = hapticd(dir.path(), &["check", "scene.toml"]);
     assert_eq!(output.status.code(), Some(0));
     assert_eq!(String::from_utf8_lossy(&output.stdout), ok);
-    assert_eq!(String::from_utf8_lossy(&output.stderr), "");
+    // One triangle by itself.
+    let open = "warning: base: 3 edges are open, the largest hole is 7.18 mm wide\n";
+    assert_eq!(String::from_utf8_lossy(&output.stderr), open);
 
     let output = hapticd(dir.path(), &["check", "wrong.toml", "scene.toml", "none.toml"]);
     assert_eq!(output.status.code(), Some(3));
     assert_eq!(String::from_utf8_lossy(&output.stdout), ok);
-    let errors = "error: wrong.toml:11: static[0].layers = 0: must be a whole number from 1 to 60\n\
-                  error: none.toml: cannot be read: No such file or directory (os error 2)\n";
-    assert_eq!(String::from_utf8_lossy(&output.stderr), errors);
+    let errors = [
+        "error: wrong.toml:11: static[0].layers = 0: must be a whole number from 1 to 60\n",
+        open,
+        "error: none.toml: cannot be read: No such file or directory (os error 2)\n",
+    ];
+    assert_eq!(String::from_utf8_lossy(&output.stderr), errors.concat());
 }
 
 #[test]

@@ -5,6 +5,7 @@ mod architecture;
 mod bake_cache;
 mod bake_cache_cli;
 mod braking;
+mod checks;
 mod clay;
 mod clay_material;
 mod clay_scenes;

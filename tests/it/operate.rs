@@ -137,9 +137,14 @@ fn every_command_has_a_manual_page() {
         let page = fs::read_to_string(dir.path().join(format!("man/man1/hapticd-{name}.1")))
             .unwrap_or_else(|error| panic!("{name}: {error}"));
         assert!(page.contains(".TH") && page.contains(".SH SYNOPSIS") && page.contains("hapticd"), "{name}:\n{page}");
+        assert!(page.contains(".SH EXAMPLES\n") && page.ends_with(".SH \"SEE ALSO\"\nhapticd(1)\n"), "{name}:\n{page}");
     }
     let main = text(&hapticd(dir.path(), "man").stdout);
     assert!(main.contains(".SH \"EXIT STATUS\"\n.TP\n0\n") && main.contains(".SH FILES\n.TP\n"), "{main}");
+    for section in ["EXAMPLES", "ENVIRONMENT", "\"SEE ALSO\""] {
+        assert_eq!(main.matches(&format!(".SH {section}\n")).count(), 1, "{section}\n{main}");
+    }
+    assert!(main.contains("HAPTICD_TOKEN") && main.contains("hapticd\\-run(1)"), "{main}");
     assert_eq!(main, fs::read_to_string(dir.path().join("man/man1/hapticd.1")).unwrap());
 
     fs::write(dir.path().join("file"), "").unwrap();
@@ -163,6 +168,23 @@ fn shells_take_their_completions() {
             Err(error) => assert_ne!(shell, "bash", "{error}"),
         }
     }
+    // Profiles and files where a profile is asked for.
+    fs::write(dir.path().join("sim-mine.toml"), "").unwrap();
+    let complete = |words: &str, cur: &str, prev: &str| {
+        let n = words.split(' ').count() - 1;
+        let script = format!(
+            "source ./bash; COMP_WORDS=({words}); COMP_CWORD={n}; _hapticd hapticd {cur} {prev}; printf '%s\\n' \"${{COMPREPLY[@]}}\""
+        );
+        let ended = Command::new("bash").args(["-c", &script]).current_dir(dir.path()).output().unwrap();
+        text(&ended.stdout).lines().map(str::to_owned).collect::<Vec<_>>()
+    };
+    let offered = complete("hapticd run --device sim-", "sim-", "--device");
+    assert!(["sim-sigma7", "sim-touch", "sim-mine.toml"].iter().all(|name| offered.iter().any(|word| word == name)), "{offered:?}");
+    let offered = complete("hapticd devices probe pol", "pol", "probe");
+    assert!(offered.iter().any(|word| word == "polhem-2022"), "{offered:?}");
+    let [zsh, fish] = ["zsh", "fish"].map(|shell| fs::read_to_string(dir.path().join(shell)).unwrap());
+    assert!(zsh.matches("{compadd ").count() == 6 && zsh.contains("sim-sigma7") && zsh.contains("; _files}'"), "{zsh}");
+    assert!(fish.lines().any(|line| line.contains(" -l device ") && line.contains(" -r -F -a \"")), "{fish}");
     assert_eq!(hapticd(dir.path(), "completions tcsh").status.code(), Some(2));
 }
 
@@ -308,7 +330,9 @@ fn check_warns_of_a_part_of_many_metres() {
     let checked = hapticd(dir.path(), "check parts/scene.toml");
     let said = text(&checked.stderr);
     assert!(
-        checked.status.success() && said.contains("warning: block-hole: ") && said.contains("40 m long: is its `units` right?"),
+        checked.status.success()
+            && said.contains("warning: block-hole: ")
+            && said.contains("the box is 40.0 m long: is `units` right?"),
         "{said}"
     );
     assert!(hapticd(dir.path(), "init parts --units mm --overwrite").status.success());

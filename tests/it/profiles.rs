@@ -148,6 +148,27 @@ fn profiles_to_copy_are_sound() {
 }
 
 #[test]
+fn a_line_that_is_too_slow_for_the_rate_is_doubted() {
+    let dir = tempfile::tempdir().unwrap();
+    let doubts_of = |profile: &str, from: &str, to: &str| {
+        let text = fs::read_to_string(Path::new(ROOT).join("devices").join(profile)).unwrap();
+        assert!(text.contains(from), "{from}");
+        let file = dir.path().join("arm.toml");
+        fs::write(&file, text.replace(from, to)).unwrap();
+        profile::load(&file).unwrap_or_else(|errors| panic!("{errors}")).plausibility_warnings()
+    };
+    // 38 and 62 bytes of ten bits each, a thousand times a second, fill 1 Mbaud.
+    let doubts = doubts_of("open6-serial.toml", "baud = 2000000", "baud = 1000000");
+    let expected = "match.baud = 1000000 does not carry 1000 exchanges of 100 bytes per second: a UART needs 1250000 or more";
+    assert!(doubts.len() == 1 && doubts[0].starts_with(expected), "{doubts:?}");
+    assert_eq!(doubts_of("open6-serial.toml", "rate_hz = 1000", "rate_hz = 500"), [""; 0]);
+    let doubts = doubts_of("leader-arm-6.toml", "baud = 4000000", "baud = 1000000");
+    assert!(doubts.len() == 1 && doubts[0].contains("exchanges of 178 bytes"), "{doubts:?}");
+    let doubts = doubts_of("examples/hinges.toml", "baud = 1000000", "baud = 115200");
+    assert!(doubts.len() == 1 && doubts[0].contains("exchanges of 19 bytes"), "{doubts:?}");
+}
+
+#[test]
 fn an_arm_that_cannot_move_as_it_says_is_doubted() {
     let hinges = fs::read_to_string(Path::new(ROOT).join("devices/examples/hinges.toml")).unwrap();
     let without_checks = &hinges[..hinges.find("[[check]]").unwrap()];

@@ -183,6 +183,8 @@ def test_another_scene_and_the_end_of_a_run() -> None:
         assert arm.scene().name == "block on plane"
         with pytest.raises(Unknown):
             arm.switch("no-such-scene")
+        with pytest.raises(Invalid, match="simulated time.*`record`"):
+            arm.capture(0.5)
         states = arm.states(rate_hz=100)
         next(states)
         arm.stop()

@@ -54,6 +54,15 @@ def test_a_recording_says_what_the_run_said(tmp_path: Path) -> None:
         load(file, ["/tool"])
 
 
+def test_a_recording_is_shown_in_one_line() -> None:
+    recording = load(FIXTURES / "block-on-plane.mcap")
+    shown = repr(recording)
+    assert "\n" not in shown and len(shown) < 300
+    assert shown.startswith("<Recording '") and "block-on-plane.mcap'" in shown and f"{len(recording)} ticks" in shown
+    assert f"at {recording.rate_hz:g} Hz" in shown and recording.scenes[0].name in shown and "cut off" not in shown
+    assert "\n" not in repr(recording.scenes) and recording.scenes[0].name in repr(recording.scenes)
+
+
 @pytest.mark.parametrize("name", ["block-on-plane", "lift-with-block"])
 def test_shipped_recordings_are_read(name: str) -> None:
     recording = load(FIXTURES / f"{name}.mcap")

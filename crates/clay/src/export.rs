@@ -16,9 +16,9 @@ use fast_surface_nets::{SurfaceNetsBuffer, surface_nets};
 use glam::DVec3;
 
 use super::ClayModel;
-use super::whole_file::write_whole;
 use vps::density::{Lattice, Raster};
 use vps::mesh::TriangleMesh;
+use vps::storage::whole_file::write_whole;
 
 /// Density of a node that has changed sides, in spacings.
 const SIDE_SPACINGS: f64 = 0.05;

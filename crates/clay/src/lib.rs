@@ -44,7 +44,7 @@
 //! | `advect`, `resample`, `redistance` | samples and densities after a change of shape |
 //! | [`boolean`], [`emboss`], `paint`, [`material_map`] | the other tools: solids that join and cut, images, colour, painted material |
 //! | [`engine`] | what the tool does in a tick → strokes; orders of clients; views |
-//! | [`session`], [`export`], `whole_file` | clay as a file, as a closed mesh |
+//! | [`session`], [`export`] | clay as a file, as a closed mesh |
 //!
 //! # Source
 //! Guo2004 (haptic sculpting of dynamic point-set surfaces); equations are numbered as there.
@@ -77,7 +77,6 @@ pub mod session;
 mod solid;
 mod spline;
 mod surface;
-mod whole_file;
 
 pub use clay_model::ClayModel;
 pub use error::SurfaceError;

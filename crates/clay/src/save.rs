@@ -4,7 +4,7 @@ use std::io::{self, Write};
 use std::path::Path;
 
 use super::PointSet;
-use super::whole_file::write_whole;
+use vps::storage::whole_file::write_whole;
 
 /// Writes samples. [`super::load()`] reads them back: positions and colours bit for bit, normals as 32-bit numbers.
 ///

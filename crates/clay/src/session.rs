@@ -16,9 +16,9 @@ use super::PointSet;
 use super::clay_model::{ClayModel, ClayModelError, Session, Settings, Snapshot};
 use super::dynamics::{Integrator, Material};
 use super::material_map::{Layer, MaterialMap};
-use super::whole_file::write_whole;
 use vps::density::{Lattice, Raster};
 use vps::storage::sections::{Key, Reader, Refusal, Writer, key_of};
+use vps::storage::whole_file::write_whole;
 use vps::storage::{MappedFile, regular};
 
 /// Counts up when the meaning of a section changes.

@@ -1,6 +1,7 @@
 //! Pose files: where a simulated hand wants to be over time, and where `eval` puts the tool.
 //!
-//! CSV with the header `t_s,x_m,y_m,z_m,qx,qy,qz,qw`: poses of the tool frame in the world.
+//! CSV with the header `t_s,x_m,y_m,z_m,qx,qy,qz,qw`, or `t_s,x_mm,y_mm,z_mm,qx,qy,qz,qw` for positions in millimetres: poses of the tool
+//! frame in the world. What is read is in metres whatever the header says.
 
 use std::path::{Path, PathBuf};
 
@@ -14,6 +15,9 @@ const LONGEST_FILE: u64 = 256 << 20;
 
 /// The header of a pose file.
 pub const HEADER: &str = "t_s,x_m,y_m,z_m,qx,qy,qz,qw";
+
+/// The header of a pose file whose positions are in millimetres.
+pub const HEADER_MM: &str = "t_s,x_mm,y_mm,z_mm,qx,qy,qz,qw";
 
 /// How far the length of a quaternion may be from 1: printed digits, not mistakes.
 const QUATERNION_LENGTH_TOLERANCE: f64 = 1e-2;
@@ -51,16 +55,18 @@ pub enum PoseFileError {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum LineProblem {
     /// The first line.
-    #[error("the header is `{found}`, expected `{HEADER}`")]
+    #[error("the header is `{found}`, expected `{HEADER}` or, in millimetres, `{HEADER_MM}`")]
     Header {
         /// As found.
         found: String,
     },
     /// Too few or too many fields.
-    #[error("{found} fields, expected 8 ({HEADER})")]
+    #[error("{found} fields, expected 8 ({header})")]
     Fields {
         /// How many.
         found: usize,
+        /// Names of the columns.
+        header: &'static str,
     },
     /// A field that is not a finite number.
     #[error("`{found}` is not a finite number (column {column})")]
@@ -114,13 +120,14 @@ pub fn parse(text: &str, path: &Path) -> Result<Vec<TimedPose>, PoseFileError> {
     let at = |line: usize, problem| PoseFileError::Line { path: path.to_owned(), line, problem };
     let mut lines = text.trim_start_matches('\u{feff}').lines().map(str::trim).enumerate();
     let header = lines.next().map_or("", |(_, line)| line);
-    if header.split(',').map(str::trim).ne(HEADER.split(',')) {
+    let is_header = |known: &&(&str, f64)| header.split(',').map(str::trim).eq(known.0.split(','));
+    let Some(&(header, metres)) = [(HEADER, 1.0), (HEADER_MM, 1e-3)].iter().find(is_header) else {
         return Err(at(1, LineProblem::Header { found: header.to_owned() }));
-    }
+    };
     let mut poses = Vec::new();
     for (line_idx, line) in lines.filter(|(_, line)| !line.is_empty()) {
         let line_number = line_idx + 1;
-        let (time_s, pose) = parse_line(line).map_err(|problem| at(line_number, problem))?;
+        let (time_s, pose) = parse_line(line, header, metres).map_err(|problem| at(line_number, problem))?;
         poses.push(TimedPose { time_s, pose, line: line_number });
     }
     if poses.is_empty() {
@@ -144,13 +151,14 @@ pub fn check_order(poses: &[TimedPose], path: &Path) -> Result<(), PoseFileError
     }
 }
 
-fn parse_line(line: &str) -> Result<(f64, Pose), LineProblem> {
+/// `metres`: length of a unit of positions.
+fn parse_line(line: &str, header: &'static str, metres: f64) -> Result<(f64, Pose), LineProblem> {
     let mut values = [0.0; 8];
     let n_fields = line.split(',').count();
     if n_fields != values.len() {
-        return Err(LineProblem::Fields { found: n_fields });
+        return Err(LineProblem::Fields { found: n_fields, header });
     }
-    for ((value, field), column) in values.iter_mut().zip(line.split(',')).zip(HEADER.split(',')) {
+    for ((value, field), column) in values.iter_mut().zip(line.split(',')).zip(header.split(',')) {
         let field = field.trim();
         *value = match field.parse::<f64>() {
             Ok(number) if number.is_finite() => number,
@@ -163,5 +171,23 @@ fn parse_line(line: &str) -> Result<(f64, Pose), LineProblem> {
     if (length - 1.0).abs() > QUATERNION_LENGTH_TOLERANCE {
         return Err(LineProblem::Quaternion { length });
     }
-    Ok((time_s, Pose::new(rotation.normalize(), DVec3::new(x, y, z))))
+    Ok((time_s, Pose::new(rotation.normalize(), metres * DVec3::new(x, y, z))))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_header_says_the_unit_of_positions() {
+        let body = "0,1,-20,0.5,0,0,0,1\n";
+        let read = |header: &str| parse(&format!("{header}\n{body}"), Path::new("h.csv"));
+        let at_m = |header: &str| read(header).expect("a known header")[0].pose.translation;
+        assert_eq!(at_m(HEADER), DVec3::new(1.0, -20.0, 0.5));
+        assert!((at_m("t_s, x_mm, y_mm, z_mm, qx, qy, qz, qw") - DVec3::new(0.001, -0.02, 0.0005)).length() < 1e-18);
+        let refused = read("t_s,x_cm,y_cm,z_cm,qx,qy,qz,qw").expect_err("centimetres").to_string();
+        assert!(refused.starts_with("h.csv:1: the header is `t_s,x_cm") && refused.contains(HEADER_MM), "{refused}");
+        let refused = parse(&format!("{HEADER_MM}\n0,1,y,0,0,0,0,1\n"), Path::new("h.csv")).expect_err("no number").to_string();
+        assert!(refused.ends_with("h.csv:2: `y` is not a finite number (column y_mm)"), "{refused}");
+    }
 }

@@ -124,6 +124,7 @@ impl Problem {
             | ProblemKind::Syntax { .. }
             | ProblemKind::VersionUnknown { .. }
             | ProblemKind::WrongType { .. }
+            | ProblemKind::Repeated { .. }
             | ProblemKind::UnknownWord { .. }
             | ProblemKind::Missing { .. }
             | ProblemKind::NotAccepted { .. }
@@ -231,6 +232,12 @@ pub enum ProblemKind {
     WrongType {
         /// What would be accepted.
         expected: String,
+    },
+    /// A table that there is once, written as an array of tables.
+    #[error("is one table: write [{table}], once, in place of [[{table}]]")]
+    Repeated {
+        /// Its name.
+        table: String,
     },
     /// A word that is none of those accepted.
     #[error("must be {}{}", any_of(.known), did_you_mean(.nearest))]

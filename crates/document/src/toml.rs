@@ -146,6 +146,21 @@ impl<'t> Document<'t> {
                 problems.push(Problem::of_file(self.file, kind));
                 return (None, problems);
             };
+            // A field of a struct that gets a whole table, or more elements than the struct has fields.
+            let is_table = ["invalid type: map", "invalid length"].iter().any(|start| error.message().starts_with(start));
+            if let Some(place) = self.repeated_table(&rest, &place).filter(|_| is_table) {
+                let table = path_of(&place.steps);
+                let kind = ProblemKind::Repeated { table: table.clone() };
+                problems.push(Problem {
+                    line: Some(line_of(self.text, place.span.start)),
+                    key: Some(table),
+                    ..Problem::of_file(self.file, kind)
+                });
+                if problems.len() >= PROBLEMS_MAX || remove(&mut rest, &place.steps).is_none() {
+                    return (None, problems);
+                }
+                continue;
+            }
             let last_key = place.steps.iter().rev().find_map(|step| match step {
                 Step::Key(key) => Some(key.as_str()),
                 Step::Index(_) => None,
@@ -165,6 +180,20 @@ impl<'t> Document<'t> {
                 return (None, problems);
             }
         }
+    }
+
+    /// The table that is written as `[[table]]` where one table is read: serde takes its first element for the table's first key.
+    fn repeated_table(&self, rest: &Value<'_>, place: &Place) -> Option<Place> {
+        let depth = place.steps.len() - usize::from(matches!(place.steps.last(), Some(Step::Index(_))));
+        let steps = &place.steps[..depth];
+        let array = steps.iter().try_fold(rest, |value, step| match (step, value.get_ref()) {
+            (Step::Key(key), DeValue::Table(table)) => table.get(key.as_str()),
+            (Step::Index(index), DeValue::Array(array)) => array.get(*index),
+            _ => None,
+        })?;
+        let first = array.get_ref().as_array()?.first()?;
+        let is_header = matches!(first.get_ref(), DeValue::Table(_)) && !is_inline(self.text, first);
+        is_header.then(|| Place { steps: steps.to_vec(), span: first.span(), value: None })
     }
 
     /// A problem at a dotted key path; where nothing is written there, at the innermost table that is.

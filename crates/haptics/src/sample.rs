@@ -62,7 +62,7 @@ impl SampleMonitor {
     ///
     /// Garbled packets are those of this read and count whatever the status is; lost ones count with the fresh sample that shows the gap.
     ///
-    /// Whether a fault latches (the drive may be disabled) is the caller's decision. After a jump the new pose is the one to
+    /// Whether a fault becomes active (the drive may be disabled) is the caller's decision. After a jump the new pose is the one to
     /// compare with, so the operator can enable again where the arm is. RT: safe, total on every bit pattern.
     pub(super) fn check(
         &mut self,

@@ -87,7 +87,7 @@ pub struct TickOutput {
     pub delay_ticks: u32,
     /// State of the drive after this tick.
     pub drive: Drive,
-    /// Faults that are latched.
+    /// Faults that are active.
     pub faults: Faults,
     /// Why no force flows, or why it is on its way out; `None` while it flows or ramps up.
     pub off_cause: OffCause,

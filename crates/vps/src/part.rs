@@ -104,6 +104,11 @@ impl Part {
         &self.name
     }
 
+    /// What a user should look at in its mesh, a sentence each; what its voxels show is in the report of the bake.
+    pub fn mesh_warnings(&self) -> Vec<String> {
+        self.inspected.warnings()
+    }
+
     /// Bakes what other parts touch; `with_gradients` for [`FieldKind::SurfacePoint`](crate::voxmap::field::FieldKind::SurfacePoint) alone.
     /// Cost: that of the voxels near the surface.
     ///

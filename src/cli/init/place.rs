@@ -1,12 +1,12 @@
 //! Where a first scene goes: a file, or stdout.
 
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use super::super::{OutputOptions, output, report};
 use super::{Args, ReportedExit};
 use crate::config;
 use crate::error::Exit;
+use vps::storage::whole_file::write_bytes;
 
 /// Where the scene goes.
 pub(super) enum SceneDestination {
@@ -72,7 +72,7 @@ impl SceneDestination {
             report::line(summary.trim_end(), output);
             return Ok(());
         };
-        fs::write(file, text).map_err(|error| {
+        write_bytes(file, text.as_bytes()).map_err(|error| {
             report::error(&format!("cannot write {}: {error}", file.display()), None, output);
             ReportedExit(Exit::Asset)
         })?;

@@ -20,7 +20,7 @@ use clay::session::is_session;
 use document::{Checks, ConfigErrors, Document, GoneKey, Interval, Problem, ProblemKind};
 use haptics::filter::low_pass_alpha;
 use haptics::{CouplingMode, DeviceMapping, Parameters};
-use vps::mesh::Format;
+use vps::mesh::{self, Format};
 use vps::spatial::Pose;
 use vps::storage::regular;
 use vps::voxmap::field::FieldKind;
@@ -54,6 +54,10 @@ pub fn load_with(path: &Path, options: &LoadOptions) -> Result<SceneConfig, Conf
     let of_file = |kind| ConfigErrors::new(vec![Problem::of_file(path, kind)]);
     if Format::of(path).is_ok() && path.is_file() {
         return Err(of_file(ProblemKind::IsMesh));
+    }
+    if let Some(format) = mesh::cad_format(path) {
+        let hint = Some(mesh::CAD_HINT.to_owned());
+        return Err(of_file(ProblemKind::Refused { why: mesh::curved_surfaces(format), hint }));
     }
     if is_session(path) {
         return Err(of_file(ProblemKind::IsSession));

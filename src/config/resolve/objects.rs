@@ -9,7 +9,7 @@ use super::super::schema;
 use super::{MM, Resolve, SIZE_MM};
 use document::{FINITE, Numbers, POSITIVE, ProblemKind};
 use vps::mesh::primitives::Shape;
-use vps::mesh::{EXTENSIONS, Format};
+use vps::mesh::{self, EXTENSIONS, Format};
 use vps::spatial::Pose;
 use vps::voxmap::inside_test::InsideTest;
 
@@ -138,6 +138,11 @@ impl Resolve<'_> {
     }
 
     fn mesh_path(&mut self, key: &str, written: &str) -> Option<PathBuf> {
+        if let Some(format) = mesh::cad_format(Path::new(written)) {
+            self.checks
+                .refuse(key, ProblemKind::Refused { why: mesh::curved_surfaces(format), hint: Some(mesh::CAD_HINT.to_owned()) });
+            return None;
+        }
         if Format::of(Path::new(written)).is_err() {
             self.checks.not_accepted(key, format_args!("a mesh file whose name ends in {}", mesh_endings()));
             return None;

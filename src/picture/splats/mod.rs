@@ -19,6 +19,7 @@ use super::palette::{FAINT, INK, Rgb, to_srgb};
 use super::sheet::{grouped, shortened};
 use clay::PointSet;
 use recording::report::chart::short;
+use vps::storage::whole_file::write_bytes;
 
 /// A piece of clay at one moment.
 #[derive(Clone, Copy, Debug)]
@@ -60,7 +61,7 @@ const VIEWS: [(&str, [i32; 2], [i32; 2], DVec3); 3] = [
 /// # Errors
 /// Any error of the file system; a sheet without memory for its pixels.
 pub fn write(path: &Path, subjects: &[ClaySnapshot<'_>]) -> io::Result<()> {
-    std::fs::write(path, png(subjects)?)
+    write_bytes(path, &png(subjects)?)
 }
 
 fn png(subjects: &[ClaySnapshot<'_>]) -> io::Result<Vec<u8>> {

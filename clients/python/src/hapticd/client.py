@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hapticd.clay import Clay
 from hapticd.connection import Address, Connection, Every, Stream
-from hapticd.errors import Disconnected, NoAnswer, Unavailable
+from hapticd.errors import Disconnected, Invalid, NoAnswer, Unavailable
 from hapticd.facts import ClientRecording, Event, Mesh, Parameter, Scene, SceneObject
 from hapticd.hand import Hand
 from hapticd.state import State, decode
@@ -140,10 +140,16 @@ class Client:
     def capture(self, duration_s: float, rate_hz: float = 1000.0, *, timeout_s: float | None = None) -> NDArray[np.void]:
         """States over a stretch of loop time as an array of `STATE_DTYPE`: `rows["servo_cf"]["f"]` are forces (N), one row each.
 
-        At 1000 Hz and a loop of 1 kHz every tick comes, or is counted in `dropped`. Simulated time (`clock="virtual"`) runs as fast as it can: there the
-        rate is that of the wall clock, ticks between are not counted, and a recording is what has all of them. Fewer rows come where the run ends first. Raises `NoAnswer` after
-        `timeout_s` of the wall clock [default: the duration and `timeout_s` of the client], and `Invalid` for a rate that the server does not accept.
+        At 1000 Hz and a loop of 1 kHz every tick comes, or is counted in `dropped`. Fewer rows come where the run ends first. Raises `NoAnswer` after
+        `timeout_s` of the wall clock [default: the duration and `timeout_s` of the client], and `Invalid` for a rate that the server does not accept and
+        for a run in simulated time (`clock="virtual"`): its seconds pass in milliseconds, so that a rate of the wall clock would give a few rows of them.
         """
+        if self.info().get("clock") == "virtual":
+            raise Invalid(
+                400,
+                "the run is in simulated time, whose seconds pass faster than states are sent: `capture` would leave most ticks out",
+                "`record` and `end_recording` write every tick into a file for `hapticd.recordings.load`; `states` shows some",
+            )
         stream = Stream(is_binary=True, backlog=None)
         messages: list[bytes] = []
         begin_ns: int | None = None

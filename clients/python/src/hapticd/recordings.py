@@ -183,7 +183,7 @@ class FaultMessage:
     """Names and words of the faults."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class RecordedScene:
     """A scene that was rendered, as the file brings it along."""
 
@@ -196,8 +196,12 @@ class RecordedScene:
     resolved: dict[str, Any]
     """What it comes to: every value with its default, SI."""
 
+    def __repr__(self) -> str:
+        """Its name and file: the text has hundreds of lines."""
+        return f"<RecordedScene {self.name!r} of {self.path}>"
 
-@dataclass(frozen=True, slots=True, eq=False)
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Recording:
     """A recording in memory. Channels that were not asked for, and channels of no message, have no rows."""
 
@@ -231,6 +235,16 @@ class Recording:
     def __len__(self) -> int:
         """Ticks."""
         return len(self.timing.tick)
+
+    def __repr__(self) -> str:
+        """One line: file, length, arm, scenes, and what is missing or went wrong. The arrays of a minute would be pages."""
+        times_s = self.timing.time_s
+        parts = [f"{len(self)} ticks", f"{times_s[-1] - times_s[0]:.3f} s at {self.rate_hz:g} Hz", self.run.get("device", "")]
+        parts.append(", ".join(repr(scene.name) for scene in self.scenes))
+        parts += [f"{self.dropped} dropped"] if self.dropped else []
+        parts += [f"{len(self.faults)} messages of faults"] if self.faults else []
+        parts += [] if self.is_whole else ["cut off"]
+        return f"<Recording {str(self.path)!r}: {'; '.join(part for part in parts if part)}>"
 
     @property
     def rate_hz(self) -> float:

@@ -88,7 +88,7 @@ class State:
     advice: str
     """What to do about it, for people."""
     faults: tuple[str, ...]
-    """Names of the faults that are latched."""
+    """Names of the faults that are active: they stay until they are acknowledged by `disable`."""
     last_fault: LastFault | None
     """The fault that last took the force; None when force has come in again."""
     measured_cp: Pose

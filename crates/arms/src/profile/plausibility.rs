@@ -2,7 +2,7 @@
 
 use core::array::from_fn;
 
-use super::{Profile, ProfileLimits, RealArm};
+use super::{Profile, ProfileLimits, RealArm, TransportKind};
 use crate::kinematics::{Configuration, Kinematics, M_PER_RAD};
 use crate::motor_stage::{BESIDE_SHARE, at_grip};
 use crate::protocol::MAX_AXES;
@@ -10,18 +10,38 @@ use vps::spatial::{Axes, Wrench};
 
 /// A joint that moves the grip this little off the way of the joints before it, as a share of its own, adds no direction.
 const ALIKE: f64 = 1e-3;
+/// Share of a period that an exchange may take on a serial line: the arm has to measure and to answer in the rest.
+const LINE_SHARE: f64 = 0.8;
+/// Bits of a byte on a serial line: start, eight of data, stop.
+const BITS_PER_BYTE: f64 = 10.0;
 /// Poses that are looked at beside home.
 const N_POSES: u32 = 16;
 
 impl Profile {
-    /// What deserves a second look, each as a sentence. Nothing for simulated arms, and for those that report a pose.
+    /// What deserves a second look, each as a sentence. Nothing for simulated arms; geometry is not looked at of those that report a pose.
     ///
     /// Cold: some 20 configurations are solved.
     pub fn plausibility_warnings(&self) -> Vec<String> {
-        match &self.real {
-            Some(real) if !matches!(real.kinematics, Kinematics::Cartesian | Kinematics::Rate(_)) => self.of_geometry(real),
-            _ => Vec::new(),
+        let Some(real) = &self.real else { return Vec::new() };
+        let mut plausibility_warnings: Vec<String> = self.slow_line(real).into_iter().collect();
+        if !matches!(real.kinematics, Kinematics::Cartesian | Kinematics::Rate(_)) {
+            plausibility_warnings.extend(self.of_geometry(real));
         }
+        plausibility_warnings
+    }
+
+    /// A baud rate that does not carry the nominal rate.
+    fn slow_line(&self, real: &RealArm) -> Option<String> {
+        let n_bytes = real.protocol.exchange_bytes().filter(|_| real.matching.transport == TransportKind::Serial)?;
+        let (rate_hz, baud) = (self.link.rate_hz, real.matching.baud);
+        let needed_baud = BITS_PER_BYTE * n_bytes as f64 * f64::from(rate_hz) / LINE_SHARE;
+        (f64::from(baud) < needed_baud).then(|| {
+            format!(
+                "match.baud = {baud} does not carry {rate_hz} exchanges of {n_bytes} bytes per second: a UART needs {:.0} or more, a lower `rate_hz` \
+                 less; a port on USB ignores it",
+                needed_baud
+            )
+        })
     }
 
     fn of_geometry(&self, real: &RealArm) -> Vec<String> {

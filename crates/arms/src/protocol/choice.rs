@@ -105,6 +105,17 @@ impl Protocol {
         }
     }
 
+    /// Bytes of one command and its answer on a serial line, stuffing and checks included; `None` for boards that are ports of USB by themselves,
+    /// which ignore the baud rate, and for lines of text, which have no one length.
+    pub fn exchange_bytes(&self) -> Option<usize> {
+        match self {
+            Self::Open6(_) => Some(open6::EXCHANGE_BYTES),
+            Self::Dynamixel2 { servos } => Some(dynamixel::exchange_bytes(servos.len())),
+            Self::Declarative(layout) => layout.exchange_bytes(),
+            _ => None,
+        }
+    }
+
     /// Step of motor commands on the wire, in their units; 0 where it is too fine to matter.
     pub(crate) fn motor_step(&self) -> f64 {
         match self {

@@ -30,6 +30,15 @@ pub(super) const GOAL_CURRENT: u16 = 102;
 pub(super) const PRESENT: u16 = 126;
 /// Current, velocity, position.
 pub(super) const PRESENT_LEN: u16 = 10;
+/// Header, id, length, instruction and CRC of a packet.
+const PACKET_OVERHEAD: usize = 10;
+
+/// A round of so many servos: goal currents, the request, and a status of each with its error byte. Stuffing is rare.
+pub(super) const fn exchange_bytes(n_servos: usize) -> usize {
+    let write = PACKET_OVERHEAD + 4 + 3 * n_servos;
+    let read = PACKET_OVERHEAD + 4 + n_servos;
+    write + read + n_servos * (PACKET_OVERHEAD + 1 + PRESENT_LEN as usize)
+}
 /// 2 × 20 ms.
 const WATCHDOG_STEPS: u8 = 2;
 /// 0.229 rev/min in 1/4096 turns per second.

@@ -404,6 +404,17 @@ impl Field {
 }
 
 impl PacketLayout {
+    /// Bytes of a command and a report on a line, escapes of SLIP left out; `None` for text.
+    pub(super) fn exchange_bytes(&self) -> Option<usize> {
+        let n_bytes = |packet: &Packet| match &packet.framing {
+            Framing::Report { len, .. } => Some(*len),
+            Framing::Sync { sync, len, .. } => Some(sync.len() + len),
+            Framing::Cobs { len } | Framing::Slip { len } => Some(len + 2),
+            Framing::Line(_) => None,
+        };
+        Some(n_bytes(&self.report)? + self.command.as_ref().map_or(Some(0), n_bytes)?)
+    }
+
     /// How many readings a report has.
     pub(crate) fn n_readings(&self) -> usize {
         self.report.indices(|role| if let Role::Reading(idx) = role { Some(idx) } else { None }).1

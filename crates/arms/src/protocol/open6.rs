@@ -34,6 +34,10 @@ pub(crate) const COMMAND_LEN: usize = 30;
 pub(crate) const CAPABILITIES_LEN: usize = 22 + Open6Arm::NAME_MAX;
 pub(crate) const STATE_LEN: usize = 42;
 pub(crate) const STATE_WITH_TWIST_LEN: usize = 54;
+/// Head and CRC of a packet, the byte that COBS adds and the 0 after it.
+const SERIAL_OVERHEAD: usize = HEAD + 2 + 2;
+/// A COMMAND and the longest STATE on a serial line.
+pub(super) const EXCHANGE_BYTES: usize = COMMAND_LEN + STATE_WITH_TWIST_LEN + 2 * SERIAL_OVERHEAD;
 
 pub(crate) const HOMED: u8 = 1;
 pub(crate) const ENABLED: u8 = 2;

@@ -356,7 +356,7 @@ impl World {
         let rules = [
             ("a command that is not a number", output.command_device.is_finite()),
             ("force in a state without", is.has_force() || is_zero),
-            ("force while a fault is latched", output.faults.is_empty() || is_zero && is == Drive::Fault),
+            ("force while a fault is active", output.faults.is_empty() || is_zero && is == Drive::Fault),
             ("a disable that is not obeyed in its tick", request != DriveRequest::Disable || is_zero && !is.has_force()),
             ("force too long after it was taken away", is_zero || history.down <= RAMP_TICKS + BRAKE_TICKS + GRACE_TICKS),
             ("a stop that takes longer than its ramp", is != Drive::Stopping || before.history.stopping < RAMP_TICKS + GRACE_TICKS),

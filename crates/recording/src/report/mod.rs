@@ -46,7 +46,7 @@ struct SceneFacts {
     first_time_s: Option<f64>,
 }
 
-/// A time in which faults were latched.
+/// A time in which faults were active.
 #[derive(Debug)]
 struct FaultSpan {
     tick: u64,

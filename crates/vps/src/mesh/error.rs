@@ -31,6 +31,14 @@ pub enum MeshError {
         /// Lower case, without the dot; empty when there is none.
         extension: String,
     },
+    /// A format of CAD programs that has no triangles.
+    #[error("{}: {}", path.display(), curved_surfaces(format))]
+    CurvedSurfaces {
+        /// As given.
+        path: PathBuf,
+        /// Its name.
+        format: &'static str,
+    },
     /// A format that this build leaves out.
     #[error("{}: this build of `vps` does not read {}", path.display(), format.name())]
     NotBuilt {
@@ -177,6 +185,7 @@ impl MeshError {
         match self {
             Self::Missing { .. } => Some("paths in a scene are relative to the scene file"),
             Self::Unreadable { .. } => Some("check that it is a file and that this user may read it"),
+            Self::CurvedSurfaces { .. } => Some(super::CAD_HINT),
             Self::UnknownExtension { .. } => Some("export the part as STL or OBJ"),
             Self::NotBuilt { .. } => Some("build `vps` with its features `gltf` and `threemf`, or export the part as STL or OBJ"),
             Self::NoBytes { .. } => Some("copy or export it again: the program that wrote it may have failed"),
@@ -193,6 +202,11 @@ impl MeshError {
             Self::Changed { .. } => Some("wait until the program that writes the file is done"),
         }
     }
+}
+
+/// What is said of a file of [`cad_format`](super::cad_format).
+pub fn curved_surfaces(format: &str) -> String {
+    format!("{format} files hold curved surfaces, and a mesh of triangles is needed")
 }
 
 fn what_extension(extension: &str) -> String {

@@ -7,6 +7,21 @@ use super::MeshError;
 /// File name extensions that [`load`](super::load) reads, lower case.
 pub const EXTENSIONS: &[&str] = &["obj", "stl", "ply", "gltf", "glb", "3mf"];
 
+/// What to do with a file of curved surfaces. The length of `-clmax` is in the unit of what gmsh reads: mm.
+pub const CAD_HINT: &str = "convert it: `gmsh PART.step -2 -clmax 1 -o PART.stl` (edges of at most 1 mm), or FreeCAD with File, Export; then name the \
+                            .stl with units \"mm\"";
+
+/// The name of the format of a file of curved surfaces, by its extension; `None`: it is none.
+pub fn cad_format(path: &Path) -> Option<&'static str> {
+    let extension = path.extension()?.to_string_lossy().to_lowercase();
+    match extension.as_str() {
+        "step" | "stp" => Some("STEP"),
+        "iges" | "igs" => Some("IGES"),
+        "brep" | "brp" => Some("BREP"),
+        _ => None,
+    }
+}
+
 /// A file format. Which of its encodings a file has is found in the file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
@@ -35,7 +50,13 @@ impl Format {
             "ply" => Self::Ply,
             "gltf" | "glb" => Self::Gltf,
             "3mf" => Self::ThreeMf,
-            _ => return Err(MeshError::UnknownExtension { path: path.to_owned(), extension }),
+            _ => {
+                let path = path.to_owned();
+                return Err(match cad_format(&path) {
+                    Some(format) => MeshError::CurvedSurfaces { path, format },
+                    None => MeshError::UnknownExtension { path, extension },
+                });
+            }
         })
     }
 

@@ -69,8 +69,8 @@ pub mod validate;
 mod weld;
 mod xyz;
 
-pub use error::MeshError;
-pub use format::{EXTENSIONS, Format};
+pub use error::{MeshError, curved_surfaces};
+pub use format::{CAD_HINT, EXTENSIONS, Format, cad_format};
 pub use load::{companions, copy_only, load, parse};
 use triangle_mesh::SUM_TRIANGLES;
 pub use triangle_mesh::TriangleMesh;

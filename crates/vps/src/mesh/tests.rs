@@ -23,11 +23,16 @@ fn files_that_cannot_be_used_say_why() {
         load(&path, 1.0).unwrap_err()
     };
     assert!(matches!(load(&dir.path().join("none.stl"), 1.0), Err(MeshError::Missing { .. })));
-    let error = at("part.step", "");
-    assert!(
-        error.to_string().ends_with("part.step: unknown mesh extension `step`, known: obj, stl, ply, gltf, glb, 3mf"),
-        "{error}"
-    );
+    let error = at("part.dae", "");
+    assert!(error.to_string().ends_with("part.dae: unknown mesh extension `dae`, known: obj, stl, ply, gltf, glb, 3mf"), "{error}");
+    for (name, format) in [("part.step", "STEP"), ("part.STP", "STEP"), ("part.igs", "IGES"), ("part.brep", "BREP")] {
+        let error = at(name, "");
+        let expected = format!("{name}: {format} files hold curved surfaces, and a mesh of triangles is needed");
+        assert!(
+            error.to_string().ends_with(&expected) && error.hint().is_some_and(|hint| hint.contains("gmsh PART.step")),
+            "{error}"
+        );
+    }
     assert!(matches!(at("part", ""), MeshError::UnknownExtension { .. }));
     assert!(matches!(at("empty.obj", "# nothing\n"), MeshError::Empty { .. }));
     assert!(matches!(at("empty.stl", "solid nothing\nendsolid nothing\n"), MeshError::Empty { .. }));

@@ -1,19 +1,22 @@
 //! Export of a pointshell: binary little-endian PLY, float `x y z nx ny nz`, metres, normals inward.
 
-use std::fs::File;
-use std::io::{self, BufWriter, Write};
+use std::io::{self, Write};
 use std::path::Path;
 
 use glam::DVec3;
 
 use super::shell::Shell;
+use crate::storage::whole_file::write_whole;
 
 /// Writes the shell in the mesh file's own frame.
 ///
 /// # Errors
 /// Any error of the file system.
 pub fn write(path: &Path, shell: &Shell, center_of_mass_tool: DVec3) -> io::Result<()> {
-    let mut file = BufWriter::with_capacity(1 << 20, File::create(path)?);
+    write_whole(path, |file| write_to(file, shell, center_of_mass_tool))
+}
+
+fn write_to(file: &mut impl Write, shell: &Shell, center_of_mass_tool: DVec3) -> io::Result<()> {
     write!(
         file,
         "ply\nformat binary_little_endian 1.0\ncomment pointshell, metres, normals inward\nelement vertex {}\n",
@@ -29,5 +32,5 @@ pub fn write(path: &Path, shell: &Shell, center_of_mass_tool: DVec3) -> io::Resu
             file.write_all(&number.to_le_bytes())?;
         }
     }
-    file.flush()
+    Ok(())
 }

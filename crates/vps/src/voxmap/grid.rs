@@ -6,7 +6,7 @@
 use glam::DVec3;
 use thiserror::Error;
 
-use super::memory_limit::MemoryLimit;
+use super::memory_limit::{MemoryLimit, show_bytes};
 
 /// Cells on a brick's edge.
 pub const BRICK_EDGE: usize = 8;
@@ -28,7 +28,7 @@ pub enum GridError {
     TooLarge {
         /// Voxels per axis that the voxel size asks for.
         dims: [u64; 3],
-        /// Smallest voxel size that fits, m.
+        /// Smallest voxel size that fits, m: into one map, and into the memory where the caller judged that.
         voxel_size_m: f64,
     },
     /// More surface voxels than can be numbered.
@@ -40,10 +40,12 @@ pub enum GridError {
         voxel_size_m: f64,
     },
     /// More memory than allowed.
-    #[error("baking takes about {}", limit.exceeded_by(*needed_bytes))]
+    #[error("baking takes about {}{}", limit.exceeded_by(*needed_bytes), kept_text(*kept_bytes))]
     Memory {
-        /// Most bytes held at a time, by estimate.
+        /// Most bytes held at a time, by estimate, `kept_bytes` among them.
         needed_bytes: u64,
+        /// What parts that were baked before keep of them.
+        kept_bytes: u64,
         /// What may be taken.
         limit: MemoryLimit,
         /// Voxel size asked for, m.
@@ -76,6 +78,10 @@ impl GridError {
             Self::VoxelSize(_) => "give the edge of a voxel in millimetres, for example 0.5".to_owned(),
         }
     }
+}
+
+fn kept_text(kept_bytes: u64) -> String {
+    if kept_bytes == 0 { String::new() } else { format!(", of which the parts before it keep {}", show_bytes(kept_bytes)) }
 }
 
 /// A voxel edge, m, with which a box fits; within a few per cent of the smallest.

@@ -1,12 +1,12 @@
 //! Dense exports for NumPy: `.npy`, C order, written slab by slab so that memory follows the surface and not the box.
 
-use std::fs::File;
-use std::io::{self, BufWriter, Write};
+use std::io::{self, Write};
 use std::path::Path;
 
 use super::distance::Distances;
 use super::grid::{BRICK_EDGE, Grid};
 use super::layers::Layers;
+use crate::storage::whole_file::write_whole;
 
 /// Voxels up to which a dense export is written.
 pub const DENSE_CELLS_MAX: u64 = 1 << 32;
@@ -43,7 +43,15 @@ fn write<const N: usize>(path: &Path, grid: &Grid, dtype: &str, value: impl Fn([
             format!("a dense export of {nx} x {ny} x {nz} voxels is above the limit of 2^32; use larger voxels"),
         ));
     }
-    let mut file = BufWriter::with_capacity(1 << 20, File::create(path)?);
+    write_whole(path, |file| write_to(file, grid, dtype, value))
+}
+
+fn write_to<const N: usize>(
+    file: &mut impl Write,
+    grid: &Grid,
+    dtype: &str,
+    value: impl Fn([i32; 3]) -> [u8; N],
+) -> io::Result<()> {
     let [nx, ny, nz] = grid.dims;
     let mut header = format!("{{'descr': '{dtype}', 'fortran_order': False, 'shape': ({nx}, {ny}, {nz}), }}");
     // Magic, version and length take 10 bytes; the data starts at a multiple of 64.
@@ -65,5 +73,5 @@ fn write<const N: usize>(path: &Path, grid: &Grid, dtype: &str, value: impl Fn([
             file.write_all(&row)?;
         }
     }
-    file.flush()
+    Ok(())
 }

@@ -59,6 +59,9 @@ fn frames_are_those_of_the_page() {
             out.clear();
             firmware.receive(&bytes, now_s, &pose(), &mut out);
             assert_eq!(show(&out[0]), show(&on_wire(state, false)), "{state}");
+            if carriage == Carriage::Stream {
+                assert_eq!(protocol.exchange_bytes(), Some(bytes.len() + out[0].len()));
+            }
             assert_eq!(host.feed(&out[0]), fed(1, 0));
             let report = host.newest();
             for (found, want) in report.readings.iter().zip(pose().readings) {

@@ -1,12 +1,24 @@
-//! A file that appears whole or not at all.
+//! A file that appears whole or not at all: under its own name there is what was there before, until all of it is written.
 
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
 use std::path::Path;
 use std::sync::atomic::{AtomicU32, Ordering};
 
-/// Writes beside the file and takes its name at the end: a full disk, or a program that is killed, leaves what was there before.
-pub(super) fn write_whole(path: &Path, contents: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>) -> io::Result<()> {
+/// Writes bytes, as [`write_whole`].
+///
+/// # Errors
+/// As [`write_whole`].
+pub fn write_bytes(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    write_whole(path, |file| file.write_all(bytes))
+}
+
+/// Writes beside the file and takes its name at the end: a full disk, or a program that is killed, leaves what was there before. A killed program
+/// leaves the file beside it, `.NAME.PID-N.tmp`.
+///
+/// # Errors
+/// Any error of the file system; then there is nothing beside.
+pub fn write_whole(path: &Path, contents: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>) -> io::Result<()> {
     static COUNT: AtomicU32 = AtomicU32::new(0);
     match fs::metadata(path) {
         // A device or a pipe is written to; a file in its place would be the end of it.
@@ -59,7 +71,7 @@ mod tests {
         std::os::unix::fs::symlink(&file, &link).unwrap();
         write_whole(&link, |file| file.write_all(b"second")).unwrap();
         assert!(link.is_symlink() && fs::read(&file).unwrap() == b"second");
-        rustix::fs::mkfifoat(rustix::fs::CWD, &pipe, rustix::fs::Mode::RWXU).unwrap();
+        assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
         let mut reader = File::options().read(true).write(true).open(&pipe).unwrap();
         write_whole(&pipe, |file| file.write_all(b"third")).unwrap();
         let mut read = [0; 5];
