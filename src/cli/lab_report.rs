@@ -28,7 +28,7 @@ pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
         report::error(&format!("{} {problem}", out.display()), Some("give another name, or --overwrite"), output);
         return Exit::Usage;
     }
-    let page = match read(args) {
+    let page = match read(&args.recording) {
         Ok(page) => page,
         Err(problem) => {
             report::error(&problem.to_string(), super::replay::read_hint(&problem), output);
@@ -76,10 +76,11 @@ fn readable() -> std::fs::Permissions {
     std::os::unix::fs::PermissionsExt::from_mode(0o666)
 }
 
-fn read(args: &Args) -> Result<LabReport, ReadError> {
-    let mut recording = Recording::open(&args.recording)?;
+/// What a recording shows.
+pub(super) fn read(recording: &Path) -> Result<LabReport, ReadError> {
     // The page may be read elsewhere than beside the recording.
-    let file = std::path::absolute(&args.recording).unwrap_or_else(|_| args.recording.clone());
+    let file = std::path::absolute(recording).unwrap_or_else(|_| recording.to_owned());
+    let mut recording = Recording::open(recording)?;
     let mut page = LabReport::new(file.display().to_string());
     while let Some(entry) = recording.next_entry()? {
         page.take(&entry);

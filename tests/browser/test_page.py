@@ -2,27 +2,13 @@
 
 import functools
 import http.server
-import json
-import os
-import pathlib
-import shutil
-import tempfile
 import threading
 import time
 import unittest
 
-from chromium import Chromium
-from hapticd import REPOSITORY, Hapticd, write_scenes
+from hapticd import REPOSITORY
+from page_case import IN_CONTACT, SCREENS, SHOTS, VIEW_IS_READY, WORD, PageCase, number
 
-PROGRAM = os.environ["HAPTICD"]
-SHOTS = pathlib.Path(os.environ["SHOTS"])
-
-SCREENS = {
-    "desktop-light": {"width": 1440, "height": 900},
-    "desktop-dark": {"width": 1440, "height": 900, "dark": True},
-    "tablet": {"width": 820, "height": 1180, "touch": True},
-    "phone": {"width": 390, "height": 844, "touch": True},
-}
 CLAY_SCREENS = SCREENS | {
     "tablet-dark": {"width": 820, "height": 1180, "touch": True, "dark": True},
     "phone-dark": {"width": 390, "height": 844, "touch": True, "dark": True},
@@ -30,7 +16,6 @@ CLAY_SCREENS = SCREENS | {
     "phone-on-its-side": {"width": 844, "height": 390, "touch": True},
 }
 
-WORD = "document.querySelector('#state-word').textContent"
 LONGEST_STANDSTILL_MS = """new Promise((done) => {
     let [last, longest] = [performance.now(), 0];
     const watch = setInterval(() => {
@@ -39,44 +24,9 @@ LONGEST_STANDSTILL_MS = """new Promise((done) => {
     }, 20);
     setTimeout(() => { clearInterval(watch); done(longest); }, 800);
 })"""
-IN_CONTACT = "Number(document.querySelector('#read-contacts').textContent) > 0"
-VIEW_IS_READY = "document.querySelector('#view-note').textContent === ''"
 
 
-def number(id):
-    """Script for the number that an element shows."""
-    return f"Number(document.querySelector('#{id}').textContent.replace('−', '-'))"
-
-
-class PageTest(unittest.TestCase):
-    @classmethod
-    def setUpClass(cls):
-        cls.browser = Chromium()
-        cls.folder = pathlib.Path(tempfile.mkdtemp(prefix="hapticd-scenes-"))
-        write_scenes(cls.folder)
-
-    @classmethod
-    def tearDownClass(cls):
-        cls.browser.__exit__()
-        shutil.rmtree(cls.folder)
-
-    def run_scene(self, name, *options, **more):
-        run = Hapticd(PROGRAM, self.folder / f"{name}.toml", *options, **more)
-        self.addCleanup(run.__exit__)
-        return run
-
-    def open(self, run, complains=False, **screen):
-        return self.open_url(run.url, complains, **screen)
-
-    def open_url(self, url, complains=False, **screen):
-        page = self.browser.open(url, **(screen or SCREENS["desktop-dark"]))
-        self.addCleanup(page.close)
-        if not complains:
-            self.addCleanup(lambda: self.assertEqual(page.complaints(), [], "the console is clean"))
-        page.wait(VIEW_IS_READY)
-        page.wait(f"{WORD} === 'Enabled'")
-        return page
-
+class PageTest(PageCase):
     def force_pixels(self, page):
         """How many pixels in the middle of the view have the hue of the force arrow."""
         return page.count_pixels("#view", "--force")
@@ -122,7 +72,7 @@ class PageTest(unittest.TestCase):
         self.assertEqual(run.get("state")["state"], "ENABLED")
 
         # From wherever the focus is, also from a field.
-        page.run("document.querySelector('#parameters input[type=number]').focus()")
+        page.run("document.querySelector('#parameters input[type=text]').focus()")
         page.press("Escape")
         page.wait(f"{WORD} === 'Disabled'")
 
