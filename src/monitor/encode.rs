@@ -70,6 +70,12 @@ impl From<Pose> for WirePose {
     }
 }
 
+impl From<WirePose> for Pose {
+    fn from(WirePose { p, q }: WirePose) -> Self {
+        WirePose::pose(q, p)
+    }
+}
+
 impl WirePose {
     /// The pose; as it was written, not normalised.
     pub(super) fn pose([x, y, z, w]: [f64; 4], p: [f64; 3]) -> Pose {

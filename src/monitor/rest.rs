@@ -1,6 +1,7 @@
 //! HTTP: the page, facts, and requests of clients that keep no connection.
 
 use core::time::Duration;
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use axum::body::Bytes;
@@ -22,7 +23,7 @@ use super::connection::Peer;
 use super::encode::{WirePose, with_counts};
 use super::forms::{read, such_as};
 use super::problem::RequestError;
-use super::{assets, recordings, ws};
+use super::{assets, clearance, download, recordings, ws};
 use crate::daemon::scenes_beside;
 use arms::simulated::hand::HandPath;
 use recording::metrics;
@@ -58,11 +59,14 @@ pub(super) fn router(app: Arc<AppState>) -> Router {
             "/api/v1/recording",
             delete(async |State(state): State<Arc<AppState>>| done(&state, ClientCommand::EndRecording {}).await),
         )
+        .route("/api/v1/clearance", get(clearance::clearance))
         .route("/api/v1/recordings", get(recordings::list))
         .route("/api/v1/recordings/{number}", get(recordings::file))
         .route("/api/v1/recordings/{number}/report", get(recordings::report))
         .route("/api/v1/clay", get(clay))
         .route("/api/v1/clay/points", get(clay_points))
+        .route("/api/v1/clay/files", get(clay_files))
+        .route("/api/v1/clay/files/{number}", get(clay_file))
         .route("/api/v1/clay/tool", command("clay_take"))
         .route("/api/v1/clay/undo", command("clay_undo"))
         .route("/api/v1/clay/redo", command("clay_redo"))
@@ -334,6 +338,28 @@ async fn clay(State(state): State<Arc<AppState>>) -> Result<Json<Value>, Request
     let is_watched = !state.hub.clients().is_empty();
     let view = clay.fresh_view(is_watched).await?;
     Ok(Json(clay.facts(&view, state.hub.watchdog.holds())))
+}
+
+async fn clay_files(State(state): State<Arc<AppState>>) -> Result<Json<Value>, RequestError> {
+    let saved = state.hub.clay()?.saved().clone();
+    let shown = |(idx, path): (usize, &PathBuf)| {
+        let number = idx + 1;
+        json!({
+            "number": number,
+            "name": download::name_of(path),
+            "file": path.to_string_lossy(),
+            "bytes": download::length(path),
+            "download": format!("/api/v1/clay/files/{number}"),
+        })
+    };
+    let all = state.files.run(move || saved.iter().enumerate().map(shown).collect()).await;
+    Ok(Json(all.unwrap_or_else(|| Value::Array(Vec::new()))))
+}
+
+async fn clay_file(State(state): State<Arc<AppState>>, Path(number): Path<usize>) -> Result<Response, RequestError> {
+    let path = number.checked_sub(1).and_then(|idx| state.hub.clay().ok()?.saved().get(idx).cloned());
+    let unknown = || RequestError::new(StatusCode::NOT_FOUND, format!("this run has saved no file {number}"), "GET /api/v1/clay/files lists them");
+    download::send(&state.files, path.ok_or_else(unknown)?).await
 }
 
 /// Beside it there may be a token.

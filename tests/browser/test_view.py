@@ -331,6 +331,20 @@ class ViewTest(PageCase):
         page.run("document.querySelectorAll('#recordings a')[1].click()")
         self.assertIn("<!doctype html>", self.downloaded(folder, "with-token.html").read_text()[:20].lower())
 
+    def test_files_of_clay(self):
+        run = self.run_scene("clay", command="sculpt")
+        page = self.open(run)
+        folder = self.downloads(page)
+        page.wait("document.querySelector('#clay-facts').textContent.includes('samples')")
+        page.run("document.querySelector('#clay-file').value = 'ball'")
+        page.click("#clay-save button[value=points]")
+        page.wait("document.querySelectorAll('#clay-files a').length === 1")
+        written = (self.folder / "state" / "hapticd" / "clay" / "ball.ply").read_bytes()
+        page.click("#clay-files a")
+        self.assertEqual(self.downloaded(folder, "ball.ply").read_bytes(), written)
+        self.assertEqual(self.status(run, "clay/files/2"), 404)
+        self.assertEqual(self.status(run, "clay/files/0"), 404)
+
     def status(self, run, path):
         try:
             with urllib.request.urlopen(f"{run.url}api/v1/{path}", timeout=10) as answer:
@@ -443,6 +457,40 @@ class ViewTest(PageCase):
         with urllib.request.urlopen(f"{run.url}web/main.js", timeout=10) as plain:
             self.assertIsNone(plain.headers["Content-Encoding"])
             self.assertTrue(plain.read().startswith(b"/**"))
+
+    def test_clearance_in_colours(self):
+        """Of a box over a plate: the lower face has the distance between them, what is out of reach the most that is known."""
+        (self.folder / "near-block.csv").write_text("t_s,x_m,y_m,z_m,qx,qy,qz,qw\n0,0,0,0.022,0,0,0,1\n")
+        near = BLOCK.replace("above.csv", "near-block.csv").replace("[0.0, 0.0, 25.0]", "[0.0, 0.0, 22.0]").replace("voxel_size_mm = 1.0\n\n[tool]", "voxel_size_mm = 1.0\nlayers = 6\n\n[tool]")
+        (self.folder / "near-block.toml").write_text(near)
+        run = self.run_scene("near-block")
+        page = self.open(run)
+        points = page.run(
+            """fetch('/api/v1/clearance').then((r) => r.arrayBuffer()).then((buffer) => {
+              const data = new DataView(buffer);
+              const n = data.getUint32(8, true);
+              const point = (k) => [0, 4, 8, 16].map((at) => data.getFloat32(32 + 20 * k + at, true)).concat([12, 13, 14].map((at) => data.getInt8(32 + 20 * k + at)));
+              return { known: data.getFloat32(16, true), points: Array.from({ length: n }, (_, k) => point(k)) };
+            })"""
+        )
+        known = points["known"]
+        self.assertAlmostEqual(known, 5.5e-3, places=5)
+        self.assertGreater(len(points["points"]), 500)
+        for x, y, z, clearance, nx, ny, nz in points["points"]:
+            # The lowest point of the tool stands 2 mm over the block, whose distances are known to a fraction of a voxel.
+            self.assertAlmostEqual(clearance, min(known, z + 0.012), delta=0.6e-3)
+        lowest = [point for point in points["points"] if point[2] < -0.0099 and abs(point[0]) < 0.004 and abs(point[1]) < 0.004]
+        self.assertGreater(len(lowest), 20)
+        self.assertTrue(all(point[6] == -127 for point in lowest), "normals point out of the tool")
+        page.click("#clearance")
+        page.wait("document.querySelector('#legend-clearance').textContent === '0 to 5.5 mm and more'")
+        page.wait(DRAWN)
+        page.screenshot(SHOTS / "clearance.png")
+        # 2 of 5.5 mm: orange, on the lower edge that is seen.
+        self.assertGreater(page.count_pixels("#view", "#e6972a"), 20)
+        page.click("#clearance")
+        page.wait(DRAWN)
+        self.assertEqual(page.count_pixels("#view", "#e6972a"), 0)
 
     def test_every_screen(self):
         run = self.run_scene("press")

@@ -10,11 +10,13 @@
  */
 
 import { Clay } from "./clay.js";
+import { Clearance } from "./clearance.js";
 import { Drive } from "./drive.js";
 import { byId, say, words } from "./element.js";
 import { Export } from "./export.js";
 import { addEvent, showInfo } from "./facts.js";
 import { Link, tokenOfAddress } from "./link.js";
+import { MadeFiles } from "./made-files.js";
 import { Measure } from "./measure.js";
 import { MeshLoader } from "./mesh-loader.js";
 import { Objects } from "./objects.js";
@@ -23,7 +25,6 @@ import { PathPlot } from "./path-plot.js";
 import { ToolPath } from "./path.js";
 import { Plots } from "./plots.js";
 import { Readouts } from "./readouts.js";
-import { Recordings } from "./recordings.js";
 import { SceneView } from "./scene.js";
 import { Section } from "./section.js";
 import { Session } from "./session.js";
@@ -48,7 +49,8 @@ const objects = new Objects(link);
 const parameters = new Parameters(link, (all) => readouts.learn(all));
 const session = new Session(link, refreshInfo);
 const meshes = new MeshLoader(link);
-const recordings = new Recordings(link);
+const recordings = new MadeFiles(link, "recordings", "recordings");
+const clayFiles = new MadeFiles(link, "clay/files", "clay-files");
 const view = openView();
 new Export(view, plots, pathPlot, () => view.additions.flatMap(({ labels }) => labels ?? []));
 const clay = new Clay(link, view);
@@ -105,6 +107,7 @@ link.addEventListener("event", ({ detail: event }) => {
     stand();
   }
   clay.hear(event);
+  if (event.event === "clay" && event.names[0] === "saved") clayFiles.refresh();
   if (event.event === "parameter") parameters.refresh().catch(() => {});
   if (event.event === "recording" && event.names[0] === "ended") session.remember(event.text);
   if (event.event === "recording" || event.event === "link") refreshInfo();
@@ -171,6 +174,7 @@ async function loadScene() {
     link.get("scenes").then((names) => session.offer(names, stemOf(scene.file)), () => {});
     const loading = loadMeshes(scene);
     clay.begin(scene.clay);
+    if (scene.clay) clayFiles.refresh();
     await loading;
   } catch (error) {
     shown.askAgainAt = performance.now() + SCENE_AGAIN_MS;
@@ -246,6 +250,7 @@ function openView() {
     if (byId("legend-contacts").textContent !== text) byId("legend-contacts").textContent = text;
   };
   new Section(opened);
+  new Clearance(link, opened);
   new Measure(opened);
   const names = document.querySelectorAll(".axes span");
   opened.onDrawn = () => {
