@@ -14,7 +14,8 @@ use super::problem::RequestError;
 use super::recorder::{MadeRecording, RecordingControl};
 
 /// A report has its styles and pictures inside, and loads nothing.
-const REPORT_POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'none'; base-uri 'none'; form-action 'none'";
+const REPORT_POLICY: &str =
+    "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'none'; base-uri 'none'; form-action 'none'";
 
 pub(super) async fn list(State(state): State<Arc<AppState>>) -> Json<Value> {
     let made = state.hub.recorder.as_ref().map(|recorder| recorder.made()).unwrap_or_default();
@@ -56,7 +57,9 @@ pub(super) async fn report(State(state): State<Arc<AppState>>, Path(number): Pat
 
 /// A recording of this run that can be read.
 fn ended(state: &AppState, number: u32) -> Result<(Arc<dyn RecordingControl>, MadeRecording), RequestError> {
-    let unknown = || RequestError::new(StatusCode::NOT_FOUND, format!("this run has no recording {number}"), "GET /api/v1/recordings lists them");
+    let unknown = || {
+        RequestError::new(StatusCode::NOT_FOUND, format!("this run has no recording {number}"), "GET /api/v1/recordings lists them")
+    };
     let recorder = state.hub.recorder.clone().ok_or_else(unknown)?;
     let made = recorder.made().into_iter().find(|made| made.number == number).ok_or_else(unknown)?;
     if made.is_under_way {

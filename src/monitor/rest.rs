@@ -358,7 +358,13 @@ async fn clay_files(State(state): State<Arc<AppState>>) -> Result<Json<Value>, R
 
 async fn clay_file(State(state): State<Arc<AppState>>, Path(number): Path<usize>) -> Result<Response, RequestError> {
     let path = number.checked_sub(1).and_then(|idx| state.hub.clay().ok()?.saved().get(idx).cloned());
-    let unknown = || RequestError::new(StatusCode::NOT_FOUND, format!("this run has saved no file {number}"), "GET /api/v1/clay/files lists them");
+    let unknown = || {
+        RequestError::new(
+            StatusCode::NOT_FOUND,
+            format!("this run has saved no file {number}"),
+            "GET /api/v1/clay/files lists them",
+        )
+    };
     download::send(&state.files, path.ok_or_else(unknown)?).await
 }
 
