@@ -24,6 +24,8 @@ export class Measure {
     this.isOn = false;
     /** @type {import("./pick.js").Pick[]} at most three */
     this.picks = [];
+    /** The last click met no part. */
+    this.isMissed = false;
     /** What is written in the picture: text, and its place, CSS pixels. @type {{text: string, at: number[], color: string}[]} */
     this.labels = [];
     this.color = rgb("--measure");
@@ -37,6 +39,7 @@ export class Measure {
 
   clear() {
     this.picks = [];
+    this.isMissed = false;
     this.view.redraw();
     this.drawn();
   }
@@ -77,7 +80,7 @@ export class Measure {
     );
     if (!this.isOn) return;
     const way = pairs.length === 1 ? ` (${axes(pairs[0])} mm)` : "";
-    const text = said.length > 0 ? said.map(({ text }) => text).join(", ") + way : ASK[places.length];
+    const text = this.isMissed ? "There is no part at that place" : said.length > 0 ? said.map(({ text }) => text).join(", ") + way : ASK[places.length];
     if (byId("measure-answer").textContent !== text) byId("measure-answer").textContent = text;
     byId("measure-clear").disabled = places.length === 0;
   }
@@ -118,12 +121,10 @@ export class Measure {
 
   #take(x, y) {
     const pick = pickAt(this.view, x, y);
-    if (!pick) {
-      byId("measure-answer").textContent = "There is no part at that place";
-      return;
-    }
-    this.picks = this.picks.length === 3 ? [pick] : [...this.picks, pick];
+    this.isMissed = !pick;
     this.view.redraw();
+    if (!pick) return;
+    this.picks = this.picks.length === 3 ? [pick] : [...this.picks, pick];
   }
 }
 

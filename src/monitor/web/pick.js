@@ -4,6 +4,8 @@ import { add, cross, dot, multiply, normalize, rotate, scale, subtract, transfor
 
 /** A corner of the part that is nearer to the pointer than this is taken instead, CSS pixels. */
 const SNAP_PX = 8;
+/** Where a part is looked for, CSS pixels from the pointer: a corner on its outline is hard to hit. */
+const AROUND = [[0, 0], ...[0, 1, 2, 3, 4, 5, 6, 7].map((n) => [4 * Math.cos((n * Math.PI) / 4), 4 * Math.sin((n * Math.PI) / 4)])];
 
 /** @typedef {{part: import("./scene.js").Part, local: number[]}} Pick a point that moves with its part, in the part's own frame, m */
 
@@ -13,20 +15,25 @@ const SNAP_PX = 8;
  * @returns {?Pick}
  */
 export function pickAt(view, x, y) {
-  const ray = rayAt(view, x, y);
-  let nearest = null;
-  for (const part of view.parts) {
-    const hit = seenOf(view, part, ray);
-    if (hit && (!nearest || hit.along < nearest.along)) nearest = { part, ...hit };
-  }
+  const nearest = AROUND.reduce((found, [dx, dy]) => found ?? seenAt(view, rayAt(view, x + dx, y + dy)), null);
   if (!nearest) return null;
-  const { part, along, corners } = nearest;
+  const { part, along, corners, ray } = nearest;
   const pose = view.standing(part);
   const snapped = corners
     .map((corner) => ({ corner, off: distanceTo(view, transform(pose, corner), x, y) }))
     .filter(({ corner, off }) => off < SNAP_PX && !isCut(view.cutOf(part.role), transform(pose, corner)))
     .sort((a, b) => a.off - b.off)[0];
   return { part, local: snapped?.corner ?? toLocal(pose, add(ray.origin, scale(ray.direction, along))) };
+}
+
+/** What a ray meets first. */
+function seenAt(view, ray) {
+  let nearest = null;
+  for (const part of view.parts) {
+    const hit = seenOf(view, part, ray);
+    if (hit && (!nearest || hit.along < nearest.along)) nearest = { part, ray, ...hit };
+  }
+  return nearest;
 }
 
 /** Where a pick stands now, world. @param {import("./scene.js").SceneView} view @param {Pick} pick */

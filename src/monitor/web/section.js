@@ -125,7 +125,9 @@ export class Section {
 
   #show() {
     const [low, high] = this.#range;
-    this.slider.value = String(Math.round((STEPS * (this.#at - low)) / (high - low)));
+    const share = (this.#at - low) / (high - low);
+    this.slider.value = String(Math.round(STEPS * share));
+    this.slider.style.setProperty("--share", `calc(11px + ${share} * (100% - 22px))`);
     this.slider.setAttribute("aria-valuetext", `${short(this.#at * 1e3)} mm`);
     if (document.activeElement !== this.field || !byId("section-problem").textContent) this.field.value = short(this.#at * 1e3);
     byId("section-problem").textContent = "";
