@@ -60,10 +60,13 @@ class ViewTest(PageCase):
     def open_block(self, **screen):
         run = self.run_scene("block")
         page = self.open(run, **screen)
+        # Where a busy machine sends nothing for a second, the page greys the picture and moves it down: not what these tests are about.
+        rule = "#lost { display: none } .is-stale .picture { opacity: 1; filter: none }"
+        page.run(f"(() => {{ const sheet = new CSSStyleSheet(); sheet.replaceSync({json.dumps(rule)}); document.adoptedStyleSheets = [sheet]; }})()")
         return run, page
 
     def click_at(self, page, point, off=(0, 0)):
-        """A click where a point of world is seen from above, or some pixels off. What a busy machine makes the page say may move the picture."""
+        """A click where a point of world is seen from above, or some pixels off."""
         page.click("[data-view=fit]")
         ((x, y),) = page.run(PROJECT % f"[{point}]")
         page.drag((x + off[0], y + off[1]), (x + off[0], y + off[1]))
@@ -81,6 +84,7 @@ class ViewTest(PageCase):
         _, page = self.open_block()
         cut = lambda: (page.wait(DRAWN), page.count_pixels("#view", "--cut-part"))[1]
         self.assertEqual(cut(), 0, "nothing is cut before")
+        self.assertEqual(page.run("document.querySelector('#legend-contacts').textContent"), "contacts")
         page.click("#section")
         whole = cut()
         self.assertGreater(whole, 3000, "the block has a cut face")
@@ -386,7 +390,6 @@ class ViewTest(PageCase):
         run = self.run_scene("fine")
         page = self.open(run)
         legend = "document.querySelector('#legend-contacts').textContent"
-        self.assertEqual(page.run(legend), "contacts")
         page.wait("Number(document.querySelector('#read-contacts').textContent) > 1000")
         page.wait(f"{legend}.endsWith(' points shown')")
         shown, all = page.run(f"{legend}.match(/^([\\d\u202f]+) of ([\\d\u202f]+) /).slice(1).map((n) => Number(n.replace('\u202f', '')))")
@@ -481,7 +484,7 @@ class ViewTest(PageCase):
             self.assertAlmostEqual(clearance, min(known, z + 0.012), delta=0.6e-3)
         lowest = [point for point in points["points"] if point[2] < -0.0099 and abs(point[0]) < 0.004 and abs(point[1]) < 0.004]
         self.assertGreater(len(lowest), 20)
-        self.assertTrue(all(point[6] == -127 for point in lowest), "normals point out of the tool")
+        self.assertTrue(all(point[6] < -120 for point in lowest), "normals point out of the tool")
         page.click("#clearance")
         page.wait("document.querySelector('#legend-clearance').textContent === '0 to 5.5 mm and more'")
         page.wait(DRAWN)

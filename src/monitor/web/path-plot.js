@@ -82,12 +82,16 @@ export class PathPlot {
     const ways = [];
     for (let n = Math.ceil(begin / step - 1e-9); n * step <= begin + span * (1 + 1e-9); n += 1) ways.push(n * step);
     g.textBaseline = "top";
-    axisTexts(ways).forEach((text, n) => {
+    const texts = axisTexts(ways);
+    // The last one has the unit, and room for it.
+    const free = area.x + area.w + MARGIN.right - g.measureText(`${texts.at(-1)} mm`).width - 6;
+    texts.forEach((text, n) => {
       const at = Math.round(x(ways[n])) + 0.5;
       g.moveTo(at, area.y);
       g.lineTo(at, area.y + area.h);
       const isLast = n === ways.length - 1;
       g.textAlign = isLast ? "right" : "center";
+      if (!isLast && at + g.measureText(text).width / 2 > free) return;
       g.fillText(isLast ? `${text} mm` : text, isLast ? area.x + area.w + MARGIN.right : at, area.y + area.h + 5);
     });
     g.stroke();
