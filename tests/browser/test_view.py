@@ -486,7 +486,7 @@ class ViewTest(PageCase):
         self.assertGreater(len(lowest), 20)
         self.assertTrue(all(point[6] < -120 for point in lowest), "normals point out of the tool")
         page.click("#clearance")
-        page.wait("document.querySelector('#legend-clearance').textContent === '0 to 5.5 mm and more'")
+        page.wait("document.querySelector('#legend-clearance').textContent === 'clearance, 0 to 5.5 mm and more'")
         page.wait(DRAWN)
         page.screenshot(SHOTS / "clearance.png")
         # 2 of 5.5 mm: orange, on the lower edge that is seen.

@@ -14,7 +14,7 @@ export const MOST_DOTS = 512;
 export const AXES_SIZE = 92;
 const IDENTITY = matrixOfPose({ p: [0, 0, 0], q: [0, 0, 0, 1] });
 
-/** @typedef {{vao: WebGLVertexArrayObject, n: number, buffers: WebGLBuffer[]}} Drawn positions on the graphics card */
+/** @typedef {{vao: WebGLVertexArrayObject, n: number, buffers: WebGLBuffer[], tints: WebGLBuffer=}} Drawn positions on the graphics card */
 /** @typedef {{viewProjection: Float32Array, stretch: number, eye: number[], light: number[]}} Frame from where a picture is taken */
 
 export class Draw {
@@ -31,6 +31,8 @@ export class Draw {
   prepare() {
     const { gl } = this;
     this.programs = compile(gl);
+    // Faces without tints of their own.
+    gl.vertexAttrib3f(2, 1, 1, 1);
     this.rod = this.faces(rod());
     this.cone = this.faces(cone());
     this.plane = this.lines(new Float32Array([-1, -1, 0, 1, -1, 0, -1, 1, 0, 1, 1, 0]));
@@ -59,6 +61,21 @@ export class Draw {
     gl.vertexAttribPointer(1, 4, gl.BYTE, true, 0, 0);
     drawn.buffers.push(buffer);
     return drawn;
+  }
+
+  /** Gives faces a tint at every corner, or other ones. @param {Drawn} drawn @param {Uint8Array} tints [4 × corners] */
+  tint(drawn, tints) {
+    const { gl } = this;
+    if (!drawn.tints) {
+      drawn.tints = gl.createBuffer();
+      drawn.buffers.push(drawn.tints);
+      gl.bindVertexArray(drawn.vao);
+      gl.bindBuffer(gl.ARRAY_BUFFER, drawn.tints);
+      gl.enableVertexAttribArray(2);
+      gl.vertexAttribPointer(2, 3, gl.UNSIGNED_BYTE, true, 4, 0);
+    }
+    gl.bindBuffer(gl.ARRAY_BUFFER, drawn.tints);
+    gl.bufferData(gl.ARRAY_BUFFER, tints, gl.DYNAMIC_DRAW);
   }
 
   /** @param {Float32Array} positions @returns {Drawn} ends of lines */

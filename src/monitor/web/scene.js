@@ -21,6 +21,7 @@ const LEAST_TORQUE_SCALE = 0.005;
 /**
  * @typedef {object} Addition
  * @property {(role: "static"|"tool"|"clay") => ?number[]=} cutOf plane beyond which what has this role is not drawn, as `Draw.cut`
+ * @property {(part: Part) => ?{faces: object}=} painted faces with tints of their own, drawn in place of those of a part
  * @property {(draw: Draw, ratio: number) => void=} among draws among the parts; `ratio`: pixels of a CSS pixel
  * @property {(draw: Draw, ratio: number) => void=} over draws over everything but the axes
  * @property {{text: string, at: number[], color: string}[]=} labels what is written over the picture; CSS pixels, custom property
@@ -259,7 +260,9 @@ export class SceneView {
       const [face, edge] = part.role === "tool" ? ["tool", "tool-edge"] : ["part", "part-edge"];
       const model = matrixOfPose(this.#poseOf(part));
       draw.cut = this.cutOf(part.role);
-      draw.solid(part, model, colors[face]);
+      const painted = this.additions.map((addition) => addition.painted?.(part)).find(Boolean);
+      if (painted) draw.solid(painted, model, [1, 1, 1]);
+      else draw.solid(part, model, colors[face]);
       draw.outline(part, model, colors[edge], 0.75);
     }
     draw.cut = null;

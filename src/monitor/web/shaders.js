@@ -13,16 +13,19 @@ const CUT = `uniform vec4 cut;
 #define LEAVE_OUT if (dot(position_world, cut.xyz) > cut.w) discard;
 `;
 
-/** Lit faces. Light comes over the shoulder and from the sky; the back of an open mesh is lit like its front. */
+/** Lit faces, each corner in its tint of the colour. Light comes over the shoulder and from the sky; the back of an open mesh is lit like its front. */
 const SURFACE = {
   vertex: `
 layout(location = 0) in vec3 position;
 layout(location = 1) in vec4 normal;
+layout(location = 2) in vec3 tint;
 uniform mat4 view_projection;
 uniform mat4 model;
 out vec3 normal_world;
 out vec3 position_world;
+out vec3 tinted;
 void main() {
+  tinted = tint;
   mat3 m = mat3(model);
   // Arrows are stretched along their axes.
   normal_world = m * (normal.xyz / vec3(dot(m[0], m[0]), dot(m[1], m[1]), dot(m[2], m[2])));
@@ -33,6 +36,7 @@ void main() {
   fragment: `
 in vec3 normal_world;
 in vec3 position_world;
+in vec3 tinted;
 uniform vec4 color;
 uniform vec3 eye;
 uniform vec3 light;
@@ -44,7 +48,7 @@ void main() {
   float sky = 0.5 + 0.5 * n.z;
   float lit = max(dot(n, light), 0.0);
   float gloss = pow(max(dot(reflect(-light, n), to_eye), 0.0), 24.0);
-  pixel = vec4(color.rgb * (0.42 + 0.2 * sky + 0.45 * lit) + 0.07 * gloss, color.a);
+  pixel = vec4(color.rgb * tinted * (0.42 + 0.2 * sky + 0.45 * lit) + 0.07 * gloss, color.a);
 }`,
 };
 
