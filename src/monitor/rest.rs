@@ -223,20 +223,19 @@ async fn scene(State(state): State<Arc<AppState>>) -> Result<Json<Value>, Reques
         Some((hand, tool)) => state.files.run(move || along_path(&hand, tool)).await.flatten(),
         None => None,
     };
-    let shown = |[low, high]: [DVec3; 2]| json!({ "min": low.to_array(), "max": high.to_array() });
     Ok(Json(json!({
         "scene_idx": view.scene_idx,
         "name": config.name,
         "file": config.path.to_string_lossy(),
         "voxel_size_m": finest_m,
         "points": scene.tool.shell.len(),
+        "world_from_device": WirePose::from(config.parameters.mapping.world_from_device),
         "objects": objects,
         "clay": state.hub.clay().is_ok(),
-        "world_from_device": WirePose::from(config.parameters.mapping.world_from_device),
         "movable": view.movable,
-        "bounds": bounds.map(shown),
-        "hand_bounds": hand_bounds.map(shown),
+        "bounds": bounds.map(|[low, high]| json!({ "min": low.to_array(), "max": high.to_array() })),
         "switching_to": view.switching_to.as_ref().map(|path| path.to_string_lossy()),
+        "hand_bounds": hand_bounds.map(|[low, high]| json!({ "min": low.to_array(), "max": high.to_array() })),
     })))
 }
 
