@@ -28,7 +28,7 @@ pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
         report::error(&format!("{} {problem}", out.display()), Some("give another name, or --overwrite"), output);
         return Exit::Usage;
     }
-    let page = match read(&args.recording) {
+    let page = match read(args) {
         Ok(page) => page,
         Err(problem) => {
             report::error(&problem.to_string(), super::replay::read_hint(&problem), output);
@@ -48,6 +48,11 @@ pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
         output::message(format_args!("{}: {n_ticks} ticks\n", out.display()));
     }
     Exit::Ok
+}
+
+/// What a recording shows, for a page that is not written to a file.
+pub(super) fn of_recording(recording: &Path) -> Result<LabReport, ReadError> {
+    read(&Args { recording: recording.to_owned(), out: None, overwrite: false })
 }
 
 /// Whether the page may be written where it is asked for; never over the recording that it is made of.
@@ -76,11 +81,10 @@ fn readable() -> std::fs::Permissions {
     std::os::unix::fs::PermissionsExt::from_mode(0o666)
 }
 
-/// What a recording shows.
-pub(super) fn read(recording: &Path) -> Result<LabReport, ReadError> {
+fn read(args: &Args) -> Result<LabReport, ReadError> {
+    let mut recording = Recording::open(&args.recording)?;
     // The page may be read elsewhere than beside the recording.
-    let file = std::path::absolute(recording).unwrap_or_else(|_| recording.to_owned());
-    let mut recording = Recording::open(recording)?;
+    let file = std::path::absolute(&args.recording).unwrap_or_else(|_| args.recording.clone());
     let mut page = LabReport::new(file.display().to_string());
     while let Some(entry) = recording.next_entry()? {
         page.take(&entry);

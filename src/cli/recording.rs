@@ -234,7 +234,7 @@ impl monitor::RecordingControl for ClientRecordings {
     }
 
     fn report(&self, file: &Path) -> Result<String, RecorderError> {
-        let page = lab_report::read(file).map_err(|error| RecorderError::File(error.to_string()))?;
+        let page = lab_report::of_recording(file).map_err(|error| RecorderError::File(error.to_string()))?;
         match page.ticks() {
             0 => Err(RecorderError::File(format!("{} ends before its first tick", file.display()))),
             _ => Ok(page.page()),
