@@ -57,12 +57,16 @@ class ViewTest(PageCase):
         (cls.folder / "block.toml").write_text(BLOCK)
         (cls.folder / "above.csv").write_text("t_s,x_m,y_m,z_m,qx,qy,qz,qw\n0,0,0,0.025,0,0,0,1\n")
 
-    def open_block(self, **screen):
-        run = self.run_scene("block")
-        page = self.open(run, **screen)
+    def open_url(self, url, complains=False, **screen):
+        page = super().open_url(url, complains, **screen)
         # Where a busy machine sends nothing for a second, the page greys the picture and moves it down: not what these tests are about.
         rule = "#lost { display: none } .is-stale .picture { opacity: 1; filter: none }"
         page.run(f"(() => {{ const sheet = new CSSStyleSheet(); sheet.replaceSync({json.dumps(rule)}); document.adoptedStyleSheets = [sheet]; }})()")
+        return page
+
+    def open_block(self, **screen):
+        run = self.run_scene("block")
+        page = self.open(run, **screen)
         return run, page
 
     def click_at(self, page, point, off=(0, 0)):
