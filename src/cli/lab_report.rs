@@ -50,6 +50,11 @@ pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
     Exit::Ok
 }
 
+/// What a recording shows, for a page that is not written to a file.
+pub(super) fn of_recording(recording: &Path) -> Result<LabReport, ReadError> {
+    read(&Args { recording: recording.to_owned(), out: None, overwrite: false })
+}
+
 /// Whether the page may be written where it is asked for; never over the recording that it is made of.
 fn may_write(args: &Args, out: &Path) -> Result<(), &'static str> {
     let is_the_recording = || Some(std::fs::canonicalize(out).ok()? == std::fs::canonicalize(&args.recording).ok()?);

@@ -4,11 +4,11 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use super::{OutputOptions, output, report};
+use super::{OutputOptions, lab_report, output, report};
 use crate::config::{LoadOptions, SceneConfig};
 use crate::daemon::scene_files;
 use crate::error::Exit;
-use crate::monitor::{self, RecorderError, RecorderStatus};
+use crate::monitor::{self, MadeRecording, RecorderError, RecorderStatus};
 use crate::servo::LoopReport;
 use recording::RecordSubscribers;
 use recording::file::{FailureHandler, FaultFile, FaultFiles, Recorder, RecorderHandle, RecordingError, RecordingSummary, now};
@@ -113,12 +113,34 @@ struct Session {
 #[derive(Default)]
 struct Now {
     recording: Option<RecorderHandle>,
-    last: Option<RecordingSummary>,
+    /// How many were begun.
+    begun: u32,
+    /// Those that have ended, oldest first.
+    ended: Vec<(u32, RecordingSummary)>,
+}
+
+/// Recordings that have ended and are remembered: a client may begin and end one after the other.
+const MOST_ENDED: usize = 256;
+
+impl Now {
+    fn begin(&mut self, recording: RecorderHandle) {
+        self.recording = Some(recording);
+        self.begun += 1;
+    }
+
+    fn end(&mut self, summary: RecordingSummary) {
+        if self.ended.len() == MOST_ENDED {
+            self.ended.remove(0);
+        }
+        self.ended.push((self.begun, summary));
+    }
 }
 
 impl Session {
     fn of(recording: Option<RecorderHandle>) -> Self {
-        Self { turn: Mutex::default(), now: Mutex::new(Now { recording, last: None }) }
+        let mut now = Now::default();
+        recording.into_iter().for_each(|recording| now.begin(recording));
+        Self { turn: Mutex::default(), now: Mutex::new(now) }
     }
 
     fn turn(&self) -> MutexGuard<'_, ()> {
@@ -147,7 +169,7 @@ impl Recordings {
         }
         let _turn = self.session.turn();
         let recording = self.session.take();
-        recording.map(RecorderHandle::stop).or_else(|| self.session.now().last.take())
+        recording.map(RecorderHandle::stop).or_else(|| self.session.now().ended.pop().map(|(_, last)| last))
     }
 
     /// Instead of a first tick.
@@ -185,7 +207,7 @@ impl monitor::RecordingControl for ClientRecordings {
             RecordingError::Exists(_) => RecorderError::State(error.to_string()),
             error => refused(error.to_string()),
         })?;
-        self.session.now().recording = Some(started);
+        self.session.now().begin(started);
         Ok(RecorderStatus { file, records: 0, dropped: 0 })
     }
 
@@ -193,16 +215,35 @@ impl monitor::RecordingControl for ClientRecordings {
         let _turn = self.session.turn();
         let recording = self.session.take().ok_or_else(|| RecorderError::State("nothing is being recorded".to_owned()))?;
         let summary = recording.stop();
-        let RecordingSummary { file, records, dropped, .. } = summary.clone();
-        self.session.now().last = Some(summary);
-        Ok(RecorderStatus { file, records, dropped })
+        let status = status_of(summary.clone());
+        self.session.now().end(summary);
+        Ok(status)
     }
 
     fn status(&self) -> Option<RecorderStatus> {
         let status = self.session.now().recording.as_ref()?.status();
-        let RecordingSummary { file, records, dropped, error } = status;
-        error.is_none().then_some(RecorderStatus { file, records, dropped })
+        status.error.is_none().then(|| status_of(status))
     }
+
+    fn made(&self) -> Vec<MadeRecording> {
+        let now = self.session.now();
+        let ended = now.ended.iter().map(|(number, summary)| (*number, false, summary.clone()));
+        let under_way = now.recording.as_ref().map(|recording| (now.begun, true, recording.status()));
+        let made = |(number, is_under_way, summary)| MadeRecording { number, is_under_way, status: status_of(summary) };
+        ended.chain(under_way).map(made).collect()
+    }
+
+    fn report(&self, file: &Path) -> Result<String, RecorderError> {
+        let page = lab_report::of_recording(file).map_err(|error| RecorderError::File(error.to_string()))?;
+        match page.ticks() {
+            0 => Err(RecorderError::File(format!("{} ends before its first tick", file.display()))),
+            _ => Ok(page.page()),
+        }
+    }
+}
+
+fn status_of(RecordingSummary { file, records, dropped, .. }: RecordingSummary) -> RecorderStatus {
+    RecorderStatus { file, records, dropped }
 }
 
 fn failed(output: OutputOptions) -> FailureHandler {
@@ -262,6 +303,8 @@ mod tests {
         assert!(!stopped.is_finished(), "the caller waited for the disk");
         drop(reader);
         assert!(stopped.join().expect("no panic").is_ok());
-        assert!(session.now().last.as_ref().is_some_and(|last| last.error.is_some()));
+        assert!(session.now().ended.last().is_some_and(|(number, last)| *number == 1 && last.error.is_some()));
+        let made: Vec<_> = clients().made().into_iter().map(|made| (made.number, made.is_under_way)).collect();
+        assert_eq!(made, [(1, false)]);
     }
 }

@@ -1,5 +1,11 @@
 //! The page, embedded in the program: one line for each file of `web/`.
 
+use std::sync::OnceLock;
+
+use axum::body::Bytes;
+
+use super::compressed::Compressed;
+
 /// Name below `/web/`, content type, bytes.
 pub(super) const FILES: &[(&str, &str, &[u8])] = &[
     ("index.html", HTML, include_bytes!("web/index.html")),
@@ -9,32 +15,44 @@ pub(super) const FILES: &[(&str, &str, &[u8])] = &[
     ("clay-hand.js", SCRIPT, include_bytes!("web/clay-hand.js")),
     ("clay.css", CSS, include_bytes!("web/clay.css")),
     ("clay.js", SCRIPT, include_bytes!("web/clay.js")),
+    ("clearance.js", SCRIPT, include_bytes!("web/clearance.js")),
     ("colors.js", SCRIPT, include_bytes!("web/colors.js")),
+    ("download.js", SCRIPT, include_bytes!("web/download.js")),
     ("draw.js", SCRIPT, include_bytes!("web/draw.js")),
     ("drive.js", SCRIPT, include_bytes!("web/drive.js")),
     ("element.js", SCRIPT, include_bytes!("web/element.js")),
+    ("export.js", SCRIPT, include_bytes!("web/export.js")),
     ("facts.js", SCRIPT, include_bytes!("web/facts.js")),
     ("gamepad.js", SCRIPT, include_bytes!("web/gamepad.js")),
     ("hand.js", SCRIPT, include_bytes!("web/hand.js")),
     ("history.js", SCRIPT, include_bytes!("web/history.js")),
     ("link.js", SCRIPT, include_bytes!("web/link.js")),
+    ("made-files.js", SCRIPT, include_bytes!("web/made-files.js")),
     ("main.js", SCRIPT, include_bytes!("web/main.js")),
     ("material.js", SCRIPT, include_bytes!("web/material.js")),
     ("math.js", SCRIPT, include_bytes!("web/math.js")),
+    ("measure.js", SCRIPT, include_bytes!("web/measure.js")),
     ("mesh-loader.js", SCRIPT, include_bytes!("web/mesh-loader.js")),
     ("mesh-worker.js", SCRIPT, include_bytes!("web/mesh-worker.js")),
     ("mesh.js", SCRIPT, include_bytes!("web/mesh.js")),
+    ("number-field.js", SCRIPT, include_bytes!("web/number-field.js")),
     ("objects.js", SCRIPT, include_bytes!("web/objects.js")),
     ("parameters.js", SCRIPT, include_bytes!("web/parameters.js")),
+    ("path-plot.js", SCRIPT, include_bytes!("web/path-plot.js")),
+    ("path.js", SCRIPT, include_bytes!("web/path.js")),
+    ("pick.js", SCRIPT, include_bytes!("web/pick.js")),
     ("plots.js", SCRIPT, include_bytes!("web/plots.js")),
     ("readouts.js", SCRIPT, include_bytes!("web/readouts.js")),
     ("scene.js", SCRIPT, include_bytes!("web/scene.js")),
+    ("section.js", SCRIPT, include_bytes!("web/section.js")),
     ("session.js", SCRIPT, include_bytes!("web/session.js")),
     ("shaders.js", SCRIPT, include_bytes!("web/shaders.js")),
     ("shapes.js", SCRIPT, include_bytes!("web/shapes.js")),
     ("splats.js", SCRIPT, include_bytes!("web/splats.js")),
     ("units.js", SCRIPT, include_bytes!("web/units.js")),
     ("unsaved.js", SCRIPT, include_bytes!("web/unsaved.js")),
+    ("view.css", CSS, include_bytes!("web/view.css")),
+    ("wrench.js", SCRIPT, include_bytes!("web/wrench.js")),
 ];
 
 const HTML: &str = "text/html; charset=utf-8";
@@ -42,9 +60,13 @@ const CSS: &str = "text/css; charset=utf-8";
 const SVG: &str = "image/svg+xml; charset=utf-8";
 const SCRIPT: &str = "text/javascript; charset=utf-8";
 
+/// The files as they are sent, each from its first request on.
+static SENT: [OnceLock<Compressed>; FILES.len()] = [const { OnceLock::new() }; FILES.len()];
+
 /// Content type and bytes of a file.
-pub(super) fn find(name: &str) -> Option<(&'static str, &'static [u8])> {
-    FILES.iter().find(|(known, ..)| *known == name).map(|(_, kind, bytes)| (*kind, *bytes))
+pub(super) fn find(name: &str) -> Option<(&'static str, &'static Compressed)> {
+    let (idx, (_, kind, bytes)) = FILES.iter().enumerate().find(|(_, (known, ..))| *known == name)?;
+    Some((kind, SENT[idx].get_or_init(|| Compressed::new(Bytes::from_static(bytes)))))
 }
 
 #[cfg(test)]

@@ -70,6 +70,12 @@ impl From<Pose> for WirePose {
     }
 }
 
+impl From<WirePose> for Pose {
+    fn from(WirePose { p, q }: WirePose) -> Self {
+        WirePose::pose(q, p)
+    }
+}
+
 impl WirePose {
     /// The pose; as it was written, not normalised.
     pub(super) fn pose([x, y, z, w]: [f64; 4], p: [f64; 3]) -> Pose {
@@ -144,8 +150,8 @@ pub(super) struct StateInput<'a> {
 /// What only some clients want.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Extras<'a> {
-    /// World, m, with the depth.
-    pub(super) points: Option<&'a [[f32; 4]]>,
+    /// World, m, with the depth; and how many were in contact.
+    pub(super) points: Option<(&'a [[f32; 4]], usize)>,
     pub(super) history: Option<&'a [HistoryRow]>,
 }
 
@@ -180,6 +186,8 @@ struct State<'a> {
     objects: &'a [WireObject],
     #[serde(skip_serializing_if = "Option::is_none")]
     points: Option<&'a [[f32; 4]]>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    points_of: Option<usize>,
     #[serde(skip_serializing_if = "Option::is_none")]
     history: Option<&'a [HistoryRow]>,
 }
@@ -227,7 +235,8 @@ pub(super) fn text(moment: &StateInput<'_>, extras: Extras<'_>) -> String {
         compute_us: us(record.compute_ns),
         device_us: us(record.device_ns),
         objects: moment.objects,
-        points: extras.points,
+        points: extras.points.map(|(points, _)| points),
+        points_of: extras.points.map(|(_, n_all)| n_all),
         history: extras.history,
     };
     json(&state)
@@ -331,7 +340,7 @@ mod tests {
     #[test]
     fn a_state_is_an_object_with_null_for_what_is_no_number() {
         let rows = [HistoryRow { time_s: 0.012, values: [1.0, 2.0, 1.5, 0.25] }];
-        let extras = Extras { points: Some(&[[0.5, 0.0, 1.0, 0.25]]), history: Some(&rows) };
+        let extras = Extras { points: Some((&[[0.5, 0.0, 1.0, 0.25]], 3)), history: Some(&rows) };
         let message = EncodedState::Text(text(&moment(&record()), extras)).message(5, 2);
         let json: Value = serde_json::from_str(message.to_text().expect("text")).expect("JSON");
         assert_eq!((&json["type"], &json["seq"], &json["dropped"]), (&"state".into(), &5.into(), &2.into()));
@@ -340,7 +349,7 @@ mod tests {
         assert_eq!(json["clearance_m"], Value::Null);
         assert_eq!(json["measured_cp"], serde_json::json!({ "p": [0.0, 0.0, 0.0], "q": [0.0, 0.0, 0.0, 1.0] }));
         assert_eq!(json["history"], serde_json::json!([[0.012, 1.0, 2.0, 1.5, 0.25]]));
-        assert_eq!(json["points"], serde_json::json!([[0.5, 0.0, 1.0, 0.25]]));
+        assert_eq!((&json["points"], &json["points_of"]), (&serde_json::json!([[0.5, 0.0, 1.0, 0.25]]), &3.into()));
         assert_eq!(json["device_cp_world"], Value::Null);
     }
 

@@ -1,6 +1,6 @@
 //! Recordings that clients begin and end, as the monitor knows them.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
@@ -20,6 +20,26 @@ pub trait RecordingControl: Send + Sync {
 
     /// The one that is under way. Never blocks: it is asked on the thread that serves every client.
     fn status(&self) -> Option<RecorderStatus>;
+
+    /// The recordings of this run, oldest first, with the one that is under way. Never blocks.
+    fn made(&self) -> Vec<MadeRecording>;
+
+    /// The page of a recording that has ended, as `hapticd report` writes it: HTML. Blocks for as long as reading it takes.
+    ///
+    /// # Errors
+    /// The file cannot be read, or holds no tick.
+    fn report(&self, file: &Path) -> Result<String, RecorderError>;
+}
+
+/// A recording of this run.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct MadeRecording {
+    /// Counts the recordings of a run, from 1: clients ask for one by it, never by a name of theirs.
+    pub number: u32,
+    /// It has not ended.
+    pub is_under_way: bool,
+    /// How it goes, or what it came to.
+    pub status: RecorderStatus,
 }
 
 /// How a recording goes, or what it came to.

@@ -1,12 +1,13 @@
 //! HTTP: the page, facts, and requests of clients that keep no connection.
 
 use core::time::Duration;
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use axum::body::Bytes;
 use axum::extract::rejection::QueryRejection;
 use axum::extract::{ConnectInfo, DefaultBodyLimit, Path, Query, Request, State};
-use axum::http::{HeaderValue, StatusCode, header};
+use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::middleware::{self, Next};
 use axum::response::{IntoResponse, Redirect, Response};
 use axum::routing::{MethodRouter, delete, get, post, put};
@@ -22,8 +23,9 @@ use super::connection::Peer;
 use super::encode::{WirePose, with_counts};
 use super::forms::{read, such_as};
 use super::problem::RequestError;
-use super::{assets, ws};
+use super::{assets, clearance, download, recordings, ws};
 use crate::daemon::scenes_beside;
+use arms::simulated::hand::HandPath;
 use recording::metrics;
 
 /// Largest body of a request, bytes.
@@ -60,8 +62,14 @@ pub(super) fn router(app: Arc<AppState>) -> Router {
             "/api/v1/recording",
             delete(async |State(state): State<Arc<AppState>>| done(&state, ClientCommand::EndRecording {}).await),
         )
+        .route("/api/v1/clearance", get(clearance::clearance))
+        .route("/api/v1/recordings", get(recordings::list))
+        .route("/api/v1/recordings/{number}", get(recordings::file))
+        .route("/api/v1/recordings/{number}/report", get(recordings::report))
         .route("/api/v1/clay", get(clay))
         .route("/api/v1/clay/points", get(clay_points))
+        .route("/api/v1/clay/files", get(clay_files))
+        .route("/api/v1/clay/files/{number}", get(clay_file))
         .route("/api/v1/clay/tool", command("clay_take"))
         .route("/api/v1/clay/undo", command("clay_undo"))
         .route("/api/v1/clay/redo", command("clay_redo"))
@@ -73,10 +81,10 @@ pub(super) fn router(app: Arc<AppState>) -> Router {
         .method_not_allowed_fallback(wrong_method)
         .layer(middleware::from_fn_with_state(app.clone(), let_in));
     let page = Router::new()
-        .route("/", get(|| page_file("index.html".to_owned())))
+        .route("/", get(|headers: HeaderMap| page_file("index.html".to_owned(), headers)))
         .route("/index.html", get(|| async { Redirect::permanent("/") }))
         .route("/favicon.ico", get(|| async { StatusCode::NO_CONTENT }))
-        .route("/web/{name}", get(|Path(name): Path<String>| page_file(name)))
+        .route("/web/{name}", get(|Path(name): Path<String>, headers: HeaderMap| page_file(name, headers)))
         .layer(middleware::from_fn_with_state(app.clone(), show));
     api.merge(page)
         .layer(DefaultBodyLimit::max(MOST_BYTES))
@@ -142,14 +150,14 @@ async fn hardened(mut response: Response) -> Response {
     let headers = response.headers_mut();
     headers.insert(header::X_CONTENT_TYPE_OPTIONS, HeaderValue::from_static("nosniff"));
     headers.insert(header::REFERRER_POLICY, HeaderValue::from_static("no-referrer"));
-    headers.insert(header::CONTENT_SECURITY_POLICY, HeaderValue::from_static(POLICY));
+    headers.entry(header::CONTENT_SECURITY_POLICY).or_insert(HeaderValue::from_static(POLICY));
     headers.entry(header::CACHE_CONTROL).or_insert(HeaderValue::from_static("no-store"));
     response
 }
 
-async fn page_file(name: String) -> Response {
+async fn page_file(name: String, headers: HeaderMap) -> Response {
     match assets::find(&name) {
-        Some((kind, bytes)) => ([(header::CONTENT_TYPE, kind)], bytes).into_response(),
+        Some((kind, file)) => file.response(&headers, kind),
         None => nothing().await.into_response(),
     }
 }
@@ -191,9 +199,13 @@ async fn scene(State(state): State<Arc<AppState>>) -> Result<Json<Value>, Reques
     let mut objects = Vec::new();
     let mut bounds: Option<[DVec3; 2]> = None;
     let mut finest_m = f64::INFINITY;
+    let mut tool_bounds = None;
     for (idx, (name, role, movable, pose, voxel_size_m)) in statics.chain([tool]).enumerate() {
         let visual = state.visuals.get(view.scene_idx, config, idx).await;
         let visual = visual.as_deref();
+        if role == "tool" {
+            tool_bounds = visual.and_then(|visual| visual.bounds);
+        }
         if let Some(own) = visual.and_then(|visual| visual.bounds) {
             bounds = Some(corners(own).fold(bounds, |bounds, corner| grown(bounds, pose.transform_point(corner))).unwrap_or(own));
         }
@@ -209,19 +221,33 @@ async fn scene(State(state): State<Arc<AppState>>) -> Result<Json<Value>, Reques
             "mesh": visual.map(|_| format!("/api/v1/scene/{}/mesh/{idx}", view.scene_idx)),
         }));
     }
+    let hand = config.device.hand.clone().filter(|_| config.device.profile.real.is_none());
+    let hand_bounds = match hand.zip(tool_bounds) {
+        Some((hand, tool)) => state.files.run(move || along_path(&hand, tool)).await.flatten(),
+        None => None,
+    };
     Ok(Json(json!({
         "scene_idx": view.scene_idx,
         "name": config.name,
         "file": config.path.to_string_lossy(),
         "voxel_size_m": finest_m,
         "points": scene.tool.shell.len(),
+        "world_from_device": WirePose::from(config.parameters.mapping.world_from_device),
         "objects": objects,
         "clay": state.hub.clay().is_ok(),
         "movable": view.movable,
         "hand": view.has_hand.then(|| json!({ "path": config.device.hand.is_some() })),
         "bounds": bounds.map(|[low, high]| json!({ "min": low.to_array(), "max": high.to_array() })),
         "switching_to": view.switching_to.as_ref().map(|path| path.to_string_lossy()),
+        "hand_bounds": hand_bounds.map(|[low, high]| json!({ "min": low.to_array(), "max": high.to_array() })),
     })))
+}
+
+/// Box around a tool along the path that a hand takes it, world; `None`: the file of the path is gone.
+fn along_path(hand: &std::path::Path, tool: [DVec3; 2]) -> Option<[DVec3; 2]> {
+    let path = HandPath::read(hand).ok()?;
+    let places = path.poses().iter().flat_map(|pose| corners(tool).map(|corner| pose.transform_point(corner)));
+    places.fold(None, grown)
 }
 
 fn corners([low, high]: [DVec3; 2]) -> impl Iterator<Item = DVec3> {
@@ -238,6 +264,7 @@ fn grown(bounds: Option<[DVec3; 2]>, point: DVec3) -> Option<[DVec3; 2]> {
 async fn mesh(
     State(state): State<Arc<AppState>>,
     Path((scene_idx, object_idx)): Path<(u32, usize)>,
+    headers: HeaderMap,
 ) -> Result<Response, RequestError> {
     let view = state.hub.session.view();
     if view.scene_idx != scene_idx {
@@ -246,8 +273,7 @@ async fn mesh(
     }
     let visual = state.visuals.get(scene_idx, &view.config, object_idx).await;
     let visual = visual.ok_or_else(|| RequestError::new(StatusCode::NOT_FOUND, "no such object, or its mesh file is gone", ""))?;
-    let headers = [(header::CONTENT_TYPE, "application/octet-stream")];
-    Ok((headers, visual.bytes.clone()).into_response())
+    Ok(visual.file.response(&headers, "application/octet-stream"))
 }
 
 async fn scenes(State(state): State<Arc<AppState>>) -> Json<Value> {
@@ -315,6 +341,34 @@ async fn clay(State(state): State<Arc<AppState>>) -> Result<Json<Value>, Request
     let is_watched = !state.hub.clients().is_empty();
     let view = clay.fresh_view(is_watched).await?;
     Ok(Json(clay.facts(&view, state.hub.watchdog.holds())))
+}
+
+async fn clay_files(State(state): State<Arc<AppState>>) -> Result<Json<Value>, RequestError> {
+    let saved = state.hub.clay()?.saved().clone();
+    let shown = |(idx, path): (usize, &PathBuf)| {
+        let number = idx + 1;
+        json!({
+            "number": number,
+            "name": download::name_of(path),
+            "file": path.to_string_lossy(),
+            "bytes": download::length(path),
+            "download": format!("/api/v1/clay/files/{number}"),
+        })
+    };
+    let all = state.files.run(move || saved.iter().enumerate().map(shown).collect()).await;
+    Ok(Json(all.unwrap_or_else(|| Value::Array(Vec::new()))))
+}
+
+async fn clay_file(State(state): State<Arc<AppState>>, Path(number): Path<usize>) -> Result<Response, RequestError> {
+    let path = number.checked_sub(1).and_then(|idx| state.hub.clay().ok()?.saved().get(idx).cloned());
+    let unknown = || {
+        RequestError::new(
+            StatusCode::NOT_FOUND,
+            format!("this run has saved no file {number}"),
+            "GET /api/v1/clay/files lists them",
+        )
+    };
+    download::send(&state.files, path.ok_or_else(unknown)?).await
 }
 
 /// Beside it there may be a token.

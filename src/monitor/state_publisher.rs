@@ -77,10 +77,12 @@ struct Group {
 struct Points {
     number: u64,
     found: Vec<[f32; 4]>,
+    /// How many were in contact.
+    n_all: usize,
 }
 
-/// Points that were found, and how long that took.
-type Found = (Vec<[f32; 4]>, Duration);
+/// Points that were found, of how many, and how long that took.
+type Found = (Vec<[f32; 4]>, usize, Duration);
 
 pub(super) struct StatePublisher {
     hub: Arc<Hub>,
@@ -205,7 +207,8 @@ impl StatePublisher {
         group.history.clear();
         let has_new_points = group.wanted.contacts && group.points != self.points.number;
         group.points = self.points.number;
-        let extras = Extras { points: has_new_points.then_some(&self.points.found[..]), history: rows.as_deref() };
+        let points = has_new_points.then_some((&self.points.found[..], self.points.n_all));
+        let extras = Extras { points, history: rows.as_deref() };
         let wanted = group.wanted;
         let body = Arc::new(self.hub.body(newest, is_binary, extras));
         for client in clients.iter().filter(|client| client.wants() == Some(wanted)) {
@@ -228,8 +231,8 @@ impl StatePublisher {
     fn find_points(&mut self, record: &TickRecord, now: Instant) {
         match self.sought.as_mut().map(oneshot::Receiver::try_recv) {
             Some(Err(TryRecvError::Empty)) if record.output.contacts > 0 => return,
-            Some(Ok((found, took))) => {
-                self.points = Points { number: self.points.number + 1, found };
+            Some(Ok((found, n_all, took))) => {
+                self.points = Points { number: self.points.number + 1, found, n_all };
                 self.points_at = now + (took * POINTS_SHARE).max(POINTS_EVERY);
             }
             // Nothing touches any more, or the search has come to grief.
@@ -241,7 +244,7 @@ impl StatePublisher {
         }
         let Some(scene) = self.tracker.scene_of(record).cloned() else { return };
         if record.output.contacts == 0 {
-            self.points = Points { number: self.points.number + 1, found: Vec::new() };
+            self.points = Points { number: self.points.number + 1, ..Points::default() };
             self.points_at = now + POINTS_EVERY;
             return;
         }
@@ -249,9 +252,9 @@ impl StatePublisher {
         let (poses, world_from_tool) = (self.tracker.poses().to_vec(), record.output.world_from_tool);
         self.apart.post(move || {
             let began = Instant::now();
-            let found = points(&scene, &poses, world_from_tool);
+            let (found, n_all) = points(&scene, &poses, world_from_tool);
             // The client that asked may have gone.
-            let _ = told.send((found, began.elapsed()));
+            let _ = told.send((found, n_all, began.elapsed()));
         });
         self.sought = Some(sought);
     }
@@ -277,12 +280,8 @@ impl StatePublisher {
         if before.scene_idx == view.scene_idx && before.scene.is_some() {
             for (before, now) in before.settings.iter().zip(&view.settings) {
                 if before.value != now.value {
-                    self.hub.tell(
-                        "parameter",
-                        None,
-                        &format!("{} goes to {}", now.parameter.name(), now.value),
-                        &[now.parameter.name()],
-                    );
+                    let (name, value) = (now.parameter.name(), now.value.to_string());
+                    self.hub.tell("parameter", None, &format!("{name} goes to {value}"), &[name, &value]);
                 }
             }
         }
@@ -293,8 +292,8 @@ impl StatePublisher {
     }
 }
 
-/// Some of the points in contact, and how deep they are; m.
-fn points(scene: &RenderScene, poses: &[Pose], world_from_tool: Pose) -> Vec<[f32; 4]> {
+/// Some of the points in contact, and how deep they are, m; and how many all are.
+fn points(scene: &RenderScene, poses: &[Pose], world_from_tool: Pose) -> (Vec<[f32; 4]>, usize) {
     let world_from_body = world_from_tool * Pose::from_translation(scene.tool.center_of_mass_tool);
     let mut found = Vec::new();
     for (obstacle, world_from_map) in scene.obstacles.iter().zip(poses) {
@@ -305,8 +304,9 @@ fn points(scene: &RenderScene, poses: &[Pose], world_from_tool: Pose) -> Vec<[f3
             found.push([point.x, point.y, point.z, touching.depth_m]);
         });
     }
-    let step = found.len().div_ceil(MOST_POINTS).max(1);
-    found.into_iter().step_by(step).collect()
+    let n_all = found.len();
+    let step = n_all.div_ceil(MOST_POINTS).max(1);
+    (found.into_iter().step_by(step).collect(), n_all)
 }
 
 #[cfg(test)]

@@ -3,9 +3,9 @@
 use std::collections::{HashMap, HashSet};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use axum::body::Bytes;
 use glam::DVec3;
 
+use super::compressed::Compressed;
 use super::worker::Worker;
 use crate::config::SceneConfig;
 use crate::config::scene::MeshSource;
@@ -22,10 +22,10 @@ const CHORD_VOXELS: f64 = 0.25;
 #[derive(Clone, Debug, Default)]
 pub(super) struct Visual {
     /// `HMSH`, version, counts, positions (object's own frame, m), indices; little-endian.
-    pub(super) bytes: Bytes,
+    pub(super) file: Compressed,
     /// Of the object.
     pub(super) triangles: usize,
-    /// In `bytes`.
+    /// In `file`.
     pub(super) shown_triangles: usize,
     /// Box of the object, m.
     pub(super) bounds: Option<[DVec3; 2]>,
@@ -98,7 +98,7 @@ fn visual(mesh: &TriangleMesh, most: usize) -> Visual {
     for vertex in triangles.iter().flatten() {
         bytes.extend(vertex.to_le_bytes());
     }
-    Visual { bytes: bytes.into(), triangles: mesh.triangles.len(), shown_triangles: triangles.len(), bounds }
+    Visual { file: Compressed::new(bytes.into()), triangles: mesh.triangles.len(), shown_triangles: triangles.len(), bounds }
 }
 
 /// At most `most` triangles that look like the mesh: vertices that share a cell become one, in the middle of them.
@@ -167,15 +167,15 @@ mod tests {
         assert!((1000..=5000).contains(&shown.shown_triangles), "{}", shown.shown_triangles);
         let [low, high] = shown.bounds.expect("a box");
         assert!((high - low - DVec3::splat(0.1)).abs().max_element() < 1e-4);
-        let word = |at: usize| u32::from_le_bytes(shown.bytes[at..at + 4].try_into().expect("four"));
+        let word = |at: usize| u32::from_le_bytes(shown.file.plain[at..at + 4].try_into().expect("four"));
         let (n_vertices, n_indices) = (word(8) as usize, word(12) as usize);
-        assert_eq!((&shown.bytes[..4], word(4), n_indices), (&b"HMSH"[..], 1, 3 * shown.shown_triangles));
-        assert_eq!(shown.bytes.len(), 16 + 12 * n_vertices + 4 * n_indices);
+        assert_eq!((&shown.file.plain[..4], word(4), n_indices), (&b"HMSH"[..], 1, 3 * shown.shown_triangles));
+        assert_eq!(shown.file.plain.len(), 16 + 12 * n_vertices + 4 * n_indices);
         for at in (16..16 + 12 * n_vertices).step_by(12) {
             let radius_m = [0, 4, 8].map(|axis| f64::from(f32::from_bits(word(at + axis))).powi(2)).iter().sum::<f64>().sqrt();
             assert!((radius_m - 0.05).abs() < 2e-3, "{radius_m}");
         }
-        assert!((16 + 12 * n_vertices..shown.bytes.len()).step_by(4).all(|at| (word(at) as usize) < n_vertices));
+        assert!((16 + 12 * n_vertices..shown.file.plain.len()).step_by(4).all(|at| (word(at) as usize) < n_vertices));
     }
 
     #[test]

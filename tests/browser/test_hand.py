@@ -3,7 +3,7 @@
 import time
 
 from hapticd import REPOSITORY, Hapticd
-from pages import PROGRAM, SCREENS, SHOTS, PageCase
+from page_case import PROGRAM, SCREENS, SHOTS, PageCase
 
 ON_TOOL = "document.querySelector('#view').classList.contains('is-on-tool')"
 PAD = """window.pad = { id: "Test pad (made for a test)", mapping: "standard", axes: [0, 0, 0, 0], buttons: Array.from({ length: 17 }, () => ({ value: 0 })),

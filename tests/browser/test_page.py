@@ -2,18 +2,12 @@
 
 import functools
 import http.server
-import json
-import os
-import pathlib
-import shutil
-import tempfile
 import threading
 import time
 import unittest
 
-from chromium import Chromium
-from hapticd import REPOSITORY, Hapticd, write_scenes
-from pages import PROGRAM, SCREENS, SHOTS, VIEW_IS_READY, WORD, PageCase
+from hapticd import REPOSITORY
+from page_case import IN_CONTACT, SCREENS, SHOTS, VIEW_IS_READY, WORD, PageCase, number
 
 CLAY_SCREENS = SCREENS | {
     "tablet-dark": {"width": 820, "height": 1180, "touch": True, "dark": True},
@@ -30,12 +24,6 @@ LONGEST_STANDSTILL_MS = """new Promise((done) => {
     }, 20);
     setTimeout(() => { clearInterval(watch); done(longest); }, 800);
 })"""
-IN_CONTACT = "Number(document.querySelector('#read-contacts').textContent) > 0"
-
-
-def number(id):
-    """Script for the number that an element shows."""
-    return f"Number(document.querySelector('#{id}').textContent.replace('−', '-'))"
 
 
 class PageTest(PageCase):
@@ -84,7 +72,7 @@ class PageTest(PageCase):
         self.assertEqual(run.get("state")["state"], "ENABLED")
 
         # From wherever the focus is, also from a field.
-        page.run("document.querySelector('#parameters input[type=number]').focus()")
+        page.run("document.querySelector('#parameters input[type=text]').focus()")
         page.press("Escape")
         page.wait(f"{WORD} === 'Disabled'")
 

@@ -1,7 +1,7 @@
 //! Files of the clay that clients ask for: into a folder of our own, never over a file that is there.
 
 use std::path::PathBuf;
-use std::sync::{Arc, PoisonError};
+use std::sync::{Arc, MutexGuard, PoisonError};
 use std::time::SystemTime;
 
 use serde::Deserialize;
@@ -93,6 +93,7 @@ pub(in crate::monitor) fn save(hub: &Arc<Hub>, files: &Worker, kind: SaveKind, f
         let answer = Box::new(move |result: Result<(), OrderError>| {
             saver.saving.lock().unwrap_or_else(PoisonError::into_inner).remove(&path);
             if result.is_ok() {
+                saver.saved().push(path.clone());
                 let file = path.to_string_lossy();
                 hub.tell("clay", None, &format!("the {} of the clay went to {file}", kind.word()), &["saved", &file]);
             }
@@ -103,6 +104,11 @@ pub(in crate::monitor) fn save(hub: &Arc<Hub>, files: &Worker, kind: SaveKind, f
 }
 
 impl ClayService {
+    /// Files that were written for clients, oldest first.
+    pub(in crate::monitor) fn saved(&self) -> MutexGuard<'_, Vec<PathBuf>> {
+        self.saved.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     /// A path that no other request writes to.
     fn reserve(&self, kind: SaveKind, file: Option<&str>) -> Result<PathBuf, RequestError> {
         let folder = self.folder.as_ref().ok_or_else(|| RequestError::unavailable("there is no folder to save to", NO_FOLDER))?;

@@ -77,6 +77,8 @@ pub(super) struct ClayService {
     session_at_end: Option<PathBuf>,
     /// Files that are being written.
     saving: Mutex<HashSet<PathBuf>>,
+    /// Files that were written for clients.
+    saved: Mutex<Vec<PathBuf>>,
     /// What clients know of the last view.
     last_view: Mutex<LastView>,
     pub(super) splats: Splats,
@@ -97,6 +99,7 @@ impl ClayService {
             folder,
             session_at_end,
             saving: Mutex::default(),
+            saved: Mutex::default(),
             last_view: Mutex::new(last_view),
             splats: Splats::default(),
         }

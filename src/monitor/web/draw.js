@@ -4,7 +4,7 @@
  * Knows nothing of scenes: the caller says what stands where, and in which colour.
  */
 
-import { add, matrixAlong, matrixOfPose, multiply, normalize, scale } from "./math.js";
+import { add, dot, matrixAlong, matrixOfPose, multiply, normalize, scale } from "./math.js";
 import { compile } from "./shaders.js";
 import { cone, rod } from "./shapes.js";
 
@@ -14,14 +14,16 @@ export const MOST_DOTS = 512;
 export const AXES_SIZE = 92;
 const IDENTITY = matrixOfPose({ p: [0, 0, 0], q: [0, 0, 0, 1] });
 
-/** @typedef {{vao: WebGLVertexArrayObject, n: number, buffers: WebGLBuffer[]}} Drawn positions on the graphics card */
+/** @typedef {{vao: WebGLVertexArrayObject, n: number, buffers: WebGLBuffer[], tints: WebGLBuffer=}} Drawn positions on the graphics card */
 /** @typedef {{viewProjection: Float32Array, stretch: number, eye: number[], light: number[]}} Frame from where a picture is taken */
 
 export class Draw {
   /** @param {HTMLCanvasElement} canvas */
   constructor(canvas) {
-    this.gl = canvas.getContext("webgl2", { antialias: true, alpha: true, powerPreference: "high-performance" });
+    this.gl = canvas.getContext("webgl2", { antialias: true, alpha: true, stencil: true, powerPreference: "high-performance" });
     if (!this.gl) throw new Error("this browser has no WebGL 2");
+    /** What follows is not drawn where `n · p > d`: `[nx, ny, nz, d]`, world, m; null: all is. @type {?number[]} */
+    this.cut = null;
     this.prepare();
   }
 
@@ -29,6 +31,8 @@ export class Draw {
   prepare() {
     const { gl } = this;
     this.programs = compile(gl);
+    // Faces without tints of their own.
+    gl.vertexAttrib3f(2, 1, 1, 1);
     this.rod = this.faces(rod());
     this.cone = this.faces(cone());
     this.plane = this.lines(new Float32Array([-1, -1, 0, 1, -1, 0, -1, 1, 0, 1, 1, 0]));
@@ -57,6 +61,21 @@ export class Draw {
     gl.vertexAttribPointer(1, 4, gl.BYTE, true, 0, 0);
     drawn.buffers.push(buffer);
     return drawn;
+  }
+
+  /** Gives faces a tint at every corner, or other ones. @param {Drawn} drawn @param {Uint8Array} tints [4 × corners] */
+  tint(drawn, tints) {
+    const { gl } = this;
+    if (!drawn.tints) {
+      drawn.tints = gl.createBuffer();
+      drawn.buffers.push(drawn.tints);
+      gl.bindVertexArray(drawn.vao);
+      gl.bindBuffer(gl.ARRAY_BUFFER, drawn.tints);
+      gl.enableVertexAttribArray(2);
+      gl.vertexAttribPointer(2, 3, gl.UNSIGNED_BYTE, true, 4, 0);
+    }
+    gl.bindBuffer(gl.ARRAY_BUFFER, drawn.tints);
+    gl.bufferData(gl.ARRAY_BUFFER, tints, gl.DYNAMIC_DRAW);
   }
 
   /** @param {Float32Array} positions @returns {Drawn} ends of lines */
@@ -93,14 +112,16 @@ export class Draw {
   }
 
   /** Takes a program. @returns {object} the places of its parameters */
-  use({ program, at }, model, color, opacity) {
+  use(kind, model, color, opacity) {
     const { gl, frame } = this;
+    const { program, at } = (this.cut && kind.cut) || kind;
     gl.useProgram(program);
     gl.uniformMatrix4fv(at.view_projection, false, frame.viewProjection);
     if (at.model) gl.uniformMatrix4fv(at.model, false, model);
     gl.uniform4f(at.color, ...color, opacity);
     if (at.eye) gl.uniform3fv(at.eye, frame.eye);
     if (at.light) gl.uniform3fv(at.light, frame.light);
+    if (at.cut) gl.uniform4fv(at.cut, this.cut);
     return at;
   }
 
@@ -114,6 +135,38 @@ export class Draw {
     gl.bindVertexArray(faces.vao);
     gl.drawArrays(gl.TRIANGLES, 0, faces.n);
     gl.disable(gl.POLYGON_OFFSET_FILL);
+  }
+
+  /**
+   * The face at which the plane `cut` goes through a closed part, flat and hatched.
+   * @param {{faces: Drawn}} part @param {number[]} color @param {number} slant of the hatching, 1 or −1 @param {number} step of it, pixels
+   * @param {number[]} near a place that the face is near to @param {number} reach from there to all of it at least, m
+   */
+  cap(part, model, color, slant, step, near, reach) {
+    const { gl, cut } = this;
+    gl.clear(gl.STENCIL_BUFFER_BIT);
+    gl.enable(gl.STENCIL_TEST);
+    gl.stencilFunc(gl.ALWAYS, 0, 255);
+    // Beyond the plane a line of sight meets as many faces from within as from without, unless it passes the plane inside of the part.
+    gl.stencilOpSeparate(gl.BACK, gl.KEEP, gl.KEEP, gl.INCR_WRAP);
+    gl.stencilOpSeparate(gl.FRONT, gl.KEEP, gl.KEEP, gl.DECR_WRAP);
+    gl.disable(gl.DEPTH_TEST);
+    gl.colorMask(false, false, false, false);
+    this.solid(part, model, color);
+    gl.colorMask(true, true, true, true);
+    gl.enable(gl.DEPTH_TEST);
+    gl.stencilFunc(gl.NOTEQUAL, 0, 255);
+    gl.stencilOp(gl.KEEP, gl.KEEP, gl.KEEP);
+    const normal = cut.slice(0, 3);
+    const origin = add(near, scale(normal, cut[3] - dot(normal, near)));
+    this.cut = null;
+    const at = this.use(this.programs.cap, matrixAlong(origin, normal, reach, 1), color, 1);
+    gl.uniform1f(at.slant, slant);
+    gl.uniform1f(at.step_px, step);
+    gl.bindVertexArray(this.plane.vao);
+    gl.drawArrays(gl.TRIANGLE_STRIP, 0, 4);
+    this.cut = cut;
+    gl.disable(gl.STENCIL_TEST);
   }
 
   /** @param {{lines: Drawn}} part */

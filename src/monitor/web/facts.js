@@ -1,6 +1,7 @@
 /** What the server says of its arm and its machine, and what happened. */
 
 import { byId, element } from "./element.js";
+import { parameterWords, short } from "./units.js";
 
 const AXES = ["x", "y", "z", "rx", "ry", "rz"];
 const MOST_EVENTS = 100;
@@ -36,8 +37,16 @@ export function addEvent(event, now_ns) {
   if (event.event === "overrun" && countLate(list.firstChild, event, time)) return;
   const kind = event.event === "fault" || event.event === "overrun" ? "is-fault" : "";
   const late = event.event === "overrun" ? { "data-late": event.names[0], "data-since": time } : {};
-  list.prepend(element("li", { class: kind, ...late }, element("time", {}, time), element("span", {}, event.text || event.event)));
+  list.prepend(element("li", { class: kind, ...late }, element("time", {}, time), element("span", {}, textOf(event))));
   while (list.children.length > MOST_EVENTS) list.lastChild.remove();
+}
+
+/** What happened, a value in the unit that the panel has for it. */
+function textOf({ event, text, names }) {
+  const value = event === "parameter" && names.length > 1 ? Number(names[1]) : Number.NaN;
+  if (Number.isNaN(value)) return text || event;
+  const { label, unit, factor } = parameterWords(names[0]);
+  return `${label} goes to ${short(value * factor)} ${unit}`.trimEnd();
 }
 
 /** Late ticks come in crowds: one line counts them until something else happens. */

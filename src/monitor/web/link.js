@@ -9,6 +9,9 @@
 const API = "/api/v1";
 const STATE_RATE_HZ = 60;
 const REPLY_TIMEOUT_MS = 3000;
+/** An answer over HTTP, and one that is a file. */
+const TIMEOUT_MS = 30_000;
+const FILE_TIMEOUT_MS = 300_000;
 const RETRY_LEAST_MS = 250;
 const RETRY_MOST_MS = 2000;
 /** A ping goes out this often; a socket on which nothing came for three of them is dead. */
@@ -96,13 +99,18 @@ export class Link extends EventTarget {
     return (await this.#fetch("GET", path)).arrayBuffer();
   }
 
+  /** A file, which may take as long as the server allows a connection. @param {string} path @returns {Promise<Blob>} */
+  async getFile(path) {
+    return (await this.#fetch("GET", path, undefined, FILE_TIMEOUT_MS)).blob();
+  }
+
   /** @param {string} path @param {object=} body */
   async post(path, body) {
     await this.#fetch("POST", path, body);
   }
 
-  /** @param {string} method @param {string} path @param {object=} body */
-  async #fetch(method, path, body) {
+  /** @param {string} method @param {string} path @param {object=} body @param {number=} timeoutMs */
+  async #fetch(method, path, body, timeoutMs = TIMEOUT_MS) {
     const headers = {};
     if (this.token) headers.Authorization = `Bearer ${this.token}`;
     if (body) headers["Content-Type"] = "application/json";
@@ -112,7 +120,7 @@ export class Link extends EventTarget {
         method,
         headers,
         body: body && JSON.stringify(body),
-        signal: AbortSignal.timeout(30_000),
+        signal: AbortSignal.timeout(timeoutMs),
       });
     } catch {
       throw new Refusal("no connection to the server");

@@ -11,20 +11,28 @@
 
 import { Clay } from "./clay.js";
 import { ClayHand } from "./clay-hand.js";
+import { Clearance } from "./clearance.js";
 import { Drive } from "./drive.js";
 import { byId, say, words } from "./element.js";
+import { Export } from "./export.js";
 import { addEvent, showInfo } from "./facts.js";
 import { Hand } from "./hand.js";
 import { Link, tokenOfAddress } from "./link.js";
+import { MadeFiles } from "./made-files.js";
+import { Measure } from "./measure.js";
 import { MeshLoader } from "./mesh-loader.js";
 import { Objects } from "./objects.js";
 import { Parameters } from "./parameters.js";
+import { PathPlot } from "./path-plot.js";
+import { ToolPath } from "./path.js";
 import { Plots } from "./plots.js";
 import { Readouts } from "./readouts.js";
 import { SceneView } from "./scene.js";
+import { Section } from "./section.js";
 import { Session } from "./session.js";
-import { lengthText, short } from "./units.js";
+import { count, lengthText, short } from "./units.js";
 import { Unsaved } from "./unsaved.js";
+import { Wrench } from "./wrench.js";
 
 /** Data older than this is greyed out. */
 const STALE_MS = 1000;
@@ -36,6 +44,9 @@ const link = new Link(tokenOfAddress());
 const drive = new Drive(link);
 const readouts = new Readouts();
 const plots = new Plots(document);
+const path = new ToolPath();
+const pathPlot = new PathPlot(path);
+const wrench = new Wrench(path);
 const objects = new Objects(link);
 const parameters = new Parameters(link, (all) => {
   readouts.learn(all);
@@ -43,8 +54,11 @@ const parameters = new Parameters(link, (all) => {
 });
 const session = new Session(link, refreshInfo);
 const meshes = new MeshLoader(link);
+const recordings = new MadeFiles(link, "recordings", "recordings");
+const clayFiles = new MadeFiles(link, "clay/files", "clay-files");
 const view = openView();
 const hand = view && new Hand(link, view);
+new Export(view, plots, pathPlot, () => view.additions.flatMap(({ labels }) => labels ?? []));
 const clay = new Clay(link, view);
 if (hand) {
   // What is over the clay is for the clay, also where the tool is in between.
@@ -66,6 +80,7 @@ link.addEventListener("open", ({ detail: hello }) => {
   stand();
   session.resume();
   refreshInfo();
+  recordings.refresh();
 });
 
 link.addEventListener("closed", ({ detail: isOver }) => {
@@ -86,6 +101,9 @@ link.addEventListener("state", ({ detail: state }) => {
   drive.show(state);
   stand();
   readouts.show(state);
+  path.push(state);
+  wrench.show(state);
+  if (!pathPlot.paused) pathPlot.redraw();
   objects.show(state);
   view?.show(state);
   hand?.show(state);
@@ -101,9 +119,11 @@ link.addEventListener("event", ({ detail: event }) => {
     stand();
   }
   clay.hear(event);
+  if (event.event === "clay" && event.names[0] === "saved") clayFiles.refresh();
   if (event.event === "parameter") parameters.refresh().catch(() => {});
   if (event.event === "recording" && event.names[0] === "ended") session.remember(event.text);
   if (event.event === "recording" || event.event === "link") refreshInfo();
+  if (event.event === "recording") recordings.refresh();
   if (event.event === "scene") drive.prepare(event.names[0] === "baking" ? event.names[1] : "");
 });
 
@@ -120,6 +140,7 @@ byId("pause").onclick = ({ currentTarget: button }) => {
   button.setAttribute("aria-pressed", String(isPaused));
   button.firstChild.textContent = isPaused ? "▶" : "❚❚";
   plots.pause(isPaused);
+  pathPlot.pause(isPaused);
 };
 
 /** Passes the state of the run to the panels that show it. */
@@ -161,10 +182,12 @@ async function loadScene() {
     document.title = `${scene.name} · hapticd`;
     objects.learn(scene);
     hand?.learn(scene);
+    wrench.learn(scene);
     parameters.refresh().catch((error) => say(words(error)));
     link.get("scenes").then((names) => session.offer(names, stemOf(scene.file)), () => {});
     const loading = loadMeshes(scene);
     clay.begin(scene.clay);
+    if (scene.clay) clayFiles.refresh();
     await loading;
   } catch (error) {
     shown.askAgainAt = performance.now() + SCENE_AGAIN_MS;
@@ -177,6 +200,7 @@ async function loadScene() {
 async function loadMeshes(scene) {
   if (!view) return;
   view.clear();
+  view.alsoSeen = scene.hand_bounds ?? null;
   view.pointSpacing = scene.objects.find(({ role }) => role === "tool")?.voxel_size_m ?? scene.voxel_size_m;
   byId("view-note").textContent = "Loading the parts";
   const { started } = shown;
@@ -187,7 +211,7 @@ async function loadMeshes(scene) {
     const part = await meshes.load(mesh, nShown < triangles).catch((error) => say(words(error)));
     if (isOld()) return;
     if (part) view.add({ idx, role, pose, mesh: part });
-    view.fit();
+    view.fitUntouched();
   }
   byId("view-note").textContent = "";
 }
@@ -234,6 +258,13 @@ function openView() {
     button.setAttribute("aria-pressed", String(isSeeThrough));
     opened.seeThrough(isSeeThrough);
   };
+  opened.counted = (n, nAll) => {
+    const text = n < nAll ? `${count(n)} of ${count(nAll)} points shown` : "contacts";
+    if (byId("legend-contacts").textContent !== text) byId("legend-contacts").textContent = text;
+  };
+  new Section(opened);
+  new Clearance(link, opened);
+  new Measure(opened);
   const names = document.querySelectorAll(".axes span");
   opened.onDrawn = () => {
     opened.axisTips.forEach(([left, bottom], n) => Object.assign(names[n].style, { left: `${left}px`, bottom: `${bottom}px` }));

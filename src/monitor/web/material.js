@@ -1,9 +1,11 @@
 /** The material that the tool paints: mass, damping and stiffness of mass points, each a number or left as it is. */
 
 import { byId } from "./element.js";
+import { readNumber, refusal } from "./number-field.js";
 
-/** Names of the properties in the API; their fields have the same names with dashes. */
-const PROPERTIES = ["mass_kg", "damping_n_s_per_m", "stiffness_n_per_m"];
+/** Names of the properties in the API, with the most that they can be and how little a mass can be; their fields have the same names with dashes. */
+const RANGES = { mass_kg: [1e-9, 1, "kg"], damping_n_s_per_m: [0, 1e4, "N·s/m"], stiffness_n_per_m: [0, 1e6, "N/m"] };
+const PROPERTIES = Object.keys(RANGES);
 
 const field = (name) => byId(`clay-${name.replaceAll("_", "-")}`);
 
@@ -12,8 +14,8 @@ export class Material {
   constructor(take) {
     for (const name of PROPERTIES) {
       field(name).onchange = ({ target }) => {
-        // What is no number the browser says by itself; it is not sent.
-        if (target.validity.badInput || !target.checkValidity()) return void target.reportValidity();
+        target.setCustomValidity(target.value.trim() === "" ? "" : refusal(target.value, ...RANGES[name]));
+        if (!target.reportValidity()) return;
         take(Object.fromEntries(PROPERTIES.map((property) => [property, written(field(property))])));
       };
     }
@@ -29,4 +31,4 @@ export class Material {
   }
 }
 
-const written = (input) => (input.value === "" ? null : input.valueAsNumber);
+const written = (input) => (input.value.trim() === "" ? null : readNumber(input.value));

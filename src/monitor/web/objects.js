@@ -2,9 +2,12 @@
 
 import { byId, element, words } from "./element.js";
 import { isFinite3, length, subtract } from "./math.js";
+import { readNumber, stepByKeys } from "./number-field.js";
 import { fixed, short } from "./units.js";
 
 const AXES = ["x", "y", "z"];
+/** Of the arrow keys, mm. */
+const STEP_MM = 0.5;
 const EVERY_MS = 200;
 /** Nearer than this a part is where it was wished. */
 const ARRIVED_M = 1e-5;
@@ -47,7 +50,7 @@ export class Objects {
 
   #row(object, idx) {
     const fields = AXES.map((axis, n) =>
-      element("input", { type: "number", step: "0.5", value: short(object.pose.p[n] * 1e3), "aria-label": `${object.name}, ${axis}, mm` }),
+      element("input", { type: "text", inputMode: "decimal", autocomplete: "off", value: short(object.pose.p[n] * 1e3), "aria-label": `${object.name}, ${axis}, mm` }),
     );
     const answer = element("p", { class: "answer" });
     const go = element("button", { type: "button", hidden: true }, "Move it there");
@@ -62,6 +65,7 @@ export class Objects {
       go,
     );
     for (const [n, field] of fields.entries()) {
+      stepByKeys(field, STEP_MM);
       // An emptied field follows the part again.
       field.oninput = () => (row.isTyped[n] = field.value !== "");
       field.onchange = () => {
@@ -75,14 +79,19 @@ export class Objects {
 
   /** Where the fields say that the part is to be; what the user did not write into stays where it is, or is going, to the last digit. */
   #wish(row) {
-    return row.fields.map((field, n) => (row.isTyped[n] ? field.valueAsNumber / 1e3 : (row.wish ?? row.pose.p)[n]));
+    return row.fields.map((field, n) => (row.isTyped[n] ? readNumber(field.value) / 1e3 : (row.wish ?? row.pose.p)[n]));
   }
 
   #ask(row) {
     const p = this.#wish(row);
     row.go.hidden = true;
     row.holdsAnswer = false;
-    if (!isFinite3(p)) return;
+    if (!isFinite3(p)) {
+      const wrong = row.fields.find((field, n) => row.isTyped[n] && Number.isNaN(readNumber(field.value)));
+      row.holdsAnswer = true;
+      row.answer.textContent = `“${wrong.value.trim()}” is no number: write one such as 1.5`;
+      return;
+    }
     if (!this.#isFar(p)) {
       this.#place(row);
       return;

@@ -5,6 +5,7 @@
  */
 
 import { byId, element, words } from "./element.js";
+import { readNumber, refusal } from "./number-field.js";
 import { parameterWords, short } from "./units.js";
 
 const STEPS = 1000;
@@ -74,7 +75,7 @@ export class Row {
     this.words = parameterWords(name);
     const { label, unit } = this.words;
     this.slider = element("input", { type: "range", id: `slider-${name}`, min: "0", max: String(STEPS), step: "1" });
-    this.field = element("input", { type: "number", id: `field-${name}`, "aria-label": unit ? `${label}, ${unit}` : label });
+    this.field = element("input", { type: "text", inputMode: "decimal", autocomplete: "off", id: `field-${name}`, "aria-label": unit ? `${label}, ${unit}` : label });
     this.reset = element("button", { type: "button", class: "reset" }, "↺");
     this.answer = element("span", { class: "answer", id: `answer-${name}`, role: "status" });
     this.slider.setAttribute("aria-describedby", this.answer.id);
@@ -94,7 +95,7 @@ export class Row {
     this.field.oninput = () => (this.isTyping = true);
     this.field.onchange = () => {
       this.isTyping = false;
-      this.#ask(this.field.valueAsNumber / this.words.factor, false);
+      this.#askTyped();
     };
     this.field.onblur = () => {
       this.isTyping = false;
@@ -114,7 +115,6 @@ export class Row {
     this.bound = bound;
     const { least, most, scene, value } = parameter;
     const { label, unit, factor } = this.words;
-    Object.assign(this.field, { step: "any", min: String(least * factor), max: String(most * factor) });
     this.slider.style.setProperty("--scene", `calc(11px + ${this.#share(scene)} * (100% - 22px))`);
     const hint = `Reset ${label.toLowerCase()} to the scene's ${short(scene * factor)} ${unit}`.trim();
     this.reset.title = hint;
@@ -133,14 +133,33 @@ export class Row {
     return value === scene ? `${short(least * factor)} to ${short(most * factor)}` : `set, scene ${short(scene * factor)}`;
   }
 
-  /** @param {number} value SI @param {boolean} isDragging */
-  async #ask(value, isDragging) {
-    if (!Number.isFinite(value)) {
-      this.#write(this.parameter.value);
+  /** What was written into the field; what is out of range is refused here, in the units of the field. */
+  #askTyped() {
+    const { least, most, value } = this.parameter;
+    const { factor, unit } = this.words;
+    const text = this.field.value;
+    if (text.trim() === "") {
+      this.#write(value);
       return;
     }
+    const problem = refusal(text, least * factor, most * factor, unit);
+    if (problem) this.#refuse(problem);
+    else this.#ask(readNumber(text) / factor, false);
+  }
+
+  #refuse(problem) {
+    this.#write(this.parameter.value);
+    this.root.classList.remove("is-waiting");
+    this.root.classList.add("is-refused");
+    this.answer.textContent = problem;
+  }
+
+  /** @param {number} value SI @param {boolean} isDragging */
+  async #ask(value, isDragging) {
     const { least, most } = this.parameter;
+    // A bound in three figures, and a slider's end, may lie beyond it by rounding.
     const wanted = Math.min(most, Math.max(least, value));
+    this.root.classList.remove("is-refused");
     this.#write(wanted);
     this.root.classList.add("is-waiting");
     this.answer.textContent = "asking …";
@@ -159,9 +178,7 @@ export class Row {
     } catch (error) {
       this.isSending = false;
       this.next = null;
-      this.#write(this.parameter.value);
-      this.root.classList.replace("is-waiting", "is-refused");
-      this.answer.textContent = words(error);
+      this.#refuse(words(error));
     }
   }
 

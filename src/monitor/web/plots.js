@@ -9,7 +9,14 @@ const WINDOW_S = 10;
 /** A gap in time that is longer breaks the line. */
 const GAP_S = 0.05;
 /** Pixels (CSS) left of the plot for its numbers, and below for the time. */
-const MARGIN = { left: 42, right: 8, top: 6, bottom: 18 };
+export const PLOT_MARGIN = { left: 42, right: 8, top: 6, bottom: 18 };
+const MARGIN = PLOT_MARGIN;
+
+/** Numbers beside an axis, all with as many decimals as the one that needs most. @type {(marks: number[]) => string[]} */
+export function axisTexts(marks) {
+  const decimals = Math.max(0, ...marks.map((mark) => (short(mark).split(".")[1] ?? "").length));
+  return marks.map((mark) => fixed(mark, decimals));
+}
 
 /**
  * @typedef {object} Plot
@@ -152,11 +159,12 @@ export class Plots {
     g.textAlign = "right";
     g.textBaseline = "middle";
     g.beginPath();
-    for (const mark of marks) {
+    const texts = decades ? marks.map(short) : axisTexts(marks);
+    for (const [n, mark] of marks.entries()) {
       const at = Math.round(y(mark)) + 0.5;
       g.moveTo(area.x, at);
       g.lineTo(area.x + area.w, at);
-      g.fillText(short(mark), area.x - 6, at);
+      g.fillText(texts[n], area.x - 6, at);
     }
     g.textBaseline = "top";
     const step = area.w < 260 ? 5 : 2;

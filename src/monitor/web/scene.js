@@ -18,6 +18,17 @@ const LEAST_FORCE_SCALE = 0.5;
 const LEAST_TORQUE_SCALE = 0.005;
 
 /** @typedef {import("./math.js").Pose} Pose */
+/**
+ * @typedef {object} Addition
+ * @property {(role: "static"|"tool"|"clay") => ?number[]=} cutOf plane beyond which what has this role is not drawn, as `Draw.cut`
+ * @property {(part: Part) => ?{faces: object}=} painted faces with tints of their own, drawn in place of those of a part
+ * @property {(draw: Draw, ratio: number) => void=} among draws among the parts; `ratio`: pixels of a CSS pixel
+ * @property {(draw: Draw, ratio: number) => void=} over draws over everything but the axes
+ * @property {{text: string, at: number[], color: string}[]=} labels what is written over the picture; CSS pixels, custom property
+ * @property {() => void=} drawn after every picture
+ * @property {() => void=} measured after the box around all parts has changed
+ */
+
 /** @typedef {{pose: Pose, role: "static"|"tool", idx: number, mesh: import("./mesh.js").Mesh, faces: object, lines: object}} Part */
 
 export class SceneView {
@@ -28,17 +39,30 @@ export class SceneView {
   constructor(canvas, scaled) {
     this.canvas = canvas;
     this.scaled = scaled;
+    /** Called with how many points in contact are drawn, and how many there are. @type {(n: number, nAll: number) => void} */
+    this.counted = () => {};
+    this.nPoints = 0;
     /** Called after every picture. */
     this.onDrawn = () => {};
     this.camera = new OrbitCamera(canvas, () => this.redraw());
     /** @type {Part[]} */
     this.parts = [];
+    /** A box that the first view has in it besides the parts, world, m. @type {?{min: number[], max: number[]}} */
+    this.alsoSeen = null;
+    /** Where the camera stood when all was last fitted into the picture. */
+    this.fitted = null;
     this.state = null;
     this.points = new Float32Array(0);
     /** Distance between points of the tool, m. */
     this.pointSpacing = 1e-3;
     this.isSeeThrough = false;
+    /** A click takes a point of a part: whatever else a pointer does to the tool is left out meanwhile. */
+    this.isPicking = false;
     this.clay = new Splats();
+    /** Box around all parts and clay, world, m. */
+    this.box = this.camera.subject;
+    /** What other modules add to the picture. @type {Addition[]} */
+    this.additions = [];
     this.isDirty = false;
     this.draw = new Draw(canvas);
     this.clay.prepare(this.draw.gl);
@@ -62,6 +86,8 @@ export class SceneView {
   clear() {
     for (const drawn of this.parts.flatMap(({ faces, lines }) => [faces, lines])) this.draw.free(drawn);
     this.parts = [];
+    this.alsoSeen = null;
+    this.fitted = null;
     this.clay.clear();
     this.points = new Float32Array(0);
     this.scales = { grid_m: 0.01, force_n: LEAST_FORCE_SCALE, torque_nm: LEAST_TORQUE_SCALE };
@@ -80,7 +106,7 @@ export class SceneView {
   addClay(samples) {
     const isFirst = !this.clay.samples;
     this.clay.take(samples);
-    if (isFirst) this.fit();
+    if (isFirst) this.fitUntouched();
     this.redraw();
   }
 
@@ -91,8 +117,12 @@ export class SceneView {
       const part = this.parts.find((part) => part.idx === idx);
       if (part && isFinite3(p)) part.pose = { p, q };
     }
-    if (state.points) this.points = relativeDepths(state.points);
+    if (state.points) {
+      this.points = relativeDepths(state.points);
+      this.nPoints = state.points_of ?? state.points.length;
+    }
     if (state.contacts === 0) this.points = new Float32Array(0);
+    this.counted(this.points.length / 4, this.points.length > 0 ? this.nPoints : 0);
     this.#rescale("force_n", length(state.contact_cf.f), LEAST_FORCE_SCALE);
     this.#rescale("torque_nm", length(state.contact_cf.t), LEAST_TORQUE_SCALE);
     this.redraw();
@@ -104,6 +134,14 @@ export class SceneView {
     this.scaled(this.scales);
     this.#measure();
     this.camera.fit();
+    const { target, distance } = this.camera;
+    this.fitted = { target, distance };
+  }
+
+  /** All of the scene, unless the user has chosen another view since it was last fitted. */
+  fitUntouched() {
+    const { target, distance } = this.camera;
+    if (!this.fitted || (this.fitted.target === target && this.fitted.distance === distance)) this.fit();
   }
 
   /** The tool in the middle, near. */
@@ -126,7 +164,23 @@ export class SceneView {
       if (this.draw.gl.isContextLost() || this.canvas.clientWidth === 0) return;
       this.#drawAll();
       this.onDrawn();
+      for (const addition of this.additions) addition.drawn?.();
     });
+  }
+
+  /** Draws at once; what is drawn can be read from the canvas until the caller returns to the browser. */
+  drawNow() {
+    this.#drawAll();
+  }
+
+  /** Where a part stands in the picture. @param {Part} part @returns {Pose} */
+  standing(part) {
+    return this.#poseOf(part);
+  }
+
+  /** Plane beyond which what has this role is not drawn. @param {"static"|"tool"|"clay"} role @returns {?number[]} */
+  cutOf(role) {
+    return this.additions.map((addition) => addition.cutOf?.(role)).find(Boolean) ?? null;
   }
 
   /** Middle and radius of the tool where it stands, m. */
@@ -154,11 +208,15 @@ export class SceneView {
       });
     }
     if (!isFinite3(min)) return;
-    const radius = Math.max(length(subtract(max, min)) / 2, 1e-4);
+    this.box = { min, max };
     this.floor = min[2];
-    this.camera.subject = { min, max, middle: scale(add(min, max), 0.5), radius };
+    const least = min.map((x, axis) => Math.min(x, this.alsoSeen?.min[axis] ?? x));
+    const most = max.map((x, axis) => Math.max(x, this.alsoSeen?.max[axis] ?? x));
+    const radius = Math.max(length(subtract(most, least)) / 2, 1e-4);
+    this.camera.subject = { min: least, max: most, middle: scale(add(least, most), 0.5), radius };
     this.scales.grid_m = ceilTo125(radius / 8);
     this.scaled(this.scales);
+    for (const addition of this.additions) addition.measured?.();
   }
 
   /** Full scales grow in steps of 1, 2, 5 and never shrink by themselves: an arrow that gets shorter means less force. */
@@ -201,18 +259,25 @@ export class SceneView {
       if (part.role === "static" && this.isSeeThrough) continue;
       const [face, edge] = part.role === "tool" ? ["tool", "tool-edge"] : ["part", "part-edge"];
       const model = matrixOfPose(this.#poseOf(part));
-      draw.solid(part, model, colors[face]);
+      draw.cut = this.cutOf(part.role);
+      const painted = this.additions.map((addition) => addition.painted?.(part)).find(Boolean);
+      if (painted) draw.solid(painted, model, [1, 1, 1]);
+      else draw.solid(part, model, colors[face]);
       draw.outline(part, model, colors[edge], 0.75);
     }
+    draw.cut = null;
+    for (const addition of this.additions) addition.among?.(draw, ratio);
     if (!this.isSeeThrough) this.#drawClay(1);
     this.#drawGround();
     if (this.isSeeThrough) {
       this.#drawClay(0.35);
       for (const part of statics) {
         const model = matrixOfPose(part.pose);
+        draw.cut = this.cutOf("static");
         draw.veil(part, model, colors.part, 0.25);
         draw.outline(part, model, colors["part-edge"], 0.6);
       }
+      draw.cut = null;
     }
     this.#drawGhost();
     this.#drawPoints(ratio);
@@ -220,11 +285,14 @@ export class SceneView {
     draw.lay();
     this.#drawBrush();
     this.#drawWrench();
+    for (const addition of this.additions) addition.over?.(draw, ratio);
     draw.axes(camera.view, backward, ["axis-x", "axis-y", "axis-z"].map((name) => colors[name]), ratio);
   }
 
   #drawClay(opacity) {
+    this.draw.cut = this.cutOf("clay");
     this.clay.drawDiscs((model, opacity) => this.draw.use(this.draw.programs.splat, model, this.colors.part, opacity), opacity);
+    this.draw.cut = null;
     this.clay.drawRegion((...how) => this.draw.use(this.draw.programs.line, ...how), this.colors.grid);
   }
 

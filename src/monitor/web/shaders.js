@@ -1,19 +1,31 @@
-/** The five programs of the graphics card. All take `view_projection` (of world) and `model` (world from the mesh's frame). */
+/**
+ * The programs of the graphics card. Those of parts and clay have a variant `cut` besides, which leaves out what lies beyond a plane. All take `view_projection`
+ * (of world) and `model` (world from the mesh's frame).
+ */
 
 const HEAD = `#version 300 es
 precision highp float;
 `;
+/** What `LEAVE_OUT` stands for: a program that may discard is slower, so there are two of each. */
+const WHOLE = `#define LEAVE_OUT
+`;
+const CUT = `uniform vec4 cut;
+#define LEAVE_OUT if (dot(position_world, cut.xyz) > cut.w) discard;
+`;
 
-/** Lit faces. Light comes over the shoulder and from the sky; the back of an open mesh is lit like its front. */
+/** Lit faces, each corner in its tint of the colour. Light comes over the shoulder and from the sky; the back of an open mesh is lit like its front. */
 const SURFACE = {
   vertex: `
 layout(location = 0) in vec3 position;
 layout(location = 1) in vec4 normal;
+layout(location = 2) in vec3 tint;
 uniform mat4 view_projection;
 uniform mat4 model;
 out vec3 normal_world;
 out vec3 position_world;
+out vec3 tinted;
 void main() {
+  tinted = tint;
   mat3 m = mat3(model);
   // Arrows are stretched along their axes.
   normal_world = m * (normal.xyz / vec3(dot(m[0], m[0]), dot(m[1], m[1]), dot(m[2], m[2])));
@@ -24,17 +36,19 @@ void main() {
   fragment: `
 in vec3 normal_world;
 in vec3 position_world;
+in vec3 tinted;
 uniform vec4 color;
 uniform vec3 eye;
 uniform vec3 light;
 out vec4 pixel;
 void main() {
+  LEAVE_OUT
   vec3 n = normalize(gl_FrontFacing ? normal_world : -normal_world);
   vec3 to_eye = normalize(eye - position_world);
   float sky = 0.5 + 0.5 * n.z;
   float lit = max(dot(n, light), 0.0);
   float gloss = pow(max(dot(reflect(-light, n), to_eye), 0.0), 24.0);
-  pixel = vec4(color.rgb * (0.42 + 0.2 * sky + 0.45 * lit) + 0.07 * gloss, color.a);
+  pixel = vec4(color.rgb * tinted * (0.42 + 0.2 * sky + 0.45 * lit) + 0.07 * gloss, color.a);
 }`,
 };
 
@@ -44,11 +58,35 @@ const LINE = {
 layout(location = 0) in vec3 position;
 uniform mat4 view_projection;
 uniform mat4 model;
-void main() { gl_Position = view_projection * model * vec4(position, 1.0); }`,
+out vec3 position_world;
+void main() {
+  vec4 p = model * vec4(position, 1.0);
+  position_world = p.xyz;
+  gl_Position = view_projection * p;
+}`,
   fragment: `
+in vec3 position_world;
 uniform vec4 color;
 out vec4 pixel;
-void main() { pixel = color; }`,
+void main() {
+  LEAVE_OUT
+  pixel = color;
+}`,
+};
+
+/** Cut faces: one colour, hatched across the picture every `step_px`, to the one side or the other. */
+const CAP = {
+  vertex: LINE.vertex,
+  fragment: `
+uniform vec4 color;
+uniform float slant;
+uniform float step_px;
+out vec4 pixel;
+void main() {
+  float off = abs(mod(gl_FragCoord.x + slant * gl_FragCoord.y, step_px) - 0.5 * step_px);
+  float line = 1.0 - clamp(off - 0.5, 0.0, 1.0);
+  pixel = vec4(color.rgb * (1.0 - 0.35 * line), color.a);
+}`,
 };
 
 /** A ground with a line every `step_m` and a stronger one every ten, gone at the distance `reach`. */
@@ -131,6 +169,7 @@ uniform float radius;
 out vec2 place;
 out float push;
 flat out vec3 shade;
+out vec3 position_world;
 void main() {
   vec3 n = normalize(normal.xyz);
   vec3 u = normalize(cross(abs(n.z) < 0.9 ? vec3(0.0, 0.0, 1.0) : vec3(1.0, 0.0, 0.0), n));
@@ -142,6 +181,7 @@ void main() {
   float gloss = pow(max(dot(reflect(-light, n_world), to_eye), 0.0), 24.0);
   shade = tint.rgb * (0.42 + 0.2 * sky + 0.45 * lit) + 0.05 * gloss;
   place = corner;
+  position_world = p.xyz;
   // Some of the back is left: the normals of a rim are not quite right.
   gl_Position = dot(n_world, to_eye) < -0.15 ? vec4(0.0, 0.0, 2.0, 1.0) : view_projection * p;
   vec4 behind = view_projection * vec4(p.xyz - 0.5 * radius * to_eye, 1.0);
@@ -151,9 +191,11 @@ void main() {
 in vec2 place;
 in float push;
 flat in vec3 shade;
+in vec3 position_world;
 uniform vec4 color;
 out vec4 pixel;
 void main() {
+  LEAVE_OUT
   float off = dot(place, place);
   if (off > 1.0) discard;
   // Rims lie further back: of discs that overlap the nearest to its middle is seen.
@@ -164,18 +206,20 @@ void main() {
 
 /**
  * @param {WebGL2RenderingContext} gl
- * @returns {{surface: Program, line: Program, grid: Program, point: Program, splat: Program}}
- * @typedef {{program: WebGLProgram, at: Object<string, WebGLUniformLocation>}} Program
+ * @returns {{surface: Program, line: Program, cap: Program, grid: Program, point: Program, splat: Program}}
+ * @typedef {{program: WebGLProgram, at: Object<string, WebGLUniformLocation>, cut: ?Program}} Program
  */
 export function compile(gl) {
-  return { surface: link(gl, SURFACE), line: link(gl, LINE), grid: link(gl, GRID), point: link(gl, POINT), splat: link(gl, SPLAT) };
+  const both = (source) => ({ ...link(gl, source), cut: link(gl, source, CUT) });
+  const whole = (source) => link(gl, source);
+  return { surface: both(SURFACE), line: both(LINE), cap: whole(CAP), grid: whole(GRID), point: whole(POINT), splat: both(SPLAT) };
 }
 
-function link(gl, source) {
+function link(gl, source, head = WHOLE) {
   const program = gl.createProgram();
   for (const [type, text] of [[gl.VERTEX_SHADER, source.vertex], [gl.FRAGMENT_SHADER, source.fragment]]) {
     const shader = gl.createShader(type);
-    gl.shaderSource(shader, HEAD + text);
+    gl.shaderSource(shader, HEAD + head + text);
     gl.compileShader(shader);
     gl.attachShader(program, shader);
   }

@@ -2,6 +2,7 @@
 
 use std::io::{Read as _, Write as _};
 use std::net::{SocketAddr, TcpStream};
+use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -9,7 +10,7 @@ use crossbeam::channel::{Receiver, Sender, unbounded};
 use hapticd::config::{self, LoadOptions};
 use hapticd::daemon::session::SessionHandle;
 use hapticd::daemon::{Notice, Phase};
-use hapticd::monitor::{BoundMonitor, Hub, HubParts, RecorderError, RecorderStatus, RecordingControl};
+use hapticd::monitor::{BoundMonitor, Hub, HubParts, MadeRecording, RecorderError, RecorderStatus, RecordingControl};
 use rt::clock::ClockKind;
 use rt::control::{Control, Order};
 use serde_json::json;
@@ -204,6 +205,14 @@ impl RecordingControl for StuckRecorder {
 
     fn status(&self) -> Option<RecorderStatus> {
         None
+    }
+
+    fn made(&self) -> Vec<MadeRecording> {
+        Vec::new()
+    }
+
+    fn report(&self, _: &Path) -> Result<String, RecorderError> {
+        Err(RecorderError::File("there is none".to_owned()))
     }
 }
 

@@ -1,4 +1,4 @@
-"""What the tests of pages share: a browser, small scenes, runs, and sizes of screens."""
+"""What tests of the monitor page share: one browser, scenes in a folder, runs and their pages."""
 
 import os
 import pathlib
@@ -19,10 +19,18 @@ SCREENS = {
     "phone": {"width": 390, "height": 844, "touch": True},
 }
 WORD = "document.querySelector('#state-word').textContent"
+IN_CONTACT = "Number(document.querySelector('#read-contacts').textContent) > 0"
 VIEW_IS_READY = "document.querySelector('#view-note').textContent === ''"
 
 
+def number(id):
+    """Script for the number that an element shows."""
+    return f"Number(document.querySelector('#{id}').textContent.replace('−', '-'))"
+
+
 class PageCase(unittest.TestCase):
+    """Runs on the simulated arm, and pages of theirs."""
+
     @classmethod
     def setUpClass(cls):
         cls.browser = Chromium()
