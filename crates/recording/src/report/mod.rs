@@ -1,14 +1,19 @@
 //! The page that a lab keeps with its notes: what a recording shows, in one HTML file that needs nothing else.
 //!
-//! Data in: the entries of a recording, one after another. Data out: the text of the page. It holds no script, loads nothing and prints well.
+//! Data in: the entries of a recording, one after another. Data out: the text of the page. It holds no script, loads nothing and prints on two
+//! pages. The picture of its scene is drawn elsewhere and given to it: this crate knows no meshes.
 //!
 //! | file | owns |
 //! |---|---|
 //! | `trace` | values over time, as envelopes of bounded size |
+//! | `bins` | forces over depth and over the way of the tool, the same |
+//! | `moments` | when what was largest and where; the path of the tool, for a picture |
 //! | [`chart`] | SVG |
 //! | `page` | HTML |
 
+mod bins;
 pub mod chart;
+mod moments;
 mod page;
 mod trace;
 
@@ -18,8 +23,12 @@ use serde_json::Value;
 
 use super::file::{Entry, LONGEST_TEXT};
 use super::{LoopCounts, RealtimeSummary, Summary, TickRecord, Totals};
+use bins::Bins;
 use haptics::Faults;
+use moments::Moments;
 use trace::Trace;
+
+pub use moments::{Moment, PathPose};
 
 /// A page in the making.
 #[derive(Debug)]
@@ -32,6 +41,10 @@ pub struct LabReport {
     summary: Summary,
     faults: Vec<FaultSpan>,
     trace: Trace,
+    moments: Moments,
+    over_depth: Bins,
+    over_path: Bins,
+    picture: Option<Result<Vec<u8>, String>>,
     first: Option<TickRecord>,
     last: Option<TickRecord>,
     missing_ticks: u64,
@@ -65,6 +78,11 @@ impl LabReport {
             summary: Summary::new(),
             faults: Vec::new(),
             trace: Trace::default(),
+            moments: Moments::default(),
+            // Widths at first: a micrometre and a hundredth of a millimetre.
+            over_depth: Bins::new(1e-3),
+            over_path: Bins::new(1e-2),
+            picture: None,
             first: None,
             last: None,
             missing_ticks: 0,
@@ -122,9 +140,31 @@ impl LabReport {
         self.scenes.entry(record.scene_idx).or_default().first_time_s.get_or_insert(time_s);
         self.summary.add(record);
         self.trace.add(record);
+        self.moments.add(record);
+        let output = &record.output;
+        let forces = [output.contact_world.force.length(), output.command_device.force.length()];
+        if output.contacts > 0 {
+            self.over_depth.add(output.max_depth_m * 1e3, forces);
+        }
+        self.over_path.add(self.moments.arc_m * 1e3, forces);
         self.dropped = dropped;
         self.first.get_or_insert(*record);
         self.last = Some(*record);
+    }
+
+    /// What a picture is to show: the moment in which the tool was deepest; the last one if it touched nothing. `None`: there is no tick.
+    pub fn moment(&self) -> Option<&Moment> {
+        self.moments.shown.as_ref()
+    }
+
+    /// The way of the tool through a scene, at most 2000 poses in the order of time.
+    pub fn path(&self, scene_idx: u32) -> &[PathPose] {
+        self.moments.path(scene_idx)
+    }
+
+    /// Puts a picture of [`Self::moment`] at the top of the page, a PNG file; or why there is none.
+    pub fn put_picture(&mut self, picture: Result<Vec<u8>, String>) {
+        self.picture = Some(picture);
     }
 
     /// The finished page: HTML that loads nothing.
