@@ -44,4 +44,4 @@ pub use recorded::{resolved, scene_files};
 pub use replay::{Difference, Gap, ReplayError, Replayed, replay};
 pub use scene_keys::{scenes_beside, unlike};
 pub use supervisor::{Enable, LiveChannels, Notice, Operator, Phase, RenderJob, RunError, RunOutcome, Supervisor};
-pub use unpacked::UnpackError;
+pub use unpacked::{RecordedScene, UnpackError, Unpacked};

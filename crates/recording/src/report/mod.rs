@@ -202,8 +202,8 @@ mod tests {
     use glam::DVec3;
 
     use super::*;
-    use haptics::TickOutput;
-    use vps::spatial::Wrench;
+    use haptics::{TickInput, TickOutput};
+    use vps::spatial::{Pose, Wrench};
 
     fn tick(tick: u64, faults: Faults) -> Entry {
         let output = TickOutput {
@@ -242,6 +242,55 @@ mod tests {
             assert!(!page.replace("http://www.w3.org/2000/svg", "").contains(loads), "{loads}");
         }
         assert_eq!(page.matches("<svg").count(), page.matches("</svg>").count());
+    }
+
+    #[test]
+    fn a_page_begins_with_the_picture_and_the_verdict_and_ends_with_the_keys_folded() {
+        let mut report = LabReport::new("f.mcap".to_owned());
+        let resolved = br#"{"parameters": {"limits": {"force_n": 8.0}}}"#.to_vec();
+        report.take(&Entry::Attachment { name: "scenes/0/resolved.json".to_owned(), data: resolved });
+        // Down by a micrometre a tick, into a plate at half of the way: 2 N/mm of contact, half of it commanded.
+        for n in 0..1000_u64 {
+            let depth_m = n.saturating_sub(500) as f64 * 1e-6;
+            let force = DVec3::Z * (2e3 * depth_m);
+            let output = TickOutput {
+                contact_world: Wrench::new(force, DVec3::X * (0.01 * force.z)),
+                command_device: Wrench::new(0.5 * force, DVec3::ZERO),
+                world_from_tool: Pose::from_translation(DVec3::Z * (n as f64 * -1e-6)),
+                contacts: u32::from(depth_m > 0.0),
+                max_depth_m: depth_m,
+                ..TickOutput::default()
+            };
+            let input = TickInput { overrun: n == 7, ..TickInput::default() };
+            let record = TickRecord { tick: n, time_ns: n as i64 * 1_000_000, input, output, ..TickRecord::default() };
+            report.take(&Entry::Tick { record: Box::new(record), dropped: 0 });
+        }
+        assert!(!report.page().contains("<img"));
+        report.put_picture(Ok(vec![1, 2, 3]));
+        let page = report.page();
+        let after = |fragment: &str| page.find(fragment).unwrap_or_else(|| panic!("{fragment}\n{page}"));
+        let order = [
+            "src=\"data:image/png;base64,AQID\"",
+            "at its deepest, 0.999 s",
+            "<strong>The tool touched something</strong>, first at 0.501 s, and for 499 of 1000 ticks; at most 0.499 mm deep.",
+            "<strong>no fault</strong>",
+            "<strong>1 tick was late</strong>",
+            "contact force</th><td>0.998 N</td><td>0.999 s</td><td>0, 0, \u{2212}0.999 mm",
+            "commanded force</th><td>0.499 N",
+            "contact torque</th><td>9.98 mN·m",
+            "commanded torque</th><td>0 mN·m</td><td>–",
+            "Force over depth, N",
+            "Force over the way of the tool, N",
+            "Contact force, N",
+            "Commanded torque, mN·m",
+            "<details>",
+            "limits.force_n",
+        ];
+        assert!(order.map(after).is_sorted(), "{:?}", order.map(after));
+        assert_eq!(page.matches("src=").count(), 1);
+        assert_eq!(page.matches("<details>").count(), page.matches("</details>").count());
+        report.put_picture(Err("`a<b.obj` is <gone>".to_owned()));
+        assert!(report.page().contains("There is no picture of the scene: `a&lt;b.obj` is &lt;gone&gt;."));
     }
 
     #[test]

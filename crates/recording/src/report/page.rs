@@ -142,7 +142,7 @@ fn verdict(report: &LabReport, body: &mut String) {
         ("commanded torque", moments.command_torque, 1e3, "mN·m"),
     ] {
         let Peak { value, time_s, place_world } = peak;
-        let [x, y, z] = (place_world * 1e3).to_array().map(|mm| format!("{mm:.3}").replace('-', "\u{2212}"));
+        let [x, y, z] = (place_world * 1e3).to_array().map(|mm| chart::short((mm * 1e3).round() * 1e-3));
         let (when, place) =
             if value > 0.0 { (format!("{time_s:.3} s"), format!("{x}, {y}, {z} mm")) } else { ("–".to_owned(), "–".to_owned()) };
         let _ = write!(

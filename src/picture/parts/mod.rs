@@ -1,0 +1,158 @@
+//! Pictures of rigid scenes: the parts where they stand, the tool among them, and the way that it went.
+//!
+//! `raster` says which triangle each pixel sees, `shade` lights it as it lights clay, [`sheet()`] draws a scene and its tool closely. A tool behind a part shines through it, so that a peg is seen in its hole.
+//!
+//! Invariants: one thread, no randomness; the same picture on every machine. Cost: O(pixels + triangles · pixels of one).
+
+mod raster;
+mod sheet;
+
+use glam::DVec3;
+
+pub use self::sheet::{SceneSnapshot, sheet};
+
+use super::palette::{BACKDROP, INK, Rgb, to_linear};
+use super::shade;
+use super::view::{Camera, RenderedView};
+use crate::config::SceneConfig;
+use crate::config::scene::MeshSource;
+use vps::mesh::{self, MeshError, TriangleMesh};
+use vps::spatial::Pose;
+
+/// From where scenes are looked at, as clay is.
+const TOWARD: DVec3 = DVec3::new(0.45, -0.75, 0.5);
+/// How finely round shapes are cut, voxels.
+const CHORD_VOXELS: f64 = 0.25;
+/// Static parts, in turn.
+const PART_COLORS: [Rgb; 5] = [[176, 186, 197], [205, 192, 164], [166, 190, 172], [190, 174, 198], [203, 176, 166]];
+const TOOL_COLOR: Rgb = [52, 128, 160];
+/// Of the tool where a part is in front of it.
+const SHINES_THROUGH: f32 = 0.5;
+/// The way of the tool: free, and in contact, as on the page of a report.
+const WAY_FREE: Rgb = [31, 111, 235];
+const WAY_TOUCHES: Rgb = [214, 96, 20];
+/// Neighbours that turn away from each other by more than this (cosine), or are so many pixels apart towards the viewer, have an edge between them.
+const EDGE_TURN: f32 = 0.8;
+const EDGE_STEP: f32 = 9.0;
+/// Of the surface's light at an edge.
+const EDGE_LIGHT: f32 = 0.45;
+
+/// The meshes of a scene, each in its own frame, m.
+#[derive(Debug)]
+pub struct SceneParts {
+    statics: Vec<TriangleMesh>,
+    tool: TriangleMesh,
+}
+
+impl SceneParts {
+    /// Reads the files that a scene names.
+    ///
+    /// # Errors
+    /// A file cannot be read.
+    pub fn of(config: &SceneConfig) -> Result<Self, MeshError> {
+        let statics = config.statics.iter().map(|object| loaded(&object.source, object.voxel_size_m));
+        Ok(Self { statics: statics.collect::<Result<_, _>>()?, tool: loaded(&config.tool.source, config.tool.voxel_size_m)? })
+    }
+
+    /// The middle of the tool's box, tool frame.
+    fn tool_middle(&self) -> DVec3 {
+        self.tool.bounds().map_or(DVec3::ZERO, |(low, high)| 0.5 * (low + high))
+    }
+
+    fn tool_corners(&self, world_from_tool: Pose) -> impl Iterator<Item = DVec3> + use<> {
+        corners(&self.tool, world_from_tool)
+    }
+
+    /// Corners of the boxes of all static parts, world.
+    fn static_corners(&self, world_from_objects: &[Pose]) -> Vec<DVec3> {
+        self.statics.iter().zip(world_from_objects).flat_map(|(mesh, pose)| corners(mesh, *pose)).collect()
+    }
+}
+
+fn loaded(source: &MeshSource, voxel_size_m: f64) -> Result<TriangleMesh, MeshError> {
+    match source {
+        MeshSource::File { path, metres_per_unit } => mesh::load(path, *metres_per_unit),
+        MeshSource::Shape(shape) => Ok(shape.tessellate(CHORD_VOXELS * voxel_size_m)),
+    }
+}
+
+fn corners(mesh: &TriangleMesh, world_from_mesh: Pose) -> impl Iterator<Item = DVec3> + use<> {
+    let [low, high] = mesh.bounds().map_or([DVec3::ZERO; 2], |(low, high)| [low, high]);
+    let n_corners = if mesh.triangles.is_empty() { 0 } else { 8 };
+    (0..n_corners).map(move |corner| {
+        let is_high = |axis: u32| f64::from(corner >> axis & 1);
+        let share = DVec3::new(is_high(0), is_high(1), is_high(2));
+        world_from_mesh.transform_point(low + share * (high - low))
+    })
+}
+
+/// Static parts as one camera sees them: drawn once, and again only when one moves.
+struct Stage {
+    camera: Camera,
+    statics: RenderedView,
+}
+
+impl Stage {
+    fn new(parts: &SceneParts, world_from_objects: &[Pose], camera: Camera, size: [usize; 2]) -> Self {
+        let mut statics = RenderedView::empty(size);
+        for (n, (mesh, pose)) in parts.statics.iter().zip(world_from_objects).enumerate() {
+            raster::put(&mut statics, &camera, mesh, *pose, PART_COLORS[n % PART_COLORS.len()]);
+        }
+        Self { camera, statics }
+    }
+
+    /// Linear light of each pixel, with the tool in its place.
+    fn lit(&self, parts: &SceneParts, world_from_tool: Pose) -> Vec<[f32; 3]> {
+        let mut tool = RenderedView::empty(self.statics.size());
+        raster::put(&mut tool, &self.camera, &parts.tool, world_from_tool, TOOL_COLOR);
+        let mut front = self.statics.clone();
+        for (pixel, tool) in front.pixels.iter_mut().zip(&tool.pixels) {
+            if tool.height > pixel.height {
+                *pixel = *tool;
+            }
+        }
+        let mut light = outlined(&front, shade::lit(&front, BACKDROP));
+        let tool_light = outlined(&tool, shade::lit(&tool, BACKDROP));
+        for (n, tool) in tool.pixels.iter().enumerate() {
+            if tool.height > f32::NEG_INFINITY && tool.height < front.pixels[n].height {
+                let mixed = |channel: usize| light[n][channel] + SHINES_THROUGH * (tool_light[n][channel] - light[n][channel]);
+                light[n] = [0, 1, 2].map(mixed);
+            }
+        }
+        light
+    }
+
+    /// Where a place is on the picture, and whether a static part is in front of it.
+    fn place(&self, at_world: DVec3) -> ([f64; 2], bool) {
+        let (pixel, height_m) = self.camera.place(at_world);
+        let [width, _] = self.statics.size();
+        let is_inside = pixel.x >= 0.0 && pixel.y >= 0.0 && pixel.x < width as f64;
+        let in_front = self.statics.pixels.get(pixel.y.max(0.0) as usize * width + pixel.x.max(0.0) as usize).filter(|_| is_inside);
+        let is_hidden = in_front.is_some_and(|other| f64::from(other.height) > height_m * self.camera.pixels_per_m() + 1.0);
+        (pixel.to_array().map(|edge| edge / f64::from(shade::FINER)), is_hidden)
+    }
+}
+
+/// Draws the edges of what is seen: where neighbours to the right or below turn away, or are far behind.
+fn outlined(view: &RenderedView, mut light: Vec<[f32; 3]>) -> Vec<[f32; 3]> {
+    let [width, _] = view.size();
+    let ink = INK.map(to_linear);
+    for n in 0..view.pixels.len() {
+        let own = &view.pixels[n];
+        let is_last_in_row = n % width + 1 == width;
+        for beside in [Some(n + 1).filter(|_| !is_last_in_row), Some(n + width)].into_iter().flatten() {
+            let Some(other) = view.pixels.get(beside) else { continue };
+            let nearest = if own.height >= other.height { n } else { beside };
+            let seen = &view.pixels[nearest];
+            if seen.height == f32::NEG_INFINITY {
+                continue;
+            }
+            let is_edge = (own.height - other.height).abs() > EDGE_STEP / seen.normal.z.max(0.1) || own.normal.dot(other.normal) < EDGE_TURN;
+            if is_edge {
+                let mixed = |channel: usize| EDGE_LIGHT * light[nearest][channel] + (1.0 - EDGE_LIGHT) * ink[channel];
+                light[nearest] = [0, 1, 2].map(mixed);
+            }
+        }
+    }
+    light
+}
