@@ -37,6 +37,11 @@ impl Canvas {
         self.pixels.encode_png().map_err(std::io::Error::other)
     }
 
+    /// The picture, to be put beside others.
+    pub(super) fn into_pixels(self) -> Pixmap {
+        self.pixels
+    }
+
     /// Pixels `[x, x + width) × [y, y + height)` in one colour, edges sharp.
     pub(super) fn block(&mut self, [x, y]: [i32; 2], [width, height]: [i32; 2], color: Rgb) {
         if let Some(rect) = Rect::from_xywh(x as f32, y as f32, width as f32, height as f32) {

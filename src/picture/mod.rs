@@ -6,6 +6,7 @@
 //! Invariants: cold; reads a finished map and changes nothing. Cost: O(pixels + surface voxels + points).
 
 mod canvas;
+pub mod film;
 mod palette;
 mod panel;
 pub mod parts;

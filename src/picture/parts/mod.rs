@@ -1,14 +1,17 @@
 //! Pictures of rigid scenes: the parts where they stand, the tool among them, and the way that it went.
 //!
-//! `raster` says which triangle each pixel sees, `shade` lights it as it lights clay, [`sheet()`] draws a scene and its tool closely. A tool behind a part shines through it, so that a peg is seen in its hole.
+//! `raster` says which triangle each pixel sees, `shade` lights it as it lights clay, [`sheet()`] draws a scene and its tool closely,
+//! [`FrameDrawer`] one frame of a film after the other. A tool behind a part shines through it, so that a peg is seen in its hole.
 //!
 //! Invariants: one thread, no randomness; the same picture on every machine. Cost: O(pixels + triangles · pixels of one).
 
+mod frames;
 mod raster;
 mod sheet;
 
 use glam::DVec3;
 
+pub use self::frames::{FRAME_SIZE, FrameDrawer};
 pub use self::sheet::{SceneSnapshot, sheet};
 
 use super::palette::{BACKDROP, INK, Rgb, to_linear};
@@ -120,6 +123,10 @@ impl Stage {
             }
         }
         light
+    }
+
+    fn pixels_per_m(&self) -> f64 {
+        self.camera.pixels_per_m()
     }
 
     /// Where a place is on the picture, and whether a static part is in front of it.
