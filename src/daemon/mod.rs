@@ -25,6 +25,7 @@
 //! Data in: a prepared [`RenderJob`]. Data out: [`Notice`]s while it runs, one [`RunOutcome`] at the end. Invariant: prints nothing.
 
 pub mod device_node;
+pub mod drawing;
 mod prepare;
 mod recorded;
 pub mod reload;

@@ -6,8 +6,8 @@ use super::super::canvas::{Align, Canvas};
 use super::super::palette::{FAINT, INK, PAPER};
 use super::super::shade::{FINER, halved};
 use super::super::view::Camera;
-use super::sheet::draw_way;
-use super::{SceneParts, Stage, TOWARD};
+use super::sheet::draw_path;
+use super::{SceneParts, PartsView, TOWARD};
 use recording::TickRecord;
 use vps::spatial::Pose;
 
@@ -19,7 +19,7 @@ const WORDS: i32 = 30;
 const FILLED: f64 = 0.9;
 /// Free space on each side of what is seen when the camera is set, shares of its box: small movements do not set it again.
 const MARGIN: f64 = 0.15;
-/// Frames whose way is drawn: the last ones, so that a frame costs the same at any time.
+/// Frames whose path is drawn: the last ones, so that a frame costs the same at any time.
 const TRAIL: usize = 250;
 
 /// Draws one scene again and again.
@@ -29,7 +29,7 @@ pub struct FrameDrawer {
     /// What is in view: the corners of a box, m.
     box_world: [DVec3; 2],
     /// `None` before the first frame, and when a part has moved or the box has grown.
-    stage: Option<Stage>,
+    view: Option<PartsView>,
     trail: Vec<(DVec3, bool)>,
 }
 
@@ -37,7 +37,7 @@ impl FrameDrawer {
     /// For these parts.
     pub fn new(parts: SceneParts) -> Self {
         let box_world = [DVec3::INFINITY, DVec3::NEG_INFINITY];
-        Self { parts, world_from_objects: Vec::new(), box_world, stage: None, trail: Vec::new() }
+        Self { parts, world_from_objects: Vec::new(), box_world, view: None, trail: Vec::new() }
     }
 
     /// Draws the scene as it is in a tick; `None`: there is no memory for it, or the tool is at no place.
@@ -53,15 +53,15 @@ impl FrameDrawer {
         let size = [FRAME_SIZE[0], FRAME_SIZE[1] - WORDS];
         let fine = size.map(|edge| (edge * FINER) as usize);
         let (parts, [low, high]) = (&self.parts, self.box_world);
-        let stage = self.stage.get_or_insert_with(|| {
+        let view = self.view.get_or_insert_with(|| {
             let corners = (0..8).map(|corner| DVec3::select(glam::BVec3::new(corner & 1 > 0, corner & 2 > 0, corner & 4 > 0), high, low));
-            Stage::new(parts, world_from_objects, Camera::over(TOWARD, corners, fine, FILLED), fine)
+            PartsView::new(parts, world_from_objects, Camera::over(TOWARD, corners, fine, FILLED), fine)
         });
         let mut canvas = Canvas::new(FRAME_SIZE[0] as u32, FRAME_SIZE[1] as u32)?;
-        canvas.image([0, 0], size, &halved(&stage.lit(parts, world_from_tool), fine[0]));
-        let places: Vec<_> = self.trail.iter().map(|(at, touches)| (stage.place(*at), *touches)).collect();
-        draw_way(&mut canvas, [0, 0], size, &places);
-        canvas.scale_bar([0, 0], size, stage.pixels_per_m() / f64::from(FINER));
+        canvas.image([0, 0], size, &halved(&view.lit(parts, world_from_tool), fine[0]));
+        let places: Vec<_> = self.trail.iter().map(|(at, touches)| (view.place(*at), *touches)).collect();
+        draw_path(&mut canvas, [0, 0], size, &places);
+        canvas.scale_bar([0, 0], size, view.pixels_per_m() / f64::from(FINER));
         draw_words(&mut canvas, record);
         Some(canvas.into_pixels())
     }
@@ -70,7 +70,7 @@ impl FrameDrawer {
     fn look_at(&mut self, world_from_tool: Pose, world_from_objects: &[Pose]) {
         if self.world_from_objects != world_from_objects {
             self.world_from_objects = world_from_objects.to_vec();
-            self.stage = None;
+            self.view = None;
         }
         let corners = self.parts.static_corners(world_from_objects).into_iter().chain(self.parts.tool_corners(world_from_tool));
         let (low, high) = corners.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), at| (low.min(at), high.max(at)));
@@ -79,7 +79,7 @@ impl FrameDrawer {
             let (low, high) = (low.min(seen_low), high.max(seen_high));
             let margin = MARGIN * (high - low);
             self.box_world = [low - margin, high + margin];
-            self.stage = None;
+            self.view = None;
         }
     }
 }
@@ -117,7 +117,7 @@ mod tests {
         record
     }
 
-    /// Pixels that are more blue than red by far: the tool, as the plate is grey and the way is thin.
+    /// Pixels that are more blue than red by far: the tool, as the plate is grey and the path is thin.
     fn tool_pixels(frame: &tiny_skia::Pixmap) -> Vec<[u32; 2]> {
         let width = frame.width();
         let is_tool = |pixel: &tiny_skia::PremultipliedColorU8| i32::from(pixel.blue()) - i32::from(pixel.red()) > 50;
@@ -146,11 +146,11 @@ mod tests {
     fn the_camera_steps_back_from_what_leaves_its_view() {
         let mut drawer = drawer();
         drawer.frame(&at(DVec3::ZERO), &[Pose::IDENTITY]).expect("a frame");
-        let near = drawer.stage.as_ref().expect("a stage").pixels_per_m();
+        let near = drawer.view.as_ref().expect("a view").pixels_per_m();
         drawer.frame(&at(DVec3::X * 0.03), &[Pose::IDENTITY]).expect("a frame");
-        assert_eq!(drawer.stage.as_ref().expect("a stage").pixels_per_m(), near);
+        assert_eq!(drawer.view.as_ref().expect("a view").pixels_per_m(), near);
         let frame = drawer.frame(&at(DVec3::X * 0.3), &[Pose::IDENTITY]).expect("a frame");
-        assert!(drawer.stage.as_ref().expect("a stage").pixels_per_m() < 0.5 * near);
+        assert!(drawer.view.as_ref().expect("a view").pixels_per_m() < 0.5 * near);
         let pixels = tool_pixels(&frame);
         assert!(!pixels.is_empty() && pixels.iter().all(|[x, _]| *x < frame.width() - 10));
         // A part that moves is drawn where it is.

@@ -1,4 +1,4 @@
-//! Pictures of rigid scenes: the parts where they stand, the tool among them, and the way that it went.
+//! Pictures of rigid scenes: the parts where they stand, the tool among them, and its path.
 //!
 //! `raster` says which triangle each pixel sees, `shade` lights it as it lights clay, [`sheet()`] draws a scene and its tool closely,
 //! [`FrameDrawer`] one frame of a film after the other. A tool behind a part shines through it, so that a peg is seen in its hole.
@@ -31,9 +31,9 @@ const PART_COLORS: [Rgb; 5] = [[176, 186, 197], [205, 192, 164], [166, 190, 172]
 const TOOL_COLOR: Rgb = [52, 128, 160];
 /// Of the tool where a part is in front of it.
 const SHINES_THROUGH: f32 = 0.5;
-/// The way of the tool: free, and in contact, as on the page of a report.
-const WAY_FREE: Rgb = [31, 111, 235];
-const WAY_TOUCHES: Rgb = [214, 96, 20];
+/// The path of the tool: free, and in contact, as on the page of a report.
+const PATH_FREE: Rgb = [31, 111, 235];
+const PATH_TOUCHES: Rgb = [214, 96, 20];
 /// Neighbours that turn away from each other by more than this (cosine), or are so many pixels apart towards the viewer, have an edge between them.
 const EDGE_TURN: f32 = 0.8;
 const EDGE_STEP: f32 = 9.0;
@@ -90,12 +90,12 @@ fn corners(mesh: &TriangleMesh, world_from_mesh: Pose) -> impl Iterator<Item = D
 }
 
 /// Static parts as one camera sees them: drawn once, and again only when one moves.
-struct Stage {
+struct PartsView {
     camera: Camera,
     statics: RenderedView,
 }
 
-impl Stage {
+impl PartsView {
     fn new(parts: &SceneParts, world_from_objects: &[Pose], camera: Camera, size: [usize; 2]) -> Self {
         let mut statics = RenderedView::empty(size);
         for (n, (mesh, pose)) in parts.statics.iter().zip(world_from_objects).enumerate() {

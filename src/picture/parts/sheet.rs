@@ -6,7 +6,7 @@ use super::super::canvas::{Align, Canvas};
 use super::super::palette::{FAINT, Rgb};
 use super::super::shade::{FINER, halved};
 use super::super::view::Camera;
-use super::{SceneParts, Stage, TOWARD, WAY_FREE, WAY_TOUCHES};
+use super::{SceneParts, PartsView, TOWARD, PATH_FREE, PATH_TOUCHES};
 use recording::report::PathPose;
 use vps::spatial::Pose;
 
@@ -26,11 +26,11 @@ pub struct SceneSnapshot<'a> {
     pub world_from_objects: &'a [Pose],
     /// Where the tool is.
     pub world_from_tool: Pose,
-    /// The way that it went or goes.
+    /// Its path.
     pub path: &'a [PathPose],
 }
 
-/// Draws all parts with the way of the tool's middle, and beside it the tool closely, 1100 pixels wide; a PNG file.
+/// Draws all parts with the path of the tool's middle, and beside it the tool closely, 1100 pixels wide; a PNG file.
 ///
 /// # Errors
 /// There is no memory for its pixels.
@@ -39,19 +39,19 @@ pub fn sheet(snapshot: &SceneSnapshot<'_>) -> io::Result<Vec<u8>> {
     let no_memory = || io::Error::other("no memory for a sheet of pixels");
     let mut canvas = Canvas::new((WIDTHS[0] + GAP + WIDTHS[1]) as u32, HEIGHT as u32).ok_or_else(no_memory)?;
     let middle = parts.tool_middle();
-    let way: Vec<_> = path.iter().map(|pose| (pose.world_from_tool.transform_point(middle), pose.touches)).collect();
+    let middles: Vec<_> = path.iter().map(|pose| (pose.world_from_tool.transform_point(middle), pose.touches)).collect();
     let tool = || parts.tool_corners(world_from_tool);
-    let all = parts.static_corners(world_from_objects).into_iter().chain(tool()).chain(way.iter().map(|(at, _)| *at));
+    let all = parts.static_corners(world_from_objects).into_iter().chain(tool()).chain(middles.iter().map(|(at, _)| *at));
     let sizes = WIDTHS.map(|width| [width, HEIGHT]);
     let fine = sizes.map(|size| size.map(|edge| (edge * FINER) as usize));
     let cameras = [Camera::over(TOWARD, all, fine[0], FILLED[0]), Camera::over(TOWARD, tool(), fine[1], FILLED[1])];
     let mut left = 0;
     for (n, word) in ["", "the tool, closely"].into_iter().enumerate() {
-        let stage = Stage::new(parts, world_from_objects, cameras[n], fine[n]);
+        let view = PartsView::new(parts, world_from_objects, cameras[n], fine[n]);
         let corner = [left, 0];
-        canvas.image(corner, sizes[n], &halved(&stage.lit(parts, world_from_tool), fine[n][0]));
-        let places: Vec<_> = way.iter().map(|(at, touches)| (stage.place(*at), *touches)).collect();
-        draw_way(&mut canvas, corner, sizes[n], &places);
+        canvas.image(corner, sizes[n], &halved(&view.lit(parts, world_from_tool), fine[n][0]));
+        let places: Vec<_> = middles.iter().map(|(at, touches)| (view.place(*at), *touches)).collect();
+        draw_path(&mut canvas, corner, sizes[n], &places);
         canvas.scale_bar(corner, sizes[n], cameras[n].pixels_per_m() / f64::from(FINER));
         canvas.text([f64::from(left + sizes[n][0]) - 10.0, 20.0], 13.0, Align::Right, FAINT, word);
         left += sizes[n][0] + GAP;
@@ -60,14 +60,14 @@ pub fn sheet(snapshot: &SceneSnapshot<'_>) -> io::Result<Vec<u8>> {
 }
 
 /// Lines from pose to pose; pale where a part is in front of them, left out beyond the view.
-pub(super) fn draw_way(canvas: &mut Canvas, corner: [i32; 2], size: [i32; 2], places: &[(([f64; 2], bool), bool)]) {
+pub(super) fn draw_path(canvas: &mut Canvas, corner: [i32; 2], size: [i32; 2], places: &[(([f64; 2], bool), bool)]) {
     let is_inside = |at: [f64; 2]| (0..2).all(|side| at[side] >= 1.0 && at[side] <= f64::from(size[side]) - 1.0);
     let on_sheet = |at: [f64; 2]| [0, 1].map(|side| at[side] + f64::from(corner[side]));
     let mut last: Option<[f64; 2]> = None;
     for ((at, is_hidden), touches) in places.iter().copied() {
         let Some(from) = last.replace(at) else { continue };
         if from[0].hypot(from[1]).is_finite() && is_inside(from) && is_inside(at) {
-            let color = if touches { WAY_TOUCHES } else { WAY_FREE };
+            let color = if touches { PATH_TOUCHES } else { PATH_FREE };
             canvas.line(on_sheet(from), on_sheet(at), 1.8, if is_hidden { paled(color) } else { color });
         }
     }

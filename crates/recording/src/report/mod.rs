@@ -6,7 +6,7 @@
 //! | file | owns |
 //! |---|---|
 //! | `trace` | values over time, as envelopes of bounded size |
-//! | `bins` | forces over depth and over the way of the tool, the same |
+//! | `bins` | forces over depth and over the path of the tool, the same |
 //! | `moments` | when what was largest and where; the path of the tool, for a picture |
 //! | [`chart`] | SVG |
 //! | `page` | HTML |
@@ -157,7 +157,7 @@ impl LabReport {
         self.moments.shown.as_ref()
     }
 
-    /// The way of the tool through a scene, at most 2000 poses in the order of time.
+    /// The path of the tool through a scene, at most 2000 poses in the order of time.
     pub fn path(&self, scene_idx: u32) -> &[PathPose] {
         self.moments.path(scene_idx)
     }
@@ -249,7 +249,7 @@ mod tests {
         let mut report = LabReport::new("f.mcap".to_owned());
         let resolved = br#"{"parameters": {"limits": {"force_n": 8.0}}}"#.to_vec();
         report.take(&Entry::Attachment { name: "scenes/0/resolved.json".to_owned(), data: resolved });
-        // Down by a micrometre a tick, into a plate at half of the way: 2 N/mm of contact, half of it commanded.
+        // Down by a micrometre a tick, into a plate after half of the ticks: 2 N/mm of contact, half of it commanded.
         for n in 0..1000_u64 {
             let depth_m = n.saturating_sub(500) as f64 * 1e-6;
             let force = DVec3::Z * (2e3 * depth_m);
@@ -280,7 +280,7 @@ mod tests {
             "contact torque</th><td>9.98 mN·m",
             "commanded torque</th><td>0 mN·m</td><td>–",
             "Force over depth, N",
-            "Force over the way of the tool, N",
+            "Force over the path of the tool, N",
             "Contact force, N",
             "Commanded torque, mN·m",
             "<details>",

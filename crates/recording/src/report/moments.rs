@@ -1,4 +1,4 @@
-//! The moments of a run that a reader asks for first, and the way that the tool went.
+//! The moments of a run that a reader asks for first, and the path of the tool.
 
 use std::collections::BTreeMap;
 
@@ -9,7 +9,7 @@ use vps::spatial::Pose;
 
 /// Poses of a path at most. Where there are more every second one goes.
 const MOST_POSES: usize = 2000;
-/// The tool has moved when its origin is this far from where it was counted last, m: noise of a sample at rest is no way.
+/// The tool has moved when its origin is this far from where it was counted last, m: noise of a sample at rest is no movement.
 const STEP_M: f64 = 1e-5;
 
 /// The largest value of something.
@@ -49,7 +49,7 @@ pub struct Moment {
     pub depth_m: f64,
 }
 
-/// A pose on the way of the tool.
+/// A pose on the path of the tool.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PathPose {
     /// The tool.
@@ -118,7 +118,7 @@ impl Moments {
         self.paths.entry(record.scene_idx).or_default().add(PathPose { world_from_tool: output.world_from_tool, touches });
     }
 
-    /// The way of the tool through a scene.
+    /// The path of the tool through a scene.
     pub(super) fn path(&self, scene_idx: u32) -> &[PathPose] {
         self.paths.get(&scene_idx).map_or(&[], |path| &path.poses)
     }
@@ -209,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn noise_at_rest_is_no_way_and_a_long_path_stays_small() {
+    fn noise_at_rest_is_no_movement_and_a_long_path_stays_small() {
         let mut moments = Moments::default();
         (0..10_000).for_each(|tick| moments.add(&at(tick, if tick.is_multiple_of(2) { 0.0 } else { 8e-6 }, 0.0)));
         assert_eq!(moments.arc_m, 0.0);

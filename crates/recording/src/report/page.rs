@@ -81,7 +81,7 @@ fn picture(report: &LabReport, body: &mut String) {
         Some(Ok(png)) => {
             let when = if *depth_m > 0.0 { "at its deepest" } else { "at the end" };
             let caption = format!(
-                "The tool {when}, {time_s:.3} s, and the way of its middle: <span class=\"key free\">free</span>, \
+                "The tool {when}, {time_s:.3} s, and the path of its middle: <span class=\"key free\">free</span>, \
                  <span class=\"key touches\">in contact</span>; pale where a part is in front of it."
             );
             let data = STANDARD.encode(png);
@@ -206,13 +206,13 @@ fn figure(plot: Plot<'_>, keys: &[(&str, &str)], body: &mut String) {
 
 fn forces_over_distances(report: &LabReport, body: &mut String) {
     let keys = [("contact", "contact"), ("command", "command")];
-    body.push_str("<section class=\"distances\"><h2>Force over depth and over the way of the tool</h2>");
+    body.push_str("<section class=\"distances\"><h2>Force over depth and over the path of the tool</h2>");
     let mut over = |title: &str, bins: &Bins| {
         let bands = keys.iter().enumerate().map(|(value, (class, _))| (*class, bins.rows(value))).collect();
         figure(Plot { title, unit_x: "mm", bands, limit: force_limit(report), marks: &[] }, &keys, body);
     };
     over("Force over depth, N", &report.over_depth);
-    over("Force over the way of the tool, N", &report.over_path);
+    over("Force over the path of the tool, N", &report.over_path);
     body.push_str("</section>");
 }
 
