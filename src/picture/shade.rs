@@ -15,6 +15,8 @@ const SKY: [f32; 2] = [0.34, 0.1];
 const GLOSS: (f32, f32) = (0.07, 28.0);
 /// Where hollows are looked for, in pixels; and the rise over them that hides the sky there.
 const RINGS: [f32; 3] = [4.0, 10.0, 20.0];
+/// A pixel's light depends on pixels up to here, in whole pixels of the picture.
+pub(super) const REACH: usize = 24;
 const WAYS: usize = 8;
 const HIDES: f32 = 1.6;
 /// A rise beyond this many times the distance is another part in front, not a wall of the same hollow.

@@ -28,6 +28,11 @@ impl Camera {
         Self { right, up, toward, scale, origin: 0.5 * size + DVec2::new(-middle.x, middle.y) * scale }
     }
 
+    /// The same for a part of the view that begins at this pixel.
+    pub(super) fn from_pixel(self, [x, y]: [usize; 2]) -> Self {
+        Self { origin: self.origin - DVec2::new(x as f64, y as f64), ..self }
+    }
+
     /// Along the view's plane.
     pub(super) fn pixels_per_m(&self) -> f64 {
         self.scale
@@ -67,6 +72,12 @@ impl RenderedView {
     pub(super) fn empty([width, height]: [usize; 2]) -> Self {
         let nothing = PixelSample { height: f32::NEG_INFINITY, normal: Vec3::Z, color: [0.0; 3] };
         Self { width, pixels: vec![nothing; width * height] }
+    }
+
+    /// A part of it, which lies within.
+    pub(super) fn part(&self, [left, top]: [usize; 2], [width, height]: [usize; 2]) -> Self {
+        let rows = self.pixels.chunks_exact(self.width.max(1)).skip(top).take(height);
+        Self { width, pixels: rows.flat_map(|row| row[left..left + width].iter().copied()).collect() }
     }
 
     pub(super) fn size(&self) -> [usize; 2] {

@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::super::canvas::{Align, Canvas};
 use super::super::palette::{FAINT, INK, PAPER};
-use super::super::shade::{FINER, halved};
+use super::super::shade::FINER;
 use super::super::view::Camera;
 use super::sheet::draw_path;
 use super::{SceneParts, PartsView, TOWARD};
@@ -58,7 +58,7 @@ impl FrameDrawer {
             PartsView::new(parts, world_from_objects, Camera::over(TOWARD, corners, fine, FILLED), fine)
         });
         let mut canvas = Canvas::new(FRAME_SIZE[0] as u32, FRAME_SIZE[1] as u32)?;
-        canvas.image([0, 0], size, &halved(&view.lit(parts, world_from_tool), fine[0]));
+        canvas.image([0, 0], size, &view.with_tool(parts, world_from_tool));
         let places: Vec<_> = self.trail.iter().map(|(at, touches)| (view.place(*at), *touches)).collect();
         draw_path(&mut canvas, [0, 0], size, &places);
         canvas.scale_bar([0, 0], size, view.pixels_per_m() / f64::from(FINER));

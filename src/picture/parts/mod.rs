@@ -9,13 +9,13 @@ mod frames;
 mod raster;
 mod sheet;
 
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 
 pub use self::frames::{FRAME_SIZE, FrameDrawer};
 pub use self::sheet::{SceneSnapshot, sheet};
 
 use super::palette::{BACKDROP, INK, Rgb, to_linear};
-use super::shade;
+use super::shade::{self, FINER, halved};
 use super::view::{Camera, RenderedView};
 use crate::config::SceneConfig;
 use crate::config::scene::MeshSource;
@@ -93,22 +93,50 @@ fn corners(mesh: &TriangleMesh, world_from_mesh: Pose) -> impl Iterator<Item = D
 struct PartsView {
     camera: Camera,
     statics: RenderedView,
+    /// Without the tool.
+    picture: Vec<Rgb>,
 }
 
 impl PartsView {
+    /// `size`: of the view, [`FINER`] times that of the picture.
     fn new(parts: &SceneParts, world_from_objects: &[Pose], camera: Camera, size: [usize; 2]) -> Self {
         let mut statics = RenderedView::empty(size);
         for (n, (mesh, pose)) in parts.statics.iter().zip(world_from_objects).enumerate() {
             raster::put(&mut statics, &camera, mesh, *pose, PART_COLORS[n % PART_COLORS.len()]);
         }
-        Self { camera, statics }
+        let picture = halved(&outlined(&statics, shade::lit(&statics, BACKDROP)), size[0]);
+        Self { camera, statics, picture }
     }
 
-    /// Linear light of each pixel, with the tool in its place.
-    fn lit(&self, parts: &SceneParts, world_from_tool: Pose) -> Vec<[f32; 3]> {
-        let mut tool = RenderedView::empty(self.statics.size());
-        raster::put(&mut tool, &self.camera, &parts.tool, world_from_tool, TOOL_COLOR);
-        let mut front = self.statics.clone();
+    /// The picture with the tool in its place, row by row. Only what the tool can change is drawn anew.
+    fn with_tool(&self, parts: &SceneParts, world_from_tool: Pose) -> Vec<Rgb> {
+        let mut picture = self.picture.clone();
+        let size = self.statics.size();
+        let pixels = parts.tool_corners(world_from_tool).map(|corner| self.camera.place(corner).0);
+        let (low, high) = pixels.fold((DVec2::INFINITY, DVec2::NEG_INFINITY), |(low, high), at| (low.min(at), high.max(at)));
+        let Some((from, to)) = grown([low, high], shade::REACH, size) else { return picture };
+        // What is around it darkens hollows at its rim.
+        let Some((wide_from, wide_to)) = grown([low, high], 2 * shade::REACH, size) else { return picture };
+        let wide = [wide_to[0] - wide_from[0], wide_to[1] - wide_from[1]];
+        let light = self.light_with_tool(parts, world_from_tool, wide_from, wide);
+        let finer = FINER as usize;
+        for (row, pixels) in halved(&light, wide[0]).chunks_exact(wide[0] / finer).enumerate() {
+            let y = wide_from[1] / finer + row;
+            if (from[1] / finer..to[1] / finer).contains(&y) {
+                let columns = |edge: [usize; 2], start: usize| edge.map(|x| x / finer - start);
+                let source = columns([from[0], to[0]], wide_from[0] / finer);
+                let target = columns([from[0], to[0]], 0).map(|x| y * (size[0] / finer) + x);
+                picture[target[0]..target[1]].copy_from_slice(&pixels[source[0]..source[1]]);
+            }
+        }
+        picture
+    }
+
+    /// Linear light of the pixels of a part of the view.
+    fn light_with_tool(&self, parts: &SceneParts, world_from_tool: Pose, from: [usize; 2], size: [usize; 2]) -> Vec<[f32; 3]> {
+        let mut tool = RenderedView::empty(size);
+        raster::put(&mut tool, &self.camera.from_pixel(from), &parts.tool, world_from_tool, TOOL_COLOR);
+        let mut front = self.statics.part(from, size);
         for (pixel, tool) in front.pixels.iter_mut().zip(&tool.pixels) {
             if tool.height > pixel.height {
                 *pixel = *tool;
@@ -136,8 +164,18 @@ impl PartsView {
         let is_inside = pixel.x >= 0.0 && pixel.y >= 0.0 && pixel.x < width as f64;
         let in_front = self.statics.pixels.get(pixel.y.max(0.0) as usize * width + pixel.x.max(0.0) as usize).filter(|_| is_inside);
         let is_hidden = in_front.is_some_and(|other| f64::from(other.height) > height_m * self.camera.pixels_per_m() + 1.0);
-        (pixel.to_array().map(|edge| edge / f64::from(shade::FINER)), is_hidden)
+        (pixel.to_array().map(|edge| edge / f64::from(FINER)), is_hidden)
     }
+}
+
+/// Pixels around a box, with a margin on each side, within a view: from and to, in whole pixels of the picture. `None`: it is not in view.
+fn grown([low, high]: [DVec2; 2], margin: usize, size: [usize; 2]) -> Option<([usize; 2], [usize; 2])> {
+    let finer = FINER as usize;
+    let whole = |pixel: f64, side: usize| pixel.clamp(0.0, size[side] as f64) as usize / finer * finer;
+    let (low, high) = (low.to_array(), high.to_array());
+    let from = [0, 1].map(|side| whole(low[side] - margin as f64, side));
+    let to = [0, 1].map(|side| whole(high[side] + (margin + finer) as f64, side));
+    (from[0] < to[0] && from[1] < to[1]).then_some((from, to))
 }
 
 /// Draws the edges of what is seen: where neighbours to the right or below turn away, or are far behind.
@@ -162,4 +200,33 @@ fn outlined(view: &RenderedView, mut light: Vec<[f32; 3]>) -> Vec<[f32; 3]> {
         }
     }
     light
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use vps::mesh::primitives::Shape;
+
+    #[test]
+    fn what_is_drawn_anew_is_all_that_the_tool_changes() {
+        let block = |size_m: DVec3| Shape::Box { size_m }.tessellate(1e-3);
+        let parts = SceneParts { statics: vec![block(DVec3::new(0.05, 0.05, 0.01))], tool: block(DVec3::splat(0.008)) };
+        let size = [240, 160];
+        let camera = Camera::over(TOWARD, corners(&parts.statics[0], Pose::IDENTITY), size, 0.9);
+        let view = PartsView::new(&parts, &[Pose::IDENTITY], camera, size);
+        // On the plate, half in it, behind it, at the rim of the view, and out of it.
+        for (at, is_seen) in [
+            (DVec3::new(0.0, 0.0, 0.01), true),
+            (DVec3::new(0.01, -0.005, 0.005), true),
+            (DVec3::new(0.0, 0.0, -0.01), true),
+            (DVec3::new(0.03, -0.02, 0.0), true),
+            (DVec3::new(1.0, 0.0, 0.0), false),
+        ] {
+            let pose = Pose::from_translation(at);
+            let all = halved(&view.light_with_tool(&parts, pose, [0, 0], size), size[0]);
+            let picture = view.with_tool(&parts, pose);
+            assert!(picture == all, "{at}: {} pixels differ", picture.iter().zip(&all).filter(|(a, b)| a != b).count());
+            assert_eq!(picture != view.picture, is_seen, "{at}");
+        }
+    }
 }

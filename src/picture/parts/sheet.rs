@@ -4,7 +4,7 @@ use std::io;
 
 use super::super::canvas::{Align, Canvas};
 use super::super::palette::{FAINT, Rgb};
-use super::super::shade::{FINER, halved};
+use super::super::shade::FINER;
 use super::super::view::Camera;
 use super::{SceneParts, PartsView, TOWARD, PATH_FREE, PATH_TOUCHES};
 use recording::report::PathPose;
@@ -49,7 +49,7 @@ pub fn sheet(snapshot: &SceneSnapshot<'_>) -> io::Result<Vec<u8>> {
     for (n, word) in ["", "the tool, closely"].into_iter().enumerate() {
         let view = PartsView::new(parts, world_from_objects, cameras[n], fine[n]);
         let corner = [left, 0];
-        canvas.image(corner, sizes[n], &halved(&view.lit(parts, world_from_tool), fine[n][0]));
+        canvas.image(corner, sizes[n], &view.with_tool(parts, world_from_tool));
         let places: Vec<_> = middles.iter().map(|(at, touches)| (view.place(*at), *touches)).collect();
         draw_path(&mut canvas, corner, sizes[n], &places);
         canvas.scale_bar(corner, sizes[n], cameras[n].pixels_per_m() / f64::from(FINER));
