@@ -25,6 +25,7 @@ use crate::picture::film::Film;
 use crate::picture::parts::{FrameDrawer, SceneParts};
 use recording::{RecordSubscribers, TickRecord};
 use rt::clock::ClockKind;
+use rt::schedule::enter_background;
 use vps::spatial::Pose;
 
 /// From one frame of a film to the next, ns: 25 in a second.
@@ -119,7 +120,12 @@ pub fn begin(plan: DrawingPlan, session: SessionHandle, subscribers: &RecordSubs
         last: None,
     };
     let drawing = DrawingThread { plan, session, scene: None, film: None, drawn: DrawnSummary::default() };
-    let thread = std::thread::Builder::new().name("pictures".to_owned()).spawn(move || drawing.run(&ticks))?;
+    let thread = std::thread::Builder::new().name("pictures".to_owned()).spawn(move || {
+        if clock == ClockKind::Real {
+            enter_background();
+        }
+        drawing.run(&ticks)
+    })?;
     subscribers.add(Box::new(move |record| sampler.take(record)));
     Ok(Drawing { thread, counts })
 }
