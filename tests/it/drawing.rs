@@ -44,8 +44,8 @@ fn a_run_under_the_virtual_clock_leaves_every_picture_and_every_frame() {
     assert!(ended.stderr.contains("made the folder drawn for pictures"), "{}", ended.stderr);
     let json = ended.json();
     let n_ticks = json["ticks"].as_u64().expect("a number");
-    // Ticks 0, 40, 80 ..., and the last one where it is none of them.
-    let due = |every: u64| (n_ticks - 1) / every + 1 + u64::from(!(n_ticks - 1).is_multiple_of(every));
+    // The first tick, at 1 ms, each multiple, and the last tick where it is none of them.
+    let due = |every_ms: u64| n_ticks / every_ms + 1 + u64::from(!n_ticks.is_multiple_of(every_ms));
     assert_eq!(json["drawn"]["frames"], due(40), "{json}");
     assert_eq!(json["drawn"]["pictures"], due(100), "{json}");
     assert!(json["drawn"]["left_out"] == 0 && json["drawn"]["video"] == "ball.apng" && json["drawn"]["error"].is_null(), "{json}");
@@ -55,7 +55,7 @@ fn a_run_under_the_virtual_clock_leaves_every_picture_and_every_frame() {
         fs::read_dir(dir.path().join("drawn")).expect("a folder").map(|entry| entry.expect("a file").file_name().into_string().expect("a name")).collect();
     assert_eq!(names.len() as u64, due(100), "{names:?}");
     let load = |name: &str| tiny_skia::Pixmap::load_png(dir.path().join("drawn").join(name)).unwrap_or_else(|error| panic!("{name}: {error}"));
-    let [first, second] = ["ball-00000.000s.png", "ball-00000.100s.png"].map(load);
+    let [first, second] = ["ball-00000.001s.png", "ball-00000.100s.png"].map(load);
     assert_eq!([first.width(), first.height()], [720, 540]);
     assert!(first.data() != second.data(), "the ball has moved");
     // Nothing but the film is left in the folder of the film: it was made beside its name.

@@ -17,8 +17,8 @@ pub const FRAME_SIZE: [i32; 2] = [720, 540];
 const WORDS: i32 = 30;
 /// Share of the view that everything takes up at most.
 const FILLED: f64 = 0.9;
-/// Free space on each side of what is seen when the camera is set, shares of its box: small movements do not set it again.
-const MARGIN: f64 = 0.15;
+/// Room on each side of the places of the tool when the camera is set, shares of the box of everything: small movements do not set it again.
+const MARGIN: f64 = 0.08;
 /// Frames whose path is drawn: the last ones, so that a frame costs the same at any time.
 const TRAIL: usize = 250;
 
@@ -26,8 +26,8 @@ const TRAIL: usize = 250;
 pub struct FrameDrawer {
     parts: SceneParts,
     world_from_objects: Vec<Pose>,
-    /// What is in view: the corners of a box, m.
-    box_world: [DVec3; 2],
+    /// Box of the places of the tool that are in view, m.
+    tool_box_world: [DVec3; 2],
     /// `None` before the first frame, and when a part has moved or the box has grown.
     view: Option<PartsView>,
     trail: Vec<(DVec3, bool)>,
@@ -36,8 +36,8 @@ pub struct FrameDrawer {
 impl FrameDrawer {
     /// For these parts.
     pub fn new(parts: SceneParts) -> Self {
-        let box_world = [DVec3::INFINITY, DVec3::NEG_INFINITY];
-        Self { parts, world_from_objects: Vec::new(), box_world, view: None, trail: Vec::new() }
+        let tool_box_world = [DVec3::INFINITY, DVec3::NEG_INFINITY];
+        Self { parts, world_from_objects: Vec::new(), tool_box_world, view: None, trail: Vec::new() }
     }
 
     /// Draws the scene as it is in a tick; `None`: there is no memory for it, or the tool is at no place.
@@ -52,10 +52,11 @@ impl FrameDrawer {
         self.look_at(world_from_tool, world_from_objects);
         let size = [FRAME_SIZE[0], FRAME_SIZE[1] - WORDS];
         let fine = size.map(|edge| (edge * FINER) as usize);
-        let (parts, [low, high]) = (&self.parts, self.box_world);
+        let (parts, [low, high]) = (&self.parts, self.tool_box_world);
         let view = self.view.get_or_insert_with(|| {
             let corners = (0..8).map(|corner| DVec3::select(glam::BVec3::new(corner & 1 > 0, corner & 2 > 0, corner & 4 > 0), high, low));
-            PartsView::new(parts, world_from_objects, Camera::over(TOWARD, corners, fine, FILLED), fine)
+            let all = parts.static_corners(world_from_objects).into_iter().chain(corners);
+            PartsView::new(parts, world_from_objects, Camera::over(TOWARD, all, fine, FILLED), fine)
         });
         let mut canvas = Canvas::new(FRAME_SIZE[0] as u32, FRAME_SIZE[1] as u32)?;
         canvas.image([0, 0], size, &view.with_tool(parts, world_from_tool));
@@ -72,16 +73,21 @@ impl FrameDrawer {
             self.world_from_objects = world_from_objects.to_vec();
             self.view = None;
         }
-        let corners = self.parts.static_corners(world_from_objects).into_iter().chain(self.parts.tool_corners(world_from_tool));
-        let (low, high) = corners.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), at| (low.min(at), high.max(at)));
-        let [seen_low, seen_high] = self.box_world;
-        if low.cmplt(seen_low).any() || high.cmpgt(seen_high).any() {
-            let (low, high) = (low.min(seen_low), high.max(seen_high));
-            let margin = MARGIN * (high - low);
-            self.box_world = [low - margin, high + margin];
+        let (low, high) = around(self.parts.tool_corners(world_from_tool), [DVec3::INFINITY, DVec3::NEG_INFINITY]);
+        let seen = self.tool_box_world;
+        if low.cmplt(seen[0]).any() || high.cmpgt(seen[1]).any() {
+            let (low, high) = (low.min(seen[0]), high.max(seen[1]));
+            let (all_low, all_high) = around(self.parts.static_corners(world_from_objects).into_iter(), [low, high]);
+            let margin = MARGIN * (all_high - all_low);
+            self.tool_box_world = [low - margin, high + margin];
             self.view = None;
         }
     }
+}
+
+/// A box with these places in it, which began as this one.
+fn around(places: impl Iterator<Item = DVec3>, [low, high]: [DVec3; 2]) -> (DVec3, DVec3) {
+    places.fold((low, high), |(low, high), at| (low.min(at), high.max(at)))
 }
 
 /// One line below the view.
@@ -147,7 +153,7 @@ mod tests {
         let mut drawer = drawer();
         drawer.frame(&at(DVec3::ZERO), &[Pose::IDENTITY]).expect("a frame");
         let near = drawer.view.as_ref().expect("a view").pixels_per_m();
-        drawer.frame(&at(DVec3::X * 0.03), &[Pose::IDENTITY]).expect("a frame");
+        drawer.frame(&at(DVec3::X * 0.005), &[Pose::IDENTITY]).expect("a frame");
         assert_eq!(drawer.view.as_ref().expect("a view").pixels_per_m(), near);
         let frame = drawer.frame(&at(DVec3::X * 0.3), &[Pose::IDENTITY]).expect("a frame");
         assert!(drawer.view.as_ref().expect("a view").pixels_per_m() < 0.5 * near);

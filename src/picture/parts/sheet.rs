@@ -15,7 +15,7 @@ const HEIGHT: i32 = 460;
 const WIDTHS: [i32; 2] = [660, 428];
 const GAP: i32 = 12;
 /// Shares of the views that the scene, and the tool, take up at most.
-const FILLED: [f64; 2] = [0.88, 0.5];
+const FILLED: [f64; 2] = [0.88, 0.62];
 
 /// A scene at one moment.
 #[derive(Clone, Copy, Debug)]

@@ -77,7 +77,7 @@ pub(super) fn plot(plot: Plot<'_>) -> String {
     let lowest = ends(1, f64::min).unwrap_or(0.0).min(0.0);
     let highest = ends(2, f64::max).unwrap_or(0.0).max(0.0);
     // A limit far away would make a flat line of what is to be seen.
-    let shown_limit = limit.filter(|(limit, _)| limit.is_finite() && *limit <= 4.0 * highest.max(-lowest).max(1e-12));
+    let shown_limit = limit.filter(|(limit, _)| limit.is_finite() && *limit <= 2.5 * highest.max(-lowest).max(1e-12));
     let limits: Vec<(f64, &str)> = shown_limit
         .into_iter()
         .flat_map(|(limit, name)| [Some((limit, name)).filter(|_| highest > 0.0), Some((-limit, name)).filter(|_| lowest < 0.0)])
