@@ -4,8 +4,8 @@ use std::fmt::Write as _;
 
 use serde::Serialize;
 
-use super::{drawing, live};
 use super::sculpt_run::SculptSummary;
+use super::{drawing, live};
 use crate::daemon::drawing::DrawnSummary;
 use arms::remote::figures::LinkReport;
 use recording::file::RecordingSummary;

@@ -231,7 +231,8 @@ pub(crate) fn main(args: &LoopArgs, own: &CommandOptions<'_>, output: OutputOpti
             }
             let (swaps, recording) = (swaps.reports(&session, &outcome.swaps), recordings.end(&outcome.report));
             let link = figures.borrow().as_ref().map(|figures| figures.report());
-            let more = RunExtras { swaps: &swaps, recording: recording.as_ref(), sculpt: clay.as_ref(), drawn: drawn.as_ref(), link };
+            let more =
+                RunExtras { swaps: &swaps, recording: recording.as_ref(), sculpt: clay.as_ref(), drawn: drawn.as_ref(), link };
             if args.json || !output.quiet {
                 output::result(format_args!("{}", result_text(&outcome.totals, start_s, &more, args.json)));
             }

@@ -39,7 +39,15 @@ mod tests {
     #[test]
     fn flags_of_later_versions_and_bare_numbers_are_usage_errors() {
         let args = |line: &str| Command::try_parse_from(["run"].into_iter().chain(line.split_whitespace()));
-        for line in ["s.toml --overwrite", "s.toml --picture-every 1s", "s.toml --pictures p --picture-every 0s", "s.toml --monitor 7878", "s.toml --duration 10", "", "s.toml --clock fast"] {
+        for line in [
+            "s.toml --overwrite",
+            "s.toml --picture-every 1s",
+            "s.toml --pictures p --picture-every 0s",
+            "s.toml --monitor 7878",
+            "s.toml --duration 10",
+            "",
+            "s.toml --clock fast",
+        ] {
             let error = args(line).expect_err(line);
             assert_eq!(error.exit_code(), 2, "{line}");
         }

@@ -174,8 +174,8 @@ struct Sampler {
     picture: Option<Due>,
     frame: Option<Due>,
     moved: BTreeMap<u32, Pose>,
-    /// The newest tick, and whether it was sent.
-    last: Option<(TickRecord, bool)>,
+    /// The newest tick, and whether it was sent for a picture and for a frame.
+    last: Option<(TickRecord, [bool; 2])>,
 }
 
 impl Sampler {
@@ -189,9 +189,8 @@ impl Sampler {
         }
         let is_due = |due: &mut Option<Due>| due.as_mut().is_some_and(|due| due.is_due(record.time_ns));
         let [is_picture, is_frame] = [is_due(&mut self.picture), is_due(&mut self.frame)];
-        let is_due_now = is_picture || is_frame;
-        self.last = Some((*record, is_due_now));
-        if !is_due_now {
+        self.last = Some((*record, [is_picture, is_frame]));
+        if !is_picture && !is_frame {
             return true;
         }
         let due = DueTick { record: *record, moved: self.moved.clone(), is_picture, is_frame };
@@ -203,7 +202,7 @@ impl Sampler {
             Err(TrySendError::Full(_)) => {
                 let n = u64::from(is_picture) + u64::from(is_frame);
                 self.counts.left_out.fetch_add(n, Ordering::Relaxed);
-                self.last = Some((*record, false));
+                self.last = Some((*record, [false; 2]));
                 true
             }
             Err(TrySendError::Disconnected(_)) => false,
@@ -214,11 +213,11 @@ impl Sampler {
 /// The run is over: its last tick is drawn whether it was due or not.
 impl Drop for Sampler {
     fn drop(&mut self) {
-        if let Some((record, false)) = self.last {
-            let (is_picture, is_frame) = (self.picture.is_some(), self.frame.is_some());
-            let due = DueTick { record, moved: core::mem::take(&mut self.moved), is_picture, is_frame };
+        let Some((record, [had_picture, had_frame])) = self.last else { return };
+        let (is_picture, is_frame) = (self.picture.is_some() && !had_picture, self.frame.is_some() && !had_frame);
+        if is_picture || is_frame {
             // A thread that has ended draws nothing.
-            let _ = self.sender.send(due);
+            let _ = self.sender.send(DueTick { record, moved: core::mem::take(&mut self.moved), is_picture, is_frame });
         }
     }
 }
@@ -341,6 +340,18 @@ mod tests {
         let times = |is: fn(&DueTick) -> bool| ticks.iter().filter(|due| is(due)).map(|due| due.record.tick).collect::<Vec<_>>();
         assert_eq!(times(|due| due.is_picture), [0, 1000, 2000, 2010]);
         assert_eq!(times(|due| due.is_frame), (0..=2000).step_by(40).chain([2010]).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn a_last_tick_that_is_due_for_a_picture_alone_is_the_last_frame_too() {
+        let (mut sampler, ticks) = sampler(false, 1000);
+        sampler.picture = Some(Due::every(100_000_000));
+        assert!((0..=300).all(|tick| sampler.take(&at(tick))));
+        drop(sampler);
+        let ticks: Vec<DueTick> = ticks.iter().collect();
+        let times = |is: fn(&DueTick) -> bool| ticks.iter().filter(|due| is(due)).map(|due| due.record.tick).collect::<Vec<_>>();
+        assert_eq!(times(|due| due.is_picture), [0, 100, 200, 300]);
+        assert_eq!(times(|due| due.is_frame), [0, 40, 80, 120, 160, 200, 240, 280, 300]);
     }
 
     #[test]

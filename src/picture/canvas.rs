@@ -90,7 +90,8 @@ impl Canvas {
     pub(super) fn scale_bar(&mut self, [left, top]: [i32; 2], [width, height]: [i32; 2], pixels_per_m: f64) {
         let most_m = BAR * f64::from(width) / pixels_per_m;
         let decade_m = 10_f64.powf(most_m.log10().floor());
-        let Some(length_m) = [5.0, 2.0, 1.0].into_iter().map(|factor| factor * decade_m).find(|length_m| *length_m <= most_m) else {
+        let Some(length_m) = [5.0, 2.0, 1.0].into_iter().map(|factor| factor * decade_m).find(|length_m| *length_m <= most_m)
+        else {
             return;
         };
         let (x, y) = (f64::from(left) + 12.0, f64::from(top + height) - 12.0);

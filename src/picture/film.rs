@@ -251,11 +251,15 @@ mod tests {
             film.finish().expect("memory").0.into_inner().len()
         };
         assert!(length(2) - length(1) < 150, "{} bytes", length(2) - length(1));
-        assert_eq!(played(&{
-            let film = Film::new(Cursor::new(Vec::new()));
-            let mut film = film;
-            film.add(0, picture(0.0)).expect("memory");
-            film.finish().expect("memory").0.into_inner()
-        }).0, 1);
+        assert_eq!(
+            played(&{
+                let film = Film::new(Cursor::new(Vec::new()));
+                let mut film = film;
+                film.add(0, picture(0.0)).expect("memory");
+                film.finish().expect("memory").0.into_inner()
+            })
+            .0,
+            1
+        );
     }
 }

@@ -36,6 +36,7 @@ fn frames(film: &Path) -> (u32, usize) {
 }
 
 #[test]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_run_under_the_virtual_clock_leaves_every_picture_and_every_frame() {
     let dir = folder();
     let line = "run ball.toml --clock virtual --duration 200ms --pictures drawn --picture-every 100ms --video ball.apng --cache off --json";
@@ -51,10 +52,14 @@ fn a_run_under_the_virtual_clock_leaves_every_picture_and_every_frame() {
     assert!(json["drawn"]["left_out"] == 0 && json["drawn"]["video"] == "ball.apng" && json["drawn"]["error"].is_null(), "{json}");
     let film = dir.path().join("ball.apng");
     assert_eq!(frames(&film), (due(40) as u32, due(40) as usize));
-    let names: Vec<String> =
-        fs::read_dir(dir.path().join("drawn")).expect("a folder").map(|entry| entry.expect("a file").file_name().into_string().expect("a name")).collect();
+    let names: Vec<String> = fs::read_dir(dir.path().join("drawn"))
+        .expect("a folder")
+        .map(|entry| entry.expect("a file").file_name().into_string().expect("a name"))
+        .collect();
     assert_eq!(names.len() as u64, due(100), "{names:?}");
-    let load = |name: &str| tiny_skia::Pixmap::load_png(dir.path().join("drawn").join(name)).unwrap_or_else(|error| panic!("{name}: {error}"));
+    let load = |name: &str| {
+        tiny_skia::Pixmap::load_png(dir.path().join("drawn").join(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
+    };
     let [first, second] = ["ball-00000.001s.png", "ball-00000.100s.png"].map(load);
     assert_eq!([first.width(), first.height()], [720, 540]);
     assert!(first.data() != second.data(), "the ball has moved");
@@ -63,7 +68,10 @@ fn a_run_under_the_virtual_clock_leaves_every_picture_and_every_frame() {
     assert!(left.iter().all(|name| !name.to_string_lossy().starts_with(".tmp")), "{left:?}");
     let before = fs::read(&film).expect("a film");
     for refused in ["", " --overwrite"] {
-        let again = hapticd(dir.path(), &format!("run ball.toml --clock virtual --duration 200ms --video ball.apng --cache off --quiet{refused}"));
+        let again = hapticd(
+            dir.path(),
+            &format!("run ball.toml --clock virtual --duration 200ms --video ball.apng --cache off --quiet{refused}"),
+        );
         assert_eq!(again.code, Some(if refused.is_empty() { 2 } else { 0 }), "{}", again.stderr);
         assert!(fs::read(&film).expect("a film") == before, "the same run draws the same bytes");
     }
@@ -72,7 +80,8 @@ fn a_run_under_the_virtual_clock_leaves_every_picture_and_every_frame() {
 #[test]
 fn under_the_real_clock_every_frame_is_drawn_or_counted() {
     let dir = folder();
-    let line = "run ball.toml --realtime best-effort --duration 300ms --video ball.png --cache off --json --flight off --monitor off";
+    let line =
+        "run ball.toml --realtime best-effort --duration 300ms --video ball.png --cache off --json --flight off --monitor off";
     let ended = hapticd(dir.path(), line);
     assert_eq!(ended.code, Some(0), "{}", ended.stderr);
     let json = ended.json();

@@ -7,7 +7,7 @@ use super::super::palette::{FAINT, INK, PAPER};
 use super::super::shade::FINER;
 use super::super::view::Camera;
 use super::sheet::draw_path;
-use super::{SceneParts, PartsView, TOWARD};
+use super::{PartsView, SceneParts, TOWARD};
 use recording::TickRecord;
 use vps::spatial::Pose;
 
@@ -54,7 +54,8 @@ impl FrameDrawer {
         let fine = size.map(|edge| (edge * FINER) as usize);
         let (parts, [low, high]) = (&self.parts, self.tool_box_world);
         let view = self.view.get_or_insert_with(|| {
-            let corners = (0..8).map(|corner| DVec3::select(glam::BVec3::new(corner & 1 > 0, corner & 2 > 0, corner & 4 > 0), high, low));
+            let corners =
+                (0..8).map(|corner| DVec3::select(glam::BVec3::new(corner & 1 > 0, corner & 2 > 0, corner & 4 > 0), high, low));
             let all = parts.static_corners(world_from_objects).into_iter().chain(corners);
             PartsView::new(parts, world_from_objects, Camera::over(TOWARD, all, fine, FILLED), fine)
         });
@@ -127,10 +128,17 @@ mod tests {
     fn tool_pixels(frame: &tiny_skia::Pixmap) -> Vec<[u32; 2]> {
         let width = frame.width();
         let is_tool = |pixel: &tiny_skia::PremultipliedColorU8| i32::from(pixel.blue()) - i32::from(pixel.red()) > 50;
-        frame.pixels().iter().enumerate().filter(|(_, pixel)| is_tool(pixel)).map(|(n, _)| [n as u32 % width, n as u32 / width]).collect()
+        frame
+            .pixels()
+            .iter()
+            .enumerate()
+            .filter(|(_, pixel)| is_tool(pixel))
+            .map(|(n, _)| [n as u32 % width, n as u32 / width])
+            .collect()
     }
 
     #[test]
+    #[ignore = "takes long: `cargo test -- --include-ignored`"]
     fn the_tool_moves_through_a_view_that_stands_and_shines_through_what_is_in_front() {
         assert!(i32::from(TOOL_COLOR[2]) - i32::from(TOOL_COLOR[0]) > 50);
         let mut drawer = drawer();
@@ -149,6 +157,7 @@ mod tests {
     }
 
     #[test]
+    #[ignore = "takes long: `cargo test -- --include-ignored`"]
     fn the_camera_steps_back_from_what_leaves_its_view() {
         let mut drawer = drawer();
         drawer.frame(&at(DVec3::ZERO), &[Pose::IDENTITY]).expect("a frame");

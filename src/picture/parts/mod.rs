@@ -192,7 +192,8 @@ fn outlined(view: &RenderedView, mut light: Vec<[f32; 3]>) -> Vec<[f32; 3]> {
             if seen.height == f32::NEG_INFINITY {
                 continue;
             }
-            let is_edge = (own.height - other.height).abs() > EDGE_STEP / seen.normal.z.max(0.1) || own.normal.dot(other.normal) < EDGE_TURN;
+            let is_edge =
+                (own.height - other.height).abs() > EDGE_STEP / seen.normal.z.max(0.1) || own.normal.dot(other.normal) < EDGE_TURN;
             if is_edge {
                 let mixed = |channel: usize| EDGE_LIGHT * light[nearest][channel] + (1.0 - EDGE_LIGHT) * ink[channel];
                 light[nearest] = [0, 1, 2].map(mixed);

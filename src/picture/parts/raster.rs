@@ -85,10 +85,7 @@ mod tests {
     #[test]
     fn a_mesh_that_is_wound_the_wrong_way_looks_the_same() {
         let ball = Shape::Sphere { radius_m: 0.03 }.tessellate(1e-4);
-        let turned = TriangleMesh {
-            triangles: ball.triangles.iter().map(|[a, b, c]| [*a, *c, *b]).collect(),
-            ..ball.clone()
-        };
+        let turned = TriangleMesh { triangles: ball.triangles.iter().map(|[a, b, c]| [*a, *c, *b]).collect(), ..ball.clone() };
         let seen = |mesh: &TriangleMesh| {
             let mut view = RenderedView::empty([100, 100]);
             put(&mut view, &camera(), mesh, Pose::IDENTITY, [200; 3]);
@@ -104,7 +101,15 @@ mod tests {
     #[test]
     fn what_is_no_number_or_far_outside_covers_nothing() {
         let mesh = TriangleMesh {
-            vertices: vec![DVec3::NAN, DVec3::X, DVec3::Y, DVec3::splat(1e300), DVec3::splat(7.0), DVec3::new(8.0, 7.0, 7.0), DVec3::new(7.0, 8.0, 7.0)],
+            vertices: vec![
+                DVec3::NAN,
+                DVec3::X,
+                DVec3::Y,
+                DVec3::splat(1e300),
+                DVec3::splat(7.0),
+                DVec3::new(8.0, 7.0, 7.0),
+                DVec3::new(7.0, 8.0, 7.0),
+            ],
             triangles: vec![[0, 1, 2], [3, 1, 2], [4, 5, 6], [1, 1, 1]],
         };
         let mut view = RenderedView::empty([100, 100]);

@@ -6,7 +6,7 @@ use super::super::canvas::{Align, Canvas};
 use super::super::palette::{FAINT, Rgb};
 use super::super::shade::FINER;
 use super::super::view::Camera;
-use super::{SceneParts, PartsView, TOWARD, PATH_FREE, PATH_TOUCHES};
+use super::{PATH_FREE, PATH_TOUCHES, PartsView, SceneParts, TOWARD};
 use recording::report::PathPose;
 use vps::spatial::Pose;
 

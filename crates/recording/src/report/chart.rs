@@ -71,7 +71,8 @@ impl PlotArea {
 pub(super) fn plot(plot: Plot<'_>) -> String {
     let Plot { title, unit_x, mut bands, limit, marks } = plot;
     bands.iter_mut().for_each(|(_, rows)| rows.retain(|row| row.iter().all(|value| value.is_finite())));
-    let ends = |value: usize, choose: fn(f64, f64) -> f64| bands.iter().flat_map(|(_, rows)| rows).map(|row| row[value]).reduce(choose);
+    let ends =
+        |value: usize, choose: fn(f64, f64) -> f64| bands.iter().flat_map(|(_, rows)| rows).map(|row| row[value]).reduce(choose);
     let begin = ends(0, f64::min).unwrap_or(0.0);
     let end = ends(0, f64::max).unwrap_or(1.0).max(begin + 1e-3);
     let lowest = ends(1, f64::min).unwrap_or(0.0).min(0.0);

@@ -213,7 +213,8 @@ mod tests {
         let mut moments = Moments::default();
         (0..10_000).for_each(|tick| moments.add(&at(tick, if tick.is_multiple_of(2) { 0.0 } else { 8e-6 }, 0.0)));
         assert_eq!(moments.arc_m, 0.0);
-        (10_000..20_000).for_each(|tick| moments.add(&at(tick, (tick - 10_000) as f64 * 1e-5, if tick == 12_345 { 1e-6 } else { 0.0 })));
+        (10_000..20_000)
+            .for_each(|tick| moments.add(&at(tick, (tick - 10_000) as f64 * 1e-5, if tick == 12_345 { 1e-6 } else { 0.0 })));
         assert!((moments.arc_m - 0.099_99).abs() < 2e-5, "{}", moments.arc_m);
         let path = moments.path(0);
         assert!((MOST_POSES / 3..=MOST_POSES).contains(&path.len()), "{}", path.len());

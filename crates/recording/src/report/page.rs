@@ -143,8 +143,11 @@ fn verdict(report: &LabReport, body: &mut String) {
     ] {
         let Peak { value, time_s, place_world } = peak;
         let [x, y, z] = (place_world * 1e3).to_array().map(|mm| chart::short((mm * 1e3).round() * 1e-3));
-        let (when, place) =
-            if value > 0.0 { (format!("{time_s:.3} s"), format!("{x}, {y}, {z} mm")) } else { ("–".to_owned(), "–".to_owned()) };
+        let (when, place) = if value > 0.0 {
+            (format!("{time_s:.3} s"), format!("{x}, {y}, {z} mm"))
+        } else {
+            ("–".to_owned(), "–".to_owned())
+        };
         let _ = write!(
             body,
             "<tr><th scope=\"row\">{name}</th><td>{} {unit}</td><td>{when}</td><td>{place}</td></tr>",
