@@ -57,7 +57,7 @@
 //! | [`servo`] | the 1 kHz loop and its thread; commands into it; zero force on every way out |
 //! | [`daemon`] | a run from start to rest: preflight, enabling, stop; the session that changes what is rendered; replay |
 //! | [`monitor`] | HTTP, WebSocket and the page; `monitor::heartbeat` takes the force away when a client that drives falls silent |
-//! | `picture` | cuts through a map, and clay, as PNG |
+//! | `picture` | cuts through a map, clay, and rigid scenes as PNG; films |
 //! | `cli` | one file for each command; the only module that prints |
 //! | [`error`] | exit codes |
 

@@ -15,8 +15,8 @@ use crate::config::draft::{self, Draft, DraftPart, DraftPath, DraftTool};
 use crate::error::Exit;
 use document::show;
 use vps::mesh::validate::inspect;
-use vps::storage::whole_file::write_bytes;
 use vps::mesh::{self, EXTENSIONS, Format, MeshError, TriangleMesh};
+use vps::storage::whole_file::write_bytes;
 
 /// Arguments of `hapticd init`.
 #[derive(Debug, clap::Args)]
@@ -159,7 +159,9 @@ fn init(args: &Args, output: OutputOptions) -> Result<(), ReportedExit> {
         write_bytes(hand, draft.hand_csv().as_bytes())
             .map_err(|error| refuse(Exit::Asset, &format!("cannot write {}: {error}", hand.display()), None))?;
         told += &match draft.path() {
-            DraftPath::Assembly => format!("hand    {named}: into the place where its file puts {}, and out again\n", tool_name(&draft)),
+            DraftPath::Assembly => {
+                format!("hand    {named}: into the place where its file puts {}, and out again\n", tool_name(&draft))
+            }
             DraftPath::Tour => format!("hand    {named}: onto the parts from above and from four sides\n"),
         };
     }

@@ -3,9 +3,12 @@
 use std::path::{Path, PathBuf};
 
 use super::{OutputOptions, output, report};
+use crate::daemon::{RecordedScene, UnpackError, Unpacked};
 use crate::error::Exit;
-use recording::file::{ReadError, Recording};
+use crate::picture::parts::{SceneParts, SceneSnapshot, sheet};
+use recording::file::{Entry, ReadError, Recording};
 use recording::report::LabReport;
+use vps::storage::printable::one_line;
 use vps::storage::whole_file::write_bytes;
 
 /// Arguments of `hapticd report`.
@@ -69,11 +72,39 @@ fn read(args: &Args) -> Result<LabReport, ReadError> {
     // The page may be read elsewhere than beside the recording.
     let file = std::path::absolute(&args.recording).unwrap_or_else(|_| args.recording.clone());
     let mut page = LabReport::new(file.display().to_string());
+    let mut unpacked = Unpacked::new();
     while let Some(entry) = recording.next_entry()? {
         page.take(&entry);
+        unpacked = unpacked.and_then(|files| unpack(files, entry));
     }
     if !recording.is_whole() {
         page.cut_off();
     }
+    // A page without its picture is still a page: what is wrong with the scene's files stands on it.
+    let drawn = unpacked.map_err(|problem| problem.to_string()).and_then(|files| picture(&page, &files));
+    page.put_picture(drawn.map_err(|why| one_line(&why).into_owned()));
     Ok(page)
+}
+
+/// Keeps what scenes are made of.
+fn unpack(mut files: Unpacked, entry: Entry) -> Result<Unpacked, UnpackError> {
+    match entry {
+        Entry::Attachment { name, data } => files.put(&name, &data)?,
+        Entry::Metadata { name, values } => files.note(name, values),
+        Entry::Tick { .. } => {}
+    }
+    Ok(files)
+}
+
+/// The scene in the moment that the page is about.
+fn picture(page: &LabReport, files: &Unpacked) -> Result<Vec<u8>, String> {
+    let moment = page.moment().ok_or("no tick has a pose of the tool")?;
+    let RecordedScene { config, .. } = files.scene(moment.scene_idx).map_err(|problem| problem.to_string())?;
+    let parts = SceneParts::of(&config).map_err(|problem| problem.to_string())?;
+    let place = |(idx, pose)| moment.moved.get(&(idx as u32)).copied().unwrap_or(pose);
+    let world_from_objects: Vec<_> = config.statics.iter().map(|object| object.pose).enumerate().map(place).collect();
+    let path = page.path(moment.scene_idx);
+    let snapshot =
+        SceneSnapshot { parts: &parts, world_from_objects: &world_from_objects, world_from_tool: moment.world_from_tool, path };
+    sheet(&snapshot).map_err(|problem| problem.to_string())
 }

@@ -9,6 +9,7 @@ mod destination;
 mod device_node;
 mod devices;
 mod doctor;
+mod drawing;
 mod eval;
 mod findings;
 mod foxglove;

@@ -4,8 +4,9 @@ use std::fmt::Write as _;
 
 use serde::Serialize;
 
-use super::live;
 use super::sculpt_run::SculptSummary;
+use super::{drawing, live};
+use crate::daemon::drawing::DrawnSummary;
 use arms::remote::figures::LinkReport;
 use recording::file::RecordingSummary;
 use recording::{LatencySummary, Totals};
@@ -25,6 +26,7 @@ pub(super) struct RunExtras<'a> {
     pub(super) swaps: &'a [live::SwapReport],
     pub(super) recording: Option<&'a RecordingSummary>,
     pub(super) sculpt: Option<&'a SculptSummary>,
+    pub(super) drawn: Option<&'a DrawnSummary>,
     pub(super) link: Option<LinkReport>,
 }
 
@@ -35,7 +37,7 @@ pub(super) fn lets_go_text(LinkReport { hold_ms, fade_ms, .. }: &LinkReport) -> 
 
 /// What goes to stdout.
 pub(super) fn result_text(totals: &Totals, start_s: StartTimes, more: &RunExtras<'_>, json: bool) -> String {
-    let RunExtras { swaps, recording, sculpt, link } = *more;
+    let RunExtras { swaps, recording, sculpt, drawn, link } = *more;
     if json {
         #[derive(Serialize)]
         struct RunReport<'t> {
@@ -49,9 +51,11 @@ pub(super) fn result_text(totals: &Totals, start_s: StartTimes, more: &RunExtras
             #[serde(skip_serializing_if = "Option::is_none")]
             sculpt: Option<&'t SculptSummary>,
             #[serde(skip_serializing_if = "Option::is_none")]
+            drawn: Option<&'t DrawnSummary>,
+            #[serde(skip_serializing_if = "Option::is_none")]
             link: Option<LinkReport>,
         }
-        return match serde_json::to_string(&RunReport { totals, start_s, swaps, recording, sculpt, link }) {
+        return match serde_json::to_string(&RunReport { totals, start_s, swaps, recording, sculpt, drawn, link }) {
             Ok(mut text) => {
                 text.push('\n');
                 text
@@ -77,6 +81,9 @@ pub(super) fn result_text(totals: &Totals, start_s: StartTimes, more: &RunExtras
     }
     for (name, text) in sculpt.map(SculptSummary::rows).into_iter().flatten() {
         row(name, format_args!("{text}"));
+    }
+    if let Some(drawn) = drawn {
+        row("drawn", format_args!("{}", drawing::row(drawn)));
     }
     if let Some(report @ LinkReport { there_ms, back_ms, old_packets, lost_packets, .. }) = link {
         row(

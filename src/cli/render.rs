@@ -15,8 +15,9 @@ use super::progress::BakeProgress;
 use super::sculpt_run::{self, SculptRun};
 use super::services::{ServiceOptions, Services};
 use super::status_line::{StatusLine, report_lines};
-use super::{OutputOptions, bake, cache, check, guard, live, network, output, recording, report};
+use super::{OutputOptions, bake, cache, check, drawing, guard, live, network, output, recording, report};
 use crate::config::{self, ConfigErrors};
+use crate::daemon::drawing::{self as drawing_thread, Drawing};
 use crate::daemon::remote::RemoteArm;
 use crate::daemon::service::Service;
 use crate::daemon::session::SessionHandle;
@@ -107,6 +108,11 @@ pub(crate) fn main(args: &LoopArgs, own: &CommandOptions<'_>, output: OutputOpti
         Ok(changes) => changes,
         Err(exit) => return exit,
     };
+    let drawn = own.drawing.map(|drawing| drawing.plan(&config, own.overwrite, output)).transpose();
+    let drawn = match drawn {
+        Ok(drawn) => drawn.flatten(),
+        Err(exit) => return exit,
+    };
     let bound = match args.monitor.open(&config, clock, output) {
         Ok(bound) => bound,
         Err(exit) => return exit,
@@ -185,9 +191,11 @@ pub(crate) fn main(args: &LoopArgs, own: &CommandOptions<'_>, output: OutputOpti
             recorder: Some(Box::new(recordings.for_clients(output))),
         };
         let services = Services::open(options, &mut live)?;
-        Ok((services, live, paths, swaps))
+        let draw = |plan| drawing_thread::begin(plan, session.clone(), &live.subscribers, clock);
+        let drawing = drawn.map(draw).transpose()?;
+        Ok((services, live, paths, swaps, drawing))
     });
-    let (mut services, live, paths, swaps) = match begun {
+    let (mut services, live, paths, swaps, drawing) = match begun {
         Ok(begun) => begun,
         Err(error) => {
             report::error(&format!("cannot start a thread: {error}"), None, output);
@@ -213,6 +221,7 @@ pub(crate) fn main(args: &LoopArgs, own: &CommandOptions<'_>, output: OutputOpti
     output::attach();
     // Whatever became of the loop: what hands made is not lost with it.
     let clay = sculpt_run.and_then(|sculpt_run| sculpt_run.close(output));
+    let drawn = drawing.map(Drawing::end);
     let refusal = match rendered {
         Ok(outcome) => {
             let first_tick = outcome.report.first_tick_ns.map_or(0.0, since_start_s);
@@ -222,11 +231,13 @@ pub(crate) fn main(args: &LoopArgs, own: &CommandOptions<'_>, output: OutputOpti
             }
             let (swaps, recording) = (swaps.reports(&session, &outcome.swaps), recordings.end(&outcome.report));
             let link = figures.borrow().as_ref().map(|figures| figures.report());
-            let more = RunExtras { swaps: &swaps, recording: recording.as_ref(), sculpt: clay.as_ref(), link };
+            let more =
+                RunExtras { swaps: &swaps, recording: recording.as_ref(), sculpt: clay.as_ref(), drawn: drawn.as_ref(), link };
             if args.json || !output.quiet {
                 output::result(format_args!("{}", result_text(&outcome.totals, start_s, &more, args.json)));
             }
-            let failures = [Some(outcome.exit()), live::failure(&session, output), clay.map(|clay| clay.exit())];
+            let not_drawn = drawn.and_then(|drawn| drawing::failure(&drawn, output));
+            let failures = [Some(outcome.exit()), live::failure(&session, output), clay.map(|clay| clay.exit()), not_drawn];
             return failures.into_iter().flatten().find(|exit| *exit != Exit::Ok).unwrap_or(Exit::Ok);
         }
         Err(refusal) => refusal,

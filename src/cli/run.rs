@@ -1,23 +1,26 @@
 //! `hapticd run`: bake a scene and render it on its arm.
 
 use super::render::{self, CommandOptions, LoopArgs};
-use super::{OutputOptions, live};
+use super::{OutputOptions, drawing, live};
 use crate::error::Exit;
 
 /// Arguments of `hapticd run`.
 #[derive(Debug, clap::Args)]
+#[command(group(clap::ArgGroup::new("written").args(["record", "pictures", "video"]).multiple(true)))]
 pub(crate) struct Args {
     #[command(flatten)]
     render: LoopArgs,
     #[command(flatten)]
     live: live::LiveArgs,
-    /// Let --record write over a file that is there already.
-    #[arg(long, requires = "record")]
+    #[command(flatten)]
+    drawing: drawing::DrawingArgs,
+    /// Let --record, --pictures and --video write over files that are there already.
+    #[arg(long, requires = "written")]
     overwrite: bool,
 }
 
 pub(crate) fn main(args: &Args, output: OutputOptions, started_ns: i64) -> Exit {
-    let own = CommandOptions { live: &args.live, clay: None, overwrite: args.overwrite };
+    let own = CommandOptions { live: &args.live, drawing: Some(&args.drawing), clay: None, overwrite: args.overwrite };
     render::main(&args.render, &own, output, started_ns)
 }
 
@@ -36,10 +39,19 @@ mod tests {
     #[test]
     fn flags_of_later_versions_and_bare_numbers_are_usage_errors() {
         let args = |line: &str| Command::try_parse_from(["run"].into_iter().chain(line.split_whitespace()));
-        for line in ["s.toml --overwrite", "s.toml --monitor 7878", "s.toml --duration 10", "", "s.toml --clock fast"] {
+        for line in [
+            "s.toml --overwrite",
+            "s.toml --picture-every 1s",
+            "s.toml --pictures p --picture-every 0s",
+            "s.toml --monitor 7878",
+            "s.toml --duration 10",
+            "",
+            "s.toml --clock fast",
+        ] {
             let error = args(line).expect_err(line);
             assert_eq!(error.exit_code(), 2, "{line}");
         }
+        assert!(args("s.toml --video v.apng --pictures p --record r.mcap --overwrite").is_ok());
         assert!(args("s.toml --duration 10").expect_err("no unit").to_string().contains("500ms"));
     }
 }

@@ -28,6 +28,8 @@ struct RigidArgs {
     moves: Option<Vec<String>>,
     #[arg(long, hide = true)]
     watch: bool,
+    #[arg(long, hide = true, num_args = 0..)]
+    video: Option<Vec<String>>,
 }
 
 impl RigidArgs {
@@ -39,6 +41,8 @@ impl RigidArgs {
             Some(("--move", "parts beside the clay can be moved from the monitor page"))
         } else if self.watch {
             Some(("--watch", "SIGHUP reads the parameters of the scene again"))
+        } else if self.video.is_some() {
+            Some(("--video", "--pictures draws the piece as it was and as it is at the end"))
         } else {
             None
         }
@@ -50,6 +54,6 @@ pub(crate) fn main(args: &Args, output: OutputOptions, started_ns: i64) -> Exit 
         report::error(&format!("{flag} is for rigid scenes, which `hapticd run` renders"), Some(hint), output);
         return Exit::Usage;
     }
-    let own = CommandOptions { live: &live::LiveArgs::default(), clay: Some(&args.clay), overwrite: args.overwrite };
+    let own = CommandOptions { live: &live::LiveArgs::default(), drawing: None, clay: Some(&args.clay), overwrite: args.overwrite };
     render::main(&args.render, &own, output, started_ns)
 }

@@ -212,7 +212,9 @@ impl Draft {
         };
         let path = if is_mated { DraftPath::Assembly } else { DraftPath::Tour };
         let way = match path {
-            DraftPath::Assembly => vec![start_m, DVec3::new(0.0, 0.0, start_m.z), DVec3::ZERO, DVec3::new(0.0, 0.0, start_m.z), start_m],
+            DraftPath::Assembly => {
+                vec![start_m, DVec3::new(0.0, 0.0, start_m.z), DVec3::ZERO, DVec3::new(0.0, 0.0, start_m.z), start_m]
+            }
             DraftPath::Tour => tour((tool_low, tool_high), (low, high), start_m, gap_m, PRESS_SHARE * tool_m),
         };
         let hand = timed(&way, HAND_M_PER_S * scale);

@@ -25,6 +25,7 @@
 //! Data in: a prepared [`RenderJob`]. Data out: [`Notice`]s while it runs, one [`RunOutcome`] at the end. Invariant: prints nothing.
 
 pub mod device_node;
+pub mod drawing;
 mod hand_checks;
 mod prepare;
 mod recorded;
@@ -46,4 +47,4 @@ pub use recorded::{resolved, scene_files};
 pub use replay::{Difference, Gap, ReplayError, Replayed, replay};
 pub use scene_keys::{scenes_beside, unlike};
 pub use supervisor::{Enable, LiveChannels, Notice, Operator, Phase, RenderJob, RunError, RunOutcome, Supervisor};
-pub use unpacked::UnpackError;
+pub use unpacked::{RecordedScene, UnpackError, Unpacked};

@@ -130,6 +130,8 @@ struct Shared {
     state: Mutex<SessionState>,
     /// A scene was asked for.
     asked: Condvar,
+    /// The scene that the run begins with.
+    first: Arc<SceneConfig>,
     options: LoadOptions,
     clock: ClockKind,
     /// Recordings bring along what each scene is made of.
@@ -153,7 +155,7 @@ struct SessionState {
     /// Ticks at which planned scenes are wanted.
     promised_ticks: Vec<u64>,
     /// Scenes in the order in which the loop takes them, and which of the planned ones each is.
-    sent: Vec<(PathBuf, Option<usize>)>,
+    sent: Vec<(Arc<SceneConfig>, Option<usize>)>,
     /// Planned scenes that could not be baked.
     failed: Vec<(PathBuf, SceneError)>,
     /// Scenes that were rendered before, for the thread of scenes to free.
@@ -225,8 +227,9 @@ impl SessionState {
 impl SessionHandle {
     /// A session whose first scene is still to be baked. `options`: how scenes are read.
     pub fn new(config: SceneConfig, options: LoadOptions, clock: ClockKind, recorder: Option<Recorder>) -> Self {
+        let first = Arc::new(config);
         let state = SessionState {
-            config: Arc::new(config),
+            config: first.clone(),
             scene: None,
             controls: None,
             is_simulated: false,
@@ -241,7 +244,7 @@ impl SessionHandle {
             reloader: None,
             has_ended: true,
         };
-        Self(Arc::new(Shared { state: Mutex::new(state), asked: Condvar::new(), options, clock, recorder }))
+        Self(Arc::new(Shared { state: Mutex::new(state), asked: Condvar::new(), first, options, clock, recorder }))
     }
 
     /// Begins the thread `scenes`, which bakes scenes one after the other, first the planned ones, sends them to the loop, and frees those that
@@ -351,7 +354,15 @@ impl SessionHandle {
     /// The file of a scene, by its number; `None`: there is no such scene, or it is the first one.
     pub fn sent_file(&self, scene_idx: u32) -> Option<PathBuf> {
         let sent_idx = (scene_idx as usize).checked_sub(1)?;
-        self.state().sent.get(sent_idx).map(|(path, _)| path.clone())
+        self.state().sent.get(sent_idx).map(|(config, _)| config.path.clone())
+    }
+
+    /// A scene of this run by its number, as it was checked; `None`: there is no such scene.
+    pub fn config_of(&self, scene_idx: u32) -> Option<Arc<SceneConfig>> {
+        match (scene_idx as usize).checked_sub(1) {
+            None => Some(self.0.first.clone()),
+            Some(sent_idx) => self.state().sent.get(sent_idx).map(|(config, _)| config.clone()),
+        }
     }
 
     /// The number of a scene that was planned; `None`: it was not sent.
@@ -494,7 +505,7 @@ impl SessionHandle {
             recorder.scenes.add(SceneFiles { starts_anew, ..files });
         }
         state.controls()?.offer(Box::new(loaded), objects(&config)).map_err(|_| SessionError::Over)?;
-        state.sent.push((config.path.clone(), planned_idx));
+        state.sent.push((config.clone(), planned_idx));
         state.coming = Some((config, scene));
         Ok(())
     }

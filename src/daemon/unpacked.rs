@@ -48,30 +48,38 @@ pub enum UnpackError {
 
 /// A folder into which the files of a recording go; removed when it goes.
 #[derive(Debug)]
-pub(super) struct Unpacked {
+pub struct Unpacked {
     folder: tempfile::TempDir,
     manifests: BTreeMap<String, BTreeMap<String, String>>,
 }
 
 /// A scene as it was, and what this version makes of it in another way than the one that recorded it.
-pub(super) struct RecordedScene {
-    pub(super) config: SceneConfig,
+#[derive(Debug)]
+pub struct RecordedScene {
+    /// Its files lie in the folder into which the recording was unpacked.
+    pub config: SceneConfig,
     /// Keys of the resolved form.
-    pub(super) changed: Vec<String>,
+    pub changed: Vec<String>,
     /// The tool began at its start.
-    pub(super) starts_anew: bool,
+    pub starts_anew: bool,
 }
 
 impl Unpacked {
     /// An empty one.
-    pub(super) fn new() -> Result<Self, UnpackError> {
+    ///
+    /// # Errors
+    /// There is no place for temporary files.
+    pub fn new() -> Result<Self, UnpackError> {
         let folder = tempfile::Builder::new().prefix("hapticd-replay-").tempdir();
         let folder = folder.map_err(|source| UnpackError::Write { file: std::env::temp_dir(), source })?;
         Ok(Self { folder, manifests: BTreeMap::new() })
     }
 
     /// Puts a file where its name says.
-    pub(super) fn put(&self, name: &str, data: &[u8]) -> Result<(), UnpackError> {
+    ///
+    /// # Errors
+    /// The name leads out of the folder, or the file cannot be written.
+    pub fn put(&self, name: &str, data: &[u8]) -> Result<(), UnpackError> {
         if !is_inside(name) {
             return Err(UnpackError::Outside(name.to_owned()));
         }
@@ -85,12 +93,15 @@ impl Unpacked {
     }
 
     /// Takes note of what belongs together.
-    pub(super) fn note(&mut self, name: String, values: BTreeMap<String, String>) {
+    pub fn note(&mut self, name: String, values: BTreeMap<String, String>) {
         self.manifests.insert(name, values);
     }
 
     /// Reads a scene whose files are all there.
-    pub(super) fn scene(&self, scene_idx: u32) -> Result<RecordedScene, UnpackError> {
+    ///
+    /// # Errors
+    /// [`UnpackError`]: a file is missing, or the scene is none.
+    pub fn scene(&self, scene_idx: u32) -> Result<RecordedScene, UnpackError> {
         let folder = self.folder.path().join(format!("scenes/{scene_idx}"));
         let missing = |file: &str, why: String| UnpackError::Missing { scene_idx, file: file.to_owned(), why };
         let garbled = |message: String| UnpackError::Toml { scene_idx, message };

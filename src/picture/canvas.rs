@@ -3,7 +3,11 @@
 use tiny_skia::{Color, FillRule, LineCap, Paint, Path, PathBuilder, Pixmap, Rect, Stroke, Transform};
 use ttf_parser::{Face, OutlineBuilder};
 
-use super::palette::Rgb;
+use super::palette::{INK, Rgb};
+use recording::report::chart::short;
+
+/// Share of a view's width that the bar of its scale takes up at most.
+const BAR: f64 = 0.2;
 
 /// Where a word begins, ends or has its middle.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -31,6 +35,11 @@ impl Canvas {
     /// The picture as a file.
     pub(super) fn png(&self) -> std::io::Result<Vec<u8>> {
         self.pixels.encode_png().map_err(std::io::Error::other)
+    }
+
+    /// The picture, to be put beside others.
+    pub(super) fn into_pixels(self) -> Pixmap {
+        self.pixels
     }
 
     /// Pixels `[x, x + width) × [y, y + height)` in one colour, edges sharp.
@@ -75,6 +84,20 @@ impl Canvas {
         if let Some(path) = PathBuilder::from_circle(x as f32, y as f32, radius as f32) {
             self.fill(&path, color);
         }
+    }
+
+    /// A bar of a round length in the lower left corner of a view.
+    pub(super) fn scale_bar(&mut self, [left, top]: [i32; 2], [width, height]: [i32; 2], pixels_per_m: f64) {
+        let most_m = BAR * f64::from(width) / pixels_per_m;
+        let decade_m = 10_f64.powf(most_m.log10().floor());
+        let Some(length_m) = [5.0, 2.0, 1.0].into_iter().map(|factor| factor * decade_m).find(|length_m| *length_m <= most_m)
+        else {
+            return;
+        };
+        let (x, y) = (f64::from(left) + 12.0, f64::from(top + height) - 12.0);
+        let end = x + length_m * pixels_per_m;
+        self.line([x, y], [end, y], 2.0, INK);
+        self.text([x, y - 6.0], 13.0, Align::Left, INK, &format!("{} mm", short(length_m * 1e3)));
     }
 
     /// One line of text; `y` is its base line, `size` the height of its line.

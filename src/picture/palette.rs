@@ -14,6 +14,9 @@ pub(super) const FAINT: Rgb = [110, 116, 128];
 /// Points of the shell, on any of the colours below.
 pub(super) const PAPER: Rgb = [255, 255, 255];
 
+/// Behind what is lit.
+pub(super) const BACKDROP: Rgb = [243, 246, 249];
+
 const FAR_OUTSIDE: Rgb = [247, 249, 252];
 const OUTSIDE: [Rgb; 2] = [[74, 144, 200], [219, 232, 245]];
 const DEEP_INSIDE: Rgb = [251, 226, 186];

@@ -17,6 +17,7 @@ mod couplings;
 mod determinism;
 mod device_node;
 mod docs;
+mod drawing;
 mod foxglove;
 mod friction;
 mod fuzz_corpus;

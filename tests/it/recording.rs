@@ -8,6 +8,7 @@ use std::process::{Child, Command, Stdio};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use base64::Engine as _;
 use glam::DVec3;
 use hapticd::config::LoadOptions;
 use hapticd::daemon::session::objects;
@@ -146,6 +147,11 @@ fn a_run_with_a_moving_part_and_other_scenes_replays_bit_for_bit_without_its_fil
     assert_identical(&moved, n_ticks);
     let page = fs::read_to_string(elsewhere.path().join("r.html")).expect("a page");
     assert!(page.contains("Scene 2: a") && page.contains("<polygon") && !page.contains("<script"));
+    // Drawn from the meshes that the recording brings along: those of the scene are gone.
+    let picture = page.split_once("src=\"data:image/png;base64,").and_then(|(_, rest)| rest.split_once('"')).expect("a picture").0;
+    let picture = base64::engine::general_purpose::STANDARD.decode(picture).expect("base64");
+    let pixels = tiny_skia::Pixmap::decode_png(&picture).expect("a PNG");
+    assert_eq!((pixels.width(), pixels.height()), (1100, 460));
 }
 
 /// Runs a scene in this process and records it; `turn` has its parameters and parts in hand before the first tick.

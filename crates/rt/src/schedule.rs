@@ -11,6 +11,9 @@ use thread_priority::{
 /// Bytes of stack that [`prefault_stack`] touches: far more than a tick needs, less than the default 2 MiB of a thread.
 const PREFAULT_STACK_BYTES: usize = 256 * 1024;
 
+/// Niceness of a thread that is not waited for: a tenth of the weight of niceness 0.
+const BACKGROUND_NICE: i32 = 10;
+
 /// `CAP_IPC_LOCK` in the capability masks of `/proc/self/status`.
 const CAP_IPC_LOCK_BIT: u32 = 14;
 
@@ -57,6 +60,12 @@ pub fn enter_realtime(request: ThreadRequest) -> ThreadStanding {
 /// Puts the calling thread under SCHED_FIFO, on any processor; true where that is allowed. RT: start-up only.
 pub fn enter_fifo(priority: u8) -> bool {
     set_fifo(priority).is_ok()
+}
+
+/// Gives way to other threads: the calling one gets a tenth of what they get of a processor that both want.
+pub fn enter_background() {
+    // SAFETY: a call with numbers only; on Linux process 0 is the calling thread.
+    unsafe { libc::setpriority(libc::PRIO_PROCESS, 0, BACKGROUND_NICE) };
 }
 
 fn set_fifo(priority: u8) -> Result<(), i32> {
@@ -201,6 +210,19 @@ mod tests {
         // Whether SCHED_FIFO was granted depends on the user that runs the test; that the answer is consistent does not.
         assert_eq!(standing.fifo, standing.schedule_errno == 0);
         assert_eq!(standing.priority, u8::from(standing.fifo));
+    }
+
+    #[test]
+    fn a_thread_in_the_background_is_nice_and_the_others_are_not() {
+        // SAFETY: a call with numbers only.
+        let nice = || unsafe { libc::getpriority(libc::PRIO_PROCESS, 0) };
+        let before = nice();
+        let there = std::thread::spawn(move || {
+            enter_background();
+            nice()
+        });
+        assert_eq!(there.join().expect("no panic"), before.max(BACKGROUND_NICE));
+        assert_eq!(nice(), before);
     }
 
     #[test]

@@ -33,7 +33,9 @@ impl SceneDestination {
     /// Refuses a file that is there and is to be kept.
     pub(super) fn check_free(&self, args: &Args, output: OutputOptions) -> Result<(), ReportedExit> {
         match self {
-            Self::File(file) if !args.overwrite && (file.exists() || self.hand().is_some_and(|hand| hand.exists() && !args.clay)) => {
+            Self::File(file)
+                if !args.overwrite && (file.exists() || self.hand().is_some_and(|hand| hand.exists() && !args.clay)) =>
+            {
                 let there = if file.exists() { file.clone() } else { self.hand().unwrap_or_default() };
                 let message = format!("{} is there already", there.display());
                 report::error(&message, Some("--overwrite writes over it, -o names another file"), output);

@@ -6,7 +6,7 @@ use std::time::Duration;
 use clap::ValueEnum;
 
 use super::super::sculpt_run::ClayArgs;
-use super::super::{cache, foxglove, live, memory, monitor, network, publish, recording};
+use super::super::{cache, drawing, foxglove, live, memory, monitor, network, publish, recording};
 use crate::config::{LoadOptions, SceneConfig};
 use crate::daemon::remote::RemoteArm;
 use arms::attached::nodes::Selector;
@@ -67,6 +67,8 @@ pub(crate) struct LoopArgs {
 pub(crate) struct CommandOptions<'a> {
     /// What changes while it renders.
     pub(in crate::cli) live: &'a live::LiveArgs,
+    /// What is to be drawn; `None`: the command draws something else.
+    pub(in crate::cli) drawing: Option<&'a drawing::DrawingArgs>,
     /// What is to become of the clay; `None`: the command is for scenes without.
     pub(in crate::cli) clay: Option<&'a ClayArgs>,
     /// Files may be written over.

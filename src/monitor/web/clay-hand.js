@@ -152,7 +152,7 @@ export class ClayHand {
   }
 
   #begin(event) {
-    if (this.press || event.button !== 0 || event.shiftKey || event.ctrlKey || document.body.dataset.pointer || !this.#canWork) return false;
+    if (this.press || event.button !== 0 || event.shiftKey || event.ctrlKey || this.view.isPicking || !this.#canWork) return false;
     const under = this.#under(event);
     if (!under) return false;
     this.view.canvas.setPointerCapture(event.pointerId);

@@ -222,7 +222,7 @@ export class Hand {
       this.canvas.setPointerCapture(event.pointerId);
       return true;
     }
-    if (drag || event.button === 1 || event.shiftKey || document.body.dataset.pointer || !this.#isOnTool(event)) return false;
+    if (drag || event.button === 1 || event.shiftKey || this.view.isPicking || !this.#isOnTool(event)) return false;
     this.#take(event, { isTurn: event.button === 2 || event.ctrlKey });
     return true;
   }

@@ -1,22 +1,23 @@
 //! Pictures of clay: its samples as shaded discs, from three sides on one sheet.
 //!
-//! [`sheet`](self) lays the views out, `view` says what each pixel sees, `shade` lights it. Samples cover one another as surfaces do: a
+//! [`sheet`](self) lays the views out, `discs` says what each pixel sees, `shade` lights it. Samples cover one another as surfaces do: a
 //! pixel shows the mean of the discs that are nearest to the viewer there, weighted by how near their middles are.
 //!
 //! Invariants: no randomness, one thread: the same picture on every machine. Cost: O(pixels · discs that cover one).
 
-mod shade;
-mod view;
+mod discs;
 
 use std::io;
 use std::path::Path;
 
 use glam::DVec3;
 
-use self::view::{Camera, Discs};
+use self::discs::{Discs, seen};
 use super::canvas::{Align, Canvas};
-use super::palette::{FAINT, INK, Rgb, to_srgb};
+use super::palette::{BACKDROP, FAINT, INK};
+use super::shade::{self, FINER, halved};
 use super::sheet::{grouped, shortened};
+use super::view::Camera;
 use clay::PointSet;
 use recording::report::chart::short;
 use vps::storage::whole_file::write_bytes;
@@ -40,14 +41,8 @@ const HEADER: i32 = 52;
 const LARGE: [i32; 2] = [608, 420];
 const SMALL: [i32; 2] = [356, 204];
 const GAP: i32 = 12;
-/// Pixels of the views along a pixel of the sheet, which smooths their edges.
-const FINER: i32 = 2;
 /// Share of a view that the piece takes up at most.
 const FILLED: f64 = 0.86;
-/// Share of a view's width that the bar of its scale takes up at most.
-const BAR: f64 = 0.2;
-/// Behind the pieces.
-const BACKDROP: Rgb = [243, 246, 249];
 
 /// What a view looks at: word, place on the sheet below the header, size, and the way towards the viewer.
 const VIEWS: [(&str, [i32; 2], [i32; 2], DVec3); 3] = [
@@ -79,9 +74,9 @@ fn png(subjects: &[ClaySnapshot<'_>]) -> io::Result<Vec<u8>> {
             let corner = [left, top + HEADER + below];
             let fine = size.map(|edge| (edge * FINER) as usize);
             let camera = Camera::over(toward, shown().flat_map(|points| points.positions_map.iter().copied()), fine, FILLED);
-            let pixels = shade::lit(&view::seen(&camera, &discs, fine), BACKDROP);
+            let pixels = shade::lit(&seen(&camera, &discs, fine), BACKDROP);
             canvas.image(corner, size, &halved(&pixels, fine[0]));
-            draw_scale(&mut canvas, corner, size, camera.pixels_per_m() / f64::from(FINER));
+            canvas.scale_bar(corner, size, camera.pixels_per_m() / f64::from(FINER));
             let [x, y] = corner.map(f64::from);
             canvas.text([x + f64::from(size[0]) - 10.0, y + 20.0], 13.0, Align::Right, FAINT, word);
         }
@@ -96,30 +91,6 @@ fn draw_words(canvas: &mut Canvas, subject: &ClaySnapshot<'_>, top: f64) {
     let size_mm = ((high - low) * 1e3).to_array().map(|edge| short((edge * 10.0).round() / 10.0));
     let facts = format!("{} samples \u{b7} {} mm", grouped(subject.points.len()), size_mm.join(" \u{d7} "));
     canvas.text([left, top + 41.0], 13.0, Align::Left, FAINT, &facts);
-}
-
-/// A bar of a round length in the lower left corner.
-fn draw_scale(canvas: &mut Canvas, [left, top]: [i32; 2], [width, height]: [i32; 2], pixels_per_m: f64) {
-    let most_m = BAR * f64::from(width) / pixels_per_m;
-    let decade_m = 10_f64.powf(most_m.log10().floor());
-    let Some(length_m) = [5.0, 2.0, 1.0].into_iter().map(|factor| factor * decade_m).find(|length_m| *length_m <= most_m) else {
-        return;
-    };
-    let (x, y) = (f64::from(left) + 12.0, f64::from(top + height) - 12.0);
-    let end = x + length_m * pixels_per_m;
-    canvas.line([x, y], [end, y], 2.0, INK);
-    canvas.text([x, y - 6.0], 13.0, Align::Left, INK, &format!("{} mm", short(length_m * 1e3)));
-}
-
-/// Means of 2 × 2 pixels, in linear light.
-fn halved(pixels: &[[f32; 3]], width: usize) -> Vec<Rgb> {
-    let rows: Vec<&[[f32; 3]]> = pixels.chunks_exact(width).collect();
-    let of_rows = |pair: &[&[[f32; 3]]]| -> Vec<Rgb> {
-        let pairs = pair[0].chunks_exact(2).zip(pair[1].chunks_exact(2));
-        let mean = |(a, b): (&[[f32; 3]], &[[f32; 3]])| [0, 1, 2].map(|n| 0.25 * (a[0][n] + a[1][n] + b[0][n] + b[1][n]));
-        pairs.map(|four| mean(four).map(to_srgb)).collect()
-    };
-    rows.chunks_exact(FINER as usize).flat_map(of_rows).collect()
 }
 
 #[cfg(test)]

@@ -1,10 +1,9 @@
 //! Charts as SVG text: axes for any values, envelopes over time, histograms.
 //!
-//! Style sheets of the page give the classes their looks: `grid` and `tick` (with `end`: the text ends there) of the axes, `trace`, `bar`, `limit`, `fault`.
+//! Style sheets of the page give the classes their looks: `grid` and `tick` (with `end`: the text ends there) of the axes, `trace`, `bar`, `limit`, `fault`; of traces `contact`,
+//! `command`, `x`, `y`, `z` besides.
 
 use std::fmt::Write as _;
-
-use super::trace::Stretch;
 
 /// Of the charts of a report, pixels.
 const WIDTH: f64 = 960.0;
@@ -15,15 +14,17 @@ const RIGHT: f64 = 14.0;
 const TOP: f64 = 12.0;
 const BOTTOM: f64 = 30.0;
 
-/// Something over time.
-pub(super) struct Curve<'c> {
+/// Values over time or over a distance.
+pub(super) struct Plot<'c> {
     /// What it is, with its unit.
     pub(super) title: &'c str,
-    /// Which of the values of a stretch.
-    pub(super) value: usize,
-    /// A line across, with its name.
+    /// Of the lower axis.
+    pub(super) unit_x: &'c str,
+    /// A class of the style sheet for each, and its rows: where, least and most there.
+    pub(super) bands: Vec<(&'c str, Vec<[f64; 3]>)>,
+    /// A line across, with its name; of values below zero as well, another one as far below.
     pub(super) limit: Option<(f64, &'c str)>,
-    /// Moments to mark, s.
+    /// Where to draw lines up, as moments of faults.
     pub(super) marks: &'c [f64],
 }
 
@@ -66,38 +67,44 @@ impl PlotArea {
     }
 }
 
-/// An envelope: filled between the least and the most of each stretch.
-pub(super) fn curve(curve: &Curve<'_>, stretches: &[Stretch]) -> String {
-    let Curve { title, value, limit, marks } = *curve;
-    let at = |values: &[f64]| values.get(value).copied().unwrap_or(f64::NAN);
-    let points: Vec<(f64, f64, f64)> = stretches
-        .iter()
-        .map(|stretch| (stretch.time_s, at(&stretch.least), at(&stretch.most)))
-        .filter(|(time_s, least, most)| time_s.is_finite() && least.is_finite() && most.is_finite())
-        .collect();
-    let begin_s = points.first().map_or(0.0, |point| point.0);
-    let end_s = points.last().map_or(1.0, |point| point.0).max(begin_s + 1e-3);
-    let lowest = points.iter().fold(0.0_f64, |lowest, point| lowest.min(point.1));
-    let highest = points.iter().fold(0.0_f64, |highest, point| highest.max(point.2));
+/// Envelopes, each filled between the least and the most of its rows.
+pub(super) fn plot(plot: Plot<'_>) -> String {
+    let Plot { title, unit_x, mut bands, limit, marks } = plot;
+    bands.iter_mut().for_each(|(_, rows)| rows.retain(|row| row.iter().all(|value| value.is_finite())));
+    let ends =
+        |value: usize, choose: fn(f64, f64) -> f64| bands.iter().flat_map(|(_, rows)| rows).map(|row| row[value]).reduce(choose);
+    let begin = ends(0, f64::min).unwrap_or(0.0);
+    let end = ends(0, f64::max).unwrap_or(1.0).max(begin + 1e-3);
+    let lowest = ends(1, f64::min).unwrap_or(0.0).min(0.0);
+    let highest = ends(2, f64::max).unwrap_or(0.0).max(0.0);
     // A limit far away would make a flat line of what is to be seen.
-    let shown_limit = limit.filter(|(limit, _)| limit.is_finite() && *limit <= 4.0 * highest.max(1e-12));
-    let highest = shown_limit.map_or(highest, |(limit, _)| highest.max(limit * 1.05));
+    let shown_limit = limit.filter(|(limit, _)| limit.is_finite() && *limit <= 2.5 * highest.max(-lowest).max(1e-12));
+    let limits: Vec<(f64, &str)> = shown_limit
+        .into_iter()
+        .flat_map(|(limit, name)| [Some((limit, name)).filter(|_| highest > 0.0), Some((-limit, name)).filter(|_| lowest < 0.0)])
+        .flatten()
+        .collect();
+    let highest = limits.iter().fold(highest, |highest, (limit, _)| highest.max(limit * 1.05));
+    let lowest = limits.iter().fold(lowest, |lowest, (limit, _)| lowest.min(limit * 1.05));
     let span = if highest - lowest > 0.0 { highest - lowest } else { 1.0 };
-    let frame = PlotArea { size: [WIDTH, HEIGHT], x: [begin_s, end_s], y: [lowest, lowest + 1.05 * span] };
+    let frame = PlotArea { size: [WIDTH, HEIGHT], x: [begin, end], y: [lowest, lowest + 1.05 * span] };
     let mut svg = open(title);
-    frame.axes(&mut svg, "s");
-    for mark_s in marks {
-        let x = frame.x(*mark_s);
+    frame.axes(&mut svg, unit_x);
+    for mark in marks {
+        let x = frame.x(*mark);
         // Writing to a string cannot fail, here and below.
         let _ = write!(svg, "<line class=\"fault\" x1=\"{x:.1}\" x2=\"{x:.1}\" y1=\"{TOP}\" y2=\"{:.1}\"/>", HEIGHT - BOTTOM);
     }
-    if let Some((limit, name)) = shown_limit {
+    for (limit, name) in limits {
         line_across(&mut svg, frame.y(limit), name);
     }
-    let upper = points.iter().map(|(time_s, _, most)| (frame.x(*time_s), frame.y(*most)));
-    let lower = points.iter().rev().map(|(time_s, least, _)| (frame.x(*time_s), frame.y(*least)));
-    let outline: String = upper.chain(lower).map(|(x, y)| format!("{x:.1},{y:.1} ")).collect();
-    let _ = write!(svg, "<polygon class=\"trace\" points=\"{}\"/></svg>", outline.trim_end());
+    for (class, rows) in &bands {
+        let upper = rows.iter().map(|[at, _, most]| (frame.x(*at), frame.y(*most)));
+        let lower = rows.iter().rev().map(|[at, least, _]| (frame.x(*at), frame.y(*least)));
+        let outline: String = upper.chain(lower).map(|(x, y)| format!("{x:.1},{y:.1} ")).collect();
+        let _ = write!(svg, "<polygon class=\"trace {class}\" points=\"{}\"/>", outline.trim_end());
+    }
+    svg.push_str("</svg>");
     svg
 }
 

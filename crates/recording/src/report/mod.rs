@@ -1,14 +1,19 @@
 //! The page that a lab keeps with its notes: what a recording shows, in one HTML file that needs nothing else.
 //!
-//! Data in: the entries of a recording, one after another. Data out: the text of the page. It holds no script, loads nothing and prints well.
+//! Data in: the entries of a recording, one after another. Data out: the text of the page. It holds no script, loads nothing and prints on two
+//! pages. The picture of its scene is drawn elsewhere and given to it: this crate knows no meshes.
 //!
 //! | file | owns |
 //! |---|---|
 //! | `trace` | values over time, as envelopes of bounded size |
+//! | `bins` | forces over depth and over the path of the tool, the same |
+//! | `moments` | when what was largest and where; the path of the tool, for a picture |
 //! | [`chart`] | SVG |
 //! | `page` | HTML |
 
+mod bins;
 pub mod chart;
+mod moments;
 mod page;
 mod trace;
 
@@ -18,8 +23,12 @@ use serde_json::Value;
 
 use super::file::{Entry, LONGEST_TEXT};
 use super::{LoopCounts, RealtimeSummary, Summary, TickRecord, Totals};
+use bins::Bins;
 use haptics::Faults;
+use moments::Moments;
 use trace::Trace;
+
+pub use moments::{Moment, PathPose};
 
 /// A page in the making.
 #[derive(Debug)]
@@ -32,6 +41,10 @@ pub struct LabReport {
     summary: Summary,
     faults: Vec<FaultSpan>,
     trace: Trace,
+    moments: Moments,
+    over_depth: Bins,
+    over_path: Bins,
+    picture: Option<Result<Vec<u8>, String>>,
     first: Option<TickRecord>,
     last: Option<TickRecord>,
     missing_ticks: u64,
@@ -65,6 +78,11 @@ impl LabReport {
             summary: Summary::new(),
             faults: Vec::new(),
             trace: Trace::default(),
+            moments: Moments::default(),
+            // Widths at first: a micrometre and a hundredth of a millimetre.
+            over_depth: Bins::new(1e-3),
+            over_path: Bins::new(1e-2),
+            picture: None,
             first: None,
             last: None,
             missing_ticks: 0,
@@ -122,9 +140,31 @@ impl LabReport {
         self.scenes.entry(record.scene_idx).or_default().first_time_s.get_or_insert(time_s);
         self.summary.add(record);
         self.trace.add(record);
+        self.moments.add(record);
+        let output = &record.output;
+        let forces = [output.contact_world.force.length(), output.command_device.force.length()];
+        if output.contacts > 0 {
+            self.over_depth.add(output.max_depth_m * 1e3, forces);
+        }
+        self.over_path.add(self.moments.arc_m * 1e3, forces);
         self.dropped = dropped;
         self.first.get_or_insert(*record);
         self.last = Some(*record);
+    }
+
+    /// What a picture is to show: the moment in which the tool was deepest; the last one if it touched nothing. `None`: there is no tick.
+    pub fn moment(&self) -> Option<&Moment> {
+        self.moments.shown.as_ref()
+    }
+
+    /// The path of the tool through a scene, at most 2000 poses in the order of time.
+    pub fn path(&self, scene_idx: u32) -> &[PathPose] {
+        self.moments.path(scene_idx)
+    }
+
+    /// Puts a picture of [`Self::moment`] at the top of the page, a PNG file; or why there is none.
+    pub fn put_picture(&mut self, picture: Result<Vec<u8>, String>) {
+        self.picture = Some(picture);
     }
 
     /// The finished page: HTML that loads nothing.
@@ -162,8 +202,8 @@ mod tests {
     use glam::DVec3;
 
     use super::*;
-    use haptics::TickOutput;
-    use vps::spatial::Wrench;
+    use haptics::{TickInput, TickOutput};
+    use vps::spatial::{Pose, Wrench};
 
     fn tick(tick: u64, faults: Faults) -> Entry {
         let output = TickOutput {
@@ -202,6 +242,55 @@ mod tests {
             assert!(!page.replace("http://www.w3.org/2000/svg", "").contains(loads), "{loads}");
         }
         assert_eq!(page.matches("<svg").count(), page.matches("</svg>").count());
+    }
+
+    #[test]
+    fn a_page_begins_with_the_picture_and_the_verdict_and_ends_with_the_keys_folded() {
+        let mut report = LabReport::new("f.mcap".to_owned());
+        let resolved = br#"{"parameters": {"limits": {"force_n": 8.0}}}"#.to_vec();
+        report.take(&Entry::Attachment { name: "scenes/0/resolved.json".to_owned(), data: resolved });
+        // Down by a micrometre a tick, into a plate after half of the ticks: 2 N/mm of contact, half of it commanded.
+        for n in 0..1000_u64 {
+            let depth_m = n.saturating_sub(500) as f64 * 1e-6;
+            let force = DVec3::Z * (2e3 * depth_m);
+            let output = TickOutput {
+                contact_world: Wrench::new(force, DVec3::X * (0.01 * force.z)),
+                command_device: Wrench::new(0.5 * force, DVec3::ZERO),
+                world_from_tool: Pose::from_translation(DVec3::Z * (n as f64 * -1e-6)),
+                contacts: u32::from(depth_m > 0.0),
+                max_depth_m: depth_m,
+                ..TickOutput::default()
+            };
+            let input = TickInput { overrun: n == 7, ..TickInput::default() };
+            let record = TickRecord { tick: n, time_ns: n as i64 * 1_000_000, input, output, ..TickRecord::default() };
+            report.take(&Entry::Tick { record: Box::new(record), dropped: 0 });
+        }
+        assert!(!report.page().contains("<img"));
+        report.put_picture(Ok(vec![1, 2, 3]));
+        let page = report.page();
+        let after = |fragment: &str| page.find(fragment).unwrap_or_else(|| panic!("{fragment}\n{page}"));
+        let order = [
+            "src=\"data:image/png;base64,AQID\"",
+            "at its deepest, 0.999 s",
+            "<strong>The tool touched something</strong>, first at 0.501 s, and for 499 of 1000 ticks; at most 0.499 mm deep.",
+            "<strong>no fault</strong>",
+            "<strong>1 tick was late</strong>",
+            "contact force</th><td>0.998 N</td><td>0.999 s</td><td>0, 0, \u{2212}0.999 mm",
+            "commanded force</th><td>0.499 N",
+            "contact torque</th><td>9.98 mN·m",
+            "commanded torque</th><td>0 mN·m</td><td>–",
+            "Force over depth, N",
+            "Force over the path of the tool, N",
+            "Contact force, N",
+            "Commanded torque, mN·m",
+            "<details>",
+            "limits.force_n",
+        ];
+        assert!(order.map(after).is_sorted(), "{:?}", order.map(after));
+        assert_eq!(page.matches("src=").count(), 1);
+        assert_eq!(page.matches("<details>").count(), page.matches("</details>").count());
+        report.put_picture(Err("`a<b.obj` is <gone>".to_owned()));
+        assert!(report.page().contains("There is no picture of the scene: `a&lt;b.obj` is &lt;gone&gt;."));
     }
 
     #[test]

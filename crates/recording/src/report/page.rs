@@ -2,39 +2,48 @@
 
 use std::fmt::Write as _;
 
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD;
 use serde_json::Value;
 
-use super::chart::{self, Curve};
+use super::bins::Bins;
+use super::chart::{self, Plot};
+use super::moments::{Moment, Peak};
+use super::trace::{CLEARANCE, COMMAND_FORCE, COMMAND_TORQUE, COMPUTE, CONTACT_FORCE, CONTACT_TORQUE, DEPTH, WAKEUP};
 use super::{FaultSpan, LabReport, SceneFacts};
 use crate::LatencySummary;
 use haptics::Faults;
 
-/// Place of the wake-up among the values of a trace.
-const WAKEUP: usize = 5;
-
 const STYLE: &str = include_str!("page.css");
+/// Faults that are listed before the rest is folded.
+const FAULTS_SHOWN: usize = 6;
 
 /// The whole text.
 pub(super) fn page(report: &LabReport) -> String {
     let scene = report.scenes.values().next().and_then(|scene| scene.manifest.get("name")).map_or("recording", String::as_str);
     let begun = report.run.get("begun").map_or(String::new(), |begun| format!(" · begun {}", escaped(begun)));
     let mut body = format!("<h1>{}</h1><p class=\"file\">{}{begun}</p>", escaped(scene), escaped(&report.file));
-    match (&report.first, &report.last) {
-        (Some(_), Some(_)) => {
-            overview(report, &mut body);
-            curves(report, &mut body);
-            latencies(report, &mut body);
-        }
-        _ => body.push_str("<p>The recording holds no tick.</p>"),
+    if report.last.is_some() {
+        picture(report, &mut body);
+        verdict(report, &mut body);
+        forces_over_distances(report, &mut body);
+        over_time(report, &mut body);
+        folded("Counts", &mut body, |body| counts(report, body));
+        folded("Timing of the loop", &mut body, |body| latencies(report, body));
+    } else {
+        body.push_str("<p>The recording holds no tick.</p>");
     }
-    faults(&report.faults, &mut body);
+    if report.faults.len() > FAULTS_SHOWN {
+        folded("All faults", &mut body, |body| faults(&report.faults, body));
+    }
     for (scene_idx, scene) in &report.scenes {
-        scene_facts(*scene_idx, scene, &mut body);
+        let name = scene.manifest.get("name").map_or("unknown", String::as_str);
+        folded(&format!("Scene {scene_idx}: {}", escaped(name)), &mut body, |body| scene_facts(*scene_idx, scene, body));
     }
     if !report.run.is_empty() {
-        body.push_str("<section><h2>Run and machine</h2>");
-        table(&mut body, report.run.iter().map(|(name, value)| (name.as_str(), escaped(value))));
-        body.push_str("</section>");
+        folded("Run and machine", &mut body, |body| {
+            table(body, report.run.iter().map(|(name, value)| (name.as_str(), escaped(value))));
+        });
     }
     format!(
         "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width\">\
@@ -45,6 +54,14 @@ pub(super) fn page(report: &LabReport) -> String {
     )
 }
 
+/// What a reader opens if wanted; paper shows the title alone.
+fn folded(title: &str, body: &mut String, write: impl FnOnce(&mut String)) {
+    // Writing to a string cannot fail, here and below.
+    let _ = write!(body, "<details><summary>{title}</summary>");
+    write(body);
+    body.push_str("</details>");
+}
+
 fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
@@ -53,13 +70,115 @@ fn escaped(text: &str) -> String {
 fn table<'t>(body: &mut String, rows: impl Iterator<Item = (&'t str, String)>) {
     body.push_str("<table>");
     for (name, value) in rows {
-        // Writing to a string cannot fail, here and below.
         let _ = write!(body, "<tr><th scope=\"row\">{}</th><td>{value}</td></tr>", escaped(name));
     }
     body.push_str("</table>");
 }
 
-fn overview(report: &LabReport, body: &mut String) {
+fn picture(report: &LabReport, body: &mut String) {
+    let Some(Moment { time_s, depth_m, .. }) = report.moment() else { return };
+    match &report.picture {
+        Some(Ok(png)) => {
+            let when = if *depth_m > 0.0 { "at its deepest" } else { "at the end" };
+            let caption = format!(
+                "The tool {when}, {time_s:.3} s, and the path of its middle: <span class=\"key free\">free</span>, \
+                 <span class=\"key touches\">in contact</span>; pale where a part is in front of it."
+            );
+            let data = STANDARD.encode(png);
+            let _ = write!(
+                body,
+                "<figure class=\"scene\"><img alt=\"The parts of the scene and the tool {when}\" src=\"data:image/png;base64,{data}\">\
+                 <figcaption>{caption}</figcaption></figure>"
+            );
+        }
+        Some(Err(why)) => {
+            let _ = write!(body, "<p class=\"warning\">There is no picture of the scene: {}.</p>", escaped(why));
+        }
+        None => {}
+    }
+}
+
+/// What happened, in sentences and in one table.
+fn verdict(report: &LabReport, body: &mut String) {
+    let (totals, moments) = (report.totals(), &report.moments);
+    let mut words = Vec::new();
+    match moments.first_contact_s {
+        Some(first_s) => words.push(format!(
+            "<strong>The tool touched something</strong>, first at {first_s:.3} s, and for {} of {} ticks; at most {} mm deep.",
+            totals.contact_ticks,
+            totals.ticks,
+            figures(moments.depth.value * 1e3)
+        )),
+        None => words.push(format!("<strong>The tool touched nothing</strong> in {} ticks.", totals.ticks)),
+    }
+    words.push(if totals.faults.is_empty() {
+        "There was <strong>no fault</strong>.".to_owned()
+    } else {
+        format!("<strong class=\"warning\">Faults: {}.</strong>", totals.faults.join(", "))
+    });
+    words.push(match (report.keeps_time(), moments.late_ticks) {
+        (false, _) => "The clock was virtual: no tick can be late.".to_owned(),
+        (true, 0) => "<strong>No tick was late.</strong>".to_owned(),
+        (true, 1) => "<strong>1 tick was late</strong>: it began when the next one was due.".to_owned(),
+        (true, late) => format!("<strong>{late} ticks were late</strong>: they began when the next one was due."),
+    });
+    let _ = write!(
+        body,
+        "<section class=\"verdict\"><p>{} The recording is {:.3} s long, at {} Hz, and the tool went {} mm.</p>",
+        words.join(" "),
+        totals.duration_s,
+        totals.rate_hz,
+        figures(moments.arc_m * 1e3)
+    );
+    body.push_str(
+        "<table><tr><th scope=\"col\">largest</th><th scope=\"col\">value</th><th scope=\"col\">when</th>\
+         <th scope=\"col\">tool at (x, y, z)</th></tr>",
+    );
+    for (name, peak, factor, unit) in [
+        ("depth", moments.depth, 1e3, "mm"),
+        ("contact force", moments.contact_force, 1.0, "N"),
+        ("commanded force", moments.command_force, 1.0, "N"),
+        ("contact torque", moments.contact_torque, 1e3, "mN·m"),
+        ("commanded torque", moments.command_torque, 1e3, "mN·m"),
+    ] {
+        let Peak { value, time_s, place_world } = peak;
+        let [x, y, z] = (place_world * 1e3).to_array().map(|mm| chart::short((mm * 1e3).round() * 1e-3));
+        let (when, place) = if value > 0.0 {
+            (format!("{time_s:.3} s"), format!("{x}, {y}, {z} mm"))
+        } else {
+            ("–".to_owned(), "–".to_owned())
+        };
+        let _ = write!(
+            body,
+            "<tr><th scope=\"row\">{name}</th><td>{} {unit}</td><td>{when}</td><td>{place}</td></tr>",
+            figures(value * factor)
+        );
+    }
+    body.push_str("</table>");
+    let lacks = [
+        (report.is_cut_off, "The recording has no end: what recorded it was killed, or is at it still.".to_owned()),
+        (report.missing_ticks > 0, format!("{} ticks are missing from the recording.", report.missing_ticks)),
+        (totals.dropped_records > 0, format!("{} ticks were dropped, as the disk was too slow.", totals.dropped_records)),
+    ];
+    for (_, words) in lacks.iter().filter(|(holds, _)| *holds) {
+        let _ = write!(body, "<p class=\"warning\">{words}</p>");
+    }
+    if !report.faults.is_empty() {
+        faults(report.faults.get(..FAULTS_SHOWN).unwrap_or(&report.faults), body);
+    }
+    body.push_str(
+        "<p class=\"note\">Contact: what the parts do to the tool, about its centre of mass, in world axes. Command: what the arm is told, after \
+         filter, coupling, scale and limits, in its own axes. The place of the tool is that of the origin of its frame.</p></section>",
+    );
+}
+
+/// Four figures of what is measured, and no zeros behind them.
+fn figures(value: f64) -> String {
+    // True invariant: what was written as a number is read as one.
+    format!("{value:.3e}").parse::<f64>().unwrap_or(value).to_string()
+}
+
+fn counts(report: &LabReport, body: &mut String) {
     let totals = report.totals();
     let mut rows = vec![
         (
@@ -78,50 +197,65 @@ fn overview(report: &LabReport, body: &mut String) {
     if let Some(first) = report.first.filter(|first| first.tick > 0) {
         rows.push(("begins", format!("with tick {}, {:.3} s after the first one", first.tick, first.time_ns as f64 * 1e-9)));
     }
-    body.push_str("<section>");
     table(body, rows.into_iter());
-    let warnings = [
-        (report.is_cut_off, "The recording has no end: what recorded it was killed, or is at it still.".to_owned()),
-        (report.missing_ticks > 0, format!("{} ticks are missing from the recording.", report.missing_ticks)),
-        (totals.dropped_records > 0, format!("{} ticks were dropped, as the disk was too slow.", totals.dropped_records)),
-    ];
-    for (_, words) in warnings.iter().filter(|(holds, _)| *holds) {
-        let _ = write!(body, "<p class=\"warning\">{words}</p>");
-    }
+}
+
+fn figure(plot: Plot<'_>, keys: &[(&str, &str)], body: &mut String) {
+    let words: String = keys.iter().map(|(class, name)| format!(" <span class=\"key {class}\">{name}</span>")).collect();
+    let title = plot.title.to_owned();
+    let svg = chart::plot(plot);
+    let _ = write!(body, "<figure><figcaption>{title}{words}</figcaption>{svg}</figure>");
+}
+
+fn forces_over_distances(report: &LabReport, body: &mut String) {
+    let keys = [("contact", "contact"), ("command", "command")];
+    body.push_str("<section class=\"distances\"><h2>Force over depth and over the path of the tool</h2>");
+    let mut over = |title: &str, bins: &Bins| {
+        let bands = keys.iter().enumerate().map(|(value, (class, _))| (*class, bins.rows(value))).collect();
+        figure(Plot { title, unit_x: "mm", bands, limit: force_limit(report), marks: &[] }, &keys, body);
+    };
+    over("Force over depth, N", &report.over_depth);
+    over("Force over the path of the tool, N", &report.over_path);
     body.push_str("</section>");
 }
 
-fn curves(report: &LabReport, body: &mut String) {
-    let limits = report.scenes.values().next().map(|scene| &scene.resolved["parameters"]["limits"]);
-    let limit = |name: &str, factor: f64, words| {
-        let value = limits.and_then(|limits| limits[name].as_f64());
-        value.map(|value| (value * factor, words))
-    };
+/// Of the first scene.
+fn force_limit(report: &LabReport) -> Option<(f64, &'static str)> {
+    Some((limits(report)?["force_n"].as_f64()?, "force limit"))
+}
+
+fn torque_limit(report: &LabReport) -> Option<(f64, &'static str)> {
+    Some((limits(report)?["torque_nm"].as_f64()? * 1e3, "torque limit"))
+}
+
+fn limits(report: &LabReport) -> Option<&Value> {
+    report.scenes.values().next().map(|scene| &scene.resolved["parameters"]["limits"])
+}
+
+fn over_time(report: &LabReport, body: &mut String) {
     let marks: Vec<f64> = report.faults.iter().map(|span| span.time_s).collect();
-    let deadline_us = report.keeps_time().then(|| (report.period_s() * 1e6, "deadline"));
-    for (value, (title, limit)) in [
-        ("Force of the command, N", limit("force_n", 1.0, "force limit")),
-        ("Torque of the command, mN·m", limit("torque_nm", 1e3, "torque limit")),
-        ("Depth, mm", None),
-        ("Clearance, at least, mm", None),
-        ("Duration of the tick, µs", deadline_us),
-        ("Lateness of the wake-up, µs", deadline_us),
-    ]
-    .into_iter()
-    .enumerate()
-    {
-        if value == WAKEUP && !report.keeps_time() {
-            continue;
-        }
-        let svg = chart::curve(&Curve { title, value, limit, marks: &marks }, &report.trace.stretches);
-        let _ = write!(body, "<figure><figcaption>{title}</figcaption>{svg}</figure>");
+    let axes = [("x", "x"), ("y", "y"), ("z", "z")];
+    body.push_str("<section class=\"times\"><h2>Over time</h2>");
+    for (title, first, limit) in [
+        ("Contact force, N, world axes:", CONTACT_FORCE, None),
+        ("Commanded force, N, axes of the arm:", COMMAND_FORCE, force_limit(report)),
+        ("Contact torque, mN·m, world axes:", CONTACT_TORQUE, None),
+        ("Commanded torque, mN·m, axes of the arm:", COMMAND_TORQUE, torque_limit(report)),
+    ] {
+        let bands = axes.iter().enumerate().map(|(axis, (class, _))| (*class, report.trace.rows(first + axis))).collect();
+        figure(Plot { title, unit_x: "s", bands, limit, marks: &marks }, &axes, body);
     }
+    for (title, value) in [("Depth, mm", DEPTH), ("Clearance, at least, mm", CLEARANCE)] {
+        let bands = vec![("contact", report.trace.rows(value))];
+        figure(Plot { title, unit_x: "s", bands, limit: None, marks: &marks }, &[], body);
+    }
+    body.push_str("</section>");
 }
 
 fn latencies(report: &LabReport, body: &mut String) {
     let totals = report.totals();
     let period_us = report.period_s() * 1e6;
-    body.push_str("<section><h2>Latency</h2>");
+    let deadline = report.keeps_time().then_some((period_us, "deadline"));
     let text = |latency: LatencySummary| {
         let LatencySummary { p50, p99, p999, max } = latency;
         format!("p50 {p50:.1} · p99 {p99:.1} · p99.9 {p999:.1} · max {max:.1} µs")
@@ -133,32 +267,29 @@ fn latencies(report: &LabReport, body: &mut String) {
     ];
     // Simulated time has no wake-ups.
     let (n_rows, n_histograms) = if report.keeps_time() { (3, 2) } else { (2, 1) };
+    let curves = [("Duration of the tick, µs", COMPUTE), ("Lateness of the wake-up, µs", WAKEUP)];
     table(body, rows.into_iter().take(n_rows).map(|(name, latency)| (name, text(latency))));
+    for (title, value) in curves.into_iter().take(n_histograms) {
+        let bands = vec![("contact", report.trace.rows(value))];
+        figure(Plot { title, unit_x: "s", bands, limit: deadline, marks: &[] }, &[], body);
+    }
     for (title, bins) in histograms.into_iter().take(n_histograms) {
         let svg = chart::histogram(title, bins, period_us);
         let _ = write!(body, "<figure><figcaption>{title}</figcaption>{svg}</figure>");
     }
-    body.push_str("</section>");
 }
 
 fn faults(spans: &[FaultSpan], body: &mut String) {
-    body.push_str("<section><h2>Faults</h2>");
-    if spans.is_empty() {
-        body.push_str("<p>None.</p></section>");
-        return;
-    }
     body.push_str("<table><tr><th scope=\"col\">time</th><th scope=\"col\">tick</th><th scope=\"col\">what happened</th></tr>");
     for FaultSpan { tick, time_s, faults, cause } in spans {
         let told = Faults::TABLE.into_iter().filter(|(fault, ..)| faults.contains(*fault));
         let words = told.map(|(_, name, words)| format!("<strong>{name}</strong>: {words}")).collect::<Vec<_>>().join("; ");
         let _ = write!(body, "<tr><td>{time_s:.3} s</td><td>{tick}</td><td>{words} (force off: {cause})</td></tr>");
     }
-    body.push_str("</table></section>");
+    body.push_str("</table>");
 }
 
 fn scene_facts(scene_idx: u32, scene: &SceneFacts, body: &mut String) {
-    let name = scene.manifest.get("name").map_or("unknown", String::as_str);
-    let _ = write!(body, "<section><h2>Scene {scene_idx}: {}</h2>", escaped(name));
     let mut rows = Vec::new();
     if let Some(time_s) = scene.first_time_s.filter(|_| scene_idx > 0) {
         rows.push(("from".to_owned(), format!("{time_s:.3} s on")));
@@ -168,7 +299,6 @@ fn scene_facts(scene_idx: u32, scene: &SceneFacts, body: &mut String) {
     }
     flatten("", &scene.resolved, &mut rows);
     table(body, rows.iter().map(|(name, value)| (name.as_str(), value.clone())));
-    body.push_str("</section>");
 }
 
 /// Everything that a scene came to, keys as paths.

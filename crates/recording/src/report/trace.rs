@@ -5,8 +5,16 @@ use crate::TickRecord;
 /// Stretches that a picture shows at most: more than it has columns.
 const MOST: usize = 1600;
 
-/// What is drawn over time.
-pub(super) const N_VALUES: usize = 6;
+/// What is drawn over time: first of each.
+pub(super) const CONTACT_FORCE: usize = 0;
+pub(super) const COMMAND_FORCE: usize = 3;
+pub(super) const CONTACT_TORQUE: usize = 6;
+pub(super) const COMMAND_TORQUE: usize = 9;
+pub(super) const DEPTH: usize = 12;
+pub(super) const CLEARANCE: usize = 13;
+pub(super) const COMPUTE: usize = 14;
+pub(super) const WAKEUP: usize = 15;
+const N_VALUES: usize = 16;
 
 /// A stretch of time.
 #[derive(Clone, Copy, Debug)]
@@ -33,14 +41,20 @@ impl Default for Trace {
 impl Trace {
     pub(super) fn add(&mut self, record: &TickRecord) {
         let output = &record.output;
-        let values = [
-            output.command_device.force.length(),
-            output.command_device.torque.length() * 1e3,
-            output.max_depth_m * 1e3,
-            output.clearance_m * 1e3,
-            record.compute_ns as f64 * 1e-3,
-            record.wakeup_ns as f64 * 1e-3,
-        ];
+        let [contact, command] = [output.contact_world, output.command_device];
+        let mut values = [0.0; N_VALUES];
+        for (first, components) in [
+            (CONTACT_FORCE, contact.force),
+            (COMMAND_FORCE, command.force),
+            (CONTACT_TORQUE, contact.torque * 1e3),
+            (COMMAND_TORQUE, command.torque * 1e3),
+        ] {
+            values[first..first + 3].copy_from_slice(&components.to_array());
+        }
+        values[DEPTH] = output.max_depth_m * 1e3;
+        values[CLEARANCE] = output.clearance_m * 1e3;
+        values[COMPUTE] = record.compute_ns as f64 * 1e-3;
+        values[WAKEUP] = record.wakeup_ns as f64 * 1e-3;
         let time_s = record.time_ns as f64 * 1e-9;
         match self.stretches.last_mut().filter(|_| self.ticks_in_last < self.ticks_each) {
             Some(last) => {
@@ -55,6 +69,11 @@ impl Trace {
         if self.stretches.len() > MOST {
             self.halve();
         }
+    }
+
+    /// One of the values: when, least and most.
+    pub(super) fn rows(&self, value: usize) -> Vec<[f64; 3]> {
+        self.stretches.iter().map(|stretch| [stretch.time_s, stretch.least[value], stretch.most[value]]).collect()
     }
 
     /// Joins every two stretches.
@@ -99,9 +118,9 @@ mod tests {
         }
         assert!(trace.stretches.len() <= MOST && trace.stretches.len() > MOST / 3);
         let peaks: Vec<f64> =
-            trace.stretches.iter().filter(|stretch| stretch.most[2] > 6.0).map(|stretch| stretch.time_s).collect();
+            trace.stretches.iter().filter(|stretch| stretch.most[DEPTH] > 6.0).map(|stretch| stretch.time_s).collect();
         assert!(peaks.len() == 1 && (peaks[0] - 12.345).abs() < 0.1, "{peaks:?}");
-        assert!(trace.stretches.iter().all(|stretch| stretch.least[2] == 1.0));
+        assert!(trace.stretches.iter().all(|stretch| stretch.least[DEPTH] == 1.0));
         assert!(trace.stretches.is_sorted_by(|a, b| a.time_s < b.time_s));
     }
 }

@@ -3,6 +3,7 @@
 use glam::{DVec2, DVec3, Vec3};
 
 use super::super::palette::to_linear;
+use super::super::view::{Camera, PixelSample, RenderedView};
 use clay::{Neighbours, PointSet};
 
 /// A sample's disc reaches this much farther than its [`AROUND`]th neighbour, so that discs overlap.
@@ -20,46 +21,6 @@ const OVER_EDGE: f64 = 0.05;
 const ONE_FACE: f64 = 0.9;
 /// Discs are seen from the side no flatter than this (cosine): they stand for a surface that bends away.
 const FLATTEST: f64 = 0.15;
-
-/// A way of looking, without perspective: x to the right, y up, z towards the viewer.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Camera {
-    right: DVec3,
-    up: DVec3,
-    toward: DVec3,
-    /// Pixels per metre; and the pixel of the origin, y down.
-    scale: f64,
-    origin: DVec2,
-}
-
-impl Camera {
-    /// Looks against `toward` at all of these places, which then fill this share of the view.
-    pub(super) fn over(toward: DVec3, places: impl Iterator<Item = DVec3>, size: [usize; 2], filled: f64) -> Self {
-        let toward = toward.normalize();
-        let right = DVec3::Z.cross(toward).try_normalize().unwrap_or(DVec3::X);
-        let up = toward.cross(right);
-        let (low, high) = places
-            .map(|at| DVec2::new(at.dot(right), at.dot(up)))
-            .fold((DVec2::INFINITY, DVec2::NEG_INFINITY), |(low, high), at| (low.min(at), high.max(at)));
-        let (middle, edges) = if low.cmple(high).all() { (0.5 * (low + high), high - low) } else { (DVec2::ZERO, DVec2::ONE) };
-        let size = DVec2::new(size[0] as f64, size[1] as f64);
-        let scale = (filled * size / edges.max(DVec2::splat(1e-9))).min_element();
-        Self { right, up, toward, scale, origin: 0.5 * size + DVec2::new(-middle.x, middle.y) * scale }
-    }
-
-    pub(super) fn pixels_per_m(&self) -> f64 {
-        self.scale
-    }
-
-    /// Pixel and height towards the viewer, m.
-    fn place(&self, at: DVec3) -> (DVec2, f64) {
-        (self.origin + DVec2::new(at.dot(self.right), -at.dot(self.up)) * self.scale, at.dot(self.toward))
-    }
-
-    fn turned(&self, way: DVec3) -> DVec3 {
-        DVec3::new(way.dot(self.right), way.dot(self.up), way.dot(self.toward))
-    }
-}
 
 /// Samples with the radii of their discs.
 pub(super) struct Discs<'a> {
@@ -99,30 +60,13 @@ impl<'a> Discs<'a> {
     }
 }
 
-/// What a pixel sees.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct PixelSample {
-    /// Pixels towards the viewer; −∞ where there is nothing.
-    pub(super) height: f32,
-    /// Out of the surface, camera axes, unit.
-    pub(super) normal: Vec3,
-    /// Linear light.
-    pub(super) color: [f32; 3],
-}
-
-/// A view, row by row from the top.
-pub(super) struct RenderedView {
-    pub(super) width: usize,
-    pub(super) pixels: Vec<PixelSample>,
-}
-
 /// Looks at the discs whose front is towards the viewer: first how near the nearest are, then what they are like.
 pub(super) fn seen(camera: &Camera, discs: &Discs<'_>, [width, height]: [usize; 2]) -> RenderedView {
     let mut heights = vec![f32::NEG_INFINITY; width * height];
     for sample in 0..discs.points.len() {
         cover(camera, discs, sample, [width, height], |pixel, height, _| heights[pixel] = heights[pixel].max(height));
     }
-    let together = (ONE_SURFACE * discs.usual_m * camera.scale) as f32;
+    let together = (ONE_SURFACE * discs.usual_m * camera.pixels_per_m()) as f32;
     let mut sums = vec![(Vec3::ZERO, [0.0; 3], 0.0); width * height];
     for sample in 0..discs.points.len() {
         let normal = camera.turned(discs.normals_map[sample]).as_vec3();
@@ -151,8 +95,8 @@ fn cover(camera: &Camera, discs: &Discs<'_>, sample: usize, [width, height]: [us
         return;
     }
     let (middle, middle_height_m) = camera.place(discs.points.positions_map[sample]);
-    let radius = discs.radii_m[sample] * camera.scale;
-    let middle_height = middle_height_m * camera.scale;
+    let radius = discs.radii_m[sample] * camera.pixels_per_m();
+    let middle_height = middle_height_m * camera.pixels_per_m();
     let slope = DVec2::new(-normal.x, normal.y) / normal.z.max(FLATTEST);
     let reach = DVec2::new((1.0 - normal.x * normal.x).max(0.0).sqrt(), (1.0 - normal.y * normal.y).max(0.0).sqrt()) * radius;
     let range = |middle: f64, reach: f64, n_pixels: usize| {
@@ -165,7 +109,7 @@ fn cover(camera: &Camera, discs: &Discs<'_>, sample: usize, [width, height]: [us
         .map(|other| {
             let (place, way) = (discs.points.positions_map[*other as usize], discs.points.normals_map[*other as usize]);
             let behind_m = way.dot(place - discs.points.positions_map[sample]) + OVER_EDGE * discs.radii_m[sample];
-            (camera.turned(way), behind_m * camera.scale)
+            (camera.turned(way), behind_m * camera.pixels_per_m())
         })
         .collect();
     for y in range(middle.y, reach.y, height) {

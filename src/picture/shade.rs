@@ -2,9 +2,11 @@
 
 use glam::Vec3;
 
-use super::super::palette::{Rgb, to_linear};
+use super::palette::{Rgb, to_linear, to_srgb};
 use super::view::RenderedView;
 
+/// Pixels of a view along a pixel of its picture, which smooths edges.
+pub(super) const FINER: i32 = 2;
 /// Towards the lamps, camera axes, and how bright they are.
 const LAMPS: [(Vec3, f32); 2] = [(Vec3::new(-0.5, 0.62, 0.6), 0.82), (Vec3::new(0.8, 0.05, 0.35), 0.17)];
 /// Light from all sides, and how much more of it comes from above.
@@ -13,6 +15,8 @@ const SKY: [f32; 2] = [0.34, 0.1];
 const GLOSS: (f32, f32) = (0.07, 28.0);
 /// Where hollows are looked for, in pixels; and the rise over them that hides the sky there.
 const RINGS: [f32; 3] = [4.0, 10.0, 20.0];
+/// A pixel's light depends on pixels up to here, in whole pixels of the picture.
+pub(super) const REACH: usize = 24;
 const WAYS: usize = 8;
 const HIDES: f32 = 1.6;
 /// A rise beyond this many times the distance is another part in front, not a wall of the same hollow.
@@ -63,4 +67,15 @@ fn openness(seeing: &RenderedView, pixel: usize, ways: &[(f32, f32); WAYS]) -> f
         hidden += (highest / HIDES).min(1.0);
     }
     1.0 - (1.0 - LEAST_SKY) * hidden / WAYS as f32
+}
+
+/// Means of 2 × 2 pixels, in linear light.
+pub(super) fn halved(pixels: &[[f32; 3]], width: usize) -> Vec<Rgb> {
+    let rows: Vec<&[[f32; 3]]> = pixels.chunks_exact(width).collect();
+    let of_rows = |pair: &[&[[f32; 3]]]| -> Vec<Rgb> {
+        let pairs = pair[0].chunks_exact(2).zip(pair[1].chunks_exact(2));
+        let mean = |(a, b): (&[[f32; 3]], &[[f32; 3]])| [0, 1, 2].map(|n| 0.25 * (a[0][n] + a[1][n] + b[0][n] + b[1][n]));
+        pairs.map(|four| mean(four).map(to_srgb)).collect()
+    };
+    rows.chunks_exact(FINER as usize).flat_map(of_rows).collect()
 }
