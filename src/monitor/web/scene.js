@@ -79,7 +79,10 @@ export class SceneView {
       for (const part of this.parts) this.#upload(part);
       this.redraw();
     });
-    new ResizeObserver(() => this.redraw()).observe(canvas);
+    new ResizeObserver(() => {
+      if (this.fitted) this.fitUntouched();
+      this.redraw();
+    }).observe(canvas);
   }
 
   /** Takes all parts out, for another scene. */
@@ -106,7 +109,10 @@ export class SceneView {
   addClay(samples) {
     const isFirst = !this.clay.samples;
     this.clay.take(samples);
-    if (isFirst) this.fitUntouched();
+    if (isFirst) {
+      this.#measure();
+      this.fitUntouched();
+    }
     this.redraw();
   }
 
@@ -133,15 +139,19 @@ export class SceneView {
     this.scales = { ...this.scales, force_n: LEAST_FORCE_SCALE, torque_nm: LEAST_TORQUE_SCALE };
     this.scaled(this.scales);
     this.#measure();
-    this.camera.fit();
-    const { target, distance } = this.camera;
-    this.fitted = { target, distance };
+    this.#fitCamera();
   }
 
   /** All of the scene, unless the user has chosen another view since it was last fitted. */
   fitUntouched() {
     const { target, distance } = this.camera;
-    if (!this.fitted || (this.fitted.target === target && this.fitted.distance === distance)) this.fit();
+    if (!this.fitted || (this.fitted.target === target && this.fitted.distance === distance)) this.#fitCamera();
+  }
+
+  #fitCamera() {
+    this.camera.fit();
+    const { target, distance } = this.camera;
+    this.fitted = { target, distance };
   }
 
   /** The tool in the middle, near. */
