@@ -315,6 +315,13 @@ fn run(
         services.sculpts(sculpt_run.for_clients(&scene));
     }
     live.commands = session.begin(&scene, prepared.attached.is_none()).with_paths(paths);
+    let view = session.view();
+    if view.has_hand && view.config.device.hand.is_none() {
+        report::note(
+            "the scene has no path for its hand: it waits until the tool is moved on the monitor page; `device.hand` names a path",
+            output,
+        );
+    }
     if let Some(RealArmNode { node, news, link }) = prepared.attached {
         services.attached(&node);
         if !output.quiet {

@@ -2,8 +2,8 @@
 
     HAPTICD=target/release/hapticd python3 tests/browser/pictures.py DIR [SCENE... | frames]
 
-Real runs on the real clock: where a picture is taken follows what the page shows, not the time. Frames of the peg go to DIR/frames, with a hand that is
-forty times slower than the shipped one, as a browser without a graphics card draws once in a second or two; any program makes a GIF of them."""
+Real runs on the real clock: where a picture is taken follows what the page shows, not the time. Frames of the peg go to DIR/frames: the mouse drags it along
+one axis after the other into its hole, a step before each picture; any program makes a GIF of them."""
 
 import csv
 import os
@@ -30,8 +30,10 @@ SCENES = {
     "nut-on-bolt": (f"{CONTACTS} > 50", 2.0, 0, []),
 }
 # Files of poses that a browser is too slow for, and how many times as long they take here. The lift rises only once.
-SLOWER = {"hands/peg-in-hole.csv": 40, "hands/block-on-plane.csv": 10, "moves/lift.csv": 10}
-PEG_S = 4.2
+SLOWER = {"hands/block-on-plane.csv": 10, "moves/lift.csv": 10}
+# The way of the peg: axis, where it is to be on it, mm, and how far the mouse goes in a step, pixels.
+WAY = (("x", 0.2, 10), ("y", 0.1, 10), ("z", -19.8, 9))
+MOST_STEPS = 60
 
 
 def open_page(browser, run, sees_through, nearer):
@@ -75,16 +77,54 @@ def picture(browser, scenes, name, folder):
         page.close()
 
 
-def frames(browser, scenes, folder):
-    """The way of the peg into its hole, as often as the browser can draw."""
+def frames(browser, folder):
+    """The peg, dragged into its hole by the mouse alone."""
     folder.mkdir(exist_ok=True)
-    with Hapticd(PROGRAM, scenes / "peg-in-hole.toml", "--duration", "10min") as run:
+    text = (SHIPPED / "peg-in-hole.toml").read_text().replace("../models", str(REPOSITORY / "config" / "models"))
+    scene = folder / "peg-in-hole.toml"
+    scene.write_text("\n".join(line for line in text.splitlines() if not line.startswith("hand =")))
+    with Hapticd(PROGRAM, scene, "--duration", "10min") as run:
         page = open_page(browser, run, sees_through=True, nearer=1)
-        end = time.monotonic() + PEG_S * SLOWER["hands/peg-in-hole.csv"]
-        n = 0
-        while time.monotonic() < end:
-            (folder / f"{n:03}.png").write_bytes(page.picture_of("#view"))
-            n += 1
+        pictures = 0
+
+        def mouse(kind, at):
+            page.call("Input.dispatchMouseEvent", type=kind, x=at[0], y=at[1], button="left", buttons=int(kind != "mouseReleased"), clickCount=1)
+
+        def shoot():
+            nonlocal pictures
+            # The hand slows down in front of the cursor.
+            time.sleep(0.5)
+            (folder / f"{pictures:03}.png").write_bytes(page.picture_of("#view"))
+            pictures += 1
+
+        def handle(axis):
+            """Where the handle for an axis begins and which way it points, window pixels."""
+            line = f"document.querySelector('#hand-overlay [data-axis={axis}]')"
+            x, y = page.run("(({ x, y }) => [x, y])(document.querySelector('#view').getBoundingClientRect())")
+            x1, y1, x2, y2 = (float(page.run(f"{line}.getAttribute('{name}')")) for name in ("x1", "y1", "x2", "y2"))
+            size = ((x2 - x1) ** 2 + (y2 - y1) ** 2) ** 0.5
+            return (x + x1, y + y1), ((x2 - x1) / size, (y2 - y1) / size)
+
+        shoot()
+        (x, y), (dx, dy) = handle("x")
+        at = (x - 28 * dx, y - 28 * dy)
+        mouse("mousePressed", at)
+        for n, (axis, wanted_mm, pixels) in enumerate(WAY):
+            page.press(axis)
+            for _ in range(MOST_STEPS):
+                here_mm = 1e3 * run.get("state")["tool_cp"]["p"][n]
+                if abs(here_mm - wanted_mm) < 0.4 or (n == 2 and here_mm < wanted_mm):
+                    break
+                _, way = handle(axis)
+                step = pixels if abs(here_mm - wanted_mm) > 3 else 2
+                step = -step if here_mm > wanted_mm else step
+                at = (at[0] + step * way[0], at[1] + step * way[1])
+                mouse("mouseMoved", at)
+                shoot()
+        shoot()
+        mouse("mouseReleased", at)
+        shoot()
+    scene.unlink()
 
 
 def main(folder, *wanted):
@@ -93,7 +133,7 @@ def main(folder, *wanted):
         slow = slowed(pathlib.Path(copy))
         for name in wanted or [*SCENES, "frames"]:
             if name == "frames":
-                frames(browser, slow, folder / "frames")
+                frames(browser, folder / "frames")
             else:
                 picture(browser, slow if "block" in name else SHIPPED, name, folder)
 

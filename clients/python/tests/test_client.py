@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from conftest import HUNG_S, LIFT, LIFTED_M, OPTIONS, lifted
 
-from hapticd import Client, Conflict, Disconnected, Forbidden, Invalid, NoAnswer, Run, RunError, State, Unknown, off_causes, state_names
+from hapticd import Client, Conflict, Disconnected, Forbidden, Invalid, NoAnswer, Pose, Run, RunError, State, Unknown, off_causes, state_names
 
 STIFFNESS = "contact_stiffness_n_per_m"
 
@@ -123,6 +123,20 @@ def test_a_part_goes_where_it_was_wished(arm: Client) -> None:
         arm.place("wheel", [0, 0, 0])
     mesh = arm.mesh(lift)
     assert np.allclose(mesh.vertices.max(0)[:2], 0.03) and mesh.triangles.max() < len(mesh.vertices)
+
+
+def test_the_hand_of_a_simulated_arm_goes_where_it_is_told(arm: Client) -> None:
+    arm.hand.move_to([0.0, 0.0, 0.03])
+    arm.wait_until(lambda state: abs(state.tool_cp.p[2] - 0.03) < 1e-4)
+    begin, end = Pose(np.array([0.0, 0.0, 0.03]), np.array([0.0, 0.0, 0.0, 1.0])), Pose(np.array([0.005, 0.0, 0.025]), np.array([0.0, 0.0, 0.0, 1.0]))
+    arm.hand.follow([(0.0, begin), (0.4, end)])
+    arm.wait_until(lambda state: bool(np.allclose(state.tool_cp.p, end.p, atol=1e-4)))
+    with pytest.raises(ValueError, match="rise"):
+        arm.hand.follow([(0.0, begin), (0.0, end)])
+    with pytest.raises(Invalid):
+        arm.hand.move_to([0.0, 0.0, 5000.0])
+    arm.hand.restart()
+    arm.wait_until(lambda state: abs(state.tool_cp.p[2] - 0.025) > 1e-3)
 
 
 def test_no_client_sends_a_force(arm: Client) -> None:

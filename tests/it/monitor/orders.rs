@@ -105,6 +105,38 @@ fn a_movable_object_goes_where_it_is_asked_to() {
 }
 
 #[test]
+fn the_hand_goes_where_it_is_asked_to_and_a_run_with_a_reset_is_replayed() {
+    let mut daemon = Daemon::enabled("", "--record run.mcap");
+    let mut client = daemon.connect();
+    client.subscribe(200.0);
+    client.state_where(pressed);
+    assert_eq!(daemon.get("/api/v1/scene")["hand"], json!({ "path": true }));
+    client.does(json!({ "do": "hand", "pose": { "p": [0, 0, 0.02], "q": [0, 0, 0, 1] } }));
+    client.state_where(|state| (state["tool_cp"]["p"][2].as_f64().unwrap() - 0.02).abs() < 1e-4);
+    client.does(json!({ "do": "restart_hand" }));
+    client.state_where(pressed);
+    for (path, body, expected) in [
+        ("hand", r#"{"pose": {"p": [0, 0, 0], "q": [0, 0, 0, 2]}}"#, 400),
+        ("hand", r#"{"p": [0, 0, 0]}"#, 400),
+        ("hand/restart", "", 200),
+        ("scene/reset", "", 200),
+    ] {
+        let (status, answer) = daemon.http("POST", &format!("/api/v1/{path}"), &[], body);
+        assert_eq!(status, expected, "{path} {body}: {answer}");
+    }
+    client.state_where(|state| state["scene_idx"] == 1 && pressed(state));
+    let (status, body) = daemon.http("POST", "/api/v1/stop", &[], "");
+    assert_eq!(status, 200, "{body}");
+    let recorded = daemon.folder.path().join("run.mcap");
+    let ended = daemon.ended();
+    assert_eq!(ended.code, Some(0), "{}", ended.stderr);
+    let replayed =
+        std::process::Command::new(env!("CARGO_BIN_EXE_hapticd")).arg("replay").arg(&recorded).arg("--json").output().unwrap();
+    let replayed: Value = serde_json::from_slice(&replayed.stdout).unwrap();
+    assert_eq!((&replayed["identical"], &replayed["scenes"]), (&json!(true), &json!(2)), "{replayed}");
+}
+
+#[test]
 fn another_scene_takes_over_and_is_told() {
     let folder = super::folder("");
     scene_file(&folder, "other.toml", "[contact]\nstiffness_n_per_mm = 2.0\n");
