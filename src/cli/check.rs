@@ -61,7 +61,7 @@ pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
     } else {
         checked.iter().for_each(|checked| checked.print(output));
     }
-    checked.iter().map(|checked| checked.exit).filter(|exit| *exit != Exit::Ok).last().unwrap_or(Exit::Ok)
+    checked.iter().map(|checked| checked.exit).rfind(|exit| *exit != Exit::Ok).unwrap_or(Exit::Ok)
 }
 
 fn check(file: &Path) -> Checked {
