@@ -222,12 +222,21 @@ impl Drop for Sampler {
     }
 }
 
+/// The scene that is drawn.
+struct DrawnScene {
+    scene_idx: u32,
+    /// Where its static objects stand at the start.
+    starts: Vec<Pose>,
+    /// `None`: its meshes cannot be read.
+    drawer: Option<FrameDrawer>,
+}
+
 /// On the thread `pictures`.
 struct DrawingThread {
     plan: DrawingPlan,
     session: SessionHandle,
-    /// The scene whose meshes are at hand; `None` within it: they cannot be read.
-    scene: Option<(u32, Option<(Vec<Pose>, FrameDrawer)>)>,
+    /// `None` before the first one is loaded.
+    scene: Option<DrawnScene>,
     film: Option<Film<BufWriter<NamedTempFile>>>,
     drawn: DrawnSummary,
 }
@@ -254,25 +263,24 @@ impl DrawingThread {
     }
 
     fn load(&mut self, scene_idx: u32) {
-        let Some(config) = self.session.config_of(scene_idx) else {
-            self.scene = Some((scene_idx, None));
-            return;
-        };
-        let drawer = match SceneParts::of(&config) {
-            Ok(parts) => Some((config.statics.iter().map(|object| object.pose).collect(), FrameDrawer::new(parts))),
-            Err(error) => {
+        let config = self.session.config_of(scene_idx);
+        let starts = config.iter().flat_map(|config| &config.statics).map(|object| object.pose).collect();
+        let drawer = match config.map(|config| SceneParts::of(&config)) {
+            Some(Ok(parts)) => Some(FrameDrawer::new(parts)),
+            Some(Err(error)) => {
                 self.drawn.error.get_or_insert(error.to_string());
                 None
             }
+            None => None,
         };
-        self.scene = Some((scene_idx, drawer));
+        self.scene = Some(DrawnScene { scene_idx, starts, drawer });
     }
 
     fn draw(&mut self, DueTick { record, moved, is_picture, is_frame }: &DueTick) {
-        if self.scene.as_ref().is_none_or(|(scene_idx, _)| *scene_idx != record.scene_idx) {
+        if self.scene.as_ref().is_none_or(|scene| scene.scene_idx != record.scene_idx) {
             self.load(record.scene_idx);
         }
-        let Some((_, Some((starts, drawer)))) = &mut self.scene else { return };
+        let Some(DrawnScene { starts, drawer: Some(drawer), .. }) = &mut self.scene else { return };
         let place = |(idx, start): (usize, &Pose)| moved.get(&(idx as u32)).copied().unwrap_or(*start);
         let world_from_objects: Vec<Pose> = starts.iter().enumerate().map(place).collect();
         let Some(frame) = drawer.frame(record, &world_from_objects) else { return };

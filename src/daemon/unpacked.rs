@@ -209,7 +209,7 @@ mod tests {
         let mut unpacked = Unpacked::new().expect("a folder");
         unpacked.put("scenes/0/scene.toml", b"[tool]\nmesh = \"/etc/part.obj\"\n").expect("written");
         unpacked.note("scenes/0".to_owned(), values.iter().map(|(key, value)| ((*key).to_owned(), (*value).to_owned())).collect());
-        unpacked.scene(0).err().expect("refused")
+        unpacked.scene(0).expect_err("refused")
     }
 
     #[test]
@@ -236,6 +236,6 @@ mod tests {
         let mut unpacked = Unpacked::new().expect("a folder");
         unpacked.put("scenes/0/scene.toml", &vec![b'#'; LONGEST_TEXT + 1]).expect("written");
         unpacked.note("scenes/0".to_owned(), BTreeMap::new());
-        assert!(unpacked.scene(0).err().expect("refused").to_string().contains("16 MiB"));
+        assert!(unpacked.scene(0).expect_err("refused").to_string().contains("16 MiB"));
     }
 }

@@ -78,7 +78,7 @@ impl<W: Write + Seek> Film<W> {
 
     fn write(&mut self, frame: &NewestFrame, stands_ns: i64) -> io::Result<()> {
         let png = frame.changes.encode_png().map_err(io::Error::other)?;
-        let mut chunks = Chunks(png.get(SIGNATURE.len()..).unwrap_or_default());
+        let chunks = Chunks(png.get(SIGNATURE.len()..).unwrap_or_default());
         if self.n_frames == 0 {
             // The header of a frame is that of the film.
             let header = chunks.clone().find(|(kind, _)| kind == b"IHDR").map_or(&[][..], |(_, data)| data);
@@ -96,7 +96,7 @@ impl<W: Write + Seek> Film<W> {
         // The frame stays when the next one comes, which is put over it.
         control.extend([0, u8::from(self.n_frames > 0)]);
         self.chunk(*b"fcTL", &control)?;
-        while let Some((kind, data)) = chunks.next() {
+        for (kind, data) in chunks {
             if kind == *b"IDAT" && self.n_frames == 0 {
                 self.chunk(*b"IDAT", data)?;
             } else if kind == *b"IDAT" {

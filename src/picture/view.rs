@@ -29,7 +29,7 @@ impl Camera {
     }
 
     /// The same for a part of the view that begins at this pixel.
-    pub(super) fn from_pixel(self, [x, y]: [usize; 2]) -> Self {
+    pub(super) fn beginning_at(self, [x, y]: [usize; 2]) -> Self {
         Self { origin: self.origin - DVec2::new(x as f64, y as f64), ..self }
     }
 

@@ -135,7 +135,7 @@ impl PartsView {
     /// Linear light of the pixels of a part of the view.
     fn light_with_tool(&self, parts: &SceneParts, world_from_tool: Pose, from: [usize; 2], size: [usize; 2]) -> Vec<[f32; 3]> {
         let mut tool = RenderedView::empty(size);
-        raster::put(&mut tool, &self.camera.from_pixel(from), &parts.tool, world_from_tool, TOOL_COLOR);
+        raster::put(&mut tool, &self.camera.beginning_at(from), &parts.tool, world_from_tool, TOOL_COLOR);
         let mut front = self.statics.part(from, size);
         for (pixel, tool) in front.pixels.iter_mut().zip(&tool.pixels) {
             if tool.height > pixel.height {
