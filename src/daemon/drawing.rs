@@ -27,6 +27,7 @@ use recording::{RecordSubscribers, TickRecord};
 use rt::clock::ClockKind;
 use rt::schedule::enter_background;
 use vps::spatial::Pose;
+use vps::storage::whole_file::write_bytes;
 
 /// From one frame of a film to the next, ns: 25 in a second.
 const FRAME_NS: i64 = 40_000_000;
@@ -286,7 +287,7 @@ impl DrawingThread {
         let Some(frame) = drawer.frame(record, &world_from_objects) else { return };
         if let Some(pictures) = self.plan.pictures.as_ref().filter(|_| *is_picture) {
             let file = pictures.file(record.time_ns);
-            match frame.encode_png().map_err(io::Error::other).and_then(|png| std::fs::write(&file, png)) {
+            match frame.encode_png().map_err(io::Error::other).and_then(|png| write_bytes(&file, &png)) {
                 Ok(()) => self.drawn.pictures += 1,
                 Err(error) => {
                     fail(&mut self.drawn, &file, &error);

@@ -92,7 +92,7 @@ pub enum ControlError {
         name: String,
     },
     /// The pose is not finite, not a rotation, or absurdly far away.
-    #[error("not a pose that {name} can go to: finite, a unit quaternion, within 1 km of the world's origin")]
+    #[error("not a pose that `{name}` can go to: finite, a unit quaternion, within 1 km of the world's origin")]
     Pose {
         /// As asked for.
         name: String,
@@ -289,7 +289,7 @@ impl SceneControls {
         if let HandOrder::MoveTo(world_from_map) = order
             && !(Placement { obstacle_idx: 0, world_from_map }).is_sound()
         {
-            return Err(ControlError::Pose { name: "the hand".to_owned() });
+            return Err(ControlError::Pose { name: "hand".to_owned() });
         }
         send(&mut self.commands, Command::Hand { scene_idx: self.scene_idx, order })
     }
@@ -360,7 +360,7 @@ pub(super) fn checked(objects: &[(String, bool)], name: &str, world_from_map: Po
         return Err(ControlError::NotMovable { name: name.to_owned() });
     }
     let placement = Placement { obstacle_idx: obstacle_idx as u32, world_from_map };
-    if placement.is_sound() { Ok(placement) } else { Err(ControlError::Pose { name: format!("`{name}`") }) }
+    if placement.is_sound() { Ok(placement) } else { Err(ControlError::Pose { name: name.to_owned() }) }
 }
 
 /// The loop's end.

@@ -112,7 +112,8 @@ fn the_hand_goes_where_it_is_asked_to_and_a_run_with_a_reset_is_replayed() {
     client.state_where(pressed);
     assert_eq!(daemon.get("/api/v1/scene")["hand"], json!({ "path": true }));
     client.does(json!({ "do": "hand", "pose": { "p": [0, 0, 0.02], "q": [0, 0, 0, 1] } }));
-    client.state_where(|state| (state["tool_cp"]["p"][2].as_f64().unwrap() - 0.02).abs() < 1e-4);
+    // The joints of the arm have friction: the grip rests where it is less than that away.
+    client.state_where(|state| (state["tool_cp"]["p"][2].as_f64().unwrap() - 0.02).abs() < 5e-4);
     client.does(json!({ "do": "restart_hand" }));
     client.state_where(pressed);
     for (path, body, expected) in [

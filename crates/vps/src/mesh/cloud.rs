@@ -161,7 +161,7 @@ mod tests {
         assert_eq!(message(b"v 0 0 0\nv 0 inf 0\n", "a.obj"), "a.obj:2: vertex 2 is not finite");
         assert_eq!(message(b"v 0 0 0\nvn 0 0\n", "a.obj"), "a.obj:2: a normal needs three numbers, found `vn 0 0`");
         assert_eq!(message(b"1e300 0 0\n", "a.xyz"), "a.xyz: vertex 1 is 1.0e300 m away from the origin");
-        assert!(message(b"", "a.step").contains("unknown mesh extension `step`"));
+        assert!(message(b"", "a.shape").contains("unknown mesh extension `shape`"));
         let cut = b"ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\nend_header\n0 0 0\n1 1";
         assert_eq!(message(cut, "a.ply"), "a.ply:8: the header announces 2 of `vertex`, the file has room for 1");
     }
