@@ -41,6 +41,8 @@ const ARM_RADIUS_M: f64 = 0.075;
 /// How fast the hand of a draft goes, m/s of the grip, and how long it rests where it turns, s.
 const HAND_M_PER_S: f64 = 0.02;
 const HAND_RESTS_S: f64 = 0.5;
+/// Two places that the hand reaches within a shorter time are one: times are written to the millisecond.
+const SHORTEST_S: f64 = 0.01;
 /// How far beyond the boxes of the parts a tour presses, as a share of the tool's longest edge: what is felt is a part, which may be smaller.
 const PRESS_SHARE: f64 = 0.1;
 /// Boxes of tool and parts that reach into each other by this share of the tool's height, or more, are parts in their assembled places.
@@ -338,7 +340,12 @@ fn tour(tool: (DVec3, DVec3), parts: (DVec3, DVec3), start_m: DVec3, gap_m: f64,
 fn timed(way: &[DVec3], speed_m_per_s: f64) -> Vec<(f64, DVec3)> {
     let mut hand: Vec<(f64, DVec3)> = Vec::new();
     for &place in way {
-        let arrives_s = hand.last().map_or(0.0, |&(time_s, before)| time_s + (place - before).length().max(1e-9) / speed_m_per_s);
+        let (before_s, before) = hand.last().copied().unwrap_or((0.0, place));
+        let way_s = (place - before).length() / speed_m_per_s;
+        if way_s < SHORTEST_S && !hand.is_empty() {
+            continue;
+        }
+        let arrives_s = before_s + way_s;
         hand.extend([(arrives_s, place), (arrives_s + HAND_RESTS_S, place)]);
     }
     hand
@@ -436,6 +443,8 @@ mod tests {
         assert_eq!(apart.path(), DraftPath::Tour);
         for draft in [assembled, apart] {
             assert_eq!((draft.hand[0].1, draft.hand[draft.hand.len() - 1].1), (draft.start_m, draft.start_m));
+            let poses = document::poses::parse(&draft.hand_csv(), "hand.csv".as_ref()).expect("a hand file");
+            document::poses::check_order(&poses, "hand.csv".as_ref()).expect("times that rise");
             assert!(draft.hand.windows(2).all(|pair| pair[1].0 > pair[0].0 && pair[1].0 - pair[0].0 < 10.0), "{:?}", draft.hand);
         }
     }
