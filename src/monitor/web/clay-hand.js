@@ -47,7 +47,7 @@ export class ClayHand {
   }
 
   get #canWork() {
-    return Boolean(this.clay.facts && this.view.clay.samples && this.hand.canMove);
+    return Boolean(this.clay.facts && this.view.clay.samples && this.hand.canMove && this.hand.hasForce);
   }
 
   #listen() {
