@@ -127,6 +127,8 @@ class State:
     """Movable objects in the world, by their place in `Client.scene().objects`."""
     points: Vector | None
     """Contact points as rows x, y, z, depth, world, m; None where they were not asked for, or are as before."""
+    points_of: int | None
+    """How many points are in contact, of which `points` are some; None as there."""
     history: Vector | None
     """Rows of time (s), measured force (N), depth (mm), compute (µs), wake-up (µs) since the last state; None where it was not asked for."""
 
@@ -171,6 +173,7 @@ class State:
             device_us=number(said["device_us"]),
             objects={stand["idx"]: Pose.from_json(stand) for stand in said["objects"]},
             points=None if points is None else _vector(points).reshape(-1, 4),
+            points_of=said.get("points_of"),
             history=None if history is None else _vector(history).reshape(-1, 5),
         )
 
