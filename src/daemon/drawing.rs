@@ -366,7 +366,7 @@ mod tests {
     #[test]
     fn under_the_real_clock_a_slow_drawer_delays_nothing_and_what_is_left_out_is_counted() {
         let (mut sampler, ticks) = sampler(false, 2);
-        // Nobody draws: every call returns at once all the same.
+        // No thread draws: every call returns at once all the same.
         assert!((0..200).all(|tick| sampler.take(&at(tick))));
         assert_eq!(ticks.len(), 2);
         // Frames at 0 and 40 ms wait, those at 80, 120 and 160 ms are left out; there was one picture, at 0.

@@ -471,12 +471,14 @@ impl SessionHandle {
                 self.answer(switched.unwrap_or(Err(SessionError::Over)), reply);
             }
             Job::Reset { reply } => {
-                let SceneView { config, scene, .. } = self.view();
+                let SceneView { scene_idx, config, scene, .. } = self.view();
                 let result = match (scene, &config.sculpt) {
                     (_, Some(_)) => Err(SessionError::ClayStays),
                     (None, None) => Err(SessionError::Over),
                     (Some(scene), None) => {
-                        let files = self.0.recorder.as_ref().map(|_| scene_files(&config, &self.0.options));
+                        // What is rendered again is what was baked, whatever its files say by now.
+                        let files = self.0.recorder.as_ref().and_then(|recorder| recorder.scenes.get(scene_idx));
+                        let files = files.map(|files| (*files).clone());
                         self.send(Coming { config, scene, files, at_tick: 0, planned_idx: None, starts_anew: true })
                     }
                 };

@@ -301,7 +301,7 @@ class ViewTest(PageCase):
         page.run("document.querySelector('#record-file').value = 'trial one.mcap'")
         page.click("#record")
         page.wait("document.querySelector('#recordings').textContent.includes('under way')")
-        self.assertEqual(self.status(run, "recordings/1"), 409, "nobody gets half a file")
+        self.assertEqual(self.status(run, "recordings/1"), 409, "no client gets half a file")
         page.click("#record")
         page.wait("document.querySelectorAll('#recordings a').length === 2")
         (made,) = run.get("recordings")

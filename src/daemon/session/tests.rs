@@ -114,6 +114,22 @@ fn a_scene_is_recorded_as_it_was_before_it_was_baked() {
 }
 
 #[test]
+fn a_reset_is_recorded_as_what_was_baked_whatever_its_file_says_by_now() {
+    let folder = two_scenes();
+    let recorder = Recorder::new(RecordSubscribers::default(), true);
+    recorder.scenes.add(SceneFiles { toml: SCENE.to_owned(), ..SceneFiles::default() });
+    let session = session_in(&folder, Some(recorder.clone()), Box::new(|_| Ok(baked())));
+    let mut run = Run::begin(session.clone());
+    std::fs::write(folder.path().join("first.toml"), "version = 2\n").expect("written");
+    let (sender, heard) = channel();
+    session.reset(Box::new(move |result| sender.send(result).expect("heard")));
+    assert!(matches!(heard.recv(), Ok(Ok(()))));
+    run.reach(1);
+    let files = recorder.scenes.get(1).expect("recorded");
+    assert!(files.starts_anew && files.toml == SCENE, "{files:?}");
+}
+
+#[test]
 fn a_bake_that_panics_is_answered_and_ends_no_other() {
     let mut n_baked = 0;
     let (_folder, session) = in_folder(Box::new(move |_| {

@@ -10,6 +10,7 @@
  */
 
 import { byId, say, words } from "./element.js";
+import { ours } from "./hand.js";
 import { add, dot, length, rotate, scale, subtract, transform, transformBack } from "./math.js";
 import { fixed } from "./units.js";
 
@@ -40,7 +41,7 @@ export class ClayHand {
   constructor(link, view, hand, clay) {
     Object.assign(this, { link, view, hand, clay });
     this.strength = 1;
-    /** What the button does. @type {?{id: number, at: number[], isHeld: boolean, begun: number}} */
+    /** What the button does. @type {?{id: number, at: number[], isHeld: boolean, begun: number, front: number}} */
     this.press = null;
     this.#listen();
     this.#tell();
@@ -53,10 +54,6 @@ export class ClayHand {
   #listen() {
     const { canvas } = this.view;
     const first = { capture: true };
-    const ours = (event) => {
-      event.stopImmediatePropagation();
-      event.preventDefault();
-    };
     canvas.addEventListener("pointerdown", (event) => this.#begin(event) && ours(event), first);
     canvas.addEventListener("pointermove", (event) => {
       if (this.press?.id === event.pointerId) {
@@ -157,7 +154,7 @@ export class ClayHand {
     if (!under) return false;
     this.view.canvas.setPointerCapture(event.pointerId);
     this.view.canvas.focus({ preventScroll: true });
-    this.press = { id: event.pointerId, at: [event.clientX, event.clientY], isHeld: this.clay.isHeldCraft, begun: performance.now() };
+    this.press = { id: event.pointerId, at: [event.clientX, event.clientY], isHeld: this.clay.isHeldCraft, begun: performance.now(), front: this.#front(under) };
     if (this.press.isHeld) this.#hold(this.#place(under, -TOUCH));
     else this.#work(event);
     return true;
@@ -192,18 +189,26 @@ export class ClayHand {
     }
     const under = this.#under(event);
     const pressure = event.pointerType === "pen" && event.pressure > 0 ? 2 * event.pressure : 1;
-    if (under) this.#place(under, -PRESS * this.strength * pressure);
+    if (!under) return;
+    press.front = Math.max(press.front, this.#front(under));
+    this.#place(under, -PRESS * this.strength * pressure);
+  }
+
+  /** How far toward the eye a point of the clay is, m. */
+  #front({ point }) {
+    return dot(point, this.view.camera.backward);
   }
 
   #end() {
     const { press } = this;
     [this.press, this.goal] = [null, null];
     if (press.holds) this.clay.letGo();
-    // Out of the clay: the next stroke begins where the cursor is then.
-    const middle = transform(this.hand.tool, this.#tool.middle);
-    const away = subtract(middle, this.view.clay.pose.p);
+    // Toward the eye, in front of all that was touched as it was before: where a stroke is undone the clay comes back, and must not meet the tool.
+    const { radius_m, middle } = this.#tool;
+    const { backward } = this.view.camera;
     const { p, q } = this.hand.tool;
-    this.hand.move({ p: add(p, scale(away, (2 * this.#tool.radius_m) / (length(away) || 1))), q });
+    const way = press.front + (1 + HOVER) * radius_m - dot(transform(this.hand.tool, middle), backward);
+    this.hand.move({ p: add(p, scale(backward, Math.max(way, 2 * radius_m))), q });
   }
 
   async #resize(factor) {

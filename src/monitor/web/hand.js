@@ -151,10 +151,6 @@ export class Hand {
     const { canvas } = this;
     // Before the camera, which gets what is not for the tool.
     const first = { capture: true };
-    const ours = (event) => {
-      event.stopImmediatePropagation();
-      event.preventDefault();
-    };
     canvas.addEventListener("pointerdown", (event) => this.#begin(event) && ours(event), first);
     canvas.addEventListener("pointermove", (event) => {
       if (this.drag?.fingers.has(event.pointerId)) {
@@ -342,6 +338,12 @@ export class Hand {
     this.sound?.close();
     this.sound = this.gain = null;
   }
+}
+
+/** An event that is for the hand: neither the camera nor the browser gets it. @param {Event} event */
+export function ours(event) {
+  event.stopImmediatePropagation();
+  event.preventDefault();
 }
 
 function set(shape, attributes) {

@@ -2,7 +2,7 @@
 //!
 //! ```text
 //!  path, at its own time ──┐
-//!                          ├─► goal ─► at most so fast, at most so far from the grip ─► target ─► spring and damper of the plant
+//!                          ├─► goal ─► at most so fast, at most so far from the tool ─► target ─► spring and damper of the plant
 //!  pose of a client ───────┘
 //! ```
 //! A path is followed exactly. A pose that a client asks for, and the way back to a path, are not: a cursor jumps, and a spring that is stretched
