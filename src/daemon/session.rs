@@ -84,6 +84,9 @@ pub enum SessionError {
     /// One scene at a time.
     #[error("a scene is on its way already")]
     Busy,
+    /// The first scene is not rendered yet.
+    #[error("the scene is being baked: nothing is rendered yet")]
+    Baking,
     /// The run has ended, or has no part that could do it.
     #[error("the run cannot do this any more")]
     Over,
@@ -207,7 +210,7 @@ impl SessionState {
 
     fn controls(&mut self) -> Result<&mut SceneControls, SessionError> {
         self.follow();
-        self.controls.as_mut().ok_or(SessionError::Over)
+        self.controls.as_mut().ok_or(SessionError::Baking)
     }
 
     /// Why no client can move the hand.
@@ -333,7 +336,9 @@ impl SessionHandle {
     fn ask(&self, job: Job) {
         let mut state = self.state();
         state.follow();
-        let refusal = if state.has_ended || state.is_over() {
+        let refusal = if state.controls.is_none() {
+            SessionError::Baking
+        } else if state.has_ended || state.is_over() {
             SessionError::Over
         } else if state.is_switching {
             SessionError::Busy

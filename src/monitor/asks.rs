@@ -16,7 +16,7 @@ use super::hub::Hub;
 use super::problem::RequestError;
 use super::recorder::{RecorderError, RecorderStatus};
 use super::worker::Worker;
-use crate::daemon::session::{HandOrder, SessionError, SessionHandle};
+use crate::daemon::session::{HandOrder, SessionError};
 use ::clay::engine::SculptOrder;
 use vps::spatial::Pose;
 
@@ -167,17 +167,14 @@ pub(super) fn perform(hub: &Arc<Hub>, files: &Worker, client: Option<&Client>, a
             reply(Ok(Completion::Nothing));
         }
         ClientCommand::Set { parameter, value } => {
-            reply(rendered(hub).and_then(|session| Ok(session.set(&parameter, value)?)).map(nothing));
+            reply(done(hub.session.set(&parameter, value)));
         }
         ClientCommand::Place { object, pose } => {
-            reply(rendered(hub).and_then(|session| Ok(session.place(&object, pose.into())?)).map(nothing));
+            reply(done(hub.session.place(&object, pose.into())));
         }
-        ClientCommand::Hand { pose } => reply(hand(hub, HandOrder::MoveTo(pose.into()))),
-        ClientCommand::RestartHand {} => reply(hand(hub, HandOrder::Restart)),
-        ClientCommand::Reset {} => match rendered(hub) {
-            Ok(session) => session.reset(Box::new(move |result| reply(result.map(nothing).map_err(RequestError::from)))),
-            Err(problem) => reply(Err(problem)),
-        },
+        ClientCommand::Hand { pose } => reply(done(hub.session.hand(HandOrder::MoveTo(pose.into())))),
+        ClientCommand::RestartHand {} => reply(done(hub.session.hand(HandOrder::Restart))),
+        ClientCommand::Reset {} => hub.session.reset(Box::new(move |result| reply(done(result)))),
         ClientCommand::Switch { scene } => switch(hub, scene, reply),
         ClientCommand::Record { file } => record(hub, files, Some(file), reply),
         ClientCommand::EndRecording {} => record(hub, files, None, reply),
@@ -215,32 +212,20 @@ fn needs_connection() -> RequestError {
     RequestError::bad("this needs a connection", "use the WebSocket")
 }
 
-/// The session, once there is something that can be changed.
-fn rendered(hub: &Hub) -> Result<&SessionHandle, RequestError> {
-    match hub.is_baking() {
-        true => Err(RequestError::unavailable("the scene is being baked: nothing is rendered yet", "wait for the event `scene`")),
-        false => Ok(&hub.session),
-    }
-}
-
-fn hand(hub: &Hub, order: HandOrder) -> Result<Completion, RequestError> {
-    Ok(nothing(rendered(hub)?.hand(order)?))
+fn done(result: Result<(), SessionError>) -> Result<Completion, RequestError> {
+    Ok(nothing(result?))
 }
 
 fn switch(hub: &Arc<Hub>, scene: String, reply: Reply) {
-    let session = match rendered(hub) {
-        Ok(session) => session,
-        Err(problem) => return reply(Err(problem)),
-    };
     let (told, name) = (hub.clone(), scene.clone());
     let answer = move |result: Result<(), SessionError>| {
         // Every client got the event that it is being baked.
         if let Err(error @ (SessionError::Scene(_) | SessionError::Over)) = &result {
             told.scene_refused(&name, &error.to_string());
         }
-        reply(result.map(nothing).map_err(RequestError::from));
+        reply(done(result));
     };
-    session.switch(scene, Box::new(answer));
+    hub.session.switch(scene, Box::new(answer));
 }
 
 fn wanted(rate_hz: f64, format: StateFormat, contacts: bool, history: bool) -> Result<Option<Subscription>, RequestError> {

@@ -60,6 +60,7 @@ impl From<SessionError> for RequestError {
             }
             SessionError::Control(ControlError::Range { .. } | ControlError::Pose { .. }) => (StatusCode::BAD_REQUEST, ""),
             SessionError::Control(ControlError::Full) => (StatusCode::TOO_MANY_REQUESTS, "send at most one per tick"),
+            SessionError::Baking => (StatusCode::SERVICE_UNAVAILABLE, "wait for the event `scene`"),
             _ => (StatusCode::CONFLICT, ""),
         };
         Self::new(status, error.to_string(), hint)

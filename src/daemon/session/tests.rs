@@ -76,7 +76,13 @@ fn limit(session: &SessionHandle) -> ParameterSetting {
 #[test]
 fn a_scene_is_answered_when_it_is_sent_and_shown_when_it_is_rendered() {
     let (_folder, session) = in_folder(Box::new(|_| Ok(baked())));
-    assert!(matches!(session.set("limit_force_n", 1.0), Err(SessionError::Over)), "nothing is rendered yet");
+    for asked in [
+        session.set("limit_force_n", 1.0),
+        session.hand(HandOrder::Restart),
+        switched(&session, "second").recv().expect("an answer"),
+    ] {
+        assert!(matches!(asked, Err(SessionError::Baking)), "{asked:?}");
+    }
     let mut run = Run::begin(session.clone());
     assert!(matches!(switched(&session, "third").recv(), Ok(Err(SessionError::UnknownScene { known, .. })) if known.len() == 2));
     assert!(matches!(switched(&session, "second").recv(), Ok(Ok(()))));
