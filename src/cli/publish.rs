@@ -1,10 +1,15 @@
 //! `run --publish`: topics of a run on a network.
 
 use std::sync::Arc;
+#[cfg(feature = "zenoh")]
+use std::sync::{Mutex, PoisonError};
 
 use super::network::HEADING;
 use super::{OutputOptions, report};
 use crate::config::SceneConfig;
+#[cfg(feature = "zenoh")]
+use crate::daemon::session::HandOrder;
+use crate::daemon::session::SessionHandle;
 use crate::error::Exit;
 use crate::monitor::Hub;
 #[cfg(feature = "zenoh")]
@@ -16,6 +21,8 @@ use link::publish::{PublishError, PublishPlan};
 use link::{Domain, Namespace};
 use recording::Subscriber;
 use vps::spatial::Axes;
+#[cfg(feature = "zenoh")]
+use vps::spatial::Pose;
 
 /// Variable of the environment that says which domain is meant.
 const DOMAIN_VARIABLE: &str = "ROS_DOMAIN_ID";
@@ -103,6 +110,7 @@ impl PublishArgs {
             domain,
             arm: profile.name.clone(),
             has_gripper: Axes::from_name("grip").is_some_and(|grip| profile.sensed.contains(grip)),
+            has_hand: profile.real.is_none(),
         };
         match OpenedPublisher::open(&plan) {
             Ok(opened) => {
@@ -139,14 +147,30 @@ impl OpenedPublisher {
         link::publish::OpenedPublisher::open(plan).map(Self)
     }
 
-    /// Begins to send what the hub shows.
-    pub(crate) fn serve(self, hub: &Arc<Hub>) -> std::io::Result<(Sender, Subscriber)> {
+    /// Begins to send what the hub shows, and moves the hand of a simulated arm. What is refused is told once, until something else is.
+    pub(crate) fn serve(
+        self,
+        hub: &Arc<Hub>,
+        session: &SessionHandle,
+        output: OutputOptions,
+    ) -> std::io::Result<(Sender, Subscriber)> {
         let (mut observer, subscriber) = Observer::new(hub.clone());
         let look = move |seq| {
             let seen = observer.look()?;
             Some(RunState { record: *seen.record(), text: seen.text(seq), binary: seen.binary(seq) })
         };
-        Ok((self.0.serve(look)?, subscriber))
+        let (session, told) = (session.clone(), Mutex::new(String::new()));
+        let take_pose = move |pose: Result<Pose, String>| {
+            let moved = pose.and_then(|pose| session.hand(HandOrder::MoveTo(pose)).map_err(|refusal| format!("hand: {refusal}")));
+            let mut told = told.lock().unwrap_or_else(PoisonError::into_inner);
+            if let Err(refusal) = moved
+                && *told != refusal
+            {
+                report::note(&format!("publishing: {refusal}"), output);
+                *told = refusal;
+            }
+        };
+        Ok((self.0.serve(look, take_pose)?, subscriber))
     }
 }
 
@@ -164,7 +188,7 @@ impl OpenedPublisher {
         Err(link::network::NetworkError::NotBuilt.into())
     }
 
-    pub(crate) fn serve(self, _: &Arc<Hub>) -> std::io::Result<(Sender, Subscriber)> {
+    pub(crate) fn serve(self, _: &Arc<Hub>, _: &SessionHandle, _: OutputOptions) -> std::io::Result<(Sender, Subscriber)> {
         match self {}
     }
 }

@@ -189,6 +189,7 @@ pub(crate) fn main(args: &LoopArgs, own: &CommandOptions<'_>, output: OutputOpti
             has_console: args.console,
             enables_at_start: args.enables_at_start(&config),
             recorder: Some(Box::new(recordings.for_clients(output))),
+            output,
         };
         let services = Services::open(options, &mut live)?;
         let draw = |plan| drawing_thread::begin(plan, session.clone(), &live.subscribers, clock);

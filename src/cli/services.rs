@@ -32,6 +32,7 @@ pub(crate) struct ServiceOptions<'a> {
     pub(crate) enables_at_start: bool,
     /// Records when clients ask for it.
     pub(crate) recorder: Option<Box<dyn RecordingControl>>,
+    pub(crate) output: OutputOptions,
 }
 
 /// The services beside one run.
@@ -47,7 +48,8 @@ pub(crate) struct Services {
 impl Services {
     /// Begins them, and gives the supervisor its ends of their queues. Until the first scene is baked clients see that.
     pub(crate) fn open(options: ServiceOptions<'_>, live: &mut LiveChannels) -> io::Result<Self> {
-        let ServiceOptions { config, session, clock, bound, opened, control, has_console, enables_at_start, recorder } = options;
+        let ServiceOptions { config, session, clock, bound, opened, control, has_console, enables_at_start, recorder, output } =
+            options;
         let (enables, taken) = unbounded::<Enable>();
         if has_console {
             console::begin(control.clone(), enables.clone(), session.clone())?;
@@ -80,7 +82,7 @@ impl Services {
             services.monitor = Some(monitor);
         }
         if let Some(opened) = opened {
-            let (sender, subscriber) = opened.serve(&hub)?;
+            let (sender, subscriber) = opened.serve(&hub, session, output)?;
             live.subscribers.add(subscriber);
             services.sender = Some(sender);
         }

@@ -38,9 +38,11 @@ mod live {
     use std::time::{Duration, Instant, SystemTime};
 
     use crossbeam::channel::{Receiver, unbounded};
+    use glam::DVec3;
     use link::network::{Endpoints, session};
-    use link::{Topic, gid};
+    use link::{Header, Message, PoseStamped, Time, Topic, gid};
     use serde_json::{Value, json};
+    use vps::spatial::Pose;
     use zenoh::sample::{Sample, SampleKind};
     use zenoh::{Session, Wait};
 
@@ -115,9 +117,9 @@ mod live {
         let states = subscribe(&session, "hapticd/left/arm/state");
         let samples = subscribe(&session, "7/left/arm/**");
 
-        // The graph: a node, and a publisher for each topic.
+        // The graph: a node, a publisher for each topic, and the subscriber of the hand.
         let mut graph = BTreeSet::new();
-        while graph.len() < 1 + Topic::ALL.len() {
+        while graph.len() < 2 + Topic::ALL.len() {
             let (is_there, token) = tokens.recv_timeout(HUNG).unwrap();
             assert!(is_there);
             graph.insert(token);
@@ -127,7 +129,7 @@ mod live {
         let of_run = pieces(node)[2].clone();
         assert_eq!(*node, format!("@ros2_lv/7/{of_run}/0/0/NN/%/%left%arm/hapticd"));
         let mut publishers = BTreeMap::new();
-        for token in graph.iter().filter(|token| *token != node) {
+        for token in graph.iter().filter(|token| *token != node && pieces(token)[5] != "MS") {
             let pieces = pieces(token);
             assert_eq!(
                 (&pieces[2], &*pieces[5], &*pieces[7], &*pieces[8], pieces.len()),
@@ -177,6 +179,44 @@ mod live {
         ended(daemon);
         let gone = core::iter::from_fn(|| tokens.recv_timeout(HUNG).ok()).take(graph.len());
         assert_eq!(gone.filter(|(is_there, _)| !is_there).map(|(_, token)| token).collect::<BTreeSet<_>>(), graph);
+    }
+
+    #[test]
+    fn the_hand_of_a_simulated_arm_follows_poses_of_ros_and_of_others() {
+        let (mut daemon, endpoint) = published("--publish cell --ros-domain 7");
+        let session = visit(&endpoint);
+        let tokens = watch(&session, "@ros2_lv/7/**/MS/**");
+        let (_, token) = tokens.recv_timeout(HUNG).unwrap();
+        let pieces: Vec<_> = token.split('/').collect();
+        assert_eq!((pieces[4], pieces[9]), ("11", "%cell%tool%servo_cp"), "behind the ten publishers: {token}");
+        let ros = format!("7/cell/tool/servo_cp/{}/{}", pieces[10], pieces[11]);
+        let states = subscribe(&session, "hapticd/cell/state");
+        let message = |x: f64, frame_id| {
+            let pose = Pose::from_translation(DVec3::new(x, 0.0, 0.02));
+            PoseStamped { header: Header { stamp: Time::default(), frame_id }, pose }.to_cdr()
+        };
+        for (key, payload, wanted) in [
+            (&*ros, message(0.004, "world"), 0.004),
+            ("hapticd/cell/hand", br#"{"p": [-0.003, 0, 0.02], "q": [0, 0, 0, 1]}"#.to_vec(), -0.003),
+        ] {
+            let began = Instant::now();
+            // A put before the sessions have met is lost.
+            while !states.try_iter().last().is_some_and(|sample| {
+                let x = state(&sample)["tool_cp"]["p"][0].as_f64().unwrap();
+                // Friction of the arm holds a hand back by some 0.2 mm.
+                (x - wanted).abs() < 5e-4
+            }) {
+                assert!(began.elapsed() < HUNG, "{key}");
+                session.put(key.to_owned(), payload.clone()).wait().unwrap();
+                std::thread::sleep(Duration::from_millis(30));
+            }
+        }
+        session.put(ros, message(0.0, "device")).wait().unwrap();
+        let said = daemon.wait_for("note: publishing: 7/cell/tool/servo_cp/");
+        assert!(said.ends_with("`frame_id` is `device`; send poses of the tool in `world`"), "{said}");
+        session.put("hapticd/cell/hand", br#"{"p": [0, 0, 0.02], "q": [0, 0, 0, 0]}"#.to_vec()).wait().unwrap();
+        daemon.wait_for("note: publishing: hand: ");
+        ended(daemon);
     }
 
     #[test]

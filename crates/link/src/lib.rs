@@ -29,7 +29,7 @@
 //! | `messages` | the messages, each with its type name and the hash of its definition |
 //! | `topics` | which part of a record is which message, on which topic |
 //! | `names` | namespaces, key expressions, liveliness tokens, attachments |
-//! | [`publish`] | the thread that sends the newest record of a run |
+//! | [`publish`] | the thread that sends the newest record of a run, and poses that come for the hand of a simulated arm |
 //! | [`network`] | endpoints, sessions, and the link to an arm on another machine |
 //!
 //! Messages and names are pure and always compiled; [`publish`] and sessions come with the feature `zenoh`.
@@ -47,5 +47,7 @@ pub use messages::{
     DiagnosticArray, DiagnosticLevel, DiagnosticStatus, Header, JointState, Joy, Message, MessageType, OperatingState, PoseStamped,
     Time, TwistStamped, WrenchStamped,
 };
-pub use names::{Attachment, Domain, Gid, Namespace, NamespaceError, RosNode, gid, node_token, publisher_token, topic_key};
+pub use names::{
+    Attachment, Domain, Gid, Namespace, NamespaceError, RosNode, gid, node_token, publisher_token, subscriber_token, topic_key,
+};
 pub use topics::{Topic, TopicInput};

@@ -5,7 +5,9 @@
 
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use super::cdr::CdrWriter;
+use glam::{DQuat, DVec3};
+
+use super::cdr::{CdrReader, CdrWriter};
 use vps::spatial::{Pose, Twist, Wrench};
 
 /// A type as ROS 2 knows it.
@@ -89,6 +91,12 @@ impl Header<'_> {
     }
 }
 
+impl<'a> Header<'a> {
+    fn read(cdr: &mut CdrReader<'a>) -> Option<Self> {
+        Some(Self { stamp: Time { sec: cdr.i32()?, nanosec: cdr.u32()? }, frame_id: cdr.string()? })
+    }
+}
+
 /// `geometry_msgs/PoseStamped`.
 #[derive(Clone, Copy, Debug)]
 pub struct PoseStamped<'a> {
@@ -105,6 +113,17 @@ impl PoseStamped<'_> {
         self.header.write(cdr);
         let Pose { rotation, translation } = self.pose;
         translation.to_array().into_iter().chain(rotation.to_array()).for_each(|number| cdr.f64(number));
+    }
+}
+
+impl<'a> PoseStamped<'a> {
+    /// Reads one; the quaternion as it was written, not normalised. `None`: the bytes are no such message.
+    pub fn from_cdr(message: &'a [u8]) -> Option<Self> {
+        let mut cdr = CdrReader::new(message)?;
+        let header = Header::read(&mut cdr)?;
+        let translation = DVec3::new(cdr.f64()?, cdr.f64()?, cdr.f64()?);
+        let rotation = DQuat::from_xyzw(cdr.f64()?, cdr.f64()?, cdr.f64()?, cdr.f64()?);
+        Some(Self { header, pose: Pose { rotation, translation } })
     }
 }
 

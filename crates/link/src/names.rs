@@ -100,9 +100,18 @@ pub fn node_token(node: &RosNode) -> String {
     node.prefix(NODE_ID, "NN")
 }
 
-/// The token that says that a node publishes on a topic. `number` counts its publishers from 0.
+/// The token that says that a node publishes on a topic. `number` counts its publishers and subscribers from 0.
 pub fn publisher_token(node: &RosNode, number: usize, topic: &str, message_type: &MessageType) -> String {
-    let before = node.prefix(NODE_ID + 1 + number, "MP");
+    endpoint_token(node, number, "MP", topic, message_type)
+}
+
+/// The token that says that a node listens to a topic; `number` as in [`publisher_token`].
+pub fn subscriber_token(node: &RosNode, number: usize, topic: &str, message_type: &MessageType) -> String {
+    endpoint_token(node, number, "MS", topic, message_type)
+}
+
+fn endpoint_token(node: &RosNode, number: usize, kind: &str, topic: &str, message_type: &MessageType) -> String {
+    let before = node.prefix(NODE_ID + 1 + number, kind);
     let name = mangled(&format!("{}/{topic}", node.namespace));
     format!("{before}/%{name}/{}/{}/{QUALITY}", message_type.dds_name(), message_type.hash)
 }
@@ -168,6 +177,7 @@ mod tests {
         let expected = "@ros2_lv/2/8b20917502ee955ac4476e0266340d5c/0/10/MP/%/%robot1/talker/%robot1%chatter/std_msgs::msg::dds_::String_/\
                         RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18/::,10:,:,:,,";
         assert_eq!(publisher_token(&robot, 9, "chatter", &STRING), expected);
+        assert_eq!(subscriber_token(&robot, 9, "chatter", &STRING), expected.replace("/MP/", "/MS/"));
         let nested = node(0, "a", "left/arm");
         assert!(
             publisher_token(&nested, 0, "tool/contact_cf", &STRING)

@@ -18,6 +18,8 @@ pub struct PublishPlan {
     pub arm: String,
     /// It senses how far its gripper is open.
     pub has_gripper: bool,
+    /// It is simulated: its hand takes poses.
+    pub has_hand: bool,
 }
 
 /// Why nothing can be published.

@@ -21,8 +21,9 @@ const OCCASION: Duration = Duration::from_millis(100);
 pub(super) struct RosTopics {
     arm: String,
     topics: Vec<RosTopic>,
+    node: RosNode,
     /// The node is there for as long.
-    _node: LivelinessToken,
+    _token: LivelinessToken,
 }
 
 struct RosTopic {
@@ -53,7 +54,12 @@ impl RosTopics {
             Ok(RosTopic { topic, publisher, gid: gid(&token), sent: 0, told: None, _token: declare(&token)? })
         };
         let topics = wanted.enumerate().map(open).collect::<Result<_, PublishError>>()?;
-        Ok(Self { arm: arm.clone(), topics, _node: token })
+        Ok(Self { arm: arm.clone(), topics, node, _token: token })
+    }
+
+    /// The node, and how many endpoints it has.
+    pub(super) fn node(&self) -> (&RosNode, usize) {
+        (&self.node, self.topics.len())
     }
 
     /// Sends what is due of a record.

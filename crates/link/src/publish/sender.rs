@@ -2,6 +2,7 @@
 
 use core::time::Duration;
 use std::io;
+use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::Instant;
 
@@ -11,11 +12,13 @@ use zenoh::pubsub::Publisher;
 use zenoh::qos::CongestionControl;
 use zenoh::{Session, Wait};
 
+use super::hand::HandTopics;
 use super::plan::{PublishError, PublishPlan, refused};
 use super::ros_topics::RosTopics;
 use crate::Namespace;
 use crate::network::session;
 use recording::TickRecord;
+use vps::spatial::Pose;
 
 /// What a run shows of itself at one moment.
 #[derive(Clone, Debug)]
@@ -33,6 +36,7 @@ pub struct OpenedPublisher {
     period: Duration,
     states: States,
     ros: RosTopics,
+    has_hand: bool,
     session: Session,
 }
 
@@ -45,22 +49,31 @@ impl OpenedPublisher {
         let session = session::open(&plan.endpoints)?;
         let states = States::open(&session, &plan.namespace)?;
         let ros = RosTopics::open(&session, plan)?;
-        Ok(Self { period: Duration::from_secs_f64(1.0 / plan.rate_hz), states, ros, session })
+        Ok(Self { period: Duration::from_secs_f64(1.0 / plan.rate_hz), states, ros, has_hand: plan.has_hand, session })
     }
 
     /// Begins to send, in a thread of its own. `look` is called once a period with the number of the next state, from 1; it gives `None` when there
-    /// was no record since the last call, and must not wait.
+    /// was no record since the last call, and must not wait. `take_pose` gets where the hand of a simulated arm shall bring the tool
+    /// (`world_from_tool`, m; the quaternion as it was written), or why a message has no such pose; it is called on a thread of zenoh and must not wait.
     ///
     /// # Errors
-    /// The thread could not be started.
-    pub fn serve(self, look: impl FnMut(u64) -> Option<RunState> + Send + 'static) -> io::Result<Sender> {
+    /// The session refuses a key, or the thread could not be started.
+    pub fn serve(
+        self,
+        look: impl FnMut(u64) -> Option<RunState> + Send + 'static,
+        take_pose: impl Fn(Result<Pose, String>) + Send + Sync + 'static,
+    ) -> io::Result<Sender> {
+        let (node, n_publishers) = self.ros.node();
+        let open = || HandTopics::open(&self.session, node, n_publishers, Arc::new(take_pose));
+        let hand = self.has_hand.then(open).transpose().map_err(io::Error::other)?;
         let (stop, stopped) = bounded(0);
-        let thread = std::thread::Builder::new().name("sender".to_owned()).spawn(move || self.run(look, &stopped))?;
+        let run = move || self.run(hand, look, &stopped);
+        let thread = std::thread::Builder::new().name("sender".to_owned()).spawn(run)?;
         Ok(Sender { stop: Some(stop), thread: Some(thread) })
     }
 
-    fn run(self, mut look: impl FnMut(u64) -> Option<RunState>, stopped: &channel::Receiver<()>) {
-        let Self { period, states, mut ros, session } = self;
+    fn run(self, hand: Option<HandTopics>, mut look: impl FnMut(u64) -> Option<RunState>, stopped: &channel::Receiver<()>) {
+        let Self { period, states, mut ros, session, .. } = self;
         let mut next = Instant::now();
         let mut seq = 1;
         while let Err(RecvTimeoutError::Timeout) = stopped.recv_deadline(next) {
@@ -72,7 +85,7 @@ impl OpenedPublisher {
             ros.publish(&newest.record, now);
             states.publish(newest);
         }
-        drop((states, ros));
+        drop((hand, states, ros));
         // Other peers learn at once that this run has gone.
         let _ = session.close().wait();
     }
