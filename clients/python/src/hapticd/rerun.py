@@ -45,6 +45,7 @@ METRES_OF_LEVER = 0.01
 AXES_COLORS = [[220, 60, 60], [70, 170, 70], [70, 110, 230]]
 CONTACT_COLOR, COMMAND_COLOR = [230, 60, 50], [60, 120, 240]
 """What the parts do to the tool, and what the arm is told."""
+OPACITY = 0.45
 CORNERS = 48
 """Of the circle that stands for the end of a cylinder."""
 
@@ -74,15 +75,21 @@ def convert(recording: str | Path, out: str | Path, *, overwrite: bool = False, 
         raise ValueError(f"newtons_per_metre is above 0, not {newtons_per_metre}")
     if out.exists() and not overwrite:
         raise FileExistsError(f"{out}: exists already: name another file, or overwrite it")
+    if not out.parent.is_dir():
+        raise FileNotFoundError(f"{out.parent}: there is no such folder")
     loaded = load(recording)
     part = out.with_name(f".{out.name}.{os.getpid()}.part")
     try:
-        # Rerun reports an error of the disk to its log alone: a file that cannot be created is found here, one that was not written whole below.
+        # Rerun says what the disk says in its log alone: a file that cannot be created is found here, one that was not written whole below.
         part.touch()
         log = _Log(loaded, newtons_per_metre)
-        log.write(part)
-        if not _is_whole(part):
-            raise OSError(f"{out}: could not be written whole, such as on a full disk")
+        try:
+            log.write(part)
+            is_whole = _is_whole(part)
+        except RuntimeError:
+            is_whole = False
+        if not is_whole:
+            raise OSError(f"{out}: could not be written whole, is the disk full?")
         os.replace(part, out)
     finally:
         part.unlink(missing_ok=True)
@@ -366,8 +373,9 @@ def _size(vector: Any) -> Floats:
 
 
 def _color(primitive: Any) -> list[int]:
+    """Its color, so transparent that arrows inside it are seen."""
     color = primitive.color
-    return [round(255 * share) for share in (color.r, color.g, color.b, color.a)]
+    return [round(255 * share) for share in (color.r, color.g, color.b, OPACITY * color.a)]
 
 
 def _cylinder(cylinder: Any) -> Any:
