@@ -7,7 +7,10 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from copy import deepcopy
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -134,6 +137,56 @@ def test_the_peg_is_there_with_parts_arrows_curves_and_views(peg: Path, tmp_path
     shown = rrd.shown()
     for wanted in ("3D", "TimeSeries", "TextLog", f"1 m is {newtons_per_metre:g} N", "contact force, N, world axes", "depth, mm", "/wrench/command/force_n"):
         assert wanted in shown, wanted
+
+
+def test_arrows_of_the_command_are_turned_and_scaled_into_the_world(peg: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    recording = recordings.load(peg)
+    (scene,) = recording.scenes
+    resolved = deepcopy(scene.resolved)
+    # The arm's x axis is the world's y axis.
+    world_from_device = {"orientation_xyzw": [0, 0, 0.5**0.5, 0.5**0.5], "position_m": [0, 0, 0]}
+    resolved["parameters"]["port"] |= {"scale": 4.0, "world_from_device": world_from_device}
+    turned = replace(recording, scenes=(replace(scene, resolved=resolved),))
+    monkeypatch.setattr(hapticd_rerun, "load", lambda _path: turned)
+    assert convert(peg, tmp_path / "turned.rrd").newtons_per_metre == 25
+    rrd = Rrd(tmp_path / "turned.rrd")
+    x, y, z = recording.command.force_n.T
+    assert np.allclose(rrd.array("/world/command_force", "Arrows3D:vectors") * 25, np.column_stack([-y, x, z]), atol=1e-6) and np.abs(y).max() > 0.1
+    assert np.allclose(rrd.array("/world/contact_force", "Arrows3D:vectors") * 25, recording.contact.force_n, atol=1e-6)
+    same_as(rrd, recording)
+
+
+def test_turns_are_those_of_quaternions() -> None:
+    random = np.random.default_rng(22)
+    (a, b), v = random.normal(size=(2, 4)), random.normal(size=3)
+    a, b = a / np.linalg.norm(a), b / np.linalg.norm(b)
+    rotated, product, conjugate = hapticd_rerun._rotated, hapticd_rerun._product, hapticd_rerun._conjugate
+    assert np.allclose(rotated(product(a, b), v), rotated(a, rotated(b, v)))
+    assert np.allclose(rotated(conjugate(a), rotated(a, v)), v) and not np.allclose(rotated(a, v), v)
+    assert np.allclose(rotated(np.array([0.5, 0.5, 0.5, 0.5]), np.array([1.0, 2.0, 3.0])), [3, 1, 2])
+
+
+@pytest.mark.parametrize("top_scale, share_of_cylinder", [(1.0, 1.0), (0.0, 1 / 3)])
+def test_cylinders_and_cones_are_closed_with_their_outside_out(top_scale: float, share_of_cylinder: float) -> None:
+    gray = SimpleNamespace(r=0.5, g=0.5, b=0.5, a=1.0)
+    mesh = hapticd_rerun._cylinder(SimpleNamespace(bottom_scale=1.0, top_scale=top_scale, color=gray))
+    vertices = np.array(mesh.vertex_positions.as_arrow_array().to_pylist())
+    corners = vertices[np.array(mesh.triangle_indices.as_arrow_array().to_pylist())]
+    volume = np.linalg.det(corners).sum() / 6
+    # A circle of 48 corners has 0.3 % less area.
+    assert volume == pytest.approx(np.pi / 4 * share_of_cylinder, rel=0.004)
+    assert np.allclose(vertices.min(axis=0), -0.5, atol=1e-6) and vertices[:, 2].max() == 0.5
+
+
+def test_the_vertices_of_mesh_files_are_found() -> None:
+    triangle = np.array([[0, 0, 0], [2, 0, 0], [0, 4, 6]], "<f4")
+    binary = bytes(80) + (1).to_bytes(4, "little") + bytes(12) + triangle.tobytes() + bytes(2)
+    text = "solid a\n facet normal 0 0 1\n outer loop\n" + "".join(f"  vertex {x} {y} {z}\n" for x, y, z in triangle) + " endloop\n endfacet\nendsolid\n"
+    obj = "".join(f"v {x} {y} {z}\n" for x, y, z in triangle) + "vn 9 9 9\nf 1 2 3\n"
+    for media_type, data in (("model/stl", binary), ("model/stl", text.encode()), ("model/obj", obj.encode())):
+        found = hapticd_rerun._vertices(media_type, data)
+        assert found is not None and np.array_equal(found, triangle), media_type
+    assert hapticd_rerun._vertices("model/gltf-binary", b"glTF") is None and hapticd_rerun._vertices("model/obj", b"# empty") is None
 
 
 def test_parts_that_move_are_seen_to_move(tmp_path: Path) -> None:
