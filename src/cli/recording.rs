@@ -19,7 +19,8 @@ use vps::storage::printable::shown;
 /// Arguments that leave recordings behind.
 #[derive(Debug, clap::Args)]
 pub(crate) struct RecordingArgs {
-    /// Record every tick into an MCAP file: `hapticd replay` runs it again, `hapticd report` makes a page of it, Foxglove and Rerun show it.
+    /// Record every tick into an MCAP file: `hapticd replay` runs it again, `hapticd report` makes a page of it, Foxglove opens it,
+    /// and `python -m hapticd.rerun` makes a file for Rerun of it.
     #[arg(long, value_name = "FILE.mcap")]
     record: Option<PathBuf>,
     /// Folder for a recording of the ticks around each fault, or `off` [default: $XDG_STATE_HOME/hapticd/faults, or

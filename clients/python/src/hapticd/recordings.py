@@ -29,6 +29,7 @@ from hapticd.records import (
     FAULTS,
     OBJECTS,
     RENDERED,
+    SCENE,
     TIMING,
     TOOL,
     Bools,
@@ -50,6 +51,7 @@ __all__ = [
     "Recording",
     "RecordingError",
     "RenderedWrenches",
+    "SceneMessage",
     "Timing",
     "ToolPoses",
     "load",
@@ -184,6 +186,16 @@ class FaultMessage:
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
+class SceneMessage:
+    """`/scene`: what viewers show of the parts, when a scene begins."""
+
+    tick: int
+    """Number of the tick (its lowest 32 bits)."""
+    update: Any
+    """The message, a `foxglove.SceneUpdate`."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class RecordedScene:
     """A scene that was rendered, as the file brings it along."""
 
@@ -231,6 +243,10 @@ class Recording:
     """What the motors made of it; device axes."""
     faults: tuple[FaultMessage, ...]
     """Faults that appeared, changed or were acknowledged."""
+    shown: tuple[SceneMessage, ...] = ()
+    """What viewers show of the parts, with their meshes."""
+    began_ns: int | None = None
+    """What the wall clock showed at loop time zero, ns since 1970; None under the virtual clock."""
 
     def __len__(self) -> int:
         """Ticks."""
@@ -285,7 +301,7 @@ def _recording(path: Path, read: Records) -> Recording:
             raise RecordingError(f"{path}: {topic} and {TIMING} are not of the same ticks")
     device, tool, objects = (read.tables[topic] for topic in (DEVICE, TOOL, OBJECTS))
     contact, command, rendered = (read.tables[topic] for topic in (CONTACT, COMMAND, RENDERED))
-    faults = read.tables[FAULTS]
+    faults, shown = read.tables[FAULTS], read.tables[SCENE]
     return Recording(
         path=path,
         run=read.run or {},
@@ -332,6 +348,8 @@ def _recording(path: Path, read: Records) -> Recording:
         ),
         rendered=RenderedWrenches(rendered.floats(0, 3), rendered.floats(3, 3)),
         faults=tuple(FaultMessage(int(tick), str(text)) for tick, text in zip(faults.ticks(), faults.words(0))),
+        shown=tuple(SceneMessage(int(tick), update) for tick, update in zip(shown.ticks(), shown.messages())),
+        began_ns=read.zero_ns if (read.run or {}).get("clock") != "virtual" else None,
     )
 
 

@@ -35,9 +35,9 @@ class RecordingError(HapticdError, ValueError):
 
 
 TIMING, DEVICE, TOOL, OBJECTS = "/loop/timing", "/device/sample", "/tool/pose", "/object/pose"
-CONTACT, COMMAND, RENDERED, FAULTS = "/wrench/contact", "/wrench/command", "/wrench/rendered", "/faults"
+CONTACT, COMMAND, RENDERED, FAULTS, SCENE = "/wrench/contact", "/wrench/command", "/wrench/rendered", "/faults", "/scene"
 EACH_TICK = (DEVICE, TOOL, CONTACT, COMMAND, RENDERED)
-CHANNELS = (*EACH_TICK, OBJECTS, FAULTS)
+CHANNELS = (*EACH_TICK, OBJECTS, FAULTS, SCENE)
 
 
 def _vector(v: Any) -> tuple[float, float, float]:
@@ -94,6 +94,10 @@ def _of_fault(m: Any) -> Row:
     return (m.message,)
 
 
+def _of_scene(m: Any) -> Row:
+    return (m,)
+
+
 ROWS: dict[str, tuple[Callable[[Any], Row], int, int]] = {
     TIMING: (_of_timing, 6, 0),
     DEVICE: (_of_device, 16, 2),
@@ -103,8 +107,9 @@ ROWS: dict[str, tuple[Callable[[Any], Row], int, int]] = {
     COMMAND: (_of_command, 15, 2),
     RENDERED: (_of_rendered, 6, 0),
     FAULTS: (_of_fault, 0, 1),
+    SCENE: (_of_scene, 0, 1),
 }
-"""What is kept of a message of each channel: numbers, then words, and how many there are of both."""
+"""What is kept of a message of each channel: numbers, then words or whole messages, and how many there are of both."""
 
 
 class Table:
@@ -113,7 +118,7 @@ class Table:
     def __init__(self, n_numbers: int, n_words: int) -> None:
         self._n_numbers, self._n_words = n_numbers, n_words
         self._numbers = array("d")
-        self._words: list[str] = []
+        self._words: list[Any] = []
         self._ticks = array("q")
 
     def add(self, tick: int, row: Row) -> None:
@@ -156,6 +161,10 @@ class Table:
         """One column of words."""
         return np.array(self._words[column :: self._n_words], dtype=np.str_)
 
+    def messages(self) -> list[Any]:
+        """The messages of a channel that are kept whole."""
+        return self._words
+
     def _columns(self) -> Floats:
         return np.frombuffer(self._numbers, dtype=np.float64).reshape(-1, self._n_numbers)
 
@@ -168,6 +177,8 @@ class Records:
         self.tables = {topic: Table(*counts) for topic, (_, *counts) in ROWS.items()}
         self.run: dict[str, str] | None = None
         self.end: dict[str, str] | None = None
+        self.zero_ns: int | None = None
+        """Time of the messages at loop time zero, ns."""
         self.scenes: dict[str, dict[str, str]] = {}
         self.attachments: dict[str, bytes] = {}
         self.is_whole = False
@@ -197,7 +208,10 @@ class Records:
                 if (reader := self._readers.get(record.channel_id)) is not None:
                     topic, decode = reader
                     keep, *_ = ROWS[topic]
-                    self.tables[topic].add(record.sequence, keep(decode(record.data)))
+                    message = decode(record.data)
+                    self.tables[topic].add(record.sequence, keep(message))
+                    if topic == TIMING and self.zero_ns is None:
+                        self.zero_ns = record.log_time - message.time_ns
             case Schema():
                 self._schemas[record.id] = record
             case Channel():
