@@ -38,7 +38,8 @@ const NO_WORLD: &str =
 /// Arguments of what is published.
 #[derive(Debug, clap::Args)]
 pub(crate) struct PublishArgs {
-    /// Publish the run: topics of ROS 2 (rmw_zenoh) under this namespace, and hapticd/NAMESPACE/state for other viewers. Without --listen and
+    /// Publish the run: topics of ROS 2 (rmw_zenoh) under this namespace, and hapticd/NAMESPACE/state for other viewers; the hand of a simulated
+    /// arm takes poses from tool/servo_cp and hapticd/NAMESPACE/hand. Without --listen and
     /// --connect those of this machine find it at udp/127.0.0.1:7447.
     #[arg(long, help_heading = HEADING, value_name = "NAMESPACE", num_args = 0..=1, default_missing_value = "hapticd")]
     publish: Option<Namespace>,
