@@ -20,6 +20,9 @@ const HEAD_BYTES: usize = 32;
 const SAMPLE_BYTES: usize = 20;
 /// Samples on a page: 2 MB.
 const MOST_SAMPLES: usize = 100_000;
+/// A sample's own spacing is told in parts of the mean one, and at most what seven bits hold.
+const SPACING_PARTS: f32 = 32.0;
+const MOST_PARTS: f32 = 127.0;
 /// By how much cells grow until few enough samples are left.
 const GROWTH: f64 = 1.15;
 
@@ -109,6 +112,12 @@ fn encoded(view: &ClayView, most: usize) -> Vec<u8> {
     bytes.extend((points.len() as u32).to_le_bytes());
     bytes.extend(((view.spacing_m * spread) as f32).to_le_bytes());
     bytes.extend([0; 4]);
+    // What is thinned out is even; what a stroke moves may be farther apart than it was.
+    let least_parts = if kept.is_some() || view.is_stroke { SPACING_PARTS } else { 1.0 };
+    let parts = |sample: usize| {
+        let share = view.spacings_m.get(sample).copied().unwrap_or(view.spacing_m as f32) / view.spacing_m as f32;
+        if share.is_finite() { (SPACING_PARTS * share).round().clamp(least_parts, MOST_PARTS) as u8 } else { 0 }
+    };
     let mut write = |sample: usize| {
         let (Some(position), Some(normal), Some(color)) =
             (points.positions_map.get(sample), points.normals_map.get(sample), points.colors.get(sample))
@@ -119,7 +128,7 @@ fn encoded(view: &ClayView, most: usize) -> Vec<u8> {
             bytes.extend(coordinate.to_le_bytes());
         }
         bytes.extend((*normal * 127.0).round().to_array().map(|part| part as i8 as u8));
-        bytes.push(0);
+        bytes.push(parts(sample));
         bytes.extend(color);
         bytes.push(0);
     };
@@ -186,6 +195,16 @@ mod tests {
             assert!(normal.distance(view.points.normals_map[n]) < 0.01, "{n}: {normal}");
             assert_eq!(bytes[at + 16..at + 19], [(n % 256) as u8, 7, 255], "{n}");
         }
+    }
+
+    #[test]
+    fn the_spacing_around_each_sample_is_told_in_parts_of_the_mean_one() {
+        let mut view = view_of(ball(6), 1);
+        view.spacings_m = [1e-3, 0.25e-3, 2e-3, 9e-3, 0.0].into();
+        let told = |view: &ClayView| (0..6).map(|n| encoded(view, 6)[HEAD_BYTES + n * SAMPLE_BYTES + 15]).collect::<Vec<_>>();
+        assert_eq!(told(&view), [32, 8, 64, 127, 1, 32], "the last one has none");
+        view.is_stroke = true;
+        assert_eq!(told(&view), [32, 32, 64, 127, 32, 32]);
     }
 
     #[test]
