@@ -15,7 +15,9 @@ uniform usampler2D samples;
 uniform mat4 model;
 uniform mat4 projection;
 uniform vec4 cut;
-uniform float radius;
+uniform float overlap;
+uniform float spacing;
+uniform float unit;
 uniform float least;
 uniform float lift;
 out vec2 place;
@@ -39,7 +41,7 @@ void main() {
   vec3 u = normalize(cross(abs(n.z) < 0.9 ? vec3(0.0, 0.0, 1.0) : vec3(1.0, 0.0, 0.0), n));
   uint parts = words[3] >> 24;
   // From far away a disc still covers the pixel that it is in.
-  float reach = max(radius * (parts > 0u ? float(parts) / 32.0 : 1.0), -least * p.z);
+  float reach = max(overlap * (parts > 0u ? float(parts) * unit : spacing), -least * p.z);
   // The triangle around a circle.
   int corner = gl_VertexID % 3;
   place = corner == 0 ? vec2(0.0, 2.0) : vec2(corner == 1 ? -1.7320508 : 1.7320508, -1.0);

@@ -19,8 +19,8 @@ export const LOOKS = ["lit", "wax", "metal"];
 /** Radius of a disc in distances between samples: what hides what is behind, and what is blended. Discs overlap, also where samples are not even. */
 const HIDES = 0.95;
 const BLENDS = 1.5;
-/** A disc is at most so many times as large as the mean one: what seven bits hold. */
-const MOST_SPACINGS = 127 / 32;
+/** A disc is at most so many times as large as the mean one. */
+const MOST_SPACINGS = 8;
 /** Discs so near to the nearest one, in distances between samples, belong to the same surface. */
 const SAME = 1;
 /** A disc has at least this radius, pixels. */
@@ -57,7 +57,7 @@ export class SplatSurface {
 
   /**
    * @param {import("./draw.js").Draw} draw
-   * @param {{texture: WebGLTexture, n: number, spacing: number, radius: number, corners: number[][], version: number}} samples `radius` and `corners`
+   * @param {{texture: WebGLTexture, n: number, spacing: number, unit: number, radius: number, corners: number[][], version: number}} samples `radius` and `corners`
    *   (world) of the box around all of them, m
    * @param {Float32Array} model world from their frame
    * @param {number} opacity
@@ -108,13 +108,15 @@ export class SplatSurface {
     gl.activeTexture(gl.TEXTURE0);
     gl.bindTexture(gl.TEXTURE_2D, samples.texture);
     const view = multiply(frame.view, model);
-    const discs = ({ program, at }, radius, lift) => {
+    const discs = ({ program, at }, overlap, lift) => {
       gl.useProgram(program);
       gl.uniformMatrix4fv(at.model, false, view);
       gl.uniformMatrix4fv(at.projection, false, frame.projection);
       gl.uniform4fv(at.cut, cut);
-      gl.uniform1f(at.radius, radius * samples.spacing);
-      gl.uniform1f(at.least, (2 * LEAST_PX * radius) / (size[1] * frame.projection[5]));
+      gl.uniform1f(at.overlap, overlap);
+      gl.uniform1f(at.spacing, samples.spacing);
+      gl.uniform1f(at.unit, samples.unit);
+      gl.uniform1f(at.least, (2 * LEAST_PX * overlap) / (size[1] * frame.projection[5]));
       gl.uniform1f(at.lift, lift * samples.spacing);
       // Eight bits: discs that overlap must not be more than full.
       gl.uniform1f(at.share, this.hasFloats ? 1 : 1 / 8);

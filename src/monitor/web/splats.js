@@ -6,7 +6,8 @@
  * @property {number} n how many came
  * @property {number} nAll how many the piece has
  * @property {number} spacing between those that came, m
- * @property {Uint8Array} bytes 20 for each: position 3 × f32 (map frame, m), normal 3 × i8, spacing around it u8 (32: as `spacing`), colour 3 × u8 and filling
+ * @property {number} unit of the spacing around each of them, m
+ * @property {Uint8Array} bytes 20 for each: position 3 × f32 (map frame, m), normal 3 × i8, spacing around it u8 (0: as `spacing`), colour 3 × u8 and filling
  */
 
 import { add, cornersOf, length, matrixAlong, matrixOfPose, multiply, scale, subtract, transform } from "./math.js";
@@ -44,6 +45,7 @@ export function parseSamples(buffer) {
     n,
     nAll: head.getUint32(20, true),
     spacing: head.getFloat32(24, true),
+    unit: head.getFloat32(28, true),
     bytes: new Uint8Array(buffer, HEAD_BYTES, n * SAMPLE_BYTES),
   };
 }
@@ -142,8 +144,8 @@ export class Splats {
   /** @param {import("./draw.js").Draw} draw @param {number} opacity below 1: only the nearest surface, blended */
   drawSurface(draw, opacity) {
     if (!this.samples?.n) return;
-    const { texture, radius, corners, shapes: version, samples: { n, spacing } } = this;
-    this.surface.show(draw, { texture, n, spacing, radius, corners, version }, matrixOfPose(this.pose), opacity);
+    const { texture, radius, corners, shapes: version, samples: { n, spacing, unit } } = this;
+    this.surface.show(draw, { texture, n, spacing, unit, radius, corners, version }, matrixOfPose(this.pose), opacity);
   }
 
   /** @param {(model: Float32Array, color: number[], opacity: number) => void} use takes the program of lines */
