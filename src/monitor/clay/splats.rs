@@ -20,6 +20,8 @@ const HEAD_BYTES: usize = 32;
 const SAMPLE_BYTES: usize = 20;
 /// Samples on a page: 2 MB.
 const MOST_SAMPLES: usize = 100_000;
+/// The spacing around each sample is told in units of which the mean one has this many, or up to twice as many.
+const MEAN_PARTS: f64 = 32.0;
 /// By how much cells grow until few enough samples are left.
 const GROWTH: f64 = 1.15;
 
@@ -100,15 +102,23 @@ fn encoded(view: &ClayView, most: usize) -> Vec<u8> {
     let points = &*view.points;
     let kept = thinned(points, view.spacing_m, most);
     let n_kept = kept.as_ref().map_or(points.len(), Vec::len);
-    let spread = (points.len() as f64 / n_kept.max(1) as f64).sqrt();
+    let spacing_m = view.spacing_m * (points.len() as f64 / n_kept.max(1) as f64).sqrt();
+    // A power of two: where the mean changes a little, no sample is told anew.
+    let unit_m = if spacing_m.is_normal() { spacing_m.log2().floor().exp2() / MEAN_PARTS } else { 0.0 };
     let mut bytes = Vec::with_capacity(HEAD_BYTES + SAMPLE_BYTES * n_kept);
     bytes.extend(b"HCLY");
     bytes.extend(FORMAT.to_le_bytes());
     bytes.extend(view.version.to_le_bytes());
     bytes.extend((n_kept as u32).to_le_bytes());
     bytes.extend((points.len() as u32).to_le_bytes());
-    bytes.extend(((view.spacing_m * spread) as f32).to_le_bytes());
-    bytes.extend([0; 4]);
+    bytes.extend((spacing_m as f32).to_le_bytes());
+    bytes.extend((unit_m as f32).to_le_bytes());
+    // What is thinned out is even; what a stroke moves may be farther apart than it was.
+    let least = if kept.is_some() || view.is_stroke { (spacing_m / unit_m).round() } else { 1.0 };
+    let parts = |sample: usize| {
+        let parts = view.spacings_m.get(sample).map_or(spacing_m, |spacing_m| f64::from(*spacing_m)) / unit_m;
+        if parts.is_finite() { parts.round().clamp(least, 255.0) as u8 } else { 0 }
+    };
     let mut write = |sample: usize| {
         let (Some(position), Some(normal), Some(color)) =
             (points.positions_map.get(sample), points.normals_map.get(sample), points.colors.get(sample))
@@ -119,7 +129,7 @@ fn encoded(view: &ClayView, most: usize) -> Vec<u8> {
             bytes.extend(coordinate.to_le_bytes());
         }
         bytes.extend((*normal * 127.0).round().to_array().map(|part| part as i8 as u8));
-        bytes.push(0);
+        bytes.push(parts(sample));
         bytes.extend(color);
         bytes.push(0);
     };
@@ -186,6 +196,20 @@ mod tests {
             assert!(normal.distance(view.points.normals_map[n]) < 0.01, "{n}: {normal}");
             assert_eq!(bytes[at + 16..at + 19], [(n % 256) as u8, 7, 255], "{n}");
         }
+    }
+
+    #[test]
+    fn the_spacing_around_each_sample_is_told_in_a_unit_that_rarely_changes() {
+        let mut view = view_of(ball(6), 1);
+        view.spacings_m = [1e-3, 0.25e-3, 2e-3, 9e-3, 0.0].into();
+        let told = |view: &ClayView| (0..6).map(|n| encoded(view, 6)[HEAD_BYTES + n * SAMPLE_BYTES + 15]).collect::<Vec<_>>();
+        let unit_m = |view: &ClayView| f32::from_bits(word(&encoded(view, 6), 28));
+        // 1 mm is 32.768 of 2⁻¹⁵ m; the last sample has no spacing of its own.
+        assert_eq!((unit_m(&view), told(&view)), (2.0_f32.powi(-15), vec![33, 8, 66, 255, 1, 33]));
+        view.spacing_m = 1.2e-3;
+        assert_eq!((unit_m(&view), told(&view)[..5].to_vec()), (2.0_f32.powi(-15), vec![33, 8, 66, 255, 1]));
+        view.is_stroke = true;
+        assert_eq!(told(&view), [39, 39, 66, 255, 39, 39]);
     }
 
     #[test]

@@ -18,6 +18,7 @@ use rt::control::Control;
 pub(super) fn view_of(points: PointSet, version: u64) -> ClayView {
     ClayView {
         version,
+        spacings_m: vec![1e-3; points.len()].into(),
         points: Arc::new(points),
         spacing_m: 1e-3,
         region_map: (DVec3::splat(-0.02), DVec3::splat(0.02)),

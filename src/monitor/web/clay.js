@@ -8,6 +8,7 @@
  */
 
 import { byId, element, say, words } from "./element.js";
+import { Look } from "./look.js";
 import { Material } from "./material.js";
 import { Row } from "./parameters.js";
 import { parseSamples } from "./splats.js";
@@ -70,6 +71,8 @@ export class Clay {
     byId("clay-falloff").onchange = ({ target }) => this.#take({ falloff: target.value });
     byId("clay-color").onchange = ({ target }) => this.#take({ color: target.value });
     byId("clay-sharp").onchange = ({ target }) => this.#take({ is_sharp: target.checked });
+    if (view) new Look(view);
+    else byId("clay-look").disabled = true;
     byId("clay-undo").onclick = () => this.#do("clay_undo");
     byId("clay-redo").onclick = () => this.#do("clay_redo");
     byId("clay-save").onsubmit = (event) => this.#save(event);

@@ -15,7 +15,7 @@ export const AXES_SIZE = 92;
 const IDENTITY = matrixOfPose({ p: [0, 0, 0], q: [0, 0, 0, 1] });
 
 /** @typedef {{vao: WebGLVertexArrayObject, n: number, buffers: WebGLBuffer[], tints: WebGLBuffer=}} Drawn positions on the graphics card */
-/** @typedef {{viewProjection: Float32Array, stretch: number, eye: number[], light: number[]}} Frame from where a picture is taken */
+/** @typedef {{view: Float32Array, projection: Float32Array, viewProjection: Float32Array, stretch: number, eye: number[], light: number[]}} Frame from where a picture is taken */
 
 export class Draw {
   /** @param {HTMLCanvasElement} canvas */

@@ -58,7 +58,7 @@ export class SceneView {
     this.isSeeThrough = false;
     /** A click takes a point of a part: whatever else a pointer does to the tool is left out meanwhile. */
     this.isPicking = false;
-    this.clay = new Splats();
+    this.clay = new Splats(() => this.redraw());
     /** Box around all parts and clay, world, m. */
     this.box = this.camera.subject;
     /** What other modules add to the picture. @type {Addition[]} */
@@ -256,8 +256,11 @@ export class SceneView {
     const backward = camera.backward;
     const right = normalize(cross([0, 0, 1], backward));
     const projection = camera.projection(width / Math.max(1, height));
+    const { view } = camera;
     draw.begin(width, height, {
-      viewProjection: multiply(projection, camera.view),
+      view,
+      projection,
+      viewProjection: multiply(projection, view),
       // Half heights of the picture per unit at distance 1.
       stretch: projection[5],
       eye: camera.eye,
@@ -296,12 +299,12 @@ export class SceneView {
     this.#drawBrush();
     this.#drawWrench();
     for (const addition of this.additions) addition.over?.(draw, ratio);
-    draw.axes(camera.view, backward, ["axis-x", "axis-y", "axis-z"].map((name) => colors[name]), ratio);
+    draw.axes(view, backward, ["axis-x", "axis-y", "axis-z"].map((name) => colors[name]), ratio);
   }
 
   #drawClay(opacity) {
     this.draw.cut = this.cutOf("clay");
-    this.clay.drawDiscs((model, opacity) => this.draw.use(this.draw.programs.splat, model, this.colors.part, opacity), opacity);
+    this.clay.drawSurface(this.draw, opacity);
     this.draw.cut = null;
     this.clay.drawRegion((...how) => this.draw.use(this.draw.programs.line, ...how), this.colors.grid);
   }

@@ -1,5 +1,5 @@
 /**
- * The programs of the graphics card. Those of parts and clay have a variant `cut` besides, which leaves out what lies beyond a plane. All take `view_projection`
+ * The programs of the graphics card. Those of parts have a variant `cut` besides, which leaves out what lies beyond a plane. All take `view_projection`
  * (of world) and `model` (world from the mesh's frame).
  */
 
@@ -152,70 +152,18 @@ void main() {
 };
 
 /**
- * Discs across the normals of samples, lit like faces, each in one shade of its sample's colour: there are many, and each covers little.
- * `color` has only an opacity. Backs are not drawn.
- */
-const SPLAT = {
-  vertex: `
-layout(location = 0) in vec2 corner;
-layout(location = 1) in vec3 center;
-layout(location = 2) in vec4 normal;
-layout(location = 3) in vec4 tint;
-uniform mat4 view_projection;
-uniform mat4 model;
-uniform vec3 eye;
-uniform vec3 light;
-uniform float radius;
-out vec2 place;
-out float push;
-flat out vec3 shade;
-out vec3 position_world;
-void main() {
-  vec3 n = normalize(normal.xyz);
-  vec3 u = normalize(cross(abs(n.z) < 0.9 ? vec3(0.0, 0.0, 1.0) : vec3(1.0, 0.0, 0.0), n));
-  vec4 p = model * vec4(center + radius * (corner.x * u + corner.y * cross(n, u)), 1.0);
-  vec3 n_world = mat3(model) * n;
-  vec3 to_eye = normalize(eye - p.xyz);
-  float sky = 0.5 + 0.5 * n_world.z;
-  float lit = max(dot(n_world, light), 0.0);
-  float gloss = pow(max(dot(reflect(-light, n_world), to_eye), 0.0), 24.0);
-  shade = tint.rgb * (0.42 + 0.2 * sky + 0.45 * lit) + 0.05 * gloss;
-  place = corner;
-  position_world = p.xyz;
-  // Some of the back is left: the normals of a rim are not quite right.
-  gl_Position = dot(n_world, to_eye) < -0.15 ? vec4(0.0, 0.0, 2.0, 1.0) : view_projection * p;
-  vec4 behind = view_projection * vec4(p.xyz - 0.5 * radius * to_eye, 1.0);
-  push = 0.5 * (behind.z / behind.w - gl_Position.z / gl_Position.w);
-}`,
-  fragment: `
-in vec2 place;
-in float push;
-flat in vec3 shade;
-in vec3 position_world;
-uniform vec4 color;
-out vec4 pixel;
-void main() {
-  LEAVE_OUT
-  float off = dot(place, place);
-  if (off > 1.0) discard;
-  // Rims lie further back: of discs that overlap the nearest to its middle is seen.
-  gl_FragDepth = gl_FragCoord.z + off * push;
-  pixel = vec4(shade, color.a);
-}`,
-};
-
-/**
  * @param {WebGL2RenderingContext} gl
- * @returns {{surface: Program, line: Program, cap: Program, grid: Program, point: Program, splat: Program}}
+ * @returns {{surface: Program, line: Program, cap: Program, grid: Program, point: Program}}
  * @typedef {{program: WebGLProgram, at: Object<string, WebGLUniformLocation>, cut: ?Program}} Program
  */
 export function compile(gl) {
   const both = (source) => ({ ...link(gl, source), cut: link(gl, source, CUT) });
   const whole = (source) => link(gl, source);
-  return { surface: both(SURFACE), line: both(LINE), cap: whole(CAP), grid: whole(GRID), point: whole(POINT), splat: both(SPLAT) };
+  return { surface: both(SURFACE), line: both(LINE), cap: whole(CAP), grid: whole(GRID), point: whole(POINT) };
 }
 
-function link(gl, source, head = WHOLE) {
+/** @param {WebGL2RenderingContext} gl @param {{vertex: string, fragment: string}} source @returns {Program} */
+export function link(gl, source, head = WHOLE) {
   const program = gl.createProgram();
   for (const [type, text] of [[gl.VERTEX_SHADER, source.vertex], [gl.FRAGMENT_SHADER, source.fragment]]) {
     const shader = gl.createShader(type);

@@ -1,22 +1,25 @@
 /**
- * Clay in the 3-D view: a disc for each sample, across its normal and as large as samples are apart; a thin box around what deforms; the
- * brush as a ring around the tool.
+ * Clay in the 3-D view: the surface of its samples; a thin box around what deforms; the brush as a ring around the tool.
  *
  * @typedef {object} Samples
  * @property {number} version of the piece
  * @property {number} n how many came
  * @property {number} nAll how many the piece has
  * @property {number} spacing between those that came, m
- * @property {Uint8Array} bytes 20 for each: position 3 × f32 (map frame, m), normal 3 × i8 and filling, colour 3 × u8 and filling
+ * @property {number} unit of the spacing around each of them, m
+ * @property {Uint8Array} bytes 20 for each: position 3 × f32 (map frame, m), normal 3 × i8, spacing around it u8 (0: as `spacing`), colour 3 × u8 and filling
  */
 
-import { add, cornersOf, matrixAlong, matrixOfPose, multiply, scale, subtract, transform } from "./math.js";
+import { add, cornersOf, length, matrixAlong, matrixOfPose, multiply, scale, subtract, transform } from "./math.js";
 import { ring } from "./shapes.js";
+import { SplatSurface } from "./splat-surface.js";
 
 const HEAD_BYTES = 32;
 const SAMPLE_BYTES = 20;
-/** Radius of a disc in distances between samples: discs of neighbours overlap, also where samples are not quite even. */
-const DISC_SPACINGS = 1;
+/** Words of 32 bits in a row of the texture of samples: 512 of them. */
+const ROW = (512 * SAMPLE_BYTES) / 4;
+/** A texture has room for so many times the samples that there are: strokes add some. */
+const ROOM = 1.25;
 /** Widths of the ring as shares of its radius, and how many pixels it has at least. */
 const RINGS = [0.01, 0.02, 0.04, 0.08];
 const RING_PIXELS = 1.5;
@@ -42,35 +45,34 @@ export function parseSamples(buffer) {
     n,
     nAll: head.getUint32(20, true),
     spacing: head.getFloat32(24, true),
+    unit: head.getFloat32(28, true),
     bytes: new Uint8Array(buffer, HEAD_BYTES, n * SAMPLE_BYTES),
   };
 }
 
 export class Splats {
-  constructor() {
+  /** @param {() => void} redraw called when there is a finer picture of what stands still */
+  constructor(redraw) {
+    this.surface = new SplatSurface(redraw);
+    /** Counts shapes, also of other scenes. */
+    this.shapes = 0;
     this.clear();
   }
 
   /** Buffers on a graphics card that knows nothing, or nothing any more. @param {WebGL2RenderingContext} gl */
   prepare(gl) {
     this.gl = gl;
-    this.vao = gl.createVertexArray();
-    gl.bindVertexArray(this.vao);
-    this.#fill(new Float32Array([-1, -1, 1, -1, -1, 1, 1, 1]));
-    this.#attribute(0, 2, gl.FLOAT, 0, 0);
-    this.buffer = this.#fill(new Uint8Array(0));
-    [[1, 3, gl.FLOAT, 0], [2, 4, gl.BYTE, 12], [3, 4, gl.UNSIGNED_BYTE, 16]].forEach(([place, size, type, offset]) => {
-      this.#attribute(place, size, type, SAMPLE_BYTES, offset);
-      gl.vertexAttribDivisor(place, 1);
-    });
+    this.surface.prepare(gl);
+    this.texture = null;
     [this.box, ...this.rings] = [new Float32Array(CUBE), ...RINGS.map(ring)].map((positions) => {
       const vao = gl.createVertexArray();
       gl.bindVertexArray(vao);
       this.#fill(positions);
-      this.#attribute(0, 3, gl.FLOAT, 0, 0);
+      gl.enableVertexAttribArray(0);
+      gl.vertexAttribPointer(0, 3, gl.FLOAT, false, 0, 0);
       return { vao, n: positions.length / 3 };
     });
-    if (this.samples) this.#upload();
+    if (this.samples) this.#upload(null);
   }
 
   #fill(data) {
@@ -81,16 +83,29 @@ export class Splats {
     return buffer;
   }
 
-  #attribute(place, size, type, stride, offset) {
+  /** Sends samples to the graphics card, in rows of ROW; those of a stroke are few of many, so only rows that differ from what it has. @param {?Samples} before */
+  #upload(before) {
     const { gl } = this;
-    gl.enableVertexAttribArray(place);
-    gl.vertexAttribPointer(place, size, type, type !== gl.FLOAT, stride, offset);
+    const [old, now] = [before, this.samples].map((samples) => samples && words(samples));
+    const nRows = Math.max(1, Math.ceil(now.length / ROW));
+    const isAnother = !this.texture || this.nRows < nRows;
+    if (isAnother) this.#allocate(Math.ceil(ROOM * nRows));
+    gl.bindTexture(gl.TEXTURE_2D, this.texture);
+    for (let begin = 0; begin < now.length; begin += ROW) {
+      const end = Math.min(begin + ROW, now.length);
+      if (!isAnother && old && end <= old.length && !differs(old, now, begin, end)) continue;
+      gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, begin / ROW, end - begin, 1, gl.RED_INTEGER, gl.UNSIGNED_INT, now, begin);
+    }
   }
 
-  #upload() {
+  #allocate(nRows) {
     const { gl } = this;
-    gl.bindBuffer(gl.ARRAY_BUFFER, this.buffer);
-    gl.bufferData(gl.ARRAY_BUFFER, this.samples.bytes, gl.DYNAMIC_DRAW);
+    gl.deleteTexture(this.texture);
+    this.texture = gl.createTexture();
+    this.nRows = nRows;
+    gl.bindTexture(gl.TEXTURE_2D, this.texture);
+    gl.texStorage2D(gl.TEXTURE_2D, 1, gl.R32UI, ROW, nRows);
+    for (const name of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, name, gl.NEAREST);
   }
 
   /** There is none. */
@@ -109,8 +124,10 @@ export class Splats {
 
   /** @param {Samples} samples */
   take(samples) {
+    const before = this.samples;
     this.samples = samples;
-    this.#upload();
+    this.shapes += 1;
+    this.#upload(before);
     const min = [Infinity, Infinity, Infinity];
     const max = [-Infinity, -Infinity, -Infinity];
     const numbers = new Float32Array(samples.bytes.buffer, samples.bytes.byteOffset, samples.bytes.byteLength / 4);
@@ -121,25 +138,14 @@ export class Splats {
       }
     }
     this.corners = samples.n > 0 ? cornersOf({ min, max }).map((corner) => transform(this.pose, corner)) : [];
+    this.radius = length(subtract(max, min)) / 2;
   }
 
-  /**
-   * @param {(model: Float32Array, opacity: number) => object} use takes the program of discs, and gives the places of its parameters
-   * @param {number} opacity below 1: only the nearest surface, blended
-   */
-  drawDiscs(use, opacity) {
+  /** @param {import("./draw.js").Draw} draw @param {number} opacity below 1: only the nearest surface, blended */
+  drawSurface(draw, opacity) {
     if (!this.samples?.n) return;
-    const { gl } = this;
-    const at = use(matrixOfPose(this.pose), opacity);
-    gl.uniform1f(at.radius, DISC_SPACINGS * this.samples.spacing);
-    gl.bindVertexArray(this.vao);
-    const draw = () => gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, this.samples.n);
-    if (opacity < 1) {
-      gl.colorMask(false, false, false, false);
-      draw();
-      gl.colorMask(true, true, true, true);
-    }
-    draw();
+    const { texture, radius, corners, shapes: version, samples: { n, spacing, unit } } = this;
+    this.surface.show(draw, { texture, n, spacing, unit, radius, corners, version }, matrixOfPose(this.pose), opacity);
   }
 
   /** @param {(model: Float32Array, color: number[], opacity: number) => void} use takes the program of lines */
@@ -169,4 +175,11 @@ export class Splats {
     this.gl.bindVertexArray(ring.vao);
     this.gl.drawArrays(this.gl.TRIANGLE_STRIP, 0, ring.n);
   }
+}
+
+const words = ({ bytes }) => new Uint32Array(bytes.buffer, bytes.byteOffset, bytes.byteLength / 4);
+
+function differs(a, b, begin, end) {
+  for (let n = begin; n < end; n += 1) if (a[n] !== b[n]) return true;
+  return false;
 }

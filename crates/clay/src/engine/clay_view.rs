@@ -16,6 +16,8 @@ pub struct ClayView {
     pub version: u64,
     /// The samples, those of a stroke under way among them, map frame.
     pub points: Arc<PointSet>,
+    /// How far apart samples are around each of them, m: those of the last stroke that ended. Samples that a stroke under way adds have none, and come last.
+    pub spacings_m: Arc<[f32]>,
     /// Mean distance of neighbouring samples, m: discs of this diameter cover the surface.
     pub spacing_m: f64,
     /// Lowest and highest corner of the region that deforms, map frame, m.

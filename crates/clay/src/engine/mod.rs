@@ -50,7 +50,7 @@ pub struct SculptEngine {
     /// Of the points that were shown last.
     version: u64,
     /// As they were copied last; `None`: never.
-    shown: Option<Arc<PointSet>>,
+    shown: Option<(Arc<PointSet>, Arc<[f32]>)>,
     /// They have changed since.
     is_outdated: bool,
     /// Strokes, and strokes to be taken back and done again, when a session was saved last.
@@ -200,7 +200,8 @@ impl SculptEngine {
     pub fn copy_samples(&mut self) {
         if core::mem::take(&mut self.is_outdated) || self.shown.is_none() {
             self.version += 1;
-            self.shown = Some(Arc::new(self.model.points().clone()));
+            let spacings_m = self.model.surface().spacings_m().iter().map(|spacing_m| *spacing_m as f32).collect();
+            self.shown = Some((Arc::new(self.model.points().clone()), spacings_m));
         }
     }
 
@@ -211,11 +212,12 @@ impl SculptEngine {
         if self.shown.is_none() || !self.model.is_stroke() {
             self.copy_samples();
         }
-        let points = self.shown.clone().unwrap_or_default();
+        let (points, spacings_m) = self.shown.clone().unwrap_or_default();
         let (n_undo, n_redo) = self.model.history();
         ClayView {
             version: self.version,
             points,
+            spacings_m,
             spacing_m: self.model.surface().spacing_m(),
             region_map: self.model.region_map(),
             tool: self.tool.clone(),
