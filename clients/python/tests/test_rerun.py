@@ -53,20 +53,31 @@ class Rrd:
         self.blueprint = list(reader.stream(store=blueprint).to_chunks())
         self.paths = {chunk.entity_path for chunk in self.chunks}
 
+    def _found(self, path: str, name: str) -> list[tuple[np.ndarray, Any]]:
+        """Ticks and values of a column in each chunk that has it."""
+        batches = [(chunk, chunk.to_record_batch()) for chunk in self.chunks if chunk.entity_path == path]
+        found = [(chunk, batch) for chunk, batch in batches if name in batch.schema.names]
+        assert found, (path, name)
+        return [
+            (np.full(chunk.num_rows, -1) if chunk.is_static else batch.column("tick").to_numpy(), batch.column(name)) for chunk, batch in found
+        ]
+
     def column(self, path: str, name: str) -> list[Any]:
         """A column of an entity, ordered by tick; times as whole numbers."""
-        found: list[tuple[int, Any]] = []
-        for chunk in self.chunks:
-            batch = chunk.to_record_batch()
-            if chunk.entity_path == path and name in batch.schema.names:
-                values = batch.column(name)
-                values = values.to_pylist() if ":" in name else values.cast("int64").to_pylist()
-                found += zip([-1] * len(values) if chunk.is_static else batch.column("tick").to_pylist(), values)
-        assert found, (path, name)
-        return [value for _, value in sorted(found, key=lambda row: row[0])]
+        rows: list[tuple[int, Any]] = []
+        for ticks, values in self._found(path, name):
+            rows += zip(ticks.tolist(), values.to_pylist() if ":" in name else values.cast("int64").to_pylist())
+        return [value for _, value in sorted(rows, key=lambda row: row[0])]
 
     def array(self, path: str, name: str) -> np.ndarray:
-        return np.array(self.column(path, name)).reshape(len(self.column(path, name)), -1)
+        """Numbers of a column of an entity, ordered by tick, a row for each."""
+        ticks, rows = [], []
+        for of_chunk, values in self._found(path, name):
+            ticks.append(of_chunk)
+            while "list" in str(values.type):
+                values = values.flatten()
+            rows.append(values.to_numpy().reshape(len(of_chunk), -1))
+        return np.vstack(rows)[np.argsort(np.concatenate(ticks), kind="stable")]
 
     def shown(self) -> str:
         """Everything that the blueprint says, as one text."""
