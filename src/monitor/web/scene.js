@@ -7,6 +7,7 @@
 import { OrbitCamera } from "./camera.js";
 import { onChange, rgb } from "./colors.js";
 import { AXES_SIZE, Draw, MOST_DOTS } from "./draw.js";
+import { oncePerFrame } from "./frame.js";
 import { add, ceilTo125, cornersOf, cross, isFinite3, length, matrixOfPose, multiply, normalize, scale, subtract, transform } from "./math.js";
 import { Splats } from "./splats.js";
 
@@ -32,6 +33,13 @@ const LEAST_TORQUE_SCALE = 0.005;
 /** @typedef {{pose: Pose, role: "static"|"tool", idx: number, mesh: import("./mesh.js").Mesh, faces: object, lines: object}} Part */
 
 export class SceneView {
+  redraw = oncePerFrame(() => {
+    if (this.draw.gl.isContextLost() || this.canvas.clientWidth === 0) return;
+    this.#drawAll();
+    this.onDrawn();
+    for (const addition of this.additions) addition.drawn?.();
+  });
+
   /**
    * @param {HTMLCanvasElement} canvas
    * @param {(facts: {grid_m: number, force_n: number, torque_nm: number}) => void} scaled called when a scale of the picture changes
@@ -63,7 +71,6 @@ export class SceneView {
     this.box = this.camera.subject;
     /** What other modules add to the picture. @type {Addition[]} */
     this.additions = [];
-    this.isDirty = false;
     this.draw = new Draw(canvas);
     this.clay.prepare(this.draw.gl);
     this.#readColors();
@@ -164,18 +171,6 @@ export class SceneView {
   seeThrough(isSeeThrough) {
     this.isSeeThrough = isSeeThrough;
     this.redraw();
-  }
-
-  redraw() {
-    if (this.isDirty) return;
-    this.isDirty = true;
-    requestAnimationFrame(() => {
-      this.isDirty = false;
-      if (this.draw.gl.isContextLost() || this.canvas.clientWidth === 0) return;
-      this.#drawAll();
-      this.onDrawn();
-      for (const addition of this.additions) addition.drawn?.();
-    });
   }
 
   /** Draws at once; what is drawn can be read from the canvas until the caller returns to the browser. */
