@@ -125,6 +125,87 @@ class ViewTest(PageCase):
         self.assertEqual(cut(), 0)
         self.assertTrue(page.run("document.querySelector('#section-box').hidden"))
 
+    def handle(self, page):
+        """Middle of the handle of the section plane in the window, and its direction there."""
+        page.wait(DRAWN)
+        return page.run(
+            """(() => {
+              const handle = document.querySelector('#section-handle');
+              const { a, b, e, f } = handle.getScreenCTM();
+              return [[e, f], [a / Math.hypot(a, b), b / Math.hypot(a, b)]];
+            })()"""
+        )
+
+    def test_the_handle_moves_the_plane(self):
+        """By mouse and by finger, as far as the cursor goes along it, and the view stays as it is."""
+        for name in ("desktop-dark", "phone"):
+            with self.subTest(name):
+                _, page = self.open_block(**SCREENS[name])
+                self.assertEqual(page.run("getComputedStyle(document.querySelector('#section-handle')).display"), "none")
+                page.click("#section")
+                before, way = self.handle(page)
+                place = lambda: float(page.run("document.querySelector('#section-place').value"))
+                self.assertAlmostEqual(place(), 0, places=2)
+                tips = "[...document.querySelectorAll('.axes span')].map((tip) => tip.style.cssText)"
+                stood = page.run(tips)
+                # Away from the line of the handle, which takes of the way what is along it.
+                goal = [before[0] + 50 * way[0] - 8 * way[1], before[1] + 50 * way[1] + 8 * way[0]]
+                middle = [(a + b) / 2 for a, b in zip(before, goal)]
+                if name == "phone":
+                    page.touch("Start", before)
+                    page.touch("Move", middle)
+                    page.touch("Move", goal)
+                else:
+                    page.call("Input.dispatchMouseEvent", type="mouseMoved", x=before[0], y=before[1])
+                    page.wait("getComputedStyle(document.querySelector('#section-handle')).opacity === '1'")
+                    page.call("Input.dispatchMouseEvent", type="mousePressed", x=before[0], y=before[1], button="left", buttons=1, clickCount=1)
+                    for x, y in (middle, goal):
+                        page.call("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y, button="left", buttons=1)
+                    self.assertEqual(page.run("getComputedStyle(document.querySelector('#section-handle')).cursor"), "grabbing")
+                after, _ = self.handle(page)
+                page.screenshot(SHOTS / f"section-handle-{name}.png")
+                self.assertAlmostEqual(after[0], before[0] + 50 * way[0], delta=2.5)
+                self.assertAlmostEqual(after[1], before[1] + 50 * way[1], delta=2.5)
+                self.assertGreater(place(), 3)
+                # No farther than the slider.
+                far = [before[0] + 900 * way[0], before[1] + 900 * way[1]]
+                if name == "phone":
+                    page.touch("Move", far)
+                    page.touch("End")
+                else:
+                    page.call("Input.dispatchMouseEvent", type="mouseMoved", x=far[0], y=far[1], button="left", buttons=1)
+                    page.call("Input.dispatchMouseEvent", type="mouseReleased", x=far[0], y=far[1], button="left", clickCount=1)
+                page.wait(DRAWN)
+                self.assertEqual(place(), 24)
+                self.assertEqual(page.run("document.querySelector('#section-slider').value"), "1000")
+                self.assertEqual(page.run(tips), stood, "the view does not turn")
+                # A drag along the line of sight would say nothing.
+                page.click("[data-view=top]")
+                page.click("#section-box [data-axis='2']")
+                page.wait("getComputedStyle(document.querySelector('#section-handle')).display === 'none'")
+
+    def test_contacts_that_are_cut_away(self):
+        """Dots are points of the tool, and go with it."""
+        run = self.run_scene("press")
+        page = self.open(run)
+        page.wait(IN_CONTACT)
+        legend = "document.querySelector('#legend-contacts').textContent"
+        page.wait(f"{legend} === 'contacts'")
+        page.click("#section")
+        page.wait(f"{legend}.endsWith(' points shown')")
+        shown, all = page.run(f"{legend}.match(/\\d+/g).map(Number)")
+        self.assertTrue(0.3 * all < shown < 0.7 * all, "the plane goes through the middle of the tool")
+        page.screenshot(SHOTS / "section-contacts.png")
+        page.click("#section-tool")
+        page.wait(f"{legend} === 'contacts'")
+        page.click("#section-tool")
+        page.wait(f"{legend}.endsWith(' points shown')")
+        # The eye is at negative y: all of the tool is on the side that is left out, then none of it.
+        self.write(page, "#section-place", "29")
+        page.wait(f"{legend}.startsWith('0 of ')")
+        page.click("#section-flip")
+        page.wait(f"{legend} === 'contacts'")
+
     def test_measuring(self):
         run, page = self.open_block()
         answer = "document.querySelector('#measure-answer').textContent"
