@@ -2,6 +2,7 @@
 
 import base64
 import json
+import re
 import struct
 import time
 import unittest
@@ -229,7 +230,7 @@ class ViewTest(PageCase):
         self.assertEqual(page.run(answer), "60.000 mm, 40.000 mm, 90.00°")
         page.press("Escape")
         page.wait(DRAWN)
-        self.assertEqual(page.run(answer), "Click a point of a part")
+        self.assertEqual(page.run(answer), "Click a first point")
         self.assertEqual(page.count_pixels("#view", "--measure"), 0)
 
         # On a face, not at a corner; and beside all parts.
@@ -239,7 +240,7 @@ class ViewTest(PageCase):
         self.click_at(page, [-0.03, 0.02, 0.01])
         self.assertRegex(page.run(answer), r"^14\.[01]\d\d mm \(x (9\.9|10\.0)\d\d, y (9\.9|10\.0)\d\d, z 0\.000 mm\)$")
         self.click_at(page, [0.0, -0.03, 0.0])
-        self.assertEqual(page.run(answer), "There is no part at that place")
+        self.assertEqual(page.run(answer), "There is nothing at that place")
 
         # What was cut away cannot be met: through the plane at z = 0 lies the cut face.
         page.press("Escape")
@@ -251,6 +252,56 @@ class ViewTest(PageCase):
         self.assertRegex(page.run(answer), r" mm \(x 0\.\d+, y (19\.9|20\.0)\d\d, z 10\.000 mm\)$")
         page.click("#measure")
         self.assertEqual(page.run("document.querySelectorAll('#measure-labels li').length"), 0)
+
+    def test_measuring_on_clay(self):
+        """Of a ball: from clay to clay, and from clay to the tool."""
+        scene = (self.folder / "clay.toml").read_text().replace('hand = "near.csv"', "")
+        (self.folder / "ball.toml").write_text(scene)
+        run = self.run_scene("ball", command="sculpt")
+        page = self.open(run)
+        page.wait("document.querySelector('#clay-facts').textContent.includes('samples')")
+        numbers = lambda: [float(x) for x in re.findall(r"[\d.]+", page.run("document.querySelector('#measure-answer').textContent"))]
+        rests = run.get("state")["tool_cp"]["p"]
+        page.click("#measure")
+        # The middle of the picture is the middle of ball and tool, 5 mm over that of the ball; the lines of sight there are those of y and x.
+        across = (15**2 - 5**2) ** 0.5
+        for view in ("front", "side"):
+            page.click(f"[data-view={view}]")
+            page.click("[data-view=fit]")
+            page.wait(DRAWN)
+            page.drag(page.middle_of("#view"), page.middle_of("#view"))
+            page.wait(DRAWN)
+        size, x, y, z = numbers()
+        self.assertAlmostEqual(size, 2**0.5 * across, delta=0.2)
+        for found, expected in ((x, across), (y, across), (z, 0)):
+            self.assertAlmostEqual(found, expected, delta=0.2)
+        page.screenshot(SHOTS / "measure-clay.png")
+        # The tool hangs with its middle 22 mm over that of the ball.
+        page.press("Escape")
+        page.drag(page.middle_of("#view"), page.middle_of("#view"))
+        at = self.middle_of_tool(page)
+        page.drag(at, at)
+        page.wait(DRAWN)
+        size, x, y, z = numbers()
+        for found, expected in ((x, across - 3), (y, 0), (z, 17)):
+            self.assertAlmostEqual(found, expected, delta=0.5)
+        self.assertLess(max(abs(a - b) for a, b in zip(rests, run.get("state")["tool_cp"]["p"])), 1e-4, "the cursor measures, and does not lead the tool")
+        # Cut away it cannot be met: behind the plane there is the far side, which does not face the eye.
+        page.press("Escape")
+        page.click("#section")
+        page.click("#section-box [data-axis='0']")
+        page.drag(page.middle_of("#view"), page.middle_of("#view"))
+        page.wait("document.querySelector('#measure-answer').textContent === 'There is nothing at that place'")
+
+    def middle_of_tool(self, page):
+        """Where the middle of the tool is in the window: handles of the hand go from 28 to 72 pixels from there."""
+        return page.run(
+            """(() => {
+              const { x, y } = document.querySelector('#view').getBoundingClientRect();
+              const [ax, bx, ay, by] = ['x1', 'x2', 'y1', 'y2'].map((name) => Number(document.querySelector('#hand-overlay [data-axis=z]').getAttribute(name)));
+              return [x + ax - (28 / 44) * (bx - ax), y + ay - (28 / 44) * (by - ay)];
+            })()"""
+        )
 
     def test_force_by_component(self):
         """An arm that stands turned in its scene: both wrenches along the axes of world, and the depth over the path of the tool."""
