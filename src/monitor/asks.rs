@@ -224,7 +224,7 @@ fn rendered(hub: &Hub) -> Result<&SessionHandle, RequestError> {
 }
 
 fn hand(hub: &Hub, order: HandOrder) -> Result<Completion, RequestError> {
-    Ok(nothing(rendered(hub)?.hand(order)?))
+    Ok(Completion::HandOrder(rendered(hub)?.hand(order)?))
 }
 
 fn switch(hub: &Arc<Hub>, scene: String, reply: Reply) {

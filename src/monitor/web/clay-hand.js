@@ -87,17 +87,17 @@ export class ClayHand {
   }
 
   /** Puts the tool over a point of the clay, its surface as many radii above it. */
-  #place({ point, normal }, above) {
+  #place({ point, normal }, above, at) {
     const { radius_m, middle } = this.#tool;
     const { q } = this.hand.tool;
     const center = add(point, scale(normal, radius_m * (1 + above)));
     this.goal = { center, middle, q, radius_m };
-    this.#approach();
+    this.#approach(at);
     return center;
   }
 
   /** Goes to the goal; from elsewhere first in front of it, as the eye sees it: there is no clay in between. */
-  #approach() {
+  #approach(at = undefined) {
     const { goal, hand } = this;
     if (!goal || !hand.canMove) return;
     const { center, middle, q, radius_m } = goal;
@@ -106,7 +106,7 @@ export class ClayHand {
     const { backward } = this.view.camera;
     const isInFront = far < NEAR * radius_m || dot(away, backward) > IN_FRONT * far;
     const next = isInFront ? center : add(center, scale(backward, far));
-    hand.move({ p: subtract(next, rotate(q, middle)), q });
+    hand.move({ p: subtract(next, rotate(q, middle)), q }, at);
     if (isInFront) this.goal = null;
     else if (!this.isOnWay) {
       this.isOnWay = true;
@@ -128,7 +128,7 @@ export class ClayHand {
   #hover(event) {
     const under = this.#under(event);
     this.view.canvas.classList.toggle("is-on-clay", Boolean(under));
-    if (under) this.#place(under, HOVER);
+    if (under) this.#place(under, HOVER, event.timeStamp);
   }
 
   #begin(event) {
@@ -138,7 +138,7 @@ export class ClayHand {
     this.view.canvas.setPointerCapture(event.pointerId);
     this.view.canvas.focus({ preventScroll: true });
     this.press = { id: event.pointerId, at: [event.clientX, event.clientY], isHeld: this.clay.isHeldCraft, begun: performance.now(), front: this.#front(under) };
-    if (this.press.isHeld) this.#hold(this.#place(under, -TOUCH));
+    if (this.press.isHeld) this.#hold(this.#place(under, -TOUCH, event.timeStamp));
     else this.#work(event);
     return true;
   }
@@ -167,14 +167,14 @@ export class ClayHand {
       const { camera } = this.view;
       const { right, up } = camera.axes;
       const pixel = camera.pixelAt(this.hand.wish.p);
-      if (press.holds) this.hand.nudge(add(scale(right, dx * pixel), scale(up, -dy * pixel)));
+      if (press.holds) this.hand.nudge(add(scale(right, dx * pixel), scale(up, -dy * pixel)), undefined, event.timeStamp);
       return;
     }
     const under = this.#under(event);
     const pressure = event.pointerType === "pen" && event.pressure > 0 ? 2 * event.pressure : 1;
     if (!under) return;
     press.front = Math.max(press.front, this.#front(under));
-    this.#place(under, -PRESS * this.strength * pressure);
+    this.#place(under, -PRESS * this.strength * pressure, event.timeStamp);
   }
 
   /** How far toward the eye a point of the clay is, m. */
