@@ -40,7 +40,7 @@ fn read(input: impl BufRead, control: &Control, enables: &Sender<Enable>, sessio
             "stop" | "s" => control.stop(),
             // If the run is over, the order is dropped.
             "enable" | "e" => _ = enables.send(Enable(control.permit())),
-            "restart" => tell("restart")(session.hand(HandOrder::Restart)),
+            "restart" => tell("restart")(session.hand(HandOrder::Restart).map(drop)),
             "reset" => session.reset(Box::new(tell("reset"))),
             word => output::message(format_args!("console: `{word}` is not an order; orders are {WORDS}\n")),
         }

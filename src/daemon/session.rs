@@ -26,7 +26,7 @@ use recording::file::{Recorder, SceneFiles};
 use rt::clock::ClockKind;
 use vps::spatial::Pose;
 
-pub use crate::servo::{ControlError, HandOrder, ParameterSetting};
+pub use crate::servo::{ControlError, HandOrder, HandUse, ParameterSetting};
 
 /// How often the thread of scenes looks for a scene that the loop gave back, while one is to be sent.
 const POLL: Duration = Duration::from_millis(2);
@@ -309,11 +309,11 @@ impl SessionHandle {
         Ok(self.state().controls()?.place(object, world_from_object)?)
     }
 
-    /// Asks the hand of a simulated arm to go to a pose of the tool, or along the scene's path again.
+    /// Asks the hand of a simulated arm to go to a pose of the tool, or along the scene's path again; gives the number of this order.
     ///
     /// # Errors
     /// [`SessionError`]; nothing moves then, as where a person holds the arm.
-    pub fn hand(&self, order: HandOrder) -> Result<(), SessionError> {
+    pub fn hand(&self, order: HandOrder) -> Result<u32, SessionError> {
         let mut state = self.state();
         let missing = state.why_no_hand();
         let controls = state.controls()?;
@@ -321,6 +321,11 @@ impl SessionHandle {
             Some(why) => Err(ControlError::NoHand(why).into()),
             None => Ok(controls.hand(order)?),
         }
+    }
+
+    /// The newest order for the hand that a tick has used.
+    pub fn hand_use(&self) -> Option<HandUse> {
+        self.state().controls.as_ref()?.hand_use()
     }
 
     /// Asks for the scene as it was at its beginning: tool and objects where they began, parameters as in its file. Limits that a person lowered stay.

@@ -12,6 +12,8 @@ use super::recorder::RecorderStatus;
 pub(super) enum Completion {
     /// It is done, and there is no more to say.
     Nothing,
+    /// An order for the hand is under way.
+    HandOrder(u32),
     /// A recording.
     Recording(RecorderStatus),
     /// A file was written.
@@ -23,6 +25,7 @@ impl Completion {
     pub(super) fn tell(&self, answer: &mut Value) {
         match self {
             Self::Nothing => {}
+            Self::HandOrder(number) => answer["order"] = (*number).into(),
             Self::Recording(recording) => answer["recording"] = recording.json(),
             Self::Saved(file) => answer["file"] = file.to_string_lossy().into(),
         }

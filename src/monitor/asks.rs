@@ -172,8 +172,8 @@ pub(super) fn perform(hub: &Arc<Hub>, files: &Worker, client: Option<&Client>, a
         ClientCommand::Place { object, pose } => {
             reply(done(hub.session.place(&object, pose.into())));
         }
-        ClientCommand::Hand { pose } => reply(done(hub.session.hand(HandOrder::MoveTo(pose.into())))),
-        ClientCommand::RestartHand {} => reply(done(hub.session.hand(HandOrder::Restart))),
+        ClientCommand::Hand { pose } => reply(hand(hub, HandOrder::MoveTo(pose.into()))),
+        ClientCommand::RestartHand {} => reply(hand(hub, HandOrder::Restart)),
         ClientCommand::Reset {} => hub.session.reset(Box::new(move |result| reply(done(result)))),
         ClientCommand::Switch { scene } => switch(hub, scene, reply),
         ClientCommand::Record { file } => record(hub, files, Some(file), reply),
@@ -214,6 +214,10 @@ fn needs_connection() -> RequestError {
 
 fn done(result: Result<(), SessionError>) -> Result<Completion, RequestError> {
     Ok(nothing(result?))
+}
+
+fn hand(hub: &Hub, order: HandOrder) -> Result<Completion, RequestError> {
+    Ok(Completion::HandOrder(hub.session.hand(order)?))
 }
 
 fn switch(hub: &Arc<Hub>, scene: String, reply: Reply) {

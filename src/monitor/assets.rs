@@ -23,6 +23,7 @@ pub(super) const FILES: &[(&str, &str, &[u8])] = &[
     ("element.js", SCRIPT, include_bytes!("web/element.js")),
     ("export.js", SCRIPT, include_bytes!("web/export.js")),
     ("facts.js", SCRIPT, include_bytes!("web/facts.js")),
+    ("frame.js", SCRIPT, include_bytes!("web/frame.js")),
     ("gamepad.js", SCRIPT, include_bytes!("web/gamepad.js")),
     ("hand.js", SCRIPT, include_bytes!("web/hand.js")),
     ("history.js", SCRIPT, include_bytes!("web/history.js")),

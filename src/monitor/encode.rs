@@ -7,6 +7,7 @@ use serde::{Serialize, Serializer};
 
 use super::rows::HistoryRow;
 use crate::daemon::Phase;
+use crate::daemon::session::HandUse;
 use haptics::{Faults, OffCause};
 use recording::TickRecord;
 use vps::spatial::{Pose, Wrench};
@@ -144,6 +145,8 @@ pub(super) struct StateInput<'a> {
     pub(super) last_fault: Option<LastFault>,
     /// Where the arm wants the tool, `world_from_tool`.
     pub(super) wanted: Option<Pose>,
+    /// The newest order for the hand that a tick has used.
+    pub(super) hand_use: Option<HandUse>,
     pub(super) objects: &'a [WireObject],
 }
 
@@ -153,6 +156,13 @@ pub(super) struct Extras<'a> {
     /// World, m, with the depth; and how many were in contact.
     pub(super) points: Option<(&'a [[f32; 4]], usize)>,
     pub(super) history: Option<&'a [HistoryRow]>,
+}
+
+/// An order for the hand that a tick has used.
+#[derive(Serialize)]
+struct WireHandUse {
+    order: u32,
+    waited_us: u32,
 }
 
 #[derive(Serialize)]
@@ -184,6 +194,8 @@ struct State<'a> {
     compute_us: f64,
     device_us: f64,
     objects: &'a [WireObject],
+    #[serde(skip_serializing_if = "Option::is_none")]
+    hand: Option<WireHandUse>,
     #[serde(skip_serializing_if = "Option::is_none")]
     points: Option<&'a [[f32; 4]]>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -235,6 +247,7 @@ pub(super) fn text(moment: &StateInput<'_>, extras: Extras<'_>) -> String {
         compute_us: us(record.compute_ns),
         device_us: us(record.device_ns),
         objects: moment.objects,
+        hand: moment.hand_use.map(|HandUse { number, waited_us }| WireHandUse { order: number, waited_us }),
         points: extras.points.map(|(points, _)| points),
         points_of: extras.points.map(|(_, n_all)| n_all),
         history: extras.history,
@@ -334,7 +347,15 @@ mod tests {
     }
 
     fn moment(record: &TickRecord) -> StateInput<'_> {
-        StateInput { record, phase: Phase::Enabling, fell_silent: false, last_fault: None, wanted: None, objects: &[] }
+        StateInput {
+            record,
+            phase: Phase::Enabling,
+            fell_silent: false,
+            last_fault: None,
+            wanted: None,
+            hand_use: None,
+            objects: &[],
+        }
     }
 
     #[test]
@@ -361,6 +382,18 @@ mod tests {
         assert_eq!(json["faults"], serde_json::json!([]));
         let expected = serde_json::json!({ "tick": 12, "time_ns": 12_000_000, "names": ["speed", "stale"] });
         assert_eq!(json["last_fault"], expected);
+    }
+
+    #[test]
+    fn a_state_says_which_order_for_the_hand_was_used() {
+        let record = record();
+        let said = |hand_use| {
+            let json: Value =
+                serde_json::from_str(&text(&StateInput { hand_use, ..moment(&record) }, Extras::default())).expect("JSON");
+            json["hand"].clone()
+        };
+        assert_eq!(said(None), Value::Null);
+        assert_eq!(said(Some(HandUse { number: 7, waited_us: 1250 })), serde_json::json!({ "order": 7, "waited_us": 1250 }));
     }
 
     #[test]

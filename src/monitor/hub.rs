@@ -313,6 +313,7 @@ impl Hub {
             fell_silent: self.fell_silent.load(Ordering::Relaxed),
             last_fault: self.facts().last_fault,
             wanted: newest.wanted,
+            hand_use: self.session.hand_use(),
             objects: &newest.objects,
         }
     }

@@ -3,8 +3,9 @@
 //! ```text
 //!  cold side                                servo
 //!  SceneControls::set, place ──┐            ┌─► at most one ParameterChange and one Placement per tick ─► tick
-//!  SceneControls::hand ────────┤            ├─► the newest HandOrder ─► hand of a simulated arm
+//!  SceneControls::hand ────────┤            ├─► the newest HandOrder ─► hand of a simulated arm ─► read ─┐
 //!  SceneControls::offer ───────┴──ring──► CommandQueue
+//!  SceneControls::hand_use ◄─one word─────────────────────────────────────────────────────────────────────┘
 //!  SceneControls::take_replaced ◄─ring──────┴─► a scene: ramp down ──► zero force ──► exchange two pointers ──► ramp up
 //! ```
 //! The newest value of a parameter and the newest pose of an object count. Limits go first. What a value or a pose becomes, and how fast, is the
@@ -14,13 +15,16 @@
 //! the supervisor goes first: after a stop nothing is exchanged, and after a fault not before it is acknowledged.
 #![expect(clippy::disallowed_types, reason = "filled on the cold side, never resized in the loop")]
 
+use core::sync::atomic::{AtomicU64, Ordering};
+use std::sync::Arc;
+
 use rtrb::{Consumer, Producer, PushError, RingBuffer};
 
 use super::LoadedScene;
 use super::paths::ObjectPaths;
 use arms::simulated::HandControl;
 use haptics::{LiveParameter, ParameterChange, ParameterRange, Parameters, Placement};
-use rt::clock::ClockKind;
+use rt::clock::{ClockKind, monotonic_ns};
 use vps::spatial::Pose;
 
 /// Commands that may wait for the next tick.
@@ -34,7 +38,7 @@ enum Command {
     /// An object of one scene goes to a pose.
     Place { scene_idx: u32, placement: Placement },
     /// The hand of a simulated arm, in one scene.
-    Hand { scene_idx: u32, order: HandOrder },
+    Hand { scene_idx: u32, order: HandOrder, sent: Sent },
     /// Another scene, when it is due.
     Render(Box<LoadedScene>),
     /// A scene that was promised will not come.
@@ -48,6 +52,39 @@ pub enum HandOrder {
     MoveTo(Pose),
     /// Follow the scene's path again, from its beginning.
     Restart,
+}
+
+/// Which order for the hand it is, and when it came.
+#[derive(Clone, Copy, Debug)]
+struct Sent {
+    number: u32,
+    /// Stopwatch time, ns.
+    at_ns: i64,
+}
+
+/// An order for the hand that has become part of the motion.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct HandUse {
+    /// Its number, as [`SceneControls::hand`] gave it.
+    pub number: u32,
+    /// From when it came until a tick had read the first sample of the arm that it moved, µs.
+    pub waited_us: u32,
+}
+
+/// The newest [`HandUse`] in one word, so that no half of one is read; zero: none. Numbers begin with one.
+#[derive(Clone, Debug, Default)]
+struct NewestUse(Arc<AtomicU64>);
+
+impl NewestUse {
+    fn set(&self, Sent { number, at_ns }: Sent, now_ns: i64) {
+        let waited_us = u32::try_from((now_ns - at_ns) / 1000).unwrap_or(if now_ns < at_ns { 0 } else { u32::MAX });
+        self.0.store(u64::from(number) << 32 | u64::from(waited_us), Ordering::Relaxed);
+    }
+
+    fn get(&self) -> Option<HandUse> {
+        let word = self.0.load(Ordering::Relaxed);
+        (word != 0).then_some(HandUse { number: (word >> 32) as u32, waited_us: word as u32 })
+    }
 }
 
 /// Why a command was not taken.
@@ -167,6 +204,9 @@ pub struct SceneControls {
     rendered: Controls,
     /// Of a scene that was sent and is not rendered yet.
     coming: Option<Controls>,
+    /// Orders for the hand so far, and the newest that was used.
+    n_hand_orders: u32,
+    hand_use: NewestUse,
     /// Limits that a person lowered: no file and no other scene raises them.
     lowered: [Option<f64>; LiveParameter::LIMITS.len()],
 }
@@ -177,8 +217,18 @@ impl SceneControls {
         let (commands_in, commands) = RingBuffer::new(RING_COMMANDS);
         let (replaced_in, replaced) = RingBuffer::new(1);
         let rendered = Controls::new(parameters, objects);
-        let controls = Self { commands: commands_in, replaced, scene_idx: 0, rendered, coming: None, lowered: [None; 2] };
-        (controls, CommandQueue::of(commands, replaced_in))
+        let queue = CommandQueue::of(commands, replaced_in);
+        let controls = Self {
+            commands: commands_in,
+            replaced,
+            scene_idx: 0,
+            rendered,
+            coming: None,
+            n_hand_orders: 0,
+            hand_use: queue.hand_use.clone(),
+            lowered: [None; 2],
+        };
+        (controls, queue)
     }
 
     /// The loop has ended.
@@ -281,17 +331,26 @@ impl SceneControls {
         send(&mut self.commands, Command::Place { scene_idx: self.scene_idx, placement })
     }
 
-    /// Asks the hand of a simulated arm for something. It goes to a pose as fast as it may; a later order replaces this one.
+    /// Asks the hand of a simulated arm for something, and gives the number of this order. The hand goes to a pose as fast as it may; a later order
+    /// replaces this one.
     ///
     /// # Errors
     /// [`ControlError`]; nothing moves then.
-    pub fn hand(&mut self, order: HandOrder) -> Result<(), ControlError> {
+    pub fn hand(&mut self, order: HandOrder) -> Result<u32, ControlError> {
         if let HandOrder::MoveTo(world_from_map) = order
             && !(Placement { obstacle_idx: 0, world_from_map }).is_sound()
         {
             return Err(ControlError::Pose { name: "hand".to_owned() });
         }
-        send(&mut self.commands, Command::Hand { scene_idx: self.scene_idx, order })
+        let sent = Sent { number: self.n_hand_orders.wrapping_add(1).max(1), at_ns: monotonic_ns() };
+        send(&mut self.commands, Command::Hand { scene_idx: self.scene_idx, order, sent })?;
+        self.n_hand_orders = sent.number;
+        Ok(sent.number)
+    }
+
+    /// The newest order for the hand that a tick has used.
+    pub fn hand_use(&self) -> Option<HandUse> {
+        self.hand_use.get()
     }
 
     /// Sends a scene that takes the place of the one that is rendered; it must have been made for the same period and arm.
@@ -372,8 +431,10 @@ pub struct CommandQueue {
     changes: [Option<f64>; LiveParameter::ALL.len()],
     /// Limits that a person lowered.
     kept: [Option<f64>; LiveParameter::LIMITS.len()],
-    /// What the hand has not been told yet.
-    hand: Option<HandOrder>,
+    /// What the hand has not been told yet, and what it was told since the arm was read.
+    hand: Option<(HandOrder, Sent)>,
+    told: Option<Sent>,
+    hand_use: NewestUse,
     next_scene: Option<Box<LoadedScene>>,
     paths: ObjectPaths,
     /// Ticks at which simulated time waits for a scene that has been promised, rising; and how many scenes there have been.
@@ -396,6 +457,8 @@ impl CommandQueue {
             changes: [None; LiveParameter::ALL.len()],
             kept: [None; LiveParameter::LIMITS.len()],
             hand: None,
+            told: None,
+            hand_use: NewestUse::default(),
             next_scene: None,
             paths: ObjectPaths::default(),
             promised_ticks: Box::default(),
@@ -441,7 +504,7 @@ impl CommandQueue {
                         *pose = Some(world_from_map);
                     }
                 }
-                Command::Hand { scene_idx, order } if scene_idx == rendered_idx => self.hand = Some(order),
+                Command::Hand { scene_idx, order, sent } if scene_idx == rendered_idx => self.hand = Some((order, sent)),
                 Command::Hand { .. } => {}
                 Command::Render(scene) => {
                     self.n_scenes += 1;
@@ -472,12 +535,21 @@ impl CommandQueue {
     pub(super) fn guide_hand(&mut self, hand: Option<&mut HandControl>, world_from_tool: Pose) {
         let order = self.hand.take();
         let Some(hand) = hand else { return };
-        match order {
-            Some(HandOrder::MoveTo(pose)) => hand.move_to(pose),
-            Some(HandOrder::Restart) => hand.restart(world_from_tool),
-            None => {}
+        if let Some((order, sent)) = order {
+            self.told = Some(sent);
+            match order {
+                HandOrder::MoveTo(pose) => hand.move_to(pose),
+                HandOrder::Restart => hand.restart(world_from_tool),
+            }
         }
         hand.see(world_from_tool);
+    }
+
+    /// The arm has been read at `now_ns` of the stopwatch: what the hand was told has moved it. RT: safe.
+    pub(super) fn note_read(&mut self, now_ns: i64) {
+        if let Some(sent) = self.told.take() {
+            self.hand_use.set(sent, now_ns);
+        }
     }
 
     /// True when there is a scene to be rendered in this tick. Simulated time waits for one that is promised, unless `is_hurried`. RT: safe.

@@ -34,7 +34,9 @@ pub(crate) mod testing;
 mod thread;
 
 pub use clay::{ClayFeed, ClaySlot, FramePublishError, ToolState};
-pub use commands::{CommandQueue, ControlError, FileChange, HandOrder, Objects, ParameterSetting, SceneControls, SwapError};
+pub use commands::{
+    CommandQueue, ControlError, FileChange, HandOrder, HandUse, Objects, ParameterSetting, SceneControls, SwapError,
+};
 pub use deadlines::{DeadlineGrid, TickTiming};
 pub use loaded_scene::LoadedScene;
 pub use paths::ObjectPaths;

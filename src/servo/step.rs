@@ -266,6 +266,7 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
         self.first_tick_ns.get_or_insert(begin_ns);
         let sample = self.read();
         let read_ns = self.clock.stopwatch_ns();
+        self.commands.note_read(read_ns);
         let request = if swaps && wanted == Order::Enable { DriveRequest::Stop } else { self.request(wanted) };
         let time_s = self.tick as f64 * self.rendered.scene.parameters.period_s;
         let place = self.commands.next_placement(&mut self.rendered, time_s);

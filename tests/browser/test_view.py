@@ -2,6 +2,7 @@
 
 import base64
 import json
+import re
 import struct
 import time
 import unittest
@@ -125,6 +126,87 @@ class ViewTest(PageCase):
         self.assertEqual(cut(), 0)
         self.assertTrue(page.run("document.querySelector('#section-box').hidden"))
 
+    def handle(self, page):
+        """Middle of the handle of the section plane in the window, and its direction there."""
+        page.wait(DRAWN)
+        return page.run(
+            """(() => {
+              const handle = document.querySelector('#section-handle');
+              const { a, b, e, f } = handle.getScreenCTM();
+              return [[e, f], [a / Math.hypot(a, b), b / Math.hypot(a, b)]];
+            })()"""
+        )
+
+    def test_the_handle_moves_the_plane(self):
+        """By mouse and by finger, as far as the cursor goes along it, and the view stays as it is."""
+        for name in ("desktop-dark", "phone"):
+            with self.subTest(name):
+                _, page = self.open_block(**SCREENS[name])
+                self.assertEqual(page.run("getComputedStyle(document.querySelector('#section-handle')).display"), "none")
+                page.click("#section")
+                before, way = self.handle(page)
+                place = lambda: float(page.run("document.querySelector('#section-place').value"))
+                self.assertAlmostEqual(place(), 0, places=2)
+                tips = "[...document.querySelectorAll('.axes span')].map((tip) => tip.style.cssText)"
+                stood = page.run(tips)
+                # Away from the line of the handle, which takes of the way what is along it.
+                goal = [before[0] + 50 * way[0] - 8 * way[1], before[1] + 50 * way[1] + 8 * way[0]]
+                middle = [(a + b) / 2 for a, b in zip(before, goal)]
+                if name == "phone":
+                    page.touch("Start", before)
+                    page.touch("Move", middle)
+                    page.touch("Move", goal)
+                else:
+                    page.call("Input.dispatchMouseEvent", type="mouseMoved", x=before[0], y=before[1])
+                    page.wait("getComputedStyle(document.querySelector('#section-handle')).opacity === '1'")
+                    page.call("Input.dispatchMouseEvent", type="mousePressed", x=before[0], y=before[1], button="left", buttons=1, clickCount=1)
+                    for x, y in (middle, goal):
+                        page.call("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y, button="left", buttons=1)
+                    self.assertEqual(page.run("getComputedStyle(document.querySelector('#section-handle')).cursor"), "grabbing")
+                after, _ = self.handle(page)
+                page.screenshot(SHOTS / f"section-handle-{name}.png")
+                self.assertAlmostEqual(after[0], before[0] + 50 * way[0], delta=2.5)
+                self.assertAlmostEqual(after[1], before[1] + 50 * way[1], delta=2.5)
+                self.assertGreater(place(), 3)
+                # No farther than the slider.
+                far = [before[0] + 900 * way[0], before[1] + 900 * way[1]]
+                if name == "phone":
+                    page.touch("Move", far)
+                    page.touch("End")
+                else:
+                    page.call("Input.dispatchMouseEvent", type="mouseMoved", x=far[0], y=far[1], button="left", buttons=1)
+                    page.call("Input.dispatchMouseEvent", type="mouseReleased", x=far[0], y=far[1], button="left", clickCount=1)
+                page.wait(DRAWN)
+                self.assertEqual(place(), 24)
+                self.assertEqual(page.run("document.querySelector('#section-slider').value"), "1000")
+                self.assertEqual(page.run(tips), stood, "the view does not turn")
+                # A drag along the line of sight would say nothing.
+                page.click("[data-view=top]")
+                page.click("#section-box [data-axis='2']")
+                page.wait("getComputedStyle(document.querySelector('#section-handle')).display === 'none'")
+
+    def test_contacts_that_are_cut_away(self):
+        """Dots are points of the tool, and go with it."""
+        run = self.run_scene("press")
+        page = self.open(run)
+        page.wait(IN_CONTACT)
+        legend = "document.querySelector('#legend-contacts').textContent"
+        page.wait(f"{legend} === 'contacts'")
+        page.click("#section")
+        page.wait(f"{legend}.endsWith(' points shown')")
+        shown, all = page.run(f"{legend}.match(/\\d+/g).map(Number)")
+        self.assertTrue(0.3 * all < shown < 0.7 * all, "the plane goes through the middle of the tool")
+        page.screenshot(SHOTS / "section-contacts.png")
+        page.click("#section-tool")
+        page.wait(f"{legend} === 'contacts'")
+        page.click("#section-tool")
+        page.wait(f"{legend}.endsWith(' points shown')")
+        # The eye is at negative y: all of the tool is on the side that is left out, then none of it.
+        self.write(page, "#section-place", "29")
+        page.wait(f"{legend}.startsWith('0 of ')")
+        page.click("#section-flip")
+        page.wait(f"{legend} === 'contacts'")
+
     def test_measuring(self):
         run, page = self.open_block()
         answer = "document.querySelector('#measure-answer').textContent"
@@ -148,7 +230,7 @@ class ViewTest(PageCase):
         self.assertEqual(page.run(answer), "60.000 mm, 40.000 mm, 90.00°")
         page.press("Escape")
         page.wait(DRAWN)
-        self.assertEqual(page.run(answer), "Click a point of a part")
+        self.assertEqual(page.run(answer), "Click a first point")
         self.assertEqual(page.count_pixels("#view", "--measure"), 0)
 
         # On a face, not at a corner; and beside all parts.
@@ -158,7 +240,7 @@ class ViewTest(PageCase):
         self.click_at(page, [-0.03, 0.02, 0.01])
         self.assertRegex(page.run(answer), r"^14\.[01]\d\d mm \(x (9\.9|10\.0)\d\d, y (9\.9|10\.0)\d\d, z 0\.000 mm\)$")
         self.click_at(page, [0.0, -0.03, 0.0])
-        self.assertEqual(page.run(answer), "There is no part at that place")
+        self.assertEqual(page.run(answer), "There is nothing at that place")
 
         # What was cut away cannot be met: through the plane at z = 0 lies the cut face.
         page.press("Escape")
@@ -170,6 +252,56 @@ class ViewTest(PageCase):
         self.assertRegex(page.run(answer), r" mm \(x 0\.\d+, y (19\.9|20\.0)\d\d, z 10\.000 mm\)$")
         page.click("#measure")
         self.assertEqual(page.run("document.querySelectorAll('#measure-labels li').length"), 0)
+
+    def test_measuring_on_clay(self):
+        """Of a ball: from clay to clay, and from clay to the tool."""
+        scene = (self.folder / "clay.toml").read_text().replace('hand = "near.csv"', "")
+        (self.folder / "ball.toml").write_text(scene)
+        run = self.run_scene("ball", command="sculpt")
+        page = self.open(run)
+        page.wait("document.querySelector('#clay-facts').textContent.includes('samples')")
+        numbers = lambda: [float(x) for x in re.findall(r"[\d.]+", page.run("document.querySelector('#measure-answer').textContent"))]
+        rests = run.get("state")["tool_cp"]["p"]
+        page.click("#measure")
+        # The middle of the picture is the middle of ball and tool, 5 mm over that of the ball; the lines of sight there are those of y and x.
+        across = (15**2 - 5**2) ** 0.5
+        for view in ("front", "side"):
+            page.click(f"[data-view={view}]")
+            page.click("[data-view=fit]")
+            page.wait(DRAWN)
+            page.drag(page.middle_of("#view"), page.middle_of("#view"))
+            page.wait(DRAWN)
+        size, x, y, z = numbers()
+        self.assertAlmostEqual(size, 2**0.5 * across, delta=0.2)
+        for found, expected in ((x, across), (y, across), (z, 0)):
+            self.assertAlmostEqual(found, expected, delta=0.2)
+        page.screenshot(SHOTS / "measure-clay.png")
+        # The tool hangs with its middle 22 mm over that of the ball.
+        page.press("Escape")
+        page.drag(page.middle_of("#view"), page.middle_of("#view"))
+        at = self.middle_of_tool(page)
+        page.drag(at, at)
+        page.wait(DRAWN)
+        size, x, y, z = numbers()
+        for found, expected in ((x, across - 3), (y, 0), (z, 17)):
+            self.assertAlmostEqual(found, expected, delta=0.5)
+        self.assertLess(max(abs(a - b) for a, b in zip(rests, run.get("state")["tool_cp"]["p"])), 1e-4, "the cursor measures, and does not lead the tool")
+        # Cut away it cannot be met: behind the plane there is the far side, which does not face the eye.
+        page.press("Escape")
+        page.click("#section")
+        page.click("#section-box [data-axis='0']")
+        page.drag(page.middle_of("#view"), page.middle_of("#view"))
+        page.wait("document.querySelector('#measure-answer').textContent === 'There is nothing at that place'")
+
+    def middle_of_tool(self, page):
+        """Where the middle of the tool is in the window: handles of the hand go from 28 to 72 pixels from there."""
+        return page.run(
+            """(() => {
+              const { x, y } = document.querySelector('#view').getBoundingClientRect();
+              const [ax, bx, ay, by] = ['x1', 'x2', 'y1', 'y2'].map((name) => Number(document.querySelector('#hand-overlay [data-axis=z]').getAttribute(name)));
+              return [x + ax - (28 / 44) * (bx - ax), y + ay - (28 / 44) * (by - ay)];
+            })()"""
+        )
 
     def test_force_by_component(self):
         """An arm that stands turned in its scene: both wrenches along the axes of world, and the depth over the path of the tool."""

@@ -154,7 +154,7 @@ fn no_client_drags_the_peg_through_the_block_at_any_speed() {
     let limit_n = run.config.parameters.limits.force_n;
     let start = run.start();
     let at = |x_mm: f64, y_mm: f64, z_mm: f64| HandOrder::MoveTo(Pose::new(start.rotation, DVec3::new(x_mm, y_mm, z_mm) * 1e-3));
-    let order = |session: &SessionHandle, order| session.hand(order).expect("a simulated arm");
+    let order = |session: &SessionHandle, order| _ = session.hand(order).expect("a simulated arm");
     // Straight down beside the hole, at once: it stops at the top face.
     run.go(3000, |session, n| {
         if n == 0 {

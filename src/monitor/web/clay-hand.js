@@ -11,7 +11,8 @@
 
 import { byId, say, words } from "./element.js";
 import { ours } from "./hand.js";
-import { add, dot, length, rotate, scale, subtract, transform, transformBack } from "./math.js";
+import { add, dot, length, rotate, scale, subtract, transform } from "./math.js";
+import { clayAt } from "./pick.js";
 import { fixed } from "./units.js";
 
 /** Above the clay, as a share of the tool's radius, while no button is down. */
@@ -29,7 +30,6 @@ const NEAR = 3;
 const IN_FRONT = 0.97;
 const LOOK_MS = 30;
 const BRUSH_STEP = 1.1;
-const SAMPLE_BYTES = 20;
 
 export class ClayHand {
   /**
@@ -48,7 +48,7 @@ export class ClayHand {
   }
 
   get #canWork() {
-    return Boolean(this.clay.facts && this.view.clay.samples && this.hand.canMove && this.hand.hasForce);
+    return Boolean(!this.view.isPicking && this.clay.facts && this.view.clay.samples && this.hand.canMove && this.hand.hasForce);
   }
 
   #listen() {
@@ -81,40 +81,23 @@ export class ClayHand {
     byId("clay-strength").textContent = fixed(this.strength, 2);
   }
 
-  /** The sample under the cursor: the nearest to the eye of those that face it, world. @returns {?{point: number[], normal: number[]}} */
+  /** What the cursor is on. @returns {?{point: number[], normal: number[]}} world */
   #under({ clientX, clientY }) {
-    const { camera, canvas, clay } = this.view;
-    const { left, top } = canvas.getBoundingClientRect();
-    const eye = transformBack(clay.pose, camera.eye);
-    const ray = subtract(transformBack(clay.pose, add(camera.eye, camera.rayThrough([clientX - left, clientY - top]))), eye);
-    const { bytes, n, spacing } = clay.samples;
-    const data = new DataView(bytes.buffer, bytes.byteOffset);
-    let best = null;
-    for (let at = 0; at < n * SAMPLE_BYTES; at += SAMPLE_BYTES) {
-      const x = data.getFloat32(at, true) - eye[0];
-      const y = data.getFloat32(at + 4, true) - eye[1];
-      const z = data.getFloat32(at + 8, true) - eye[2];
-      const along = x * ray[0] + y * ray[1] + z * ray[2];
-      if ((best && along >= best.along) || x * x + y * y + z * z - along * along > spacing * spacing) continue;
-      const normal = [data.getInt8(at + 12), data.getInt8(at + 13), data.getInt8(at + 14)];
-      if (dot(normal, ray) < 0) best = { along, point: [x, y, z], normal };
-    }
-    if (!best) return null;
-    return { point: transform(clay.pose, add(eye, best.point)), normal: rotate(clay.pose.q, scale(best.normal, 1 / (length(best.normal) || 1))) };
+    return clayAt(this.view, clientX, clientY);
   }
 
   /** Puts the tool over a point of the clay, its surface as many radii above it. */
-  #place({ point, normal }, above) {
+  #place({ point, normal }, above, at) {
     const { radius_m, middle } = this.#tool;
     const { q } = this.hand.tool;
     const center = add(point, scale(normal, radius_m * (1 + above)));
     this.goal = { center, middle, q, radius_m };
-    this.#approach();
+    this.#approach(at);
     return center;
   }
 
   /** Goes to the goal; from elsewhere first in front of it, as the eye sees it: there is no clay in between. */
-  #approach() {
+  #approach(at = undefined) {
     const { goal, hand } = this;
     if (!goal || !hand.canMove) return;
     const { center, middle, q, radius_m } = goal;
@@ -123,7 +106,7 @@ export class ClayHand {
     const { backward } = this.view.camera;
     const isInFront = far < NEAR * radius_m || dot(away, backward) > IN_FRONT * far;
     const next = isInFront ? center : add(center, scale(backward, far));
-    hand.move({ p: subtract(next, rotate(q, middle)), q });
+    hand.move({ p: subtract(next, rotate(q, middle)), q }, at);
     if (isInFront) this.goal = null;
     else if (!this.isOnWay) {
       this.isOnWay = true;
@@ -145,17 +128,17 @@ export class ClayHand {
   #hover(event) {
     const under = this.#under(event);
     this.view.canvas.classList.toggle("is-on-clay", Boolean(under));
-    if (under) this.#place(under, HOVER);
+    if (under) this.#place(under, HOVER, event.timeStamp);
   }
 
   #begin(event) {
-    if (this.press || event.button !== 0 || event.shiftKey || event.ctrlKey || this.view.isPicking || !this.#canWork) return false;
+    if (this.press || event.button !== 0 || event.shiftKey || event.ctrlKey || !this.#canWork) return false;
     const under = this.#under(event);
     if (!under) return false;
     this.view.canvas.setPointerCapture(event.pointerId);
     this.view.canvas.focus({ preventScroll: true });
     this.press = { id: event.pointerId, at: [event.clientX, event.clientY], isHeld: this.clay.isHeldCraft, begun: performance.now(), front: this.#front(under) };
-    if (this.press.isHeld) this.#hold(this.#place(under, -TOUCH));
+    if (this.press.isHeld) this.#hold(this.#place(under, -TOUCH, event.timeStamp));
     else this.#work(event);
     return true;
   }
@@ -184,14 +167,14 @@ export class ClayHand {
       const { camera } = this.view;
       const { right, up } = camera.axes;
       const pixel = camera.pixelAt(this.hand.wish.p);
-      if (press.holds) this.hand.nudge(add(scale(right, dx * pixel), scale(up, -dy * pixel)));
+      if (press.holds) this.hand.nudge(add(scale(right, dx * pixel), scale(up, -dy * pixel)), undefined, event.timeStamp);
       return;
     }
     const under = this.#under(event);
     const pressure = event.pointerType === "pen" && event.pressure > 0 ? 2 * event.pressure : 1;
     if (!under) return;
     press.front = Math.max(press.front, this.#front(under));
-    this.#place(under, -PRESS * this.strength * pressure);
+    this.#place(under, -PRESS * this.strength * pressure, event.timeStamp);
   }
 
   /** How far toward the eye a point of the clay is, m. */

@@ -13,7 +13,7 @@
 import { byId, say, words } from "./element.js";
 import { Gamepads } from "./gamepad.js";
 import { add, isFinite3, length, rotate, scale, subtract, transform, transformBack, turnAbout, turned } from "./math.js";
-import { fixed } from "./units.js";
+import { count, fixed } from "./units.js";
 
 const AXES = { x: [1, 0, 0], y: [0, 1, 0], z: [0, 0, 1] };
 /** Where the handles for one axis begin and end, from the middle of the tool, and how near to that they appear, CSS pixels. */
@@ -27,8 +27,9 @@ const TURN = 0.008;
 const WHEEL = 0.15;
 const KEY = 6;
 const KEY_TURN = Math.PI / 36;
-/** Round trips of which the median is shown. */
-const TRIPS = 51;
+/** Poses of which the latency is shown, and those whose use by a tick is waited for. */
+const MEASURED = 500;
+const AWAITED = 8;
 /** Of a sound at the largest force: frequency, Hz, and loudness. */
 const TONE_HZ = 110;
 const LOUDNESS = 0.15;
@@ -48,7 +49,12 @@ export class Hand {
     this.drag = null;
     this.force_n = 0;
     this.limit_n = 5;
-    this.trips = [];
+    /** From input to tick, of the newest poses, ms. @type {number[]} */
+    this.latencies = [];
+    /** By the number of the order: ms from input to the server. @type {Map<number, number>} */
+    this.awaited = new Map();
+    /** The newest order that a tick has used. @type {?{order: number, waited_us: number}} */
+    this.used = null;
     this.gamepads = new Gamepads(this);
     byId("hand-restart").onclick = () => this.#order("restart_hand");
     byId("hand-reset").onclick = () => this.#order("reset");
@@ -59,6 +65,9 @@ export class Hand {
   learn({ hand, clay }) {
     this.facts = hand ?? null;
     [this.wish, this.drag] = [null, null];
+    [this.latencies, this.used] = [[], null];
+    this.awaited.clear();
+    byId("hand-latency").textContent = "–";
     byId("hand-box").hidden = !hand;
     byId("hand-reset").hidden = clay;
     byId("hand-restart").disabled = !hand?.path;
@@ -76,6 +85,8 @@ export class Hand {
     this.tool = isFinite3(state.tool_cp?.p) ? { p: state.tool_cp.p, q: state.tool_cp.q } : null;
     this.force_n = isFinite3(state.servo_cf?.f) ? length(state.servo_cf.f) : 0;
     this.hasForce = state.state === "ENABLED";
+    this.used = state.hand ?? null;
+    this.#measure();
     if (this.gain) this.gain.gain.setTargetAtTime(LOUDNESS * this.share, this.sound.currentTime, 0.02);
     this.#draw();
   }
@@ -95,20 +106,27 @@ export class Hand {
     return part ? scale(add(part.mesh.min, part.mesh.max), 0.5) : [0, 0, 0];
   }
 
-  /** Asks the hand to hold the tool at a pose. @param {import("./math.js").Pose} pose */
-  move(pose) {
+  /**
+   * Asks the hand to hold the tool at a pose.
+   * @param {import("./math.js").Pose} pose @param {number=} at when the input was made that asks for it, ms of this page
+   */
+  move(pose, at = performance.now()) {
     this.wish = pose;
+    this.wishedAt = at;
     this.isDue = true;
     this.#send();
   }
 
-  /** Moves and turns the wish, about the middle of the tool. @param {number[]} way m @param {number[]=} turn quaternion */
-  nudge(way, turn = [0, 0, 0, 1]) {
+  /**
+   * Moves and turns the wish, about the middle of the tool.
+   * @param {number[]} way m @param {number[]=} turn quaternion @param {number=} at as in `move`
+   */
+  nudge(way, turn = [0, 0, 0, 1], at = performance.now()) {
     if (!this.canMove) return;
     const pose = this.wish ?? this.tool;
     const pivot = transform(pose, this.#middle);
     const q = turned(turn, pose.q);
-    this.move({ p: add(subtract(pivot, rotate(q, this.#middle)), way), q });
+    this.move({ p: add(subtract(pivot, rotate(q, this.#middle)), way), q }, at);
   }
 
   /** The wish is over: the hand holds the tool where it is. */
@@ -122,18 +140,31 @@ export class Hand {
     if (this.isSending || !this.isDue) return;
     [this.isSending, this.isDue] = [true, false];
     const { p, q } = this.wish ?? this.tool;
+    const { wishedAt } = this;
     const begun = performance.now();
     try {
-      await this.link.send("hand", { pose: { p, q } });
-      this.trips = [...this.trips, performance.now() - begun].slice(-TRIPS);
-      const median = this.trips.toSorted((a, b) => a - b)[this.trips.length >> 1];
-      byId("hand-latency").textContent = `${fixed(median, 1)} ms`;
+      const { order } = await this.link.send("hand", { pose: { p, q } });
+      // Half of the way to the server and back is the way there.
+      this.awaited.set(order, begun - wishedAt + (performance.now() - begun) / 2);
+      if (this.awaited.size > AWAITED) this.awaited.delete(this.awaited.keys().next().value);
+      this.#measure();
     } catch (error) {
       this.isDue = false;
       say(words(error));
     }
     this.isSending = false;
     this.#send();
+  }
+
+  /** From input to tick, of the order that a tick has used; without force nothing is moved. */
+  #measure() {
+    const { used, awaited } = this;
+    if (!used || !awaited.has(used.order) || !this.hasForce) return;
+    this.latencies = [...this.latencies, awaited.get(used.order) + used.waited_us / 1e3].slice(-MEASURED);
+    awaited.delete(used.order);
+    const sorted = this.latencies.toSorted((a, b) => a - b);
+    const at = (share) => fixed(sorted[Math.ceil(share * sorted.length) - 1], 1);
+    byId("hand-latency").textContent = `${at(0.5)} ms, 99 % within ${at(0.99)} ms (${count(sorted.length)} poses)`;
   }
 
   async #order(what) {
@@ -167,7 +198,7 @@ export class Hand {
       if (!this.drag) return;
       ours(event);
       const pixels = event.deltaY * (event.deltaMode === WheelEvent.DOM_DELTA_LINE ? 30 : 1);
-      this.#along(-pixels * WHEEL);
+      this.#along(-pixels * WHEEL, event.timeStamp);
     }, { capture: true, passive: false });
     canvas.addEventListener("keydown", (event) => this.#key(event) && ours(event), first);
     for (const handle of document.querySelectorAll("#hand-overlay [data-axis]")) {
@@ -246,9 +277,9 @@ export class Hand {
       const line = (at) => [Math.atan2(other[1] - at[1], other[0] - at[0]), Math.hypot(other[0] - at[0], other[1] - at[1])];
       const [[angle, spread], [angleBefore, spreadBefore]] = [line(now), line(before)];
       const angleChange = Math.atan2(Math.sin(angle - angleBefore), Math.cos(angle - angleBefore));
-      this.nudge(scale(backward, (spread - spreadBefore) * pixel), turnAbout(backward, -angleChange));
+      this.nudge(scale(backward, (spread - spreadBefore) * pixel), turnAbout(backward, -angleChange), event.timeStamp);
     } else if (drag.isTurn) {
-      this.nudge([0, 0, 0], turned(turnAbout(up, dx * TURN), turnAbout(right, dy * TURN)));
+      this.nudge([0, 0, 0], turned(turnAbout(up, dx * TURN), turnAbout(right, dy * TURN)), event.timeStamp);
     } else if (drag.axis) {
       const from = transform(this.wish ?? this.tool, this.#middle);
       const step = 20 * pixel;
@@ -256,9 +287,9 @@ export class Hand {
       const way = [ends[0] - begins[0], ends[1] - begins[1]];
       const size = way[0] ** 2 + way[1] ** 2;
       // An axis that points at the eye has no way in the picture.
-      if (size > 1) this.nudge(scale(drag.axis, (step * (dx * way[0] + dy * way[1])) / size));
+      if (size > 1) this.nudge(scale(drag.axis, (step * (dx * way[0] + dy * way[1])) / size), undefined, event.timeStamp);
     } else {
-      this.nudge(add(scale(right, dx * pixel), scale(up, -dy * pixel)));
+      this.nudge(add(scale(right, dx * pixel), scale(up, -dy * pixel)), undefined, event.timeStamp);
     }
     drag.fingers.set(event.pointerId, now);
     this.#draw();
@@ -274,12 +305,12 @@ export class Hand {
   }
 
   /** Moves the wish toward the eye, by so many pixels of the picture. */
-  #along(pixels) {
+  #along(pixels, at) {
     const pose = this.wish ?? this.tool;
-    this.nudge(scale(this.view.camera.backward, pixels * this.view.camera.pixelAt(pose.p)));
+    this.nudge(scale(this.view.camera.backward, pixels * this.view.camera.pixelAt(pose.p)), undefined, at);
   }
 
-  #key({ key, ctrlKey, metaKey, altKey, shiftKey }) {
+  #key({ key, ctrlKey, metaKey, altKey, shiftKey, timeStamp }) {
     if (ctrlKey || metaKey || altKey || !this.canMove) return false;
     const letter = key.toLowerCase();
     if (this.drag && letter in AXES) {
@@ -294,8 +325,8 @@ export class Hand {
     const ways = { a: scale(right, -1), d: right, w: up, s: scale(up, -1), q: backward, e: scale(backward, -1) };
     const turns = { a: scale(up, -1), d: up, w: scale(right, -1), s: right, q: backward, e: scale(backward, -1) };
     if (!(letter in ways)) return false;
-    if (shiftKey) this.nudge([0, 0, 0], turnAbout(turns[letter], KEY_TURN));
-    else this.nudge(scale(ways[letter], KEY * this.view.camera.pixelAt(this.tool.p)));
+    if (shiftKey) this.nudge([0, 0, 0], turnAbout(turns[letter], KEY_TURN), timeStamp);
+    else this.nudge(scale(ways[letter], KEY * this.view.camera.pixelAt(this.tool.p)), undefined, timeStamp);
     return true;
   }
 

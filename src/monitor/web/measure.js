@@ -1,5 +1,6 @@
 /**
- * Measuring on parts: two points give a distance, a third one an angle at the second. Points move with their parts.
+ * Measuring on parts and clay: two points give a distance, a third one an angle at the second. Points move with their parts; one of clay stays
+ * where the surface was.
  *
  * A button switches it on; while it is on, a click or a tap takes a point, and drags turn the view as ever. Escape clears.
  */
@@ -15,7 +16,7 @@ const CLICK_PX = 5;
 /** Widths of lines and dots, CSS pixels. */
 const LINE_PX = 2;
 const DOT_PX = 9;
-const ASK = ["Click a point of a part", "Click a second point", "A third point gives an angle"];
+const ASK = ["Click a first point", "Click a second point", "A third point gives an angle"];
 
 export class Measure {
   /** @param {import("./scene.js").SceneView} view */
@@ -24,7 +25,7 @@ export class Measure {
     this.isOn = false;
     /** @type {import("./pick.js").Pick[]} at most three */
     this.picks = [];
-    /** The last click met no part. */
+    /** The last click met nothing. */
     this.isMissed = false;
     /** What is written in the picture: text, and its place, CSS pixels. @type {{text: string, at: number[], color: string}[]} */
     this.labels = [];
@@ -80,14 +81,14 @@ export class Measure {
     );
     if (!this.isOn) return;
     const way = pairs.length === 1 ? ` (${axes(pairs[0])} mm)` : "";
-    const text = this.isMissed ? "There is no part at that place" : said.length > 0 ? said.map(({ text }) => text).join(", ") + way : ASK[places.length];
+    const text = this.isMissed ? "There is nothing at that place" : said.length > 0 ? said.map(({ text }) => text).join(", ") + way : ASK[places.length];
     if (byId("measure-answer").textContent !== text) byId("measure-answer").textContent = text;
     byId("measure-clear").disabled = places.length === 0;
   }
 
-  /** Points of parts that are still there, world. */
+  /** Points of what is still there, world. */
   #places() {
-    this.picks = this.picks.filter(({ part }) => this.view.parts.includes(part));
+    this.picks = this.picks.filter(({ part }) => (part ? this.view.parts.includes(part) : this.view.clay.samples));
     return this.picks.map((pick) => placeOf(this.view, pick));
   }
 

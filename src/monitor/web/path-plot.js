@@ -1,6 +1,7 @@
 /** Depth over the path of the tool: the same hole looks the same, however slowly the hand goes. */
 
 import { css, onChange } from "./colors.js";
+import { oncePerFrame } from "./frame.js";
 import { ceilTo125 } from "./math.js";
 import { axisTexts, PLOT_MARGIN as MARGIN } from "./plots.js";
 import { fixed } from "./units.js";
@@ -13,6 +14,8 @@ const LONGEST_MM = 200;
 const LEAST_TOP_MM = 0.01;
 
 export class PathPlot {
+  redraw = oncePerFrame(() => this.#draw());
+
   /** @param {import("./path.js").ToolPath} path */
   constructor(path) {
     this.path = path;
@@ -21,7 +24,6 @@ export class PathPlot {
     const figure = document.querySelector("#plot-path");
     this.canvas = figure.querySelector("canvas");
     this.value = figure.querySelector("output");
-    this.isDirty = false;
     new ResizeObserver(() => this.redraw()).observe(this.canvas);
     onChange(() => this.redraw());
   }
@@ -34,15 +36,6 @@ export class PathPlot {
   pause(isPaused) {
     this.paused = isPaused ? this.path.steps.map((step) => ({ ...step })) : null;
     this.redraw();
-  }
-
-  redraw() {
-    if (this.isDirty) return;
-    this.isDirty = true;
-    requestAnimationFrame(() => {
-      this.isDirty = false;
-      this.#draw();
-    });
   }
 
   #draw() {

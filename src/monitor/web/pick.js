@@ -1,13 +1,19 @@
-/** From a place of the picture to a point of a part, and back. */
+/** From a place of the picture to a point of a part or of clay, and back. */
 
-import { add, cross, dot, multiply, normalize, rotate, scale, subtract, transform } from "./math.js";
+import { add, cross, dot, length, multiply, normalize, rotate, scale, subtract, transform } from "./math.js";
 
 /** A corner of the part that is nearer to the pointer than this is taken instead, CSS pixels. */
 const SNAP_PX = 8;
 /** Where a part is looked for, CSS pixels from the pointer: a corner on its outline is hard to hit. */
 const AROUND = [[0, 0], ...[0, 1, 2, 3, 4, 5, 6, 7].map((n) => [4 * Math.cos((n * Math.PI) / 4), 4 * Math.sin((n * Math.PI) / 4)])];
 
-/** @typedef {{part: import("./scene.js").Part, local: number[]}} Pick a point that moves with its part, in the part's own frame, m */
+/** Bytes of a sample of clay. */
+const SAMPLE_BYTES = 20;
+
+/**
+ * @typedef {{part: ?import("./scene.js").Part, local: number[]}} Pick a point that moves with its part, in the part's own frame, m; without a
+ *   part it is one of the clay as that was, in the frame of its map
+ */
 
 /**
  * What is seen at a place of the window, or null.
@@ -16,6 +22,8 @@ const AROUND = [[0, 0], ...[0, 1, 2, 3, 4, 5, 6, 7].map((n) => [4 * Math.cos((n 
  */
 export function pickAt(view, x, y) {
   const nearest = AROUND.reduce((found, [dx, dy]) => found ?? seenAt(view, rayAt(view, x + dx, y + dy)), null);
+  const clay = clayAt(view, x, y);
+  if (clay && !(nearest?.along < clay.along)) return { part: null, local: toLocal(view.clay.pose, clay.point) };
   if (!nearest) return null;
   const { part, along, corners, ray } = nearest;
   const pose = view.standing(part);
@@ -36,8 +44,47 @@ function seenAt(view, ray) {
   return nearest;
 }
 
+/**
+ * What is seen of the clay at a place of the window, world: where the line of sight meets the nearest disc that faces the eye.
+ * @param {import("./scene.js").SceneView} view @param {number} x @param {number} y CSS pixels
+ * @returns {?{along: number, point: number[], normal: number[]}} along: metres from the eye
+ */
+export function clayAt(view, x, y) {
+  const { samples, pose } = view.clay;
+  if (!samples) return null;
+  const { origin, direction } = rayAt(view, x, y);
+  const back = [-pose.q[0], -pose.q[1], -pose.q[2], pose.q[3]];
+  const eye = toLocal(pose, origin);
+  const ray = rotate(back, direction);
+  const { bytes, n, spacing } = samples;
+  const most = spacing * spacing;
+  const cut = view.cutOf("clay");
+  // Of the point so far along the ray: how far beyond the section plane.
+  const beyond = (along) => (cut ? dot(cut, origin) - cut[3] + along * dot(cut, direction) : 0);
+  const data = new DataView(bytes.buffer, bytes.byteOffset);
+  let best = null;
+  for (let at = 0; at < n * SAMPLE_BYTES; at += SAMPLE_BYTES) {
+    const px = data.getFloat32(at, true) - eye[0];
+    const py = data.getFloat32(at + 4, true) - eye[1];
+    const pz = data.getFloat32(at + 8, true) - eye[2];
+    const nearest = px * ray[0] + py * ray[1] + pz * ray[2];
+    const away = px * px + py * py + pz * pz;
+    if ((best && nearest - spacing >= best.along) || away - nearest * nearest > most) continue;
+    const [nx, ny, nz] = [data.getInt8(at + 12), data.getInt8(at + 13), data.getInt8(at + 14)];
+    const facing = nx * ray[0] + ny * ray[1] + nz * ray[2];
+    if (facing >= 0) continue;
+    const along = (px * nx + py * ny + pz * nz) / facing;
+    // Distance of that point from the middle of the disc, squared.
+    const off = away - 2 * along * nearest + along * along;
+    if (along > 0 && off <= most && !(along >= best?.along) && beyond(along) <= 0) best = { along, normal: [nx, ny, nz] };
+  }
+  if (!best) return null;
+  const { along, normal } = best;
+  return { along, point: add(origin, scale(direction, along)), normal: rotate(pose.q, scale(normal, 1 / length(normal))) };
+}
+
 /** Where a pick stands now, world. @param {import("./scene.js").SceneView} view @param {Pick} pick */
-export const placeOf = (view, { part, local }) => transform(view.standing(part), local);
+export const placeOf = (view, { part, local }) => transform(part ? view.standing(part) : view.clay.pose, local);
 
 /** Place of a point in the picture, CSS pixels from its upper left corner; null behind the eye. @returns {?number[]} */
 export function project({ canvas, camera }, [x, y, z]) {

@@ -1,6 +1,7 @@
 /** Live plots of the last ten seconds. Every tick counts: a column of pixels shows the least and the most of its ticks. */
 
 import { css, onChange } from "./colors.js";
+import { oncePerFrame } from "./frame.js";
 import { History } from "./history.js";
 import { ceilTo125 } from "./math.js";
 import { fixed, short } from "./units.js";
@@ -36,6 +37,8 @@ const PLOTS = [
 ];
 
 export class Plots {
+  redraw = oncePerFrame(() => this.figures.forEach((figure) => this.#draw(figure)));
+
   /** @param {HTMLElement} root holds a `figure` with a `canvas` and an `output` per plot */
   constructor(root) {
     this.live = new History();
@@ -58,7 +61,6 @@ export class Plots {
       new ResizeObserver(() => this.redraw()).observe(canvas);
       return { plot, canvas, value: figure.querySelector("output"), top: plot.least };
     });
-    this.isDirty = false;
     this.#readColors();
     onChange(() => {
       this.#readColors();
@@ -80,15 +82,6 @@ export class Plots {
   pause(isPaused) {
     this.paused = isPaused ? this.live.freeze() : null;
     this.redraw();
-  }
-
-  redraw() {
-    if (this.isDirty) return;
-    this.isDirty = true;
-    requestAnimationFrame(() => {
-      this.isDirty = false;
-      for (const figure of this.figures) this.#draw(figure);
-    });
   }
 
   #readColors() {

@@ -7,6 +7,7 @@
 import { OrbitCamera } from "./camera.js";
 import { onChange, rgb } from "./colors.js";
 import { AXES_SIZE, Draw, MOST_DOTS } from "./draw.js";
+import { oncePerFrame } from "./frame.js";
 import { add, ceilTo125, cornersOf, cross, isFinite3, length, matrixOfPose, multiply, normalize, scale, subtract, transform } from "./math.js";
 import { Splats } from "./splats.js";
 
@@ -32,6 +33,13 @@ const LEAST_TORQUE_SCALE = 0.005;
 /** @typedef {{pose: Pose, role: "static"|"tool", idx: number, mesh: import("./mesh.js").Mesh, faces: object, lines: object}} Part */
 
 export class SceneView {
+  redraw = oncePerFrame(() => {
+    if (this.draw.gl.isContextLost() || this.canvas.clientWidth === 0) return;
+    this.#drawAll();
+    this.onDrawn();
+    for (const addition of this.additions) addition.drawn?.();
+  });
+
   /**
    * @param {HTMLCanvasElement} canvas
    * @param {(facts: {grid_m: number, force_n: number, torque_nm: number}) => void} scaled called when a scale of the picture changes
@@ -63,7 +71,6 @@ export class SceneView {
     this.box = this.camera.subject;
     /** What other modules add to the picture. @type {Addition[]} */
     this.additions = [];
-    this.isDirty = false;
     this.draw = new Draw(canvas);
     this.clay.prepare(this.draw.gl);
     this.#readColors();
@@ -128,7 +135,6 @@ export class SceneView {
       this.nPoints = state.points_of ?? state.points.length;
     }
     if (state.contacts === 0) this.points = new Float32Array(0);
-    this.counted(this.points.length / 4, this.points.length > 0 ? this.nPoints : 0);
     this.#rescale("force_n", length(state.contact_cf.f), LEAST_FORCE_SCALE);
     this.#rescale("torque_nm", length(state.contact_cf.t), LEAST_TORQUE_SCALE);
     this.redraw();
@@ -164,18 +170,6 @@ export class SceneView {
   seeThrough(isSeeThrough) {
     this.isSeeThrough = isSeeThrough;
     this.redraw();
-  }
-
-  redraw() {
-    if (this.isDirty) return;
-    this.isDirty = true;
-    requestAnimationFrame(() => {
-      this.isDirty = false;
-      if (this.draw.gl.isContextLost() || this.canvas.clientWidth === 0) return;
-      this.#drawAll();
-      this.onDrawn();
-      for (const addition of this.additions) addition.drawn?.();
-    });
   }
 
   /** Draws at once; what is drawn can be read from the canvas until the caller returns to the browser. */
@@ -337,9 +331,12 @@ export class SceneView {
     this.draw.outline(part, model, this.colors.ghost, 0.9 * strength);
   }
 
+  /** Points of the tool: beyond a section plane that cuts the tool there is nothing that they could be on. */
   #drawPoints(ratio) {
-    if (this.points.length === 0) return;
-    this.draw.dots(this.points, this.colors.point, DOT_SHARE * this.pointSpacing, [3 * ratio, 9 * ratio], this.canvas.height);
+    const points = within(this.points, this.cutOf("tool"));
+    this.counted(points.length / 4, this.points.length > 0 ? this.nPoints : 0);
+    if (points.length === 0) return;
+    this.draw.dots(points, this.colors.point, DOT_SHARE * this.pointSpacing, [3 * ratio, 9 * ratio], this.canvas.height);
   }
 
   /** Force as an arrow, torque as one with two heads along its axis, by the right hand. */
@@ -360,6 +357,13 @@ export class SceneView {
     const { view } = this.camera;
     return [0, 1, 2].map((axis) => [0, 1].map((n) => (AXES_SIZE / 2) * (1 + view[axis * 4 + n] * 1.28 * (2 / 3))));
   }
+}
+
+/** Points that a plane leaves in the picture. @param {Float32Array} points `[x, y, z, …]` in a row @param {?number[]} cut */
+function within(points, cut) {
+  if (!cut) return points;
+  const isLeft = (n) => cut[0] * points[n] + cut[1] * points[n + 1] + cut[2] * points[n + 2] <= cut[3];
+  return points.filter((_, n) => isLeft(n - (n % 4)));
 }
 
 /** Points `[x, y, z, depth]` in a row, depths as shares of the deepest. */

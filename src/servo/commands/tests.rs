@@ -208,3 +208,34 @@ fn simulated_time_waits_for_a_promised_scene_and_not_for_one_that_will_not_come(
     let mut queue = queue.with_promised(Box::new([0]));
     assert!(!queue.is_scene_due(&mut scene, (0, 0), ClockKind::Virtual, || false), "the sender has gone");
 }
+
+#[test]
+fn the_newest_order_for_the_hand_counts_from_the_read_after_it() {
+    let (mut controls, mut queue, mut scene) = ends();
+    let mut hand = HandControl::new(None);
+    assert_eq!((controls.hand(HandOrder::Restart), controls.hand_use()), (Ok(1), None));
+    assert_eq!(controls.hand(HandOrder::MoveTo(at(0.1))), Ok(2));
+    assert!(controls.hand(HandOrder::MoveTo(at(f64::NAN))).is_err());
+    // Nothing has been told yet when the arm is read in the tick that takes them.
+    queue.receive(&mut scene, 0);
+    queue.note_read(monotonic_ns());
+    assert_eq!(controls.hand_use(), None);
+    queue.guide_hand(Some(&mut hand), Pose::IDENTITY);
+    assert_eq!(controls.hand_use(), None);
+    queue.note_read(monotonic_ns() + 3_000_000);
+    let HandUse { number, waited_us } = controls.hand_use().expect("used");
+    assert_eq!(number, 2, "of two before a tick the newer one");
+    assert!((3000..60_000_000).contains(&waited_us), "{waited_us}");
+    // Once only.
+    queue.note_read(monotonic_ns() + 1_000_000_000);
+    assert_eq!(controls.hand_use(), Some(HandUse { number, waited_us }));
+    // Of a scene that is not rendered it is dropped, and without a hand nothing is used.
+    assert_eq!(controls.hand(HandOrder::Restart), Ok(3));
+    queue.receive(&mut scene, 1);
+    queue.guide_hand(Some(&mut hand), Pose::IDENTITY);
+    assert_eq!(controls.hand(HandOrder::Restart), Ok(4));
+    queue.receive(&mut scene, 0);
+    queue.guide_hand(None, Pose::IDENTITY);
+    queue.note_read(monotonic_ns());
+    assert_eq!(controls.hand_use().map(|used| used.number), Some(2));
+}

@@ -111,7 +111,10 @@ fn the_hand_goes_where_it_is_asked_to_and_a_run_with_a_reset_is_replayed() {
     client.subscribe(200.0);
     client.state_where(pressed);
     assert_eq!(daemon.get("/api/v1/scene")["hand"], json!({ "path": true }));
-    client.does(json!({ "do": "hand", "pose": { "p": [0, 0, 0.02], "q": [0, 0, 0, 1] } }));
+    let reply = client.ask(json!({ "do": "hand", "pose": { "p": [0, 0, 0.02], "q": [0, 0, 0, 1] } }));
+    assert_eq!(reply["order"], 1, "{reply}");
+    let used = client.state_where(|state| state["hand"]["order"] == 1);
+    assert!(used["hand"]["waited_us"].as_u64().is_some_and(|waited_us| waited_us > 0), "{used}");
     // The joints of the arm have friction: the grip rests where it is less than that away.
     client.state_where(|state| (state["tool_cp"]["p"][2].as_f64().unwrap() - 0.02).abs() < 5e-4);
     client.does(json!({ "do": "restart_hand" }));

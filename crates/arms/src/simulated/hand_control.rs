@@ -73,7 +73,7 @@ pub struct HandControl {
 
 impl HandControl {
     /// A hand at the beginning of its path; without a path at the zero pose. RT: start-up only.
-    pub(crate) fn new(path: Option<GripPath>) -> Self {
+    pub fn new(path: Option<GripPath>) -> Self {
         let target = path.as_ref().map_or(Pose::IDENTITY, |path| path.sample(0.0));
         Self {
             path,
