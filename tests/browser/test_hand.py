@@ -118,6 +118,27 @@ class HandTest(PageCase):
                 break
         self.assertAlmostEqual(self.tool_mm(run)[2], 15.0, delta=0.2)
 
+    def test_a_reload_in_a_drag_lets_go(self):
+        run = self.insertion()
+        page = self.open(run)
+        page.click("[data-view=front]")
+        at = self.find_tool(page)
+        self.mouse(page, "mousePressed", at)
+        self.mouse(page, "mouseMoved", (at[0], at[1] + 300))
+        self.settled(run)
+        # The label says how far the tool came, which the block has stopped.
+        label = page.run("document.querySelector('#hand-force').textContent")
+        force, way, turn = map(float, re.fullmatch(r"(\d+\.\d+) N +(\d+\.\d) mm +(\d+)°", label).groups())
+        self.assertGreater(force, 1)
+        self.assertTrue(14 < way < 17 and turn < 5, label)
+        page.call("Page.reload")
+        for _ in range(100):
+            force = sum(x * x for x in run.get("state")["servo_cf"]["f"]) ** 0.5
+            if force < 0.5:
+                break
+            time.sleep(0.1)
+        self.assertLess(force, 0.5)
+
     def test_keys_wheel_and_axes_move_it(self):
         run = self.run_scene("rest")
         page = self.open(run)

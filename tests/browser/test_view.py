@@ -576,15 +576,22 @@ class ViewTest(PageCase):
               view.add(part(1, 2));
               view.fitUntouched();
               const grown = view.camera.distance;
+              // Pressed in the view: from now on nothing moves it, until it is fitted again.
+              canvas.dispatchEvent(new KeyboardEvent('keydown', { key: 'z' }));
+              view.add(part(3, 3));
+              view.fitUntouched();
+              const used = view.camera.distance === grown;
+              view.fit();
+              const fitted = view.camera.distance > grown;
               view.camera.zoom(0.5);
               const chosen = view.camera.distance;
               view.add(part(2, 4));
               view.fitUntouched();
               canvas.remove();
-              return { max, grew: grown > 1.5 * first, kept: view.camera.distance === chosen, box: view.box.max };
+              return { max, grew: grown > 1.5 * first, used, fitted, kept: view.camera.distance === chosen, box: view.box.max };
             })"""
         )
-        self.assertEqual(kept, {"max": [0.1, 0.1, 1], "grew": True, "kept": True, "box": [4, 4, 4]})
+        self.assertEqual(kept, {"max": [0.1, 0.1, 1], "grew": True, "used": True, "fitted": True, "kept": True, "box": [4, 4, 4]})
 
     def test_what_is_sent_is_compressed(self):
         run = self.run_scene("block")

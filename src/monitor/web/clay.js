@@ -178,6 +178,7 @@ export class Clay {
     this.facts = facts;
     byId("clay-box").hidden = !facts;
     byId("legend-brush").hidden = !facts;
+    byId("legend-region").hidden = !facts?.region_map;
     document.body.classList.toggle("has-clay", Boolean(facts));
     if (!facts) return;
     const craft = CRAFTS[facts.craft];

@@ -12,7 +12,7 @@
 
 import { byId, say, words } from "./element.js";
 import { Gamepads } from "./gamepad.js";
-import { add, isFinite3, length, rotate, scale, subtract, transform, transformBack, turnAbout, turned } from "./math.js";
+import { add, angleBetween, isFinite3, length, rotate, scale, subtract, transform, transformBack, turnAbout, turned } from "./math.js";
 import { count, fixed } from "./units.js";
 
 const AXES = { x: [1, 0, 0], y: [0, 1, 0], z: [0, 0, 1] };
@@ -205,6 +205,8 @@ export class Hand {
       handle.addEventListener("pointerdown", (event) => this.canMove && event.button === 0 && this.#take(event, { axis: AXES[handle.dataset.axis] }));
     }
     addEventListener("blur", () => this.drag && this.#end());
+    // Without the page no button comes up again. Nothing waits for the answer to an order that is under way.
+    addEventListener("pagehide", () => this.drag && this.tool && this.link.send("hand", { pose: this.tool }).catch(() => {}));
   }
 
   #at({ clientX, clientY }) {
@@ -257,7 +259,7 @@ export class Hand {
   #take(event, how) {
     const at = this.#at(event);
     const grabbed = this.#hit(at) ?? transform(this.tool, this.#middle);
-    this.drag = { isTurn: false, axis: null, ...how, fingers: new Map([[event.pointerId, at]]), local: transformBack(this.tool, grabbed) };
+    this.drag = { isTurn: false, axis: null, ...how, fingers: new Map([[event.pointerId, at]]), local: transformBack(this.tool, grabbed), from: this.tool };
     this.wish = { ...this.tool };
     this.canvas.setPointerCapture(event.pointerId);
     this.canvas.focus({ preventScroll: true });
@@ -344,7 +346,8 @@ export class Hand {
       const [from, to] = [this.tool, this.wish].map((pose) => camera.toScreen(transform(pose, this.drag.local)));
       set(band, { x1: from[0], y1: from[1], x2: to[0], y2: to[1], "stroke-width": 1.5 + 4 * this.share });
       set(label, { x: to[0] + 14, y: to[1] - 10 });
-      label.textContent = `${fixed(this.force_n, 2)} N`;
+      const [way, turn] = [length(subtract(transform(this.tool, this.drag.local), transform(this.drag.from, this.drag.local))), angleBetween(this.tool.q, this.drag.from.q)];
+      label.textContent = `${fixed(this.force_n, 2)} N  ${fixed(way * 1e3, 1)} mm  ${fixed((turn * 180) / Math.PI, 0)}°`;
     }
     if (!this.canMove) return;
     const from = transform(this.tool, this.#middle);

@@ -56,6 +56,9 @@ export function turned(a, b) {
   return [...scale(xyz, 1 / size), w / size];
 }
 
+/** Angle between two orientations, rad. @param {number[]} a @param {number[]} b quaternions */
+export const angleBetween = (a, b) => 2 * Math.acos(Math.min(1, Math.abs(a.reduce((sum, x, i) => sum + x * b[i], 0))));
+
 /** A point of the outer frame in a posed one. @type {(pose: Pose, v: Vec3) => Vec3} */
 export const transformBack = ({ p, q: [x, y, z, w] }, v) => rotate([-x, -y, -z, w], subtract(v, p));
 

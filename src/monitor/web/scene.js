@@ -90,6 +90,7 @@ export class SceneView {
       if (this.fitted) this.fitUntouched();
       this.redraw();
     }).observe(canvas);
+    for (const use of ["pointerdown", "wheel", "keydown"]) canvas.addEventListener(use, () => (this.isUsed = true), { capture: true, passive: true });
   }
 
   /** Takes all parts out, for another scene. */
@@ -98,6 +99,8 @@ export class SceneView {
     this.parts = [];
     this.alsoSeen = null;
     this.fitted = null;
+    this.isUsed = false;
+    for (const addition of this.additions) addition.cleared?.();
     this.clay.clear();
     this.points = new Float32Array(0);
     this.scales = { grid_m: 0.01, force_n: LEAST_FORCE_SCALE, torque_nm: LEAST_TORQUE_SCALE };
@@ -146,12 +149,13 @@ export class SceneView {
     this.scaled(this.scales);
     this.#measure();
     this.#fitCamera();
+    this.isUsed = false;
   }
 
-  /** All of the scene, unless the user has chosen another view since it was last fitted. */
+  /** All of the scene, unless the user has worked in the view or chosen another one since it was last fitted: what a hand aims at stands still. */
   fitUntouched() {
     const { target, distance } = this.camera;
-    if (!this.fitted || (this.fitted.target === target && this.fitted.distance === distance)) this.#fitCamera();
+    if (!this.fitted || (!this.isUsed && this.fitted.target === target && this.fitted.distance === distance)) this.#fitCamera();
   }
 
   #fitCamera() {

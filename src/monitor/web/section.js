@@ -101,6 +101,12 @@ export class Section {
     this.handle.setAttribute("transform", `translate(${(from[0] + to[0]) / 2} ${(from[1] + to[1]) / 2}) rotate(${angle}) scale(${size} 1)`);
   }
 
+  /** Another scene comes. */
+  cleared() {
+    this.place = null;
+    if (this.isOn) this.#turn(false);
+  }
+
   /** There are other parts, or more of them. */
   measured() {
     const [low, high] = this.#range;
@@ -224,7 +230,9 @@ export class Section {
     this.slider.value = String(Math.round(STEPS * share));
     this.slider.style.setProperty("--share", `calc(11px + ${share} * (100% - 22px))`);
     this.slider.setAttribute("aria-valuetext", `${short(this.#at * 1e3)} mm`);
-    if (document.activeElement !== this.field || !byId("section-problem").textContent) this.field.value = short(this.#at * 1e3);
+    // To a thousandth of the way: what is finer is noise of the middle.
+    const step = 10 ** Math.floor(Math.log10(high - low) - 3);
+    if (document.activeElement !== this.field || !byId("section-problem").textContent) this.field.value = short(Math.round(this.#at / step) * step * 1e3);
     byId("section-problem").textContent = "";
   }
 

@@ -94,7 +94,9 @@ impl EngineError {
             Self::NothingToRedo => "only what was taken back can be done again, until the next stroke",
             Self::NoShape => "give the scene's tool a mesh or a shape, or combine with another solid",
             Self::OutOfReach => "bring the tool nearer to the surface, or take a larger brush",
-            Self::OutsideRegion => "choose a region around it, or work within the one there is",
+            Self::OutsideRegion => {
+                "work inside the region (the thin box on the page), or put it elsewhere: `region_mm` in the scene, or the stroke `region`"
+            }
             Self::NoForce => "enable the arm",
             Self::Nothing(_) => "lay it on the surface, facing out of it",
             Self::Beside => "move it, and check its unit",
