@@ -107,6 +107,9 @@ macro_rules! mistakes {
 
 mistakes! {
     malformed_toml: with("units = \"mm\"", "units = \"mm") => r#"error: scene.toml:9: not TOML: invalid basic string, expected `"`"#;
+    a_decimal_comma: with("voxel_size_mm = 0.5\nlayers", "voxel_size_mm = 0,5\nlayers") => r"error: scene.toml:10: not TOML: unexpected key or value, expected newline, `#`
+  hint: a decimal point, not a comma";
+    a_comma_at_the_end: with("layers = 8", "layers = 8,") => "error: scene.toml:11: not TOML: unexpected key or value, expected newline, `#`";
     a_key_given_twice: with("layers = 8", "layers = 8\nlayers = 9") => "error: scene.toml:12: not TOML: duplicate key";
     missing_version: with("version = 1\n", "") => r"error: scene.toml: version: missing; this program reads version 1
   hint: write `version = 1` as the first line";

@@ -112,7 +112,8 @@ impl Problem {
                 round_down(*accepted)
             )),
             ProblemKind::Refused { hint, .. } => hint.clone(),
-            ProblemKind::StrokesMissing => Some("on the command line, paths are relative to the working directory".into()),
+            ProblemKind::Syntax { hint, .. } => hint.map(str::to_owned),
+            ProblemKind::StrokesMissing => Some(TO_WORKING_DIRECTORY.into()),
             ProblemKind::Unreadable { cause } if cause.kind() == io::ErrorKind::NotFound => {
                 packaged(&self.file).map(|file| format!("the package has one of that name: {}", file.display()))
             }
@@ -121,7 +122,6 @@ impl Problem {
                 scene.is_file().then(|| format!("did you mean {}?", scene.display()))
             }
             ProblemKind::Unreadable { .. }
-            | ProblemKind::Syntax { .. }
             | ProblemKind::VersionUnknown { .. }
             | ProblemKind::WrongType { .. }
             | ProblemKind::Repeated { .. }
@@ -229,6 +229,8 @@ pub enum ProblemKind {
     },
     /// A value of another type.
     #[error("must be {expected}")]
+        /// What to do about it, where the place of the error shows what was meant.
+        hint: Option<&'static str>,
     WrongType {
         /// What would be accepted.
         expected: String,
