@@ -376,7 +376,13 @@ fn a_wrong_scene_is_a_configuration_error_of_every_command() {
         }
     }
     for command in ["check", "run", "bake"] {
-        refuses(dir.path(), &format!("{command} none.toml"), 3, &["error: none.toml: cannot be read: No such file"]);
+        refuses(
+            dir.path(),
+            &format!("{command} none.toml"),
+            3,
+            &["error: none.toml: no such file", "relative to the working directory"],
+        );
+        refuses(dir.path(), &format!("{command} okk.toml"), 3, &["error: okk.toml: no such file", "did you mean `ok.toml`?"]);
         refuses(dir.path(), &format!("{command} folder.toml"), 3, &["error: folder.toml: cannot be read: is a directory"]);
     }
     fs::write(dir.path().join("binary.toml"), [0xff, 0xfe, 0]).unwrap();

@@ -142,7 +142,7 @@ error: scene.toml:25: device.profile = "sim-sigma": no device profile of this na
     missing_voxel_size: with("voxel_size_mm = 1\n", "") => "error: scene.toml:14: static[1].voxel_size_mm: missing; give a number: greater than 0 and at most 1000 mm";
     infinite_position: with("[0, 0, 40]", "[0, 0, inf]") => "error: scene.toml:22: tool.start_position_mm[2] = inf: must be finite";
     missing_mesh_file: with("base.obj", "bse.obj") => r#"error: scene.toml:8: static[0].mesh = "bse.obj": no such file: bse.obj
-  hint: paths are relative to the file that names them"#;
+  hint: did you mean `base.obj`? paths are relative to the file that names them"#;
     mesh_of_another_format: with("base.obj", "base.step") => r#"error: scene.toml:8: static[0].mesh = "base.step": STEP files hold curved surfaces, and a mesh of triangles is needed
   hint: convert it: `gmsh PART.step -2 -clmax 1 -o PART.stl` (edges of at most 1 mm), or FreeCAD with File, Export; then name the .stl with units "mm""#;
     mesh_of_an_unknown_format: with("base.obj", "base.dae") => r#"error: scene.toml:8: static[0].mesh = "base.dae": must be a mesh file whose name ends in .obj, .stl, .ply, .gltf, .glb or .3mf"#;
@@ -530,7 +530,7 @@ fn check_prints_results_on_stdout_and_problems_on_stderr() {
     let errors = [
         "error: wrong.toml:11: static[0].layers = 0: must be a whole number from 1 to 60\n",
         open,
-        "error: none.toml: cannot be read: No such file or directory (os error 2)\n",
+        "error: none.toml: no such file\n  hint: on the command line, paths are relative to the working directory\n",
     ];
     assert_eq!(String::from_utf8_lossy(&output.stderr), errors.concat());
 }
