@@ -112,6 +112,34 @@ fn open_meshes_and_wrong_units_are_told_before_the_bake() {
 }
 
 #[test]
+fn a_stiffness_that_no_client_could_set_is_warned_of_and_accepted() {
+    let dir = tempfile::tempdir().unwrap();
+    let write = |text: &str| fs::write(dir.path().join("scene.toml"), scene(PLANE, text)).unwrap();
+    let warning = |value: &str| {
+        format!(
+            "warning: scene.toml:14: contact.stiffness_n_per_mm = {value}: outside 0.25 to 20 N/mm, the range that the page gives a scene with \
+             the default of 5 N/mm; write 0.25 to 20; is the unit right? 1 N/mm is 1000 N/m"
+        )
+    };
+    for (value, is_told) in [("0.24", true), ("0.25", false), ("20", false), ("20.1", true), ("500000", true)] {
+        write(&format!("[contact]\nstiffness_n_per_mm = {value}\n"));
+        let expected = if is_told { vec![warning(value)] } else { Vec::new() };
+        assert_eq!(said(dir.path(), "warning: ", 0), expected);
+    }
+    let json = hapticd(dir.path(), "check scene.toml --json").json();
+    let told = &json["files"][0]["problems"][0];
+    for (key, value) in
+        [("severity", "warning"), ("key", "contact.stiffness_n_per_mm"), ("value", "500000"), ("file", "scene.toml")]
+    {
+        assert_eq!(told[key], value, "{told}");
+    }
+    assert!(told["line"] == 14 && told["hint"].as_str().unwrap().starts_with("write 0.25 to 20"), "{told}");
+    // There it does nothing.
+    write("[contact]\nstiffness_n_per_mm = 500000\n[rendering]\ncoupling = \"constraint\"\n");
+    assert_eq!(said(dir.path(), "warning: ", 0), Vec::<String>::new());
+}
+
+#[test]
 fn check_prints_its_problems_as_json() {
     let dir = with_hand(METRES, "0,0.02,0,0.015,0,0,0,1\n");
     fs::write(dir.path().join("wrong.toml"), scene(PLANE, "profil = \"sim-sigma7\"")).unwrap();
