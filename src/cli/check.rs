@@ -11,7 +11,7 @@ use crate::config::strokes::{self, Script, TimedOrder};
 use crate::config::{self, Problem, SceneConfig, StiffnessBound};
 use crate::daemon::{HandProblem, Inputs, PrepareError, inputs};
 use crate::error::Exit;
-use crate::scene::{self, MemoryPlan, SceneError};
+use crate::scene::{self, MemoryPlan};
 use arms::profile::{self, Profile, ProfileError};
 use clay::engine::{SculptOrder, ToolSettings};
 use document::show;
@@ -122,7 +122,7 @@ fn check_scene(file: &Path, warnings: &mut Vec<Finding>) -> Result<SceneConfig, 
     });
     drop(memory);
     warnings.extend(of_parts.into_iter().chain(of_memory));
-    looked_at.map_err(SceneError::from)?;
+    looked_at.map_err(|problem| PrepareError::of_scene(&config, problem.into()))?;
     Ok(config)
 }
 

@@ -112,6 +112,31 @@ fn open_meshes_and_wrong_units_are_told_before_the_bake() {
 }
 
 #[test]
+fn a_part_as_large_as_a_house_has_its_unit_doubted_first() {
+    let dir = tempfile::tempdir().unwrap();
+    let tetrahedron = "v 0 0 0\nv 30 0 0\nv 0 30 0\nv 0 0 30\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n";
+    fs::write(dir.path().join("part.obj"), tetrahedron).unwrap();
+    let write = |plate: &str| fs::write(dir.path().join("scene.toml"), scene(plate, "")).unwrap();
+    write("mesh = \"part.obj\"\nunits = \"m\"\nvoxel_size_mm = 0.5");
+    let errors = said(dir.path(), "error: ", 3);
+    assert!(errors[0].starts_with("error: scene.toml:5: static[0].units = \"m\": base is 30 m long: a grid of "), "{errors:?}");
+    let hints = said(dir.path(), "  hint: ", 3);
+    let first =
+        "  hint: check the unit first: with \"mm\" the part is 30 mm long; if the part is so large, use a voxel size of at least ";
+    assert!(hints[0].starts_with(first) && !hints[0].contains("or check"), "{hints:?}");
+    assert!(hapticd(dir.path(), "bake scene.toml --cache off").stderr.contains(&errors[0]));
+    // Large, but not so large: the voxels are the mistake.
+    write("mesh = \"part.obj\"\nunits = \"cm\"\nvoxel_size_mm = 0.001");
+    assert!(said(dir.path(), "error: ", 3)[0].starts_with("error: base: a grid of "));
+    // The tool's as well.
+    let tool = scene(PLANE, "")
+        .replace("shape = { sphere_mm = 5.0 }", "mesh = \"part.obj\"\nunits = \"in\"")
+        .replace("_mm = 1.0", "_mm = 0.001");
+    fs::write(dir.path().join("scene.toml"), tool.replace("\"in\"", "\"m\"")).unwrap();
+    assert!(said(dir.path(), "error: ", 3)[0].starts_with("error: scene.toml:9: tool.units = \"m\": tool is 30 m long: "));
+}
+
+#[test]
 fn a_stiffness_that_no_client_could_set_is_warned_of_and_accepted() {
     let dir = tempfile::tempdir().unwrap();
     let write = |text: &str| fs::write(dir.path().join("scene.toml"), scene(PLANE, text)).unwrap();
