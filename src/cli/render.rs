@@ -284,7 +284,7 @@ struct Beside<'a> {
     protocol: Option<&'a Protocol>,
     services: &'a mut Services,
     sculpt_run: Option<&'a mut SculptRun>,
-    /// Nobody feels it when the loop is late: the arm is simulated, and real time is not enforced.
+    /// No hand feels it when the loop is late: the arm is simulated, and real time is not enforced.
     may_be_late: bool,
     /// The scene is read again when SIGHUP asks for it.
     reloads: bool,

@@ -20,7 +20,7 @@ use vps::storage::printable::shown;
 const STATUS_EVERY: Duration = Duration::from_secs(1);
 /// A check of the machine that failed.
 pub(super) const FAILED: &str = "FAILED";
-/// The same for a simulated arm that may be late: nobody feels it.
+/// The same for a simulated arm that may be late: no hand feels it.
 const GOOD_ENOUGH: &str = "not real time; good enough to try:";
 
 /// stderr while a run goes on: lines that stay, and on a terminal one status line that is written over.
