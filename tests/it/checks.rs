@@ -124,7 +124,10 @@ fn a_part_as_large_as_a_house_has_its_unit_doubted_first() {
     let first =
         "  hint: check the unit first: with \"mm\" the part is 30 mm long; if the part is so large, use a voxel size of at least ";
     assert!(hints[0].starts_with(first) && !hints[0].contains("or check"), "{hints:?}");
-    assert!(hapticd(dir.path(), "bake scene.toml --cache off").stderr.contains(&errors[0]));
+    fs::write(dir.path().join("poses.csv"), format!("{METRES}\n0,0,0,0.015,0,0,0,1\n")).unwrap();
+    for line in ["bake scene.toml --cache off", "eval scene.toml --poses poses.csv --out - --cache off"] {
+        assert!(hapticd(dir.path(), line).stderr.contains(&errors[0]), "{line}");
+    }
     // Large, but not so large: the voxels are the mistake.
     write("mesh = \"part.obj\"\nunits = \"cm\"\nvoxel_size_mm = 0.001");
     assert!(said(dir.path(), "error: ", 3)[0].starts_with("error: base: a grid of "));
