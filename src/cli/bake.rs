@@ -16,9 +16,10 @@ use self::mesh::{bake_mesh, mesh_error};
 use super::progress::BakeProgress;
 use super::{OutputOptions, cache, check, destination, memory, output, report};
 use crate::config;
+use crate::daemon::PrepareError;
 use crate::error::Exit;
 use crate::scene::cache::CachePolicy;
-use crate::scene::{self, BakeOptions, Built, ClayReport, ObjectReport, SceneError};
+use crate::scene::{self, BakeOptions, Built, ClayReport, ObjectReport};
 use vps::part::PartError;
 use vps::voxmap::inside_test::InsideTest;
 
@@ -119,7 +120,7 @@ impl From<InsideTestChoice> for InsideTest {
 /// Why baking ended early.
 enum Failure {
     Usage(String),
-    Scene(SceneError),
+    Scene(PrepareError),
     /// Of a mesh on its own.
     Part(PartError),
     Write(PathBuf, std::io::Error),
@@ -145,7 +146,7 @@ pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
             report::error(&message, None, output);
             Exit::Usage
         }
-        Err(Failure::Scene(error)) => report::scene_error(&error, output),
+        Err(Failure::Scene(error)) => report::prepare_error(&error, output),
         Err(Failure::Part(error)) => mesh_error(args, &error, output),
         Err(Failure::Write(path, error)) => {
             report::error(&format!("cannot write {}: {error}", path.display()), destination::hint(&error), output);
@@ -185,7 +186,7 @@ fn bake_scene(args: &Args, output: OutputOptions) -> Result<Exit, Failure> {
     drop(means);
     progress.finish();
     cache::tell(&mut cache, output);
-    let Built { objects: reports, piece, .. } = baked.map_err(Failure::Scene)?;
+    let Built { objects: reports, piece, .. } = baked.map_err(|error| Failure::Scene(PrepareError::of_scene(&config, error)))?;
     let clay = piece.map(|piece| piece.report);
     let total_s = since.elapsed().as_secs_f64();
     report::bake_warnings(&reports, output);

@@ -11,7 +11,7 @@ use crate::config::strokes::{self, Script, TimedOrder};
 use crate::config::{self, Problem, SceneConfig, StiffnessBound};
 use crate::daemon::{HandProblem, Inputs, PrepareError, inputs};
 use crate::error::Exit;
-use crate::scene::{self, MemoryPlan, SceneError};
+use crate::scene::{self, MemoryPlan};
 use arms::profile::{self, Profile, ProfileError};
 use clay::engine::{SculptOrder, ToolSettings};
 use document::show;
@@ -104,6 +104,7 @@ fn check_profile(file: &Path, name: Option<&str>) -> Checked {
 /// What `run` would say before it bakes.
 fn check_scene(file: &Path, warnings: &mut Vec<Finding>) -> Result<SceneConfig, PrepareError> {
     let config = config::load(file).map_err(PrepareError::Config)?;
+    warnings.extend(config::doubts(&config).iter().map(Finding::of_doubt));
     let Inputs { warnings: of_hand, .. } = inputs(&config)?;
     warnings.extend(of_hand.into_iter().map(|problem| Finding::of_hand(false, &problem)));
     if let Some(SculptConfig { strokes: Some(file), tool, .. }) = &config.sculpt {
@@ -121,7 +122,7 @@ fn check_scene(file: &Path, warnings: &mut Vec<Finding>) -> Result<SceneConfig, 
     });
     drop(memory);
     warnings.extend(of_parts.into_iter().chain(of_memory));
-    looked_at.map_err(SceneError::from)?;
+    looked_at.map_err(|problem| PrepareError::of_scene(&config, problem.into()))?;
     Ok(config)
 }
 
@@ -181,6 +182,11 @@ impl Finding {
         let Problem { file, line, key, value, .. } = problem;
         let (text, hint) = (problem.to_string(), problem.hint());
         Self { is_error: true, text, hint, file: Some(file.clone()), line: *line, key: key.clone(), value: value.clone() }
+    }
+
+    /// `run` says it with what to do about it.
+    fn of_doubt(problem: &Problem) -> Self {
+        Self { is_error: false, text: report::doubt_text(problem), ..Self::of_config(problem) }
     }
 
     /// `run` says it of the tool, which the hand moves.

@@ -10,6 +10,7 @@ use clap::ValueEnum;
 use super::progress::BakeProgress;
 use super::{OutputOptions, cache, destination, output, report};
 use crate::config::{self, SceneConfig};
+use crate::daemon::PrepareError;
 use crate::error::Exit;
 use crate::scene::cache::CachePolicy;
 use crate::scene::{self, BakeOptions};
@@ -105,7 +106,7 @@ pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
     cache::tell(&mut cache, output);
     let (scene, reports) = match baked {
         Ok(baked) => baked,
-        Err(error) => return report::scene_error(&error, output),
+        Err(error) => return report::prepare_error(&PrepareError::of_scene(&config, error), output),
     };
     report::bake_warnings(&reports, output);
 

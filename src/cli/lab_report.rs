@@ -7,7 +7,7 @@ use crate::daemon::{RecordedScene, UnpackError, Unpacked};
 use crate::error::Exit;
 use crate::picture::parts::{SceneParts, SceneSnapshot, sheet};
 use recording::file::{Entry, ReadError, Recording};
-use recording::report::LabReport;
+use recording::report::{LabReport, Moment};
 use vps::storage::printable::one_line;
 use vps::storage::whole_file::write_bytes;
 
@@ -80,9 +80,20 @@ fn read(args: &Args) -> Result<LabReport, ReadError> {
     if !recording.is_whole() {
         page.cut_off();
     }
+    recording.first_tick_at().into_iter().for_each(|at| page.begun_at(at));
     // A page without its picture is still a page: what is wrong with the scene's files stands on it.
-    let drawn = unpacked.map_err(|problem| problem.to_string()).and_then(|files| picture(&page, &files));
-    page.put_picture(drawn.map_err(|why| one_line(&why).into_owned()));
+    let drawn = unpacked.map_err(|problem| problem.to_string()).and_then(|files| {
+        let moment = page.moment().ok_or("no tick has a pose of the tool")?;
+        let at_end = page.end().map(|end| picture(&page, &files, &end)).transpose()?;
+        Ok((picture(&page, &files, moment)?, at_end))
+    });
+    match drawn {
+        Ok((png, at_end)) => {
+            page.put_picture(Ok(png));
+            at_end.into_iter().for_each(|png| page.put_end_picture(png));
+        }
+        Err(why) => page.put_picture(Err(one_line(&why).into_owned())),
+    }
     Ok(page)
 }
 
@@ -96,9 +107,8 @@ fn unpack(mut files: Unpacked, entry: Entry) -> Result<Unpacked, UnpackError> {
     Ok(files)
 }
 
-/// The scene in the moment that the page is about.
-fn picture(page: &LabReport, files: &Unpacked) -> Result<Vec<u8>, String> {
-    let moment = page.moment().ok_or("no tick has a pose of the tool")?;
+/// The scene in a moment of the page.
+fn picture(page: &LabReport, files: &Unpacked, moment: &Moment) -> Result<Vec<u8>, String> {
     let RecordedScene { config, .. } = files.scene(moment.scene_idx).map_err(|problem| problem.to_string())?;
     let parts = SceneParts::of(&config).map_err(|problem| problem.to_string())?;
     let place = |(idx, pose)| moment.moved.get(&(idx as u32)).copied().unwrap_or(pose);

@@ -14,7 +14,7 @@ use super::outcome::{RunExtras, StartTimes, lets_go_text, result_text};
 use super::progress::BakeProgress;
 use super::sculpt_run::{self, SculptRun};
 use super::services::{ServiceOptions, Services};
-use super::status_line::{StatusLine, report_lines};
+use super::status_line::{FAILED, StatusLine, report_lines};
 use super::{OutputOptions, bake, cache, check, drawing, guard, live, network, output, recording, report};
 use crate::config::{self, ConfigErrors};
 use crate::daemon::drawing::{self as drawing_thread, Drawing};
@@ -84,6 +84,7 @@ pub(crate) fn main(args: &LoopArgs, own: &CommandOptions<'_>, output: OutputOpti
         Ok(config) => config,
         Err(errors) => return report::config_errors(&errors, output),
     };
+    report::scene_doubts(&config, output);
     let clock = args.clock.kind();
     let mut sculpt_run = match SculptRun::plan(&config, own.clay, own.overwrite, clock, args.recording.file(), output) {
         Ok(sculpt_run) => sculpt_run,
@@ -214,6 +215,7 @@ pub(crate) fn main(args: &LoopArgs, own: &CommandOptions<'_>, output: OutputOpti
         protocol,
         services: &mut services,
         sculpt_run: sculpt_run.as_mut(),
+        may_be_late: config.device.profile.real.is_none() && !config.realtime.enforce,
         reloads: is_open,
         watches: own.live.watch,
     };
@@ -250,7 +252,7 @@ pub(crate) fn main(args: &LoopArgs, own: &CommandOptions<'_>, output: OutputOpti
         Refusal::Run(error) => {
             let refused = if let RunError::Refused(checks) = &error { Some(checks) } else { None };
             if let Some(checks) = refused.filter(|_| output.quiet) {
-                for row in report_lines(checks, true) {
+                for row in report_lines(checks, true, FAILED) {
                     output::message(format_args!("{row}\n"));
                 }
             }
@@ -282,6 +284,8 @@ struct Beside<'a> {
     protocol: Option<&'a Protocol>,
     services: &'a mut Services,
     sculpt_run: Option<&'a mut SculptRun>,
+    /// No hand feels it when the loop is late: the arm is simulated, and real time is not enforced.
+    may_be_late: bool,
     /// The scene is read again when SIGHUP asks for it.
     reloads: bool,
     /// The scene is read again when its files change.
@@ -296,8 +300,8 @@ fn run(
     end_by_signals: impl FnOnce(&Arc<Control>) -> Result<(), SignalError>,
     bake: impl FnOnce() -> Result<Prepared, PrepareError>,
 ) -> Result<RunOutcome, Refusal> {
-    let Beside { mut live, paths, session, recorder, protocol, services, sculpt_run, reloads, watches } = beside;
-    let mut screen = StatusLine::new(output, session, protocol, live.operator.waits_after_fault);
+    let Beside { mut live, paths, session, recorder, protocol, services, sculpt_run, may_be_late, reloads, watches } = beside;
+    let mut screen = StatusLine::new(output, session, protocol, may_be_late, live.operator.waits_after_fault);
     let handle = services.notice_handler();
     let mut service = Service::of_environment();
     let mut supervisor = Supervisor::new(|notice| {

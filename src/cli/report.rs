@@ -4,7 +4,7 @@ use std::io::IsTerminal;
 
 use super::output::{self, Level};
 use super::{OutputOptions, When};
-use crate::config::ConfigErrors;
+use crate::config::{self, ConfigErrors, Problem, SceneConfig};
 use crate::daemon::{PrepareError, service};
 use crate::error::Exit;
 use crate::scene::{ClayError, ClayReport, ObjectReport, SceneError};
@@ -18,6 +18,16 @@ pub(crate) fn config_errors(errors: &ConfigErrors, output: OutputOptions) -> Exi
         error(&one_line(&problem.to_string()), problem.hint().as_deref(), output);
     }
     Exit::Configuration
+}
+
+/// Prints what is likely wrong with a scene.
+pub(crate) fn scene_doubts(config: &SceneConfig, output: OutputOptions) {
+    config::doubts(config).iter().for_each(|problem| warning(&one_line(&doubt_text(problem)), output));
+}
+
+/// All of it in one line.
+pub(super) fn doubt_text(problem: &Problem) -> String {
+    problem.hint().map_or_else(|| problem.to_string(), |hint| format!("{problem}; {hint}"))
 }
 
 /// Prints why an object cannot be built and gives the exit code for it.

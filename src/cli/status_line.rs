@@ -18,6 +18,10 @@ use vps::storage::printable::shown;
 
 /// How often `--log-format json -v` has the newest tick.
 const STATUS_EVERY: Duration = Duration::from_secs(1);
+/// A check of the machine that failed.
+pub(super) const FAILED: &str = "FAILED";
+/// The same for a simulated arm that may be late: no hand feels it.
+const GOOD_ENOUGH: &str = "not real time; good enough to try:";
 
 /// stderr while a run goes on: lines that stay, and on a terminal one status line that is written over.
 pub(super) struct StatusLine<'a> {
@@ -26,6 +30,8 @@ pub(super) struct StatusLine<'a> {
     protocol: Option<&'a Protocol>,
     quiet: bool,
     live: bool,
+    /// What stands at a check of the machine that failed.
+    failed_mark: &'static str,
     /// A fault does not end the run.
     waits_after_fault: bool,
     /// A status line is on the screen now.
@@ -39,11 +45,13 @@ impl<'a> StatusLine<'a> {
         output: OutputOptions,
         session: &'a SessionHandle,
         protocol: Option<&'a Protocol>,
+        may_be_late: bool,
         waits_after_fault: bool,
     ) -> Self {
+        let failed_mark = if may_be_late { GOOD_ENOUGH } else { FAILED };
         let live = !output.quiet && !output::is_json() && std::io::stderr().is_terminal();
         let next_status = (output::is_json() && output.verbose > 0).then(Instant::now);
-        Self { session, protocol, quiet: output.quiet, live, waits_after_fault, status_on: false, next_status }
+        Self { session, protocol, quiet: output.quiet, live, failed_mark, waits_after_fault, status_on: false, next_status }
     }
 
     pub(super) fn show(&mut self, notice: &Notice<'_>) {
@@ -113,7 +121,7 @@ impl<'a> StatusLine<'a> {
 
     fn preflight(&mut self, report: &PreflightReport) {
         if !output::is_json() {
-            report_lines(report, false).iter().for_each(|row| self.line(Level::Info, "preflight", row, &[]));
+            report_lines(report, false, self.failed_mark).iter().for_each(|row| self.line(Level::Info, "preflight", row, &[]));
             return;
         }
         for row in &report.rows {
@@ -147,12 +155,12 @@ fn at(record: &TickRecord) -> [(&'static str, Value); 2] {
 }
 
 /// Checks of the machine, one line each, with what would help.
-pub(super) fn report_lines(report: &PreflightReport, failed_only: bool) -> Vec<String> {
+pub(super) fn report_lines(report: &PreflightReport, failed_only: bool, failed_mark: &str) -> Vec<String> {
     let mut lines = Vec::new();
     for row in &report.rows {
         let mark = match row.outcome {
             preflight::CheckOutcome::Passed => "ok",
-            preflight::CheckOutcome::Failed => "FAILED",
+            preflight::CheckOutcome::Failed => failed_mark,
             preflight::CheckOutcome::Unknown => "unknown",
         };
         if failed_only && row.outcome != preflight::CheckOutcome::Failed {

@@ -22,6 +22,7 @@
 mod schema;
 
 mod bound;
+mod doubts;
 pub mod draft;
 pub mod json_schema;
 mod resolve;
@@ -29,6 +30,7 @@ pub mod scene;
 pub mod strokes;
 
 pub use bound::StiffnessBound;
+pub use doubts::{doubts, problem_at};
 pub(crate) use resolve::{FOXGLOVE_ACCEPTED, LISTEN_ACCEPTED, parse_foxglove, parse_listen};
 pub use resolve::{LoadOptions, load, load_with};
 pub use scene::SceneConfig;

@@ -83,6 +83,16 @@ pub enum PrepareError {
     Open(#[from] OpenError),
 }
 
+impl PrepareError {
+    /// Why the scene cannot be built: the unit of a mesh, where it makes a part so large that little else can be wrong.
+    pub fn of_scene(config: &SceneConfig, error: SceneError) -> Self {
+        match scene::doubted_unit(config, &error) {
+            Some(problem) => Self::Config(ConfigErrors::new(vec![problem])),
+            None => Self::Scene(error),
+        }
+    }
+}
+
 /// What the simulated arm plays.
 pub struct Inputs {
     /// Path of its hand.
@@ -155,7 +165,8 @@ pub fn prepare_on(
     if let (Some(options), None) = (&to_open, remote) {
         open::look_for(profile, options)?;
     }
-    let Built { scene, objects: mut reports, piece } = scene::build_all(config, means, watch)?;
+    let Built { scene, objects: mut reports, piece } =
+        scene::build_all(config, means, watch).map_err(|error| PrepareError::of_scene(config, error))?;
     if let Some(tool) = reports.last_mut() {
         tool.warnings.extend(warnings.iter().map(HandProblem::with_remedy));
     }

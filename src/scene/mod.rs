@@ -11,8 +11,10 @@ mod build;
 pub mod cache;
 mod loaded_clay;
 mod object;
+mod unit;
 
 pub use build::{BakeEvent, Built, build, build_all, build_with, look_at_parts};
 pub use loaded_clay::{BorderReport, ClayError, ClayReport, LoadedClay};
 pub use object::{BakeOptions, MemoryPlan, SceneError, load};
+pub use unit::doubted_unit;
 pub use vps::part::{CacheUse, ObjectReport, PartRole};

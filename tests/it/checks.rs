@@ -112,6 +112,62 @@ fn open_meshes_and_wrong_units_are_told_before_the_bake() {
 }
 
 #[test]
+fn a_part_as_large_as_a_house_has_its_unit_doubted_first() {
+    let dir = tempfile::tempdir().unwrap();
+    let tetrahedron = "v 0 0 0\nv 30 0 0\nv 0 30 0\nv 0 0 30\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n";
+    fs::write(dir.path().join("part.obj"), tetrahedron).unwrap();
+    let write = |plate: &str| fs::write(dir.path().join("scene.toml"), scene(plate, "")).unwrap();
+    write("mesh = \"part.obj\"\nunits = \"m\"\nvoxel_size_mm = 0.5");
+    let errors = said(dir.path(), "error: ", 3);
+    assert!(errors[0].starts_with("error: scene.toml:5: static[0].units = \"m\": base is 30 m long: a grid of "), "{errors:?}");
+    let hints = said(dir.path(), "  hint: ", 3);
+    let first =
+        "  hint: check the unit first: with \"mm\" the part is 30 mm long; if the part is so large, use a voxel size of at least ";
+    assert!(hints[0].starts_with(first) && !hints[0].contains("or check"), "{hints:?}");
+    fs::write(dir.path().join("poses.csv"), format!("{METRES}\n0,0,0,0.015,0,0,0,1\n")).unwrap();
+    for line in ["bake scene.toml --cache off", "eval scene.toml --poses poses.csv --out - --cache off"] {
+        assert!(hapticd(dir.path(), line).stderr.contains(&errors[0]), "{line}");
+    }
+    // Large, but not so large: the voxels are the mistake.
+    write("mesh = \"part.obj\"\nunits = \"cm\"\nvoxel_size_mm = 0.001");
+    assert!(said(dir.path(), "error: ", 3)[0].starts_with("error: base: a grid of "));
+    // The tool's as well.
+    let tool = scene(PLANE, "")
+        .replace("shape = { sphere_mm = 5.0 }", "mesh = \"part.obj\"\nunits = \"in\"")
+        .replace("_mm = 1.0", "_mm = 0.001");
+    fs::write(dir.path().join("scene.toml"), tool.replace("\"in\"", "\"m\"")).unwrap();
+    assert!(said(dir.path(), "error: ", 3)[0].starts_with("error: scene.toml:9: tool.units = \"m\": tool is 30 m long: "));
+}
+
+#[test]
+fn a_stiffness_that_no_client_could_set_is_warned_of_and_accepted() {
+    let dir = tempfile::tempdir().unwrap();
+    let write = |text: &str| fs::write(dir.path().join("scene.toml"), scene(PLANE, text)).unwrap();
+    let warning = |value: &str| {
+        format!(
+            "warning: scene.toml:14: contact.stiffness_n_per_mm = {value}: outside 0.25 to 20 N/mm, the range that the page gives a scene with \
+             the default of 5 N/mm; write 0.25 to 20; is the unit right? 1 N/mm is 1000 N/m"
+        )
+    };
+    for (value, is_told) in [("0.24", true), ("0.25", false), ("20", false), ("20.1", true), ("500000", true)] {
+        write(&format!("[contact]\nstiffness_n_per_mm = {value}\n"));
+        let expected = if is_told { vec![warning(value)] } else { Vec::new() };
+        assert_eq!(said(dir.path(), "warning: ", 0), expected);
+    }
+    let json = hapticd(dir.path(), "check scene.toml --json").json();
+    let told = &json["files"][0]["problems"][0];
+    for (key, value) in
+        [("severity", "warning"), ("key", "contact.stiffness_n_per_mm"), ("value", "500000"), ("file", "scene.toml")]
+    {
+        assert_eq!(told[key], value, "{told}");
+    }
+    assert!(told["line"] == 14 && told["hint"].as_str().unwrap().starts_with("write 0.25 to 20"), "{told}");
+    // There it does nothing.
+    write("[contact]\nstiffness_n_per_mm = 500000\n[rendering]\ncoupling = \"constraint\"\n");
+    assert_eq!(said(dir.path(), "warning: ", 0), Vec::<String>::new());
+}
+
+#[test]
 fn check_prints_its_problems_as_json() {
     let dir = with_hand(METRES, "0,0.02,0,0.015,0,0,0,1\n");
     fs::write(dir.path().join("wrong.toml"), scene(PLANE, "profil = \"sim-sigma7\"")).unwrap();

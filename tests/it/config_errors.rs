@@ -107,6 +107,9 @@ macro_rules! mistakes {
 
 mistakes! {
     malformed_toml: with("units = \"mm\"", "units = \"mm") => r#"error: scene.toml:9: not TOML: invalid basic string, expected `"`"#;
+    a_decimal_comma: with("voxel_size_mm = 0.5\nlayers", "voxel_size_mm = 0,5\nlayers") => r"error: scene.toml:10: not TOML: unexpected key or value, expected newline, `#`
+  hint: a decimal point, not a comma";
+    a_comma_at_the_end: with("layers = 8", "layers = 8,") => "error: scene.toml:11: not TOML: unexpected key or value, expected newline, `#`";
     a_key_given_twice: with("layers = 8", "layers = 8\nlayers = 9") => "error: scene.toml:12: not TOML: duplicate key";
     missing_version: with("version = 1\n", "") => r"error: scene.toml: version: missing; this program reads version 1
   hint: write `version = 1` as the first line";
@@ -139,7 +142,7 @@ error: scene.toml:25: device.profile = "sim-sigma": no device profile of this na
     missing_voxel_size: with("voxel_size_mm = 1\n", "") => "error: scene.toml:14: static[1].voxel_size_mm: missing; give a number: greater than 0 and at most 1000 mm";
     infinite_position: with("[0, 0, 40]", "[0, 0, inf]") => "error: scene.toml:22: tool.start_position_mm[2] = inf: must be finite";
     missing_mesh_file: with("base.obj", "bse.obj") => r#"error: scene.toml:8: static[0].mesh = "bse.obj": no such file: bse.obj
-  hint: paths are relative to the file that names them"#;
+  hint: did you mean `base.obj`? paths are relative to the file that names them"#;
     mesh_of_another_format: with("base.obj", "base.step") => r#"error: scene.toml:8: static[0].mesh = "base.step": STEP files hold curved surfaces, and a mesh of triangles is needed
   hint: convert it: `gmsh PART.step -2 -clmax 1 -o PART.stl` (edges of at most 1 mm), or FreeCAD with File, Export; then name the .stl with units "mm""#;
     mesh_of_an_unknown_format: with("base.obj", "base.dae") => r#"error: scene.toml:8: static[0].mesh = "base.dae": must be a mesh file whose name ends in .obj, .stl, .ply, .gltf, .glb or .3mf"#;
@@ -527,7 +530,7 @@ fn check_prints_results_on_stdout_and_problems_on_stderr() {
     let errors = [
         "error: wrong.toml:11: static[0].layers = 0: must be a whole number from 1 to 60\n",
         open,
-        "error: none.toml: cannot be read: No such file or directory (os error 2)\n",
+        "error: none.toml: no such file\n  hint: on the command line, paths are relative to the working directory\n",
     ];
     assert_eq!(String::from_utf8_lossy(&output.stderr), errors.concat());
 }

@@ -1,5 +1,6 @@
 //! What can be wrong with a scene or a profile, and how it is said.
 
+use std::collections::BTreeMap;
 use std::fmt;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -88,10 +89,11 @@ impl Problem {
             ProblemKind::Missing { .. } if key.ends_with("units") => {
                 Some("a mesh file does not say its unit; a wrong guess is a factor of 1000".into())
             }
-            ProblemKind::FileMissing { .. } if key.starts_with("--") => {
-                Some("on the command line, paths are relative to the working directory".into())
+            ProblemKind::FileMissing { .. } if key.starts_with("--") => Some(TO_WORKING_DIRECTORY.into()),
+            ProblemKind::FileMissing { path } => {
+                let relative = "paths are relative to the file that names them";
+                Some(near_file(path).map_or(relative.into(), |name| format!("did you mean `{name}`? {relative}")))
             }
-            ProblemKind::FileMissing { .. } => Some("paths are relative to the file that names them".into()),
             ProblemKind::UnknownProfile { known, .. } => {
                 Some(format!("known profiles: {}; a path has a `/` or ends in .toml", known.join(", ")))
             }
@@ -112,16 +114,18 @@ impl Problem {
                 round_down(*accepted)
             )),
             ProblemKind::Refused { hint, .. } => hint.clone(),
-            ProblemKind::StrokesMissing => Some("on the command line, paths are relative to the working directory".into()),
+            ProblemKind::Syntax { hint, .. } => hint.map(str::to_owned),
+            ProblemKind::StrokesMissing => Some(TO_WORKING_DIRECTORY.into()),
             ProblemKind::Unreadable { cause } if cause.kind() == io::ErrorKind::NotFound => {
-                packaged(&self.file).map(|file| format!("the package has one of that name: {}", file.display()))
+                let of_package = packaged(&self.file).map(|file| format!("the package has one of that name: {}", file.display()));
+                let near = || near_file(&self.file).map(|name| format!("did you mean `{name}`? {TO_WORKING_DIRECTORY}"));
+                of_package.or_else(near).or_else(|| Some(TO_WORKING_DIRECTORY.into()))
             }
             ProblemKind::Unreadable { cause } if cause.kind() == io::ErrorKind::IsADirectory => {
                 let scene = self.file.join("scene.toml");
                 scene.is_file().then(|| format!("did you mean {}?", scene.display()))
             }
             ProblemKind::Unreadable { .. }
-            | ProblemKind::Syntax { .. }
             | ProblemKind::VersionUnknown { .. }
             | ProblemKind::WrongType { .. }
             | ProblemKind::Repeated { .. }
@@ -141,6 +145,25 @@ impl Problem {
 
 /// Where the Debian package keeps what it shares.
 pub const PACKAGED: &str = "/usr/share/hapticd";
+
+const TO_WORKING_DIRECTORY: &str = "on the command line, paths are relative to the working directory";
+/// Names of a folder that are looked at for a near one.
+const NAMES_MAX: usize = 1000;
+
+/// The name in the same folder, of the same type, that looks most like that of a file which is not there.
+fn near_file(missing: &Path) -> Option<String> {
+    let folder = missing.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let extension = missing.extension()?;
+    let is_alike = |path: &PathBuf| path.extension().is_some_and(|own| own.eq_ignore_ascii_case(extension)) && path.is_file();
+    let paths = folder.read_dir().ok()?.take(NAMES_MAX).filter_map(Result::ok).map(|entry| entry.path()).filter(is_alike);
+    let stems: BTreeMap<String, PathBuf> = paths.filter_map(|path| Some((path.file_stem()?.to_str()?.to_owned(), path))).collect();
+    let stem = nearest(missing.file_stem()?.to_str()?, stems.keys().map(String::as_str))?;
+    Some(stems.get(&stem)?.file_name()?.to_str()?.to_owned())
+}
+
+fn unreadable(cause: &io::Error) -> String {
+    if cause.kind() == io::ErrorKind::NotFound { "no such file".to_owned() } else { format!("cannot be read: {cause}") }
+}
 
 /// The file of that name that the Debian package brought.
 fn packaged(file: &Path) -> Option<PathBuf> {
@@ -175,7 +198,7 @@ impl std::error::Error for Problem {
 #[non_exhaustive]
 pub enum ProblemKind {
     /// The file does not open.
-    #[error("cannot be read: {cause}")]
+    #[error("{}", unreadable(.cause))]
     Unreadable {
         /// What the operating system said.
         cause: io::Error,
@@ -206,6 +229,8 @@ pub enum ProblemKind {
     Syntax {
         /// The parser's words.
         message: String,
+        /// What to do about it, where the place of the error shows what was meant.
+        hint: Option<&'static str>,
     },
     /// No `version` key.
     #[error("missing; this program reads version {supported}")]

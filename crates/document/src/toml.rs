@@ -64,7 +64,9 @@ impl<'t> Document<'t> {
         let root = DeTable::parse(text).map_err(|error| {
             let line = error.span().map(|span| line_of(text, span.start));
             let message = error.message().to_owned();
-            ConfigErrors::new(vec![Problem { line, ..Problem::of_file(file, ProblemKind::Syntax { message }) }])
+            let is_decimal_comma = error.span().is_some_and(|span| is_between_digits(text, span.start, b','));
+            let hint = is_decimal_comma.then_some("a decimal point, not a comma");
+            ConfigErrors::new(vec![Problem { line, ..Problem::of_file(file, ProblemKind::Syntax { message, hint }) }])
         })?;
         let root = Spanned::new(root.span(), DeValue::Table(root.into_inner()));
         let document = Self { file, text, root };
@@ -337,7 +339,13 @@ fn kind_of(message: &str, word: &str) -> ProblemKind {
     if let Some((_, expected)) = message.strip_prefix("invalid ").and_then(|rest| rest.rsplit_once(", expected ")) {
         return ProblemKind::WrongType { expected: in_our_words(expected).to_owned() };
     }
-    ProblemKind::Syntax { message: message.to_owned() }
+    ProblemKind::Syntax { message: message.to_owned(), hint: None }
+}
+
+/// Whether the byte at that place is this one, with a digit before and behind it.
+fn is_between_digits(text: &str, at: usize, byte: u8) -> bool {
+    let around = at.checked_sub(1).and_then(|before| text.as_bytes().get(before..before + 3));
+    matches!(around, Some([before, here, behind]) if before.is_ascii_digit() && *here == byte && behind.is_ascii_digit())
 }
 
 fn in_backticks(text: &str) -> Vec<String> {

@@ -49,6 +49,7 @@ fn run(
         protocol: None,
         services: &mut Services::default(),
         sculpt_run: None,
+        may_be_late: true,
         reloads: false,
         watches: false,
     };

@@ -12,7 +12,7 @@ use vps::contact::AVERAGED_CONTACTS;
 use vps::contact::Normalization;
 use vps::voxmap::field::FieldKind;
 
-const DEFAULT_CONTACT_N_PER_MM: f64 = 5.0;
+pub(in crate::config) const DEFAULT_CONTACT_N_PER_MM: f64 = 5.0;
 const DEFAULT_DAMPING_RATIO: f64 = 0.7;
 /// Coupling of an arm that bounds nothing: as stiff as the stiffest common arm.
 const UNBOUNDED_N_PER_M: f64 = 4000.0;

@@ -11,6 +11,7 @@ use std::path::Path;
 use glam::DVec3;
 
 use self::arm::{arm_parameters, stability};
+pub(super) use self::forces::DEFAULT_CONTACT_N_PER_MM;
 pub(crate) use self::monitor::{FOXGLOVE_ACCEPTED, LISTEN_ACCEPTED, parse_foxglove, parse_listen};
 use super::scene::{DeviceConfig, SceneConfig};
 use super::schema;

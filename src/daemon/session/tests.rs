@@ -78,7 +78,7 @@ fn a_scene_is_answered_when_it_is_sent_and_shown_when_it_is_rendered() {
     let (_folder, session) = in_folder(Box::new(|_| Ok(baked())));
     for asked in [
         session.set("limit_force_n", 1.0),
-        session.hand(HandOrder::Restart),
+        session.hand(HandOrder::Restart).map(|_| ()),
         switched(&session, "second").recv().expect("an answer"),
     ] {
         assert!(matches!(asked, Err(SessionError::Baking)), "{asked:?}");

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
+use std::time::{Duration, SystemTime};
 
 use mcap::McapError;
 use mcap::records::Record;
@@ -83,6 +84,8 @@ pub struct Recording {
     row: StampedRecord,
     is_whole: bool,
     is_over: bool,
+    /// Of the first message, ns since 1970.
+    first_stamp_ns: Option<u64>,
 }
 
 impl Recording {
@@ -115,12 +118,18 @@ impl Recording {
             row: StampedRecord::default(),
             is_whole: false,
             is_over: false,
+            first_stamp_ns: None,
         }
     }
 
     /// After the last entry: the file has an end. A recorder that was killed leaves one without.
     pub fn is_whole(&self) -> bool {
         self.is_whole
+    }
+
+    /// What the wall clock showed at the first tick, once that was read; the time of the simulated clock for a run under it.
+    pub fn first_tick_at(&self) -> Option<SystemTime> {
+        Some(SystemTime::UNIX_EPOCH + Duration::from_nanos(self.first_stamp_ns?))
     }
 
     /// The next entry; `None` at the end, also at that of a file that was cut off.
@@ -155,6 +164,9 @@ impl Recording {
                 LinearReadEvent::Record { data, opcode } => {
                     let record = mcap::parse_record(opcode, data)
                         .map_err(|error| ReadError::Format { file: self.path.clone(), message: error.to_string() })?;
+                    if let Record::Message { header, .. } = &record {
+                        self.first_stamp_ns.get_or_insert(header.log_time);
+                    }
                     let taken = take(record, &mut self.channels, &mut self.row, &mut self.is_whole);
                     let taken = taken.and_then(|entry| {
                         self.n_brought = self.n_brought.saturating_add(entry.as_ref().map_or(0, brought));

@@ -18,6 +18,7 @@ mod page;
 mod trace;
 
 use std::collections::BTreeMap;
+use std::time::SystemTime;
 
 use serde_json::Value;
 
@@ -45,6 +46,9 @@ pub struct LabReport {
     over_depth: Bins,
     over_path: Bins,
     picture: Option<Result<Vec<u8>, String>>,
+    end_picture: Option<Vec<u8>>,
+    /// What the wall clock showed at the first tick.
+    first_tick_at: Option<SystemTime>,
     first: Option<TickRecord>,
     last: Option<TickRecord>,
     missing_ticks: u64,
@@ -83,6 +87,8 @@ impl LabReport {
             over_depth: Bins::new(1e-3),
             over_path: Bins::new(1e-2),
             picture: None,
+            end_picture: None,
+            first_tick_at: None,
             first: None,
             last: None,
             missing_ticks: 0,
@@ -127,7 +133,15 @@ impl LabReport {
         self.summary.ticks()
     }
 
-    fn record(&mut self, record: &TickRecord, dropped: u64) {
+    /// What the wall clock showed at the first tick, where it is known.
+    pub fn begun_at(&mut self, first_tick_at: SystemTime) {
+        self.first_tick_at = Some(first_tick_at);
+    }
+
+    fn record(&mut self, of_run: &TickRecord, dropped: u64) {
+        let first = *self.first.get_or_insert(*of_run);
+        // A recording may begin in the middle of a run: its page counts from the recording's first tick.
+        let record = &TickRecord { time_ns: of_run.time_ns - first.time_ns, ..*of_run };
         let time_s = record.time_ns as f64 * 1e-9;
         if let Some(last) = &self.last {
             self.missing_ticks += record.tick.saturating_sub(last.tick.saturating_add(1));
@@ -148,13 +162,17 @@ impl LabReport {
         }
         self.over_path.add(self.moments.arc_m * 1e3, forces);
         self.dropped = dropped;
-        self.first.get_or_insert(*record);
         self.last = Some(*record);
     }
 
     /// What a picture is to show: the moment in which the tool was deepest; the last one if it touched nothing. `None`: there is no tick.
     pub fn moment(&self) -> Option<&Moment> {
         self.moments.shown.as_ref()
+    }
+
+    /// How it ended, where that is another pose than that of [`Self::moment`].
+    pub fn end(&self) -> Option<Moment> {
+        self.moments.end()
     }
 
     /// The path of the tool through a scene, at most 2000 poses in the order of time.
@@ -165,6 +183,11 @@ impl LabReport {
     /// Puts a picture of [`Self::moment`] at the top of the page, a PNG file; or why there is none.
     pub fn put_picture(&mut self, picture: Result<Vec<u8>, String>) {
         self.picture = Some(picture);
+    }
+
+    /// Puts a picture of [`Self::end`] beside it.
+    pub fn put_end_picture(&mut self, png: Vec<u8>) {
+        self.end_picture = Some(png);
     }
 
     /// The finished page: HTML that loads nothing.
@@ -199,6 +222,8 @@ impl LabReport {
 
 #[cfg(test)]
 mod tests {
+    use std::time::Duration;
+
     use glam::DVec3;
 
     use super::*;
@@ -271,7 +296,7 @@ mod tests {
         let after = |fragment: &str| page.find(fragment).unwrap_or_else(|| panic!("{fragment}\n{page}"));
         let order = [
             "src=\"data:image/png;base64,AQID\"",
-            "at its deepest, 0.999 s",
+            "at its deepest contact (0.499 mm), 0.999 s",
             "<strong>The tool touched something</strong>, first at 0.501 s, and for 499 of 1000 ticks; at most 0.499 mm deep.",
             "<strong>no fault</strong>",
             "<strong>1 tick was late</strong>",
@@ -291,6 +316,59 @@ mod tests {
         assert_eq!(page.matches("<details>").count(), page.matches("</details>").count());
         report.put_picture(Err("`a<b.obj` is <gone>".to_owned()));
         assert!(report.page().contains("There is no picture of the scene: `a&lt;b.obj` is &lt;gone&gt;."));
+    }
+
+    #[test]
+    fn a_recording_that_begins_in_a_run_counts_from_its_own_first_tick() {
+        let page_of = |first: u64| {
+            let mut report = LabReport::new("f.mcap".to_owned());
+            let begun = [("begun".to_owned(), "2026-01-31T12:00:00.000Z".to_owned())].into();
+            report.take(&Entry::Metadata { name: "run".to_owned(), values: begun });
+            report.begun_at(SystemTime::UNIX_EPOCH + Duration::from_secs(1));
+            (first..first + 500).for_each(|n| report.take(&tick(n, if n == first + 7 { Faults::STALE } else { Faults::NONE })));
+            report.page()
+        };
+        let (whole, later) = (page_of(0), page_of(170_000));
+        assert!(whole.contains(" · begun 2026-01-31T12:00:00.000Z</p>") && !whole.contains("recording begun"), "{whole}");
+        let begun = " · recording begun 1970-01-01T00:00:01.000Z, 170.000 s after the first tick of the run · run begun 2026-01-31T12:00:00.000Z</p>";
+        for fragment in
+            [begun, "<td>0.007 s</td><td>170007</td>", "<td>0.499 s</td>", "is 0.500 s long", "with tick 170000, 170.000 s after"]
+        {
+            assert!(later.contains(fragment), "{fragment}\n{later}");
+        }
+        let over_time = |page: &str| page[page.find("Over time").expect("curves")..page.find("Counts").expect("counts")].to_owned();
+        // The forces differ, and their time axes do not.
+        let depth = |page: &str| over_time(page)[over_time(page).find("Depth, mm").expect("a plot")..].to_owned();
+        assert_eq!(depth(&whole), depth(&later));
+    }
+
+    #[test]
+    fn two_pictures_stand_beside_each_other_where_the_end_is_another_pose() {
+        let mut report = LabReport::new("f.mcap".to_owned());
+        for n in 0..3_u64 {
+            let output = TickOutput {
+                world_from_tool: Pose::from_translation(DVec3::X * (n as f64 * 1e-3)),
+                contacts: u32::from(n > 0),
+                max_depth_m: [0.0, 3e-5, 1e-5][n as usize],
+                ..TickOutput::default()
+            };
+            report.take(&Entry::Tick {
+                record: Box::new(TickRecord { tick: n, time_ns: n as i64 * 1_000_000, output, ..TickRecord::default() }),
+                dropped: 0,
+            });
+        }
+        let end = report.end().expect("another pose");
+        assert_eq!((end.time_s, end.world_from_tool.translation.x, end.depth_m), (2e-3, 2e-3, 1e-5));
+        report.put_picture(Ok(vec![1]));
+        assert_eq!(report.page().matches("<img").count(), 1);
+        report.put_end_picture(vec![2]);
+        let page = report.page();
+        for fragment in
+            ["The tool at its deepest contact (0.03 mm), 0.001 s, and the path", "The tool at the end, 0.002 s, 0.01 mm deep."]
+        {
+            assert!(page.contains(fragment), "{fragment}\n{page}");
+        }
+        assert_eq!(page.matches("<img").count(), 2);
     }
 
     #[test]

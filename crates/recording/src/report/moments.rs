@@ -12,6 +12,10 @@ const MOST_POSES: usize = 2000;
 /// The tool has moved when its origin is this far from where it was counted last, m: noise of a sample at rest is no movement.
 const STEP_M: f64 = 1e-5;
 
+/// Poses nearer than this look the same, m and rad.
+const LIKE_M: f64 = 1e-4;
+const LIKE_RAD: f64 = 1e-2;
+
 /// The largest value of something.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Peak {
@@ -75,6 +79,8 @@ pub(super) struct Moments {
     /// How far the tool's origin went, m.
     pub(super) arc_m: f64,
     moved: BTreeMap<u32, Pose>,
+    /// Time, s, pose of the tool and depth, m, of the last tick whose pose is one.
+    last: Option<(f64, Pose, f64)>,
     scene_idx: u32,
     anchor: Option<DVec3>,
     paths: BTreeMap<u32, Path>,
@@ -103,6 +109,7 @@ impl Moments {
         if !output.world_from_tool.is_finite() {
             return;
         }
+        self.last = Some((time_s, output.world_from_tool, output.max_depth_m.max(0.0)));
         // Without contact the last moment is shown.
         if self.depth.take(output.max_depth_m, record) || self.depth.value == 0.0 {
             let Self { moved, scene_idx, .. } = self;
@@ -116,6 +123,20 @@ impl Moments {
             self.anchor = Some(place_world);
         }
         self.paths.entry(record.scene_idx).or_default().add(PathPose { world_from_tool: output.world_from_tool, touches });
+    }
+
+    /// The last moment, where the tool or an object was not as in the one that is shown.
+    pub(super) fn end(&self) -> Option<Moment> {
+        let shown = self.shown.as_ref()?;
+        let Self { scene_idx, moved, .. } = self;
+        let (time_s, world_from_tool, depth_m) = self.last?;
+        let is_near =
+            |a: &Pose, b: &Pose| a.translation.distance(b.translation) < LIKE_M && a.rotation.angle_between(b.rotation) < LIKE_RAD;
+        let are_near = moved.len() == shown.moved.len() && moved.values().zip(shown.moved.values()).all(|(a, b)| is_near(a, b));
+        if *scene_idx == shown.scene_idx && are_near && is_near(&world_from_tool, &shown.world_from_tool) {
+            return None;
+        }
+        Some(Moment { scene_idx: *scene_idx, time_s, world_from_tool, moved: moved.clone(), depth_m })
     }
 
     /// The path of the tool through a scene.
@@ -200,6 +221,8 @@ mod tests {
             let shown = moments.shown.as_ref().expect("a moment");
             assert_eq!(shown.time_s, tick.min(3) as f64 * 1e-3, "tick {tick}");
         }
+        let end = moments.end().expect("another pose");
+        assert_eq!((end.time_s, end.world_from_tool.translation.x, end.moved[&3].translation.x), (5e-3, 0.05, 6.0));
         let shown = moments.shown.expect("a moment");
         assert_eq!((shown.depth_m, shown.world_from_tool.translation.x), (2e-3, 0.03));
         assert_eq!(shown.moved[&3].translation.x, 5.0);
@@ -220,5 +243,9 @@ mod tests {
         assert!((MOST_POSES / 3..=MOST_POSES).contains(&path.len()), "{}", path.len());
         assert_eq!(path.iter().filter(|pose| pose.touches).count(), 1);
         assert!(moments.path(1).is_empty());
+        let shown = moments.shown.as_ref().expect("a moment").world_from_tool.translation.x;
+        assert!(moments.end().is_some_and(|end| end.world_from_tool.translation.x > shown + 0.05));
+        moments.add(&at(20_000, shown + 5e-5, 0.0));
+        assert!(moments.end().is_none(), "as deep a pose as the one that is shown");
     }
 }

@@ -13,6 +13,7 @@ use super::trace::{CLEARANCE, COMMAND_FORCE, COMMAND_TORQUE, COMPUTE, CONTACT_FO
 use super::{FaultSpan, LabReport, SceneFacts};
 use crate::LatencySummary;
 use haptics::Faults;
+use rt::utc::timestamp;
 
 const STYLE: &str = include_str!("page.css");
 /// Faults that are listed before the rest is folded.
@@ -21,7 +22,7 @@ const FAULTS_SHOWN: usize = 6;
 /// The whole text.
 pub(super) fn page(report: &LabReport) -> String {
     let scene = report.scenes.values().next().and_then(|scene| scene.manifest.get("name")).map_or("recording", String::as_str);
-    let begun = report.run.get("begun").map_or(String::new(), |begun| format!(" · begun {}", escaped(begun)));
+    let begun = begun(report);
     let mut body = format!("<h1>{}</h1><p class=\"file\">{}{begun}</p>", escaped(scene), escaped(&report.file));
     if report.last.is_some() {
         picture(report, &mut body);
@@ -54,6 +55,20 @@ pub(super) fn page(report: &LabReport) -> String {
     )
 }
 
+/// When the run began, and when the recording did, where that was later.
+fn begun(report: &LabReport) -> String {
+    let run = report.run.get("begun").map(|begun| escaped(begun));
+    let later = report.first.filter(|first| first.tick > 0).map(|first| {
+        let at = report.first_tick_at.filter(|_| report.keeps_time()).map_or(String::new(), |at| format!(" {}", timestamp(at)));
+        format!("recording begun{at}, {:.3} s after the first tick of the run", first.time_ns as f64 * 1e-9)
+    });
+    match (run, later) {
+        (Some(run), None) => format!(" · begun {run}"),
+        (Some(run), Some(later)) => format!(" · {later} · run begun {run}"),
+        (None, later) => later.map_or(String::new(), |later| format!(" · {later}")),
+    }
+}
+
 /// What a reader opens if wanted; paper shows the title alone.
 fn folded(title: &str, body: &mut String, write: impl FnOnce(&mut String)) {
     // Writing to a string cannot fail, here and below.
@@ -79,23 +94,36 @@ fn picture(report: &LabReport, body: &mut String) {
     let Some(Moment { time_s, depth_m, .. }) = report.moment() else { return };
     match &report.picture {
         Some(Ok(png)) => {
-            let when = if *depth_m > 0.0 { "at its deepest" } else { "at the end" };
-            let caption = format!(
-                "The tool {when}, {time_s:.3} s, and the path of its middle: <span class=\"key free\">free</span>, \
-                 <span class=\"key touches\">in contact</span>; pale where a part is in front of it."
-            );
-            let data = STANDARD.encode(png);
-            let _ = write!(
-                body,
-                "<figure class=\"scene\"><img alt=\"The parts of the scene and the tool {when}\" src=\"data:image/png;base64,{data}\">\
-                 <figcaption>{caption}</figcaption></figure>"
-            );
+            let when = if *depth_m > 0.0 {
+                format!("at its deepest contact ({} mm)", figures(depth_m * 1e3))
+            } else {
+                "at the end".to_owned()
+            };
+            let path = "and the path of its middle: <span class=\"key free\">free</span>, \
+                        <span class=\"key touches\">in contact</span>; pale where a part is in front of it.";
+            body.push_str("<div class=\"scenes\">");
+            scene_figure(png, &when, &format!("{time_s:.3} s, {path}"), body);
+            if let (Some(png), Some(Moment { time_s, depth_m, .. })) = (&report.end_picture, report.end()) {
+                let depth =
+                    if depth_m > 0.0 { format!("{} mm deep", figures(depth_m * 1e3)) } else { "without contact".to_owned() };
+                scene_figure(png, "at the end", &format!("{time_s:.3} s, {depth}."), body);
+            }
+            body.push_str("</div>");
         }
         Some(Err(why)) => {
             let _ = write!(body, "<p class=\"warning\">There is no picture of the scene: {}.</p>", escaped(why));
         }
         None => {}
     }
+}
+
+fn scene_figure(png: &[u8], when: &str, caption: &str, body: &mut String) {
+    let data = STANDARD.encode(png);
+    let _ = write!(
+        body,
+        "<figure class=\"scene\"><img alt=\"The parts of the scene and the tool {when}\" src=\"data:image/png;base64,{data}\">\
+         <figcaption>The tool {when}, {caption}</figcaption></figure>"
+    );
 }
 
 /// What happened, in sentences and in one table.
@@ -168,7 +196,10 @@ fn verdict(report: &LabReport, body: &mut String) {
     }
     body.push_str(
         "<p class=\"note\">Contact: what the parts do to the tool, about its centre of mass, in world axes. Command: what the arm is told, after \
-         filter, coupling, scale and limits, in its own axes. The place of the tool is that of the origin of its frame.</p></section>",
+         filter, coupling, scale and limits, in its own axes. So the command may be above zero where nothing touches: the slew limit lets it fall over \
+         some ticks, and with <code>coupling.free_space = \"drag\"</code> the spring and the damping of the coupling act there as well. And it may be below \
+         the contact force: the spring of the coupling saturates, the control of passivity weakens a force that has given energy, and the limits scale \
+         it back. The place of the tool is that of the origin of its frame. Times count from the first tick of the recording.</p></section>",
     );
 }
 

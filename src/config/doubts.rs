@@ -1,0 +1,49 @@
+//! What a scene file has that is accepted and likely wrong, and where it stands.
+
+use std::path::Path;
+
+use super::resolve::DEFAULT_CONTACT_N_PER_MM;
+use super::{Problem, ProblemKind, SceneConfig};
+use document::{Document, show};
+use haptics::{ContactParameters, CouplingMode, CouplingParameters, LiveParameter, Parameters};
+use vps::storage::regular;
+
+/// N/m in a N/mm.
+const N_PER_M: f64 = 1e3;
+
+/// What is likely wrong with a scene that was read.
+pub fn doubts(config: &SceneConfig) -> Vec<Problem> {
+    contact_stiffness(config).into_iter().collect()
+}
+
+/// A problem at a key of a scene that was read before. The file is read again, for the line and what is written there; one that is gone or no scene any
+/// more has neither.
+pub fn problem_at(path: &Path, key: &str, kind: ProblemKind) -> Problem {
+    if let Ok(text) = regular::written(path)
+        && let Ok(document) = Document::parse(path, &text)
+    {
+        return document.problem(key, kind);
+    }
+    Problem { key: Some(key.to_owned()), ..Problem::of_file(path, kind) }
+}
+
+/// Clients set the stiffness of a scene to multiples of its own. What no client could set a scene of the default to is likely in another unit.
+fn contact_stiffness(config: &SceneConfig) -> Option<Problem> {
+    let written = config.parameters;
+    // `None`: it does nothing in this mode.
+    LiveParameter::ContactStiffness.range(&written)?;
+    let contact = ContactParameters { stiffness_n_per_m: DEFAULT_CONTACT_N_PER_MM * N_PER_M, ..written.contact };
+    // `direct` has no range above its own stiffness.
+    let coupling = CouplingParameters { mode: CouplingMode::Implicit, ..written.coupling };
+    let usual = LiveParameter::ContactStiffness.range(&Parameters { contact, coupling, ..written })?;
+    if (usual.least..=usual.most).contains(&written.contact.stiffness_n_per_m) {
+        return None;
+    }
+    let [least, most] = [usual.least, usual.most].map(|n_per_m| show(n_per_m / N_PER_M));
+    let why = format!(
+        "outside {least} to {most} N/mm, the range that the page gives a scene with the default of {} N/mm",
+        show(DEFAULT_CONTACT_N_PER_MM)
+    );
+    let hint = Some(format!("write {least} to {most}; is the unit right? 1 N/mm is 1000 N/m"));
+    Some(problem_at(&config.path, "contact.stiffness_n_per_mm", ProblemKind::Refused { why, hint }))
+}
