@@ -141,7 +141,7 @@ impl LabReport {
     fn record(&mut self, of_run: &TickRecord, dropped: u64) {
         let first = *self.first.get_or_insert(*of_run);
         // A recording may begin in the middle of a run: its page counts from the recording's first tick.
-        let record = &TickRecord { time_ns: of_run.time_ns - first.time_ns, ..*of_run };
+        let record = &TickRecord { time_ns: of_run.time_ns.saturating_sub(first.time_ns), ..*of_run };
         let time_s = record.time_ns as f64 * 1e-9;
         if let Some(last) = &self.last {
             self.missing_ticks += record.tick.saturating_sub(last.tick.saturating_add(1));
