@@ -127,7 +127,8 @@ def test_a_part_goes_where_it_was_wished(arm: Client) -> None:
 
 def test_the_hand_of_a_simulated_arm_goes_where_it_is_told(arm: Client) -> None:
     arm.hand.move_to([0.0, 0.0, 0.03])
-    arm.wait_until(lambda state: abs(state.tool_cp.p[2] - 0.03) < 5e-4)
+    state = arm.wait_until(lambda state: abs(state.tool_cp.p[2] - 0.03) < 5e-4)
+    assert state.hand is not None and state.hand.order >= 1 and state.hand.waited_us > 0
     begin, end = Pose(np.array([0.0, 0.0, 0.03]), np.array([0.0, 0.0, 0.0, 1.0])), Pose(np.array([0.005, 0.0, 0.025]), np.array([0.0, 0.0, 0.0, 1.0]))
     arm.hand.follow([(0.0, begin), (0.4, end)])
     arm.wait_until(lambda state: bool(np.allclose(state.tool_cp.p, end.p, atol=5e-4)))

@@ -63,6 +63,16 @@ class LastFault:
     """Names of the faults."""
 
 
+@dataclass(frozen=True, slots=True)
+class HandUse:
+    """An order for the hand of a simulated arm that a tick has used."""
+
+    order: int
+    """Its number, from 1; each `move_to` and `restart` of any client is one."""
+    waited_us: int
+    """From when the run took it until a tick had read the first sample of the arm that it moved, µs."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class State:
     """One state of a run, of one tick."""
@@ -125,6 +135,8 @@ class State:
     """What the arm's driver took, µs."""
     objects: dict[int, Pose]
     """Movable objects in the world, by their place in `Client.scene().objects`."""
+    hand: HandUse | None
+    """The newest order for the hand that was used; None before the first one."""
     points: Vector | None
     """Contact points as rows x, y, z, depth, world, m; None where they were not asked for, or are as before."""
     points_of: int | None
@@ -141,7 +153,7 @@ class State:
     def from_json(cls, said: dict[str, Any]) -> State:
         """Takes a state as the server writes it. Keys that this version does not know are ignored, as the protocol wants."""
         fault, wanted = said["last_fault"], said["device_cp_world"]
-        points, history = said.get("points"), said.get("history")
+        points, history, hand = said.get("points"), said.get("history"), said.get("hand")
         return cls(
             seq=said["seq"],
             dropped=said["dropped"],
@@ -172,6 +184,7 @@ class State:
             compute_us=number(said["compute_us"]),
             device_us=number(said["device_us"]),
             objects={stand["idx"]: Pose.from_json(stand) for stand in said["objects"]},
+            hand=None if hand is None else HandUse(hand["order"], hand["waited_us"]),
             points=None if points is None else _vector(points).reshape(-1, 4),
             points_of=said.get("points_of"),
             history=None if history is None else _vector(history).reshape(-1, 5),
