@@ -6,23 +6,25 @@ from hapticd import CLAY
 from page_case import SCREENS, SHOTS, PageCase
 
 # Samples of a known shape in a view of the test's own, 400 × 400 pixels, without ground and axes. `shapes` gives `[[x, y, z, nx, ny, nz, r, g, b], …]`
-# in metres; `at(point)` the colour of a point's pixel; `shown()` how many pixels have something.
+# in metres, `parts` how many 32nds of the mean spacing they are apart; `at(point)` the colour of a point's pixel; `shown()` how many pixels have something.
 STAGE = """(async () => {
-  const [{ SceneView }, { parseSamples }, { project }] = await Promise.all(["scene", "splats", "pick"].map((name) => import(`/web/${name}.js`)));
+  const [{ SceneView }, { parseSamples }, { clayAt, project }] = await Promise.all(["scene", "splats", "pick"].map((name) => import(`/web/${name}.js`)));
   const canvas = document.createElement("canvas");
   canvas.style = "position: fixed; left: 0; top: 0; width: 400px; height: 400px";
   document.body.append(canvas);
   const view = new SceneView(canvas, () => {});
   Object.assign(view.draw, { ground() {}, axes() {} });
-  const show = (samples, spacing) => {
+  const show = (samples, spacing, parts = 0) => {
     const data = new DataView(new ArrayBuffer(32 + 20 * samples.length));
     [...new TextEncoder().encode("HCLY")].forEach((byte, n) => data.setUint8(n, byte));
     [[4, 1], [8, 1], [16, samples.length], [20, samples.length]].forEach(([at, value]) => data.setUint32(at, value, true));
     data.setFloat32(24, spacing, true);
+    data.setFloat32(28, spacing / 32, true);
     samples.forEach((sample, n) => {
       const at = 32 + 20 * n;
       sample.slice(0, 3).forEach((x, axis) => data.setFloat32(at + 4 * axis, x, true));
       sample.slice(3, 6).forEach((x, axis) => data.setInt8(at + 12 + axis, Math.round(127 * x)));
+      data.setUint8(at + 15, parts);
       sample.slice(6).forEach((byte, n) => data.setUint8(at + 16 + n, byte));
     });
     view.clay.clear();
@@ -100,6 +102,26 @@ class ClayTest(PageCase):
         """)
         self.assertLess(abs(without[0] - without[1]), 8, f"even light: {without}")
         self.assertLess(with_wall[0], 0.9 * with_wall[1], "the crease is hidden from the sky")
+
+    def test_the_cursor_meets_what_is_drawn(self):
+        """Between samples that are four times as far apart as the mean: large discs are drawn there, and the line of sight meets them."""
+        _, page = self.open_clay()
+        missed, met, drawn = self.on_stage(page, """
+          const floor = Array.from({ length: 100 }, (_, n) => [0.004 * (n % 10) - 0.018, 0.004 * Math.floor(n / 10) - 0.018, 0, 0, 0, 1, 200, 200, 200]);
+          const under = (parts) => {
+            show(floor, 0.001, parts);
+            view.camera.lookFrom("top");
+            const [x, y] = project(view, [0, 0, 0]);
+            const { left, top } = canvas.getBoundingClientRect();
+            return clayAt(view, left + x, top + y)?.point ?? null;
+          };
+          const [missed, met] = [under(0), under(128)];
+          return [missed, met, at(pixels(), [0, 0, 0])];
+        """)
+        self.assertIsNone(missed)
+        for found in met:
+            self.assertAlmostEqual(found, 0, delta=1e-4)
+        self.assertGreater(min(drawn), 60)
 
     def test_a_section_leaves_half_of_it_out(self):
         _, page = self.open_clay()

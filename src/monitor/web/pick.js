@@ -56,8 +56,7 @@ export function clayAt(view, x, y) {
   const back = [-pose.q[0], -pose.q[1], -pose.q[2], pose.q[3]];
   const eye = toLocal(pose, origin);
   const ray = rotate(back, direction);
-  const { bytes, n, spacing } = samples;
-  const most = spacing * spacing;
+  const { bytes, n, spacing, unit } = samples;
   const cut = view.cutOf("clay");
   // Of the point so far along the ray: how far beyond the section plane.
   const beyond = (along) => (cut ? dot(cut, origin) - cut[3] + along * dot(cut, direction) : 0);
@@ -69,7 +68,10 @@ export function clayAt(view, x, y) {
     const pz = data.getFloat32(at + 8, true) - eye[2];
     const nearest = px * ray[0] + py * ray[1] + pz * ray[2];
     const away = px * px + py * py + pz * pz;
-    if ((best && nearest - spacing >= best.along) || away - nearest * nearest > most) continue;
+    // As it is drawn: where samples are far apart discs are large, and no line of sight passes between them.
+    const radius = unit * data.getUint8(at + 15) || spacing;
+    const most = radius * radius;
+    if ((best && nearest - radius >= best.along) || away - nearest * nearest > most) continue;
     const [nx, ny, nz] = [data.getInt8(at + 12), data.getInt8(at + 13), data.getInt8(at + 14)];
     const facing = nx * ray[0] + ny * ray[1] + nz * ray[2];
     if (facing >= 0) continue;
