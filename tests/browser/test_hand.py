@@ -1,5 +1,6 @@
 """The hand of a simulated arm, moved by pointer, touch, keys and gamepad, as a user moves it."""
 
+import math
 import re
 import time
 
@@ -165,7 +166,22 @@ class HandTest(PageCase):
         self.mouse(page, "mouseMoved", (at[0] + 60, at[1]), "right")
         self.settled(run)
         self.assertGreater(abs(run.get("state")["tool_cp"]["q"][2]), 0.1, "about the vertical of the picture")
+        # In the drag, by key, and once more by button.
+        page.press("l")
+        self.settled(run)
+        self.assertTrue(self.is_straight(run), run.get("state")["tool_cp"]["q"])
         self.mouse(page, "mouseReleased", (at[0] + 60, at[1]), "right")
+        for _ in range(3):
+            page.press("A", shift=True)
+        self.settled(run)
+        self.assertFalse(self.is_straight(run))
+        page.click("#hand-straighten")
+        self.settled(run)
+        self.assertTrue(self.is_straight(run), run.get("state")["tool_cp"]["q"])
+
+    def is_straight(self, run):
+        """The tool stands as at its start, within half a degree."""
+        return abs(run.get("state")["tool_cp"]["q"][3]) > math.cos(math.radians(0.25))
 
     def test_a_gamepad_moves_it_and_rumbles(self):
         run = self.run_scene("rest")

@@ -300,7 +300,7 @@ class PageTest(PageCase):
         self.assertEqual((n, n_bytes), (n_all, 20 * n_all))
         self.assertEqual(n_all, run.get("clay")["samples"])
         facts = page.run("document.querySelector('#clay-facts').textContent")
-        self.assertIn(" samples; update ", facts)
+        self.assertRegex(facts, r" samples; \d[\d\u202f]* updates of the material, the last took [\d.]+ ms")
         self.assertEqual(page.run("document.querySelector('#clay-box').hidden"), False)
         # Clay has a colour of its own, which no part has: all of the ball is covered.
         page.click("#clay-crafts button[value=touch]")
@@ -618,6 +618,15 @@ class PageTest(PageCase):
         turned = page.run("import('/web/math.js').then(({ rotate }) => rotate([0, 0, Math.SQRT1_2, Math.SQRT1_2], [1, 0, 2]))")
         for found, expected in zip(turned, [0, 1, 2]):
             self.assertAlmostEqual(found, expected)
+        # The nearest orientation along the axes: half turns, quarter turns, thirds of a turn about a diagonal.
+        nearest = page.run(
+            """import('/web/math.js').then(({ angleBetween, normalize, squared, turnAbout, turned }) =>
+              [[[1, 0, 0], Math.PI], [[0, -1, 0], Math.PI / 2], [[1, 1, -1], (2 * Math.PI) / 3], [[1, 1, 0], Math.PI], [[0, 0, 1], 0]].map(([axis, angle]) => {
+                const straight = turnAbout(normalize(axis), angle);
+                return angleBetween(squared(turned(turnAbout(normalize([3, -2, 5]), 0.4), straight)), straight);
+              }))"""
+        )
+        self.assertLess(max(nearest), 1e-6)
         # A cube as STL has it, every corner of every triangle a vertex of its own: 12 sharp edges, no diagonal, flat faces.
         cube = page.run(
             """import('/web/mesh.js').then(({ prepare }) => {

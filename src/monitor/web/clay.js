@@ -217,8 +217,8 @@ export class Clay {
     if (!facts) return;
     const { n, nAll } = this.drawn ?? { n: facts.samples, nAll: facts.samples };
     const thinned = n < nAll ? `, ${count(n)} shown` : "";
-    const updates = `${count(facts.late)} late, ${count(facts.updates)} in time`;
-    write(byId("clay-facts"), `${count(nAll)} samples${thinned}; update ${fixed(facts.update_s * 1e3, 1)} ms; ${updates}`);
+    const leftOut = facts.late > 0 ? `, ${count(facts.late)} left out to keep time` : "";
+    write(byId("clay-facts"), `${count(nAll)} samples${thinned}; ${count(facts.updates)} updates of the material, the last took ${fixed(facts.update_s * 1e3, 1)} ms${leftOut}`);
   }
 
   /** Why nothing can be done to the clay; empty where something can. */

@@ -12,7 +12,7 @@
 
 import { byId, say, words } from "./element.js";
 import { Gamepads } from "./gamepad.js";
-import { add, angleBetween, isFinite3, length, rotate, scale, subtract, transform, transformBack, turnAbout, turned } from "./math.js";
+import { add, angleBetween, isFinite3, length, rotate, scale, squared, subtract, transform, transformBack, turnAbout, turned } from "./math.js";
 import { count, fixed } from "./units.js";
 
 const AXES = { x: [1, 0, 0], y: [0, 1, 0], z: [0, 0, 1] };
@@ -56,6 +56,7 @@ export class Hand {
     /** The newest order that a tick has used. @type {?{order: number, waited_us: number}} */
     this.used = null;
     this.gamepads = new Gamepads(this);
+    byId("hand-straighten").onclick = ({ timeStamp }) => this.straighten(timeStamp);
     byId("hand-restart").onclick = () => this.#order("restart_hand");
     byId("hand-reset").onclick = () => this.#order("reset");
     byId("hand-sound").onchange = ({ target }) => (target.checked ? this.#openSound() : this.#closeSound());
@@ -129,6 +130,14 @@ export class Hand {
     this.move({ p: add(subtract(pivot, rotate(q, this.#middle)), way), q }, at);
   }
 
+  /** Turns the wish so that the axes of the tool lie along those of the world, by the shortest way. @param {number=} at as in `move` */
+  straighten(at) {
+    if (!this.canMove) return;
+    const { q } = this.wish ?? this.tool;
+    const [x, y, z, w] = q;
+    this.nudge([0, 0, 0], turned(squared(q), [-x, -y, -z, w]), at);
+  }
+
   /** The wish is over: the hand holds the tool where it is. */
   rest() {
     if (this.canMove && this.wish) this.move(this.tool);
@@ -164,7 +173,7 @@ export class Hand {
     awaited.delete(used.order);
     const sorted = this.latencies.toSorted((a, b) => a - b);
     const at = (share) => fixed(sorted[Math.ceil(share * sorted.length) - 1], 1);
-    byId("hand-latency").textContent = `${at(0.5)} ms, 99 % within ${at(0.99)} ms (${count(sorted.length)} poses)`;
+    byId("hand-latency").textContent = `${at(0.5)} ms, 99 % within ${at(0.99)} ms (${count(sorted.length)} ${sorted.length === 1 ? "pose" : "poses"})`;
   }
 
   async #order(what) {
@@ -321,6 +330,10 @@ export class Hand {
     }
     if (this.drag && letter === "r") {
       this.drag.isTurn = !this.drag.isTurn;
+      return true;
+    }
+    if (letter === "l") {
+      this.straighten(timeStamp);
       return true;
     }
     const { right, up, backward } = this.view.camera.axes;

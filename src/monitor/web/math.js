@@ -59,6 +59,19 @@ export function turned(a, b) {
 /** Angle between two orientations, rad. @param {number[]} a @param {number[]} b quaternions */
 export const angleBetween = (a, b) => 2 * Math.acos(Math.min(1, Math.abs(a.reduce((sum, x, i) => sum + x * b[i], 0))));
 
+/**
+ * The nearest of the 24 orientations whose axes lie along those of the outer frame.
+ * Their quaternions have one component of size 1, two of √½ or four of ½.
+ * @type {(q: Quat) => Quat}
+ */
+export function squared(q) {
+  const sizes = q.map(Math.abs).toSorted((a, b) => b - a);
+  const share = (n) => sizes.slice(0, n).reduce((sum, x) => sum + x, 0) / Math.sqrt(n);
+  const n = [1, 2, 4].reduce((best, each) => (share(each) > share(best) ? each : best));
+  const largest = [0, 1, 2, 3].toSorted((a, b) => Math.abs(q[b]) - Math.abs(q[a])).slice(0, n);
+  return q.map((x, axis) => (largest.includes(axis) ? (x < 0 ? -1 : 1) / Math.sqrt(n) : 0));
+}
+
 /** A point of the outer frame in a posed one. @type {(pose: Pose, v: Vec3) => Vec3} */
 export const transformBack = ({ p, q: [x, y, z, w] }, v) => rotate([-x, -y, -z, w], subtract(v, p));
 
