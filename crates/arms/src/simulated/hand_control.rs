@@ -10,7 +10,8 @@
 //! [`Reach`] of the hand: what stops the tool stops the hand.
 //!
 //! A path's time stands still while no force flows, and its poses hold in the world: at each enable the servo says where the tool stands with the
-//! grip where it is.
+//! grip where it is. A hand that a client has moved takes the grip home meanwhile: elsewhere it might stand outside of the workspace, where no
+//! force may begin to flow and no client could move it.
 
 use glam::DVec3;
 
@@ -41,6 +42,11 @@ pub struct Reach {
     pub most_rad: f64,
 }
 
+impl Reach {
+    /// Where no tool can be in the way.
+    const UNLIMITED: Self = Self { most_m: f64::INFINITY, most_rad: f64::INFINITY };
+}
+
 impl Default for Reach {
     /// What 2.5 N and 0.3 N·m stretch of the springs of a relaxed grip.
     fn default() -> Self {
@@ -58,6 +64,10 @@ pub struct HandControl {
     target: Pose,
     /// The grip that would hold the tool where it is, `device_from_grip`.
     held: Pose,
+    /// Where the hand began, `device_from_grip`.
+    home: Pose,
+    /// A client has moved it from there.
+    is_away: bool,
     /// Where the grip was when the path's frame was fixed; `None`: at its zero pose.
     origin: Option<Pose>,
     /// Time of the arm, and by how much the path's time is behind it, s.
@@ -80,6 +90,8 @@ impl HandControl {
             asked: None,
             target,
             held: target,
+            home: target,
+            is_away: false,
             origin: None,
             now_s: 0.0,
             delay_s: 0.0,
@@ -92,6 +104,7 @@ impl HandControl {
     /// Asks for a pose of the tool, `world_from_tool`; the hand goes there and stays.
     pub fn move_to(&mut self, world_from_tool: Pose) {
         self.asked = Some(world_from_tool);
+        self.is_away = true;
     }
 
     /// Says where the tool is, `world_from_tool`: once in each period.
@@ -121,6 +134,10 @@ impl HandControl {
     /// now. The path goes on where it was; where the tool is elsewhere, from the pose that is nearest to it; one of another scene begins.
     pub fn index(&mut self, device_from_grip: Pose, world_from_tool: Pose) {
         let Some(path) = &mut self.path else { return };
+        // The cursor of a client that pulled before is not for now.
+        if self.asked.is_some() {
+            self.asked = Some(world_from_tool);
+        }
         let moved = distance(self.origin.unwrap_or_default(), device_from_grip) + distance(path.start(), world_from_tool);
         if moved < 1e-12 && !self.begins {
             return;
@@ -134,10 +151,6 @@ impl HandControl {
             self.delay_s = self.now_s - path.nearest_s(world_from_tool);
         }
         self.begins = false;
-        // The cursor of a client that pulled before is not for now.
-        if self.asked.is_some() {
-            self.asked = Some(world_from_tool);
-        }
         (self.target, self.held) = (device_from_grip, device_from_grip);
         self.returns = true;
     }
@@ -153,6 +166,7 @@ impl HandControl {
     pub(crate) fn rest_at(&mut self, device_from_grip: Pose) {
         self.origin = Some(device_from_grip);
         self.target = self.path.as_ref().map_or(device_from_grip, |path| self.counted_from_origin(path.sample(0.0)));
+        self.home = self.target;
     }
 
     /// Where the target was at the end of the last step, `device_from_grip`.
@@ -171,7 +185,10 @@ impl HandControl {
     pub(crate) fn next(&mut self, time_s: f64, h: f64) -> Pose {
         self.now_s = time_s;
         let Some(path) = &self.path else { return self.target };
-        if !self.waits {
+        if self.waits && self.is_away {
+            self.target = self.toward(self.home, 1.0, Reach::UNLIMITED, h);
+            self.is_away = self.target != self.home;
+        } else if !self.waits {
             self.target = match self.asked {
                 Some(asked) => self.toward(self.counted_from_origin(path.grip_at(asked)), h / SLOWING_S, path.reach(), h),
                 None => {
@@ -317,6 +334,25 @@ mod tests {
         // From the beginning: 0.1 m down from where the grip was.
         let end = run(&mut hand, 5.0, 6.5);
         assert!((end.translation - DVec3::new(0.07, 0.0, -0.1)).length() < 1e-9, "{end:?}");
+    }
+
+    #[test]
+    fn a_hand_that_a_client_moved_takes_the_grip_home_while_no_force_flows() {
+        let mut hand = HandControl::new(Some(down()));
+        hand.move_to(Pose::new(DQuat::from_rotation_x(FRAC_PI_2), tool(0.3).translation));
+        let away = run(&mut hand, 0.0, 2.0);
+        assert!((away.translation.z + 0.2).abs() < 1e-9, "{away:?}");
+        hand.set_enabled(false);
+        let before = hand.target();
+        let soon = hand.next(2.0 + H, H);
+        assert!((soon.translation - before.translation).length() <= SPEED_M_PER_S * H * (1.0 + 1e-9));
+        assert_eq!(run(&mut hand, 2.0, 4.0), Pose::IDENTITY);
+        // And stays there, whatever is asked for meanwhile.
+        hand.move_to(tool(0.2));
+        assert_eq!(run(&mut hand, 4.0, 5.0), Pose::IDENTITY);
+        hand.index(Pose::IDENTITY, tool(0.5));
+        hand.set_enabled(true);
+        assert_eq!(run(&mut hand, 5.0, 6.0), Pose::IDENTITY, "what a client pulled at before is not for now");
     }
 
     #[test]
