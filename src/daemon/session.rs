@@ -314,12 +314,22 @@ impl SessionHandle {
     /// # Errors
     /// [`SessionError`]; nothing moves then, as where a person holds the arm.
     pub fn hand(&self, order: HandOrder) -> Result<u32, SessionError> {
+        self.hand_in(None, order)
+    }
+
+    /// The same of a client that means one scene: a drag that began before a switch does not move the tool of the next scene.
+    ///
+    /// # Errors
+    /// [`SessionError`]; nothing moves then.
+    pub fn hand_in(&self, scene_idx: Option<u32>, order: HandOrder) -> Result<u32, SessionError> {
         let mut state = self.state();
         let missing = state.why_no_hand();
         let controls = state.controls()?;
-        match missing {
-            Some(why) => Err(ControlError::NoHand(why).into()),
-            None => Ok(controls.hand(order)?),
+        let rendered = controls.scene_idx();
+        match (missing, scene_idx) {
+            (Some(why), _) => Err(ControlError::NoHand(why).into()),
+            (None, Some(asked)) if asked != rendered => Err(ControlError::AnotherScene { asked, rendered }.into()),
+            (None, _) => Ok(controls.hand(order)?),
         }
     }
 

@@ -54,6 +54,8 @@ pub(super) enum ClientCommand {
     /// The hand of a simulated arm goes to a pose of the tool, `world_from_tool`, and stays there.
     Hand {
         pose: PoseAsked,
+        /// The scene that the client means; without it the one that is rendered.
+        scene_idx: Option<u32>,
     },
     /// It follows the scene's path again.
     RestartHand {},
@@ -172,8 +174,8 @@ pub(super) fn perform(hub: &Arc<Hub>, files: &Worker, client: Option<&Client>, a
         ClientCommand::Place { object, pose } => {
             reply(done(hub.session.place(&object, pose.into())));
         }
-        ClientCommand::Hand { pose } => reply(hand(hub, HandOrder::MoveTo(pose.into()))),
-        ClientCommand::RestartHand {} => reply(hand(hub, HandOrder::Restart)),
+        ClientCommand::Hand { pose, scene_idx } => reply(hand(hub, scene_idx, HandOrder::MoveTo(pose.into()))),
+        ClientCommand::RestartHand {} => reply(hand(hub, None, HandOrder::Restart)),
         ClientCommand::Reset {} => hub.session.reset(Box::new(move |result| reply(done(result)))),
         ClientCommand::Switch { scene } => switch(hub, scene, reply),
         ClientCommand::Record { file } => record(hub, files, Some(file), reply),
@@ -216,8 +218,8 @@ fn done(result: Result<(), SessionError>) -> Result<Completion, RequestError> {
     Ok(nothing(result?))
 }
 
-fn hand(hub: &Hub, order: HandOrder) -> Result<Completion, RequestError> {
-    Ok(Completion::HandOrder(hub.session.hand(order)?))
+fn hand(hub: &Hub, scene_idx: Option<u32>, order: HandOrder) -> Result<Completion, RequestError> {
+    Ok(Completion::HandOrder(hub.session.hand_in(scene_idx, order)?))
 }
 
 fn switch(hub: &Arc<Hub>, scene: String, reply: Reply) {

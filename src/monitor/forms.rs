@@ -11,7 +11,7 @@ const FORMS: [(&str, &str); 19] = [
     ("stop", ""),
     ("set", r#""parameter": "contact_stiffness_n_per_m", "value": 800"#),
     ("place", r#""object": "lift", "pose": {"p": [0, 0, 0.01], "q": [0, 0, 0, 1]}"#),
-    ("hand", r#""pose": {"p": [0, 0, 0.01], "q": [0, 0, 0, 1]}"#),
+    ("hand", r#""pose": {"p": [0, 0, 0.01], "q": [0, 0, 0, 1]}, "scene_idx": 0"#),
     ("restart_hand", ""),
     ("reset", ""),
     ("switch", r#""scene": "peg""#),

@@ -137,6 +137,14 @@ pub enum ControlError {
     /// A person holds the arm, or no hand does.
     #[error("only the hand of a simulated arm can be moved: {0}")]
     NoHand(&'static str),
+    /// The client means another scene than the one that is rendered by now.
+    #[error("the pose is of scene {asked}, and scene {rendered} is rendered: read /api/v1/scene again")]
+    AnotherScene {
+        /// As asked for.
+        asked: u32,
+        /// What is rendered.
+        rendered: u32,
+    },
     /// Commands come faster than the loop takes them.
     #[error("{RING_COMMANDS} commands are waiting for the next tick")]
     Full,

@@ -122,6 +122,8 @@ fn the_hand_goes_where_it_is_asked_to_and_a_run_with_a_reset_is_replayed() {
     for (path, body, expected) in [
         ("hand", r#"{"pose": {"p": [0, 0, 0], "q": [0, 0, 0, 2]}}"#, 400),
         ("hand", r#"{"p": [0, 0, 0]}"#, 400),
+        ("hand", r#"{"pose": {"p": [0, 0, 0.02], "q": [0, 0, 0, 1]}, "scene_idx": 1}"#, 409),
+        ("hand", r#"{"pose": {"p": [0, 0, 0.02], "q": [0, 0, 0, 1]}, "scene_idx": 0}"#, 200),
         ("hand/restart", "", 200),
         ("scene/reset", "", 200),
     ] {
