@@ -321,7 +321,8 @@ fn run(
     }
     live.commands = session.begin(&scene, prepared.attached.is_none()).with_paths(paths);
     let view = session.view();
-    if view.has_hand && view.config.device.hand.is_none() {
+    // What works clay said so before.
+    if view.has_hand && view.config.device.hand.is_none() && view.config.sculpt.is_none() {
         report::note(
             "the scene has no path for its hand: it waits until the tool is moved on the monitor page; `device.hand` names a path",
             output,

@@ -107,7 +107,7 @@ impl SculptRun {
         let script = script.map_err(|errors| report::config_errors(&errors, output))?;
         if script.is_none() && config.device.profile.real.is_none() && config.device.hand.is_none() {
             let hint = "`hand` under [device] leads it along a path, --strokes FILE works the piece without it";
-            report::note(&format!("nothing moves the simulated arm: {hint}"), output);
+            report::note(&format!("no path moves the simulated arm, only a client such as the page: {hint}"), output);
         }
         let outputs = args.outputs();
         let pictures = args.pictures.as_ref().map(|folder| Pictures {

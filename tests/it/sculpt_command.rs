@@ -539,7 +539,7 @@ fn quiet_is_quiet_and_a_still_arm_is_said() {
     let still = fs::read_to_string(dir.path().join("ball.toml")).unwrap().replace("hand = \"press.csv\"\n", "");
     fs::write(dir.path().join("still.toml"), still).unwrap();
     let line = "sculpt still.toml --clock virtual --duration 20ms";
-    says(dir.path(), line, 0, &["note: nothing moves the simulated arm: `hand` under [device] leads it along a path"]);
+    says(dir.path(), line, 0, &["note: no path moves the simulated arm, only a client such as the page: `hand` under [device] leads it along a path"]);
     let led = says(dir.path(), &format!("{line} --strokes strokes.toml --overwrite"), 0, &[]);
     assert!(!led.stderr.contains("nothing moves"), "{}", led.stderr);
 }
@@ -567,7 +567,7 @@ fn files_that_are_no_scene_say_what_they_are_for() {
     assert!(told.stdout.contains("`hapticd sculpt Schüssel.toml` works it"), "{}", told.stdout);
     refuses(dir.path(), "init --clay Schüssel.xyz", 2, &["Schüssel.toml is there already"]);
     let line = "sculpt Schüssel.toml --clock virtual --duration 20ms --json --session Übung.session";
-    let sculpted = says(dir.path(), line, 0, &["nothing moves the simulated arm"]).json();
+    let sculpted = says(dir.path(), line, 0, &["no path moves the simulated arm"]).json();
     assert_eq!((&sculpted["sculpt"]["samples"], &sculpted["sculpt"]["saved"][0]["file"]), (&2000.into(), &"Übung.session".into()));
     for command in ["check", "sculpt"] {
         let fragments = ["this is a saved session of clay, not a scene", "`session` under [sculpt] names it"];
