@@ -48,7 +48,7 @@ impl Faults {
         (Self::SPEED, "speed", "the arm moved faster than the speed limit"),
         (Self::STALE, "stale", "the arm sent no new sample for too long"),
         (Self::DEVICE_LOST, "disconnected", "the arm is gone"),
-        (Self::OVERRUN, "overrun", "the loop was late too many times in a row"),
+        (Self::OVERRUN, "overrun", "the loop was late too many times in a row, or stood still for longer than the scene allows"),
         (Self::POSITION_JUMP, "position-jump", "the sampled pose jumped further than the arm can move in one tick"),
         (Self::PANIC, "panic", "the servo thread stopped on an internal error"),
         (Self::SOLVER, "solver", "the coupling step had no solution"),
