@@ -5,7 +5,7 @@ import re
 import time
 
 from hapticd import REPOSITORY, Hapticd
-from page_case import PROGRAM, SCREENS, SHOTS, PageCase
+from page_case import PROGRAM, SCREENS, SHOTS, WORD, PageCase
 
 ON_TOOL = "document.querySelector('#view').classList.contains('is-on-tool')"
 PAD = """window.pad = { id: "Test pad (made for a test)", mapping: "standard", axes: [0, 0, 0, 0], buttons: Array.from({ length: 17 }, () => ({ value: 0 })),
@@ -214,6 +214,44 @@ class HandTest(PageCase):
         page.touch("End")
         self.assertGreater(moved[0] - begin[0], 0.5)
         self.assertGreater(moved[2] - begin[2], 0.2)
+        # A bar is there without a finger near it, and keeps the tool on its axis.
+        page.click("[data-view=front]")
+        page.wait("new Promise((done) => setTimeout(() => done(true), 300))")
+        bar = """(() => { const r = document.querySelector("#hand-overlay.is-shown [data-axis=x]").getBoundingClientRect();
+            return [r.x + r.width / 2, r.y + r.height / 2]; })()"""
+        x, y = page.run(bar)
+        page.touch("Start", (x, y))
+        for n in range(1, 6):
+            page.touch("Move", (x + 20 * n, y - 20 * n))
+        along = self.settled(run)
+        page.touch("End")
+        self.assertGreater(along[0] - moved[0], 0.5)
+        self.assertAlmostEqual(along[2], moved[2], delta=0.1, msg="along x alone")
+
+    def test_a_disable_ends_a_drag_and_the_grip_goes_home(self):
+        run = self.run_scene("rest")
+        page = self.open(run)
+        page.click("[data-view=front]")
+        at = self.find_tool(page)
+        begin = self.settled(run)
+        self.mouse(page, "mousePressed", at)
+        self.mouse(page, "mouseMoved", (at[0], at[1] - 10))
+        page.wait("document.querySelector('#hand-band').style.display === ''")
+        # Another client takes it farther than the arm's workspace goes: no force flows there.
+        run.send("POST", "hand", {"pose": {"p": [0, 0, 0.15], "q": [0, 0, 0, 1]}})
+        page.wait("/no force; .*workspace/.test(document.querySelector('#state-note').textContent)")
+        page.press("Escape")
+        page.wait(f"{WORD} === 'Disabled'")
+        page.wait("document.querySelector('#hand-band').style.display === 'none'")
+        self.mouse(page, "mouseReleased", (at[0], at[1] - 10))
+        # Without this the arm stands outside of its workspace for the rest of the run.
+        page.wait("new Promise((done) => setTimeout(() => done(true), 1500))")
+        page.click("#enable")
+        page.wait(f"{WORD} === 'Enabled'")
+        grip = run.get("state")["measured_cp"]["p"]
+        self.assertLess(max(map(abs, grip)), 0.002, "where it began")
+        again = self.settled(run)
+        self.assertLess(max(abs(a - b) for a, b in zip(begin, again)), 0.5, "the tool begins where the scene does")
 
     def test_works_clay_and_takes_it_back_by_pointer_alone(self):
         scene = (self.folder / "clay.toml").read_text().replace('hand = "near.csv"', "")

@@ -123,7 +123,9 @@ export class Drive {
     document.body.dataset.state = kind;
     byId("state-word").textContent = phase.charAt(0).toUpperCase() + phase.slice(1);
     const next = this.prepared && `${this.prepared} is being prepared`;
-    byId("state-note").textContent = [NOTES[phase] ?? state.state.toLowerCase(), kind === "disabled" && advice, next].filter(Boolean).join("; ");
+    // With force on there is advice where it flows no more, as outside of the workspace.
+    const note = kind === "enabled" && advice ? NOTES.disabled : (NOTES[phase] ?? state.state.toLowerCase());
+    byId("state-note").textContent = [note, kind !== "fault" && advice, next].filter(Boolean).join("; ");
     byId("enable").disabled = kind === "enabled" || phase === "enabling" || phase === "stopped";
     byId("enable").textContent = kind === "fault" ? "Enable again" : "Enable";
 

@@ -30,6 +30,7 @@ const KEY_TURN = Math.PI / 36;
 /** Poses of which the latency is shown, and those whose use by a tick is waited for. */
 const MEASURED = 500;
 const AWAITED = 8;
+const IS_TOUCH = matchMedia("(pointer: coarse)");
 /** Of a sound at the largest force: frequency, Hz, and loudness. */
 const TONE_HZ = 110;
 const LOUDNESS = 0.15;
@@ -63,8 +64,9 @@ export class Hand {
   }
 
   /** Another scene is rendered. @param {{hand: ?object, clay: boolean}} scene */
-  learn({ hand, clay }) {
+  learn({ hand, clay, scene_idx: scene }) {
     this.facts = hand ?? null;
+    this.scene = scene;
     [this.wish, this.drag] = [null, null];
     [this.latencies, this.used] = [[], null];
     this.awaited.clear();
@@ -85,7 +87,11 @@ export class Hand {
   show(state) {
     this.tool = isFinite3(state.tool_cp?.p) ? { p: state.tool_cp.p, q: state.tool_cp.q } : null;
     this.force_n = isFinite3(state.servo_cf?.f) ? length(state.servo_cf.f) : 0;
+    this.newestScene = state.scene_idx;
+    const hadForce = this.hasForce;
     this.hasForce = state.state === "ENABLED";
+    // What pulled the tool is over; the next enable begins anew.
+    if ((hadForce && !this.hasForce) || state.scene_idx !== this.scene) this.#letGo();
     this.used = state.hand ?? null;
     this.#measure();
     if (this.gain) this.gain.gain.setTargetAtTime(LOUDNESS * this.share, this.sound.currentTime, 0.02);
@@ -138,9 +144,9 @@ export class Hand {
     this.nudge([0, 0, 0], turned(squared(q), [-x, -y, -z, w]), at);
   }
 
-  /** The wish is over: the hand holds the tool where it is. */
+  /** The hand holds the tool where it is. */
   rest() {
-    if (this.canMove && this.wish) this.move(this.tool);
+    if (this.canMove) this.move(this.tool);
     this.wish = null;
     this.#draw();
   }
@@ -149,17 +155,18 @@ export class Hand {
     if (this.isSending || !this.isDue) return;
     [this.isSending, this.isDue] = [true, false];
     const { p, q } = this.wish ?? this.tool;
-    const { wishedAt } = this;
+    const { wishedAt, scene } = this;
     const begun = performance.now();
     try {
-      const { order } = await this.link.send("hand", { pose: { p, q } });
+      const { order } = await this.link.send("hand", { pose: { p, q }, scene_idx: scene });
       // Half of the way to the server and back is the way there.
       this.awaited.set(order, begun - wishedAt + (performance.now() - begun) / 2);
       if (this.awaited.size > AWAITED) this.awaited.delete(this.awaited.keys().next().value);
       this.#measure();
     } catch (error) {
       this.isDue = false;
-      say(words(error));
+      // Of a scene that is gone: this page has not learnt of the next one yet.
+      if (this.newestScene === scene) say(words(error));
     }
     this.isSending = false;
     this.#send();
@@ -215,7 +222,7 @@ export class Hand {
     }
     addEventListener("blur", () => this.drag && this.#end());
     // Without the page no button comes up again. Nothing waits for the answer to an order that is under way.
-    addEventListener("pagehide", () => this.drag && this.tool && this.link.send("hand", { pose: this.tool }).catch(() => {}));
+    addEventListener("pagehide", () => this.drag && this.tool && this.link.send("hand", { pose: this.tool, scene_idx: this.scene }).catch(() => {}));
   }
 
   #at({ clientX, clientY }) {
@@ -266,6 +273,10 @@ export class Hand {
   }
 
   #take(event, how) {
+    if (!this.hasForce) {
+      say("No force flows: the hand waits. Enable first.");
+      return;
+    }
     const at = this.#at(event);
     const grabbed = this.#hit(at) ?? transform(this.tool, this.#middle);
     this.drag = { isTurn: false, axis: null, ...how, fingers: new Map([[event.pointerId, at]]), local: transformBack(this.tool, grabbed), from: this.tool };
@@ -273,7 +284,6 @@ export class Hand {
     this.canvas.setPointerCapture(event.pointerId);
     this.canvas.focus({ preventScroll: true });
     document.body.classList.add("has-hand");
-    if (!this.hasForce) say("No force flows: the hand waits. Enable first.");
   }
 
   #follow(event) {
@@ -310,9 +320,14 @@ export class Hand {
     const { drag } = this;
     if (!drag || (event && !drag.fingers.delete(event.pointerId))) return;
     if (event && drag.fingers.size > 0) return;
-    this.drag = null;
-    document.body.classList.remove("has-hand");
+    this.#letGo();
     this.rest();
+  }
+
+  #letGo() {
+    this.drag = null;
+    this.wish = null;
+    document.body.classList.remove("has-hand");
   }
 
   /** Moves the wish toward the eye, by so many pixels of the picture. */
@@ -348,7 +363,8 @@ export class Hand {
   /** The band from the tool to the wish, and the handles. */
   #draw() {
     const overlay = byId("hand-overlay");
-    const isShown = this.canMove && (this.drag || this.isNear);
+    // A finger does not come near without touching.
+    const isShown = this.canMove && (this.drag || this.isNear || IS_TOUCH.matches);
     overlay.classList.toggle("is-shown", Boolean(isShown));
     const band = byId("hand-band");
     const label = byId("hand-force");
@@ -359,7 +375,8 @@ export class Hand {
       const [from, to] = [this.tool, this.wish].map((pose) => camera.toScreen(transform(pose, this.drag.local)));
       set(band, { x1: from[0], y1: from[1], x2: to[0], y2: to[1], "stroke-width": 1.5 + 4 * this.share });
       set(label, { x: to[0] + 14, y: to[1] - 10 });
-      const [way, turn] = [length(subtract(transform(this.tool, this.drag.local), transform(this.drag.from, this.drag.local))), angleBetween(this.tool.q, this.drag.from.q)];
+      const [now, before] = [this.tool, this.drag.from].map((pose) => transform(pose, this.#middle));
+      const [way, turn] = [length(subtract(now, before)), angleBetween(this.tool.q, this.drag.from.q)];
       label.textContent = `${fixed(this.force_n, 2)} N  ${fixed(way * 1e3, 1)} mm  ${fixed((turn * 180) / Math.PI, 0)}°`;
     }
     if (!this.canMove) return;
