@@ -344,17 +344,3 @@ fn write(path: PathBuf, title: &str, note: &str, charts: &[Chart]) -> Result<(),
     }
     std::fs::write(&path, svg + "</svg>\n").map_err(|source| BenchError::Write { path, source })
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn axes_that_go_up_by_factors_have_powers_of_ten() {
-        let names = |range, is_log| ticks(range, is_log, 5.0).into_iter().map(|(_, name)| name).collect::<Vec<_>>();
-        assert_eq!(names([3.2, 6.1], true), ["10⁴", "10⁵", "10⁶"]);
-        assert_eq!(names([0.1, 1.4], true), ["2", "5", "10", "20"]);
-        assert_eq!(names([6.9, 7.4], true), ["10⁷", "2·10⁷"]);
-        assert_eq!(names([0.0, 1.0], false).len(), 6);
-    }
-}
