@@ -65,6 +65,9 @@ pub(crate) struct Args {
     /// Draw three cuts through the map with the shell on them (mesh only).
     #[arg(long, value_name = "F.png")]
     picture: Option<PathBuf>,
+    /// Draw polygons, voxmap and pointshell side by side, in three dimensions (mesh only).
+    #[arg(long = "picture-3d", value_name = "F.png")]
+    picture_3d: Option<PathBuf>,
     #[command(flatten)]
     cache: cache::CacheArgs,
     /// Print exactly one JSON object.
@@ -167,6 +170,7 @@ fn bake_scene(args: &Args, output: OutputOptions) -> Result<Exit, Failure> {
         ("--field-out", args.field_out.is_some()),
         ("--pointshell-out", args.pointshell_out.is_some()),
         ("--picture", args.picture.is_some()),
+        ("--picture-3d", args.picture_3d.is_some()),
     ];
     if let Some((flag, _)) = mesh_only.iter().find(|(_, given)| *given) {
         return Err(Failure::Usage(format!("{flag} goes with a mesh; a scene says it in its file")));

@@ -143,7 +143,7 @@ fn a_mesh_is_kept_too_unless_more_is_asked_for_than_the_cache_has() {
     let second = bake("");
     assert_eq!(second["cache"], "hit");
     assert_eq!(figures(first), figures(second));
-    let outputs = ["--field-out f.npy", "--voxmap-out v.npy", "--pointshell-out p.ply", "--picture p.png"];
+    let outputs = ["--field-out f.npy", "--voxmap-out v.npy", "--pointshell-out p.ply", "--picture p.png", "--picture-3d d.png"];
     for more in outputs.into_iter().chain(["--navigation two-sided", "--cache off"]) {
         assert_eq!(bake(more)["cache"], "off", "{more}");
     }

@@ -1,4 +1,4 @@
-//! `bake --picture`.
+//! `bake --picture` and `bake --picture-3d`.
 
 use std::path::Path;
 use std::process::{Command, Output};
@@ -71,7 +71,37 @@ fn a_picture_that_cannot_be_drawn_is_refused_before_the_work() {
         assert_eq!(ended.status.code(), Some(code), "{picture}: {}", text(&ended.stderr));
         assert!(text(&ended.stderr).contains(fragment) && ended.stdout.is_empty(), "{picture}: {}", text(&ended.stderr));
     }
-    let ended = hapticd(folder.path(), &["bake", "scene.toml", "--picture", "cut.png"]);
-    assert_eq!(ended.status.code(), Some(2));
-    assert!(text(&ended.stderr).contains("--picture goes with a mesh"), "{}", text(&ended.stderr));
+    for flag in ["--picture", "--picture-3d"] {
+        let ended = hapticd(folder.path(), &["bake", "scene.toml", flag, "cut.png"]);
+        assert_eq!(ended.status.code(), Some(2));
+        assert!(text(&ended.stderr).contains(&format!("{flag} goes with a mesh")), "{}", text(&ended.stderr));
+    }
+}
+
+#[test]
+fn a_picture_in_three_dimensions_shows_polygons_voxels_and_points() {
+    let folder = tempfile::tempdir().unwrap();
+    let peg = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/models/peg.obj");
+    let bake = |picture| {
+        let arguments = ["bake", peg.to_str().unwrap(), "--units", "mm", "--voxel-size-mm", "2", "--json", "--picture-3d", picture];
+        let ended = hapticd(folder.path(), &arguments);
+        assert_eq!(ended.status.code(), Some(0), "{}", text(&ended.stderr));
+        std::fs::read(folder.path().join(picture)).unwrap()
+    };
+    let first = bake("first.png");
+    assert!(first == bake("again.png"), "the same bake draws the same bytes");
+    let pixels = tiny_skia::Pixmap::decode_png(&first).unwrap();
+    let third = pixels.width() / 3;
+    // Grey polygons, ochre voxels, blue points.
+    let share = |n: u32, is: fn([i16; 3]) -> bool| {
+        let columns = n * third..(n + 1) * third;
+        let all = (0..pixels.height()).flat_map(|y| columns.clone().map(move |x| (x, y)));
+        let n_is = all
+            .filter_map(|(x, y)| pixels.pixel(x, y))
+            .filter(|pixel| is([pixel.red(), pixel.green(), pixel.blue()].map(i16::from)));
+        n_is.count() as f64 / f64::from(third * pixels.height())
+    };
+    let (ochre, blue) = (|[red, _, blue]: [i16; 3]| red - blue > 40, |[red, _, blue]: [i16; 3]| blue - red > 60);
+    let shares = [0, 1, 2].map(|n| [share(n, ochre), share(n, blue)]);
+    assert!(shares[0] == [0.0; 2] && shares[1][0] > 0.05 && shares[2][0] == 0.0 && shares[2][1] > 0.005, "{shares:?}");
 }

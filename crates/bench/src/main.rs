@@ -9,7 +9,7 @@ use std::io::{ErrorKind, Write as _};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use bench::{BenchError, BenchReport, HAPTICD, Machine, Row, commit_of, contact, generation, loops, sculpt};
+use bench::{BenchError, BenchReport, HAPTICD, Machine, Row, commit_of, contact, generation, loops, sagardia2008, sculpt};
 use clap::{Parser, ValueEnum};
 use hapticd::error::Exit;
 
@@ -30,7 +30,7 @@ struct Args {
     /// Runs of each case; figures are medians [default: 3, with --quick 1].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100))]
     runs: Option<u32>,
-    /// Threads of a bake and processors of a peer; all processors if not given.
+    /// Threads of a bake and processors of a peer; all processors if not given. sagardia-2008 has one.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
     threads: Option<u32>,
     /// Small cases only: does it work, not how fast is it.
@@ -45,6 +45,9 @@ struct Args {
     /// With --quality or sculpt: draw how smooth forces are there, as SVG files.
     #[arg(long, value_name = "DIR")]
     plots: Option<PathBuf>,
+    /// With sagardia-2008: write its page and plots into this folder, as reference/sagardia-2008.md and pictures/sagardia-2008-*.svg.
+    #[arg(long, value_name = "DIR")]
+    docs: Option<PathBuf>,
     /// Folder of the scenes that contact and loop play.
     #[arg(long, value_name = "DIR", default_value = "config/scenes")]
     scenes: PathBuf,
@@ -69,11 +72,15 @@ enum Group {
     Torture,
     /// Sculpting.
     Sculpt,
+    /// Table 1, figures 6 and 7 and the remarks of the paper of 2008. Only when asked for.
+    #[value(name = "sagardia-2008")]
+    Sagardia2008,
 }
 
 impl Args {
     fn wants(&self, group: Group) -> bool {
-        if self.group.is_empty() { group != Group::Torture } else { self.group.contains(&group) }
+        let is_on_request = matches!(group, Group::Torture | Group::Sagardia2008);
+        if self.group.is_empty() { !is_on_request } else { self.group.contains(&group) }
     }
 }
 
@@ -99,6 +106,9 @@ fn run(args: &Args) -> Result<Exit, (Exit, String)> {
     if args.quality && args.group != [Group::Contact] {
         return Err((Exit::Usage, "--quality goes with contact: bench contact --quality".to_owned()));
     }
+    if args.docs.is_some() && !args.wants(Group::Sagardia2008) {
+        return Err((Exit::Usage, "--docs writes the page of sagardia-2008: bench sagardia-2008 --docs docs".to_owned()));
+    }
     let program = std::env::current_exe()
         .map_err(|error| (Exit::Internal, format!("the path of this program is not known, so it cannot start itself: {error}")))?;
     let n_threads = args.threads.map_or_else(|| std::thread::available_parallelism().map_or(1, usize::from), |n| n as usize);
@@ -106,8 +116,10 @@ fn run(args: &Args) -> Result<Exit, (Exit, String)> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads).build_global();
     debug_assert!(pool.is_ok(), "the global pool is built once");
     let commit = commit_of(&program);
-    let (rows, table) = measure(args, program, n_threads).map_err(|error| (Exit::Asset, error.to_string()))?;
-    let report = BenchReport { machine: Machine::read(), commit, rows };
+    let machine = Machine::read();
+    let facts = machine.facts(commit.as_deref());
+    let (rows, table) = measure(args, program, n_threads, &facts).map_err(|error| (Exit::Asset, error.to_string()))?;
+    let report = BenchReport { machine, commit, rows };
     let text = if args.json {
         serde_json::to_string(&report).map_err(|error| (Exit::Internal, error.to_string()))? + "\n"
     } else {
@@ -122,8 +134,12 @@ fn run(args: &Args) -> Result<Exit, (Exit, String)> {
     }
 }
 
-/// The rows of the group, or of all of them, and what goes under their tables.
-fn measure(args: &Args, program: PathBuf, n_threads: usize) -> Result<(Vec<Row>, String), BenchError> {
+/// Folders of `docs` that the page of the paper of 2008 and its plots go into.
+const PAGES: &str = "reference";
+const PICTURES: &str = "pictures";
+
+/// The rows of the group, or of all of them, and what goes under their tables. `machine`: where it runs, for a page.
+fn measure(args: &Args, program: PathBuf, n_threads: usize, machine: &str) -> Result<(Vec<Row>, String), BenchError> {
     let told = |what: &str| {
         if !args.quiet {
             eprintln!("{what}");
@@ -136,6 +152,9 @@ fn measure(args: &Args, program: PathBuf, n_threads: usize) -> Result<(Vec<Row>,
     // A folder that cannot be made is better known before minutes of measuring.
     if let Some(folder) = &args.plots {
         plots::make_folder(folder)?;
+    }
+    for folder in args.docs.iter().flat_map(|docs| [PAGES, PICTURES].map(|of| docs.join(of))) {
+        plots::make_folder(&folder)?;
     }
     let (mut rows, mut table) = (Vec::new(), String::new());
     if wanted(Group::Generation) {
@@ -167,6 +186,17 @@ fn measure(args: &Args, program: PathBuf, n_threads: usize) -> Result<(Vec<Row>,
             plots::draw_receding(folder, &figures.receding)?;
         }
         rows.extend(figures.rows);
+    }
+    if wanted(Group::Sagardia2008) {
+        let figures = sagardia2008::run(sagardia2008::Options { n_runs, quick: args.quick }, told)?;
+        if let Some(docs) = &args.docs {
+            plots::draw_paper_of_2008(&docs.join(PICTURES), &figures)?;
+            sagardia2008::draw_models(&docs.join(PICTURES), &figures)?;
+            let path = docs.join(PAGES).join("sagardia-2008.md");
+            let text = sagardia2008::page(&figures, machine);
+            std::fs::write(&path, text).map_err(|source| BenchError::Write { path, source })?;
+        }
+        rows.extend(figures.rows());
     }
     Ok((rows, table))
 }

@@ -133,6 +133,15 @@ impl Machine {
             memory_gib: memory_kib.map(|kib| (kib / 1024.0 / 1024.0 * 10.0).round() / 10.0),
         }
     }
+
+    /// One line about the machine and the commit that was measured.
+    pub fn facts(&self, commit: Option<&str>) -> String {
+        let Self { cpu, cores, kernel, memory_gib } = self;
+        let said = |text: Option<&str>| text.unwrap_or("unknown").to_owned();
+        let memory = memory_gib.map_or_else(|| "unknown".to_owned(), |gib| format!("{gib} GiB"));
+        let (cpu, kernel, commit) = (said(cpu.as_deref()), said(kernel.as_deref()), said(commit));
+        format!("cpu {cpu}, cores {cores}, memory {memory}, kernel {kernel}, commit {commit}")
+    }
 }
 
 /// The commit of the checkout that `program` stands in; `None` outside one, or without git.
@@ -151,11 +160,7 @@ fn commit_or_word<S: Serializer>(commit: &Option<String>, serializer: S) -> Resu
 impl BenchReport {
     /// The rows as markdown tables, one for each group, under the facts of the machine.
     pub fn markdown(&self) -> String {
-        let Machine { cpu, cores, kernel, memory_gib } = &self.machine;
-        let said = |text: &Option<String>| text.clone().unwrap_or_else(|| "unknown".to_owned());
-        let memory = memory_gib.map_or_else(|| "unknown".to_owned(), |gib| format!("{gib} GiB"));
-        let mut text =
-            format!("cpu {}, cores {cores}, memory {memory}, kernel {}, commit {}\n", said(cpu), said(kernel), said(&self.commit));
+        let mut text = self.machine.facts(self.commit.as_deref()) + "\n";
         let mut group = None;
         for row in &self.rows {
             if group != Some(&row.group) {

@@ -168,6 +168,50 @@ fn a_quick_bench_of_sculpting_times_builds_and_updates_and_draws_the_force() {
     assert!(folder.path().join("pictures/receding-clay.svg").is_file());
 }
 
+/// Headings of a page, in order.
+fn headings(page: &str) -> Vec<&str> {
+    page.lines().filter(|line| line.starts_with('#')).collect()
+}
+
+#[test]
+fn a_quick_bench_of_the_paper_of_2008_writes_its_page_and_plots() {
+    let folder = tempfile::tempdir().unwrap();
+    let rows = rows_of(folder.path(), &["sagardia-2008", "--quick", "--docs", "docs"]);
+    let group = "paper of 2008: bracket at 8 mm";
+    for figure in
+        ["first navigation", "second navigation", "every voxel of each box", "two phases, second way", "points as shipped"]
+    {
+        assert!(find(&rows, group, figure)["value"].as_f64() > Some(0.0), "{figure}");
+    }
+    let tests = |name: &str| find(&rows, group, name)["value"].as_f64().unwrap();
+    assert!(tests("second navigation: tests") <= tests("first navigation: tests"));
+    assert!(tests("first navigation: tests") < tests("each box: tests"));
+    assert!(tests("points after both phases") <= tests("projections"));
+    assert!(find(&rows, "paper of 2008: one projection", "second of the first, prepared for every")["paper"] == 37.0);
+    let page = std::fs::read_to_string(folder.path().join("docs/reference/sagardia-2008.md")).unwrap();
+    let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/reference/sagardia-2008.md");
+    assert_eq!(
+        headings(&page),
+        headings(&std::fs::read_to_string(shipped).unwrap()),
+        "the page of docs is what the command writes"
+    );
+    assert!(page.contains("| (f) | bracket |") && page.contains("Not measured in this run: (a), (b), (c), (d), (e)."), "{page}");
+    assert!(!page.contains("NaN") && !page.contains("inf"), "{page}");
+    assert!(folder.path().join("docs/pictures/sagardia-2008-bracket.png").is_file());
+    for plot in ["points", "ratios"] {
+        let drawn = std::fs::read_to_string(folder.path().join(format!("docs/pictures/sagardia-2008-{plot}.svg"))).unwrap();
+        assert!(
+            drawn.starts_with("<svg") && drawn.contains("(f)") && drawn.contains(">2·10⁴<") && !drawn.contains("NaN"),
+            "{drawn}"
+        );
+        assert!(page.contains(&format!("(../pictures/sagardia-2008-{plot}.svg)")));
+    }
+    let temporary = std::fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().file_name());
+    assert_eq!(temporary.collect::<Vec<_>>(), ["docs"], "nothing stays in the temporary folder");
+    let misplaced = bench(folder.path(), &["loop", "--quick", "--docs", "docs"]);
+    assert!(misplaced.status.code() == Some(2) && text(&misplaced.stderr).contains("bench sagardia-2008 --docs"));
+}
+
 #[test]
 fn groups_that_are_not_there_are_refused() {
     let folder = tempfile::tempdir().unwrap();

@@ -63,7 +63,7 @@ pub(super) fn bake_mesh(args: &Args, output: OutputOptions) -> Result<(), Failur
         )));
     }
     // Before the work, not after it.
-    let outputs = [&args.voxmap_out, &args.field_out, &args.pointshell_out, &args.picture];
+    let outputs = [&args.voxmap_out, &args.field_out, &args.pointshell_out, &args.picture, &args.picture_3d];
     for path in outputs.into_iter().flatten() {
         destination::check(path).map_err(|error| Failure::Write(path.clone(), error))?;
         // Both exist, or one is no file yet: then there is nothing to lose.
@@ -73,10 +73,12 @@ pub(super) fn bake_mesh(args: &Args, output: OutputOptions) -> Result<(), Failur
             return Err(Failure::Usage(format!("{} is the mesh itself: name another file to write", path.display())));
         }
     }
-    if let Some(path) = &args.picture
-        && !path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png"))
-    {
-        return Err(Failure::Usage(format!("--picture {}: a picture is a .png", path.display())));
+    for (flag, path) in [("--picture", &args.picture), ("--picture-3d", &args.picture_3d)] {
+        if let Some(path) = path
+            && !path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png"))
+        {
+            return Err(Failure::Usage(format!("{flag} {}: a picture is a .png", path.display())));
+        }
     }
     let name = args.input.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     let source = MeshSource::File { path: args.input.clone(), metres_per_unit };
@@ -179,16 +181,19 @@ fn generate(
     if let Some(path) = &args.pointshell_out {
         write(path, |path| ply::write(path, &shell, center_of_mass))?;
     }
+    let subject = BakedObject {
+        name: request.name,
+        surface: &map.surface,
+        layers: &map.layers,
+        shell: &shell,
+        center_of_mass_tool: center_of_mass,
+        thin: map.thin,
+    };
     if let Some(path) = &args.picture {
-        let subject = BakedObject {
-            name: request.name,
-            surface: &map.surface,
-            layers: &map.layers,
-            shell: &shell,
-            center_of_mass_tool: center_of_mass,
-            thin: map.thin,
-        };
         write(path, |path| picture::write(path, &subject))?;
+    }
+    if let Some(path) = &args.picture_3d {
+        write(path, |path| picture::parts::write_structures(path, &part.mesh, &subject))?;
     }
     let report = part.report(PartRole::Mesh, &map, &shell_report);
     Ok(Baked { field: Some(field), shell: Some(shell), mass: Some(mass), report })

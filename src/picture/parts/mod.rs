@@ -1,18 +1,20 @@
 //! Pictures of rigid scenes: the parts where they stand, the tool among them, and its path.
 //!
 //! `raster` says which triangle each pixel sees, `shade` lights it as it lights clay, [`sheet()`] draws a scene and its tool closely,
-//! [`FrameDrawer`] one frame of a film after the other. A tool behind a part shines through it, so that a peg is seen in its hole.
+//! [`FrameDrawer`] one frame of a film after the other, [`write_structures`] a mesh beside what was baked of it. A tool behind a part shines through it, so that a peg is seen in its hole.
 //!
 //! Invariants: one thread, no randomness; the same picture on every machine. Cost: O(pixels + triangles · pixels of one).
 
 mod frames;
 mod raster;
 mod sheet;
+mod structures;
 
 use glam::{DVec2, DVec3};
 
 pub use self::frames::{FRAME_SIZE, FrameDrawer};
 pub use self::sheet::{SceneSnapshot, sheet};
+pub use self::structures::write_structures;
 
 use super::palette::{BACKDROP, INK, Rgb, to_linear};
 use super::shade::{self, FINER, halved};

@@ -1,6 +1,5 @@
-//! Figures of generation: the paper's Table 1, peers on a scanned mesh, growth with the voxel size, the two navigations.
+//! Figures of generation: the paper's Table 1, peers on a scanned mesh, growth with the voxel size.
 
-mod crossover;
 mod pointshells;
 mod scaling;
 mod side_by_side;
@@ -50,7 +49,6 @@ pub fn run(options: &Options, mut tell: impl FnMut(&str)) -> Result<Vec<Row>, Be
     rows.extend(pointshells::rows(&mut bench)?);
     rows.extend(side_by_side::rows(&mut bench)?);
     rows.extend(scaling::rows(&mut bench)?);
-    rows.extend(crossover::rows(&mut bench)?);
     Ok(rows)
 }
 

@@ -5,23 +5,15 @@
 //! (acceptance test 8).
 
 use super::super::process::Resolution;
-use super::super::stand_ins::StandIn;
 use super::super::statistics::growth_exponent;
+use super::super::table1::{POINTSHELLS, PointshellCase};
 use super::super::{BenchError, Row};
 use super::Bench;
 
-const CASES: [(char, StandIn, f64, f64, f64); 5] = [
-    ('f', StandIn::Bracket, 8.0, 10_954.0, 0.631_9),
-    ('g', StandIn::Bracket, 2.0, 182_464.0, 137.412),
-    ('h', StandIn::Brake, 6.0, 7_287.0, 0.446_5),
-    ('i', StandIn::Brake, 1.5, 207_490.0, 302.974),
-    ('j', StandIn::Car, 40.0, 12_161.0, 11.223),
-];
-
 pub(super) fn rows(bench: &mut Bench<'_>) -> Result<Vec<Row>, BenchError> {
-    let cases = if bench.options.quick { &CASES[..1] } else { &CASES };
+    let cases = if bench.options.quick { &POINTSHELLS[..1] } else { &POINTSHELLS[..] };
     let (mut rows, mut growth) = (Vec::new(), Vec::new());
-    for (name, stand_in, size_mm, paper_points, paper_s) in cases {
+    for PointshellCase { name, stand_in, size_mm, points: paper_points, new_s: paper_s, .. } in cases {
         let group = format!("pointshell {name}: {} at {size_mm} mm", stand_in.name());
         let mesh = bench.stand_in(*stand_in)?;
         let bakes = bench.bake(&group, &mesh, Resolution::SizeMm(*size_mm), None)?;
@@ -35,7 +27,7 @@ pub(super) fn rows(bench: &mut Bench<'_>) -> Result<Vec<Row>, BenchError> {
     }
     let exponent = growth_exponent(&growth);
     let row = Row::new("pointshell: growth", "p of time ~ points^p over the cases", exponent, "");
-    let paper = growth_exponent(&CASES.map(|(_, _, _, points, seconds)| (points, seconds)));
+    let paper = growth_exponent(&POINTSHELLS.map(|case| (case.points, case.new_s)));
     rows.push(Row { paper, ..row });
     Ok(rows)
 }

@@ -5,29 +5,9 @@
 
 use super::super::process::{Bakes, Resolution, STAGES};
 use super::super::stand_ins::StandIn;
+use super::super::table1::{VOXMAPS, VoxmapCase};
 use super::super::{BenchError, Row};
 use super::Bench;
-
-/// A row of the table.
-struct Case {
-    name: char,
-    stand_in: StandIn,
-    size_mm: f64,
-    voxels: f64,
-    /// Seconds of the paper: load, initialise, generate, fill.
-    paper_s: [f64; 4],
-}
-
-const CASES: [Case; 5] = {
-    use StandIn::{Bracket, Brake, Car};
-    [
-        Case { name: 'a', stand_in: Bracket, size_mm: 0.5, voxels: 237_717_488.0, paper_s: [0.119_0, 1.185_6, 16.562, 2.342_3] },
-        Case { name: 'b', stand_in: Brake, size_mm: 1.0, voxels: 38_524_026.0, paper_s: [0.395_4, 0.191_9, 3.614, 0.499_4] },
-        Case { name: 'c', stand_in: Brake, size_mm: 0.5, voxels: 302_685_600.0, paper_s: [0.395_4, 1.511_2, 15.684, 3.751_2] },
-        Case { name: 'd', stand_in: Car, size_mm: 5.0, voxels: 44_311_554.0, paper_s: [18.972, 0.229_0, 69.179, 0.699_2] },
-        Case { name: 'e', stand_in: Car, size_mm: 2.0, voxels: 680_652_000.0, paper_s: [18.972, 3.618_8, 442.29, 9.948_6] },
-    ]
-};
 
 /// In a quick run: a size at which the bracket takes no time; no figure of the paper is for it.
 const QUICK_SIZE_MM: f64 = 8.0;
@@ -43,7 +23,7 @@ pub(super) fn rows(bench: &mut Bench<'_>) -> Result<Vec<Row>, BenchError> {
         }
         return Ok(rows);
     }
-    for case in &CASES {
+    for case in &VOXMAPS {
         let mesh = bench.stand_in(case.stand_in)?;
         for navigation in ["plane-span", "two-sided"] {
             let group = format!("voxmap {}: {} at {} mm, {navigation}", case.name, case.stand_in.name(), case.size_mm);
@@ -55,13 +35,13 @@ pub(super) fn rows(bench: &mut Bench<'_>) -> Result<Vec<Row>, BenchError> {
 }
 
 /// Everything that is known of one case. "Generate" is the surface stage; the paper has no layers, distances, points or tree here.
-fn figures(group: &str, bakes: &Bakes, case: Option<&Case>) -> Vec<Row> {
-    let beside = |row: Row, paper: fn(&Case) -> f64| match case {
+fn figures(group: &str, bakes: &Bakes, case: Option<&VoxmapCase>) -> Vec<Row> {
+    let beside = |row: Row, paper: fn(&VoxmapCase) -> f64| match case {
         Some(case) => row.beside_paper(paper(case)),
         None => row,
     };
     // Counts are facts, not speeds: they have no ratio.
-    let counted = |row: Row, paper: fn(&Case) -> f64| Row { paper: case.map(paper), ..row };
+    let counted = |row: Row, paper: fn(&VoxmapCase) -> f64| Row { paper: case.map(paper), ..row };
     let [nx, ny, nz] = bakes.dims_padded_by_one().unwrap_or_default();
     let mut rows = vec![
         counted(Row::new(group, "triangles", bakes.count("triangles"), ""), |case| case.stand_in.paper_triangles() as f64),
@@ -80,19 +60,19 @@ fn figures(group: &str, bakes: &Bakes, case: Option<&Case>) -> Vec<Row> {
         let Some(seconds) = bakes.stage_s(stage) else { continue };
         let row = Row::new(group, if stage == "surface" { "generate" } else { stage }, seconds, "s");
         rows.push(match stage {
-            "load" => beside(row, |case| case.paper_s[0]),
-            "init" => beside(row, |case| case.paper_s[1]),
-            "surface" => beside(row, |case| case.paper_s[2]),
-            "fill" => beside(row, |case| case.paper_s[3]),
+            "load" => beside(row, |case| case.load_s),
+            "init" => beside(row, |case| case.init_s),
+            "surface" => beside(row, |case| case.new_s),
+            "fill" => beside(row, |case| case.fill_s),
             _ => row,
         });
     }
     let compared = Row::new(group, "init + generate + fill", bakes.sum_s(&["init", "surface", "fill"]), "s");
     let with_load = Row::new(group, "load + init + generate + fill", bakes.sum_s(&["load", "init", "surface", "fill"]), "s");
-    let with_load = beside(with_load, |case| case.paper_s.iter().sum());
+    let with_load = beside(with_load, |case| case.load_s + case.init_s + case.new_s + case.fill_s);
     let largest = case.is_some_and(|case| case.name == 'e');
     if case.is_some() {
-        rows.push(beside(compared, |case| case.paper_s[1..].iter().sum()).at_least_times(100.0));
+        rows.push(beside(compared, |case| case.init_s + case.new_s + case.fill_s).at_least_times(100.0));
     } else {
         rows.push(compared);
     }

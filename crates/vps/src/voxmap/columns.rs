@@ -76,9 +76,8 @@ impl<'a> Columns<'a> {
         let axes = [(w + 1) % 3, (w + 2) % 3, w];
         let [u, v, _] = axes;
         let (low, high) = (a.min(b).min(c), a.max(b).max(c));
-        // `lowest + 1 ≥ low` and `lowest ≤ high`, exactly: whole numbers on the other side.
-        let first = axes.map(|axis| (low[axis].ceil() as i32).saturating_sub(1).max(0));
-        let last = axes.map(|axis| (high[axis].floor() as i32).min(dims[axis] as i32 - 1));
+        let cells = axes.map(|axis| candidates(low[axis], high[axis], dims[axis]));
+        let (first, last) = (cells.map(|[first, _]| first), cells.map(|[_, last]| last));
         let largest = low.abs().max(high.abs()).max_element();
         let plane = Plane::new(corners, normal, axes, largest);
         let range = |axis: usize| [first[axis], last[axis]];
@@ -165,6 +164,56 @@ impl<'a> Columns<'a> {
                 }
             }
             block_first = block_last + 1;
+        }
+        tests
+    }
+}
+
+/// Voxels whose closed extent meets an interval, clamped to the grid; inclusive.
+#[inline(always)]
+fn candidates(low: f64, high: f64, n_cells: u32) -> [i32; 2] {
+    // `lowest + 1 ≥ low` and `lowest ≤ high`, exactly: whole numbers on the other side.
+    [(low.ceil() as i32).saturating_sub(1).max(0), (high.floor() as i32).min(n_cells as i32 - 1)]
+}
+
+/// Every voxel of one triangle's box, each put to the specification: [`Navigation::WholeBox`].
+pub(super) struct WholeBox {
+    specification: TriangleSat,
+    /// Of each axis, inclusive.
+    cells: [[i32; 2]; 3],
+}
+
+impl WholeBox {
+    /// Prepares a triangle given by its corners in cell coordinates.
+    pub(super) fn new(corners: &[DVec3; 3], dims: [u32; 3]) -> Self {
+        let specification = TriangleSat::new(corners);
+        let (low, high) = specification.bounds;
+        Self { specification, cells: [0, 1, 2].map(|axis| candidates(low[axis], high[axis], dims[axis])) }
+    }
+
+    /// Slabs along x, inclusive.
+    pub(super) fn slabs(&self) -> (i32, i32) {
+        (self.cells[0][0], self.cells[0][1])
+    }
+
+    /// Columns along z in the box.
+    pub(super) fn n_columns(&self) -> u64 {
+        self.cells[..2].iter().map(|[first, last]| (i64::from(*last) - i64::from(*first) + 1).max(0) as u64).product()
+    }
+
+    /// As [`Columns::walk`].
+    pub(super) fn walk(&self, (first_x, last_x): (i32, i32), mut visit: impl FnMut(Run)) -> u64 {
+        let [_, [first_y, last_y], [first_z, last_z]] = self.cells;
+        let mut tests = 0;
+        for x in first_x..=last_x {
+            for y in first_y..=last_y {
+                for z in first_z..=last_z {
+                    tests += 1;
+                    if self.specification.hits([x, y, z]) {
+                        visit(Run { first: [x, y, z], axis: 2, last: z });
+                    }
+                }
+            }
         }
         tests
     }

@@ -7,6 +7,8 @@ pub enum Navigation {
     PlaneSpan,
     /// Second approach: test from both ends of the span inward, mark what lies between the first hits.
     TwoSided,
+    /// No navigation: test every voxel of the triangle's box. What the paper calls naïve; for measuring the other two against it.
+    WholeBox,
 }
 
 impl Navigation {
@@ -15,6 +17,7 @@ impl Navigation {
         match self {
             Self::PlaneSpan => "plane-span",
             Self::TwoSided => "two-sided",
+            Self::WholeBox => "whole-box",
         }
     }
 

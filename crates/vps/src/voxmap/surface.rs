@@ -1,7 +1,7 @@
 //! Which voxels does the surface touch? The set of `TriangleSat::hits` over all triangles, found column by column.
 //!
 //! # Source
-//! Sagardia2008, section 3.1: two navigations through the candidates of a triangle, see [`Navigation`].
+//! Sagardia2008, section 3.1: two navigations through the candidates of a triangle, and none, see [`Navigation`].
 
 use core::sync::atomic::{AtomicU64, Ordering};
 
@@ -10,7 +10,7 @@ use glam::DVec3;
 pub use super::bricks::Mask;
 pub(crate) use super::bricks::bits;
 use super::bricks::{BrickSet, MarkedCells, Marks};
-use super::columns::{Columns, Run};
+use super::columns::{Columns, Run, WholeBox};
 use super::grid::{BRICK_EDGE, Grid};
 pub use super::navigation::Navigation;
 use crate::mesh::TriangleMesh;
@@ -54,23 +54,14 @@ impl Surface {
                 range
                     .map(|triangle_idx| {
                         let corners = mesh.corners(triangle_idx).map(|corner| grid.to_cells(corner));
-                        let columns = Columns::new(&corners, grid.dims);
-                        let slabs = columns.slabs();
-                        let mark = |slabs| {
-                            let mut pen = Pen::new(grid, &marks);
-                            columns.walk(slabs, navigation, |run| pen.draw(run))
-                        };
-                        if columns.n_columns() < LARGE_TRIANGLE_COLUMNS {
-                            return mark(slabs);
+                        if navigation == Navigation::WholeBox {
+                            let candidates = WholeBox::new(&corners, grid.dims);
+                            let walk = |slabs, pen: &mut Pen<'_>| candidates.walk(slabs, |run| pen.draw(run));
+                            return mark_slabs(grid, &marks, candidates.slabs(), candidates.n_columns(), &count, walk);
                         }
-                        let edge = BRICK_EDGE as i32;
-                        let share = |first: i32| mark((first.max(slabs.0), (first + edge - 1).min(slabs.1)));
-                        let first_brick = slabs.0 / edge;
-                        let n_bricks = (slabs.1 / edge + 1 - first_brick).max(0) as usize;
-                        parallel::for_each_range(n_bricks, 1, &|range| {
-                            count(range.map(|brick| share((first_brick + brick as i32) * edge)).sum());
-                        });
-                        0
+                        let columns = Columns::new(&corners, grid.dims);
+                        let walk = |slabs, pen: &mut Pen<'_>| columns.walk(slabs, navigation, |run| pen.draw(run));
+                        mark_slabs(grid, &marks, columns.slabs(), columns.n_columns(), &count, walk)
                     })
                     .sum(),
             );
@@ -164,14 +155,19 @@ impl Surface {
 /// `corners` in cell coordinates. Candidate ranges are closed intervals (touching counts), so the set of hits is that of
 /// `TriangleSat::hits` over the whole grid, whatever the navigation.
 pub fn visit_hits(corners: &[DVec3; 3], dims: [u32; 3], navigation: Navigation, mut visit: impl FnMut([i32; 3])) -> u64 {
-    let columns = Columns::new(corners, dims);
-    columns.walk(columns.slabs(), navigation, |run| {
+    let each = |run: Run| {
         let mut cell = run.first;
         for w in run.first[run.axis]..=run.last {
             cell[run.axis] = w;
             visit(cell);
         }
-    })
+    };
+    if navigation == Navigation::WholeBox {
+        let candidates = WholeBox::new(corners, dims);
+        return candidates.walk(candidates.slabs(), each);
+    }
+    let columns = Columns::new(corners, dims);
+    columns.walk(columns.slabs(), navigation, each)
 }
 
 /// As [`visit_hits`], by a test of every voxel in the triangle's box: the reference of tests, and what the bench measures the navigations against.
@@ -193,6 +189,29 @@ pub fn visit_hits_by_brute_force(corners: &[DVec3; 3], dims: [u32; 3], mut visit
         }
     }
     tests
+}
+
+/// Marks the slabs of one triangle, those of a large one on all threads; returns the tests that are not counted yet.
+#[inline]
+fn mark_slabs(
+    grid: &Grid,
+    marks: &Marks,
+    slabs: (i32, i32),
+    n_columns: u64,
+    count: &(impl Fn(u64) + Sync),
+    walk: impl Fn((i32, i32), &mut Pen<'_>) -> u64 + Sync,
+) -> u64 {
+    if n_columns < LARGE_TRIANGLE_COLUMNS {
+        return walk(slabs, &mut Pen::new(grid, marks));
+    }
+    let edge = BRICK_EDGE as i32;
+    let share = |first: i32| walk((first.max(slabs.0), (first + edge - 1).min(slabs.1)), &mut Pen::new(grid, marks));
+    let first_brick = slabs.0 / edge;
+    let n_bricks = (slabs.1 / edge + 1 - first_brick).max(0) as usize;
+    parallel::for_each_range(n_bricks, 1, &|range| {
+        count(range.map(|brick| share((first_brick + brick as i32) * edge)).sum());
+    });
+    0
 }
 
 /// Draws runs of voxels into the masks of their bricks; knows the brick it drew in last.
@@ -289,7 +308,7 @@ mod tests {
         let grid = Grid::around(corners[0], corners[0].max(corners[1]).max(corners[2]), 1.0, 1).expect("a grid that fits");
         let in_cells = corners.map(|corner| grid.to_cells(corner));
         assert!(Columns::new(&in_cells, grid.dims).n_columns() > LARGE_TRIANGLE_COLUMNS);
-        for navigation in [Navigation::PlaneSpan, Navigation::TwoSided] {
+        for navigation in [Navigation::PlaneSpan, Navigation::TwoSided, Navigation::WholeBox] {
             let surface = Surface::mark(&mesh, &grid, navigation);
             let mut walked = Vec::new();
             let tests = visit_hits(&in_cells, grid.dims, navigation, |cell| walked.push(cell));

@@ -84,15 +84,16 @@ fn navigations_mark_the_same(meshes: Vec<(String, TriangleMesh, Grid)>) {
             });
         }
         assert!(hit.len() > 1000, "{name}");
-        let [plane, two] = [Navigation::PlaneSpan, Navigation::TwoSided].map(|navigation| Surface::mark(&mesh, &grid, navigation));
-        for marked in [&plane, &two] {
+        let [plane, two, whole] = [Navigation::PlaneSpan, Navigation::TwoSided, Navigation::WholeBox]
+            .map(|navigation| Surface::mark(&mesh, &grid, navigation));
+        for marked in [&plane, &two, &whole] {
             assert!(
                 marked.n_voxels == hit.len() && marked.cells().all(|cell| hit.contains(&cell)),
                 "{name}: {:?}",
                 marked.navigation
             );
         }
-        assert!(two.sat_tests <= plane.sat_tests && plane.sat_tests <= tests, "{name}");
+        assert!(two.sat_tests <= plane.sat_tests && plane.sat_tests <= whole.sat_tests && whole.sat_tests <= tests, "{name}");
     }
 }
 
@@ -268,6 +269,80 @@ fn acceptance_6_every_surface_voxel_owns_one_point_on_the_mesh() {
             phase2 += usize::from(point.on_boundary);
         }
         eprintln!("{name}: {} points, phase 2: {:.2} %", points.len(), 100.0 * phase2 as f64 / points.len() as f64);
+    }
+}
+
+/// Distance of each point to the nearest other one, by a search over all of them.
+fn nearest_distances(points: &[DVec3], of: impl Fn(DVec3) -> bool) -> Vec<f64> {
+    let others = |own: usize| points.iter().enumerate().filter(move |(idx, _)| *idx != own).map(|(_, other)| *other);
+    let nearest = |own: usize| others(own).map(|other| other.distance(points[own])).fold(f64::INFINITY, f64::min);
+    (0..points.len()).filter(|own| of(points[*own])).map(nearest).collect()
+}
+
+/// In voxels, from what a plane does to the lattice of centres: a touched voxel has a touched neighbour across one of its sides, whose centre is one
+/// voxel away and projects no farther; and no two touched voxels are nearer than the shortest projection of a step between them.
+#[test]
+fn acceptance_6_neighbours_on_a_flat_face_are_at_most_a_voxel_apart_and_no_nearer_than_the_lattice_allows() {
+    let steps = |reach: i32| {
+        let edge = move || -reach..=reach;
+        let all = edge().flat_map(move |x| edge().flat_map(move |y| edge().map(move |z| DVec3::new(x.into(), y.into(), z.into()))));
+        all.filter(|step| *step != DVec3::ZERO)
+    };
+    for normal in [DVec3::new(0.1, 0.2, 1.0), DVec3::new(-0.4, 0.9, 0.7), DVec3::new(1.0, 0.9, 1.1), DVec3::new(0.02, -1.0, 0.3)] {
+        let normal = normal.normalize();
+        let (along, across) = normal.any_orthonormal_pair();
+        let middle = DVec3::new(0.31, 0.77, 0.13);
+        let corners = [-0.9, 1.2, 3.3].map(|angle: f64| middle + 40.0 * (angle.cos() * along + angle.sin() * across));
+        let mesh = TriangleMesh { vertices: corners.map(|corner| corner * S).to_vec(), triangles: vec![[0, 1, 2]] };
+        let (low, high) = mesh.bounds().expect("not empty");
+        let grid = Grid::around(low, high, S, 1).expect("a grid that fits");
+        let surface = Surface::mark(&mesh, &grid, Navigation::AUTO);
+        let points: Vec<DVec3> = project(&mesh, &surface).iter().map(|point| point.cells).collect();
+        let in_cells = mesh.corners(0).map(|corner| grid.to_cells(corner));
+        // Voxels at the rim project onto it.
+        let distances = nearest_distances(&points, |point| distance_to_rim(&in_cells, point) > 2.0);
+        let span = normal.abs().element_sum();
+        let shortest = steps(2)
+            .filter(|step| step.dot(normal).abs() <= span)
+            .map(|step| (step - normal * step.dot(normal)).length())
+            .fold(f64::INFINITY, f64::min);
+        assert!(distances.len() > 1000, "{normal}: {} points", distances.len());
+        for distance in distances {
+            assert!(distance <= 1.0 + 1e-9 && distance >= shortest - 1e-9, "{normal}: {distance}, at least {shortest}");
+        }
+    }
+}
+
+#[test]
+fn acceptance_6_neighbours_on_curved_and_edged_parts_are_some_half_a_voxel_to_a_voxel_apart() {
+    let turn = glam::DQuat::from_axis_angle(DVec3::new(0.3, -0.5, 0.8).normalize(), 0.7);
+    let turned = |mut mesh: TriangleMesh| {
+        mesh.vertices.iter_mut().for_each(|vertex| *vertex = turn * *vertex);
+        mesh
+    };
+    let meshes = [
+        ("sphere", sphere(16.0, DVec3::new(0.21, 0.37, 0.43))),
+        ("torus", turned(Shape::Torus { major_m: 0.02, minor_m: 0.006 }.tessellate(1e-5))),
+        ("box", turned(Shape::Box { size_m: DVec3::new(0.03, 0.02, 0.01) }.tessellate(1e-5))),
+        ("cone", turned(Shape::Cone { radius_m: 0.012, height_m: 0.02 }.tessellate(1e-5))),
+    ];
+    for (name, mesh) in meshes {
+        let (low, high) = mesh.bounds().expect("not empty");
+        let surface = Surface::mark(&mesh, &Grid::around(low, high, S, 1).expect("a grid that fits"), Navigation::AUTO);
+        let points: Vec<DVec3> = project(&mesh, &surface).iter().map(|point| point.cells).collect();
+        let mut distances = nearest_distances(&points, |_| true);
+        distances.sort_by(f64::total_cmp);
+        let at = |share: f64| distances[(share * (distances.len() - 1) as f64) as usize];
+        eprintln!(
+            "{name}: {} points, neighbours at {:.3} {:.3} {:.3} {:.3} {:.3} voxels (least, 1 %, half, 99 %, largest)",
+            points.len(),
+            at(0.0),
+            at(0.01),
+            at(0.5),
+            at(0.99),
+            at(1.0)
+        );
+        assert!(at(0.01) > 0.1 && (0.4..0.8).contains(&at(0.5)) && at(0.99) < 1.05 && at(1.0) < 1.3, "{name}");
     }
 }
 
