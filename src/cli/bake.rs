@@ -59,7 +59,7 @@ pub(crate) struct Args {
     /// Write the signed distances in metres as float32, NaN beyond the band (mesh only).
     #[arg(long, value_name = "F.npy")]
     field_out: Option<PathBuf>,
-    /// Write the points and inward normals as binary PLY, metres (mesh only).
+    /// Write the points, one for each surface voxel, and inward normals as binary PLY, metres (mesh only).
     #[arg(long, value_name = "F.ply")]
     pointshell_out: Option<PathBuf>,
     /// Draw three cuts through the map with the shell on them (mesh only).

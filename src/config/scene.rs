@@ -13,6 +13,7 @@ use clay::engine::ToolSettings;
 use clay::{Solid, clay_model};
 use haptics::Parameters;
 use vps::mesh::primitives::Shape;
+use vps::pointshell::Points;
 use vps::spatial::Pose;
 use vps::voxmap::inside_test::InsideTest;
 
@@ -119,6 +120,8 @@ pub struct ToolConfig {
     pub layers: u32,
     /// How inside and outside are told.
     pub sides: InsideTest,
+    /// Which points it has.
+    pub points: Points,
     /// Mass, kg.
     pub mass_kg: f64,
     /// Centre of mass in the tool frame, m; `None`: from the mesh.

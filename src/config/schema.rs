@@ -12,6 +12,7 @@ use serde::de::IgnoredAny;
 use document::{Numbers, words};
 use haptics::{CouplingMode, FreeSpace, SpringClamp};
 use vps::contact::Normalization;
+use vps::pointshell::Points;
 use vps::voxmap::field::FieldKind;
 use vps::voxmap::inside_test::InsideTest;
 
@@ -78,6 +79,7 @@ pub(super) struct Tool {
     pub(super) voxel_size_mm: Option<f64>,
     pub(super) layers: Option<u32>,
     pub(super) sides: Option<SidesWord>,
+    pub(super) points: Option<PointsWord>,
     pub(super) mass_g: Option<f64>,
     pub(super) center_of_mass_mm: Option<Numbers<3>>,
     pub(super) inertia_kg_mm2: Option<Numbers<6>>,
@@ -213,6 +215,7 @@ words! {
     FieldWord for FieldKind { Layers = "layers", SurfacePoint = "surface-point", Octant = "octant", Trilinear = "trilinear" }
     UnitWord { Metre = "m", Millimetre = "mm", Centimetre = "cm", Inch = "in" }
     SidesWord for InsideTest { Auto = "auto", Flood = "flood", Winding = "winding", Thin = "thin" }
+    PointsWord for Points { Facets = "facets", Voxels = "voxels" }
     AwarenessWord { Edges = "edges", Off = "off" }
     NormalizeWord for Normalization { None = "none", Average = "average", Cluster = "cluster" }
     ClampWord for SpringClamp { Saturate = "saturate", HalfVoxel = "half-voxel" }

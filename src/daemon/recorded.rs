@@ -106,7 +106,7 @@ fn scene_word(name: &impl fmt::Debug) -> String {
 
 /// What a scene comes to, SI. JSON has no infinity: null stands for it.
 pub fn resolved(config: &SceneConfig) -> Value {
-    let ToolConfig { source: _, voxel_size_m, layers, sides, mass_kg, center_of_mass_m, inertia_kg_m2 } = &config.tool;
+    let ToolConfig { source: _, voxel_size_m, layers, sides, points, mass_kg, center_of_mass_m, inertia_kg_m2 } = &config.tool;
     json!({
         "name": config.name,
         "rate_hz": config.rate_hz,
@@ -117,6 +117,7 @@ pub fn resolved(config: &SceneConfig) -> Value {
             "voxel_size_m": voxel_size_m,
             "layers": layers,
             "sides": scene_word(sides),
+            "points": scene_word(points),
             "mass_kg": mass_kg,
             "center_of_mass_m": center_of_mass_m.map(|center| center.to_array()),
             "inertia_kg_m2": inertia_kg_m2.map(|inertia| inertia.to_cols_array()),

@@ -9,6 +9,7 @@ use haptics::clay::{Clay, PUT_DOWN_SPACINGS};
 use haptics::{RenderScene, SceneBuilder, ToolOptions};
 use vps::contact::ContactSum;
 use vps::part::{ObjectReport, Part, PartError, PartRole};
+use vps::pointshell::Points;
 use vps::spatial::{Metres, Pose};
 use vps::voxmap::BakeStage;
 
@@ -92,6 +93,7 @@ pub fn build_all(
         mass_kg: *mass_kg,
         center_of_mass_m: *center_of_mass_m,
         inertia_kg_m2: *inertia_kg_m2,
+        points: config.tool.points,
         knows_edges: config.knows_edges,
     };
     let (scene, mut objects) = builder.finish_baked(shell, &mass, report, &options);
@@ -132,6 +134,7 @@ fn static_request(object: &StaticConfig, with_gradients: bool) -> Request<'_> {
         layers: object.layers,
         sides: object.sides,
         with_gradients,
+        points: Points::default(),
         center_of_mass: None,
     }
 }
@@ -145,6 +148,7 @@ fn tool_request(tool: &ToolConfig) -> Request<'_> {
         layers: tool.layers,
         sides: tool.sides,
         with_gradients: false,
+        points: tool.points,
         center_of_mass: tool.center_of_mass_m,
     }
 }

@@ -189,7 +189,7 @@ fn bake(request: &Request<'_>, memory: &mut MemoryPlan<'_>, tell: impl FnMut(Bak
         let (field, report) = part.bake_field(&options, request.with_gradients, tell)?;
         return Ok(Baked { field: Some(field), shell: None, mass: None, report });
     }
-    let (shell, mass, report) = part.bake_shell(&options, request.center_of_mass, tell)?;
+    let (shell, mass, report) = part.bake_shell(&options, request.points, request.center_of_mass, tell)?;
     Ok(Baked { field: None, shell: Some(shell), mass: Some(mass), report })
 }
 

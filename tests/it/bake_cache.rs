@@ -11,6 +11,7 @@ use hapticd::scene::cache::{Baked, Cache, CachePolicy, GENERATION, Lookup, Reque
 use hapticd::scene::{self, BakeOptions, ObjectReport, PartRole};
 use tempfile::TempDir;
 use vps::mesh::primitives::Shape;
+use vps::pointshell::Points;
 use vps::storage::MappedFile;
 use vps::storage::sections::{FORMAT, Reader, reseal};
 use vps::voxmap::field::FieldKind;
@@ -486,6 +487,7 @@ fn a_mesh_that_changes_while_it_is_baked_is_not_kept() {
         layers: 2,
         sides: InsideTest::Auto,
         with_gradients: false,
+        points: Points::Facets,
         center_of_mass: None,
     };
     let (_guard, files) = small_files();

@@ -22,7 +22,7 @@ fn the_checked_in_schemas_are_those_of_the_parser() {
         let checked_in = fs::read_to_string(&path).unwrap_or_default();
         assert!(
             checked_in == schema,
-            "{} is out of date: run `cargo test --test it rewrite_the_json_schemas -- --ignored`",
+            "{} is out of date: run `HAPTICD_REWRITE=1 cargo test --test it rewrite_the_json_schemas -- --ignored`",
             path.display()
         );
     }

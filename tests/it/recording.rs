@@ -447,7 +447,7 @@ fn recordings_of_earlier_versions_replay_bit_for_bit() {
         let replayed = again(&fixture(name)).unwrap_or_else(|error| panic!("{name}: {error}"));
         assert!(
             replayed.is_identical() && replayed.whole && replayed.ticks > duration.as_millis() as u64,
-            "{name}: {replayed:#?}\nif the change of forces is meant: cargo test --test it rewrite_the_recordings -- --ignored"
+            "{name}: {replayed:#?}\nif the change of forces is meant: HAPTICD_REWRITE=1 cargo test --test it rewrite_the_recordings -- --ignored"
         );
     }
 }

@@ -13,6 +13,7 @@ use super::{Inertia, Parameters, RenderScene, Tool};
 use vps::contact::Obstacle;
 use vps::mesh::mass::MassProperties;
 use vps::part::{ObjectReport, Part, PartError};
+use vps::pointshell::Points;
 use vps::pointshell::shell::Shell;
 use vps::spatial::Pose;
 use vps::voxmap::Options;
@@ -27,14 +28,16 @@ pub struct ToolOptions {
     pub center_of_mass_m: Option<DVec3>,
     /// Inertia about the centre of mass in tool axes, kg·m²; `None`: from the mesh.
     pub inertia_kg_m2: Option<DMat3>,
-    /// Points on edges of the tool push the way that the obstacle says.
+    /// Which points it has, where the builder bakes it.
+    pub points: Points,
+    /// Points beside edges of the tool push the way that the obstacle says while they are shallow.
     pub knows_edges: bool,
 }
 
 impl ToolOptions {
     /// So heavy, with the centre of mass and the inertia of the mesh.
     pub fn new(mass_kg: f64) -> Self {
-        Self { mass_kg, center_of_mass_m: None, inertia_kg_m2: None, knows_edges: true }
+        Self { mass_kg, center_of_mass_m: None, inertia_kg_m2: None, points: Points::default(), knows_edges: true }
     }
 }
 
@@ -93,7 +96,7 @@ impl SceneBuilder {
         options: &Options,
         tool_options: &ToolOptions,
     ) -> Result<(RenderScene, Vec<ObjectReport>), PartError> {
-        let (shell, mass, report) = tool.bake_shell(options, tool_options.center_of_mass_m, |_| ())?;
+        let (shell, mass, report) = tool.bake_shell(options, tool_options.points, tool_options.center_of_mass_m, |_| ())?;
         Ok(self.finish_baked(shell, &mass, report, tool_options))
     }
 

@@ -23,12 +23,12 @@
 //! # Example
 //! ```
 //! use glam::DVec3;
-//! use vps::{contact::*, mesh::primitives::Shape, part::Part, spatial::Pose, voxmap::Options};
+//! use vps::{contact::*, mesh::primitives::Shape, part::Part, pointshell::Points, spatial::Pose, voxmap::Options};
 //!
 //! let block = Part::new("block", Shape::Box { size_m: DVec3::splat(40e-3) }.tessellate(0.0));
 //! let ball = Part::new("ball", Shape::Sphere { radius_m: 10e-3 }.tessellate(2e-5));
 //! let (field, _report) = block.bake_field(&Options::new(1e-3), false, |_stage| ())?;
-//! let (shell, _mass, _report) = ball.bake_shell(&Options::new(1e-3), None, |_stage| ())?;
+//! let (shell, _mass, _report) = ball.bake_shell(&Options::new(1e-3), Points::Facets, None, |_stage| ())?;
 //! let obstacle = Obstacle { field, world_from_map: Pose::IDENTITY };
 //! let sum = ContactSum::flat(&[obstacle], &shell, Pose::from_translation(DVec3::Z * 29.5e-3), ForceLaw::PLAIN);
 //! assert!(sum.contacts > 0 && sum.wrench.force.z > 0.0, "half a millimetre deep: the block pushes up");

@@ -19,7 +19,7 @@ use crate::mesh::primitives::Shape;
 use crate::mesh::validate::{MeshReport, inspect};
 use crate::mesh::{self, MeshError, TriangleMesh};
 use crate::pointshell::shell::Shell;
-use crate::pointshell::{self, ShellReport};
+use crate::pointshell::{self, Points, ShellReport};
 use crate::voxmap::field::Field;
 use crate::voxmap::grid::GridError;
 use crate::voxmap::{BakeStage, Options, Voxmap};
@@ -126,20 +126,21 @@ impl Part {
         Ok((field, self.report(PartRole::Static, &map, &ShellReport::default())))
     }
 
-    /// Bakes what touches other parts: points about a centre of mass (mesh frame, m; `None`: that of the mesh), and the mass of the mesh.
+    /// Bakes what touches other parts: points of this kind about a centre of mass (mesh frame, m; `None`: that of the mesh), and the mass of the mesh.
     ///
     /// # Errors
     /// A grid that is too large.
     pub fn bake_shell(
         &self,
         options: &Options,
+        points: Points,
         center_of_mass: Option<DVec3>,
         mut watch: impl FnMut(BakeStage),
     ) -> Result<(Shell, MassProperties, ObjectReport), PartError> {
         let map = self.voxmap(options, &mut watch)?;
         let mass = self.mass_properties();
         watch(BakeStage::Pointshell);
-        let (shell, report) = pointshell::build(&self.mesh, &map, center_of_mass.unwrap_or(mass.center_m));
+        let (shell, report) = pointshell::build_with(points, &self.mesh, &map, center_of_mass.unwrap_or(mass.center_m));
         Ok((shell, mass, self.report(PartRole::Tool, &map, &report)))
     }
 

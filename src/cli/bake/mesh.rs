@@ -15,7 +15,7 @@ use crate::scene::cache::{Baked, Cache, CachePolicy, Lookup, Request, Spacing};
 use crate::scene::{self, BakeEvent, MemoryPlan, ObjectReport, PartRole};
 use vps::mesh::MeshError;
 use vps::part::PartError;
-use vps::pointshell::{self, ply};
+use vps::pointshell::{self, Points, ply};
 use vps::voxmap::grid::GridError;
 use vps::voxmap::inside_test::InsideTest;
 use vps::voxmap::surface::Navigation;
@@ -93,6 +93,8 @@ pub(super) fn bake_mesh(args: &Args, output: OutputOptions) -> Result<(), Failur
         layers: args.layers.unwrap_or(Options::DEFAULT_LAYERS),
         sides: args.sides.map_or(InsideTest::Auto, InsideTest::from),
         with_gradients: false,
+        // The paper's, whose tables this command measures; a scene bakes its tool by its own settings.
+        points: Points::Voxels,
         center_of_mass: None,
     };
     // The cache has neither layers nor distances by voxel, and a navigation that is asked for is asked for its figures.
@@ -174,7 +176,7 @@ fn generate(
     tell(BakeStage::Pointshell);
     let mass = part.mass_properties();
     let center_of_mass = request.center_of_mass.unwrap_or(mass.center_m);
-    let (shell, shell_report) = pointshell::build(&part.mesh, &map, center_of_mass);
+    let (shell, shell_report) = pointshell::build_with(request.points, &part.mesh, &map, center_of_mass);
     if let Some(path) = &args.voxmap_out {
         write(path, |path| npy::write_layers(path, &map.layers))?;
     }

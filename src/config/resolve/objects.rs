@@ -10,6 +10,7 @@ use super::{MM, Resolve, SIZE_MM};
 use document::{FINITE, Numbers, POSITIVE, ProblemKind};
 use vps::mesh::primitives::Shape;
 use vps::mesh::{self, EXTENSIONS, Format};
+use vps::pointshell::Points;
 use vps::spatial::Pose;
 use vps::voxmap::inside_test::InsideTest;
 
@@ -66,6 +67,7 @@ impl Resolve<'_> {
             voxel_size_m,
             layers,
             sides: tool.sides.map_or(InsideTest::Auto, Into::into),
+            points: tool.points.map_or(Points::default(), Into::into),
             mass_kg: self.checks.number("tool.mass_g", tool.mass_g, DEFAULT_TOOL_MASS_G, POSITIVE.to(1e5).unit("g")) * 1e-3,
             center_of_mass_m,
             inertia_kg_m2: self.inertia_kg_m2(tool.inertia_kg_mm2),

@@ -10,6 +10,7 @@ use twox_hash::XxHash3_128;
 use crate::config::scene::MeshSource;
 use vps::mesh;
 use vps::part::{Part, PartRole};
+use vps::pointshell::Points;
 use vps::storage::regular;
 use vps::storage::sections::Key;
 use vps::voxmap::Options;
@@ -44,6 +45,8 @@ pub struct Request<'a> {
     pub sides: InsideTest,
     /// The field holds gradients.
     pub with_gradients: bool,
+    /// Which points the shell has.
+    pub points: Points,
     /// Origin of the shell, mesh frame, m; `None`: the mesh's own centre of mass.
     pub center_of_mass: Option<DVec3>,
 }
@@ -69,7 +72,7 @@ impl Request<'_> {
     /// Hash of all that the result depends on; `None` when the mesh file, or one that it takes triangles from, cannot be read. Cost: one
     /// pass over these files, about 10 GB/s from the page cache, no memory; of glTF also its JSON text.
     pub(in crate::scene) fn key(&self) -> Option<Key> {
-        let Self { name: _, role, source, spacing, layers, sides, with_gradients, center_of_mass } = self;
+        let Self { name: _, role, source, spacing, layers, sides, with_gradients, points, center_of_mass } = self;
         let mut recipe = String::new();
         // Debug of a float prints as many digits as tell it from its neighbours. Writing to a string cannot fail.
         let _ = match source {
@@ -85,7 +88,7 @@ impl Request<'_> {
         };
         let _ = write!(
             recipe,
-            "\n{role:?}\n{spacing:?}\nlayers {layers}\nsides {sides:?}\ngradients {with_gradients}\nabout {center_of_mass:?}\n"
+            "\n{role:?}\n{spacing:?}\nlayers {layers}\nsides {sides:?}\ngradients {with_gradients}\npoints {points:?}\nabout {center_of_mass:?}\n"
         );
         Some(XxHash3_128::oneshot(recipe.as_bytes()).to_be_bytes())
     }

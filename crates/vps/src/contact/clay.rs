@@ -13,14 +13,14 @@ use super::sum::{Add, Weighting};
 use super::summing::Summing;
 use super::{ContactSum, ForceLaw, Patch, SimdLevel};
 use crate::density::Probe;
-use crate::pointshell::shell::{LANES, Lanes, Lanes3, Shell};
+use crate::pointshell::shell::{LANES, Lanes3, Shell};
 use crate::pointshell::tree::{CHILDREN, Spheres};
 use crate::spatial::{Mat6, Pose, Wrench};
 
 impl ContactSum {
     /// The clay that a probe sees at this pose. `faces`: of each block of the shell. −`max_value_m` is the clearance that is proven while
-    /// nothing touches, and no point may go further in a tick; `contacts` with a direction of their own count as one point each, on
-    /// an edge of the tool as well.
+    /// nothing touches, and no point may go further in a tick; `contacts` with a direction of their own count with the whole of their
+    /// weight, on an edge of the tool as well.
     ///
     /// RT: safe; a look-up per block, and up to one per point where the block is near, up to twenty where the point touches.
     pub fn of_clay(
@@ -38,8 +38,8 @@ impl ContactSum {
         if whole_clearance_m > 0.0 {
             max_value_m = -whole_clearance_m;
         } else {
-            let blocks = leaves(shell).zip(shell.blocks()).zip(faces);
-            for (block, (((center, radius_m), (positions, normals)), face)) in (0..).zip(blocks) {
+            let blocks = leaves(shell).zip(shell.blocks()).zip(shell.weights()).zip(faces);
+            for (block, ((((center, radius_m), (positions, normals)), weights), face)) in (0..).zip(blocks) {
                 let clearance_m = probe.sphere_clearance_m(center, radius_m);
                 if clearance_m > 0.0 {
                     max_value_m = max_value_m.max(-clearance_m);
@@ -51,7 +51,7 @@ impl ContactSum {
                     continue;
                 }
                 let touched = ContactBlock { block, lanes: found.lanes, weight: 1.0, depths_m: found.depths_m };
-                let pushes = Pushes { positions: *positions, normals: found.directions, weights: Lanes([1.0; LANES]) };
+                let pushes = Pushes { positions: *positions, normals: found.directions, areas: *weights, weights: *weights };
                 n_contacts += found.lanes.count_ones();
                 if let Some(sums) = summing.face(*face) {
                     simd_level.run(Add { sums, touched: &touched, pushes: &pushes, by });

@@ -17,7 +17,7 @@ pub struct Contact {
     pub point_idx: u32,
     /// V at the point, m, greater than 0.
     pub depth_m: f32,
-    /// Points that it stands for: 1; more where a budget left out others, less on an edge of the tool.
+    /// Surface that it stands for, s²; with a budget that of others as well, on an edge of the tool the share that pushes its way.
     pub weight: f32,
     /// Point about the centre of mass, tool axes, m.
     pub arm_body: Vec3,
@@ -33,7 +33,7 @@ pub struct ContactBlock {
     pub block: u32,
     /// One bit per lane in contact; never 0.
     pub lanes: u16,
-    /// Points that each of them stands for.
+    /// What of the surface each of them stands for counts; with a budget points stand for others as well.
     pub weight: f32,
     /// V, m, greater than 0 in these lanes.
     pub depths_m: [f32; LANES],
@@ -46,11 +46,17 @@ impl ContactBlock {
         lanes_of(self.lanes)
     }
 
-    /// The sum of what the lanes in contact are deep, each so often, m.
+    /// The sum of what the lanes in contact are deep, each by its weight, m.
     #[inline]
     pub(super) fn depth_m(&self, weights: &Lanes) -> f64 {
         let weighted = |lane: usize| Some(f64::from(self.depths_m.get(lane)? * weights.0.get(lane)?));
         self.lanes().filter_map(weighted).sum()
+    }
+
+    /// Surface that each lane stands for, s².
+    #[inline]
+    pub(super) fn weights(&self, shell: &Shell) -> Option<Lanes> {
+        Some(Lanes(shell.weights().get(self.block as usize)?.0.map(|weight| weight * self.weight)))
     }
 
     /// Lanes in contact whose own normal does not say which way is out.
@@ -58,7 +64,17 @@ impl ContactBlock {
     fn bent_lanes(&self, field: &Field, shell: &Shell) -> u16 {
         // A thin skin pushes away from its middle; an edge has no normal of its own, and the mean of those beside it would push along the
         // wall.
-        if field.is_thin() { self.lanes } else { self.lanes & shell.edges().get(self.block as usize).copied().unwrap_or(0) }
+        if field.is_thin() {
+            return self.lanes;
+        }
+        let edges = self.lanes & shell.edges().get(self.block as usize).copied().unwrap_or(0);
+        if edges == 0 {
+            return 0;
+        }
+        lanes_of(edges).fold(0, |bent, lane| {
+            let is_shallow = self.depths_m.get(lane).is_some_and(|depth_m| *depth_m < shell.edge_depth_m());
+            bent | u16::from(is_shallow) << lane
+        })
     }
 
     /// True when some direction is not the point's own normal.
@@ -72,12 +88,14 @@ impl ContactBlock {
     pub(super) fn pushes(&self, field: &Field, shell: &Shell, map_from_body: Pose) -> Option<Pushes> {
         let block = self.block as usize;
         let (positions, normals) = (*shell.positions().get(block)?, *shell.normals().get(block)?);
-        let mut pushes = Pushes { positions, normals, weights: Lanes([self.weight; LANES]) };
+        let weights = self.weights(shell)?;
+        let mut pushes = Pushes { positions, normals, areas: weights, weights };
         let bent = self.bent_lanes(field, shell);
         if bent != 0 {
             let wall = Wall::new(field, map_from_body);
             for lane in lanes_of(bent) {
-                let (direction, share) = wall.push(positions.get(lane), normals.get(lane));
+                let depth_m = self.depths_m.get(lane).copied().unwrap_or(0.0);
+                let (direction, share) = wall.push(positions.get(lane), normals.get(lane), depth_m / shell.edge_depth_m());
                 pushes.normals.set(lane, direction);
                 if let Some(weight) = pushes.weights.0.get_mut(lane) {
                     *weight *= share;
@@ -90,7 +108,7 @@ impl ContactBlock {
     /// Reports each lane in contact.
     #[inline]
     pub fn contacts(&self, field: &Field, shell: &Shell, map_from_body: Pose, mut touch: impl FnMut(&Contact)) {
-        let Some(Pushes { positions, normals, weights }) = self.pushes(field, shell, map_from_body) else { return };
+        let Some(Pushes { positions, normals, weights, .. }) = self.pushes(field, shell, map_from_body) else { return };
         for lane in self.lanes() {
             touch(&Contact {
                 point_idx: self.block * LANES as u32 + lane as u32,
@@ -109,8 +127,17 @@ pub(super) struct Pushes {
     pub(super) positions: Lanes3,
     /// Unit directions, tool axes.
     pub(super) normals: Lanes3,
-    /// Points that each stands for.
+    /// Surface that each stands for, s².
+    pub(super) areas: Lanes,
+    /// What of it pushes this way.
     pub(super) weights: Lanes,
+}
+
+/// 0 to 1 with depth, without a kink at either end.
+#[inline]
+fn smooth(t: f32) -> f32 {
+    let t = t.min(1.0);
+    t * t * (3.0 - (t + t))
 }
 
 /// Numbers of the set bits, rising.
@@ -142,12 +169,18 @@ impl<'a> Wall<'a> {
     /// Direction and share with which a point pushes that has no normal of its own. A skin pushes along the way out. So does an edge, along
     /// that of its surroundings, which does not turn in steps, and with the share that its mean normal has along it: no more than the
     /// faces beside it. Where there is no way out, the point's own normal.
-    fn push(&self, position: Vec3, normal_body: Vec3) -> (Vec3, f32) {
+    fn push(&self, position: Vec3, normal_body: Vec3, depth: f32) -> (Vec3, f32) {
         if self.field.is_thin() {
             return (self.way_out(position).unwrap_or(normal_body), 1.0);
         }
         match self.against(self.field.mean_gradient(self.place.cells(position))) {
-            Some(out) => (out, out.dot(normal_body).max(0.0)),
+            Some(out) => {
+                let across = out.dot(normal_body);
+                let fading = smooth(depth);
+                let push = out * (across * fading + across.max(0.0) * (1.0 - fading)) + (normal_body - out * across) * fading;
+                let share = push.length();
+                if share > 0.0 { (push / share, share) } else { (out, 0.0) }
+            }
             None => (normal_body, 1.0),
         }
     }

@@ -48,7 +48,7 @@ pub use traversal::{Traversal, TraversalMode};
 use self::faces::face_of;
 use self::sum::{Add, AddAll};
 use self::summing::Summing;
-use crate::pointshell::shell::{LANES, Lanes, Shell};
+use crate::pointshell::shell::Shell;
 use crate::spatial::{Mat6, Pose, Twist, Wrench};
 use crate::voxmap::field::{Field, FieldKind};
 
@@ -269,10 +269,10 @@ impl ContactSum {
                         }
                     }
                 } else {
-                    let (positions, normals) = (shell.positions(), shell.normals());
-                    simd_level.run(AddAll { sums, touched: run, positions, normals, by });
+                    let (positions, normals, weights) = (shell.positions(), shell.normals(), shell.weights());
+                    simd_level.run(AddAll { sums, touched: run, positions, normals, weights, by });
                     if carried.is_some() {
-                        depth_m = run.iter().map(|touched| touched.depth_m(&Lanes([touched.weight; LANES]))).sum();
+                        depth_m = run.iter().filter_map(|touched| Some(touched.depth_m(&touched.weights(shell)?))).sum();
                     }
                 }
                 if let Some(carried) = carried {

@@ -100,10 +100,11 @@ impl Proximity {
                         continue;
                     }
                     let arm_body = positions.get(lane);
+                    let weight = block.weights(shell).and_then(|weights| weights.0.get(lane).copied()).unwrap_or(0.0);
                     let way_out = wall.way_out(arm_body).filter(|out| out.dot(normals.get(lane)) > TURNED_COSINE);
                     if let Some(normal_body) = way_out {
                         let point_idx = block.block * LANES as u32 + lane as u32;
-                        near(&Contact { point_idx, depth_m, weight: block.weight, arm_body, normal_body });
+                        near(&Contact { point_idx, depth_m, weight, arm_body, normal_body });
                     }
                 }
             }

@@ -12,20 +12,24 @@ use crate::voxmap::field::brick_bounds::BrickBounds;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Samples {
     positions: Lanes3,
-    points: [(u32, u32); LANES],
+    /// Points and the surface that they stand for, as a multiple of their own.
+    points: [(u32, f32); LANES],
     n: usize,
 }
 
 impl Default for Samples {
     fn default() -> Self {
         let none = Lanes([f32::NAN; LANES]);
-        Self { positions: Lanes3 { x: none, y: none, z: none }, points: [(0, 0); LANES], n: 0 }
+        Self { positions: Lanes3 { x: none, y: none, z: none }, points: [(0, 0.0); LANES], n: 0 }
     }
 }
 
 impl Samples {
-    pub(super) fn push(&mut self, shell: &Shell, point: u32, weight: u32) {
+    /// A point that stands for so much surface, s².
+    pub(super) fn push(&mut self, shell: &Shell, point: u32, weight: f32) {
         let (block, lane) = (point as usize / LANES, point as usize % LANES);
+        let own = shell.weights().get(block).and_then(|weights| weights.0.get(lane)).copied().unwrap_or(1.0);
+        let weight = weight / own.max(f32::MIN_POSITIVE);
         let (Some(positions), Some(place)) = (shell.positions().get(block), self.points.get_mut(self.n)) else { return };
         self.positions.set(self.n, positions.get(lane));
         *place = (point, weight);
@@ -54,7 +58,7 @@ impl Samples {
                     let (block, lane_of_block) = (point / LANES as u32, point % LANES as u32);
                     let depth_m = depths.depths_m.0.get(lane).copied().unwrap_or(0.0);
                     let depths_m = [depth_m; LANES];
-                    touched.push(ContactBlock { block, lanes: 1 << lane_of_block, weight: weight as f32, depths_m });
+                    touched.push(ContactBlock { block, lanes: 1 << lane_of_block, weight, depths_m });
                 }
             }
         };

@@ -54,16 +54,15 @@ impl<L: F32x8> Half<L> {
     fn of(
         touched: &ContactBlock,
         (positions, normals): (&Lanes3, &Lanes3),
-        weights: Option<&Lanes>,
+        (areas, weights): (&Lanes, &Lanes),
+        count: f32,
         by: Weighting,
         half: usize,
     ) -> Self {
         let wanted = L::Int::mask(touched.lanes.to_le_bytes()[half]);
-        let (one, counts) = (L::splat(1.0), L::splat(touched.weight));
-        let stands_for = match weights {
-            Some(weights) => L::load(&halves(&weights.0)[half]).only(wanted),
-            None => counts,
-        };
+        let one = L::splat(1.0);
+        let stands_for = L::load(&halves(&weights.0)[half]).only(wanted) * L::splat(count);
+        let area = L::load(&halves(&areas.0)[half]).only(wanted) * L::splat(count);
         let depth = L::load(&halves(&touched.depths_m)[half]).only(wanted);
         let ([nx, ny, nz], [rx, ry, rz]) = (normals.halves(), positions.halves());
         let [nx, ny, nz] = [L::load(&nx[half]).only(wanted), L::load(&ny[half]).only(wanted), L::load(&nz[half]).only(wanted)];
@@ -86,8 +85,8 @@ impl<L: F32x8> Half<L> {
             depth: depth_weighted,
             force: depth_weighted * share,
             stiffness: slope * stands_for,
-            // Our smooth count: a contact counts fully from a quarter voxel on, so that normalisation has no steps.
-            effective: (depth * L::splat(by.per_quarter_voxel)).min(one) * counts,
+            // Our smooth count: what a contact stands for counts fully from a quarter voxel on, so that normalisation has no steps.
+            effective: (depth * L::splat(by.per_quarter_voxel)).min(one) * area,
         }
     }
 }
@@ -95,11 +94,17 @@ impl<L: F32x8> Half<L> {
 impl Sums {
     pub(super) const ZERO: Self = Self { part: [[0.0; LANES]; QUANTITIES], n_blocks_in_part: 0, lanes: [[0.0; LANES]; QUANTITIES] };
 
-    /// Adds the lanes of a block that touch, each by its own weight where these are given.
+    /// Adds the lanes of a block that touch, each by its weight so often.
     #[inline(always)]
-    pub(super) fn add<L: F32x8>(&mut self, touched: &ContactBlock, at: (&Lanes3, &Lanes3), weights: Option<&Lanes>, by: Weighting) {
-        let low = Half::<L>::of(touched, at, weights, by, 0);
-        let high = Half::<L>::of(touched, at, weights, by, 1);
+    pub(super) fn add<L: F32x8>(
+        &mut self,
+        touched: &ContactBlock,
+        at: (&Lanes3, &Lanes3),
+        (weights, count): ((&Lanes, &Lanes), f32),
+        by: Weighting,
+    ) {
+        let low = Half::<L>::of(touched, at, weights, count, by, 0);
+        let high = Half::<L>::of(touched, at, weights, count, by, 1);
         let mut sums = self.part.iter_mut();
         let ([a, b, c, d, e, f], [g, h, i, j, k, l]) = (low.columns, high.columns);
         put(&mut sums, (low.force, high.force), low.columns, high.columns);
@@ -183,6 +188,7 @@ pub(super) struct AddAll<'a> {
     pub(super) touched: &'a [ContactBlock],
     pub(super) positions: &'a [Lanes3],
     pub(super) normals: &'a [Lanes3],
+    pub(super) weights: &'a [Lanes],
     pub(super) by: Weighting,
 }
 
@@ -193,16 +199,16 @@ impl Kernel for AddAll<'_> {
     fn run<L: F32x8>(self) {
         let geometry = |touched: &ContactBlock| {
             let block = touched.block as usize;
-            Some((self.positions.get(block)?, self.normals.get(block)?))
+            Some(((self.positions.get(block)?, self.normals.get(block)?), self.weights.get(block)?))
         };
         let mut soon = self.touched.iter().skip(AHEAD);
         for touched in self.touched {
-            if let Some((positions, normals)) = soon.next().and_then(geometry) {
+            if let Some(((positions, normals), _)) = soon.next().and_then(geometry) {
                 positions.prefetch();
                 normals.prefetch();
             }
-            if let Some(at) = geometry(touched) {
-                self.sums.add::<L>(touched, at, None, self.by);
+            if let Some((at, weights)) = geometry(touched) {
+                self.sums.add::<L>(touched, at, ((weights, weights), touched.weight), self.by);
             }
         }
     }
@@ -221,7 +227,7 @@ impl Kernel for Add<'_> {
 
     #[inline(always)]
     fn run<L: F32x8>(self) {
-        let Pushes { positions, normals, weights } = self.pushes;
-        self.sums.add::<L>(self.touched, (positions, normals), Some(weights), self.by);
+        let Pushes { positions, normals, areas, weights } = self.pushes;
+        self.sums.add::<L>(self.touched, (positions, normals), ((areas, weights), 1.0), self.by);
     }
 }

@@ -398,9 +398,9 @@ impl Query<'_> {
             let (block, lane) = (*node as usize / CHILDREN, *node as usize % CHILDREN);
             let point = tree.representatives(level).get(block).and_then(|points| points.get(lane));
             let Range { start, end } = tree.points_below(level, *node as usize, self.shell.len());
-            let weight = (end - start) as u32;
+            let weight = tree.weights(level).get(block).and_then(|weights| weights.get(lane)).copied().unwrap_or(0.0);
             self.looked_at += 1;
-            self.left_out += weight - 1;
+            self.left_out += (end - start).saturating_sub(1) as u32;
             if let Some(point) = point {
                 lists.samples.push(self.shell, *point, weight);
             }

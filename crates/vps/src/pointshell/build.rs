@@ -7,6 +7,7 @@ use glam::{DVec3, Vec3};
 
 use super::bins::Bins;
 use super::cluster::{Site, arrange};
+use super::facets::{self, EDGE_DEPTH_VOXELS, FacetPoint};
 use super::levels::{LevelReport, levels};
 use super::normals::{BrickSums, normal};
 use super::project::Scratch;
@@ -15,14 +16,31 @@ use crate::mesh::TriangleMesh;
 use crate::parallel;
 use crate::voxmap::Voxmap;
 
+/// Which points a shell has.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Points {
+    /// One for each facet, which is what one face of the mesh leaves in a voxel, with the facet's area and direction; edges and corners have
+    /// points of their own. Force does not depend on how the part lies in its grid.
+    #[default]
+    Facets,
+    /// One for each surface voxel, all alike, with normals from the layers around it: the way of Sagardia2008. The force of a face grows with
+    /// |n_x| + |n_y| + |n_z|, n its normal in the grid.
+    Voxels,
+}
+
+impl Points {
+    /// The names of the scene file.
+    pub const NAMES: [(&'static str, Self); 2] = [("facets", Self::Facets), ("voxels", Self::Voxels)];
+}
+
 /// What was built.
 #[derive(Clone, Debug, Default)]
 pub struct ShellReport {
-    /// Points, one per surface voxel.
+    /// Points.
     pub points: usize,
-    /// Points whose projection landed inside a triangle.
+    /// Points whose projection landed inside a triangle; with facets, the others.
     pub phase1_points: usize,
-    /// Points on edges and corners, for voxels that phase 1 left empty.
+    /// Points on edges and corners, for voxels that phase 1 left empty; with facets, points of the voxels that hold an edge or a corner.
     pub phase2_points: usize,
     /// Levels of the tree, from coarse to fine; the last holds all points.
     pub tree_levels: Vec<LevelReport>,
@@ -40,23 +58,33 @@ const BRICKS_PER_TASK: usize = 32;
 /// Points in a brick below which its normals are looked up one by one.
 const POINTS_WORTH_SUMS: u32 = 6;
 
-/// Builds the shell of an object about `center_of_mass_tool` (tool frame, m).
+/// Builds the shell of an object about `center_of_mass_tool` (tool frame, m), a point for each surface voxel: the way of the paper.
 ///
 /// Points come in the order of the tree's leaves, so that neighbours in memory are neighbours in space. Runs on the current rayon
 /// pool. Cost: linear in the number of points, but for the ordering, which is n log n.
 pub fn build(mesh: &TriangleMesh, map: &Voxmap, center_of_mass_tool: DVec3) -> (Shell, ShellReport) {
+    build_with(Points::Voxels, mesh, map, center_of_mass_tool)
+}
+
+/// The same with points of either kind. A thin skin has no inside that facets could face: its points are those of voxels, which count with the
+/// area that a voxel of their face stands for.
+pub fn build_with(kind: Points, mesh: &TriangleMesh, map: &Voxmap, center_of_mass_tool: DVec3) -> (Shell, ShellReport) {
     let mesh = map.mesh(mesh);
     let voxel_size_m = map.surface.grid.voxel_size_m;
     let mut since = Instant::now();
     let mut lap_s = || core::mem::replace(&mut since, Instant::now()).elapsed().as_secs_f64();
     let bins = Bins::sort(mesh, &map.surface);
     let sort_s = lap_s();
-    let Placed { mut sites, normals, on_edge, tally } = place(mesh, map, &bins, center_of_mass_tool);
+    let mut placed = match kind {
+        Points::Facets if !map.thin => place_facets(mesh, map, &bins, center_of_mass_tool),
+        _ => place(mesh, map, &bins, center_of_mass_tool).weighted(kind),
+    };
     drop(bins);
     let place_s = lap_s();
-    arrange(&mut sites);
+    arrange(&mut placed.sites);
     let arrange_s = lap_s();
-    let shell = Shell::lay_out(&sites, &normals, &on_edge, tally.radius_m, voxel_size_m);
+    let shell = Shell::lay_out(&placed, voxel_size_m);
+    let Placed { sites, tally, .. } = placed;
     let lay_out_s = lap_s();
     let shell = shell.with_tree();
     let tree_levels = levels(&shell);
@@ -77,13 +105,26 @@ pub fn build(mesh: &TriangleMesh, map: &Voxmap, center_of_mass_tool: DVec3) -> (
 }
 
 /// Points in order of rank.
-struct Placed {
-    sites: Vec<Site>,
+pub(super) struct Placed {
+    pub(super) sites: Vec<Site>,
     /// Inward unit normals, tool axes.
-    normals: Vec<Vec3>,
-    /// The point lies on an edge or a corner.
-    on_edge: Vec<bool>,
-    tally: Tally,
+    pub(super) normals: Vec<Vec3>,
+    /// Surface that each stands for, s².
+    pub(super) weights: Vec<f32>,
+    /// The point lies on an edge or a corner, or beside one.
+    pub(super) on_edge: Vec<bool>,
+    /// See [`Shell::edge_depth_m`].
+    pub(super) edge_depth_m: f64,
+    pub(super) tally: Tally,
+}
+
+impl Placed {
+    /// Points of voxels with what they stand for: all the same in the paper; else what a face has of area for each voxel that it touches.
+    fn weighted(mut self, kind: Points) -> Self {
+        let area = |normal: Vec3| if kind == Points::Voxels { 1.0 } else { 1.0 / normal.abs().element_sum() };
+        self.weights = parallel::map(self.normals.len(), 1 << 12, |idx| area(self.normals[idx]));
+        self
+    }
 }
 
 /// Least cosine between the normal of a point's surroundings and that of its triangle: further apart, the surroundings are bent, by an
@@ -93,9 +134,9 @@ const EDGE_COSINE: f64 = 0.9962;
 
 /// What every task adds up; no sum depends on its order.
 #[derive(Clone, Copy, Default)]
-struct Tally {
+pub(super) struct Tally {
     phase2_points: usize,
-    radius_m: f64,
+    pub(super) radius_m: f64,
     in_projection: Duration,
     in_normals: Duration,
 }
@@ -167,5 +208,35 @@ fn place(mesh: &TriangleMesh, map: &Voxmap, bins: &Bins, center_of_mass_tool: DV
     };
     let tallies = parallel::map_mut_with(&mut tasks, 1, Default::default, run);
     let tally = tallies.into_iter().fold(Tally::default(), Tally::plus);
-    Placed { sites, normals, on_edge, tally }
+    Placed { sites, normals, weights: Vec::new(), on_edge, edge_depth_m: f64::INFINITY, tally }
+}
+
+/// Finds the facets of each brick.
+fn place_facets(mesh: &TriangleMesh, map: &Voxmap, bins: &Bins, center_of_mass_tool: DVec3) -> Placed {
+    let grid = &map.surface.grid;
+    let n_bricks = map.surface.bricks.len();
+    let since = Instant::now();
+    let found = parallel::map_with(n_bricks.div_ceil(BRICKS_PER_TASK), 1, facets::Scratch::default, |scratch, task| {
+        let mut points: Vec<FacetPoint> = Vec::new();
+        for slot in task * BRICKS_PER_TASK..((task + 1) * BRICKS_PER_TASK).min(n_bricks) {
+            scratch.find(mesh, map, bins, slot, &mut points);
+        }
+        points
+    });
+    let points: Vec<&FacetPoint> = found.iter().flatten().collect();
+    let arm = |point: &FacetPoint| grid.origin_m + point.cells * grid.voxel_size_m - center_of_mass_tool;
+    let tally = Tally {
+        phase2_points: points.iter().filter(|point| point.on_edge).count(),
+        radius_m: points.iter().map(|point| arm(point).length()).fold(0.0, f64::max),
+        in_projection: since.elapsed(),
+        in_normals: Duration::ZERO,
+    };
+    Placed {
+        sites: points.iter().zip(0..).map(|(point, idx)| Site::new(arm(point).as_vec3(), idx)).collect(),
+        normals: points.iter().map(|point| point.inward.as_vec3()).collect(),
+        weights: points.iter().map(|point| point.weight as f32).collect(),
+        on_edge: points.iter().map(|point| point.on_edge).collect(),
+        edge_depth_m: EDGE_DEPTH_VOXELS * grid.voxel_size_m,
+        tally,
+    }
 }

@@ -29,6 +29,7 @@
 mod bins;
 mod build;
 mod cluster;
+mod facets;
 mod lanes;
 mod levels;
 mod normals;
@@ -38,5 +39,5 @@ pub mod shell;
 mod sphere;
 pub mod tree;
 
-pub use build::{ShellReport, build};
+pub use build::{Points, ShellReport, build, build_with};
 pub use levels::LevelReport;

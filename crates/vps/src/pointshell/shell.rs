@@ -4,6 +4,7 @@ mod file;
 
 use glam::{DVec3, Vec3};
 
+use super::build::Placed;
 use super::cluster::Site;
 pub use super::lanes::{LANES, Lanes, Lanes3};
 use super::tree::Tree;
@@ -19,46 +20,65 @@ pub struct Shell {
     positions: SharedSlice<Lanes3>,
     /// Same layout: unit normals, pointing **into** the tool.
     normals: SharedSlice<Lanes3>,
+    /// Same layout: surface that each point stands for, s².
+    weights: SharedSlice<Lanes>,
     /// `[n_blocks]`, one bit per lane: points on edges and corners.
     edges: SharedSlice<u16>,
     tree: Tree,
     n_points: usize,
     radius_m: f64,
     voxel_size_m: f64,
+    edge_depth_m: f32,
 }
 
 impl Shell {
     /// Lays out points (about the centre of mass, m) and inward unit normals in the order given, which is also that of the tree's
-    /// leaves; none lies on an edge. Cold.
+    /// leaves; each stands for one s², none lies on an edge. Cold.
     pub fn new(points: &[(DVec3, DVec3)], voxel_size_m: f64) -> Self {
         let blocks = |of: fn(&(DVec3, DVec3)) -> DVec3| {
             points.chunks(LANES).map(|chunk| block(chunk, |point| of(point).as_vec3())).collect::<Vec<_>>()
         };
         let (positions, normals) = (blocks(|point| point.0), blocks(|point| point.1));
-        let tree = Tree::over(&positions, points.len());
+        let weights = vec![Lanes([1.0; LANES]); positions.len()];
+        let tree = Tree::over(&positions, &weights, points.len());
         let radius_m = points.iter().map(|point| point.0.length()).fold(0.0, f64::max);
-        let edges = vec![0; positions.len()].into();
-        Self { positions: positions.into(), normals: normals.into(), edges, tree, n_points: points.len(), radius_m, voxel_size_m }
+        Self {
+            edges: vec![0; positions.len()].into(),
+            positions: positions.into(),
+            normals: normals.into(),
+            weights: weights.into(),
+            tree,
+            n_points: points.len(),
+            radius_m,
+            voxel_size_m,
+            edge_depth_m: f32::INFINITY,
+        }
     }
 
     /// Lays out arranged sites, and what their numbers name; the tree is still to come. Cold.
-    pub(super) fn lay_out(sites: &[Site], normals: &[Vec3], on_edge: &[bool], radius_m: f64, voxel_size_m: f64) -> Self {
+    pub(super) fn lay_out(placed: &Placed, voxel_size_m: f64) -> Self {
+        let Placed { sites, normals, weights, on_edge, edge_depth_m, tally } = placed;
         let edges =
             |chunk: &[Site]| (0..).zip(chunk).fold(0, |edges, (lane, site)| edges | u16::from(on_edge[site.idx as usize]) << lane);
         Self {
             positions: parallel::map_chunks(sites, LANES, |chunk| block(chunk, Site::position)).into(),
             normals: parallel::map_chunks(sites, LANES, |chunk| block(chunk, |site| normals[site.idx as usize])).into(),
+            weights: parallel::map_chunks(sites, LANES, |chunk| {
+                Lanes(core::array::from_fn(|lane| chunk.get(lane).map_or(0.0, |site| weights[site.idx as usize])))
+            })
+            .into(),
             edges: parallel::map_chunks(sites, LANES, edges).into(),
             tree: Tree::default(),
             n_points: sites.len(),
-            radius_m,
+            radius_m: tally.radius_m,
             voxel_size_m,
+            edge_depth_m: *edge_depth_m as f32,
         }
     }
 
     /// The same shell with the tree over it. Cold.
     pub(super) fn with_tree(mut self) -> Self {
-        self.tree = Tree::over(&self.positions, self.n_points);
+        self.tree = Tree::over(&self.positions, &self.weights, self.n_points);
         self
     }
 
@@ -81,6 +101,17 @@ impl Shell {
     /// Inward unit normals, laid out like [`Self::positions`].
     pub fn normals(&self) -> &[Lanes3] {
         &self.normals
+    }
+
+    /// Surface that each point stands for, s², laid out like [`Self::positions`]; 1 of each in the way of the paper.
+    pub fn weights(&self) -> &[Lanes] {
+        &self.weights
+    }
+
+    /// Depth from which a point on an edge pushes along its own normal, m. Shallower, too little of the surface around an edge is immersed to
+    /// say which way is out; deeper, all that is immersed pushes the tool along the way that its normals have together.
+    pub fn edge_depth_m(&self) -> f32 {
+        self.edge_depth_m
     }
 
     /// Points on edges and corners, where no normal says which way is out: one bit per lane of each block.
@@ -122,8 +153,8 @@ impl Shell {
 
     /// Size of the arrays, bytes.
     pub fn heap_bytes(&self) -> usize {
-        let Self { positions, normals, edges, tree, n_points: _, radius_m: _, voxel_size_m: _ } = self;
-        size_of_val(&**positions) + size_of_val(&**normals) + size_of_val(&**edges) + tree.heap_bytes()
+        let Self { positions, normals, weights, edges, tree, n_points: _, radius_m: _, voxel_size_m: _, edge_depth_m: _ } = self;
+        size_of_val(&**positions) + size_of_val(&**normals) + size_of_val(&**weights) + size_of_val(&**edges) + tree.heap_bytes()
     }
 }
 

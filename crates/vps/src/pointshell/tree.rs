@@ -39,7 +39,7 @@ use core::ops::Range;
 use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
 
-use super::lanes::{LANES, Lanes3};
+use super::lanes::{LANES, Lanes, Lanes3};
 use super::sphere::{Ball, enclose};
 use crate::parallel;
 use crate::storage::SharedSlice;
@@ -101,16 +101,19 @@ pub struct Tree {
     spheres: SharedSlice<Spheres>,
     /// `[n_blocks]`: number of the point that represents each node; the rest of a block repeats the last one.
     representatives: SharedSlice<[u32; CHILDREN]>,
+    /// `[n_blocks]`: surface that the points below each node stand for, s²; 0 in the rest of a block.
+    weights: SharedSlice<[f32; CHILDREN]>,
 }
 
 impl Tree {
     /// Builds the tree over points in blocks, in the order that they have. Cold.
     ///
     /// Runs on the current rayon pool. Cost: linear in the number of points, with a small factor per level.
-    pub(super) fn over(positions: &[Lanes3], n_points: usize) -> Self {
-        let builder = Builder::build(positions, n_points);
+    pub(super) fn over(positions: &[Lanes3], weights: &[Lanes], n_points: usize) -> Self {
+        let builder = Builder::build(positions, weights, n_points);
         let n_blocks: usize = builder.levels.iter().map(|nodes| nodes.len().div_ceil(CHILDREN)).sum();
         let (mut spheres, mut representatives) = (Vec::with_capacity(n_blocks), Vec::with_capacity(n_blocks));
+        let mut node_weights = Vec::with_capacity(n_blocks);
         for nodes in builder.levels.iter().rev() {
             for siblings in nodes.chunks(CHILDREN) {
                 let node = |lane: usize| &siblings[lane.min(siblings.len() - 1)];
@@ -122,9 +125,15 @@ impl Tree {
                     radius: core::array::from_fn(|lane| siblings.get(lane).map_or(f32::NEG_INFINITY, |node| node.ball.radius)),
                 });
                 representatives.push(core::array::from_fn(|lane| node(lane).representative));
+                node_weights.push(core::array::from_fn(|lane| siblings.get(lane).map_or(0.0, |node| node.weight as f32)));
             }
         }
-        Self { levels: levels_over(n_points), spheres: spheres.into(), representatives: representatives.into() }
+        Self {
+            levels: levels_over(n_points),
+            spheres: spheres.into(),
+            representatives: representatives.into(),
+            weights: node_weights.into(),
+        }
     }
 
     /// Levels of nodes, 0 the coarsest; none without points.
@@ -151,6 +160,12 @@ impl Tree {
         self.representatives.get(self.blocks(level)).unwrap_or(&[])
     }
 
+    /// Surface that the points below the nodes of a level stand for, s², laid out like [`Self::spheres`]. RT: safe.
+    #[inline]
+    pub fn weights(&self, level: usize) -> &[[f32; CHILDREN]] {
+        self.weights.get(self.blocks(level)).unwrap_or(&[])
+    }
+
     /// Points of the shell below a node of a level, the last of them cut off at `n_points`. RT: safe.
     #[inline]
     pub fn points_below(&self, level: usize, node: usize, n_points: usize) -> Range<usize> {
@@ -167,8 +182,8 @@ impl Tree {
 
     /// Size of the arrays, bytes.
     pub fn heap_bytes(&self) -> usize {
-        let Self { levels, spheres, representatives } = self;
-        size_of_val(&**levels) + size_of_val(&**spheres) + size_of_val(&**representatives)
+        let Self { levels, spheres, representatives, weights } = self;
+        size_of_val(&**levels) + size_of_val(&**spheres) + size_of_val(&**representatives) + size_of_val(&**weights)
     }
 }
 
@@ -177,6 +192,8 @@ struct Node {
     ball: Ball,
     /// Number of the point that stands for it.
     representative: u32,
+    /// Surface that the points below stand for, s².
+    weight: f64,
     low: DVec3,
     high: DVec3,
 }
@@ -184,12 +201,13 @@ struct Node {
 /// Levels from fine to coarse.
 struct Builder<'a> {
     positions: &'a [Lanes3],
+    weights: &'a [Lanes],
     levels: Vec<Vec<Node>>,
 }
 
 impl<'a> Builder<'a> {
-    fn build(positions: &'a [Lanes3], n_points: usize) -> Self {
-        let mut builder = Self { positions, levels: Vec::new() };
+    fn build(positions: &'a [Lanes3], weights: &'a [Lanes], n_points: usize) -> Self {
+        let mut builder = Self { positions, weights, levels: Vec::new() };
         let n_leaves = n_points.div_ceil(LANES);
         if n_leaves > 0 {
             builder.levels.push(parallel::map(n_leaves, 256, |block| builder.leaf(block)));
@@ -220,7 +238,9 @@ impl<'a> Builder<'a> {
                 nearest = (distance_squared, lane);
             }
         }
-        Node { ball, representative: (block * LANES) as u32 + nearest.1, low, high }
+        let is_used = |(point, _): &(DVec3, f32)| !point.is_nan();
+        let weight = lanes(points).zip(self.weights[block].0).filter(is_used).map(|(_, weight)| f64::from(weight)).sum();
+        Node { ball, representative: (block * LANES) as u32 + nearest.1, weight, low, high }
     }
 
     /// A node over the last level that is finished.
@@ -242,7 +262,7 @@ impl<'a> Builder<'a> {
                 nearest = (distance_squared, child.representative);
             }
         }
-        Node { ball, representative: nearest.1, low, high }
+        Node { ball, representative: nearest.1, weight: children.iter().map(|child| child.weight).sum(), low, high }
     }
 
     fn point(&self, point_idx: u32) -> DVec3 {

@@ -3,6 +3,7 @@
 
 mod data_structures;
 mod distance_error;
+mod force_law;
 mod inside_test;
 mod models;
 mod traversal;

@@ -13,20 +13,28 @@ pub struct ShellHead {
     n_points: u64,
     radius_m: f64,
     voxel_size_m: f64,
+    /// An `f32`, which may be infinite.
+    edge_depth_m: f64,
 }
 
 impl Shell {
     /// What [`Self::store`] needs beside the shell itself.
     pub fn head(&self) -> ShellHead {
-        ShellHead { n_points: self.n_points as u64, radius_m: self.radius_m, voxel_size_m: self.voxel_size_m }
+        ShellHead {
+            n_points: self.n_points as u64,
+            radius_m: self.radius_m,
+            voxel_size_m: self.voxel_size_m,
+            edge_depth_m: self.edge_depth_m.into(),
+        }
     }
 
     /// Adds the shell to a file.
     pub fn store<'a>(&'a self, head: &'a ShellHead, to: &mut Writer<'a>) {
-        let Self { positions, normals, edges, tree, n_points: _, radius_m: _, voxel_size_m: _ } = self;
+        let Self { positions, normals, weights, edges, tree, n_points: _, radius_m: _, voxel_size_m: _, edge_depth_m: _ } = self;
         to.record("shell", head);
         to.array("shell positions", positions);
         to.array("shell normals", normals);
+        to.array("shell weights", weights);
         to.array("shell edges", edges);
         tree.store(to);
     }
@@ -41,31 +49,36 @@ impl Shell {
     /// # Errors
     /// A section that is missing or damaged, or arrays that do not belong together.
     pub fn load(from: &Reader) -> Result<Self, Refusal> {
-        let ShellHead { n_points, radius_m, voxel_size_m } = from.record("shell")?;
+        let ShellHead { n_points, radius_m, voxel_size_m, edge_depth_m } = from.record("shell")?;
         // Point numbers have 32 bits.
         let n_points = u32::try_from(n_points).map_err(|_| Refusal::Damaged("shell"))? as usize;
         let shell = Self {
             positions: from.array("shell positions")?,
             normals: from.array("shell normals")?,
+            weights: from.array("shell weights")?,
             edges: from.array("shell edges")?,
             tree: Tree::load(from, n_points)?,
             n_points,
             radius_m,
             voxel_size_m,
+            edge_depth_m: edge_depth_m as f32,
         };
         if shell.is_consistent() { Ok(shell) } else { Err(Refusal::Damaged("shell")) }
     }
 
     fn is_consistent(&self) -> bool {
-        let Self { positions, normals, edges, tree: _, n_points, radius_m, voxel_size_m } = self;
+        let Self { positions, normals, weights, edges, tree: _, n_points, radius_m, voxel_size_m, edge_depth_m } = self;
         let unused = (n_points % LANES..LANES).filter(|_| n_points % LANES > 0);
         positions.len() == n_points.div_ceil(LANES)
             && normals.len() == positions.len()
+            && weights.len() == positions.len()
+            && weights.iter().flat_map(|weights| weights.0).all(|weight| weight >= 0.0 && weight.is_finite())
             && edges.len() == positions.len()
             && positions.last().is_none_or(|last| unused.into_iter().all(|lane| last.get(lane).is_nan()))
             && *radius_m >= 0.0
             && radius_m.is_finite()
             && *voxel_size_m > 0.0
             && voxel_size_m.is_finite()
+            && *edge_depth_m > 0.0
     }
 }

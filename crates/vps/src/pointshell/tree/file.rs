@@ -6,9 +6,10 @@ use crate::storage::sections::{Reader, Refusal, Writer};
 impl Tree {
     /// Adds the tree to a file. Its levels follow from the number of points.
     pub(in crate::pointshell) fn store<'a>(&'a self, to: &mut Writer<'a>) {
-        let Self { levels: _, spheres, representatives } = self;
+        let Self { levels: _, spheres, representatives, weights } = self;
         to.array("tree spheres", spheres);
         to.array("tree points", representatives);
+        to.array("tree weights", weights);
     }
 
     /// Takes the tree over `n_points` points from a file. Shape, spheres and point numbers are checked; that the spheres are where the
@@ -21,6 +22,7 @@ impl Tree {
             levels: super::levels_over(n_points),
             spheres: from.array("tree spheres")?,
             representatives: from.array("tree points")?,
+            weights: from.array("tree weights")?,
         };
         if tree.is_consistent(n_points) { Ok(tree) } else { Err(Refusal::Damaged("tree")) }
     }
@@ -29,6 +31,8 @@ impl Tree {
         let n_blocks = self.levels.last().map_or(0, |last| last.first_block as usize + last.n_blocks());
         self.spheres.len() == n_blocks
             && self.representatives.len() == n_blocks
+            && self.weights.len() == n_blocks
+            && self.weights.iter().flatten().all(|weight| *weight >= 0.0 && weight.is_finite())
             && self.representatives.iter().flatten().all(|point| (*point as usize) < n_points)
             && (0..self.n_levels()).all(|level| {
                 let n_nodes = self.n_nodes(level);

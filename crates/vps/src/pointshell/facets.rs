@@ -1,0 +1,485 @@
+//! A point for each facet: what one face of the mesh leaves in a voxel, with its area.
+//!
+//! The force of a pointshell, Σ d·n, is an integral over the immersed surface when each point counts with the surface that it stands for:
+//! ∫ d n dA, which the divergence theorem makes that over the volume of the overlap. One point for each surface voxel does not: an
+//! oblique face has up to √3 times as many of them as one along the grid.
+//!
+//! ```text
+//!   triangle ∩ voxel ─► polygons ─► grouped by direction: facets (area vector, centroid)
+//!   convex edges, corners ─► a point there, which takes a small share of the facets around it
+//! ```
+//! - **Exact in the plane**: area vectors of a closed mesh add up to nothing, and a face that is immersed as a whole presses with its area,
+//!   at its centroid, however it lies in the grid.
+//! - **Edges and corners have points** of their own, as the deepest place of a convex body on a wall is one of them. Their share is small,
+//!   and the facets' points move by as much, so that the first moment of the surface stays what it is.
+//! - **Voxels with an edge are cut into eight**, as contact begins at edges, with less than a voxel immersed. Until half a voxel deep, their points push
+//!   along the obstacle's gradient rather than their own normals, see [`EDGE_DEPTH_VOXELS`].
+//! - Detail finer than the voxels is several faces in one voxel: at most [`GROUPS`] of them, each of no more area than a plane can have there.
+//!
+//! # Source
+//! Ours. The divergence theorem; polygons are clipped by Sutherland and Hodgman's method.
+
+use core::ops::Range;
+
+use glam::DVec3;
+
+use super::bins::{Bins, cell_range};
+use crate::mesh::TriangleMesh;
+use crate::voxmap::Voxmap;
+use crate::voxmap::grid::{BRICK_CELLS, BRICK_EDGE, brick_origin};
+use crate::voxmap::surface::{Mask, bits};
+
+/// A point of the shell before it is laid out.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct FacetPoint {
+    /// Cell coordinates.
+    pub(super) cells: DVec3,
+    /// Unit, into the object, map axes.
+    pub(super) inward: DVec3,
+    /// Surface that it stands for, s².
+    pub(super) weight: f64,
+    /// Its voxel holds an edge or a corner.
+    pub(super) on_edge: bool,
+}
+
+/// Faces of one voxel that are told apart; others join the one they are nearest to in direction.
+const GROUPS: usize = 4;
+/// Directions within 30° are one face; an edge between faces further apart is sharp.
+const GROUP_COSINE: f64 = 0.866;
+/// Volume that the normals about a corner span at least; those about an edge lie in a plane.
+const CORNER_VOLUME: f64 = 0.2;
+/// What points on edges and corners take of the facets in their voxel: little, but what enters first is felt at once.
+const EDGE_SHARE: f64 = 1.0 / 16.0;
+/// The largest plane section of a voxel is √2 s².
+const WEIGHT_MAX: f64 = core::f64::consts::SQRT_2;
+/// Area below which rounding decides what is in a voxel, s².
+const AREA_MIN: f64 = 1e-9;
+/// A voxel with a sharp edge is cut into so many parts along each axis: contact begins at edges, and there less than a voxel is immersed.
+const PARTS: usize = 2;
+/// Depth from which points beside edges push along their own normals, voxels. Shallower, too little of the surface is immersed for its normals to
+/// add up to the way out; deeper, they do, and another direction of some would unbalance their sum.
+///
+/// Measured on a cube and a rod in 40 random attitudes each, 0.1 to 3.2 voxels deep in a plane, worst 95 % of the angles to the law: 38° without, 7.3° with
+/// half a voxel, 7.3° with one, 8.3° with one and a half.
+pub(super) const EDGE_DEPTH_VOXELS: f64 = 0.5;
+/// Corners of one voxel that get a point of their own.
+const CORNERS: usize = 4;
+
+/// What the faces of one direction leave in a voxel.
+#[derive(Clone, Copy, Default)]
+struct Group {
+    /// Outward area vector, s².
+    area: DVec3,
+    /// Area, and area times centroid.
+    size: f64,
+    moment: DVec3,
+}
+
+/// What a voxel holds.
+#[derive(Clone, Copy, Default)]
+struct Cell {
+    groups: [Group; GROUPS],
+    n_groups: usize,
+    /// Length of the sharp edges, and length times middle.
+    edge_length: f64,
+    edge_moment: DVec3,
+    corners: [DVec3; CORNERS],
+    n_corners: usize,
+}
+
+/// A triangle.
+#[derive(Clone, Copy)]
+struct Face {
+    corners: [DVec3; 3],
+    vertices: [u32; 3],
+    /// Unit, out of the material; zero without area.
+    outward: DVec3,
+}
+
+/// The facets of one brick, in cache.
+pub(super) struct Scratch {
+    whole: Level,
+    fine: Level,
+    triangles: Vec<u32>,
+}
+
+impl Default for Scratch {
+    fn default() -> Self {
+        Self { whole: Level::default(), fine: Level::default(), triangles: Vec::new() }
+    }
+}
+
+/// The faces in a block of cells, and what they leave in each.
+struct Level {
+    cells: Vec<Cell>,
+    faces: Vec<Face>,
+    /// Vertices or edges and the face that they belong to, sorted.
+    shared: Vec<(u64, u32)>,
+}
+
+impl Default for Level {
+    fn default() -> Self {
+        Self { cells: vec![Cell::default(); BRICK_CELLS], faces: Vec::new(), shared: Vec::new() }
+    }
+}
+
+impl Scratch {
+    /// Adds the points of the brick in one slot, in the order of its cells.
+    pub(super) fn find(&mut self, mesh: &TriangleMesh, map: &Voxmap, bins: &Bins, slot: usize, points: &mut Vec<FacetPoint>) {
+        let grid = &map.surface.grid;
+        let [x, y, z] = brick_origin(grid.brick_coord(map.surface.bricks[slot] as usize)).map(f64::from);
+        let brick = Block { origin: DVec3::new(x, y, z), edge: 1.0, mask: map.surface.masks[slot] };
+        // The bins have no order, and sums have one.
+        self.triangles.clear();
+        self.triangles.extend(bins.triangles(slot));
+        self.triangles.sort_unstable();
+        let Self { whole, fine, triangles } = self;
+        whole.faces.clear();
+        whole.faces.extend(triangles.iter().map(|triangle_idx| {
+            let corners = mesh.corners(*triangle_idx as usize).map(|corner| grid.to_cells(corner));
+            let winding = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize_or_zero();
+            let outward = winding * map.orientation.sign(*triangle_idx);
+            Face { corners, vertices: mesh.triangles[*triangle_idx as usize], outward }
+        }));
+        whole.fill(&brick);
+        for (x, word) in brick.mask.iter().enumerate() {
+            for bit in bits(*word) {
+                let cell = &whole.cells[x << 6 | bit as usize];
+                if !cell.is_sharp() {
+                    cell.points(false, points);
+                    continue;
+                }
+                let origin = brick.origin + DVec3::new(x as f64, (bit >> 3) as f64, (bit & 7) as f64);
+                let parts = Block::parts(origin);
+                fine.faces.clear();
+                fine.faces.extend(whole.faces.iter().filter(|face| face.reaches(origin)));
+                fine.fill(&parts);
+                for (x, word) in parts.mask.iter().enumerate() {
+                    bits(*word).for_each(|bit| fine.cells[x << 6 | bit as usize].points(true, points));
+                }
+            }
+        }
+    }
+}
+
+impl Level {
+    /// Finds what the faces leave in the cells of a block.
+    fn fill(&mut self, block: &Block) {
+        for (x, word) in block.mask.iter().enumerate() {
+            bits(*word).for_each(|bit| self.cells[x << 6 | bit as usize].clear());
+        }
+        for face in &self.faces {
+            add_face(&mut self.cells, face, block);
+        }
+        let first = self.faces.first().map_or(DVec3::ZERO, |face| face.outward);
+        if self.faces.iter().any(|face| face.outward.dot(first) < GROUP_COSINE) {
+            self.add_edges(block);
+            self.add_corners(block);
+        }
+    }
+
+    /// Convex edges between two faces.
+    fn add_edges(&mut self, block: &Block) {
+        let Self { cells, faces, shared } = self;
+        shared.clear();
+        for (idx, face) in (0..).zip(faces.iter()) {
+            let [a, b, c] = face.vertices;
+            shared
+                .extend([[a, b], [b, c], [c, a]].map(|[from, to]| (u64::from(from.min(to)) << 32 | u64::from(from.max(to)), idx)));
+        }
+        shared.sort_unstable();
+        for edge in shared.chunk_by(|one, other| one.0 == other.0) {
+            let &[(ends, one), (_, other)] = edge else { continue };
+            let (one, other) = (&faces[one as usize], &faces[other as usize]);
+            if one.outward.dot(other.outward) >= GROUP_COSINE || !is_below(other, one) {
+                continue;
+            }
+            let end = |vertex: u32| (0..3).find(|at| one.vertices[*at] == vertex).map(|at| one.corners[at]);
+            if let (Some(from), Some(to)) = (end((ends >> 32) as u32), end(ends as u32)) {
+                add_edge(cells, from, to, block);
+            }
+        }
+    }
+
+    /// Convex corners: vertices whose faces look three ways.
+    fn add_corners(&mut self, block: &Block) {
+        let Self { cells, faces, shared } = self;
+        shared.clear();
+        for (idx, face) in (0..).zip(faces.iter()) {
+            shared.extend(face.vertices.map(|vertex| (u64::from(vertex), idx)));
+        }
+        shared.sort_unstable();
+        for around in shared.chunk_by(|one, other| one.0 == other.0) {
+            let vertex = around[0].0 as u32;
+            let of = |(_, idx): &(u64, u32)| &faces[*idx as usize];
+            let Some(place) = of(&around[0]).place_of(vertex) else { continue };
+            let normals = || around.iter().map(|item| of(item).outward);
+            let first = of(&around[0]).outward;
+            let second = farthest(normals(), |normal| first.cross(normal).length_squared());
+            let pair = first.cross(second);
+            let third = farthest(normals(), |normal| pair.dot(normal).abs());
+            let mean = normals().sum::<DVec3>();
+            // A corner on the boundary of a cell belongs to the one that holds its faces.
+            let Some(inside) = block.inside(place - mean.normalize_or_zero() * (1e-3 * block.edge)) else { continue };
+            let is_convex = || around.iter().flat_map(|item| of(item).corners).all(|corner| (corner - place).dot(mean) <= 0.0);
+            if pair.dot(third).abs() >= CORNER_VOLUME && is_convex() {
+                let cell = &mut cells[inside];
+                if cell.n_corners < CORNERS {
+                    cell.corners[cell.n_corners] = place;
+                    cell.n_corners += 1;
+                }
+            }
+        }
+    }
+}
+
+impl Face {
+    /// True when the triangle's box touches a voxel.
+    fn reaches(&self, origin: DVec3) -> bool {
+        let [a, b, c] = self.corners;
+        a.min(b).min(c).cmple(origin + 1.0).all() && a.max(b).max(c).cmpge(origin).all()
+    }
+
+    fn place_of(&self, vertex: u32) -> Option<DVec3> {
+        (0..3).find(|at| self.vertices[*at] == vertex).map(|at| self.corners[at])
+    }
+}
+
+/// True where the second face falls away behind the first: the edge between them is convex.
+fn is_below(face: &Face, of: &Face) -> bool {
+    let beyond = face.corners.iter().zip(face.vertices).filter(|(_, vertex)| !of.vertices.contains(vertex));
+    beyond.map(|(corner, _)| (*corner - of.corners[0]).dot(of.outward)).all(|height| height < 0.0)
+}
+
+fn farthest(normals: impl Iterator<Item = DVec3>, by: impl Fn(DVec3) -> f64) -> DVec3 {
+    normals.map(|normal| (by(normal), normal)).fold((-1.0, DVec3::ZERO), |best, next| if next.0 > best.0 { next } else { best }).1
+}
+
+impl Cell {
+    /// Groups are cleared when they are opened: a brick of them is large.
+    fn clear(&mut self) {
+        let Self { groups: _, n_groups, edge_length, edge_moment, corners: _, n_corners } = self;
+        (*n_groups, *edge_length, *edge_moment, *n_corners) = (0, 0.0, DVec3::ZERO, 0);
+    }
+
+    fn add(&mut self, area: DVec3, size: f64, moment: DVec3) {
+        let direction = area / size;
+        let nearness = |group: &Group| group.area.dot(direction) / group.area.length().max(AREA_MIN);
+        let used = &mut self.groups[..self.n_groups];
+        let nearest = used.iter_mut().max_by(|one, other| nearness(one).total_cmp(&nearness(other)));
+        let is_full = self.n_groups == GROUPS;
+        let group = match nearest {
+            Some(group) if is_full || nearness(group) >= GROUP_COSINE => group,
+            _ => {
+                self.n_groups += 1;
+                let group = &mut self.groups[self.n_groups - 1];
+                *group = Group::default();
+                group
+            }
+        };
+        group.area += area;
+        group.size += size;
+        group.moment += moment;
+    }
+
+    fn is_sharp(&self) -> bool {
+        self.edge_length > 0.0 || self.n_corners > 0
+    }
+
+    fn points(&self, on_edge: bool, points: &mut Vec<FacetPoint>) {
+        let groups = || self.groups[..self.n_groups].iter().filter(|group| group.area.length() > AREA_MIN);
+        let middle = (self.edge_length > 0.0).then(|| self.edge_moment / self.edge_length);
+        let corners = &self.corners[..self.n_corners];
+        let on_edges = if corners.is_empty() { middle.as_slice() } else { corners };
+        let n_on_edges = on_edges.len() as f64;
+        let taken = if on_edges.is_empty() { 0.0 } else { EDGE_SHARE };
+        let mut whole = DVec3::ZERO;
+        for group in groups() {
+            let size = group.area.length();
+            let centroid = group.moment / group.size;
+            // What the points on edges take of the first moment, the rest gives back.
+            let pull = on_edges.iter().map(|place| *place - centroid).sum::<DVec3>() / n_on_edges.max(1.0);
+            points.push(FacetPoint {
+                cells: centroid - pull * (taken / (1.0 - taken)),
+                inward: -group.area / size,
+                weight: size.min(WEIGHT_MAX) * (1.0 - taken),
+                on_edge,
+            });
+            whole += group.area * (size.min(WEIGHT_MAX) / size);
+        }
+        if let Some(inward) = (-whole).try_normalize() {
+            let weight = whole.length() * taken / n_on_edges.max(1.0);
+            points.extend(on_edges.iter().map(|cells| FacetPoint { cells: *cells, inward, weight, on_edge }));
+        }
+    }
+}
+
+/// A block of 8³ cells, voxels or parts of one, and which of them are looked at.
+struct Block {
+    /// Cell coordinates.
+    origin: DVec3,
+    /// Edge of its cells, s.
+    edge: f64,
+    mask: Mask,
+}
+
+impl Block {
+    /// The parts of the voxel at a place.
+    fn parts(origin: DVec3) -> Self {
+        let row = (1_u64 << PARTS) - 1;
+        let plane = (0..PARTS).fold(0, |plane, y| plane | row << (8 * y));
+        Self { origin, edge: 1.0 / PARTS as f64, mask: core::array::from_fn(|x| if x < PARTS { plane } else { 0 }) }
+    }
+
+    /// Cells whose closed extent meets that of these corners.
+    fn cells(&self, axis: usize, corners: &[DVec3; 3]) -> Range<usize> {
+        let local = corners.map(|corner| (corner - self.origin) / self.edge);
+        let (low, high) = cell_range(&local, axis);
+        low.max(0) as usize..(high.min(BRICK_EDGE as i32 - 1) + 1).max(0) as usize
+    }
+
+    /// Number of the surface cell that a place lies in.
+    fn inside(&self, place: DVec3) -> Option<usize> {
+        let [x, y, z] = [0, 1, 2].map(|axis| ((place[axis] - self.origin[axis]) / self.edge).floor() as i32 as usize);
+        let is_own = x < BRICK_EDGE && y < BRICK_EDGE && z < BRICK_EDGE;
+        (is_own && self.mask[x] >> (y << 3 | z) & 1 == 1).then_some(x << 6 | y << 3 | z)
+    }
+
+    fn bound(&self, axis: usize, cell: usize) -> f64 {
+        self.origin[axis] + cell as f64 * self.edge
+    }
+}
+
+/// A convex polygon: a triangle cut by six planes at most.
+#[derive(Clone, Copy)]
+struct Polygon {
+    corners: [DVec3; 9],
+    n: usize,
+}
+
+impl Polygon {
+    fn corners(&self) -> &[DVec3] {
+        &self.corners[..self.n]
+    }
+
+    /// The parts below and above a plane across an axis; a polygon in the plane is part of both.
+    fn cut(&self, axis: usize, at: f64) -> [Self; 2] {
+        let mut parts = [Self { corners: [DVec3::ZERO; 9], n: 0 }; 2];
+        let mut put = |part: usize, corner: DVec3| {
+            // Rounding may make one corner more of a thin polygon: it is none.
+            if let Some(place) = parts[part].corners.get_mut(parts[part].n) {
+                *place = corner;
+                parts[part].n += 1;
+            }
+        };
+        let Some(mut from) = self.corners().last().copied() else { return parts };
+        for to in self.corners() {
+            let (before, after) = (from[axis] - at, to[axis] - at);
+            if before * after < 0.0 {
+                let mut crossing = from + (*to - from) * (before / (before - after));
+                crossing[axis] = at;
+                put(0, crossing);
+                put(1, crossing);
+            }
+            if after <= 0.0 {
+                put(0, *to);
+            }
+            if after >= 0.0 {
+                put(1, *to);
+            }
+            from = *to;
+        }
+        parts
+    }
+
+    /// The parts in each cell of a range along an axis.
+    fn sliced(mut self, axis: usize, cells: Range<usize>, block: &Block, mut each: impl FnMut(usize, Self)) {
+        if self.corners().iter().any(|corner| corner[axis] < block.bound(axis, cells.start)) {
+            self = self.cut(axis, block.bound(axis, cells.start))[1];
+        }
+        for cell in cells {
+            if self.n < 3 {
+                return;
+            }
+            let [below, above] = self.cut(axis, block.bound(axis, cell + 1));
+            if below.n >= 3 {
+                each(cell, below);
+            }
+            self = above;
+        }
+    }
+
+    /// True when all of it lies in a plane between two cells: each has half.
+    fn is_between(&self, axis: usize, block: &Block) -> bool {
+        let first = self.corners[0][axis];
+        let cells = (first - block.origin[axis]) / block.edge;
+        cells == cells.floor() && self.corners().iter().all(|corner| corner[axis] == first)
+    }
+}
+
+fn add_face(cells: &mut [Cell], face: &Face, block: &Block) {
+    let [x, y, z] = [0, 1, 2].map(|axis| block.cells(axis, &face.corners));
+    if face.outward == DVec3::ZERO || x.is_empty() || y.is_empty() || z.is_empty() {
+        return;
+    }
+    let [a, b, c] = face.corners;
+    let triangle = Polygon { corners: [a, b, c, c, c, c, c, c, c], n: 3 };
+    triangle.sliced(0, x, block, |x, slab| {
+        slab.sliced(1, y.clone(), block, |y, column| {
+            if block.mask[x] >> (8 * y) & 0xff == 0 {
+                return;
+            }
+            column.sliced(2, z.clone(), block, |z, polygon| {
+                if block.mask[x] >> (y << 3 | z) & 1 == 1 {
+                    add_polygon(&mut cells[x << 6 | y << 3 | z], &polygon, face.outward, block);
+                }
+            });
+        });
+    });
+}
+
+fn add_polygon(cell: &mut Cell, polygon: &Polygon, outward: DVec3, block: &Block) {
+    let share = [0, 1, 2].map(|axis| if polygon.is_between(axis, block) { 0.5 } else { 1.0 }).iter().product::<f64>();
+    let first = polygon.corners[0];
+    let (mut size, mut moment) = (0.0, DVec3::ZERO);
+    for pair in polygon.corners()[1..].windows(2) {
+        let twice = (pair[0] - first).cross(pair[1] - first).dot(outward).abs();
+        size += 0.5 * share * twice;
+        moment += (first + pair[0] + pair[1]) * (share * twice / 6.0);
+    }
+    if size > AREA_MIN {
+        cell.add(outward * size, size, moment);
+    }
+}
+
+fn add_edge(cells: &mut [Cell], from: DVec3, to: DVec3, block: &Block) {
+    // An edge is a polygon of two corners, whose parts are cut the same way.
+    let ends = [from, to, to];
+    let [x, y, z] = [0, 1, 2].map(|axis| block.cells(axis, &ends));
+    for x in x {
+        for y in y.clone() {
+            for z in z.clone() {
+                if block.mask[x] >> (y << 3 | z) & 1 == 0 {
+                    continue;
+                }
+                // The interval of the edge in the closed cell.
+                let (mut first, mut last) = (0.0_f64, 1.0_f64);
+                for (axis, cell) in [x, y, z].into_iter().enumerate() {
+                    let (low, way) = (block.bound(axis, cell) - from[axis], to[axis] - from[axis]);
+                    if way == 0.0 {
+                        continue;
+                    }
+                    let (enter, leave) = (low / way, (low + block.edge) / way);
+                    first = first.max(enter.min(leave));
+                    last = last.min(enter.max(leave));
+                }
+                if last > first {
+                    let cell = &mut cells[x << 6 | y << 3 | z];
+                    let length = (to - from).length() * (last - first);
+                    cell.edge_length += length;
+                    cell.edge_moment += from.lerp(to, 0.5 * (first + last)) * length;
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,210 @@
+//! The force of facets against the law that it approximates: K/s² times the integral of depth over the immersed surface, which over a plane is
+//! K/s² times the volume of the overlap, along the plane's normal.
+
+use glam::{DQuat, DVec3};
+use vps::contact::{ContactSum, ForceLaw, Obstacle};
+use vps::mesh::TriangleMesh;
+use vps::mesh::primitives::Shape;
+use vps::pointshell::{Points, build_with, shell::Shell};
+use vps::spatial::Pose;
+use vps::spatial::testing::Random;
+
+use super::build;
+
+const K: f64 = ForceLaw::PLAIN.stiffness_n_per_m;
+
+/// A plate whose upper side is z = 0, off the boundaries of its voxels.
+fn plane() -> Vec<Obstacle> {
+    let plate = Shape::Box { size_m: DVec3::new(0.08, 0.08, 0.01) }.tessellate(0.0);
+    let field = build(&plate, 1.03e-3, 4).field(&plate, false);
+    vec![Obstacle { field, world_from_map: Pose::from_translation(DVec3::Z * -0.005) }]
+}
+
+fn shell_of(mesh: &TriangleMesh, voxel_size_m: f64, points: Points) -> Shell {
+    build_with(points, mesh, &build(mesh, voxel_size_m, 3), DVec3::ZERO).0
+}
+
+fn turned(mesh: &TriangleMesh, rotation: DQuat) -> TriangleMesh {
+    let mut mesh = mesh.clone();
+    mesh.vertices.iter_mut().for_each(|vertex| *vertex = rotation * *vertex);
+    mesh
+}
+
+fn rotation(random: &mut Random) -> DQuat {
+    DQuat::from_xyzw(random.signed(), random.signed(), random.signed(), random.signed()).normalize()
+}
+
+/// Force of the mesh at this pose on the plane z = 0, by the law: N.
+fn law_n(mesh: &TriangleMesh, pose: Pose, voxel_size_m: f64) -> DVec3 {
+    let mut sum = DVec3::ZERO;
+    for triangle_idx in 0..mesh.triangles.len() {
+        let corners = mesh.corners(triangle_idx).map(|corner| pose.transform_point(corner));
+        let outward = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize_or_zero();
+        let mut below: Vec<DVec3> = Vec::new();
+        for (from, to) in [(0, 1), (1, 2), (2, 0)].map(|(from, to)| (corners[from], corners[to])) {
+            if from.z * to.z < 0.0 {
+                below.push(from.lerp(to, from.z / (from.z - to.z)));
+            }
+            if to.z <= 0.0 {
+                below.push(to);
+            }
+        }
+        for pair in below.get(1..).unwrap_or(&[]).windows(2) {
+            let area = 0.5 * (pair[0] - below[0]).cross(pair[1] - below[0]).length();
+            sum -= outward * area * -(below[0].z + pair[0].z + pair[1].z) / 3.0;
+        }
+    }
+    sum * K / (voxel_size_m * voxel_size_m)
+}
+
+fn deepest_m(mesh: &TriangleMesh, rotation: DQuat) -> f64 {
+    mesh.vertices.iter().map(|vertex| -(rotation * *vertex).z).fold(f64::NEG_INFINITY, f64::max)
+}
+
+struct Errors {
+    angle_deg: Vec<f64>,
+    ratio: Vec<f64>,
+}
+
+/// The mesh pressed `depth_m` deep in random orientations.
+fn errors(mesh: &TriangleMesh, voxel_size_m: f64, depth_m: f64, points: Points, n: usize) -> Errors {
+    let (obstacles, mut random) = (plane(), Random(7));
+    let mut found = Errors { angle_deg: Vec::new(), ratio: Vec::new() };
+    for _ in 0..n {
+        let mesh = turned(mesh, rotation(&mut random));
+        let shell = shell_of(&mesh, voxel_size_m, points);
+        for _ in 0..5 {
+            let turn = rotation(&mut random);
+            let pose = Pose::new(turn, DVec3::new(3e-4, -2e-4, deepest_m(&mesh, turn) - depth_m));
+            let sum = ContactSum::flat(&obstacles, &shell, pose, ForceLaw::PLAIN);
+            let law = law_n(&mesh, pose, voxel_size_m);
+            found.angle_deg.push(sum.wrench.force.angle_between(DVec3::Z).to_degrees());
+            found.ratio.push(sum.wrench.force.z / law.z);
+        }
+    }
+    found.angle_deg.sort_by(f64::total_cmp);
+    found.ratio.sort_by(f64::total_cmp);
+    found
+}
+
+fn at(sorted: &[f64], share: f64) -> f64 {
+    sorted[((sorted.len() - 1) as f64 * share) as usize]
+}
+
+#[test]
+fn a_face_presses_with_its_area_however_it_lies_in_its_grid() {
+    const S: f64 = 5e-4;
+    let (obstacles, mut random) = (plane(), Random(150));
+    let cube = Shape::Box { size_m: DVec3::splat(0.01) }.tessellate(0.0);
+    let depth_m = 0.25 * S;
+    let (mut least, mut most) = (f64::INFINITY, 0.0_f64);
+    for _ in 0..150 {
+        let turn = rotation(&mut random);
+        let shell = shell_of(&turned(&cube, turn), S, Points::Facets);
+        let pose = Pose::new(turn.inverse(), DVec3::Z * (0.005 - depth_m));
+        let sum = ContactSum::flat(&obstacles, &shell, pose, ForceLaw::PLAIN);
+        let ratio = sum.wrench.force.z / (K * 1e-4 * depth_m / (S * S));
+        (least, most) = (least.min(ratio), most.max(ratio));
+        assert!(sum.wrench.force.angle_between(DVec3::Z) < 1e-3 && sum.arm_world.truncate().length() < 1e-5, "{turn}: {sum:?}");
+    }
+    eprintln!("a face in 150 attitudes: {least:.4} to {most:.4} of the law");
+    assert!(least > 0.98 && most < 1.02, "{least} to {most}");
+}
+
+#[test]
+fn a_corner_is_felt_at_a_fiftieth_of_a_voxel() {
+    const S: f64 = 5e-4;
+    let (obstacles, mut random) = (plane(), Random(25));
+    let cube = Shape::Box { size_m: DVec3::splat(0.01) }.tessellate(0.0);
+    for _ in 0..25 {
+        let turn = rotation(&mut random);
+        let mesh = turned(&cube, turn);
+        let shell = shell_of(&mesh, S, Points::Facets);
+        for corner in &mesh.vertices {
+            let down = DQuat::from_rotation_arc(corner.normalize(), -DVec3::Z);
+            let pose = Pose::new(down, DVec3::Z * (corner.length() - 0.02 * S));
+            let sum = ContactSum::flat(&obstacles, &shell, pose, ForceLaw::PLAIN);
+            assert!(sum.contacts > 0 && sum.wrench.force.z > 0.0, "{turn}, {corner}: {sum:?}");
+        }
+    }
+}
+
+#[test]
+fn the_force_on_round_parts_comes_to_the_law_with_the_voxel() {
+    let ball = Shape::Sphere { radius_m: 0.005 }.tessellate(1e-6);
+    let mut last = None;
+    for voxel_size_m in [1e-3, 5e-4, 2.5e-4] {
+        let Errors { angle_deg, ratio } = errors(&ball, voxel_size_m, 4e-4, Points::Facets, 4);
+        let worst = (at(&ratio, 0.0) - 1.0).abs().max((at(&ratio, 1.0) - 1.0).abs());
+        let found = [worst, at(&angle_deg, 1.0)];
+        eprintln!("ball, voxels of {:.2} mm: {:.1} % and {:.2}° off the law", 1e3 * voxel_size_m, 100.0 * worst, found[1]);
+        if let Some([was, was_deg]) = last.replace(found) {
+            assert!(worst < 0.5 * was && found[1] < 0.5 * was_deg, "{found:?} after {last:?}");
+        }
+    }
+    let [worst, angle_deg] = last.unwrap_or([1.0; 2]);
+    assert!(worst < 0.01 && angle_deg < 0.1, "{worst} {angle_deg}");
+}
+
+/// Less than a voxel of an edge or a corner in a wall: the direction is that of the wall nevertheless, and right where more is immersed.
+#[test]
+fn the_force_on_edges_and_corners_points_out_of_the_wall_and_comes_to_the_law() {
+    let cube = Shape::Box { size_m: DVec3::splat(0.01) }.tessellate(0.0);
+    let rod = Shape::Cylinder { radius_m: 0.004, height_m: 0.012 }.tessellate(1e-6);
+    for (name, mesh) in [("cube", &cube), ("rod", &rod)] {
+        for (voxel_size_m, angle_max_deg, ratio_least) in [(1e-3, 11.0, 0.7), (5e-4, 6.0, 0.8), (1.25e-4, 1.0, 0.97)] {
+            let Errors { angle_deg, ratio } = errors(mesh, voxel_size_m, 4e-4, Points::Facets, 4);
+            let (middle, most) = (at(&ratio, 0.5), at(&ratio, 1.0));
+            eprintln!(
+                "{name}, voxels of {:.3} mm, 0.4 mm deep: at most {:.2}°, {middle:.3} of the law",
+                1e3 * voxel_size_m,
+                at(&angle_deg, 1.0)
+            );
+            assert!(at(&angle_deg, 1.0) < angle_max_deg && middle > ratio_least && most < 1.01, "{name}: {angle_deg:?} {ratio:?}");
+        }
+    }
+}
+
+/// Nothing of the surface is lost or counted twice, also where faces lie on the boundaries of voxels.
+#[test]
+fn areas_add_up_to_the_surface_and_area_vectors_to_nothing() {
+    let aligned = Shape::Box { size_m: DVec3::new(0.01, 0.006, 0.008) }.tessellate(0.0);
+    let torus = Shape::Torus { major_m: 0.008, minor_m: 0.002 }.tessellate(2e-6);
+    let mut random = Random(3);
+    let meshes = [aligned.clone(), turned(&aligned, rotation(&mut random)), turned(&torus, rotation(&mut random)), stepped()];
+    for (idx, mesh) in meshes.iter().enumerate() {
+        let voxel_size_m = 5e-4;
+        let shell = shell_of(mesh, voxel_size_m, Points::Facets);
+        let weights = shell.weights().iter().flat_map(|weights| weights.0);
+        let (mut area, mut sum) = (0.0, DVec3::ZERO);
+        for ((_, normal), weight) in shell.points().zip(weights) {
+            assert!((normal.length() - 1.0).abs() < 1e-5 && weight > 0.0, "mesh {idx}: {normal} {weight}");
+            area += f64::from(weight);
+            sum += normal.as_dvec3() * f64::from(weight);
+        }
+        let truth: f64 = (0..mesh.triangles.len())
+            .map(|triangle_idx| {
+                let [a, b, c] = mesh.corners(triangle_idx);
+                0.5 * (b - a).cross(c - a).length() / (voxel_size_m * voxel_size_m)
+            })
+            .sum();
+        // Bent facets and the points on edges have a little less area than their polygons.
+        assert!(area < truth * (1.0 + 1e-6) && area > truth * 0.98, "mesh {idx}: {area} of {truth}");
+        assert!(sum.length() < 1e-4 * area, "mesh {idx}: {sum} of {area}");
+    }
+}
+
+/// A box with a step whose faces lie on the boundaries of voxels: those of its grid start at its lowest corner less a padding of whole voxels.
+fn stepped() -> TriangleMesh {
+    let profile = [[0.0, 0.0], [4e-3, 0.0], [4e-3, 2e-3], [2e-3, 2e-3], [2e-3, 4e-3], [0.0, 4e-3]];
+    let n = profile.len() as u32;
+    let at = |height: f64| profile.map(|[x, z]| DVec3::new(x, height, z));
+    let vertices = [at(0.0), at(3e-3)].concat();
+    let mut triangles: Vec<[u32; 3]> =
+        (0..n).flat_map(|k| [[k, n + k, n + (k + 1) % n], [k, n + (k + 1) % n, (k + 1) % n]]).collect();
+    for [a, b, c] in [[0, 1, 3], [1, 2, 3], [0, 3, 5], [3, 4, 5]] {
+        triangles.push([a, b, c]);
+        triangles.push([n + c, n + b, n + a]);
+    }
+    TriangleMesh { vertices, triangles }
+}
