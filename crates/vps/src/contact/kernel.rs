@@ -12,7 +12,7 @@ use glam::{Mat3, Vec3};
 
 use crate::pointshell::shell::{LANES, Lanes, Lanes3};
 use crate::pointshell::tree::{CHILDREN, Spheres};
-use crate::simd::{self, AHEAD, F32x8, I32x8, Kernel};
+use crate::simd::{AHEAD, F32s, F32x8, I32s, Kernel};
 use crate::spatial::Pose;
 use crate::voxmap::field::brick_bounds::BrickBounds;
 use crate::voxmap::field::{APRON_CELLS, APRON_EDGE, Field};
@@ -89,7 +89,7 @@ where
     #[inline(always)]
     fn run<L: F32x8>(self) -> f32 {
         let Self { bounds, place, positions, which, floor, mut found } = self;
-        let grid = Grid::<L>::new(bounds, place);
+        let grid = Grid::<L::Wide, LANES>::new(bounds, place);
         let mut max_m = f32::NEG_INFINITY;
         let mut soon = which.clone().skip(AHEAD);
         for block in which {
@@ -121,7 +121,7 @@ impl Kernel for Above<'_> {
     #[inline(always)]
     fn run<L: F32x8>(self) -> u8 {
         let Self { bounds, place, spheres: Spheres { x, y, z, radius }, floor_m, margin_cells } = self;
-        let grid = Grid::<L>::new(bounds, place);
+        let grid = Grid::<L, CHILDREN>::new(bounds, place);
         let lattice = grid.lattice([L::load(x), L::load(y), L::load(z)]);
         let (on_grid, base) = grid.nearest(lattice);
         let extent = L::load(radius) / L::splat(bounds.voxel_size_m()) + L::splat(margin_cells);
@@ -135,7 +135,7 @@ impl Kernel for Above<'_> {
             off = off | far.lt(away);
         }
         let below = L::select(off, grid.outside, around).le(L::splat(floor_m));
-        !(below & (off | extent.lt(L::splat(AROUND_CELLS)))).bits()
+        !(below & (off | extent.lt(L::splat(AROUND_CELLS)))).bits() as u8
     }
 }
 
@@ -155,7 +155,7 @@ impl Kernel for Clearance<'_> {
     #[inline(always)]
     fn run<L: F32x8>(self) -> [f32; CHILDREN] {
         let Self { bounds, place, spheres: Spheres { x, y, z, radius }, margin_cells } = self;
-        let grid = Grid::<L>::new(bounds, place);
+        let grid = Grid::<L, CHILDREN>::new(bounds, place);
         let lattice = grid.lattice([L::load(x), L::load(y), L::load(z)]);
         let (on_grid, base) = grid.nearest(lattice);
         let brick = grid.brick(eighths(base));
@@ -207,7 +207,7 @@ pub(super) fn free_cells(depth_cells: f32) -> f32 {
 }
 
 /// The bounds and the place in lanes.
-struct Grid<'a, L: F32x8> {
+struct Grid<'a, L: F32s<N>, const N: usize> {
     bounds: &'a BrickBounds,
     axes: [[L; 3]; 3],
     origin: [L; 3],
@@ -218,7 +218,7 @@ struct Grid<'a, L: F32x8> {
     outside: L,
 }
 
-impl<'a, L: F32x8> Grid<'a, L> {
+impl<'a, L: F32s<N>, const N: usize> Grid<'a, L, N> {
     #[inline(always)]
     fn new(bounds: &'a BrickBounds, place: &Place) -> Self {
         let [nx, ny, nz] = bounds.dims();
@@ -265,37 +265,101 @@ impl<'a, L: F32x8> Grid<'a, L> {
         (on_grid, base)
     }
 
+    /// V of points in any bricks.
+    #[inline(always)]
+    fn scattered(&self, lattice: [L; 3], base: [L::Int; 3], floor_m: L) -> L {
+        let (bricks, zero) = (eighths(base), L::Int::splat(0));
+        let mut off = zero;
+        for (brick, dim) in bricks.into_iter().zip(self.dims) {
+            off = off | zero.gt(brick) | brick.gt(dim + L::Int::splat(-1));
+        }
+        let brick = L::Int::select(off, zero, self.brick(bricks));
+        // SAFETY: lanes that are not on the grid read entry 0; by the invariant of the bounds there is one entry per brick.
+        let max_depths = L::select(off, self.outside, unsafe { L::gather(self.bounds.max_depth_m(), brick) });
+        // SAFETY: as above.
+        let slots = unsafe { L::Int::gather(self.bounds.top(), brick) };
+        self.interpolated(off, slots, max_depths, lattice, base, floor_m)
+    }
+
+    /// V of points whose bricks have these slots and largest depths.
+    #[inline(always)]
+    fn interpolated(&self, known: L::Int, slots: L::Int, max_depths: L, lattice: [L; 3], base: [L::Int; 3], floor_m: L) -> L {
+        let zero = L::Int::splat(0);
+        let all = zero.eq(zero).bits();
+        // The two marks are −1 and −2 as signed numbers; slots are not negative.
+        let known = known | max_depths.le(floor_m) | zero.gt(slots);
+        if known.bits() == all {
+            return max_depths;
+        }
+        // SAFETY: a slot of `top`, or 0 where none is wanted; as one is wanted, there are samples.
+        let corners = unsafe { self.corners(L::Int::select(known, zero, slots), base) };
+        L::select(known, max_depths, self.finished(corners, fractions(lattice, base)))
+    }
+
+    /// Corners of interpolation cells of any bricks.
+    ///
+    /// # Safety
+    /// Each slot is below the number of bricks with samples.
+    #[inline(always)]
+    unsafe fn corners(&self, slots: L::Int, base: [L::Int; 3]) -> [(L, L); 4] {
+        let first = slots * L::Int::splat(APRON_CELLS as i32) + inside::<L, N>(base);
+        // SAFETY: whole bricks, by the caller's word; the sum is an `i32` by the invariant of the bounds.
+        unsafe { corners(self.bounds.samples_m().as_flattened(), first) }
+    }
+
+    /// V from the corners and the place between them.
+    #[inline(always)]
+    fn finished(&self, corners: [(L, L); 4], t: [L; 3]) -> L {
+        // Limit first: what is not a number stays what it is.
+        self.high.min(self.low.max(mixed(corners, t))) + self.skin
+    }
+}
+
+impl<'a, L: F32s<LANES>> Grid<'a, L, LANES> {
     /// V of the points of a block.
     #[inline(always)]
     fn depths(&self, points: &Lanes3, floor_m: f32) -> Depths {
-        let [x, y, z] = points.halves();
-        let low = self.lattice([L::load(&x[0]), L::load(&y[0]), L::load(&z[0])]);
-        let high = self.lattice([L::load(&x[1]), L::load(&y[1]), L::load(&z[1])]);
-        let bases = [whole(low), whole(high)];
-        // Points of a block are neighbours: mostly one brick holds them all, and one load is cheaper than sixteen.
-        #[expect(clippy::manual_map, reason = "a closure would not be compiled for the SIMD level")]
-        let alone = match only_brick::<L>(bases) {
-            Some(brick) => Some(self.alone(brick, floor_m)),
-            None => None,
-        };
-        let mut depths = Depths { depths_m: Lanes([0.0; LANES]), touching: 0, max_m: f32::NEG_INFINITY };
-        let mut highest = L::splat(f32::NEG_INFINITY);
-        for (half, (lattice, base)) in [low, high].into_iter().zip(bases).enumerate() {
-            let values = match alone {
-                None => self.eight(lattice, base, L::splat(floor_m)),
-                Some(Alone::Uniform(value_m)) => L::splat(value_m),
-                Some(Alone::Samples(samples)) => {
+        let Lanes3 { x, y, z } = points;
+        let lattice = self.lattice([L::load(&x.0), L::load(&y.0), L::load(&z.0)]);
+        let base = [lattice[0].truncated(), lattice[1].truncated(), lattice[2].truncated()];
+        // Points of a block are neighbours: often one brick holds them all, and one load is cheaper than sixteen.
+        let values = match only_brick::<L, LANES>(base) {
+            None => match self.near(base) {
+                Some((known, slots, max_depths)) => self.interpolated(known, slots, max_depths, lattice, base, L::splat(floor_m)),
+                None => self.scattered(lattice, base, L::splat(floor_m)),
+            },
+            Some(brick) => match self.alone(brick, floor_m) {
+                Alone::Uniform(value_m) => L::splat(value_m),
+                Alone::Samples(samples) => {
                     // SAFETY: one whole brick, and numbers of cells in it.
-                    let corners = unsafe { corners(samples, inside::<L>(base)) };
+                    let corners = unsafe { corners(samples, inside::<L, LANES>(base)) };
                     self.finished(corners, fractions(lattice, base))
                 }
-            };
-            highest = values.max(highest);
-            depths.touching |= u16::from(L::splat(0.0).lt(values).bits()) << (half * simd::LANES);
-            values.store(&mut simd::halves_mut(&mut depths.depths_m.0)[half]);
-        }
-        depths.max_m = highest.max_lane();
+            },
+        };
+        let mut depths = Depths { depths_m: Lanes([0.0; LANES]), touching: L::splat(0.0).lt(values).bits() as u16, max_m: 0.0 };
+        depths.max_m = values.max(L::splat(f32::NEG_INFINITY)).max_lane();
+        values.store(&mut depths.depths_m.0);
         depths
+    }
+
+    /// Slots and largest depths of the bricks of points that lie in two bricks along each axis at most.
+    #[inline(always)]
+    fn near(&self, base: [L::Int; 3]) -> Option<(L::Int, L::Int, L)> {
+        let zero = L::Int::splat(0);
+        let (mut first, mut which, mut beyond) = ([0; 3], zero, zero);
+        for (brick, first) in eighths::<L::Int, LANES>(base).into_iter().zip(&mut first) {
+            let some = brick.first();
+            *first = some - i32::from(L::Int::splat(some).gt(brick).bits() != 0);
+            let after = brick + L::Int::splat(-*first);
+            beyond = beyond | after;
+            which = which + which + after;
+        }
+        if !(beyond & L::Int::splat(!1)).is_zero() {
+            return None;
+        }
+        let (slots, max_depths) = L::pick(self.bounds.eight(first)?, which);
+        Some((zero, slots, max_depths))
     }
 
     /// What a brick says of points in it, of interest only above the floor.
@@ -310,51 +374,6 @@ impl<'a, L: F32x8> Grid<'a, L> {
         let samples = || bounds.samples_m().get(bounds.top().get(brick).copied()? as usize);
         if max_depth_m <= floor_m { None } else { samples() }.map_or(Alone::Uniform(max_depth_m), Alone::Samples)
     }
-
-    /// V of eight points.
-    #[inline(always)]
-    fn eight(&self, lattice: [L; 3], base: [L::Int; 3], floor_m: L) -> L {
-        let (bricks, zero) = (eighths(base), L::Int::splat(0));
-        let mut off = zero;
-        for (brick, dim) in bricks.into_iter().zip(self.dims) {
-            off = off | zero.gt(brick) | brick.gt(dim + L::Int::splat(-1));
-        }
-        let brick = L::Int::select(off, zero, self.brick(bricks));
-        // SAFETY: lanes that are not on the grid read entry 0; by the invariant of the bounds there is one entry per brick.
-        let max_depths = L::select(off, self.outside, unsafe { L::gather(self.bounds.max_depth_m(), brick) });
-        let known = off | max_depths.le(floor_m);
-        if known.bits() == u8::MAX {
-            return max_depths;
-        }
-        // SAFETY: as above.
-        let slots = unsafe { L::Int::gather(self.bounds.top(), brick) };
-        // The two marks are −1 and −2 as signed numbers; slots are not negative.
-        let known = known | zero.gt(slots);
-        if known.bits() == u8::MAX {
-            return max_depths;
-        }
-        // SAFETY: a slot of `top`, or 0 where none is wanted; as one is wanted, there are samples.
-        let corners = unsafe { self.corners(L::Int::select(known, zero, slots), base) };
-        L::select(known, max_depths, self.finished(corners, fractions(lattice, base)))
-    }
-
-    /// Corners of interpolation cells of any bricks.
-    ///
-    /// # Safety
-    /// Each slot is below the number of bricks with samples.
-    #[inline(always)]
-    unsafe fn corners(&self, slots: L::Int, base: [L::Int; 3]) -> [(L, L); 4] {
-        let first = slots * L::Int::splat(APRON_CELLS as i32) + inside::<L>(base);
-        // SAFETY: whole bricks, by the caller's word; the sum is an `i32` by the invariant of the bounds.
-        unsafe { corners(self.bounds.samples_m().as_flattened(), first) }
-    }
-
-    /// V from the corners and the place between them.
-    #[inline(always)]
-    fn finished(&self, corners: [(L, L); 4], t: [L; 3]) -> L {
-        // Limit first: what is not a number stays what it is.
-        self.high.min(self.low.max(mixed(corners, t))) + self.skin
-    }
 }
 
 /// What one brick says of all points of a block.
@@ -365,43 +384,36 @@ enum Alone<'a> {
 }
 
 #[inline(always)]
-fn splat<L: F32x8>(v: Vec3) -> [L; 3] {
+fn splat<L: F32s<N>, const N: usize>(v: Vec3) -> [L; 3] {
     [L::splat(v.x), L::splat(v.y), L::splat(v.z)]
-}
-
-/// Cells. What is too large is in no brick either.
-#[inline(always)]
-fn whole<L: F32x8>([x, y, z]: [L; 3]) -> [L::Int; 3] {
-    [x.truncated(), y.truncated(), z.truncated()]
 }
 
 /// Numbers of the bricks, per axis.
 #[inline(always)]
-fn eighths<I: I32x8>([x, y, z]: [I; 3]) -> [I; 3] {
+fn eighths<I: I32s<N>, const N: usize>([x, y, z]: [I; 3]) -> [I; 3] {
     [x.shifted::<3>(), y.shifted::<3>(), z.shifted::<3>()]
 }
 
 #[inline(always)]
-fn fractions<L: F32x8>(at: [L; 3], base: [L::Int; 3]) -> [L; 3] {
+fn fractions<L: F32s<N>, const N: usize>(at: [L; 3], base: [L::Int; 3]) -> [L; 3] {
     [at[0] - L::of_int(base[0]), at[1] - L::of_int(base[1]), at[2] - L::of_int(base[2])]
 }
 
-/// The brick that all points lie in, if there is one.
+/// The brick that all points lie in, if there is one. What is too large for a cell is in no brick either.
 #[inline(always)]
-fn only_brick<L: F32x8>([low, high]: [[L::Int; 3]; 2]) -> Option<[i32; 3]> {
+fn only_brick<L: F32s<N>, const N: usize>(base: [L::Int; 3]) -> Option<[i32; 3]> {
     let mut differing = L::Int::splat(0);
     let mut brick = [0; 3];
-    for ((low, high), brick) in low.into_iter().zip(high).zip(&mut brick) {
-        let first = L::Int::splat(low.first());
-        differing = differing | (low ^ first) | (high ^ first);
-        *brick = low.first() >> 3;
+    for (base, brick) in base.into_iter().zip(&mut brick) {
+        differing = differing | (base ^ L::Int::splat(base.first()));
+        *brick = base.first() >> 3;
     }
     (differing & L::Int::splat(!7)).is_zero().then_some(brick)
 }
 
 /// Number of a cell's first sample within its brick: 9·(9·x + y) + z.
 #[inline(always)]
-fn inside<L: F32x8>([x, y, z]: [L::Int; 3]) -> L::Int {
+fn inside<L: F32s<N>, const N: usize>([x, y, z]: [L::Int; 3]) -> L::Int {
     let (seven, edge) = (L::Int::splat(7), L::Int::splat(APRON_EDGE as i32));
     ((x & seven) * edge + (y & seven)) * edge + (z & seven)
 }
@@ -411,8 +423,8 @@ fn inside<L: F32x8>([x, y, z]: [L::Int; 3]) -> L::Int {
 /// # Safety
 /// `samples_m` are whole bricks, and each number is that of a cell's [`inside`] one of them.
 #[inline(always)]
-unsafe fn corners<L: F32x8>(samples_m: &[f32], first: L::Int) -> [(L, L); 4] {
-    let mut at = [0; simd::LANES];
+unsafe fn corners<L: F32s<N>, const N: usize>(samples_m: &[f32], first: L::Int) -> [(L, L); 4] {
+    let mut at = [0; N];
     first.store(&mut at);
     // SAFETY: in a brick x, y, z are at most 7, so the last number read is 7·91 + 91 = 728 of its 729.
     unsafe {
@@ -427,13 +439,13 @@ unsafe fn corners<L: F32x8>(samples_m: &[f32], first: L::Int) -> [(L, L); 4] {
 
 /// Interpolation: z, then y, then x.
 #[inline(always)]
-fn mixed<L: F32x8>([c00, c01, c10, c11]: [(L, L); 4], [tx, ty, tz]: [L; 3]) -> L {
+fn mixed<L: F32s<N>, const N: usize>([c00, c01, c10, c11]: [(L, L); 4], [tx, ty, tz]: [L; 3]) -> L {
     let y0 = mix(mix(c00.0, c00.1, tz), mix(c01.0, c01.1, tz), ty);
     let y1 = mix(mix(c10.0, c10.1, tz), mix(c11.0, c11.1, tz), ty);
     mix(y0, y1, tx)
 }
 
 #[inline(always)]
-fn mix<L: F32x8>(a: L, b: L, t: L) -> L {
+fn mix<L: F32s<N>, const N: usize>(a: L, b: L, t: L) -> L {
     a + (b - a) * t
 }

@@ -1,25 +1,25 @@
 //! The sum over touching blocks, sixteen lanes at a time.
 //!
-//! A few blocks are added up in `f32`, eight lane sums per quantity (lane n and lane n + 8 of a block together), then these sums in `f64`.
+//! A few blocks are added up in `f32`, sixteen lane sums per quantity, then these sums in `f64` (lane n and lane n + 8 together).
 
 use glam::DVec3;
 
 use super::contact_block::{ContactBlock, Pushes};
-use crate::pointshell::shell::{Lanes, Lanes3};
-use crate::simd::{AHEAD, F32x8, I32x8, Kernel, LANES, halves};
+use crate::pointshell::shell::{LANES, Lanes, Lanes3};
+use crate::simd::{AHEAD, F32s, F32x8, I32s, Kernel, halves};
 use crate::spatial::Mat6;
 
 /// Force, moment, the upper triangle of the stiffness, depth, depth × arm, effective count.
 const QUANTITIES: usize = 3 + 3 + 21 + 1 + 3 + 1;
 /// Blocks that are added up in `f32`: sixteen numbers per lane, which takes no more from them than the rounding of positions does.
-const BLOCKS_PER_PART: u32 = 8;
+const BLOCKS_PER_PART: u32 = 16;
 
 /// What one face adds, tool axes, metres instead of newtons (stiffness is multiplied in later).
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Sums {
     part: [[f32; LANES]; QUANTITIES],
     n_blocks_in_part: u32,
-    lanes: [[f64; LANES]; QUANTITIES],
+    lanes: [[f64; LANES / 2]; QUANTITIES],
 }
 
 /// How a point's depth becomes force.
@@ -37,9 +37,9 @@ impl Weighting {
     }
 }
 
-/// What eight lanes add: the columns of w = (n, r × n), and their factors.
+/// What the lanes of a block add: the columns of w = (n, r × n), and their factors.
 #[derive(Clone, Copy)]
-struct Half<L> {
+struct Addends<L> {
     columns: [L; 6],
     arm: [L; 3],
     depth: L,
@@ -48,8 +48,7 @@ struct Half<L> {
     effective: L,
 }
 
-impl<L: F32x8> Half<L> {
-    /// The first or the second eight lanes of a block.
+impl<L: F32s<LANES>> Addends<L> {
     #[inline(always)]
     fn of(
         touched: &ContactBlock,
@@ -57,16 +56,16 @@ impl<L: F32x8> Half<L> {
         (areas, weights): (&Lanes, &Lanes),
         count: f32,
         by: Weighting,
-        half: usize,
     ) -> Self {
-        let wanted = L::Int::mask(touched.lanes.to_le_bytes()[half]);
+        let wanted = L::Int::mask(touched.lanes.into());
         let one = L::splat(1.0);
-        let stands_for = L::load(&halves(&weights.0)[half]).only(wanted) * L::splat(count);
-        let area = L::load(&halves(&areas.0)[half]).only(wanted) * L::splat(count);
-        let depth = L::load(&halves(&touched.depths_m)[half]).only(wanted);
-        let ([nx, ny, nz], [rx, ry, rz]) = (normals.halves(), positions.halves());
-        let [nx, ny, nz] = [L::load(&nx[half]).only(wanted), L::load(&ny[half]).only(wanted), L::load(&nz[half]).only(wanted)];
-        let [rx, ry, rz] = [L::load(&rx[half]).only(wanted), L::load(&ry[half]).only(wanted), L::load(&rz[half]).only(wanted)];
+        let stands_for = L::load(&weights.0).only(wanted) * L::splat(count);
+        let area = L::load(&areas.0).only(wanted) * L::splat(count);
+        let depth = L::load(&touched.depths_m).only(wanted);
+        let [nx, ny, nz] =
+            [L::load(&normals.x.0).only(wanted), L::load(&normals.y.0).only(wanted), L::load(&normals.z.0).only(wanted)];
+        let [rx, ry, rz] =
+            [L::load(&positions.x.0).only(wanted), L::load(&positions.y.0).only(wanted), L::load(&positions.z.0).only(wanted)];
         let moment = [ry * nz - rz * ny, rz * nx - rx * nz, rx * ny - ry * nx];
         // Lanes without contact have a depth of 0, and a normal and an arm of 0: whatever their factors are, they add nothing.
         let (share, slope) = if by.spatial {
@@ -92,33 +91,33 @@ impl<L: F32x8> Half<L> {
 }
 
 impl Sums {
-    pub(super) const ZERO: Self = Self { part: [[0.0; LANES]; QUANTITIES], n_blocks_in_part: 0, lanes: [[0.0; LANES]; QUANTITIES] };
+    pub(super) const ZERO: Self =
+        Self { part: [[0.0; LANES]; QUANTITIES], n_blocks_in_part: 0, lanes: [[0.0; LANES / 2]; QUANTITIES] };
 
     /// Adds the lanes of a block that touch, each by its weight so often.
     #[inline(always)]
-    pub(super) fn add<L: F32x8>(
+    pub(super) fn add<L: F32s<LANES>>(
         &mut self,
         touched: &ContactBlock,
         at: (&Lanes3, &Lanes3),
         (weights, count): ((&Lanes, &Lanes), f32),
         by: Weighting,
     ) {
-        let low = Half::<L>::of(touched, at, weights, count, by, 0);
-        let high = Half::<L>::of(touched, at, weights, count, by, 1);
+        let Addends { columns, arm, depth, force, stiffness, effective } = Addends::<L>::of(touched, at, weights, count, by);
         let mut sums = self.part.iter_mut();
-        let ([a, b, c, d, e, f], [g, h, i, j, k, l]) = (low.columns, high.columns);
-        put(&mut sums, (low.force, high.force), low.columns, high.columns);
+        let [a, b, c, d, e, f] = columns;
+        put(&mut sums, force, columns);
         // Row by row, as loops of a length that the compiler knows.
         let one = L::splat(1.0);
-        put(&mut sums, (low.stiffness * a, high.stiffness * g), [a, b, c, d, e, f], [g, h, i, j, k, l]);
-        put(&mut sums, (low.stiffness * b, high.stiffness * h), [b, c, d, e, f], [h, i, j, k, l]);
-        put(&mut sums, (low.stiffness * c, high.stiffness * i), [c, d, e, f], [i, j, k, l]);
-        put(&mut sums, (low.stiffness * d, high.stiffness * j), [d, e, f], [j, k, l]);
-        put(&mut sums, (low.stiffness * e, high.stiffness * k), [e, f], [k, l]);
-        put(&mut sums, (low.stiffness * f, high.stiffness * l), [f], [l]);
-        put(&mut sums, (one, one), [low.depth], [high.depth]);
-        put(&mut sums, (low.depth, high.depth), low.arm, high.arm);
-        put(&mut sums, (one, one), [low.effective], [high.effective]);
+        put(&mut sums, stiffness * a, [a, b, c, d, e, f]);
+        put(&mut sums, stiffness * b, [b, c, d, e, f]);
+        put(&mut sums, stiffness * c, [c, d, e, f]);
+        put(&mut sums, stiffness * d, [d, e, f]);
+        put(&mut sums, stiffness * e, [e, f]);
+        put(&mut sums, stiffness * f, [f]);
+        put(&mut sums, one, [depth]);
+        put(&mut sums, depth, arm);
+        put(&mut sums, one, [effective]);
         self.n_blocks_in_part += 1;
         if self.n_blocks_in_part == BLOCKS_PER_PART {
             self.settle();
@@ -128,8 +127,12 @@ impl Sums {
     /// Adds the part to the sums.
     #[inline(always)]
     fn settle(&mut self) {
-        for (sum, part) in self.lanes.as_flattened_mut().iter_mut().zip(self.part.as_flattened_mut()) {
-            *sum += f64::from(core::mem::take(part));
+        for (sums, part) in self.lanes.iter_mut().zip(&mut self.part) {
+            let [low, high] = halves(part);
+            for ((sum, low), high) in sums.iter_mut().zip(low).zip(high) {
+                *sum += f64::from(low + high);
+            }
+            *part = [0.0; LANES];
         }
         self.n_blocks_in_part = 0;
     }
@@ -158,16 +161,11 @@ impl Sums {
     }
 }
 
-/// Adds factor · column, low and high lanes together, to the next sums.
+/// Adds factor · column to the next sums.
 #[inline(always)]
-fn put<'a, L: F32x8, const N: usize>(
-    sums: &mut impl Iterator<Item = &'a mut [f32; LANES]>,
-    (low_factor, high_factor): (L, L),
-    low: [L; N],
-    high: [L; N],
-) {
-    for ((low, high), sum) in low.into_iter().zip(high).zip(sums) {
-        (L::load(sum) + (low_factor * low + high_factor * high)).store(sum);
+fn put<'a, L: F32s<LANES>, const N: usize>(sums: &mut impl Iterator<Item = &'a mut [f32; LANES]>, factor: L, columns: [L; N]) {
+    for (column, sum) in columns.into_iter().zip(sums) {
+        (L::load(sum) + factor * column).store(sum);
     }
 }
 
@@ -208,7 +206,7 @@ impl Kernel for AddAll<'_> {
                 normals.prefetch();
             }
             if let Some((at, weights)) = geometry(touched) {
-                self.sums.add::<L>(touched, at, ((weights, weights), touched.weight), self.by);
+                self.sums.add::<L::Wide>(touched, at, ((weights, weights), touched.weight), self.by);
             }
         }
     }
@@ -228,6 +226,6 @@ impl Kernel for Add<'_> {
     #[inline(always)]
     fn run<L: F32x8>(self) {
         let Pushes { positions, normals, areas, weights } = self.pushes;
-        self.sums.add::<L>(self.touched, (positions, normals), ((areas, weights), 1.0), self.by);
+        self.sums.add::<L::Wide>(self.touched, (positions, normals), ((areas, weights), 1.0), self.by);
     }
 }

@@ -97,16 +97,11 @@ struct Face {
 }
 
 /// The facets of one brick, in cache.
+#[derive(Default)]
 pub(super) struct Scratch {
     whole: Level,
     fine: Level,
     triangles: Vec<u32>,
-}
-
-impl Default for Scratch {
-    fn default() -> Self {
-        Self { whole: Level::default(), fine: Level::default(), triangles: Vec::new() }
-    }
 }
 
 /// The faces in a block of cells, and what they leave in each.

@@ -26,12 +26,6 @@ pub struct Lanes3 {
 }
 
 impl Lanes3 {
-    /// Each coordinate as the lanes of two kernels.
-    #[inline(always)]
-    pub(crate) fn halves(&self) -> [&[[f32; simd::LANES]; 2]; 3] {
-        [simd::halves(&self.x.0), simd::halves(&self.y.0), simd::halves(&self.z.0)]
-    }
-
     /// Begins to bring the block into the first cache.
     #[inline(always)]
     pub(crate) fn prefetch(&self) {

@@ -1,24 +1,30 @@
-//! Eight lanes: what the processor can do, and how a kernel is written once for all that it may be able to do.
+//! Eight or sixteen lanes: what the processor can do, and how a kernel is written once for all that it may be able to do.
 //!
-//! A [`Kernel`] is generic over its lanes. It has one instance that computes lane by lane and one with AVX2 instructions. Both do the
-//! same operations in the same order with the same rounding (no fused multiply-add), so results do not depend on which of them ran.
+//! A [`Kernel`] is generic over its lanes. It has one instance that computes lane by lane, one with AVX2 instructions, and one with those of AVX-512.
+//! All do the same operations in the same order with the same rounding (no fused multiply-add), so results do not depend on which of them
+//! ran. Where a register holds eight lanes, sixteen are [two of them](twice).
 //!
 //! A kernel and everything generic that it calls is `#[inline(always)]`, so that it becomes part of the one function that is compiled
-//! for AVX2. No operation on lanes stands in a closure: a closure is compiled for any processor, so its instructions would be called
+//! for these instructions. No operation on lanes stands in a closure: a closure is compiled for any processor, so its instructions would be called
 //! and not inlined.
 
-#![expect(unsafe_code, reason = "AVX2 intrinsics, and the call of code compiled for AVX2 after asking for it")]
+#![expect(unsafe_code, reason = "AVX intrinsics, and the call of code compiled for them after asking for it")]
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
+#[cfg(target_arch = "x86_64")]
+mod avx512;
 mod portable;
 #[cfg(test)]
 mod tests;
+mod twice;
 
 use core::ops::{Add, BitAnd, BitOr, BitXor, Div, Mul, Sub};
 
-/// Lanes of a kernel.
+/// Lanes of most kernels.
 pub(crate) const LANES: usize = 8;
+/// Lanes of kernels over blocks of points.
+pub(crate) const WIDE: usize = 16;
 /// Blocks of points that a kernel fetches before their turn: what lies in the third cache is there in time.
 pub(crate) const AHEAD: usize = 4;
 
@@ -27,34 +33,53 @@ pub(crate) const AHEAD: usize = 4;
 pub enum SimdLevel {
     /// Those that every processor of the architecture has.
     Portable,
-    /// AVX2 as well. Made by [`SimdLevel::best`] only, which asks the processor.
+    /// AVX2 as well. Made by [`SimdLevel::available`] only, which asks the processor.
     #[cfg(target_arch = "x86_64")]
-    Avx2(HasAvx2),
+    Avx2(Has),
+    /// AVX-512 as well (F, VL, BW and DQ). Made by [`SimdLevel::available`] only, which asks the processor.
+    #[cfg(target_arch = "x86_64")]
+    Avx512(Has),
 }
 
-/// Proof that the processor has AVX2.
+/// Proof that the processor has these instructions.
 #[cfg(target_arch = "x86_64")]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct HasAvx2(());
+pub struct Has(());
 
 impl SimdLevel {
     /// The fastest that this processor has.
     pub fn best() -> Self {
+        Self::available().last().unwrap_or(Self::Portable)
+    }
+
+    /// All that this processor has, from the slowest to the fastest.
+    pub fn available() -> impl Iterator<Item = Self> {
         #[cfg(target_arch = "x86_64")]
-        if is_x86_feature_detected!("avx2") {
-            return Self::Avx2(HasAvx2(()));
-        }
-        Self::Portable
+        let more = {
+            let has_avx2 = is_x86_feature_detected!("avx2");
+            let has_avx512 = has_avx2
+                && is_x86_feature_detected!("avx512f")
+                && is_x86_feature_detected!("avx512vl")
+                && is_x86_feature_detected!("avx512bw")
+                && is_x86_feature_detected!("avx512dq");
+            [has_avx2.then_some(Self::Avx2(Has(()))), has_avx512.then_some(Self::Avx512(Has(())))]
+        };
+        #[cfg(not(target_arch = "x86_64"))]
+        let more: [Option<Self>; 0] = [];
+        core::iter::once(Self::Portable).chain(more.into_iter().flatten())
     }
 
     /// Runs a kernel.
     #[inline]
     pub(crate) fn run<K: Kernel>(self, kernel: K) -> K::Output {
         match self {
-            Self::Portable => kernel.run::<portable::Lanes<f32>>(),
+            Self::Portable => kernel.run::<portable::Floats>(),
             #[cfg(target_arch = "x86_64")]
-            // SAFETY: the processor has AVX2, of which `HasAvx2` is the proof.
-            Self::Avx2(HasAvx2(())) => unsafe { avx2::run(kernel) },
+            // SAFETY: the processor has AVX2, of which `Has` is the proof.
+            Self::Avx2(Has(())) => unsafe { avx2::run(kernel) },
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: the processor has AVX-512, of which `Has` is the proof.
+            Self::Avx512(Has(())) => unsafe { avx512::run(kernel) },
         }
     }
 }
@@ -67,19 +92,28 @@ pub(crate) trait Kernel {
     fn run<L: F32x8>(self) -> Self::Output;
 }
 
-/// Eight `f32`.
-pub(crate) trait F32x8: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self> {
-    type Int: I32x8;
+/// Eight `f32`, and sixteen of the same level.
+pub(crate) trait F32x8: F32s<8> + Div<Output = Self> {
+    type Wide: F32s<16>;
+
+    fn sqrt(self) -> Self;
+}
+
+/// A word, and the bits of a number.
+pub(crate) type Pair = [u32; 2];
+
+/// `N` lanes of `f32`.
+pub(crate) trait F32s<const N: usize>: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> {
+    type Int: I32s<N>;
 
     fn splat(value: f32) -> Self;
     fn of_int(int: Self::Int) -> Self;
-    fn load(numbers: &[f32; LANES]) -> Self;
-    fn store(self, numbers: &mut [f32; LANES]);
+    fn load(numbers: &[f32; N]) -> Self;
+    fn store(self, numbers: &mut [f32; N]);
     /// The lesser; the second where either is NaN.
     fn min(self, other: Self) -> Self;
     /// The greater; the second where either is NaN.
     fn max(self, other: Self) -> Self;
-    fn sqrt(self) -> Self;
     /// Greatest lane; no lane may be NaN.
     fn max_lane(self) -> f32;
     /// Rounded towards zero. NaN becomes 0, what no `i32` holds becomes the largest or the least `i32`, whatever its sign.
@@ -92,6 +126,8 @@ pub(crate) trait F32x8: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Out
     fn only(self, mask: Self::Int) -> Self;
     /// `yes` where the mask holds, `no` elsewhere.
     fn select(mask: Self::Int, yes: Self, no: Self) -> Self;
+    /// One of eight pairs per lane, by the lowest three bits of `at`: the words, and the numbers.
+    fn pick(pairs: [&[Pair; 2]; 4], at: Self::Int) -> (Self::Int, Self);
     /// One number of the table per lane.
     ///
     /// # Safety
@@ -101,28 +137,30 @@ pub(crate) trait F32x8: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Out
     ///
     /// # Safety
     /// `at` + `offset` and the number after it are indices of the table, in every lane.
-    unsafe fn gather_pairs(table: &[f32], at: &[u32; LANES], offset: usize) -> (Self, Self);
+    unsafe fn gather_pairs(table: &[f32], at: &[u32; N], offset: usize) -> (Self, Self);
 }
 
-/// Eight `i32` that wrap around, or a mask: −1 in lanes where it holds, 0 elsewhere.
-pub(crate) trait I32x8:
+/// `N` lanes of `i32` that wrap around, or a mask: −1 in lanes where it holds, 0 elsewhere.
+pub(crate) trait I32s<const N: usize>:
     Copy + Add<Output = Self> + Mul<Output = Self> + BitAnd<Output = Self> + BitOr<Output = Self> + BitXor<Output = Self>
 {
     fn splat(value: i32) -> Self;
     /// A mask that holds where the lane's bit is set.
-    fn mask(bits: u8) -> Self;
-    fn load(words: &[u32; LANES]) -> Self;
-    fn store(self, words: &mut [u32; LANES]);
+    fn mask(bits: u32) -> Self;
+    fn load(words: &[u32; N]) -> Self;
+    fn store(self, words: &mut [u32; N]);
     fn first(self) -> i32;
     fn min(self, other: Self) -> Self;
     /// Divided by 2ⁿ, rounded down.
-    fn shifted<const N: i32>(self) -> Self;
+    fn shifted<const BY: i32>(self) -> Self;
+    /// A mask: where both are the same.
+    fn eq(self, other: Self) -> Self;
     /// A mask: where this is greater.
     fn gt(self, other: Self) -> Self;
     /// `yes` where the mask holds, `no` elsewhere.
     fn select(mask: Self, yes: Self, no: Self) -> Self;
     /// One bit per lane of a mask.
-    fn bits(self) -> u8;
+    fn bits(self) -> u32;
     fn is_zero(self) -> bool;
     /// One word of the table per lane.
     ///
@@ -148,10 +186,4 @@ pub(crate) fn prefetch<const N: usize>(numbers: &[f32; N]) {
 #[inline(always)]
 pub(crate) fn halves(numbers: &[f32; 2 * LANES]) -> &[[f32; LANES]; 2] {
     bytemuck::cast_ref(numbers)
-}
-
-/// The same to be written.
-#[inline(always)]
-pub(crate) fn halves_mut(numbers: &mut [f32; 2 * LANES]) -> &mut [[f32; LANES]; 2] {
-    bytemuck::cast_mut(numbers)
 }

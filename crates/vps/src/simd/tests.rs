@@ -4,23 +4,63 @@ use super::*;
 
 /// What all operations make of two sets of lanes.
 struct Everything {
-    a: [f32; LANES],
-    b: [f32; LANES],
-    i: [u32; LANES],
-    j: [u32; LANES],
+    a: [f32; WIDE],
+    b: [f32; WIDE],
+    i: [u32; WIDE],
+    j: [u32; WIDE],
 }
 
-fn floats<L: F32x8>(lanes: L, found: &mut Vec<u32>) {
-    let mut numbers = [0.0; LANES];
+fn floats<L: F32s<N>, const N: usize>(lanes: L, found: &mut Vec<u32>) {
+    let mut numbers = [0.0; N];
     lanes.store(&mut numbers);
     // The sign and payload of a NaN are not specified.
     found.extend(numbers.map(|number| if number.is_nan() { f32::NAN.to_bits() } else { number.to_bits() }));
 }
 
-fn ints<I: I32x8>(lanes: I, found: &mut Vec<u32>) {
-    let mut words = [0; LANES];
+fn ints<I: I32s<N>, const N: usize>(lanes: I, found: &mut Vec<u32>) {
+    let mut words = [0; N];
     lanes.store(&mut words);
     found.extend(words);
+}
+
+/// The operations on `N` lanes.
+#[inline(always)]
+fn all<L: F32s<N>, const N: usize>(a: &[f32; N], b: &[f32; N], i: &[u32; N], j: &[u32; N], found: &mut Vec<u32>) {
+    let (a, b, bits, i, j) = (L::load(a), L::load(b), i[0], L::Int::load(i), L::Int::load(j));
+    for lanes in [a + b, a - b, a * b, a.min(b), a.max(b), L::of_int(i), L::splat(0.1)] {
+        floats(lanes, found);
+    }
+    let (lt, le) = (a.lt(b), a.le(b));
+    floats(a.only(lt), found);
+    floats(L::select(le, a, b), found);
+    // What no `i32` holds may become either end.
+    let fits = L::splat(-2e9).lt(a) & a.lt(L::splat(2e9));
+    let small = L::Int::mask(bits);
+    for lanes in
+        [lt, le, i + j, i * j, i & j, i | j, i ^ j, i.min(j), i.eq(j), i.gt(j), i.shifted::<3>(), small, a.only(fits).truncated()]
+    {
+        ints(lanes, found);
+    }
+    ints(L::splat(f32::NAN).truncated(), found);
+    ints(L::Int::select(i.gt(j), i, j), found);
+    found.push(L::select(L::splat(f32::NEG_INFINITY).lt(a), a, L::splat(0.0)).max_lane().to_bits());
+    found.extend([i.first() as u32, lt.bits(), u32::from((i ^ j).is_zero()), u32::from((i ^ i).is_zero())]);
+    let table: [f32; 64] = core::array::from_fn(|k| k as f32);
+    let words: [u32; 64] = core::array::from_fn(|k| 3 * k as u32);
+    let at = i & L::Int::splat(31);
+    let mut places = [0; N];
+    at.store(&mut places);
+    // SAFETY: places below 32 in tables of 64.
+    let (one, pairs, word) = unsafe { (L::gather(&table, at), L::gather_pairs(&table, &places, 17), L::Int::gather(&words, at)) };
+    let eight: [[Pair; 2]; 4] =
+        core::array::from_fn(|k| [[5 * k as u32, (k as f32).to_bits()], [7 * k as u32, (-(k as f32)).to_bits()]]);
+    let picked = L::pick(eight.each_ref(), i);
+    for lanes in [one, pairs.0, pairs.1, picked.1] {
+        floats(lanes, found);
+    }
+    for lanes in [word, picked.0] {
+        ints(lanes, found);
+    }
 }
 
 impl Kernel for Everything {
@@ -28,41 +68,15 @@ impl Kernel for Everything {
 
     #[inline(always)]
     fn run<L: F32x8>(self) -> Vec<u32> {
-        let (a, b, i, j) = (L::load(&self.a), L::load(&self.b), L::Int::load(&self.i), L::Int::load(&self.j));
+        let Self { a, b, i, j } = &self;
         let mut found = Vec::new();
-        for lanes in [a + b, a - b, a * b, a / b, a.min(b), a.max(b), a.sqrt(), L::of_int(i), L::splat(self.b[1])] {
+        let ([a_low, _], [b_low, _]) = (halves(a), halves(b));
+        let ([i_low, _], [j_low, _]): (&[[u32; LANES]; 2], &[[u32; LANES]; 2]) = (bytemuck::cast_ref(i), bytemuck::cast_ref(j));
+        all::<L, LANES>(a_low, b_low, i_low, j_low, &mut found);
+        for lanes in [L::load(a_low) / L::load(b_low), L::load(a_low).sqrt()] {
             floats(lanes, &mut found);
         }
-        let (lt, le) = (a.lt(b), a.le(b));
-        floats(a.only(lt), &mut found);
-        floats(L::select(le, a, b), &mut found);
-        // What no `i32` holds may become either end.
-        let fits = L::splat(-2e9).lt(a) & a.lt(L::splat(2e9));
-        for lanes in [lt, le, i + j, i * j, i & j, i | j, i ^ j, i.min(j), i.gt(j), i.shifted::<3>(), a.only(fits).truncated()] {
-            ints(lanes, &mut found);
-        }
-        ints(L::splat(f32::NAN).truncated(), &mut found);
-        ints(L::Int::select(i.gt(j), i, j), &mut found);
-        ints(L::Int::mask(self.i[0] as u8), &mut found);
-        found.push(L::select(L::splat(f32::NEG_INFINITY).lt(a), a, L::splat(0.0)).max_lane().to_bits());
-        found.extend([
-            i.first() as u32,
-            lt.bits().into(),
-            u32::from((i ^ j).is_zero()),
-            u32::from((i ^ L::Int::load(&self.i)).is_zero()),
-        ]);
-        let table: [f32; 64] = core::array::from_fn(|k| k as f32);
-        let words: [u32; 64] = core::array::from_fn(|k| 3 * k as u32);
-        let at = i & L::Int::splat(31);
-        let mut places = [0; LANES];
-        at.store(&mut places);
-        // SAFETY: places below 32 in tables of 64.
-        let (one, pairs, word) =
-            unsafe { (L::gather(&table, at), L::gather_pairs(&table, &places, 17), L::Int::gather(&words, at)) };
-        for lanes in [one, pairs.0, pairs.1] {
-            floats(lanes, &mut found);
-        }
-        ints(word, &mut found);
+        all::<L::Wide, WIDE>(a, b, i, j, &mut found);
         found
     }
 }
@@ -81,6 +95,8 @@ fn every_operation_gives_the_same_bits_on_every_level() {
                 j: core::array::from_fn(|lane| WORDS[(5 * lane + shift / WORDS.len()) % WORDS.len()]),
             })
         };
-        assert_eq!(everything(SimdLevel::Portable), everything(SimdLevel::best()), "{shift}");
+        for level in SimdLevel::available() {
+            assert_eq!(everything(SimdLevel::Portable), everything(level), "{level:?}, {shift}");
+        }
     }
 }

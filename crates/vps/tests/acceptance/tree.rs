@@ -159,9 +159,9 @@ fn the_heap_of_a_shell_counts_its_tree() {
     let shell = Shell::new(&points, 1e-3);
     let blocks = 1000_usize.div_ceil(LANES);
     let nodes = [blocks, blocks.div_ceil(CHILDREN), 1];
-    let tree_bytes: usize = nodes.iter().map(|n| n.div_ceil(CHILDREN) * (4 * CHILDREN * 4 + CHILDREN * 4) + 8).sum();
+    let tree_bytes: usize = nodes.iter().map(|n| n.div_ceil(CHILDREN) * (4 * CHILDREN * 4 + 2 * CHILDREN * 4) + 8).sum();
     assert_eq!(shell.tree().heap_bytes(), tree_bytes);
-    assert_eq!(shell.heap_bytes(), 2 * blocks * LANES * 12 + blocks * 2 + tree_bytes);
+    assert_eq!(shell.heap_bytes(), blocks * LANES * (2 * 12 + 4) + blocks * 2 + tree_bytes);
 }
 
 proptest! {

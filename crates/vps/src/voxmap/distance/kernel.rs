@@ -6,7 +6,7 @@
 //! test decides more than rounding is worth: next to an edge both answers agree.
 
 use super::patches::Patch;
-use crate::simd::{F32x8, I32x8, Kernel, LANES};
+use crate::simd::{F32x8, I32s, Kernel, LANES};
 
 /// Share of a squared distance by which two edges may differ and still both hold the closest point (a corner).
 const CORNER_SHARE: f32 = 1.0 + 1e-5;
@@ -75,7 +75,7 @@ impl Kernel for OfCube<'_> {
         L::Int::select(is_nearer, own, L::Int::load(&nearest.patch_idx)).store(&mut nearest.patch_idx);
         found.squared.store(&mut measured.squared);
         for (bits, [edge, limit]) in measured.on_edge.iter_mut().zip(found.on_edge) {
-            *bits = edge.le(limit).bits();
+            *bits = edge.le(limit).bits() as u8;
         }
     }
 }
@@ -93,7 +93,7 @@ impl Kernel for OnPlateau<'_> {
     #[inline(always)]
     fn run<L: F32x8>(self) -> u8 {
         let limit = L::load(&self.nearest.squared) * L::splat(PLATEAU) + L::splat(PLATEAU_CELLS_SQUARED);
-        L::load(self.squared).le(limit).bits()
+        L::load(self.squared).le(limit).bits() as u8
     }
 }
 

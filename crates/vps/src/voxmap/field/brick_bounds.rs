@@ -18,6 +18,7 @@ use glam::Vec3;
 
 use super::{APRON_CELLS, APRON_EDGE, DEEP_INSIDE, FAR_OUTSIDE, Field};
 use crate::parallel;
+use crate::simd::Pair;
 use crate::storage::SharedSlice;
 use crate::voxmap::grid::BRICK_EDGE;
 
@@ -37,6 +38,7 @@ pub(crate) struct BrickBounds {
     top: SharedSlice<u32>,
     samples_m: SharedSlice<[f32; APRON_CELLS]>,
     max_depth_m: SharedSlice<f32>,
+    padded: SharedSlice<Pair>,
     max_depth_nearby_m: SharedSlice<f32>,
     clearance_cells: SharedSlice<f32>,
     band_m: f32,
@@ -91,6 +93,7 @@ impl BrickBounds {
             top: top.clone(),
             samples_m: samples_m.clone(),
             clearance_cells: clearance_cells.into(),
+            padded: padded(top, &max_depth_m, *dims, skin_m - band_m).into(),
             max_depth_m: max_depth_m.into(),
             max_depth_nearby_m: max_depth_nearby_m.into(),
             band_m: *band_m,
@@ -123,6 +126,21 @@ impl BrickBounds {
     #[inline]
     pub(crate) fn max_depth_m(&self) -> &[f32] {
         &self.max_depth_m
+    }
+
+    /// Slots and largest depths of eight bricks, two along each axis from `first` on, z fastest; `None` where `first` is two bricks or more off the
+    /// grid, or beyond its last one. RT: safe.
+    #[inline(always)]
+    pub(crate) fn eight(&self, first: [i32; 3]) -> Option<[&[Pair; 2]; 4]> {
+        let [nx, ny, nz] = self.dims;
+        let [x, y, z] = [first[0] + 1, first[1] + 1, first[2] + 1];
+        if x as u32 > nx as u32 || y as u32 > ny as u32 || z as u32 > nz as u32 {
+            return None;
+        }
+        let (row, plane) = (nz as usize + 2, (nz as usize + 2) * (ny as usize + 2));
+        let at = (x as usize) * plane + y as usize * row + z as usize;
+        let pairs = |at: usize| self.padded.get(at..at + 2)?.first_chunk();
+        Some([pairs(at)?, pairs(at + row)?, pairs(at + plane)?, pairs(at + plane + row)?])
     }
 
     /// `[n_bricks]`, m: no value in the brick or in one of its 26 neighbours, on the grid or not, is higher.
@@ -178,6 +196,20 @@ impl BrickBounds {
     }
 }
 
+/// Slots and largest depths of a grid with a layer of bricks around it, which are outside.
+fn padded(top: &[u32], max_depth_m: &[f32], dims: [i32; 3], outside_m: f32) -> Vec<Pair> {
+    let [_, ny, nz] = dims.map(|n| n as usize);
+    let (row, plane) = (nz + 2, (nz + 2) * (ny + 2));
+    let mut padded = vec![[FAR_OUTSIDE, outside_m.to_bits()]; (dims[0] as usize + 2) * plane];
+    for ((line, slots), depths_m) in (0..).zip(top.chunks(nz)).zip(max_depth_m.chunks(nz)) {
+        let first = (line / ny + 1) * plane + (line % ny + 1) * row + 1;
+        for ((to, slot), depth_m) in padded.iter_mut().skip(first).zip(slots).zip(depths_m) {
+            *to = [*slot, depth_m.to_bits()];
+        }
+    }
+    padded
+}
+
 /// What a brick's samples say.
 struct Look {
     highest_m: f32,
@@ -187,22 +219,29 @@ struct Look {
 
 impl Look {
     fn at(brick: &[f32; APRON_CELLS], band_m: f32, voxel_size_m: f32) -> Self {
-        const ROW: usize = APRON_EDGE;
-        const PLANE: usize = APRON_EDGE * APRON_EDGE;
         // What is not a number is no contact, and ends in no maximum.
         let clamped = brick.map(|sample| sample.clamp(-band_m, band_m));
-        let highest_m = clamped.iter().copied().fold(f32::NEG_INFINITY, f32::max);
-        let steepest = |step: usize| {
-            let later = clamped.get(step..).unwrap_or(&[]);
-            // Across the end of a row or plane these are no neighbours; the last of each is left out.
-            let pairs = clamped.iter().zip(later).enumerate().filter(|(at, _)| match step {
-                1 => at % ROW != ROW - 1,
-                ROW => at / ROW % ROW != ROW - 1,
-                _ => true,
-            });
-            pairs.map(|(_, (a, b))| (a - b).abs()).fold(voxel_size_m, f32::max)
+        let (rows, _) = clamped.as_chunks::<APRON_EDGE>();
+        // Lane by lane along a row, which vectorises.
+        let (mut highest_m, mut steepest_m) = ([f32::NEG_INFINITY; APRON_EDGE], [voxel_size_m; APRON_EDGE]);
+        let greater = |a: f32, b: f32| if a > b { a } else { b };
+        let mut compare = |one: &[f32], other: &[f32]| {
+            for ((best, a), b) in steepest_m.iter_mut().zip(one).zip(other) {
+                *best = greater((a - b).abs(), *best);
+            }
         };
-        Self { highest_m, steepest_m: steepest(1).max(steepest(ROW)).max(steepest(PLANE)) }
+        for (at, row) in rows.iter().enumerate() {
+            highest_m.iter_mut().zip(row).for_each(|(best, sample)| *best = greater(*sample, *best));
+            compare(row, row.get(1..).unwrap_or(&[]));
+            if let Some(next) = rows.get(at + 1).filter(|_| at % APRON_EDGE != APRON_EDGE - 1) {
+                compare(row, next);
+            }
+            if let Some(above) = rows.get(at + APRON_EDGE) {
+                compare(row, above);
+            }
+        }
+        let most = |lanes: [f32; APRON_EDGE]| lanes.into_iter().fold(f32::NEG_INFINITY, greater);
+        Self { highest_m: most(highest_m), steepest_m: most(steepest_m) }
     }
 }
 
