@@ -25,8 +25,8 @@ fn ints<I: I32s<N>, const N: usize>(lanes: I, found: &mut Vec<u32>) {
 
 /// The operations on `N` lanes.
 #[inline(always)]
-fn all<L: F32s<N>, const N: usize>(a: &[f32; N], b: &[f32; N], i: &[u32; N], j: &[u32; N], found: &mut Vec<u32>) {
-    let (a, b, bits, i, j) = (L::load(a), L::load(b), i[0], L::Int::load(i), L::Int::load(j));
+fn all<L: F32s<N>, const N: usize>(a: &[f32; N], b: &[f32; N], words_of_i: &[u32; N], j: &[u32; N], found: &mut Vec<u32>) {
+    let (a, b, bits, i, j) = (L::load(a), L::load(b), words_of_i[0], L::Int::load(words_of_i), L::Int::load(j));
     for lanes in [a + b, a - b, a * b, a.min(b), a.max(b), L::of_int(i), L::splat(0.1)] {
         floats(lanes, found);
     }
@@ -44,7 +44,7 @@ fn all<L: F32s<N>, const N: usize>(a: &[f32; N], b: &[f32; N], i: &[u32; N], j: 
     ints(L::splat(f32::NAN).truncated(), found);
     ints(L::Int::select(i.gt(j), i, j), found);
     found.push(L::select(L::splat(f32::NEG_INFINITY).lt(a), a, L::splat(0.0)).max_lane().to_bits());
-    found.extend([i.first() as u32, lt.bits(), u32::from((i ^ j).is_zero()), u32::from((i ^ i).is_zero())]);
+    found.extend([i.first() as u32, lt.bits(), u32::from((i ^ j).is_zero()), u32::from((i ^ L::Int::load(words_of_i)).is_zero())]);
     let table: [f32; 64] = core::array::from_fn(|k| k as f32);
     let words: [u32; 64] = core::array::from_fn(|k| 3 * k as u32);
     let at = i & L::Int::splat(31);
