@@ -16,10 +16,14 @@ use crate::scene::cache::CachePolicy;
 use crate::scene::{self, BakeOptions};
 use document::poses::{self, TimedPose};
 use haptics::RenderScene;
-use vps::contact::{self, ContactSum, ForceLaw, Normalization};
+use vps::contact::{self, ContactSum, ForceLaw, Normalization, SimdLevel, Traversal, TraversalMode};
+use vps::parallel;
 use vps::spatial::Pose;
 use vps::storage::whole_file::write_whole;
 use vps::voxmap::field::FieldKind;
+
+/// Poses that one task looks at: enough that its memory is soon paid for.
+const POSES_PER_TASK: usize = 16;
 
 /// Arguments of `hapticd eval`.
 #[derive(Debug, clap::Args)]
@@ -154,11 +158,21 @@ fn body(scene: &RenderScene, world_from_tool: Pose) -> Pose {
 
 fn write_wrenches(file: &mut dyn Write, scene: &RenderScene, law: ForceLaw, poses: &[TimedPose]) -> io::Result<()> {
     writeln!(file, "t_s,fx_n,fy_n,fz_n,tx_nm,ty_nm,tz_nm,contacts,max_depth_m,clearance_m,query_ns")?;
-    for timed in poses {
-        let world_from_body = body(scene, timed.pose);
-        let since = Instant::now();
-        let sum = ContactSum::flat(&scene.obstacles, &scene.tool.shell, world_from_body, law);
-        let query_ns = since.elapsed().as_nanos();
+    // The kernels of the tick: the bits of the specification, wherever a pose is looked at. Nothing is remembered from pose to pose.
+    let (obstacles, shell) = (&scene.obstacles, &scene.tool.shell);
+    let ready = Traversal::new(SimdLevel::best(), TraversalMode::Flat, obstacles, shell).with_broad_phase(false);
+    let sums = parallel::map_with(
+        poses.len(),
+        POSES_PER_TASK,
+        || ready.clone(),
+        |traversal, idx| {
+            let world_from_body = poses.get(idx).map_or(Pose::IDENTITY, |timed| body(scene, timed.pose));
+            let since = Instant::now();
+            let sum = ContactSum::of(traversal, obstacles, shell, world_from_body, law, None);
+            (world_from_body, sum, since.elapsed().as_nanos())
+        },
+    );
+    for (timed, (world_from_body, sum, query_ns)) in poses.iter().zip(sums) {
         let wrench = sum.wrench.moved(world_from_body.translation, timed.pose.translation);
         let [fx, fy, fz] = wrench.force.to_array();
         let [tx, ty, tz] = wrench.torque.to_array();
@@ -175,7 +189,7 @@ fn write_contacts(
     poses: &[TimedPose],
     most: usize,
 ) -> io::Result<()> {
-    writeln!(file, "t_s,object,point,x_m,y_m,z_m,nx,ny,nz,depth_m")?;
+    writeln!(file, "t_s,object,point,x_m,y_m,z_m,nx,ny,nz,depth_m,weight")?;
     let mut lines = Vec::new();
     for timed in poses {
         let world_from_body = body(scene, timed.pose);
@@ -188,7 +202,7 @@ fn write_contacts(
                     let [x, y, z] = world_from_body.transform_point(touching.arm_body.as_dvec3()).to_array();
                     let [nx, ny, nz] = world_from_body.transform_vector(touching.normal_body.as_dvec3()).to_array();
                     let (point, depth_m) = (touching.point_idx, touching.depth_m);
-                    lines.push(format!("{},{name},{point},{x},{y},{z},{nx},{ny},{nz},{depth_m}", timed.time_s));
+                    lines.push(format!("{},{name},{point},{x},{y},{z},{nx},{ny},{nz},{depth_m},{}", timed.time_s, touching.weight));
                 }
             });
         }
