@@ -50,6 +50,10 @@ const GROUP_COSINE: f64 = 0.866;
 const CORNER_VOLUME: f64 = 0.2;
 /// What points on edges and corners take of the facets in their voxel: little, but what enters first is felt at once.
 const EDGE_SHARE: f64 = 1.0 / 16.0;
+/// A facet of no more area joins one beside it, s².
+const SLIVER: f64 = 0.4;
+/// If both lie within 10°, and are together no larger than a facet can be.
+const JOINED_COSINE: f64 = 0.985;
 /// The largest plane section of a voxel is √2 s².
 const WEIGHT_MAX: f64 = core::f64::consts::SQRT_2;
 /// Area below which rounding decides what is in a voxel, s².
@@ -137,6 +141,7 @@ impl Scratch {
             Face { corners, vertices: mesh.triangles[*triangle_idx as usize], outward }
         }));
         whole.fill(&brick);
+        whole.join_slivers(&brick);
         for (x, word) in brick.mask.iter().enumerate() {
             for bit in bits(*word) {
                 let cell = &whole.cells[x << 6 | bit as usize];
@@ -171,6 +176,50 @@ impl Level {
             self.add_edges(block);
             self.add_corners(block);
         }
+    }
+
+    /// Gives what is left of a face in the corner of a voxel to the facet of the same face beside it: half of the points of an oblique face would
+    /// stand for next to nothing. Within a block, in the order of its cells.
+    fn join_slivers(&mut self, block: &Block) {
+        for (x, word) in block.mask.iter().enumerate() {
+            for bit in bits(*word) {
+                let inside = x << 6 | bit as usize;
+                let cell = &self.cells[inside];
+                let sliver = cell.groups[0];
+                if cell.n_groups != 1 || cell.is_sharp() || sliver.size > SLIVER {
+                    continue;
+                }
+                let mut best = (0.0, 0);
+                for (at, size) in self.beside(inside, block, &sliver) {
+                    if size > best.0 {
+                        best = (size, at);
+                    }
+                }
+                if best.0 > 0.0 {
+                    let group = &mut self.cells[best.1].groups[0];
+                    group.area += sliver.area;
+                    group.size += sliver.size;
+                    group.moment += sliver.moment;
+                    self.cells[inside].n_groups = 0;
+                }
+            }
+        }
+    }
+
+    /// Cells across the sides of one that hold the same face and nothing else, and how much of it.
+    fn beside(&self, inside: usize, block: &Block, of: &Group) -> impl Iterator<Item = (usize, f64)> {
+        let place = [inside >> 6, inside >> 3 & 7, inside & 7];
+        let direction = of.area / of.size;
+        [(0, 64), (1, 8), (2, 1)].into_iter().flat_map(move |(axis, stride)| {
+            let before = (place[axis] > 0).then(|| inside - stride);
+            let after = (place[axis] < BRICK_EDGE - 1).then(|| inside + stride);
+            [before, after].into_iter().flatten().filter_map(move |at| {
+                let (cell, group) = (&self.cells[at], &self.cells[at].groups[0]);
+                let is_surface = block.mask[at >> 6] >> (at & 63) & 1 == 1;
+                let is_alike = || cell.n_groups == 1 && !cell.is_sharp() && group.area.dot(direction) > JOINED_COSINE * group.size;
+                (is_surface && is_alike() && group.size + of.size <= WEIGHT_MAX).then_some((at, group.size))
+            })
+        })
     }
 
     /// Convex edges between two faces.
