@@ -380,7 +380,7 @@ fn render(
     let actuated = p.mapping.actuated_part(wanted);
     // The tool is pushed out of the clay by itself while nothing is felt; what counts is where the hand is.
     let is_in_clay = state.interlock.must_clear() && {
-        let clay = state.clay.as_ref().zip(scene.clay.as_ref());
+        let clay = state.clay.as_mut().zip(scene.clay.as_ref());
         clay.is_some_and(|(held, clay)| held.is_inside(clay, &scene.tool.shell, target.0, p))
     };
     let engages = state.interlock.engages(actuated, is_in_clay, &p.limits, &p.safety);

@@ -8,7 +8,7 @@ use super::residual::Residual;
 use super::{Clay, PUT_DOWN_SPACINGS};
 use crate::Parameters;
 use vps::contact::faces::face_of;
-use vps::contact::{ContactSum, SimdLevel};
+use vps::contact::{ContactSum, FaceSums, SimdLevel};
 use vps::density::{Frame, Probe};
 use vps::pointshell::shell::Shell;
 use vps::spatial::{Pose, Wrench};
@@ -41,6 +41,7 @@ pub(crate) struct Held {
     simd_level: SimdLevel,
     /// `[n_blocks]`: the face of each block of the shell.
     faces: Box<[u8]>,
+    sums: FaceSums,
 }
 
 impl Held {
@@ -56,6 +57,7 @@ impl Held {
             forces: ClayForces::default(),
             simd_level: SimdLevel::best(),
             faces: shell.normals().iter().map(face_of).collect(),
+            sums: FaceSums::new(),
         }
     }
 
@@ -89,21 +91,23 @@ impl Held {
     }
 
     /// The tool at this pose would be in the clay, deeper than one that was put down on it. RT: safe; as much work as to touch it.
-    pub(crate) fn is_inside(&self, clay: &Clay, shell: &Shell, world_from_body: Pose, p: &Parameters) -> bool {
+    pub(crate) fn is_inside(&mut self, clay: &Clay, shell: &Shell, world_from_body: Pose, p: &Parameters) -> bool {
         let probe = Probe::new(&self.newest, clay.world_from_map.inverse() * world_from_body);
-        let sum = ContactSum::of_clay(&probe, shell, &self.faces, self.simd_level, world_from_body, p.force_law());
+        let sums = (&self.faces[..], &mut self.sums);
+        let sum = ContactSum::of_clay(&probe, shell, sums, self.simd_level, world_from_body, p.force_law());
         sum.contacts > 0 && sum.max_value_m > PUT_DOWN_SPACINGS * f64::from(probe.spacing_m())
     }
 
     /// What the clay does to the tool at this pose. RT: safe; twice as much work in the first tick with a new frame.
     pub(crate) fn touch(&mut self, clay: &Clay, shell: &Shell, world_from_body: Pose, p: &Parameters) -> ContactSum {
         let map_from_body = clay.world_from_map.inverse() * world_from_body;
-        let ask = |frame: &Frame| {
+        let Self { newest, before, is_new, faces, sums, simd_level, .. } = self;
+        let mut ask = |frame: &Frame| {
             let probe = Probe::new(frame, map_from_body);
-            ContactSum::of_clay(&probe, shell, &self.faces, self.simd_level, world_from_body, p.force_law())
+            ContactSum::of_clay(&probe, shell, (&faces[..], &mut *sums), *simd_level, world_from_body, p.force_law())
         };
-        let mut sum = ask(&self.newest);
-        let before = core::mem::take(&mut self.is_new).then(|| ask(&self.before).wrench);
+        let mut sum = ask(newest);
+        let before = core::mem::take(is_new).then(|| ask(before).wrench);
         if before.is_some() && self.newest.is_leap {
             self.residual.leap(Clay::smoothing_between(LEAP_S, p.period_s));
         }

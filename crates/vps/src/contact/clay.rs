@@ -11,7 +11,7 @@ use glam::Vec3;
 use super::contact_block::{ContactBlock, Pushes};
 use super::sum::{Add, Weighting};
 use super::summing::Summing;
-use super::{ContactSum, ForceLaw, Patch, SimdLevel};
+use super::{ContactSum, FaceSums, ForceLaw, Patch, SimdLevel};
 use crate::density::Probe;
 use crate::pointshell::shell::{LANES, Lanes3, Shell};
 use crate::pointshell::tree::{CHILDREN, Spheres};
@@ -26,12 +26,12 @@ impl ContactSum {
     pub fn of_clay(
         probe: &Probe<'_>,
         shell: &Shell,
-        faces: &[u8],
+        (faces, sums): (&[u8], &mut FaceSums),
         simd_level: SimdLevel,
         world_from_body: Pose,
         law: ForceLaw,
     ) -> Self {
-        let mut summing = Summing::new(law, world_from_body);
+        let mut summing = Summing::new(law, world_from_body, sums);
         let by = Weighting::new(probe.spacing_m(), law.smooth_entry);
         let (mut n_contacts, mut max_value_m) = (0, f32::NEG_INFINITY);
         let whole_clearance_m = probe.sphere_clearance_m(Vec3::ZERO, shell.radius_m() as f32);

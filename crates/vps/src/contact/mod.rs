@@ -42,7 +42,7 @@ pub use contact_block::{Contact, ContactBlock};
 pub use faces::FACES;
 pub use flat::visit;
 pub use proximity::Proximity;
-pub use summing::AVERAGED_CONTACTS;
+pub use summing::{AVERAGED_CONTACTS, FaceSums};
 pub use traversal::{Traversal, TraversalMode};
 
 use self::faces::face_of;
@@ -204,9 +204,10 @@ impl ContactSum {
     /// w = (n, r × n): the depth's gradient is taken as −n, which keeps the matrix positive semi-definite, so the implicit step
     /// can never gain energy from it. The exact Jacobian K n gᵀ differs where the shell's normal and the field's gradient do.
     ///
-    /// RT: safe; O(obstacles · points).
+    /// Allocates; O(obstacles · points).
     pub fn flat(obstacles: &[Obstacle], shell: &Shell, world_from_body: Pose, law: ForceLaw) -> Self {
-        let mut summing = Summing::new(law, world_from_body);
+        let mut sums = FaceSums::new();
+        let mut summing = Summing::new(law, world_from_body, &mut sums);
         for obstacle in obstacles {
             let map_from_body = obstacle.world_from_map.inverse() * world_from_body;
             let by = summing.weighting(obstacle);
@@ -239,7 +240,8 @@ impl ContactSum {
         mut also: Option<&mut Also<'_>>,
     ) -> Self {
         let simd_level = traversal.simd_level();
-        let mut summing = Summing::new(law, world_from_body);
+        let mut sums = traversal.take_sums();
+        let mut summing = Summing::new(law, world_from_body, &mut sums);
         summing.note_far(traversal.begin(shell, world_from_body, summing.overstated_voxels()));
         for n in 0..traversal.n_near() {
             let Some(obstacle_idx) = traversal.obstacle_poses().near(n) else { break };
@@ -291,6 +293,8 @@ impl ContactSum {
             summing.left_out += found.left_out;
             summing.looked_at += found.looked_at;
         }
-        summing.finish()
+        let sum = summing.finish();
+        traversal.keep_sums(sums);
+        sum
     }
 }

@@ -1,12 +1,12 @@
 //! The sum over touching blocks, sixteen lanes at a time.
 //!
-//! A few blocks are added up in `f32`, sixteen lane sums per quantity, then these sums in `f64` (lane n and lane n + 8 together).
+//! A few blocks are added up in `f32`, sixteen lane sums per quantity, then these sums in `f64`, every fourth lane together.
 
 use glam::DVec3;
 
 use super::contact_block::{ContactBlock, Pushes};
 use crate::pointshell::shell::{LANES, Lanes, Lanes3};
-use crate::simd::{AHEAD, F32s, F32x8, I32s, Kernel, halves};
+use crate::simd::{AHEAD, F32s, F32x8, I32s, Kernel};
 use crate::spatial::Mat6;
 
 /// Force, moment, the upper triangle of the stiffness, depth, depth × arm, effective count.
@@ -14,12 +14,13 @@ const QUANTITIES: usize = 3 + 3 + 21 + 1 + 3 + 1;
 /// Blocks that are added up in `f32`: sixteen numbers per lane, which takes no more from them than the rounding of positions does.
 const BLOCKS_PER_PART: u32 = 16;
 
-/// What one face adds, tool axes, metres instead of newtons (stiffness is multiplied in later).
+/// What one face adds, tool axes, metres instead of newtons (stiffness is multiplied in later). No vector of it lies in two cache lines.
 #[derive(Clone, Copy, Debug)]
+#[repr(align(64))]
 pub(super) struct Sums {
     part: [[f32; LANES]; QUANTITIES],
     n_blocks_in_part: u32,
-    lanes: [[f64; LANES / 2]; QUANTITIES],
+    lanes: [[f64; LANES / 4]; QUANTITIES],
 }
 
 /// How a point's depth becomes force.
@@ -92,7 +93,7 @@ impl<L: F32s<LANES>> Addends<L> {
 
 impl Sums {
     pub(super) const ZERO: Self =
-        Self { part: [[0.0; LANES]; QUANTITIES], n_blocks_in_part: 0, lanes: [[0.0; LANES / 2]; QUANTITIES] };
+        Self { part: [[0.0; LANES]; QUANTITIES], n_blocks_in_part: 0, lanes: [[0.0; LANES / 4]; QUANTITIES] };
 
     /// Adds the lanes of a block that touch, each by its weight so often.
     #[inline(always)]
@@ -128,9 +129,11 @@ impl Sums {
     #[inline(always)]
     fn settle(&mut self) {
         for (sums, part) in self.lanes.iter_mut().zip(&mut self.part) {
-            let [low, high] = halves(part);
-            for ((sum, low), high) in sums.iter_mut().zip(low).zip(high) {
-                *sum += f64::from(low + high);
+            let (quarters, _) = part.as_chunks::<{ LANES / 4 }>();
+            if let [a, b, c, d] = quarters {
+                for ((((sum, a), b), c), d) in sums.iter_mut().zip(a).zip(b).zip(c).zip(d) {
+                    *sum += f64::from((a + c) + (b + d));
+                }
             }
             *part = [0.0; LANES];
         }
@@ -140,7 +143,7 @@ impl Sums {
     /// The totals.
     pub(super) fn total(mut self) -> Total {
         self.settle();
-        let mut totals = self.lanes.iter().map(|[a, b, c, d, e, f, g, h]| ((a + b) + (c + d)) + ((e + f) + (g + h)));
+        let mut totals = self.lanes.iter().map(|[a, b, c, d]| (a + b) + (c + d));
         let mut next = || totals.next().unwrap_or(0.0);
         let mut vector = || DVec3::new(next(), next(), next());
         let (depth_normal, depth_moment) = (vector(), vector());

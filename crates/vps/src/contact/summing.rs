@@ -12,12 +12,35 @@ use crate::voxmap::field::FieldKind;
 /// Contacts from which an averaged sum stops growing (McNeely1999: F_tot below ten contacts, F_tot/(N/10) from ten on).
 pub const AVERAGED_CONTACTS: f64 = 10.0;
 
+/// Memory for sums by face: large, so that they are not made on the stack anew in each tick.
+#[derive(Clone, Debug)]
+pub struct FaceSums(Box<[Sums; FACES]>);
+
+impl FaceSums {
+    /// Allocates; RT: start-up only.
+    pub fn new() -> Self {
+        let sums: Box<[Sums]> = core::iter::repeat_n(Sums::ZERO, FACES).collect();
+        match sums.try_into() {
+            Ok(sums) => Self(sums),
+            Err(_) => unreachable!("as many as there are faces"),
+        }
+    }
+}
+
+impl Default for FaceSums {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 /// The sums while obstacles are added.
-pub(super) struct Summing {
+pub(super) struct Summing<'a> {
     law: ForceLaw,
     world_from_body: Pose,
-    /// Tool axes; of all obstacles together. `None` until a face touches: they are large, and most never do.
-    faces: [Option<Sums>; FACES],
+    /// Tool axes; of all obstacles together. Of a face that has not touched yet, what an earlier tick left.
+    faces: &'a mut FaceSums,
+    /// One bit for each face that touches.
+    touching: u32,
     contacts: u32,
     max_value_m: f64,
     voxel_size_m: f64,
@@ -29,12 +52,13 @@ pub(super) struct Summing {
     obstacle_motion: Option<[ObstacleMotion; FACES]>,
 }
 
-impl Summing {
-    pub(super) fn new(law: ForceLaw, world_from_body: Pose) -> Self {
+impl<'a> Summing<'a> {
+    pub(super) fn new(law: ForceLaw, world_from_body: Pose, faces: &'a mut FaceSums) -> Self {
         Self {
             law,
             world_from_body,
-            faces: [const { None }; FACES],
+            faces,
+            touching: 0,
             contacts: 0,
             max_value_m: f64::NEG_INFINITY,
             voxel_size_m: f64::INFINITY,
@@ -61,7 +85,12 @@ impl Summing {
     /// The sums of a face that touches.
     #[inline]
     pub(super) fn face(&mut self, face: u8) -> Option<&mut Sums> {
-        self.faces.get_mut(usize::from(face)).map(|sums| sums.get_or_insert_with(|| Sums::ZERO))
+        let sums = self.faces.0.get_mut(usize::from(face))?;
+        if self.touching >> face & 1 == 0 {
+            self.touching |= 1 << face;
+            *sums = Sums::ZERO;
+        }
+        Some(sums)
     }
 
     /// By how much a clearance may be overstated: interpolation by half the diagonal of a cell, the other look-ups by up to two voxels.
@@ -102,8 +131,8 @@ impl Summing {
         let rotation = if self.contacts > 0 { rotation } else { glam::DMat3::IDENTITY };
         let mut totals = [None; FACES];
         let mut effective = 0.0;
-        for (total, sums) in totals.iter_mut().zip(&self.faces) {
-            if let Some(sums) = sums {
+        for ((face, total), sums) in totals.iter_mut().enumerate().zip(self.faces.0.iter()) {
+            if self.touching >> face & 1 == 1 {
                 effective += total.insert(sums.total()).effective;
             }
         }

@@ -9,6 +9,7 @@ use super::contact_block::{Contact, ContactBlock};
 use super::faces::face_of;
 use super::kernel::{Above, Blocks, Depths, Place};
 use super::obstacle_poses::{FarSum, ObstaclePoses};
+use super::summing::FaceSums;
 use super::tree_traversal::{Found, Lists, TreeTraversal};
 use super::{Obstacle, flat};
 use crate::pointshell::shell::{LANES, Shell};
@@ -45,6 +46,8 @@ pub struct Traversal {
     touched: Vec<ContactBlock>,
     /// `[n_blocks]`: the face of each block of the shell.
     faces: Vec<u8>,
+    /// `None` while a query has it.
+    sums: Option<FaceSums>,
 }
 
 impl Traversal {
@@ -62,6 +65,7 @@ impl Traversal {
             lists: Lists::new(shell),
             touched: Vec::with_capacity(shell.positions().len()),
             faces: shell.normals().iter().map(face_of).collect(),
+            sums: Some(FaceSums::new()),
         }
     }
 
@@ -122,6 +126,16 @@ impl Traversal {
         self.simd_level
     }
 
+    /// Memory for the sums of a query, which brings it back. RT: safe; allocates only where one did not.
+    pub(super) fn take_sums(&mut self) -> FaceSums {
+        self.sums.take().unwrap_or_default()
+    }
+
+    /// Takes it back.
+    pub(super) fn keep_sums(&mut self, sums: FaceSums) {
+        self.sums = Some(sums);
+    }
+
     /// The face of a block.
     #[inline]
     pub(super) fn face(&self, block: u32) -> u8 {
@@ -145,7 +159,7 @@ impl Traversal {
         shell: &Shell,
         map_from_body: Pose,
     ) -> Found {
-        let Self { simd_level, mode, budget: _, left, walks, obstacle_poses, lists, touched, faces: _ } = self;
+        let Self { simd_level, mode, budget: _, left, walks, obstacle_poses, lists, touched, faces: _, sums: _ } = self;
         touched.clear();
         let n_obstacles_left = obstacle_poses.n_near().saturating_sub(n);
         let place = Place::new(&obstacle.field, map_from_body);

@@ -181,9 +181,3 @@ pub(crate) fn prefetch<const N: usize>(numbers: &[f32; N]) {
     #[cfg(not(target_arch = "x86_64"))]
     let _ = numbers;
 }
-
-/// Sixteen numbers as the lanes of two.
-#[inline(always)]
-pub(crate) fn halves(numbers: &[f32; 2 * LANES]) -> &[[f32; LANES]; 2] {
-    bytemuck::cast_ref(numbers)
-}

@@ -70,7 +70,7 @@ impl Kernel for Everything {
     fn run<L: F32x8>(self) -> Vec<u32> {
         let Self { a, b, i, j } = &self;
         let mut found = Vec::new();
-        let ([a_low, _], [b_low, _]) = (halves(a), halves(b));
+        let ([a_low, _], [b_low, _]): (&[[f32; LANES]; 2], &[[f32; LANES]; 2]) = (bytemuck::cast_ref(a), bytemuck::cast_ref(b));
         let ([i_low, _], [j_low, _]): (&[[u32; LANES]; 2], &[[u32; LANES]; 2]) = (bytemuck::cast_ref(i), bytemuck::cast_ref(j));
         all::<L, LANES>(a_low, b_low, i_low, j_low, &mut found);
         for lanes in [L::load(a_low) / L::load(b_low), L::load(a_low).sqrt()] {
