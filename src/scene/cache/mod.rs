@@ -30,7 +30,7 @@ use vps::storage::sections::{Key, Refusal};
 use vps::storage::{MappedFile, regular};
 
 /// Counts up whenever baking gives other bits than before for the same request. A test holds reference bakes against it.
-pub const GENERATION: u32 = 3;
+pub const GENERATION: u32 = 4;
 
 /// Bytes that a cache folder may hold; beyond, the files that were not used for longest go.
 const LIMIT_BYTES: u64 = 4 << 30;

@@ -108,6 +108,7 @@ impl I32x8 for Ints {
         fn store(self, words: &mut [u32; LANES]) { _mm256_storeu_si256(words.as_mut_ptr().cast(), self.0) }
         fn first(self) -> i32 { _mm256_cvtsi256_si32(self.0) }
         fn min(self, other: Self) -> Self { Self(_mm256_min_epi32(self.0, other.0)) }
+        fn eq(self, other: Self) -> Self { Self(_mm256_cmpeq_epi32(self.0, other.0)) }
         fn gt(self, other: Self) -> Self { Self(_mm256_cmpgt_epi32(self.0, other.0)) }
         fn select(mask: Self, yes: Self, no: Self) -> Self { Self(_mm256_blendv_epi8(no.0, yes.0, mask.0)) }
         fn bits(self) -> u8 { _mm256_movemask_ps(_mm256_castsi256_ps(self.0)) as u8 }

@@ -117,6 +117,8 @@ pub(crate) trait I32x8:
     fn min(self, other: Self) -> Self;
     /// Divided by 2ⁿ, rounded down.
     fn shifted<const N: i32>(self) -> Self;
+    /// A mask: where both are the same.
+    fn eq(self, other: Self) -> Self;
     /// A mask: where this is greater.
     fn gt(self, other: Self) -> Self;
     /// `yes` where the mask holds, `no` elsewhere.

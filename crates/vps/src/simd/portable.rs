@@ -100,6 +100,7 @@ impl I32x8 for Ints {
         fn store(self, words: &mut [u32; LANES]) { *words = self.0.map(|lane| lane.0 as u32); }
         fn first(self) -> i32 { self.0[0].0 }
         fn min(self, other: Self) -> Self { self.zip(other, Ord::min) }
+        fn eq(self, other: Self) -> Self { self.zip(other, |a, b| mask_of(a == b)) }
         fn gt(self, other: Self) -> Self { self.zip(other, |a, b| mask_of(a > b)) }
         fn select(mask: Self, yes: Self, no: Self) -> Self { Self::choose(mask, yes, no) }
         fn bits(self) -> u8 { self.0.iter().rev().fold(0, |bits, lane| bits << 1 | u8::from(lane.0 < 0)) }

@@ -38,7 +38,9 @@ impl Kernel for Everything {
         floats(L::select(le, a, b), &mut found);
         // What no `i32` holds may become either end.
         let fits = L::splat(-2e9).lt(a) & a.lt(L::splat(2e9));
-        for lanes in [lt, le, i + j, i * j, i & j, i | j, i ^ j, i.min(j), i.gt(j), i.shifted::<3>(), a.only(fits).truncated()] {
+        for lanes in
+            [lt, le, i + j, i * j, i & j, i | j, i ^ j, i.min(j), i.eq(j), i.gt(j), i.shifted::<3>(), a.only(fits).truncated()]
+        {
             ints(lanes, &mut found);
         }
         ints(L::splat(f32::NAN).truncated(), &mut found);
